@@ -1,0 +1,352 @@
+"""Error-state filter on 24 states: prediction, update, and the way back of a late fix.
+
+Order of states: phi_G, dv_G, dr_e, gyro bias, accelerometer bias, DVL scale, DVL Markov velocity, USBL bias
+(polar_nav_core.error_model.ErrorState). The transition matrix is full in its first nine rows (columns 0..14) and
+diagonal below, which the products here make use of. No function allocates; scratch arrays come from the caller.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from .cache import kernel
+from .error_model import fill_system_matrix
+
+N = 24
+NAV = 9
+"""States with dynamics: attitude, velocity, position."""
+COUPLED = 15
+"""States that the first nine are driven by: themselves and the inertial biases."""
+MARKOV = 18
+USBL = 21
+
+
+@kernel
+def fill_transition(Phi, F15, r_e, v_G, C_b_G, omega_ib_b, f_b, dt, tau_markov, tau_usbl):
+    """Phi = I + F dt + (F dt)^2/2 for one filter step; exact exponentials for the Markov blocks.
+
+    Parameters
+    ----------
+    Phi : (24, 24) array, out
+    F15 : (15, 15) scratch
+    r_e, v_G, C_b_G, omega_ib_b, f_b : mean navigation state and inertial input over the step
+    dt : step [s]
+    tau_markov, tau_usbl : correlation times [s]; 0 for a constant
+    """
+    fill_system_matrix(F15, r_e, v_G, C_b_G, omega_ib_b, f_b)
+    for i in range(N):
+        for j in range(N):
+            Phi[i, j] = 0.0
+        Phi[i, i] = 1.0
+    half = 0.5 * dt * dt
+    for i in range(NAV):
+        for j in range(COUPLED):
+            square = 0.0
+            for k in range(NAV):  # rows of F15 below nine are zero
+                square += F15[i, k] * F15[k, j]
+            Phi[i, j] += F15[i, j] * dt + square * half
+    if tau_markov > 0.0:
+        decay = math.exp(-dt / tau_markov)
+        for i in range(MARKOV, MARKOV + 3):
+            Phi[i, i] = decay
+    if tau_usbl > 0.0:
+        decay = math.exp(-dt / tau_usbl)
+        for i in range(USBL, USBL + 3):
+            Phi[i, i] = decay
+
+
+@kernel
+def predict(P, Phi, q, M):
+    """P <- Phi P Phi^T + diag(q), symmetric to the bit.
+
+    Parameters
+    ----------
+    P : (24, 24) array, in place
+    Phi : (24, 24) transition, full in rows 0..8 and columns 0..14, diagonal below
+    q : (24,) variances added over the step
+    M : (24, 24) scratch
+    """
+    for i in range(NAV):
+        for j in range(N):
+            s = 0.0
+            for k in range(COUPLED):
+                s += Phi[i, k] * P[k, j]
+            M[i, j] = s
+    for i in range(NAV, N):
+        d = Phi[i, i]
+        for j in range(N):
+            M[i, j] = d * P[i, j]
+    for i in range(N):
+        for j in range(i + 1):
+            if j < NAV:
+                s = 0.0
+                for k in range(COUPLED):
+                    s += M[i, k] * Phi[j, k]
+            else:
+                s = M[i, j] * Phi[j, j]
+            if i == j:
+                P[i, i] = s + q[i]
+            else:
+                P[i, j] = s
+                P[j, i] = s
+
+
+@kernel
+def innovation_covariance(S, PHt, P, H, R, m):
+    """PHt = P H^T and S = H P H^T + R for the first m rows."""
+    for i in range(N):
+        for a in range(m):
+            s = 0.0
+            for k in range(N):
+                s += P[i, k] * H[a, k]
+            PHt[i, a] = s
+    for a in range(m):
+        for b in range(m):
+            s = R[a, b]
+            for k in range(N):
+                s += H[a, k] * PHt[k, b]
+            S[a, b] = s
+    for a in range(m):
+        for b in range(a):
+            mean = 0.5 * (S[a, b] + S[b, a])
+            S[a, b] = mean
+            S[b, a] = mean
+
+
+@kernel
+def cholesky(L, A, n):
+    """Lower Cholesky factor of the leading n x n block; False when it is not positive definite or not finite."""
+    for i in range(n):
+        for j in range(i + 1):
+            s = A[i, j]
+            for k in range(j):
+                s -= L[i, k] * L[j, k]
+            if i == j:
+                if not s > 0.0 or math.isinf(s):
+                    return False
+                L[i, i] = math.sqrt(s)
+            else:
+                L[i, j] = s / L[j, j]
+    return True
+
+
+@kernel
+def nis_of(L, z, w, m):
+    """z^T S^-1 z from the Cholesky factor L of S; w is scratch of length m."""
+    total = 0.0
+    for a in range(m):
+        s = z[a]
+        for b in range(a):
+            s -= L[a, b] * w[b]
+        w[a] = s / L[a, a]
+        total += w[a] * w[a]
+    return total
+
+
+@kernel
+def update(P, x, H, R, z, m, K, PHt, L, A):
+    """Kalman update with Joseph's form; x <- K z.
+
+    P <- (I - K H) P (I - K H)^T + K R K^T with K = P H^T S^-1. PHt and L come from :func:`innovation_covariance`
+    and :func:`cholesky` of the same H and R.
+
+    Parameters
+    ----------
+    P : (24, 24) array, in place
+    x : (24,) array, out: estimated error
+    H, R, z : (m, 24), (m, m), (m,)
+    K : (24, 3) array, out
+    PHt, L : (24, 3), (3, 3)
+    A : (24, 24) scratch
+    """
+    for i in range(N):  # K S = P H^T by forward and back substitution
+        for a in range(m):
+            s = PHt[i, a]
+            for b in range(a):
+                s -= L[a, b] * K[i, b]
+            K[i, a] = s / L[a, a]
+        for c in range(m):
+            a = m - 1 - c
+            s = K[i, a]
+            for b in range(a + 1, m):
+                s -= L[b, a] * K[i, b]
+            K[i, a] = s / L[a, a]
+    for i in range(N):
+        s = 0.0
+        for a in range(m):
+            s += K[i, a] * z[a]
+        x[i] = s
+    for i in range(N):  # A = (I - K H) P
+        for j in range(N):
+            s = P[i, j]
+            for a in range(m):
+                s -= K[i, a] * PHt[j, a]
+            A[i, j] = s
+    for i in range(N):  # column block of A H^T, kept in PHt: the old one is no longer needed
+        for a in range(m):
+            s = 0.0
+            for k in range(N):
+                s += A[i, k] * H[a, k]
+            PHt[i, a] = s
+    for i in range(N):  # P = A - A H^T K^T + K R K^T
+        for j in range(i + 1):
+            s = A[i, j]
+            t = A[j, i]
+            for a in range(m):
+                s -= PHt[i, a] * K[j, a]
+                t -= PHt[j, a] * K[i, a]
+                for b in range(m):
+                    g = K[i, a] * R[a, b] * K[j, b]
+                    s += g
+                    t += g
+            mean = 0.5 * (s + t)
+            P[i, j] = mean
+            P[j, i] = mean
+
+
+@kernel
+def rows_times_inverse(X, Phi, m, LU, pivot):
+    """X <- X Phi^-1 for m rows, by the block structure of Phi.
+
+    With Phi = [[A, B], [0, D]]: X1 A = H1 and X2 = (H2 - X1 B) / D. A (9 x 9) is factored with partial pivoting.
+
+    Parameters
+    ----------
+    X : (3, 24) array, in place
+    Phi : (24, 24)
+    LU : (9, 9) scratch
+    pivot : (9,) int64 scratch
+    """
+    for i in range(NAV):  # factor A^T, because X1 A = H1 means A^T X1^T = H1^T
+        for j in range(NAV):
+            LU[i, j] = Phi[j, i]
+    for c in range(NAV):
+        p = c
+        for i in range(c + 1, NAV):
+            if abs(LU[i, c]) > abs(LU[p, c]):
+                p = i
+        pivot[c] = p
+        if p != c:
+            for j in range(NAV):
+                swap = LU[c, j]
+                LU[c, j] = LU[p, j]
+                LU[p, j] = swap
+        for i in range(c + 1, NAV):
+            LU[i, c] /= LU[c, c]
+            for j in range(c + 1, NAV):
+                LU[i, j] -= LU[i, c] * LU[c, j]
+    for a in range(m):
+        for c in range(NAV):
+            p = pivot[c]
+            if p != c:
+                swap = X[a, c]
+                X[a, c] = X[a, p]
+                X[a, p] = swap
+        for i in range(NAV):
+            for j in range(i):
+                X[a, i] -= LU[i, j] * X[a, j]
+        for c in range(NAV):
+            i = NAV - 1 - c
+            for j in range(i + 1, NAV):
+                X[a, i] -= LU[i, j] * X[a, j]
+            X[a, i] /= LU[i, i]
+        for j in range(NAV, N):
+            s = X[a, j]
+            for i in range(NAV):
+                s -= X[a, i] * Phi[i, j]
+            X[a, j] = s / Phi[j, j]
+
+
+@kernel
+def walk_forward(X, z, m, Phis, first, last, corrections, correction_steps, begin, end, LU, pivot):
+    """Bring rows and innovation of a late measurement from its own time to now.
+
+    The rows become H Phi(k, s)^-1 and the innovation is referred to the estimate as it is now: each correction c that
+    the filter fed back since then moved the past estimate by the rows of that step times c (closed loop of
+    polar-math 6.2: Z_m <- Z_m - G_m c).
+
+    Parameters
+    ----------
+    X : (3, 24) array, in place: H at the time of validity
+    z : (3,) array, in place
+    Phis : (n, 24, 24) ring of transitions; step j leads from boundary j - 1 to boundary j and stands at j % n
+    first, last : boundary of validity and boundary of now
+    corrections : (c, 24) ring of fed-back corrections
+    correction_steps : (c,) boundary after which each was applied
+    begin, end : range of correction numbers that came after the measurement's epoch; number i stands at i % c
+    """
+    n = Phis.shape[0]
+    c = corrections.shape[0]
+    i = begin
+    step = first
+    while True:
+        while i < end and correction_steps[i % c] <= step:
+            for a in range(m):
+                s = 0.0
+                for k in range(N):
+                    s += X[a, k] * corrections[i % c, k]
+                z[a] -= s
+            i += 1
+        if step >= last:
+            break
+        step += 1
+        rows_times_inverse(X, Phis[step % n], m, LU, pivot)
+
+
+@kernel
+def feed_back(x, C_b_G, v_G, r_e, b_gyro_b, b_accel_b, dvl_scale_m, dvl_markov_m, usbl_bias_a):
+    """Take the estimated error x out of the navigation state (closed loop).
+
+    C <- exp([phi x]) C, v <- v - dv, r <- r - dr; the sensor errors are estimates of errors, so theirs is added.
+    """
+    a = x[0]
+    b = x[1]
+    c = x[2]
+    angle2 = a * a + b * b + c * c
+    if angle2 > 1e-12:
+        angle = math.sqrt(angle2)
+        s = math.sin(angle) / angle
+        h = (1.0 - math.cos(angle)) / angle2
+    else:
+        s = 1.0 - angle2 / 6.0
+        h = 0.5 - angle2 / 24.0
+    for j in range(3):
+        p = C_b_G[0, j]
+        q = C_b_G[1, j]
+        r = C_b_G[2, j]
+        # phi x column, twice (Rodrigues)
+        u0 = b * r - c * q
+        u1 = c * p - a * r
+        u2 = a * q - b * p
+        w0 = b * u2 - c * u1
+        w1 = c * u0 - a * u2
+        w2 = a * u1 - b * u0
+        C_b_G[0, j] = p + s * u0 + h * w0
+        C_b_G[1, j] = q + s * u1 + h * w1
+        C_b_G[2, j] = r + s * u2 + h * w2
+    for k in range(3):
+        v_G[k] -= x[3 + k]
+        r_e[k] -= x[6 + k]
+        b_gyro_b[k] += x[9 + k]
+        b_accel_b[k] += x[12 + k]
+        dvl_scale_m[k] += x[15 + k]
+        dvl_markov_m[k] += x[18 + k]
+        usbl_bias_a[k] += x[21 + k]
+
+
+def scratch() -> dict[str, np.ndarray]:
+    """Work arrays of one filter, by the names that the kernels use."""
+    return {
+        'F15': np.zeros((COUPLED, COUPLED)),
+        'M': np.zeros((N, N)),
+        'L': np.zeros((3, 3)),
+        'LP': np.zeros((N, N)),
+        'S': np.zeros((3, 3)),
+        'PHt': np.zeros((N, 3)),
+        'K': np.zeros((N, 3)),
+        'w': np.zeros(3),
+        'LU': np.zeros((NAV, NAV)),
+        'pivot': np.zeros(NAV, dtype=np.int64),
+    }

@@ -1,0 +1,88 @@
+"""One IMU sample through the strapdown, and the means that the next covariance step is linearized at."""
+
+from __future__ import annotations
+
+from .cache import kernel
+from .earth import up_and_height
+from .grid import fill_C_e_G, fill_rates
+from .strapdown import strapdown_step_uneven
+
+
+@kernel
+def imu_step(C_b_G, v_G, r_e, b_gyro_b, b_accel_b, omega_ib_b, f_b, increments, dt, dt_prev, sums):
+    """Advance the navigation state by one sample of mean rate and mean specific force, biases taken out.
+
+    Parameters
+    ----------
+    C_b_G, v_G, r_e : navigation state, in place
+    b_gyro_b, b_accel_b : estimated biases
+    omega_ib_b, f_b : (3,) means over the interval, as measured
+    increments : (4, 3) array, in place: angle and velocity increment of this step, then of the step before
+    dt, dt_prev : this interval and the one before [s]; 0 for none
+    sums : (6, 3) array, in place: integrals over the filter step of C_b_G (rows 0..2), of the specific force in grid
+        axes (row 3), of the rate in body axes (row 4); [5, 0] is the time
+    """
+    for k in range(3):
+        increments[2, k] = increments[0, k]
+        increments[3, k] = increments[1, k]
+        increments[0, k] = (omega_ib_b[k] - b_gyro_b[k]) * dt
+        increments[1, k] = (f_b[k] - b_accel_b[k]) * dt
+    half = 0.5 * dt
+    for i in range(3):
+        for j in range(3):
+            sums[i, j] += C_b_G[i, j] * half
+    strapdown_step_uneven(
+        C_b_G, v_G, r_e, increments[0], increments[1], increments[2], increments[3], dt, dt_prev
+    )
+    for i in range(3):
+        for j in range(3):
+            sums[i, j] += C_b_G[i, j] * half
+        # At the end of the interval: half a sample late, which the mean over a filter step hardly sees.
+        sums[3, i] += (
+            C_b_G[i, 0] * increments[1, 0] + C_b_G[i, 1] * increments[1, 1] + C_b_G[i, 2] * increments[1, 2]
+        )
+        sums[4, i] += increments[0, i]
+    sums[5, 0] += dt
+
+
+@kernel
+def take_means(sums, C_mean, f_b, omega_b):
+    """Means over the filter step from ``sums``, which is cleared: attitude matrix, specific force, rate.
+
+    f_b is such that C_mean f_b is the mean specific force in grid axes: C_mean is orthogonal but for the square of the
+    rotation within a step, so its transpose serves as the inverse.
+    """
+    time = sums[5, 0]
+    for i in range(3):
+        for j in range(3):
+            C_mean[i, j] = sums[i, j] / time
+    for j in range(3):
+        s = 0.0
+        for i in range(3):
+            s += C_mean[i, j] * sums[3, i]
+        f_b[j] = s / time
+        omega_b[j] = sums[4, j] / time
+    for i in range(6):
+        for j in range(3):
+            sums[i, j] = 0.0
+
+
+@kernel
+def place(r_e, v_G, C_b_G, lever_b, C_e_G, omega_ie_G, omega_eG_G, lever_G, point_e, velocity_e):
+    """Frames at a navigation state: C_e_G, rates, and ECEF position and velocity of a point on the vehicle; the height.
+
+    Returns
+    -------
+    float
+        Height above the ellipsoid [m].
+    """
+    u_x, u_y, u_z, height = up_and_height(r_e[0], r_e[1], r_e[2])
+    fill_C_e_G(u_x, u_y, u_z, C_e_G)
+    fill_rates(r_e, v_G, omega_ie_G, omega_eG_G)
+    for i in range(3):
+        lever_G[i] = C_b_G[i, 0] * lever_b[0] + C_b_G[i, 1] * lever_b[1] + C_b_G[i, 2] * lever_b[2]
+    for i in range(3):
+        point_e[i] = r_e[i] + C_e_G[0, i] * lever_G[0] + C_e_G[1, i] * lever_G[1] + C_e_G[2, i] * lever_G[2]
+        # Velocity of base_link: the lever turns by less than a centimetre in the interval this is used for.
+        velocity_e[i] = C_e_G[0, i] * v_G[0] + C_e_G[1, i] * v_G[1] + C_e_G[2, i] * v_G[2]
+    return height

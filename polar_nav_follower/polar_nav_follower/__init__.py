@@ -1,0 +1,1 @@
+"""The follower: a filter that knows when each late fix was valid."""

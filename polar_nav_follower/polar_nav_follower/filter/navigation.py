@@ -1,0 +1,327 @@
+"""Strapdown state and error covariance of the follower at one stamp, in closed loop.
+
+Events come in order. An IMU sample moves the state; when it ends a covariance step, the covariance follows. A
+measurement corrects the state at once, with the covariance of the last step at or before it: steps are never split.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from polar_nav_core import attitude, earth, grid
+from polar_nav_core.errors import FilterDivergence
+from polar_nav_core.kernels import filter as kf
+from polar_nav_core.kernels import filter_imu, filter_rows
+from scipy.stats import chi2
+
+from ..events import Array, DepthSample, DvlPing, ImuSample, InitialState
+from ..params import FollowerParams
+from .history import History
+from .noise import StatedNoise
+
+_MARKOV = slice(18, 21)
+_USBL = slice(21, 24)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What one update did: innovation (estimate minus measurement), its variance, NIS against the gate."""
+
+    fused: bool
+    z: Array
+    variance: Array
+    nis: float
+    dof: int
+    gate: float
+
+
+class NavigationFilter:
+    """The follower's navigation and its uncertainty.
+
+    Parameters
+    ----------
+    params : FollowerParams
+        Sensors, noise, periods.
+    initial : InitialState
+        State and its 1-sigma values.
+    stamp_ns : int
+        When that holds.
+    """
+
+    def __init__(self, params: FollowerParams, initial: InitialState, stamp_ns: int) -> None:
+        self._p = params
+        self._gate_probability = params.resolved().gate_probability
+        self._step_ns = round(params.filter_period_s * 1e9)
+        self.stamp_ns = stamp_ns
+        self._boundary_ns = stamp_ns
+        self._previous_dt = 0.0
+        self._previous_sample: ImuSample | None = None
+        self.omega_ib_b = np.zeros(3)
+        self._increments = np.zeros((4, 3))
+        self._sums = np.zeros((6, 3))
+        self._set_state(initial)
+        self._allocate()
+        self._process_noise_of: dict[float, Array] = {}
+        self.history = History(params.history_s, 0.004, params.filter_period_s, 40.0)
+        self._locate()
+        self.history.add_epoch(stamp_ns, self.point_e, self.velocity_e, self.lever_G)
+
+    def _set_state(self, s: InitialState) -> None:
+        p = self._p
+        self.r_e = np.ascontiguousarray(earth.ecef_from_geodetic(s.latitude, s.longitude, s.height), dtype=np.float64)
+        self.v_G = np.array(s.v_G, dtype=np.float64)
+        psi = 0.5 * math.pi - s.grid_heading
+        self.C_b_G = np.ascontiguousarray(attitude.matrix_from_euler(psi, s.pitch, s.roll), dtype=np.float64)
+        self.b_gyro_b = np.zeros(3)
+        self.b_accel_b = np.zeros(3)
+        self.dvl_scale_m = np.zeros(3)
+        self.dvl_markov_m = np.zeros(3)
+        self.usbl_bias_a = np.zeros(3)
+        sigma = np.concatenate(
+            [
+                [s.sigma_tilt, s.sigma_tilt, s.sigma_heading],
+                np.full(3, s.sigma_velocity),
+                np.zeros(3),
+                np.full(3, p.gyro_bias_sigma),
+                np.full(3, p.accel_bias_sigma),
+                np.full(3, p.dvl_scale_sigma),
+                np.full(3, p.dvl_markov_sigma),
+                np.full(3, p.usbl_bias_sigma),
+            ]
+        )
+        self.P = np.diag(sigma**2)
+        C_e_G = grid.ecef_to_grid(self.r_e)
+        position_G = np.diag([s.sigma_position_horizontal**2] * 2 + [s.sigma_position_vertical**2])
+        self.P[6:9, 6:9] = C_e_G.T @ position_G @ C_e_G
+
+    def _allocate(self) -> None:
+        self._w = kf.scratch()
+        self.C_e_G = np.zeros((3, 3))
+        self.omega_ie_G = np.zeros(3)
+        self.omega_eG_G = np.zeros(3)
+        self.lever_G = np.zeros(3)
+        self.point_e = np.zeros(3)
+        self.velocity_e = np.zeros(3)
+        self.height = 0.0
+        self._lever_point_b = np.array(self._p.transponder_lever_b)
+        self._lever_dvl_b = np.array(self._p.dvl_lever_b)
+        self._lever_depth_b = np.array(self._p.depth_lever_b)
+        roll, pitch, yaw = (math.radians(a) for a in self._p.dvl_rpy_deg)
+        self._C_m_b = np.ascontiguousarray(attitude.matrix_from_euler(yaw, pitch, roll), dtype=np.float64)
+        self._C_m_G = np.zeros((3, 3))
+        self._C_mean = np.zeros((3, 3))
+        self._f_mean = np.zeros(3)
+        self._omega_mean = np.zeros(3)
+        self.H = np.zeros((3, kf.N))
+        self.R = np.zeros((3, 3))
+        self.z = np.zeros(3)
+        self.x = np.zeros(kf.N)
+        self.estimates_usbl_bias = self._p.usbl_bias_sigma > 0.0
+        self._active = kf.N if self.estimates_usbl_bias else 21
+
+    # -- time ------------------------------------------------------------------------------------------------------
+
+    def imu(self, sample: ImuSample) -> None:
+        """Advance to the end of the sample's interval.
+
+        Raises
+        ------
+        FilterDivergence
+            When the covariance is not positive definite or the state not finite at the end of a covariance step.
+        """
+        dt = (sample.stamp_ns - self.stamp_ns) * 1e-9
+        omega_b, f_b = sample.omega_ib_b, sample.f_b
+        if self._p.imu_sample == 'instant' and self._previous_sample is not None:
+            omega_b = 0.5 * (omega_b + self._previous_sample.omega_ib_b)
+            f_b = 0.5 * (f_b + self._previous_sample.f_b)
+        self._previous_sample = sample
+        filter_imu.imu_step(
+            self.C_b_G,
+            self.v_G,
+            self.r_e,
+            self.b_gyro_b,
+            self.b_accel_b,
+            omega_b,
+            f_b,
+            self._increments,
+            dt,
+            self._previous_dt,
+            self._sums,
+        )
+        self._previous_dt = dt
+        self.omega_ib_b = omega_b
+        self.stamp_ns = sample.stamp_ns
+        if sample.stamp_ns // self._step_ns != self._boundary_ns // self._step_ns:
+            self._predict((sample.stamp_ns - self._boundary_ns) * 1e-9)
+            self._boundary_ns = sample.stamp_ns
+        self._locate()
+        self.history.add_epoch(sample.stamp_ns, self.point_e, self.velocity_e, self.lever_G)
+
+    def _predict(self, dt: float) -> None:
+        w = self._w
+        filter_imu.take_means(self._sums, self._C_mean, self._f_mean, self._omega_mean)
+        Phi = self.history.next_transition()
+        tau_usbl = self._p.usbl_bias_tau if self._p.usbl_bias_sigma > 0.0 else 0.0
+        kf.fill_transition(
+            Phi,
+            w['F15'],
+            self.r_e,
+            self.v_G,
+            self._C_mean,
+            self._omega_mean,
+            self._f_mean,
+            dt,
+            self._p.dvl_markov_tau,
+            tau_usbl,
+        )
+        kf.predict(self.P, Phi, self._process_noise(dt), w['M'])
+        # The mean of a Markov error decays as its transition says.
+        decay = math.exp(-dt / self._p.dvl_markov_tau)
+        self.dvl_markov_m *= decay
+        if tau_usbl:
+            self.usbl_bias_a *= math.exp(-dt / tau_usbl)
+        if not kf.cholesky(w['LP'], self.P, self._active) or not math.isfinite(float(np.sum(self.r_e + self.v_G))):
+            raise FilterDivergence('the covariance of the filter is no longer positive definite')
+
+    def _process_noise(self, dt: float) -> Array:
+        """Variances added in a step of dt, shape (24,)."""
+        cached = self._process_noise_of.get(dt)
+        if cached is not None:
+            return cached
+        p = self._p
+        q = np.zeros(kf.N)
+        q[0:3] = p.gyro_noise_density**2 * dt
+        q[3:6] = p.accel_noise_density**2 * dt
+        q[9:12] = p.gyro_bias_walk**2 * dt
+        q[12:15] = p.accel_bias_walk**2 * dt
+        q[_MARKOV] = p.dvl_markov_sigma**2 * -math.expm1(-2.0 * dt / p.dvl_markov_tau)
+        q[_USBL] = p.usbl_bias_sigma**2 * -math.expm1(-2.0 * dt / p.usbl_bias_tau)
+        if len(self._process_noise_of) < 64:  # a jittering IMU clock must not fill the memory
+            self._process_noise_of[dt] = q
+        return q
+
+    def _locate(self) -> None:
+        self.height = filter_imu.place(
+            self.r_e,
+            self.v_G,
+            self.C_b_G,
+            self._lever_point_b,
+            self.C_e_G,
+            self.omega_ie_G,
+            self.omega_eG_G,
+            self.lever_G,
+            self.point_e,
+            self.velocity_e,
+        )
+
+    # -- measurements ----------------------------------------------------------------------------------------------
+
+    def dvl(self, ping: DvlPing, noise: StatedNoise) -> Outcome:
+        """Fuse one valid DVL ping."""
+        filter_rows.dvl_rows(
+            self.H,
+            self.R,
+            self.z,
+            self._C_m_G,
+            self.C_b_G,
+            self.v_G,
+            self.omega_ib_b,
+            self.omega_ie_G,
+            self.b_gyro_b,
+            self.dvl_scale_m,
+            self.dvl_markov_m,
+            ping.v_m,
+            ping.covariance_m,
+            self._C_m_b,
+            self._lever_dvl_b,
+        )
+        return self.fuse(3, noise)
+
+    def depth(self, sample: DepthSample) -> Outcome:
+        """Fuse one depth."""
+        filter_rows.depth_rows(
+            self.H,
+            self.R,
+            self.z,
+            self.C_e_G,
+            self.C_b_G,
+            self.height,
+            self._p.sea_surface_height - sample.depth,
+            sample.variance,
+            self._lever_depth_b,
+        )
+        return self.fuse(1, None)
+
+    def fuse(self, m: int, noise: StatedNoise | None) -> Outcome:
+        """Gate, update and feed back what stands in ``H``, ``R``, ``z`` (first m rows).
+
+        Raises
+        ------
+        FilterDivergence
+            When the innovation covariance is not positive definite.
+        """
+        w = self._w
+        stated = self.R.copy()
+        if noise is not None:
+            noise.apply(self.R)
+        kf.innovation_covariance(w['S'], w['PHt'], self.P, self.H, self.R, m)
+        if not kf.cholesky(w['L'], w['S'], m):
+            raise FilterDivergence('an innovation covariance is not positive definite')
+        nis = float(kf.nis_of(w['L'], self.z, w['w'], m))
+        gate = chi2_gate(self._gate_probability, m)
+        variance = np.full(3, np.nan)
+        variance[:m] = np.diagonal(w['S'])[:m]
+        z = np.full(3, np.nan)
+        z[:m] = self.z[:m]
+        outcome = Outcome(nis <= gate, z, variance, nis, m, gate)
+        if not outcome.fused:
+            return outcome
+        if noise is not None:
+            noise.learn(self.z, stated)
+        kf.update(self.P, self.x, self.H, self.R, self.z, m, w['K'], w['PHt'], w['L'], w['M'])
+        kf.feed_back(
+            self.x,
+            self.C_b_G,
+            self.v_G,
+            self.r_e,
+            self.b_gyro_b,
+            self.b_accel_b,
+            self.dvl_scale_m,
+            self.dvl_markov_m,
+            self.usbl_bias_a,
+        )
+        self.history.add_correction(self.x)
+        self._locate()
+        return outcome
+
+    def walk_to_now(self, first_step: int, first_correction: int) -> int:
+        """Bring the rows in ``H`` and ``z`` from a stored step to now; the number of steps."""
+        h, w = self.history, self._w
+        kf.walk_forward(
+            self.H,
+            self.z,
+            3,
+            h.transitions,
+            first_step,
+            h.step,
+            h.corrections,
+            h.correction_steps,
+            first_correction,
+            h.correction,
+            w['LU'],
+            w['pivot'],
+        )
+        return h.step - first_step
+
+
+_GATES: dict[tuple[float, int], float] = {}
+
+
+def chi2_gate(probability: float, dof: int) -> float:
+    """Threshold that a good NIS stays below with the given probability; infinite for 1."""
+    key = (probability, dof)
+    if key not in _GATES:
+        _GATES[key] = math.inf if probability >= 1.0 else float(chi2.ppf(probability, dof))
+    return _GATES[key]

@@ -1,0 +1,300 @@
+"""The follower engine: stamped events in, stamped estimates and receipts out.
+
+It owns no clock, no thread and no randomness. The live node and the offline replay drive the same object with events
+in the same total order, so they get the same bytes. Events must come in that order: `reorder.py` sees to it live,
+`replay` sorts the bag.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+
+import numpy as np
+from polar_nav_core.errors import FilterDivergence
+
+from .events import (
+    Command,
+    CommandKind,
+    DepthSample,
+    DvlPing,
+    Estimate,
+    Event,
+    Fix,
+    ImuSample,
+    InitialState,
+    OrderKey,
+    Output,
+    Receipt,
+    Verdict,
+)
+from .filter.delay import STRATEGIES
+from .filter.navigation import NavigationFilter, Outcome
+from .filter.noise import make_noise
+from .params import FollowerParams
+
+_SEQUENCES_KEPT = 4096
+
+
+class Follower:
+    """Navigation of one follower.
+
+    Parameters
+    ----------
+    params : FollowerParams
+        Everything that can be chosen.
+    """
+
+    def __init__(self, params: FollowerParams) -> None:
+        self.params = params
+        self.configuration = params.resolved()
+        self._prepare = STRATEGIES[self.configuration.delay_handling]
+        self._noise_fix = make_noise(self.configuration.noise_adaptation, params.forgetting, params.adaptive_floor)
+        self._noise_dvl = make_noise(self.configuration.noise_adaptation, params.forgetting, params.adaptive_floor)
+        self._output_ns = round(params.output_period_s * 1e9)
+        self._max_delay_ns = round(params.max_delay_s * 1e9)
+        self._filter: NavigationFilter | None = None
+        self._initial: InitialState | None = params.initial_state()
+        self._last_key: OrderKey | None = None
+        self._last_imu_ns: int | None = None
+        self._due_ns: int | None = None
+        self._seen: dict[tuple[str, int], None] = {}
+        self._last_validity_ns = 0
+        self._fixes_received = 0
+        self.verdicts: Counter[Verdict] = Counter()
+        self.gated: Counter[str] = Counter()
+        self.fused: Counter[str] = Counter()
+        self.imu_gaps = 0
+        self.divergence = ''
+
+    # -- driving -----------------------------------------------------------------------------------------------
+
+    def process(self, event: Event) -> Iterator[Output]:
+        """Take the next event of the total order; yields what it leads to.
+
+        Raises
+        ------
+        ValueError
+            When the event does not come after the one before: a fault of the caller.
+        """
+        if self._last_key is not None and event.key <= self._last_key:
+            raise ValueError(f'event {event.key} after {self._last_key}: events must come in order')
+        yield from self.advance(event.stamp_ns)
+        self._last_key = event.key
+        if isinstance(event, ImuSample):
+            yield from self._imu(event)
+        elif isinstance(event, Fix):
+            self._fixes_received += 1
+            yield self._count(self._guarded_fix(event))
+        elif isinstance(event, Command):
+            self._command(event)
+        else:
+            yield from self._local(event)
+
+    def advance(self, stamp_ns: int) -> Iterator[Output]:
+        """Give the estimate that is due before ``stamp_ns``: no event before that stamp will come any more."""
+        if self._due_ns is not None and stamp_ns > self._due_ns:
+            self._due_ns = None
+            if self._filter is not None:
+                yield self._estimate(self._filter)
+
+    def finish(self) -> Iterator[Output]:
+        """Give what is left at the end of the events."""
+        if self._due_ns is not None:
+            yield from self.advance(self._due_ns + 1)
+
+    def refuse(self, event: Event, verdict: Verdict, reason: str, stamp_ns: int) -> Receipt:
+        """Receipt of a message that never became an event, decided at ``stamp_ns``."""
+        return self._count(self._receipt(event, stamp_ns, verdict, reason))
+
+    @property
+    def navigating(self) -> bool:
+        """Whether there is a state."""
+        return self._filter is not None
+
+    # -- events ------------------------------------------------------------------------------------------------
+
+    def _imu(self, sample: ImuSample) -> Iterator[Output]:
+        if not (np.isfinite(sample.omega_ib_b).all() and np.isfinite(sample.f_b).all()):
+            yield self._count(self._receipt(sample, sample.stamp_ns, Verdict.NOT_FINITE, 'rate or specific force is not finite'))
+            return
+        if sample.stamp_ns == self._last_imu_ns:
+            reason = 'there was an IMU sample with this stamp before'
+            yield self._count(self._receipt(sample, sample.stamp_ns, Verdict.DUPLICATE, reason))
+            return
+        if self._last_imu_ns is not None and sample.stamp_ns - self._last_imu_ns > self.params.max_imu_gap_s * 1e9:
+            self.imu_gaps += 1
+        self._last_imu_ns = sample.stamp_ns
+        if self._filter is None:
+            if self._initial is not None and not self.divergence:
+                self._filter = NavigationFilter(self.params, self._initial, sample.stamp_ns)
+                self._due_ns = sample.stamp_ns
+            return
+        before_ns = self._filter.stamp_ns
+        try:
+            self._filter.imu(sample)
+        except FilterDivergence as error:
+            self._diverge(str(error), sample.stamp_ns)
+            return
+        if sample.stamp_ns // self._output_ns != before_ns // self._output_ns:
+            self._due_ns = sample.stamp_ns
+
+    def _local(self, event: DvlPing | DepthSample) -> Iterator[Output]:
+        """Fuse DVL and depth: local, current, never treated as delayed."""
+        if isinstance(event, DvlPing):
+            if not event.valid:
+                self.gated['dvl_invalid'] += 1
+                return
+            good = np.isfinite(event.v_m).all() and np.isfinite(event.covariance_m).all()
+            good = bool(good and (np.diagonal(event.covariance_m) > 0.0).all())
+            name = 'dvl'
+        else:
+            good = bool(np.isfinite(event.depth) and np.isfinite(event.variance) and event.variance > 0.0)
+            name = 'depth'
+        if not good:
+            reason = f'{name} or its covariance is not finite and positive'
+            yield self._count(self._receipt(event, event.stamp_ns, Verdict.NOT_FINITE, reason))
+            return
+        if self._filter is None:
+            return
+        try:
+            if isinstance(event, DvlPing):
+                outcome = self._filter.dvl(event, self._noise_dvl)
+            else:
+                outcome = self._filter.depth(event)
+        except FilterDivergence as error:
+            self._diverge(str(error), event.stamp_ns)
+            return
+        (self.fused if outcome.fused else self.gated)[name] += 1
+
+    def _guarded_fix(self, fix: Fix) -> Receipt:
+        try:
+            return self._fix(fix)
+        except FilterDivergence as error:
+            self._diverge(str(error), fix.receive_ns)
+            return self._receipt(fix, fix.receive_ns, Verdict.NOT_READY, self.divergence)
+
+    def _fix(self, fix: Fix) -> Receipt:
+        refused = self._refusal(fix)
+        if refused is not None:
+            return self._receipt(fix, fix.receive_ns, *refused)
+        f = self._filter
+        if f is None:
+            reason = self.divergence or 'the filter has no state yet'
+            return self._receipt(fix, fix.receive_ns, Verdict.NOT_READY, reason)
+        epoch = f.history.before(fix.validity_ns)
+        if epoch is None:
+            reach = (fix.receive_ns - f.history.oldest_ns()) * 1e-9
+            reason = f'valid {_age(fix):.2f} s before it was received, the stored history reaches back {reach:.2f} s'
+            return self._receipt(fix, fix.receive_ns, Verdict.TOO_OLD, reason)
+        self._remember(fix)
+        prepared = self._prepare(f, fix, epoch)
+        outcome = f.fuse(3, self._noise_fix)
+        if not outcome.fused:
+            reason = f'NIS {outcome.nis:.1f} is above the gate of {outcome.gate:.1f}'
+            return self._fix_receipt(fix, Verdict.GATED, reason, outcome, prepared.steps)
+        self.fused['fix'] += 1
+        self._last_validity_ns = max(self._last_validity_ns, fix.validity_ns)
+        reason = f'{_age(fix):.2f} s old, NIS {outcome.nis:.1f}'
+        return self._fix_receipt(fix, Verdict.FUSED, reason, outcome, prepared.steps)
+
+    def _refusal(self, fix: Fix) -> tuple[Verdict, str] | None:
+        """Why a fix cannot be used whatever the state is; None when it can."""
+        if fix.refusal is not None:
+            return fix.refusal, fix.reason
+        if not (np.isfinite(fix.r_e).all() and np.isfinite(fix.covariance_e).all()):
+            return Verdict.NOT_FINITE, 'position or covariance is not finite'
+        if not (np.diagonal(fix.covariance_e) > 0.0).all():
+            return Verdict.NOT_FINITE, 'a variance of the position is not positive'
+        if fix.validity_ns > fix.receive_ns:
+            return Verdict.FROM_FUTURE, f'valid {-_age(fix):.3f} s after it was received'
+        if (fix.source, fix.sequence) in self._seen:
+            return Verdict.DUPLICATE, f'fix {fix.sequence} of {fix.source} came before'
+        if fix.receive_ns - fix.validity_ns > self._max_delay_ns:
+            return Verdict.TOO_OLD, f'{_age(fix):.2f} s old, max_delay_s is {self.params.max_delay_s:.2f} s'
+        return None
+
+    def _remember(self, fix: Fix) -> None:
+        self._seen[(fix.source, fix.sequence)] = None
+        while len(self._seen) > _SEQUENCES_KEPT:
+            del self._seen[next(iter(self._seen))]
+
+    def _command(self, command: Command) -> None:
+        if command.kind is CommandKind.SHUTDOWN:
+            return
+        self._initial = command.initial_state or self.params.initial_state()
+        self._filter = None
+        self._due_ns = None
+        self.divergence = ''
+        self._noise_fix.reset()
+        self._noise_dvl.reset()
+
+    # -- outputs -----------------------------------------------------------------------------------------------
+
+    def _diverge(self, why: str, stamp_ns: int) -> None:
+        self.divergence = f'{why} (at {stamp_ns * 1e-9:.3f} s); no estimates are published until a reset'
+        self._filter = None
+        self._due_ns = None
+
+    def _count(self, receipt: Receipt) -> Receipt:
+        self.verdicts[receipt.verdict] += 1
+        return receipt
+
+    def _receipt(self, event: Event, stamp_ns: int, verdict: Verdict, reason: str) -> Receipt:
+        if isinstance(event, Fix):
+            return Receipt(
+                stamp_ns=stamp_ns,
+                verdict=verdict,
+                reason=reason,
+                topic=event.topic,
+                source=event.source,
+                sequence=event.sequence,
+                validity_ns=event.validity_ns,
+                transmit_ns=event.transmit_ns,
+                receive_ns=event.receive_ns,
+                delay_handling=self.configuration.delay_handling,
+            )
+        return Receipt(stamp_ns, verdict, reason, event.topic, '', event.sequence, event.stamp_ns)
+
+    def _fix_receipt(self, fix: Fix, verdict: Verdict, reason: str, outcome: Outcome, steps: int) -> Receipt:
+        f = self._filter
+        return Receipt(
+            stamp_ns=fix.receive_ns,
+            verdict=verdict,
+            reason=reason,
+            topic=fix.topic,
+            source=fix.source,
+            sequence=fix.sequence,
+            validity_ns=fix.validity_ns,
+            transmit_ns=fix.transmit_ns,
+            receive_ns=fix.receive_ns,
+            fused_ns=f.stamp_ns if f is not None and verdict is Verdict.FUSED else 0,
+            delay_handling=self.configuration.delay_handling,
+            steps_rolled_back=steps,
+            innovation_G=-outcome.z,
+            innovation_variance_G=outcome.variance,
+            nis=outcome.nis,
+            dof=outcome.dof,
+            gate=outcome.gate,
+        )
+
+    def _estimate(self, f: NavigationFilter) -> Estimate:
+        return Estimate(
+            stamp_ns=f.stamp_ns,
+            r_e=f.r_e.copy(),
+            v_G=f.v_G.copy(),
+            C_b_G=f.C_b_G.copy(),
+            P=f.P.copy(),
+            gyro_bias_b=f.b_gyro_b.copy(),
+            accel_bias_b=f.b_accel_b.copy(),
+            dvl_scale_m=f.dvl_scale_m.copy(),
+            dvl_markov_m=f.dvl_markov_m.copy(),
+            usbl_bias_a=f.usbl_bias_a.copy(),
+            fixes_received=self._fixes_received,
+            fixes_fused=self.fused['fix'],
+            last_validity_ns=self._last_validity_ns,
+        )
+
+
+def _age(fix: Fix) -> float:
+    return (fix.receive_ns - fix.validity_ns) * 1e-9

@@ -1,0 +1,61 @@
+"""Puts messages back into the total order of events, live: a window of stamp time absorbs transport jitter.
+
+The newest IMU stamp less the window is the watermark: everything up to it has come, or comes too late. What comes too
+late is refused with a receipt that says so; a replay refuses the same messages, because it reads them there.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterator
+
+from .events import Event, ImuSample, OrderKey, Output, Verdict
+from .follower import Follower
+
+
+class Reorder:
+    """Live driver of a :class:`Follower`.
+
+    Parameters
+    ----------
+    follower : Follower
+        The engine.
+    window_s : float
+        Stamp time that messages may come out of order.
+    """
+
+    def __init__(self, follower: Follower, window_s: float) -> None:
+        self.follower = follower
+        self._window_ns = round(window_s * 1e9)
+        self._heap: list[tuple[OrderKey, Event]] = []
+        self.newest_imu_ns: int | None = None
+        self.watermark_ns: int | None = None
+
+    @property
+    def pending(self) -> int:
+        """Events that wait for the window."""
+        return len(self._heap)
+
+    def add(self, event: Event) -> Iterator[Output]:
+        """Take one message as it comes; yields everything that can be decided now."""
+        if self.watermark_ns is not None and event.stamp_ns <= self.watermark_ns:
+            late = (self.watermark_ns + self._window_ns - event.stamp_ns) * 1e-9
+            reason = f'{late:.3f} s behind the newest IMU sample, the reorder window is {self._window_ns * 1e-9:.3f} s'
+            yield self.follower.refuse(event, Verdict.TOO_LATE, reason, self.watermark_ns)
+            return
+        heapq.heappush(self._heap, (event.key, event))
+        if isinstance(event, ImuSample) and (self.newest_imu_ns is None or event.stamp_ns > self.newest_imu_ns):
+            self.newest_imu_ns = event.stamp_ns
+            self.watermark_ns = event.stamp_ns - self._window_ns
+            yield from self._release(self.watermark_ns)
+
+    def flush(self) -> Iterator[Output]:
+        """Process everything that waits: the end of the run."""
+        while self._heap:
+            yield from self.follower.process(heapq.heappop(self._heap)[1])
+        yield from self.follower.finish()
+
+    def _release(self, until_ns: int) -> Iterator[Output]:
+        while self._heap and self._heap[0][0][0] <= until_ns:
+            yield from self.follower.process(heapq.heappop(self._heap)[1])
+        yield from self.follower.advance(until_ns + 1)

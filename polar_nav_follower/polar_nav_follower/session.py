@@ -1,0 +1,111 @@
+"""One follower behind its topics: messages in, messages out; driven by the node live and by a replay offline.
+
+Both drivers use this class with the same engine, so that they publish the same bytes. The node calls :meth:`take` as
+messages come; a replay collects :meth:`event_of` of the whole bag, sorts, and calls :meth:`process`.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
+from typing import Any
+
+from polar_nav_core.packet import Broadcast
+
+from . import convert
+from .events import Event, Fix, Output, Receipt
+from .follower import Follower
+from .params import FollowerParams
+from .reorder import Reorder
+
+IMU = 'imu/data_raw'
+DVL = 'dvl/data'
+DEPTH = 'depth/data'
+PACKET = 'acomms/rx'
+COMMAND = 'nav/command'
+STATE = 'nav/state'
+RECEIPT = 'nav/receipt'
+DECODED = 'acomms/decoded'
+
+INPUTS = (IMU, DVL, DEPTH, PACKET, COMMAND)
+
+Published = tuple[str, Any]
+"""Topic and message."""
+
+
+class Session:
+    """A follower with its topics.
+
+    Parameters
+    ----------
+    params : FollowerParams
+        Everything that can be chosen.
+    vehicle : str
+        Name of the vehicle, for frame ids.
+    """
+
+    def __init__(self, params: FollowerParams, vehicle: str) -> None:
+        self.params = params
+        self.vehicle = vehicle
+        self.follower = Follower(params)
+        self.reorder = Reorder(self.follower, params.reorder_window_s)
+        self.taken: Counter[str] = Counter()
+        self._decoded: list[Published] = []
+        self._readers: dict[str, Callable[[Any, int], Event]] = {
+            IMU: convert.imu_from_msg,
+            DVL: lambda m, n: convert.dvl_from_msg(m, n, self.params.dvl_sigma),
+            DEPTH: lambda m, n: convert.depth_from_msg(m, n, self.params.depth_sigma),
+            PACKET: self._fix_from_msg,
+            COMMAND: convert.command_from_msg,
+        }
+
+    def event_of(self, topic: str, message: Any) -> Event:  # noqa: ANN401 - the topic's message type
+        """Event of a message; counts it, which numbers the messages of each topic."""
+        number = self.taken[topic]
+        self.taken[topic] += 1
+        return self._readers[topic](message, number)
+
+    def take(self, topic: str, message: Any) -> Iterator[Published]:  # noqa: ANN401
+        """Take one message live; yields what is to be published."""
+        event = self.event_of(topic, message)
+        yield from self.decoded()
+        yield from self._to_messages(self.reorder.add(event))
+
+    def process(self, event: Event) -> Iterator[Published]:
+        """Take the next event of the total order (replay)."""
+        yield from self._to_messages(self.follower.process(event))
+
+    def advance(self, stamp_ns: int) -> Iterator[Published]:
+        """No event before this stamp comes any more (replay)."""
+        yield from self._to_messages(self.follower.advance(stamp_ns))
+
+    def refuse(self, receipt: Receipt) -> Published:
+        """Repeat the receipt of a message that a live run refused (replay)."""
+        self.follower.verdicts[receipt.verdict] += 1
+        return RECEIPT, convert.receipt_to_msg(receipt)
+
+    def flush(self) -> Iterator[Published]:
+        """Process what waits: the end of the run, live or replayed."""
+        yield from self._to_messages(self.reorder.flush())
+
+    def decoded(self) -> Iterator[Published]:
+        """Contents of the packets read since the last call, for people."""
+        yield from self._decoded
+        self._decoded.clear()
+
+    def _fix_from_msg(self, message: Any, number: int) -> Fix:  # noqa: ANN401
+        fix, broadcast = convert.fix_from_msg(message, number, self.params)
+        if broadcast is not None:
+            self._decoded.append((DECODED, self._broadcast_to_msg(broadcast, fix)))
+        return fix
+
+    def _broadcast_to_msg(self, broadcast: Broadcast, fix: Fix) -> Any:  # noqa: ANN401
+        target = self.vehicle if broadcast.target == self.params.own_id else str(broadcast.target)
+        return convert.broadcast_to_msg(broadcast, fix.source, target, self.params.frame_id)
+
+    def _to_messages(self, outputs: Iterable[Output]) -> Iterator[Published]:
+        for output in outputs:
+            if isinstance(output, Receipt):
+                yield RECEIPT, convert.receipt_to_msg(output)
+            else:
+                yield STATE, convert.nav_to_msg(output, self.params, self.vehicle)

@@ -1,0 +1,76 @@
+"""Live order equals sorted order: whatever the transport does within the window, the engine gives the same bits."""
+
+import random
+
+import numpy as np
+import pytest
+from closed_loop import World, run
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from polar_nav_follower.events import Estimate, Receipt, Verdict
+from polar_nav_follower.follower import Follower
+from polar_nav_follower.reorder import Reorder
+
+WINDOW_S = 0.2
+
+
+@pytest.fixture(scope='module')
+def world():
+    return World(12.0)
+
+
+def events_of(world):
+    rng = np.random.default_rng(5)
+    fixes = world.fixes(1.0, 1.7, rng=rng)
+    return [*world.imu(), *world.dvl(rng=rng), *world.depth(rng=rng), *fixes]
+
+
+def live(world, arrivals, window_s=WINDOW_S):
+    driver = Reorder(Follower(world.params(reorder_window_s=window_s)), window_s)
+    out = []
+    for event in arrivals:
+        out.extend(driver.add(event))
+    out.extend(driver.flush())
+    return driver, out
+
+
+def same(a, b):
+    assert len(a) == len(b)
+    for x, y in zip(a, b, strict=True):
+        assert type(x) is type(y)
+        assert x.stamp_ns == y.stamp_ns
+        if isinstance(x, Estimate):
+            assert x.r_e.tobytes() == y.r_e.tobytes()
+            assert x.P.tobytes() == y.P.tobytes()
+        else:
+            assert (x.verdict, x.sequence, x.nis) == (y.verdict, y.sequence, y.nis)
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.integers(0, 2**32))
+def test_any_jitter_within_the_window_gives_the_same_bits(world, seed):
+    events = events_of(world)
+    shuffle = random.Random(seed)
+    arrivals = sorted(events, key=lambda e: (e.stamp_ns + shuffle.randrange(0, int(WINDOW_S * 0.99e9)), e.key))
+    _, out = live(world, arrivals)
+    same(out, run(Follower(world.params()), events))
+
+
+def test_what_comes_after_the_window_is_refused_with_numbers(world):
+    events = sorted(events_of(world), key=lambda e: e.key)
+    late = next(e for e in events if e.topic == 'dvl/data' and e.stamp_ns > world.stamps[500])
+    events.remove(late)
+    at = next(i for i, e in enumerate(events) if e.stamp_ns > late.stamp_ns + 2 * WINDOW_S * 1e9)
+    _, out = live(world, [*events[:at], late, *events[at:]])
+    refused = [o for o in out if isinstance(o, Receipt) and o.verdict is Verdict.TOO_LATE]
+    assert [(r.topic, r.sequence, r.validity_ns) for r in refused] == [('dvl/data', late.sequence, late.stamp_ns)]
+    assert 'reorder window' in refused[0].reason
+    without = [o for o in out if not (isinstance(o, Receipt) and o.verdict is Verdict.TOO_LATE)]
+    same(without, run(Follower(world.params()), events))
+
+
+def test_flush_gives_what_the_window_held(world):
+    driver, out = live(world, sorted(events_of(world), key=lambda e: e.key))
+    last = [o for o in out if isinstance(o, Estimate)][-1]
+    assert last.stamp_ns == world.stamps[-1]
+    assert driver.pending == 0

@@ -1,0 +1,1 @@
+"""What every node shares: parameters, subscriptions, lockstep, signals, diagnostics."""

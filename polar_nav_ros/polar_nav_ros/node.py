@@ -1,0 +1,264 @@
+"""The base of every node: parameters, counted publishers, drained subscriptions, acknowledgements, diagnostics, an orderly end."""
+
+from __future__ import annotations
+
+import json
+import signal
+import sys
+from collections.abc import Callable, Sequence
+from importlib import metadata
+from types import FrameType
+from typing import Any, TypeVar
+
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from polar_nav_core.errors import ConfigError, PolarNavError
+from polar_nav_core.params import NodeParams, to_mapping
+from polar_nav_msgs.msg import LockstepAck
+from rclpy.clock import Clock, ClockType
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+from rclpy.subscription import Subscription
+from std_msgs.msg import String
+
+from .diagnostics import Diagnosis
+from .parameters import load
+
+P = TypeVar('P', bound=NodeParams)
+
+ACK_TOPIC = '/lockstep/ack'
+RUN_INFO_TOPIC = '/run_info'
+QUEUE_DEPTH = 2000
+"""Deeper than the longest window of the lockstep pace has messages on any topic."""
+
+DATA_QOS = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=QUEUE_DEPTH,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.VOLATILE,
+)
+LATCHED_QOS = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=100,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+_HEARTBEAT_S = 0.5
+_STEADY = Clock(clock_type=ClockType.STEADY_TIME)
+
+
+class CountedPublisher:
+    """A publisher that knows how many messages went through it."""
+
+    def __init__(self, publisher: Publisher) -> None:
+        self._publisher = publisher
+        self.topic: str = publisher.topic_name
+        self.count = 0
+
+    def publish(self, message: Any) -> None:  # noqa: ANN401 - a message of the publisher's type, or its bytes
+        """Publish a message or its serialized bytes."""
+        self._publisher.publish(message)
+        self.count += 1
+
+    @property
+    def matched(self) -> int:
+        """Subscriptions that this publisher has found."""
+        return int(self._publisher.get_subscription_count())
+
+    def flush(self, timeout_s: float) -> bool:
+        """Wait until every reader has acknowledged everything."""
+        return bool(self._publisher.wait_for_all_acked(rclpy.duration.Duration(nanoseconds=int(timeout_s * 1e9))))
+
+
+class _Input:
+    """One drained subscription with its count."""
+
+    def __init__(self, subscription: Subscription) -> None:
+        self.subscription = subscription
+        self.topic: str = subscription.topic_name
+        self.count = 0
+
+    @property
+    def matched(self) -> int:
+        return int(self.subscription.get_publisher_count())
+
+
+class PolarNode(Node):  # type: ignore[misc]
+    """A node that declares its parameters from one dataclass and takes part in the lockstep pace when told to.
+
+    Parameters
+    ----------
+    name : str
+        Node name.
+    params_cls : type
+        Parameter dataclass; the values stand in ``self.params``.
+
+    Raises
+    ------
+    ConfigError
+        For an unknown parameter or a value out of range.
+    """
+
+    def __init__(self, name: str, params_cls: type[P], **kwargs: Any) -> None:  # noqa: ANN401 - passed on to rclpy
+        super().__init__(name, **kwargs)
+        self.params: P = load(self, params_cls)
+        self.vehicle: str = self.get_namespace().strip('/')
+        self._outputs: list[CountedPublisher] = []
+        self._inputs: list[_Input] = []
+        self._ack_sequence = 0
+        self._acks: Publisher | None = None
+        if self.params.lockstep:
+            self._acks = self.create_publisher(LockstepAck, ACK_TOPIC, DATA_QOS)
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._run_info = self.create_publisher(String, RUN_INFO_TOPIC, LATCHED_QOS)
+        self._run_info.publish(String(data=self._describe()))
+        self.create_timer(1.0, self._publish_diagnosis, clock=_STEADY)
+        if self._acks is not None:
+            self.create_timer(_HEARTBEAT_S, self.acknowledge, clock=_STEADY)
+
+    def advertise(self, msg_type: type[Any], topic: str, qos: QoSProfile = DATA_QOS) -> CountedPublisher:
+        """Counted publisher on ``topic``."""
+        output = CountedPublisher(self.create_publisher(msg_type, topic, qos))
+        self._outputs.append(output)
+        return output
+
+    def subscribe(
+        self,
+        msg_type: type[Any],
+        topic: str,
+        callback: Callable[[Any], None],
+        *,
+        raw: bool = False,
+        qos: QoSProfile = DATA_QOS,
+    ) -> Subscription:
+        """Subscribe with a callback that is called for all waiting messages at once, not once per executor turn.
+
+        The executor's turn costs several times what taking a message costs, so the first message of a burst brings
+        the rest with it.
+        """
+
+        def drained(first: Any) -> None:  # noqa: ANN401 - a message of msg_type, or its bytes
+            callback(first)
+            count = 1
+            with handle:
+                while (taken := handle.take_message(msg_type, raw)) is not None:
+                    callback(taken[0])
+                    count += 1
+            entry.count += count
+            self.acknowledge()
+
+        subscription = self.create_subscription(msg_type, topic, drained, qos, raw=raw)
+        handle = subscription.handle
+        entry = _Input(subscription)
+        self._inputs.append(entry)
+        return subscription
+
+    def acknowledge(self) -> None:
+        """Tell the truth node what was taken and published so far (lockstep pace only)."""
+        if self._acks is None:
+            return
+        self._ack_sequence += 1
+        self._acks.publish(
+            LockstepAck(
+                node=self.get_fully_qualified_name(),
+                sequence=self._ack_sequence,
+                published_topics=[o.topic for o in self._outputs],
+                published_counts=[o.count for o in self._outputs],
+                published_matched=[o.matched for o in self._outputs],
+                taken_topics=[i.topic for i in self._inputs],
+                taken_counts=[i.count for i in self._inputs],
+                taken_matched=[i.matched for i in self._inputs],
+            )
+        )
+
+    def taken_counts(self) -> dict[str, int]:
+        """Messages taken so far per fully qualified topic."""
+        return {i.topic: i.count for i in self._inputs}
+
+    def published_counts(self) -> dict[str, int]:
+        """Messages published so far per fully qualified topic."""
+        return {o.topic: o.count for o in self._outputs}
+
+    def diagnose(self) -> Diagnosis:
+        """Say how the node is; override to say more."""
+        return Diagnosis(values={**self.taken_counts(), **self.published_counts()})
+
+    def close(self) -> None:
+        """Last words before the end, when publishing is still possible; override."""
+
+    def flush(self, timeout_s: float = 2.0) -> None:
+        """Wait until readers have what was published."""
+        for output in self._outputs:
+            output.flush(timeout_s)
+
+    def _publish_diagnosis(self) -> None:
+        message = self.diagnose().to_msg(self.get_fully_qualified_name())
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(message)
+
+    def _describe(self) -> str:
+        package = type(self).__module__.split('.')[0]
+        try:
+            version = metadata.version(package)
+        except metadata.PackageNotFoundError:
+            version = 'unknown'
+        return json.dumps(
+            {
+                'node': self.get_fully_qualified_name(),
+                'package': package,
+                'version': version,
+                'params': to_mapping(self.params),
+            },
+            sort_keys=True,
+        )
+
+
+class Stop:
+    """Set by SIGINT or SIGTERM; the spin loop looks at it between turns, so a node can still publish its last words."""
+
+    def __init__(self) -> None:
+        self.signal: int | None = None
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, self._on_signal)
+
+    def _on_signal(self, number: int, _frame: FrameType | None) -> None:
+        self.signal = number
+
+
+def run(node_cls: type[PolarNode], args: Sequence[str] | None = None) -> int:
+    """Run one node until a signal or until it raises SystemExit; the exit status of the process.
+
+    rclpy's own signal handlers end the context at once, before a node can flush what it holds; so signals only set a
+    flag here.
+    """
+    stop = Stop()
+    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    node: PolarNode | None = None
+    status = 0
+    try:
+        node = node_cls()
+        executor = SingleThreadedExecutor()
+        executor.add_node(node)
+        while stop.signal is None and rclpy.ok():
+            executor.spin_once(timeout_sec=0.2)
+        node.close()
+        node.flush()
+    except SystemExit as end:
+        status = int(end.code or 0)
+        if node is not None:
+            node.close()
+            node.flush()
+    except ConfigError as error:
+        print(f'{node_cls.__name__}: {error}', file=sys.stderr)  # noqa: T201 - before there is a logger
+        status = 2
+    except PolarNavError as error:
+        print(f'{node_cls.__name__}: {error}', file=sys.stderr)  # noqa: T201
+        status = 1
+    finally:
+        if node is not None:
+            node.destroy_node()
+        rclpy.try_shutdown()
+    return status

@@ -1,0 +1,69 @@
+"""Declares what a parameter dataclass says, and refuses what it does not know."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import Any, TypeVar
+
+from polar_nav_core.errors import ConfigError
+from polar_nav_core.params import NodeParams, from_mapping
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
+from rclpy.node import Node
+
+T = TypeVar('T', bound=NodeParams)
+
+# Names that rclpy declares by itself in every node.
+_RCLPY_OWN = ('use_sim_time', 'start_type_description_service')
+
+
+def load(node: Node, cls: type[T]) -> T:
+    """Declare every field of ``cls`` on ``node`` (read-only, with range and text) and return the values.
+
+    Raises
+    ------
+    ConfigError
+        For an unknown name given to the node, a wrong type or a value out of range.
+    """
+    known = {f.name for f in fields(cls)}
+    # The overrides a node was started with stand in a private attribute only; undeclared ones are otherwise silent.
+    given = [name for name in node._parameter_overrides if name not in known and not name.startswith(_RCLPY_OWN)]  # noqa: SLF001
+    unknown = [name for name in given if not name.startswith('qos_overrides.')]
+    if unknown:
+        raise ConfigError(f'unknown parameter {unknown[0]}; {node.get_name()} has {", ".join(sorted(known))}')
+    values: dict[str, Any] = {}
+    for f in fields(cls):
+        default = list(f.default) if isinstance(f.default, tuple) else f.default
+        if f.metadata['kind'] == 'strs' and not default:
+            default = ['']  # rclpy cannot tell the type of an empty list
+        try:
+            value = node.declare_parameter(f.name, default, _descriptor(f.metadata)).value
+        except (InvalidParameterTypeException, InvalidParameterValueException) as error:
+            given_value = node._parameter_overrides[f.name].value if f.name in node._parameter_overrides else default  # noqa: SLF001
+            raise ConfigError(f'parameter {f.name}: {given_value!r} is refused: {_expected(f.metadata)}') from error
+        if f.metadata['kind'] == 'strs':
+            value = [v for v in value if v]
+        values[f.name] = list(value) if f.metadata['kind'] in ('floats', 'strs') else value
+    return from_mapping(cls, values)
+
+
+def _expected(meta: dict[str, Any]) -> str:
+    if meta['kind'] == 'float':
+        return f'a float in [{meta["lo"]}, {meta["hi"]}] {meta["unit"]} (write 5.0, not 5)'
+    if meta['kind'] == 'int':
+        return f'an integer in [{meta["lo"]}, {meta["hi"]}] {meta["unit"]}'
+    if meta['kind'] == 'floats':
+        return f'a list of {meta["length"]} floats'
+    return {'bool': 'true or false', 'str': 'a text', 'strs': 'a list of texts'}[meta['kind']]
+
+
+def _descriptor(meta: dict[str, Any]) -> ParameterDescriptor:
+    unit = f' [{meta["unit"]}]' if meta['unit'] else ''
+    about = ParameterDescriptor(description=meta['doc'] + unit, read_only=True)
+    if meta['kind'] == 'float':
+        about.floating_point_range = [FloatingPointRange(from_value=float(meta['lo']), to_value=float(meta['hi']), step=0.0)]
+    elif meta['kind'] == 'int':
+        about.integer_range = [IntegerRange(from_value=int(meta['lo']), to_value=int(meta['hi']), step=1)]
+    elif 'options' in meta:
+        about.additional_constraints = 'one of ' + ', '.join(meta['options'])
+    return about

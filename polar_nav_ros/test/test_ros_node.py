@@ -1,0 +1,128 @@
+"""A node in process: parameters, draining, acknowledgements, description. Ring 2."""
+
+import json
+import os
+import sys
+import time
+from dataclasses import dataclass
+
+import pytest
+
+rclpy = pytest.importorskip('rclpy')
+
+from polar_nav_core.errors import ConfigError  # noqa: E402
+from polar_nav_core.params import NodeParams, param  # noqa: E402
+from polar_nav_msgs.msg import Depth, LockstepAck  # noqa: E402
+from polar_nav_ros import node as ros_node  # noqa: E402
+from polar_nav_ros.node import DATA_QOS, LATCHED_QOS, PolarNode  # noqa: E402
+from polar_nav_ros.stamps import stamp_ns_of_cdr, to_msg, to_ns  # noqa: E402
+from rclpy.executors import SingleThreadedExecutor  # noqa: E402
+from rclpy.parameter import Parameter  # noqa: E402
+from rclpy.serialization import serialize_message  # noqa: E402
+from std_msgs.msg import String  # noqa: E402
+
+
+@dataclass(frozen=True)
+class EchoParams(NodeParams):
+    gain: float = param(2.0, 'm', 0.0, 10.0, 'Factor')
+
+
+class Echo(PolarNode):
+    def __init__(self, **kwargs):
+        super().__init__('echo', EchoParams, **kwargs)
+        self.out = self.advertise(Depth, 'out')
+        self.subscribe(Depth, 'in', self.on_depth)
+
+    def on_depth(self, msg):
+        self.out.publish(Depth(header=msg.header, depth=msg.depth * self.params.gain))
+
+
+@pytest.fixture(autouse=True)
+def _ros(monkeypatch):
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    rclpy.init(domain_id=60 + os.getpid() % 20)
+    yield
+    rclpy.try_shutdown()
+
+
+def spin_until(executor, done, seconds=15.0):
+    end = time.monotonic() + seconds
+    while not done() and time.monotonic() < end:
+        executor.spin_once(timeout_sec=0.05)
+    assert done()
+
+
+def test_takes_everything_publishes_and_acknowledges():
+    echo = Echo(parameter_overrides=[Parameter('lockstep', value=True)])
+    peer = rclpy.create_node('peer')
+    acks, got, infos = [], [], []
+    peer.create_subscription(LockstepAck, ros_node.ACK_TOPIC, acks.append, DATA_QOS)
+    peer.create_subscription(Depth, 'out', got.append, DATA_QOS)
+    peer.create_subscription(String, ros_node.RUN_INFO_TOPIC, infos.append, LATCHED_QOS)
+    source = peer.create_publisher(Depth, 'in', DATA_QOS)
+    executor = SingleThreadedExecutor()
+    executor.add_node(echo)
+    executor.add_node(peer)
+    spin_until(executor, lambda: acks and acks[-1].taken_matched[0] == 1 and acks[-1].published_matched[0] == 1)
+    for i in range(500):
+        source.publish(Depth(depth=float(i)))
+    spin_until(executor, lambda: len(got) == 500 and acks[-1].taken_counts[0] == 500)
+    assert [m.depth for m in got] == [2.0 * i for i in range(500)]
+    assert list(acks[-1].published_counts) == [500]
+    assert acks[-1].node == '/echo'
+    spin_until(executor, lambda: bool(infos))
+    assert json.loads(infos[0].data)['params'] == {'gain': 2.0, 'lockstep': True}
+    echo.destroy_node()
+    peer.destroy_node()
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'says'),
+    [('gian', 1.0, 'unknown parameter gian'), ('gain', 11.0, 'gain.*11.0'), ('gain', 3, 'write 5.0, not 5')],
+)
+def test_a_bad_parameter_is_named(name, value, says):
+    with pytest.raises(ConfigError, match=says):
+        Echo(parameter_overrides=[Parameter(name, value=value)])
+
+
+def test_descriptor_tells_range_and_text():
+    echo = Echo()
+    about = echo.describe_parameter('gain')
+    assert about.read_only
+    assert about.description == 'Factor [m]'
+    assert about.floating_point_range[0].to_value == 10.0
+    echo.destroy_node()
+
+
+def test_stamps_round_trip_and_are_read_from_bytes():
+    for ns in (0, 1, 999_999_999, 1_772_323_200_123_456_789):
+        assert to_ns(to_msg(ns)) == ns
+        message = Depth()
+        message.header.stamp = to_msg(ns)
+        assert stamp_ns_of_cdr(bytes(serialize_message(message))) == ns
+
+
+def test_run_gives_exit_codes():
+    code = (
+        'import sys; sys.path.insert(0, sys.argv[1])\n'
+        'from test_ros_node import Echo\n'
+        'from polar_nav_ros.node import run\n'
+        'sys.exit(run(Echo, sys.argv[2:]))'
+    )
+    import signal
+    import subprocess
+    from pathlib import Path
+
+    here = str(Path(__file__).parent)
+    bad = subprocess.run(
+        [sys.executable, '-c', code, here, '--ros-args', '-p', 'gain:=99.0'], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert bad.returncode == 2
+    assert 'gain' in bad.stderr
+    assert 'Traceback' not in bad.stderr
+    good = subprocess.Popen([sys.executable, '-c', code, here], stderr=subprocess.PIPE, text=True)
+    time.sleep(4.0)
+    good.send_signal(signal.SIGINT)
+    _, err = good.communicate(timeout=30)
+    assert good.returncode == 0, err
+    assert 'Traceback' not in err
