@@ -3,24 +3,18 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import Quaternion
+from sensor_msgs.msg import Imu
+
 from polar_nav_core import attitude, earth, grid
 from polar_nav_core.packet import Broadcast
-from polar_nav_msgs.msg import (
-    AcousticPacket,
-    Depth,
-    Dvl,
-    FixReceipt,
-    LeaderBroadcast,
-    NavState,
-)
+from polar_nav_msgs.msg import AcousticPacket, Depth, Dvl, FixReceipt, NavState
 from polar_nav_msgs.msg import Command as CommandMsg
 from polar_nav_msgs.msg import InitialState as InitialStateMsg
+from polar_nav_ros.broadcasts import broadcast_to_msg
 from polar_nav_ros.stamps import to_msg, to_ns
-from sensor_msgs.msg import Imu
 
 from .events import (
     Array,
@@ -38,11 +32,28 @@ from .events import (
 from .measurements.fix import fix_from_packet
 from .params import FollowerParams
 
+__all__ = [
+    'broadcast_to_msg',
+    'command_from_msg',
+    'depth_from_msg',
+    'dvl_from_msg',
+    'fix_from_msg',
+    'imu_from_msg',
+    'initial_from_msg',
+    'initial_problem',
+    'initial_to_msg',
+    'nav_to_msg',
+    'receipt_from_msg',
+    'receipt_to_msg',
+]
+
 
 def imu_from_msg(msg: Imu, number: int) -> ImuSample:
     """sensor_msgs/Imu as an event; orientation is not used."""
     w, f = msg.angular_velocity, msg.linear_acceleration
-    return ImuSample(to_ns(msg.header.stamp), number, np.array([w.x, w.y, w.z]), np.array([f.x, f.y, f.z]))
+    return ImuSample(
+        to_ns(msg.header.stamp), number, np.array([w.x, w.y, w.z]), np.array([f.x, f.y, f.z])
+    )
 
 
 def dvl_from_msg(msg: Dvl, number: int, default_sigma: float) -> DvlPing:
@@ -50,7 +61,9 @@ def dvl_from_msg(msg: Dvl, number: int, default_sigma: float) -> DvlPing:
     v_m = np.array([msg.velocity.x, msg.velocity.y, msg.velocity.z])
     covariance = np.array(msg.velocity_covar, dtype=np.float64).reshape(3, 3)
     enough_beams = msg.num_good_beams >= 3
-    valid = msg.velocity_mode == Dvl.DVL_MODE_BOTTOM and enough_beams and bool(np.isfinite(v_m).all())
+    valid = (
+        msg.velocity_mode == Dvl.DVL_MODE_BOTTOM and enough_beams and bool(np.isfinite(v_m).all())
+    )
     if covariance[0, 0] == -1.0:
         covariance = default_sigma**2 * np.eye(3)
     return DvlPing(to_ns(msg.header.stamp), number, valid, v_m, covariance)
@@ -62,7 +75,9 @@ def depth_from_msg(msg: Depth, number: int, default_sigma: float) -> DepthSample
     return DepthSample(to_ns(msg.header.stamp), number, msg.depth, variance)
 
 
-def fix_from_msg(msg: AcousticPacket, number: int, params: FollowerParams) -> tuple[Fix, Broadcast | None]:
+def fix_from_msg(
+    msg: AcousticPacket, number: int, params: FollowerParams
+) -> tuple[Fix, Broadcast | None]:
     """polar_nav_msgs/AcousticPacket as an event and, when its bytes can be read, their content."""
     return fix_from_packet(
         bytes(msg.data),
@@ -129,7 +144,16 @@ def initial_problem(s: InitialState) -> str:
         'sigma_tilt': s.sigma_tilt,
         'sigma_heading': s.sigma_heading,
     }
-    values = [s.latitude, s.longitude, s.height, *s.v_G, s.roll, s.pitch, s.grid_heading, *sigmas.values()]
+    values = [
+        s.latitude,
+        s.longitude,
+        s.height,
+        *s.v_G,
+        s.roll,
+        s.pitch,
+        s.grid_heading,
+        *sigmas.values(),
+    ]
     if not all(math.isfinite(v) for v in values):
         return 'a value of the initial state is not finite'
     for name, value in sigmas.items():
@@ -148,7 +172,9 @@ def nav_to_msg(e: Estimate, params: FollowerParams, vehicle: str) -> NavState:
     position_G = _in_grid(C_e_G, e.P[6:9, 6:9])
     _, pitch, roll = attitude.euler_from_matrix(e.C_b_G)
     grid_heading = float(attitude.grid_heading(e.C_b_G))
-    heading = grid.true_heading(e.r_e, grid_heading, float(sigma[2]), math.sqrt(_variance_true_east(e.r_e, e.P)))
+    heading = grid.true_heading(
+        e.r_e, grid_heading, float(sigma[2]), math.sqrt(_variance_true_east(e.r_e, e.P))
+    )
     x, y, z, w = attitude.quaternion_from_matrix(e.C_b_G)
     msg = NavState()
     msg.header.stamp = to_msg(e.stamp_ns)
@@ -237,40 +263,6 @@ def receipt_from_msg(msg: FixReceipt) -> Receipt:
         gate=msg.gate,
         revision=msg.revision,
     )
-
-
-def broadcast_to_msg(b: Broadcast, source: str, target: str, frame_id: str) -> LeaderBroadcast:
-    """polar_nav_msgs/LeaderBroadcast of a decoded packet."""
-    lat, lon, height = (float(v) for v in earth.geodetic_from_ecef(b.leader_r_e))
-    msg = LeaderBroadcast()
-    msg.header.stamp = to_msg(b.validity_ns)
-    msg.header.frame_id = frame_id
-    msg.version = b.version
-    msg.source = source
-    msg.target = target
-    msg.sequence = b.sequence
-    msg.return_time = to_msg(b.return_ns)
-    msg.leader_r_e = b.leader_r_e
-    msg.leader_latitude = lat
-    msg.leader_longitude = lon
-    msg.leader_height = height
-    msg.leader_sigma_horizontal = b.leader_sigma_horizontal
-    msg.leader_sigma_vertical = b.leader_sigma_vertical
-    msg.leader_v_g = b.leader_v_G
-    msg.leader_sigma_velocity = b.leader_sigma_velocity
-    msg.leader_grid_heading = b.leader_grid_heading
-    msg.leader_sigma_heading = b.leader_sigma_heading
-    msg.r_lf_g = b.r_lf_G
-    msg.r_lf_covariance_g = b.r_lf_covariance_G.reshape(9)
-    msg.sound_speed = b.sound_speed
-    return msg
-
-
-def message_from(data: bytes, msg_type: type[Any]) -> Any:  # noqa: ANN401 - a message of msg_type
-    """Message of serialized bytes."""
-    from rclpy.serialization import deserialize_message
-
-    return deserialize_message(data, msg_type)
 
 
 def _in_grid(C_e_G: Array, covariance_e: Array) -> Array:

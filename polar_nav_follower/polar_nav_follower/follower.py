@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Iterator
 
 import numpy as np
+
 from polar_nav_core.errors import FilterDivergence
 
 from .events import (
@@ -49,8 +50,12 @@ class Follower:
         self.params = params
         self.configuration = params.resolved()
         self._prepare = STRATEGIES[self.configuration.delay_handling]
-        self._noise_fix = make_noise(self.configuration.noise_adaptation, params.forgetting, params.adaptive_floor)
-        self._noise_dvl = make_noise(self.configuration.noise_adaptation, params.forgetting, params.adaptive_floor)
+        self._noise_fix = make_noise(
+            self.configuration.noise_adaptation, params.forgetting, params.adaptive_floor
+        )
+        self._noise_dvl = make_noise(
+            self.configuration.noise_adaptation, params.forgetting, params.adaptive_floor
+        )
         self._output_ns = round(params.output_period_s * 1e9)
         self._max_delay_ns = round(params.max_delay_s * 1e9)
         self._filter: NavigationFilter | None = None
@@ -78,7 +83,9 @@ class Follower:
             When the event does not come after the one before: a fault of the caller.
         """
         if self._last_key is not None and event.key <= self._last_key:
-            raise ValueError(f'event {event.key} after {self._last_key}: events must come in order')
+            raise ValueError(
+                f'event {event.key} after {self._last_key}: events must come in order'
+            )
         yield from self.advance(event.stamp_ns)
         self._last_key = event.key
         if isinstance(event, ImuSample):
@@ -116,13 +123,23 @@ class Follower:
 
     def _imu(self, sample: ImuSample) -> Iterator[Output]:
         if not (np.isfinite(sample.omega_ib_b).all() and np.isfinite(sample.f_b).all()):
-            yield self._count(self._receipt(sample, sample.stamp_ns, Verdict.NOT_FINITE, 'rate or specific force is not finite'))
+            yield self._count(
+                self._receipt(
+                    sample,
+                    sample.stamp_ns,
+                    Verdict.NOT_FINITE,
+                    'rate or specific force is not finite',
+                )
+            )
             return
         if sample.stamp_ns == self._last_imu_ns:
             reason = 'there was an IMU sample with this stamp before'
             yield self._count(self._receipt(sample, sample.stamp_ns, Verdict.DUPLICATE, reason))
             return
-        if self._last_imu_ns is not None and sample.stamp_ns - self._last_imu_ns > self.params.max_imu_gap_s * 1e9:
+        if (
+            self._last_imu_ns is not None
+            and sample.stamp_ns - self._last_imu_ns > self.params.max_imu_gap_s * 1e9
+        ):
             self.imu_gaps += 1
         self._last_imu_ns = sample.stamp_ns
         if self._filter is None:
@@ -149,7 +166,9 @@ class Follower:
             good = bool(good and (np.diagonal(event.covariance_m) > 0.0).all())
             name = 'dvl'
         else:
-            good = bool(np.isfinite(event.depth) and np.isfinite(event.variance) and event.variance > 0.0)
+            good = bool(
+                np.isfinite(event.depth) and np.isfinite(event.variance) and event.variance > 0.0
+            )
             name = 'depth'
         if not good:
             reason = f'{name} or its covariance is not finite and positive'
@@ -211,7 +230,10 @@ class Follower:
         if (fix.source, fix.sequence) in self._seen:
             return Verdict.DUPLICATE, f'fix {fix.sequence} of {fix.source} came before'
         if fix.receive_ns - fix.validity_ns > self._max_delay_ns:
-            return Verdict.TOO_OLD, f'{_age(fix):.2f} s old, max_delay_s is {self.params.max_delay_s:.2f} s'
+            return (
+                Verdict.TOO_OLD,
+                f'{_age(fix):.2f} s old, max_delay_s is {self.params.max_delay_s:.2f} s',
+            )
         return None
 
     def _remember(self, fix: Fix) -> None:
@@ -232,7 +254,9 @@ class Follower:
     # -- outputs -----------------------------------------------------------------------------------------------
 
     def _diverge(self, why: str, stamp_ns: int) -> None:
-        self.divergence = f'{why} (at {stamp_ns * 1e-9:.3f} s); no estimates are published until a reset'
+        self.divergence = (
+            f'{why} (at {stamp_ns * 1e-9:.3f} s); no estimates are published until a reset'
+        )
         self._filter = None
         self._due_ns = None
 
@@ -256,7 +280,9 @@ class Follower:
             )
         return Receipt(stamp_ns, verdict, reason, event.topic, '', event.sequence, event.stamp_ns)
 
-    def _fix_receipt(self, fix: Fix, verdict: Verdict, reason: str, outcome: Outcome, steps: int) -> Receipt:
+    def _fix_receipt(
+        self, fix: Fix, verdict: Verdict, reason: str, outcome: Outcome, steps: int
+    ) -> Receipt:
         f = self._filter
         return Receipt(
             stamp_ns=fix.receive_ns,

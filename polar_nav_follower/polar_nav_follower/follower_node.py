@@ -17,6 +17,9 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 from nav_msgs.msg import Odometry
+from sensor_msgs.msg import Imu, NavSatFix
+from std_srvs.srv import Trigger
+
 from polar_nav_msgs.msg import AcousticPacket, Depth, Dvl, FixReceipt, LeaderBroadcast, NavState
 from polar_nav_msgs.msg import Command as CommandMsg
 from polar_nav_msgs.msg import InitialState as InitialStateMsg
@@ -24,8 +27,6 @@ from polar_nav_msgs.srv import SetInitialState
 from polar_nav_ros.diagnostics import Diagnosis, Level
 from polar_nav_ros.node import PolarNode, run
 from polar_nav_ros.stamps import to_msg, to_ns
-from sensor_msgs.msg import Imu, NavSatFix
-from std_srvs.srv import Trigger
 
 from . import convert, session
 from .events import CommandKind, Verdict
@@ -55,19 +56,29 @@ class FollowerNode(PolarNode):
         self.subscribe(AcousticPacket, session.PACKET, self._taker(session.PACKET))
         self.create_service(Trigger, '~/reset', self._on_reset)
         self.create_service(SetInitialState, '~/set_initial_state', self._on_set_initial_state)
-        self.get_logger().info(f'configuration {self.params.configuration}, {self._session.follower.configuration.doc}')
+        self.get_logger().info(
+            f'configuration {self.params.configuration}, {self._session.follower.configuration.doc}'
+        )
 
     def diagnose(self) -> Diagnosis:
         """Verdict counters, ages and what waits."""
         follower = self._session.follower
-        values: dict[str, object] = {v.name: follower.verdicts[v] for v in Verdict if follower.verdicts[v]}
+        values: dict[str, object] = {
+            v.name: follower.verdicts[v] for v in Verdict if follower.verdicts[v]
+        }
         values |= {f'fused_{k}': v for k, v in follower.fused.items()}
         values |= {f'gated_{k}': v for k, v in follower.gated.items()}
-        values |= {'imu_gaps': follower.imu_gaps, 'waiting': self._session.reorder.pending, **self.taken_counts()}
+        values |= {
+            'imu_gaps': follower.imu_gaps,
+            'waiting': self._session.reorder.pending,
+            **self.taken_counts(),
+        }
         if follower.divergence:
             return Diagnosis(Level.ERROR, follower.divergence, values)
         if not follower.navigating:
-            return Diagnosis(Level.WARN, 'no state yet: waits for IMU data or ~/set_initial_state', values)
+            return Diagnosis(
+                Level.WARN, 'no state yet: waits for IMU data or ~/set_initial_state', values
+            )
         if follower.verdicts[Verdict.TOO_LATE]:
             count = follower.verdicts[Verdict.TOO_LATE]
             return Diagnosis(Level.WARN, f'{count} messages came after reorder_window_s', values)
@@ -79,7 +90,11 @@ class FollowerNode(PolarNode):
         stamp_ns = self._session.reorder.newest_imu_ns
         if stamp_ns is not None:
             taken = self.taken_counts()
-            message = CommandMsg(kind=CommandMsg.SHUTDOWN, taken_topics=list(taken), taken_counts=list(taken.values()))
+            message = CommandMsg(
+                kind=CommandMsg.SHUTDOWN,
+                taken_topics=list(taken),
+                taken_counts=list(taken.values()),
+            )
             self._send(message, stamp_ns)
 
     def _taker(self, topic: str) -> Callable[[Any], None]:
@@ -108,7 +123,9 @@ class FollowerNode(PolarNode):
         """Put a service call into the order of events; why not, in a sentence, or empty."""
         stamp_ns = self._session.reorder.newest_imu_ns
         if stamp_ns is None:
-            return 'there was no IMU sample yet, so the command has no place in the order of events'
+            return (
+                'there was no IMU sample yet, so the command has no place in the order of events'
+            )
         message = CommandMsg(kind=int(kind), initial_state=initial)
         self._send(message, stamp_ns)
         self._publish(self._session.take(session.COMMAND, message))
@@ -128,7 +145,9 @@ class FollowerNode(PolarNode):
         if initial is None:
             response.message = f'sigma_position_horizontal is {request.initial_state.sigma_position_horizontal}: it must be positive'
         elif to_ns(request.initial_state.header.stamp):
-            response.message = 'header.stamp must be zero: the state is taken to hold with the next IMU sample'
+            response.message = (
+                'header.stamp must be zero: the state is taken to hold with the next IMU sample'
+            )
         else:
             response.message = convert.initial_problem(initial) or self._command(
                 CommandKind.SET_INITIAL_STATE, request.initial_state

@@ -44,7 +44,9 @@ class Reorder:
             yield self.follower.refuse(event, Verdict.TOO_LATE, reason, self.watermark_ns)
             return
         heapq.heappush(self._heap, (event.key, event))
-        if isinstance(event, ImuSample) and (self.newest_imu_ns is None or event.stamp_ns > self.newest_imu_ns):
+        if isinstance(event, ImuSample) and (
+            self.newest_imu_ns is None or event.stamp_ns > self.newest_imu_ns
+        ):
             self.newest_imu_ns = event.stamp_ns
             self.watermark_ns = event.stamp_ns - self._window_ns
             yield from self._release(self.watermark_ns)

@@ -6,9 +6,10 @@ import math
 
 import numpy as np
 from nav_msgs.msg import Odometry
+from sensor_msgs.msg import NavSatFix, NavSatStatus
+
 from polar_nav_core import attitude, grid
 from polar_nav_msgs.msg import NavState
-from sensor_msgs.msg import NavSatFix, NavSatStatus
 
 
 def odometry_of(state: NavState) -> Odometry:
@@ -25,7 +26,12 @@ def odometry_of(state: NavState) -> Odometry:
     odometry = Odometry(header=state.header, child_frame_id=state.child_frame_id)
     position, orientation = odometry.pose.pose.position, odometry.pose.pose.orientation
     position.x, position.y, position.z = (float(v) for v in state.r_e)
-    orientation.x, orientation.y, orientation.z, orientation.w = float(x), float(y), float(z), float(w)
+    orientation.x, orientation.y, orientation.z, orientation.w = (
+        float(x),
+        float(y),
+        float(z),
+        float(w),
+    )
     linear, angular = odometry.twist.twist.linear, odometry.twist.twist.angular
     linear.x, linear.y, linear.z = (float(v) for v in v_b)
     angular.x = angular.y = angular.z = math.nan

@@ -5,6 +5,7 @@ with them and with exact measurements must stay where the truth is.
 """
 
 import numpy as np
+
 from polar_nav_core import attitude, earth, grid
 from polar_nav_core.kernels import strapdown
 from polar_nav_follower.events import DepthSample, DvlPing, Fix, ImuSample
@@ -23,7 +24,11 @@ class World:
         self.n = n
         self.stamps = START_NS + IMU_NS * np.arange(n + 1)
         v_G = np.array(v_G, dtype=float)
-        r_e = earth.ecef_from_geodetic(np.deg2rad(lat_deg), np.deg2rad(lon_deg), height).astype(float).copy()
+        r_e = (
+            earth.ecef_from_geodetic(np.deg2rad(lat_deg), np.deg2rad(lon_deg), height)
+            .astype(float)
+            .copy()
+        )
         heading = np.arctan2(v_G[0], v_G[1])
         C_b_G = attitude.matrix_from_euler(np.pi / 2 - heading, 0.0, 0.0).copy()
         self.heading = heading
@@ -32,14 +37,24 @@ class World:
         v = v_G.copy()
         previous = np.zeros(3), np.zeros(3)
         for k in range(n):
-            wobble = np.array([0.02 * np.cos(0.9 * k * dt), 0.02 * np.cos(1.3 * k * dt), 0.01 * np.cos(0.7 * k * dt)])
+            wobble = np.array(
+                [
+                    0.02 * np.cos(0.9 * k * dt),
+                    0.02 * np.cos(1.3 * k * dt),
+                    0.01 * np.cos(0.7 * k * dt),
+                ]
+            )
             omega_ie_G, omega_eG_G = grid.earth_rate(r_e), grid.transport_rate(r_e, v)
             # Rate and force that keep the grid velocity: what a vehicle with a perfect autopilot would feel.
             omega_b = C_b_G.T @ (omega_ie_G + omega_eG_G) + wobble
-            f_G = np.array([0.0, 0.0, float(earth.gravity(r_e))]) + np.cross(2 * omega_ie_G + omega_eG_G, v)
+            f_G = np.array([0.0, 0.0, float(earth.gravity(r_e))]) + np.cross(
+                2 * omega_ie_G + omega_eG_G, v
+            )
             f_b = C_b_G.T @ (f_G + (v_G - v) * 2.0)
             increments = omega_b * dt, f_b * dt
-            strapdown.strapdown_step_uneven(C_b_G, v, r_e, *increments, *previous, dt, dt if k > 1 else 0.0)
+            strapdown.strapdown_step_uneven(
+                C_b_G, v, r_e, *increments, *previous, dt, dt if k > 1 else 0.0
+            )
             previous = increments
             self.omega.append(omega_b)
             self.f.append(f_b)
@@ -65,8 +80,7 @@ class World:
     def imu(self):
         """All IMU samples, as events."""
         return [
-            ImuSample(int(self.stamps[k + 1]), k, self.omega[k], self.f[k])
-            for k in range(self.n)
+            ImuSample(int(self.stamps[k + 1]), k, self.omega[k], self.f[k]) for k in range(self.n)
         ]
 
     def dvl(self, every=20, sigma=0.005, rng=None):
@@ -99,7 +113,17 @@ class World:
             receive = stamp + round(delay * 1e9)
             if receive <= int(self.stamps[-1]):
                 out.append(
-                    Fix(stamp, receive, receive, 'leader', i, i, i, self.r_e[k] + noise, sigma**2 * np.eye(3))
+                    Fix(
+                        stamp,
+                        receive,
+                        receive,
+                        'leader',
+                        i,
+                        i,
+                        i,
+                        self.r_e[k] + noise,
+                        sigma**2 * np.eye(3),
+                    )
                 )
             t += period_s
             i += 1

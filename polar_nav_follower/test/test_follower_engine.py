@@ -5,9 +5,18 @@ import dataclasses
 import numpy as np
 import pytest
 from closed_loop import START_NS, World, run
+
 from polar_nav_core import grid
 from polar_nav_core.errors import ConfigError
-from polar_nav_follower.events import Command, CommandKind, Estimate, Fix, ImuSample, Receipt, Verdict
+from polar_nav_follower.events import (
+    Command,
+    CommandKind,
+    Estimate,
+    Fix,
+    ImuSample,
+    Receipt,
+    Verdict,
+)
 from polar_nav_follower.follower import Follower
 from polar_nav_follower.params import CONFIGURATIONS, FollowerParams
 
@@ -59,7 +68,8 @@ def test_ignored_delay_costs_speed_times_delay_and_the_aware_filter_does_not_pay
 
 
 @pytest.mark.parametrize(
-    ('lat_deg', 'lon_deg'), [(80.0, 120.0), (89.9995, 179.999), (90.0, 0.0), (-90.0, 0.0), (-75.0, -180.0), (85.0, 180.0)]
+    ('lat_deg', 'lon_deg'),
+    [(80.0, 120.0), (89.9995, 179.999), (90.0, 0.0), (-90.0, 0.0), (-75.0, -180.0), (85.0, 180.0)],
 )
 def test_the_pole_and_the_date_line_are_ordinary_places(lat_deg, lon_deg):
     world = World(60.0, lat_deg, lon_deg)
@@ -103,7 +113,13 @@ def test_every_fix_gets_one_receipt_and_each_verdict_has_its_reason(world):
     nan = np.full(3, np.nan)
 
     def late_copy(i, **changes):
-        return dataclasses.replace(good, order=1000 + i, arrival=1000 + i, sequence=changes.pop('sequence', 5000 + i), **changes)
+        return dataclasses.replace(
+            good,
+            order=1000 + i,
+            arrival=1000 + i,
+            sequence=changes.pop('sequence', 5000 + i),
+            **changes,
+        )
 
     odd = [
         late_copy(0, sequence=good.sequence),
@@ -133,9 +149,14 @@ def test_every_fix_gets_one_receipt_and_each_verdict_has_its_reason(world):
 
 def test_refused_fixes_change_nothing(world):
     fixes = world.fixes(2.0, 3.0, rng=np.random.default_rng(4))
-    bad = [dataclasses.replace(f, r_e=f.r_e + 900.0, sequence=7000 + i, order=7000 + i) for i, f in enumerate(fixes[10:])]
+    bad = [
+        dataclasses.replace(f, r_e=f.r_e + 900.0, sequence=7000 + i, order=7000 + i)
+        for i, f in enumerate(fixes[10:])
+    ]
     clean = estimates(run(Follower(world.params(configuration='default')), sensors(world) + fixes))
-    dirty = estimates(run(Follower(world.params(configuration='default')), sensors(world) + fixes + bad))
+    dirty = estimates(
+        run(Follower(world.params(configuration='default')), sensors(world) + fixes + bad)
+    )
     assert np.array_equal(clean[-1].r_e, dirty[-1].r_e)
     assert np.array_equal(clean[-1].P, dirty[-1].P)
 
@@ -162,7 +183,9 @@ def test_reset_starts_again_from_the_given_state(world):
     out = run(Follower(world.params()), [*sensors(world), command])
     after = [e for e in estimates(out) if e.stamp_ns > at][0]
     assert after.stamp_ns == world.stamps[5001]
-    np.testing.assert_allclose(after.r_e, world.r_e[1], atol=1e-3)  # the parameters' state, not the present one
+    np.testing.assert_allclose(
+        after.r_e, world.r_e[1], atol=1e-3
+    )  # the parameters' state, not the present one
 
 
 def test_lost_definiteness_stops_the_estimates(world):
@@ -180,7 +203,12 @@ def test_lost_definiteness_stops_the_estimates(world):
 def test_a_configuration_is_what_its_name_says():
     assert CONFIGURATIONS['conventional_akf'].delay_handling == 'ignore'
     assert CONFIGURATIONS['modified_akf'].delay_handling == 'back_propagate'
-    params = FollowerParams(configuration='custom', delay_handling='ignore', noise_adaptation='none', gate_probability=0.99)
+    params = FollowerParams(
+        configuration='custom',
+        delay_handling='ignore',
+        noise_adaptation='none',
+        gate_probability=0.99,
+    )
     assert params.resolved().gate_probability == 0.99
 
 

@@ -7,6 +7,7 @@ import pytest
 from closed_loop import World, run
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
 from polar_nav_follower.events import Estimate, Receipt, Verdict
 from polar_nav_follower.follower import Follower
 from polar_nav_follower.reorder import Reorder
@@ -51,7 +52,9 @@ def same(a, b):
 def test_any_jitter_within_the_window_gives_the_same_bits(world, seed):
     events = events_of(world)
     shuffle = random.Random(seed)
-    arrivals = sorted(events, key=lambda e: (e.stamp_ns + shuffle.randrange(0, int(WINDOW_S * 0.99e9)), e.key))
+    arrivals = sorted(
+        events, key=lambda e: (e.stamp_ns + shuffle.randrange(0, int(WINDOW_S * 0.99e9)), e.key)
+    )
     _, out = live(world, arrivals)
     same(out, run(Follower(world.params()), events))
 
@@ -63,7 +66,9 @@ def test_what_comes_after_the_window_is_refused_with_numbers(world):
     at = next(i for i, e in enumerate(events) if e.stamp_ns > late.stamp_ns + 2 * WINDOW_S * 1e9)
     _, out = live(world, [*events[:at], late, *events[at:]])
     refused = [o for o in out if isinstance(o, Receipt) and o.verdict is Verdict.TOO_LATE]
-    assert [(r.topic, r.sequence, r.validity_ns) for r in refused] == [('dvl/data', late.sequence, late.stamp_ns)]
+    assert [(r.topic, r.sequence, r.validity_ns) for r in refused] == [
+        ('dvl/data', late.sequence, late.stamp_ns)
+    ]
     assert 'reorder window' in refused[0].reason
     without = [o for o in out if not (isinstance(o, Receipt) and o.verdict is Verdict.TOO_LATE)]
     same(without, run(Follower(world.params()), events))

@@ -29,5 +29,11 @@ class Diagnosis:
     def to_msg(self, name: str) -> DiagnosticArray:
         """Message with one status; the stamp is the publisher's business."""
         pairs = [KeyValue(key=str(k), value=str(v)) for k, v in self.values.items()]
-        status = DiagnosticStatus(level=bytes([self.level]), name=name, message=self.message, hardware_id='', values=pairs)
+        status = DiagnosticStatus(
+            level=bytes([self.level]),
+            name=name,
+            message=self.message,
+            hardware_id='',
+            values=pairs,
+        )
         return DiagnosticArray(status=[status])

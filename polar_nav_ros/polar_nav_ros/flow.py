@@ -53,10 +53,18 @@ class Flow:
         if ack.node not in self._taken:
             return False
         self._heard.add(ack.node)
-        self._published[ack.node] = dict(zip(ack.published_topics, map(int, ack.published_counts), strict=True))
-        self._pub_matched[ack.node] = dict(zip(ack.published_topics, map(int, ack.published_matched), strict=True))
-        self._taken[ack.node] = dict(zip(ack.taken_topics, map(int, ack.taken_counts), strict=True))
-        self._sub_matched[ack.node] = dict(zip(ack.taken_topics, map(int, ack.taken_matched), strict=True))
+        self._published[ack.node] = dict(
+            zip(ack.published_topics, map(int, ack.published_counts), strict=True)
+        )
+        self._pub_matched[ack.node] = dict(
+            zip(ack.published_topics, map(int, ack.published_matched), strict=True)
+        )
+        self._taken[ack.node] = dict(
+            zip(ack.taken_topics, map(int, ack.taken_counts), strict=True)
+        )
+        self._sub_matched[ack.node] = dict(
+            zip(ack.taken_topics, map(int, ack.taken_matched), strict=True)
+        )
         return True
 
     def own(self, published: Mapping[str, int], matched: Mapping[str, int] | None = None) -> None:
@@ -67,7 +75,9 @@ class Flow:
 
     def missing(self) -> list[str]:
         """Sentences on what is not there yet; empty when the graph is complete."""
-        absent = [f'{name} has not been heard' for name in sorted(self._taken) if name not in self._heard]
+        absent = [
+            f'{name} has not been heard' for name in sorted(self._taken) if name not in self._heard
+        ]
         if absent:
             return absent
         out = []
@@ -80,7 +90,9 @@ class Flow:
             for node in publishers:
                 have = (self._own_matched if node == '' else self._pub_matched[node]).get(topic, 0)
                 if have < len(subscribers):
-                    out.append(f'{node or "the truth"} sees {have} of {len(subscribers)} subscribers of {topic}')
+                    out.append(
+                        f'{node or "the truth"} sees {have} of {len(subscribers)} subscribers of {topic}'
+                    )
         return out
 
     def ready(self) -> bool:
@@ -102,7 +114,11 @@ class Flow:
         """Whether everything that was published has been taken by everyone who listens to it."""
         total = self.published()
         get = total.get
-        return all(count == get(topic, 0) for taken in self._taken.values() for topic, count in taken.items())
+        return all(
+            count == get(topic, 0)
+            for taken in self._taken.values()
+            for topic, count in taken.items()
+        )
 
     def published(self) -> dict[str, int]:
         """Messages published so far per topic, over all nodes."""

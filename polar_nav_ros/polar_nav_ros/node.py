@@ -12,9 +12,6 @@ from typing import Any, TypeVar
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from polar_nav_core.errors import ConfigError, PolarNavError
-from polar_nav_core.params import NodeParams, to_mapping
-from polar_nav_msgs.msg import LockstepAck
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -23,6 +20,10 @@ from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPo
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 from std_msgs.msg import String
+
+from polar_nav_core.errors import ConfigError, PolarNavError
+from polar_nav_core.params import NodeParams, to_mapping
+from polar_nav_msgs.msg import LockstepAck
 
 from .diagnostics import Diagnosis
 from .parameters import load
@@ -70,7 +71,11 @@ class CountedPublisher:
 
     def flush(self, timeout_s: float) -> bool:
         """Wait until every reader has acknowledged everything."""
-        return bool(self._publisher.wait_for_all_acked(rclpy.duration.Duration(nanoseconds=int(timeout_s * 1e9))))
+        return bool(
+            self._publisher.wait_for_all_acked(
+                rclpy.duration.Duration(nanoseconds=int(timeout_s * 1e9))
+            )
+        )
 
 
 class _Input:
@@ -119,7 +124,9 @@ class PolarNode(Node):  # type: ignore[misc]
         if self._acks is not None:
             self.create_timer(_HEARTBEAT_S, self.acknowledge, clock=_STEADY)
 
-    def advertise(self, msg_type: type[Any], topic: str, qos: QoSProfile = DATA_QOS) -> CountedPublisher:
+    def advertise(
+        self, msg_type: type[Any], topic: str, qos: QoSProfile = DATA_QOS
+    ) -> CountedPublisher:
         """Counted publisher on ``topic``."""
         output = CountedPublisher(self.create_publisher(msg_type, topic, qos))
         self._outputs.append(output)

@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import fields
 from typing import Any, TypeVar
 
-from polar_nav_core.errors import ConfigError
-from polar_nav_core.params import NodeParams, from_mapping
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.node import Node
+
+from polar_nav_core.errors import ConfigError
+from polar_nav_core.params import NodeParams, from_mapping
 
 T = TypeVar('T', bound=NodeParams)
 
@@ -27,10 +28,16 @@ def load(node: Node, cls: type[T]) -> T:
     """
     known = {f.name for f in fields(cls)}
     # The overrides a node was started with stand in a private attribute only; undeclared ones are otherwise silent.
-    given = [name for name in node._parameter_overrides if name not in known and not name.startswith(_RCLPY_OWN)]  # noqa: SLF001
+    given = [
+        name
+        for name in node._parameter_overrides
+        if name not in known and not name.startswith(_RCLPY_OWN)
+    ]
     unknown = [name for name in given if not name.startswith('qos_overrides.')]
     if unknown:
-        raise ConfigError(f'unknown parameter {unknown[0]}; {node.get_name()} has {", ".join(sorted(known))}')
+        raise ConfigError(
+            f'unknown parameter {unknown[0]}; {node.get_name()} has {", ".join(sorted(known))}'
+        )
     values: dict[str, Any] = {}
     for f in fields(cls):
         default = list(f.default) if isinstance(f.default, tuple) else f.default
@@ -39,8 +46,14 @@ def load(node: Node, cls: type[T]) -> T:
         try:
             value = node.declare_parameter(f.name, default, _descriptor(f.metadata)).value
         except (InvalidParameterTypeException, InvalidParameterValueException) as error:
-            given_value = node._parameter_overrides[f.name].value if f.name in node._parameter_overrides else default  # noqa: SLF001
-            raise ConfigError(f'parameter {f.name}: {given_value!r} is refused: {_expected(f.metadata)}') from error
+            given_value = (
+                node._parameter_overrides[f.name].value
+                if f.name in node._parameter_overrides
+                else default
+            )
+            raise ConfigError(
+                f'parameter {f.name}: {given_value!r} is refused: {_expected(f.metadata)}'
+            ) from error
         if f.metadata['kind'] == 'strs':
             value = [v for v in value if v]
         values[f.name] = list(value) if f.metadata['kind'] in ('floats', 'strs') else value
@@ -61,9 +74,13 @@ def _descriptor(meta: dict[str, Any]) -> ParameterDescriptor:
     unit = f' [{meta["unit"]}]' if meta['unit'] else ''
     about = ParameterDescriptor(description=meta['doc'] + unit, read_only=True)
     if meta['kind'] == 'float':
-        about.floating_point_range = [FloatingPointRange(from_value=float(meta['lo']), to_value=float(meta['hi']), step=0.0)]
+        about.floating_point_range = [
+            FloatingPointRange(from_value=float(meta['lo']), to_value=float(meta['hi']), step=0.0)
+        ]
     elif meta['kind'] == 'int':
-        about.integer_range = [IntegerRange(from_value=int(meta['lo']), to_value=int(meta['hi']), step=1)]
+        about.integer_range = [
+            IntegerRange(from_value=int(meta['lo']), to_value=int(meta['hi']), step=1)
+        ]
     elif 'options' in meta:
         about.additional_constraints = 'one of ' + ', '.join(meta['options'])
     return about

@@ -80,5 +80,7 @@ def test_counts_of_all_publishers_of_a_topic_add_up():
 
 def test_strangers_are_not_waited_for():
     flow = ready_flow()
-    assert not flow.update(Ack('/stranger', taken_topics=['/f/truth'], taken_counts=[0], taken_matched=[1]))
+    assert not flow.update(
+        Ack('/stranger', taken_topics=['/f/truth'], taken_counts=[0], taken_matched=[1])
+    )
     assert flow.settled()

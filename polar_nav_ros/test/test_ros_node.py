@@ -10,16 +10,17 @@ import pytest
 
 rclpy = pytest.importorskip('rclpy')
 
+from rclpy.executors import SingleThreadedExecutor  # noqa: E402
+from rclpy.parameter import Parameter  # noqa: E402
+from rclpy.serialization import serialize_message  # noqa: E402
+from std_msgs.msg import String  # noqa: E402
+
 from polar_nav_core.errors import ConfigError  # noqa: E402
 from polar_nav_core.params import NodeParams, param  # noqa: E402
 from polar_nav_msgs.msg import Depth, LockstepAck  # noqa: E402
 from polar_nav_ros import node as ros_node  # noqa: E402
 from polar_nav_ros.node import DATA_QOS, LATCHED_QOS, PolarNode  # noqa: E402
 from polar_nav_ros.stamps import stamp_ns_of_cdr, to_msg, to_ns  # noqa: E402
-from rclpy.executors import SingleThreadedExecutor  # noqa: E402
-from rclpy.parameter import Parameter  # noqa: E402
-from rclpy.serialization import serialize_message  # noqa: E402
-from std_msgs.msg import String  # noqa: E402
 
 
 @dataclass(frozen=True)
@@ -63,7 +64,10 @@ def test_takes_everything_publishes_and_acknowledges():
     executor = SingleThreadedExecutor()
     executor.add_node(echo)
     executor.add_node(peer)
-    spin_until(executor, lambda: acks and acks[-1].taken_matched[0] == 1 and acks[-1].published_matched[0] == 1)
+    spin_until(
+        executor,
+        lambda: acks and acks[-1].taken_matched[0] == 1 and acks[-1].published_matched[0] == 1,
+    )
     for i in range(500):
         source.publish(Depth(depth=float(i)))
     spin_until(executor, lambda: len(got) == 500 and acks[-1].taken_counts[0] == 500)
@@ -78,7 +82,11 @@ def test_takes_everything_publishes_and_acknowledges():
 
 @pytest.mark.parametrize(
     ('name', 'value', 'says'),
-    [('gian', 1.0, 'unknown parameter gian'), ('gain', 11.0, 'gain.*11.0'), ('gain', 3, 'write 5.0, not 5')],
+    [
+        ('gian', 1.0, 'unknown parameter gian'),
+        ('gain', 11.0, 'gain.*11.0'),
+        ('gain', 3, 'write 5.0, not 5'),
+    ],
 )
 def test_a_bad_parameter_is_named(name, value, says):
     with pytest.raises(ConfigError, match=says):
@@ -115,7 +123,11 @@ def test_run_gives_exit_codes():
 
     here = str(Path(__file__).parent)
     bad = subprocess.run(
-        [sys.executable, '-c', code, here, '--ros-args', '-p', 'gain:=99.0'], capture_output=True, text=True, timeout=60, check=False
+        [sys.executable, '-c', code, here, '--ros-args', '-p', 'gain:=99.0'],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
     )
     assert bad.returncode == 2
     assert 'gain' in bad.stderr

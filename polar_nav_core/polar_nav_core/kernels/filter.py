@@ -8,11 +8,16 @@ diagonal below, which the products here make use of. No function allocates; scra
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from ..arrays import Array
 from .cache import kernel
 from .error_model import fill_system_matrix
+
+Ints = NDArray[np.int64]
 
 N = 24
 NAV = 9
@@ -24,7 +29,18 @@ USBL = 21
 
 
 @kernel
-def fill_transition(Phi, F15, r_e, v_G, C_b_G, omega_ib_b, f_b, dt, tau_markov, tau_usbl):
+def fill_transition(
+    Phi: Array,
+    F15: Array,
+    r_e: Array,
+    v_G: Array,
+    C_b_G: Array,
+    omega_ib_b: Array,
+    f_b: Array,
+    dt: float,
+    tau_markov: float,
+    tau_usbl: float,
+) -> None:
     """Phi = I + F dt + (F dt)^2/2 for one filter step; exact exponentials for the Markov blocks.
 
     Parameters
@@ -58,7 +74,7 @@ def fill_transition(Phi, F15, r_e, v_G, C_b_G, omega_ib_b, f_b, dt, tau_markov, 
 
 
 @kernel
-def predict(P, Phi, q, M):
+def predict(P: Array, Phi: Array, q: Array, M: Array) -> None:
     """P <- Phi P Phi^T + diag(q), symmetric to the bit.
 
     Parameters
@@ -94,7 +110,7 @@ def predict(P, Phi, q, M):
 
 
 @kernel
-def innovation_covariance(S, PHt, P, H, R, m):
+def innovation_covariance(S: Array, PHt: Array, P: Array, H: Array, R: Array, m: int) -> None:
     """PHt = P H^T and S = H P H^T + R for the first m rows."""
     for i in range(N):
         for a in range(m):
@@ -116,7 +132,7 @@ def innovation_covariance(S, PHt, P, H, R, m):
 
 
 @kernel
-def cholesky(L, A, n):
+def cholesky(L: Array, A: Array, n: int) -> bool:
     """Lower Cholesky factor of the leading n x n block; False when it is not positive definite or not finite."""
     for i in range(n):
         for j in range(i + 1):
@@ -133,7 +149,7 @@ def cholesky(L, A, n):
 
 
 @kernel
-def nis_of(L, z, w, m):
+def nis_of(L: Array, z: Array, w: Array, m: int) -> float:
     """z^T S^-1 z from the Cholesky factor L of S; w is scratch of length m."""
     total = 0.0
     for a in range(m):
@@ -146,7 +162,18 @@ def nis_of(L, z, w, m):
 
 
 @kernel
-def update(P, x, H, R, z, m, K, PHt, L, A):
+def update(
+    P: Array,
+    x: Array,
+    H: Array,
+    R: Array,
+    z: Array,
+    m: int,
+    K: Array,
+    PHt: Array,
+    L: Array,
+    A: Array,
+) -> None:
     """Kalman update with Joseph's form; x <- K z.
 
     P <- (I - K H) P (I - K H)^T + K R K^T with K = P H^T S^-1. PHt and L come from :func:`innovation_covariance`
@@ -207,7 +234,7 @@ def update(P, x, H, R, z, m, K, PHt, L, A):
 
 
 @kernel
-def rows_times_inverse(X, Phi, m, LU, pivot):
+def rows_times_inverse(X: Array, Phi: Array, m: int, LU: Array, pivot: Ints) -> None:
     """X <- X Phi^-1 for m rows, by the block structure of Phi.
 
     With Phi = [[A, B], [0, D]]: X1 A = H1 and X2 = (H2 - X1 B) / D. A (9 x 9) is factored with partial pivoting.
@@ -260,7 +287,20 @@ def rows_times_inverse(X, Phi, m, LU, pivot):
 
 
 @kernel
-def walk_forward(X, z, m, Phis, first, last, corrections, correction_steps, begin, end, LU, pivot):
+def walk_forward(
+    X: Array,
+    z: Array,
+    m: int,
+    Phis: Array,
+    first: int,
+    last: int,
+    corrections: Array,
+    correction_steps: Ints,
+    begin: int,
+    end: int,
+    LU: Array,
+    pivot: Ints,
+) -> None:
     """Bring rows and innovation of a late measurement from its own time to now.
 
     The rows become H Phi(k, s)^-1 and the innovation is referred to the estimate as it is now: each correction c that
@@ -296,7 +336,17 @@ def walk_forward(X, z, m, Phis, first, last, corrections, correction_steps, begi
 
 
 @kernel
-def feed_back(x, C_b_G, v_G, r_e, b_gyro_b, b_accel_b, dvl_scale_m, dvl_markov_m, usbl_bias_a):
+def feed_back(
+    x: Array,
+    C_b_G: Array,
+    v_G: Array,
+    r_e: Array,
+    b_gyro_b: Array,
+    b_accel_b: Array,
+    dvl_scale_m: Array,
+    dvl_markov_m: Array,
+    usbl_bias_a: Array,
+) -> None:
     """Take the estimated error x out of the navigation state (closed loop).
 
     C <- exp([phi x]) C, v <- v - dv, r <- r - dr; the sensor errors are estimates of errors, so theirs is added.
@@ -336,7 +386,7 @@ def feed_back(x, C_b_G, v_G, r_e, b_gyro_b, b_accel_b, dvl_scale_m, dvl_markov_m
         usbl_bias_a[k] += x[21 + k]
 
 
-def scratch() -> dict[str, np.ndarray]:
+def scratch() -> dict[str, Any]:
     """Work arrays of one filter, by the names that the kernels use."""
     return {
         'F15': np.zeros((COUPLED, COUPLED)),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from ..arrays import Array
 from .cache import kernel
 from .earth import up_and_height
 from .grid import fill_C_e_G, fill_rates
@@ -9,7 +10,19 @@ from .strapdown import strapdown_step_uneven
 
 
 @kernel
-def imu_step(C_b_G, v_G, r_e, b_gyro_b, b_accel_b, omega_ib_b, f_b, increments, dt, dt_prev, sums):
+def imu_step(
+    C_b_G: Array,
+    v_G: Array,
+    r_e: Array,
+    b_gyro_b: Array,
+    b_accel_b: Array,
+    omega_ib_b: Array,
+    f_b: Array,
+    increments: Array,
+    dt: float,
+    dt_prev: float,
+    sums: Array,
+) -> None:
     """Advance the navigation state by one sample of mean rate and mean specific force, biases taken out.
 
     Parameters
@@ -39,14 +52,16 @@ def imu_step(C_b_G, v_G, r_e, b_gyro_b, b_accel_b, omega_ib_b, f_b, increments, 
             sums[i, j] += C_b_G[i, j] * half
         # At the end of the interval: half a sample late, which the mean over a filter step hardly sees.
         sums[3, i] += (
-            C_b_G[i, 0] * increments[1, 0] + C_b_G[i, 1] * increments[1, 1] + C_b_G[i, 2] * increments[1, 2]
+            C_b_G[i, 0] * increments[1, 0]
+            + C_b_G[i, 1] * increments[1, 1]
+            + C_b_G[i, 2] * increments[1, 2]
         )
         sums[4, i] += increments[0, i]
     sums[5, 0] += dt
 
 
 @kernel
-def take_means(sums, C_mean, f_b, omega_b):
+def take_means(sums: Array, C_mean: Array, f_b: Array, omega_b: Array) -> None:
     """Means over the filter step from ``sums``, which is cleared: attitude matrix, specific force, rate.
 
     f_b is such that C_mean f_b is the mean specific force in grid axes: C_mean is orthogonal but for the square of the
@@ -68,7 +83,18 @@ def take_means(sums, C_mean, f_b, omega_b):
 
 
 @kernel
-def place(r_e, v_G, C_b_G, lever_b, C_e_G, omega_ie_G, omega_eG_G, lever_G, point_e, velocity_e):
+def place(
+    r_e: Array,
+    v_G: Array,
+    C_b_G: Array,
+    lever_b: Array,
+    C_e_G: Array,
+    omega_ie_G: Array,
+    omega_eG_G: Array,
+    lever_G: Array,
+    point_e: Array,
+    velocity_e: Array,
+) -> float:
     """Frames at a navigation state: C_e_G, rates, and ECEF position and velocity of a point on the vehicle; the height.
 
     Returns
@@ -82,7 +108,9 @@ def place(r_e, v_G, C_b_G, lever_b, C_e_G, omega_ie_G, omega_eG_G, lever_G, poin
     for i in range(3):
         lever_G[i] = C_b_G[i, 0] * lever_b[0] + C_b_G[i, 1] * lever_b[1] + C_b_G[i, 2] * lever_b[2]
     for i in range(3):
-        point_e[i] = r_e[i] + C_e_G[0, i] * lever_G[0] + C_e_G[1, i] * lever_G[1] + C_e_G[2, i] * lever_G[2]
+        point_e[i] = (
+            r_e[i] + C_e_G[0, i] * lever_G[0] + C_e_G[1, i] * lever_G[1] + C_e_G[2, i] * lever_G[2]
+        )
         # Velocity of base_link: the lever turns by less than a centimetre in the interval this is used for.
         velocity_e[i] = C_e_G[0, i] * v_G[0] + C_e_G[1, i] * v_G[1] + C_e_G[2, i] * v_G[2]
     return height

@@ -6,6 +6,7 @@ the part of the error that the estimate does not know yet. z = H x + noise.
 
 from __future__ import annotations
 
+from ..arrays import Array
 from .cache import kernel
 
 PHI = 0
@@ -18,14 +19,14 @@ USBL = 21
 
 
 @kernel
-def _clear(H, m):
+def _clear(H: Array, m: int) -> None:
     for a in range(m):
         for k in range(24):
             H[a, k] = 0.0
 
 
 @kernel
-def _rotate_covariance(R, C, Rm):
+def _rotate_covariance(R: Array, C: Array, Rm: Array) -> None:
     """R = C Rm C^T for 3 x 3."""
     for i in range(3):
         for j in range(i + 1):
@@ -38,7 +39,23 @@ def _rotate_covariance(R, C, Rm):
 
 
 @kernel
-def dvl_rows(H, R, z, C_m_G, C_b_G, v_G, omega_ib_b, omega_ie_G, b_gyro_b, scale_m, markov_m, v_m, R_m, C_m_b, lever_b):
+def dvl_rows(
+    H: Array,
+    R: Array,
+    z: Array,
+    C_m_G: Array,
+    C_b_G: Array,
+    v_G: Array,
+    omega_ib_b: Array,
+    omega_ie_G: Array,
+    b_gyro_b: Array,
+    scale_m: Array,
+    markov_m: Array,
+    v_m: Array,
+    R_m: Array,
+    C_m_b: Array,
+    lever_b: Array,
+) -> None:
     """DVL velocity over ground, resolved with the estimated attitude.
 
     z = v_G - C_b_G (C_m_b (v_m - markov)/(1 + scale) - omega_eb x lever); the block -[V x] on phi is what makes
@@ -76,7 +93,11 @@ def dvl_rows(H, R, z, C_m_G, C_b_G, v_G, omega_ib_b, omega_ie_G, b_gyro_b, scale
     lever_velocity_b1 = w2 * l0 - w0 * l2
     lever_velocity_b2 = w0 * l1 - w1 * l0
     for i in range(3):
-        s = -(C_b_G[i, 0] * lever_velocity_b0 + C_b_G[i, 1] * lever_velocity_b1 + C_b_G[i, 2] * lever_velocity_b2)
+        s = -(
+            C_b_G[i, 0] * lever_velocity_b0
+            + C_b_G[i, 1] * lever_velocity_b1
+            + C_b_G[i, 2] * lever_velocity_b2
+        )
         for k in range(3):
             gain = 1.0 / (1.0 + scale_m[k])
             corrected = (v_m[k] - markov_m[k]) * gain
@@ -102,7 +123,17 @@ def dvl_rows(H, R, z, C_m_G, C_b_G, v_G, omega_ib_b, omega_ie_G, b_gyro_b, scale
 
 
 @kernel
-def depth_rows(H, R, z, C_e_G, C_b_G, height, measured_height, variance, lever_b):
+def depth_rows(
+    H: Array,
+    R: Array,
+    z: Array,
+    C_e_G: Array,
+    C_b_G: Array,
+    height: float,
+    measured_height: float,
+    variance: float,
+    lever_b: Array,
+) -> None:
     """Height of the pressure sensor: z = h + (C_b_G lever)_up - measured_height, one row."""
     _clear(H, 1)
     L0 = C_b_G[0, 0] * lever_b[0] + C_b_G[0, 1] * lever_b[1] + C_b_G[0, 2] * lever_b[2]
@@ -117,8 +148,19 @@ def depth_rows(H, R, z, C_e_G, C_b_G, height, measured_height, variance, lever_b
 
 
 @kernel
-def fix_rows(H, R, z, C_e_G, lever_G, r_e, measured_r_e, R_e, C_a_G):
-    """Position of the transponder: z = C_e_G (r_e - measured_r_e), three rows in grid axes.
+def fix_rows(
+    H: Array,
+    R: Array,
+    z: Array,
+    C_e_G: Array,
+    lever_G: Array,
+    r_e: Array,
+    measured_r_e: Array,
+    R_e: Array,
+    C_a_G: Array,
+    usbl_bias_a: Array,
+) -> None:
+    """Position of the transponder: z = C_e_G (r_e - measured_r_e) + C_a_G usbl_bias_a, grid axes.
 
     Parameters
     ----------
@@ -128,6 +170,7 @@ def fix_rows(H, R, z, C_e_G, lever_G, r_e, measured_r_e, R_e, C_a_G):
     r_e : (3,) estimated position of the transponder at the time of validity, ECEF [m]
     measured_r_e, R_e : (3,), (3, 3) the fix, ECEF
     C_a_G : (3, 3) USBL array axes to grid; all zero while the USBL bias is not estimated
+    usbl_bias_a : (3,) estimated USBL error, array axes [m]
     """
     _clear(H, 3)
     for i in range(3):
@@ -135,6 +178,7 @@ def fix_rows(H, R, z, C_e_G, lever_G, r_e, measured_r_e, R_e, C_a_G):
         for k in range(3):
             s += C_e_G[i, k] * (r_e[k] - measured_r_e[k])
             H[i, DR + k] = C_e_G[i, k]
+            s += C_a_G[i, k] * usbl_bias_a[k]
             H[i, USBL + k] = -C_a_G[i, k]
         z[i] = s
     # Chat lever = C lever - phi x (C lever) = C lever + [lever_G x] phi

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+
 from polar_nav_core.kernels import filter_rows
 
 from ..events import Array, Fix
@@ -29,7 +30,16 @@ _NO_BIAS = np.zeros((3, 3))
 def _rows(f: NavigationFilter, fix: Fix, epoch: Epoch, stamp_ns: int) -> None:
     point_e: Array = epoch.point_e + epoch.velocity_e * ((stamp_ns - epoch.stamp_ns) * 1e-9)
     filter_rows.fix_rows(
-        f.H, f.R, f.z, f.C_e_G, epoch.lever_G, point_e, fix.r_e, fix.covariance_e, array_axes(f, fix)
+        f.H,
+        f.R,
+        f.z,
+        f.C_e_G,
+        epoch.lever_G,
+        point_e,
+        fix.r_e,
+        fix.covariance_e,
+        array_axes(f, fix),
+        f.usbl_bias_a,
     )
 
 
@@ -45,7 +55,9 @@ def array_axes(f: NavigationFilter, fix: Fix) -> Array:
 def ignore(f: NavigationFilter, fix: Fix, _epoch: Epoch) -> Prepared:
     """Take the fix as the position now: the conventional filter, off by speed times delay."""
     now = f.history.newest()
-    current = Epoch(now.stamp_ns, f.point_e, f.velocity_e, f.lever_G, now.step, f.history.correction)
+    current = Epoch(
+        now.stamp_ns, f.point_e, f.velocity_e, f.lever_G, now.step, f.history.correction
+    )
     _rows(f, fix, current, fix.receive_ns)
     return Prepared(0)
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
 from polar_nav_core.kernels.filter import N
 
 from ..events import Array
@@ -53,7 +54,9 @@ class History:
         Most corrections a second; with more of them the history just reaches less far back.
     """
 
-    def __init__(self, length_s: float, imu_period_s: float, step_s: float, corrections_per_s: float) -> None:
+    def __init__(
+        self, length_s: float, imu_period_s: float, step_s: float, corrections_per_s: float
+    ) -> None:
         epochs = int(length_s / imu_period_s) + 2
         self._stamps = np.zeros(epochs, dtype=np.int64)
         self._points = np.zeros((epochs, 3))
@@ -112,7 +115,9 @@ class History:
             else:
                 high = middle - 1
         epoch = self._epoch(low)
-        if self.step - epoch.step >= len(self.transitions) or self.correction - epoch.correction > len(self.corrections):
+        if self.step - epoch.step >= len(
+            self.transitions
+        ) or self.correction - epoch.correction > len(self.corrections):
             return None
         return epoch
 

@@ -10,11 +10,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.stats import chi2
+
 from polar_nav_core import attitude, earth, grid
 from polar_nav_core.errors import FilterDivergence
 from polar_nav_core.kernels import filter as kf
 from polar_nav_core.kernels import filter_imu, filter_rows
-from scipy.stats import chi2
 
 from ..events import Array, DepthSample, DvlPing, ImuSample, InitialState
 from ..params import FollowerParams
@@ -70,10 +71,14 @@ class NavigationFilter:
 
     def _set_state(self, s: InitialState) -> None:
         p = self._p
-        self.r_e = np.ascontiguousarray(earth.ecef_from_geodetic(s.latitude, s.longitude, s.height), dtype=np.float64)
+        self.r_e = np.ascontiguousarray(
+            earth.ecef_from_geodetic(s.latitude, s.longitude, s.height), dtype=np.float64
+        )
         self.v_G = np.array(s.v_G, dtype=np.float64)
         psi = 0.5 * math.pi - s.grid_heading
-        self.C_b_G = np.ascontiguousarray(attitude.matrix_from_euler(psi, s.pitch, s.roll), dtype=np.float64)
+        self.C_b_G = np.ascontiguousarray(
+            attitude.matrix_from_euler(psi, s.pitch, s.roll), dtype=np.float64
+        )
         self.b_gyro_b = np.zeros(3)
         self.b_accel_b = np.zeros(3)
         self.dvl_scale_m = np.zeros(3)
@@ -109,7 +114,9 @@ class NavigationFilter:
         self._lever_dvl_b = np.array(self._p.dvl_lever_b)
         self._lever_depth_b = np.array(self._p.depth_lever_b)
         roll, pitch, yaw = (math.radians(a) for a in self._p.dvl_rpy_deg)
-        self._C_m_b = np.ascontiguousarray(attitude.matrix_from_euler(yaw, pitch, roll), dtype=np.float64)
+        self._C_m_b = np.ascontiguousarray(
+            attitude.matrix_from_euler(yaw, pitch, roll), dtype=np.float64
+        )
         self._C_m_G = np.zeros((3, 3))
         self._C_mean = np.zeros((3, 3))
         self._f_mean = np.zeros(3)
@@ -182,7 +189,9 @@ class NavigationFilter:
         self.dvl_markov_m *= decay
         if tau_usbl:
             self.usbl_bias_a *= math.exp(-dt / tau_usbl)
-        if not kf.cholesky(w['LP'], self.P, self._active) or not math.isfinite(float(np.sum(self.r_e + self.v_G))):
+        if not kf.cholesky(w['LP'], self.P, self._active) or not math.isfinite(
+            float(np.sum(self.r_e + self.v_G))
+        ):
             raise FilterDivergence('the covariance of the filter is no longer positive definite')
 
     def _process_noise(self, dt: float) -> Array:

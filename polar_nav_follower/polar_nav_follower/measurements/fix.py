@@ -7,6 +7,7 @@ p_F(t3) = p_L(t4) + C_G_e(leader) r_lf_G, with the covariances of both.
 from __future__ import annotations
 
 import numpy as np
+
 from polar_nav_core import grid
 from polar_nav_core.packet import Broadcast, PacketError, decode
 
@@ -20,18 +21,28 @@ _NO_COVARIANCE = np.full((3, 3), np.nan)
 def position_of(b: Broadcast) -> tuple[Array, Array]:
     """Position of the transponder at t3 and its covariance, ECEF, (3,) [m] and (3, 3) [m^2]."""
     C_e_G = grid.ecef_to_grid(b.leader_r_e)
-    covariance_G = b.r_lf_covariance_G + np.diag([b.leader_sigma_horizontal**2] * 2 + [b.leader_sigma_vertical**2])
+    covariance_G = b.r_lf_covariance_G + np.diag(
+        [b.leader_sigma_horizontal**2] * 2 + [b.leader_sigma_vertical**2]
+    )
     r_e = b.leader_r_e + np.einsum('ji,j->i', C_e_G, b.r_lf_G)
     covariance_e = np.einsum('ki,kl,lj->ij', C_e_G, covariance_G, C_e_G)
     return r_e, 0.5 * (covariance_e + covariance_e.T)
 
 
 def fix_from_packet(
-    data: bytes, source: str, order: int, arrival: int, transmit_ns: int, receive_ns: int, params: FollowerParams
+    data: bytes,
+    source: str,
+    order: int,
+    arrival: int,
+    transmit_ns: int,
+    receive_ns: int,
+    params: FollowerParams,
 ) -> tuple[Fix, Broadcast | None]:
     """Read the bytes of a received packet; the fix says why when they hold none for this vehicle."""
 
-    def refused(verdict: Verdict, reason: str, b: Broadcast | None = None) -> tuple[Fix, Broadcast | None]:
+    def refused(
+        verdict: Verdict, reason: str, b: Broadcast | None = None
+    ) -> tuple[Fix, Broadcast | None]:
         fix = Fix(
             validity_ns=b.validity_ns if b else 0,
             transmit_ns=transmit_ns,
@@ -52,11 +63,19 @@ def fix_from_packet(
     except PacketError as error:
         return refused(Verdict.BAD_CRC if error.damaged else Verdict.BAD_FORMAT, str(error))
     if b.source != params.leader_id:
-        return refused(Verdict.UNKNOWN_SOURCE, f'sent by vehicle {b.source}, the leader is {params.leader_id}', b)
+        return refused(
+            Verdict.UNKNOWN_SOURCE,
+            f'sent by vehicle {b.source}, the leader is {params.leader_id}',
+            b,
+        )
     if b.target != params.own_id:
-        return refused(Verdict.UNKNOWN_SOURCE, f'meant for vehicle {b.target}, this is {params.own_id}', b)
+        return refused(
+            Verdict.UNKNOWN_SOURCE, f'meant for vehicle {b.target}, this is {params.own_id}', b
+        )
     if not np.isfinite(b.leader_r_e).all() or not np.linalg.norm(b.leader_r_e) > 6.0e6:
-        return refused(Verdict.NOT_FINITE, f'the leader is not on the Earth: ECEF {b.leader_r_e} m', b)
+        return refused(
+            Verdict.NOT_FINITE, f'the leader is not on the Earth: ECEF {b.leader_r_e} m', b
+        )
     r_e, covariance_e = position_of(b)
     fix = Fix(
         validity_ns=b.validity_ns,

@@ -1,0 +1,167 @@
+"""From what the array heard and where the leader was to the content of a packet (design: the walk of one fix).
+
+The fix is the follower's transponder at t3, seen from the leader's pose at t4:
+p_F(t3) = p_L(t4) + C_b_G(t4) (lever + C_a_b p_a), in the leader's grid axes.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from polar_nav_core import attitude, earth, usbl
+from polar_nav_core.packet import Broadcast
+
+from .params import LeaderParams
+from .states import LeaderState
+
+Array = NDArray[np.float64]
+
+
+class Unusable(ValueError):
+    """A measurement that no fix can be made of; the text says why."""
+
+
+@dataclass(frozen=True)
+class ArrayMeasurement:
+    """What polar_nav_msgs/UsblFix says, in SI units.
+
+    Attributes
+    ----------
+    ping_ns, validity_ns, return_ns : int
+        t1, t3 as the instrument dates it, t4.
+    turn_around, round_trip : float
+        t3 - t2 and t4 - t1 [s].
+    range_variance : float
+        [m^2]
+    direction_a : (3,) array
+        Unit vector at t4, array axes.
+    cosine_covariance : (2, 2) array
+        Of its x and y components.
+    target_depth, target_depth_variance : float
+        What the transponder told [m], [m^2]; NaN: nothing.
+    """
+
+    target: str
+    sequence: int
+    ping_ns: int
+    validity_ns: int
+    return_ns: int
+    turn_around: float
+    round_trip: float
+    range_variance: float
+    direction_a: Array
+    cosine_covariance: Array
+    sound_speed: float
+    target_depth: float
+    target_depth_variance: float
+
+
+@dataclass(frozen=True)
+class Mounting:
+    """Where the array stands on the leader: lever arm [m] and C_a_b."""
+
+    lever_b: Array
+    C_a_b: Array
+
+    @classmethod
+    def of(cls, lever_b: tuple[float, ...], rpy_deg: tuple[float, ...]) -> Mounting:
+        """Build it from a lever arm and roll, pitch, yaw in degrees."""
+        roll, pitch, yaw = (math.radians(a) for a in rpy_deg)
+        return cls(np.array(lever_b, dtype=np.float64), attitude.matrix_from_euler(yaw, pitch, roll))
+
+
+def make_broadcast(
+    m: ArrayMeasurement,
+    at_ping: LeaderState,
+    at_return: LeaderState,
+    mounting: Mounting,
+    params: LeaderParams,
+) -> Broadcast:
+    """Join a measurement with the leader's own state.
+
+    Parameters
+    ----------
+    m : ArrayMeasurement
+        What the array heard.
+    at_ping, at_return : LeaderState
+        The leader at t1 and t4.
+    mounting : Mounting
+        Of the array.
+    params : LeaderParams
+        Identities and the height of the sea surface.
+
+    Raises
+    ------
+    Unusable
+        When the numbers fit no geometry.
+    """
+    C_e_G = at_return.C_e_G
+    C_b_G = C_e_G @ at_return.C_b_e
+    C_a_e = at_return.C_b_e @ mounting.C_a_b
+    moved_e = _array_position(at_return, mounting) - _array_position(at_ping, mounting)
+    half_path = 0.5 * m.sound_speed * (m.round_trip - m.turn_around)
+    try:
+        distance = usbl.range_at_reply(half_path, m.range_variance, m.direction_a, C_a_e.T @ moved_e)
+        relative_a = usbl.relative_in_array(
+            m.direction_a,
+            m.cosine_covariance,
+            distance.distance,
+            distance.variance,
+            *_height_difference(m, at_return, mounting, C_b_G, C_e_G, params),
+        )
+    except (ValueError, np.linalg.LinAlgError) as error:
+        raise Unusable(f'fix {m.sequence} of {m.target}: {error}') from error
+    P_phi_G = C_e_G @ at_return.P_phi_e @ C_e_G.T
+    relative_G = usbl.relative_in_grid(
+        relative_a, mounting.C_a_b, mounting.lever_b, C_b_G, P_phi_G
+    )
+    sigma_position_G = np.sqrt(np.clip(np.diagonal(C_e_G @ at_return.P_r_e @ C_e_G.T), 0.0, None))
+    return Broadcast(
+        source=params.own_id,
+        target=params.follower_id,
+        sequence=m.sequence % 65536,
+        # The instrument dates the reply by half the round trip; the leader knows which way it moved meanwhile.
+        validity_ns=m.return_ns - round(distance.distance / m.sound_speed * 1e9),
+        return_ns=m.return_ns,
+        leader_r_e=at_return.r_e,
+        leader_sigma_horizontal=float(max(sigma_position_G[:2])),
+        leader_sigma_vertical=float(sigma_position_G[2]),
+        leader_v_G=C_e_G @ at_return.v_e,
+        leader_sigma_velocity=0.0,
+        leader_grid_heading=math.remainder(float(attitude.grid_heading(C_b_G)), 2 * math.pi),
+        leader_sigma_heading=math.sqrt(max(float(P_phi_G[2, 2]), 0.0)),
+        r_lf_G=relative_G.vector,
+        r_lf_covariance_G=relative_G.covariance,
+        sound_speed=m.sound_speed,
+    )
+
+
+def _array_position(state: LeaderState, mounting: Mounting) -> Array:
+    return np.asarray(state.r_e + state.C_b_e @ mounting.lever_b)
+
+
+def _height_difference(
+    m: ArrayMeasurement,
+    state: LeaderState,
+    mounting: Mounting,
+    C_b_G: Array,
+    C_e_G: Array,
+    params: LeaderParams,
+) -> tuple[Array, float, float] | tuple[()]:
+    """Up in array axes, height of the transponder above the array, its variance; nothing where no depth was told.
+
+    Along the up direction of the array: the Earth's curvature (r^2/2R, 0.1 m at 1 km) is taken out.
+    """
+    if not (math.isfinite(m.target_depth) and m.target_depth_variance > 0.0):
+        return ()
+    C_a_G = C_b_G @ mounting.C_a_b
+    height = float(earth.geodetic_from_ecef(_array_position(state, mounting))[2])
+    rise = params.sea_surface_height - m.target_depth - height
+    r = 0.5 * m.sound_speed * (m.round_trip - m.turn_around)
+    horizontal2 = max(r * r - rise * rise, 0.0)
+    drop = horizontal2 / (2.0 * float(np.linalg.norm(state.r_e)))
+    variance = m.target_depth_variance + float((C_e_G @ state.P_r_e @ C_e_G.T)[2, 2])
+    return C_a_G[2], rise - drop, variance

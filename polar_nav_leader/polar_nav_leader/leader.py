@@ -1,0 +1,87 @@
+"""Waits until the leader knows where it was, then makes the packet: no clock, no ROS.
+
+A measurement can be used when the leader's own states reach over ping and return; it is sent `processing_delay_s` after
+the return, when the stamps of the odometry get there.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from polar_nav_core.packet import Broadcast, encode
+
+from .broadcast import ArrayMeasurement, Mounting, Unusable, make_broadcast
+from .params import LeaderParams
+from .states import LeaderState, LeaderStates
+
+
+@dataclass(frozen=True)
+class Packet:
+    """A packet to be sent at a stamp."""
+
+    transmit_ns: int
+    broadcast: Broadcast
+    data: bytes
+
+
+class Leader:
+    """The leader's part of a fix.
+
+    Parameters
+    ----------
+    params : LeaderParams
+        Mounting, identities, delays.
+    """
+
+    def __init__(self, params: LeaderParams) -> None:
+        self._p = params
+        self._mounting = Mounting.of(params.array_lever_b, params.array_rpy_deg)
+        self._states = LeaderStates(params.history_s)
+        self._waiting: list[ArrayMeasurement] = []
+        self._delay_ns = round(params.processing_delay_s * 1e9)
+        self.counts: Counter[str] = Counter()
+
+    @property
+    def waiting(self) -> int:
+        """Measurements that wait for odometry."""
+        return len(self._waiting)
+
+    def add_state(self, state: LeaderState) -> None:
+        """Take a state of the leader's own navigation."""
+        if not self._states.add(state):
+            self.counts['odometry_refused'] += 1
+
+    def add_measurement(self, measurement: ArrayMeasurement) -> None:
+        """Take what the array heard."""
+        if measurement.target != self._p.follower:
+            self.counts['other_target'] += 1
+            return
+        self._waiting.append(measurement)
+        self._waiting.sort(key=lambda m: (m.return_ns, m.sequence))
+
+    def due(self) -> Iterator[Packet]:
+        """Packets whose time has come, in order of transmission."""
+        newest = self._states.newest_ns
+        while (
+            self._waiting
+            and newest is not None
+            and self._waiting[0].return_ns + self._delay_ns <= newest
+        ):
+            measurement = self._waiting.pop(0)
+            at_ping = self._states.at(measurement.ping_ns)
+            at_return = self._states.at(measurement.return_ns)
+            if at_ping is None or at_return is None:
+                self.counts['no_own_state'] += 1
+                continue
+            try:
+                broadcast = make_broadcast(
+                    measurement, at_ping, at_return, self._mounting, self._p
+                )
+                data = encode(broadcast)
+            except (Unusable, ValueError):
+                self.counts['unusable'] += 1
+                continue
+            self.counts['sent'] += 1
+            yield Packet(measurement.return_ns + self._delay_ns, broadcast, data)

@@ -1,0 +1,168 @@
+"""The leader's part of a fix, against a world that is computed here: moving ends, tilted array, lever arms, the pole."""
+
+import numpy as np
+import pytest
+from polar_nav_core import attitude, earth, grid, packet
+from polar_nav_leader.broadcast import ArrayMeasurement
+from polar_nav_leader.leader import Leader
+from polar_nav_leader.params import LeaderParams
+from polar_nav_leader.states import LeaderState, LeaderStates
+
+T0 = 1_772_323_200_000_000_000
+C_SOUND = 1440.0
+TURN_AROUND = 0.05
+
+
+class Sailing:
+    """Straight motion with the paper's oscillation of attitude; ECEF, analytic."""
+
+    def __init__(self, lat_deg, lon_deg, depth, v_e, phase=0.0, offset_e=(0.0, 0.0, 0.0)):
+        start = earth.ecef_from_geodetic(np.deg2rad(lat_deg), np.deg2rad(lon_deg), -depth)
+        self.start = start + np.array(offset_e)
+        self.v_e = np.array(v_e, dtype=float)
+        self.phase = phase
+        self.C_e_G0 = grid.ecef_to_grid(self.start)
+
+    def r_e(self, t):
+        return self.start + self.v_e * t
+
+    def C_b_e(self, t):
+        a = 2 * np.pi
+        pitch = np.deg2rad(4) * np.sin(a * t / 3 + self.phase)
+        roll = np.deg2rad(5) * np.sin(a * t / 5)
+        yaw = 0.8 + np.deg2rad(3) * np.sin(a * t / 7)
+        return self.C_e_G0.T @ attitude.matrix_from_euler(yaw, pitch, roll)
+
+    def state(self, t, h=1e-5):
+        C = self.C_b_e(t)
+        omega = attitude.log(self.C_b_e(t - h).T @ self.C_b_e(t + h)) / (2 * h)
+        zero = np.zeros((3, 3))
+        return LeaderState(T0 + round(t * 1e9), self.r_e(t), self.v_e, C, omega, zero, zero)
+
+
+def solve(f, start):
+    t = start
+    for _ in range(50):
+        t = f(t)
+    return t
+
+
+def cycle(leader, follower, lever_b, C_a_b, t1, tells_depth=True, sound=C_SOUND):
+    def array(t):
+        return leader.r_e(t) + leader.C_b_e(t) @ lever_b
+
+    t2 = solve(lambda t: t1 + np.linalg.norm(follower.r_e(t) - array(t1)) / sound, t1)
+    t3 = t2 + TURN_AROUND
+    t4 = solve(lambda t: t3 + np.linalg.norm(array(t) - follower.r_e(t3)) / sound, t3)
+    line = C_a_b.T @ leader.C_b_e(t4).T @ (follower.r_e(t3) - array(t4))
+    direction = line / np.linalg.norm(line)
+    depth = -float(earth.geodetic_from_ecef(follower.r_e(t3))[2])
+    measurement = ArrayMeasurement(
+        target='follower', sequence=4, ping_ns=T0 + round(t1 * 1e9), validity_ns=T0 + round(t3 * 1e9),
+        return_ns=T0 + round(t4 * 1e9), turn_around=TURN_AROUND, round_trip=t4 - t1, range_variance=0.09,
+        direction_a=direction, cosine_covariance=1e-6 * np.eye(2), sound_speed=sound,
+        target_depth=depth if tells_depth else np.nan, target_depth_variance=0.0025,
+    )  # fmt: skip
+    return measurement, t3, t4
+
+
+def send(leader, measurement, until, **changes):
+    params = LeaderParams(processing_delay_s=0.3, **changes)
+    engine = Leader(params)
+    out = []
+    engine.add_measurement(measurement)
+    for k in range(int(until * 10) + 1):
+        engine.add_state(leader.state(k / 10))
+        out += [(k / 10, p) for p in engine.due()]
+    return engine, out
+
+
+PLACES = [(80.0, 120.0), (89.999, 179.999), (90.0, 0.0), (-89.99, 30.0), (75.0, -180.0)]
+
+
+@pytest.mark.parametrize(('lat', 'lon'), PLACES)
+@pytest.mark.parametrize('tells_depth', [True, False])
+def test_noise_free_fix_is_where_the_follower_was_at_the_reply(lat, lon, tells_depth):
+    lever, rpy = (1.2, -0.4, -0.8), (178.0, 3.0, 25.0)
+    C_a_b = attitude.matrix_from_euler(*np.deg2rad(rpy[::-1]))
+    leader = Sailing(lat, lon, 60.0, (0.5, 2.0, 0.2))
+    C_G_e = grid.ecef_to_grid(leader.start).T
+    follower = Sailing(lat, lon, 60.0, (0.5, 2.0, 0.2), offset_e=C_G_e @ [500.0, 300.0, -40.0])
+    measurement, t3, t4 = cycle(leader, follower, np.array(lever), C_a_b, 2.0137, tells_depth)
+    _, out = send(leader, measurement, 6.0, array_lever_b=lever, array_rpy_deg=rpy)
+    (sent_at, p), = out
+    b = packet.decode(p.data, T0 + 10_000_000_000)
+    # The follower moves by up to 0.1 m during the turn-around; half of it stays in the range.
+    own_motion = 0.5 * TURN_AROUND * 2.1
+    fix = p.broadcast.leader_r_e + grid.ecef_to_grid(p.broadcast.leader_r_e).T @ p.broadcast.r_lf_G
+    assert np.linalg.norm(fix - follower.r_e(t3)) < own_motion + 0.02
+    assert abs(p.broadcast.validity_ns - (T0 + t3 * 1e9)) < 1e5
+    assert b.return_ns == pytest.approx(T0 + t4 * 1e9, abs=1e5)
+    assert sent_at == pytest.approx(np.ceil((t4 + 0.3) * 10) / 10)
+    np.testing.assert_allclose(b.r_lf_G, p.broadcast.r_lf_G, atol=0.006)
+
+
+def test_without_the_correction_for_the_leaders_motion_the_range_would_be_off():
+    """Closing at 3 m/s: half the way the leader made in between is 1.4 m; the fix has none of it."""
+    leader = Sailing(80.0, 120.0, 60.0, (0.0, 0.0, 0.0))
+    along = grid.ecef_to_grid(leader.start).T @ [1.0, 0.0, 0.0]
+    leader.v_e = 3.0 * along
+    follower = Sailing(80.0, 120.0, 60.0, (0.0, 0.0, 0.0), offset_e=700.0 * along)
+    measurement, t3, _ = cycle(leader, follower, np.zeros(3), np.eye(3), 1.0)
+    half_path = 0.5 * C_SOUND * (measurement.round_trip - TURN_AROUND)
+    _, [(_, p)] = send(leader, measurement, 5.0)
+    fix = p.broadcast.leader_r_e + grid.ecef_to_grid(p.broadcast.leader_r_e).T @ p.broadcast.r_lf_G
+    assert np.linalg.norm(fix - follower.r_e(t3)) < 0.02
+    assert abs(half_path - np.linalg.norm(p.broadcast.r_lf_G)) > 1.3
+
+
+def test_covariance_of_the_fix_covers_its_scatter():
+    """Measurements with their stated noise, 400 of them: mean normalized square is 3."""
+    leader = Sailing(85.0, -60.0, 60.0, (1.0, 1.0, 0.0))
+    C_G_e = grid.ecef_to_grid(leader.start).T
+    follower = Sailing(85.0, -60.0, 60.0, (1.0, 1.0, 0.0), offset_e=C_G_e @ [400.0, 500.0, -60.0])
+    clean, _, _ = cycle(leader, follower, np.zeros(3), np.eye(3), 1.0)
+    _, [(_, reference)] = send(leader, clean, 5.0)
+    rng = np.random.default_rng(7)
+    total = 0.0
+    for _ in range(400):
+        noisy = clean.direction_a + np.array([*rng.normal(0, 1e-3, 2), 0.0])
+        noisy[2] = -np.sqrt(1.0 - noisy[0] ** 2 - noisy[1] ** 2)
+        noise = dict(
+            direction_a=noisy,
+            round_trip=clean.round_trip + 2 * rng.normal(0, 0.3) / C_SOUND,
+            target_depth=clean.target_depth + rng.normal(0, 0.05),
+        )
+        _, [(_, p)] = send(leader, ArrayMeasurement(**{**clean.__dict__, **noise}), 5.0)
+        e = p.broadcast.r_lf_G - reference.broadcast.r_lf_G
+        total += e @ np.linalg.solve(p.broadcast.r_lf_covariance_G, e)
+    assert 2.6 < total / 400 < 3.4
+
+
+def test_interpolation_is_a_thousandth_of_a_degree_and_a_millimetre():
+    leader = Sailing(80.0, 120.0, 60.0, (1.0, 2.0, 0.0), phase=0.4)
+    states = LeaderStates(30.0)
+    for k in range(101):
+        assert states.add(leader.state(k / 10))
+    for t in (0.05, 3.333, 7.777):
+        got = states.at(T0 + round(t * 1e9))
+        assert np.rad2deg(np.linalg.norm(attitude.log(leader.C_b_e(t).T @ got.C_b_e))) < 1e-3
+        assert np.linalg.norm(got.r_e - leader.r_e(t)) < 1e-3
+        np.testing.assert_allclose(got.v_e, leader.v_e, atol=1e-4)
+    assert states.at(T0 + 10_100_000_000) is None
+    assert not states.add(leader.state(5.0))
+
+
+def test_what_cannot_be_used_is_counted():
+    leader = Sailing(80.0, 120.0, 60.0, (1.0, 2.0, 0.0))
+    follower = Sailing(80.0, 120.0, 100.0, (1.0, 2.0, 0.0), offset_e=(300.0, 0.0, 0.0))
+    good, _, _ = cycle(leader, follower, np.zeros(3), np.eye(3), 1.0)
+    cases = {
+        'unusable': {'round_trip': 0.01},
+        'other_target': {'target': 'somebody'},
+        'no_own_state': {'ping_ns': T0 - 5_000_000_000},
+    }
+    for name, changes in cases.items():
+        engine, out = send(leader, ArrayMeasurement(**{**good.__dict__, **changes}), 5.0)
+        assert not out
+        assert engine.counts == {name: 1}
