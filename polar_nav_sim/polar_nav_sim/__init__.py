@@ -1,0 +1,1 @@
+"""Simulation: exact truth, sensor error models, the acoustic channel, and a node for each."""

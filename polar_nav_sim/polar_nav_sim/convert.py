@@ -1,0 +1,176 @@
+"""Models' results to messages; with the nodes the only place of this package that knows ROS.
+
+Messages that leave a hundred times a second are kept and filled again: publishing serializes at
+once.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from geometry_msgs.msg import Quaternion, TwistWithCovarianceStamped, Vector3
+from nav_msgs.msg import Odometry
+from numpy.typing import NDArray
+from sensor_msgs.msg import FluidPressure, Imu
+
+from polar_nav_core.attitude import quaternion_from_matrix
+from polar_nav_msgs.msg import AcousticPacket, Depth, Dvl, UsblFix
+from polar_nav_ros.stamps import to_msg, to_ns
+
+from .acoustics import Packet
+from .sensors.dvl import Ping
+from .sensors.usbl import Reading
+
+Floats = NDArray[np.float64]
+
+UNKNOWN = -1.0
+"""First element of a covariance that nobody knows."""
+
+
+def frame_id(vehicle: str, part: str) -> str:
+    """Name of a frame on a vehicle, e.g. follower/dvl; without namespace only the part."""
+    return f'{vehicle}/{part}' if vehicle else part
+
+
+class ImuMessage:
+    """sensor_msgs/Imu of one instrument."""
+
+    def __init__(self, frame: str, gyro_variance: Floats, accel_variance: Floats) -> None:
+        self._msg = Imu()
+        self._msg.header.frame_id = frame
+        self._msg.orientation_covariance[0] = UNKNOWN
+        self._msg.angular_velocity_covariance[[0, 4, 8]] = gyro_variance
+        self._msg.linear_acceleration_covariance[[0, 4, 8]] = accel_variance
+
+    def fill(self, stamp_ns: int, omega_ib_b: Floats, f_b: Floats) -> Imu:
+        """Message of a sample; the same object every time."""
+        msg = self._msg
+        msg.header.stamp = to_msg(stamp_ns)
+        w, f = msg.angular_velocity, msg.linear_acceleration
+        w.x, w.y, w.z = omega_ib_b.tolist()
+        f.x, f.y, f.z = f_b.tolist()
+        return msg
+
+
+def dvl_to_msg(ping: Ping, stamp_ns: int, frame: str, sound_speed: float) -> Dvl:
+    """polar_nav_msgs/Dvl of a ping, invalid ones marked: NaN, covariance -1, beams under 3."""
+    msg = Dvl()
+    msg.header.stamp = to_msg(stamp_ns)
+    msg.header.frame_id = frame
+    msg.velocity_mode = Dvl.DVL_MODE_BOTTOM
+    msg.dvl_type = Dvl.DVL_TYPE_PISTON
+    msg.velocity = _vector3(ping.velocity_m)
+    if ping.valid:
+        msg.velocity_covar[[0, 4, 8]] = ping.variance
+    else:
+        msg.velocity_covar[0] = UNKNOWN
+    msg.altitude = ping.altitude
+    msg.course_gnd = msg.speed_gnd = float('nan')
+    msg.num_good_beams = ping.beams
+    msg.sound_speed = sound_speed
+    msg.range_covar[:] = UNKNOWN
+    msg.beam_velocity_covar[:] = UNKNOWN
+    return msg
+
+
+def twist_to_msg(ping: Ping, stamp_ns: int, frame: str) -> TwistWithCovarianceStamped:
+    """Give a valid ping to standard consumers; the rotation part is unknown."""
+    msg = TwistWithCovarianceStamped()
+    msg.header.stamp = to_msg(stamp_ns)
+    msg.header.frame_id = frame
+    msg.twist.twist.linear = _vector3(ping.velocity_m)
+    covariance = msg.twist.covariance
+    covariance[[0, 7, 14]] = ping.variance
+    covariance[[21, 28, 35]] = UNKNOWN
+    return msg
+
+
+def depth_to_msg(depth: float, variance: float, stamp_ns: int, frame: str) -> Depth:
+    """polar_nav_msgs/Depth."""
+    msg = Depth(depth=depth, variance=variance)
+    msg.header.stamp = to_msg(stamp_ns)
+    msg.header.frame_id = frame
+    return msg
+
+
+def pressure_to_msg(pressure: float, variance: float, stamp_ns: int, frame: str) -> FluidPressure:
+    """sensor_msgs/FluidPressure [Pa, Pa^2]."""
+    msg = FluidPressure(fluid_pressure=pressure, variance=variance)
+    msg.header.stamp = to_msg(stamp_ns)
+    msg.header.frame_id = frame
+    return msg
+
+
+def usbl_to_msg(reading: Reading, source: str, target: str, frame: str) -> UsblFix:
+    """polar_nav_msgs/UsblFix; header.stamp is t3."""
+    cycle = reading.cycle
+    msg = UsblFix(source=source, target=target, sequence=cycle.sequence)
+    msg.header.stamp = to_msg(cycle.t3_ns)
+    msg.header.frame_id = frame
+    msg.ping_time = to_msg(cycle.t1_ns)
+    msg.return_time = to_msg(cycle.t4_ns)
+    msg.turn_around = reading.turn_around_s
+    msg.round_trip = reading.round_trip_s
+    msg.range = reading.range_m
+    msg.range_variance = reading.range_variance
+    msg.direction = _vector3(reading.direction_a)
+    msg.direction_cosine_covariance[[0, 3]] = reading.cosine_variance
+    msg.sound_speed = reading.sound_speed
+    msg.target_depth = reading.target_depth
+    msg.target_depth_variance = reading.target_depth_variance
+    return msg
+
+
+def odometry_to_msg(
+    stamp_ns: int,
+    child: str,
+    r_e: Floats,
+    C_b_e: Floats,
+    v_b: Floats,
+    omega_eb_b: Floats,
+    pose_covariance_e: Floats,
+    twist_covariance_b: Floats,
+) -> Odometry:
+    """nav_msgs/Odometry: pose of base_link in ``earth``, twist against the earth in base_link.
+
+    Parameters
+    ----------
+    stamp_ns : int
+        Time [ns].
+    child : str
+        Frame of the vehicle.
+    r_e, C_b_e : ndarray, shape (3,), (3, 3)
+        Position, ECEF [m]; body to ECEF.
+    v_b, omega_eb_b : ndarray, shape (3,)
+        Velocity [m/s] and rate [rad/s] against the earth, body axes.
+    pose_covariance_e, twist_covariance_b : ndarray, shape (6, 6)
+        Of position and attitude error in ECEF axes, of velocity and rate in body axes.
+    """
+    msg = Odometry(child_frame_id=child)
+    msg.header.stamp = to_msg(stamp_ns)
+    msg.header.frame_id = 'earth'
+    position = msg.pose.pose.position
+    position.x, position.y, position.z = r_e.tolist()
+    x, y, z, w = quaternion_from_matrix(C_b_e).tolist()
+    msg.pose.pose.orientation = Quaternion(x=x, y=y, z=z, w=w)
+    msg.pose.covariance = pose_covariance_e.ravel()
+    msg.twist.twist.linear = _vector3(v_b)
+    msg.twist.twist.angular = _vector3(omega_eb_b)
+    msg.twist.covariance = twist_covariance_b.ravel()
+    return msg
+
+
+def packet_from_msg(msg: AcousticPacket) -> Packet:
+    """Packet as it is sent; the message's transmit_time counts."""
+    return Packet(
+        msg.source,
+        msg.destination,
+        msg.sequence,
+        to_ns(msg.transmit_time),
+        msg.bit_rate,
+        bytes(msg.data),
+    )
+
+
+def _vector3(x: Floats) -> Vector3:
+    a, b, c = x.tolist()
+    return Vector3(x=a, y=b, z=c)

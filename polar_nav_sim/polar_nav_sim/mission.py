@@ -1,0 +1,297 @@
+"""Missions: a YAML file becomes the exact truth of each vehicle.
+
+``load_mission('demo')`` or ``load_mission('my_mission.yaml')``; the keys are those of the
+dataclasses in :mod:`polar_nav_sim.specs`, and a mistake is answered with the file, the section and
+the key.
+"""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime, timedelta
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from polar_nav_core.errors import ConfigError
+
+from .paths.knots import (
+    MARGIN,
+    SPACING_S,
+    Knots,
+    initial_psi,
+    knot_times,
+    knots_of_profile,
+    knots_of_track,
+    start_position,
+)
+from .paths.profile import profile_of
+from .paths.track import TrackPath
+from .resources import find_data, find_mission
+from .specs import (
+    PATHS,
+    MissionSpec,
+    OscillationSpec,
+    PathSpec,
+    SineSpec,
+    TrackSpec,
+    VehicleSpec,
+    check_vehicles,
+    parse,
+)
+from .trajectory import NS, Trajectory
+
+DEFAULT_START = datetime(2026, 3, 1, tzinfo=UTC)
+_SECTIONS = ('description', 'start_time', 'path', 'oscillation', 'vehicles')
+_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+
+
+@dataclass(frozen=True)
+class Mission:
+    """A mission as its file describes it; the truth of a vehicle is made when first asked for.
+
+    Attributes
+    ----------
+    name, description : str
+        File name without its ending; what the file says it is.
+    file : Path
+        Where it was read.
+    document : mapping
+        The file's content, overrides included, in plain values.
+    start_ns : int
+        Stamp of sample 0 [ns since 1970, UTC].
+    numbers : MissionSpec
+        Duration, rates, sea surface and floor.
+    path : PathSpec or TrackSpec
+        The path that offsets count from.
+    oscillation : OscillationSpec
+        Attitude oscillation of every vehicle.
+    formation : mapping of str to VehicleSpec
+        The vehicles, in the order of the file.
+    """
+
+    name: str
+    description: str
+    file: Path
+    document: Mapping[str, Any]
+    start_ns: int
+    numbers: MissionSpec
+    path: PathSpec | TrackSpec
+    oscillation: OscillationSpec
+    formation: Mapping[str, VehicleSpec]
+    _truth: dict[str, Trajectory] = field(default_factory=dict, repr=False, compare=False)
+
+    @property
+    def vehicles(self) -> tuple[str, ...]:
+        """Names of all vehicles, leader first."""
+        return (self.leader, *self.followers)
+
+    @property
+    def leader(self) -> str:
+        """Name of the vehicle that carries the USBL array."""
+        return next(name for name, v in self.formation.items() if v.role == 'leader')
+
+    @property
+    def followers(self) -> tuple[str, ...]:
+        """Names of the other vehicles, in the order of the file."""
+        return tuple(name for name, v in self.formation.items() if v.role != 'leader')
+
+    @property
+    def duration_s(self) -> float:
+        """Length [s]."""
+        return self.numbers.duration_s
+
+    @property
+    def imu_period_ns(self) -> int:
+        """Time between samples of truth and IMU [ns]."""
+        return round(NS / self.numbers.imu_rate_hz)
+
+    @property
+    def sample_count(self) -> int:
+        """Samples of truth per vehicle, the one at the start included."""
+        return round(self.duration_s * NS) // self.imu_period_ns + 1
+
+    @property
+    def end_ns(self) -> int:
+        """Stamp of the last sample [ns]."""
+        return self.start_ns + (self.sample_count - 1) * self.imu_period_ns
+
+    def truth(self, vehicle: str) -> Trajectory:
+        """Exact truth of one vehicle.
+
+        Raises
+        ------
+        ConfigError
+            When the mission has no such vehicle, or the path cannot be sailed.
+        """
+        if vehicle not in self.formation:
+            known = ', '.join(self.vehicles)
+            raise ConfigError(f'mission {self.name}: no vehicle {vehicle!r}; it has {known}')
+        if vehicle not in self._truth:
+            floor = self.numbers.sea_floor_depth_m
+            self._truth[vehicle] = Trajectory(
+                self._knots(self.formation[vehicle]),
+                self.oscillation,
+                self.start_ns,
+                self.imu_period_ns,
+                self.numbers.sea_surface_height_m,
+                floor if floor > 0.0 else math.nan,
+            )
+        return self._truth[vehicle]
+
+    def with_duration(self, duration_s: float) -> Mission:
+        """Make the same mission with another length."""
+        return self.with_overrides({'duration_s': float(duration_s)})
+
+    def with_overrides(self, overrides: Mapping[str, Any]) -> Mission:
+        """Make the same mission with other values, e.g. ``{'vehicles.follower.depth_m': 50.0}``.
+
+        Raises
+        ------
+        ConfigError
+            For a key or value that the file could not have either.
+        """
+        document = copy.deepcopy(dict(self.document))
+        for dotted, value in overrides.items():
+            section = document
+            *parents, last = dotted.split('.')
+            for key in parents:
+                section = section.setdefault(key, {})
+                if not isinstance(section, dict):
+                    raise ConfigError(f'{self.file}: {dotted}: {key} is not a section')
+            section[last] = value
+        return mission_from(document, self.file)
+
+    def _knots(self, vehicle: VehicleSpec) -> Knots:
+        t_s = knot_times(self.duration_s)
+        surface = self.numbers.sea_surface_height_m
+        if isinstance(self.path, TrackSpec):
+            return knots_of_track(self._track, self.path, vehicle, surface, t_s)
+        psi = initial_psi(self.path)
+        start_e = start_position(self.path, vehicle, psi, surface)
+        profile = profile_of(self.path, float(t_s[-1]), f'{self.file}: path')
+        return knots_of_profile(profile, start_e, psi, t_s)
+
+    @cached_property
+    def _track(self) -> TrackPath:
+        if not isinstance(self.path, TrackSpec):
+            raise TypeError(f'mission {self.name} has no track')
+        t_s = knot_times(self.duration_s)
+        csv = find_data(self.path.csv, self.file)
+        return TrackPath(self.path, csv, MARGIN * SPACING_S, float(t_s[-1]))
+
+
+def load_mission(name_or_path: str | Path) -> Mission:
+    """Read a mission: a file, or the name of one that comes with the package.
+
+    Raises
+    ------
+    ConfigError
+        Naming the file and what is wrong in it.
+    """
+    file = find_mission(name_or_path)
+    try:
+        document = yaml.safe_load(file.read_text(encoding='utf-8'))
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ConfigError(f'{file}: not a YAML file: {error}') from error
+    return mission_from(document, file)
+
+
+def overrides_from(texts: Sequence[str]) -> dict[str, Any]:
+    """Read overrides from texts like ``path.speed_mps=2.0``.
+
+    Raises
+    ------
+    ConfigError
+        Naming the text.
+    """
+    out: dict[str, Any] = {}
+    for text in texts:
+        key, sign, value = text.partition('=')
+        if not sign or not key.strip():
+            raise ConfigError(f'override {text!r} is not of the form key=value')
+        try:
+            out[key.strip()] = yaml.safe_load(value)
+        except yaml.YAMLError as error:
+            raise ConfigError(f'override {text!r}: {error}') from error
+    return out
+
+
+def mission_from(document: object, file: Path) -> Mission:
+    """Make a mission from a file's content.
+
+    Raises
+    ------
+    ConfigError
+        Naming the file, the section and the key.
+    """
+    if not isinstance(document, Mapping):
+        raise ConfigError(f'{file}: expected a mapping with path and vehicles')
+    for section in ('path', 'vehicles'):
+        if not isinstance(document.get(section), Mapping):
+            raise ConfigError(f'{file}: no section {section!r}')
+    numbers = {k: v for k, v in document.items() if k not in _SECTIONS}
+    vehicles = {
+        str(name): parse(VehicleSpec, values or {}, f'{file}: vehicles.{name}')
+        for name, values in document['vehicles'].items()
+    }
+    check_vehicles(vehicles, f'{file}')
+    spec = parse(MissionSpec, numbers, f'{file}')
+    if abs(NS / round(NS / spec.imu_rate_hz) - spec.imu_rate_hz) > 1e-9 * spec.imu_rate_hz:
+        raise ConfigError(
+            f'{file}: parameter imu_rate_hz: {spec.imu_rate_hz} Hz is no whole number of'
+            ' nanoseconds'
+        )
+    start = _start_time(document.get('start_time', DEFAULT_START), file)
+    plain = {**document, 'start_time': start.isoformat()}
+    return Mission(
+        name=file.stem,
+        description=' '.join(str(document.get('description', '')).split()),
+        file=file,
+        document=plain,
+        start_ns=(start - _EPOCH) // timedelta(microseconds=1) * 1000,
+        numbers=spec,
+        path=_path(document['path'], f'{file}: path'),
+        oscillation=_oscillation(document.get('oscillation') or {}, f'{file}: oscillation'),
+        formation=vehicles,
+    )
+
+
+def _path(values: Mapping[str, Any], where: str) -> PathSpec | TrackSpec:
+    kind = values.get('kind')
+    if kind not in PATHS:
+        raise ConfigError(f'{where}: kind {kind!r} is none of {", ".join(PATHS)}')
+    spec = parse(PATHS[str(kind)], {k: v for k, v in values.items() if k != 'kind'}, where)
+    if isinstance(spec, TrackSpec) and not spec.csv:
+        raise ConfigError(f'{where}: a track needs csv')
+    return spec
+
+
+def _oscillation(values: object, where: str) -> OscillationSpec:
+    if not isinstance(values, Mapping):
+        raise ConfigError(f'{where}: expected pitch, roll and yaw, found {values!r}')
+    names = [f.name for f in dataclasses.fields(OscillationSpec)]
+    unknown = sorted(set(values) - set(names))
+    if unknown:
+        raise ConfigError(f'{where}: unknown {unknown[0]!r}; it has {", ".join(names)}')
+    return OscillationSpec(**{k: parse(SineSpec, v, f'{where}.{k}') for k, v in values.items()})
+
+
+def _start_time(value: object, file: Path) -> datetime:
+    if isinstance(value, str):
+        try:
+            value = datetime.fromisoformat(value)
+        except ValueError as error:
+            raise ConfigError(f'{file}: start_time {value!r} is not an ISO time') from error
+    if not isinstance(value, datetime):
+        raise ConfigError(f'{file}: start_time {value!r} is not an ISO time')
+    value = value if value.tzinfo else value.replace(tzinfo=UTC)
+    if value < _EPOCH:
+        raise ConfigError(f'{file}: start_time {value.isoformat()} is before 1970')
+    return value

@@ -1,0 +1,63 @@
+"""imu_node: ``truth`` -> ``imu/data_raw``, means over the intervals, stamped at their ends."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from sensor_msgs.msg import Imu
+
+from polar_nav_ros.node import run
+
+from ..convert import ImuMessage, frame_id
+from ..params import ImuParams
+from ..randomness import stream
+from ..sensors.imu import ImuSensor
+from ..truth_cdr import TruthSample
+from .truth_listener import TruthListener, stream_name
+
+
+class ImuNode(TruthListener[ImuParams]):
+    """One IMU at base_link, as fast as the truth."""
+
+    def __init__(self) -> None:
+        super().__init__('imu_node', ImuParams)
+        self._stream = stream_name(self, 'imu')
+        self._pub = self.advertise(Imu, 'imu/data_raw')
+        self._sensor: ImuSensor | None = None
+        self._message: ImuMessage | None = None
+        self.listen()
+
+    def wanted(self, since_start_ns: int) -> int | None:
+        """Every interval is measured; sample 0 ends none."""
+        return since_start_ns if since_start_ns > 0 else None
+
+    def measure(self, _k: int, sample: TruthSample) -> None:
+        """Measure the interval that ends at the sample."""
+        if self._sensor is None or self._message is None:
+            self._sensor, self._message = self._start(sample.number('interval'))
+        omega, f = self._sensor.measure(
+            sample.sequence,
+            sample.vector('delta_theta_b')[None, :],
+            sample.vector('delta_v_b')[None, :],
+        )
+        self._pub.publish(self._message.fill(sample.stamp_ns, omega[0], f[0]))
+
+    def facts(self) -> dict[str, object]:
+        """Name of the random stream."""
+        return {'random_stream': self._stream}
+
+    def _start(self, period_s: float) -> tuple[ImuSensor, ImuMessage]:
+        p = self.params
+        sensor = ImuSensor(p, period_s, stream(p.seed, self._stream))
+        message = ImuMessage(
+            frame_id(self.vehicle, 'imu'),
+            np.square(p.gyro_noise_density) / period_s,
+            np.square(p.accel_noise_density) / period_s,
+        )
+        return sensor, message
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the node."""
+    return run(ImuNode, args)

@@ -1,0 +1,74 @@
+"""What nodes that measure truth have in common: the truth of their vehicle, by message."""
+
+from __future__ import annotations
+
+from typing import Any, TypeVar
+
+from polar_nav_core.params import NodeParams
+from polar_nav_msgs.msg import VehicleTruth
+from polar_nav_ros.diagnostics import Diagnosis, Level
+from polar_nav_ros.node import PolarNode
+
+from ..truth_cdr import TruthSample, decode, since_start_ns
+
+P = TypeVar('P', bound=NodeParams)
+
+
+class TruthListener(PolarNode[P]):
+    """Subscribes to ``truth``; a subclass says which samples it wants and what it does with them.
+
+    Messages that cannot be read or run backwards are counted and left out.
+    """
+
+    def __init__(self, name: str, params_cls: type[P]) -> None:
+        super().__init__(name, params_cls)
+        self._last_ns = -1
+        self._refused = 0
+
+    def listen(self) -> None:
+        """Begin; the subclass is complete now."""
+        self.subscribe(VehicleTruth, 'truth', self._on_truth, raw=True)
+
+    def wanted(self, since_start_ns: int) -> int | None:
+        """Return the number of the measurement that is due at a sample, or None."""
+        raise NotImplementedError
+
+    def measure(self, k: int, sample: TruthSample) -> None:
+        """Make measurement ``k`` of a sample and publish it."""
+        raise NotImplementedError
+
+    def facts(self) -> dict[str, object]:
+        """Numbers for diagnostics beside the counts."""
+        return {}
+
+    def diagnose(self) -> Diagnosis:
+        """Counts, and whether truth was refused."""
+        values = {**self.taken_counts(), **self.published_counts(), **self.facts()}
+        if self._refused:
+            values['refused'] = self._refused
+            text = f'{self._refused} truth messages unreadable or running backwards'
+            return Diagnosis(Level.WARN, text, values)
+        return Diagnosis(values=values)
+
+    def _on_truth(self, data: bytes) -> None:
+        try:
+            since_ns = since_start_ns(data)
+        except ValueError as error:
+            self._refuse(str(error))
+            return
+        if since_ns <= self._last_ns:
+            self._refuse(f'{since_ns} ns after the start comes after {self._last_ns} ns')
+            return
+        self._last_ns = since_ns
+        k = self.wanted(since_ns)
+        if k is not None:
+            self.measure(k, decode(data))
+
+    def _refuse(self, why: str) -> None:
+        self._refused += 1
+        self.get_logger().warning(f'truth refused: {why}', throttle_duration_sec=5.0)
+
+
+def stream_name(node: Any, sensor: str) -> str:  # noqa: ANN401 - any PolarNode
+    """Name of a sensor's random stream: vehicle and sensor."""
+    return f'{node.vehicle}/{sensor}' if node.vehicle else sensor

@@ -1,0 +1,166 @@
+"""truth_node: a mission -> ``<v>/truth`` of every vehicle, and ``/clock``.
+
+At the pace ``realtime`` it waits for nobody. At ``lockstep`` it publishes a window of truth only
+when everything that the windows before led to has been taken by everyone (polar_nav_ros.flow).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rclpy.clock import Clock as RosClock
+from rclpy.clock import ClockType
+from rosgraph_msgs.msg import Clock
+
+from polar_nav_msgs.msg import LockstepAck, VehicleTruth
+from polar_nav_ros.diagnostics import Diagnosis, Level
+from polar_nav_ros.flow import Flow
+from polar_nav_ros.node import ACK_TOPIC, PolarNode, run
+from polar_nav_ros.stamps import to_msg
+
+from ..mission import Mission, load_mission, overrides_from
+from ..params import TruthParams
+from ..trajectory import NS
+from ..truth_stream import TruthStream
+
+_TURN_S = 0.005
+_LOOK_S = 0.5
+_BURST_S = 0.5
+"""Most truth at once at the pace realtime, so that a slow moment is made up for in steps."""
+
+
+class TruthNode(PolarNode[TruthParams]):
+    """The one source of time and motion."""
+
+    def __init__(self) -> None:
+        super().__init__('truth_node', TruthParams)
+        p = self.params
+        self._mission = _mission(p)
+        self._stream = TruthStream(self._mission)
+        self._stream.sample(0)
+        self._truth = {
+            v: self.advertise(VehicleTruth, f'{v}/truth') for v in self._mission.vehicles
+        }
+        self._time = self.advertise(Clock, '/clock')
+        self._next = 0
+        self._wall = RosClock(clock_type=ClockType.STEADY_TIME)
+        self._moved_ns = self._wall.now().nanoseconds
+        self._complaint = ''
+        self.create_timer(1.0, self._tell_progress, clock=self._wall)
+        m = self._mission
+        self.get_logger().info(
+            f'mission {m.name}: {m.duration_s:.0f} s, vehicles {", ".join(m.vehicles)}, {p.pace}'
+        )
+        if p.pace == 'lockstep':
+            self._window = max(1, round(p.window_s * NS / m.imu_period_ns))
+            self._ready = False
+            self._flow = Flow(p.expected_nodes)
+            self.subscribe(LockstepAck, ACK_TOPIC, self._on_ack)
+            self.create_timer(_LOOK_S, self._look, clock=self._wall)
+            self.create_timer(_TURN_S, self._lockstep, clock=self._wall)
+        else:
+            self._began_ns = self._moved_ns
+            self.create_timer(_TURN_S, self._realtime, clock=self._wall)
+
+    def diagnose(self) -> Diagnosis:
+        """How far the mission is, and who holds it up."""
+        values: dict[str, object] = {
+            **self.published_counts(),
+            'mission': self._mission.name,
+            'sample': self._next,
+            'of': self._stream.count,
+        }
+        if self._complaint:
+            return Diagnosis(Level.WARN, self._complaint, values)
+        return Diagnosis(values=values)
+
+    def _publish_until(self, k1: int) -> None:
+        """Publish samples up to k1 - 1, each followed by its time on /clock."""
+        for k in range(self._next, k1):
+            for vehicle, message in self._stream.sample(k).items():
+                self._truth[vehicle].publish(message)
+            self._time.publish(Clock(clock=to_msg(self._stream.stamp_ns(k))))
+        self._next = k1
+        self._moved_ns = self._wall.now().nanoseconds
+        self._complaint = ''
+
+    def _realtime(self) -> None:
+        period_ns = self._mission.imu_period_ns
+        passed_ns = (self._wall.now().nanoseconds - self._began_ns) * self.params.realtime_factor
+        due = int(passed_ns // period_ns) + 1
+        burst = max(1, round(_BURST_S * NS / period_ns))
+        k1 = min(due, self._next + burst, self._stream.count)
+        if k1 > self._next:
+            self._publish_until(k1)
+            self._stream.prepare(self._next - 1)
+        elif self._next == self._stream.count:
+            self._end()
+
+    def _on_ack(self, ack: LockstepAck) -> None:
+        self._flow.update(ack)
+        self._lockstep()
+
+    def _lockstep(self) -> None:
+        if not self._ready or not self._flow.settled():
+            return
+        if self._next == self._stream.count:
+            self._end()
+            return
+        self._publish_until(min(self._next + self._window, self._stream.count))
+        self._flow.own(self.published_counts())
+        # While the others work on this window.
+        self._stream.prepare(self._next - 1)
+
+    def _look(self) -> None:
+        """Find out whether the graph is complete, and name who holds it up."""
+        if not self._ready:
+            outputs = (*self._truth.values(), self._time)
+            self._flow.own(self.published_counts(), {o.topic: o.matched for o in outputs})
+            self._ready = self._flow.ready()
+            if self._ready:
+                self.get_logger().info('the graph is complete')
+                self._moved_ns = self._wall.now().nanoseconds
+                return
+        waited_s = (self._wall.now().nanoseconds - self._moved_ns) / NS
+        if waited_s < self.params.stall_s or (
+            self._next == self._stream.count and self._settled()
+        ):
+            return
+        complaint = '; '.join(self._flow.missing()) if not self._ready else self._behind()
+        self._complaint = f'waiting for {waited_s:.0f} s: {complaint}'
+        self.get_logger().warning(self._complaint, throttle_duration_sec=self.params.stall_s)
+
+    def _tell_progress(self) -> None:
+        period_s = self._mission.imu_period_ns / NS
+        done_s, total_s = self._next * period_s, self._stream.count * period_s
+        self.tell_supervisor('progress', f'{done_s:.1f} {total_s:.1f}')
+
+    def _settled(self) -> bool:
+        return self._flow.settled()
+
+    def _behind(self) -> str:
+        return '; '.join(
+            f'{node} has taken {taken} of {sent} of {topic}'
+            for node, topics in self._flow.laggards().items()
+            for topic, (taken, sent) in topics.items()
+        )
+
+    def _end(self) -> None:
+        if self.params.exit_at_end:
+            self._tell_progress()
+            self.get_logger().info('the mission is over')
+            raise SystemExit(0)
+
+
+def _mission(p: TruthParams) -> Mission:
+    mission = load_mission(p.mission)
+    if p.overrides:
+        mission = mission.with_overrides(overrides_from(p.overrides))
+    if p.duration_s > 0.0:
+        mission = mission.with_duration(p.duration_s)
+    return mission
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the node."""
+    return run(TruthNode, args)

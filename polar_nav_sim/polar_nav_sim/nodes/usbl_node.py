@@ -1,0 +1,87 @@
+"""usbl_node: truth of its own vehicle and of the targets -> ``usbl/fix``, one per reply heard."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+
+from polar_nav_core.errors import ConfigError
+from polar_nav_msgs.msg import UsblFix, VehicleTruth
+from polar_nav_ros.diagnostics import Diagnosis, Level
+from polar_nav_ros.node import PolarNode, run
+from polar_nav_ros.stamps import stamp_ns_of_cdr
+
+from ..convert import frame_id, usbl_to_msg
+from ..interrogator import Interrogator
+from ..params import UsblParams
+from ..poses import TruthHistory
+from ..sensors.usbl import Usbl
+from ..sound_speed import SoundSpeed
+from ..trajectory import NS
+from ..truth_cdr import since_start_ns
+
+_HORIZON_NS = 60 * NS
+"""Longer than any cycle: 40 km of sound there and back."""
+
+
+class UsblNode(PolarNode[UsblParams]):
+    """One array; it publishes when the truth stamps that drive it reach t4."""
+
+    def __init__(self) -> None:
+        super().__init__('usbl_node', UsblParams)
+        p = self.params
+        if not p.targets or self.vehicle in p.targets:
+            raise ConfigError(
+                f'parameter targets: {list(p.targets)} must name other vehicles than'
+                f' {self.vehicle!r}'
+            )
+        water = SoundSpeed.from_spec(p)
+        self._frame = frame_id(self.vehicle, 'usbl')
+        self._histories = {name: TruthHistory(_HORIZON_NS) for name in ('', *p.targets)}
+        arrays = {t: Usbl(p, water, p.seed, self.vehicle, t) for t in p.targets}
+        self._interrogator = Interrogator(arrays, self._histories, p.period_s, p.first_ping_s)
+        self._started = False
+        self._refused = 0
+        self._pub = self.advertise(UsblFix, 'usbl/fix')
+        for name in self._histories:
+            topic = f'/{name}/truth' if name else 'truth'
+            self.subscribe(VehicleTruth, topic, partial(self._on_truth, name), raw=True)
+
+    def diagnose(self) -> Diagnosis:
+        """Counts, lost cycles, random streams."""
+        values = {
+            **self.taken_counts(),
+            **self.published_counts(),
+            'interrogations': self._interrogator.sequence,
+            'lost_cycles': self._interrogator.lost,
+            'random_stream': f'{self.vehicle}/usbl/<target>/<sequence>',
+        }
+        if self._refused:
+            values['refused'] = self._refused
+            text = f'{self._refused} truth messages unreadable or running backwards'
+            return Diagnosis(Level.WARN, text, values)
+        return Diagnosis(values=values)
+
+    def _on_truth(self, name: str, data: bytes) -> None:
+        try:
+            stamp_ns, since_ns = stamp_ns_of_cdr(data), since_start_ns(data)
+        except ValueError as error:
+            self._refuse(str(error))
+            return
+        if not self._histories[name].add(stamp_ns, data):
+            self._refuse(f'{name or self.vehicle}: stamp {stamp_ns} is not newer than the last')
+            return
+        if not self._started and name == '':
+            self._started = True
+            self._interrogator.begin(stamp_ns - since_ns, stamp_ns)
+        for target, reading in self._interrogator.advance():
+            self._pub.publish(usbl_to_msg(reading, self.vehicle, target, self._frame))
+
+    def _refuse(self, why: str) -> None:
+        self._refused += 1
+        self.get_logger().warning(f'truth refused: {why}', throttle_duration_sec=5.0)
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the node."""
+    return run(UsblNode, args)

@@ -1,0 +1,88 @@
+"""Parameters of the nodes of this package: one dataclass each, made of the models' own."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from polar_nav_core.params import NodeParams, choice, flag, param, text, texts
+
+from .acoustics import ChannelSpec
+from .sensors.depth import DepthErrors
+from .sensors.dvl import DvlErrors
+from .sensors.imu import ImuErrors
+from .sensors.reference import ReferenceErrors
+from .sensors.usbl import UsblErrors
+from .sound_speed import WaterSpec
+
+_SEED = 'Seed of the run; every random stream is made from it and its own name'
+
+
+@dataclass(frozen=True)
+class TruthParams(NodeParams):
+    """Parameters of truth_node."""
+
+    mission: str = text('demo', 'Mission file, or the name of one that comes with polar_nav_sim')
+    duration_s: float = param(0.0, 's', 0.0, 7 * 86400.0, 'Length; 0: as the mission says')
+    overrides: tuple[str, ...] = texts((), 'Changes of the mission, as path.speed_mps=2.0')
+    pace: str = choice(
+        'realtime', ('realtime', 'lockstep'), 'Wait for nobody, or lose nothing and wait for all'
+    )
+    realtime_factor: float = param(1.0, '', 0.01, 1000.0, 'Mission seconds per second (realtime)')
+    window_s: float = param(0.2, 's', 0.001, 10.0, 'Truth that is published at once (lockstep)')
+    expected_nodes: tuple[str, ...] = texts(
+        (), 'Fully qualified names of the nodes that acknowledge (lockstep)'
+    )
+    stall_s: float = param(
+        10.0, 's', 0.5, 3600.0, 'Name who holds up the truth after this wall time (lockstep)'
+    )
+    exit_at_end: bool = flag(False, 'End with status 0 when the mission is over and all is taken')
+
+
+@dataclass(frozen=True)
+class ImuParams(ImuErrors, NodeParams):
+    """Parameters of imu_node."""
+
+    seed: int = param(1, '', 0, 2**31 - 1, _SEED)
+
+
+@dataclass(frozen=True)
+class DvlParams(DvlErrors, NodeParams):
+    """Parameters of dvl_node."""
+
+    seed: int = param(1, '', 0, 2**31 - 1, _SEED)
+    rate_hz: float = param(5.0, 'Hz', 0.01, 50.0, 'Pings per second')
+    sound_speed: float = param(1440.0, 'm/s', 1300.0, 1700.0, 'Stated in the messages')
+
+
+@dataclass(frozen=True)
+class DepthParams(DepthErrors, NodeParams):
+    """Parameters of depth_node."""
+
+    seed: int = param(1, '', 0, 2**31 - 1, _SEED)
+    rate_hz: float = param(10.0, 'Hz', 0.01, 100.0, 'Samples per second')
+
+
+@dataclass(frozen=True)
+class UsblParams(UsblErrors, WaterSpec, NodeParams):
+    """Parameters of usbl_node."""
+
+    seed: int = param(1, '', 0, 2**31 - 1, _SEED)
+    targets: tuple[str, ...] = texts(('follower',), 'Vehicles with a transponder, asked in turn')
+    period_s: float = param(2.0, 's', 0.1, 3600.0, 'Between interrogations')
+    first_ping_s: float = param(1.0, 's', 0.0, 3600.0, 'First interrogation after the start')
+
+
+@dataclass(frozen=True)
+class LeaderReferenceParams(ReferenceErrors, NodeParams):
+    """Parameters of leader_reference_node."""
+
+    seed: int = param(1, '', 0, 2**31 - 1, _SEED)
+    rate_hz: float = param(10.0, 'Hz', 0.1, 100.0, 'Odometry messages per second')
+
+
+@dataclass(frozen=True)
+class AcousticLinkParams(ChannelSpec, WaterSpec, NodeParams):
+    """Parameters of acoustic_link_node."""
+
+    seed: int = param(1, '', 0, 2**31 - 1, _SEED)
+    vehicles: tuple[str, ...] = texts(('leader', 'follower'), 'Vehicles that have a modem')

@@ -1,0 +1,1 @@
+"""Geometry of missions: from what a mission file says to knots of position and attitude."""
