@@ -1,4 +1,8 @@
-"""Messages to events and results to messages: the only place of this package, but the node, that knows both worlds."""
+"""Messages to events and results to messages.
+
+But for the node and `standard_outputs`, this is the only place of the package that knows both
+worlds.
+"""
 
 from __future__ import annotations
 
@@ -14,6 +18,7 @@ from polar_nav_msgs.msg import AcousticPacket, Depth, Dvl, FixReceipt, NavState
 from polar_nav_msgs.msg import Command as CommandMsg
 from polar_nav_msgs.msg import InitialState as InitialStateMsg
 from polar_nav_ros.broadcasts import broadcast_to_msg
+from polar_nav_ros.cdr import to_bytes
 from polar_nav_ros.stamps import to_msg, to_ns
 
 from .events import (
@@ -45,6 +50,7 @@ __all__ = [
     'nav_to_msg',
     'receipt_from_msg',
     'receipt_to_msg',
+    'to_bytes',
 ]
 
 
@@ -57,7 +63,10 @@ def imu_from_msg(msg: Imu, number: int) -> ImuSample:
 
 
 def dvl_from_msg(msg: Dvl, number: int, default_sigma: float) -> DvlPing:
-    """polar_nav_msgs/Dvl as an event; pings without bottom lock are marked, an unknown covariance gets the default."""
+    """polar_nav_msgs/Dvl as an event.
+
+    Pings without bottom lock are marked, an unknown covariance gets the default.
+    """
     v_m = np.array([msg.velocity.x, msg.velocity.y, msg.velocity.z])
     covariance = np.array(msg.velocity_covar, dtype=np.float64).reshape(3, 3)
     enough_beams = msg.num_good_beams >= 3
@@ -270,7 +279,7 @@ def _in_grid(C_e_G: Array, covariance_e: Array) -> Array:
 
 
 def _variance_true_east(r_e: Array, P: Array) -> float:
-    """Variance of position along true east [m^2]; across the meridian plane, whatever that is at a pole."""
+    """Variance of position along true east [m^2]; at a pole, along the y axis of ECEF."""
     x, y = float(r_e[0]), float(r_e[1])
     p = math.hypot(x, y)
     e = np.array([-y / p, x / p, 0.0]) if p > 0.0 else np.array([0.0, 1.0, 0.0])

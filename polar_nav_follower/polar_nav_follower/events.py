@@ -1,8 +1,9 @@
 """What goes into the follower engine and what comes out; stamps are integer nanoseconds.
 
-Every event has its place in one total order: (processing stamp, stream rank, sequence, arrival). Local sensors are
-processed at their time of validity, acoustic fixes when they are received. The sequence of a local message is its number
-on its topic; only damaged or repeated packets can share a sequence, so their number of arrival breaks the tie.
+Every event has its place in one total order: (processing stamp, stream rank, sequence, arrival).
+Local sensors are processed at their time of validity, acoustic fixes when they are received. The
+sequence of a local message is its number on its topic; only damaged or repeated packets can share
+a sequence, so their number of arrival breaks the tie.
 """
 
 from __future__ import annotations
@@ -67,7 +68,10 @@ class InitialState:
 
 @dataclass(frozen=True)
 class ImuSample:
-    """Rate [rad/s] and specific force [m/s^2], body axes: means over the interval that ends at the stamp."""
+    """Rate [rad/s] and specific force [m/s^2], body axes.
+
+    Both are means over the interval that ends at the stamp.
+    """
 
     stamp_ns: int
     sequence: int
@@ -83,7 +87,10 @@ class ImuSample:
 
 @dataclass(frozen=True)
 class DvlPing:
-    """Velocity over ground and covariance, instrument axes; ``valid`` is False for a ping without bottom lock."""
+    """Velocity over ground and covariance, instrument axes.
+
+    ``valid`` is False for a ping without bottom lock.
+    """
 
     stamp_ns: int
     sequence: int
@@ -116,7 +123,7 @@ class DepthSample:
 
 @dataclass(frozen=True)
 class Fix:
-    """One received acoustic packet: a delayed position of the follower's transponder, or why it is none.
+    """One acoustic packet: a delayed position of the follower's transponder, or why it is none.
 
     Attributes
     ----------
@@ -125,7 +132,8 @@ class Fix:
     sequence : int
         Number of the fix as the leader counts.
     order, arrival : int
-        Number of the packet as its sender's modem counts, and as it came in on the topic: place in the order of events.
+        Number of the packet as its sender's modem counts, and as it came in on the topic: place in
+        the order of events.
     r_e, covariance_e : (3,), (3, 3) arrays
         Position, ECEF [m], and covariance; NaN when there is none.
     refusal : Verdict or None
@@ -218,7 +226,7 @@ class Receipt:
 
 @dataclass(frozen=True)
 class Estimate:
-    """State at a stamp: r_e ECEF [m], v_G [m/s], C_b_G, full covariance (24, 24) and estimated sensor errors."""
+    """State at a stamp: r_e ECEF [m], v_G [m/s], C_b_G, P (24, 24) and estimated sensor errors."""
 
     stamp_ns: int
     r_e: Array

@@ -1,8 +1,8 @@
 """The follower engine: stamped events in, stamped estimates and receipts out.
 
-It owns no clock, no thread and no randomness. The live node and the offline replay drive the same object with events
-in the same total order, so they get the same bytes. Events must come in that order: `reorder.py` sees to it live,
-`replay` sorts the bag.
+It owns no clock, no thread and no randomness. The live node and the offline replay drive the same
+object with events in the same total order, so they get the same bytes. Events must come in that
+order: `reorder.py` sees to it live, `replay` sorts the bag.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ class Follower:
         self.imu_gaps = 0
         self.divergence = ''
 
-    # -- driving -----------------------------------------------------------------------------------------------
+    # -- driving ----------------------------------------------------------------------------------
 
     def process(self, event: Event) -> Iterator[Output]:
         """Take the next event of the total order; yields what it leads to.
@@ -99,7 +99,10 @@ class Follower:
             yield from self._local(event)
 
     def advance(self, stamp_ns: int) -> Iterator[Output]:
-        """Give the estimate that is due before ``stamp_ns``: no event before that stamp will come any more."""
+        """Give the estimate that is due before ``stamp_ns``.
+
+        No event before that stamp may come any more.
+        """
         if self._due_ns is not None and stamp_ns > self._due_ns:
             self._due_ns = None
             if self._filter is not None:
@@ -119,7 +122,7 @@ class Follower:
         """Whether there is a state."""
         return self._filter is not None
 
-    # -- events ------------------------------------------------------------------------------------------------
+    # -- events -----------------------------------------------------------------------------------
 
     def _imu(self, sample: ImuSample) -> Iterator[Output]:
         if not (np.isfinite(sample.omega_ib_b).all() and np.isfinite(sample.f_b).all()):
@@ -162,8 +165,11 @@ class Follower:
             if not event.valid:
                 self.gated['dvl_invalid'] += 1
                 return
-            good = np.isfinite(event.v_m).all() and np.isfinite(event.covariance_m).all()
-            good = bool(good and (np.diagonal(event.covariance_m) > 0.0).all())
+            good = bool(
+                np.isfinite(event.v_m).all()
+                and np.isfinite(event.covariance_m).all()
+                and (np.diagonal(event.covariance_m) > 0.0).all()
+            )
             name = 'dvl'
         else:
             good = bool(
@@ -204,7 +210,10 @@ class Follower:
         epoch = f.history.before(fix.validity_ns)
         if epoch is None:
             reach = (fix.receive_ns - f.history.oldest_ns()) * 1e-9
-            reason = f'valid {_age(fix):.2f} s before it was received, the stored history reaches back {reach:.2f} s'
+            reason = (
+                f'valid {_age(fix):.2f} s before it was received, '
+                f'the stored history reaches back {reach:.2f} s'
+            )
             return self._receipt(fix, fix.receive_ns, Verdict.TOO_OLD, reason)
         self._remember(fix)
         prepared = self._prepare(f, fix, epoch)
@@ -251,7 +260,7 @@ class Follower:
         self._noise_fix.reset()
         self._noise_dvl.reset()
 
-    # -- outputs -----------------------------------------------------------------------------------------------
+    # -- outputs ----------------------------------------------------------------------------------
 
     def _diverge(self, why: str, stamp_ns: int) -> None:
         self.divergence = (

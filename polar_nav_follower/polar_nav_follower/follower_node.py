@@ -4,7 +4,8 @@
 | --- | --- | --- |
 | in imu/data_raw, dvl/data, depth/data | sensor_msgs/Imu, polar_nav_msgs/Dvl, Depth | validity |
 | in acomms/rx | polar_nav_msgs/AcousticPacket | transmission; the engine orders by receive_time |
-| out nav/state, odometry, nav/fix | polar_nav_msgs/NavState, nav_msgs/Odometry, sensor_msgs/NavSatFix | estimate |
+| out nav/state | polar_nav_msgs/NavState | estimate |
+| out odometry, nav/fix | nav_msgs/Odometry, sensor_msgs/NavSatFix | estimate |
 | out nav/receipt | polar_nav_msgs/FixReceipt | decision |
 | out nav/command | polar_nav_msgs/Command | place in the order of events |
 | out acomms/decoded | polar_nav_msgs/LeaderBroadcast | validity |
@@ -34,7 +35,7 @@ from .params import FollowerParams
 from .standard_outputs import fix_of, odometry_of
 
 
-class FollowerNode(PolarNode):
+class FollowerNode(PolarNode[FollowerParams]):
     """Thin: every callback is one call of the session, whose results are published."""
 
     def __init__(self) -> None:
@@ -57,7 +58,8 @@ class FollowerNode(PolarNode):
         self.create_service(Trigger, '~/reset', self._on_reset)
         self.create_service(SetInitialState, '~/set_initial_state', self._on_set_initial_state)
         self.get_logger().info(
-            f'configuration {self.params.configuration}, {self._session.follower.configuration.doc}'
+            f'configuration {self.params.configuration}, '
+            f'{self._session.follower.configuration.doc}'
         )
 
     def diagnose(self) -> Diagnosis:
@@ -101,8 +103,8 @@ class FollowerNode(PolarNode):
         return lambda message: self._publish(self._session.take(topic, message))
 
     def _publish(self, published: Iterable[session.Published]) -> None:
-        for topic, message in published:
-            self._outputs_by_topic[topic].publish(message)
+        for topic, message, data in published:
+            self._outputs_by_topic[topic].publish(data)
             if topic == session.STATE:
                 self._publish_standard(message)
 
@@ -143,7 +145,8 @@ class FollowerNode(PolarNode):
     ) -> SetInitialState.Response:
         initial = convert.initial_from_msg(request.initial_state)
         if initial is None:
-            response.message = f'sigma_position_horizontal is {request.initial_state.sigma_position_horizontal}: it must be positive'
+            sigma = request.initial_state.sigma_position_horizontal
+            response.message = f'sigma_position_horizontal is {sigma}: it must be positive'
         elif to_ns(request.initial_state.header.stamp):
             response.message = (
                 'header.stamp must be zero: the state is taken to hold with the next IMU sample'

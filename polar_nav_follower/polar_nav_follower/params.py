@@ -159,8 +159,8 @@ class FollowerParams(NodeParams):
         super().__post_init__()
         if self.history_s < self.max_delay_s + self.filter_period_s:
             raise ConfigError(
-                f'parameter history_s: {self.history_s} s is shorter than max_delay_s {self.max_delay_s} s '
-                f'and one filter step of {self.filter_period_s} s'
+                f'parameter history_s: {self.history_s} s is shorter than max_delay_s '
+                f'{self.max_delay_s} s and one filter step of {self.filter_period_s} s'
             )
 
     def resolved(self) -> Configuration:

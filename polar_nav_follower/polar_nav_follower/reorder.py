@@ -1,7 +1,8 @@
-"""Puts messages back into the total order of events, live: a window of stamp time absorbs transport jitter.
+"""Puts live messages into the total order of events: a window of stamp time absorbs jitter.
 
-The newest IMU stamp less the window is the watermark: everything up to it has come, or comes too late. What comes too
-late is refused with a receipt that says so; a replay refuses the same messages, because it reads them there.
+The newest IMU stamp less the window is the watermark: everything up to it has come, or comes too
+late. What comes too late is refused with a receipt that says so; a replay refuses the same
+messages, because it reads them there.
 """
 
 from __future__ import annotations
@@ -40,7 +41,10 @@ class Reorder:
         """Take one message as it comes; yields everything that can be decided now."""
         if self.watermark_ns is not None and event.stamp_ns <= self.watermark_ns:
             late = (self.watermark_ns + self._window_ns - event.stamp_ns) * 1e-9
-            reason = f'{late:.3f} s behind the newest IMU sample, the reorder window is {self._window_ns * 1e-9:.3f} s'
+            window = self._window_ns * 1e-9
+            reason = (
+                f'{late:.3f} s behind the newest IMU sample, the reorder window is {window:.3f} s'
+            )
             yield self.follower.refuse(event, Verdict.TOO_LATE, reason, self.watermark_ns)
             return
         heapq.heappush(self._heap, (event.key, event))

@@ -1,14 +1,15 @@
-"""One follower behind its topics: messages in, messages out; driven by the node live and by a replay offline.
+"""One follower behind its topics: messages in, messages out; driven by the node or by a replay.
 
-Both drivers use this class with the same engine, so that they publish the same bytes. The node calls :meth:`take` as
-messages come; a replay collects :meth:`event_of` of the whole bag, sorts, and calls :meth:`process`.
+Both drivers use this class with the same engine, so that they publish the same bytes. The node
+calls :meth:`take` as messages come; a replay collects :meth:`event_of` of the whole bag, sorts,
+and calls :meth:`process`.
 """
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 from polar_nav_core.packet import Broadcast
 
@@ -29,8 +30,13 @@ DECODED = 'acomms/decoded'
 
 INPUTS = (IMU, DVL, DEPTH, PACKET, COMMAND)
 
-Published = tuple[str, Any]
-"""Topic and message."""
+
+class Published(NamedTuple):
+    """A message to publish: its topic, and its bytes, which depend on its content only."""
+
+    topic: str
+    message: Any
+    data: bytes
 
 
 class Session:
@@ -82,7 +88,7 @@ class Session:
     def refuse(self, receipt: Receipt) -> Published:
         """Repeat the receipt of a message that a live run refused (replay)."""
         self.follower.verdicts[receipt.verdict] += 1
-        return RECEIPT, convert.receipt_to_msg(receipt)
+        return _published(RECEIPT, convert.receipt_to_msg(receipt))
 
     def flush(self) -> Iterator[Published]:
         """Process what waits: the end of the run, live or replayed."""
@@ -96,7 +102,7 @@ class Session:
     def _fix_from_msg(self, message: Any, number: int) -> Fix:  # noqa: ANN401
         fix, broadcast = convert.fix_from_msg(message, number, self.params)
         if broadcast is not None:
-            self._decoded.append((DECODED, self._broadcast_to_msg(broadcast, fix)))
+            self._decoded.append(_published(DECODED, self._broadcast_to_msg(broadcast, fix)))
         return fix
 
     def _broadcast_to_msg(self, broadcast: Broadcast, fix: Fix) -> Any:  # noqa: ANN401
@@ -106,6 +112,10 @@ class Session:
     def _to_messages(self, outputs: Iterable[Output]) -> Iterator[Published]:
         for output in outputs:
             if isinstance(output, Receipt):
-                yield RECEIPT, convert.receipt_to_msg(output)
+                yield _published(RECEIPT, convert.receipt_to_msg(output))
             else:
-                yield STATE, convert.nav_to_msg(output, self.params, self.vehicle)
+                yield _published(STATE, convert.nav_to_msg(output, self.params, self.vehicle))
+
+
+def _published(topic: str, message: Any) -> Published:  # noqa: ANN401
+    return Published(topic, message, convert.to_bytes(message))

@@ -1,4 +1,4 @@
-"""The follower's estimate in standard messages (nav_msgs/Odometry, sensor_msgs/NavSatFix), for other people's tools."""
+"""The estimate as nav_msgs/Odometry and sensor_msgs/NavSatFix, for other people's tools."""
 
 from __future__ import annotations
 
@@ -13,9 +13,10 @@ from polar_nav_msgs.msg import NavState
 
 
 def odometry_of(state: NavState) -> Odometry:
-    """Pose of base_link in `earth` (C_b_e), twist in base_link; covariances in the axes that nav_msgs/Odometry asks for.
+    """Pose of base_link in `earth` (C_b_e), twist in base_link.
 
-    The angular twist is not estimated: NaN.
+    Covariances are in the axes that nav_msgs/Odometry asks for. The angular twist is not
+    estimated: NaN.
     """
     C_e_G = grid.ecef_to_grid(state.r_e)
     q = state.orientation
@@ -47,7 +48,10 @@ def odometry_of(state: NavState) -> Odometry:
 
 
 def fix_of(state: NavState) -> NavSatFix:
-    """Latitude, longitude, height for maps; the covariance is east-north-up, turned from grid axes by the convergence."""
+    """Latitude, longitude, height for maps.
+
+    The covariance is east-north-up, turned from grid axes by the convergence.
+    """
     fix = NavSatFix(header=state.header)
     fix.status = NavSatStatus(status=NavSatStatus.STATUS_FIX, service=0)
     fix.latitude = math.degrees(state.latitude)

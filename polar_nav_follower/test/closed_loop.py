@@ -1,7 +1,7 @@
-"""A small world of its own for the engine's tests: constant grid velocity, exact increments by fine integration.
+"""A small world of its own for the engine's tests: constant grid velocity, exact increments.
 
-Independent of polar_nav_sim: the truth is what the core's strapdown makes of noise-free increments, so a filter fed
-with them and with exact measurements must stay where the truth is.
+Independent of polar_nav_sim: the truth is what the core's strapdown makes of noise-free
+increments, so a filter fed with them and with exact measurements must stay where the truth is.
 """
 
 import numpy as np
@@ -45,7 +45,8 @@ class World:
                 ]
             )
             omega_ie_G, omega_eG_G = grid.earth_rate(r_e), grid.transport_rate(r_e, v)
-            # Rate and force that keep the grid velocity: what a vehicle with a perfect autopilot would feel.
+            # Rate and force that keep the grid velocity: what a vehicle with a perfect autopilot
+            # would feel.
             omega_b = C_b_G.T @ (omega_ie_G + omega_eG_G) + wobble
             f_G = np.array([0.0, 0.0, float(earth.gravity(r_e))]) + np.cross(
                 2 * omega_ie_G + omega_eG_G, v

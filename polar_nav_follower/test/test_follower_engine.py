@@ -1,4 +1,4 @@
-"""The engine end to end, without ROS: late fixes, verdicts, order, and the price of ignoring the delay."""
+"""The engine end to end, without ROS: late fixes, verdicts, order, the price of ignored delays."""
 
 import dataclasses
 
@@ -80,7 +80,7 @@ def test_the_pole_and_the_date_line_are_ordinary_places(lat_deg, lon_deg):
 
 
 def test_estimates_stay_inside_their_own_band(world):
-    """Position errors against the filter's own sigma: 24 runs, last epoch, 3 degrees of freedom each."""
+    """Position errors against the filter's own sigma: last epochs of 24 runs, 3 dof each."""
     from scipy.stats import chi2
 
     total, runs = 0.0, 24
@@ -181,11 +181,10 @@ def test_reset_starts_again_from_the_given_state(world):
     at = int(world.stamps[5000])
     command = Command(at, 0, CommandKind.RESET)
     out = run(Follower(world.params()), [*sensors(world), command])
-    after = [e for e in estimates(out) if e.stamp_ns > at][0]
+    after = next(e for e in estimates(out) if e.stamp_ns > at)
     assert after.stamp_ns == world.stamps[5001]
-    np.testing.assert_allclose(
-        after.r_e, world.r_e[1], atol=1e-3
-    )  # the parameters' state, not the present one
+    # The parameters' state, not the present one.
+    np.testing.assert_allclose(after.r_e, world.r_e[1], atol=1e-3)
 
 
 def test_lost_definiteness_stops_the_estimates(world):

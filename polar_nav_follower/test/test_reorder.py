@@ -1,4 +1,4 @@
-"""Live order equals sorted order: whatever the transport does within the window, the engine gives the same bits."""
+"""Live order equals sorted order: within the window, any transport gives the same bits."""
 
 import random
 

@@ -70,7 +70,9 @@ class Mounting:
     def of(cls, lever_b: tuple[float, ...], rpy_deg: tuple[float, ...]) -> Mounting:
         """Build it from a lever arm and roll, pitch, yaw in degrees."""
         roll, pitch, yaw = (math.radians(a) for a in rpy_deg)
-        return cls(np.array(lever_b, dtype=np.float64), attitude.matrix_from_euler(yaw, pitch, roll))
+        return cls(
+            np.array(lever_b, dtype=np.float64), attitude.matrix_from_euler(yaw, pitch, roll)
+        )
 
 
 def make_broadcast(
@@ -104,7 +106,9 @@ def make_broadcast(
     moved_e = _array_position(at_return, mounting) - _array_position(at_ping, mounting)
     half_path = 0.5 * m.sound_speed * (m.round_trip - m.turn_around)
     try:
-        distance = usbl.range_at_reply(half_path, m.range_variance, m.direction_a, C_a_e.T @ moved_e)
+        distance = usbl.range_at_reply(
+            half_path, m.range_variance, m.direction_a, C_a_e.T @ moved_e
+        )
         relative_a = usbl.relative_in_array(
             m.direction_a,
             m.cosine_covariance,

@@ -26,7 +26,7 @@ from .leader import Leader
 from .params import LeaderParams
 
 
-class LeaderNode(PolarNode):
+class LeaderNode(PolarNode[LeaderParams]):
     """Thin: a message in, one call of :class:`Leader`, packets out."""
 
     def __init__(self) -> None:

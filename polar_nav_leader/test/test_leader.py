@@ -90,7 +90,7 @@ def test_noise_free_fix_is_where_the_follower_was_at_the_reply(lat, lon, tells_d
     follower = Sailing(lat, lon, 60.0, (0.5, 2.0, 0.2), offset_e=C_G_e @ [500.0, 300.0, -40.0])
     measurement, t3, t4 = cycle(leader, follower, np.array(lever), C_a_b, 2.0137, tells_depth)
     _, out = send(leader, measurement, 6.0, array_lever_b=lever, array_rpy_deg=rpy)
-    (sent_at, p), = out
+    ((sent_at, p),) = out
     b = packet.decode(p.data, T0 + 10_000_000_000)
     # The follower moves by up to 0.1 m during the turn-around; half of it stays in the range.
     own_motion = 0.5 * TURN_AROUND * 2.1

@@ -1,10 +1,11 @@
-"""Bookkeeping of the `lockstep` pace: may the truth go on, and if not, who holds it up?
+"""Bookkeeping of the `lockstep` pace: whether the truth may go on, and who holds it up if not.
 
-Every node acknowledges how many messages it has taken and published on each topic (LockstepAck). A node acknowledges
-after a callback took its messages and published all they led to, so once a node has taken everything that was published
-to it, its own published counts are final. The graph has no loop that starts without the truth; so when every taken count
-equals the sum of the published counts of its topic, nothing is under way. Nothing is lost as long as queues are deeper
-than a window is long.
+Every node acknowledges how many messages it has taken and published on each topic (LockstepAck). A
+node acknowledges after a callback took its messages and published all they led to, so once a node
+has taken everything that was published to it, its own published counts are final. The graph has no
+loop that starts without the truth; so when every taken count equals the sum of the published
+counts of its topic, nothing is under way. Nothing is lost as long as queues are deeper than a
+window is long.
 """
 
 from __future__ import annotations
@@ -68,7 +69,7 @@ class Flow:
         return True
 
     def own(self, published: Mapping[str, int], matched: Mapping[str, int] | None = None) -> None:
-        """Say what the truth node itself has published so far, and how many subscriptions each topic has."""
+        """Say what the truth node has published so far, and how many read each topic."""
         self._own = dict(published)
         if matched is not None:
             self._own_matched = dict(matched)
@@ -90,13 +91,12 @@ class Flow:
             for node in publishers:
                 have = (self._own_matched if node == '' else self._pub_matched[node]).get(topic, 0)
                 if have < len(subscribers):
-                    out.append(
-                        f'{node or "the truth"} sees {have} of {len(subscribers)} subscribers of {topic}'
-                    )
+                    who = node or 'the truth'
+                    out.append(f'{who} sees {have} of {len(subscribers)} subscribers of {topic}')
         return out
 
     def ready(self) -> bool:
-        """Whether every expected node is there and all publishers and subscribers have found each other."""
+        """Whether every expected node is there and all publishers and subscribers are matched."""
         return not self.missing()
 
     def laggards(self) -> dict[str, dict[str, tuple[int, int]]]:

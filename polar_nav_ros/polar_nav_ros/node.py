@@ -1,14 +1,20 @@
-"""The base of every node: parameters, counted publishers, drained subscriptions, acknowledgements, diagnostics, an orderly end."""
+"""The base of every node.
+
+Parameters, counted publishers, drained subscriptions, acknowledgements, diagnostics and an
+orderly end.
+"""
 
 from __future__ import annotations
 
 import json
+import os
 import signal
 import sys
+import time
 from collections.abc import Callable, Sequence
 from importlib import metadata
 from types import FrameType
-from typing import Any, TypeVar
+from typing import Any, Generic, TypeVar
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
@@ -32,6 +38,8 @@ P = TypeVar('P', bound=NodeParams)
 
 ACK_TOPIC = '/lockstep/ack'
 RUN_INFO_TOPIC = '/run_info'
+SUPERVISED = 'POLAR_NAV_SUPERVISED'
+"""Set in the environment by who reads machine-readable lines (counts, progress) from stdout."""
 QUEUE_DEPTH = 2000
 """Deeper than the longest window of the lockstep pace has messages on any topic."""
 
@@ -91,8 +99,10 @@ class _Input:
         return int(self.subscription.get_publisher_count())
 
 
-class PolarNode(Node):  # type: ignore[misc]
-    """A node that declares its parameters from one dataclass and takes part in the lockstep pace when told to.
+class PolarNode(Node, Generic[P]):  # type: ignore[misc]
+    """A node that declares its parameters from one dataclass and, if told to, keeps lockstep.
+
+    Subclasses name their dataclass: ``class MyNode(PolarNode[MyParams])``.
 
     Parameters
     ----------
@@ -141,10 +151,10 @@ class PolarNode(Node):  # type: ignore[misc]
         raw: bool = False,
         qos: QoSProfile = DATA_QOS,
     ) -> Subscription:
-        """Subscribe with a callback that is called for all waiting messages at once, not once per executor turn.
+        """Subscribe with a callback that takes all waiting messages in one turn of the executor.
 
-        The executor's turn costs several times what taking a message costs, so the first message of a burst brings
-        the rest with it.
+        The executor's turn costs several times what taking a message costs, so the first message
+        of a burst brings the rest with it.
         """
 
         def drained(first: Any) -> None:  # noqa: ANN401 - a message of msg_type, or its bytes
@@ -197,9 +207,20 @@ class PolarNode(Node):  # type: ignore[misc]
         """Last words before the end, when publishing is still possible; override."""
 
     def flush(self, timeout_s: float = 2.0) -> None:
-        """Wait until readers have what was published."""
+        """Wait until readers have what was published, at most this long for all topics together."""
+        deadline = time.monotonic() + timeout_s
         for output in self._outputs:
-            output.flush(timeout_s)
+            output.flush(max(0.0, deadline - time.monotonic()))
+
+    def tell_supervisor(self, what: str, text: str) -> None:
+        """Print one machine-readable line for a supervisor that asked for it (SUPERVISED)."""
+        if SUPERVISED in os.environ:
+            print(f'{what} {text}', flush=True)  # noqa: T201
+
+    def tell_counts(self) -> None:
+        """Tell a supervisor what was published and taken."""
+        counts = {'published': self.published_counts(), 'taken': self.taken_counts()}
+        self.tell_supervisor('counts', json.dumps(counts))
 
     def _publish_diagnosis(self) -> None:
         message = self.diagnose().to_msg(self.get_fully_qualified_name())
@@ -224,7 +245,10 @@ class PolarNode(Node):  # type: ignore[misc]
 
 
 class Stop:
-    """Set by SIGINT or SIGTERM; the spin loop looks at it between turns, so a node can still publish its last words."""
+    """Set by SIGINT or SIGTERM.
+
+    The spin loop looks at it between turns, so a node can still publish its last words.
+    """
 
     def __init__(self) -> None:
         self.signal: int | None = None
@@ -235,15 +259,15 @@ class Stop:
         self.signal = number
 
 
-def run(node_cls: type[PolarNode], args: Sequence[str] | None = None) -> int:
+def run(node_cls: Callable[[], PolarNode[Any]], args: Sequence[str] | None = None) -> int:
     """Run one node until a signal or until it raises SystemExit; the exit status of the process.
 
-    rclpy's own signal handlers end the context at once, before a node can flush what it holds; so signals only set a
-    flag here.
+    rclpy's own signal handlers end the context at once, before a node can flush what it holds; so
+    signals only set a flag here.
     """
     stop = Stop()
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-    node: PolarNode | None = None
+    node: PolarNode[Any] | None = None
     status = 0
     try:
         node = node_cls()
@@ -266,6 +290,7 @@ def run(node_cls: type[PolarNode], args: Sequence[str] | None = None) -> int:
         status = 1
     finally:
         if node is not None:
+            node.tell_counts()
             node.destroy_node()
         rclpy.try_shutdown()
     return status

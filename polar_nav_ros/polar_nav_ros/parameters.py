@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any, TypeVar
 
@@ -19,7 +20,7 @@ _RCLPY_OWN = ('use_sim_time', 'start_type_description_service')
 
 
 def load(node: Node, cls: type[T]) -> T:
-    """Declare every field of ``cls`` on ``node`` (read-only, with range and text) and return the values.
+    """Declare every field of ``cls`` on ``node``, read-only with range and text; the values.
 
     Raises
     ------
@@ -27,7 +28,8 @@ def load(node: Node, cls: type[T]) -> T:
         For an unknown name given to the node, a wrong type or a value out of range.
     """
     known = {f.name for f in fields(cls)}
-    # The overrides a node was started with stand in a private attribute only; undeclared ones are otherwise silent.
+    # The overrides a node was started with stand in a private attribute only; undeclared ones
+    # are otherwise silent.
     given = [
         name
         for name in node._parameter_overrides
@@ -60,7 +62,7 @@ def load(node: Node, cls: type[T]) -> T:
     return from_mapping(cls, values)
 
 
-def _expected(meta: dict[str, Any]) -> str:
+def _expected(meta: Mapping[str, Any]) -> str:
     if meta['kind'] == 'float':
         return f'a float in [{meta["lo"]}, {meta["hi"]}] {meta["unit"]} (write 5.0, not 5)'
     if meta['kind'] == 'int':
@@ -70,7 +72,7 @@ def _expected(meta: dict[str, Any]) -> str:
     return {'bool': 'true or false', 'str': 'a text', 'strs': 'a list of texts'}[meta['kind']]
 
 
-def _descriptor(meta: dict[str, Any]) -> ParameterDescriptor:
+def _descriptor(meta: Mapping[str, Any]) -> ParameterDescriptor:
     unit = f' [{meta["unit"]}]' if meta['unit'] else ''
     about = ParameterDescriptor(description=meta['doc'] + unit, read_only=True)
     if meta['kind'] == 'float':

@@ -22,6 +22,9 @@ def to_msg(stamp_ns: int) -> Time:
 
 
 def stamp_ns_of_cdr(data: bytes) -> int:
-    """``header.stamp`` of a serialized message whose first field is a std_msgs/Header, without decoding the rest."""
+    """``header.stamp`` of a serialized message whose first field is a std_msgs/Header.
+
+    The rest is not decoded.
+    """
     sec, nanosec = _STAMP[data[1]].unpack_from(data, 4)
     return int(sec) * NS + int(nanosec)

@@ -28,7 +28,7 @@ class EchoParams(NodeParams):
     gain: float = param(2.0, 'm', 0.0, 10.0, 'Factor')
 
 
-class Echo(PolarNode):
+class Echo(PolarNode[EchoParams]):
     def __init__(self, **kwargs):
         super().__init__('echo', EchoParams, **kwargs)
         self.out = self.advertise(Depth, 'out')

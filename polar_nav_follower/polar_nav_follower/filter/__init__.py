@@ -1,1 +1,1 @@
-"""Grid-frame SINS with its 24-state error filter, the stored past, delay handling and noise adaptation."""
+"""Grid-frame SINS with 24-state error filter, stored past, delay handling and noise adaptation."""

@@ -1,6 +1,7 @@
-"""What to do with a fix that is older than the estimate: one function per strategy, all on the same filter.
+"""What to do with a fix that is older than the estimate: one function per strategy.
 
-Each fills the filter's rows for the fix; the filter then gates, updates and feeds back.
+All work on the same filter: each fills its rows for the fix; the filter then gates, updates and
+feeds back.
 """
 
 from __future__ import annotations
@@ -44,7 +45,10 @@ def _rows(f: NavigationFilter, fix: Fix, epoch: Epoch, stamp_ns: int) -> None:
 
 
 def array_axes(f: NavigationFilter, fix: Fix) -> Array:
-    """C_a_G of the leader's array as far as a packet tells it: turned by the leader's heading; zero while not estimated."""
+    """C_a_G of the leader's array as far as a packet tells it: turned by the leader's heading.
+
+    Zero while the USBL bias is not estimated.
+    """
     if not f.estimates_usbl_bias:
         return _NO_BIAS
     psi = 0.5 * np.pi - fix.array_heading
@@ -63,7 +67,7 @@ def ignore(f: NavigationFilter, fix: Fix, _epoch: Epoch) -> Prepared:
 
 
 def back_propagate(f: NavigationFilter, fix: Fix, epoch: Epoch) -> Prepared:
-    """Innovation at the time of validity with H* = H Phi^-1: the published modified AKF, in closed loop."""
+    """Innovation at validity with H* = H Phi^-1: the published modified AKF, in closed loop."""
     _rows(f, fix, epoch, fix.validity_ns)
     return Prepared(f.walk_to_now(epoch.step, epoch.correction))
 

@@ -1,7 +1,8 @@
-"""The stored past of the filter: where it was at each IMU epoch, how errors moved, and what was fed back.
+"""The filter's past: where it was at each IMU epoch, how errors moved, and what was fed back.
 
-All three are rings that hold a stated time. Late fixes are compared with the position stored before their time of
-validity plus velocity times the rest; no step is ever split at a time of validity.
+All three are rings that hold a stated time. Late fixes are compared with the position stored
+before their time of validity plus velocity times the rest; no step is ever split at a time of
+validity.
 """
 
 from __future__ import annotations
@@ -76,7 +77,10 @@ class History:
         self.correction = 0
 
     def add_epoch(self, stamp_ns: int, point_e: Array, velocity_e: Array, lever_G: Array) -> None:
-        """Store an IMU epoch; call after a covariance step that ends at it, before measurements of that stamp."""
+        """Store an IMU epoch.
+
+        Call after a covariance step that ends at it, before measurements of that stamp.
+        """
         i = self.count % len(self._stamps)
         self._stamps[i] = stamp_ns
         self._points[i] = point_e
@@ -89,7 +93,8 @@ class History:
     def next_transition(self) -> Array:
         """Slot for the transition of the next covariance step, which becomes the newest."""
         self.step += 1
-        return self.transitions[self.step % len(self.transitions)]
+        slot: Array = self.transitions[self.step % len(self.transitions)]
+        return slot
 
     def add_correction(self, x: Array) -> None:
         """Store what was just taken out of the state."""

@@ -1,7 +1,8 @@
 """Strapdown state and error covariance of the follower at one stamp, in closed loop.
 
-Events come in order. An IMU sample moves the state; when it ends a covariance step, the covariance follows. A
-measurement corrects the state at once, with the covariance of the last step at or before it: steps are never split.
+Events come in order. An IMU sample moves the state; when it ends a covariance step, the covariance
+follows. A measurement corrects the state at once, with the covariance of the last step at or
+before it: steps are never split.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from scipy.stats import chi2
 from polar_nav_core import attitude, earth, grid
 from polar_nav_core.errors import FilterDivergence
 from polar_nav_core.kernels import filter as kf
-from polar_nav_core.kernels import filter_imu, filter_rows
+from polar_nav_core.kernels import filter_imu, filter_rows, filter_walk
 
 from ..events import Array, DepthSample, DvlPing, ImuSample, InitialState
 from ..params import FollowerParams
@@ -28,7 +29,7 @@ _USBL = slice(21, 24)
 
 @dataclass(frozen=True)
 class Outcome:
-    """What one update did: innovation (estimate minus measurement), its variance, NIS against the gate."""
+    """What one update did: innovation (estimate minus measurement), variance, NIS and gate."""
 
     fused: bool
     z: Array
@@ -128,7 +129,7 @@ class NavigationFilter:
         self.estimates_usbl_bias = self._p.usbl_bias_sigma > 0.0
         self._active = kf.N if self.estimates_usbl_bias else 21
 
-    # -- time ------------------------------------------------------------------------------------------------------
+    # -- time -------------------------------------------------------------------------------------
 
     def imu(self, sample: ImuSample) -> None:
         """Advance to the end of the sample's interval.
@@ -136,7 +137,8 @@ class NavigationFilter:
         Raises
         ------
         FilterDivergence
-            When the covariance is not positive definite or the state not finite at the end of a covariance step.
+            When the covariance is not positive definite or the state not finite at the end of a
+            covariance step.
         """
         dt = (sample.stamp_ns - self.stamp_ns) * 1e-9
         omega_b, f_b = sample.omega_ib_b, sample.f_b
@@ -225,7 +227,7 @@ class NavigationFilter:
             self.velocity_e,
         )
 
-    # -- measurements ----------------------------------------------------------------------------------------------
+    # -- measurements -----------------------------------------------------------------------------
 
     def dvl(self, ping: DvlPing, noise: StatedNoise) -> Outcome:
         """Fuse one valid DVL ping."""
@@ -308,7 +310,7 @@ class NavigationFilter:
     def walk_to_now(self, first_step: int, first_correction: int) -> int:
         """Bring the rows in ``H`` and ``z`` from a stored step to now; the number of steps."""
         h, w = self.history, self._w
-        kf.walk_forward(
+        filter_walk.walk_forward(
             self.H,
             self.z,
             3,

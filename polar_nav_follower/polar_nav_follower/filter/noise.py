@@ -1,9 +1,10 @@
-"""Measurement noise as the filter uses it: as stated, or adapted to the innovations (`adaptive_r`).
+"""Measurement noise as the filter uses it: as stated, or adapted to innovations (`adaptive_r`).
 
-The published adaptation R' = (1 - d) R + d v v^T, d = (1 - b)/(1 - b^k) (polar-math 6, eq. 65) throws the stated noise
-away at k = 1 and leaves a matrix of rank one. What works: a warm start, as if the stated R had already been seen
-k0 = 1/(1 - b) times, and a floor. The adapted quantity is the ratio of observed to stated variance per axis, so that a
-stated R that changes from fix to fix (range, geometry) keeps its meaning, and R stays positive definite.
+The published adaptation R' = (1 - d) R + d v v^T, d = (1 - b)/(1 - b^k) (polar-math 6, eq. 65)
+throws the stated noise away at k = 1 and leaves a matrix of rank one. What works: a warm start, as
+if the stated R had already been seen k0 = 1/(1 - b) times, and a floor. The adapted quantity is
+the ratio of observed to stated variance per axis, so that a stated R that changes from fix to fix
+(range, geometry) keeps its meaning, and R stays positive definite.
 """
 
 from __future__ import annotations

@@ -38,7 +38,7 @@ def fix_from_packet(
     receive_ns: int,
     params: FollowerParams,
 ) -> tuple[Fix, Broadcast | None]:
-    """Read the bytes of a received packet; the fix says why when they hold none for this vehicle."""
+    """Read a received packet's bytes; the fix says why when they hold none for this vehicle."""
 
     def refused(
         verdict: Verdict, reason: str, b: Broadcast | None = None

@@ -1,0 +1,27 @@
+"""What set-up compiles is what the engine calls: no kernel is compiled a second time."""
+
+import numba
+import numpy as np
+import pytest
+from closed_loop import World, run
+
+from polar_nav_core.kernels import filter as kf
+from polar_nav_core.kernels import filter_imu, filter_rows, filter_walk
+from polar_nav_core.kernels.warm import warm_filter
+from polar_nav_follower.follower import Follower
+
+
+@pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason='nothing is compiled')
+def test_the_engine_needs_no_kernel_that_set_up_has_not_compiled():
+    warm_filter()
+    world = World(5.0)
+    fixes = world.fixes(1.0, 1.0, rng=np.random.default_rng(0))
+    run(Follower(world.params()), [*world.imu(), *world.dvl(), *world.depth(), *fixes])
+    compiled = [
+        k
+        for m in (kf, filter_imu, filter_rows, filter_walk)
+        for n, k in vars(m).items()
+        if hasattr(k, 'signatures') and n[0] != '_'
+    ]
+    assert len(compiled) > 10
+    assert {k.__name__: len(k.signatures) for k in compiled if len(k.signatures) > 1} == {}
