@@ -1,10 +1,10 @@
-"""Errors that a user is meant to read: one sentence that names the parameter, file, topic or place."""
+"""Errors that a user is meant to read: one sentence naming the parameter, file, topic or place."""
 
 from __future__ import annotations
 
 
 class PolarNavError(Exception):
-    """Base of all errors whose text is the whole explanation; a command prints it without a traceback."""
+    """Base of all errors whose text explains everything: a command prints it, no traceback."""
 
 
 class ConfigError(PolarNavError):
@@ -12,4 +12,7 @@ class ConfigError(PolarNavError):
 
 
 class FilterDivergence(PolarNavError):
-    """A covariance lost definiteness or a state is not finite: no estimate may be published any more."""
+    """A covariance lost definiteness or a state is not finite.
+
+    No estimate may be published any more.
+    """

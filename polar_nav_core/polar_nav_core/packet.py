@@ -1,7 +1,8 @@
-"""The bytes that a leader sends to a follower: one table of fields makes encoder, decoder, documentation and tests.
+"""The bytes that a leader sends to a follower, all by one table of fields.
 
-A packet is a little-endian struct of scaled integers, version first, CRC-16/CCITT-FALSE last. Positions are ECEF
-centimetres, so the pole is an ordinary place. Standard deviations are coded on a logarithmic scale and rounded up:
+The table makes encoder, decoder, documentation and tests. A packet is a little-endian struct of
+scaled integers, version first, CRC-16/CCITT-FALSE last. Positions are ECEF centimetres, so the
+pole is an ordinary place. Standard deviations are coded on a logarithmic scale and rounded up:
 what the follower reads is never more confident than what the leader said.
 """
 
@@ -47,20 +48,73 @@ class Field:
 FIELDS: tuple[Field, ...] = (
     Field('version', 'B', 'int', 1, 0, 255, '', 'packet format, 1'),
     Field('source', 'B', 'int', 1, 0, 255, '', 'number of the leader'),
-    Field('target', 'B', 'int', 1, 0, 255, '', 'number of the follower that the relative vector belongs to'),
+    Field(
+        'target',
+        'B',
+        'int',
+        1,
+        0,
+        255,
+        '',
+        'number of the follower that the relative vector belongs to',
+    ),
     Field('sequence', 'H', 'int', 1, 0, 65535, '', 'of the fix, wraps'),
     Field('validity', 'I', 'ticks', 1e-4, 0, (_WRAP - 1) * 1e-4, 's', 't3, wraps after 4.97 days'),
     Field('reply_travel', 'H', 'linear', 1e-4, 0, 6.5535, 's', 't4 - t3'),
-    Field('leader_r_e', 'i', 'linear', 0.01, -2.1e7, 2.1e7, 'm', "leader's base_link at t4, ECEF", 3),
-    Field('leader_sigma_horizontal', 'B', 'sigma', _SIGMA_RATIO, 0, 1.4e4, 'm', '1-sigma per horizontal axis'),
+    Field(
+        'leader_r_e', 'i', 'linear', 0.01, -2.1e7, 2.1e7, 'm', "leader's base_link at t4, ECEF", 3
+    ),
+    Field(
+        'leader_sigma_horizontal',
+        'B',
+        'sigma',
+        _SIGMA_RATIO,
+        0,
+        1.4e4,
+        'm',
+        '1-sigma per horizontal axis',
+    ),
     Field('leader_sigma_vertical', 'B', 'sigma', _SIGMA_RATIO, 0, 1.4e4, 'm', '1-sigma'),
-    Field('leader_v_G', 'h', 'linear', 0.001, -32.767, 32.767, 'm/s', "leader's grid axes at t4", 3),
-    Field('leader_sigma_velocity', 'B', 'sigma', _SIGMA_RATIO, 0, 1.4e4, 'm/s', '1-sigma per axis'),
-    Field('leader_grid_heading', 'H', 'angle', 2 * math.pi / 65536, -math.pi, math.pi, 'rad', 'at t4, clockwise from grid north'),
+    Field(
+        'leader_v_G', 'h', 'linear', 0.001, -32.767, 32.767, 'm/s', "leader's grid axes at t4", 3
+    ),
+    Field(
+        'leader_sigma_velocity', 'B', 'sigma', _SIGMA_RATIO, 0, 1.4e4, 'm/s', '1-sigma per axis'
+    ),
+    Field(
+        'leader_grid_heading',
+        'H',
+        'angle',
+        2 * math.pi / 65536,
+        -math.pi,
+        math.pi,
+        'rad',
+        'at t4, clockwise from grid north',
+    ),
     Field('leader_sigma_heading', 'B', 'sigma', _SIGMA_RATIO, 0, 1.4e4, 'mrad', '1-sigma'),
-    Field('r_lf_G', 'i', 'linear', 0.01, -1e5, 1e5, 'm', "leader at t4 to follower at t3, leader's grid axes", 3),
+    Field(
+        'r_lf_G',
+        'i',
+        'linear',
+        0.01,
+        -1e5,
+        1e5,
+        'm',
+        "leader at t4 to follower at t3, leader's grid axes",
+        3,
+    ),
     Field('r_lf_sigma_G', 'B', 'sigma', _SIGMA_RATIO, 0, 1.4e4, 'm', '1-sigma of r_lf_G', 3),
-    Field('r_lf_correlation', 'b', 'correlation', 1 / 127, -1, 1, '', 'xy, xz, yz; rounded towards zero', 3),
+    Field(
+        'r_lf_correlation',
+        'b',
+        'correlation',
+        1 / 127,
+        -1,
+        1,
+        '',
+        'xy, xz, yz; rounded towards zero',
+        3,
+    ),
     Field('sound_speed', 'H', 'above', 0.01, 1000, 1655.35, 'm/s', 'used for the range'),
 )
 _LAYOUT = struct.Struct('<' + ''.join(f.code * f.count for f in FIELDS))
@@ -87,7 +141,8 @@ class Broadcast:
     leader_r_e : (3,) array
         Leader's base_link at t4, ECEF [m].
     r_lf_G : (3,) array
-        From the leader's base_link at t4 to the follower's transponder at t3, leader's grid axes [m].
+        From the leader's base_link at t4 to the follower's transponder at t3, leader's grid axes
+        [m].
     r_lf_covariance_G : (3, 3) array
         Its covariance [m^2].
     """
@@ -162,7 +217,9 @@ def decode(data: bytes, received_ns: int) -> Broadcast:
         When the CRC does not fit, or the version or the length is not one we know.
     """
     if len(data) != SIZE:
-        raise PacketError(f'packet of {len(data)} bytes, version {VERSION} has {SIZE}', damaged=False)
+        raise PacketError(
+            f'packet of {len(data)} bytes, version {VERSION} has {SIZE}', damaged=False
+        )
     body, crc = data[:-2], struct.unpack('<H', data[-2:])[0]
     if crc16(body) != crc:
         raise PacketError(f'CRC is {crc16(body):#06x}, the packet says {crc:#06x}', damaged=True)
@@ -204,12 +261,21 @@ def decode(data: bytes, received_ns: int) -> Broadcast:
 
 def documentation() -> str:
     """Table of the fields in Markdown."""
-    rows = ['| field | bytes | resolution | range | unit | meaning |', '| --- | --- | --- | --- | --- | --- |']
+    rows = [
+        '| field | bytes | resolution | range | unit | meaning |',
+        '| --- | --- | --- | --- | --- | --- |',
+    ]
     for f in FIELDS:
         size = struct.calcsize('<' + f.code) * f.count
-        step = {'int': '1', 'sigma': f'+{(_SIGMA_RATIO - 1) * 100:.0f} %, up', 'correlation': '1/127'}
+        step = {
+            'int': '1',
+            'sigma': f'+{(_SIGMA_RATIO - 1) * 100:.0f} %, up',
+            'correlation': '1/127',
+        }
         resolution = step.get(f.kind, f'{f.resolution:.3g}')
-        rows.append(f'| {f.name} | {size} | {resolution} | {f.lo:g} to {f.hi:g} | {f.unit} | {f.doc} |')
+        rows.append(
+            f'| {f.name} | {size} | {resolution} | {f.lo:g} to {f.hi:g} | {f.unit} | {f.doc} |'
+        )
     rows.append('| crc | 2 | | | | CRC-16/CCITT-FALSE of all bytes before |')
     return '\n'.join(rows)
 
@@ -240,7 +306,7 @@ def _to_integer(f: Field, value: float) -> int:
             return 0
         if value <= _SIGMA_FLOOR:
             return 1
-        # The last term keeps a decoded value, which lies on the scale but for rounding, where it is.
+        # A decoded value lies on the scale but for rounding: the last term keeps it where it is.
         return 1 + math.ceil(math.log(value / _SIGMA_FLOOR) / math.log(_SIGMA_RATIO) - 1e-9)
     if f.kind == 'correlation':
         return math.trunc(value * 127)

@@ -1,7 +1,7 @@
 """Parameters of nodes and filters: default, unit, range and text of each stand together, once.
 
-A node declares what the dataclass says (polar_nav_ros.parameters), YAML files and documentation read
-the same object, and :func:`check` refuses what is out of range with a sentence that names it.
+A node declares what the dataclass says (polar_nav_ros.parameters), YAML files and documentation
+read the same object, and :func:`check` refuses what is out of range with a sentence that names it.
 """
 
 from __future__ import annotations
@@ -20,7 +20,9 @@ T = TypeVar('T')
 def param(default: float, unit: str, lo: float, hi: float, doc: str) -> Any:  # noqa: ANN401 - a dataclass field
     """Number in [lo, hi]; an int default makes an int parameter."""
     kind = 'int' if isinstance(default, int) and not isinstance(default, bool) else 'float'
-    return field(default=default, metadata={'kind': kind, 'unit': unit, 'lo': lo, 'hi': hi, 'doc': doc})
+    return field(
+        default=default, metadata={'kind': kind, 'unit': unit, 'lo': lo, 'hi': hi, 'doc': doc}
+    )
 
 
 def vector(default: Sequence[float], unit: str, lo: float, hi: float, doc: str) -> Any:  # noqa: ANN401
@@ -32,7 +34,10 @@ def vector(default: Sequence[float], unit: str, lo: float, hi: float, doc: str) 
 
 def choice(default: str, options: Sequence[str], doc: str) -> Any:  # noqa: ANN401
     """One of a few words."""
-    return field(default=default, metadata={'kind': 'str', 'unit': '', 'options': tuple(options), 'doc': doc})
+    return field(
+        default=default,
+        metadata={'kind': 'str', 'unit': '', 'options': tuple(options), 'doc': doc},
+    )
 
 
 def text(default: str, doc: str) -> Any:  # noqa: ANN401
@@ -54,7 +59,9 @@ def flag(default: bool, doc: str) -> Any:  # noqa: ANN401
 class NodeParams:
     """Base of every node's parameters."""
 
-    lockstep: bool = flag(False, 'Acknowledge every message to truth_node, which then loses nothing')
+    lockstep: bool = flag(
+        False, 'Acknowledge every message to truth_node, which then loses nothing'
+    )
 
     def __post_init__(self) -> None:
         check(self)
@@ -118,7 +125,9 @@ def from_mapping(cls: type[T], values: Mapping[str, Any]) -> T:
     known = {f.name: f for f in fields(cls)}  # type: ignore[arg-type]
     unknown = sorted(set(values) - set(known))
     if unknown:
-        raise ConfigError(f'unknown parameter {unknown[0]}; {cls.__name__} has {", ".join(sorted(known))}')
+        raise ConfigError(
+            f'unknown parameter {unknown[0]}; {cls.__name__} has {", ".join(sorted(known))}'
+        )
     typed = {name: tuple(v) if isinstance(v, list) else v for name, v in values.items()}
     return cls(**typed)
 

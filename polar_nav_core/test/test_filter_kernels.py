@@ -1,4 +1,4 @@
-"""Filter kernels against plain NumPy twins, and measurement rows against central differences of their own innovation."""
+"""Filter kernels against NumPy twins, rows against central differences of their own innovation."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ from scipy.linalg import expm
 
 from polar_nav_core import attitude, earth, grid
 from polar_nav_core.kernels import filter as kf
-from polar_nav_core.kernels import filter_imu, filter_rows
+from polar_nav_core.kernels import filter_imu, filter_rows, filter_walk
 
 N = kf.N
 R_E = earth.ecef_from_geodetic(np.deg2rad(84.0), np.deg2rad(-130.0), -80.0)
@@ -119,12 +119,12 @@ def test_rows_times_inverse():
     X, Phi = rng.normal(size=(3, N)), transition(1.0, 40.0)
     Phi[:9, :9] += 0.3 * rng.normal(size=(9, 9))  # needs pivots
     expected = X @ np.linalg.inv(Phi)
-    kf.rows_times_inverse(X, Phi, 3, np.zeros((9, 9)), np.zeros(9, dtype=np.int64))
+    filter_walk.rows_times_inverse(X, Phi, 3, np.zeros((9, 9)), np.zeros(9, dtype=np.int64))
     np.testing.assert_allclose(X, expected, rtol=1e-9, atol=1e-9)
 
 
 def test_walk_forward_refers_rows_and_innovation_to_now():
-    """Rings that wrap, several corrections at one step, corrections before the first transition."""
+    """Rings that wrap, several corrections at one step, some before the first transition."""
     rng = np.random.default_rng(4)
     steps, ring = 12, 7
     Phis = {j: np.eye(N) + 0.05 * np.triu(rng.normal(size=(N, N)), 1) for j in range(1, steps + 1)}
@@ -153,7 +153,7 @@ def test_walk_forward_refers_rows_and_innovation_to_now():
         for s, c in applied:
             if s == step:
                 expected_z = expected_z - G @ c
-    kf.walk_forward(
+    filter_walk.walk_forward(
         H,
         z,
         3,
@@ -206,14 +206,14 @@ def dvl_z(x, H=None, R=None):
     H = np.zeros((3, N)) if H is None else H
     R = np.zeros((3, 3)) if R is None else R
     filter_rows.dvl_rows(
-        H, R, z, np.zeros((3, 3)), s.C_b_G, s.v_G, OMEGA.copy(), OMEGA_IE_G, s.bg, s.scale, s.markov,
-        TRUE_MEASURED_DVL, np.diag([1e-4, 4e-4, 9e-4]), MOUNT, LEVER,
+        H, R, z, np.zeros((3, 3)), s.C_b_G, s.v_G, OMEGA.copy(), OMEGA_IE_G, s.bg, s.scale,
+        s.markov, TRUE_MEASURED_DVL, np.diag([1e-4, 4e-4, 9e-4]), MOUNT, LEVER,
     )  # fmt: skip
     return z
 
 
 def test_dvl_rows_are_the_derivative_of_the_innovation():
-    # An innovation near zero: the block [V x] is taken at the DVL's own velocity, which is v_G then.
+    # An innovation near zero: the block [V x] is taken at the DVL's velocity, which is v_G then.
     global V_G
     keep = V_G
     try:

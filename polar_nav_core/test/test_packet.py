@@ -1,9 +1,10 @@
-"""The packet codec: every field round-trips within its resolution, damage is seen, sigmas are never rounded down."""
+"""The packet codec: round trips within the resolution, damage is seen, sigmas never round down."""
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+
 from polar_nav_core import packet
 
 NOW = 1_772_323_200_000_000_000
@@ -46,7 +47,11 @@ def test_round_trip_within_resolution():
     np.testing.assert_allclose(got.leader_v_G, sent.leader_v_G, atol=0.00051)
     assert got.leader_grid_heading == pytest.approx(-2.1, abs=1e-4)
     assert got.leader_sigma_vertical == 0.0
-    assert sent.leader_sigma_horizontal <= got.leader_sigma_horizontal <= 1.061 * sent.leader_sigma_horizontal
+    assert (
+        sent.leader_sigma_horizontal
+        <= got.leader_sigma_horizontal
+        <= 1.061 * sent.leader_sigma_horizontal
+    )
 
 
 @given(st.integers(0, 2**62), st.integers(-(10**14), 10**14))
@@ -69,10 +74,12 @@ def test_one_or_two_flipped_bits_are_seen(i, j):
 
 @given(st.binary(max_size=2 * packet.SIZE))
 def test_any_bytes_give_a_packet_or_the_error(data):
+    sentence = 'a packet'
     try:
         packet.decode(data, NOW)
     except packet.PacketError as error:
-        assert str(error)
+        sentence = str(error)
+    assert sentence
 
 
 @given(st.floats(1e-3, 1e4))

@@ -3,8 +3,19 @@
 from dataclasses import dataclass
 
 import pytest
+
 from polar_nav_core.errors import ConfigError
-from polar_nav_core.params import NodeParams, choice, flag, from_mapping, param, text, texts, to_mapping, vector
+from polar_nav_core.params import (
+    NodeParams,
+    choice,
+    flag,
+    from_mapping,
+    param,
+    text,
+    texts,
+    to_mapping,
+    vector,
+)
 
 
 @dataclass(frozen=True)

@@ -1,8 +1,9 @@
-"""Replays a recorded bag through the follower's engine, and compares the result with what was recorded live.
+"""Replays a bag through the follower's engine, and compares the result with the live recording.
 
-Comes in: a bag with the follower's inputs and its parameters (`/run_info`). Goes out: the messages that the live node
-would have published, as bytes. Live and replay drive the same `polar_nav_follower.session.Session`, so the bytes are
-the same when nothing is wrong; `verify` says so or names the first difference.
+Comes in: a bag with the follower's inputs and its parameters (`/run_info`). Goes out: the messages
+that the live node would have published, as bytes. Live and replay drive the same
+`polar_nav_follower.session.Session`, so the bytes are the same when nothing is wrong; `verify`
+says so or names the first difference.
 """
 
 from __future__ import annotations
@@ -14,14 +15,16 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import Imu
+
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.params import from_mapping, to_mapping
 from polar_nav_follower import convert, session
 from polar_nav_follower.events import CommandKind, Event, Fix, Receipt, Verdict
 from polar_nav_follower.params import FollowerParams
-from polar_nav_msgs.msg import AcousticPacket, Command, Depth, Dvl, FixReceipt
-from rclpy.serialization import deserialize_message, serialize_message
-from sensor_msgs.msg import Imu
+from polar_nav_msgs.msg import AcousticPacket, Command, Depth, Dvl, FixReceipt, NavState
+from polar_nav_ros.stamps import to_ns
 
 from .bags.errors import BagError
 from .bags.reader import Bag, open_bag
@@ -153,17 +156,24 @@ def choose_follower(bag: Bag, vehicle: str | None) -> tuple[str, dict[str, Any]]
             return next(iter(found.items()))
         if not found:
             raise BagError(
-                f'{bag.path} tells of no follower_node on /run_info, so its parameters are not known; '
-                'record with ./polar record or recorder_node'
+                f'{bag.path} tells of no follower_node on /run_info, so its parameters are not '
+                'known; record with ./polar record or recorder_node'
             )
-        raise BagError(f'{bag.path} has {len(found)} followers ({", ".join(sorted(found))}): name one with --vehicle')
+        raise BagError(
+            f'{bag.path} has {len(found)} followers ({", ".join(sorted(found))}): '
+            'name one with --vehicle'
+        )
     if vehicle not in found:
-        raise BagError(f'{bag.path} has no follower {vehicle!r}; it has {", ".join(sorted(found)) or "none"}')
+        raise BagError(
+            f'{bag.path} has no follower {vehicle!r}; it has {", ".join(sorted(found)) or "none"}'
+        )
     return vehicle, found[vehicle]
 
 
-def parameters(recorded: Mapping[str, Any], configuration: str | None, changes: Mapping[str, Any]) -> FollowerParams:
-    """Recorded parameters with what the user changes; a replay needs no lockstep and no reorder window."""
+def parameters(
+    recorded: Mapping[str, Any], configuration: str | None, changes: Mapping[str, Any]
+) -> FollowerParams:
+    """Recorded parameters with the user's changes; replays need no lockstep, no reorder window."""
     values = dict(recorded)
     if configuration is not None:
         values['configuration'] = configuration
@@ -218,8 +228,10 @@ def replay(
     )
 
 
-def verify(bag: Bag | Path | str, *, vehicle: str | None = None, progress: Progress | None = None) -> VerifyResult:
-    """Replay a bag with its own parameters and compare with what its follower published live, bit for bit."""
+def verify(
+    bag: Bag | Path | str, *, vehicle: str | None = None, progress: Progress | None = None
+) -> VerifyResult:
+    """Replay a bag with its own parameters and compare bit for bit with the live outputs."""
     bag = bag if isinstance(bag, Bag) else open_bag(bag)
     result = replay(bag, vehicle=vehicle, progress=progress)
     live: dict[str, list[bytes]] = {topic: [] for topic in COMPARED}
@@ -249,7 +261,7 @@ def merged_parameters(result: ReplayResult) -> dict[str, Any]:
 
 
 def _collect(bag: Bag, vehicle: str, run: session.Session) -> tuple[list[Event], list[Receipt]]:
-    """Events in their total order, and the receipts of what the live node refused for coming too late."""
+    """Events in their total order, and receipts of what the live node refused as too late."""
     limits = _taken_at_shutdown(bag, vehicle)
     refused = _refused_live(bag, vehicle)
     refused_keys = Counter(_refusal_key(r) for r in refused)
@@ -268,8 +280,9 @@ def _collect(bag: Bag, vehicle: str, run: session.Session) -> tuple[list[Event],
             refused_keys[key] -= 1
             continue
         events.append(event)
+    # Contents of packets, for people: the live run published them, a replay does not repeat them.
     for _ in run.decoded():
-        pass  # contents of packets for people: the live run published them, a replay does not repeat them
+        pass
     events.sort(key=lambda e: e.key)
     return events, refused
 
@@ -307,10 +320,9 @@ class _Collector:
         self.outputs: list[Output] = []
 
     def take(self, published: Iterable[session.Published]) -> None:
-        for topic, message in published:
-            data = bytes(serialize_message(message))
-            stamp = message.header.stamp
-            self.outputs.append(Output(self._prefix + topic, stamp.sec * 1_000_000_000 + stamp.nanosec, data))
+        for topic, message, data in published:
+            stamp_ns = to_ns(message.header.stamp)
+            self.outputs.append(Output(self._prefix + topic, stamp_ns, data))
             if topic in self._hashes:
                 self._hashes[topic].update(data)
 
@@ -326,7 +338,7 @@ def _digest(messages: Iterable[bytes]) -> str:
 
 
 def _taken_at_shutdown(bag: Bag, vehicle: str) -> dict[str, int] | None:
-    """How many messages of each topic the live node had taken when it ended; None when it did not say."""
+    """Messages of each topic that the live node took until it ended; None if it did not say."""
     for _, _, data in bag.messages([f'/{vehicle}/{session.COMMAND}']):
         message = deserialize_message(data, Command)
         if message.kind == CommandKind.SHUTDOWN:
@@ -353,24 +365,22 @@ def _event_refusal_key(event: Event) -> tuple[str, str, int, int]:
 
 
 def _first_difference(topic: str, live: list[bytes], replayed: list[bytes]) -> Difference:
-    from polar_nav_msgs.msg import NavState
-
     msg_type = NavState if topic == session.STATE else FixReceipt
     for i, (a, b) in enumerate(zip(live, replayed, strict=False)):
         if a != b:
             left, right = deserialize_message(a, msg_type), deserialize_message(b, msg_type)
-            stamp = left.header.stamp
+            stamp_ns = to_ns(left.header.stamp)
             for name in left.get_fields_and_field_types():
                 x, y = getattr(left, name), getattr(right, name)
                 if repr(x) != repr(y):
-                    return Difference(topic, i, stamp.sec * 10**9 + stamp.nanosec, name, repr(x), repr(y))
-            return Difference(topic, i, stamp.sec * 10**9 + stamp.nanosec, 'bytes', a.hex()[:40], b.hex()[:40])
+                    return Difference(topic, i, stamp_ns, name, repr(x), repr(y))
+            return Difference(topic, i, stamp_ns, 'bytes', a.hex()[:40], b.hex()[:40])
     longer = live if len(live) > len(replayed) else replayed
     i = min(len(live), len(replayed))
-    stamp = deserialize_message(longer[i], msg_type).header.stamp
+    stamp_ns = to_ns(deserialize_message(longer[i], msg_type).header.stamp)
     present, absent = 'a message', 'none'
     values = (present, absent) if longer is live else (absent, present)
-    return Difference(topic, i, stamp.sec * 10**9 + stamp.nanosec, 'count', *values)
+    return Difference(topic, i, stamp_ns, 'count', *values)
 
 
 __all__ = [

@@ -1,4 +1,4 @@
-"""One IMU sample through the strapdown, and the means that the next covariance step is linearized at."""
+"""One IMU sample through the strapdown, and the means to linearize the covariance step at."""
 
 from __future__ import annotations
 
@@ -23,17 +23,18 @@ def imu_step(
     dt_prev: float,
     sums: Array,
 ) -> None:
-    """Advance the navigation state by one sample of mean rate and mean specific force, biases taken out.
+    """Advance the navigation state by one sample of mean rate and specific force, less the biases.
 
     Parameters
     ----------
     C_b_G, v_G, r_e : navigation state, in place
     b_gyro_b, b_accel_b : estimated biases
     omega_ib_b, f_b : (3,) means over the interval, as measured
-    increments : (4, 3) array, in place: angle and velocity increment of this step, then of the step before
+    increments : (4, 3) array, in place: angle and velocity increment of this step, then of the
+        step before
     dt, dt_prev : this interval and the one before [s]; 0 for none
-    sums : (6, 3) array, in place: integrals over the filter step of C_b_G (rows 0..2), of the specific force in grid
-        axes (row 3), of the rate in body axes (row 4); [5, 0] is the time
+    sums : (6, 3) array, in place: integrals over the filter step of C_b_G (rows 0..2), of the
+        specific force in grid axes (row 3), of the rate in body axes (row 4); [5, 0] is the time
     """
     for k in range(3):
         increments[2, k] = increments[0, k]
@@ -50,7 +51,7 @@ def imu_step(
     for i in range(3):
         for j in range(3):
             sums[i, j] += C_b_G[i, j] * half
-        # At the end of the interval: half a sample late, which the mean over a filter step hardly sees.
+        # At the interval's end: half a sample late, which the mean over a filter step hardly sees.
         sums[3, i] += (
             C_b_G[i, 0] * increments[1, 0]
             + C_b_G[i, 1] * increments[1, 1]
@@ -62,10 +63,10 @@ def imu_step(
 
 @kernel
 def take_means(sums: Array, C_mean: Array, f_b: Array, omega_b: Array) -> None:
-    """Means over the filter step from ``sums``, which is cleared: attitude matrix, specific force, rate.
+    """Attitude matrix, specific force and rate as means over the filter step; clears ``sums``.
 
-    f_b is such that C_mean f_b is the mean specific force in grid axes: C_mean is orthogonal but for the square of the
-    rotation within a step, so its transpose serves as the inverse.
+    f_b is such that C_mean f_b is the mean specific force in grid axes: C_mean is orthogonal but
+    for the square of the rotation within a step, so its transpose serves as the inverse.
     """
     time = sums[5, 0]
     for i in range(3):
@@ -95,7 +96,9 @@ def place(
     point_e: Array,
     velocity_e: Array,
 ) -> float:
-    """Frames at a navigation state: C_e_G, rates, and ECEF position and velocity of a point on the vehicle; the height.
+    """Frames and rates at a navigation state, and the place of a point of the vehicle in ECEF.
+
+    Fills C_e_G, the rates, lever_G, the point's position and base_link's velocity.
 
     Returns
     -------
@@ -111,6 +114,7 @@ def place(
         point_e[i] = (
             r_e[i] + C_e_G[0, i] * lever_G[0] + C_e_G[1, i] * lever_G[1] + C_e_G[2, i] * lever_G[2]
         )
-        # Velocity of base_link: the lever turns by less than a centimetre in the interval this is used for.
+        # Velocity of base_link: the lever turns by less than a centimetre in the interval that
+        # this is used for.
         velocity_e[i] = C_e_G[0, i] * v_G[0] + C_e_G[1, i] * v_G[1] + C_e_G[2, i] * v_G[2]
     return height

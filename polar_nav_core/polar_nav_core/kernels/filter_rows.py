@@ -1,7 +1,7 @@
-"""Measurement rows of the filter: innovation z = estimate - measurement, H and R of each sensor (polar-math 4).
+"""Measurement rows: innovation z = estimate - measurement, H and R of each sensor (polar-math 4).
 
-Signs: x is estimate minus truth for attitude (Chat = exp(-[phi x]) C), velocity and position; for sensor errors it is
-the part of the error that the estimate does not know yet. z = H x + noise.
+Signs: x is estimate minus truth for attitude (Chat = exp(-[phi x]) C), velocity and position; for
+sensor errors it is the part of the error that the estimate does not know yet. z = H x + noise.
 """
 
 from __future__ import annotations
@@ -58,8 +58,8 @@ def dvl_rows(
 ) -> None:
     """DVL velocity over ground, resolved with the estimated attitude.
 
-    z = v_G - C_b_G (C_m_b (v_m - markov)/(1 + scale) - omega_eb x lever); the block -[V x] on phi is what makes
-    heading observable.
+    z = v_G - C_b_G (C_m_b (v_m - markov)/(1 + scale) - omega_eb x lever); the block -[V x] on phi
+    is what makes heading observable.
 
     Parameters
     ----------

@@ -1,0 +1,112 @@
+"""Where compiled kernels are kept, and the one decorator that compiles them.
+
+Numba notices a change of the file that holds a function, but not of a callee in another file: a
+kernel compiled against yesterday's callee would be loaded and would silently return yesterday's
+numbers. So the cache directory carries a hash of *all* kernel sources of this folder, of the numba
+version and of the CPU: an edit anywhere in the folder, another numba or another processor means
+another directory.
+
+The directory is ``$POLAR_NAV_CACHE_DIR`` or ``$XDG_CACHE_HOME/polar_nav/kernels`` or
+``~/.cache/polar_nav/kernels``, followed by the key. Where none can be written, a directory of this
+user under the system's temporary directory takes its place. Nothing but the kernels of this folder
+goes there: numba's own setting is left as the rest of the process wants it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import tempfile
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+import llvmlite.binding as llvm
+import numba
+
+F = TypeVar('F', bound=Callable[..., Any])
+
+ENVIRONMENT_VARIABLE = 'POLAR_NAV_CACHE_DIR'
+
+
+def cache_key(folder: Path | None = None) -> str:
+    """Hash of the kernel sources in *folder* (default: this one), numba's version and the CPU."""
+    digest = hashlib.sha256()
+    for path in sorted((folder or Path(__file__).parent).glob('*.py')):
+        source = path.read_bytes()
+        digest.update(f'{path.name} {len(source)}\n'.encode())
+        digest.update(source)
+    cpu = numba.config.CPU_NAME or llvm.get_host_cpu_name()
+    features = numba.config.CPU_FEATURES or llvm.get_host_cpu_features().flatten()
+    digest.update(f'{numba.__version__} {cpu} {features}'.encode())
+    return digest.hexdigest()
+
+
+def _bases() -> list[Path]:
+    """Candidate parents of the cache directory, best first."""
+    chosen = os.environ.get(ENVIRONMENT_VARIABLE)
+    if chosen:
+        return [Path(chosen)]
+    xdg = os.environ.get('XDG_CACHE_HOME')
+    bases = [Path(xdg) / 'polar_nav' / 'kernels'] if xdg else []
+    home = os.environ.get('HOME')
+    if home:
+        bases.append(Path(home) / '.cache' / 'polar_nav' / 'kernels')
+    return bases
+
+
+def _writable(directory: Path) -> bool:
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=directory):
+            return True
+    except OSError:
+        return False
+
+
+def _own_temporary_directory(key: str) -> Path:
+    """A directory that only this user can write: compiled code is loaded from it."""
+    base = Path(tempfile.gettempdir()) / f'polar_nav_kernels_{os.getuid()}'
+    try:
+        base.mkdir(mode=0o700, exist_ok=True)
+        status = base.lstat()
+        if base.is_symlink() or status.st_uid != os.getuid() or status.st_mode & 0o022:
+            raise PermissionError(f'{base} belongs to somebody else')
+    except OSError:
+        base = Path(tempfile.mkdtemp(prefix='polar_nav_kernels_'))
+    return base / key
+
+
+@cache
+def cache_directory() -> Path:
+    """Directory for compiled kernels: created, writable, the same at every call."""
+    key = cache_key()
+    for base in _bases():
+        directory = base / key
+        if _writable(directory):
+            return directory
+    directory = _own_temporary_directory(key)
+    directory.mkdir(parents=True, exist_ok=True)
+    return directory
+
+
+def kernel(function: F) -> F:
+    """Compile *function* lazily, cached, without fastmath: same bits on the same CPU model.
+
+    ``error_model='numpy'``: a division by zero gives inf or NaN, which the callers check, and not
+    an exception from the middle of a step. ``_nrt=False`` takes numba's runtime away, so that a
+    kernel that would allocate does not compile; ``forceinline`` saves the calls between kernels.
+    With ``NUMBA_DISABLE_JIT=1`` the Python function itself comes back.
+    """
+    if numba.config.DISABLE_JIT:
+        return function
+    before = numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = str(cache_directory())
+    try:
+        compiled = numba.njit(
+            cache=True, fastmath=False, error_model='numpy', forceinline=True, _nrt=False
+        )(function)
+    finally:
+        numba.config.CACHE_DIR = before
+    return cast(F, compiled)

@@ -1,0 +1,115 @@
+"""The kernels' cache directory: keyed by every source, by numba and CPU; always writable; nobody else's business."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numba
+import numpy as np
+import pytest
+
+from polar_nav_core.kernels import cache, strapdown
+
+KERNELS = Path(cache.__file__).parent
+jit_only = pytest.mark.skipif(numba.config.DISABLE_JIT, reason='needs compiled kernels')
+
+
+def test_key_changes_with_any_source(tmp_path):
+    for path in KERNELS.glob('*.py'):
+        shutil.copy(path, tmp_path)
+    before = cache.cache_key(tmp_path)
+    assert before == cache.cache_key() == cache.cache_key(KERNELS)
+    earth = tmp_path / 'earth.py'
+    earth.write_text(earth.read_text().replace('7.292115e-5', '7.292116e-5'))
+    edited = cache.cache_key(tmp_path)
+    earth.rename(tmp_path / 'sphere.py')
+    assert len({before, edited, cache.cache_key(tmp_path)}) == 3
+
+
+def test_key_changes_with_cpu_and_numba(monkeypatch):
+    before = cache.cache_key()
+    monkeypatch.setattr(numba.config, 'CPU_NAME', 'generic')
+    generic = cache.cache_key()
+    monkeypatch.setattr(numba, '__version__', '0.0.0')
+    assert len({before, generic, cache.cache_key()}) == 3
+
+
+@pytest.mark.parametrize(
+    ('environment', 'expected'),
+    [
+        ({'POLAR_NAV_CACHE_DIR': '{tmp}/mine', 'XDG_CACHE_HOME': '{tmp}/xdg'}, '{tmp}/mine'),
+        ({'XDG_CACHE_HOME': '{tmp}/xdg'}, '{tmp}/xdg/polar_nav/kernels'),
+        ({}, '{tmp}/home/.cache/polar_nav/kernels'),
+    ],
+)
+def test_place(tmp_path, monkeypatch, environment, expected):
+    for name in ('POLAR_NAV_CACHE_DIR', 'XDG_CACHE_HOME'):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv('HOME', str(tmp_path / 'home'))
+    for name, value in environment.items():
+        monkeypatch.setenv(name, value.format(tmp=tmp_path))
+    directory = cache.cache_directory.__wrapped__()
+    assert directory == Path(expected.format(tmp=tmp_path)) / cache.cache_key()
+    assert directory.is_dir()
+
+
+def test_temporary_directory_when_home_cannot_be_written(tmp_path, monkeypatch):
+    not_a_directory = tmp_path / 'file'
+    not_a_directory.write_text('')
+    monkeypatch.delenv('POLAR_NAV_CACHE_DIR', raising=False)
+    monkeypatch.delenv('XDG_CACHE_HOME', raising=False)
+    monkeypatch.setenv('HOME', str(not_a_directory))
+    monkeypatch.setattr(cache.tempfile, 'gettempdir', lambda: str(tmp_path))
+    directory = cache.cache_directory.__wrapped__()
+    assert directory.parent == tmp_path / f'polar_nav_kernels_{os.getuid()}'
+    assert directory.parent.stat().st_mode & 0o777 == 0o700
+
+
+def test_somebody_elses_temporary_directory_is_not_trusted(tmp_path, monkeypatch):
+    monkeypatch.setattr(cache.tempfile, 'gettempdir', lambda: str(tmp_path))
+    monkeypatch.setattr(cache.tempfile, 'tempdir', str(tmp_path))
+    planted = tmp_path / f'polar_nav_kernels_{os.getuid()}'
+    planted.mkdir()
+    planted.chmod(0o777)
+    assert planted not in cache._own_temporary_directory('key').parents
+
+
+@jit_only
+def test_kernels_are_cached_there_and_numbas_own_setting_is_left_alone():
+    path = Path(strapdown.strapdown_step._cache.cache_path)
+    assert cache.cache_directory() in path.parents
+    assert os.environ.get('NUMBA_CACHE_DIR', '') == numba.config.CACHE_DIR
+
+
+@jit_only
+def test_a_kernel_that_allocates_does_not_compile():
+    def allocates(n: int) -> float:
+        return np.zeros(n)[0]
+
+    with pytest.raises(numba.core.errors.NumbaError):
+        cache.kernel(allocates)(3)
+
+
+def test_without_jit_the_same_numbers_come_out():
+    code = (
+        'import numpy as np\n'
+        'from polar_nav_core import strapdown\n'
+        's = strapdown.Strapdown(np.eye(3), [1.0, 2.0, 0.1], [0.0, 0.0, 6356652.0])\n'
+        's.run(np.full((20, 3), 1e-3), np.full((20, 3), [1e-3, 2e-3, 0.0983]), 0.01, block=5)\n'
+        'print([float(x).hex() for x in (*s.C_b_G.ravel(), *s.v_G, *s.r_e)])\n'
+    )
+    results = []
+    for flag in ('0', '1'):
+        run = subprocess.run(
+            [sys.executable, '-c', code],
+            env={**os.environ, 'NUMBA_DISABLE_JIT': flag, 'PYTHONPATH': str(KERNELS.parents[1])},
+            capture_output=True,
+            text=True,
+            check=True,
+            timeout=100,
+        )
+        results.append([float.fromhex(x) for x in eval(run.stdout)])
+    np.testing.assert_allclose(results[0], results[1], rtol=0.0, atol=2e-9)
+    np.testing.assert_allclose(results[0][:12], results[1][:12], rtol=0.0, atol=1e-14)

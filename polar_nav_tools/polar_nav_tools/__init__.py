@@ -1,0 +1,1 @@
+"""Recorder, bag reading, replay, scoring, report, launch and the command line."""

@@ -1,0 +1,338 @@
+"""From a bag to figures: live estimates and replays, scored, counted, compared, drawn.
+
+In: a bag, and the names of filter configurations to replay it with. Out: an :class:`Analysis`,
+which the commands demo, score and report print, turn into JSON and draw.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .bags import Bag, BagError, open_bag
+from .bags.arrays import (
+    estimates_from_cdr,
+    load_estimates,
+    load_receipts,
+    load_truth,
+    receipts_from_cdr,
+)
+from .live import OUTCOME_NAME, RUN_FOLDER
+from .report.input import Digest, FixPositions, ReportInput, SentPackets, TopicCount
+from .scoring import Balance, Column, Comparison, Table, balances, compare
+from .scoring.compare import Run
+from .series import TruthSeries
+
+if TYPE_CHECKING:
+    from .replay import VerifyResult
+
+STATE, RECEIPT, PACKET, DECODED = 'nav/state', 'nav/receipt', 'acomms/rx', 'acomms/decoded'
+RECORDER = '/recorder_node'
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True, eq=False)
+class Analysis:
+    """What a bag says.
+
+    Attributes
+    ----------
+    bag : Bag
+        Where it came from.
+    vehicle : str
+        The follower.
+    runs : mapping of str to (TruthSeries, EstimateSeries, sequence of Receipt)
+        By the name shown: configurations replayed, or the live one.
+    comparison : Comparison
+        Their scores.
+    balances : mapping of str to sequence of Balance
+        Packets received against verdicts, for each run.
+    counts : tuple of TopicCount
+        Published, recorded and received, per topic.
+    verification : VerifyResult or None
+        Live against replay, where that was asked for.
+    """
+
+    bag: Bag
+    vehicle: str
+    runs: Mapping[str, Run]
+    comparison: Comparison
+    balances: Mapping[str, Sequence[Balance]]
+    counts: tuple[TopicCount, ...]
+    verification: VerifyResult | None = None
+    divergence: Mapping[str, str] = field(default_factory=dict)
+
+    def complaints(self) -> list[str]:
+        """Sentences on everything that is not as it must be; empty when all is well."""
+        out = [f'{self.bag.path}: {problem}' for problem in self.bag.problems]
+        out += [f'{name} diverged: {why}' for name, why in self.divergence.items() if why]
+        for name, topics in self.balances.items():
+            out += [
+                f'{name}: {b.received} messages on {b.topic}, but {b.verdicts} verdicts'
+                for b in topics
+                if not b.balanced
+            ]
+        out += [
+            f'{c.topic}: {c.published} published, {c.recorded} recorded, {c.received} received'
+            for c in self.counts
+            if not c.equal
+        ]
+        if self.verification is not None and not self.verification.equal:
+            out.append(f'the replay differs from the live run: {self.verification.difference}')
+        return out
+
+    def digests(self) -> tuple[Digest, ...]:
+        """Digests of live and replayed output, per topic."""
+        v = self.verification
+        if v is None:
+            return ()
+        return tuple(Digest(t, v.live_sha256[t], v.replay_sha256[t]) for t in v.live_sha256)
+
+
+def analyse(
+    bag: Bag,
+    configurations: Sequence[str],
+    *,
+    vehicle: str | None = None,
+    live: bool = False,
+    verified: bool = False,
+    truth_from: Bag | None = None,
+    say: Say = lambda _: None,
+) -> Analysis:
+    """Score the runs of one follower of a bag.
+
+    Parameters
+    ----------
+    bag : Bag
+        With the follower's inputs when there are configurations to replay.
+    configurations : sequence of str
+        Each replayed with the bag's own parameters otherwise.
+    vehicle : str, optional
+        Which follower, when there are several.
+    live : bool
+        Score the recorded estimates too.
+    verified : bool
+        Also compare live with replay, bit for bit.
+    truth_from : Bag, optional
+        Another bag with the truth.
+    say : callable
+        Told what is going on.
+
+    Raises
+    ------
+    BagError
+        When the bag lacks what is needed.
+    """
+    name = vehicle or follower_of(bag)
+    truth = load_truth(truth_from or bag, name)
+    runs: dict[str, Run] = {}
+    divergence: dict[str, str] = {}
+    verification = None
+    if live:
+        estimates = load_estimates(bag, name)
+        runs[f'{estimates.configuration} (recorded)'] = (
+            truth,
+            estimates,
+            load_receipts(bag, name),
+        )
+    if configurations or verified:
+        from .replay import replay, verify
+
+        for configuration in configurations:
+            say(f'replaying with {configuration}')
+            result = replay(bag, configuration=configuration, vehicle=name)
+            divergence[configuration] = result.divergence
+            runs[configuration] = (
+                truth,
+                estimates_from_cdr(result.of(STATE), name),
+                receipts_from_cdr(result.of(RECEIPT)),
+            )
+        if verified:
+            say('comparing a replay with what was published live')
+            verification = verify(bag, vehicle=name)
+    received = bag.topics.get(f'/{name}/{PACKET}')
+    packets = {PACKET: received.count} if received is not None else {}
+    return Analysis(
+        bag=bag,
+        vehicle=name,
+        runs=runs,
+        comparison=compare(runs),
+        balances={n: balances(receipts, packets) for n, (_, _, receipts) in runs.items()},
+        counts=topic_counts(bag, read_outcome(bag.path).get('counts', {})),
+        verification=verification,
+        divergence=divergence,
+    )
+
+
+def follower_of(bag: Bag) -> str:
+    """Vehicle of the one follower in a bag: who has estimates, or described itself on /run_info.
+
+    Raises
+    ------
+    BagError
+        When there is none, or there are several.
+    """
+    found = {t.name.split('/')[1] for t in bag.topics.values() if t.count and _is_state(t.name)}
+    if not found:
+        from .replay import followers_of
+
+        found = set(followers_of(bag))
+    if len(found) == 1:
+        return found.pop()
+    if not found:
+        raise BagError(f'{bag.path} has no follower: no message on <vehicle>/{STATE}')
+    names = ', '.join(sorted(found))
+    raise BagError(f'{bag.path} has {len(found)} followers ({names}): name one with --vehicle')
+
+
+def _is_state(topic: str) -> bool:
+    return topic.count('/') == 3 and topic.endswith(f'/{STATE}')
+
+
+def read_outcome(bag: Path) -> dict[str, Any]:
+    """Read how a live run ended, from the folder of its bag; empty for bags of other origin."""
+    path = bag / RUN_FOLDER / OUTCOME_NAME
+    if not path.is_file():
+        return {}
+    try:
+        content = json.loads(path.read_text(encoding='utf-8'))
+    except ValueError as error:
+        raise BagError(f'{path}: not JSON: {error}') from error
+    return content if isinstance(content, dict) else {}
+
+
+def topic_counts(bag: Bag, counted: Mapping[str, Any]) -> tuple[TopicCount, ...]:
+    """Published, recorded and received messages of each topic.
+
+    Parameters
+    ----------
+    bag : Bag
+        Has the recorded ones.
+    counted : mapping
+        Node -> 'published' and 'taken' -> topic -> count, as the nodes said at their end. Topics
+        that no node counted (diagnostics and the like, which are not part of the experiment) are
+        left out.
+    """
+    published: dict[str, int] = {}
+    taken: dict[str, list[int]] = {}
+    for node, counts in counted.items():
+        for topic, count in counts.get('published', {}).items():
+            published[topic] = published.get(topic, 0) + int(count)
+        if node != RECORDER:  # what it took stands in the bag
+            for topic, count in counts.get('taken', {}).items():
+                taken.setdefault(topic, []).append(int(count))
+    rows = []
+    for topic in sorted(published):
+        recorded = bag.topics[topic].count if topic in bag.topics else None
+        rows.append(
+            TopicCount(
+                topic, published[topic], recorded, _worst(taken.get(topic), published[topic])
+            )
+        )
+    return tuple(rows)
+
+
+def _worst(counts: Sequence[int] | None, expected: int) -> int | None:
+    """Count of the subscriber that is furthest from what was published."""
+    return max(counts, key=lambda n: abs(n - expected)) if counts else None
+
+
+def topic_table(counts: Sequence[TopicCount]) -> Table:
+    """Show published, recorded and received side by side."""
+    columns = (
+        Column('topic', 'topic'),
+        Column('published', 'published'),
+        Column('recorded', 'recorded'),
+        Column('received', 'received', doc='by the subscriber that is furthest off'),
+        Column('equal', 'equal'),
+    )
+    rows = tuple(
+        {
+            'topic': c.topic,
+            'published': c.published,
+            'recorded': c.recorded,
+            'received': c.received,
+            'equal': c.equal,
+        }
+        for c in counts
+    )
+    return Table('Messages', columns, rows)
+
+
+def report_input(analysis: Analysis, *, title: str, made: str) -> ReportInput:
+    """Gather what a report shows."""
+    bag, name = analysis.bag, analysis.vehicle
+    leader = leader_of(bag, name)
+    first = next(iter(analysis.balances.values()), ())
+    return ReportInput(
+        title=title,
+        subtitle=str(bag.run_info.get('mission', '')),
+        runs=analysis.runs,
+        leader=leader,
+        fixes=fix_positions(bag, name),
+        sent=sent_packets(bag, leader.vehicle if leader is not None else None),
+        counts=analysis.counts,
+        balances=first,
+        digests=analysis.digests(),
+        metadata=_metadata(bag),
+        made=made,
+        comparison=analysis.comparison,
+    )
+
+
+def leader_of(bag: Bag, follower: str) -> TruthSeries | None:
+    """Truth of the first other vehicle that the bag has, for the map."""
+    for topic in bag.topics.values():
+        vehicle, _, rest = topic.name.strip('/').partition('/')
+        if rest == 'truth' and vehicle != follower and topic.count:
+            return load_truth(bag, vehicle)
+    return None
+
+
+def fix_positions(bag: Bag, follower: str) -> FixPositions | None:
+    """Where the packets that the follower could read put it."""
+    topic = f'/{follower}/{DECODED}'
+    if topic not in bag.topics or not bag.topics[topic].count:
+        return None
+    messages = [message for _, message in bag.read(topic)]
+    stamps = [m.header.stamp for m in messages]
+    return FixPositions.from_broadcasts(
+        source=str(messages[0].source),
+        sequence=np.array([m.sequence for m in messages], dtype=np.int64),
+        stamp_ns=np.array([s.sec * 10**9 + s.nanosec for s in stamps], dtype=np.int64),
+        leader_r_e=np.array([m.leader_r_e for m in messages], dtype=np.float64),
+        r_lf_G=np.array([m.r_lf_g for m in messages], dtype=np.float64),
+    )
+
+
+def sent_packets(bag: Bag, leader: str | None) -> SentPackets | None:
+    """Every packet that the leader sent."""
+    topic = f'/{leader}/acomms/tx'
+    if leader is None or topic not in bag.topics or not bag.topics[topic].count:
+        return None
+    messages = [message for _, message in bag.read(topic)]
+    times = [m.transmit_time for m in messages]
+    return SentPackets(
+        source=leader,
+        sequence=np.array([m.sequence for m in messages], dtype=np.int64),
+        transmit_ns=np.array([t.sec * 10**9 + t.nanosec for t in times], dtype=np.int64),
+    )
+
+
+def _metadata(bag: Bag) -> dict[str, dict[str, object]]:
+    run = {k: v for k, v in bag.run_info.items() if not isinstance(v, dict | list)}
+    nodes = {name: dict(info.get('params', {})) for name, info in bag.node_infos.items()}
+    return {'run': run, **nodes}
+
+
+def open_for(path: Path, say: Say) -> Bag:
+    """Open a bag and tell what is wrong with it, before anything is made of it."""
+    bag = open_bag(path)
+    for problem in bag.problems:
+        say(f'{path}: {problem}')
+    return bag

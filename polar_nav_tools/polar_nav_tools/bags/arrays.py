@@ -1,0 +1,236 @@
+"""Truth, estimates and receipts of a vehicle as arrays (`polar_nav_tools.series`).
+
+`load_*` take them from a bag, with the definitions that stand in the bag; `*_from_cdr` take
+serialized messages from anywhere, a replay for example, with the definitions that are installed.
+Both decode with `columns.read_columns`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polar_nav_tools.series import EstimateSeries, Floats, Receipt, TruthSeries
+
+from .columns import Columns, read_columns, stamps, time_fields
+from .errors import BagError
+from .reader import Bag
+from .schemas import Definition, definition
+
+TRUTH_TYPE = 'polar_nav_msgs/msg/VehicleTruth'
+ESTIMATE_TYPE = 'polar_nav_msgs/msg/NavState'
+RECEIPT_TYPE = 'polar_nav_msgs/msg/FixReceipt'
+
+_STAMP = time_fields('header.stamp')
+_TRUTH_SAME = ('latitude', 'longitude', 'height', 'depth', 'altitude', 'r_e', 'omega_ib_b', 'f_b')
+_TRUTH_FIELDS = (*_STAMP, *_TRUTH_SAME, 'sequence', 'v_g', 'c_b_g', 'current_g')
+
+_ESTIMATE_SAME = (
+    'status',
+    'r_e',
+    'latitude',
+    'longitude',
+    'height',
+    'depth',
+    'roll',
+    'pitch',
+    'grid_heading',
+    'true_heading',
+    'true_heading_sigma',
+    'convergence',
+    'gyro_bias_b',
+    'gyro_bias_sigma',
+    'accel_bias_b',
+    'accel_bias_sigma',
+    'dvl_scale_m',
+    'dvl_scale_sigma',
+    'dvl_markov_m',
+    'dvl_markov_sigma',
+    'usbl_bias_a',
+    'usbl_bias_sigma',
+    'age_of_last_fix',
+)
+_QUATERNION = tuple(f'orientation.{c}' for c in 'xyzw')
+_ESTIMATE_FIELDS = (
+    *_STAMP,
+    *_ESTIMATE_SAME,
+    *_QUATERNION,
+    'configuration',
+    'v_g',
+    'position_covariance_g',
+    'velocity_covariance_g',
+    'attitude_covariance_g',
+    'fixes_received',
+    'fixes_fused',
+)
+
+_RECEIPT_TIMES = ('validity_time', 'transmit_time', 'receive_time', 'fused_time')
+_RECEIPT_FIELDS = (
+    *_STAMP,
+    *(part for name in _RECEIPT_TIMES for part in time_fields(name)),
+    'verdict',
+    'verdict_text',
+    'reason',
+    'topic',
+    'source',
+    'sequence',
+    'revision',
+    'age',
+    'delay_handling',
+    'steps_rolled_back',
+    'innovation_g',
+    'innovation_variance_g',
+    'nis',
+    'degrees_of_freedom',
+    'gate',
+)
+
+
+def load_truth(bag: Bag, vehicle: str) -> TruthSeries:
+    """Load ``/<vehicle>/truth``.
+
+    Raises
+    ------
+    BagError
+        If the bag has no such message, or one that cannot be decoded.
+    """
+    return _truth(_load(bag, f'/{vehicle}/truth', TRUTH_TYPE, _TRUTH_FIELDS), vehicle)
+
+
+def load_estimates(bag: Bag, vehicle: str) -> EstimateSeries:
+    """Load ``/<vehicle>/nav/state``; errors as `load_truth`."""
+    columns = _load(bag, f'/{vehicle}/nav/state', ESTIMATE_TYPE, _ESTIMATE_FIELDS)
+    return _estimates(columns, vehicle)
+
+
+def load_receipts(bag: Bag, vehicle: str) -> list[Receipt]:
+    """Load ``/<vehicle>/nav/receipt``, all revisions; empty if there is none.
+
+    A run without a fix has no receipt and is a bag like any other.
+    """
+    topic = f'/{vehicle}/nav/receipt'
+    if topic not in bag.topics or not bag.topics[topic].count:
+        return []
+    return _receipts(_load(bag, topic, RECEIPT_TYPE, _RECEIPT_FIELDS))
+
+
+def truth_from_cdr(messages: Iterable[bytes], vehicle: str) -> TruthSeries:
+    """Decode serialized VehicleTruth messages."""
+    return _truth(_decode(messages, definition(TRUTH_TYPE), _TRUTH_FIELDS), vehicle)
+
+
+def estimates_from_cdr(messages: Iterable[bytes], vehicle: str) -> EstimateSeries:
+    """Decode serialized NavState messages."""
+    return _estimates(_decode(messages, definition(ESTIMATE_TYPE), _ESTIMATE_FIELDS), vehicle)
+
+
+def receipts_from_cdr(messages: Iterable[bytes]) -> list[Receipt]:
+    """Decode serialized FixReceipt messages."""
+    return _receipts(_decode(messages, definition(RECEIPT_TYPE), _RECEIPT_FIELDS))
+
+
+def rotation_from_quaternion(xyzw: Floats) -> Floats:
+    """Rotation matrices of unit quaternions, shape (N, 4) to (N, 3, 3).
+
+    ``C = (w^2 - |u|^2) I + 2 u u' + 2 w [u x]`` with u the vector part, divided by ``|q|^2`` so
+    that rounding of the quaternion does not scale the matrix. A zero quaternion gives NaN: the
+    message said nothing.
+    """
+    u, w = xyzw[:, :3], xyzw[:, 3]
+    norm2 = np.einsum('ni,ni->n', xyzw, xyzw)
+    C = 2.0 * u[:, :, None] * u[:, None, :]
+    diagonal = w * w - np.einsum('ni,ni->n', u, u)
+    C[:, range(3), range(3)] += diagonal[:, None]
+    x, y, z = (2.0 * w * u[:, i] for i in range(3))
+    C[:, 0, 1] -= z
+    C[:, 0, 2] += y
+    C[:, 1, 0] += z
+    C[:, 1, 2] -= x
+    C[:, 2, 0] -= y
+    C[:, 2, 1] += x
+    scale = np.divide(1.0, norm2, out=np.full_like(norm2, np.nan), where=norm2 > 0.0)
+    return np.asarray(C * scale[:, None, None])
+
+
+def _load(bag: Bag, topic: str, type_name: str, fields: Sequence[str]) -> Columns:
+    found = bag.channel(topic).type
+    if found != type_name:
+        raise BagError(f'{bag.path}: {topic} is a {found}, not a {type_name}')
+    try:
+        return _decode(bag.payloads(topic), bag.definition(topic), fields)
+    except BagError as error:
+        if str(bag.path) in str(error):
+            raise
+        raise BagError(f'{bag.path}: {topic}: {error}') from error
+
+
+def _decode(messages: Iterable[bytes], described: Definition, fields: Sequence[str]) -> Columns:
+    return read_columns(messages, described.type, described.text, fields)
+
+
+def _matrices(rows: NDArray[Any]) -> Floats:
+    return np.asarray(rows.reshape(-1, 3, 3))
+
+
+def _truth(c: Columns, vehicle: str) -> TruthSeries:
+    return TruthSeries(
+        vehicle=vehicle,
+        stamp_ns=stamps(c, 'header.stamp'),
+        sequence=c['sequence'].astype(np.int64),
+        v_G=c['v_g'],
+        C_b_G=_matrices(c['c_b_g']),
+        current_G=c['current_g'],
+        **{name: c[name] for name in _TRUTH_SAME},
+    )
+
+
+def _estimates(c: Columns, vehicle: str) -> EstimateSeries:
+    configurations = tuple(dict.fromkeys(c['configuration'].tolist()))
+    return EstimateSeries(
+        vehicle=vehicle,
+        configuration=configurations[0] if configurations else '',
+        configurations=configurations,
+        stamp_ns=stamps(c, 'header.stamp'),
+        v_G=c['v_g'],
+        C_b_G=rotation_from_quaternion(np.column_stack([c[q] for q in _QUATERNION])),
+        P_position_G=_matrices(c['position_covariance_g']),
+        P_velocity_G=_matrices(c['velocity_covariance_g']),
+        P_attitude_G=_matrices(c['attitude_covariance_g']),
+        fixes_received=c['fixes_received'].astype(np.int64),
+        fixes_fused=c['fixes_fused'].astype(np.int64),
+        **{name: c[name] for name in _ESTIMATE_SAME},
+    )
+
+
+def _receipts(c: Columns) -> list[Receipt]:
+    stamp_ns = stamps(c, 'header.stamp').tolist()
+    times = {name: stamps(c, name).tolist() for name in _RECEIPT_TIMES}
+    values = {k: v.tolist() for k, v in c.items() if v.ndim == 1}
+    return [
+        Receipt(
+            stamp_ns=stamp_ns[i],
+            verdict=values['verdict'][i],
+            verdict_text=values['verdict_text'][i],
+            reason=values['reason'][i],
+            topic=values['topic'][i],
+            source=values['source'][i],
+            sequence=values['sequence'][i],
+            revision=values['revision'][i],
+            validity_ns=times['validity_time'][i] or None,
+            transmit_ns=times['transmit_time'][i] or None,
+            receive_ns=times['receive_time'][i] or None,
+            fused_ns=times['fused_time'][i] or None,
+            age_s=values['age'][i],
+            delay_handling=values['delay_handling'][i],
+            steps_rolled_back=values['steps_rolled_back'][i],
+            innovation_G=c['innovation_g'][i],
+            innovation_variance_G=c['innovation_variance_g'][i],
+            nis=values['nis'][i],
+            degrees_of_freedom=values['degrees_of_freedom'][i],
+            gate=values['gate'][i],
+        )
+        for i in range(len(stamp_ns))
+    ]

@@ -1,0 +1,250 @@
+"""Content of MCAP chunks: decompression within bounds, and the records inside.
+
+Everything here takes bytes that may be damaged: lengths are checked before memory is taken, and
+the only error is `Damage`.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Callable, Collection, Iterator
+from typing import NamedTuple
+
+import lz4.frame
+import zstandard
+
+MAX_CHUNK_BYTES = 256 * 1024 * 1024
+"""Largest chunk that is read; recorders close theirs at one or a few megabytes."""
+COMPRESSIONS = ('', 'lz4', 'zstd')
+
+OP_SCHEMA, OP_CHANNEL, OP_MESSAGE = 0x03, 0x04, 0x05
+HEADER = struct.Struct('<BQ')
+"""Opcode and length before each record."""
+MESSAGE = struct.Struct('<BQHIQQ')
+"""A message record up to its data: opcode, length, channel, sequence, log and publish time."""
+FRONT = struct.Struct('<BQH')
+"""The same up to the channel."""
+_MESSAGE_FIXED = MESSAGE.size - HEADER.size
+_CHUNK = struct.Struct('<QQQI')
+_U16 = struct.Struct('<H')
+_U32 = struct.Struct('<I')
+_U64 = struct.Struct('<Q')
+
+
+class Damage(Exception):
+    """These bytes are not what they should be: what is wrong, as part of a sentence."""
+
+
+class ChunkHead(NamedTuple):
+    """A chunk record without its data."""
+
+    start_ns: int
+    stop_ns: int
+    size: int  # uncompressed bytes
+    crc: int  # of the uncompressed bytes, 0: none
+    compression: str
+    data_at: int  # where the data starts in the record's body
+    data_size: int
+
+
+class Reader:
+    """Takes fields off the front of a record's body, with every length checked."""
+
+    def __init__(self, body: bytes) -> None:
+        self._body = body
+        self._at = 0
+
+    @property
+    def at(self) -> int:
+        """Bytes taken so far."""
+        return self._at
+
+    @property
+    def left(self) -> int:
+        """Bytes not yet taken."""
+        return len(self._body) - self._at
+
+    def take(self, size: int) -> bytes:
+        """Return the next bytes."""
+        if size > self.left:
+            raise Damage('a field is longer than its record')
+        self._at += size
+        return self._body[self._at - size : self._at]
+
+    def u16(self) -> int:
+        """Return the next 2-byte number."""
+        return int(_U16.unpack(self.take(2))[0])
+
+    def u32(self) -> int:
+        """Return the next 4-byte number."""
+        return int(_U32.unpack(self.take(4))[0])
+
+    def u64(self) -> int:
+        """Return the next 8-byte number."""
+        return int(_U64.unpack(self.take(8))[0])
+
+    def text(self) -> str:
+        """Return the next string."""
+        return _decoded(self.take(self.u32()))
+
+    def text_map(self) -> dict[str, str]:
+        """Return the next map of strings."""
+        inner = Reader(self.take(self.u32()))
+        found = {}
+        while inner.left:
+            key = inner.text()
+            found[key] = inner.text()
+        return found
+
+
+def read_chunk_head(front: bytes, length: int) -> ChunkHead:
+    """Take the fields before a chunk's data apart.
+
+    Parameters
+    ----------
+    front : bytes
+        The first bytes of the record's body, 128 or all there are.
+    length : int
+        Length of the whole body.
+    """
+    fields = Reader(front)
+    start_ns, stop_ns, size, crc = _CHUNK.unpack(fields.take(_CHUNK.size))
+    compression = fields.text()
+    data_size = fields.u64()
+    if fields.at + data_size != length:
+        raise Damage('the length of a chunk and of its data do not agree')
+    if max(size, data_size) > MAX_CHUNK_BYTES:
+        most = max(size, data_size)
+        raise Damage(f'a chunk claims {most} bytes (at most {MAX_CHUNK_BYTES} are read)')
+    return ChunkHead(start_ns, stop_ns, size, crc, compression, fields.at, data_size)
+
+
+def inflate(compression: str, data: bytes, size: int, crc: int) -> bytes:
+    """Decompress a chunk's data to exactly `size` bytes, and compare its checksum.
+
+    Memory stays below about twice `size`, whatever the compressed bytes claim.
+    """
+    raw = _INFLATE[compression](data, size)
+    if len(raw) != size:
+        raise Damage(f'a chunk decompresses to {len(raw)} instead of {size} bytes')
+    if crc and zlib.crc32(raw) != crc:
+        raise Damage('the checksum of a chunk does not match')
+    return raw
+
+
+def _inflate_zstd(data: bytes, size: int) -> bytes:
+    try:
+        claimed = zstandard.frame_content_size(data)
+        if claimed not in (-1, size):
+            raise Damage(f'compressed data claims {claimed} instead of {size} bytes')
+        return zstandard.ZstdDecompressor().decompress(data, max_output_size=size)
+    except zstandard.ZstdError as error:
+        raise Damage(f'a chunk cannot be decompressed ({error})') from error
+
+
+def _inflate_lz4(data: bytes, size: int) -> bytes:
+    try:
+        return bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size))
+    except RuntimeError as error:
+        raise Damage(f'a chunk cannot be decompressed ({error})') from error
+
+
+_INFLATE: dict[str, Callable[[bytes, int], bytes]] = {
+    '': lambda data, _: data,
+    'lz4': _inflate_lz4,
+    'zstd': _inflate_zstd,
+}
+
+
+class RawMessage(NamedTuple):
+    """One message record."""
+
+    channel: int
+    sequence: int
+    log_time_ns: int
+    publish_time_ns: int
+    data: bytes
+
+
+def messages(block: bytes, size: int) -> Iterator[RawMessage]:
+    """Yield the messages among the first `size` bytes of records that `check_block` accepted."""
+    unpack, skip = MESSAGE.unpack_from, HEADER.unpack_from
+    at = 0
+    while at < size:
+        if block[at] != OP_MESSAGE:
+            at += HEADER.size + skip(block, at)[1]
+            continue
+        _, length, channel, sequence, log_time, publish_time = unpack(block, at)
+        end = at + HEADER.size + length
+        yield RawMessage(channel, sequence, log_time, publish_time, block[at + MESSAGE.size : end])
+        at = end
+
+
+def payloads(block: bytes, size: int, channels: Collection[int]) -> Iterator[bytes]:
+    """Yield only the data of messages of some channels; for what needs no more than that."""
+    unpack, skip, start = FRONT.unpack_from, HEADER.unpack_from, MESSAGE.size
+    at = 0
+    while at < size:
+        if block[at] != OP_MESSAGE:
+            at += HEADER.size + skip(block, at)[1]
+            continue
+        _, length, channel = unpack(block, at)
+        end = at + HEADER.size + length
+        if channel in channels:
+            yield block[at + start : end]
+        at = end
+
+
+def walk(
+    block: bytes,
+    on_message: Callable[[int, int, int], None],
+    on_other: Callable[[int, bytes], None],
+) -> int:
+    """Go through the records of a decompressed chunk.
+
+    Parameters
+    ----------
+    block : bytes
+        Uncompressed content.
+    on_message : callable
+        Called with channel, sequence and log time of each message.
+    on_other : callable
+        Called with opcode and body of each other record; may raise Damage.
+
+    Returns
+    -------
+    int
+        Number of bytes up to which records are whole: ``len(block)`` unless it is damaged.
+    """
+    unpack, size = MESSAGE.unpack_from, len(block)
+    at = 0
+    while at < size:
+        if size - at < HEADER.size:
+            return at
+        if block[at] == OP_MESSAGE:
+            if size - at < MESSAGE.size:
+                return at
+            _, length, channel, sequence, log_time, _ = unpack(block, at)
+            end = at + HEADER.size + length
+            if length < _MESSAGE_FIXED or end > size:
+                return at
+            on_message(channel, sequence, log_time)
+        else:
+            opcode, length = HEADER.unpack_from(block, at)
+            end = at + HEADER.size + length
+            if end > size:
+                return at
+            try:
+                on_other(opcode, block[at + HEADER.size : end])
+            except Damage:
+                return at
+        at = end
+    return size
+
+
+def _decoded(data: bytes) -> str:
+    try:
+        return data.decode()
+    except UnicodeDecodeError as error:
+        raise Damage('a text is not UTF-8') from error

@@ -1,0 +1,105 @@
+"""Which files make up a bag: one .mcap file, or a rosbag2 directory, finished or not."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from pathlib import Path, PurePath
+from typing import Any
+
+import yaml
+
+from .errors import BagError
+from .rosbag2_metadata import FILE_NAME, ROOT_KEY
+
+_MAX_YAML_BYTES = 16 * 1024 * 1024
+CONVERT = '`ros2 bag convert` makes an MCAP bag of it'
+_SPLIT_NUMBER = re.compile(r'_(\d+)\.mcap$')
+
+
+@dataclass(frozen=True)
+class Listing:
+    """Files of a bag in order, what metadata.yaml counts (None without it), what is wrong."""
+
+    paths: list[Path]
+    message_count: int | None = None
+    problems: list[str] = field(default_factory=list)
+
+
+def find(path: Path) -> Listing:
+    """List the files of a bag.
+
+    Raises
+    ------
+    BagError
+        If there is no such file, or a directory has no bag in it, or one of another storage.
+    """
+    try:
+        if path.is_dir():
+            return _directory(path)
+        if not path.exists():
+            raise BagError(f'{path} does not exist')
+    except OSError as error:
+        raise BagError(f'{path}: cannot be read ({error.strerror})') from error
+    if path.name == FILE_NAME:
+        return _directory(path.parent)
+    return Listing([path])
+
+
+def _directory(path: Path) -> Listing:
+    present = sorted(path.glob('*.mcap'), key=_split_order)
+    metadata_path = path / FILE_NAME
+    if not metadata_path.is_file():
+        if present:
+            return Listing(present)  # killed while recording; the files say so themselves
+        if any(path.glob('*.db3')):
+            raise BagError(f'{path} is an sqlite3 bag, not MCAP; {CONVERT}')
+        raise BagError(f'{path} has no bag in it (neither an .mcap file nor {FILE_NAME})')
+    try:
+        metadata = _read(metadata_path)
+    except BagError as error:
+        if not present:
+            raise
+        return Listing(present, problems=[str(error)])
+    _refuse_others(path, metadata)
+    named = metadata.get('relative_file_paths')
+    named = named if isinstance(named, list) else []
+    names = [PurePath(n).name for n in named if isinstance(n, str)]
+    missing = [n for n in names if not (path / n).is_file()]
+    paths = [path / n for n in names if n not in missing] or present
+    if not paths:
+        raise BagError(f'{path}: {FILE_NAME} names {", ".join(names) or "no file"}, not there')
+    problems = [f'{n}, which {FILE_NAME} names, does not exist' for n in missing]
+    count = metadata.get('message_count')
+    return Listing(paths, count if isinstance(count, int) else None, problems)
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        if path.stat().st_size > _MAX_YAML_BYTES:
+            raise BagError(f'{path} is no metadata of a bag (over {_MAX_YAML_BYTES} bytes)')
+        content = yaml.safe_load(path.read_text(encoding='utf-8'))
+    except (yaml.YAMLError, UnicodeDecodeError, ValueError, RecursionError) as error:
+        first = str(error).splitlines()[0] if str(error) else type(error).__name__
+        raise BagError(f'{path} is not readable as YAML ({first})') from error
+    metadata = content.get(ROOT_KEY) if isinstance(content, dict) else None
+    if not isinstance(metadata, dict):
+        raise BagError(f'{path} has no {ROOT_KEY}')
+    return metadata
+
+
+def _refuse_others(path: Path, metadata: dict[str, Any]) -> None:
+    storage = metadata.get('storage_identifier')
+    if storage != 'mcap':
+        raise BagError(f'{path} is stored as {storage!r}, not MCAP; {CONVERT}')
+    mode = str(metadata.get('compression_mode') or 'none').lower()
+    if mode != 'none':
+        raise BagError(
+            f'{path}: compression mode {mode!r} of rosbag2 is not known here; only chunks '
+            'compressed by MCAP itself are'
+        )
+
+
+def _split_order(path: Path) -> tuple[int, str]:
+    match = _SPLIT_NUMBER.search(path.name)
+    return (int(match[1]) if match else 0, path.name)

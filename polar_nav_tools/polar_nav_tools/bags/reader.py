@@ -1,0 +1,379 @@
+"""Opens a bag in any state and says, before anything is read from it, what is wrong with it.
+
+Comes in: a bag directory or an .mcap file, finished, unfinished, cut off or damaged. Goes out:
+`Bag`, with topics and counts, the run's description, serialized or decoded messages in the order
+of the file, and `problems`: one sentence for each thing that is missing. A bag with no problem is
+whole: every checksum was compared and every count agrees.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Collection, Iterable, Iterator, Set
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from functools import cached_property
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from . import chunks, files
+from .decode import Decoder
+from .errors import BagError
+from .scan import Channel, FileScan, Tally, scan_file
+from .schemas import Definition, starts_with_header
+from .writer import PHASE_KEY, RUN_RECORD, SEQUENCE_KEY
+
+RECOVERY_RECORD = 'polar_nav_recovery'
+"""Name of the metadata record that `recover` leaves: the bag was once broken."""
+RUN_INFO_TOPIC = '/run_info'
+
+
+@dataclass(frozen=True)
+class Topic:
+    """A topic of a bag."""
+
+    name: str
+    type: str
+    count: int
+
+
+class BagMessage(NamedTuple):
+    """One serialized message with all that the file says of it."""
+
+    topic: str
+    log_time_ns: int
+    publish_time_ns: int
+    sequence: int
+    data: bytes
+
+
+class Bag:
+    """A bag that was opened; `open_bag` makes one.
+
+    Attributes
+    ----------
+    path : Path
+        As given.
+    files : tuple of FileScan
+        The MCAP files in it, in order.
+    problems : list of str
+        Sentences on what is missing or damaged; empty: the bag is whole.
+    """
+
+    def __init__(self, path: Path, scans: Iterable[FileScan], problems: Iterable[str]) -> None:
+        self.path = path
+        self.files = tuple(scans)
+        self._channels: dict[str, Channel] = {}
+        for file in self.files:
+            for channel in file.channels.values():
+                self._channels.setdefault(channel.topic, channel)
+        self._decoder = Decoder(str(path))
+        self.problems = [*problems, *self._find_problems()]
+
+    @property
+    def is_complete(self) -> bool:
+        """Whether nothing is known to be missing."""
+        return not self.problems
+
+    @property
+    def message_count(self) -> int:
+        """Messages that can be read."""
+        return sum(t.count for t in self.topics.values())
+
+    @property
+    def ignored_bytes(self) -> int:
+        """Bytes that could not be made sense of."""
+        return sum(f.ignored_bytes for f in self.files)
+
+    @cached_property
+    def topics(self) -> dict[str, Topic]:
+        """Topics by name, in order of name, topics without a message included."""
+        return {
+            name: Topic(name, self._channels[name].type, sum(t.count for t in self.tallies(name)))
+            for name in sorted(self._channels)
+        }
+
+    def tallies(self, topic: str) -> list[Tally]:
+        """Return counts, first and last log time of a topic, one for each channel that has it."""
+        return [
+            file.tallies[number]
+            for file in self.files
+            for number in self._numbers(file, [topic])
+            if number in file.tallies
+        ]
+
+    def channel(self, topic: str) -> Channel:
+        """Return what the bag says of a topic: type, definition, metadata."""
+        if topic not in self._channels:
+            raise BagError(f'{self.path} has no topic {topic}; it has {_listed(self.topics)}')
+        return self._channels[topic]
+
+    def definition(self, topic: str) -> Definition:
+        """Return the message definition that is embedded for a topic."""
+        channel = self.channel(topic)
+        return Definition(
+            type=channel.type,
+            text=channel.schema_text,
+            type_hash=channel.metadata.get('topic_type_hash', ''),
+            has_header=starts_with_header(channel.schema_text),
+        )
+
+    def require(self, topics: Iterable[str]) -> None:
+        """Insist on topics that have messages.
+
+        Raises
+        ------
+        BagError
+            Naming every one that the bag does not have.
+        """
+        missing = [t for t in topics if t not in self.topics or not self.topics[t].count]
+        if missing:
+            have = [t.name for t in self.topics.values() if t.count]
+            raise BagError(
+                f'{self.path} has no message on {_listed(missing)}; it has {_listed(have)}'
+            )
+
+    def messages(self, topics: Collection[str] | None = None) -> Iterator[tuple[str, int, bytes]]:
+        """Yield (topic, log time [ns], CDR bytes) in the order of the file.
+
+        Parameters
+        ----------
+        topics : collection of str, optional
+            Only these; all by default. One that the bag does not have gives nothing (`require`).
+        """
+        for message in self.records(topics):
+            yield message.topic, message.log_time_ns, message.data
+
+    def records(self, topics: Collection[str] | None = None) -> Iterator[BagMessage]:
+        """Yield messages in the order of the file with all their numbers."""
+        for file in self.files:
+            yield from _file_records(file, self._numbers(file, topics))
+
+    def payloads(self, topic: str) -> Iterator[bytes]:
+        """Yield the CDR bytes of one topic, after checking that they are CDR.
+
+        Raises
+        ------
+        BagError
+            If there is none, or the topic has another encoding than ROS 2's.
+        """
+        self.require([topic])
+        channel = self.channel(topic)
+        if channel.encoding != 'cdr':
+            raise BagError(f'{self.path}: {topic} is encoded as {channel.encoding!r}, not as cdr')
+        for file in self.files:
+            numbers = self._numbers(file, [topic])
+            for content, usable in _contents(file, numbers.keys()):
+                yield from chunks.payloads(content, usable, numbers)
+
+    def read(self, topic: str) -> Iterator[tuple[int, Any]]:
+        """Yield (log time [ns], message) of one topic, decoded.
+
+        With the installed Python class of the message where its definition is the one in the bag,
+        else with a class made from the definition in the bag: field names are the same, arrays are
+        NumPy arrays.
+
+        Raises
+        ------
+        BagError
+            If there is no such message, or one cannot be decoded.
+        """
+        self.require([topic])
+        decode = self._decoder.for_channel(self.channel(topic))
+        for _, log_time_ns, data in self.messages([topic]):
+            yield log_time_ns, decode(data)
+
+    def metadata(self, name: str) -> list[dict[str, str]]:
+        """Return the MCAP metadata records of one name, in order."""
+        return [m for f in self.files for record, m in f.metadata if record == name]
+
+    @cached_property
+    def run_info(self) -> dict[str, Any]:
+        """What the recorder wrote about the run: start's description, overwritten by the end's.
+
+        Empty for bags of other recorders.
+        """
+        info: dict[str, Any] = {}
+        for record in self.metadata(RUN_RECORD):
+            info |= {k: _json_or_none(v) for k, v in record.items() if k != PHASE_KEY}
+        return info
+
+    @cached_property
+    def node_infos(self) -> dict[str, dict[str, Any]]:
+        """What each node said on /run_info: node name to {node, package, version, params}.
+
+        Of several messages of a node the last one counts; what is not of this form is passed over.
+        """
+        found: dict[str, dict[str, Any]] = {}
+        try:
+            for _, message in self.read(RUN_INFO_TOPIC):
+                content = _json_or_none(getattr(message, 'data', ''))
+                if isinstance(content, dict) and isinstance(content.get('node'), str):
+                    found[content['node']] = content
+        except BagError:
+            return found  # no such topic, another use of its name, or a damaged message
+        return found
+
+    def node_params(self, node: str) -> dict[str, Any]:
+        """Return the parameters that a node ran with.
+
+        Parameters
+        ----------
+        node : str
+            Fully qualified, e.g. ``/follower/follower_node``.
+
+        Raises
+        ------
+        BagError
+            If it said nothing on /run_info.
+        """
+        params = self.node_infos.get(node, {}).get('params')
+        if not isinstance(params, dict):
+            have = _listed(sorted(self.node_infos)) if self.node_infos else 'none'
+            raise BagError(
+                f'{self.path}: no parameters of node {node} were recorded on {RUN_INFO_TOPIC}; '
+                f'nodes there: {have}'
+            )
+        return dict(params)
+
+    def _numbers(self, file: FileScan, topics: Collection[str] | None) -> dict[int, str]:
+        """Channel numbers of topics in a file; a topic's first type is the one that counts."""
+        return {
+            number: channel.topic
+            for number, channel in file.channels.items()
+            if (topics is None or channel.topic in topics)
+            and channel.type == self._channels[channel.topic].type
+        }
+
+    def _find_problems(self) -> Iterator[str]:
+        for file in self.files:
+            for problem in file.problems:
+                yield f'{file.path.name}: {problem}'
+            if not file.finished:
+                yield f'{file.path.name}: {_unfinished(file)}'
+            yield from _sequence_gaps(file)
+            yield from self._other_types(file)
+        yield from self._recorded_losses()
+        for record in self.metadata(RECOVERY_RECORD):
+            yield f'recovered from a broken bag: {record.get("problems", "")}'
+
+    def _other_types(self, file: FileScan) -> Iterator[str]:
+        for number, channel in file.channels.items():
+            first = self._channels[channel.topic].type
+            if channel.type != first and number in file.tallies:
+                count = file.tallies[number].count
+                yield (
+                    f'{file.path.name}: {channel.topic} is a {first} and a {channel.type}; '
+                    f'{count} messages of the latter are ignored'
+                )
+
+    def _recorded_losses(self) -> Iterator[str]:
+        """Compare with what the recorder counted, and pass on what it knew to be lost."""
+        records = self.metadata(RUN_RECORD)
+        for record in records:
+            for key, value in record.items():
+                if key != PHASE_KEY and value != 'null' and _json_or_none(value) is None:
+                    yield f'{key} in a {RUN_RECORD} record is not JSON'
+        recording = self.run_info.get('recording')
+        counted = recording.get('topics') if isinstance(recording, dict) else None
+        if not isinstance(counted, dict):
+            return
+        for name, facts in counted.items():
+            if not isinstance(facts, dict):
+                continue
+            have = self.topics[name].count if name in self.topics else 0
+            if facts.get('count') != have:
+                yield f'{name}: the recorder wrote {facts.get("count")} messages, {have} are there'
+            if facts.get('lost'):
+                yield f'{name}: {facts["lost"]} messages were lost on the way to the recorder'
+
+
+def _contents(file: FileScan, channels: Set[int]) -> Iterator[tuple[bytes, int]]:
+    """Yield the blocks that have messages of some channels, and how much of each is usable."""
+    try:
+        with file.path.open('rb') as stream:
+            for block in file.blocks:
+                if not channels.isdisjoint(block.channels):
+                    yield block.load(stream), block.usable
+    except (OSError, chunks.Damage) as error:
+        raise BagError(f'{file.path} was changed while it was read: {error}') from error
+
+
+def _file_records(file: FileScan, names: dict[int, str]) -> Iterator[BagMessage]:
+    for content, usable in _contents(file, names.keys()):
+        for number, sequence, log_time, publish_time, data in chunks.messages(content, usable):
+            name = names.get(number)
+            if name is not None:
+                yield BagMessage(name, log_time, publish_time, sequence, data)
+
+
+def open_bag(path: str | Path) -> Bag:
+    """Open a bag directory or an .mcap file.
+
+    Raises
+    ------
+    BagError
+        If there is nothing to read: no such file, a directory without a bag, not an MCAP file,
+        empty, no message in it, compressed in an unknown way.
+    """
+    path = Path(path)
+    listing = files.find(path)
+    scans = [scan_file(p) for p in listing.paths]
+    bag = Bag(path, scans, listing.problems)
+    if bag.message_count == 0:
+        unknown = sorted({c for s in scans for c in s.unknown_compressions})
+        if unknown:
+            raise BagError(
+                f'{path}: its chunks are compressed with {_listed(unknown)}, which is not known '
+                'here; zstd and lz4 are'
+            )
+        why = f' ({"; ".join(bag.problems)})' if bag.problems else ''
+        raise BagError(f'{path} holds no message{why}')
+    if listing.message_count is not None and listing.message_count != bag.message_count:
+        bag.problems.append(
+            f'metadata.yaml counts {listing.message_count} messages, '
+            f'{bag.message_count} can be read'
+        )
+    return bag
+
+
+def stamp_text(stamp_ns: int) -> str:
+    """Return a stamp as people and as programs read it."""
+    try:
+        utc = datetime.fromtimestamp(stamp_ns / 1e9, UTC).isoformat(timespec='milliseconds')
+    except (OverflowError, ValueError, OSError):
+        return f'{stamp_ns} ns'
+    return f'{stamp_ns / 1e9:.3f} s ({utc.replace("+00:00", "Z")})'
+
+
+def _unfinished(file: FileScan) -> str:
+    if file.data_ended:
+        return 'the index behind all messages is damaged or cut off'
+    if file.last_ns is None:
+        return 'the recording was not finished'
+    return (
+        f'the recording was not finished; the last message is of {stamp_text(file.last_ns)}, '
+        'what came in the last moment before the recorder ended is missing'
+    )
+
+
+def _sequence_gaps(file: FileScan) -> Iterator[str]:
+    """Messages that were recorded but are not in the file any more, by their numbers."""
+    for number, tally in file.tallies.items():
+        channel = file.channels[number]
+        if channel.metadata.get(SEQUENCE_KEY) == 'count' and tally.last_sequence > tally.count:
+            missing = tally.last_sequence - tally.count
+            yield f'{file.path.name}: {missing} messages of {channel.topic} are missing'
+
+
+def _json_or_none(text: str) -> Any:  # noqa: ANN401 - whatever stands in the JSON
+    try:
+        return json.loads(text)
+    except (ValueError, TypeError, RecursionError):
+        return None
+
+
+def _listed(names: Iterable[str]) -> str:
+    names = list(names)
+    shown = ', '.join(names[:12]) if names else 'none'
+    return shown if len(names) <= 12 else f'{shown} and {len(names) - 12} more'

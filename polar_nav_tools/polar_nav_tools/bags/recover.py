@@ -1,0 +1,119 @@
+"""Makes a readable bag of a broken one.
+
+Comes in: a bag that was cut off or damaged. Goes out: a new, finished bag with every message that
+can be read, bytes and times and numbers unchanged, which says of itself what it is and what was
+missing, so that no score made from it looks whole.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rosbags.rosbag2.metadata import parse_qos
+
+from .qos import Qos
+from .reader import RECOVERY_RECORD, Bag, open_bag
+from .writer import SEQUENCE_KEY, BagWriter
+
+
+@dataclass(frozen=True)
+class Recovery:
+    """What `recover` did.
+
+    Attributes
+    ----------
+    source, target : Path
+        The broken bag and the new one.
+    message_count : int
+        Messages in the new bag.
+    ignored_bytes : int
+        Bytes of the broken one that could not be made sense of.
+    problems : tuple of str
+        What was wrong with it; empty if nothing was.
+    """
+
+    source: Path
+    target: Path
+    message_count: int
+    ignored_bytes: int
+    problems: tuple[str, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return values that JSON can hold."""
+        return {
+            'source': str(self.source),
+            'target': str(self.target),
+            'message_count': self.message_count,
+            'ignored_bytes': self.ignored_bytes,
+            'problems': list(self.problems),
+        }
+
+
+def recover(path: str | Path, target: str | Path) -> Recovery:
+    """Copy what can be read of a bag to a new one.
+
+    Parameters
+    ----------
+    path : Path
+        Bag directory or .mcap file, in any state.
+    target : Path
+        Directory of the new bag; must not exist.
+
+    Raises
+    ------
+    BagError
+        If there is nothing to read, or the new bag cannot be written.
+    """
+    bag = open_bag(path)
+    target = Path(target)
+    with BagWriter(target, bag.run_info) as writer:
+        for topic in bag.topics:
+            _add_topic(writer, bag, topic)
+        for m in bag.records():
+            writer.write(m.topic, m.data, m.log_time_ns, m.publish_time_ns, m.sequence)
+        if bag.problems:
+            writer.add_metadata(
+                RECOVERY_RECORD,
+                {
+                    'source': str(path),
+                    'ignored_bytes': str(bag.ignored_bytes),
+                    'problems': '; '.join(bag.problems),
+                },
+            )
+        writer.finish()
+    return Recovery(
+        Path(path), target, writer.message_count, bag.ignored_bytes, tuple(bag.problems)
+    )
+
+
+def _add_topic(writer: BagWriter, bag: Bag, topic: str) -> None:
+    channel = bag.channel(topic)
+    writer.add_topic(
+        topic,
+        channel.type,
+        offered=_offered(channel.metadata.get('offered_qos_profiles', '')),
+        described=bag.definition(topic),
+        encoding=channel.encoding,
+        schema_encoding=channel.schema_encoding,
+        counted=channel.metadata.get(SEQUENCE_KEY) == 'count',
+    )
+
+
+def _offered(text: str) -> list[Qos]:
+    """Profiles of a channel; those that cannot be read are left out, messages matter more."""
+    try:
+        profiles = parse_qos(text)
+    except Exception:  # noqa: BLE001 - text from a damaged file
+        return []
+    return [
+        Qos(
+            reliability=p.reliability.name.lower(),
+            durability=p.durability.name.lower(),
+            history=p.history.name.lower(),
+            depth=p.depth,
+            liveliness=p.liveliness.name.lower(),
+        )
+        for p in profiles
+    ]

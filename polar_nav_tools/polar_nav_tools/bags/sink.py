@@ -1,0 +1,58 @@
+"""A file that grows by whole records, straight to the operating system."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from io import UnsupportedOperation
+from pathlib import Path
+
+
+class Sink:
+    """Write-only file without a buffer of its own, for `mcap.writer.Writer`.
+
+    Every call of `write` brings whole MCAP records and ends in the kernel before it returns, so
+    killing the process cannot take away what was written. A write that fails (disk full) is taken
+    back, so the file ends behind a whole record.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
+        self._size = 0
+        self.closed = False
+
+    def write(self, data: bytes | bytearray | memoryview) -> int:
+        """Append; raises OSError when the bytes do not fit, leaving the file as it was."""
+        view = memoryview(data)
+        try:
+            while view:
+                view = view[os.write(self._fd, view) :]
+        except OSError:
+            with contextlib.suppress(OSError):
+                os.ftruncate(self._fd, self._size)
+                os.lseek(self._fd, self._size, os.SEEK_SET)
+            raise
+        self._size += len(data)
+        return len(data)
+
+    def tell(self) -> int:
+        """Return the number of bytes written."""
+        return self._size
+
+    def flush(self) -> None:
+        """Do nothing: no byte waits here."""
+
+    def sync(self) -> None:
+        """Wait until the disk itself has the bytes, which only a loss of power makes matter."""
+        os.fdatasync(self._fd)
+
+    def close(self) -> None:
+        """Close the file."""
+        if not self.closed:
+            self.closed = True
+            os.close(self._fd)
+
+    def read(self, size: int = -1) -> bytes:
+        """Refuse: the file is write-only (mcap's type of a stream has this method)."""
+        raise UnsupportedOperation(f'read {size} bytes of {self.path}')

@@ -1,0 +1,75 @@
+"""The application that the commands join, and what they share: errors, JSON, exit status."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import sys
+from collections.abc import Mapping
+from typing import NoReturn
+
+import typer
+
+from polar_nav_core.errors import PolarNavError
+
+USAGE_STATUS = 2
+INTERRUPTED_STATUS = 130
+
+app = typer.Typer(
+    name='polar',
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode='markdown',
+    context_settings={'help_option_names': ['-h', '--help']},
+    help=(
+        'Navigate a low-cost vehicle near a pole with late acoustic fixes from a leader: '
+        'run, record, replay, score.'
+    ),
+    epilog='Example: `./polar demo`',
+)
+
+
+def emit_json(value: Mapping[str, object]) -> None:
+    """Print one JSON document; NaN would make it unreadable for others, so it is refused."""
+    sys.stdout.write(json.dumps(value, indent=2, allow_nan=False) + '\n')
+
+
+def say(text: str) -> None:
+    """Tell people something; never on stdout, which is for figures."""
+    sys.stderr.write(f'polar: {text}\n')
+    sys.stderr.flush()
+
+
+def end(status: int) -> NoReturn:
+    """End the command with this exit status."""
+    raise typer.Exit(status)
+
+
+def main() -> int:
+    """Run the tool; its exit status.
+
+    An error that is meant for the user is one sentence and status 1; anything else is a defect and
+    keeps its traceback.
+    """
+    for commands in ('live', 'bags', 'development'):
+        importlib.import_module(f'{__package__}.{commands}')
+    try:
+        app(prog_name='polar')
+    except SystemExit as ending:
+        return ending.code if isinstance(ending.code, int) else int(ending.code is not None)
+    except PolarNavError as error:
+        say(' '.join(str(error).split()))
+        for line in getattr(error, 'details', ()):
+            sys.stderr.write(f'  {line}\n')
+        return 1
+    except OSError as error:
+        if isinstance(error, BrokenPipeError):
+            return 1
+        place = f'{error.filename}: ' if error.filename else ''
+        say(f'{place}{error.strerror or error}')
+        return 1
+    except KeyboardInterrupt:
+        say('interrupted')
+        return INTERRUPTED_STATUS
+    return 0

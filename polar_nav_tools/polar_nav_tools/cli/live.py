@@ -1,0 +1,150 @@
+"""`polar demo`, `polar launch`, `polar record`: commands that start nodes."""
+
+from __future__ import annotations
+
+import signal
+from datetime import datetime
+from pathlib import Path
+from tempfile import mkdtemp
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from .app import app, emit_json, end, say
+
+if TYPE_CHECKING:
+    from ..graph import Graph
+
+BAGS = Path('bags')
+
+MissionOption = Annotated[
+    str,
+    typer.Option('--mission', '-m', help='Name of a mission that comes with it, or a YAML file.'),
+]
+DurationOption = Annotated[
+    float | None,
+    typer.Option('--duration', '-d', help='Simulated seconds; the mission knows its own.'),
+]
+SeedOption = Annotated[
+    int,
+    typer.Option('--seed', min=0, help='Seed of the run; every random stream is made from it.'),
+]
+ConfigurationOption = Annotated[
+    str, typer.Option('--configuration', '-c', help='Filter configuration of the follower.')
+]
+BagOption = Annotated[
+    Path | None,
+    typer.Option('--bag', help='Folder of the new bag; by default a new one in bags/.'),
+]
+JsonOption = Annotated[bool, typer.Option('--json', help='Print figures as JSON on stdout.')]
+
+
+@app.command(
+    epilog='Example: `./polar demo --duration 120`'
+    '\n\nNear the pole: `./polar demo --mission near_pole --open`'
+)
+def demo(
+    mission: MissionOption = 'demo',
+    duration: DurationOption = None,
+    seed: SeedOption = 1,
+    pace: Annotated[
+        str, typer.Option(help='lockstep loses nothing and is fast; realtime waits for nobody.')
+    ] = 'lockstep',
+    configuration: ConfigurationOption = 'modified_akf',
+    bag: BagOption = None,
+    open_report: Annotated[
+        bool, typer.Option('--open', help='Open the report in a browser at the end.')
+    ] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Run the whole graph, record it, replay, verify, score, report.
+
+    Real nodes as processes over the real middleware, in simulated time. The recorded bag is
+    replayed with the conventional filter, which takes late fixes as current, and with the
+    delay-aware one, and both are scored against the truth.
+    """
+    from ..demo import DemoOptions, run_demo
+
+    options = DemoOptions(
+        mission=mission,
+        duration_s=duration,
+        seed=seed,
+        pace=pace,
+        configuration=configuration,
+        bag=bag,
+        folder=BAGS,
+    )
+    result = run_demo(options, say=say)
+    if result.signal is not None:
+        say(f'ended by {signal.Signals(result.signal).name}; the bag is {result.bag}')
+        end(128 + result.signal)
+    if as_json:
+        emit_json(result.to_dict())
+    else:
+        result.print_tables()
+    if open_report and result.report is not None:
+        typer.launch(str(result.report))
+    for complaint in result.complaints:
+        say(complaint)
+    end(1 if result.complaints else 0)
+
+
+@app.command(epilog='Example: `./polar launch --duration 300`, and elsewhere `ros2 topic list`')
+def launch(
+    mission: MissionOption = 'demo',
+    duration: DurationOption = None,
+    seed: SeedOption = 1,
+    configuration: ConfigurationOption = 'modified_akf',
+    bag: BagOption = None,
+    no_record: Annotated[
+        bool, typer.Option('--no-record', help='Run without a recorder.')
+    ] = False,
+) -> None:
+    """Run the graph in real time until the mission ends or Ctrl-C, to be looked at with ROS tools.
+
+    Uses the ROS domain of the shell (ROS_DOMAIN_ID, 0 when it is not set).
+    """
+    from ..graph import GraphOptions
+    from ..live import new_bag_path, read_mission, run_live
+    from ..progress import progress_display
+
+    chosen = read_mission(mission, duration)
+    named = bag or new_bag_path(BAGS, chosen.name, seed, datetime.now())
+    target = None if no_record else named
+    options = GraphOptions(pace='realtime', seed=seed, configuration=configuration, bag=target)
+    folder = Path(mkdtemp(prefix='polar_nav_')) if target is None else target
+    with progress_display(chosen.name, total=chosen.duration_s, unit='s') as on_progress:
+        run = run_live(
+            chosen,
+            options,
+            folder,
+            own_domain=False,
+            on_start=_tell_start,
+            on_progress=on_progress,
+            on_line=lambda name, line: say(f'{name}: {line}'),
+        )
+    say(f'bag: {run.bag}' if run.bag else f'logs: {run.folder}')
+    run.check()
+    if run.outcome.culprit is not None:
+        say(f'{run.outcome.culprit.name} {run.outcome.culprit.how()} while it was ended')
+        end(1)
+
+
+@app.command(epilog='Example: `./polar record --out bags/my_run`')
+def record(
+    out: Annotated[Path | None, typer.Option('--out', '-o', help='Folder of the new bag.')] = None,
+) -> None:
+    """Record every topic of the running graph into an MCAP bag until Ctrl-C.
+
+    Uses the ROS domain of the shell (ROS_DOMAIN_ID, 0 when it is not set).
+    """
+    from ..live import new_bag_path
+    from ..recorder_node import main as recorder_main
+
+    target = out or new_bag_path(BAGS, 'recording', 0, datetime.now())
+    say(f'recording to {target}; Ctrl-C ends it')
+    end(recorder_main(['--ros-args', '-p', f'output:={target}']))
+
+
+def _tell_start(graph: Graph, domain_id: str) -> None:
+    say(f'{len(graph.nodes)} nodes in ROS domain {domain_id}')

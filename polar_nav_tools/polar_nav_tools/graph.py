@@ -1,0 +1,265 @@
+"""The one definition of the demo graph: nodes, namespaces, parameters, topics.
+
+In: a mission and a few options. Out: a :class:`Graph` of :class:`NodeSpec` and topics. The launch
+file and the process supervisor of ``polar demo`` are both made from it, so they run the same
+thing. Nothing here knows ROS or processes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from polar_nav_core.errors import ConfigError
+from polar_nav_core.params import default_of
+from polar_nav_follower.params import CONFIGURATIONS, FollowerParams
+from polar_nav_sim.params import TruthParams
+from polar_nav_sim.randomness import stream
+
+from .initial import InitialSigma, initial_parameters
+from .node_spec import NodeSpec, ParameterValue, Stage
+
+if TYPE_CHECKING:
+    from polar_nav_sim.mission import Mission
+
+PACES = ('lockstep', 'realtime')
+MAX_SEED = 2**31 - 1
+LEADER_ID, FOLLOWER_ID = 1, 2
+"""Numbers of the vehicles in acoustic packets."""
+LINK: dict[str, ParameterValue] = {
+    'random_delay': 'exponential',
+    'random_delay_mean_s': 0.5,
+    'random_delay_max_s': 10.0,
+    'loss_probability': 0.05,
+    'bit_error_rate': 1e-4,
+}
+"""An acoustic link as one meets it: now and then a packet is late, lost or damaged."""
+
+
+@dataclass(frozen=True)
+class GraphOptions:
+    """How a mission is run.
+
+    Attributes
+    ----------
+    pace : str
+        ``lockstep`` or ``realtime``.
+    seed : int
+        Of the run; every random stream is made from it and its own name.
+    configuration : str
+        Filter configuration of the follower.
+    bag : Path or None
+        Folder of the new bag; None: nothing is recorded.
+    run_info : Path or None
+        JSON file with what the bag is to say about the run.
+
+    Raises
+    ------
+    ConfigError
+        For a value that does not exist.
+    """
+
+    pace: str = 'lockstep'
+    seed: int = 1
+    configuration: str = 'modified_akf'
+    bag: Path | None = None
+    run_info: Path | None = None
+
+    def __post_init__(self) -> None:
+        if self.pace not in PACES:
+            raise ConfigError(f'pace {self.pace!r} is none of {", ".join(PACES)}')
+        if self.configuration not in CONFIGURATIONS:
+            known = ', '.join(CONFIGURATIONS)
+            raise ConfigError(f'configuration {self.configuration!r} is none of {known}')
+        if not 0 <= self.seed <= MAX_SEED:
+            raise ConfigError(f'seed {self.seed} is outside of [0, {MAX_SEED}]')
+
+
+@dataclass(frozen=True)
+class Graph:
+    """Everything that runs.
+
+    Attributes
+    ----------
+    mission : str
+        Its name.
+    duration_s : float
+        Its length.
+    options : GraphOptions
+        As given.
+    nodes : tuple of NodeSpec
+        In the order of their stages.
+    topics : mapping of str to str
+        Every recorded topic with its type.
+    """
+
+    mission: str
+    duration_s: float
+    options: GraphOptions
+    nodes: tuple[NodeSpec, ...]
+    topics: Mapping[str, str]
+
+
+_SENSOR_TOPICS = {
+    'truth': 'polar_nav_msgs/msg/VehicleTruth',
+    'imu/data_raw': 'sensor_msgs/msg/Imu',
+    'dvl/data': 'polar_nav_msgs/msg/Dvl',
+    'dvl/twist': 'geometry_msgs/msg/TwistWithCovarianceStamped',
+    'depth/pressure': 'sensor_msgs/msg/FluidPressure',
+    'depth/data': 'polar_nav_msgs/msg/Depth',
+    'odometry': 'nav_msgs/msg/Odometry',
+}
+_LEADER_TOPICS = {
+    'usbl/fix': 'polar_nav_msgs/msg/UsblFix',
+    'broadcast': 'polar_nav_msgs/msg/LeaderBroadcast',
+    'acomms/tx': 'polar_nav_msgs/msg/AcousticPacket',
+    'acomms/rx': 'polar_nav_msgs/msg/AcousticPacket',
+}
+_FOLLOWER_TOPICS = {
+    'acomms/rx': 'polar_nav_msgs/msg/AcousticPacket',
+    'acomms/decoded': 'polar_nav_msgs/msg/LeaderBroadcast',
+    'nav/state': 'polar_nav_msgs/msg/NavState',
+    'nav/receipt': 'polar_nav_msgs/msg/FixReceipt',
+    'nav/command': 'polar_nav_msgs/msg/Command',
+    'nav/fix': 'sensor_msgs/msg/NavSatFix',
+}
+_ROOT_TOPICS = {
+    '/clock': 'rosgraph_msgs/msg/Clock',
+    '/diagnostics': 'diagnostic_msgs/msg/DiagnosticArray',
+    '/run_info': 'std_msgs/msg/String',
+}
+
+
+def build_graph(mission: Mission, options: GraphOptions) -> Graph:
+    """Say what runs for a mission.
+
+    Raises
+    ------
+    ConfigError
+        When the mission has not exactly one follower, which is what the leader's packets serve.
+    """
+    if len(mission.followers) != 1:
+        names = ', '.join(mission.followers) or 'none'
+        raise ConfigError(f'mission {mission.name}: one follower is needed, it has {names}')
+    leader, follower = mission.leader, mission.followers[0]
+    topics = recorded_topics(leader, follower)
+    lockstep = options.pace == 'lockstep'
+    nodes = [
+        *_vehicle_nodes(leader, options),
+        *_vehicle_nodes(follower, options),
+        *_acoustic_nodes(mission, leader, follower, options),
+        _follower_node(mission, follower, options),
+        *_recorder_node(topics, options),
+    ]
+    if lockstep:
+        nodes = [replace(s, parameters={**s.parameters, 'lockstep': True}) for s in nodes]
+    truth = _truth_node(mission, options, [spec.full_name for spec in nodes])
+    return Graph(mission.name, mission.duration_s, options, (truth, *nodes), topics)
+
+
+def recorded_topics(leader: str, follower: str) -> dict[str, str]:
+    """Every topic of the graph that is worth keeping, with its type."""
+    topics = {f'/{leader}/{t}': kind for t, kind in {**_SENSOR_TOPICS, **_LEADER_TOPICS}.items()}
+    for topic, kind in {**_SENSOR_TOPICS, **_FOLLOWER_TOPICS}.items():
+        topics[f'/{follower}/{topic}'] = kind
+    return {**_ROOT_TOPICS, **topics}
+
+
+def _sim(
+    executable: str, namespace: str, stage: Stage, parameters: Mapping[str, ParameterValue]
+) -> NodeSpec:
+    module = f'polar_nav_sim.nodes.{executable}'
+    return NodeSpec('polar_nav_sim', executable, module, namespace, stage, parameters)
+
+
+def _truth_node(mission: Mission, options: GraphOptions, others: list[str]) -> NodeSpec:
+    parameters: dict[str, ParameterValue] = {
+        'mission': str(mission.file),
+        'duration_s': mission.duration_s,
+        'pace': options.pace,
+        'exit_at_end': True,
+    }
+    if options.pace == 'lockstep':
+        parameters['expected_nodes'] = others
+    return _sim('truth_node', '', Stage.TRUTH, parameters)
+
+
+def _vehicle_nodes(vehicle: str, options: GraphOptions) -> list[NodeSpec]:
+    seed: dict[str, ParameterValue] = {'seed': options.seed}
+    names = ('imu_node', 'dvl_node', 'depth_node')
+    return [_sim(name, vehicle, Stage.SENSOR, seed) for name in names]
+
+
+def _acoustic_nodes(
+    mission: Mission, leader: str, follower: str, options: GraphOptions
+) -> list[NodeSpec]:
+    """Build what stands between the leader's truth and the follower's modem."""
+    seed: dict[str, ParameterValue] = {'seed': options.seed}
+    leader_parameters: dict[str, ParameterValue] = {
+        'own_id': LEADER_ID,
+        'follower': follower,
+        'follower_id': FOLLOWER_ID,
+        'sea_surface_height': mission.numbers.sea_surface_height_m,
+    }
+    return [
+        _sim('leader_reference_node', leader, Stage.SENSOR, seed),
+        _sim('usbl_node', leader, Stage.SENSOR, {**seed, 'targets': [follower]}),
+        NodeSpec(
+            'polar_nav_leader',
+            'leader_node',
+            'polar_nav_leader.leader_node',
+            leader,
+            Stage.LEADER,
+            leader_parameters,
+        ),
+        _sim(
+            'acoustic_link_node', '', Stage.LINK, {**seed, **LINK, 'vehicles': [leader, follower]}
+        ),
+    ]
+
+
+def _follower_node(mission: Mission, follower: str, options: GraphOptions) -> NodeSpec:
+    # The first IMU sample ends the first interval: that is when the filter starts.
+    first_ns = mission.start_ns + mission.imu_period_ns
+    sigma = InitialSigma(
+        position=default_of(FollowerParams, 'initial_sigma_position'),
+        height=default_of(FollowerParams, 'initial_sigma_height'),
+        velocity=default_of(FollowerParams, 'initial_sigma_velocity'),
+        tilt_deg=default_of(FollowerParams, 'initial_sigma_tilt_deg'),
+        heading_deg=default_of(FollowerParams, 'initial_sigma_heading_deg'),
+    )
+    rng = stream(options.seed, f'{follower}/initial_state')
+    parameters: dict[str, ParameterValue] = {
+        'configuration': options.configuration,
+        'leader_id': LEADER_ID,
+        'own_id': FOLLOWER_ID,
+        'sea_surface_height': mission.numbers.sea_surface_height_m,
+        **initial_parameters(mission.truth(follower).state(first_ns), sigma, rng),
+    }
+    if options.pace == 'lockstep':
+        # Within a window the topics come in any order, and so do those of the window after it.
+        parameters['reorder_window_s'] = 2.0 * float(default_of(TruthParams, 'window_s'))
+    return NodeSpec(
+        'polar_nav_follower',
+        'follower_node',
+        'polar_nav_follower.follower_node',
+        follower,
+        Stage.FOLLOWER,
+        parameters,
+    )
+
+
+def _recorder_node(topics: Mapping[str, str], options: GraphOptions) -> list[NodeSpec]:
+    if options.bag is None:
+        return []
+    parameters: dict[str, ParameterValue] = {
+        'output': str(options.bag.absolute()),
+        'topics': [f'{name}:{kind}' for name, kind in topics.items()],
+        'log_time': 'simulation',
+    }
+    if options.run_info is not None:
+        parameters['run_info'] = str(options.run_info.absolute())
+    module = 'polar_nav_tools.recorder_node'
+    return [NodeSpec('polar_nav_tools', 'recorder_node', module, '', Stage.RECORDER, parameters)]

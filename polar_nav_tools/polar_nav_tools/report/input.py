@@ -1,0 +1,160 @@
+"""What a report is made from, for `write_report`: plain data, no file and no ROS."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polar_nav_core.grid import ecef_to_grid
+
+from ..scoring import Balance, Comparison, compare
+from ..scoring.compare import Run
+from ..series import TruthSeries
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class FixPositions:
+    """Where measured fixes put the follower, at their validity (from acomms/decoded).
+
+    Attributes
+    ----------
+    source : str
+        Sender.
+    sequence : ndarray of int64, shape (n,)
+        As in the receipts.
+    stamp_ns : ndarray of int64, shape (n,)
+        Validity [ns].
+    r_e : ndarray, shape (n, 3)
+        Transponder, ECEF [m].
+    """
+
+    source: str
+    sequence: Ints
+    stamp_ns: Ints
+    r_e: Floats
+
+    @classmethod
+    def from_broadcasts(
+        cls, source: str, sequence: Ints, stamp_ns: Ints, leader_r_e: Floats, r_lf_G: Floats
+    ) -> FixPositions:
+        """Positions from what the leader said: its own and the relative vector in its grid axes.
+
+        r_e = leader_r_e + C_G_e(leader) r_lf_G, shapes (n, 3).
+        """
+        C_e_G = ecef_to_grid(leader_r_e)
+        r_e = leader_r_e + np.einsum('nji,nj->ni', C_e_G, r_lf_G)
+        return cls(source, np.asarray(sequence), np.asarray(stamp_ns), r_e)
+
+
+@dataclass(frozen=True, eq=False)
+class SentPackets:
+    """Every packet that was sent to the follower (from acomms/tx), so that lost ones are seen too.
+
+    Attributes
+    ----------
+    source : str
+        Sender.
+    sequence : ndarray of int64, shape (n,)
+    transmit_ns : ndarray of int64, shape (n,)
+    """
+
+    source: str
+    sequence: Ints
+    transmit_ns: Ints
+
+
+@dataclass(frozen=True)
+class TopicCount:
+    """Messages of one topic on their way; None where that was not counted."""
+
+    topic: str
+    published: int | None
+    recorded: int | None
+    received: int | None
+
+    @property
+    def equal(self) -> bool:
+        """Whether nothing was lost between those who counted."""
+        known = {n for n in (self.published, self.recorded, self.received) if n is not None}
+        return len(known) <= 1
+
+
+@dataclass(frozen=True)
+class Digest:
+    """sha256 over the output of the live run and over that of its replay."""
+
+    what: str  # topic or 'nav/state and nav/receipt'
+    live: str  # hexadecimal
+    replay: str
+
+    @property
+    def equal(self) -> bool:
+        """Whether the replay repeated the live run bit for bit."""
+        return bool(self.live) and self.live == self.replay
+
+
+@dataclass(frozen=True, eq=False)
+class ReportInput:
+    """Everything in one report.
+
+    Attributes
+    ----------
+    title : str
+        Heading, e.g. the bag's name.
+    runs : mapping of str to (TruthSeries, EstimateSeries, sequence of Receipt)
+        The follower's runs by configuration name, in the order of tables and colours; at least
+        one. All of them are of one vehicle and one mission; put the one that ignores the delay
+        first.
+    subtitle : str
+        The mission in a sentence.
+    leader : TruthSeries or None
+        The leader's truth, for the map.
+    fixes : FixPositions or None
+        For the map; without it fixes are shown at the true position of their validity.
+    sent : SentPackets or None
+        For packets that never arrived.
+    counts : sequence of TopicCount
+        Published, recorded, received per topic.
+    balances : sequence of Balance
+        received = sum of verdicts.
+    digests : sequence of Digest
+        Of `polar verify`.
+    metadata : mapping of str to mapping
+        Section -> name -> value: mission, seeds, versions, parameters. Shown as given.
+    made : str
+        When and by what, as text; nothing here reads a clock.
+    comparison : Comparison or None
+        Scores of `runs` when they are there already; computed otherwise.
+    """
+
+    title: str
+    runs: Mapping[str, Run]
+    subtitle: str = ''
+    leader: TruthSeries | None = None
+    fixes: FixPositions | None = None
+    sent: SentPackets | None = None
+    counts: Sequence[TopicCount] = ()
+    balances: Sequence[Balance] = ()
+    digests: Sequence[Digest] = ()
+    metadata: Mapping[str, Mapping[str, object]] = field(default_factory=dict)
+    made: str = ''
+    comparison: Comparison | None = None
+
+    def __post_init__(self) -> None:
+        if not self.runs:
+            raise ValueError(f'report {self.title!r}: runs is empty')
+        if self.comparison is not None and list(self.comparison.scores) != list(self.runs):
+            raise ValueError(
+                f'report {self.title!r}: comparison is of {list(self.comparison.scores)}, '
+                f'runs are {list(self.runs)}'
+            )
+
+    def scored(self) -> Comparison:
+        """Scores of the runs."""
+        return self.comparison if self.comparison is not None else compare(self.runs)

@@ -1,0 +1,82 @@
+"""What a bag says of the run it holds: mission, seeds, versions, commit, machine.
+
+Together with the parameters that every node publishes on /run_info it is what somebody needs to
+make the run again.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import platform
+import subprocess
+import sys
+from importlib import metadata
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from polar_nav_sim.mission import Mission
+
+    from .graph import Graph, GraphOptions
+
+_DISTRIBUTIONS = ('numpy', 'scipy', 'numba', 'gsw', 'mcap', 'ros-rclpy', 'ros-rmw-fastrtps-cpp')
+_SOURCES = Path(__file__).resolve().parents[2]
+
+
+def run_info(mission: Mission, options: GraphOptions, graph: Graph) -> dict[str, Any]:
+    """Describe a run; values that JSON can hold."""
+    return {
+        'mission': mission.name,
+        'description': mission.description,
+        'mission_file': str(mission.file),
+        'mission_document': dict(mission.document),
+        'duration_s': mission.duration_s,
+        'seed': options.seed,
+        'pace': options.pace,
+        'configuration': options.configuration,
+        'nodes': [spec.full_name for spec in graph.nodes],
+        'versions': versions(),
+        'git_commit': git_commit(_SOURCES),
+        'requirements_lock_sha256': _sha256(_SOURCES / 'requirements.lock'),
+        'python': platform.python_version(),
+        'platform': platform.platform(),
+        'cpu': cpu_model(),
+        'command': sys.argv[1:],
+    }
+
+
+def versions() -> dict[str, str]:
+    """Versions of what the numbers depend on; left out what is not installed as a distribution."""
+    found = {}
+    for name in _DISTRIBUTIONS:
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            continue
+    return found
+
+
+def git_commit(folder: Path) -> str:
+    """Commit of the sources, ``-dirty`` when files differ from it; empty outside of a clone."""
+    if not (folder / '.git').exists():
+        return ''
+    command = ['git', '-C', str(folder), 'describe', '--always', '--dirty', '--abbrev=40']
+    try:
+        found = subprocess.run(command, capture_output=True, text=True, timeout=10.0, check=True)
+    except (OSError, subprocess.SubprocessError):
+        return ''  # no git on this machine, or no commit yet
+    return found.stdout.strip()
+
+
+def cpu_model() -> str:
+    """Name of the processor: replays are the same bit for bit on one model."""
+    path = Path('/proc/cpuinfo')
+    if path.is_file():
+        for line in path.read_text(encoding='utf-8', errors='replace').splitlines():
+            if line.startswith('model name'):
+                return line.partition(':')[2].strip()
+    return platform.machine()
+
+
+def _sha256(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ''

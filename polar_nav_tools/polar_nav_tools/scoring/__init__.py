@@ -1,0 +1,53 @@
+"""Scores people can believe: errors by stamp, honest covariances, what became of every fix.
+
+`compare` takes ``{name: (truth, estimates, receipts)}`` and gives a `Comparison` whose tables
+print to the terminal, Markdown, CSV, JSON and the report. Everything here is a pure function of
+series.
+"""
+
+from .align import Alignment, AlignmentCounts, ScoringError, align
+from .compare import Comparison, compare
+from .consistency import Consistency, chi_square_band, consistency, normalized_squared
+from .errors import ErrorSeries, errors
+from .score import ComponentScore, Drift, Score, WindowScore, score
+from .statistics import Statistics, statistics
+from .tables import Column, Table
+from .timeliness import Availability, Lag, age_of_information, availability, delays
+from .verdicts import Balance, VerdictCounts, balances, count_verdicts, nis_by_source
+from .windows import Window, standard_windows
+
+__all__ = [
+    'Alignment',
+    'AlignmentCounts',
+    'Availability',
+    'Balance',
+    'Column',
+    'Comparison',
+    'ComponentScore',
+    'Consistency',
+    'Drift',
+    'ErrorSeries',
+    'Lag',
+    'Score',
+    'ScoringError',
+    'Statistics',
+    'Table',
+    'VerdictCounts',
+    'Window',
+    'WindowScore',
+    'age_of_information',
+    'align',
+    'availability',
+    'balances',
+    'chi_square_band',
+    'compare',
+    'consistency',
+    'count_verdicts',
+    'delays',
+    'errors',
+    'nis_by_source',
+    'normalized_squared',
+    'score',
+    'standard_windows',
+    'statistics',
+]

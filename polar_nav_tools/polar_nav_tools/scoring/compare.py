@@ -1,0 +1,259 @@
+"""Several configurations side by side: the tables of the demo, the score and the report."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from ..series import EstimateSeries, Receipt, TruthSeries
+from .align import Mode
+from .score import Score, score
+from .tables import Column, Table
+from .verdicts import FUSED, in_order
+from .windows import SECOND_HALF, WHOLE, Window
+
+Run = tuple[TruthSeries, EstimateSeries, Sequence[Receipt]]
+
+CONFIGURATION = Column('configuration', 'configuration')
+
+_ERROR_COLUMNS = (
+    Column('phi_x_arcmin', 'φx', '′', doc='attitude error about grid east'),
+    Column('phi_y_arcmin', 'φy', '′', doc='attitude error about grid north'),
+    Column('phi_z_arcmin', 'φz', '′', doc='attitude error about the vertical: heading'),
+    Column('v_x', 'v x', 'm/s', doc='velocity error, grid east'),
+    Column('v_y', 'v y', 'm/s', doc='velocity error, grid north'),
+    Column('r_x', 'r x', 'm', doc='position error, grid east'),
+    Column('r_y', 'r y', 'm', doc='position error, grid north'),
+)
+_STATISTICS = {
+    'rms': 'RMS',
+    'median': 'Median of the magnitude',
+    'p95': '95 % of the magnitude',
+    'max': 'Largest magnitude',
+    'mean': 'Mean, with sign',
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """Scores by configuration name, in the order given."""
+
+    scores: dict[str, Score]
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain data for JSON: one entry per configuration, figures of the demo table first."""
+        return {
+            name: {'summary': row, **self.scores[name].to_dict()}
+            for name, row in zip(self.scores, self.table().records(), strict=True)
+        }
+
+    def table(self) -> Table:
+        """Build the table of the demo: RMS over the run, cost of the delay, honesty."""
+        columns = (
+            CONFIGURATION,
+            *_ERROR_COLUMNS,
+            Column(
+                'horizontal_second_half',
+                '2-D, 2nd half',
+                'm',
+                doc='horizontal RMS of the second half',
+            ),
+            Column(
+                'lag_expected',
+                'lag if ignored',
+                'm',
+                doc='speed × mean delay of the fused fixes in the second half',
+            ),
+            Column(
+                'nees_per_dof',
+                'NEES/3',
+                doc='mean squared position error over its covariance, per degree of freedom, '
+                'second half; 1 for an honest covariance',
+            ),
+            Column('fused', 'fused', doc='fixes used'),
+            Column('received', 'of', doc='fixes with a verdict'),
+            Column('available_percent', 'available', '%', 4, 'share of the run with an estimate'),
+        )
+        rows = []
+        for name, one in self.scores.items():
+            late = one.second_half
+            rows.append(
+                {
+                    'configuration': name,
+                    **_errors_of(one, WHOLE, 'rms'),
+                    'horizontal_second_half': late.rms('horizontal'),
+                    'lag_expected': late.lag.expected,
+                    'nees_per_dof': late.nees_position.mean_per_dof,
+                    'fused': one.verdicts.by_verdict.get(FUSED, 0),
+                    'received': one.verdicts.total,
+                    'available_percent': 100.0 * one.availability.share,
+                }
+            )
+        return Table('RMS over the whole run', columns, tuple(rows))
+
+    def error_table(self, window: str = WHOLE, statistic: str = 'rms') -> Table:
+        """One statistic of every component, along and across the track too.
+
+        Parameters
+        ----------
+        window : str
+            Name of a window that every score has.
+        statistic : {'rms', 'median', 'p95', 'max', 'mean'}
+        """
+        if statistic not in _STATISTICS:
+            raise ValueError(f'statistic={statistic!r} must be one of {sorted(_STATISTICS)}')
+        columns = (
+            CONFIGURATION,
+            *_ERROR_COLUMNS,
+            Column('r_z', 'r z', 'm', doc='position error, up'),
+            Column('along', 'along', 'm', doc='along the true track; negative: behind'),
+            Column('cross', 'cross', 'm', doc='to the left of the true track'),
+            Column('horizontal', '2-D', 'm', doc='horizontal distance'),
+        )
+        rows = tuple(
+            {
+                'configuration': name,
+                **_errors_of(one, window, statistic),
+                **{
+                    k: getattr(one.windows[window].components[k].error, statistic)
+                    for k in ('r_z', 'along', 'cross', 'horizontal')
+                },
+            }
+            for name, one in self.scores.items()
+        )
+        part = {WHOLE: 'whole run', SECOND_HALF: 'second half'}.get(window, window)
+        return Table(f'{_STATISTICS[statistic]}, {part}', columns, rows)
+
+    def delay_table(self) -> Table:
+        """Lag expected from ignoring the delay beside the error found, in the second half."""
+        columns = (
+            CONFIGURATION,
+            Column('mean_delay', 'mean delay', 's', doc='of the fused fixes: receive - validity'),
+            Column('mean_speed', 'mean speed', 'm/s', doc='true, horizontal'),
+            Column('expected', 'lag if ignored', 'm', doc='mean speed × mean delay'),
+            Column('found', '2-D RMS', 'm', doc='found, second half'),
+            Column('along_mean', 'mean along', 'm', doc='negative: behind'),
+            Column('ratio', 'found/expected'),
+            Column('age_median', 'age, median', 's', doc='age of information'),
+            Column('age_max', 'age, max', 's', doc='age of information'),
+        )
+        rows = []
+        for name, one in self.scores.items():
+            lag, age = one.second_half.lag, one.second_half.age
+            rows.append(
+                {
+                    'configuration': name,
+                    'mean_delay': lag.mean_delay,
+                    'mean_speed': lag.mean_speed,
+                    'expected': lag.expected,
+                    'found': lag.found,
+                    'along_mean': lag.along_mean,
+                    'ratio': lag.ratio,
+                    'age_median': age.median,
+                    'age_max': age.max,
+                }
+            )
+        return Table('What ignoring the delay costs, second half', columns, tuple(rows))
+
+    def consistency_table(self) -> Table:
+        """NEES, NIS and heading against the filter's own covariance, second half."""
+        columns = (
+            CONFIGURATION,
+            Column('what', 'what'),
+            Column('count', 'samples'),
+            Column('effective', 'effective', doc='independent samples among them'),
+            Column('mean_per_dof', 'mean/dof', doc='1 for an honest covariance'),
+            Column('band_low', 'band from', doc='95 % band of mean/dof'),
+            Column('band_high', 'to', doc='95 % band of mean/dof'),
+            Column('inside_percent', 'inside own band', '%', doc='95 % for an honest covariance'),
+            Column('judgement', 'judgement'),
+        )
+        rows = []
+        for name, one in self.scores.items():
+            late = one.second_half
+            kinds = {
+                'NEES position, 3 dof': late.nees_position,
+                'NEES horizontal, 2 dof': late.nees_horizontal,
+                **{f'NIS fixes of {k}, fused': c for k, c in late.nis_fused.items()},
+                **{f'NIS fixes of {k}, gated too': c for k, c in late.nis.items()},
+            }
+            for what, c in kinds.items():
+                rows.append(
+                    {
+                        'configuration': name,
+                        'what': what,
+                        'count': c.count,
+                        'effective': round(c.effective_count),
+                        'mean_per_dof': c.mean_per_dof,
+                        'band_low': c.band_low,
+                        'band_high': c.band_high,
+                        'inside_percent': 100.0 * c.share_inside,
+                        'judgement': c.judgement,
+                    }
+                )
+        note = (
+            'Errors along one run are correlated: the band of a NEES counts effective samples and '
+            'is indicative; runs over many seeds are the test.'
+        )
+        return Table('Is the covariance honest? Second half', columns, tuple(rows), note)
+
+    def verdict_table(self) -> Table:
+        """Counts of verdicts; their sum is what was received."""
+        verdicts = in_order(v for one in self.scores.values() for v in one.verdicts.by_verdict)
+        columns = (
+            CONFIGURATION,
+            *(Column(v, v) for v in verdicts),
+            Column('total', 'sum'),
+            Column('revised', 'revised', doc='receipts replaced by a later revision'),
+        )
+        rows = tuple(
+            {
+                'configuration': name,
+                **{v: one.verdicts.by_verdict.get(v, 0) for v in verdicts},
+                'total': one.verdicts.total,
+                'revised': one.verdicts.revised,
+            }
+            for name, one in self.scores.items()
+        )
+        return Table('What became of the fixes', columns, rows)
+
+    def tables(self) -> tuple[Table, ...]:
+        """All tables, the most asked for first."""
+        return (
+            self.table(),
+            self.delay_table(),
+            self.verdict_table(),
+            self.consistency_table(),
+            *(self.error_table(statistic=s) for s in ('median', 'p95', 'max')),
+        )
+
+
+def compare(
+    runs: Mapping[str, Run], *, phases: Sequence[Window] = (), mode: Mode = 'auto'
+) -> Comparison:
+    """Score every run.
+
+    Parameters
+    ----------
+    runs : mapping of str to (TruthSeries, EstimateSeries, sequence of Receipt)
+        By the name that tables show, usually the filter configuration.
+    phases, mode
+        As in `score`.
+    """
+    if not runs:
+        raise ValueError('runs is empty: nothing to compare')
+    return Comparison(
+        {
+            name: score(name, truth, estimate, receipts, phases=phases, mode=mode)
+            for name, (truth, estimate, receipts) in runs.items()
+        }
+    )
+
+
+def _errors_of(one: Score, window: str, statistic: str) -> dict[str, float]:
+    """Values for `_ERROR_COLUMNS`."""
+    components = one.windows[window].components
+    return {
+        c.key: getattr(components[c.key.removesuffix('_arcmin')].error, statistic)
+        for c in _ERROR_COLUMNS
+    }

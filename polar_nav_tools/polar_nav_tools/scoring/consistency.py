@@ -1,0 +1,181 @@
+"""Is a covariance honest? Normalized squared errors against their chi-square bands.
+
+NEES is e' P^-1 e of an estimate against truth, NIS is r' S^-1 r of an innovation; of an honest
+filter each is chi-square distributed with as many degrees of freedom as it has components.
+Innovations of an honest filter are white, so the mean of N of them has the band of chi2(N dof)/N.
+Errors along one run are not: 6000 states at 10 Hz are perhaps 50 independent ones. The band of a
+mean NEES therefore uses an effective number of samples, from the autocorrelation of the NEES
+itself (Geyer's initial positive sequence); it is indicative, and a Monte-Carlo run over seeds is
+the real test.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.special import gammaincinv
+
+from .plain import record
+
+Floats = NDArray[np.float64]
+
+PROBABILITY = 0.95  # of the bands shown
+
+CONSISTENT = 'consistent'
+OPTIMISTIC = 'optimistic'
+PESSIMISTIC = 'pessimistic'
+UNKNOWN = 'unknown'
+
+
+@dataclass(frozen=True)
+class Consistency:
+    """Normalized squared errors of one kind over one window."""
+
+    count: int
+    missing: int  # without a finite, positive definite covariance
+    dof: float  # mean degrees of freedom
+    mean: float
+    mean_per_dof: float  # 1 for an honest covariance
+    effective_count: float  # independent samples; equal to `count` for innovations
+    band_low: float  # of `mean_per_dof`, two-sided, PROBABILITY
+    band_high: float
+    share_inside: (
+        float  # of single samples in their own band; PROBABILITY for an honest covariance
+    )
+
+    @property
+    def judgement(self) -> str:
+        """In words: optimistic means errors larger than the covariance says."""
+        if self.count == 0 or not np.isfinite(self.band_low):
+            return UNKNOWN
+        if self.mean_per_dof > self.band_high:
+            return OPTIMISTIC
+        return PESSIMISTIC if self.mean_per_dof < self.band_low else CONSISTENT
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain numbers for JSON; None where there is no number."""
+        return record({**asdict(self), 'judgement': self.judgement})
+
+
+def chi_square_band(dof: ArrayLike, probability: float = PROBABILITY) -> tuple[Floats, Floats]:
+    """Two-sided band of a chi-square variable with equal tails.
+
+    Parameters
+    ----------
+    dof : array_like
+        Degrees of freedom, > 0; need not be whole.
+    probability : float
+        Inside the band, in (0, 1).
+
+    Returns
+    -------
+    low, high : ndarray
+        Quantiles: chi2.ppf(p, k) = 2 P^-1(k / 2, p) with the regularized incomplete gamma function
+        P.
+    """
+    if not 0.0 < probability < 1.0:
+        raise ValueError(f'probability={probability} must be in (0, 1)')
+    half = np.asarray(dof, dtype=np.float64) / 2.0
+    tail = (1.0 - probability) / 2.0
+    return 2.0 * gammaincinv(half, tail), 2.0 * gammaincinv(half, 1.0 - tail)
+
+
+def normalized_squared(error: ArrayLike, covariance: ArrayLike) -> Floats:
+    """Squared error in units of its covariance, e' P^-1 e.
+
+    Parameters
+    ----------
+    error : array_like, shape (n, k)
+    covariance : array_like, shape (n, k, k)
+        Symmetric; in the square of the unit of `error`.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        NaN where anything is not finite or the covariance is not positive definite.
+    """
+    e = np.asarray(error, dtype=np.float64)
+    P = np.asarray(covariance, dtype=np.float64)
+    if e.ndim != 2 or P.shape != (*e.shape, e.shape[1]):
+        raise ValueError(
+            f'error has shape {e.shape}, covariance {P.shape}; want (n, k) and (n, k, k)'
+        )
+    out = np.full(e.shape[0], np.nan)
+    variance = np.diagonal(P, axis1=1, axis2=2)
+    usable = np.isfinite(e).all(1) & np.isfinite(P).all((1, 2)) & (variance > 0.0).all(1)
+    rows = np.flatnonzero(usable)
+    if rows.size == 0:
+        return out
+    # In units of sigma first: mixed magnitudes then do not spoil the test for definiteness.
+    sigma = np.sqrt(variance[rows])
+    correlation = P[rows] / (sigma[:, :, None] * sigma[:, None, :])
+    z = e[rows] / sigma
+    definite = np.linalg.eigvalsh(correlation)[:, 0] > 1e-12
+    rows, correlation, z = rows[definite], correlation[definite], z[definite]
+    out[rows] = np.einsum('nk,nk->n', z, np.linalg.solve(correlation, z[:, :, None])[:, :, 0])
+    return out
+
+
+def effective_count(values: ArrayLike) -> float:
+    """Number of independent samples that say as much about the mean as this correlated series.
+
+    n / tau with tau = 1 + 2 sum of autocorrelations, summed over pairs of lags while the pairs
+    stay positive (Geyer 1992, initial positive sequence); at least 1, at most n.
+    """
+    x = np.asarray(values, dtype=np.float64)
+    x = x[np.isfinite(x)]
+    n = x.size
+    if n < 4:
+        return float(n)
+    x = x - x.mean()
+    size = 1 << (2 * n - 1).bit_length()
+    spectrum = np.fft.rfft(x, size)
+    acov = np.fft.irfft(spectrum * spectrum.conj(), size)[:n] / n
+    # Rounding of the mean leaves 1e-17 in a constant series: that is one sample's worth.
+    if acov[0] <= 1e-24 * max(1.0, float(np.max(np.abs(values))) ** 2):
+        return 1.0
+    rho = acov / acov[0]
+    pairs = rho[: n - n % 2].reshape(-1, 2).sum(1)
+    negative = np.flatnonzero(pairs <= 0.0)
+    stop = negative[0] if negative.size else pairs.size
+    tau = max(1.0, 2.0 * float(pairs[:stop].sum()) - 1.0)
+    return max(1.0, n / tau)
+
+
+def consistency(squared: ArrayLike, dof: ArrayLike, *, independent: bool) -> Consistency:
+    """Judge normalized squared errors.
+
+    Parameters
+    ----------
+    squared : array_like, shape (n,)
+        NEES or NIS; values that are not finite are left out and counted.
+    dof : array_like, scalar or shape (n,)
+        Degrees of freedom of each.
+    independent : bool
+        True for innovations, False for errors along a run.
+    """
+    all_values = np.asarray(squared, dtype=np.float64)
+    all_dof = np.broadcast_to(np.asarray(dof, dtype=np.float64), all_values.shape)
+    good = np.isfinite(all_values) & (all_dof > 0.0)
+    values, k = all_values[good], all_dof[good]
+    missing = int(all_values.size - values.size)
+    if values.size == 0:
+        nan = float('nan')
+        return Consistency(0, missing, nan, nan, nan, 0.0, nan, nan, nan)
+    n_eff = float(values.size) if independent else effective_count(values)
+    dof_total = n_eff * float(k.mean())
+    low, high = chi_square_band(dof_total)
+    each_low, each_high = chi_square_band(k)
+    return Consistency(
+        count=int(values.size),
+        missing=missing,
+        dof=float(k.mean()),
+        mean=float(values.mean()),
+        mean_per_dof=float(values.sum() / k.sum()),
+        effective_count=n_eff,
+        band_low=float(low) / dof_total,
+        band_high=float(high) / dof_total,
+        share_inside=float(np.mean((values >= each_low) & (values <= each_high))),
+    )

@@ -1,0 +1,116 @@
+"""Errors of an estimate in the follower's grid axes, with the sigma the filter gave to each.
+
+Signs (docs/frames.md): estimate minus truth. Attitude: Chat_b_G = exp(-[phi_G x]) C_b_G; velocity
+dv_G = vhat_G - v_G as components; position dr_G = C_e_G (rhat_e - r_e) with the grid axes at the
+true position. Along track is the direction of the true horizontal velocity, cross track 90 degrees
+to its left.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polar_nav_core.attitude import grid_heading, log
+from polar_nav_core.earth import geodetic_from_ecef
+from polar_nav_core.grid import convergence, ecef_to_grid
+
+from .align import Alignment
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+MIN_SPEED = 0.05  # [m/s]; a track has no direction below it
+ARCMIN = 180.0 * 60.0 / np.pi  # per radian
+
+
+@dataclass(frozen=True, eq=False)
+class ErrorSeries:
+    """Errors of n estimates, SI and radians, NaN where the estimate was not finite."""
+
+    stamp_ns: Ints  # shape (n,)
+    phi_G: Floats  # shape (n, 3) [rad]
+    dv_G: Floats  # shape (n, 3) [m/s]
+    dr_G: Floats  # shape (n, 3) [m]
+    along: Floats  # shape (n,) [m]; negative: the estimate lags; NaN below MIN_SPEED
+    cross: Floats  # shape (n,) [m]; to the left
+    grid_heading: Floats  # shape (n,) [rad], clockwise positive, in (-pi, pi]
+    true_heading: Floats  # shape (n,) [rad]; NaN where the filter gave none
+    P_attitude_G: Floats  # shape (n, 3, 3) [rad^2]
+    P_velocity_G: Floats  # shape (n, 3, 3) [(m/s)^2]
+    P_position_G: Floats  # shape (n, 3, 3) [m^2]
+    true_heading_sigma: Floats  # shape (n,) [rad]
+
+    @property
+    def horizontal(self) -> Floats:
+        """Horizontal distance between estimate and truth [m], shape (n,)."""
+        return np.hypot(self.dr_G[:, 0], self.dr_G[:, 1])
+
+    @property
+    def sigma_attitude_G(self) -> Floats:
+        """Square root of the diagonal [rad], shape (n, 3); NaN where a variance is negative."""
+        return _sigma(self.P_attitude_G)
+
+    @property
+    def sigma_velocity_G(self) -> Floats:
+        """As `sigma_attitude_G` [m/s]."""
+        return _sigma(self.P_velocity_G)
+
+    @property
+    def sigma_position_G(self) -> Floats:
+        """As `sigma_attitude_G` [m]."""
+        return _sigma(self.P_position_G)
+
+    def time(self, origin_ns: int) -> Floats:
+        """Seconds since `origin_ns`, shape (n,)."""
+        return np.asarray((self.stamp_ns - origin_ns) * 1e-9, dtype=np.float64)
+
+
+def errors(pairs: Alignment) -> ErrorSeries:
+    """Estimate minus truth for every pair."""
+    truth, estimate = pairs.truth, pairs.estimate
+    C_e_G = ecef_to_grid(truth.r_e)
+    dr_G = np.einsum('nij,nj->ni', C_e_G, estimate.r_e - truth.r_e)
+    # Chat C' = exp(-[phi x]).
+    phi_G = -log(estimate.C_b_G @ np.swapaxes(truth.C_b_G, 1, 2))
+
+    speed = np.hypot(truth.v_G[:, 0], truth.v_G[:, 1])
+    moving = speed >= MIN_SPEED
+    safe = np.where(moving, speed, 1.0)
+    t_x = np.where(moving, truth.v_G[:, 0] / safe, np.nan)
+    t_y = np.where(moving, truth.v_G[:, 1] / safe, np.nan)
+
+    heading_truth = grid_heading(truth.C_b_G)
+    latitude, longitude, _ = geodetic_from_ecef(truth.r_e)
+    sigma_truth = convergence(latitude, longitude)
+    return ErrorSeries(
+        stamp_ns=truth.stamp_ns,
+        phi_G=phi_G,
+        dv_G=estimate.v_G - truth.v_G,
+        dr_G=dr_G,
+        along=dr_G[:, 0] * t_x + dr_G[:, 1] * t_y,
+        cross=dr_G[:, 1] * t_x - dr_G[:, 0] * t_y,
+        grid_heading=wrapped(grid_heading(estimate.C_b_G) - heading_truth),
+        true_heading=wrapped(estimate.true_heading - heading_truth - sigma_truth),
+        P_attitude_G=estimate.P_attitude_G,
+        P_velocity_G=estimate.P_velocity_G,
+        P_position_G=estimate.P_position_G,
+        true_heading_sigma=estimate.true_heading_sigma,
+    )
+
+
+def wrapped(angle: Floats) -> Floats:
+    """Angle in (-pi, pi] [rad]."""
+    return np.pi - np.mod(np.pi - angle, 2.0 * np.pi)
+
+
+def distance_travelled(r_e: Floats) -> float:
+    """Length of the way through these positions [m], chords between neighbours."""
+    return float(np.linalg.norm(np.diff(r_e, axis=0), axis=1).sum())
+
+
+def _sigma(P: Floats) -> Floats:
+    variance = np.diagonal(P, axis1=1, axis2=2)
+    return np.sqrt(np.where(variance >= 0.0, variance, np.nan))

@@ -1,0 +1,267 @@
+"""One run against its truth: everything that is said about it in tables, JSON and the report.
+
+In come the truth, the estimates and the receipts of one vehicle (polar_nav_tools.series); out
+comes a `Score`, plain numbers in the units that people read (arcmin, m/s, m).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..series import EstimateSeries, Receipt, TruthSeries
+from .align import Alignment, AlignmentCounts, Mode, align
+from .consistency import Consistency, consistency, normalized_squared
+from .errors import ARCMIN, ErrorSeries, distance_travelled, errors
+from .plain import record
+from .statistics import Statistics, statistics
+from .timeliness import Availability, Lag, age_of_information, availability, delays
+from .verdicts import FUSED, VerdictCounts, count_verdicts, nis_by_source
+from .windows import SECOND_HALF, WHOLE, Window, standard_windows
+
+Floats = NDArray[np.float64]
+
+DEGREE = 180.0 / np.pi  # per radian
+
+
+@dataclass(frozen=True)
+class ComponentScore:
+    """One error component over one window, with what the filter claimed about it."""
+
+    unit: str
+    error: Statistics
+    sigma_rms: float  # of the filter's own 1-sigma; NaN where it gives none
+    normalized_rms: float  # RMS of error / sigma; 1 for an honest sigma
+    within_3_sigma: float  # share of samples
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain numbers for JSON."""
+        claims = record(
+            {
+                'sigma_rms': self.sigma_rms,
+                'normalized_rms': self.normalized_rms,
+                'within_3_sigma': self.within_3_sigma,
+            }
+        )
+        return {'unit': self.unit, **self.error.to_dict(), **claims}
+
+
+@dataclass(frozen=True)
+class WindowScore:
+    """Everything about one part of a run.
+
+    `components`: phi_x, phi_y, phi_z, grid_heading [arcmin], true_heading [deg], v_x, v_y, v_z
+    [m/s], r_x, r_y, r_z, along, cross, horizontal [m].
+    """
+
+    window: Window
+    components: dict[str, ComponentScore]
+    nees_position: Consistency  # 3 degrees of freedom
+    nees_horizontal: Consistency  # 2 degrees of freedom
+    nis: dict[str, Consistency]  # by source, fused and gated fixes
+    nis_fused: dict[str, Consistency]  # by source, fused fixes only
+    delay: Statistics  # of fused fixes [s]
+    age: Statistics  # of information [s]
+    lag: Lag
+
+    def rms(self, component: str) -> float:
+        """RMS of one component in its unit."""
+        return self.components[component].error.rms
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain numbers for JSON."""
+        return {
+            'start_ns': self.window.start_ns,
+            'end_ns': self.window.end_ns,
+            'components': {k: c.to_dict() for k, c in self.components.items()},
+            'nees_position': self.nees_position.to_dict(),
+            'nees_horizontal': self.nees_horizontal.to_dict(),
+            'nis': {k: c.to_dict() for k, c in self.nis.items()},
+            'nis_fused': {k: c.to_dict() for k, c in self.nis_fused.items()},
+            'delay_s': self.delay.to_dict(),
+            'age_of_information_s': self.age.to_dict(),
+            'lag': self.lag.to_dict(),
+        }
+
+
+@dataclass(frozen=True)
+class Drift:
+    """Horizontal error against the distance travelled."""
+
+    distance: float  # true way from first to last scored sample [m]
+    final_error: float  # 2-D, last scored sample [m]
+    max_error: float  # [m]
+
+    @property
+    def final_percent(self) -> float:
+        """Final error in % of distance; NaN without motion."""
+        return 100.0 * self.final_error / self.distance if self.distance > 0.0 else float('nan')
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain numbers for JSON."""
+        return record({**asdict(self), 'final_percent': self.final_percent})
+
+
+@dataclass(frozen=True, eq=False)
+class Score:
+    """One run scored. `pairs` and `errors` are kept for pictures and are not part of `to_dict`."""
+
+    name: str
+    windows: dict[str, WindowScore]
+    alignment: AlignmentCounts
+    availability: Availability
+    verdicts: VerdictCounts
+    drift: Drift
+    pairs: Alignment
+    errors: ErrorSeries
+
+    @property
+    def whole(self) -> WindowScore:
+        """The whole run."""
+        return self.windows[WHOLE]
+
+    @property
+    def second_half(self) -> WindowScore:
+        """The second half by time, start values forgotten."""
+        return self.windows[SECOND_HALF]
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain numbers for JSON."""
+        return {
+            'name': self.name,
+            'windows': {k: w.to_dict() for k, w in self.windows.items()},
+            'alignment': self.alignment.to_dict(),
+            'availability': self.availability.to_dict(),
+            'verdicts': self.verdicts.to_dict(),
+            'drift': self.drift.to_dict(),
+        }
+
+
+def score(
+    name: str,
+    truth: TruthSeries,
+    estimate: EstimateSeries,
+    receipts: Sequence[Receipt],
+    *,
+    phases: Sequence[Window] = (),
+    mode: Mode = 'auto',
+) -> Score:
+    """Score one run over the whole of it, its second half and any further phases of the mission.
+
+    Parameters
+    ----------
+    name : str
+        What tables call it, usually the filter configuration.
+    truth, estimate, receipts
+        Of one vehicle and one run.
+    phases : sequence of Window
+        Scored besides the whole run and its second half; names must be new.
+    mode : {'auto', 'exact', 'interpolate'}
+        How truth and estimates are paired, see `align`.
+
+    Raises
+    ------
+    ScoringError
+        When nothing can be compared.
+    """
+    pairs = align(truth, estimate, mode=mode)
+    error = errors(pairs)
+    windows = standard_windows(int(truth.stamp_ns.min()), int(truth.stamp_ns.max()))
+    taken = {w.name for w in windows}
+    for phase in phases:
+        if phase.name in taken:
+            raise ValueError(f'phase {phase.name!r}: this name is taken')
+        taken.add(phase.name)
+    scored = np.flatnonzero(np.isfinite(error.horizontal))
+    drift = Drift(
+        distance=distance_travelled(pairs.truth.r_e),
+        final_error=float(error.horizontal[scored[-1]]) if scored.size else float('nan'),
+        max_error=float(error.horizontal[scored].max()) if scored.size else float('nan'),
+    )
+    return Score(
+        name=name,
+        windows={w.name: _window_score(w, pairs, error, receipts) for w in (*windows, *phases)},
+        alignment=pairs.counts,
+        availability=availability(estimate, windows[0]),
+        verdicts=count_verdicts(receipts),
+        drift=drift,
+        pairs=pairs,
+        errors=error,
+    )
+
+
+def _window_score(
+    window: Window, pairs: Alignment, error: ErrorSeries, receipts: Sequence[Receipt]
+) -> WindowScore:
+    inside = window.mask(error.stamp_ns)
+    received = [
+        r
+        for r in receipts
+        if r.receive_ns is not None and window.start_ns <= r.receive_ns <= window.end_ns
+    ]
+    dr_G, P_G = error.dr_G[inside], error.P_position_G[inside]
+    components = _components(error, inside)
+    delay = delays(receipts, window)
+    v_G = pairs.truth.v_G[inside]
+    return WindowScore(
+        window=window,
+        components=components,
+        nees_position=consistency(normalized_squared(dr_G, P_G), 3, independent=False),
+        nees_horizontal=consistency(
+            normalized_squared(dr_G[:, :2], P_G[:, :2, :2]), 2, independent=False
+        ),
+        nis=nis_by_source(received),
+        nis_fused=nis_by_source(received, (FUSED,)),
+        delay=delay,
+        age=statistics(age_of_information(error.stamp_ns[inside], receipts)),
+        lag=Lag(
+            fixes=delay.count,
+            mean_delay=delay.mean,
+            mean_speed=float(np.hypot(v_G[:, 0], v_G[:, 1]).mean()) if len(v_G) else float('nan'),
+            found=components['horizontal'].error.rms,
+            along_mean=components['along'].error.mean,
+        ),
+    )
+
+
+def _components(error: ErrorSeries, inside: NDArray[np.bool_]) -> dict[str, ComponentScore]:
+    none = np.full(len(error.stamp_ns), np.nan)
+    sigma_phi, sigma_v, sigma_r = (
+        error.sigma_attitude_G,
+        error.sigma_velocity_G,
+        error.sigma_position_G,
+    )
+    found: dict[str, ComponentScore] = {}
+
+    def add(name: str, unit: str, factor: float, values: Floats, sigma: Floats) -> None:
+        found[name] = _component(unit, factor, values[inside], sigma[inside])
+
+    for i, axis in enumerate('xyz'):
+        add(f'phi_{axis}', 'arcmin', ARCMIN, error.phi_G[:, i], sigma_phi[:, i])
+    for i, axis in enumerate('xyz'):
+        add(f'v_{axis}', 'm/s', 1.0, error.dv_G[:, i], sigma_v[:, i])
+    for i, axis in enumerate('xyz'):
+        add(f'r_{axis}', 'm', 1.0, error.dr_G[:, i], sigma_r[:, i])
+    add('along', 'm', 1.0, error.along, none)
+    add('cross', 'm', 1.0, error.cross, none)
+    add('horizontal', 'm', 1.0, error.horizontal, none)
+    add('grid_heading', 'arcmin', ARCMIN, error.grid_heading, sigma_phi[:, 2])
+    add('true_heading', 'deg', DEGREE, error.true_heading, error.true_heading_sigma)
+    return found
+
+
+def _component(unit: str, factor: float, values: Floats, sigma: Floats) -> ComponentScore:
+    both = np.isfinite(values) & np.isfinite(sigma) & (sigma > 0.0)
+    ratio = values[both] / sigma[both]
+    known = ratio.size > 0
+    nan = float('nan')
+    return ComponentScore(
+        unit=unit,
+        error=statistics(values).scaled(factor),
+        sigma_rms=float(np.sqrt(np.mean(sigma[both] ** 2))) * factor if known else nan,
+        normalized_rms=float(np.sqrt(np.mean(ratio**2))) if known else nan,
+        within_3_sigma=float(np.mean(np.abs(ratio) <= 3.0)) if known else nan,
+    )

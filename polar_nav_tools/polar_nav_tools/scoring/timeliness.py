@@ -1,0 +1,164 @@
+"""How old knowledge is: delay of each fix, age of information, time without an estimate."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import asdict, dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..series import EstimateSeries, Receipt, last_revisions
+from .plain import record
+from .statistics import Statistics, statistics
+from .verdicts import FUSED
+from .windows import Window
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+NAVIGATING = 1  # NavState.STATUS_NAVIGATING
+
+
+@dataclass(frozen=True)
+class Lag:
+    """What taking late fixes as current costs in theory, and what was found."""
+
+    fixes: int  # fused ones that were received in the window
+    mean_delay: float  # receive minus validity [s]
+    mean_speed: float  # true horizontal speed [m/s]
+    found: float  # 2-D RMS [m]
+    along_mean: float  # mean along-track error [m]; negative: behind
+
+    @property
+    def expected(self) -> float:
+        """Speed x mean delay [m]: where the vehicle was when the average fix was valid."""
+        return self.mean_speed * self.mean_delay
+
+    @property
+    def ratio(self) -> float:
+        """Found over expected; NaN when nothing is expected."""
+        return self.found / self.expected if self.expected > 0.0 else float('nan')
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain numbers for JSON."""
+        return record({**asdict(self), 'expected': self.expected, 'ratio': self.ratio})
+
+
+@dataclass(frozen=True)
+class Availability:
+    """Share of the truth's span with an estimate that claims to navigate."""
+
+    share: float
+    longest_outage: float  # [s]
+    first_after: float  # from the first truth sample to the first good estimate [s]
+    diverged: int  # estimates with another status, or not finite
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain numbers for JSON."""
+        return record(asdict(self))
+
+
+@dataclass(frozen=True)
+class TimedFix:
+    """A receipt whose validity and reception are both known."""
+
+    receipt: Receipt
+    validity_ns: int
+    receive_ns: int
+
+    @property
+    def delay(self) -> float:
+        """Receive minus validity [s]."""
+        return (self.receive_ns - self.validity_ns) * 1e-9
+
+
+def timed_fixes(
+    receipts: Sequence[Receipt], verdicts: Collection[str] | None = None
+) -> list[TimedFix]:
+    """Fixes with known times in order of reception, last revisions; of all verdicts if None."""
+    found = [
+        TimedFix(r, r.validity_ns, r.receive_ns)
+        for r in last_revisions(receipts)
+        if (verdicts is None or r.verdict_text in verdicts)
+        and r.validity_ns is not None
+        and r.receive_ns is not None
+    ]
+    return sorted(found, key=lambda f: (f.receive_ns, f.receipt.source, f.receipt.sequence))
+
+
+def delays(receipts: Sequence[Receipt], window: Window) -> Statistics:
+    """Receive minus validity [s] of the fused fixes that were received in the window."""
+    return statistics(
+        [
+            fix.delay
+            for fix in timed_fixes(receipts, (FUSED,))
+            if window.start_ns <= fix.receive_ns <= window.end_ns
+        ]
+    )
+
+
+def age_of_information(stamp_ns: Ints, receipts: Sequence[Receipt]) -> Floats:
+    """Time since the validity of the newest fix that was in the estimate.
+
+    A fix is in the estimates from its reception on, however far back in the history it was
+    applied.
+
+    Parameters
+    ----------
+    stamp_ns : ndarray of int64, shape (n,)
+        Times to ask for, in any order.
+    receipts : sequence of Receipt
+
+    Returns
+    -------
+    ndarray, shape (n,)
+        [s]; NaN before the first fused fix.
+    """
+    used = timed_fixes(receipts, (FUSED,))
+    out = np.full(stamp_ns.shape, np.nan)
+    if not used:
+        return out
+    receive_ns = np.array([r.receive_ns for r in used], dtype=np.int64)
+    newest_ns = np.maximum.accumulate(np.array([r.validity_ns for r in used], dtype=np.int64))
+    known = np.searchsorted(receive_ns, stamp_ns, side='right')
+    some = known > 0
+    out[some] = (stamp_ns[some] - newest_ns[known[some] - 1]) * 1e-9
+    return out
+
+
+def availability(estimate: EstimateSeries, window: Window, *, hold: float = 2.5) -> Availability:
+    """How much of the window is covered by estimates.
+
+    Parameters
+    ----------
+    estimate : EstimateSeries
+    window : Window
+        Usually the truth's span.
+    hold : float
+        A good estimate counts until the next one, at most for this many of the series' median
+        interval.
+    """
+    stamp_ns = np.sort(estimate.stamp_ns)
+    order = np.argsort(estimate.stamp_ns, kind='stable')
+    finite = np.isfinite(estimate.r_e).all(1) & np.isfinite(estimate.v_G).all(1)
+    good = (finite & (estimate.status == NAVIGATING))[order]
+    inside = window.mask(stamp_ns)
+    diverged = int((inside & ~good).sum())
+    good_ns = stamp_ns[inside & good]
+    if good_ns.size == 0 or window.duration == 0.0:
+        share = float(good_ns.size > 0)
+        return Availability(share, window.duration, float('nan'), diverged)
+    interval = float(np.median(np.diff(stamp_ns))) if stamp_ns.size > 1 else 0.0
+    ends = np.minimum(good_ns + int(hold * interval), np.r_[good_ns[1:], window.end_ns])
+    starts_of_gaps = np.r_[window.start_ns, ends]
+    ends_of_gaps = np.r_[good_ns, window.end_ns]
+    gaps = np.maximum(ends_of_gaps - starts_of_gaps, 0) * 1e-9
+    # The last estimate of a run is at most one interval before its end: that is no outage.
+    gaps = np.where(gaps <= hold * interval * 1e-9, 0.0, gaps)
+    return Availability(
+        share=float(1.0 - gaps.sum() / window.duration),
+        longest_outage=float(gaps.max()),
+        first_after=float((good_ns[0] - window.start_ns) * 1e-9),
+        diverged=diverged,
+    )

@@ -1,0 +1,48 @@
+"""Parts of a mission that are scored by themselves, as closed intervals of stamps."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+WHOLE = 'whole'
+SECOND_HALF = 'second_half'
+
+
+@dataclass(frozen=True)
+class Window:
+    """Stamps from `start_ns` to `end_ns`, both included [ns]."""
+
+    name: str
+    start_ns: int
+    end_ns: int
+
+    def __post_init__(self) -> None:
+        if self.end_ns < self.start_ns:
+            raise ValueError(
+                f'window {self.name!r}: end_ns={self.end_ns} < start_ns={self.start_ns}'
+            )
+
+    @property
+    def duration(self) -> float:
+        """Length [s]."""
+        return (self.end_ns - self.start_ns) * 1e-9
+
+    def mask(self, stamp_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """True for the stamps inside."""
+        return (stamp_ns >= self.start_ns) & (stamp_ns <= self.end_ns)
+
+
+def standard_windows(start_ns: int, end_ns: int) -> tuple[Window, ...]:
+    """Whole run and its second half by time, in which start values are forgotten.
+
+    Halves are taken of the truth's span, not of the estimates, so that a filter that falls silent
+    is judged on the same interval as one that does not.
+    """
+    middle_ns = start_ns + (end_ns - start_ns) // 2
+    return (
+        Window(WHOLE, start_ns, end_ns),
+        Window(SECOND_HALF, middle_ns, end_ns),
+    )

@@ -1,0 +1,202 @@
+"""Truth, estimates and receipts of a vehicle, as a bag gives them."""
+
+import numpy as np
+import pytest
+from bag_samples import (
+    RECEIPT,
+    START_NS,
+    STATE,
+    TRUTH,
+    TYPES,
+    make,
+    stamp,
+    stamp_ns,
+    store,
+    truth,
+    write_bag,
+)
+
+from polar_nav_tools.bags import BagError, BagWriter, arrays, open_bag
+from polar_nav_tools.series import last_revisions
+
+
+def state(k, **given):
+    rng = np.random.default_rng(k)
+    a = 0.1 + 0.01 * k
+    return make(
+        TYPES[STATE],
+        **{
+            **stamp(stamp_ns(k)),
+            'configuration': 'modified_akf',
+            'status': 1,
+            'r_e': rng.normal(size=3),
+            'v_g': rng.normal(size=3),
+            'orientation__z': np.sin(a / 2),
+            'orientation__w': np.cos(a / 2),
+            'position_covariance_g': np.arange(9.0) + k,
+            'gyro_bias_b': np.array([1.0, 2.0, 3.0]) * k,
+            'fixes_received': k,
+            'age_of_last_fix': np.nan,
+            **given,
+        },
+    )
+
+
+def receipt(k, **given):
+    return make(
+        TYPES[RECEIPT],
+        **{
+            **stamp(stamp_ns(k)),
+            'sequence': k,
+            'verdict': 0,
+            'verdict_text': 'FUSED',
+            'source': 'leader',
+            'topic': '/follower/acomms/rx',
+            'age': 4.5,
+            'nis': 2.5,
+            'validity_time__sec': 100 + k,
+            'validity_time__nanosec': 7,
+            'receive_time__sec': 105 + k,
+            'degrees_of_freedom': 3,
+            'gate': np.inf,
+            'innovation_g': np.array([1.0, 2.0, 3.0]),
+            **given,
+        },
+    )
+
+
+@pytest.fixture
+def bag(tmp_path):
+    with BagWriter(tmp_path / 'b', {}) as writer:
+        for topic in (TRUTH, STATE, RECEIPT):
+            writer.add_topic(topic, TYPES[topic])
+        for k in range(30):
+            writer.write(TRUTH, truth(k), stamp_ns(k))
+            if k % 3 == 0:
+                writer.write(STATE, state(k), stamp_ns(k))
+            if k % 10 == 5:
+                writer.write(RECEIPT, receipt(k, reason='r' * k), stamp_ns(k))
+    return open_bag(tmp_path / 'b')
+
+
+def test_truth(bag):
+    series = arrays.load_truth(bag, 'follower')
+    decoded = [store(TYPES[TRUTH]).deserialize_cdr(truth(k), TYPES[TRUTH]) for k in range(30)]
+    assert len(series) == 30
+    assert series.vehicle == 'follower'
+    assert series.stamp_ns.tolist() == [stamp_ns(k) for k in range(30)]
+    assert series.sequence.tolist() == list(range(30))
+    np.testing.assert_array_equal(series.r_e, [m.r_e for m in decoded])
+    np.testing.assert_array_equal(series.v_G, [m.v_g for m in decoded])
+    np.testing.assert_array_equal(series.C_b_G[4], np.eye(3) + 4)
+    assert np.isnan(series.altitude).all()
+    assert series.C_b_G.shape == (30, 3, 3)
+    assert series.current_G.shape == (30, 3)
+
+
+def test_estimates(bag):
+    series = arrays.load_estimates(bag, 'follower')
+    assert series.configuration == 'modified_akf'
+    assert series.configurations == ('modified_akf',)
+    assert series.stamp_ns.tolist() == [stamp_ns(k) for k in range(0, 30, 3)]
+    assert series.fixes_received.tolist() == list(range(0, 30, 3))
+    np.testing.assert_array_equal(series.P_position_G[1], np.arange(9.0).reshape(3, 3) + 3)
+    np.testing.assert_array_equal(series.gyro_bias_b[2], [6.0, 12.0, 18.0])
+    angle = 0.1 + 0.06
+    expected = [[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]]
+    np.testing.assert_allclose(series.C_b_G[2], expected, atol=1e-15)
+    assert np.isnan(series.age_of_last_fix).all()
+
+
+def test_receipts(bag):
+    found = arrays.load_receipts(bag, 'follower')
+    assert [r.sequence for r in found] == [5, 15, 25]
+    first = found[0]
+    assert first.stamp_ns == stamp_ns(5)
+    assert first.verdict_text == 'FUSED'
+    assert first.reason == 'rrrrr'
+    assert first.validity_ns == 105_000_000_007
+    assert first.receive_ns == 110_000_000_000
+    assert first.transmit_ns is None
+    assert first.fused_ns is None
+    assert (first.age_s, first.nis, first.gate, first.degrees_of_freedom) == (4.5, 2.5, np.inf, 3)
+    assert first.innovation_G.tolist() == [1.0, 2.0, 3.0]
+    assert type(first.sequence) is int
+    assert arrays.load_receipts(bag, 'nobody') == []
+
+
+def test_slices_of_a_series(bag):
+    series = arrays.load_truth(bag, 'follower')
+    part = series.between(stamp_ns(10), stamp_ns(20))
+    assert part.sequence.tolist() == list(range(10, 20))
+    assert part.vehicle == 'follower'
+    assert series.rows(np.array([3, 1])).sequence.tolist() == [3, 1]
+
+
+def test_serialized_messages_from_elsewhere():
+    messages = [state(k) for k in range(5)]
+    messages.append(state(5, configuration='conventional_akf'))
+    series = arrays.estimates_from_cdr(messages, 'follower')
+    assert series.configurations == ('modified_akf', 'conventional_akf')
+    assert len(arrays.truth_from_cdr([truth(0)], 'v')) == 1
+    assert arrays.receipts_from_cdr([receipt(3)])[0].sequence == 3
+    assert len(arrays.estimates_from_cdr([], 'follower')) == 0
+
+
+def test_what_is_missing_or_wrong(tmp_path, bag):
+    with pytest.raises(BagError, match='has no topic /nobody/truth; it has /follower/nav/receipt'):
+        arrays.load_truth(bag, 'nobody')
+    with BagWriter(tmp_path / 'x', {}) as writer:
+        writer.add_topic(TRUTH, TYPES[STATE])
+        writer.write(TRUTH, state(0), START_NS)
+        writer.add_topic(STATE, TYPES[STATE])
+        writer.write(STATE, state(0)[:99], START_NS)
+        writer.add_topic('/empty/truth', TYPES[TRUTH])
+    other = open_bag(tmp_path / 'x')
+    with pytest.raises(BagError, match=f'x: {TRUTH} is a {TYPES[STATE]}, not a {TYPES[TRUTH]}'):
+        arrays.load_truth(other, 'follower')
+    with pytest.raises(BagError, match=f'x: {STATE}: a message of 99 bytes ends before'):
+        arrays.load_estimates(other, 'follower')
+    with pytest.raises(BagError, match='no message on /empty/truth'):
+        arrays.load_truth(other, 'empty')
+
+
+def test_quaternions():
+    rng = np.random.default_rng(5)
+    q = rng.normal(size=(50, 4))
+    C = arrays.rotation_from_quaternion(q)
+    np.testing.assert_allclose(
+        C @ C.transpose(0, 2, 1), np.tile(np.eye(3), (50, 1, 1)), atol=1e-14
+    )
+    np.testing.assert_allclose(np.linalg.det(C), 1.0, atol=1e-14)
+    # v' = q v q* by hand, for one vector
+    x, y, z, w = q[0] / np.linalg.norm(q[0])
+    u, v = np.array([x, y, z]), np.array([1.0, -2.0, 0.5])
+    t = 2.0 * np.cross(u, v)
+    np.testing.assert_allclose(C[0] @ v, v + w * t + np.cross(u, t), atol=1e-14)
+    assert np.isnan(arrays.rotation_from_quaternion(np.zeros((1, 4)))).all()
+
+
+def test_last_revisions_decide():
+    found = arrays.receipts_from_cdr(
+        [
+            receipt(0),
+            receipt(1),
+            receipt(1, verdict=2, verdict_text='DUPLICATE'),
+            receipt(0, revision=1, verdict=1, verdict_text='GATED'),
+            receipt(1, receive_time__sec=300, verdict=2, verdict_text='DUPLICATE'),
+            receipt(0, revision=2, verdict=0, verdict_text='FUSED'),
+        ]
+    )
+    final = last_revisions(found)
+    assert [(r.sequence, r.verdict_text, r.revision) for r in final] == [
+        (0, 'FUSED', 2),
+        (1, 'FUSED', 0),
+        (1, 'DUPLICATE', 0),
+        (1, 'DUPLICATE', 0),
+    ]
+
+
+def test_large_series_is_read_in_batches(tmp_path):
+    bag = open_bag(write_bag(tmp_path / 'b', 300))
+    assert arrays.load_truth(bag, 'follower').sequence.tolist() == list(range(300))

@@ -1,0 +1,44 @@
+"""Fixtures of the live graph: one finished demo for all tests, one that is under way for each."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from live_support import DEMO_SECONDS, FinishedDemo, RunningDemo, polar
+
+
+@pytest.fixture
+def running_demo(tmp_path: Path) -> Iterator[RunningDemo]:
+    """A demo that is under way and would go on for long."""
+    demo = RunningDemo(tmp_path, '--duration', '500')
+    try:
+        demo.wait_for_progress(2, timeout=90.0)  # the first line only says that it started
+        yield demo
+    finally:
+        demo.end()
+
+
+@pytest.fixture(scope='session')
+def finished_demo(tmp_path_factory: pytest.TempPathFactory) -> FinishedDemo:
+    """The demo in short, run once for all tests."""
+    bag = tmp_path_factory.mktemp('demo') / 'bag'
+    process = polar('demo', '--duration', DEMO_SECONDS, '--json', '--bag', bag, timeout=300.0)
+    assert process.returncode == 0, process.stderr
+    return FinishedDemo(process, json.loads(process.stdout), bag)
+
+
+@pytest.fixture(scope='session')
+def own_domain() -> dict[str, str]:
+    """Environment in a ROS domain of this test session."""
+    from polar_nav_tools.domain import busy_udp_ports, free_domain_id
+
+    domain = os.environ.get('ROS_DOMAIN_ID') or str(free_domain_id(os.getpid(), busy_udp_ports()))
+    return {
+        **os.environ,
+        'ROS_DOMAIN_ID': domain,
+        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+    }

@@ -1,0 +1,93 @@
+"""The command line tool as a process, for tests of the live graph."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+TOOL = (sys.executable, '-P', '-m', 'polar_nav_tools.cli')
+DEMO_SECONDS = 40.0
+
+
+def polar(*arguments: str | Path, timeout: float = 60.0, **kwargs) -> subprocess.CompletedProcess:
+    """Run one command to its end."""
+    command = [*TOOL, *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=timeout, **kwargs)
+
+
+def processes_with(text: str) -> dict[int, str]:
+    """Return process ids and command lines of the nodes whose arguments contain a text."""
+    found = {}
+    for entry in Path('/proc').iterdir():
+        if not entry.name.isdigit():
+            continue
+        try:
+            command = (entry / 'cmdline').read_bytes().replace(b'\0', b' ').decode()
+        except (OSError, UnicodeDecodeError):
+            continue  # ended meanwhile
+        if text in command and 'polar_nav_tools.child' in command:
+            found[int(entry.name)] = command
+    return found
+
+
+class RunningDemo:
+    """A demo that goes on, with its output."""
+
+    def __init__(self, folder: Path, *arguments: str) -> None:
+        self.bag = folder / 'bag'
+        self.stderr_file = folder / 'stderr.txt'
+        with self.stderr_file.open('wb') as stderr:
+            self.process = subprocess.Popen(
+                [*TOOL, 'demo', '--bag', str(self.bag), *arguments],
+                stdout=subprocess.PIPE,
+                stderr=stderr,
+                cwd=folder,
+            )
+
+    @property
+    def stderr(self) -> str:
+        return self.stderr_file.read_text()
+
+    def wait_for_progress(self, lines: int, timeout: float) -> None:
+        """Wait until that many lines of progress came."""
+        deadline = time.monotonic() + timeout
+        while self.stderr.count(' of ') < lines:
+            assert self.process.poll() is None, self.stderr
+            assert time.monotonic() < deadline, f'no progress: {self.stderr}'
+            time.sleep(0.05)
+
+    def node_pid(self, full_name: str) -> int:
+        """Process id of one node."""
+        namespace, _, name = full_name.rpartition('/')
+        wanted = f'__node:={name} -r __ns:={namespace or "/"} '
+        run_dir = f'{self.bag}.run/'
+        pids = [pid for pid, command in self.nodes().items() if wanted in f'{command} ']
+        assert len(pids) == 1, f'{full_name}: {pids} in {run_dir}'
+        return pids[0]
+
+    def nodes(self) -> dict[int, str]:
+        """Return the processes of this demo's nodes."""
+        return processes_with(f'{self.bag}.run/')
+
+    def end(self) -> None:
+        """End it, whatever state it is in."""
+        if self.process.poll() is None:
+            self.process.send_signal(signal.SIGINT)
+            try:
+                self.process.communicate(timeout=30.0)
+            except subprocess.TimeoutExpired:
+                self.process.kill()
+                self.process.communicate()
+
+
+@dataclass(frozen=True)
+class FinishedDemo:
+    """A short demo that ran to its end: exit status, output, figures, bag."""
+
+    process: subprocess.CompletedProcess
+    figures: dict
+    bag: Path

@@ -1,0 +1,144 @@
+"""A live run when a node is killed, when the user interrupts, when input is bad."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+from live_support import polar
+
+pytestmark = [pytest.mark.live, pytest.mark.timeout(240)]
+
+LIMIT_S = 10.0
+USUAL_VICTIMS = ('/follower/follower_node', '/recorder_node', '/leader/usbl_node')
+OTHER_VICTIMS = (
+    '/truth_node',
+    '/acoustic_link_node',
+    '/leader/leader_node',
+    '/leader/leader_reference_node',
+    '/leader/imu_node',
+    '/leader/dvl_node',
+    '/leader/depth_node',
+    '/follower/imu_node',
+    '/follower/dvl_node',
+    '/follower/depth_node',
+)
+VICTIMS = [
+    *USUAL_VICTIMS,
+    *(pytest.param(name, marks=pytest.mark.long) for name in OTHER_VICTIMS),
+]
+
+
+@pytest.mark.parametrize('name', VICTIMS)
+def test_a_killed_node_is_named_in_time_and_the_bag_is_readable(running_demo, name):
+    os.kill(running_demo.node_pid(name), signal.SIGKILL)
+    killed = time.monotonic()
+    stdout, _ = running_demo.process.communicate(timeout=60.0)
+    took_s = time.monotonic() - killed
+    assert running_demo.process.returncode == 1
+    assert took_s < LIMIT_S
+    assert f'node {name} was killed by SIGKILL' in running_demo.stderr
+    assert stdout == b''
+    assert running_demo.nodes() == {}
+    info = polar('info', running_demo.bag, '--json')
+    said = json.loads(info.stdout)
+    assert said['message_count'] > 1000
+    # Only a recorder that was killed itself leaves a bag with something missing.
+    assert said['ok'] is (name != '/recorder_node')
+
+
+def test_after_the_recorder_is_killed_recover_makes_the_bag_whole(running_demo, tmp_path):
+    os.kill(running_demo.node_pid('/recorder_node'), signal.SIGKILL)
+    running_demo.process.communicate(timeout=60.0)
+    mended = tmp_path / 'mended'
+    done = polar('recover', running_demo.bag, '--out', mended, '--json')
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)['message_count'] > 1000
+    assert (mended / 'metadata.yaml').is_file()
+    info = polar('info', mended, '--json')
+    assert 'recovered from a broken bag' in info.stderr
+    assert json.loads(info.stdout)['message_count'] == json.loads(done.stdout)['message_count']
+
+
+@pytest.mark.parametrize(('number', 'status'), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_an_interrupted_demo_ends_in_order_with_a_whole_bag(running_demo, number, status):
+    running_demo.process.send_signal(number)
+    running_demo.process.communicate(timeout=60.0)
+    assert running_demo.process.returncode == status, running_demo.stderr
+    assert number.name in running_demo.stderr
+    assert running_demo.nodes() == {}
+    done = polar('verify', running_demo.bag, '--json')
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)['equal'] is True
+
+
+def test_nothing_is_left_when_the_tool_itself_is_killed(running_demo):
+    assert len(running_demo.nodes()) == 13
+    running_demo.process.kill()
+    running_demo.process.communicate()
+    deadline = time.monotonic() + LIMIT_S
+    while running_demo.nodes() and time.monotonic() < deadline:
+        time.sleep(0.1)
+    assert running_demo.nodes() == {}
+    assert polar('info', running_demo.bag).returncode in (0, 1)
+
+
+NODES = (
+    'polar_nav_sim.nodes.truth_node',
+    'polar_nav_sim.nodes.imu_node',
+    'polar_nav_sim.nodes.dvl_node',
+    'polar_nav_sim.nodes.depth_node',
+    'polar_nav_sim.nodes.usbl_node',
+    'polar_nav_sim.nodes.leader_reference_node',
+    'polar_nav_sim.nodes.acoustic_link_node',
+    'polar_nav_leader.leader_node',
+    'polar_nav_follower.follower_node',
+    'polar_nav_tools.recorder_node',
+)
+
+
+def run_node(module, environment, *arguments, cwd):
+    command = [sys.executable, '-c', f'import sys; from {module} import main; sys.exit(main())']
+    return subprocess.run(
+        [*command, '--ros-args', *arguments],
+        capture_output=True,
+        text=True,
+        timeout=60.0,
+        env=environment,
+        cwd=cwd,
+    )
+
+
+@pytest.mark.parametrize('module', NODES)
+def test_an_unknown_parameter_stops_a_node_with_one_sentence(module, own_domain, tmp_path):
+    done = run_node(module, own_domain, '-p', 'colour:=blue', cwd=tmp_path)
+    assert done.returncode != 0
+    assert 'unknown parameter colour' in done.stderr
+    assert 'Traceback' not in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    ('module', 'setting', 'name'),
+    [
+        ('polar_nav_follower.follower_node', 'max_delay_s:=-1.0', 'max_delay_s'),
+        ('polar_nav_follower.follower_node', 'configuration:=best', 'configuration'),
+        ('polar_nav_follower.follower_node', 'max_delay_s:=soon', 'max_delay_s'),
+        ('polar_nav_sim.nodes.imu_node', 'seed:=-1', 'seed'),
+        ('polar_nav_sim.nodes.truth_node', 'mission:=nowhere', 'nowhere'),
+        ('polar_nav_tools.recorder_node', 'compression:=zip', 'compression'),
+    ],
+)
+def test_a_value_out_of_range_stops_a_node_with_one_sentence(
+    module, setting, name, own_domain, tmp_path
+):
+    done = run_node(module, own_domain, '-p', setting, cwd=tmp_path)
+    assert done.returncode != 0
+    assert name in done.stderr
+    assert 'Traceback' not in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 1
