@@ -1,1 +1,1 @@
-"""Navigation mathematics at home at the pole: imports numpy, scipy, numba, gsw and nothing of ROS."""
+"""Navigation mathematics at home at the pole: numpy, scipy, numba, gsw and nothing of ROS."""

@@ -58,7 +58,7 @@ def curvature(u, h):
 
 
 def rates(r, v):
-    """omega_ie_G and omega_eG_G; the latter from the turn of up and the absence of a y part in grid north."""
+    """omega_ie_G and omega_eG_G, from the turn of up and grid north without a y part."""
     u, h = geodetic(r)
     C = axes(u)
     K = curvature(u, h)

@@ -189,6 +189,7 @@ def test_along_a_real_buoy_track_grid_is_smooth_while_true_course_swings():
     moved = np.linalg.norm(d_e, axis=1)
     turned = np.linalg.norm(C[1:] - C[:-1], axis=(1, 2))
     assert np.all(turned <= 1.5 * moved / 6.35e6), 'grid axes turn no faster than up does'
-    # A vehicle that follows the ice on a constant grid heading: its true heading turns with true north.
+    # A vehicle that follows the ice on a constant grid heading: its true heading turns with true
+    # north.
     true_heading = np.unwrap(1.0 + grid.convergence(lat, lon)[:24])
     assert np.degrees(np.ptp(true_heading)) > 75.0

@@ -1,4 +1,4 @@
-"""The kernels' cache directory: keyed by every source, by numba and CPU; always writable; nobody else's business."""
+"""The kernels' cache directory: keyed by every source, numba and CPU; always writable."""
 
 import os
 import shutil

@@ -30,8 +30,8 @@ from .events import (
     Verdict,
 )
 from .filter.delay import STRATEGIES
+from .filter.fusion import Fusion
 from .filter.navigation import NavigationFilter, Outcome
-from .filter.noise import make_noise
 from .params import FollowerParams
 
 _SEQUENCES_KEPT = 4096
@@ -49,21 +49,15 @@ class Follower:
     def __init__(self, params: FollowerParams) -> None:
         self.params = params
         self.configuration = params.resolved()
-        self._prepare = STRATEGIES[self.configuration.delay_handling]
-        self._noise_fix = make_noise(
-            self.configuration.noise_adaptation, params.forgetting, params.adaptive_floor
-        )
-        self._noise_dvl = make_noise(
-            self.configuration.noise_adaptation, params.forgetting, params.adaptive_floor
-        )
+        self._make_fusion = STRATEGIES[self.configuration.delay_handling]
         self._output_ns = round(params.output_period_s * 1e9)
         self._max_delay_ns = round(params.max_delay_s * 1e9)
-        self._filter: NavigationFilter | None = None
+        self._fusion: Fusion | None = None
         self._initial: InitialState | None = params.initial_state()
         self._last_key: OrderKey | None = None
         self._last_imu_ns: int | None = None
         self._due_ns: int | None = None
-        self._seen: dict[tuple[str, int], None] = {}
+        self._seen: dict[tuple[str, int], int] = {}
         self._last_validity_ns = 0
         self._fixes_received = 0
         self.verdicts: Counter[Verdict] = Counter()
@@ -92,7 +86,8 @@ class Follower:
             yield from self._imu(event)
         elif isinstance(event, Fix):
             self._fixes_received += 1
-            yield self._count(self._guarded_fix(event))
+            for receipt in self._guarded_fix(event):
+                yield self._count(receipt)
         elif isinstance(event, Command):
             self._command(event)
         else:
@@ -105,8 +100,8 @@ class Follower:
         """
         if self._due_ns is not None and stamp_ns > self._due_ns:
             self._due_ns = None
-            if self._filter is not None:
-                yield self._estimate(self._filter)
+            if self._fusion is not None:
+                yield self._estimate(self._fusion.filter)
 
     def finish(self) -> Iterator[Output]:
         """Give what is left at the end of the events."""
@@ -120,7 +115,7 @@ class Follower:
     @property
     def navigating(self) -> bool:
         """Whether there is a state."""
-        return self._filter is not None
+        return self._fusion is not None
 
     # -- events -----------------------------------------------------------------------------------
 
@@ -145,14 +140,14 @@ class Follower:
         ):
             self.imu_gaps += 1
         self._last_imu_ns = sample.stamp_ns
-        if self._filter is None:
+        if self._fusion is None:
             if self._initial is not None and not self.divergence:
-                self._filter = NavigationFilter(self.params, self._initial, sample.stamp_ns)
+                self._fusion = self._make_fusion(self.params, self._initial, sample.stamp_ns)
                 self._due_ns = sample.stamp_ns
             return
-        before_ns = self._filter.stamp_ns
+        before_ns = self._fusion.filter.stamp_ns
         try:
-            self._filter.imu(sample)
+            self._fusion.imu(sample)
         except FilterDivergence as error:
             self._diverge(str(error), sample.stamp_ns)
             return
@@ -180,51 +175,63 @@ class Follower:
             reason = f'{name} or its covariance is not finite and positive'
             yield self._count(self._receipt(event, event.stamp_ns, Verdict.NOT_FINITE, reason))
             return
-        if self._filter is None:
+        if self._fusion is None:
             return
         try:
-            if isinstance(event, DvlPing):
-                outcome = self._filter.dvl(event, self._noise_dvl)
-            else:
-                outcome = self._filter.depth(event)
+            outcome = self._fusion.local(event)
         except FilterDivergence as error:
             self._diverge(str(error), event.stamp_ns)
             return
         (self.fused if outcome.fused else self.gated)[name] += 1
 
-    def _guarded_fix(self, fix: Fix) -> Receipt:
+    def _guarded_fix(self, fix: Fix) -> list[Receipt]:
         try:
             return self._fix(fix)
         except FilterDivergence as error:
             self._diverge(str(error), fix.receive_ns)
-            return self._receipt(fix, fix.receive_ns, Verdict.NOT_READY, self.divergence)
+            return [self._receipt(fix, fix.receive_ns, Verdict.NOT_READY, self.divergence)]
 
-    def _fix(self, fix: Fix) -> Receipt:
+    def _fix(self, fix: Fix) -> list[Receipt]:
+        """Fuse a fix or say why not; with receipts of other fixes whose verdict it changed."""
         refused = self._refusal(fix)
         if refused is not None:
-            return self._receipt(fix, fix.receive_ns, *refused)
-        f = self._filter
-        if f is None:
+            return [self._receipt(fix, fix.receive_ns, *refused)]
+        if self._fusion is None:
             reason = self.divergence or 'the filter has no state yet'
-            return self._receipt(fix, fix.receive_ns, Verdict.NOT_READY, reason)
-        epoch = f.history.before(fix.validity_ns)
-        if epoch is None:
-            reach = (fix.receive_ns - f.history.oldest_ns()) * 1e-9
+            return [self._receipt(fix, fix.receive_ns, Verdict.NOT_READY, reason)]
+        history = self._fusion.filter.history
+        reach = (fix.receive_ns - history.oldest_ns()) * 1e-9
+        result = self._fusion.fix(fix)
+        if result is None:
             reason = (
                 f'valid {_age(fix):.2f} s before it was received, '
                 f'the stored history reaches back {reach:.2f} s'
             )
-            return self._receipt(fix, fix.receive_ns, Verdict.TOO_OLD, reason)
+            return [self._receipt(fix, fix.receive_ns, Verdict.TOO_OLD, reason)]
         self._remember(fix)
-        prepared = self._prepare(f, fix, epoch)
-        outcome = f.fuse(3, self._noise_fix)
+        first = self._decided(fix, fix, result.outcome, result.steps)
+        return [first, *(self._decided(other, fix, o, 0) for other, o in result.revised)]
+
+    def _decided(self, fix: Fix, cause: Fix, outcome: Outcome, steps: int) -> Receipt:
+        """Receipt of a fix that the gate has decided on; ``cause`` is the fix that made it."""
+        name = (fix.source, fix.sequence)
+        revision = 0
+        reason = f'{_age(fix):.2f} s old, NIS {outcome.nis:.1f}'
         if not outcome.fused:
             reason = f'NIS {outcome.nis:.1f} is above the gate of {outcome.gate:.1f}'
-            return self._fix_receipt(fix, Verdict.GATED, reason, outcome, prepared.steps)
-        self.fused['fix'] += 1
-        self._last_validity_ns = max(self._last_validity_ns, fix.validity_ns)
-        reason = f'{_age(fix):.2f} s old, NIS {outcome.nis:.1f}'
-        return self._fix_receipt(fix, Verdict.FUSED, reason, outcome, prepared.steps)
+        if fix is not cause:
+            revision = self._seen[name] + 1
+            self._seen[name] = revision
+            reason += f'; decided anew after fix {cause.sequence}'
+        verdict = Verdict.FUSED if outcome.fused else Verdict.GATED
+        if revision:
+            self.verdicts[Verdict.GATED if outcome.fused else Verdict.FUSED] -= 1
+        if outcome.fused:
+            self.fused['fix'] += 1
+            self._last_validity_ns = max(self._last_validity_ns, fix.validity_ns)
+        elif revision:
+            self.fused['fix'] -= 1
+        return self._fix_receipt(fix, cause.receive_ns, verdict, reason, outcome, steps, revision)
 
     def _refusal(self, fix: Fix) -> tuple[Verdict, str] | None:
         """Why a fix cannot be used whatever the state is; None when it can."""
@@ -246,7 +253,7 @@ class Follower:
         return None
 
     def _remember(self, fix: Fix) -> None:
-        self._seen[(fix.source, fix.sequence)] = None
+        self._seen[(fix.source, fix.sequence)] = 0
         while len(self._seen) > _SEQUENCES_KEPT:
             del self._seen[next(iter(self._seen))]
 
@@ -254,11 +261,9 @@ class Follower:
         if command.kind is CommandKind.SHUTDOWN:
             return
         self._initial = command.initial_state or self.params.initial_state()
-        self._filter = None
+        self._fusion = None
         self._due_ns = None
         self.divergence = ''
-        self._noise_fix.reset()
-        self._noise_dvl.reset()
 
     # -- outputs ----------------------------------------------------------------------------------
 
@@ -266,7 +271,7 @@ class Follower:
         self.divergence = (
             f'{why} (at {stamp_ns * 1e-9:.3f} s); no estimates are published until a reset'
         )
-        self._filter = None
+        self._fusion = None
         self._due_ns = None
 
     def _count(self, receipt: Receipt) -> Receipt:
@@ -290,11 +295,18 @@ class Follower:
         return Receipt(stamp_ns, verdict, reason, event.topic, '', event.sequence, event.stamp_ns)
 
     def _fix_receipt(
-        self, fix: Fix, verdict: Verdict, reason: str, outcome: Outcome, steps: int
+        self,
+        fix: Fix,
+        stamp_ns: int,
+        verdict: Verdict,
+        reason: str,
+        outcome: Outcome,
+        steps: int,
+        revision: int,
     ) -> Receipt:
-        f = self._filter
+        f = self._fusion.filter if self._fusion is not None else None
         return Receipt(
-            stamp_ns=fix.receive_ns,
+            stamp_ns=stamp_ns,
             verdict=verdict,
             reason=reason,
             topic=fix.topic,
@@ -311,6 +323,7 @@ class Follower:
             nis=outcome.nis,
             dof=outcome.dof,
             gate=outcome.gate,
+            revision=revision,
         )
 
     def _estimate(self, f: NavigationFilter) -> Estimate:

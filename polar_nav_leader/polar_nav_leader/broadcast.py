@@ -1,4 +1,4 @@
-"""From what the array heard and where the leader was to the content of a packet (design: the walk of one fix).
+"""From what the array heard and where the leader was to the content of a packet.
 
 The fix is the follower's transponder at t3, seen from the leader's pose at t4:
 p_F(t3) = p_L(t4) + C_b_G(t4) (lever + C_a_b p_a), in the leader's grid axes.
@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
 from polar_nav_core import attitude, earth, usbl
 from polar_nav_core.packet import Broadcast
 
@@ -104,6 +105,9 @@ def make_broadcast(
     C_b_G = C_e_G @ at_return.C_b_e
     C_a_e = at_return.C_b_e @ mounting.C_a_b
     moved_e = _array_position(at_return, mounting) - _array_position(at_ping, mounting)
+    if params.formation:
+        # Hearing and replying are a turn-around apart, in which the transponder moves, too.
+        moved_e = moved_e - at_return.v_e * m.turn_around
     half_path = 0.5 * m.sound_speed * (m.round_trip - m.turn_around)
     try:
         distance = usbl.range_at_reply(
@@ -127,7 +131,7 @@ def make_broadcast(
         source=params.own_id,
         target=params.follower_id,
         sequence=m.sequence % 65536,
-        # The instrument dates the reply by half the round trip; the leader knows which way it moved meanwhile.
+        # The instrument dates the reply by half the round trip; the leader knows how it moved.
         validity_ns=m.return_ns - round(distance.distance / m.sound_speed * 1e9),
         return_ns=m.return_ns,
         leader_r_e=at_return.r_e,
@@ -155,9 +159,10 @@ def _height_difference(
     C_e_G: Array,
     params: LeaderParams,
 ) -> tuple[Array, float, float] | tuple[()]:
-    """Up in array axes, height of the transponder above the array, its variance; nothing where no depth was told.
+    """Up in array axes, height of the transponder above the array, its variance.
 
-    Along the up direction of the array: the Earth's curvature (r^2/2R, 0.1 m at 1 km) is taken out.
+    Nothing where no depth was told. Along the up direction of the array: the Earth's curvature
+    (r^2/2R, 0.1 m at 1 km) is taken out.
     """
     if not (math.isfinite(m.target_depth) and m.target_depth_variance > 0.0):
         return ()

@@ -1,4 +1,4 @@
-"""Messages to the leader's types and back: the only place of this package, but the node, that knows both worlds."""
+"""Messages to the leader's types and back; besides the node, only this knows both worlds."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .states import LeaderState
 
 
 def state_from_msg(msg: Odometry, position_sigma: float, attitude_sigma: float) -> LeaderState:
-    """nav_msgs/Odometry in `earth` as a state; where it states no covariance, the given 1-sigma values hold."""
+    """nav_msgs/Odometry in `earth` as a state; the 1-sigma values hold where it states none."""
     p, q = msg.pose.pose.position, msg.pose.pose.orientation
     v, w = msg.twist.twist.linear, msg.twist.twist.angular
     C_b_e = attitude.matrix_from_quaternion([q.x, q.y, q.z, q.w])
@@ -59,7 +59,7 @@ def measurement_from_msg(msg: UsblFix) -> ArrayMeasurement:
 def packet_to_msg(
     data: bytes, source: str, target: str, sequence: int, transmit_ns: int, bit_rate: float
 ) -> AcousticPacket:
-    """polar_nav_msgs/AcousticPacket for the modem; receive_time stays zero until somebody receives it."""
+    """polar_nav_msgs/AcousticPacket for the modem; receive_time is zero until it is received."""
     msg = AcousticPacket()
     msg.header.stamp = to_msg(transmit_ns)
     msg.source = source

@@ -1,7 +1,7 @@
 """Waits until the leader knows where it was, then makes the packet: no clock, no ROS.
 
-A measurement can be used when the leader's own states reach over ping and return; it is sent `processing_delay_s` after
-the return, when the stamps of the odometry get there.
+A measurement can be used when the leader's own states reach over ping and return; it is sent
+`processing_delay_s` after the return, when the stamps of the odometry get there.
 """
 
 from __future__ import annotations

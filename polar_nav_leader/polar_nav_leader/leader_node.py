@@ -1,4 +1,4 @@
-"""Leader: turns what its array heard into a fix for the follower and hands the packet to the modem.
+"""Leader: turns what its array heard into a fix for the follower, as a packet for the modem.
 
 | topic | type | stamp |
 | --- | --- | --- |

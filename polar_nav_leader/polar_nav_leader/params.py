@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from polar_nav_core.params import NodeParams, param, text, vector
+from polar_nav_core.params import NodeParams, flag, param, text, vector
 
 
 @dataclass(frozen=True)
@@ -19,6 +19,9 @@ class LeaderParams(NodeParams):
     )
     array_rpy_deg: tuple[float, ...] = vector(
         (0.0, 0.0, 0.0), 'deg', -360.0, 360.0, 'Mounting of the array: roll, pitch, yaw'
+    )
+    formation: bool = flag(
+        True, 'Take the follower to move as the leader does while its transponder turns around'
     )
     sea_surface_height: float = param(
         0.0, 'm', -200.0, 200.0, 'Of the sea surface above the ellipsoid'

@@ -1,8 +1,8 @@
 """The leader's own state between the samples of its odometry.
 
-Odometry comes at 10 Hz, attitude oscillates within seconds: straight lines between samples would turn a bearing by
-hundredths of a degree, decimetres at a kilometre. Positions and attitudes are cubic Hermite curves through samples and
-their rates.
+Odometry comes at 10 Hz, attitude oscillates within seconds: straight lines between samples would
+turn a bearing by hundredths of a degree, decimetres at a kilometre. Positions and attitudes are
+cubic Hermite curves through samples and their rates.
 """
 
 from __future__ import annotations
@@ -102,8 +102,9 @@ class LeaderStates:
 def interpolate(a: LeaderState, b: LeaderState, stamp_ns: int) -> LeaderState:
     """Cubic Hermite interpolation between two states.
 
-    Attitude: C(t) = C_a exp([theta(t) x]) with theta a cubic from 0 to log(C_a^T C_b); its end rates are the body rates,
-    the second one through the inverse right Jacobian, I + [theta x]/2 + [theta x]^2/12.
+    Attitude: C(t) = C_a exp([theta(t) x]) with theta a cubic from 0 to log(C_a^T C_b); its end
+    rates are the body rates, the second one through the inverse right Jacobian,
+    I + [theta x]/2 + [theta x]^2/12.
     """
     T = (b.stamp_ns - a.stamp_ns) * 1e-9
     s = (stamp_ns - a.stamp_ns) * 1e-9 / T

@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable, Sequence
 from importlib import metadata
 from types import FrameType
-from typing import Any, Generic, TypeVar
+from typing import Any, Generic, Protocol, TypeVar
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
@@ -86,8 +86,19 @@ class CountedPublisher:
         )
 
 
-class _Input:
-    """One drained subscription with its count."""
+class Input(Protocol):
+    """A subscription that is counted."""
+
+    topic: str
+    count: int
+
+    @property
+    def matched(self) -> int:
+        """Publishers that this subscription has found."""
+
+
+class _Drained:
+    """A drained subscription with its count."""
 
     def __init__(self, subscription: Subscription) -> None:
         self.subscription = subscription
@@ -122,12 +133,14 @@ class PolarNode(Node, Generic[P]):  # type: ignore[misc]
         self.params: P = load(self, params_cls)
         self.vehicle: str = self.get_namespace().strip('/')
         self._outputs: list[CountedPublisher] = []
-        self._inputs: list[_Input] = []
+        self._inputs: list[Input] = []
         self._ack_sequence = 0
         self._acks: Publisher | None = None
         if self.params.lockstep:
             self._acks = self.create_publisher(LockstepAck, ACK_TOPIC, DATA_QOS)
-        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._diagnostics = CountedPublisher(
+            self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        )
         self._run_info = self.create_publisher(String, RUN_INFO_TOPIC, LATCHED_QOS)
         self._run_info.publish(String(data=self._describe()))
         self.create_timer(1.0, self._publish_diagnosis, clock=_STEADY)
@@ -169,9 +182,14 @@ class PolarNode(Node, Generic[P]):  # type: ignore[misc]
 
         subscription = self.create_subscription(msg_type, topic, drained, qos, raw=raw)
         handle = subscription.handle
-        entry = _Input(subscription)
-        self._inputs.append(entry)
+        entry = _Drained(subscription)
+        self.count_input(entry)
         return subscription
+
+    def count_input(self, entry: Input) -> None:
+        """Count a subscription in the acknowledgements; in place of an older one of its topic."""
+        self._inputs = [i for i in self._inputs if i.topic != entry.topic]
+        self._inputs.append(entry)
 
     def acknowledge(self) -> None:
         """Tell the truth node what was taken and published so far (lockstep pace only)."""
@@ -207,9 +225,9 @@ class PolarNode(Node, Generic[P]):  # type: ignore[misc]
         """Last words before the end, when publishing is still possible; override."""
 
     def flush(self, timeout_s: float = 2.0) -> None:
-        """Wait until readers have what was published, at most this long for all topics together."""
+        """Wait until readers have what was published, at most this long for all of it."""
         deadline = time.monotonic() + timeout_s
-        for output in self._outputs:
+        for output in (*self._outputs, self._diagnostics):
             output.flush(max(0.0, deadline - time.monotonic()))
 
     def tell_supervisor(self, what: str, text: str) -> None:

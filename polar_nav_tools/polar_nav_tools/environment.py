@@ -37,13 +37,18 @@ LOCK_HEADER = (
 )
 
 PROGRAM = """\
-#!{python}
+{shebang}
+import signal
 import sys
 
+# Ctrl-C before the program can handle it ends it at once, without a traceback.
+before = signal.signal(signal.SIGINT, signal.SIG_DFL)
 from {module} import {function}
 
+signal.signal(signal.SIGINT, before)
 sys.exit({function}())
 """
+LONGEST_SHEBANG = 127
 
 METADATA = """\
 Metadata-Version: 2.1
@@ -105,11 +110,25 @@ def write_programs(folder: Path, programs: dict[str, str]) -> None:
     """Make ``folder`` hold exactly these programs."""
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir()
+    shebang = shebang_of(sys.executable)
     for program, target in programs.items():
         module, function = target.split(':')
         file = folder / program
-        file.write_text(PROGRAM.format(python=sys.executable, module=module, function=function))
+        file.write_text(PROGRAM.format(shebang=shebang, module=module, function=function))
         file.chmod(0o755)
+
+
+def shebang_of(python: str) -> str:
+    """First line of a program; two where the path of Python is nothing that the kernel can read.
+
+    The shell reads an empty text and ``exec``; Python, started by it, a text in triple quotes.
+    """
+    line = f'#!{python}'
+    if ' ' not in line and len(line) <= LONGEST_SHEBANG:
+        return line
+    return f"""#!/bin/sh
+'''exec' "{python}" "$0" "$@"
+' '''"""
 
 
 def lock() -> None:

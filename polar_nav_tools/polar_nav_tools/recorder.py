@@ -31,7 +31,7 @@ from .bags.schemas import definition, normalize
 from .bags.writer import COMPRESSIONS, BagWriter
 
 CLOCK_TYPE = 'rosgraph_msgs/msg/Clock'
-# Their stamps are of the wall clock, also in a simulation.
+# Their stamps are of the wall clock, also in a simulation, where they mean nothing.
 _WALL_CLOCK_PACKAGES = ('diagnostic_msgs', 'rcl_interfaces')
 _STAMP = {0: struct.Struct('>iI'), 1: struct.Struct('<iI')}
 _STAMP_END = 12
@@ -220,6 +220,8 @@ class Recording:
         """
         described = definition(type_name)
         header = described.has_header or described.type == CLOCK_TYPE
+        if self._simulated and described.type.startswith(_WALL_CLOCK_PACKAGES):
+            header = False
         self._topics.setdefault(topic, TopicCount(described.type, header))
 
     def take(
@@ -287,7 +289,7 @@ class Recording:
             if not self._has_clock:  # from now on it alone says what time it is
                 self._has_clock, self._now_ns = True, 0
             self._now_ns = max(self._now_ns, stamp_ns)
-        elif not self._has_clock and not type_name.startswith(_WALL_CLOCK_PACKAGES):
+        elif not self._has_clock:
             self._now_ns = max(self._now_ns, stamp_ns)
 
     def _write_burst(self) -> None:

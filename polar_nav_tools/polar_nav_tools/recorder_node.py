@@ -124,8 +124,7 @@ class RecorderNode(PolarNode[RecorderParams]):
             source.count = previous.count
             self.destroy_subscription(previous.subscription)
         if topic not in UNCOUNTED:
-            self._inputs = [i for i in self._inputs if i.topic != topic]
-            self._inputs.append(source)  # type: ignore[arg-type] # has what an input needs
+            self.count_input(source)
 
     def _look_around(self) -> None:
         """Find new topics, and adapt subscriptions to what publishers offer."""

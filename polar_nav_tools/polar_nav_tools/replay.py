@@ -271,10 +271,15 @@ def _collect(bag: Bag, vehicle: str, run: session.Session) -> tuple[list[Event],
         topic = topics[full_name]
         if limits is not None and run.taken[topic] >= limits.get(full_name, _NO_LIMIT):
             continue
-        message = deserialize_message(data, _TYPES[topic])
+        message = _decoded(bag, full_name, data, _TYPES[topic])
         if topic == session.COMMAND and message.kind == CommandKind.SHUTDOWN:
             continue
-        event = run.event_of(topic, message)
+        try:
+            event = run.event_of(topic, message)
+        except ValueError as error:
+            raise BagError(
+                f'{bag.path}: a message on {full_name} makes no sense: {error}'
+            ) from error
         key = _event_refusal_key(event)
         if refused_keys[key]:
             refused_keys[key] -= 1
@@ -330,6 +335,14 @@ class _Collector:
         return {topic: h.hexdigest() for topic, h in self._hashes.items()}
 
 
+def _decoded(bag: Bag, topic: str, data: bytes, msg_type: type[Any]) -> Any:  # noqa: ANN401
+    """Message of recorded bytes; BagError when they are none."""
+    try:
+        return deserialize_message(data, msg_type)
+    except (RuntimeError, ValueError, MemoryError) as error:
+        raise BagError(f'{bag.path}: a message on {topic} is not a {msg_type.__name__}') from error
+
+
 def _digest(messages: Iterable[bytes]) -> str:
     h = hashlib.sha256()
     for data in messages:
@@ -340,7 +353,7 @@ def _digest(messages: Iterable[bytes]) -> str:
 def _taken_at_shutdown(bag: Bag, vehicle: str) -> dict[str, int] | None:
     """Messages of each topic that the live node took until it ended; None if it did not say."""
     for _, _, data in bag.messages([f'/{vehicle}/{session.COMMAND}']):
-        message = deserialize_message(data, Command)
+        message = _decoded(bag, f'/{vehicle}/{session.COMMAND}', data, Command)
         if message.kind == CommandKind.SHUTDOWN:
             return dict(zip(message.taken_topics, map(int, message.taken_counts), strict=True))
     return None
@@ -349,7 +362,7 @@ def _taken_at_shutdown(bag: Bag, vehicle: str) -> dict[str, int] | None:
 def _refused_live(bag: Bag, vehicle: str) -> list[Receipt]:
     out = []
     for _, _, data in bag.messages([f'/{vehicle}/{session.RECEIPT}']):
-        message = deserialize_message(data, FixReceipt)
+        message = _decoded(bag, f'/{vehicle}/{session.RECEIPT}', data, FixReceipt)
         if message.verdict == Verdict.TOO_LATE:
             out.append(convert.receipt_from_msg(message))
     return out

@@ -1,6 +1,7 @@
-"""Compiles every kernel that a node or a replay runs, once, into the cache: ``python -m polar_nav_core.kernels.warm``.
+"""Compiles every kernel that a node or a replay runs into the cache.
 
-A cold compile takes seconds, in which a live node would fall behind its sensors; set-up calls this.
+``python -m polar_nav_core.kernels.warm`` is part of the set-up: a cold compile takes long, and a
+live node would fall behind its sensors meanwhile.
 """
 
 from __future__ import annotations

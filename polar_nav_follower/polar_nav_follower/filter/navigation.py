@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.stats import chi2
@@ -23,6 +24,22 @@ from ..params import FollowerParams
 from .history import History
 from .noise import StatedNoise
 
+_ARRAYS = (
+    'C_b_G',
+    'v_G',
+    'r_e',
+    'b_gyro_b',
+    'b_accel_b',
+    'dvl_scale_m',
+    'dvl_markov_m',
+    'usbl_bias_a',
+    'P',
+    'omega_ib_b',
+    '_increments',
+    '_sums',
+)
+_VALUES = ('stamp_ns', '_boundary_ns', '_previous_dt', '_previous_sample')
+"""What a snapshot holds; everything else follows from it or is scratch."""
 _MARKOV = slice(18, 21)
 _USBL = slice(21, 24)
 
@@ -160,7 +177,7 @@ class NavigationFilter:
             self._sums,
         )
         self._previous_dt = dt
-        self.omega_ib_b = omega_b
+        self.omega_ib_b[:] = omega_b
         self.stamp_ns = sample.stamp_ns
         if sample.stamp_ns // self._step_ns != self._boundary_ns // self._step_ns:
             self._predict((sample.stamp_ns - self._boundary_ns) * 1e-9)
@@ -306,6 +323,30 @@ class NavigationFilter:
         self.history.add_correction(self.x)
         self._locate()
         return outcome
+
+    def refer_to_now(self, first_correction: int) -> None:
+        """Take what was fed back since out of ``z``, as if the rows had stayed the same."""
+        h = self.history
+        for i in range(first_correction, h.correction):
+            correction = h.corrections[i % len(h.corrections)]
+            for a in range(3):
+                self.z[a] -= float(np.sum(self.H[a] * correction))
+
+    def snapshot(self) -> dict[str, Any]:
+        """Copy of everything that changes with time, the stored past's counters included."""
+        state = {name: getattr(self, name).copy() for name in _ARRAYS}
+        state |= {name: getattr(self, name) for name in _VALUES}
+        state['history'] = (self.history.count, self.history.step, self.history.correction)
+        return state
+
+    def restore(self, state: dict[str, Any]) -> None:
+        """Go back to a snapshot."""
+        for name in _ARRAYS:
+            getattr(self, name)[...] = state[name]
+        for name in _VALUES:
+            setattr(self, name, state[name])
+        self.history.count, self.history.step, self.history.correction = state['history']
+        self._locate()
 
     def walk_to_now(self, first_step: int, first_correction: int) -> int:
         """Bring the rows in ``H`` and ``z`` from a stored step to now; the number of steps."""

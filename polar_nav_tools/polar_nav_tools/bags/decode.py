@@ -12,8 +12,8 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
+from .contents import Channel
 from .errors import BagError
-from .scan import Channel
 from .schemas import definition
 
 Decode = Callable[[bytes], Any]

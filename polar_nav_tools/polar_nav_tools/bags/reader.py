@@ -17,9 +17,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from . import chunks, files
+from .contents import Channel, FileScan, Tally
 from .decode import Decoder
 from .errors import BagError
-from .scan import Channel, FileScan, Tally, scan_file
+from .scan import scan_file
 from .schemas import Definition, starts_with_header
 from .writer import PHASE_KEY, RUN_RECORD, SEQUENCE_KEY
 

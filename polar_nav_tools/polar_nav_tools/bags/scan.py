@@ -11,12 +11,12 @@ from __future__ import annotations
 
 import re
 import zlib
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO
 
 from . import chunks
 from .chunks import HEADER, Damage, Reader
+from .contents import Block, Channel, FileScan, Tally
 from .errors import BagError
 from .files import CONVERT
 
@@ -35,78 +35,6 @@ _OP_HEADER, _OP_FOOTER = 0x01, 0x02
 _OP_CHUNK, _OP_MESSAGE_INDEX, _OP_CHUNK_INDEX, _OP_ATTACHMENT = 0x06, 0x07, 0x08, 0x09
 _OP_STATISTICS, _OP_METADATA, _OP_DATA_END = 0x0B, 0x0C, 0x0F
 _LAST_KNOWN = 0x0F
-
-
-@dataclass(frozen=True)
-class Channel:
-    """A topic as one file describes it."""
-
-    topic: str
-    type: str
-    encoding: str
-    schema_encoding: str
-    schema_text: str
-    metadata: dict[str, str]
-
-
-@dataclass
-class Tally:
-    """What was seen of one channel."""
-
-    count: int = 0
-    first_ns: int = 0
-    last_ns: int = 0
-    first_sequence: int = 0
-    last_sequence: int = 0
-
-
-@dataclass(frozen=True)
-class Block:
-    """A stretch of the file that holds message records."""
-
-    offset: int
-    stored: int
-    size: int
-    usable: int
-    compression: str
-    crc: int
-    channels: frozenset[int]
-
-    def load(self, file: BinaryIO) -> bytes:
-        """Return the uncompressed records."""
-        file.seek(self.offset)
-        return chunks.inflate(self.compression, file.read(self.stored), self.size, self.crc)
-
-
-@dataclass
-class FileScan:
-    """Everything about one file except the messages themselves."""
-
-    path: Path
-    size: int
-    profile: str = ''
-    library: str = ''
-    channels: dict[int, Channel] = field(default_factory=dict)
-    tallies: dict[int, Tally] = field(default_factory=dict)
-    blocks: list[Block] = field(default_factory=list)
-    metadata: list[tuple[str, dict[str, str]]] = field(default_factory=list)
-    compressions: set[str] = field(default_factory=set)
-    unknown_compressions: set[str] = field(default_factory=set)
-    uncompressed_bytes: int = 0
-    ignored_bytes: int = 0
-    data_ended: bool = False  # the record behind all messages was seen
-    finished: bool = False
-    problems: list[str] = field(default_factory=list)
-
-    @property
-    def message_count(self) -> int:
-        """Messages that can be read."""
-        return sum(t.count for t in self.tallies.values())
-
-    @property
-    def last_ns(self) -> int | None:
-        """Newest log time, None without messages."""
-        return max((t.last_ns for t in self.tallies.values() if t.count), default=None)
 
 
 def scan_file(path: Path) -> FileScan:

@@ -218,7 +218,8 @@ def info(bag: BagArgument, as_json: JsonOption = False) -> None:
         if as_json:
             from ..scoring.plain import jsonable
 
-            emit_json({'ok': facts.is_complete, **jsonable(facts.to_dict())})
+            said = {name: jsonable(value) for name, value in facts.to_dict().items()}
+            emit_json({'ok': facts.is_complete, **said})
         else:
             from ..terminal import print_info
 

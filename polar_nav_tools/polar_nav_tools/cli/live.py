@@ -76,7 +76,7 @@ def demo(
     )
     result = run_demo(options, say=say)
     if result.signal is not None:
-        say(f'ended by {signal.Signals(result.signal).name}; the bag is {result.bag}')
+        say(f'ended by {signal.Signals(result.signal).name}; the bag is {result.run.bag}')
         end(128 + result.signal)
     if as_json:
         emit_json(result.to_dict())

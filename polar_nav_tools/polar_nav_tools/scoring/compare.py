@@ -174,8 +174,12 @@ class Comparison:
             kinds = {
                 'NEES position, 3 dof': late.nees_position,
                 'NEES horizontal, 2 dof': late.nees_horizontal,
-                **{f'NIS fixes of {k}, fused': c for k, c in late.nis_fused.items()},
-                **{f'NIS fixes of {k}, gated too': c for k, c in late.nis.items()},
+                **{f'NIS of fixes from {k}': c for k, c in late.nis_fused.items()},
+                **{
+                    f'NIS of fixes from {k}, gated too': c
+                    for k, c in late.nis.items()
+                    if k not in late.nis_fused or c.count > late.nis_fused[k].count
+                },
             }
             for what, c in kinds.items():
                 rows.append(

@@ -58,7 +58,7 @@ class Clock:
     def axis(self, ax: Axes, *, label: bool = True) -> None:
         """Set limits and ticks of a time axis."""
         low, high = self.span
-        pad = 0.01 * (high - low)
+        pad = 0.01 * (high - low) or 1.0
         ax.set_xlim(low - pad, high + pad)
         steps = [1, 2, 3, 5, 6, 10] if self.unit == 'min' else [1, 2, 3, 4, 6, 8, 10]
         ax.xaxis.set_major_locator(MaxNLocator(6, steps=steps))

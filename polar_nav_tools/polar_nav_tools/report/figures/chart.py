@@ -89,8 +89,8 @@ def draw_pole(ax: Axes, chart: PolarMap) -> None:
     low, high = _corners(ax)
     name = 'North Pole' if chart.hemisphere > 0 else 'South Pole'
     if (low < 0.0).all() and (high > 0.0).all():
-        ax.plot(0, 0, marker='+', ms=16, mew=1.6, color=color('ink'), zorder=6)
-        ax.plot(0, 0, marker='o', ms=7, mfc='none', mec=color('ink'), mew=1.2, zorder=6)
+        ax.plot(0, 0, ls='', marker='+', ms=16, mew=1.6, color=color('ink'), zorder=6)
+        ax.plot(0, 0, ls='', marker='o', ms=7, mfc='none', mec=color('ink'), mew=1.2, zorder=6)
         _label(ax, np.zeros(2), name, (8, 6), 'left', 'bottom', halo=True, bold=True)
         return
     pixel = _pixel(ax)
@@ -140,10 +140,10 @@ def overview(
         if deg % 90 == 0:
             text = angle_label((deg + 180) % 360 - 180 if deg != 180 else 180, 'EW')
             _label(ax, 1.1 * end, text, (0, 0), 'center', 'center', size=10)
-    ax.plot(0, 0, marker='+', ms=9, mew=1.2, color=color('ink'))
+    ax.plot(0, 0, ls='', marker='+', ms=9, mew=1.2, color=color('ink'))
     place = track[len(track) // 2]
-    ax.plot(*place, marker='o', ms=15, mfc='none', mec=color('run0'), mew=2.0, zorder=5)
-    ax.plot(*place, marker='o', ms=4, mfc=color('run0'), mew=0, zorder=5)
+    ax.plot(*place, ls='', marker='o', ms=15, mfc='none', mec=color('run0'), mew=2.0, zorder=5)
+    ax.plot(*place, ls='', marker='o', ms=4, mfc=color('run0'), mew=0, zorder=5)
     ax.set_xlim(-1.22 * outer, 1.22 * outer)
     ax.set_ylim(-1.22 * outer, 1.22 * outer)
 
@@ -164,18 +164,21 @@ def length_label(metres: float) -> str:
 
 def _crossings(xy: Floats, low: Floats, high: Floats) -> list[tuple[str, float]]:
     """Edges at which a line leaves the window, with the place along the edge."""
-    inside = ((xy >= low) & (xy <= high)).all(1)
+    inside = np.asarray(((xy >= low) & (xy <= high)).all(1))
     found = []
     for k in np.flatnonzero(inside[1:] != inside[:-1]):
         a, b = (xy[k], xy[k + 1]) if inside[k] else (xy[k + 1], xy[k])  # a inside, b outside
-        edge = np.where(b > a, high, low)
-        step = np.where(b == a, np.inf, b - a)
-        share = np.where(b == a, np.inf, (edge - a) / step)
+        share = [_reach(a[k], b[k], low[k], high[k]) for k in (0, 1)]
         axis = int(np.argmin(share))
         point = a + share[axis] * (b - a)
         names = ('right', 'left') if axis == 0 else ('top', 'bottom')
         found.append((names[0] if b[axis] > a[axis] else names[1], float(point[1 - axis])))
     return found
+
+
+def _reach(a: float, b: float, low: float, high: float) -> float:
+    """Share of the way from a, inside, to b at which the border is met; infinite if never."""
+    return float(((high if b > a else low) - a) / (b - a)) if b != a else np.inf
 
 
 def _edge_labels(

@@ -57,10 +57,11 @@ def close_up(data: ReportInput, scores: Comparison) -> Picture:
     def local(r_e: Floats) -> Floats:
         return np.asarray((r_e - origin_e) @ C_e_G.T)
 
-    beliefs = [
+    found = [
         _belief(name, run_color(i), score, now_ns, local)
         for i, (name, score) in enumerate(scores.scores.items())
     ]
+    beliefs = [b for b in found if b is not None]
     recent = (truth.stamp_ns >= now_ns - _MEMORY_NS) & (truth.stamp_ns <= now_ns + _MEMORY_NS // 5)
     way, way_ns = local(truth.r_e[recent]), truth.stamp_ns[recent]
     valid_at = None
@@ -111,22 +112,31 @@ def close_up(data: ReportInput, scores: Comparison) -> Picture:
 
 
 def _instant(scores: Comparison, receipts: Sequence[Receipt]) -> tuple[int, TimedFix | None]:
-    """Time of the picture, and the fix that was fused then."""
-    end_ns = min(int(s.errors.stamp_ns[-1]) for s in scores.scores.values())
+    """Last time at which every run that ever spoke still does, and the last fix fused by then."""
+    spoke = [
+        int(s.errors.stamp_ns[np.isfinite(s.errors.horizontal)][-1])
+        for s in scores.scores.values()
+        if np.isfinite(s.errors.horizontal).any()
+    ]
+    silent_ns = int(next(iter(scores.scores.values())).errors.stamp_ns[-1])
+    end_ns = min(spoke, default=silent_ns)
     used = [f for f in timed_fixes(receipts, (FUSED,)) if f.receive_ns <= end_ns]
     return (used[-1].receive_ns, used[-1]) if used else (end_ns, None)
 
 
 def _belief(
     name: str, shade: str, score: Score, now_ns: int, local: Callable[[Floats], Floats]
-) -> _Belief:
+) -> _Belief | None:
+    """What a run says then; None if it never said anything."""
     estimate = score.pairs.estimate
     finite = np.isfinite(estimate.r_e).all(1)
     stamp_ns, r_e = estimate.stamp_ns[finite], estimate.r_e[finite]
     P = estimate.P_position_G[finite]
+    if len(stamp_ns) == 0:
+        return None
     # The first estimate that the fix can be in.
     row = min(int(np.searchsorted(stamp_ns, now_ns)), len(stamp_ns) - 1)
-    first = int(np.searchsorted(stamp_ns, now_ns - _MEMORY_NS))
+    first = min(int(np.searchsorted(stamp_ns, now_ns - _MEMORY_NS)), row)
     trail = local(r_e[first : row + 1])
     return _Belief(name, shade, trail[-1], trail, P[row][:2, :2].copy())
 
@@ -135,7 +145,7 @@ def _window(beliefs: list[_Belief], valid_at: Floats | None) -> tuple[Floats, Fl
     """Corners that show truth, estimates with their ellipses and the place of validity."""
     points = [np.zeros(2)]
     # A filter that is lost must not make all others a dot: it may leave the picture.
-    reach = 12.0 * max(np.median([b.distance for b in beliefs]), 2.0)
+    reach = 12.0 * max(float(np.median([b.distance for b in beliefs] or [0.0])), 2.0)
     for b in beliefs:
         if b.distance <= reach:
             r = 3.2 * float(np.sqrt(max(np.trace(b.covariance), 0.0)))

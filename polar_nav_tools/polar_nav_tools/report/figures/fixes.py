@@ -44,6 +44,7 @@ def fix_delays(data: ReportInput, name: str, receipts: Sequence[Receipt], clock:
     with drawing('fix-delays'):
         fig = new_figure(1080, 380)
         ax, side = fig.subplots(1, 2, sharey=True, width_ratios=[5.2, 1.0])
+        clock.axis(ax)
         _stems(ax, timed, clock)
         shown = in_order({f.receipt.verdict_text for f in timed})
         for verdict in shown:
@@ -77,7 +78,6 @@ def fix_delays(data: ReportInput, name: str, receipts: Sequence[Receipt], clock:
             )
         ax.set_ylim(floor, top)
         ax.set_ylabel('time since validity [s]')
-        clock.axis(ax)
         ax.set_xlabel(f'validity, mission time [{clock.unit}]')
         side.set_xlabel('fixes')
         side.tick_params(left=False)
@@ -110,6 +110,7 @@ def fix_story(score: Score, index: int, receipts: Sequence[Receipt], clock: Cloc
         lane_px = 34 + 21 * len(lanes)
         fig = new_figure(HALF_PX, lane_px + 480)
         axes = fig.subplots(4, 1, sharex=True, height_ratios=[lane_px, 125, 125, 150])
+        clock.axis(axes[3])
         _lanes(axes[0], final, lanes, counts, clock, tips)
         judged = [r for r in final if np.isfinite(r.innovation_G).all()]
         for k, axis in enumerate(('east', 'north')):
@@ -117,7 +118,6 @@ def fix_story(score: Score, index: int, receipts: Sequence[Receipt], clock: Cloc
                 axes[1 + k], judged, k, clock, run_color(index), f'innovation, grid {axis} [m]'
             )
         _nis(axes[3], judged, clock, tips)
-        clock.axis(axes[3])
         axes[3].set_xlabel(f'reception, mission time [{clock.unit}]')
         fig.suptitle(
             score.name, x=0.008, ha='left', fontsize=13, fontweight='bold', color=run_color(index)
@@ -166,9 +166,11 @@ def _bottom_lane(
         return 0.0
     y = -0.07 * top
     if len(lost):
+        x = clock(lost)
+        x = x[(x >= ax.get_xlim()[0]) & (x <= ax.get_xlim()[1])]
         ax.plot(
-            clock(lost),
-            np.full(len(lost), y),
+            x,
+            np.full(len(x), y),
             ls='',
             marker='x',
             ms=5.5,
@@ -238,13 +240,8 @@ def _lanes(
     for k, verdict in enumerate(lanes):
         some = [r for r in final if r.verdict_text == verdict]
         x = clock(np.array([r.receive_ns for r in some], dtype=np.int64))
-        low, high = clock.span
-        seen = (x >= low - 0.01 * (high - low)) & (x <= high + 0.01 * (high - low))
-        some = [r for r, s in zip(some, seen, strict=True) if s]
-        _marks(
-            ax, x[seen], np.full(int(seen.sum()), k), verdict, 26, tips, f'lane-{verdict}',
-            [_tip(r) for r in some],
-        )  # fmt: skip
+        texts = [_tip(r) for r in some]
+        _marks(ax, x, np.full(len(x), float(k)), verdict, 26, tips, f'lane-{verdict}', texts)
     ax.set_yticks(range(len(lanes)), [f'{v}  {counts.get(v, 0)}' for v in lanes])
     ax.set_ylim(len(lanes) - 0.4, -0.6)
     ax.grid(visible=False, axis='x')
@@ -335,7 +332,13 @@ def _marks(
     key: str,
     texts: list[str],
 ) -> None:
-    """Markers in the look of a verdict, with tooltips unless there are very many."""
+    """Markers in the look of a verdict, with tooltips unless there are very many.
+
+    Limits of the time axis are set before: what lies outside is left out.
+    """
+    low, high = ax.get_xlim()
+    seen = np.flatnonzero((x >= low) & (x <= high))
+    x, y, texts = x[seen], y[seen], [texts[k] for k in seen]
     if len(x) == 0:
         return
     look = verdict_look(verdict)

@@ -49,7 +49,7 @@ def polar_map(data: ReportInput, scores: Comparison) -> Picture:
     low, high = window(_with_pole(shown), _BOX[2] / _BOX[3])
     pixel = float(high[0] - low[0]) / _BOX[2]
     alt = (
-        f'Polar stereographic map: track of {"the follower" if leader is None else "both vehicles"}, '
+        f'Polar stereographic map: {"follower" if leader is None else "follower and leader"}, '
         f'estimates of {", ".join(scores.scores)}, and fixes at their validity. '
         f'From {_place(truth, 0)} to {_place(truth, -1)}.'
     )
@@ -108,8 +108,8 @@ def _with_pole(points: Floats) -> Floats:
 def _thinned(r_e: Floats) -> Floats:
     """At most `_POINTS` of the positions, the last one included."""
     step = max(1, len(r_e) // _POINTS)
-    rows = np.unique(np.r_[np.arange(0, len(r_e), step), len(r_e) - 1])
-    return np.asarray(r_e[rows])
+    last = r_e[-1:] if (len(r_e) - 1) % step else r_e[:0]
+    return np.concatenate([r_e[::step], last])
 
 
 def _path(ax: Axes, xy: Floats, pixel: float, **style: Any) -> None:  # noqa: ANN401 - a line's
@@ -127,7 +127,7 @@ def _every(points: Floats, spacing: float) -> int:
 
 def _ends(ax: Axes, xy: Floats, token: str) -> None:
     """Ring at the start, arrow head along the last bit of the way."""
-    ax.plot(*xy[0], marker='o', ms=8, mfc=color('sea'), mec=color(token), mew=1.8, zorder=8)
+    ax.plot(*xy[0], ls='', marker='o', ms=8, mfc=color('sea'), mec=color(token), mew=1.8, zorder=8)
     low, high = ax.get_xlim()
     back = np.hypot(*(xy - xy[-1]).T) > 0.012 * (high - low)
     if not back.any():

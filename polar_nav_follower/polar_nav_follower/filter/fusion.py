@@ -1,0 +1,155 @@
+"""How measurements reach the filter: local ones at once, late fixes by one of the strategies.
+
+All strategies work on the same filter. The forward ones bring the fix to the present; `rewind`
+goes back to the state before the fix, takes it, and processes the stored inputs again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from polar_nav_core.kernels import filter_rows
+
+from ..events import Array, DepthSample, DvlPing, Fix, ImuSample, InitialState
+from ..params import FollowerParams
+from .history import Epoch
+from .navigation import NavigationFilter, Outcome
+from .noise import make_noise
+
+_NO_BIAS = np.zeros((3, 3))
+
+
+@dataclass(frozen=True)
+class FixResult:
+    """What became of a fix.
+
+    Attributes
+    ----------
+    outcome : Outcome
+        Of the fix itself.
+    steps : int
+        Stored filter steps between its validity and now.
+    revised : tuple of (Fix, Outcome)
+        Other fixes that this one made the gate decide anew, and differently.
+    """
+
+    outcome: Outcome
+    steps: int
+    revised: tuple[tuple[Fix, Outcome], ...] = ()
+
+
+class Fusion:
+    """The filter with its measurements; subclasses say what happens to a late fix.
+
+    Parameters
+    ----------
+    params : FollowerParams
+        Sensors, noise, configuration.
+    initial : InitialState
+        State to start from.
+    stamp_ns : int
+        When it holds.
+    """
+
+    def __init__(self, params: FollowerParams, initial: InitialState, stamp_ns: int) -> None:
+        adaptation = params.resolved().noise_adaptation
+        self.filter = NavigationFilter(params, initial, stamp_ns)
+        self._noise_fix = make_noise(adaptation, params.forgetting, params.adaptive_floor)
+        self._noise_dvl = make_noise(adaptation, params.forgetting, params.adaptive_floor)
+
+    def imu(self, sample: ImuSample) -> None:
+        """Advance by one IMU sample."""
+        self.filter.imu(sample)
+
+    def local(self, event: DvlPing | DepthSample) -> Outcome:
+        """Fuse DVL or depth: never treated as delayed."""
+        if isinstance(event, DvlPing):
+            return self.filter.dvl(event, self._noise_dvl)
+        return self.filter.depth(event)
+
+    def fix(self, fix: Fix) -> FixResult | None:
+        """Fuse a fix; None when the stored history does not reach back to its validity."""
+        raise TypeError(f'{type(self).__name__} has no way to treat fix {fix.sequence}')
+
+    def _fuse_at(self, fix: Fix, epoch: Epoch, stamp_ns: int) -> None:
+        """Fill the filter's rows with the fix against the position at an epoch plus v dt."""
+        f = self.filter
+        point_e: Array = epoch.point_e + epoch.velocity_e * ((stamp_ns - epoch.stamp_ns) * 1e-9)
+        filter_rows.fix_rows(
+            f.H,
+            f.R,
+            f.z,
+            f.C_e_G,
+            epoch.lever_G,
+            point_e,
+            fix.r_e,
+            fix.covariance_e,
+            array_axes(f, fix),
+            f.usbl_bias_a,
+        )
+
+    def _present(self) -> Epoch:
+        """The newest epoch with all that was fed back since."""
+        f = self.filter
+        return replace(
+            f.history.newest(),
+            point_e=f.point_e,
+            velocity_e=f.velocity_e,
+            lever_G=f.lever_G,
+            correction=f.history.correction,
+        )
+
+
+class Ignore(Fusion):
+    """Take the fix as the position now: the conventional filter, off by speed times delay."""
+
+    def fix(self, fix: Fix) -> FixResult | None:
+        """Fuse a fix as if it were valid when it was received."""
+        self._fuse_at(fix, self._present(), fix.receive_ns)
+        return FixResult(self.filter.fuse(3, self._noise_fix), 0)
+
+
+class Tagged(Fusion):
+    """Innovation at the time of validity, applied to the present with the rows of the present."""
+
+    def fix(self, fix: Fix) -> FixResult | None:
+        """Fuse a fix by its innovation then and the rows of now."""
+        f = self.filter
+        epoch = f.history.before(fix.validity_ns)
+        if epoch is None:
+            return None
+        self._fuse_at(fix, epoch, fix.validity_ns)
+        f.refer_to_now(epoch.correction)
+        return FixResult(f.fuse(3, self._noise_fix), f.history.step - epoch.step)
+
+
+class BackPropagate(Fusion):
+    """Innovation at validity with H* = H Phi^-1: the published modified AKF, in closed loop."""
+
+    def fix(self, fix: Fix) -> FixResult | None:
+        """Fuse a fix with its rows brought through the stored transitions."""
+        f = self.filter
+        epoch = f.history.before(fix.validity_ns)
+        if epoch is None:
+            return None
+        self._fuse_at(fix, epoch, fix.validity_ns)
+        steps = f.walk_to_now(epoch.step, epoch.correction)
+        return FixResult(f.fuse(3, self._noise_fix), steps)
+
+
+def array_axes(f: NavigationFilter, fix: Fix) -> Array:
+    """C_a_G of the leader's array as far as a packet tells it: turned by the leader's heading.
+
+    Zero while the USBL bias is not estimated.
+    """
+    if not f.estimates_usbl_bias:
+        return _NO_BIAS
+    psi = 0.5 * np.pi - fix.array_heading
+    c, s = np.cos(psi), np.sin(psi)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+Make = Callable[[FollowerParams, InitialState, int], Fusion]
