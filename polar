@@ -157,7 +157,7 @@ progress() {
   [[ $1 == requirements ]] || return 0
   total=$(grep -c "==" "$root/requirements.lock")
   looked_up=$(grep '^Collecting' "$log" | sort -u | wc -l)
-  unpacked=$(find "$venv"/lib/python3*/site-packages -name '*.dist-info' ! -name 'pip-*' | wc -l)
+  unpacked=$(find "$venv"/lib/python3*/site-packages -maxdepth 1 -name '*.dist-info' ! -name 'pip-*' | wc -l)
   if grep -q '^Installing collected packages: .*,' "$log"; then
     echo ", $unpacked of $total unpacked"
   else

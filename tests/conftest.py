@@ -14,7 +14,7 @@ from live_support import DEMO_SECONDS, FinishedDemo, RunningDemo, polar
 @pytest.fixture
 def running_demo(tmp_path: Path) -> Iterator[RunningDemo]:
     """A demo that is under way and would go on for long."""
-    demo = RunningDemo(tmp_path, '--duration', '500')
+    demo = RunningDemo(tmp_path, '--duration', '200')
     try:
         demo.wait_for_progress(2, timeout=90.0)  # the first line only says that it started
         yield demo

@@ -93,7 +93,7 @@ def test_matrix_equals_the_plain_twin(name):
     assert block_error(F, twin_matrix(r_e, V_G, C_B_G, F_B)) < 2e-6
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.floats(-90.0, 90.0), st.floats(-180.0, 180.0), st.floats(-11e3, 20e3))
 def test_matrix_equals_the_twin_anywhere(lat_deg, lon_deg, height):
     r_e = earth.ecef_from_geodetic(np.radians(lat_deg), np.radians(lon_deg), height)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from core_jacobian import LEVER, navigation_at, numeric_jacobian
 from core_places import VECTORS, position
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from polar_nav_core import attitude, earth, grid, usbl
@@ -25,7 +25,6 @@ def solve(p, up_a=(0.0, 0.0, 1.0), noise=(0.0, 0.0, 0.0, 0.0)):
     )
 
 
-@settings(deadline=None)
 @given(st.floats(-np.pi, np.pi), st.floats(-1.4, 1.4), st.floats(5.0, 8000.0), st.booleans())
 def test_perfect_measurements_give_the_vector_back(azimuth, elevation, distance, tilted):
     p = distance * np.array(

@@ -59,11 +59,20 @@ def cycle(leader, follower, lever_b, C_a_b, t1, tells_depth=True, sound=C_SOUND)
     direction = line / np.linalg.norm(line)
     depth = -float(earth.geodetic_from_ecef(follower.r_e(t3))[2])
     measurement = ArrayMeasurement(
-        target='follower', sequence=4, ping_ns=T0 + round(t1 * 1e9), validity_ns=T0 + round(t3 * 1e9),
-        return_ns=T0 + round(t4 * 1e9), turn_around=TURN_AROUND, round_trip=t4 - t1, range_variance=0.09,
-        direction_a=direction, cosine_covariance=1e-6 * np.eye(2), sound_speed=sound,
-        target_depth=depth if tells_depth else np.nan, target_depth_variance=0.0025,
-    )  # fmt: skip
+        target='follower',
+        sequence=4,
+        ping_ns=T0 + round(t1 * 1e9),
+        validity_ns=T0 + round(t3 * 1e9),
+        return_ns=T0 + round(t4 * 1e9),
+        turn_around=TURN_AROUND,
+        round_trip=t4 - t1,
+        range_variance=0.09,
+        direction_a=direction,
+        cosine_covariance=1e-6 * np.eye(2),
+        sound_speed=sound,
+        target_depth=depth if tells_depth else np.nan,
+        target_depth_variance=0.0025,
+    )
     return measurement, t3, t4
 
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.params import choice, param
 
-from .poses import NotYet, Poses
+from .poses import NotKept, NotYet, Poses
 from .randomness import stream
 from .sound_speed import SoundSpeed
 from .specs import Spec
@@ -125,7 +125,14 @@ class Channel:
         self._poses = poses
         self._travelling: list[_Way] = []
         self._arriving: list[Arrival] = []
-        self.counts = {'sent': 0, 'delivered': 0, 'lost': 0, 'out_of_range': 0, 'bits_flipped': 0}
+        self.counts = {
+            'sent': 0,
+            'delivered': 0,
+            'lost': 0,
+            'out_of_range': 0,
+            'before_truth': 0,
+            'bits_flipped': 0,
+        }
         self.last_delay_s = float('nan')
 
     @property
@@ -184,6 +191,10 @@ class Channel:
                 arrival = self._arrival(way.packet, way.fate)
             except NotYet as early:
                 waiting.append(_Way(way.packet, way.fate, early.needed_ns))
+                continue
+            except NotKept:
+                # A node that starts while others run hears packets older than its first truth.
+                self.counts['before_truth'] += 1
                 continue
             if arrival is None:
                 self.counts['out_of_range'] += 1

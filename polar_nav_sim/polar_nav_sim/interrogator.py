@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from .poses import NotYet, TruthHistory
+from .poses import NotKept, NotYet, TruthHistory
 from .sensors.usbl import Reading, Usbl
 from .trajectory import NS
 
@@ -68,6 +68,11 @@ class Interrogator:
             except NotYet as early:
                 self._needed_ns = early.needed_ns
                 return
+            except NotKept:
+                # The truth of the target was found later than the own: as in begin, never made.
+                self._sequence += 1
+                self._needed_ns = self._ping_ns()
+                continue
             self._sequence += 1
             self._needed_ns = self._ping_ns()
             reading = usbl.read(cycle)

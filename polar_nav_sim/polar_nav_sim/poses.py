@@ -29,6 +29,10 @@ class NotYet(Exception):
         self.needed_ns = needed_ns
 
 
+class NotKept(ValueError):
+    """A pose was asked for that lies before the oldest truth there is; it will never be had."""
+
+
 class Pose(NamedTuple):
     """Position of base_link (ECEF [m]), body to earth, and depth [m]."""
 
@@ -108,15 +112,13 @@ class TruthHistory:
         ------
         NotYet
             After the newest message.
-        ValueError
+        NotKept
             Before the oldest one that is kept.
         """
         if t_ns > self.newest_ns:
             raise NotYet(t_ns)
         if t_ns < self.oldest_ns:
-            raise ValueError(
-                f'no pose at {t_ns} ns: kept are {self.oldest_ns} to {self.newest_ns}'
-            )
+            raise NotKept(f'no pose at {t_ns} ns: kept are {self.oldest_ns} to {self.newest_ns}')
         i = bisect_left(self._stamps, t_ns)
         if self._stamps[i] == t_ns:
             end = self._end(i)

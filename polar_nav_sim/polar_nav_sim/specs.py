@@ -88,7 +88,7 @@ class TrackSpec(Spec):
     nearest_pole: bool = flag(False, 'Sail the part around the fix that is nearest to a pole')
     reverse: bool = flag(False, 'Sail it against the order of time')
     smoothing_m: float = param(
-        20.0, 'm', 0.0, 1e5, 'RMS distance that the smooth path may keep from the fixes'
+        60.0, 'm', 0.0, 1e5, 'RMS distance that the smooth path may keep from the fixes'
     )
     max_lateral_acceleration: float = param(
         0.1, 'm/s^2', 1e-4, 10.0, 'Refuse a path whose curvature needs more at mission speed'

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from polar_nav_core.errors import ConfigError
 from polar_nav_sim.mission import load_mission, mission_from, overrides_from
 from polar_nav_sim.resources import mission_names
@@ -67,7 +68,11 @@ def test_near_pole_comes_within_a_kilometre_along_the_buoy_track():
     assert np.degrees(s.lat).min() > 89.98
     assert np.abs(np.diff(np.degrees(s.lon))).max() > 300.0  # crosses the 180th meridian
     lateral = np.linalg.norm(np.cross(s.v_G, np.gradient(s.v_G, axis=0)), axis=1) / 3.0
-    assert lateral.max() < 0.1
+    assert lateral.max() < 0.05
+    # The shape does not depend on how long the mission is: this one ends at the same place.
+    short = mission.with_duration(60.0)
+    end = [m.truth('follower').state(m.end_ns).r_e for m in (mission, short)]
+    assert np.linalg.norm(end[0] - end[1]) < 1e-3
 
 
 def test_whole_numbers_and_defaults():
@@ -130,7 +135,7 @@ def test_unknown_names(tmp_path):
         load_mission('demo').truth('third')
     broken = tmp_path / 'broken.yaml'
     broken.write_text('path: [')
-    with pytest.raises(ConfigError, match='broken.yaml: not a YAML file'):
+    with pytest.raises(ConfigError, match=r'broken\.yaml: not a YAML file'):
         load_mission(broken)
     with pytest.raises(ConfigError, match='key=value'):
         overrides_from(['speed'])
@@ -157,9 +162,13 @@ def test_track_too_short_too_wild_or_unreadable(tmp_path):
 
 def test_track_part_can_be_chosen():
     mission = load_mission('near_pole').with_overrides(
-        {'path.nearest_pole': False, 'path.reverse': False, 'path.first_utc': '2020-08-20T06:00:00'}
+        {
+            'path.nearest_pole': False,
+            'path.reverse': False,
+            'path.first_utc': '2020-08-20T06:00:00',
+        }
     )
     s = mission.truth('follower').state(mission.start_ns)
     # The fix of that hour: 89.9899 N, 168.3185 E, at the start but for the margin and smoothing.
-    assert float(np.degrees(s.lat)) == pytest.approx(89.9899, abs=3e-4)
-    assert float(np.degrees(s.lon)) == pytest.approx(168.3, abs=3.0)
+    assert float(np.degrees(s.lat)) == pytest.approx(89.9899, abs=1e-3)
+    assert float(np.degrees(s.lon)) == pytest.approx(168.3, abs=6.0)

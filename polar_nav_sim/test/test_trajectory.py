@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+
 from polar_nav_core import attitude, earth, grid
 from polar_nav_core.strapdown import Strapdown
 from polar_nav_sim.mission import load_mission
@@ -17,7 +18,7 @@ def at(mission, seconds):
 
 @pytest.mark.parametrize('name', CASES)
 def test_velocity_force_and_rate_are_those_of_the_motion(name):
-    """Central differences of position and attitude, in the inertial frame, against f_b and omega_ib_b."""
+    """Central differences of position and attitude against f_b and omega_ib_b."""
     mission = load_mission(name)
     truth = mission.truth('follower')
     middle, h = mission.duration_s / 2 + 0.123, 0.01
@@ -29,7 +30,9 @@ def test_velocity_force_and_rate_are_those_of_the_motion(name):
     r = s.r_e - s.r_e[2]
     assert_allclose(first @ r, s.v_e[2], atol=3e-7)
     spin = np.array([0.0, 0.0, earth.OMEGA_IE])
-    f_e = second @ r + 2.0 * np.cross(spin, s.v_e[2]) + earth.gravity(s.r_e[2]) * earth.up(s.r_e[2])
+    f_e = (
+        second @ r + 2.0 * np.cross(spin, s.v_e[2]) + earth.gravity(s.r_e[2]) * earth.up(s.r_e[2])
+    )
     C_b_e = np.einsum('nji,njk->nik', s.C_e_G, s.C_b_G)
     assert_allclose(C_b_e[2].T @ f_e, s.f_b[2], atol=2e-4)
     turn = [attitude.log(C_b_e[2].T @ C) for C in C_b_e]
@@ -57,7 +60,9 @@ def test_what_is_left_of_strapdown_is_its_step():
     """The closure error is the strapdown's own: it falls with the step, truth does not change."""
     errors = []
     for rate in (50.0, 100.0, 200.0):
-        mission = load_mission('over_pole').with_overrides({'imu_rate_hz': rate, 'duration_s': 300.0})
+        mission = load_mission('over_pole').with_overrides(
+            {'imu_rate_hz': rate, 'duration_s': 300.0}
+        )
         block = mission.truth('follower').samples(0, mission.sample_count)
         s = block.state
         ins = Strapdown(s.C_b_G[0], s.v_G[0], s.r_e[0])

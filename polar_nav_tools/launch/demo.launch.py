@@ -2,13 +2,16 @@
 
 The nodes and their parameters are those of `./polar demo` (polar_nav_tools.graph). When the
 mission is over, or a node died, the follower is ended first, so that it can process what it holds,
-and the recorder after it, so that it has the follower's last words; then the rest.
+and the recorder after it, so that it has the follower's last words; then the rest. The exit status
+is 0 only when every node did what it was there for.
 """
 
+import os
+import signal
+from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime
-from itertools import pairwise
 from pathlib import Path
-from tempfile import mkdtemp
+from typing import TypeVar
 
 from launch import LaunchContext, LaunchDescription, LaunchDescriptionEntity
 from launch.actions import (
@@ -20,14 +23,21 @@ from launch.actions import (
 )
 from launch.event_handlers import OnProcessExit
 from launch.events import Shutdown, matches_action
-from launch.events.process import ShutdownProcess
+from launch.events.process import ProcessExited, ShutdownProcess
+from launch.logging import launch_config
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
+from polar_nav_core.errors import ConfigError
 from polar_nav_follower.params import CONFIGURATIONS
+from polar_nav_tools.domain import node_surroundings
 from polar_nav_tools.graph import PACES, GraphOptions
-from polar_nav_tools.live import new_bag_path, prepare_graph, read_mission
+from polar_nav_tools.live import RunFailed, new_bag_path, prepare_graph, read_mission
+from polar_nav_tools.node_process import NodeEnd
 from polar_nav_tools.node_spec import NodeSpec, Stage
+from polar_nav_tools.supervisor import ORDERLY
+
+T = TypeVar('T')
 
 NO_BAG = 'none'
 
@@ -68,17 +78,17 @@ def generate_launch_description() -> LaunchDescription:
                 default_value='',
                 description='Folder of the new bag; empty: a new one in bags/; none: no recorder',
             ),
-            SetEnvironmentVariable('OPENBLAS_NUM_THREADS', '1'),
-            OpaqueFunction(function=_nodes),
+            OpaqueFunction(function=_graph),
         ]
     )
 
 
-def _nodes(context: LaunchContext) -> list[LaunchDescriptionEntity]:
+def _graph(context: LaunchContext) -> list[LaunchDescriptionEntity]:
     def value(name: str) -> str:
         return LaunchConfiguration(name).perform(context)
 
-    duration_s, seed, bag = float(value('duration')), int(value('seed')), value('bag')
+    duration_s = _read('duration', value('duration'), float)
+    seed, bag = _read('seed', value('seed'), int), value('bag')
     mission = read_mission(value('mission'), duration_s or None)
     folder = Path(bag) if bag else new_bag_path(Path('bags'), mission.name, seed, datetime.now())
     options = GraphOptions(
@@ -87,16 +97,19 @@ def _nodes(context: LaunchContext) -> list[LaunchDescriptionEntity]:
         configuration=value('configuration'),
         bag=None if bag == NO_BAG else folder,
     )
-    graph = prepare_graph(mission, options, Path(mkdtemp(prefix='polar_nav_')))
+    run_dir = Path(launch_config.log_dir)
+    graph = prepare_graph(mission, options, run_dir)
+    surroundings = node_surroundings(run_dir, os.environ)
+    variables = [SetEnvironmentVariable(name, text) for name, text in surroundings.items()]
     actions = {spec.full_name: _action(spec) for spec in graph.nodes}
-    last = [actions[s.full_name] for s in graph.nodes if s.stage >= Stage.FOLLOWER]
-    handlers = [
-        _when_ended(action, _end(last[0])) for action in actions.values() if action not in last
-    ]
-    for action, following in pairwise(last):
-        handlers.append(_when_ended(action, _end(following)))
-    handlers.append(_when_ended(last[-1], EmitEvent(event=Shutdown(reason='the run is over'))))
-    return [*handlers, *actions.values()]
+    return [*variables, _order_of_the_end(graph.nodes, actions), *actions.values()]
+
+
+def _read(name: str, text: str, kind: Callable[[str], T]) -> T:
+    try:
+        return kind(text)
+    except ValueError:
+        raise ConfigError(f'argument {name}: {text!r} is not a number') from None
 
 
 def _action(spec: NodeSpec) -> Node:
@@ -107,13 +120,36 @@ def _action(spec: NodeSpec) -> Node:
         namespace=spec.namespace or '/',
         parameters=[dict(spec.parameters)],
         output='screen',
-        sigterm_timeout='15',  # the default of 5 s is short for a dozen nodes on a busy machine
+        sigterm_timeout=str(ORDERLY.after_sigint_s),
+        sigkill_timeout=str(ORDERLY.after_sigterm_s),
     )
 
 
-def _when_ended(action: Node, then: EmitEvent) -> RegisterEventHandler:
-    return RegisterEventHandler(OnProcessExit(target_action=action, on_exit=[then]))
+def _order_of_the_end(
+    nodes: Sequence[NodeSpec], actions: Mapping[str, Node]
+) -> RegisterEventHandler:
+    """Say what follows when a node has ended, and at the last one fail if any of them failed."""
+    specs = {actions[spec.full_name]: spec for spec in nodes}
+    last = [action for action, spec in specs.items() if spec.stage >= Stage.FOLLOWER]
+    ended: list[Node] = []
+    failures: list[str] = []
 
+    def on_exit(event: ProcessExited, context: LaunchContext) -> EmitEvent:
+        spec, status = specs[event.action], event.returncode
+        how = f'node {spec.full_name} {NodeEnd(spec.full_name, status, (), "").how()}'
+        if context.is_shutdown:
+            if status not in (0, -signal.SIGINT):
+                failures.append(f'{how} while it was ended')
+        elif not ended and (spec.stage != Stage.TRUTH or status != 0):
+            failures.append(f'{how} before the mission was over')
+        elif status != 0:
+            failures.append(how)
+        ended.append(event.action)
+        if failures and len(ended) == len(specs):
+            raise RunFailed(failures[0], ())
+        after = last.index(event.action) + 1 if event.action in last else 0
+        if after < len(last):
+            return EmitEvent(event=ShutdownProcess(process_matcher=matches_action(last[after])))
+        return EmitEvent(event=Shutdown(reason='the run is over'))
 
-def _end(action: Node) -> EmitEvent:
-    return EmitEvent(event=ShutdownProcess(process_matcher=matches_action(action)))
+    return RegisterEventHandler(OnProcessExit(on_exit=on_exit))

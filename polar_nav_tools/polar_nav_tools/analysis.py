@@ -29,7 +29,7 @@ from .scoring.compare import Run
 from .series import TruthSeries
 
 if TYPE_CHECKING:
-    from .replay import VerifyResult
+    from .verification import VerifyResult
 
 STATE, RECEIPT, PACKET, DECODED = 'nav/state', 'nav/receipt', 'acomms/rx', 'acomms/decoded'
 RECORDER = '/recorder_node'
@@ -141,11 +141,17 @@ def analyse(
             load_receipts(bag, name),
         )
     if configurations or verified:
-        from .replay import replay, verify
+        from .recorded_inputs import load_inputs
+        from .replay import replay
+        from .verification import verify
 
+        inputs = load_inputs(bag, name)
+        replayed = None
         for configuration in configurations:
             say(f'replaying with {configuration}')
-            result = replay(bag, configuration=configuration, vehicle=name)
+            result = replay(inputs, configuration=configuration)
+            if configuration == inputs.params.get('configuration'):
+                replayed = result
             divergence[configuration] = result.divergence
             runs[configuration] = (
                 truth,
@@ -154,7 +160,7 @@ def analyse(
             )
         if verified:
             say('comparing a replay with what was published live')
-            verification = verify(bag, vehicle=name)
+            verification = verify(inputs, replayed=replayed)
     received = bag.topics.get(f'/{name}/{PACKET}')
     packets = {PACKET: received.count} if received is not None else {}
     return Analysis(
@@ -179,7 +185,7 @@ def follower_of(bag: Bag) -> str:
     """
     found = {t.name.split('/')[1] for t in bag.topics.values() if t.count and _is_state(t.name)}
     if not found:
-        from .replay import followers_of
+        from .recorded_inputs import followers_of
 
         found = set(followers_of(bag))
     if len(found) == 1:

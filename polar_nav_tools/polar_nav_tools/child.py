@@ -54,5 +54,5 @@ if __name__ == '__main__':
     status = main()
     sys.stdout.flush()
     sys.stderr.flush()
-    # The node has ended in order; taking the interpreter apart would only cost time, a dozen times.
+    # The node has ended in order; taking the interpreter apart only costs time, a dozen times.
     os._exit(status)

@@ -87,17 +87,31 @@ def graph_environment(
     if own_domain and not env.get('ROS_DOMAIN_ID'):
         env['ROS_DOMAIN_ID'] = str(free_domain_id(os.getpid(), busy_udp_ports()))
         env.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    if _MIDDLEWARE_VARIABLE not in env:
-        run_dir.mkdir(parents=True, exist_ok=True)
-        profile = run_dir / _MIDDLEWARE_FILE
-        profile.write_text(MIDDLEWARE_PROFILE, encoding='utf-8')
-        env[_MIDDLEWARE_VARIABLE] = str(profile.absolute())
+    env |= node_surroundings(run_dir, env)
     env.setdefault('ROS_LOG_DIR', str((run_dir / 'logs' / 'ros').absolute()))
-    # A dozen processes with a thread pool each would fight for the cores; no node multiplies
-    # matrices worth sharing.
-    for name in ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'NUMBA_NUM_THREADS'):
-        env.setdefault(name, '1')
     env['POLAR_NAV_SUPERVISED'] = '1'  # nodes print counts and progress (polar_nav_ros.node)
     env['PYTHONUNBUFFERED'] = '1'  # the last lines of a node that is killed must be out already
     env['RCUTILS_COLORIZED_OUTPUT'] = '0'
     return env
+
+
+def node_surroundings(run_dir: Path, env: Mapping[str, str]) -> dict[str, str]:
+    """Variables that nodes of a graph need and ``env`` lacks: middleware profile, thread counts.
+
+    Parameters
+    ----------
+    run_dir : Path
+        Gets the middleware's profile.
+    env : mapping
+        What is set already.
+    """
+    added: dict[str, str] = {}
+    if _MIDDLEWARE_VARIABLE not in env:
+        run_dir.mkdir(parents=True, exist_ok=True)
+        profile = run_dir / _MIDDLEWARE_FILE
+        profile.write_text(MIDDLEWARE_PROFILE, encoding='utf-8')
+        added[_MIDDLEWARE_VARIABLE] = str(profile.absolute())
+    # A dozen processes with a thread pool each would fight for the cores; no node multiplies
+    # matrices worth sharing.
+    names = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'NUMBA_NUM_THREADS')
+    return added | {name: '1' for name in names if name not in env}

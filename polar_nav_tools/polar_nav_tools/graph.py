@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.params import default_of
 from polar_nav_follower.params import CONFIGURATIONS, FollowerParams
-from polar_nav_sim.params import TruthParams
 from polar_nav_sim.randomness import stream
 
 from .initial import InitialSigma, initial_parameters
@@ -26,6 +25,9 @@ if TYPE_CHECKING:
 
 PACES = ('lockstep', 'realtime')
 MAX_SEED = 2**31 - 1
+LOCKSTEP_WINDOW_S = 1.0
+"""Truth that is published at once: long enough that acknowledging costs little, and a hundred IMU
+samples are far fewer than a queue holds."""
 LEADER_ID, FOLLOWER_ID = 1, 2
 """Numbers of the vehicles in acoustic packets."""
 LINK: dict[str, ParameterValue] = {
@@ -183,6 +185,7 @@ def _truth_node(mission: Mission, options: GraphOptions, others: list[str]) -> N
     }
     if options.pace == 'lockstep':
         parameters['expected_nodes'] = others
+        parameters['window_s'] = LOCKSTEP_WINDOW_S
     return _sim('truth_node', '', Stage.TRUTH, parameters)
 
 
@@ -240,7 +243,7 @@ def _follower_node(mission: Mission, follower: str, options: GraphOptions) -> No
     }
     if options.pace == 'lockstep':
         # Within a window the topics come in any order, and so do those of the window after it.
-        parameters['reorder_window_s'] = 2.0 * float(default_of(TruthParams, 'window_s'))
+        parameters['reorder_window_s'] = 2.0 * LOCKSTEP_WINDOW_S
     return NodeSpec(
         'polar_nav_follower',
         'follower_node',

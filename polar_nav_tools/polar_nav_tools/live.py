@@ -97,7 +97,15 @@ def new_bag_path(folder: Path, mission: str, seed: int, now: datetime) -> Path:
 
 
 def prepare_graph(mission: Mission, options: GraphOptions, run_dir: Path) -> Graph:
-    """Build the graph, and write what the bag is to say about the run into ``run_dir``."""
+    """Build the graph, and write what the bag is to say about the run into ``run_dir``.
+
+    Raises
+    ------
+    ConfigError
+        When the bag exists already.
+    """
+    if options.bag is not None and options.bag.exists():
+        raise ConfigError(f'{options.bag} exists already; a bag is never overwritten')
     run_dir.mkdir(parents=True, exist_ok=True)
     info_file = run_dir / 'run_info.json'
     graph = build_graph(mission, replace(options, run_info=info_file))
@@ -139,8 +147,6 @@ def run_live(
         When the bag exists already.
     """
     bag = options.bag
-    if bag is not None and bag.exists():
-        raise ConfigError(f'{bag} exists already; a bag is never overwritten')
     run_dir = _scratch(bag) if bag is not None else folder
     graph = prepare_graph(mission, options, run_dir)
     env = graph_environment(run_dir, own_domain=own_domain)

@@ -32,7 +32,7 @@ from polar_nav_tools.bags.schemas import definition
 
 MOST_MEMORY_KB = 400_000
 FUZZ = settings(
-    max_examples=150, deadline=3000, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=150, deadline=20_000, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 ODD_BYTES = st.sampled_from([b'\0', b'\xff', b'\x7f' * 8, b'\0' * 8, b'\x04\0\0\0zstd', b'\x06'])
 

@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+import shutil
 import subprocess
 import sys
 import textwrap
@@ -272,6 +273,27 @@ def test_file_size_limit_of_the_system(tmp_path):
     bag = open_bag(tmp_path / 'b')
     assert f'the first {bag.message_count} messages are in it' in done.stdout
     assert 20 < bag.message_count < 100
+
+
+@pytest.mark.parametrize('sync', [True, False])
+def test_disk_is_waited_for_when_asked(tmp_path, monkeypatch, sync):
+    calls = []
+    monkeypatch.setattr(sink_module.os, 'fdatasync', calls.append)
+    writer = BagWriter(tmp_path / 'b', {}, sync=sync)
+    writer.add_topic(IMU, TYPES[IMU])
+    assert len(calls) == 1
+    writer.write(IMU, imu(0), START_NS)
+    writer.flush()
+    assert len(calls) == (2 if sync else 1)
+    writer.finish()
+    assert len(calls) == (3 if sync else 2)
+
+
+def test_directory_that_vanishes(tmp_path):
+    writer = BagWriter(tmp_path / 'b', {})
+    shutil.rmtree(tmp_path / 'b')
+    with pytest.raises(BagError, match=r'cannot be written any more \(No such file or directory'):
+        writer.finish()
 
 
 def test_qos_that_every_offer_satisfies():

@@ -31,6 +31,7 @@ PARAMETERS = {
     'follower_node': FollowerParams,
     'recorder_node': RecorderParams,
 }
+CONFIG = Path(__file__).resolve().parents[1] / 'config'
 EXPECTED = {
     '/truth_node',
     '/acoustic_link_node',
@@ -163,6 +164,12 @@ def test_recorded_topics_have_full_names_and_types():
         assert topic.startswith('/')
         assert kind.count('/') == 2
         assert kind.split('/')[1] == 'msg'
+
+
+@pytest.mark.parametrize('file', sorted(CONFIG.glob('*.yaml')), ids=lambda f: f.name)
+def test_example_files_are_accepted_by_the_nodes_they_name(file):
+    for name, section in yaml.safe_load(file.read_text()).items():
+        from_mapping(PARAMETERS[name.rpartition('/')[2]], section['ros__parameters'])
 
 
 # -- the initial state

@@ -6,7 +6,7 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from polar_nav_tools import reference  # noqa: E402
+from polar_nav_tools import reference
 
 DOCS = Path(__file__).parents[2] / 'docs'
 

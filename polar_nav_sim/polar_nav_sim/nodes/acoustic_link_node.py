@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
+from typing import Any
 
 from polar_nav_core.errors import ConfigError
 from polar_nav_msgs.msg import AcousticPacket, VehicleTruth
@@ -21,6 +22,7 @@ from ..params import AcousticLinkParams
 from ..poses import TruthHistory
 from ..sound_speed import SoundSpeed
 from ..trajectory import NS
+from ..warm import warm_up
 
 _HORIZON_NS = 60 * NS
 """Packets handed over later than this after their transmit time cannot be placed any more."""
@@ -29,8 +31,9 @@ _HORIZON_NS = 60 * NS
 class AcousticLinkNode(PolarNode[AcousticLinkParams]):
     """The water between the modems."""
 
-    def __init__(self) -> None:
-        super().__init__('acoustic_link_node', AcousticLinkParams)
+    def __init__(self, **kwargs: Any) -> None:  # noqa: ANN401 - passed on to rclpy
+        super().__init__('acoustic_link_node', AcousticLinkParams, **kwargs)
+        warm_up()
         p = self.params
         if len(p.vehicles) < 2:
             raise ConfigError(f'parameter vehicles: {list(p.vehicles)} are fewer than two')
@@ -112,6 +115,9 @@ class AcousticLinkNode(PolarNode[AcousticLinkParams]):
             msg.receive_time = to_msg(a.receive_ns)
             msg.data = a.data
             self._rx[a.destination].publish(msg)
+        if len(self._messages) > len(self._channel.in_flight):  # lost, out of range
+            left = {(p.source, p.destination, p.sequence) for p in self._channel.in_flight}
+            self._messages = {key: msg for key, msg in self._messages.items() if key in left}
 
 
 def main(args: Sequence[str] | None = None) -> int:

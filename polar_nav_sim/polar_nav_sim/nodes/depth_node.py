@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from sensor_msgs.msg import FluidPressure
@@ -23,8 +24,8 @@ from .truth_listener import TruthListener, stream_name
 class DepthNode(TruthListener[DepthParams]):
     """One pressure sensor."""
 
-    def __init__(self) -> None:
-        super().__init__('depth_node', DepthParams)
+    def __init__(self, **kwargs: Any) -> None:  # noqa: ANN401 - passed on to rclpy
+        super().__init__('depth_node', DepthParams, **kwargs)
         p = self.params
         self._stream = stream_name(self, 'depth')
         self._frame = frame_id(self.vehicle, 'depth')

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from geometry_msgs.msg import TwistWithCovarianceStamped
 
@@ -16,14 +17,16 @@ from ..randomness import stream
 from ..schedule import Schedule
 from ..sensors.dvl import DvlSensor
 from ..truth_cdr import TruthSample
+from ..warm import warm_up
 from .truth_listener import TruthListener, stream_name
 
 
 class DvlNode(TruthListener[DvlParams]):
     """One DVL."""
 
-    def __init__(self) -> None:
-        super().__init__('dvl_node', DvlParams)
+    def __init__(self, **kwargs: Any) -> None:  # noqa: ANN401 - passed on to rclpy
+        super().__init__('dvl_node', DvlParams, **kwargs)
+        warm_up()
         p = self.params
         self._stream = stream_name(self, 'dvl')
         self._frame = frame_id(self.vehicle, 'dvl')

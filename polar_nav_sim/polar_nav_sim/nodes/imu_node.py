@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from sensor_msgs.msg import Imu
@@ -20,8 +21,8 @@ from .truth_listener import TruthListener, stream_name
 class ImuNode(TruthListener[ImuParams]):
     """One IMU at base_link, as fast as the truth."""
 
-    def __init__(self) -> None:
-        super().__init__('imu_node', ImuParams)
+    def __init__(self, **kwargs: Any) -> None:  # noqa: ANN401 - passed on to rclpy
+        super().__init__('imu_node', ImuParams, **kwargs)
         self._stream = stream_name(self, 'imu')
         self._pub = self.advertise(Imu, 'imu/data_raw')
         self._sensor: ImuSensor | None = None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from nav_msgs.msg import Odometry
@@ -16,14 +17,16 @@ from ..randomness import stream
 from ..schedule import Schedule
 from ..sensors.reference import ReferenceSystem
 from ..truth_cdr import TruthSample
+from ..warm import warm_up
 from .truth_listener import TruthListener, stream_name
 
 
 class LeaderReferenceNode(TruthListener[LeaderReferenceParams]):
     """Truth with stated errors."""
 
-    def __init__(self) -> None:
-        super().__init__('leader_reference_node', LeaderReferenceParams)
+    def __init__(self, **kwargs: Any) -> None:  # noqa: ANN401 - passed on to rclpy
+        super().__init__('leader_reference_node', LeaderReferenceParams, **kwargs)
+        warm_up()
         p = self.params
         self._stream = stream_name(self, 'reference')
         self._child = frame_id(self.vehicle, 'base_link')

@@ -20,8 +20,8 @@ class TruthListener(PolarNode[P]):
     Messages that cannot be read or run backwards are counted and left out.
     """
 
-    def __init__(self, name: str, params_cls: type[P]) -> None:
-        super().__init__(name, params_cls)
+    def __init__(self, name: str, params_cls: type[P], **kwargs: Any) -> None:  # noqa: ANN401
+        super().__init__(name, params_cls, **kwargs)
         self._last_ns = -1
         self._refused = 0
 

@@ -7,6 +7,7 @@ when everything that the windows before led to has been taken by everyone (polar
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 from rclpy.clock import Clock as RosClock
 from rclpy.clock import ClockType
@@ -32,8 +33,8 @@ _BURST_S = 0.5
 class TruthNode(PolarNode[TruthParams]):
     """The one source of time and motion."""
 
-    def __init__(self) -> None:
-        super().__init__('truth_node', TruthParams)
+    def __init__(self, **kwargs: Any) -> None:  # noqa: ANN401 - passed on to rclpy
+        super().__init__('truth_node', TruthParams, **kwargs)
         p = self.params
         self._mission = _mission(p)
         self._stream = TruthStream(self._mission)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
+from typing import Any
 
 from polar_nav_core.errors import ConfigError
 from polar_nav_msgs.msg import UsblFix, VehicleTruth
@@ -19,6 +20,7 @@ from ..sensors.usbl import Usbl
 from ..sound_speed import SoundSpeed
 from ..trajectory import NS
 from ..truth_cdr import since_start_ns
+from ..warm import warm_up
 
 _HORIZON_NS = 60 * NS
 """Longer than any cycle: 40 km of sound there and back."""
@@ -27,8 +29,9 @@ _HORIZON_NS = 60 * NS
 class UsblNode(PolarNode[UsblParams]):
     """One array; it publishes when the truth stamps that drive it reach t4."""
 
-    def __init__(self) -> None:
-        super().__init__('usbl_node', UsblParams)
+    def __init__(self, **kwargs: Any) -> None:  # noqa: ANN401 - passed on to rclpy
+        super().__init__('usbl_node', UsblParams, **kwargs)
+        warm_up()
         p = self.params
         if not p.targets or self.vehicle in p.targets:
             raise ConfigError(

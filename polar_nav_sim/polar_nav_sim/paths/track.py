@@ -1,8 +1,9 @@
 """The shape of a recorded track: read, choose the part, smooth it in a polar plane, sail it.
 
 Buoy fixes are rounded (1e-4 degrees is 11 m) and hours apart; the vehicle sails a smooth curve
-near them, not from fix to fix. The plane is the polar stereographic one of the hemisphere, in
-which neither the pole nor the 180th meridian is special.
+near them, not from fix to fix. All fixes between the stated times are smoothed together: the shape
+does not depend on how long the mission is. The plane is the polar stereographic one of the
+hemisphere, in which neither the pole nor the 180th meridian is special.
 """
 
 from __future__ import annotations
@@ -26,8 +27,6 @@ Floats = NDArray[np.float64]
 
 _SPHERE_M = 6371000.0
 _DEGREE = 5
-_SLACK = 1.3
-"""Smoothing shortens a track: take this much more of it than the mission is long."""
 _SAMPLE_M = 1.0
 _MOST_SAMPLES = 200_000
 
@@ -115,35 +114,19 @@ class TrackPath:
         fixes = _between(read_fixes(path), spec, path)
         self._south = bool(np.mean(fixes.lat) < 0.0)
         xy = to_plane(fixes.lat, fixes.lon, self._south)
-        need_m = spec.speed_mps * (before_s + after_s)
-        xy = self._choose(xy, spec, need_m)
         if spec.reverse:
             xy = xy[::-1]
         self._curve = self._smooth(xy, spec.smoothing_m)
         self._margin_m = spec.speed_mps * before_s
-        self._need_m = need_m
+        self._need_m = spec.speed_mps * (before_s + after_s)
         self._nearest_pole = spec.nearest_pole
-
-    def _choose(self, xy: Floats, spec: TrackSpec, need_m: float) -> Floats:
-        along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(xy, axis=0), axis=1))])
-        if along[-1] < need_m:
-            raise ConfigError(
-                f'{self._where}: the chosen part is {along[-1]:.0f} m long,'
-                f' the mission needs {need_m:.0f} m'
-            )
-        want_m = _SLACK * need_m
-        centre = along[int(np.argmin(np.linalg.norm(xy, axis=1)))] if spec.nearest_pole else 0.0
-        start_m = min(max(0.0, centre - 0.5 * want_m), max(0.0, along[-1] - want_m))
-        first = max(0, int(np.searchsorted(along, start_m, side='right')) - 1)
-        last = int(np.searchsorted(along, along[first] + want_m))
-        return xy[first : max(last, first + _DEGREE) + 1]
 
     def _smooth(self, xy: Floats, smoothing_m: float) -> Floats:
         moved = np.concatenate([[True], np.any(np.diff(xy, axis=0) != 0.0, axis=1)])
         xy = xy[moved]
         if len(xy) <= _DEGREE:
             raise ConfigError(
-                f'{self._where}: {len(xy)} fixes in the chosen part, a smooth curve needs'
+                f'{self._where}: {len(xy)} fixes between first_utc and last_utc, a curve needs'
                 f' {_DEGREE + 1}'
             )
         chord = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(xy, axis=0), axis=1))])

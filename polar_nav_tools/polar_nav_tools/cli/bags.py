@@ -98,7 +98,7 @@ def replay(
 @app.command(epilog='Example: `./polar verify bags/my_run`')
 def verify(bag: BagArgument, vehicle: VehicleOption = None, as_json: JsonOption = False) -> None:
     """Compare the recorded estimates with a replay, bit for bit."""
-    from ..replay import verify as run_verify
+    from ..verification import verify as run_verify
 
     with _opened(bag) as source:
         with _percent('replay') as progress:

@@ -1,0 +1,196 @@
+"""What a follower took from its topics in a recorded run, read in one pass over the bag.
+
+The messages are decoded once and serve any number of replays; what the live node published is kept
+as bytes, to be compared with.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import Imu
+
+from polar_nav_follower import convert, session
+from polar_nav_follower.events import CommandKind, Event, Fix, Receipt, Verdict
+from polar_nav_msgs.msg import AcousticPacket, Command, Depth, Dvl, FixReceipt
+
+from .bags.errors import BagError
+from .bags.reader import Bag, open_bag
+
+FOLLOWER_PACKAGE = 'polar_nav_follower'
+COMPARED = (session.STATE, session.RECEIPT)
+"""Topics that a replay reproduces bit for bit."""
+
+_TYPES: dict[str, type[Any]] = {
+    session.IMU: Imu,
+    session.DVL: Dvl,
+    session.DEPTH: Depth,
+    session.PACKET: AcousticPacket,
+    session.COMMAND: Command,
+}
+_NO_LIMIT = 1 << 62
+
+
+@dataclass(frozen=True)
+class RecordedInputs:
+    """One follower's part of a bag.
+
+    Attributes
+    ----------
+    bag : Bag
+        Where it comes from.
+    vehicle : str
+        The follower.
+    params : mapping
+        Parameters its node ran with.
+    messages : list of (str, message)
+        Inputs by topic without the vehicle, each topic in its order, up to where the node ended.
+    refused : list of Receipt
+        What the live node refused because it came too late.
+    live : mapping of str to list of bytes
+        What the live node published on the compared topics.
+    """
+
+    bag: Bag
+    vehicle: str
+    params: Mapping[str, Any]
+    messages: list[tuple[str, Any]]
+    refused: list[Receipt]
+    live: Mapping[str, list[bytes]]
+
+    def events(self, run: session.Session) -> list[Event]:
+        """Events in their total order, without those that the live node refused.
+
+        Raises
+        ------
+        BagError
+            For a message that can be decoded and still makes no sense.
+        """
+        refused = Counter(_refusal_key(r) for r in self.refused)
+        events: list[Event] = []
+        for topic, message in self.messages:
+            try:
+                event = run.event_of(topic, message)
+            except ValueError as error:
+                where = f'{self.bag.path}: a message on /{self.vehicle}/{topic}'
+                raise BagError(f'{where} makes no sense: {error}') from error
+            key = _event_key(event)
+            if refused[key]:
+                refused[key] -= 1
+            else:
+                events.append(event)
+        # Contents of packets, for people: the live run published them, a replay does not.
+        for _ in run.decoded():
+            pass
+        events.sort(key=lambda e: e.key)
+        return events
+
+
+def load_inputs(bag: Bag | Path | str, vehicle: str | None = None) -> RecordedInputs:
+    """Read what a follower took and published.
+
+    Parameters
+    ----------
+    bag : Bag or path
+        Recorded run.
+    vehicle : str, optional
+        Which follower, when there are several.
+
+    Raises
+    ------
+    BagError
+        When there is no such follower, it took no IMU data, or a message cannot be decoded.
+    """
+    bag = bag if isinstance(bag, Bag) else open_bag(bag)
+    name, params = choose_follower(bag, vehicle)
+    bag.require([f'/{name}/{session.IMU}'])
+    topics = {f'/{name}/{topic}': topic for topic in (*session.INPUTS, *COMPARED)}
+    messages: list[tuple[str, Any]] = []
+    live: dict[str, list[bytes]] = {topic: [] for topic in COMPARED}
+    limits: dict[str, int] | None = None
+    for full_name, _, data in bag.messages(topics):
+        topic = topics[full_name]
+        if topic in live:
+            live[topic].append(data)
+            continue
+        message = decoded(bag, full_name, data, _TYPES[topic])
+        if topic == session.COMMAND and message.kind == CommandKind.SHUTDOWN:
+            limits = dict(zip(message.taken_topics, map(int, message.taken_counts), strict=True))
+        else:
+            messages.append((topic, message))
+    receipt_topic = f'/{name}/{session.RECEIPT}'
+    receipts = [decoded(bag, receipt_topic, d, FixReceipt) for d in live[session.RECEIPT]]
+    refused = [convert.receipt_from_msg(r) for r in receipts if r.verdict == Verdict.TOO_LATE]
+    if limits is not None:
+        messages = _up_to(messages, {t: limits.get(f, _NO_LIMIT) for f, t in topics.items()})
+    return RecordedInputs(bag, name, params, messages, refused, live)
+
+
+def followers_of(bag: Bag) -> dict[str, dict[str, Any]]:
+    """Parameters of every follower whose node described itself in the bag, by vehicle."""
+    out: dict[str, dict[str, Any]] = {}
+    for name, info in bag.node_infos.items():
+        if info.get('package') == FOLLOWER_PACKAGE:
+            out[name.strip('/').split('/')[0]] = dict(info.get('params', {}))
+    return out
+
+
+def choose_follower(bag: Bag, vehicle: str | None) -> tuple[str, dict[str, Any]]:
+    """Vehicle and recorded parameters of the follower to replay.
+
+    Raises
+    ------
+    BagError
+        When there is none, or several and none was named.
+    """
+    found = followers_of(bag)
+    if vehicle is None:
+        if len(found) == 1:
+            return next(iter(found.items()))
+        if not found:
+            raise BagError(
+                f'{bag.path} tells of no follower_node on /run_info, so its parameters are not '
+                'known; record with ./polar record or recorder_node'
+            )
+        raise BagError(
+            f'{bag.path} has {len(found)} followers ({", ".join(sorted(found))}): '
+            'name one with --vehicle'
+        )
+    if vehicle not in found:
+        raise BagError(
+            f'{bag.path} has no follower {vehicle!r}; it has {", ".join(sorted(found)) or "none"}'
+        )
+    return vehicle, found[vehicle]
+
+
+def decoded(bag: Bag, topic: str, data: bytes, msg_type: type[Any]) -> Any:  # noqa: ANN401
+    """Message of recorded bytes; BagError when they are none."""
+    try:
+        return deserialize_message(data, msg_type)
+    except (RuntimeError, ValueError, MemoryError) as error:
+        raise BagError(f'{bag.path}: a message on {topic} is not a {msg_type.__name__}') from error
+
+
+def _up_to(messages: list[tuple[str, Any]], limits: Mapping[str, int]) -> list[tuple[str, Any]]:
+    """Messages that the live node had taken when it ended, as it said itself."""
+    taken: Counter[str] = Counter()
+    out = []
+    for topic, message in messages:
+        taken[topic] += 1
+        if taken[topic] <= limits[topic]:
+            out.append((topic, message))
+    return out
+
+
+def _refusal_key(r: Receipt) -> tuple[str, str, int, int]:
+    return (r.topic, r.source, r.sequence, r.receive_ns or r.validity_ns)
+
+
+def _event_key(event: Event) -> tuple[str, str, int, int]:
+    source = event.source if isinstance(event, Fix) else ''
+    return (event.topic, source, event.sequence, event.stamp_ns)

@@ -1,0 +1,130 @@
+"""Compares what a follower published live with a replay of its bag, bit for bit."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from rclpy.serialization import deserialize_message
+
+from polar_nav_follower import session
+from polar_nav_msgs.msg import FixReceipt, NavState
+from polar_nav_ros.stamps import to_ns
+
+from .bags.reader import Bag
+from .recorded_inputs import COMPARED, RecordedInputs, load_inputs
+from .replay import Progress, ReplayResult, parameters, replay
+
+
+@dataclass(frozen=True)
+class Difference:
+    """First place where live and replay differ."""
+
+    topic: str
+    index: int
+    stamp_ns: int
+    field: str
+    live: str
+    replayed: str
+
+    def __str__(self) -> str:
+        at = f'{self.topic}, message {self.index}, stamp {self.stamp_ns * 1e-9:.6f} s'
+        return f'{at}, {self.field}: live {self.live}, replayed {self.replayed}'
+
+
+@dataclass(frozen=True)
+class VerifyResult:
+    """Whether a replay gives the bytes that were recorded.
+
+    Attributes
+    ----------
+    equal : bool
+        All bytes of all compared topics are the same.
+    live_sha256, replay_sha256 : dict
+        Per topic, over the bytes in order.
+    counts : dict
+        Messages per topic: (live, replayed).
+    difference : Difference or None
+        The first one.
+    problems : list of str
+        What is wrong with the bag itself.
+    """
+
+    vehicle: str
+    equal: bool
+    live_sha256: dict[str, str]
+    replay_sha256: dict[str, str]
+    counts: dict[str, tuple[int, int]]
+    difference: Difference | None
+    problems: list[str] = field(default_factory=list)
+
+
+def verify(
+    source: RecordedInputs | Bag | Path | str,
+    *,
+    vehicle: str | None = None,
+    replayed: ReplayResult | None = None,
+    progress: Progress | None = None,
+) -> VerifyResult:
+    """Replay a bag with its own parameters and compare bit for bit with the live outputs.
+
+    Parameters
+    ----------
+    source : RecordedInputs, Bag or path
+        Recorded run.
+    vehicle : str, optional
+        Which follower, when there are several.
+    replayed : ReplayResult, optional
+        A replay of the same inputs that was made already; used if it had the run's own parameters.
+
+    Raises
+    ------
+    BagError
+        When the bag lacks inputs or the live estimates.
+    """
+    inputs = source if isinstance(source, RecordedInputs) else load_inputs(source, vehicle)
+    inputs.bag.require([f'/{inputs.vehicle}/{session.STATE}'])
+    if replayed is None or replayed.params != parameters(inputs.params, None, {}):
+        replayed = replay(inputs, progress=progress)
+    difference = None
+    for topic in COMPARED:
+        if inputs.live[topic] != replayed.of(topic):
+            found = _first_difference(topic, inputs.live[topic], replayed.of(topic))
+            difference = difference or found
+    return VerifyResult(
+        vehicle=inputs.vehicle,
+        equal=difference is None,
+        live_sha256={topic: _digest(inputs.live[topic]) for topic in COMPARED},
+        replay_sha256=replayed.sha256,
+        counts={t: (len(inputs.live[t]), len(replayed.of(t))) for t in COMPARED},
+        difference=difference,
+        problems=list(inputs.bag.problems),
+    )
+
+
+def _digest(messages: Iterable[bytes]) -> str:
+    h = hashlib.sha256()
+    for data in messages:
+        h.update(data)
+    return h.hexdigest()
+
+
+def _first_difference(topic: str, live: list[bytes], replayed: list[bytes]) -> Difference:
+    msg_type = NavState if topic == session.STATE else FixReceipt
+    for i, (a, b) in enumerate(zip(live, replayed, strict=False)):
+        if a != b:
+            left, right = deserialize_message(a, msg_type), deserialize_message(b, msg_type)
+            stamp_ns = to_ns(left.header.stamp)
+            for name in left.get_fields_and_field_types():
+                x, y = getattr(left, name), getattr(right, name)
+                if repr(x) != repr(y):
+                    return Difference(topic, i, stamp_ns, name, repr(x), repr(y))
+            return Difference(topic, i, stamp_ns, 'bytes', a.hex()[:40], b.hex()[:40])
+    longer = live if len(live) > len(replayed) else replayed
+    i = min(len(live), len(replayed))
+    stamp_ns = to_ns(deserialize_message(longer[i], msg_type).header.stamp)
+    present, absent = 'a message', 'none'
+    values = (present, absent) if longer is live else (absent, present)
+    return Difference(topic, i, stamp_ns, 'count', *values)

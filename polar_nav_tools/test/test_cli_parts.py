@@ -1,0 +1,173 @@
+"""What stands behind the commands: settings of a replay, names, counts, tables, the suite."""
+
+from datetime import datetime
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from polar_nav_core.errors import ConfigError
+from polar_nav_tools import testing
+from polar_nav_tools.analysis import topic_counts
+from polar_nav_tools.live import new_bag_path
+from polar_nav_tools.progress import progress_display
+from polar_nav_tools.replay_bag import parse_changes
+from polar_nav_tools.scoring import Column, Table
+from polar_nav_tools.terminal import print_table, size_text
+
+# -- --set name=value
+
+
+@pytest.mark.parametrize(
+    ('text', 'name', 'value'),
+    [
+        ('max_delay_s=10', 'max_delay_s', 10.0),
+        ('max_delay_s=1e1', 'max_delay_s', 10.0),
+        ('leader_id=3', 'leader_id', 3),
+        ('publish_decoded=false', 'publish_decoded', False),
+        ('configuration=default', 'configuration', 'default'),
+        ('dvl_lever_b=[1, 0, -0.5]', 'dvl_lever_b', [1.0, 0.0, -0.5]),
+    ],
+)
+def test_a_setting_gets_the_type_of_its_parameter(text, name, value):
+    changes = parse_changes([text])
+    assert changes == {name: value}
+    assert type(changes[name]) is type(value)
+
+
+@pytest.mark.parametrize('text', ['max_delay_s', '=3', 'colour=blue', 'dvl_lever_b=[1,'])
+def test_a_setting_that_cannot_be(text):
+    with pytest.raises(ConfigError):
+        parse_changes([text])
+
+
+# -- names of bags
+
+
+def test_bag_names_tell_date_mission_seed_and_never_collide(tmp_path):
+    now = datetime(2026, 3, 1, 12, 30, 5)
+    first = new_bag_path(tmp_path, 'demo', 7, now)
+    assert first.name == '20260301-123005_demo_7'
+    first.mkdir()
+    second = new_bag_path(tmp_path, 'demo', 7, now)
+    assert second.name == '20260301-123005_demo_7_2'
+    Path(f'{second}.run').mkdir()  # a run that is under way and has no bag yet
+    assert new_bag_path(tmp_path, 'demo', 7, now).name == '20260301-123005_demo_7_3'
+
+
+# -- counts
+
+
+class _Topic:
+    def __init__(self, count):
+        self.count = count
+
+
+class _Bag:
+    def __init__(self):
+        self.topics = {'/a': _Topic(10), '/b': _Topic(5), '/diagnostics': _Topic(99)}
+
+
+def test_counts_join_publishers_and_take_the_worst_subscriber():
+    counted = {
+        '/p': {'published': {'/a': 6, '/b': 5}, 'taken': {}},
+        '/q': {'published': {'/a': 4}, 'taken': {'/b': 5}},
+        '/r': {'published': {}, 'taken': {'/a': 10, '/b': 4}},
+        '/recorder_node': {'published': {}, 'taken': {'/a': 10, '/b': 5}},
+    }
+    a, b = topic_counts(_Bag(), counted)
+    assert (a.topic, a.published, a.recorded, a.received, a.equal) == ('/a', 10, 10, 10, True)
+    assert (b.topic, b.published, b.recorded, b.received, b.equal) == ('/b', 5, 5, 4, False)
+
+
+def test_a_topic_that_was_not_recorded_is_not_equal_to_one_that_was_published():
+    (row,) = topic_counts(_Bag(), {'/p': {'published': {'/c': 3}, 'taken': {}}})
+    assert row.recorded is None
+    assert row.received is None
+
+
+# -- terminal
+
+
+def printed(table, width, capsys):
+    print_table(Console(width=width, force_terminal=False), table)
+    return capsys.readouterr().out
+
+
+def test_a_table_that_is_too_wide_is_turned_round(capsys):
+    columns = tuple(Column(f'c{i}', f'column {i}') for i in range(12))
+    table = Table('T', columns, ({f'c{i}': f'value{i}' for i in range(12)},))
+    wide, narrow = printed(table, 300, capsys), printed(table, 60, capsys)
+    assert max(map(len, narrow.splitlines())) <= 60
+    for text in (wide, narrow):
+        assert all(f'value{i}' in text for i in range(12))
+    assert len(narrow.splitlines()) > len(wide.splitlines())
+
+
+@pytest.mark.parametrize(
+    ('size', 'text'), [(0, '0 B'), (999, '999 B'), (1_520_000, '1.52 MB'), (7e9, '7 GB')]
+)
+def test_sizes(size, text):
+    assert size_text(size) == text
+
+
+def test_progress_without_a_terminal_is_a_line_each_tenth(capsys):
+    with progress_display('work', total=10.0, unit='s') as update:
+        for i in range(0, 101):
+            update(i / 10.0, 10.0)
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 11
+    assert lines[0] == 'polar: work: 0 of 10 s'
+    assert lines[-1] == 'polar: work: 10 of 10 s'
+
+
+# -- polar test
+
+
+def test_the_sources_are_found_from_below_and_from_outside(tmp_path):
+    root = testing.source_root(Path(__file__).parent)
+    assert (root / 'polar_nav_tools').is_dir()
+    assert testing.source_root(tmp_path) == root  # where this module was imported from
+
+
+def fake_suite(monkeypatch, *statuses):
+    """Let each step of the suite end with a status; what was run."""
+    ran = []
+
+    class Done:
+        def __init__(self, returncode):
+            self.returncode = returncode
+
+    def run(command, **_kwargs):
+        ran.append(list(command))
+        return Done(statuses[len(ran) - 1] if len(ran) <= len(statuses) else 0)
+
+    monkeypatch.setattr(testing.subprocess, 'run', run)
+    return ran
+
+
+def test_the_suite_runs_everything_and_fails_when_one_step_did(monkeypatch, capsys, tmp_path):
+    ran = fake_suite(monkeypatch, 0, 1)
+    assert testing.run_suite(tmp_path, long=False, fast=False, arguments=[]) == 1
+    assert len(ran) == 6
+    assert ran[-1][1:] == ['-m', 'pytest', '-m', 'not long']
+    assert capsys.readouterr().err == 'failed: ruff format\n'
+
+
+def test_the_fast_ring_leaves_out_what_takes_long(monkeypatch, tmp_path):
+    ran = fake_suite(monkeypatch)
+    assert testing.run_suite(tmp_path, long=False, fast=True, arguments=[]) == 0
+    assert ran[-1][-1] == 'not slow and not live and not long'
+
+
+def test_the_long_suite_leaves_out_nothing(monkeypatch, tmp_path):
+    ran = fake_suite(monkeypatch)
+    testing.run_suite(tmp_path, long=True, fast=False, arguments=[])
+    assert '-m' not in ran[-1][3:]
+
+
+def test_arguments_go_to_pytest_alone(monkeypatch, tmp_path):
+    ran = fake_suite(monkeypatch)
+    testing.run_suite(tmp_path, long=False, fast=False, arguments=['-k', 'supervisor'])
+    assert len(ran) == 1
+    assert ran[0][-2:] == ['-k', 'supervisor']

@@ -1,0 +1,241 @@
+"""The packages as ROS sees them: what they declare is what they use, and colcon builds them.
+
+The build runs with the wheels of this environment, into a temporary folder, and leaves every
+installed file as it was.
+"""
+
+from __future__ import annotations
+
+import ast
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGES = tuple(sorted(p.parent.name for p in ROOT.glob('polar_nav_*/setup.py')))
+NODES = {
+    'polar_nav_sim': {
+        'truth_node',
+        'imu_node',
+        'dvl_node',
+        'depth_node',
+        'usbl_node',
+        'leader_reference_node',
+        'acoustic_link_node',
+    },
+    'polar_nav_leader': {'leader_node'},
+    'polar_nav_follower': {'follower_node'},
+    'polar_nav_tools': {'recorder_node', 'polar'},
+}
+
+# rosdep keys of what has another name in Python; ROS packages have the same.
+KEYS = {
+    'jinja2': 'python3-jinja2',
+    'hypothesis': 'python3-hypothesis',
+    'matplotlib': 'python3-matplotlib',
+    'mcap': 'mcap-ros2-support',
+    'mcap_ros2': 'mcap-ros2-support',
+    'lz4': 'mcap-ros2-support',
+    'zstandard': 'mcap-ros2-support',
+    'numba': 'python3-numba',
+    'numpy': 'python3-numpy',
+    'pyproj': 'python3-pyproj',
+    'pytest': 'python3-pytest',
+    'rich': 'python3-rich',
+    'rosbags': 'python3-rosbags-pip',
+    'scipy': 'python3-scipy',
+    'typer': 'python3-typer',
+    'yaml': 'python3-yaml',
+}
+# What a package starts or reads without importing it.
+STARTED = {
+    'polar_nav_tools': {'polar_nav_follower', 'polar_nav_leader', 'polar_nav_sim', 'ros2launch'},
+}
+# gsw has no rosdep key (README says how to get it); the others come with numba, typer, jinja2.
+WITHOUT_KEY = {'gsw', 'llvmlite', 'click', 'markupsafe', 'setuptools', 'distutils'}
+
+
+def imported(folder: Path) -> set[str]:
+    """Top-level names that the modules below ``folder`` import, wherever in the file."""
+    names: set[str] = set()
+    for file in folder.rglob('*.py'):
+        for node in ast.walk(ast.parse(file.read_text(), str(file))):
+            if isinstance(node, ast.Import):
+                names |= {alias.name.split('.')[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
+                names.add(node.module.split('.')[0])
+    return names - set(sys.stdlib_module_names) - WITHOUT_KEY
+
+
+def declared(package: str, *tags: str) -> set[str]:
+    root = ElementTree.parse(ROOT / package / 'package.xml').getroot()
+    return {(e.text or '').strip() for tag in tags for e in root.iter(tag)}
+
+
+def used(package: str) -> set[str]:
+    """Keys of all that runs with a package."""
+    names = imported(ROOT / package / package) | imported(ROOT / package / 'launch')
+    return {KEYS.get(name, name) for name in names - {package}} | STARTED.get(package, set())
+
+
+def used_by_tests(package: str) -> set[str]:
+    helpers = {file.stem for file in (ROOT / package / 'test').glob('*.py')}
+    names = imported(ROOT / package / 'test') - helpers - {package}
+    return {KEYS.get(name, name) for name in names}
+
+
+@pytest.mark.parametrize('package', PACKAGES)
+def test_package_xml_names_every_import_and_nothing_else(package):
+    assert declared(package, 'exec_depend', 'depend') == used(package)
+
+
+@pytest.mark.parametrize('package', PACKAGES)
+def test_package_xml_names_every_import_of_the_tests(package):
+    known = declared(package, 'exec_depend', 'depend', 'test_depend')
+    assert used_by_tests(package) <= known
+
+
+def test_entry_points_are_the_nodes_of_the_design():
+    for package, names in NODES.items():
+        text = (ROOT / package / 'setup.py').read_text()
+        assert set(re.findall(r"'(\w+) = ", text)) == names
+
+
+@pytest.fixture(scope='session')
+def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder with build/ and install/ of ``colcon build``, as a user calls it in ros2_ws."""
+    prefix = Path(sys.prefix)
+    if not (prefix / 'bin/colcon').exists():
+        pytest.skip('no colcon in this environment')
+    base = tmp_path_factory.mktemp('ros2_ws')
+    installed = snapshot(prefix)
+    bases = [f'--build-base={base / "build"}', f'--install-base={base / "install"}']
+    result = subprocess.run(
+        [prefix / 'bin/colcon', f'--log-base={base / "log"}', 'build', *bases],
+        cwd=ROOT / 'ros2_ws',
+        env=outside(),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    assert result.returncode == 0, result.stdout[-5000:]
+    assert '7 packages finished' in result.stdout
+    assert snapshot(prefix) == installed, 'the build changed the environment'
+    return base
+
+
+def snapshot(prefix: Path) -> dict[Path, tuple[int, int]]:
+    """Size and time of every CMake file and library that a build could be tempted to patch."""
+    files: Iterator[Path] = (p for p in (prefix / 'share').rglob('*.cmake'))
+    libraries = (prefix / 'lib').glob('*.so*')
+    return {p: (p.stat().st_size, p.stat().st_mtime_ns) for p in (*files, *libraries)}
+
+
+def outside() -> dict[str, str]:
+    """Environment of a shell in which only the virtual environment was activated."""
+    keep = {k: v for k, v in os.environ.items() if k in ('HOME', 'LANG', 'TMPDIR', 'CC', 'CXX')}
+    return {
+        **keep,
+        'PATH': f'{sys.prefix}/bin:/usr/local/bin:/usr/bin:/bin',
+        'ROS_DOMAIN_ID': '41',
+        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+    }
+
+
+def sourced(workspace: Path, command: str) -> list[str]:
+    return ['bash', '-c', f'source {workspace}/install/setup.bash && exec {command}']
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1200)
+@pytest.mark.parametrize('package', PACKAGES)
+def test_colcon_installs_all_that_belongs_to_a_package(workspace, package):
+    install = workspace / 'install' / package
+    share = install / 'share' / package
+    assert (share / 'package.xml').is_file()
+    assert (install / 'share/ament_index/resource_index/packages' / package).is_file()
+    programs = {p.name for p in (install / 'lib' / package).glob('*') if os.access(p, os.X_OK)}
+    assert programs == NODES.get(package, set())
+    (site,) = install.glob('lib/python3.*/site-packages')
+    for file in files(ROOT / package / package):
+        assert (site / package / file).is_file(), f'{file} of {package} is not installed'
+    for folder in ('config', 'launch', 'missions'):
+        for file in files(ROOT / package / folder):
+            assert (share / folder / file).is_file(), f'{folder}/{file} is not installed'
+
+
+def files(folder: Path) -> list[Path]:
+    found = (p for p in folder.rglob('*') if p.is_file() and '__pycache__' not in p.parts)
+    return sorted(p.relative_to(folder) for p in found)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1200)
+def test_after_sourcing_the_built_packages_are_used(workspace):
+    names = (*PACKAGES, 'polar_nav_msgs')
+    code = f'import {", ".join(names)}; print(*(m.__file__ for m in ({", ".join(names)})))'
+    result = subprocess.run(
+        sourced(workspace, f'python -c "{code}"'),
+        env=outside(),
+        stdout=subprocess.PIPE,
+        text=True,
+        check=True,
+    )
+    for place in result.stdout.split():
+        assert place.startswith(str(workspace / 'install'))
+
+
+@pytest.mark.slow
+@pytest.mark.live
+@pytest.mark.timeout(1200)
+@pytest.mark.parametrize(
+    ('package', 'node'), [(p, n) for p in NODES for n in sorted(NODES[p] - {'polar'})]
+)
+def test_a_node_of_the_build_runs_and_ends_cleanly(workspace, tmp_path, package, node):
+    program = workspace / 'install' / package / 'lib' / package / node
+    process = subprocess.Popen(
+        sourced(workspace, f'{program} --ros-args -r __ns:=/probe'),
+        env=outside(),
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    try:
+        assert wait_for_node(f'/probe/{node}', process), f'{node} did not appear'
+        process.send_signal(signal.SIGINT)
+        output, _ = process.communicate(timeout=30)
+    finally:
+        process.kill()
+    assert process.returncode == 0, output
+
+
+def wait_for_node(name: str, process: subprocess.Popen[str]) -> bool:
+    """Watch the ROS graph, from another process, until the node is there or has ended."""
+    code = (
+        'import rclpy, sys, time\n'
+        'rclpy.init()\n'
+        'node = rclpy.create_node("watcher")\n'
+        'limit = time.monotonic() + 60.0\n'
+        'while time.monotonic() < limit:\n'
+        '    seen = node.get_node_names_and_namespaces()\n'
+        f'    if {name!r} in [ns.rstrip("/") + "/" + n for n, ns in seen]: sys.exit(0)\n'
+        '    time.sleep(0.1)\n'
+        'sys.exit(1)\n'
+    )
+    watcher = subprocess.Popen([sys.executable, '-c', code], env=outside())
+    try:
+        while watcher.poll() is None and process.poll() is None:
+            time.sleep(0.1)
+        return watcher.poll() == 0
+    finally:
+        watcher.kill()
+        watcher.wait()
