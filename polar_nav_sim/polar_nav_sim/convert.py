@@ -18,6 +18,7 @@ from polar_nav_ros.stamps import to_msg, to_ns
 
 from .acoustics import Packet
 from .sensors.dvl import Ping
+from .sensors.janus import BeamData
 from .sensors.usbl import Reading
 
 Floats = NDArray[np.float64]
@@ -60,7 +61,7 @@ def dvl_to_msg(ping: Ping, stamp_ns: int, frame: str, sound_speed: float) -> Dvl
     msg.dvl_type = Dvl.DVL_TYPE_PISTON
     msg.velocity = _vector3(ping.velocity_m)
     if ping.valid:
-        msg.velocity_covar[[0, 4, 8]] = ping.variance
+        msg.velocity_covar = ping.covariance_m.ravel()
     else:
         msg.velocity_covar[0] = UNKNOWN
     msg.altitude = ping.altitude
@@ -69,7 +70,22 @@ def dvl_to_msg(ping: Ping, stamp_ns: int, frame: str, sound_speed: float) -> Dvl
     msg.sound_speed = sound_speed
     msg.range_covar[:] = UNKNOWN
     msg.beam_velocity_covar[:] = UNKNOWN
+    if ping.beam_data is not None:
+        _fill_beams(msg, ping.beam_data)
     return msg
+
+
+def _fill_beams(msg: Dvl, data: BeamData) -> None:
+    """Beam by beam: NaN and covariance -1 where one is lost, quality 1 where it is good."""
+    ranged = np.isfinite(data.range_m)
+    msg.beam_unit_vec = [_vector3(b) for b in data.directions_m]
+    msg.beam_velocities_valid = bool(data.good.any())
+    msg.beam_velocity = data.velocity
+    msg.beam_velocity_covar = np.where(data.good, data.velocity_variance, UNKNOWN)
+    msg.beam_ranges_valid = bool(ranged.any())
+    msg.range = data.range_m
+    msg.range_covar = np.where(ranged, data.range_variance, UNKNOWN)
+    msg.beam_quality = data.good.astype(np.float64)
 
 
 def twist_to_msg(ping: Ping, stamp_ns: int, frame: str) -> TwistWithCovarianceStamped:
@@ -79,7 +95,7 @@ def twist_to_msg(ping: Ping, stamp_ns: int, frame: str) -> TwistWithCovarianceSt
     msg.header.frame_id = frame
     msg.twist.twist.linear = _vector3(ping.velocity_m)
     covariance = msg.twist.covariance
-    covariance[[0, 7, 14]] = ping.variance
+    covariance.reshape(6, 6)[:3, :3] = ping.covariance_m
     covariance[[21, 28, 35]] = UNKNOWN
     return msg
 

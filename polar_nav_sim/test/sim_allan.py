@@ -28,12 +28,12 @@ ALL_TERMS = ImuErrors(
     gyro_noise_density=(4e-5,) * 3,
     gyro_instability_sigma_dph=20.0,
     gyro_instability_tau_s=20.0,
-    gyro_random_walk=1.5e-6,
+    gyro_random_walk=6e-6,
     gyro_quantum=2e-5,
     accel_noise_density=(1e-3,) * 3,
     accel_instability_sigma_ug=300.0,
     accel_instability_tau_s=30.0,
-    accel_random_walk=5e-5,
+    accel_random_walk=2.5e-4,
     accel_quantum=1e-3,
 )
 """No instrument: every term of the model is somewhere the largest one."""
@@ -84,17 +84,23 @@ def compare(errors, period_s, length_s, name, seed=SEED):
     y = record(errors, period_s, length_s, name, seed)
     m = windows(y.shape[1])
     terms = terms_of(errors)
+    dof = {t: degrees_of_freedom(t, period_s, m, y.shape[1]) for t in set(terms)}
     return Comparison(
         m * period_s,
         measured(y, m),
         np.array([deviation(t, period_s, m) for t in terms]),
-        np.array([degrees_of_freedom(t, period_s, m, y.shape[1]) for t in terms]),
+        np.array([dof[t] for t in terms]),
     )
 
 
 @functools.cache
 def preset(name, length):
     return compare(presets.IMU[name].errors, *RECORDS[length], f'{name}/{length}')
+
+
+@functools.cache
+def all_terms():
+    return compare(ALL_TERMS, 0.1, HOUR_S, 'all')
 
 
 def draw(folder):

@@ -72,7 +72,7 @@ def test_every_term_at_once():
 
     Three-sigma bands of one record for the RMS over three axes; false alarms < 1e-4.
     """
-    c = sim_allan.compare(sim_allan.ALL_TERMS, 0.1, 3600.0, 'all')
+    c = sim_allan.all_terms()
     for rows in TRIADS.values():
         ratio = np.sqrt(np.mean((c.measured[rows] / c.expected[rows]) ** 2, axis=0))
         assert (np.abs(ratio - 1.0) < band(c.dof[rows].min(axis=0))).all()
@@ -87,10 +87,9 @@ def test_every_term_at_once():
 )
 def test_a_wrong_term_is_seen(changed, by):
     """The same data against a curve with one number wrong leaves the band."""
-    errors = sim_allan.ALL_TERMS
-    c = sim_allan.compare(errors, 0.1, 3600.0, 'all')
+    c = sim_allan.all_terms()
     m = np.round(c.tau_s / 0.1).astype(int)
-    terms = sim_allan.terms_of(errors)[0]
+    terms = sim_allan.terms_of(sim_allan.ALL_TERMS)[0]
     wrong = Terms(**{**vars(terms), changed: by * getattr(terms, changed)})
     ratio = np.sqrt(np.mean(c.measured[:3] ** 2, axis=0)) / deviation(wrong, 0.1, m)
     assert (np.abs(ratio - 1.0) > band(c.dof[0])).any()

@@ -41,7 +41,7 @@ def test_dvl_white_noise_and_its_variance():
     errors = dataclasses.replace(NONE, noise_sigma=0.01)
     all_pings = pings(errors, 4000)
     assert_allclose(np.std([p.velocity_m for p in all_pings], axis=0), 0.01, rtol=0.05)
-    assert all_pings[0].variance == pytest.approx(1e-4)
+    assert_allclose(all_pings[0].covariance_m, 1e-4 * np.eye(3))
 
 
 def test_dvl_markov_error_has_its_sigma_and_correlation():

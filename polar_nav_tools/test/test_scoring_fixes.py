@@ -138,6 +138,9 @@ def test_age_of_information_by_brute_force():
         expected.append((now - max(known)) * 1e-9 if known else np.nan)
     assert_allclose(age_of_information(stamps, shuffled), expected)
     assert np.isnan(age_of_information(stamps, [])).all()
+    # A fix received at a stamp is in that stamp's estimate.
+    at_once = receipt(1, validity=1.0, receive=4.0)
+    assert age_of_information(np.array([4 * S - 1, 4 * S]), [at_once])[1] == pytest.approx(3.0)
 
 
 def made_estimate(minutes=1.0):

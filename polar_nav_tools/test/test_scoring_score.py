@@ -104,6 +104,8 @@ def test_nees_of_known_errors():
     whole = score('c', truth, estimate, []).whole
     assert whole.nees_position.mean == pytest.approx(4.0 + 36.0)
     assert whole.nees_horizontal.mean == pytest.approx(4.0)
+    assert whole.nees_position.mean_per_dof == pytest.approx(40.0 / 3.0)
+    assert whole.nees_horizontal.mean_per_dof == pytest.approx(2.0)
     assert whole.components['r_z'].normalized_rms == pytest.approx(6.0)
     assert whole.components['r_z'].within_3_sigma == 0.0
     assert whole.components['grid_heading'].normalized_rms == pytest.approx(2.0, rel=1e-3)

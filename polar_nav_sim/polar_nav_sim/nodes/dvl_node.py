@@ -46,7 +46,7 @@ class DvlNode(TruthListener[DvlParams]):
         C_b_G = sample.C_b_G
         omega_eb_b = sample.vector('omega_ib_b') - C_b_G.T @ earth_rate(sample.vector('r_e'))
         v_b = C_b_G.T @ sample.vector('v_g')
-        ping = self._sensor.measure(k, v_b, omega_eb_b, sample.number('altitude'))
+        ping = self._sensor.measure(k, v_b, omega_eb_b, sample.number('altitude'), C_b_G)
         stamp_ns = sample.stamp_ns
         self._data.publish(dvl_to_msg(ping, stamp_ns, self._frame, self.params.sound_speed))
         if ping.valid:

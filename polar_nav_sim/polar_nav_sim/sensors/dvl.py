@@ -4,8 +4,14 @@ With v_m the true velocity of the instrument in its own axes, per axis:
 
     y = (1 + scale) v_m + bias + markov_k + sigma w_k
 
-A beam is lost with a stated probability, all of them out of the range of altitudes; with fewer
-than three beams a ping is invalid: it is given out, marked.
+The four-beam option measures along beams instead (:mod:`polar_nav_sim.sensors.janus`),
+
+    s_i = b_i . ((1 + scale) v_m + bias + markov_k) + sigma_beam w_ik
+
+and y is their least-squares velocity. A beam is lost with a stated probability; all are lost out
+of the range of altitudes, with four beams each where its own slant range is out of the ranges that
+these altitudes have on a level vehicle. With fewer than three beams a ping is invalid: it is given
+out, marked.
 """
 
 from __future__ import annotations
@@ -17,15 +23,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polar_nav_core.attitude import matrix_from_euler
-from polar_nav_core.params import param, vector
+from polar_nav_core.params import flag, param, vector
 
 from ..specs import Spec
+from .janus import BEAMS, LEAST_BEAMS, BeamData, directions, slant_ranges, solve
 from .noise import CHUNK, Draws, GaussMarkov, Index
 
 Floats = NDArray[np.float64]
-
-BEAMS = 4
-LEAST_BEAMS = 3
+Bools = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -74,6 +79,21 @@ class DvlErrors(Mounting):
     beam_loss_probability: float = param(0.0, '', 0.0, 1.0, 'That a beam gives nothing in a ping')
     min_altitude_m: float = param(0.3, 'm', 0.0, 100.0, 'No bottom lock nearer to the sea floor')
     max_altitude_m: float = param(200.0, 'm', 0.1, 12000.0, 'No bottom lock farther from it')
+    four_beams: bool = flag(
+        False, 'Measure along four beams; the velocity is their least-squares solution'
+    )
+    beam_angle_deg: float = param(
+        30.0, 'deg', 1.0, 60.0, 'Of each beam against the downward axis (four beams)'
+    )
+    beam_azimuth_deg: float = param(
+        45.0, 'deg', -360.0, 360.0, 'Of the first beam from x towards y (four beams)'
+    )
+    beam_noise_sigma: float = param(
+        0.005, 'm/s', 0.0, 1.0, 'White noise along a beam, in place of noise_sigma (four beams)'
+    )
+    beam_range_sigma_m: float = param(
+        0.05, 'm', 0.0, 100.0, 'White noise of the range along a beam (four beams)'
+    )
 
 
 @dataclass(frozen=True)
@@ -84,18 +104,21 @@ class Ping:
     ----------
     velocity_m : ndarray, shape (3,)
         Instrument axes [m/s]; NaN if invalid.
-    variance : float
-        Of each component, white part [(m/s)^2].
+    covariance_m : ndarray, shape (3, 3)
+        Of its white part [(m/s)^2]; NaN if invalid.
     beams : int
         Beams that gave something.
     altitude : float
         Above the sea floor [m]; NaN where unknown or without lock.
+    beam_data : BeamData or None
+        What each beam says; None without the four-beam option.
     """
 
     velocity_m: Floats
-    variance: float
+    covariance_m: Floats
     beams: int
     altitude: float
+    beam_data: BeamData | None = None
 
     @property
     def valid(self) -> bool:
@@ -128,9 +151,21 @@ class DvlSensor:
         # 3 white, 3 of the process, 4 beams (compared with a quantile of the normal distribution).
         self._draws = Draws(rng, 6 + BEAMS)
         self._slow = np.empty((0, 3))
+        # A stream of its own: the option changes no other draw.
+        self._beam_draws = Draws(rng.spawn(1)[0], 2 * BEAMS)
+        angle = math.radians(errors.beam_angle_deg)
+        self._b_m = directions(angle, math.radians(errors.beam_azimuth_deg))
+        self._level = math.cos(angle)
         self._index = Index()
 
-    def measure(self, k: int, v_b: Floats, omega_eb_b: Floats, altitude: float = math.nan) -> Ping:
+    def measure(
+        self,
+        k: int,
+        v_b: Floats,
+        omega_eb_b: Floats,
+        altitude: float = math.nan,
+        C_b_G: Floats | None = None,
+    ) -> Ping:
         """Ping number k.
 
         Parameters
@@ -142,22 +177,52 @@ class DvlSensor:
         omega_eb_b : ndarray, shape (3,)
             Angular rate against the earth, body axes [rad/s].
         altitude : float
-            Above the sea floor [m]; NaN: unknown, the bottom is then taken to be in reach.
+            Of base_link above the sea floor [m]; NaN: unknown, the bottom is then taken to be in
+            reach.
+        C_b_G : ndarray, shape (3, 3), optional
+            Body to grid, for the slant ranges of the four-beam option; level if not given.
         """
         self._index.take(k, 1)
         chunk, row = divmod(k, CHUNK)
         while self._draws.chunk < chunk:
             self._slow = self._markov.advance(self._draws.advance()[:, 3:6])
+            self._beam_draws.advance()
         w = self._draws.rows[row]
-        reach = not (altitude < self._e.min_altitude_m or altitude > self._e.max_altitude_m)
-        beams = 0
-        if reach:
-            # Phi(w) is uniform: a beam lives where it is above the probability of loss.
-            uniform = [0.5 * math.erfc(-x / math.sqrt(2.0)) for x in w[6:]]
-            beams = sum(u >= self._e.beam_loss_probability for u in uniform)
-        if beams < LEAST_BEAMS:
-            nothing = np.full(3, math.nan)
-            return Ping(nothing, math.nan, beams, altitude if reach else math.nan)
+        # Phi(w) is uniform: a beam lives where it is above the probability of loss.
+        uniform = np.array([0.5 * math.erfc(-x / math.sqrt(2.0)) for x in w[6:]])
+        alive = uniform >= self._e.beam_loss_probability
         v_m = self._C_m_b.T @ (v_b + np.cross(omega_eb_b, self._arm_b))
-        velocity_m = self._scale * v_m + self._bias + self._slow[row] + self._e.noise_sigma * w[:3]
-        return Ping(velocity_m, self._e.noise_sigma**2, beams, altitude)
+        slow_m = self._scale * v_m + self._bias + self._slow[row]
+        if self._e.four_beams:
+            C_b_G = np.eye(3) if C_b_G is None else C_b_G
+            return self._along_beams(slow_m, alive, altitude, C_b_G, self._beam_draws.rows[row])
+        reach = not (altitude < self._e.min_altitude_m or altitude > self._e.max_altitude_m)
+        beams = int(np.count_nonzero(alive)) if reach else 0
+        altitude = altitude if reach else math.nan
+        if beams < LEAST_BEAMS:
+            return Ping(np.full(3, math.nan), np.full((3, 3), math.nan), beams, altitude)
+        sigma = self._e.noise_sigma
+        return Ping(slow_m + sigma * w[:3], sigma**2 * np.eye(3), beams, altitude)
+
+    def _along_beams(
+        self, slow_m: Floats, alive: Bools, altitude: float, C_b_G: Floats, w: Floats
+    ) -> Ping:
+        e = self._e
+        C_m_G = C_b_G @ self._C_m_b
+        height = altitude + float(C_b_G[2] @ self._arm_b)
+        ranges = slant_ranges(self._b_m, C_m_G, height)
+        # Slant ranges that the limits of altitude have on a level vehicle; NaN is in reach.
+        near, far = e.min_altitude_m / self._level, e.max_altitude_m / self._level
+        good = alive & ~(ranges < near) & ~(ranges > far)
+        along = np.where(good, self._b_m @ slow_m + e.beam_noise_sigma * w[:BEAMS], math.nan)
+        ranges = np.where(good, ranges + e.beam_range_sigma_m * w[BEAMS:], math.nan)
+        beams = int(np.count_nonzero(good))
+        data = BeamData(
+            self._b_m, good, along, e.beam_noise_sigma**2, ranges, e.beam_range_sigma_m**2
+        )
+        below = ranges * -(self._b_m @ C_m_G[2])
+        told = float(np.mean(below[good])) if beams > 0 else math.nan
+        if beams < LEAST_BEAMS:
+            return Ping(np.full(3, math.nan), np.full((3, 3), math.nan), beams, told, data)
+        v_m, cofactor = solve(self._b_m, along, good)
+        return Ping(v_m, e.beam_noise_sigma**2 * cofactor, beams, told, data)

@@ -52,7 +52,7 @@ def main() -> int:
     An error that is meant for the user is one sentence and status 1; anything else is a defect and
     keeps its traceback.
     """
-    for commands in ('live', 'bags', 'development'):
+    for commands in ('live', 'bags', 'bench', 'development'):
         importlib.import_module(f'{__package__}.{commands}')
     try:
         app(prog_name='polar')

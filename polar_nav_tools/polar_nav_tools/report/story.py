@@ -15,6 +15,7 @@ from .input import Digest, TopicCount
 
 GOOD, BAD, NEUTRAL = 'good', 'bad', 'neutral'
 
+_NBSP = '\u00a0'  # keeps a number with its unit
 _LAG_TOLERANCE = 0.2  # share of speed x mean delay within which an error counts as explained by it
 
 
@@ -46,8 +47,8 @@ def headline(scores: Comparison) -> str:
     lag = runs[worst].second_half.lag
     if abs(lag.ratio - 1.0) <= _LAG_TOLERANCE and lag.along_mean < 0.0:
         text += (
-            f' That is the lag of taking late fixes as current: {lag.mean_speed:.2f} m/s × '
-            f'{lag.mean_delay:.2f} s = {_metres(lag.expected)}.'
+            f' That is the lag of taking late fixes as current: {lag.mean_speed:.2f}{_NBSP}m/s ×{_NBSP}'
+            f'{lag.mean_delay:.2f}{_NBSP}s = {_metres(lag.expected)}.'
         )
     return text
 
@@ -154,7 +155,7 @@ def _fix_card(one: Score, balances: Sequence[Balance]) -> Card:
 
 
 def _metres(value: float) -> str:
-    return f'{show(value)} m'
+    return f'{show(value)}{_NBSP}m'
 
 
 def _count(value: int | None) -> str:

@@ -87,7 +87,7 @@ def draw_scale_bar(ax: Axes) -> None:
 def draw_pole(ax: Axes, chart: PolarMap) -> None:
     """Mark the pole where it is in view; elsewhere an arrow at the upper left points to it."""
     low, high = _corners(ax)
-    name = 'North Pole' if chart.hemisphere < 0 else 'South Pole'
+    name = 'North Pole' if chart.hemisphere > 0 else 'South Pole'
     if (low < 0.0).all() and (high > 0.0).all():
         ax.plot(0, 0, ls='', marker='+', ms=16, mew=1.6, color=color('ink'), zorder=6)
         ax.plot(0, 0, ls='', marker='o', ms=7, mfc='none', mec=color('ink'), mew=1.2, zorder=6)
@@ -142,8 +142,8 @@ def overview(
             _label(ax, 1.1 * end, text, (0, 0), 'center', 'center', size=10)
     ax.plot(0, 0, ls='', marker='+', ms=9, mew=1.2, color=color('ink'))
     place = track[len(track) // 2]
-    ax.plot(*place, ls='', marker='o', ms=15, mfc='none', mec=color('run0'), mew=2.0, zorder=5)
-    ax.plot(*place, ls='', marker='o', ms=4, mfc=color('run0'), mew=0, zorder=5)
+    ax.plot(*place, ls='', marker='o', ms=15, mfc='none', mec=color('ink'), mew=2.0, zorder=5)
+    ax.plot(*place, ls='', marker='o', ms=4, mfc=color('ink'), mew=0, zorder=5)
     ax.set_xlim(-1.22 * outer, 1.22 * outer)
     ax.set_ylim(-1.22 * outer, 1.22 * outer)
 

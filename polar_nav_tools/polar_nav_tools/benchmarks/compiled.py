@@ -1,0 +1,61 @@
+"""Compiled loops that only the benchmarks need; compiled anew in each run, never cached.
+
+Numba would not see a change of the core's kernels from here (docs of polar_nav_core.kernels.cache).
+"""
+
+from __future__ import annotations
+
+import numba
+
+from polar_nav_core.arrays import Array
+from polar_nav_core.kernels.filter import cholesky, innovation_covariance, predict, update
+from polar_nav_core.kernels.strapdown import strapdown_step
+
+
+@numba.njit(error_model='numpy')
+def strapdown_kept(
+    C_b_G: Array,
+    v_G: Array,
+    r_e: Array,
+    dtheta_b: Array,
+    dvel_b: Array,
+    dt: float,
+    C_kept: Array,
+    v_kept: Array,
+    r_kept: Array,
+) -> None:
+    """Single steps from rest in the compensation terms; the state after every sample is kept."""
+    for k in range(1, dtheta_b.shape[0]):
+        strapdown_step(
+            C_b_G, v_G, r_e, dtheta_b[k], dvel_b[k], dtheta_b[k - 1], dvel_b[k - 1], dt
+        )
+        for i in range(3):
+            v_kept[k, i] = v_G[i]
+            r_kept[k, i] = r_e[i]
+            for j in range(3):
+                C_kept[k, i, j] = C_b_G[i, j]
+
+
+@numba.njit(error_model='numpy')
+def filter_cycles(
+    P: Array,
+    Phi: Array,
+    q: Array,
+    H: Array,
+    R: Array,
+    z: Array,
+    x: Array,
+    M: Array,
+    S: Array,
+    PHt: Array,
+    L: Array,
+    K: Array,
+) -> bool:
+    """Prediction and 3-dim update for each row of z (n, 3); False if S is not definite."""
+    for k in range(z.shape[0]):
+        predict(P, Phi, q, M)
+        innovation_covariance(S, PHt, P, H, R, 3)
+        if not cholesky(L, S, 3):
+            return False
+        update(P, x, H, R, z[k], 3, K, PHt, L, M)
+    return True
