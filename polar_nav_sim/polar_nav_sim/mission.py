@@ -32,6 +32,7 @@ from .paths.knots import (
     start_position,
 )
 from .paths.profile import profile_of
+from .paths.recorded import RecordedPath, recorded_start_s
 from .paths.track import TrackPath
 from .resources import find_data, find_mission
 from .specs import (
@@ -50,6 +51,7 @@ from .trajectory import NS, Trajectory
 DEFAULT_START = datetime(2026, 3, 1, tzinfo=UTC)
 _SECTIONS = ('description', 'start_time', 'path', 'oscillation', 'vehicles')
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+_MARGIN_S = MARGIN * SPACING_S
 
 
 @dataclass(frozen=True)
@@ -65,7 +67,7 @@ class Mission:
     document : mapping
         The file's content, overrides included, in plain values.
     start_ns : int
-        Stamp of sample 0 [ns since 1970, UTC].
+        Stamp of sample 0 [ns since 1970, UTC]; of a track as recorded, a time of the track.
     numbers : MissionSpec
         Duration, rates, sea surface and floor.
     path : PathSpec or TrackSpec
@@ -179,12 +181,14 @@ class Mission:
         return knots_of_profile(profile, start_e, psi, t_s)
 
     @cached_property
-    def _track(self) -> TrackPath:
+    def _track(self) -> TrackPath | RecordedPath:
         if not isinstance(self.path, TrackSpec):
             raise TypeError(f'mission {self.name} has no track')
         t_s = knot_times(self.duration_s)
         csv = find_data(self.path.csv, self.file)
-        return TrackPath(self.path, csv, MARGIN * SPACING_S, float(t_s[-1]))
+        if self.path.as_recorded:
+            return RecordedPath(self.path, csv, self.start_ns / NS, _MARGIN_S, float(t_s[-1]))
+        return TrackPath(self.path, csv, _MARGIN_S, float(t_s[-1]))
 
 
 def load_mission(name_or_path: str | Path) -> Mission:
@@ -248,8 +252,17 @@ def mission_from(document: object, file: Path) -> Mission:
             f'{file}: parameter imu_rate_hz: {spec.imu_rate_hz} Hz is no whole number of'
             ' nanoseconds'
         )
-    start = _start_time(document.get('start_time', DEFAULT_START), file)
-    plain = {**document, 'start_time': start.isoformat()}
+    path = _path(document['path'], f'{file}: path')
+    plain = dict(document)
+    if 'start_time' in document:
+        start = _start_time(document['start_time'], file)
+        plain['start_time'] = start.isoformat()
+    elif isinstance(path, TrackSpec) and path.as_recorded:
+        csv = find_data(path.csv, file)
+        start_s = recorded_start_s(path, csv, spec.duration_s, 2.0 * _MARGIN_S)
+        start = _EPOCH + timedelta(seconds=start_s)
+    else:
+        start = DEFAULT_START
     return Mission(
         name=file.stem,
         description=' '.join(str(document.get('description', '')).split()),
@@ -257,7 +270,7 @@ def mission_from(document: object, file: Path) -> Mission:
         document=plain,
         start_ns=(start - _EPOCH) // timedelta(microseconds=1) * 1000,
         numbers=spec,
-        path=_path(document['path'], f'{file}: path'),
+        path=path,
         oscillation=_oscillation(document.get('oscillation') or {}, f'{file}: oscillation'),
         formation=vehicles,
     )

@@ -79,7 +79,7 @@ class DiveSpec(PathSpec):
 
 @dataclass(frozen=True)
 class TrackSpec(Spec):
-    """Along the shape of a recorded track, smoothed, at the mission's speed."""
+    """Along the shape of a recorded track, smoothed: at the mission's speed, or as recorded."""
 
     csv: str = text('', 'CSV with columns datetime, latitude, longitude (UTC, degrees)')
     speed_mps: float = param(3.0, 'm/s', 0.05, 20.0, 'Speed over ground along the path')
@@ -92,6 +92,12 @@ class TrackSpec(Spec):
     )
     max_lateral_acceleration: float = param(
         0.1, 'm/s^2', 1e-4, 10.0, 'Refuse a path whose curvature needs more at mission speed'
+    )
+    as_recorded: bool = flag(
+        False, "Follow the track's own stamps; speed_mps and reverse do not count then"
+    )
+    max_gap_s: float = param(
+        10800.0, 's', 0.1, 1e6, 'Refuse a longer time without a fix (as_recorded)'
     )
 
 

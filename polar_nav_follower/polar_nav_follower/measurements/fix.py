@@ -16,6 +16,9 @@ from ..params import FollowerParams
 
 _NO_VECTOR = np.full(3, np.nan)
 _NO_COVARIANCE = np.full((3, 3), np.nan)
+_EARTH = (6.3e6, 6.4e6)
+"""Distances from the Earth's centre at which a leader may be [m]."""
+_LAST_STAMP_NS = (1 << 31) * 1_000_000_000
 
 
 def position_of(b: Broadcast) -> tuple[Array, Array]:
@@ -62,6 +65,11 @@ def fix_from_packet(
         b = decode(data, receive_ns)
     except PacketError as error:
         return refused(Verdict.BAD_CRC if error.damaged else Verdict.BAD_FORMAT, str(error))
+    if not (0 <= b.validity_ns <= b.return_ns < _LAST_STAMP_NS):
+        return refused(Verdict.NOT_FINITE, 'its times are none that a stamp can hold')
+    distance = float(np.linalg.norm(b.leader_r_e))
+    if not _EARTH[0] < distance < _EARTH[1]:
+        return refused(Verdict.NOT_FINITE, f'the leader is {distance:.0f} m from the centre')
     if b.source != params.leader_id:
         return refused(
             Verdict.UNKNOWN_SOURCE,
@@ -72,11 +80,10 @@ def fix_from_packet(
         return refused(
             Verdict.UNKNOWN_SOURCE, f'meant for vehicle {b.target}, this is {params.own_id}', b
         )
-    if not np.isfinite(b.leader_r_e).all() or not np.linalg.norm(b.leader_r_e) > 6.0e6:
-        return refused(
-            Verdict.NOT_FINITE, f'the leader is not on the Earth: ECEF {b.leader_r_e} m', b
-        )
-    r_e, covariance_e = position_of(b)
+    try:
+        r_e, covariance_e = position_of(b)
+    except ValueError as error:  # grid axes are undefined at two places on the equator
+        return refused(Verdict.NOT_FINITE, str(error))
     fix = Fix(
         validity_ns=b.validity_ns,
         transmit_ns=transmit_ns,

@@ -19,6 +19,7 @@ from polar_nav_core.errors import ConfigError
 
 from ..specs import PathSpec, TrackSpec, VehicleSpec
 from .profile import Profile
+from .recorded import RecordedPath
 from .track import TrackPath
 
 Floats = NDArray[np.float64]
@@ -28,6 +29,8 @@ SPACING_S = 0.5
 MARGIN = 16
 """Knots before the start and after the end, which keep the spline's end conditions away."""
 DEGREE = 5
+_LARGEST_TURN = math.radians(5.0)
+"""Fastest turn that knots half a second apart are asked to follow [rad/s]."""
 _PICARD_M = 1e-10
 _PICARD_TURNS = 40
 
@@ -120,25 +123,45 @@ def knots_of_profile(profile: Profile, start_e: Floats, psi_start: float, t_s: F
 
 
 def knots_of_track(
-    track: TrackPath, spec: TrackSpec, vehicle: VehicleSpec, sea_surface_height: float, t_s: Floats
+    track: TrackPath | RecordedPath,
+    spec: TrackSpec,
+    vehicle: VehicleSpec,
+    sea_surface_height: float,
+    t_s: Floats,
 ) -> Knots:
-    """Sail the shape of a recorded track at constant speed, moved in parallel by the offset."""
+    """Sail a recorded track, moved in parallel by the offset."""
     height = sea_surface_height - vehicle.depth_m
-    r_e = track.sail(spec.speed_mps, height, t_s)
+    r_e = track.sail(height, t_s)
     psi = _course(r_e, t_s)
     r_e = _displace(r_e, vehicle, float(psi[np.searchsorted(t_s, 0.0)]), height)
     origin_e = r_e[0].copy()
     d_e = r_e - origin_e
     psi = _course(r_e, t_s)
+    if spec.as_recorded:
+        _check_turn(psi, t_s, spec)
     lateral = _largest_lateral_acceleration(d_e, t_s)
     if lateral > spec.max_lateral_acceleration:
+        pace = 'as recorded' if spec.as_recorded else f'at {spec.speed_mps} m/s'
+        otherwise = '' if spec.as_recorded else ' or lower speed_mps'
         raise ConfigError(
-            f'track {spec.csv}: at {spec.speed_mps} m/s it needs a lateral acceleration of'
+            f'track {spec.csv}: {pace} it needs a lateral acceleration of'
             f' {lateral:.3g} m/s^2, max_lateral_acceleration is {spec.max_lateral_acceleration};'
-            f' raise smoothing_m ({spec.smoothing_m}) or lower speed_mps'
+            f' raise smoothing_m ({spec.smoothing_m}){otherwise}'
         )
     level = np.zeros_like(psi)
     return Knots(t_s, origin_e, d_e, np.stack([psi, level, level], axis=1))
+
+
+def _check_turn(psi: Floats, t_s: Floats, spec: TrackSpec) -> None:
+    """Refuse a drift that all but stops: the course, which the vehicle points to, flips there."""
+    rate = np.abs(np.diff(psi)) / SPACING_S
+    i = int(np.argmax(rate))
+    if rate[i] > _LARGEST_TURN:
+        raise ConfigError(
+            f'track {spec.csv}: as recorded it almost stops {t_s[i]:.0f} s after the start and'
+            f' its course turns by {math.degrees(rate[i]):.3g} deg/s, more than'
+            f' {math.degrees(_LARGEST_TURN):.3g}; raise smoothing_m ({spec.smoothing_m})'
+        )
 
 
 def _course(r_e: Floats, t_s: Floats) -> Floats:

@@ -70,7 +70,10 @@ def read_fixes(path: Path) -> Fixes:
                     f'{path}, line {rows.line_num}: no place at {lat}, {lon} degrees'
                 )
             if times and when <= times[-1]:
-                raise ConfigError(f'{path}, line {rows.line_num}: time does not increase')
+                raise ConfigError(
+                    f'{path}, line {rows.line_num}: time does not increase:'
+                    f' {row["datetime"].strip()} is the same as or before the line above'
+                )
             times.append(when)
             lats.append(math.radians(lat))
             lons.append(math.radians(lon))
@@ -111,12 +114,13 @@ class TrackPath:
 
     def __init__(self, spec: TrackSpec, path: Path, before_s: float, after_s: float) -> None:
         self._where = f'{path}'
-        fixes = _between(read_fixes(path), spec, path)
+        fixes = chosen_fixes(spec, path)
         self._south = bool(np.mean(fixes.lat) < 0.0)
         xy = to_plane(fixes.lat, fixes.lon, self._south)
         if spec.reverse:
             xy = xy[::-1]
         self._curve = self._smooth(xy, spec.smoothing_m)
+        self._speed = spec.speed_mps
         self._margin_m = spec.speed_mps * before_s
         self._need_m = spec.speed_mps * (before_s + after_s)
         self._nearest_pole = spec.nearest_pole
@@ -134,13 +138,11 @@ class TrackPath:
         count = int(min(max(chord[-1] / _SAMPLE_M, 100.0), _MOST_SAMPLES))
         return np.stack(splev(np.linspace(0.0, chord[-1], count), curve), axis=-1)
 
-    def sail(self, speed: float, height: float, t_s: Floats) -> Floats:
+    def sail(self, height: float, t_s: Floats) -> Floats:
         """Positions at constant speed over ground along the curve.
 
         Parameters
         ----------
-        speed : float
-            Speed [m/s].
         height : float
             Height above the ellipsoid [m].
         t_s : ndarray, shape (n,)
@@ -172,14 +174,22 @@ class TrackPath:
             # The middle of the mission comes as near to the closest point as the file allows.
             closest_m = along[int(np.argmin(np.linalg.norm(self._curve, axis=1)))]
             start_m = min(max(0.0, closest_m - 0.5 * self._need_m), spare_m)
-        s = start_m + self._margin_m + speed * t_s
+        s = start_m + self._margin_m + self._speed * t_s
         # The plane, not ECEF, is interpolated: the result is then exactly at the stated height.
         xy = make_interp_spline(along, self._curve, k=3)(np.clip(s, 0.0, along[-1]))
         lat, lon = from_plane(xy, self._south)
         return np.asarray(earth.ecef_from_geodetic(lat, lon, np.full_like(lat, height)))
 
 
-def _between(fixes: Fixes, spec: TrackSpec, path: Path) -> Fixes:
+def chosen_fixes(spec: TrackSpec, path: Path) -> Fixes:
+    """Read the fixes between ``first_utc`` and ``last_utc``.
+
+    Raises
+    ------
+    ConfigError
+        When the file cannot be read or has none.
+    """
+    fixes = read_fixes(path)
     keep = np.ones(len(fixes.utc_s), dtype=bool)
     for name, limit in (('first_utc', spec.first_utc), ('last_utc', spec.last_utc)):
         if not limit:

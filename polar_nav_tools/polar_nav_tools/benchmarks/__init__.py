@@ -1,1 +1,1 @@
-"""Benchmarks beside peers: the same work, the same run, results compared before times are quoted."""
+"""Benchmarks beside peers: same work, same run, results compared before times are quoted."""

@@ -1,9 +1,12 @@
 """Compiled loops that only the benchmarks need; compiled anew in each run, never cached.
 
-Numba would not see a change of the core's kernels from here (docs of polar_nav_core.kernels.cache).
+From here numba would not see a change of the core's kernels (polar_nav_core.kernels.cache).
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
 
 import numba
 
@@ -12,7 +15,14 @@ from polar_nav_core.kernels.filter import cholesky, innovation_covariance, predi
 from polar_nav_core.kernels.strapdown import strapdown_step
 
 
-@numba.njit(error_model='numpy')
+F = TypeVar('F', bound=Callable[..., Any])
+
+
+def _compiled(function: F) -> F:
+    return cast(F, numba.njit(error_model='numpy')(function))
+
+
+@_compiled
 def strapdown_kept(
     C_b_G: Array,
     v_G: Array,
@@ -26,9 +36,7 @@ def strapdown_kept(
 ) -> None:
     """Single steps from rest in the compensation terms; the state after every sample is kept."""
     for k in range(1, dtheta_b.shape[0]):
-        strapdown_step(
-            C_b_G, v_G, r_e, dtheta_b[k], dvel_b[k], dtheta_b[k - 1], dvel_b[k - 1], dt
-        )
+        strapdown_step(C_b_G, v_G, r_e, dtheta_b[k], dvel_b[k], dtheta_b[k - 1], dvel_b[k - 1], dt)
         for i in range(3):
             v_kept[k, i] = v_G[i]
             r_kept[k, i] = r_e[i]
@@ -36,7 +44,7 @@ def strapdown_kept(
                 C_kept[k, i, j] = C_b_G[i, j]
 
 
-@numba.njit(error_model='numpy')
+@_compiled
 def filter_cycles(
     P: Array,
     Phi: Array,

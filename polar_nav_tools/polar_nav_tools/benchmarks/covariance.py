@@ -1,8 +1,8 @@
 """Prediction and 3-dim update of 24 states beside filterpy: the same matrices, chained.
 
-Transition and DVL rows are those of the follower at the start of the racetrack. The filter is run in
-closed loop (the error estimate is fed back and is zero before each update), which filterpy has no
-notion of: it also carries its state along. The covariance does not depend on that.
+Transition and DVL rows are those of the follower at the start of the racetrack. The core's filter
+is a closed loop: the error estimate is fed back and is zero before each update. filterpy has no
+notion of that and carries its state along; the covariance does not depend on it.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """Strapdown beside python-ins: one IMU record, integrated by everything that is timed.
 
-The record is the ideal output of the follower's IMU in the simulator's racetrack mission, at 100 Hz
-with oscillating attitude; so that each end position can be held against the truth too.
+The record is the ideal output of the follower's IMU in the simulator's racetrack mission, at
+100 Hz with oscillating attitude, so that each end position can be held against the truth too.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -30,8 +30,7 @@ if TYPE_CHECKING:
 MISSION, VEHICLE = 'racetrack', 'follower'
 BLOCK = 10
 MOST_SAMPLES = 60_000
-"""The bounds of agreement are stated for up to ten minutes: no strapdown's free vertical channel is
-stable."""
+"""The bounds of agreement are for up to ten minutes: a free vertical channel is unstable."""
 
 TWIN_SAMPLES = 1000
 CALLED_SAMPLES = 20_000
@@ -172,7 +171,7 @@ def numpy_steps(r: Record) -> State:
 
 
 class PythonIns:
-    """The record in the frames and tables of python-ins (module pyins), made outside of the timing.
+    """The record in the frames and tables of python-ins (module pyins), made before timing.
 
     Raises
     ------
@@ -215,7 +214,7 @@ class PythonIns:
     def _increments(self) -> pd.DataFrame:
         return self._strapdown.compute_increments_from_imu(self._imu, 'increment')
 
-    def _integrator(self):  # noqa: ANN202 (a class of python-ins)
+    def _integrator(self) -> Any:
         with warnings.catch_warnings():
             # It passes `copy` to DataFrame.transpose, which pandas 3 deprecates and ignores.
             warnings.filterwarnings('ignore', 'The copy keyword is deprecated')

@@ -1,7 +1,7 @@
 """Interleaved rounds: everything runs once in each round, and ratios are taken within a round.
 
-A shared machine changes its speed by a factor of two within minutes. What ran in the same round met
-the same machine; the median of the rounds' ratios is what can be quoted.
+A shared machine changes its speed by a factor of two within minutes. What ran in one round met the
+same machine; the median of the rounds' ratios is what can be quoted.
 """
 
 from __future__ import annotations

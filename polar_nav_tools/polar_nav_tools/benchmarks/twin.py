@@ -1,7 +1,7 @@
 """Plain NumPy forms of what the core compiles: matrices and vectors, nothing by component.
 
-The measure of what compiling is worth. Written as one would write it for clarity and without waste:
-latitude in closed form, each quantity computed once.
+The measure of what compiling is worth. Written for clarity and without waste: latitude in closed
+form, each quantity computed once.
 """
 
 from __future__ import annotations

@@ -28,7 +28,10 @@ def core(
     processor: Annotated[
         int | None,
         typer.Option(
-            '--core', metavar='N', help='Run on this core.', show_default='the last that is allowed'
+            '--core',
+            metavar='N',
+            help='Run on this core.',
+            show_default='the last that is allowed',
         ),
     ] = None,
     as_json: Annotated[
@@ -37,8 +40,8 @@ def core(
 ) -> None:
     """Time strapdown beside python-ins, and the filter beside filterpy.
 
-    Results are compared first: when they differ, nothing is timed. Times are processor times on one
-    core; on a shared machine only the ratios mean something, each taken within a round.
+    Results are compared first: when they differ, nothing is timed. Times are processor times on
+    one core; on a shared machine only the ratios mean something, each taken within a round.
     """
     from ..benchmarks import machine
 

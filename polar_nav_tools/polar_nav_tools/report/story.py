@@ -47,8 +47,9 @@ def headline(scores: Comparison) -> str:
     lag = runs[worst].second_half.lag
     if abs(lag.ratio - 1.0) <= _LAG_TOLERANCE and lag.along_mean < 0.0:
         text += (
-            f' That is the lag of taking late fixes as current: {lag.mean_speed:.2f}{_NBSP}m/s ×{_NBSP}'
-            f'{lag.mean_delay:.2f}{_NBSP}s = {_metres(lag.expected)}.'
+            ' That is the lag of taking late fixes as current: '
+            f'{lag.mean_speed:.2f}{_NBSP}m/s ×{_NBSP}{lag.mean_delay:.2f}{_NBSP}s = '
+            f'{_metres(lag.expected)}.'
         )
     return text
 

@@ -1,0 +1,168 @@
+"""The benchmarks on tiny sizes: what is compared and how it is counted, never how fast it is."""
+
+import dataclasses
+import json
+import os
+import sys
+
+import numpy as np
+import pytest
+
+from polar_nav_core.errors import ConfigError
+from polar_nav_tools.benchmarks import covariance, machine, navigation
+from polar_nav_tools.benchmarks.core import run
+from polar_nav_tools.benchmarks.rounds import Entry, Timing, interleave, ratio
+from polar_nav_tools.cli import main
+
+SAMPLES = 40
+
+
+@pytest.fixture(scope='module')
+def record():
+    return navigation.record(SAMPLES)
+
+
+class Clock:
+    """Each entry's work moves it by what the entry costs."""
+
+    def __init__(self):
+        self.now = 0.0
+        self.order = []
+
+    def entry(self, key, cost, items=1):
+        def work():
+            self.now += cost
+            self.order.append(key)
+
+        return Entry(key, key, items, work)
+
+    def __call__(self):
+        return self.now
+
+
+def test_rounds_are_interleaved_and_reversed_every_second_time():
+    clock = Clock()
+    entries = [clock.entry('a', 1.0), clock.entry('b', 2.0)]
+    timings = interleave(entries, 3, shortest_s=0.5, clock=clock)
+    assert clock.order == [*'aabb', *'ab', *'ba', *'ab']
+    assert timings['a'].seconds_per_item == (1.0, 1.0, 1.0)
+
+
+def test_short_work_is_repeated_and_divided_by_its_items():
+    clock = Clock()
+    timings = interleave([clock.entry('a', 0.25, items=50)], 2, shortest_s=1.0, clock=clock)
+    assert timings['a'].repeat == 4
+    assert timings['a'].median_us == pytest.approx(5000.0)
+
+
+def test_a_clock_that_stands_still_does_not_divide_by_zero():
+    timings = interleave([Entry('a', 'a', 1, lambda: None)], 1, clock=lambda: 0.0)
+    assert timings['a'].repeat == 1000
+
+
+def test_no_rounds_are_refused():
+    with pytest.raises(ValueError, match='at least 1'):
+        interleave([], 0)
+
+
+def test_ratios_are_taken_within_a_round():
+    """The machine is four times as slow in the second round: the ratio does not see it."""
+    timings = {
+        'slow': Timing('slow', '', 1, 1, (10.0, 44.0, 12.0)),
+        'fast': Timing('fast', '', 1, 1, (1.0, 4.0, 1.0)),
+    }
+    found = ratio(timings, 'slow', 'fast')
+    assert (found.lowest, found.median, found.highest) == (10.0, 11.0, 12.0)
+
+
+def test_all_programs_reach_the_same_place(record):
+    found = navigation.agreement(record)
+    assert len(found) == 10
+    assert max(found.values()) < 1e-3
+
+
+def test_a_wrong_result_is_not_timed(record):
+    wrong = dataclasses.replace(record, truth_r_e=record.truth_r_e + 1.0)
+    with pytest.raises(navigation.Disagreement, match='over the bound'):
+        navigation.agreement(wrong)
+
+
+@pytest.mark.parametrize('samples', [0, navigation.MOST_SAMPLES + 1])
+def test_lengths_without_a_stated_bound_are_refused(samples):
+    with pytest.raises(ValueError, match='samples must be'):
+        navigation.record(samples)
+
+
+def test_covariances_equal_those_of_filterpy(record):
+    found = covariance.agreement(covariance.matrices(record, cycles=20))
+    assert max(found.values()) < covariance.BOUND
+
+
+def test_a_wrong_covariance_is_noticed(record):
+    matrices = covariance.matrices(record, cycles=3)
+    P = covariance.Core(matrices).cycles()
+    assert covariance.difference(P, P) == 0.0
+    assert covariance.difference(P * (1.0 + 1e-6), P) == pytest.approx(1e-6)
+
+
+def test_every_run_of_an_entry_starts_anew(record):
+    """An entry is called many times: it must do the same work each time."""
+    batch, single = navigation.entries(record)
+    for entry in (*batch, *single):
+        first, second = entry.run(), entry.run()
+        if isinstance(first, tuple):
+            first, second = first[2], second[2]
+        assert np.array_equal(first, second), entry.key
+    for entries in covariance.entries(covariance.matrices(record, cycles=3)):
+        for entry in entries:
+            assert np.array_equal(entry.run(), entry.run()), entry.key
+
+
+def test_a_run_has_all_groups_and_is_json():
+    told = []
+    result = run(samples=SAMPLES, rounds=1, cycles=3, shortest_s=0.0, tell=told.append)
+    figures = json.loads(json.dumps(result.to_dict(), allow_nan=False))
+    assert list(figures['groups']) == ['batch', 'single', 'filter', 'prediction', 'update']
+    assert set(figures['groups']['batch']['blocks']['times_as_fast_as']) == {'python_ins', 'numpy'}
+    assert told
+    for group in result.groups:
+        table = group.table()
+        assert len(table.rows) == len(group.timings)
+        assert set(group.peers) <= set(group.timings)
+
+
+def test_a_foreign_core_is_refused():
+    before = os.sched_getaffinity(0)
+    with pytest.raises(ConfigError, match='core 99999'):
+        machine.pin(99999)
+    assert os.sched_getaffinity(0) == before
+
+
+@pytest.fixture
+def on_all_cores(monkeypatch):
+    before = os.sched_getaffinity(0)
+    monkeypatch.setenv('OPENBLAS_NUM_THREADS', '1')
+    yield
+    os.sched_setaffinity(0, before)
+
+
+@pytest.mark.usefixtures('on_all_cores')
+@pytest.mark.parametrize('options', [[], ['--json']])
+def test_the_command(monkeypatch, capsys, options):
+    arguments = ['polar', 'bench', 'core', '--rounds', '1', '--samples', str(SAMPLES), *options]
+    monkeypatch.setattr(sys, 'argv', arguments)
+    assert main() == 0
+    out = capsys.readouterr().out
+    if options:
+        assert json.loads(out)['machine']['versions']['filterpy']
+    else:
+        assert 'python-ins' in out
+        assert 'Same results' in out
+
+
+def test_help_has_an_example(monkeypatch, capsys):
+    monkeypatch.setattr(sys, 'argv', ['polar', 'bench', 'core', '--help'])
+    assert main() == 0
+    out = capsys.readouterr().out
+    assert 'Example: ./polar bench core' in out
+    assert '--json' in out
