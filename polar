@@ -168,7 +168,10 @@ progress() {
 child=
 stop() {
   trap - INT TERM HUP
-  [[ -z $child ]] || kill -TERM -- "-$child" 2>/dev/null || true
+  if [[ -n $child ]]; then
+    kill -TERM -- "-$child" 2>/dev/null || true
+    wait "$child" 2>/dev/null || true
+  fi
   [[ ! -t 2 ]] || echo >&2
   say "set-up interrupted; the next call completes it"
   exit 130

@@ -35,7 +35,7 @@ setup(
     license='Apache-2.0',
     python_requires='>=3.11',
     install_requires=['setuptools'],
-    extras_require={'test': ['pytest', 'pytest-timeout']},
+    extras_require={'test': ['avar', 'gsw', 'matplotlib', 'pytest', 'pytest-timeout']},
     entry_points={
         'console_scripts': [
             'truth_node = polar_nav_sim.nodes.truth_node:main',

@@ -132,6 +132,30 @@ def test_a_replay_bag_holds_the_estimates_and_can_be_scored(finished_demo, tmp_p
     assert run['summary']['horizontal_second_half'] == wanted['horizontal_rms_m']
 
 
+def test_a_truncated_recording_is_scored_as_far_as_it_goes_and_said_to_be_one(
+    finished_demo, tmp_path
+):
+    whole = next(finished_demo.bag.glob('*.mcap')).read_bytes()
+    cut = tmp_path / 'cut.mcap'
+    cut.write_bytes(whole[: len(whole) // 2])
+    done = polar('score', cut, '--json')
+    assert done.returncode == 1
+    assert 'the recording was not finished' in done.stderr
+    assert 'Traceback' not in done.stderr
+    said = json.loads(done.stdout)
+    assert said['ok'] is False
+    assert set(said['runs']) == set(ALGORITHMS)
+
+
+def test_a_parameter_out_of_range_is_refused_with_one_sentence(finished_demo):
+    done = polar('replay', finished_demo.bag, '--set', 'max_delay_s=-1')
+    assert done.returncode == 1
+    assert done.stdout == ''
+    assert done.stderr.strip().splitlines() == [
+        'polar: parameter max_delay_s: -1.0 is outside of [0.1, 120.0] s'
+    ]
+
+
 def test_another_seed_is_another_run_and_the_same_seed_the_same(finished_demo, tmp_path):
     def digest(seed):
         done = polar(

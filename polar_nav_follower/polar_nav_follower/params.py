@@ -10,7 +10,7 @@ from polar_nav_core.params import NodeParams, choice, flag, param, text, vector
 
 from .events import InitialState
 
-DELAY_HANDLING = ('ignore', 'tagged', 'back_propagate', 'rewind')
+DELAY_HANDLING = ('ignore', 'tagged', 'back_propagate', 'clone', 'rewind')
 NOISE_ADAPTATION = ('none', 'adaptive_r')
 
 

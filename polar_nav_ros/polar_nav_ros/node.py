@@ -39,7 +39,7 @@ P = TypeVar('P', bound=NodeParams)
 ACK_TOPIC = '/lockstep/ack'
 RUN_INFO_TOPIC = '/run_info'
 SUPERVISED = 'POLAR_NAV_SUPERVISED'
-"""Set in the environment by who reads machine-readable lines (counts, progress) from stdout."""
+"""Set in the environment by who reads lines for machines from stdout: ready, progress, counts."""
 QUEUE_DEPTH = 2000
 """Deeper than the longest window of the lockstep pace has messages on any topic."""
 
@@ -291,6 +291,7 @@ def run(node_cls: Callable[[], PolarNode[Any]], args: Sequence[str] | None = Non
         node = node_cls()
         executor = SingleThreadedExecutor()
         executor.add_node(node)
+        node.tell_supervisor('ready', node.get_fully_qualified_name())
         while stop.signal is None and rclpy.ok():
             executor.spin_once(timeout_sec=0.2)
         node.close()

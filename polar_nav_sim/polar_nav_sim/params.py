@@ -28,6 +28,9 @@ class TruthParams(NodeParams):
         'realtime', ('realtime', 'lockstep'), 'Wait for nobody, or lose nothing and wait for all'
     )
     realtime_factor: float = param(1.0, '', 0.01, 1000.0, 'Mission seconds per second (realtime)')
+    start_delay_s: float = param(
+        0.0, 's', 0.0, 60.0, 'Before the first sample, for others to find this node (realtime)'
+    )
     window_s: float = param(0.2, 's', 0.001, 10.0, 'Truth that is published at once (lockstep)')
     expected_nodes: tuple[str, ...] = texts(
         (), 'Fully qualified names of the nodes that acknowledge (lockstep)'

@@ -120,7 +120,9 @@ def draw(folder):
                 spread = 3.0 / np.sqrt(2.0 * c.dof[rows].min(axis=0))
                 points = unit * np.sqrt(np.mean(c.measured[rows] ** 2, axis=0))
                 low = curve * np.maximum(1.0 - spread, 0.05)
-                ax.fill_between(c.tau_s, low, curve * (1.0 + spread), color=color, alpha=0.15, lw=0)
+                ax.fill_between(
+                    c.tau_s, low, curve * (1.0 + spread), color=color, alpha=0.15, lw=0
+                )
                 ax.loglog(c.tau_s, curve, color=color, lw=0.8)
                 label = name if marker == 'o' else None
                 ax.plot(c.tau_s, points, marker, ms=2.5, color=color, label=label)

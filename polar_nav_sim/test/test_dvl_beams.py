@@ -41,7 +41,9 @@ def test_beams_are_a_janus(angle, azimuth):
     assert_allclose(np.linalg.norm(b, axis=1), 1.0, rtol=1e-15)
     assert_allclose(b[:, 2], -math.cos(math.radians(angle)), rtol=1e-14)
     assert_allclose(b[0] + b[2], b[1] + b[3], atol=1e-15)  # opposite beams
-    assert_allclose(b[:2, :2] @ b[:2, :2].T, math.sin(math.radians(angle)) ** 2 * np.eye(2), atol=1e-15)
+    assert_allclose(
+        b[:2, :2] @ b[:2, :2].T, math.sin(math.radians(angle)) ** 2 * np.eye(2), atol=1e-15
+    )
     assert math.degrees(math.atan2(b[0, 1], b[0, 0])) == pytest.approx(azimuth)
     # Four beams: sigma / (sqrt(2) sin) across, sigma / (2 cos) along the axis.
     _, cofactor = solve(b, b @ V, np.ones(4, dtype=bool))
@@ -96,9 +98,9 @@ def test_ranges_meet_a_flat_floor(rpy_deg):
     C_b_G = matrix_from_euler(*np.radians(rpy_deg[::-1]))
     (ping,) = pings(1, altitude=50.0, C_b_G=C_b_G, lever_b=(1.0, 0.0, -0.5))
     data = ping.beam_data
-    ends = C_b_G @ np.array([1.0, 0.0, -0.5]) + (
-        data.range_m[:, None] * data.directions_m
-    ) @ C_b_G.T
+    ends = (
+        C_b_G @ np.array([1.0, 0.0, -0.5]) + (data.range_m[:, None] * data.directions_m) @ C_b_G.T
+    )
     assert_allclose(ends[:, 2], -50.0, rtol=1e-13)
     assert ping.altitude == pytest.approx(50.0 + (C_b_G @ [1.0, 0.0, -0.5])[2])
     noisy = pings(2000, altitude=50.0, C_b_G=C_b_G, beam_range_sigma_m=0.2)

@@ -3,6 +3,7 @@
 import math
 import os
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -36,6 +37,7 @@ from polar_nav_sim.nodes.usbl_node import UsblNode  # noqa: E402
 from polar_nav_sim.randomness import stream  # noqa: E402
 from polar_nav_sim.sensors.dvl import DvlErrors, DvlSensor  # noqa: E402
 from polar_nav_sim.sensors.imu import ImuErrors, ImuSensor  # noqa: E402
+from polar_nav_sim.truth_cdr import decode, encode  # noqa: E402
 
 SECONDS = 4.0
 MISSION = load_mission('near_pole').with_duration(SECONDS)
@@ -232,6 +234,40 @@ def test_packets_arrive_late_and_whole_and_the_rest_is_named(run):
     assert final['in_flight'] == '1'
     assert final['in_flight_packets'].startswith('leader->follower#2@')
     assert final['delivered'] == '2'
+
+
+def test_dvl_node_sends_its_beams():
+    mission = MISSION.with_overrides({'sea_floor_depth_m': 150.0})
+    sample = decode(encode(mission.truth('follower').samples(0, 1))[0])
+    node = make(DvlNode, 'follower', four_beams=True, beam_noise_sigma=0.0, max_altitude_m=60.0)
+    sent = []
+    try:
+        node._data = node._twist = SimpleNamespace(publish=sent.append)
+        node.measure(0, sample)
+    finally:
+        node.destroy_node()
+    dvl, twist = sent
+    assert (dvl.num_good_beams, dvl.beam_velocities_valid, dvl.beam_ranges_valid) == (
+        4,
+        True,
+        True,
+    )
+    v = dvl.velocity
+    for b, s in zip(dvl.beam_unit_vec, dvl.beam_velocity, strict=True):
+        assert b.x * v.x + b.y * v.y + b.z * v.z == pytest.approx(s, abs=1e-12)
+    assert dvl.altitude == pytest.approx(50.0, abs=0.3)
+    assert twist.twist.twist.linear == v
+
+
+def test_truth_node_follows_a_track_as_recorded():
+    node = make(TruthNode, mission='near_pole', overrides=['path.as_recorded=true'])
+    try:
+        recorded = load_mission('near_pole').with_overrides({'path.as_recorded': True})
+        mission = node._mission
+        assert mission.path.as_recorded
+        assert mission.start_ns == recorded.start_ns == 1597867217 * 10**9  # 2020-08-19T20:00:17Z
+    finally:
+        node.destroy_node()
 
 
 def test_bad_parameters_stop_a_node():

@@ -17,8 +17,9 @@ _MIDDLEWARE_FILE = 'fastdds.xml'
 MIDDLEWARE_PROFILE = """\
 <?xml version="1.0" encoding="UTF-8"?>
 <profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
-  <!-- Readers acknowledge, and ask again for what is missing, at the writer's heartbeats: every 3 s
-       by default, which is how long a node would wait at its end for its last words to arrive. -->
+  <!-- Readers acknowledge, and ask again for what is missing, at the heartbeats of the writer.
+       They come every 3 s by default: a lost message holds up a lockstep run that long, and a
+       node that ends waits that long to know that its last words arrived. -->
   <data_writer profile_name="polar_nav" is_default_profile="true">
     <times>
       <heartbeatPeriod><sec>0</sec><nanosec>100000000</nanosec></heartbeatPeriod>

@@ -28,6 +28,8 @@ MAX_SEED = 2**31 - 1
 LOCKSTEP_WINDOW_S = 1.0
 """Truth that is published at once: long enough that acknowledging costs little, and a hundred IMU
 samples are far fewer than a queue holds."""
+REALTIME_DELAY_S = 2.0
+"""In real time nobody waits: time for the nodes to find each other before the first sample."""
 LEADER_ID, FOLLOWER_ID = 1, 2
 """Numbers of the vehicles in acoustic packets."""
 LINK: dict[str, ParameterValue] = {
@@ -186,6 +188,8 @@ def _truth_node(mission: Mission, options: GraphOptions, others: list[str]) -> N
     if options.pace == 'lockstep':
         parameters['expected_nodes'] = others
         parameters['window_s'] = LOCKSTEP_WINDOW_S
+    else:
+        parameters['start_delay_s'] = REALTIME_DELAY_S
     return _sim('truth_node', '', Stage.TRUTH, parameters)
 
 

@@ -153,7 +153,14 @@ def run_live(
     domain_id = env.get('ROS_DOMAIN_ID') or '0'
     if on_start is not None:
         on_start(graph, domain_id)
-    supervisor = Supervisor(graph.nodes, run_dir, env, on_progress=on_progress, on_line=on_line)
+    supervisor = Supervisor(
+        graph.nodes,
+        run_dir,
+        env,
+        on_progress=on_progress,
+        on_line=on_line,
+        truth_last=options.pace == 'realtime',
+    )
     try:
         outcome = supervisor.run()
         (run_dir / OUTCOME_NAME).write_text(_outcome_json(outcome), encoding='utf-8')

@@ -14,6 +14,7 @@ from pathlib import Path
 from .node_spec import NodeSpec, parameter_yaml
 
 TAIL_LINES = 30
+READY = 'ready '
 PROGRESS = 'progress '
 COUNTS = 'counts '
 """First words of the lines that a node prints for the supervisor, not for people."""
@@ -111,7 +112,7 @@ class NodeProcess:
 
     def _take(self, raw: bytes) -> None:
         line = raw.decode('utf-8', 'replace').rstrip('\r')
-        if not line.startswith((PROGRESS, COUNTS)):
+        if not line.startswith((READY, PROGRESS, COUNTS)):
             self._file.write(raw + b'\n')
             self._file.flush()
             self.tail.append(line)

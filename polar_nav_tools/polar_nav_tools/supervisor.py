@@ -19,10 +19,11 @@ from enum import Enum
 from pathlib import Path
 from types import FrameType, TracebackType
 
-from .node_process import COUNTS, PROGRESS, NodeEnd, NodeProcess
+from .node_process import COUNTS, PROGRESS, READY, NodeEnd, NodeProcess
 from .node_spec import NodeSpec, Stage
 
 _POLL_S = 0.1
+_READY_PATIENCE_S = 60.0
 
 
 class RunStatus(Enum):
@@ -119,6 +120,9 @@ class Supervisor:
         Called with simulated and total time [s] as the truth node reports them.
     on_line : callable, optional
         Called with node name and line for all other output.
+    truth_last : bool
+        Start the truth node when all others have said that they are ready. At the pace realtime,
+        where it waits for nobody, they would miss the beginning.
     """
 
     def __init__(
@@ -129,12 +133,15 @@ class Supervisor:
         *,
         on_progress: Callable[[float, float], None] | None = None,
         on_line: Callable[[str, str], None] | None = None,
+        truth_last: bool = False,
     ) -> None:
         self._nodes = sorted(nodes, key=lambda spec: -spec.stage)
         self._run_dir = run_dir
         self._env = env
         self._on_progress = on_progress
         self._on_line = on_line
+        self._truth_last = truth_last
+        self._ready: set[str] = set()
         self._counts: dict[str, Mapping[str, Mapping[str, int]]] = {}
         self._children: list[NodeProcess] = []
         self._selector = selectors.DefaultSelector()
@@ -185,6 +192,10 @@ class Supervisor:
     def _start_and_watch(self, interrupts: _Interrupts) -> NodeEnd | None:
         """None at the mission's end and after a signal, otherwise the node that died."""
         for spec in self._nodes:
+            if self._truth_last and spec.stage == Stage.TRUTH:
+                died = self._wait_until_ready(interrupts)
+                if died is not None:
+                    return died
             if interrupts.count > 0:
                 return None
             child = NodeProcess(spec, self._run_dir, self._env, self._take_line)
@@ -193,23 +204,43 @@ class Supervisor:
             self._pump(0.0)
         while interrupts.count == 0:
             self._pump(_POLL_S)
-            ended = [child for child in self._children if child.process.poll() is not None]
-            # Of several that ended, a signal explains more than a status, and a bad status more
-            # than a good one.
-            dead = [c for c in ended if c.spec.stage != Stage.TRUTH or c.process.returncode != 0]
-            if dead and interrupts.count == 0:
-                self._pump(0.0)
-                return min(dead, key=lambda c: _blame(c.process.returncode)).end()
-            if ended:
+            died = self._died()
+            if died is not None and interrupts.count == 0:
+                return died
+            if any(c.process.poll() is not None for c in self._of(Stage.TRUTH)):
                 return None
         return None
+
+    def _of(self, stage: Stage) -> list[NodeProcess]:
+        return [child for child in self._children if child.spec.stage == stage]
+
+    def _wait_until_ready(self, interrupts: _Interrupts) -> NodeEnd | None:
+        """Wait for the nodes that run already; the one that died, if one did."""
+        deadline = time.monotonic() + _READY_PATIENCE_S
+        waiting = {child.spec.full_name for child in self._children}
+        while interrupts.count == 0 and time.monotonic() < deadline and waiting - self._ready:
+            self._pump(_POLL_S)
+            died = self._died()
+            if died is not None:
+                return died
+        return None
+
+    def _died(self) -> NodeEnd | None:
+        """Find the node that ended and should not have."""
+        ended = [child for child in self._children if child.process.poll() is not None]
+        dead = [c for c in ended if c.spec.stage != Stage.TRUTH or c.process.returncode != 0]
+        if not dead:
+            return None
+        self._pump(0.0)
+        # Of several, a signal explains more than a status, and a bad status more than a good one.
+        return min(dead, key=lambda c: _blame(c.process.returncode)).end()
 
     def _stop_orderly(self, interrupts: _Interrupts) -> NodeEnd | None:
         """End the nodes stage by stage; the first that did not end by itself with status 0."""
         already = interrupts.count
         unclean: NodeEnd | None = None
         for stage in Stage:
-            group = [child for child in self._children if child.spec.stage == stage]
+            group = self._of(stage)
             self._end(group, ORDERLY, lambda: interrupts.count > already)
             bad = [child for child in group if child.process.returncode != 0]
             if bad and unclean is None:
@@ -217,7 +248,7 @@ class Supervisor:
         return unclean
 
     def _stop_hurried(self) -> None:
-        recorder = [child for child in self._children if child.spec.stage == Stage.RECORDER]
+        recorder = self._of(Stage.RECORDER)
         self._end([child for child in self._children if child not in recorder], HURRIED)
         self._end(recorder, RECORDER_HURRIED)
 
@@ -268,6 +299,8 @@ class Supervisor:
             now_s, total_s = (float(word) for word in line.split()[1:3])
             if self._on_progress is not None:
                 self._on_progress(now_s, total_s)
+        elif line.startswith(READY):
+            self._ready.add(name)
         elif line.startswith(COUNTS):
             self._counts[name] = json.loads(line.removeprefix(COUNTS))
         elif self._on_line is not None:

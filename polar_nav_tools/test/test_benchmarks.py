@@ -123,7 +123,11 @@ def test_a_run_has_all_groups_and_is_json():
     result = run(samples=SAMPLES, rounds=1, cycles=3, shortest_s=0.0, tell=told.append)
     figures = json.loads(json.dumps(result.to_dict(), allow_nan=False))
     assert list(figures['groups']) == ['batch', 'single', 'filter', 'prediction', 'update']
-    assert set(figures['groups']['batch']['blocks']['times_as_fast_as']) == {'python_ins', 'numpy'}
+    assert set(figures['groups']['batch']['blocks']['times_as_fast_as']) == {
+        'python_ins',
+        'python_ins_loop',
+        'numpy',
+    }
     assert told
     for group in result.groups:
         table = group.table()

@@ -59,6 +59,13 @@ def test_ctrl_c_while_a_program_imports_ends_it_without_a_traceback(tmp_path, mo
 
 def test_a_program_that_runs_has_the_usual_ctrl_c(tmp_path, monkeypatch):
     monkeypatch.setenv('PYTHONPATH', str(tmp_path))
-    check = 'import signal, atexit; atexit.register(lambda: print(signal.getsignal(2).__name__))'
-    done = subprocess.run([program(tmp_path, check)], capture_output=True, text=True)
-    assert 'default_int_handler' in done.stdout
+    slow = 'import time, builtins as b\n'
+    slow += "print = lambda _: b.print('running', flush=True) or time.sleep(60)"
+    process = subprocess.Popen(
+        [program(tmp_path, slow)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None
+    assert process.stdout.readline() == 'running\n'
+    process.send_signal(signal.SIGINT)
+    _, err = process.communicate(timeout=20)
+    assert 'KeyboardInterrupt' in err

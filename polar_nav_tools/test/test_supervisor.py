@@ -108,6 +108,41 @@ def test_completed_run_ends_upstream_first_and_recorder_last(tmp_path, fake):
     assert 'progress' not in (tmp_path / 'run' / 'logs' / 'vehicle.truth.log').read_text()
 
 
+READY = """
+    import signal, time
+    def main():
+        stopped = []
+        signal.signal(signal.SIGINT, lambda *_: stopped.append(1))
+        time.sleep(0.5)
+        print('ready /vehicle/slow', flush=True)
+        print('up at', time.monotonic_ns(), flush=True)
+        while not stopped:
+            time.sleep(0.01)
+"""
+FIRST = """
+    import time
+    def main():
+        print('began', time.monotonic_ns(), flush=True)
+"""
+
+
+def test_in_real_time_the_truth_starts_when_the_others_are_ready(tmp_path, fake):
+    truth, slow = fake('truth', FIRST, Stage.TRUTH), fake('slow', READY)
+    outcome = run(tmp_path, truth, slow, truth_last=True)
+    assert outcome.status is RunStatus.COMPLETED
+    logs = tmp_path / 'run' / 'logs'
+    began = (logs / 'vehicle.truth.log').read_text().split()
+    ready = (logs / 'vehicle.slow.log').read_text().split()
+    assert int(ready[-1]) < int(began[-1])
+
+
+def test_a_node_that_dies_before_it_is_ready_fails_the_run(tmp_path, fake):
+    broken = 'def main():\n    return 4\n'
+    specs = fake('truth', FIRST, Stage.TRUTH), fake('broken', broken)
+    outcome = run(tmp_path, *specs, truth_last=True)
+    assert 'node /vehicle/broken exited with status 4' in outcome.sentence
+
+
 def test_parameters_are_written_for_each_node(tmp_path, fake):
     run(tmp_path, fake('truth', TRUTH, Stage.TRUTH))
     text = (tmp_path / 'run' / 'params' / 'vehicle.truth.yaml').read_text()

@@ -78,6 +78,9 @@ def fill_transition(
 def predict(P: Array, Phi: Array, q: Array, M: Array) -> None:
     """P <- Phi P Phi^T + diag(q), symmetric to the bit.
 
+    Inner loops run along rows, so that the compiler uses vector instructions without changing the
+    order of any sum. The product's rows below nine are scaled rows of Phi P: P is symmetric.
+
     Parameters
     ----------
     P : (24, 24) array, in place
@@ -85,51 +88,57 @@ def predict(P: Array, Phi: Array, q: Array, M: Array) -> None:
     q : (24,) variances added over the step
     M : (24, 24) scratch
     """
-    for i in range(NAV):
+    for i in range(NAV):  # M = Phi P; one expression of COUPLED products
         for j in range(N):
+            M[i, j] = (
+                Phi[i, 0] * P[0, j] + Phi[i, 1] * P[1, j] + Phi[i, 2] * P[2, j]
+                + Phi[i, 3] * P[3, j] + Phi[i, 4] * P[4, j] + Phi[i, 5] * P[5, j]
+                + Phi[i, 6] * P[6, j] + Phi[i, 7] * P[7, j] + Phi[i, 8] * P[8, j]
+                + Phi[i, 9] * P[9, j] + Phi[i, 10] * P[10, j] + Phi[i, 11] * P[11, j]
+                + Phi[i, 12] * P[12, j] + Phi[i, 13] * P[13, j] + Phi[i, 14] * P[14, j]
+            )  # fmt: skip
+    for i in range(NAV):
+        for j in range(i + 1):
             s = 0.0
             for k in range(COUPLED):
-                s += Phi[i, k] * P[k, j]
-            M[i, j] = s
+                s += M[i, k] * Phi[j, k]
+            P[i, j] = s
+            P[j, i] = s
     for i in range(NAV, N):
         d = Phi[i, i]
-        for j in range(N):
-            M[i, j] = d * P[i, j]
+        for j in range(NAV):
+            s = d * M[j, i]
+            P[i, j] = s
+            P[j, i] = s
+        for j in range(NAV, i + 1):
+            s = d * Phi[j, j] * P[i, j]
+            P[i, j] = s
+            P[j, i] = s
     for i in range(N):
-        for j in range(i + 1):
-            if j < NAV:
-                s = 0.0
-                for k in range(COUPLED):
-                    s += M[i, k] * Phi[j, k]
-            else:
-                s = M[i, j] * Phi[j, j]
-            if i == j:
-                P[i, i] = s + q[i]
-            else:
-                P[i, j] = s
-                P[j, i] = s
+        P[i, i] += q[i]
 
 
 @kernel
 def innovation_covariance(S: Array, PHt: Array, P: Array, H: Array, R: Array, m: int) -> None:
-    """PHt = P H^T and S = H P H^T + R for the first m rows."""
-    for i in range(N):
-        for a in range(m):
-            s = 0.0
-            for k in range(N):
-                s += P[i, k] * H[a, k]
-            PHt[i, a] = s
+    """PHt = (P H^T)^T, shape (3, 24), and S = H P H^T + R for the first m rows.
+
+    Rows of H are mostly zeros, which are passed over.
+    """
     for a in range(m):
-        for b in range(m):
-            s = R[a, b]
+        for i in range(N):
+            PHt[a, i] = 0.0
+        for k in range(N):
+            h = H[a, k]
+            if h != 0.0:
+                for i in range(N):
+                    PHt[a, i] += h * P[k, i]
+    for a in range(m):
+        for b in range(a + 1):
+            s = 0.5 * (R[a, b] + R[b, a])
             for k in range(N):
-                s += H[a, k] * PHt[k, b]
+                s += H[a, k] * PHt[b, k]
             S[a, b] = s
-    for a in range(m):
-        for b in range(a):
-            mean = 0.5 * (S[a, b] + S[b, a])
-            S[a, b] = mean
-            S[b, a] = mean
+            S[b, a] = s
 
 
 @kernel
@@ -177,7 +186,9 @@ def update(
 ) -> None:
     """Kalman update with Joseph's form; x <- K z.
 
-    P <- (I - K H) P (I - K H)^T + K R K^T with K = P H^T S^-1. PHt and L come from
+    P <- (I - K H) P (I - K H)^T + K R K^T with K = P H^T S^-1. Multiplied out with G = P H^T this
+    is P - K D^T - D K^T, D = G - K S/2: for any K, as Joseph's, so that a rounded gain matters in
+    second order only; symmetric to the bit; a quarter of the work. PHt and L come from
     :func:`innovation_covariance` and :func:`cholesky` of the same H and R.
 
     Parameters
@@ -185,53 +196,62 @@ def update(
     P : (24, 24) array, in place
     x : (24,) array, out: estimated error
     H, R, z : (m, 24), (m, m), (m,)
-    K : (24, 3) array, out
-    PHt, L : (24, 3), (3, 3)
-    A : (24, 24) scratch
+    K : (3, 24) array, out: the gain, transposed
+    PHt, L : (3, 24), (3, 3)
+    A : (24, 24) scratch; rows 0..2 are D^T
     """
-    for i in range(N):  # K S = P H^T by forward and back substitution
-        for a in range(m):
-            s = PHt[i, a]
-            for b in range(a):
-                s -= L[a, b] * K[i, b]
-            K[i, a] = s / L[a, a]
-        for c in range(m):
-            a = m - 1 - c
-            s = K[i, a]
-            for b in range(a + 1, m):
-                s -= L[b, a] * K[i, b]
-            K[i, a] = s / L[a, a]
+    for a in range(m):  # K S = P H^T by forward and back substitution
+        for i in range(N):
+            K[a, i] = PHt[a, i]
+        for b in range(a):
+            s = L[a, b]
+            for i in range(N):
+                K[a, i] -= s * K[b, i]
+        s = 1.0 / L[a, a]
+        for i in range(N):
+            K[a, i] *= s
+    for c in range(m):
+        a = m - 1 - c
+        for b in range(a + 1, m):
+            s = L[b, a]
+            for i in range(N):
+                K[a, i] -= s * K[b, i]
+        s = 1.0 / L[a, a]
+        for i in range(N):
+            K[a, i] *= s
     for i in range(N):
-        s = 0.0
-        for a in range(m):
-            s += K[i, a] * z[a]
-        x[i] = s
-    for i in range(N):  # A = (I - K H) P
-        for j in range(N):
-            s = P[i, j]
-            for a in range(m):
-                s -= K[i, a] * PHt[j, a]
-            A[i, j] = s
-    for i in range(N):  # column block of A H^T, kept in PHt: the old one is no longer needed
-        for a in range(m):
-            s = 0.0
+        x[i] = 0.0
+    for a in range(m):
+        s = z[a]
+        for i in range(N):
+            x[i] += s * K[a, i]
+    for a in range(m):
+        for i in range(N):
+            A[a, i] = PHt[a, i]
+        for b in range(m):
+            s = R[a, b]
             for k in range(N):
-                s += A[i, k] * H[a, k]
-            PHt[i, a] = s
-    for i in range(N):  # P = A - A H^T K^T + K R K^T
-        for j in range(i + 1):
-            s = A[i, j]
-            t = A[j, i]
-            for a in range(m):
-                s -= PHt[i, a] * K[j, a]
-                t -= PHt[j, a] * K[i, a]
-                for b in range(m):
-                    g = K[i, a] * R[a, b] * K[j, b]
-                    s += g
-                    t += g
-            mean = 0.5 * (s + t)
-            P[i, j] = mean
-            P[j, i] = mean
+                s += H[a, k] * PHt[b, k]
+            s *= 0.5
+            for i in range(N):
+                A[a, i] -= s * K[b, i]
+    for a in range(m, 3):  # always three rows below: one pass over P
+        for i in range(N):
+            K[a, i] = 0.0
+            A[a, i] = 0.0
+    for i in range(N):
+        k_0 = K[0, i]
+        k_1 = K[1, i]
+        k_2 = K[2, i]
+        d_0 = A[0, i]
+        d_1 = A[1, i]
+        d_2 = A[2, i]
+        for j in range(N):
+            P[i, j] -= (
+                (k_0 * A[0, j] + d_0 * K[0, j])
+                + (k_1 * A[1, j] + d_1 * K[1, j])
+                + (k_2 * A[2, j] + d_2 * K[2, j])
+            )
 
 
 @kernel
@@ -294,8 +314,8 @@ def scratch() -> dict[str, Any]:
         'L': np.zeros((3, 3)),
         'LP': np.zeros((N, N)),
         'S': np.zeros((3, 3)),
-        'PHt': np.zeros((N, 3)),
-        'K': np.zeros((N, 3)),
+        'PHt': np.zeros((3, N)),
+        'K': np.zeros((3, N)),
         'w': np.zeros(3),
         'LU': np.zeros((NAV, NAV)),
         'pivot': np.zeros(NAV, dtype=np.int64),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from ..params import DELAY_HANDLING
+from .clone import Clone
 from .fusion import BackPropagate, Ignore, Make, Tagged
 from .rewind import Rewind
 
@@ -10,6 +11,7 @@ STRATEGIES: dict[str, Make] = {
     'ignore': Ignore,
     'tagged': Tagged,
     'back_propagate': BackPropagate,
+    'clone': Clone,
     'rewind': Rewind,
 }
 

@@ -23,6 +23,8 @@ class Epoch:
 
     Attributes
     ----------
+    number : int
+        Counts epochs from the start of the filter.
     stamp_ns : int
     point_e, velocity_e : (3,) arrays
         Transponder position and velocity as estimated then, ECEF.
@@ -34,6 +36,7 @@ class Epoch:
         Number of the first correction that came after it.
     """
 
+    number: int
     stamp_ns: int
     point_e: Array
     velocity_e: Array
@@ -126,6 +129,26 @@ class History:
             return None
         return epoch
 
+    def shift(self, first: int, until: int, change: Array, C_e_G: Array) -> None:
+        """Move what is stored of epochs first..until-1 by a change of the estimate.
+
+        Parameters
+        ----------
+        first, until : int
+            Numbers of epochs; what is no longer stored is passed over.
+        change : (24,) array
+            New estimate minus old, as an error state.
+        C_e_G : (3, 3) array
+            Grid axes now; over the length of the history they hardly turn.
+        """
+        first = max(first, self.count - len(self._stamps))
+        if until <= first:
+            return
+        i = np.arange(first, until) % len(self._stamps)
+        turned_G = np.cross(self._levers[i], change[0:3])
+        self._points[i] += change[6:9] + np.einsum('ji,nj->ni', C_e_G, turned_G)
+        self._velocities[i] += np.einsum('ji,j->i', C_e_G, change[3:6])
+
     def oldest_ns(self) -> int:
         """Stamp of the oldest stored epoch; 0 when there is none."""
         return self._stamp(max(0, self.count - len(self._stamps))) if self.count else 0
@@ -136,6 +159,7 @@ class History:
     def _epoch(self, number: int) -> Epoch:
         i = number % len(self._stamps)
         return Epoch(
+            number=number,
             stamp_ns=int(self._stamps[i]),
             point_e=self._points[i],
             velocity_e=self._velocities[i],

@@ -8,7 +8,7 @@ before it: steps are never split.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,7 @@ from scipy.stats import chi2
 from polar_nav_core import attitude, earth, grid
 from polar_nav_core.errors import FilterDivergence
 from polar_nav_core.kernels import filter as kf
+from polar_nav_core.kernels import filter_clone as kc
 from polar_nav_core.kernels import filter_imu, filter_rows, filter_walk
 
 from ..events import Array, DepthSample, DvlPing, ImuSample, InitialState
@@ -42,6 +43,10 @@ _VALUES = ('stamp_ns', '_boundary_ns', '_previous_dt', '_previous_sample')
 """What a snapshot holds; everything else follows from it or is scratch."""
 _MARKOV = slice(18, 21)
 _USBL = slice(21, 24)
+
+
+Used = tuple[Array, Array, Array, Array, Array]
+"""What an update used and gave: x, K, S, L, R."""
 
 
 @dataclass(frozen=True)
@@ -83,6 +88,7 @@ class NavigationFilter:
         self._set_state(initial)
         self._allocate()
         self._process_noise_of: dict[float, Array] = {}
+        self.last_q = np.zeros(kf.N)
         self.history = History(params.history_s, 0.004, params.filter_period_s, 40.0)
         self._locate()
         self.history.add_epoch(stamp_ns, self.point_e, self.velocity_e, self.lever_G)
@@ -120,7 +126,7 @@ class NavigationFilter:
         self.P[6:9, 6:9] = C_e_G.T @ position_G @ C_e_G
 
     def _allocate(self) -> None:
-        self._w = kf.scratch()
+        self.scratch = kf.scratch()
         self.C_e_G = np.zeros((3, 3))
         self.omega_ie_G = np.zeros(3)
         self.omega_eG_G = np.zeros(3)
@@ -186,7 +192,7 @@ class NavigationFilter:
         self.history.add_epoch(sample.stamp_ns, self.point_e, self.velocity_e, self.lever_G)
 
     def _predict(self, dt: float) -> None:
-        w = self._w
+        w = self.scratch
         filter_imu.take_means(self._sums, self._C_mean, self._f_mean, self._omega_mean)
         Phi = self.history.next_transition()
         tau_usbl = self._p.usbl_bias_tau if self._p.usbl_bias_sigma > 0.0 else 0.0
@@ -202,7 +208,8 @@ class NavigationFilter:
             self._p.dvl_markov_tau,
             tau_usbl,
         )
-        kf.predict(self.P, Phi, self._process_noise(dt), w['M'])
+        self.last_q = self._process_noise(dt)
+        kf.predict(self.P, Phi, self.last_q, w['M'])
         # The mean of a Markov error decays as its transition says.
         decay = math.exp(-dt / self._p.dvl_markov_tau)
         self.dvl_markov_m *= decay
@@ -290,27 +297,53 @@ class NavigationFilter:
         FilterDivergence
             When the innovation covariance is not positive definite.
         """
-        w = self._w
         stated = self.R.copy()
         if noise is not None:
             noise.apply(self.R)
-        kf.innovation_covariance(w['S'], w['PHt'], self.P, self.H, self.R, m)
-        if not kf.cholesky(w['L'], w['S'], m):
-            raise FilterDivergence('an innovation covariance is not positive definite')
-        nis = float(kf.nis_of(w['L'], self.z, w['w'], m))
-        gate = chi2_gate(self._gate_probability, m)
-        variance = np.full(3, np.nan)
-        variance[:m] = np.diagonal(w['S'])[:m]
-        z = np.full(3, np.nan)
-        z[:m] = self.z[:m]
-        outcome = Outcome(nis <= gate, z, variance, nis, m, gate)
+        outcome = self._judge(self.P, self.H, self.R, self.z, m)
         if not outcome.fused:
             return outcome
         if noise is not None:
             noise.learn(self.z, stated)
-        kf.update(self.P, self.x, self.H, self.R, self.z, m, w['K'], w['PHt'], w['L'], w['M'])
-        kf.feed_back(
+        w = self.scratch
+        kf.update(
+            self.P,
             self.x,
+            self.H,
+            self.R,
+            self.z,
+            m,
+            w['K'],
+            w['PHt'],
+            w['L'],
+            w['M'],
+        )
+        self._feed_back(self.x)
+        return outcome
+
+    def _judge(self, P: Array, H: Array, R: Array, z: Array, m: int) -> Outcome:
+        """Innovation covariance, NIS and gate; leaves PHt, S and L in the scratch."""
+        w = self.scratch
+        kf.innovation_covariance(w['S'], w['PHt'], P, H, R, m)
+        return self._gate(z, m)
+
+    def _gate(self, z: Array, m: int) -> Outcome:
+        """Outcome by the innovation covariance in the scratch."""
+        w = self.scratch
+        if not kf.cholesky(w['L'], w['S'], m):
+            raise FilterDivergence('an innovation covariance is not positive definite')
+        nis = float(kf.nis_of(w['L'], z, w['w'], m))
+        gate = chi2_gate(self._gate_probability, m)
+        variance = np.full(3, np.nan)
+        variance[:m] = np.diagonal(w['S'])[:m]
+        innovation = np.full(3, np.nan)
+        innovation[:m] = z[:m]
+        return Outcome(nis <= gate, innovation, variance, nis, m, gate)
+
+    def _feed_back(self, x: Array) -> None:
+        """Take an estimated error out of the state, and remember it."""
+        kf.feed_back(
+            x,
             self.C_b_G,
             self.v_G,
             self.r_e,
@@ -320,9 +353,67 @@ class NavigationFilter:
             self.dvl_markov_m,
             self.usbl_bias_a,
         )
-        self.history.add_correction(self.x)
+        self.history.add_correction(x)
         self._locate()
-        return outcome
+
+    def fuse_clone(
+        self, C: Array, P_cc: Array, stated: Array, z: Array, noise: StatedNoise
+    ) -> tuple[Outcome, Used]:
+        """Fuse a measurement of a past position that is correlated with the present by ``C``.
+
+        Raises
+        ------
+        FilterDivergence
+            When the innovation covariance is not positive definite.
+        """
+        w = self.scratch
+        R = stated.copy()
+        noise.apply(R)
+        w['S'][:] = P_cc + R
+        outcome = self._gate(z, 3)
+        K, S, L = np.zeros((3, kf.N)), w['S'].copy(), w['L'].copy()
+        if outcome.fused:
+            noise.learn(z, stated)
+            kc.clone_fuse(self.P, self.x, C, P_cc, R, L, z, K, w['M'])
+            self._feed_back(self.x)
+        return outcome, (self.x.copy(), K, S, L, R)
+
+    def fuse_into(
+        self,
+        P: Array,
+        H: Array,
+        stated: Array,
+        z: Array,
+        noise: StatedNoise | None,
+        *,
+        gated: bool,
+        m: int = 3,
+    ) -> tuple[Outcome, Used]:
+        """Update another covariance than the present one; nothing is fed back.
+
+        Raises
+        ------
+        FilterDivergence
+            When the innovation covariance is not positive definite.
+        """
+        w = self.scratch
+        R = stated.copy()
+        if noise is not None:
+            noise.apply(R)
+        outcome = self._judge(P, H, R, z, m)
+        if not gated:
+            outcome = replace(outcome, fused=True)
+        S, L, x = w['S'].copy(), w['L'].copy(), np.zeros(kf.N)
+        if outcome.fused:
+            if noise is not None:
+                noise.learn(z, stated)
+            kf.update(P, x, H, R, z, m, w['K'], w['PHt'], L, w['M'])
+        return outcome, (x, w['K'].copy(), S, L, R)
+
+    def replace_estimate(self, P: Array, change: Array) -> None:
+        """Take another covariance, and an estimate that differs by ``change`` (as an error)."""
+        self.P[:] = P
+        self._feed_back(-change)
 
     def refer_to_now(self, first_correction: int) -> None:
         """Take what was fed back since out of ``z``, as if the rows had stayed the same."""
@@ -350,7 +441,7 @@ class NavigationFilter:
 
     def walk_to_now(self, first_step: int, first_correction: int) -> int:
         """Bring the rows in ``H`` and ``z`` from a stored step to now; the number of steps."""
-        h, w = self.history, self._w
+        h, w = self.history, self.scratch
         filter_walk.walk_forward(
             self.H,
             self.z,

@@ -60,7 +60,7 @@ class TruthNode(PolarNode[TruthParams]):
             self.create_timer(_LOOK_S, self._look, clock=self._wall)
             self.create_timer(_TURN_S, self._lockstep, clock=self._wall)
         else:
-            self._began_ns = self._moved_ns
+            self._began_ns = self._moved_ns + round(p.start_delay_s * NS)
             self.create_timer(_TURN_S, self._realtime, clock=self._wall)
 
     def diagnose(self) -> Diagnosis:

@@ -99,7 +99,9 @@ def deviation(terms: Terms, period_s: float, windows: NDArray[np.int64]) -> Floa
     return np.sqrt(3.0 * K[0] - 4.0 * K[1] + K[2]) / (m * period_s)
 
 
-def degrees_of_freedom(terms: Terms, period_s: float, windows: NDArray[np.int64], n: int) -> Floats:
+def degrees_of_freedom(
+    terms: Terms, period_s: float, windows: NDArray[np.int64], n: int
+) -> Floats:
     """Equivalent degrees of freedom of the overlapping estimate from n samples, shape of windows.
 
     Raises
@@ -108,15 +110,18 @@ def degrees_of_freedom(terms: Terms, period_s: float, windows: NDArray[np.int64]
         Where a window is longer than half of the record.
     """
     if 2 * int(np.max(windows)) > n:
-        raise ValueError(f'a window of {int(np.max(windows))} needs twice as many samples, not {n}')
+        raise ValueError(
+            f'a window of {int(np.max(windows))} needs twice as many samples, not {n}'
+        )
     return np.array([_degrees_of_freedom(terms, period_s, int(m), n) for m in windows])
 
 
 def _degrees_of_freedom(terms: Terms, T: float, m: int, n: int) -> float:
     count = n - 2 * m + 1
     near = np.arange(min(2 * m, count - 1) + 1, dtype=np.float64)
-    weights = zip((1.0, -4.0, 6.0, -4.0, 1.0), (-2, -1, 0, 1, 2), strict=True)
-    R = sum(w * _covariance(terms, T, np.abs(near + i * m)) for w, i in weights)
+    R = np.zeros_like(near)
+    for weight, i in zip((1.0, -4.0, 6.0, -4.0, 1.0), (-2, -1, 0, 1, 2), strict=True):
+        R += weight * _covariance(terms, T, np.abs(near + i * m))
     total = 2.0 * float((count - near) @ np.square(R)) - count * float(R[0]) ** 2
     if terms.sigma > 0.0 and count > 2 * m + 1:
         # Farther apart only the Gauss-Markov term is left, in closed form where sums would cancel.

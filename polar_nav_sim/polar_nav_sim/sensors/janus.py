@@ -94,7 +94,7 @@ def solve(b_m: Floats, along: Floats, good: NDArray[np.bool_]) -> tuple[Floats, 
     if int(np.count_nonzero(good)) < LEAST_BEAMS:
         raise ValueError(f'{np.count_nonzero(good)} beams give no velocity: {LEAST_BEAMS} do')
     B = b_m[good]
-    cofactor = np.linalg.inv(B.T @ B)
+    cofactor = np.asarray(np.linalg.inv(B.T @ B), dtype=np.float64)
     return np.asarray(cofactor @ B.T @ along[good]), cofactor
 
 

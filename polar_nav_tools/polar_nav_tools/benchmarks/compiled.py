@@ -14,7 +14,6 @@ from polar_nav_core.arrays import Array
 from polar_nav_core.kernels.filter import cholesky, innovation_covariance, predict, update
 from polar_nav_core.kernels.strapdown import strapdown_step
 
-
 F = TypeVar('F', bound=Callable[..., Any])
 
 

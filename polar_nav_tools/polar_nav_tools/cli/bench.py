@@ -23,7 +23,7 @@ app.add_typer(bench, name='bench')
 def core(
     rounds: Annotated[int, typer.Option(min=1, help='Rounds; ratios are their medians.')] = 7,
     samples: Annotated[
-        int, typer.Option(min=1, max=60_000, help='IMU samples in the record, 100 per second.')
+        int, typer.Option(min=1, max=360_000, help='IMU samples in the record, 100 per second.')
     ] = 60_000,
     processor: Annotated[
         int | None,
@@ -62,9 +62,10 @@ def core(
     for group in result.groups:
         print_table(console, group.table())
     worst = max(v for k, v in result.agreement_m.items() if 'horizontal' in k)
+    covariance = max(result.agreement_covariance.values())
     sys.stdout.write(
         f'Same results: positions within {1e3 * worst:.1f} mm horizontally of python-ins after'
-        f' {samples} samples, covariances within {max(result.agreement_covariance.values()):.0e}'
+        f' {result.compared_samples} samples, covariances within {covariance:.0e}'
         ' of filterpy.\n'
         f'{facts["cpu"]}, core {used} of {facts["cores"]}, load {facts["load_average"]:.1f} to'
         f' {facts["load_average_after"]:.1f}, Python {facts["python"]}, '

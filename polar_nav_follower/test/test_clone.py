@@ -1,0 +1,163 @@
+"""`clone` against a filter with explicitly augmented states, overlapping delays among them."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from closed_loop import World, run
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from polar_nav_follower.events import Estimate, Receipt
+from polar_nav_follower.filter.clone import Clone
+from polar_nav_follower.filter.fusion import FixResult, Fusion
+from polar_nav_follower.filter.navigation import Outcome
+from polar_nav_follower.follower import Follower
+
+
+class Augmented(Fusion):
+    """Every position that a fix will be about is a state of its own, from its time on.
+
+    Plain NumPy: cross-covariance X (24, 3n), covariance Q (3n, 3n) of the clones, and for each the
+    innovation of its fix, moved by all that is learnt of the clone.
+    """
+
+    def __init__(self, params, initial, stamp_ns, schedule):
+        super().__init__(params, initial, stamp_ns)
+        self.waiting = sorted(schedule, key=lambda f: (f.validity_ns, f.order))
+        self.clones = []
+        self.X = np.zeros((24, 0))
+        self.Q = np.zeros((0, 0))
+
+    def add_due(self, before):
+        """Clones of all fixes valid before a stamp."""
+        while self.waiting and self.waiting[0].validity_ns < before:
+            fix, f = self.waiting.pop(0), self.filter
+            self._fuse_at(fix, self._present(), fix.validity_ns)
+            H = f.H.copy()
+            cross = f.P @ H.T
+            self.Q = np.block([[self.Q, self.X.T @ H.T], [H @ self.X, H @ cross]])
+            self.X = np.hstack([self.X, cross])
+            self.clones.append([fix, f.z.copy(), f.R.copy()])
+
+    def imu(self, sample):
+        self.add_due(sample.stamp_ns)
+        h = self.filter.history
+        step = h.step
+        super().imu(sample)
+        if h.step != step:
+            self.X = h.transitions[h.step % len(h.transitions)] @ self.X
+
+    def local(self, event):
+        f = self.filter
+        P = f.P.copy()
+        outcome = super().local(event)
+        m = outcome.dof
+        H, R, z = f.H[:m], f.R[:m, :m], f.z[:m]
+        S = H @ P @ H.T + R
+        self._learn(P @ H.T, self.X.T @ H.T, S, z)
+        return outcome
+
+    def _learn(self, cross_x, cross_c, S, z):
+        """Everybody's share of a measurement with covariances (24, m) and (3n, m) to it."""
+        gain_c = cross_c @ np.linalg.inv(S)
+        self.X = self.X - cross_x @ gain_c.T
+        self.Q = self.Q - gain_c @ S @ gain_c.T
+        for i, clone in enumerate(self.clones):
+            clone[1] = clone[1] - gain_c[3 * i : 3 * i + 3] @ z
+
+    def fix(self, fix):
+        self.add_due(fix.validity_ns + 1)
+        f = self.filter
+        i = next(i for i, c in enumerate(self.clones) if c[0] is fix)
+        block = slice(3 * i, 3 * i + 3)
+        _, z, R = self.clones[i]
+        S = self.Q[block, block] + R
+        cross_x, cross_c = self.X[:, block].copy(), self.Q[:, block].copy()
+        K = cross_x @ np.linalg.inv(S)
+        f.P[:] = f.P - K @ S @ K.T
+        f._feed_back(np.ascontiguousarray(K @ z))
+        self._learn(cross_x, cross_c, S, z)
+        nan = np.full(3, np.nan)
+        return FixResult(Outcome(True, z, nan, 0.0, 3, np.inf), 0)
+
+
+@pytest.fixture(scope='module')
+def world():
+    return World(40.0)
+
+
+@pytest.fixture(scope='module')
+def long_world():
+    return World(75.0)
+
+
+def drive(world, fixes, make):
+    params = world.params(
+        configuration='custom',
+        delay_handling='clone',
+        noise_adaptation='none',
+        gate_probability=1.0,
+    )
+    engine = Follower(params)
+    engine._make_fusion = make
+    rng = np.random.default_rng(1)
+    out = run(engine, [*world.imu(), *world.dvl(rng=rng), *world.depth(rng=rng), *fixes])
+    return [o for o in out if isinstance(o, Estimate)], engine
+
+
+def compare(world, fixes):
+    got, engine = drive(world, fixes, Clone)
+    expected, _ = drive(world, fixes, lambda p, i, t: Augmented(p, i, t, fixes))
+    assert len(got) == len(expected)
+    for a, b in zip(
+        got[:: max(1, len(got) // 40)], expected[:: max(1, len(got) // 40)], strict=True
+    ):
+        sigma = np.sqrt(np.diagonal(b.P))
+        active = sigma > 0.0
+        scale = np.outer(sigma, sigma)[np.ix_(active, active)]
+        assert np.abs((a.P - b.P)[np.ix_(active, active)] / scale).max() < 1e-9
+        assert np.all(np.abs(a.r_e - b.r_e) < 1e-6 * sigma[6:9])
+        assert np.all(np.abs(a.v_G - b.v_G) < 1e-6 * sigma[3:6])
+        assert np.all(np.abs(a.dvl_markov_m - b.dvl_markov_m) < 1e-6 * sigma[18:21])
+    return engine
+
+
+@settings(max_examples=8, deadline=None)
+@given(st.integers(0, 2**32))
+def test_random_schedules_give_the_augmented_filter(world, seed):
+    rng = np.random.default_rng(seed)
+    fixes = []
+    for f in world.fixes(0.9, 0.0, rng=rng):
+        late = dataclasses.replace(f, receive_ns=f.validity_ns + int(rng.uniform(0.0, 9.0) * 1e9))
+        if rng.random() > 0.3 and late.receive_ns < world.stamps[-1]:
+            fixes.append(late)
+    compare(world, fixes)
+
+
+@pytest.mark.parametrize(('period_s', 'delay_s'), [(12.0, 6.0), (1.0, 5.0), (2.5, 20.0)])
+def test_constant_delays_alone_and_overlapping(world, period_s, delay_s):
+    fixes = world.fixes(period_s, delay_s, rng=np.random.default_rng(2))
+    engine = compare(world, fixes)
+    assert engine.fused['fix'] == len(fixes) > 0
+
+
+@pytest.mark.slow
+def test_a_minute_of_delay_at_one_fix_a_second(long_world):
+    engine = compare(long_world, long_world.fixes(1.0, 60.0, rng=np.random.default_rng(3)))
+    assert engine.fused['fix'] == 14
+
+
+def test_near_rewind_on_the_full_filter(world):
+    fixes = world.fixes(1.0, lambda i: 2.0 + 1.7 * (i % 3), rng=np.random.default_rng(4))
+    params = {'configuration': 'custom', 'noise_adaptation': 'none', 'gate_probability': 1.0}
+    rng = np.random.default_rng(1)
+    events = [*world.imu(), *world.dvl(rng=rng), *world.depth(rng=rng), *fixes]
+    last = {}
+    for name in ('clone', 'rewind'):
+        out = run(Follower(world.params(delay_handling=name, **params)), events)
+        last[name] = [o for o in out if isinstance(o, Estimate)][-1]
+        assert all(r.nis > 0.0 for r in out if isinstance(r, Receipt))
+    sigma = np.sqrt(np.diagonal(last['rewind'].P))
+    assert np.all(np.abs(last['clone'].r_e - last['rewind'].r_e) < 0.01 * sigma[6:9])
+    np.testing.assert_allclose(np.sqrt(np.diagonal(last['clone'].P))[:15], sigma[:15], rtol=0.01)

@@ -1,0 +1,74 @@
+"""`polar launch` and `polar record`: the graph in real time, and a recorder beside it."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import time
+
+import pytest
+from live_support import TOOL, polar, processes_with
+
+pytestmark = [pytest.mark.live, pytest.mark.timeout(240)]
+
+
+@pytest.fixture
+def launch(own_domain, tmp_path):
+    """`polar launch` under way in real time, with a bag of its own."""
+    bag = tmp_path / 'launched'
+    log = tmp_path / 'launch.txt'
+    with log.open('wb') as stderr:
+        process = subprocess.Popen(
+            [*TOOL, 'launch', '--duration', '200', '--bag', str(bag)],
+            cwd=tmp_path,
+            env=own_domain,
+            stderr=stderr,
+        )
+    deadline = time.monotonic() + 90.0
+    while ' of 200 s' not in log.read_text() or not (bag / 'launched_0.mcap').exists():
+        assert process.poll() is None, log.read_text()
+        assert time.monotonic() < deadline, log.read_text()
+        time.sleep(0.1)
+    yield process, bag, log
+    if process.poll() is None:
+        process.kill()
+    process.communicate()
+
+
+def test_launch_ends_well_on_ctrl_c_and_its_bag_verifies(launch):
+    process, bag, log = launch
+    time.sleep(5.0)
+    process.send_signal(signal.SIGINT)
+    process.communicate(timeout=60.0)
+    assert process.returncode == 0, log.read_text()
+    assert processes_with(f'{bag}.run/') == {}
+    done = polar('verify', bag, '--json')
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)['topics']['nav/state']['live_messages'] > 10
+
+
+@pytest.mark.usefixtures('launch')
+def test_record_finds_the_topics_of_a_running_graph(own_domain, tmp_path):
+    out = tmp_path / 'recorded'
+    log = tmp_path / 'record.txt'
+    with log.open('wb') as stderr:
+        process = subprocess.Popen(
+            [*TOOL, 'record', '--out', str(out)], env=own_domain, stderr=stderr
+        )
+    deadline = time.monotonic() + 60.0
+    file = out / 'recorded_0.mcap'
+    while not file.exists() or file.stat().st_size < 200_000:
+        assert process.poll() is None, log.read_text()
+        assert time.monotonic() < deadline, log.read_text()
+        time.sleep(0.1)
+    process.send_signal(signal.SIGINT)
+    process.communicate(timeout=60.0)
+    assert process.returncode == 0, log.read_text()
+    info = polar('info', out, '--json')
+    assert info.returncode == 0, info.stderr
+    counts = {t['name']: t['count'] for t in json.loads(info.stdout)['topics']}
+    assert counts['/follower/imu/data_raw'] > 100
+    assert counts['/follower/nav/state'] > 10
+    # Published once, before this recorder was there, and kept for those who come late.
+    assert counts['/run_info'] >= 13
