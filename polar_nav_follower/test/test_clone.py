@@ -145,7 +145,7 @@ def test_constant_delays_alone_and_overlapping(world, period_s, delay_s):
 @pytest.mark.slow
 def test_a_minute_of_delay_at_one_fix_a_second(long_world):
     engine = compare(long_world, long_world.fixes(1.0, 60.0, rng=np.random.default_rng(3)))
-    assert engine.fused['fix'] == 14
+    assert engine.fused['fix'] == 15
 
 
 def test_near_rewind_on_the_full_filter(world):

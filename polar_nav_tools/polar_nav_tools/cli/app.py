@@ -12,7 +12,6 @@ import typer
 
 from polar_nav_core.errors import PolarNavError
 
-USAGE_STATUS = 2
 INTERRUPTED_STATUS = 130
 
 app = typer.Typer(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import signal
 from datetime import datetime
 from pathlib import Path
@@ -143,7 +144,8 @@ def record(
 
     target = out or new_bag_path(BAGS, 'recording', 0, datetime.now())
     say(f'recording to {target}; Ctrl-C ends it')
-    end(recorder_main(['--ros-args', '-p', f'output:={target}']))
+    # In quotes: a parameter on the command line is YAML, where 2026 would be a number.
+    end(recorder_main(['--ros-args', '-p', f'output:={json.dumps(str(target))}']))
 
 
 def _tell_start(graph: Graph, domain_id: str) -> None:
