@@ -60,6 +60,8 @@ STARTED = {
     'polar_nav_tools': {'polar_nav_follower', 'polar_nav_leader', 'polar_nav_sim', 'ros2launch'},
 }
 # gsw has no rosdep key (README says how to get it); the others come with numba, typer, jinja2.
+# What benchmarks and tests compare with: imported where it is used, and not needed to run.
+COMPARED = {'avar', 'filterpy', 'pandas', 'pyins'}
 WITHOUT_KEY = {'gsw', 'llvmlite', 'click', 'markupsafe', 'setuptools', 'distutils'}
 
 
@@ -72,7 +74,7 @@ def imported(folder: Path) -> set[str]:
                 names |= {alias.name.split('.')[0] for alias in node.names}
             elif isinstance(node, ast.ImportFrom) and node.level == 0 and node.module:
                 names.add(node.module.split('.')[0])
-    return names - set(sys.stdlib_module_names) - WITHOUT_KEY
+    return names - set(sys.stdlib_module_names) - WITHOUT_KEY - COMPARED
 
 
 def declared(package: str, *tags: str) -> set[str]:

@@ -121,7 +121,7 @@ def ros2(own_domain: dict[str, str]) -> Ros2:
     return command
 
 
-@pytest.fixture(scope='module')
+@pytest.fixture(scope='class')
 def graph(ros2: Ros2, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Ros2]:
     """The demo in real time, launched by ros2; at the end it must take a Ctrl-C well."""
     folder = tmp_path_factory.mktemp('launch')
@@ -191,64 +191,59 @@ def test_run_refuses_an_unknown_parameter_in_one_sentence(ros2):
     assert 'Traceback' not in done.stdout + done.stderr
 
 
-# -- the running graph
+class TestRunningGraph:
+    """What is asked of it; it ends with the class, before another one is launched."""
 
+    def test_topic_list_shows_topics_with_types(self, graph):
+        listed = graph.said('topic', 'list', '-t', *FRESH)
+        for topic, kind in {
+            '/clock': 'rosgraph_msgs/msg/Clock',
+            '/follower/imu/data_raw': 'sensor_msgs/msg/Imu',
+            '/follower/nav/state': 'polar_nav_msgs/msg/NavState',
+            '/follower/nav/receipt': 'polar_nav_msgs/msg/FixReceipt',
+            '/leader/usbl/fix': 'polar_nav_msgs/msg/UsblFix',
+            '/leader/acomms/tx': 'polar_nav_msgs/msg/AcousticPacket',
+        }.items():
+            assert f'{topic} [{kind}]' in listed
 
-def test_topic_list_shows_topics_with_types(graph):
-    listed = graph.said('topic', 'list', '-t', *FRESH)
-    for topic, kind in {
-        '/clock': 'rosgraph_msgs/msg/Clock',
-        '/follower/imu/data_raw': 'sensor_msgs/msg/Imu',
-        '/follower/nav/state': 'polar_nav_msgs/msg/NavState',
-        '/follower/nav/receipt': 'polar_nav_msgs/msg/FixReceipt',
-        '/leader/usbl/fix': 'polar_nav_msgs/msg/UsblFix',
-        '/leader/acomms/tx': 'polar_nav_msgs/msg/AcousticPacket',
-    }.items():
-        assert f'{topic} [{kind}]' in listed
+    def test_topic_echo_shows_a_fix_that_was_used(self, graph):
+        fused = ('--filter', "m.verdict_text == 'FUSED'")
+        said = graph.said('topic', 'echo', '--once', *fused, '/follower/nav/receipt')
+        assert 'delay_handling: back_propagate' in said
 
+    def test_topic_hz_of_the_estimate(self, graph, tmp_path):
+        watch = graph.start(tmp_path, 'topic', 'hz', '/follower/nav/state')
+        try:
+            watch.wait_for(lambda: watch.output.count('average rate') >= 5)
+            watch.ctrl_c()
+        finally:
+            watch.end()
+        rates = [line.split()[-1] for line in watch.output.splitlines() if 'average rate' in line]
+        assert float(rates[-1]) == pytest.approx(10.0, rel=0.3)
 
-def test_topic_echo_shows_a_fix_that_was_used(graph):
-    fused = ('--filter', "m.verdict_text == 'FUSED'")
-    said = graph.said('topic', 'echo', '--once', *fused, '/follower/nav/receipt')
-    assert 'delay_handling: back_propagate' in said
+    def test_node_info_shows_topics_and_services(self, graph):
+        said = graph.said('node', 'info', FOLLOWER, *FRESH)
+        for text in (
+            '/follower/imu/data_raw: sensor_msgs/msg/Imu',
+            '/follower/nav/state: polar_nav_msgs/msg/NavState',
+            f'{FOLLOWER}/set_initial_state: polar_nav_msgs/srv/SetInitialState',
+        ):
+            assert text in said
 
+    def test_parameters_describe_themselves(self, graph):
+        assert 'max_delay_s' in graph.said('param', 'list', FOLLOWER, *FRESH).split()
+        described = graph.said('param', 'describe', FOLLOWER, 'max_delay_s', *FRESH)
+        for text in ('Type: double', 'Oldest fix that is still used [s]', 'Max value: 120.0'):
+            assert text in described
+        assert '60.0' in graph.said('param', 'get', FOLLOWER, 'max_delay_s', *FRESH)
 
-def test_topic_hz_of_the_estimate(graph, tmp_path):
-    watch = graph.start(tmp_path, 'topic', 'hz', '/follower/nav/state')
-    try:
-        watch.wait_for(lambda: watch.output.count('average rate') >= 5)
-        watch.ctrl_c()
-    finally:
-        watch.end()
-    rates = [line.split()[-1] for line in watch.output.splitlines() if 'average rate' in line]
-    assert float(rates[-1]) == pytest.approx(10.0, rel=0.3)
-
-
-def test_node_info_shows_topics_and_services(graph):
-    said = graph.said('node', 'info', FOLLOWER, *FRESH)
-    for text in (
-        '/follower/imu/data_raw: sensor_msgs/msg/Imu',
-        '/follower/nav/state: polar_nav_msgs/msg/NavState',
-        f'{FOLLOWER}/set_initial_state: polar_nav_msgs/srv/SetInitialState',
-    ):
-        assert text in said
-
-
-def test_parameters_describe_themselves(graph):
-    assert 'max_delay_s' in graph.said('param', 'list', FOLLOWER, *FRESH).split()
-    described = graph.said('param', 'describe', FOLLOWER, 'max_delay_s', *FRESH)
-    for text in ('Type: double', 'Oldest fix that is still used [s]', 'Max value: 120.0'):
-        assert text in described
-    assert '60.0' in graph.said('param', 'get', FOLLOWER, 'max_delay_s', *FRESH)
-
-
-def test_services_answer_and_say_why_not(graph):
-    reset = graph.said('service', 'call', f'{FOLLOWER}/reset', 'std_srvs/srv/Trigger')
-    assert 'success=True' in reset
-    service = (f'{FOLLOWER}/set_initial_state', 'polar_nav_msgs/srv/SetInitialState')
-    refused = graph.said('service', 'call', *service, '{initial_state: {latitude: 1.4}}')
-    assert 'success=False' in refused
-    assert 'sigma_position_horizontal is 0.0: it must be positive' in refused
+    def test_services_answer_and_say_why_not(self, graph):
+        reset = graph.said('service', 'call', f'{FOLLOWER}/reset', 'std_srvs/srv/Trigger')
+        assert 'success=True' in reset
+        service = (f'{FOLLOWER}/set_initial_state', 'polar_nav_msgs/srv/SetInitialState')
+        refused = graph.said('service', 'call', *service, '{initial_state: {latitude: 1.4}}')
+        assert 'success=False' in refused
+        assert 'sigma_position_horizontal is 0.0: it must be positive' in refused
 
 
 # -- ros2 launch
