@@ -21,6 +21,7 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Imu, NavSatFix
 from std_srvs.srv import Trigger
 
+from polar_nav_core.kernels.warm import warm_up
 from polar_nav_msgs.msg import AcousticPacket, Depth, Dvl, FixReceipt, LeaderBroadcast, NavState
 from polar_nav_msgs.msg import Command as CommandMsg
 from polar_nav_msgs.msg import InitialState as InitialStateMsg
@@ -40,6 +41,8 @@ class FollowerNode(PolarNode[FollowerParams]):
 
     def __init__(self) -> None:
         super().__init__('follower_node', FollowerParams)
+        # Before anything is subscribed to: a cold compile takes long, and sensors do not wait.
+        warm_up()
         self._session = session.Session(self.params, self.vehicle)
         self._outputs_by_topic = {
             session.STATE: self.advertise(NavState, session.STATE),

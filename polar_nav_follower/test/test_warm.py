@@ -6,9 +6,10 @@ import pytest
 from closed_loop import World, run
 
 from polar_nav_core.kernels import filter as kf
-from polar_nav_core.kernels import filter_imu, filter_rows, filter_walk
+from polar_nav_core.kernels import filter_clone, filter_imu, filter_rows, filter_walk
 from polar_nav_core.kernels.warm import warm_filter
 from polar_nav_follower.follower import Follower
+from polar_nav_follower.params import DELAY_HANDLING
 
 
 @pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason='nothing is compiled')
@@ -16,10 +17,12 @@ def test_the_engine_needs_no_kernel_that_set_up_has_not_compiled():
     warm_filter()
     world = World(5.0)
     fixes = world.fixes(1.0, 1.0, rng=np.random.default_rng(0))
-    run(Follower(world.params()), [*world.imu(), *world.dvl(), *world.depth(), *fixes])
+    events = [*world.imu(), *world.dvl(), *world.depth(), *fixes]
+    for name in DELAY_HANDLING:
+        run(Follower(world.params(configuration='custom', delay_handling=name)), events)
     compiled = [
         k
-        for m in (kf, filter_imu, filter_rows, filter_walk)
+        for m in (kf, filter_clone, filter_imu, filter_rows, filter_walk)
         for n, k in vars(m).items()
         if hasattr(k, 'signatures') and n[0] != '_'
     ]

@@ -88,7 +88,7 @@ def verify(
     inputs.bag.require([f'/{inputs.vehicle}/{session.STATE}'])
     if replayed is None or replayed.params != parameters(inputs.params, None, {}):
         replayed = replay(inputs, progress=progress)
-    difference = None
+    difference = _late_start(inputs)
     for topic in COMPARED:
         if inputs.live[topic] != replayed.of(topic):
             found = _first_difference(topic, inputs.live[topic], replayed.of(topic))
@@ -102,6 +102,20 @@ def verify(
         difference=difference,
         problems=list(inputs.bag.problems),
     )
+
+
+def _late_start(inputs: RecordedInputs) -> Difference | None:
+    """What cannot be compared: a recording that began when the follower was already running."""
+    first = next(to_ns(m.header.stamp) for topic, m in inputs.messages if topic == session.IMU)
+    states = inputs.live[session.STATE]
+    began = to_ns(deserialize_message(states[0], NavState).header.stamp)
+    if began >= first:
+        return None
+    live, bag = (
+        'was already navigating',
+        f'the first IMU sample in the bag is of {first * 1e-9:.3f} s',
+    )
+    return Difference(session.STATE, 0, began, 'start', live, bag)
 
 
 def _digest(messages: Iterable[bytes]) -> str:

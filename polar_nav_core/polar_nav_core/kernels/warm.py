@@ -10,6 +10,7 @@ import numpy as np
 
 from .. import earth, strapdown
 from . import filter as kf
+from . import filter_clone as kc
 from . import filter_imu, filter_rows, filter_walk
 
 
@@ -41,9 +42,20 @@ def warm_filter() -> None:
     kf.cholesky(w['L'], w['S'], 3)
     kf.nis_of(w['L'], z, w['w'], 3)
     kf.update(P, x, H, R, z, 3, w['K'], w['PHt'], w['L'], w['M'])
+    cross, P_cc, work = np.zeros((kf.N, 3)), np.eye(3), np.zeros((6, 3))
+    kc.clone_begin(cross, P_cc, P, H)
+    kc.clone_step(cross, Phis[0], np.zeros((kf.NAV, 3)))
+    kc.clone_measurement(cross, P_cc, z, H, w['L'], w['K'], z, 3, work)
+    kc.clone_fuse(P, x, cross, P_cc, R, w['L'], z, w['K'], w['M'])
+    kc.drop_information(P, w['K'], w['S'], 3)
     kf.feed_back(x, C, v.copy(), r_e.copy(), *(np.zeros(3) for _ in range(5)))
 
 
-if __name__ == '__main__':
+def warm_up() -> None:
+    """Compile or load every kernel that a node or a replay runs."""
     strapdown.warm_up()
     warm_filter()
+
+
+if __name__ == '__main__':
+    warm_up()

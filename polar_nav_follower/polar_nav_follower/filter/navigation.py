@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 from polar_nav_core import attitude, earth, grid
 from polar_nav_core.errors import FilterDivergence
@@ -466,5 +466,9 @@ def chi2_gate(probability: float, dof: int) -> float:
     """Threshold that a good NIS stays below with the given probability; infinite for 1."""
     key = (probability, dof)
     if key not in _GATES:
-        _GATES[key] = math.inf if probability >= 1.0 else float(chi2.ppf(probability, dof))
+        # The chi-square quantile; scipy.stats would cost every start of a node half a second.
+        quantile = (
+            math.inf if probability >= 1.0 else 2.0 * float(gammaincinv(dof / 2, probability))
+        )
+        _GATES[key] = quantile
     return _GATES[key]

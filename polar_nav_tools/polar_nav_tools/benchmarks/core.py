@@ -120,11 +120,11 @@ def run(
     batch, single = navigation.entries(record)
     whole, predictions, updates = covariance.entries(matrices)
     tell(f'strapdown: {rounds} rounds')
+    peers = ('python_ins', 'python_ins_loop', 'numpy')
+    one_by_one = 'Strapdown, sample by sample'
     groups = [
-        Group('batch', 'Strapdown, a batch', 'sample', timed(batch), ('python_ins', 'python_ins_loop', 'numpy')),
-        Group(
-            'single', 'Strapdown, sample by sample', 'sample', timed(single), ('python_ins_called',)
-        ),
+        Group('batch', 'Strapdown, a batch', 'sample', timed(batch), peers),
+        Group('single', one_by_one, 'sample', timed(single), ('python_ins_called',)),
     ]
     tell(f'filter: {rounds} rounds')
     groups += [
