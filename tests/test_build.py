@@ -10,6 +10,7 @@ import ast
 import os
 import re
 import signal
+import shutil
 import subprocess
 import sys
 import time
@@ -144,6 +145,8 @@ def snapshot(prefix: Path) -> dict[Path, tuple[int, int]]:
 def outside() -> dict[str, str]:
     """Environment of a shell in which only the virtual environment was activated."""
     keep = {k: v for k, v in os.environ.items() if k in ('HOME', 'LANG', 'TMPDIR', 'CC', 'CXX')}
+    if shutil.which('make') is None:  # CMake's default; ninja comes with the environment
+        keep['CMAKE_GENERATOR'] = 'Ninja'
     return {
         **keep,
         'PATH': f'{sys.prefix}/bin:/usr/local/bin:/usr/bin:/bin',

@@ -85,7 +85,8 @@ class NodeProcess:
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
-            env=dict(env),
+            # Unbuffered: what a node said last must not come before what it said first.
+            env={**env, 'PYTHONUNBUFFERED': '1'},
             start_new_session=True,
         )
         stdout = self.process.stdout
