@@ -144,7 +144,7 @@ def assert_whole(bag: Path) -> None:
     """The recorder finished it."""
     told = polar('info', bag, '--json')
     assert told.returncode == 0, told.stderr
-    assert json.loads(told.stdout)['complete'] is True
+    assert json.loads(told.stdout)['is_complete'] is True
     assert told.stderr == ''
 
 
