@@ -53,8 +53,9 @@ def load(node: Node, cls: type[T]) -> T:
                 if f.name in node._parameter_overrides
                 else default
             )
+            expected = _expected(f.metadata, given_value)
             raise ConfigError(
-                f'parameter {f.name}: {given_value!r} is refused: {_expected(f.metadata)}'
+                f'parameter {f.name}: {given_value!r} is refused: {expected}'
             ) from error
         if f.metadata['kind'] == 'strs':
             value = [v for v in value if v]
@@ -62,11 +63,13 @@ def load(node: Node, cls: type[T]) -> T:
     return from_mapping(cls, values)
 
 
-def _expected(meta: Mapping[str, Any]) -> str:
+def _expected(meta: Mapping[str, Any], given: object) -> str:
+    unit = f' {meta["unit"]}' if meta['unit'] else ''
     if meta['kind'] == 'float':
-        return f'a float in [{meta["lo"]}, {meta["hi"]}] {meta["unit"]} (write 5.0, not 5)'
+        hint = ' (write 5.0, not 5)' if isinstance(given, int) else ''
+        return f'a float in [{meta["lo"]}, {meta["hi"]}]{unit}{hint}'
     if meta['kind'] == 'int':
-        return f'an integer in [{meta["lo"]}, {meta["hi"]}] {meta["unit"]}'
+        return f'an integer in [{meta["lo"]}, {meta["hi"]}]{unit}'
     if meta['kind'] == 'floats':
         return f'a list of {meta["length"]} floats'
     return {'bool': 'true or false', 'str': 'a text', 'strs': 'a list of texts'}[meta['kind']]
