@@ -114,10 +114,8 @@ def ros2(own_domain: dict[str, str]) -> Ros2:
     command = Ros2(program, own_domain)
     found = command.call('pkg', 'executables', 'polar_nav_tools')
     if found.returncode != 0 and not named:
-        pytest.skip(
-            f'{program} does not find polar_nav_tools (no workspace with it is sourced here):'
-            f' {found.stderr.strip()[-200:]}'
-        )
+        why = (found.stderr.strip().splitlines() or ['it said nothing'])[-1]
+        pytest.skip(f'{program} does not find polar_nav_tools, source its workspace: {why}')
     assert found.returncode == 0, found.stderr
     return command
 

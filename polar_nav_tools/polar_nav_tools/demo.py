@@ -49,6 +49,8 @@ class DemoOptions:
         The new bag; by default a new one in ``folder``.
     folder : Path
         Where bags go.
+    as_recorded : bool
+        Sail a recorded track with its own stamps.
     """
 
     mission: str
@@ -58,6 +60,7 @@ class DemoOptions:
     configuration: str
     bag: Path | None
     folder: Path
+    as_recorded: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,7 +170,7 @@ def run_demo(options: DemoOptions, *, say: Callable[[str], None]) -> DemoResult:
         When a node died.
     """
     started = time.monotonic()
-    mission = read_mission(options.mission, options.duration_s)
+    mission = read_mission(options.mission, options.duration_s, as_recorded=options.as_recorded)
     bag = options.bag or new_bag_path(options.folder, mission.name, options.seed, datetime.now())
     graph_options = GraphOptions(
         pace=options.pace, seed=options.seed, configuration=options.configuration, bag=bag

@@ -185,6 +185,8 @@ def _truth_node(mission: Mission, options: GraphOptions, others: list[str]) -> N
         'pace': options.pace,
         'exit_at_end': True,
     }
+    if getattr(mission.path, 'as_recorded', False):
+        parameters['overrides'] = ['path.as_recorded=true']
     if options.pace == 'lockstep':
         parameters['expected_nodes'] = others
         parameters['window_s'] = LOCKSTEP_WINDOW_S

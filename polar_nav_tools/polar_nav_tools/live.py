@@ -77,11 +77,16 @@ class LiveRun:
         raise RunFailed(sentence, culprit.last_lines)
 
 
-def read_mission(name: str, duration_s: float | None) -> Mission:
-    """Load a mission by name or file, with another length if one is given."""
+def read_mission(name: str, duration_s: float | None, *, as_recorded: bool = False) -> Mission:
+    """Load a mission by name or file, with another length if one is given.
+
+    A mission along a track can be sailed with the track's own stamps (``as_recorded``).
+    """
     from polar_nav_sim.mission import load_mission
 
     mission = load_mission(name)
+    if as_recorded:
+        mission = mission.with_overrides({'path.as_recorded': True})
     return mission if duration_s is None else mission.with_duration(duration_s)
 
 

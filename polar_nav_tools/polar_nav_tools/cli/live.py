@@ -37,6 +37,12 @@ BagOption = Annotated[
     Path | None,
     typer.Option('--bag', help='Folder of the new bag; by default a new one in bags/.'),
 ]
+AsRecordedOption = Annotated[
+    bool,
+    typer.Option(
+        '--as-recorded', help='Sail a recorded track with its own stamps, as it drifted.'
+    ),
+]
 JsonOption = Annotated[bool, typer.Option('--json', help='Print figures as JSON on stdout.')]
 
 
@@ -53,6 +59,7 @@ def demo(
     ] = 'lockstep',
     configuration: ConfigurationOption = 'modified_akf',
     bag: BagOption = None,
+    as_recorded: AsRecordedOption = False,
     open_report: Annotated[
         bool, typer.Option('--open', help='Open the report in a browser at the end.')
     ] = False,
@@ -74,6 +81,7 @@ def demo(
         configuration=configuration,
         bag=bag,
         folder=BAGS,
+        as_recorded=as_recorded,
     )
     result = run_demo(options, say=say)
     if result.signal is not None:
@@ -97,6 +105,7 @@ def launch(
     seed: SeedOption = 1,
     configuration: ConfigurationOption = 'modified_akf',
     bag: BagOption = None,
+    as_recorded: AsRecordedOption = False,
     no_record: Annotated[
         bool, typer.Option('--no-record', help='Run without a recorder.')
     ] = False,
@@ -109,7 +118,7 @@ def launch(
     from ..live import new_bag_path, read_mission, run_live
     from ..progress import progress_display
 
-    chosen = read_mission(mission, duration)
+    chosen = read_mission(mission, duration, as_recorded=as_recorded)
     named = bag or new_bag_path(BAGS, chosen.name, seed, datetime.now())
     target = None if no_record else named
     options = GraphOptions(pace='realtime', seed=seed, configuration=configuration, bag=target)
