@@ -16,6 +16,7 @@ from polar_nav_sim import params as sim_params
 from polar_nav_sim.mission import load_mission
 from polar_nav_tools.graph import GraphOptions, build_graph, recorded_topics
 from polar_nav_tools.initial import InitialSigma, initial_parameters
+from polar_nav_tools.live import read_mission
 from polar_nav_tools.node_spec import NodeSpec, Stage, parameter_yaml
 from polar_nav_tools.recorder import RecorderParams
 
@@ -232,3 +233,15 @@ def test_the_state_holds_at_the_first_imu_sample(mission):
     assert np.abs(dv_G).max() < 5.0 * defaults.initial_sigma_velocity
     assert np.abs(dr_G).max() < 5.0 * defaults.initial_sigma_position
     assert np.abs(phi_G[:2]).max() < 5.0 * np.radians(defaults.initial_sigma_tilt_deg)
+
+
+def test_a_track_as_recorded_reaches_the_truth_node():
+    usual = build_graph(read_mission('near_pole', 20.0), GraphOptions())
+    drifting = build_graph(read_mission('near_pole', 20.0, as_recorded=True), GraphOptions())
+    assert 'overrides' not in usual.nodes[0].parameters
+    assert drifting.nodes[0].parameters['overrides'] == ['path.as_recorded=true']
+
+
+def test_only_a_track_can_be_sailed_as_recorded():
+    with pytest.raises(ConfigError, match='as_recorded'):
+        read_mission('demo', None, as_recorded=True)
