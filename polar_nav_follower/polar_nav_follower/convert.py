@@ -13,15 +13,7 @@ from geometry_msgs.msg import Quaternion
 from sensor_msgs.msg import Imu
 
 from polar_nav_core import attitude, earth, grid
-from polar_nav_core.packet import Broadcast
-from polar_nav_msgs.msg import AcousticPacket, Depth, Dvl, FixReceipt, NavState
-from polar_nav_msgs.msg import Command as CommandMsg
-from polar_nav_msgs.msg import InitialState as InitialStateMsg
-from polar_nav_ros.broadcasts import broadcast_to_msg
-from polar_nav_ros.cdr import to_bytes
-from polar_nav_ros.stamps import to_msg, to_ns
-
-from .events import (
+from polar_nav_core.engine.events import (
     Array,
     Command,
     CommandKind,
@@ -34,6 +26,14 @@ from .events import (
     Receipt,
     Verdict,
 )
+from polar_nav_core.packet import Broadcast
+from polar_nav_msgs.msg import AcousticPacket, Depth, Dvl, FixReceipt, NavState
+from polar_nav_msgs.msg import Command as CommandMsg
+from polar_nav_msgs.msg import InitialState as InitialStateMsg
+from polar_nav_ros.broadcasts import broadcast_to_msg
+from polar_nav_ros.cdr import to_bytes
+from polar_nav_ros.stamps import to_msg, to_ns
+
 from .measurements.fix import fix_from_packet
 from .params import FollowerParams
 

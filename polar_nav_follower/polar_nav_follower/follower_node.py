@@ -21,6 +21,7 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Imu, NavSatFix
 from std_srvs.srv import Trigger
 
+from polar_nav_core.engine.events import CommandKind, Verdict
 from polar_nav_core.kernels.warm import warm_up
 from polar_nav_msgs.msg import AcousticPacket, Depth, Dvl, FixReceipt, LeaderBroadcast, NavState
 from polar_nav_msgs.msg import Command as CommandMsg
@@ -31,7 +32,6 @@ from polar_nav_ros.node import PolarNode, run
 from polar_nav_ros.stamps import to_msg, to_ns
 
 from . import convert, session
-from .events import CommandKind, Verdict
 from .params import FollowerParams
 from .standard_outputs import fix_of, odometry_of
 
@@ -61,31 +61,30 @@ class FollowerNode(PolarNode[FollowerParams]):
         self.create_service(Trigger, '~/reset', self._on_reset)
         self.create_service(SetInitialState, '~/set_initial_state', self._on_set_initial_state)
         self.get_logger().info(
-            f'configuration {self.params.configuration}, '
-            f'{self._session.follower.configuration.doc}'
+            f'configuration {self.params.configuration}, {self._session.engine.configuration.doc}'
         )
 
     def diagnose(self) -> Diagnosis:
         """Verdict counters, ages and what waits."""
-        follower = self._session.follower
+        engine = self._session.engine
         values: dict[str, object] = {
-            v.name: follower.verdicts[v] for v in Verdict if follower.verdicts[v]
+            v.name: engine.verdicts[v] for v in Verdict if engine.verdicts[v]
         }
-        values |= {f'fused_{k}': v for k, v in follower.fused.items()}
-        values |= {f'gated_{k}': v for k, v in follower.gated.items()}
+        values |= {f'fused_{k}': v for k, v in engine.fused.items()}
+        values |= {f'gated_{k}': v for k, v in engine.gated.items()}
         values |= {
-            'imu_gaps': follower.imu_gaps,
+            'imu_gaps': engine.imu_gaps,
             'waiting': self._session.reorder.pending,
             **self.taken_counts(),
         }
-        if follower.divergence:
-            return Diagnosis(Level.ERROR, follower.divergence, values)
-        if not follower.navigating:
+        if engine.divergence:
+            return Diagnosis(Level.ERROR, engine.divergence, values)
+        if not engine.navigating:
             return Diagnosis(
                 Level.WARN, 'no state yet: waits for IMU data or ~/set_initial_state', values
             )
-        if follower.verdicts[Verdict.TOO_LATE]:
-            count = follower.verdicts[Verdict.TOO_LATE]
+        if engine.verdicts[Verdict.TOO_LATE]:
+            count = engine.verdicts[Verdict.TOO_LATE]
             return Diagnosis(Level.WARN, f'{count} messages came after reorder_window_s', values)
         return Diagnosis(Level.OK, 'navigating', values)
 

@@ -11,13 +11,13 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any, NamedTuple
 
+from polar_nav_core.engine.engine import Engine
+from polar_nav_core.engine.events import Event, Fix, Output, Receipt
+from polar_nav_core.engine.reorder import Reorder
 from polar_nav_core.packet import Broadcast
 
 from . import convert
-from .events import Event, Fix, Output, Receipt
-from .follower import Follower
 from .params import FollowerParams
-from .reorder import Reorder
 
 IMU = 'imu/data_raw'
 DVL = 'dvl/data'
@@ -53,8 +53,8 @@ class Session:
     def __init__(self, params: FollowerParams, vehicle: str) -> None:
         self.params = params
         self.vehicle = vehicle
-        self.follower = Follower(params)
-        self.reorder = Reorder(self.follower, params.reorder_window_s)
+        self.engine = Engine(params)
+        self.reorder = Reorder(self.engine, params.reorder_window_s)
         self.taken: Counter[str] = Counter()
         self._decoded: list[Published] = []
         self._readers: dict[str, Callable[[Any, int], Event]] = {
@@ -79,15 +79,15 @@ class Session:
 
     def process(self, event: Event) -> Iterator[Published]:
         """Take the next event of the total order (replay)."""
-        yield from self._to_messages(self.follower.process(event))
+        yield from self._to_messages(self.engine.process(event))
 
     def advance(self, stamp_ns: int) -> Iterator[Published]:
         """No event before this stamp comes any more (replay)."""
-        yield from self._to_messages(self.follower.advance(stamp_ns))
+        yield from self._to_messages(self.engine.advance(stamp_ns))
 
     def refuse(self, receipt: Receipt) -> Published:
         """Repeat the receipt of a message that a live run refused (replay)."""
-        self.follower.verdicts[receipt.verdict] += 1
+        self.engine.verdicts[receipt.verdict] += 1
         return _published(RECEIPT, convert.receipt_to_msg(receipt))
 
     def flush(self) -> Iterator[Published]:

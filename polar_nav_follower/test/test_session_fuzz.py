@@ -13,6 +13,7 @@ from sensor_msgs.msg import Imu
 
 from polar_nav_core import packet
 from polar_nav_follower import session
+from polar_nav_follower.params import FollowerParams
 from polar_nav_msgs.msg import AcousticPacket, Depth, Dvl, FixReceipt, NavState
 from polar_nav_ros.stamps import to_msg
 
@@ -87,7 +88,7 @@ def test_nothing_that_comes_in_raises(world, data):
     stream = good_stream(world)
     for item in strange:
         stream.insert(data.draw(st.integers(0, len(stream))), item)
-    run = session.Session(world.params(configuration='default'), 'follower')
+    run = session.Session(world.params(FollowerParams, configuration='default'), 'follower')
     receipts = states = 0
     for topic, message in stream:
         for published in run.take(topic, message):
@@ -99,7 +100,7 @@ def test_nothing_that_comes_in_raises(world, data):
         if published.topic == session.STATE:
             deserialize_message(published.data, NavState)
     assert receipts == sum(topic == session.PACKET for topic, _ in stream)
-    assert states or run.follower.divergence or run.follower.verdicts
+    assert states or run.engine.divergence or run.engine.verdicts
 
 
 def _is_fix(published):

@@ -28,8 +28,8 @@ from launch.logging import launch_config
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
+from polar_nav_core.engine.params import CONFIGURATIONS
 from polar_nav_core.errors import ConfigError
-from polar_nav_follower.params import CONFIGURATIONS
 from polar_nav_tools.domain import node_surroundings
 from polar_nav_tools.graph import PACES, GraphOptions
 from polar_nav_tools.live import RunFailed, new_bag_path, prepare_graph, read_mission

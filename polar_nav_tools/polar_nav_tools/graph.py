@@ -12,9 +12,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from polar_nav_core.engine.params import CONFIGURATIONS
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.params import default_of
-from polar_nav_follower.params import CONFIGURATIONS, FollowerParams
+from polar_nav_follower.params import FollowerParams
 from polar_nav_sim.randomness import stream
 
 from .initial import InitialSigma, initial_parameters

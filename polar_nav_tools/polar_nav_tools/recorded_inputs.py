@@ -15,8 +15,8 @@ from typing import Any
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Imu
 
+from polar_nav_core.engine.events import CommandKind, Event, Fix, Receipt, Verdict
 from polar_nav_follower import convert, session
-from polar_nav_follower.events import CommandKind, Event, Fix, Receipt, Verdict
 from polar_nav_msgs.msg import AcousticPacket, Command, Depth, Dvl, FixReceipt
 
 from .bags.errors import BagError

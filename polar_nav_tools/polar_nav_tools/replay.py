@@ -14,9 +14,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from polar_nav_core.engine.events import Event, Receipt
 from polar_nav_core.params import from_mapping
 from polar_nav_follower import session
-from polar_nav_follower.events import Event, Receipt
 from polar_nav_follower.params import FollowerParams
 from polar_nav_ros.stamps import to_ns
 
@@ -120,8 +120,8 @@ def replay(
         outputs=collector.outputs,
         sha256=collector.digests(),
         taken={f'/{inputs.vehicle}/{topic}': count for topic, count in run.taken.items()},
-        verdicts={v.name: n for v, n in sorted(run.follower.verdicts.items())},
-        divergence=run.follower.divergence,
+        verdicts={v.name: n for v, n in sorted(run.engine.verdicts.items())},
+        divergence=run.engine.divergence,
     )
 
 

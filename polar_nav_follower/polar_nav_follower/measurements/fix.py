@@ -9,9 +9,9 @@ from __future__ import annotations
 import numpy as np
 
 from polar_nav_core import grid
+from polar_nav_core.engine.events import Array, Fix, Verdict
 from polar_nav_core.packet import Broadcast, PacketError, decode
 
-from ..events import Array, Fix, Verdict
 from ..params import FollowerParams
 
 _NO_VECTOR = np.full(3, np.nan)

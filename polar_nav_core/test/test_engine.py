@@ -7,8 +7,8 @@ import pytest
 from closed_loop import START_NS, World, run
 
 from polar_nav_core import grid
-from polar_nav_core.errors import ConfigError
-from polar_nav_follower.events import (
+from polar_nav_core.engine.engine import Engine
+from polar_nav_core.engine.events import (
     Command,
     CommandKind,
     Estimate,
@@ -17,8 +17,8 @@ from polar_nav_follower.events import (
     Receipt,
     Verdict,
 )
-from polar_nav_follower.follower import Follower
-from polar_nav_follower.params import CONFIGURATIONS, FollowerParams
+from polar_nav_core.engine.params import CONFIGURATIONS, EngineParams
+from polar_nav_core.errors import ConfigError
 
 SPEED = np.hypot(2.0, 2.0)
 
@@ -61,7 +61,7 @@ def test_ignored_delay_costs_speed_times_delay_and_the_aware_filter_does_not_pay
     fixes = world.fixes(1.0, delay_s, rng=rng)
     late = {}
     for name in ('conventional_akf', 'modified_akf'):
-        out = run(Follower(world.params(configuration=name)), sensors(world) + fixes)
+        out = run(Engine(world.params(configuration=name)), sensors(world) + fixes)
         late[name] = second_half_rms(position_errors(world, out))
     assert late['conventional_akf'] == pytest.approx(SPEED * delay_s, rel=0.1, abs=0.3)
     assert late['modified_akf'] < 0.5
@@ -74,7 +74,7 @@ def test_ignored_delay_costs_speed_times_delay_and_the_aware_filter_does_not_pay
 def test_the_pole_and_the_date_line_are_ordinary_places(lat_deg, lon_deg):
     world = World(60.0, lat_deg, lon_deg)
     fixes = world.fixes(1.0, 3.0, rng=np.random.default_rng(3))
-    out = run(Follower(world.params(configuration='default')), sensors(world) + fixes)
+    out = run(Engine(world.params(configuration='default')), sensors(world) + fixes)
     assert second_half_rms(position_errors(world, out)) < 0.6
     assert {r.verdict for r in receipts(out)} == {Verdict.FUSED}
 
@@ -100,7 +100,7 @@ def test_estimates_stay_inside_their_own_band(world):
         )
         events = [*world.imu()[:6000], *world.dvl(rng=rng)[:300], *world.depth(rng=rng)[:600]]
         events += [f for f in world.fixes(2.0, 3.0, rng=rng) if f.receive_ns <= world.stamps[6000]]
-        last = estimates(run(Follower(params), events))[-1]
+        last = estimates(run(Engine(params), events))[-1]
         error = last.r_e - world.r_e[6000]
         total += error @ np.linalg.solve(last.P[6:9, 6:9], error)
     lo, hi = chi2.ppf([0.0005, 0.9995], 3 * runs)
@@ -131,7 +131,7 @@ def test_every_fix_gets_one_receipt_and_each_verdict_has_its_reason(world):
         late_copy(6, covariance_e=-np.eye(3)),
         late_copy(7, validity_ns=START_NS - 1_000_000_000, receive_ns=START_NS + 50_000_000_000),
     ]
-    out = run(Follower(world.params(configuration='default')), sensors(world) + fixes + odd)
+    out = run(Engine(world.params(configuration='default')), sensors(world) + fixes + odd)
     got = receipts(out)
     assert len(got) == len(fixes) + len(odd)
     by_sequence = {r.sequence: r for r in got if r.sequence >= 5000}
@@ -153,16 +153,16 @@ def test_refused_fixes_change_nothing(world):
         dataclasses.replace(f, r_e=f.r_e + 900.0, sequence=7000 + i, order=7000 + i)
         for i, f in enumerate(fixes[10:])
     ]
-    clean = estimates(run(Follower(world.params(configuration='default')), sensors(world) + fixes))
+    clean = estimates(run(Engine(world.params(configuration='default')), sensors(world) + fixes))
     dirty = estimates(
-        run(Follower(world.params(configuration='default')), sensors(world) + fixes + bad)
+        run(Engine(world.params(configuration='default')), sensors(world) + fixes + bad)
     )
     assert np.array_equal(clean[-1].r_e, dirty[-1].r_e)
     assert np.array_equal(clean[-1].P, dirty[-1].P)
 
 
 def test_events_out_of_order_are_the_callers_fault(world):
-    engine = Follower(world.params())
+    engine = Engine(world.params())
     first, second = world.imu()[:2]
     list(engine.process(second))
     with pytest.raises(ValueError, match='in order'):
@@ -173,14 +173,14 @@ def test_bad_imu_samples_get_receipts(world):
     imu = world.imu()[:100]
     broken = ImuSample(imu[50].stamp_ns + 1, 1000, np.array([np.nan, 0, 0]), np.zeros(3))
     twice = dataclasses.replace(imu[60], sequence=1001)
-    out = run(Follower(world.params()), [*imu, broken, twice])
+    out = run(Engine(world.params()), [*imu, broken, twice])
     assert [r.verdict for r in receipts(out)] == [Verdict.NOT_FINITE, Verdict.DUPLICATE]
 
 
 def test_reset_starts_again_from_the_given_state(world):
     at = int(world.stamps[5000])
     command = Command(at, 0, CommandKind.RESET)
-    out = run(Follower(world.params()), [*sensors(world), command])
+    out = run(Engine(world.params()), [*sensors(world), command])
     after = next(e for e in estimates(out) if e.stamp_ns > at)
     assert after.stamp_ns == world.stamps[5001]
     # The parameters' state, not the present one.
@@ -188,7 +188,7 @@ def test_reset_starts_again_from_the_given_state(world):
 
 
 def test_lost_definiteness_stops_the_estimates(world):
-    engine = Follower(world.params())
+    engine = Engine(world.params())
     out = []
     for event in sorted(sensors(world)[:3000], key=lambda e: e.key):
         out.extend(engine.process(event))
@@ -202,7 +202,7 @@ def test_lost_definiteness_stops_the_estimates(world):
 def test_a_configuration_is_what_its_name_says():
     assert CONFIGURATIONS['conventional_akf'].delay_handling == 'ignore'
     assert CONFIGURATIONS['modified_akf'].delay_handling == 'back_propagate'
-    params = FollowerParams(
+    params = EngineParams(
         configuration='custom',
         delay_handling='ignore',
         noise_adaptation='none',
@@ -213,7 +213,7 @@ def test_a_configuration_is_what_its_name_says():
 
 def test_history_must_be_longer_than_the_longest_delay():
     with pytest.raises(ConfigError, match='history_s'):
-        FollowerParams(history_s=10.0, max_delay_s=20.0)
+        EngineParams(history_s=10.0, max_delay_s=20.0)
 
 
 def test_fix_key_orders_by_reception(world):

@@ -1,4 +1,4 @@
-"""The follower engine: stamped events in, stamped estimates and receipts out.
+"""The navigation engine: stamped events in, stamped estimates and receipts out.
 
 It owns no clock, no thread and no randomness. The live node and the offline replay drive the same
 object with events in the same total order, so they get the same bytes. Events must come in that
@@ -12,8 +12,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from polar_nav_core.errors import FilterDivergence
-
+from ..errors import FilterDivergence
 from .events import (
     Command,
     CommandKind,
@@ -32,21 +31,21 @@ from .events import (
 from .filter.delay import STRATEGIES
 from .filter.fusion import Fusion
 from .filter.navigation import NavigationFilter, Outcome
-from .params import FollowerParams
+from .params import EngineParams
 
 _SEQUENCES_KEPT = 4096
 
 
-class Follower:
-    """Navigation of one follower.
+class Engine:
+    """Navigation of one vehicle.
 
     Parameters
     ----------
-    params : FollowerParams
+    params : EngineParams
         Everything that can be chosen.
     """
 
-    def __init__(self, params: FollowerParams) -> None:
+    def __init__(self, params: EngineParams) -> None:
         self.params = params
         self.configuration = params.resolved()
         self._make_fusion = STRATEGIES[self.configuration.delay_handling]

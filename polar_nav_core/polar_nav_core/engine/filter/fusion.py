@@ -11,10 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from polar_nav_core.kernels import filter_rows
-
+from ...kernels import filter_rows
 from ..events import Array, DepthSample, DvlPing, Fix, ImuSample, InitialState
-from ..params import FollowerParams
+from ..params import EngineParams
 from .history import Epoch
 from .navigation import NavigationFilter, Outcome
 from .noise import make_noise
@@ -46,7 +45,7 @@ class Fusion:
 
     Parameters
     ----------
-    params : FollowerParams
+    params : EngineParams
         Sensors, noise, configuration.
     initial : InitialState
         State to start from.
@@ -54,7 +53,7 @@ class Fusion:
         When it holds.
     """
 
-    def __init__(self, params: FollowerParams, initial: InitialState, stamp_ns: int) -> None:
+    def __init__(self, params: EngineParams, initial: InitialState, stamp_ns: int) -> None:
         adaptation = params.resolved().noise_adaptation
         self.filter = NavigationFilter(params, initial, stamp_ns)
         self._noise_fix = make_noise(adaptation, params.forgetting, params.adaptive_floor)
@@ -152,4 +151,4 @@ def array_axes(f: NavigationFilter, fix: Fix) -> Array:
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
-Make = Callable[[FollowerParams, InitialState, int], Fusion]
+Make = Callable[[EngineParams, InitialState, int], Fusion]

@@ -7,9 +7,9 @@ increments, so a filter fed with them and with exact measurements must stay wher
 import numpy as np
 
 from polar_nav_core import attitude, earth, grid
+from polar_nav_core.engine.events import DepthSample, DvlPing, Fix, ImuSample
+from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.kernels import strapdown
-from polar_nav_follower.events import DepthSample, DvlPing, Fix, ImuSample
-from polar_nav_follower.params import FollowerParams
 
 START_NS = 1_772_323_200_000_000_000
 IMU_NS = 10_000_000
@@ -63,8 +63,8 @@ class World:
             self.v_G.append(v.copy())
             self.C_b_G.append(C_b_G.copy())
 
-    def params(self, **changes):
-        """Follower parameters that start where the world starts."""
+    def params(self, kind=EngineParams, **changes):
+        """Parameters that start where the world starts."""
         lat, lon, height = earth.geodetic_from_ecef(self.r_e[1])
         psi, pitch, roll = attitude.euler_from_matrix(self.C_b_G[1])
         values = {
@@ -76,7 +76,7 @@ class World:
             'initial_pitch_deg': float(np.rad2deg(pitch)),
             'initial_grid_heading_deg': float(np.rad2deg(np.pi / 2 - psi)),
         }
-        return FollowerParams(**{**values, **changes})
+        return kind(**{**values, **changes})
 
     def imu(self):
         """All IMU samples, as events."""

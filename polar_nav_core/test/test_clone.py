@@ -8,11 +8,11 @@ from closed_loop import World, run
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from polar_nav_follower.events import Estimate, Receipt
-from polar_nav_follower.filter.clone import Clone
-from polar_nav_follower.filter.fusion import FixResult, Fusion
-from polar_nav_follower.filter.navigation import Outcome
-from polar_nav_follower.follower import Follower
+from polar_nav_core.engine.engine import Engine
+from polar_nav_core.engine.events import Estimate, Receipt
+from polar_nav_core.engine.filter.clone import Clone
+from polar_nav_core.engine.filter.fusion import FixResult, Fusion
+from polar_nav_core.engine.filter.navigation import Outcome
 
 
 class Augmented(Fusion):
@@ -99,7 +99,7 @@ def drive(world, fixes, make):
         noise_adaptation='none',
         gate_probability=1.0,
     )
-    engine = Follower(params)
+    engine = Engine(params)
     engine._make_fusion = make
     rng = np.random.default_rng(1)
     out = run(engine, [*world.imu(), *world.dvl(rng=rng), *world.depth(rng=rng), *fixes])
@@ -155,7 +155,7 @@ def test_near_rewind_on_the_full_filter(world):
     events = [*world.imu(), *world.dvl(rng=rng), *world.depth(rng=rng), *fixes]
     last = {}
     for name in ('clone', 'rewind'):
-        out = run(Follower(world.params(delay_handling=name, **params)), events)
+        out = run(Engine(world.params(delay_handling=name, **params)), events)
         last[name] = [o for o in out if isinstance(o, Estimate)][-1]
         assert all(r.nis > 0.0 for r in out if isinstance(r, Receipt))
     sigma = np.sqrt(np.diagonal(last['rewind'].P))

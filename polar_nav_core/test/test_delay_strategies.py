@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from polar_nav_core import grid
-from polar_nav_follower.events import Estimate, Receipt, Verdict
-from polar_nav_follower.filter.delay import STRATEGIES
-from polar_nav_follower.follower import Follower
+from polar_nav_core.engine.engine import Engine
+from polar_nav_core.engine.events import Estimate, Receipt, Verdict
+from polar_nav_core.engine.filter.delay import STRATEGIES
 
 
 @pytest.fixture(scope='module')
@@ -58,8 +58,8 @@ def test_rewind_equals_in_order_processing_to_the_bit(world, data):
                     late, receive_ns=late.receive_ns + 10**8, arrival=10**6
                 )
                 fixes.append(again)
-    got = run(Follower(params(world, 'rewind')), sensors(world) + fixes)
-    expected = run(Follower(params(world, 'ignore')), sensors(world) + in_order(fixes))
+    got = run(Engine(params(world, 'rewind')), sensors(world) + fixes)
+    expected = run(Engine(params(world, 'ignore')), sensors(world) + in_order(fixes))
     a, b = last_estimate(got), last_estimate(expected)
     assert a.stamp_ns == b.stamp_ns
     for name in ('r_e', 'v_G', 'C_b_G', 'P', 'gyro_bias_b', 'dvl_markov_m'):
@@ -78,7 +78,7 @@ def test_verdict_counts_take_the_last_revision(world):
     aside_e = grid.ecef_to_grid(bad.r_e)[0] * 12.0
     bad = dataclasses.replace(bad, r_e=bad.r_e + aside_e, receive_ns=bad.validity_ns + 10**8)
     good = dataclasses.replace(good, receive_ns=bad.receive_ns + 10**9)
-    engine = Follower(params(world, 'rewind', noise_adaptation='none', gate_probability=0.99))
+    engine = Engine(params(world, 'rewind', noise_adaptation='none', gate_probability=0.99))
     out = run(engine, [*world.imu(), *world.dvl(), *world.depth(), bad, good])
     told = [(r.sequence, r.verdict.name, r.revision) for r in out if isinstance(r, Receipt)]
     assert told == [
@@ -94,15 +94,15 @@ def test_verdict_counts_take_the_last_revision(world):
 def test_every_delay_aware_strategy_is_near_the_exact_one(world, name):
     """With the paper's sensors nothing visible is lost: within a tenth of the own sigma."""
     fixes = world.fixes(1.0, lambda i: 2.0 + 0.3 * (i % 4), rng=np.random.default_rng(3))
-    exact = last_estimate(run(Follower(params(world, 'rewind')), sensors(world) + fixes))
-    other = last_estimate(run(Follower(params(world, name)), sensors(world) + fixes))
+    exact = last_estimate(run(Engine(params(world, 'rewind')), sensors(world) + fixes))
+    other = last_estimate(run(Engine(params(world, name)), sensors(world) + fixes))
     sigma = np.sqrt(np.diagonal(exact.P)[6:9])
     assert np.all(np.abs(other.r_e - exact.r_e) < 0.1 * sigma)
     np.testing.assert_allclose(np.sqrt(np.diagonal(other.P)[6:9]), sigma, rtol=0.1)
 
 
 def test_history_is_bounded(world):
-    engine = Follower(params(world, 'rewind', max_delay_s=5.0, history_s=6.0))
+    engine = Engine(params(world, 'rewind', max_delay_s=5.0, history_s=6.0))
     fixes = world.fixes(1.0, 4.0, rng=np.random.default_rng(3))
     run(engine, sensors(world) + fixes)
     fusion = engine._fusion

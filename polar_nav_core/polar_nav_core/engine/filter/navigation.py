@@ -14,14 +14,13 @@ from typing import Any
 import numpy as np
 from scipy.special import gammaincinv
 
-from polar_nav_core import attitude, earth, grid
-from polar_nav_core.errors import FilterDivergence
-from polar_nav_core.kernels import filter as kf
-from polar_nav_core.kernels import filter_clone as kc
-from polar_nav_core.kernels import filter_imu, filter_rows, filter_walk
-
+from ... import attitude, earth, grid
+from ...errors import FilterDivergence
+from ...kernels import filter as kf
+from ...kernels import filter_clone as kc
+from ...kernels import filter_imu, filter_rows, filter_walk
 from ..events import Array, DepthSample, DvlPing, ImuSample, InitialState
-from ..params import FollowerParams
+from ..params import EngineParams
 from .history import History
 from .noise import StatedNoise
 
@@ -66,7 +65,7 @@ class NavigationFilter:
 
     Parameters
     ----------
-    params : FollowerParams
+    params : EngineParams
         Sensors, noise, periods.
     initial : InitialState
         State and its 1-sigma values.
@@ -74,7 +73,7 @@ class NavigationFilter:
         When that holds.
     """
 
-    def __init__(self, params: FollowerParams, initial: InitialState, stamp_ns: int) -> None:
+    def __init__(self, params: EngineParams, initial: InitialState, stamp_ns: int) -> None:
         self._p = params
         self._gate_probability = params.resolved().gate_probability
         self._step_ns = round(params.filter_period_s * 1e9)

@@ -12,8 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from polar_nav_core.kernels.filter import N
-
+from ...kernels.filter import N
 from ..events import Array
 
 

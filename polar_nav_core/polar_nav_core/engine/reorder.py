@@ -10,23 +10,23 @@ from __future__ import annotations
 import heapq
 from collections.abc import Iterator
 
+from .engine import Engine
 from .events import Event, ImuSample, OrderKey, Output, Verdict
-from .follower import Follower
 
 
 class Reorder:
-    """Live driver of a :class:`Follower`.
+    """Live driver of a :class:`Engine`.
 
     Parameters
     ----------
-    follower : Follower
+    engine : Engine
         The engine.
     window_s : float
         Stamp time that messages may come out of order.
     """
 
-    def __init__(self, follower: Follower, window_s: float) -> None:
-        self.follower = follower
+    def __init__(self, engine: Engine, window_s: float) -> None:
+        self.engine = engine
         self._window_ns = round(window_s * 1e9)
         self._heap: list[tuple[OrderKey, Event]] = []
         self.newest_imu_ns: int | None = None
@@ -45,7 +45,7 @@ class Reorder:
             reason = (
                 f'{late:.3f} s behind the newest IMU sample, the reorder window is {window:.3f} s'
             )
-            yield self.follower.refuse(event, Verdict.TOO_LATE, reason, self.watermark_ns)
+            yield self.engine.refuse(event, Verdict.TOO_LATE, reason, self.watermark_ns)
             return
         heapq.heappush(self._heap, (event.key, event))
         if isinstance(event, ImuSample) and (
@@ -58,10 +58,10 @@ class Reorder:
     def flush(self) -> Iterator[Output]:
         """Process everything that waits: the end of the run."""
         while self._heap:
-            yield from self.follower.process(heapq.heappop(self._heap)[1])
-        yield from self.follower.finish()
+            yield from self.engine.process(heapq.heappop(self._heap)[1])
+        yield from self.engine.finish()
 
     def _release(self, until_ns: int) -> Iterator[Output]:
         while self._heap and self._heap[0][0][0] <= until_ns:
-            yield from self.follower.process(heapq.heappop(self._heap)[1])
-        yield from self.follower.advance(until_ns + 1)
+            yield from self.engine.process(heapq.heappop(self._heap)[1])
+        yield from self.engine.advance(until_ns + 1)

@@ -8,9 +8,9 @@ from closed_loop import World, run
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from polar_nav_follower.events import Estimate, Receipt, Verdict
-from polar_nav_follower.follower import Follower
-from polar_nav_follower.reorder import Reorder
+from polar_nav_core.engine.engine import Engine
+from polar_nav_core.engine.events import Estimate, Receipt, Verdict
+from polar_nav_core.engine.reorder import Reorder
 
 WINDOW_S = 0.2
 
@@ -27,7 +27,7 @@ def events_of(world):
 
 
 def live(world, arrivals, window_s=WINDOW_S):
-    driver = Reorder(Follower(world.params(reorder_window_s=window_s)), window_s)
+    driver = Reorder(Engine(world.params(reorder_window_s=window_s)), window_s)
     out = []
     for event in arrivals:
         out.extend(driver.add(event))
@@ -56,7 +56,7 @@ def test_any_jitter_within_the_window_gives_the_same_bits(world, seed):
         events, key=lambda e: (e.stamp_ns + shuffle.randrange(0, int(WINDOW_S * 0.99e9)), e.key)
     )
     _, out = live(world, arrivals)
-    same(out, run(Follower(world.params()), events))
+    same(out, run(Engine(world.params()), events))
 
 
 def test_what_comes_after_the_window_is_refused_with_numbers(world):
@@ -71,7 +71,7 @@ def test_what_comes_after_the_window_is_refused_with_numbers(world):
     ]
     assert 'reorder window' in refused[0].reason
     without = [o for o in out if not (isinstance(o, Receipt) and o.verdict is Verdict.TOO_LATE)]
-    same(without, run(Follower(world.params()), events))
+    same(without, run(Engine(world.params()), events))
 
 
 def test_flush_gives_what_the_window_held(world):

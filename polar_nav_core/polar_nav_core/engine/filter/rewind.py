@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..events import DepthSample, DvlPing, Fix, ImuSample, InitialState, OrderKey, Rank
-from ..params import FollowerParams
+from ..params import EngineParams
 from .fusion import FixResult, Fusion
 from .navigation import Outcome
 
@@ -45,7 +45,7 @@ class Rewind(Fusion):
         As for :class:`Fusion`.
     """
 
-    def __init__(self, params: FollowerParams, initial: InitialState, stamp_ns: int) -> None:
+    def __init__(self, params: EngineParams, initial: InitialState, stamp_ns: int) -> None:
         super().__init__(params, initial, stamp_ns)
         self._length_ns = round(params.history_s * 1e9)
         self._log: list[_Entry] = []

@@ -15,11 +15,10 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from polar_nav_core.kernels import filter as kf
-from polar_nav_core.kernels import filter_clone as kc
-
+from ...kernels import filter as kf
+from ...kernels import filter_clone as kc
 from ..events import Array, DepthSample, DvlPing, Fix, ImuSample, InitialState, OrderKey, Rank
-from ..params import FollowerParams
+from ..params import EngineParams
 from .fusion import FixResult, Fusion
 from .navigation import Outcome
 
@@ -81,7 +80,7 @@ class Clone(Fusion):
         As for :class:`Fusion`.
     """
 
-    def __init__(self, params: FollowerParams, initial: InitialState, stamp_ns: int) -> None:
+    def __init__(self, params: EngineParams, initial: InitialState, stamp_ns: int) -> None:
         super().__init__(params, initial, stamp_ns)
         self._length_ns = round(params.history_s * 1e9)
         start = _Step(

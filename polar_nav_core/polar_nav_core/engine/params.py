@@ -1,0 +1,189 @@
+"""Parameters of the engine: sensors, filter, delay handling and the named configurations."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from ..errors import ConfigError
+from ..params import NodeParams, choice, param, vector
+from .events import InitialState
+
+DELAY_HANDLING = ('ignore', 'tagged', 'back_propagate', 'clone', 'rewind')
+NOISE_ADAPTATION = ('none', 'adaptive_r')
+
+
+@dataclass(frozen=True)
+class Configuration:
+    """How late fixes and unknown measurement noise are handled."""
+
+    delay_handling: str
+    noise_adaptation: str
+    gate_probability: float
+    doc: str
+
+
+CONFIGURATIONS: dict[str, Configuration] = {
+    'conventional_akf': Configuration(
+        'ignore', 'adaptive_r', 1.0, 'takes late fixes as current; no gate, as published'
+    ),
+    'modified_akf': Configuration(
+        'back_propagate',
+        'adaptive_r',
+        1.0,
+        'delay-aware: H Phi^-1 at the time of validity; no gate, as published',
+    ),
+    'default': Configuration(
+        'back_propagate', 'none', 0.9999, 'delay-aware, stated noise, chi-square gate'
+    ),
+}
+"""Named configurations; the first two are the pair that the demo compares."""
+
+
+@dataclass(frozen=True)
+class EngineParams(NodeParams):
+    """What can be chosen of a vehicle's navigation; nodes add their own."""
+
+    configuration: str = choice(
+        'modified_akf',
+        (*CONFIGURATIONS, 'custom'),
+        'Named set of delay handling, noise adaptation and gate',
+    )
+    delay_handling: str = choice(
+        'back_propagate', DELAY_HANDLING, 'Late fixes; used when configuration is custom'
+    )
+    noise_adaptation: str = choice(
+        'none', NOISE_ADAPTATION, 'Measurement noise; used when configuration is custom'
+    )
+    gate_probability: float = param(
+        0.9999,
+        '',
+        0.5,
+        1.0,
+        'Chi-square gate keeps this share of good measurements, 1.0 is no gate; used when custom',
+    )
+    reorder_window_s: float = param(
+        0.05, 's', 0.0, 10.0, 'Stamp time that messages may come out of order'
+    )
+    output_period_s: float = param(0.1, 's', 0.01, 10.0, 'Time between estimates')
+    filter_period_s: float = param(0.1, 's', 0.01, 1.0, 'Time between covariance steps')
+    imu_sample: str = choice(
+        'mean',
+        ('mean', 'instant'),
+        'Whether IMU samples are means over the interval or values at the stamp',
+    )
+    max_imu_gap_s: float = param(
+        0.5, 's', 0.01, 60.0, 'A longer gap between IMU samples is reported'
+    )
+    max_delay_s: float = param(60.0, 's', 0.1, 120.0, 'Oldest fix that is still used')
+    history_s: float = param(65.0, 's', 0.2, 130.0, 'Length of the stored history')
+
+    initialize: str = choice(
+        'parameters', ('parameters', 'service'), 'Where the initial state comes from'
+    )
+    initial_latitude_deg: float = param(80.0, 'deg', -90.0, 90.0, 'Geodetic latitude')
+    initial_longitude_deg: float = param(120.0, 'deg', -360.0, 360.0, 'Longitude')
+    initial_height: float = param(-100.0, 'm', -12000.0, 1000.0, 'Height above the ellipsoid')
+    initial_v_G: tuple[float, ...] = vector(
+        (0.0, 0.0, 0.0), 'm/s', -50.0, 50.0, 'Velocity, grid axes'
+    )
+    initial_roll_deg: float = param(0.0, 'deg', -180.0, 180.0, 'Roll')
+    initial_pitch_deg: float = param(0.0, 'deg', -90.0, 90.0, 'Pitch, positive nose down')
+    initial_grid_heading_deg: float = param(
+        0.0, 'deg', -360.0, 360.0, 'Heading, clockwise from grid north'
+    )
+    initial_sigma_position: float = param(5.0, 'm', 1e-3, 1e6, '1-sigma per horizontal axis')
+    initial_sigma_height: float = param(5.0, 'm', 1e-3, 1e6, '1-sigma')
+    initial_sigma_velocity: float = param(0.01, 'm/s', 1e-6, 100.0, '1-sigma per axis')
+    initial_sigma_tilt_deg: float = param(0.5 / 60, 'deg', 1e-7, 90.0, '1-sigma of roll and pitch')
+    initial_sigma_heading_deg: float = param(5.0 / 60, 'deg', 1e-7, 180.0, '1-sigma')
+
+    gyro_bias_sigma: float = param(
+        1.454e-7, 'rad/s', 1e-12, 1.0, '1-sigma of the constant gyro bias (0.03 deg/h)'
+    )
+    gyro_noise_density: float = param(1.533e-9, 'rad/s/sqrt(Hz)', 0.0, 1.0, 'Angle random walk')
+    gyro_bias_walk: float = param(0.0, 'rad/s/sqrt(s)', 0.0, 1.0, 'Random walk of the gyro bias')
+    accel_bias_sigma: float = param(
+        9.80665e-6, 'm/s^2', 1e-12, 10.0, '1-sigma of the constant accelerometer bias (1e-6 g)'
+    )
+    accel_noise_density: float = param(
+        3.101e-7, 'm/s^2/sqrt(Hz)', 0.0, 10.0, 'Velocity random walk'
+    )
+    accel_bias_walk: float = param(
+        0.0, 'm/s^2/sqrt(s)', 0.0, 10.0, 'Random walk of the accelerometer bias'
+    )
+
+    dvl_scale_sigma: float = param(1e-4, '', 1e-9, 0.5, '1-sigma of the DVL scale error')
+    dvl_markov_sigma: float = param(
+        0.005, 'm/s', 1e-9, 10.0, 'Steady 1-sigma of the DVL Markov velocity'
+    )
+    dvl_markov_tau: float = param(300.0, 's', 0.1, 1e6, 'Its correlation time')
+    dvl_sigma: float = param(
+        0.005, 'm/s', 1e-6, 10.0, 'White noise per ping where the message states none'
+    )
+    dvl_lever_b: tuple[float, ...] = vector(
+        (0.0, 0.0, 0.0), 'm', -100.0, 100.0, 'DVL from base_link, body axes'
+    )
+    dvl_rpy_deg: tuple[float, ...] = vector(
+        (0.0, 0.0, 0.0), 'deg', -360.0, 360.0, 'Mounting of the DVL: roll, pitch, yaw'
+    )
+    depth_sigma: float = param(
+        0.05, 'm', 1e-6, 100.0, 'Noise of depth where the message states none'
+    )
+    depth_lever_b: tuple[float, ...] = vector(
+        (0.0, 0.0, 0.0), 'm', -100.0, 100.0, 'Pressure sensor from base_link'
+    )
+    sea_surface_height: float = param(
+        0.0, 'm', -200.0, 200.0, 'Of the sea surface above the ellipsoid'
+    )
+    transponder_lever_b: tuple[float, ...] = vector(
+        (0.0, 0.0, 0.0),
+        'm',
+        -100.0,
+        100.0,
+        'Transponder (what position fixes locate) from base_link',
+    )
+    usbl_bias_sigma: float = param(
+        0.0, 'm', 0.0, 1000.0, 'Steady 1-sigma of a slowly varying USBL error; 0: not estimated'
+    )
+    usbl_bias_tau: float = param(600.0, 's', 1.0, 1e6, 'Its correlation time')
+
+    forgetting: float = param(0.99, '', 0.5, 0.999999, 'Forgetting factor b of adaptive_r')
+    adaptive_floor: float = param(
+        0.5, '', 1e-3, 1.0, 'adaptive_r takes no variance below this share of the stated one'
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.history_s < self.max_delay_s + self.filter_period_s:
+            raise ConfigError(
+                f'parameter history_s: {self.history_s} s is shorter than max_delay_s '
+                f'{self.max_delay_s} s and one filter step of {self.filter_period_s} s'
+            )
+
+    def resolved(self) -> Configuration:
+        """Return the configuration in force."""
+        if self.configuration == 'custom':
+            return Configuration(
+                self.delay_handling, self.noise_adaptation, self.gate_probability, 'as set'
+            )
+        return CONFIGURATIONS[self.configuration]
+
+    def initial_state(self) -> InitialState | None:
+        """State to start from, or None when it comes by service."""
+        if self.initialize == 'service':
+            return None
+        return InitialState(
+            latitude=math.radians(self.initial_latitude_deg),
+            longitude=math.radians(self.initial_longitude_deg),
+            height=self.initial_height,
+            v_G=(self.initial_v_G[0], self.initial_v_G[1], self.initial_v_G[2]),
+            roll=math.radians(self.initial_roll_deg),
+            pitch=math.radians(self.initial_pitch_deg),
+            grid_heading=math.radians(self.initial_grid_heading_deg),
+            sigma_position_horizontal=self.initial_sigma_position,
+            sigma_position_vertical=self.initial_sigma_height,
+            sigma_velocity=self.initial_sigma_velocity,
+            sigma_tilt=math.radians(self.initial_sigma_tilt_deg),
+            sigma_heading=math.radians(self.initial_sigma_heading_deg),
+        )
