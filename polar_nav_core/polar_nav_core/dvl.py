@@ -92,7 +92,11 @@ def jacobian(
     omega_ie_G: ArrayLike,
     mounting: Mounting,
 ) -> Array:
-    """H, shape (3, 24): innovation = H x for the error vector x of `error_model.X`."""
+    """H, shape (3, 24): innovation = H x for the error vector x of `error_model.X`.
+
+    The scale error's block is taken at the predicted velocity: at the measured one, the noise of a
+    ping would stand in its own H, and the estimated scale would creep (measurements.md, 1).
+    """
     C = navigation.C_b_G
     gain = 1.0 / (1.0 + navigation.dvl_scale_m)
     corrected_m = (vectors(v_m, 'v_m') - navigation.dvl_markov_m) * gain
@@ -105,7 +109,9 @@ def jacobian(
     H[:, X.phi_G] = -skew(turned_G) - skew(omega_ie_G) @ skew(C @ mounting.lever_b)
     H[:, X.dv_G] = np.eye(3)
     H[:, X.b_gyro_b] = -C @ skew(mounting.lever_b)
-    H[:, X.dvl_scale_m] = -C_m_G * (corrected_m * gain)
+    predicted = measured(navigation, omega_ib_b, omega_ie_G, mounting)
+    predicted_m = (predicted - navigation.dvl_markov_m) * gain
+    H[:, X.dvl_scale_m] = -C_m_G * (predicted_m * gain)
     H[:, X.dvl_markov_m] = -C_m_G * gain
     return H
 

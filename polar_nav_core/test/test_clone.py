@@ -76,7 +76,7 @@ class Augmented(Fusion):
         cross_x, cross_c = self.X[:, block].copy(), self.Q[:, block].copy()
         K = cross_x @ np.linalg.inv(S)
         f.P[:] = f.P - K @ S @ K.T
-        f._feed_back(np.ascontiguousarray(K @ z))
+        f.feed_back(np.ascontiguousarray(K @ z))
         self._learn(cross_x, cross_c, S, z)
         nan = np.full(3, np.nan)
         return FixResult(Outcome(True, z, nan, 0.0, 3, np.inf), 0)

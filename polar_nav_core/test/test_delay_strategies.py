@@ -106,5 +106,9 @@ def test_history_is_bounded(world):
     fixes = world.fixes(1.0, 4.0, rng=np.random.default_rng(3))
     run(engine, sensors(world) + fixes)
     fusion = engine._fusion
-    assert len(fusion._snapshots) < 6.0 * 1.3 * 10 + 5
-    assert len(fusion._log) < 6.0 * 1.3 * 120
+    log, streams = fusion.filter.log, fusion.filter.streams
+    assert len(log.snapshot_flat) < 6.0 * 1.3 * 10 + 5
+    assert len(streams.imu_stamps) < 6.0 * 1.3 * 250
+    assert len(fusion._fixes) < 6.0 * 2.1
+    reach_s = (fusion.filter.stamp_ns - fusion.oldest_ns()) * 1e-9
+    assert 6.0 <= reach_s < 6.3

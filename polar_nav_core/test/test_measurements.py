@@ -25,7 +25,27 @@ def test_dvl_jacobian(name):
     numeric = numeric_jacobian(
         lambda n: dvl.innovation(n, v_m, OMEGA, omega_ie_G, MOUNTING), navigation
     )
+    # The scale error multiplies what the instrument should show, not what it showed.
+    numeric[:, X.dvl_scale_m] = numeric_jacobian(
+        lambda n: dvl.innovation(n, v_m - OFFSET, OMEGA, omega_ie_G, MOUNTING), navigation
+    )[:, X.dvl_scale_m]
     np.testing.assert_allclose(H, numeric, rtol=0.0, atol=2e-7)
+
+
+def test_noise_of_a_ping_does_not_stand_in_the_scale_block():
+    """E[H' z] of the scale must vanish, or its estimate creeps ping by ping."""
+    navigation = navigation_at('80N 120E')
+    omega_ie_G = grid.earth_rate(navigation.r_e)
+    v_m = dvl.measured(navigation, OMEGA, omega_ie_G, MOUNTING)
+    noise = np.random.default_rng(5).normal(size=(4000, 3))
+    pull = np.zeros(3)
+    for n in noise:
+        H = dvl.jacobian(navigation, v_m + n, OMEGA, omega_ie_G, MOUNTING)[:, X.dvl_scale_m]
+        pull += H.T @ dvl.innovation(navigation, v_m + n, OMEGA, omega_ie_G, MOUNTING)
+    # At the measured velocity every axis would have 1; five sigma of the mean are allowed.
+    limit = 5.0 * np.abs(v_m) / np.sqrt(len(noise))
+    assert (limit < 0.5).all()
+    assert (np.abs(pull / len(noise)) < limit).all()
 
 
 def test_dvl_innovation_of_a_perfect_measurement_is_zero():

@@ -1,6 +1,7 @@
 """A whole run at once: sensor data as arrays in, the track and the receipts out.
 
-The engine is the same as in the node; only the driver differs. Experiments, Monte Carlo runs and
+The engine is the same as in the node, down to the last bit; only the driver differs: whatever
+stands between two position fixes goes through one compiled loop. Experiments, Monte Carlo runs and
 fast replays use this.
 """
 
@@ -8,16 +9,39 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..errors import FilterDivergence
+from ..kernels import filter_events as fe
+from ..kernels import filter_run
+from ..kernels import filter_state as fs
 from .engine import Engine
-from .events import Array, DepthSample, DvlPing, Estimate, Event, Fix, ImuSample, Output, Receipt
+from .events import (
+    Array,
+    DepthSample,
+    DvlPing,
+    Estimate,
+    Event,
+    Fix,
+    ImuSample,
+    OrderKey,
+    Output,
+    Rank,
+    Receipt,
+)
+from .filter.fusion import Fusion
+from .filter.streams import FIXES
 from .params import EngineParams
 
 Stamps = NDArray[np.int64]
+Progress = Callable[[float], None]
+"""Called with the share of the run that is done."""
+
+_ROWS = 2048
 
 
 def _stamps() -> Stamps:
@@ -56,22 +80,39 @@ class Inputs:
     depth_variance: Array = field(default_factory=_empty())
     fixes: tuple[Fix, ...] = ()
 
+    def imu_sample(self, k: int) -> ImuSample:
+        """Sample number k as an event."""
+        return ImuSample(int(self.imu_stamps_ns[k]), k, self.omega_ib_b[k], self.f_b[k])
+
+    def dvl_ping(self, k: int) -> DvlPing:
+        """Ping number k as an event."""
+        return DvlPing(
+            int(self.dvl_stamps_ns[k]),
+            k,
+            bool(self.dvl_valid[k]),
+            self.dvl_v_m[k],
+            self.dvl_covariance_m[k],
+        )
+
+    def depth_sample(self, k: int) -> DepthSample:
+        """Depth number k as an event."""
+        return DepthSample(
+            int(self.depth_stamps_ns[k]), k, float(self.depth[k]), float(self.depth_variance[k])
+        )
+
     def events(self) -> Iterator[Event]:
         """All events, in the total order."""
-        imu = (
-            ImuSample(int(s), k, self.omega_ib_b[k], self.f_b[k])
-            for k, s in enumerate(self.imu_stamps_ns)
+        return heapq.merge(
+            (self.imu_sample(k) for k in range(len(self.imu_stamps_ns))),
+            (self.depth_sample(k) for k in range(len(self.depth_stamps_ns))),
+            (self.dvl_ping(k) for k in range(len(self.dvl_stamps_ns))),
+            sorted(self.fixes, key=lambda fix: fix.key),
+            key=_key,
         )
-        dvl = (
-            DvlPing(int(s), k, bool(self.dvl_valid[k]), self.dvl_v_m[k], self.dvl_covariance_m[k])
-            for k, s in enumerate(self.dvl_stamps_ns)
-        )
-        depth = (
-            DepthSample(int(s), k, float(self.depth[k]), float(self.depth_variance[k]))
-            for k, s in enumerate(self.depth_stamps_ns)
-        )
-        fixes = sorted(self.fixes, key=lambda fix: fix.key)
-        return heapq.merge(imu, depth, dvl, fixes, key=lambda event: event.key)
+
+
+def _key(event: Event) -> OrderKey:
+    return event.key
 
 
 @dataclass(frozen=True)
@@ -88,6 +129,10 @@ class Track:
         Covariance of the error state.
     sensor_errors : (k, 15) array
         Gyro bias, accelerometer bias, DVL scale, DVL Markov velocity, USBL bias as estimated.
+    local_statistics : (k, 2, 3) array
+        Of DVL and depth since the row before: used, gated, sum of NIS (events.LOCAL_DOF).
+    fixes : (k, 3) array
+        Fixes received, fixes fused, newest validity [ns].
     """
 
     stamps_ns: Stamps
@@ -96,6 +141,8 @@ class Track:
     C_b_G: Array
     P: Array
     sensor_errors: Array
+    local_statistics: Array
+    fixes: Stamps
 
 
 @dataclass(frozen=True)
@@ -107,38 +154,258 @@ class Result:
     divergence: str
 
 
-def run(params: EngineParams, inputs: Inputs) -> Result:
-    """Run an engine over the inputs; an estimate every ``params.output_period_s``."""
+def run(
+    params: EngineParams,
+    inputs: Inputs,
+    *,
+    progress: Progress | None = None,
+    one_by_one: bool = False,
+) -> Result:
+    """Run an engine over the inputs; an estimate every ``params.output_period_s``.
+
+    Parameters
+    ----------
+    params : EngineParams
+    inputs : Inputs
+    progress : callable, optional
+    one_by_one : bool
+        Take event by event, as a node does: slower, the same bits.
+    """
     engine = Engine(params)
-    estimates: list[Estimate] = []
-    receipts: list[Receipt] = []
+    collector = _Collector()
+    if one_by_one or not engine.compiled:
+        for event in inputs.events():
+            collector.take(engine.process(event))
+        collector.take(engine.finish())
+    else:
+        _Compiled(engine, inputs, collector, progress).run()
+    return Result(collector.track(), tuple(collector.receipts), engine.divergence)
 
-    def keep(outputs: Iterator[Output]) -> None:
+
+class _Collector:
+    """Rows of the track in chunks, and receipts."""
+
+    def __init__(self) -> None:
+        self._chunks: list[Track] = []
+        self.receipts: list[Receipt] = []
+
+    def take(self, outputs: Iterator[Output]) -> None:
         for output in outputs:
-            if isinstance(output, Estimate):
-                estimates.append(output)
+            if isinstance(output, Receipt):
+                self.receipts.append(output)
             else:
-                receipts.append(output)
+                self._chunks.append(_row(output))
 
-    for event in inputs.events():
-        keep(engine.process(event))
-    keep(engine.finish())
-    return Result(_track(estimates), tuple(receipts), engine.divergence)
-
-
-def _track(estimates: list[Estimate]) -> Track:
-    n = len(estimates)
-    track = Track(
-        np.array([e.stamp_ns for e in estimates], dtype=np.int64),
-        np.empty((n, 3)),
-        np.empty((n, 3)),
-        np.empty((n, 3, 3)),
-        np.empty((n, 24, 24)),
-        np.empty((n, 15)),
-    )
-    for i, e in enumerate(estimates):
-        track.r_e[i], track.v_G[i], track.C_b_G[i], track.P[i] = e.r_e, e.v_G, e.C_b_G, e.P
-        track.sensor_errors[i] = np.concatenate(
-            [e.gyro_bias_b, e.accel_bias_b, e.dvl_scale_m, e.dvl_markov_m, e.usbl_bias_a]
+    def take_rows(self, engine: Engine, rows: fs.Rows) -> None:
+        n = int(rows.io[1])
+        if n == 0:
+            return
+        flat = rows.flat[:n]
+        fixes = np.array([engine.fix_counts()], dtype=np.int64)
+        self._chunks.append(
+            Track(
+                rows.stamps[:n].copy(),
+                flat[:, 12:15].copy(),
+                flat[:, 9:12].copy(),
+                flat[:, 0:9].reshape(n, 3, 3).copy(),
+                rows.P[:n].copy(),
+                flat[:, 15:30].copy(),
+                rows.tally[:n, :2].copy(),
+                np.repeat(fixes, n, axis=0),
+            )
         )
-    return track
+        rows.io[1] = 0
+
+    def track(self) -> Track:
+        names = Track.__dataclass_fields__
+        if not self._chunks:
+            return Track(
+                _stamps(),
+                r_e=np.zeros((0, 3)),
+                v_G=np.zeros((0, 3)),
+                C_b_G=np.zeros((0, 3, 3)),
+                P=np.zeros((0, 24, 24)),
+                sensor_errors=np.zeros((0, 15)),
+                local_statistics=np.zeros((0, 2, 3)),
+                fixes=np.zeros((0, 3), dtype=np.int64),
+            )
+        return Track(**{n: np.concatenate([getattr(c, n) for c in self._chunks]) for n in names})
+
+
+def _row(e: Estimate) -> Track:
+    errors = [e.gyro_bias_b, e.accel_bias_b, e.dvl_scale_m, e.dvl_markov_m, e.usbl_bias_a]
+    counts = [e.fixes_received, e.fixes_fused, e.last_validity_ns]
+    return Track(
+        np.array([e.stamp_ns], dtype=np.int64),
+        e.r_e[None],
+        e.v_G[None],
+        e.C_b_G[None],
+        e.P[None],
+        np.concatenate(errors)[None],
+        e.local_statistics[None],
+        np.array([counts], dtype=np.int64),
+    )
+
+
+class _Compiled:
+    """Drives an engine with arrays: fixes and whatever is odd in Python, the rest compiled."""
+
+    def __init__(
+        self, engine: Engine, inputs: Inputs, collector: _Collector, progress: Progress | None
+    ) -> None:
+        self._engine = engine
+        self._inputs = inputs
+        self._collector = collector
+        self._progress = progress
+        self._rows = fs.make_rows(_ROWS)
+        self._fusion: Fusion | None = None
+        self._sort_out()
+
+    def _sort_out(self) -> None:
+        """Part what the compiled loop can take from what gets a receipt or is passed over."""
+        x = self._inputs
+        imu = _finite(x.omega_ib_b) & _finite(x.f_b)
+        good = np.flatnonzero(imu)
+        imu[good[1:][np.diff(x.imu_stamps_ns[good]) == 0]] = False  # a stamp twice
+        variances = np.diagonal(x.dvl_covariance_m, axis1=1, axis2=2)
+        dvl = (
+            x.dvl_valid
+            & _finite(x.dvl_v_m)
+            & _finite(x.dvl_covariance_m.reshape(-1, 9))
+            & (variances > 0.0).all(axis=1)
+        )
+        depth = np.isfinite(x.depth) & np.isfinite(x.depth_variance) & (x.depth_variance > 0.0)
+        self._imu = np.flatnonzero(imu)
+        self._kept = replace(
+            x,
+            imu_stamps_ns=_rows_of(x.imu_stamps_ns, imu),
+            omega_ib_b=_rows_of(x.omega_ib_b, imu),
+            f_b=_rows_of(x.f_b, imu),
+            dvl_stamps_ns=_rows_of(x.dvl_stamps_ns, dvl),
+            dvl_v_m=_rows_of(x.dvl_v_m, dvl),
+            dvl_covariance_m=_rows_of(x.dvl_covariance_m, dvl),
+            depth_stamps_ns=_rows_of(x.depth_stamps_ns, depth),
+            depth=_rows_of(x.depth, depth),
+            depth_variance=_rows_of(x.depth_variance, depth),
+        )
+        self._odd: list[Event] = sorted(
+            [
+                *x.fixes,
+                *(x.imu_sample(int(k)) for k in np.flatnonzero(~imu)),
+                *(x.dvl_ping(int(k)) for k in np.flatnonzero(~dvl)),
+                *(x.depth_sample(int(k)) for k in np.flatnonzero(~depth)),
+            ],
+            key=_key,
+        )
+
+    def run(self) -> None:
+        """Drive the engine to the end of the inputs."""
+        start = None
+        if len(self._imu):
+            first = self._inputs.imu_sample(int(self._imu[0]))
+            start = first.key
+        every = max(1, len(self._odd) // 100)
+        for number, event in enumerate(self._odd):
+            if start is not None and event.key > start and self._fusion is None:
+                self._start(first)
+                start = None
+            # A sample whose stamp was there before comes after the first of them.
+            rank = event.key[1] + isinstance(event, ImuSample)
+            self._advance(event.stamp_ns, rank)
+            self._collector.take(self._engine.process(event))
+            if self._progress is not None and number % every == 0:
+                self._progress(number / len(self._odd))
+        if start is not None:
+            self._start(first)
+        self._advance(_END_NS, Rank.IMU)
+        self._flush(_END_NS)
+        gap_ns = self._engine.params.max_imu_gap_s * 1e9
+        gaps = int(np.sum(np.diff(self._kept.imu_stamps_ns) > gap_ns))
+        self._engine.count_locals(self._local_statistics(), gaps)
+        if self._progress is not None:
+            self._progress(1.0)
+
+    def _start(self, first: ImuSample) -> None:
+        """The engine makes its filter at the first sample; hand it the arrays."""
+        self._collector.take(self._engine.process(first))
+        fusion = self._engine.hand_over()
+        if fusion is None:
+            return
+        self._fusion = fusion
+        f, x = fusion.filter, self._kept
+        f.streams = fs.Streams(
+            counts=np.array(
+                [len(x.imu_stamps_ns), len(x.depth_stamps_ns), len(x.dvl_stamps_ns), 0],
+                dtype=np.int64,
+            ),
+            imu_stamps=_at_least_one(x.imu_stamps_ns),
+            omega_ib_b=_at_least_one(x.omega_ib_b),
+            f_b=_at_least_one(x.f_b),
+            depth_stamps=_at_least_one(x.depth_stamps_ns),
+            depth=_at_least_one(x.depth),
+            depth_variance=_at_least_one(x.depth_variance),
+            dvl_stamps=_at_least_one(x.dvl_stamps_ns),
+            dvl_v_m=_at_least_one(x.dvl_v_m),
+            dvl_covariance_m=_at_least_one(x.dvl_covariance_m),
+            fix_stamps=np.zeros(FIXES, dtype=np.int64),
+            fix_r_e=np.zeros((FIXES, 3)),
+            fix_covariance_e=np.zeros((FIXES, 3, 3)),
+            fix_array_heading=np.zeros(FIXES),
+            fix_outcomes=np.zeros((FIXES, 9)),
+        )
+        counters = f.state.counters
+        counters[fs.IMU] = 1
+        counters[fs.DEPTH] = int(np.searchsorted(x.depth_stamps_ns, first.stamp_ns))
+        counters[fs.DVL] = int(np.searchsorted(x.dvl_stamps_ns, first.stamp_ns))
+        f.rows = self._rows
+        self._rows.io[0] = first.stamp_ns
+        f.log.counts[1] = 0
+        fe.take_snapshot(f.state, f.log)
+
+    def _advance(self, stamp_ns: int, rank: int) -> None:
+        """Take everything before a place in the order of events."""
+        if self._fusion is None or not self._engine.navigating:
+            return
+        f = self._fusion.filter
+        try:
+            while f.advance(stamp_ns, rank) == fs.FULL:
+                self._collector.take_rows(self._engine, self._rows)
+        except FilterDivergence as error:
+            self._collector.take_rows(self._engine, self._rows)
+            self._engine.diverge(str(error), f.stamp_ns)
+            return
+        self._flush(stamp_ns)
+        self._engine.note_imu(f.stamp_ns)
+
+    def _flush(self, stamp_ns: int) -> None:
+        """Give what is due before a stamp."""
+        if self._fusion is None or not self._engine.navigating:
+            return
+        if 0 <= self._rows.io[0] < stamp_ns:
+            if self._rows.io[1] >= _ROWS:
+                self._collector.take_rows(self._engine, self._rows)
+            filter_run.put_row(self._fusion.filter.state, self._rows)
+        self._collector.take_rows(self._engine, self._rows)
+
+    def _local_statistics(self) -> Array:
+        """Sum over the run."""
+        total: Array = np.sum(self._collector.track().local_statistics, axis=0)
+        if self._fusion is not None:
+            total = total + self._fusion.filter.state.tally[: fs.FIX_ROW]
+        return total
+
+
+_END_NS = (1 << 63) - 2
+
+
+def _finite(values: Array) -> NDArray[np.bool_]:
+    return np.asarray(np.isfinite(values).all(axis=1))
+
+
+def _rows_of(values: NDArray[Any], keep: NDArray[np.bool_]) -> NDArray[Any]:
+    return np.ascontiguousarray(values if keep.all() else values[keep])
+
+
+def _at_least_one(values: NDArray[Any]) -> NDArray[Any]:
+    """Return the array, or one row of zeros for an empty one: a ring has a length."""
+    return values if len(values) else np.zeros((1, *values.shape[1:]), dtype=values.dtype)

@@ -13,7 +13,12 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..errors import FilterDivergence
+from .checks import history_warning
 from .events import (
+    LOCAL_DOF,
+    LOCAL_GATED,
+    UPDATES,
+    Array,
     Command,
     CommandKind,
     DepthSample,
@@ -28,9 +33,10 @@ from .events import (
     Receipt,
     Verdict,
 )
-from .filter.delay import STRATEGIES
+from .filter.delay import compiled, make_fusion
 from .filter.fusion import Fusion
-from .filter.navigation import NavigationFilter, Outcome
+from .filter.navigation import NavigationFilter, Outcome, chi2_gate
+from .integrity import Integrity, IntegrityMonitor, held
 from .params import EngineParams
 
 _SEQUENCES_KEPT = 4096
@@ -48,7 +54,7 @@ class Engine:
     def __init__(self, params: EngineParams) -> None:
         self.params = params
         self.configuration = params.resolved()
-        self._make_fusion = STRATEGIES[self.configuration.delay_handling]
+        self._make_fusion = make_fusion(self.configuration)
         self._output_ns = round(params.output_period_s * 1e9)
         self._max_delay_ns = round(params.max_delay_s * 1e9)
         self._fusion: Fusion | None = None
@@ -64,6 +70,8 @@ class Engine:
         self.fused: Counter[str] = Counter()
         self.imu_gaps = 0
         self.divergence = ''
+        self._integrity = IntegrityMonitor(params.max_gated_s)
+        self._start_ns = 0
 
     # -- driving ----------------------------------------------------------------------------------
 
@@ -116,6 +124,45 @@ class Engine:
         """Whether there is a state."""
         return self._fusion is not None
 
+    @property
+    def integrity(self) -> Integrity:
+        """Whether fixes agree with the estimate, at the newest IMU sample."""
+        return self._integrity.state(self._last_imu_ns or 0)
+
+    @property
+    def history_warning(self) -> str:
+        """Say that sensors outrun the stored history; empty when not."""
+        if self._fusion is None:
+            return ''
+        return history_warning(self.params, self._fusion, self._start_ns)
+
+    # -- for the driver of whole runs (batch.py) --------------------------------------------------
+
+    @property
+    def compiled(self) -> bool:
+        """Whether IMU, DVL and depth can go through the compiled loop."""
+        return compiled(self.configuration)
+
+    def hand_over(self) -> Fusion | None:
+        """Return the filter with its measurements; from now on the caller sees to estimates."""
+        self._due_ns = None
+        return self._fusion
+
+    def note_imu(self, stamp_ns: int) -> None:
+        """Take note of the newest IMU sample that the caller processed."""
+        self._last_imu_ns = stamp_ns
+
+    def count_locals(self, statistics: Array, imu_gaps: int) -> None:
+        """Count local measurements, rows and columns as in an estimate's ``local_statistics``."""
+        for row, name in enumerate(LOCAL_DOF):
+            self.fused[name] += int(statistics[row, UPDATES])
+            self.gated[name] += int(statistics[row, LOCAL_GATED])
+        self.imu_gaps += imu_gaps
+
+    def fix_counts(self) -> tuple[int, int, int]:
+        """Fixes received, fixes fused, newest validity of a fused one [ns]."""
+        return self._fixes_received, self.fused['fix'], self._last_validity_ns
+
     # -- events -----------------------------------------------------------------------------------
 
     def _imu(self, sample: ImuSample) -> Iterator[Output]:
@@ -142,13 +189,13 @@ class Engine:
         if self._fusion is None:
             if self._initial is not None and not self.divergence:
                 self._fusion = self._make_fusion(self.params, self._initial, sample.stamp_ns)
-                self._due_ns = sample.stamp_ns
+                self._due_ns = self._start_ns = sample.stamp_ns
             return
         before_ns = self._fusion.filter.stamp_ns
         try:
             self._fusion.imu(sample)
         except FilterDivergence as error:
-            self._diverge(str(error), sample.stamp_ns)
+            self.diverge(str(error), sample.stamp_ns)
             return
         if sample.stamp_ns // self._output_ns != before_ns // self._output_ns:
             self._due_ns = sample.stamp_ns
@@ -179,7 +226,9 @@ class Engine:
         try:
             outcome = self._fusion.local(event)
         except FilterDivergence as error:
-            self._diverge(str(error), event.stamp_ns)
+            self.diverge(str(error), event.stamp_ns)
+            return
+        if not outcome.dof:  # kept for a fix to come, as the paper has it
             return
         (self.fused if outcome.fused else self.gated)[name] += 1
 
@@ -187,7 +236,7 @@ class Engine:
         try:
             return self._fix(fix)
         except FilterDivergence as error:
-            self._diverge(str(error), fix.receive_ns)
+            self.diverge(str(error), fix.receive_ns)
             return [self._receipt(fix, fix.receive_ns, Verdict.NOT_READY, self.divergence)]
 
     def _fix(self, fix: Fix) -> list[Receipt]:
@@ -198,8 +247,12 @@ class Engine:
         if self._fusion is None:
             reason = self.divergence or 'the filter has no state yet'
             return [self._receipt(fix, fix.receive_ns, Verdict.NOT_READY, reason)]
-        history = self._fusion.filter.history
-        reach = (fix.receive_ns - history.oldest_ns()) * 1e-9
+        reach = (fix.receive_ns - self._fusion.oldest_ns()) * 1e-9
+        gate = chi2_gate(self.configuration.gate_probability, 3)
+        why = held(self._integrity, fix, self._fusion.filter, gate)
+        if why:
+            self._remember(fix)
+            return [self._receipt(fix, fix.receive_ns, Verdict.GATED, why)]
         result = self._fusion.fix(fix)
         if result is None:
             reason = (
@@ -222,9 +275,15 @@ class Engine:
             revision = self._seen[name] + 1
             self._seen[name] = revision
             reason += f'; decided anew after fix {cause.sequence}'
+        if outcome.inflation > 1.0:
+            reason += f'; weight 1/{outcome.inflation:.1f} ({self.configuration.robust_fixes})'
         verdict = Verdict.FUSED if outcome.fused else Verdict.GATED
         if revision:
             self.verdicts[Verdict.GATED if outcome.fused else Verdict.FUSED] -= 1
+        if outcome.fused:
+            self._integrity.fused(fix.validity_ns, cause.receive_ns)
+        else:
+            self._integrity.gated(fix.validity_ns, cause.receive_ns, -outcome.z)
         if outcome.fused:
             self.fused['fix'] += 1
             self._last_validity_ns = max(self._last_validity_ns, fix.validity_ns)
@@ -263,10 +322,12 @@ class Engine:
         self._fusion = None
         self._due_ns = None
         self.divergence = ''
+        self._integrity = IntegrityMonitor(self.params.max_gated_s)
 
     # -- outputs ----------------------------------------------------------------------------------
 
-    def _diverge(self, why: str, stamp_ns: int) -> None:
+    def diverge(self, why: str, stamp_ns: int) -> None:
+        """Stop navigating, and remember why."""
         self.divergence = (
             f'{why} (at {stamp_ns * 1e-9:.3f} s); no estimates are published until a reset'
         )
@@ -340,6 +401,7 @@ class Engine:
             fixes_received=self._fixes_received,
             fixes_fused=self.fused['fix'],
             last_validity_ns=self._last_validity_ns,
+            local_statistics=f.taken_local_statistics(),
         )
 
 

@@ -224,9 +224,24 @@ class Receipt:
     revision: int = 0
 
 
+LOCAL_DOF = {'dvl': 3, 'depth': 1}
+"""Local sources and the degrees of freedom of one measurement; rows of local statistics."""
+UPDATES, LOCAL_GATED, NIS_SUM = range(3)
+"""Columns of local statistics: used, refused by the gate, sum of the NIS of those used."""
+
+
+def no_local_statistics() -> Array:
+    """Local statistics of no measurement: zeros, one row per `LOCAL_DOF`."""
+    return np.zeros((len(LOCAL_DOF), 3))
+
+
 @dataclass(frozen=True)
 class Estimate:
-    """State at a stamp: r_e ECEF [m], v_G [m/s], C_b_G, P (24, 24) and estimated sensor errors."""
+    """State at a stamp: r_e ECEF [m], v_G [m/s], C_b_G, P (24, 24) and estimated sensor errors.
+
+    ``local_statistics``, shape (2, 3), is of the local measurements since the estimate before:
+    rows dvl and depth, columns `UPDATES`, `LOCAL_GATED`, `NIS_SUM`.
+    """
 
     stamp_ns: int
     r_e: Array
@@ -241,6 +256,7 @@ class Estimate:
     fixes_received: int
     fixes_fused: int
     last_validity_ns: int
+    local_statistics: Array = field(default_factory=no_local_statistics)
 
 
 Output: TypeAlias = Estimate | Receipt

@@ -10,7 +10,24 @@ from ..params import NodeParams, choice, param, vector
 from .events import InitialState
 
 DELAY_HANDLING = ('ignore', 'tagged', 'back_propagate', 'clone', 'rewind')
-NOISE_ADAPTATION = ('none', 'adaptive_r')
+ROBUST_FIXES = ('none', 'huber', 'mahalanobis')
+NOISE_ADAPTATION = (
+    'none',
+    'adaptive_r',
+    'sage_husa',
+    'sage_husa_unguarded',
+    'sage_husa_published',
+)
+NOISE_OF = {
+    'clone': ('none', 'adaptive_r'),
+    'rewind': ('none', 'adaptive_r'),
+    'tagged': ('none', 'adaptive_r', 'sage_husa'),
+}
+"""Noise adaptations that a delay handling can be joined with; all with those not named here.
+
+`clone` and `rewind` filter the past again, in compiled code whose added variances are a diagonal;
+the printed filters exist only as conventional (`ignore`) and modified (`back_propagate`).
+"""
 
 
 @dataclass(frozen=True)
@@ -21,6 +38,7 @@ class Configuration:
     noise_adaptation: str
     gate_probability: float
     doc: str
+    robust_fixes: str = 'none'
 
 
 CONFIGURATIONS: dict[str, Configuration] = {
@@ -32,6 +50,12 @@ CONFIGURATIONS: dict[str, Configuration] = {
         'adaptive_r',
         1.0,
         'delay-aware: H Phi^-1 at the time of validity; no gate, as published',
+    ),
+    'conventional_akf_published': Configuration(
+        'ignore', 'sage_husa_unguarded', 1.0, 'equations (29)-(38); expected to diverge'
+    ),
+    'modified_akf_published': Configuration(
+        'back_propagate', 'sage_husa_published', 1.0, 'equations (56)-(65); expected to diverge'
     ),
     'default': Configuration(
         'back_propagate', 'none', 0.9999, 'delay-aware, stated noise, chi-square gate'
@@ -61,6 +85,14 @@ class EngineParams(NodeParams):
         0.5,
         1.0,
         'Chi-square gate keeps this share of good measurements, 1.0 is no gate; used when custom',
+    )
+    robust_fixes: str = choice(
+        'none',
+        ROBUST_FIXES,
+        'Less weight for position fixes far off, besides the gate; used when custom',
+    )
+    max_gated_s: float = param(
+        300.0, 's', 1.0, 86400.0, 'Fixes that are gated for longer are an error in diagnostics'
     )
     reorder_window_s: float = param(
         0.05, 's', 0.0, 10.0, 'Stamp time that messages may come out of order'
@@ -148,9 +180,23 @@ class EngineParams(NodeParams):
     )
     usbl_bias_tau: float = param(600.0, 's', 1.0, 1e6, 'Its correlation time')
 
-    forgetting: float = param(0.99, '', 0.5, 0.999999, 'Forgetting factor b of adaptive_r')
+    forgetting: float = param(
+        0.99, '', 0.5, 0.999999, 'Forgetting factor b of all noise adaptations'
+    )
     adaptive_floor: float = param(
-        0.5, '', 1e-3, 1.0, 'adaptive_r takes no variance below this share of the stated one'
+        0.5,
+        '',
+        1e-3,
+        1.0,
+        'adaptive_r and sage_husa take no variance below this share of the stated one',
+    )
+    published_start: float = param(
+        0.0,
+        '',
+        0.0,
+        1e6,
+        'Measurements that d_k counts as seen before the first, in sage_husa_unguarded and '
+        'sage_husa_published; 0 as printed',
     )
 
     def __post_init__(self) -> None:
@@ -160,12 +206,23 @@ class EngineParams(NodeParams):
                 f'parameter history_s: {self.history_s} s is shorter than max_delay_s '
                 f'{self.max_delay_s} s and one filter step of {self.filter_period_s} s'
             )
+        chosen = self.resolved()
+        possible = NOISE_OF.get(chosen.delay_handling, NOISE_ADAPTATION)
+        if chosen.noise_adaptation not in possible:
+            raise ConfigError(
+                f'parameter noise_adaptation: {chosen.noise_adaptation} does not go with '
+                f'delay_handling {chosen.delay_handling}; that takes {", ".join(possible)}'
+            )
 
     def resolved(self) -> Configuration:
         """Return the configuration in force."""
         if self.configuration == 'custom':
             return Configuration(
-                self.delay_handling, self.noise_adaptation, self.gate_probability, 'as set'
+                self.delay_handling,
+                self.noise_adaptation,
+                self.gate_probability,
+                'as set',
+                self.robust_fixes,
             )
         return CONFIGURATIONS[self.configuration]
 

@@ -99,13 +99,25 @@ def kernel(function: F) -> F:
     kernel that would allocate does not compile; ``forceinline`` saves the calls between kernels.
     With ``NUMBA_DISABLE_JIT=1`` the Python function itself comes back.
     """
+    return _compile(function, forceinline=True)
+
+
+def routine(function: F) -> F:
+    """Compile *function* as :func:`kernel` does, but call it: large, or called from many places.
+
+    Inlining those everywhere would make the compiler slow and nothing fast.
+    """
+    return _compile(function, forceinline=False)
+
+
+def _compile(function: F, *, forceinline: bool) -> F:
     if numba.config.DISABLE_JIT:
         return function
     before = numba.config.CACHE_DIR
     numba.config.CACHE_DIR = str(cache_directory())
     try:
         compiled = numba.njit(
-            cache=True, fastmath=False, error_model='numpy', forceinline=True, _nrt=False
+            cache=True, fastmath=False, error_model='numpy', forceinline=forceinline, _nrt=False
         )(function)
     finally:
         numba.config.CACHE_DIR = before

@@ -59,7 +59,8 @@ def dvl_rows(
     """DVL velocity over ground, resolved with the estimated attitude.
 
     z = v_G - C_b_G (C_m_b (v_m - markov)/(1 + scale) - omega_eb x lever); the block -[V x] on phi
-    is what makes heading observable.
+    is what makes heading observable. The scale error multiplies the predicted velocity, not the
+    measured one: the noise of a ping must not stand in its own H (measurements.md, 1).
 
     Parameters
     ----------
@@ -102,7 +103,14 @@ def dvl_rows(
             gain = 1.0 / (1.0 + scale_m[k])
             corrected = (v_m[k] - markov_m[k]) * gain
             s += C_m_G[i, k] * corrected
-            H[i, SCALE + k] = -C_m_G[i, k] * corrected * gain
+            predicted = (
+                C_m_b[0, k] * lever_velocity_b0
+                + C_m_b[1, k] * lever_velocity_b1
+                + C_m_b[2, k] * lever_velocity_b2
+            )
+            for n in range(3):
+                predicted += C_m_G[n, k] * v_G[n]
+            H[i, SCALE + k] = -C_m_G[i, k] * predicted * gain
             H[i, MARKOV + k] = -C_m_G[i, k] * gain
         z[i] = v_G[i] - s
         H[i, DV + i] = 1.0

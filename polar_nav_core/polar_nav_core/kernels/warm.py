@@ -6,49 +6,51 @@ live node would fall behind its sensors meanwhile.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from .. import earth, strapdown
-from . import filter as kf
-from . import filter_clone as kc
-from . import filter_imu, filter_rows, filter_walk
+
+_START_NS = 1_000_000_000
+_IMU_NS = 10_000_000
 
 
 def warm_filter() -> None:
-    """Call every kernel of the filter with arguments of the types that the filter uses."""
-    v = np.zeros(3)
-    eye = np.eye(3)
-    r_e = np.ascontiguousarray(earth.ecef_from_geodetic(1.4, 0.3, -50.0), dtype=np.float64)
-    w = kf.scratch()
-    H, R, z, x = np.zeros((3, kf.N)), np.eye(3), np.zeros(3), np.zeros(kf.N)
-    P, Phis = np.eye(kf.N), np.stack([np.eye(kf.N)] * 2)
-    sums, increments = np.zeros((6, 3)), np.zeros((4, 3))
-    C, u, f_b = np.eye(3), np.zeros(3), np.array([0.0, 0.0, 9.8])
-    filter_imu.imu_step(C, v.copy(), r_e, v, v, u, f_b, increments, 0.01, 0.01, sums)
-    filter_imu.take_means(sums, np.zeros((3, 3)), np.zeros(3), np.zeros(3))
-    frames = [np.zeros((3, 3)), *(np.zeros(3) for _ in range(5))]
-    filter_imu.place(r_e, v, C, v, *frames)
-    kf.fill_transition(Phis[0], w['F15'], r_e, v, eye, u, f_b, 0.1, 300.0, 0.0)
-    kf.predict(P, Phis[0], x, w['M'])
-    kf.cholesky(w['LP'], P, kf.N)
-    filter_rows.dvl_rows(H, R, z, np.zeros((3, 3)), C, v, u, v, v, v, v, v, eye, eye, v)
-    filter_rows.depth_rows(H, R, z, eye, C, -50.0, -50.0, 0.01, v)
-    filter_rows.fix_rows(H, R, z, eye, v, r_e, r_e, eye, np.zeros((3, 3)), v)
-    steps = np.zeros(4, dtype=np.int64)
-    filter_walk.walk_forward(
-        H, z, 3, Phis, 0, 1, np.zeros((4, kf.N)), steps, 0, 1, w['LU'], w['pivot']
+    """Run each way to treat late fixes over a third of a second, live and as a whole run."""
+    # Here, because the engine stands above the kernels.
+    from ..engine import batch
+    from ..engine.events import Fix
+    from ..engine.params import DELAY_HANDLING, EngineParams
+
+    base = EngineParams(configuration='custom')
+    stamps = _START_NS + _IMU_NS * np.arange(30)
+    pings, depths = stamps[5::10].copy(), stamps[4::10].copy()
+    angles = np.radians([base.initial_latitude_deg, base.initial_longitude_deg])
+    r_e = np.asarray(earth.ecef_from_geodetic(angles[0], angles[1], base.initial_height))
+    inputs = batch.Inputs(
+        imu_stamps_ns=stamps,
+        omega_ib_b=np.zeros((len(stamps), 3)),
+        f_b=np.tile([0.0, 0.0, 9.83], (len(stamps), 1)),
+        dvl_stamps_ns=pings,
+        dvl_v_m=np.zeros((len(pings), 3)),
+        dvl_covariance_m=np.tile(np.eye(3), (len(pings), 1, 1)),
+        dvl_valid=np.ones(len(pings), dtype=bool),
+        depth_stamps_ns=depths,
+        depth=np.full(len(depths), -base.initial_height),
+        depth_variance=np.ones(len(depths)),
+        # The later ones are about times before the first was fused: delays overlap.
+        fixes=tuple(
+            Fix(v, v, received, 'leader', n, n, n, r_e, 1e4 * np.eye(3))
+            for n, (v, received) in enumerate(
+                (int(stamps[i]), int(stamps[j])) for i, j in ((3, 12), (4, 16), (2, 22))
+            )
+        ),
     )
-    kf.innovation_covariance(w['S'], w['PHt'], P, H, R, 3)
-    kf.cholesky(w['L'], w['S'], 3)
-    kf.nis_of(w['L'], z, w['w'], 3)
-    kf.update(P, x, H, R, z, 3, w['K'], w['PHt'], w['L'], w['M'])
-    cross, P_cc, work = np.zeros((kf.N, 3)), np.eye(3), np.zeros((6, 3))
-    kc.clone_begin(cross, P_cc, P, H)
-    kc.clone_step(cross, Phis[0], np.zeros((kf.NAV, 3)))
-    kc.clone_measurement(cross, P_cc, z, H, w['L'], w['K'], z, 3, work)
-    kc.clone_fuse(P, x, cross, P_cc, R, w['L'], z, w['K'], w['M'])
-    kc.drop_information(P, w['K'], w['S'], 3)
-    kf.feed_back(x, C, v.copy(), r_e.copy(), *(np.zeros(3) for _ in range(5)))
+    for name in DELAY_HANDLING:
+        params = replace(base, delay_handling=name)
+        batch.run(params, inputs)
+        batch.run(params, inputs, one_by_one=True)
 
 
 def warm_up() -> None:

@@ -10,65 +10,28 @@ linearization stay as they were decided.
 
 from __future__ import annotations
 
-from bisect import bisect_right
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from ...kernels import filter as kf
-from ...kernels import filter_clone as kc
-from ..events import Array, DepthSample, DvlPing, Fix, ImuSample, InitialState, OrderKey, Rank
+from ...kernels import filter_smooth as sm
+from ...kernels import filter_state as fs
+from ...kernels.filter import Ints
+from ..events import Fix, InitialState, Rank
 from ..params import EngineParams
 from .fusion import FixResult, Fusion
-from .navigation import Outcome
+from .history import Epoch
+from .navigation import NavigationFilter, Outcome
 
 
-@dataclass
-class _Step:
-    """A covariance step: transition, added variances, covariance after it."""
-
-    key: OrderKey
-    epochs: int
-    Phi: Array
-    q: Array
-    P: Array
-
-
-@dataclass
-class _Update:
-    """A fused measurement: rows, noise, innovation, correction, gain, S and its factor."""
-
-    key: OrderKey
-    epochs: int
-    m: int
-    H: Array
-    R: Array
-    z: Array
-    x: Array
-    K: Array
-    S: Array
-    L: Array
-    late: _Late | None = None
-
-
-@dataclass
+@dataclass(frozen=True)
 class _Late:
-    """A late fix where it belongs: rows and innovation against the estimate in force then."""
+    """A late fix that was fused as a clone: where it belongs, and the correction it is in."""
 
-    key: OrderKey
+    validity_ns: int
     epochs: int
-    H: Array
-    R: Array
-    z: Array
-
-
-@dataclass
-class _Rerun:
-    """State of a second pass over stored steps: covariance, and new estimate minus old."""
-
-    P: Array
-    change: Array
-    operations: list[_Step | _Update] = field(default_factory=list)
+    number: int
 
 
 class Clone(Fusion):
@@ -82,178 +45,243 @@ class Clone(Fusion):
 
     def __init__(self, params: EngineParams, initial: InitialState, stamp_ns: int) -> None:
         super().__init__(params, initial, stamp_ns)
-        self._length_ns = round(params.history_s * 1e9)
-        start = _Step(
-            (stamp_ns, Rank.IMU, 0, 0), 0, np.eye(kf.N), np.zeros(kf.N), self.filter.P.copy()
-        )
-        self._operations: list[_Step | _Update] = [start]
-        self._work9 = np.zeros((kf.NAV, 3))
-        self._work6 = np.zeros((6, 3))
+        # Fixes that stand in the log where they were fused, not where they belong, by correction.
+        self._late: dict[int, _Late] = {}
+        self._C, self._P_cc = np.zeros((kf.N, 3)), np.zeros((3, 3))
+        self._P = np.zeros((kf.N, kf.N))
+        self._work9, self._work6 = np.zeros((kf.NAV, 3)), np.zeros((6, 3))
+        self._change, self._work24 = np.zeros(kf.N), np.zeros(kf.N)
 
-    def imu(self, sample: ImuSample) -> None:
-        """Advance by one IMU sample."""
-        f = self.filter
-        step = f.history.step
-        f.imu(sample)
-        if f.history.step != step:
-            Phi = f.history.transitions[f.history.step % len(f.history.transitions)]
-            # The epoch of this sample is stored after the step that it ends.
-            self._operations.append(
-                _Step(sample.key, f.history.count - 1, Phi.copy(), f.last_q, f.P.copy())
-            )
-            self._forget(sample.stamp_ns - self._length_ns)
-
-    def local(self, event: DvlPing | DepthSample) -> Outcome:
-        """Fuse DVL or depth."""
-        outcome = super().local(event)
-        if outcome.fused:
-            self._operations.append(self._last_update(event.key, outcome.dof))
-        return outcome
+    def make_filter(
+        self, params: EngineParams, initial: InitialState, stamp_ns: int
+    ) -> NavigationFilter:
+        """Return a filter that logs its linear steps."""
+        return NavigationFilter(params, initial, stamp_ns, steps=True)
 
     def fix(self, fix: Fix) -> FixResult | None:
-        """Fuse a fix; lazily when no other late fix lies between, by filtering again otherwise."""
+        """Fuse a fix; as a clone when no other late fix lies between, else by filtering again."""
         f = self.filter
-        key: OrderKey = (fix.validity_ns, Rank.FIX, fix.order, fix.arrival)
         epoch = f.history.before(fix.validity_ns)
-        place = bisect_right(self._operations, key, key=lambda o: o.key)
-        if epoch is None or place == 0 or not isinstance(self._operations[0], _Step):
+        oldest = self._oldest()
+        place = self._place(fix.validity_ns, oldest)
+        base = self._step_before(place, oldest)
+        if epoch is None or base is None:
             return None
         steps = f.history.step - epoch.step
         self._fuse_at(fix, epoch, fix.validity_ns)
-        for o in self._operations[:place]:  # fed back after the epoch was stored, before the fix
-            if isinstance(o, _Update) and o.epochs > epoch.number:
-                f.z -= np.sum(f.H * o.x, axis=1)
-        late = _Late(key, epoch.number + 1, f.H.copy(), f.R.copy(), f.z.copy())
-        if any(isinstance(o, _Update) and o.late is not None for o in self._operations[place:]):
-            return FixResult(self._filter_again(late, place), steps)
-        return FixResult(self._smooth(late, place, fix), steps)
+        sm.refer_to_place(f.z, f.H, f.log, epoch.number, place, oldest)
+        inside = self._late_inside(place)
+        if not inside:
+            return FixResult(self._smooth(fix, epoch, base, place), steps)
+        outcome = self._filter_again(fix, epoch, place, oldest)
+        return None if outcome is None else FixResult(outcome, steps)
 
     # -- a single late fix ------------------------------------------------------------------------
 
-    def _smooth(self, late: _Late, place: int, fix: Fix) -> Outcome:
-        C, P_cc, z = np.zeros((kf.N, 3)), np.zeros((3, 3)), late.z.copy()
-        kc.clone_begin(C, P_cc, self._covariance_at(place), late.H)
-        for o in self._operations[place:]:
-            if isinstance(o, _Step):
-                kc.clone_step(C, o.Phi, self._work9)
-            else:
-                kc.clone_measurement(C, P_cc, z, o.H, o.L, o.K, o.z, o.m, self._work6)
-        outcome, (x, K, S, L, R) = self.filter.fuse_clone(C, P_cc, late.R, z, self._noise_fix)
+    def _smooth(self, fix: Fix, epoch: Epoch, base: int, place: int) -> Outcome:
+        f = self.filter
+        w, log = f.work, f.log
+        z = w.z.copy()
+        sm.smooth(
+            f.past,
+            log,
+            base,
+            place,
+            w.H,
+            z,
+            self._C,
+            self._P_cc,
+            self._P,
+            self._work9,
+            self._work6,
+        )
+        number, late_z = f.history.correction, w.z.copy()
+        w.z[:] = z
+        code = sm.fuse_clone(
+            f.state, f.frames, f.settings, f.past, w, log, self._C, self._P_cc, z, late_z
+        )
+        f.check(code)
+        w.z[:] = z
+        outcome = f.outcome(3, fused=code == fs.FUSED)
         if outcome.fused:
-            key: OrderKey = (fix.receive_ns, Rank.FIX, fix.order, fix.arrival)
-            count = self.filter.history.count
-            late = replace(late, R=R)  # as it was used: adapted noise is not decided again
-            self._operations.append(_Update(key, count, 3, late.H, R, z, x, K, S, L, late=late))
+            i = int(log.counts[0]) % len(log.kinds)
+            log.kinds[i], log.numbers[i], log.rows[i] = fs.UPDATE, number, 3
+            log.stamps[i], log.ranks[i] = fix.receive_ns, Rank.FIX
+            log.epochs[i] = f.history.count
+            log.counts[0] += 1
+            self._late[number] = _Late(fix.validity_ns, epoch.number + 1, number)
+            self._forget_late()
         return outcome
-
-    def _covariance_at(self, place: int) -> Array:
-        """Covariance after the operations before ``place``."""
-        start = self._step_before(place)
-        step = self._operations[start]
-        if not isinstance(step, _Step):
-            raise RuntimeError('the stored operations do not begin with a covariance step')
-        P = step.P.copy()
-        for o in self._operations[start + 1 : place]:
-            if isinstance(o, _Update):
-                kc.drop_information(P, o.K, o.S, o.m)
-        return P
-
-    def _step_before(self, place: int) -> int:
-        while not isinstance(self._operations[place - 1], _Step):
-            place -= 1
-        return place - 1
 
     # -- several late fixes -----------------------------------------------------------------------
 
-    def _filter_again(self, new: _Late, place: int) -> Outcome:
-        start = self._first_affected(place)
-        base = self._step_before(start)
-        step = self._operations[base]
-        if not isinstance(step, _Step):
-            raise RuntimeError('the stored operations do not begin with a covariance step')
-        run = _Rerun(self._covariance_at(start), np.zeros(kf.N), self._operations[:start])
-        pending = [o.late for o in self._operations[start:] if isinstance(o, _Update) and o.late]
-        # A late fix that was taken out again: what it had done to the estimate goes with it.
-        waiting = sorted([*pending, new], key=lambda late: late.key)
-        outcome: Outcome | None = None
-        for o in self._operations[start:]:
-            while waiting and waiting[0].key < o.key:
-                outcome = self._insert(run, waiting.pop(0), new) or outcome
-            self._shift_epochs(run, o.epochs)
-            self._repeat(run, o)
-        while waiting:
-            outcome = self._insert(run, waiting.pop(0), new) or outcome
-        self._shift_epochs(run, self.filter.history.count)
-        self._operations = run.operations
-        self.filter.replace_estimate(run.P, run.change)
-        if outcome is None:
-            raise RuntimeError('the fix was not among those that were put in their places')
-        return outcome
+    def _filter_again(self, fix: Fix, epoch: Epoch, place: int, oldest: int) -> Outcome | None:
+        f = self.filter
+        w, log = f.work, f.log
+        start = self._first_affected(place, oldest)
+        base = self._step_before(start, oldest)
+        if base is None:
+            return None
+        number = f.history.correction
+        u = number % len(log.H)
+        log.H[u], log.R[u], log.z[u] = w.H, w.R, w.z
+        new = _Late(fix.validity_ns, epoch.number + 1, number)
+        moved = self._late_inside(start)
+        entries = self._entries(start)
+        order, removed = _reordered(entries, moved, new)
+        removed_x = np.array([log.x[n % len(log.x)] for n in removed])
+        sm.covariance_at(self._P, log, base, start)
+        outcome = np.zeros(9)
+        code = sm.filter_again(
+            f.state,
+            f.frames,
+            f.settings,
+            f.past,
+            w,
+            log,
+            order.kinds,
+            order.numbers,
+            order.epochs,
+            order.rows,
+            removed_x,
+            int(log.epochs[(start - 1) % len(log.kinds)]),
+            self._P,
+            self._change,
+            self._work24,
+            outcome,
+        )
+        f.check(code)
+        self._write(start, order, fused=code == fs.FUSED)
+        for late in moved:
+            del self._late[late.number]
+        gate = float(f.settings.gates[3])
+        return Outcome(
+            code == fs.FUSED,
+            outcome[2:5].copy(),
+            outcome[5:8].copy(),
+            float(outcome[1]),
+            3,
+            gate,
+            float(outcome[8]),
+        )
 
-    def _first_affected(self, place: int) -> int:
+    def _first_affected(self, place: int, oldest: int) -> int:
         """Where filtering again must begin: before every fix fused inside what is repeated."""
         while True:
-            inside = [
-                bisect_right(self._operations, o.late.key, key=lambda o: o.key)
-                for o in self._operations[place:]
-                if isinstance(o, _Update) and o.late is not None
-            ]
+            inside = [self._place(late.validity_ns, oldest) for late in self._late_inside(place)]
             first = min([place, *inside])
             if first == place:
                 return place
             place = first
 
-    def _insert(self, run: _Rerun, late: _Late, new: _Late) -> Outcome | None:
-        """Fuse a late fix at its place; the outcome if it is the new one."""
-        self._shift_epochs(run, late.epochs)
-        z = late.z + np.sum(late.H * run.change, axis=1)
-        noise = self._noise_fix if late is new else None
-        outcome, (x, K, S, L, R) = self.filter.fuse_into(
-            run.P, late.H, late.R, z, noise, gated=late is new
+    # -- the order of entries ---------------------------------------------------------------------
+
+    def _oldest(self) -> int:
+        """Oldest entry of the log whose matrices are all still stored."""
+        f, log = self.filter, self.filter.log
+        count = int(log.counts[0])
+        oldest = max(0, count - len(log.kinds))
+        first_step = f.history.step - len(log.step_P) + 1
+        first_update = f.history.correction - len(log.H) + 1
+        if first_step <= 0 and first_update <= 0:
+            return oldest
+        i = np.arange(oldest, count) % len(log.kinds)
+        step = log.kinds[i] == fs.STEP
+        stored = np.where(step, log.numbers[i] >= first_step, log.numbers[i] >= first_update)
+        gone = np.flatnonzero(~stored)
+        return oldest + (int(gone[-1]) + 1 if len(gone) else 0)
+
+    def _place(self, validity_ns: int, oldest: int) -> int:
+        """First entry that a fix valid then stands before."""
+        log = self.filter.log
+        low, high = oldest, int(log.counts[0])
+        while low < high:
+            middle = (low + high) // 2
+            i = middle % len(log.kinds)
+            if (int(log.stamps[i]), int(log.ranks[i])) <= (validity_ns, int(Rank.FIX)):
+                low = middle + 1
+            else:
+                high = middle
+        return low
+
+    def _step_before(self, place: int, oldest: int) -> int | None:
+        """Last covariance step among the entries before ``place``."""
+        log = self.filter.log
+        for entry in range(place - 1, oldest - 1, -1):
+            if log.kinds[entry % len(log.kinds)] == fs.STEP:
+                return entry
+        return None
+
+    def _late_inside(self, place: int) -> list[_Late]:
+        """Late fixes that stand at or after ``place``, where they were fused."""
+        if not self._late:
+            return []
+        log = self.filter.log
+        i = np.arange(place, int(log.counts[0])) % len(log.kinds)
+        updates = i[log.kinds[i] == fs.UPDATE]
+        return [self._late[n] for n in log.numbers[updates].tolist() if n in self._late]
+
+    def _entries(self, start: int) -> _Order:
+        log = self.filter.log
+        i = np.arange(start, int(log.counts[0])) % len(log.kinds)
+        return _Order(
+            log.kinds[i], log.numbers[i], log.stamps[i], log.ranks[i], log.epochs[i], log.rows[i]
         )
-        if outcome.fused:
-            run.change -= x
-            run.operations.append(_Update(late.key, late.epochs, 3, late.H, R, z, x, K, S, L))
-        return outcome if late is new else None
 
-    def _repeat(self, run: _Rerun, o: _Step | _Update) -> None:
-        if isinstance(o, _Step):
-            kf.predict(run.P, o.Phi, o.q, self.filter.scratch['M'])
-            run.change[:] = np.sum(o.Phi * run.change, axis=1)
-            run.operations.append(replace(o, P=run.P.copy()))
-        elif o.late is not None:
-            run.change += o.x
-        else:
-            z = o.z + np.sum(o.H * run.change, axis=1)
-            _, (x, K, S, L, R) = self.filter.fuse_into(
-                run.P, o.H, o.R, z, None, gated=False, m=o.m
-            )
-            run.change += o.x - x
-            run.operations.append(_Update(o.key, o.epochs, o.m, o.H, R, z, x, K, S, L))
+    def _write(self, start: int, order: _Order, *, fused: bool) -> None:
+        """Put the entries back, without what was removed or refused."""
+        log = self.filter.log
+        dropped = {fs.REMOVED} if fused else {fs.REMOVED, sm.NEW}
+        keep = np.array([k not in dropped for k in order.kinds.tolist()])
+        kinds = np.where(order.kinds == fs.STEP, fs.STEP, fs.UPDATE)
+        i = np.arange(start, start + int(np.sum(keep))) % len(log.kinds)
+        log.kinds[i] = kinds[keep]
+        log.numbers[i], log.stamps[i] = order.numbers[keep], order.stamps[keep]
+        log.ranks[i], log.epochs[i] = order.ranks[keep], order.epochs[keep]
+        log.rows[i] = order.rows[keep]
+        log.counts[0] = start + int(np.sum(keep))
 
-    def _shift_epochs(self, run: _Rerun, until: int) -> None:
-        """Move the stored positions between the last operation and this one by the change."""
-        last = run.operations[-1].epochs
-        self.filter.history.shift(last, until, run.change, self.filter.C_e_G)
+    def _forget_late(self) -> None:
+        """Drop what is no longer stored."""
+        oldest = self.filter.history.correction - len(self.filter.log.H)
+        for number in [n for n in self._late if n <= oldest]:
+            del self._late[number]
 
-    def _last_update(self, key: OrderKey, m: int) -> _Update:
-        f = self.filter
-        w = f.scratch
-        return _Update(
-            key,
-            f.history.count,
-            m,
-            f.H.copy(),
-            f.R.copy(),
-            f.z.copy(),
-            f.x.copy(),
-            w['K'].copy(),
-            w['S'].copy(),
-            w['L'].copy(),
-        )
 
-    def _forget(self, before_ns: int) -> None:
-        """Drop what is older than the history, in bulk, so that a step stands first."""
-        if self._operations[0].key[0] < before_ns - self._length_ns // 4:
-            keep = bisect_right(self._operations, before_ns, key=lambda o: o.key[0])
-            del self._operations[: self._step_before(max(keep, 1))]
+@dataclass(frozen=True)
+class _Order:
+    """Entries of the log, one array per column."""
+
+    kinds: Ints
+    numbers: Ints
+    stamps: Ints
+    ranks: Ints
+    epochs: Ints
+    rows: Ints
+
+
+def _reordered(entries: _Order, moved: list[_Late], new: _Late) -> tuple[_Order, list[int]]:
+    """Entries with late fixes in their places; also the numbers of those that were moved there.
+
+    Where a late fix stood, an entry stays that takes out what it had done to the estimate.
+    """
+    removed = [late.number for late in moved]
+    kinds, numbers = entries.kinds.copy(), entries.numbers.copy()
+    for row, number in enumerate(removed):
+        i = np.flatnonzero((entries.kinds == fs.UPDATE) & (entries.numbers == number))[0]
+        kinds[i], numbers[i] = fs.REMOVED, row
+    # Stable: a fix goes after all that has the same stamp, and after fixes that came before it.
+    late = sorted([*moved, new], key=lambda one: (one.validity_ns, one.number))
+    zero_ns = min(int(entries.stamps[0]), late[0].validity_ns)
+    key = (entries.stamps - zero_ns) * 8 + entries.ranks
+    wanted = [(one.validity_ns - zero_ns) * 8 + int(Rank.FIX) for one in late]
+    places = np.searchsorted(key, wanted, side='right')
+    late_kinds = [sm.NEW if one is new else sm.PLACED for one in late]
+    return _Order(
+        np.insert(kinds, places, late_kinds),
+        np.insert(numbers, places, [one.number for one in late]),
+        np.insert(entries.stamps, places, [one.validity_ns for one in late]),
+        np.insert(entries.ranks, places, int(Rank.FIX)),
+        np.insert(entries.epochs, places, [one.epochs for one in late]),
+        np.insert(entries.rows, places, 3),
+    ), removed

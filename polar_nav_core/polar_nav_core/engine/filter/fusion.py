@@ -9,16 +9,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-import numpy as np
-
+from ...kernels import filter_events as fe
 from ...kernels import filter_rows
+from ...kernels import filter_state as fs
 from ..events import Array, DepthSample, DvlPing, Fix, ImuSample, InitialState
 from ..params import EngineParams
+from .adaptation import make_noise, make_process
 from .history import Epoch
 from .navigation import NavigationFilter, Outcome
-from .noise import make_noise
-
-_NO_BIAS = np.zeros((3, 3))
 
 
 @dataclass(frozen=True)
@@ -54,10 +52,19 @@ class Fusion:
     """
 
     def __init__(self, params: EngineParams, initial: InitialState, stamp_ns: int) -> None:
-        adaptation = params.resolved().noise_adaptation
-        self.filter = NavigationFilter(params, initial, stamp_ns)
+        configuration = params.resolved()
+        adaptation = configuration.noise_adaptation
+        self.filter = self.make_filter(params, initial, stamp_ns)
         self._noise_fix = make_noise(adaptation, params.forgetting, params.adaptive_floor)
         self._noise_dvl = make_noise(adaptation, params.forgetting, params.adaptive_floor)
+        self.filter.process = make_process(adaptation, params.forgetting)
+        self._noise_fix.robust = configuration.robust_fixes
+
+    def make_filter(
+        self, params: EngineParams, initial: InitialState, stamp_ns: int
+    ) -> NavigationFilter:
+        """Return a filter that stores what the strategy needs."""
+        return NavigationFilter(params, initial, stamp_ns)
 
     def imu(self, sample: ImuSample) -> None:
         """Advance by one IMU sample."""
@@ -65,13 +72,26 @@ class Fusion:
 
     def local(self, event: DvlPing | DepthSample) -> Outcome:
         """Fuse DVL or depth: never treated as delayed."""
-        if isinstance(event, DvlPing):
-            return self.filter.dvl(event, self._noise_dvl)
-        return self.filter.depth(event)
+        if isinstance(event, DepthSample):
+            return self.filter.depth(event)
+        if self._noise_dvl.compiled:
+            return self.filter.dvl(event)
+        self.filter.fill_dvl(event)
+        return self.filter.fuse(3, self._noise_dvl, fs.DVL_ROW)
 
     def fix(self, fix: Fix) -> FixResult | None:
         """Fuse a fix; None when the stored history does not reach back to its validity."""
         raise TypeError(f'{type(self).__name__} has no way to treat fix {fix.sequence}')
+
+    def _take(self) -> Outcome:
+        """Fuse the fix that stands in the filter's rows."""
+        if self._noise_fix.compiled:
+            return self.filter.fuse_fix()
+        return self.filter.fuse(3, self._noise_fix, fs.FIX_ROW)
+
+    def oldest_ns(self) -> int:
+        """Oldest validity that a fix may have to be fused."""
+        return self.filter.history.reaches_ns()
 
     def _fuse_at(self, fix: Fix, epoch: Epoch, stamp_ns: int) -> None:
         """Fill the filter's rows with the fix against the position at an epoch plus v dt."""
@@ -108,7 +128,7 @@ class Ignore(Fusion):
     def fix(self, fix: Fix) -> FixResult | None:
         """Fuse a fix as if it were valid when it was received."""
         self._fuse_at(fix, self._present(), fix.receive_ns)
-        return FixResult(self.filter.fuse(3, self._noise_fix), 0)
+        return FixResult(self._take(), 0)
 
 
 class Tagged(Fusion):
@@ -122,7 +142,7 @@ class Tagged(Fusion):
             return None
         self._fuse_at(fix, epoch, fix.validity_ns)
         f.refer_to_now(epoch.correction)
-        return FixResult(f.fuse(3, self._noise_fix), f.history.step - epoch.step)
+        return FixResult(self._take(), f.history.step - epoch.step)
 
 
 class BackPropagate(Fusion):
@@ -136,7 +156,7 @@ class BackPropagate(Fusion):
             return None
         self._fuse_at(fix, epoch, fix.validity_ns)
         steps = f.walk_to_now(epoch.step, epoch.correction)
-        return FixResult(f.fuse(3, self._noise_fix), steps)
+        return FixResult(self._take(), steps)
 
 
 def array_axes(f: NavigationFilter, fix: Fix) -> Array:
@@ -144,11 +164,8 @@ def array_axes(f: NavigationFilter, fix: Fix) -> Array:
 
     Zero while the USBL bias is not estimated.
     """
-    if not f.estimates_usbl_bias:
-        return _NO_BIAS
-    psi = 0.5 * np.pi - fix.array_heading
-    c, s = np.cos(psi), np.sin(psi)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    fe.fill_array_axes(f.work.C_a_G, fix.array_heading, f.estimates_usbl_bias)
+    return f.work.C_a_G
 
 
 Make = Callable[[EngineParams, InitialState, int], Fusion]

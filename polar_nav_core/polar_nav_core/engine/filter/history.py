@@ -10,10 +10,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...kernels import filter_state as fs
 from ...kernels.filter import N
 from ..events import Array
+
+IMU_PERIOD_S = 0.004
+CORRECTIONS_PER_S = 40.0
+"""Fastest sensors that the rings have room for; faster ones shorten the reach."""
 
 
 @dataclass(frozen=True)
@@ -44,66 +48,55 @@ class Epoch:
     correction: int
 
 
+def make_past(length_s: float, step_s: float) -> fs.Past:
+    """Rings of epochs, transitions and corrections for so many seconds."""
+    epochs = int(length_s / IMU_PERIOD_S) + 2
+    corrections = int(length_s * CORRECTIONS_PER_S) + 16
+    return fs.Past(
+        stamps=np.zeros(epochs, dtype=np.int64),
+        points=np.zeros((epochs, 3)),
+        velocities=np.zeros((epochs, 3)),
+        levers=np.zeros((epochs, 3)),
+        steps=np.zeros(epochs, dtype=np.int64),
+        firsts=np.zeros(epochs, dtype=np.int64),
+        transitions=np.zeros((int(length_s / step_s) + 2, N, N)),
+        corrections=np.zeros((corrections, N)),
+        correction_steps=np.zeros(corrections, dtype=np.int64),
+    )
+
+
 class History:
-    """Rings of epochs, transitions and corrections.
+    """Looks things up in the rings that the compiled filter fills.
 
     Parameters
     ----------
-    length_s : float
-        Time that is kept.
-    imu_period_s, step_s : float
-        Shortest expected time between IMU samples and between covariance steps.
-    corrections_per_s : float
-        Most corrections a second; with more of them the history just reaches less far back.
+    past : Past
+        The rings.
+    state : State
+        Its counters say how much of them is filled.
     """
 
-    def __init__(
-        self, length_s: float, imu_period_s: float, step_s: float, corrections_per_s: float
-    ) -> None:
-        epochs = int(length_s / imu_period_s) + 2
-        self._stamps = np.zeros(epochs, dtype=np.int64)
-        self._points = np.zeros((epochs, 3))
-        self._velocities = np.zeros((epochs, 3))
-        self._levers = np.zeros((epochs, 3))
-        self._steps = np.zeros(epochs, dtype=np.int64)
-        self._firsts = np.zeros(epochs, dtype=np.int64)
-        self.transitions = np.zeros((int(length_s / step_s) + 2, N, N))
-        self.corrections = np.zeros((int(length_s * corrections_per_s) + 16, N))
-        self.correction_steps: NDArray[np.int64] = np.zeros(len(self.corrections), dtype=np.int64)
-        self.clear()
+    def __init__(self, past: fs.Past, state: fs.State) -> None:
+        self._past = past
+        self._counters = state.counters
+        self.transitions = past.transitions
+        self.corrections = past.corrections
+        self.correction_steps = past.correction_steps
 
-    def clear(self) -> None:
-        """Forget everything."""
-        self.count = 0
-        self.step = 0
-        self.correction = 0
+    @property
+    def count(self) -> int:
+        """Epochs so far."""
+        return int(self._counters[fs.EPOCHS])
 
-    def add_epoch(self, stamp_ns: int, point_e: Array, velocity_e: Array, lever_G: Array) -> None:
-        """Store an IMU epoch.
+    @property
+    def step(self) -> int:
+        """Covariance steps so far."""
+        return int(self._counters[fs.STEPS])
 
-        Call after a covariance step that ends at it, before measurements of that stamp.
-        """
-        i = self.count % len(self._stamps)
-        self._stamps[i] = stamp_ns
-        self._points[i] = point_e
-        self._velocities[i] = velocity_e
-        self._levers[i] = lever_G
-        self._steps[i] = self.step
-        self._firsts[i] = self.correction
-        self.count += 1
-
-    def next_transition(self) -> Array:
-        """Slot for the transition of the next covariance step, which becomes the newest."""
-        self.step += 1
-        slot: Array = self.transitions[self.step % len(self.transitions)]
-        return slot
-
-    def add_correction(self, x: Array) -> None:
-        """Store what was just taken out of the state."""
-        i = self.correction % len(self.corrections)
-        self.corrections[i] = x
-        self.correction_steps[i] = self.step
-        self.correction += 1
+    @property
+    def correction(self) -> int:
+        """Corrections so far."""
+        return int(self._counters[fs.CORRECTIONS])
 
     def newest(self) -> Epoch:
         """Return the last stored epoch."""
@@ -111,7 +104,7 @@ class History:
 
     def before(self, stamp_ns: int) -> Epoch | None:
         """Last epoch at or before a stamp; None when the history does not reach back that far."""
-        low = max(0, self.count - len(self._stamps))
+        low = max(0, self.count - len(self._past.stamps))
         high = self.count - 1
         if high < low or self._stamp(low) > stamp_ns:
             return None
@@ -122,47 +115,42 @@ class History:
             else:
                 high = middle - 1
         epoch = self._epoch(low)
-        if self.step - epoch.step >= len(
-            self.transitions
-        ) or self.correction - epoch.correction > len(self.corrections):
-            return None
-        return epoch
+        return epoch if self._usable(epoch) else None
 
-    def shift(self, first: int, until: int, change: Array, C_e_G: Array) -> None:
-        """Move what is stored of epochs first..until-1 by a change of the estimate.
+    def reaches_ns(self) -> int:
+        """Stamp of the oldest epoch that a fix can still be compared with; 0 when there is none.
 
-        Parameters
-        ----------
-        first, until : int
-            Numbers of epochs; what is no longer stored is passed over.
-        change : (24,) array
-            New estimate minus old, as an error state.
-        C_e_G : (3, 3) array
-            Grid axes now; over the length of the history they hardly turn.
+        What is short of room first, epochs, transitions or corrections, decides.
         """
-        first = max(first, self.count - len(self._stamps))
-        if until <= first:
-            return
-        i = np.arange(first, until) % len(self._stamps)
-        turned_G = np.cross(self._levers[i], change[0:3])
-        self._points[i] += change[6:9] + np.einsum('ji,nj->ni', C_e_G, turned_G)
-        self._velocities[i] += np.einsum('ji,j->i', C_e_G, change[3:6])
+        if not self.count:
+            return 0
+        low, high = max(0, self.count - len(self._past.stamps)), self.count - 1
+        while low < high:
+            middle = (low + high) // 2
+            if self._usable(self._epoch(middle)):
+                high = middle
+            else:
+                low = middle + 1
+        return self._stamp(low)
 
-    def oldest_ns(self) -> int:
-        """Stamp of the oldest stored epoch; 0 when there is none."""
-        return self._stamp(max(0, self.count - len(self._stamps))) if self.count else 0
+    def _usable(self, epoch: Epoch) -> bool:
+        """Whether all transitions and corrections since an epoch are still stored."""
+        return self.step - epoch.step < len(
+            self.transitions
+        ) and self.correction - epoch.correction <= len(self.corrections)
 
     def _stamp(self, number: int) -> int:
-        return int(self._stamps[number % len(self._stamps)])
+        return int(self._past.stamps[number % len(self._past.stamps)])
 
     def _epoch(self, number: int) -> Epoch:
-        i = number % len(self._stamps)
+        past = self._past
+        i = number % len(past.stamps)
         return Epoch(
             number=number,
-            stamp_ns=int(self._stamps[i]),
-            point_e=self._points[i],
-            velocity_e=self._velocities[i],
-            lever_G=self._levers[i],
-            step=int(self._steps[i]),
-            correction=int(self._firsts[i]),
+            stamp_ns=int(past.stamps[i]),
+            point_e=past.points[i],
+            velocity_e=past.velocities[i],
+            lever_G=past.levers[i],
+            step=int(past.steps[i]),
+            correction=int(past.firsts[i]),
         )

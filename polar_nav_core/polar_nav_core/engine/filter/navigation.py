@@ -1,15 +1,15 @@
-"""Strapdown state and error covariance of the follower at one stamp, in closed loop.
+"""Strapdown state and error covariance of a vehicle at one stamp, in closed loop.
 
 Events come in order. An IMU sample moves the state; when it ends a covariance step, the covariance
 follows. A measurement corrects the state at once, with the covariance of the last step at or
-before it: steps are never split.
+before it: steps are never split. All of that is compiled (kernels.filter_events); this class holds
+the arrays, and says in Python what the compiled code leaves open.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import gammaincinv
@@ -17,40 +17,30 @@ from scipy.special import gammaincinv
 from ... import attitude, earth, grid
 from ...errors import FilterDivergence
 from ...kernels import filter as kf
-from ...kernels import filter_clone as kc
-from ...kernels import filter_imu, filter_rows, filter_walk
+from ...kernels import filter_events as fe
+from ...kernels import filter_run, filter_walk
+from ...kernels import filter_state as fs
 from ..events import Array, DepthSample, DvlPing, ImuSample, InitialState
-from ..params import EngineParams
-from .history import History
-from .noise import StatedNoise
+from ..params import ROBUST_FIXES, EngineParams
+from . import streams as st
+from .history import CORRECTIONS_PER_S, IMU_PERIOD_S, History, make_past
+from .log import make_log
+from .noise import ProcessNoise, StatedNoise
+from .robust import THRESHOLDS, inflation
 
-_ARRAYS = (
-    'C_b_G',
-    'v_G',
-    'r_e',
-    'b_gyro_b',
-    'b_accel_b',
-    'dvl_scale_m',
-    'dvl_markov_m',
-    'usbl_bias_a',
-    'P',
-    'omega_ib_b',
-    '_increments',
-    '_sums',
-)
-_VALUES = ('stamp_ns', '_boundary_ns', '_previous_dt', '_previous_sample')
-"""What a snapshot holds; everything else follows from it or is scratch."""
-_MARKOV = slice(18, 21)
-_USBL = slice(21, 24)
-
-
-Used = tuple[Array, Array, Array, Array, Array]
-"""What an update used and gave: x, K, S, L, R."""
+NEVER_NS = (1 << 63) - 1
+_WHY = {
+    fs.P_NOT_DEFINITE: 'the covariance of the filter is no longer positive definite',
+    fs.S_NOT_DEFINITE: 'an innovation covariance is not positive definite',
+}
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What one update did: innovation (estimate minus measurement), variance, NIS and gate."""
+    """What one update did: innovation (estimate minus measurement), variance, NIS and gate.
+
+    ``inflation`` is by how much its innovation covariance was enlarged after the gate (robust).
+    """
 
     fused: bool
     z: Array
@@ -58,10 +48,11 @@ class Outcome:
     nis: float
     dof: int
     gate: float
+    inflation: float = 1.0
 
 
 class NavigationFilter:
-    """The follower's navigation and its uncertainty.
+    """A vehicle's navigation and its uncertainty.
 
     Parameters
     ----------
@@ -71,42 +62,64 @@ class NavigationFilter:
         State and its 1-sigma values.
     stamp_ns : int
         When that holds.
+    steps, snapshots : bool
+        Whether to log linear steps (for `clone`) and to take snapshots (for `rewind`).
     """
 
-    def __init__(self, params: EngineParams, initial: InitialState, stamp_ns: int) -> None:
+    def __init__(
+        self,
+        params: EngineParams,
+        initial: InitialState,
+        stamp_ns: int,
+        *,
+        steps: bool = False,
+        snapshots: bool = False,
+    ) -> None:
         self._p = params
-        self._gate_probability = params.resolved().gate_probability
-        self._step_ns = round(params.filter_period_s * 1e9)
-        self.stamp_ns = stamp_ns
-        self._boundary_ns = stamp_ns
-        self._previous_dt = 0.0
-        self._previous_sample: ImuSample | None = None
-        self.omega_ib_b = np.zeros(3)
-        self._increments = np.zeros((4, 3))
-        self._sums = np.zeros((6, 3))
+        self.state = fs.make_state()
+        self.frames = fs.make_frames()
+        self.work = fs.make_work()
+        self.settings = make_settings(params)
+        self.past = make_past(params.history_s, params.filter_period_s)
+        self.log = make_log(self.past, steps=steps, snapshots=snapshots)
+        self.history = History(self.past, self.state)
+        kept_s = params.history_s if snapshots else 0.0
+        self.streams = st.live_streams(kept_s, 1.0 / IMU_PERIOD_S, CORRECTIONS_PER_S)
+        self.rows = fs.NO_ROWS
+        self.process: ProcessNoise | None = None
+        self.scratch = self.work._asdict()
+        self._name_views()
         self._set_state(initial)
-        self._allocate()
-        self._process_noise_of: dict[float, Array] = {}
-        self.last_q = np.zeros(kf.N)
-        self.history = History(params.history_s, 0.004, params.filter_period_s, 40.0)
-        self._locate()
-        self.history.add_epoch(stamp_ns, self.point_e, self.velocity_e, self.lever_G)
+        weight = params.forgetting ** (1.0 / (1.0 - params.forgetting))  # b^k with k = k0
+        self.state.noise[:] = [weight, 1.0, 1.0, 1.0]
+        self.state.counters[fs.STAMP] = stamp_ns
+        self.state.counters[fs.BOUNDARY] = stamp_ns
+        fe.locate(self.state, self.frames, self.settings)
+        fe.add_epoch(self.state, self.frames, self.past)
+        if steps:
+            self.log.step_P[0] = self.P
+            self.log.stamps[0] = stamp_ns
+            self.log.epochs[0] = 0
+            self.log.counts[0] = 1
+        fe.take_snapshot(self.state, self.log)
+
+    def _name_views(self) -> None:
+        """Name the arrays that others read."""
+        s, f, w = self.state, self.frames, self.work
+        self.P, self.C_b_G, self.v_G, self.r_e = s.P, s.C_b_G, s.v_G, s.r_e
+        self.b_gyro_b, self.b_accel_b = s.b_gyro_b, s.b_accel_b
+        self.dvl_scale_m, self.dvl_markov_m = s.dvl_scale_m, s.dvl_markov_m
+        self.usbl_bias_a = s.usbl_bias_a
+        self.C_e_G, self.lever_G = f.C_e_G, f.lever_G
+        self.point_e, self.velocity_e = f.point_e, f.velocity_e
+        self.H, self.R, self.z, self.x = w.H, w.R, w.z, w.x
 
     def _set_state(self, s: InitialState) -> None:
         p = self._p
-        self.r_e = np.ascontiguousarray(
-            earth.ecef_from_geodetic(s.latitude, s.longitude, s.height), dtype=np.float64
-        )
-        self.v_G = np.array(s.v_G, dtype=np.float64)
+        self.r_e[:] = earth.ecef_from_geodetic(s.latitude, s.longitude, s.height)
+        self.v_G[:] = s.v_G
         psi = 0.5 * math.pi - s.grid_heading
-        self.C_b_G = np.ascontiguousarray(
-            attitude.matrix_from_euler(psi, s.pitch, s.roll), dtype=np.float64
-        )
-        self.b_gyro_b = np.zeros(3)
-        self.b_accel_b = np.zeros(3)
-        self.dvl_scale_m = np.zeros(3)
-        self.dvl_markov_m = np.zeros(3)
-        self.usbl_bias_a = np.zeros(3)
+        self.C_b_G[:] = attitude.matrix_from_euler(psi, s.pitch, s.roll)
         sigma = np.concatenate(
             [
                 [s.sigma_tilt, s.sigma_tilt, s.sigma_heading],
@@ -119,300 +132,166 @@ class NavigationFilter:
                 np.full(3, p.usbl_bias_sigma),
             ]
         )
-        self.P = np.diag(sigma**2)
+        self.P[:] = np.diag(sigma**2)
         C_e_G = grid.ecef_to_grid(self.r_e)
         position_G = np.diag([s.sigma_position_horizontal**2] * 2 + [s.sigma_position_vertical**2])
         self.P[6:9, 6:9] = C_e_G.T @ position_G @ C_e_G
 
-    def _allocate(self) -> None:
-        self.scratch = kf.scratch()
-        self.C_e_G = np.zeros((3, 3))
-        self.omega_ie_G = np.zeros(3)
-        self.omega_eG_G = np.zeros(3)
-        self.lever_G = np.zeros(3)
-        self.point_e = np.zeros(3)
-        self.velocity_e = np.zeros(3)
-        self.height = 0.0
-        self._lever_point_b = np.array(self._p.transponder_lever_b)
-        self._lever_dvl_b = np.array(self._p.dvl_lever_b)
-        self._lever_depth_b = np.array(self._p.depth_lever_b)
-        roll, pitch, yaw = (math.radians(a) for a in self._p.dvl_rpy_deg)
-        self._C_m_b = np.ascontiguousarray(
-            attitude.matrix_from_euler(yaw, pitch, roll), dtype=np.float64
-        )
-        self._C_m_G = np.zeros((3, 3))
-        self._C_mean = np.zeros((3, 3))
-        self._f_mean = np.zeros(3)
-        self._omega_mean = np.zeros(3)
-        self.H = np.zeros((3, kf.N))
-        self.R = np.zeros((3, 3))
-        self.z = np.zeros(3)
-        self.x = np.zeros(kf.N)
-        self.estimates_usbl_bias = self._p.usbl_bias_sigma > 0.0
-        self._active = kf.N if self.estimates_usbl_bias else 21
+    @property
+    def stamp_ns(self) -> int:
+        """Stamp of the newest IMU sample."""
+        return int(self.state.counters[fs.STAMP])
 
-    # -- time -------------------------------------------------------------------------------------
+    @property
+    def estimates_usbl_bias(self) -> bool:
+        """Whether the last three states are in use."""
+        return self.settings.estimates_usbl_bias
 
-    def imu(self, sample: ImuSample) -> None:
-        """Advance to the end of the sample's interval.
+    # -- events -----------------------------------------------------------------------------------
+
+    def advance(self, until_ns: int = NEVER_NS, until_rank: int = 0) -> int:
+        """Process what stands in the streams before a place in the order of events.
+
+        Returns
+        -------
+        int
+            DONE, or FULL when the rows of output are.
 
         Raises
         ------
         FilterDivergence
-            When the covariance is not positive definite or the state not finite at the end of a
-            covariance step.
+            When a covariance is not positive definite or the state not finite.
         """
-        dt = (sample.stamp_ns - self.stamp_ns) * 1e-9
-        omega_b, f_b = sample.omega_ib_b, sample.f_b
-        if self._p.imu_sample == 'instant' and self._previous_sample is not None:
-            omega_b = 0.5 * (omega_b + self._previous_sample.omega_ib_b)
-            f_b = 0.5 * (f_b + self._previous_sample.f_b)
-        self._previous_sample = sample
-        filter_imu.imu_step(
-            self.C_b_G,
-            self.v_G,
-            self.r_e,
-            self.b_gyro_b,
-            self.b_accel_b,
-            omega_b,
-            f_b,
-            self._increments,
-            dt,
-            self._previous_dt,
-            self._sums,
+        code = filter_run.advance(
+            self.state,
+            self.frames,
+            self.settings,
+            self.past,
+            self.work,
+            self.log,
+            self.streams,
+            until_ns,
+            until_rank,
+            self.rows,
         )
-        self._previous_dt = dt
-        self.omega_ib_b[:] = omega_b
-        self.stamp_ns = sample.stamp_ns
-        if sample.stamp_ns // self._step_ns != self._boundary_ns // self._step_ns:
-            self._predict((sample.stamp_ns - self._boundary_ns) * 1e-9)
-            self._boundary_ns = sample.stamp_ns
-        self._locate()
-        self.history.add_epoch(sample.stamp_ns, self.point_e, self.velocity_e, self.lever_G)
+        self.check(code)
+        return int(code)
 
-    def _predict(self, dt: float) -> None:
-        w = self.scratch
-        filter_imu.take_means(self._sums, self._C_mean, self._f_mean, self._omega_mean)
-        Phi = self.history.next_transition()
-        tau_usbl = self._p.usbl_bias_tau if self._p.usbl_bias_sigma > 0.0 else 0.0
-        kf.fill_transition(
-            Phi,
-            w['F15'],
-            self.r_e,
-            self.v_G,
-            self._C_mean,
-            self._omega_mean,
-            self._f_mean,
-            dt,
-            self._p.dvl_markov_tau,
-            tau_usbl,
-        )
-        self.last_q = self._process_noise(dt)
-        kf.predict(self.P, Phi, self.last_q, w['M'])
-        # The mean of a Markov error decays as its transition says.
-        decay = math.exp(-dt / self._p.dvl_markov_tau)
-        self.dvl_markov_m *= decay
-        if tau_usbl:
-            self.usbl_bias_a *= math.exp(-dt / tau_usbl)
-        if not kf.cholesky(w['LP'], self.P, self._active) or not math.isfinite(
-            float(np.sum(self.r_e + self.v_G))
-        ):
-            raise FilterDivergence('the covariance of the filter is no longer positive definite')
+    @staticmethod
+    def check(code: int) -> None:
+        """Raise FilterDivergence for a code that says so."""
+        if code in _WHY:
+            raise FilterDivergence(_WHY[code])
 
-    def _process_noise(self, dt: float) -> Array:
-        """Variances added in a step of dt, shape (24,)."""
-        cached = self._process_noise_of.get(dt)
-        if cached is not None:
-            return cached
-        p = self._p
-        q = np.zeros(kf.N)
-        q[0:3] = p.gyro_noise_density**2 * dt
-        q[3:6] = p.accel_noise_density**2 * dt
-        q[9:12] = p.gyro_bias_walk**2 * dt
-        q[12:15] = p.accel_bias_walk**2 * dt
-        q[_MARKOV] = p.dvl_markov_sigma**2 * -math.expm1(-2.0 * dt / p.dvl_markov_tau)
-        q[_USBL] = p.usbl_bias_sigma**2 * -math.expm1(-2.0 * dt / p.usbl_bias_tau)
-        if len(self._process_noise_of) < 64:  # a jittering IMU clock must not fill the memory
-            self._process_noise_of[dt] = q
-        return q
+    def imu(self, sample: ImuSample) -> None:
+        """Advance to the end of the sample's interval."""
+        step, boundary_ns = self.history.step, int(self.state.counters[fs.BOUNDARY])
+        st.put_imu(self.streams, sample)
+        self.advance()
+        if self.process is not None and self.history.step != step:
+            Phi = self.past.transitions[self.history.step % len(self.past.transitions)]
+            dt = (sample.stamp_ns - boundary_ns) * 1e-9
+            self.process.add(self.P, Phi, self.work.q, dt)
+            active = kf.N if self.settings.estimates_usbl_bias else kf.USBL
+            if not kf.cholesky(self.work.LP, self.P, active):
+                raise FilterDivergence(_WHY[fs.P_NOT_DEFINITE])
 
-    def _locate(self) -> None:
-        self.height = filter_imu.place(
-            self.r_e,
-            self.v_G,
-            self.C_b_G,
-            self._lever_point_b,
-            self.C_e_G,
-            self.omega_ie_G,
-            self.omega_eG_G,
-            self.lever_G,
-            self.point_e,
-            self.velocity_e,
-        )
-
-    # -- measurements -----------------------------------------------------------------------------
-
-    def dvl(self, ping: DvlPing, noise: StatedNoise) -> Outcome:
-        """Fuse one valid DVL ping."""
-        filter_rows.dvl_rows(
-            self.H,
-            self.R,
-            self.z,
-            self._C_m_G,
-            self.C_b_G,
-            self.v_G,
-            self.omega_ib_b,
-            self.omega_ie_G,
-            self.b_gyro_b,
-            self.dvl_scale_m,
-            self.dvl_markov_m,
-            ping.v_m,
-            ping.covariance_m,
-            self._C_m_b,
-            self._lever_dvl_b,
-        )
-        return self.fuse(3, noise)
+    def dvl(self, ping: DvlPing) -> Outcome:
+        """Fuse one valid DVL ping with the noise it states, or adapted to it by compiled code."""
+        gated = self.state.tally[fs.DVL_ROW, fs.GATED]
+        st.put_dvl(self.streams, ping)
+        self.advance()
+        return self.outcome(3, fused=bool(self.state.tally[fs.DVL_ROW, fs.GATED] == gated))
 
     def depth(self, sample: DepthSample) -> Outcome:
         """Fuse one depth."""
-        filter_rows.depth_rows(
-            self.H,
-            self.R,
-            self.z,
-            self.C_e_G,
-            self.C_b_G,
-            self.height,
-            self._p.sea_surface_height - sample.depth,
-            sample.variance,
-            self._lever_depth_b,
-        )
-        return self.fuse(1, None)
+        gated = self.state.tally[fs.DEPTH_ROW, fs.GATED]
+        st.put_depth(self.streams, sample)
+        self.advance()
+        return self.outcome(1, fused=bool(self.state.tally[fs.DEPTH_ROW, fs.GATED] == gated))
 
-    def fuse(self, m: int, noise: StatedNoise | None) -> Outcome:
-        """Gate, update and feed back what stands in ``H``, ``R``, ``z`` (first m rows).
+    def outcome(self, m: int, *, fused: bool) -> Outcome:
+        """Outcome of the update that stands in the scratch."""
+        w = self.work
+        variance, innovation = np.full(3, np.nan), np.full(3, np.nan)
+        variance[:m] = np.diagonal(w.S)[:m] / w.nis[1]
+        innovation[:m] = w.z[:m]
+        gate = float(self.settings.gates[m])
+        return Outcome(fused, innovation, variance, float(w.nis[0]), m, gate, float(w.nis[1]))
+
+    def taken_local_statistics(self) -> Array:
+        """Of DVL and depth since the last call: used, gated, sum of NIS; shape (2, 3)."""
+        tally = self.state.tally
+        taken: Array = tally[: fs.FIX_ROW].copy()
+        tally[:] = 0.0
+        return taken
+
+    # -- rows that Python has filled --------------------------------------------------------------
+
+    def fuse_fix(self) -> Outcome:
+        """Gate, update and feed back the fix in ``H``, ``R``, ``z``."""
+        code = fe.fuse_rows(
+            self.state,
+            self.frames,
+            self.settings,
+            self.past,
+            self.work,
+            self.log,
+            3,
+            fs.FIX_ROW,
+            fs.FIX_RANK,
+        )
+        self.check(code)
+        return self.outcome(3, fused=code == fs.FUSED)
+
+    def fuse(self, m: int, noise: StatedNoise, stream: int) -> Outcome:
+        """Gate, update and feed back ``H``, ``R``, ``z`` with a noise that is not compiled.
+
+        ``stream`` is the row of the tally that counts it.
 
         Raises
         ------
         FilterDivergence
             When the innovation covariance is not positive definite.
         """
-        stated = self.R.copy()
-        if noise is not None:
-            noise.apply(self.R)
-        outcome = self._judge(self.P, self.H, self.R, self.z, m)
-        if not outcome.fused:
-            return outcome
-        if noise is not None:
-            noise.learn(self.z, stated)
-        w = self.scratch
-        kf.update(
-            self.P,
-            self.x,
-            self.H,
-            self.R,
-            self.z,
-            m,
-            w['K'],
-            w['PHt'],
-            w['L'],
-            w['M'],
-        )
-        self._feed_back(self.x)
-        return outcome
+        w = self.work
+        stated = w.R.copy()
+        noise.apply(w.R)
+        w.nis[1] = 1.0
+        if not fe.judge(w, self.P, w.H, w.R, w.z, m):
+            raise FilterDivergence(_WHY[fs.S_NOT_DEFINITE])
+        S = w.S.copy()
+        tally = self.state.tally[stream]
+        if not w.nis[0] <= self.settings.gates[m]:
+            tally[fs.GATED] += 1.0
+            return self.outcome(m, fused=False)
+        tally[fs.UPDATES] += 1.0
+        tally[fs.NIS_SUM] += w.nis[0]
+        factor = inflation(noise.robust, float(w.nis[0]), m)
+        if factor > 1.0:
+            w.R[:m, :m] += (factor - 1.0) * w.S[:m, :m]
+            w.S[:m, :m] *= factor
+            w.L[:m, :m] *= math.sqrt(factor)
+            w.nis[1] = factor
+        noise.learn(w.z / math.sqrt(factor), stated, S)
+        kf.update(self.P, w.x, w.H, w.R, w.z, m, w.K, w.PHt, w.L, w.M)
+        if self.process is not None:
+            self.process.learn(w.K[:m], w.z[:m], w.S[:m, :m])
+        self.feed_back(w.x)
+        return self.outcome(m, fused=True)
 
-    def _judge(self, P: Array, H: Array, R: Array, z: Array, m: int) -> Outcome:
-        """Innovation covariance, NIS and gate; leaves PHt, S and L in the scratch."""
-        w = self.scratch
-        kf.innovation_covariance(w['S'], w['PHt'], P, H, R, m)
-        return self._gate(z, m)
+    def fill_dvl(self, ping: DvlPing) -> None:
+        """Rows of a ping into ``H``, ``R``, ``z``."""
+        fe.fill_dvl(self.state, self.frames, self.settings, self.work, ping.v_m, ping.covariance_m)
 
-    def _gate(self, z: Array, m: int) -> Outcome:
-        """Outcome by the innovation covariance in the scratch."""
-        w = self.scratch
-        if not kf.cholesky(w['L'], w['S'], m):
-            raise FilterDivergence('an innovation covariance is not positive definite')
-        nis = float(kf.nis_of(w['L'], z, w['w'], m))
-        gate = chi2_gate(self._gate_probability, m)
-        variance = np.full(3, np.nan)
-        variance[:m] = np.diagonal(w['S'])[:m]
-        innovation = np.full(3, np.nan)
-        innovation[:m] = z[:m]
-        return Outcome(nis <= gate, innovation, variance, nis, m, gate)
-
-    def _feed_back(self, x: Array) -> None:
+    def feed_back(self, x: Array) -> None:
         """Take an estimated error out of the state, and remember it."""
-        kf.feed_back(
-            x,
-            self.C_b_G,
-            self.v_G,
-            self.r_e,
-            self.b_gyro_b,
-            self.b_accel_b,
-            self.dvl_scale_m,
-            self.dvl_markov_m,
-            self.usbl_bias_a,
-        )
-        self.history.add_correction(x)
-        self._locate()
-
-    def fuse_clone(
-        self, C: Array, P_cc: Array, stated: Array, z: Array, noise: StatedNoise
-    ) -> tuple[Outcome, Used]:
-        """Fuse a measurement of a past position that is correlated with the present by ``C``.
-
-        Raises
-        ------
-        FilterDivergence
-            When the innovation covariance is not positive definite.
-        """
-        w = self.scratch
-        R = stated.copy()
-        noise.apply(R)
-        w['S'][:] = P_cc + R
-        outcome = self._gate(z, 3)
-        K, S, L = np.zeros((3, kf.N)), w['S'].copy(), w['L'].copy()
-        if outcome.fused:
-            noise.learn(z, stated)
-            kc.clone_fuse(self.P, self.x, C, P_cc, R, L, z, K, w['M'])
-            self._feed_back(self.x)
-        return outcome, (self.x.copy(), K, S, L, R)
-
-    def fuse_into(
-        self,
-        P: Array,
-        H: Array,
-        stated: Array,
-        z: Array,
-        noise: StatedNoise | None,
-        *,
-        gated: bool,
-        m: int = 3,
-    ) -> tuple[Outcome, Used]:
-        """Update another covariance than the present one; nothing is fed back.
-
-        Raises
-        ------
-        FilterDivergence
-            When the innovation covariance is not positive definite.
-        """
-        w = self.scratch
-        R = stated.copy()
-        if noise is not None:
-            noise.apply(R)
-        outcome = self._judge(P, H, R, z, m)
-        if not gated:
-            outcome = replace(outcome, fused=True)
-        S, L, x = w['S'].copy(), w['L'].copy(), np.zeros(kf.N)
-        if outcome.fused:
-            if noise is not None:
-                noise.learn(z, stated)
-            kf.update(P, x, H, R, z, m, w['K'], w['PHt'], L, w['M'])
-        return outcome, (x, w['K'].copy(), S, L, R)
+        fe.feed_back_and_remember(self.state, self.frames, self.settings, self.past, x)
 
     def replace_estimate(self, P: Array, change: Array) -> None:
         """Take another covariance, and an estimate that differs by ``change`` (as an error)."""
         self.P[:] = P
-        self._feed_back(-change)
+        self.feed_back(-change)
 
     def refer_to_now(self, first_correction: int) -> None:
         """Take what was fed back since out of ``z``, as if the rows had stayed the same."""
@@ -422,25 +301,9 @@ class NavigationFilter:
             for a in range(3):
                 self.z[a] -= float(np.sum(self.H[a] * correction))
 
-    def snapshot(self) -> dict[str, Any]:
-        """Copy of everything that changes with time, the stored past's counters included."""
-        state = {name: getattr(self, name).copy() for name in _ARRAYS}
-        state |= {name: getattr(self, name) for name in _VALUES}
-        state['history'] = (self.history.count, self.history.step, self.history.correction)
-        return state
-
-    def restore(self, state: dict[str, Any]) -> None:
-        """Go back to a snapshot."""
-        for name in _ARRAYS:
-            getattr(self, name)[...] = state[name]
-        for name in _VALUES:
-            setattr(self, name, state[name])
-        self.history.count, self.history.step, self.history.correction = state['history']
-        self._locate()
-
     def walk_to_now(self, first_step: int, first_correction: int) -> int:
         """Bring the rows in ``H`` and ``z`` from a stored step to now; the number of steps."""
-        h, w = self.history, self.scratch
+        h, w = self.history, self.work
         filter_walk.walk_forward(
             self.H,
             self.z,
@@ -452,10 +315,46 @@ class NavigationFilter:
             h.correction_steps,
             first_correction,
             h.correction,
-            w['LU'],
-            w['pivot'],
+            w.LU,
+            w.pivot,
         )
         return h.step - first_step
+
+
+def make_settings(p: EngineParams) -> fs.Settings:
+    """What stays as it is during a run, by the parameters."""
+    c = p.resolved()
+    roll, pitch, yaw = (math.radians(a) for a in p.dvl_rpy_deg)
+    estimated = p.usbl_bias_sigma > 0.0
+    adapts_Q = c.noise_adaptation not in ('none', 'adaptive_r')
+    densities = (
+        p.gyro_noise_density,
+        p.accel_noise_density,
+        p.gyro_bias_walk,
+        p.accel_bias_walk,
+    )
+    return fs.Settings(
+        step_ns=round(p.filter_period_s * 1e9),
+        output_ns=round(p.output_period_s * 1e9),
+        instant=p.imu_sample == 'instant',
+        # Where Q is adapted it is added in Python, which then checks.
+        active=0 if adapts_Q else kf.N if estimated else kf.USBL,
+        estimates_usbl_bias=estimated,
+        adaptive=c.noise_adaptation == 'adaptive_r',
+        forgetting=p.forgetting,
+        floor=p.adaptive_floor,
+        robust=ROBUST_FIXES.index(c.robust_fixes),
+        robust_threshold=THRESHOLDS[3],
+        gates=np.array([math.inf, *(chi2_gate(c.gate_probability, m) for m in (1, 2, 3))]),
+        densities=np.array([d**2 for d in densities]),
+        markov=np.array([p.dvl_markov_sigma**2, p.dvl_markov_tau]),
+        usbl=np.array([p.usbl_bias_sigma**2, p.usbl_bias_tau]),
+        sea_surface_height=p.sea_surface_height,
+        C_m_b=np.ascontiguousarray(attitude.matrix_from_euler(yaw, pitch, roll), dtype=np.float64),
+        lever_point_b=np.array(p.transponder_lever_b),
+        lever_dvl_b=np.array(p.dvl_lever_b),
+        lever_depth_b=np.array(p.depth_lever_b),
+    )
 
 
 _GATES: dict[tuple[float, int], float] = {}

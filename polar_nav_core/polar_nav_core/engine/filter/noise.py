@@ -15,16 +15,33 @@ from ..events import Array
 
 
 class StatedNoise:
-    """R as the measurement states it."""
+    """R as the measurement states it.
+
+    ``robust`` names how measurements far off are given less weight (robust.py), on top of it.
+    ``compiled``: whether compiled loops over many events know this kind of noise.
+    """
+
+    robust = 'none'
+    compiled = True
 
     def apply(self, R: Array) -> None:
         """Leave R as it is."""
 
-    def learn(self, z: Array, R_stated: Array) -> None:
+    def learn(self, z: Array, R_stated: Array, S: Array) -> None:
         """Learn nothing."""
 
     def reset(self) -> None:
         """Forget nothing."""
+
+
+class ProcessNoise:
+    """What a filter adds to the covariance instead of its stated diagonal; base: nothing else."""
+
+    def add(self, P: Array, Phi: Array, q: Array, dt: float) -> None:
+        """Change P, to which diag(q) was added at the end of a step of dt [s]."""
+
+    def learn(self, K: Array, z: Array, S: Array) -> None:
+        """Take gain (3, 24) (transposed), innovation and its covariance of an update."""
 
 
 class AdaptiveNoise(StatedNoise):
@@ -53,17 +70,8 @@ class AdaptiveNoise(StatedNoise):
         scale = np.sqrt(np.maximum(self.ratio, self._floor))
         R *= scale[:, None] * scale[None, :]
 
-    def learn(self, z: Array, R_stated: Array) -> None:
+    def learn(self, z: Array, R_stated: Array, S: Array) -> None:  # noqa: ARG002 - S: see Sage-Husa
         """Take one innovation (3,) of a measurement with stated covariance (3, 3)."""
         self._weight *= self._b
         d = (1.0 - self._b) / (1.0 - self._weight)
         self.ratio = (1.0 - d) * self.ratio + d * z * z / np.diagonal(R_stated)
-
-
-def make_noise(name: str, forgetting: float, floor: float) -> StatedNoise:
-    """Noise strategy by its name."""
-    if name == 'adaptive_r':
-        return AdaptiveNoise(forgetting, floor)
-    if name == 'none':
-        return StatedNoise()
-    raise ValueError(f'noise_adaptation {name!r} is neither none nor adaptive_r')

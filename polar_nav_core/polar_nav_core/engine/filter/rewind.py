@@ -7,33 +7,21 @@ time that it goes back.
 
 from __future__ import annotations
 
-import copy
-from bisect import bisect_left, bisect_right
-from dataclasses import dataclass
-from typing import Any
+from bisect import bisect_left
+from typing import TypeAlias
 
-from ..events import DepthSample, DvlPing, Fix, ImuSample, InitialState, OrderKey, Rank
+import numpy as np
+
+from ...kernels import filter_run
+from ...kernels import filter_state as fs
+from ..events import Array, Fix, InitialState, Rank
 from ..params import EngineParams
 from .fusion import FixResult, Fusion
-from .navigation import Outcome
+from .navigation import NavigationFilter, Outcome
+from .streams import insert_fix
 
-
-@dataclass
-class _Entry:
-    """One processed input; for a fix also whether it was fused."""
-
-    key: OrderKey
-    event: ImuSample | DvlPing | DepthSample | Fix
-    fused: bool | None = None
-
-
-@dataclass(frozen=True)
-class _Snapshot:
-    """State right after the IMU sample with this key."""
-
-    key: OrderKey
-    state: dict[str, Any]
-    noise: tuple[Any, Any]
+_Key: TypeAlias = tuple[int, int, int]
+"""Validity, number of the packet, number of arrival."""
 
 
 class Rewind(Fusion):
@@ -48,81 +36,141 @@ class Rewind(Fusion):
     def __init__(self, params: EngineParams, initial: InitialState, stamp_ns: int) -> None:
         super().__init__(params, initial, stamp_ns)
         self._length_ns = round(params.history_s * 1e9)
-        self._log: list[_Entry] = []
-        self._snapshots: list[_Snapshot] = []
-        self._store((stamp_ns, Rank.IMU, 0, 0))
+        # Fixes of the stored past, in the order of their validity; the first has this number.
+        self._fixes: list[Fix] = []
+        self._keys: list[_Key] = []
+        self._first = 0
 
-    def imu(self, sample: ImuSample) -> None:
-        """Advance by one IMU sample."""
-        step = self.filter.history.step
-        self.filter.imu(sample)
-        self._log.append(_Entry(sample.key, sample))
-        if self.filter.history.step != step:
-            self._store(sample.key)
+    def make_filter(
+        self, params: EngineParams, initial: InitialState, stamp_ns: int
+    ) -> NavigationFilter:
+        """Return a filter that takes snapshots."""
+        return NavigationFilter(params, initial, stamp_ns, snapshots=True)
 
-    def local(self, event: DvlPing | DepthSample) -> Outcome:
-        """Fuse DVL or depth."""
-        outcome = super().local(event)
-        self._log.append(_Entry(event.key, event))
-        return outcome
+    def oldest_ns(self) -> int:
+        """Oldest validity that a fix may have to be fused."""
+        f = self.filter
+        return int(self._snapshot_stamp(self._oldest_usable())) if f.log.counts[1] else 0
 
     def fix(self, fix: Fix) -> FixResult | None:
         """Fuse a fix where it belongs."""
-        key: OrderKey = (fix.validity_ns, Rank.FIX, fix.order, fix.arrival)
-        number = bisect_left(self._snapshots, key, key=lambda s: s.key) - 1
-        if number < 0:
+        f = self.filter
+        number = self._snapshot_before(fix.validity_ns)
+        if number is None:
             return None
-        entry = _Entry(key, fix)
-        if not self._log or self._log[-1].key < key:
-            return FixResult(self._take_fix(entry), 0)
-        step = self.filter.history.step
-        snapshot = self._snapshots[number]
-        del self._snapshots[number + 1 :]
-        start = bisect_right(self._log, snapshot.key, key=lambda e: e.key)
-        tail = self._log[start:]
-        del self._log[start:]
-        tail.insert(bisect_left(tail, key, key=lambda e: e.key), entry)
-        self._restore(snapshot)
-        return self._again(tail, entry, step - self.filter.history.step)
+        key = (fix.validity_ns, fix.order, fix.arrival)
+        place = bisect_left(self._keys, key)
+        late = self._comes_late(key)
+        insert_fix(f.streams, fix, self._first + place)
+        self._fixes.insert(place, fix)
+        self._keys.insert(place, key)
+        before, steps = self._outcomes(), f.history.step
+        if late:
+            filter_run.restore(f.state, f.frames, f.settings, f.log, number)
+            steps -= f.history.step
+        else:
+            steps = 0
+        self._process_again(fix)
+        after = self._outcomes()
+        own = self._outcome(after[place])
+        revised = tuple(
+            (self._fixes[i], self._outcome(after[i]))
+            for i in range(len(after))
+            if i != place and after[i, 0] != before[i, 0]
+        )
+        self._forget(fix.receive_ns - self._length_ns)
+        return FixResult(own, steps, revised)
 
-    def _again(self, tail: list[_Entry], entry: _Entry, steps: int) -> FixResult:
-        revised: list[tuple[Fix, Outcome]] = []
-        own: Outcome | None = None
-        for e in tail:
-            if isinstance(e.event, ImuSample):
-                self.imu(e.event)
-            elif isinstance(e.event, Fix):
-                before = e.fused
-                outcome = self._take_fix(e)
-                if e is entry:
-                    own = outcome
-                elif outcome.fused != before:
-                    revised.append((e.event, outcome))
+    def _process_again(self, fix: Fix) -> None:
+        """Process everything that was received before the fix, and the fix; no output."""
+        f = self.filter
+        rows, f.rows = f.rows, fs.NO_ROWS
+        f.state.counting[0] = 0
+        try:
+            f.advance(fix.receive_ns, Rank.FIX + 1)
+        finally:
+            f.state.counting[0] = 1
+            f.rows = rows
+
+    def _comes_late(self, key: _Key) -> bool:
+        """Whether anything that was processed stands after this place."""
+        s, streams = self.filter.state, self.filter.streams
+        mine = (key[0], int(Rank.FIX))
+        cursors = (
+            (fs.DEPTH, streams.depth_stamps, Rank.DEPTH),
+            (fs.DVL, streams.dvl_stamps, Rank.DVL),
+        )
+        if (int(s.counters[fs.STAMP]), int(Rank.IMU)) > mine:
+            return True
+        for counter, stamps, rank in cursors:
+            n = int(s.counters[counter])
+            if n and (int(stamps[(n - 1) % len(stamps)]), int(rank)) > mine:
+                return True
+        return bool(self._keys) and self._keys[-1] > key
+
+    def _outcomes(self) -> Array:
+        """Rows of fix_outcomes of the fixes that are kept."""
+        outcomes = self.filter.streams.fix_outcomes
+        numbers = np.arange(self._first, self._first + len(self._fixes)) % len(outcomes)
+        return outcomes[numbers]
+
+    def _outcome(self, row: Array) -> Outcome:
+        gate = float(self.filter.settings.gates[3])
+        return Outcome(
+            bool(row[0] == fs.FUSED),
+            row[2:5].copy(),
+            row[5:8].copy(),
+            float(row[1]),
+            3,
+            gate,
+            float(row[8]),
+        )
+
+    # -- snapshots --------------------------------------------------------------------------------
+
+    def _snapshot_stamp(self, number: int) -> int:
+        counters = self.filter.log.snapshot_counters
+        return int(counters[number % len(counters), fs.STAMP])
+
+    def _oldest_usable(self) -> int:
+        """Oldest snapshot from which all inputs since are still stored."""
+        log, streams = self.filter.log, self.filter.streams
+        high = int(log.counts[1]) - 1
+        low = max(0, high + 1 - len(log.snapshot_flat))
+        pairs = (
+            (fs.IMU, len(streams.imu_stamps), 0),
+            (fs.DEPTH, len(streams.depth_stamps), 1),
+            (fs.DVL, len(streams.dvl_stamps), 2),
+            (fs.FIX, len(streams.fix_stamps) - 1, 3),
+        )
+        while low < high:
+            middle = (low + high) // 2
+            counters = log.snapshot_counters[middle % len(log.snapshot_counters)]
+            processed = self.filter.state.counters
+            if all(processed[c] - counters[c] <= room for c, room, _ in pairs) and (
+                counters[fs.FIX] >= self._first
+            ):
+                high = middle
             else:
-                self.local(e.event)
-        if own is None:
-            raise RuntimeError('the fix is not among the inputs that were processed again')
-        return FixResult(own, steps, tuple(revised))
+                low = middle + 1
+        return low
 
-    def _take_fix(self, entry: _Entry) -> Outcome:
-        if not isinstance(entry.event, Fix):
-            raise TypeError('not a fix')
-        self._fuse_at(entry.event, self._present(), entry.event.validity_ns)
-        outcome = self.filter.fuse(3, self._noise_fix)
-        entry.fused = outcome.fused
-        self._log.append(entry)
-        return outcome
+    def _snapshot_before(self, stamp_ns: int) -> int | None:
+        """Newest snapshot at or before a stamp; None when the stored past does not reach it."""
+        low, high = self._oldest_usable(), int(self.filter.log.counts[1]) - 1
+        if self._snapshot_stamp(low) > stamp_ns:
+            return None
+        while low < high:
+            middle = (low + high + 1) // 2
+            if self._snapshot_stamp(middle) <= stamp_ns:
+                low = middle
+            else:
+                high = middle - 1
+        return low
 
-    def _store(self, key: OrderKey) -> None:
-        noise = copy.copy(self._noise_fix), copy.copy(self._noise_dvl)
-        self._snapshots.append(_Snapshot(key, self.filter.snapshot(), noise))
-        # In bulk: taking one from the front of a list moves all others.
-        oldest = key[0] - self._length_ns
-        if self._snapshots[0].key[0] < oldest - self._length_ns // 4:
-            keep = bisect_left(self._snapshots, oldest, key=lambda s: s.key[0])
-            del self._snapshots[:keep]
-            del self._log[: bisect_right(self._log, self._snapshots[0].key, key=lambda e: e.key)]
-
-    def _restore(self, snapshot: _Snapshot) -> None:
-        self.filter.restore(snapshot.state)
-        self._noise_fix, self._noise_dvl = (copy.copy(n) for n in snapshot.noise)
+    def _forget(self, before_ns: int) -> None:
+        """Drop fixes from before the stored past, in bulk: rewinding never goes back to them."""
+        if self._keys[0][0] < before_ns - self._length_ns:
+            gone = bisect_left(self._keys, (before_ns, 0, 0))
+            del self._keys[:gone], self._fixes[:gone]
+            self._first += gone

@@ -1,0 +1,214 @@
+"""Whether position fixes still agree with the estimate, told in words a crew can act on.
+
+A gate alone hides trouble: it refuses fix after fix, and the estimate goes on by dead reckoning as
+if nothing had happened. This watches what the gate decides. Fixes that are refused in a row point
+either at the source of the fixes (a leader that has lost its position) or at this vehicle; which
+of the two cannot be told from here, so the vehicle keeps its own estimate, says so, and leaves the
+decision to its crew. Nothing here is ever taken over into the state.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+
+from ..kernels import filter as kf
+from .events import Array, Fix
+from .filter.navigation import NavigationFilter
+
+_ALARMING = 3
+"""Fixes refused in a row before anything is said: one or two are chance or outliers."""
+_KEPT = 256
+"""Refused fixes that are remembered one by one, for their common offset."""
+_PATIENCE = 3.0
+"""Fixes count as still being refused for this many of their mean intervals after the last."""
+
+
+_SURE = 4.0
+"""The gate refuses for sure what is so many times above it by the covariance of now."""
+
+
+class Level(IntEnum):
+    """How bad it is; the numbers are those of diagnostic_msgs/DiagnosticStatus."""
+
+    OK = 0
+    WARN = 1
+    ERROR = 2
+
+
+@dataclass(frozen=True)
+class Integrity:
+    """What there is to say at a stamp.
+
+    Attributes
+    ----------
+    level : Level
+    sentence : str
+        With the numbers.
+    since_fused_s : float
+        Since the last fused fix was received [s]; NaN before the first.
+    gated_run : int
+        Fixes refused by the gate since then.
+    gated_s : float
+        For how long they have been [s].
+    offset_G : (3,) array
+        Mean of refused fixes minus estimate, grid axes [m]; NaN when none was refused.
+    scatter : float
+        RMS distance of the refused fixes from that mean [m].
+    """
+
+    level: Level
+    sentence: str
+    since_fused_s: float
+    gated_run: int
+    gated_s: float
+    offset_G: Array
+    scatter: float
+
+
+@dataclass(frozen=True)
+class _Refused:
+    validity_ns: int
+    receive_ns: int
+    offset_G: Array
+
+
+class IntegrityMonitor:
+    """Follows the verdicts of one vehicle's position fixes.
+
+    Parameters
+    ----------
+    max_gated_s : float
+        Fixes that are refused for longer than this are an error.
+    """
+
+    def __init__(self, max_gated_s: float) -> None:
+        self._max_gated_s = max_gated_s
+        self._refused: deque[_Refused] = deque(maxlen=_KEPT)
+        self._count = 0
+        self._first_ns = 0
+        self._last_fused_ns: int | None = None
+        self._newest_fused_validity_ns = 0
+        self.longest_gated_s = 0.0
+
+    def fused(self, validity_ns: int, receive_ns: int) -> None:
+        """Take note of a fix that was fused: it ends a run of refused ones valid before it."""
+        if self._last_fused_ns is None or receive_ns > self._last_fused_ns:
+            self._last_fused_ns = receive_ns
+        self._newest_fused_validity_ns = max(self._newest_fused_validity_ns, validity_ns)
+        later = [r for r in self._refused if r.validity_ns > validity_ns]
+        if len(later) != len(self._refused):
+            self.longest_gated_s = max(self.longest_gated_s, self._gated_s(receive_ns))
+            self._refused = deque(later, maxlen=_KEPT)
+            self._count = len(later)
+            self._first_ns = min((r.receive_ns for r in later), default=0)
+
+    def gated(self, validity_ns: int, receive_ns: int, offset_G: Array) -> None:
+        """Take note of a fix that the gate refused, off by ``offset_G`` (fix minus estimate).
+
+        One that is valid before the newest fused fix says nothing about how things stand now.
+        """
+        if validity_ns <= self._newest_fused_validity_ns:
+            return
+        if not self._count:
+            self._first_ns = receive_ns
+        self._refused.append(_Refused(validity_ns, receive_ns, offset_G))
+        self._count += 1
+
+    def agrees_with_refused(self, offset_G: Array) -> bool:
+        """Whether a fix lies nearer to the refused ones than to the estimate.
+
+        False unless several were refused and they have one offset in common.
+        """
+        if self._count < _ALARMING:
+            return False
+        mean_G, scatter = self._cluster()
+        size = float(np.linalg.norm(mean_G))
+        return scatter < 0.5 * size and float(np.linalg.norm(offset_G - mean_G)) < 0.5 * size
+
+    def lasting(self, stamp_ns: int) -> bool:
+        """Whether fixes have been refused for longer than allowed."""
+        return self._count >= _ALARMING and self._gated_s(stamp_ns) > self._max_gated_s
+
+    def state(self, stamp_ns: int) -> Integrity:
+        """What there is to say at a stamp."""
+        since = (
+            math.nan if self._last_fused_ns is None else (stamp_ns - self._last_fused_ns) * 1e-9
+        )
+        mean_G, scatter = self._cluster()
+        gated_s = self._gated_s(stamp_ns)
+        level, sentence = self._verdict(since, gated_s, mean_G, scatter)
+        return Integrity(level, sentence, since, self._count, gated_s, mean_G, scatter)
+
+    def _verdict(
+        self, since: float, gated_s: float, mean_G: Array, scatter: float
+    ) -> tuple[Level, str]:
+        if self._count >= _ALARMING:
+            size = float(np.linalg.norm(mean_G))
+            where = f'with no offset in common (mean {size:.0f} m, scatter {scatter:.0f} m)'
+            if scatter < 0.5 * size:
+                where = f'leader or follower displaced by about {size:.0f} m'
+            what = f'{self._count} fixes gated in a row over {gated_s:.0f} s: {where}'
+            if gated_s > self._max_gated_s:
+                return Level.ERROR, (
+                    f'{what}; longer than max_gated_s {self._max_gated_s:.0f} s, none is used: '
+                    'check the leader, then ~/reset or ~/set_initial_state'
+                )
+            return Level.WARN, what
+        if since > self._max_gated_s:
+            return Level.WARN, f'no fix was fused for {since:.0f} s: dead reckoning'
+        if math.isnan(since):
+            return Level.OK, 'no fix was fused yet'
+        return Level.OK, f'last fix fused {since:.0f} s ago'
+
+    def _gated_s(self, stamp_ns: int) -> float:
+        """Time from the first refused fix of the run to now, or to when the run went silent."""
+        if self._count < 2:
+            return 0.0
+        last_ns = max(r.receive_ns for r in self._refused)
+        interval_ns = (last_ns - self._first_ns) / (self._count - 1)
+        until_ns = min(stamp_ns, last_ns + round(_PATIENCE * interval_ns))
+        return max(0.0, (until_ns - self._first_ns) * 1e-9)
+
+    def _cluster(self) -> tuple[Array, float]:
+        """Mean of the offsets [m] and RMS distance from it."""
+        if not self._refused:
+            return np.full(3, math.nan), math.nan
+        offsets_G = np.array([r.offset_G for r in self._refused])
+        mean_G: Array = np.mean(offsets_G, axis=0)
+        scatter = float(np.sqrt(np.mean(np.sum((offsets_G - mean_G) ** 2, axis=1))))
+        return mean_G, scatter
+
+
+def held(monitor: IntegrityMonitor, fix: Fix, f: NavigationFilter, gate: float) -> str:
+    """Why a fix is refused although the gate may let it pass; empty when it is not.
+
+    While fixes are refused, the covariance grows by dead reckoning until, after long enough, the
+    displaced ones would fit. Then the gate alone would take the displacement over without a word.
+    So once fixes have been refused for longer than allowed, those that lie with the refused ones
+    stay refused until they come back to the estimate or the crew resets the filter. Fixes that the
+    gate will refuse by a wide margin are left to it, whose receipt has the exact numbers.
+    """
+    epoch = f.history.before(fix.validity_ns)
+    if epoch is None or not monitor.lasting(fix.receive_ns):
+        return ''
+    ahead_e = epoch.velocity_e * ((fix.validity_ns - epoch.stamp_ns) * 1e-9)
+    offset_e: Array = fix.r_e - (epoch.point_e + ahead_e)
+    if not monitor.agrees_with_refused(np.einsum('ij,j->i', f.C_e_G, offset_e)):
+        return ''
+    S, L = f.P[6:9, 6:9] + fix.covariance_e, np.zeros((3, 3))
+    if not kf.cholesky(L, S, 3):
+        return ''
+    nis = float(kf.nis_of(L, offset_e, np.zeros(3), 3))
+    if nis > _SURE * gate:
+        return ''
+    state = monitor.state(fix.receive_ns)
+    return (
+        f'{float(np.linalg.norm(offset_e)):.1f} m off, like the {state.gated_run} fixes before it '
+        f'that were gated over {state.gated_s:.0f} s: not taken over without ~/reset or '
+        f'~/set_initial_state, though the covariance has grown (NIS about {nis:.1f})'
+    )

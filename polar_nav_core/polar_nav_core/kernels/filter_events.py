@@ -1,0 +1,442 @@
+"""One event through the whole filter: IMU sample, depth, DVL ping, fix at the present.
+
+These are the only places where the state changes; the live node, a replay and a rewind call the
+same compiled code, so that they get the same bits.
+"""
+
+from __future__ import annotations
+
+import math
+
+from ..arrays import Array
+from . import filter_state as fs
+from .cache import kernel, routine
+from .filter import (
+    MARKOV,
+    USBL,
+    N,
+    cholesky,
+    feed_back,
+    fill_transition,
+    innovation_covariance,
+    nis_of,
+    predict,
+    update,
+)
+from .filter_imu import imu_step, place, take_means
+from .filter_rows import depth_rows, dvl_rows, fix_rows
+from .filter_state import Frames, Log, Past, Settings, State, Work
+
+
+@kernel
+def locate(s: State, fr: Frames, c: Settings) -> None:
+    """Frames and the transponder's place at the state."""
+    fr.height[0] = place(
+        s.r_e,
+        s.v_G,
+        s.C_b_G,
+        c.lever_point_b,
+        fr.C_e_G,
+        fr.omega_ie_G,
+        fr.omega_eG_G,
+        fr.lever_G,
+        fr.point_e,
+        fr.velocity_e,
+    )
+
+
+@kernel
+def _process_noise(q: Array, c: Settings, dt: float) -> None:
+    """Variances added in a step of dt."""
+    for k in range(3):
+        q[k] = c.densities[0] * dt
+        q[3 + k] = c.densities[1] * dt
+        q[6 + k] = 0.0
+        q[9 + k] = c.densities[2] * dt
+        q[12 + k] = c.densities[3] * dt
+        q[15 + k] = 0.0
+        q[MARKOV + k] = c.markov[0] * -math.expm1(-2.0 * dt / c.markov[1])
+        q[USBL + k] = c.usbl[0] * -math.expm1(-2.0 * dt / c.usbl[1])
+
+
+@routine
+def _covariance_step(
+    s: State, c: Settings, past: Past, w: Work, log: Log, stamp_ns: int, dt: float
+) -> int:
+    s.counters[fs.STEPS] += 1
+    number = s.counters[fs.STEPS]
+    Phi = past.transitions[number % past.transitions.shape[0]]
+    take_means(s.sums, w.C_mean, w.f_mean, w.omega_mean)
+    tau_usbl = c.usbl[1] if c.estimates_usbl_bias else 0.0
+    fill_transition(
+        Phi, w.F15, s.r_e, s.v_G, w.C_mean, w.omega_mean, w.f_mean, dt, c.markov[1], tau_usbl
+    )
+    _process_noise(w.q, c, dt)
+    predict(s.P, Phi, w.q, w.M)
+    # The mean of a Markov error decays as its transition says.
+    for k in range(3):
+        s.dvl_markov_m[k] *= Phi[MARKOV, MARKOV]
+        s.usbl_bias_a[k] *= Phi[USBL, USBL]
+    good = cholesky(w.LP, s.P, c.active)
+    total = 0.0
+    for k in range(3):
+        total += s.r_e[k] + s.v_G[k]
+    if not good or not math.isfinite(total):
+        return fs.P_NOT_DEFINITE
+    if log.step_P.shape[0] > 0:
+        slot = number % log.step_P.shape[0]
+        for i in range(N):
+            log.step_q[slot, i] = w.q[i]
+            for j in range(N):
+                log.step_P[slot, i, j] = s.P[i, j]
+        _enter(log, fs.STEP, number, stamp_ns, 0, s.counters[fs.EPOCHS], 0)
+    return fs.DONE
+
+
+@kernel
+def _enter(
+    log: Log, kind: int, number: int, stamp_ns: int, rank: int, epochs: int, rows: int
+) -> None:
+    """Append an entry to the order of linear steps."""
+    i = log.counts[0] % log.kinds.shape[0]
+    log.kinds[i] = kind
+    log.numbers[i] = number
+    log.stamps[i] = stamp_ns
+    log.ranks[i] = rank
+    log.epochs[i] = epochs
+    log.rows[i] = rows
+    log.counts[0] += 1
+
+
+@kernel
+def take_snapshot(s: State, log: Log) -> None:
+    """Store the state, if there is room for snapshots at all."""
+    if log.snapshot_flat.shape[0] == 0:
+        return
+    i = log.counts[1] % log.snapshot_flat.shape[0]
+    for k in range(fs.FLAT):
+        log.snapshot_flat[i, k] = s.flat[k]
+    for k in range(fs.COUNTERS):
+        log.snapshot_counters[i, k] = s.counters[k]
+    log.counts[1] += 1
+
+
+@routine
+def imu_event(
+    s: State,
+    fr: Frames,
+    c: Settings,
+    past: Past,
+    w: Work,
+    log: Log,
+    stamp_ns: int,
+    omega_ib_b: Array,
+    f_b: Array,
+) -> int:
+    """Advance to the end of a sample's interval; a covariance step where it ends one."""
+    dt = (stamp_ns - s.counters[fs.STAMP]) * 1e-9
+    for k in range(3):
+        w.omega[k] = omega_ib_b[k]
+        w.f[k] = f_b[k]
+    if c.instant:
+        if s.counters[fs.HAS_PREVIOUS] == 1:
+            for k in range(3):
+                w.omega[k] = 0.5 * (omega_ib_b[k] + s.previous[0, k])
+                w.f[k] = 0.5 * (f_b[k] + s.previous[1, k])
+        for k in range(3):
+            s.previous[0, k] = omega_ib_b[k]
+            s.previous[1, k] = f_b[k]
+        s.counters[fs.HAS_PREVIOUS] = 1
+    imu_step(
+        s.C_b_G,
+        s.v_G,
+        s.r_e,
+        s.b_gyro_b,
+        s.b_accel_b,
+        w.omega,
+        w.f,
+        s.increments,
+        dt,
+        s.previous_dt[0],
+        s.sums,
+    )
+    s.previous_dt[0] = dt
+    for k in range(3):
+        s.omega_ib_b[k] = w.omega[k]
+    s.counters[fs.STAMP] = stamp_ns
+    s.counters[fs.IMU] += 1
+    code = fs.DONE
+    stepped = stamp_ns // c.step_ns != s.counters[fs.BOUNDARY] // c.step_ns
+    if stepped:
+        step = (stamp_ns - s.counters[fs.BOUNDARY]) * 1e-9
+        code = _covariance_step(s, c, past, w, log, stamp_ns, step)
+        s.counters[fs.BOUNDARY] = stamp_ns
+    locate(s, fr, c)
+    add_epoch(s, fr, past)
+    if stepped:
+        take_snapshot(s, log)
+    return code
+
+
+@kernel
+def add_epoch(s: State, fr: Frames, past: Past) -> None:
+    """Store the IMU epoch: after a covariance step that ends at it, before its measurements."""
+    i = s.counters[fs.EPOCHS] % past.stamps.shape[0]
+    past.stamps[i] = s.counters[fs.STAMP]
+    past.steps[i] = s.counters[fs.STEPS]
+    past.firsts[i] = s.counters[fs.CORRECTIONS]
+    for k in range(3):
+        past.points[i, k] = fr.point_e[k]
+        past.velocities[i, k] = fr.velocity_e[k]
+        past.levers[i, k] = fr.lever_G[k]
+    s.counters[fs.EPOCHS] += 1
+
+
+@kernel
+def feed_back_and_remember(s: State, fr: Frames, c: Settings, past: Past, x: Array) -> None:
+    """Take an estimated error out of the state, and store it as a correction."""
+    feed_back(
+        x,
+        s.C_b_G,
+        s.v_G,
+        s.r_e,
+        s.b_gyro_b,
+        s.b_accel_b,
+        s.dvl_scale_m,
+        s.dvl_markov_m,
+        s.usbl_bias_a,
+    )
+    i = s.counters[fs.CORRECTIONS] % past.corrections.shape[0]
+    for k in range(N):
+        past.corrections[i, k] = x[k]
+    past.correction_steps[i] = s.counters[fs.STEPS]
+    s.counters[fs.CORRECTIONS] += 1
+    locate(s, fr, c)
+
+
+@kernel
+def scale_noise(R: Array, noise: Array, floor: float) -> None:
+    """R <- D R D with D^2 the adapted ratio per axis (columns 1..3 of ``noise``), floored."""
+    for a in range(3):
+        for b in range(3):
+            R[a, b] *= math.sqrt(max(noise[1 + a], floor)) * math.sqrt(max(noise[1 + b], floor))
+
+
+@kernel
+def learn_noise(noise: Array, z: Array, stated: Array, b: float, enlargement: float) -> None:
+    """Fading average of z^2 / stated variance per axis; ``noise[0]`` is b^k."""
+    noise[0] *= b
+    d = (1.0 - b) / (1.0 - noise[0])
+    for a in range(3):
+        noise[1 + a] = (1.0 - d) * noise[1 + a] + d * z[a] * z[a] / (enlargement * stated[a, a])
+
+
+@kernel
+def judge(w: Work, P: Array, H: Array, R: Array, z: Array, m: int) -> bool:
+    """PHt, S, its factor and NIS into the scratch; False when S is not positive definite."""
+    innovation_covariance(w.S, w.PHt, P, H, R, m)
+    if not cholesky(w.L, w.S, m):
+        return False
+    w.nis[0] = nis_of(w.L, z, w.w, m)
+    return True
+
+
+@routine
+def fuse_rows(
+    s: State,
+    fr: Frames,
+    c: Settings,
+    past: Past,
+    w: Work,
+    log: Log,
+    m: int,
+    stream: int,
+    rank: int,
+) -> int:
+    """Gate, update and feed back what stands in H, R, z of the scratch (first m rows)."""
+    noise = s.noise[stream]
+    adaptive = c.adaptive and m == 3
+    if adaptive:
+        for a in range(3):
+            for b in range(3):
+                w.stated[a, b] = w.R[a, b]
+        scale_noise(w.R, noise, c.floor)
+    w.nis[1] = 1.0
+    if not judge(w, s.P, w.H, w.R, w.z, m):
+        return fs.S_NOT_DEFINITE
+    if not w.nis[0] <= c.gates[m]:
+        if s.counting[0]:
+            s.tally[stream, fs.GATED] += 1.0
+        return fs.REFUSED
+    if stream == fs.FIX_ROW:
+        w.nis[1] = enlarge(w, c)
+    if adaptive:
+        learn_noise(noise, w.z, w.stated, c.forgetting, w.nis[1])
+    update(s.P, w.x, w.H, w.R, w.z, m, w.K, w.PHt, w.L, w.M)
+    if s.counting[0]:
+        s.tally[stream, fs.UPDATES] += 1.0
+        s.tally[stream, fs.NIS_SUM] += w.nis[0]
+    if log.H.shape[0] > 0:
+        number = s.counters[fs.CORRECTIONS]
+        store_update(log, number, w, m)
+        stamp_ns = s.counters[fs.STAMP]
+        _enter(log, fs.UPDATE, number, stamp_ns, rank, s.counters[fs.EPOCHS], m)
+    feed_back_and_remember(s, fr, c, past, w.x)
+    return fs.FUSED
+
+
+@kernel
+def enlarge(w: Work, c: Settings) -> float:
+    """Give a fix that passed the gate a larger R by its NIS (engine.filter.robust).
+
+    R <- R + (lambda - 1) S; S and its factor follow. Returns lambda.
+    """
+    if c.robust == 0 or not w.nis[0] > c.robust_threshold:
+        return 1.0
+    factor: float = w.nis[0] / c.robust_threshold
+    if c.robust == 1:
+        factor = math.sqrt(factor)
+    root = math.sqrt(factor)
+    for a in range(3):
+        for b in range(3):
+            w.R[a, b] += (factor - 1.0) * w.S[a, b]
+            w.S[a, b] *= factor
+            w.L[a, b] *= root
+    return factor
+
+
+@kernel
+def store_update(log: Log, number: int, w: Work, m: int) -> None:
+    """Rows, noise, innovation, correction, gain, S and its factor of a fused measurement."""
+    i = number % log.H.shape[0]
+    for a in range(3):
+        log.z[i, a] = w.z[a] if a < m else 0.0
+        for k in range(N):
+            log.H[i, a, k] = w.H[a, k] if a < m else 0.0
+            log.K[i, a, k] = w.K[a, k]
+        for b in range(3):
+            inside = a < m and b < m
+            log.R[i, a, b] = w.R[a, b] if inside else 0.0
+            log.S[i, a, b] = w.S[a, b] if inside else 0.0
+            log.L[i, a, b] = w.L[a, b] if inside else 0.0
+    for k in range(N):
+        log.x[i, k] = w.x[k]
+
+
+@routine
+def depth_event(
+    s: State,
+    fr: Frames,
+    c: Settings,
+    past: Past,
+    w: Work,
+    log: Log,
+    depth: float,
+    variance: float,
+) -> int:
+    """Fuse one depth."""
+    s.counters[fs.DEPTH] += 1
+    depth_rows(
+        w.H,
+        w.R,
+        w.z,
+        fr.C_e_G,
+        s.C_b_G,
+        fr.height[0],
+        c.sea_surface_height - depth,
+        variance,
+        c.lever_depth_b,
+    )
+    return fuse_rows(s, fr, c, past, w, log, 1, fs.DEPTH_ROW, 2)
+
+
+@kernel
+def fill_dvl(s: State, fr: Frames, c: Settings, w: Work, v_m: Array, R_m: Array) -> None:
+    """Rows of a DVL ping at the present estimate into the scratch."""
+    dvl_rows(
+        w.H,
+        w.R,
+        w.z,
+        w.C_m_G,
+        s.C_b_G,
+        s.v_G,
+        s.omega_ib_b,
+        fr.omega_ie_G,
+        s.b_gyro_b,
+        s.dvl_scale_m,
+        s.dvl_markov_m,
+        v_m,
+        R_m,
+        c.C_m_b,
+        c.lever_dvl_b,
+    )
+
+
+@routine
+def dvl_event(
+    s: State, fr: Frames, c: Settings, past: Past, w: Work, log: Log, v_m: Array, R_m: Array
+) -> int:
+    """Fuse one valid DVL ping."""
+    s.counters[fs.DVL] += 1
+    fill_dvl(s, fr, c, w, v_m, R_m)
+    return fuse_rows(s, fr, c, past, w, log, 3, fs.DVL_ROW, 3)
+
+
+@routine
+def fix_event(
+    s: State,
+    fr: Frames,
+    c: Settings,
+    past: Past,
+    w: Work,
+    log: Log,
+    stamp_ns: int,
+    r_e: Array,
+    covariance_e: Array,
+    array_heading: float,
+    outcome: Array,
+) -> int:
+    """Fuse a position fix that is valid now: the present position plus v dt."""
+    s.counters[fs.FIX] += 1
+    dt = (stamp_ns - s.counters[fs.STAMP]) * 1e-9
+    for k in range(3):
+        w.point_e[k] = fr.point_e[k] + fr.velocity_e[k] * dt
+    fill_array_axes(w.C_a_G, array_heading, c.estimates_usbl_bias)
+    fix_rows(
+        w.H,
+        w.R,
+        w.z,
+        fr.C_e_G,
+        fr.lever_G,
+        w.point_e,
+        r_e,
+        covariance_e,
+        w.C_a_G,
+        s.usbl_bias_a,
+    )
+    code = fuse_rows(s, fr, c, past, w, log, 3, fs.FIX_ROW, 4)
+    outcome[0] = float(code)
+    outcome[1] = w.nis[0]
+    for a in range(3):
+        outcome[2 + a] = w.z[a]
+        outcome[5 + a] = w.S[a, a] / w.nis[1]
+    outcome[8] = w.nis[1]
+    return code
+
+
+@kernel
+def fill_array_axes(C_a_G: Array, array_heading: float, estimated: bool) -> None:
+    """C_a_G of the leader's array as far as a packet tells it: turned by the leader's heading.
+
+    Zero while the USBL bias is not estimated.
+    """
+    for a in range(3):
+        for b in range(3):
+            C_a_G[a, b] = 0.0
+    if estimated:
+        psi = 0.5 * math.pi - array_heading
+        C_a_G[0, 0] = math.cos(psi)
+        C_a_G[0, 1] = -math.sin(psi)
+        C_a_G[1, 0] = math.sin(psi)
+        C_a_G[1, 1] = math.cos(psi)
+        C_a_G[2, 2] = 1.0

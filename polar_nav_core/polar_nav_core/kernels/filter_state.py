@@ -1,0 +1,315 @@
+"""Everything that the compiled filter reads and writes, as named groups of arrays.
+
+`State` is all that changes with time: two flat arrays and named views into the first, so that a
+snapshot is two copies. The other groups are settings, scratch, the stored past, the log of linear
+steps (for `clone`), the streams of measurements and the rows of output.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ..arrays import Array
+from .filter import COUPLED, NAV, Ints, N
+
+# Indexes of State.counters.
+STAMP = 0
+BOUNDARY = 1
+HAS_PREVIOUS = 2
+EPOCHS = 3
+STEPS = 4
+CORRECTIONS = 5
+IMU = 6
+DEPTH = 7
+DVL = 8
+FIX = 9
+COUNTERS = 10
+
+# Rows of State.tally and of State.noise, columns of State.tally.
+DVL_ROW = 0
+DEPTH_ROW = 1
+FIX_ROW = 2
+UPDATES = 0
+GATED = 1
+NIS_SUM = 2
+
+# What an event function or `advance` returns.
+FUSED = 1
+REFUSED = 0
+DONE = 0
+P_NOT_DEFINITE = -1
+S_NOT_DEFINITE = -2
+FULL = -3
+
+FIX_RANK = 4
+"""Place of fixes within a stamp (events.Rank)."""
+
+
+class State(NamedTuple):
+    """Navigation state, covariance and all else that one event hands to the next."""
+
+    flat: Array
+    counters: Ints
+    tally: Array  # (3, 3): per stream updates, gated, sum of NIS since the last output
+    counting: Ints  # (1,): 0 while inputs are processed again: each counts once
+    C_b_G: Array
+    v_G: Array
+    r_e: Array
+    b_gyro_b: Array
+    b_accel_b: Array
+    dvl_scale_m: Array
+    dvl_markov_m: Array
+    usbl_bias_a: Array
+    omega_ib_b: Array
+    increments: Array  # (4, 3): angle and velocity of this sample, then of the one before
+    sums: Array  # (6, 3): see filter_imu.imu_step
+    previous: Array  # (2, 3): the last sample as it came, rate and specific force
+    noise: Array  # (3, 4): per stream b^k and the ratio of adapted to stated variance per axis
+    previous_dt: Array  # (1,)
+    P: Array
+
+
+_SHAPES = {
+    'C_b_G': (3, 3),
+    'v_G': (3,),
+    'r_e': (3,),
+    'b_gyro_b': (3,),
+    'b_accel_b': (3,),
+    'dvl_scale_m': (3,),
+    'dvl_markov_m': (3,),
+    'usbl_bias_a': (3,),
+    'omega_ib_b': (3,),
+    'increments': (4, 3),
+    'sums': (6, 3),
+    'previous': (2, 3),
+    'noise': (3, 4),
+    'previous_dt': (1,),
+    'P': (N, N),
+}
+FLAT = sum(int(np.prod(shape)) for shape in _SHAPES.values())
+NAVIGATION = 30
+"""Leading values of State.flat: C_b_G, v_G, r_e and the fifteen sensor errors."""
+
+
+def make_state() -> State:
+    """Return a state of zeros."""
+    flat = np.zeros(FLAT)
+    views, start = {}, 0
+    for name, shape in _SHAPES.items():
+        size = int(np.prod(shape))
+        views[name] = flat[start : start + size].reshape(shape)
+        start += size
+    counters, counting = np.zeros(COUNTERS, dtype=np.int64), np.ones(1, dtype=np.int64)
+    return State(flat, counters, np.zeros((3, 3)), counting, **views)
+
+
+class Frames(NamedTuple):
+    """What follows from the state: frames, rates, the transponder's place."""
+
+    C_e_G: Array
+    omega_ie_G: Array
+    omega_eG_G: Array
+    lever_G: Array
+    point_e: Array
+    velocity_e: Array
+    height: Array  # (1,)
+
+
+def make_frames() -> Frames:
+    """Return frames of zeros."""
+    return Frames(
+        C_e_G=np.zeros((3, 3)),
+        omega_ie_G=np.zeros(3),
+        omega_eG_G=np.zeros(3),
+        lever_G=np.zeros(3),
+        point_e=np.zeros(3),
+        velocity_e=np.zeros(3),
+        height=np.zeros(1),
+    )
+
+
+class Settings(NamedTuple):
+    """What stays as it is during a run."""
+
+    step_ns: int
+    output_ns: int
+    instant: bool  # IMU samples are values at the stamp, not means
+    active: int  # leading states that the covariance must be positive definite in
+    estimates_usbl_bias: bool
+    adaptive: bool
+    forgetting: float
+    floor: float
+    robust: int  # how fixes far off are weighted down: index in params.ROBUST_FIXES
+    robust_threshold: float  # NIS of a fix from which on
+    gates: Array  # (4,): threshold of NIS per number of rows
+    densities: Array  # (4,): of gyro, accelerometer and their bias walks, squared
+    markov: Array  # (2,): steady variance and correlation time of the DVL's Markov velocity
+    usbl: Array  # (2,): the same of the USBL error
+    sea_surface_height: float
+    C_m_b: Array
+    lever_point_b: Array
+    lever_dvl_b: Array
+    lever_depth_b: Array
+
+
+class Work(NamedTuple):
+    """Scratch; H, R, z, x, K, S and nis hold the last update."""
+
+    F15: Array
+    M: Array
+    LP: Array
+    L: Array
+    S: Array
+    PHt: Array
+    K: Array
+    w: Array
+    H: Array
+    R: Array
+    stated: Array
+    z: Array
+    x: Array
+    q: Array
+    nis: Array  # (2,): NIS, and by how much S was enlarged after the gate
+    C_m_G: Array
+    C_mean: Array
+    C_a_G: Array
+    f_mean: Array
+    omega_mean: Array
+    omega: Array
+    f: Array
+    point_e: Array
+    LU: Array
+    pivot: Ints
+
+
+def make_work() -> Work:
+    """Return scratch arrays."""
+
+    def three() -> Array:
+        return np.zeros(3)
+
+    def square() -> Array:
+        return np.zeros((3, 3))
+
+    rows = (3, N)
+    return Work(
+        F15=np.zeros((COUPLED, COUPLED)),
+        M=np.zeros((N, N)),
+        LP=np.zeros((N, N)),
+        L=square(),
+        S=square(),
+        PHt=np.zeros(rows),
+        K=np.zeros(rows),
+        w=three(),
+        H=np.zeros(rows),
+        R=square(),
+        stated=square(),
+        z=three(),
+        x=np.zeros(N),
+        q=np.zeros(N),
+        nis=np.array([0.0, 1.0]),
+        C_m_G=square(),
+        C_mean=square(),
+        C_a_G=square(),
+        f_mean=three(),
+        omega_mean=three(),
+        omega=three(),
+        f=three(),
+        point_e=three(),
+        LU=np.zeros((NAV, NAV)),
+        pivot=np.zeros(NAV, dtype=np.int64),
+    )
+
+
+class Past(NamedTuple):
+    """Rings of IMU epochs, transitions and corrections; number i stands at i % length."""
+
+    stamps: Ints
+    points: Array
+    velocities: Array
+    levers: Array
+    steps: Ints
+    firsts: Ints
+    transitions: Array
+    corrections: Array
+    correction_steps: Ints
+
+
+class Streams(NamedTuple):
+    """Rings of measurements; ``counts`` says how many of each have come (order of counters)."""
+
+    counts: Ints  # (4,): IMU, depth, DVL, fix
+    imu_stamps: Ints
+    omega_ib_b: Array
+    f_b: Array
+    depth_stamps: Ints
+    depth: Array
+    depth_variance: Array
+    dvl_stamps: Ints
+    dvl_v_m: Array
+    dvl_covariance_m: Array
+    fix_stamps: Ints  # by validity; only `rewind` has fixes here
+    fix_r_e: Array
+    fix_covariance_e: Array
+    fix_array_heading: Array
+    fix_outcomes: Array  # (n, 9): fused, NIS, innovation, its variances, enlargement
+
+
+class Log(NamedTuple):
+    """Linear steps and updates in order, for `clone`; snapshots, for `rewind`.
+
+    Entry i of the order stands at i % length. A step's Phi, q and P stand at its number in the
+    rings of steps, an update's rows at the number of its correction.
+    """
+
+    counts: Ints  # (2,): entries of the order, snapshots
+    kinds: Ints
+    numbers: Ints
+    stamps: Ints
+    ranks: Ints
+    epochs: Ints
+    step_q: Array
+    step_P: Array
+    rows: Ints
+    H: Array
+    R: Array
+    z: Array
+    x: Array
+    K: Array
+    S: Array
+    L: Array
+    snapshot_flat: Array
+    snapshot_counters: Ints
+
+
+STEP = 0
+UPDATE = 1
+REMOVED = 2
+"""Kinds of entries: a late fix that found its place leaves REMOVED where it was fused at first."""
+
+
+class Rows(NamedTuple):
+    """Rows of output: stamps, leading values of the state, covariance, tally since the last."""
+
+    io: Ints  # (2,): stamp that is due (-1: none), number of rows
+    stamps: Ints
+    flat: Array
+    P: Array
+    tally: Array
+
+
+def make_rows(capacity: int) -> Rows:
+    """Return room for so many rows of output; with none, outputs are not looked after."""
+    return Rows(
+        np.array([-1, 0], dtype=np.int64),
+        np.zeros(capacity, dtype=np.int64),
+        np.zeros((capacity, NAVIGATION)),
+        np.zeros((capacity, N, N)),
+        np.zeros((capacity, 3, 3)),
+    )
+
+
+NO_ROWS = make_rows(0)
+"""Outputs are not looked after."""

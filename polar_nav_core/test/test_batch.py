@@ -1,0 +1,110 @@
+"""A whole run from arrays gives the bits of the same events one by one, odd ones included."""
+
+import numpy as np
+import pytest
+from closed_loop import World
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from polar_nav_core.engine import batch
+from polar_nav_core.engine.params import CONFIGURATIONS, DELAY_HANDLING
+
+
+@pytest.fixture(scope='module')
+def world():
+    return World(12.0)
+
+
+def inputs_of(world, fixes, seed=1):
+    rng = np.random.default_rng(seed)
+    imu, dvl, depth = world.imu(), world.dvl(rng=rng), world.depth(rng=rng)
+    return batch.Inputs(
+        np.array([s.stamp_ns for s in imu]),
+        np.array([s.omega_ib_b for s in imu]),
+        np.array([s.f_b for s in imu]),
+        np.array([p.stamp_ns for p in dvl]),
+        np.array([p.v_m for p in dvl]),
+        np.array([p.covariance_m for p in dvl]),
+        np.ones(len(dvl), dtype=bool),
+        np.array([d.stamp_ns for d in depth]),
+        np.array([d.depth for d in depth]),
+        np.array([d.variance for d in depth]),
+        tuple(fixes),
+    )
+
+
+def assert_same(a, b):
+    for name in batch.Track.__dataclass_fields__:
+        np.testing.assert_array_equal(getattr(a.track, name), getattr(b.track, name), name)
+    assert len(a.receipts) == len(b.receipts)
+    for mine, yours in zip(a.receipts, b.receipts, strict=True):
+        assert repr(mine) == repr(yours)
+    assert a.divergence == b.divergence
+
+
+def both(params, inputs):
+    fast, slow = batch.run(params, inputs), batch.run(params, inputs, one_by_one=True)
+    assert_same(fast, slow)
+    return fast
+
+
+@pytest.mark.parametrize('noise', ['none', 'adaptive_r'])
+@pytest.mark.parametrize('name', DELAY_HANDLING)
+def test_same_bits_for_each_strategy(world, name, noise):
+    rng = np.random.default_rng(5)
+    fixes = world.fixes(0.7, lambda _: rng.uniform(0.0, 3.0), rng=rng)
+    params = world.params(
+        configuration='custom',
+        delay_handling=name,
+        noise_adaptation=noise,
+        gate_probability=0.95,
+        robust_fixes='huber',
+    )
+    result = both(params, inputs_of(world, fixes))
+    assert len(result.track.stamps_ns) == 121
+    assert any(r.verdict == 0 for r in result.receipts)
+
+
+@pytest.mark.parametrize('name', CONFIGURATIONS)
+def test_same_bits_for_each_configuration(world, name):
+    both(world.params(configuration=name), inputs_of(world, world.fixes(1.0, 1.5)))
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.integers(0, 2**32))
+def test_same_bits_with_odd_measurements(world, seed):
+    rng = np.random.default_rng(seed)
+    fixes = world.fixes(0.9, lambda _: rng.uniform(0.0, 4.0), sigma=rng.choice([1.0, 40.0]))
+    x = inputs_of(world, fixes, seed)
+    for values in (x.omega_ib_b, x.dvl_v_m, x.dvl_covariance_m.reshape(-1, 9), x.depth[:, None]):
+        values[rng.integers(0, len(values)), rng.integers(0, values.shape[1])] = rng.choice(
+            [np.nan, np.inf]
+        )
+    x.depth_variance[rng.integers(0, len(x.depth))] = 0.0
+    x.dvl_valid[rng.integers(0, len(x.dvl_valid), 5)] = False
+    again = rng.integers(2, len(x.imu_stamps_ns), 2)
+    x.imu_stamps_ns[again] = x.imu_stamps_ns[again - 1]
+    name = str(rng.choice(DELAY_HANDLING))
+    both(
+        world.params(
+            configuration='custom',
+            delay_handling=name,
+            gate_probability=0.99,
+            imu_sample=str(rng.choice(['mean', 'instant'])),
+            output_period_s=float(rng.choice([0.1, 0.25, 1.0])),
+        ),
+        x,
+    )
+
+
+def test_a_divergence_ends_both_alike(world):
+    x = inputs_of(world, world.fixes(1.0, 1.0))
+    x.f_b[400] = 1e300
+    result = both(world.params(), x)
+    assert 'positive definite' in result.divergence
+    assert len(result.track.stamps_ns) < 60
+
+
+def test_no_measurements_at_all(world):
+    x = batch.Inputs(np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros((0, 3)))
+    assert len(both(world.params(), x).track.stamps_ns) == 0
