@@ -7,9 +7,8 @@ fast replays use this.
 
 from __future__ import annotations
 
-import heapq
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -22,97 +21,24 @@ from ..kernels import filter_state as fs
 from .engine import Engine
 from .events import (
     Array,
-    DepthSample,
-    DvlPing,
     Estimate,
     Event,
-    Fix,
     ImuSample,
-    OrderKey,
     Output,
     Rank,
     Receipt,
 )
 from .filter.fusion import Fusion
 from .filter.streams import FIXES
+from .inputs import Inputs, Stamps
 from .params import EngineParams
 
-Stamps = NDArray[np.int64]
+__all__ = ['Inputs', 'Progress', 'Result', 'Stamps', 'Track', 'run']
+
 Progress = Callable[[float], None]
 """Called with the share of the run that is done."""
 
 _ROWS = 2048
-
-
-def _stamps() -> Stamps:
-    return np.zeros(0, dtype=np.int64)
-
-
-def _empty(*shape: int) -> Callable[[], Array]:
-    return lambda: np.zeros((0, *shape))
-
-
-@dataclass(frozen=True)
-class Inputs:
-    """What one vehicle's engine takes in a run; each stream in the order of its stamps.
-
-    Attributes
-    ----------
-    imu_stamps_ns, omega_ib_b, f_b : (n,), (n, 3), (n, 3) arrays
-        Ends of the intervals; rate [rad/s] and specific force [m/s^2].
-    dvl_stamps_ns, dvl_v_m, dvl_covariance_m, dvl_valid : (d,), (d, 3), (d, 3, 3), (d,) arrays
-        Pings: velocity over ground [m/s], instrument axes; whether there was bottom lock.
-    depth_stamps_ns, depth, depth_variance : (e,) arrays
-        Depth below the sea surface [m], positive down, and variance [m^2].
-    fixes : tuple of Fix
-        In any order: the engine takes them as they are received.
-    """
-
-    imu_stamps_ns: Stamps
-    omega_ib_b: Array
-    f_b: Array
-    dvl_stamps_ns: Stamps = field(default_factory=_stamps)
-    dvl_v_m: Array = field(default_factory=_empty(3))
-    dvl_covariance_m: Array = field(default_factory=_empty(3, 3))
-    dvl_valid: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
-    depth_stamps_ns: Stamps = field(default_factory=_stamps)
-    depth: Array = field(default_factory=_empty())
-    depth_variance: Array = field(default_factory=_empty())
-    fixes: tuple[Fix, ...] = ()
-
-    def imu_sample(self, k: int) -> ImuSample:
-        """Sample number k as an event."""
-        return ImuSample(int(self.imu_stamps_ns[k]), k, self.omega_ib_b[k], self.f_b[k])
-
-    def dvl_ping(self, k: int) -> DvlPing:
-        """Ping number k as an event."""
-        return DvlPing(
-            int(self.dvl_stamps_ns[k]),
-            k,
-            bool(self.dvl_valid[k]),
-            self.dvl_v_m[k],
-            self.dvl_covariance_m[k],
-        )
-
-    def depth_sample(self, k: int) -> DepthSample:
-        """Depth number k as an event."""
-        return DepthSample(
-            int(self.depth_stamps_ns[k]), k, float(self.depth[k]), float(self.depth_variance[k])
-        )
-
-    def events(self) -> Iterator[Event]:
-        """All events, in the total order."""
-        return heapq.merge(
-            (self.imu_sample(k) for k in range(len(self.imu_stamps_ns))),
-            (self.depth_sample(k) for k in range(len(self.depth_stamps_ns))),
-            (self.dvl_ping(k) for k in range(len(self.dvl_stamps_ns))),
-            sorted(self.fixes, key=lambda fix: fix.key),
-            key=_key,
-        )
-
-
-def _key(event: Event) -> OrderKey:
-    return event.key
 
 
 @dataclass(frozen=True)
@@ -220,7 +146,7 @@ class _Collector:
         names = Track.__dataclass_fields__
         if not self._chunks:
             return Track(
-                _stamps(),
+                np.zeros(0, dtype=np.int64),
                 r_e=np.zeros((0, 3)),
                 v_G=np.zeros((0, 3)),
                 C_b_G=np.zeros((0, 3, 3)),
@@ -295,7 +221,7 @@ class _Compiled:
                 *(x.dvl_ping(int(k)) for k in np.flatnonzero(~dvl)),
                 *(x.depth_sample(int(k)) for k in np.flatnonzero(~depth)),
             ],
-            key=_key,
+            key=lambda event: event.key,
         )
 
     def run(self) -> None:

@@ -11,38 +11,11 @@ import math
 from ..arrays import Array
 from . import filter_state as fs
 from .cache import kernel, routine
-from .filter import (
-    MARKOV,
-    USBL,
-    N,
-    cholesky,
-    feed_back,
-    fill_transition,
-    innovation_covariance,
-    nis_of,
-    predict,
-    update,
-)
-from .filter_imu import imu_step, place, take_means
+from .filter import MARKOV, USBL, N, cholesky, fill_transition, predict
+from .filter_fuse import enter, fuse_rows, locate
+from .filter_imu import imu_step, take_means
 from .filter_rows import depth_rows, dvl_rows, fix_rows
 from .filter_state import Frames, Log, Past, Settings, State, Work
-
-
-@kernel
-def locate(s: State, fr: Frames, c: Settings) -> None:
-    """Frames and the transponder's place at the state."""
-    fr.height[0] = place(
-        s.r_e,
-        s.v_G,
-        s.C_b_G,
-        c.lever_point_b,
-        fr.C_e_G,
-        fr.omega_ie_G,
-        fr.omega_eG_G,
-        fr.lever_G,
-        fr.point_e,
-        fr.velocity_e,
-    )
 
 
 @kernel
@@ -89,23 +62,8 @@ def _covariance_step(
             log.step_q[slot, i] = w.q[i]
             for j in range(N):
                 log.step_P[slot, i, j] = s.P[i, j]
-        _enter(log, fs.STEP, number, stamp_ns, 0, s.counters[fs.EPOCHS], 0)
+        enter(log, fs.STEP, number, stamp_ns, 0, s.counters[fs.EPOCHS], 0)
     return fs.DONE
-
-
-@kernel
-def _enter(
-    log: Log, kind: int, number: int, stamp_ns: int, rank: int, epochs: int, rows: int
-) -> None:
-    """Append an entry to the order of linear steps."""
-    i = log.counts[0] % log.kinds.shape[0]
-    log.kinds[i] = kind
-    log.numbers[i] = number
-    log.stamps[i] = stamp_ns
-    log.ranks[i] = rank
-    log.epochs[i] = epochs
-    log.rows[i] = rows
-    log.counts[0] += 1
 
 
 @kernel
@@ -190,137 +148,6 @@ def add_epoch(s: State, fr: Frames, past: Past) -> None:
         past.velocities[i, k] = fr.velocity_e[k]
         past.levers[i, k] = fr.lever_G[k]
     s.counters[fs.EPOCHS] += 1
-
-
-@kernel
-def feed_back_and_remember(s: State, fr: Frames, c: Settings, past: Past, x: Array) -> None:
-    """Take an estimated error out of the state, and store it as a correction."""
-    feed_back(
-        x,
-        s.C_b_G,
-        s.v_G,
-        s.r_e,
-        s.b_gyro_b,
-        s.b_accel_b,
-        s.dvl_scale_m,
-        s.dvl_markov_m,
-        s.usbl_bias_a,
-    )
-    i = s.counters[fs.CORRECTIONS] % past.corrections.shape[0]
-    for k in range(N):
-        past.corrections[i, k] = x[k]
-    past.correction_steps[i] = s.counters[fs.STEPS]
-    s.counters[fs.CORRECTIONS] += 1
-    locate(s, fr, c)
-
-
-@kernel
-def scale_noise(R: Array, noise: Array, floor: float) -> None:
-    """R <- D R D with D^2 the adapted ratio per axis (columns 1..3 of ``noise``), floored."""
-    for a in range(3):
-        for b in range(3):
-            R[a, b] *= math.sqrt(max(noise[1 + a], floor)) * math.sqrt(max(noise[1 + b], floor))
-
-
-@kernel
-def learn_noise(noise: Array, z: Array, stated: Array, b: float, enlargement: float) -> None:
-    """Fading average of z^2 / stated variance per axis; ``noise[0]`` is b^k."""
-    noise[0] *= b
-    d = (1.0 - b) / (1.0 - noise[0])
-    for a in range(3):
-        noise[1 + a] = (1.0 - d) * noise[1 + a] + d * z[a] * z[a] / (enlargement * stated[a, a])
-
-
-@kernel
-def judge(w: Work, P: Array, H: Array, R: Array, z: Array, m: int) -> bool:
-    """PHt, S, its factor and NIS into the scratch; False when S is not positive definite."""
-    innovation_covariance(w.S, w.PHt, P, H, R, m)
-    if not cholesky(w.L, w.S, m):
-        return False
-    w.nis[0] = nis_of(w.L, z, w.w, m)
-    return True
-
-
-@routine
-def fuse_rows(
-    s: State,
-    fr: Frames,
-    c: Settings,
-    past: Past,
-    w: Work,
-    log: Log,
-    m: int,
-    stream: int,
-    rank: int,
-) -> int:
-    """Gate, update and feed back what stands in H, R, z of the scratch (first m rows)."""
-    noise = s.noise[stream]
-    adaptive = c.adaptive and m == 3
-    if adaptive:
-        for a in range(3):
-            for b in range(3):
-                w.stated[a, b] = w.R[a, b]
-        scale_noise(w.R, noise, c.floor)
-    w.nis[1] = 1.0
-    if not judge(w, s.P, w.H, w.R, w.z, m):
-        return fs.S_NOT_DEFINITE
-    if not w.nis[0] <= c.gates[m]:
-        if s.counting[0]:
-            s.tally[stream, fs.GATED] += 1.0
-        return fs.REFUSED
-    if stream == fs.FIX_ROW:
-        w.nis[1] = enlarge(w, c)
-    if adaptive:
-        learn_noise(noise, w.z, w.stated, c.forgetting, w.nis[1])
-    update(s.P, w.x, w.H, w.R, w.z, m, w.K, w.PHt, w.L, w.M)
-    if s.counting[0]:
-        s.tally[stream, fs.UPDATES] += 1.0
-        s.tally[stream, fs.NIS_SUM] += w.nis[0]
-    if log.H.shape[0] > 0:
-        number = s.counters[fs.CORRECTIONS]
-        store_update(log, number, w, m)
-        stamp_ns = s.counters[fs.STAMP]
-        _enter(log, fs.UPDATE, number, stamp_ns, rank, s.counters[fs.EPOCHS], m)
-    feed_back_and_remember(s, fr, c, past, w.x)
-    return fs.FUSED
-
-
-@kernel
-def enlarge(w: Work, c: Settings) -> float:
-    """Give a fix that passed the gate a larger R by its NIS (engine.filter.robust).
-
-    R <- R + (lambda - 1) S; S and its factor follow. Returns lambda.
-    """
-    if c.robust == 0 or not w.nis[0] > c.robust_threshold:
-        return 1.0
-    factor: float = w.nis[0] / c.robust_threshold
-    if c.robust == 1:
-        factor = math.sqrt(factor)
-    root = math.sqrt(factor)
-    for a in range(3):
-        for b in range(3):
-            w.R[a, b] += (factor - 1.0) * w.S[a, b]
-            w.S[a, b] *= factor
-            w.L[a, b] *= root
-    return factor
-
-
-@kernel
-def store_update(log: Log, number: int, w: Work, m: int) -> None:
-    """Rows, noise, innovation, correction, gain, S and its factor of a fused measurement."""
-    i = number % log.H.shape[0]
-    for a in range(3):
-        log.z[i, a] = w.z[a] if a < m else 0.0
-        for k in range(N):
-            log.H[i, a, k] = w.H[a, k] if a < m else 0.0
-            log.K[i, a, k] = w.K[a, k]
-        for b in range(3):
-            inside = a < m and b < m
-            log.R[i, a, b] = w.R[a, b] if inside else 0.0
-            log.S[i, a, b] = w.S[a, b] if inside else 0.0
-            log.L[i, a, b] = w.L[a, b] if inside else 0.0
-    for k in range(N):
-        log.x[i, k] = w.x[k]
 
 
 @routine

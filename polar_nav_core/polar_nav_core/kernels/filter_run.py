@@ -5,7 +5,8 @@ from __future__ import annotations
 from . import filter_state as fs
 from .cache import routine
 from .filter import N
-from .filter_events import depth_event, dvl_event, fix_event, imu_event, locate
+from .filter_events import depth_event, dvl_event, fix_event, imu_event
+from .filter_fuse import locate
 from .filter_state import Frames, Log, Past, Rows, Settings, State, Streams, Work
 
 _NEVER = 9_223_372_036_854_775_807

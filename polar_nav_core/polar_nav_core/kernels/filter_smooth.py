@@ -17,7 +17,7 @@ from .filter_clone import (
     clone_step,
     drop_information,
 )
-from .filter_events import (
+from .filter_fuse import (
     enlarge,
     feed_back_and_remember,
     judge,

@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-from .noise import AdaptiveNoise, ProcessNoise, StatedNoise
+from .noise import MeasurementNoise, ProcessNoise
 from .sage_husa import GuardedNoise, GuardedProcess
 
+COMPILED = ('none', 'adaptive_r')
+"""Known to the compiled filter: nothing of them is left to Python."""
 PRINTED = ('sage_husa_unguarded', 'sage_husa_published')
 """These are whole filters of their own (published.py)."""
 
 
-def make_noise(name: str, forgetting: float, floor: float) -> StatedNoise:
-    """R of one kind of measurement."""
-    if name == 'adaptive_r':
-        return AdaptiveNoise(forgetting, floor)
-    if name == 'sage_husa':
-        return GuardedNoise(forgetting, floor)
-    if name == 'none' or name in PRINTED:
-        return StatedNoise()
-    known = ', '.join(('none', 'adaptive_r', 'sage_husa', *PRINTED))
-    raise ValueError(f'noise_adaptation {name!r} is none of {known}')
+def make_noise(name: str, forgetting: float, floor: float) -> MeasurementNoise | None:
+    """R of one kind of measurement; None when Python has nothing to adapt."""
+    return GuardedNoise(forgetting, floor) if name == 'sage_husa' else None
 
 
 def make_process(name: str, forgetting: float) -> ProcessNoise | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ..params import DELAY_HANDLING, Configuration
-from .adaptation import PRINTED
+from .adaptation import COMPILED, PRINTED
 from .clone import Clone
 from .fusion import BackPropagate, Ignore, Make, Tagged
 from .published import Published
@@ -20,7 +20,7 @@ STRATEGIES: dict[str, Make] = {
 
 def compiled(configuration: Configuration) -> bool:
     """Whether everything but fixes can go through the compiled loop."""
-    return configuration.noise_adaptation in ('none', 'adaptive_r')
+    return configuration.noise_adaptation in COMPILED
 
 
 def make_fusion(configuration: Configuration) -> Make:

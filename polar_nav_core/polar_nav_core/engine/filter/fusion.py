@@ -58,7 +58,8 @@ class Fusion:
         self._noise_fix = make_noise(adaptation, params.forgetting, params.adaptive_floor)
         self._noise_dvl = make_noise(adaptation, params.forgetting, params.adaptive_floor)
         self.filter.process = make_process(adaptation, params.forgetting)
-        self._noise_fix.robust = configuration.robust_fixes
+        if self._noise_fix is not None:
+            self._noise_fix.robust = configuration.robust_fixes
 
     def make_filter(
         self, params: EngineParams, initial: InitialState, stamp_ns: int
@@ -74,7 +75,7 @@ class Fusion:
         """Fuse DVL or depth: never treated as delayed."""
         if isinstance(event, DepthSample):
             return self.filter.depth(event)
-        if self._noise_dvl.compiled:
+        if self._noise_dvl is None:
             return self.filter.dvl(event)
         self.filter.fill_dvl(event)
         return self.filter.fuse(3, self._noise_dvl, fs.DVL_ROW)
@@ -85,7 +86,7 @@ class Fusion:
 
     def _take(self) -> Outcome:
         """Fuse the fix that stands in the filter's rows."""
-        if self._noise_fix.compiled:
+        if self._noise_fix is None:
             return self.filter.fuse_fix()
         return self.filter.fuse(3, self._noise_fix, fs.FIX_ROW)
 

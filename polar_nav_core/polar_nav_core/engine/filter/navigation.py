@@ -18,6 +18,7 @@ from ... import attitude, earth, grid
 from ...errors import FilterDivergence
 from ...kernels import filter as kf
 from ...kernels import filter_events as fe
+from ...kernels import filter_fuse as ff
 from ...kernels import filter_run, filter_walk
 from ...kernels import filter_state as fs
 from ..events import Array, DepthSample, DvlPing, ImuSample, InitialState
@@ -25,7 +26,7 @@ from ..params import ROBUST_FIXES, EngineParams
 from . import streams as st
 from .history import CORRECTIONS_PER_S, IMU_PERIOD_S, History, make_past
 from .log import make_log
-from .noise import ProcessNoise, StatedNoise
+from .noise import MeasurementNoise, ProcessNoise
 from .robust import THRESHOLDS, inflation
 
 NEVER_NS = (1 << 63) - 1
@@ -94,7 +95,7 @@ class NavigationFilter:
         self.state.noise[:] = [weight, 1.0, 1.0, 1.0]
         self.state.counters[fs.STAMP] = stamp_ns
         self.state.counters[fs.BOUNDARY] = stamp_ns
-        fe.locate(self.state, self.frames, self.settings)
+        ff.locate(self.state, self.frames, self.settings)
         fe.add_epoch(self.state, self.frames, self.past)
         if steps:
             self.log.step_P[0] = self.P
@@ -230,7 +231,7 @@ class NavigationFilter:
 
     def fuse_fix(self) -> Outcome:
         """Gate, update and feed back the fix in ``H``, ``R``, ``z``."""
-        code = fe.fuse_rows(
+        code = ff.fuse_rows(
             self.state,
             self.frames,
             self.settings,
@@ -244,7 +245,7 @@ class NavigationFilter:
         self.check(code)
         return self.outcome(3, fused=code == fs.FUSED)
 
-    def fuse(self, m: int, noise: StatedNoise, stream: int) -> Outcome:
+    def fuse(self, m: int, noise: MeasurementNoise, stream: int) -> Outcome:
         """Gate, update and feed back ``H``, ``R``, ``z`` with a noise that is not compiled.
 
         ``stream`` is the row of the tally that counts it.
@@ -258,7 +259,7 @@ class NavigationFilter:
         stated = w.R.copy()
         noise.apply(w.R)
         w.nis[1] = 1.0
-        if not fe.judge(w, self.P, w.H, w.R, w.z, m):
+        if not ff.judge(w, self.P, w.H, w.R, w.z, m):
             raise FilterDivergence(_WHY[fs.S_NOT_DEFINITE])
         S = w.S.copy()
         tally = self.state.tally[stream]
@@ -286,7 +287,7 @@ class NavigationFilter:
 
     def feed_back(self, x: Array) -> None:
         """Take an estimated error out of the state, and remember it."""
-        fe.feed_back_and_remember(self.state, self.frames, self.settings, self.past, x)
+        ff.feed_back_and_remember(self.state, self.frames, self.settings, self.past, x)
 
     def replace_estimate(self, P: Array, change: Array) -> None:
         """Take another covariance, and an estimate that differs by ``change`` (as an error)."""

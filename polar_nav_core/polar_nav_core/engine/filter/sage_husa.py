@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ...kernels import filter as kf
 from ..events import Array
-from .noise import ProcessNoise, StatedNoise
+from .noise import MeasurementNoise, ProcessNoise
 
 R_CEILING = 100.0
 """Largest R-hat, as a multiple of the stated R in any direction: ten times the stated sigma."""
@@ -47,7 +47,7 @@ def sandwich(A: Array, B: Array) -> Array:
     return product
 
 
-class GuardedNoise(StatedNoise):
+class GuardedNoise(MeasurementNoise):
     """R-hat' = (1 - d) R-hat + d (v v^T - H P- H^T), in units of the stated R; floor and ceiling.
 
     With L L^T the stated R, the average runs over L^-1 (v v^T - H P- H^T) L^-T, so that a stated R
@@ -62,8 +62,6 @@ class GuardedNoise(StatedNoise):
     floor : float
         Smallest ratio in any direction.
     """
-
-    compiled = False
 
     def __init__(self, forgetting: float, floor: float) -> None:
         self._b = forgetting
