@@ -29,7 +29,8 @@ setup(
     maintainer='The polar_nav founders',
     maintainer_email='polar-nav@users.noreply.github.com',
     description=(
-        'The leader vehicle: turns USBL fixes into acoustic broadcasts for its followers.'
+        'The leader vehicle: navigates, and turns USBL fixes into acoustic broadcasts for its'
+        ' followers.'
     ),
     license='Apache-2.0',
     python_requires='>=3.11',

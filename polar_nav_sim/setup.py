@@ -43,6 +43,7 @@ setup(
             'dvl_node = polar_nav_sim.nodes.dvl_node:main',
             'depth_node = polar_nav_sim.nodes.depth_node:main',
             'usbl_node = polar_nav_sim.nodes.usbl_node:main',
+            'absolute_fix_node = polar_nav_sim.nodes.absolute_fix_node:main',
             'leader_reference_node = polar_nav_sim.nodes.leader_reference_node:main',
             'acoustic_link_node = polar_nav_sim.nodes.acoustic_link_node:main',
         ],

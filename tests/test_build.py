@@ -30,6 +30,7 @@ NODES = {
         'depth_node',
         'usbl_node',
         'leader_reference_node',
+        'absolute_fix_node',
         'acoustic_link_node',
     },
     'polar_nav_leader': {'leader_node'},
@@ -90,7 +91,9 @@ def used(package: str) -> set[str]:
 
 
 def used_by_tests(package: str) -> set[str]:
-    helpers = {file.stem for file in (ROOT / package / 'test').glob('*.py')}
+    # Some use the core's helpers, too (conftest.py).
+    folders = (ROOT / package / 'test', ROOT / 'polar_nav_core' / 'test')
+    helpers = {file.stem for folder in folders for file in folder.glob('*.py')}
     names = imported(ROOT / package / 'test') - helpers - {package}
     return {KEYS.get(name, name) for name in names}
 

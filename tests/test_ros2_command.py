@@ -29,6 +29,7 @@ PROGRAMS = {
         'depth_node',
         'usbl_node',
         'leader_reference_node',
+        'absolute_fix_node',
         'acoustic_link_node',
     ),
     'polar_nav_leader': ('leader_node',),

@@ -126,7 +126,7 @@ def make_broadcast(
     relative_G = usbl.relative_in_grid(
         relative_a, mounting.C_a_b, mounting.lever_b, C_b_G, P_phi_G
     )
-    sigma_position_G = np.sqrt(np.clip(np.diagonal(C_e_G @ at_return.P_r_e @ C_e_G.T), 0.0, None))
+    sigma_horizontal, sigma_vertical = position_sigmas(C_e_G @ at_return.P_r_e @ C_e_G.T)
     return Broadcast(
         source=params.own_id,
         target=params.follower_id,
@@ -135,16 +135,49 @@ def make_broadcast(
         validity_ns=m.return_ns - round(distance.distance / m.sound_speed * 1e9),
         return_ns=m.return_ns,
         leader_r_e=at_return.r_e,
-        leader_sigma_horizontal=float(max(sigma_position_G[:2])),
-        leader_sigma_vertical=float(sigma_position_G[2]),
+        leader_sigma_horizontal=sigma_horizontal,
+        leader_sigma_vertical=sigma_vertical,
         leader_v_G=C_e_G @ at_return.v_e,
-        leader_sigma_velocity=0.0,
+        leader_sigma_velocity=math.sqrt(_largest(at_return.P_v_e)),
         leader_grid_heading=math.remainder(float(attitude.grid_heading(C_b_G)), 2 * math.pi),
         leader_sigma_heading=math.sqrt(max(float(P_phi_G[2, 2]), 0.0)),
         r_lf_G=relative_G.vector,
         r_lf_covariance_G=relative_G.covariance,
         sound_speed=m.sound_speed,
     )
+
+
+def position_sigmas(P_G: Array) -> tuple[float, float]:
+    """1-sigma per horizontal axis and along up that cover a covariance of position.
+
+    The packet has room for two numbers. They are chosen so that diag(h^2, h^2, v^2) - P is
+    positive semi-definite: the horizontal one is the ellipse's long half axis, and a correlation
+    rho between horizontal and vertical enlarges both variances by 1 + rho.
+
+    Parameters
+    ----------
+    P_G : ndarray, shape (3, 3)
+        Covariance of the leader's position, its grid axes [m^2].
+
+    Returns
+    -------
+    horizontal, vertical : float
+        [m]
+    """
+    horizontal, vertical = _largest(P_G[:2, :2]), max(float(P_G[2, 2]), 0.0)
+    grow = 1.0
+    if horizontal > 0.0 and vertical > 0.0:
+        cross = P_G[:2, 2]
+        explained = float(cross @ np.linalg.pinv(P_G[:2, :2], hermitian=True) @ cross)
+        grow += math.sqrt(min(max(explained / vertical, 0.0), 1.0))
+    return math.sqrt(horizontal * grow), math.sqrt(vertical * grow)
+
+
+def _largest(P: Array) -> float:
+    """Largest eigenvalue of a covariance; NaN for one that is not finite."""
+    if not np.isfinite(P).all():
+        return math.nan
+    return max(float(np.linalg.eigvalsh(0.5 * (P + P.T))[-1]), 0.0)
 
 
 def _array_position(state: LeaderState, mounting: Mounting) -> Array:
@@ -163,6 +196,10 @@ def _height_difference(
 
     Nothing where no depth was told. Along the up direction of the array: the Earth's curvature
     (r^2/2R, 0.1 m at 1 km) is taken out.
+
+    The variance holds that of the leader's height, as it must for the least squares. The follower
+    adds the leader's vertical sigma to it, although in the sum the leader's height cancels: the
+    fix's vertical sigma is too large by that much, on the safe side.
     """
     if not (math.isfinite(m.target_depth) and m.target_depth_variance > 0.0):
         return ()

@@ -1,29 +1,45 @@
-"""Messages to the leader's types and back; besides the node, only this knows both worlds."""
+"""Messages to the leader's types and back; with node and session what knows both worlds."""
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from nav_msgs.msg import Odometry
+from sensor_msgs.msg import NavSatFix, NavSatStatus
 
-from polar_nav_core import attitude
+from polar_nav_core import attitude, earth
+from polar_nav_core.engine.events import Fix, Verdict
 from polar_nav_msgs.msg import AcousticPacket, UsblFix
 from polar_nav_ros.stamps import to_msg, to_ns
 
 from .broadcast import ArrayMeasurement
+from .params import LeaderParams
 from .states import LeaderState
 
+ABSOLUTE = 'absolute/fix'
 
-def state_from_msg(msg: Odometry, position_sigma: float, attitude_sigma: float) -> LeaderState:
-    """nav_msgs/Odometry in `earth` as a state; the 1-sigma values hold where it states none."""
+_KNOWN = (
+    NavSatFix.COVARIANCE_TYPE_APPROXIMATED,
+    NavSatFix.COVARIANCE_TYPE_DIAGONAL_KNOWN,
+    NavSatFix.COVARIANCE_TYPE_KNOWN,
+)
+
+
+def state_from_msg(msg: Odometry, params: LeaderParams) -> LeaderState:
+    """nav_msgs/Odometry in `earth` as a state; parameters give the 1-sigma that it does not."""
     p, q = msg.pose.pose.position, msg.pose.pose.orientation
     v, w = msg.twist.twist.linear, msg.twist.twist.angular
     C_b_e = attitude.matrix_from_quaternion([q.x, q.y, q.z, q.w])
     covariance = np.array(msg.pose.covariance, dtype=np.float64).reshape(6, 6)
     P_r_e, P_phi_e = covariance[:3, :3], covariance[3:, 3:]
+    P_v_b = np.array(msg.twist.covariance, dtype=np.float64).reshape(6, 6)[:3, :3]
     if not P_r_e.any():
-        P_r_e = position_sigma**2 * np.eye(3)
+        P_r_e = params.position_sigma**2 * np.eye(3)
     if not P_phi_e.any():
-        P_phi_e = attitude_sigma**2 * np.eye(3)
+        P_phi_e = math.radians(params.attitude_sigma_deg) ** 2 * np.eye(3)
+    if not P_v_b.any():
+        P_v_b = params.velocity_sigma**2 * np.eye(3)
     return LeaderState(
         stamp_ns=to_ns(msg.header.stamp),
         r_e=np.array([p.x, p.y, p.z]),
@@ -32,6 +48,51 @@ def state_from_msg(msg: Odometry, position_sigma: float, attitude_sigma: float) 
         omega_eb_b=np.array([w.x, w.y, w.z]),
         P_r_e=P_r_e,
         P_phi_e=P_phi_e,
+        P_v_e=C_b_e @ P_v_b @ C_b_e.T,
+    )
+
+
+def absolute_fix_from_msg(msg: NavSatFix, number: int) -> Fix:
+    """sensor_msgs/NavSatFix as a fix that is valid when it is received.
+
+    Without a stated covariance it is refused: nobody knows what it is worth. Its axes are east,
+    north, up at the latitude and longitude that the message itself gives, so they are defined at a
+    pole, too.
+    """
+    stamp_ns = to_ns(msg.header.stamp)
+    lat, lon = math.radians(msg.latitude), math.radians(msg.longitude)
+    reason = ''
+    if msg.status.status == NavSatStatus.STATUS_NO_FIX:
+        reason = 'status is STATUS_NO_FIX: the receiver has no position'
+    elif msg.position_covariance_type not in _KNOWN:
+        reason = (
+            f'position_covariance_type is {msg.position_covariance_type}: a fix of unknown '
+            'accuracy is not used'
+        )
+    elif not all(math.isfinite(x) for x in (msg.latitude, msg.longitude, msg.altitude)):
+        reason = 'latitude, longitude or altitude is not finite'
+    elif abs(msg.latitude) > 90.0:
+        reason = f'latitude is {msg.latitude} deg'
+    r_e, covariance_e = np.full(3, np.nan), np.full((3, 3), np.nan)
+    if not reason:
+        r_e = earth.ecef_from_geodetic(lat, lon, msg.altitude)
+        (sf, cf), (sl, cl) = (math.sin(lat), math.cos(lat)), (math.sin(lon), math.cos(lon))
+        C_g_e = np.array([[-sl, -sf * cl, cf * cl], [cl, -sf * sl, cf * sl], [0.0, cf, sf]])
+        covariance_g = np.array(msg.position_covariance, dtype=np.float64).reshape(3, 3)
+        covariance_e = C_g_e @ covariance_g @ C_g_e.T
+    return Fix(
+        validity_ns=stamp_ns,
+        transmit_ns=stamp_ns,
+        receive_ns=stamp_ns,
+        source='absolute',
+        sequence=number,
+        order=number,
+        arrival=number,
+        r_e=r_e,
+        covariance_e=covariance_e,
+        refusal=Verdict.NOT_FINITE if reason else None,
+        reason=reason,
+        topic=ABSOLUTE,
     )
 
 

@@ -3,76 +3,111 @@
 | topic | type | stamp |
 | --- | --- | --- |
 | in usbl/fix | polar_nav_msgs/UsblFix | t3, when the transponder replied |
-| in odometry | nav_msgs/Odometry | validity |
 | out acomms/tx | polar_nav_msgs/AcousticPacket | t5, first bit |
 | out broadcast | polar_nav_msgs/LeaderBroadcast | t3 |
+
+With ``navigation: odometry``, for which another node tells where the leader is:
+
+| in odometry | nav_msgs/Odometry | validity |
+
+With ``navigation: own`` those of polar_nav_ros.navigation_ports (IMU, DVL and depth in; odometry,
+nav/state, nav/fix, nav/receipt and nav/command out), and
+
+| in absolute/fix | sensor_msgs/NavSatFix | validity |
 """
 
 from __future__ import annotations
 
-import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any
 
 from nav_msgs.msg import Odometry
+from sensor_msgs.msg import NavSatFix
 
+from polar_nav_core.kernels.warm import warm_up
 from polar_nav_msgs.msg import AcousticPacket, LeaderBroadcast, UsblFix
-from polar_nav_ros.broadcasts import broadcast_to_msg
 from polar_nav_ros.diagnostics import Diagnosis, Level
-from polar_nav_ros.node import PolarNode, run
+from polar_nav_ros.navigation_ports import NavigationPorts
+from polar_nav_ros.node import CountedPublisher, PolarNode, run
 
-from . import convert
+from . import session
 from .leader import Leader
 from .params import LeaderParams
 
+_OUTPUTS = {session.BROADCAST: LeaderBroadcast, session.TX: AcousticPacket}
+
 
 class LeaderNode(PolarNode[LeaderParams]):
-    """Thin: a message in, one call of :class:`Leader`, packets out."""
+    """Thin: the session does the work, its results are published."""
 
     def __init__(self) -> None:
         super().__init__('leader_node', LeaderParams)
-        self._leader = Leader(self.params)
-        self._tx = self.advertise(AcousticPacket, 'acomms/tx')
-        self._broadcast = self.advertise(LeaderBroadcast, 'broadcast')
-        self._sequence = 0
-        self.subscribe(Odometry, 'odometry', self._on_odometry)
-        self.subscribe(UsblFix, 'usbl/fix', self._on_fix)
+        self._ports: NavigationPorts | None = None
+        self._leader: Leader
+        if self.params.navigation == 'own':
+            self._navigate()
+        else:
+            self._follow_odometry()
 
     def diagnose(self) -> Diagnosis:
-        """What was sent, what waits, what could not be used."""
+        """What was sent, what waits, what could not be used; and how the navigation is."""
         counts = dict(self._leader.counts)
-        values = {**counts, 'waiting': self._leader.waiting, **self.taken_counts()}
+        values = {**counts, 'waiting_fixes': self._leader.waiting}
         refused = sum(n for name, n in counts.items() if name != 'sent')
+        sending = Diagnosis(Level.OK, f'{counts.get("sent", 0)} fixes sent', values)
         if refused:
-            return Diagnosis(Level.WARN, f'{refused} fixes could not be used', values)
-        return Diagnosis(Level.OK, f'{counts.get("sent", 0)} fixes sent', values)
+            sending = Diagnosis(Level.WARN, f'{refused} fixes could not be used', values)
+        own = Diagnosis(values=self.taken_counts())
+        if self._ports is not None:
+            own = self._navigation()
+        worse = own if own.level > sending.level else sending
+        return Diagnosis(worse.level, worse.message, {**own.values, **values})
 
-    def _on_odometry(self, message: Odometry) -> None:
-        p = self.params
-        self._leader.add_state(
-            convert.state_from_msg(message, p.position_sigma, math.radians(p.attitude_sigma_deg))
-        )
-        self._send_due()
+    def close(self) -> None:
+        """Process what waits."""
+        if self._ports is not None:
+            self._ports.close()
 
-    def _on_fix(self, message: UsblFix) -> None:
-        self._leader.add_measurement(convert.measurement_from_msg(message))
-        self._send_due()
+    def _navigate(self) -> None:
+        # Before anything is subscribed to: a cold compile takes long, and sensors do not wait.
+        warm_up()
+        own = session.OwnSession(self.params, self.vehicle)
+        self._leader = own.leader
+        inputs = {session.ABSOLUTE: NavSatFix, session.USBL: UsblFix}
+        self._ports = NavigationPorts(self, own, inputs, _OUTPUTS)
 
-    def _send_due(self) -> None:
-        for packet in self._leader.due():
-            target = self.params.follower
-            self._broadcast.publish(broadcast_to_msg(packet.broadcast, self.vehicle, target))
-            self._tx.publish(
-                convert.packet_to_msg(
-                    packet.data,
-                    self.vehicle,
-                    target,
-                    self._sequence,
-                    packet.transmit_ns,
-                    self.params.bit_rate,
-                )
-            )
-            self._sequence += 1
+    def _follow_odometry(self) -> None:
+        told = session.OdometrySession(self.params, self.vehicle)
+        self._leader = told.leader
+        outputs = {topic: self.advertise(kind, topic) for topic, kind in _OUTPUTS.items()}
+        for topic, kind in {session.ODOMETRY: Odometry, session.USBL: UsblFix}.items():
+            self.subscribe(kind, topic, _taker(told, topic, outputs))
+
+    def _navigation(self) -> Diagnosis:
+        """How the own navigation is, and whether somebody else claims to know better."""
+        if self._ports is None:
+            return Diagnosis()
+        own = self._ports.diagnose()
+        others = [
+            f'{i.node_namespace.rstrip("/")}/{i.node_name}'
+            for i in self.get_publishers_info_by_topic(session.ODOMETRY)
+            if i.node_name != self.get_name()
+        ]
+        if others and own.level < Level.ERROR:
+            why = f'odometry is also published by {", ".join(sorted(others))}; end one of the two'
+            return Diagnosis(Level.ERROR, why, own.values)
+        return own
+
+
+def _taker(
+    told: session.OdometrySession, topic: str, outputs: dict[str, CountedPublisher]
+) -> Callable[[Any], None]:
+    def take(message: Any) -> None:  # noqa: ANN401 - the topic's message type
+        for published in told.take(topic, message):
+            outputs[published.topic].publish(published.data)
+
+    return take
 
 
 def main(args: Sequence[str] | None = None) -> int:

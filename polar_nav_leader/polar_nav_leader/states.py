@@ -8,7 +8,7 @@ cubic Hermite curves through samples and their rates.
 from __future__ import annotations
 
 from bisect import bisect_right
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,8 +30,8 @@ class LeaderState:
         Body to ECEF.
     omega_eb_b : (3,) array
         Rate against the earth, body axes [rad/s].
-    P_r_e, P_phi_e : (3, 3) arrays
-        Covariances of position [m^2] and attitude [rad^2], ECEF axes.
+    P_r_e, P_phi_e, P_v_e : (3, 3) arrays
+        Covariances of position [m^2], attitude [rad^2] and velocity [m^2/s^2], ECEF axes.
     """
 
     stamp_ns: int
@@ -41,6 +41,7 @@ class LeaderState:
     omega_eb_b: Array
     P_r_e: Array
     P_phi_e: Array
+    P_v_e: Array = field(default_factory=lambda: np.zeros((3, 3)))
 
     @property
     def C_e_G(self) -> Array:
@@ -87,6 +88,11 @@ class LeaderStates:
             del self._stamps[0], self._states[0]
         return True
 
+    def clear(self) -> None:
+        """Forget everything: what comes next does not continue it."""
+        self._stamps.clear()
+        self._states.clear()
+
     def at(self, stamp_ns: int) -> LeaderState | None:
         """State at a stamp between stored ones; None outside of them."""
         i = bisect_right(self._stamps, stamp_ns) - 1
@@ -129,4 +135,5 @@ def interpolate(a: LeaderState, b: LeaderState, stamp_ns: int) -> LeaderState:
         omega_eb_b=(1 - s) * a.omega_eb_b + s * b.omega_eb_b,
         P_r_e=(1 - s) * a.P_r_e + s * b.P_r_e,
         P_phi_e=(1 - s) * a.P_phi_e + s * b.P_phi_e,
+        P_v_e=(1 - s) * a.P_v_e + s * b.P_v_e,
     )

@@ -6,13 +6,16 @@ once.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from geometry_msgs.msg import Quaternion, TwistWithCovarianceStamped, Vector3
 from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
-from sensor_msgs.msg import FluidPressure, Imu
+from sensor_msgs.msg import FluidPressure, Imu, NavSatFix, NavSatStatus
 
 from polar_nav_core.attitude import quaternion_from_matrix
+from polar_nav_core.earth import geodetic_from_ecef
 from polar_nav_msgs.msg import AcousticPacket, Depth, Dvl, UsblFix
 from polar_nav_ros.stamps import to_msg, to_ns
 
@@ -172,6 +175,21 @@ def odometry_to_msg(
     msg.twist.twist.linear = _vector3(v_b)
     msg.twist.twist.angular = _vector3(omega_eb_b)
     msg.twist.covariance = twist_covariance_b.ravel()
+    return msg
+
+
+def absolute_fix_to_msg(
+    stamp_ns: int, frame: str, r_e: Floats, horizontal_sigma: float, vertical_sigma: float
+) -> NavSatFix:
+    """sensor_msgs/NavSatFix of a position, ECEF [m]; sigmas per horizontal axis and along up."""
+    lat, lon, height = (float(x) for x in geodetic_from_ecef(r_e))
+    msg = NavSatFix(latitude=math.degrees(lat), longitude=math.degrees(lon), altitude=height)
+    msg.header.stamp = to_msg(stamp_ns)
+    msg.header.frame_id = frame
+    msg.status = NavSatStatus(status=NavSatStatus.STATUS_FIX, service=0)
+    msg.position_covariance[[0, 4]] = horizontal_sigma**2
+    msg.position_covariance[8] = vertical_sigma**2
+    msg.position_covariance_type = NavSatFix.COVARIANCE_TYPE_DIAGONAL_KNOWN
     return msg
 
 

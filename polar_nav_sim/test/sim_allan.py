@@ -19,7 +19,7 @@ from polar_nav_sim.sensors.allan import accel_terms, degrees_of_freedom, deviati
 from polar_nav_sim.sensors.imu import DPH, MICRO_G, ImuErrors, ImuSensor
 
 SEED = 1
-COLORS = ('#0072b2', '#56b4e9', '#009e73', '#d55e00')
+COLORS = ('#0072b2', '#56b4e9', '#009e73', '#cc79a7', '#d55e00')
 PER_DECADE = 12
 HOUR_S = 3600.0
 RECORDS = {'1 h at 100 Hz': (0.01, HOUR_S), '10 h at 10 Hz': (0.1, 10.0 * HOUR_S)}

@@ -50,7 +50,7 @@ def test_false_alarms_of_the_bands_are_as_stated():
 
 @pytest.mark.parametrize(('name', 'length'), POINTS)
 def test_no_axis_is_out_by_chance(name, length):
-    """Each axis alone, two-sided chi-square tail above 1e-6: 2496 points, false alarms < 0.3 %."""
+    """Each axis alone, two-sided chi-square tail above 1e-6: 3120 points, false alarms < 0.3 %."""
     c = sim_allan.preset(name, length)
     x = (c.measured / c.expected) ** 2 * c.dof
     tail = 2.0 * np.minimum(chi2.cdf(x, c.dof), chi2.sf(x, c.dof))

@@ -115,3 +115,15 @@ def test_schedule_follows_sample_numbers():
     late = Schedule(30.0)  # 33.3 ms at samples every 10 ms: the first sample at or after
     times = [k for k in range(20) if late.due(k * 10_000_000) is not None]
     assert times == [0, 4, 7, 10, 14, 17]
+
+
+def test_drawn_scale_error_has_its_sigma_and_changes_no_other_draw():
+    v = np.array([3.0, -2.0, 1.0])
+
+    def first(seed, **errors):
+        sensor = DvlSensor(DvlErrors(scale=(0.0,) * 3, **errors), 0.2, np.random.default_rng(seed))
+        return sensor.measure(0, v, np.zeros(3)).velocity_m
+
+    ratios = np.array([(first(k, scale_sigma=1e-2) - first(k)) / v for k in range(400)])
+    assert np.abs(ratios.std(axis=0) / 1e-2 - 1.0).max() < 0.15
+    assert np.abs(ratios.mean(axis=0)).max() < 4.0 * 1e-2 / np.sqrt(400)

@@ -39,10 +39,10 @@ def dvl(request):
 
 def test_dvl_scale(dvl):
     errors, rest, moving = dvl
-    # The same draws: what the difference has beyond V is the scale, exactly.
-    assert_allclose(
-        (moving - rest[: len(moving)]).mean(axis=0) / V - 1.0, errors.scale, atol=1e-12
-    )
+    # The same draws: what the difference has beyond V is the scale, exactly, and what was drawn.
+    found = (moving - rest[: len(moving)]).mean(axis=0) / V - 1.0
+    assert_allclose(found, errors.scale, atol=1e-12 + Z * errors.scale_sigma)
+    assert (np.abs(found - errors.scale).max() > 1e-6) == (errors.scale_sigma > 0.0)
 
 
 def test_dvl_white_noise(dvl):

@@ -16,10 +16,11 @@ from nav_msgs.msg import Odometry  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 from rosgraph_msgs.msg import Clock  # noqa: E402
-from sensor_msgs.msg import FluidPressure, Imu  # noqa: E402
+from sensor_msgs.msg import FluidPressure, Imu, NavSatFix  # noqa: E402
 
 from polar_nav_core.attitude import matrix_from_quaternion  # noqa: E402
 from polar_nav_core.depth import depth_from_pressure  # noqa: E402
+from polar_nav_core.earth import ecef_from_geodetic  # noqa: E402
 from polar_nav_core.errors import ConfigError  # noqa: E402
 from polar_nav_core.grid import earth_rate  # noqa: E402
 from polar_nav_core.params import NodeParams  # noqa: E402
@@ -27,6 +28,7 @@ from polar_nav_msgs.msg import AcousticPacket, Depth, Dvl, UsblFix, VehicleTruth
 from polar_nav_ros.node import DATA_QOS, PolarNode  # noqa: E402
 from polar_nav_ros.stamps import to_msg, to_ns  # noqa: E402
 from polar_nav_sim.mission import load_mission  # noqa: E402
+from polar_nav_sim.nodes.absolute_fix_node import AbsoluteFixNode  # noqa: E402
 from polar_nav_sim.nodes.acoustic_link_node import AcousticLinkNode  # noqa: E402
 from polar_nav_sim.nodes.depth_node import DepthNode  # noqa: E402
 from polar_nav_sim.nodes.dvl_node import DvlNode  # noqa: E402
@@ -37,11 +39,21 @@ from polar_nav_sim.nodes.usbl_node import UsblNode  # noqa: E402
 from polar_nav_sim.randomness import stream  # noqa: E402
 from polar_nav_sim.sensors.dvl import DvlErrors, DvlSensor  # noqa: E402
 from polar_nav_sim.sensors.imu import ImuErrors, ImuSensor  # noqa: E402
+from polar_nav_sim.sensors.noise import CHUNK  # noqa: E402
 from polar_nav_sim.truth_cdr import decode, encode  # noqa: E402
 
 SECONDS = 4.0
 MISSION = load_mission('near_pole').with_duration(SECONDS)
 SAMPLES = 401
+ABSOLUTE = {
+    'period_s': 0.5,
+    'horizontal_sigma_m': 2.0,
+    'vertical_sigma_m': 0.0,
+    'lever_b': [1.0, 0.0, 0.5],
+    'first_s': 0.4,
+    'available_s': 0.8,
+    'repeat_s': 2.0,
+}
 TOPICS = {
     '/leader/truth': VehicleTruth,
     '/follower/truth': VehicleTruth,
@@ -53,6 +65,7 @@ TOPICS = {
     '/follower/depth/pressure': FluidPressure,
     '/leader/usbl/fix': UsblFix,
     '/leader/odometry': Odometry,
+    '/leader/absolute/fix': NavSatFix,
     '/follower/acomms/rx': AcousticPacket,
     '/diagnostics': DiagnosticArray,
 }
@@ -89,6 +102,7 @@ def run():
         make(DepthNode, 'follower', lockstep=True, seed=7, noise_sigma_m=0.0),
         make(UsblNode, 'leader', lockstep=True, seed=7, first_ping_s=0.5, period_s=1.0),
         make(LeaderReferenceNode, 'leader', lockstep=True, seed=7),
+        make(AbsoluteFixNode, 'leader', lockstep=True, seed=7, **ABSOLUTE),
         make(AcousticLinkNode, lockstep=True, seed=7),
     ]
     # The modem's own packets count too: it takes part in the lockstep.
@@ -146,6 +160,7 @@ def test_nothing_is_lost_and_counts_are_right(run):
         '/follower/depth/pressure': 41,
         '/leader/odometry': 41,
         '/leader/usbl/fix': 3,  # the reply to the ping at 3.5 s is not back in time
+        '/leader/absolute/fix': 4,  # two in each of two windows
         '/follower/acomms/rx': 2,
     }
     assert {t: len(run[t]) for t in expected} == expected
@@ -166,6 +181,23 @@ def test_imu_is_the_model_bit_for_bit(run):
     assert last.orientation_covariance[0] == -1.0
     density = ImuErrors().gyro_noise_density[0]
     assert last.angular_velocity_covariance[0] == pytest.approx(density**2 / 0.01)
+
+
+def test_absolute_fixes_come_in_their_windows_with_the_noise_they_state(run):
+    trajectory = MISSION.truth('leader')
+    noise = stream(7, 'leader/absolute').standard_normal((CHUNK, 3))
+    found = []
+    for m in run['/leader/absolute/fix']:
+        stamp_ns = to_ns(m.header.stamp)
+        s = trajectory.state(stamp_ns)
+        found.append((stamp_ns - MISSION.start_ns) * 1e-9)
+        r_e = ecef_from_geodetic(np.radians(m.latitude), np.radians(m.longitude), m.altitude)
+        error_G = s.C_e_G @ (r_e - s.r_e) - s.C_b_G @ [1.0, 0.0, 0.5]
+        k = round(found[-1] / 0.5)
+        np.testing.assert_allclose(error_G, noise[k] * [2.0, 2.0, 0.0], atol=1e-6)
+        assert m.position_covariance.tolist() == [4.0, 0, 0, 0, 4.0, 0, 0, 0, 0.0]
+        assert m.position_covariance_type == NavSatFix.COVARIANCE_TYPE_DIAGONAL_KNOWN
+    assert found == pytest.approx([0.5, 1.0, 2.5, 3.0])
 
 
 def test_dvl_and_depth_are_the_models(run):

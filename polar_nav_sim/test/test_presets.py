@@ -18,6 +18,7 @@ CLASSES = {
     'dvl_node': params.DvlParams,
     'depth_node': params.DepthParams,
     'usbl_node': params.UsblParams,
+    'absolute_fix_node': params.AbsoluteFixParams,
     'leader_reference_node': params.LeaderReferenceParams,
     'acoustic_link_node': params.AcousticLinkParams,
 }
@@ -25,6 +26,8 @@ FILES = {
     'imu_paper_6_2': presets.IMU['paper_6_2'],
     'imu_navigation': presets.IMU['navigation'],
     'imu_tactical': presets.IMU['tactical'],
+    'imu_leader': presets.IMU['leader'],
+    'dvl_leader': presets.DVL['leader'],
     'dvl_small': presets.DVL['small'],
     'usbl_small': presets.USBL['small'],
 }

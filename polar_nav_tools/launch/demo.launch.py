@@ -31,7 +31,7 @@ from launch_ros.actions import Node
 from polar_nav_core.engine.params import CONFIGURATIONS
 from polar_nav_core.errors import ConfigError
 from polar_nav_tools.domain import node_surroundings
-from polar_nav_tools.graph import PACES, GraphOptions
+from polar_nav_tools.graph import LEADERS, PACES, GraphOptions
 from polar_nav_tools.live import RunFailed, new_bag_path, prepare_graph, read_mission
 from polar_nav_tools.node_process import NodeEnd
 from polar_nav_tools.node_spec import NodeSpec, Stage
@@ -74,6 +74,12 @@ def generate_launch_description() -> LaunchDescription:
                 description='Filter configuration of the follower',
             ),
             DeclareLaunchArgument(
+                'leader',
+                default_value='perfect',
+                choices=list(LEADERS),
+                description='perfect: told where it is, as the papers assume; own: it navigates',
+            ),
+            DeclareLaunchArgument(
                 'bag',
                 default_value='',
                 description='Folder of the new bag; empty: a new one in bags/; none: no recorder',
@@ -95,6 +101,7 @@ def _graph(context: LaunchContext) -> list[LaunchDescriptionEntity]:
         pace=value('pace'),
         seed=seed,
         configuration=value('configuration'),
+        leader=value('leader'),
         bag=None if bag == NO_BAG else folder,
     )
     run_dir = Path(launch_config.log_dir)

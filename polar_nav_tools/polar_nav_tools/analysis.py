@@ -23,15 +23,18 @@ from .bags.arrays import (
     receipts_from_cdr,
 )
 from .live import OUTCOME_NAME, RUN_FOLDER
+from .packets import delivery_of
 from .report.input import Digest, FixPositions, ReportInput, SentPackets, TopicCount
 from .scoring import Balance, Column, Comparison, Table, balances, compare
 from .scoring.compare import Run
+from .scoring.delivery import Delivery
 from .series import TruthSeries
 
 if TYPE_CHECKING:
     from .verification import VerifyResult
 
 STATE, RECEIPT, PACKET, DECODED = 'nav/state', 'nav/receipt', 'acomms/rx', 'acomms/decoded'
+TX = 'acomms/tx'
 RECORDER = '/recorder_node'
 Say = Callable[[str], None]
 
@@ -56,6 +59,8 @@ class Analysis:
         Published, recorded and received, per topic.
     verification : VerifyResult or None
         Live against replay, where that was asked for.
+    delivery : Delivery or None
+        What became of the packets that were sent, where the bag has the sender's modem.
     """
 
     bag: Bag
@@ -66,6 +71,7 @@ class Analysis:
     counts: tuple[TopicCount, ...]
     verification: VerifyResult | None = None
     divergence: Mapping[str, str] = field(default_factory=dict)
+    delivery: Delivery | None = None
 
     def complaints(self) -> list[str]:
         """Sentences on everything that is not as it must be; empty when all is well."""
@@ -82,6 +88,8 @@ class Analysis:
             for c in self.counts
             if not c.equal
         ]
+        if self.delivery is not None and self.delivery.unsent:
+            out.append(f'{self.delivery.unsent} packets were received, but {TX} has none of them')
         if self.verification is not None and not self.verification.equal:
             out.append(f'the replay differs from the live run: {self.verification.difference}')
         return out
@@ -172,11 +180,14 @@ def analyse(
         counts=topic_counts(bag, read_outcome(bag.path).get('counts', {})),
         verification=verification,
         divergence=divergence,
+        delivery=delivery_of(bag, name),
     )
 
 
 def follower_of(bag: Bag) -> str:
     """Vehicle of the one follower in a bag: who has estimates, or described itself on /run_info.
+
+    A leader that navigates by itself has estimates, too; then the descriptions tell who follows.
 
     Raises
     ------
@@ -184,10 +195,11 @@ def follower_of(bag: Bag) -> str:
         When there is none, or there are several.
     """
     found = {t.name.split('/')[1] for t in bag.topics.values() if t.count and _is_state(t.name)}
-    if not found:
+    if len(found) != 1:
         from .recorded_inputs import followers_of
 
-        found = set(followers_of(bag))
+        described = set(followers_of(bag))
+        found = found & described or described or found
     if len(found) == 1:
         return found.pop()
     if not found:

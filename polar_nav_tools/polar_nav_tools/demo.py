@@ -51,6 +51,8 @@ class DemoOptions:
         Where bags go.
     as_recorded : bool
         Sail a recorded track with its own stamps.
+    leader : str
+        As in :class:`GraphOptions`.
     """
 
     mission: str
@@ -61,6 +63,7 @@ class DemoOptions:
     bag: Path | None
     folder: Path
     as_recorded: bool = False
+    leader: str = 'perfect'
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +102,7 @@ class DemoResult:
             'seed': graph.options.seed,
             'pace': graph.options.pace,
             'live_configuration': graph.options.configuration,
+            'leader': graph.options.leader,
             'algorithms': {
                 name: algorithm_figures(one) for name, one in analysis.comparison.scores.items()
             },
@@ -173,7 +177,11 @@ def run_demo(options: DemoOptions, *, say: Callable[[str], None]) -> DemoResult:
     mission = read_mission(options.mission, options.duration_s, as_recorded=options.as_recorded)
     bag = options.bag or new_bag_path(options.folder, mission.name, options.seed, datetime.now())
     graph_options = GraphOptions(
-        pace=options.pace, seed=options.seed, configuration=options.configuration, bag=bag
+        pace=options.pace,
+        seed=options.seed,
+        configuration=options.configuration,
+        leader=options.leader,
+        bag=bag,
     )
     with progress_display(mission.name, total=mission.duration_s, unit='s') as on_progress:
         run = run_live(

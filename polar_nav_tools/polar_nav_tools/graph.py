@@ -12,23 +12,31 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from polar_nav_core.engine.params import CONFIGURATIONS
+from polar_nav_core.engine.params import CONFIGURATIONS, EngineParams
 from polar_nav_core.errors import ConfigError
-from polar_nav_core.params import default_of
+from polar_nav_core.params import default_of, to_mapping
 from polar_nav_follower.params import FollowerParams
+from polar_nav_leader.params import LeaderParams
 from polar_nav_sim.randomness import stream
+from polar_nav_sim.sensors.presets import DVL, IMU
 
 from .initial import InitialSigma, initial_parameters
 from .node_spec import NodeSpec, ParameterValue, Stage
 
 if TYPE_CHECKING:
     from polar_nav_sim.mission import Mission
+    from polar_nav_sim.sensors.dvl import DvlErrors
+    from polar_nav_sim.sensors.imu import ImuErrors
 
 PACES = ('lockstep', 'realtime')
+LEADERS = ('perfect', 'own')
+"""How the leader knows where it is: told by the simulation, as the papers assume, or by itself."""
 MAX_SEED = 2**31 - 1
 LOCKSTEP_WINDOW_S = 1.0
 """Truth that is published at once: long enough that acknowledging costs little, and a hundred IMU
 samples are far fewer than a queue holds."""
+_LOCKSTEP_REORDER_S = 2.0 * LOCKSTEP_WINDOW_S
+"""Within a window the topics come in any order, and so do those of the window after it."""
 REALTIME_DELAY_S = 2.0
 """In real time nobody waits: time for the nodes to find each other before the first sample."""
 LEADER_ID, FOLLOWER_ID = 1, 2
@@ -55,6 +63,8 @@ class GraphOptions:
         Of the run; every random stream is made from it and its own name.
     configuration : str
         Filter configuration of the follower.
+    leader : str
+        ``perfect``: leader_reference_node plays its navigation; ``own``: it navigates by itself.
     bag : Path or None
         Folder of the new bag; None: nothing is recorded.
     run_info : Path or None
@@ -69,6 +79,7 @@ class GraphOptions:
     pace: str = 'lockstep'
     seed: int = 1
     configuration: str = 'modified_akf'
+    leader: str = 'perfect'
     bag: Path | None = None
     run_info: Path | None = None
 
@@ -78,6 +89,8 @@ class GraphOptions:
         if self.configuration not in CONFIGURATIONS:
             known = ', '.join(CONFIGURATIONS)
             raise ConfigError(f'configuration {self.configuration!r} is none of {known}')
+        if self.leader not in LEADERS:
+            raise ConfigError(f'leader {self.leader!r} is none of {", ".join(LEADERS)}')
         if not 0 <= self.seed <= MAX_SEED:
             raise ConfigError(f'seed {self.seed} is outside of [0, {MAX_SEED}]')
 
@@ -122,13 +135,16 @@ _LEADER_TOPICS = {
     'acomms/tx': 'polar_nav_msgs/msg/AcousticPacket',
     'acomms/rx': 'polar_nav_msgs/msg/AcousticPacket',
 }
-_FOLLOWER_TOPICS = {
-    'acomms/rx': 'polar_nav_msgs/msg/AcousticPacket',
-    'acomms/decoded': 'polar_nav_msgs/msg/LeaderBroadcast',
+_NAVIGATION_TOPICS = {
     'nav/state': 'polar_nav_msgs/msg/NavState',
     'nav/receipt': 'polar_nav_msgs/msg/FixReceipt',
     'nav/command': 'polar_nav_msgs/msg/Command',
     'nav/fix': 'sensor_msgs/msg/NavSatFix',
+}
+_FOLLOWER_TOPICS = {
+    'acomms/rx': 'polar_nav_msgs/msg/AcousticPacket',
+    'acomms/decoded': 'polar_nav_msgs/msg/LeaderBroadcast',
+    **_NAVIGATION_TOPICS,
 }
 _ROOT_TOPICS = {
     '/clock': 'rosgraph_msgs/msg/Clock',
@@ -149,11 +165,11 @@ def build_graph(mission: Mission, options: GraphOptions) -> Graph:
         names = ', '.join(mission.followers) or 'none'
         raise ConfigError(f'mission {mission.name}: one follower is needed, it has {names}')
     leader, follower = mission.leader, mission.followers[0]
-    topics = recorded_topics(leader, follower)
+    topics = recorded_topics(leader, follower, options.leader)
     lockstep = options.pace == 'lockstep'
     nodes = [
-        *_vehicle_nodes(leader, options),
-        *_vehicle_nodes(follower, options),
+        *_vehicle_nodes(leader, options, _leader_instruments(options)),
+        *_vehicle_nodes(follower, options, {}),
         *_acoustic_nodes(mission, leader, follower, options),
         _follower_node(mission, follower, options),
         *_recorder_node(topics, options),
@@ -164,9 +180,12 @@ def build_graph(mission: Mission, options: GraphOptions) -> Graph:
     return Graph(mission.name, mission.duration_s, options, (truth, *nodes), topics)
 
 
-def recorded_topics(leader: str, follower: str) -> dict[str, str]:
+def recorded_topics(leader: str, follower: str, navigates: str = 'perfect') -> dict[str, str]:
     """Every topic of the graph that is worth keeping, with its type."""
-    topics = {f'/{leader}/{t}': kind for t, kind in {**_SENSOR_TOPICS, **_LEADER_TOPICS}.items()}
+    of_leader = {**_SENSOR_TOPICS, **_LEADER_TOPICS}
+    if navigates == 'own':
+        of_leader |= {**_NAVIGATION_TOPICS, 'absolute/fix': 'sensor_msgs/msg/NavSatFix'}
+    topics = {f'/{leader}/{topic}': kind for topic, kind in of_leader.items()}
     for topic, kind in {**_SENSOR_TOPICS, **_FOLLOWER_TOPICS}.items():
         topics[f'/{follower}/{topic}'] = kind
     return {**_ROOT_TOPICS, **topics}
@@ -196,10 +215,32 @@ def _truth_node(mission: Mission, options: GraphOptions, others: list[str]) -> N
     return _sim('truth_node', '', Stage.TRUTH, parameters)
 
 
-def _vehicle_nodes(vehicle: str, options: GraphOptions) -> list[NodeSpec]:
-    seed: dict[str, ParameterValue] = {'seed': options.seed}
+def _vehicle_nodes(
+    vehicle: str,
+    options: GraphOptions,
+    instruments: Mapping[str, Mapping[str, ParameterValue]],
+) -> list[NodeSpec]:
     names = ('imu_node', 'dvl_node', 'depth_node')
-    return [_sim(name, vehicle, Stage.SENSOR, seed) for name in names]
+    return [
+        _sim(name, vehicle, Stage.SENSOR, {'seed': options.seed, **instruments.get(name, {})})
+        for name in names
+    ]
+
+
+def _leader_instruments(options: GraphOptions) -> dict[str, dict[str, ParameterValue]]:
+    """Better instruments for a leader that navigates with them."""
+    if options.leader != 'own':
+        return {}
+    return {
+        'imu_node': _differing(IMU['leader'].errors),
+        'dvl_node': _differing(DVL['leader'].errors),
+    }
+
+
+def _differing(errors: ImuErrors | DvlErrors) -> dict[str, ParameterValue]:
+    """Parameters of an instrument that are not the defaults of its node."""
+    usual = to_mapping(type(errors)())
+    return {name: value for name, value in to_mapping(errors).items() if value != usual[name]}
 
 
 def _acoustic_nodes(
@@ -207,50 +248,70 @@ def _acoustic_nodes(
 ) -> list[NodeSpec]:
     """Build what stands between the leader's truth and the follower's modem."""
     seed: dict[str, ParameterValue] = {'seed': options.seed}
-    leader_parameters: dict[str, ParameterValue] = {
+    nodes = [
+        _sim('usbl_node', leader, Stage.SENSOR, {**seed, 'targets': [follower]}),
+        _leader_node(mission, leader, follower, options),
+        _sim(
+            'acoustic_link_node', '', Stage.LINK, {**seed, **LINK, 'vehicles': [leader, follower]}
+        ),
+    ]
+    if options.leader == 'perfect':
+        return [_sim('leader_reference_node', leader, Stage.SENSOR, seed), *nodes]
+    return nodes
+
+
+def _leader_node(mission: Mission, leader: str, follower: str, options: GraphOptions) -> NodeSpec:
+    parameters: dict[str, ParameterValue] = {
         'own_id': LEADER_ID,
         'follower': follower,
         'follower_id': FOLLOWER_ID,
         'sea_surface_height': mission.numbers.sea_surface_height_m,
     }
-    return [
-        _sim('leader_reference_node', leader, Stage.SENSOR, seed),
-        _sim('usbl_node', leader, Stage.SENSOR, {**seed, 'targets': [follower]}),
-        NodeSpec(
-            'polar_nav_leader',
-            'leader_node',
-            'polar_nav_leader.leader_node',
-            leader,
-            Stage.LEADER,
-            leader_parameters,
-        ),
-        _sim(
-            'acoustic_link_node', '', Stage.LINK, {**seed, **LINK, 'vehicles': [leader, follower]}
-        ),
-    ]
+    if options.leader == 'own':
+        parameters['navigation'] = 'own'
+        parameters |= _initial_parameters(mission, leader, LeaderParams, options)
+        if options.pace == 'lockstep':
+            parameters['reorder_window_s'] = _LOCKSTEP_REORDER_S
+    return NodeSpec(
+        'polar_nav_leader',
+        'leader_node',
+        'polar_nav_leader.leader_node',
+        leader,
+        Stage.LEADER,
+        parameters,
+    )
 
 
-def _follower_node(mission: Mission, follower: str, options: GraphOptions) -> NodeSpec:
+def _initial_parameters(
+    mission: Mission, vehicle: str, kind: type[EngineParams], options: GraphOptions
+) -> dict[str, ParameterValue]:
+    """What a vehicle is told of its state at the start: truth, off by its node's own sigmas."""
     # The first IMU sample ends the first interval: that is when the filter starts.
     first_ns = mission.start_ns + mission.imu_period_ns
     sigma = InitialSigma(
-        position=default_of(FollowerParams, 'initial_sigma_position'),
-        height=default_of(FollowerParams, 'initial_sigma_height'),
-        velocity=default_of(FollowerParams, 'initial_sigma_velocity'),
-        tilt_deg=default_of(FollowerParams, 'initial_sigma_tilt_deg'),
-        heading_deg=default_of(FollowerParams, 'initial_sigma_heading_deg'),
+        position=default_of(kind, 'initial_sigma_position'),
+        height=default_of(kind, 'initial_sigma_height'),
+        velocity=default_of(kind, 'initial_sigma_velocity'),
+        tilt_deg=default_of(kind, 'initial_sigma_tilt_deg'),
+        heading_deg=default_of(kind, 'initial_sigma_heading_deg'),
     )
-    rng = stream(options.seed, f'{follower}/initial_state')
+    rng = stream(options.seed, f'{vehicle}/initial_state')
+    return initial_parameters(mission.truth(vehicle).state(first_ns), sigma, rng)
+
+
+def _follower_node(mission: Mission, follower: str, options: GraphOptions) -> NodeSpec:
     parameters: dict[str, ParameterValue] = {
         'configuration': options.configuration,
         'leader_id': LEADER_ID,
         'own_id': FOLLOWER_ID,
         'sea_surface_height': mission.numbers.sea_surface_height_m,
-        **initial_parameters(mission.truth(follower).state(first_ns), sigma, rng),
+        **_initial_parameters(mission, follower, FollowerParams, options),
     }
     if options.pace == 'lockstep':
-        # Within a window the topics come in any order, and so do those of the window after it.
-        parameters['reorder_window_s'] = 2.0 * LOCKSTEP_WINDOW_S
+        parameters['reorder_window_s'] = _LOCKSTEP_REORDER_S
+        if options.leader == 'own':
+            # The leader's packets come as much later as the leader itself waits.
+            parameters['reorder_window_s'] = 2.0 * _LOCKSTEP_REORDER_S
     return NodeSpec(
         'polar_nav_follower',
         'follower_node',

@@ -16,8 +16,9 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Imu
 
 from polar_nav_core.engine.events import CommandKind, Event, Fix, Receipt, Verdict
-from polar_nav_follower import convert, session
+from polar_nav_follower import session
 from polar_nav_msgs.msg import AcousticPacket, Command, Depth, Dvl, FixReceipt
+from polar_nav_ros.navigation_outputs import receipt_from_msg
 
 from .bags.errors import BagError
 from .bags.reader import Bag, open_bag
@@ -125,7 +126,7 @@ def load_inputs(bag: Bag | Path | str, vehicle: str | None = None) -> RecordedIn
             messages.append((topic, message))
     receipt_topic = f'/{name}/{session.RECEIPT}'
     receipts = [decoded(bag, receipt_topic, d, FixReceipt) for d in live[session.RECEIPT]]
-    refused = [convert.receipt_from_msg(r) for r in receipts if r.verdict == Verdict.TOO_LATE]
+    refused = [receipt_from_msg(r) for r in receipts if r.verdict == Verdict.TOO_LATE]
     if limits is not None:
         messages = _up_to(messages, {t: limits.get(f, _NO_LIMIT) for f, t in topics.items()})
     return RecordedInputs(bag, name, params, messages, refused, live)

@@ -24,6 +24,7 @@ NODES: dict[str, type[Any]] = {
     'depth_node': sim.DepthParams,
     'usbl_node': sim.UsblParams,
     'leader_reference_node': sim.LeaderReferenceParams,
+    'absolute_fix_node': sim.AbsoluteFixParams,
     'acoustic_link_node': sim.AcousticLinkParams,
     'leader_node': LeaderParams,
     'follower_node': FollowerParams,

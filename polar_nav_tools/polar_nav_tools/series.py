@@ -134,6 +134,10 @@ class EstimateSeries(_Series):
         Up to the stamp.
     age_of_last_fix : ndarray, shape (N,)
         Stamp minus validity of the newest fused fix [s]; NaN before the first.
+    local_statistics : ndarray, shape (N, 2, 3)
+        Of the DVL (row 0) and depth (row 1) measurements since the sample before: number used,
+        number refused by the gate, sum of the NIS of those used. Zeros in a bag of a version that
+        did not tell.
     """
 
     vehicle: str
@@ -170,6 +174,7 @@ class EstimateSeries(_Series):
     fixes_received: Ints
     fixes_fused: Ints
     age_of_last_fix: Floats
+    local_statistics: Floats
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,8 @@ from polar_nav_follower import session
 from polar_nav_msgs.msg import FixReceipt, NavState
 from polar_nav_ros.stamps import to_ns
 
+from .bags.decode import is_installed
+from .bags.errors import BagError
 from .bags.reader import Bag
 from .recorded_inputs import COMPARED, RecordedInputs, load_inputs
 from .replay import Progress, ReplayResult, parameters, replay
@@ -82,10 +84,11 @@ def verify(
     Raises
     ------
     BagError
-        When the bag lacks inputs or the live estimates.
+        When the bag lacks inputs or the live estimates, or those have other fields than now.
     """
     inputs = source if isinstance(source, RecordedInputs) else load_inputs(source, vehicle)
     inputs.bag.require([f'/{inputs.vehicle}/{session.STATE}'])
+    _require_same_types(inputs)
     if replayed is None or replayed.params != parameters(inputs.params, None, {}):
         replayed = replay(inputs, progress=progress)
     difference = _late_start(inputs)
@@ -102,6 +105,19 @@ def verify(
         difference=difference,
         problems=list(inputs.bag.problems),
     )
+
+
+def _require_same_types(inputs: RecordedInputs) -> None:
+    """Refuse outputs of a version whose messages have other fields: their bytes must differ."""
+    for topic in COMPARED:
+        name = f'/{inputs.vehicle}/{topic}'
+        if name not in inputs.bag.topics or is_installed(inputs.bag.channel(name)):
+            continue
+        raise BagError(
+            f'{inputs.bag.path}: {name} was recorded by a version whose'
+            f' {inputs.bag.channel(name).type} has other fields than the installed one, so its'
+            ' bytes cannot be compared; replay and score read it all the same'
+        )
 
 
 def _late_start(inputs: RecordedInputs) -> Difference | None:

@@ -1,5 +1,8 @@
 """Truth, estimates and receipts of a vehicle, as a bag gives them."""
 
+import dataclasses
+import re
+
 import numpy as np
 import pytest
 from bag_samples import (
@@ -17,6 +20,7 @@ from bag_samples import (
 )
 
 from polar_nav_tools.bags import BagError, BagWriter, arrays, open_bag
+from polar_nav_tools.bags.schemas import definition
 from polar_nav_tools.series import last_revisions
 
 
@@ -106,6 +110,31 @@ def test_estimates(bag):
     expected = [[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]]
     np.testing.assert_allclose(series.C_b_G[2], expected, atol=1e-15)
     assert np.isnan(series.age_of_last_fix).all()
+
+
+def test_local_statistics_of_an_estimate():
+    said = {'dvl_updates': 3, 'dvl_gated': 1, 'dvl_nis_sum': 7.5}
+    said |= {'depth_updates': 5, 'depth_gated': 2, 'depth_nis_sum': 4.25}
+    series = arrays.estimates_from_cdr([state(0), state(1, **said)], 'follower')
+    np.testing.assert_array_equal(series.local_statistics[0], np.zeros((2, 3)))
+    np.testing.assert_array_equal(series.local_statistics[1], [[3, 1, 7.5], [5, 2, 4.25]])
+
+
+def test_a_bag_of_before_local_statistics_has_none(tmp_path):
+    now = definition(TYPES[STATE])
+    new = re.compile(r'\w+ (dvl|depth)_(updates|gated|nis_sum)\b')
+    lines = now.text.splitlines()
+    text = '\n'.join(line for line in lines if not new.match(line))
+    assert len(lines) - len(text.splitlines()) == 6
+    old = dataclasses.replace(now, text=text)
+    with BagWriter(tmp_path / 'old', {}) as writer:
+        writer.add_topic(STATE, TYPES[STATE], described=old)
+        for k in range(5):
+            data = state(k, dvl_updates=9)[:-32]  # the six numbers are the last ones
+            writer.write(STATE, data, stamp_ns(k))
+    series = arrays.load_estimates(open_bag(tmp_path / 'old'), 'follower')
+    assert series.fixes_received.tolist() == list(range(5))
+    np.testing.assert_array_equal(series.local_statistics, np.zeros((5, 2, 3)))
 
 
 def test_receipts(bag):

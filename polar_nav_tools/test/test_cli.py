@@ -19,8 +19,20 @@ COMMANDS = (
     'report',
     'info',
     'recover',
+    'why',
+    'delay-budget',
 )
-WITH_FIGURES = ('demo', 'replay', 'score', 'verify', 'report', 'info', 'recover')
+WITH_FIGURES = (
+    'demo',
+    'replay',
+    'score',
+    'verify',
+    'report',
+    'info',
+    'recover',
+    'why',
+    'delay-budget',
+)
 ON_A_BAG = ('replay', 'score', 'verify', 'report', 'info', 'recover')
 
 

@@ -9,11 +9,13 @@ import yaml
 
 from polar_nav_core import attitude, earth, grid
 from polar_nav_core.errors import ConfigError
-from polar_nav_core.params import NodeParams, from_mapping
+from polar_nav_core.params import NodeParams, from_mapping, to_mapping
 from polar_nav_follower.params import FollowerParams
 from polar_nav_leader.params import LeaderParams
 from polar_nav_sim import params as sim_params
 from polar_nav_sim.mission import load_mission
+from polar_nav_sim.randomness import stream
+from polar_nav_sim.sensors import presets
 from polar_nav_tools.graph import GraphOptions, build_graph, recorded_topics
 from polar_nav_tools.initial import InitialSigma, initial_parameters
 from polar_nav_tools.live import read_mission
@@ -111,6 +113,73 @@ def test_each_stage_feeds_the_next(graph):
     assert stages['recorder_node'] == max(Stage)
 
 
+# -- a leader that navigates by itself
+
+
+@pytest.fixture(scope='module')
+def own(mission):
+    return build_graph(mission, GraphOptions(seed=7, leader='own', bag=Path('bags/x')))
+
+
+def test_nobody_plays_the_navigation_of_a_leader_that_has_its_own(own):
+    names = [n.full_name for n in own.nodes]
+    assert sorted(names) == sorted(EXPECTED - {'/leader/leader_reference_node'})
+    assert set(node(own, '/truth_node').parameters['expected_nodes']) == set(names) - {
+        '/truth_node'
+    }
+    assert all(params_of(n).lockstep for n in own.nodes if n.executable != 'truth_node')
+
+
+def test_by_default_the_leader_is_told(graph):
+    assert params_of(node(graph, '/leader/leader_node')).navigation == 'odometry'
+    assert graph.options.leader == 'perfect'
+
+
+def test_its_instruments_are_better_and_the_followers_are_not_touched(graph, own):
+    imu, dvl = (params_of(node(own, f'/leader/{name}_node')) for name in ('imu', 'dvl'))
+    for params, preset in ((imu, presets.IMU['leader']), (dvl, presets.DVL['leader'])):
+        for name, value in to_mapping(preset.errors).items():
+            assert to_mapping(params)[name] == value
+    for name in ('imu', 'dvl', 'depth'):
+        path = f'/follower/{name}_node'
+        assert node(own, path).parameters == node(graph, path).parameters
+
+
+def test_it_starts_off_truth_by_its_own_sigmas_and_its_own_draw(mission, own):
+    leader = params_of(node(own, '/leader/leader_node'))
+    assert leader.navigation == 'own'
+    first = mission.truth('leader').state(mission.start_ns + mission.imu_period_ns)
+    told = node(own, '/leader/leader_node').parameters
+    dr_G, dv_G, phi_G = errors_of(told, first)
+    unit = stream(7, 'leader/initial_state').standard_normal((3, 3))
+    np.testing.assert_allclose(dr_G, unit[0] * [1.0, 1.0, 0.5], atol=1e-6)
+    np.testing.assert_allclose(dv_G, unit[1] * 0.01, atol=1e-12)
+    np.testing.assert_allclose(phi_G, unit[2] * np.radians([0.005, 0.005, 0.06]), atol=1e-12)
+    assert leader.initial_sigma_position == 1.0
+
+
+def test_the_follower_waits_for_the_leader_to_have_waited(graph, own):
+    window_s = params_of(node(own, '/truth_node')).window_s
+    leader = params_of(node(own, '/leader/leader_node')).reorder_window_s
+    assert leader >= 2.0 * window_s
+    assert params_of(node(own, '/follower/follower_node')).reorder_window_s >= (
+        leader + 2.0 * window_s
+    )
+    assert params_of(node(graph, '/follower/follower_node')).reorder_window_s == 2.0 * window_s
+
+
+def test_its_own_topics_are_recorded(graph, own):
+    more = {'nav/state', 'nav/receipt', 'nav/command', 'nav/fix', 'absolute/fix'}
+    assert set(own.topics) - set(graph.topics) == {f'/leader/{topic}' for topic in more}
+    assert set(graph.topics) <= set(own.topics)
+
+
+def test_in_real_time_the_leader_knows_in_time_where_it_was(mission):
+    graph = build_graph(mission, GraphOptions(pace='realtime', leader='own'))
+    leader = params_of(node(graph, '/leader/leader_node'))
+    assert leader.reorder_window_s + leader.output_period_s <= leader.processing_delay_s
+
+
 def test_vehicle_names_come_from_the_mission(mission, tmp_path):
     document = yaml.safe_load(mission.file.read_text())
     document['vehicles'] = {
@@ -141,6 +210,7 @@ def test_two_followers_are_refused_by_name(mission, tmp_path):
     [
         ({'pace': 'fast'}, "pace 'fast' is none of lockstep, realtime"),
         ({'configuration': 'best'}, "configuration 'best' is none of"),
+        ({'leader': 'best'}, "leader 'best' is none of perfect, own"),
         ({'seed': -1}, 'seed -1 is outside of'),
         ({'seed': 2**31}, 'seed 2147483648 is outside of'),
     ],

@@ -92,10 +92,11 @@ def test_all_figures_are_there_with_captions_and_labels(page):
         'tilt-error-0',
         'fix-delays',
         'fix-story-0',
+        'honesty-0',
     ]
     assert len(page.all('figcaption')) == len(figures)
     svgs = page.all('svg')
-    assert len(svgs) == 12  # four of them have one picture for each of two configurations
+    assert len(svgs) == 14  # five of them have one picture for each of two configurations
     for svg in svgs:
         assert svg['role'] == 'img'
         assert len(svg['aria-label']) > 40
@@ -262,7 +263,7 @@ NOWHERE = dataclasses.replace(
 )
 def test_odd_runs_are_drawn_too(runs):
     page = Page(render(ReportInput(title='odd', runs=runs, sent=SHORT.sent)))
-    assert len(page.all('figure')) == 8
+    assert len(page.all('figure')) == 9
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy.spatial.transform import Rotation
+from scipy.stats import chi2
 
 from polar_nav_tools.report.example import (
     estimate_with_errors,
@@ -14,6 +15,7 @@ from polar_nav_tools.report.example import (
     example_truth,
 )
 from polar_nav_tools.scoring import Window, compare, score
+from polar_nav_tools.scoring.consistency import consistency_of_sums
 from polar_nav_tools.series import last_revisions
 
 RUNS = example_input(minutes=2.0).runs
@@ -202,3 +204,69 @@ def test_estimates_at_the_truth_have_no_error():
     for key in ('r_x', 'r_y', 'r_z', 'v_x', 'v_y', 'v_z'):
         assert whole.rms(key) == 0.0
     assert_allclose([whole.rms(f'phi_{a}') for a in 'xyz'], 0.0, atol=1e-9)
+
+
+# -- NIS of DVL and depth
+
+
+def with_local(estimate, statistics):
+    return dataclasses.replace(estimate, local_statistics=statistics)
+
+
+def test_nis_of_local_sensors_is_of_the_window_and_of_those_used():
+    truth, estimate, receipts = RUNS['modified_akf']
+    n = len(estimate)
+    statistics = np.zeros((n, 2, 3))
+    statistics[:, 0] = [2.0, 1.0, 12.0]  # two pings, together 12 of 6 degrees of freedom
+    statistics[: n // 2, 1] = [1.0, 0.0, 50.0]  # the first half does not count in the second
+    statistics[n // 2 :, 1] = [1.0, 0.0, 0.5]
+    one = score('x', truth, with_local(estimate, statistics), receipts)
+    late = one.second_half
+    rows = int(late.window.mask(estimate.stamp_ns).sum())
+    dvl, depth = late.nis_local['dvl'], late.nis_local['depth']
+    assert (dvl.count, late.gated_local['dvl']) == (2 * rows, rows)
+    assert_allclose([dvl.mean, dvl.mean_per_dof], [6.0, 2.0])
+    assert_allclose(depth.mean_per_dof, 0.5, atol=1e-12)
+    assert one.whole.nis_local['depth'].mean_per_dof > 20.0
+    low, high = chi2.ppf([0.025, 0.975], 6 * rows) / (6 * rows)
+    assert_allclose([dvl.band_low, dvl.band_high], [low, high], rtol=1e-9)
+    assert dvl.judgement == 'optimistic'
+    assert depth.judgement == 'pessimistic'
+    # 12 lies inside the 95 % band of six degrees of freedom, 0.5 inside that of one.
+    assert dvl.share_inside == depth.share_inside == 1.0
+    said = json.loads(json.dumps(one.to_dict()))['windows']['second_half']['nis_local']
+    assert said['dvl']['gated'] == rows
+    assert said['depth']['judgement'] == 'pessimistic'
+
+
+def test_sums_of_an_honest_filter_are_consistent_and_half_the_noise_is_found():
+    rng = np.random.default_rng(11)
+    counts = rng.integers(0, 4, 2000).astype(float)
+    sums = np.array([rng.chisquare(3 * n) if n else 0.0 for n in counts])
+    honest = consistency_of_sums(sums, counts, 3)
+    assert honest.judgement == 'consistent'
+    assert honest.count == counts.sum()
+    assert 0.93 < honest.share_inside < 0.97
+    assert consistency_of_sums(4.0 * sums, counts, 3).judgement == 'optimistic'
+
+
+def test_sums_that_are_not_finite_are_left_out_and_none_is_unknown():
+    some = consistency_of_sums([np.nan, 3.0], [2.0, 1.0], 3)
+    assert (some.count, some.missing, some.mean) == (1, 2, 3.0)
+    none = consistency_of_sums([0.0, 0.0], [0.0, 0.0], 1)
+    assert (none.count, none.judgement) == (0, 'unknown')
+
+
+def test_the_table_has_a_row_per_source_that_was_used():
+    truth, estimate, receipts = RUNS['modified_akf']
+    silent = with_local(estimate, np.zeros((len(estimate), 2, 3)))
+    gated = np.zeros((len(estimate), 2, 3))
+    gated[:, 1] = [1.0, 1.0, 1.0]
+    runs = {'none': silent, 'both': estimate, 'gated': with_local(estimate, gated)}
+    comparison = compare({k: (truth, e, receipts) for k, e in runs.items()})
+    rows = [(r['configuration'], r['what']) for r in comparison.consistency_table().rows]
+    assert ('both', 'NIS of DVL') in rows
+    assert ('both', 'NIS of depth') in rows
+    half = int(comparison.scores['gated'].second_half.window.mask(estimate.stamp_ns).sum())
+    assert ('gated', f'NIS of depth, {half} gated besides') in rows
+    assert not any(name == 'none' and 'DVL' in what for name, what in rows)

@@ -70,6 +70,9 @@ class DvlErrors(Mounting):
     scale: tuple[float, ...] = vector(
         (1e-4, 1e-4, 1e-4), '', -0.5, 0.5, 'Scale factor error per axis'
     )
+    scale_sigma: float = param(
+        0.0, '', 0.0, 0.5, '1-sigma of a further constant scale factor error, drawn per run'
+    )
     bias: tuple[float, ...] = vector((0.0, 0.0, 0.0), 'm/s', -1.0, 1.0, 'Constant error per axis')
     markov_sigma: float = param(
         0.005, 'm/s', 0.0, 1.0, '1-sigma of the slowly varying error per axis (Gauss-Markov)'
@@ -151,8 +154,10 @@ class DvlSensor:
         # 3 white, 3 of the process, 4 beams (compared with a quantile of the normal distribution).
         self._draws = Draws(rng, 6 + BEAMS)
         self._slow = np.empty((0, 3))
-        # A stream of its own: the option changes no other draw.
-        self._beam_draws = Draws(rng.spawn(1)[0], 2 * BEAMS)
+        # Streams of their own: the options change no other draw.
+        beam_rng, scale_rng = rng.spawn(2)
+        self._beam_draws = Draws(beam_rng, 2 * BEAMS)
+        self._scale = self._scale + errors.scale_sigma * scale_rng.standard_normal(3)
         angle = math.radians(errors.beam_angle_deg)
         self._b_m = directions(angle, math.radians(errors.beam_azimuth_deg))
         self._level = math.cos(angle)

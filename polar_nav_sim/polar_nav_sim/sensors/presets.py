@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 from .dvl import DvlErrors
-from .imu import ImuErrors
+from .imu import MICRO_G, ImuErrors
 from .usbl import UsblErrors
 
 T = TypeVar('T')
@@ -57,6 +57,17 @@ IMU: dict[str, Preset[ImuErrors]] = {
         ' navigation applications, Satellite Navigation 1:2 (2020), table 1;'
         ' 10 ug/sqrt(Hz) is ours',
     ),
+    'leader': Preset(
+        ImuErrors(
+            gyro_bias_dph=(0.0, 0.0, 0.0),
+            gyro_turn_on_sigma_dph=0.003,
+            gyro_noise_density=(0.001 * _DEG_PER_ROOT_HOUR,) * 3,
+            accel_bias_ug=(0.0, 0.0, 0.0),
+            accel_turn_on_sigma_ug=30.0,
+            accel_noise_density=(5.0 * MICRO_G,) * 3,
+        ),
+        'ours: a fibre-optic gyrocompass of 0.01 deg times the secant of latitude',
+    ),
     'tactical': Preset(
         ImuErrors(
             gyro_bias_dph=(0.0, 0.0, 0.0),
@@ -92,6 +103,10 @@ DVL: dict[str, Preset[DvlErrors]] = {
         ),
         'Water Linked DVL A50, performance model: 0.1 %, 0.1 cm/s long term, 0.05 to 50 m;'
         ' noise per ping is ours',
+    ),
+    'leader': Preset(
+        DvlErrors(scale=(0.0, 0.0, 0.0), scale_sigma=5e-4, markov_sigma=0.002, noise_sigma=0.003),
+        'ours: 0.05 %, 0.2 cm/s slowly varying: a survey DVL calibrated against GNSS',
     ),
 }
 

@@ -7,12 +7,14 @@ Both decode with `columns.read_columns`.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from polar_nav_core.engine.events import LOCAL_DOF
 from polar_nav_tools.series import EstimateSeries, Floats, Receipt, TruthSeries
 
 from .columns import Columns, read_columns, stamps, time_fields
@@ -67,6 +69,11 @@ _ESTIMATE_FIELDS = (
     'fixes_fused',
 )
 
+_LOCAL = tuple(
+    tuple(f'{source}_{what}' for what in ('updates', 'gated', 'nis_sum')) for source in LOCAL_DOF
+)
+"""Fields of the local statistics, by source; bags of earlier versions do not have them."""
+
 _RECEIPT_TIMES = ('validity_time', 'transmit_time', 'receive_time', 'fused_time')
 _RECEIPT_FIELDS = (
     *_STAMP,
@@ -102,7 +109,9 @@ def load_truth(bag: Bag, vehicle: str) -> TruthSeries:
 
 def load_estimates(bag: Bag, vehicle: str) -> EstimateSeries:
     """Load ``/<vehicle>/nav/state``; errors as `load_truth`."""
-    columns = _load(bag, f'/{vehicle}/nav/state', ESTIMATE_TYPE, _ESTIMATE_FIELDS)
+    topic = f'/{vehicle}/nav/state'
+    described = bag.definition(topic) if topic in bag.topics else definition(ESTIMATE_TYPE)
+    columns = _load(bag, topic, ESTIMATE_TYPE, _estimate_fields(described))
     return _estimates(columns, vehicle)
 
 
@@ -124,7 +133,8 @@ def truth_from_cdr(messages: Iterable[bytes], vehicle: str) -> TruthSeries:
 
 def estimates_from_cdr(messages: Iterable[bytes], vehicle: str) -> EstimateSeries:
     """Decode serialized NavState messages."""
-    return _estimates(_decode(messages, definition(ESTIMATE_TYPE), _ESTIMATE_FIELDS), vehicle)
+    described = definition(ESTIMATE_TYPE)
+    return _estimates(_decode(messages, described, _estimate_fields(described)), vehicle)
 
 
 def receipts_from_cdr(messages: Iterable[bytes]) -> list[Receipt]:
@@ -167,6 +177,11 @@ def _load(bag: Bag, topic: str, type_name: str, fields: Sequence[str]) -> Column
         raise BagError(f'{bag.path}: {topic}: {error}') from error
 
 
+def _estimate_fields(described: Definition) -> tuple[str, ...]:
+    words = set(re.findall(r'\w+', described.text))
+    return (*_ESTIMATE_FIELDS, *(name for names in _LOCAL for name in names if name in words))
+
+
 def _decode(messages: Iterable[bytes], described: Definition, fields: Sequence[str]) -> Columns:
     return read_columns(messages, described.type, described.text, fields)
 
@@ -201,8 +216,18 @@ def _estimates(c: Columns, vehicle: str) -> EstimateSeries:
         P_attitude_G=_matrices(c['attitude_covariance_g']),
         fixes_received=c['fixes_received'].astype(np.int64),
         fixes_fused=c['fixes_fused'].astype(np.int64),
+        local_statistics=_local_statistics(c),
         **{name: c[name] for name in _ESTIMATE_SAME},
     )
+
+
+def _local_statistics(c: Columns) -> Floats:
+    out = np.zeros((len(c['status']), len(_LOCAL), 3))
+    for i, names in enumerate(_LOCAL):
+        for j, name in enumerate(names):
+            if name in c:
+                out[:, i, j] = c[name]
+    return out
 
 
 def _receipts(c: Columns) -> list[Receipt]:

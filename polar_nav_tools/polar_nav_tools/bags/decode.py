@@ -106,6 +106,11 @@ def _check_closed(store: Typestore, type_name: str) -> None:
                 waiting.append(inner)
 
 
+def is_installed(channel: Channel) -> bool:
+    """Whether the type is installed here with the same fields as in the bag."""
+    return _installed(channel) is not None
+
+
 def _embedded(store: Typestore, type_name: str) -> Decode:
     return lambda data: store.deserialize_cdr(data, type_name)
 

@@ -24,6 +24,23 @@ class Entry:
     items: int
     """Pieces of work (samples, filter cycles) in one call of ``run``."""
     run: Callable[[], object]
+    prepare: Callable[[], object] | None = None
+    """Called before each ``run`` and not timed."""
+
+    def seconds(self, repeat: int, clock: Callable[[], float]) -> float:
+        """Time of so many calls of ``run`` [s]."""
+        if self.prepare is None:
+            start = clock()
+            for _ in range(repeat):
+                self.run()
+            return clock() - start
+        total = 0.0
+        for _ in range(repeat):
+            self.prepare()
+            start = clock()
+            self.run()
+            total += clock() - start
+        return total
 
 
 @dataclass(frozen=True)
@@ -77,20 +94,15 @@ def interleave(
         raise ValueError(f'rounds must be at least 1, not {rounds}')
     repeats = {}
     for entry in entries:
-        entry.run()
-        start = clock()
-        entry.run()
-        once = clock() - start
+        entry.seconds(1, clock)
+        once = entry.seconds(1, clock)
         wanted = math.ceil(shortest_s / once) if once > 0.0 else LONGEST_REPEAT
         repeats[entry.key] = min(max(wanted, 1), LONGEST_REPEAT)
     seconds: dict[str, list[float]] = {entry.key: [] for entry in entries}
     for number in range(rounds):
         for entry in entries if number % 2 == 0 else reversed(entries):
             repeat = repeats[entry.key]
-            start = clock()
-            for _ in range(repeat):
-                entry.run()
-            seconds[entry.key].append((clock() - start) / (repeat * entry.items))
+            seconds[entry.key].append(entry.seconds(repeat, clock) / (repeat * entry.items))
     return {
         e.key: Timing(e.key, e.title, e.items, repeats[e.key], tuple(seconds[e.key]))
         for e in entries

@@ -51,7 +51,7 @@ def main() -> int:
     An error that is meant for the user is one sentence and status 1; anything else is a defect and
     keeps its traceback.
     """
-    for commands in ('live', 'bags', 'bench', 'development'):
+    for commands in ('live', 'bags', 'bench', 'experiments', 'development', 'why', 'delay_budget'):
         importlib.import_module(f'{__package__}.{commands}')
     try:
         app(prog_name='polar')

@@ -163,17 +163,21 @@ def score(
                     'ok': not analysis.complaints(),
                     'vehicle': analysis.vehicle,
                     'runs': analysis.comparison.to_dict(),
+                    'packets': None if analysis.delivery is None else analysis.delivery.to_dict(),
                     'complaints': analysis.complaints(),
                 }
             )
         else:
             from rich.console import Console
 
+            from ..scoring.delivery import delivery_table
             from ..terminal import print_table
 
             console = Console(highlight=False)
             for table in analysis.comparison.tables():
                 print_table(console, table)
+            if analysis.delivery is not None:
+                print_table(console, delivery_table(analysis.delivery))
         _end_with(analysis)
 
 

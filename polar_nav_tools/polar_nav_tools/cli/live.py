@@ -43,6 +43,12 @@ AsRecordedOption = Annotated[
         '--as-recorded', help='Sail a recorded track with its own stamps, as it drifted.'
     ),
 ]
+LeaderOption = Annotated[
+    str,
+    typer.Option(
+        '--leader', help='perfect: told where it is, as the papers assume; own: it navigates.'
+    ),
+]
 JsonOption = Annotated[bool, typer.Option('--json', help='Print figures as JSON on stdout.')]
 
 
@@ -60,6 +66,7 @@ def demo(
     configuration: ConfigurationOption = 'modified_akf',
     bag: BagOption = None,
     as_recorded: AsRecordedOption = False,
+    leader: LeaderOption = 'perfect',
     open_report: Annotated[
         bool, typer.Option('--open', help='Open the report in a browser at the end.')
     ] = False,
@@ -82,6 +89,7 @@ def demo(
         bag=bag,
         folder=BAGS,
         as_recorded=as_recorded,
+        leader=leader,
     )
     result = run_demo(options, say=say)
     if result.signal is not None:
@@ -106,6 +114,7 @@ def launch(
     configuration: ConfigurationOption = 'modified_akf',
     bag: BagOption = None,
     as_recorded: AsRecordedOption = False,
+    leader: LeaderOption = 'perfect',
     no_record: Annotated[
         bool, typer.Option('--no-record', help='Run without a recorder.')
     ] = False,
@@ -121,7 +130,9 @@ def launch(
     chosen = read_mission(mission, duration, as_recorded=as_recorded)
     named = bag or new_bag_path(BAGS, chosen.name, seed, datetime.now())
     target = None if no_record else named
-    options = GraphOptions(pace='realtime', seed=seed, configuration=configuration, bag=target)
+    options = GraphOptions(
+        pace='realtime', seed=seed, configuration=configuration, leader=leader, bag=target
+    )
     folder = Path(mkdtemp(prefix='polar_nav_')) if target is None else target
     with progress_display(chosen.name, total=chosen.duration_s, unit='s') as on_progress:
         run = run_live(

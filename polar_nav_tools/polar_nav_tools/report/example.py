@@ -176,7 +176,18 @@ def _estimate(
         sigma_v=sigma_v,
         sigma_phi=sigma_phi,
         receipts=receipts,
+        local_statistics=_local_statistics(n),
     )
+
+
+def _local_statistics(n: int) -> Floats:
+    """Honest DVL pings in every second interval, a depth sample in each; shape (n, 2, 3)."""
+    rng = np.random.default_rng(7)
+    pings = np.arange(n) % 2.0
+    out = np.zeros((n, 2, 3))
+    out[:, 0, 0], out[:, 0, 2] = pings, pings * rng.chisquare(3, n)
+    out[:, 1, 0], out[:, 1, 2] = 1.0, rng.chisquare(1, n)
+    return out
 
 
 def estimate_with_errors(
@@ -190,10 +201,12 @@ def estimate_with_errors(
     sigma_v: Floats,
     sigma_phi: Floats,
     receipts: Sequence[Receipt] = (),
+    local_statistics: Floats | None = None,
 ) -> EstimateSeries:
     """Estimates at the truth's stamps with given errors, all of shape (n, 3), grid axes.
 
     rhat = r + C_G_e dr_G, vhat = v + dv_G, Chat = exp(-[phi x]) C; covariances are diagonal.
+    Without `local_statistics` no DVL and no depth was used.
     """
     n = len(truth)
     r_e = truth.r_e + np.einsum('nji,nj->ni', ecef_to_grid(truth.r_e), dr_G)
@@ -250,6 +263,7 @@ def estimate_with_errors(
         fixes_received=np.searchsorted(received_ns, stamp_ns, side='right'),
         fixes_fused=count,
         age_of_last_fix=age,
+        local_statistics=np.zeros((n, 2, 3)) if local_statistics is None else local_statistics,
     )
 
 

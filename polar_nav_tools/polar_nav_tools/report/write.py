@@ -18,6 +18,7 @@ from .figures import (
     close_up,
     fix_delays,
     fix_story,
+    honesty,
     horizontal_error,
     polar_map,
     position_error,
@@ -125,6 +126,12 @@ def sections(data: ReportInput, scores: Comparison) -> tuple[Section, ...]:
                 (fix_delays(data, reference, receipts, clock),),
                 tuple(fix_story(s, i, data.runs[s.name][2], clock) for i, s in runs),
             ),
+        ),
+        Section(
+            'honesty',
+            'Is the covariance honest',
+            '',
+            (tuple(honesty(s, i, *data.runs[s.name][1:], clock) for i, s in runs),),
         ),
     )
 

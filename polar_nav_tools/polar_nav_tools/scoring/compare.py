@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from ..series import EstimateSeries, Receipt, TruthSeries
 from .align import Mode
-from .score import Score, score
+from .score import Score, WindowScore, score
 from .tables import Column, Table
 from .verdicts import FUSED, in_order
 from .windows import SECOND_HALF, WHOLE, Window
@@ -180,6 +180,7 @@ class Comparison:
                     for k, c in late.nis.items()
                     if k not in late.nis_fused or c.count > late.nis_fused[k].count
                 },
+                **{_local_title(k, late): c for k, c in late.nis_local.items() if c.count},
             }
             for what, c in kinds.items():
                 rows.append(
@@ -196,8 +197,9 @@ class Comparison:
                     }
                 )
         note = (
-            'Errors along one run are correlated: the band of a NEES counts effective samples and '
-            'is indicative; runs over many seeds are the test.'
+            'NIS of DVL and depth: of the measurements used; inside own band: of their sums '
+            'between two estimates. Errors along one run are correlated: the band of a NEES '
+            'counts effective samples and is indicative; runs over many seeds are the test.'
         )
         return Table('Is the covariance honest? Second half', columns, tuple(rows), note)
 
@@ -252,6 +254,12 @@ def compare(
             for name, (truth, estimate, receipts) in runs.items()
         }
     )
+
+
+def _local_title(source: str, part: WindowScore) -> str:
+    name = {'dvl': 'DVL'}.get(source, source)
+    gated = part.gated_local[source]
+    return f'NIS of {name}' + (f', {gated} gated besides' if gated else '')
 
 
 def _errors_of(one: Score, window: str, statistic: str) -> dict[str, float]:

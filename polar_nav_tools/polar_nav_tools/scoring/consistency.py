@@ -42,7 +42,7 @@ class Consistency:
     band_low: float  # of `mean_per_dof`, two-sided, PROBABILITY
     band_high: float
     share_inside: (
-        float  # of single samples in their own band; PROBABILITY for an honest covariance
+        float  # of samples (or sums) in their own band; PROBABILITY for an honest covariance
     )
 
     @property
@@ -178,4 +178,40 @@ def consistency(squared: ArrayLike, dof: ArrayLike, *, independent: bool) -> Con
         band_low=float(low) / dof_total,
         band_high=float(high) / dof_total,
         share_inside=float(np.mean((values >= each_low) & (values <= each_high))),
+    )
+
+
+def consistency_of_sums(sums: ArrayLike, counts: ArrayLike, dof: int) -> Consistency:
+    """Judge innovations of which only sums over short intervals are known.
+
+    The sum of n normalized squares of an honest filter is chi2(n dof), so sums serve as well as
+    single values; `share_inside` is of intervals in the band of their own n.
+
+    Parameters
+    ----------
+    sums, counts : array_like, shape (n,)
+        Sum of the NIS, and how many stand in it, per interval.
+    dof : int
+        Degrees of freedom of one measurement.
+    """
+    total, number = np.asarray(sums, dtype=np.float64), np.asarray(counts, dtype=np.float64)
+    good = np.isfinite(total) & (number > 0.0)
+    missing = int(number[~good].sum())
+    total, number = total[good], number[good]
+    if total.size == 0:
+        nan = float('nan')
+        return Consistency(0, missing, nan, nan, nan, 0.0, nan, nan, nan)
+    n = float(number.sum())
+    low, high = chi_square_band(n * dof)
+    each_low, each_high = chi_square_band(number * dof)
+    return Consistency(
+        count=int(n),
+        missing=missing,
+        dof=float(dof),
+        mean=float(total.sum()) / n,
+        mean_per_dof=float(total.sum()) / (n * dof),
+        effective_count=n,
+        band_low=float(low) / (n * dof),
+        band_high=float(high) / (n * dof),
+        share_inside=float(np.mean((total >= each_low) & (total <= each_high))),
     )

@@ -12,6 +12,8 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from polar_nav_core.engine.events import LOCAL_DOF, LOCAL_GATED
+
 from ..series import EstimateSeries, Receipt, TruthSeries
 from .align import Alignment, AlignmentCounts, Mode, align
 from .consistency import Consistency, consistency, normalized_squared
@@ -19,7 +21,7 @@ from .errors import ARCMIN, ErrorSeries, distance_travelled, errors
 from .plain import record
 from .statistics import Statistics, statistics
 from .timeliness import Availability, Lag, age_of_information, availability, delays
-from .verdicts import FUSED, VerdictCounts, count_verdicts, nis_by_source
+from .verdicts import FUSED, VerdictCounts, count_verdicts, nis_by_source, nis_of_local
 from .windows import SECOND_HALF, WHOLE, Window, standard_windows
 
 Floats = NDArray[np.float64]
@@ -63,6 +65,8 @@ class WindowScore:
     nees_horizontal: Consistency  # 2 degrees of freedom
     nis: dict[str, Consistency]  # by source, fused and gated fixes
     nis_fused: dict[str, Consistency]  # by source, fused fixes only
+    nis_local: dict[str, Consistency]  # of 'dvl' and 'depth', those used
+    gated_local: dict[str, int]  # of 'dvl' and 'depth', refused by the gate
     delay: Statistics  # of fused fixes [s]
     age: Statistics  # of information [s]
     lag: Lag
@@ -81,6 +85,9 @@ class WindowScore:
             'nees_horizontal': self.nees_horizontal.to_dict(),
             'nis': {k: c.to_dict() for k, c in self.nis.items()},
             'nis_fused': {k: c.to_dict() for k, c in self.nis_fused.items()},
+            'nis_local': {
+                k: {**c.to_dict(), 'gated': self.gated_local[k]} for k, c in self.nis_local.items()
+            },
             'delay_s': self.delay.to_dict(),
             'age_of_information_s': self.age.to_dict(),
             'lag': self.lag.to_dict(),
@@ -183,7 +190,9 @@ def score(
     )
     return Score(
         name=name,
-        windows={w.name: _window_score(w, pairs, error, receipts) for w in (*windows, *phases)},
+        windows={
+            w.name: _window_score(w, pairs, error, estimate, receipts) for w in (*windows, *phases)
+        },
         alignment=pairs.counts,
         availability=availability(estimate, windows[0]),
         verdicts=count_verdicts(receipts),
@@ -194,7 +203,11 @@ def score(
 
 
 def _window_score(
-    window: Window, pairs: Alignment, error: ErrorSeries, receipts: Sequence[Receipt]
+    window: Window,
+    pairs: Alignment,
+    error: ErrorSeries,
+    estimate: EstimateSeries,
+    receipts: Sequence[Receipt],
 ) -> WindowScore:
     inside = window.mask(error.stamp_ns)
     received = [
@@ -206,6 +219,8 @@ def _window_score(
     components = _components(error, inside)
     delay = delays(receipts, window)
     v_G = pairs.truth.v_G[inside]
+    # All estimates count here, not only those that truth can be compared with.
+    local = estimate.local_statistics[window.mask(estimate.stamp_ns)]
     return WindowScore(
         window=window,
         components=components,
@@ -215,6 +230,8 @@ def _window_score(
         ),
         nis=nis_by_source(received),
         nis_fused=nis_by_source(received, (FUSED,)),
+        nis_local=nis_of_local(local),
+        gated_local={k: int(local[:, i, LOCAL_GATED].sum()) for i, k in enumerate(LOCAL_DOF)},
         delay=delay,
         age=statistics(age_of_information(error.stamp_ns[inside], receipts)),
         lag=Lag(

@@ -1,4 +1,4 @@
-"""What became of every fix: counts of verdicts, and whether they add up to what was received."""
+"""What became of every measurement: verdicts of fixes, whether they add up, NIS by source."""
 
 from __future__ import annotations
 
@@ -6,9 +6,12 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
+
+from polar_nav_core.engine.events import LOCAL_DOF, NIS_SUM, UPDATES
 
 from ..series import Receipt, last_revisions
-from .consistency import Consistency, consistency
+from .consistency import Consistency, consistency, consistency_of_sums
 from .plain import record
 
 FUSED = 'FUSED'
@@ -118,6 +121,22 @@ def nis_by_source(
             independent=True,
         )
         for source in sorted({r.source for r in judged})
+    }
+
+
+def nis_of_local(statistics: NDArray[np.float64]) -> dict[str, Consistency]:
+    """NIS of the DVL and depth measurements that were used, by source; sources with none too.
+
+    Parameters
+    ----------
+    statistics : ndarray, shape (n, 2, 3)
+        As in `EstimateSeries.local_statistics`.
+    """
+    return {
+        source: consistency_of_sums(
+            statistics[:, row, NIS_SUM], statistics[:, row, UPDATES], LOCAL_DOF[source]
+        )
+        for row, source in enumerate(LOCAL_DOF)
     }
 
 

@@ -81,7 +81,10 @@ class NavigationFilter:
         self.frames = fs.make_frames()
         self.work = fs.make_work()
         self.settings = make_settings(params)
-        self.past = make_past(params.history_s, params.filter_period_s)
+        # A late fix that stands in the log of steps where it was received may have to be put where
+        # it belongs as long as a fix valid before its reception may come.
+        length_s = params.history_s + (params.max_delay_s if steps else 0.0)
+        self.past = make_past(length_s, params.filter_period_s)
         self.log = make_log(self.past, steps=steps, snapshots=snapshots)
         self.history = History(self.past, self.state)
         kept_s = params.history_s if snapshots else 0.0

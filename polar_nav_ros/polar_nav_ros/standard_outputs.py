@@ -9,14 +9,15 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import NavSatFix, NavSatStatus
 
 from polar_nav_core import attitude, grid
+from polar_nav_core.engine.events import Array
 from polar_nav_msgs.msg import NavState
 
 
-def odometry_of(state: NavState) -> Odometry:
+def odometry_of(state: NavState, omega_eb_b: Array | None = None) -> Odometry:
     """Pose of base_link in `earth` (C_b_e), twist in base_link.
 
-    Covariances are in the axes that nav_msgs/Odometry asks for. The angular twist is not
-    estimated: NaN.
+    Covariances are in the axes that nav_msgs/Odometry asks for. The rate against the earth, body
+    axes [rad/s], is NaN where it is not told; its covariance is not estimated: NaN.
     """
     C_e_G = grid.ecef_to_grid(state.r_e)
     q = state.orientation
@@ -35,7 +36,8 @@ def odometry_of(state: NavState) -> Odometry:
     )
     linear, angular = odometry.twist.twist.linear, odometry.twist.twist.angular
     linear.x, linear.y, linear.z = (float(v) for v in v_b)
-    angular.x = angular.y = angular.z = math.nan
+    rate = np.full(3, math.nan) if omega_eb_b is None else omega_eb_b
+    angular.x, angular.y, angular.z = (float(w) for w in rate)
     pose = np.zeros((6, 6))
     pose[:3, :3] = C_e_G.T @ np.reshape(state.position_covariance_g, (3, 3)) @ C_e_G
     pose[3:, 3:] = C_e_G.T @ np.reshape(state.attitude_covariance_g, (3, 3)) @ C_e_G

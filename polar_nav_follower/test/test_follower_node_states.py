@@ -1,0 +1,190 @@
+"""The follower node in process: lost definiteness and displaced fixes as diagnostics. Ring 2."""
+
+import os
+import time
+
+import numpy as np
+import pytest
+
+rclpy = pytest.importorskip('rclpy')
+
+from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
+from rclpy.executors import SingleThreadedExecutor  # noqa: E402
+from sensor_msgs.msg import Imu  # noqa: E402
+from std_srvs.srv import Trigger  # noqa: E402
+
+from polar_nav_core import earth, grid, packet  # noqa: E402
+from polar_nav_core.engine.params import EngineParams  # noqa: E402
+from polar_nav_follower.follower_node import FollowerNode  # noqa: E402
+from polar_nav_msgs.msg import AcousticPacket, NavState  # noqa: E402
+from polar_nav_ros.node import DATA_QOS  # noqa: E402
+from polar_nav_ros.stamps import to_msg  # noqa: E402
+
+START_NS = 1_772_323_200_000_000_000
+OK, WARN, ERROR = b'\x00', b'\x01', b'\x02'
+
+
+class Rig:
+    """A follower node, someone who feeds it, and someone who listens."""
+
+    def __init__(self, *parameters):
+        args = ['--ros-args', '-r', '__ns:=/follower']
+        for parameter in parameters:
+            args += ['-p', parameter]
+        rclpy.init(args=args, domain_id=63)
+        self.node = FollowerNode()
+        self.peer = rclpy.create_node('peer', use_global_arguments=False)
+        self.states, self.health = [], []
+        listen = self.peer.create_subscription
+        listen(NavState, '/follower/nav/state', self.states.append, DATA_QOS)
+        listen(DiagnosticArray, '/diagnostics', lambda m: self.health.append(m.status[0]), 10)
+        self._imu = self.peer.create_publisher(Imu, '/follower/imu/data_raw', DATA_QOS)
+        self._packets = self.peer.create_publisher(AcousticPacket, '/follower/acomms/rx', DATA_QOS)
+        self._sent = 0
+        self.reset = self.peer.create_client(Trigger, '/follower/follower_node/reset')
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(self.node)
+        self.executor.add_node(self.peer)
+        self.stamp_ns = START_NS
+        self.until(lambda: self._imu.get_subscription_count() == 1)
+        self.until(lambda: self._packets.get_subscription_count() == 1)
+        self.until(self.reset.service_is_ready)
+
+    def until(self, done, seconds=20.0):
+        end = time.monotonic() + seconds
+        while not done() and time.monotonic() < end:
+            self.executor.spin_once(timeout_sec=0.05)
+        assert done()
+
+    def rest(self, samples, f_b=(0.0, 0.0, 9.83)):
+        """Give IMU samples of a vehicle at rest, all taken when this returns."""
+        for _ in range(samples):
+            self.stamp_ns += 10_000_000
+            message = Imu()
+            message.header.stamp = to_msg(self.stamp_ns)
+            a = message.linear_acceleration
+            a.x, a.y, a.z = f_b
+            self._imu.publish(message)
+        topic = '/follower/imu/data_raw'
+        wanted = (self.stamp_ns - START_NS) // 10_000_000
+        self.until(lambda: self.node.taken_counts()[topic] == wanted)
+
+    def fix(self, away_G=(0.0, 0.0, 0.0)):
+        """Give a packet that puts the vehicle where it started, or so far from there."""
+        p = EngineParams()
+        lat, lon = np.deg2rad([p.initial_latitude_deg, p.initial_longitude_deg])
+        r_e = earth.ecef_from_geodetic(lat, lon, p.initial_height)
+        broadcast = packet.Broadcast(
+            source=1,
+            target=2,
+            sequence=self._sent,
+            validity_ns=self.stamp_ns,
+            return_ns=self.stamp_ns,
+            leader_r_e=r_e + grid.ecef_to_grid(r_e).T @ np.array(away_G),
+            leader_sigma_horizontal=1.0,
+            leader_sigma_vertical=1.0,
+            leader_v_G=np.zeros(3),
+            leader_sigma_velocity=0.01,
+            leader_grid_heading=0.0,
+            leader_sigma_heading=1e-3,
+            r_lf_G=np.zeros(3),
+            r_lf_covariance_G=np.eye(3),
+            sound_speed=1440.0,
+        )
+        message = AcousticPacket(source='leader', destination='follower', sequence=self._sent)
+        message.data = packet.encode(broadcast)
+        message.transmit_time = message.header.stamp = to_msg(self.stamp_ns + 1_000_000)
+        message.receive_time = to_msg(self.stamp_ns + 100_000_000)
+        self._packets.publish(message)
+        self._sent += 1
+        topic = '/follower/acomms/rx'
+        self.until(lambda: self.node.taken_counts()[topic] == self._sent)
+
+    def status(self):
+        """Next status of the node."""
+        self.health.clear()
+        self.until(lambda: any('follower_node' in s.name for s in self.health))
+        return next(s for s in self.health if 'follower_node' in s.name)
+
+    def end(self):
+        self.node.destroy_node()
+        self.peer.destroy_node()
+        rclpy.try_shutdown()
+
+
+@pytest.fixture
+def rig():
+    made = []
+
+    def make(*parameters):
+        made.append(Rig(*parameters))
+        return made[-1]
+
+    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+    yield make
+    for one in made:
+        one.end()
+
+
+def lose_definiteness(rig):
+    """A finite but absurd sample, as a broken driver gives: the state overflows."""
+    rig.rest(1, f_b=(1e300, 0.0, 0.0))
+    rig.rest(40)
+
+
+def test_lost_definiteness_is_an_error_without_estimates_until_a_reset(rig):
+    r = rig('configuration:=default')
+    r.rest(100)
+    r.until(lambda: len(r.states) >= 8)
+    status = r.status()
+    assert (status.level, status.message) == (OK, 'navigating, no fix was fused yet')
+
+    lose_definiteness(r)
+    status = r.status()
+    assert status.level == ERROR
+    assert 'no longer positive definite' in status.message
+    before = len(r.states)
+    r.rest(100)
+    assert r.status().level == ERROR
+    assert len(r.states) == before
+    assert all(np.isfinite(s.r_e).all() for s in r.states)
+
+    answer = r.reset.call_async(Trigger.Request())
+    r.until(answer.done)
+    assert answer.result().success
+    r.rest(100)
+    r.until(lambda: len(r.states) >= before + 8)
+    assert r.status().level == OK
+    assert np.isfinite(r.states[-1].r_e).all()
+
+
+def test_doubtful_parameters_stand_in_the_diagnostics(rig):
+    r = rig('configuration:=default', 'delay_handling:=clone')
+    values = {v.key: v.value for v in r.status().values}
+    assert 'parameter delay_handling: clone is not used' in values['parameter_warnings']
+
+
+def test_displaced_fixes_raise_a_warning_and_an_error_in_the_diagnostics(rig):
+    r = rig('configuration:=default', 'max_gated_s:=4.0')
+    r.rest(50)
+    for _ in range(4):
+        r.fix()
+        r.rest(50)
+    status = r.status()
+    assert status.level == OK
+    assert 'navigating, last fix fused' in status.message
+    for _ in range(5):
+        r.fix(away_G=(300.0, 400.0, 0.0))
+        r.rest(50)
+    status = r.status()
+    assert status.level == WARN
+    assert 'displaced by about 500 m' in status.message
+    for _ in range(6):
+        r.fix(away_G=(300.0, 400.0, 0.0))
+        r.rest(50)
+    status = r.status()
+    assert status.level == ERROR
+    assert 'longer than max_gated_s 4 s' in status.message
+    values = {v.key: v.value for v in status.values}
+    assert (values['FUSED'], values['GATED']) == ('4', '11')
+    assert float(values['gated_offset_m']) == pytest.approx(500.0, abs=5.0)

@@ -1,0 +1,138 @@
+"""The leader behind its topics: messages in, messages out; the node publishes what comes.
+
+Where the leader is, it learns from somebody's odometry (:class:`OdometrySession`) or by itself
+(:class:`OwnSession`); what it broadcasts is made in the same way from either.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from typing import Any
+
+from nav_msgs.msg import Odometry
+
+from polar_nav_core.engine.events import Estimate, Output
+from polar_nav_msgs.msg import NavState
+from polar_nav_ros.broadcasts import broadcast_to_msg
+from polar_nav_ros.navigation_session import NavigationSession, Published
+from polar_nav_ros.stamps import to_ns
+from polar_nav_ros.standard_outputs import odometry_of
+
+from . import convert
+from .convert import ABSOLUTE
+from .leader import Leader
+from .navigation import LeaderEngine, state_of
+from .params import LeaderParams
+from .states import LeaderState
+
+__all__ = ['ABSOLUTE', 'BROADCAST', 'ODOMETRY', 'TX', 'USBL', 'OdometrySession', 'OwnSession']
+
+ODOMETRY = 'odometry'
+USBL = 'usbl/fix'
+TX = 'acomms/tx'
+BROADCAST = 'broadcast'
+
+
+class _Sender:
+    """Packets of a leader as messages, numbered as the modem counts."""
+
+    def __init__(self, leader: Leader, params: LeaderParams, vehicle: str) -> None:
+        self._leader = leader
+        self._p = params
+        self._vehicle = vehicle
+        self._sequence = 0
+
+    def due(self, now_ns: int | None = None) -> Iterator[Published]:
+        target = self._p.follower
+        for packet in self._leader.due(now_ns):
+            content = broadcast_to_msg(packet.broadcast, self._vehicle, target)
+            yield Published.of(BROADCAST, content)
+            message = convert.packet_to_msg(
+                packet.data,
+                self._vehicle,
+                target,
+                self._sequence,
+                packet.transmit_ns,
+                self._p.bit_rate,
+            )
+            self._sequence += 1
+            yield Published.of(TX, message)
+
+
+class OdometrySession:
+    """A leader that is told where it is.
+
+    Parameters
+    ----------
+    params : LeaderParams
+        Everything that can be chosen.
+    vehicle : str
+        Name of the vehicle.
+    """
+
+    def __init__(self, params: LeaderParams, vehicle: str) -> None:
+        self.leader = Leader(params)
+        self._params = params
+        self._sender = _Sender(self.leader, params, vehicle)
+
+    def take(self, topic: str, message: Any) -> Iterator[Published]:  # noqa: ANN401 - the topic's message type
+        """Take a message of ODOMETRY or USBL; yields what is to be published."""
+        if topic == USBL:
+            self.leader.add_measurement(convert.measurement_from_msg(message))
+        else:
+            self.leader.add_state(convert.state_from_msg(message, self._params))
+        yield from self._sender.due()
+
+
+class OwnSession(NavigationSession[LeaderParams]):
+    """A leader that navigates with its own sensors and absolute fixes, if there are any.
+
+    Parameters
+    ----------
+    params : LeaderParams
+        Everything that can be chosen.
+    vehicle : str
+        Name of the vehicle.
+    """
+
+    def __init__(self, params: LeaderParams, vehicle: str) -> None:
+        self._rates = LeaderEngine(params)
+        super().__init__(
+            params, vehicle, {ABSOLUTE: convert.absolute_fix_from_msg}, engine=self._rates
+        )
+        self.leader = Leader(params)
+        self._sender = _Sender(self.leader, params, vehicle)
+        self._state: LeaderState | None = None
+        self._restarts = 0
+
+    def take(self, topic: str, message: Any) -> Iterator[Published]:  # noqa: ANN401
+        """Take one message; yields estimates, receipts and packets."""
+        if topic == USBL:
+            self.leader.add_measurement(convert.measurement_from_msg(message))
+        else:
+            yield from super().take(topic, message)
+        yield from self._sender.due(self.reorder.newest_imu_ns)
+
+    def flush(self) -> Iterator[Published]:
+        """Process what waits: the end of the run."""
+        yield from super().flush()
+        yield from self._sender.due(self.reorder.newest_imu_ns)
+
+    def odometry(self, state: NavState) -> Odometry:
+        """Give the newest state as nav_msgs/Odometry, rate included."""
+        newest = self._state
+        told = newest is not None and newest.stamp_ns == to_ns(state.header.stamp)
+        return odometry_of(state, newest.omega_eb_b if newest is not None and told else None)
+
+    def _to_messages(self, results: Iterable[Output]) -> Iterator[Published]:
+        for result in results:
+            if isinstance(result, Estimate):
+                self._keep(result)
+            yield from super()._to_messages((result,))
+
+    def _keep(self, estimate: Estimate) -> None:
+        if self._rates.restarts != self._restarts:
+            self._restarts = self._rates.restarts
+            self.leader.restart()
+        self._state = state_of(estimate, self._rates.omega_ib_b())
+        self.leader.add_state(self._state)

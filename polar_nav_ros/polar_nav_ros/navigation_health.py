@@ -1,0 +1,112 @@
+"""What a node that navigates says of its health: worst first, in one sentence, with the numbers.
+
+| level | when |
+| --- | --- |
+| ERROR | the covariance lost definiteness; fixes are gated for longer than `max_gated_s` |
+| WARN | no state yet; sensors outrun the history; messages too late; fixes gated in a row; none |
+| OK | navigating, with the age of the last fix |
+"""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+import numpy as np
+
+from polar_nav_core.engine.checks import warnings_of
+from polar_nav_core.engine.engine import Engine
+from polar_nav_core.engine.events import Verdict
+from polar_nav_core.engine.integrity import Integrity
+
+from .diagnostics import Diagnosis, Level
+
+
+class Logger(Protocol):
+    """What is needed of rclpy's logger."""
+
+    def info(self, message: str) -> object:
+        """Log at level INFO."""
+
+    def warning(self, message: str) -> object:
+        """Log at level WARN."""
+
+    def error(self, message: str) -> object:
+        """Log at level ERROR."""
+
+
+class NavigationHealth:
+    """Watches one engine; logs what changes.
+
+    Parameters
+    ----------
+    engine : Engine
+    logger : Logger
+        Told of doubtful parameters at once, and of every change of level.
+    """
+
+    def __init__(self, engine: Engine, logger: Logger) -> None:
+        self._engine = engine
+        self._logger = logger
+        self._warnings = warnings_of(engine.params)
+        for warning in self._warnings:
+            logger.warning(warning)
+        self._last = Level.WARN  # there is no state yet
+
+    def diagnose(self, values: dict[str, object]) -> Diagnosis:
+        """Status now; ``values`` are the node's own numbers.
+
+        The engine's come first.
+        """
+        engine, integrity = self._engine, self._engine.integrity
+        counted: dict[str, object] = {
+            v.name: engine.verdicts[v] for v in Verdict if engine.verdicts[v]
+        }
+        counted |= {f'fused_{k}': v for k, v in engine.fused.items()}
+        counted |= {f'gated_{k}': v for k, v in engine.gated.items()}
+        counted |= {'imu_gaps': engine.imu_gaps, **_numbers(integrity)}
+        if self._warnings:
+            counted['parameter_warnings'] = '; '.join(self._warnings)
+        level, message = self._worst(integrity)
+        self._tell(level, message)
+        return Diagnosis(level, message, {**counted, **values})
+
+    def _worst(self, integrity: Integrity) -> tuple[Level, str]:
+        engine = self._engine
+        if engine.divergence:
+            return Level.ERROR, engine.divergence
+        if not engine.navigating:
+            return Level.WARN, 'no state yet: waits for IMU data or ~/set_initial_state'
+        if integrity.level is integrity.level.ERROR:
+            return Level.ERROR, integrity.sentence
+        if engine.history_warning:
+            return Level.WARN, engine.history_warning
+        if engine.verdicts[Verdict.TOO_LATE]:
+            count = engine.verdicts[Verdict.TOO_LATE]
+            return Level.WARN, f'{count} messages came after reorder_window_s'
+        if integrity.level is integrity.level.WARN:
+            return Level.WARN, integrity.sentence
+        return Level.OK, f'navigating, {integrity.sentence}'
+
+    def _tell(self, level: Level, message: str) -> None:
+        if level is self._last:
+            return
+        # One call each: rclpy ties a level to the line that logs.
+        if level is Level.OK:
+            self._logger.info(message)
+        elif level is Level.WARN:
+            self._logger.warning(message)
+        else:
+            self._logger.error(message)
+        self._last = level
+
+
+def _numbers(integrity: Integrity) -> dict[str, object]:
+    numbers: dict[str, object] = {
+        'since_fused_s': f'{integrity.since_fused_s:.1f}',
+        'gated_in_a_row': integrity.gated_run,
+        'gated_for_s': f'{integrity.gated_s:.1f}',
+    }
+    if integrity.gated_run:
+        numbers['gated_offset_m'] = f'{float(np.linalg.norm(integrity.offset_G)):.1f}'
+        numbers['gated_scatter_m'] = f'{integrity.scatter:.1f}'
+    return numbers

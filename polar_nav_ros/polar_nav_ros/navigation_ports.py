@@ -1,0 +1,162 @@
+"""Topics and services of a node that navigates: a session's results are published as they come.
+
+| topic | type | stamp |
+| --- | --- | --- |
+| in imu/data_raw, dvl/data, depth/data | sensor_msgs/Imu, polar_nav_msgs/Dvl, Depth | validity |
+| out nav/state | polar_nav_msgs/NavState | estimate |
+| out odometry, nav/fix | nav_msgs/Odometry, sensor_msgs/NavSatFix | estimate |
+| out nav/receipt | polar_nav_msgs/FixReceipt | decision |
+| out nav/command | polar_nav_msgs/Command | place in the order of events |
+
+Services ``~/reset`` and ``~/set_initial_state`` become stamped commands.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
+
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import Imu, NavSatFix
+from std_srvs.srv import Trigger
+
+from polar_nav_core.engine.events import CommandKind
+from polar_nav_msgs.msg import Command as CommandMsg
+from polar_nav_msgs.msg import Depth, Dvl, FixReceipt, NavState
+from polar_nav_msgs.msg import InitialState as InitialStateMsg
+from polar_nav_msgs.srv import SetInitialState
+
+from .diagnostics import Diagnosis
+from .navigation_health import NavigationHealth
+from .navigation_inputs import initial_from_msg, initial_problem, initial_to_msg
+from .navigation_session import (
+    COMMAND,
+    DEPTH,
+    DVL,
+    IMU,
+    RECEIPT,
+    STATE,
+    NavigationSession,
+    Published,
+)
+from .node import CountedPublisher, PolarNode
+from .stamps import to_msg, to_ns
+from .standard_outputs import fix_of
+
+
+class NavigationPorts:
+    """Connects a session with its node.
+
+    Parameters
+    ----------
+    node : PolarNode
+        The node; its namespace is the vehicle.
+    session : NavigationSession
+        What navigates.
+    inputs, outputs : mapping of str to message type
+        Topics of the vehicle's own.
+    """
+
+    def __init__(
+        self,
+        node: PolarNode[Any],
+        session: NavigationSession[Any],
+        inputs: Mapping[str, type[Any]],
+        outputs: Mapping[str, type[Any]],
+    ) -> None:
+        self._node = node
+        self._session = session
+        published = {STATE: NavState, RECEIPT: FixReceipt, **outputs}
+        self._outputs: dict[str, CountedPublisher] = {
+            topic: node.advertise(kind, topic) for topic, kind in published.items()
+        }
+        self._commands = node.advertise(CommandMsg, COMMAND)
+        self._odometry = node.advertise(Odometry, 'odometry')
+        self._fix = node.advertise(NavSatFix, 'nav/fix')
+        self._command_count = 0
+        self._fix_second = -1
+        for topic, kind in {IMU: Imu, DVL: Dvl, DEPTH: Depth, **inputs}.items():
+            node.subscribe(kind, topic, self._taker(topic))
+        node.create_service(Trigger, '~/reset', self._on_reset)
+        node.create_service(SetInitialState, '~/set_initial_state', self._on_set_initial_state)
+        node.get_logger().info(
+            f'configuration {session.params.configuration}, {session.engine.configuration.doc}'
+        )
+        self._health = NavigationHealth(session.engine, node.get_logger())
+
+    def diagnose(self) -> Diagnosis:
+        """Verdict counters, ages and what waits."""
+        waiting = {'waiting': self._session.reorder.pending}
+        return self._health.diagnose({**waiting, **self._node.taken_counts()})
+
+    def close(self) -> None:
+        """Process what waits, and say in a command where the run ended."""
+        self._publish(self._session.flush())
+        stamp_ns = self._session.reorder.newest_imu_ns
+        if stamp_ns is not None:
+            taken = self._node.taken_counts()
+            message = CommandMsg(
+                kind=CommandMsg.SHUTDOWN,
+                taken_topics=list(taken),
+                taken_counts=list(taken.values()),
+            )
+            self._send(message, stamp_ns)
+
+    def _taker(self, topic: str) -> Callable[[Any], None]:
+        return lambda message: self._publish(self._session.take(topic, message))
+
+    def _publish(self, published: Iterable[Published]) -> None:
+        for topic, message, data in published:
+            self._outputs[topic].publish(data)
+            if topic == STATE:
+                self._publish_standard(message)
+
+    def _publish_standard(self, state: NavState) -> None:
+        """Give the same estimate in standard messages, for other people's tools."""
+        self._odometry.publish(self._session.odometry(state))
+        if state.header.stamp.sec != self._fix_second:
+            self._fix_second = state.header.stamp.sec
+            self._fix.publish(fix_of(state))
+
+    def _send(self, message: CommandMsg, stamp_ns: int) -> None:
+        message.header.stamp = to_msg(stamp_ns)
+        message.sequence = self._command_count
+        self._command_count += 1
+        self._commands.publish(message)
+
+    def _command(self, kind: CommandKind, initial: InitialStateMsg) -> str:
+        """Put a service call into the order of events; why not, in a sentence, or empty."""
+        stamp_ns = self._session.reorder.newest_imu_ns
+        if stamp_ns is None:
+            return (
+                'there was no IMU sample yet, so the command has no place in the order of events'
+            )
+        message = CommandMsg(kind=int(kind), initial_state=initial)
+        self._send(message, stamp_ns)
+        self._publish(self._session.take(COMMAND, message))
+        return ''
+
+    def _on_reset(self, _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        initial = self._session.params.initial_state()
+        message = InitialStateMsg() if initial is None else initial_to_msg(initial)
+        response.message = self._command(CommandKind.RESET, message)
+        response.success = not response.message
+        return response
+
+    def _on_set_initial_state(
+        self, request: SetInitialState.Request, response: SetInitialState.Response
+    ) -> SetInitialState.Response:
+        initial = initial_from_msg(request.initial_state)
+        if initial is None:
+            sigma = request.initial_state.sigma_position_horizontal
+            response.message = f'sigma_position_horizontal is {sigma}: it must be positive'
+        elif to_ns(request.initial_state.header.stamp):
+            response.message = (
+                'header.stamp must be zero: the state is taken to hold with the next IMU sample'
+            )
+        else:
+            response.message = initial_problem(initial) or self._command(
+                CommandKind.SET_INITIAL_STATE, request.initial_state
+            )
+        response.success = not response.message
+        return response

@@ -1,0 +1,129 @@
+"""One navigating vehicle behind its topics: messages in, messages out.
+
+Driven by a node (:meth:`take` as messages come) or by a replay, which collects :meth:`event_of` of
+a whole bag, sorts, and calls :meth:`process`. Both use the same engine, so that they publish the
+same bytes. A vehicle adds its own kind of position fix by a reader of its topic.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import Any, Generic, NamedTuple, TypeAlias, TypeVar
+
+from nav_msgs.msg import Odometry
+
+from polar_nav_core.engine.engine import Engine
+from polar_nav_core.engine.events import Event, Output, Receipt
+from polar_nav_core.engine.params import EngineParams
+from polar_nav_core.engine.reorder import Reorder
+from polar_nav_msgs.msg import NavState
+
+from . import navigation_inputs as inputs
+from . import navigation_outputs as outputs
+from .cdr import to_bytes
+from .standard_outputs import odometry_of
+
+IMU = 'imu/data_raw'
+DVL = 'dvl/data'
+DEPTH = 'depth/data'
+COMMAND = 'nav/command'
+STATE = 'nav/state'
+RECEIPT = 'nav/receipt'
+
+P = TypeVar('P', bound=EngineParams)
+Reader: TypeAlias = Callable[[Any, int], Event]
+"""A message and its number on its topic to an event."""
+
+
+class Published(NamedTuple):
+    """A message to publish: its topic, and its bytes, which depend on its content only."""
+
+    topic: str
+    message: Any
+    data: bytes
+
+    @classmethod
+    def of(cls, topic: str, message: Any) -> Published:  # noqa: ANN401 - the topic's message type
+        """Serialize a message for a topic."""
+        return cls(topic, message, to_bytes(message))
+
+
+class NavigationSession(Generic[P]):
+    """An engine with its topics.
+
+    Parameters
+    ----------
+    params : EngineParams
+        Everything that can be chosen.
+    vehicle : str
+        Name of the vehicle, for frame ids.
+    readers : mapping of str to callable
+        Topics of the vehicle's own, beside IMU, DVL, depth and commands.
+    engine : Engine, optional
+        One made already.
+    frame_id : str
+        Of positions.
+    """
+
+    def __init__(
+        self,
+        params: P,
+        vehicle: str,
+        readers: Mapping[str, Reader],
+        *,
+        engine: Engine | None = None,
+        frame_id: str = 'earth',
+    ) -> None:
+        self.params = params
+        self.vehicle = vehicle
+        self.engine = Engine(params) if engine is None else engine
+        self.reorder = Reorder(self.engine, params.reorder_window_s)
+        self.taken: Counter[str] = Counter()
+        self._frame_id = frame_id
+        self._readers: dict[str, Reader] = {
+            IMU: inputs.imu_from_msg,
+            DVL: lambda m, n: inputs.dvl_from_msg(m, n, params.dvl_sigma),
+            DEPTH: lambda m, n: inputs.depth_from_msg(m, n, params.depth_sigma),
+            COMMAND: inputs.command_from_msg,
+            **readers,
+        }
+
+    def event_of(self, topic: str, message: Any) -> Event:  # noqa: ANN401 - the topic's message type
+        """Event of a message; counts it, which numbers the messages of each topic."""
+        number = self.taken[topic]
+        self.taken[topic] += 1
+        return self._readers[topic](message, number)
+
+    def take(self, topic: str, message: Any) -> Iterator[Published]:  # noqa: ANN401
+        """Take one message live; yields what is to be published."""
+        yield from self._to_messages(self.reorder.add(self.event_of(topic, message)))
+
+    def process(self, event: Event) -> Iterator[Published]:
+        """Take the next event of the total order (replay)."""
+        yield from self._to_messages(self.engine.process(event))
+
+    def advance(self, stamp_ns: int) -> Iterator[Published]:
+        """No event before this stamp comes any more (replay)."""
+        yield from self._to_messages(self.engine.advance(stamp_ns))
+
+    def refuse(self, receipt: Receipt) -> Published:
+        """Repeat the receipt of a message that a live run refused (replay)."""
+        self.engine.verdicts[receipt.verdict] += 1
+        return Published.of(RECEIPT, outputs.receipt_to_msg(receipt))
+
+    def flush(self) -> Iterator[Published]:
+        """Process what waits: the end of the run, live or replayed."""
+        yield from self._to_messages(self.reorder.flush())
+
+    def odometry(self, state: NavState) -> Odometry:
+        """Give the newest state as nav_msgs/Odometry."""
+        return odometry_of(state)
+
+    def _to_messages(self, results: Iterable[Output]) -> Iterator[Published]:
+        for result in results:
+            if isinstance(result, Receipt):
+                yield Published.of(RECEIPT, outputs.receipt_to_msg(result))
+            else:
+                message = outputs.nav_to_msg(result, self.params, self.vehicle, self._frame_id)
+                yield Published.of(STATE, message)

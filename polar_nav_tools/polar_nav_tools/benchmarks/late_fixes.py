@@ -1,0 +1,294 @@
+"""One late fix in an engine whose history is full, and whole runs with late fixes.
+
+The world is the straight run of the experiments: IMU at 100 Hz, DVL at 5 Hz, depth at 10 Hz. What
+the strategies make of the same fix is compared before anything is timed.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from polar_nav_core import attitude, grid
+from polar_nav_core.arrays import Array
+from polar_nav_core.engine import batch
+from polar_nav_core.engine.engine import Engine
+from polar_nav_core.engine.events import Event, Fix, Output, Receipt, Verdict
+from polar_nav_core.engine.params import DELAY_HANDLING, EngineParams
+from polar_nav_core.errors import PolarNavError
+
+from ..experiments.schedule import FixSpec
+from ..experiments.world import World, make_world
+from ..experiments.world_spec import WorldSpec
+from .navigation import Disagreement
+from .rounds import Entry
+
+AGES_S = (1.0, 5.0, 10.0, 20.0, 60.0)
+RATES_HZ = (0.1, 1.0)
+FILLED_S = 70.0
+"""Run before the one late fix: longer than the history of the engine, 65 s."""
+
+RUN_S = 300.0
+RUN_STRATEGIES = ('back_propagate', 'clone', 'rewind')
+
+BOUND = 0.01
+"""Largest difference of `clone` and `rewind` [sigma]: linearized once, and anew."""
+
+_FIRST_FIX_S = 3.0
+_SEED = 1
+
+
+def simulated(duration_s: float, *, depth: bool = True, fix_period_s: float = 1.0) -> World:
+    """World of so many seconds, with fixes that are received when they are valid."""
+    spec = WorldSpec(
+        duration_s=duration_s,
+        imu='paper_6_2',
+        imu_rate_hz=100.0,
+        dvl_rate_hz=5.0,
+        depth_rate_hz=10.0 if depth else 0.0,
+    )
+    return make_world(spec, FixSpec(period_s=fix_period_s, first_s=fix_period_s), _SEED)
+
+
+def engine_of(world: World, strategy: str, **changes: Any) -> Engine:  # noqa: ANN401
+    """Engine with one strategy; ``changes`` are of EngineParams."""
+    return Engine(_params(world, strategy, **changes))
+
+
+def _params(world: World, strategy: str, **changes: Any) -> EngineParams:  # noqa: ANN401
+    # No gate: `ignore` shall do the work for a fix that is off by speed times delay, too.
+    chosen = {'configuration': 'custom', 'gate_probability': 1.0, **changes}
+    return world.params(delay_handling=strategy, **chosen)
+
+
+def aged(world: World, age_s: float) -> Fix:
+    """Make the fix that was valid ``age_s`` before the last IMU sample, and is received now."""
+    now_ns = int(world.inputs.imu_stamps_ns[-1])
+    wanted = now_ns - round(age_s * 1e9)
+    fixes = world.inputs.fixes
+    fix = min(fixes, key=lambda one: abs(one.validity_ns - wanted))
+    if abs(fix.validity_ns - wanted) > 1_000_000:
+        raise ValueError(f'the world has no fix that is {age_s} s old at its end')
+    return replace(fix, transmit_ns=now_ns, receive_ns=now_ns, arrival=len(fixes))
+
+
+def before(world: World) -> list[Event]:
+    """All of the world but its fixes, with one at the start that was on time."""
+    first = min(world.inputs.fixes, key=lambda one: abs(_age_s(world, one) - _FIRST_FIX_S))
+    return list(replace(world.inputs, fixes=(first,)).events())
+
+
+def _age_s(world: World, fix: Fix) -> float:
+    return (fix.validity_ns - int(world.inputs.imu_stamps_ns[0])) * 1e-9
+
+
+class Prepared:
+    """An engine just before a fix, as often as wanted.
+
+    What the filter stores, some ten megabytes, is copied back into place before each call;
+    everything else of the engine is copied anew.
+
+    Parameters
+    ----------
+    engine : Engine
+        Taken over; it has a state.
+    events : iterable of Event
+        What it takes before the fix.
+    """
+
+    def __init__(self, engine: Engine, events: Iterable[Event]) -> None:
+        drive(engine, events)
+        self._engine = engine
+        fusion = engine.hand_over()
+        if fusion is None:
+            raise PolarNavError(f'the engine has no state: {engine.divergence or "no IMU sample"}')
+        f = fusion.filter
+        groups = (f.state, f.frames, f.settings, f.past, f.work, f.log, f.streams)
+        self._arrays = [a for group in groups for a in group if isinstance(a, np.ndarray)]
+        self._kept = [a.copy() for a in self._arrays]
+        self.engine = engine
+
+    def restore(self) -> Engine:
+        """Bring the engine back to where it was."""
+        memo = {id(array): array for array in self._arrays}
+        self.engine = copy.deepcopy(self._engine, memo)
+        for array, kept in zip(self._arrays, self._kept, strict=True):
+            array[...] = kept
+        return self.engine
+
+    def take(self, fix: Fix) -> list[Output]:
+        """Let the engine process the fix: this is what is timed."""
+        return list(self.engine.process(fix))
+
+
+def drive(engine: Engine, events: Iterable[Event]) -> list[Output]:
+    """All outputs of an engine for these events."""
+    return [output for event in events for output in engine.process(event)]
+
+
+# -- one late fix ---------------------------------------------------------------------------------
+
+
+def prepared(world: World) -> dict[str, Prepared]:
+    """One engine per strategy, its history full."""
+    events = before(world)
+    return {name: Prepared(engine_of(world, name), events) for name in DELAY_HANDLING}
+
+
+def agreement(
+    engines: dict[str, Prepared], world: World, ages_s: Sequence[float]
+) -> dict[str, float]:
+    """Largest difference of `clone` and `rewind` after the same late fix [sigma], for each age.
+
+    Raises
+    ------
+    Disagreement
+        When it is over BOUND, or a strategy does not fuse the fix.
+    """
+    found = {}
+    for age_s in ages_s:
+        fix = aged(world, age_s)
+        ends = {}
+        for name, one in engines.items():
+            one.restore()
+            _require_fused(name, age_s, one.take(fix))
+            ends[name] = _end(one.engine)
+        found[f'{age_s:g} s'] = _distance(ends['clone'], ends['rewind'], f'{age_s:g} s')
+    return found
+
+
+def entries(
+    engines: dict[str, Prepared], world: World, ages_s: Sequence[float]
+) -> dict[float, list[Entry]]:
+    """Entries of each age: the fix, taken by each strategy."""
+    out: dict[float, list[Entry]] = {}
+    for age_s in ages_s:
+        fix = aged(world, age_s)
+        out[age_s] = [
+            Entry(name, name, 1, partial(one.take, fix), one.restore)
+            for name, one in engines.items()
+        ]
+    return out
+
+
+@dataclass(frozen=True)
+class _End:
+    """Where a filter is, and how sure."""
+
+    r_e: Array
+    v_G: Array
+    C_b_G: Array
+    P: Array
+
+
+def _end(engine: Engine) -> _End:
+    fusion = engine.hand_over()
+    if fusion is None:
+        raise Disagreement(f'the filter stopped: {engine.divergence}')
+    f = fusion.filter
+    return _End(f.r_e.copy(), f.v_G.copy(), f.C_b_G.copy(), f.P.copy())
+
+
+def _distance(a: _End, b: _End, what: str) -> float:
+    """Largest difference of attitude, velocity, position and all sigmas, in sigmas of ``b``."""
+    sigma = np.sqrt(np.diagonal(b.P))
+    differences = np.concatenate(
+        [
+            attitude.log(a.C_b_G @ b.C_b_G.T),
+            a.v_G - b.v_G,
+            grid.ecef_to_grid(b.r_e) @ (a.r_e - b.r_e),
+        ]
+    )
+    active = sigma > 0.0
+    spread = np.sqrt(np.diagonal(a.P))[active] / sigma[active] - 1.0
+    found = float(np.max(np.abs(np.concatenate([differences / sigma[:9], spread]))))
+    if not found <= BOUND:
+        raise Disagreement(f'{what}: clone and rewind differ by {found:.3g} sigma, over {BOUND}')
+    return found
+
+
+def _require_fused(name: str, age_s: float, outputs: Sequence[Output]) -> None:
+    receipts = [o for o in outputs if isinstance(o, Receipt)]
+    if not receipts or receipts[0].verdict is not Verdict.FUSED:
+        why = receipts[0].reason if receipts else 'no receipt'
+        raise Disagreement(f'{name} does not fuse a fix {age_s:g} s old: {why}')
+
+
+# -- whole runs -----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Runs:
+    """The same run by each strategy, with late fixes at several rates; rate 0 is none.
+
+    Parameters
+    ----------
+    world : World
+    age_s : float
+        How late every fix is received.
+    rates_hz : sequence of float
+        Fixes per second.
+    """
+
+    world: World
+    age_s: float
+    rates_hz: Sequence[float]
+
+    def inputs(self, rate_hz: float) -> batch.Inputs:
+        """Inputs with fixes at one rate."""
+        x = self.world.inputs
+        if rate_hz == 0.0:
+            return replace(x, fixes=())
+        end_ns, late_ns = int(x.imu_stamps_ns[-1]), round(self.age_s * 1e9)
+        every = round(1.0 / rate_hz / self.world.fix_spec.period_s)
+        fixes = [
+            replace(fix, transmit_ns=fix.validity_ns + late_ns, receive_ns=fix.validity_ns + late_ns)
+            for fix in x.fixes[every - 1 :: every]
+            if fix.validity_ns + late_ns <= end_ns
+        ]
+        return replace(x, fixes=tuple(replace(fix, arrival=i) for i, fix in enumerate(fixes)))
+
+    def run(self, strategy: str, inputs: batch.Inputs) -> batch.Result:
+        """Run to the end."""
+        return batch.run(_params(self.world, strategy), inputs)
+
+    def agreement(self) -> dict[str, float]:
+        """Largest difference of `clone` and `rewind` over the run [sigma], for each rate.
+
+        Raises
+        ------
+        Disagreement
+            When it is over BOUND, or a fix is not fused.
+        """
+        found = {}
+        for rate_hz in self.rates_hz:
+            what = f'fixes at {rate_hz:g} Hz'
+            inputs = self.inputs(rate_hz)
+            clone, rewind = self.run('clone', inputs), self.run('rewind', inputs)
+            for name, result in (('clone', clone), ('rewind', rewind)):
+                fused = sum(r.verdict is Verdict.FUSED for r in result.receipts)
+                if result.divergence or not fused or fused < 0.99 * len(inputs.fixes):
+                    why = result.divergence or f'{fused} of {len(inputs.fixes)} fused'
+                    raise Disagreement(f'{what}: {name}: {why}')
+            found[what] = max(
+                _distance(_row(clone.track, k), _row(rewind.track, k), what)
+                for k in range(0, len(rewind.track.stamps_ns), 10)
+            )
+        return found
+
+    def entries(self, rate_hz: float) -> list[Entry]:
+        """Entries of one rate, 0 for none: the run by each strategy."""
+        inputs = self.inputs(rate_hz)
+        return [
+            Entry(f'{name}@{rate_hz:g}', name, 1, partial(self.run, name, inputs))
+            for name in RUN_STRATEGIES
+        ]
+
+
+def _row(track: batch.Track, k: int) -> _End:
+    return _End(track.r_e[k], track.v_G[k], track.C_b_G[k], track.P[k])

@@ -1,0 +1,1 @@
+"""The paper's experiments, offline: a simulated world as arrays, configurations side by side."""

@@ -1,0 +1,109 @@
+"""All experiments by name."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from polar_nav_core.errors import ConfigError
+
+from . import ablation, consistency, tables
+from .experiment import Experiment, Size
+
+_HOUR = 3600.0
+
+_TABLES = (
+    Experiment(
+        'table1',
+        'The conventional AKF under four ranges of random delay: table 1 and figure 8',
+        Size(_HOUR, 5),
+        Size(60.0, 1),
+        tables.COMPARED,
+        tables.plan_table1,
+        tables.tables_table1,
+        tables.figure8,
+        tables.paper_table1,
+    ),
+    Experiment(
+        'table2',
+        'Algorithm 1 (knows the delay) against 2 (ignores it): table 2 and figure 9',
+        Size(12 * _HOUR, 3),
+        Size(60.0, 1),
+        tables.COMPARED,
+        tables.plan_table2,
+        tables.tables_of('table2', 'Table 2'),
+        tables.pair_figure('figure9'),
+        tables.paper_of('table2'),
+    ),
+    Experiment(
+        'table3',
+        'As table2 with the noise of a real IMU: table 3 and figure 11; --imu-errors BAG',
+        Size(12 * _HOUR, 3),
+        Size(60.0, 1),
+        tables.COMPARED,
+        tables.plan_table3,
+        tables.tables_of('table3', 'Table 3'),
+        tables.pair_figure('figure11'),
+        tables.paper_of('table3'),
+    ),
+)
+
+
+def _picture(name: str, of: Experiment, columns: tuple[str, ...], doc: str) -> Experiment:
+    """Only the runs that a figure shows."""
+    return replace(
+        of,
+        name=name,
+        doc=doc,
+        full=Size(of.full.duration_s, 1),
+        quick=Size(of.quick.duration_s, 1),
+        columns=columns,
+    )
+
+
+EXPERIMENTS: dict[str, Experiment] = {
+    e.name: e
+    for e in (
+        *_TABLES,
+        _picture(
+            'figure8',
+            _TABLES[0],
+            ('conventional_akf',),
+            'Figure 8: seed 1 of table1, one filter',
+        ),
+        _picture('figure9', _TABLES[1], tables.PAIR, 'Figure 9: seed 1 of table2, the pair'),
+        _picture('figure11', _TABLES[2], tables.PAIR, 'Figure 11: seed 1 of table3, the pair'),
+        Experiment(
+            'ablation',
+            'Delay strategies over delays, fix periods and process noise: error, NEES, time',
+            Size(1800.0, 5),
+            Size(60.0, 1),
+            ablation.COLUMNS,
+            ablation.plan,
+            ablation.tables,
+            ablation.figures,
+        ),
+        Experiment(
+            'consistency',
+            'Errors of many runs that start anywhere in the prior, against the covariance: NEES',
+            Size(_HOUR, 100),
+            Size(120.0, 3),
+            consistency.COLUMNS,
+            consistency.plan,
+            consistency.tables,
+            consistency.figures,
+        ),
+    )
+}
+
+
+def experiment_named(name: str) -> Experiment:
+    """Experiment by its name.
+
+    Raises
+    ------
+    ConfigError
+        For a name that there is not.
+    """
+    if name not in EXPERIMENTS:
+        raise ConfigError(f'no experiment {name!r}; there are {", ".join(EXPERIMENTS)}')
+    return EXPERIMENTS[name]

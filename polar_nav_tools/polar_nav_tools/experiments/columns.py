@@ -1,0 +1,93 @@
+"""Filters that stand side by side in the tables, by name."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+from polar_nav_core.engine.params import CONFIGURATIONS
+from polar_nav_core.errors import ConfigError
+
+from .choices import Choices
+
+CLAIRVOYANT = 'clairvoyant'
+
+
+@dataclass(frozen=True)
+class FilterColumn:
+    """One filter.
+
+    Attributes
+    ----------
+    name : str
+        Of the column.
+    doc : str
+        What it is, one line.
+    changes : dict
+        Parameters of the engine.
+    clairvoyant : bool
+        Whether it gets each fix at its time of validity.
+    """
+
+    name: str
+    doc: str
+    changes: dict[str, Any] = field(default_factory=dict)
+    clairvoyant: bool = False
+
+
+def _custom(strategy: str, gate_probability: float) -> dict[str, Any]:
+    return {
+        'configuration': 'custom',
+        'delay_handling': strategy,
+        'noise_adaptation': 'none',
+        'gate_probability': gate_probability,
+    }
+
+
+STRATEGIES = {
+    'ignore': 'takes late fixes as current, stated noise',
+    'tagged': 'compares a late fix with the stored state of its time, corrects the present one',
+    'back_propagate': 'H Phi^-1 at the time of validity, stated noise',
+    'clone': 'position at the time of validity kept as further states, stated noise: exact',
+    'rewind': 'goes back to the time of validity and forward again, stated noise: exact',
+}
+
+
+def filter_columns(choices: Choices) -> dict[str, FilterColumn]:
+    """All that can be asked for, by name."""
+    out = {
+        name: FilterColumn(name, configuration.doc, {'configuration': name})
+        for name, configuration in CONFIGURATIONS.items()
+    }
+    gate = choices.gate_probability
+    for strategy, doc in STRATEGIES.items():
+        out[strategy] = FilterColumn(strategy, doc, _custom(strategy, gate))
+    out[CLAIRVOYANT] = FilterColumn(
+        CLAIRVOYANT,
+        'gets each fix when it is valid: what no delay would give; stated noise',
+        _custom('ignore', gate),
+        clairvoyant=True,
+    )
+    return out
+
+
+def pick(choices: Choices, names: Sequence[str]) -> list[FilterColumn]:
+    """Columns by name, in this order.
+
+    Raises
+    ------
+    ConfigError
+        For a name that there is not.
+    """
+    known = filter_columns(choices)
+    for name in names:
+        if name not in known:
+            raise ConfigError(f'--columns: no filter {name!r}; there are {", ".join(known)}')
+    return [known[name] for name in names]
+
+
+def present(names: Sequence[str]) -> list[str]:
+    """Those of these names that this version of the engine has."""
+    known = {*CONFIGURATIONS, *STRATEGIES, CLAIRVOYANT}
+    return [name for name in names if name in known]

@@ -1,0 +1,243 @@
+"""What an experiment is, and what all of them give: tables, figures, one manifest."""
+
+from __future__ import annotations
+
+import json
+import platform
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from polar_nav_core.errors import ConfigError
+
+from .. import run_info
+from ..scoring.plain import record
+from ..scoring.tables import Table
+from .choices import Choices
+from .columns import present
+from .jobs import Job, RunResult
+from .runner import Update, run_jobs
+from .summary import long_table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_SOURCES = Path(__file__).resolve().parents[3]
+
+
+@dataclass(frozen=True)
+class Size:
+    """How much is run."""
+
+    duration_s: float
+    seeds: int
+
+
+@dataclass(frozen=True)
+class Request:
+    """What was asked for; None stands for the experiment's own.
+
+    Attributes
+    ----------
+    choices : Choices
+    quick : bool
+        The experiment's smaller size.
+    duration_s, seeds : float, int or None
+    columns : sequence of str or None
+        Filters by name.
+    jobs : int
+        Processes.
+    recorded : Path or None
+        Errors of a real IMU, as `recorded.save_recorded` writes them.
+    sensors, periods_s, delays_s : sequences or None
+        What ablation crosses.
+    """
+
+    choices: Choices = field(default_factory=Choices)
+    quick: bool = False
+    duration_s: float | None = None
+    seeds: int | None = None
+    columns: Sequence[str] | None = None
+    jobs: int = 1
+    recorded: Path | None = None
+    sensors: Sequence[str] | None = None
+    periods_s: Sequence[float] | None = None
+    delays_s: Sequence[float] | None = None
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """One experiment.
+
+    Attributes
+    ----------
+    name, doc : str
+    full, quick : Size
+        What is run without and with ``--quick``.
+    columns : tuple of str
+        Filters that are run unless others are asked for.
+    plan : callable
+        Jobs for a request, a size and filters.
+    tables : callable
+        Tables for results and a size.
+    figures : callable
+        Figures by name.
+    paper : callable or None
+        The paper's numbers for a group and a filter, for the CSV.
+    """
+
+    name: str
+    doc: str
+    full: Size
+    quick: Size
+    columns: tuple[str, ...]
+    plan: Callable[[Request, Size, Sequence[str]], list[Job]]
+    tables: Callable[[Sequence[RunResult], Size, Request], list[Table]]
+    figures: Callable[[Sequence[RunResult], Size, Request], dict[str, Figure]]
+    paper: Callable[[str, str], Mapping[str, float]] | None = None
+
+    def size(self, request: Request) -> Size:
+        """Size for a request.
+
+        Raises
+        ------
+        ConfigError
+            For a number of seeds or a duration that makes no run.
+        """
+        base = self.quick if request.quick else self.full
+        duration_s = base.duration_s if request.duration_s is None else request.duration_s
+        seeds = base.seeds if request.seeds is None else request.seeds
+        if not 10.0 <= duration_s <= 7 * 86400.0:
+            raise ConfigError(f'--duration: {duration_s:g} s is outside of [10, 604800] s')
+        if seeds < 1:
+            raise ConfigError(f'--seeds: {seeds} is less than 1')
+        return Size(duration_s, seeds)
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What running an experiment gave."""
+
+    experiment: str
+    tables: list[Table]
+    manifest: dict[str, Any]
+    files: list[Path]
+
+
+def run(experiment: Experiment, request: Request, out: Path, update: Update) -> Outcome:
+    """Run an experiment and write its files.
+
+    Parameters
+    ----------
+    experiment, request : Experiment, Request
+    out : Path
+        Folder, made if it is not there.
+    update : callable
+        Told how many runs of how many are done.
+    """
+    size = experiment.size(request)
+    columns = list(request.columns or present(experiment.columns))
+    plan = experiment.plan(request, size, columns)
+    out.mkdir(parents=True, exist_ok=True)
+    start = time.monotonic()
+    results = run_jobs(plan, request.jobs, update)
+    tables = experiment.tables(results, size, request)
+    long = long_table(experiment.name, results, experiment.paper)
+    files = _write_tables(experiment.name, tables, long, out)
+    files += _write_figures(experiment.figures(results, size, request), out)
+    manifest = _manifest(experiment, request, size, plan, results, time.monotonic() - start)
+    manifest['files'] = [f.name for f in files]
+    path = out / 'manifest.json'
+    path.write_text(json.dumps(manifest, indent=1, allow_nan=False) + '\n', encoding='utf-8')
+    return Outcome(experiment.name, tables, manifest, [*files, path])
+
+
+def _write_tables(name: str, tables: Sequence[Table], long: Table, out: Path) -> list[Path]:
+    """Write the tables as one Markdown file, and every number unrounded as CSV."""
+    markdown, csv = out / f'{name}.md', out / f'{name}.csv'
+    markdown.write_text('\n'.join(t.to_markdown() for t in tables), encoding='utf-8')
+    csv.write_text(long.to_csv(), encoding='utf-8')
+    return [markdown, csv]
+
+
+def _write_figures(figures: Mapping[str, Figure], out: Path) -> list[Path]:
+    from ..report.style import color, drawing
+
+    files = []
+    for name, figure in figures.items():
+        for suffix in ('png', 'svg'):
+            path = out / f'{name}.{suffix}'
+            with drawing(name):
+                metadata = {'Date': None} if suffix == 'svg' else None
+                figure.savefig(path, dpi=80, facecolor=color('card'), metadata=metadata)
+            files.append(path)
+    return files
+
+
+def _manifest(
+    experiment: Experiment,
+    request: Request,
+    size: Size,
+    plan: Sequence[Job],
+    results: Sequence[RunResult],
+    wall_s: float,
+) -> dict[str, Any]:
+    """Everything that is needed to make the numbers again, and the numbers of every run."""
+    groups = {job.group: {'world': asdict(job.world), 'fixes': asdict(job.fixes)} for job in plan}
+    return record(
+        {
+            'experiment': experiment.name,
+            'about': experiment.doc,
+            'made': f'{datetime.now(UTC):%Y-%m-%d %H:%M:%S} UTC',
+            'command': sys.argv[1:],
+            'quick': request.quick,
+            'duration_s': size.duration_s,
+            'seeds': list(range(1, size.seeds + 1)),
+            'choices': asdict(request.choices),
+            'recorded_imu': str(request.recorded or ''),
+            'filters': {
+                job.column.name: {
+                    'about': job.column.doc,
+                    'engine': {**job.changes, **job.column.changes},
+                    'clairvoyant': job.column.clairvoyant,
+                }
+                for job in plan
+            },
+            'groups': groups,
+            'runs': [_run(r) for r in results],
+            'wall_s': wall_s,
+            'processes': request.jobs,
+            'versions': run_info.versions(),
+            'python': platform.python_version(),
+            'platform': platform.platform(),
+            'cpu': run_info.cpu_model(),
+            'package': _package(),
+            'git_commit': run_info.git_commit(_SOURCES),
+        }
+    )
+
+
+def _run(result: RunResult) -> dict[str, object]:
+    return {
+        'group': result.group,
+        'filter': result.column,
+        'seed': result.seed,
+        'stopped_s': result.stopped_s,
+        'reason': result.reason,
+        'fixes': result.verdicts,
+        'filter_processor_s': result.seconds,
+        'metrics': result.metrics,
+    }
+
+
+def _package() -> str:
+    from importlib import metadata
+
+    try:
+        return metadata.version('polar_nav_tools')
+    except metadata.PackageNotFoundError:
+        return 'from sources'

@@ -1,0 +1,191 @@
+"""One run of one filter in one world, and what is measured of it."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from polar_nav_core.engine import batch
+from polar_nav_core.engine.events import Array, Receipt, Verdict
+
+from ..scoring.errors import ARCMIN
+from .columns import FilterColumn
+from .errors import TrackErrors, track_errors
+from .recorded import load_recorded
+from .schedule import FixSpec
+from .world import World, make_world
+from .world_spec import WorldSpec
+
+_SERIES_ROWS = 1200
+"""Points kept of a time series: more than a figure has pixels across one panel."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """What to run.
+
+    Attributes
+    ----------
+    group : str
+        What the runs are grouped by besides the filter, e.g. ``D1``.
+    column : FilterColumn
+        The filter.
+    seed : int
+    world, fixes : WorldSpec, FixSpec
+    changes : dict
+        Further parameters of the engine.
+    recorded : Path or None
+        Errors of a real IMU (experiments/recorded.py).
+    series : bool
+        Whether errors over time are kept.
+    """
+
+    group: str
+    column: FilterColumn
+    seed: int
+    world: WorldSpec
+    fixes: FixSpec
+    changes: dict[str, Any] = field(default_factory=dict)
+    recorded: Path | None = None
+    series: bool = False
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """What one run gave.
+
+    Attributes
+    ----------
+    group, column, seed : str, str, int
+    metrics : dict
+        Of the whole run (``phi_x`` ...) and its second half (``phi_x_half`` ...): RMS; see
+        :func:`measure`. Empty when the filter stopped.
+    stopped_s : float
+        When the filter stopped, NaN if it did not.
+    reason : str
+        Why it stopped.
+    verdicts : dict
+        Fixes by what became of them.
+    seconds : float
+        Processor time of the filter.
+    series : dict of arrays
+        ``time_s`` and errors over time, if asked for.
+    """
+
+    group: str
+    column: str
+    seed: int
+    metrics: dict[str, float]
+    stopped_s: float
+    reason: str
+    verdicts: dict[str, int]
+    seconds: float
+    series: dict[str, Array] = field(default_factory=dict)
+
+    @property
+    def stopped(self) -> bool:
+        """Whether the filter stopped before the end."""
+        return bool(self.reason)
+
+
+@lru_cache(maxsize=1)
+def _world(spec: WorldSpec, fixes: FixSpec, seed: int, recorded: Path | None) -> World:
+    """World of a run; filters that are run one after another share it."""
+    return make_world(spec, fixes, seed, None if recorded is None else load_recorded(recorded))
+
+
+@lru_cache(maxsize=64)
+def _warm(configuration: str, delay_handling: str) -> None:
+    """Run a few seconds once per process and kind of filter: compiled code is loaded then."""
+    world = make_world(WorldSpec(duration_s=6.0), FixSpec(period_s=0.5, delay_s=1.0), 1)
+    batch.run(
+        world.params(configuration=configuration, delay_handling=delay_handling), world.inputs
+    )
+
+
+def run_job(job: Job) -> RunResult:
+    """Run one filter and measure it."""
+    world = _world(job.world, job.fixes, job.seed, job.recorded)
+    if job.column.clairvoyant:
+        world = world.clairvoyant()
+    params = world.params(**{**job.changes, **job.column.changes})
+    _warm(params.configuration, params.delay_handling)
+    start = time.process_time()
+    result = batch.run(params, world.inputs)
+    seconds = time.process_time() - start
+    fixes = [r for r in result.receipts if r.source == 'leader']
+    verdicts = Counter(Verdict(r.verdict).name for r in fixes)
+    stopped_s = _stopped_s(result, fixes, world.truth.start_ns)
+    metrics: dict[str, float] = {}
+    series: dict[str, Array] = {}
+    if len(result.track.stamps_ns):
+        errors = track_errors(world, result.track)
+        if not result.divergence:
+            metrics = {**measure(errors), 'nees_dof': float(errors.nees_dof())}
+        if job.series:
+            series = _series(errors)
+    return RunResult(
+        job.group,
+        job.column.name,
+        job.seed,
+        metrics,
+        stopped_s,
+        result.divergence,
+        dict(verdicts),
+        seconds,
+        series,
+    )
+
+
+def _stopped_s(result: batch.Result, fixes: Sequence[Receipt], start_ns: int) -> float:
+    """When a filter stopped: the first fix that found none, or else the last estimate [s]."""
+    if not result.divergence:
+        return float('nan')
+    refused = [r.stamp_ns for r in fixes if r.verdict == Verdict.NOT_READY]
+    stamps = refused[:1] or [int(s) for s in result.track.stamps_ns[-1:]] or [start_ns]
+    return (stamps[0] - start_ns) / 1e9
+
+
+def measure(errors: TrackErrors) -> dict[str, float]:
+    """Numbers of one run.
+
+    RMS of ``phi_x``, ``phi_y``, ``phi_z`` [arc min], ``v_x``, ``v_y`` [m/s], ``r_x``, ``r_y`` [m],
+    ``r`` (horizontal) [m]; ``lag``: mean of the position error against the direction of travel
+    [m]; ``nees``, ``nees_position``: means per degree of freedom, 1 for an honest covariance. The
+    same of the second half with ``_half``.
+    """
+    late = errors.time_s > 0.5 * errors.time_s[-1]
+    return {**_window(errors, ''), **_window(errors.rows(late), '_half')}
+
+
+def _window(e: TrackErrors, suffix: str) -> dict[str, float]:
+    out = {f'phi_{axis}': _rms(e.phi_G[:, i]) * ARCMIN for i, axis in enumerate('xyz')}
+    out |= {f'v_{axis}': _rms(e.dv_G[:, i]) for i, axis in enumerate('xy')}
+    out |= {f'r_{axis}': _rms(e.dr_G[:, i]) for i, axis in enumerate('xy')}
+    out['r'] = _rms(e.horizontal)
+    out['lag'] = -float(np.mean(e.along))
+    out['nees'] = float(np.mean(e.nees())) / max(1, e.nees_dof())
+    out['nees_position'] = float(np.mean(e.nees_position())) / 3.0
+    return {key + suffix: value for key, value in out.items()}
+
+
+def _rms(x: Array) -> float:
+    return float(np.sqrt(np.mean(x * x)))
+
+
+def _series(e: TrackErrors) -> dict[str, Array]:
+    """Errors over time, thinned by an odd stride: the sines of attitude are met at all phases."""
+    stride = max(1, len(e.time_s) // _SERIES_ROWS) | 1
+    out = {'time_s': e.time_s[::stride]}
+    out |= {f'phi_{axis}': e.phi_G[::stride, i] * ARCMIN for i, axis in enumerate('xyz')}
+    out |= {f'v_{axis}': e.dv_G[::stride, i] for i, axis in enumerate('xy')}
+    out |= {f'r_{axis}': e.dr_G[::stride, i] for i, axis in enumerate('xy')}
+    thin = e.rows(np.arange(len(e.time_s)) % stride == 0)
+    return {**out, 'nees': thin.nees(), 'nees_position': thin.nees_position()}
