@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from polar_nav_core.engine.engine import Engine
-from polar_nav_core.engine.events import Estimate, Receipt
+from polar_nav_core.engine.events import Estimate, Receipt, Verdict
 from polar_nav_core.engine.filter.clone import Clone
 from polar_nav_core.engine.filter.fusion import FixResult, Fusion
 from polar_nav_core.engine.filter.navigation import Outcome
@@ -161,3 +161,17 @@ def test_near_rewind_on_the_full_filter(world):
     sigma = np.sqrt(np.diagonal(last['rewind'].P))
     assert np.all(np.abs(last['clone'].r_e - last['rewind'].r_e) < 0.01 * sigma[6:9])
     np.testing.assert_allclose(np.sqrt(np.diagonal(last['clone'].P))[:15], sigma[:15], rtol=0.01)
+
+
+def test_overlapping_fixes_as_old_as_allowed_find_their_places():
+    """The first is fused alone, then has to be put where it belongs: before the stated history."""
+    world = World(20.0)
+    rng = np.random.default_rng(4)
+    params = world.params(
+        configuration='custom', delay_handling='clone', max_delay_s=6.0, history_s=6.5
+    )
+    late = world.fixes(2.0, 6.0, rng=rng)
+    events = [*world.imu(), *world.dvl(rng=rng), *world.depth(rng=rng), *late]
+    receipts = [o for o in run(Engine(params), events) if isinstance(o, Receipt)]
+    assert len(receipts) == len(late)
+    assert {r.verdict for r in receipts} == {Verdict.FUSED}, [r.reason for r in receipts]

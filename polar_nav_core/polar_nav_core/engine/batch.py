@@ -27,18 +27,19 @@ from .events import (
     Output,
     Rank,
     Receipt,
+    no_local_statistics,
 )
 from .filter.fusion import Fusion
 from .filter.streams import FIXES
 from .inputs import Inputs, Stamps
 from .params import EngineParams
 
-__all__ = ['Inputs', 'Progress', 'Result', 'Stamps', 'Track', 'run']
+__all__ = ['Inputs', 'Progress', 'Result', 'RowSink', 'Stamps', 'Track', 'run']
 
 Progress = Callable[[float], None]
 """Called with the share of the run that is done."""
 
-_ROWS = 2048
+_ROWS = 256  # their covariances stay in the second cache
 
 
 @dataclass(frozen=True)
@@ -71,9 +72,16 @@ class Track:
     fixes: Stamps
 
 
+RowSink = Callable[[Track], None]
+"""Given the rows of a run some hundred at a time; they are overwritten after the call."""
+
+
 @dataclass(frozen=True)
 class Result:
-    """What a run gave: the track, the receipts and why the filter stopped, if it did."""
+    """What a run gave: the track, the receipts and why the filter stopped, if it did.
+
+    The track is empty where a sink took its rows.
+    """
 
     track: Track
     receipts: tuple[Receipt, ...]
@@ -86,6 +94,7 @@ def run(
     *,
     progress: Progress | None = None,
     one_by_one: bool = False,
+    sink: RowSink | None = None,
 ) -> Result:
     """Run an engine over the inputs; an estimate every ``params.output_period_s``.
 
@@ -96,54 +105,90 @@ def run(
     progress : callable, optional
     one_by_one : bool
         Take event by event, as a node does: slower, the same bits.
+    sink : callable, optional
+        Takes the rows instead of the result: half a day of covariances does not fit in memory.
     """
     engine = Engine(params)
-    collector = _Collector()
+    collector = _Collector(sink)
     if one_by_one or not engine.compiled:
         for event in inputs.events():
             collector.take(engine.process(event))
         collector.take(engine.finish())
     else:
         _Compiled(engine, inputs, collector, progress).run()
+    collector.drain()
     return Result(collector.track(), tuple(collector.receipts), engine.divergence)
 
 
 class _Collector:
     """Rows of the track in chunks, and receipts."""
 
-    def __init__(self) -> None:
+    def __init__(self, sink: RowSink | None) -> None:
         self._chunks: list[Track] = []
+        self._sink = sink or self._keep
+        self._single: list[Track] = []
+        self.rows = fs.make_rows(_ROWS)
+        self._fixes = np.zeros((_ROWS, 3), dtype=np.int64)
+        self._noted = 0
         self.receipts: list[Receipt] = []
+        self.local_statistics = no_local_statistics()
 
     def take(self, outputs: Iterator[Output]) -> None:
+        """Take what the engine gives by itself."""
         for output in outputs:
             if isinstance(output, Receipt):
                 self.receipts.append(output)
             else:
-                self._chunks.append(_row(output))
+                self._drain_rows()
+                self._single.append(_row(output))
+                if len(self._single) >= _ROWS:
+                    self._drain_single()
 
-    def take_rows(self, engine: Engine, rows: fs.Rows) -> None:
-        n = int(rows.io[1])
+    def note(self, engine: Engine) -> None:
+        """Write the engine's counts of fixes to the rows that came since the last time."""
+        n = int(self.rows.io[1])
+        if n > self._noted:
+            self._fixes[self._noted : n] = engine.fix_counts()
+            self._noted = n
+
+    def drain(self) -> None:
+        """Pass on what waits."""
+        self._drain_single()
+        self._drain_rows()
+
+    def _drain_single(self) -> None:
+        if self._single:
+            self._pass_on(_joined(self._single))
+            self._single = []
+
+    def _drain_rows(self) -> None:
+        n, rows = self._noted, self.rows
         if n == 0:
             return
+        self._drain_single()
         flat = rows.flat[:n]
-        fixes = np.array([engine.fix_counts()], dtype=np.int64)
-        self._chunks.append(
+        self._pass_on(
             Track(
-                rows.stamps[:n].copy(),
-                flat[:, 12:15].copy(),
-                flat[:, 9:12].copy(),
-                flat[:, 0:9].reshape(n, 3, 3).copy(),
-                rows.P[:n].copy(),
-                flat[:, 15:30].copy(),
-                rows.tally[:n, :2].copy(),
-                np.repeat(fixes, n, axis=0),
+                rows.stamps[:n],
+                flat[:, 12:15],
+                flat[:, 9:12],
+                flat[:, 0:9].reshape(n, 3, 3),
+                rows.P[:n],
+                flat[:, 15:30],
+                rows.tally[:n, :2],
+                self._fixes[:n],
             )
         )
-        rows.io[1] = 0
+        rows.io[1] = self._noted = 0
+
+    def _pass_on(self, chunk: Track) -> None:
+        self.local_statistics += np.sum(chunk.local_statistics, axis=0)
+        self._sink(chunk)
+
+    def _keep(self, chunk: Track) -> None:
+        self._chunks.append(Track(**{n: getattr(chunk, n).copy() for n in _NAMES}))
 
     def track(self) -> Track:
-        names = Track.__dataclass_fields__
         if not self._chunks:
             return Track(
                 np.zeros(0, dtype=np.int64),
@@ -155,7 +200,14 @@ class _Collector:
                 local_statistics=np.zeros((0, 2, 3)),
                 fixes=np.zeros((0, 3), dtype=np.int64),
             )
-        return Track(**{n: np.concatenate([getattr(c, n) for c in self._chunks]) for n in names})
+        return _joined(self._chunks)
+
+
+_NAMES = tuple(Track.__dataclass_fields__)
+
+
+def _joined(chunks: list[Track]) -> Track:
+    return Track(**{n: np.concatenate([getattr(c, n) for c in chunks]) for n in _NAMES})
 
 
 def _row(e: Estimate) -> Track:
@@ -183,7 +235,7 @@ class _Compiled:
         self._inputs = inputs
         self._collector = collector
         self._progress = progress
-        self._rows = fs.make_rows(_ROWS)
+        self._rows = collector.rows
         self._fusion: Fusion | None = None
         self._sort_out()
 
@@ -236,14 +288,14 @@ class _Compiled:
                 self._start(first)
                 start = None
             # A sample whose stamp was there before comes after the first of them.
-            rank = event.key[1] + isinstance(event, ImuSample)
+            rank = int(event.key[1]) + isinstance(event, ImuSample)
             self._advance(event.stamp_ns, rank)
             self._collector.take(self._engine.process(event))
             if self._progress is not None and number % every == 0:
                 self._progress(number / len(self._odd))
         if start is not None:
             self._start(first)
-        self._advance(_END_NS, Rank.IMU)
+        self._advance(_END_NS, int(Rank.IMU))
         self._flush(_END_NS)
         gap_ns = self._engine.params.max_imu_gap_s * 1e9
         gaps = int(np.sum(np.diff(self._kept.imu_stamps_ns) > gap_ns))
@@ -295,9 +347,10 @@ class _Compiled:
         f = self._fusion.filter
         try:
             while f.advance(stamp_ns, rank) == fs.FULL:
-                self._collector.take_rows(self._engine, self._rows)
+                self._collector.note(self._engine)
+                self._collector.drain()
         except FilterDivergence as error:
-            self._collector.take_rows(self._engine, self._rows)
+            self._collector.note(self._engine)
             self._engine.diverge(str(error), f.stamp_ns)
             return
         self._flush(stamp_ns)
@@ -309,13 +362,15 @@ class _Compiled:
             return
         if 0 <= self._rows.io[0] < stamp_ns:
             if self._rows.io[1] >= _ROWS:
-                self._collector.take_rows(self._engine, self._rows)
+                self._collector.note(self._engine)
+                self._collector.drain()
             filter_run.put_row(self._fusion.filter.state, self._rows)
-        self._collector.take_rows(self._engine, self._rows)
+        self._collector.note(self._engine)
 
     def _local_statistics(self) -> Array:
         """Sum over the run."""
-        total: Array = np.sum(self._collector.track().local_statistics, axis=0)
+        self._collector.drain()
+        total = self._collector.local_statistics
         if self._fusion is not None:
             total = total + self._fusion.filter.state.tally[: fs.FIX_ROW]
         return total

@@ -247,7 +247,6 @@ class Engine:
         if self._fusion is None:
             reason = self.divergence or 'the filter has no state yet'
             return [self._receipt(fix, fix.receive_ns, Verdict.NOT_READY, reason)]
-        reach = (fix.receive_ns - self._fusion.oldest_ns()) * 1e-9
         gate = chi2_gate(self.configuration.gate_probability, 3)
         why = held(self._integrity, fix, self._fusion.filter, gate)
         if why:
@@ -255,6 +254,7 @@ class Engine:
             return [self._receipt(fix, fix.receive_ns, Verdict.GATED, why)]
         result = self._fusion.fix(fix)
         if result is None:
+            reach = (fix.receive_ns - self._fusion.oldest_ns()) * 1e-9
             reason = (
                 f'valid {_age(fix):.2f} s before it was received, '
                 f'the stored history reaches back {reach:.2f} s'

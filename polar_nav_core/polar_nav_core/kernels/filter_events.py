@@ -62,7 +62,9 @@ def _covariance_step(
             log.step_q[slot, i] = w.q[i]
             for j in range(N):
                 log.step_P[slot, i, j] = s.P[i, j]
-        enter(log, fs.STEP, number, stamp_ns, 0, s.counters[fs.EPOCHS], 0)
+        enter(
+            log, fs.STEP, number, stamp_ns, fs.IMU_RANK, s.counters[fs.EPOCHS], fs.NO_MEASUREMENT
+        )
     return fs.DONE
 
 
@@ -174,7 +176,7 @@ def depth_event(
         variance,
         c.lever_depth_b,
     )
-    return fuse_rows(s, fr, c, past, w, log, 1, fs.DEPTH_ROW, 2)
+    return fuse_rows(s, fr, c, past, w, log, fs.SCALAR, fs.DEPTH_ROW, fs.DEPTH_RANK)
 
 
 @kernel
@@ -206,7 +208,7 @@ def dvl_event(
     """Fuse one valid DVL ping."""
     s.counters[fs.DVL] += 1
     fill_dvl(s, fr, c, w, v_m, R_m)
-    return fuse_rows(s, fr, c, past, w, log, 3, fs.DVL_ROW, 3)
+    return fuse_rows(s, fr, c, past, w, log, fs.VECTOR, fs.DVL_ROW, fs.DVL_RANK)
 
 
 @routine
@@ -241,7 +243,7 @@ def fix_event(
         w.C_a_G,
         s.usbl_bias_a,
     )
-    code = fuse_rows(s, fr, c, past, w, log, 3, fs.FIX_ROW, 4)
+    code = fuse_rows(s, fr, c, past, w, log, fs.VECTOR, fs.FIX_ROW, fs.FIX_RANK)
     outcome[0] = float(code)
     outcome[1] = w.nis[0]
     for a in range(3):

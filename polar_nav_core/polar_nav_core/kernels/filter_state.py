@@ -43,8 +43,16 @@ P_NOT_DEFINITE = -1
 S_NOT_DEFINITE = -2
 FULL = -3
 
+IMU_RANK = 0
+DEPTH_RANK = 2
+DVL_RANK = 3
 FIX_RANK = 4
-"""Place of fixes within a stamp (events.Rank)."""
+"""Places within a stamp (events.Rank)."""
+NO_MEASUREMENT = 0
+SCALAR = 1
+VECTOR = 3
+"""Rows of a measurement. As attributes of a module these are variables to the compiler; numbers
+in their place would have it compile a routine once for each."""
 
 
 class State(NamedTuple):

@@ -300,10 +300,8 @@ class NavigationFilter:
     def refer_to_now(self, first_correction: int) -> None:
         """Take what was fed back since out of ``z``, as if the rows had stayed the same."""
         h = self.history
-        for i in range(first_correction, h.correction):
-            correction = h.corrections[i % len(h.corrections)]
-            for a in range(3):
-                self.z[a] -= float(np.sum(self.H[a] * correction))
+        since = np.arange(first_correction, h.correction) % len(h.corrections)
+        self.z -= self.H @ h.corrections[since].sum(axis=0)
 
     def walk_to_now(self, first_step: int, first_correction: int) -> int:
         """Bring the rows in ``H`` and ``z`` from a stored step to now; the number of steps."""

@@ -87,7 +87,7 @@ class Rewind(Fusion):
         rows, f.rows = f.rows, fs.NO_ROWS
         f.state.counting[0] = 0
         try:
-            f.advance(fix.receive_ns, Rank.FIX + 1)
+            f.advance(fix.receive_ns, int(Rank.FIX) + 1)
         finally:
             f.state.counting[0] = 1
             f.rows = rows
