@@ -86,7 +86,10 @@ def test_verdict_counts_take_the_last_revision(world):
         (good.sequence, 'FUSED', 0),
         (bad.sequence, 'GATED', 1),
     ]
-    assert {v.name: n for v, n in engine.verdicts.items() if n} == {'FUSED': 1, 'GATED': 1}
+    assert {v.name: n for v, n in engine.verdicts.items() if n} == {
+        'FUSED': 1,
+        'GATED': 1,
+    }
     assert last_estimate(out).fixes_fused == 1
 
 
@@ -107,8 +110,8 @@ def test_history_is_bounded(world):
     run(engine, sensors(world) + fixes)
     fusion = engine._fusion
     log, streams = fusion.filter.log, fusion.filter.streams
-    assert len(log.snapshot_flat) < 6.0 * 1.3 * 10 + 5
+    assert len(log.snapshot_flat) < 6.0 * 1.3 * 2 + 5
     assert len(streams.imu_stamps) < 6.0 * 1.3 * 250
     assert len(fusion._fixes) < 6.0 * 2.1
     reach_s = (fusion.filter.stamp_ns - fusion.oldest_ns()) * 1e-9
-    assert 6.0 <= reach_s < 6.3
+    assert 6.0 <= reach_s < 7.1

@@ -221,3 +221,14 @@ def test_fix_key_orders_by_reception(world):
     swapped = dataclasses.replace(early, receive_ns=late.receive_ns + 1)
     assert early.key < late.key < swapped.key
     assert isinstance(swapped, Fix)
+
+
+def test_a_fix_without_heading_cannot_feed_a_bias_in_array_axes(world):
+    fixes = world.fixes(1.0, 1.0)
+    out = run(Engine(world.params(usbl_bias_sigma=0.5)), sensors(world) + fixes)
+    receipts = [o for o in out if isinstance(o, Receipt)]
+    assert {r.verdict for r in receipts} == {Verdict.NOT_FINITE}
+    assert 'usbl_bias_sigma' in receipts[0].reason
+    with_heading = [dataclasses.replace(f, array_heading=0.3) for f in fixes]
+    out = run(Engine(world.params(usbl_bias_sigma=0.5)), sensors(world) + with_heading)
+    assert {o.verdict for o in out if isinstance(o, Receipt)} == {Verdict.FUSED}

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from polar_nav_core.errors import ConfigError
-from polar_nav_tools.benchmarks import covariance, machine, navigation
+from polar_nav_tools.benchmarks import covariance, delay, late_fixes, machine, navigation, stepped
 from polar_nav_tools.benchmarks.core import run
 from polar_nav_tools.benchmarks.rounds import Entry, Timing, interleave, ratio
 from polar_nav_tools.cli import main
@@ -58,6 +58,14 @@ def test_short_work_is_repeated_and_divided_by_its_items():
 def test_a_clock_that_stands_still_does_not_divide_by_zero():
     timings = interleave([Entry('a', 'a', 1, lambda: None)], 1, clock=lambda: 0.0)
     assert timings['a'].repeat == 1000
+
+
+def test_what_is_prepared_is_not_timed():
+    clock = Clock()
+    entry = dataclasses.replace(clock.entry('a', 1.0), prepare=clock.entry('p', 100.0).run)
+    timings = interleave([entry], 2, shortest_s=2.0, clock=clock)
+    assert clock.order == [*'papa', *'papa', *'papa']
+    assert timings['a'].seconds_per_item == (1.0, 1.0)
 
 
 def test_no_rounds_are_refused():
@@ -170,3 +178,119 @@ def test_help_has_an_example(monkeypatch, capsys):
     out = capsys.readouterr().out
     assert 'Example: ./polar bench core' in out
     assert '--json' in out
+
+
+# -- late fixes -----------------------------------------------------------------------------------
+
+AGES_S = (0.5, 2.0)
+
+
+@pytest.fixture(scope='module')
+def late():
+    world = late_fixes.simulated(6.0, fix_period_s=0.5)
+    return world, late_fixes.prepared(world)
+
+
+@pytest.fixture(scope='module')
+def late_work():
+    return stepped.work(6.0, 1.95)
+
+
+def test_every_strategy_takes_the_same_fix_again_and_again(late):
+    world, engines = late
+    fix = late_fixes.aged(world, 2.0)
+    for one in engines.values():
+        first = one.take(fix)
+        moved = one.engine.hand_over().filter.r_e.copy()
+        assert not one.restored
+        one.restore()
+        assert one.restored
+        assert repr(one.take(fix)) == repr(first)
+        np.testing.assert_array_equal(one.engine.hand_over().filter.r_e, moved)
+        one.restore()
+
+
+def test_clone_agrees_with_rewind_and_a_wrong_one_is_not_timed(late, monkeypatch):
+    world, engines = late
+    found = late_fixes.agreement(engines, world, AGES_S)
+    assert set(found) == {'0.5 s', '2 s'}
+    assert max(found.values()) < late_fixes.BOUND
+    wrong = {**engines, 'clone': engines['tagged']}
+    monkeypatch.setattr(late_fixes, 'BOUND', 1e-5)
+    with pytest.raises(navigation.Disagreement, match='clone and rewind differ'):
+        late_fixes.agreement(wrong, world, AGES_S)
+
+
+def test_a_world_without_the_fix_is_refused(late):
+    with pytest.raises(ValueError, match=r'no fix that is 0\.7 s old'):
+        late_fixes.aged(late[0], 0.7)
+
+
+def test_runs_have_the_fixes_that_arrive_in_time(late):
+    runs = late_fixes.Runs(late[0], 2.0, (1.0, 2.0))
+    assert runs.inputs(0.0).fixes == ()
+    for rate_hz, count in ((1.0, 4), (2.0, 8)):
+        fixes = runs.inputs(rate_hz).fixes
+        assert len(fixes) == count
+        assert {fix.receive_ns - fix.validity_ns for fix in fixes} == {2_000_000_000}
+    assert max(runs.agreement().values()) < late_fixes.BOUND
+
+
+def test_stone_soup_does_the_same_work(late_work):
+    s = late_work.stored
+    assert len(s.steps) == 20
+    assert [sum(len(u.y) == m for step in s.steps for u in step.updates) for m in (1, 3)] == [
+        20,
+        10,
+    ]
+    found = stepped.agreement(late_work, stepped.StoneSoup(s))
+    assert max(found.values()) < stepped.BOUND
+
+
+def test_other_work_than_stone_soups_is_not_timed(late_work):
+    s = late_work.stored
+    more = dataclasses.replace(s, steps=(*s.steps, s.steps[-1]))
+    with pytest.raises(navigation.Disagreement, match='differs from Stone Soup'):
+        stepped.agreement(late_work, stepped.StoneSoup(more))
+
+
+@pytest.fixture(scope='module')
+def delayed():
+    return delay.run(
+        1, run_s=8.0, ages_s=AGES_S, rates_hz=(1.0, 2.0), filled_s=6.0, shortest_s=0.0
+    )
+
+
+def test_delay_figures_are_plain_and_complete(delayed):
+    figures = json.loads(json.dumps(delayed.to_dict(), allow_nan=False))
+    assert list(figures['one_fix']) == ['0.5 s', '2 s']
+    assert list(figures['runs']) == ['0 Hz', '1 Hz', '2 Hz']
+    assert set(figures['runs']['2 Hz']['of_run_with_none']) == set(late_fixes.RUN_STRATEGIES)
+    assert set(figures['stone_soup']) == {'clone', 'rewind', 'stone_soup'}
+    assert len(figures['goals']) == 4
+    assert [len(t.rows) for t in delayed.tables()] == [2, 3, 3, 4]
+
+
+def test_a_goal_is_met_by_its_median():
+    assert delay.Goal('', 2.0, ratio_of(2.0)).met
+    assert not delay.Goal('', 2.0, ratio_of(1.9)).met
+
+
+def ratio_of(value):
+    timings = {'a': Timing('a', '', 1, 1, (value,)), 'b': Timing('b', '', 1, 1, (1.0,))}
+    return ratio(timings, 'a', 'b')
+
+
+def test_delay_picture(delayed, tmp_path):
+    from polar_nav_tools.benchmarks.delay_figure import write_figure
+
+    for name in ('a/delay.svg', 'b.svg', 'c.png'):
+        write_figure(delayed, tmp_path / name)
+    assert (tmp_path / 'a/delay.svg').read_text() == (tmp_path / 'b.svg').read_text()
+    assert 'back_propagate' in (tmp_path / 'b.svg').read_text()
+
+
+def test_a_picture_of_unknown_kind_is_refused_before_anything_runs(monkeypatch, capsys):
+    monkeypatch.setattr(sys, 'argv', ['polar', 'bench', 'delay', '--figure', 'x.gif'])
+    assert main() != 0
+    assert '--figure x.gif' in capsys.readouterr().err

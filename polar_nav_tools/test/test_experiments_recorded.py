@@ -1,5 +1,8 @@
 """Errors of a resting IMU out of a bag."""
 
+import json
+import sys
+
 import numpy as np
 import pytest
 from bag_samples import START_NS, TYPES, make, stamp
@@ -8,6 +11,7 @@ from polar_nav_core import earth
 from polar_nav_core.errors import ConfigError, PolarNavError
 from polar_nav_sim.sensors.imu import DPH
 from polar_nav_tools.bags import BagWriter
+from polar_nav_tools.cli import main
 from polar_nav_tools.experiments.recorded import (
     RestSpec,
     load_recorded,
@@ -79,6 +83,21 @@ def test_errors_survive_their_file(tmp_path):
     again = load_recorded(save_recorded(errors, tmp_path / 'errors.npz'))
     np.testing.assert_array_equal(again.omega_b, errors.omega_b)
     assert again.rate_hz == errors.rate_hz
+
+
+def test_table3_runs_on_a_recording_and_says_how_long_it_is(monkeypatch, capsys, tmp_path):
+    bag, _ = write_rest(tmp_path / 'bag')
+    arguments = ['polar', 'experiment', 'table3', '--imu-errors', str(bag), '--duration', '12']
+    arguments += ['--seeds', '1', '--columns', 'modified_akf', '--jobs', '1']
+    monkeypatch.setattr(sys, 'argv', [*arguments, '--out', str(tmp_path / 'out')])
+    assert main() == 0
+    assert '4 s of IMU errors at 100 Hz' in capsys.readouterr().err
+    text = (tmp_path / 'out' / 'table3.md').read_text()
+    assert 'IMU errors recorded at rest, 4 s, used again and again.' in text
+    manifest = json.loads((tmp_path / 'out' / 'manifest.json').read_text())
+    world = manifest['groups']['D']['world']
+    assert (world['imu'], world['imu_rate_hz']) == ('recorded', 100.0)
+    assert manifest['recorded_imu'].endswith('imu_errors.npz')
 
 
 def test_recordings_that_do_not_fit_are_named(tmp_path):

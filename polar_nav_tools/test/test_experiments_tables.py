@@ -14,7 +14,7 @@ import pytest
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.errors import ConfigError
 from polar_nav_tools.cli import main
-from polar_nav_tools.experiments import consistency
+from polar_nav_tools.experiments import ablation, consistency
 from polar_nav_tools.experiments import jobs as jobs_module
 from polar_nav_tools.experiments.ablation import plan as plan_ablation
 from polar_nav_tools.experiments.catalog import EXPERIMENTS
@@ -120,6 +120,18 @@ def test_ablation_crosses_strategies_delays_periods_and_noise():
         ('paper_6_2', 10.0),
         ('paper_6_2', 0.0),
     }
+
+
+def test_ablation_tells_of_fixes_that_were_not_fused():
+    def run(column, verdicts):
+        metrics = {'r_half': 1.0, 'nees_position_half': 1.0}
+        group = '6.2; fix every 1 s; delay 5 s'
+        return RunResult(group, column, 1, metrics, np.nan, '', verdicts, 0.1, {})
+
+    request = Request(sensors=['6.2'], periods_s=[1.0], delays_s=[5.0])
+    runs = [run('clone', {'FUSED': 9, 'TOO_OLD': 45}), run('rewind', {'FUSED': 54})]
+    shown = ablation.tables(runs, Size(100.0, 1), request)[0].rows
+    assert [row['d0'] for row in shown] == ['1.00; 45 of 54 fixes not fused', '1.00']
 
 
 def test_ablation_crosses_what_is_asked_for():

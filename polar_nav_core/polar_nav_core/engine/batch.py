@@ -7,8 +7,8 @@ fast replays use this.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -27,6 +27,7 @@ from .events import (
     Output,
     Rank,
     Receipt,
+    Verdict,
     no_local_statistics,
 )
 from .filter.fusion import Fusion
@@ -86,6 +87,7 @@ class Result:
     track: Track
     receipts: tuple[Receipt, ...]
     divergence: str
+    verdicts: Mapping[Verdict, int] = field(default_factory=dict)
 
 
 def run(
@@ -117,7 +119,8 @@ def run(
     else:
         _Compiled(engine, inputs, collector, progress).run()
     collector.drain()
-    return Result(collector.track(), tuple(collector.receipts), engine.divergence)
+    receipts = tuple(collector.receipts)
+    return Result(collector.track(), receipts, engine.divergence, dict(engine.verdicts))
 
 
 class _Collector:

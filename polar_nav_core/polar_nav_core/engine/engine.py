@@ -299,6 +299,8 @@ class Engine:
             return Verdict.NOT_FINITE, 'position or covariance is not finite'
         if not (np.diagonal(fix.covariance_e) > 0.0).all():
             return Verdict.NOT_FINITE, 'a variance of the position is not positive'
+        if self.params.usbl_bias_sigma > 0.0 and not np.isfinite(fix.array_heading):
+            return Verdict.NOT_FINITE, 'no heading of the array, which usbl_bias_sigma needs'
         if fix.validity_ns > fix.receive_ns:
             return Verdict.FROM_FUTURE, f'valid {-_age(fix):.3f} s after it was received'
         if (fix.source, fix.sequence) in self._seen:

@@ -235,6 +235,15 @@ def update(
             s *= 0.5
             for i in range(N):
                 A[a, i] -= s * K[b, i]
+    if m == 1:
+        for i in range(N):
+            k_0 = K[0, i]
+            d_0 = A[0, i]
+            for j in range(N):
+                P[i, j] -= k_0 * A[0, j] + d_0 * K[0, j]
+            K[1, i] = 0.0
+            K[2, i] = 0.0
+        return
     for a in range(m, 3):  # always three rows below: one pass over P
         for i in range(N):
             K[a, i] = 0.0

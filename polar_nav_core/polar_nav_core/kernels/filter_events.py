@@ -11,11 +11,13 @@ import math
 from ..arrays import Array
 from . import filter_state as fs
 from .cache import kernel, routine
+from .earth import up_and_height
 from .filter import MARKOV, USBL, N, cholesky, fill_transition, predict
 from .filter_fuse import enter, fuse_rows, locate
 from .filter_imu import imu_step, take_means
 from .filter_rows import depth_rows, dvl_rows, fix_rows
 from .filter_state import Frames, Log, Past, Settings, State, Work
+from .grid import fill_C_e_G
 
 
 @kernel
@@ -42,7 +44,16 @@ def _covariance_step(
     take_means(s.sums, w.C_mean, w.f_mean, w.omega_mean)
     tau_usbl = c.usbl[1] if c.estimates_usbl_bias else 0.0
     fill_transition(
-        Phi, w.F15, s.r_e, s.v_G, w.C_mean, w.omega_mean, w.f_mean, dt, c.markov[1], tau_usbl
+        Phi,
+        w.F15,
+        s.r_e,
+        s.v_G,
+        w.C_mean,
+        w.omega_mean,
+        w.f_mean,
+        dt,
+        c.markov[1],
+        tau_usbl,
     )
     _process_noise(w.q, c, dt)
     predict(s.P, Phi, w.q, w.M)
@@ -50,11 +61,16 @@ def _covariance_step(
     for k in range(3):
         s.dvl_markov_m[k] *= Phi[MARKOV, MARKOV]
         s.usbl_bias_a[k] *= Phi[USBL, USBL]
-    good = cholesky(w.LP, s.P, c.active)
     total = 0.0
     for k in range(3):
         total += s.r_e[k] + s.v_G[k]
-    if not good or not math.isfinite(total):
+    good = math.isfinite(total)
+    for k in range(c.active):
+        good = good and s.P[k, k] > 0.0
+    # The whole test costs as much as the step itself.
+    if good and number % fs.STEPS_PER_TEST == 0:
+        good = cholesky(w.LP, s.P, c.active)
+    if not good:
         return fs.P_NOT_DEFINITE
     if log.step_P.shape[0] > 0:
         slot = number % log.step_P.shape[0]
@@ -63,7 +79,13 @@ def _covariance_step(
             for j in range(N):
                 log.step_P[slot, i, j] = s.P[i, j]
         enter(
-            log, fs.STEP, number, stamp_ns, fs.IMU_RANK, s.counters[fs.EPOCHS], fs.NO_MEASUREMENT
+            log,
+            fs.STEP,
+            number,
+            stamp_ns,
+            fs.IMU_RANK,
+            s.counters[fs.EPOCHS],
+            fs.NO_MEASUREMENT,
         )
     return fs.DONE
 
@@ -81,10 +103,9 @@ def take_snapshot(s: State, log: Log) -> None:
     log.counts[1] += 1
 
 
-@routine
+@kernel
 def imu_event(
     s: State,
-    fr: Frames,
     c: Settings,
     past: Past,
     w: Work,
@@ -131,28 +152,45 @@ def imu_event(
         step = (stamp_ns - s.counters[fs.BOUNDARY]) * 1e-9
         code = _covariance_step(s, c, past, w, log, stamp_ns, step)
         s.counters[fs.BOUNDARY] = stamp_ns
-    locate(s, fr, c)
-    add_epoch(s, fr, past)
-    if stepped:
+    add_epoch(s, c, past)
+    if stepped and s.counters[fs.STEPS] % c.steps_per_snapshot == 0:
         take_snapshot(s, log)
     return code
 
 
 @kernel
-def add_epoch(s: State, fr: Frames, past: Past) -> None:
+def add_epoch(s: State, c: Settings, past: Past) -> None:
     """Store the IMU epoch: after a covariance step that ends at it, before its measurements."""
     i = s.counters[fs.EPOCHS] % past.stamps.shape[0]
     past.stamps[i] = s.counters[fs.STAMP]
     past.steps[i] = s.counters[fs.STEPS]
     past.firsts[i] = s.counters[fs.CORRECTIONS]
     for k in range(3):
-        past.points[i, k] = fr.point_e[k]
-        past.velocities[i, k] = fr.velocity_e[k]
-        past.levers[i, k] = fr.lever_G[k]
+        past.positions[i, k] = s.r_e[k]
+        past.velocities[i, k] = s.v_G[k]
+        past.levers[i, k] = (
+            s.C_b_G[k, 0] * c.lever_point_b[0]
+            + s.C_b_G[k, 1] * c.lever_point_b[1]
+            + s.C_b_G[k, 2] * c.lever_point_b[2]
+        )
     s.counters[fs.EPOCHS] += 1
 
 
 @routine
+def epoch_place(past: Past, i: int, point_e: Array, velocity_e: Array, C_e_G: Array) -> None:
+    """Transponder and velocity, ECEF, of the epoch at place i of the ring; C_e_G is scratch."""
+    r_e = past.positions[i]
+    u_x, u_y, u_z, _ = up_and_height(r_e[0], r_e[1], r_e[2])
+    fill_C_e_G(u_x, u_y, u_z, C_e_G)
+    for k in range(3):
+        point_e[k] = r_e[k]
+        velocity_e[k] = 0.0
+        for n in range(3):
+            point_e[k] += C_e_G[n, k] * past.levers[i, n]
+            velocity_e[k] += C_e_G[n, k] * past.velocities[i, n]
+
+
+@kernel
 def depth_event(
     s: State,
     fr: Frames,
@@ -165,6 +203,7 @@ def depth_event(
 ) -> int:
     """Fuse one depth."""
     s.counters[fs.DEPTH] += 1
+    locate(s, fr, c)
     depth_rows(
         w.H,
         w.R,
@@ -201,17 +240,25 @@ def fill_dvl(s: State, fr: Frames, c: Settings, w: Work, v_m: Array, R_m: Array)
     )
 
 
-@routine
+@kernel
 def dvl_event(
-    s: State, fr: Frames, c: Settings, past: Past, w: Work, log: Log, v_m: Array, R_m: Array
+    s: State,
+    fr: Frames,
+    c: Settings,
+    past: Past,
+    w: Work,
+    log: Log,
+    v_m: Array,
+    R_m: Array,
 ) -> int:
     """Fuse one valid DVL ping."""
     s.counters[fs.DVL] += 1
+    locate(s, fr, c)
     fill_dvl(s, fr, c, w, v_m, R_m)
     return fuse_rows(s, fr, c, past, w, log, fs.VECTOR, fs.DVL_ROW, fs.DVL_RANK)
 
 
-@routine
+@kernel
 def fix_event(
     s: State,
     fr: Frames,
@@ -227,6 +274,7 @@ def fix_event(
 ) -> int:
     """Fuse a position fix that is valid now: the present position plus v dt."""
     s.counters[fs.FIX] += 1
+    locate(s, fr, c)
     dt = (stamp_ns - s.counters[fs.STAMP]) * 1e-9
     for k in range(3):
         w.point_e[k] = fr.point_e[k] + fr.velocity_e[k] * dt

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from . import filter_state as fs
-from .cache import routine
+from .cache import kernel, routine
 from .filter import N
 from .filter_events import depth_event, dvl_event, fix_event, imu_event
 from .filter_fuse import locate
@@ -12,8 +12,8 @@ from .filter_state import Frames, Log, Past, Rows, Settings, State, Streams, Wor
 _NEVER = 9_223_372_036_854_775_807
 
 
-@routine
-def advance(
+@kernel
+def _process(
     s: State,
     fr: Frames,
     c: Settings,
@@ -25,16 +25,7 @@ def advance(
     until_rank: int,
     rows: Rows,
 ) -> int:
-    """Process what has come and stands before (until_ns, until_rank) in the total order.
-
-    Ranks within a stamp: IMU 0, depth 2, DVL 3, fix 4 (events.Rank).
-
-    Returns
-    -------
-    int
-        DONE; FULL when there is no more room for output (call again with room); P_NOT_DEFINITE
-        or S_NOT_DEFINITE, with the state as it was then.
-    """
+    """Process events as `advance` says; the frames of the state are left behind."""
     while True:
         i = s.counters[fs.IMU]
         e = s.counters[fs.DEPTH]
@@ -68,7 +59,7 @@ def advance(
         if rank == 0:
             k = i % streams.imu_stamps.shape[0]
             before = s.counters[fs.STAMP]
-            code = imu_event(s, fr, c, past, w, log, stamp, streams.omega_ib_b[k], streams.f_b[k])
+            code = imu_event(s, c, past, w, log, stamp, streams.omega_ib_b[k], streams.f_b[k])
             if rows.stamps.shape[0] > 0 and stamp // c.output_ns != before // c.output_ns:
                 rows.io[0] = stamp
         elif rank == 2:
@@ -96,6 +87,34 @@ def advance(
             )
         if code < 0:
             return code
+
+
+@routine
+def advance(
+    s: State,
+    fr: Frames,
+    c: Settings,
+    past: Past,
+    w: Work,
+    log: Log,
+    streams: Streams,
+    until_ns: int,
+    until_rank: int,
+    rows: Rows,
+) -> int:
+    """Process what has come and stands before (until_ns, until_rank) in the total order.
+
+    Ranks within a stamp: IMU 0, depth 2, DVL 3, fix 4 (events.Rank).
+
+    Returns
+    -------
+    int
+        DONE; FULL when there is no more room for output (call again with room); P_NOT_DEFINITE
+        or S_NOT_DEFINITE, with the state as it was then.
+    """
+    code = _process(s, fr, c, past, w, log, streams, until_ns, until_rank, rows)
+    locate(s, fr, c)
+    return code
 
 
 @routine

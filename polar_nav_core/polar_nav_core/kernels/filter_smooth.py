@@ -195,7 +195,7 @@ def filter_again(
     last = first_epoch
     verdict = fs.REFUSED
     for e in range(kinds.shape[0]):
-        shift_epochs(past, s, fr, last, epochs[e], change)
+        shift_epochs(past, s, last, epochs[e], change)
         last = max(last, epochs[e])
         kind = kinds[e]
         number = numbers[e]
@@ -221,7 +221,7 @@ def filter_again(
                 return code
             if kind == NEW:
                 verdict = code
-    shift_epochs(past, s, fr, last, s.counters[fs.EPOCHS], change)
+    shift_epochs(past, s, last, s.counters[fs.EPOCHS], change)
     for i in range(N):
         w.x[i] = -change[i]
         for j in range(N):
@@ -280,24 +280,22 @@ def _update_again(
 
 
 @kernel
-def shift_epochs(past: Past, s: State, fr: Frames, first: int, until: int, change: Array) -> None:
+def shift_epochs(past: Past, s: State, first: int, until: int, change: Array) -> None:
     """Move what is stored of epochs first..until-1 by a change of the estimate.
 
     Grid axes are those of now: over the length of the history they hardly turn.
     """
     length = past.stamps.shape[0]
     begin = max(first, s.counters[fs.EPOCHS] - length)
-    C = fr.C_e_G
     for number in range(begin, until):
         i = number % length
         l0 = past.levers[i, 0]
         l1 = past.levers[i, 1]
         l2 = past.levers[i, 2]
-        t0 = l1 * change[2] - l2 * change[1]
-        t1 = l2 * change[0] - l0 * change[2]
-        t2 = l0 * change[1] - l1 * change[0]
+        # Chat lever = C lever - phi x (C lever)
+        past.levers[i, 0] += l1 * change[2] - l2 * change[1]
+        past.levers[i, 1] += l2 * change[0] - l0 * change[2]
+        past.levers[i, 2] += l0 * change[1] - l1 * change[0]
         for k in range(3):
-            past.points[i, k] += change[6 + k] + C[0, k] * t0 + C[1, k] * t1 + C[2, k] * t2
-            past.velocities[i, k] += (
-                C[0, k] * change[3] + C[1, k] * change[4] + C[2, k] * change[5]
-            )
+            past.positions[i, k] += change[6 + k]
+            past.velocities[i, k] += change[3 + k]

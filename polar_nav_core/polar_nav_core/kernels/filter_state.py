@@ -48,6 +48,8 @@ DEPTH_RANK = 2
 DVL_RANK = 3
 FIX_RANK = 4
 """Places within a stamp (events.Rank)."""
+STEPS_PER_TEST = 10
+"""The covariance is tested for definiteness at every tenth step; its diagonal at every one."""
 NO_MEASUREMENT = 0
 SCALAR = 1
 VECTOR = 3
@@ -142,6 +144,7 @@ class Settings(NamedTuple):
     """What stays as it is during a run."""
 
     step_ns: int
+    steps_per_snapshot: int
     output_ns: int
     instant: bool  # IMU samples are values at the stamp, not means
     active: int  # leading states that the covariance must be positive definite in
@@ -235,9 +238,9 @@ class Past(NamedTuple):
     """Rings of IMU epochs, transitions and corrections; number i stands at i % length."""
 
     stamps: Ints
-    points: Array
-    velocities: Array
-    levers: Array
+    positions: Array  # r_e, ECEF
+    velocities: Array  # v_G, grid axes
+    levers: Array  # transponder from base_link, grid axes
     steps: Ints
     firsts: Ints
     transitions: Array

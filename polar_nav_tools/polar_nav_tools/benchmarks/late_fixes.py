@@ -10,9 +10,10 @@ import copy
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from polar_nav_core import attitude, grid
 from polar_nav_core.arrays import Array
@@ -43,16 +44,21 @@ _FIRST_FIX_S = 3.0
 _SEED = 1
 
 
-def simulated(duration_s: float, *, depth: bool = True, fix_period_s: float = 1.0) -> World:
-    """World of so many seconds, with fixes that are received when they are valid."""
+def simulated(duration_s: float, fix_period_s: float = 0.5, first_s: float | None = None) -> World:
+    """World of so many seconds, with fixes that are received when they are valid.
+
+    The first is valid after ``first_s``, by default one period after the start.
+    """
     spec = WorldSpec(
         duration_s=duration_s,
         imu='paper_6_2',
         imu_rate_hz=100.0,
         dvl_rate_hz=5.0,
-        depth_rate_hz=10.0 if depth else 0.0,
+        depth_rate_hz=10.0,
     )
-    return make_world(spec, FixSpec(period_s=fix_period_s, first_s=fix_period_s), _SEED)
+    first_s = fix_period_s if first_s is None else first_s
+    world = make_world(spec, FixSpec(period_s=fix_period_s, first_s=first_s), _SEED)
+    return world.with_fixes(tuple(replace(fix, array_heading=0.0) for fix in world.inputs.fixes))
 
 
 def engine_of(world: World, strategy: str, **changes: Any) -> Engine:  # noqa: ANN401
@@ -87,11 +93,16 @@ def _age_s(world: World, fix: Fix) -> float:
     return (fix.validity_ns - int(world.inputs.imu_stamps_ns[0])) * 1e-9
 
 
+_Rows: TypeAlias = tuple[NDArray[Any], NDArray[np.intp], NDArray[Any]]
+"""An array, numbers of rows in it, and what stands there before the fix."""
+
+
 class Prepared:
     """An engine just before a fix, as often as wanted.
 
-    What the filter stores, some ten megabytes, is copied back into place before each call;
-    everything else of the engine is copied anew.
+    What a fix changed in the filter's arrays is copied back into place before the next call, and
+    no more: copies of all ten to thirty megabytes would leave nothing in the processor's caches.
+    Everything else of the engine is copied anew.
 
     Parameters
     ----------
@@ -109,20 +120,48 @@ class Prepared:
             raise PolarNavError(f'the engine has no state: {engine.divergence or "no IMU sample"}')
         f = fusion.filter
         groups = (f.state, f.frames, f.settings, f.past, f.work, f.log, f.streams)
-        self._arrays = [a for group in groups for a in group if isinstance(a, np.ndarray)]
+        self._arrays: list[NDArray[Any]] = [
+            a for group in groups for a in group if isinstance(a, np.ndarray) and a.size
+        ]
         self._kept = [a.copy() for a in self._arrays]
-        self.engine = engine
+        self._changed: dict[int, list[_Rows]] = {}
+        self._taken: Fix | None = None
+        self.engine = copy.deepcopy(engine, self._shared())
 
-    def restore(self) -> Engine:
+    def _shared(self) -> dict[int, Any]:
+        return {id(array): array for array in self._arrays}
+
+    def restore(self) -> None:
         """Bring the engine back to where it was."""
-        memo = {id(array): array for array in self._arrays}
-        self.engine = copy.deepcopy(self._engine, memo)
-        for array, kept in zip(self._arrays, self._kept, strict=True):
-            array[...] = kept
-        return self.engine
+        if self._taken is not None:
+            for array, rows, kept in self._rows(self._taken.validity_ns):
+                array[rows] = kept
+        self._taken = None
+        self.engine = copy.deepcopy(self._engine, self._shared())
+
+    def _rows(self, validity_ns: int) -> list[_Rows]:
+        """Rows that the fix changes; the same ones each time."""
+        if validity_ns not in self._changed:
+            found: list[_Rows] = []
+            for array, kept in zip(self._arrays, self._kept, strict=True):
+                same = array.reshape(len(array), -1) == kept.reshape(len(kept), -1)
+                rows = np.flatnonzero(~same.all(axis=1))
+                if len(rows):
+                    found.append((array, rows, kept[rows]))
+            self._changed[validity_ns] = found
+        return self._changed[validity_ns]
+
+    @property
+    def restored(self) -> bool:
+        """Whether all arrays are as they were before the fix."""
+        return all(
+            np.array_equal(array, kept, equal_nan=True)
+            for array, kept in zip(self._arrays, self._kept, strict=True)
+        )
 
     def take(self, fix: Fix) -> list[Output]:
         """Let the engine process the fix: this is what is timed."""
+        self._taken = fix
         return list(self.engine.process(fix))
 
 
@@ -155,9 +194,13 @@ def agreement(
         fix = aged(world, age_s)
         ends = {}
         for name, one in engines.items():
+            one.take(fix)
             one.restore()
             _require_fused(name, age_s, one.take(fix))
             ends[name] = _end(one.engine)
+            one.restore()
+            if not one.restored:
+                raise PolarNavError(f'{name}: the engine is not what it was before the fix')
         found[f'{age_s:g} s'] = _distance(ends['clone'], ends['rewind'], f'{age_s:g} s')
     return found
 
@@ -170,7 +213,7 @@ def entries(
     for age_s in ages_s:
         fix = aged(world, age_s)
         out[age_s] = [
-            Entry(name, name, 1, partial(one.take, fix), one.restore)
+            Entry(f'{name}@{age_s:g}', name, 1, partial(one.take, fix), one.restore)
             for name, one in engines.items()
         ]
     return out
@@ -247,7 +290,9 @@ class Runs:
         end_ns, late_ns = int(x.imu_stamps_ns[-1]), round(self.age_s * 1e9)
         every = round(1.0 / rate_hz / self.world.fix_spec.period_s)
         fixes = [
-            replace(fix, transmit_ns=fix.validity_ns + late_ns, receive_ns=fix.validity_ns + late_ns)
+            replace(
+                fix, transmit_ns=fix.validity_ns + late_ns, receive_ns=fix.validity_ns + late_ns
+            )
             for fix in x.fixes[every - 1 :: every]
             if fix.validity_ns + late_ns <= end_ns
         ]

@@ -36,7 +36,9 @@ _NO_FIXES = 'no fixes'
 
 
 def _grid(request: Request) -> tuple[Sequence[str], Sequence[float], Sequence[float]]:
-    sensors, periods, delays = tuple(SENSORS), PERIODS_S, DELAYS_S
+    sensors: Sequence[str] = tuple(SENSORS)
+    periods: Sequence[float] = PERIODS_S
+    delays: Sequence[float] = DELAYS_S
     if request.quick:
         sensors, periods, delays = _QUICK_SENSORS, QUICK_PERIODS_S, QUICK_DELAYS_S
     unknown = [s for s in request.sensors or () if s not in SENSORS]
@@ -148,7 +150,10 @@ def _median(runs: Sequence[RunResult], key: str) -> str:
     s = spread(runs, key)
     if s.count == 0:
         return s.text()
-    return show(s.median) + (f'; {s.stopped} stopped' if s.stopped else '')
+    text = show(s.median) + (f'; {s.stopped} stopped' if s.stopped else '')
+    received = sum(sum(r.verdicts.values()) for r in runs)
+    refused = received - sum(r.verdicts.get('FUSED', 0) for r in runs)
+    return text + (f'; {refused} of {received} fixes not fused' if refused else '')
 
 
 def _time_per_fix(runs: Sequence[RunResult], results: Sequence[RunResult]) -> str:

@@ -37,7 +37,11 @@ class Choices(Spec):
     """Numbers that the paper does not give; each with its reason."""
 
     speed_mps: float = param(
-        3.0, 'm/s', 0.05, 20.0, 'Speed: usual for an AUV of the size shown in its figure 10'
+        3.0,
+        'm/s',
+        0.05,
+        20.0,
+        'Speed: a brisk cruise; what ignoring the delay costs is proportional to it',
     )
     course_deg: float = param(
         0.0, 'deg', -360.0, 360.0, 'True course: its figure 7 has a straight line, no number'
@@ -52,7 +56,7 @@ class Choices(Spec):
         'steps',
         tuple(k for k in DELAY_KINDS if k.startswith('steps')),
         'steps: every fix arrives once; steps_lossy: step k reads the fix of step k - i as the'
-        ' equations are printed, so that 37 % are never read',
+        ' equations are printed, so that about a third is never read',
     )
     fix_period_s: float = param(
         0.1, 's', 0.01, 3600.0, 'Between fixes: one per filter period, as the equations have it'
@@ -70,7 +74,7 @@ class Choices(Spec):
     initial_sigma_height: float = param(5.0, 'm', 1e-3, 1e6, 'Start: a GNSS fix')
     initial_sigma_velocity: float = param(0.01, 'm/s', 1e-6, 100.0, 'Start: DVL')
     initial_sigma_tilt_deg: float = param(
-        0.5 / 60, 'deg', 1e-7, 90.0, "Start: 0.5', ten times what the accelerometers allow"
+        0.5 / 60, 'deg', 1e-7, 90.0, "Start: 0.5', levelling under way"
     )
     initial_sigma_heading_deg: float = param(
         5.0 / 60, 'deg', 1e-7, 180.0, "Start: 5', a gyrocompass"

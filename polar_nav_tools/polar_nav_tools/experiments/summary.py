@@ -91,16 +91,18 @@ def comparison(title: str, sides: Sequence[Side], note: str, *, half: bool = Fal
         rows.append(row)
     row = {'quantity': 'stopped after', 'unit': 's'}
     for i, side in enumerate(sides):
-        row[f's{i}'] = _stops(side.runs)
+        row[f's{i}'] = stops(side.runs)
     rows.append(row)
     return Table(title, tuple(columns), tuple(rows), note)
 
 
-def _stops(runs: Sequence[RunResult]) -> str:
+def stops(runs: Sequence[RunResult]) -> str:
+    """When the runs that stopped did so, median [s], and how many."""
     times = [r.stopped_s for r in runs if r.stopped]
     if not times:
         return MISSING
-    return f'{show(float(np.median(times)))} ({len(times)} of {len(runs)} runs)'
+    text = show(float(np.median(times)))
+    return text if len(runs) == 1 else f'{text} ({len(times)} of {len(runs)} runs)'
 
 
 def _cell(side: Side, key: str, suffix: str) -> str:

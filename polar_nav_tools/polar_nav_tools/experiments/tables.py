@@ -18,7 +18,7 @@ from .jobs import Job, RunResult
 from .paper import PAPER
 from .recorded import load_recorded
 from .schedule import FixSpec
-from .summary import Side, comparison, of, spread
+from .summary import Side, comparison, of, spread, stops
 from .world_spec import WorldSpec
 
 if TYPE_CHECKING:
@@ -94,7 +94,8 @@ def tables_table1(results: Sequence[RunResult], size: Size, request: Request) ->
     printed = [Side(f'paper {g}', paper=PAPER['table1'][g]) for g in RANGES]
     longest = [_steps(request, g) * 0.1 for g in RANGES]
     for name in _names(results):
-        if name.startswith('conventional_akf') or name == 'ignore':
+        lasted = any(r.metrics for r in results if r.column == name)
+        if lasted and (name.startswith('conventional_akf') or name == 'ignore'):
             ours = [
                 Side(f'{g}, up to {s:g} s', of(results, g, name))
                 for g, s in zip(RANGES, longest, strict=True)
@@ -116,7 +117,10 @@ def _by_range(results: Sequence[RunResult], size: Size, request: Request) -> Tab
     for name in _names(results):
         row: dict[str, object] = {'filter': name}
         for g in RANGES:
-            row[g] = spread(of(results, g, name), 'r_half').text()
+            runs = of(results, g, name)
+            row[g] = spread(runs, 'r_half').text()
+            if all(r.stopped for r in runs):
+                row[g] = f'stopped, s: {stops(runs)}'
         row['lag'] = spread(of(results, 'D1', name), 'lag_half').text()
         rows.append(row)
     title = 'Horizontal position error, RMS of the second half [m]'

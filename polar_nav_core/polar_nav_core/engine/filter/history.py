@@ -13,6 +13,7 @@ import numpy as np
 
 from ...kernels import filter_state as fs
 from ...kernels.filter import N
+from ...kernels.filter_events import epoch_place
 from ..events import Array
 
 IMU_PERIOD_S = 0.004
@@ -54,7 +55,7 @@ def make_past(length_s: float, step_s: float) -> fs.Past:
     corrections = int(length_s * CORRECTIONS_PER_S) + 16
     return fs.Past(
         stamps=np.zeros(epochs, dtype=np.int64),
-        points=np.zeros((epochs, 3)),
+        positions=np.zeros((epochs, 3)),
         velocities=np.zeros((epochs, 3)),
         levers=np.zeros((epochs, 3)),
         steps=np.zeros(epochs, dtype=np.int64),
@@ -79,6 +80,7 @@ class History:
     def __init__(self, past: fs.Past, state: fs.State) -> None:
         self._past = past
         self._counters = state.counters
+        self._C_e_G = np.zeros((3, 3))
         self.transitions = past.transitions
         self.corrections = past.corrections
         self.correction_steps = past.correction_steps
@@ -114,8 +116,7 @@ class History:
                 low = middle
             else:
                 high = middle - 1
-        epoch = self._epoch(low)
-        return epoch if self._usable(epoch) else None
+        return self._epoch(low) if self._usable(low) else None
 
     def reaches_ns(self) -> int:
         """Stamp of the oldest epoch that a fix can still be compared with; 0 when there is none.
@@ -127,17 +128,20 @@ class History:
         low, high = max(0, self.count - len(self._past.stamps)), self.count - 1
         while low < high:
             middle = (low + high) // 2
-            if self._usable(self._epoch(middle)):
+            if self._usable(middle):
                 high = middle
             else:
                 low = middle + 1
         return self._stamp(low)
 
-    def _usable(self, epoch: Epoch) -> bool:
+    def _usable(self, number: int) -> bool:
         """Whether all transitions and corrections since an epoch are still stored."""
-        return self.step - epoch.step < len(
-            self.transitions
-        ) and self.correction - epoch.correction <= len(self.corrections)
+        i = number % len(self._past.stamps)
+        steps, corrections = self._past.steps[i], self._past.firsts[i]
+        return bool(
+            self.step - steps < len(self.transitions)
+            and self.correction - corrections <= len(self.corrections)
+        )
 
     def _stamp(self, number: int) -> int:
         return int(self._past.stamps[number % len(self._past.stamps)])
@@ -145,11 +149,13 @@ class History:
     def _epoch(self, number: int) -> Epoch:
         past = self._past
         i = number % len(past.stamps)
+        point_e, velocity_e = np.empty(3), np.empty(3)
+        epoch_place(past, i, point_e, velocity_e, self._C_e_G)
         return Epoch(
             number=number,
             stamp_ns=int(past.stamps[i]),
-            point_e=past.points[i],
-            velocity_e=past.velocities[i],
+            point_e=point_e,
+            velocity_e=velocity_e,
             lever_G=past.levers[i],
             step=int(past.steps[i]),
             correction=int(past.firsts[i]),

@@ -8,12 +8,12 @@ from ...kernels import filter_state as fs
 from ...kernels.filter import N
 
 
-def make_log(past: fs.Past, *, steps: bool = False, snapshots: bool = False) -> fs.Log:
-    """Return a log as long as the history."""
+def make_log(past: fs.Past, *, steps: bool = False, snapshots: int = 0) -> fs.Log:
+    """Return a log as long as the history; a snapshot every so many steps, none for 0."""
     updates = len(past.corrections) if steps else 0
     stored = len(past.transitions) if steps else 0
     order = updates + stored
-    kept = len(past.transitions) if snapshots else 0
+    kept = len(past.transitions) // snapshots + 2 if snapshots else 0
     return fs.Log(
         counts=np.zeros(2, dtype=np.int64),
         kinds=np.zeros(order, dtype=np.int64),

@@ -85,7 +85,11 @@ class NavigationFilter:
         # it belongs as long as a fix valid before its reception may come.
         length_s = params.history_s + (params.max_delay_s if steps else 0.0)
         self.past = make_past(length_s, params.filter_period_s)
-        self.log = make_log(self.past, steps=steps, snapshots=snapshots)
+        self.log = make_log(
+            self.past,
+            steps=steps,
+            snapshots=steps_per_snapshot(params.filter_period_s) if snapshots else 0,
+        )
         self.history = History(self.past, self.state)
         kept_s = params.history_s if snapshots else 0.0
         self.streams = st.live_streams(kept_s, 1.0 / IMU_PERIOD_S, CORRECTIONS_PER_S)
@@ -99,7 +103,7 @@ class NavigationFilter:
         self.state.counters[fs.STAMP] = stamp_ns
         self.state.counters[fs.BOUNDARY] = stamp_ns
         ff.locate(self.state, self.frames, self.settings)
-        fe.add_epoch(self.state, self.frames, self.past)
+        fe.add_epoch(self.state, self.settings, self.past)
         if steps:
             self.log.step_P[0] = self.P
             self.log.stamps[0] = stamp_ns
@@ -286,7 +290,14 @@ class NavigationFilter:
 
     def fill_dvl(self, ping: DvlPing) -> None:
         """Rows of a ping into ``H``, ``R``, ``z``."""
-        fe.fill_dvl(self.state, self.frames, self.settings, self.work, ping.v_m, ping.covariance_m)
+        fe.fill_dvl(
+            self.state,
+            self.frames,
+            self.settings,
+            self.work,
+            ping.v_m,
+            ping.covariance_m,
+        )
 
     def feed_back(self, x: Array) -> None:
         """Take an estimated error out of the state, and remember it."""
@@ -337,6 +348,7 @@ def make_settings(p: EngineParams) -> fs.Settings:
     )
     return fs.Settings(
         step_ns=round(p.filter_period_s * 1e9),
+        steps_per_snapshot=steps_per_snapshot(p.filter_period_s),
         output_ns=round(p.output_period_s * 1e9),
         instant=p.imu_sample == 'instant',
         # Where Q is adapted it is added in Python, which then checks.
@@ -357,6 +369,15 @@ def make_settings(p: EngineParams) -> fs.Settings:
         lever_dvl_b=np.array(p.dvl_lever_b),
         lever_depth_b=np.array(p.depth_lever_b),
     )
+
+
+_SNAPSHOT_S = 0.5
+"""Between snapshots: taking one costs as much as filtering 30 ms again."""
+
+
+def steps_per_snapshot(filter_period_s: float) -> int:
+    """Covariance steps from one snapshot to the next."""
+    return max(1, round(_SNAPSHOT_S / filter_period_s))
 
 
 _GATES: dict[tuple[float, int], float] = {}

@@ -1,0 +1,98 @@
+"""Ways in which others get messages out of an MCAP bag, and from there to the engine."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import Imu
+from std_msgs.msg import String
+
+from polar_nav_core.engine.inputs import Inputs
+from polar_nav_follower import session
+from polar_nav_follower.convert import fix_from_msg
+from polar_nav_follower.params import FollowerParams
+from polar_nav_msgs.msg import AcousticPacket, Depth, Dvl, VehicleTruth
+from polar_nav_ros import navigation_inputs
+
+from ..bags import Bag
+from ..bags.reader import blocks_of
+from .long_bag import VEHICLE
+
+_TYPES = {
+    'imu/data_raw': Imu,
+    'dvl/data': Dvl,
+    'depth/data': Depth,
+    'truth': VehicleTruth,
+    'acomms/rx': AcousticPacket,
+}
+
+
+def bare(bag: Bag) -> int:
+    """Read and decompress every chunk, and nothing else."""
+    size = 0
+    for file in bag.files:
+        for content, _, _ in blocks_of(file, frozenset(file.channels)):
+            size += len(content)
+    return size
+
+
+def mcap_raw(path: Path) -> int:
+    """Iterate over all messages with mcap, without decoding."""
+    with path.open('rb') as stream:
+        return sum(1 for _ in make_reader(stream).iter_messages(log_time_order=False))
+
+
+def mcap_ros2(path: Path) -> Iterator[tuple[str, Any]]:
+    """Topic and message of everything, decoded by mcap-ros2-support."""
+    with path.open('rb') as stream:
+        reader = make_reader(stream, decoder_factories=[DecoderFactory()])
+        for found in reader.iter_decoded_messages(log_time_order=False):
+            yield found.channel.topic, found.decoded_message
+
+
+def mcap_rclpy(path: Path) -> Iterator[tuple[str, Any]]:
+    """Topic and message of everything, found by mcap and deserialized by rclpy."""
+    types = {f'/{VEHICLE}/{topic}': one for topic, one in _TYPES.items()} | {'/run_info': String}
+    with path.open('rb') as stream:
+        for _, channel, message in make_reader(stream).iter_messages(log_time_order=False):
+            yield channel.topic, deserialize_message(message.data, types[channel.topic])
+
+
+def exhausted(messages: Iterator[Any]) -> int:
+    """Number of messages."""
+    return sum(1 for _ in messages)
+
+
+def inputs_of(messages: Iterator[tuple[str, Any]], params: FollowerParams) -> Inputs:
+    """What the engine takes, from decoded messages: the peers' way to the same engine."""
+    found: dict[str, list[Any]] = {topic: [] for topic in session.INPUTS}
+    readers: dict[str, Callable[[Any, int], Any]] = {
+        session.IMU: navigation_inputs.imu_from_msg,
+        session.DVL: lambda m, n: navigation_inputs.dvl_from_msg(m, n, params.dvl_sigma),
+        session.DEPTH: lambda m, n: navigation_inputs.depth_from_msg(m, n, params.depth_sigma),
+        session.PACKET: lambda m, n: fix_from_msg(m, n, params)[0],
+    }
+    for topic, message in messages:
+        name = topic.removeprefix(f'/{VEHICLE}/')
+        if name in readers:
+            found[name].append(readers[name](message, len(found[name])))
+    imu, dvl, depth = (found[t] for t in (session.IMU, session.DVL, session.DEPTH))
+    return Inputs(
+        imu_stamps_ns=np.array([e.stamp_ns for e in imu]),
+        omega_ib_b=np.array([e.omega_ib_b for e in imu]),
+        f_b=np.array([e.f_b for e in imu]),
+        dvl_stamps_ns=np.array([e.stamp_ns for e in dvl]),
+        dvl_v_m=np.array([e.v_m for e in dvl]),
+        dvl_covariance_m=np.array([e.covariance_m for e in dvl]),
+        dvl_valid=np.array([e.valid for e in dvl]),
+        depth_stamps_ns=np.array([e.stamp_ns for e in depth]),
+        depth=np.array([e.depth for e in depth]),
+        depth_variance=np.array([e.variance for e in depth]),
+        fixes=tuple(found[session.PACKET]),
+    )
