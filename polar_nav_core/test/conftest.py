@@ -3,6 +3,7 @@
 import sys
 from pathlib import Path
 
+import numba
 from hypothesis import settings
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -11,3 +12,24 @@ sys.path.insert(0, str(Path(__file__).parent))
 # the tree.
 settings.register_profile('core', deadline=None, derandomize=True, database=None)
 settings.load_profile('core')
+
+if numba.config.DISABLE_JIT:
+    # In plain Python the engine takes a thousand times as long; test_plain_engine.py, in a process
+    # of its own, sees to it that its numbers are the same.
+    collect_ignore = [
+        f'test_{name}.py'
+        for name in [
+            'batch',
+            'clone',
+            'delay_strategies',
+            'engine',
+            'integrity',
+            'local_statistics',
+            'noise_formulas',
+            'noise_strategies',
+            'plain_engine',
+            'reorder',
+            'robust',
+            'warm',
+        ]
+    ]

@@ -256,7 +256,7 @@ class _Compiled:
             & (variances > 0.0).all(axis=1)
         )
         depth = np.isfinite(x.depth) & np.isfinite(x.depth_variance) & (x.depth_variance > 0.0)
-        self._imu = np.flatnonzero(imu)
+        self._first = int(good[0]) if len(good) else None
         self._kept = replace(
             x,
             imu_stamps_ns=_rows_of(x.imu_stamps_ns, imu),
@@ -282,8 +282,8 @@ class _Compiled:
     def run(self) -> None:
         """Drive the engine to the end of the inputs."""
         start = None
-        if len(self._imu):
-            first = self._inputs.imu_sample(int(self._imu[0]))
+        if self._first is not None:
+            first = self._inputs.imu_sample(self._first)
             start = first.key
         every = max(1, len(self._odd) // 100)
         for number, event in enumerate(self._odd):
@@ -383,7 +383,10 @@ _END_NS = (1 << 63) - 2
 
 
 def _finite(values: Array) -> NDArray[np.bool_]:
-    return np.asarray(np.isfinite(values).all(axis=1))
+    finite = np.isfinite(values)
+    if finite.all():  # nearly always, and ten times as fast as row by row
+        return np.ones(len(values), dtype=bool)
+    return np.asarray(finite.all(axis=1))
 
 
 def _rows_of(values: NDArray[Any], keep: NDArray[np.bool_]) -> NDArray[Any]:
