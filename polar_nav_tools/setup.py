@@ -24,6 +24,7 @@ setup(
         (f'share/{NAME}', ['package.xml']),
         *shared('config'),
         *shared('launch'),
+        *shared('layouts'),
     ],
     zip_safe=False,
     author='The polar_nav founders',

@@ -63,7 +63,7 @@ STARTED = {
 }
 # gsw has no rosdep key (README says how to get it); the others come with numba, typer, jinja2.
 # What benchmarks and tests compare with: imported where it is used, and not needed to run.
-COMPARED = {'avar', 'filterpy', 'pandas', 'pyins'}
+COMPARED = {'avar', 'evo', 'filterpy', 'pandas', 'pyins', 'stonesoup'}
 WITHOUT_KEY = {'gsw', 'llvmlite', 'click', 'markupsafe', 'setuptools', 'distutils'}
 
 

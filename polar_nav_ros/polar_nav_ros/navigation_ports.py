@@ -75,8 +75,10 @@ class NavigationPorts:
         self._fix = node.advertise(NavSatFix, 'nav/fix')
         self._command_count = 0
         self._fix_second = -1
-        for topic, kind in {IMU: Imu, DVL: Dvl, DEPTH: Depth, **inputs}.items():
+        for topic, kind in {DVL: Dvl, DEPTH: Depth, **inputs}.items():
             node.subscribe(kind, topic, self._taker(topic))
+        # IMU samples move time on: what else has come is taken before.
+        node.subscribe(Imu, IMU, self._taker(IMU), after_others=True)
         node.create_service(Trigger, '~/reset', self._on_reset)
         node.create_service(SetInitialState, '~/set_initial_state', self._on_set_initial_state)
         node.get_logger().info(

@@ -75,8 +75,37 @@ def test_takes_everything_publishes_and_acknowledges():
     assert list(acks[-1].published_counts) == [500]
     assert acks[-1].node == '/echo'
     spin_until(executor, lambda: bool(infos))
-    assert json.loads(infos[0].data)['params'] == {'gain': 2.0, 'lockstep': True}
+    assert json.loads(infos[0].data)['params'] == {
+        'gain': 2.0,
+        'lockstep': True,
+        'presence': False,
+    }
     echo.destroy_node()
+    peer.destroy_node()
+
+
+def test_what_moves_time_on_is_taken_last():
+    """A node that was held up does not find one of its inputs seconds ahead of the others."""
+    node = ros_node.PolarNode('late', NodeParams)
+    got = []
+    # Made first, so that the executor would take it first.
+    node.subscribe(Depth, 'clock', lambda m: got.append(('clock', m.depth)), after_others=True)
+    node.subscribe(Depth, 'slow', lambda m: got.append(('slow', m.depth)))
+    peer = rclpy.create_node('peer')
+    clock, slow = (peer.create_publisher(Depth, t, DATA_QOS) for t in ('clock', 'slow'))
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    spin_until(
+        executor, lambda: clock.get_subscription_count() == slow.get_subscription_count() == 1
+    )
+    for k in range(3):
+        clock.publish(Depth(depth=float(k)))
+        slow.publish(Depth(depth=float(k)))
+    time.sleep(0.5)  # held up: all of it waits
+    spin_until(executor, lambda: len(got) == 6)
+    assert got == [(t, float(k)) for t in ('slow', 'clock') for k in range(3)]
+    assert node.taken_counts() == {'/slow': 3, '/clock': 3}
+    node.destroy_node()
     peer.destroy_node()
 
 

@@ -33,7 +33,14 @@ class TruthParams(NodeParams):
     )
     window_s: float = param(0.2, 's', 0.001, 10.0, 'Truth that is published at once (lockstep)')
     expected_nodes: tuple[str, ...] = texts(
-        (), 'Fully qualified names of the nodes that acknowledge (lockstep)'
+        (), 'Fully qualified names of the nodes that acknowledge (lockstep, or presence)'
+    )
+    gather_s: float = param(
+        20.0,
+        's',
+        0.0,
+        600.0,
+        'Longest wait for the expected nodes before the first sample (realtime)',
     )
     stall_s: float = param(
         10.0, 's', 0.5, 3600.0, 'Name who holds up the truth after this wall time (lockstep)'

@@ -25,7 +25,7 @@ from .bags.arrays import (
 from .live import OUTCOME_NAME, RUN_FOLDER
 from .packets import delivery_of
 from .report.input import Digest, FixPositions, ReportInput, SentPackets, TopicCount
-from .scoring import Balance, Column, Comparison, Table, balances, compare
+from .scoring import Balance, Column, Comparison, Table, balances, compare, mission_phases
 from .scoring.compare import Run
 from .scoring.delivery import Delivery
 from .series import TruthSeries
@@ -111,6 +111,7 @@ def analyse(
     verified: bool = False,
     truth_from: Bag | None = None,
     say: Say = lambda _: None,
+    progress: Callable[[float], None] | None = None,
 ) -> Analysis:
     """Score the runs of one follower of a bag.
 
@@ -130,6 +131,8 @@ def analyse(
         Another bag with the truth.
     say : callable
         Told what is going on.
+    progress : callable, optional
+        Told the share of reading and replaying that is done.
 
     Raises
     ------
@@ -137,7 +140,17 @@ def analyse(
         When the bag lacks what is needed.
     """
     name = vehicle or follower_of(bag)
-    truth = load_truth(truth_from or bag, name)
+    arrays = None
+    if configurations and not verified:
+        from .recorded_arrays import load_arrays
+
+        step = 1.0 / (1 + len(configurations))
+        arrays = load_arrays(
+            bag, name, truth=truth_from is None, progress=_part(progress, 0.0, step)
+        )
+    truth = arrays.truth if arrays is not None else None
+    if truth is None:
+        truth = load_truth(truth_from or bag, name)
     runs: dict[str, Run] = {}
     divergence: dict[str, str] = {}
     verification = None
@@ -148,7 +161,16 @@ def analyse(
             estimates,
             load_receipts(bag, name),
         )
-    if configurations or verified:
+    if arrays is not None:
+        from .fast_replay import replay_arrays
+
+        for number, configuration in enumerate(configurations, 1):
+            say(f'replaying with {configuration}')
+            part = _part(progress, number * step, step)
+            fast = replay_arrays(arrays, configuration=configuration, progress=part)
+            divergence[configuration] = fast.divergence
+            runs[configuration] = (truth, fast.estimates, fast.receipts)
+    elif configurations or verified:
         from .recorded_inputs import load_inputs
         from .replay import replay
         from .verification import verify
@@ -175,13 +197,22 @@ def analyse(
         bag=bag,
         vehicle=name,
         runs=runs,
-        comparison=compare(runs),
+        comparison=compare(runs, phases=mission_phases(truth)),
         balances={n: balances(receipts, packets) for n, (_, _, receipts) in runs.items()},
         counts=topic_counts(bag, read_outcome(bag.path).get('counts', {})),
         verification=verification,
         divergence=divergence,
         delivery=delivery_of(bag, name),
     )
+
+
+def _part(
+    progress: Callable[[float], None] | None, start: float, share: float
+) -> Callable[[float], None] | None:
+    """Progress of one part of the work, told as that of the whole."""
+    if progress is None:
+        return None
+    return lambda done: progress(start + share * done)
 
 
 def follower_of(bag: Bag) -> str:

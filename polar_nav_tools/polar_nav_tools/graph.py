@@ -37,8 +37,12 @@ LOCKSTEP_WINDOW_S = 1.0
 samples are far fewer than a queue holds."""
 _LOCKSTEP_REORDER_S = 2.0 * LOCKSTEP_WINDOW_S
 """Within a window the topics come in any order, and so do those of the window after it."""
-REALTIME_DELAY_S = 2.0
-"""In real time nobody waits: time for the nodes to find each other before the first sample."""
+REALTIME_GATHER_S = 300.0
+"""Longest wait for the nodes to find each other before the first sample: a follower that compiles
+its kernels for the first time takes half a minute, on a busy machine some minutes."""
+_REALTIME_REORDER_S = 2.0
+"""Truth that was held up comes in bursts of up to half a second, its topics in any order, and a
+packet goes through four processes: on a busy machine they were 1.2 s behind the IMU."""
 LEADER_ID, FOLLOWER_ID = 1, 2
 """Numbers of the vehicles in acoustic packets."""
 LINK: dict[str, ParameterValue] = {
@@ -174,8 +178,8 @@ def build_graph(mission: Mission, options: GraphOptions) -> Graph:
         _follower_node(mission, follower, options),
         *_recorder_node(topics, options),
     ]
-    if lockstep:
-        nodes = [replace(s, parameters={**s.parameters, 'lockstep': True}) for s in nodes]
+    heard = 'lockstep' if lockstep else 'presence'
+    nodes = [replace(s, parameters={**s.parameters, heard: True}) for s in nodes]
     truth = _truth_node(mission, options, [spec.full_name for spec in nodes])
     return Graph(mission.name, mission.duration_s, options, (truth, *nodes), topics)
 
@@ -207,11 +211,11 @@ def _truth_node(mission: Mission, options: GraphOptions, others: list[str]) -> N
     }
     if getattr(mission.path, 'as_recorded', False):
         parameters['overrides'] = ['path.as_recorded=true']
+    parameters['expected_nodes'] = others
     if options.pace == 'lockstep':
-        parameters['expected_nodes'] = others
         parameters['window_s'] = LOCKSTEP_WINDOW_S
     else:
-        parameters['start_delay_s'] = REALTIME_DELAY_S
+        parameters['gather_s'] = REALTIME_GATHER_S
     return _sim('truth_node', '', Stage.TRUTH, parameters)
 
 
@@ -312,6 +316,8 @@ def _follower_node(mission: Mission, follower: str, options: GraphOptions) -> No
         if options.leader == 'own':
             # The leader's packets come as much later as the leader itself waits.
             parameters['reorder_window_s'] = 2.0 * _LOCKSTEP_REORDER_S
+    elif options.leader == 'perfect':
+        parameters['reorder_window_s'] = _REALTIME_REORDER_S
     return NodeSpec(
         'polar_nav_follower',
         'follower_node',

@@ -72,7 +72,7 @@ class RecordedInputs:
         BagError
             For a message that can be decoded and still makes no sense.
         """
-        refused = Counter(_refusal_key(r) for r in self.refused)
+        refused = Counter(refusal_key(r) for r in self.refused)
         events: list[Event] = []
         for topic, message in self.messages:
             try:
@@ -80,7 +80,7 @@ class RecordedInputs:
             except ValueError as error:
                 where = f'{self.bag.path}: a message on /{self.vehicle}/{topic}'
                 raise BagError(f'{where} makes no sense: {error}') from error
-            key = _event_key(event)
+            key = event_key(event)
             if refused[key]:
                 refused[key] -= 1
             else:
@@ -188,10 +188,12 @@ def _up_to(messages: list[tuple[str, Any]], limits: Mapping[str, int]) -> list[t
     return out
 
 
-def _refusal_key(r: Receipt) -> tuple[str, str, int, int]:
+def refusal_key(r: Receipt) -> tuple[str, str, int, int]:
+    """What a refused message is known by, from its receipt."""
     return (r.topic, r.source, r.sequence, r.receive_ns or r.validity_ns)
 
 
-def _event_key(event: Event) -> tuple[str, str, int, int]:
+def event_key(event: Event) -> tuple[str, str, int, int]:
+    """The same, from the message."""
     source = event.source if isinstance(event, Fix) else ''
     return (event.topic, source, event.sequence, event.stamp_ns)

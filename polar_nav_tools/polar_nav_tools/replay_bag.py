@@ -15,6 +15,7 @@ from polar_nav_follower.params import FollowerParams
 from polar_nav_follower.session import RECEIPT, STATE
 
 from .bags import Bag, BagWriter
+from .fast_replay import FastResult
 from .replay import ReplayResult
 
 _TYPES = {STATE: 'polar_nav_msgs/msg/NavState', RECEIPT: 'polar_nav_msgs/msg/FixReceipt'}
@@ -59,9 +60,13 @@ def _typed(value: Any, kind: str | None) -> Any:  # noqa: ANN401 - a value of YA
     return value
 
 
-def replay_summary(result: ReplayResult) -> dict[str, Any]:
-    """Say what a replay did, in plain values."""
-    states, receipts = len(result.of(STATE)), len(result.of(RECEIPT))
+def replay_summary(result: ReplayResult | FastResult) -> dict[str, Any]:
+    """Say what a replay did, in plain values; hashes only where there are messages."""
+    if isinstance(result, FastResult):
+        states, receipts = len(result.estimates), len(result.receipts)
+    else:
+        states, receipts = len(result.of(STATE)), len(result.of(RECEIPT))
+    hashes = {} if isinstance(result, FastResult) else {'sha256': dict(result.sha256)}
     return {
         'vehicle': result.vehicle,
         'configuration': result.params.configuration,
@@ -69,7 +74,7 @@ def replay_summary(result: ReplayResult) -> dict[str, Any]:
         'receipts': receipts,
         'verdicts': dict(result.verdicts),
         'taken': dict(result.taken),
-        'sha256': dict(result.sha256),
+        **hashes,
         'divergence': result.divergence or None,
     }
 

@@ -38,7 +38,7 @@ def run_info(mission: Mission, options: GraphOptions, graph: Graph) -> dict[str,
         'nodes': [spec.full_name for spec in graph.nodes],
         'versions': versions(),
         'git_commit': git_commit(_SOURCES),
-        'requirements_lock_sha256': _sha256(_SOURCES / 'requirements.lock'),
+        'requirements_lock_sha256': lock_sha256(),
         'python': platform.python_version(),
         'platform': platform.platform(),
         'cpu': cpu_model(),
@@ -79,5 +79,20 @@ def cpu_model() -> str:
     return platform.machine()
 
 
-def _sha256(path: Path) -> str:
+def cpu_identity() -> str:
+    """Model of the processor with its numbers: one name can stand for several generations."""
+    path = Path('/proc/cpuinfo')
+    numbers: dict[str, str] = {}
+    if path.is_file():
+        for line in path.read_text(encoding='utf-8', errors='replace').splitlines():
+            name, _, value = line.partition(':')
+            if name.strip() in ('cpu family', 'model', 'stepping'):
+                numbers.setdefault(name.strip(), value.strip())
+    told = ', '.join(f'{name} {value}' for name, value in numbers.items())
+    return f'{cpu_model()} ({told})' if told else cpu_model()
+
+
+def lock_sha256() -> str:
+    """Hash of the lock file that says what is installed; empty outside of a clone."""
+    path = _SOURCES / 'requirements.lock'
     return hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ''

@@ -38,7 +38,7 @@ def _turned(table: Table) -> RichTable:
     turned.add_column('')
     cells = table.cells()
     for row in cells:
-        turned.add_column(escape(row[0]), justify='right')
+        turned.add_column(escape(row[0]), justify='right', overflow='fold')
     for i, column in enumerate(others, start=1):
         values = [escape(row[i]) for row in cells]
         turned.add_row(escape(column.title), escape(column.unit), *values)

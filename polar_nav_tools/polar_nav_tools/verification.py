@@ -5,7 +5,9 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from itertools import zip_longest
 from pathlib import Path
+from typing import Any
 
 from rclpy.serialization import deserialize_message
 
@@ -87,8 +89,7 @@ def verify(
         When the bag lacks inputs or the live estimates, or those have other fields than now.
     """
     inputs = source if isinstance(source, RecordedInputs) else load_inputs(source, vehicle)
-    inputs.bag.require([f'/{inputs.vehicle}/{session.STATE}'])
-    _require_same_types(inputs)
+    require_comparable(inputs)
     if replayed is None or replayed.params != parameters(inputs.params, None, {}):
         replayed = replay(inputs, progress=progress)
     difference = _late_start(inputs)
@@ -107,8 +108,15 @@ def verify(
     )
 
 
-def _require_same_types(inputs: RecordedInputs) -> None:
-    """Refuse outputs of a version whose messages have other fields: their bytes must differ."""
+def require_comparable(inputs: RecordedInputs) -> None:
+    """Refuse a bag without live outputs, or with those of a version with other fields.
+
+    Raises
+    ------
+    BagError
+        Naming the topic.
+    """
+    inputs.bag.require([f'/{inputs.vehicle}/{session.STATE}'])
     for topic in COMPARED:
         name = f'/{inputs.vehicle}/{topic}'
         if name not in inputs.bag.topics or is_installed(inputs.bag.channel(name)):
@@ -147,14 +155,37 @@ def _first_difference(topic: str, live: list[bytes], replayed: list[bytes]) -> D
         if a != b:
             left, right = deserialize_message(a, msg_type), deserialize_message(b, msg_type)
             stamp_ns = to_ns(left.header.stamp)
-            for name in left.get_fields_and_field_types():
-                x, y = getattr(left, name), getattr(right, name)
-                if repr(x) != repr(y):
-                    return Difference(topic, i, stamp_ns, name, repr(x), repr(y))
-            return Difference(topic, i, stamp_ns, 'bytes', a.hex()[:40], b.hex()[:40])
+            found = _first_field(left, right, '')
+            if found is not None:
+                return Difference(topic, i, stamp_ns, *found)
+            at = next(k for k, (x, y) in enumerate(zip_longest(a, b)) if x != y)
+            return Difference(
+                topic, i, stamp_ns, f'byte {at}', a[at:].hex()[:16], b[at:].hex()[:16]
+            )
     longer = live if len(live) > len(replayed) else replayed
     i = min(len(live), len(replayed))
     stamp_ns = to_ns(deserialize_message(longer[i], msg_type).header.stamp)
     present, absent = 'a message', 'none'
     values = (present, absent) if longer is live else (absent, present)
     return Difference(topic, i, stamp_ns, 'count', *values)
+
+
+def _first_field(left: Any, right: Any, name: str) -> tuple[str, str, str] | None:  # noqa: ANN401
+    """Name and both values, with all digits, of the first number or text that differs."""
+    if hasattr(left, 'get_fields_and_field_types'):
+        for part in left.get_fields_and_field_types():
+            inner = f'{name}.{part}' if name else part
+            found = _first_field(getattr(left, part), getattr(right, part), inner)
+            if found is not None:
+                return found
+        return None
+    if not isinstance(left, str) and hasattr(left, '__len__'):
+        if len(left) != len(right):
+            return f'{name}, length', str(len(left)), str(len(right))
+        for i, (x, y) in enumerate(zip(left, right, strict=True)):
+            found = _first_field(x, y, f'{name}[{i}]')
+            if found is not None:
+                return found
+        return None
+    x, y = (repr(v.item() if hasattr(v, 'item') else v) for v in (left, right))
+    return (name, x, y) if x != y else None

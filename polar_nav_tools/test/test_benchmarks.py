@@ -294,3 +294,40 @@ def test_a_picture_of_unknown_kind_is_refused_before_anything_runs(monkeypatch, 
     monkeypatch.setattr(sys, 'argv', ['polar', 'bench', 'delay', '--figure', 'x.gif'])
     assert main() != 0
     assert '--figure x.gif' in capsys.readouterr().err
+
+
+def test_replay_compares_and_times_a_short_bag(tmp_path, capsys, monkeypatch):
+    pytest.importorskip('rclpy')
+    monkeypatch.setattr(machine, 'pin', lambda core: core)
+    options = ['--hours', '0.05', '--rounds', '1', '--folder', str(tmp_path), '--json']
+    monkeypatch.setattr(sys, 'argv', ['polar', 'bench', 'replay', *options])
+    assert main() == 0
+    found = json.loads(capsys.readouterr().out)
+    samples = 3 * 60 * 100
+    assert found['agreement']['rclpy'] == found['agreement']['mcap-ros2-support'] > 7 * samples
+    assert found['agreement']['estimates'] > 1790
+    assert set(found['whole_bag']['processor_s']) == {'open', 'decode', 'engine', 'score'}
+    assert found['whole_bag']['horizontal_rms_second_half_m'] < 5.0
+    assert [goal['what'] for goal in found['goals']][-1].startswith('peak memory')
+    assert len(list(tmp_path.iterdir())) == 1  # shorter than the part that peers are timed on
+
+
+def test_replay_does_not_time_what_differs(tmp_path, monkeypatch):
+    pytest.importorskip('rclpy')
+    from polar_nav_tools.bags import open_bag
+    from polar_nav_tools.benchmarks import replay
+    from polar_nav_tools.benchmarks.long_bag import long_bag
+
+    bag = open_bag(long_bag(0.02, folder=tmp_path))
+    file = bag.files[0].path
+    assert replay.agree(bag, file)['estimates'] == 721
+    good = replay.inputs_of
+
+    def off_by_a_bit(messages, params):
+        inputs = good(messages, params)
+        inputs.f_b[500, 1] = np.nextafter(inputs.f_b[500, 1], np.inf)
+        return inputs
+
+    monkeypatch.setattr(replay, 'inputs_of', off_by_a_bit)
+    with pytest.raises(navigation.Disagreement, match='f_b as decoded by mcap-ros2-support'):
+        replay.agree(bag, file)

@@ -19,6 +19,8 @@ COMMANDS = (
     'report',
     'info',
     'recover',
+    'doctor',
+    'export',
     'why',
     'delay-budget',
 )
@@ -30,10 +32,12 @@ WITH_FIGURES = (
     'report',
     'info',
     'recover',
+    'doctor',
+    'export',
     'why',
     'delay-budget',
 )
-ON_A_BAG = ('replay', 'score', 'verify', 'report', 'info', 'recover')
+ON_A_BAG = ('replay', 'score', 'verify', 'report', 'info', 'recover', 'doctor')
 
 
 @pytest.fixture

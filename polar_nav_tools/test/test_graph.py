@@ -81,10 +81,16 @@ def test_the_truth_waits_for_all_others(graph):
     assert all(params_of(n).lockstep for n in graph.nodes if n is not truth)
 
 
-def test_in_real_time_nobody_waits(mission):
+def test_in_real_time_truth_waits_for_the_graph_and_then_for_nobody(mission):
     graph = build_graph(mission, GraphOptions(pace='realtime'))
     assert not any(params_of(n).lockstep for n in graph.nodes)
-    assert params_of(node(graph, '/truth_node')).pace == 'realtime'
+    truth = node(graph, '/truth_node')
+    assert all(params_of(n).presence for n in graph.nodes if n is not truth)
+    assert set(params_of(truth).expected_nodes) == {
+        n.full_name for n in graph.nodes if n is not truth
+    }
+    assert params_of(truth).pace == 'realtime'
+    assert params_of(node(graph, '/follower/follower_node')).reorder_window_s >= 1.0
     assert '/recorder_node' not in {n.full_name for n in graph.nodes}
 
 

@@ -1,7 +1,9 @@
 """truth_node: a mission -> ``<v>/truth`` of every vehicle, and ``/clock``.
 
-At the pace ``realtime`` it waits for nobody. At ``lockstep`` it publishes a window of truth only
-when everything that the windows before led to has been taken by everyone (polar_nav_ros.flow).
+At the pace ``realtime`` it goes by the wall clock: before the first sample it waits, not for ever,
+until the nodes that it is told to expect have found one another, and after the last one until they
+have taken everything. At ``lockstep`` it publishes a window of truth only when everything that the
+windows before led to has been taken by everyone (polar_nav_ros.flow).
 """
 
 from __future__ import annotations
@@ -28,6 +30,8 @@ _TURN_S = 0.005
 _LOOK_S = 0.5
 _BURST_S = 0.5
 """Most truth at once at the pace realtime, so that a slow moment is made up for in steps."""
+_DRAIN_S = 5.0
+"""Longest wait at the pace realtime for others to take the last messages."""
 
 
 class TruthNode(PolarNode[TruthParams]):
@@ -52,16 +56,18 @@ class TruthNode(PolarNode[TruthParams]):
         self.get_logger().info(
             f'mission {m.name}: {m.duration_s:.0f} s, vehicles {", ".join(m.vehicles)}, {p.pace}'
         )
+        self._flow = Flow(p.expected_nodes)
+        self._ready = False
         if p.pace == 'lockstep':
             self._window = max(1, round(p.window_s * NS / m.imu_period_ns))
-            self._ready = False
-            self._flow = Flow(p.expected_nodes)
             self.subscribe(LockstepAck, ACK_TOPIC, self._on_ack)
             self.create_timer(_LOOK_S, self._look, clock=self._wall)
             self.create_timer(_TURN_S, self._lockstep, clock=self._wall)
+        elif p.expected_nodes:
+            self.subscribe(LockstepAck, ACK_TOPIC, self._on_presence)
+            self._gathering = self.create_timer(_LOOK_S, self._gather, clock=self._wall)
         else:
-            self._began_ns = self._moved_ns + round(p.start_delay_s * NS)
-            self.create_timer(_TURN_S, self._realtime, clock=self._wall)
+            self._run_by_the_clock()
 
     def diagnose(self) -> Diagnosis:
         """How far the mission is, and who holds it up."""
@@ -85,6 +91,37 @@ class TruthNode(PolarNode[TruthParams]):
         self._moved_ns = self._wall.now().nanoseconds
         self._complaint = ''
 
+    def _gather(self) -> None:
+        """Wait until the graph is complete, but not for ever; then start the clock."""
+        missing = self._missing()
+        if missing and not self._waited(self.params.gather_s):
+            return
+        if missing:
+            self.get_logger().warning(
+                f'starting without the whole graph after {self.params.gather_s:.0f} s: '
+                + '; '.join(missing)
+            )
+        else:
+            self.get_logger().info('the graph is complete')
+        self._gathering.cancel()
+        self._run_by_the_clock()
+
+    def _run_by_the_clock(self) -> None:
+        self._moved_ns = self._wall.now().nanoseconds
+        self._began_ns = self._moved_ns + round(self.params.start_delay_s * NS)
+        self.create_timer(_TURN_S, self._realtime, clock=self._wall)
+
+    def _missing(self) -> list[str]:
+        outputs = (*self._truth.values(), self._time)
+        self._flow.own(self.published_counts(), {o.topic: o.matched for o in outputs})
+        return self._flow.missing()
+
+    def _waited(self, limit_s: float) -> bool:
+        return bool(self._wall.now().nanoseconds - self._moved_ns > limit_s * NS)
+
+    def _on_presence(self, ack: LockstepAck) -> None:
+        self._flow.update(ack)
+
     def _realtime(self) -> None:
         period_ns = self._mission.imu_period_ns
         passed_ns = (self._wall.now().nanoseconds - self._began_ns) * self.params.realtime_factor
@@ -94,8 +131,13 @@ class TruthNode(PolarNode[TruthParams]):
         if k1 > self._next:
             self._publish_until(k1)
             self._stream.prepare(self._next - 1)
-        elif self._next == self._stream.count:
+        elif self._next == self._stream.count and self._all_taken():
             self._end()
+
+    def _all_taken(self) -> bool:
+        """Whether all have taken everything, as far as that is known, or had time enough."""
+        self._flow.own(self.published_counts())
+        return not self._flow.heard or self._flow.settled() or self._waited(_DRAIN_S)
 
     def _on_ack(self, ack: LockstepAck) -> None:
         self._flow.update(ack)
@@ -115,9 +157,7 @@ class TruthNode(PolarNode[TruthParams]):
     def _look(self) -> None:
         """Find out whether the graph is complete, and name who holds it up."""
         if not self._ready:
-            outputs = (*self._truth.values(), self._time)
-            self._flow.own(self.published_counts(), {o.topic: o.matched for o in outputs})
-            self._ready = self._flow.ready()
+            self._ready = not self._missing()
             if self._ready:
                 self.get_logger().info('the graph is complete')
                 self._moved_ns = self._wall.now().nanoseconds

@@ -26,9 +26,9 @@ TRUTH_TYPE = 'polar_nav_msgs/msg/VehicleTruth'
 ESTIMATE_TYPE = 'polar_nav_msgs/msg/NavState'
 RECEIPT_TYPE = 'polar_nav_msgs/msg/FixReceipt'
 
-_STAMP = time_fields('header.stamp')
+STAMP = time_fields('header.stamp')
 _TRUTH_SAME = ('latitude', 'longitude', 'height', 'depth', 'altitude', 'r_e', 'omega_ib_b', 'f_b')
-_TRUTH_FIELDS = (*_STAMP, *_TRUTH_SAME, 'sequence', 'v_g', 'c_b_g', 'current_g')
+TRUTH_FIELDS = (*STAMP, *_TRUTH_SAME, 'sequence', 'v_g', 'c_b_g', 'current_g')
 
 _ESTIMATE_SAME = (
     'status',
@@ -57,7 +57,7 @@ _ESTIMATE_SAME = (
 )
 _QUATERNION = tuple(f'orientation.{c}' for c in 'xyzw')
 _ESTIMATE_FIELDS = (
-    *_STAMP,
+    *STAMP,
     *_ESTIMATE_SAME,
     *_QUATERNION,
     'configuration',
@@ -76,7 +76,7 @@ _LOCAL = tuple(
 
 _RECEIPT_TIMES = ('validity_time', 'transmit_time', 'receive_time', 'fused_time')
 _RECEIPT_FIELDS = (
-    *_STAMP,
+    *STAMP,
     *(part for name in _RECEIPT_TIMES for part in time_fields(name)),
     'verdict',
     'verdict_text',
@@ -104,7 +104,7 @@ def load_truth(bag: Bag, vehicle: str) -> TruthSeries:
     BagError
         If the bag has no such message, or one that cannot be decoded.
     """
-    return _truth(_load(bag, f'/{vehicle}/truth', TRUTH_TYPE, _TRUTH_FIELDS), vehicle)
+    return truth_of(_load(bag, f'/{vehicle}/truth', TRUTH_TYPE, TRUTH_FIELDS), vehicle)
 
 
 def load_estimates(bag: Bag, vehicle: str) -> EstimateSeries:
@@ -128,7 +128,7 @@ def load_receipts(bag: Bag, vehicle: str) -> list[Receipt]:
 
 def truth_from_cdr(messages: Iterable[bytes], vehicle: str) -> TruthSeries:
     """Decode serialized VehicleTruth messages."""
-    return _truth(_decode(messages, definition(TRUTH_TYPE), _TRUTH_FIELDS), vehicle)
+    return truth_of(_decode(messages, definition(TRUTH_TYPE), TRUTH_FIELDS), vehicle)
 
 
 def estimates_from_cdr(messages: Iterable[bytes], vehicle: str) -> EstimateSeries:
@@ -190,7 +190,8 @@ def _matrices(rows: NDArray[Any]) -> Floats:
     return np.asarray(rows.reshape(-1, 3, 3))
 
 
-def _truth(c: Columns, vehicle: str) -> TruthSeries:
+def truth_of(c: Columns, vehicle: str) -> TruthSeries:
+    """Truth of the columns `TRUTH_FIELDS`."""
     return TruthSeries(
         vehicle=vehicle,
         stamp_ns=stamps(c, 'header.stamp'),

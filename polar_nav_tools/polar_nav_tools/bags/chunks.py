@@ -231,16 +231,26 @@ def walk(
                 return at
             on_message(channel, sequence, log_time)
         else:
-            opcode, length = HEADER.unpack_from(block, at)
-            end = at + HEADER.size + length
-            if end > size:
-                return at
-            try:
-                on_other(opcode, block[at + HEADER.size : end])
-            except Damage:
+            end = other(block, at, on_other)
+            if end is None:
                 return at
         at = end
     return size
+
+
+def other(block: bytes, at: int, on_other: Callable[[int, bytes], None]) -> int | None:
+    """Take a record that is no message; where it ends, None when it is not whole."""
+    if len(block) - at < HEADER.size:
+        return None
+    opcode, length = HEADER.unpack_from(block, at)
+    end = at + HEADER.size + int(length)
+    if end > len(block):
+        return None
+    try:
+        on_other(opcode, block[at + HEADER.size : end])
+    except Damage:
+        return None
+    return end
 
 
 def _decoded(data: bytes) -> str:

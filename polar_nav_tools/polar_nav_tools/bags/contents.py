@@ -44,10 +44,11 @@ class Block:
     crc: int
     channels: frozenset[int]
 
-    def load(self, file: BinaryIO) -> bytes:
-        """Return the uncompressed records."""
+    def load(self, file: BinaryIO, *, checked: bool = True) -> bytes:
+        """Return the uncompressed records; unchecked where the file is known to be as scanned."""
         file.seek(self.offset)
-        return chunks.inflate(self.compression, file.read(self.stored), self.size, self.crc)
+        crc = self.crc if checked else 0
+        return chunks.inflate(self.compression, file.read(self.stored), self.size, crc)
 
 
 @dataclass
@@ -56,6 +57,7 @@ class FileScan:
 
     path: Path
     size: int
+    modified_ns: int = 0  # when it was written last, as the file system says
     profile: str = ''
     library: str = ''
     channels: dict[int, Channel] = field(default_factory=dict)

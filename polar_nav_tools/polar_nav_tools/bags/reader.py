@@ -9,6 +9,7 @@ whole: every checksum was compared and every count agrees.
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Collection, Iterable, Iterator, Set
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -159,12 +160,9 @@ class Bag:
             If there is none, or the topic has another encoding than ROS 2's.
         """
         self.require([topic])
-        channel = self.channel(topic)
-        if channel.encoding != 'cdr':
-            raise BagError(f'{self.path}: {topic} is encoded as {channel.encoding!r}, not as cdr')
         for file in self.files:
-            numbers = self._numbers(file, [topic])
-            for content, usable in _contents(file, numbers.keys()):
+            numbers = self.channels_of(file, [topic])
+            for content, usable, _ in blocks_of(file, numbers.keys()):
                 yield from chunks.payloads(content, usable, numbers)
 
     def read(self, topic: str) -> Iterator[tuple[int, Any]]:
@@ -237,6 +235,15 @@ class Bag:
             )
         return dict(params)
 
+    def channels_of(self, file: FileScan, topics: Collection[str]) -> dict[int, str]:
+        """Return the channel numbers of topics in a file, after checking that they are CDR."""
+        for topic in topics:
+            found = self.channel(topic)
+            if found.encoding != 'cdr':
+                form = repr(found.encoding)
+                raise BagError(f'{self.path}: {topic} is encoded as {form}, not as cdr')
+        return self._numbers(file, topics)
+
     def _numbers(self, file: FileScan, topics: Collection[str] | None) -> dict[int, str]:
         """Channel numbers of topics in a file; a topic's first type is the one that counts."""
         return {
@@ -289,19 +296,25 @@ class Bag:
                 yield f'{name}: {facts["lost"]} messages were lost on the way to the recorder'
 
 
-def _contents(file: FileScan, channels: Set[int]) -> Iterator[tuple[bytes, int]]:
-    """Yield the blocks that have messages of some channels, and how much of each is usable."""
+def blocks_of(file: FileScan, channels: Set[int]) -> Iterator[tuple[bytes, int, int]]:
+    """Yield the blocks with messages of some channels: records, how much is usable, place.
+
+    Checksums were compared when the bag was opened; they are again where the file is not the same
+    any more by its size and time.
+    """
     try:
         with file.path.open('rb') as stream:
+            now = os.fstat(stream.fileno())
+            same = (now.st_size, now.st_mtime_ns) == (file.size, file.modified_ns)
             for block in file.blocks:
                 if not channels.isdisjoint(block.channels):
-                    yield block.load(stream), block.usable
+                    yield block.load(stream, checked=not same), block.usable, block.offset
     except (OSError, chunks.Damage) as error:
         raise BagError(f'{file.path} was changed while it was read: {error}') from error
 
 
 def _file_records(file: FileScan, names: dict[int, str]) -> Iterator[BagMessage]:
-    for content, usable in _contents(file, names.keys()):
+    for content, usable, _ in blocks_of(file, names.keys()):
         for number, sequence, log_time, publish_time, data in chunks.messages(content, usable):
             name = names.get(number)
             if name is not None:

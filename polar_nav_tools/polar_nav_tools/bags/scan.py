@@ -9,16 +9,20 @@ whole *before* anything is made of it.
 
 from __future__ import annotations
 
+import os
 import re
 import zlib
 from pathlib import Path
-from typing import BinaryIO
+from typing import TYPE_CHECKING, BinaryIO
 
 from . import chunks
 from .chunks import HEADER, Damage, Reader
 from .contents import Block, Channel, FileScan, Tally
 from .errors import BagError
 from .files import CONVERT
+
+if TYPE_CHECKING:
+    from .walk import CompiledWalk
 
 MAGIC = b'\x89MCAP0\r\n'
 MAX_RECORD_BYTES = 64 * 1024 * 1024
@@ -27,6 +31,9 @@ _RAW_BLOCK_BYTES = 1 << 20
 _PIECE = 1 << 20
 _CHUNK_FRONT = 128
 _MAX_SEARCHES = 1000
+_COMPILED_FROM = 4 << 20
+"""Bytes of a file from which its records are counted by compiled code."""
+_COMPILED_BLOCK = 4096
 # Opcode, length, three times, checksum, then the compression's name: what a chunk looks like.
 _CHUNK_LIKE = re.compile(rb'\x06.{36}(?:\x04\x00\x00\x00zstd|\x03\x00\x00\x00lz4)', re.DOTALL)
 _CHUNK_LIKE_BYTES = 45
@@ -47,9 +54,11 @@ def scan_file(path: Path) -> FileScan:
     """
     try:
         with path.open('rb') as file:
-            size = path.stat().st_size
+            status = os.fstat(file.fileno())
             _check_magic(path, file.read(len(MAGIC)))
-            return _Scanner(path, file, size).run()
+            found = _Scanner(path, file, status.st_size).run()
+            found.modified_ns = status.st_mtime_ns
+            return found
     except OSError as error:
         raise BagError(f'{path}: cannot be read ({error.strerror})') from error
 
@@ -88,6 +97,7 @@ class _Scanner:
         self._raw_channels: set[int] = set()
         self._searches = 0
         self._indexed: int | None = None
+        self._compiled: CompiledWalk | None = None
 
     def run(self) -> FileScan:
         while self._at < self._size and not self._out.finished:
@@ -277,6 +287,8 @@ class _Scanner:
             )
 
     def _walk(self, records: bytes) -> tuple[int, frozenset[int]]:
+        if self._size >= _COMPILED_FROM and len(records) >= _COMPILED_BLOCK:
+            return self._counted().walk(records, self._declaration)
         tallies, seen = self._out.tallies, set()
 
         def on_message(channel: int, sequence: int, log_time: int) -> None:
@@ -295,6 +307,14 @@ class _Scanner:
             seen.add(channel)
 
         return chunks.walk(records, on_message, self._declaration), frozenset(seen)
+
+    def _counted(self) -> CompiledWalk:
+        if self._compiled is None:
+            # Here: the compiler takes a third of a second to load, more than a small bag.
+            from .walk import CompiledWalk
+
+            self._compiled = CompiledWalk(self._out.tallies)
+        return self._compiled
 
     def _declaration(self, opcode: int, body: bytes) -> None:
         fields = Reader(body)

@@ -46,6 +46,7 @@ AGAINST_PEER = 25.0
 AGAINST_BARE = 3.0
 MEMORY_MB = 1000.0
 
+_MODULE = 'polar_nav_tools.benchmarks.replay'
 _IMU_HZ = RATES_HZ['imu/data_raw']
 
 
@@ -275,7 +276,7 @@ def run(
     tell(f'the part of {minutes:g} min: {rounds} rounds')
     timings = interleave(_entries(part, part_path, mcap_file), rounds, shortest_s=0.0)
     tell(f'the whole bag of {hours:g} h')
-    found = _in_a_process(path)
+    found = _in_a_process(path, part_path)
     return ReplayBenchmark(
         rounds=rounds,
         hours=hours,
@@ -339,9 +340,9 @@ def _entries(bag: Bag, path: Path, mcap_file: Path) -> list[Entry]:
     ]
 
 
-def _in_a_process(path: Path) -> dict[str, Any]:
+def _in_a_process(path: Path, warm: Path) -> dict[str, Any]:
     """Take the whole bag in a process that did nothing before, for its memory."""
-    command = [sys.executable, '-m', __spec__.name if __spec__ else __name__, str(path)]
+    command = [sys.executable, '-m', _MODULE, str(path), str(warm)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
         raise PolarNavError(f'the replay of {path} failed: {done.stderr.strip()[-2000:]}')
@@ -381,9 +382,9 @@ def _peak_mb() -> float:
 
 
 def main() -> None:
-    """Take one bag and print what was measured, kernels loaded before."""
-    path = Path(sys.argv[1])
-    whole(long_bag(PART_MINUTES / 60.0))
+    """Take one bag and print what was measured; another one before, to load the kernels."""
+    path, warm = map(Path, sys.argv[1:3])
+    whole(warm)
     sys.stdout.write(json.dumps(measured(path)))
 
 

@@ -13,6 +13,20 @@ import typer
 from polar_nav_core.errors import PolarNavError
 
 INTERRUPTED_STATUS = 130
+COMMANDS = (
+    'live',
+    'bags',
+    'score',
+    'trust',
+    'export',
+    'bench',
+    'experiments',
+    'development',
+    'why',
+    'delay_budget',
+    'foreign',
+)
+"""Modules beside this one, in the order of the help."""
 
 app = typer.Typer(
     name='polar',
@@ -51,7 +65,7 @@ def main() -> int:
     An error that is meant for the user is one sentence and status 1; anything else is a defect and
     keeps its traceback.
     """
-    for commands in ('live', 'bags', 'bench', 'experiments', 'development', 'why', 'delay_budget'):
+    for commands in COMMANDS:
         importlib.import_module(f'{__package__}.{commands}')
     try:
         app(prog_name='polar')

@@ -1,4 +1,4 @@
-"""`polar replay`, `verify`, `score`, `report`, `info`, `recover`: commands on a recorded bag.
+"""`polar replay`, `report`, `info`, `recover`: commands on a recorded bag.
 
 A bag with something missing is read as far as it goes: the command says what is missing, gives its
 figures, and ends with status 1.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -36,12 +36,16 @@ TruthOption = Annotated[
 ]
 JsonOption = Annotated[bool, typer.Option('--json', help='Print figures as JSON on stdout.')]
 
+_LONG = 500_000
+"""Messages from which a score shows how far it is."""
+
 DEMO_PAIR = ('conventional_akf', 'modified_akf')
 
 
 @app.command(
     epilog='Example: `./polar replay bags/my_run -c conventional_akf --out bags/conventional`'
     '\n\nOther parameters: `./polar replay bags/my_run --set max_delay_s=10.0`'
+    '\n\nA bag of any origin: `./polar replay cruise.bag --map mapping.yaml`'
 )
 def replay(
     bag: BagArgument,
@@ -59,30 +63,51 @@ def replay(
         Path | None, typer.Option('--out', '-o', help='Folder of a new bag for the estimates.')
     ] = None,
     vehicle: VehicleOption = None,
+    mapping: Annotated[
+        Path | None,
+        typer.Option('--map', help="What is what in someone else's bag: YAML, see `polar map`."),
+    ] = None,
+    accept: Annotated[
+        list[str] | None,
+        typer.Option('--accept', metavar='FINDING', help='With --map: take such data as is.'),
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Run the messages of a bag through the follower's filter again.
 
     The same engine as in the live node, on the same bytes: with the recorded parameters it gives
-    the recorded estimates.
+    the recorded estimates. Hashes of the messages are told with --out, which makes them. With
+    --map, a bag of any origin: MCAP, sqlite3 or ROS 1.
     """
+    if mapping is not None:
+        from .foreign import replay_foreign
+
+        replay_foreign(bag, mapping, configuration, change or [], accept or [], out, as_json)
+        return
+    from ..fast_replay import FastResult, replay_estimates
+    from ..replay import ReplayResult
     from ..replay import replay as run_replay
     from ..replay_bag import parse_changes, replay_summary, write_replay
 
     changes = parse_changes(change or [])
     if out is not None and out.exists():
         raise typer.BadParameter(f'{out} exists already; a bag is never overwritten')
-    with _opened(bag) as source:
-        with _percent('replay') as progress:
-            result = run_replay(
-                source,
-                configuration=configuration,
-                vehicle=vehicle,
-                changes=changes,
-                progress=progress,
-            )
+    with opened(bag) as source:
+        with percent('replay') as progress:
+            chosen = (configuration, vehicle, changes, progress)
+            result: ReplayResult | FastResult | None = None
+            if out is None:
+                result = replay_estimates(source, *chosen)
+            if result is None:  # messages are wanted, or the only way
+                result = run_replay(
+                    source,
+                    configuration=configuration,
+                    vehicle=vehicle,
+                    changes=changes,
+                    progress=progress,
+                )
         summary = replay_summary(result)
-        if out is not None:
+        if out is not None and isinstance(result, ReplayResult):
             write_replay(out, result, source)
             summary['bag'] = str(out)
         if as_json:
@@ -93,92 +118,6 @@ def replay(
         if result.divergence:
             say(f'the filter diverged: {result.divergence}')
             end(1)
-
-
-@app.command(epilog='Example: `./polar verify bags/my_run`')
-def verify(bag: BagArgument, vehicle: VehicleOption = None, as_json: JsonOption = False) -> None:
-    """Compare the recorded estimates with a replay, bit for bit."""
-    from ..verification import verify as run_verify
-
-    with _opened(bag) as source:
-        with _percent('replay') as progress:
-            result = run_verify(source, vehicle=vehicle, progress=progress)
-        if as_json:
-            topics = {
-                topic: {
-                    'live_sha256': result.live_sha256[topic],
-                    'replay_sha256': result.replay_sha256[topic],
-                    'live_messages': result.counts[topic][0],
-                    'replayed_messages': result.counts[topic][1],
-                }
-                for topic in result.live_sha256
-            }
-            difference = str(result.difference) if result.difference else None
-            emit_json(
-                {
-                    'ok': result.equal and not source.problems,
-                    'equal': result.equal,
-                    'vehicle': result.vehicle,
-                    'topics': topics,
-                    'first_difference': difference,
-                }
-            )
-        else:
-            for topic, digest in result.live_sha256.items():
-                live, replayed = result.counts[topic]
-                sys.stdout.write(f'/{result.vehicle}/{topic}\n')
-                sys.stdout.write(f'  live   {live:>7} messages, sha256 {digest}\n')
-                other = result.replay_sha256[topic]
-                sys.stdout.write(f'  replay {replayed:>7} messages, sha256 {other}\n')
-            if result.equal:
-                sys.stdout.write('equal, bit for bit\n')
-        if not result.equal:
-            say(f'live and replay differ: {result.difference}')
-            end(1)
-
-
-@app.command(
-    epilog='Example: `./polar score bags/my_run`'
-    '\n\nOnly what was recorded live: `./polar score bags/my_run --recorded`'
-)
-def score(
-    bag: BagArgument,
-    configuration: ConfigurationsOption = None,
-    recorded: Annotated[
-        bool, typer.Option('--recorded', help='Score the recorded estimates and replay nothing.')
-    ] = False,
-    truth: TruthOption = None,
-    vehicle: VehicleOption = None,
-    as_json: JsonOption = False,
-) -> None:
-    """Compare estimates with the truth: errors, what the delay costs, honesty of the covariance.
-
-    Replays the bag with both filters of the paper, or with the configurations that are named.
-    """
-    with _opened(bag) as source:
-        analysis = _analysed(source, configuration, recorded, truth, vehicle)
-        if as_json:
-            emit_json(
-                {
-                    'ok': not analysis.complaints(),
-                    'vehicle': analysis.vehicle,
-                    'runs': analysis.comparison.to_dict(),
-                    'packets': None if analysis.delivery is None else analysis.delivery.to_dict(),
-                    'complaints': analysis.complaints(),
-                }
-            )
-        else:
-            from rich.console import Console
-
-            from ..scoring.delivery import delivery_table
-            from ..terminal import print_table
-
-            console = Console(highlight=False)
-            for table in analysis.comparison.tables():
-                print_table(console, table)
-            if analysis.delivery is not None:
-                print_table(console, delivery_table(analysis.delivery))
-        _end_with(analysis)
 
 
 @app.command(epilog='Example: `./polar report bags/my_run --open`')
@@ -199,8 +138,8 @@ def report(
     """Draw a bag: track on a polar map, errors with 3-sigma bands, delay and fate of each fix."""
     from ..drawing import write_analysis
 
-    with _opened(bag) as source:
-        analysis = _analysed(source, configuration, recorded, truth, vehicle)
+    with opened(bag) as source:
+        analysis = analysed(source, configuration, recorded, truth, vehicle)
         folder = bag if bag.is_dir() else bag.parent
         path = write_analysis(analysis, out or folder / 'report.html')
         if as_json:
@@ -209,7 +148,8 @@ def report(
             sys.stdout.write(f'{path}\n')
         if open_report:
             typer.launch(str(path))
-        _end_with(analysis)
+        if not tell_complaints(analysis):
+            end(1)
 
 
 @app.command(epilog='Example: `./polar info bags/my_run --json`')
@@ -217,7 +157,7 @@ def info(bag: BagArgument, as_json: JsonOption = False) -> None:
     """Say what is in a bag: topics, counts, rates, the run it is of, and what is missing."""
     from ..bags.info import bag_info
 
-    with _opened(bag) as source:
+    with opened(bag) as source:
         facts = bag_info(source)
         if as_json:
             from ..scoring.plain import jsonable
@@ -254,7 +194,7 @@ def recover(
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[Bag]:
+def opened(path: Path) -> Iterator[Bag]:
     """Open a bag for one command; status 1 at its end when something is missing in the bag."""
     from ..analysis import open_for
 
@@ -265,39 +205,44 @@ def _opened(path: Path) -> Iterator[Bag]:
 
 
 @contextmanager
-def _percent(what: str) -> Iterator[Callable[[float], None]]:
+def percent(what: str) -> Iterator[Callable[[float], None]]:
+    """Show the progress of something; gives what is told the share that is done."""
     from ..progress import progress_display
 
     with progress_display(what, total=100.0, unit='%') as update:
         yield lambda share: update(100.0 * share, 100.0)
 
 
-def _analysed(
+def analysed(
     bag: Bag,
     configurations: list[str] | None,
     recorded: bool,
     truth: Path | None,
     vehicle: str | None,
 ) -> Analysis:
+    """Replay and score a bag as the options of `score` and `report` say."""
     from ..analysis import analyse, open_for
 
     chosen = () if recorded else tuple(configurations or DEMO_PAIR)
-    return analyse(
-        bag,
-        chosen,
-        vehicle=vehicle,
-        live=recorded,
-        truth_from=None if truth is None else open_for(truth, say),
-        say=say,
-    )
+    long = bool(chosen) and bag.message_count >= _LONG
+    with percent('replay') if long else nullcontext(None) as progress:
+        return analyse(
+            bag,
+            chosen,
+            vehicle=vehicle,
+            live=recorded,
+            truth_from=None if truth is None else open_for(truth, say),
+            say=say,
+            progress=progress,
+        )
 
 
-def _end_with(analysis: Analysis) -> None:
+def tell_complaints(analysis: Analysis) -> bool:
+    """Say what is not well with an analysis, but for what was said of its bag; whether all is."""
     complaints = analysis.complaints()
     for complaint in complaints[len(analysis.bag.problems) :]:
         say(complaint)
-    if complaints:
-        end(1)
+    return not complaints
 
 
 def _plain(value: object) -> str:

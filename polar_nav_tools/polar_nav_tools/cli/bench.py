@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import sys
+from pathlib import Path
 from typing import Annotated
 
 import typer
+
+from polar_nav_core.errors import ConfigError
 
 from .app import app, emit_json, say
 
@@ -15,6 +18,8 @@ bench = typer.Typer(
     epilog='Example: `./polar bench core`',
 )
 app.add_typer(bench, name='bench')
+
+_PICTURES = ('.svg', '.png', '.pdf')
 
 
 @bench.command(
@@ -67,6 +72,139 @@ def core(
         f'Same results: positions within {1e3 * worst:.1f} mm horizontally of python-ins after'
         f' {result.compared_samples} samples, covariances within {covariance:.0e}'
         ' of filterpy.\n'
+        f'{facts["cpu"]}, core {used} of {facts["cores"]}, load {facts["load_average"]:.1f} to'
+        f' {facts["load_average_after"]:.1f}, Python {facts["python"]}, '
+        + ', '.join(f'{k} {v}' for k, v in machine.versions(DISTRIBUTIONS).items())
+        + f'; medians of {rounds} rounds.\n'
+    )
+
+
+@bench.command(
+    epilog='Example: `./polar bench delay --figure delay.svg`\n\n'
+    'Quick look: `./polar bench delay --rounds 1 --seconds 120`'
+)
+def delay(
+    rounds: Annotated[int, typer.Option(min=1, help='Rounds; ratios are their medians.')] = 7,
+    seconds: Annotated[
+        float, typer.Option(min=90.0, max=3600.0, help='Length of the whole runs.')
+    ] = 300.0,
+    figure: Annotated[
+        Path | None,
+        typer.Option(metavar='FILE', help='Draw a picture; .svg, .png or .pdf.'),
+    ] = None,
+    processor: Annotated[
+        int | None,
+        typer.Option(
+            '--core',
+            metavar='N',
+            help='Run on this core.',
+            show_default='the last that is allowed',
+        ),
+    ] = None,
+    as_json: Annotated[
+        bool, typer.Option('--json', help='Print figures as JSON on stdout.')
+    ] = False,
+) -> None:
+    """Time late fixes by each strategy, and the same work stepped with Stone Soup.
+
+    Results are compared first: when they differ, nothing is timed. Times are processor times on
+    one core; on a shared machine only the ratios mean something, each taken within a round.
+    """
+    if figure is not None and figure.suffix.lower() not in _PICTURES:
+        raise ConfigError(f'--figure {figure}: the name must end in {", ".join(_PICTURES)}')
+    from ..benchmarks import machine
+
+    used = machine.pin(processor)  # before anything numerical is loaded
+    from ..benchmarks.delay import DISTRIBUTIONS, run
+
+    before = machine.describe(DISTRIBUTIONS)
+    result = run(rounds=rounds, run_s=seconds, tell=say)
+    facts = {**before, 'core': used, 'load_average_after': machine.load()}
+    if figure is not None:
+        from ..benchmarks.delay_figure import write_figure
+
+        write_figure(result, figure)
+        say(f'picture: {figure}')
+    if as_json:
+        emit_json({'machine': facts, **result.to_dict()})
+        return
+    from rich.console import Console
+
+    from ..terminal import print_table
+
+    console = Console(highlight=False)
+    for table in result.tables():
+        print_table(console, table)
+    sigma, peer = max(result.agreement_sigma.values()), max(result.agreement_peer.values())
+    sys.stdout.write(
+        f'Same results: clone within {sigma:.1g} sigma of rewind, Stone Soup within {peer:.0e}'
+        ' sigma of both.\n'
+        f'{facts["cpu"]}, core {used} of {facts["cores"]}, load {facts["load_average"]:.1f} to'
+        f' {facts["load_average_after"]:.1f}, Python {facts["python"]}, '
+        + ', '.join(f'{k} {v}' for k, v in machine.versions(DISTRIBUTIONS).items())
+        + f'; medians of {rounds} rounds.\n'
+    )
+
+
+@bench.command(
+    epilog='Example: `./polar bench replay`\n\n'
+    'Quick look: `./polar bench replay --hours 0.2 --rounds 1`'
+)
+def replay(
+    hours: Annotated[
+        float, typer.Option(min=0.05, max=48.0, help='Length of the recorded run.')
+    ] = 12.0,
+    rounds: Annotated[int, typer.Option(min=1, help='Rounds; ratios are their medians.')] = 5,
+    folder: Annotated[
+        Path | None,
+        typer.Option(
+            metavar='FOLDER',
+            help='Where the bags are kept.',
+            show_default='a folder among temporary files',
+        ),
+    ] = None,
+    processor: Annotated[
+        int | None,
+        typer.Option(
+            '--core',
+            metavar='N',
+            help='Run on this core.',
+            show_default='the last that is allowed',
+        ),
+    ] = None,
+    as_json: Annotated[
+        bool, typer.Option('--json', help='Print figures as JSON on stdout.')
+    ] = False,
+) -> None:
+    """Time a long bag from its bytes to scored estimates, beside other ways to read bags.
+
+    The bag is simulated and kept: 12 h are about 350 MB. What is decoded is compared bit for bit
+    first. Others are timed on ten minutes of it, and scaled. Times are processor times on one
+    core.
+    """
+    from ..benchmarks import machine
+
+    used = machine.pin(processor)  # before anything numerical is loaded
+    from ..benchmarks.replay import DISTRIBUTIONS, run
+
+    before = machine.describe(DISTRIBUTIONS)
+    result = run(hours=hours, rounds=rounds, tell=say, folder=folder)
+    facts = {**before, 'core': used, 'load_average_after': machine.load()}
+    if as_json:
+        emit_json({'machine': facts, **result.to_dict()})
+        return
+    from rich.console import Console
+
+    from ..terminal import print_table
+
+    console = Console(highlight=False)
+    for table in result.tables():
+        print_table(console, table)
+    compared = ', '.join(f'{name} {count}' for name, count in result.agreement.items())
+    sys.stdout.write(
+        f'Same bits, values compared: {compared}.\n'
+        f'{result.real_time:.0f} times real time; others scaled from {result.part_minutes:g} min;'
+        f' peak memory {result.peak_mb:.0f} MB.\n'
         f'{facts["cpu"]}, core {used} of {facts["cores"]}, load {facts["load_average"]:.1f} to'
         f' {facts["load_average_after"]:.1f}, Python {facts["python"]}, '
         + ', '.join(f'{k} {v}' for k, v in machine.versions(DISTRIBUTIONS).items())

@@ -9,6 +9,8 @@ from .align import Alignment, AlignmentCounts, ScoringError, align
 from .compare import Comparison, compare
 from .consistency import Consistency, chi_square_band, consistency, normalized_squared
 from .errors import ErrorSeries, errors
+from .phases import mission_phases
+from .relative import absolute_errors, relative_errors
 from .score import ComponentScore, Drift, Score, WindowScore, score
 from .statistics import Statistics, statistics
 from .tables import Column, Table
@@ -35,6 +37,7 @@ __all__ = [
     'VerdictCounts',
     'Window',
     'WindowScore',
+    'absolute_errors',
     'age_of_information',
     'align',
     'availability',
@@ -45,8 +48,10 @@ __all__ = [
     'count_verdicts',
     'delays',
     'errors',
+    'mission_phases',
     'nis_by_source',
     'normalized_squared',
+    'relative_errors',
     'score',
     'standard_windows',
     'statistics',

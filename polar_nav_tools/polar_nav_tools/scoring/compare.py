@@ -7,14 +7,13 @@ from dataclasses import dataclass
 
 from ..series import EstimateSeries, Receipt, TruthSeries
 from .align import Mode
+from .more_tables import CONFIGURATION, age_table, drift_table, phase_table
 from .score import Score, WindowScore, score
 from .tables import Column, Table
 from .verdicts import FUSED, in_order
 from .windows import SECOND_HALF, WHOLE, Window
 
 Run = tuple[TruthSeries, EstimateSeries, Sequence[Receipt]]
-
-CONFIGURATION = Column('configuration', 'configuration')
 
 _ERROR_COLUMNS = (
     Column('phi_x_arcmin', 'φx', '′', doc='attitude error about grid east'),
@@ -231,6 +230,8 @@ class Comparison:
             self.verdict_table(),
             self.consistency_table(),
             *(self.error_table(statistic=s) for s in ('median', 'p95', 'max')),
+            drift_table(self.scores),
+            *(t for t in (age_table(self.scores), phase_table(self.scores)) if t.rows),
         )
 
 

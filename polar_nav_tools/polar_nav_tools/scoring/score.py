@@ -16,9 +16,11 @@ from polar_nav_core.engine.events import LOCAL_DOF, LOCAL_GATED
 
 from ..series import EstimateSeries, Receipt, TruthSeries
 from .align import Alignment, AlignmentCounts, Mode, align
+from .by_age import AgeClass, by_age
 from .consistency import Consistency, consistency, normalized_squared
 from .errors import ARCMIN, ErrorSeries, distance_travelled, errors
 from .plain import record
+from .relative import INTERVAL_S, absolute_errors, relative_errors
 from .statistics import Statistics, statistics
 from .timeliness import Availability, Lag, age_of_information, availability, delays
 from .verdicts import FUSED, VerdictCounts, count_verdicts, nis_by_source, nis_of_local
@@ -122,6 +124,9 @@ class Score:
     availability: Availability
     verdicts: VerdictCounts
     drift: Drift
+    absolute: Statistics  # distance between estimate and truth, as evo_ape [m]
+    relative: Statistics  # over INTERVAL_S, as evo_rpe, translation [m]
+    by_age: tuple[AgeClass, ...]
     pairs: Alignment
     errors: ErrorSeries
 
@@ -144,6 +149,9 @@ class Score:
             'availability': self.availability.to_dict(),
             'verdicts': self.verdicts.to_dict(),
             'drift': self.drift.to_dict(),
+            'absolute_m': self.absolute.to_dict(),
+            'relative_m': {'interval_s': INTERVAL_S, **self.relative.to_dict()},
+            'by_age_of_information': [one.to_dict() for one in self.by_age],
         }
 
 
@@ -197,6 +205,9 @@ def score(
         availability=availability(estimate, windows[0]),
         verdicts=count_verdicts(receipts),
         drift=drift,
+        absolute=statistics(absolute_errors(pairs)),
+        relative=statistics(relative_errors(pairs)),
+        by_age=by_age(error, receipts),
         pairs=pairs,
         errors=error,
     )

@@ -106,17 +106,21 @@ class History:
 
     def before(self, stamp_ns: int) -> Epoch | None:
         """Last epoch at or before a stamp; None when the history does not reach back that far."""
-        low = max(0, self.count - len(self._past.stamps))
-        high = self.count - 1
-        if high < low or self._stamp(low) > stamp_ns:
+        stamps, count = self._past.stamps, self.count
+        length = len(stamps)
+        low = max(0, count - length)
+        if count == 0 or self._stamp(low) > stamp_ns:
             return None
-        while low < high:
-            middle = (low + high + 1) // 2
-            if self._stamp(middle) <= stamp_ns:
-                low = middle
-            else:
-                high = middle - 1
-        return self._epoch(low) if self._usable(low) else None
+        # The ring is sorted on each side of where it is written next.
+        seam = count % length if count > length else 0
+        newer = int(np.searchsorted(stamps[:seam], stamp_ns, side='right'))
+        if newer:
+            number = count - seam + newer - 1
+        else:
+            until = length if count > length else count
+            older = int(np.searchsorted(stamps[seam:until], stamp_ns, side='right'))
+            number = low + older - 1
+        return self._epoch(number) if self._usable(number) else None
 
     def reaches_ns(self) -> int:
         """Stamp of the oldest epoch that a fix can still be compared with; 0 when there is none.

@@ -1,0 +1,140 @@
+"""`polar map`, `polar import csv` and `polar replay --map`: data that were recorded by others."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from polar_nav_core.errors import ConfigError
+
+from .app import app, emit_json, end, say
+
+JsonOption = Annotated[bool, typer.Option('--json', help='Print figures as JSON on stdout.')]
+import_app = typer.Typer(no_args_is_help=True, help='Make a bag of data that were never a bag.')
+app.add_typer(import_app, name='import')
+
+
+@app.command(name='map', epilog='Example: `./polar map cruise.bag > mapping.yaml`')
+def map_(
+    bag: Annotated[
+        Path,
+        typer.Argument(
+            metavar='BAG', help='Folder of a bag, .mcap, .db3 or .bag file.', show_default=False
+        ),
+    ],
+) -> None:
+    """Guess which topic of a bag is what, and print a mapping for `polar replay --map`.
+
+    Comments in it say what was guessed from what, and what has to be filled in by hand.
+    """
+    from ..foreign.guess import guess
+    from ..foreign.sources import open_source
+
+    source = open_source(bag)
+    for problem in source.problems:
+        say(f'{bag}: {problem}')
+    sys.stdout.write(guess(source))
+
+
+@import_app.command(
+    name='csv', epilog='Example: `./polar import csv columns.yaml --out bags/cruise`'
+)
+def csv(
+    columns: Annotated[
+        Path,
+        typer.Argument(
+            metavar='COLUMNS.YAML', help='Files, columns and units; see docs/your-bags.md.'
+        ),
+    ],
+    out: Annotated[
+        Path, typer.Option('--out', '-o', help='Folder of the new bag.', show_default=False)
+    ],
+    as_json: JsonOption = False,
+) -> None:
+    """Write the columns of CSV files to a bag with messages of this project.
+
+    Beside the bag a mapping is written, with which `polar replay --map` takes it.
+    """
+    from ..foreign.table import import_csv
+
+    if out.exists():
+        raise ConfigError(f'{out} exists already; a bag is never overwritten')
+    result = import_csv(columns, out)
+    if as_json:
+        emit_json({'ok': True, **result.to_dict()})
+        return
+    for topic, count in result.counts.items():
+        sys.stdout.write(f'{topic:>28}: {count} messages\n')
+    sys.stdout.write(f'{result.bag}\n{result.mapping}\n')
+
+
+def replay_foreign(
+    bag: Path,
+    mapping_path: Path,
+    configuration: str | None,
+    changes: list[str],
+    accept: list[str],
+    out: Path | None,
+    as_json: bool,
+) -> None:
+    """Do what `polar replay --map` does: check, run, show, write."""
+    from rich.console import Console
+
+    from ..foreign import mapping, mapping_file, replay
+    from ..foreign.sources import open_source
+    from ..progress import progress_display
+    from ..replay_bag import parse_changes
+    from ..terminal import print_table
+
+    if out is not None and out.exists():
+        raise ConfigError(f'{out} exists already; a bag is never overwritten')
+    chosen = dict(parse_changes(changes))
+    if configuration is not None:
+        chosen['configuration'] = configuration
+    source = open_source(bag)
+    for problem in source.problems:
+        say(f'{bag}: {problem}')
+    what = mapping.with_parameters(mapping_file.load(mapping_path), chosen)
+    with progress_display('replay', total=100.0, unit='%') as update:
+        run = replay.replay(
+            source,
+            what,
+            accept=accept,
+            messages=out is not None,
+            progress=lambda share: update(100.0 * share, 100.0),
+        )
+    said = replay.summary(run)
+    if out is not None:
+        said['written'] = str(replay.write(out, run))
+    compared = run.comparison()
+    if as_json:
+        emit_json(
+            {
+                'ok': not (source.problems or run.divergence),
+                **said,
+                'findings': [f.to_dict() for f in run.loaded.findings],
+                'score': None if compared is None else compared.to_dict(),
+            }
+        )
+    else:
+        console = Console(highlight=False)
+        for name, value in said.items():
+            shown = (
+                ', '.join(f'{k} {v}' for k, v in value.items()) if name == 'verdicts' else value
+            )
+            sys.stdout.write(f'{name:>14}: {shown}\n')
+        for finding in run.loaded.findings:
+            when = '' if finding.stamp_ns is None else f' at {finding.stamp_ns / 1e9:.3f} s'
+            say(
+                f'{finding.severity.name.lower()}: {finding.name}: {finding.topic}{when}: '
+                f'{finding.text}'
+            )
+        if compared is not None:
+            print_table(console, compared.table())
+    if run.divergence:
+        say(f'the filter diverged: {run.divergence}')
+    if run.divergence or source.problems:
+        end(1)

@@ -1,0 +1,116 @@
+"""`polar score`: one bag or several, one configuration or several, side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from .app import app, emit_json, end, say
+from .bags import (
+    ConfigurationsOption,
+    JsonOption,
+    TruthOption,
+    VehicleOption,
+    analysed,
+    tell_complaints,
+)
+
+if TYPE_CHECKING:
+    from ..analysis import Analysis
+
+
+@app.command(
+    epilog='Example: `./polar score bags/my_run`'
+    '\n\nOnly what was recorded live: `./polar score bags/my_run --recorded`'
+    '\n\nSide by side: `./polar score bags/a bags/b --configs conventional_akf modified_akf '
+    'default --markdown scores.md --csv scores.csv`'
+)
+def score(
+    bags: Annotated[
+        list[Path],
+        typer.Argument(metavar='BAG...', help='Bags: folders or .mcap files.', show_default=False),
+    ],
+    configuration: ConfigurationsOption = None,
+    configs: Annotated[
+        list[str] | None,
+        typer.Option('--configs', help='Several configurations: --configs A B C, or A,B,C.'),
+    ] = None,
+    recorded: Annotated[
+        bool, typer.Option('--recorded', help='Score the recorded estimates and replay nothing.')
+    ] = False,
+    truth: TruthOption = None,
+    vehicle: VehicleOption = None,
+    markdown: Annotated[
+        Path | None, typer.Option('--markdown', help='Write the tables as Markdown, too.')
+    ] = None,
+    csv: Annotated[
+        Path | None,
+        typer.Option('--csv', help='Write every number, unrounded: table, run, figure, value.'),
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Compare estimates with the truth: errors, what the delay costs, honesty of the covariance.
+
+    Replays each bag with both filters of the paper, or with the configurations that are named.
+    """
+    from ..analysis import open_for
+    from ..score_files import label_bags, side_by_side, tables_of, write_csv, write_markdown
+
+    found, named = _apart(bags, configs or [])
+    chosen = [*(configuration or []), *named]
+    analyses: dict[str, Analysis] = {}
+    for label, bag in label_bags(found).items():
+        analyses[label] = analysed(open_for(bag, say), chosen, recorded, truth, vehicle)
+    comparison = side_by_side({label: a.comparison for label, a in analyses.items()})
+    tables = tables_of(comparison, analyses)
+    if markdown is not None:
+        write_markdown(markdown, tables)
+    if csv is not None:
+        write_csv(csv, tables)
+    if as_json:
+        emit_json(_document(analyses))
+    else:
+        from rich.console import Console
+
+        from ..terminal import print_table
+
+        console = Console(highlight=False)
+        for table in tables:
+            print_table(console, table)
+    well = [tell_complaints(analysis) for analysis in analyses.values()]
+    if not all(well):
+        end(1)
+
+
+def _apart(words: list[Path], configs: list[str]) -> tuple[list[Path], list[str]]:
+    """Bags and configurations: behind ``--configs A`` further configurations may stand."""
+    from polar_nav_core.engine.params import CONFIGURATIONS
+
+    names = [name for text in configs for name in text.split(',') if name]
+    if not names:
+        return words, names
+    further = [p for p in words if str(p) in CONFIGURATIONS and not p.exists()]
+    bags = [p for p in words if p not in further]
+    if not bags:
+        raise typer.BadParameter('no bag is named')
+    return bags, [*names, *map(str, further)]
+
+
+def _document(analyses: Mapping[str, Analysis]) -> dict[str, object]:
+    """Of one bag its figures, of several each one's by its name."""
+    said: dict[str, dict[str, object]] = {
+        label: {
+            'ok': not one.complaints(),
+            'vehicle': one.vehicle,
+            'runs': one.comparison.to_dict(),
+            'packets': None if one.delivery is None else one.delivery.to_dict(),
+            'complaints': one.complaints(),
+        }
+        for label, one in analyses.items()
+    }
+    if len(said) == 1:
+        return next(iter(said.values()))
+    return {'ok': all(one['ok'] for one in said.values()), 'bags': said}

@@ -1,0 +1,166 @@
+"""`polar verify`, `polar doctor`: whether a bag, and what was made of it, can be believed."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from .app import app, emit_json, end, say
+from .bags import BagArgument, JsonOption, VehicleOption, opened, percent
+
+if TYPE_CHECKING:
+    from ..certificate import Check
+    from ..doctor import Examination
+    from ..verification import VerifyResult
+
+
+@app.command(
+    epilog='Example: `./polar verify bags/my_run`'
+    '\n\nFor others: `./polar verify bags/my_run --write-certificate my_run.json`, '
+    'and there: `./polar verify my_run --certificate my_run.json`'
+)
+def verify(
+    bag: BagArgument,
+    certificate: Annotated[
+        Path | None,
+        typer.Option('--certificate', help='Check this certificate of the bag.'),
+    ] = None,
+    write_certificate: Annotated[
+        Path | None,
+        typer.Option('--write-certificate', help='Write a certificate (JSON) if all is equal.'),
+    ] = None,
+    vehicle: VehicleOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Compare the recorded estimates with a replay, bit for bit.
+
+    A certificate names the bag, the parameters, the packages, the processor and the hashes of what
+    came out. With the same packages on the same model of processor the bits must be equal;
+    elsewhere a replay may differ by rounding, up to 1e-6 sigma.
+    """
+    from ..certificate import certify, check, read_certificate
+    from ..recorded_inputs import load_inputs
+    from ..replay import replay
+    from ..verification import require_comparable
+    from ..verification import verify as run_verify
+
+    stated = None if certificate is None else read_certificate(certificate)
+    if write_certificate is not None and write_certificate.exists():
+        raise typer.BadParameter(f'{write_certificate} exists already')
+    with opened(bag) as source:
+        inputs = load_inputs(source, vehicle)
+        require_comparable(inputs)
+        with percent('replay') as progress:
+            replayed = replay(inputs, progress=progress)
+        result = run_verify(inputs, replayed=replayed)
+        checked = None if stated is None else check(stated, inputs, replayed, result)
+        well = result.equal if checked is None else checked.ok
+        written = ''
+        if write_certificate is not None:
+            certify(inputs, replayed, result).write(write_certificate)
+            written = str(write_certificate)
+        if as_json:
+            emit_json(
+                {
+                    'ok': well and not source.problems,
+                    **_plain(result),
+                    'certificate': None if checked is None else checked.to_dict(),
+                    'certificate_written': written or None,
+                }
+            )
+        else:
+            _print(result, checked)
+            if written:
+                sys.stdout.write(f'certificate: {written}\n')
+        if checked is not None:
+            for failure in checked.failures:
+                say(failure)
+        elif not result.equal:
+            say(f'live and replay differ: {result.difference}')
+        if not well:
+            end(1)
+
+
+def _plain(result: VerifyResult) -> dict[str, object]:
+    topics = {
+        topic: {
+            'live_sha256': result.live_sha256[topic],
+            'replay_sha256': result.replay_sha256[topic],
+            'live_messages': result.counts[topic][0],
+            'replayed_messages': result.counts[topic][1],
+        }
+        for topic in result.live_sha256
+    }
+    difference = str(result.difference) if result.difference else None
+    return {
+        'equal': result.equal,
+        'vehicle': result.vehicle,
+        'topics': topics,
+        'first_difference': difference,
+    }
+
+
+def _print(result: VerifyResult, checked: Check | None) -> None:
+    for topic, digest in result.live_sha256.items():
+        live, replayed = result.counts[topic]
+        sys.stdout.write(f'/{result.vehicle}/{topic}\n')
+        sys.stdout.write(f'  live   {live:>7} messages, sha256 {digest}\n')
+        sys.stdout.write(
+            f'  replay {replayed:>7} messages, sha256 {result.replay_sha256[topic]}\n'
+        )
+    if result.equal:
+        sys.stdout.write('equal, bit for bit\n')
+    if checked is None:
+        return
+    for note in checked.notes:
+        sys.stdout.write(f'  {note}\n')
+    if checked.closeness is not None:
+        c = checked.closeness
+        where = f', {c.what} at {c.stamp_ns * 1e-9:.3f} s' if c.sigmas > 0.0 else ''
+        sys.stdout.write(f'largest difference: {c.sigmas:.3g} sigma{where}\n')
+    sys.stdout.write(f'the certificate {"holds" if checked.ok else "does not hold"}\n')
+
+
+@app.command(
+    epilog='Example: `./polar doctor bags/my_run`'
+    '\n\nAs a gate in a script: `./polar doctor bags/my_run --json > health.json || exit 1`'
+)
+def doctor(
+    bag: BagArgument,
+    everything: Annotated[bool, typer.Option('--all', help='Show what is well, too.')] = False,
+    as_json: JsonOption = False,
+) -> None:
+    """Examine a bag: what is missing, gaps, rates, stamps, and whether every message adds up.
+
+    Needs nothing of this project in the bag. The exit status is 1 when there is an error; warnings
+    do not change it.
+    """
+    from ..analysis import open_for
+    from ..doctor import examine
+
+    source = open_for(bag, lambda _: None)  # its problems are among the findings
+    with percent('examine') as progress:
+        examination = examine(source, progress=progress)
+    if as_json:
+        emit_json(examination.to_dict())
+    else:
+        _print_examination(examination, everything)
+    if not examination.ok:
+        end(1)
+
+
+def _print_examination(examination: Examination, everything: bool) -> None:
+    from rich.console import Console
+
+    from ..terminal import print_table
+
+    console = Console(highlight=False)
+    if everything:
+        print_table(console, examination.table())
+    for finding in examination.findings:
+        if finding.level != 'ok' or everything:
+            console.print(finding.line(), soft_wrap=True, markup=False)
+    console.print(examination.summary(), soft_wrap=True, markup=False)

@@ -1,0 +1,123 @@
+"""Replays a bag from arrays: the numbers of `replay`, without its messages.
+
+`replay` is for whoever wants the bytes (`verify`, `replay --out`); scores and reports only want
+the estimates. Both drive the same engine in the same order of events.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from polar_nav_core.engine import batch
+from polar_nav_core.engine import events as engine_events
+from polar_nav_core.engine.inputs import Inputs
+from polar_nav_follower.params import FollowerParams
+
+from .bags import Bag
+from .estimates import EstimateRows, receipts_of
+from .recorded_arrays import RecordedArrays, load_arrays
+from .recorded_inputs import choose_follower
+from .replay import parameters
+from .series import EstimateSeries, Receipt
+
+Progress = Callable[[float], None]
+
+
+@dataclass(frozen=True, eq=False)
+class FastResult:
+    """What the engine made of a bag.
+
+    Attributes
+    ----------
+    vehicle : str
+        The follower.
+    params : FollowerParams
+        Parameters used.
+    estimates : EstimateSeries
+    receipts : list of Receipt
+    taken : dict of str to int
+        Messages taken per full topic name.
+    verdicts : dict of str to int
+        Verdict counts of everything that got a receipt.
+    divergence : str
+        Why the filter stopped; empty when it did not.
+    """
+
+    vehicle: str
+    params: FollowerParams
+    estimates: EstimateSeries
+    receipts: list[Receipt]
+    taken: dict[str, int]
+    verdicts: dict[str, int]
+    divergence: str
+
+
+def replay_arrays(
+    source: RecordedArrays,
+    *,
+    configuration: str | None = None,
+    changes: Mapping[str, Any] | None = None,
+    progress: Progress | None = None,
+) -> FastResult:
+    """Run a bag's messages through the engine; see `replay.replay`."""
+    params = parameters(source.params, configuration, changes or {})
+    numbered = source.inputs(params)
+    rows = EstimateRows(params, _expected(numbered.inputs, params))
+    result = batch.run(params, numbered.inputs, progress=progress, sink=rows.take)
+    found = [numbered.renumbered(r) for r in result.receipts]
+    receipts = list(_merged(found, source.refused))
+    verdicts = Counter(dict(result.verdicts))
+    verdicts.update(r.verdict for r in source.refused)
+    return FastResult(
+        vehicle=source.vehicle,
+        params=params,
+        taken=source.taken,
+        estimates=rows.series(source.vehicle),
+        receipts=receipts_of(receipts),
+        verdicts={v.name: n for v, n in sorted(verdicts.items())},
+        divergence=result.divergence,
+    )
+
+
+def _expected(inputs: Inputs, params: FollowerParams) -> int:
+    """Number of estimates, about."""
+    stamps_ns = inputs.imu_stamps_ns
+    length_s = 1e-9 * int(stamps_ns[-1] - stamps_ns[0]) if len(stamps_ns) else 0.0
+    most = len(stamps_ns) + 1  # not more than samples, whatever the stamps are
+    return min(int(length_s / params.output_period_s) + 2, most)
+
+
+def replay_estimates(
+    bag: Bag,
+    configuration: str | None,
+    vehicle: str | None,
+    changes: Mapping[str, Any],
+    progress: Progress,
+) -> FastResult | None:
+    """Read and replay a bag; None for a run that has to be taken message by message."""
+    # A parameter out of range is told before a long bag is read.
+    parameters(choose_follower(bag, vehicle)[1], configuration, changes)
+    arrays = load_arrays(bag, vehicle, progress=lambda share: progress(0.5 * share))
+    if arrays is None:
+        return None
+    return replay_arrays(
+        arrays,
+        configuration=configuration,
+        changes=changes,
+        progress=lambda share: progress(0.5 + 0.5 * share),
+    )
+
+
+def _merged(
+    found: Iterable[engine_events.Receipt], refused: Sequence[engine_events.Receipt]
+) -> Iterable[engine_events.Receipt]:
+    """Receipts in the order of publication: a refusal after everything of its stamp."""
+    waiting = list(reversed(refused))
+    for receipt in found:
+        while waiting and waiting[-1].stamp_ns < receipt.stamp_ns:
+            yield waiting.pop()
+        yield receipt
+    yield from reversed(waiting)

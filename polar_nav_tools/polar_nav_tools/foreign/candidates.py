@@ -1,0 +1,74 @@
+"""Which topic of a bag may be what, by its type and its name."""
+
+from __future__ import annotations
+
+from ..bags.reader import Topic
+from .adapters.layouts import DEPTH, PACKET, POSITION, USBL, VELOCITY
+
+TRUTH_WORDS = ('truth', 'reference', 'ground', 'ppk', 'post')
+FIX_WORDS = ('usbl', 'acoustic', 'acomms', 'lbl', 'modem', 'fix', 'track')
+STATE_WORDS = ('odom', 'nav', 'state', 'estimate', 'ins', 'pose', 'gps', 'gnss')
+LEADER_WORDS = ('leader', 'ship', 'vessel', 'surface', 'master')
+RAW_WORDS = ('raw',)
+
+
+def words(topic: Topic, some: tuple[str, ...]) -> int:
+    """Count the words that stand in the name of a topic."""
+    name = topic.name.lower()
+    return sum(word in name for word in some)
+
+
+def best(topics: list[Topic], some: tuple[str, ...]) -> Topic | None:
+    """Topic with most of the words, then with most messages, not a leader's."""
+    if not topics:
+        return None
+    return max(topics, key=lambda t: (-words(t, LEADER_WORDS), words(t, some), t.count))
+
+
+def best_position(
+    topics: list[Topic], some: tuple[str, ...], *, require: bool = False
+) -> Topic | None:
+    """Return the best topic of positions, if required only one with some of the words."""
+    found = [t for t in topics if t.type in POSITION and (words(t, some) or not require)]
+    return best(found, some)
+
+
+def vehicle(imu: Topic | None) -> str:
+    """Return the first part of the name of the IMU's topic."""
+    parts = [] if imu is None else imu.name.strip('/').split('/')
+    return parts[0] if len(parts) > 1 else 'vehicle'
+
+
+def near(topic: Topic, imu: Topic) -> bool:
+    """Whether a topic may be of the same vehicle: not in the namespace of a leader."""
+    return not words(topic, LEADER_WORDS) or bool(words(imu, LEADER_WORDS))
+
+
+def dvl_of(topics: list[Topic]) -> Topic | None:
+    """Return the topic that looks most like a DVL."""
+    own = [t for t in topics if t.type in VELOCITY and 'dvl' in (t.name + t.type).lower()]
+    typed = [t for t in own if 'dvl' in t.type.lower()]
+    return best(typed or own, ('dvl',))
+
+
+def depth_of(topics: list[Topic]) -> Topic | None:
+    """Return the topic that looks most like depth or pressure."""
+    named = ('depth', 'pressure')
+    found = [t for t in topics if t.type in DEPTH and words(t, named)]
+    typed = [t for t in found if t.type == 'polar_nav_msgs/msg/Depth']
+    other = [t for t in topics if t.type == 'sensor_msgs/msg/FluidPressure']
+    return best(typed or found or other, named)
+
+
+def fixes_of(mine: list[Topic], truth: Topic | None, topics: list[Topic]) -> list[Topic]:
+    """Return the topics of position fixes: acoustic packets, else USBL, else one by its name."""
+    packets = [t for t in mine if t.type == PACKET and t.name.endswith('rx')]
+    if packets:
+        return packets
+    usbl = [t for t in topics if t.type == USBL]
+    if usbl:
+        return usbl
+    found = [t for t in mine if t.type in POSITION and words(t, FIX_WORDS) and t != truth]
+    found = [t for t in found if not t.name.endswith('nav/state')]
+    one = best(found, FIX_WORDS[:-2])
+    return [] if one is None else [one]

@@ -1,0 +1,196 @@
+"""Findings on the stamps of one topic."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .findings import Finding, Severity
+from .sources import Stamps
+
+_NS = 1e-9
+_FEW = 10
+_DRIFT_WARNING, _DRIFT_SEVERE = 1e-4, 1e-2
+"""Of stamps against log times [s/s]: a quartz is good to 1e-4; a per cent ruins every speed."""
+_DRIFT_SPAN_S, _DRIFT_S = 10.0, 0.2
+"""Nothing is said of shorter recordings, or of less than so much in all [s]."""
+_JUMP_S = 1.0
+_GAP_PERIODS = 10.0
+_REPEATED_SHARE = 0.05
+
+
+def check_stamps(
+    topic: str, stamps_ns: Stamps, log_ns: Stamps, *, delayed: bool = False
+) -> Iterator[Finding]:
+    """Look at zero, backward, repeated, jumping and drifting stamps.
+
+    Parameters
+    ----------
+    topic : str
+    stamps_ns, log_ns : (n,) arrays
+        In the order of the bag.
+    delayed : bool
+        Messages come with a delay of their own, which may change: no drift is looked for.
+    """
+    if not len(stamps_ns):
+        return
+    zero = stamps_ns == 0
+    if zero.any():
+        yield _finding(
+            'stamps_zero',
+            Severity.SEVERE,
+            topic,
+            zero,
+            stamps_ns,
+            float(zero.sum()),
+            f'{int(zero.sum())} of {len(zero)} stamps are zero; `stamp: log` takes the log time',
+        )
+        if zero.all():
+            return
+    steps = np.diff(stamps_ns)
+    yield from _backwards(topic, stamps_ns, steps)
+    yield from _repeated(topic, stamps_ns, steps)
+    yield from _jumps(topic, stamps_ns, log_ns)
+    if not delayed:
+        yield from _drift(topic, stamps_ns, log_ns)
+
+
+def _backwards(topic: str, stamps_ns: Stamps, steps: Stamps) -> Iterator[Finding]:
+    back = np.r_[False, steps < 0]
+    if not back.any():
+        return
+    worst = float(-steps.min()) * _NS
+    yield _finding(
+        'stamps_backwards',
+        Severity.SEVERE,
+        topic,
+        back,
+        stamps_ns,
+        worst,
+        f'{int(back.sum())} stamps are before the one before, by up to {worst:.6g} s (limit 0); '
+        'accepted, the messages are sorted by stamp',
+    )
+
+
+def _repeated(topic: str, stamps_ns: Stamps, steps: Stamps) -> Iterator[Finding]:
+    same = np.r_[False, steps == 0]
+    if not same.any():
+        return
+    share = float(same.mean())
+    many = share > _REPEATED_SHARE
+    yield _finding(
+        'stamps_repeated',
+        Severity.SEVERE if many else Severity.WARNING,
+        topic,
+        same,
+        stamps_ns,
+        share,
+        f'{int(same.sum())} of {len(same)} stamps are those of the message before '
+        f'({100 * share:.2g} %, limit {100 * _REPEATED_SHARE:.0f} %)',
+    )
+
+
+def _jumps(topic: str, stamps_ns: Stamps, log_ns: Stamps) -> Iterator[Finding]:
+    """Stamps that jump while the recording goes on; and gaps that both have."""
+    if len(stamps_ns) < _FEW:
+        return
+    steps = np.diff(stamps_ns) * _NS
+    logged = np.diff(log_ns) * _NS
+    usual = float(np.median(np.abs(steps)))
+    limit = max(_JUMP_S, _GAP_PERIODS * usual)
+    jump = np.r_[False, (steps > limit) & (steps - logged > limit)]
+    if jump.any():
+        largest = float(steps[jump[1:]].max())
+        yield _finding(
+            'stamps_jump',
+            Severity.SEVERE,
+            topic,
+            jump,
+            stamps_ns,
+            largest,
+            f'stamps jump ahead {int(jump.sum())} times, by up to {largest:.6g} s, while the '
+            f'recording goes on (limit {limit:.3g} s)',
+        )
+    gap = np.r_[False, (steps > limit)] & ~jump
+    if gap.any():
+        largest = float(steps[gap[1:]].max())
+        yield _finding(
+            'gap',
+            Severity.WARNING,
+            topic,
+            gap,
+            stamps_ns,
+            largest,
+            f'{int(gap.sum())} gaps of up to {largest:.4g} s (usual period {usual:.4g} s)',
+        )
+
+
+def _drift(topic: str, stamps_ns: Stamps, log_ns: Stamps) -> Iterator[Finding]:
+    """Slope of stamps against log times; the medians of both ends do not mind delays."""
+    n = len(stamps_ns)
+    if n < 2 * _FEW:
+        return
+    tenth = max(n // 10, _FEW // 2)
+    ends = [np.median(log_ns[:tenth] - log_ns[0]), np.median(log_ns[-tenth:] - log_ns[0])]
+    lag = (stamps_ns - stamps_ns[0]) - (log_ns - log_ns[0])
+    span = float(ends[1] - ends[0]) * _NS
+    change = float(np.median(lag[-tenth:]) - np.median(lag[:tenth])) * _NS
+    if span < _DRIFT_SPAN_S or abs(change) < _DRIFT_S:
+        return
+    slope = change / span
+    if abs(slope) < _DRIFT_WARNING:
+        return
+    severe = abs(slope) >= _DRIFT_SEVERE
+    limit = _DRIFT_SEVERE if severe else _DRIFT_WARNING
+    yield Finding(
+        'stamps_drift',
+        Severity.SEVERE if severe else Severity.WARNING,
+        topic,
+        int(stamps_ns[0]),
+        n,
+        slope,
+        f'stamps gain {slope:+.3g} s per s of log time, {change:+.3g} s in {span:.0f} s '
+        f'(limit {limit:g}); simulations that did not run in real time look like this, too',
+    )
+
+
+def check_spans(
+    reference: tuple[str, Stamps], others: list[tuple[str, Stamps]]
+) -> Iterator[Finding]:
+    """Look for topics whose stamps lie outside of those of the IMU."""
+    _, imu = reference
+    if not len(imu):
+        return
+    first, last = int(imu.min()), int(imu.max())
+    for topic, stamps_ns in others:
+        if not len(stamps_ns):
+            continue
+        outside = (stamps_ns < first - 1_000_000_000) | (stamps_ns > last + 1_000_000_000)
+        share = float(outside.mean())
+        if share > 0.5:
+            apart = (int(np.median(stamps_ns)) - (first + last) // 2) * _NS
+            yield _finding(
+                'stamps_apart',
+                Severity.SEVERE,
+                topic,
+                outside,
+                stamps_ns,
+                apart,
+                f'{100 * share:.0f} % of its stamps lie outside of those of the IMU (limit 50 %), '
+                f'on average {apart:+.6g} s off: another clock? `time_offset_s` shifts them',
+            )
+
+
+def _finding(
+    name: str,
+    severity: Severity,
+    topic: str,
+    where: NDArray[np.bool_],
+    stamps_ns: Stamps,
+    value: float,
+    text: str,
+) -> Finding:
+    first = int(stamps_ns[int(np.flatnonzero(where)[0])])
+    return Finding(name, severity, topic, first, int(where.sum()), value, text)

@@ -1,0 +1,150 @@
+"""What is wrong with a recording, found before anything is integrated."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+
+from polar_nav_core.errors import PolarNavError
+
+from ..bags.reader import stamp_text
+from ..scoring import Column, Table
+
+
+class Severity(IntEnum):
+    """How bad a finding is."""
+
+    NOTE = 0
+    """Worth knowing."""
+    WARNING = 1
+    """The result is worse than it could be."""
+    SEVERE = 2
+    """The result would be wrong: the run is refused."""
+
+
+NAMES: dict[str, str] = {
+    'stamps_zero': 'stamps are zero: nobody filled in the header',
+    'stamps_backwards': 'stamps run backwards against the order of the recording',
+    'stamps_repeated': 'several messages share a stamp',
+    'stamps_jump': 'stamps leave a gap that the recording does not have',
+    'gap': 'no message for a while',
+    'stamps_drift': 'stamps run faster or slower than the clock of the recording',
+    'stamps_apart': 'stamps are of another time than those of the IMU',
+    'rate_low': 'too few samples per second',
+    'not_finite': 'a number is NaN or infinite',
+    'stuck': 'the same numbers again and again',
+    'gravity_units': 'specific force has not the size of gravity',
+    'gravity_sign': 'specific force points down at rest: it must point up',
+    'gravity_direction': 'specific force does not point up on average',
+    'gyro_units': 'rates and the turning of gravity differ by a factor',
+    'gyro_sign': 'rates and the turning of gravity have opposite signs',
+    'rate_size': 'angular rates no underwater vehicle has',
+    'covariance_zero': 'a covariance is zero: it would claim perfect knowledge',
+    'covariance_not_finite': 'a covariance has NaN or infinite numbers',
+    'covariance_negative': 'a covariance is not positive definite',
+    'velocity_size': 'velocities no underwater vehicle has',
+    'velocity_invalid': 'pings without bottom lock',
+    'depth_size': 'depths that cannot be',
+    'pressure_size': 'pressures that cannot be',
+    'position_size': 'positions that are not near the surface of the earth',
+    'position_invalid': 'messages that say they hold no position',
+    'fix_from_future': 'fixes received before they were valid',
+    'fix_late': 'fixes older than the filter takes',
+    'fix_not_delayed': 'fixes that are received when they are valid',
+    'noise_not_stated': 'the noise of the IMU is not stated',
+    'gyrocompass': 'the gyros cannot find north',
+    'not_at_rest': 'the vehicle moves while it should be at rest for alignment',
+    'truth_attitude': 'the reference has no attitude or velocity to compare with',
+}
+"""Every kind of finding; the names are those of ``--accept``."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that was found.
+
+    Attributes
+    ----------
+    name : str
+        Kind, a key of `NAMES`.
+    severity : Severity
+    topic : str
+    stamp_ns : int or None
+        Where it begins.
+    count : int
+        Messages that have it.
+    value : float
+        The number found, in the unit that the sentence gives.
+    text : str
+        A sentence with number and limit, and what to change in the mapping where that is known.
+    """
+
+    name: str
+    severity: Severity
+    topic: str
+    stamp_ns: int | None
+    count: int
+    value: float
+    text: str
+
+    def __post_init__(self) -> None:
+        """Refuse a name that ``--accept`` could not know."""
+        if self.name not in NAMES:
+            raise ValueError(f'{self.name!r} is no kind of finding')
+
+    def to_dict(self) -> dict[str, object]:
+        """Return plain values for JSON."""
+        return {
+            'name': self.name,
+            'severity': self.severity.name.lower(),
+            'topic': self.topic,
+            'stamp_ns': self.stamp_ns,
+            'count': self.count,
+            'value': self.value,
+            'text': self.text,
+        }
+
+
+class Refused(PolarNavError):
+    """Data that would be integrated to a wrong result; `details` has the findings."""
+
+    def __init__(self, path: object, findings: Sequence[Finding]) -> None:
+        names = ', '.join(dict.fromkeys(f.name for f in findings))
+        options = ' '.join(f'--accept {n}' for n in dict.fromkeys(f.name for f in findings))
+        super().__init__(
+            f'{path}: refused, nothing was integrated: {names}. Correct the mapping, or take the '
+            f'data as they are with {options}'
+        )
+        self.findings = tuple(findings)
+        self.details = [f'{f.topic}: {f.name}: {f.text}' for f in findings]
+
+
+def refusals(findings: Iterable[Finding], accepted: Iterable[str]) -> list[Finding]:
+    """Return the severe findings that nobody accepted."""
+    taken = set(accepted)
+    return [f for f in findings if f.severity is Severity.SEVERE and f.name not in taken]
+
+
+def table(findings: Sequence[Finding]) -> Table:
+    """Show findings, the worst first."""
+    columns = (
+        Column('severity', 'severity'),
+        Column('topic', 'topic'),
+        Column('name', 'finding'),
+        Column('when', 'first at'),
+        Column('count', 'messages'),
+        Column('text', 'what'),
+    )
+    rows = tuple(
+        {
+            'severity': f.severity.name.lower(),
+            'topic': f.topic,
+            'name': f.name,
+            'when': '' if f.stamp_ns is None else stamp_text(f.stamp_ns),
+            'count': f.count,
+            'text': f.text,
+        }
+        for f in sorted(findings, key=lambda f: -f.severity)
+    )
+    return Table('What was found in the data', columns, rows)

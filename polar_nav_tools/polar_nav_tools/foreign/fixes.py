@@ -1,0 +1,260 @@
+"""Delayed positions of the vehicle: any position topic, acoustic packets, or USBL + leader."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from polar_nav_core import usbl
+from polar_nav_core.attitude import exp, log
+from polar_nav_core.earth import geodetic_from_ecef
+from polar_nav_core.engine.events import Array, Fix
+from polar_nav_core.errors import ConfigError
+from polar_nav_core.grid import ecef_to_grid
+from polar_nav_follower.measurements.fix import fix_from_packet
+from polar_nav_follower.params import FollowerParams
+
+from ..bags.decode import store_of
+from ..bags.errors import BagError
+from .adapters.layouts import PACKET, USBL
+from .adapters.position import PositionRows, read_positions
+from .arrays import finite_rows
+from .mapping import FixMapping
+from .sources import Source, Stamps, require
+
+_NS = 1_000_000_000
+
+
+@dataclass(frozen=True)
+class FixRows:
+    """Fixes of one topic.
+
+    ``covariance_e`` (n, 3, 3) and ``r_e`` (n, 3) are as in `Fix`; ``positions`` are the rows they
+    came from, None for packets.
+    """
+
+    topic: str
+    stamps_ns: Stamps
+    log_ns: Stamps
+    fixes: tuple[Fix, ...]
+    positions: PositionRows | None
+
+
+def read_fixes(
+    source: Source,
+    mapping: FixMapping,
+    first_arrival: int = 0,
+    sea_surface_height: float = 0.0,
+) -> FixRows:
+    """Read a source of fixes.
+
+    Parameters
+    ----------
+    source : Source
+    mapping : FixMapping
+    first_arrival : int
+        Number of the first fix among those of all sources: places equal stamps in order.
+    sea_surface_height : float
+        Above the ellipsoid [m], for depths that a transponder told.
+
+    Raises
+    ------
+    BagError, ConfigError
+        As the adapters.
+    """
+    kind = require(source, mapping.position.stream.topic).type
+    if kind == PACKET:
+        return _packets(source, mapping, first_arrival)
+    if kind == USBL:
+        return _usbl(source, mapping, first_arrival, sea_surface_height)
+    rows = read_positions(source, mapping.position)
+    covariance = _stated(mapping, rows)
+    return _fixes(mapping, rows, covariance, first_arrival)
+
+
+def _stated(mapping: FixMapping, rows: PositionRows) -> Array:
+    if mapping.sigma is None:
+        return rows.covariance_e
+    return sigma_covariance(mapping.sigma, rows.r_e)
+
+
+def sigma_covariance(sigma: tuple[float, float], r_e: Array) -> Array:
+    """Covariance of horizontal and vertical sigma [m], ECEF. (n, 3) -> (n, 3, 3)."""
+    out = np.full((len(r_e), 3, 3), np.nan)
+    good = finite_rows(r_e)
+    if good.any():
+        C_e_G = ecef_to_grid(r_e[good])
+        P_G = np.diag([sigma[0] ** 2, sigma[0] ** 2, sigma[1] ** 2])
+        out[good] = np.einsum('nki,kl,nlj->nij', C_e_G, P_G, C_e_G)
+    return out
+
+
+def _received(mapping: FixMapping, stamps_ns: Stamps, log_ns: Stamps) -> Stamps:
+    return log_ns if mapping.delay_ns is None else stamps_ns + mapping.delay_ns
+
+
+def _fixes(
+    mapping: FixMapping, rows: PositionRows, covariance: Array, first_arrival: int
+) -> FixRows:
+    received = _received(mapping, rows.stamps_ns, rows.log_ns)
+    usable = rows.given & rows.plausible
+    fixes = tuple(
+        Fix(
+            validity_ns=int(rows.stamps_ns[k]),
+            transmit_ns=0,
+            receive_ns=int(received[k]),
+            source=mapping.source,
+            sequence=int(k),
+            order=int(k),
+            arrival=first_arrival + int(k),
+            r_e=rows.r_e[k],
+            covariance_e=covariance[k],
+            topic=rows.topic,
+        )
+        for k in np.flatnonzero(usable)
+    )
+    return FixRows(rows.topic, rows.stamps_ns, rows.log_ns, fixes, rows)
+
+
+def _messages(source: Source, topic: str) -> list[tuple[int, Any]]:
+    kind = require(source, topic).type
+    store = store_of(source.text(topic), kind)
+    out = []
+    for log_ns, data in source.records(topic):
+        try:
+            out.append((log_ns, store.deserialize_cdr(data, kind)))
+        except Exception as error:  # bytes from a file can fail in any way
+            raise BagError(f'{source.path}: a message on {topic} is no {kind}') from error
+    return out
+
+
+def _ns(time: Any) -> int:  # noqa: ANN401 - builtin_interfaces/Time of any store
+    return int(time.sec) * _NS + int(time.nanosec)
+
+
+def _packets(source: Source, mapping: FixMapping, first_arrival: int) -> FixRows:
+    stream = mapping.position.stream
+    params = FollowerParams(leader_id=mapping.leader_id, own_id=mapping.own_id)
+    fixes, logged = [], []
+    for k, (log_ns, m) in enumerate(_messages(source, stream.topic)):
+        transmit_ns = _ns(m.transmit_time) + stream.offset_ns
+        receive_ns = _ns(m.receive_time) + stream.offset_ns
+        fix, _ = fix_from_packet(
+            bytes(m.data),
+            str(m.source),
+            int(m.sequence),
+            first_arrival + k,
+            transmit_ns,
+            receive_ns,
+            params,
+        )
+        fixes.append(fix)
+        logged.append(log_ns)
+    stamps = np.array([f.receive_ns for f in fixes], dtype=np.int64)
+    return FixRows(stream.topic, stamps, np.array(logged, dtype=np.int64), tuple(fixes), None)
+
+
+def _usbl(
+    source: Source, mapping: FixMapping, first_arrival: int, sea_surface_height: float
+) -> FixRows:
+    stream = mapping.position.stream
+    if mapping.leader is None:
+        raise ConfigError(
+            f'{stream.topic}: a UsblFix is relative to its array: give `leader` with the topic of '
+            "the array vehicle's position and attitude"
+        )
+    leader = read_positions(source, mapping.leader).sorted()
+    if len(leader.stamps_ns) < 2 or not np.isfinite(leader.C_b_G).all():
+        raise ConfigError(
+            f'{mapping.leader.stream.topic}: a leader needs position and attitude in every message'
+        )
+    fixes, stamps, logged = [], [], []
+    for k, (log_ns, m) in enumerate(_messages(source, stream.topic)):
+        validity_ns = _ns(m.header.stamp) + stream.offset_ns
+        stamps.append(validity_ns)
+        logged.append(log_ns)
+        try:
+            relative = _transponder(m, leader, mapping, stream.offset_ns, sea_surface_height)
+        except (ValueError, np.linalg.LinAlgError):
+            relative = None  # numbers that fit no geometry
+        if relative is None:
+            continue
+        covariance = relative.covariance
+        if mapping.sigma is not None:
+            covariance = sigma_covariance(mapping.sigma, relative.vector[None])[0]
+        receive_ns = log_ns if mapping.delay_ns is None else validity_ns + mapping.delay_ns
+        fixes.append(
+            Fix(
+                validity_ns=validity_ns,
+                transmit_ns=0,
+                receive_ns=receive_ns,
+                source=mapping.source,
+                sequence=int(m.sequence),
+                order=k,
+                arrival=first_arrival + k,
+                r_e=relative.vector,
+                covariance_e=covariance,
+                topic=stream.topic,
+            )
+        )
+    return FixRows(
+        stream.topic,
+        np.array(stamps, dtype=np.int64),
+        np.array(logged, dtype=np.int64),
+        tuple(fixes),
+        None,
+    )
+
+
+def _transponder(
+    m: Any,  # noqa: ANN401 - a UsblFix of any store
+    leader: PositionRows,
+    mapping: FixMapping,
+    offset_ns: int,
+    sea_surface_height: float,
+) -> usbl.Relative | None:
+    """Position of the transponder; None where the leader's at that time is not known."""
+    ping_ns, return_ns = _ns(m.ping_time) + offset_ns, _ns(m.return_time) + offset_ns
+    known = leader.stamps_ns
+    if not known[0] <= return_ns <= known[-1]:
+        return None
+    k = int(np.clip(np.searchsorted(known, return_ns), 1, len(known) - 1))
+    share = (return_ns - int(known[k - 1])) / max(int(known[k] - known[k - 1]), 1)
+    r_e = _interpolated(leader, return_ns)
+    before = leader.C_b_G[k - 1]
+    C_b_G = before @ exp(share * log(before.T @ leader.C_b_G[k]))
+    C_a_G = C_b_G @ mapping.C_a_b
+    direction = np.array([m.direction.x, m.direction.y, m.direction.z])
+    lever_G = C_b_G @ np.asarray(mapping.lever_b)
+    moved_e = r_e - _interpolated(leader, ping_ns)
+    displacement_a = C_a_G.T @ (ecef_to_grid(r_e) @ moved_e)
+    distance = usbl.range_at_reply(m.range, m.range_variance, direction, displacement_a)
+    told = np.isfinite(m.target_depth)
+    height = 0.0
+    if told:
+        array_height = float(geodetic_from_ecef(r_e)[2]) + float(lever_G[2])
+        height = sea_surface_height - float(m.target_depth) - array_height
+    relative_a = usbl.relative_in_array(
+        direction,
+        np.asarray(m.direction_cosine_covariance).reshape(2, 2),
+        distance.distance,
+        distance.variance,
+        C_a_G[2] if told else None,
+        height,
+        float(m.target_depth_variance) if told else 0.0,
+    )
+    relative_G = usbl.relative_in_grid(
+        relative_a, mapping.C_a_b, mapping.lever_b, C_b_G, np.zeros((3, 3))
+    )
+    P_leader = leader.covariance_e[k]
+    return usbl.transponder_position(
+        r_e, relative_G, P_leader if np.isfinite(P_leader).all() else None
+    )
+
+
+def _interpolated(leader: PositionRows, stamp_ns: int) -> Array:
+    t = (leader.stamps_ns - leader.stamps_ns[0]) * 1e-9
+    at = (stamp_ns - int(leader.stamps_ns[0])) * 1e-9
+    return np.array([np.interp(at, t, leader.r_e[:, i]) for i in range(3)])

@@ -1,0 +1,272 @@
+"""A foreign bag and its mapping to the engine's inputs; nothing severe passes unnoticed."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polar_nav_core.earth import geodetic_from_ecef
+from polar_nav_core.engine.events import Array, Fix
+from polar_nav_core.engine.inputs import Inputs
+from polar_nav_core.engine.params import EngineParams
+from polar_nav_core.errors import ConfigError
+from polar_nav_core.params import default_of, from_mapping
+from polar_nav_follower.params import FollowerParams
+
+from ..series import TruthSeries
+from .adapters.position import PositionRows, read_positions
+from .adapters.sensors import DepthRows, DvlRows, ImuRows, read_depth, read_dvl, read_imu
+from .check_imu import check_imu
+from .check_stamps import check_spans, check_stamps
+from .check_values import check_depth, check_dvl, check_fixes, check_positions
+from .findings import NAMES, Finding, Refused, Severity, refusals
+from .fixes import FixRows, read_fixes
+from .initial import Start, find_start
+from .mapping import Mapping
+from .reference import truth_of
+from .sources import Source
+
+_T = TypeVar('_T', ImuRows, DvlRows, DepthRows)
+_NOISE = ('gyro_bias_sigma', 'gyro_noise_density', 'accel_bias_sigma', 'accel_noise_density')
+
+
+@dataclass(frozen=True)
+class Loaded:
+    """Everything for a run.
+
+    Attributes
+    ----------
+    source, mapping : Source, Mapping
+    params : FollowerParams
+        With the initial state.
+    inputs : Inputs
+        What the engine takes.
+    truth : TruthSeries or None
+    findings : tuple of Finding
+    start : Start
+    """
+
+    source: Source
+    mapping: Mapping
+    params: FollowerParams
+    inputs: Inputs
+    truth: TruthSeries | None
+    findings: tuple[Finding, ...]
+    start: Start
+
+
+@dataclass(frozen=True)
+class _Streams:
+    imu: ImuRows
+    dvl: DvlRows | None
+    depth: DepthRows | None
+    fixes: tuple[FixRows, ...]
+    initial: PositionRows | None
+    truth: PositionRows | None
+
+
+def load(source: Source, mapping: Mapping, accept: Iterable[str] = ()) -> Loaded:
+    """Read, check and convert a bag.
+
+    Parameters
+    ----------
+    source : Source
+    mapping : Mapping
+    accept : iterable of str
+        Names of severe findings to take as they are, beside those that the mapping accepts.
+
+    Raises
+    ------
+    Refused
+        For a severe finding that was not accepted, before anything is integrated.
+    BagError, ConfigError
+        As reading and the parameters.
+    """
+    accepted = {*accept, *mapping.accept}
+    for name in sorted(accepted - set(NAMES)):
+        raise ConfigError(f'{name!r} is no finding; there are {", ".join(NAMES)}')
+    streams = _read(source, mapping)
+    with np.errstate(over='ignore', invalid='ignore'):  # numbers of any size are looked at
+        findings = [*check(streams, mapping), *_unstated(mapping)]
+    _refuse(source, findings, accepted)
+    ordered = _in_order(streams)
+    stated = dict(mapping.params)
+    start = find_start(
+        mapping.initial,
+        mapping.place,
+        stated,
+        ordered.imu,
+        ordered.dvl,
+        ordered.initial,
+    )
+    findings += start.findings
+    _refuse(source, findings, accepted)
+    for fix in mapping.fixes:
+        stated.setdefault('leader_id', fix.leader_id)
+        stated.setdefault('own_id', fix.own_id)
+    return Loaded(
+        source=source,
+        mapping=mapping,
+        params=from_mapping(FollowerParams, {**start.values, **stated}),
+        inputs=_inputs(ordered, start.stamp_ns),
+        truth=truth_of(ordered.truth, mapping.vehicle),
+        findings=tuple(findings),
+        start=start,
+    )
+
+
+def _refuse(source: Source, findings: Sequence[Finding], accepted: set[str]) -> None:
+    refused = refusals(findings, accepted)
+    if refused:
+        raise Refused(source.path, refused)
+
+
+def _read(source: Source, mapping: Mapping) -> _Streams:
+    params = mapping.params
+
+    def number(name: str) -> float:
+        return float(params.get(name, default_of(EngineParams, name)))
+
+    fixes: list[FixRows] = []
+    for one in mapping.fixes:
+        taken = sum(len(f.stamps_ns) for f in fixes)
+        fixes.append(read_fixes(source, one, taken, number('sea_surface_height')))
+    initial = mapping.initial.position
+    where = None if initial is None else read_positions(source, initial)
+    latitude_deg = float(params.get('initial_latitude_deg', 90.0))
+    if 'initial_latitude_deg' not in params:
+        latitude_deg = _latitude_deg(where, fixes, latitude_deg)
+    return _Streams(
+        imu=read_imu(source, mapping.imu),
+        dvl=None if mapping.dvl is None else read_dvl(source, mapping.dvl, number('dvl_sigma')),
+        depth=None
+        if mapping.depth is None
+        else read_depth(source, mapping.depth, number('depth_sigma'), latitude_deg),
+        fixes=tuple(fixes),
+        initial=where,
+        truth=None if mapping.truth is None else read_positions(source, mapping.truth),
+    )
+
+
+def _latitude_deg(where: PositionRows | None, fixes: Sequence[FixRows], otherwise: float) -> float:
+    """Latitude of the first position there is, for the gravity in pressure to depth [deg]."""
+    rows = where.r_e if where is not None else np.zeros((0, 3))
+    found = [r for r in rows if np.isfinite(r).all()][:1]
+    found += [f.r_e for one in fixes for f in one.fixes if np.isfinite(f.r_e).all()][:1]
+    return float(np.degrees(geodetic_from_ecef(found[0])[0])) if found else otherwise
+
+
+def check(streams: _Streams, mapping: Mapping) -> list[Finding]:
+    """Look at everything that was read."""
+    out: list[Finding] = []
+    sensors = [s for s in (streams.imu, streams.dvl, streams.depth) if s is not None]
+    for rows in sensors:
+        out += check_stamps(rows.topic, rows.stamps_ns, rows.log_ns)
+    for one in streams.fixes:
+        out += check_stamps(one.topic, one.stamps_ns, one.log_ns, delayed=True)
+    others = [(r.topic, r.stamps_ns) for r in sensors[1:]]
+    others += [(r.topic, r.stamps_ns) for r in streams.fixes]
+    if streams.truth is not None:
+        out += check_stamps(streams.truth.topic, streams.truth.stamps_ns, streams.truth.log_ns)
+        others.append((streams.truth.topic, streams.truth.stamps_ns))
+    out += check_spans((streams.imu.topic, streams.imu.stamps_ns), others)
+    out += check_imu(streams.imu)
+    if streams.dvl is not None:
+        out += check_dvl(streams.dvl)
+    if streams.depth is not None:
+        out += check_depth(streams.depth)
+    limit = mapping.params.get('max_delay_s', default_of(EngineParams, 'max_delay_s'))
+    for one in streams.fixes:
+        out += check_fixes(one, float(limit))
+    if streams.truth is not None:
+        out += check_positions(streams.truth)
+        if not np.isfinite(streams.truth.C_b_G).any():
+            out.append(_no_attitude(streams.truth))
+    return out
+
+
+def _no_attitude(truth: PositionRows) -> Finding:
+    return Finding(
+        'truth_attitude',
+        Severity.NOTE,
+        truth.topic,
+        int(truth.stamps_ns[0]),
+        len(truth.stamps_ns),
+        0.0,
+        f'{truth.type} has no attitude here: errors of attitude are not scored, velocity is that '
+        'of the positions',
+    )
+
+
+def _unstated(mapping: Mapping) -> list[Finding]:
+    missing = [name for name in _NOISE if name not in mapping.params]
+    if not missing:
+        return []
+    return [
+        Finding(
+            'noise_not_stated',
+            Severity.WARNING,
+            mapping.imu.stream.topic,
+            None,
+            0,
+            float(len(missing)),
+            f'{", ".join(missing)} are not among parameters: those of a navigation-grade IMU are '
+            'taken, and a cheaper one makes the filter too sure of itself',
+        )
+    ]
+
+
+def _in_order(s: _Streams) -> _Streams:
+    return _Streams(
+        imu=_sorted(s.imu),
+        dvl=None if s.dvl is None else _sorted(s.dvl),
+        depth=None if s.depth is None else _sorted(s.depth),
+        fixes=s.fixes,
+        initial=None if s.initial is None else s.initial.sorted(),
+        truth=None if s.truth is None else s.truth.sorted(),
+    )
+
+
+def _sorted(rows: _T) -> _T:
+    """By stamp, without stamps of zero where others have one."""
+    stamps = rows.stamps_ns
+    order: NDArray[Any] = np.argsort(stamps, kind='stable')
+    if (stamps != 0).any():
+        order = order[stamps[order] != 0]
+    changes = {
+        name: value[order] for name, value in vars(rows).items() if isinstance(value, np.ndarray)
+    }
+    return replace(rows, **changes)
+
+
+def _inputs(s: _Streams, start_ns: int) -> Inputs:
+    """Cut everything to the start; the sample at the start gives the engine its first stamp."""
+    imu, dvl, depth = s.imu, s.dvl, s.depth
+    i = imu.stamps_ns >= start_ns
+    given: dict[str, Any] = {}
+    if dvl is not None:
+        d = dvl.stamps_ns >= start_ns
+        given |= {
+            'dvl_stamps_ns': dvl.stamps_ns[d],
+            'dvl_v_m': dvl.velocity[d],
+            'dvl_covariance_m': dvl.covariance[d],
+            'dvl_valid': dvl.valid[d],
+        }
+    if depth is not None:
+        e = depth.stamps_ns >= start_ns
+        given |= {
+            'depth_stamps_ns': depth.stamps_ns[e],
+            'depth': depth.depth[e],
+            'depth_variance': depth.variance[e],
+        }
+    fixes: tuple[Fix, ...] = tuple(f for one in s.fixes for f in one.fixes)
+    fixes = tuple(f for f in fixes if f.receive_ns >= start_ns)
+    return Inputs(imu.stamps_ns[i], _c(imu.omega_ib_b[i]), _c(imu.f_b[i]), fixes=fixes, **given)
+
+
+def _c(values: Array) -> Array:
+    return np.ascontiguousarray(values)

@@ -1,0 +1,163 @@
+"""What is what in a foreign bag (docs/your-bags.md explains the keys); `mapping_file` reads it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping as Names
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from polar_nav_core.engine.events import Array
+
+GYRO_UNITS = {'rad/s': 1.0, 'deg/s': np.pi / 180.0}
+ACCEL_UNITS = {'m/s^2': 1.0, 'g': 9.80665, 'mg': 9.80665e-3}
+SPEED_UNITS = {'m/s': 1.0, 'cm/s': 1e-2, 'mm/s': 1e-3}
+LENGTH_UNITS = {'m': 1.0, 'cm': 1e-2, 'mm': 1e-3}
+PRESSURE_UNITS = {'Pa': 1.0, 'hPa': 1e2, 'kPa': 1e3, 'dbar': 1e4, 'bar': 1e5}
+POSITION_FRAMES = ('geodetic', 'earth', 'enu', 'ned', 'epsg')
+STAMPS = ('header', 'log')
+
+
+@dataclass(frozen=True)
+class Stream:
+    """A topic and where its times come from.
+
+    Attributes
+    ----------
+    topic : str
+    stamp : str
+        ``header`` (time of validity) or ``log`` (when it was recorded).
+    offset_ns : int
+        Added to every stamp [ns].
+    fields : dict of str to str or list of str
+        Paths in the message, for types without an adapter.
+    """
+
+    topic: str
+    stamp: str = 'header'
+    offset_ns: int = 0
+    fields: Names[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class ImuMapping:
+    """An IMU: C_s_b takes its axes to the body's."""
+
+    stream: Stream
+    C_s_b: Array
+    gyro_scale: float
+    accel_scale: float
+
+
+@dataclass(frozen=True)
+class DvlMapping:
+    """A DVL: scale to m/s; sigma replaces what the messages state [m/s]."""
+
+    stream: Stream
+    C_s_b: Array
+    scale: float
+    sigma: float | None
+
+
+@dataclass(frozen=True)
+class DepthMapping:
+    """Depth in metres or as pressure; sigma replaces what the messages state [m]."""
+
+    stream: Stream
+    unit: str | None
+    sign: float
+    sigma: float | None
+    atmospheric_pressure: float
+    latitude_deg: float | None
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Coordinates of positions; the origin is geodetic [deg, deg, m]."""
+
+    kind: str | None
+    origin: tuple[float, float, float] | None = None
+    epsg: int | None = None
+
+
+@dataclass(frozen=True)
+class PositionMapping:
+    """A topic of positions.
+
+    ``C_s_b`` is of the vehicle axes that its attitude speaks of.
+    """
+
+    stream: Stream
+    frame: Frame
+    C_s_b: Array
+
+
+@dataclass(frozen=True)
+class FixMapping:
+    """Delayed positions: when each was received, and how good it is.
+
+    Attributes
+    ----------
+    position : PositionMapping
+        Topic and frame; for AcousticPacket and UsblFix, the topic alone.
+    source : str
+        Who is named in receipts.
+    delay_ns : int or None
+        From validity to reception; None: the log time is that of reception.
+    sigma : (2,) or None
+        Horizontal and vertical, replaces what the messages state [m].
+    leader : PositionMapping or None
+        Position and attitude of the array's vehicle, for UsblFix.
+    C_a_b, lever_b : arrays
+        Mounting of the array on its vehicle.
+    leader_id, own_id : int
+        Numbers in acoustic packets.
+    """
+
+    position: PositionMapping
+    source: str
+    delay_ns: int | None
+    sigma: tuple[float, float] | None
+    leader: PositionMapping | None
+    C_a_b: Array
+    lever_b: tuple[float, float, float]
+    leader_id: int
+    own_id: int
+
+
+@dataclass(frozen=True)
+class InitialMapping:
+    """Where the initial state comes from: ``topic``, ``values`` or ``alignment``.
+
+    ``heading_deg`` is clockwise from true north; ``grid_heading_deg`` from grid north. Values that
+    are None are left to the parameters ``initial_*``.
+    """
+
+    kind: str
+    position: PositionMapping | None
+    heading_deg: float | None
+    grid_heading_deg: float | None
+    rest_s: float
+    heading_from: str
+
+
+@dataclass(frozen=True)
+class Mapping:
+    """Everything that a mapping file says."""
+
+    place: str
+    vehicle: str
+    imu: ImuMapping
+    dvl: DvlMapping | None
+    depth: DepthMapping | None
+    fixes: tuple[FixMapping, ...]
+    initial: InitialMapping
+    truth: PositionMapping | None
+    accept: tuple[str, ...]
+    params: Names[str, Any]
+
+
+def with_parameters(mapping: Mapping, changes: Names[str, Any]) -> Mapping:
+    """Return the mapping with other parameters, such as those of the command line."""
+    return replace(mapping, params={**mapping.params, **changes})

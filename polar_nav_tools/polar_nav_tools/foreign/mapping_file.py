@@ -1,0 +1,251 @@
+"""Reads a mapping from YAML; every error names file, key, value and what would be right."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from polar_nav_core.depth import STANDARD_ATMOSPHERE
+from polar_nav_core.engine.params import EngineParams
+from polar_nav_core.errors import ConfigError
+
+from . import section
+from .mapping import (
+    ACCEL_UNITS,
+    GYRO_UNITS,
+    LENGTH_UNITS,
+    POSITION_FRAMES,
+    PRESSURE_UNITS,
+    SPEED_UNITS,
+    STAMPS,
+    DepthMapping,
+    DvlMapping,
+    FixMapping,
+    Frame,
+    ImuMapping,
+    InitialMapping,
+    Mapping,
+    PositionMapping,
+    Stream,
+)
+from .section import Section
+
+
+def load(path: Path | str) -> Mapping:
+    """Read a mapping file.
+
+    Raises
+    ------
+    ConfigError
+        Naming file, key, value and what would be right.
+    """
+    return from_section(section.load(Path(path)))
+
+
+def from_section(top: Section) -> Mapping:
+    """Build a mapping of the top section of a file; errors as `load`."""
+    imu = top.section('imu')
+    if imu is None:
+        raise top.fail('imu', 'is missing: without an IMU nothing can be integrated')
+    params = _parameters(top)
+    dvl, depth, truth = top.section('dvl'), top.section('depth'), top.section('truth')
+    accept = top.raw('accept') or []
+    if not isinstance(accept, list) or not all(isinstance(a, str) for a in accept):
+        raise top.fail('accept', f'{accept!r} is not a list of names of findings')
+    mapping = Mapping(
+        place=top.place,
+        vehicle=top.text('vehicle', 'follower'),
+        imu=_imu(imu, params),
+        dvl=None if dvl is None else _dvl(dvl, params),
+        depth=None if depth is None else _depth(depth, params),
+        fixes=tuple(_fix(s, params) for s in top.sections('fixes')),
+        initial=_initial(top.section('initial') or Section(f'{top.place}: initial', {})),
+        truth=None if truth is None else _position(truth),
+        accept=tuple(accept),
+        params=params,
+    )
+    top.done()
+    return mapping
+
+
+def _parameters(top: Section) -> dict[str, Any]:
+    kinds = {f.name: f.metadata.get('kind') for f in fields(EngineParams)}
+    out: dict[str, Any] = {}
+    for name, value in top.texts('parameters').items():
+        if name not in kinds:
+            raise top.fail(
+                'parameters', f'unknown parameter {name}; docs/parameters.md has their names'
+            )
+        out[name] = _typed(value, kinds[name])
+    out.setdefault('configuration', 'default')
+    return out
+
+
+def _typed(value: Any, kind: str | None) -> Any:  # noqa: ANN401 - a value of YAML
+    """Take whole numbers for floats: a person typed them; and 1e-3, a text to YAML."""
+    if kind == 'float' and isinstance(value, int | str) and not isinstance(value, bool):
+        try:
+            return float(value)
+        except ValueError:
+            return value
+    if kind == 'floats' and isinstance(value, list):
+        return [_typed(v, 'float') for v in value]
+    return value
+
+
+def _stream(s: Section) -> Stream:
+    offset_s = s.number('time_offset_s', 0.0, -1e9, 1e9, 's')
+    return Stream(
+        topic=s.text('topic'),
+        stamp=s.choice('stamp', STAMPS, 'header'),
+        offset_ns=round(offset_s * 1e9),
+        fields=s.texts('fields'),
+    )
+
+
+def _imu(s: Section, params: dict[str, Any]) -> ImuMapping:
+    if 'sample' in s:
+        params['imu_sample'] = s.choice('sample', ('mean', 'instant'))
+    s.raw('sample')
+    mapping = ImuMapping(
+        stream=_stream(s),
+        C_s_b=s.rotation(),
+        gyro_scale=GYRO_UNITS[s.choice('gyro_unit', tuple(GYRO_UNITS), 'rad/s')],
+        accel_scale=ACCEL_UNITS[s.choice('accel_unit', tuple(ACCEL_UNITS), 'm/s^2')],
+    )
+    s.done()
+    return mapping
+
+
+def _lever(s: Section, params: dict[str, Any], name: str) -> None:
+    """Take a lever arm of a section for the engine's parameter."""
+    if 'lever_b' in s:
+        params[name] = list(s.numbers('lever_b', None, -100.0, 100.0, 'm'))
+    s.raw('lever_b')
+
+
+def _dvl(s: Section, params: dict[str, Any]) -> DvlMapping:
+    _lever(s, params, 'dvl_lever_b')
+    mapping = DvlMapping(
+        stream=_stream(s),
+        C_s_b=s.rotation(),
+        scale=SPEED_UNITS[s.choice('unit', tuple(SPEED_UNITS), 'm/s')],
+        sigma=s.optional('sigma', 1e-6, 10.0, 'm/s'),
+    )
+    s.done()
+    return mapping
+
+
+def _depth(s: Section, params: dict[str, Any]) -> DepthMapping:
+    _lever(s, params, 'depth_lever_b')
+    unit = None
+    if 'unit' in s:
+        unit = s.choice('unit', (*LENGTH_UNITS, *PRESSURE_UNITS))
+    s.raw('unit')
+    mapping = DepthMapping(
+        stream=_stream(s),
+        unit=unit,
+        sign=1.0 if s.choice('positive', ('down', 'up'), 'down') == 'down' else -1.0,
+        sigma=s.optional('sigma', 1e-6, 100.0, 'm'),
+        atmospheric_pressure=s.number(
+            'atmospheric_pressure', STANDARD_ATMOSPHERE, 0.0, 120000.0, 'Pa'
+        ),
+        latitude_deg=s.optional('latitude_deg', -90.0, 90.0, 'deg'),
+    )
+    s.done()
+    return mapping
+
+
+def _position(s: Section, *, finished: bool = True) -> PositionMapping:
+    mapping = PositionMapping(_stream(s), frame_of(s), s.rotation())
+    if finished:
+        s.done()
+    return mapping
+
+
+def frame_of(s: Section) -> Frame:
+    """Frame of positions that a section states, with ``origin`` or ``epsg`` where it needs one."""
+    kind = None
+    if 'frame' in s:
+        kind = s.choice('frame', POSITION_FRAMES)
+    s.raw('frame')
+    origin = s.section('origin')
+    code = s.optional('epsg', 1024, 999999, '')
+    place = None
+    if origin is not None:
+        place = (
+            origin.number('latitude_deg', None, -90.0, 90.0, 'deg'),
+            origin.number('longitude_deg', None, -360.0, 360.0, 'deg'),
+            origin.number('height', 0.0, -12000.0, 10000.0, 'm'),
+        )
+        origin.done()
+    if kind in ('enu', 'ned') and place is None:
+        raise s.fail('origin', f'frame {kind} needs latitude_deg, longitude_deg and height')
+    if kind == 'epsg' and code is None:
+        raise s.fail('epsg', 'frame epsg needs the code of the projection, as in epsg: 3413')
+    return Frame(kind, place, None if code is None else int(code))
+
+
+def _fix(s: Section, params: dict[str, Any]) -> FixMapping:
+    if 'transponder_lever_b' in s:
+        lever = s.numbers('transponder_lever_b', None, -100.0, 100.0, 'm')
+        params['transponder_lever_b'] = list(lever)
+    s.raw('transponder_lever_b')
+    sigma = s.raw('sigma')
+    if sigma is not None:
+        pair = sigma if isinstance(sigma, list) else [sigma, sigma]
+        if len(pair) != 2 or not all(isinstance(v, int | float) and v > 0.0 for v in pair):
+            raise s.fail('sigma', f'{sigma!r} is not [horizontal, vertical] [m]')
+        sigma = (float(pair[0]), float(pair[1]))
+    delay_s = s.optional('delay_s', 0.0, 3600.0, 's')
+    leader, array = s.section('leader'), s.section('array')
+    position = _position(s, finished=False)
+    mapping = FixMapping(
+        position=position,
+        source=s.text('source', position.stream.topic.strip('/')),
+        delay_ns=None if delay_s is None else round(delay_s * 1e9),
+        sigma=sigma,
+        leader=None if leader is None else _position(leader),
+        C_a_b=np.eye(3) if array is None else array.rotation(),
+        lever_b=(0.0, 0.0, 0.0)
+        if array is None
+        else array.numbers('lever_b', (0.0, 0.0, 0.0), -100.0, 100.0, 'm'),
+        leader_id=int(s.number('leader_id', 1.0, 0.0, 255.0, '')),
+        own_id=int(s.number('own_id', 2.0, 0.0, 255.0, '')),
+    )
+    if array is not None:
+        array.done()
+    s.done()
+    return mapping
+
+
+def _initial(s: Section) -> InitialMapping:
+    kind = s.choice('from', ('topic', 'values', 'alignment'), 'values')
+    if kind == 'topic':
+        s.text('topic')
+    mapping = InitialMapping(
+        kind=kind,
+        position=_position(s, finished=False) if 'topic' in s else None,
+        heading_deg=s.optional('heading_deg', -360.0, 360.0, 'deg'),
+        grid_heading_deg=s.optional('grid_heading_deg', -360.0, 360.0, 'deg'),
+        rest_s=s.number('rest_s', 10.0, 0.1, 7200.0, 's'),
+        heading_from=s.choice('heading', ('stated', 'gyrocompass'), 'stated'),
+    )
+    if mapping.heading_deg is not None and mapping.grid_heading_deg is not None:
+        raise ConfigError(f'{s.place}: heading_deg and grid_heading_deg are both given: name one')
+    for key in (
+        'topic',
+        'stamp',
+        'time_offset_s',
+        'fields',
+        'frame',
+        'origin',
+        'epsg',
+        'rotation',
+    ):
+        s.raw(key)
+    s.done()
+    return mapping

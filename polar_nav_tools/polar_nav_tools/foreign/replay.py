@@ -1,0 +1,234 @@
+"""Runs the engine on a foreign bag; estimates as series, as messages and as a bag of this project.
+
+The bag that is written holds `nav/state`, `nav/receipt` and, where a reference was mapped,
+`truth`: `./polar score --recorded` and `./polar report --recorded` take it as any other.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import heapq
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from polar_nav_core.engine import batch
+from polar_nav_core.engine.events import Estimate, Receipt
+from polar_nav_core.errors import ConfigError
+from polar_nav_core.params import to_mapping
+from polar_nav_msgs.msg import VehicleTruth
+from polar_nav_ros.cdr import to_bytes
+from polar_nav_ros.navigation_outputs import nav_to_msg, receipt_to_msg
+from polar_nav_ros.stamps import to_msg
+
+from ..bags import BagWriter
+from ..estimates import EstimateRows, receipts_of
+from ..scoring import Comparison, compare
+from ..series import EstimateSeries, TruthSeries
+from .load import Loaded, load
+from .mapping import Mapping
+from .sources import Source
+
+_TYPES = {
+    'nav/state': 'polar_nav_msgs/msg/NavState',
+    'nav/receipt': 'polar_nav_msgs/msg/FixReceipt',
+    'truth': 'polar_nav_msgs/msg/VehicleTruth',
+}
+Row = tuple[int, str, bytes]
+"""Stamp [ns], topic without the vehicle, CDR bytes."""
+
+
+@dataclass(frozen=True, eq=False)
+class ForeignRun:
+    """What the engine made of a foreign bag.
+
+    Attributes
+    ----------
+    loaded : Loaded
+        Inputs, parameters and findings.
+    estimates : EstimateSeries
+    states : tuple of Row
+        The estimates as messages of this project, where they were asked for.
+    receipts : tuple of Receipt
+    verdicts : dict of str to int
+    divergence : str
+    """
+
+    loaded: Loaded
+    estimates: EstimateSeries
+    states: tuple[Row, ...]
+    receipts: tuple[Receipt, ...]
+    verdicts: dict[str, int]
+    divergence: str
+
+    @property
+    def vehicle(self) -> str:
+        """Name that the mapping gives."""
+        return self.loaded.mapping.vehicle
+
+    def comparison(self) -> Comparison | None:
+        """Score against the reference; None where none was mapped or nothing was estimated."""
+        truth = self.loaded.truth
+        if truth is None or not len(self.estimates):
+            return None
+        name = self.loaded.params.configuration
+        return compare({name: (truth, self.estimates, receipts_of(self.receipts))})
+
+
+def replay(
+    source: Source,
+    mapping: Mapping,
+    *,
+    accept: Iterable[str] = (),
+    messages: bool = False,
+    progress: batch.Progress | None = None,
+) -> ForeignRun:
+    """Load a bag by its mapping and run the engine over it.
+
+    Parameters
+    ----------
+    source, mapping : Source, Mapping
+    accept : iterable of str
+        Severe findings to take as they are.
+    messages : bool
+        Make messages of the estimates, too, for `write`; some thousand per second.
+    progress : callable, optional
+
+    Raises
+    ------
+    Refused
+        When the data have severe findings that nobody accepted.
+    ConfigError
+        When no IMU sample is left after the start.
+    """
+    return run(load(source, mapping, accept), messages=messages, progress=progress)
+
+
+def run(
+    loaded: Loaded, *, messages: bool = False, progress: batch.Progress | None = None
+) -> ForeignRun:
+    """Run the engine over what was loaded; parameters and errors as `replay`."""
+    if not len(loaded.inputs.imu_stamps_ns):
+        raise ConfigError(
+            f'{loaded.source.path}: no IMU sample after the start at '
+            f'{loaded.start.stamp_ns / 1e9:.3f} s'
+        )
+    rows = EstimateRows(loaded.params)
+    states: list[Row] = []
+
+    def take(chunk: batch.Track) -> None:
+        rows.take(chunk)
+        if messages:
+            states.extend(_states(chunk, loaded))
+
+    result = batch.run(loaded.params, loaded.inputs, progress=progress, sink=take)
+    verdicts = Counter(r.verdict.name for r in result.receipts)
+    return ForeignRun(
+        loaded,
+        rows.series(loaded.mapping.vehicle),
+        tuple(states),
+        tuple(result.receipts),
+        dict(sorted(verdicts.items())),
+        result.divergence,
+    )
+
+
+def _states(track: batch.Track, loaded: Loaded) -> Iterator[Row]:
+    for k in range(len(track.stamps_ns)):
+        errors = track.sensor_errors[k]
+        estimate = Estimate(
+            stamp_ns=int(track.stamps_ns[k]),
+            r_e=track.r_e[k],
+            v_G=track.v_G[k],
+            C_b_G=track.C_b_G[k],
+            P=track.P[k],
+            gyro_bias_b=errors[0:3],
+            accel_bias_b=errors[3:6],
+            dvl_scale_m=errors[6:9],
+            dvl_markov_m=errors[9:12],
+            usbl_bias_a=errors[12:15],
+            fixes_received=int(track.fixes[k, 0]),
+            fixes_fused=int(track.fixes[k, 1]),
+            last_validity_ns=int(track.fixes[k, 2]),
+            local_statistics=track.local_statistics[k],
+        )
+        message = nav_to_msg(estimate, loaded.params, loaded.mapping.vehicle)
+        yield estimate.stamp_ns, 'nav/state', to_bytes(message)
+
+
+def truth_messages(truth: TruthSeries) -> Iterator[Row]:
+    """Return a reference as messages of this project; NaN where it says nothing."""
+    for k in range(len(truth)):
+        message = VehicleTruth()
+        message.header.stamp = to_msg(int(truth.stamp_ns[k]))
+        message.header.frame_id = 'earth'
+        message.sequence = int(truth.sequence[k])
+        message.r_e = truth.r_e[k]
+        message.latitude = float(truth.latitude[k])
+        message.longitude = float(truth.longitude[k])
+        message.height = float(truth.height[k])
+        message.depth = message.altitude = float('nan')
+        message.v_g = truth.v_G[k]
+        message.c_b_g = truth.C_b_G[k].reshape(9)
+        message.omega_ib_b = message.f_b = message.current_g = np.full(3, np.nan)
+        yield int(truth.stamp_ns[k]), 'truth', to_bytes(message)
+
+
+def write(path: Path, run_: ForeignRun) -> Path:
+    """Write the outputs to a new bag, each under its own stamp.
+
+    Raises
+    ------
+    BagError
+        When the bag exists or cannot be written.
+    """
+    loaded = run_.loaded
+    if len(run_.states) != len(run_.estimates):
+        raise ValueError('this run kept no messages: run it with messages=True')
+    receipts = [(r.stamp_ns, 'nav/receipt', to_bytes(receipt_to_msg(r))) for r in run_.receipts]
+    streams: list[Iterable[Row]] = [run_.states, receipts]
+    if loaded.truth is not None:
+        streams.append(truth_messages(loaded.truth))
+    info: dict[str, object] = {
+        'replay_of': str(loaded.source.path),
+        'mapping': loaded.mapping.place,
+        'configuration': loaded.params.configuration,
+        'parameters': to_mapping(loaded.params),
+        'findings': [f.to_dict() for f in loaded.findings],
+        'verdicts': run_.verdicts,
+    }
+    with BagWriter(path, info) as writer:
+        for topic in ('nav/state', 'nav/receipt', *(['truth'] if len(streams) > 2 else [])):
+            writer.add_topic(f'/{run_.vehicle}/{topic}', _TYPES[topic])
+        for stamp_ns, topic, data in heapq.merge(*streams, key=lambda row: row[0]):
+            writer.write(f'/{run_.vehicle}/{topic}', data, stamp_ns)
+    return path
+
+
+def summary(run_: ForeignRun) -> dict[str, Any]:
+    """Say what a run did, in plain values."""
+    loaded = run_.loaded
+    inputs = loaded.inputs
+    estimates = run_.estimates
+    digest = hashlib.sha256()
+    for values in (estimates.stamp_ns, estimates.r_e, estimates.v_G, estimates.C_b_G):
+        digest.update(np.ascontiguousarray(values).tobytes())
+    return {
+        'bag': str(loaded.source.path),
+        'kind': loaded.source.kind,
+        'vehicle': run_.vehicle,
+        'configuration': loaded.params.configuration,
+        'start': loaded.start.how,
+        'imu': len(inputs.imu_stamps_ns),
+        'dvl': len(inputs.dvl_stamps_ns),
+        'depth': len(inputs.depth_stamps_ns),
+        'fixes': len(inputs.fixes),
+        'estimates': len(estimates),
+        'verdicts': run_.verdicts,
+        'sha256': digest.hexdigest(),
+        'divergence': run_.divergence or None,
+    }

@@ -1,0 +1,55 @@
+"""Position error against the age of the last fix: how fast an estimate gets worse without one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from ..series import Floats, Receipt
+from .errors import ErrorSeries
+from .plain import record
+from .statistics import Statistics, statistics
+from .timeliness import age_of_information
+
+EDGES_S = (0.0, 2.0, 5.0, 10.0, 20.0, 40.0, 80.0, 160.0, float('inf'))
+"""Classes of age [s]: from one edge up to, not including, the next."""
+
+
+@dataclass(frozen=True)
+class AgeClass:
+    """Horizontal errors of the estimates whose newest fix was this old."""
+
+    from_s: float
+    to_s: float
+    horizontal: Statistics  # [m]
+    sigma_rms: float  # of the filter's own horizontal sigma, RMS over the class [m]
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain numbers for JSON."""
+        return {
+            **record({'from_s': self.from_s, 'to_s': self.to_s, 'sigma_rms': self.sigma_rms}),
+            'horizontal': self.horizontal.to_dict(),
+        }
+
+
+def by_age(error: ErrorSeries, receipts: Sequence[Receipt]) -> tuple[AgeClass, ...]:
+    """Sort the errors of a run by age of information; classes without an estimate are left out."""
+    age = age_of_information(error.stamp_ns, receipts)
+    horizontal = error.horizontal
+    variance = np.trace(error.P_position_G[:, :2, :2], axis1=1, axis2=2)
+    found = []
+    for low, high in pairwise(EDGES_S):
+        inside = (age >= low) & (age < high) & np.isfinite(horizontal)
+        if inside.any():
+            found.append(
+                AgeClass(low, high, statistics(horizontal[inside]), _root(variance[inside]))
+            )
+    return tuple(found)
+
+
+def _root(variance: Floats) -> float:
+    known = variance[np.isfinite(variance) & (variance >= 0.0)]
+    return float(np.sqrt(known.mean())) if known.size else float('nan')

@@ -1,0 +1,221 @@
+"""The doctor: each thing that can be wrong with a bag is found, named, placed and counted."""
+
+import json
+import sys
+
+import numpy as np
+import pytest
+from bag_samples import START_NS, STEP_NS, imu, make, stamp, stamp_ns
+
+from polar_nav_tools.bags import BagWriter, open_bag
+from polar_nav_tools.cli import main
+from polar_nav_tools.doctor import examine
+from polar_nav_tools.finding import ERROR, OK, WARNING
+
+IMU = '/auv/imu'
+RX, RECEIPT, TX = '/follower/acomms/rx', '/follower/nav/receipt', '/leader/acomms/tx'
+PACKET_TYPE, RECEIPT_TYPE = 'polar_nav_msgs/msg/AcousticPacket', 'polar_nav_msgs/msg/FixReceipt'
+N = 2000
+
+
+def bag_of(path, stamps, logs=None, info=None):
+    """A bag with IMU messages of given stamps, logged 5 ms later unless told otherwise."""
+    logs = [s + 5_000_000 for s in stamps] if logs is None else logs
+    with BagWriter(path, info or {}) as writer:
+        writer.add_topic(IMU, 'sensor_msgs/msg/Imu')
+        for stamp_at, log_ns in zip(stamps, logs, strict=True):
+            writer.write(IMU, make('sensor_msgs/msg/Imu', **stamp(int(stamp_at))), int(log_ns))
+    return path
+
+
+def regular():
+    return [stamp_ns(k) for k in range(N)]
+
+
+def findings(path, what=None, level=None):
+    found = examine(open_bag(path)).findings
+    return [f for f in found if what in (None, f.what) and level in (None, f.level)]
+
+
+def only(path, what, level):
+    """The one finding that is not ok, of this kind and level."""
+    odd = [f for f in findings(path) if f.level != OK]
+    assert [(f.what, f.level) for f in odd] == [(what, level)], odd
+    return odd[0]
+
+
+def test_a_healthy_bag(tmp_path):
+    path = bag_of(tmp_path / 'b', regular())
+    examination = examine(open_bag(path))
+    assert examination.ok
+    assert {f.level for f in examination.findings} == {OK}
+    (rate,) = findings(path, 'rate')
+    assert rate.number == pytest.approx(100.0)
+    (delay,) = findings(path, 'stamps')
+    assert delay.number == pytest.approx(0.005)
+    assert '0 errors, 0 warnings' in examination.summary()
+
+
+def test_gap(tmp_path):
+    stamps = [s for k, s in enumerate(regular()) if not 500 <= k < 560 and k != 900]
+    found = only(bag_of(tmp_path / 'b', stamps), 'gap', WARNING)
+    assert (found.topic, found.number, found.stamp_ns) == (IMU, 1, stamp_ns(499))
+    assert 'about 60 messages' in found.text
+    assert '0.610 s' in found.text
+    assert found.at_s == pytest.approx(499 * 0.01 - 0.005)
+
+
+def test_backwards(tmp_path):
+    stamps = regular()
+    stamps[700], stamps[701] = stamps[701], stamps[700]
+    found = only(bag_of(tmp_path / 'b', stamps, regular()), 'backwards', ERROR)
+    assert (found.number, found.stamp_ns) == (1, stamp_ns(701))
+
+
+def test_repeated(tmp_path):
+    stamps = regular()
+    stamps[3] = stamps[2]
+    found = only(bag_of(tmp_path / 'b', stamps), 'repeated stamp', WARNING)
+    assert (found.number, found.stamp_ns) == (1, stamp_ns(2))
+
+
+def test_zero(tmp_path):
+    stamps = [0] * N
+    found = findings(bag_of(tmp_path / 'b', stamps, regular()), 'zero stamp')
+    assert [(f.level, f.number) for f in found] == [(ERROR, N)]
+
+
+@pytest.mark.parametrize('by_s', [2.5, -2.5])
+def test_jump(tmp_path, by_s):
+    stamps = [s + round(by_s * 1e9) * (k >= 1200) for k, s in enumerate(regular())]
+    path = bag_of(tmp_path / 'b', stamps, regular())
+    (found,) = findings(path, 'jump')
+    assert (found.level, found.stamp_ns) == (ERROR, stamp_ns(1199))
+    assert found.number == pytest.approx(by_s)
+
+
+def test_a_transport_that_stalls_is_no_jump(tmp_path):
+    logs = np.array(regular()) + 5_000_000
+    logs[800:1000] = logs[1000]  # two seconds of messages at once
+    path = bag_of(tmp_path / 'b', regular(), logs)
+    assert not findings(path, 'jump')
+    assert not findings(path, level=ERROR)
+
+
+def test_drift(tmp_path):
+    logs = [START_NS + round(k * STEP_NS * 1.01) + 5_000_000 for k in range(N)]
+    found = only(bag_of(tmp_path / 'b', regular(), logs), 'drift', WARNING)
+    assert found.number == pytest.approx(-0.01, rel=0.02)
+
+
+def test_jitter_is_no_drift(tmp_path):
+    jitter = np.random.default_rng(1).exponential(0.02, N)
+    logs = np.maximum.accumulate(np.array(regular()) + (jitter * 1e9).astype(np.int64))
+    assert not findings(bag_of(tmp_path / 'b', regular(), logs), 'drift')
+
+
+def test_logged_before_it_was_valid(tmp_path):
+    logs = [s - 300_000_000 for s in regular()]
+    found = only(bag_of(tmp_path / 'b', regular(), logs), 'future', WARNING)
+    assert found.number == N
+    assert '0.300 s' in found.text
+
+
+def test_two_clocks(tmp_path):
+    logs = [s + 86_400 * 10**9 for s in regular()]
+    found = only(bag_of(tmp_path / 'b', regular(), logs), 'other clock', WARNING)
+    assert found.number == pytest.approx(86_400)
+
+
+def test_log_times_made_of_stamps_say_nothing(tmp_path):
+    logs = [s - 300_000_000 for s in regular()]
+    info = {'recorder': {'log_time': 'simulation'}}
+    assert not findings(bag_of(tmp_path / 'b', regular(), logs, info), level=WARNING)
+
+
+def test_an_unfinished_bag(tmp_path):
+    path = bag_of(tmp_path / 'b', regular())
+    file = next(path.glob('*.mcap'))
+    file.write_bytes(file.read_bytes()[:-400])
+    assert 'incomplete' in {f.what for f in findings(path, level=ERROR)}
+
+
+def packets_bag(path, verdicts=6, sent=8, received=6):
+    with BagWriter(path, {}) as writer:
+        for topic, kind in ((TX, PACKET_TYPE), (RX, PACKET_TYPE), (RECEIPT, RECEIPT_TYPE)):
+            writer.add_topic(topic, kind)
+        for k in range(max(sent, received)):
+            about = {
+                **stamp(stamp_ns(100 * k)),
+                'source': 'leader',
+                'destination': 'follower',
+                'sequence': k,
+                'transmit_time__sec': stamp_ns(100 * k) // 10**9,
+            }
+            got = stamp_ns(100 * k) + 2 * 10**9
+            if k < sent:
+                writer.write(TX, make(PACKET_TYPE, **about), stamp_ns(100 * k))
+            if k < received:
+                data = make(PACKET_TYPE, **about, receive_time__sec=got // 10**9)
+                writer.write(RX, data, got)
+            if k < min(received, verdicts):
+                data = make(
+                    RECEIPT_TYPE,
+                    **stamp(got),
+                    source='leader',
+                    topic='acomms/rx',
+                    sequence=k,
+                    verdict_text='FUSED',
+                    receive_time__sec=got // 10**9,
+                )
+                writer.write(RECEIPT, data, got)
+    return path
+
+
+def test_totals_that_add_up(tmp_path):
+    path = packets_bag(tmp_path / 'b')
+    (verdicts,) = findings(path, 'verdicts')
+    assert (verdicts.level, verdicts.text) == (OK, '6 packets received, 6 verdicts: FUSED 6')
+    (packets,) = findings(path, 'packets')
+    assert packets.level == OK
+    assert '8 packets sent = 6 received + ' in packets.text
+
+
+def test_a_packet_without_a_verdict(tmp_path):
+    (found,) = findings(packets_bag(tmp_path / 'b', verdicts=4), 'verdicts')
+    assert (found.level, found.number, found.topic) == (ERROR, 2, RX)
+
+
+def test_a_packet_that_nobody_sent(tmp_path):
+    (found,) = findings(packets_bag(tmp_path / 'b', sent=5), 'unsent')
+    assert (found.level, found.number) == (ERROR, 1)
+
+
+def test_silent_topics(tmp_path):
+    with BagWriter(tmp_path / 'b', {}) as writer:
+        writer.add_topic(IMU, 'sensor_msgs/msg/Imu')
+        writer.add_topic('/quiet', 'sensor_msgs/msg/Imu')
+        writer.write(IMU, imu(0), stamp_ns(0))
+    found = only(tmp_path / 'b', 'silent', WARNING)
+    assert found.topic == '/quiet'
+
+
+def test_the_command(tmp_path, monkeypatch, capsys):
+    def polar(*arguments):
+        monkeypatch.setattr(sys, 'argv', ['polar', *map(str, arguments)])
+        status = main()
+        return status, capsys.readouterr().out
+
+    well = bag_of(tmp_path / 'well', regular())
+    ill = bag_of(tmp_path / 'ill', [0] * N, regular())
+    assert polar('doctor', well)[0] == 0
+    status, out = polar('doctor', well, '--json')
+    assert (status, json.loads(out)['ok']) == (0, True)
+    assert json.loads(out)['topics'][IMU]['count'] == N
+    status, out = polar('doctor', ill)
+    assert status == 1
+    assert f'  error  {IMU}: {N} of {N} stamps are zero' in out
+    status, out = polar('doctor', ill, '--json')
+    said = json.loads(out)
+    assert (status, said['ok'], said['errors']) == (1, False, 1)
+    assert polar('doctor', well, '--all')[1].count('ok  ') >= 3

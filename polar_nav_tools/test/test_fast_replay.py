@@ -1,0 +1,268 @@
+"""The fast way of a replay gives the numbers of the way through messages, bit for bit."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip('rclpy')
+
+from bag_samples import make, stamp
+
+from polar_nav_core import attitude, earth
+from polar_nav_core.engine import batch
+from polar_nav_core.engine.events import Estimate
+from polar_nav_core.engine.params import CONFIGURATIONS
+from polar_nav_follower.params import FollowerParams
+from polar_nav_ros.cdr import to_bytes
+from polar_nav_ros.navigation_outputs import nav_to_msg
+from polar_nav_tools.bags import BagWriter, open_bag
+from polar_nav_tools.bags.arrays import estimates_from_cdr, load_truth, receipts_from_cdr
+from polar_nav_tools.estimates import EstimateRows
+from polar_nav_tools.fast_replay import replay_arrays
+from polar_nav_tools.recorded_arrays import load_arrays
+from polar_nav_tools.recorded_inputs import load_inputs
+from polar_nav_tools.replay import replay
+
+REFERENCE = Path(__file__).parents[2] / 'bags' / 'reference'
+PREFIX = '/follower/'
+INPUTS = ('/run_info', *(PREFIX + t for t in ('imu/data_raw', 'dvl/data', 'depth/data')))
+PACKET, COMMAND, RECEIPT = (PREFIX + t for t in ('acomms/rx', 'nav/command', 'nav/receipt'))
+
+
+def assert_same_series(a, b):
+    for f in dataclasses.fields(b):
+        x, y = getattr(a, f.name), getattr(b, f.name)
+        if isinstance(y, np.ndarray):
+            assert x.dtype == y.dtype, f.name
+            np.testing.assert_array_equal(x, y, f.name)
+        else:
+            assert x == y, f.name
+
+
+def compare(bag, **options):
+    """Both ways; the fast result."""
+    bag = open_bag(bag)
+    inputs, arrays = load_inputs(bag), load_arrays(bag, truth=True)
+    slow = replay(inputs, **options)
+    fast = replay_arrays(arrays, **options)
+    assert_same_series(fast.estimates, estimates_from_cdr(slow.of('nav/state'), 'follower'))
+    expected = receipts_from_cdr(slow.of('nav/receipt'))
+    assert [repr(r) for r in fast.receipts] == [repr(r) for r in expected]
+    assert fast.verdicts == slow.verdicts
+    assert fast.divergence == slow.divergence
+    assert fast.params == slow.params
+    assert arrays.taken == slow.taken
+    return fast
+
+
+@pytest.mark.parametrize('configuration', [None, *CONFIGURATIONS])
+def test_the_reference_bag(configuration):
+    result = compare(REFERENCE, configuration=configuration)
+    assert len(result.estimates) > 20
+
+
+def test_truth_of_the_same_pass():
+    bag = open_bag(REFERENCE)
+    assert_same_series(load_arrays(bag, truth=True).truth, load_truth(bag, 'follower'))
+    assert load_arrays(bag).truth is None
+
+
+def copied(target, change, *, skip=(), more=()):
+    """Reference bag with messages changed: change(record, number on its topic) -> records."""
+    source = open_bag(REFERENCE)
+    counts = {}
+    with BagWriter(target, {}) as writer:
+        wanted = [t for t in (*INPUTS, PACKET) if t not in skip]
+        for topic in wanted:
+            described = source.definition(topic)
+            writer.add_topic(topic, source.channel(topic).type, described=described)
+        for topic, type_name, _ in more:
+            if topic not in wanted:
+                writer.add_topic(topic, type_name)
+                wanted.append(topic)
+        last = 0
+        for record in source.records([t for t in wanted if t in source.topics]):
+            number = counts.get(record.topic, 0)
+            counts[record.topic] = number + 1
+            for one in change(record, number):
+                writer.write(one.topic, one.data, one.log_time_ns)
+            last = record.log_time_ns
+        for topic, _, data in more:
+            writer.write(topic, data, last)
+    return target
+
+
+def test_odd_messages_of_all_kinds(tmp_path):
+    """Layouts that change, stamps out of order and twice, numbers that make no sense."""
+    nan = np.array([np.nan]).tobytes()
+    back = []
+
+    def change(record, number):
+        data = record.data
+        if record.topic.endswith('imu/data_raw'):
+            if number == 300:
+                back.append(record)
+                return  # comes one too late
+            if number % 97 == 3:
+                data = renamed(data)  # another frame_id, so another layout
+            if number == 500:
+                data = data[:-304] + nan + data[-296:]  # in front: covariances and vectors
+            yield record._replace(data=data)
+            if number == 301:
+                yield back.pop()
+            if number == 700:
+                yield record  # a stamp twice
+        else:
+            if record.topic.endswith('depth/data') and number == 9:
+                data = data[:-8] + np.array([-1.0]).tobytes()  # unknown variance
+            if record.topic.endswith('depth/data') and number == 10:
+                data = data[:-16] + nan + data[-8:]
+            yield record._replace(data=data)
+
+    path = copied(tmp_path / 'odd', change)
+    result = compare(path)
+    assert result.verdicts['DUPLICATE'] >= 1
+    assert result.verdicts['NOT_FINITE'] >= 1
+    compare(path, configuration='conventional_akf', changes={'depth_sigma': 0.2})
+
+
+def renamed(data):
+    """The same IMU message with a longer frame_id."""
+    from rclpy.serialization import deserialize_message, serialize_message
+    from sensor_msgs.msg import Imu
+
+    message = deserialize_message(data, Imu)
+    message.header.frame_id += '_of_a_longer_name'
+    return serialize_message(message)
+
+
+def test_pings_without_lock_and_unknown_covariance(tmp_path):
+    from rclpy.serialization import deserialize_message, serialize_message
+
+    from polar_nav_msgs.msg import Dvl
+
+    def change(record, number):
+        if record.topic.endswith('dvl/data'):
+            message = deserialize_message(record.data, Dvl)
+            if number % 5 == 1:
+                message.num_good_beams = 2
+            if number % 5 == 2:
+                message.velocity_covar[0] = -1.0
+            if number % 5 == 3:
+                message.velocity_mode = Dvl.DVL_MODE_WATER
+            if number % 5 == 4:
+                message.velocity.x = np.nan
+            record = record._replace(data=serialize_message(message))
+        yield record
+
+    compare(copied(tmp_path / 'dvl', change), changes={'dvl_sigma': 0.03})
+
+
+def test_what_the_node_refused_and_where_it_ended(tmp_path):
+    late = open_bag(REFERENCE)
+    packets = [m for _, m in late.read(PACKET)]
+    imu = [m for _, m in late.read(INPUTS[1])]
+    at = imu[1000].header.stamp.sec * 10**9 + imu[1000].header.stamp.nanosec
+    receipt_type = 'polar_nav_msgs/msg/FixReceipt'
+    refused = {'verdict': 4, 'verdict_text': 'TOO_LATE', **stamp(at + 5 * 10**9)}
+    when = {'validity_time__sec': at // 10**9, 'validity_time__nanosec': at % 10**9}
+    more = [
+        (
+            RECEIPT,
+            receipt_type,
+            make(receipt_type, topic='imu/data_raw', sequence=1000, **refused, **when),
+        ),
+        (
+            COMMAND,
+            'polar_nav_msgs/msg/Command',
+            command(2, [INPUTS[1], PACKET], [2000, len(packets)]),
+        ),
+    ]
+    path = copied(tmp_path / 'end', lambda r, _: [r], more=more)
+    assert len(open_bag(path).topics) == 7
+    result = compare(path)
+    assert result.verdicts['TOO_LATE'] == 1
+    end = imu[1999].header.stamp
+    assert result.estimates.stamp_ns[-1] <= end.sec * 10**9 + end.nanosec
+
+
+def command(kind, topics=(), counts=()):
+    from rclpy.serialization import serialize_message
+
+    from polar_nav_msgs.msg import Command
+
+    return serialize_message(Command(kind=kind, taken_topics=topics, taken_counts=counts))
+
+
+def test_a_reset_is_left_to_the_other_way(tmp_path):
+    more = [(COMMAND, 'polar_nav_msgs/msg/Command', command(0))]
+    assert load_arrays(open_bag(copied(tmp_path / 'reset', lambda r, _: [r], more=more))) is None
+
+
+@pytest.mark.parametrize('topic', [PACKET, INPUTS[2], INPUTS[3]])
+def test_a_topic_that_is_not_there(tmp_path, topic):
+    compare(copied(tmp_path / 'less', lambda r, _: [r], skip=(topic,)))
+
+
+def test_packets_of_other_lengths_and_with_bit_errors(tmp_path):
+    from rclpy.serialization import deserialize_message, serialize_message
+
+    from polar_nav_msgs.msg import AcousticPacket
+
+    def change(record, number):
+        if record.topic == PACKET and number in (2, 5):
+            message = deserialize_message(record.data, AcousticPacket)
+            data = bytearray(bytes(message.data))
+            if number == 2:
+                data[7] ^= 16
+            else:
+                data += b'more'
+            message.data = bytes(data)
+            record = record._replace(data=serialize_message(message))
+        yield record
+
+    result = compare(copied(tmp_path / 'packets', change))
+    assert result.verdicts['BAD_CRC'] == 1
+    assert result.verdicts['BAD_FORMAT'] == 1
+
+
+def test_each_field_of_any_estimate_is_that_of_the_message():
+    """Anywhere on earth, at the pole too, with any attitude and covariance."""
+    count = 3000
+    rng = np.random.default_rng(3)
+    lat = np.pi / 2 - 10.0 ** rng.uniform(-9.0, 0.1, count) * rng.choice([-1.0, 1.0], count)
+    lat = np.where(lat > np.pi / 2, lat - np.pi, lat)
+    r_e = earth.ecef_from_geodetic(lat, rng.uniform(-np.pi, np.pi, count), rng.normal(size=count))
+    r_e[7] = [0.0, 0.0, 6356752.0]
+    spread = rng.normal(size=(count, 24, 24)) * 10.0 ** rng.uniform(-4.0, 2.0, (count, 1, 24))
+    fixes = rng.integers(0, 3, (count, 3)).cumsum(axis=0)
+    fixes[:20, 1] = 0
+    track = batch.Track(
+        stamps_ns=10**18 + np.arange(count) * 10**8,
+        r_e=r_e,
+        v_G=rng.normal(size=(count, 3)),
+        C_b_G=attitude.exp(rng.normal(size=(count, 3)) * 2.0),
+        P=np.swapaxes(spread, 1, 2) @ spread,
+        sensor_errors=rng.normal(size=(count, 15)),
+        local_statistics=np.floor(rng.uniform(0, 9, (count, 2, 3))) + np.array([0.0, 0.0, 0.1]),
+        fixes=fixes,
+    )
+    params = FollowerParams(sea_surface_height=3.7)
+    rows = EstimateRows(params, 10)
+    for i in range(0, count, 700):  # more than was expected, in several parts
+        part = {f.name: getattr(track, f.name)[i : i + 700] for f in dataclasses.fields(track)}
+        rows.take(batch.Track(**part))
+        rows._convert()
+    data = [to_bytes(nav_to_msg(estimate(track, i), params, 'follower')) for i in range(count)]
+    assert_same_series(rows.series('follower'), estimates_from_cdr(data, 'follower'))
+
+
+def estimate(track, i):
+    errors = track.sensor_errors[i].reshape(5, 3)
+    received, fused, newest = track.fixes[i].tolist()
+    return Estimate(
+        int(track.stamps_ns[i]), track.r_e[i], track.v_G[i], track.C_b_G[i], track.P[i], *errors,
+        received, fused, newest, track.local_statistics[i],
+    )  # fmt: skip

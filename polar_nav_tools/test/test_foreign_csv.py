@@ -1,0 +1,220 @@
+"""Columns of CSV files become a bag that gives the estimates of the recording they came from."""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from foreign_samples import MAPPING, engine_parameters, recording, write
+
+from polar_nav_core.attitude import euler_from_matrix
+from polar_nav_core.earth import geodetic_from_ecef
+from polar_nav_core.errors import ConfigError
+from polar_nav_core.grid import convergence
+from polar_nav_tools.bags import open_bag
+from polar_nav_tools.foreign import mapping_file
+from polar_nav_tools.foreign.replay import replay
+from polar_nav_tools.foreign.section import Section
+from polar_nav_tools.foreign.sources import open_source
+from polar_nav_tools.foreign.table import import_csv
+
+COLUMNS = """
+vehicle: auv
+imu:
+  file: imu.csv
+  time: t
+  rate: [p_degps, q_degps, r_degps]
+  gyro_unit: deg/s
+  force: [ax_g, ay_g, az_g]
+  accel_unit: g
+  rotation: frd
+dvl:
+  file: dvl.csv
+  delimiter: semicolon
+  time: when
+  time_unit: iso
+  velocity: [u, v, w]
+  unit: mm/s
+  valid: lock
+  sigma: 0.005
+depth: {file: depth.csv, time: ms, time_unit: ms, time_origin_s: 1772323200, depth: z, sigma: 0.05}
+fixes:
+  - file: fixes.csv
+    source: leader
+    time: valid
+    time_unit: ns
+    receive: received
+    position: [lat, lon, height]
+    frame: geodetic
+    sigma_horizontal: 2.0
+    sigma_vertical: 1.0
+truth:
+  file: truth.csv
+  time: t
+  position: [lat, lon, height]
+  frame: geodetic
+  heading: heading
+  pitch: pitch_up
+  roll: roll
+"""
+
+
+def put(
+    path: Path, names: Sequence[str], rows: Iterable[Sequence[object]], mark: str = ','
+) -> None:
+    """Write a CSV file."""
+    with path.open('w', newline='') as stream:
+        writer = csv.writer(stream, delimiter=mark)
+        writer.writerow(names)
+        writer.writerows(rows)
+
+
+def seconds(stamp_ns: int) -> str:
+    """Epoch seconds with all nanoseconds."""
+    return f'{stamp_ns // 10**9}.{stamp_ns % 10**9:09d}'
+
+
+@pytest.fixture(scope='module')
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The reference recording as CSV files, in other units, axes and times."""
+    out = tmp_path_factory.mktemp('csv')
+    r = recording()
+    put(
+        out / 'imu.csv',
+        ['t', 'p_degps', 'q_degps', 'r_degps', 'ax_g', 'ay_g', 'az_g'],
+        (
+            [
+                seconds(e.stamp_ns),
+                *(repr(float(w)) for w in np.degrees(e.omega_ib_b) * [1, -1, -1]),
+                *(repr(float(f)) for f in e.f_b / 9.80665 * [1, -1, -1]),
+            ]
+            for e in r.imu
+        ),
+    )
+    put(
+        out / 'dvl.csv',
+        ['when', 'u', 'v', 'w', 'lock'],
+        (
+            [
+                str(np.datetime64(d.stamp_ns, 'ns')) + 'Z',
+                *(repr(float(v)) if d.valid else '' for v in 1e3 * d.v_m),
+                int(d.valid),
+            ]
+            for d in r.dvl
+        ),
+        ';',
+    )
+    start = 1772323200 * 10**9
+    rows = ([(h.stamp_ns - start) / 1e6, repr(h.depth)] for h in r.depth)
+    put(out / 'depth.csv', ['ms', 'z'], rows)
+    put(
+        out / 'fixes.csv',
+        ['valid', 'received', 'lat', 'lon', 'height'],
+        ([f.validity_ns, f.receive_ns, *place(f.r_e)] for f in r.fixes),
+    )
+    truth = r.truth.rows(slice(0, None, 10))
+    lat, lon, _ = geodetic_from_ecef(truth.r_e)
+    psi, theta, phi = euler_from_matrix(truth.C_b_G)
+    heading = np.degrees(0.5 * np.pi - psi + convergence(lat, lon))
+    put(
+        out / 'truth.csv',
+        ['t', 'lat', 'lon', 'height', 'heading', 'pitch_up', 'roll'],
+        (
+            [
+                seconds(int(truth.stamp_ns[k])),
+                *place(truth.r_e[k]),
+                repr(float(heading[k])),
+                repr(float(-np.degrees(theta[k]))),
+                repr(float(np.degrees(phi[k]))),
+            ]
+            for k in range(len(truth))
+        ),
+    )
+    return out
+
+
+def place(r_e: np.ndarray) -> list[str]:
+    """Latitude, longitude [deg] and height, all digits."""
+    lat, lon, height = (float(v) for v in geodetic_from_ecef(r_e))
+    return [repr(float(np.degrees(lat))), repr(float(np.degrees(lon))), repr(height)]
+
+
+def described(folder: Path, text: str) -> Path:
+    """Write columns.yaml beside the files, with the parameters of the reference."""
+    path = folder / 'columns.yaml'
+    top = yaml.safe_load(text) | {'parameters': engine_parameters()}
+    path.write_text(yaml.safe_dump(top, sort_keys=False))
+    return path
+
+
+def test_round_trip(folder: Path, tmp_path: Path) -> None:
+    """CSV to bag to estimates: those of the same recording in a bag of other types."""
+    result = import_csv(described(folder, COLUMNS), tmp_path / 'auv')
+    bag = open_bag(result.bag)
+    assert bag.is_complete
+    r = recording()
+    assert result.counts == {
+        '/auv/imu/data_raw': len(r.imu),
+        '/auv/dvl/data': len(r.dvl),
+        '/auv/depth/data': len(r.depth),
+        '/auv/fixes/leader': len(r.fixes),
+        '/auv/truth': len(r.truth.rows(slice(0, None, 10))),
+    }
+    run = replay(open_source(result.bag), mapping_file.load(result.mapping))
+    inputs = run.loaded.inputs
+    assert np.array_equal(inputs.imu_stamps_ns, [e.stamp_ns for e in r.imu])
+    assert np.abs(inputs.omega_ib_b - [e.omega_ib_b for e in r.imu]).max() < 1e-15
+    assert np.abs(inputs.f_b - [e.f_b for e in r.imu]).max() < 1e-13
+    assert [f.receive_ns for f in inputs.fixes] == [f.receive_ns for f in r.fixes]
+    assert [f.validity_ns for f in inputs.fixes] == [f.validity_ns for f in r.fixes]
+    assert (
+        max(np.abs(a.r_e - b.r_e).max() for a, b in zip(inputs.fixes, r.fixes, strict=True)) < 1e-6
+    )
+    # The same sigmas in a bag of other types: only the way of the numbers differs.
+    top = yaml.safe_load(MAPPING) | {'parameters': engine_parameters()}
+    top['dvl']['sigma'], top['fixes'][0]['sigma'] = 0.005, [2.0, 1.0]
+    other = replay(
+        open_source(write(tmp_path / 'theirs')), mapping_file.from_section(Section('m', top))
+    )
+    ours, theirs = run.estimates, other.estimates
+    assert np.array_equal(ours.stamp_ns, theirs.stamp_ns)
+    assert np.abs(ours.r_e - theirs.r_e).max() < 1e-6
+    assert np.abs(ours.v_G - theirs.v_G).max() < 1e-9
+    truth = run.loaded.truth
+    assert truth is not None
+    same = r.truth.rows(slice(0, None, 10))
+    assert np.abs(truth.C_b_G - same.C_b_G).max() < 1e-9
+    assert np.abs(truth.r_e - same.r_e).max() < 1e-6
+    assert run.comparison() is not None
+
+
+@pytest.mark.parametrize(
+    ('old', 'new', 'sentence'),
+    [
+        (
+            'time: when',
+            'time: whem',
+            r"dvl: time: .*dvl\.csv has no column 'whem'; it has when, u",
+        ),
+        ('file: imu.csv', 'file: imo.csv', r'imu: file: .*imo\.csv: No such file'),
+        ('unit: mm/s', 'unit: knots', r"dvl: unit: 'knots' is none of"),
+        ('time_unit: iso', 'time_unit: s', r"dvl: time: .*column 'when': "),
+        ('    receive: received\n', '', r'fixes\[0\]: receive: is missing'),
+        ('  frame: geodetic\n  heading', '  heading', r'truth: frame: is missing'),
+        ('force: [ax_g, ay_g, az_g]', 'force: [ax_g, ay_g]', r'imu: force: .* list of 3 columns'),
+        ('vehicle: auv', 'vehicle: auv\ncolour: red', r'unknown key colour'),
+    ],
+)
+def test_errors_name_file_and_column(
+    folder: Path, tmp_path: Path, old: str, new: str, sentence: str
+) -> None:
+    """A wrong name leads to the line in the YAML file; no half bag stays behind."""
+    assert old in COLUMNS
+    path = described(folder, COLUMNS.replace(old, new))
+    with pytest.raises(ConfigError, match=sentence):
+        import_csv(path, tmp_path / 'auv')
+    assert not (tmp_path / 'auv').exists()

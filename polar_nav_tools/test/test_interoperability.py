@@ -1,0 +1,124 @@
+"""Bags in other people's tools: public readers decode them whole, the Foxglove layout fits."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+
+from polar_nav_tools.bags.schemas import definition
+from polar_nav_tools.graph import recorded_topics
+
+ROOT = Path(__file__).parents[2]
+BAG = next((ROOT / 'bags' / 'reference').glob('*.mcap'))
+LAYOUT = ROOT / 'polar_nav_tools' / 'layouts' / 'polar_nav_foxglove.json'
+TOPICS = recorded_topics('leader', 'follower')
+PATH = re.compile(r'(?P<topic>/[\w/]+)(?P<fields>(?:\.\w+(?:\[\d+\])?)*)')
+STANDARD = {
+    'nav_msgs/msg/Odometry',
+    'sensor_msgs/msg/NavSatFix',
+    'sensor_msgs/msg/Imu',
+    'sensor_msgs/msg/FluidPressure',
+    'geometry_msgs/msg/TwistWithCovarianceStamped',
+    'diagnostic_msgs/msg/DiagnosticArray',
+    'rosgraph_msgs/msg/Clock',
+}
+
+
+def test_the_public_reader_decodes_every_message():
+    with BAG.open('rb') as stream:
+        reader = make_reader(stream, validate_crcs=True, decoder_factories=[DecoderFactory()])
+        summary = reader.get_summary()
+        count = 0
+        for schema, channel, message, decoded in reader.iter_decoded_messages():
+            assert (schema.encoding, channel.message_encoding) == ('ros2msg', 'cdr')
+            header = getattr(decoded, 'header', None)
+            if header is not None and channel.topic.startswith('/follower'):
+                stamp_ns = header.stamp.sec * 10**9 + header.stamp.nanosec
+                assert abs(message.log_time - stamp_ns) < 20e9
+            count += 1
+    assert count == summary.statistics.message_count > 10_000
+
+
+def test_every_schema_is_complete():
+    """A type that a definition uses is defined in the same text: nothing need be installed."""
+    primitive = re.compile(r'^(bool|byte|char|string|wstring|u?int(8|16|32|64)|float(32|64))\b')
+    with BAG.open('rb') as stream:
+        schemas = make_reader(stream).get_summary().schemas.values()
+    for schema in schemas:
+        text = schema.data.decode()
+        own, *parts = re.split(r'^=+\nMSG: ', text, flags=re.MULTILINE)
+        defined = {part.split('\n', 1)[0].strip() for part in parts}
+        for body in (own, *(part.split('\n', 1)[1] for part in parts)):
+            for line in body.splitlines():
+                kind = line.split('#')[0].strip().split(' ')[0].split('[')[0].split('<')[0]
+                if not kind or primitive.match(kind):
+                    continue
+                full = {kind, *(f'{d.rsplit("/", 1)[0]}/{kind}' for d in defined)}
+                package = schema.name.split('/')[0]
+                full.add(f'{package}/{kind}')
+                assert full & defined, f'{schema.name}: {kind} is not defined'
+
+
+def test_standard_types_are_there_for_tools_that_know_no_others():
+    with BAG.open('rb') as stream:
+        summary = make_reader(stream).get_summary()
+    assert {s.name for s in summary.schemas.values()} >= STANDARD
+    kinds = {c.topic: summary.schemas[c.schema_id].name for c in summary.channels.values()}
+    assert kinds['/follower/odometry'] == kinds['/leader/odometry'] == 'nav_msgs/msg/Odometry'
+    assert kinds['/follower/nav/fix'] == 'sensor_msgs/msg/NavSatFix'
+
+
+def layout():
+    return json.loads(LAYOUT.read_text())
+
+
+def paths():
+    """Every message path and topic that a panel of the layout shows."""
+    found = []
+    for name, panel in layout()['configById'].items():
+        found += [(name, path['value']) for path in panel.get('paths', ())]
+        for key in ('topicPath', 'followTopic', 'topicToRender'):
+            if key in panel:
+                found.append((name, panel[key]))
+        found += [(name, topic) for topic in panel.get('topics', {})]
+    return found
+
+
+@pytest.mark.parametrize(('panel', 'path'), paths())
+def test_panels_show_what_is_recorded(panel, path):
+    match = PATH.fullmatch(path)
+    assert match, path
+    assert match['topic'] in TOPICS, f'{panel}: no topic {match["topic"]}'
+    text = definition(TOPICS[match['topic']]).text.split('=====')[0]
+    for field in match['fields'].split('.')[1:]:
+        name, _, index = field.rstrip(']').partition('[')
+        line = re.search(rf'^(\S+) +{name}\b', text, re.MULTILINE)
+        assert line, f'{panel}: {path}: no field {name}'
+        size = re.search(r'\[(\d+)\]', line[1])
+        assert bool(index) == bool(size), path
+        assert not index or int(index) < int(size[1]), path
+
+
+def test_every_panel_stands_in_the_layout():
+    def panels(node):
+        if isinstance(node, str):
+            return {node}
+        return panels(node['first']) | panels(node['second'])
+
+    content = layout()
+    shown = panels(content['layout'])
+    for name in list(shown):
+        for tab in content['configById'][name].get('tabs', ()):
+            shown |= panels(tab['layout'])
+    assert shown == set(content['configById'])
+    # What docs/trust.md says is in it.
+    kinds = {name.split('!')[0] for name in shown}
+    assert kinds >= {'Plot', 'StateTransitions', 'DiagnosticSummary', 'map', '3D'}
+
+
+def test_the_layout_is_installed():
+    setup = (ROOT / 'polar_nav_tools' / 'setup.py').read_text()
+    assert "*shared('layouts')" in setup
