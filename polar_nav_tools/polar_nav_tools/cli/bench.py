@@ -22,6 +22,18 @@ app.add_typer(bench, name='bench')
 _PICTURES = ('.svg', '.png', '.pdf')
 
 
+CoreOption = Annotated[
+    int | None,
+    typer.Option(
+        '--core',
+        metavar='N',
+        help='Run on this core.',
+        show_default='the last that is allowed',
+    ),
+]
+JsonOption = Annotated[bool, typer.Option('--json', help='Print figures as JSON on stdout.')]
+
+
 @bench.command(
     epilog='Example: `./polar bench core`\n\nQuick look: `./polar bench core --rounds 1`'
 )
@@ -30,18 +42,8 @@ def core(
     samples: Annotated[
         int, typer.Option(min=1, max=360_000, help='IMU samples in the record, 100 per second.')
     ] = 60_000,
-    processor: Annotated[
-        int | None,
-        typer.Option(
-            '--core',
-            metavar='N',
-            help='Run on this core.',
-            show_default='the last that is allowed',
-        ),
-    ] = None,
-    as_json: Annotated[
-        bool, typer.Option('--json', help='Print figures as JSON on stdout.')
-    ] = False,
+    processor: CoreOption = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Time strapdown beside python-ins, and the filter beside filterpy.
 
@@ -92,18 +94,8 @@ def delay(
         Path | None,
         typer.Option(metavar='FILE', help='Draw a picture; .svg, .png or .pdf.'),
     ] = None,
-    processor: Annotated[
-        int | None,
-        typer.Option(
-            '--core',
-            metavar='N',
-            help='Run on this core.',
-            show_default='the last that is allowed',
-        ),
-    ] = None,
-    as_json: Annotated[
-        bool, typer.Option('--json', help='Print figures as JSON on stdout.')
-    ] = False,
+    processor: CoreOption = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Time late fixes by each strategy, and the same work stepped with Stone Soup.
 
@@ -163,18 +155,8 @@ def replay(
             show_default='a folder among temporary files',
         ),
     ] = None,
-    processor: Annotated[
-        int | None,
-        typer.Option(
-            '--core',
-            metavar='N',
-            help='Run on this core.',
-            show_default='the last that is allowed',
-        ),
-    ] = None,
-    as_json: Annotated[
-        bool, typer.Option('--json', help='Print figures as JSON on stdout.')
-    ] = False,
+    processor: CoreOption = None,
+    as_json: JsonOption = False,
 ) -> None:
     """Time a long bag from its bytes to scored estimates, beside other ways to read bags.
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
-from .findings import Finding, Severity
+from .findings import Finding, Severity, finding_at
 from .sources import Stamps
 
 _NS = 1e-9
@@ -38,7 +37,7 @@ def check_stamps(
         return
     zero = stamps_ns == 0
     if zero.any():
-        yield _finding(
+        yield finding_at(
             'stamps_zero',
             Severity.SEVERE,
             topic,
@@ -62,7 +61,7 @@ def _backwards(topic: str, stamps_ns: Stamps, steps: Stamps) -> Iterator[Finding
     if not back.any():
         return
     worst = float(-steps.min()) * _NS
-    yield _finding(
+    yield finding_at(
         'stamps_backwards',
         Severity.SEVERE,
         topic,
@@ -80,7 +79,7 @@ def _repeated(topic: str, stamps_ns: Stamps, steps: Stamps) -> Iterator[Finding]
         return
     share = float(same.mean())
     many = share > _REPEATED_SHARE
-    yield _finding(
+    yield finding_at(
         'stamps_repeated',
         Severity.SEVERE if many else Severity.WARNING,
         topic,
@@ -103,7 +102,7 @@ def _jumps(topic: str, stamps_ns: Stamps, log_ns: Stamps) -> Iterator[Finding]:
     jump = np.r_[False, (steps > limit) & (steps - logged > limit)]
     if jump.any():
         largest = float(steps[jump[1:]].max())
-        yield _finding(
+        yield finding_at(
             'stamps_jump',
             Severity.SEVERE,
             topic,
@@ -116,7 +115,7 @@ def _jumps(topic: str, stamps_ns: Stamps, log_ns: Stamps) -> Iterator[Finding]:
     gap = np.r_[False, (steps > limit)] & ~jump
     if gap.any():
         largest = float(steps[gap[1:]].max())
-        yield _finding(
+        yield finding_at(
             'gap',
             Severity.WARNING,
             topic,
@@ -171,7 +170,7 @@ def check_spans(
         share = float(outside.mean())
         if share > 0.5:
             apart = (int(np.median(stamps_ns)) - (first + last) // 2) * _NS
-            yield _finding(
+            yield finding_at(
                 'stamps_apart',
                 Severity.SEVERE,
                 topic,
@@ -181,16 +180,3 @@ def check_spans(
                 f'{100 * share:.0f} % of its stamps lie outside of those of the IMU (limit 50 %), '
                 f'on average {apart:+.6g} s off: another clock? `time_offset_s` shifts them',
             )
-
-
-def _finding(
-    name: str,
-    severity: Severity,
-    topic: str,
-    where: NDArray[np.bool_],
-    stamps_ns: Stamps,
-    value: float,
-    text: str,
-) -> Finding:
-    first = int(stamps_ns[int(np.flatnonzero(where)[0])])
-    return Finding(name, severity, topic, first, int(where.sum()), value, text)

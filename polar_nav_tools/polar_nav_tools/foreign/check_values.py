@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
 from polar_nav_core.engine.events import Array
 
 from .adapters.position import PositionRows
 from .adapters.sensors import DepthRows, DvlRows
 from .arrays import finite_rows
-from .findings import Finding, Severity
+from .findings import Finding, Severity, finding_at
 from .fixes import FixRows
 from .sources import Stamps
 
@@ -29,7 +28,7 @@ def check_finite(topic: str, stamps_ns: Stamps, values: Array, what: str) -> Ite
     bad = ~finite_rows(values)
     if bad.any():
         share = float(bad.mean())
-        yield _at(
+        yield finding_at(
             'not_finite',
             Severity.SEVERE if share > _MANY else Severity.WARNING,
             topic,
@@ -90,7 +89,7 @@ def check_covariances(
         if not bad.any():
             continue
         share = float(bad.mean())
-        yield _at(
+        yield finding_at(
             name,
             Severity.WARNING if many_only and share <= _MANY else Severity.SEVERE,
             topic,
@@ -108,7 +107,7 @@ def check_dvl(dvl: DvlRows) -> Iterator[Finding]:
     v, valid = dvl.velocity, dvl.valid
     if not valid.all():
         share = float((~valid).mean())
-        yield _at(
+        yield finding_at(
             'velocity_invalid',
             Severity.WARNING if share > 0.1 else Severity.NOTE,
             topic,
@@ -126,7 +125,7 @@ def check_dvl(dvl: DvlRows) -> Iterator[Finding]:
     if fast.any():
         top = float(speed[fast].max())
         why = '; `unit: mm/s`?' if float(np.median(speed[valid])) > 100.0 else ''
-        yield _at(
+        yield finding_at(
             'velocity_size',
             Severity.SEVERE if float(fast.sum()) > 0.01 * float(valid.sum()) else Severity.WARNING,
             topic,
@@ -173,7 +172,7 @@ def check_depth(depth: DepthRows) -> Iterator[Finding]:
         ('covariance_negative', negative, 'negative'),
     ):
         if where.any():
-            yield _at(
+            yield finding_at(
                 name,
                 Severity.SEVERE,
                 topic,
@@ -207,7 +206,7 @@ def check_positions(rows: PositionRows) -> Iterator[Finding]:
     """Look for positions that cannot be, and for messages that hold none."""
     if not rows.given.all():
         share = float((~rows.given).mean())
-        yield _at(
+        yield finding_at(
             'position_invalid',
             Severity.WARNING,
             rows.topic,
@@ -218,7 +217,7 @@ def check_positions(rows: PositionRows) -> Iterator[Finding]:
         )
     far = ~rows.plausible
     if far.any():
-        yield _at(
+        yield finding_at(
             'position_size',
             Severity.SEVERE,
             rows.topic,
@@ -243,7 +242,7 @@ def check_fixes(rows: FixRows, max_delay_s: float) -> Iterator[Finding]:
     early = delay < 0.0
     if early.any():
         worst = float(-delay.min())
-        yield _at(
+        yield finding_at(
             'fix_from_future',
             Severity.SEVERE,
             rows.topic,
@@ -256,7 +255,7 @@ def check_fixes(rows: FixRows, max_delay_s: float) -> Iterator[Finding]:
     late = delay > max_delay_s
     if late.any():
         worst = float(delay.max())
-        yield _at(
+        yield finding_at(
             'fix_late',
             Severity.WARNING,
             rows.topic,
@@ -277,16 +276,3 @@ def check_fixes(rows: FixRows, max_delay_s: float) -> Iterator[Finding]:
             'every fix is received when it is valid; if their stamps are those of arrival, '
             '`time_offset_s` shifts them back',
         )
-
-
-def _at(
-    name: str,
-    severity: Severity,
-    topic: str,
-    where: NDArray[np.bool_],
-    stamps_ns: Stamps,
-    value: float,
-    text: str,
-) -> Finding:
-    first = int(stamps_ns[int(np.flatnonzero(where)[0])])
-    return Finding(name, severity, topic, first, int(where.sum()), value, text)

@@ -6,10 +6,14 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
+import numpy as np
+from numpy.typing import NDArray
+
 from polar_nav_core.errors import PolarNavError
 
 from ..bags.reader import stamp_text
 from ..scoring import Column, Table
+from .sources import Stamps
 
 
 class Severity(IntEnum):
@@ -148,3 +152,17 @@ def table(findings: Sequence[Finding]) -> Table:
         for f in sorted(findings, key=lambda f: -f.severity)
     )
     return Table('What was found in the data', columns, rows)
+
+
+def finding_at(
+    name: str,
+    severity: Severity,
+    topic: str,
+    where: NDArray[np.bool_],
+    stamps_ns: Stamps,
+    value: float,
+    text: str,
+) -> Finding:
+    """Return a finding about the messages at ``where``, told by the first of them."""
+    first = int(stamps_ns[int(np.flatnonzero(where)[0])])
+    return Finding(name, severity, topic, first, int(where.sum()), value, text)
