@@ -220,7 +220,8 @@ def test_a_node_of_the_build_runs_and_ends_cleanly(workspace, tmp_path, package,
     try:
         assert wait_for_node(f'/probe/{node}', process), f'{node} did not appear'
         process.send_signal(signal.SIGINT)
-        output, _ = process.communicate(timeout=30)
+        # A first start compiles the filter before it looks at anything else.
+        output, _ = process.communicate(timeout=240)
     finally:
         process.kill()
     assert process.returncode == 0, output

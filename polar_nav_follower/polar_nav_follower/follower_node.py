@@ -32,6 +32,7 @@ class FollowerNode(PolarNode[FollowerParams]):
     def __init__(self) -> None:
         super().__init__('follower_node', FollowerParams)
         # Before anything is subscribed to: a cold compile takes long, and sensors do not wait.
+        self.get_logger().info('loading the filter; a first start compiles it: half a minute')
         warm_up()
         self._ports = NavigationPorts(
             self,

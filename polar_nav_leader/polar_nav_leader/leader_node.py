@@ -71,6 +71,7 @@ class LeaderNode(PolarNode[LeaderParams]):
 
     def _navigate(self) -> None:
         # Before anything is subscribed to: a cold compile takes long, and sensors do not wait.
+        self.get_logger().info('loading the filter; a first start compiles it: half a minute')
         warm_up()
         own = session.OwnSession(self.params, self.vehicle)
         self._leader = own.leader

@@ -13,7 +13,7 @@ _NS = 1e-9
 _FEW = 10
 _DRIFT_WARNING, _DRIFT_SEVERE = 1e-4, 1e-2
 """Of stamps against log times [s/s]: a quartz is good to 1e-4; a per cent ruins every speed."""
-_DRIFT_SPAN_S, _DRIFT_S = 10.0, 0.2
+_DRIFT_SPAN_S, _DRIFT_S, _DRIFT_SEVERE_S = 10.0, 0.2, 1.0
 """Nothing is said of shorter recordings, or of less than so much in all [s]."""
 _JUMP_S = 1.0
 _GAP_PERIODS = 10.0
@@ -141,7 +141,8 @@ def _drift(topic: str, stamps_ns: Stamps, log_ns: Stamps) -> Iterator[Finding]:
     slope = change / span
     if abs(slope) < _DRIFT_WARNING:
         return
-    severe = abs(slope) >= _DRIFT_SEVERE
+    # Less than a second in all can be the jitter of log times, lockstep's windows among them.
+    severe = abs(slope) >= _DRIFT_SEVERE and abs(change) >= _DRIFT_SEVERE_S
     limit = _DRIFT_SEVERE if severe else _DRIFT_WARNING
     yield Finding(
         'stamps_drift',

@@ -68,6 +68,7 @@ class ErrorSeries:
         return np.asarray((self.stamp_ns - origin_ns) * 1e-9, dtype=np.float64)
 
 
+@np.errstate(over='ignore', invalid='ignore')  # a damaged message can hold any number
 def errors(pairs: Alignment) -> ErrorSeries:
     """Estimate minus truth for every pair."""
     truth, estimate = pairs.truth, pairs.estimate

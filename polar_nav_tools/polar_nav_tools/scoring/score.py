@@ -155,6 +155,7 @@ class Score:
         }
 
 
+@np.errstate(over='ignore', invalid='ignore')  # a damaged message can hold any number
 def score(
     name: str,
     truth: TruthSeries,

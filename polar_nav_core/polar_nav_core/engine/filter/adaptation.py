@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from ..params import NOISE_ADAPTATION
 from .noise import MeasurementNoise, ProcessNoise
 from .sage_husa import GuardedNoise, GuardedProcess
 
@@ -13,6 +14,8 @@ PRINTED = ('sage_husa_unguarded', 'sage_husa_published')
 
 def make_noise(name: str, forgetting: float, floor: float) -> MeasurementNoise | None:
     """R of one kind of measurement; None when Python has nothing to adapt."""
+    if name not in NOISE_ADAPTATION:
+        raise ValueError(f'noise_adaptation {name!r} is none of {", ".join(NOISE_ADAPTATION)}')
     return GuardedNoise(forgetting, floor) if name == 'sage_husa' else None
 
 
