@@ -142,6 +142,7 @@ def receipts_from_cdr(messages: Iterable[bytes]) -> list[Receipt]:
     return _receipts(_decode(messages, definition(RECEIPT_TYPE), _RECEIPT_FIELDS))
 
 
+@np.errstate(over='ignore', invalid='ignore')  # a damaged message can hold any number
 def rotation_from_quaternion(xyzw: Floats) -> Floats:
     """Rotation matrices of unit quaternions, shape (N, 4) to (N, 3, 3).
 
