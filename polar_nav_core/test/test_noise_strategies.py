@@ -21,6 +21,8 @@ from polar_nav_core.engine.filter.sage_husa import (
 from polar_nav_core.engine.params import CONFIGURATIONS, NOISE_ADAPTATION, EngineParams
 from polar_nav_core.errors import ConfigError
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope='module')
 def world():

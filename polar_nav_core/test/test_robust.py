@@ -15,6 +15,8 @@ STRATEGIES = ('tagged', 'back_propagate', 'clone', 'rewind')
 THRESHOLD = 7.814727903251179  # chi-square, 3 degrees of freedom, 0.95
 SEEDS = range(4)
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope='module')
 def world():

@@ -22,7 +22,10 @@ from polar_nav_tools.experiments.schedule import FixSpec
 from polar_nav_tools.experiments.world import make_world
 from polar_nav_tools.experiments.world_spec import WorldSpec
 
-pytestmark = pytest.mark.timeout(400)  # CPU bound: a busy machine takes a few times as long
+pytestmark = [
+    pytest.mark.slow,
+    pytest.mark.timeout(400),
+]  # CPU bound: a busy machine takes a few times as long
 
 CHOICES = Choices()
 POLAR_RADIUS = 6_399_594.0

@@ -35,6 +35,8 @@ AFTER_S = 10.0
 CHANCE = 0.1
 """Share of runs with an excursion beyond 3 sigma that an honest filter has."""
 
+pytestmark = pytest.mark.slow
+
 
 def settings(name):
     if name == 'default':
