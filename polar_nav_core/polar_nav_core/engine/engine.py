@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -367,18 +368,9 @@ class Engine:
         revision: int,
     ) -> Receipt:
         f = self._fusion.filter if self._fusion is not None else None
-        return Receipt(
-            stamp_ns=stamp_ns,
-            verdict=verdict,
-            reason=reason,
-            topic=fix.topic,
-            source=fix.source,
-            sequence=fix.sequence,
-            validity_ns=fix.validity_ns,
-            transmit_ns=fix.transmit_ns,
-            receive_ns=fix.receive_ns,
+        return replace(
+            self._receipt(fix, stamp_ns, verdict, reason),
             fused_ns=f.stamp_ns if f is not None and verdict is Verdict.FUSED else 0,
-            delay_handling=self.configuration.delay_handling,
             steps_rolled_back=steps,
             innovation_G=-outcome.z,
             innovation_variance_G=outcome.variance,
