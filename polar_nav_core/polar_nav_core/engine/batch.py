@@ -141,7 +141,7 @@ class _Collector:
         for output in outputs:
             if isinstance(output, Receipt):
                 self.receipts.append(output)
-            else:
+            elif isinstance(output, Estimate):
                 self._drain_rows()
                 self._single.append(_row(output))
                 if len(self._single) >= _ROWS:

@@ -22,6 +22,7 @@ from .events import (
     Array,
     Command,
     CommandKind,
+    ControlSample,
     DepthSample,
     DvlPing,
     Estimate,
@@ -98,6 +99,8 @@ class Engine:
                 yield self._count(receipt)
         elif isinstance(event, Command):
             self._command(event)
+        elif isinstance(event, ControlSample):
+            yield from self._control(event)
         else:
             yield from self._local(event)
 
@@ -200,6 +203,13 @@ class Engine:
             return
         if sample.stamp_ns // self._output_ns != before_ns // self._output_ns:
             self._due_ns = sample.stamp_ns
+
+    def _control(self, sample: ControlSample) -> Iterator[Output]:
+        if not (np.isfinite(sample.force_b).all() and np.isfinite(sample.torque_b).all()):
+            reason = 'force or torque is not finite'
+            yield self._count(self._receipt(sample, sample.stamp_ns, Verdict.NOT_FINITE, reason))
+        elif self._fusion is not None:
+            self._fusion.control(sample)
 
     def _local(self, event: DvlPing | DepthSample) -> Iterator[Output]:
         """Fuse DVL and depth: local, current, never treated as delayed."""
@@ -396,6 +406,7 @@ class Engine:
             fixes_fused=self.fused['fix'],
             last_validity_ns=self._last_validity_ns,
             local_statistics=f.taken_local_statistics(),
+            model=self._fusion.model() if self._fusion is not None else None,
         )
 
 

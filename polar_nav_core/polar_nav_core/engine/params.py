@@ -6,8 +6,9 @@ import math
 from dataclasses import dataclass
 
 from ..errors import ConfigError
-from ..params import NodeParams, choice, param, vector
+from ..params import choice, param, vector
 from .events import InitialState
+from .model_params import ModelParams
 
 DELAY_HANDLING = ('ignore', 'tagged', 'back_propagate', 'clone', 'rewind')
 ROBUST_FIXES = ('none', 'huber', 'mahalanobis')
@@ -65,7 +66,7 @@ CONFIGURATIONS: dict[str, Configuration] = {
 
 
 @dataclass(frozen=True)
-class EngineParams(NodeParams):
+class EngineParams(ModelParams):
     """What can be chosen of a vehicle's navigation; nodes add their own."""
 
     configuration: str = choice(
