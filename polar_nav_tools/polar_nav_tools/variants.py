@@ -21,7 +21,11 @@ STATION_PAIR = ('published', 'default')
 _USUAL = {'configuration': 'default', 'station_filter': 'augmented'}
 STATION_VARIANTS: dict[str, dict[str, Any]] = {
     'default': _USUAL,
-    'published': {'configuration': 'default', 'station_filter': 'published'},
+    'published': {
+        'configuration': 'default',
+        'station_filter': 'published',
+        'identify_method': 'published',
+    },
     **{
         name: {
             **_USUAL,

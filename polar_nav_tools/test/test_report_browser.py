@@ -74,7 +74,7 @@ def test_figures_have_their_size(page, tmp_path, width):
     document = browse(page, tmp_path, '--dump-dom', f'--window-size={width},900')
     found = re.search(r'data-probe="([^"]*)"', document)
     probe = json.loads(found.group(1).replace('&quot;', '"').replace('&amp;', '&'))
-    assert len(probe['boxes']) == 14
+    assert len(probe['boxes']) == 18
     for label, w, h, paths in probe['boxes']:
         assert w >= 380, label
         assert h >= 150, label

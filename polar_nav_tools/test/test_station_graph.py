@@ -130,6 +130,7 @@ def test_every_name_of_a_filter_stands_for_parameters_that_the_follower_takes(gr
     params = parameters(recorded, name, {})
     assert params.mode == 'station'
     assert params.station_filter == ('published' if name == 'published' else 'augmented')
+    assert params.identify_method == ('published' if name == 'published' else 'robust')
     strategy = params.resolved().delay_handling
     assert strategy == name or name in ('default', 'published')
 

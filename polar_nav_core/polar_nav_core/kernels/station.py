@@ -79,7 +79,9 @@ def slopes(at: Array, c: Settings, w: Work) -> tuple[float, float, float, float]
     tuple
         Slopes of the surge acceleration with ln Dt and f, of the velocity along x and y with b.
     """
-    d1, d2 = surge_drag(at[ss.DRAG], at[ss.SHARE], c.speed)
+    # A share outside of [0, 1] is a drag that pushes: a vehicle without a steady speed runs away.
+    share = min(max(at[ss.SHARE], 0.0), 1.0)
+    d1, d2 = surge_drag(at[ss.DRAG], share, c.speed)
     w.d1[0] = d1
     w.d2[0] = d2
     relative_acceleration(w.a, at, w.omega, w.up, w.g, c.inertia, w.d1, w.d2, c.net_buoyancy)

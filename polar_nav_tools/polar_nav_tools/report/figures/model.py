@@ -239,7 +239,8 @@ def _over_time(
     if np.isfinite(e.truth).any():
         style = {'color': color('ink'), 'lw': 1.2, 'ls': (0, (5, 3)), 'zorder': 4}
         line(ax, t, e.truth, columns=_COLUMNS, **style)
-    ax.set_ylim(*_limits(e, marks))
+    settled_ns = int(stamp_ns[int(len(stamp_ns) * _SETTLED)])
+    ax.set_ylim(*_limits(e, [m for m in marks if m.stamp_ns >= settled_ns]))
     ax.yaxis.set_major_locator(MaxNLocator(4, min_n_ticks=3))
     true = f', true {show(float(e.truth[-1]))}' if np.isfinite(e.truth[-1]) else ''
     row_heading(ax, f'{what} [{e.unit}]', _final(e) + true)
