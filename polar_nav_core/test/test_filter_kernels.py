@@ -83,7 +83,7 @@ def test_update_is_the_textbook_update(m):
     kf.innovation_covariance(w['S'], w['PHt'], got, H, R, m)
     assert kf.cholesky(w['L'], w['S'], m)
     nis = kf.nis_of(w['L'], z, w['w'], m)
-    kf.update(got, x, H, R, z, m, w['K'], w['PHt'], w['L'], w['M'])
+    kf.update(got, x, w['S'], z, m, w['K'], w['PHt'], w['L'], w['M'])
     assert nis == pytest.approx(z[:m] @ np.linalg.solve(S, z[:m]), rel=1e-9)
     np.testing.assert_allclose(x, K @ z[:m], rtol=1e-8, atol=1e-14)
     np.testing.assert_allclose(got, expected, rtol=1e-7, atol=1e-15)
@@ -101,7 +101,7 @@ def test_update_stays_definite_where_the_short_form_does_not():
     for _ in range(200):
         kf.innovation_covariance(w['S'], w['PHt'], P, H, R, 3)
         assert kf.cholesky(w['L'], w['S'], 3)
-        kf.update(P, x, H, R, np.zeros(3), 3, w['K'], w['PHt'], w['L'], w['M'])
+        kf.update(P, x, w['S'], np.zeros(3), 3, w['K'], w['PHt'], w['L'], w['M'])
         assert kf.cholesky(w['LP'], P, N)
 
 
@@ -234,9 +234,9 @@ def test_dvl_rows_are_the_derivative_of_the_innovation():
 
 
 def place(s, lever=LEVER):
-    C_e_G, ie, eG, lever_G, point, velocity = np.zeros((3, 3)), *(np.zeros(3) for _ in range(5))
+    C_e_G, ie, lever_G, point, velocity = np.zeros((3, 3)), *(np.zeros(3) for _ in range(4))
     height = filter_imu.place(
-        s.r_e, s.v_G, np.ascontiguousarray(s.C_b_G), lever, C_e_G, ie, eG, lever_G, point, velocity
+        s.r_e, s.v_G, np.ascontiguousarray(s.C_b_G), lever, C_e_G, ie, lever_G, point, velocity
     )
     return height, C_e_G, lever_G, point, velocity
 

@@ -100,6 +100,8 @@ class IntegrityMonitor:
         if self._last_fused_ns is None or receive_ns > self._last_fused_ns:
             self._last_fused_ns = receive_ns
         self._newest_fused_validity_ns = max(self._newest_fused_validity_ns, validity_ns)
+        if not self._refused:
+            return
         later = [r for r in self._refused if r.validity_ns > validity_ns]
         if len(later) != len(self._refused):
             self.longest_gated_s = max(self.longest_gated_s, self._gated_s(receive_ns))
@@ -193,8 +195,10 @@ def held(monitor: IntegrityMonitor, fix: Fix, f: NavigationFilter, gate: float) 
     stay refused until they come back to the estimate or the crew resets the filter. Fixes that the
     gate will refuse by a wide margin are left to it, whose receipt has the exact numbers.
     """
+    if not monitor.lasting(fix.receive_ns):
+        return ''
     epoch = f.history.before(fix.validity_ns)
-    if epoch is None or not monitor.lasting(fix.receive_ns):
+    if epoch is None:
         return ''
     ahead_e = epoch.velocity_e * ((fix.validity_ns - epoch.stamp_ns) * 1e-9)
     offset_e: Array = fix.r_e - (epoch.point_e + ahead_e)

@@ -271,7 +271,7 @@ def _update_again(
         outcome[8] = enlarge(w, c)
         if c.adaptive:
             learn_noise(s.noise[fs.FIX_ROW], w.z, w.stated, c.forgetting, outcome[8])
-    update(P, w.x, w.H, w.R, w.z, m, w.K, w.PHt, w.L, w.M)
+    update(P, w.x, w.S, w.z, m, w.K, w.PHt, w.L, w.M)
     for k in range(N):
         before = log.x[u, k] if kind == fs.UPDATE else 0.0
         change[k] += before - w.x[k]

@@ -25,7 +25,9 @@ IMU = 6
 DEPTH = 7
 DVL = 8
 FIX = 9
-COUNTERS = 10
+NEXT = 10  # stamp from which on a sample ends the covariance step that runs
+HELD = 11  # 1 while State.held is good
+COUNTERS = 12
 
 # Rows of State.tally and of State.noise, columns of State.tally.
 DVL_ROW = 0
@@ -75,6 +77,7 @@ class State(NamedTuple):
     omega_ib_b: Array
     increments: Array  # (4, 3): angle and velocity of this sample, then of the one before
     sums: Array  # (6, 3): see filter_imu.imu_step
+    held: Array  # (8,): surroundings of the strapdown, held over a covariance step
     previous: Array  # (2, 3): the last sample as it came, rate and specific force
     noise: Array  # (3, 4): per stream b^k and the ratio of adapted to stated variance per axis
     previous_dt: Array  # (1,)
@@ -93,6 +96,7 @@ _SHAPES = {
     'omega_ib_b': (3,),
     'increments': (4, 3),
     'sums': (6, 3),
+    'held': (8,),
     'previous': (2, 3),
     'noise': (3, 4),
     'previous_dt': (1,),
@@ -116,11 +120,10 @@ def make_state() -> State:
 
 
 class Frames(NamedTuple):
-    """What follows from the state: frames, rates, the transponder's place."""
+    """What follows from the state: frames, earth rate, the transponder's place."""
 
     C_e_G: Array
     omega_ie_G: Array
-    omega_eG_G: Array
     lever_G: Array
     point_e: Array
     velocity_e: Array
@@ -132,7 +135,6 @@ def make_frames() -> Frames:
     return Frames(
         C_e_G=np.zeros((3, 3)),
         omega_ie_G=np.zeros(3),
-        omega_eG_G=np.zeros(3),
         lever_G=np.zeros(3),
         point_e=np.zeros(3),
         velocity_e=np.zeros(3),

@@ -101,7 +101,7 @@ class NavigationFilter:
         weight = params.forgetting ** (1.0 / (1.0 - params.forgetting))  # b^k with k = k0
         self.state.noise[:] = [weight, 1.0, 1.0, 1.0]
         self.state.counters[fs.STAMP] = stamp_ns
-        self.state.counters[fs.BOUNDARY] = stamp_ns
+        fe.begin_step(self.state, self.settings, stamp_ns)
         ff.locate(self.state, self.frames, self.settings)
         fe.add_epoch(self.state, self.settings, self.past)
         if steps:
@@ -238,7 +238,7 @@ class NavigationFilter:
 
     def fuse_fix(self) -> Outcome:
         """Gate, update and feed back the fix in ``H``, ``R``, ``z``."""
-        code = ff.fuse_rows(
+        code = ff.fuse_filled(
             self.state,
             self.frames,
             self.settings,
@@ -282,7 +282,7 @@ class NavigationFilter:
             w.L[:m, :m] *= math.sqrt(factor)
             w.nis[1] = factor
         noise.learn(w.z / math.sqrt(factor), stated, S)
-        kf.update(self.P, w.x, w.H, w.R, w.z, m, w.K, w.PHt, w.L, w.M)
+        kf.update(self.P, w.x, w.S, w.z, m, w.K, w.PHt, w.L, w.M)
         if self.process is not None:
             self.process.learn(w.K[:m], w.z[:m], w.S[:m, :m])
         self.feed_back(w.x)
