@@ -119,7 +119,9 @@ def test_rows_times_inverse():
     X, Phi = rng.normal(size=(3, N)), transition(1.0, 40.0)
     Phi[:9, :9] += 0.3 * rng.normal(size=(9, 9))  # needs pivots
     expected = X @ np.linalg.inv(Phi)
-    filter_walk.rows_times_inverse(X, Phi, 3, np.zeros((9, 9)), np.zeros(9, dtype=np.int64))
+    inverse = np.full(filter_walk.INVERSE, np.nan)
+    filter_walk.invert(Phi, inverse, np.zeros((9, 9)))
+    filter_walk.rows_times(X, inverse, 3)
     np.testing.assert_allclose(X, expected, rtol=1e-9, atol=1e-9)
 
 
@@ -158,6 +160,7 @@ def test_walk_forward_refers_rows_and_innovation_to_now():
         z,
         3,
         stored,
+        np.zeros((ring, *filter_walk.INVERSE)),
         first,
         steps,
         corrections,
@@ -165,7 +168,6 @@ def test_walk_forward_refers_rows_and_innovation_to_now():
         begin,
         begin + 4,
         np.zeros((9, 9)),
-        np.zeros(9, dtype=np.int64),
     )
     np.testing.assert_allclose(H, G, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(z, expected_z, rtol=1e-9, atol=1e-9)

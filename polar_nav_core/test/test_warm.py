@@ -12,13 +12,13 @@ from polar_nav_core.kernels import (
 )
 from polar_nav_core.kernels import (
     filter_events,
+    filter_late,
     filter_run,
     filter_smooth,
-    filter_walk,
 )
 from polar_nav_core.kernels.warm import warm_filter
 
-MODULES = (kf, filter_events, filter_run, filter_smooth, filter_walk)
+MODULES = (kf, filter_events, filter_late, filter_run, filter_smooth)
 ENTRIES = [
     'add_epoch',
     'advance',
@@ -28,6 +28,7 @@ ENTRIES = [
     'feed_back_and_remember',
     'fill_array_axes',
     'fill_dvl',
+    'fill_late_fix',
     'filter_again',
     'fuse_clone',
     'fuse_filled',
@@ -39,7 +40,6 @@ ENTRIES = [
     'smooth',
     'take_snapshot',
     'update',
-    'walk_forward',
 ]
 """What Python calls; what these inline or load from the cache has no signature of its own."""
 

@@ -23,6 +23,7 @@ from .events import (
     Array,
     Estimate,
     Event,
+    Fix,
     ImuSample,
     Output,
     Rank,
@@ -30,8 +31,9 @@ from .events import (
     Verdict,
     no_local_statistics,
 )
-from .filter.fusion import Fusion
-from .filter.streams import FIXES
+from .filter.fusion import FixResult, Fusion
+from .filter.navigation import NavigationFilter
+from .filter.streams import put_late_fix, room_for_fixes
 from .inputs import Inputs, Stamps
 from .params import EngineParams
 
@@ -40,6 +42,8 @@ __all__ = ['Inputs', 'Progress', 'Result', 'RowSink', 'Stamps', 'Track', 'run']
 Progress = Callable[[float], None]
 """Called with the share of the run that is done."""
 
+_STRETCH = 1024
+"""Fixes that the compiled loop is given at a time, at most."""
 _ROWS = 256  # their covariances stay in the second cache
 
 
@@ -147,9 +151,12 @@ class _Collector:
                 if len(self._single) >= _ROWS:
                     self._drain_single()
 
-    def note(self, engine: Engine) -> None:
-        """Write the engine's counts of fixes to the rows that came since the last time."""
-        n = int(self.rows.io[1])
+    def note(self, engine: Engine, until: int | None = None) -> None:
+        """Write the engine's counts of fixes to the rows that came since the last time.
+
+        Up to row ``until``, where that is given.
+        """
+        n = int(self.rows.io[1]) if until is None else until
         if n > self._noted:
             self._fixes[self._noted : n] = engine.fix_counts()
             self._noted = n
@@ -285,17 +292,23 @@ class _Compiled:
         if self._first is not None:
             first = self._inputs.imu_sample(self._first)
             start = first.key
-        every = max(1, len(self._odd) // 100)
-        for number, event in enumerate(self._odd):
+        number = told = 0
+        while number < len(self._odd):
+            event = self._odd[number]
             if start is not None and event.key > start and self._fusion is None:
                 self._start(first)
                 start = None
-            # A sample whose stamp was there before comes after the first of them.
-            rank = int(event.key[1]) + isinstance(event, ImuSample)
-            self._advance(event.stamp_ns, rank)
-            self._collector.take(self._engine.process(event))
-            if self._progress is not None and number % every == 0:
+            taken = self._take_fixes(number)
+            if not taken:
+                # A sample whose stamp was there before comes after the first of them.
+                rank = int(event.key[1]) + isinstance(event, ImuSample)
+                self._advance(event.stamp_ns, rank)
+                self._collector.take(self._engine.process(event))
+                taken = 1
+            number += taken
+            if self._progress is not None and number >= told:
                 self._progress(number / len(self._odd))
+                told = number + len(self._odd) // 100
         if start is not None:
             self._start(first)
         self._advance(_END_NS, int(Rank.IMU))
@@ -328,11 +341,7 @@ class _Compiled:
             dvl_stamps=_at_least_one(x.dvl_stamps_ns),
             dvl_v_m=_at_least_one(x.dvl_v_m),
             dvl_covariance_m=_at_least_one(x.dvl_covariance_m),
-            fix_stamps=np.zeros(FIXES, dtype=np.int64),
-            fix_r_e=np.zeros((FIXES, 3)),
-            fix_covariance_e=np.zeros((FIXES, 3, 3)),
-            fix_array_heading=np.zeros(FIXES),
-            fix_outcomes=np.zeros((FIXES, 9)),
+            **room_for_fixes(),
         )
         counters = f.state.counters
         counters[fs.IMU] = 1
@@ -342,6 +351,82 @@ class _Compiled:
         self._rows.io[0] = first.stamp_ns
         f.log.counts[1] = 0
         fe.take_snapshot(f.state, f.log)
+
+    # -- fixes that need nothing but the filter ---------------------------------------------------
+
+    def _take_fixes(self, number: int) -> int:
+        """Let the compiled loop take fixes from a number on, with all that stands before them.
+
+        Returns
+        -------
+        int
+            How many it took: up to the first that is refused or that Python has to look at.
+        """
+        if self._fusion is None or not self._engine.navigating:
+            return 0
+        f = self._fusion.filter
+        fixes = self._plain_fixes(number) if f.settings.back_propagates else []
+        if not fixes:
+            return 0
+        first = int(f.state.counters[fs.FIX])
+        for fix in fixes:
+            put_late_fix(f.streams, fix)
+        settled = 0
+        try:
+            code = fs.FULL
+            while code == fs.FULL:
+                code = f.advance(fixes[-1].receive_ns, fs.FIX_RANK + 1)
+                settled = self._settle(f, fixes, first, settled)
+                self._collector.note(self._engine)
+                if code == fs.FULL:
+                    self._collector.drain()
+        except FilterDivergence as error:
+            settled = self._settle(f, fixes, first, settled)
+            self._collector.note(self._engine)
+            on_fix = first + settled < f.state.counters[fs.FIX]
+            at_ns = fixes[settled].receive_ns if on_fix else f.stamp_ns
+            self._engine.diverge(str(error), at_ns)
+            if on_fix:
+                fix = fixes[settled]
+                self._collector.receipts.append(self._engine.take_decided(fix, None, at_ns))
+                settled += 1
+        else:
+            f.streams.counts[fs.FIX - fs.IMU] = f.state.counters[fs.FIX]
+            self._engine.note_imu(f.stamp_ns)
+        return settled
+
+    def _plain_fixes(self, number: int) -> list[Fix]:
+        """Fixes from a number on that nothing but the filter can refuse."""
+        found: list[Fix] = []
+        names: set[tuple[str, int]] = set()
+        for event in self._odd[number : number + _STRETCH]:
+            if not isinstance(event, Fix) or not self._engine.leaves_to_filter(event):
+                break
+            name = (event.source, event.sequence)
+            if name in names:
+                break
+            names.add(name)
+            found.append(event)
+        return found
+
+    def _settle(self, f: NavigationFilter, fixes: list[Fix], first: int, settled: int) -> int:
+        """Give receipts for what the filter decided; the number of fixes that have one.
+
+        ``first`` is the number of the first fix in the streams.
+        """
+        engine, collector = self._engine, self._collector
+        length = len(f.streams.fix_stamps)
+        decided = int(f.state.counters[fs.FIX]) - first
+        for k in range(settled, decided):
+            i = (first + k) % length
+            row = f.streams.fix_outcomes[i]
+            if row[0] < 0.0:  # here the filter was lost
+                return k
+            steps, stamp_ns, rows = f.streams.fix_notes[i].tolist()
+            collector.note(engine, rows)
+            result = FixResult(f.outcome_of(row), steps)
+            collector.receipts.append(engine.take_decided(fixes[k], result, stamp_ns))
+        return decided
 
     def _advance(self, stamp_ns: int, rank: int) -> None:
         """Take everything before a place in the order of events."""

@@ -37,8 +37,8 @@ from .events import (
     Verdict,
 )
 from .filter.delay import compiled, make_fusion
-from .filter.fusion import Fusion
-from .filter.navigation import NavigationFilter, Outcome, chi2_gate
+from .filter.fusion import FixResult, Fusion
+from .filter.navigation import NavigationFilter, chi2_gate
 from .integrity import Integrity, IntegrityMonitor, held
 from .params import EngineParams
 
@@ -86,10 +86,7 @@ class Engine:
         ValueError
             When the event does not come after the one before: a fault of the caller.
         """
-        if self._last_key is not None and event.key <= self._last_key:
-            raise ValueError(
-                f'event {event.key} after {self._last_key}: events must come in order'
-            )
+        self._require_order(event)
         yield from self.advance(event.stamp_ns)
         self._last_key = event.key
         if isinstance(event, ImuSample):
@@ -102,6 +99,12 @@ class Engine:
             self._command(event)
         else:
             yield from self._local(event)
+
+    def _require_order(self, event: Event) -> None:
+        if self._last_key is not None and event.key <= self._last_key:
+            raise ValueError(
+                f'event {event.key} after {self._last_key}: events must come in order'
+            )
 
     def advance(self, stamp_ns: int) -> Iterator[Output]:
         """Give the estimate that is due before ``stamp_ns``.
@@ -150,6 +153,24 @@ class Engine:
         """Return the filter with its measurements; from now on the caller sees to estimates."""
         self._due_ns = None
         return self._fusion
+
+    def leaves_to_filter(self, fix: Fix) -> bool:
+        """Whether nothing but the filter's history and gate can refuse a fix now."""
+        return self._integrity.quiet and self._refusal(fix) is None
+
+    def take_decided(self, fix: Fix, result: FixResult | None, stamp_ns: int) -> Receipt:
+        """Take what the filter has decided on a fix at its state of ``stamp_ns``.
+
+        Without a result the filter is lost since then, for the reason told to `diverge`.
+        """
+        self._require_order(fix)
+        self._last_key = fix.key
+        self._fixes_received += 1
+        if result is None:
+            reason = self.divergence
+            return self._count(self._receipt(fix, fix.receive_ns, Verdict.NOT_READY, reason))
+        self._remember(fix)
+        return self._count(self._decided(fix, fix, result, stamp_ns))
 
     def note_imu(self, stamp_ns: int) -> None:
         """Take note of the newest IMU sample that the caller processed."""
@@ -264,11 +285,17 @@ class Engine:
             )
             return [self._receipt(fix, fix.receive_ns, Verdict.TOO_OLD, reason)]
         self._remember(fix)
-        first = self._decided(fix, fix, result.outcome, result.steps)
-        return [first, *(self._decided(other, fix, o, 0) for other, o in result.revised)]
+        now_ns = self._fusion.filter.stamp_ns
+        first = self._decided(fix, fix, result, now_ns)
+        revised = (
+            self._decided(other, fix, FixResult(outcome, 0), now_ns)
+            for other, outcome in result.revised
+        )
+        return [first, *revised]
 
-    def _decided(self, fix: Fix, cause: Fix, outcome: Outcome, steps: int) -> Receipt:
+    def _decided(self, fix: Fix, cause: Fix, result: FixResult, now_ns: int) -> Receipt:
         """Receipt of a fix that the gate has decided on; ``cause`` is the fix that made it."""
+        outcome = result.outcome
         name = (fix.source, fix.sequence)
         revision = 0
         reason = f'{_age(fix):.2f} s old, NIS {outcome.nis:.1f}'
@@ -292,7 +319,20 @@ class Engine:
             self._last_validity_ns = max(self._last_validity_ns, fix.validity_ns)
         elif revision:
             self.fused['fix'] -= 1
-        return self._fix_receipt(fix, cause.receive_ns, verdict, reason, outcome, steps, revision)
+        return self._receipt(
+            fix,
+            cause.receive_ns,
+            verdict,
+            reason,
+            fused_ns=now_ns if outcome.fused else 0,
+            steps_rolled_back=result.steps,
+            innovation_G=-outcome.z,
+            innovation_variance_G=outcome.variance,
+            nis=outcome.nis,
+            dof=outcome.dof,
+            gate=outcome.gate,
+            revision=revision,
+        )
 
     def _refusal(self, fix: Fix) -> tuple[Verdict, str] | None:
         """Why a fix cannot be used whatever the state is; None when it can."""
@@ -369,32 +409,6 @@ class Engine:
                 **outcome,
             )
         return Receipt(stamp_ns, verdict, reason, event.topic, '', event.sequence, event.stamp_ns)
-
-    def _fix_receipt(
-        self,
-        fix: Fix,
-        stamp_ns: int,
-        verdict: Verdict,
-        reason: str,
-        outcome: Outcome,
-        steps: int,
-        revision: int,
-    ) -> Receipt:
-        f = self._fusion.filter if self._fusion is not None else None
-        return self._receipt(
-            fix,
-            stamp_ns,
-            verdict,
-            reason,
-            fused_ns=f.stamp_ns if f is not None and verdict is Verdict.FUSED else 0,
-            steps_rolled_back=steps,
-            innovation_G=-outcome.z,
-            innovation_variance_G=outcome.variance,
-            nis=outcome.nis,
-            dof=outcome.dof,
-            gate=outcome.gate,
-            revision=revision,
-        )
 
     def _estimate(self, f: NavigationFilter) -> Estimate:
         return Estimate(

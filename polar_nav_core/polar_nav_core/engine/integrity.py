@@ -109,6 +109,11 @@ class IntegrityMonitor:
             self._count = len(later)
             self._first_ns = min((r.receive_ns for r in later), default=0)
 
+    @property
+    def quiet(self) -> bool:
+        """Whether no fix has been refused since the newest that was fused."""
+        return not self._count
+
     def gated(self, validity_ns: int, receive_ns: int, offset_G: Array) -> None:
         """Take note of a fix that the gate refused, off by ``offset_G`` (fix minus estimate).
 

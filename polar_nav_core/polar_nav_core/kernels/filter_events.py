@@ -17,6 +17,7 @@ from .filter_fuse import enter
 from .filter_imu import hold_surroundings, imu_step, take_means
 from .filter_rows import depth_rows, dvl_rows, fix_rows
 from .filter_state import Frames, Log, Past, Settings, State, Work
+from .filter_walk import KEPT
 from .grid import fill_C_e_G
 
 
@@ -43,6 +44,7 @@ def _covariance_step(
     s.counters[fs.STEPS] += 1
     number = s.counters[fs.STEPS]
     Phi = past.transitions[number % past.transitions.shape[0]]
+    past.inverses[number % past.transitions.shape[0]][KEPT] = 0.0
     take_means(s.sums, w.C_mean, w.f_mean, w.omega_mean)
     tau_usbl = c.usbl[1] if c.estimates_usbl_bias else 0.0
     fill_transition(
@@ -192,8 +194,8 @@ def add_epoch(s: State, c: Settings, past: Past) -> None:
     s.counters[fs.EPOCHS] += 1
 
 
-@routine
-def epoch_place(past: Past, i: int, point_e: Array, velocity_e: Array, C_e_G: Array) -> None:
+@kernel
+def place_of_epoch(past: Past, i: int, point_e: Array, velocity_e: Array, C_e_G: Array) -> None:
     """Transponder and velocity, ECEF, of the epoch at place i of the ring; C_e_G is scratch."""
     r_e = past.positions[i]
     u_x, u_y, u_z, _ = up_and_height(r_e[0], r_e[1], r_e[2])
@@ -204,6 +206,12 @@ def epoch_place(past: Past, i: int, point_e: Array, velocity_e: Array, C_e_G: Ar
         for n in range(3):
             point_e[k] += C_e_G[n, k] * past.levers[i, n]
             velocity_e[k] += C_e_G[n, k] * past.velocities[i, n]
+
+
+@routine
+def epoch_place(past: Past, i: int, point_e: Array, velocity_e: Array, C_e_G: Array) -> None:
+    """`place_of_epoch`, for Python."""
+    place_of_epoch(past, i, point_e, velocity_e, C_e_G)
 
 
 @kernel

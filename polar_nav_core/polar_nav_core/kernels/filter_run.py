@@ -7,6 +7,7 @@ from .cache import kernel, routine
 from .filter import N
 from .filter_events import fill_depth, fill_dvl, fill_fix, imu_event, note_outcome
 from .filter_fuse import fuse_rows, locate
+from .filter_late import OUT_OF_REACH, fill_late_fix
 from .filter_state import Frames, Log, Past, Rows, Settings, State, Streams, Work
 
 _NEVER = 9_223_372_036_854_775_807
@@ -85,22 +86,43 @@ def _process(
             fill_dvl(s, fr, c, w, streams.dvl_v_m[k], streams.dvl_covariance_m[k])
             m, row = fs.VECTOR, fs.DVL_ROW
         else:
-            s.counters[fs.FIX] += 1
             k = f % streams.fix_stamps.shape[0]
-            fill_fix(
-                s,
-                fr,
-                c,
-                w,
-                stamp,
-                streams.fix_r_e[k],
-                streams.fix_covariance_e[k],
-                streams.fix_array_heading[k],
-            )
+            steps = 0
+            if c.back_propagates:
+                steps = fill_late_fix(
+                    s,
+                    fr,
+                    c,
+                    past,
+                    w,
+                    streams.fix_validities[k],
+                    streams.fix_r_e[k],
+                    streams.fix_covariance_e[k],
+                    streams.fix_array_heading[k],
+                )
+                if steps == OUT_OF_REACH:
+                    return fs.STOPPED
+            else:
+                fill_fix(
+                    s,
+                    fr,
+                    c,
+                    w,
+                    stamp,
+                    streams.fix_r_e[k],
+                    streams.fix_covariance_e[k],
+                    streams.fix_array_heading[k],
+                )
+            s.counters[fs.FIX] += 1
+            streams.fix_notes[k, 0] = steps
+            streams.fix_notes[k, 1] = s.counters[fs.STAMP]
+            streams.fix_notes[k, 2] = rows.io[1]
             m, row = fs.VECTOR, fs.FIX_ROW
         code = fuse_rows(s, c, past, w, log, m, row, rank)
         if rank == fs.FIX_RANK:
             note_outcome(w, code, streams.fix_outcomes[k])
+            if c.back_propagates and code == fs.REFUSED:
+                return fs.STOPPED
         if code < 0:
             return code
 
@@ -125,8 +147,9 @@ def advance(
     Returns
     -------
     int
-        DONE; FULL when there is no more room for output (call again with room); P_NOT_DEFINITE
-        or S_NOT_DEFINITE, with the state as it was then.
+        DONE; FULL when there is no more room for output (call again with room); STOPPED after a
+        late fix that the gate refused, and before one that is out of reach, which the caller has
+        to answer; P_NOT_DEFINITE or S_NOT_DEFINITE, with the state as it was then.
     """
     code = _process(s, fr, c, past, w, log, streams, until_ns, until_rank, rows)
     locate(s, fr, c)

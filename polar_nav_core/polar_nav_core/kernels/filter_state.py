@@ -44,6 +44,7 @@ DONE = 0
 P_NOT_DEFINITE = -1
 S_NOT_DEFINITE = -2
 FULL = -3
+STOPPED = -4
 
 IMU_RANK = 0
 DEPTH_RANK = 2
@@ -152,6 +153,7 @@ class Settings(NamedTuple):
     active: int  # leading states that the covariance must be positive definite in
     estimates_usbl_bias: bool
     adaptive: bool
+    back_propagates: bool  # fixes of the streams are late: they stand where they were received
     forgetting: float
     floor: float
     robust: int  # how fixes far off are weighted down: index in params.ROBUST_FIXES
@@ -193,8 +195,8 @@ class Work(NamedTuple):
     omega: Array
     f: Array
     point_e: Array
+    velocity_e: Array
     LU: Array
-    pivot: Ints
 
 
 def make_work() -> Work:
@@ -231,8 +233,8 @@ def make_work() -> Work:
         omega=three(),
         f=three(),
         point_e=three(),
+        velocity_e=three(),
         LU=np.zeros((NAV, NAV)),
-        pivot=np.zeros(NAV, dtype=np.int64),
     )
 
 
@@ -246,6 +248,7 @@ class Past(NamedTuple):
     steps: Ints
     firsts: Ints
     transitions: Array
+    inverses: Array  # of transitions that a late measurement has passed: filter_walk.invert
     corrections: Array
     correction_steps: Ints
 
@@ -263,11 +266,13 @@ class Streams(NamedTuple):
     dvl_stamps: Ints
     dvl_v_m: Array
     dvl_covariance_m: Array
-    fix_stamps: Ints  # by validity; only `rewind` has fixes here
+    fix_stamps: Ints  # of their place in the order: validity for `rewind`, else reception
+    fix_validities: Ints
     fix_r_e: Array
     fix_covariance_e: Array
     fix_array_heading: Array
     fix_outcomes: Array  # (n, 9): fused, NIS, innovation, its variances, enlargement
+    fix_notes: Ints  # (n, 3): steps gone back over, stamp of the state, rows of output so far
 
 
 class Log(NamedTuple):

@@ -151,13 +151,8 @@ class BackPropagate(Fusion):
 
     def fix(self, fix: Fix) -> FixResult | None:
         """Fuse a fix with its rows brought through the stored transitions."""
-        f = self.filter
-        epoch = f.history.before(fix.validity_ns)
-        if epoch is None:
-            return None
-        self._fuse_at(fix, epoch, fix.validity_ns)
-        steps = f.walk_to_now(epoch.step, epoch.correction)
-        return FixResult(self._take(), steps)
+        steps = self.filter.fill_late_fix(fix)
+        return None if steps < 0 else FixResult(self._take(), steps)
 
 
 def array_axes(f: NavigationFilter, fix: Fix) -> Array:

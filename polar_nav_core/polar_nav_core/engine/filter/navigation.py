@@ -19,9 +19,9 @@ from ...errors import FilterDivergence
 from ...kernels import filter as kf
 from ...kernels import filter_events as fe
 from ...kernels import filter_fuse as ff
-from ...kernels import filter_run, filter_walk
+from ...kernels import filter_late, filter_run, filter_walk
 from ...kernels import filter_state as fs
-from ..events import Array, DepthSample, DvlPing, ImuSample, InitialState
+from ..events import Array, DepthSample, DvlPing, Fix, ImuSample, InitialState
 from ..params import ROBUST_FIXES, EngineParams
 from . import streams as st
 from .history import CORRECTIONS_PER_S, IMU_PERIOD_S, History, make_past
@@ -227,6 +227,13 @@ class NavigationFilter:
         gate = float(self.settings.gates[m])
         return Outcome(fused, innovation, variance, float(w.nis[0]), m, gate, float(w.nis[1]))
 
+    def outcome_of(self, row: Array) -> Outcome:
+        """Outcome of a fix that compiled code took, from its row of ``fix_outcomes``."""
+        fused, nis, *values, enlargement = row.tolist()
+        z, variance = np.array(values[:3]), np.array(values[3:])
+        gate = float(self.settings.gates[3])
+        return Outcome(fused == fs.FUSED, z, variance, nis, 3, gate, enlargement)
+
     def taken_local_statistics(self) -> Array:
         """Of DVL and depth since the last call: used, gated, sum of NIS; shape (2, 3)."""
         tally = self.state.tally
@@ -314,6 +321,28 @@ class NavigationFilter:
         since = np.arange(first_correction, h.correction) % len(h.corrections)
         self.z -= self.H @ h.corrections[since].sum(axis=0)
 
+    def fill_late_fix(self, fix: Fix) -> int:
+        """Rows of a late fix, brought to now, into ``H``, ``R``, ``z``.
+
+        Returns
+        -------
+        int
+            Covariance steps since its validity; below zero when the history does not reach there.
+        """
+        return int(
+            filter_late.fill_late_fix(
+                self.state,
+                self.frames,
+                self.settings,
+                self.past,
+                self.work,
+                fix.validity_ns,
+                fix.r_e,
+                fix.covariance_e,
+                fix.array_heading,
+            )
+        )
+
     def walk_to_now(self, first_step: int, first_correction: int) -> int:
         """Bring the rows in ``H`` and ``z`` from a stored step to now; the number of steps."""
         h, w = self.history, self.work
@@ -322,6 +351,7 @@ class NavigationFilter:
             self.z,
             3,
             h.transitions,
+            self.past.inverses,
             first_step,
             h.step,
             h.corrections,
@@ -329,7 +359,6 @@ class NavigationFilter:
             first_correction,
             h.correction,
             w.LU,
-            w.pivot,
         )
         return h.step - first_step
 
@@ -355,6 +384,7 @@ def make_settings(p: EngineParams) -> fs.Settings:
         active=0 if adapts_Q else kf.N if estimated else kf.USBL,
         estimates_usbl_bias=estimated,
         adaptive=c.noise_adaptation == 'adaptive_r',
+        back_propagates=c.delay_handling == 'back_propagate',
         forgetting=p.forgetting,
         floor=p.adaptive_floor,
         robust=ROBUST_FIXES.index(c.robust_fixes),

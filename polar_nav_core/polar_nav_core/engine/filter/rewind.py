@@ -15,7 +15,7 @@ from ...kernels import filter_state as fs
 from ..events import Array, Fix, InitialState, Rank
 from ..params import EngineParams
 from .fusion import FixResult, Fusion
-from .navigation import NavigationFilter, Outcome
+from .navigation import NavigationFilter
 from .streams import insert_fix
 
 _Key: TypeAlias = tuple[int, int, int]
@@ -68,12 +68,12 @@ class Rewind(Fusion):
         own, *after = self._outcomes(place)
         # Of the fixes before it nothing changes.
         revised = tuple(
-            (self._fixes[i], self._outcome(new))
+            (self._fixes[i], f.outcome_of(new))
             for i, (old, new) in enumerate(zip(before, after, strict=True), start=place + 1)
             if old[0] != new[0]
         )
         self._forget(fix.receive_ns - self._length_ns)
-        return FixResult(self._outcome(own), steps, revised)
+        return FixResult(f.outcome_of(own), steps, revised)
 
     def _process_again(self, fix: Fix, snapshot: int) -> None:
         """Process everything that was received before the fix, and the fix; no output.
@@ -117,18 +117,6 @@ class Rewind(Fusion):
         outcomes = self.filter.streams.fix_outcomes
         numbers = range(self._first + place, self._first + len(self._fixes))
         return [outcomes[n % len(outcomes)].copy() for n in numbers]
-
-    def _outcome(self, row: Array) -> Outcome:
-        gate = float(self.filter.settings.gates[3])
-        return Outcome(
-            bool(row[0] == fs.FUSED),
-            row[2:5].copy(),
-            row[5:8].copy(),
-            float(row[1]),
-            3,
-            gate,
-            float(row[8]),
-        )
 
     # -- snapshots --------------------------------------------------------------------------------
 

@@ -6,6 +6,8 @@ ring keeps as much as `rewind` goes back over; a run's arrays keep everything.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from ...kernels import filter_state as fs
@@ -29,12 +31,21 @@ def live_streams(length_s: float, imu_rate: float, local_rate: float) -> fs.Stre
         dvl_stamps=np.zeros(local, dtype=np.int64),
         dvl_v_m=np.zeros((local, 3)),
         dvl_covariance_m=np.zeros((local, 3, 3)),
-        fix_stamps=np.zeros(FIXES, dtype=np.int64),
-        fix_r_e=np.zeros((FIXES, 3)),
-        fix_covariance_e=np.zeros((FIXES, 3, 3)),
-        fix_array_heading=np.zeros(FIXES),
-        fix_outcomes=np.zeros((FIXES, 9)),
+        **room_for_fixes(),
     )
+
+
+def room_for_fixes() -> dict[str, Any]:
+    """Columns of `Streams` for fixes, none of which has come."""
+    return {
+        'fix_stamps': np.zeros(FIXES, dtype=np.int64),
+        'fix_validities': np.zeros(FIXES, dtype=np.int64),
+        'fix_r_e': np.zeros((FIXES, 3)),
+        'fix_covariance_e': np.zeros((FIXES, 3, 3)),
+        'fix_array_heading': np.zeros(FIXES),
+        'fix_outcomes': np.zeros((FIXES, 9)),
+        'fix_notes': np.zeros((FIXES, 3), dtype=np.int64),
+    }
 
 
 def put_imu(streams: fs.Streams, sample: ImuSample) -> None:
@@ -69,6 +80,7 @@ def insert_fix(streams: fs.Streams, fix: Fix, number: int) -> None:
     length = len(streams.fix_stamps)
     columns = (
         streams.fix_stamps,
+        streams.fix_validities,
         streams.fix_r_e,
         streams.fix_covariance_e,
         streams.fix_array_heading,
@@ -77,8 +89,18 @@ def insert_fix(streams: fs.Streams, fix: Fix, number: int) -> None:
     for k in range(int(streams.counts[3]), number, -1):
         for column in columns:
             column[k % length] = column[(k - 1) % length]
-    i = number % length
-    streams.fix_stamps[i] = fix.validity_ns
+    _put_fix(streams, fix, number, fix.validity_ns)
+
+
+def put_late_fix(streams: fs.Streams, fix: Fix) -> None:
+    """Append a fix where it was received."""
+    _put_fix(streams, fix, int(streams.counts[3]), fix.receive_ns)
+
+
+def _put_fix(streams: fs.Streams, fix: Fix, number: int, stamp_ns: int) -> None:
+    i = number % len(streams.fix_stamps)
+    streams.fix_stamps[i] = stamp_ns
+    streams.fix_validities[i] = fix.validity_ns
     streams.fix_r_e[i] = fix.r_e
     streams.fix_covariance_e[i] = fix.covariance_e
     streams.fix_array_heading[i] = fix.array_heading
