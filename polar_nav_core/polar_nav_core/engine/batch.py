@@ -30,6 +30,7 @@ from .events import (
     Verdict,
     no_local_statistics,
 )
+from .filter import aiding
 from .filter.fusion import Fusion
 from .filter.streams import FIXES
 from .inputs import Inputs, Stamps
@@ -61,6 +62,9 @@ class Track:
         Of DVL and depth since the row before: used, gated, sum of NIS (events.LOCAL_DOF).
     fixes : (k, 3) array
         Fixes received, fixes fused, newest validity [ns].
+    model : (k, 31) array
+        Of vehicle and water; `filter.aiding.estimate_of` names what stands in a row. Without the
+        vehicle's model, (k, 0).
     """
 
     stamps_ns: Stamps
@@ -71,6 +75,7 @@ class Track:
     sensor_errors: Array
     local_statistics: Array
     fixes: Stamps
+    model: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
 
 RowSink = Callable[[Track], None]
@@ -111,7 +116,7 @@ def run(
         Takes the rows instead of the result: half a day of covariances does not fit in memory.
     """
     engine = Engine(params)
-    collector = _Collector(sink)
+    collector = _Collector(sink, aiding.make_aiding(params))
     if one_by_one or not engine.compiled:
         for event in inputs.events():
             collector.take(engine.process(event))
@@ -126,11 +131,12 @@ def run(
 class _Collector:
     """Rows of the track in chunks, and receipts."""
 
-    def __init__(self, sink: RowSink | None) -> None:
+    def __init__(self, sink: RowSink | None, model: fs.Aiding) -> None:
         self._chunks: list[Track] = []
         self._sink = sink or self._keep
         self._single: list[Track] = []
-        self.rows = fs.make_rows(_ROWS)
+        self._model = model
+        self.rows = fs.make_rows(_ROWS, model=model.on)
         self._fixes = np.zeros((_ROWS, 3), dtype=np.int64)
         self._noted = 0
         self.receipts: list[Receipt] = []
@@ -180,6 +186,7 @@ class _Collector:
                 flat[:, 15:30],
                 rows.tally[:n, :2],
                 self._fixes[:n],
+                aiding.values_of(rows.model[:n], self._model) if self._model.on else np.zeros((n, 0)),
             )
         )
         rows.io[1] = self._noted = 0
@@ -202,6 +209,7 @@ class _Collector:
                 sensor_errors=np.zeros((0, 15)),
                 local_statistics=np.zeros((0, 2, 3)),
                 fixes=np.zeros((0, 3), dtype=np.int64),
+                model=np.zeros((0, aiding.WIDTH if self._model.on else 0)),
             )
         return _joined(self._chunks)
 
@@ -225,6 +233,7 @@ def _row(e: Estimate) -> Track:
         np.concatenate(errors)[None],
         e.local_statistics[None],
         np.array([counts], dtype=np.int64),
+        aiding.row_of(e.model)[None],
     )
 
 
@@ -255,6 +264,7 @@ class _Compiled:
             & _finite(x.dvl_covariance_m.reshape(-1, 9))
             & (variances > 0.0).all(axis=1)
         )
+        control = _finite(x.control_force_b) & _finite(x.control_torque_b)
         depth = np.isfinite(x.depth) & np.isfinite(x.depth_variance) & (x.depth_variance > 0.0)
         self._first = int(good[0]) if len(good) else None
         self._kept = replace(
@@ -268,6 +278,8 @@ class _Compiled:
             depth_stamps_ns=_rows_of(x.depth_stamps_ns, depth),
             depth=_rows_of(x.depth, depth),
             depth_variance=_rows_of(x.depth_variance, depth),
+            control_stamps_ns=_rows_of(x.control_stamps_ns, control),
+            control_force_b=_rows_of(x.control_force_b, control),
         )
         self._odd: list[Event] = sorted(
             [
@@ -275,6 +287,7 @@ class _Compiled:
                 *(x.imu_sample(int(k)) for k in np.flatnonzero(~imu)),
                 *(x.dvl_ping(int(k)) for k in np.flatnonzero(~dvl)),
                 *(x.depth_sample(int(k)) for k in np.flatnonzero(~depth)),
+                *(x.control_sample(int(k)) for k in np.flatnonzero(~control)),
             ],
             key=lambda event: event.key,
         )
@@ -314,9 +327,10 @@ class _Compiled:
             return
         self._fusion = fusion
         f, x = fusion.filter, self._kept
+        controls = len(x.control_stamps_ns) if f.settings.aiding.on else 0
         f.streams = fs.Streams(
             counts=np.array(
-                [len(x.imu_stamps_ns), len(x.depth_stamps_ns), len(x.dvl_stamps_ns), 0],
+                [len(x.imu_stamps_ns), len(x.depth_stamps_ns), len(x.dvl_stamps_ns), 0, controls],
                 dtype=np.int64,
             ),
             imu_stamps=_at_least_one(x.imu_stamps_ns),
@@ -333,11 +347,16 @@ class _Compiled:
             fix_covariance_e=np.zeros((FIXES, 3, 3)),
             fix_array_heading=np.zeros(FIXES),
             fix_outcomes=np.zeros((FIXES, 9)),
+            control_stamps=_at_least_one(x.control_stamps_ns),
+            control_force_b=_at_least_one(x.control_force_b),
         )
         counters = f.state.counters
         counters[fs.IMU] = 1
         counters[fs.DEPTH] = int(np.searchsorted(x.depth_stamps_ns, first.stamp_ns))
         counters[fs.DVL] = int(np.searchsorted(x.dvl_stamps_ns, first.stamp_ns))
+        # The thrust of before the start still holds.
+        before = int(np.searchsorted(x.control_stamps_ns, first.stamp_ns))
+        counters[fs.CONTROL] = max(0, before - 1)
         f.rows = self._rows
         self._rows.io[0] = first.stamp_ns
         f.log.counts[1] = 0
@@ -367,7 +386,8 @@ class _Compiled:
             if self._rows.io[1] >= _ROWS:
                 self._collector.note(self._engine)
                 self._collector.drain()
-            filter_run.put_row(self._fusion.filter.state, self._rows)
+            f = self._fusion.filter
+            filter_run.put_row(f.state, f.settings, self._rows)
         self._collector.note(self._engine)
 
     def _local_statistics(self) -> Array:

@@ -63,6 +63,7 @@ class Engine:
         self._initial: InitialState | None = params.initial_state()
         self._last_key: OrderKey | None = None
         self._last_imu_ns: int | None = None
+        self._thrust: ControlSample | None = None
         self._due_ns: int | None = None
         self._seen: dict[tuple[str, int], int] = {}
         self._last_validity_ns = 0
@@ -194,6 +195,8 @@ class Engine:
             if self._initial is not None and not self.divergence:
                 self._fusion = self._make_fusion(self.params, self._initial, sample.stamp_ns)
                 self._due_ns = self._start_ns = sample.stamp_ns
+                if self._thrust is not None:  # it still holds
+                    self._fusion.control(self._thrust)
             return
         before_ns = self._fusion.filter.stamp_ns
         try:
@@ -208,7 +211,9 @@ class Engine:
         if not (np.isfinite(sample.force_b).all() and np.isfinite(sample.torque_b).all()):
             reason = 'force or torque is not finite'
             yield self._count(self._receipt(sample, sample.stamp_ns, Verdict.NOT_FINITE, reason))
-        elif self._fusion is not None:
+            return
+        self._thrust = sample
+        if self._fusion is not None:
             self._fusion.control(sample)
 
     def _local(self, event: DvlPing | DepthSample) -> Iterator[Output]:

@@ -13,7 +13,14 @@ from . import filter_state as fs
 from .cache import kernel, routine
 from .earth import up_and_height
 from .filter import MARKOV, USBL, N, cholesky, fill_transition, predict
-from .filter_fuse import enter, fuse_rows, locate
+from .filter_aiding import (
+    compare_velocities,
+    count_good_ping,
+    has_bottom_lock,
+    model_is_definite,
+    predict_model,
+)
+from .filter_fuse import correct_and_remember, enter, fuse_rows, locate, ping_passes
 from .filter_imu import imu_step, take_means
 from .filter_rows import depth_rows, dvl_rows, fix_rows
 from .filter_state import Frames, Log, Past, Settings, State, Work
@@ -55,6 +62,8 @@ def _covariance_step(
         c.markov[1],
         tau_usbl,
     )
+    if c.aiding.on:
+        predict_model(s, c, w, Phi, stamp_ns, dt)
     _process_noise(w.q, c, dt)
     predict(s.P, Phi, w.q, w.M)
     # The mean of a Markov error decays as its transition says.
@@ -70,6 +79,8 @@ def _covariance_step(
     # The whole test costs as much as the step itself.
     if good and number % fs.STEPS_PER_TEST == 0:
         good = cholesky(w.LP, s.P, c.active)
+    if good and c.aiding.on:
+        good = model_is_definite(s, c, w, number % fs.STEPS_PER_TEST == 0)
     if not good:
         return fs.P_NOT_DEFINITE
     if log.step_P.shape[0] > 0:
@@ -100,6 +111,9 @@ def take_snapshot(s: State, log: Log) -> None:
         log.snapshot_flat[i, k] = s.flat[k]
     for k in range(fs.COUNTERS):
         log.snapshot_counters[i, k] = s.counters[k]
+    for r in range(s.model.shape[0]):
+        for k in range(s.model.shape[1]):
+            log.snapshot_model[i, r, k] = s.model[r, k]
     log.counts[1] += 1
 
 
@@ -153,6 +167,12 @@ def imu_event(
         code = _covariance_step(s, c, past, w, log, stamp_ns, step)
         s.counters[fs.BOUNDARY] = stamp_ns
     add_epoch(s, c, past)
+    # A measurement like others, after the epoch; inside this event, so that a snapshot has it.
+    if stepped and c.aiding.on and code == fs.DONE:
+        code = compare_velocities(s, c, w, step)
+        if code == fs.FUSED:
+            correct_and_remember(s, past, w.x)
+        code = min(code, fs.DONE)
     if stepped and s.counters[fs.STEPS] % c.steps_per_snapshot == 0:
         take_snapshot(s, log)
     return code
@@ -251,11 +271,19 @@ def dvl_event(
     v_m: Array,
     R_m: Array,
 ) -> int:
-    """Fuse one valid DVL ping."""
+    """Fuse one valid DVL ping; after a loss of lock the first ones are only watched."""
     s.counters[fs.DVL] += 1
     locate(s, fr, c)
     fill_dvl(s, fr, c, w, v_m, R_m)
-    return fuse_rows(s, fr, c, past, w, log, fs.VECTOR, fs.DVL_ROW, fs.DVL_RANK)
+    if c.aiding.on and not has_bottom_lock(s, c):
+        code = ping_passes(s, c, w)
+        if code < 0 or not count_good_ping(s, c, code == fs.FUSED):
+            s.tally[fs.DVL_ROW, fs.GATED] += float(s.counting[0])
+            return min(code, fs.REFUSED)
+    code = fuse_rows(s, fr, c, past, w, log, fs.VECTOR, fs.DVL_ROW, fs.DVL_RANK)
+    if code == fs.FUSED:
+        s.counters[fs.LOCK_NS] = s.counters[fs.STAMP]
+    return code
 
 
 @kernel

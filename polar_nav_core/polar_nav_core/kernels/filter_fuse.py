@@ -8,6 +8,7 @@ from ..arrays import Array
 from . import filter_state as fs
 from .cache import kernel, routine
 from .filter import N, cholesky, feed_back, innovation_covariance, nis_of, update
+from .filter_aiding import correct_block
 from .filter_imu import place
 from .filter_state import Frames, Log, Past, Settings, State, Work
 
@@ -30,8 +31,8 @@ def locate(s: State, fr: Frames, c: Settings) -> None:
 
 
 @kernel
-def feed_back_and_remember(s: State, fr: Frames, c: Settings, past: Past, x: Array) -> None:
-    """Take an estimated error out of the state, and store it as a correction."""
+def correct_and_remember(s: State, past: Past, x: Array) -> None:
+    """Take an estimated error out of the state, and store it as a correction; not the frames."""
     feed_back(
         x,
         s.C_b_G,
@@ -48,6 +49,12 @@ def feed_back_and_remember(s: State, fr: Frames, c: Settings, past: Past, x: Arr
         past.corrections[i, k] = x[k]
     past.correction_steps[i] = s.counters[fs.STEPS]
     s.counters[fs.CORRECTIONS] += 1
+
+
+@kernel
+def feed_back_and_remember(s: State, fr: Frames, c: Settings, past: Past, x: Array) -> None:
+    """Take an estimated error out of the state, and store it as a correction."""
+    correct_and_remember(s, past, x)
     locate(s, fr, c)
 
 
@@ -125,6 +132,8 @@ def fuse_rows(
     if adaptive:
         learn_noise(noise, w.z, w.stated, c.forgetting, w.nis[1])
     update(s.P, w.x, w.H, w.R, w.z, m, w.K, w.PHt, w.L, w.M)
+    if c.aiding.on:
+        correct_block(s, w, m)
     if s.counting[0]:
         s.tally[stream, fs.UPDATES] += 1.0
         s.tally[stream, fs.NIS_SUM] += w.nis[0]
@@ -135,6 +144,20 @@ def fuse_rows(
         enter(log, fs.UPDATE, number, stamp_ns, rank, s.counters[fs.EPOCHS], m)
     feed_back_and_remember(s, fr, c, past, w.x)
     return fs.FUSED
+
+
+@kernel
+def ping_passes(s: State, c: Settings, w: Work) -> int:
+    """FUSED if the ping in H, R, z would pass the gate, REFUSED, or S_NOT_DEFINITE."""
+    for a in range(3):
+        for b in range(3):
+            w.stated[a, b] = w.R[a, b]
+    if c.adaptive:
+        scale_noise(w.stated, s.noise[fs.DVL_ROW], c.floor)
+    w.nis[1] = 1.0
+    if not judge(w, s.P, w.H, w.stated, w.z, fs.VECTOR):
+        return fs.S_NOT_DEFINITE
+    return fs.FUSED if w.nis[0] <= c.gates[fs.VECTOR] else fs.REFUSED
 
 
 @kernel

@@ -5,6 +5,7 @@ from __future__ import annotations
 from . import filter_state as fs
 from .cache import kernel, routine
 from .filter import N
+from .filter_aiding import control_event, has_bottom_lock
 from .filter_events import depth_event, dvl_event, fix_event, imu_event
 from .filter_fuse import locate
 from .filter_state import Frames, Log, Past, Rows, Settings, State, Streams, Work
@@ -31,10 +32,16 @@ def _process(
         e = s.counters[fs.DEPTH]
         d = s.counters[fs.DVL]
         f = s.counters[fs.FIX]
+        u = s.counters[fs.CONTROL]
         stamp = _NEVER
         rank = 0
         if i < streams.counts[0]:
             stamp = streams.imu_stamps[i % streams.imu_stamps.shape[0]]
+        if u < streams.counts[4]:
+            other = streams.control_stamps[u % streams.control_stamps.shape[0]]
+            if other < stamp:
+                stamp = other
+                rank = 1
         if e < streams.counts[1]:
             other = streams.depth_stamps[e % streams.depth_stamps.shape[0]]
             if other < stamp:
@@ -55,13 +62,17 @@ def _process(
         if 0 <= rows.io[0] < stamp:
             if rows.io[1] >= rows.stamps.shape[0]:
                 return fs.FULL
-            put_row(s, rows)
+            put_row(s, c, rows)
         if rank == 0:
             k = i % streams.imu_stamps.shape[0]
             before = s.counters[fs.STAMP]
             code = imu_event(s, c, past, w, log, stamp, streams.omega_ib_b[k], streams.f_b[k])
             if rows.stamps.shape[0] > 0 and stamp // c.output_ns != before // c.output_ns:
                 rows.io[0] = stamp
+        elif rank == 1:
+            k = u % streams.control_stamps.shape[0]
+            control_event(s, stamp, streams.control_force_b[k])
+            code = fs.DONE
         elif rank == 2:
             k = e % streams.depth_stamps.shape[0]
             code = depth_event(s, fr, c, past, w, log, streams.depth[k], streams.depth_variance[k])
@@ -104,7 +115,7 @@ def advance(
 ) -> int:
     """Process what has come and stands before (until_ns, until_rank) in the total order.
 
-    Ranks within a stamp: IMU 0, depth 2, DVL 3, fix 4 (events.Rank).
+    Ranks within a stamp: IMU 0, control 1, depth 2, DVL 3, fix 4 (events.Rank).
 
     Returns
     -------
@@ -118,7 +129,7 @@ def advance(
 
 
 @routine
-def put_row(s: State, rows: Rows) -> None:
+def put_row(s: State, c: Settings, rows: Rows) -> None:
     """Write the estimate that is due."""
     k = rows.io[1]
     rows.stamps[k] = s.counters[fs.STAMP]
@@ -127,6 +138,11 @@ def put_row(s: State, rows: Rows) -> None:
     for a in range(N):
         for b in range(N):
             rows.P[k, a, b] = s.P[a, b]
+    if c.aiding.on and rows.model.shape[1] > 0:
+        for a in range(fs.MODEL_ROWS):
+            for b in range(fs.E):
+                rows.model[k, a, b] = s.model[a, b]
+        rows.model[k, fs.THRUST, fs.LOCKED] = 1.0 if has_bottom_lock(s, c) else 0.0
     for a in range(3):
         for b in range(3):
             rows.tally[k, a, b] = s.tally[a, b]
@@ -143,5 +159,8 @@ def restore(s: State, fr: Frames, c: Settings, log: Log, number: int) -> None:
         s.flat[k] = log.snapshot_flat[i, k]
     for k in range(fs.COUNTERS):
         s.counters[k] = log.snapshot_counters[i, k]
+    for r in range(s.model.shape[0]):
+        for k in range(s.model.shape[1]):
+            s.model[r, k] = log.snapshot_model[i, r, k]
     log.counts[1] = number + 1
     locate(s, fr, c)

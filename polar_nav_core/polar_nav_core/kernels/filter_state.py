@@ -13,6 +13,7 @@ import numpy as np
 
 from ..arrays import Array
 from .filter import COUPLED, NAV, Ints, N
+from .filter_model import E
 
 # Indexes of State.counters.
 STAMP = 0
@@ -25,7 +26,13 @@ IMU = 6
 DEPTH = 7
 DVL = 8
 FIX = 9
-COUNTERS = 10
+CONTROL = 10
+THRUST_NS = 11
+IMPULSE_NS = 12
+LOCK_NS = 13
+GOOD_PINGS = 14
+GOOD_NS = 15
+COUNTERS = 16
 
 # Rows of State.tally and of State.noise, columns of State.tally.
 DVL_ROW = 0
@@ -44,6 +51,7 @@ S_NOT_DEFINITE = -2
 FULL = -3
 
 IMU_RANK = 0
+CONTROL_RANK = 1
 DEPTH_RANK = 2
 DVL_RANK = 3
 FIX_RANK = 4
@@ -79,6 +87,19 @@ class State(NamedTuple):
     noise: Array  # (3, 4): per stream b^k and the ratio of adapted to stated variance per axis
     previous_dt: Array  # (1,)
     P: Array
+    model: Array  # (MODEL_ROWS, 7) where the vehicle's model takes part, else without rows
+
+
+# Rows of State.model: P_xe, P_ee, the estimate e, the thrust.
+P_XE = 0
+P_EE = N
+MEAN = N + E
+THRUST = N + E + 1
+MODEL_ROWS = N + E + 2
+IMPULSE = 3
+LOCKED = 6
+"""Columns of row THRUST: force in force [N], its integral over the filter step, and, in output
+only, whether the DVL is in use."""
 
 
 _SHAPES = {
@@ -103,8 +124,8 @@ NAVIGATION = 30
 """Leading values of State.flat: C_b_G, v_G, r_e and the fifteen sensor errors."""
 
 
-def make_state() -> State:
-    """Return a state of zeros."""
+def make_state(*, model: bool = False) -> State:
+    """Return a state of zeros, with room for a vehicle's model or without."""
     flat = np.zeros(FLAT)
     views, start = {}, 0
     for name, shape in _SHAPES.items():
@@ -112,7 +133,8 @@ def make_state() -> State:
         views[name] = flat[start : start + size].reshape(shape)
         start += size
     counters, counting = np.zeros(COUNTERS, dtype=np.int64), np.ones(1, dtype=np.int64)
-    return State(flat, counters, np.zeros((3, 3)), counting, **views)
+    block = np.zeros((MODEL_ROWS if model else 0, E))
+    return State(flat, counters, np.zeros((3, 3)), counting, **views, model=block)
 
 
 class Frames(NamedTuple):
@@ -140,6 +162,20 @@ def make_frames() -> Frames:
     )
 
 
+class Aiding(NamedTuple):
+    """The vehicle's model, and how the filter uses it."""
+
+    on: bool
+    mechanics: Array  # (3, 3): inertia, linear and quadratic drag; surge's drag is estimated
+    net_buoyancy: float
+    speed: float  # at which ln Dt and f are stated
+    q: Array  # (5,): variances per second of v_r, V_c, ln Dt, f; of v_r with the thrust unknown
+    velocity: Array  # (3,): variance of v_G - C_b_G v_r - V_c, horizontal, vertical; its time
+    thrust_ns: int  # how long a thrust holds that no newer one follows
+    lost_ns: int  # without a good ping for longer: bottom lock is lost
+    pings: int  # good ones in a row until the DVL is used again
+
+
 class Settings(NamedTuple):
     """What stays as it is during a run."""
 
@@ -163,6 +199,7 @@ class Settings(NamedTuple):
     lever_point_b: Array
     lever_dvl_b: Array
     lever_depth_b: Array
+    aiding: Aiding
 
 
 class Work(NamedTuple):
@@ -193,6 +230,9 @@ class Work(NamedTuple):
     point_e: Array
     LU: Array
     pivot: Ints
+    narrow: Array  # rows of 7, of 24 and of 3 for the vehicle's model (filter_aiding)
+    wide: Array
+    small: Array
 
 
 def make_work() -> Work:
@@ -231,6 +271,9 @@ def make_work() -> Work:
         point_e=three(),
         LU=np.zeros((NAV, NAV)),
         pivot=np.zeros(NAV, dtype=np.int64),
+        narrow=np.zeros((49, E)),
+        wide=np.zeros((9, N)),
+        small=np.zeros((14, 3)),
     )
 
 
@@ -251,7 +294,7 @@ class Past(NamedTuple):
 class Streams(NamedTuple):
     """Rings of measurements; ``counts`` says how many of each have come (order of counters)."""
 
-    counts: Ints  # (4,): IMU, depth, DVL, fix
+    counts: Ints  # (5,): IMU, depth, DVL, fix, control
     imu_stamps: Ints
     omega_ib_b: Array
     f_b: Array
@@ -266,6 +309,8 @@ class Streams(NamedTuple):
     fix_covariance_e: Array
     fix_array_heading: Array
     fix_outcomes: Array  # (n, 9): fused, NIS, innovation, its variances, enlargement
+    control_stamps: Ints  # nothing comes here without a vehicle's model
+    control_force_b: Array
 
 
 class Log(NamedTuple):
@@ -293,6 +338,7 @@ class Log(NamedTuple):
     L: Array
     snapshot_flat: Array
     snapshot_counters: Ints
+    snapshot_model: Array  # (n, MODEL_ROWS, 7), or without rows as State.model
 
 
 STEP = 0
@@ -309,9 +355,10 @@ class Rows(NamedTuple):
     flat: Array
     P: Array
     tally: Array
+    model: Array
 
 
-def make_rows(capacity: int) -> Rows:
+def make_rows(capacity: int, *, model: bool = False) -> Rows:
     """Return room for so many rows of output; with none, outputs are not looked after."""
     return Rows(
         np.array([-1, 0], dtype=np.int64),
@@ -319,6 +366,7 @@ def make_rows(capacity: int) -> Rows:
         np.zeros((capacity, NAVIGATION)),
         np.zeros((capacity, N, N)),
         np.zeros((capacity, 3, 3)),
+        np.zeros((capacity, MODEL_ROWS if model else 0, E)),
     )
 
 

@@ -91,10 +91,12 @@ class Fusion:
 
     def control(self, sample: ControlSample) -> None:
         """Take note of the thrust; without a vehicle model there is no use for it."""
+        if self.filter.settings.aiding.on:
+            self.filter.control(sample)
 
     def model(self) -> ModelEstimate | None:
         """What is known of vehicle and water; None without a vehicle model."""
-        return None
+        return self.filter.model_estimate()
 
     def fix(self, fix: Fix) -> FixResult | None:
         """Fuse a fix; None when the stored history does not reach back to its validity."""

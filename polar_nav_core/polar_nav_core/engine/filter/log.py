@@ -8,7 +8,9 @@ from ...kernels import filter_state as fs
 from ...kernels.filter import N
 
 
-def make_log(past: fs.Past, *, steps: bool = False, snapshots: int = 0) -> fs.Log:
+def make_log(
+    past: fs.Past, *, steps: bool = False, snapshots: int = 0, model: bool = False
+) -> fs.Log:
     """Return a log as long as the history; a snapshot every so many steps, none for 0."""
     updates = len(past.corrections) if steps else 0
     stored = len(past.transitions) if steps else 0
@@ -33,4 +35,5 @@ def make_log(past: fs.Past, *, steps: bool = False, snapshots: int = 0) -> fs.Lo
         L=np.zeros((updates, 3, 3)),
         snapshot_flat=np.zeros((kept, fs.FLAT)),
         snapshot_counters=np.zeros((kept, fs.COUNTERS), dtype=np.int64),
+        snapshot_model=np.zeros((kept, fs.MODEL_ROWS if model else 0, fs.E)),
     )

@@ -142,6 +142,7 @@ class Rewind(Fusion):
             (fs.DEPTH, len(streams.depth_stamps), 1),
             (fs.DVL, len(streams.dvl_stamps), 2),
             (fs.FIX, len(streams.fix_stamps) - 1, 3),
+            (fs.CONTROL, len(streams.control_stamps), 4),
         )
         while low < high:
             middle = (low + high) // 2
