@@ -228,4 +228,3 @@ def _inside(times, gap):
     return np.zeros(len(times), dtype=bool) if gap is None else (times >= gap[0]) & (times < gap[1])
 
 
-__all__ = ['LOW_COST', 'PAPER', 'Imu', 'Voyage', 'replace']

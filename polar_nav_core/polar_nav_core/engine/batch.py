@@ -186,10 +186,15 @@ class _Collector:
                 flat[:, 15:30],
                 rows.tally[:n, :2],
                 self._fixes[:n],
-                aiding.values_of(rows.model[:n], self._model) if self._model.on else np.zeros((n, 0)),
+                self._values(flat),
             )
         )
         rows.io[1] = self._noted = 0
+
+    def _values(self, flat: Array) -> Array:
+        if not self._model.on:
+            return np.zeros((len(flat), 0))
+        return aiding.values_of(flat[:, fs.NAVIGATION :].reshape(-1, fs.MODEL_ROWS, fs.E), self._model)
 
     def _pass_on(self, chunk: Track) -> None:
         self.local_statistics += np.sum(chunk.local_statistics, axis=0)

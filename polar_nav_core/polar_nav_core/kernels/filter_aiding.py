@@ -37,23 +37,22 @@ from .vehicle_model import surge_drag
 LONGEST_STEP = 0.05
 """Of the integration of v_r [s]."""
 
-# Rows of Work.narrow (7 wide), Work.wide (24) and Work.small (3).
+# Rows of Work.model. Work.M, which the prediction and update of P leave free here, has the rest:
+# in its first rows D_x, or vectors of a step.
 _F_EE, _PHI_EE, _A, _B, _G_E, _K_E, _D_E, _H_E = 0, 3, 6, 30, 37, 40, 43, 46
-_F_EX, _PHI_EX, _D_X = 0, 3, 6
-_D1, _D2, _UP, _OMEGA, _FORCE, _ACCELERATION, _MIDDLE, _G, _J = 0, 1, 2, 3, 4, 5, 6, 7, 10
-_EARTH = 13
+_D1, _D2, _UP, _OMEGA, _FORCE, _ACCELERATION, _MIDDLE, _EARTH = 0, 1, 2, 3, 4, 5, 6, 7
 
 
 @kernel
 def _take_surge_drag(s: State, c: Settings, w: Work) -> None:
     """Drag of the model with that of surge as estimated."""
-    e = s.model[fs.MEAN]
+    e, numbers = s.model[fs.MEAN], c.aiding.numbers
     for k in range(3):
-        w.small[_D1, k] = c.aiding.mechanics[1, k]
-        w.small[_D2, k] = c.aiding.mechanics[2, k]
-    d1, d2 = surge_drag(e[LOG_DRAG], e[SHARE], c.aiding.speed)
-    w.small[_D1, 0] = d1
-    w.small[_D2, 0] = d2
+        w.M[_D1, k] = numbers[fs.LINEAR, k]
+        w.M[_D2, k] = numbers[fs.QUADRATIC, k]
+    d1, d2 = surge_drag(e[LOG_DRAG], e[SHARE], numbers[fs.OTHER, 1])
+    w.M[_D1, 0] = d1
+    w.M[_D2, 0] = d2
 
 
 @kernel
@@ -61,17 +60,18 @@ def _take_means(s: State, w: Work, stamp_ns: int, dt: float) -> None:
     """Vertical, rate against the Earth and thrust as means over the filter step."""
     x, y, z, _ = up_and_height(s.r_e[0], s.r_e[1], s.r_e[2])
     fill_C_e_G(x, y, z, w.C_m_G)
-    earth = w.small[_EARTH]
-    for k in range(3):
-        earth[k] = OMEGA_IE * w.C_m_G[k, 2]
     thrust = s.model[fs.THRUST]
     rest = (stamp_ns - s.counters[fs.IMPULSE_NS]) * 1e-9
     for k in range(3):
-        w.small[_UP, k] = w.C_mean[2, k]
-        w.small[_OMEGA, k] = w.omega_mean[k] - (
-            w.C_mean[0, k] * earth[0] + w.C_mean[1, k] * earth[1] + w.C_mean[2, k] * earth[2]
+        w.M[_EARTH, k] = OMEGA_IE * w.C_m_G[k, 2]
+    for k in range(3):
+        w.M[_UP, k] = w.C_mean[2, k]
+        w.M[_OMEGA, k] = w.omega_mean[k] - (
+            w.C_mean[0, k] * w.M[_EARTH, 0]
+            + w.C_mean[1, k] * w.M[_EARTH, 1]
+            + w.C_mean[2, k] * w.M[_EARTH, 2]
         )
-        w.small[_FORCE, k] = (thrust[fs.IMPULSE + k] + thrust[k] * rest) / dt
+        w.M[_FORCE, k] = (thrust[fs.IMPULSE + k] + thrust[k] * rest) / dt
         thrust[fs.IMPULSE + k] = 0.0
     s.counters[fs.IMPULSE_NS] = stamp_ns
 
@@ -80,61 +80,60 @@ def _take_means(s: State, w: Work, stamp_ns: int, dt: float) -> None:
 def predict_model(s: State, c: Settings, w: Work, Phi: Array, stamp_ns: int, dt: float) -> None:
     """Advance e and its covariances by a filter step, before P follows by Phi.
 
-    The means over the step, and F15, are left in the scratch by the step of the 24 states.
+    The means over the step, and F15, are left in the scratch by the step of the 24 states; its H,
+    PHt, R and stated serve as F_ex, Phi_ex and slopes.
     """
     _take_surge_drag(s, c, w)
     _take_means(s, w, stamp_ns, dt)
-    a, small, wide, narrow = c.aiding, w.small, w.wide, w.narrow
-    v_r_b = s.model[fs.MEAN]
-    before = small[_MIDDLE]
+    numbers, rows, M = c.aiding.numbers, w.model, w.M
+    buoyancy, speed = numbers[fs.OTHER, 0], numbers[fs.OTHER, 1]
+    v_r_b, middle = s.model[fs.MEAN], M[_MIDDLE]
     x, y, z = v_r_b[0], v_r_b[1], v_r_b[2]
     move_relative_velocity(
         v_r_b,
-        small[_ACCELERATION],
-        before,
-        small[_OMEGA],
-        small[_UP],
-        small[_FORCE],
-        a.mechanics[0],
-        small[_D1],
-        small[_D2],
-        a.net_buoyancy,
+        M[_ACCELERATION],
+        middle,
+        M[_OMEGA],
+        M[_UP],
+        M[_FORCE],
+        numbers[fs.INERTIA],
+        M[_D1],
+        M[_D2],
+        buoyancy,
         dt,
         LONGEST_STEP,
     )
-    before[0] = 0.5 * (x + v_r_b[0])
-    before[1] = 0.5 * (y + v_r_b[1])
-    before[2] = 0.5 * (z + v_r_b[2])
-    F_ee, F_ex = narrow[_F_EE : _F_EE + 3], wide[_F_EX : _F_EX + 3]
-    Phi_ee, Phi_ex = narrow[_PHI_EE : _PHI_EE + 3], wide[_PHI_EX : _PHI_EX + 3]
-    G = small[_G : _G + 3]
+    middle[0] = 0.5 * (x + v_r_b[0])
+    middle[1] = 0.5 * (y + v_r_b[1])
+    middle[2] = 0.5 * (z + v_r_b[2])
+    F_ee, Phi_ee = rows[_F_EE : _F_EE + 3], rows[_PHI_EE : _PHI_EE + 3]
+    F_ex, Phi_ex, G = w.H, w.PHt, w.stated
     fill_model_slopes(
         F_ee,
         F_ex,
         G,
-        small[_J : _J + 3],
-        before,
-        small[_OMEGA],
+        w.R,
+        middle,
+        M[_OMEGA],
         w.C_mean,
-        small[_EARTH],
-        a.mechanics[0],
-        small[_D1],
-        small[_D2],
-        a.net_buoyancy,
-        a.speed,
+        M[_EARTH],
+        numbers[fs.INERTIA],
+        M[_D1],
+        M[_D2],
+        buoyancy,
+        speed,
     )
     fill_model_transition(Phi_ee, Phi_ex, F_ee, F_ex, w.F15, dt)
     P_xe, P_ee = s.model[fs.P_XE : fs.P_EE], s.model[fs.P_EE : fs.MEAN]
-    predict_block(
-        P_xe, P_ee, s.P, Phi, Phi_ee, Phi_ex, narrow[_A : _A + 24], narrow[_B : _B + E]
+    predict_block(P_xe, P_ee, s.P, Phi, Phi_ee, Phi_ex, rows[_A : _A + 24], rows[_B : _B + E])
+    known = 0 < s.counters[fs.THRUST_NS] and (
+        stamp_ns - s.counters[fs.THRUST_NS] <= c.aiding.thrust_ns
     )
-    known = 0 < s.counters[fs.THRUST_NS] and stamp_ns - s.counters[fs.THRUST_NS] <= a.thrust_ns
-    q = w.q
-    for k in range(4):
-        q[k] = a.q[k]
-    if not known:
-        q[0] = a.q[4]
-    add_model_noise(P_xe, P_ee, q, w.C_mean, G, c.densities[0], dt)
+    walks = numbers[fs.WALKS]
+    w.z[0] = walks[0] if known else numbers[fs.OTHER, 2]
+    w.z[1] = walks[1]
+    w.z[2] = walks[2]
+    add_model_noise(P_xe, P_ee, w.z, w.C_mean, G, c.densities[0], dt)
 
 
 @routine
@@ -145,7 +144,7 @@ def model_is_definite(s: State, c: Settings, w: Work, thorough: bool) -> bool:
     for k in range(E):
         good = good and P_ee[k, k] > 0.0 and math.isfinite(s.model[fs.MEAN, k])
     if good and thorough:
-        A, B = w.narrow[_A : _A + 24], w.narrow[_B : _B + E]
+        A, B = w.model[_A : _A + 24], w.model[_B : _B + E]
         good = cholesky(w.LP, s.P, c.active) and is_jointly_definite(
             s.P, P_xe, P_ee, w.LP, A, B, c.active
         )
@@ -155,10 +154,10 @@ def model_is_definite(s: State, c: Settings, w: Work, thorough: bool) -> bool:
 @routine
 def correct_block(s: State, w: Work, m: int) -> None:
     """Take a measurement of x into e: after the update of P, which left PHt, K, L and S."""
-    narrow = w.narrow
+    rows = w.model
     P_xe, P_ee = s.model[fs.P_XE : fs.P_EE], s.model[fs.P_EE : fs.MEAN]
-    G_e, K_e = narrow[_G_E : _G_E + 3], narrow[_K_E : _K_E + 3]
-    D_e, D_x = narrow[_D_E : _D_E + 3], w.wide[_D_X : _D_X + 3]
+    G_e, K_e = rows[_G_E : _G_E + 3], rows[_K_E : _K_E + 3]
+    D_e, D_x = rows[_D_E : _D_E + 3], w.M[0:3]
     rows_of_block(G_e, w.H, P_xe, m)
     gain_of(K_e, D_e, G_e, w.L, w.S, m)
     half_rows(D_x, w.K, w.PHt, w.S, m)
@@ -182,19 +181,20 @@ def compare_velocities(s: State, c: Settings, w: Work, dt: float) -> int:
     Its error lasts for tau, so that white noise once per step must have the variance 2 tau/dt times
     as large for the sum over many steps to be as uncertain as it is.
     """
-    narrow, small = w.narrow, w.small
+    rows = w.model
     P_xe, P_ee = s.model[fs.P_XE : fs.P_EE], s.model[fs.P_EE : fs.MEAN]
     e = s.model[fs.MEAN]
-    H_e, G_e = narrow[_H_E : _H_E + 3], narrow[_G_E : _G_E + 3]
-    K_e, D_e = narrow[_K_E : _K_E + 3], narrow[_D_E : _D_E + 3]
-    D_x = w.wide[_D_X : _D_X + 3]
+    H_e, G_e = rows[_H_E : _H_E + 3], rows[_G_E : _G_E + 3]
+    K_e, D_e = rows[_K_E : _K_E + 3], rows[_D_E : _D_E + 3]
+    D_x = w.M[0:3]
     model_rows(w.H, H_e, w.z, s.C_b_G, s.v_G, e, e[CURRENT:LOG_DRAG])
-    variances = small[_ACCELERATION]
-    times = max(1.0, 2.0 * c.aiding.velocity[2] / dt)
-    variances[0] = c.aiding.velocity[0] * times
-    variances[1] = variances[0]
-    variances[2] = c.aiding.velocity[1] * times
-    joint_innovation(w.S, w.PHt, G_e, s.P, P_xe, P_ee, w.H, H_e, variances)
+    stated = c.aiding.numbers[fs.DIFFERENCE]
+    times = max(1.0, 2.0 * stated[2] / dt)
+    for a in range(3):
+        for b in range(3):
+            w.R[a, b] = 0.0
+        w.R[a, a] = (stated[0] if a < 2 else stated[1]) * times
+    joint_innovation(w.S, w.PHt, G_e, s.P, P_xe, P_ee, w.H, H_e, w.R)
     if not cholesky(w.L, w.S, 3):
         return fs.S_NOT_DEFINITE
     if not nis_of(w.L, w.z, w.w, 3) <= c.gates[3]:

@@ -112,8 +112,8 @@ def take_snapshot(s: State, log: Log) -> None:
     for k in range(fs.COUNTERS):
         log.snapshot_counters[i, k] = s.counters[k]
     for r in range(s.model.shape[0]):
-        for k in range(s.model.shape[1]):
-            log.snapshot_model[i, r, k] = s.model[r, k]
+        for k in range(fs.E):
+            log.snapshot_flat[i, fs.FLAT + r * fs.E + k] = s.model[r, k]
     log.counts[1] += 1
 
 

@@ -226,7 +226,7 @@ def add_model_noise(
     Parameters
     ----------
     P_xe, P_ee : in place
-    q : (4,) variances per second of v_r, V_c, ln Dt and f
+    q : (3,) variances per second of v_r, V_c and both parameters of the drag
     C_b_G, G : (3, 3) attitude; slope of v_r' with the rate
     rate_variance : float
         Variance density of the gyro [rad^2/s]
@@ -245,7 +245,7 @@ def add_model_noise(
     P_ee[CURRENT, CURRENT] += q[1] * dt
     P_ee[CURRENT + 1, CURRENT + 1] += q[1] * dt
     P_ee[LOG_DRAG, LOG_DRAG] += q[2] * dt
-    P_ee[SHARE, SHARE] += q[3] * dt
+    P_ee[SHARE, SHARE] += q[2] * dt
 
 
 @kernel
@@ -288,9 +288,9 @@ def joint_innovation(
     P_ee: Array,
     H: Array,
     H_e: Array,
-    variances: Array,
+    R: Array,
 ) -> None:
-    """(P H^T)^T of all 31 states, (3, 24) and (3, 7), and S = H P H^T + R, R diagonal."""
+    """(P H^T)^T of all 31 states, (3, 24) and (3, 7), and S = H P H^T + R."""
     for a in range(3):
         for i in range(N):
             PHt[a, i] = 0.0
@@ -312,7 +312,7 @@ def joint_innovation(
                     G_e[a, i] += h * P_ee[k, i]
     for a in range(3):
         for b in range(a + 1):
-            s = variances[a] if a == b else 0.0
+            s = 0.5 * (R[a, b] + R[b, a])
             for k in range(N):
                 s += H[a, k] * PHt[b, k]
             for k in range(E):

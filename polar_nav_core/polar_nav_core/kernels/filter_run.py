@@ -138,11 +138,11 @@ def put_row(s: State, c: Settings, rows: Rows) -> None:
     for a in range(N):
         for b in range(N):
             rows.P[k, a, b] = s.P[a, b]
-    if c.aiding.on and rows.model.shape[1] > 0:
-        for a in range(fs.MODEL_ROWS):
-            for b in range(fs.E):
-                rows.model[k, a, b] = s.model[a, b]
-        rows.model[k, fs.THRUST, fs.LOCKED] = 1.0 if has_bottom_lock(s, c) else 0.0
+    if c.aiding.on:
+        s.model[fs.THRUST, fs.LOCKED] = 1.0 if has_bottom_lock(s, c) else 0.0
+        for r in range(fs.MODEL_ROWS):
+            for j in range(fs.E):
+                rows.flat[k, fs.NAVIGATION + r * fs.E + j] = s.model[r, j]
     for a in range(3):
         for b in range(3):
             rows.tally[k, a, b] = s.tally[a, b]
@@ -160,7 +160,7 @@ def restore(s: State, fr: Frames, c: Settings, log: Log, number: int) -> None:
     for k in range(fs.COUNTERS):
         s.counters[k] = log.snapshot_counters[i, k]
     for r in range(s.model.shape[0]):
-        for k in range(s.model.shape[1]):
-            s.model[r, k] = log.snapshot_model[i, r, k]
+        for k in range(fs.E):
+            s.model[r, k] = log.snapshot_flat[i, fs.FLAT + r * fs.E + k]
     log.counts[1] = number + 1
     locate(s, fr, c)

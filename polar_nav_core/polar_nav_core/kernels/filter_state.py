@@ -96,6 +96,7 @@ P_EE = N
 MEAN = N + E
 THRUST = N + E + 1
 MODEL_ROWS = N + E + 2
+MODEL = MODEL_ROWS * E
 IMPULSE = 3
 LOCKED = 6
 """Columns of row THRUST: force in force [N], its integral over the filter step, and, in output
@@ -166,14 +167,21 @@ class Aiding(NamedTuple):
     """The vehicle's model, and how the filter uses it."""
 
     on: bool
-    mechanics: Array  # (3, 3): inertia, linear and quadratic drag; surge's drag is estimated
-    net_buoyancy: float
-    speed: float  # at which ln Dt and f are stated
-    q: Array  # (5,): variances per second of v_r, V_c, ln Dt, f; of v_r with the thrust unknown
-    velocity: Array  # (3,): variance of v_G - C_b_G v_r - V_c, horizontal, vertical; its time
+    numbers: Array  # (6, 3), rows below
     thrust_ns: int  # how long a thrust holds that no newer one follows
     lost_ns: int  # without a good ping for longer: bottom lock is lost
     pings: int  # good ones in a row until the DVL is used again
+
+
+# Rows of Aiding.numbers. WALKS: variances per second of v_r, V_c and both of the drag's.
+# DIFFERENCE: variance of v_G - C_b_G v_r - V_c, horizontal and vertical, and its time. OTHER: net
+# buoyancy, speed at which ln Dt and f are stated, variance per second of v_r without a thrust.
+INERTIA = 0
+LINEAR = 1
+QUADRATIC = 2
+WALKS = 3
+DIFFERENCE = 4
+OTHER = 5
 
 
 class Settings(NamedTuple):
@@ -230,9 +238,7 @@ class Work(NamedTuple):
     point_e: Array
     LU: Array
     pivot: Ints
-    narrow: Array  # rows of 7, of 24 and of 3 for the vehicle's model (filter_aiding)
-    wide: Array
-    small: Array
+    model: Array  # rows of 7 (filter_aiding)
 
 
 def make_work() -> Work:
@@ -271,9 +277,7 @@ def make_work() -> Work:
         point_e=three(),
         LU=np.zeros((NAV, NAV)),
         pivot=np.zeros(NAV, dtype=np.int64),
-        narrow=np.zeros((49, E)),
-        wide=np.zeros((9, N)),
-        small=np.zeros((14, 3)),
+        model=np.zeros((49, E)),
     )
 
 
@@ -336,9 +340,8 @@ class Log(NamedTuple):
     K: Array
     S: Array
     L: Array
-    snapshot_flat: Array
+    snapshot_flat: Array  # State.flat, and State.model after it
     snapshot_counters: Ints
-    snapshot_model: Array  # (n, MODEL_ROWS, 7), or without rows as State.model
 
 
 STEP = 0
@@ -352,10 +355,9 @@ class Rows(NamedTuple):
 
     io: Ints  # (2,): stamp that is due (-1: none), number of rows
     stamps: Ints
-    flat: Array
+    flat: Array  # (n, 30), then State.model where there is one
     P: Array
     tally: Array
-    model: Array
 
 
 def make_rows(capacity: int, *, model: bool = False) -> Rows:
@@ -363,10 +365,9 @@ def make_rows(capacity: int, *, model: bool = False) -> Rows:
     return Rows(
         np.array([-1, 0], dtype=np.int64),
         np.zeros(capacity, dtype=np.int64),
-        np.zeros((capacity, NAVIGATION)),
+        np.zeros((capacity, NAVIGATION + (MODEL if model else 0))),
         np.zeros((capacity, N, N)),
         np.zeros((capacity, 3, 3)),
-        np.zeros((capacity, MODEL_ROWS if model else 0, E)),
     )
 
 

@@ -26,24 +26,18 @@ WIDTH = 31
 def make_aiding(p: EngineParams) -> fs.Aiding:
     """What the compiled filter must know of the model, by the parameters."""
     model = p.vehicle_model()
-    walk = p.model_drag_walk**2
     strongest = model.total_drag(p.model_speed) / float(model.inertia[0])
     return fs.Aiding(
         on=p.model_aiding,
-        mechanics=np.array([model.inertia, model.drag_linear, model.drag_quadratic]),
-        net_buoyancy=model.net_buoyancy,
-        speed=p.model_speed,
-        q=np.array(
+        numbers=np.array(
             [
-                p.model_acceleration_noise**2,
-                p.current_walk,
-                walk,
-                walk,
-                2.0 * _THRUST_UNKNOWN_S * strongest**2,
+                model.inertia,
+                model.drag_linear,
+                model.drag_quadratic,
+                [p.model_acceleration_noise**2, p.current_walk, p.model_drag_walk**2],
+                [p.model_velocity_sigma**2, p.model_vertical_sigma**2, p.model_velocity_tau],
+                [model.net_buoyancy, p.model_speed, 2.0 * _THRUST_UNKNOWN_S * strongest**2],
             ]
-        ),
-        velocity=np.array(
-            [p.model_velocity_sigma**2, p.model_vertical_sigma**2, p.model_velocity_tau]
         ),
         thrust_ns=round(p.thrust_timeout_s * 1e9),
         lost_ns=round(p.bottom_lock_timeout_s * 1e9),
@@ -85,14 +79,16 @@ def values_of(blocks: Array, aiding: fs.Aiding) -> Array:
     e, P_ee = blocks[:, fs.MEAN], blocks[:, fs.P_EE : fs.MEAN]
     v = np.zeros((len(blocks), WIDTH))
     v[:, _V_R] = e[:, :3]
-    v[:, _V_R_COVARIANCE] = P_ee[:, :3, :3].reshape(-1, 9)
+    # What the model leaves out is no error of V_c or of v_G, so it is one of v_r.
+    left_out = aiding.numbers[fs.DIFFERENCE, [0, 0, 1]]
+    v[:, _V_R_COVARIANCE] = (P_ee[:, :3, :3] + np.diag(left_out)).reshape(-1, 9)
     c = slice(fm.CURRENT, fm.LOG_DRAG)
     v[:, 12:14] = e[:, c]
     covariance = np.zeros((len(blocks), 3, 3))
     covariance[:, :2, :2] = P_ee[:, c, c]
-    covariance[:, 2, 2] = aiding.velocity[1]
+    covariance[:, 2, 2] = aiding.numbers[fs.DIFFERENCE, 1]
     v[:, _CURRENT_COVARIANCE] = covariance.reshape(-1, 9)
-    total, share, U = np.exp(e[:, fm.LOG_DRAG]), e[:, fm.SHARE], aiding.speed
+    total, share, U = np.exp(e[:, fm.LOG_DRAG]), e[:, fm.SHARE], aiding.numbers[fs.OTHER, 1]
     p_ll, p_lf, p_ff = (
         P_ee[:, i, j]
         for i, j in ((fm.LOG_DRAG, fm.LOG_DRAG), (fm.LOG_DRAG, fm.SHARE), (fm.SHARE, fm.SHARE))
@@ -106,7 +102,7 @@ def values_of(blocks: Array, aiding: fs.Aiding) -> Array:
     v[:, _D1], v[:, _D1_SIGMA] = d1, np.sqrt(v_11)
     v[:, _D2], v[:, _D2_SIGMA] = d2, np.sqrt(v_22)
     v[:, _CORRELATION] = v_12 / np.sqrt(v_11 * v_22)
-    v[:, _WALK] = aiding.q[1]
+    v[:, _WALK] = aiding.numbers[fs.WALKS, 1]
     v[:, _LOCK] = blocks[:, fs.THRUST, fs.LOCKED]
     return v
 

@@ -33,7 +33,6 @@ def make_log(
         K=np.zeros((updates, 3, N)),
         S=np.zeros((updates, 3, 3)),
         L=np.zeros((updates, 3, 3)),
-        snapshot_flat=np.zeros((kept, fs.FLAT)),
+        snapshot_flat=np.zeros((kept, fs.FLAT + (fs.MODEL if model else 0))),
         snapshot_counters=np.zeros((kept, fs.COUNTERS), dtype=np.int64),
-        snapshot_model=np.zeros((kept, fs.MODEL_ROWS if model else 0, fs.E)),
     )
