@@ -5,7 +5,7 @@ Independent of polar_nav_sim. Thrust and yaw follow the laws of has-math 8, the 
 increments that lead along it, so that truth and ideal IMU agree to rounding.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -13,8 +13,9 @@ from polar_nav_core import attitude, earth, grid
 from polar_nav_core.engine import batch
 from polar_nav_core.engine.events import Fix
 from polar_nav_core.engine.params import EngineParams
+from polar_nav_core.kernels import earth as earth_kernels
 from polar_nav_core.kernels import grid as grid_kernels
-from polar_nav_core.kernels import strapdown
+from polar_nav_core.kernels import strapdown, vehicle_model
 from polar_nav_core.vehicle_model import VehicleModel
 
 START_NS = 1_772_323_200_000_000_000
@@ -84,23 +85,28 @@ class Voyage:
         self.current_G = np.column_stack(
             [c * CURRENT[0] - s * CURRENT[1], s * CURRENT[0] + c * CURRENT[1], np.zeros(n + 1)]
         )
-        self.v_r_b = self._relative(C_wanted)
+        self.v_r_b, turns = self._relative(C_wanted)
         v_wanted = np.einsum('tij,tj->ti', C_wanted, self.v_r_b) + self.current_G
-        self._follow(C_wanted, v_wanted, lat_deg, lon_deg)
+        self._follow(C_wanted, v_wanted, turns, lat_deg, lon_deg)
 
     def _relative(self, C_b_G):
-        """v_r by the true model, midpoint rule."""
+        """v_r by the true model, midpoint rule; also the turn of each interval."""
+        m = TRUE_MODEL
         v_r_b = np.zeros((self.n + 1, 3))
         v_r_b[0, 0] = 1.0
-        log = attitude.log(np.einsum('tji,tjk->tik', C_b_G[:-1], C_b_G[1:])) / DT
+        turns = attitude.log(np.einsum('tji,tjk->tik', C_b_G[:-1], C_b_G[1:]))
+        rates, up = turns / DT, np.ascontiguousarray(C_b_G[:, 2])
+        fixed = m.inertia, m.drag_linear, m.drag_quadratic, m.net_buoyancy
+        a, slope = np.zeros(3), vehicle_model.relative_acceleration
         for k in range(self.n):
-            a = TRUE_MODEL.acceleration(v_r_b[k], log[k], C_b_G[k], self.force_b[k])
+            slope(a, v_r_b[k], rates[k], up[k], self.force_b[k], *fixed)
             middle = v_r_b[k] + 0.5 * DT * a
-            a = TRUE_MODEL.acceleration(middle, log[k], C_b_G[k], self.force_b[k])
+            slope(a, middle, rates[k], up[k], self.force_b[k], *fixed)
             v_r_b[k + 1] = v_r_b[k] + DT * a
-        return v_r_b
+        return v_r_b, turns
 
-    def _follow(self, C_wanted, v_wanted, lat_deg, lon_deg):
+    def _follow(self, C_wanted, v_wanted, turns, lat_deg, lon_deg):
+        """The increments that lead along the wanted path, and where the strapdown takes them."""
         n = self.n
         r_e = np.array(
             earth.ecef_from_geodetic(np.deg2rad(lat_deg), np.deg2rad(lon_deg), -100.0), dtype=float
@@ -114,12 +120,16 @@ class Voyage:
         previous = np.zeros(3), np.zeros(3)
         for k in range(n):
             grid_kernels.fill_rates(r_e, v_G, omega_ie, omega_eG)
-            turn = attitude.log(C_b_G.T @ C_wanted[k + 1])
+            _, _, sin_lat, height = earth_kernels.up_and_height(*r_e.tolist())
+            off = C_b_G.T @ C_wanted[k]
+            turn = turns[k] + [off[2, 1], off[0, 2], off[1, 0]]
             omega = turn / DT + C_b_G.T @ (omega_ie + omega_eG)
-            half = attitude.exp(-0.5 * turn) @ C_b_G.T
-            f_G = (v_wanted[k + 1] - v_G) / DT + np.cross(2.0 * omega_ie + omega_eG, v_G)
-            f_G[2] += float(earth.gravity(r_e))
-            f = half @ f_G
+            f_G = (v_wanted[k + 1] - v_G) / DT + _cross(2.0 * omega_ie + omega_eG, v_G)
+            f_G[2] += earth_kernels.gravity(sin_lat, height)
+            f = C_b_G.T @ f_G  # and in the axes of the middle of the interval
+            half = -0.5 * turn
+            aside = _cross(half, f)
+            f = f + aside + 0.5 * _cross(half, aside)
             increments = omega * DT, f * DT
             strapdown.strapdown_step_uneven(
                 C_b_G, v_G, r_e, *increments, *previous, DT, DT if k else 0.0
@@ -215,13 +225,20 @@ class Voyage:
             np.zeros((len(controls), 3)),
         )
 
-    def errors(self, track, imu_every=10):
+    def errors(self, track):
         """Horizontal position error in grid axes (k, 2), its covariance (k, 2, 2), times [s]."""
         k = ((track.stamps_ns - START_NS) // IMU_NS).astype(int)
         C = np.array([grid.ecef_to_grid(r) for r in self.r_e[k]])
         e = np.einsum('tij,tj->ti', C, track.r_e - self.r_e[k])[:, :2]
         P = np.einsum('tij,tjk,tlk->til', C, track.P[:, 6:9, 6:9], C)[:, :2, :2]
         return e, P, k * DT
+
+
+def _cross(a, b):
+    """numpy.cross, ten times as fast for two vectors."""
+    return np.array(
+        [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+    )
 
 
 def _inside(times, gap):

@@ -54,7 +54,7 @@ class ModelParams(NodeParams):
         0.05, 'm/s', 1e-5, 10.0, 'The same, vertical: the current there and an error of buoyancy'
     )
     model_velocity_tau: float = param(
-        30.0, 's', 0.0, 3600.0, 'How long such an error lasts (correlation time)'
+        15.0, 's', 0.0, 3600.0, 'How long such an error lasts (correlation time)'
     )
     thrust_timeout_s: float = param(
         2.0, 's', 0.01, 3600.0, 'A thrust without a newer one is taken as unknown after this'
