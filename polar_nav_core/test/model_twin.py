@@ -1,8 +1,8 @@
 """A vehicle that obeys the reduced model in moving water, near a pole: truth and its sensors.
 
-Independent of polar_nav_sim. Thrust and yaw follow the laws of has-math 8, the drag is the true one
-(25, 19 where navigation believes 15, 90); the path that results is handed to the strapdown by
-increments that lead along it, so that truth and ideal IMU agree to rounding.
+Independent of polar_nav_sim. Thrust and yaw follow the laws of the DVL-less paper's mission; the
+drag is the true one (25, 19 where navigation believes 15, 90). The path that results is handed to
+the strapdown by increments that lead along it, so that truth and ideal IMU agree to rounding.
 """
 
 from dataclasses import dataclass
@@ -22,7 +22,9 @@ START_NS = 1_772_323_200_000_000_000
 IMU_NS = 10_000_000
 DT = 0.01
 CURRENT = (0.4, 0.25)
-TRUE_MODEL = VehicleModel.of(100.0, (1.8, 76.5, 76.5), (25.0, 105.0, 105.0), (19.0, 105.0, 105.0), 5.0)
+TRUE_MODEL = VehicleModel.of(
+    100.0, (1.8, 76.5, 76.5), (25.0, 105.0, 105.0), (19.0, 105.0, 105.0), 5.0
+)
 
 
 @dataclass(frozen=True)
@@ -38,18 +40,18 @@ class Imu:
 
 
 PAPER = Imu(1.454e-7, 1.533e-9, 9.80665e-6, 3.101e-7, 0.5 / 60, 5.0 / 60)
-"""polar-math 6.2: 0.03 deg/h, 1e-6 g."""
+"""As the cooperative paper has it: 0.03 deg/h, 1e-6 g."""
 LOW_COST = Imu(4.848e-6, 2.909e-5, 9.80665e-3, 8.3e-4, 0.1, 0.5)
 """1 deg/h and 0.1 deg/sqrt(h), 1 mg and 0.05 m/s/sqrt(h)."""
 
 
 def thrust(t):
-    """Surge [N] (has-math 8)."""
+    """Surge [N] (the DVL-less paper's mission)."""
     return 52.0 + 18.0 * np.sin(0.05 * t) + 14.0 * np.sin(0.013 * t)
 
 
 def yaw(t):
-    """psi and its rate (has-math 8)."""
+    """psi and its rate (the DVL-less paper's mission)."""
     return (
         1.9 * np.sin(0.011 * t) + 0.45 * np.sin(0.037 * t) + 0.3,
         1.9 * 0.011 * np.cos(0.011 * t) + 0.45 * 0.037 * np.cos(0.037 * t),
@@ -242,6 +244,6 @@ def _cross(a, b):
 
 
 def _inside(times, gap):
-    return np.zeros(len(times), dtype=bool) if gap is None else (times >= gap[0]) & (times < gap[1])
-
-
+    return (
+        np.zeros(len(times), dtype=bool) if gap is None else (times >= gap[0]) & (times < gap[1])
+    )

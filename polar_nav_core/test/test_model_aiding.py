@@ -1,4 +1,4 @@
-"""The vehicle's model in the engine: thrust, bottom lock, late fixes, and the same bits each way."""
+"""The vehicle's model in the engine: thrust, bottom lock, late fixes, the same bits each way."""
 
 import dataclasses
 
@@ -31,7 +31,10 @@ def params(world, delay_handling='back_propagate', **changes):
 def thrust(world, every=10, first=5):
     return [
         ControlSample(
-            int(world.stamps[k]), i, np.array([60.0 + 10.0 * np.sin(0.01 * k), 0.0, -6.0]), np.zeros(3)
+            int(world.stamps[k]),
+            i,
+            np.array([60.0 + 10.0 * np.sin(0.01 * k), 0.0, -6.0]),
+            np.zeros(3),
         )
         for i, k in enumerate(range(first, world.n, every))
     ]
@@ -205,7 +208,9 @@ def test_a_run_from_arrays_gives_the_bits_of_event_by_event(world, name, noise):
     p = params(world, name, noise_adaptation=noise, robust_fixes='huber')
     fast, slow = batch.run(p, x), batch.run(p, x, one_by_one=True)
     for field in batch.Track.__dataclass_fields__:
-        np.testing.assert_array_equal(getattr(fast.track, field), getattr(slow.track, field), field)
+        np.testing.assert_array_equal(
+            getattr(fast.track, field), getattr(slow.track, field), field
+        )
     assert repr(fast.receipts) == repr(slow.receipts)
     assert fast.track.model.shape == (121, 31)
     assert {0.0, 1.0} == set(fast.track.model[:, -1])
@@ -293,4 +298,6 @@ def test_gated_pings_lose_the_lock_as_missing_ones_do(world):
     ]
     out = lock_run(world, pings)
     locked = [e.model.bottom_lock for e in out]
-    assert locked[20] and not locked[65] and locked[-1]
+    assert locked[20]
+    assert not locked[65]
+    assert locked[-1]

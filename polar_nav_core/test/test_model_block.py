@@ -6,6 +6,7 @@ import pytest
 from polar_nav_core import attitude
 from polar_nav_core.error_model import system_matrix
 from polar_nav_core.kernels import filter as kf
+from polar_nav_core.kernels import filter_block as fb
 from polar_nav_core.kernels import filter_model as fm
 from polar_nav_core.kernels import vehicle_model as vm
 from polar_nav_core.vehicle_model import VehicleModel
@@ -52,9 +53,9 @@ def assert_near(got, expected, tolerance=1e-9):
     assert np.array_equal(got[N:, N:], got[N:, N:].T)
 
 
-def relative_acceleration(x, e, C_b_G=C_B_G, drag=None):
+def relative_acceleration(x, e):
     """v_r' with the errors x and e in the estimate; signs of error_model and filter_model."""
-    C = attitude.exp(-x[:3]) @ C_b_G
+    C = attitude.exp(-x[:3]) @ C_B_G
     omega_eb = OMEGA_IB + x[9:12] - C.T @ OMEGA_IE_G
     log_total, share = log_drag() + e[5:7]
     d1, d2 = vm.surge_drag(float(log_total), float(share), SPEED)
@@ -126,9 +127,7 @@ def transition(dt):
     F_ee, F_ex, G = slopes()
     F15 = system_matrix(R_E, V_G, C_B_G, OMEGA_IB, F_B)
     Phi = np.zeros((N, N))
-    kf.fill_transition(
-        Phi, np.zeros((15, 15)), R_E, V_G, C_B_G, OMEGA_IB, F_B, dt, 300.0, 0.0
-    )
+    kf.fill_transition(Phi, np.zeros((15, 15)), R_E, V_G, C_B_G, OMEGA_IB, F_B, dt, 300.0, 0.0)
     Phi_ee, Phi_ex = np.ones((3, E)), np.ones((3, N))
     fm.fill_model_transition(Phi_ee, Phi_ex, F_ee, F_ex, F15, dt)
     F = np.zeros((ALL, ALL))
@@ -159,9 +158,7 @@ def test_the_transition_is_the_derivative_of_the_step():
         )  # fmt: skip
         return v
 
-    expected = np.array(
-        [(moved(V_R + s) - moved(V_R - s)) / 2e-5 for s in 1e-5 * np.eye(3)]
-    ).T
+    expected = np.array([(moved(V_R + s) - moved(V_R - s)) / 2e-5 for s in 1e-5 * np.eye(3)]).T
     # The slope is taken at the start here, at the middle of the step in the filter.
     np.testing.assert_allclose(Phi_ee[:, :3], expected, atol=2e-3)
 
@@ -189,14 +186,14 @@ def test_many_steps_of_prediction_and_update_are_those_of_31_states():
         dense = Phi_all @ dense @ Phi_all.T + Q
         assert_near(joined(P, P_xe, P_ee), dense)
         z = rng.normal(size=3)
-        fm.joint_innovation(w['S'], w['PHt'], G_e, P, P_xe, P_ee, H, H_e, np.diag(variances))
+        fb.joint_innovation(w['S'], w['PHt'], G_e, P, P_xe, P_ee, H, H_e, np.diag(variances))
         assert kf.cholesky(w['L'], w['S'], 3)
-        fm.gain_of(w['K'], D_x, w['PHt'], w['L'], w['S'], 3)
-        fm.gain_of(K_e, D_e, G_e, w['L'], w['S'], 3)
+        fb.gain_of(w['K'], D_x, w['PHt'], w['L'], w['S'], 3)
+        fb.gain_of(K_e, D_e, G_e, w['L'], w['S'], 3)
         dense, x = updated(dense, np.hstack([H, H_e]), np.diag(variances), z)
-        fm.subtract(P, w['K'], D_x, w['K'], D_x)
-        fm.subtract(P_xe, w['K'], D_x, K_e, D_e)
-        fm.subtract(P_ee, K_e, D_e, K_e, D_e)
+        fb.subtract(P, w['K'], D_x, w['K'], D_x)
+        fb.subtract(P_xe, w['K'], D_x, K_e, D_e)
+        fb.subtract(P_ee, K_e, D_e, K_e, D_e)
         assert_near(joined(P, P_xe, P_ee), dense)
         got = np.concatenate([w['K'].T @ z, K_e.T @ z])
         assert (np.abs(got - x) < 1e-9 * SCALES * np.abs(z).max()).all()
@@ -210,17 +207,15 @@ def without_e(rng, P, P_xe, P_ee, dense, w, m):
     H[:m, rng.integers(0, N, 5)] = rng.normal(size=(m, 5)) / SCALES[4]
     R, z, x = np.eye(3) * 0.5, rng.normal(size=3), np.zeros(N)
     G_e, K_e, D_e, D_x = (np.zeros((3, n)) for n in (E, E, E, N))
-    fm.rows_of_block(G_e, H, P_xe, m)
+    fb.rows_of_block(G_e, H, P_xe, m)
     kf.innovation_covariance(w['S'], w['PHt'], P, H, R, m)
     assert kf.cholesky(w['L'], w['S'], m)
     kf.update(P, x, H, R, z, m, w['K'], w['PHt'], w['L'], w['M'])
-    fm.gain_of(K_e, D_e, G_e, w['L'], w['S'], m)
-    fm.half_rows(D_x, w['K'], w['PHt'], w['S'], m)
-    fm.subtract(P_xe, w['K'], D_x, K_e, D_e)
-    fm.subtract(P_ee, K_e, D_e, K_e, D_e)
-    expected, correction = updated(
-        dense, np.hstack([H[:m], np.zeros((m, E))]), R[:m, :m], z[:m]
-    )
+    fb.gain_of(K_e, D_e, G_e, w['L'], w['S'], m)
+    fb.half_rows(D_x, w['K'], w['PHt'], w['S'], m)
+    fb.subtract(P_xe, w['K'], D_x, K_e, D_e)
+    fb.subtract(P_ee, K_e, D_e, K_e, D_e)
+    expected, correction = updated(dense, np.hstack([H[:m], np.zeros((m, E))]), R[:m, :m], z[:m])
     assert_near(joined(P, P_xe, P_ee), expected)
     got = np.concatenate([x, K_e.T @ z])
     assert (np.abs(got - correction) < 1e-8 * SCALES).all()
@@ -244,11 +239,13 @@ def test_definiteness_of_the_whole(active):
     L = np.zeros((N, N))
 
     def definite():
-        return kf.cholesky(L, P, active) and fm.is_jointly_definite(
-            P, P_xe, P_ee, L, np.zeros((N, E)), np.zeros((E, E)), active
+        return kf.cholesky(L, P, active) and fb.is_jointly_definite(
+            P_xe, P_ee, L, np.zeros((N, E)), np.zeros((E, E)), active
         )
 
     assert definite()
-    values = np.linalg.eigvalsh(P_ee - P_xe[:active].T @ np.linalg.solve(P[:active, :active], P_xe[:active]))
+    x = slice(0, active)
+    left = P_ee - P_xe[x].T @ np.linalg.solve(P[x, x], P_xe[x])
+    values = np.linalg.eigvalsh(left)
     P_ee -= 1.01 * values[0] * np.eye(E)
     assert not definite()

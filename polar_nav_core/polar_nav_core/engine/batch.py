@@ -18,6 +18,7 @@ from ..errors import FilterDivergence
 from ..kernels import filter_events as fe
 from ..kernels import filter_run
 from ..kernels import filter_state as fs
+from ..kernels.filter_model import E
 from .engine import Engine
 from .events import (
     Array,
@@ -194,7 +195,9 @@ class _Collector:
     def _values(self, flat: Array) -> Array:
         if not self._model.on:
             return np.zeros((len(flat), 0))
-        return aiding.values_of(flat[:, fs.NAVIGATION :].reshape(-1, fs.MODEL_ROWS, fs.E), self._model)
+        return aiding.values_of(
+            flat[:, fs.NAVIGATION :].reshape(-1, fs.MODEL_ROWS, E), self._model
+        )
 
     def _pass_on(self, chunk: Track) -> None:
         self.local_statistics += np.sum(chunk.local_statistics, axis=0)

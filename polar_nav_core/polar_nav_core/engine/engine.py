@@ -135,6 +135,20 @@ class Engine:
         return self._integrity.state(self._last_imu_ns or 0)
 
     @property
+    def bottom_lock(self) -> bool | None:
+        """Whether the DVL is in use; None without a state or without `model_aiding`."""
+        if self._fusion is None or not self.params.model_aiding:
+            return None
+        return self._fusion.filter.has_bottom_lock
+
+    @property
+    def thrust_known(self) -> bool | None:
+        """Whether the thrust that the model needs comes; None as of `bottom_lock`."""
+        if self._fusion is None or not self.params.model_aiding:
+            return None
+        return self._fusion.filter.knows_thrust
+
+    @property
     def history_warning(self) -> str:
         """Say that sensors outrun the stored history; empty when not."""
         if self._fusion is None:

@@ -12,6 +12,14 @@ from . import filter_state as fs
 from .cache import kernel, routine
 from .earth import OMEGA_IE, up_and_height
 from .filter import cholesky, nis_of
+from .filter_block import (
+    gain_of,
+    half_rows,
+    is_jointly_definite,
+    joint_innovation,
+    rows_of_block,
+    subtract,
+)
 from .filter_model import (
     CURRENT,
     LOG_DRAG,
@@ -20,15 +28,9 @@ from .filter_model import (
     add_model_noise,
     fill_model_slopes,
     fill_model_transition,
-    gain_of,
-    half_rows,
-    is_jointly_definite,
-    joint_innovation,
     model_rows,
     move_relative_velocity,
     predict_block,
-    rows_of_block,
-    subtract,
 )
 from .filter_state import Settings, State, Work
 from .grid import fill_C_e_G
@@ -126,9 +128,8 @@ def predict_model(s: State, c: Settings, w: Work, Phi: Array, stamp_ns: int, dt:
     fill_model_transition(Phi_ee, Phi_ex, F_ee, F_ex, w.F15, dt)
     P_xe, P_ee = s.model[fs.P_XE : fs.P_EE], s.model[fs.P_EE : fs.MEAN]
     predict_block(P_xe, P_ee, s.P, Phi, Phi_ee, Phi_ex, rows[_A : _A + 24], rows[_B : _B + E])
-    known = 0 < s.counters[fs.THRUST_NS] and (
-        stamp_ns - s.counters[fs.THRUST_NS] <= c.aiding.thrust_ns
-    )
+    thrust_ns = s.counters[fs.THRUST_NS]
+    known = thrust_ns > 0 and stamp_ns - thrust_ns <= c.aiding.thrust_ns
     walks = numbers[fs.WALKS]
     w.z[0] = walks[0] if known else numbers[fs.OTHER, 2]
     w.z[1] = walks[1]
@@ -146,7 +147,7 @@ def model_is_definite(s: State, c: Settings, w: Work, thorough: bool) -> bool:
     if good and thorough:
         A, B = w.model[_A : _A + 24], w.model[_B : _B + E]
         good = cholesky(w.LP, s.P, c.active) and is_jointly_definite(
-            s.P, P_xe, P_ee, w.LP, A, B, c.active
+            P_xe, P_ee, w.LP, A, B, c.active
         )
     return good
 
@@ -178,8 +179,8 @@ def _correct(
 def compare_velocities(s: State, c: Settings, w: Work, dt: float) -> int:
     """v_G = C_b_G v_r + V_c into both: P, P_xe, P_ee and e; of x the correction stands in w.x.
 
-    Its error lasts for tau, so that white noise once per step must have the variance 2 tau/dt times
-    as large for the sum over many steps to be as uncertain as it is.
+    Its error lasts for tau: white noise once per step must have a variance 2 tau/dt times as large
+    for the sum over many steps to be as uncertain as it is.
     """
     rows = w.model
     P_xe, P_ee = s.model[fs.P_XE : fs.P_EE], s.model[fs.P_EE : fs.MEAN]
@@ -225,7 +226,8 @@ def control_event(s: State, stamp_ns: int, force_b: Array) -> None:
 @kernel
 def has_bottom_lock(s: State, c: Settings) -> bool:
     """Whether the last ping that was used is not too long ago."""
-    return s.counters[fs.STAMP] - s.counters[fs.LOCK_NS] <= c.aiding.lost_ns
+    age_ns: int = s.counters[fs.STAMP] - s.counters[fs.LOCK_NS]
+    return age_ns <= c.aiding.lost_ns
 
 
 @kernel

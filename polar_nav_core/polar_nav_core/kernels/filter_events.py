@@ -22,6 +22,7 @@ from .filter_aiding import (
 )
 from .filter_fuse import correct_and_remember, enter, fuse_rows, locate, ping_passes
 from .filter_imu import imu_step, take_means
+from .filter_model import E
 from .filter_rows import depth_rows, dvl_rows, fix_rows
 from .filter_state import Frames, Log, Past, Settings, State, Work
 from .grid import fill_C_e_G
@@ -112,8 +113,8 @@ def take_snapshot(s: State, log: Log) -> None:
     for k in range(fs.COUNTERS):
         log.snapshot_counters[i, k] = s.counters[k]
     for r in range(s.model.shape[0]):
-        for k in range(fs.E):
-            log.snapshot_flat[i, fs.FLAT + r * fs.E + k] = s.model[r, k]
+        for k in range(E):
+            log.snapshot_flat[i, fs.FLAT + r * E + k] = s.model[r, k]
     log.counts[1] += 1
 
 

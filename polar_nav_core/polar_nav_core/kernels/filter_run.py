@@ -8,6 +8,7 @@ from .filter import N
 from .filter_aiding import control_event, has_bottom_lock
 from .filter_events import depth_event, dvl_event, fix_event, imu_event
 from .filter_fuse import locate
+from .filter_model import E
 from .filter_state import Frames, Log, Past, Rows, Settings, State, Streams, Work
 
 _NEVER = 9_223_372_036_854_775_807
@@ -141,8 +142,8 @@ def put_row(s: State, c: Settings, rows: Rows) -> None:
     if c.aiding.on:
         s.model[fs.THRUST, fs.LOCKED] = 1.0 if has_bottom_lock(s, c) else 0.0
         for r in range(fs.MODEL_ROWS):
-            for j in range(fs.E):
-                rows.flat[k, fs.NAVIGATION + r * fs.E + j] = s.model[r, j]
+            for j in range(E):
+                rows.flat[k, fs.NAVIGATION + r * E + j] = s.model[r, j]
     for a in range(3):
         for b in range(3):
             rows.tally[k, a, b] = s.tally[a, b]
@@ -160,7 +161,7 @@ def restore(s: State, fr: Frames, c: Settings, log: Log, number: int) -> None:
     for k in range(fs.COUNTERS):
         s.counters[k] = log.snapshot_counters[i, k]
     for r in range(s.model.shape[0]):
-        for k in range(fs.E):
-            s.model[r, k] = log.snapshot_flat[i, fs.FLAT + r * fs.E + k]
+        for k in range(E):
+            s.model[r, k] = log.snapshot_flat[i, fs.FLAT + r * E + k]
     log.counts[1] = number + 1
     locate(s, fr, c)

@@ -10,6 +10,7 @@ import numpy as np
 from ... import attitude
 from ...kernels import filter_model as fm
 from ...kernels import filter_state as fs
+from ...kernels.filter import N
 from ..events import Array, ModelEstimate
 from ..params import EngineParams
 
@@ -57,7 +58,7 @@ def start(state: fs.State, p: EngineParams) -> None:
     e = state.model[fs.MEAN]
     e[:3] = np.einsum('ij,j->i', C_G_b, v_G)
     e[fm.LOG_DRAG], e[fm.SHARE] = p.vehicle_model().logarithmic_drag(p.model_speed)
-    of_x = np.zeros((3, fm.N))
+    of_x = np.zeros((3, N))
     of_x[:, 0:3] = -np.einsum('ij,jk->ik', C_G_b, attitude.skew(v_G))
     of_x[:, 3:6] = C_G_b
     current = np.array([p.current_sigma**2] * 2 + [p.model_vertical_sigma**2])

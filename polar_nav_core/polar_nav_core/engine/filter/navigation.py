@@ -250,6 +250,13 @@ class NavigationFilter:
         age_ns = self.state.counters[fs.STAMP] - self.state.counters[fs.LOCK_NS]
         return bool(age_ns <= self.settings.aiding.lost_ns)
 
+    @property
+    def knows_thrust(self) -> bool:
+        """Whether the newest thrust is new enough for a vehicle's model."""
+        counters = self.state.counters
+        age_ns = counters[fs.STAMP] - counters[fs.THRUST_NS]
+        return bool(counters[fs.THRUST_NS] > 0 and age_ns <= self.settings.aiding.thrust_ns)
+
     def outcome(self, m: int, *, fused: bool) -> Outcome:
         """Outcome of the update that stands in the scratch."""
         w = self.work
