@@ -137,16 +137,18 @@ class Engine:
     @property
     def bottom_lock(self) -> bool | None:
         """Whether the DVL is in use; None without a state or without `model_aiding`."""
-        if self._fusion is None or not self.params.model_aiding:
-            return None
-        return self._fusion.filter.has_bottom_lock
+        return self._aided.has_bottom_lock if self._aided is not None else None
 
     @property
     def thrust_known(self) -> bool | None:
         """Whether the thrust that the model needs comes; None as of `bottom_lock`."""
-        if self._fusion is None or not self.params.model_aiding:
-            return None
-        return self._fusion.filter.knows_thrust
+        return self._aided.knows_thrust if self._aided is not None else None
+
+    @property
+    def _aided(self) -> NavigationFilter | None:
+        if isinstance(self._fusion, Fusion) and self.params.model_aiding:
+            return self._fusion.filter
+        return None
 
     @property
     def history_warning(self) -> str:
