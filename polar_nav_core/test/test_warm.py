@@ -64,4 +64,5 @@ def test_the_engine_needs_no_kernel_that_set_up_has_not_compiled():
     events = [*world.imu(), *world.dvl(), *world.depth(), *fixes]
     for name in DELAY_HANDLING:
         run(Engine(world.params(configuration='custom', delay_handling=name)), events)
+    run(Engine(world.params(configuration='default', model_aiding=True)), events)
     assert signatures() == before

@@ -14,7 +14,7 @@ from typing import Any, Generic, NamedTuple, TypeAlias, TypeVar
 from nav_msgs.msg import Odometry
 
 from polar_nav_core.engine.engine import Engine
-from polar_nav_core.engine.events import Event, Output, Receipt
+from polar_nav_core.engine.events import Estimate, Event, Output, Receipt
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.engine.reorder import Reorder
 from polar_nav_msgs.msg import NavState
@@ -124,6 +124,6 @@ class NavigationSession(Generic[P]):
         for result in results:
             if isinstance(result, Receipt):
                 yield Published.of(RECEIPT, outputs.receipt_to_msg(result))
-            else:
+            elif isinstance(result, Estimate):
                 message = outputs.nav_to_msg(result, self.params, self.vehicle, self._frame_id)
                 yield Published.of(STATE, message)

@@ -18,6 +18,7 @@ from ..errors import FilterDivergence
 from ..kernels import filter_events as fe
 from ..kernels import filter_run
 from ..kernels import filter_state as fs
+from ..kernels.filter_model import E
 from .engine import Engine
 from .events import (
     Array,
@@ -31,6 +32,7 @@ from .events import (
     Verdict,
     no_local_statistics,
 )
+from .filter import aiding
 from .filter.fusion import FixResult, Fusion
 from .filter.navigation import NavigationFilter
 from .filter.streams import put_late_fix, room_for_fixes
@@ -65,6 +67,9 @@ class Track:
         Of DVL and depth since the row before: used, gated, sum of NIS (events.LOCAL_DOF).
     fixes : (k, 3) array
         Fixes received, fixes fused, newest validity [ns].
+    model : (k, 31) array
+        Of vehicle and water; `filter.aiding.estimate_of` names what stands in a row. Without the
+        vehicle's model, (k, 0).
     """
 
     stamps_ns: Stamps
@@ -75,6 +80,7 @@ class Track:
     sensor_errors: Array
     local_statistics: Array
     fixes: Stamps
+    model: Array = field(default_factory=lambda: np.zeros((0, 0)))
 
 
 RowSink = Callable[[Track], None]
@@ -115,7 +121,7 @@ def run(
         Takes the rows instead of the result: half a day of covariances does not fit in memory.
     """
     engine = Engine(params)
-    collector = _Collector(sink)
+    collector = _Collector(sink, aiding.make_aiding(params))
     if one_by_one or not engine.compiled:
         for event in inputs.events():
             collector.take(engine.process(event))
@@ -130,11 +136,12 @@ def run(
 class _Collector:
     """Rows of the track in chunks, and receipts."""
 
-    def __init__(self, sink: RowSink | None) -> None:
+    def __init__(self, sink: RowSink | None, model: fs.Aiding) -> None:
         self._chunks: list[Track] = []
         self._sink = sink or self._keep
         self._single: list[Track] = []
-        self.rows = fs.make_rows(_ROWS)
+        self._model = model
+        self.rows = fs.make_rows(_ROWS, model=model.on)
         self._fixes = np.zeros((_ROWS, 3), dtype=np.int64)
         self._noted = 0
         self.receipts: list[Receipt] = []
@@ -145,7 +152,7 @@ class _Collector:
         for output in outputs:
             if isinstance(output, Receipt):
                 self.receipts.append(output)
-            else:
+            elif isinstance(output, Estimate):
                 self._drain_rows()
                 self._single.append(_row(output))
                 if len(self._single) >= _ROWS:
@@ -187,9 +194,17 @@ class _Collector:
                 flat[:, 15:30],
                 rows.tally[:n, :2],
                 self._fixes[:n],
+                self._values(flat),
             )
         )
         rows.io[1] = self._noted = 0
+
+    def _values(self, flat: Array) -> Array:
+        if not self._model.on:
+            return np.zeros((len(flat), 0))
+        return aiding.values_of(
+            flat[:, fs.NAVIGATION :].reshape(-1, fs.MODEL_ROWS, E), self._model
+        )
 
     def _pass_on(self, chunk: Track) -> None:
         self.local_statistics += np.sum(chunk.local_statistics, axis=0)
@@ -209,6 +224,7 @@ class _Collector:
                 sensor_errors=np.zeros((0, 15)),
                 local_statistics=np.zeros((0, 2, 3)),
                 fixes=np.zeros((0, 3), dtype=np.int64),
+                model=np.zeros((0, aiding.WIDTH if self._model.on else 0)),
             )
         return _joined(self._chunks)
 
@@ -232,6 +248,7 @@ def _row(e: Estimate) -> Track:
         np.concatenate(errors)[None],
         e.local_statistics[None],
         np.array([counts], dtype=np.int64),
+        aiding.row_of(e.model)[None],
     )
 
 
@@ -262,6 +279,7 @@ class _Compiled:
             & _finite(x.dvl_covariance_m.reshape(-1, 9))
             & (variances > 0.0).all(axis=1)
         )
+        control = _finite(x.control_force_b) & _finite(x.control_torque_b)
         depth = np.isfinite(x.depth) & np.isfinite(x.depth_variance) & (x.depth_variance > 0.0)
         self._first = int(good[0]) if len(good) else None
         self._kept = replace(
@@ -275,6 +293,8 @@ class _Compiled:
             depth_stamps_ns=_rows_of(x.depth_stamps_ns, depth),
             depth=_rows_of(x.depth, depth),
             depth_variance=_rows_of(x.depth_variance, depth),
+            control_stamps_ns=_rows_of(x.control_stamps_ns, control),
+            control_force_b=_rows_of(x.control_force_b, control),
         )
         self._odd: list[Event] = sorted(
             [
@@ -282,6 +302,7 @@ class _Compiled:
                 *(x.imu_sample(int(k)) for k in np.flatnonzero(~imu)),
                 *(x.dvl_ping(int(k)) for k in np.flatnonzero(~dvl)),
                 *(x.depth_sample(int(k)) for k in np.flatnonzero(~depth)),
+                *(x.control_sample(int(k)) for k in np.flatnonzero(~control)),
             ],
             key=lambda event: event.key,
         )
@@ -327,9 +348,10 @@ class _Compiled:
             return
         self._fusion = fusion
         f, x = fusion.filter, self._kept
+        controls = len(x.control_stamps_ns) if f.settings.aiding.on else 0
         f.streams = fs.Streams(
             counts=np.array(
-                [len(x.imu_stamps_ns), len(x.depth_stamps_ns), len(x.dvl_stamps_ns), 0],
+                [len(x.imu_stamps_ns), len(x.depth_stamps_ns), len(x.dvl_stamps_ns), 0, controls],
                 dtype=np.int64,
             ),
             imu_stamps=_at_least_one(x.imu_stamps_ns),
@@ -342,11 +364,16 @@ class _Compiled:
             dvl_v_m=_at_least_one(x.dvl_v_m),
             dvl_covariance_m=_at_least_one(x.dvl_covariance_m),
             **room_for_fixes(),
+            control_stamps=_at_least_one(x.control_stamps_ns),
+            control_force_b=_at_least_one(x.control_force_b),
         )
         counters = f.state.counters
         counters[fs.IMU] = 1
         counters[fs.DEPTH] = int(np.searchsorted(x.depth_stamps_ns, first.stamp_ns))
         counters[fs.DVL] = int(np.searchsorted(x.dvl_stamps_ns, first.stamp_ns))
+        # The thrust of before the start still holds.
+        before = int(np.searchsorted(x.control_stamps_ns, first.stamp_ns))
+        counters[fs.CONTROL] = max(0, before - 1)
         f.rows = self._rows
         self._rows.io[0] = first.stamp_ns
         f.log.counts[1] = 0
@@ -452,7 +479,8 @@ class _Compiled:
             if self._rows.io[1] >= _ROWS:
                 self._collector.note(self._engine)
                 self._collector.drain()
-            filter_run.put_row(self._fusion.filter.state, self._rows)
+            f = self._fusion.filter
+            filter_run.put_row(f.state, f.settings, self._rows)
         self._collector.note(self._engine)
 
     def _local_statistics(self) -> Array:

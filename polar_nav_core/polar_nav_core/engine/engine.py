@@ -24,6 +24,7 @@ from .events import (
     Array,
     Command,
     CommandKind,
+    ControlSample,
     DepthSample,
     DvlPing,
     Estimate,
@@ -64,6 +65,7 @@ class Engine:
         self._initial: InitialState | None = params.initial_state()
         self._last_key: OrderKey | None = None
         self._last_imu_ns: int | None = None
+        self._thrust: ControlSample | None = None
         self._due_ns: int | None = None
         self._seen: dict[tuple[str, int], int] = {}
         self._last_validity_ns = 0
@@ -97,6 +99,8 @@ class Engine:
                 yield self._count(receipt)
         elif isinstance(event, Command):
             self._command(event)
+        elif isinstance(event, ControlSample):
+            yield from self._control(event)
         else:
             yield from self._local(event)
 
@@ -134,6 +138,22 @@ class Engine:
     def integrity(self) -> Integrity:
         """Whether fixes agree with the estimate, at the newest IMU sample."""
         return self._integrity.state(self._last_imu_ns or 0)
+
+    @property
+    def bottom_lock(self) -> bool | None:
+        """Whether the DVL is in use; None without a state or without `model_aiding`."""
+        return self._aided.has_bottom_lock if self._aided is not None else None
+
+    @property
+    def thrust_known(self) -> bool | None:
+        """Whether the thrust that the model needs comes; None as of `bottom_lock`."""
+        return self._aided.knows_thrust if self._aided is not None else None
+
+    @property
+    def _aided(self) -> NavigationFilter | None:
+        if isinstance(self._fusion, Fusion) and self.params.model_aiding:
+            return self._fusion.filter
+        return None
 
     @property
     def history_warning(self) -> str:
@@ -214,6 +234,8 @@ class Engine:
             if self._initial is not None and not self.divergence:
                 self._fusion = self._make_fusion(self.params, self._initial, sample.stamp_ns)
                 self._due_ns = self._start_ns = sample.stamp_ns
+                if self._thrust is not None:  # it still holds
+                    self._fusion.control(self._thrust)
             return
         before_ns = self._fusion.filter.stamp_ns
         try:
@@ -223,6 +245,15 @@ class Engine:
             return
         if sample.stamp_ns // self._output_ns != before_ns // self._output_ns:
             self._due_ns = sample.stamp_ns
+
+    def _control(self, sample: ControlSample) -> Iterator[Output]:
+        if not (np.isfinite(sample.force_b).all() and np.isfinite(sample.torque_b).all()):
+            reason = 'force or torque is not finite'
+            yield self._count(self._receipt(sample, sample.stamp_ns, Verdict.NOT_FINITE, reason))
+            return
+        self._thrust = sample
+        if self._fusion is not None:
+            self._fusion.control(sample)
 
     def _local(self, event: DvlPing | DepthSample) -> Iterator[Output]:
         """Fuse DVL and depth: local, current, never treated as delayed."""
@@ -426,6 +457,7 @@ class Engine:
             fixes_fused=self.fused['fix'],
             last_validity_ns=self._last_validity_ns,
             local_statistics=f.taken_local_statistics(),
+            model=self._fusion.model() if self._fusion is not None else None,
         )
 
 

@@ -70,19 +70,37 @@ class InitialState:
 class ImuSample:
     """Rate [rad/s] and specific force [m/s^2], body axes.
 
-    Both are means over the interval that ends at the stamp.
+    Both are means over the interval that ends at the stamp. ``C_b_G`` is the attitude at the stamp
+    that an AHRS measured, shape (3, 3); None without one.
     """
 
     stamp_ns: int
     sequence: int
     omega_ib_b: Array
     f_b: Array
+    C_b_G: Array | None = None
     topic: str = 'imu/data_raw'
 
     @property
     def key(self) -> OrderKey:
         """Place in the order of events."""
         return (self.stamp_ns, Rank.IMU, self.sequence, 0)
+
+
+@dataclass(frozen=True)
+class ControlSample:
+    """What the thrusters give from the stamp on: force [N] and torque [N m], body axes."""
+
+    stamp_ns: int
+    sequence: int
+    force_b: Array
+    torque_b: Array
+    topic: str = 'control/thrust'
+
+    @property
+    def key(self) -> OrderKey:
+        """Place in the order of events."""
+        return (self.stamp_ns, Rank.CONTROL, self.sequence, 0)
 
 
 @dataclass(frozen=True)
@@ -122,6 +140,34 @@ class DepthSample:
 
 
 @dataclass(frozen=True)
+class PolarFix:
+    """Range and bearing from a hydroacoustic station, in the frame of its first position.
+
+    Attributes
+    ----------
+    station : (3,) array
+        Its position when the reply was back [m], station frame (grid axes, z up).
+    station_heading, station_heading_sigma : float
+        psi, counter-clockwise from x, and its 1-sigma, which is the same error in every fix [rad].
+    range, range_sigma : float
+        Slant range [m].
+    bearing, bearing_sigma : float
+        Counter-clockwise from the station's heading [rad].
+    sound_speed : float
+        Used for the range [m/s].
+    """
+
+    station: Array
+    station_heading: float
+    station_heading_sigma: float
+    range: float
+    range_sigma: float
+    bearing: float
+    bearing_sigma: float
+    sound_speed: float
+
+
+@dataclass(frozen=True)
 class Fix:
     """One acoustic packet: a delayed position of the follower's transponder, or why it is none.
 
@@ -142,6 +188,8 @@ class Fix:
         The same in a sentence.
     array_heading : float
         Grid heading of the leader's array [rad].
+    polar : PolarFix or None
+        What a station measured, where the fix comes from one; then ``r_e`` is NaN.
     """
 
     validity_ns: int
@@ -156,6 +204,7 @@ class Fix:
     refusal: Verdict | None = None
     reason: str = ''
     array_heading: float = float('nan')
+    polar: PolarFix | None = None
     topic: str = 'acomms/rx'
 
     @property
@@ -175,6 +224,7 @@ class CommandKind(IntEnum):
     RESET = 0
     SET_INITIAL_STATE = 1
     SHUTDOWN = 2
+    IDENTIFY = 3
 
 
 @dataclass(frozen=True)
@@ -193,7 +243,7 @@ class Command:
         return (self.stamp_ns, Rank.COMMAND, self.sequence, 0)
 
 
-Event: TypeAlias = ImuSample | DvlPing | DepthSample | Fix | Command
+Event: TypeAlias = ImuSample | ControlSample | DvlPing | DepthSample | Fix | Command
 
 
 def _nan3() -> Array:
@@ -236,9 +286,90 @@ def no_local_statistics() -> Array:
 
 
 @dataclass(frozen=True)
+class ModelEstimate:
+    """What is estimated of the vehicle's model and of the water.
+
+    Attributes
+    ----------
+    v_r_b, v_r_covariance_b : (3,), (3, 3) arrays
+        Velocity through the water, body axes [m/s].
+    current_G, current_covariance_G : (3,), (3, 3) arrays
+        Velocity of the water over ground, grid axes [m/s].
+    drag_linear, drag_quadratic : float
+        d1x [N s/m], d2x [N s^2/m^2], each with its 1-sigma; and their correlation.
+    heading_bias, heading_bias_sigma : float
+        Measured minus true psi [rad].
+    current_walk : float
+        Density q_c in use [m^2/s^3].
+    bottom_lock : bool
+        Whether a DVL is in use; False in station mode, which has none.
+    """
+
+    v_r_b: Array
+    v_r_covariance_b: Array
+    current_G: Array
+    current_covariance_G: Array
+    drag_linear: float
+    drag_linear_sigma: float
+    drag_quadratic: float
+    drag_quadratic_sigma: float
+    drag_correlation: float
+    heading_bias: float
+    heading_bias_sigma: float
+    current_walk: float
+    bottom_lock: bool = False
+
+
+class IdentificationVerdict(IntEnum):
+    """What became of an identification; the numbers are those of polar_nav_msgs/Identification."""
+
+    ACCEPTED = 0
+    NOT_EXCITED = 1
+    UNPHYSICAL = 2
+    NOT_CONVERGED = 3
+    TOO_FEW_FIXES = 4
+
+
+@dataclass(frozen=True)
+class Identification:
+    """Drag and current from a window of fixes.
+
+    Attributes
+    ----------
+    stamp_ns : int
+        Place in the order of events.
+    method, trigger : str
+        ``published`` or ``robust``; ``count``, ``nis``, ``command`` or ``offline``.
+    reason : str
+        One sentence with the numbers that decided.
+    names, values, covariance : tuple of str, (n,), (n, n) arrays
+        Parameters in SI units: drag_linear, drag_quadratic, current_x, current_y, ...
+    condition_number : float
+        Of the scaled normal matrix.
+    """
+
+    stamp_ns: int
+    method: str
+    verdict: IdentificationVerdict
+    reason: str
+    trigger: str
+    fixes: int
+    first_validity_ns: int
+    last_validity_ns: int
+    names: tuple[str, ...]
+    values: Array
+    covariance: Array
+    condition_number: float
+    cost: float
+    iterations: int
+
+
+@dataclass(frozen=True)
 class Estimate:
     """State at a stamp: r_e ECEF [m], v_G [m/s], C_b_G, P (24, 24) and estimated sensor errors.
 
+    Where there is no SINS (station mode), ``P`` is NaN outside of attitude, velocity and position,
+    and so are the sensor errors. ``model`` is there when the vehicle's model takes part.
     ``local_statistics``, shape (2, 3), is of the local measurements since the estimate before:
     rows dvl and depth, columns `UPDATES`, `LOCAL_GATED`, `NIS_SUM`.
     """
@@ -257,6 +388,7 @@ class Estimate:
     fixes_fused: int
     last_validity_ns: int
     local_statistics: Array = field(default_factory=no_local_statistics)
+    model: ModelEstimate | None = None
 
 
-Output: TypeAlias = Estimate | Receipt
+Output: TypeAlias = Estimate | Receipt | Identification

@@ -6,8 +6,9 @@ import math
 from dataclasses import dataclass
 
 from ..errors import ConfigError
-from ..params import NodeParams, choice, param, vector
+from ..params import choice, param, vector
 from .events import InitialState
+from .model_params import ModelParams
 
 DELAY_HANDLING = ('ignore', 'tagged', 'back_propagate', 'clone', 'rewind')
 ROBUST_FIXES = ('none', 'huber', 'mahalanobis')
@@ -18,6 +19,8 @@ NOISE_ADAPTATION = (
     'sage_husa_unguarded',
     'sage_husa_published',
 )
+COMPILED_NOISE = ('none', 'adaptive_r')
+"""Noise adaptations that are compiled, and that the vehicle's model goes along with."""
 NOISE_OF = {
     'clone': ('none', 'adaptive_r'),
     'rewind': ('none', 'adaptive_r'),
@@ -65,7 +68,7 @@ CONFIGURATIONS: dict[str, Configuration] = {
 
 
 @dataclass(frozen=True)
-class EngineParams(NodeParams):
+class EngineParams(ModelParams):
     """What can be chosen of a vehicle's navigation; nodes add their own."""
 
     configuration: str = choice(
@@ -212,6 +215,31 @@ class EngineParams(NodeParams):
             raise ConfigError(
                 f'parameter noise_adaptation: {chosen.noise_adaptation} does not go with '
                 f'delay_handling {chosen.delay_handling}; that takes {", ".join(possible)}'
+            )
+
+        if self.model_aiding:
+            self._check_model_aiding(chosen)
+
+    def _check_model_aiding(self, chosen: Configuration) -> None:
+        """Refuse what the seven states of the model cannot be joined with."""
+        if chosen.delay_handling == 'clone':
+            raise ConfigError(
+                'parameter delay_handling: clone does not go with model_aiding, its stored steps '
+                'are of the 24 states; that takes '
+                f'{", ".join(d for d in DELAY_HANDLING if d != "clone")}'
+            )
+        if chosen.noise_adaptation not in COMPILED_NOISE:
+            raise ConfigError(
+                f'parameter noise_adaptation: {chosen.noise_adaptation} does not go with '
+                f'model_aiding, its Q is of the 24 states; that takes {", ".join(COMPILED_NOISE)}'
+            )
+        model = self.vehicle_model()
+        slope = model.drag_linear + 2.0 * model.drag_quadratic * self.model_speed
+        shortest_s = float((model.inertia / slope.clip(1e-12)).min())
+        if self.filter_period_s > shortest_s:
+            raise ConfigError(
+                f'parameter filter_period_s: {self.filter_period_s} s is longer than the '
+                f'{shortest_s:.3f} s in which drag stops the vehicle of parameters model_*'
             )
 
     def resolved(self) -> Configuration:

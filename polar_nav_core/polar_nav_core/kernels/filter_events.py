@@ -13,7 +13,8 @@ from . import filter_state as fs
 from .cache import kernel, routine
 from .earth import up_and_height
 from .filter import MARKOV, USBL, N, fill_transition, is_positive_definite, predict
-from .filter_fuse import enter
+from .filter_aiding import compare_velocities, model_is_definite, predict_model
+from .filter_fuse import correct_and_remember, enter
 from .filter_imu import hold_surroundings, imu_step, take_means
 from .filter_rows import depth_rows, dvl_rows, fix_rows
 from .filter_state import Frames, Log, Past, Settings, State, Work
@@ -59,6 +60,8 @@ def _covariance_step(
         c.markov[1],
         tau_usbl,
     )
+    if c.aiding.on:
+        predict_model(s, c, w, Phi, stamp_ns, dt)
     _process_noise(w.q, c, dt)
     predict(s.P, Phi, w.q, w.M)
     # The mean of a Markov error decays as its transition says.
@@ -74,6 +77,8 @@ def _covariance_step(
     # The whole test costs as much as the step itself.
     if good and number % fs.STEPS_PER_TEST == 0:
         good = is_positive_definite(s.P, c.active, w.LP)
+    if good and c.aiding.on:
+        good = model_is_definite(s, c, w, number % fs.STEPS_PER_TEST == 0)
     if not good:
         return fs.P_NOT_DEFINITE
     if log.step_P.shape[0] > 0:
@@ -104,6 +109,9 @@ def take_snapshot(s: State, log: Log) -> None:
         log.snapshot_flat[i, k] = s.flat[k]
     for k in range(fs.COUNTERS):
         log.snapshot_counters[i, k] = s.counters[k]
+    for r in range(s.model.shape[0]):
+        for k in range(E):
+            log.snapshot_flat[i, fs.FLAT + r * E + k] = s.model[r, k]
     log.counts[1] += 1
 
 
@@ -171,6 +179,12 @@ def imu_event(
         code = _covariance_step(s, c, past, w, log, stamp_ns, step)
         begin_step(s, c, stamp_ns)
     add_epoch(s, c, past)
+    # A measurement like others, after the epoch; inside this event, so that a snapshot has it.
+    if stepped and c.aiding.on and code == fs.DONE:
+        code = compare_velocities(s, c, w, step)
+        if code == fs.FUSED:
+            correct_and_remember(s, past, w.x)
+        code = min(code, fs.DONE)
     if stepped and s.counters[fs.STEPS] % c.steps_per_snapshot == 0:
         take_snapshot(s, log)
     return code

@@ -8,6 +8,7 @@ from ..arrays import Array
 from . import filter_state as fs
 from .cache import kernel, routine
 from .filter import N, cholesky, feed_back, innovation_covariance, nis_of, update
+from .filter_aiding import correct_block
 from .filter_imu import place
 from .filter_state import Frames, Log, Past, Settings, State, Work
 
@@ -29,7 +30,8 @@ def locate(s: State, fr: Frames, c: Settings) -> None:
 
 
 @kernel
-def _feed_back_and_remember(s: State, past: Past, x: Array) -> None:
+def correct_and_remember(s: State, past: Past, x: Array) -> None:
+    """Take an estimated error out of the state, and store it as a correction; not the frames."""
     feed_back(
         x,
         s.C_b_G,
@@ -52,7 +54,7 @@ def _feed_back_and_remember(s: State, past: Past, x: Array) -> None:
 @kernel
 def feed_back_and_remember(s: State, fr: Frames, c: Settings, past: Past, x: Array) -> None:
     """Take an estimated error out of the state, and store it as a correction."""
-    _feed_back_and_remember(s, past, x)
+    correct_and_remember(s, past, x)
     locate(s, fr, c)
 
 
@@ -125,6 +127,8 @@ def fuse_rows(
     if adaptive:
         learn_noise(noise, w.z, w.stated, c.forgetting, w.nis[1])
     update(s.P, w.x, w.S, w.z, m, w.K, w.PHt, w.L, w.M)
+    if c.aiding.on:
+        correct_block(s, w, m)
     if s.counting[0]:
         s.tally[stream, fs.UPDATES] += 1.0
         s.tally[stream, fs.NIS_SUM] += w.nis[0]
@@ -153,6 +157,20 @@ def fuse_filled(
     code = fuse_rows(s, c, past, w, log, m, stream, rank)
     locate(s, fr, c)
     return code
+
+
+@kernel
+def ping_passes(s: State, c: Settings, w: Work) -> int:
+    """FUSED if the ping in H, R, z would pass the gate, REFUSED, or S_NOT_DEFINITE."""
+    for a in range(3):
+        for b in range(3):
+            w.stated[a, b] = w.R[a, b]
+    if c.adaptive:
+        scale_noise(w.stated, s.noise[fs.DVL_ROW], c.floor)
+    w.nis[1] = 1.0
+    if not judge(w, s.P, w.H, w.stated, w.z, fs.VECTOR):
+        return fs.S_NOT_DEFINITE
+    return fs.FUSED if w.nis[0] <= c.gates[fs.VECTOR] else fs.REFUSED
 
 
 @kernel

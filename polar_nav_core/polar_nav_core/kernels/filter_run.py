@@ -5,9 +5,11 @@ from __future__ import annotations
 from . import filter_state as fs
 from .cache import kernel, routine
 from .filter import N
+from .filter_aiding import control_event, count_good_ping, has_bottom_lock
 from .filter_events import fill_depth, fill_dvl, fill_fix, imu_event, note_outcome
-from .filter_fuse import fuse_rows, locate
+from .filter_fuse import fuse_rows, locate, ping_passes
 from .filter_late import OUT_OF_REACH, fill_late_fix
+from .filter_model import E
 from .filter_state import Frames, Log, Past, Rows, Settings, State, Streams, Work
 
 _NEVER = 9_223_372_036_854_775_807
@@ -29,15 +31,21 @@ def _process(
     """Process events as `advance` says; the frames of the state are left behind."""
     imu_room = streams.imu_stamps.shape[0]
     while True:
-        # The next measurement; within a stamp the ranks decide: depth, DVL, fix.
+        # The next measurement; within a stamp the ranks decide: control, depth, DVL, fix.
         e = s.counters[fs.DEPTH]
         d = s.counters[fs.DVL]
         f = s.counters[fs.FIX]
+        u = s.counters[fs.CONTROL]
         stamp = _NEVER
         rank = fs.FIX_RANK
+        if u < streams.counts[4]:
+            stamp = streams.control_stamps[u % streams.control_stamps.shape[0]]
+            rank = fs.CONTROL_RANK
         if e < streams.counts[1]:
-            stamp = streams.depth_stamps[e % streams.depth_stamps.shape[0]]
-            rank = fs.DEPTH_RANK
+            other = streams.depth_stamps[e % streams.depth_stamps.shape[0]]
+            if other < stamp:
+                stamp = other
+                rank = fs.DEPTH_RANK
         if d < streams.counts[2]:
             other = streams.dvl_stamps[d % streams.dvl_stamps.shape[0]]
             if other < stamp:
@@ -57,7 +65,7 @@ def _process(
             if 0 <= rows.io[0] < now:
                 if rows.io[1] >= rows.stamps.shape[0]:
                     return fs.FULL
-                put_row(s, rows)
+                put_row(s, c, rows)
             before = s.counters[fs.STAMP]
             code = imu_event(s, c, past, w, log, now, streams.omega_ib_b[k], streams.f_b[k])
             if rows.stamps.shape[0] > 0 and now // c.output_ns != before // c.output_ns:
@@ -73,7 +81,11 @@ def _process(
         if 0 <= rows.io[0] < stamp:
             if rows.io[1] >= rows.stamps.shape[0]:
                 return fs.FULL
-            put_row(s, rows)
+            put_row(s, c, rows)
+        if rank == fs.CONTROL_RANK:
+            k = u % streams.control_stamps.shape[0]
+            control_event(s, stamp, streams.control_force_b[k])
+            continue
         locate(s, fr, c)
         if rank == fs.DEPTH_RANK:
             s.counters[fs.DEPTH] += 1
@@ -85,6 +97,14 @@ def _process(
             k = d % streams.dvl_stamps.shape[0]
             fill_dvl(s, fr, c, w, streams.dvl_v_m[k], streams.dvl_covariance_m[k])
             m, row = fs.VECTOR, fs.DVL_ROW
+            if c.aiding.on and not has_bottom_lock(s, c):
+                # After a loss of lock the first pings are only watched.
+                code = ping_passes(s, c, w)
+                if code < 0:
+                    return code
+                if not count_good_ping(s, c, code == fs.FUSED):
+                    s.tally[fs.DVL_ROW, fs.GATED] += float(s.counting[0])
+                    continue
         else:
             k = f % streams.fix_stamps.shape[0]
             steps = 0
@@ -119,6 +139,8 @@ def _process(
             streams.fix_notes[k, 2] = rows.io[1]
             m, row = fs.VECTOR, fs.FIX_ROW
         code = fuse_rows(s, c, past, w, log, m, row, rank)
+        if rank == fs.DVL_RANK and code == fs.FUSED:
+            s.counters[fs.LOCK_NS] = s.counters[fs.STAMP]
         if rank == fs.FIX_RANK:
             note_outcome(w, code, streams.fix_outcomes[k])
             if c.back_propagates and code == fs.REFUSED:
@@ -142,7 +164,7 @@ def advance(
 ) -> int:
     """Process what has come and stands before (until_ns, until_rank) in the total order.
 
-    Ranks within a stamp: IMU 0, depth 2, DVL 3, fix 4 (events.Rank).
+    Ranks within a stamp: IMU 0, control 1, depth 2, DVL 3, fix 4 (events.Rank).
 
     Returns
     -------
@@ -157,7 +179,7 @@ def advance(
 
 
 @routine
-def put_row(s: State, rows: Rows) -> None:
+def put_row(s: State, c: Settings, rows: Rows) -> None:
     """Write the estimate that is due."""
     k = rows.io[1]
     rows.stamps[k] = s.counters[fs.STAMP]
@@ -166,6 +188,11 @@ def put_row(s: State, rows: Rows) -> None:
     for a in range(N):
         for b in range(N):
             rows.P[k, a, b] = s.P[a, b]
+    if c.aiding.on:
+        s.model[fs.THRUST, fs.LOCKED] = 1.0 if has_bottom_lock(s, c) else 0.0
+        for r in range(fs.MODEL_ROWS):
+            for j in range(E):
+                rows.flat[k, fs.NAVIGATION + r * E + j] = s.model[r, j]
     for a in range(3):
         for b in range(3):
             rows.tally[k, a, b] = s.tally[a, b]
@@ -205,4 +232,7 @@ def _restore(s: State, log: Log, number: int) -> None:
         s.flat[k] = log.snapshot_flat[i, k]
     for k in range(fs.COUNTERS):
         s.counters[k] = log.snapshot_counters[i, k]
+    for r in range(s.model.shape[0]):
+        for k in range(E):
+            s.model[r, k] = log.snapshot_flat[i, fs.FLAT + r * E + k]
     log.counts[1] = number + 1

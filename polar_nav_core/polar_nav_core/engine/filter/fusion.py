@@ -12,7 +12,16 @@ from dataclasses import dataclass, replace
 from ...kernels import filter_events as fe
 from ...kernels import filter_rows
 from ...kernels import filter_state as fs
-from ..events import Array, DepthSample, DvlPing, Fix, ImuSample, InitialState
+from ..events import (
+    Array,
+    ControlSample,
+    DepthSample,
+    DvlPing,
+    Fix,
+    ImuSample,
+    InitialState,
+    ModelEstimate,
+)
 from ..params import EngineParams
 from .adaptation import make_noise, make_process
 from .history import Epoch
@@ -79,6 +88,15 @@ class Fusion:
             return self.filter.dvl(event)
         self.filter.fill_dvl(event)
         return self.filter.fuse(3, self._noise_dvl, fs.DVL_ROW)
+
+    def control(self, sample: ControlSample) -> None:
+        """Take note of the thrust; without a vehicle model there is no use for it."""
+        if self.filter.settings.aiding.on:
+            self.filter.control(sample)
+
+    def model(self) -> ModelEstimate | None:
+        """What is known of vehicle and water; None without a vehicle model."""
+        return self.filter.model_estimate()
 
     def fix(self, fix: Fix) -> FixResult | None:
         """Fuse a fix; None when the stored history does not reach back to its validity."""

@@ -50,10 +50,14 @@ class Epoch:
     correction: int
 
 
-def make_past(length_s: float, step_s: float) -> fs.Past:
-    """Rings of epochs, transitions and corrections for so many seconds."""
+def make_past(length_s: float, step_s: float, *, model: bool = False) -> fs.Past:
+    """Rings of epochs, transitions and corrections for so many seconds.
+
+    A vehicle's model corrects at each step.
+    """
     epochs = int(length_s / IMU_PERIOD_S) + 2
-    corrections = int(length_s * CORRECTIONS_PER_S) + 16
+    rate = CORRECTIONS_PER_S + (1.0 / step_s if model else 0.0)
+    corrections = int(length_s * rate) + 16
     steps = int(length_s / step_s) + 2
     return fs.Past(
         stamps=np.zeros(epochs, dtype=np.int64),

@@ -21,8 +21,18 @@ from ...kernels import filter_events as fe
 from ...kernels import filter_fuse as ff
 from ...kernels import filter_late, filter_run, filter_walk
 from ...kernels import filter_state as fs
-from ..events import Array, DepthSample, DvlPing, Fix, ImuSample, InitialState
+from ..events import (
+    Array,
+    ControlSample,
+    DepthSample,
+    DvlPing,
+    Fix,
+    ImuSample,
+    InitialState,
+    ModelEstimate,
+)
 from ..params import ROBUST_FIXES, EngineParams
+from . import aiding
 from . import streams as st
 from .history import CORRECTIONS_PER_S, IMU_PERIOD_S, History, make_past
 from .log import make_log
@@ -77,18 +87,20 @@ class NavigationFilter:
         snapshots: bool = False,
     ) -> None:
         self._p = params
-        self.state = fs.make_state()
+        model = params.model_aiding
+        self.state = fs.make_state(model=model)
         self.frames = fs.make_frames()
         self.work = fs.make_work()
         self.settings = make_settings(params)
         # A late fix that stands in the log of steps where it was received may have to be put where
         # it belongs as long as a fix valid before its reception may come.
         length_s = params.history_s + (params.max_delay_s if steps else 0.0)
-        self.past = make_past(length_s, params.filter_period_s)
+        self.past = make_past(length_s, params.filter_period_s, model=model)
         self.log = make_log(
             self.past,
             steps=steps,
             snapshots=steps_per_snapshot(params.filter_period_s) if snapshots else 0,
+            model=model,
         )
         self.history = History(self.past, self.state)
         kept_s = params.history_s if snapshots else 0.0
@@ -100,7 +112,8 @@ class NavigationFilter:
         self._set_state(initial)
         weight = params.forgetting ** (1.0 / (1.0 - params.forgetting))  # b^k with k = k0
         self.state.noise[:] = [weight, 1.0, 1.0, 1.0]
-        self.state.counters[fs.STAMP] = stamp_ns
+        for k in (fs.STAMP, fs.IMPULSE_NS, fs.LOCK_NS):
+            self.state.counters[k] = stamp_ns
         fe.begin_step(self.state, self.settings, stamp_ns)
         ff.locate(self.state, self.frames, self.settings)
         fe.add_epoch(self.state, self.settings, self.past)
@@ -144,6 +157,7 @@ class NavigationFilter:
         C_e_G = grid.ecef_to_grid(self.r_e)
         position_G = np.diag([s.sigma_position_horizontal**2] * 2 + [s.sigma_position_vertical**2])
         self.P[6:9, 6:9] = C_e_G.T @ position_G @ C_e_G
+        aiding.start(self.state, p)
 
     @property
     def stamp_ns(self) -> int:
@@ -217,6 +231,33 @@ class NavigationFilter:
         st.put_depth(self.streams, sample)
         self.advance()
         return self.outcome(1, fused=bool(self.state.tally[fs.DEPTH_ROW, fs.GATED] == gated))
+
+    def control(self, sample: ControlSample) -> None:
+        """Take a thrust, which the vehicle's model needs."""
+        st.put_control(self.streams, sample)
+        self.advance()
+
+    def model_estimate(self) -> ModelEstimate | None:
+        """What is known of vehicle and water; None without a vehicle's model."""
+        c = self.settings.aiding
+        if not c.on:
+            return None
+        block = self.state.model.copy()
+        block[fs.THRUST, fs.LOCKED] = self.has_bottom_lock
+        return aiding.estimate_of(aiding.values_of(block[None], c)[0])
+
+    @property
+    def has_bottom_lock(self) -> bool:
+        """Whether the last ping that was used is not too long ago; for a vehicle's model only."""
+        age_ns = self.state.counters[fs.STAMP] - self.state.counters[fs.LOCK_NS]
+        return bool(age_ns <= self.settings.aiding.lost_ns)
+
+    @property
+    def knows_thrust(self) -> bool:
+        """Whether the newest thrust is new enough for a vehicle's model."""
+        counters = self.state.counters
+        age_ns = counters[fs.STAMP] - counters[fs.THRUST_NS]
+        return bool(counters[fs.THRUST_NS] > 0 and age_ns <= self.settings.aiding.thrust_ns)
 
     def outcome(self, m: int, *, fused: bool) -> Outcome:
         """Outcome of the update that stands in the scratch."""
@@ -398,6 +439,7 @@ def make_settings(p: EngineParams) -> fs.Settings:
         lever_point_b=np.array(p.transponder_lever_b),
         lever_dvl_b=np.array(p.dvl_lever_b),
         lever_depth_b=np.array(p.depth_lever_b),
+        aiding=aiding.make_aiding(p),
     )
 
 

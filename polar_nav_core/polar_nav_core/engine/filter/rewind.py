@@ -137,6 +137,7 @@ class Rewind(Fusion):
             fs.IMU: processed[fs.IMU] - len(streams.imu_stamps),
             fs.DEPTH: processed[fs.DEPTH] - len(streams.depth_stamps),
             fs.DVL: processed[fs.DVL] - len(streams.dvl_stamps),
+            fs.CONTROL: processed[fs.CONTROL] - len(streams.control_stamps),
             fs.FIX: max(processed[fs.FIX] - len(streams.fix_stamps) + 1, self._first),
         }
         middle = low  # mostly there is room for all

@@ -11,17 +11,17 @@ from typing import Any
 import numpy as np
 
 from ...kernels import filter_state as fs
-from ..events import DepthSample, DvlPing, Fix, ImuSample
+from ..events import ControlSample, DepthSample, DvlPing, Fix, ImuSample
 
 FIXES = 4096
 """Room for the fixes that `rewind` keeps."""
 
 
 def live_streams(length_s: float, imu_rate: float, local_rate: float) -> fs.Streams:
-    """Rings for so many seconds; ``local_rate`` is of DVL and depth each [Hz]."""
+    """Rings for so many seconds; ``local_rate`` is of DVL, depth and control each [Hz]."""
     imu, local = int(length_s * imu_rate) + 16, int(length_s * local_rate) + 16
     return fs.Streams(
-        counts=np.zeros(4, dtype=np.int64),
+        counts=np.zeros(5, dtype=np.int64),
         imu_stamps=np.zeros(imu, dtype=np.int64),
         omega_ib_b=np.zeros((imu, 3)),
         f_b=np.zeros((imu, 3)),
@@ -32,6 +32,8 @@ def live_streams(length_s: float, imu_rate: float, local_rate: float) -> fs.Stre
         dvl_v_m=np.zeros((local, 3)),
         dvl_covariance_m=np.zeros((local, 3, 3)),
         **room_for_fixes(),
+        control_stamps=np.zeros(local, dtype=np.int64),
+        control_force_b=np.zeros((local, 3)),
     )
 
 
@@ -73,6 +75,14 @@ def put_dvl(streams: fs.Streams, ping: DvlPing) -> None:
     streams.dvl_v_m[i] = ping.v_m
     streams.dvl_covariance_m[i] = ping.covariance_m
     streams.counts[2] += 1
+
+
+def put_control(streams: fs.Streams, sample: ControlSample) -> None:
+    """Append a thrust."""
+    i = streams.counts[4] % len(streams.control_stamps)
+    streams.control_stamps[i] = sample.stamp_ns
+    streams.control_force_b[i] = sample.force_b
+    streams.counts[4] += 1
 
 
 def insert_fix(streams: fs.Streams, fix: Fix, number: int) -> None:
