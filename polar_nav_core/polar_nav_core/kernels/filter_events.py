@@ -16,6 +16,7 @@ from .filter import MARKOV, USBL, N, fill_transition, is_positive_definite, pred
 from .filter_aiding import compare_velocities, model_is_definite, predict_model
 from .filter_fuse import correct_and_remember, enter
 from .filter_imu import hold_surroundings, imu_step, take_means
+from .filter_model import E
 from .filter_rows import depth_rows, dvl_rows, fix_rows
 from .filter_state import Frames, Log, Past, Settings, State, Work
 from .filter_walk import KEPT

@@ -137,7 +137,7 @@ def fuse_rows(
         store_update(log, number, w, m)
         stamp_ns = s.counters[fs.STAMP]
         enter(log, fs.UPDATE, number, stamp_ns, rank, s.counters[fs.EPOCHS], m)
-    _feed_back_and_remember(s, past, w.x)
+    correct_and_remember(s, past, w.x)
     return fs.FUSED
 
 
