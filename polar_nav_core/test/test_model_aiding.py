@@ -112,10 +112,46 @@ def test_the_covariance_of_all_states_stays_positive_definite(world):
     P_xe, P_ee = f.state.model[fs.P_XE : fs.P_EE], f.state.model[fs.P_EE : fs.MEAN]
     assert np.array_equal(P_ee, P_ee.T)
     assert not P_xe[21:].any()  # the USBL bias is not in use
-    P = np.block([[f.P, P_xe], [P_xe.T, P_ee]])
-    P = np.delete(np.delete(P, [21, 22, 23], 0), [21, 22, 23], 1)
+    P = np.delete(np.delete(joined(f), [21, 22, 23], 0), [21, 22, 23], 1)
     sigma = np.sqrt(np.diagonal(P))
     assert np.linalg.eigvalsh(P / np.outer(sigma, sigma))[0] > 1e-9
+
+
+def joined(f):
+    """Covariance of all 31 states."""
+    P_xe, P_ee = f.state.model[fs.P_XE : fs.P_EE], f.state.model[fs.P_EE : fs.MEAN]
+    return np.block([[f.P, P_xe], [P_xe.T, P_ee]])
+
+
+@pytest.mark.parametrize('kind', ['dvl', 'depth', 'fix'])
+def test_every_measurement_corrects_the_model_by_its_covariance(world, kind):
+    """One event of the engine against Joseph's form on 31 states with the rows that it used."""
+    engine = Engine(params(world))
+    now = int(world.stamps[615])
+    run(engine, [e for e in sensors(world) if e.stamp_ns <= now])
+    f = engine._fusion.filter
+    before, e = joined(f), f.state.model[fs.MEAN].copy()
+    if kind == 'dvl':
+        ping = world.dvl()[0]
+        event = dataclasses.replace(ping, stamp_ns=now, v_m=f.C_b_G.T @ f.v_G + 0.01)
+    elif kind == 'depth':
+        depth = world.depth(every=615)[0]
+        event = dataclasses.replace(depth, depth=depth.depth + 0.1)
+    else:
+        event = world.fixes(100.0, 1.0, rng=np.random.default_rng(0), first_s=5.15)[0]
+    list(engine.process(event))
+    m = 1 if kind == 'depth' else 3
+    H = np.hstack([f.work.H[:m], np.zeros((m, 7))])
+    R, z = f.work.R[:m, :m], f.work.z[:m]
+    K = np.linalg.solve(H @ before @ H.T + R, H @ before).T
+    A = np.eye(31) - K @ H
+    expected = A @ before @ A.T + K @ R @ K.T
+    sigma = np.sqrt(np.diagonal(before))
+    sigma[sigma == 0.0] = 1.0
+    assert np.abs((joined(f) - expected) / np.outer(sigma, sigma)).max() < 1e-9
+    moved = e - f.state.model[fs.MEAN]
+    np.testing.assert_allclose(moved, (K @ z)[24:], atol=1e-9 * sigma[24:].min())
+    assert np.abs(moved).max() > 1e-8
 
 
 def test_thrust_counts_from_its_stamp_on(world):

@@ -270,8 +270,11 @@ class _Compiled:
         """Part what the compiled loop can take from what gets a receipt or is passed over."""
         x = self._inputs
         imu = _finite(x.omega_ib_b) & _finite(x.f_b)
-        good = np.flatnonzero(imu)
-        imu[good[1:][np.diff(x.imu_stamps_ns[good]) == 0]] = False  # a stamp twice
+        good = slice(None) if imu.all() else np.flatnonzero(imu)
+        steps_ns = np.diff(x.imu_stamps_ns[good])
+        self._gaps = int(np.count_nonzero(steps_ns > self._engine.params.max_imu_gap_s * 1e9))
+        if not steps_ns.all():  # a stamp twice
+            imu[np.flatnonzero(imu)[1:][steps_ns == 0]] = False
         variances = np.diagonal(x.dvl_covariance_m, axis1=1, axis2=2)
         dvl = (
             x.dvl_valid
@@ -281,7 +284,7 @@ class _Compiled:
         )
         control = _finite(x.control_force_b) & _finite(x.control_torque_b)
         depth = np.isfinite(x.depth) & np.isfinite(x.depth_variance) & (x.depth_variance > 0.0)
-        self._first = int(good[0]) if len(good) else None
+        self._first = int(np.argmax(imu)) if imu.any() else None
         self._kept = replace(
             x,
             imu_stamps_ns=_rows_of(x.imu_stamps_ns, imu),
@@ -334,9 +337,7 @@ class _Compiled:
             self._start(first)
         self._advance(_END_NS, int(Rank.IMU))
         self._flush(_END_NS)
-        gap_ns = self._engine.params.max_imu_gap_s * 1e9
-        gaps = int(np.sum(np.diff(self._kept.imu_stamps_ns) > gap_ns))
-        self._engine.count_locals(self._local_statistics(), gaps)
+        self._engine.count_locals(self._local_statistics(), self._gaps)
         if self._progress is not None:
             self._progress(1.0)
 

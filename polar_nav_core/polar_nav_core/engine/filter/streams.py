@@ -18,7 +18,10 @@ FIXES = 4096
 
 
 def live_streams(length_s: float, imu_rate: float, local_rate: float) -> fs.Streams:
-    """Rings for so many seconds; ``local_rate`` is of DVL, depth and control each [Hz]."""
+    """Rings for so many seconds; ``local_rate`` is of DVL and depth each [Hz].
+
+    Thrust may come as often as IMU samples.
+    """
     imu, local = int(length_s * imu_rate) + 16, int(length_s * local_rate) + 16
     return fs.Streams(
         counts=np.zeros(5, dtype=np.int64),
@@ -32,8 +35,8 @@ def live_streams(length_s: float, imu_rate: float, local_rate: float) -> fs.Stre
         dvl_v_m=np.zeros((local, 3)),
         dvl_covariance_m=np.zeros((local, 3, 3)),
         **room_for_fixes(),
-        control_stamps=np.zeros(local, dtype=np.int64),
-        control_force_b=np.zeros((local, 3)),
+        control_stamps=np.zeros(imu, dtype=np.int64),
+        control_force_b=np.zeros((imu, 3)),
     )
 
 
