@@ -307,6 +307,36 @@ def test_a_lost_dvl_is_used_again_after_three_good_pings(world):
     assert (used, waited) == (len(pings) - 2, 2)
 
 
+def test_the_engine_says_what_stands_in_for_what(world):
+    events = [*world.imu(), *thrust(world), *world.dvl()]
+    told = {}
+    for name, until_s, controls in (
+        ('all', 3.9, True),
+        ('no_dvl', 12.0, True),
+        ('no_thrust', 3.9, False),
+    ):
+        engine = Engine(params(world))
+        end = world.stamps[0] + int(until_s * 1e9)
+        run(
+            engine,
+            [
+                e
+                for e in events
+                if e.stamp_ns <= end
+                and (controls or not isinstance(e, ControlSample))
+                and not (isinstance(e, DvlPing) and e.stamp_ns - world.stamps[0] > 4e9)
+            ],
+        )
+        told[name] = engine.aiding_warning, engine.bottom_lock, engine.thrust_known
+    assert told['all'] == ('', True, True)
+    assert 'no bottom lock for 8 s' in told['no_dvl'][0]
+    assert told['no_dvl'][1:] == (False, True)
+    assert 'control/thrust' in told['no_thrust'][0]
+    off = Engine(world.params())
+    run(off, world.imu()[:5])
+    assert (off.aiding_warning, off.bottom_lock, off.thrust_known) == ('', None, None)
+
+
 def test_the_covariance_has_no_jump_when_lock_is_lost(world):
     """Without pings it grows by process noise only, and never shrinks by a switch."""
     pings = [p for p in world.dvl() if p.stamp_ns - world.stamps[0] < 4.05e9]

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import FilterDivergence
-from .checks import history_warning
+from .checks import aiding_warning, history_warning
 from .events import (
     LOCAL_DOF,
     LOCAL_GATED,
@@ -148,6 +148,11 @@ class Engine:
     def thrust_known(self) -> bool | None:
         """Whether the thrust that the model needs comes; None as of `bottom_lock`."""
         return self._aided.knows_thrust if self._aided is not None else None
+
+    @property
+    def aiding_warning(self) -> str:
+        """Say that the vehicle's model lacks the thrust, or stands in for the DVL; or empty."""
+        return aiding_warning(self._aided) if self._aided is not None else ''
 
     @property
     def _aided(self) -> NavigationFilter | None:

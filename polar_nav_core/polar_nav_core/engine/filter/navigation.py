@@ -253,6 +253,11 @@ class NavigationFilter:
         return bool(age_ns <= self.settings.aiding.lost_ns)
 
     @property
+    def since_bottom_lock_s(self) -> float:
+        """Time since the last ping that was used [s]."""
+        return float(self.state.counters[fs.STAMP] - self.state.counters[fs.LOCK_NS]) * 1e-9
+
+    @property
     def knows_thrust(self) -> bool:
         """Whether the newest thrust is new enough for a vehicle's model."""
         counters = self.state.counters
