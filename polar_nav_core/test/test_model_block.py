@@ -202,7 +202,7 @@ def test_many_steps_of_prediction_and_update_are_those_of_31_states():
 
 
 def without_e(rng, P, P_xe, P_ee, dense, w, m):
-    """Update by m rows that do not know e: gain and rows of the 24 states first, the block after."""
+    """Update by m rows that do not know e: the 24 states first, the block after."""
     H = np.zeros((3, N))
     H[:m, rng.integers(0, N, 5)] = rng.normal(size=(m, 5)) / SCALES[4]
     R, z = np.eye(3) * 0.5, rng.normal(size=3)
