@@ -122,7 +122,10 @@ _LAYOUT = struct.Struct('<' + ''.join(f.code * f.count for f in FIELDS))
 _BY_NAME = {f.name: f for f in FIELDS}
 _ROW = np.dtype(
     [
-        *((f.name, f'<{f.code}', f.count) if f.count > 1 else (f.name, f'<{f.code}') for f in FIELDS),
+        *(
+            (f.name, f'<{f.code}', f.count) if f.count > 1 else (f.name, f'<{f.code}')
+            for f in FIELDS
+        ),
         ('crc', '<u2'),
     ]
 )

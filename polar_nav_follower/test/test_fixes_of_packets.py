@@ -55,7 +55,8 @@ def assert_the_same(found):
             x, y = getattr(a, field.name), getattr(b, field.name)
             if isinstance(y, np.ndarray):
                 np.testing.assert_array_equal(x, y)
-                assert x.flags.c_contiguous and x.flags.writeable == y.flags.writeable
+                assert x.flags.c_contiguous
+                assert x.flags.writeable == y.flags.writeable
             else:
                 assert type(x) is type(y)
                 assert x == y or (x != x and y != y), field.name

@@ -1,13 +1,14 @@
 """A whole run at once: sensor data as arrays in, the track and the receipts out.
 
 The engine is the same as in the node, down to the last bit; only the driver differs: whatever
-stands between two position fixes goes through one compiled loop. Experiments, Monte Carlo runs and
+stands between two position fixes goes through one compiled loop, with `back_propagate` the fixes
+too, up to one that is refused. Experiments, Monte Carlo runs and
 fast replays use this.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -18,26 +19,15 @@ from ..errors import FilterDivergence
 from ..kernels import filter_events as fe
 from ..kernels import filter_run
 from ..kernels import filter_state as fs
-from ..kernels.filter_model import E
 from .engine import Engine
-from .events import (
-    Array,
-    Estimate,
-    Event,
-    Fix,
-    ImuSample,
-    Output,
-    Rank,
-    Receipt,
-    Verdict,
-    no_local_statistics,
-)
+from .events import Array, Event, Fix, ImuSample, Rank, Receipt, Verdict
 from .filter import aiding
 from .filter.fusion import FixResult, Fusion
 from .filter.navigation import NavigationFilter
 from .filter.streams import put_late_fix, room_for_fixes
 from .inputs import Inputs, Stamps
 from .params import EngineParams
+from .track import ROWS, Collector, RowSink, Track
 
 __all__ = ['Inputs', 'Progress', 'Result', 'RowSink', 'Stamps', 'Track', 'run']
 
@@ -46,45 +36,6 @@ Progress = Callable[[float], None]
 
 _STRETCH = 1024
 """Fixes that the compiled loop is given at a time, at most."""
-_ROWS = 256  # their covariances stay in the second cache
-
-
-@dataclass(frozen=True)
-class Track:
-    """Estimates of a run, one row each.
-
-    Attributes
-    ----------
-    stamps_ns : (k,) array
-    r_e, v_G : (k, 3) arrays
-        Position, ECEF [m]; velocity, grid axes [m/s].
-    C_b_G : (k, 3, 3) array
-    P : (k, 24, 24) array
-        Covariance of the error state.
-    sensor_errors : (k, 15) array
-        Gyro bias, accelerometer bias, DVL scale, DVL Markov velocity, USBL bias as estimated.
-    local_statistics : (k, 2, 3) array
-        Of DVL and depth since the row before: used, gated, sum of NIS (events.LOCAL_DOF).
-    fixes : (k, 3) array
-        Fixes received, fixes fused, newest validity [ns].
-    model : (k, 31) array
-        Of vehicle and water; `filter.aiding.estimate_of` names what stands in a row. Without the
-        vehicle's model, (k, 0).
-    """
-
-    stamps_ns: Stamps
-    r_e: Array
-    v_G: Array
-    C_b_G: Array
-    P: Array
-    sensor_errors: Array
-    local_statistics: Array
-    fixes: Stamps
-    model: Array = field(default_factory=lambda: np.zeros((0, 0)))
-
-
-RowSink = Callable[[Track], None]
-"""Given the rows of a run some hundred at a time; they are overwritten after the call."""
 
 
 @dataclass(frozen=True)
@@ -121,7 +72,7 @@ def run(
         Takes the rows instead of the result: half a day of covariances does not fit in memory.
     """
     engine = Engine(params)
-    collector = _Collector(sink, aiding.make_aiding(params))
+    collector = Collector(sink, aiding.make_aiding(params))
     if one_by_one or not engine.compiled:
         for event in inputs.events():
             collector.take(engine.process(event))
@@ -133,130 +84,11 @@ def run(
     return Result(collector.track(), receipts, engine.divergence, dict(engine.verdicts))
 
 
-class _Collector:
-    """Rows of the track in chunks, and receipts."""
-
-    def __init__(self, sink: RowSink | None, model: fs.Aiding) -> None:
-        self._chunks: list[Track] = []
-        self._sink = sink or self._keep
-        self._single: list[Track] = []
-        self._model = model
-        self.rows = fs.make_rows(_ROWS, model=model.on)
-        self._fixes = np.zeros((_ROWS, 3), dtype=np.int64)
-        self._noted = 0
-        self.receipts: list[Receipt] = []
-        self.local_statistics = no_local_statistics()
-
-    def take(self, outputs: Iterator[Output]) -> None:
-        """Take what the engine gives by itself."""
-        for output in outputs:
-            if isinstance(output, Receipt):
-                self.receipts.append(output)
-            elif isinstance(output, Estimate):
-                self._drain_rows()
-                self._single.append(_row(output))
-                if len(self._single) >= _ROWS:
-                    self._drain_single()
-
-    def note(self, engine: Engine, until: int | None = None) -> None:
-        """Write the engine's counts of fixes to the rows that came since the last time.
-
-        Up to row ``until``, where that is given.
-        """
-        n = int(self.rows.io[1]) if until is None else until
-        if n > self._noted:
-            self._fixes[self._noted : n] = engine.fix_counts()
-            self._noted = n
-
-    def drain(self) -> None:
-        """Pass on what waits."""
-        self._drain_single()
-        self._drain_rows()
-
-    def _drain_single(self) -> None:
-        if self._single:
-            self._pass_on(_joined(self._single))
-            self._single = []
-
-    def _drain_rows(self) -> None:
-        n, rows = self._noted, self.rows
-        if n == 0:
-            return
-        self._drain_single()
-        flat = rows.flat[:n]
-        self._pass_on(
-            Track(
-                rows.stamps[:n],
-                flat[:, 12:15],
-                flat[:, 9:12],
-                flat[:, 0:9].reshape(n, 3, 3),
-                rows.P[:n],
-                flat[:, 15:30],
-                rows.tally[:n, :2],
-                self._fixes[:n],
-                self._values(flat),
-            )
-        )
-        rows.io[1] = self._noted = 0
-
-    def _values(self, flat: Array) -> Array:
-        if not self._model.on:
-            return np.zeros((len(flat), 0))
-        return aiding.values_of(
-            flat[:, fs.NAVIGATION :].reshape(-1, fs.MODEL_ROWS, E), self._model
-        )
-
-    def _pass_on(self, chunk: Track) -> None:
-        self.local_statistics += np.sum(chunk.local_statistics, axis=0)
-        self._sink(chunk)
-
-    def _keep(self, chunk: Track) -> None:
-        self._chunks.append(Track(**{n: getattr(chunk, n).copy() for n in _NAMES}))
-
-    def track(self) -> Track:
-        if not self._chunks:
-            return Track(
-                np.zeros(0, dtype=np.int64),
-                r_e=np.zeros((0, 3)),
-                v_G=np.zeros((0, 3)),
-                C_b_G=np.zeros((0, 3, 3)),
-                P=np.zeros((0, 24, 24)),
-                sensor_errors=np.zeros((0, 15)),
-                local_statistics=np.zeros((0, 2, 3)),
-                fixes=np.zeros((0, 3), dtype=np.int64),
-                model=np.zeros((0, aiding.WIDTH if self._model.on else 0)),
-            )
-        return _joined(self._chunks)
-
-
-_NAMES = tuple(Track.__dataclass_fields__)
-
-
-def _joined(chunks: list[Track]) -> Track:
-    return Track(**{n: np.concatenate([getattr(c, n) for c in chunks]) for n in _NAMES})
-
-
-def _row(e: Estimate) -> Track:
-    errors = [e.gyro_bias_b, e.accel_bias_b, e.dvl_scale_m, e.dvl_markov_m, e.usbl_bias_a]
-    counts = [e.fixes_received, e.fixes_fused, e.last_validity_ns]
-    return Track(
-        np.array([e.stamp_ns], dtype=np.int64),
-        e.r_e[None],
-        e.v_G[None],
-        e.C_b_G[None],
-        e.P[None],
-        np.concatenate(errors)[None],
-        e.local_statistics[None],
-        np.array([counts], dtype=np.int64),
-        aiding.row_of(e.model)[None],
-    )
-
-
 class _Compiled:
     """Drives an engine with arrays: fixes and whatever is odd in Python, the rest compiled."""
 
     def __init__(
-        self, engine: Engine, inputs: Inputs, collector: _Collector, progress: Progress | None
+        self, engine: Engine, inputs: Inputs, collector: Collector, progress: Progress | None
     ) -> None:
         self._engine = engine
         self._inputs = inputs
@@ -477,7 +309,7 @@ class _Compiled:
         if self._fusion is None or not self._engine.navigating:
             return
         if 0 <= self._rows.io[0] < stamp_ns:
-            if self._rows.io[1] >= _ROWS:
+            if self._rows.io[1] >= ROWS:
                 self._collector.note(self._engine)
                 self._collector.drain()
             f = self._fusion.filter

@@ -143,11 +143,10 @@ def innovation_covariance(S: Array, PHt: Array, P: Array, H: Array, R: Array, m:
     Columns of H are mostly zeros, which are passed over. Three rows are taken at once.
     """
     n = P.shape[0]
-    if m == 3:
+    for a in range(m):
         for i in range(n):
-            PHt[0, i] = 0.0
-            PHt[1, i] = 0.0
-            PHt[2, i] = 0.0
+            PHt[a, i] = 0.0
+    if m == 3:
         for k in range(n):
             h_0 = H[0, k]
             h_1 = H[1, k]
@@ -171,18 +170,13 @@ def innovation_covariance(S: Array, PHt: Array, P: Array, H: Array, R: Array, m:
             s_21 += H[2, k] * PHt[1, k]
             s_22 += H[2, k] * PHt[2, k]
         S[0, 0] = s_00
-        S[1, 0] = s_10
-        S[0, 1] = s_10
         S[1, 1] = s_11
-        S[2, 0] = s_20
-        S[0, 2] = s_20
-        S[2, 1] = s_21
-        S[1, 2] = s_21
         S[2, 2] = s_22
+        S[1, 0] = S[0, 1] = s_10
+        S[2, 0] = S[0, 2] = s_20
+        S[2, 1] = S[1, 2] = s_21
         return
     for a in range(m):
-        for i in range(n):
-            PHt[a, i] = 0.0
         for k in range(n):
             h = H[a, k]
             if h != 0.0:
@@ -403,6 +397,4 @@ def scratch() -> dict[str, Any]:
         'PHt': np.zeros((3, N)),
         'K': np.zeros((3, N)),
         'w': np.zeros(3),
-        'LU': np.zeros((NAV, NAV)),
-        'pivot': np.zeros(NAV, dtype=np.int64),
     }

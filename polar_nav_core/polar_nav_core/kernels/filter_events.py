@@ -230,9 +230,7 @@ def epoch_place(past: Past, i: int, point_e: Array, velocity_e: Array, C_e_G: Ar
 
 
 @kernel
-def fill_depth(
-    s: State, fr: Frames, c: Settings, w: Work, depth: float, variance: float
-) -> None:
+def fill_depth(s: State, fr: Frames, c: Settings, w: Work, depth: float, variance: float) -> None:
     """Rows of a depth at the present estimate into the scratch."""
     depth_rows(
         w.H,
@@ -280,7 +278,7 @@ def fill_fix(
     covariance_e: Array,
     array_heading: float,
 ) -> None:
-    """Rows of a position fix that is valid now into the scratch: the present position plus v dt."""
+    """Rows of a fix that is valid now into the scratch: the present position plus v dt."""
     dt = (stamp_ns - s.counters[fs.STAMP]) * 1e-9
     for k in range(3):
         w.point_e[k] = fr.point_e[k] + fr.velocity_e[k] * dt

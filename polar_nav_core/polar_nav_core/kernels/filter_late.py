@@ -28,7 +28,8 @@ def newest_until(stamps: Ints, count: int, stamp_ns: int) -> int:
             low = middle
         else:
             high = middle - 1
-    return low
+    found: int = low
+    return found
 
 
 @routine
@@ -95,4 +96,5 @@ def fill_late_fix(
         s.counters[fs.CORRECTIONS],
         w.LU,
     )
-    return s.counters[fs.STEPS] - step
+    steps: int = s.counters[fs.STEPS] - step
+    return steps

@@ -6,7 +6,6 @@ from ..arrays import Array
 from .cache import kernel
 from .filter import COUPLED, MARKOV, NAV, Ints, N
 
-
 INVERSE = (NAV + 1, COUPLED + 1)
 """Shape of what is kept of an inverted transition: see `invert`."""
 KEPT = (NAV, COUPLED)
