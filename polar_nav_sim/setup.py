@@ -38,6 +38,8 @@ setup(
     extras_require={'test': ['avar', 'gsw', 'matplotlib', 'pytest', 'pytest-timeout']},
     entry_points={
         'console_scripts': [
+            'vehicle_node = polar_nav_sim.nodes.vehicle_node:main',
+            'station_node = polar_nav_sim.nodes.station_node:main',
             'truth_node = polar_nav_sim.nodes.truth_node:main',
             'imu_node = polar_nav_sim.nodes.imu_node:main',
             'dvl_node = polar_nav_sim.nodes.dvl_node:main',

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 import json
 import os
+import sys
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from live_support import DEMO_SECONDS, FinishedDemo, RunningDemo, polar
+
+sys.path.insert(0, str(Path(__file__).parents[1] / 'polar_nav_tools' / 'test'))
+
+from against_mcap import bags_also_read_by_mcap  # noqa: F401 - a fixture of every test
 
 
 @pytest.fixture

@@ -25,6 +25,8 @@ PACKAGES = tuple(sorted(p.parent.name for p in ROOT.glob('polar_nav_*/setup.py')
 NODES = {
     'polar_nav_sim': {
         'truth_node',
+        'vehicle_node',
+        'station_node',
         'imu_node',
         'dvl_node',
         'depth_node',

@@ -24,6 +24,8 @@ pytestmark = [pytest.mark.live, pytest.mark.timeout(300)]
 PROGRAMS = {
     'polar_nav_sim': (
         'truth_node',
+        'vehicle_node',
+        'station_node',
         'imu_node',
         'dvl_node',
         'depth_node',

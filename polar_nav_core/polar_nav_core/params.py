@@ -8,13 +8,17 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, field, fields
+from difflib import get_close_matches
 from typing import Any, TypeVar
 
 from .errors import ConfigError
 
 T = TypeVar('T')
+
+_FEW = 12
+_SUGGESTED = 3
 
 
 def param(default: float, unit: str, lo: float, hi: float, doc: str) -> Any:  # noqa: ANN401 - a dataclass field
@@ -129,10 +133,21 @@ def from_mapping(cls: type[T], values: Mapping[str, Any]) -> T:
     unknown = sorted(set(values) - set(known))
     if unknown:
         raise ConfigError(
-            f'unknown parameter {unknown[0]}; {cls.__name__} has {", ".join(sorted(known))}'
+            f'unknown parameter {unknown[0]} of {cls.__name__}; {names_near(unknown[0], known)}'
         )
     typed = {name: tuple(v) if isinstance(v, list) else v for name, v in values.items()}
     return cls(**typed)
+
+
+def names_near(name: str, known: Collection[str]) -> str:
+    """Say which names were probably meant; all of them where they are few."""
+    if len(known) <= _FEW:
+        return f'there are {", ".join(sorted(known))}'
+    containing = [k for k in sorted(known) if name in k]
+    spelled_alike = get_close_matches(name, sorted(known), n=_SUGGESTED)
+    near = list(dict.fromkeys([*containing, *spelled_alike]))[:_SUGGESTED]
+    meant = f'did you mean {" or ".join(near)}? ' if near else ''
+    return f'{meant}docs/parameters.md lists all {len(known)}'
 
 
 def to_mapping(params: object) -> dict[str, Any]:

@@ -123,6 +123,7 @@ def compare(world, fixes):
     return engine
 
 
+@pytest.mark.slow
 @settings(max_examples=8, deadline=None)
 @given(st.integers(0, 2**32))
 def test_random_schedules_give_the_augmented_filter(world, seed):

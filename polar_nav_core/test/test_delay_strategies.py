@@ -39,6 +39,7 @@ def in_order(fixes):
     return [dataclasses.replace(f, receive_ns=f.validity_ns) for f in once.values()]
 
 
+@pytest.mark.slow
 @settings(max_examples=15, deadline=None)
 @given(st.data())
 def test_rewind_equals_in_order_processing_to_the_bit(world, data):

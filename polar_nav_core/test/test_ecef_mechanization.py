@@ -17,6 +17,8 @@ from polar_nav_core.kernels import strapdown
 DT = 0.01
 DURATION = 3600.0 if not numba.config.DISABLE_JIT else 3.0
 SPEED = 3.1
+# Without the compiler it is three seconds of sailing, and quick.
+AN_HOUR = () if numba.config.DISABLE_JIT else pytest.mark.slow
 
 # name: (latitude, longitude [deg], course as a vector in ECEF x, y; None: towards the axis)
 STARTS = {
@@ -38,7 +40,7 @@ def trajectory_of(name):
     return Trajectory(x, y, v[0], v[1], sign=np.sign(lat))
 
 
-@pytest.mark.parametrize('name', STARTS)
+@pytest.mark.parametrize('name', [pytest.param(n, marks=AN_HOUR) for n in STARTS])
 def test_horizontal_difference_after_an_hour_is_under_a_millimetre(name):
     trajectory = trajectory_of(name)
     n = round(DURATION / DT)

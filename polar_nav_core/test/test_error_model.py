@@ -124,7 +124,16 @@ def difference(estimate, truth):
     )
 
 
-@pytest.mark.parametrize('name', ['exact north pole', '80N 120E', '75S 60W', '89.99N at 180E'])
+@pytest.mark.parametrize(
+    'name',
+    [
+        'exact north pole',
+        *(
+            pytest.param(name, marks=pytest.mark.slow)
+            for name in ['80N 120E', '75S 60W', '89.99N at 180E']
+        ),
+    ],
+)
 @pytest.mark.parametrize('state', range(15))
 def test_the_nonlinear_equations_follow_the_matrix(name, state):
     """Run clean and perturbed for 10 s: the difference is Phi x, signs and units and all."""

@@ -176,7 +176,10 @@ def test_a_reset_forgets_the_refused_fixes(world):
     assert math.isnan(engine.integrity.since_fused_s)
 
 
-@pytest.mark.parametrize('name', EXACT)
+@pytest.mark.parametrize(
+    'name',
+    ['default', *(pytest.param(name, marks=pytest.mark.slow) for name in ('clone', 'rewind'))],
+)
 def test_an_imu_that_outruns_the_history_is_told_with_its_true_reach(world, name):
     fast = [
         ImuSample(s.stamp_ns - 10_000_000 + (j + 1) * 500_000, 20 * i + j, s.omega_ib_b, s.f_b)

@@ -108,3 +108,11 @@ def test_out_of_range_names_the_field():
 def test_documentation_lists_every_field():
     page = packet.documentation()
     assert all(f.name in page for f in packet.FIELDS)
+
+
+def test_bytes_of_format_1_never_change():
+    """Bags hold packets: the same content has had these bytes since format 1 exists."""
+    assert packet.encode(broadcast()).hex() == (
+        '0101024d00d39cf282a00f0143b0fc6553bc0580274f254b00d2043cf60a000d70aa486cea0000a28affff11f0'
+        'ffff5d5a51120cd433ab65cd'
+    )

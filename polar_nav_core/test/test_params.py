@@ -10,6 +10,7 @@ from polar_nav_core.params import (
     choice,
     flag,
     from_mapping,
+    names_near,
     param,
     text,
     texts,
@@ -49,9 +50,23 @@ def test_defaults_pass_and_round_trip():
         ({'on': 1}, 'on: 1 is neither'),
         ({'name': 3}, 'name: 3 is not a text'),
         ({'names': 'one'}, 'names'),
-        ({'speed': 1.0}, 'unknown parameter speed'),
+        ({'speed': 1.0}, 'unknown parameter speed of Example; there are count, lever, '),
     ],
 )
 def test_what_is_wrong_is_named(changes, says):
     with pytest.raises(ConfigError, match=says):
         from_mapping(Example, changes)
+
+
+@pytest.mark.parametrize(
+    ('name', 'says'),
+    [
+        ('gate_propability', 'did you mean gate_probability? docs/parameters.md lists all 14'),
+        ('delay', 'did you mean max_delay_s? docs/parameters.md lists all 14'),
+        ('k', 'did you mean k00 or k01 or k02? docs/parameters.md lists all 14'),
+        ('colour', 'docs/parameters.md lists all 14'),
+    ],
+)
+def test_of_many_names_the_nearest_are_told(name, says):
+    known = ['gate_probability', 'max_delay_s', *(f'k{i:02d}' for i in range(12))]
+    assert names_near(name, known) == says

@@ -6,12 +6,14 @@ session, this is the only place of the package that knows both worlds.
 
 from __future__ import annotations
 
-from polar_nav_core.engine.events import Fix
+from polar_nav_core.engine.events import Fix, PolarFix
 from polar_nav_core.packet import Broadcast
-from polar_nav_msgs.msg import AcousticPacket
-from polar_nav_ros.stamps import to_ns
+from polar_nav_core.station_packet import StationReport
+from polar_nav_msgs.msg import AcousticPacket, StationFix
+from polar_nav_ros.stamps import to_msg, to_ns
 
 from .measurements.fix import fix_from_packet
+from .measurements.station_fix import StationNumbers, polar_of, station_fix_from_packet
 from .params import FollowerParams
 
 
@@ -28,3 +30,42 @@ def fix_from_msg(
         to_ns(msg.receive_time),
         params,
     )
+
+
+def station_fix_from_msg(
+    msg: AcousticPacket, number: int, params: FollowerParams, numbers: StationNumbers
+) -> tuple[Fix, StationReport | None]:
+    """The same for the packets of a hydroacoustic station."""
+    return station_fix_from_packet(
+        bytes(msg.data),
+        msg.source,
+        msg.sequence,
+        number,
+        to_ns(msg.transmit_time),
+        to_ns(msg.receive_time),
+        params,
+        numbers,
+    )
+
+
+def station_fix_to_msg(
+    report: StationReport, source: str, target: str, params: FollowerParams
+) -> StationFix:
+    """polar_nav_msgs/StationFix of a packet's content; when it was pinged is not told: zero."""
+    polar: PolarFix = polar_of(report, params)
+    msg = StationFix()
+    msg.header.stamp = to_msg(report.validity_ns)
+    msg.header.frame_id = 'station'
+    msg.source = source
+    msg.target = target
+    msg.sequence = report.sequence
+    msg.return_time = to_msg(report.return_ns)
+    msg.station_position = polar.station
+    msg.station_heading = polar.station_heading
+    msg.station_heading_sigma = polar.station_heading_sigma
+    msg.range = polar.range
+    msg.range_sigma = polar.range_sigma
+    msg.bearing = polar.bearing
+    msg.bearing_sigma = polar.bearing_sigma
+    msg.sound_speed = polar.sound_speed
+    return msg

@@ -3,21 +3,29 @@
 | topic | type | stamp |
 | --- | --- | --- |
 | in imu/data_raw, dvl/data, depth/data | sensor_msgs/Imu, polar_nav_msgs/Dvl, Depth | validity |
+| in imu/data, control/thrust | sensor_msgs/Imu, geometry_msgs/WrenchStamped | validity |
 | in acomms/rx | polar_nav_msgs/AcousticPacket | transmission; the engine orders by receive_time |
 | out nav/state | polar_nav_msgs/NavState | estimate |
 | out odometry, nav/fix | nav_msgs/Odometry, sensor_msgs/NavSatFix | estimate |
 | out nav/receipt | polar_nav_msgs/FixReceipt | decision |
 | out nav/command | polar_nav_msgs/Command | place in the order of events |
 | out acomms/decoded | polar_nav_msgs/LeaderBroadcast | validity |
+| out acomms/station_decoded | polar_nav_msgs/StationFix | validity |
+| out nav/current, nav/model | polar_nav_msgs/WaterCurrent, VehicleModel | estimate, 1 Hz |
+| out nav/identification | polar_nav_msgs/Identification | place in the order of events |
+
+With a SINS (`mode` sins) it takes imu/data_raw and dvl/data and hears a leader; in `mode` station
+imu/data, which has the attitude of an AHRS, and control/thrust, and it hears a station.
 """
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from typing import Any
 
 from polar_nav_core.kernels.warm import warm_up
-from polar_nav_msgs.msg import AcousticPacket, LeaderBroadcast
+from polar_nav_msgs.msg import AcousticPacket, LeaderBroadcast, StationFix
 from polar_nav_ros.diagnostics import Diagnosis
 from polar_nav_ros.navigation_ports import NavigationPorts
 from polar_nav_ros.node import PolarNode, run
@@ -34,11 +42,14 @@ class FollowerNode(PolarNode[FollowerParams]):
         # Before anything is subscribed to: a cold compile takes long, and sensors do not wait.
         self.get_logger().info('loading the filter; a first start compiles it: half a minute')
         warm_up()
+        decoded: dict[str, type[Any]] = {session.DECODED: LeaderBroadcast}
+        if session.in_station_mode(self.params):
+            decoded = {session.STATION_DECODED: StationFix}
         self._ports = NavigationPorts(
             self,
             session.Session(self.params, self.vehicle),
             {session.PACKET: AcousticPacket},
-            {session.DECODED: LeaderBroadcast},
+            decoded,
         )
 
     def diagnose(self) -> Diagnosis:

@@ -12,7 +12,7 @@ from polar_nav_core.params import flag, param, text
 class FollowerParams(EngineParams):
     """Parameters of follower_node and of an offline replay."""
 
-    leader_id: int = param(1, '', 0, 255, 'Number of the leader in its packets')
+    leader_id: int = param(1, '', 0, 255, 'Number of the leader or the station in its packets')
     own_id: int = param(2, '', 0, 255, 'Number of this vehicle in the packets')
     publish_decoded: bool = flag(True, 'Publish acomms/decoded')
     frame_id: str = text('earth', 'frame_id of positions')

@@ -1,4 +1,8 @@
-"""One follower behind its topics: a navigation session whose fixes come in acoustic packets."""
+"""One follower behind its topics: a navigation session whose fixes come in acoustic packets.
+
+Its mode says what it takes: a SINS with DVL and the packets of a leader, or the attitude of an
+AHRS with thrust and the packets of a hydroacoustic station.
+"""
 
 from __future__ import annotations
 
@@ -6,13 +10,17 @@ from collections.abc import Iterator
 from typing import Any
 
 from polar_nav_core.engine.events import Fix
-from polar_nav_core.packet import Broadcast
 from polar_nav_ros.broadcasts import broadcast_to_msg
+from polar_nav_ros.navigation_inputs import AHRS
 from polar_nav_ros.navigation_session import (
     COMMAND,
+    CONTROL,
+    CURRENT,
     DEPTH,
     DVL,
+    IDENTIFICATION,
     IMU,
+    MODEL,
     RECEIPT,
     STATE,
     NavigationSession,
@@ -20,26 +28,56 @@ from polar_nav_ros.navigation_session import (
 )
 
 from . import convert
+from .measurements.station_fix import StationNumbers
 from .params import FollowerParams
 
 __all__ = [
+    'AHRS',
     'COMMAND',
+    'CONTROL',
+    'CURRENT',
     'DECODED',
     'DEPTH',
     'DVL',
+    'IDENTIFICATION',
     'IMU',
     'INPUTS',
+    'MODEL',
     'PACKET',
     'RECEIPT',
     'STATE',
+    'STATION_DECODED',
     'Published',
     'Session',
+    'inputs_of',
+    'sensors_of',
 ]
 
 PACKET = 'acomms/rx'
 DECODED = 'acomms/decoded'
+STATION_DECODED = 'acomms/station_decoded'
 
 INPUTS = (IMU, DVL, DEPTH, PACKET, COMMAND)
+"""What a follower with SINS and DVL takes."""
+
+
+def in_station_mode(params: FollowerParams) -> bool:
+    """Whether a station's ranges and bearings are taken, and the vehicle's model is needed."""
+    return params.mode == 'station'
+
+
+def sensors_of(params: FollowerParams) -> tuple[str, ...]:
+    """Topics of the vehicle's own sensors that a follower takes; the first one is the IMU."""
+    if in_station_mode(params):
+        return (AHRS, CONTROL, DEPTH)
+    if getattr(params, 'model_aiding', False):
+        return (IMU, DVL, DEPTH, CONTROL)
+    return (IMU, DVL, DEPTH)
+
+
+def inputs_of(params: FollowerParams) -> tuple[str, ...]:
+    """Every topic that a follower takes."""
+    return (*sensors_of(params), PACKET, COMMAND)
 
 
 class Session(NavigationSession[FollowerParams]):
@@ -54,8 +92,16 @@ class Session(NavigationSession[FollowerParams]):
     """
 
     def __init__(self, params: FollowerParams, vehicle: str) -> None:
-        super().__init__(params, vehicle, {PACKET: self._fix_from_msg}, frame_id=params.frame_id)
+        station = in_station_mode(params)
+        super().__init__(
+            params,
+            vehicle,
+            {PACKET: self._station_fix_from_msg if station else self._fix_from_msg},
+            frame_id=params.frame_id,
+            sensors=sensors_of(params),
+        )
         self._decoded: list[Published] = []
+        self._numbers = StationNumbers()
 
     def take(self, topic: str, message: Any) -> Iterator[Published]:  # noqa: ANN401
         """Take one message live; yields what is to be published."""
@@ -71,10 +117,19 @@ class Session(NavigationSession[FollowerParams]):
     def _fix_from_msg(self, message: Any, number: int) -> Fix:  # noqa: ANN401
         fix, broadcast = convert.fix_from_msg(message, number, self.params)
         if broadcast is not None:
-            message = self._broadcast_to_msg(broadcast, fix)
-            self._decoded.append(Published.of(DECODED, message))
+            target = self._name(broadcast.target)
+            readable = broadcast_to_msg(broadcast, fix.source, target, self.params.frame_id)
+            self._decoded.append(Published.of(DECODED, readable))
         return fix
 
-    def _broadcast_to_msg(self, broadcast: Broadcast, fix: Fix) -> Any:  # noqa: ANN401
-        target = self.vehicle if broadcast.target == self.params.own_id else str(broadcast.target)
-        return broadcast_to_msg(broadcast, fix.source, target, self.params.frame_id)
+    def _station_fix_from_msg(self, message: Any, number: int) -> Fix:  # noqa: ANN401
+        fix, report = convert.station_fix_from_msg(message, number, self.params, self._numbers)
+        if report is not None:
+            target = self._name(report.target)
+            readable = convert.station_fix_to_msg(report, fix.source, target, self.params)
+            self._decoded.append(Published.of(STATION_DECODED, readable))
+        return fix
+
+    def _name(self, number: int) -> str:
+        """Name of a vehicle that a packet gives by its number."""
+        return self.vehicle if number == self.params.own_id else str(number)

@@ -81,6 +81,7 @@ def world():
     return World(10.0)
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(data=st.data())
 def test_nothing_that_comes_in_raises(world, data):

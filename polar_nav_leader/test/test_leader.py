@@ -59,6 +59,7 @@ def test_without_the_correction_for_the_leaders_motion_the_range_would_be_off():
     assert abs(half_path - np.linalg.norm(p.broadcast.r_lf_G)) > 1.3
 
 
+@pytest.mark.slow
 def test_covariance_of_the_fix_covers_its_scatter():
     """Measurements with their stated noise, 400 of them: mean normalized square is 3."""
     leader = Sailing(85.0, -60.0, 60.0, (1.0, 1.0, 0.0))

@@ -75,7 +75,7 @@ class NavigationHealth:
         if engine.divergence:
             return Level.ERROR, engine.divergence
         if not engine.navigating:
-            return Level.WARN, 'no state yet: waits for IMU data or ~/set_initial_state'
+            return Level.WARN, _waiting(engine)
         if integrity.level is integrity.level.ERROR:
             return Level.ERROR, integrity.sentence
         if engine.history_warning:
@@ -100,6 +100,17 @@ class NavigationHealth:
         else:
             self._logger.error(message)
         self._last = level
+
+
+def _waiting(engine: Engine) -> str:
+    """Say what a filter without a state waits for."""
+    refused = engine.verdicts[Verdict.NOT_FINITE]
+    if refused and engine.params.mode == 'station':
+        return (
+            f'no state yet: {refused} messages were not finite, or had no attitude '
+            '(orientation_covariance[0] of imu/data is -1); nav/receipt says which'
+        )
+    return 'no state yet: waits for IMU data or ~/set_initial_state'
 
 
 def _numbers(integrity: Integrity) -> dict[str, object]:

@@ -5,11 +5,15 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from geometry_msgs.msg import Quaternion, WrenchStamped
 from sensor_msgs.msg import Imu
 
+from polar_nav_core import attitude
 from polar_nav_core.engine.events import (
+    Array,
     Command,
     CommandKind,
+    ControlSample,
     DepthSample,
     DvlPing,
     ImuSample,
@@ -21,12 +25,46 @@ from polar_nav_msgs.msg import InitialState as InitialStateMsg
 
 from .stamps import to_ns
 
+AHRS = 'imu/data'
+"""IMU data with an attitude; `imu/data_raw` is without."""
+UNIT = 1e-3
+"""Departure of a quaternion's length from 1 that rounding to float32 and more explains."""
+
 
 def imu_from_msg(msg: Imu, number: int) -> ImuSample:
     """sensor_msgs/Imu as an event; orientation is not used."""
     w, f = msg.angular_velocity, msg.linear_acceleration
     return ImuSample(
         to_ns(msg.header.stamp), number, np.array([w.x, w.y, w.z]), np.array([f.x, f.y, f.z])
+    )
+
+
+def ahrs_from_msg(msg: Imu, number: int) -> ImuSample:
+    """sensor_msgs/Imu of an AHRS as an event: `orientation` is that of base_link in grid axes.
+
+    A message that says that it has no attitude (``orientation_covariance[0]`` is -1, REP-145)
+    gives none; a quaternion that is no rotation gives one that is not finite.
+    """
+    w, f = msg.angular_velocity, msg.linear_acceleration
+    none = msg.orientation_covariance[0] == -1.0
+    return ImuSample(
+        to_ns(msg.header.stamp),
+        number,
+        np.array([w.x, w.y, w.z]),
+        np.array([f.x, f.y, f.z]),
+        None if none else _rotation(msg.orientation),
+        AHRS,
+    )
+
+
+def control_from_msg(msg: WrenchStamped, number: int) -> ControlSample:
+    """geometry_msgs/WrenchStamped as an event: what the thrusters give, body axes."""
+    force, torque = msg.wrench.force, msg.wrench.torque
+    return ControlSample(
+        to_ns(msg.header.stamp),
+        number,
+        np.array([force.x, force.y, force.z]),
+        np.array([torque.x, torque.y, torque.z]),
     )
 
 
@@ -55,8 +93,16 @@ def depth_from_msg(msg: Depth, number: int, default_sigma: float) -> DepthSample
 def command_from_msg(msg: CommandMsg, _number: int) -> Command:
     """polar_nav_msgs/Command as an event."""
     kind = CommandKind(msg.kind)
-    initial = None if kind is CommandKind.SHUTDOWN else initial_from_msg(msg.initial_state)
+    starts = kind in (CommandKind.RESET, CommandKind.SET_INITIAL_STATE)
+    initial = initial_from_msg(msg.initial_state) if starts else None
     return Command(to_ns(msg.header.stamp), msg.sequence, kind, initial)
+
+
+def _rotation(q: Quaternion) -> Array:
+    """C_b_G of a quaternion; NaN for one that is no rotation."""
+    if not abs(math.hypot(q.x, q.y, q.z, q.w) - 1.0) <= UNIT:
+        return np.full((3, 3), np.nan)
+    return attitude.matrix_from_quaternion([q.x, q.y, q.z, q.w])
 
 
 def initial_from_msg(msg: InitialStateMsg) -> InitialState | None:

@@ -3,12 +3,17 @@
 | topic | type | stamp |
 | --- | --- | --- |
 | in imu/data_raw, dvl/data, depth/data | sensor_msgs/Imu, polar_nav_msgs/Dvl, Depth | validity |
+| in imu/data, control/thrust | sensor_msgs/Imu, geometry_msgs/WrenchStamped | validity |
 | out nav/state | polar_nav_msgs/NavState | estimate |
 | out odometry, nav/fix | nav_msgs/Odometry, sensor_msgs/NavSatFix | estimate |
 | out nav/receipt | polar_nav_msgs/FixReceipt | decision |
 | out nav/command | polar_nav_msgs/Command | place in the order of events |
+| out nav/current, nav/model | polar_nav_msgs/WaterCurrent, VehicleModel | estimate, 1 Hz |
+| out nav/identification | polar_nav_msgs/Identification | place in the order of events |
 
-Services ``~/reset`` and ``~/set_initial_state`` become stamped commands.
+Which sensors are taken says the session; the last three rows are there when the vehicle's model
+takes part. Services ``~/reset``, ``~/set_initial_state`` and, with a model, ``~/identify`` become
+stamped commands.
 """
 
 from __future__ import annotations
@@ -17,12 +22,12 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from nav_msgs.msg import Odometry
-from sensor_msgs.msg import Imu, NavSatFix
+from sensor_msgs.msg import NavSatFix
 from std_srvs.srv import Trigger
 
 from polar_nav_core.engine.events import CommandKind
 from polar_nav_msgs.msg import Command as CommandMsg
-from polar_nav_msgs.msg import Depth, Dvl, FixReceipt, NavState
+from polar_nav_msgs.msg import FixReceipt, NavState
 from polar_nav_msgs.msg import InitialState as InitialStateMsg
 from polar_nav_msgs.srv import SetInitialState
 
@@ -31,10 +36,9 @@ from .navigation_health import NavigationHealth
 from .navigation_inputs import initial_from_msg, initial_problem, initial_to_msg
 from .navigation_session import (
     COMMAND,
-    DEPTH,
-    DVL,
-    IMU,
+    MODEL_OUTPUTS,
     RECEIPT,
+    SENSORS,
     STATE,
     NavigationSession,
     Published,
@@ -67,6 +71,8 @@ class NavigationPorts:
         self._node = node
         self._session = session
         published = {STATE: NavState, RECEIPT: FixReceipt, **outputs}
+        if session.with_model:
+            published |= MODEL_OUTPUTS
         self._outputs: dict[str, CountedPublisher] = {
             topic: node.advertise(kind, topic) for topic, kind in published.items()
         }
@@ -75,12 +81,15 @@ class NavigationPorts:
         self._fix = node.advertise(NavSatFix, 'nav/fix')
         self._command_count = 0
         self._fix_second = -1
-        for topic, kind in {DVL: Dvl, DEPTH: Depth, **inputs}.items():
+        imu, *others = session.sensors
+        for topic, kind in {**{t: SENSORS[t] for t in others}, **inputs}.items():
             node.subscribe(kind, topic, self._taker(topic))
         # IMU samples move time on: what else has come is taken before.
-        node.subscribe(Imu, IMU, self._taker(IMU), after_others=True)
+        node.subscribe(SENSORS[imu], imu, self._taker(imu), after_others=True)
         node.create_service(Trigger, '~/reset', self._on_reset)
         node.create_service(SetInitialState, '~/set_initial_state', self._on_set_initial_state)
+        if session.with_model:
+            node.create_service(Trigger, '~/identify', self._on_identify)
         node.get_logger().info(
             f'configuration {session.params.configuration}, {session.engine.configuration.doc}'
         )
@@ -142,6 +151,14 @@ class NavigationPorts:
         initial = self._session.params.initial_state()
         message = InitialStateMsg() if initial is None else initial_to_msg(initial)
         response.message = self._command(CommandKind.RESET, message)
+        response.success = not response.message
+        return response
+
+    def _on_identify(
+        self, _request: Trigger.Request, response: Trigger.Response
+    ) -> Trigger.Response:
+        """Put the wish into the order of events; nav/identification tells what came of it."""
+        response.message = self._command(CommandKind.IDENTIFY, InitialStateMsg())
         response.success = not response.message
         return response
 

@@ -3,33 +3,61 @@
 Driven by a node (:meth:`take` as messages come) or by a replay, which collects :meth:`event_of` of
 a whole bag, sorts, and calls :meth:`process`. Both use the same engine, so that they publish the
 same bytes. A vehicle adds its own kind of position fix by a reader of its topic.
+
+Where the vehicle's model takes part, the first estimate of each second is followed by what is
+estimated of the model and of the water.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, Generic, NamedTuple, TypeAlias, TypeVar
 
+from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
+from sensor_msgs.msg import Imu
 
 from polar_nav_core.engine.engine import Engine
-from polar_nav_core.engine.events import Estimate, Event, Output, Receipt
+from polar_nav_core.engine.events import Estimate, Event, Identification, Output, Receipt
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.engine.reorder import Reorder
-from polar_nav_msgs.msg import NavState
+from polar_nav_msgs.msg import Depth, Dvl, NavState, VehicleModel, WaterCurrent
+from polar_nav_msgs.msg import Identification as IdentificationMsg
 
+from . import model_outputs
 from . import navigation_inputs as inputs
 from . import navigation_outputs as outputs
 from .cdr import to_bytes
+from .navigation_inputs import AHRS
+from .stamps import NS
 from .standard_outputs import odometry_of
 
 IMU = 'imu/data_raw'
 DVL = 'dvl/data'
 DEPTH = 'depth/data'
+CONTROL = 'control/thrust'
 COMMAND = 'nav/command'
 STATE = 'nav/state'
 RECEIPT = 'nav/receipt'
+CURRENT = 'nav/current'
+MODEL = 'nav/model'
+IDENTIFICATION = 'nav/identification'
+
+SENSORS: dict[str, type[Any]] = {
+    IMU: Imu,
+    AHRS: Imu,
+    CONTROL: WrenchStamped,
+    DEPTH: Depth,
+    DVL: Dvl,
+}
+"""Topics of a vehicle's own sensors and actuators; which of them one takes, its session says."""
+MODEL_OUTPUTS: dict[str, type[Any]] = {
+    CURRENT: WaterCurrent,
+    MODEL: VehicleModel,
+    IDENTIFICATION: IdentificationMsg,
+}
+"""What is published besides where the vehicle's model takes part."""
 
 P = TypeVar('P', bound=EngineParams)
 Reader: TypeAlias = Callable[[Any, int], Event]
@@ -59,11 +87,13 @@ class NavigationSession(Generic[P]):
     vehicle : str
         Name of the vehicle, for frame ids.
     readers : mapping of str to callable
-        Topics of the vehicle's own, beside IMU, DVL, depth and commands.
+        Topics of the vehicle's own, beside `SENSORS` and commands.
     engine : Engine, optional
         One made already.
     frame_id : str
         Of positions.
+    sensors : sequence of str
+        Those of `SENSORS` that it takes; the first one is the IMU.
     """
 
     def __init__(
@@ -74,20 +104,30 @@ class NavigationSession(Generic[P]):
         *,
         engine: Engine | None = None,
         frame_id: str = 'earth',
+        sensors: Sequence[str] = (IMU, DVL, DEPTH),
     ) -> None:
         self.params = params
         self.vehicle = vehicle
         self.engine = Engine(params) if engine is None else engine
         self.reorder = Reorder(self.engine, params.reorder_window_s)
         self.taken: Counter[str] = Counter()
+        self.sensors = tuple(sensors)
         self._frame_id = frame_id
+        self._model_second = -1
         self._readers: dict[str, Reader] = {
             IMU: inputs.imu_from_msg,
+            AHRS: inputs.ahrs_from_msg,
+            CONTROL: inputs.control_from_msg,
             DVL: lambda m, n: inputs.dvl_from_msg(m, n, params.dvl_sigma),
             DEPTH: lambda m, n: inputs.depth_from_msg(m, n, params.depth_sigma),
             COMMAND: inputs.command_from_msg,
             **readers,
         }
+
+    @property
+    def with_model(self) -> bool:
+        """Whether the vehicle's model takes part: it needs to know the thrust."""
+        return CONTROL in self.sensors
 
     def event_of(self, topic: str, message: Any) -> Event:  # noqa: ANN401 - the topic's message type
         """Event of a message; counts it, which numbers the messages of each topic."""
@@ -127,3 +167,15 @@ class NavigationSession(Generic[P]):
             elif isinstance(result, Estimate):
                 message = outputs.nav_to_msg(result, self.params, self.vehicle, self._frame_id)
                 yield Published.of(STATE, message)
+                yield from self._model(result)
+            elif isinstance(result, Identification):
+                message = model_outputs.identification_to_msg(result)
+                yield Published.of(IDENTIFICATION, message)
+
+    def _model(self, e: Estimate) -> Iterator[Published]:
+        """Model and current, once a second of stamp time."""
+        if e.model is None or e.stamp_ns // NS == self._model_second:
+            return
+        self._model_second = e.stamp_ns // NS
+        yield Published.of(CURRENT, model_outputs.current_to_msg(e.model, e.stamp_ns))
+        yield Published.of(MODEL, model_outputs.model_to_msg(e.model, e.stamp_ns))

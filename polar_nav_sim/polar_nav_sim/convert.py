@@ -9,19 +9,25 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from geometry_msgs.msg import Quaternion, TwistWithCovarianceStamped, Vector3
+from geometry_msgs.msg import (
+    Quaternion,
+    TwistWithCovarianceStamped,
+    Vector3,
+    WrenchStamped,
+)
 from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
 from sensor_msgs.msg import FluidPressure, Imu, NavSatFix, NavSatStatus
 
 from polar_nav_core.attitude import quaternion_from_matrix
 from polar_nav_core.earth import geodetic_from_ecef
-from polar_nav_msgs.msg import AcousticPacket, Depth, Dvl, UsblFix
+from polar_nav_msgs.msg import AcousticPacket, Depth, Dvl, StationFix, UsblFix, VehicleModel
 from polar_nav_ros.stamps import to_msg, to_ns
 
 from .acoustics import Packet
 from .sensors.dvl import Ping
 from .sensors.janus import BeamData
+from .sensors.station import StationReading
 from .sensors.usbl import Reading
 
 Floats = NDArray[np.float64]
@@ -52,6 +58,23 @@ class ImuMessage:
         w, f = msg.angular_velocity, msg.linear_acceleration
         w.x, w.y, w.z = omega_ib_b.tolist()
         f.x, f.y, f.z = f_b.tolist()
+        return msg
+
+
+class AhrsMessage(ImuMessage):
+    """sensor_msgs/Imu of an AHRS: the orientation is base_link in the local grid axes."""
+
+    def __init__(
+        self, frame: str, gyro_variance: Floats, accel_variance: Floats, angle_variance: float
+    ) -> None:
+        super().__init__(frame, gyro_variance, accel_variance)
+        self._msg.orientation_covariance[[0, 4, 8]] = angle_variance
+
+    def fill_with(self, stamp_ns: int, omega_ib_b: Floats, f_b: Floats, C_b_G: Floats) -> Imu:
+        """Message of a sample; the same object every time."""
+        msg = self.fill(stamp_ns, omega_ib_b, f_b)
+        q = msg.orientation
+        q.x, q.y, q.z, q.w = quaternion_from_matrix(C_b_G).tolist()
         return msg
 
 
@@ -136,6 +159,66 @@ def usbl_to_msg(reading: Reading, source: str, target: str, frame: str) -> UsblF
     msg.sound_speed = reading.sound_speed
     msg.target_depth = reading.target_depth
     msg.target_depth_variance = reading.target_depth_variance
+    return msg
+
+
+def station_to_msg(reading: StationReading, source: str, target: str) -> StationFix:
+    """polar_nav_msgs/StationFix; header.stamp is t3."""
+    cycle = reading.cycle
+    msg = StationFix(source=source, target=target, sequence=cycle.sequence)
+    msg.header.stamp = to_msg(cycle.t3_ns)
+    msg.header.frame_id = 'station'
+    msg.ping_time = to_msg(cycle.t1_ns)
+    msg.return_time = to_msg(cycle.t4_ns)
+    msg.station_position = reading.station_position
+    msg.station_heading = reading.station_heading
+    msg.station_heading_sigma = reading.station_heading_sigma
+    msg.range = reading.range
+    msg.range_sigma = reading.range_sigma
+    msg.bearing = reading.bearing
+    msg.bearing_sigma = reading.bearing_sigma
+    msg.sound_speed = reading.sound_speed
+    return msg
+
+
+def packet_to_msg(packet: Packet) -> AcousticPacket:
+    """polar_nav_msgs/AcousticPacket as it is sent; header.stamp is the transmit time."""
+    msg = AcousticPacket(
+        source=packet.source,
+        destination=packet.destination,
+        sequence=packet.sequence,
+        bit_rate=packet.bit_rate,
+        data=packet.data,
+    )
+    msg.header.stamp = msg.transmit_time = to_msg(packet.transmit_ns)
+    return msg
+
+
+def thrust_to_msg(stamp_ns: int, frame: str, tau: Floats) -> WrenchStamped:
+    """geometry_msgs/WrenchStamped of a thrust, shape (6,) [N], [N m]."""
+    msg = WrenchStamped()
+    msg.header.stamp = to_msg(stamp_ns)
+    msg.header.frame_id = frame
+    msg.wrench.force = _vector3(tau[:3])
+    msg.wrench.torque = _vector3(tau[3:])
+    return msg
+
+
+def thrust_from_msg(msg: WrenchStamped) -> Floats:
+    """Thrust of a message, shape (6,) [N], [N m]."""
+    f, t = msg.wrench.force, msg.wrench.torque
+    return np.array([f.x, f.y, f.z, t.x, t.y, t.z])
+
+
+def model_to_msg(
+    stamp_ns: int, v_r_b: Floats, current_G: Floats, drag_linear: float, drag_quadratic: float
+) -> VehicleModel:
+    """polar_nav_msgs/VehicleModel of what is known exactly: every sigma is 0."""
+    msg = VehicleModel(drag_linear=drag_linear, drag_quadratic=drag_quadratic)
+    msg.header.stamp = to_msg(stamp_ns)
+    msg.header.frame_id = 'grid'
+    msg.v_r_b = v_r_b
+    msg.current_g = current_G
     return msg
 
 

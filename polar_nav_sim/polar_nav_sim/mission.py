@@ -21,6 +21,8 @@ import yaml
 
 from polar_nav_core.errors import ConfigError
 
+from .dynamics.specs import dynamics_of
+from .dynamics.truth import DynamicTruth
 from .paths.knots import (
     MARGIN,
     SPACING_S,
@@ -30,6 +32,7 @@ from .paths.knots import (
     knots_of_profile,
     knots_of_track,
     start_position,
+    still_knots,
 )
 from .paths.profile import profile_of
 from .paths.recorded import RecordedPath, recorded_start_s
@@ -46,7 +49,7 @@ from .specs import (
     check_vehicles,
     parse,
 )
-from .trajectory import NS, Trajectory
+from .trajectory import NS, Trajectory, Truth
 
 DEFAULT_START = datetime(2026, 3, 1, tzinfo=UTC)
 _SECTIONS = ('description', 'start_time', 'path', 'oscillation', 'vehicles')
@@ -87,7 +90,7 @@ class Mission:
     path: PathSpec | TrackSpec
     oscillation: OscillationSpec
     formation: Mapping[str, VehicleSpec]
-    _truth: dict[str, Trajectory] = field(default_factory=dict, repr=False, compare=False)
+    _truth: dict[str, Truth] = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def vehicles(self) -> tuple[str, ...]:
@@ -124,7 +127,7 @@ class Mission:
         """Stamp of the last sample [ns]."""
         return self.start_ns + (self.sample_count - 1) * self.imu_period_ns
 
-    def truth(self, vehicle: str) -> Trajectory:
+    def truth(self, vehicle: str) -> Truth:
         """Exact truth of one vehicle.
 
         Raises
@@ -136,16 +139,26 @@ class Mission:
             known = ', '.join(self.vehicles)
             raise ConfigError(f'mission {self.name}: no vehicle {vehicle!r}; it has {known}')
         if vehicle not in self._truth:
-            floor = self.numbers.sea_floor_depth_m
-            self._truth[vehicle] = Trajectory(
-                self._knots(self.formation[vehicle]),
-                self.oscillation,
-                self.start_ns,
-                self.imu_period_ns,
-                self.numbers.sea_surface_height_m,
-                floor if floor > 0.0 else math.nan,
-            )
+            self._truth[vehicle] = self._make(self.formation[vehicle])
         return self._truth[vehicle]
+
+    @property
+    def dynamic(self) -> tuple[str, ...]:
+        """Names of the vehicles with dynamics."""
+        return tuple(name for name in self.vehicles if self.formation[name].dynamics is not None)
+
+    def dynamics(self, vehicle: str) -> DynamicTruth:
+        """Truth of a vehicle with dynamics.
+
+        Raises
+        ------
+        ConfigError
+            When it has none.
+        """
+        truth = self.truth(vehicle)
+        if not isinstance(truth, DynamicTruth):
+            raise ConfigError(f'mission {self.name}: vehicle {vehicle!r} has no dynamics')
+        return truth
 
     def with_duration(self, duration_s: float) -> Mission:
         """Make the same mission with another length."""
@@ -169,6 +182,37 @@ class Mission:
                     raise ConfigError(f'{self.file}: {dotted}: {key} is not a section')
             section[last] = value
         return mission_from(document, self.file)
+
+    def _make(self, vehicle: VehicleSpec) -> Truth:
+        surface, floor = self.numbers.sea_surface_height_m, self.numbers.sea_floor_depth_m
+        depths = (surface, floor if floor > 0.0 else math.nan, vehicle.floor_lost_s)
+        if vehicle.fixed or vehicle.dynamics is not None:
+            if isinstance(self.path, TrackSpec):
+                raise ConfigError(
+                    f'{self.file}: a fixed vehicle or one with dynamics needs a path with a place;'
+                    ' a track has none'
+                )
+            psi = initial_psi(self.path)
+            start_e = start_position(self.path, vehicle, psi, surface)
+            if vehicle.dynamics is not None:
+                return DynamicTruth(
+                    vehicle.dynamics,
+                    start_position(self.path, VehicleSpec(depth_m=0.0), psi, surface),
+                    start_e,
+                    self.start_ns,
+                    self.imu_period_ns,
+                    self.end_ns,
+                    *depths,
+                )
+            still = still_knots(
+                start_e, math.radians(vehicle.fixed_psi_deg), knot_times(self.duration_s)
+            )
+            none = SineSpec()
+            calm = OscillationSpec(none, none, none)
+            return Trajectory(still, calm, self.start_ns, self.imu_period_ns, *depths)
+        return Trajectory(
+            self._knots(vehicle), self.oscillation, self.start_ns, self.imu_period_ns, *depths
+        )
 
     def _knots(self, vehicle: VehicleSpec) -> Knots:
         t_s = knot_times(self.duration_s)
@@ -242,7 +286,7 @@ def mission_from(document: object, file: Path) -> Mission:
             raise ConfigError(f'{file}: no section {section!r}')
     numbers = {k: v for k, v in document.items() if k not in _SECTIONS}
     vehicles = {
-        str(name): parse(VehicleSpec, values or {}, f'{file}: vehicles.{name}')
+        str(name): _vehicle(values or {}, f'{file}: vehicles.{name}')
         for name, values in document['vehicles'].items()
     }
     check_vehicles(vehicles, f'{file}')
@@ -274,6 +318,16 @@ def mission_from(document: object, file: Path) -> Mission:
         oscillation=_oscillation(document.get('oscillation') or {}, f'{file}: oscillation'),
         formation=vehicles,
     )
+
+
+def _vehicle(values: object, where: str) -> VehicleSpec:
+    if not isinstance(values, Mapping) or 'dynamics' not in values:
+        return parse(VehicleSpec, values, where)
+    dynamics = dynamics_of(values['dynamics'] or {}, f'{where}.dynamics')
+    plain = parse(VehicleSpec, {k: v for k, v in values.items() if k != 'dynamics'}, where)
+    if plain.fixed:
+        raise ConfigError(f'{where}: parameter fixed: a vehicle with dynamics moves')
+    return dataclasses.replace(plain, dynamics=dynamics)
 
 
 def _path(values: Mapping[str, Any], where: str) -> PathSpec | TrackSpec:

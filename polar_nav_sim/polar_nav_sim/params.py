@@ -7,12 +7,15 @@ from dataclasses import dataclass
 from polar_nav_core.params import NodeParams, choice, flag, param, text, texts, vector
 
 from .acoustics import ChannelSpec
+from .sensors.ahrs import AhrsErrors
 from .sensors.depth import DepthErrors
 from .sensors.dvl import DvlErrors
 from .sensors.imu import ImuErrors
 from .sensors.reference import ReferenceErrors
+from .sensors.station import StationErrors
 from .sensors.usbl import UsblErrors
 from .sound_speed import WaterSpec
+from .station_sequence import SequenceSpec
 
 _SEED = 'Seed of the run; every random stream is made from it and its own name'
 
@@ -46,13 +49,31 @@ class TruthParams(NodeParams):
         10.0, 's', 0.5, 3600.0, 'Name who holds up the truth after this wall time (lockstep)'
     )
     exit_at_end: bool = flag(False, 'End with status 0 when the mission is over and all is taken')
+    commands: bool = flag(
+        False, 'Take control/setpoint and control/thrust_command of vehicles with dynamics'
+    )
+    command_timeout_s: float = param(
+        1.0, 's', 0.01, 3600.0, "A thrust command holds so long, then the vehicle's loops again"
+    )
 
 
 @dataclass(frozen=True)
-class ImuParams(ImuErrors, NodeParams):
+class VehicleParams(TruthParams):
+    """Parameters of vehicle_node."""
+
+    mission: str = text(
+        'station', 'Mission file, or the name of one that comes with polar_nav_sim'
+    )
+
+
+@dataclass(frozen=True)
+class ImuParams(ImuErrors, AhrsErrors, NodeParams):
     """Parameters of imu_node."""
 
     seed: int = param(1, '', 0, 2**31 - 1, _SEED)
+    ahrs: bool = flag(
+        False, 'Also publish imu/data: rates and the attitude of base_link in the local grid axes'
+    )
 
 
 @dataclass(frozen=True)
@@ -80,6 +101,16 @@ class UsblParams(UsblErrors, WaterSpec, NodeParams):
     targets: tuple[str, ...] = texts(('follower',), 'Vehicles with a transponder, asked in turn')
     period_s: float = param(2.0, 's', 0.1, 3600.0, 'Between interrogations')
     first_ping_s: float = param(1.0, 's', 0.0, 3600.0, 'First interrogation after the start')
+
+
+@dataclass(frozen=True)
+class StationParams(StationErrors, SequenceSpec, WaterSpec, NodeParams):
+    """Parameters of station_node."""
+
+    seed: int = param(1, '', 0, 2**31 - 1, _SEED)
+    target: str = text('auv', 'Vehicle with the transponder')
+    own_id: int = param(1, '', 0, 255, 'Number of this station in its packets')
+    target_id: int = param(2, '', 0, 255, 'Number of that vehicle in the packets')
 
 
 @dataclass(frozen=True)

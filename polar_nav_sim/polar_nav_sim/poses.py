@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from polar_nav_core import attitude, earth, grid
 
-from .trajectory import Trajectory
+from .trajectory import Truth
 from .truth_cdr import TruthSample, decode
 
 Floats = NDArray[np.float64]
@@ -56,13 +56,24 @@ class Poses(Protocol):
 class TrajectoryPoses:
     """Poses of an exact truth."""
 
-    def __init__(self, trajectory: Trajectory) -> None:
+    def __init__(self, trajectory: Truth) -> None:
         self._trajectory = trajectory
 
     def pose(self, t_ns: int) -> Pose:
         """Pose at a time [ns]."""
         s = self._trajectory.state(t_ns)
         return Pose(s.r_e, s.C_e_G.T @ s.C_b_G, float(s.depth))
+
+
+class StillPoses:
+    """Poses of what does not move."""
+
+    def __init__(self, pose: Pose) -> None:
+        self._pose = pose
+
+    def pose(self, _t_ns: int) -> Pose:
+        """The pose."""
+        return self._pose
 
 
 class TruthHistory:

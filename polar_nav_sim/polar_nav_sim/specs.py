@@ -10,11 +10,14 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
-from typing import Any, ClassVar, TypeVar
+from dataclasses import dataclass, field, fields
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.params import check, choice, flag, from_mapping, param, text, vector
+
+if TYPE_CHECKING:
+    from .dynamics.specs import DynamicsSpec
 
 T = TypeVar('T')
 
@@ -142,6 +145,18 @@ class VehicleSpec(Spec):
         'Start relative to the path: [ahead, port] or [grid east, north]',
     )
     offset_frame: str = choice('course', ('course', 'grid'), 'Axes of offset_m')
+    fixed: bool = flag(False, 'Stays where it starts, level, and does not oscillate')
+    fixed_psi_deg: float = param(
+        0.0, 'deg', -360.0, 360.0, 'Its heading then, counter-clockwise from grid east'
+    )
+    floor_lost_s: tuple[float, float] = vector(
+        (0.0, 0.0),
+        's',
+        0.0,
+        7 * 86400.0,
+        'From when to when the sea floor under it is out of reach',
+    )
+    dynamics: DynamicsSpec | None = field(default=None)
 
 
 @dataclass(frozen=True)

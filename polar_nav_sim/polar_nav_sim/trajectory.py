@@ -14,6 +14,7 @@ differences, so truth and ideal IMU agree to rounding:
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,6 +29,8 @@ from .specs import OscillationSpec
 Floats = NDArray[np.float64]
 
 NS = 1_000_000_000
+ABYSS_M = 6000.0
+"""Depth of the floor where it is out of reach of every instrument [m]."""
 _NODES = 3
 """Quadrature points per IMU interval; for 10 ms and periods of seconds the rest is below 1e-16."""
 
@@ -52,6 +55,8 @@ class TruthState:
         Geodetic position [rad, rad, m]; lon means nothing exactly at a pole.
     depth, altitude : ndarray, shape ()
         Below the sea surface, above the sea floor [m]; altitude is NaN where the floor is unknown.
+    current_G : ndarray, shape (3,)
+        Velocity of the water over ground, grid axes [m/s].
     """
 
     r_e: Floats
@@ -66,6 +71,7 @@ class TruthState:
     h: Floats
     depth: Floats
     altitude: Floats
+    current_G: Floats
 
 
 @dataclass(frozen=True)
@@ -93,45 +99,34 @@ class TruthBlock:
     interval_s: Floats
 
 
-class Trajectory:
-    """Truth of one vehicle over a mission.
+class Truth(ABC):
+    """Truth of one vehicle over a mission, whatever it is made from.
 
     Parameters
     ----------
-    knots : Knots
-        What the splines go through.
-    oscillation : OscillationSpec
-        Sines added to the reference angles.
     start_ns, period_ns : int
         Stamp of sample 0, time between samples [ns].
     sea_surface_height, sea_floor_depth : float
         Sea surface above the ellipsoid; floor below the surface, NaN if unknown [m].
+    floor_lost_s : (float, float)
+        From when to when the floor is :data:`ABYSS_M` deep [s since the start].
     """
 
     def __init__(
         self,
-        knots: Knots,
-        oscillation: OscillationSpec,
         start_ns: int,
         period_ns: int,
         sea_surface_height: float = 0.0,
         sea_floor_depth: float = math.nan,
+        floor_lost_s: tuple[float, float] = (0.0, 0.0),
     ) -> None:
         self.start_ns = start_ns
         self.period_ns = period_ns
-        self._origin_e = knots.origin_e
-        self._first_s, self._last_s = float(knots.t_s[0]), float(knots.t_s[-1])
-        position = make_interp_spline(knots.t_s, knots.d_e, k=DEGREE)
-        self._d_e = (position, position.derivative(1), position.derivative(2))
-        angles = make_interp_spline(knots.t_s, knots.angles, k=DEGREE)
-        self._angles = (angles, angles.derivative(1))
-        # Order psi, theta, phi, as in Knots.angles.
-        sines = (oscillation.yaw, oscillation.pitch, oscillation.roll)
-        self._amplitude = np.radians([s.amplitude_deg for s in sines])
-        self._rate = np.array([2.0 * np.pi / s.period_s for s in sines])
-        self._phase = np.radians([s.phase_deg for s in sines])
         self._surface = sea_surface_height
         self._floor = sea_floor_depth
+        self._lost_s = floor_lost_s
+        self._pieces = 1
+        """Parts of an IMU interval within which the motion is smooth."""
 
     def state(self, t_ns: int | NDArray[np.int64]) -> TruthState:
         """State at a time or at an array of times [ns].
@@ -153,10 +148,13 @@ class Trajectory:
         period_s = self.period_ns * 1e-9
         end_s = k * self.period_ns * 1e-9
         x, w = np.polynomial.legendre.leggauss(_NODES)
-        inner_s = end_s[:, None] + (0.5 * period_s) * (x - 1.0)
+        piece_s = period_s / self._pieces
+        back_s = piece_s * np.arange(1 - self._pieces, 1)[:, None] + (0.5 * piece_s) * (x - 1.0)
+        # No interval ends at sample 0: its quadrature points are not used.
+        inner_s = np.maximum(end_s[:, None] + back_s.ravel(), 0.0)
         # One evaluation for the stamps and all quadrature points.
         both = self._at(np.concatenate([end_s[:, None], inner_s], axis=1))
-        weights = 0.5 * period_s * w
+        weights = np.tile(0.5 * piece_s * w, self._pieces)
         interval_s = np.where(k > 0, period_s, 0.0)
         used = (k > 0)[:, None]
         return TruthBlock(
@@ -169,6 +167,79 @@ class Trajectory:
             delta_v_b=np.where(used, np.einsum('j,njc->nc', weights, both.f_b[:, 1:]), 0.0),
             interval_s=interval_s,
         )
+
+    @abstractmethod
+    def _at(self, t_s: Floats) -> TruthState:
+        """State at times since the start [s], any shape."""
+
+    def _state(
+        self,
+        *,
+        r_e: Floats,
+        v_e: Floats,
+        C_e_G: Floats,
+        C_b_G: Floats,
+        omega_ib_b: Floats,
+        f_b: Floats,
+        current_G: Floats,
+        t_s: Floats,
+    ) -> TruthState:
+        """Complete a state."""
+        lat, lon, h = (np.asarray(x) for x in earth.geodetic_from_ecef(r_e))
+        depth = self._surface - h
+        lost = (t_s >= self._lost_s[0]) & (t_s < self._lost_s[1])
+        return TruthState(
+            r_e=r_e,
+            v_e=v_e,
+            v_G=apply(C_e_G, v_e),
+            C_e_G=C_e_G,
+            C_b_G=C_b_G,
+            omega_ib_b=omega_ib_b,
+            f_b=f_b,
+            lat=lat,
+            lon=lon,
+            h=h,
+            depth=depth,
+            altitude=np.where(lost, ABYSS_M, self._floor) - depth,
+            current_G=current_G,
+        )
+
+
+class Trajectory(Truth):
+    """Truth of a vehicle that follows a path.
+
+    Parameters
+    ----------
+    knots : Knots
+        What the splines go through.
+    oscillation : OscillationSpec
+        Sines added to the reference angles.
+    start_ns, period_ns, sea_surface_height, sea_floor_depth, floor_lost_s
+        As of :class:`Truth`.
+    """
+
+    def __init__(
+        self,
+        knots: Knots,
+        oscillation: OscillationSpec,
+        start_ns: int,
+        period_ns: int,
+        sea_surface_height: float = 0.0,
+        sea_floor_depth: float = math.nan,
+        floor_lost_s: tuple[float, float] = (0.0, 0.0),
+    ) -> None:
+        super().__init__(start_ns, period_ns, sea_surface_height, sea_floor_depth, floor_lost_s)
+        self._origin_e = knots.origin_e
+        self._first_s, self._last_s = float(knots.t_s[0]), float(knots.t_s[-1])
+        position = make_interp_spline(knots.t_s, knots.d_e, k=DEGREE)
+        self._d_e = (position, position.derivative(1), position.derivative(2))
+        angles = make_interp_spline(knots.t_s, knots.angles, k=DEGREE)
+        self._angles = (angles, angles.derivative(1))
+        # Order psi, theta, phi, as in Knots.angles.
+        sines = (oscillation.yaw, oscillation.pitch, oscillation.roll)
+        self._amplitude = np.radians([s.amplitude_deg for s in sines])
+        self._rate = np.array([2.0 * np.pi / s.period_s for s in sines])
+        self._phase = np.radians([s.phase_deg for s in sines])
 
     def angles(self, t_s: Floats) -> tuple[Floats, Floats]:
         """Angles (psi, theta, phi) [rad] and their rates [rad/s], shape (..., 3)."""
@@ -187,40 +258,40 @@ class Trajectory:
         d_e, v_e, a_e = (spline(t_s) for spline in self._d_e)
         r_e = self._origin_e + d_e
         C_e_G = np.asarray(grid.ecef_to_grid(r_e))
-        v_G = _apply(C_e_G, v_e)
+        v_G = apply(C_e_G, v_e)
         angles, rates = self.angles(t_s)
         C_b_G = attitude.matrix_from_euler(angles[..., 0], angles[..., 1], angles[..., 2])
         omega_iG_G = grid.earth_rate(r_e) + grid.transport_rate(r_e, v_G)
-        f_e = a_e + 2.0 * earth.OMEGA_IE * _spin_cross(v_e)
-        f_G = _apply(C_e_G, f_e)
-        f_G[..., 2] += earth.gravity(r_e)
-        lat, lon, h = (np.asarray(x) for x in earth.geodetic_from_ecef(r_e))
-        depth = self._surface - h
-        return TruthState(
+        return self._state(
             r_e=r_e,
             v_e=v_e,
-            v_G=v_G,
             C_e_G=C_e_G,
             C_b_G=C_b_G,
-            omega_ib_b=_apply_transposed(C_b_G, omega_iG_G) + _euler_rate(angles, rates),
-            f_b=_apply_transposed(C_b_G, f_G),
-            lat=lat,
-            lon=lon,
-            h=h,
-            depth=depth,
-            altitude=self._floor - depth,
+            omega_ib_b=apply_transposed(C_b_G, omega_iG_G) + euler_rate(angles, rates),
+            f_b=apply_transposed(C_b_G, specific_force(r_e, v_e, a_e, C_e_G)),
+            current_G=np.zeros_like(r_e),
+            t_s=t_s,
         )
 
 
 _STATE_FIELDS = tuple(TruthState.__dataclass_fields__)
 
 
-def _apply(C: Floats, x: Floats) -> Floats:
+def apply(C: Floats, x: Floats) -> Floats:
+    """C x, arrays of both."""
     return np.asarray(np.einsum('...ij,...j->...i', C, x))
 
 
-def _apply_transposed(C: Floats, x: Floats) -> Floats:
+def apply_transposed(C: Floats, x: Floats) -> Floats:
+    """Transposed C x, arrays of both."""
     return np.asarray(np.einsum('...ji,...j->...i', C, x))
+
+
+def specific_force(r_e: Floats, v_e: Floats, a_e: Floats, C_e_G: Floats) -> Floats:
+    """Specific force of a motion against the earth, grid axes [m/s^2]."""
+    f_G = apply(C_e_G, a_e + 2.0 * earth.OMEGA_IE * _spin_cross(v_e))
+    f_G[..., 2] += earth.gravity(r_e)
+    return f_G
 
 
 def _spin_cross(x_e: Floats) -> Floats:
@@ -228,7 +299,7 @@ def _spin_cross(x_e: Floats) -> Floats:
     return np.stack([-x_e[..., 1], x_e[..., 0], np.zeros_like(x_e[..., 0])], axis=-1)
 
 
-def _euler_rate(angles: Floats, rates: Floats) -> Floats:
+def euler_rate(angles: Floats, rates: Floats) -> Floats:
     """Rate of b against G of C_b_G = Rz(psi) Ry(theta) Rx(phi), body axes [rad/s].
 
     omega_Gb_b = (phi' - psi' sin theta, theta' cos phi + psi' cos theta sin phi,

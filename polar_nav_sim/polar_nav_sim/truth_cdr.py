@@ -120,7 +120,7 @@ def encode(block: TruthBlock) -> list[bytes]:
         'delta_theta_b': block.delta_theta_b,
         'delta_v_b': block.delta_v_b,
         'interval': block.interval_s,
-        'current_g': np.zeros((n, 3)),
+        'current_g': s.current_G,
     }
     values = records['values']
     for name, part in parts.items():

@@ -16,13 +16,15 @@ class TruthStream:
     ----------
     mission : Mission
         What is sailed.
+    block_s : float
+        Truth that is made at once [s]; commands to a vehicle act from the next block on.
     """
 
-    def __init__(self, mission: Mission) -> None:
+    def __init__(self, mission: Mission, block_s: float = BLOCK_S) -> None:
         self._trajectories = {v: mission.truth(v) for v in mission.vehicles}
         self._start_ns = mission.start_ns
         self._period_ns = mission.imu_period_ns
-        self._size = max(1, round(BLOCK_S * 1e9 / mission.imu_period_ns))
+        self._size = max(1, round(block_s * 1e9 / mission.imu_period_ns))
         self._blocks: dict[int, dict[str, list[bytes]]] = {}
         self.count = mission.sample_count
         """Samples per vehicle."""

@@ -16,6 +16,11 @@ from polar_nav_sim.sensors.noise import GaussMarkov
 
 TRIADS = {'gyro': slice(0, 3), 'accel': slice(3, 6)}
 POINTS = [(name, length) for name in presets.IMU for length in sim_allan.RECORDS]
+RECORDS = [
+    pytest.param(*p, marks=[] if p == ('paper_6_1', '10 h at 10 Hz') else pytest.mark.slow)
+    for p in POINTS
+]
+"""One of them in the fast ring: a record takes a second."""
 
 
 def band(dof):
@@ -23,7 +28,7 @@ def band(dof):
     return 3.0 / np.sqrt(2.0 * dof)
 
 
-@pytest.mark.parametrize(('name', 'length'), POINTS)
+@pytest.mark.parametrize(('name', 'length'), RECORDS)
 @pytest.mark.parametrize('triad', TRIADS)
 def test_preset_stays_inside_the_band_of_one_record(name, length, triad):
     """RMS over the three axes, at every averaging time up to a ninth of the record.
@@ -37,6 +42,7 @@ def test_preset_stays_inside_the_band_of_one_record(name, length, triad):
     assert (np.abs(ratio - 1.0) < band(c.dof[rows].min(axis=0))).all()
 
 
+@pytest.mark.slow
 def test_false_alarms_of_the_bands_are_as_stated():
     total = 0.0
     for name, length in POINTS:
@@ -48,7 +54,7 @@ def test_false_alarms_of_the_bands_are_as_stated():
     assert total < 1e-3
 
 
-@pytest.mark.parametrize(('name', 'length'), POINTS)
+@pytest.mark.parametrize(('name', 'length'), RECORDS)
 def test_no_axis_is_out_by_chance(name, length):
     """Each axis alone, two-sided chi-square tail above 1e-6: 3120 points, false alarms < 0.3 %."""
     c = sim_allan.preset(name, length)
@@ -57,6 +63,7 @@ def test_no_axis_is_out_by_chance(name, length):
     assert tail.min() > 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', presets.IMU)
 def test_noise_density_from_an_hour(name):
     """Within 3 % from the deviation at 0.1 s, which one hour gives to 0.3 %: ten sigma."""

@@ -14,6 +14,8 @@ from polar_nav_sim.sensors import presets
 CONFIG = Path(__file__).parents[1] / 'config'
 CLASSES = {
     'truth_node': params.TruthParams,
+    'vehicle_node': params.VehicleParams,
+    'station_node': params.StationParams,
     'imu_node': params.ImuParams,
     'dvl_node': params.DvlParams,
     'depth_node': params.DepthParams,

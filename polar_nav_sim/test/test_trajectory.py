@@ -45,7 +45,7 @@ def test_velocity_force_and_rate_are_those_of_the_motion(name):
 def test_strapdown_reproduces_truth(name):
     """Ten minutes at 100 Hz, nothing held: within a millimetre, 1e-5 m/s and 1e-9 rad."""
     mission = load_mission(name)
-    truth = mission.truth('follower')
+    truth = mission.truth(mission.followers[0])
     count = min(mission.sample_count, 60001)
     block = truth.samples(0, count)
     s = block.state

@@ -28,14 +28,14 @@ from launch.logging import launch_config
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from polar_nav_core.engine.params import CONFIGURATIONS
 from polar_nav_core.errors import ConfigError
 from polar_nav_tools.domain import node_surroundings
-from polar_nav_tools.graph import LEADERS, PACES, GraphOptions
+from polar_nav_tools.graph import LEADERS, PACES, GraphOptions, usual_configuration
 from polar_nav_tools.live import RunFailed, new_bag_path, prepare_graph, read_mission
 from polar_nav_tools.node_process import NodeEnd
 from polar_nav_tools.node_spec import NodeSpec, Stage
 from polar_nav_tools.supervisor import ORDERLY
+from polar_nav_tools.variants import NAMES
 
 T = TypeVar('T')
 
@@ -69,9 +69,9 @@ def generate_launch_description() -> LaunchDescription:
             ),
             DeclareLaunchArgument(
                 'configuration',
-                default_value='modified_akf',
-                choices=list(CONFIGURATIONS),
-                description='Filter configuration of the follower',
+                default_value='',
+                choices=['', *NAMES],
+                description="Filter configuration of the follower; empty: the mission's usual one",
             ),
             DeclareLaunchArgument(
                 'leader',
@@ -100,7 +100,7 @@ def _graph(context: LaunchContext) -> list[LaunchDescriptionEntity]:
     options = GraphOptions(
         pace=value('pace'),
         seed=seed,
-        configuration=value('configuration'),
+        configuration=value('configuration') or usual_configuration(mission),
         leader=value('leader'),
         bag=None if bag == NO_BAG else folder,
     )

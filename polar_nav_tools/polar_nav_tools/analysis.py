@@ -8,11 +8,9 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from .bags import Bag, BagError, open_bag
 from .bags.arrays import (
@@ -23,17 +21,26 @@ from .bags.arrays import (
     receipts_from_cdr,
 )
 from .live import OUTCOME_NAME, RUN_FOLDER
+from .model_series import (
+    IDENTIFICATION,
+    MODEL,
+    ModelRun,
+    load_model_run,
+    load_true_model,
+    model_run_from_cdr,
+)
 from .packets import delivery_of
-from .report.input import Digest, FixPositions, ReportInput, SentPackets, TopicCount
+from .progress import opening_display
+from .report.input import Digest, TopicCount
 from .scoring import Balance, Column, Comparison, Table, balances, compare, mission_phases
 from .scoring.compare import Run
 from .scoring.delivery import Delivery
-from .series import TruthSeries
 
 if TYPE_CHECKING:
     from .verification import VerifyResult
 
 STATE, RECEIPT, PACKET, DECODED = 'nav/state', 'nav/receipt', 'acomms/rx', 'acomms/decoded'
+STATION_DECODED = 'acomms/station_decoded'
 TX = 'acomms/tx'
 RECORDER = '/recorder_node'
 Say = Callable[[str], None]
@@ -143,24 +150,25 @@ def analyse(
     arrays = None
     if configurations and not verified:
         from .recorded_arrays import load_arrays
+        from .station_arrays import load_station
 
         step = 1.0 / (1 + len(configurations))
-        arrays = load_arrays(
-            bag, name, truth=truth_from is None, progress=_part(progress, 0.0, step)
+        with_truth, reading = truth_from is None, _part(progress, 0.0, step)
+        arrays = load_arrays(bag, name, truth=with_truth, progress=reading) or load_station(
+            bag, name, truth=with_truth, progress=reading
         )
     truth = arrays.truth if arrays is not None else None
     if truth is None:
         truth = load_truth(truth_from or bag, name)
     runs: dict[str, Run] = {}
+    models: dict[str, ModelRun | None] = {}
     divergence: dict[str, str] = {}
     verification = None
     if live:
         estimates = load_estimates(bag, name)
-        runs[f'{estimates.configuration} (recorded)'] = (
-            truth,
-            estimates,
-            load_receipts(bag, name),
-        )
+        title = f'{estimates.configuration} (recorded)'
+        runs[title] = (truth, estimates, load_receipts(bag, name))
+        models[title] = load_model_run(bag, name)
     if arrays is not None:
         from .fast_replay import replay_arrays
 
@@ -170,6 +178,8 @@ def analyse(
             fast = replay_arrays(arrays, configuration=configuration, progress=part)
             divergence[configuration] = fast.divergence
             runs[configuration] = (truth, fast.estimates, fast.receipts)
+            if fast.model is not None:
+                models[configuration] = replace(fast.model, truth=load_true_model(bag, name))
     elif configurations or verified:
         from .recorded_inputs import load_inputs
         from .replay import replay
@@ -188,6 +198,9 @@ def analyse(
                 estimates_from_cdr(result.of(STATE), name),
                 receipts_from_cdr(result.of(RECEIPT)),
             )
+            models[configuration] = model_run_from_cdr(
+                result.of(MODEL), result.of(IDENTIFICATION), load_true_model(bag, name)
+            )
         if verified:
             say('comparing a replay with what was published live')
             verification = verify(inputs, replayed=replayed)
@@ -197,7 +210,11 @@ def analyse(
         bag=bag,
         vehicle=name,
         runs=runs,
-        comparison=compare(runs, phases=mission_phases(truth)),
+        comparison=compare(
+            runs,
+            models={name: model for name, model in models.items() if model is not None},
+            phases=mission_phases(truth),
+        ),
         balances={n: balances(receipts, packets) for n, (_, _, receipts) in runs.items()},
         counts=topic_counts(bag, read_outcome(bag.path).get('counts', {})),
         verification=verification,
@@ -313,75 +330,10 @@ def topic_table(counts: Sequence[TopicCount]) -> Table:
     return Table('Messages', columns, rows)
 
 
-def report_input(analysis: Analysis, *, title: str, made: str) -> ReportInput:
-    """Gather what a report shows."""
-    bag, name = analysis.bag, analysis.vehicle
-    leader = leader_of(bag, name)
-    first = next(iter(analysis.balances.values()), ())
-    return ReportInput(
-        title=title,
-        subtitle=str(bag.run_info.get('mission', '')),
-        runs=analysis.runs,
-        leader=leader,
-        fixes=fix_positions(bag, name),
-        sent=sent_packets(bag, leader.vehicle if leader is not None else None),
-        counts=analysis.counts,
-        balances=first,
-        digests=analysis.digests(),
-        metadata=_metadata(bag),
-        made=made,
-        comparison=analysis.comparison,
-    )
-
-
-def leader_of(bag: Bag, follower: str) -> TruthSeries | None:
-    """Truth of the first other vehicle that the bag has, for the map."""
-    for topic in bag.topics.values():
-        vehicle, _, rest = topic.name.strip('/').partition('/')
-        if rest == 'truth' and vehicle != follower and topic.count:
-            return load_truth(bag, vehicle)
-    return None
-
-
-def fix_positions(bag: Bag, follower: str) -> FixPositions | None:
-    """Where the packets that the follower could read put it."""
-    topic = f'/{follower}/{DECODED}'
-    if topic not in bag.topics or not bag.topics[topic].count:
-        return None
-    messages = [message for _, message in bag.read(topic)]
-    stamps = [m.header.stamp for m in messages]
-    return FixPositions.from_broadcasts(
-        source=str(messages[0].source),
-        sequence=np.array([m.sequence for m in messages], dtype=np.int64),
-        stamp_ns=np.array([s.sec * 10**9 + s.nanosec for s in stamps], dtype=np.int64),
-        leader_r_e=np.array([m.leader_r_e for m in messages], dtype=np.float64),
-        r_lf_G=np.array([m.r_lf_g for m in messages], dtype=np.float64),
-    )
-
-
-def sent_packets(bag: Bag, leader: str | None) -> SentPackets | None:
-    """Every packet that the leader sent."""
-    topic = f'/{leader}/acomms/tx'
-    if leader is None or topic not in bag.topics or not bag.topics[topic].count:
-        return None
-    messages = [message for _, message in bag.read(topic)]
-    times = [m.transmit_time for m in messages]
-    return SentPackets(
-        source=leader,
-        sequence=np.array([m.sequence for m in messages], dtype=np.int64),
-        transmit_ns=np.array([t.sec * 10**9 + t.nanosec for t in times], dtype=np.int64),
-    )
-
-
-def _metadata(bag: Bag) -> dict[str, dict[str, object]]:
-    run = {k: v for k, v in bag.run_info.items() if not isinstance(v, dict | list)}
-    nodes = {name: dict(info.get('params', {})) for name, info in bag.node_infos.items()}
-    return {'run': run, **nodes}
-
-
 def open_for(path: Path, say: Say) -> Bag:
     """Open a bag and tell what is wrong with it, before anything is made of it."""
-    bag = open_bag(path)
+    with opening_display(path) as progress:
+        bag = open_bag(path, progress)
     for problem in bag.problems:
         say(f'{path}: {problem}')
     return bag

@@ -12,15 +12,14 @@ from typing import Any
 
 from .analysis import Analysis, analyse, open_for, topic_table
 from .drawing import write_analysis
-from .graph import GraphOptions
+from .graph import GraphOptions, follower_parameters, usual_configuration
 from .live import LiveRun, new_bag_path, read_mission, run_live
 from .progress import progress_display
 from .scoring import Score
 from .scoring.plain import jsonable
+from .scoring.windows import SECOND_HALF
 from .terminal import print_table
-
-ALGORITHMS = ('conventional_akf', 'modified_akf')
-"""Replayed side by side: the one that takes late fixes as current, and the delay-aware one."""
+from .variants import pair_of
 
 _RMS_KEYS = {
     'phi_x': 'phi_x_arcmin',
@@ -43,8 +42,10 @@ class DemoOptions:
         Name or file.
     duration_s : float or None
         Another length than the mission's own.
-    seed, pace, configuration
+    seed, pace
         As in :class:`GraphOptions`.
+    configuration : str or None
+        Of the live follower; None: the usual one of the mission.
     bag : Path or None
         The new bag; by default a new one in ``folder``.
     folder : Path
@@ -59,7 +60,7 @@ class DemoOptions:
     duration_s: float | None
     seed: int
     pace: str
-    configuration: str
+    configuration: str | None
     bag: Path | None
     folder: Path
     as_recorded: bool = False
@@ -106,6 +107,10 @@ class DemoResult:
             'algorithms': {
                 name: algorithm_figures(one) for name, one in analysis.comparison.scores.items()
             },
+            'models': {
+                name: one.windows[SECOND_HALF].to_dict()
+                for name, one in analysis.comparison.models.items()
+            },
             'counts': {
                 c.topic: {'published': c.published, 'recorded': c.recorded, 'received': c.received}
                 for c in analysis.counts
@@ -127,6 +132,7 @@ class DemoResult:
         comparison = self.analysis.comparison
         for table in (
             comparison.table(),
+            *comparison.model_tables(),
             comparison.delay_table(),
             comparison.verdict_table(),
             topic_table(self.analysis.counts),
@@ -179,7 +185,7 @@ def run_demo(options: DemoOptions, *, say: Callable[[str], None]) -> DemoResult:
     graph_options = GraphOptions(
         pace=options.pace,
         seed=options.seed,
-        configuration=options.configuration,
+        configuration=options.configuration or usual_configuration(mission),
         leader=options.leader,
         bag=bag,
     )
@@ -200,7 +206,8 @@ def run_demo(options: DemoOptions, *, say: Callable[[str], None]) -> DemoResult:
     if run.outcome.signal is not None or run.bag is None:
         return DemoResult(run, wall_s)
     replaying = time.monotonic()
-    analysis = analyse(open_for(run.bag, say), ALGORITHMS, verified=True, say=say)
+    algorithms = pair_of(follower_parameters(run.graph))
+    analysis = analyse(open_for(run.bag, say), algorithms, verified=True, say=say)
     wall_s['replay and score'] = time.monotonic() - replaying
     drawing = time.monotonic()
     report = write_analysis(analysis, run.bag / 'report.html')

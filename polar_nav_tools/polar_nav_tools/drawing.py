@@ -6,8 +6,9 @@ from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
 
-from .analysis import Analysis, report_input
+from .analysis import Analysis
 from .report import write_report
+from .report_source import report_input
 
 
 def write_analysis(analysis: Analysis, path: Path) -> Path:

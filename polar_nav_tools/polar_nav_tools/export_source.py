@@ -8,10 +8,11 @@ from polar_nav_core.attitude import matrix_from_quaternion
 from polar_nav_core.earth import geodetic_from_ecef
 from polar_nav_core.errors import ConfigError
 
-from .analysis import STATE, follower_of, leader_of
+from .analysis import STATE, follower_of
 from .bags import Bag, BagError
 from .bags.arrays import estimates_from_cdr, load_estimates, load_truth
 from .export import Trajectory, trajectory
+from .report_source import leader_of
 from .series import Floats
 
 WHATS = ('truth', 'estimate', 'estimate:CONFIGURATION', 'leader')

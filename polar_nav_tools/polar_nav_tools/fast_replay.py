@@ -18,10 +18,12 @@ from polar_nav_follower.params import FollowerParams
 
 from .bags import Bag
 from .estimates import EstimateRows, receipts_of
+from .model_series import ModelRun
 from .recorded_arrays import RecordedArrays, load_arrays
 from .recorded_inputs import choose_follower
 from .replay import parameters
 from .series import EstimateSeries, Receipt
+from .station_arrays import StationArrays, load_station, replay_station
 
 Progress = Callable[[float], None]
 
@@ -44,6 +46,8 @@ class FastResult:
         Verdict counts of everything that got a receipt.
     divergence : str
         Why the filter stopped; empty when it did not.
+    model : ModelRun or None
+        What it said of vehicle and water, without the truth of it.
     """
 
     vehicle: str
@@ -53,10 +57,11 @@ class FastResult:
     taken: dict[str, int]
     verdicts: dict[str, int]
     divergence: str
+    model: ModelRun | None = None
 
 
 def replay_arrays(
-    source: RecordedArrays,
+    source: RecordedArrays | StationArrays,
     *,
     configuration: str | None = None,
     changes: Mapping[str, Any] | None = None,
@@ -64,6 +69,11 @@ def replay_arrays(
 ) -> FastResult:
     """Run a bag's messages through the engine; see `replay.replay`."""
     params = parameters(source.params, configuration, changes or {})
+    if isinstance(source, StationArrays):
+        run = replay_station(source, params)
+        return FastResult(
+            vehicle=source.vehicle, params=params, taken=source.taken, **run._asdict()
+        )
     numbered = source.inputs(params)
     rows = EstimateRows(params, _expected(numbered.inputs, params))
     result = batch.run(params, numbered.inputs, progress=progress, sink=rows.take)
@@ -100,7 +110,10 @@ def replay_estimates(
     """Read and replay a bag; None for a run that has to be taken message by message."""
     # A parameter out of range is told before a long bag is read.
     parameters(choose_follower(bag, vehicle)[1], configuration, changes)
-    arrays = load_arrays(bag, vehicle, progress=lambda share: progress(0.5 * share))
+    reading = _half(progress)
+    arrays = load_arrays(bag, vehicle, progress=reading) or load_station(
+        bag, vehicle, progress=reading
+    )
     if arrays is None:
         return None
     return replay_arrays(
@@ -109,6 +122,10 @@ def replay_estimates(
         changes=changes,
         progress=lambda share: progress(0.5 + 0.5 * share),
     )
+
+
+def _half(progress: Progress) -> Progress:
+    return lambda share: progress(0.5 * share)
 
 
 def _merged(

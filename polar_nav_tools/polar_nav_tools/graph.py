@@ -12,16 +12,27 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from polar_nav_core.engine.params import CONFIGURATIONS, EngineParams
+from polar_nav_core.engine.params import CONFIGURATIONS
 from polar_nav_core.errors import ConfigError
-from polar_nav_core.params import default_of, to_mapping
+from polar_nav_core.params import to_mapping
 from polar_nav_follower.params import FollowerParams
 from polar_nav_leader.params import LeaderParams
-from polar_nav_sim.randomness import stream
 from polar_nav_sim.sensors.presets import DVL, IMU
 
-from .initial import InitialSigma, initial_parameters
+from .graph_parts import (
+    FOLLOWER_ID,
+    LEADER_ID,
+    LOCKSTEP_REORDER_S,
+    LOCKSTEP_WINDOW_S,
+    REALTIME_REORDER_S,
+    link_node,
+    sim_node,
+    told_at_start,
+    usual_sigma,
+)
 from .node_spec import NodeSpec, ParameterValue, Stage
+from .station_graph import MODEL_TOPICS, has_station, station_nodes, station_topics
+from .variants import NAMES
 
 if TYPE_CHECKING:
     from polar_nav_sim.mission import Mission
@@ -32,27 +43,9 @@ PACES = ('lockstep', 'realtime')
 LEADERS = ('perfect', 'own')
 """How the leader knows where it is: told by the simulation, as the papers assume, or by itself."""
 MAX_SEED = 2**31 - 1
-LOCKSTEP_WINDOW_S = 1.0
-"""Truth that is published at once: long enough that acknowledging costs little, and a hundred IMU
-samples are far fewer than a queue holds."""
-_LOCKSTEP_REORDER_S = 2.0 * LOCKSTEP_WINDOW_S
-"""Within a window the topics come in any order, and so do those of the window after it."""
 REALTIME_GATHER_S = 300.0
 """Longest wait for the nodes to find each other before the first sample: a follower that compiles
 its kernels for the first time takes half a minute, on a busy machine some minutes."""
-_REALTIME_REORDER_S = 2.0
-"""Truth that was held up comes in bursts of up to half a second, its topics in any order, and a
-packet goes through four processes: on a busy machine they were 1.2 s behind the IMU."""
-LEADER_ID, FOLLOWER_ID = 1, 2
-"""Numbers of the vehicles in acoustic packets."""
-LINK: dict[str, ParameterValue] = {
-    'random_delay': 'exponential',
-    'random_delay_mean_s': 0.5,
-    'random_delay_max_s': 10.0,
-    'loss_probability': 0.05,
-    'bit_error_rate': 1e-4,
-}
-"""An acoustic link as one meets it: now and then a packet is late, lost or damaged."""
 
 
 @dataclass(frozen=True)
@@ -90,8 +83,8 @@ class GraphOptions:
     def __post_init__(self) -> None:
         if self.pace not in PACES:
             raise ConfigError(f'pace {self.pace!r} is none of {", ".join(PACES)}')
-        if self.configuration not in CONFIGURATIONS:
-            known = ', '.join(CONFIGURATIONS)
+        if self.configuration not in NAMES:
+            known = ', '.join(NAMES)
             raise ConfigError(f'configuration {self.configuration!r} is none of {known}')
         if self.leader not in LEADERS:
             raise ConfigError(f'leader {self.leader!r} is none of {", ".join(LEADERS)}')
@@ -169,19 +162,39 @@ def build_graph(mission: Mission, options: GraphOptions) -> Graph:
         names = ', '.join(mission.followers) or 'none'
         raise ConfigError(f'mission {mission.name}: one follower is needed, it has {names}')
     leader, follower = mission.leader, mission.followers[0]
-    topics = recorded_topics(leader, follower, options.leader)
     lockstep = options.pace == 'lockstep'
-    nodes = [
-        *_vehicle_nodes(leader, options, _leader_instruments(options)),
-        *_vehicle_nodes(follower, options, {}),
-        *_acoustic_nodes(mission, leader, follower, options),
-        _follower_node(mission, follower, options),
-        *_recorder_node(topics, options),
-    ]
+    if has_station(mission):
+        topics = {**_ROOT_TOPICS, **station_topics(leader, follower)}
+        nodes = station_nodes(mission, follower, options)
+    else:
+        if options.configuration not in CONFIGURATIONS:
+            raise ConfigError(
+                f'mission {mission.name}: configuration {options.configuration!r} is for a '
+                f'station; with a leader there are {", ".join(CONFIGURATIONS)}'
+            )
+        topics = recorded_topics(leader, follower, options.leader)
+        topics |= {f'/{v}/{t}': kind for v in mission.dynamic for t, kind in MODEL_TOPICS.items()}
+        nodes = [
+            *_vehicle_nodes(leader, options, _leader_instruments(options)),
+            *_vehicle_nodes(follower, options, {}),
+            *_acoustic_nodes(mission, leader, follower, options),
+            _follower_node(mission, follower, options),
+        ]
+    nodes += _recorder_node(topics, options)
     heard = 'lockstep' if lockstep else 'presence'
     nodes = [replace(s, parameters={**s.parameters, heard: True}) for s in nodes]
     truth = _truth_node(mission, options, [spec.full_name for spec in nodes])
     return Graph(mission.name, mission.duration_s, options, (truth, *nodes), topics)
+
+
+def usual_configuration(mission: Mission) -> str:
+    """Filter configuration of the live follower where nobody names another."""
+    return 'default' if has_station(mission) else 'modified_akf'
+
+
+def follower_parameters(graph: Graph) -> Mapping[str, ParameterValue]:
+    """Parameters of the follower that differ from its node's defaults."""
+    return next(spec.parameters for spec in graph.nodes if spec.stage is Stage.FOLLOWER)
 
 
 def recorded_topics(leader: str, follower: str, navigates: str = 'perfect') -> dict[str, str]:
@@ -193,13 +206,6 @@ def recorded_topics(leader: str, follower: str, navigates: str = 'perfect') -> d
     for topic, kind in {**_SENSOR_TOPICS, **_FOLLOWER_TOPICS}.items():
         topics[f'/{follower}/{topic}'] = kind
     return {**_ROOT_TOPICS, **topics}
-
-
-def _sim(
-    executable: str, namespace: str, stage: Stage, parameters: Mapping[str, ParameterValue]
-) -> NodeSpec:
-    module = f'polar_nav_sim.nodes.{executable}'
-    return NodeSpec('polar_nav_sim', executable, module, namespace, stage, parameters)
 
 
 def _truth_node(mission: Mission, options: GraphOptions, others: list[str]) -> NodeSpec:
@@ -216,7 +222,8 @@ def _truth_node(mission: Mission, options: GraphOptions, others: list[str]) -> N
         parameters['window_s'] = LOCKSTEP_WINDOW_S
     else:
         parameters['gather_s'] = REALTIME_GATHER_S
-    return _sim('truth_node', '', Stage.TRUTH, parameters)
+    executable = 'vehicle_node' if mission.dynamic else 'truth_node'
+    return sim_node(executable, '', Stage.TRUTH, parameters)
 
 
 def _vehicle_nodes(
@@ -226,7 +233,7 @@ def _vehicle_nodes(
 ) -> list[NodeSpec]:
     names = ('imu_node', 'dvl_node', 'depth_node')
     return [
-        _sim(name, vehicle, Stage.SENSOR, {'seed': options.seed, **instruments.get(name, {})})
+        sim_node(name, vehicle, Stage.SENSOR, {'seed': options.seed, **instruments.get(name, {})})
         for name in names
     ]
 
@@ -253,14 +260,12 @@ def _acoustic_nodes(
     """Build what stands between the leader's truth and the follower's modem."""
     seed: dict[str, ParameterValue] = {'seed': options.seed}
     nodes = [
-        _sim('usbl_node', leader, Stage.SENSOR, {**seed, 'targets': [follower]}),
+        sim_node('usbl_node', leader, Stage.SENSOR, {**seed, 'targets': [follower]}),
         _leader_node(mission, leader, follower, options),
-        _sim(
-            'acoustic_link_node', '', Stage.LINK, {**seed, **LINK, 'vehicles': [leader, follower]}
-        ),
+        link_node([leader, follower], options.seed),
     ]
     if options.leader == 'perfect':
-        return [_sim('leader_reference_node', leader, Stage.SENSOR, seed), *nodes]
+        return [sim_node('leader_reference_node', leader, Stage.SENSOR, seed), *nodes]
     return nodes
 
 
@@ -273,9 +278,9 @@ def _leader_node(mission: Mission, leader: str, follower: str, options: GraphOpt
     }
     if options.leader == 'own':
         parameters['navigation'] = 'own'
-        parameters |= _initial_parameters(mission, leader, LeaderParams, options)
+        parameters |= told_at_start(mission, leader, usual_sigma(LeaderParams), options.seed)
         if options.pace == 'lockstep':
-            parameters['reorder_window_s'] = _LOCKSTEP_REORDER_S
+            parameters['reorder_window_s'] = LOCKSTEP_REORDER_S
     return NodeSpec(
         'polar_nav_leader',
         'leader_node',
@@ -286,38 +291,23 @@ def _leader_node(mission: Mission, leader: str, follower: str, options: GraphOpt
     )
 
 
-def _initial_parameters(
-    mission: Mission, vehicle: str, kind: type[EngineParams], options: GraphOptions
-) -> dict[str, ParameterValue]:
-    """What a vehicle is told of its state at the start: truth, off by its node's own sigmas."""
-    # The first IMU sample ends the first interval: that is when the filter starts.
-    first_ns = mission.start_ns + mission.imu_period_ns
-    sigma = InitialSigma(
-        position=default_of(kind, 'initial_sigma_position'),
-        height=default_of(kind, 'initial_sigma_height'),
-        velocity=default_of(kind, 'initial_sigma_velocity'),
-        tilt_deg=default_of(kind, 'initial_sigma_tilt_deg'),
-        heading_deg=default_of(kind, 'initial_sigma_heading_deg'),
-    )
-    rng = stream(options.seed, f'{vehicle}/initial_state')
-    return initial_parameters(mission.truth(vehicle).state(first_ns), sigma, rng)
-
-
 def _follower_node(mission: Mission, follower: str, options: GraphOptions) -> NodeSpec:
     parameters: dict[str, ParameterValue] = {
         'configuration': options.configuration,
         'leader_id': LEADER_ID,
         'own_id': FOLLOWER_ID,
         'sea_surface_height': mission.numbers.sea_surface_height_m,
-        **_initial_parameters(mission, follower, FollowerParams, options),
+        **told_at_start(mission, follower, usual_sigma(FollowerParams), options.seed),
     }
+    if follower in mission.dynamic and hasattr(FollowerParams, 'model_aiding'):
+        parameters['model_aiding'] = True
     if options.pace == 'lockstep':
-        parameters['reorder_window_s'] = _LOCKSTEP_REORDER_S
+        parameters['reorder_window_s'] = LOCKSTEP_REORDER_S
         if options.leader == 'own':
             # The leader's packets come as much later as the leader itself waits.
-            parameters['reorder_window_s'] = 2.0 * _LOCKSTEP_REORDER_S
+            parameters['reorder_window_s'] = 2.0 * LOCKSTEP_REORDER_S
     elif options.leader == 'perfect':
-        parameters['reorder_window_s'] = _REALTIME_REORDER_S
+        parameters['reorder_window_s'] = REALTIME_REORDER_S
     return NodeSpec(
         'polar_nav_follower',
         'follower_node',

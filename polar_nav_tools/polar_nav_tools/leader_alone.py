@@ -30,7 +30,7 @@ from polar_nav_sim.sensors.depth import DepthErrors, DepthSensor
 from polar_nav_sim.sensors.dvl import DvlSensor
 from polar_nav_sim.sensors.imu import ImuSensor
 from polar_nav_sim.sensors.presets import DVL, IMU
-from polar_nav_sim.trajectory import Trajectory
+from polar_nav_sim.trajectory import Truth
 
 from .initial import InitialSigma, initial_parameters
 
@@ -146,7 +146,7 @@ def run(duration_s: float, seed: int) -> Drift:
 
 
 @lru_cache(maxsize=1)
-def _ideal(duration_s: float) -> tuple[Mission, Trajectory, Array, Array]:
+def _ideal(duration_s: float) -> tuple[Mission, Truth, Array, Array]:
     """Truth and the ideal increments of every IMU interval."""
     document: dict[str, Any] = {
         'duration_s': duration_s,
@@ -170,7 +170,7 @@ def _ideal(duration_s: float) -> tuple[Mission, Trajectory, Array, Array]:
 
 
 def _pings(
-    truth: Trajectory, stamps: NDArray[np.int64], seed: int
+    truth: Truth, stamps: NDArray[np.int64], seed: int
 ) -> tuple[NDArray[np.int64], Array, Array]:
     stride = round(_IMU_HZ / _DVL_HZ)
     chosen = stamps[stride - 1 :: stride]
@@ -187,7 +187,7 @@ def _pings(
 
 
 def _depths(
-    truth: Trajectory, stamps: NDArray[np.int64], seed: int
+    truth: Truth, stamps: NDArray[np.int64], seed: int
 ) -> tuple[NDArray[np.int64], Array, float]:
     stride = round(_IMU_HZ / _DEPTH_HZ)
     chosen = stamps[stride - 1 :: stride]
@@ -199,7 +199,7 @@ def _depths(
     return chosen, np.array(depth), sensor.variance
 
 
-def _params(truth: Trajectory, first_ns: int, seed: int) -> LeaderParams:
+def _params(truth: Truth, first_ns: int, seed: int) -> LeaderParams:
     sigma = InitialSigma(
         *(
             default_of(LeaderParams, f'initial_sigma_{name}')
@@ -213,7 +213,7 @@ def _params(truth: Trajectory, first_ns: int, seed: int) -> LeaderParams:
     )
 
 
-def _drift(truth: Trajectory, start_ns: int, track: batch.Track) -> Drift:
+def _drift(truth: Truth, start_ns: int, track: batch.Track) -> Drift:
     state = truth.state(track.stamps_ns)
     C_e_G = np.array([grid.ecef_to_grid(r_e) for r_e in state.r_e])
     dr_G = np.einsum('nij,nj->ni', C_e_G, track.r_e - state.r_e)

@@ -5,6 +5,10 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
+
+_LARGE_BYTES = 100_000_000
+"""Size of a bag from which its opening takes long enough to be watched."""
 
 Update = Callable[[float, float], None]
 """Called with what is done and the total."""
@@ -29,12 +33,31 @@ def progress_display(title: str, *, total: float, unit: str) -> Iterator[Update]
         yield from _lines(title, unit)
 
 
+@contextmanager
+def opening_display(path: Path) -> Iterator[Callable[[float], None] | None]:
+    """Show how far the opening of a large bag is, on a terminal only; None: nothing to show."""
+    if not sys.stderr.isatty() or _size(path) < _LARGE_BYTES:
+        yield None
+        return
+    with progress_display(f'opening {path}', total=100.0, unit='%') as update:
+        yield lambda share: update(100.0 * share, 100.0)
+
+
+def _size(path: Path) -> int:
+    """Bytes of a bag; 0 where there is none, which is said when it is opened."""
+    try:
+        files = path.iterdir() if path.is_dir() else [path]
+        return sum(file.stat().st_size for file in files)
+    except OSError:
+        return 0
+
+
 def _bar(title: str, total: float, unit: str) -> Iterator[Update]:
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     columns = (
-        TextColumn('{task.description}'),
+        TextColumn('{task.description}', markup=False),
         BarColumn(),
         TextColumn('{task.completed:.0f} of {task.total:.0f} ' + unit),
         TextColumn('{task.fields[speed]}'),

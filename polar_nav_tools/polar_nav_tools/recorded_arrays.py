@@ -2,7 +2,8 @@
 
 The same rules as in `recorded_inputs`, for whole columns: each topic numbered in the order of the
 bag, up to where the node ended, without what it refused. A run with commands, or with messages of
-another definition than the installed one, is left to `recorded_inputs`.
+another definition than the installed one, is left to `recorded_inputs`; one in station mode to
+`station_arrays`.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 
 from polar_nav_core.engine.events import Array, CommandKind, Fix, Receipt, Verdict
 from polar_nav_core.engine.inputs import Inputs, Stamps
+from polar_nav_core.params import from_mapping
 from polar_nav_follower import session
 from polar_nav_follower.measurements.fix import Packet, fixes_from_packets
 from polar_nav_follower.params import FollowerParams
@@ -31,6 +33,7 @@ from .bags.decode import is_installed
 from .bags.errors import BagError
 from .bags.reader import Bag
 from .bags.tables import Tables, read_tables
+from .recorded_constants import mode_table, require_same
 from .recorded_inputs import choose_follower, decoded, event_key, refusal_key
 from .series import TruthSeries
 
@@ -204,9 +207,12 @@ def load_arrays(
         When there is no such follower, or it took no IMU data.
     """
     name, params = choose_follower(bag, vehicle)
+    if session.inputs_of(from_mapping(FollowerParams, params)) != session.INPUTS:
+        return None
     bag.require([f'/{name}/{session.IMU}'])
     if not all(_plain(bag, f'/{name}/{topic}') for topic in session.INPUTS):
         return None
+    require_same(bag, (f'/{name}/{topic}' for topic in (*session.INPUTS, session.RECEIPT)))
     wanted: dict[str, Any] = {f'/{name}/{topic}': fields for topic, fields in _FIELDS.items()}
     truth_topic = f'/{name}/truth'
     truth = truth and truth_topic in bag.topics
@@ -216,8 +222,8 @@ def load_arrays(
     try:
         tables = read_tables(bag, wanted, raw, progress=progress)
         commands = [decoded(bag, raw[1], d, Command) for d in tables.payloads[raw[1]]]
-        packets = _packets(bag, raw[0], tables.payloads[raw[0]])
-        refused = _refused(bag, raw[2], tables.payloads[raw[2]])
+        packets = packets_of(bag, raw[0], tables.payloads[raw[0]])
+        refused = refusals_of(bag, raw[2], tables.payloads[raw[2]])
     except BagError:
         return None  # decoding by message says what is wrong, or does not need it
     if any(m.kind != CommandKind.SHUTDOWN for m in commands):
@@ -230,6 +236,10 @@ def load_arrays(
         topic: _up_to(tables, f'/{name}/{topic}', fields, limits)
         for topic, fields in _FIELDS.items()
     }
+    modes = mode_table(bag, f'/{name}/{session.DVL}')
+    if modes is not None:
+        recorded = columns[session.DVL]['velocity_mode'].astype(np.intp)
+        columns[session.DVL]['velocity_mode'] = modes[recorded]
     found = tables.columns.get(truth_topic)
     return RecordedArrays(
         bag=bag,
@@ -263,7 +273,7 @@ def _up_to(
     return empty
 
 
-def _packets(bag: Bag, topic: str, messages: list[bytes]) -> list[Packet]:
+def packets_of(bag: Bag, topic: str, messages: list[bytes]) -> list[Packet]:
     """Packets of messages: as columns where their data have one length, else one by one."""
     if not messages:
         return []
@@ -288,7 +298,7 @@ def _packets(bag: Bag, topic: str, messages: list[bytes]) -> list[Packet]:
     return [Packet(*values) for values in zip(*columns, strict=True)]
 
 
-def _refused(bag: Bag, topic: str, messages: list[bytes]) -> list[Receipt]:
+def refusals_of(bag: Bag, topic: str, messages: list[bytes]) -> list[Receipt]:
     """Receipts of what came too late; only those are decoded whole."""
     if not messages:
         return []

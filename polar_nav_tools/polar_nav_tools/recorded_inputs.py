@@ -13,24 +13,25 @@ from pathlib import Path
 from typing import Any
 
 from rclpy.serialization import deserialize_message
-from sensor_msgs.msg import Imu
 
 from polar_nav_core.engine.events import CommandKind, Event, Fix, Receipt, Verdict
+from polar_nav_core.params import from_mapping
 from polar_nav_follower import session
-from polar_nav_msgs.msg import AcousticPacket, Command, Depth, Dvl, FixReceipt
+from polar_nav_follower.params import FollowerParams
+from polar_nav_msgs.msg import AcousticPacket, Command, FixReceipt
 from polar_nav_ros.navigation_outputs import receipt_from_msg
+from polar_nav_ros.navigation_session import MODEL_OUTPUTS, SENSORS
 
 from .bags.errors import BagError
 from .bags.reader import Bag, open_bag
+from .recorded_constants import mode_table, require_same
 
 FOLLOWER_PACKAGE = 'polar_nav_follower'
 COMPARED = (session.STATE, session.RECEIPT)
-"""Topics that a replay reproduces bit for bit."""
+"""Topics that a replay reproduces bit for bit; and those of `MODEL_OUTPUTS` that the bag has."""
 
 _TYPES: dict[str, type[Any]] = {
-    session.IMU: Imu,
-    session.DVL: Dvl,
-    session.DEPTH: Depth,
+    **SENSORS,
     session.PACKET: AcousticPacket,
     session.COMMAND: Command,
 }
@@ -55,6 +56,8 @@ class RecordedInputs:
         What the live node refused because it came too late.
     live : mapping of str to list of bytes
         What the live node published on the compared topics.
+    imu : str
+        Topic of the IMU that the node took.
     """
 
     bag: Bag
@@ -63,6 +66,7 @@ class RecordedInputs:
     messages: list[tuple[str, Any]]
     refused: list[Receipt]
     live: Mapping[str, list[bytes]]
+    imu: str = session.IMU
 
     def events(self, run: session.Session) -> list[Event]:
         """Events in their total order, without those that the live node refused.
@@ -92,7 +96,9 @@ class RecordedInputs:
         return events
 
 
-def load_inputs(bag: Bag | Path | str, vehicle: str | None = None) -> RecordedInputs:
+def load_inputs(
+    bag: Bag | Path | str, vehicle: str | None = None, changes: Mapping[str, Any] | None = None
+) -> RecordedInputs:
     """Read what a follower took and published.
 
     Parameters
@@ -101,25 +107,35 @@ def load_inputs(bag: Bag | Path | str, vehicle: str | None = None) -> RecordedIn
         Recorded run.
     vehicle : str, optional
         Which follower, when there are several.
+    changes : mapping, optional
+        Other parameters than the recorded ones: which topics are taken depends on them.
 
     Raises
     ------
     BagError
         When there is no such follower, it took no IMU data, or a message cannot be decoded.
+    ConfigError
+        For parameters that follower_node does not take.
     """
     bag = bag if isinstance(bag, Bag) else open_bag(bag)
     name, params = choose_follower(bag, vehicle)
-    bag.require([f'/{name}/{session.IMU}'])
-    topics = {f'/{name}/{topic}': topic for topic in (*session.INPUTS, *COMPARED)}
+    inputs = session.inputs_of(from_mapping(FollowerParams, {**params, **(changes or {})}))
+    bag.require([f'/{name}/{inputs[0]}'])
+    compared = (*COMPARED, *(t for t in MODEL_OUTPUTS if f'/{name}/{t}' in bag.topics))
+    topics = {f'/{name}/{topic}': topic for topic in (*inputs, *compared)}
     messages: list[tuple[str, Any]] = []
-    live: dict[str, list[bytes]] = {topic: [] for topic in COMPARED}
+    live: dict[str, list[bytes]] = {topic: [] for topic in compared}
     limits: dict[str, int] | None = None
+    require_same(bag, topics)
+    modes = mode_table(bag, f'/{name}/{session.DVL}')
     for full_name, _, data in bag.messages(topics):
         topic = topics[full_name]
         if topic in live:
             live[topic].append(data)
             continue
         message = decoded(bag, full_name, data, _TYPES[topic])
+        if topic == session.DVL and modes is not None:
+            message.velocity_mode = int(modes[message.velocity_mode])
         if topic == session.COMMAND and message.kind == CommandKind.SHUTDOWN:
             limits = dict(zip(message.taken_topics, map(int, message.taken_counts), strict=True))
         else:
@@ -129,7 +145,7 @@ def load_inputs(bag: Bag | Path | str, vehicle: str | None = None) -> RecordedIn
     refused = [receipt_from_msg(r) for r in receipts if r.verdict == Verdict.TOO_LATE]
     if limits is not None:
         messages = _up_to(messages, {t: limits.get(f, _NO_LIMIT) for f, t in topics.items()})
-    return RecordedInputs(bag, name, params, messages, refused, live)
+    return RecordedInputs(bag, name, params, messages, refused, live, inputs[0])
 
 
 def followers_of(bag: Bag) -> dict[str, dict[str, Any]]:

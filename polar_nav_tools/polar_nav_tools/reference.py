@@ -10,7 +10,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from polar_nav_core.packet import SIZE, documentation
+from polar_nav_core import packet, station_packet
 from polar_nav_follower.params import FollowerParams
 from polar_nav_leader.params import LeaderParams
 from polar_nav_sim import params as sim
@@ -19,10 +19,12 @@ from .recorder import RecorderParams
 
 NODES: dict[str, type[Any]] = {
     'truth_node': sim.TruthParams,
+    'vehicle_node': sim.VehicleParams,
     'imu_node': sim.ImuParams,
     'dvl_node': sim.DvlParams,
     'depth_node': sim.DepthParams,
     'usbl_node': sim.UsblParams,
+    'station_node': sim.StationParams,
     'leader_reference_node': sim.LeaderReferenceParams,
     'absolute_fix_node': sim.AbsoluteFixParams,
     'acoustic_link_node': sim.AcousticLinkParams,
@@ -48,9 +50,19 @@ def parameters_page() -> str:
 
 
 def packet_page() -> str:
-    """Layout of the acoustic packet, in Markdown."""
-    text = f'Little-endian, {SIZE} bytes, format 1.'
-    return '\n\n'.join(['# Acoustic packet', _WARNING, text, documentation()]) + '\n'
+    """Layout of the acoustic packets, in Markdown."""
+    parts = [
+        '# Acoustic packets',
+        _WARNING,
+        'Little-endian; the first byte is the format and tells which packet it is. Standard '
+        'deviations are rounded up. Times are ticks of 0.1 ms that wrap.',
+        f'## From a leader: format {packet.VERSION}, {packet.SIZE} bytes',
+        packet.documentation(),
+        f'## From a station: format {station_packet.VERSION}, {station_packet.SIZE} bytes',
+        station_packet.documentation(),
+        't4, when the reply was back at the station, is t3 + range / sound_speed.',
+    ]
+    return '\n\n'.join(parts) + '\n'
 
 
 def write(folder: Path) -> None:

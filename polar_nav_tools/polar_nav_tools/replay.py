@@ -21,7 +21,8 @@ from polar_nav_follower.params import FollowerParams
 from polar_nav_ros.stamps import to_ns
 
 from .bags.reader import Bag
-from .recorded_inputs import COMPARED, RecordedInputs, load_inputs
+from .recorded_inputs import RecordedInputs, load_inputs
+from .variants import parameters_of
 
 Progress = Callable[[float], None]
 """Called with the share of the work that is done."""
@@ -76,7 +77,7 @@ def parameters(
     """Recorded parameters with the user's changes; replays need no lockstep, no reorder window."""
     values = dict(recorded)
     if configuration is not None:
-        values['configuration'] = configuration
+        values |= parameters_of(configuration, recorded)
     values.update(changes)
     return from_mapping(FollowerParams, values)
 
@@ -109,10 +110,12 @@ def replay(
     ConfigError
         For an unknown parameter or a value out of range.
     """
-    inputs = source if isinstance(source, RecordedInputs) else load_inputs(source, vehicle)
+    inputs = (
+        source if isinstance(source, RecordedInputs) else load_inputs(source, vehicle, changes)
+    )
     params = parameters(inputs.params, configuration, changes or {})
     run = session.Session(params, inputs.vehicle)
-    collector = _Collector(inputs.vehicle)
+    collector = _Collector(inputs.vehicle, inputs.live)
     _drive(run, inputs.events(run), inputs.refused, collector, progress)
     return ReplayResult(
         vehicle=inputs.vehicle,
@@ -150,11 +153,11 @@ def _drive(
 
 
 class _Collector:
-    """Serializes what the session publishes, and hashes it per topic."""
+    """Collects what the session publishes, and hashes it per topic."""
 
-    def __init__(self, vehicle: str) -> None:
+    def __init__(self, vehicle: str, compared: Iterable[str]) -> None:
         self._prefix = f'/{vehicle}/'
-        self._hashes = {topic: hashlib.sha256() for topic in COMPARED}
+        self._hashes = {topic: hashlib.sha256() for topic in compared}
         self.outputs: list[Output] = []
 
     def take(self, published: Iterable[session.Published]) -> None:

@@ -10,15 +10,20 @@ from typing import Any
 import yaml
 
 from polar_nav_core.errors import ConfigError
-from polar_nav_core.params import to_mapping
+from polar_nav_core.params import names_near, to_mapping
 from polar_nav_follower.params import FollowerParams
-from polar_nav_follower.session import RECEIPT, STATE
+from polar_nav_follower.session import CURRENT, IDENTIFICATION, MODEL, RECEIPT, STATE
 
 from .bags import Bag, BagWriter
 from .fast_replay import FastResult
 from .replay import ReplayResult
 
 _TYPES = {STATE: 'polar_nav_msgs/msg/NavState', RECEIPT: 'polar_nav_msgs/msg/FixReceipt'}
+_MODEL_TYPES = {
+    CURRENT: 'polar_nav_msgs/msg/WaterCurrent',
+    MODEL: 'polar_nav_msgs/msg/VehicleModel',
+    IDENTIFICATION: 'polar_nav_msgs/msg/Identification',
+}
 
 
 def parse_changes(texts: Sequence[str]) -> dict[str, Any]:
@@ -37,7 +42,7 @@ def parse_changes(texts: Sequence[str]) -> dict[str, Any]:
             raise ConfigError(f'--set {text!r}: expected name=value')
         if name not in kinds:
             raise ConfigError(
-                f'unknown parameter {name}; follower_node has {", ".join(sorted(kinds))}'
+                f'unknown parameter {name} of follower_node; {names_near(name, kinds)}'
             )
         try:
             changes[name] = _typed(yaml.safe_load(value), kinds[name])
@@ -96,7 +101,8 @@ def write_replay(path: Path, result: ReplayResult, source: Bag) -> Path:
         'verdicts': dict(result.verdicts),
     }
     with BagWriter(path, info) as writer:
-        for topic, type_name in _TYPES.items():
+        with_model = result.of(MODEL) or result.of(IDENTIFICATION)
+        for topic, type_name in (_TYPES | _MODEL_TYPES if with_model else _TYPES).items():
             writer.add_topic(f'/{result.vehicle}/{topic}', type_name)
         for output in result.outputs:
             writer.write(output.topic, output.data, output.stamp_ns)

@@ -42,7 +42,12 @@ def side_by_side(comparisons: Mapping[str, Comparison]) -> Comparison:
             f'{label}: {name}': one
             for label, comparison in comparisons.items()
             for name, one in comparison.scores.items()
-        }
+        },
+        {
+            f'{label}: {name}': one
+            for label, comparison in comparisons.items()
+            for name, one in comparison.models.items()
+        },
     )
 
 

@@ -22,7 +22,7 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 
-class _Series:
+class Series:
     """Rows of equal number in every array of a dataclass."""
 
     stamp_ns: Ints
@@ -45,7 +45,7 @@ class _Series:
 
 
 @dataclass(frozen=True, eq=False)
-class TruthSeries(_Series):
+class TruthSeries(Series):
     """`<vehicle>/truth` (polar_nav_msgs/VehicleTruth), N samples.
 
     Attributes
@@ -89,7 +89,7 @@ class TruthSeries(_Series):
 
 
 @dataclass(frozen=True, eq=False)
-class EstimateSeries(_Series):
+class EstimateSeries(Series):
     """`<vehicle>/nav/state` (polar_nav_msgs/NavState), N samples.
 
     Covariances are of the estimate's error, grid axes, as published: ``P_attitude_G`` is that of

@@ -9,7 +9,7 @@ from rich.measure import Measurement
 from rich.table import Table as RichTable
 
 from .bags.info import BagInfo
-from .bags.reader import stamp_text
+from .bags.missing import stamp_text
 from .scoring import Table
 
 _MOST_COLUMNS = 4

@@ -13,13 +13,20 @@ from rclpy.serialization import deserialize_message
 
 from polar_nav_follower import session
 from polar_nav_msgs.msg import FixReceipt, NavState
+from polar_nav_ros.navigation_session import MODEL_OUTPUTS
 from polar_nav_ros.stamps import to_ns
 
 from .bags.decode import is_installed
 from .bags.errors import BagError
 from .bags.reader import Bag
-from .recorded_inputs import COMPARED, RecordedInputs, load_inputs
+from .recorded_inputs import RecordedInputs, load_inputs
 from .replay import Progress, ReplayResult, parameters, replay
+
+_TYPES: dict[str, type[Any]] = {
+    session.STATE: NavState,
+    session.RECEIPT: FixReceipt,
+    **MODEL_OUTPUTS,
+}
 
 
 @dataclass(frozen=True)
@@ -93,16 +100,16 @@ def verify(
     if replayed is None or replayed.params != parameters(inputs.params, None, {}):
         replayed = replay(inputs, progress=progress)
     difference = _late_start(inputs)
-    for topic in COMPARED:
+    for topic in inputs.live:
         if inputs.live[topic] != replayed.of(topic):
             found = _first_difference(topic, inputs.live[topic], replayed.of(topic))
             difference = difference or found
     return VerifyResult(
         vehicle=inputs.vehicle,
         equal=difference is None,
-        live_sha256={topic: _digest(inputs.live[topic]) for topic in COMPARED},
+        live_sha256={topic: _digest(messages) for topic, messages in inputs.live.items()},
         replay_sha256=replayed.sha256,
-        counts={t: (len(inputs.live[t]), len(replayed.of(t))) for t in COMPARED},
+        counts={t: (len(m), len(replayed.of(t))) for t, m in inputs.live.items()},
         difference=difference,
         problems=list(inputs.bag.problems),
     )
@@ -117,7 +124,7 @@ def require_comparable(inputs: RecordedInputs) -> None:
         Naming the topic.
     """
     inputs.bag.require([f'/{inputs.vehicle}/{session.STATE}'])
-    for topic in COMPARED:
+    for topic in inputs.live:
         name = f'/{inputs.vehicle}/{topic}'
         if name not in inputs.bag.topics or is_installed(inputs.bag.channel(name)):
             continue
@@ -130,7 +137,7 @@ def require_comparable(inputs: RecordedInputs) -> None:
 
 def _late_start(inputs: RecordedInputs) -> Difference | None:
     """What cannot be compared: a recording that began when the follower was already running."""
-    first = next(to_ns(m.header.stamp) for topic, m in inputs.messages if topic == session.IMU)
+    first = next(to_ns(m.header.stamp) for topic, m in inputs.messages if topic == inputs.imu)
     states = inputs.live[session.STATE]
     began = to_ns(deserialize_message(states[0], NavState).header.stamp)
     if began >= first:
@@ -150,7 +157,7 @@ def _digest(messages: Iterable[bytes]) -> str:
 
 
 def _first_difference(topic: str, live: list[bytes], replayed: list[bytes]) -> Difference:
-    msg_type = NavState if topic == session.STATE else FixReceipt
+    msg_type = _TYPES[topic]
     for i, (a, b) in enumerate(zip(live, replayed, strict=False)):
         if a != b:
             left, right = deserialize_message(a, msg_type), deserialize_message(b, msg_type)

@@ -23,7 +23,7 @@ from mcap.writer import CompressionType, Writer
 
 from polar_nav_tools.bags import BagError, BagWriter, open_bag
 from polar_nav_tools.bags import chunks as chunks_module
-from polar_nav_tools.bags.scan import MAGIC
+from polar_nav_tools.bags.files import MAGIC
 
 
 def contents(path):
@@ -95,6 +95,7 @@ def test_cut_anywhere(tmp_path):
         assert counts[end] > counts[end - 1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('flip', [0x01, 0xFF])
 def test_every_changed_byte_is_noticed(tmp_path, flip):
     """Checksums cover everything: no bag with a changed byte looks whole."""

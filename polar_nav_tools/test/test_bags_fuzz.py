@@ -175,6 +175,7 @@ def test_recovered_bags_open(seeds, tmp_path_factory, which, changes):
     assert bag.is_complete == (not done.problems)
 
 
+@pytest.mark.slow
 @settings(FUZZ, max_examples=60)
 @given(text=st.text(max_size=200), tail=st.binary(max_size=60))
 def test_any_metadata_yaml(seeds, tmp_path, text, tail):

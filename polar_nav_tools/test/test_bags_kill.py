@@ -65,6 +65,7 @@ def killed_writer(directory, compression, seconds):
     return at_ns
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('seed', range(6))
 def test_killed_at_a_random_moment(tmp_path, seed):
     rng = random.Random(seed)

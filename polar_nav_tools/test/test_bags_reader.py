@@ -6,6 +6,7 @@ import struct
 import numpy as np
 import pytest
 import yaml
+from against_mcap import compare
 from bag_samples import (
     IMU,
     RECEIPT,
@@ -24,8 +25,8 @@ from mcap.writer import Writer
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 
-from polar_nav_tools.bags import BagError, BagWriter, open_bag
-from polar_nav_tools.bags.scan import MAGIC
+from polar_nav_tools.bags import BagError, BagWriter, open_bag, scan
+from polar_nav_tools.bags.files import MAGIC
 
 
 def contents(path):
@@ -286,3 +287,38 @@ def test_file_that_changes_while_it_is_read(tmp_path):
     file.unlink()
     with pytest.raises(BagError, match='was changed while it was read'):
         list(bag.messages())
+
+
+def test_progress_of_the_opening_goes_through_all_files(tmp_path, monkeypatch):
+    monkeypatch.setattr(scan, '_TELL_EVERY_BYTES', 2000)
+    whole = write_bag(tmp_path / 'b', 60, chunk_bytes=1024)
+    (tmp_path / 'b' / 'b_1.mcap').write_bytes(whole.read_bytes())
+    (tmp_path / 'b' / 'metadata.yaml').unlink()
+    shares = []
+    bag = open_bag(tmp_path / 'b', shares.append)
+    assert bag.message_count == open_bag(tmp_path / 'b').message_count
+    assert len(shares) > 8
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
+    assert any(0.5 < s < 0.6 for s in shares)  # the second file follows on the first
+
+
+@pytest.mark.parametrize(
+    'harm',
+    [
+        lambda f: f.blocks.pop(),
+        lambda f: f.blocks.reverse(),
+        lambda f: next(iter(f.tallies.values())).__setattr__('last_ns', 1),
+        lambda f: f.metadata.pop(),
+        lambda f: f.channels.popitem(),
+    ],
+)
+def test_the_comparison_with_mcap_sees_what_is_wrong(tmp_path, bags_also_read_by_mcap, harm):
+    """conftest.py compares every bag that a test opens."""
+    count = len(bags_also_read_by_mcap)
+    file = open_bag(write_bag(tmp_path / 'b', 37, chunk_bytes=1024, compression='none')).files[0]
+    assert len(bags_also_read_by_mcap) <= count + 1
+    assert compare(file) == 37 * 2 + 1
+    harm(file)
+    with pytest.raises(AssertionError):
+        compare(file)

@@ -289,11 +289,32 @@ def test_disk_is_waited_for_when_asked(tmp_path, monkeypatch, sync):
     assert len(calls) == (3 if sync else 2)
 
 
-def test_directory_that_vanishes(tmp_path):
-    writer = BagWriter(tmp_path / 'b', {})
-    shutil.rmtree(tmp_path / 'b')
-    with pytest.raises(BagError, match=r'cannot be written any more \(No such file or directory'):
-        writer.finish()
+@pytest.mark.parametrize('last_step', ['write', 'tick', 'finish'])
+@pytest.mark.parametrize('loss', ['folder', 'file', 'moved', 'replaced'])
+def test_bag_that_vanishes_is_noticed_at_the_next_flush(tmp_path, loss, last_step):
+    now = [0.0]
+    writer = BagWriter(tmp_path / 'b', {}, clock=lambda: now[0])
+    writer.add_topic(IMU, TYPES[IMU])
+    writer.write(IMU, imu(0), START_NS)
+    if loss == 'folder':
+        shutil.rmtree(tmp_path / 'b')
+    elif loss == 'moved':
+        (tmp_path / 'b').rename(tmp_path / 'c')
+    else:
+        writer.path.unlink()
+    if loss == 'replaced':
+        writer.path.write_bytes(b'')
+    now[0] = 1.0
+    steps = {
+        'write': lambda: writer.write(IMU, imu(1), START_NS + 1),
+        'tick': writer.tick,
+        'finish': writer.finish,
+    }
+    with pytest.raises(BagError, match='was removed or moved while it was being written'):
+        steps[last_step]()
+    writer.abandon()
+    if loss == 'moved':  # what was written before is in it
+        assert b'polar_nav_run' in (tmp_path / 'c' / 'b_0.mcap').read_bytes()
 
 
 def test_qos_that_every_offer_satisfies():

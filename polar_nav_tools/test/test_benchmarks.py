@@ -83,12 +83,14 @@ def test_ratios_are_taken_within_a_round():
     assert (found.lowest, found.median, found.highest) == (10.0, 11.0, 12.0)
 
 
+@pytest.mark.slow
 def test_all_programs_reach_the_same_place(record):
     found = navigation.agreement(record)
     assert len(found) == 10
     assert max(found.values()) < 1e-3
 
 
+@pytest.mark.slow
 def test_a_wrong_result_is_not_timed(record):
     wrong = dataclasses.replace(record, truth_r_e=record.truth_r_e + 1.0)
     with pytest.raises(navigation.Disagreement, match='over the bound'):
@@ -101,6 +103,7 @@ def test_lengths_without_a_stated_bound_are_refused(samples):
         navigation.record(samples)
 
 
+@pytest.mark.slow
 def test_covariances_equal_those_of_filterpy(record):
     found = covariance.agreement(covariance.matrices(record, cycles=20))
     assert max(found.values()) < covariance.BOUND
@@ -113,6 +116,7 @@ def test_a_wrong_covariance_is_noticed(record):
     assert covariance.difference(P * (1.0 + 1e-6), P) == pytest.approx(1e-6)
 
 
+@pytest.mark.slow
 def test_every_run_of_an_entry_starts_anew(record):
     """An entry is called many times: it must do the same work each time."""
     batch, single = navigation.entries(record)
@@ -281,6 +285,7 @@ def ratio_of(value):
     return ratio(timings, 'a', 'b')
 
 
+@pytest.mark.slow
 def test_delay_picture(delayed, tmp_path):
     from polar_nav_tools.benchmarks.delay_figure import write_figure
 
@@ -296,6 +301,7 @@ def test_a_picture_of_unknown_kind_is_refused_before_anything_runs(monkeypatch, 
     assert '--figure x.gif' in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_replay_compares_and_times_a_short_bag(tmp_path, capsys, monkeypatch):
     pytest.importorskip('rclpy')
     monkeypatch.setattr(machine, 'pin', lambda core: core)
@@ -312,6 +318,7 @@ def test_replay_compares_and_times_a_short_bag(tmp_path, capsys, monkeypatch):
     assert len(list(tmp_path.iterdir())) == 1  # shorter than the part that peers are timed on
 
 
+@pytest.mark.slow
 def test_replay_does_not_time_what_differs(tmp_path, monkeypatch):
     pytest.importorskip('rclpy')
     from polar_nav_tools.bags import open_bag

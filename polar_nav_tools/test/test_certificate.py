@@ -165,6 +165,7 @@ def test_damaged_certificates(given, tmp_path, change, sentence):
         read_certificate(path)
 
 
+@pytest.mark.slow
 def test_the_command(bag, tmp_path, monkeypatch, capsys):
     def polar(*arguments):
         monkeypatch.setattr(sys, 'argv', ['polar', *map(str, arguments)])

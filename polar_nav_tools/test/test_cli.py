@@ -23,6 +23,7 @@ COMMANDS = (
     'export',
     'why',
     'delay-budget',
+    'identify',
 )
 WITH_FIGURES = (
     'demo',
@@ -36,8 +37,9 @@ WITH_FIGURES = (
     'export',
     'why',
     'delay-budget',
+    'identify',
 )
-ON_A_BAG = ('replay', 'score', 'verify', 'report', 'info', 'recover', 'doctor')
+ON_A_BAG = ('replay', 'score', 'verify', 'report', 'info', 'recover', 'doctor', 'identify')
 
 
 @pytest.fixture
@@ -223,7 +225,8 @@ def test_a_bag_is_never_overwritten(polar, tmp_path):
     ('setting', 'words'),
     [
         ('max_delay', ['expected name=value']),
-        ('colour=blue', ['unknown parameter colour']),
+        ('colour=blue', ['unknown parameter colour', 'docs/parameters.md']),
+        ('max_delays=3.0', ['unknown parameter max_delays', 'did you mean max_']),
     ],
 )
 def test_replay_refuses_settings_that_do_not_exist(polar, strange_bag, setting, words):

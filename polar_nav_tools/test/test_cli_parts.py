@@ -1,5 +1,7 @@
 """What stands behind the commands: settings of a replay, names, counts, tables, the suite."""
 
+import io
+import sys
 from datetime import datetime
 from pathlib import Path
 
@@ -7,7 +9,7 @@ import pytest
 from rich.console import Console
 
 from polar_nav_core.errors import ConfigError
-from polar_nav_tools import testing
+from polar_nav_tools import progress, testing
 from polar_nav_tools.analysis import topic_counts
 from polar_nav_tools.live import new_bag_path
 from polar_nav_tools.progress import progress_display
@@ -121,6 +123,22 @@ def test_progress_without_a_terminal_is_a_line_each_tenth(capsys):
     assert lines[-1] == 'polar: work: 10 of 10 s'
 
 
+@pytest.mark.parametrize(('terminal', 'large'), [(True, True), (True, False), (False, True)])
+def test_the_opening_of_a_large_bag_is_shown_on_a_terminal(tmp_path, monkeypatch, terminal, large):
+    screen = io.StringIO()
+    monkeypatch.setattr(screen, 'isatty', lambda: terminal, raising=False)
+    monkeypatch.setattr(sys, 'stderr', screen)
+    monkeypatch.setattr(progress, '_LARGE_BYTES', 10)
+    (tmp_path / 'b_0.mcap').write_bytes(bytes(10 if large else 9))
+    with progress.opening_display(tmp_path) as update:
+        assert (update is None) == (not (terminal and large))
+        if update is not None:
+            update(0.25)
+    assert ('opening' in screen.getvalue()) == (terminal and large)
+    with progress.opening_display(tmp_path / 'nothing') as update:
+        assert update is None
+
+
 # -- polar test
 
 
@@ -135,6 +153,8 @@ def fake_suite(monkeypatch, *statuses):
     ran = []
 
     class Done:
+        stdout = ''
+
         def __init__(self, returncode):
             self.returncode = returncode
 
@@ -157,7 +177,10 @@ def test_the_suite_runs_everything_and_fails_when_one_step_did(monkeypatch, caps
 def test_the_fast_ring_leaves_out_what_takes_long(monkeypatch, tmp_path):
     ran = fake_suite(monkeypatch)
     assert testing.run_suite(tmp_path, long=False, fast=True, arguments=[]) == 0
-    assert ran[-1][-1] == 'not slow and not live and not long'
+    tests = [command for command in ran if 'pytest' in command]
+    assert len(tests) == 2  # one for each core
+    for command in tests:
+        assert command[command.index('-m', 2) + 1] == 'not slow and not live and not long'
 
 
 def test_the_long_suite_leaves_out_nothing(monkeypatch, tmp_path):

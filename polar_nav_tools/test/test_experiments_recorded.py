@@ -85,6 +85,7 @@ def test_errors_survive_their_file(tmp_path):
     assert again.rate_hz == errors.rate_hz
 
 
+@pytest.mark.slow
 def test_table3_runs_on_a_recording_and_says_how_long_it_is(monkeypatch, capsys, tmp_path):
     bag, _ = write_rest(tmp_path / 'bag')
     arguments = ['polar', 'experiment', 'table3', '--imu-errors', str(bag), '--duration', '12']

@@ -50,6 +50,7 @@ def of(rows, **want):
     return found[0]
 
 
+@pytest.mark.slow
 def test_table2_writes_tables_figure_and_a_complete_manifest(polar, tmp_path):
     folder = tmp_path / 'out'
     arguments = ('--quick', '--duration', 40, '--columns', PAIR, '--jobs', 1, '--out', folder)
@@ -85,6 +86,7 @@ def test_table2_writes_tables_figure_and_a_complete_manifest(polar, tmp_path):
     assert abs(lag['modified_akf'] - lag['clairvoyant']) < 0.1
 
 
+@pytest.mark.slow
 def test_table1_and_its_figure_in_parallel_processes(polar, tmp_path):
     status, out, err = polar(
         'experiment', 'figure8', '--quick', '--duration', 10, '--jobs', 2, '--out', tmp_path / 'a'
@@ -182,6 +184,7 @@ def test_a_failing_job_ends_the_parallel_run():
         run_jobs([broken, broken], 2, lambda *_: None)
 
 
+@pytest.mark.slow
 def test_an_interrupt_ends_all_processes(tmp_path):
     command = [sys.executable, '-m', 'polar_nav_tools.cli', 'experiment', 'figure8']
     command += ['--duration', '3000', '--jobs', '2', '--out', str(tmp_path)]

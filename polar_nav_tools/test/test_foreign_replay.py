@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -237,9 +238,31 @@ def test_no_bag_is_an_error_with_its_name(tmp_path: Path) -> None:
     with pytest.raises(BagError, match=r'nothing\.bag: no such file'):
         open_source(tmp_path / 'nothing.bag')
     broken = tmp_path / 'broken.bag'
-    broken.write_bytes(b'#ROSBAG V2.0\n' + b'\0' * 40)
-    with pytest.raises(BagError, match=r'broken\.bag'):
-        open_source(broken)
+    for content, says in [
+        (b'', 'is empty'),
+        (b'#ROSBAG V2.0\n' + b'\0' * 40, r'this ROS 1 bag is damaged .*`rosbag reindex`'),
+        (b'\x89MCAP0\r\nand more', r"is not a ROS 1 bag \(it begins with b'\\x89MCAP"),
+    ]:
+        broken.write_bytes(content)
+        with pytest.raises(BagError, match=rf'broken\.bag:? {says}'):
+            open_source(broken)
+
+
+@pytest.mark.parametrize('kind', ['sqlite3', 'ros1'])
+def test_a_bag_that_was_cut_off_says_what_may_help(
+    bags: dict[str, Path], tmp_path: Path, kind: str
+) -> None:
+    """And is left as it was."""
+    whole = bags[kind]
+    cut = tmp_path / whole.name
+    shutil.copytree(whole, cut) if whole.is_dir() else shutil.copy(whole, cut)
+    file = cut if kind == 'ros1' else next(cut.glob('*.db3'))
+    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+    before = file.read_bytes()
+    says = {'sqlite3': 'sqlite3 is damaged .*recover', 'ros1': 'ROS 1 bag is damaged .*reindex'}
+    with pytest.raises(BagError, match=says[kind]):
+        open_source(cut)
+    assert file.read_bytes() == before
 
 
 @pytest.mark.parametrize('kind', KINDS)

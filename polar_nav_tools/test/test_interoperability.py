@@ -10,11 +10,15 @@ from mcap_ros2.decoder import DecoderFactory
 
 from polar_nav_tools.bags.schemas import definition
 from polar_nav_tools.graph import recorded_topics
+from polar_nav_tools.station_graph import station_topics
 
 ROOT = Path(__file__).parents[2]
 BAG = next((ROOT / 'bags' / 'reference').glob('*.mcap'))
-LAYOUT = ROOT / 'polar_nav_tools' / 'layouts' / 'polar_nav_foxglove.json'
-TOPICS = recorded_topics('leader', 'follower')
+LAYOUTS = ROOT / 'polar_nav_tools' / 'layouts'
+TOPICS = {
+    'polar_nav_foxglove': recorded_topics('leader', 'follower'),
+    'polar_nav_station_foxglove': station_topics('station', 'auv') | recorded_topics('a', 'b'),
+}
 PATH = re.compile(r'(?P<topic>/[\w/]+)(?P<fields>(?:\.\w+(?:\[\d+\])?)*)')
 STANDARD = {
     'nav_msgs/msg/Odometry',
@@ -71,44 +75,57 @@ def test_standard_types_are_there_for_tools_that_know_no_others():
     assert kinds['/follower/nav/fix'] == 'sensor_msgs/msg/NavSatFix'
 
 
-def layout():
-    return json.loads(LAYOUT.read_text())
+def layout(name):
+    return json.loads((LAYOUTS / f'{name}.json').read_text())
 
 
 def paths():
-    """Every message path and topic that a panel of the layout shows."""
+    """Every message path and topic that a panel of the layouts shows."""
     found = []
-    for name, panel in layout()['configById'].items():
-        found += [(name, path['value']) for path in panel.get('paths', ())]
-        for key in ('topicPath', 'followTopic', 'topicToRender'):
-            if key in panel:
-                found.append((name, panel[key]))
-        found += [(name, topic) for topic in panel.get('topics', {})]
+    for of in TOPICS:
+        for name, panel in layout(of)['configById'].items():
+            found += [(of, name, path['value']) for path in panel.get('paths', ())]
+            for key in ('topicPath', 'followTopic', 'topicToRender'):
+                if key in panel:
+                    found.append((of, name, panel[key]))
+            found += [(of, name, topic) for topic in panel.get('topics', {})]
     return found
 
 
-@pytest.mark.parametrize(('panel', 'path'), paths())
-def test_panels_show_what_is_recorded(panel, path):
+def definition_of(field, text):
+    """Definition of a field in the text of a message, e.g. ``float64[3]``."""
+    line = re.search(rf'^(\S+) +{field}\b', text, re.MULTILINE)
+    return line and line[1]
+
+
+@pytest.mark.parametrize(('of', 'panel', 'path'), paths())
+def test_panels_show_what_is_recorded(of, panel, path):
     match = PATH.fullmatch(path)
     assert match, path
-    assert match['topic'] in TOPICS, f'{panel}: no topic {match["topic"]}'
-    text = definition(TOPICS[match['topic']]).text.split('=====')[0]
+    assert match['topic'] in TOPICS[of], f'{panel}: no topic {match["topic"]}'
+    own, *others = definition(TOPICS[of][match['topic']]).text.split('=' * 80)
+    text = own
     for field in match['fields'].split('.')[1:]:
         name, _, index = field.rstrip(']').partition('[')
-        line = re.search(rf'^(\S+) +{name}\b', text, re.MULTILINE)
-        assert line, f'{panel}: {path}: no field {name}'
-        size = re.search(r'\[(\d+)\]', line[1])
+        kind = definition_of(name, text)
+        assert kind, f'{panel}: {path}: no field {name}'
+        # A field of a message's own goes on in that message's part of the text.
+        text = next((t for t in others if t.startswith(f'\nMSG: {kind}')), '') or next(
+            (t for t in others if re.match(rf'\nMSG: \w+/{kind}\n', t)), ''
+        )
+        size = re.search(r'\[(\d+)\]', kind)
         assert bool(index) == bool(size), path
         assert not index or int(index) < int(size[1]), path
 
 
-def test_every_panel_stands_in_the_layout():
+@pytest.mark.parametrize('of', TOPICS)
+def test_every_panel_stands_in_the_layout(of):
     def panels(node):
         if isinstance(node, str):
             return {node}
         return panels(node['first']) | panels(node['second'])
 
-    content = layout()
+    content = layout(of)
     shown = panels(content['layout'])
     for name in list(shown):
         for tab in content['configById'][name].get('tabs', ()):

@@ -58,6 +58,7 @@ def judge(duration_s, seeds):
     return runs
 
 
+@pytest.mark.slow
 def test_ten_minutes():
     judge(600.0, range(1, 7))
 

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -232,6 +233,20 @@ def test_signals_end_it_in_order(tmp_path, number):
     bag = open_bag(tmp_path / 'b')
     assert bag.is_complete
     assert bag.topics['/follower/depth/data'].count == sent
+    node.destroy_node()
+
+
+@pytest.mark.live
+@pytest.mark.parametrize('what', ['b', 'b/b_0.mcap'])
+def test_a_bag_that_is_removed_under_it_ends_it(tmp_path, what):
+    process = start(tmp_path)
+    node, _ = talk(process, 0.5)
+    lost = tmp_path / what
+    shutil.rmtree(lost) if lost.is_dir() else lost.unlink()
+    _, errors = process.communicate(timeout=20)
+    assert process.returncode == 1
+    assert 'b_0.mcap was removed or moved while it was being written' in errors
+    assert 'Traceback' not in errors
     node.destroy_node()
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from polar_nav_tools.report import render
-from polar_nav_tools.report.example import example_input
+from polar_nav_tools.report.example_model import example_with_model
 from polar_nav_tools.report.style import TOKENS
 
 NAMES = ('chromium', 'chromium-browser', 'google-chrome', 'google-chrome-stable', 'chrome')
@@ -55,7 +55,7 @@ addEventListener('load', () => {
 @pytest.fixture(scope='module')
 def page(tmp_path_factory):
     path = tmp_path_factory.mktemp('report') / 'report.html'
-    path.write_text(render(example_input(minutes=4.0)) + PROBE, encoding='utf-8')
+    path.write_text(render(example_with_model(minutes=4.0)) + PROBE, encoding='utf-8')
     return path
 
 

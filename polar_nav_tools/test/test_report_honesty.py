@@ -36,6 +36,7 @@ def shares(estimate_of):
     return {k: float(v) for k, v in re.findall(r'NIS of (\w+) (\d+) %', alt)}
 
 
+@pytest.mark.slow
 def test_the_picture_tells_an_honest_filter_from_one_that_is_not():
     honest = shares(lambda e: e)
     assert set(honest) == {'fixes', 'DVL', 'depth'}

@@ -163,6 +163,7 @@ def test_fixes_have_tooltips(text):
     assert sum('BAD_CRC' in t for t in titles) >= 3
 
 
+@pytest.mark.slow
 def test_same_input_same_bytes(text):
     assert render(example_input()) == text
 
@@ -182,6 +183,7 @@ def test_names_are_escaped():
     Page(text)
 
 
+@pytest.mark.slow
 def test_written_whole_or_not_at_all(tmp_path):
     path = tmp_path / 'new' / 'report.html'
     assert write_report(path, SHORT) == path
@@ -242,6 +244,7 @@ NOWHERE = dataclasses.replace(
 )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     'runs',
     [

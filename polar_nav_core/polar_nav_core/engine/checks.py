@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import fields
 
-from .filter.fusion import Fusion
+from .filter.fusion import Driver
 from .filter.history import CORRECTIONS_PER_S, IMU_PERIOD_S
 from .filter.navigation import NavigationFilter
 from .params import EngineParams
@@ -25,18 +25,18 @@ def warnings_of(params: EngineParams) -> list[str]:
     ]
 
 
-def history_warning(params: EngineParams, fusion: Fusion, start_ns: int) -> str:
+def history_warning(params: EngineParams, fusion: Driver, start_ns: int) -> str:
     """Say that sensors outrun the stored history, which shortens its reach; empty when not.
 
     Parameters
     ----------
     params : EngineParams
-    fusion : Fusion
+    fusion : Driver
         At work since ``start_ns``.
     start_ns : int
     """
     oldest_ns = fusion.oldest_ns()
-    reach_s = (fusion.filter.stamp_ns - oldest_ns) * 1e-9
+    reach_s = (fusion.stamp_ns - oldest_ns) * 1e-9
     if oldest_ns <= start_ns or reach_s >= params.max_delay_s:
         return ''
     return (

@@ -7,11 +7,8 @@ order: `reorder.py` sees to it live, `replay` sorts the bag.
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Iterator
-from itertools import chain
-from typing import Any
 
 import numpy as np
 
@@ -27,9 +24,9 @@ from .events import (
     ControlSample,
     DepthSample,
     DvlPing,
-    Estimate,
     Event,
     Fix,
+    Identification,
     ImuSample,
     InitialState,
     OrderKey,
@@ -38,10 +35,14 @@ from .events import (
     Verdict,
 )
 from .filter.delay import compiled, make_fusion
-from .filter.fusion import FixResult, Fusion
+from .filter.fusion import Driver, FixResult, Fusion
 from .filter.navigation import NavigationFilter, chi2_gate
 from .integrity import Integrity, IntegrityMonitor, held
 from .params import EngineParams
+from .receipts import age_s, decided_receipt, receipt_of
+from .refusals import unusable_fix, unusable_local
+from .station.fixes import dated
+from .station.identify import Adaptation, make_adaptation
 
 _SEQUENCES_KEPT = 4096
 
@@ -58,14 +59,16 @@ class Engine:
     def __init__(self, params: EngineParams) -> None:
         self.params = params
         self.configuration = params.resolved()
-        self._make_fusion = make_fusion(self.configuration)
+        self._make_fusion = make_fusion(params)
         self._output_ns = round(params.output_period_s * 1e9)
         self._max_delay_ns = round(params.max_delay_s * 1e9)
-        self._fusion: Fusion | None = None
+        self._fusion: Driver | None = None
+        self._thrust: ControlSample | None = None
+        self._adaptation = make_adaptation(params)
+        self._identified: Identification | None = None
         self._initial: InitialState | None = params.initial_state()
         self._last_key: OrderKey | None = None
         self._last_imu_ns: int | None = None
-        self._thrust: ControlSample | None = None
         self._due_ns: int | None = None
         self._seen: dict[tuple[str, int], int] = {}
         self._last_validity_ns = 0
@@ -91,18 +94,22 @@ class Engine:
         self._require_order(event)
         yield from self.advance(event.stamp_ns)
         self._last_key = event.key
-        if isinstance(event, ImuSample):
-            yield from self._imu(event)
-        elif isinstance(event, Fix):
+        if isinstance(event, Fix):
             self._fixes_received += 1
-            for receipt in self._guarded_fix(event):
-                yield self._count(receipt)
-        elif isinstance(event, Command):
-            self._command(event)
+            yield from self._guarded_fix(event)
+            return
+        if isinstance(event, Command):
+            yield from self._command(event)
+            return
+        refused = unusable_local(self.params, event, self._last_imu_ns)
+        if refused is not None:
+            yield self._count(self._receipt(event, event.stamp_ns, *refused))
+        elif isinstance(event, ImuSample):
+            self._imu(event)
         elif isinstance(event, ControlSample):
-            yield from self._control(event)
+            self._control(event)
         else:
-            yield from self._local(event)
+            self._local(event)
 
     def _require_order(self, event: Event) -> None:
         if self._last_key is not None and event.key <= self._last_key:
@@ -118,7 +125,7 @@ class Engine:
         if self._due_ns is not None and stamp_ns > self._due_ns:
             self._due_ns = None
             if self._fusion is not None:
-                yield self._estimate(self._fusion.filter)
+                yield self._fusion.estimate(self.fix_counts())
 
     def finish(self) -> Iterator[Output]:
         """Give what is left at the end of the events."""
@@ -172,12 +179,26 @@ class Engine:
     @property
     def compiled(self) -> bool:
         """Whether IMU, DVL and depth can go through the compiled loop."""
-        return compiled(self.configuration)
+        return self.params.mode == 'sins' and compiled(self.configuration)
+
+    @property
+    def fusion(self) -> Driver | None:
+        """The filter with its measurements."""
+        return self._fusion
 
     def hand_over(self) -> Fusion | None:
         """Return the filter with its measurements; from now on the caller sees to estimates."""
+        self.pass_on_estimates()
+        return self._fusion if isinstance(self._fusion, Fusion) else None
+
+    @property
+    def adaptation(self) -> Adaptation | None:
+        """What identifies; None in a mode without."""
+        return self._adaptation
+
+    def pass_on_estimates(self) -> None:
+        """From now on the caller sees to estimates."""
         self._due_ns = None
-        return self._fusion
 
     def leaves_to_filter(self, fix: Fix) -> bool:
         """Whether nothing but the filter's history and gate can refuse a fix now."""
@@ -214,35 +235,25 @@ class Engine:
 
     # -- events -----------------------------------------------------------------------------------
 
-    def _imu(self, sample: ImuSample) -> Iterator[Output]:
-        if not (np.isfinite(sample.omega_ib_b).all() and np.isfinite(sample.f_b).all()):
-            yield self._count(
-                self._receipt(
-                    sample,
-                    sample.stamp_ns,
-                    Verdict.NOT_FINITE,
-                    'rate or specific force is not finite',
-                )
-            )
-            return
-        if sample.stamp_ns == self._last_imu_ns:
-            reason = 'there was an IMU sample with this stamp before'
-            yield self._count(self._receipt(sample, sample.stamp_ns, Verdict.DUPLICATE, reason))
-            return
+    def _imu(self, sample: ImuSample) -> None:
         if (
             self._last_imu_ns is not None
             and sample.stamp_ns - self._last_imu_ns > self.params.max_imu_gap_s * 1e9
         ):
             self.imu_gaps += 1
         self._last_imu_ns = sample.stamp_ns
+        if self._adaptation is not None and sample.C_b_G is not None:
+            force_b = np.zeros(3) if self._thrust is None else self._thrust.force_b
+            self._adaptation.log(sample.stamp_ns, sample.C_b_G, sample.omega_ib_b, force_b)
         if self._fusion is None:
             if self._initial is not None and not self.divergence:
                 self._fusion = self._make_fusion(self.params, self._initial, sample.stamp_ns)
-                self._due_ns = self._start_ns = sample.stamp_ns
+                self._fusion.begin(sample)
                 if self._thrust is not None:  # it still holds
                     self._fusion.control(self._thrust)
+                self._due_ns = self._start_ns = sample.stamp_ns
             return
-        before_ns = self._fusion.filter.stamp_ns
+        before_ns = self._fusion.stamp_ns
         try:
             self._fusion.imu(sample)
         except FilterDivergence as error:
@@ -251,35 +262,16 @@ class Engine:
         if sample.stamp_ns // self._output_ns != before_ns // self._output_ns:
             self._due_ns = sample.stamp_ns
 
-    def _control(self, sample: ControlSample) -> Iterator[Output]:
-        if not (np.isfinite(sample.force_b).all() and np.isfinite(sample.torque_b).all()):
-            reason = 'force or torque is not finite'
-            yield self._count(self._receipt(sample, sample.stamp_ns, Verdict.NOT_FINITE, reason))
-            return
+    def _control(self, sample: ControlSample) -> None:
         self._thrust = sample
         if self._fusion is not None:
             self._fusion.control(sample)
 
-    def _local(self, event: DvlPing | DepthSample) -> Iterator[Output]:
+    def _local(self, event: DvlPing | DepthSample) -> None:
         """Fuse DVL and depth: local, current, never treated as delayed."""
-        if isinstance(event, DvlPing):
-            if not event.valid:
-                self.gated['dvl_invalid'] += 1
-                return
-            good = bool(
-                np.isfinite(event.v_m).all()
-                and np.isfinite(event.covariance_m).all()
-                and (np.diagonal(event.covariance_m) > 0.0).all()
-            )
-            name = 'dvl'
-        else:
-            good = bool(
-                np.isfinite(event.depth) and np.isfinite(event.variance) and event.variance > 0.0
-            )
-            name = 'depth'
-        if not good:
-            reason = f'{name} or its covariance is not finite and positive'
-            yield self._count(self._receipt(event, event.stamp_ns, Verdict.NOT_FINITE, reason))
+        name = 'dvl' if isinstance(event, DvlPing) else 'depth'
+        if isinstance(event, DvlPing) and not event.valid:
+            self.gated['dvl_invalid'] += 1
             return
         if self._fusion is None:
             return
@@ -292,23 +284,30 @@ class Engine:
             return
         (self.fused if outcome.fused else self.gated)[name] += 1
 
-    def _guarded_fix(self, fix: Fix) -> list[Receipt]:
+    def _guarded_fix(self, fix: Fix) -> Iterator[Output]:
         try:
-            return self._fix(fix)
+            receipts = self._fix(fix)
         except FilterDivergence as error:
             self.diverge(str(error), fix.receive_ns)
-            return [self._receipt(fix, fix.receive_ns, Verdict.NOT_READY, self.divergence)]
+            receipts = [self._receipt(fix, fix.receive_ns, Verdict.NOT_READY, self.divergence)]
+        for receipt in receipts:
+            yield self._count(receipt)
+        if self._identified is not None:
+            yield self._identified
+            self._identified = None
 
     def _fix(self, fix: Fix) -> list[Receipt]:
         """Fuse a fix or say why not; with receipts of other fixes whose verdict it changed."""
+        if self.params.mode == 'station':
+            fix = dated(self.params, fix)
         refused = self._refusal(fix)
         if refused is not None:
             return [self._receipt(fix, fix.receive_ns, *refused)]
         if self._fusion is None:
             reason = self.divergence or 'the filter has no state yet'
             return [self._receipt(fix, fix.receive_ns, Verdict.NOT_READY, reason)]
-        gate = chi2_gate(self.configuration.gate_probability, 3)
-        why = held(self._integrity, fix, self._fusion.filter, gate)
+        gate = chi2_gate(self.configuration.gate_probability, 3 if fix.polar is None else 2)
+        why = held(self._integrity, fix, self._fusion, gate)
         if why:
             self._remember(fix)
             return [self._receipt(fix, fix.receive_ns, Verdict.GATED, why)]
@@ -316,12 +315,14 @@ class Engine:
         if result is None:
             reach = (fix.receive_ns - self._fusion.oldest_ns()) * 1e-9
             reason = (
-                f'valid {_age(fix):.2f} s before it was received, '
+                f'valid {age_s(fix):.2f} s before it was received, '
                 f'the stored history reaches back {reach:.2f} s'
             )
             return [self._receipt(fix, fix.receive_ns, Verdict.TOO_OLD, reason)]
         self._remember(fix)
-        now_ns = self._fusion.filter.stamp_ns
+        if self._adaptation is not None:
+            self._identified = self._adaptation.fix(fix, result.outcome, self._fusion)
+        now_ns = self._fusion.stamp_ns
         first = self._decided(fix, fix, result, now_ns)
         revised = (
             self._decided(other, fix, FixResult(outcome, 0), now_ns)
@@ -331,65 +332,32 @@ class Engine:
 
     def _decided(self, fix: Fix, cause: Fix, result: FixResult, now_ns: int) -> Receipt:
         """Receipt of a fix that the gate has decided on; ``cause`` is the fix that made it."""
-        outcome = result.outcome
-        name = (fix.source, fix.sequence)
-        revision = 0
-        reason = f'{_age(fix):.2f} s old, NIS {outcome.nis:.1f}'
-        if not outcome.fused:
-            reason = f'NIS {outcome.nis:.1f} is above the gate of {outcome.gate:.1f}'
+        outcome, name, revision = result.outcome, (fix.source, fix.sequence), 0
         if fix is not cause:
-            revision = self._seen[name] + 1
-            self._seen[name] = revision
-            reason += f'; decided anew after fix {cause.sequence}'
-        if outcome.inflation > 1.0:
-            reason += f'; weight 1/{outcome.inflation:.1f} ({self.configuration.robust_fixes})'
-        verdict = Verdict.FUSED if outcome.fused else Verdict.GATED
-        if revision:
+            revision = self._seen[name] = self._seen[name] + 1
             self.verdicts[Verdict.GATED if outcome.fused else Verdict.FUSED] -= 1
         if outcome.fused:
             self._integrity.fused(fix.validity_ns, cause.receive_ns)
-        else:
-            self._integrity.gated(fix.validity_ns, cause.receive_ns, -outcome.z)
-        if outcome.fused:
             self.fused['fix'] += 1
             self._last_validity_ns = max(self._last_validity_ns, fix.validity_ns)
-        elif revision:
-            self.fused['fix'] -= 1
-        return self._receipt(
-            fix,
-            cause.receive_ns,
-            verdict,
-            reason,
-            fused_ns=now_ns if outcome.fused else 0,
-            steps_rolled_back=result.steps,
-            innovation_G=-outcome.z,
-            innovation_variance_G=outcome.variance,
-            nis=outcome.nis,
-            dof=outcome.dof,
-            gate=outcome.gate,
-            revision=revision,
-        )
+        else:
+            self._integrity.gated(fix.validity_ns, cause.receive_ns, -outcome.z)
+            self.fused['fix'] -= revision > 0
+        return decided_receipt(fix, cause, result, now_ns, revision, self.configuration)
 
     def _refusal(self, fix: Fix) -> tuple[Verdict, str] | None:
         """Why a fix cannot be used whatever the state is; None when it can."""
-        if fix.refusal is not None:
-            return fix.refusal, fix.reason
-        # As lists: NumPy takes ten times as long for so few numbers.
-        covariance_e = fix.covariance_e.tolist()
-        if not all(map(math.isfinite, chain(fix.r_e.tolist(), *covariance_e))):
-            return Verdict.NOT_FINITE, 'position or covariance is not finite'
-        if not all(row[i] > 0.0 for i, row in enumerate(covariance_e)):
-            return Verdict.NOT_FINITE, 'a variance of the position is not positive'
-        if self.params.usbl_bias_sigma > 0.0 and not np.isfinite(fix.array_heading):
-            return Verdict.NOT_FINITE, 'no heading of the array, which usbl_bias_sigma needs'
+        unusable = unusable_fix(self.params, fix)
+        if unusable is not None:
+            return unusable
         if fix.validity_ns > fix.receive_ns:
-            return Verdict.FROM_FUTURE, f'valid {-_age(fix):.3f} s after it was received'
+            return Verdict.FROM_FUTURE, f'valid {-age_s(fix):.3f} s after it was received'
         if (fix.source, fix.sequence) in self._seen:
             return Verdict.DUPLICATE, f'fix {fix.sequence} of {fix.source} came before'
         if fix.receive_ns - fix.validity_ns > self._max_delay_ns:
             return (
                 Verdict.TOO_OLD,
-                f'{_age(fix):.2f} s old, max_delay_s is {self.params.max_delay_s:.2f} s',
+                f'{age_s(fix):.2f} s old, max_delay_s is {self.params.max_delay_s:.2f} s',
             )
         return None
 
@@ -398,14 +366,17 @@ class Engine:
         while len(self._seen) > _SEQUENCES_KEPT:
             del self._seen[next(iter(self._seen))]
 
-    def _command(self, command: Command) -> None:
-        if command.kind is CommandKind.SHUTDOWN:
+    def _command(self, command: Command) -> Iterator[Output]:
+        if command.kind is CommandKind.IDENTIFY and self._adaptation is not None:
+            yield self._adaptation.identify(command.stamp_ns, 'command', self._fusion)
+        if command.kind in (CommandKind.SHUTDOWN, CommandKind.IDENTIFY):
             return
         self._initial = command.initial_state or self.params.initial_state()
         self._fusion = None
         self._due_ns = None
         self.divergence = ''
         self._integrity = IntegrityMonitor(self.params.max_gated_s)
+        self._adaptation = make_adaptation(self.params)
 
     # -- outputs ----------------------------------------------------------------------------------
 
@@ -421,50 +392,5 @@ class Engine:
         self.verdicts[receipt.verdict] += 1
         return receipt
 
-    def _receipt(
-        self,
-        event: Event,
-        stamp_ns: int,
-        verdict: Verdict,
-        reason: str,
-        **outcome: Any,  # noqa: ANN401
-    ) -> Receipt:
-        """Receipt of an event; ``outcome`` is what the gate's decision adds to that of a fix."""
-        if isinstance(event, Fix):
-            return Receipt(
-                stamp_ns=stamp_ns,
-                verdict=verdict,
-                reason=reason,
-                topic=event.topic,
-                source=event.source,
-                sequence=event.sequence,
-                validity_ns=event.validity_ns,
-                transmit_ns=event.transmit_ns,
-                receive_ns=event.receive_ns,
-                delay_handling=self.configuration.delay_handling,
-                **outcome,
-            )
-        return Receipt(stamp_ns, verdict, reason, event.topic, '', event.sequence, event.stamp_ns)
-
-    def _estimate(self, f: NavigationFilter) -> Estimate:
-        return Estimate(
-            stamp_ns=f.stamp_ns,
-            r_e=f.r_e.copy(),
-            v_G=f.v_G.copy(),
-            C_b_G=f.C_b_G.copy(),
-            P=f.P.copy(),
-            gyro_bias_b=f.b_gyro_b.copy(),
-            accel_bias_b=f.b_accel_b.copy(),
-            dvl_scale_m=f.dvl_scale_m.copy(),
-            dvl_markov_m=f.dvl_markov_m.copy(),
-            usbl_bias_a=f.usbl_bias_a.copy(),
-            fixes_received=self._fixes_received,
-            fixes_fused=self.fused['fix'],
-            last_validity_ns=self._last_validity_ns,
-            local_statistics=f.taken_local_statistics(),
-            model=self._fusion.model() if self._fusion is not None else None,
-        )
-
-
-def _age(fix: Fix) -> float:
-    return (fix.receive_ns - fix.validity_ns) * 1e-9
+    def _receipt(self, event: Event, stamp_ns: int, verdict: Verdict, reason: str) -> Receipt:
+        return receipt_of(event, stamp_ns, verdict, reason, self.configuration.delay_handling)

@@ -16,9 +16,8 @@ from enum import IntEnum
 
 import numpy as np
 
-from ..kernels import filter as kf
 from .events import Array, Fix
-from .filter.navigation import NavigationFilter
+from .filter.fusion import Driver
 
 _ALARMING = 3
 """Fixes refused in a row before anything is said: one or two are chance or outliers."""
@@ -191,7 +190,7 @@ class IntegrityMonitor:
         return mean_G, scatter
 
 
-def held(monitor: IntegrityMonitor, fix: Fix, f: NavigationFilter, gate: float) -> str:
+def held(monitor: IntegrityMonitor, fix: Fix, fusion: Driver, gate: float) -> str:
     """Why a fix is refused although the gate may let it pass; empty when it is not.
 
     While fixes are refused, the covariance grows by dead reckoning until, after long enough, the
@@ -202,22 +201,12 @@ def held(monitor: IntegrityMonitor, fix: Fix, f: NavigationFilter, gate: float) 
     """
     if not monitor.lasting(fix.receive_ns):
         return ''
-    epoch = f.history.before(fix.validity_ns)
-    if epoch is None:
-        return ''
-    ahead_e = epoch.velocity_e * ((fix.validity_ns - epoch.stamp_ns) * 1e-9)
-    offset_e: Array = fix.r_e - (epoch.point_e + ahead_e)
-    if not monitor.agrees_with_refused(np.einsum('ij,j->i', f.C_e_G, offset_e)):
-        return ''
-    S, L = f.P[6:9, 6:9] + fix.covariance_e, np.zeros((3, 3))
-    if not kf.cholesky(L, S, 3):
-        return ''
-    nis = float(kf.nis_of(L, offset_e, np.zeros(3), 3))
-    if nis > _SURE * gate:
+    off = fusion.offset(fix)
+    if off is None or not monitor.agrees_with_refused(off[0]) or off[1] > _SURE * gate:
         return ''
     state = monitor.state(fix.receive_ns)
     return (
-        f'{float(np.linalg.norm(offset_e)):.1f} m off, like the {state.gated_run} fixes before it '
+        f'{float(np.linalg.norm(off[0])):.1f} m off, like the {state.gated_run} fixes before it '
         f'that were gated over {state.gated_s:.0f} s: not taken over without ~/reset or '
-        f'~/set_initial_state, though the covariance has grown (NIS about {nis:.1f})'
+        f'~/set_initial_state, though the covariance has grown (NIS about {off[1]:.1f})'
     )

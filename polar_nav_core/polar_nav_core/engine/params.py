@@ -6,9 +6,10 @@ import math
 from dataclasses import dataclass
 
 from ..errors import ConfigError
+from ..identification.params import IdentificationParams
 from ..params import choice, param, vector
 from .events import InitialState
-from .model_params import ModelParams
+from .station.params import StationParams
 
 DELAY_HANDLING = ('ignore', 'tagged', 'back_propagate', 'clone', 'rewind')
 ROBUST_FIXES = ('none', 'huber', 'mahalanobis')
@@ -66,11 +67,26 @@ CONFIGURATIONS: dict[str, Configuration] = {
 }
 """Named configurations; the first two are the pair that the demo compares."""
 
+STATION_CONFIGURATIONS: dict[str, Configuration] = {
+    'augmented': Configuration(
+        'rewind', 'none', 0.9999, 'exact delay, robust weight besides the gate', 'mahalanobis'
+    ),
+    'published': Configuration('tagged', 'none', 1.0, 'Eqs. (8)-(13); no gate, as published'),
+}
+"""What configuration default means in station mode, by its filter."""
+STATION_DELAYS = {'augmented': DELAY_HANDLING, 'published': ('ignore', 'tagged')}
+"""Delay handlings by the filter of station mode; the printed one has a gain of the present."""
+
 
 @dataclass(frozen=True)
-class EngineParams(ModelParams):
+class EngineParams(IdentificationParams, StationParams):
     """What can be chosen of a vehicle's navigation; nodes add their own."""
 
+    mode: str = choice(
+        'sins',
+        ('sins', 'station'),
+        'Strapdown with DVL, or a vehicle model with an AHRS and the fixes of a station',
+    )
     configuration: str = choice(
         'modified_akf',
         (*CONFIGURATIONS, 'custom'),
@@ -209,7 +225,23 @@ class EngineParams(ModelParams):
                 f'parameter history_s: {self.history_s} s is shorter than max_delay_s '
                 f'{self.max_delay_s} s and one filter step of {self.filter_period_s} s'
             )
+        if self.mode == 'station' and self.configuration not in ('default', 'custom'):
+            raise ConfigError(
+                f'parameter configuration: {self.configuration} does not go with mode station; '
+                'that takes default, custom'
+            )
         chosen = self.resolved()
+        if self.mode == 'station' and chosen.noise_adaptation != 'none':
+            raise ConfigError(
+                f'parameter noise_adaptation: {chosen.noise_adaptation} does not go with mode '
+                'station; that takes none'
+            )
+        possible = STATION_DELAYS[self.station_filter]
+        if self.mode == 'station' and chosen.delay_handling not in possible:
+            raise ConfigError(
+                f'parameter delay_handling: {chosen.delay_handling} does not go with '
+                f'station_filter {self.station_filter}; that takes {", ".join(possible)}'
+            )
         possible = NOISE_OF.get(chosen.delay_handling, NOISE_ADAPTATION)
         if chosen.noise_adaptation not in possible:
             raise ConfigError(
@@ -252,6 +284,8 @@ class EngineParams(ModelParams):
                 'as set',
                 self.robust_fixes,
             )
+        if self.mode == 'station':
+            return STATION_CONFIGURATIONS[self.station_filter]
         return CONFIGURATIONS[self.configuration]
 
     def initial_state(self) -> InitialState | None:

@@ -53,10 +53,46 @@ def warm_filter() -> None:
         batch.run(params, inputs, one_by_one=True)
 
 
+def warm_station() -> None:
+    """Run each way to treat late fixes of station mode, live and as a whole run."""
+    from ..engine.events import Fix, PolarFix
+    from ..engine.params import DELAY_HANDLING, EngineParams
+    from ..engine.station import batch
+
+    base = EngineParams(mode='station', configuration='custom', delay_handling='tagged')
+    stamps = _START_NS + _IMU_NS * np.arange(45)
+    polar = PolarFix(np.zeros(3), 0.0, 0.0, 50.0, 1.0, 0.3, 0.1, 1500.0)
+    nothing = np.full(3, np.nan)
+    inputs = batch.StationInputs(
+        imu_stamps_ns=stamps,
+        omega_ib_b=np.zeros((len(stamps), 3)),
+        C_b_G=np.tile(np.eye(3), (len(stamps), 1, 1)),
+        control_stamps_ns=stamps,
+        force_b=np.ones((len(stamps), 3)),
+        depth_stamps_ns=stamps,
+        depth=np.full(len(stamps), -base.initial_height),
+        depth_variance=np.ones(len(stamps)),
+        fixes=tuple(
+            Fix(v, v, received, 'station', n, n, n, nothing, np.eye(3) * np.nan, polar=polar)
+            for n, (v, received) in enumerate(
+                (int(stamps[i]), int(stamps[j])) for i, j in ((3, 12), (23, 30), (22, 40))
+            )
+        ),
+    )
+    for name in DELAY_HANDLING:
+        for one_by_one in (False, True):
+            batch.run(replace(base, delay_handling=name), inputs, one_by_one=one_by_one)
+    batch.run(replace(base, station_filter='published'), inputs)
+
+
 def warm_up() -> None:
     """Compile or load every kernel that a node or a replay runs."""
     strapdown.warm_up()
     warm_filter()
+    warm_station()
+    from ..identification import identifier  # above the kernels, as the engine
+
+    identifier.warm_up()
 
 
 if __name__ == '__main__':

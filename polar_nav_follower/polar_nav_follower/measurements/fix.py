@@ -12,16 +12,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polar_nav_core import grid
+from polar_nav_core import grid, station_packet
 from polar_nav_core.engine.events import Array, Fix, Verdict
-from polar_nav_core.packet import (
-    Broadcast,
-    Broadcasts,
-    PacketError,
-    decode,
-    decode_many,
-    is_readable,
-)
+from polar_nav_core.packet import Broadcast, PacketError, decode
+from polar_nav_core.packets import Broadcasts, decode_many, is_readable
 
 from ..params import FollowerParams
 
@@ -103,7 +97,9 @@ def fix_from_packet(
     try:
         b = decode(data, receive_ns)
     except PacketError as error:
-        return refused(Verdict.BAD_CRC if error.damaged else Verdict.BAD_FORMAT, str(error))
+        if error.damaged:
+            return refused(Verdict.BAD_CRC, str(error))
+        return refused(Verdict.BAD_FORMAT, _of_a_station(data) or str(error))
     if not (0 <= b.validity_ns <= b.return_ns < _LAST_STAMP_NS):
         return refused(Verdict.NOT_FINITE, 'its times are none that a stamp can hold')
     distance = float(np.linalg.norm(b.leader_r_e))
@@ -211,3 +207,13 @@ def _plain_fixes(
         )
         for n, validity_ns, sequence, position, covariance, heading in zip(*columns, strict=True)
     }
+
+
+def _of_a_station(data: bytes) -> str:
+    """Say that a packet is a station's; empty when it is not."""
+    if len(data) != station_packet.SIZE or data[0] != station_packet.VERSION:
+        return ''
+    return (
+        f'packet format {station_packet.VERSION}, range and bearing from a station: mode sins '
+        "takes the position in a leader's packet"
+    )

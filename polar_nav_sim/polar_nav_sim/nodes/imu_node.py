@@ -1,4 +1,8 @@
-"""imu_node: ``truth`` -> ``imu/data_raw``, means over the intervals, stamped at their ends."""
+"""imu_node: ``truth`` -> ``imu/data_raw``, means over the intervals, stamped at their ends.
+
+With the parameter ``ahrs`` also ``imu/data``: the same with errors of the rates, and the attitude
+of base_link in the local grid axes at the stamp.
+"""
 
 from __future__ import annotations
 
@@ -6,16 +10,20 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from sensor_msgs.msg import Imu
 
 from polar_nav_ros.node import run
 
-from ..convert import ImuMessage, frame_id
+from ..convert import AhrsMessage, ImuMessage, frame_id
 from ..params import ImuParams
 from ..randomness import stream
+from ..sensors.ahrs import AhrsSensor
 from ..sensors.imu import ImuSensor
 from ..truth_cdr import TruthSample
 from .truth_listener import TruthListener, stream_name
+
+Floats = NDArray[np.float64]
 
 
 class ImuNode(TruthListener[ImuParams]):
@@ -26,6 +34,8 @@ class ImuNode(TruthListener[ImuParams]):
         self._stream = stream_name(self, 'imu')
         self._pub = self.advertise(Imu, 'imu/data_raw')
         self._sensor: ImuSensor | None = None
+        self._ahrs: _Ahrs | None = None
+        self._with_attitude = self.advertise(Imu, 'imu/data') if self.params.ahrs else None
         self._message: ImuMessage | None = None
         self.listen()
 
@@ -43,6 +53,8 @@ class ImuNode(TruthListener[ImuParams]):
             sample.vector('delta_v_b')[None, :],
         )
         self._pub.publish(self._message.fill(sample.stamp_ns, omega[0], f[0]))
+        if self._ahrs is not None and self._with_attitude is not None:
+            self._with_attitude.publish(self._ahrs.message(sample, omega, f))
 
     def facts(self) -> dict[str, object]:
         """Name of the random stream."""
@@ -56,7 +68,26 @@ class ImuNode(TruthListener[ImuParams]):
             np.square(p.gyro_noise_density) / period_s,
             np.square(p.accel_noise_density) / period_s,
         )
+        if p.ahrs:
+            self._ahrs = _Ahrs(p, self.vehicle, stream_name(self, 'ahrs'), period_s)
         return sensor, message
+
+
+class _Ahrs:
+    """Attitude beside the IMU's own sample."""
+
+    def __init__(self, p: ImuParams, vehicle: str, name: str, period_s: float) -> None:
+        self._sensor = AhrsSensor(p, stream(p.seed, name))
+        self._message = AhrsMessage(
+            frame_id(vehicle, 'imu'),
+            np.square(p.gyro_noise_density) / period_s + p.rate_variance,
+            np.square(p.accel_noise_density) / period_s,
+            p.angle_variance,
+        )
+
+    def message(self, sample: TruthSample, omega_b: Floats, f_b: Floats) -> Imu:
+        rates, C_b_G = self._sensor.measure(sample.sequence, omega_b, sample.C_b_G[None])
+        return self._message.fill_with(sample.stamp_ns, rates[0], f_b[0], C_b_G[0])
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -24,9 +24,12 @@ from polar_nav_ros.stamps import to_msg
 from ..mission import Mission, load_mission, overrides_from
 from ..params import TruthParams
 from ..trajectory import NS
-from ..truth_stream import TruthStream
+from ..truth_stream import BLOCK_S, TruthStream
+from .vehicle_ports import VehiclePorts
 
 _TURN_S = 0.005
+_COMMAND_S = 0.05
+"""Truth that is made at once where vehicles take commands."""
 _LOOK_S = 0.5
 _BURST_S = 0.5
 """Most truth at once at the pace realtime, so that a slow moment is made up for in steps."""
@@ -37,12 +40,19 @@ _DRAIN_S = 5.0
 class TruthNode(PolarNode[TruthParams]):
     """The one source of time and motion."""
 
-    def __init__(self, **kwargs: Any) -> None:  # noqa: ANN401 - passed on to rclpy
-        super().__init__('truth_node', TruthParams, **kwargs)
+    def __init__(
+        self,
+        name: str = 'truth_node',
+        params_cls: type[TruthParams] = TruthParams,
+        **kwargs: Any,  # noqa: ANN401 - passed on to rclpy
+    ) -> None:
+        super().__init__(name, params_cls, **kwargs)
         p = self.params
         self._mission = _mission(p)
-        self._stream = TruthStream(self._mission)
+        # Commands act from the next block on, so blocks are as short as a command may wait.
+        self._stream = TruthStream(self._mission, _COMMAND_S if p.commands else BLOCK_S)
         self._stream.sample(0)
+        self._vehicles = VehiclePorts(self, self._mission) if self._mission.dynamic else None
         self._truth = {
             v: self.advertise(VehicleTruth, f'{v}/truth') for v in self._mission.vehicles
         }
@@ -69,6 +79,11 @@ class TruthNode(PolarNode[TruthParams]):
         else:
             self._run_by_the_clock()
 
+    @property
+    def mission(self) -> Mission:
+        """What is sailed."""
+        return self._mission
+
     def diagnose(self) -> Diagnosis:
         """How far the mission is, and who holds it up."""
         values: dict[str, object] = {
@@ -84,8 +99,12 @@ class TruthNode(PolarNode[TruthParams]):
     def _publish_until(self, k1: int) -> None:
         """Publish samples up to k1 - 1, each followed by its time on /clock."""
         for k in range(self._next, k1):
+            if self._vehicles is not None:
+                self._vehicles.before(k)
             for vehicle, message in self._stream.sample(k).items():
                 self._truth[vehicle].publish(message)
+            if self._vehicles is not None:
+                self._vehicles.publish(k, self._stream.stamp_ns(k))
             self._time.publish(Clock(clock=to_msg(self._stream.stamp_ns(k))))
         self._next = k1
         self._moved_ns = self._wall.now().nanoseconds
@@ -112,7 +131,9 @@ class TruthNode(PolarNode[TruthParams]):
         self.create_timer(_TURN_S, self._realtime, clock=self._wall)
 
     def _missing(self) -> list[str]:
-        outputs = (*self._truth.values(), self._time)
+        outputs = [*self._truth.values(), self._time]
+        if self._vehicles is not None:
+            outputs += self._vehicles.outputs
         self._flow.own(self.published_counts(), {o.topic: o.matched for o in outputs})
         return self._flow.missing()
 
@@ -130,7 +151,7 @@ class TruthNode(PolarNode[TruthParams]):
         k1 = min(due, self._next + burst, self._stream.count)
         if k1 > self._next:
             self._publish_until(k1)
-            self._stream.prepare(self._next - 1)
+            self._prepare()
         elif self._next == self._stream.count and self._all_taken():
             self._end()
 
@@ -144,7 +165,7 @@ class TruthNode(PolarNode[TruthParams]):
         self._lockstep()
 
     def _lockstep(self) -> None:
-        if not self._ready or not self._flow.settled():
+        if not self._ready or not self._settled():
             return
         if self._next == self._stream.count:
             self._end()
@@ -152,7 +173,12 @@ class TruthNode(PolarNode[TruthParams]):
         self._publish_until(min(self._next + self._window, self._stream.count))
         self._flow.own(self.published_counts())
         # While the others work on this window.
-        self._stream.prepare(self._next - 1)
+        self._prepare()
+
+    def _prepare(self) -> None:
+        """Make truth ahead, unless commands may still change it."""
+        if not self.params.commands:
+            self._stream.prepare(self._next - 1)
 
     def _look(self) -> None:
         """Find out whether the graph is complete, and name who holds it up."""
@@ -177,7 +203,10 @@ class TruthNode(PolarNode[TruthParams]):
         self.tell_supervisor('progress', f'{done_s:.1f} {total_s:.1f}')
 
     def _settled(self) -> bool:
-        return self._flow.settled()
+        """Whether everything is taken, the commands that came of it by this node included."""
+        return self._flow.settled() and (
+            self._vehicles is None or self._vehicles.taken(self._flow.published())
+        )
 
     def _behind(self) -> str:
         return '; '.join(

@@ -95,6 +95,12 @@ def _displace(r_e: Floats, vehicle: VehicleSpec, psi: float, height: float) -> F
     return np.asarray(moved + (height - earth.geodetic_from_ecef(moved)[2])[:, None] * up_e)
 
 
+def still_knots(r_e: Floats, psi: float, t_s: Floats) -> Knots:
+    """Knots of a vehicle that stays at a place (ECEF [m]), level, with one heading psi [rad]."""
+    n = len(t_s)
+    return Knots(t_s, r_e, np.zeros((n, 3)), np.tile([psi, 0.0, 0.0], (n, 1)))
+
+
 def knots_of_profile(profile: Profile, start_e: Floats, psi_start: float, t_s: Floats) -> Knots:
     """Sail a profile from a start.
 

@@ -1,4 +1,4 @@
-"""Depth sensor error model: y = quantized(depth of the sensor + bias + sigma w_k)."""
+"""Depth sensor error model: y = quantized(depth + bias + sigma w_k + e u_k), u uniform."""
 
 from __future__ import annotations
 
@@ -24,6 +24,9 @@ class DepthErrors(Spec):
     )
     bias_m: float = param(0.0, 'm', -100.0, 100.0, 'Constant error, positive: too deep')
     noise_sigma_m: float = param(0.05, 'm', 0.0, 100.0, 'White noise per sample, 1-sigma')
+    uniform_error_m: float = param(
+        0.0, 'm', 0.0, 100.0, 'Largest further error per sample, uniform; the DVL-less paper: 0.05'
+    )
     quantum_m: float = param(0.0, 'm', 0.0, 10.0, 'Resolution; 0: none')
     atmospheric_pressure_pa: float = param(
         101325.0, 'Pa', 80000.0, 110000.0, 'Air pressure at the surface'
@@ -45,12 +48,15 @@ class DepthSensor:
         self._e = errors
         self._arm_b = np.array(errors.lever_b)
         self._draws = Draws(rng, 1)
+        # A stream of its own: the option changes no other draw.
+        self._uniform = Draws(rng.spawn(1)[0], 1, uniform=True)
         self._index = Index()
 
     @property
     def variance(self) -> float:
-        """Of a sample [m^2]: noise and rounding."""
-        return self._e.noise_sigma_m**2 + self._e.quantum_m**2 / 12.0
+        """Of a sample [m^2]: noise, uniform error and rounding."""
+        e = self._e
+        return e.noise_sigma_m**2 + e.uniform_error_m**2 / 3.0 + e.quantum_m**2 / 12.0
 
     def measure(self, k: int, depth: float, C_b_G: Floats) -> float:
         """Sample number k.
@@ -73,8 +79,10 @@ class DepthSensor:
         chunk, row = divmod(k, CHUNK)
         while self._draws.chunk < chunk:
             self._draws.advance()
+            self._uniform.advance()
         below = depth - float(C_b_G[2] @ self._arm_b)
         measured = below + self._e.bias_m + self._e.noise_sigma_m * float(self._draws.rows[row, 0])
+        measured += self._e.uniform_error_m * float(self._uniform.rows[row, 0])
         if self._e.quantum_m > 0.0:
             measured = self._e.quantum_m * round(measured / self._e.quantum_m)
         return measured

@@ -19,7 +19,7 @@ CHUNK = 256
 
 
 class Draws:
-    """Standard normal numbers by row, drawn chunk by chunk.
+    """Standard normal numbers, or uniform ones, by row, drawn chunk by chunk.
 
     Parameters
     ----------
@@ -27,9 +27,12 @@ class Draws:
         The stream; nothing else may draw from it afterwards.
     columns : int
         Numbers per sample.
+    uniform : bool
+        Uniform in [-1, 1) instead of standard normal.
     """
 
-    def __init__(self, rng: np.random.Generator, columns: int) -> None:
+    def __init__(self, rng: np.random.Generator, columns: int, *, uniform: bool = False) -> None:
+        self._uniform = uniform
         self._rng = rng
         self._columns = columns
         self.chunk = -1
@@ -38,7 +41,12 @@ class Draws:
     def advance(self) -> Floats:
         """Draw the next chunk; shape (CHUNK, columns)."""
         self.chunk += 1
-        self.rows = self._rng.standard_normal((CHUNK, self._columns))
+        shape = (CHUNK, self._columns)
+        self.rows = (
+            self._rng.uniform(-1.0, 1.0, shape)
+            if self._uniform
+            else self._rng.standard_normal(shape)
+        )
         return self.rows
 
 

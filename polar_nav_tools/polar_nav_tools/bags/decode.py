@@ -107,19 +107,31 @@ def _check_closed(store: Typestore, type_name: str) -> None:
 
 
 def is_installed(channel: Channel) -> bool:
-    """Whether the type is installed here with the same fields as in the bag."""
-    return _installed(channel) is not None
+    """Whether the type is installed here with the same fields; constants may have other values."""
+    return _installed(channel, constants=False) is not None
+
+
+def constants_of(channel: Channel) -> dict[str, Any]:
+    """Return the constants of a channel's type with the values that they have in the bag.
+
+    Raises
+    ------
+    BagError
+        If the definition in the bag cannot be used.
+    """
+    defined = store_of(channel.schema_text, channel.type).fielddefs[channel.type][0]
+    return {name: value for name, _, value in defined}
 
 
 def _embedded(store: Typestore, type_name: str) -> Decode:
     return lambda data: store.deserialize_cdr(data, type_name)
 
 
-def _installed(channel: Channel) -> Decode | None:
+def _installed(channel: Channel, *, constants: bool = True) -> Decode | None:
     """Use rclpy where the type is installed and means the same as in the bag."""
     try:
         own = definition(channel.type)
-        if not _same_fields(own.text, channel.schema_text, channel.type):
+        if not _same(own.text, channel.schema_text, channel.type, constants=constants):
             return None
         package, _, name = channel.type.split('/')
         message = getattr(import_module(f'{package}.msg'), name)
@@ -137,8 +149,11 @@ def _installed(channel: Channel) -> Decode | None:
     return decode
 
 
-def _same_fields(text: str, other: str, type_name: str) -> bool:
+def _same(text: str, other: str, type_name: str, *, constants: bool) -> bool:
     if text == other:
         return True
     mine, theirs = store_of(text, type_name), store_of(other, type_name)
-    return all(mine.fielddefs[k] == theirs.fielddefs.get(k) for k in mine.fielddefs)
+    first = 0 if constants else 1
+    return mine.fielddefs.keys() <= theirs.fielddefs.keys() and all(
+        mine.fielddefs[k][first:] == theirs.fielddefs[k][first:] for k in mine.fielddefs
+    )

@@ -13,7 +13,9 @@ from .errors import BagError
 from .rosbag2_metadata import FILE_NAME, ROOT_KEY
 
 _MAX_YAML_BYTES = 16 * 1024 * 1024
-CONVERT = '`ros2 bag convert` makes an MCAP bag of it'
+MAGIC = b'\x89MCAP0\r\n'
+"""An MCAP file begins and ends with it."""
+CONVERT = '`polar replay --map` takes it as it is, rosbags-convert makes an MCAP bag of it'
 _SPLIT_NUMBER = re.compile(r'_(\d+)\.mcap$')
 
 
@@ -44,6 +46,27 @@ def find(path: Path) -> Listing:
     if path.name == FILE_NAME:
         return _directory(path.parent)
     return Listing([path])
+
+
+def check_magic(path: Path, front: bytes) -> None:
+    """Refuse a file that does not begin as MCAP, and say what it is.
+
+    Raises
+    ------
+    BagError
+        Always, unless it does.
+    """
+    if front == MAGIC:
+        return
+    if not front:
+        raise BagError(f'{path} is empty (0 bytes)')
+    if front.startswith(b'SQLite'):
+        raise BagError(f'{path} is an sqlite3 bag, not MCAP; {CONVERT}')
+    if front.startswith(b'#ROSBAG'):
+        raise BagError(f'{path} is a ROS 1 bag, not MCAP; {CONVERT}')
+    if MAGIC.startswith(front):
+        raise BagError(f'{path} ends within the first {len(MAGIC)} bytes: nothing was recorded')
+    raise BagError(f'{path} is not an MCAP file (it begins with {front!r})')
 
 
 def _directory(path: Path) -> Listing:

@@ -10,9 +10,8 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Collection, Iterable, Iterator, Set
+from collections.abc import Callable, Collection, Iterable, Iterator, Set
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,13 +20,16 @@ from . import chunks, files
 from .contents import Channel, FileScan, Tally
 from .decode import Decoder
 from .errors import BagError
+from .missing import sequence_gaps, unfinished
 from .scan import scan_file
 from .schemas import Definition, starts_with_header
-from .writer import PHASE_KEY, RUN_RECORD, SEQUENCE_KEY
+from .writer import PHASE_KEY, RUN_RECORD
 
 RECOVERY_RECORD = 'polar_nav_recovery'
 """Name of the metadata record that `recover` leaves: the bag was once broken."""
 RUN_INFO_TOPIC = '/run_info'
+Progress = Callable[[float], None]
+"""Called with the share of a bag that was looked at."""
 
 
 @dataclass(frozen=True)
@@ -258,8 +260,8 @@ class Bag:
             for problem in file.problems:
                 yield f'{file.path.name}: {problem}'
             if not file.finished:
-                yield f'{file.path.name}: {_unfinished(file)}'
-            yield from _sequence_gaps(file)
+                yield f'{file.path.name}: {unfinished(file)}'
+            yield from sequence_gaps(file)
             yield from self._other_types(file)
         yield from self._recorded_losses()
         for record in self.metadata(RECOVERY_RECORD):
@@ -321,8 +323,15 @@ def _file_records(file: FileScan, names: dict[int, str]) -> Iterator[BagMessage]
                 yield BagMessage(name, log_time, publish_time, sequence, data)
 
 
-def open_bag(path: str | Path) -> Bag:
+def open_bag(path: str | Path, progress: Progress | None = None) -> Bag:
     """Open a bag directory or an .mcap file.
+
+    Parameters
+    ----------
+    path : Path
+    progress : callable, optional
+        Told what share of the bag was looked at; every checksum of it is compared, so that a
+        bag of gigabytes takes seconds.
 
     Raises
     ------
@@ -332,7 +341,7 @@ def open_bag(path: str | Path) -> Bag:
     """
     path = Path(path)
     listing = files.find(path)
-    scans = [scan_file(p) for p in listing.paths]
+    scans = [scan_file(p) for p in listing.paths] if progress is None else _told(listing, progress)
     bag = Bag(path, scans, listing.problems)
     if bag.message_count == 0:
         unknown = sorted({c for s in scans for c in s.unknown_compressions})
@@ -351,33 +360,19 @@ def open_bag(path: str | Path) -> Bag:
     return bag
 
 
-def stamp_text(stamp_ns: int) -> str:
-    """Return a stamp as people and as programs read it."""
-    try:
-        utc = datetime.fromtimestamp(stamp_ns / 1e9, UTC).isoformat(timespec='milliseconds')
-    except (OverflowError, ValueError, OSError):
-        return f'{stamp_ns} ns'
-    return f'{stamp_ns / 1e9:.3f} s ({utc.replace("+00:00", "Z")})'
+def _told(listing: files.Listing, progress: Progress) -> list[FileScan]:
+    """Scan the files of a bag and tell the share of all bytes that is behind."""
+    sizes = [p.stat().st_size for p in listing.paths]
+    total = max(1, sum(sizes))
+    scans: list[FileScan] = []
 
+    def tell(at: int) -> None:
+        progress((sum(sizes[: len(scans)]) + at) / total)
 
-def _unfinished(file: FileScan) -> str:
-    if file.data_ended:
-        return 'the index behind all messages is damaged or cut off'
-    if file.last_ns is None:
-        return 'the recording was not finished'
-    return (
-        f'the recording was not finished; the last message is of {stamp_text(file.last_ns)}, '
-        'what came in the last moment before the recorder ended is missing'
-    )
-
-
-def _sequence_gaps(file: FileScan) -> Iterator[str]:
-    """Messages that were recorded but are not in the file any more, by their numbers."""
-    for number, tally in file.tallies.items():
-        channel = file.channels[number]
-        if channel.metadata.get(SEQUENCE_KEY) == 'count' and tally.last_sequence > tally.count:
-            missing = tally.last_sequence - tally.count
-            yield f'{file.path.name}: {missing} messages of {channel.topic} are missing'
+    for path in listing.paths:
+        scans.append(scan_file(path, tell))
+    progress(1.0)
+    return scans
 
 
 def _json_or_none(text: str) -> Any:  # noqa: ANN401 - whatever stands in the JSON

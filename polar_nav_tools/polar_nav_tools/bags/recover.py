@@ -14,7 +14,7 @@ from typing import Any
 from rosbags.rosbag2.metadata import parse_qos
 
 from .qos import Qos
-from .reader import RECOVERY_RECORD, Bag, open_bag
+from .reader import RECOVERY_RECORD, Bag, Progress, open_bag
 from .writer import SEQUENCE_KEY, BagWriter
 
 
@@ -51,7 +51,7 @@ class Recovery:
         }
 
 
-def recover(path: str | Path, target: str | Path) -> Recovery:
+def recover(path: str | Path, target: str | Path, progress: Progress | None = None) -> Recovery:
     """Copy what can be read of a bag to a new one.
 
     Parameters
@@ -60,13 +60,15 @@ def recover(path: str | Path, target: str | Path) -> Recovery:
         Bag directory or .mcap file, in any state.
     target : Path
         Directory of the new bag; must not exist.
+    progress : callable, optional
+        Told what share of the old one was looked at.
 
     Raises
     ------
     BagError
         If there is nothing to read, or the new bag cannot be written.
     """
-    bag = open_bag(path)
+    bag = open_bag(path, progress)
     target = Path(target)
     with BagWriter(target, bag.run_info) as writer:
         for topic in bag.topics:

@@ -12,6 +12,7 @@ from __future__ import annotations
 import os
 import re
 import zlib
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
@@ -19,16 +20,19 @@ from . import chunks
 from .chunks import HEADER, Damage, Reader
 from .contents import Block, Channel, FileScan, Tally
 from .errors import BagError
-from .files import CONVERT
+from .files import MAGIC, check_magic
 
 if TYPE_CHECKING:
     from .walk import CompiledWalk
 
-MAGIC = b'\x89MCAP0\r\n'
+Progress = Callable[[int], None]
+"""Called with the bytes of the file that were looked at."""
+
 MAX_RECORD_BYTES = 64 * 1024 * 1024
 """Largest single record outside of chunks that is taken into memory."""
 _RAW_BLOCK_BYTES = 1 << 20
 _PIECE = 1 << 20
+_TELL_EVERY_BYTES = 4 << 20
 _CHUNK_FRONT = 128
 _MAX_SEARCHES = 1000
 _COMPILED_FROM = 4 << 20
@@ -44,8 +48,14 @@ _OP_STATISTICS, _OP_METADATA, _OP_DATA_END = 0x0B, 0x0C, 0x0F
 _LAST_KNOWN = 0x0F
 
 
-def scan_file(path: Path) -> FileScan:
+def scan_file(path: Path, progress: Progress | None = None) -> FileScan:
     """Scan one MCAP file.
+
+    Parameters
+    ----------
+    path : Path
+    progress : callable, optional
+        Told every few megabytes how many bytes of the file are behind.
 
     Raises
     ------
@@ -55,26 +65,12 @@ def scan_file(path: Path) -> FileScan:
     try:
         with path.open('rb') as file:
             status = os.fstat(file.fileno())
-            _check_magic(path, file.read(len(MAGIC)))
-            found = _Scanner(path, file, status.st_size).run()
+            check_magic(path, file.read(len(MAGIC)))
+            found = _Scanner(path, file, status.st_size).run(progress)
             found.modified_ns = status.st_mtime_ns
             return found
     except OSError as error:
         raise BagError(f'{path}: cannot be read ({error.strerror})') from error
-
-
-def _check_magic(path: Path, front: bytes) -> None:
-    if front == MAGIC:
-        return
-    if not front:
-        raise BagError(f'{path} is empty (0 bytes)')
-    if front.startswith(b'SQLite'):
-        raise BagError(f'{path} is an sqlite3 bag, not MCAP; {CONVERT}')
-    if front.startswith(b'#ROSBAG'):
-        raise BagError(f'{path} is a ROS 1 bag, not MCAP; rosbags-convert makes an MCAP of it')
-    if MAGIC.startswith(front):
-        raise BagError(f'{path} ends within the first {len(MAGIC)} bytes: nothing was recorded')
-    raise BagError(f'{path} is not an MCAP file (it begins with {front!r})')
 
 
 class _Scanner:
@@ -99,13 +95,17 @@ class _Scanner:
         self._indexed: int | None = None
         self._compiled: CompiledWalk | None = None
 
-    def run(self) -> FileScan:
+    def run(self, progress: Progress | None) -> FileScan:
+        told = 0
         while self._at < self._size and not self._out.finished:
             try:
                 self._record()
             except Damage as damage:
                 if not self._search(str(damage)):
                     break
+            if progress is not None and self._at >= told + _TELL_EVERY_BYTES:
+                told = self._at
+                progress(told)
         self._end_raw_block()
         self._conclude()
         return self._out
@@ -319,11 +319,12 @@ class _Scanner:
     def _declaration(self, opcode: int, body: bytes) -> None:
         fields = Reader(body)
         if opcode == chunks.OP_SCHEMA:
-            number, name, encoding = fields.u16(), fields.text(), fields.text()
-            self._schemas.setdefault(number, (name, encoding, fields.text()))
+            number, schema = fields.u16(), (fields.text(), fields.text(), fields.text())
+            if self._schemas.setdefault(number, schema) != schema:
+                self._problem(f'schema {number} is {self._schemas[number][0]} and something else')
         elif opcode == chunks.OP_CHANNEL:
-            number, schema = fields.u16(), fields.u16()
-            name, schema_encoding, text = self._schemas.get(schema, ('', '', ''))
+            number, schema_number = fields.u16(), fields.u16()
+            name, schema_encoding, text = self._schemas.get(schema_number, ('', '', ''))
             topic, encoding = fields.text(), fields.text()
             channel = Channel(topic, name, encoding, schema_encoding, text, fields.text_map())
             if self._out.channels.setdefault(number, channel) != channel:

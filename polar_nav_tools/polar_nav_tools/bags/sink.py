@@ -47,6 +47,15 @@ class Sink:
         """Wait until the disk itself has the bytes, which only a loss of power makes matter."""
         os.fdatasync(self._fd)
 
+    def is_in_place(self) -> bool:
+        """Whether the file still stands under its name: the kernel writes on without one."""
+        own = os.fstat(self._fd)
+        try:
+            named = self.path.stat()
+        except OSError:
+            return False
+        return (own.st_dev, own.st_ino) == (named.st_dev, named.st_ino)
+
     def close(self) -> None:
         """Close the file."""
         if not self.closed:

@@ -260,6 +260,7 @@ class BagWriter:
     def flush(self) -> None:
         """Close the current chunk and give it to the operating system."""
         self._next_flush = self._clock() + self._flush_s
+        self._check_place()
         if not self._unflushed:
             return
         with self._explained():
@@ -281,6 +282,7 @@ class BagWriter:
         metadata = rosbag2_metadata.bag_metadata(
             self.path.name, self._summary(), self._start_ns, self._stop_ns
         )
+        self._check_place()
         with self._explained():
             self._mcap.flush()
             self._note_safe()
@@ -315,6 +317,14 @@ class BagWriter:
             self.finish()
         else:
             self.abandon()
+
+    def _check_place(self) -> None:
+        """Insist that the file is still there: bytes go into a removed one without an error."""
+        if not self._sink.is_in_place():
+            raise BagError(
+                f'{self.path} was removed or moved while it was being written; if removed, its '
+                f'{self._count} messages are lost'
+            )
 
     def _note_safe(self) -> None:
         """Remember that everything up to here is in the file."""

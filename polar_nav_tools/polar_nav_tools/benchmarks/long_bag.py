@@ -26,7 +26,7 @@ from polar_nav_core.params import to_mapping
 from polar_nav_follower.params import FollowerParams
 from polar_nav_msgs.msg import AcousticPacket, Depth, Dvl, VehicleTruth
 from polar_nav_ros.cdr import to_bytes
-from polar_nav_sim.trajectory import Trajectory
+from polar_nav_sim.trajectory import Truth
 
 from ..bags import BagWriter
 from ..bags.decode import store_of
@@ -250,7 +250,7 @@ def _truth(world: World) -> Blocks:
 
 
 def _truth_numbers(
-    truth: Trajectory, stamps_ns: NDArray[np.int64], rows: slice
+    truth: Truth, stamps_ns: NDArray[np.int64], rows: slice
 ) -> dict[str, NDArray[Any]]:
     state = truth.state(stamps_ns)
     count = len(stamps_ns)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import json
+import os
 import sys
 from collections.abc import Mapping
 from typing import NoReturn
@@ -11,6 +12,10 @@ from typing import NoReturn
 import typer
 
 from polar_nav_core.errors import PolarNavError
+
+# Before NumPy is loaded: no command multiplies matrices worth sharing, and threads that wait for
+# one another on a busy machine make a small fit a hundred times slower.
+os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 INTERRUPTED_STATUS = 130
 COMMANDS = (
@@ -25,6 +30,7 @@ COMMANDS = (
     'why',
     'delay_budget',
     'foreign',
+    'identify',
 )
 """Modules beside this one, in the order of the help."""
 

@@ -39,8 +39,6 @@ JsonOption = Annotated[bool, typer.Option('--json', help='Print figures as JSON 
 _LONG = 500_000
 """Messages from which a score shows how far it is."""
 
-DEMO_PAIR = ('conventional_akf', 'modified_akf')
-
 
 @app.command(
     epilog='Example: `./polar replay bags/my_run -c conventional_akf --out bags/conventional`'
@@ -181,10 +179,12 @@ def recover(
 ) -> None:
     """Make a whole bag of a broken one, with everything that can be read, for all other tools."""
     from ..bags.recover import recover as run_recover
+    from ..progress import opening_display
 
     stem = bag.parent if bag.is_file() and (bag.parent / 'metadata.yaml').exists() else bag
     target = out or stem.with_name(f'{stem.name.removesuffix(".mcap")}_recovered')
-    result = run_recover(bag, target)
+    with opening_display(bag) as progress:
+        result = run_recover(bag, target, progress)
     if as_json:
         emit_json({'ok': True, **result.to_dict()})
         return
@@ -223,7 +223,7 @@ def analysed(
     """Replay and score a bag as the options of `score` and `report` say."""
     from ..analysis import analyse, open_for
 
-    chosen = () if recorded else tuple(configurations or DEMO_PAIR)
+    chosen = () if recorded else tuple(configurations or _usual_pair(bag, vehicle))
     long = bool(chosen) and bag.message_count >= _LONG
     with percent('replay') if long else nullcontext(None) as progress:
         return analyse(
@@ -235,6 +235,16 @@ def analysed(
             say=say,
             progress=progress,
         )
+
+
+def _usual_pair(bag: Bag, vehicle: str | None) -> tuple[str, str]:
+    """What the demo compares, in the mode of the bag's follower."""
+    from ..recorded_inputs import followers_of
+    from ..variants import LEADER_PAIR, pair_of
+
+    found = followers_of(bag)
+    chosen = found.get(vehicle) if vehicle is not None else next(iter(found.values()), None)
+    return LEADER_PAIR if chosen is None else pair_of(chosen)
 
 
 def tell_complaints(analysis: Analysis) -> bool:

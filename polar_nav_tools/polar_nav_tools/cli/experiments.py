@@ -39,7 +39,7 @@ def experiment(
         typer.Option('--list', callback=_list, is_eager=True, help='Name all and end.'),
     ] = False,
     quick: Annotated[
-        bool, typer.Option('--quick', help='A minute of one seed: to see that it works.')
+        bool, typer.Option('--quick', help='One seed, the shortest run that shows something.')
     ] = False,
     duration: Annotated[
         float | None, typer.Option(metavar='S', help='Length of a run.', show_default='its own')
@@ -56,7 +56,7 @@ def experiment(
         typer.Option(
             '--set',
             metavar='NAME=VALUE',
-            help='Change what the paper leaves open (docs/experiments.md), or engine.PARAMETER.',
+            help='Change what a paper leaves open (docs/experiments*.md), or engine.PARAMETER.',
         ),
     ] = None,
     jobs: Annotated[
@@ -102,26 +102,24 @@ def experiment(
         bool, typer.Option('--json', help='Print the manifest and the tables as JSON on stdout.')
     ] = False,
 ) -> None:
-    """Run an experiment of the polar cooperative navigation paper with our filters beside it.
+    """Run an experiment of one of the two papers with our filters beside it.
 
-    Writes tables (Markdown, CSV), figures (PNG, SVG) and a manifest with everything that makes the
-    same numbers again. docs/experiments.md tells what came out.
+    Polar cooperative navigation: docs/experiments.md; no DVL, fixes of a station (has-...):
+    docs/experiments-station.md. Writes tables (Markdown, CSV), figures (PNG, SVG) and a manifest
+    with everything that makes the same numbers again.
     """
     del list_all
     from polar_nav_core.errors import ConfigError
 
     from ..experiments.catalog import experiment_named
-    from ..experiments.choices import choices_from
-    from ..experiments.columns import pick
     from ..experiments.experiment import Request, run
     from ..experiments.recorded import RestSpec, read_rest, save_recorded
     from ..experiments.runner import default_workers
     from ..progress import progress_display
 
     chosen = experiment_named(name)
-    choices = choices_from(settings or [])
     names = _words(columns)
-    pick(choices, names or ())
+    choices = chosen.suite.read(settings or [], names)
     if name != 'ablation' and (sensors or periods or delays):
         raise ConfigError(f'--sensors, --periods, --delays: {name} does not use them')
     if jobs is not None and jobs < 1:
@@ -143,7 +141,7 @@ def experiment(
         recorded = save_recorded(errors, (folder / 'imu_errors.npz').resolve())
         say(f'{errors.duration_s:.0f} s of IMU errors at {errors.rate_hz:g} Hz')
     request = Request(
-        choices=choices,
+        **choices,
         quick=quick,
         duration_s=duration,
         seeds=seeds,

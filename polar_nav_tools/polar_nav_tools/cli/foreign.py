@@ -32,8 +32,10 @@ def map_(
     """
     from ..foreign.guess import guess
     from ..foreign.sources import open_source
+    from ..progress import opening_display
 
-    source = open_source(bag)
+    with opening_display(bag) as progress:
+        source = open_source(bag, progress)
     for problem in source.problems:
         say(f'{bag}: {problem}')
     sys.stdout.write(guess(source))
@@ -85,7 +87,7 @@ def replay_foreign(
 
     from ..foreign import mapping, mapping_file, replay
     from ..foreign.sources import open_source
-    from ..progress import progress_display
+    from ..progress import opening_display, progress_display
     from ..replay_bag import parse_changes
     from ..terminal import print_table
 
@@ -94,7 +96,8 @@ def replay_foreign(
     chosen = dict(parse_changes(changes))
     if configuration is not None:
         chosen['configuration'] = configuration
-    source = open_source(bag)
+    with opening_display(bag) as progress:
+        source = open_source(bag, progress)
     for problem in source.problems:
         say(f'{bag}: {problem}')
     what = mapping.with_parameters(mapping_file.load(mapping_path), chosen)

@@ -31,7 +31,12 @@ SeedOption = Annotated[
     typer.Option('--seed', min=0, help='Seed of the run; every random stream is made from it.'),
 ]
 ConfigurationOption = Annotated[
-    str, typer.Option('--configuration', '-c', help='Filter configuration of the follower.')
+    str | None,
+    typer.Option(
+        '--configuration',
+        '-c',
+        help='Filter configuration of the follower; the mission knows its own.',
+    ),
 ]
 BagOption = Annotated[
     Path | None,
@@ -63,7 +68,7 @@ def demo(
     pace: Annotated[
         str, typer.Option(help='lockstep loses nothing and is fast; realtime waits for nobody.')
     ] = 'lockstep',
-    configuration: ConfigurationOption = 'modified_akf',
+    configuration: ConfigurationOption = None,
     bag: BagOption = None,
     as_recorded: AsRecordedOption = False,
     leader: LeaderOption = 'perfect',
@@ -76,7 +81,9 @@ def demo(
 
     Real nodes as processes over the real middleware, in simulated time. The recorded bag is
     replayed with the conventional filter, which takes late fixes as current, and with the
-    delay-aware one, and both are scored against the truth.
+    delay-aware one, and both are scored against the truth. With `--mission station` it is replayed
+    with the published filter, which takes current and drag as known, and with the one that
+    estimates them.
     """
     from ..demo import DemoOptions, run_demo
 
@@ -111,7 +118,7 @@ def launch(
     mission: MissionOption = 'demo',
     duration: DurationOption = None,
     seed: SeedOption = 1,
-    configuration: ConfigurationOption = 'modified_akf',
+    configuration: ConfigurationOption = None,
     bag: BagOption = None,
     as_recorded: AsRecordedOption = False,
     leader: LeaderOption = 'perfect',
@@ -123,7 +130,7 @@ def launch(
 
     Uses the ROS domain of the shell (ROS_DOMAIN_ID, 0 when it is not set).
     """
-    from ..graph import GraphOptions
+    from ..graph import GraphOptions, usual_configuration
     from ..live import new_bag_path, read_mission, run_live
     from ..progress import progress_display
 
@@ -131,7 +138,11 @@ def launch(
     named = bag or new_bag_path(BAGS, chosen.name, seed, datetime.now())
     target = None if no_record else named
     options = GraphOptions(
-        pace='realtime', seed=seed, configuration=configuration, leader=leader, bag=target
+        pace='realtime',
+        seed=seed,
+        configuration=configuration or usual_configuration(chosen),
+        leader=leader,
+        bag=target,
     )
     folder = Path(mkdtemp(prefix='polar_nav_')) if target is None else target
     with progress_display(chosen.name, total=chosen.duration_s, unit='s') as on_progress:

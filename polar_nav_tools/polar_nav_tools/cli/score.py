@@ -87,12 +87,12 @@ def score(
 
 def _apart(words: list[Path], configs: list[str]) -> tuple[list[Path], list[str]]:
     """Bags and configurations: behind ``--configs A`` further configurations may stand."""
-    from polar_nav_core.engine.params import CONFIGURATIONS
+    from ..variants import NAMES
 
     names = [name for text in configs for name in text.split(',') if name]
     if not names:
         return words, names
-    further = [p for p in words if str(p) in CONFIGURATIONS and not p.exists()]
+    further = [p for p in words if str(p) in NAMES and not p.exists()]
     bags = [p for p in words if p not in further]
     if not bags:
         raise typer.BadParameter('no bag is named')

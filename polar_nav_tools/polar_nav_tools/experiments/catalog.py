@@ -8,6 +8,7 @@ from polar_nav_core.errors import ConfigError
 
 from . import ablation, consistency, tables
 from .experiment import Experiment, Size
+from .station import catalog as station
 
 _HOUR = 3600.0
 
@@ -92,6 +93,7 @@ EXPERIMENTS: dict[str, Experiment] = {
             consistency.tables,
             consistency.figures,
         ),
+        *station.EXPERIMENTS,
     )
 }
 

@@ -7,7 +7,7 @@ import platform
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,10 +18,10 @@ from .. import run_info
 from ..scoring.plain import record
 from ..scoring.tables import Table
 from .choices import Choices
-from .columns import present
-from .jobs import Job, RunResult
+from .jobs import RunResult
 from .runner import Update, run_jobs
-from .summary import long_table
+from .station.choices import StationChoices
+from .suite import POLAR, Suite
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -44,6 +44,9 @@ class Request:
     Attributes
     ----------
     choices : Choices
+        Of an experiment on the polar system.
+    station : StationChoices
+        Of one on the system with a station.
     quick : bool
         The experiment's smaller size.
     duration_s, seeds : float, int or None
@@ -58,6 +61,7 @@ class Request:
     """
 
     choices: Choices = field(default_factory=Choices)
+    station: StationChoices = field(default_factory=StationChoices)
     quick: bool = False
     duration_s: float | None = None
     seeds: int | None = None
@@ -88,6 +92,8 @@ class Experiment:
         Figures by name.
     paper : callable or None
         The paper's numbers for a group and a filter, for the CSV.
+    suite : Suite
+        What it shares with others.
     """
 
     name: str
@@ -95,10 +101,11 @@ class Experiment:
     full: Size
     quick: Size
     columns: tuple[str, ...]
-    plan: Callable[[Request, Size, Sequence[str]], list[Job]]
+    plan: Callable[[Request, Size, Sequence[str]], Sequence[Any]]
     tables: Callable[[Sequence[RunResult], Size, Request], list[Table]]
     figures: Callable[[Sequence[RunResult], Size, Request], dict[str, Figure]]
     paper: Callable[[str, str], Mapping[str, float]] | None = None
+    suite: Suite = POLAR
 
     def size(self, request: Request) -> Size:
         """Size for a request.
@@ -140,13 +147,13 @@ def run(experiment: Experiment, request: Request, out: Path, update: Update) -> 
         Told how many runs of how many are done.
     """
     size = experiment.size(request)
-    columns = list(request.columns or present(experiment.columns))
+    columns = list(request.columns or experiment.suite.present(experiment.columns))
     plan = experiment.plan(request, size, columns)
     out.mkdir(parents=True, exist_ok=True)
     start = time.monotonic()
-    results = run_jobs(plan, request.jobs, update)
+    results = run_jobs(plan, request.jobs, update, experiment.suite.run_job)
     tables = experiment.tables(results, size, request)
-    long = long_table(experiment.name, results, experiment.paper)
+    long = experiment.suite.long_table(experiment.name, results, experiment.paper)
     files = _write_tables(experiment.name, tables, long, out)
     files += _write_figures(experiment.figures(results, size, request), out)
     manifest = _manifest(experiment, request, size, plan, results, time.monotonic() - start)
@@ -182,12 +189,11 @@ def _manifest(
     experiment: Experiment,
     request: Request,
     size: Size,
-    plan: Sequence[Job],
+    plan: Sequence[Any],
     results: Sequence[RunResult],
     wall_s: float,
 ) -> dict[str, Any]:
     """Everything that is needed to make the numbers again, and the numbers of every run."""
-    groups = {job.group: {'world': asdict(job.world), 'fixes': asdict(job.fixes)} for job in plan}
     return record(
         {
             'experiment': experiment.name,
@@ -197,17 +203,9 @@ def _manifest(
             'quick': request.quick,
             'duration_s': size.duration_s,
             'seeds': list(range(1, size.seeds + 1)),
-            'choices': asdict(request.choices),
+            'choices': experiment.suite.choices(request),
             'recorded_imu': str(request.recorded or ''),
-            'filters': {
-                job.column.name: {
-                    'about': job.column.doc,
-                    'engine': {**job.changes, **job.column.changes},
-                    'clairvoyant': job.column.clairvoyant,
-                }
-                for job in plan
-            },
-            'groups': groups,
+            **experiment.suite.describe(plan),
             'runs': [_run(r) for r in results],
             'wall_s': wall_s,
             'processes': request.jobs,

@@ -8,10 +8,12 @@ import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
+from typing import Any
 
-from .jobs import Job, RunResult, run_job
+from .jobs import RunResult, run_job
 
 Update = Callable[[float, float], None]
+RunJob = Callable[[Any], RunResult]
 
 
 def default_workers() -> int:
@@ -19,38 +21,44 @@ def default_workers() -> int:
     return len(os.sched_getaffinity(0))
 
 
-def run_jobs(jobs: Sequence[Job], workers: int, update: Update) -> list[RunResult]:
+def run_jobs(
+    jobs: Sequence[Any], workers: int, update: Update, run: RunJob = run_job
+) -> list[RunResult]:
     """Run all jobs; results in the order of the jobs.
 
     Parameters
     ----------
-    jobs : sequence of Job
+    jobs : sequence
         Jobs in one world should follow one another: a process keeps its last world.
     workers : int
         Processes; with 1 everything runs in this one.
     update : callable
         Told how many jobs of how many are done.
+    run : callable
+        Runs one job; a function of a module.
     """
     total = float(len(jobs))
     update(0.0, total)
     if workers == 1 or len(jobs) < 2:
         results = []
         for done, job in enumerate(jobs, start=1):
-            results.append(run_job(job))
+            results.append(run(job))
             update(float(done), total)
         return results
     with _one_thread_each():
-        return _in_processes(jobs, min(workers, len(jobs)), update)
+        return _in_processes(jobs, min(workers, len(jobs)), update, run)
 
 
-def _in_processes(jobs: Sequence[Job], workers: int, update: Update) -> list[RunResult]:
+def _in_processes(
+    jobs: Sequence[Any], workers: int, update: Update, run: RunJob
+) -> list[RunResult]:
     total = float(len(jobs))
     found: dict[int, RunResult] = {}
     others = set(multiprocessing.active_children())
     context = multiprocessing.get_context('spawn')
     executor = ProcessPoolExecutor(workers, context, _start_worker)
     try:
-        futures = {executor.submit(run_job, job): i for i, job in enumerate(jobs)}
+        futures = {executor.submit(run, job): i for i, job in enumerate(jobs)}
         for future in as_completed(futures):
             found[futures[future]] = future.result()
             update(float(len(found)), total)

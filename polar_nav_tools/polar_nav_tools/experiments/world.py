@@ -29,7 +29,7 @@ from polar_nav_sim.randomness import stream
 from polar_nav_sim.sensors.imu import DPH, G0, ImuErrors, ImuSensor
 from polar_nav_sim.sensors.noise import GaussMarkov
 from polar_nav_sim.sensors.presets import IMU
-from polar_nav_sim.trajectory import Trajectory, TruthState
+from polar_nav_sim.trajectory import Truth, TruthState
 
 from ..initial import InitialSigma, initial_parameters
 from . import schedule
@@ -64,7 +64,7 @@ class World:
     ----------
     inputs : Inputs
         For ``polar_nav_core.engine.batch.run``; fixes as scheduled.
-    truth : Trajectory
+    truth : Truth
         State at any time.
     constants : Constants
         True constant sensor errors.
@@ -82,7 +82,7 @@ class World:
     fix_spec: FixSpec
     seed: int
     inputs: Inputs
-    truth: Trajectory
+    truth: Truth
     constants: Constants
     dvl_markov_m: Array
     initial: dict[str, Any] = field(repr=False)
@@ -201,7 +201,7 @@ def _truth_key(spec: WorldSpec) -> WorldSpec:
 
 
 @lru_cache(maxsize=2)
-def _ideal(spec: WorldSpec) -> tuple[Mission, Trajectory, Array, Array]:
+def _ideal(spec: WorldSpec) -> tuple[Mission, Truth, Array, Array]:
     """Truth and the ideal increments of every IMU interval; read-only, for they are shared."""
     mission = spec.plan()
     truth = mission.truth(mission.followers[0])
@@ -258,13 +258,13 @@ def _every(stamps: Stamps, imu_rate_hz: float, rate_hz: float, name: str) -> Sta
     return stamps[stride - 1 :: stride]
 
 
-def _blocks(truth: Trajectory, stamps: Stamps) -> list[tuple[slice, TruthState]]:
+def _blocks(truth: Truth, stamps: Stamps) -> list[tuple[slice, TruthState]]:
     starts = range(0, len(stamps), _BLOCK)
     return [(slice(i, i + _BLOCK), truth.state(stamps[i : i + _BLOCK])) for i in starts]
 
 
 def _dvl(
-    spec: WorldSpec, seed: int, truth: Trajectory, stamps: Stamps, constants: Constants
+    spec: WorldSpec, seed: int, truth: Truth, stamps: Stamps, constants: Constants
 ) -> tuple[Array, Array]:
     """Pings and their true slowly varying part; the DVL's axes are the body's."""
     rng = _stream(seed, 'dvl')
@@ -281,7 +281,7 @@ def _dvl(
     return (1.0 + constants.dvl_scale_m) * v_m + markov_m + white, markov_m
 
 
-def _depth(spec: WorldSpec, seed: int, truth: Trajectory, stamps: Stamps) -> Array:
+def _depth(spec: WorldSpec, seed: int, truth: Truth, stamps: Stamps) -> Array:
     noise = _stream(seed, 'depth').standard_normal(len(stamps))
     out = (spec.depth_sigma if spec.noisy else 0.0) * noise
     for rows, state in _blocks(truth, stamps):
@@ -291,7 +291,7 @@ def _depth(spec: WorldSpec, seed: int, truth: Trajectory, stamps: Stamps) -> Arr
 
 
 def _fixes(
-    spec: WorldSpec, fixes: FixSpec, seed: int, truth: Trajectory, start_ns: int, end_ns: int
+    spec: WorldSpec, fixes: FixSpec, seed: int, truth: Truth, start_ns: int, end_ns: int
 ) -> tuple[Fix, ...]:
     validity = schedule.validity_times(fixes, truth.start_ns, end_ns)
     n = len(validity)

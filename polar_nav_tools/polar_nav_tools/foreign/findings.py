@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from polar_nav_core.errors import PolarNavError
 
-from ..bags.reader import stamp_text
+from ..bags.missing import stamp_text
 from ..scoring import Column, Table
 from .sources import Stamps
 

@@ -25,11 +25,14 @@ from ..bags.columns import Columns, read_columns
 from ..bags.decode import store_of
 from ..bags.errors import BagError
 from ..bags.layout import layout_of
-from ..bags.reader import Bag, Topic, open_bag
+from ..bags.reader import Bag, Progress, Topic, open_bag
 from .definitions import text_of
 
 Stamps = NDArray[np.int64]
 
+_MAGIC_ROS1 = b'#ROSBAG V2.0'
+_ADVICE_ROS1 = '`rosbag reindex` of ROS 1 makes a new index for what is whole'
+_ADVICE_SQLITE = '`sqlite3 FILE.db3 .recover | sqlite3 NEW.db3` saves what SQLite still finds'
 _HEADER = 'std_msgs/msg/Header'
 _MCAP_ENDING = '.mcap'
 
@@ -132,7 +135,7 @@ def read_table(source: Source, topic: str, fields: Sequence[str]) -> Table:
     return Table(topic, found.type, np.array(log_ns, dtype=np.int64), columns, constants)
 
 
-def open_source(path: str | Path) -> Source:
+def open_source(path: str | Path, progress: Progress | None = None) -> Source:
     """Open a bag: an MCAP file, a rosbag2 folder (MCAP or sqlite3), a .db3 file or a ROS 1 bag.
 
     Raises
@@ -142,7 +145,8 @@ def open_source(path: str | Path) -> Source:
     """
     path = Path(path)
     if path.suffix == '.bag':
-        return RosbagsSource(_existing(path), is_ros1=True)
+        _check_ros1(path)
+        return RosbagsSource(path, is_ros1=True)
     if path.suffix == '.db3':
         path = path.parent
     if path.is_dir() and any(path.glob('*.db3')):
@@ -151,13 +155,29 @@ def open_source(path: str | Path) -> Source:
                 f'{path}: a sqlite3 bag without metadata.yaml; `ros2 bag reindex` makes it anew'
             )
         return RosbagsSource(path, is_ros1=False)
-    return McapSource(open_bag(path))
+    return McapSource(open_bag(path, progress))
 
 
-def _existing(path: Path) -> Path:
+def _check_ros1(path: Path) -> None:
+    """Refuse what is no ROS 1 bag at all, which the library takes for one."""
     if not path.is_file():
         raise BagError(f'{path}: no such file')
-    return path
+    try:
+        with path.open('rb') as file:
+            front = file.read(len(_MAGIC_ROS1))
+    except OSError as error:
+        raise BagError(f'{path}: cannot be read ({error.strerror})') from error
+    if not front:
+        raise BagError(f'{path} is empty (0 bytes)')
+    if front != _MAGIC_ROS1:
+        raise BagError(
+            f'{path} is not a ROS 1 bag (it begins with {front!r}, not {_MAGIC_ROS1!r})'
+        )
+
+
+def _why(error: Exception) -> str:
+    said = str(error).splitlines()[0] if str(error) else ''
+    return f'{type(error).__name__}: {said}' if said else type(error).__name__
 
 
 class McapSource:
@@ -196,6 +216,7 @@ class RosbagsSource:
         self.kind = 'ROS 1 bag' if is_ros1 else 'rosbag2, sqlite3'
         self.problems: list[str] = []
         self._is_ros1 = is_ros1
+        self._advice = _ADVICE_ROS1 if is_ros1 else _ADVICE_SQLITE
         self._stores: dict[str, Typestore] = {}
         with self._opened() as reader:
             self._all = list(reader.connections)
@@ -207,7 +228,9 @@ class RosbagsSource:
             reader = Ros1Reader(self.path) if self._is_ros1 else Ros2Reader(self.path)
             reader.open()
         except Exception as error:  # a library on a file of any content
-            raise BagError(f'{self.path}: {error}') from error
+            raise BagError(
+                f'{self.path}: this {self.kind} is damaged ({_why(error)}); {self._advice}'
+            ) from error
         try:
             yield reader
         finally:
@@ -280,7 +303,7 @@ class RosbagsSource:
                 except Exception as error:  # bytes from a file can fail in any way
                     raise BagError(
                         f'{self.path}: a message on {topic} cannot be read as {kind} '
-                        f'({type(error).__name__}: {error})'
+                        f'({_why(error)}); {self._advice}'
                     ) from error
                 yield log_ns, cdr
 

@@ -6,7 +6,14 @@ input classes: commands that only score need not wait for them.
 
 from typing import TYPE_CHECKING
 
-from .input import Digest, FixPositions, ReportInput, SentPackets, TopicCount
+from .input import (
+    Digest,
+    FixPositions,
+    ReportInput,
+    SentPackets,
+    StationRanges,
+    TopicCount,
+)
 
 if TYPE_CHECKING:
     from .write import render, write_report
@@ -16,6 +23,7 @@ __all__ = [
     'FixPositions',
     'ReportInput',
     'SentPackets',
+    'StationRanges',
     'TopicCount',
     'render',
     'write_report',

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from polar_nav_core.grid import ecef_to_grid
 
+from ..model_series import ModelRun
 from ..scoring import Balance, Comparison, compare
 from ..scoring.compare import Run
 from ..series import TruthSeries
@@ -19,8 +20,18 @@ Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
+class StationRanges:
+    """What a station measured and where it was, shapes (n, 3), (n,): station frame, SI."""
+
+    station: Floats
+    heading: Floats
+    range: Floats
+    bearing: Floats
+
+
+@dataclass(frozen=True, eq=False)
 class FixPositions:
-    """Where measured fixes put the follower, at their validity (from acomms/decoded).
+    """Where measured fixes put the follower, at their validity (from what it decoded).
 
     Attributes
     ----------
@@ -38,6 +49,37 @@ class FixPositions:
     sequence: Ints
     stamp_ns: Ints
     r_e: Floats
+
+    @classmethod
+    def from_ranges(
+        cls,
+        source: str,
+        sequence: Ints,
+        stamp_ns: Ints,
+        ranges: StationRanges,
+        station: TruthSeries,
+        truth: TruthSeries,
+    ) -> FixPositions:
+        """Positions from range and bearing of a station, at the true height of that time.
+
+        A slant range and a bearing leave the height open; the filter takes it from the depth
+        sensor. The station frame has its origin where the station was first, and its grid axes.
+        """
+        origin_e = station.r_e[0]
+        C_e_s = ecef_to_grid(origin_e)
+        rows = np.clip(np.searchsorted(truth.stamp_ns, stamp_ns), 0, len(truth) - 1)
+        true_s = (truth.r_e[rows] - origin_e) @ C_e_s.T
+        rise = true_s[:, 2] - ranges.station[:, 2]
+        horizontal = np.sqrt(np.maximum(ranges.range**2 - rise**2, 0.0))
+        angle = ranges.heading + ranges.bearing
+        r_s = np.column_stack(
+            [
+                ranges.station[:, 0] + horizontal * np.cos(angle),
+                ranges.station[:, 1] + horizontal * np.sin(angle),
+                true_s[:, 2],
+            ]
+        )
+        return cls(source, np.asarray(sequence), np.asarray(stamp_ns), origin_e + r_s @ C_e_s)
 
     @classmethod
     def from_broadcasts(
@@ -131,6 +173,8 @@ class ReportInput:
         When and by what, as text; nothing here reads a clock.
     comparison : Comparison or None
         Scores of `runs` when they are there already; computed otherwise.
+    models : mapping of str to ModelRun
+        Of the runs in which the vehicle's model took part; not needed with a `comparison`.
     """
 
     title: str
@@ -145,6 +189,7 @@ class ReportInput:
     metadata: Mapping[str, Mapping[str, object]] = field(default_factory=dict)
     made: str = ''
     comparison: Comparison | None = None
+    models: Mapping[str, ModelRun] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if not self.runs:
@@ -157,4 +202,6 @@ class ReportInput:
 
     def scored(self) -> Comparison:
         """Scores of the runs."""
-        return self.comparison if self.comparison is not None else compare(self.runs)
+        if self.comparison is not None:
+            return self.comparison
+        return compare(self.runs, models=self.models)

@@ -16,10 +16,12 @@ from .figures import (
     Clock,
     Picture,
     close_up,
+    current_arrow,
     fix_delays,
     fix_story,
     honesty,
     horizontal_error,
+    model_parameters,
     polar_map,
     position_error,
     tilt_error,
@@ -85,7 +87,8 @@ def render(data: ReportInput) -> str:
         cards=cards(scores, data.balances, data.digests, data.counts),
         warnings=warnings(scores, data.balances, data.digests, data.counts),
         sections=sections(data, scores),
-        tables=scores.tables(),
+        main_tables=scores.main_tables(),
+        more_tables=scores.more_tables(),
         counts=_count_table(data.counts),
         balances=data.balances,
         digests=_digest_table(data.digests),
@@ -118,6 +121,7 @@ def sections(data: ReportInput, scores: Comparison) -> tuple[Section, ...]:
             ),
             folded=(tuple(tilt_error(s, i, clock) for i, s in runs),),
         ),
+        *_water(data, scores, clock),
         Section(
             'fixes',
             'What became of each fix',
@@ -132,6 +136,25 @@ def sections(data: ReportInput, scores: Comparison) -> tuple[Section, ...]:
             'Is the covariance honest',
             '',
             (tuple(honesty(s, i, *data.runs[s.name][1:], clock) for i, s in runs),),
+        ),
+    )
+
+
+def _water(data: ReportInput, scores: Comparison, clock: Clock) -> tuple[Section, ...]:
+    """What the runs learnt of water and vehicle, where the vehicle's model took part."""
+    if not scores.models:
+        return ()
+    places = {name: i for i, name in enumerate(scores.scores)}
+    found = [(n, places[n], m, data.runs[n][0], clock) for n, m in scores.models.items()]
+    return (
+        Section(
+            'water',
+            'Water and drag',
+            '',
+            (
+                tuple(current_arrow(*one) for one in found),
+                tuple(model_parameters(*one) for one in found),
+            ),
         ),
     )
 

@@ -3,10 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
+from ..model_series import ModelRun
 from ..series import EstimateSeries, Receipt, TruthSeries
 from .align import Mode
+from .model import (
+    ModelScore,
+    identification_table,
+    model_consistency,
+    model_table,
+    score_model,
+)
 from .more_tables import CONFIGURATION, age_table, drift_table, phase_table
 from .score import Score, WindowScore, score
 from .tables import Column, Table
@@ -35,14 +43,22 @@ _STATISTICS = {
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """Scores by configuration name, in the order given."""
+    """Scores by configuration name, in the order given.
+
+    `models`: those of the runs in which the vehicle's model took part.
+    """
 
     scores: dict[str, Score]
+    models: dict[str, ModelScore] = field(default_factory=dict)
 
     def to_dict(self) -> dict[str, object]:
         """Plain data for JSON: one entry per configuration, figures of the demo table first."""
         return {
-            name: {'summary': row, **self.scores[name].to_dict()}
+            name: {
+                'summary': row,
+                **self.scores[name].to_dict(),
+                **({'model': self.models[name].to_dict()} if name in self.models else {}),
+            }
             for name, row in zip(self.scores, self.table().records(), strict=True)
         }
 
@@ -180,6 +196,7 @@ class Comparison:
                     if k not in late.nis_fused or c.count > late.nis_fused[k].count
                 },
                 **{_local_title(k, late): c for k, c in late.nis_local.items() if c.count},
+                **model_consistency(self.models.get(name)),
             }
             for what, c in kinds.items():
                 rows.append(
@@ -224,11 +241,26 @@ class Comparison:
 
     def tables(self) -> tuple[Table, ...]:
         """All tables, the most asked for first."""
+        return (*self.main_tables(), *self.more_tables())
+
+    def main_tables(self) -> tuple[Table, ...]:
+        """Tables that everybody asks for."""
         return (
             self.table(),
+            *self.model_tables(),
             self.delay_table(),
             self.verdict_table(),
             self.consistency_table(),
+        )
+
+    def model_tables(self) -> tuple[Table, ...]:
+        """Water, drag and identifications, where a model took part."""
+        found = (model_table(self.models), identification_table(self.models))
+        return tuple(table for table in found if table.rows)
+
+    def more_tables(self) -> tuple[Table, ...]:
+        """Tables that not everybody asks for."""
+        return (
             *(self.error_table(statistic=s) for s in ('median', 'p95', 'max')),
             drift_table(self.scores),
             *(t for t in (age_table(self.scores), phase_table(self.scores)) if t.rows),
@@ -236,7 +268,11 @@ class Comparison:
 
 
 def compare(
-    runs: Mapping[str, Run], *, phases: Sequence[Window] = (), mode: Mode = 'auto'
+    runs: Mapping[str, Run],
+    *,
+    models: Mapping[str, ModelRun] | None = None,
+    phases: Sequence[Window] = (),
+    mode: Mode = 'auto',
 ) -> Comparison:
     """Score every run.
 
@@ -244,6 +280,8 @@ def compare(
     ----------
     runs : mapping of str to (TruthSeries, EstimateSeries, sequence of Receipt)
         By the name that tables show, usually the filter configuration.
+    models : mapping of str to ModelRun, optional
+        Of the runs in which the vehicle's model took part.
     phases, mode
         As in `score`.
     """
@@ -253,7 +291,8 @@ def compare(
         {
             name: score(name, truth, estimate, receipts, phases=phases, mode=mode)
             for name, (truth, estimate, receipts) in runs.items()
-        }
+        },
+        {name: score_model(one, runs[name][0]) for name, one in (models or {}).items()},
     )
 
 

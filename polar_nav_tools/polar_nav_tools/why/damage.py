@@ -5,7 +5,8 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 
-from polar_nav_core.packet import FIELDS, SIZE, VERSION, crc16
+from polar_nav_core import packet, station_packet
+from polar_nav_core.packet import crc16
 
 
 @dataclass(frozen=True)
@@ -47,14 +48,15 @@ def damage_of(received: bytes, sent: bytes | None) -> Damage | None:
         bits = sum((sent[i] ^ received[i]).bit_count() for i in places)
     if computed == said and not places:
         return None
-    names = field_of_byte() if len(received) == SIZE and sent and sent[0] == VERSION else []
+    names = field_of_byte(sent) if sent is not None and len(sent) == len(received) else []
     fields = tuple(dict.fromkeys(names[i] for i in places if i < len(names)))
     return Damage(computed, said, bits, places, fields, received, sent)
 
 
-def field_of_byte() -> list[str]:
-    """Name of the packet field that each byte belongs to."""
+def field_of_byte(sent: bytes) -> list[str]:
+    """Name of the packet field that each byte belongs to; none of a packet that is not known."""
+    known = {(p.SIZE, p.VERSION): p.FIELDS for p in (packet, station_packet)}
     names: list[str] = []
-    for f in FIELDS:
+    for f in known.get((len(sent), sent[0]), ()):
         names += [f.name] * (struct.calcsize('<' + f.code) * f.count)
-    return [*names, 'crc', 'crc']
+    return [*names, 'crc', 'crc'] if names else []

@@ -10,6 +10,7 @@ from polar_nav_core.packet import Broadcast
 
 from ..scoring.plain import jsonable
 from ..series import Receipt
+from .content import Content
 from .damage import Damage
 from .legs import Leg
 from .records import Packet
@@ -91,6 +92,8 @@ def _receipt(r: Receipt) -> object:
     return jsonable(asdict(r))
 
 
-def _broadcast(b: Broadcast) -> object:
+def _broadcast(b: Content) -> object:
+    if not isinstance(b, Broadcast):
+        return jsonable(asdict(b))
     sigma = np.sqrt(np.diagonal(b.r_lf_covariance_G))
     return jsonable({**asdict(b), 'r_lf_sigma_G': sigma})

@@ -19,6 +19,7 @@ from polar_nav_follower.measurements.fix import position_of
 from ..scoring.align import align
 from ..scoring.errors import errors
 from ..series import EstimateSeries, Receipt
+from .content import Content
 from .records import FixRecords, Measured
 
 Floats = NDArray[np.float64]
@@ -81,7 +82,7 @@ class Around:
 
 
 def belief_at_validity(
-    records: FixRecords, measured: Measured | None, broadcast: Broadcast | None
+    records: FixRecords, measured: Measured | None, broadcast: Content | None
 ) -> Belief | None:
     """What the follower had published of the time of validity, against the fix and the truth."""
     e = records.estimates
@@ -100,7 +101,7 @@ def belief_at_validity(
     point_e = base_e + C_e_G.T @ lever_G
     difference, fix_sigma = np.full(3, np.nan), np.full(3, np.nan)
     fix_e = None
-    if broadcast is not None:
+    if isinstance(broadcast, Broadcast):
         fix_e, covariance_e = position_of(broadcast)
         difference = C_e_G @ (fix_e - point_e)
         fix_sigma = np.sqrt(np.diagonal(C_e_G @ covariance_e @ C_e_G.T))

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from polar_nav_core.packet import Broadcast
-
+from .content import Content, distance_of
 from .records import FixRecords, Measured, Packet
 
 
@@ -29,7 +28,7 @@ class Leg:
 
 def legs_of(
     measured: Measured | None,
-    broadcast: Broadcast | None,
+    broadcast: Content | None,
     sent: Packet | None = None,
     heard: Packet | None = None,
 ) -> tuple[Leg, ...]:
@@ -51,14 +50,14 @@ def legs_of(
     if validity_ns is not None and return_ns is not None:
         legs.append(Leg('reply to the array', validity_ns, return_ns, 'through the water'))
         if packet is not None:
-            how = 'in the leader'
+            how = f'in the {packet.source}'
             legs.append(Leg('processing', return_ns, packet.transmit_ns, how))
     if heard is not None:
         legs += _packet_legs(heard, broadcast)
     return tuple(legs)
 
 
-def _packet_legs(heard: Packet, broadcast: Broadcast | None) -> list[Leg]:
+def _packet_legs(heard: Packet, broadcast: Content | None) -> list[Leg]:
     """Transmission: bits, way, and what remains of the time that it took."""
     start, stop = heard.transmit_ns, heard.receive_ns
     travel = _travel_ns(broadcast)
@@ -66,7 +65,7 @@ def _packet_legs(heard: Packet, broadcast: Broadcast | None) -> list[Leg]:
         return [Leg('transmission', start, stop, 'bits, way and detection')]
     bits = round(heard.bits_s * 1e9)
     b = broadcast
-    distance = float(np.linalg.norm(b.r_lf_G)) if b is not None else float('nan')
+    distance = distance_of(b) if b is not None else float('nan')
     speed = b.sound_speed if b is not None else float('nan')
     cut = [start, start + bits, start + bits + travel, stop]
     return [
@@ -76,14 +75,14 @@ def _packet_legs(heard: Packet, broadcast: Broadcast | None) -> list[Leg]:
     ]
 
 
-def _travel_ns(broadcast: Broadcast | None) -> int | None:
+def _travel_ns(broadcast: Content | None) -> int | None:
     if broadcast is None or not broadcast.sound_speed > 0.0:
         return None
-    return round(float(np.linalg.norm(broadcast.r_lf_G)) / broadcast.sound_speed * 1e9)
+    return round(distance_of(broadcast) / broadcast.sound_speed * 1e9)
 
 
 def expected_time(
-    sent: tuple[Packet, ...], broadcast: Broadcast | None, records: FixRecords
+    sent: tuple[Packet, ...], broadcast: Content | None, records: FixRecords
 ) -> int | None:
     """When the last try should have been there, detection as other packets needed it."""
     travel = _travel_ns(broadcast)

@@ -12,7 +12,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from polar_nav_core.packet import Broadcast, PacketError, decode
 from polar_nav_follower.params import FollowerParams
 
 from ..bags import Bag
@@ -24,8 +23,10 @@ from ..bags.arrays import (
     receipts_from_cdr,
 )
 from ..series import EstimateSeries, Receipt, TruthSeries
+from .content import LEAST_WRAP, Content, PacketError, read_content, wrap_of
 
 RECEIVED, SENT, MEASURED, TRUTH = 'acomms/rx', 'acomms/tx', 'usbl/fix', 'truth'
+STATION = 'station/fix'
 STATE, RECEIPT = 'nav/state', 'nav/receipt'
 _WRAP = 65536
 _SAME_NS = 1_000_000_000
@@ -33,7 +34,7 @@ _SAME_NS = 1_000_000_000
 
 @dataclass(frozen=True)
 class Measured:
-    """One reading of a leader's array (UsblFix); times in ns, SI units."""
+    """One reading of a leader's array (UsblFix) or of a station (StationFix); ns, SI units."""
 
     source: str
     sequence: int
@@ -55,7 +56,7 @@ class Packet:
     receive_ns: int
     bit_rate: float
     data: bytes
-    broadcast: Broadcast | None
+    broadcast: Content | None
     problem: str  # why there is no content
     sequence: int = -1  # of the fix; -1: not known
 
@@ -216,6 +217,20 @@ def _measured(bag: Bag) -> Iterator[tuple[Measured, str]]:
                 sound_speed=float(m.sound_speed),
             )
             yield reading, str(m.target)
+    for topic in _topics(bag, STATION):
+        for _, m in bag.read(topic.name):
+            validity_ns, return_ns = _ns(m.header.stamp), _ns(m.return_time)
+            reading = Measured(
+                source=str(m.source),
+                sequence=int(m.sequence),
+                ping_ns=_ns(m.ping_time),
+                heard_ns=validity_ns,  # a turn-around is not told
+                validity_ns=validity_ns,
+                return_ns=return_ns,
+                range_m=float(m.range),
+                sound_speed=float(m.sound_speed),
+            )
+            yield reading, str(m.target)
 
 
 def _packets(bag: Bag, topic: str, vehicle: str) -> list[Packet]:
@@ -230,7 +245,7 @@ def _packets(bag: Bag, topic: str, vehicle: str) -> list[Packet]:
         transmit_ns, receive_ns = _ns(m.transmit_time), _ns(m.receive_time)
         broadcast, problem = None, ''
         try:
-            broadcast = decode(data, receive_ns or transmit_ns)
+            broadcast = read_content(data, receive_ns or transmit_ns)
         except PacketError as error:
             problem = str(error)
         found.append(
@@ -264,15 +279,16 @@ def _numbered(
     """
     readings: dict[tuple[str, int], list[Measured]] = {}
     for m in measured:
-        readings.setdefault((m.source, m.sequence % _WRAP), []).append(m)
+        readings.setdefault((m.source, m.sequence % LEAST_WRAP), []).append(m)
     last: dict[str, int] = {}
     out = []
     for p in packets:
         sequence = known.get((p.source, p.order))
         if sequence is None and p.broadcast is not None:
-            sequence = _read(p.broadcast, readings.get((p.source, p.broadcast.sequence), []))
+            number = p.broadcast.sequence
+            sequence = _read(p.broadcast, readings.get((p.source, number % LEAST_WRAP), []))
             if sequence is None:
-                sequence = _unwrapped(p.broadcast.sequence, last.get(p.source))
+                sequence = _unwrapped(number, last.get(p.source), wrap_of(p.broadcast))
         if sequence is None:
             sequence = p.order
         else:
@@ -281,16 +297,16 @@ def _numbered(
     return out
 
 
-def _read(broadcast: Broadcast, readings: Sequence[Measured]) -> int | None:
+def _read(broadcast: Content, readings: Sequence[Measured]) -> int | None:
     """Number of the reading that a broadcast is of: the leader's own t3 differs by a hair."""
     near = [m for m in readings if abs(m.validity_ns - broadcast.validity_ns) < _SAME_NS]
     return near[0].sequence if near else None
 
 
-def _unwrapped(number: int, near: int | None) -> int:
+def _unwrapped(number: int, near: int | None, wrap: int) -> int:
     if near is None:
         return number
-    step = (number - near + _WRAP // 2) % _WRAP - _WRAP // 2
+    step = (number - near + wrap // 2) % wrap - wrap // 2
     return max(near + step, number)
 
 

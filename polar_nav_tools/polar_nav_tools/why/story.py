@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from polar_nav_core.errors import PolarNavError
-from polar_nav_core.packet import Broadcast
 
 from ..series import Receipt
+from .content import Content
 from .damage import Damage, damage_of
 from .effects import (
     Around,
@@ -71,8 +71,8 @@ class Story:
         What arrived, in order.
     main : int
         Index of the copy that decided, -1 without one.
-    broadcast : Broadcast or None
-        What the leader said.
+    broadcast : Content or None
+        What the sender said.
     legs : tuple of Leg
         From the ping to the use; of a packet that never came, as far as it is known.
     """
@@ -89,7 +89,7 @@ class Story:
     sent: tuple[Packet, ...]
     copies: tuple[Copy, ...]
     main: int
-    broadcast: Broadcast | None
+    broadcast: Content | None
     legs: tuple[Leg, ...]
     expected_ns: int | None
     belief: Belief | None
@@ -247,7 +247,7 @@ def _deciding(copies: tuple[Copy, ...]) -> int:
 
 
 def _copy(
-    heard: Heard, sent: tuple[Packet, ...], measured: Measured | None, broadcast: Broadcast | None
+    heard: Heard, sent: tuple[Packet, ...], measured: Measured | None, broadcast: Content | None
 ) -> Copy:
     original = next((p for p in sent if p.order == heard.packet.order), None)
     damage = damage_of(heard.packet.data, None if original is None else original.data)

@@ -6,12 +6,16 @@ import math
 
 import numpy as np
 
+from polar_nav_core.station_packet import StationReport
+
 from ..series import Receipt
 from .damage import Damage
 from .effects import Belief, Change
 from .story import ARRIVED, IN_WATER, NOT_SENT, WAITING, Copy, Story
 
 Paragraph = tuple[str, list[str]]
+
+_AXES = ('east', 'north', 'up')
 
 _MEANING = {
     'FUSED': 'used',
@@ -58,7 +62,7 @@ def paragraphs(s: Story) -> list[Paragraph]:
     """Everything, in the order in which it happened."""
     out: list[Paragraph] = [('When', _when(s)), ('Where the time went', _where(s))]
     if s.broadcast is not None:
-        out.append(('What the leader said', _said(s)))
+        out.append((f'What the {_sender(s)} said', _said(s)))
     if s.belief is not None:
         out.append(('What the follower believed', _believed(s.belief)))
     out += [_copy_paragraph(s, i, c) for i, c in enumerate(s.copies)]
@@ -130,6 +134,8 @@ def _said(s: Story) -> list[str]:
     if s.copy is None or s.copy.packet.broadcast is None:
         fate = 'could read' if s.copies else 'heard'
         out.append(f'Nobody {fate} it; by the bytes that were sent:')
+    if isinstance(b, StationReport):
+        return [*out, *_said_by_station(b)]
     latitude, longitude = _geodetic(b.leader_r_e)
     out.append(
         f'I was at {latitude}, {longitude} at t4, 1-sigma {_m(b.leader_sigma_horizontal)} per'
@@ -143,6 +149,22 @@ def _said(s: Story) -> list[str]:
         f' sound speed {b.sound_speed:.1f} m/s.'
     )
     return out
+
+
+def _said_by_station(b: StationReport) -> list[str]:
+    bearing = math.degrees(b.bearing)
+    return [
+        f'I was {_vector(b.station_position)} of where I was first, at t4; heading psi'
+        f' {math.degrees(b.station_heading):.2f} deg counter-clockwise from grid east, 1-sigma'
+        f' {math.degrees(b.station_heading_sigma):.3f} deg.',
+        f'You were {b.range:.1f} m away at t3, {abs(bearing):.1f} deg to'
+        f' {"port" if bearing >= 0.0 else "starboard"} of my heading; sound speed'
+        f' {b.sound_speed:.0f} m/s.',
+    ]
+
+
+def _sender(s: Story) -> str:
+    return 'station' if isinstance(s.broadcast, StationReport) else 'leader'
 
 
 def _believed(b: Belief) -> list[str]:
@@ -183,10 +205,12 @@ def _receipt(r: Receipt) -> list[str]:
     first = 'Verdict' if r.revision == 0 else f'Revision {r.revision}'
     out = [f'{first}: {_verdict(r)}.']
     if np.isfinite(r.innovation_G).all():
-        sigma = np.sqrt(r.innovation_variance_G)
+        # A station tells nothing of the height.
+        told = np.isfinite(r.innovation_variance_G)
+        axes = ', '.join(name for name, there in zip(_AXES, told, strict=True) if there)
         out.append(
-            f'Innovation {_three(r.innovation_G, signed=True)} m (east, north, up), its 1-sigma'
-            f' {_three(sigma)} m.'
+            f'Innovation {_three(r.innovation_G[told], signed=True)} m ({axes}), its 1-sigma'
+            f' {_three(np.sqrt(r.innovation_variance_G[told]))} m.'
         )
     if math.isfinite(r.nis) and r.degrees_of_freedom > 0:
         gate = f'the gate is {r.gate:.1f}' if math.isfinite(r.gate) else 'there is no gate'

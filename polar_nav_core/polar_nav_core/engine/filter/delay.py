@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from ..params import DELAY_HANDLING, Configuration
+from ..params import DELAY_HANDLING, Configuration, EngineParams
+from ..station import fusion as station
 from .adaptation import COMPILED, PRINTED
 from .clone import Clone
 from .fusion import BackPropagate, Ignore, Make, Tagged
@@ -17,18 +18,29 @@ STRATEGIES: dict[str, Make] = {
     'rewind': Rewind,
 }
 
+STATION: dict[str, Make] = {
+    'ignore': station.Ignore,
+    'tagged': station.Tagged,
+    'back_propagate': station.BackPropagate,
+    'clone': station.Clone,
+    'rewind': station.Rewind,
+}
+
 
 def compiled(configuration: Configuration) -> bool:
     """Whether everything but fixes can go through the compiled loop."""
     return configuration.noise_adaptation in COMPILED
 
 
-def make_fusion(configuration: Configuration) -> Make:
-    """Strategy of a configuration; the printed noise adaptations are filters of their own."""
+def make_fusion(params: EngineParams) -> Make:
+    """Strategy by mode and configuration; printed noise adaptations are filters of their own."""
+    configuration = params.resolved()
+    if params.mode == 'station':
+        return STATION[configuration.delay_handling]
     if configuration.noise_adaptation in PRINTED:
         return Published
     return STRATEGIES[configuration.delay_handling]
 
 
-if tuple(STRATEGIES) != DELAY_HANDLING:
+if tuple(STRATEGIES) != DELAY_HANDLING or tuple(STATION) != DELAY_HANDLING:
     raise ImportError(f'params.DELAY_HANDLING names {DELAY_HANDLING}, not {tuple(STRATEGIES)}')

@@ -8,7 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Protocol
 
+import numpy as np
+
+from ... import earth
+from ...kernels import filter as kf
 from ...kernels import filter_events as fe
 from ...kernels import filter_rows
 from ...kernels import filter_state as fs
@@ -17,7 +22,9 @@ from ..events import (
     ControlSample,
     DepthSample,
     DvlPing,
+    Estimate,
     Fix,
+    Identification,
     ImuSample,
     InitialState,
     ModelEstimate,
@@ -45,6 +52,44 @@ class FixResult:
     outcome: Outcome
     steps: int
     revised: tuple[tuple[Fix, Outcome], ...] = ()
+
+
+class Driver(Protocol):
+    """What the engine drives: a filter with its measurements and its way to treat late fixes."""
+
+    @property
+    def stamp_ns(self) -> int:
+        """Stamp of the newest IMU sample."""
+
+    def begin(self, sample: ImuSample) -> None:
+        """Take the sample that ends where the state starts."""
+
+    def imu(self, sample: ImuSample) -> None:
+        """Advance by one IMU sample."""
+
+    def control(self, sample: ControlSample) -> None:
+        """Take note of the thrust."""
+
+    def local(self, event: DvlPing | DepthSample) -> Outcome:
+        """Fuse DVL or depth: never treated as delayed."""
+
+    def fix(self, fix: Fix) -> FixResult | None:
+        """Fuse a fix; None when the stored history does not reach back to its validity."""
+
+    def offset(self, fix: Fix) -> tuple[Array, float] | None:
+        """How far a fix is off, grid axes [m], and its NIS by the covariance of now."""
+
+    def oldest_ns(self) -> int:
+        """Oldest validity that a fix may have to be fused."""
+
+    def estimate(self, fixes: tuple[int, int, int]) -> Estimate:
+        """Estimate at the newest IMU sample; takes the local statistics since the last one."""
+
+    def height(self) -> float:
+        """Of the vehicle [m]; in station mode above the station's first position."""
+
+    def adapt(self, identified: Identification) -> None:
+        """Take drag and current from an identification that was accepted."""
 
 
 class Fusion:
@@ -89,6 +134,9 @@ class Fusion:
         self.filter.fill_dvl(event)
         return self.filter.fuse(3, self._noise_dvl, fs.DVL_ROW)
 
+    def begin(self, sample: ImuSample) -> None:
+        """Take the sample that ends where the state starts."""
+
     def control(self, sample: ControlSample) -> None:
         """Take note of the thrust; without a vehicle model there is no use for it."""
         if self.filter.settings.aiding.on:
@@ -111,6 +159,53 @@ class Fusion:
     def oldest_ns(self) -> int:
         """Oldest validity that a fix may have to be fused."""
         return self.filter.history.reaches_ns()
+
+    @property
+    def stamp_ns(self) -> int:
+        """Stamp of the newest IMU sample."""
+        return self.filter.stamp_ns
+
+    def offset(self, fix: Fix) -> tuple[Array, float] | None:
+        """How far a fix is off, grid axes [m], and its NIS by the covariance of now."""
+        f = self.filter
+        epoch = f.history.before(fix.validity_ns)
+        if epoch is None:
+            return None
+        ahead_e = epoch.velocity_e * ((fix.validity_ns - epoch.stamp_ns) * 1e-9)
+        offset_e: Array = fix.r_e - (epoch.point_e + ahead_e)
+        S, L = f.P[6:9, 6:9] + fix.covariance_e, np.zeros((3, 3))
+        if not kf.cholesky(L, S, 3):
+            return None
+        nis = float(kf.nis_of(L, offset_e, np.zeros(3), 3))
+        return np.einsum('ij,j->i', f.C_e_G, offset_e), nis
+
+    def height(self) -> float:
+        """Of the vehicle above the ellipsoid [m]."""
+        return float(earth.geodetic_from_ecef(self.filter.r_e)[2])
+
+    def adapt(self, identified: Identification) -> None:
+        """There is nothing here to adapt."""
+
+    def estimate(self, fixes: tuple[int, int, int]) -> Estimate:
+        """Estimate at the newest IMU sample; ``fixes`` are received, fused, newest validity."""
+        f = self.filter
+        return Estimate(
+            stamp_ns=f.stamp_ns,
+            r_e=f.r_e.copy(),
+            v_G=f.v_G.copy(),
+            C_b_G=f.C_b_G.copy(),
+            P=f.P.copy(),
+            gyro_bias_b=f.b_gyro_b.copy(),
+            accel_bias_b=f.b_accel_b.copy(),
+            dvl_scale_m=f.dvl_scale_m.copy(),
+            dvl_markov_m=f.dvl_markov_m.copy(),
+            usbl_bias_a=f.usbl_bias_a.copy(),
+            fixes_received=fixes[0],
+            fixes_fused=fixes[1],
+            last_validity_ns=fixes[2],
+            local_statistics=f.taken_local_statistics(),
+            model=self.model(),
+        )
 
     def _fuse_at(self, fix: Fix, epoch: Epoch, stamp_ns: int) -> None:
         """Fill the filter's rows with the fix against the position at an epoch plus v dt."""
@@ -182,4 +277,4 @@ def array_axes(f: NavigationFilter, fix: Fix) -> Array:
     return f.work.C_a_G
 
 
-Make = Callable[[EngineParams, InitialState, int], Fusion]
+Make = Callable[[EngineParams, InitialState, int], Driver]

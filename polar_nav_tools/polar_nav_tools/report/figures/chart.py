@@ -101,11 +101,12 @@ def draw_pole(ax: Axes, chart: PolarMap) -> None:
     _arrow(ax, base, np.array([0.0, 1.0]), 26 * pixel, 'muted')
     _arrow(ax, base, toward, 34 * pixel, 'ink')
     _label(ax, base + np.array([0, 27 * pixel]), 'grid N', (0, 2), 'center', 'bottom', halo=True)
-    tip = base + toward * 36 * pixel
-    left = toward[0] < 0 and base[0] + toward[0] * 120 * pixel > low[0]
     text = f'{name}\n{length_label(distance)}'
-    offset = (6.0 * np.sign(toward[0]) if not left else 6.0, -4.0 if toward[1] < 0.3 else -2.0)
-    _label(ax, tip, text, offset, 'left', 'top', halo=True)
+    if toward[0] < 0.0:  # to the right of both arrows
+        _label(ax, base + np.array([12 * pixel, 0.0]), text, (0, 2), 'left', 'top', halo=True)
+        return
+    drop = -4.0 if toward[1] < 0.3 else -2.0
+    _label(ax, base + toward * 36 * pixel, text, (6.0, drop), 'left', 'top', halo=True)
 
 
 def overview(

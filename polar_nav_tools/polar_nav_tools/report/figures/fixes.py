@@ -88,7 +88,7 @@ def fix_delays(data: ReportInput, name: str, receipts: Sequence[Receipt], clock:
         title='Delay of each fix',
         caption=(
             'Each stem stands at the time the fix was valid and rises to its age: the pale '
-            'part until the leader transmitted it, the dark part until the follower had it. '
+            'part until the packet was transmitted, the dark part until it was received. '
             'Mark and colour tell the verdict '
             f'({name}); point at one for its numbers. Horizontal: all ages counted.'
         ),

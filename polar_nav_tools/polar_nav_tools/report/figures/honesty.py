@@ -87,6 +87,8 @@ def honesty(
     local = estimate.local_statistics
     for row, (source, dof) in enumerate(LOCAL_DOF.items()):
         name = {'dvl': 'DVL'}.get(source, source)
+        if source == 'dvl' and np.isnan(estimate.dvl_scale_m).all():
+            continue  # the filter has no errors of a DVL: there is none on board
         rows[f'NIS of {name}'] = binned(
             clock(estimate.stamp_ns),
             local[:, row, NIS_SUM],

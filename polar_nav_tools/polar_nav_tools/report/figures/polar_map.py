@@ -33,6 +33,16 @@ from .chart import (
 Floats = NDArray[np.float64]
 
 _POINTS = 20_000  # taken from each series before it is simplified
+_STILL = 1.0  # a vehicle that keeps within this is drawn as a place [m]
+_DASHED = (0, (5, 2))
+_STATION: dict[str, Any] = {
+    'ls': '',
+    'marker': 's',
+    'ms': 9,
+    'mew': 1.2,
+    'mfc': color('leader'),
+    'mec': color('sea'),
+}
 _BOX = (78.0, 34.0, 668.0, 540.0)  # left, bottom, width, height of the chart [px]
 
 
@@ -48,8 +58,9 @@ def polar_map(data: ReportInput, scores: Comparison) -> Picture:
     shown = follower if leader is None else np.concatenate([follower, leader])
     low, high = window(_with_pole(shown), _BOX[2] / _BOX[3])
     pixel = float(high[0] - low[0]) / _BOX[2]
+    who = truth.vehicle if data.leader is None else f'{truth.vehicle} and {data.leader.vehicle}'
     alt = (
-        f'Polar stereographic map: {"follower" if leader is None else "follower and leader"}, '
+        f'Polar stereographic map: {who}, '
         f'estimates of {", ".join(scores.scores)}, and fixes at their validity. '
         f'From {_place(truth, 0)} to {_place(truth, -1)}.'
     )
@@ -70,8 +81,10 @@ def polar_map(data: ReportInput, scores: Comparison) -> Picture:
                 mec=color('sea'),
                 zorder=7.5,
             )
-        if leader is not None:
-            _path(ax, leader, pixel, color=color('leader'), lw=1.8, ls=(0, (5, 2)), zorder=3)
+        if leader is not None and _still(leader):
+            ax.plot(*leader[-1], **_STATION, zorder=8)
+        elif leader is not None:
+            _path(ax, leader, pixel, color=color('leader'), lw=1.8, ls=_DASHED, zorder=3)
             _ends(ax, leader, 'leader')
         _path(ax, follower, pixel, color=color('ink'), lw=4.5, alpha=0.3, zorder=3)
         for index, one in enumerate(scores.scores.values()):
@@ -82,7 +95,7 @@ def polar_map(data: ReportInput, scores: Comparison) -> Picture:
         draw_scale_bar(ax)
         draw_pole(ax, chart)
         overview(fig, (776.0, 296.0, 300.0, 296.0), chart, follower)
-        _legend(fig, data, scores, leader is not None, _every(fixes, 11.0 * pixel), len(fixes))
+        _legend(fig, data, scores, leader, _every(fixes, 11.0 * pixel), len(fixes))
         svg = to_svg(fig, 'polar-map', alt)
     return Picture(
         key='polar-map',
@@ -96,6 +109,11 @@ def polar_map(data: ReportInput, scores: Comparison) -> Picture:
         alt=alt,
         svg=svg,
     )
+
+
+def _still(xy: Floats) -> bool:
+    """Whether a vehicle stayed where it was."""
+    return float(np.hypot(*(xy.max(0) - xy.min(0)))) < _STILL
 
 
 def _with_pole(points: Floats) -> Floats:
@@ -166,19 +184,27 @@ def _fixes(
 
 
 def _legend(
-    fig: Figure, data: ReportInput, scores: Comparison, leader: bool, every: int, fixes: int
+    fig: Figure,
+    data: ReportInput,
+    scores: Comparison,
+    leader: Floats | None,
+    every: int,
+    fixes: int,
 ) -> None:
     """Lines and what they are, at the lower right; distances below."""
     truth = next(iter(data.runs.values()))[0]
-    entries = [Line2D([], [], color=color('ink'), lw=4.5, alpha=0.3, label='follower, truth')]
+    entries = [
+        Line2D([], [], color=color('ink'), lw=4.5, alpha=0.3, label=f'{truth.vehicle}, truth')
+    ]
     entries += [
         Line2D([], [], color=run_color(i), lw=1.8, label=name)
         for i, name in enumerate(scores.scores)
     ]
-    if leader:
-        entries.append(
-            Line2D([], [], color=color('leader'), lw=1.8, ls=(0, (5, 2)), label='leader')
+    if leader is not None and data.leader is not None:
+        style = (
+            _STATION if _still(leader) else {'color': color('leader'), 'lw': 1.8, 'ls': _DASHED}
         )
+        entries.append(Line2D([], [], label=data.leader.vehicle, **style))
     if fixes:
         label = 'fix, at its validity' if data.fixes is not None else 'validity of a fix'
         label += f' (1 in {every})' if every > 1 else ''

@@ -1,0 +1,188 @@
+"""Arrays of station mode's filter: settings by the parameters, rings, scratch, rows of output."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from scipy.special import gammaincinv
+
+from ... import grid
+from ...kernels import station_state as ss
+from ..filter.history import IMU_PERIOD_S
+from ..filter.navigation import chi2_gate
+from ..params import ROBUST_FIXES, EngineParams
+
+FIXES = 4096
+"""Room for the fixes that `rewind` and `clone` keep."""
+SNAPSHOT_EVERY = 20
+MAX_STEP_S = 0.02
+
+
+def densities(p: EngineParams) -> tuple[float, ...]:
+    """Densities q_c of the members [m^2/s^3]."""
+    if p.station_filter == 'published':
+        return (0.0,)
+    return p.current_bank if p.current_method == 'bank' else (p.current_walk,)
+
+
+def densities_of_motion(p: EngineParams) -> tuple[float, float, float]:
+    """Densities of velocity [m^2/s^3], horizontal and vertical position [m^2/s]."""
+    return (
+        p.model_acceleration_noise**2,
+        p.station_position_noise**2,
+        p.station_depth_noise**2,
+    )
+
+
+def make_settings(p: EngineParams) -> ss.Settings:
+    """What stays as it is during a run, by the parameters."""
+    c = p.resolved()
+    model = p.vehicle_model()
+    origin_e = p.station_origin_e()
+    published = p.station_filter == 'published'
+    smoothing = 0.0 if published else p.station_attitude_smoothing_s
+    q_v, q_xy, q_z = p.published_noise if published else densities_of_motion(p)
+    C_e_A = np.ascontiguousarray(grid.ecef_to_grid(origin_e))
+    return ss.Settings(
+        inertia=model.inertia,
+        drag_linear=model.drag_linear,
+        drag_quadratic=model.drag_quadratic,
+        net_buoyancy=model.net_buoyancy,
+        speed=p.model_speed,
+        q_v=q_v,
+        q_xy=q_xy,
+        q_z=q_z,
+        q_drag=p.model_drag_walk**2,
+        q_heading=p.station_heading_bias_walk**2,
+        q_current=np.array(densities(p)),
+        station_tau=p.station_heading_tau,
+        forgetting=p.station_forgetting,
+        robust=ROBUST_FIXES.index(c.robust_fixes),
+        robust_threshold=2.0 * float(gammaincinv(1.0, p.station_robust_probability)),
+        gates=np.array([math.inf, *(chi2_gate(c.gate_probability, m) for m in (1, 2))]),
+        # At the best time constant the rates' noise adds as much as the AHRS' own leaves.
+        attitude_variance=(2.0 if smoothing > 0.0 else 1.0)
+        * math.radians(p.station_attitude_sigma_deg) ** 2,
+        attitude_tau=smoothing,
+        published=published,
+        shifted=p.published_fifo == 'shifted',
+        fix_variance=p.published_fix_variance,
+        origin_e=origin_e,
+        C_e_A=C_e_A,
+        omega_ie_A=np.ascontiguousarray(grid.earth_rate(origin_e)),
+        surface=p.sea_surface_height,
+        lever_fix_b=np.array(p.transponder_lever_b),
+        lever_depth_b=np.array(p.depth_lever_b),
+        max_step_s=MAX_STEP_S,
+        snapshot_every=SNAPSHOT_EVERY,
+        output_ns=round(p.output_period_s * 1e9),
+    )
+
+
+def make_bank(members: int) -> ss.Bank:
+    """Return an empty bank; weights equal."""
+    return ss.Bank(
+        x=np.zeros((members, ss.N)),
+        P=np.zeros((members, ss.N, ss.N)),
+        log_weight=np.zeros(members),
+        weight=np.full(members, 1.0 / members),
+        flat=np.zeros(ss.FLAT),
+        counters=np.zeros(ss.COUNTERS, dtype=np.int64),
+        tally=np.zeros((2, 3)),
+        counting=np.ones(1, dtype=np.int64),
+    )
+
+
+def live_streams(length_s: float, members: int) -> ss.Streams:
+    """Rings for so many seconds of sensors at up to 250 Hz each."""
+    n = int(length_s / IMU_PERIOD_S) + 16
+    return ss.Streams(
+        counts=np.zeros(4, dtype=np.int64),
+        imu_stamps=np.zeros(n, dtype=np.int64),
+        omega_ib_b=np.zeros((n, 3)),
+        C_b_G=np.zeros((n, 3, 3)),
+        control_stamps=np.zeros(n, dtype=np.int64),
+        force_b=np.zeros((n, 3)),
+        depth_stamps=np.zeros(n, dtype=np.int64),
+        depth=np.zeros(n),
+        depth_variance=np.zeros(n),
+        **fix_columns(members),
+    )
+
+
+def fix_columns(members: int) -> dict[str, np.ndarray]:
+    """Columns of Streams that fixes stand in."""
+    return {
+        'fix_stamps': np.zeros(FIXES, dtype=np.int64),
+        'fixes': np.zeros((FIXES, ss.FIX_COLUMNS)),
+        'outcomes': np.zeros((FIXES, ss.OUTCOME)),
+        'fix_points': np.zeros((FIXES, members, ss.N)),
+        'fix_inflations': np.ones((FIXES, members)),
+    }
+
+
+def make_log(length_s: float, members: int, *, snapshots: bool, jumps: bool) -> ss.Log:
+    """Return a log of so many seconds; snapshots for going back, jumps for going forward."""
+    n = int(length_s / IMU_PERIOD_S) + 16
+    kept = n // SNAPSHOT_EVERY + 2 if snapshots else 0
+    return ss.Log(
+        counts=np.zeros(1, dtype=np.int64),
+        points=np.zeros((n, members, ss.N)),
+        jumps=np.zeros((n if jumps else 0, members, ss.N)),
+        x=np.zeros((kept, members, ss.N)),
+        P=np.zeros((kept, members, ss.N, ss.N)),
+        log_weight=np.zeros((kept, members)),
+        weight=np.zeros((kept, members)),
+        flat=np.zeros((kept, ss.FLAT)),
+        counters=np.zeros((kept, ss.COUNTERS), dtype=np.int64),
+    )
+
+
+def make_rows(n: int, members: int) -> ss.Rows:
+    """Room for n estimates, none due."""
+    return ss.Rows(
+        io=np.array([-1, 0], dtype=np.int64),
+        stamps=np.zeros(n, dtype=np.int64),
+        r_e=np.zeros((n, 3)),
+        v_G=np.zeros((n, 3)),
+        C_b_G=np.zeros((n, 3, 3)),
+        P=np.zeros((n, 9, 9)),
+        x=np.zeros((n, ss.N)),
+        P_x=np.zeros((n, ss.N, ss.N)),
+        walk=np.zeros(n),
+        weight=np.zeros((n, members)),
+        tally=np.zeros((n, 2, 3)),
+    )
+
+
+def make_work(members: int) -> ss.Work:
+    """Scratch."""
+    shapes: dict[str, tuple[int, ...]] = {
+        'a': (3,),
+        'F': (3, 3),
+        'd1': (3,),
+        'd2': (3,),
+        'R': (3, 3),
+        'C_A': (3, 3),
+        'C_G': (3, 3),
+        'omega': (3,),
+        'up': (3,),
+        'lever': (3,),
+        'v3': (3,),
+        'g': (3,),
+        'M': (6, ss.N),
+        'point': (ss.N,),
+        'd': (ss.N,),
+        'H': (2, ss.N),
+        'T': (6, ss.N),
+        'TP': (6, ss.N),
+        'Phi': (ss.N, ss.N + 1),
+        'A': (ss.N, ss.N + 2),
+        'z': (members, 2),
+        'S': (members, 3),
+        'PHt': (members, 2, ss.N),
+        'inflation': (members,),
+        'nis': (4,),
+    }
+    return ss.Work(**{name: np.zeros(shape) for name, shape in shapes.items()})

@@ -1,0 +1,357 @@
+"""How a station's late fixes reach the filter: the strategies of the other mode, by their names.
+
+`ignore`, `tagged` and `back_propagate` bring a fix to the present. `rewind` and `clone` go back to
+where it belongs and filter the stored inputs again: `rewind` anew, `clone` with the slopes and
+decisions of the first time, which is what a filter with explicitly cloned states gives.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left, bisect_right
+from typing import TypeAlias
+
+import numpy as np
+
+from ...kernels import station_forward
+from ...kernels import station_run as run
+from ...kernels import station_state as ss
+from ..events import (
+    Array,
+    ControlSample,
+    DepthSample,
+    DvlPing,
+    Estimate,
+    Fix,
+    Identification,
+    ImuSample,
+    InitialState,
+    PolarFix,
+    Rank,
+)
+from ..filter.fusion import FixResult
+from ..filter.navigation import Outcome
+from ..params import EngineParams
+from .filter import StationFilter
+from .fixes import fix_row
+
+_NOT_USED = Outcome(False, np.full(3, np.nan), np.full(3, np.nan), math.nan, 0, math.inf)
+
+
+def outcome_of(row: Array, gate: float) -> Outcome:
+    """Outcome of a fix: along x and y of the station frame, metres, estimate minus measurement."""
+    c, s = math.cos(row[ss.AZIMUTH]), math.sin(row[ss.AZIMUTH])
+    distance = row[ss.DISTANCE]
+    J = np.array([[c, -distance * s], [s, distance * c]])
+    z = np.zeros(3)
+    z[:2] = -np.einsum('ij,j->i', J, row[ss.Z0 : ss.Z1 + 1])
+    S = np.array([[row[ss.S00], row[ss.S01]], [row[ss.S01], row[ss.S11]]])
+    variance = np.full(3, np.nan)
+    variance[:2] = np.einsum('ij,jk,ik->i', J, S, J)
+    fused = bool(row[ss.DECIDED] == ss.FUSED)
+    return Outcome(fused, z, variance, float(row[ss.NIS]), 2, gate, float(row[ss.INFLATION]))
+
+
+class StationFusion:
+    """The filter of station mode with its measurements; subclasses treat late fixes.
+
+    Parameters
+    ----------
+    params : EngineParams
+    initial : InitialState
+    stamp_ns : int
+        When the initial state holds.
+    """
+
+    snapshots = False
+    jumps = False
+
+    def __init__(self, params: EngineParams, initial: InitialState, stamp_ns: int) -> None:
+        self.params = params
+        self.filter = StationFilter(
+            params, initial, stamp_ns, snapshots=self.snapshots, jumps=self.jumps
+        )
+        self._start_ns = stamp_ns
+
+    @property
+    def stamp_ns(self) -> int:
+        """Stamp of the newest IMU sample."""
+        return self.filter.stamp_ns
+
+    def begin(self, sample: ImuSample) -> None:
+        """Take the sample where the state starts."""
+        self.filter.begin(sample)
+
+    def imu(self, sample: ImuSample) -> None:
+        """Advance by one IMU sample."""
+        self.filter.imu(sample)
+
+    def control(self, sample: ControlSample) -> None:
+        """Take note of the thrust."""
+        self.filter.control(sample)
+
+    def local(self, event: DvlPing | DepthSample) -> Outcome:
+        """Fuse depth; a DVL has no place in this mode."""
+        return self.filter.depth(event) if isinstance(event, DepthSample) else _NOT_USED
+
+    def estimate(self, fixes: tuple[int, int, int]) -> Estimate:
+        """Estimate at the newest IMU sample."""
+        return self.filter.estimate(fixes)
+
+    def height(self) -> float:
+        """Of the vehicle above the station's first position [m]."""
+        return float(self.filter.bank.x[0, ss.POSITION + 2])
+
+    def adapt(self, identified: Identification) -> None:
+        """Take drag and current from an identification that was accepted."""
+        self.filter.adapt(identified)
+
+    def fix(self, fix: Fix) -> FixResult | None:
+        """Fuse a fix; None when the stored history does not reach back to its validity."""
+        raise TypeError(f'{type(self).__name__} has no way to treat fix {fix.sequence}')
+
+    def oldest_ns(self) -> int:
+        """Oldest validity that a fix may have to be fused."""
+        f = self.filter
+        kept = min(len(f.log.points), len(f.streams.imu_stamps) - 1)
+        first = max(0, int(f.streams.counts[0]) - kept)
+        return int(f.streams.imu_stamps[first % len(f.streams.imu_stamps)])
+
+    def offset(self, fix: Fix) -> tuple[Array, float] | None:
+        """How far a fix is off the estimate, grid axes [m], and its NIS by the spread of now."""
+        polar = _polar(fix)
+        x, P = self.filter.mixture()
+        d = x[3:6] - polar.station
+        distance = math.hypot(d[0], d[1])
+        row = fix_row(self.params, polar)
+        azimuth = polar.station_heading + polar.bearing - x[ss.STATION]
+        across = math.sqrt(max(polar.range**2 - d[2] ** 2, 0.0))
+        offset = across * np.array([math.cos(azimuth), math.sin(azimuth), 0.0])
+        offset[:2] -= d[:2]
+        e = d[:2] / distance
+        J = np.array([[e[0], -distance * e[1]], [e[1], distance * e[0]]])
+        noise = np.diag([row[ss.RANGE_VARIANCE], row[ss.BEARING_VARIANCE]])
+        noise[1, 1] += P[ss.STATION, ss.STATION]
+        S = P[3:5, 3:5] + np.einsum('ij,jk,lk->il', J, noise, J)
+        return offset, float(offset[:2] @ np.linalg.solve(S, offset[:2]))
+
+
+def _polar(fix: Fix) -> PolarFix:
+    if fix.polar is None:
+        raise ValueError(f'fix {fix.sequence} of {fix.source} has no range and bearing')
+    return fix.polar
+
+
+class Forward(StationFusion):
+    """A late fix brought to the present, in one of three ways."""
+
+    jumps = True
+    kind = ss.IGNORE
+
+    def fix(self, fix: Fix) -> FixResult | None:
+        """Fuse a fix at the present."""
+        f = self.filter
+        streams, newest = f.streams, int(f.bank.counters[ss.IMU])
+        when_ns = fix.receive_ns if self.kind == ss.IGNORE else fix.validity_ns
+        first = self._sample_after(when_ns)
+        if first is None:
+            return None
+        before_ns = int(streams.imu_stamps[(first - 1) % len(streams.imu_stamps)])
+        row, outcome = fix_row(self.params, _polar(fix)), np.zeros(ss.OUTCOME)
+        station_forward.forward_fix(
+            f.bank,
+            f.settings,
+            f.work,
+            streams,
+            f.log,
+            row,
+            outcome,
+            first,
+            (when_ns - before_ns) * 1e-9,
+            self.kind,
+        )
+        result = outcome_of(outcome, float(f.settings.gates[2]))
+        return FixResult(result, newest - first)
+
+    def _sample_after(self, stamp_ns: int) -> int | None:
+        """Number of the first IMU sample after a stamp; None when the past does not reach it."""
+        streams = self.filter.streams
+        count = int(streams.counts[0])
+        length = len(streams.imu_stamps)
+        low = max(0, count - (length - 1))
+        if int(streams.imu_stamps[low % length]) > stamp_ns:
+            return None
+
+        def stamp(i: int) -> int:
+            return int(streams.imu_stamps[i % length])
+
+        return bisect_right(range(count), stamp_ns, lo=low, key=stamp)
+
+
+class Ignore(Forward):
+    """Take the fix as if it were valid when it was received."""
+
+
+class Tagged(Forward):
+    """Innovation at the time of validity, applied to the present as it is."""
+
+    kind = ss.TAGGED
+
+
+class BackPropagate(Forward):
+    """Innovation at validity with H* = H Phi^-1."""
+
+    kind = ss.BACK_PROPAGATE
+
+
+_Key: TypeAlias = tuple[int, int, int]
+"""Validity, number of the packet, number of arrival."""
+
+
+class Rewind(StationFusion):
+    """Go back to the stored state before a late fix, take it, and filter the rest again."""
+
+    snapshots = True
+    frozen = False
+
+    def __init__(self, params: EngineParams, initial: InitialState, stamp_ns: int) -> None:
+        super().__init__(params, initial, stamp_ns)
+        self._length_ns = round(params.history_s * 1e9)
+        # Fixes of the stored past, in the order of their validity; the first has this number.
+        self._fixes: list[Fix] = []
+        self._keys: list[_Key] = []
+        self._first = 0
+
+    def oldest_ns(self) -> int:
+        """Oldest validity that a fix may have to be fused."""
+        f = self.filter
+        return self._snapshot_stamp(self._oldest_usable()) if f.log.counts[0] else 0
+
+    def fix(self, fix: Fix) -> FixResult | None:
+        """Fuse a fix where it belongs."""
+        f = self.filter
+        number = self._snapshot_before(fix.validity_ns)
+        if number is None:
+            return None
+        key = (fix.validity_ns, fix.order, fix.arrival)
+        place = bisect_left(self._keys, key)
+        late = self._comes_late(key)
+        self._insert(fix, self._first + place)
+        self._fixes.insert(place, fix)
+        self._keys.insert(place, key)
+        before, steps = self._outcomes(), int(f.bank.counters[ss.IMU])
+        if late:
+            run.restore(f.bank, f.log, number)
+        steps -= int(f.bank.counters[ss.IMU])
+        self._process_again(fix)
+        after = self._outcomes()
+        gate = float(f.settings.gates[2])
+        revised = tuple(
+            (self._fixes[i], outcome_of(after[i], gate))
+            for i in range(len(after))
+            if i != place and after[i, ss.DECIDED] != before[i, ss.DECIDED]
+        )
+        own = outcome_of(after[place], gate)
+        self._forget(fix.receive_ns - self._length_ns)
+        return FixResult(own, steps, revised)
+
+    def adapt(self, identified: Identification) -> None:
+        """Take drag and current; from now on going back ends here."""
+        super().adapt(identified)
+        self._keys.clear()
+        self._fixes.clear()
+        self._first = int(self.filter.streams.counts[3])
+
+    def _insert(self, fix: Fix, number: int) -> None:
+        """Put a fix at a place in its stream; those at and after it move up by one."""
+        s = self.filter.streams
+        length = len(s.fix_stamps)
+        columns = (s.fix_stamps, s.fixes, s.outcomes, s.fix_points, s.fix_inflations)
+        for k in range(int(s.counts[3]), number, -1):
+            for column in columns:
+                column[k % length] = column[(k - 1) % length]
+        i = number % length
+        s.fix_stamps[i] = fix.validity_ns
+        s.fixes[i] = fix_row(self.params, _polar(fix))
+        s.outcomes[i] = 0.0
+        s.counts[3] += 1
+
+    def _process_again(self, fix: Fix) -> None:
+        """Process everything that was received before the fix, and the fix; no output."""
+        f = self.filter
+        rows, f.rows = f.rows, f.no_rows
+        f.bank.counting[0] = 0
+        try:
+            f.advance(fix.receive_ns, int(Rank.FIX) + 1, frozen=self.frozen)
+        finally:
+            f.bank.counting[0] = 1
+            f.rows = rows
+
+    def _comes_late(self, key: _Key) -> bool:
+        """Whether anything that was processed stands after this place."""
+        b, s = self.filter.bank, self.filter.streams
+        mine = (key[0], int(Rank.FIX))
+        if (int(b.counters[ss.STAMP]), int(Rank.IMU)) > mine:
+            return True
+        for counter, stamps, rank in (
+            (ss.CONTROL, s.control_stamps, Rank.CONTROL),
+            (ss.DEPTH, s.depth_stamps, Rank.DEPTH),
+        ):
+            n = int(b.counters[counter])
+            if n and (int(stamps[(n - 1) % len(stamps)]), int(rank)) > mine:
+                return True
+        return bool(self._keys) and self._keys[-1] > key
+
+    def _outcomes(self) -> Array:
+        """Rows of outcomes of the fixes that are kept."""
+        outcomes = self.filter.streams.outcomes
+        return outcomes[np.arange(self._first, self._first + len(self._fixes)) % len(outcomes)]
+
+    # -- snapshots --------------------------------------------------------------------------------
+
+    def _snapshot_stamp(self, number: int) -> int:
+        counters = self.filter.log.counters
+        return int(counters[number % len(counters), ss.STAMP])
+
+    def _oldest_usable(self) -> int:
+        """Oldest snapshot from which all inputs since are still stored."""
+        log, s, b = self.filter.log, self.filter.streams, self.filter.bank
+        high = int(log.counts[0]) - 1
+        low = max(0, high + 1 - len(log.counters))
+        rooms = (
+            # The attitude before the first step is needed too.
+            (ss.IMU, min(len(s.imu_stamps) - 1, len(log.points))),
+            (ss.CONTROL, len(s.control_stamps)),
+            (ss.DEPTH, len(s.depth_stamps)),
+            (ss.FIX, len(s.fix_stamps) - 1),
+        )
+        while low < high:
+            middle = (low + high) // 2
+            counters = log.counters[middle % len(log.counters)]
+            if all(b.counters[c] - counters[c] <= room for c, room in rooms) and (
+                counters[ss.FIX] >= self._first
+            ):
+                high = middle
+            else:
+                low = middle + 1
+        return low
+
+    def _snapshot_before(self, stamp_ns: int) -> int | None:
+        """Newest snapshot at or before a stamp; None when the stored past does not reach it."""
+        low, high = self._oldest_usable(), int(self.filter.log.counts[0]) - 1
+        if self._snapshot_stamp(low) > stamp_ns:
+            return None
+        return bisect_right(range(high + 1), stamp_ns, lo=low, key=self._snapshot_stamp) - 1
+
+    def _forget(self, before_ns: int) -> None:
+        """Drop fixes from before the stored past, in bulk: going back never reaches them."""
+        if self._keys and self._keys[0][0] < before_ns - self._length_ns:
+            gone = bisect_left(self._keys, (before_ns, 0, 0))
+            del self._keys[:gone], self._fixes[:gone]
+            self._first += gone
+
+
+class Clone(Rewind):
+    """The same on the linearization that was stored when the inputs came."""
+
+    frozen = True

@@ -1,0 +1,75 @@
+"""What the experiments of one published system share, and the suite of the polar one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+from ..scoring.tables import Table
+from .choices import choices_from
+from .columns import pick, present
+from .jobs import Job, RunResult, run_job
+from .summary import long_table
+
+if TYPE_CHECKING:
+    from .experiment import Request
+
+Paper = Callable[[str, str], Mapping[str, float]]
+"""The paper's numbers for a group and a filter."""
+
+
+@dataclass(frozen=True)
+class Suite:
+    """How jobs are made, run and told of.
+
+    Attributes
+    ----------
+    read : callable
+        Fields of the request from what ``--set`` and ``--columns`` say.
+    present : callable
+        Those of a list of filters that there are.
+    run_job : callable
+        Runs one job; a function of a module, for other processes run it.
+    long_table : callable
+        Every number of an experiment, for the CSV.
+    choices : callable
+        What a request chose, for the manifest.
+    describe : callable
+        Filters and groups of a plan, for the manifest.
+    """
+
+    read: Callable[[Sequence[str], Sequence[str] | None], dict[str, Any]]
+    present: Callable[[Sequence[str]], list[str]]
+    run_job: Callable[[Any], RunResult]
+    long_table: Callable[[str, Sequence[RunResult], Paper | None], Table]
+    choices: Callable[[Request], dict[str, Any]]
+    describe: Callable[[Sequence[Any]], dict[str, Any]]
+
+
+def _read(settings: Sequence[str], columns: Sequence[str] | None) -> dict[str, Any]:
+    choices = choices_from(settings)
+    pick(choices, columns or ())
+    return {'choices': choices}
+
+
+def _describe(plan: Sequence[Job]) -> dict[str, Any]:
+    return {
+        'filters': {
+            job.column.name: {
+                'about': job.column.doc,
+                'engine': {**job.changes, **job.column.changes},
+                'clairvoyant': job.column.clairvoyant,
+            }
+            for job in plan
+        },
+        'groups': {
+            job.group: {'world': asdict(job.world), 'fixes': asdict(job.fixes)} for job in plan
+        },
+    }
+
+
+POLAR = Suite(
+    _read, present, run_job, long_table, lambda request: asdict(request.choices), _describe
+)
+"""Of the polar cooperative navigation paper."""

@@ -1,0 +1,48 @@
+"""Which filters a run can be replayed with, by name; what the demo compares.
+
+A follower of a leader has the named configurations of the engine. In station mode a name stands
+for the paper's filter, for the usual one, or for the usual one with another treatment of late
+fixes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from polar_nav_core.engine.params import CONFIGURATIONS, DELAY_HANDLING
+
+STATION = 'station'
+LEADER_PAIR = ('conventional_akf', 'modified_akf')
+"""Replayed side by side: the one that takes late fixes as current, and the delay-aware one."""
+STATION_PAIR = ('published', 'default')
+"""The paper's filter, which takes current and drag as known, and the one that estimates them."""
+
+_USUAL = {'configuration': 'default', 'station_filter': 'augmented'}
+STATION_VARIANTS: dict[str, dict[str, Any]] = {
+    'default': _USUAL,
+    'published': {'configuration': 'default', 'station_filter': 'published'},
+    **{
+        name: {
+            **_USUAL,
+            'configuration': 'custom',
+            'delay_handling': name,
+            'robust_fixes': 'mahalanobis',
+        }
+        for name in DELAY_HANDLING
+    },
+}
+NAMES = tuple(dict.fromkeys([*CONFIGURATIONS, *STATION_VARIANTS]))
+"""Every name of a configuration that a command takes."""
+
+
+def parameters_of(name: str, recorded: Mapping[str, Any]) -> dict[str, Any]:
+    """Parameters that a name stands for, in the mode of a run."""
+    if recorded.get('mode') == STATION and name in STATION_VARIANTS:
+        return dict(STATION_VARIANTS[name])
+    return {'configuration': name}
+
+
+def pair_of(recorded: Mapping[str, Any]) -> tuple[str, str]:
+    """The two filters that are compared where nobody names others."""
+    return STATION_PAIR if recorded.get('mode') == STATION else LEADER_PAIR

@@ -1,0 +1,92 @@
+"""`polar test` itself, with steps that say what they are told: order, status, what is shown."""
+
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from polar_nav_tools import testing
+from polar_nav_tools.testing import Step, fast_ring, run_suite, source_root
+
+
+def step(name, status=0):
+    code = f'import sys; print("said by {name}"); sys.exit({status})'
+    return Step(name, (sys.executable, '-c', code))
+
+
+@pytest.fixture
+def suite(tmp_path, monkeypatch, capfd):
+    def run(first, last, **options):
+        monkeypatch.setattr(testing, 'checks', lambda _: first)
+        monkeypatch.setattr(testing, 'without_compiler', lambda _: step('plain'))
+        monkeypatch.setattr(testing, 'tests', lambda *_, **__: last)
+        monkeypatch.setattr(testing, 'fast_ring', lambda _: (last, first))
+        asked = {'long': False, 'fast': False, 'arguments': [], **options}
+        status = run_suite(tmp_path, **asked)
+        return status, *capfd.readouterr()
+
+    return run
+
+
+@pytest.mark.parametrize('fast', [True, False])
+@pytest.mark.parametrize('broken', ['style', 'types', 'tests', None])
+def test_whatever_fails_is_told_and_all_run(suite, fast, broken):
+    first = [step(name, 3 * (name == broken)) for name in ('style', 'types')]
+    status, out, err = suite(first, step('tests', 3 * (broken == 'tests')), fast=fast)
+    assert status == (broken is not None)
+    assert ('failed' in err) == (broken is not None)
+    if broken is not None:
+        assert err.strip() == f'failed: {broken}'
+        assert broken == 'tests' or f'{broken}: failed with status 3' in out
+    for name in ('style', 'types', 'tests'):
+        assert f'== {name}' in out
+    for name in ('style', 'types', 'tests'):
+        assert f'said by {name}' in out
+
+
+def test_in_order_the_tests_come_last_and_have_the_last_word(suite):
+    _, out, _ = suite([step('style')], step('tests'))
+    assert out.index('style: ok') < out.index('== tests')
+    assert out.strip().splitlines()[-1] == 'said by tests'
+
+
+def test_the_fast_ring_does_not_wait_for_the_checks(suite, tmp_path):
+    """Each waits for the other's file: one after the other, the first would wait in vain."""
+    code = """
+import pathlib, sys, time
+mine, other = map(pathlib.Path, sys.argv[1:])
+mine.touch()
+end = time.monotonic() + 30
+while not other.exists():
+    time.sleep(0.02)
+    if time.monotonic() > end:
+        sys.exit(1)
+"""
+    names = [str(tmp_path / 'a'), str(tmp_path / 'b')]
+    check = Step('check', (sys.executable, '-c', code, *names))
+    test = Step('test', (sys.executable, '-c', code, *reversed(names)))
+    assert suite([check], test, fast=True)[0] == 0
+
+
+def test_of_what_went_well_on_the_other_core_only_the_last_line_is_shown(suite):
+    code = 'print("first line"); print("12 passed")'
+    long = Step('tools', (sys.executable, '-c', code))
+    _, out, _ = suite([long], step('tests'), fast=True)
+    assert '12 passed' in out
+    assert 'first line' not in out
+
+
+def test_the_halves_of_the_fast_ring_are_all_of_it():
+    config = tomllib.loads((source_root(Path(__file__)) / 'pyproject.toml').read_text())
+    folders = config['tool']['pytest']['ini_options']['testpaths']
+    lower, others = fast_ring('python')
+    halves = [[c for c in s.command if c in folders] for s in (lower, others[-1])]
+    assert sorted(halves[0] + halves[1]) == sorted(folders)
+    assert all(halves)
+
+
+def test_with_arguments_only_pytest_runs(suite):
+    status, out, _ = suite([step('style', 1)], step('tests'), arguments=['-k', 'x'])
+    assert status == 0
+    assert 'style' not in out
