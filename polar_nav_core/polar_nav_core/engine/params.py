@@ -248,8 +248,7 @@ class EngineParams(IdentificationParams, StationParams):
                 f'parameter noise_adaptation: {chosen.noise_adaptation} does not go with '
                 f'delay_handling {chosen.delay_handling}; that takes {", ".join(possible)}'
             )
-
-        if self.model_aiding:
+        if self.model_aiding and self.mode == 'sins':
             self._check_model_aiding(chosen)
 
     def _check_model_aiding(self, chosen: Configuration) -> None:
