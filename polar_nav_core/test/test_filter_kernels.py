@@ -109,9 +109,34 @@ def test_cholesky_tells_what_is_not_definite():
     L = np.zeros((N, N))
     P = np.eye(N)
     assert kf.cholesky(L, P, N)
+    assert kf.is_positive_definite(P, N, L)
     for bad in (-1.0, 0.0, np.nan, np.inf):
         P[5, 5] = bad
         assert not kf.cholesky(L, P, N)
+        assert not kf.is_positive_definite(P, N, L)
+        assert kf.is_positive_definite(P, 5, L)
+
+
+def test_surroundings_held_over_a_filter_step_move_nothing():
+    """A minute of turns at 3 m/s while diving: held for ten samples, and evaluated at each."""
+    ends = []
+    for every in (10, 1):
+        C, v, r = C_B_G.copy(), np.array([2.5, -1.5, -0.5]), R_E.copy()
+        increments, sums, held, zero = np.zeros((4, 3)), np.zeros((6, 3)), np.zeros(8), np.zeros(3)
+        for k in range(6000):
+            if k % every == 0:
+                filter_imu.hold_surroundings(held, v, r, 0.01 * every)
+            omega = np.array([0.02 * np.sin(0.1 * k), 0.01, 0.1 * np.cos(0.003 * k)])
+            f = C.T @ np.array([0.1 * np.sin(0.01 * k), 0.1 * np.cos(0.02 * k), 9.83])
+            filter_imu.imu_step(
+                C, v, r, zero, zero, omega, f, increments, 0.01, 0.01 if k else 0.0, sums, held
+            )
+        ends.append((C, v, r))
+    (C, v, r), (exact_C, exact_v, exact_r) = ends
+    np.testing.assert_allclose(C, exact_C, rtol=0.0, atol=1e-13)
+    np.testing.assert_allclose(v, exact_v, rtol=0.0, atol=5e-9)
+    np.testing.assert_allclose(r, exact_r, rtol=0.0, atol=1e-6)
+    assert not np.array_equal(r, exact_r)
 
 
 def test_rows_times_inverse():
