@@ -13,7 +13,10 @@ import math
 import struct
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
 
 from .errors import PolarNavError
 
@@ -147,8 +150,11 @@ def crc16(data: bytes) -> int:
     return binascii.crc_hqx(data, 0xFFFF)
 
 
-def round_tick(stamp_ns: int) -> int:
-    """Tick nearest to a time [ns], not wrapped."""
+_Stamp = TypeVar('_Stamp', int, NDArray[np.int64])
+
+
+def round_tick(stamp_ns: _Stamp) -> _Stamp:
+    """Tick nearest to a time [ns], or to each of an array, not wrapped."""
     return (stamp_ns + TICK_NS // 2) // TICK_NS
 
 

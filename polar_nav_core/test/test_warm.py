@@ -12,33 +12,34 @@ from polar_nav_core.kernels import (
 )
 from polar_nav_core.kernels import (
     filter_events,
+    filter_late,
     filter_run,
     filter_smooth,
-    filter_walk,
 )
 from polar_nav_core.kernels.warm import warm_filter
 
-MODULES = (kf, filter_events, filter_run, filter_smooth, filter_walk)
+MODULES = (kf, filter_events, filter_late, filter_run, filter_smooth)
 ENTRIES = [
     'add_epoch',
     'advance',
+    'begin_step',
     'cholesky',
     'covariance_at',
     'feed_back_and_remember',
     'fill_array_axes',
     'fill_dvl',
+    'fill_late_fix',
     'filter_again',
     'fuse_clone',
-    'fuse_rows',
+    'fuse_filled',
     'judge',
     'locate',
+    'process_again',
     'put_row',
     'refer_to_place',
-    'restore',
     'smooth',
     'take_snapshot',
     'update',
-    'walk_forward',
 ]
 """What Python calls; what these inline or load from the cache has no signature of its own."""
 
@@ -63,4 +64,5 @@ def test_the_engine_needs_no_kernel_that_set_up_has_not_compiled():
     events = [*world.imu(), *world.dvl(), *world.depth(), *fixes]
     for name in DELAY_HANDLING:
         run(Engine(world.params(configuration='custom', delay_handling=name)), events)
+    run(Engine(world.params(configuration='default', model_aiding=True)), events)
     assert signatures() == before

@@ -85,6 +85,8 @@ class NavigationHealth:
             return Level.WARN, f'{count} messages came after reorder_window_s'
         if integrity.level is integrity.level.WARN:
             return Level.WARN, integrity.sentence
+        if engine.aiding_warning:
+            return Level.WARN, engine.aiding_warning
         return Level.OK, f'navigating, {integrity.sentence}'
 
     def _tell(self, level: Level, message: str) -> None:

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +20,7 @@ from polar_nav_core.engine.events import Array, CommandKind, Fix, Receipt, Verdi
 from polar_nav_core.engine.inputs import Inputs, Stamps
 from polar_nav_core.params import from_mapping
 from polar_nav_follower import session
-from polar_nav_follower.measurements.fix import fix_from_packet
+from polar_nav_follower.measurements.fix import Packet, fixes_from_packets
 from polar_nav_follower.params import FollowerParams
 from polar_nav_msgs.msg import AcousticPacket, Command, Dvl, FixReceipt
 from polar_nav_ros.navigation_outputs import receipt_from_msg
@@ -60,16 +60,6 @@ _PACKET_FIELDS = (
 )
 _LOCAL = tuple(_FIELDS)
 _LEAST_BEAMS = 3
-
-
-class Packet(NamedTuple):
-    """What the follower takes of one AcousticPacket."""
-
-    data: bytes
-    source: str
-    sequence: int
-    transmit_ns: int
-    receive_ns: int
 
 
 @dataclass(frozen=True)
@@ -144,13 +134,13 @@ class RecordedArrays:
         return _Stream(stamps_ns[rows], {n: c[rows] for n, c in columns.items()}, rows)
 
     def _fixes(self, params: FollowerParams, refused: Counter[Any]) -> list[Fix]:
+        try:
+            found = fixes_from_packets(self.packets, params)
+        except ValueError as error:
+            where = f'{self.bag.path}: a message on /{self.vehicle}/{session.PACKET}'
+            raise BagError(f'{where} makes no sense: {error}') from error
         fixes = []
-        for number, packet in enumerate(self.packets):
-            try:
-                fix, _ = fix_from_packet(*packet[:3], number, *packet[3:], params)
-            except ValueError as error:
-                where = f'{self.bag.path}: a message on /{self.vehicle}/{session.PACKET}'
-                raise BagError(f'{where} makes no sense: {error}') from error
+        for fix in found:
             key = event_key(fix) if refused else None
             if key is not None and refused[key]:
                 refused[key] -= 1

@@ -27,6 +27,7 @@ from polar_nav_core.engine.station.inputs import Stamps, StationInputs
 from polar_nav_core.error_model import X
 from polar_nav_core.params import from_mapping
 from polar_nav_follower import session
+from polar_nav_follower.measurements.fix import Packet
 from polar_nav_follower.measurements.station_fix import StationNumbers, station_fix_from_packet
 from polar_nav_follower.params import FollowerParams
 from polar_nav_msgs.msg import Command as CommandMsg
@@ -41,7 +42,7 @@ from .bags.reader import Bag
 from .bags.tables import read_tables
 from .estimates import EstimateRows, receipts_of
 from .model_series import Identified, ModelRun, ModelSeries, identified_of_engine
-from .recorded_arrays import Packet, Progress, packets_of, refusals_of
+from .recorded_arrays import Progress, packets_of, refusals_of
 from .recorded_inputs import choose_follower, decoded
 from .series import EstimateSeries, Floats, Receipt, TruthSeries
 

@@ -1,13 +1,14 @@
 """A whole run at once: sensor data as arrays in, the track and the receipts out.
 
 The engine is the same as in the node, down to the last bit; only the driver differs: whatever
-stands between two position fixes goes through one compiled loop. Experiments, Monte Carlo runs and
+stands between two position fixes goes through one compiled loop, with `back_propagate` the fixes
+too, up to one that is refused. Experiments, Monte Carlo runs and
 fast replays use this.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -19,62 +20,22 @@ from ..kernels import filter_events as fe
 from ..kernels import filter_run
 from ..kernels import filter_state as fs
 from .engine import Engine
-from .events import (
-    Array,
-    Estimate,
-    Event,
-    ImuSample,
-    Output,
-    Rank,
-    Receipt,
-    Verdict,
-    no_local_statistics,
-)
-from .filter.fusion import Fusion
-from .filter.streams import FIXES
+from .events import Array, Event, Fix, ImuSample, Rank, Receipt, Verdict
+from .filter import aiding
+from .filter.fusion import FixResult, Fusion
+from .filter.navigation import NavigationFilter
+from .filter.streams import put_late_fix, room_for_fixes
 from .inputs import Inputs, Stamps
 from .params import EngineParams
+from .track import ROWS, Collector, RowSink, Track
 
 __all__ = ['Inputs', 'Progress', 'Result', 'RowSink', 'Stamps', 'Track', 'run']
 
 Progress = Callable[[float], None]
 """Called with the share of the run that is done."""
 
-_ROWS = 256  # their covariances stay in the second cache
-
-
-@dataclass(frozen=True)
-class Track:
-    """Estimates of a run, one row each.
-
-    Attributes
-    ----------
-    stamps_ns : (k,) array
-    r_e, v_G : (k, 3) arrays
-        Position, ECEF [m]; velocity, grid axes [m/s].
-    C_b_G : (k, 3, 3) array
-    P : (k, 24, 24) array
-        Covariance of the error state.
-    sensor_errors : (k, 15) array
-        Gyro bias, accelerometer bias, DVL scale, DVL Markov velocity, USBL bias as estimated.
-    local_statistics : (k, 2, 3) array
-        Of DVL and depth since the row before: used, gated, sum of NIS (events.LOCAL_DOF).
-    fixes : (k, 3) array
-        Fixes received, fixes fused, newest validity [ns].
-    """
-
-    stamps_ns: Stamps
-    r_e: Array
-    v_G: Array
-    C_b_G: Array
-    P: Array
-    sensor_errors: Array
-    local_statistics: Array
-    fixes: Stamps
-
-
-RowSink = Callable[[Track], None]
-"""Given the rows of a run some hundred at a time; they are overwritten after the call."""
+_STRETCH = 1024
+"""Fixes that the compiled loop is given at a time, at most."""
 
 
 @dataclass(frozen=True)
@@ -111,7 +72,7 @@ def run(
         Takes the rows instead of the result: half a day of covariances does not fit in memory.
     """
     engine = Engine(params)
-    collector = _Collector(sink)
+    collector = Collector(sink, aiding.make_aiding(params))
     if one_by_one or not engine.compiled:
         for event in inputs.events():
             collector.take(engine.process(event))
@@ -123,116 +84,11 @@ def run(
     return Result(collector.track(), receipts, engine.divergence, dict(engine.verdicts))
 
 
-class _Collector:
-    """Rows of the track in chunks, and receipts."""
-
-    def __init__(self, sink: RowSink | None) -> None:
-        self._chunks: list[Track] = []
-        self._sink = sink or self._keep
-        self._single: list[Track] = []
-        self.rows = fs.make_rows(_ROWS)
-        self._fixes = np.zeros((_ROWS, 3), dtype=np.int64)
-        self._noted = 0
-        self.receipts: list[Receipt] = []
-        self.local_statistics = no_local_statistics()
-
-    def take(self, outputs: Iterator[Output]) -> None:
-        """Take what the engine gives by itself."""
-        for output in outputs:
-            if isinstance(output, Receipt):
-                self.receipts.append(output)
-            elif isinstance(output, Estimate):
-                self._drain_rows()
-                self._single.append(_row(output))
-                if len(self._single) >= _ROWS:
-                    self._drain_single()
-
-    def note(self, engine: Engine) -> None:
-        """Write the engine's counts of fixes to the rows that came since the last time."""
-        n = int(self.rows.io[1])
-        if n > self._noted:
-            self._fixes[self._noted : n] = engine.fix_counts()
-            self._noted = n
-
-    def drain(self) -> None:
-        """Pass on what waits."""
-        self._drain_single()
-        self._drain_rows()
-
-    def _drain_single(self) -> None:
-        if self._single:
-            self._pass_on(_joined(self._single))
-            self._single = []
-
-    def _drain_rows(self) -> None:
-        n, rows = self._noted, self.rows
-        if n == 0:
-            return
-        self._drain_single()
-        flat = rows.flat[:n]
-        self._pass_on(
-            Track(
-                rows.stamps[:n],
-                flat[:, 12:15],
-                flat[:, 9:12],
-                flat[:, 0:9].reshape(n, 3, 3),
-                rows.P[:n],
-                flat[:, 15:30],
-                rows.tally[:n, :2],
-                self._fixes[:n],
-            )
-        )
-        rows.io[1] = self._noted = 0
-
-    def _pass_on(self, chunk: Track) -> None:
-        self.local_statistics += np.sum(chunk.local_statistics, axis=0)
-        self._sink(chunk)
-
-    def _keep(self, chunk: Track) -> None:
-        self._chunks.append(Track(**{n: getattr(chunk, n).copy() for n in _NAMES}))
-
-    def track(self) -> Track:
-        if not self._chunks:
-            return Track(
-                np.zeros(0, dtype=np.int64),
-                r_e=np.zeros((0, 3)),
-                v_G=np.zeros((0, 3)),
-                C_b_G=np.zeros((0, 3, 3)),
-                P=np.zeros((0, 24, 24)),
-                sensor_errors=np.zeros((0, 15)),
-                local_statistics=np.zeros((0, 2, 3)),
-                fixes=np.zeros((0, 3), dtype=np.int64),
-            )
-        return _joined(self._chunks)
-
-
-_NAMES = tuple(Track.__dataclass_fields__)
-
-
-def _joined(chunks: list[Track]) -> Track:
-    return Track(**{n: np.concatenate([getattr(c, n) for c in chunks]) for n in _NAMES})
-
-
-def _row(e: Estimate) -> Track:
-    errors = [e.gyro_bias_b, e.accel_bias_b, e.dvl_scale_m, e.dvl_markov_m, e.usbl_bias_a]
-    counts = [e.fixes_received, e.fixes_fused, e.last_validity_ns]
-    return Track(
-        np.array([e.stamp_ns], dtype=np.int64),
-        e.r_e[None],
-        e.v_G[None],
-        e.C_b_G[None],
-        e.P[None],
-        np.concatenate(errors)[None],
-        e.local_statistics[None],
-        np.array([counts], dtype=np.int64),
-    )
-
-
 class _Compiled:
     """Drives an engine with arrays: fixes and whatever is odd in Python, the rest compiled."""
 
     def __init__(
-        self, engine: Engine, inputs: Inputs, collector: _Collector, progress: Progress | None
+        self, engine: Engine, inputs: Inputs, collector: Collector, progress: Progress | None
     ) -> None:
         self._engine = engine
         self._inputs = inputs
@@ -246,8 +102,11 @@ class _Compiled:
         """Part what the compiled loop can take from what gets a receipt or is passed over."""
         x = self._inputs
         imu = _finite(x.omega_ib_b) & _finite(x.f_b)
-        good = np.flatnonzero(imu)
-        imu[good[1:][np.diff(x.imu_stamps_ns[good]) == 0]] = False  # a stamp twice
+        good = slice(None) if imu.all() else np.flatnonzero(imu)
+        steps_ns = np.diff(x.imu_stamps_ns[good])
+        self._gaps = int(np.count_nonzero(steps_ns > self._engine.params.max_imu_gap_s * 1e9))
+        if not steps_ns.all():  # a stamp twice
+            imu[np.flatnonzero(imu)[1:][steps_ns == 0]] = False
         variances = np.diagonal(x.dvl_covariance_m, axis1=1, axis2=2)
         dvl = (
             x.dvl_valid
@@ -255,8 +114,9 @@ class _Compiled:
             & _finite(x.dvl_covariance_m.reshape(-1, 9))
             & (variances > 0.0).all(axis=1)
         )
+        control = _finite(x.control_force_b) & _finite(x.control_torque_b)
         depth = np.isfinite(x.depth) & np.isfinite(x.depth_variance) & (x.depth_variance > 0.0)
-        self._first = int(good[0]) if len(good) else None
+        self._first = int(np.argmax(imu)) if imu.any() else None
         self._kept = replace(
             x,
             imu_stamps_ns=_rows_of(x.imu_stamps_ns, imu),
@@ -268,6 +128,8 @@ class _Compiled:
             depth_stamps_ns=_rows_of(x.depth_stamps_ns, depth),
             depth=_rows_of(x.depth, depth),
             depth_variance=_rows_of(x.depth_variance, depth),
+            control_stamps_ns=_rows_of(x.control_stamps_ns, control),
+            control_force_b=_rows_of(x.control_force_b, control),
         )
         self._odd: list[Event] = sorted(
             [
@@ -275,6 +137,7 @@ class _Compiled:
                 *(x.imu_sample(int(k)) for k in np.flatnonzero(~imu)),
                 *(x.dvl_ping(int(k)) for k in np.flatnonzero(~dvl)),
                 *(x.depth_sample(int(k)) for k in np.flatnonzero(~depth)),
+                *(x.control_sample(int(k)) for k in np.flatnonzero(~control)),
             ],
             key=lambda event: event.key,
         )
@@ -285,24 +148,28 @@ class _Compiled:
         if self._first is not None:
             first = self._inputs.imu_sample(self._first)
             start = first.key
-        every = max(1, len(self._odd) // 100)
-        for number, event in enumerate(self._odd):
+        number = told = 0
+        while number < len(self._odd):
+            event = self._odd[number]
             if start is not None and event.key > start and self._fusion is None:
                 self._start(first)
                 start = None
-            # A sample whose stamp was there before comes after the first of them.
-            rank = int(event.key[1]) + isinstance(event, ImuSample)
-            self._advance(event.stamp_ns, rank)
-            self._collector.take(self._engine.process(event))
-            if self._progress is not None and number % every == 0:
+            taken = self._take_fixes(number)
+            if not taken:
+                # A sample whose stamp was there before comes after the first of them.
+                rank = int(event.key[1]) + isinstance(event, ImuSample)
+                self._advance(event.stamp_ns, rank)
+                self._collector.take(self._engine.process(event))
+                taken = 1
+            number += taken
+            if self._progress is not None and number >= told:
                 self._progress(number / len(self._odd))
+                told = number + len(self._odd) // 100
         if start is not None:
             self._start(first)
         self._advance(_END_NS, int(Rank.IMU))
         self._flush(_END_NS)
-        gap_ns = self._engine.params.max_imu_gap_s * 1e9
-        gaps = int(np.sum(np.diff(self._kept.imu_stamps_ns) > gap_ns))
-        self._engine.count_locals(self._local_statistics(), gaps)
+        self._engine.count_locals(self._local_statistics(), self._gaps)
         if self._progress is not None:
             self._progress(1.0)
 
@@ -314,9 +181,10 @@ class _Compiled:
             return
         self._fusion = fusion
         f, x = fusion.filter, self._kept
+        controls = len(x.control_stamps_ns) if f.settings.aiding.on else 0
         f.streams = fs.Streams(
             counts=np.array(
-                [len(x.imu_stamps_ns), len(x.depth_stamps_ns), len(x.dvl_stamps_ns), 0],
+                [len(x.imu_stamps_ns), len(x.depth_stamps_ns), len(x.dvl_stamps_ns), 0, controls],
                 dtype=np.int64,
             ),
             imu_stamps=_at_least_one(x.imu_stamps_ns),
@@ -328,20 +196,97 @@ class _Compiled:
             dvl_stamps=_at_least_one(x.dvl_stamps_ns),
             dvl_v_m=_at_least_one(x.dvl_v_m),
             dvl_covariance_m=_at_least_one(x.dvl_covariance_m),
-            fix_stamps=np.zeros(FIXES, dtype=np.int64),
-            fix_r_e=np.zeros((FIXES, 3)),
-            fix_covariance_e=np.zeros((FIXES, 3, 3)),
-            fix_array_heading=np.zeros(FIXES),
-            fix_outcomes=np.zeros((FIXES, 9)),
+            **room_for_fixes(),
+            control_stamps=_at_least_one(x.control_stamps_ns),
+            control_force_b=_at_least_one(x.control_force_b),
         )
         counters = f.state.counters
         counters[fs.IMU] = 1
         counters[fs.DEPTH] = int(np.searchsorted(x.depth_stamps_ns, first.stamp_ns))
         counters[fs.DVL] = int(np.searchsorted(x.dvl_stamps_ns, first.stamp_ns))
+        # The thrust of before the start still holds.
+        before = int(np.searchsorted(x.control_stamps_ns, first.stamp_ns))
+        counters[fs.CONTROL] = max(0, before - 1)
         f.rows = self._rows
         self._rows.io[0] = first.stamp_ns
         f.log.counts[1] = 0
         fe.take_snapshot(f.state, f.log)
+
+    # -- fixes that need nothing but the filter ---------------------------------------------------
+
+    def _take_fixes(self, number: int) -> int:
+        """Let the compiled loop take fixes from a number on, with all that stands before them.
+
+        Returns
+        -------
+        int
+            How many it took: up to the first that is refused or that Python has to look at.
+        """
+        if self._fusion is None or not self._engine.navigating:
+            return 0
+        f = self._fusion.filter
+        fixes = self._plain_fixes(number) if f.settings.back_propagates else []
+        if not fixes:
+            return 0
+        first = int(f.state.counters[fs.FIX])
+        for fix in fixes:
+            put_late_fix(f.streams, fix)
+        settled = 0
+        try:
+            code = fs.FULL
+            while code == fs.FULL:
+                code = f.advance(fixes[-1].receive_ns, fs.FIX_RANK + 1)
+                settled = self._settle(f, fixes, first, settled)
+                self._collector.note(self._engine)
+                if code == fs.FULL:
+                    self._collector.drain()
+        except FilterDivergence as error:
+            settled = self._settle(f, fixes, first, settled)
+            self._collector.note(self._engine)
+            on_fix = first + settled < f.state.counters[fs.FIX]
+            at_ns = fixes[settled].receive_ns if on_fix else f.stamp_ns
+            self._engine.diverge(str(error), at_ns)
+            if on_fix:
+                fix = fixes[settled]
+                self._collector.receipts.append(self._engine.take_decided(fix, None, at_ns))
+                settled += 1
+        else:
+            f.streams.counts[fs.FIX - fs.IMU] = f.state.counters[fs.FIX]
+            self._engine.note_imu(f.stamp_ns)
+        return settled
+
+    def _plain_fixes(self, number: int) -> list[Fix]:
+        """Fixes from a number on that nothing but the filter can refuse."""
+        found: list[Fix] = []
+        names: set[tuple[str, int]] = set()
+        for event in self._odd[number : number + _STRETCH]:
+            if not isinstance(event, Fix) or not self._engine.leaves_to_filter(event):
+                break
+            name = (event.source, event.sequence)
+            if name in names:
+                break
+            names.add(name)
+            found.append(event)
+        return found
+
+    def _settle(self, f: NavigationFilter, fixes: list[Fix], first: int, settled: int) -> int:
+        """Give receipts for what the filter decided; the number of fixes that have one.
+
+        ``first`` is the number of the first fix in the streams.
+        """
+        engine, collector = self._engine, self._collector
+        length = len(f.streams.fix_stamps)
+        decided = int(f.state.counters[fs.FIX]) - first
+        for k in range(settled, decided):
+            i = (first + k) % length
+            row = f.streams.fix_outcomes[i]
+            if row[0] < 0.0:  # here the filter was lost
+                return k
+            steps, stamp_ns, rows = f.streams.fix_notes[i].tolist()
+            collector.note(engine, rows)
+            result = FixResult(f.outcome_of(row), steps)
+            collector.receipts.append(engine.take_decided(fixes[k], result, stamp_ns))
+        return decided
 
     def _advance(self, stamp_ns: int, rank: int) -> None:
         """Take everything before a place in the order of events."""
@@ -364,10 +309,11 @@ class _Compiled:
         if self._fusion is None or not self._engine.navigating:
             return
         if 0 <= self._rows.io[0] < stamp_ns:
-            if self._rows.io[1] >= _ROWS:
+            if self._rows.io[1] >= ROWS:
                 self._collector.note(self._engine)
                 self._collector.drain()
-            filter_run.put_row(self._fusion.filter.state, self._rows)
+            f = self._fusion.filter
+            filter_run.put_row(f.state, f.settings, self._rows)
         self._collector.note(self._engine)
 
     def _local_statistics(self) -> Array:

@@ -6,6 +6,7 @@ from dataclasses import fields
 
 from .filter.fusion import Driver
 from .filter.history import CORRECTIONS_PER_S, IMU_PERIOD_S
+from .filter.navigation import NavigationFilter
 from .params import EngineParams
 
 _ONLY_CUSTOM = ('delay_handling', 'noise_adaptation', 'gate_probability', 'robust_fixes')
@@ -43,6 +44,24 @@ def history_warning(params: EngineParams, fusion: Driver, start_ns: int) -> str:
         f'{params.max_delay_s:.1f} s: more than {1.0 / IMU_PERIOD_S:.0f} IMU samples or '
         f'{CORRECTIONS_PER_S:.0f} corrections a second outrun its room; a longer history_s helps'
     )
+
+
+def aiding_warning(f: NavigationFilter) -> str:
+    """Say what a vehicle's model lacks, or that it stands in for the DVL; empty when all is there.
+
+    Parameters
+    ----------
+    f : NavigationFilter
+        With a vehicle's model.
+    """
+    if not f.knows_thrust:
+        return 'no thrust on control/thrust: the model of the vehicle says nothing by itself'
+    if not f.has_bottom_lock:
+        return (
+            f'no bottom lock for {f.since_bottom_lock_s:.0f} s: the model of the vehicle stands '
+            'in for the DVL'
+        )
+    return ''
 
 
 def _not_used(p: EngineParams) -> list[str]:

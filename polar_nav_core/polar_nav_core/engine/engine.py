@@ -9,12 +9,11 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 
 from ..errors import FilterDivergence
-from .checks import history_warning
+from .checks import aiding_warning, history_warning
 from .events import (
     LOCAL_DOF,
     LOCAL_GATED,
@@ -36,10 +35,11 @@ from .events import (
     Verdict,
 )
 from .filter.delay import compiled, make_fusion
-from .filter.fusion import Driver, Fusion
-from .filter.navigation import Outcome, chi2_gate
+from .filter.fusion import Driver, FixResult, Fusion
+from .filter.navigation import NavigationFilter, chi2_gate
 from .integrity import Integrity, IntegrityMonitor, held
 from .params import EngineParams
+from .receipts import age_s, decided_receipt, receipt_of
 from .refusals import unusable_fix, unusable_local
 from .station.fixes import dated
 from .station.identify import Adaptation, make_adaptation
@@ -91,10 +91,7 @@ class Engine:
         ValueError
             When the event does not come after the one before: a fault of the caller.
         """
-        if self._last_key is not None and event.key <= self._last_key:
-            raise ValueError(
-                f'event {event.key} after {self._last_key}: events must come in order'
-            )
+        self._require_order(event)
         yield from self.advance(event.stamp_ns)
         self._last_key = event.key
         if isinstance(event, Fix):
@@ -113,6 +110,12 @@ class Engine:
             self._control(event)
         else:
             self._local(event)
+
+    def _require_order(self, event: Event) -> None:
+        if self._last_key is not None and event.key <= self._last_key:
+            raise ValueError(
+                f'event {event.key} after {self._last_key}: events must come in order'
+            )
 
     def advance(self, stamp_ns: int) -> Iterator[Output]:
         """Give the estimate that is due before ``stamp_ns``.
@@ -142,6 +145,27 @@ class Engine:
     def integrity(self) -> Integrity:
         """Whether fixes agree with the estimate, at the newest IMU sample."""
         return self._integrity.state(self._last_imu_ns or 0)
+
+    @property
+    def bottom_lock(self) -> bool | None:
+        """Whether the DVL is in use; None without a state or without `model_aiding`."""
+        return self._aided.has_bottom_lock if self._aided is not None else None
+
+    @property
+    def thrust_known(self) -> bool | None:
+        """Whether the thrust that the model needs comes; None as of `bottom_lock`."""
+        return self._aided.knows_thrust if self._aided is not None else None
+
+    @property
+    def aiding_warning(self) -> str:
+        """Say that the vehicle's model lacks the thrust, or stands in for the DVL; or empty."""
+        return aiding_warning(self._aided) if self._aided is not None else ''
+
+    @property
+    def _aided(self) -> NavigationFilter | None:
+        if isinstance(self._fusion, Fusion) and self.params.model_aiding:
+            return self._fusion.filter
+        return None
 
     @property
     def history_warning(self) -> str:
@@ -176,6 +200,24 @@ class Engine:
         """From now on the caller sees to estimates."""
         self._due_ns = None
 
+    def leaves_to_filter(self, fix: Fix) -> bool:
+        """Whether nothing but the filter's history and gate can refuse a fix now."""
+        return self._integrity.quiet and self._refusal(fix) is None
+
+    def take_decided(self, fix: Fix, result: FixResult | None, stamp_ns: int) -> Receipt:
+        """Take what the filter has decided on a fix at its state of ``stamp_ns``.
+
+        Without a result the filter is lost since then, for the reason told to `diverge`.
+        """
+        self._require_order(fix)
+        self._last_key = fix.key
+        self._fixes_received += 1
+        if result is None:
+            reason = self.divergence
+            return self._count(self._receipt(fix, fix.receive_ns, Verdict.NOT_READY, reason))
+        self._remember(fix)
+        return self._count(self._decided(fix, fix, result, stamp_ns))
+
     def note_imu(self, stamp_ns: int) -> None:
         """Take note of the newest IMU sample that the caller processed."""
         self._last_imu_ns = stamp_ns
@@ -207,7 +249,7 @@ class Engine:
             if self._initial is not None and not self.divergence:
                 self._fusion = self._make_fusion(self.params, self._initial, sample.stamp_ns)
                 self._fusion.begin(sample)
-                if self._thrust is not None:
+                if self._thrust is not None:  # it still holds
                     self._fusion.control(self._thrust)
                 self._due_ns = self._start_ns = sample.stamp_ns
             return
@@ -273,42 +315,35 @@ class Engine:
         if result is None:
             reach = (fix.receive_ns - self._fusion.oldest_ns()) * 1e-9
             reason = (
-                f'valid {_age(fix):.2f} s before it was received, '
+                f'valid {age_s(fix):.2f} s before it was received, '
                 f'the stored history reaches back {reach:.2f} s'
             )
             return [self._receipt(fix, fix.receive_ns, Verdict.TOO_OLD, reason)]
         self._remember(fix)
         if self._adaptation is not None:
             self._identified = self._adaptation.fix(fix, result.outcome, self._fusion)
-        first = self._decided(fix, fix, result.outcome, result.steps)
-        return [first, *(self._decided(other, fix, o, 0) for other, o in result.revised)]
+        now_ns = self._fusion.stamp_ns
+        first = self._decided(fix, fix, result, now_ns)
+        revised = (
+            self._decided(other, fix, FixResult(outcome, 0), now_ns)
+            for other, outcome in result.revised
+        )
+        return [first, *revised]
 
-    def _decided(self, fix: Fix, cause: Fix, outcome: Outcome, steps: int) -> Receipt:
+    def _decided(self, fix: Fix, cause: Fix, result: FixResult, now_ns: int) -> Receipt:
         """Receipt of a fix that the gate has decided on; ``cause`` is the fix that made it."""
-        name = (fix.source, fix.sequence)
-        revision = 0
-        reason = f'{_age(fix):.2f} s old, NIS {outcome.nis:.1f}'
-        if not outcome.fused:
-            reason = f'NIS {outcome.nis:.1f} is above the gate of {outcome.gate:.1f}'
+        outcome, name, revision = result.outcome, (fix.source, fix.sequence), 0
         if fix is not cause:
-            revision = self._seen[name] + 1
-            self._seen[name] = revision
-            reason += f'; decided anew after fix {cause.sequence}'
-        if outcome.inflation > 1.0:
-            reason += f'; weight 1/{outcome.inflation:.1f} ({self.configuration.robust_fixes})'
-        verdict = Verdict.FUSED if outcome.fused else Verdict.GATED
-        if revision:
+            revision = self._seen[name] = self._seen[name] + 1
             self.verdicts[Verdict.GATED if outcome.fused else Verdict.FUSED] -= 1
         if outcome.fused:
             self._integrity.fused(fix.validity_ns, cause.receive_ns)
-        else:
-            self._integrity.gated(fix.validity_ns, cause.receive_ns, -outcome.z)
-        if outcome.fused:
             self.fused['fix'] += 1
             self._last_validity_ns = max(self._last_validity_ns, fix.validity_ns)
-        elif revision:
-            self.fused['fix'] -= 1
-        return self._fix_receipt(fix, cause.receive_ns, verdict, reason, outcome, steps, revision)
+        else:
+            self._integrity.gated(fix.validity_ns, cause.receive_ns, -outcome.z)
+            self.fused['fix'] -= revision > 0
+        return decided_receipt(fix, cause, result, now_ns, revision, self.configuration)
 
     def _refusal(self, fix: Fix) -> tuple[Verdict, str] | None:
         """Why a fix cannot be used whatever the state is; None when it can."""
@@ -316,13 +351,13 @@ class Engine:
         if unusable is not None:
             return unusable
         if fix.validity_ns > fix.receive_ns:
-            return Verdict.FROM_FUTURE, f'valid {-_age(fix):.3f} s after it was received'
+            return Verdict.FROM_FUTURE, f'valid {-age_s(fix):.3f} s after it was received'
         if (fix.source, fix.sequence) in self._seen:
             return Verdict.DUPLICATE, f'fix {fix.sequence} of {fix.source} came before'
         if fix.receive_ns - fix.validity_ns > self._max_delay_ns:
             return (
                 Verdict.TOO_OLD,
-                f'{_age(fix):.2f} s old, max_delay_s is {self.params.max_delay_s:.2f} s',
+                f'{age_s(fix):.2f} s old, max_delay_s is {self.params.max_delay_s:.2f} s',
             )
         return None
 
@@ -358,44 +393,4 @@ class Engine:
         return receipt
 
     def _receipt(self, event: Event, stamp_ns: int, verdict: Verdict, reason: str) -> Receipt:
-        if isinstance(event, Fix):
-            return Receipt(
-                stamp_ns=stamp_ns,
-                verdict=verdict,
-                reason=reason,
-                topic=event.topic,
-                source=event.source,
-                sequence=event.sequence,
-                validity_ns=event.validity_ns,
-                transmit_ns=event.transmit_ns,
-                receive_ns=event.receive_ns,
-                delay_handling=self.configuration.delay_handling,
-            )
-        return Receipt(stamp_ns, verdict, reason, event.topic, '', event.sequence, event.stamp_ns)
-
-    def _fix_receipt(
-        self,
-        fix: Fix,
-        stamp_ns: int,
-        verdict: Verdict,
-        reason: str,
-        outcome: Outcome,
-        steps: int,
-        revision: int,
-    ) -> Receipt:
-        f = self._fusion
-        return replace(
-            self._receipt(fix, stamp_ns, verdict, reason),
-            fused_ns=f.stamp_ns if f is not None and verdict is Verdict.FUSED else 0,
-            steps_rolled_back=steps,
-            innovation_G=-outcome.z,
-            innovation_variance_G=outcome.variance,
-            nis=outcome.nis,
-            dof=outcome.dof,
-            gate=outcome.gate,
-            revision=revision,
-        )
-
-
-def _age(fix: Fix) -> float:
-    return (fix.receive_ns - fix.validity_ns) * 1e-9
+        return receipt_of(event, stamp_ns, verdict, reason, self.configuration.delay_handling)

@@ -301,6 +301,8 @@ class ModelEstimate:
         Measured minus true psi [rad].
     current_walk : float
         Density q_c in use [m^2/s^3].
+    bottom_lock : bool
+        Whether a DVL is in use; False in station mode, which has none.
     """
 
     v_r_b: Array
@@ -315,6 +317,7 @@ class ModelEstimate:
     heading_bias: float
     heading_bias_sigma: float
     current_walk: float
+    bottom_lock: bool = False
 
 
 class IdentificationVerdict(IntEnum):

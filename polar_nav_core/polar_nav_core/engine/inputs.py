@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from .events import Array, DepthSample, DvlPing, Event, Fix, ImuSample, OrderKey
+from .events import Array, ControlSample, DepthSample, DvlPing, Event, Fix, ImuSample, OrderKey
 
 Stamps = NDArray[np.int64]
 
@@ -36,6 +36,8 @@ class Inputs:
         Depth below the sea surface [m], positive down, and variance [m^2].
     fixes : tuple of Fix
         In any order: the engine takes them as they are received.
+    control_stamps_ns, control_force_b, control_torque_b : (u,), (u, 3), (u, 3) arrays
+        From when on the thrusters give force [N] and torque [N m], body axes.
     """
 
     imu_stamps_ns: Stamps
@@ -49,6 +51,9 @@ class Inputs:
     depth: Array = field(default_factory=_empty())
     depth_variance: Array = field(default_factory=_empty())
     fixes: tuple[Fix, ...] = ()
+    control_stamps_ns: Stamps = field(default_factory=_stamps)
+    control_force_b: Array = field(default_factory=_empty(3))
+    control_torque_b: Array = field(default_factory=_empty(3))
 
     def imu_sample(self, k: int) -> ImuSample:
         """Sample number k as an event."""
@@ -70,10 +75,17 @@ class Inputs:
             int(self.depth_stamps_ns[k]), k, float(self.depth[k]), float(self.depth_variance[k])
         )
 
+    def control_sample(self, k: int) -> ControlSample:
+        """Control sample number k as an event."""
+        return ControlSample(
+            int(self.control_stamps_ns[k]), k, self.control_force_b[k], self.control_torque_b[k]
+        )
+
     def events(self) -> Iterator[Event]:
         """All events, in the total order."""
         return heapq.merge(
             (self.imu_sample(k) for k in range(len(self.imu_stamps_ns))),
+            (self.control_sample(k) for k in range(len(self.control_stamps_ns))),
             (self.depth_sample(k) for k in range(len(self.depth_stamps_ns))),
             (self.dvl_ping(k) for k in range(len(self.dvl_stamps_ns))),
             sorted(self.fixes, key=lambda fix: fix.key),

@@ -99,12 +99,19 @@ class IntegrityMonitor:
         if self._last_fused_ns is None or receive_ns > self._last_fused_ns:
             self._last_fused_ns = receive_ns
         self._newest_fused_validity_ns = max(self._newest_fused_validity_ns, validity_ns)
+        if not self._refused:
+            return
         later = [r for r in self._refused if r.validity_ns > validity_ns]
         if len(later) != len(self._refused):
             self.longest_gated_s = max(self.longest_gated_s, self._gated_s(receive_ns))
             self._refused = deque(later, maxlen=_KEPT)
             self._count = len(later)
             self._first_ns = min((r.receive_ns for r in later), default=0)
+
+    @property
+    def quiet(self) -> bool:
+        """Whether no fix has been refused since the newest that was fused."""
+        return not self._count
 
     def gated(self, validity_ns: int, receive_ns: int, offset_G: Array) -> None:
         """Take note of a fix that the gate refused, off by ``offset_G`` (fix minus estimate).

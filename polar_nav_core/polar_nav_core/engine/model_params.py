@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..errors import ConfigError
-from ..params import NodeParams, param, vector
+from ..params import NodeParams, flag, param, vector
 from ..vehicle_model import VehicleModel
 
 
@@ -42,6 +42,28 @@ class ModelParams(NodeParams):
     )
     current_walk: float = param(
         1e-5, 'm^2/s^3', 0.0, 1.0, "Density q_c of the current's random walk"
+    )
+
+    model_aiding: bool = flag(
+        False, 'Whether the model takes part beside the inertial navigation: v_G = C_b_G v_r + V_c'
+    )
+    model_velocity_sigma: float = param(
+        0.01, 'm/s', 1e-5, 10.0, '1-sigma of what that equation leaves out, horizontal, per axis'
+    )
+    model_vertical_sigma: float = param(
+        0.05, 'm/s', 1e-5, 10.0, 'The same, vertical: the current there and an error of buoyancy'
+    )
+    model_velocity_tau: float = param(
+        15.0, 's', 0.0, 3600.0, 'How long such an error lasts (correlation time)'
+    )
+    thrust_timeout_s: float = param(
+        2.0, 's', 0.01, 3600.0, 'A thrust without a newer one is taken as unknown after this'
+    )
+    bottom_lock_timeout_s: float = param(
+        1.5, 's', 0.05, 60.0, 'Model aiding: without a good DVL ping for longer, lock is lost'
+    )
+    bottom_lock_pings: int = param(
+        3, '', 1, 1000, 'Model aiding: good pings in a row until a lost DVL is used again'
     )
 
     def __post_init__(self) -> None:

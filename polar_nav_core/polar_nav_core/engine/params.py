@@ -20,6 +20,8 @@ NOISE_ADAPTATION = (
     'sage_husa_unguarded',
     'sage_husa_published',
 )
+COMPILED_NOISE = ('none', 'adaptive_r')
+"""Noise adaptations that are compiled, and that the vehicle's model goes along with."""
 NOISE_OF = {
     'clone': ('none', 'adaptive_r'),
     'rewind': ('none', 'adaptive_r'),
@@ -245,6 +247,30 @@ class EngineParams(IdentificationParams, StationParams):
             raise ConfigError(
                 f'parameter noise_adaptation: {chosen.noise_adaptation} does not go with '
                 f'delay_handling {chosen.delay_handling}; that takes {", ".join(possible)}'
+            )
+        if self.model_aiding and self.mode == 'sins':
+            self._check_model_aiding(chosen)
+
+    def _check_model_aiding(self, chosen: Configuration) -> None:
+        """Refuse what the seven states of the model cannot be joined with."""
+        if chosen.delay_handling == 'clone':
+            raise ConfigError(
+                'parameter delay_handling: clone does not go with model_aiding, its stored steps '
+                'are of the 24 states; that takes '
+                f'{", ".join(d for d in DELAY_HANDLING if d != "clone")}'
+            )
+        if chosen.noise_adaptation not in COMPILED_NOISE:
+            raise ConfigError(
+                f'parameter noise_adaptation: {chosen.noise_adaptation} does not go with '
+                f'model_aiding, its Q is of the 24 states; that takes {", ".join(COMPILED_NOISE)}'
+            )
+        model = self.vehicle_model()
+        slope = model.drag_linear + 2.0 * model.drag_quadratic * self.model_speed
+        shortest_s = float((model.inertia / slope.clip(1e-12)).min())
+        if self.filter_period_s > shortest_s:
+            raise ConfigError(
+                f'parameter filter_period_s: {self.filter_period_s} s is longer than the '
+                f'{shortest_s:.3f} s in which drag stops the vehicle of parameters model_*'
             )
 
     def resolved(self) -> Configuration:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from itertools import chain
 from typing import TypeAlias
 
 import numpy as np
@@ -59,9 +61,11 @@ def unusable_fix(params: EngineParams, fix: Fix) -> Refusal | None:
         return fix.refusal, fix.reason
     if params.mode == 'station':
         return _unusable_polar(fix)
-    if not (np.isfinite(fix.r_e).all() and np.isfinite(fix.covariance_e).all()):
+    # As lists: NumPy takes ten times as long for so few numbers.
+    covariance_e = fix.covariance_e.tolist()
+    if not all(map(math.isfinite, chain(fix.r_e.tolist(), *covariance_e))):
         return Verdict.NOT_FINITE, 'position or covariance is not finite'
-    if not (np.diagonal(fix.covariance_e) > 0.0).all():
+    if not all(row[i] > 0.0 for i, row in enumerate(covariance_e)):
         return Verdict.NOT_FINITE, 'a variance of the position is not positive'
     if params.usbl_bias_sigma > 0.0 and not np.isfinite(fix.array_heading):
         return Verdict.NOT_FINITE, 'no heading of the array, which usbl_bias_sigma needs'

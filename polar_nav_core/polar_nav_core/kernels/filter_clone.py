@@ -34,11 +34,17 @@ def clone_begin(C: Array, P_cc: Array, P: Array, H: Array) -> None:
 def clone_step(C: Array, Phi: Array, work: Array) -> None:
     """C <- Phi C; work is (9, 3) scratch."""
     for i in range(NAV):
-        for a in range(3):
-            s = 0.0
-            for k in range(COUPLED):
-                s += Phi[i, k] * C[k, a]
-            work[i, a] = s
+        s_0 = 0.0
+        s_1 = 0.0
+        s_2 = 0.0
+        for k in range(COUPLED):
+            f = Phi[i, k]
+            s_0 += f * C[k, 0]
+            s_1 += f * C[k, 1]
+            s_2 += f * C[k, 2]
+        work[i, 0] = s_0
+        work[i, 1] = s_1
+        work[i, 2] = s_2
     for i in range(NAV):
         for a in range(3):
             C[i, a] = work[i, a]
@@ -63,17 +69,25 @@ def clone_measurement(
     work : (6, 3) scratch
     """
     for a in range(m):  # G in rows 0..2, L^-1 G in rows 3..5
-        for c in range(3):
-            s = 0.0
-            for k in range(N):
-                s += H[a, k] * C[k, c]
-            work[a, c] = s
+        g_0 = 0.0
+        g_1 = 0.0
+        g_2 = 0.0
+        for k in range(N):
+            h = H[a, k]
+            if h != 0.0:
+                g_0 += h * C[k, 0]
+                g_1 += h * C[k, 1]
+                g_2 += h * C[k, 2]
+        work[a, 0] = g_0
+        work[a, 1] = g_1
+        work[a, 2] = g_2
     for a in range(m):
+        inverse = 1.0 / L[a, a]
         for c in range(3):
             s = work[a, c]
             for b in range(a):
                 s -= L[a, b] * work[3 + b, c]
-            work[3 + a, c] = s / L[a, a]
+            work[3 + a, c] = s * inverse
     for c in range(3):
         for d in range(c + 1):
             s = P_cc[c, d]
@@ -82,12 +96,15 @@ def clone_measurement(
             P_cc[c, d] = s
             P_cc[d, c] = s
     _move_innovation(z, L, work, z_m, m)
-    for i in range(N):
-        for c in range(3):
-            s = C[i, c]
-            for a in range(m):
-                s -= K[a, i] * work[a, c]
-            C[i, c] = s
+    for a in range(m):
+        g_0 = work[a, 0]
+        g_1 = work[a, 1]
+        g_2 = work[a, 2]
+        for i in range(N):
+            k = K[a, i]
+            C[i, 0] -= k * g_0
+            C[i, 1] -= k * g_1
+            C[i, 2] -= k * g_2
 
 
 @kernel
@@ -160,10 +177,11 @@ def clone_fuse(
 def drop_information(P: Array, K: Array, S: Array, m: int) -> None:
     """P <- P - K^T S K: the covariance after an update whose gain and S are stored."""
     for i in range(N):
-        for j in range(i + 1):
-            s = P[i, j]
+        for b in range(m):
+            g = 0.0
             for a in range(m):
-                for b in range(m):
-                    s -= K[a, i] * S[a, b] * K[b, j]
-            P[i, j] = s
-            P[j, i] = s
+                g += K[a, i] * S[a, b]
+            for j in range(i + 1):
+                P[i, j] -= g * K[b, j]
+        for j in range(i):
+            P[j, i] = P[i, j]

@@ -1,4 +1,4 @@
-"""One event through the whole filter: IMU sample, depth, DVL ping, fix at the present.
+"""One event and the filter: IMU sample, depth, DVL ping, fix at the present.
 
 These are the only places where the state changes; the live node, a replay and a rewind call the
 same compiled code, so that they get the same bits.
@@ -12,17 +12,22 @@ from ..arrays import Array
 from . import filter_state as fs
 from .cache import kernel, routine
 from .earth import up_and_height
-from .filter import MARKOV, USBL, N, cholesky, fill_transition, predict
-from .filter_fuse import enter, fuse_rows, locate
-from .filter_imu import imu_step, take_means
+from .filter import MARKOV, USBL, N, fill_transition, is_positive_definite, predict
+from .filter_aiding import compare_velocities, model_is_definite, predict_model
+from .filter_fuse import correct_and_remember, enter
+from .filter_imu import hold_surroundings, imu_step, take_means
+from .filter_model import E
 from .filter_rows import depth_rows, dvl_rows, fix_rows
 from .filter_state import Frames, Log, Past, Settings, State, Work
+from .filter_walk import KEPT
 from .grid import fill_C_e_G
 
 
 @kernel
 def _process_noise(q: Array, c: Settings, dt: float) -> None:
     """Variances added in a step of dt."""
+    markov = c.markov[0] * -math.expm1(-2.0 * dt / c.markov[1])
+    usbl = c.usbl[0] * -math.expm1(-2.0 * dt / c.usbl[1])
     for k in range(3):
         q[k] = c.densities[0] * dt
         q[3 + k] = c.densities[1] * dt
@@ -30,17 +35,18 @@ def _process_noise(q: Array, c: Settings, dt: float) -> None:
         q[9 + k] = c.densities[2] * dt
         q[12 + k] = c.densities[3] * dt
         q[15 + k] = 0.0
-        q[MARKOV + k] = c.markov[0] * -math.expm1(-2.0 * dt / c.markov[1])
-        q[USBL + k] = c.usbl[0] * -math.expm1(-2.0 * dt / c.usbl[1])
+        q[MARKOV + k] = markov
+        q[USBL + k] = usbl
 
 
-@routine
+@kernel
 def _covariance_step(
     s: State, c: Settings, past: Past, w: Work, log: Log, stamp_ns: int, dt: float
 ) -> int:
     s.counters[fs.STEPS] += 1
     number = s.counters[fs.STEPS]
     Phi = past.transitions[number % past.transitions.shape[0]]
+    past.inverses[number % past.transitions.shape[0]][KEPT] = 0.0
     take_means(s.sums, w.C_mean, w.f_mean, w.omega_mean)
     tau_usbl = c.usbl[1] if c.estimates_usbl_bias else 0.0
     fill_transition(
@@ -55,6 +61,8 @@ def _covariance_step(
         c.markov[1],
         tau_usbl,
     )
+    if c.aiding.on:
+        predict_model(s, c, w, Phi, stamp_ns, dt)
     _process_noise(w.q, c, dt)
     predict(s.P, Phi, w.q, w.M)
     # The mean of a Markov error decays as its transition says.
@@ -69,7 +77,9 @@ def _covariance_step(
         good = good and s.P[k, k] > 0.0
     # The whole test costs as much as the step itself.
     if good and number % fs.STEPS_PER_TEST == 0:
-        good = cholesky(w.LP, s.P, c.active)
+        good = is_positive_definite(s.P, c.active, w.LP)
+    if good and c.aiding.on:
+        good = model_is_definite(s, c, w, number % fs.STEPS_PER_TEST == 0)
     if not good:
         return fs.P_NOT_DEFINITE
     if log.step_P.shape[0] > 0:
@@ -100,7 +110,18 @@ def take_snapshot(s: State, log: Log) -> None:
         log.snapshot_flat[i, k] = s.flat[k]
     for k in range(fs.COUNTERS):
         log.snapshot_counters[i, k] = s.counters[k]
+    for r in range(s.model.shape[0]):
+        for k in range(E):
+            log.snapshot_flat[i, fs.FLAT + r * E + k] = s.model[r, k]
     log.counts[1] += 1
+
+
+@kernel
+def begin_step(s: State, c: Settings, stamp_ns: int) -> None:
+    """Begin a covariance step at a stamp; the first sample of another period ends it."""
+    s.counters[fs.BOUNDARY] = stamp_ns
+    s.counters[fs.NEXT] = (stamp_ns // c.step_ns + 1) * c.step_ns
+    s.counters[fs.HELD] = 0
 
 
 @kernel
@@ -115,7 +136,8 @@ def imu_event(
     f_b: Array,
 ) -> int:
     """Advance to the end of a sample's interval; a covariance step where it ends one."""
-    dt = (stamp_ns - s.counters[fs.STAMP]) * 1e-9
+    before_ns = s.counters[fs.STAMP]
+    dt = (stamp_ns - before_ns) * 1e-9
     for k in range(3):
         w.omega[k] = omega_ib_b[k]
         w.f[k] = f_b[k]
@@ -128,6 +150,10 @@ def imu_event(
             s.previous[0, k] = omega_ib_b[k]
             s.previous[1, k] = f_b[k]
         s.counters[fs.HAS_PREVIOUS] = 1
+    if s.counters[fs.HELD] == 0:
+        until_ns = max(stamp_ns, s.counters[fs.NEXT])
+        hold_surroundings(s.held, s.v_G, s.r_e, (until_ns - before_ns) * 1e-9)
+        s.counters[fs.HELD] = 1
     imu_step(
         s.C_b_G,
         s.v_G,
@@ -140,6 +166,7 @@ def imu_event(
         dt,
         s.previous_dt[0],
         s.sums,
+        s.held,
     )
     s.previous_dt[0] = dt
     for k in range(3):
@@ -147,12 +174,18 @@ def imu_event(
     s.counters[fs.STAMP] = stamp_ns
     s.counters[fs.IMU] += 1
     code = fs.DONE
-    stepped = stamp_ns // c.step_ns != s.counters[fs.BOUNDARY] // c.step_ns
+    stepped = stamp_ns >= s.counters[fs.NEXT]
     if stepped:
         step = (stamp_ns - s.counters[fs.BOUNDARY]) * 1e-9
         code = _covariance_step(s, c, past, w, log, stamp_ns, step)
-        s.counters[fs.BOUNDARY] = stamp_ns
+        begin_step(s, c, stamp_ns)
     add_epoch(s, c, past)
+    # A measurement like others, after the epoch; inside this event, so that a snapshot has it.
+    if stepped and c.aiding.on and code == fs.DONE:
+        code = compare_velocities(s, c, w, step)
+        if code == fs.FUSED:
+            correct_and_remember(s, past, w.x)
+        code = min(code, fs.DONE)
     if stepped and s.counters[fs.STEPS] % c.steps_per_snapshot == 0:
         take_snapshot(s, log)
     return code
@@ -176,8 +209,8 @@ def add_epoch(s: State, c: Settings, past: Past) -> None:
     s.counters[fs.EPOCHS] += 1
 
 
-@routine
-def epoch_place(past: Past, i: int, point_e: Array, velocity_e: Array, C_e_G: Array) -> None:
+@kernel
+def place_of_epoch(past: Past, i: int, point_e: Array, velocity_e: Array, C_e_G: Array) -> None:
     """Transponder and velocity, ECEF, of the epoch at place i of the ring; C_e_G is scratch."""
     r_e = past.positions[i]
     u_x, u_y, u_z, _ = up_and_height(r_e[0], r_e[1], r_e[2])
@@ -190,20 +223,15 @@ def epoch_place(past: Past, i: int, point_e: Array, velocity_e: Array, C_e_G: Ar
             velocity_e[k] += C_e_G[n, k] * past.velocities[i, n]
 
 
+@routine
+def epoch_place(past: Past, i: int, point_e: Array, velocity_e: Array, C_e_G: Array) -> None:
+    """`place_of_epoch`, for Python."""
+    place_of_epoch(past, i, point_e, velocity_e, C_e_G)
+
+
 @kernel
-def depth_event(
-    s: State,
-    fr: Frames,
-    c: Settings,
-    past: Past,
-    w: Work,
-    log: Log,
-    depth: float,
-    variance: float,
-) -> int:
-    """Fuse one depth."""
-    s.counters[fs.DEPTH] += 1
-    locate(s, fr, c)
+def fill_depth(s: State, fr: Frames, c: Settings, w: Work, depth: float, variance: float) -> None:
+    """Rows of a depth at the present estimate into the scratch."""
     depth_rows(
         w.H,
         w.R,
@@ -215,7 +243,6 @@ def depth_event(
         variance,
         c.lever_depth_b,
     )
-    return fuse_rows(s, fr, c, past, w, log, fs.SCALAR, fs.DEPTH_ROW, fs.DEPTH_RANK)
 
 
 @kernel
@@ -241,40 +268,17 @@ def fill_dvl(s: State, fr: Frames, c: Settings, w: Work, v_m: Array, R_m: Array)
 
 
 @kernel
-def dvl_event(
+def fill_fix(
     s: State,
     fr: Frames,
     c: Settings,
-    past: Past,
     w: Work,
-    log: Log,
-    v_m: Array,
-    R_m: Array,
-) -> int:
-    """Fuse one valid DVL ping."""
-    s.counters[fs.DVL] += 1
-    locate(s, fr, c)
-    fill_dvl(s, fr, c, w, v_m, R_m)
-    return fuse_rows(s, fr, c, past, w, log, fs.VECTOR, fs.DVL_ROW, fs.DVL_RANK)
-
-
-@kernel
-def fix_event(
-    s: State,
-    fr: Frames,
-    c: Settings,
-    past: Past,
-    w: Work,
-    log: Log,
     stamp_ns: int,
     r_e: Array,
     covariance_e: Array,
     array_heading: float,
-    outcome: Array,
-) -> int:
-    """Fuse a position fix that is valid now: the present position plus v dt."""
-    s.counters[fs.FIX] += 1
-    locate(s, fr, c)
+) -> None:
+    """Rows of a fix that is valid now into the scratch: the present position plus v dt."""
     dt = (stamp_ns - s.counters[fs.STAMP]) * 1e-9
     for k in range(3):
         w.point_e[k] = fr.point_e[k] + fr.velocity_e[k] * dt
@@ -291,14 +295,17 @@ def fix_event(
         w.C_a_G,
         s.usbl_bias_a,
     )
-    code = fuse_rows(s, fr, c, past, w, log, fs.VECTOR, fs.FIX_ROW, fs.FIX_RANK)
+
+
+@kernel
+def note_outcome(w: Work, code: int, outcome: Array) -> None:
+    """What became of a fix, into (9,): fused, NIS, innovation, its variances, enlargement."""
     outcome[0] = float(code)
     outcome[1] = w.nis[0]
     for a in range(3):
         outcome[2 + a] = w.z[a]
         outcome[5 + a] = w.S[a, a] / w.nis[1]
     outcome[8] = w.nis[1]
-    return code
 
 
 @kernel

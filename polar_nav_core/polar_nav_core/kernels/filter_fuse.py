@@ -8,6 +8,7 @@ from ..arrays import Array
 from . import filter_state as fs
 from .cache import kernel, routine
 from .filter import N, cholesky, feed_back, innovation_covariance, nis_of, update
+from .filter_aiding import correct_block
 from .filter_imu import place
 from .filter_state import Frames, Log, Past, Settings, State, Work
 
@@ -22,7 +23,6 @@ def locate(s: State, fr: Frames, c: Settings) -> None:
         c.lever_point_b,
         fr.C_e_G,
         fr.omega_ie_G,
-        fr.omega_eG_G,
         fr.lever_G,
         fr.point_e,
         fr.velocity_e,
@@ -30,8 +30,8 @@ def locate(s: State, fr: Frames, c: Settings) -> None:
 
 
 @kernel
-def feed_back_and_remember(s: State, fr: Frames, c: Settings, past: Past, x: Array) -> None:
-    """Take an estimated error out of the state, and store it as a correction."""
+def correct_and_remember(s: State, past: Past, x: Array) -> None:
+    """Take an estimated error out of the state, and store it as a correction; not the frames."""
     feed_back(
         x,
         s.C_b_G,
@@ -48,6 +48,13 @@ def feed_back_and_remember(s: State, fr: Frames, c: Settings, past: Past, x: Arr
         past.corrections[i, k] = x[k]
     past.correction_steps[i] = s.counters[fs.STEPS]
     s.counters[fs.CORRECTIONS] += 1
+    s.counters[fs.HELD] = 0
+
+
+@kernel
+def feed_back_and_remember(s: State, fr: Frames, c: Settings, past: Past, x: Array) -> None:
+    """Take an estimated error out of the state, and store it as a correction."""
+    correct_and_remember(s, past, x)
     locate(s, fr, c)
 
 
@@ -93,19 +100,14 @@ def judge(w: Work, P: Array, H: Array, R: Array, z: Array, m: int) -> bool:
     return True
 
 
-@routine
+@kernel
 def fuse_rows(
-    s: State,
-    fr: Frames,
-    c: Settings,
-    past: Past,
-    w: Work,
-    log: Log,
-    m: int,
-    stream: int,
-    rank: int,
+    s: State, c: Settings, past: Past, w: Work, log: Log, m: int, stream: int, rank: int
 ) -> int:
-    """Gate, update and feed back what stands in H, R, z of the scratch (first m rows)."""
+    """Gate, update and feed back what stands in H, R, z of the scratch (first m rows).
+
+    The frames are left behind: `fuse_filled` and `filter_run.advance` see to them.
+    """
     noise = s.noise[stream]
     adaptive = c.adaptive and m == 3
     if adaptive:
@@ -124,7 +126,9 @@ def fuse_rows(
         w.nis[1] = enlarge(w, c)
     if adaptive:
         learn_noise(noise, w.z, w.stated, c.forgetting, w.nis[1])
-    update(s.P, w.x, w.H, w.R, w.z, m, w.K, w.PHt, w.L, w.M)
+    update(s.P, w.x, w.S, w.z, m, w.K, w.PHt, w.L, w.M)
+    if c.aiding.on:
+        correct_block(s, w, m)
     if s.counting[0]:
         s.tally[stream, fs.UPDATES] += 1.0
         s.tally[stream, fs.NIS_SUM] += w.nis[0]
@@ -133,8 +137,40 @@ def fuse_rows(
         store_update(log, number, w, m)
         stamp_ns = s.counters[fs.STAMP]
         enter(log, fs.UPDATE, number, stamp_ns, rank, s.counters[fs.EPOCHS], m)
-    feed_back_and_remember(s, fr, c, past, w.x)
+    correct_and_remember(s, past, w.x)
     return fs.FUSED
+
+
+@routine
+def fuse_filled(
+    s: State,
+    fr: Frames,
+    c: Settings,
+    past: Past,
+    w: Work,
+    log: Log,
+    m: int,
+    stream: int,
+    rank: int,
+) -> int:
+    """`fuse_rows` for rows that Python has filled; the frames follow."""
+    code = fuse_rows(s, c, past, w, log, m, stream, rank)
+    locate(s, fr, c)
+    return code
+
+
+@kernel
+def ping_passes(s: State, c: Settings, w: Work) -> int:
+    """FUSED if the ping in H, R, z would pass the gate, REFUSED, or S_NOT_DEFINITE."""
+    for a in range(3):
+        for b in range(3):
+            w.stated[a, b] = w.R[a, b]
+    if c.adaptive:
+        scale_noise(w.stated, s.noise[fs.DVL_ROW], c.floor)
+    w.nis[1] = 1.0
+    if not judge(w, s.P, w.H, w.stated, w.z, fs.VECTOR):
+        return fs.S_NOT_DEFINITE
+    return fs.FUSED if w.nis[0] <= c.gates[fs.VECTOR] else fs.REFUSED
 
 
 @kernel

@@ -27,15 +27,14 @@ def _clear(H: Array, m: int) -> None:
 
 @kernel
 def _rotate_covariance(R: Array, C: Array, Rm: Array) -> None:
-    """R = C Rm C^T for 3 x 3."""
+    """R = C Rm C^T for 3 x 3, symmetric to the bit."""
     for i in range(3):
+        x = C[i, 0] * Rm[0, 0] + C[i, 1] * Rm[1, 0] + C[i, 2] * Rm[2, 0]
+        y = C[i, 0] * Rm[0, 1] + C[i, 1] * Rm[1, 1] + C[i, 2] * Rm[2, 1]
+        z = C[i, 0] * Rm[0, 2] + C[i, 1] * Rm[1, 2] + C[i, 2] * Rm[2, 2]
         for j in range(i + 1):
-            s = 0.0
-            for k in range(3):
-                for n in range(3):
-                    s += C[i, k] * Rm[k, n] * C[j, n]
-            R[i, j] = s
-            R[j, i] = s
+            R[i, j] = x * C[j, 0] + y * C[j, 1] + z * C[j, 2]
+            R[j, i] = R[i, j]
 
 
 @kernel
@@ -94,25 +93,26 @@ def dvl_rows(
     lever_velocity_b1 = w2 * l0 - w0 * l2
     lever_velocity_b2 = w0 * l1 - w1 * l0
     for i in range(3):
-        s = -(
+        z[i] = v_G[i] + (
             C_b_G[i, 0] * lever_velocity_b0
             + C_b_G[i, 1] * lever_velocity_b1
             + C_b_G[i, 2] * lever_velocity_b2
         )
-        for k in range(3):
-            gain = 1.0 / (1.0 + scale_m[k])
-            corrected = (v_m[k] - markov_m[k]) * gain
-            s += C_m_G[i, k] * corrected
-            predicted = (
-                C_m_b[0, k] * lever_velocity_b0
-                + C_m_b[1, k] * lever_velocity_b1
-                + C_m_b[2, k] * lever_velocity_b2
-            )
-            for n in range(3):
-                predicted += C_m_G[n, k] * v_G[n]
+    for k in range(3):
+        gain = 1.0 / (1.0 + scale_m[k])
+        corrected = (v_m[k] - markov_m[k]) * gain
+        predicted = (
+            C_m_b[0, k] * lever_velocity_b0
+            + C_m_b[1, k] * lever_velocity_b1
+            + C_m_b[2, k] * lever_velocity_b2
+        )
+        for n in range(3):
+            predicted += C_m_G[n, k] * v_G[n]
+        for i in range(3):
+            z[i] -= C_m_G[i, k] * corrected
             H[i, SCALE + k] = -C_m_G[i, k] * predicted * gain
             H[i, MARKOV + k] = -C_m_G[i, k] * gain
-        z[i] = v_G[i] - s
+    for i in range(3):
         H[i, DV + i] = 1.0
         # C (eps x lever) = -C [lever x] eps
         H[i, GYRO] = -(C_b_G[i, 1] * l2 - C_b_G[i, 2] * l1)

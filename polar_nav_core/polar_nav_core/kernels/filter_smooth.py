@@ -9,7 +9,7 @@ from __future__ import annotations
 from ..arrays import Array
 from . import filter_state as fs
 from .cache import kernel, routine
-from .filter import Ints, N, cholesky, nis_of, predict, update
+from .filter import COUPLED, NAV, Ints, N, cholesky, nis_of, predict, update
 from .filter_clone import (
     clone_begin,
     clone_fuse,
@@ -203,13 +203,13 @@ def filter_again(
             Phi = past.transitions[number % past.transitions.shape[0]]
             slot = number % log.step_P.shape[0]
             predict(P, Phi, log.step_q[slot], w.M)
-            for i in range(N):
+            for i in range(NAV):
                 total = 0.0
-                for k in range(N):
+                for k in range(COUPLED):
                     total += Phi[i, k] * change[k]
                 work24[i] = total
             for i in range(N):
-                change[i] = work24[i]
+                change[i] = work24[i] if i < NAV else Phi[i, i] * change[i]
                 for j in range(N):
                     log.step_P[slot, i, j] = P[i, j]
         elif kind == fs.REMOVED:
@@ -248,8 +248,10 @@ def _update_again(
     for a in range(3):
         total = log.z[u, a]
         for k in range(N):
-            w.H[a, k] = log.H[u, a, k]
-            total += w.H[a, k] * change[k]
+            h = log.H[u, a, k]
+            w.H[a, k] = h
+            if h != 0.0:
+                total += h * change[k]
         w.z[a] = total
         for b in range(3):
             w.R[a, b] = log.R[u, a, b]
@@ -271,7 +273,7 @@ def _update_again(
         outcome[8] = enlarge(w, c)
         if c.adaptive:
             learn_noise(s.noise[fs.FIX_ROW], w.z, w.stated, c.forgetting, outcome[8])
-    update(P, w.x, w.H, w.R, w.z, m, w.K, w.PHt, w.L, w.M)
+    update(P, w.x, w.S, w.z, m, w.K, w.PHt, w.L, w.M)
     for k in range(N):
         before = log.x[u, k] if kind == fs.UPDATE else 0.0
         change[k] += before - w.x[k]

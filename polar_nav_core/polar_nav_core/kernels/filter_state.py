@@ -13,6 +13,7 @@ import numpy as np
 
 from ..arrays import Array
 from .filter import COUPLED, NAV, Ints, N
+from .filter_model import E
 
 # Indexes of State.counters.
 STAMP = 0
@@ -25,7 +26,15 @@ IMU = 6
 DEPTH = 7
 DVL = 8
 FIX = 9
-COUNTERS = 10
+NEXT = 10  # stamp from which on a sample ends the covariance step that runs
+HELD = 11  # 1 while State.held is good
+CONTROL = 12
+THRUST_NS = 13
+IMPULSE_NS = 14
+LOCK_NS = 15
+GOOD_PINGS = 16
+GOOD_NS = 17
+COUNTERS = 18
 
 # Rows of State.tally and of State.noise, columns of State.tally.
 DVL_ROW = 0
@@ -42,8 +51,10 @@ DONE = 0
 P_NOT_DEFINITE = -1
 S_NOT_DEFINITE = -2
 FULL = -3
+STOPPED = -4
 
 IMU_RANK = 0
+CONTROL_RANK = 1
 DEPTH_RANK = 2
 DVL_RANK = 3
 FIX_RANK = 4
@@ -75,10 +86,25 @@ class State(NamedTuple):
     omega_ib_b: Array
     increments: Array  # (4, 3): angle and velocity of this sample, then of the one before
     sums: Array  # (6, 3): see filter_imu.imu_step
+    held: Array  # (8,): surroundings of the strapdown, held over a covariance step
     previous: Array  # (2, 3): the last sample as it came, rate and specific force
     noise: Array  # (3, 4): per stream b^k and the ratio of adapted to stated variance per axis
     previous_dt: Array  # (1,)
     P: Array
+    model: Array  # (MODEL_ROWS, 7) where the vehicle's model takes part, else without rows
+
+
+# Rows of State.model: P_xe, P_ee, the estimate e, the thrust.
+P_XE = 0
+P_EE = N
+MEAN = N + E
+THRUST = N + E + 1
+MODEL_ROWS = N + E + 2
+MODEL = MODEL_ROWS * E
+IMPULSE = 3
+LOCKED = 6
+"""Columns of row THRUST: force in force [N], its integral over the filter step, and, in output
+only, whether the DVL is in use."""
 
 
 _SHAPES = {
@@ -93,6 +119,7 @@ _SHAPES = {
     'omega_ib_b': (3,),
     'increments': (4, 3),
     'sums': (6, 3),
+    'held': (8,),
     'previous': (2, 3),
     'noise': (3, 4),
     'previous_dt': (1,),
@@ -103,8 +130,8 @@ NAVIGATION = 30
 """Leading values of State.flat: C_b_G, v_G, r_e and the fifteen sensor errors."""
 
 
-def make_state() -> State:
-    """Return a state of zeros."""
+def make_state(*, model: bool = False) -> State:
+    """Return a state of zeros, with room for a vehicle's model or without."""
     flat = np.zeros(FLAT)
     views, start = {}, 0
     for name, shape in _SHAPES.items():
@@ -112,15 +139,15 @@ def make_state() -> State:
         views[name] = flat[start : start + size].reshape(shape)
         start += size
     counters, counting = np.zeros(COUNTERS, dtype=np.int64), np.ones(1, dtype=np.int64)
-    return State(flat, counters, np.zeros((3, 3)), counting, **views)
+    block = np.zeros((MODEL_ROWS if model else 0, E))
+    return State(flat, counters, np.zeros((3, 3)), counting, **views, model=block)
 
 
 class Frames(NamedTuple):
-    """What follows from the state: frames, rates, the transponder's place."""
+    """What follows from the state: frames, earth rate, the transponder's place."""
 
     C_e_G: Array
     omega_ie_G: Array
-    omega_eG_G: Array
     lever_G: Array
     point_e: Array
     velocity_e: Array
@@ -132,12 +159,32 @@ def make_frames() -> Frames:
     return Frames(
         C_e_G=np.zeros((3, 3)),
         omega_ie_G=np.zeros(3),
-        omega_eG_G=np.zeros(3),
         lever_G=np.zeros(3),
         point_e=np.zeros(3),
         velocity_e=np.zeros(3),
         height=np.zeros(1),
     )
+
+
+class Aiding(NamedTuple):
+    """The vehicle's model, and how the filter uses it."""
+
+    on: bool
+    numbers: Array  # (6, 3), rows below
+    thrust_ns: int  # how long a thrust holds that no newer one follows
+    lost_ns: int  # without a good ping for longer: bottom lock is lost
+    pings: int  # good ones in a row until the DVL is used again
+
+
+# Rows of Aiding.numbers. WALKS: variances per second of v_r, V_c and both of the drag's.
+# DIFFERENCE: variance of v_G - C_b_G v_r - V_c, horizontal and vertical, and its time. OTHER: net
+# buoyancy, speed at which ln Dt and f are stated, variance per second of v_r without a thrust.
+INERTIA = 0
+LINEAR = 1
+QUADRATIC = 2
+WALKS = 3
+DIFFERENCE = 4
+OTHER = 5
 
 
 class Settings(NamedTuple):
@@ -150,6 +197,7 @@ class Settings(NamedTuple):
     active: int  # leading states that the covariance must be positive definite in
     estimates_usbl_bias: bool
     adaptive: bool
+    back_propagates: bool  # fixes of the streams are late: they stand where they were received
     forgetting: float
     floor: float
     robust: int  # how fixes far off are weighted down: index in params.ROBUST_FIXES
@@ -163,6 +211,7 @@ class Settings(NamedTuple):
     lever_point_b: Array
     lever_dvl_b: Array
     lever_depth_b: Array
+    aiding: Aiding
 
 
 class Work(NamedTuple):
@@ -191,8 +240,9 @@ class Work(NamedTuple):
     omega: Array
     f: Array
     point_e: Array
+    velocity_e: Array
     LU: Array
-    pivot: Ints
+    model: Array  # rows of 7 (filter_aiding)
 
 
 def make_work() -> Work:
@@ -229,8 +279,9 @@ def make_work() -> Work:
         omega=three(),
         f=three(),
         point_e=three(),
+        velocity_e=three(),
         LU=np.zeros((NAV, NAV)),
-        pivot=np.zeros(NAV, dtype=np.int64),
+        model=np.zeros((49, E)),
     )
 
 
@@ -244,6 +295,7 @@ class Past(NamedTuple):
     steps: Ints
     firsts: Ints
     transitions: Array
+    inverses: Array  # of transitions that a late measurement has passed: filter_walk.invert
     corrections: Array
     correction_steps: Ints
 
@@ -251,7 +303,7 @@ class Past(NamedTuple):
 class Streams(NamedTuple):
     """Rings of measurements; ``counts`` says how many of each have come (order of counters)."""
 
-    counts: Ints  # (4,): IMU, depth, DVL, fix
+    counts: Ints  # (5,): IMU, depth, DVL, fix, control
     imu_stamps: Ints
     omega_ib_b: Array
     f_b: Array
@@ -261,11 +313,15 @@ class Streams(NamedTuple):
     dvl_stamps: Ints
     dvl_v_m: Array
     dvl_covariance_m: Array
-    fix_stamps: Ints  # by validity; only `rewind` has fixes here
+    fix_stamps: Ints  # of their place in the order: validity for `rewind`, else reception
+    fix_validities: Ints
     fix_r_e: Array
     fix_covariance_e: Array
     fix_array_heading: Array
     fix_outcomes: Array  # (n, 9): fused, NIS, innovation, its variances, enlargement
+    fix_notes: Ints  # (n, 3): steps gone back over, stamp of the state, rows of output so far
+    control_stamps: Ints  # nothing comes here without a vehicle's model
+    control_force_b: Array
 
 
 class Log(NamedTuple):
@@ -291,7 +347,7 @@ class Log(NamedTuple):
     K: Array
     S: Array
     L: Array
-    snapshot_flat: Array
+    snapshot_flat: Array  # State.flat, and State.model after it
     snapshot_counters: Ints
 
 
@@ -306,17 +362,17 @@ class Rows(NamedTuple):
 
     io: Ints  # (2,): stamp that is due (-1: none), number of rows
     stamps: Ints
-    flat: Array
+    flat: Array  # (n, 30), then State.model where there is one
     P: Array
     tally: Array
 
 
-def make_rows(capacity: int) -> Rows:
+def make_rows(capacity: int, *, model: bool = False) -> Rows:
     """Return room for so many rows of output; with none, outputs are not looked after."""
     return Rows(
         np.array([-1, 0], dtype=np.int64),
         np.zeros(capacity, dtype=np.int64),
-        np.zeros((capacity, NAVIGATION)),
+        np.zeros((capacity, NAVIGATION + (MODEL if model else 0))),
         np.zeros((capacity, N, N)),
         np.zeros((capacity, 3, 3)),
     )

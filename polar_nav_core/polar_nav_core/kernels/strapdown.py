@@ -88,21 +88,22 @@ def _turn_attitude(
 
 
 @kernel
-def navigate(
-    C_b_G: Array, v_G: Array, r_e: Array,
-    q_x: float, q_y: float, q_z: float, q_w: float,
-    d_x: float, d_y: float, d_z: float,
-    p_x: float, p_y: float, p_z: float,
-    dt: float,
-) -> None:  # fmt: skip
-    """Move the navigation state over a block of dt [s].
+def surroundings(
+    v_G: Array, r_e: Array, half: float
+) -> tuple[float, float, float, float, float, float, float, float]:
+    """What the place does to the navigation state, at where it will be in ``half`` [s].
 
-    q: rotation of the body in the block; d: C_b_G U, velocity by force [m/s]; p: C_b_G S, path by
-    force [m]; both with the grid axes of the block's start.
+    Returns
+    -------
+    u_x, u_y, u_z, inv_d : float
+        Up vector, ECEF, and 1/Delta: they give the grid frame and the earth rate.
+    k_EE, k_EN, k_NN : float
+        Curvatures [1/m].
+    g : float
+        Gravity [m/s^2].
     """
-    half = 0.5 * dt
-    # Position at mid-block. The normal of the similar ellipsoid through the point is along (x, y,
-    # z a^2/b^2): within e^2 h / R of the true up, far under a micrometre in v dt/2, and cheap.
+    # The normal of the similar ellipsoid through the point is along (x, y, z a^2/b^2): within
+    # e^2 h / R of the true up, far under a micrometre in v dt/2, and cheap.
     v_x = v_G[0]
     v_y = v_G[1]
     v_z = v_G[2]
@@ -119,14 +120,35 @@ def navigate(
         r_e[1] + half * i * (v_x * d2 * j + v_z * n_y),
         r_e[2] + m * n_z + o * n_x,
     )
+    k_EE, k_EN, k_NN = curvatures(-(u_y * inv_d) * u_z, u_x * inv_d, u_z, h, i_n)
+    return u_x, u_y, u_z, inv_d, k_EE, k_EN, k_NN, gravity(u_z, h)
 
-    # Rates and gravity there.
+
+@kernel
+def move(
+    C_b_G: Array, v_G: Array, r_e: Array,
+    q_x: float, q_y: float, q_z: float, q_w: float,
+    d_x: float, d_y: float, d_z: float,
+    p_x: float, p_y: float, p_z: float,
+    dt: float,
+    u_x: float, u_y: float, u_z: float, inv_d: float,
+    k_EE: float, k_EN: float, k_NN: float,
+    g: float,
+) -> None:  # fmt: skip
+    """Move the navigation state over a block of dt [s] in given `surroundings`.
+
+    q: rotation of the body in the block; d: C_b_G U, velocity by force [m/s]; p: C_b_G S, path by
+    force [m]; both with the grid axes of the block's start.
+    """
+    half = 0.5 * dt
+    v_x = v_G[0]
+    v_y = v_G[1]
+    v_z = v_G[2]
     kappa = u_y * inv_d
     ie_x = -OMEGA_IE * kappa * u_z
     ie_y = OMEGA_IE * u_x * inv_d
     ie_z = OMEGA_IE * u_z
-    k_EE, k_EN, k_NN = curvatures(-kappa * u_z, u_x * inv_d, u_z, h, i_n)
-    g = gravity(u_z, h) * dt
+    g *= dt
 
     # Velocity and path, first with the rates of the old velocity, then with those of the mean
     # velocity.
@@ -184,6 +206,22 @@ def navigate(
     _turn_attitude(
         C_b_G, q_x, q_y, q_z, q_w, dt * (ie_x + t_x), dt * (ie_y + t_y), dt * (ie_z + t_z)
     )
+
+
+@kernel
+def navigate(
+    C_b_G: Array, v_G: Array, r_e: Array,
+    q_x: float, q_y: float, q_z: float, q_w: float,
+    d_x: float, d_y: float, d_z: float,
+    p_x: float, p_y: float, p_z: float,
+    dt: float,
+) -> None:  # fmt: skip
+    """`move` in the `surroundings` at mid-block."""
+    u_x, u_y, u_z, inv_d, k_EE, k_EN, k_NN, g = surroundings(v_G, r_e, 0.5 * dt)
+    move(
+        C_b_G, v_G, r_e, q_x, q_y, q_z, q_w, d_x, d_y, d_z, p_x, p_y, p_z, dt,
+        u_x, u_y, u_z, inv_d, k_EE, k_EN, k_NN, g,
+    )  # fmt: skip
 
 
 @kernel
@@ -253,6 +291,37 @@ def strapdown_step_uneven(
         dtheta_prev_b[0], dtheta_prev_b[1], dtheta_prev_b[2],
         dvel_prev_b[0], dvel_prev_b[1], dvel_prev_b[2],
         dt, coning_weight(dt, dt_prev),
+    )  # fmt: skip
+
+
+@kernel
+def strapdown_step_held(
+    C_b_G: Array,
+    v_G: Array,
+    r_e: Array,
+    increments: Array,
+    dt: float,
+    dt_prev: float,
+    held: Array,
+) -> None:
+    """`strapdown_step_uneven` in `surroundings` (8,) that somebody holds over several steps.
+
+    increments, (4, 3): angle and velocity increment of this step, then of the one before.
+    """
+    q_x, q_y, q_z, q_w, w_x, w_y, w_z = body_sample(
+        increments[0, 0], increments[0, 1], increments[0, 2],
+        increments[1, 0], increments[1, 1], increments[1, 2],
+        increments[2, 0], increments[2, 1], increments[2, 2],
+        increments[3, 0], increments[3, 1], increments[3, 2],
+        coning_weight(dt, dt_prev),
+    )  # fmt: skip
+    d_x = C_b_G[0, 0] * w_x + C_b_G[0, 1] * w_y + C_b_G[0, 2] * w_z
+    d_y = C_b_G[1, 0] * w_x + C_b_G[1, 1] * w_y + C_b_G[1, 2] * w_z
+    d_z = C_b_G[2, 0] * w_x + C_b_G[2, 1] * w_y + C_b_G[2, 2] * w_z
+    h = 0.5 * dt
+    move(
+        C_b_G, v_G, r_e, q_x, q_y, q_z, q_w, d_x, d_y, d_z, h * d_x, h * d_y, h * d_z, dt,
+        held[0], held[1], held[2], held[3], held[4], held[5], held[6], held[7],
     )  # fmt: skip
 
 

@@ -77,7 +77,8 @@ class Loops(NamedTuple):
 def law(coefficients: Array, t: float) -> float:
     """Mean and two sines of time."""
     c = coefficients
-    return c[0] + c[1] * math.sin(c[2] * t + c[3]) + c[4] * math.sin(c[5] * t + c[6])
+    value: float = c[0] + c[1] * math.sin(c[2] * t + c[3]) + c[4] * math.sin(c[5] * t + c[6])
+    return value
 
 
 @routine

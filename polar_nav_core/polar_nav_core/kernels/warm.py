@@ -90,6 +90,9 @@ def warm_up() -> None:
     strapdown.warm_up()
     warm_filter()
     warm_station()
+    from ..identification import identifier  # above the kernels, as the engine
+
+    identifier.warm_up()
 
 
 if __name__ == '__main__':

@@ -6,11 +6,16 @@ p_F(t3) = p_L(t4) + C_G_e(leader) r_lf_G, with the covariances of both.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from polar_nav_core import grid, station_packet
 from polar_nav_core.engine.events import Array, Fix, Verdict
 from polar_nav_core.packet import Broadcast, PacketError, decode
+from polar_nav_core.packets import Broadcasts, decode_many, is_readable
 
 from ..params import FollowerParams
 
@@ -23,13 +28,41 @@ _LAST_STAMP_NS = (1 << 31) * 1_000_000_000
 
 def position_of(b: Broadcast) -> tuple[Array, Array]:
     """Position of the transponder at t3 and its covariance, ECEF, (3,) [m] and (3, 3) [m^2]."""
-    C_e_G = grid.ecef_to_grid(b.leader_r_e)
-    covariance_G = b.r_lf_covariance_G + np.diag(
-        [b.leader_sigma_horizontal**2] * 2 + [b.leader_sigma_vertical**2]
+    r_e, covariance_e = _positions(
+        b.leader_r_e[None],
+        np.array([b.leader_sigma_horizontal]),
+        np.array([b.leader_sigma_vertical]),
+        b.r_lf_G[None],
+        b.r_lf_covariance_G[None],
     )
-    r_e = b.leader_r_e + np.einsum('ji,j->i', C_e_G, b.r_lf_G)
-    covariance_e = np.einsum('ki,kl,lj->ij', C_e_G, covariance_G, C_e_G)
-    return r_e, 0.5 * (covariance_e + covariance_e.T)
+    return r_e[0], covariance_e[0]
+
+
+def _positions(
+    leader_r_e: Array, horizontal: Array, vertical: Array, r_lf_G: Array, covariance_G: Array
+) -> tuple[Array, Array]:
+    """Positions and covariances, ECEF, (n, 3) and (n, 3, 3).
+
+    Sums are written out, so that a row does not depend on how many there are.
+    """
+    C_e_G = np.asarray(grid.ecef_to_grid(leader_r_e))
+    covariance_G = covariance_G.copy()
+    for axis, sigma in enumerate((horizontal, horizontal, vertical)):
+        covariance_G[:, axis, axis] += sigma * sigma
+    x, y, z = (C_e_G[:, axis] for axis in range(3))
+    r_e = leader_r_e + (x * r_lf_G[:, 0:1] + y * r_lf_G[:, 1:2] + z * r_lf_G[:, 2:3])
+    half = (
+        covariance_G[:, :, 0, None] * x[:, None]
+        + covariance_G[:, :, 1, None] * y[:, None]
+        + covariance_G[:, :, 2, None] * z[:, None]
+    )
+    covariance_e = (
+        x[:, :, None] * half[:, None, 0]
+        + y[:, :, None] * half[:, None, 1]
+        + z[:, :, None] * half[:, None, 2]
+    )
+    symmetric = 0.5 * (covariance_e + covariance_e.transpose(0, 2, 1))
+    return r_e, np.ascontiguousarray(symmetric)
 
 
 def fix_from_packet(
@@ -99,6 +132,81 @@ def fix_from_packet(
         array_heading=b.leader_grid_heading,
     )
     return fix, b
+
+
+class Packet(NamedTuple):
+    """What the follower takes of one AcousticPacket."""
+
+    data: bytes
+    source: str
+    sequence: int
+    transmit_ns: int
+    receive_ns: int
+
+
+def fixes_from_packets(packets: Sequence[Packet], params: FollowerParams) -> list[Fix]:
+    """`fix_from_packet` of many packets, numbered as they come, to the same bits.
+
+    Those that hold a position for this vehicle are read all at once, the others one by one.
+    """
+    fixes: dict[int, Fix] = {}
+    numbers = [n for n, packet in enumerate(packets) if is_readable(packet.data)]
+    if numbers:
+        received_ns = np.array([packets[n].receive_ns for n in numbers], dtype=np.int64)
+        b = decode_many([packets[n].data for n in numbers], received_ns)
+        distance = np.sqrt(np.sum(b.leader_r_e**2, axis=1))
+        plain = (
+            (b.source == params.leader_id)
+            & (b.target == params.own_id)
+            & (b.validity_ns >= 0)
+            & (b.return_ns < _LAST_STAMP_NS)
+            & (distance > _EARTH[0] + 1.0)
+            & (distance < _EARTH[1] - 1.0)
+        )
+        fixes = _plain_fixes(packets, np.array(numbers), b, np.flatnonzero(plain))
+    return [
+        fixes[n] if n in fixes else fix_from_packet(*p[:3], n, *p[3:], params)[0]
+        for n, p in enumerate(packets)
+    ]
+
+
+def _plain_fixes(
+    packets: Sequence[Packet], numbers: NDArray[np.int64], b: Broadcasts, rows: NDArray[np.intp]
+) -> dict[int, Fix]:
+    """Fixes of some rows of ``b``, by the number of the packet; none if one place has no axes."""
+    try:
+        r_e, covariance_e = _positions(
+            b.leader_r_e[rows],
+            b.leader_sigma_horizontal[rows],
+            b.leader_sigma_vertical[rows],
+            b.r_lf_G[rows],
+            b.r_lf_covariance_G[rows],
+        )
+    except ValueError:
+        return {}
+    columns = (
+        numbers[rows].tolist(),
+        b.validity_ns[rows].tolist(),
+        b.sequence[rows].tolist(),
+        r_e,
+        covariance_e,
+        b.leader_grid_heading[rows].tolist(),
+    )
+    return {
+        n: Fix(
+            validity_ns=validity_ns,
+            transmit_ns=packets[n].transmit_ns,
+            receive_ns=packets[n].receive_ns,
+            source=packets[n].source,
+            sequence=sequence,
+            order=packets[n].sequence,
+            arrival=n,
+            r_e=position,
+            covariance_e=covariance,
+            array_heading=heading,
+        )
+        for n, validity_ns, sequence, position, covariance, heading in zip(*columns, strict=True)
+    }
 
 
 def _of_a_station(data: bytes) -> str:

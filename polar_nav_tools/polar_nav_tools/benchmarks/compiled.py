@@ -64,5 +64,5 @@ def filter_cycles(
         innovation_covariance(S, PHt, P, H, R, 3)
         if not cholesky(L, S, 3):
             return False
-        update(P, x, H, R, z[k], 3, K, PHt, L, M)
+        update(P, x, S, z[k], 3, K, PHt, L, M)
     return True

@@ -94,7 +94,7 @@ class Core:
             kf.predict(P, m.Phi, m.q, w['M'])
             kf.innovation_covariance(w['S'], w['PHt'], P, m.H, m.R, 3)
             kf.cholesky(w['L'], w['S'], 3)
-            kf.update(P, x, m.H, m.R, z, 3, w['K'], w['PHt'], w['L'], w['M'])
+            kf.update(P, x, w['S'], z, 3, w['K'], w['PHt'], w['L'], w['M'])
         return P
 
     def loop(self) -> Array:
@@ -120,7 +120,7 @@ class Core:
         for z in self._rows:
             kf.innovation_covariance(w['S'], w['PHt'], P, m.H, m.R, 3)
             kf.cholesky(w['L'], w['S'], 3)
-            kf.update(P, x, m.H, m.R, z, 3, w['K'], w['PHt'], w['L'], w['M'])
+            kf.update(P, x, w['S'], z, 3, w['K'], w['PHt'], w['L'], w['M'])
         return P
 
 

@@ -158,11 +158,13 @@ def core_called(r: Record) -> Callable[[], State]:
 
     def run() -> State:
         C, v, p = r.start()
-        increments, sums = np.zeros((4, 3)), np.zeros((6, 3))
+        increments, sums, held = np.zeros((4, 3)), np.zeros((6, 3)), np.zeros(8)
         dt_prev = 0.0
-        for omega_ib_b, f_b in zip(rates, forces, strict=True):
+        for k, (omega_ib_b, f_b) in enumerate(zip(rates, forces, strict=True)):
+            if k % BLOCK == 0:
+                filter_imu.hold_surroundings(held, v, p, BLOCK * r.dt)
             filter_imu.imu_step(
-                C, v, p, zero, zero, omega_ib_b, f_b, increments, r.dt, dt_prev, sums
+                C, v, p, zero, zero, omega_ib_b, f_b, increments, r.dt, dt_prev, sums, held
             )
             dt_prev = r.dt
         return C, v, p

@@ -79,7 +79,9 @@ def chi_square_band(dof: ArrayLike, probability: float = PROBABILITY) -> tuple[F
         raise ValueError(f'probability={probability} must be in (0, 1)')
     half = np.asarray(dof, dtype=np.float64) / 2.0
     tail = (1.0 - probability) / 2.0
-    return 2.0 * gammaincinv(half, tail), 2.0 * gammaincinv(half, 1.0 - tail)
+    each, at = np.unique(half, return_inverse=True)  # few among hundreds of thousands
+    low, high = 2.0 * gammaincinv(each, tail), 2.0 * gammaincinv(each, 1.0 - tail)
+    return low[at].reshape(half.shape), high[at].reshape(half.shape)
 
 
 def normalized_squared(error: ArrayLike, covariance: ArrayLike) -> Floats:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import asdict, dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,8 +60,7 @@ class Availability:
         return record(asdict(self))
 
 
-@dataclass(frozen=True)
-class TimedFix:
+class TimedFix(NamedTuple):
     """A receipt whose validity and reception are both known."""
 
     receipt: Receipt

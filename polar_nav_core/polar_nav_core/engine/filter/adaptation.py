@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from ..params import NOISE_ADAPTATION
+from ..params import COMPILED_NOISE, NOISE_ADAPTATION
 from .noise import MeasurementNoise, ProcessNoise
 from .sage_husa import GuardedNoise, GuardedProcess
 
-COMPILED = ('none', 'adaptive_r')
+COMPILED = COMPILED_NOISE
 """Known to the compiled filter: nothing of them is left to Python."""
 PRINTED = ('sage_husa_unguarded', 'sage_husa_published')
 """These are whole filters of their own (published.py)."""

@@ -29,6 +29,7 @@ from .navigation import NavigationFilter, Outcome
 class _Late:
     """A late fix that was fused as a clone: where it belongs, and the correction it is in."""
 
+    receive_ns: int
     validity_ns: int
     epochs: int
     number: int
@@ -109,7 +110,7 @@ class Clone(Fusion):
             log.stamps[i], log.ranks[i] = fix.receive_ns, Rank.FIX
             log.epochs[i] = f.history.count
             log.counts[0] += 1
-            self._late[number] = _Late(fix.validity_ns, epoch.number + 1, number)
+            self._late[number] = _Late(fix.receive_ns, fix.validity_ns, epoch.number + 1, number)
             self._forget_late()
         return outcome
 
@@ -125,7 +126,7 @@ class Clone(Fusion):
         number = f.history.correction
         u = number % len(log.H)
         log.H[u], log.R[u], log.z[u] = w.H, w.R, w.z
-        new = _Late(fix.validity_ns, epoch.number + 1, number)
+        new = _Late(fix.receive_ns, fix.validity_ns, epoch.number + 1, number)
         moved = self._late_inside(start)
         entries = self._entries(start)
         order, removed = _reordered(entries, moved, new)
@@ -214,12 +215,12 @@ class Clone(Fusion):
 
     def _late_inside(self, place: int) -> list[_Late]:
         """Late fixes that stand at or after ``place``, where they were fused."""
-        if not self._late:
-            return []
         log = self.filter.log
-        i = np.arange(place, int(log.counts[0])) % len(log.kinds)
-        updates = i[log.kinds[i] == fs.UPDATE]
-        return [self._late[n] for n in log.numbers[updates].tolist() if n in self._late]
+        if not self._late or place == log.counts[0]:
+            return []
+        i = place % len(log.kinds)
+        key = (int(log.stamps[i]), int(log.ranks[i]))  # entries stand in the order of these
+        return [late for late in self._late.values() if (late.receive_ns, Rank.FIX) >= key]
 
     def _entries(self, start: int) -> _Order:
         log = self.filter.log

@@ -139,10 +139,12 @@ class Fusion:
 
     def control(self, sample: ControlSample) -> None:
         """Take note of the thrust; without a vehicle model there is no use for it."""
+        if self.filter.settings.aiding.on:
+            self.filter.control(sample)
 
     def model(self) -> ModelEstimate | None:
         """What is known of vehicle and water; None without a vehicle model."""
-        return None
+        return self.filter.model_estimate()
 
     def fix(self, fix: Fix) -> FixResult | None:
         """Fuse a fix; None when the stored history does not reach back to its validity."""
@@ -262,13 +264,8 @@ class BackPropagate(Fusion):
 
     def fix(self, fix: Fix) -> FixResult | None:
         """Fuse a fix with its rows brought through the stored transitions."""
-        f = self.filter
-        epoch = f.history.before(fix.validity_ns)
-        if epoch is None:
-            return None
-        self._fuse_at(fix, epoch, fix.validity_ns)
-        steps = f.walk_to_now(epoch.step, epoch.correction)
-        return FixResult(self._take(), steps)
+        steps = self.filter.fill_late_fix(fix)
+        return None if steps < 0 else FixResult(self._take(), steps)
 
 
 def array_axes(f: NavigationFilter, fix: Fix) -> Array:

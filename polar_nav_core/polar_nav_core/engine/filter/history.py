@@ -14,6 +14,7 @@ import numpy as np
 from ...kernels import filter_state as fs
 from ...kernels.filter import N
 from ...kernels.filter_events import epoch_place
+from ...kernels.filter_walk import INVERSE
 from ..events import Array
 
 IMU_PERIOD_S = 0.004
@@ -49,10 +50,15 @@ class Epoch:
     correction: int
 
 
-def make_past(length_s: float, step_s: float) -> fs.Past:
-    """Rings of epochs, transitions and corrections for so many seconds."""
+def make_past(length_s: float, step_s: float, *, model: bool = False) -> fs.Past:
+    """Rings of epochs, transitions and corrections for so many seconds.
+
+    A vehicle's model corrects at each step.
+    """
     epochs = int(length_s / IMU_PERIOD_S) + 2
-    corrections = int(length_s * CORRECTIONS_PER_S) + 16
+    rate = CORRECTIONS_PER_S + (1.0 / step_s if model else 0.0)
+    corrections = int(length_s * rate) + 16
+    steps = int(length_s / step_s) + 2
     return fs.Past(
         stamps=np.zeros(epochs, dtype=np.int64),
         positions=np.zeros((epochs, 3)),
@@ -60,7 +66,8 @@ def make_past(length_s: float, step_s: float) -> fs.Past:
         levers=np.zeros((epochs, 3)),
         steps=np.zeros(epochs, dtype=np.int64),
         firsts=np.zeros(epochs, dtype=np.int64),
-        transitions=np.zeros((int(length_s / step_s) + 2, N, N)),
+        transitions=np.zeros((steps, N, N)),
+        inverses=np.zeros((steps, *INVERSE)),
         corrections=np.zeros((corrections, N)),
         correction_steps=np.zeros(corrections, dtype=np.int64),
     )

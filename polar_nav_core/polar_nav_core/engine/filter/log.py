@@ -8,7 +8,9 @@ from ...kernels import filter_state as fs
 from ...kernels.filter import N
 
 
-def make_log(past: fs.Past, *, steps: bool = False, snapshots: int = 0) -> fs.Log:
+def make_log(
+    past: fs.Past, *, steps: bool = False, snapshots: int = 0, model: bool = False
+) -> fs.Log:
     """Return a log as long as the history; a snapshot every so many steps, none for 0."""
     updates = len(past.corrections) if steps else 0
     stored = len(past.transitions) if steps else 0
@@ -31,6 +33,6 @@ def make_log(past: fs.Past, *, steps: bool = False, snapshots: int = 0) -> fs.Lo
         K=np.zeros((updates, 3, N)),
         S=np.zeros((updates, 3, 3)),
         L=np.zeros((updates, 3, 3)),
-        snapshot_flat=np.zeros((kept, fs.FLAT)),
+        snapshot_flat=np.zeros((kept, fs.FLAT + (fs.MODEL if model else 0))),
         snapshot_counters=np.zeros((kept, fs.COUNTERS), dtype=np.int64),
     )

@@ -19,10 +19,20 @@ from ...errors import FilterDivergence
 from ...kernels import filter as kf
 from ...kernels import filter_events as fe
 from ...kernels import filter_fuse as ff
-from ...kernels import filter_run, filter_walk
+from ...kernels import filter_late, filter_run, filter_walk
 from ...kernels import filter_state as fs
-from ..events import Array, DepthSample, DvlPing, ImuSample, InitialState
+from ..events import (
+    Array,
+    ControlSample,
+    DepthSample,
+    DvlPing,
+    Fix,
+    ImuSample,
+    InitialState,
+    ModelEstimate,
+)
 from ..params import ROBUST_FIXES, EngineParams
+from . import aiding
 from . import streams as st
 from .history import CORRECTIONS_PER_S, IMU_PERIOD_S, History, make_past
 from .log import make_log
@@ -77,18 +87,20 @@ class NavigationFilter:
         snapshots: bool = False,
     ) -> None:
         self._p = params
-        self.state = fs.make_state()
+        model = params.model_aiding
+        self.state = fs.make_state(model=model)
         self.frames = fs.make_frames()
         self.work = fs.make_work()
         self.settings = make_settings(params)
         # A late fix that stands in the log of steps where it was received may have to be put where
         # it belongs as long as a fix valid before its reception may come.
         length_s = params.history_s + (params.max_delay_s if steps else 0.0)
-        self.past = make_past(length_s, params.filter_period_s)
+        self.past = make_past(length_s, params.filter_period_s, model=model)
         self.log = make_log(
             self.past,
             steps=steps,
             snapshots=steps_per_snapshot(params.filter_period_s) if snapshots else 0,
+            model=model,
         )
         self.history = History(self.past, self.state)
         kept_s = params.history_s if snapshots else 0.0
@@ -100,8 +112,9 @@ class NavigationFilter:
         self._set_state(initial)
         weight = params.forgetting ** (1.0 / (1.0 - params.forgetting))  # b^k with k = k0
         self.state.noise[:] = [weight, 1.0, 1.0, 1.0]
-        self.state.counters[fs.STAMP] = stamp_ns
-        self.state.counters[fs.BOUNDARY] = stamp_ns
+        for k in (fs.STAMP, fs.IMPULSE_NS, fs.LOCK_NS):
+            self.state.counters[k] = stamp_ns
+        fe.begin_step(self.state, self.settings, stamp_ns)
         ff.locate(self.state, self.frames, self.settings)
         fe.add_epoch(self.state, self.settings, self.past)
         if steps:
@@ -144,6 +157,7 @@ class NavigationFilter:
         C_e_G = grid.ecef_to_grid(self.r_e)
         position_G = np.diag([s.sigma_position_horizontal**2] * 2 + [s.sigma_position_vertical**2])
         self.P[6:9, 6:9] = C_e_G.T @ position_G @ C_e_G
+        aiding.start(self.state, p)
 
     @property
     def stamp_ns(self) -> int:
@@ -218,6 +232,38 @@ class NavigationFilter:
         self.advance()
         return self.outcome(1, fused=bool(self.state.tally[fs.DEPTH_ROW, fs.GATED] == gated))
 
+    def control(self, sample: ControlSample) -> None:
+        """Take a thrust, which the vehicle's model needs."""
+        st.put_control(self.streams, sample)
+        self.advance()
+
+    def model_estimate(self) -> ModelEstimate | None:
+        """What is known of vehicle and water; None without a vehicle's model."""
+        c = self.settings.aiding
+        if not c.on:
+            return None
+        block = self.state.model.copy()
+        block[fs.THRUST, fs.LOCKED] = self.has_bottom_lock
+        return aiding.estimate_of(aiding.values_of(block[None], c)[0])
+
+    @property
+    def has_bottom_lock(self) -> bool:
+        """Whether the last ping that was used is not too long ago; for a vehicle's model only."""
+        age_ns = self.state.counters[fs.STAMP] - self.state.counters[fs.LOCK_NS]
+        return bool(age_ns <= self.settings.aiding.lost_ns)
+
+    @property
+    def since_bottom_lock_s(self) -> float:
+        """Time since the last ping that was used [s]."""
+        return float(self.state.counters[fs.STAMP] - self.state.counters[fs.LOCK_NS]) * 1e-9
+
+    @property
+    def knows_thrust(self) -> bool:
+        """Whether the newest thrust is new enough for a vehicle's model."""
+        counters = self.state.counters
+        age_ns = counters[fs.STAMP] - counters[fs.THRUST_NS]
+        return bool(counters[fs.THRUST_NS] > 0 and age_ns <= self.settings.aiding.thrust_ns)
+
     def outcome(self, m: int, *, fused: bool) -> Outcome:
         """Outcome of the update that stands in the scratch."""
         w = self.work
@@ -226,6 +272,13 @@ class NavigationFilter:
         innovation[:m] = w.z[:m]
         gate = float(self.settings.gates[m])
         return Outcome(fused, innovation, variance, float(w.nis[0]), m, gate, float(w.nis[1]))
+
+    def outcome_of(self, row: Array) -> Outcome:
+        """Outcome of a fix that compiled code took, from its row of ``fix_outcomes``."""
+        fused, nis, *values, enlargement = row.tolist()
+        z, variance = np.array(values[:3]), np.array(values[3:])
+        gate = float(self.settings.gates[3])
+        return Outcome(fused == fs.FUSED, z, variance, nis, 3, gate, enlargement)
 
     def taken_local_statistics(self) -> Array:
         """Of DVL and depth since the last call: used, gated, sum of NIS; shape (2, 3)."""
@@ -238,7 +291,7 @@ class NavigationFilter:
 
     def fuse_fix(self) -> Outcome:
         """Gate, update and feed back the fix in ``H``, ``R``, ``z``."""
-        code = ff.fuse_rows(
+        code = ff.fuse_filled(
             self.state,
             self.frames,
             self.settings,
@@ -282,7 +335,7 @@ class NavigationFilter:
             w.L[:m, :m] *= math.sqrt(factor)
             w.nis[1] = factor
         noise.learn(w.z / math.sqrt(factor), stated, S)
-        kf.update(self.P, w.x, w.H, w.R, w.z, m, w.K, w.PHt, w.L, w.M)
+        kf.update(self.P, w.x, w.S, w.z, m, w.K, w.PHt, w.L, w.M)
         if self.process is not None:
             self.process.learn(w.K[:m], w.z[:m], w.S[:m, :m])
         self.feed_back(w.x)
@@ -314,6 +367,28 @@ class NavigationFilter:
         since = np.arange(first_correction, h.correction) % len(h.corrections)
         self.z -= self.H @ h.corrections[since].sum(axis=0)
 
+    def fill_late_fix(self, fix: Fix) -> int:
+        """Rows of a late fix, brought to now, into ``H``, ``R``, ``z``.
+
+        Returns
+        -------
+        int
+            Covariance steps since its validity; below zero when the history does not reach there.
+        """
+        return int(
+            filter_late.fill_late_fix(
+                self.state,
+                self.frames,
+                self.settings,
+                self.past,
+                self.work,
+                fix.validity_ns,
+                fix.r_e,
+                fix.covariance_e,
+                fix.array_heading,
+            )
+        )
+
     def walk_to_now(self, first_step: int, first_correction: int) -> int:
         """Bring the rows in ``H`` and ``z`` from a stored step to now; the number of steps."""
         h, w = self.history, self.work
@@ -322,6 +397,7 @@ class NavigationFilter:
             self.z,
             3,
             h.transitions,
+            self.past.inverses,
             first_step,
             h.step,
             h.corrections,
@@ -329,7 +405,6 @@ class NavigationFilter:
             first_correction,
             h.correction,
             w.LU,
-            w.pivot,
         )
         return h.step - first_step
 
@@ -355,6 +430,7 @@ def make_settings(p: EngineParams) -> fs.Settings:
         active=0 if adapts_Q else kf.N if estimated else kf.USBL,
         estimates_usbl_bias=estimated,
         adaptive=c.noise_adaptation == 'adaptive_r',
+        back_propagates=c.delay_handling == 'back_propagate',
         forgetting=p.forgetting,
         floor=p.adaptive_floor,
         robust=ROBUST_FIXES.index(c.robust_fixes),
@@ -368,6 +444,7 @@ def make_settings(p: EngineParams) -> fs.Settings:
         lever_point_b=np.array(p.transponder_lever_b),
         lever_dvl_b=np.array(p.dvl_lever_b),
         lever_depth_b=np.array(p.depth_lever_b),
+        aiding=aiding.make_aiding(p),
     )
 
 

@@ -10,14 +10,12 @@ from __future__ import annotations
 from bisect import bisect_left
 from typing import TypeAlias
 
-import numpy as np
-
 from ...kernels import filter_run
 from ...kernels import filter_state as fs
 from ..events import Array, Fix, InitialState, Rank
 from ..params import EngineParams
 from .fusion import FixResult, Fusion
-from .navigation import NavigationFilter, Outcome
+from .navigation import NavigationFilter
 from .streams import insert_fix
 
 _Key: TypeAlias = tuple[int, int, int]
@@ -64,33 +62,39 @@ class Rewind(Fusion):
         insert_fix(f.streams, fix, self._first + place)
         self._fixes.insert(place, fix)
         self._keys.insert(place, key)
-        before, steps = self._outcomes(), f.history.step
-        if late:
-            filter_run.restore(f.state, f.frames, f.settings, f.log, number)
-            steps -= f.history.step
-        else:
-            steps = 0
-        self._process_again(fix)
-        after = self._outcomes()
-        own = self._outcome(after[place])
+        before = self._outcomes(place + 1)
+        steps = f.history.step - self._snapshot_counter(number, fs.STEPS) if late else 0
+        self._process_again(fix, number if late else -1)
+        own, *after = self._outcomes(place)
+        # Of the fixes before it nothing changes.
         revised = tuple(
-            (self._fixes[i], self._outcome(after[i]))
-            for i in range(len(after))
-            if i != place and after[i, 0] != before[i, 0]
+            (self._fixes[i], f.outcome_of(new))
+            for i, (old, new) in enumerate(zip(before, after, strict=True), start=place + 1)
+            if old[0] != new[0]
         )
         self._forget(fix.receive_ns - self._length_ns)
-        return FixResult(own, steps, revised)
+        return FixResult(f.outcome_of(own), steps, revised)
 
-    def _process_again(self, fix: Fix) -> None:
-        """Process everything that was received before the fix, and the fix; no output."""
+    def _process_again(self, fix: Fix, snapshot: int) -> None:
+        """Process everything that was received before the fix, and the fix; no output.
+
+        From a snapshot on; -1: from the state as it is.
+        """
         f = self.filter
-        rows, f.rows = f.rows, fs.NO_ROWS
-        f.state.counting[0] = 0
-        try:
-            f.advance(fix.receive_ns, int(Rank.FIX) + 1)
-        finally:
-            f.state.counting[0] = 1
-            f.rows = rows
+        code = filter_run.process_again(
+            f.state,
+            f.frames,
+            f.settings,
+            f.past,
+            f.work,
+            f.log,
+            f.streams,
+            fix.receive_ns,
+            fs.FIX_RANK + 1,
+            fs.NO_ROWS,
+            snapshot,
+        )
+        f.check(code)
 
     def _comes_late(self, key: _Key) -> bool:
         """Whether anything that was processed stands after this place."""
@@ -108,51 +112,42 @@ class Rewind(Fusion):
                 return True
         return bool(self._keys) and self._keys[-1] > key
 
-    def _outcomes(self) -> Array:
-        """Rows of fix_outcomes of the fixes that are kept."""
+    def _outcomes(self, place: int) -> list[Array]:
+        """Rows of fix_outcomes of the fixes that are kept, from a place on; copies."""
         outcomes = self.filter.streams.fix_outcomes
-        numbers = np.arange(self._first, self._first + len(self._fixes)) % len(outcomes)
-        return outcomes[numbers]
-
-    def _outcome(self, row: Array) -> Outcome:
-        gate = float(self.filter.settings.gates[3])
-        return Outcome(
-            bool(row[0] == fs.FUSED),
-            row[2:5].copy(),
-            row[5:8].copy(),
-            float(row[1]),
-            3,
-            gate,
-            float(row[8]),
-        )
+        numbers = range(self._first + place, self._first + len(self._fixes))
+        return [outcomes[n % len(outcomes)].copy() for n in numbers]
 
     # -- snapshots --------------------------------------------------------------------------------
 
     def _snapshot_stamp(self, number: int) -> int:
+        return self._snapshot_counter(number, fs.STAMP)
+
+    def _snapshot_counter(self, number: int, counter: int) -> int:
         counters = self.filter.log.snapshot_counters
-        return int(counters[number % len(counters), fs.STAMP])
+        return int(counters[number % len(counters), counter])
 
     def _oldest_usable(self) -> int:
         """Oldest snapshot from which all inputs since are still stored."""
         log, streams = self.filter.log, self.filter.streams
         high = int(log.counts[1]) - 1
         low = max(0, high + 1 - len(log.snapshot_flat))
-        pairs = (
-            (fs.IMU, len(streams.imu_stamps), 0),
-            (fs.DEPTH, len(streams.depth_stamps), 1),
-            (fs.DVL, len(streams.dvl_stamps), 2),
-            (fs.FIX, len(streams.fix_stamps) - 1, 3),
-        )
+        processed = self.filter.state.counters.tolist()
+        oldest = {
+            fs.IMU: processed[fs.IMU] - len(streams.imu_stamps),
+            fs.DEPTH: processed[fs.DEPTH] - len(streams.depth_stamps),
+            fs.DVL: processed[fs.DVL] - len(streams.dvl_stamps),
+            fs.CONTROL: processed[fs.CONTROL] - len(streams.control_stamps),
+            fs.FIX: max(processed[fs.FIX] - len(streams.fix_stamps) + 1, self._first),
+        }
+        middle = low  # mostly there is room for all
         while low < high:
-            middle = (low + high) // 2
-            counters = log.snapshot_counters[middle % len(log.snapshot_counters)]
-            processed = self.filter.state.counters
-            if all(processed[c] - counters[c] <= room for c, room, _ in pairs) and (
-                counters[fs.FIX] >= self._first
-            ):
+            counters = log.snapshot_counters[middle % len(log.snapshot_counters)].tolist()
+            if all(counters[c] >= number for c, number in oldest.items()):
                 high = middle
             else:
                 low = middle + 1
+            middle = (low + high) // 2
         return low
 
     def _snapshot_before(self, stamp_ns: int) -> int | None:

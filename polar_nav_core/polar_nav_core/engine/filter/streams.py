@@ -6,20 +6,25 @@ ring keeps as much as `rewind` goes back over; a run's arrays keep everything.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from ...kernels import filter_state as fs
-from ..events import DepthSample, DvlPing, Fix, ImuSample
+from ..events import ControlSample, DepthSample, DvlPing, Fix, ImuSample
 
 FIXES = 4096
 """Room for the fixes that `rewind` keeps."""
 
 
 def live_streams(length_s: float, imu_rate: float, local_rate: float) -> fs.Streams:
-    """Rings for so many seconds; ``local_rate`` is of DVL and depth each [Hz]."""
+    """Rings for so many seconds; ``local_rate`` is of DVL and depth each [Hz].
+
+    Thrust may come as often as IMU samples.
+    """
     imu, local = int(length_s * imu_rate) + 16, int(length_s * local_rate) + 16
     return fs.Streams(
-        counts=np.zeros(4, dtype=np.int64),
+        counts=np.zeros(5, dtype=np.int64),
         imu_stamps=np.zeros(imu, dtype=np.int64),
         omega_ib_b=np.zeros((imu, 3)),
         f_b=np.zeros((imu, 3)),
@@ -29,12 +34,23 @@ def live_streams(length_s: float, imu_rate: float, local_rate: float) -> fs.Stre
         dvl_stamps=np.zeros(local, dtype=np.int64),
         dvl_v_m=np.zeros((local, 3)),
         dvl_covariance_m=np.zeros((local, 3, 3)),
-        fix_stamps=np.zeros(FIXES, dtype=np.int64),
-        fix_r_e=np.zeros((FIXES, 3)),
-        fix_covariance_e=np.zeros((FIXES, 3, 3)),
-        fix_array_heading=np.zeros(FIXES),
-        fix_outcomes=np.zeros((FIXES, 9)),
+        **room_for_fixes(),
+        control_stamps=np.zeros(imu, dtype=np.int64),
+        control_force_b=np.zeros((imu, 3)),
     )
+
+
+def room_for_fixes() -> dict[str, Any]:
+    """Columns of `Streams` for fixes, none of which has come."""
+    return {
+        'fix_stamps': np.zeros(FIXES, dtype=np.int64),
+        'fix_validities': np.zeros(FIXES, dtype=np.int64),
+        'fix_r_e': np.zeros((FIXES, 3)),
+        'fix_covariance_e': np.zeros((FIXES, 3, 3)),
+        'fix_array_heading': np.zeros(FIXES),
+        'fix_outcomes': np.zeros((FIXES, 9)),
+        'fix_notes': np.zeros((FIXES, 3), dtype=np.int64),
+    }
 
 
 def put_imu(streams: fs.Streams, sample: ImuSample) -> None:
@@ -64,11 +80,20 @@ def put_dvl(streams: fs.Streams, ping: DvlPing) -> None:
     streams.counts[2] += 1
 
 
+def put_control(streams: fs.Streams, sample: ControlSample) -> None:
+    """Append a thrust."""
+    i = streams.counts[4] % len(streams.control_stamps)
+    streams.control_stamps[i] = sample.stamp_ns
+    streams.control_force_b[i] = sample.force_b
+    streams.counts[4] += 1
+
+
 def insert_fix(streams: fs.Streams, fix: Fix, number: int) -> None:
     """Put a fix at a place among the fixes; those at and after it move up by one."""
     length = len(streams.fix_stamps)
     columns = (
         streams.fix_stamps,
+        streams.fix_validities,
         streams.fix_r_e,
         streams.fix_covariance_e,
         streams.fix_array_heading,
@@ -77,8 +102,18 @@ def insert_fix(streams: fs.Streams, fix: Fix, number: int) -> None:
     for k in range(int(streams.counts[3]), number, -1):
         for column in columns:
             column[k % length] = column[(k - 1) % length]
-    i = number % length
-    streams.fix_stamps[i] = fix.validity_ns
+    _put_fix(streams, fix, number, fix.validity_ns)
+
+
+def put_late_fix(streams: fs.Streams, fix: Fix) -> None:
+    """Append a fix where it was received."""
+    _put_fix(streams, fix, int(streams.counts[3]), fix.receive_ns)
+
+
+def _put_fix(streams: fs.Streams, fix: Fix, number: int, stamp_ns: int) -> None:
+    i = number % len(streams.fix_stamps)
+    streams.fix_stamps[i] = stamp_ns
+    streams.fix_validities[i] = fix.validity_ns
     streams.fix_r_e[i] = fix.r_e
     streams.fix_covariance_e[i] = fix.covariance_e
     streams.fix_array_heading[i] = fix.array_heading

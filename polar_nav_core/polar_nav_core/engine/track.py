@@ -1,0 +1,176 @@
+"""Rows of a run's track: collected in chunks, kept or passed on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..kernels import filter_state as fs
+from ..kernels.filter_model import E
+from .engine import Engine
+from .events import Array, Estimate, Output, Receipt, no_local_statistics
+from .filter import aiding
+from .inputs import Stamps
+
+ROWS = 256
+"""Rows at a time: their covariances stay in the second cache."""
+
+
+@dataclass(frozen=True)
+class Track:
+    """Estimates of a run, one row each.
+
+    Attributes
+    ----------
+    stamps_ns : (k,) array
+    r_e, v_G : (k, 3) arrays
+        Position, ECEF [m]; velocity, grid axes [m/s].
+    C_b_G : (k, 3, 3) array
+    P : (k, 24, 24) array
+        Covariance of the error state.
+    sensor_errors : (k, 15) array
+        Gyro bias, accelerometer bias, DVL scale, DVL Markov velocity, USBL bias as estimated.
+    local_statistics : (k, 2, 3) array
+        Of DVL and depth since the row before: used, gated, sum of NIS (events.LOCAL_DOF).
+    fixes : (k, 3) array
+        Fixes received, fixes fused, newest validity [ns].
+    model : (k, 31) array
+        Of vehicle and water; `filter.aiding.estimate_of` names what stands in a row. Without the
+        vehicle's model, (k, 0).
+    """
+
+    stamps_ns: Stamps
+    r_e: Array
+    v_G: Array
+    C_b_G: Array
+    P: Array
+    sensor_errors: Array
+    local_statistics: Array
+    fixes: Stamps
+    model: Array = field(default_factory=lambda: np.zeros((0, 0)))
+
+
+RowSink = Callable[[Track], None]
+"""Given the rows of a run some hundred at a time; they are overwritten after the call."""
+
+
+class Collector:
+    """Rows of the track in chunks, and receipts."""
+
+    def __init__(self, sink: RowSink | None, model: fs.Aiding) -> None:
+        self._chunks: list[Track] = []
+        self._sink = sink or self._keep
+        self._single: list[Track] = []
+        self._model = model
+        self.rows = fs.make_rows(ROWS, model=model.on)
+        self._fixes = np.zeros((ROWS, 3), dtype=np.int64)
+        self._noted = 0
+        self.receipts: list[Receipt] = []
+        self.local_statistics = no_local_statistics()
+
+    def take(self, outputs: Iterator[Output]) -> None:
+        """Take what the engine gives by itself."""
+        for output in outputs:
+            if isinstance(output, Receipt):
+                self.receipts.append(output)
+            elif isinstance(output, Estimate):
+                self._drain_rows()
+                self._single.append(_row(output))
+                if len(self._single) >= ROWS:
+                    self._drain_single()
+
+    def note(self, engine: Engine, until: int | None = None) -> None:
+        """Write the engine's counts of fixes to the rows that came since the last time.
+
+        Up to row ``until``, where that is given.
+        """
+        n = int(self.rows.io[1]) if until is None else until
+        if n > self._noted:
+            self._fixes[self._noted : n] = engine.fix_counts()
+            self._noted = n
+
+    def drain(self) -> None:
+        """Pass on what waits."""
+        self._drain_single()
+        self._drain_rows()
+
+    def _drain_single(self) -> None:
+        if self._single:
+            self._pass_on(_joined(self._single))
+            self._single = []
+
+    def _drain_rows(self) -> None:
+        n, rows = self._noted, self.rows
+        if n == 0:
+            return
+        self._drain_single()
+        flat = rows.flat[:n]
+        self._pass_on(
+            Track(
+                rows.stamps[:n],
+                flat[:, 12:15],
+                flat[:, 9:12],
+                flat[:, 0:9].reshape(n, 3, 3),
+                rows.P[:n],
+                flat[:, 15:30],
+                rows.tally[:n, :2],
+                self._fixes[:n],
+                self._values(flat),
+            )
+        )
+        rows.io[1] = self._noted = 0
+
+    def _values(self, flat: Array) -> Array:
+        if not self._model.on:
+            return np.zeros((len(flat), 0))
+        return aiding.values_of(
+            flat[:, fs.NAVIGATION :].reshape(-1, fs.MODEL_ROWS, E), self._model
+        )
+
+    def _pass_on(self, chunk: Track) -> None:
+        self.local_statistics += np.sum(chunk.local_statistics, axis=0)
+        self._sink(chunk)
+
+    def _keep(self, chunk: Track) -> None:
+        self._chunks.append(Track(**{n: getattr(chunk, n).copy() for n in _NAMES}))
+
+    def track(self) -> Track:
+        """All rows that were kept."""
+        if not self._chunks:
+            return Track(
+                np.zeros(0, dtype=np.int64),
+                r_e=np.zeros((0, 3)),
+                v_G=np.zeros((0, 3)),
+                C_b_G=np.zeros((0, 3, 3)),
+                P=np.zeros((0, 24, 24)),
+                sensor_errors=np.zeros((0, 15)),
+                local_statistics=np.zeros((0, 2, 3)),
+                fixes=np.zeros((0, 3), dtype=np.int64),
+                model=np.zeros((0, aiding.WIDTH if self._model.on else 0)),
+            )
+        return _joined(self._chunks)
+
+
+_NAMES = tuple(Track.__dataclass_fields__)
+
+
+def _joined(chunks: list[Track]) -> Track:
+    return Track(**{n: np.concatenate([getattr(c, n) for c in chunks]) for n in _NAMES})
+
+
+def _row(e: Estimate) -> Track:
+    errors = [e.gyro_bias_b, e.accel_bias_b, e.dvl_scale_m, e.dvl_markov_m, e.usbl_bias_a]
+    counts = [e.fixes_received, e.fixes_fused, e.last_validity_ns]
+    return Track(
+        np.array([e.stamp_ns], dtype=np.int64),
+        e.r_e[None],
+        e.v_G[None],
+        e.C_b_G[None],
+        e.P[None],
+        np.concatenate(errors)[None],
+        e.local_statistics[None],
+        np.array([counts], dtype=np.int64),
+        aiding.row_of(e.model)[None],
+    )
