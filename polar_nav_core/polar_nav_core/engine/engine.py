@@ -36,7 +36,8 @@ from .events import (
 )
 from .filter.delay import compiled, make_fusion
 from .filter.fusion import Driver, FixResult, Fusion
-from .filter.navigation import NavigationFilter, chi2_gate
+from .filter.navigation import NavigationFilter
+from .filter.settings import chi2_gate
 from .integrity import Integrity, IntegrityMonitor, held
 from .params import EngineParams
 from .receipts import age_s, decided_receipt, receipt_of

@@ -21,8 +21,9 @@ from ...kernels import filter as kf
 from ..events import Array, DepthSample, DvlPing, Fix, ImuSample, InitialState
 from ..params import EngineParams
 from .fusion import FixResult, Fusion
-from .navigation import Outcome, chi2_gate
+from .navigation import Outcome
 from .sage_husa import Printed, lower_inverse, sandwich
+from .settings import chi2_gate
 
 PING_AGE_NS = 1_000_000_000
 """An older ping is no velocity at the time of a fix; the position rows then enter alone."""

@@ -10,7 +10,7 @@ from scipy.special import gammaincinv
 from ... import grid
 from ...kernels import station_state as ss
 from ..filter.history import IMU_PERIOD_S
-from ..filter.navigation import chi2_gate
+from ..filter.settings import chi2_gate
 from ..params import ROBUST_FIXES, EngineParams
 
 FIXES = 4096

@@ -26,9 +26,11 @@ def pooled(runs: Sequence[RunResult], key: str) -> float:
 
 
 def deviation(runs: Sequence[RunResult], key: str) -> float:
-    """Standard deviation over the runs; NaN for fewer than two."""
+    """Standard deviation over the runs; NaN for fewer than two, or one that is infinite."""
     values = values_of(runs, key)
-    return float(np.std(values, ddof=1)) if values.size > 1 else math.nan
+    if values.size < 2 or not np.isfinite(values).all():
+        return math.nan
+    return float(np.std(values, ddof=1))
 
 
 def cell(runs: Sequence[RunResult], quantity: Quantity) -> str:
