@@ -70,7 +70,7 @@ def sensors_of(params: FollowerParams) -> tuple[str, ...]:
     """Topics of the vehicle's own sensors that a follower takes; the first one is the IMU."""
     if in_station_mode(params):
         return (AHRS, CONTROL, DEPTH)
-    if getattr(params, 'model_aiding', False):
+    if params.model_aiding:
         return (IMU, DVL, DEPTH, CONTROL)
     return (IMU, DVL, DEPTH)
 

@@ -15,6 +15,7 @@ from polar_nav_core.engine import batch
 from polar_nav_core.engine import events as engine_events
 from polar_nav_core.engine.inputs import Inputs
 from polar_nav_follower.params import FollowerParams
+from polar_nav_follower.session import inputs_of
 
 from .bags import Bag
 from .estimates import EstimateRows, receipts_of
@@ -109,7 +110,10 @@ def replay_estimates(
 ) -> FastResult | None:
     """Read and replay a bag; None for a run that has to be taken message by message."""
     # A parameter out of range is told before a long bag is read.
-    parameters(choose_follower(bag, vehicle)[1], configuration, changes)
+    recorded = choose_follower(bag, vehicle)[1]
+    chosen = parameters(recorded, configuration, changes)
+    if inputs_of(chosen) != inputs_of(parameters(recorded, None, {})):
+        return None  # the arrays are of what the recorded run took
     reading = _half(progress)
     arrays = load_arrays(bag, vehicle, progress=reading) or load_station(
         bag, vehicle, progress=reading

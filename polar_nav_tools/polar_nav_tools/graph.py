@@ -299,7 +299,7 @@ def _follower_node(mission: Mission, follower: str, options: GraphOptions) -> No
         'sea_surface_height': mission.numbers.sea_surface_height_m,
         **told_at_start(mission, follower, usual_sigma(FollowerParams), options.seed),
     }
-    if follower in mission.dynamic and hasattr(FollowerParams, 'model_aiding'):
+    if follower in mission.dynamic:
         parameters['model_aiding'] = True
     if options.pace == 'lockstep':
         parameters['reorder_window_s'] = LOCKSTEP_REORDER_S

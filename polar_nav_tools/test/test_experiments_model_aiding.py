@@ -13,9 +13,6 @@ import pytest
 from scipy.stats import chi2
 
 from polar_nav_core.engine import batch
-
-pytest.importorskip('polar_nav_sim.dynamics')
-
 from polar_nav_tools.experiments.errors import track_errors
 from polar_nav_tools.experiments.schedule import FixSpec
 from polar_nav_tools.experiments.world import make_world

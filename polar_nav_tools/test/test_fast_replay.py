@@ -20,7 +20,7 @@ from polar_nav_ros.navigation_outputs import nav_to_msg
 from polar_nav_tools.bags import BagWriter, open_bag
 from polar_nav_tools.bags.arrays import estimates_from_cdr, load_truth, receipts_from_cdr
 from polar_nav_tools.estimates import EstimateRows
-from polar_nav_tools.fast_replay import replay_arrays
+from polar_nav_tools.fast_replay import replay_arrays, replay_estimates
 from polar_nav_tools.recorded_arrays import load_arrays
 from polar_nav_tools.recorded_inputs import load_inputs
 from polar_nav_tools.replay import replay
@@ -186,6 +186,14 @@ def test_what_the_node_refused_and_where_it_ended(tmp_path):
     assert result.verdicts['TOO_LATE'] == 1
     end = imu[1999].header.stamp
     assert result.estimates.stamp_ns[-1] <= end.sec * 10**9 + end.nanosec
+
+
+def test_inputs_that_the_recorded_run_did_not_take_are_left_to_the_other_way():
+    def replayed(changes):
+        return replay_estimates(open_bag(REFERENCE), None, None, changes, lambda _: None)
+
+    assert replayed({'gate_probability': 0.999}) is not None
+    assert replayed({'model_aiding': True}) is None
 
 
 def command(kind, topics=(), counts=()):
