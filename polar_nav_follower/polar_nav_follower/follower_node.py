@@ -24,7 +24,7 @@ import sys
 from collections.abc import Sequence
 from typing import Any
 
-from polar_nav_core.kernels.warm import warm_up
+from polar_nav_core.kernels.warm import warm_filter, warm_others
 from polar_nav_msgs.msg import AcousticPacket, LeaderBroadcast, StationFix
 from polar_nav_ros.diagnostics import Diagnosis
 from polar_nav_ros.navigation_ports import NavigationPorts
@@ -40,11 +40,13 @@ class FollowerNode(PolarNode[FollowerParams]):
     def __init__(self) -> None:
         super().__init__('follower_node', FollowerParams)
         # Before anything is subscribed to: a cold compile takes long, and sensors do not wait.
-        self.get_logger().info('loading the filter; a first start compiles it: half a minute')
-        warm_up()
-        decoded: dict[str, type[Any]] = {session.DECODED: LeaderBroadcast}
+        self.get_logger().info('loading the filter; a first start compiles it: a minute or two')
         if session.in_station_mode(self.params):
-            decoded = {session.STATION_DECODED: StationFix}
+            warm_others()
+            decoded: dict[str, type[Any]] = {session.STATION_DECODED: StationFix}
+        else:
+            warm_filter()
+            decoded = {session.DECODED: LeaderBroadcast}
         self._ports = NavigationPorts(
             self,
             session.Session(self.params, self.vehicle),

@@ -25,7 +25,7 @@ from typing import Any
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import NavSatFix
 
-from polar_nav_core.kernels.warm import warm_up
+from polar_nav_core.kernels.warm import warm_filter
 from polar_nav_msgs.msg import AcousticPacket, LeaderBroadcast, UsblFix
 from polar_nav_ros.diagnostics import Diagnosis, Level
 from polar_nav_ros.navigation_ports import NavigationPorts
@@ -71,8 +71,8 @@ class LeaderNode(PolarNode[LeaderParams]):
 
     def _navigate(self) -> None:
         # Before anything is subscribed to: a cold compile takes long, and sensors do not wait.
-        self.get_logger().info('loading the filter; a first start compiles it: half a minute')
-        warm_up()
+        self.get_logger().info('loading the filter; a first start compiles it: a minute or two')
+        warm_filter()
         own = session.OwnSession(self.params, self.vehicle)
         self._leader = own.leader
         inputs = {session.ABSOLUTE: NavSatFix, session.USBL: UsblFix}

@@ -45,7 +45,7 @@ LEADERS = ('perfect', 'own')
 MAX_SEED = 2**31 - 1
 REALTIME_GATHER_S = 300.0
 """Longest wait for the nodes to find each other before the first sample: a follower that compiles
-its kernels for the first time takes half a minute, on a busy machine some minutes."""
+its kernels for the first time takes a minute or two, on a busy machine more."""
 
 
 @dataclass(frozen=True)
