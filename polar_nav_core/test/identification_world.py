@@ -1,6 +1,6 @@
 """A vehicle in a current, a station that measures it, and what an identification sees of it.
 
-Surge, sway and yaw of the full model with has-math's true parameters and scenario (section 8),
+Surge, sway and yaw of the full model with the true parameters and scenario of the DVL-less paper,
 Runge-Kutta on the continuous laws of thrust and heading: nothing is shared with the code under
 test but the parameters' meaning.
 """
@@ -116,7 +116,7 @@ def sail(scene: Scene = PAPER) -> Truth:
 
 @dataclass(frozen=True)
 class Sensors:
-    """Amplitudes of uniform errors, as has-math section 8 takes them; 0 is noise free."""
+    """Amplitudes of uniform errors, as the scenario has them; 0 is noise free."""
 
     share: float = 1.0
     seed: int = 0

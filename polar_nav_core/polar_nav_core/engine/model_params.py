@@ -1,4 +1,4 @@
-"""Parameters of a vehicle's dynamic model as its navigation knows it (has-math: the nav model)."""
+"""Parameters of a vehicle's dynamic model (docs/derivations/vehicle_model.md)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,6 @@
-"""Levenberg-Marquardt identification as published, has-math eqs (14)-(19).
+"""Levenberg-Marquardt identification as published, Eqs. (14)-(19).
+
+Readings: docs/derivations/identification.md.
 
 Surge in its steady state, no sway, heading for course; the track is a left Euler sum over the
 times of the fixes and starts at a given place, by default at the first fix. What the paper leaves

@@ -45,7 +45,7 @@ class PositionFix:
 
 
 def position_fix(validity_ns: int, polar: PolarFix, z: float) -> PositionFix:
-    """Turn range and bearing into a position, has-math eq. (10), with its covariance.
+    """Turn range and bearing into a position, Eq. (10), with its covariance.
 
     ``D_h = sqrt(D^2 - dz^2)`` is the horizontal range; its error is that of D times D / D_h.
 

@@ -1,4 +1,4 @@
-"""A past position carried through the stored steps: fixed-point smoothing (polar-math 7b).
+"""A past position carried through the stored steps (docs/derivations/late_fixes.md, 3).
 
 The clone is c = H_c x(s), three combinations of the error at a past time s. Carried are
 C = cov(x, c), shape (24, 3), P_cc = cov(c), shape (3, 3), and the innovation of its late

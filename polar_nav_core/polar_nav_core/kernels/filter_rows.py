@@ -1,4 +1,6 @@
-"""Measurement rows: innovation z = estimate - measurement, H and R of each sensor (polar-math 4).
+"""Measurement rows: innovation z = estimate - measurement, H and R of each sensor.
+
+Derivation: docs/derivations/measurements.md.
 
 Signs: x is estimate minus truth for attitude (Chat = exp(-[phi x]) C), velocity and position; for
 sensor errors it is the part of the error that the estimate does not know yet. z = H x + noise.

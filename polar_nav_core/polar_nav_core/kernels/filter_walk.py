@@ -1,4 +1,4 @@
-"""The way of a late measurement to now: H Phi^-1 through the stored steps (polar-math 6.2)."""
+"""The way of a late measurement to now: H Phi^-1 (docs/derivations/late_fixes.md)."""
 
 from __future__ import annotations
 
@@ -114,7 +114,7 @@ def walk_forward(
 
     The rows become H Phi(k, s)^-1 and the innovation is referred to the estimate as it is now:
     each correction c that the filter fed back since then moved the past estimate by the rows of
-    that step times c (closed loop of polar-math 6.2: Z_m <- Z_m - G_m c).
+    that step times c (closed loop: z <- z - X c).
 
     Parameters
     ----------
