@@ -15,7 +15,7 @@ settings.load_profile('core')
 
 if numba.config.DISABLE_JIT:
     # In plain Python the engine takes a thousand times as long; test_plain_engine.py, in a process
-    # of its own, sees to it that its numbers are the same.
+    # of its own, sees to it that its numbers are the same. Identifications take minutes.
     collect_ignore = [
         f'test_{name}.py'
         for name in [
@@ -23,13 +23,20 @@ if numba.config.DISABLE_JIT:
             'clone',
             'delay_strategies',
             'engine',
+            'identification_published',
+            'identification_robust',
+            'identification_triggers',
             'integrity',
             'local_statistics',
+            'model_aiding',
+            'model_fallback',
             'noise_formulas',
             'noise_strategies',
             'plain_engine',
             'reorder',
             'robust',
+            'station_delays',
+            'station_engine',
             'warm',
         ]
     ]
