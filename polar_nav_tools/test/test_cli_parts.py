@@ -125,6 +125,7 @@ def test_progress_without_a_terminal_is_a_line_each_tenth(capsys):
 
 @pytest.mark.parametrize(('terminal', 'large'), [(True, True), (True, False), (False, True)])
 def test_the_opening_of_a_large_bag_is_shown_on_a_terminal(tmp_path, monkeypatch, terminal, large):
+    monkeypatch.setenv('TERM', 'xterm')
     screen = io.StringIO()
     monkeypatch.setattr(screen, 'isatty', lambda: terminal, raising=False)
     monkeypatch.setattr(sys, 'stderr', screen)
