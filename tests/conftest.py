@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,6 +15,11 @@ from live_support import DEMO_SECONDS, FinishedDemo, RunningDemo, polar
 sys.path.insert(0, str(Path(__file__).parents[1] / 'polar_nav_tools' / 'test'))
 
 from against_mcap import bags_also_read_by_mcap  # noqa: F401 - a fixture of every test
+
+# A suite that a script starts in the background inherits an ignored SIGINT, and so would every
+# program that is interrupted here.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture
