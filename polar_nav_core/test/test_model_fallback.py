@@ -13,7 +13,8 @@ from scipy.stats import chi2
 
 from polar_nav_core.engine import batch
 
-pytestmark = pytest.mark.slow
+# Of the simulated vehicle: polar_nav_tools/test/test_experiments_model_aiding.py, in the slow ring.
+pytestmark = [pytest.mark.long, pytest.mark.timeout(900)]
 
 SEEDS = range(5)
 GAP = (600.0, 900.0)

@@ -230,7 +230,9 @@ def pooled(current, **changes):
 SINGLE = {**OFF, 'current_method': 'single'}
 
 
-@pytest.mark.slow
+# Of the simulation proper: polar_nav_tools/test/test_experiments_station.py, in the slow ring.
+@pytest.mark.long
+@pytest.mark.timeout(900)
 def test_constant_current_at_full_noise():
     p, v, nis, worst = pooled('constant', **SINGLE, current_walk=1e-6)
     assert (p <= [2.2, 1.3]).all()
@@ -239,13 +241,15 @@ def test_constant_current_at_full_noise():
     assert worst <= 12.0
 
 
-@pytest.mark.slow
+@pytest.mark.long
+@pytest.mark.timeout(900)
 def test_changing_current_at_full_noise():
     p, _, _, _ = pooled('changing', **SINGLE, current_walk=1e-5)
     assert (p <= [3.6, 3.0]).all()
 
 
-@pytest.mark.slow
+@pytest.mark.long
+@pytest.mark.timeout(900)
 def test_the_default_is_good_for_both_currents():
     p, v, nis, _ = pooled('constant', **OFF)
     assert (p <= [2.2, 1.3]).all()
