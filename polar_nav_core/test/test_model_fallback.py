@@ -13,7 +13,7 @@ from scipy.stats import chi2
 
 from polar_nav_core.engine import batch
 
-# Of the simulated vehicle, in the slow ring: polar_nav_tools/test/test_experiments_model_aiding.py.
+# Of the simulated vehicle, in the slow ring: polar_nav_tools/test/test_experiments_model_aiding.
 pytestmark = [pytest.mark.long, pytest.mark.timeout(900)]
 
 SEEDS = range(5)
