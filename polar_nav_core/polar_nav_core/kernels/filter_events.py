@@ -75,11 +75,12 @@ def _covariance_step(
     good = math.isfinite(total)
     for k in range(c.active):
         good = good and s.P[k, k] > 0.0
-    # The whole test costs as much as the step itself.
-    if good and number % fs.STEPS_PER_TEST == 0:
+    # The whole test costs as much as the step; after going back it is made once, at the end.
+    thorough = number % fs.STEPS_PER_TEST == 0 and s.counting[0] == 1
+    if good and thorough:
         good = is_positive_definite(s.P, c.active, w.LP)
     if good and c.aiding.on:
-        good = model_is_definite(s, c, w, number % fs.STEPS_PER_TEST == 0)
+        good = model_is_definite(s, c, w, thorough)
     if not good:
         return fs.P_NOT_DEFINITE
     if log.step_P.shape[0] > 0:

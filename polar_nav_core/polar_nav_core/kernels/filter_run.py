@@ -4,8 +4,13 @@ from __future__ import annotations
 
 from . import filter_state as fs
 from .cache import kernel, routine
-from .filter import N
-from .filter_aiding import control_event, count_good_ping, has_bottom_lock
+from .filter import N, is_positive_definite
+from .filter_aiding import (
+    control_event,
+    count_good_ping,
+    has_bottom_lock,
+    model_is_definite,
+)
 from .filter_events import fill_depth, fill_dvl, fill_fix, imu_event, note_outcome
 from .filter_fuse import fuse_rows, locate, ping_passes
 from .filter_late import OUT_OF_REACH, fill_late_fix
@@ -221,6 +226,12 @@ def process_again(
     s.counting[0] = 0
     code = advance(s, fr, c, past, w, log, streams, until_ns, until_rank, rows)
     s.counting[0] = 1
+    if code == fs.DONE:
+        good = is_positive_definite(s.P, c.active, w.LP)
+        if good and c.aiding.on:
+            good = model_is_definite(s, c, w, True)
+        if not good:
+            return fs.P_NOT_DEFINITE
     return code
 
 
