@@ -116,3 +116,20 @@ def test_history_is_bounded(world):
     assert len(fusion._fixes) < 6.0 * 2.1
     reach_s = (fusion.filter.stamp_ns - fusion.oldest_ns()) * 1e-9
     assert 6.0 <= reach_s < 7.1
+
+
+def test_going_back_ends_with_a_test_of_the_covariance(world):
+    engine = Engine(params(world, 'rewind', gate_probability=1.0, noise_adaptation='none'))
+    run(engine, [*world.imu(), *world.depth()])
+    f = engine._fusion.filter
+    # Indefinite, with a diagonal like any other, in all that can be gone back to.
+    start = (f.P.ctypes.data - f.state.flat.ctypes.data) // 8
+    size = f.P.size
+    for snapshot in f.log.snapshot_flat:
+        P = snapshot[start : start + size].reshape(f.P.shape)
+        P[0, 1] = P[1, 0] = 2.0 * np.sqrt(P[0, 0] * P[1, 1])
+    fix = world.fixes(1.0, lambda _: 0.2)[-1]
+    late = dataclasses.replace(fix, receive_ns=f.stamp_ns + 1)
+    receipts = [r for r in engine.process(late) if isinstance(r, Receipt)]
+    assert [r.verdict for r in receipts] == [Verdict.NOT_READY]
+    assert 'covariance of the filter' in engine.divergence

@@ -100,10 +100,16 @@ def test_the_accelerometer_that_the_paper_measured(mission):
     spec = spec_of(mission, 'paper_6_2')
     aided = {'model_aiding': True, 'current_walk': 1e-6}
     _, without, _ = measure(spec, '6.2, fixes, no model', fixes=True)
-    before, gap, _ = measure(spec, '6.2, fixes', fixes=True, **aided)
+    _, gap, _ = measure(spec, '6.2, fixes', fixes=True, **aided)
     assert gap < 0.95 * without
-    assert gap <= 1.75 * before
     _, _, drifted = measure(spec, '6.2, no fix, no model', fixes=False)
     _, _, ends = measure(spec, '6.2, no fix', fixes=False, **aided)
     assert np.sqrt(np.mean(np.square(ends))) <= 3.0
     assert np.mean(np.square(drifted)) > 9.0 * np.mean(np.square(ends))
+
+
+@pytest.mark.xfail(strict=True, reason='1.66 on five seeds: a known miss, docs/model-aiding.md')
+def test_a_gap_of_half_as_much_again_with_that_accelerometer(mission):
+    spec = spec_of(mission, 'paper_6_2')
+    before, gap, _ = measure(spec, '6.2, fixes', fixes=True, model_aiding=True, current_walk=1e-6)
+    assert gap <= 1.5 * before
