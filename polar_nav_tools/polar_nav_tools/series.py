@@ -39,6 +39,12 @@ class Series:
             chosen[f.name] = value[index] if isinstance(value, np.ndarray) else value
         return type(self)(**chosen)
 
+    def in_order(self) -> Self:
+        """Return the samples by stamp; those of one stamp keep their order."""
+        if (np.diff(self.stamp_ns) >= 0).all():
+            return self  # not a copy: half a day of estimates is large
+        return self.rows(np.argsort(self.stamp_ns, kind='stable'))
+
     def between(self, start_ns: int, stop_ns: int) -> Self:
         """Return the samples with ``start_ns <= stamp_ns < stop_ns``."""
         return self.rows((self.stamp_ns >= start_ns) & (self.stamp_ns < stop_ns))

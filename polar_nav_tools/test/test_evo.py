@@ -13,15 +13,19 @@ from polar_nav_tools.report.example import example_input
 from polar_nav_tools.scoring import absolute_errors, align, relative_errors
 
 RUNS = example_input(minutes=2.0).runs
-TRUTH = next(iter(RUNS.values()))[0]
 INTERVAL_S = 10.0
 AGREE_M = 1e-6
 
 
 @pytest.fixture(params=RUNS)
-def pairs(request):
+def run(request):
     truth, estimate, _ = RUNS[request.param]
-    return align(truth, estimate)
+    return truth, estimate
+
+
+@pytest.fixture
+def pairs(run):
+    return align(*run)
 
 
 def steps_of(pairs):
@@ -53,14 +57,14 @@ def test_definitions(pairs):
 
 
 @pytest.mark.parametrize('frame', ['ecef', 'grid', 'enu'])
-def test_evo(pairs, frame, tmp_path):
+def test_evo(run, pairs, frame, tmp_path):
     pytest.importorskip('evo')
     from evo.core import metrics, sync
     from evo.tools import file_interface
 
-    truth = TRUTH.rows(np.isin(TRUTH.stamp_ns, pairs.truth.stamp_ns))
+    truth, estimate = (s.rows(np.isin(s.stamp_ns, pairs.truth.stamp_ns)) for s in run)
     tracks = []
-    for name, one in (('truth', truth), ('estimate', pairs.estimate)):
+    for name, one in (('truth', truth), ('estimate', estimate)):
         path = tmp_path / f'{name}.tum'
         write_trajectory(path, trajectory(one), frame=frame, origin_r_e=truth.r_e[0])
         tracks.append(file_interface.read_tum_trajectory_file(path))

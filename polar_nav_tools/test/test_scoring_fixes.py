@@ -17,7 +17,7 @@ from polar_nav_tools.scoring import (
     nis_by_source,
 )
 from polar_nav_tools.scoring.timeliness import timed_fixes
-from polar_nav_tools.scoring.verdicts import in_order
+from polar_nav_tools.scoring.verdicts import UNKNOWN_NS, VerdictSeries, in_order
 from polar_nav_tools.series import Receipt
 
 S = 1_000_000_000
@@ -63,6 +63,11 @@ def test_last_revision_counts():
     assert counts.by_verdict == {'FUSED': 1, 'GATED': 1, 'DUPLICATE': 1}
     assert counts.by_topic == {RX: counts.by_verdict}
     assert counts.revised == 2
+    columns = VerdictSeries.of(receipts)
+    assert [list(c) for c in (columns.verdict, columns.receive_ns)] == [
+        ['GATED', 'FUSED', 'DUPLICATE'],
+        [5 * S, 5 * S, 6 * S],
+    ]
 
 
 def test_verdicts_have_one_order():
@@ -96,11 +101,11 @@ def test_nis_per_source_with_and_without_gated_ones():
         receipt(5, nis=np.nan, degrees_of_freedom=3),
         receipt(6, source='station', nis=4.0, degrees_of_freedom=2),
     ]
-    both = nis_by_source(receipts)
+    both = nis_by_source(VerdictSeries.of(receipts))
     assert list(both) == ['leader', 'station']
     assert both['leader'].count == 3
     assert both['leader'].mean_per_dof == pytest.approx(100.0 / 8.0)
-    fused = nis_by_source(receipts, ('FUSED',))
+    fused = nis_by_source(VerdictSeries.of(receipts), ('FUSED',))
     assert fused['leader'].mean_per_dof == pytest.approx(1.0)
     assert fused['station'].mean_per_dof == pytest.approx(2.0)
 
@@ -113,7 +118,9 @@ def test_delays_are_of_fused_fixes_received_in_the_window():
         receipt(4, validity=3.0, receive=40.0),
         receipt(5, validity=None, receive=9.0),
     ]
-    found = delays(receipts, Window('w', 0, 30 * S))
+    columns = VerdictSeries.of(receipts)
+    assert list(columns.validity_ns) == [0, 1 * S, 2 * S, 3 * S, UNKNOWN_NS]
+    found = delays(columns, Window('w', 0, 30 * S))
     assert found.count == 2
     assert found.mean == pytest.approx(6.0)
     assert [f.receipt.sequence for f in timed_fixes(receipts)] == [1, 2, 3, 4]
@@ -136,11 +143,13 @@ def test_age_of_information_by_brute_force():
             r.validity_ns for r in receipts if r.verdict_text == 'FUSED' and r.receive_ns <= now
         ]
         expected.append((now - max(known)) * 1e-9 if known else np.nan)
-    assert_allclose(age_of_information(stamps, shuffled), expected)
-    assert np.isnan(age_of_information(stamps, [])).all()
+    assert_allclose(age_of_information(stamps, VerdictSeries.of(shuffled)), expected)
+    assert np.isnan(age_of_information(stamps, VerdictSeries.of([]))).all()
     # A fix received at a stamp is in that stamp's estimate.
     at_once = receipt(1, validity=1.0, receive=4.0)
-    assert age_of_information(np.array([4 * S - 1, 4 * S]), [at_once])[1] == pytest.approx(3.0)
+    found = age_of_information(np.array([4 * S - 1, 4 * S]), VerdictSeries.of([at_once]))
+    assert np.isnan(found[0])
+    assert found[1] == pytest.approx(3.0)
 
 
 def made_estimate(minutes=1.0):

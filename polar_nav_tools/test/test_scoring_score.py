@@ -149,6 +149,17 @@ def test_phases_are_scored_beside_the_standard_windows():
         score(name, truth, estimate, receipts, phases=[Window('whole', 0, 1)])
 
 
+def test_order_in_the_bag_does_not_matter():
+    name, (truth, estimate, receipts) = next(iter(RUNS.items()))
+    rng = np.random.default_rng(1)
+    statistics = rng.integers(0, 3, (len(estimate), 2, 3)).astype(float)
+    estimate = with_local(estimate, statistics)
+    mixed = estimate.rows(rng.permutation(len(estimate)))
+    one = score(name, truth, estimate, receipts)
+    other = score(name, truth.rows(rng.permutation(len(truth))), mixed, receipts)
+    assert other.to_dict() == one.to_dict()
+
+
 def test_a_silent_filter_does_not_look_whole():
     name, (truth, estimate, receipts) = next(iter(RUNS.items()))
     n = len(estimate)

@@ -16,6 +16,7 @@ from polar_nav_tools.scoring import compare, mission_phases
 from polar_nav_tools.scoring.by_age import EDGES_S
 from polar_nav_tools.scoring.phases import SHORTEST_S
 from polar_nav_tools.scoring.timeliness import age_of_information
+from polar_nav_tools.scoring.verdicts import VerdictSeries
 
 RUNS = example_input(minutes=2.0).runs
 SCORES = compare(RUNS)
@@ -74,7 +75,7 @@ def test_phases_are_scored():
 @pytest.mark.parametrize('name', RUNS)
 def test_errors_by_age_are_all_errors_with_an_age(name):
     one = SCORES.scores[name]
-    age = age_of_information(one.errors.stamp_ns, RUNS[name][2])
+    age = age_of_information(one.errors.stamp_ns, VerdictSeries.of(RUNS[name][2]))
     assert sum(c.horizontal.count for c in one.by_age) == np.isfinite(age).sum() > 0
     assert {c.from_s for c in one.by_age} <= set(EDGES_S)
     youngest = one.by_age[0]

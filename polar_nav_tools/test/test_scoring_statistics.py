@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.stats import chi2
 
 from polar_nav_tools.scoring import (
@@ -47,6 +47,15 @@ def test_windows():
     stamps = np.array([4_999_999_999, 5_000_000_000, 10_000_000_001, 10_000_000_002])
     assert half.mask(stamps).tolist() == [False, True, True, False]
     assert whole.duration == pytest.approx(10.0)
+    stamp_ns = np.array([0, 4_999_999_999, 5_000_000_000, 5_000_000_000, 10_000_000_001])
+    for window, shift_ns in (
+        (whole, 0),
+        (half, 0),
+        (half, 10_000_000_000),
+        (whole, -20_000_000_000),
+    ):
+        rows = stamp_ns[window.rows(stamp_ns + shift_ns)]
+        assert_array_equal(rows, stamp_ns[window.mask(stamp_ns + shift_ns)])
     with pytest.raises(ValueError, match="window 'x'"):
         Window('x', 1, 0)
 
@@ -88,6 +97,19 @@ def test_an_unusable_covariance_gives_no_nees(P):
     values = normalized_squared(np.ones((2, 2)), np.stack([P, good]))
     assert np.isnan(values[0])
     assert values[1] == pytest.approx(2.0)
+
+
+def test_nees_does_not_depend_on_its_neighbours():
+    """One matrix that is not definite sends all of them another way."""
+    rng = np.random.default_rng(6)
+    A = rng.normal(size=(50, 3, 3))
+    P, e = A @ A.transpose(0, 2, 1), rng.normal(size=(50, 3))
+    one_bad = P.copy()
+    one_bad[7] = np.ones((3, 3))
+    found = normalized_squared(e, one_bad)
+    assert np.isnan(found[7])
+    others = np.arange(50) != 7
+    assert_array_equal(found[others], normalized_squared(e, P)[others])
 
 
 def test_shapes_are_checked():

@@ -15,7 +15,14 @@ from .score import ComponentScore, Drift, Score, WindowScore, score
 from .statistics import Statistics, statistics
 from .tables import Column, Table
 from .timeliness import Availability, Lag, age_of_information, availability, delays
-from .verdicts import Balance, VerdictCounts, balances, count_verdicts, nis_by_source
+from .verdicts import (
+    Balance,
+    VerdictCounts,
+    VerdictSeries,
+    balances,
+    count_verdicts,
+    nis_by_source,
+)
 from .windows import Window, standard_windows
 
 __all__ = [
@@ -35,6 +42,7 @@ __all__ = [
     'Statistics',
     'Table',
     'VerdictCounts',
+    'VerdictSeries',
     'Window',
     'WindowScore',
     'absolute_errors',

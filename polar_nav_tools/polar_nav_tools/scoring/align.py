@@ -9,8 +9,8 @@ and is counted.
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
-from typing import Literal
+from dataclasses import asdict, dataclass, fields
+from typing import Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,7 @@ from polar_nav_core.attitude import exp, log
 from polar_nav_core.errors import PolarNavError
 from polar_nav_core.grid import ecef_to_grid
 
-from ..series import EstimateSeries, TruthSeries
+from ..series import EstimateSeries, Series, TruthSeries
 from .plain import record
 
 Floats = NDArray[np.float64]
@@ -40,6 +40,26 @@ class TruthAt:
     r_e: Floats  # shape (n, 3) [m]
     v_G: Floats  # shape (n, 3) [m/s]
     C_b_G: Floats  # shape (n, 3, 3)
+
+
+@dataclass(frozen=True, eq=False)
+class EstimateAt(Series):
+    """What is compared of the estimates at `stamp_ns`, axes as in EstimateSeries."""
+
+    stamp_ns: Ints  # shape (n,)
+    r_e: Floats  # shape (n, 3) [m]
+    v_G: Floats  # shape (n, 3) [m/s]
+    C_b_G: Floats  # shape (n, 3, 3)
+    true_heading: Floats  # shape (n,) [rad]
+    true_heading_sigma: Floats  # shape (n,) [rad]
+    P_position_G: Floats  # shape (n, 3, 3) [m^2]
+    P_velocity_G: Floats  # shape (n, 3, 3) [(m/s)^2]
+    P_attitude_G: Floats  # shape (n, 3, 3) [rad^2]
+
+    @classmethod
+    def of(cls, estimate: EstimateSeries, rows: NDArray[np.intp]) -> Self:
+        """Those rows of `estimate`."""
+        return cls(**{f.name: getattr(estimate, f.name)[rows] for f in fields(cls)})
 
 
 @dataclass(frozen=True)
@@ -65,7 +85,7 @@ class Alignment:
     """Pairs of truth and estimate, in order of stamps."""
 
     truth: TruthAt
-    estimate: EstimateSeries
+    estimate: EstimateAt
     counts: AlignmentCounts
 
 
@@ -150,7 +170,7 @@ def align(
         in_gap=int(in_gap.sum()),
         repeated=repeated,
     )
-    return Alignment(TruthAt(stamp_ns, r_e, v_G, C_b_G), estimate.rows(rows), counts)
+    return Alignment(TruthAt(stamp_ns, r_e, v_G, C_b_G), EstimateAt.of(estimate, rows), counts)
 
 
 def _interpolated(
@@ -174,7 +194,7 @@ def _interpolated(
 
 def _sorted_truth(truth: TruthSeries, what: str) -> TruthSeries:
     """Truth by stamp, once per stamp; two different truths of one stamp are an error."""
-    ordered = truth.rows(np.argsort(truth.stamp_ns, kind='stable'))
+    ordered = truth.in_order()
     same = np.flatnonzero(np.diff(ordered.stamp_ns) == 0)
     if same.size == 0:
         return ordered
@@ -191,8 +211,7 @@ def _sorted_truth(truth: TruthSeries, what: str) -> TruthSeries:
 
 def _last_of_each_stamp(estimate: EstimateSeries) -> tuple[EstimateSeries, int]:
     """Estimates by stamp, of several with one stamp the last published; how many that dropped."""
-    if (np.diff(estimate.stamp_ns) > 0).all():
-        return estimate, 0  # as it is: half a day of estimates is large
-    ordered = estimate.rows(np.argsort(estimate.stamp_ns, kind='stable'))
+    ordered = estimate.in_order()
     last = np.r_[np.diff(ordered.stamp_ns) > 0, True]
-    return ordered.rows(last), int((~last).sum())
+    repeated = int((~last).sum())
+    return (ordered.rows(last) if repeated else ordered), repeated

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
-from ..series import Floats, Receipt
+from ..series import Floats
 from .errors import ErrorSeries
 from .plain import record
 from .statistics import Statistics, statistics
-from .timeliness import age_of_information
 
 EDGES_S = (0.0, 2.0, 5.0, 10.0, 20.0, 40.0, 80.0, 160.0, float('inf'))
 """Classes of age [s]: from one edge up to, not including, the next."""
@@ -35,9 +33,8 @@ class AgeClass:
         }
 
 
-def by_age(error: ErrorSeries, receipts: Sequence[Receipt]) -> tuple[AgeClass, ...]:
-    """Sort the errors of a run by age of information; classes without an estimate are left out."""
-    age = age_of_information(error.stamp_ns, receipts)
+def by_age(error: ErrorSeries, age: Floats) -> tuple[AgeClass, ...]:
+    """Sort the errors of a run by age of information [s]; empty classes are left out."""
     horizontal = error.horizontal
     variance = np.trace(error.P_position_G[:, :2, :2], axis1=1, axis2=2)
     found = []

@@ -79,9 +79,10 @@ def chi_square_band(dof: ArrayLike, probability: float = PROBABILITY) -> tuple[F
         raise ValueError(f'probability={probability} must be in (0, 1)')
     half = np.asarray(dof, dtype=np.float64) / 2.0
     tail = (1.0 - probability) / 2.0
-    each, at = np.unique(half, return_inverse=True)  # few among hundreds of thousands
+    each = np.unique(half)  # few among hundreds of thousands
+    at = np.searchsorted(each, half)
     low, high = 2.0 * gammaincinv(each, tail), 2.0 * gammaincinv(each, 1.0 - tail)
-    return low[at].reshape(half.shape), high[at].reshape(half.shape)
+    return low[at], high[at]
 
 
 def normalized_squared(error: ArrayLike, covariance: ArrayLike) -> Floats:
@@ -114,10 +115,20 @@ def normalized_squared(error: ArrayLike, covariance: ArrayLike) -> Floats:
     sigma = np.sqrt(variance[rows])
     correlation = P[rows] / (sigma[:, :, None] * sigma[:, None, :])
     z = e[rows] / sigma
-    definite = np.linalg.eigvalsh(correlation)[:, 0] > 1e-12
+    definite = _definite(correlation)
     rows, correlation, z = rows[definite], correlation[definite], z[definite]
     out[rows] = np.einsum('nk,nk->n', z, np.linalg.solve(correlation, z[:, :, None])[:, :, 0])
     return out
+
+
+def _definite(correlation: Floats, least: float = 1e-12) -> NDArray[np.bool_]:
+    """Which matrices, shape (n, k, k), have no eigenvalue up to `least`; shape (n,)."""
+    try:
+        # Usually all of them, and a factorization says so in a sixth of the time of eigenvalues.
+        np.linalg.cholesky(correlation - least * np.eye(correlation.shape[-1]))
+    except np.linalg.LinAlgError:
+        return np.asarray(np.linalg.eigvalsh(correlation)[:, 0] > least)
+    return np.ones(len(correlation), np.bool_)
 
 
 def effective_count(values: ArrayLike) -> float:
@@ -197,7 +208,9 @@ def consistency_of_sums(sums: ArrayLike, counts: ArrayLike, dof: int) -> Consist
         Degrees of freedom of one measurement.
     """
     total, number = np.asarray(sums, dtype=np.float64), np.asarray(counts, dtype=np.float64)
-    good = np.isfinite(total) & (number > 0.0)
+    used = number > 0.0
+    total, number = total[used], number[used]
+    good = np.isfinite(total)
     missing = int(number[~good].sum())
     total, number = total[good], number[good]
     if total.size == 0:

@@ -23,8 +23,8 @@ def mission_phases(truth: TruthSeries) -> tuple[Window, ...]:
 
     Empty when there is only one phase, and when there are so many that no table shows them.
     """
-    order = np.argsort(truth.stamp_ns, kind='stable')
-    stamp_ns, v_G = truth.stamp_ns[order], truth.v_G[order]
+    truth = truth.in_order()
+    stamp_ns, v_G = truth.stamp_ns, truth.v_G
     if len(stamp_ns) < 3 or stamp_ns[-1] - stamp_ns[0] < 2.0 * SHORTEST_S * 1e9:
         return ()
     grid_ns = np.arange(stamp_ns[0], stamp_ns[-1] + 1, 500_000_000)

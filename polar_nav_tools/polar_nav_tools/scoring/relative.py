@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from polar_nav_core.grid import ecef_to_grid
 
-from .align import Alignment
+from .align import Alignment, EstimateAt, TruthAt
 
 Floats = NDArray[np.float64]
+Rows = NDArray[np.intp]
 
 INTERVAL_S = 10.0
 """Interval of the relative error in tables."""
@@ -48,23 +49,14 @@ def relative_errors(pairs: Alignment, interval_s: float = INTERVAL_S) -> Floats:
     at = np.minimum(np.searchsorted(stamp_ns, wanted), len(stamp_ns) - 1)
     i = np.flatnonzero(stamp_ns[at] == wanted)
     j = at[i]
-    C_truth, C_estimate = (
-        _attitude_e(r_e, C_b_G)
-        for r_e, C_b_G in (
-            (pairs.truth.r_e, pairs.truth.C_b_G),
-            (pairs.estimate.r_e, pairs.estimate.C_b_G),
-        )
-    )
-    # Translations of Q_i^-1 Q_j and P_i^-1 P_j, each in the body axes of its own i.
-    q = np.einsum('nji,nj->ni', C_truth[i], pairs.truth.r_e[j] - pairs.truth.r_e[i])
-    p = np.einsum('nji,nj->ni', C_estimate[i], pairs.estimate.r_e[j] - pairs.estimate.r_e[i])
-    # The translation of E is R(Q_i^-1 Q_j)' (p - q): a rotation does not change its length.
+    # Translations of Q_i^-1 Q_j and P_i^-1 P_j. That of E is R(Q_i^-1 Q_j)' (p - q): a rotation
+    # does not change its length.
+    q, p = _translation(pairs.truth, i, j), _translation(pairs.estimate, i, j)
     return np.asarray(np.linalg.norm(p - q, axis=1))
 
 
-def _attitude_e(r_e: Floats, C_b_G: Floats) -> Floats:
-    """C_b_e; NaN without a position."""
-    out = np.full((len(r_e), 3, 3), np.nan)
-    known = np.isfinite(r_e).all(1)
-    out[known] = np.swapaxes(ecef_to_grid(r_e[known]), 1, 2) @ C_b_G[known]
-    return out
+def _translation(poses: TruthAt | EstimateAt, i: Rows, j: Rows) -> Floats:
+    """Way from rows `i` to rows `j` in the body axes of `i` [m], shape (m, 3)."""
+    step_e = poses.r_e[j] - poses.r_e[i]
+    step_G = np.einsum('nij,nj->ni', ecef_to_grid(poses.r_e[i]), step_e)
+    return np.asarray(np.einsum('nji,nj->ni', poses.C_b_G[i], step_G))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,10 +24,18 @@ from .plain import record
 from .relative import INTERVAL_S, absolute_errors, relative_errors
 from .statistics import Statistics, statistics
 from .timeliness import Availability, Lag, age_of_information, availability, delays
-from .verdicts import FUSED, VerdictCounts, count_verdicts, nis_by_source, nis_of_local
+from .verdicts import (
+    FUSED,
+    VerdictCounts,
+    VerdictSeries,
+    count_verdicts,
+    nis_by_source,
+    nis_of_local,
+)
 from .windows import SECOND_HALF, WHOLE, Window, standard_windows
 
 Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
 
 DEGREE = 180.0 / np.pi  # per radian
 
@@ -183,8 +192,10 @@ def score(
     ScoringError
         When nothing can be compared.
     """
+    truth, estimate = truth.in_order(), estimate.in_order()
     pairs = align(truth, estimate, mode=mode)
     error = errors(pairs)
+    whole = _whole(pairs, error, estimate, VerdictSeries.of(receipts))
     windows = standard_windows(int(truth.stamp_ns.min()), int(truth.stamp_ns.max()))
     taken = {w.name for w in windows}
     for phase in phases:
@@ -199,96 +210,117 @@ def score(
     )
     return Score(
         name=name,
-        windows={
-            w.name: _window_score(w, pairs, error, estimate, receipts) for w in (*windows, *phases)
-        },
+        windows={w.name: _window_score(w, whole) for w in (*windows, *phases)},
         alignment=pairs.counts,
         availability=availability(estimate, windows[0]),
         verdicts=count_verdicts(receipts),
         drift=drift,
         absolute=statistics(absolute_errors(pairs)),
         relative=statistics(relative_errors(pairs)),
-        by_age=by_age(error, receipts),
+        by_age=by_age(error, whole.age),
         pairs=pairs,
         errors=error,
     )
 
 
-def _window_score(
-    window: Window,
-    pairs: Alignment,
-    error: ErrorSeries,
-    estimate: EstimateSeries,
-    receipts: Sequence[Receipt],
-) -> WindowScore:
-    inside = window.mask(error.stamp_ns)
-    received = [
-        r
-        for r in receipts
-        if r.receive_ns is not None and window.start_ns <= r.receive_ns <= window.end_ns
-    ]
-    dr_G, P_G = error.dr_G[inside], error.P_position_G[inside]
-    components = _components(error, inside)
-    delay = delays(receipts, window)
-    v_G = pairs.truth.v_G[inside]
-    # All estimates count here, not only those that truth can be compared with.
-    local = estimate.local_statistics[window.mask(estimate.stamp_ns)]
+class _Component(NamedTuple):
+    """Error and sigma in SI and radians, shape (n,), and the unit that people read."""
+
+    unit: str
+    factor: float
+    values: Floats
+    sigma: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class _Whole:
+    """What every window takes its rows of. The n pairs and all estimates are in order of stamps.
+
+    All estimates count for `local`, not only those that truth can be compared with.
+    """
+
+    stamp_ns: Ints  # shape (n,)
+    components: dict[str, _Component]
+    speed: Floats  # true, horizontal, shape (n,) [m/s]
+    age: Floats  # of information, shape (n,) [s]
+    nees_position: Floats  # shape (n,)
+    nees_horizontal: Floats  # shape (n,)
+    verdicts: VerdictSeries
+    local_ns: Ints  # shape (m,)
+    local: Floats  # EstimateSeries.local_statistics, shape (m, 2, 3)
+
+
+def _whole(
+    pairs: Alignment, error: ErrorSeries, estimate: EstimateSeries, verdicts: VerdictSeries
+) -> _Whole:
+    dr_G, P_G, v_G = error.dr_G, error.P_position_G, pairs.truth.v_G
+    return _Whole(
+        stamp_ns=error.stamp_ns,
+        components=_components(error),
+        speed=np.hypot(v_G[:, 0], v_G[:, 1]),
+        age=age_of_information(error.stamp_ns, verdicts),
+        nees_position=normalized_squared(dr_G, P_G),
+        nees_horizontal=normalized_squared(dr_G[:, :2], P_G[:, :2, :2]),
+        verdicts=verdicts,
+        local_ns=estimate.stamp_ns,
+        local=estimate.local_statistics,
+    )
+
+
+def _components(error: ErrorSeries) -> dict[str, _Component]:
+    none = np.full(len(error.stamp_ns), np.nan)
+    found: dict[str, _Component] = {}
+    for name, unit, factor, values, sigma in (
+        ('phi', 'arcmin', ARCMIN, error.phi_G, error.sigma_attitude_G),
+        ('v', 'm/s', 1.0, error.dv_G, error.sigma_velocity_G),
+        ('r', 'm', 1.0, error.dr_G, error.sigma_position_G),
+    ):
+        for i, axis in enumerate('xyz'):
+            found[f'{name}_{axis}'] = _Component(unit, factor, values[:, i], sigma[:, i])
+    found['along'] = _Component('m', 1.0, error.along, none)
+    found['cross'] = _Component('m', 1.0, error.cross, none)
+    found['horizontal'] = _Component('m', 1.0, error.horizontal, none)
+    found['grid_heading'] = found['phi_z']._replace(values=error.grid_heading)
+    found['true_heading'] = _Component('deg', DEGREE, error.true_heading, error.true_heading_sigma)
+    return found
+
+
+def _window_score(window: Window, whole: _Whole) -> WindowScore:
+    inside = window.rows(whole.stamp_ns)
+    received = whole.verdicts.rows(window.mask(whole.verdicts.receive_ns))
+    local = whole.local[window.rows(whole.local_ns)]
+    components = {k: _component_score(c, inside) for k, c in whole.components.items()}
+    delay = delays(received, window)
+    speed = whole.speed[inside]
     return WindowScore(
         window=window,
         components=components,
-        nees_position=consistency(normalized_squared(dr_G, P_G), 3, independent=False),
-        nees_horizontal=consistency(
-            normalized_squared(dr_G[:, :2], P_G[:, :2, :2]), 2, independent=False
-        ),
+        nees_position=consistency(whole.nees_position[inside], 3, independent=False),
+        nees_horizontal=consistency(whole.nees_horizontal[inside], 2, independent=False),
         nis=nis_by_source(received),
         nis_fused=nis_by_source(received, (FUSED,)),
         nis_local=nis_of_local(local),
         gated_local={k: int(local[:, i, LOCAL_GATED].sum()) for i, k in enumerate(LOCAL_DOF)},
         delay=delay,
-        age=statistics(age_of_information(error.stamp_ns[inside], receipts)),
+        age=statistics(whole.age[inside]),
         lag=Lag(
             fixes=delay.count,
             mean_delay=delay.mean,
-            mean_speed=float(np.hypot(v_G[:, 0], v_G[:, 1]).mean()) if len(v_G) else float('nan'),
+            mean_speed=float(speed.mean()) if len(speed) else float('nan'),
             found=components['horizontal'].error.rms,
             along_mean=components['along'].error.mean,
         ),
     )
 
 
-def _components(error: ErrorSeries, inside: NDArray[np.bool_]) -> dict[str, ComponentScore]:
-    none = np.full(len(error.stamp_ns), np.nan)
-    sigma_phi, sigma_v, sigma_r = (
-        error.sigma_attitude_G,
-        error.sigma_velocity_G,
-        error.sigma_position_G,
-    )
-    found: dict[str, ComponentScore] = {}
-
-    def add(name: str, unit: str, factor: float, values: Floats, sigma: Floats) -> None:
-        found[name] = _component(unit, factor, values[inside], sigma[inside])
-
-    for i, axis in enumerate('xyz'):
-        add(f'phi_{axis}', 'arcmin', ARCMIN, error.phi_G[:, i], sigma_phi[:, i])
-    for i, axis in enumerate('xyz'):
-        add(f'v_{axis}', 'm/s', 1.0, error.dv_G[:, i], sigma_v[:, i])
-    for i, axis in enumerate('xyz'):
-        add(f'r_{axis}', 'm', 1.0, error.dr_G[:, i], sigma_r[:, i])
-    add('along', 'm', 1.0, error.along, none)
-    add('cross', 'm', 1.0, error.cross, none)
-    add('horizontal', 'm', 1.0, error.horizontal, none)
-    add('grid_heading', 'arcmin', ARCMIN, error.grid_heading, sigma_phi[:, 2])
-    add('true_heading', 'deg', DEGREE, error.true_heading, error.true_heading_sigma)
-    return found
-
-
-def _component(unit: str, factor: float, values: Floats, sigma: Floats) -> ComponentScore:
+def _component_score(component: _Component, inside: slice) -> ComponentScore:
+    values, sigma, factor = component.values[inside], component.sigma[inside], component.factor
     both = np.isfinite(values) & np.isfinite(sigma) & (sigma > 0.0)
     ratio = values[both] / sigma[both]
     known = ratio.size > 0
     nan = float('nan')
     return ComponentScore(
-        unit=unit,
+        unit=component.unit,
         error=statistics(values).scaled(factor),
         sigma_rms=float(np.sqrt(np.mean(sigma[both] ** 2))) * factor if known else nan,
         normalized_rms=float(np.sqrt(np.mean(ratio**2))) if known else nan,

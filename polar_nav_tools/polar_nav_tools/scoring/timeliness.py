@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import asdict, dataclass
+from functools import reduce
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from ..series import EstimateSeries, Receipt, last_revisions
 from .plain import record
 from .statistics import Statistics, statistics
-from .verdicts import FUSED
+from .verdicts import VerdictSeries
 from .windows import Window
 
 Floats = NDArray[np.float64]
@@ -87,18 +88,14 @@ def timed_fixes(
     return sorted(found, key=lambda f: (f.receive_ns, f.receipt.source, f.receipt.sequence))
 
 
-def delays(receipts: Sequence[Receipt], window: Window) -> Statistics:
+def delays(verdicts: VerdictSeries, window: Window) -> Statistics:
     """Receive minus validity [s] of the fused fixes that were received in the window."""
-    return statistics(
-        [
-            fix.delay
-            for fix in timed_fixes(receipts, (FUSED,))
-            if window.start_ns <= fix.receive_ns <= window.end_ns
-        ]
-    )
+    used = verdicts.fused()
+    delay = (used.receive_ns - used.validity_ns) * 1e-9
+    return statistics(delay[window.mask(used.receive_ns)])
 
 
-def age_of_information(stamp_ns: Ints, receipts: Sequence[Receipt]) -> Floats:
+def age_of_information(stamp_ns: Ints, verdicts: VerdictSeries) -> Floats:
     """Time since the validity of the newest fix that was in the estimate.
 
     A fix is in the estimates from its reception on, however far back in the history it was
@@ -108,20 +105,18 @@ def age_of_information(stamp_ns: Ints, receipts: Sequence[Receipt]) -> Floats:
     ----------
     stamp_ns : ndarray of int64, shape (n,)
         Times to ask for, in any order.
-    receipts : sequence of Receipt
+    verdicts : VerdictSeries
 
     Returns
     -------
     ndarray, shape (n,)
         [s]; NaN before the first fused fix.
     """
-    used = timed_fixes(receipts, (FUSED,))
+    used = verdicts.fused()
+    used = used.rows(np.argsort(used.receive_ns, kind='stable'))
+    newest_ns = np.maximum.accumulate(used.validity_ns)
+    known = np.searchsorted(used.receive_ns, stamp_ns, side='right')
     out = np.full(stamp_ns.shape, np.nan)
-    if not used:
-        return out
-    receive_ns = np.array([r.receive_ns for r in used], dtype=np.int64)
-    newest_ns = np.maximum.accumulate(np.array([r.validity_ns for r in used], dtype=np.int64))
-    known = np.searchsorted(receive_ns, stamp_ns, side='right')
     some = known > 0
     out[some] = (stamp_ns[some] - newest_ns[known[some] - 1]) * 1e-9
     return out
@@ -139,10 +134,10 @@ def availability(estimate: EstimateSeries, window: Window, *, hold: float = 2.5)
         A good estimate counts until the next one, at most for this many of the series' median
         interval.
     """
-    stamp_ns = np.sort(estimate.stamp_ns)
-    order = np.argsort(estimate.stamp_ns, kind='stable')
-    finite = np.isfinite(estimate.r_e).all(1) & np.isfinite(estimate.v_G).all(1)
-    good = (finite & (estimate.status == NAVIGATING))[order]
+    estimate = estimate.in_order()
+    stamp_ns = estimate.stamp_ns
+    finite = (*np.isfinite(estimate.r_e).T, *np.isfinite(estimate.v_G).T)
+    good = reduce(np.logical_and, finite, estimate.status == NAVIGATING)
     inside = window.mask(stamp_ns)
     diverged = int((inside & ~good).sum())
     good_ns = stamp_ns[inside & good]

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from operator import attrgetter
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from polar_nav_core.engine.events import LOCAL_DOF, NIS_SUM, UPDATES
 
-from ..series import Receipt, last_revisions
+from ..series import Floats, Ints, Receipt, Series, last_revisions
 from .consistency import Consistency, consistency, consistency_of_sums
 from .plain import record
 
@@ -32,6 +35,56 @@ VERDICTS = (
     'NOT_READY',
     'BAD_FORMAT',
 )
+
+_TOPIC_AND_VERDICT = attrgetter('topic', 'verdict_text')
+
+UNKNOWN_NS = int(np.iinfo(np.int64).min)
+"""A time that is not known, in a column of times: before every window."""
+
+
+@dataclass(frozen=True, eq=False)
+class VerdictSeries(Series):
+    """What finally became of each message: last revisions, in order of the first receipts.
+
+    Attributes
+    ----------
+    stamp_ns : ndarray of int64, shape (n,)
+        When it was decided [ns].
+    verdict, source : ndarray of str, shape (n,)
+        `Receipt.verdict_text`, and who sent the message.
+    validity_ns, receive_ns : ndarray of int64, shape (n,)
+        [ns]; UNKNOWN_NS where a receipt has None.
+    nis, degrees_of_freedom : ndarray, shape (n,)
+        NaN and 0 where not computed.
+    """
+
+    stamp_ns: Ints
+    verdict: NDArray[np.object_]
+    source: NDArray[np.object_]
+    validity_ns: Ints
+    receive_ns: Ints
+    nis: Floats
+    degrees_of_freedom: Ints
+
+    @classmethod
+    def of(cls, receipts: Iterable[Receipt]) -> Self:
+        """Columns of the last revisions of `receipts`."""
+        final = last_revisions(receipts)
+        return cls(
+            stamp_ns=np.array([r.stamp_ns for r in final], np.int64),
+            # Objects: in an array of str, one long text would make all rows as long.
+            verdict=np.array([r.verdict_text for r in final], np.object_),
+            source=np.array([r.source for r in final], np.object_),
+            validity_ns=_times([r.validity_ns for r in final]),
+            receive_ns=_times([r.receive_ns for r in final]),
+            nis=np.array([r.nis for r in final], np.float64),
+            degrees_of_freedom=np.array([r.degrees_of_freedom for r in final], np.int64),
+        )
+
+    def fused(self) -> Self:
+        """Fixes that were fused and whose validity and reception are known."""
+        known = (self.validity_ns != UNKNOWN_NS) & (self.receive_ns != UNKNOWN_NS)
+        return self.rows(known & (self.verdict == FUSED))
 
 
 @dataclass(frozen=True)
@@ -69,11 +122,13 @@ class Balance:
 def count_verdicts(receipts: Sequence[Receipt]) -> VerdictCounts:
     """Count what finally became of each message."""
     final = last_revisions(receipts)
-    topics = sorted({r.topic for r in final})
+    counts: dict[str, Counter[str]] = {}
+    for (topic, verdict), number in Counter(map(_TOPIC_AND_VERDICT, final)).items():
+        counts.setdefault(topic, Counter())[verdict] = number
     return VerdictCounts(
         total=len(final),
-        by_verdict=_counted(r.verdict_text for r in final),
-        by_topic={t: _counted(r.verdict_text for r in final if r.topic == t) for t in topics},
+        by_verdict=_ordered(sum(counts.values(), Counter())),
+        by_topic={topic: _ordered(counts[topic]) for topic in sorted(counts)},
         revised=len(receipts) - len(final),
     )
 
@@ -102,26 +157,23 @@ def balances(receipts: Sequence[Receipt], received: Mapping[str, int]) -> tuple[
 
 
 def nis_by_source(
-    receipts: Sequence[Receipt], verdicts: Collection[str] = (FUSED, GATED)
+    series: VerdictSeries, verdicts: Collection[str] = (FUSED, GATED)
 ) -> dict[str, Consistency]:
     """NIS of each sender's fixes, by default fused and gated together.
 
     Leaving out the gated ones cuts the tail off the distribution and flatters a filter that
     refuses what does not suit it; taking them in lets one wild fix rule the mean. Look at both.
     """
-    judged = [
-        r
-        for r in last_revisions(receipts)
-        if r.verdict_text in verdicts and r.degrees_of_freedom > 0 and np.isfinite(r.nis)
-    ]
-    return {
-        source: consistency(
-            [r.nis for r in judged if r.source == source],
-            [r.degrees_of_freedom for r in judged if r.source == source],
-            independent=True,
-        )
-        for source in sorted({r.source for r in judged})
-    }
+    judged = series.rows(
+        np.isin(series.verdict, list(verdicts))
+        & (series.degrees_of_freedom > 0)
+        & np.isfinite(series.nis)
+    )
+    found = {}
+    for source in sorted(set(judged.source)):
+        own = judged.rows(judged.source == source)
+        found[source] = consistency(own.nis, own.degrees_of_freedom, independent=True)
+    return found
 
 
 def nis_of_local(statistics: NDArray[np.float64]) -> dict[str, Consistency]:
@@ -146,8 +198,9 @@ def in_order(verdicts: Iterable[str]) -> list[str]:
     return [v for v in VERDICTS if v in distinct] + sorted(distinct - set(VERDICTS))
 
 
-def _counted(names: Iterable[str]) -> dict[str, int]:
-    found: dict[str, int] = {}
-    for name in names:
-        found[name] = found.get(name, 0) + 1
-    return {name: found[name] for name in in_order(found)}
+def _ordered(counts: Mapping[str, int]) -> dict[str, int]:
+    return {name: counts[name] for name in in_order(counts)}
+
+
+def _times(times_ns: Iterable[int | None]) -> Ints:
+    return np.array([UNKNOWN_NS if t is None else t for t in times_ns], np.int64)

@@ -34,6 +34,12 @@ class Window:
         """True for the stamps inside."""
         return (stamp_ns >= self.start_ns) & (stamp_ns <= self.end_ns)
 
+    def rows(self, stamp_ns: NDArray[np.int64]) -> slice:
+        """Rows of ascending stamps that are inside: what they select is not copied."""
+        first = np.searchsorted(stamp_ns, self.start_ns, side='left')
+        stop = np.searchsorted(stamp_ns, self.end_ns, side='right')
+        return slice(int(first), int(stop))
+
 
 def standard_windows(start_ns: int, end_ns: int) -> tuple[Window, ...]:
     """Whole run and its second half by time, in which start values are forgotten.
