@@ -8,11 +8,12 @@ order: `reorder.py` sees to it live, `replay` sorts the bag.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from ..errors import FilterDivergence
+from ..kernels.filter import Ints
 from .checks import aiding_warning, history_warning
 from .events import (
     LOCAL_DOF,
@@ -40,7 +41,7 @@ from .filter.navigation import NavigationFilter
 from .filter.settings import chi2_gate
 from .integrity import Integrity, IntegrityMonitor, held
 from .params import EngineParams
-from .receipts import age_s, decided_receipt, receipt_of
+from .receipts import age_s, decided_receipt, fused_receipts, receipt_of
 from .refusals import unusable_fix, unusable_local
 from .station.fixes import dated
 from .station.identify import Adaptation, make_adaptation
@@ -219,6 +220,24 @@ class Engine:
         self._remember(fix)
         return self._count(self._decided(fix, fix, result, stamp_ns))
 
+    def take_fused(
+        self, fixes: Sequence[Fix], outcomes: Array, notes: Ints, gate: float
+    ) -> list[Receipt]:
+        """Take fixes that the filter has fused one after the other, as `fused_receipts` has them.
+
+        None was refused before them since the newest that was fused (`leaves_to_filter`).
+        """
+        self._require_order(fixes[0])
+        self._last_key = fixes[-1].key
+        newest_ns = max(fix.validity_ns for fix in fixes)
+        self._fixes_received += len(fixes)
+        self.fused['fix'] += len(fixes)
+        self.verdicts[Verdict.FUSED] += len(fixes)
+        self._last_validity_ns = max(self._last_validity_ns, newest_ns)
+        self._integrity.fused(newest_ns, fixes[-1].receive_ns)
+        self._remember(*fixes)
+        return fused_receipts(fixes, outcomes, notes, gate, self.configuration)
+
     def note_imu(self, stamp_ns: int) -> None:
         """Take note of the newest IMU sample that the caller processed."""
         self._last_imu_ns = stamp_ns
@@ -362,8 +381,9 @@ class Engine:
             )
         return None
 
-    def _remember(self, fix: Fix) -> None:
-        self._seen[(fix.source, fix.sequence)] = 0
+    def _remember(self, *fixes: Fix) -> None:
+        for fix in fixes:
+            self._seen[(fix.source, fix.sequence)] = 0
         while len(self._seen) > _SEQUENCES_KEPT:
             del self._seen[next(iter(self._seen))]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -90,6 +90,21 @@ class Collector:
         if n > self._noted:
             self._fixes[self._noted : n] = engine.fix_counts()
             self._noted = n
+
+    def note_fused(self, engine: Engine, validities_ns: Sequence[int], until: Stamps) -> None:
+        """As `note`, with the counts before each of some fixes that were fused, not yet counted.
+
+        Up to row ``until[k]`` it is fix k that is still to come.
+        """
+        last = int(until[-1])
+        if last > self._noted:
+            received, fused, newest_ns = engine.fix_counts()
+            number = np.arange(len(until))
+            newest = np.maximum.accumulate([newest_ns, *validities_ns[:-1]])
+            counts = np.column_stack([received + number, fused + number, newest])
+            rows = np.arange(self._noted, last)
+            self._fixes[self._noted : last] = counts[np.searchsorted(until, rows, side='right')]
+            self._noted = last
 
     def drain(self) -> None:
         """Pass on what waits."""
