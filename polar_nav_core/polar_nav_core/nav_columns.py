@@ -32,6 +32,9 @@ QUATERNION = slice(_kernels.QUATERNION, _kernels.QUATERNION + 4)
 """Of C_b_G: x, y, z, w, with w >= 0."""
 POSITION_COVARIANCE_G = slice(_kernels.POSITION_COVARIANCE, _kernels.POSITION_COVARIANCE + 9)
 """C_e_G P_e C_e_G', by rows [m^2]."""
+VELOCITY_COVARIANCE_G = slice(_kernels.VELOCITY_COVARIANCE, _kernels.VELOCITY_COVARIANCE + 9)
+ATTITUDE_COVARIANCE_G = slice(_kernels.ATTITUDE_COVARIANCE, _kernels.ATTITUDE_COVARIANCE + 9)
+"""Of v_G and of phi_G, by rows [m^2/s^2], [rad^2]."""
 SIGMA = slice(_kernels.SIGMA, _kernels.SIGMA + 24)
 """Standard deviations of the error state, in its order (`error_model.X`)."""
 WIDTH = _kernels.WIDTH
@@ -65,11 +68,15 @@ def describe(r_e: Array, C_b_G: Array, P: Array, out: Array | None = None) -> Ar
         np.ascontiguousarray(C_b_G),
         np.ascontiguousarray(P),
         rows,
-        np.empty((3, 3)),
-        np.empty((3, 3)),
+        np.empty((2, 3, 3)),
     )
-    refuse_singular(rows[:, _kernels.DELTA])
+    require_axes(rows)
     return rows
+
+
+def require_axes(rows: Array) -> None:
+    """ValueError if one of the rows is of a place without grid north."""
+    refuse_singular(rows[:, _kernels.DELTA])
 
 
 def rotations(xyzw: Array) -> Array:

@@ -43,8 +43,8 @@ def nav_to_msg(
     msg.v_g = e.v_G
     msg.orientation = Quaternion(x=x, y=y, z=z, w=w)
     msg.position_covariance_g = row[nav_columns.POSITION_COVARIANCE_G]
-    msg.velocity_covariance_g = e.P[3:6, 3:6].reshape(9)
-    msg.attitude_covariance_g = e.P[0:3, 0:3].reshape(9)
+    msg.velocity_covariance_g = row[nav_columns.VELOCITY_COVARIANCE_G]
+    msg.attitude_covariance_g = row[nav_columns.ATTITUDE_COVARIANCE_G]
     msg.gyro_bias_b = e.gyro_bias_b
     msg.gyro_bias_sigma = sigma[9:12]
     msg.accel_bias_b = e.accel_bias_b

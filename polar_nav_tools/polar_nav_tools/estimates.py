@@ -26,13 +26,20 @@ from .series import EstimateSeries, Receipt
 _ERRORS = ('gyro_bias_b', 'accel_bias_b', 'dvl_scale_m', 'dvl_markov_m', 'usbl_bias_a')
 _SIGMAS = tuple(f'{name.rpartition("_")[0]}_sigma' for name in _ERRORS)
 
+_COVARIANCES = {
+    'P_position_G': nav_columns.POSITION_COVARIANCE_G,
+    'P_velocity_G': nav_columns.VELOCITY_COVARIANCE_G,
+    'P_attitude_G': nav_columns.ATTITUDE_COVARIANCE_G,
+}
+
 Columns = dict[str, NDArray[Any]]
 
 
 class EstimateRows:
     """Takes the rows of a run (`batch.run(sink=...)`) and makes a series of them.
 
-    Of each covariance only the blocks and sigmas stay that are published.
+    Of each covariance only the blocks and sigmas stay that are published; a run needs to give no
+    more (``told=True``).
 
     Parameters
     ----------
@@ -47,11 +54,10 @@ class EstimateRows:
         self._room = max(expected, 1)
         self._columns: Columns = {}
         self._count = 0
-        self._told = np.empty((0, nav_columns.WIDTH))
 
     def take(self, chunk: Track) -> None:
         """Take some rows; they are copied."""
-        columns = self._told_of(chunk)
+        columns = self._columns_of(chunk)
         start, stop = self._count, self._count + len(chunk.stamps_ns)
         if not self._columns or stop > self._room:
             self._make_room(columns, stop)
@@ -89,12 +95,13 @@ class EstimateRows:
                 self._columns[name][:start] = before[name][:start]
             at += size
 
-    def _told_of(self, rows: Track) -> Columns:
+    def _columns_of(self, rows: Track) -> Columns:
         """Columns of an EstimateSeries; see `navigation_outputs.nav_to_msg` for each."""
-        count, P = len(rows.stamps_ns), rows.P
-        if count > len(self._told):
-            self._told = np.empty((count, nav_columns.WIDTH))
-        told = nav_columns.describe(rows.r_e, rows.C_b_G, P, self._told)
+        count, told = len(rows.stamps_ns), rows.told
+        if len(told) == count:
+            nav_columns.require_axes(told)
+        else:
+            told = nav_columns.describe(rows.r_e, rows.C_b_G, rows.P)
         sigma, errors, fixes = told[:, nav_columns.SIGMA], rows.sensor_errors, rows.fixes
         height = told[:, nav_columns.COLUMNS['height']]
         age = np.where(fixes[:, 1] > 0, (rows.stamps_ns - fixes[:, 2]) * 1e-9, np.nan)
@@ -106,9 +113,7 @@ class EstimateRows:
             'depth': self._params.sea_surface_height - height,
             'v_G': rows.v_G,
             'C_b_G': nav_columns.rotations(told[:, nav_columns.QUATERNION]),
-            'P_position_G': told[:, nav_columns.POSITION_COVARIANCE_G].reshape(count, 3, 3),
-            'P_velocity_G': P[:, X.dv_G, X.dv_G],
-            'P_attitude_G': P[:, X.phi_G, X.phi_G],
+            **{name: told[:, place].reshape(count, 3, 3) for name, place in _COVARIANCES.items()},
             **{name: errors[:, 3 * i : 3 * i + 3] for i, name in enumerate(_ERRORS)},
             **{name: sigma[:, 9 + 3 * i : 12 + 3 * i] for i, name in enumerate(_SIGMAS)},
             'fixes_received': fixes[:, 0],

@@ -27,7 +27,7 @@ from .filter.navigation import NavigationFilter
 from .filter.streams import put_late_fix, room_for_fixes
 from .inputs import Inputs, Stamps
 from .params import EngineParams
-from .track import ROWS, Collector, RowSink, Track
+from .track import Collector, RowSink, Track
 
 __all__ = ['Inputs', 'Progress', 'Result', 'RowSink', 'Stamps', 'Track', 'run']
 
@@ -59,6 +59,7 @@ def run(
     progress: Progress | None = None,
     one_by_one: bool = False,
     sink: RowSink | None = None,
+    told: bool = False,
 ) -> Result:
     """Run an engine over the inputs; an estimate every ``params.output_period_s``.
 
@@ -71,9 +72,11 @@ def run(
         Take event by event, as a node does: slower, the same bits.
     sink : callable, optional
         Takes the rows instead of the result: half a day of covariances does not fit in memory.
+    told : bool
+        Leave the covariances out of the rows, and put in what nav/state tells (`nav_columns`).
     """
     engine = Engine(params)
-    collector = Collector(sink, aiding.make_aiding(params))
+    collector = Collector(sink, aiding.make_aiding(params), told=told)
     if one_by_one or not engine.compiled:
         for event in inputs.events():
             collector.take(engine.process(event))
@@ -317,7 +320,7 @@ class _Compiled:
         if self._fusion is None or not self._engine.navigating:
             return
         if 0 <= self._rows.io[0] < stamp_ns:
-            if self._rows.io[1] >= ROWS:
+            if self._rows.io[1] >= len(self._rows.stamps):
                 self._collector.note(self._engine)
                 self._collector.drain()
             f = self._fusion.filter

@@ -25,7 +25,9 @@ TRUE_HEADING_SIGMA = 7
 CONVERGENCE = 8
 QUATERNION = 9
 POSITION_COVARIANCE = 13
-SIGMA = 22
+VELOCITY_COVARIANCE = 22
+ATTITUDE_COVARIANCE = 31
+SIGMA = 40
 DELTA = SIGMA + N
 """How far from singular the place is (`grid.delta`)."""
 WIDTH = DELTA + 1
@@ -34,6 +36,7 @@ SIGMA_CAP = math.pi / math.sqrt(3.0)
 """Standard deviation of a heading of which nothing is known (uniform over the circle) [rad]."""
 _TURN = 2.0 * math.pi
 _VERTICAL = 1e-12
+_VELOCITY = 3
 _POSITION = 6
 _HEADING = 2
 
@@ -88,8 +91,10 @@ def _quaternion(C: Array, row: Array) -> None:
 
 
 @kernel
-def _position_covariance(P: Array, C_e_G: Array, product: Array, row: Array) -> None:
-    """C_e_G P_e C_e_G' of the position."""
+def _covariances(P: Array, C_e_G: Array, product: Array, row: Array) -> None:
+    """Of position, C_e_G P_e C_e_G', of velocity and attitude; all standard deviations."""
+    for k in range(N):
+        row[SIGMA + k] = math.sqrt(P[k, k])
     for i in range(3):
         for j in range(3):
             product[i, j] = (
@@ -104,6 +109,8 @@ def _position_covariance(P: Array, C_e_G: Array, product: Array, row: Array) -> 
                 + product[i, 1] * C_e_G[j, 1]
                 + product[i, 2] * C_e_G[j, 2]
             )
+            row[VELOCITY_COVARIANCE + 3 * i + j] = P[_VELOCITY + i, _VELOCITY + j]
+            row[ATTITUDE_COVARIANCE + 3 * i + j] = P[i, j]
 
 
 @kernel
@@ -135,39 +142,39 @@ def _true_heading(x: float, y: float, u_z: float, P: Array, row: Array) -> None:
 
 
 @routine
-def describe_many(
-    r_e: Array, C_b_G: Array, P: Array, rows: Array, C_e_G: Array, product: Array
-) -> None:
-    """Fill a row for each state.
+def describe(r_e: Array, C_b_G: Array, P: Array, row: Array, scratch: Array) -> None:
+    """Fill the row of a state.
 
     Parameters
     ----------
-    r_e : (n, 3) array
+    r_e : (3,) array
         Position, ECEF [m].
-    C_b_G : (n, 3, 3) array
-    P : (n, 24, 24) array
+    C_b_G : (3, 3) array
+    P : (24, 24) array
         Covariance of the error state.
-    rows : (n, WIDTH) array
+    row : (WIDTH,) array
         Filled.
-    C_e_G, product : (3, 3) arrays
-        Scratch.
+    scratch : (2, 3, 3) array
     """
+    x = r_e[0]
+    y = r_e[1]
+    u_x, u_y, u_z, height = up_and_height(x, y, r_e[2])
+    row[LATITUDE] = math.atan2(u_z, math.hypot(u_x, u_y))
+    row[LONGITUDE] = math.atan2(y, x) if x != 0.0 or y != 0.0 else math.nan
+    row[HEIGHT] = height
+    _euler(C_b_G, row)
+    _quaternion(C_b_G, row)
+    row[DELTA] = delta(u_x, u_z)
+    fill_C_e_G(u_x, u_y, u_z, scratch[0])
+    _covariances(P, scratch[0], scratch[1], row)
+    _true_heading(x, y, u_z, P, row)
+
+
+@routine
+def describe_many(r_e: Array, C_b_G: Array, P: Array, rows: Array, scratch: Array) -> None:
+    """`describe` of each state: (n, 3), (n, 3, 3) and (n, 24, 24) into (n, WIDTH)."""
     for n in range(r_e.shape[0]):
-        row = rows[n]
-        x = r_e[n, 0]
-        y = r_e[n, 1]
-        u_x, u_y, u_z, height = up_and_height(x, y, r_e[n, 2])
-        row[LATITUDE] = math.atan2(u_z, math.hypot(u_x, u_y))
-        row[LONGITUDE] = math.atan2(y, x) if x != 0.0 or y != 0.0 else math.nan
-        row[HEIGHT] = height
-        _euler(C_b_G[n], row)
-        _quaternion(C_b_G[n], row)
-        for k in range(N):
-            row[SIGMA + k] = math.sqrt(P[n, k, k])
-        row[DELTA] = delta(u_x, u_z)
-        fill_C_e_G(u_x, u_y, u_z, C_e_G)
-        _position_covariance(P[n], C_e_G, product, row)
-        _true_heading(x, y, u_z, P[n], row)
+        describe(r_e[n], C_b_G[n], P[n], rows[n], scratch)
 
 
 @routine
