@@ -17,15 +17,17 @@ from numpy.typing import ArrayLike
 from .arrays import Array, scalar_or_array, vectors
 from .earth import up
 from .kernels import grid as _kernels
+from .kernels.nav_columns import SIGMA_CAP
 
 SINGULAR_DELTA = 1e-8
 """Smallest Delta = sqrt(1 - u_y^2) that is still used [rad]."""
 
-TRUE_HEADING_SIGMA_CAP = float(np.pi / np.sqrt(3.0))
+TRUE_HEADING_SIGMA_CAP = SIGMA_CAP
 """Standard deviation of a heading of which nothing is known (uniform over the circle) [rad]."""
 
 
-def _refuse_singular(delta: Array) -> None:
+def refuse_singular(delta: Array) -> None:
+    """ValueError if one of the places, ``Delta = sqrt(1 - u_y^2)`` from singular, is too near."""
     if np.any(delta < SINGULAR_DELTA):
         raise ValueError(
             'grid north is undefined on the equator at longitude +-90 deg '
@@ -37,7 +39,7 @@ def require_regular(r_e: ArrayLike) -> Array:
     """Return r_e as an array (..., 3); ValueError if one of the singular places is in it."""
     positions = vectors(r_e, 'r_e')
     u_e = up(positions)
-    _refuse_singular(np.hypot(u_e[..., 0], u_e[..., 2]))
+    refuse_singular(np.hypot(u_e[..., 0], u_e[..., 2]))
     return positions
 
 
@@ -88,7 +90,7 @@ def convergence(lat: ArrayLike, lon: ArrayLike) -> Array:
     """
     y = np.sin(lat) * np.sin(lon)
     x = np.cos(lon)
-    _refuse_singular(np.hypot(x, y))
+    refuse_singular(np.hypot(x, y))
     return scalar_or_array(np.asarray(np.arctan2(y, x)))
 
 
@@ -184,6 +186,6 @@ def true_heading(
         return TrueHeading(float('nan'), cap, float('nan'))
     u_z = float(up(np.array([x, y, z]))[2])
     # atan2(sin(lat) sin(lon), cos(lon)), both times the distance from the axis
-    _refuse_singular(np.asarray(np.hypot(x, u_z * y) / distance))
+    refuse_singular(np.asarray(np.hypot(x, u_z * y) / distance))
     sigma_angle = float(np.arctan2(u_z * y, x))
     return TrueHeading(float(np.mod(grid_heading + sigma_angle, 2.0 * np.pi)), sigma, sigma_angle)

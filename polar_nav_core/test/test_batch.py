@@ -6,6 +6,7 @@ from closed_loop import World
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from polar_nav_core import nav_columns
 from polar_nav_core.engine import batch
 from polar_nav_core.engine.params import CONFIGURATIONS, DELAY_HANDLING
 
@@ -68,6 +69,18 @@ def test_same_bits_for_each_strategy(world, name, noise):
 @pytest.mark.parametrize('name', CONFIGURATIONS)
 def test_same_bits_for_each_configuration(world, name):
     both(world.params(configuration=name), inputs_of(world, world.fixes(1.0, 1.5)))
+
+
+@pytest.mark.parametrize('one_by_one', [False, True])
+def test_rows_with_what_is_told_in_place_of_covariances(world, one_by_one):
+    params, inputs = world.params(), inputs_of(world, world.fixes(1.0, 1.5))
+    full = batch.run(params, inputs).track
+    slim = batch.run(params, inputs, told=True, one_by_one=one_by_one).track
+    told = nav_columns.describe(full.r_e, full.C_b_G, full.P)
+    np.testing.assert_array_equal(slim.told, told)
+    assert len(slim.P) == len(full.told) == 0
+    for name in set(batch.Track.__dataclass_fields__) - {'P', 'told'}:
+        np.testing.assert_array_equal(getattr(slim, name), getattr(full, name), name)
 
 
 @settings(max_examples=15, deadline=None)

@@ -7,12 +7,11 @@ import math
 import numpy as np
 from geometry_msgs.msg import Quaternion
 
-from polar_nav_core import attitude, earth, grid
+from polar_nav_core import nav_columns
 from polar_nav_core.engine.events import (
     LOCAL_GATED,
     NIS_SUM,
     UPDATES,
-    Array,
     Estimate,
     Receipt,
     Verdict,
@@ -27,16 +26,10 @@ def nav_to_msg(
     e: Estimate, params: EngineParams, vehicle: str, frame_id: str = 'earth'
 ) -> NavState:
     """polar_nav_msgs/NavState of an estimate; ``frame_id`` is that of positions."""
-    lat, lon, height = (float(v) for v in earth.geodetic_from_ecef(e.r_e))
-    C_e_G = grid.ecef_to_grid(e.r_e)
-    sigma = np.sqrt(np.diagonal(e.P))
-    position_G = _in_grid(C_e_G, e.P[6:9, 6:9])
-    _, pitch, roll = attitude.euler_from_matrix(e.C_b_G)
-    grid_heading = float(attitude.grid_heading(e.C_b_G))
-    heading = grid.true_heading(
-        e.r_e, grid_heading, float(sigma[2]), math.sqrt(_variance_true_east(e.r_e, e.P))
-    )
-    x, y, z, w = attitude.quaternion_from_matrix(e.C_b_G)
+    row = nav_columns.describe(e.r_e[None], e.C_b_G[None], e.P[None])[0]
+    told = {name: float(row[k]) for name, k in nav_columns.COLUMNS.items()}
+    x, y, z, w = row[nav_columns.QUATERNION].tolist()
+    sigma = row[nav_columns.SIGMA]
     msg = NavState()
     msg.header.stamp = to_msg(e.stamp_ns)
     msg.header.frame_id = frame_id
@@ -44,21 +37,14 @@ def nav_to_msg(
     msg.configuration = params.configuration
     msg.status = NavState.STATUS_NAVIGATING
     msg.r_e = e.r_e
-    msg.latitude = lat
-    msg.longitude = lon if math.hypot(e.r_e[0], e.r_e[1]) > 0.0 else math.nan
-    msg.height = height
-    msg.depth = params.sea_surface_height - height
+    for name, value in told.items():
+        setattr(msg, name, value)
+    msg.depth = params.sea_surface_height - told['height']
     msg.v_g = e.v_G
-    msg.orientation = Quaternion(x=float(x), y=float(y), z=float(z), w=float(w))
-    msg.roll = float(roll)
-    msg.pitch = float(pitch)
-    msg.grid_heading = grid_heading
-    msg.true_heading = heading.heading
-    msg.true_heading_sigma = heading.sigma
-    msg.convergence = heading.convergence
-    msg.position_covariance_g = position_G.reshape(9)
-    msg.velocity_covariance_g = e.P[3:6, 3:6].reshape(9)
-    msg.attitude_covariance_g = e.P[0:3, 0:3].reshape(9)
+    msg.orientation = Quaternion(x=x, y=y, z=z, w=w)
+    msg.position_covariance_g = row[nav_columns.POSITION_COVARIANCE_G]
+    msg.velocity_covariance_g = row[nav_columns.VELOCITY_COVARIANCE_G]
+    msg.attitude_covariance_g = row[nav_columns.ATTITUDE_COVARIANCE_G]
     msg.gyro_bias_b = e.gyro_bias_b
     msg.gyro_bias_sigma = sigma[9:12]
     msg.accel_bias_b = e.accel_bias_b
@@ -129,15 +115,3 @@ def receipt_from_msg(msg: FixReceipt) -> Receipt:
         gate=msg.gate,
         revision=msg.revision,
     )
-
-
-def _in_grid(C_e_G: Array, covariance_e: Array) -> Array:
-    return np.asarray(np.einsum('ik,kl,jl->ij', C_e_G, covariance_e, C_e_G))
-
-
-def _variance_true_east(r_e: Array, P: Array) -> float:
-    """Variance of position along true east [m^2]; at a pole, along the y axis of ECEF."""
-    x, y = float(r_e[0]), float(r_e[1])
-    p = math.hypot(x, y)
-    e = np.array([-y / p, x / p, 0.0]) if p > 0.0 else np.array([0.0, 1.0, 0.0])
-    return float(max(np.einsum('i,ij,j->', e, P[6:9, 6:9], e), 0.0))

@@ -77,7 +77,7 @@ def replay_arrays(
         )
     numbered = source.inputs(params)
     rows = EstimateRows(params, _expected(numbered.inputs, params))
-    result = batch.run(params, numbered.inputs, progress=progress, sink=rows.take)
+    result = batch.run(params, numbered.inputs, progress=progress, sink=rows.take, told=True)
     found = [numbered.renumbered(r) for r in result.receipts]
     receipts = list(_merged(found, source.refused))
     verdicts = Counter(dict(result.verdicts))

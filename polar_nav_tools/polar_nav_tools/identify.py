@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from polar_nav_core import nav_columns
 from polar_nav_core.engine.events import Fix, Identification
 from polar_nav_core.identification.identifier import Identifier, identify
 from polar_nav_core.identification.params import METHODS, IdentificationParams
@@ -262,7 +263,7 @@ class RecordedRun:
 
     def _feed_log(self, identifier: Identifier, end_ns: int) -> None:
         ahrs = self._columns[AHRS]
-        C_b_G = arrays.rotation_from_quaternion(ahrs[_QUATERNION[0]])
+        C_b_G = nav_columns.rotations(ahrs[_QUATERNION[0]])
         C_b_G[ahrs['orientation_covariance'][:, 0] == -1.0] = np.nan
         psi = np.arctan2(C_b_G[:, 1, 0], C_b_G[:, 0, 0])
         pitch = -np.arcsin(np.clip(C_b_G[:, 2, 0], -1.0, 1.0))

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polar_nav_core import attitude
+from polar_nav_core import attitude, nav_columns
 from polar_nav_core.engine.events import (
     Array,
     Command,
@@ -153,6 +153,7 @@ class _Rows(NamedTuple):
     sensor_errors: Array
     local_statistics: Array
     fixes: Stamps
+    told: Array = np.zeros((0, nav_columns.WIDTH))
 
 
 def _as_estimates(track: batch.Track, part: slice) -> _Rows:

@@ -19,6 +19,7 @@ from bag_samples import (
     write_bag,
 )
 
+from polar_nav_core import nav_columns
 from polar_nav_tools.bags import BagError, BagWriter, arrays, open_bag
 from polar_nav_tools.bags.schemas import definition
 from polar_nav_tools.series import last_revisions
@@ -193,7 +194,7 @@ def test_what_is_missing_or_wrong(tmp_path, bag):
 def test_quaternions():
     rng = np.random.default_rng(5)
     q = rng.normal(size=(50, 4))
-    C = arrays.rotation_from_quaternion(q)
+    C = nav_columns.rotations(q)
     np.testing.assert_allclose(
         C @ C.transpose(0, 2, 1), np.tile(np.eye(3), (50, 1, 1)), atol=1e-14
     )
@@ -203,7 +204,7 @@ def test_quaternions():
     u, v = np.array([x, y, z]), np.array([1.0, -2.0, 0.5])
     t = 2.0 * np.cross(u, v)
     np.testing.assert_allclose(C[0] @ v, v + w * t + np.cross(u, t), atol=1e-14)
-    assert np.isnan(arrays.rotation_from_quaternion(np.zeros((1, 4)))).all()
+    assert np.isnan(nav_columns.rotations(np.zeros((1, 4)))).all()
 
 
 def test_last_revisions_decide():

@@ -262,7 +262,6 @@ def test_each_field_of_any_estimate_is_that_of_the_message():
     for i in range(0, count, 700):  # more than was expected, in several parts
         part = {f.name: getattr(track, f.name)[i : i + 700] for f in dataclasses.fields(track)}
         rows.take(batch.Track(**part))
-        rows._convert()
     data = [to_bytes(nav_to_msg(estimate(track, i), params, 'follower')) for i in range(count)]
     assert_same_series(rows.series('follower'), estimates_from_cdr(data, 'follower'))
 

@@ -27,7 +27,7 @@ from .filter.navigation import NavigationFilter
 from .filter.streams import put_late_fix, room_for_fixes
 from .inputs import Inputs, Stamps
 from .params import EngineParams
-from .track import ROWS, Collector, RowSink, Track
+from .track import Collector, RowSink, Track
 
 __all__ = ['Inputs', 'Progress', 'Result', 'RowSink', 'Stamps', 'Track', 'run']
 
@@ -36,6 +36,7 @@ Progress = Callable[[float], None]
 
 _STRETCH = 1024
 """Fixes that the compiled loop is given at a time, at most."""
+_PIECE = 1 << 16
 
 
 @dataclass(frozen=True)
@@ -58,6 +59,7 @@ def run(
     progress: Progress | None = None,
     one_by_one: bool = False,
     sink: RowSink | None = None,
+    told: bool = False,
 ) -> Result:
     """Run an engine over the inputs; an estimate every ``params.output_period_s``.
 
@@ -70,9 +72,11 @@ def run(
         Take event by event, as a node does: slower, the same bits.
     sink : callable, optional
         Takes the rows instead of the result: half a day of covariances does not fit in memory.
+    told : bool
+        Leave the covariances out of the rows, and put in what nav/state tells (`nav_columns`).
     """
     engine = Engine(params)
-    collector = Collector(sink, aiding.make_aiding(params))
+    collector = Collector(sink, aiding.make_aiding(params), told=told)
     if one_by_one or not engine.compiled:
         for event in inputs.events():
             collector.take(engine.process(event))
@@ -103,10 +107,10 @@ class _Compiled:
         x = self._inputs
         imu = _finite(x.omega_ib_b) & _finite(x.f_b)
         good = slice(None) if imu.all() else np.flatnonzero(imu)
-        steps_ns = np.diff(x.imu_stamps_ns[good])
-        self._gaps = int(np.count_nonzero(steps_ns > self._engine.params.max_imu_gap_s * 1e9))
-        if not steps_ns.all():  # a stamp twice
-            imu[np.flatnonzero(imu)[1:][steps_ns == 0]] = False
+        stamps_ns = x.imu_stamps_ns[good]
+        self._gaps, repeated = _steps(stamps_ns, self._engine.params.max_imu_gap_s * 1e9)
+        if repeated:
+            imu[np.flatnonzero(imu)[1:][np.diff(stamps_ns) == 0]] = False
         variances = np.diagonal(x.dvl_covariance_m, axis1=1, axis2=2)
         dvl = (
             x.dvl_valid
@@ -275,18 +279,25 @@ class _Compiled:
         ``first`` is the number of the first fix in the streams.
         """
         engine, collector = self._engine, self._collector
-        length = len(f.streams.fix_stamps)
         decided = int(f.state.counters[fs.FIX]) - first
-        for k in range(settled, decided):
-            i = (first + k) % length
-            row = f.streams.fix_outcomes[i]
-            if row[0] < 0.0:  # here the filter was lost
-                return k
-            steps, stamp_ns, rows = f.streams.fix_notes[i].tolist()
+        places = np.arange(first + settled, first + decided) % len(f.streams.fix_stamps)
+        outcomes, notes = f.streams.fix_outcomes[places], f.streams.fix_notes[places]
+        # All were fused, but for the last one perhaps: the compiled loop stops there.
+        others = np.flatnonzero(outcomes[:, 0] != fs.FUSED)
+        fused = int(others[0]) if len(others) else len(places)
+        if fused:
+            taken = fixes[settled : settled + fused]
+            collector.note_fused(engine, [fix.validity_ns for fix in taken], notes[:fused, 2])
+            gate = float(f.settings.gates[fs.VECTOR])
+            collector.receipts += engine.take_fused(taken, outcomes[:fused], notes[:fused], gate)
+            settled += fused
+        if settled < decided and outcomes[fused, 0] >= 0.0:  # else the filter was lost here
+            steps, stamp_ns, rows = notes[fused].tolist()
             collector.note(engine, rows)
-            result = FixResult(f.outcome_of(row), steps)
-            collector.receipts.append(engine.take_decided(fixes[k], result, stamp_ns))
-        return decided
+            result = FixResult(f.outcome_of(outcomes[fused]), steps)
+            collector.receipts.append(engine.take_decided(fixes[settled], result, stamp_ns))
+            settled += 1
+        return settled
 
     def _advance(self, stamp_ns: int, rank: int) -> None:
         """Take everything before a place in the order of events."""
@@ -309,7 +320,7 @@ class _Compiled:
         if self._fusion is None or not self._engine.navigating:
             return
         if 0 <= self._rows.io[0] < stamp_ns:
-            if self._rows.io[1] >= ROWS:
+            if self._rows.io[1] >= len(self._rows.stamps):
                 self._collector.note(self._engine)
                 self._collector.drain()
             f = self._fusion.filter
@@ -329,10 +340,21 @@ _END_NS = (1 << 63) - 2
 
 
 def _finite(values: Array) -> NDArray[np.bool_]:
-    finite = np.isfinite(values)
-    if finite.all():  # nearly always, and ten times as fast as row by row
+    with np.errstate(over='ignore', invalid='ignore'):
+        total = np.sum(values)
+    if np.isfinite(total):  # nearly always, and many times as fast as row by row
         return np.ones(len(values), dtype=bool)
-    return np.asarray(finite.all(axis=1))
+    return np.asarray(np.isfinite(values).all(axis=1))
+
+
+def _steps(stamps_ns: Stamps, longest_ns: float) -> tuple[int, bool]:
+    """How many steps are longer than that, and whether one is zero; no large array is made."""
+    gaps, repeated = 0, False
+    for start in range(0, len(stamps_ns), _PIECE):
+        steps_ns = np.diff(stamps_ns[start : start + _PIECE + 1])
+        gaps += int(np.count_nonzero(steps_ns > longest_ns))
+        repeated |= not steps_ns.all()
+    return gaps, repeated
 
 
 def _rows_of(values: NDArray[Any], keep: NDArray[np.bool_]) -> NDArray[Any]:

@@ -8,11 +8,12 @@ order: `reorder.py` sees to it live, `replay` sorts the bag.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from ..errors import FilterDivergence
+from ..kernels.filter import Ints
 from .checks import aiding_warning, history_warning
 from .events import (
     LOCAL_DOF,
@@ -38,14 +39,13 @@ from .filter.delay import compiled, make_fusion
 from .filter.fusion import Driver, FixResult, Fusion
 from .filter.navigation import NavigationFilter
 from .filter.settings import chi2_gate
-from .integrity import Integrity, IntegrityMonitor, held
+from .integrity import Integrity, held
+from .ledger import FixLedger
 from .params import EngineParams
-from .receipts import age_s, decided_receipt, receipt_of
-from .refusals import unusable_fix, unusable_local
+from .receipts import age_s, receipt_of
+from .refusals import unusable_local
 from .station.fixes import dated
 from .station.identify import Adaptation, make_adaptation
-
-_SEQUENCES_KEPT = 4096
 
 
 class Engine:
@@ -62,7 +62,6 @@ class Engine:
         self.configuration = params.resolved()
         self._make_fusion = make_fusion(params)
         self._output_ns = round(params.output_period_s * 1e9)
-        self._max_delay_ns = round(params.max_delay_s * 1e9)
         self._fusion: Driver | None = None
         self._thrust: ControlSample | None = None
         self._adaptation = make_adaptation(params)
@@ -71,15 +70,12 @@ class Engine:
         self._last_key: OrderKey | None = None
         self._last_imu_ns: int | None = None
         self._due_ns: int | None = None
-        self._seen: dict[tuple[str, int], int] = {}
-        self._last_validity_ns = 0
-        self._fixes_received = 0
         self.verdicts: Counter[Verdict] = Counter()
         self.gated: Counter[str] = Counter()
         self.fused: Counter[str] = Counter()
         self.imu_gaps = 0
         self.divergence = ''
-        self._integrity = IntegrityMonitor(params.max_gated_s)
+        self._ledger = FixLedger(params, self.verdicts, self.fused)
         self._start_ns = 0
 
     # -- driving ----------------------------------------------------------------------------------
@@ -96,7 +92,7 @@ class Engine:
         yield from self.advance(event.stamp_ns)
         self._last_key = event.key
         if isinstance(event, Fix):
-            self._fixes_received += 1
+            self._ledger.received += 1
             yield from self._guarded_fix(event)
             return
         if isinstance(event, Command):
@@ -145,7 +141,7 @@ class Engine:
     @property
     def integrity(self) -> Integrity:
         """Whether fixes agree with the estimate, at the newest IMU sample."""
-        return self._integrity.state(self._last_imu_ns or 0)
+        return self._ledger.integrity.state(self._last_imu_ns or 0)
 
     @property
     def bottom_lock(self) -> bool | None:
@@ -203,7 +199,7 @@ class Engine:
 
     def leaves_to_filter(self, fix: Fix) -> bool:
         """Whether nothing but the filter's history and gate can refuse a fix now."""
-        return self._integrity.quiet and self._refusal(fix) is None
+        return self._ledger.integrity.quiet and self._ledger.refusal(fix) is None
 
     def take_decided(self, fix: Fix, result: FixResult | None, stamp_ns: int) -> Receipt:
         """Take what the filter has decided on a fix at its state of ``stamp_ns``.
@@ -212,12 +208,20 @@ class Engine:
         """
         self._require_order(fix)
         self._last_key = fix.key
-        self._fixes_received += 1
+        self._ledger.received += 1
         if result is None:
             reason = self.divergence
             return self._count(self._receipt(fix, fix.receive_ns, Verdict.NOT_READY, reason))
-        self._remember(fix)
-        return self._count(self._decided(fix, fix, result, stamp_ns))
+        self._ledger.remember(fix)
+        return self._count(self._ledger.decided(fix, fix, result, stamp_ns))
+
+    def take_fused(
+        self, fixes: Sequence[Fix], outcomes: Array, notes: Ints, gate: float
+    ) -> list[Receipt]:
+        """Take fixes that the filter has fused one after the other (`FixLedger.fused`)."""
+        self._require_order(fixes[0])
+        self._last_key = fixes[-1].key
+        return self._ledger.fused(fixes, outcomes, notes, gate)
 
     def note_imu(self, stamp_ns: int) -> None:
         """Take note of the newest IMU sample that the caller processed."""
@@ -232,7 +236,7 @@ class Engine:
 
     def fix_counts(self) -> tuple[int, int, int]:
         """Fixes received, fixes fused, newest validity of a fused one [ns]."""
-        return self._fixes_received, self.fused['fix'], self._last_validity_ns
+        return self._ledger.counts()
 
     # -- events -----------------------------------------------------------------------------------
 
@@ -301,16 +305,16 @@ class Engine:
         """Fuse a fix or say why not; with receipts of other fixes whose verdict it changed."""
         if self.params.mode == 'station':
             fix = dated(self.params, fix)
-        refused = self._refusal(fix)
+        refused = self._ledger.refusal(fix)
         if refused is not None:
             return [self._receipt(fix, fix.receive_ns, *refused)]
         if self._fusion is None:
             reason = self.divergence or 'the filter has no state yet'
             return [self._receipt(fix, fix.receive_ns, Verdict.NOT_READY, reason)]
         gate = chi2_gate(self.configuration.gate_probability, 3 if fix.polar is None else 2)
-        why = held(self._integrity, fix, self._fusion, gate)
+        why = held(self._ledger.integrity, fix, self._fusion, gate)
         if why:
-            self._remember(fix)
+            self._ledger.remember(fix)
             return [self._receipt(fix, fix.receive_ns, Verdict.GATED, why)]
         result = self._fusion.fix(fix)
         if result is None:
@@ -320,52 +324,16 @@ class Engine:
                 f'the stored history reaches back {reach:.2f} s'
             )
             return [self._receipt(fix, fix.receive_ns, Verdict.TOO_OLD, reason)]
-        self._remember(fix)
+        self._ledger.remember(fix)
         if self._adaptation is not None:
             self._identified = self._adaptation.fix(fix, result.outcome, self._fusion)
         now_ns = self._fusion.stamp_ns
-        first = self._decided(fix, fix, result, now_ns)
+        first = self._ledger.decided(fix, fix, result, now_ns)
         revised = (
-            self._decided(other, fix, FixResult(outcome, 0), now_ns)
+            self._ledger.decided(other, fix, FixResult(outcome, 0), now_ns)
             for other, outcome in result.revised
         )
         return [first, *revised]
-
-    def _decided(self, fix: Fix, cause: Fix, result: FixResult, now_ns: int) -> Receipt:
-        """Receipt of a fix that the gate has decided on; ``cause`` is the fix that made it."""
-        outcome, name, revision = result.outcome, (fix.source, fix.sequence), 0
-        if fix is not cause:
-            revision = self._seen[name] = self._seen[name] + 1
-            self.verdicts[Verdict.GATED if outcome.fused else Verdict.FUSED] -= 1
-        if outcome.fused:
-            self._integrity.fused(fix.validity_ns, cause.receive_ns)
-            self.fused['fix'] += 1
-            self._last_validity_ns = max(self._last_validity_ns, fix.validity_ns)
-        else:
-            self._integrity.gated(fix.validity_ns, cause.receive_ns, -outcome.z)
-            self.fused['fix'] -= revision > 0
-        return decided_receipt(fix, cause, result, now_ns, revision, self.configuration)
-
-    def _refusal(self, fix: Fix) -> tuple[Verdict, str] | None:
-        """Why a fix cannot be used whatever the state is; None when it can."""
-        unusable = unusable_fix(self.params, fix)
-        if unusable is not None:
-            return unusable
-        if fix.validity_ns > fix.receive_ns:
-            return Verdict.FROM_FUTURE, f'valid {-age_s(fix):.3f} s after it was received'
-        if (fix.source, fix.sequence) in self._seen:
-            return Verdict.DUPLICATE, f'fix {fix.sequence} of {fix.source} came before'
-        if fix.receive_ns - fix.validity_ns > self._max_delay_ns:
-            return (
-                Verdict.TOO_OLD,
-                f'{age_s(fix):.2f} s old, max_delay_s is {self.params.max_delay_s:.2f} s',
-            )
-        return None
-
-    def _remember(self, fix: Fix) -> None:
-        self._seen[(fix.source, fix.sequence)] = 0
-        while len(self._seen) > _SEQUENCES_KEPT:
-            del self._seen[next(iter(self._seen))]
 
     def _command(self, command: Command) -> Iterator[Output]:
         if command.kind is CommandKind.IDENTIFY and self._adaptation is not None:
@@ -376,7 +344,7 @@ class Engine:
         self._fusion = None
         self._due_ns = None
         self.divergence = ''
-        self._integrity = IntegrityMonitor(self.params.max_gated_s)
+        self._ledger.start_anew()
         self._adaptation = make_adaptation(self.params)
 
     # -- outputs ----------------------------------------------------------------------------------

@@ -167,7 +167,7 @@ class PolarFix:
     sound_speed: float
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Fix:
     """One acoustic packet: a delayed position of the follower's transponder, or why it is none.
 
@@ -250,7 +250,7 @@ def _nan3() -> Array:
     return np.full(3, np.nan)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class Receipt:
     """What became of one fix, or of a refused local message."""
 

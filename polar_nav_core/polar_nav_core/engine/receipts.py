@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
-from .events import Event, Fix, Receipt, Verdict
+from ..kernels import filter_state as fs
+from ..kernels.filter import Ints
+from .events import Array, Event, Fix, Receipt, Verdict
 from .filter.fusion import FixResult
 from .params import Configuration
 
@@ -52,13 +55,13 @@ def decided_receipt(
     chosen : Configuration
     """
     outcome = result.outcome
-    reason = f'{age_s(fix):.2f} s old, NIS {outcome.nis:.1f}'
+    reason = _fused_reason(fix, outcome.nis)
     if not outcome.fused:
         reason = f'NIS {outcome.nis:.1f} is above the gate of {outcome.gate:.1f}'
     if fix is not cause:
         reason += f'; decided anew after fix {cause.sequence}'
     if outcome.inflation > 1.0:
-        reason += f'; weight 1/{outcome.inflation:.1f} ({chosen.robust_fixes})'
+        reason += _weight(outcome.inflation, chosen)
     return receipt_of(
         fix,
         cause.receive_ns,
@@ -74,6 +77,56 @@ def decided_receipt(
         gate=outcome.gate,
         revision=revision,
     )
+
+
+def fused_receipts(
+    fixes: Sequence[Fix], outcomes: Array, notes: Ints, gate: float, chosen: Configuration
+) -> list[Receipt]:
+    """Receipts of fixes that were fused as they came, each as `decided_receipt` has it.
+
+    Parameters
+    ----------
+    fixes : sequence of Fix
+    outcomes : (n, 9) array
+        As `kernels.filter_events.note_outcome` leaves them.
+    notes : (n, 3) array
+        As in `Streams.fix_notes`: steps, stamp of the filter's state, rows of output.
+    gate : float
+    chosen : Configuration
+    """
+    innovations_G, variances_G = -outcomes[:, 2:5], outcomes[:, 5:8]
+    numbers = (outcomes[:, 1].tolist(), outcomes[:, 8].tolist(), *notes[:, :2].T.tolist())
+    rows = zip(fixes, *numbers, innovations_G, variances_G, strict=True)
+    return [
+        Receipt(
+            fix.receive_ns,
+            Verdict.FUSED,
+            _fused_reason(fix, nis) + (_weight(enlargement, chosen) if enlargement > 1.0 else ''),
+            fix.topic,
+            fix.source,
+            fix.sequence,
+            fix.validity_ns,
+            fix.transmit_ns,
+            fix.receive_ns,
+            stamp_ns,
+            chosen.delay_handling,
+            steps,
+            innovation_G,
+            variance_G,
+            nis,
+            fs.VECTOR,
+            gate,
+        )
+        for fix, nis, enlargement, steps, stamp_ns, innovation_G, variance_G in rows
+    ]
+
+
+def _fused_reason(fix: Fix, nis: float) -> str:
+    return f'{age_s(fix):.2f} s old, NIS {nis:.1f}'
+
+
+def _weight(enlargement: float, chosen: Configuration) -> str:
+    return f'; weight 1/{enlargement:.1f} ({chosen.robust_fixes})'
 
 
 def age_s(fix: Fix) -> float:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from .. import nav_columns
 from ..kernels import filter_state as fs
 from ..kernels.filter_model import E
 from .engine import Engine
@@ -15,7 +16,9 @@ from .filter import aiding
 from .inputs import Stamps
 
 ROWS = 256
-"""Rows at a time: their covariances stay in the second cache."""
+ROWS_TOLD = 1024
+"""Rows at a time, with covariances and with what is told of them: so that they stay in the second
+cache."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +32,7 @@ class Track:
         Position, ECEF [m]; velocity, grid axes [m/s].
     C_b_G : (k, 3, 3) array
     P : (k, 24, 24) array
-        Covariance of the error state.
+        Covariance of the error state; without rows where only `told` is wanted.
     sensor_errors : (k, 15) array
         Gyro bias, accelerometer bias, DVL scale, DVL Markov velocity, USBL bias as estimated.
     local_statistics : (k, 2, 3) array
@@ -39,6 +42,9 @@ class Track:
     model : (k, 31) array
         Of vehicle and water; `filter.aiding.estimate_of` names what stands in a row. Without the
         vehicle's model, (k, 0).
+    told : (k, nav_columns.WIDTH) array
+        What follows from state and covariance (`nav_columns`), where it was wanted in place of P;
+        else without rows.
     """
 
     stamps_ns: Stamps
@@ -50,6 +56,7 @@ class Track:
     local_statistics: Array
     fixes: Stamps
     model: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    told: Array = field(default_factory=lambda: np.zeros((0, nav_columns.WIDTH)))
 
 
 RowSink = Callable[[Track], None]
@@ -59,13 +66,15 @@ RowSink = Callable[[Track], None]
 class Collector:
     """Rows of the track in chunks, and receipts."""
 
-    def __init__(self, sink: RowSink | None, model: fs.Aiding) -> None:
+    def __init__(self, sink: RowSink | None, model: fs.Aiding, *, told: bool = False) -> None:
         self._chunks: list[Track] = []
         self._sink = sink or self._keep
         self._single: list[Track] = []
         self._model = model
-        self.rows = fs.make_rows(ROWS, model=model.on)
-        self._fixes = np.zeros((ROWS, 3), dtype=np.int64)
+        self._told = told
+        room = ROWS_TOLD if told else ROWS
+        self.rows = fs.make_rows(room, model=model.on, told=told)
+        self._fixes = np.zeros((room, 3), dtype=np.int64)
         self._noted = 0
         self.receipts: list[Receipt] = []
         self.local_statistics = no_local_statistics()
@@ -77,7 +86,7 @@ class Collector:
                 self.receipts.append(output)
             elif isinstance(output, Estimate):
                 self._drain_rows()
-                self._single.append(_row(output))
+                self._single.append(_row(output, told=self._told))
                 if len(self._single) >= ROWS:
                     self._drain_single()
 
@@ -90,6 +99,21 @@ class Collector:
         if n > self._noted:
             self._fixes[self._noted : n] = engine.fix_counts()
             self._noted = n
+
+    def note_fused(self, engine: Engine, validities_ns: Sequence[int], until: Stamps) -> None:
+        """As `note`, with the counts before each of some fixes that were fused, not yet counted.
+
+        Up to row ``until[k]`` it is fix k that is still to come.
+        """
+        last = int(until[-1])
+        if last > self._noted:
+            received, fused, newest_ns = engine.fix_counts()
+            number = np.arange(len(until))
+            newest = np.maximum.accumulate([newest_ns, *validities_ns[:-1]])
+            counts = np.column_stack([received + number, fused + number, newest])
+            rows = np.arange(self._noted, last)
+            self._fixes[self._noted : last] = counts[np.searchsorted(until, rows, side='right')]
+            self._noted = last
 
     def drain(self) -> None:
         """Pass on what waits."""
@@ -118,6 +142,7 @@ class Collector:
                 rows.tally[:n, :2],
                 self._fixes[:n],
                 self._values(flat),
+                rows.told[:n],
             )
         )
         rows.io[1] = self._noted = 0
@@ -160,7 +185,7 @@ def _joined(chunks: list[Track]) -> Track:
     return Track(**{n: np.concatenate([getattr(c, n) for c in chunks]) for n in _NAMES})
 
 
-def _row(e: Estimate) -> Track:
+def _row(e: Estimate, *, told: bool) -> Track:
     errors = [e.gyro_bias_b, e.accel_bias_b, e.dvl_scale_m, e.dvl_markov_m, e.usbl_bias_a]
     counts = [e.fixes_received, e.fixes_fused, e.last_validity_ns]
     return Track(
@@ -168,9 +193,10 @@ def _row(e: Estimate) -> Track:
         e.r_e[None],
         e.v_G[None],
         e.C_b_G[None],
-        e.P[None],
+        e.P[None][: 0 if told else 1],
         np.concatenate(errors)[None],
         e.local_statistics[None],
         np.array([counts], dtype=np.int64),
         aiding.row_of(e.model)[None],
+        nav_columns.describe(e.r_e[None], e.C_b_G[None], e.P[None])[: 1 if told else 0],
     )

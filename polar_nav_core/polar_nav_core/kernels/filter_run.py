@@ -16,6 +16,7 @@ from .filter_fuse import fuse_rows, locate, ping_passes
 from .filter_late import OUT_OF_REACH, fill_late_fix
 from .filter_model import E
 from .filter_state import Frames, Log, Past, Rows, Settings, State, Streams, Work
+from .nav_columns import describe
 
 _NEVER = 9_223_372_036_854_775_807
 
@@ -190,9 +191,12 @@ def put_row(s: State, c: Settings, rows: Rows) -> None:
     rows.stamps[k] = s.counters[fs.STAMP]
     for j in range(fs.NAVIGATION):
         rows.flat[k, j] = s.flat[j]
-    for a in range(N):
-        for b in range(N):
-            rows.P[k, a, b] = s.P[a, b]
+    if rows.P.shape[0] > 0:
+        for a in range(N):
+            for b in range(N):
+                rows.P[k, a, b] = s.P[a, b]
+    else:
+        describe(s.r_e, s.C_b_G, s.P, rows.told[k], rows.scratch)
     if c.aiding.on:
         s.model[fs.THRUST, fs.LOCKED] = 1.0 if has_bottom_lock(s, c) else 0.0
         for r in range(fs.MODEL_ROWS):

@@ -14,6 +14,7 @@ import numpy as np
 from ..arrays import Array
 from .filter import COUPLED, NAV, Ints, N
 from .filter_model import E
+from .nav_columns import WIDTH
 
 # Indexes of State.counters.
 STAMP = 0
@@ -363,18 +364,25 @@ class Rows(NamedTuple):
     io: Ints  # (2,): stamp that is due (-1: none), number of rows
     stamps: Ints
     flat: Array  # (n, 30), then State.model where there is one
-    P: Array
+    P: Array  # (n, 24, 24), or without rows
+    told: Array  # (n, nav_columns.WIDTH), or without rows
     tally: Array
+    scratch: Array
 
 
-def make_rows(capacity: int, *, model: bool = False) -> Rows:
-    """Return room for so many rows of output; with none, outputs are not looked after."""
+def make_rows(capacity: int, *, model: bool = False, told: bool = False) -> Rows:
+    """Return room for so many rows of output; with none, outputs are not looked after.
+
+    With ``told`` they hold what is told of a state in place of its covariance.
+    """
     return Rows(
         np.array([-1, 0], dtype=np.int64),
         np.zeros(capacity, dtype=np.int64),
         np.zeros((capacity, NAVIGATION + (MODEL if model else 0))),
-        np.zeros((capacity, N, N)),
+        np.zeros((0 if told else capacity, N, N)),
+        np.zeros((capacity if told else 0, WIDTH)),
         np.zeros((capacity, 3, 3)),
+        np.zeros((2, 3, 3)),
     )
 
 

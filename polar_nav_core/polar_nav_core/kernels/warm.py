@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from .. import earth, strapdown
+from .. import earth, nav_columns, strapdown
 
 _START_NS = 1_000_000_000
 _IMU_NS = 10_000_000
@@ -92,6 +92,7 @@ def warm_others() -> None:
     from ..identification import identifier  # above the kernels, as the engine
 
     strapdown.warm_up()
+    nav_columns.warm_up()
     warm_station()
     identifier.warm_up()
 

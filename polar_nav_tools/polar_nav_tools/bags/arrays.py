@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polar_nav_core.engine.events import LOCAL_DOF
+from polar_nav_core.nav_columns import rotations
 from polar_nav_tools.series import EstimateSeries, Floats, Receipt, TruthSeries
 
 from .columns import Columns, read_columns, stamps, time_fields
@@ -142,30 +143,6 @@ def receipts_from_cdr(messages: Iterable[bytes]) -> list[Receipt]:
     return _receipts(_decode(messages, definition(RECEIPT_TYPE), _RECEIPT_FIELDS))
 
 
-@np.errstate(over='ignore', invalid='ignore')  # a damaged message can hold any number
-def rotation_from_quaternion(xyzw: Floats) -> Floats:
-    """Rotation matrices of unit quaternions, shape (N, 4) to (N, 3, 3).
-
-    ``C = (w^2 - |u|^2) I + 2 u u' + 2 w [u x]`` with u the vector part, divided by ``|q|^2`` so
-    that rounding of the quaternion does not scale the matrix. A zero quaternion gives NaN: the
-    message said nothing.
-    """
-    u, w = xyzw[:, :3], xyzw[:, 3]
-    norm2 = np.einsum('ni,ni->n', xyzw, xyzw)
-    C = 2.0 * u[:, :, None] * u[:, None, :]
-    diagonal = w * w - np.einsum('ni,ni->n', u, u)
-    C[:, range(3), range(3)] += diagonal[:, None]
-    x, y, z = (2.0 * w * u[:, i] for i in range(3))
-    C[:, 0, 1] -= z
-    C[:, 0, 2] += y
-    C[:, 1, 0] += z
-    C[:, 1, 2] -= x
-    C[:, 2, 0] -= y
-    C[:, 2, 1] += x
-    scale = np.divide(1.0, norm2, out=np.full_like(norm2, np.nan), where=norm2 > 0.0)
-    return np.asarray(C * scale[:, None, None])
-
-
 def _load(bag: Bag, topic: str, type_name: str, fields: Sequence[str]) -> Columns:
     found = bag.channel(topic).type
     if found != type_name:
@@ -212,7 +189,7 @@ def _estimates(c: Columns, vehicle: str) -> EstimateSeries:
         configurations=configurations,
         stamp_ns=stamps(c, 'header.stamp'),
         v_G=c['v_g'],
-        C_b_G=rotation_from_quaternion(np.column_stack([c[q] for q in _QUATERNION])),
+        C_b_G=rotations(np.column_stack([c[q] for q in _QUATERNION])),
         P_position_G=_matrices(c['position_covariance_g']),
         P_velocity_G=_matrices(c['velocity_covariance_g']),
         P_attitude_G=_matrices(c['attitude_covariance_g']),

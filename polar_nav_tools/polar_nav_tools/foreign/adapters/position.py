@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from polar_nav_core.engine.events import Array
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.grid import ecef_to_grid
+from polar_nav_core.nav_columns import rotations
 
-from ...bags.arrays import rotation_from_quaternion
 from ..arrays import finite_rows
 from ..frames import Placed, to_earth
 from ..mapping import Frame, PositionMapping
@@ -170,12 +170,12 @@ def _attitude(rows: Rows, mapping: PositionMapping, placed: Placed) -> Array:
     if grid is not None:
         out = grid.reshape(n, 3, 3) @ C_b_s
     elif xyzw is not None:
-        out = rotation_from_quaternion(xyzw) @ C_b_s
+        out = rotations(xyzw) @ C_b_s
     elif (stated := rows.floats('attitude')) is not None and usable.any():
         # A map's axes carry its scale; what turns is the rotation in them.
         axes = placed.axes_e[usable]
         axes = axes / np.sqrt(np.einsum('nij,nij->nj', axes, axes))[:, None, :]
-        C_s_p = rotation_from_quaternion(stated[usable])
+        C_s_p = rotations(stated[usable])
         out[usable] = ecef_to_grid(placed.r_e[usable]) @ axes @ C_s_p @ C_b_s
     out[~usable] = np.nan
     return np.asarray(out)
