@@ -10,7 +10,7 @@ import dataclasses
 import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, field, fields
-from difflib import get_close_matches
+from difflib import SequenceMatcher
 from typing import Any, TypeVar
 
 from .errors import ConfigError
@@ -19,6 +19,10 @@ T = TypeVar('T')
 
 _FEW = 12
 _SUGGESTED = 3
+_FARTHEST = 0.3
+"""Share of letters in which a name may differ from the one that was probably meant."""
+_NEARLY = 1.5
+"""How much further than the nearest name another one may be."""
 
 
 def param(default: float, unit: str, lo: float, hi: float, doc: str) -> Any:  # noqa: ANN401 - a dataclass field
@@ -143,11 +147,25 @@ def names_near(name: str, known: Collection[str]) -> str:
     """Say which names were probably meant; all of them where they are few."""
     if len(known) <= _FEW:
         return f'there are {", ".join(sorted(known))}'
-    containing = [k for k in sorted(known) if name in k]
-    spelled_alike = get_close_matches(name, sorted(known), n=_SUGGESTED)
-    near = list(dict.fromkeys([*containing, *spelled_alike]))[:_SUGGESTED]
+    near = [k for k in sorted(known) if name in k] or _spelled_alike(name, known)
+    near = near[:_SUGGESTED]
     meant = f'did you mean {" or ".join(near)}? ' if near else ''
     return f'{meant}docs/parameters.md lists all {len(known)}'
+
+
+def _spelled_alike(name: str, known: Collection[str]) -> list[str]:
+    """Names that are nearly as near as the nearest, that one first; the order of words is free."""
+    apart = {k: 1.0 - max(_ratio(name, k), _ratio(_words(name), _words(k))) for k in known}
+    limit = min(_FARTHEST, _NEARLY * min(apart.values()))
+    return sorted((k for k in apart if apart[k] <= limit), key=lambda k: (apart[k], k))
+
+
+def _ratio(a: str, b: str) -> float:
+    return SequenceMatcher(None, a, b, autojunk=False).ratio()
+
+
+def _words(name: str) -> str:
+    return '_'.join(sorted(name.split('_')))
 
 
 def to_mapping(params: object) -> dict[str, Any]:

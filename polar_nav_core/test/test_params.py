@@ -61,12 +61,18 @@ def test_what_is_wrong_is_named(changes, says):
 @pytest.mark.parametrize(
     ('name', 'says'),
     [
-        ('gate_propability', 'did you mean gate_probability? docs/parameters.md lists all 14'),
-        ('delay', 'did you mean max_delay_s? docs/parameters.md lists all 14'),
-        ('k', 'did you mean k00 or k01 or k02? docs/parameters.md lists all 14'),
-        ('colour', 'docs/parameters.md lists all 14'),
+        ('gate_propability', 'did you mean gate_probability? docs/parameters.md lists all 17'),
+        ('delay', 'did you mean max_delay_s? docs/parameters.md lists all 17'),
+        ('k', 'did you mean k00 or k01 or k02? docs/parameters.md lists all 17'),
+        ('colour', 'docs/parameters.md lists all 17'),
+        # Not model_mass, which has as many letters in common with it as a word of chance has.
+        ('max_dely_s', 'did you mean max_delay_s? docs/parameters.md lists all 17'),
+        ('delay_max_s', 'did you mean max_delay_s? docs/parameters.md lists all 17'),
+        ('gate', 'did you mean gate_probability? docs/parameters.md lists all 17'),
+        ('gyro_bias', 'did you mean gyro_bias_sigma or gyro_bias_tau? docs/parameters.md lists'),
     ],
 )
 def test_of_many_names_the_nearest_are_told(name, says):
-    known = ['gate_probability', 'max_delay_s', *(f'k{i:02d}' for i in range(12))]
-    assert names_near(name, known) == says
+    known = ['gate_probability', 'max_delay_s', 'model_mass', 'gyro_bias_sigma', 'gyro_bias_tau']
+    known += [f'k{i:02d}' for i in range(12)]
+    assert names_near(name, known).startswith(says)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +47,12 @@ def read(text: str) -> mapping_file.Mapping:
         ('imu: {topic: /i}\nfixes: {topic: /f, frame: ned}', r'fixes\[0\]: origin: frame ned'),
         ('imu: {topic: /i}\nfixes: {topic: /f, frame: epsg}', r'fixes\[0\]: epsg: '),
         ('imu: {topic: /i}\nfixes: {topic: /f, sigma: -1}', r'fixes\[0\]: sigma: -1 is not'),
+        (
+            'imu: {topic: /i}\nfixes: [{topic: /f, transponder_lever_b: [1, 0, 0]}, {topic: /g}]',
+            r'm\.yaml: fixes: transponder_lever_b is not the same in all of them',
+        ),
+        ('imu: {topic: FILL_IN}', r'm\.yaml: imu: topic: is still to be filled in'),
+        ('imu: {topic: /i, lever_b: [1, 2, 300]}', r'imu: lever_b\[2\]: 300 is outside of'),
         ('imu: {topic: /i}\ninitial: {from: hope}', r"initial: from: 'hope' is none of"),
         ('imu: {topic: /i}\nparameters: {gyro: 1}', r'parameters: unknown parameter gyro'),
         ('imu: {topic: /i}\naccept: stuck', r"accept: 'stuck' is not a list"),
@@ -119,10 +127,18 @@ def resting(
     )
 
 
-def start(text: str, imu: ImuRows, dvl: DvlRows | None = None) -> Start:
+def start(
+    text: str,
+    imu: ImuRows,
+    dvl: DvlRows | None = None,
+    dvl_from_imu_b: Sequence[float] = (0, 0, 0),
+) -> Start:
     """Find the initial state by a mapping's `initial` and `parameters`."""
     mapping = read('imu: {topic: /imu}\n' + text)
-    return find_start(mapping.initial, 'm.yaml', mapping.params, imu, dvl, None)
+    where = np.array(dvl_from_imu_b, dtype=float)
+    return find_start(
+        mapping.initial, 'm.yaml', mapping.params, imu, dvl, None, dvl_from_imu_b=where
+    )
 
 
 PLACE = f'parameters: {{initial_latitude_deg: {LAT}, initial_longitude_deg: {LON}'
@@ -189,6 +205,12 @@ def test_velocity_from_the_dvl() -> None:
     dvl = DvlRows('/d', one, one, np.array([[1.5, 0.2, 0.0]]), np.eye(3)[None], yes, yes)
     found = start(f'initial: {{grid_heading_deg: 90.0}}\n{PLACE}}}', imu, dvl)
     assert found.values['initial_v_G'] == pytest.approx([1.5, 0.2, 0.0], abs=1e-3)
+    # Turning to port at 0.1 rad/s, a DVL 2 m ahead goes 0.2 m/s to port while base_link does not.
+    turning = replace(imu, omega_ib_b=imu.omega_ib_b + np.array([0.0, 0.0, 0.1]))
+    found = start(
+        f'initial: {{grid_heading_deg: 90.0}}\n{PLACE}, dvl_lever_b: [2, 0, 0]}}', turning, dvl
+    )
+    assert found.values['initial_v_G'] == pytest.approx([1.5, 0.0, 0.0], abs=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -206,29 +228,35 @@ def test_what_comes_from_nowhere(text: str, sentence: str) -> None:
         start(text, **values)
 
 
-@pytest.mark.parametrize('helped', [True, False])
-def test_levelling_of_a_vehicle_that_turns_and_speeds_up(helped: bool) -> None:
+@pytest.mark.parametrize(
+    ('helped', 'lever_b'), [(True, (0, 0, 0)), (True, (3.0, -1.0, 0.5)), (False, (0, 0, 0))]
+)
+def test_levelling_of_a_vehicle_that_turns_and_speeds_up(
+    helped: bool, lever_b: Sequence[float]
+) -> None:
     """A banked, accelerating turn: with the DVL the vertical at the start is found anyway."""
     n, dt, g = 1001, 0.01, 9.83
     t = np.arange(n) * dt
-    psi, speed = 0.2 * t, 2.0 + 0.1 * t
+    psi, speed = 0.1 * t + 0.01 * t**2, 2.0 + 0.1 * t
     C_b_G = attitude.matrix_from_euler(psi, np.full(n, -0.05), 0.1 + 0.03 * t)
     forward = np.column_stack([np.cos(psi), np.sin(psi), 0.0 * t])
     v_G = speed[:, None] * forward
-    a_G = 0.1 * forward + (speed * 0.2)[:, None] * np.column_stack(
+    a_G = 0.1 * forward + (speed * (0.1 + 0.02 * t))[:, None] * np.column_stack(
         [-np.sin(psi), np.cos(psi), 0.0 * t]
     )
     f = np.einsum('nji,nj->ni', C_b_G, a_G + np.array([0.0, 0.0, g]))
     turns = np.swapaxes(C_b_G[:-1], 1, 2) @ C_b_G[1:]
-    omega = np.vstack([np.zeros((1, 3)), attitude.log(turns) / dt])
+    omega = attitude.log(turns) / dt
+    omega = np.vstack([omega[:1], omega])
     stamps = S + np.round(t * S).astype(np.int64)
-    v_b = np.einsum('nji,nj->ni', C_b_G, v_G)
+    v_b = np.einsum('nji,nj->ni', C_b_G, v_G) + np.cross(omega, lever_b)
     yes = np.ones(n, dtype=bool)
     dvl = DvlRows('/d', stamps, stamps, v_b, np.broadcast_to(np.eye(3), (n, 3, 3)), yes, yes)
     found = start(
         f'initial: {{heading_deg: 0.0, rest_s: 10}}\n{PLACE}}}',
         ImuRows('/imu', stamps, stamps, omega, f),
         dvl if helped else None,
+        lever_b,
     )
     roll = found.values['initial_roll_deg'] - math.degrees(0.1)
     pitch = found.values['initial_pitch_deg'] + math.degrees(0.05)

@@ -205,7 +205,10 @@ def test_a_guessed_mapping_has_axes_and_units(bags: dict[str, Path]) -> None:
     assert f'# {IMU} (acme_msgs/msg/Inertial, 3000 messages)' in text
     assert 'turn_rate_deg.forward' in text
     # What is to be filled in refuses the run until it is.
-    with pytest.raises(ConfigError, match=r'fixes\[0\]: frame'):
+    with pytest.raises(ConfigError, match=r'imu: topic: is still to be filled in'):
+        mapping_file.from_section(Section('m', top))
+    top['imu']['topic'] = IMU
+    with pytest.raises(ConfigError, match=r'fixes\[0\]: frame: is still to be filled in'):
         mapping_file.from_section(Section('m', top))
     own = yaml.safe_load(guess(open_source(REFERENCE)))
     assert own['imu']['rotation'] == 'flu'

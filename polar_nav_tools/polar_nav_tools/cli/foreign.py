@@ -118,7 +118,7 @@ def replay_foreign(
             {
                 'ok': not (source.problems or run.divergence),
                 **said,
-                'findings': [f.to_dict() for f in run.loaded.findings],
+                'findings': [f.to_dict() for f in run.findings],
                 'score': None if compared is None else compared.to_dict(),
             }
         )
@@ -129,7 +129,7 @@ def replay_foreign(
                 ', '.join(f'{k} {v}' for k, v in value.items()) if name == 'verdicts' else value
             )
             sys.stdout.write(f'{name:>14}: {shown}\n')
-        for finding in run.loaded.findings:
+        for finding in run.findings:
             when = '' if finding.stamp_ns is None else f' at {finding.stamp_ns / 1e9:.3f} s'
             say(
                 f'{finding.severity.name.lower()}: {finding.name}: {finding.topic}{when}: '

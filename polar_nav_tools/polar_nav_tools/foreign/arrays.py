@@ -10,4 +10,12 @@ from numpy.typing import NDArray
 
 def finite_rows(values: NDArray[Any]) -> NDArray[np.bool_]:
     """Tell which rows have finite numbers only. (n, ...) -> (n,)."""
-    return np.asarray(np.isfinite(values.reshape(len(values), -1)).all(axis=1))
+    finite = np.isfinite(values.reshape(len(values), -1))
+    if finite.all():  # nearly always, and ten times as fast as row by row
+        return np.ones(len(values), dtype=bool)
+    return np.asarray(finite.all(axis=1))
+
+
+def chosen(values: NDArray[Any], mask: NDArray[np.bool_]) -> NDArray[Any]:
+    """Rows of a mask; the array itself, not a copy, where that is all of them."""
+    return values if mask.all() else values[mask]

@@ -10,6 +10,8 @@ FIX_WORDS = ('usbl', 'acoustic', 'acomms', 'lbl', 'modem', 'fix', 'track')
 STATE_WORDS = ('odom', 'nav', 'state', 'estimate', 'ins', 'pose', 'gps', 'gnss')
 LEADER_WORDS = ('leader', 'ship', 'vessel', 'surface', 'master')
 RAW_WORDS = ('raw',)
+SENSOR_WORDS = ('imu', 'ins', 'sensor', 'sensors', 'data', 'driver', 'device', 'mavros')
+"""First parts of topics that are no vehicle's name."""
 
 
 def words(topic: Topic, some: tuple[str, ...]) -> int:
@@ -34,9 +36,9 @@ def best_position(
 
 
 def vehicle(imu: Topic | None) -> str:
-    """Return the first part of the name of the IMU's topic."""
+    """Return the first part of the name of the IMU's topic, where that may be a vehicle's."""
     parts = [] if imu is None else imu.name.strip('/').split('/')
-    return parts[0] if len(parts) > 1 else 'vehicle'
+    return parts[0] if len(parts) > 1 and parts[0].lower() not in SENSOR_WORDS else 'vehicle'
 
 
 def near(topic: Topic, imu: Topic) -> bool:

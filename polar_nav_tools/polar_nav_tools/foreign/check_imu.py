@@ -9,7 +9,7 @@ import numpy as np
 from polar_nav_core.engine.events import Array
 
 from .adapters.sensors import ImuRows
-from .arrays import finite_rows
+from .arrays import chosen, finite_rows
 from .check_values import check_finite, check_stuck
 from .findings import Finding, Severity
 from .sources import Stamps
@@ -34,13 +34,14 @@ _FACTOR = 3.0
 def check_imu(imu: ImuRows) -> Iterator[Finding]:
     """Look at the numbers of an IMU, body axes and SI as the mapping says they are."""
     topic, stamps_ns = imu.topic, imu.stamps_ns
-    both = np.column_stack([imu.omega_ib_b, imu.f_b])
-    yield from check_finite(topic, stamps_ns, both, 'rate or specific force')
-    good = finite_rows(both)
+    good = finite_rows(imu.omega_ib_b) & finite_rows(imu.f_b)
+    yield from check_finite(topic, stamps_ns, good, 'rate or specific force')
     if good.sum() < 2:
         return
-    for part in (both[good, :3], both[good, 3:]):
-        yield from check_stuck(topic, stamps_ns[good], part, limit_s=1.0, fewest=20)
+    known_ns = chosen(stamps_ns, good)
+    omega, f = chosen(imu.omega_ib_b, good), chosen(imu.f_b, good)
+    for part in (omega, f):
+        yield from check_stuck(topic, known_ns, part, limit_s=1.0, fewest=20)
     span = float(stamps_ns.max() - stamps_ns.min()) * 1e-9
     rate = (len(stamps_ns) - 1) / span if span > 0.0 else float('inf')
     if rate < _SLOWEST_HZ:
@@ -53,9 +54,8 @@ def check_imu(imu: ImuRows) -> Iterator[Finding]:
             rate,
             f'{rate:.3g} samples per second (limit {_SLOWEST_HZ:g}): fast turns are not seen',
         )
-    f, omega = imu.f_b[good], imu.omega_ib_b[good]
-    yield from _gravity(topic, stamps_ns[good], f)
-    size = float(np.quantile(np.linalg.norm(omega, axis=1), 0.99))
+    yield from _gravity(topic, known_ns, f)
+    size = float(np.quantile(_lengths(omega), 0.99))
     if size > _RATE_LIMIT:
         yield Finding(
             'rate_size',
@@ -67,11 +67,15 @@ def check_imu(imu: ImuRows) -> Iterator[Finding]:
             f'1 % of the rates exceed {size:.4g} rad/s (limit {_RATE_LIMIT:g}); '
             '`gyro_unit: deg/s` if they are degrees',
         )
-    yield from _turning(topic, stamps_ns[good], omega, f)
+    yield from _turning(topic, known_ns, omega, f)
+
+
+def _lengths(vectors: Array) -> Array:
+    return np.asarray(np.sqrt(np.einsum('ni,ni->n', vectors, vectors)))
 
 
 def _gravity(topic: str, stamps_ns: Stamps, f: Array) -> Iterator[Finding]:
-    size = float(np.median(np.linalg.norm(f, axis=1)))
+    size = float(np.median(_lengths(f)))
     off = abs(size / _GRAVITY - 1.0)
     if off > _SIZE_WARNING:
         unit = next((u for u, s in _STANDARD.items() if abs(size * s / _GRAVITY - 1.0) < 0.1), '')

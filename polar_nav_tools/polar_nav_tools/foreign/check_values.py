@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
 from polar_nav_core.engine.events import Array
 
@@ -23,9 +24,11 @@ _LOWEST_PRESSURE, _HIGHEST_PRESSURE = 3e4, 1.3e8
 _UNIT_OF_PRESSURE = {'hPa': 1e2, 'kPa': 1e3, 'dbar': 1e4, 'bar': 1e5}
 
 
-def check_finite(topic: str, stamps_ns: Stamps, values: Array, what: str) -> Iterator[Finding]:
-    """Look for NaN and infinite numbers; such messages get a receipt and are not used."""
-    bad = ~finite_rows(values)
+def check_finite(
+    topic: str, stamps_ns: Stamps, finite: NDArray[np.bool_], what: str
+) -> Iterator[Finding]:
+    """Tell of messages with NaN or infinite numbers; they get a receipt and are not used."""
+    bad = ~finite
     if bad.any():
         share = float(bad.mean())
         yield finding_at(
@@ -139,7 +142,7 @@ def check_dvl(dvl: DvlRows) -> Iterator[Finding]:
 def check_depth(depth: DepthRows) -> Iterator[Finding]:
     """Look at depths, pressures and variances."""
     topic, stamps_ns = depth.topic, depth.stamps_ns
-    yield from check_finite(topic, stamps_ns, depth.depth[:, None], 'depth')
+    yield from check_finite(topic, stamps_ns, np.isfinite(depth.depth), 'depth')
     good = np.isfinite(depth.depth)
     if not good.any():
         return

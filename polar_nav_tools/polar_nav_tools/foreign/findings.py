@@ -1,4 +1,4 @@
-"""What is wrong with a recording, found before anything is integrated."""
+"""What is wrong with a recording: found before anything is integrated, or by the run itself."""
 
 from __future__ import annotations
 
@@ -60,6 +60,9 @@ NAMES: dict[str, str] = {
     'gyrocompass': 'the gyros cannot find north',
     'not_at_rest': 'the vehicle moves while it should be at rest for alignment',
     'truth_attitude': 'the reference has no attitude or velocity to compare with',
+    'dvl_misfit': 'in the run, the DVL did not fit the IMU',
+    'depth_misfit': 'in the run, depths did not fit the rest',
+    'fixes_misfit': 'in the run, most fixes were refused by the gate',
 }
 """Every kind of finding; the names are those of ``--accept``."""
 

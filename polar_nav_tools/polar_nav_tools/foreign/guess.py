@@ -55,13 +55,18 @@ def guess(source: Source) -> str:
     out.put()
     _imu(out, source, imu)
     mine = [t for t in topics if imu is None or near(t, imu)]
-    _sensor(out, 'dvl', dvl_of(mine), topics)
-    _sensor(out, 'depth', depth_of(mine), topics)
+    _sensor(out, source, 'dvl', dvl_of(mine), topics)
+    _sensor(out, source, 'depth', depth_of(mine), topics)
     truth = best_position(mine, TRUTH_WORDS, require=True)
     fixes = fixes_of(mine, truth, topics)
     _fixes(out, source, fixes, topics)
     start = truth or best_position([t for t in mine if t not in fixes], STATE_WORDS)
+    if start is None:
+        start = next((t for t in fixes if t.type in POSITION), None)
     _initial(out, source, start)
+    if start is not None and start in fixes:
+        out.say('The start is where the first fix was; that fix is not used a second time.')
+        out.put()
     if start is not None and start is truth:
         out.say(
             'The start is taken from the reference: fine for a trial, not for a test of the start.'
@@ -112,6 +117,9 @@ def _imu(out: Lines, source: Source, imu: Topic | None) -> None:
         _accel_unit(out, f)
         _axes(out, f)
         _gyro_unit(out, stamps, omega, f)
+    out.say('where it sits from base_link, x forward, y left, z up [m]: FILL IN; zeros where', 2)
+    out.say('base_link is the IMU', 2)
+    out.put('lever_b: [0.0, 0.0, 0.0]', 2)
     out.say('whether samples are means over the interval before the stamp, or instant: not in', 2)
     out.say('the data; `mean` is what IMUs with increments give', 2)
     out.put('sample: mean', 2)
@@ -173,7 +181,9 @@ def _gyro_unit(out: Lines, stamps: Stamps, omega: Array, f: Array) -> None:
     out.put(f'gyro_unit: {"deg/s" if top > 3.5 else "rad/s"}', 2)
 
 
-def _sensor(out: Lines, role: str, topic: Topic | None, topics: list[Topic]) -> None:
+def _sensor(
+    out: Lines, source: Source, role: str, topic: Topic | None, topics: list[Topic]
+) -> None:
     if topic is None:
         out.say(f'{role}: none of {len(topics)} topics looks like one. FILL IN, or leave it out.')
         out.say(f'{role}: {{topic: /FILL/IN}}')
@@ -183,21 +193,35 @@ def _sensor(out: Lines, role: str, topic: Topic | None, topics: list[Topic]) -> 
     out.put(f'{role}:')
     out.put(f'topic: {topic.name}', 2)
     if role == 'dvl':
-        frd = topic.type in _DOWNWARD_DVL
-        why = 'z of this type points where the DVL looks, down' if frd else 'not in the data'
-        out.say(f'axes of the instrument: {why}; mounting as {{rpy_deg: [0, 0, 45]}}', 2)
-        out.put(f'rotation: {"frd" if frd else "flu"}', 2)
-        out.say('where it sits from the IMU, x forward, y left, z up [m]: FILL IN', 2)
+        name, why = _dvl_axes(source, topic)
+        out.say(f'axes of the instrument: {why}', 2)
+        out.say('turned by any angle: {rpy_deg: [180, 0, 45]}; `replay` tells if others fit', 2)
+        out.put(f'rotation: {name}', 2)
+        out.say('where it sits from base_link, x forward, y left, z up [m]: FILL IN', 2)
         out.put('lever_b: [0.0, 0.0, 0.0]', 2)
         out.say('sigma: 0.01   # [m/s], in place of what the messages state', 2)
     else:
         if topic.type == 'sensor_msgs/msg/FluidPressure':
             out.say('absolute pressure in Pa, as the type says', 2)
             out.put('unit: Pa', 2)
-        out.say('from the IMU, x forward, y left, z up [m]: FILL IN', 2)
+        out.say('where it sits from base_link, x forward, y left, z up [m]: FILL IN', 2)
         out.put('lever_b: [0.0, 0.0, 0.0]', 2)
         out.say('sigma: 0.1    # [m], in place of what the messages state', 2)
     out.put()
+
+
+def _dvl_axes(source: Source, topic: Topic) -> tuple[str, str]:
+    """Name of the axes, and what says so."""
+    if topic.type in _DOWNWARD_DVL:
+        return 'frd', 'z of this type points where the DVL looks, down'
+    if 'header.frame_id' in field_paths(source, topic.name):
+        frame = str(
+            read_table(source, topic.name, ['header.frame_id']).columns['header.frame_id'][0]
+        )
+        for name in ('frd', 'flu'):
+            if name in frame.lower().replace('/', '_').split('_'):
+                return name, f'the messages name frame {frame}'
+    return 'flu', 'not in the data: FILL IN, frd where z points down'
 
 
 def _fixes(out: Lines, source: Source, fixes: list[Topic], topics: list[Topic]) -> None:
@@ -252,11 +276,26 @@ def _frame(out: Lines, source: Source, topic: Topic, indent: int) -> None:
     try:
         read_positions(source, PositionMapping(Stream(topic.name), Frame(None), np.eye(3)))
     except PolarNavError as error:
-        out.say(f'FILL IN: {error}', indent)
-        out.put('frame: FILL_IN', indent)
-        out.say(
-            'origin: {latitude_deg: .., longitude_deg: .., height: ..}  # of enu and ned', indent
+        why = str(error)
+    else:
+        return
+    try:
+        rows = read_positions(
+            source, PositionMapping(Stream(topic.name), Frame('earth'), np.eye(3))
         )
+    except PolarNavError as error:
+        out.say(f'not read: {error}', indent)
+        return
+    if (rows.given & rows.plausible).any():
+        out.say(
+            'distances from zero are those of the surface from the centre of the earth', indent
+        )
+        out.put('frame: earth', indent)
+        return
+    out.say(f'FILL IN {why.partition("frame is missing: ")[2]}', indent)
+    out.put('frame: FILL_IN', indent)
+    out.say('for enu and ned:', indent)
+    out.say('origin: {latitude_deg: .., longitude_deg: .., height: ..}', indent)
 
 
 def _position(out: Lines, source: Source, topic: Topic, indent: int) -> None:

@@ -41,6 +41,7 @@ _REST_RATE, _REST_FORCE = 0.02, 0.3
 _WORST_GYROCOMPASS_DEG = 10.0
 _NEAR_NS = 5_000_000_000
 """A ping further from the start says nothing of the velocity there."""
+_NOWHERE = np.zeros(3)
 
 
 @dataclass(frozen=True)
@@ -60,8 +61,10 @@ def find_start(
     imu: ImuRows,
     dvl: DvlRows | None,
     positions: PositionRows | None,
+    *,
+    dvl_from_imu_b: Array = _NOWHERE,
 ) -> Start:
-    """Find the initial state.
+    """Find the initial state, that of base_link.
 
     Parameters
     ----------
@@ -72,6 +75,8 @@ def find_start(
         Parameters that the mapping states.
     imu, dvl, positions : rows
         By stamp; positions are those of ``initial: topic``.
+    dvl_from_imu_b : (3,) array
+        [m]
 
     Raises
     ------
@@ -117,7 +122,7 @@ def find_start(
         notes.append('attitude from the same')
     elif aligned or mapping.heading_from == 'gyrocompass' or not set(_LEVEL) <= set(stated):
         first_ns, found, level = _levelled(
-            mapping, place, where, imu, first_ns, None if aligned else dvl
+            mapping, place, where, imu, first_ns, None if aligned else dvl, dvl_from_imu_b
         )
         findings += found
         values |= level
@@ -132,7 +137,7 @@ def find_start(
             'grid_heading_deg, a topic with attitude, or `heading: gyrocompass`'
         )
     if 'initial_v_G' not in stated:
-        velocity, said = _velocity(mapping, v_G, {**values, **stated}, dvl, first_ns)
+        velocity, said = _velocity(mapping, v_G, {**values, **stated}, imu, dvl, first_ns)
         values['initial_v_G'] = [float(v) for v in velocity]
         notes.append(said)
     own = [name for name in stated if name.startswith('initial_')]
@@ -164,6 +169,7 @@ def _levelled(
     imu: ImuRows,
     first_ns: int,
     dvl: DvlRows | None,
+    dvl_from_imu_b: Array,
 ) -> tuple[int, list[Finding], dict[str, Any]]:
     """Roll and pitch from specific force; with an alignment, from rest and with a gyrocompass."""
     aligned = mapping.kind == 'alignment'
@@ -178,7 +184,7 @@ def _levelled(
     f, omega = imu.f_b[rest], imu.omega_ib_b[rest]
     mean, known = f.mean(axis=0), True
     if not aligned:
-        mean, known = gravity_at_start(imu.stamps_ns[rest], omega, f, dvl)
+        mean, known = gravity_at_start(imu.stamps_ns[rest], omega, f, dvl, dvl_from_imu_b)
     pitch = math.atan2(-mean[0], math.hypot(mean[1], mean[2]))
     roll = math.atan2(mean[1], mean[2])
     values = {'initial_roll_deg': math.degrees(roll), 'initial_pitch_deg': math.degrees(pitch)}
@@ -272,9 +278,11 @@ def _velocity(
     mapping: InitialMapping,
     v_G: Array,
     values: Names[str, Any],
+    imu: ImuRows,
     dvl: DvlRows | None,
     first_ns: int,
 ) -> tuple[Array, str]:
+    """Velocity of base_link, grid axes, and where it is from."""
     if mapping.kind == 'alignment':
         return np.zeros(3), 'velocity zero, at rest'
     if np.isfinite(v_G).all():
@@ -287,5 +295,17 @@ def _velocity(
             theta = math.radians(float(values.get('initial_pitch_deg', 0.0)))
             phi = math.radians(float(values.get('initial_roll_deg', 0.0)))
             C_b_G = np.asarray(matrix_from_euler(psi, theta, phi))
-            return C_b_G @ dvl.velocity[nearest], 'velocity from the DVL'
+            turning = _rate_near(imu, int(dvl.stamps_ns[nearest]))
+            lever_b = values.get('dvl_lever_b', default_of(EngineParams, 'dvl_lever_b'))
+            v_b = dvl.velocity[nearest] - np.cross(turning, np.asarray(lever_b, dtype=float))
+            return C_b_G @ v_b, 'velocity from the DVL'
     return np.zeros(3), 'velocity zero, nothing says more'
+
+
+def _rate_near(imu: ImuRows, stamp_ns: int) -> Array:
+    """Rate of the finite sample nearest to a stamp; zero where there is none [rad/s]."""
+    good = np.flatnonzero(finite_rows(imu.omega_ib_b))
+    if not len(good):
+        return np.zeros(3)
+    nearest = good[np.argmin(np.abs(imu.stamps_ns[good] - stamp_ns))]
+    return np.asarray(imu.omega_ib_b[nearest])

@@ -14,19 +14,26 @@ _FEWEST_PINGS = 2
 
 
 def gravity_at_start(
-    stamps_ns: Stamps, omega_ib_b: Array, f_b: Array, dvl: DvlRows | None
+    stamps_ns: Stamps,
+    omega_ib_b: Array,
+    f_b: Array,
+    dvl: DvlRows | None,
+    dvl_from_imu_b: Array,
 ) -> tuple[Array, bool]:
     """Mean specific force without the vehicle's own acceleration, in the body axes at the start.
 
     With ``C(t)`` from the body at t to the body at the start by the gyros, the mean of ``C f`` is
-    the reaction to gravity plus ``(C v(T) - v(0)) / T``, which the DVL measures. What the earth
-    turns and the DVL's lever arm are left out: some hundredths of a degree in some seconds.
+    the reaction to gravity plus ``(C v(T) - v(0)) / T`` of the IMU's point, which the DVL
+    measures: ``v = v_dvl - omega x d``. What the earth turns is left out: some hundredths of a
+    degree in some seconds.
 
     Parameters
     ----------
     stamps_ns, omega_ib_b, f_b : (n,), (n, 3), (n, 3) arrays
         IMU, body axes, all finite.
     dvl : DvlRows, optional
+    dvl_from_imu_b : (3,) array
+        d [m]
 
     Returns
     -------
@@ -55,4 +62,8 @@ def gravity_at_start(
     if took < 0.5 * float(stamps_ns[-1] - stamps_ns[0]) * 1e-9:
         return mean, False
     part = np.einsum('nij,nj->ni', C[a : b + 1], f_b[a : b + 1]).mean(axis=0)
-    return part - (C[b] @ dvl.velocity[last] - C[a] @ dvl.velocity[first]) / took, True
+    v_first, v_last = (
+        dvl.velocity[ping] - np.cross(omega_ib_b[k], dvl_from_imu_b)
+        for ping, k in ((first, a), (last, b))
+    )
+    return part - (C[b] @ v_last - C[a] @ v_first) / took, True

@@ -26,7 +26,7 @@ from .check_values import check_depth, check_dvl, check_fixes, check_positions
 from .findings import NAMES, Finding, Refused, Severity, refusals
 from .fixes import FixRows, read_fixes
 from .initial import Start, find_start
-from .mapping import Mapping
+from .mapping import Mapping, PositionMapping
 from .reference import truth_of
 from .sources import Source
 
@@ -42,7 +42,7 @@ class Loaded:
     ----------
     source, mapping : Source, Mapping
     params : FollowerParams
-        With the initial state.
+        With the initial state; lever arms and state are those of base_link.
     inputs : Inputs
         What the engine takes.
     truth : TruthSeries or None
@@ -102,6 +102,7 @@ def load(source: Source, mapping: Mapping, accept: Iterable[str] = ()) -> Loaded
         ordered.imu,
         ordered.dvl,
         ordered.initial,
+        dvl_from_imu_b=_dvl_from_imu(mapping),
     )
     findings += start.findings
     _refuse(source, findings, accepted)
@@ -112,11 +113,18 @@ def load(source: Source, mapping: Mapping, accept: Iterable[str] = ()) -> Loaded
         source=source,
         mapping=mapping,
         params=from_mapping(FollowerParams, {**start.values, **stated}),
-        inputs=_inputs(ordered, start.stamp_ns),
+        inputs=_inputs(ordered, start.stamp_ns, mapping.initial.position),
         truth=truth_of(ordered.truth, mapping.vehicle),
         findings=tuple(findings),
         start=start,
     )
+
+
+def _dvl_from_imu(mapping: Mapping) -> Array:
+    """DVL from the IMU, body axes [m]."""
+    stated = mapping.params.get('dvl_lever_b', default_of(EngineParams, 'dvl_lever_b'))
+    from_base = np.asarray(stated, dtype=np.float64)
+    return np.asarray(from_base - np.asarray(mapping.imu.lever_b))
 
 
 def _refuse(source: Source, findings: Sequence[Finding], accepted: set[str]) -> None:
@@ -148,8 +156,23 @@ def _read(source: Source, mapping: Mapping) -> _Streams:
         else read_depth(source, mapping.depth, number('depth_sigma'), latitude_deg),
         fixes=tuple(fixes),
         initial=where,
-        truth=None if mapping.truth is None else read_positions(source, mapping.truth),
+        truth=_truth(source, mapping, where),
     )
+
+
+def _truth(source: Source, mapping: Mapping, start: PositionRows | None) -> PositionRows | None:
+    """Read the reference, which often is what the start was taken from."""
+    one, other = mapping.truth, mapping.initial.position
+    if one is None:
+        return None
+    if start is not None and other is not None and _alike(one, other):
+        return start
+    return read_positions(source, one)
+
+
+def _alike(one: PositionMapping, other: PositionMapping) -> bool:
+    same = (one.stream, one.frame) == (other.stream, other.frame)
+    return same and np.array_equal(one.C_s_b, other.C_s_b)
 
 
 def _latitude_deg(where: PositionRows | None, fixes: Sequence[FixRows], otherwise: float) -> float:
@@ -234,6 +257,8 @@ def _in_order(s: _Streams) -> _Streams:
 def _sorted(rows: _T) -> _T:
     """By stamp, without stamps of zero where others have one."""
     stamps = rows.stamps_ns
+    if (np.diff(stamps) >= 0).all() and not (len(stamps) and stamps[0] == 0 and stamps.any()):
+        return rows
     order: NDArray[Any] = np.argsort(stamps, kind='stable')
     if (stamps != 0).any():
         order = order[stamps[order] != 0]
@@ -243,13 +268,18 @@ def _sorted(rows: _T) -> _T:
     return replace(rows, **changes)
 
 
-def _inputs(s: _Streams, start_ns: int) -> Inputs:
-    """Cut everything to the start; the sample at the start gives the engine its first stamp."""
+def _inputs(s: _Streams, start_ns: int, started_from: PositionMapping | None) -> Inputs:
+    """Cut everything to the start; the sample at the start gives the engine its first stamp.
+
+    Fixes that the start was taken from are left out: they would count twice.
+    """
     imu, dvl, depth = s.imu, s.dvl, s.depth
-    i = imu.stamps_ns >= start_ns
+    i, d, e = (
+        slice(0 if rows is None else int(np.searchsorted(rows.stamps_ns, start_ns)), None)
+        for rows in (imu, dvl, depth)
+    )
     given: dict[str, Any] = {}
     if dvl is not None:
-        d = dvl.stamps_ns >= start_ns
         given |= {
             'dvl_stamps_ns': dvl.stamps_ns[d],
             'dvl_v_m': dvl.velocity[d],
@@ -257,14 +287,18 @@ def _inputs(s: _Streams, start_ns: int) -> Inputs:
             'dvl_valid': dvl.valid[d],
         }
     if depth is not None:
-        e = depth.stamps_ns >= start_ns
         given |= {
             'depth_stamps_ns': depth.stamps_ns[e],
             'depth': depth.depth[e],
             'depth_variance': depth.variance[e],
         }
     fixes: tuple[Fix, ...] = tuple(f for one in s.fixes for f in one.fixes)
-    fixes = tuple(f for f in fixes if f.receive_ns >= start_ns)
+    topic = None if started_from is None else started_from.stream.topic
+    fixes = tuple(
+        f
+        for f in fixes
+        if f.receive_ns >= start_ns and not (f.topic == topic and f.validity_ns <= start_ns)
+    )
     return Inputs(imu.stamps_ns[i], _c(imu.omega_ib_b[i]), _c(imu.f_b[i]), fixes=fixes, **given)
 
 

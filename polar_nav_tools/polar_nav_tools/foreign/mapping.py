@@ -42,12 +42,13 @@ class Stream:
 
 @dataclass(frozen=True)
 class ImuMapping:
-    """An IMU: C_s_b takes its axes to the body's."""
+    """An IMU: C_s_b takes its axes to the body's; lever_b is from base_link to it [m]."""
 
     stream: Stream
     C_s_b: Array
     gyro_scale: float
     accel_scale: float
+    lever_b: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)

@@ -62,7 +62,7 @@ def from_section(top: Section) -> Mapping:
         imu=_imu(imu, params),
         dvl=None if dvl is None else _dvl(dvl, params),
         depth=None if depth is None else _depth(depth, params),
-        fixes=tuple(_fix(s, params) for s in top.sections('fixes')),
+        fixes=_all_fixes(top, params),
         initial=_initial(top.section('initial') or Section(f'{top.place}: initial', {})),
         truth=None if truth is None else _position(truth),
         accept=tuple(accept),
@@ -114,6 +114,7 @@ def _imu(s: Section, params: dict[str, Any]) -> ImuMapping:
         C_s_b=s.rotation(),
         gyro_scale=GYRO_UNITS[s.choice('gyro_unit', tuple(GYRO_UNITS), 'rad/s')],
         accel_scale=ACCEL_UNITS[s.choice('accel_unit', tuple(ACCEL_UNITS), 'm/s^2')],
+        lever_b=s.numbers('lever_b', (0.0, 0.0, 0.0), -100.0, 100.0, 'm'),
     )
     s.done()
     return mapping
@@ -188,10 +189,27 @@ def frame_of(s: Section) -> Frame:
     return Frame(kind, place, None if code is None else int(code))
 
 
-def _fix(s: Section, params: dict[str, Any]) -> FixMapping:
+def _all_fixes(top: Section, params: dict[str, Any]) -> tuple[FixMapping, ...]:
+    """All sources of fixes; the engine knows one transponder."""
+    sections = top.sections('fixes')
+    fixes = tuple(_fix(s) for s in sections)
+    levers = [lever for _, lever in fixes if lever is not None]
+    if levers and (len(set(levers)) > 1 or len(levers) < len(fixes)):
+        raise top.fail(
+            'fixes',
+            'transponder_lever_b is not the same in all of them; the filter knows one point of '
+            'the vehicle that fixes locate: state one, or replay with one source at a time',
+        )
+    if levers:
+        params['transponder_lever_b'] = list(levers[0])
+    return tuple(fix for fix, _ in fixes)
+
+
+def _fix(s: Section) -> tuple[FixMapping, tuple[float, float, float] | None]:
+    """One source of fixes, and the lever arm of its transponder where one is stated."""
+    lever = None
     if 'transponder_lever_b' in s:
         lever = s.numbers('transponder_lever_b', None, -100.0, 100.0, 'm')
-        params['transponder_lever_b'] = list(lever)
     s.raw('transponder_lever_b')
     sigma = s.raw('sigma')
     if sigma is not None:
@@ -218,7 +236,7 @@ def _fix(s: Section, params: dict[str, Any]) -> FixMapping:
     if array is not None:
         array.done()
     s.done()
-    return mapping
+    return mapping, lever
 
 
 def _initial(s: Section) -> InitialMapping:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import heapq
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from polar_nav_core.engine import batch
 from polar_nav_core.engine.events import Estimate, Receipt
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.params import to_mapping
+from polar_nav_follower.params import FollowerParams
 from polar_nav_msgs.msg import VehicleTruth
 from polar_nav_ros.cdr import to_bytes
 from polar_nav_ros.navigation_outputs import nav_to_msg, receipt_to_msg
@@ -29,6 +30,9 @@ from ..bags import BagWriter
 from ..estimates import EstimateRows, receipts_of
 from ..scoring import Comparison, compare
 from ..series import EstimateSeries, TruthSeries
+from . import lever
+from .findings import Finding
+from .hindsight import look_back
 from .load import Loaded, load
 from .mapping import Mapping
 from .sources import Source
@@ -56,6 +60,8 @@ class ForeignRun:
     receipts : tuple of Receipt
     verdicts : dict of str to int
     divergence : str
+    findings : tuple of Finding
+        Those of the data, and what did not fit in the run.
     """
 
     loaded: Loaded
@@ -64,6 +70,7 @@ class ForeignRun:
     receipts: tuple[Receipt, ...]
     verdicts: dict[str, int]
     divergence: str
+    findings: tuple[Finding, ...] = ()
 
     @property
     def vehicle(self) -> str:
@@ -117,24 +124,55 @@ def run(
             f'{loaded.source.path}: no IMU sample after the start at '
             f'{loaded.start.stamp_ns / 1e9:.3f} s'
         )
-    rows = EstimateRows(loaded.params)
+    rows = EstimateRows(loaded.params, _expected(loaded))
     states: list[Row] = []
+    params, moved = _at_the_imu(loaded)
 
     def take(chunk: batch.Track) -> None:
+        if moved is not None:
+            chunk = moved(chunk)
         rows.take(chunk)
         if messages:
             states.extend(_states(chunk, loaded))
 
-    result = batch.run(loaded.params, loaded.inputs, progress=progress, sink=take)
+    told = moved is None and not messages  # else covariances are wanted as they are
+    result = batch.run(params, loaded.inputs, progress=progress, sink=take, told=told)
     verdicts = Counter(r.verdict.name for r in result.receipts)
+    estimates = rows.series(loaded.mapping.vehicle)
+    statistics = estimates.local_statistics.sum(axis=0)
     return ForeignRun(
         loaded,
-        rows.series(loaded.mapping.vehicle),
+        estimates,
         tuple(states),
         tuple(result.receipts),
         dict(sorted(verdicts.items())),
         result.divergence,
+        (*loaded.findings, *look_back(loaded, params, statistics, result.receipts)),
     )
+
+
+def _expected(loaded: Loaded) -> int:
+    """Return the number of estimates, about: one each period, none between two samples."""
+    stamps_ns = loaded.inputs.imu_stamps_ns
+    periods = float(stamps_ns[-1] - stamps_ns[0]) * 1e-9 / loaded.params.output_period_s
+    return min(int(periods) + 2, len(stamps_ns))
+
+
+def _at_the_imu(
+    loaded: Loaded,
+) -> tuple[FollowerParams, Callable[[batch.Track], batch.Track] | None]:
+    """Parameters for the point that the IMU is at, and what takes estimates to base_link.
+
+    None where that is the same point.
+    """
+    lever_b = np.asarray(loaded.mapping.imu.lever_b)
+    if not lever_b.any():
+        return loaded.params, None
+    noise = loaded.params.gyro_noise_density
+    rates = lever.Rates.of(loaded.inputs, mean=loaded.params.imu_sample == 'mean')
+    first, _ = rates.at(loaded.inputs.imu_stamps_ns[:1])
+    params = lever.from_imu(loaded.params, lever_b, first[0])
+    return params, lambda track: lever.at_base_link(track, lever_b, rates, noise)
 
 
 def _states(track: batch.Track, loaded: Loaded) -> Iterator[Row]:
@@ -198,7 +236,7 @@ def write(path: Path, run_: ForeignRun) -> Path:
         'mapping': loaded.mapping.place,
         'configuration': loaded.params.configuration,
         'parameters': to_mapping(loaded.params),
-        'findings': [f.to_dict() for f in loaded.findings],
+        'findings': [f.to_dict() for f in run_.findings],
         'verdicts': run_.verdicts,
     }
     with BagWriter(path, info) as writer:

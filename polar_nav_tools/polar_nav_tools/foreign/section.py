@@ -15,6 +15,8 @@ from polar_nav_core.errors import ConfigError
 
 from . import rotations
 
+_TO_FILL = 'is still to be filled in:'
+
 
 class Section:
     """One mapping of a YAML file; `done` refuses keys that nobody asked for.
@@ -61,13 +63,16 @@ class Section:
             return default
         if not isinstance(value, str) or not value:
             raise self.fail(key, f'{value!r} is not a text')
+        if key == 'topic' and _is_to_fill(value):
+            raise self.fail(key, f'{_TO_FILL} the name of a topic')
         return value
 
     def choice(self, key: str, options: Sequence[str], default: str | None = None) -> str:
         """Return one of a few words."""
         value = self.text(key, default)
         if value not in options:
-            raise self.fail(key, f'{value!r} is none of {", ".join(options)}')
+            said = _TO_FILL if _is_to_fill(value) else f'{value!r} is none of'
+            raise self.fail(key, f'{said} {", ".join(options)}')
         return value
 
     def number(self, key: str, default: float | None, lo: float, hi: float, unit: str) -> float:
@@ -85,6 +90,8 @@ class Section:
         return None if value is None else self._number(key, value, lo, hi, unit)
 
     def _number(self, key: str, value: object, lo: float, hi: float, unit: str) -> float:
+        if _is_to_fill(value):
+            raise self.fail(key, f'{_TO_FILL} a number [{unit}]')
         if isinstance(value, str):  # YAML takes 1e-3 for a text
             try:
                 value = float(value)
@@ -168,6 +175,11 @@ class Section:
         if unknown:
             known = ', '.join(sorted(self._asked))
             raise ConfigError(f'{self.place}: unknown key {unknown[0]}; known here: {known}')
+
+
+def _is_to_fill(value: object) -> bool:
+    """Whether it is one of the marks that `polar map` leaves."""
+    return isinstance(value, str) and value.replace('/', '_').strip('_') == 'FILL_IN'
 
 
 def load(path: Path) -> Section:

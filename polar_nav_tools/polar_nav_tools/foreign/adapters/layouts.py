@@ -37,8 +37,6 @@ IMU: dict[str, Layout] = {
     'sensor_msgs/msg/Imu': {
         'rate': _xyz('angular_velocity'),
         'force': _xyz('linear_acceleration'),
-        'rate_covariance': ('angular_velocity_covariance',),
-        'force_covariance': ('linear_acceleration_covariance',),
     }
 }
 VELOCITY: dict[str, Layout] = {

@@ -89,7 +89,8 @@ def read_rows(source: Source, stream: Stream, role: str) -> Rows:
     own = layout.pop('stamp', None)
     timed = _stamp_paths(stream, kind, own, there)
     wanted = list(dict.fromkeys([*timed, *(q for paths in layout.values() for q in paths)]))
-    table = read_table(source, stream.topic, wanted or [there[0]])
+    several = [paths for paths in layout.values() if len(paths) > 1]
+    table = read_table(source, stream.topic, wanted or [there[0]], several)
     values = {n: _stacked(table.columns, p) for n, p in layout.items()}
     when = _times(table.columns, timed, table.log_ns) + stream.offset_ns
     return Rows(stream.topic, kind, when, table.log_ns, values, table.constants)
@@ -138,8 +139,9 @@ def _times(columns: Mapping[str, NDArray[Any]], paths: tuple[str, ...], log_ns: 
 
 
 def _stacked(columns: Mapping[str, NDArray[Any]], paths: tuple[str, ...]) -> NDArray[Any]:
-    if len(paths) == 1:
-        return columns[paths[0]]
+    first = columns[paths[0]]
+    if len(paths) == 1 or first.ndim > 1:  # the latter are side by side in the messages
+        return first
     return np.column_stack([columns[p] for p in paths])
 
 

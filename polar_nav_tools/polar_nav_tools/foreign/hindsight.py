@@ -1,0 +1,203 @@
+"""What a run itself says of its mapping: measurements that do not fit the IMU, and what would.
+
+Axes, lever arms and offsets of a DVL or of fixes cannot be seen in their numbers alone. When the
+filter refuses them, or their NIS is far from what was stated, that is told; for a DVL the other
+axes that have a name are tried on the first minutes, and those of a level instrument turned by 45
+degrees, as many are mounted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from polar_nav_core.engine import batch
+from polar_nav_core.engine.events import LOCAL_DOF, NIS_SUM, UPDATES, Array, Receipt, Verdict
+from polar_nav_core.engine.inputs import Inputs
+from polar_nav_follower.params import FollowerParams
+
+from . import rotations
+from .findings import Finding, Severity
+from .load import Loaded
+
+_FEWEST = 20
+_FEWEST_FIXES = 4
+_REFUSED = 0.05
+"""Share of pings or depths that are refused; the gate refuses one in ten thousand good ones."""
+_REFUSED_FIXES = 0.5
+_NIS = 3.0
+"""Mean NIS over its degrees of freedom; 1 is what was stated."""
+_TRIED_NS = 300_000_000_000
+_BETTER = 3.0
+"""By how much other axes must fit better to be told."""
+
+
+def look_back(
+    loaded: Loaded, params: FollowerParams, statistics: Array, receipts: Sequence[Receipt]
+) -> tuple[Finding, ...]:
+    """Say what did not fit.
+
+    Parameters
+    ----------
+    loaded : Loaded
+    params : FollowerParams
+        As the engine ran with.
+    statistics : (2, 3) array
+        Local statistics of the run (`events.LOCAL_DOF`).
+    receipts : sequence of Receipt
+    """
+    if params.mode != 'sins':
+        return ()
+    dvl = list(_dvl(loaded, params, statistics[0]))
+    before = 'put the DVL right first; then ' if dvl else ''
+    return (*dvl, *_depth(loaded, statistics[1], before), *_fixes(loaded, receipts, before))
+
+
+def _misfit(row: Array, dof: int) -> tuple[int, float, float] | None:
+    """Measurements, share refused, NIS over its degrees of freedom; None where all fit."""
+    used, refused, nis = (float(v) for v in row)
+    n = used + refused
+    if n < _FEWEST:
+        return None
+    share, ratio = refused / n, nis / max(used, 1.0) / dof
+    return None if share <= _REFUSED and ratio <= _NIS else (int(n), share, ratio)
+
+
+def _said(share: float, ratio: float) -> str:
+    others = f', NIS of the others is {ratio:.3g} times its expectation (limit {_NIS:g})'
+    return (
+        f'{100.0 * share:.3g} % were refused by the gate (limit {100.0 * _REFUSED:g} %)'
+        f'{others if share < 1.0 else ""}'
+    )
+
+
+def _dvl(loaded: Loaded, params: FollowerParams, row: Array) -> Iterator[Finding]:
+    found = _misfit(row, LOCAL_DOF['dvl'])
+    mapping = loaded.mapping.dvl
+    if found is None or mapping is None:
+        return
+    n, share, ratio = found
+    stated, others = tried_axes(loaded, params)
+    best = min(others, key=lambda rotation: others[rotation])
+    advice = (
+        'no other axes along those of the body fit better, nor turned by 45 degrees: lever_b of '
+        'DVL and IMU, time_offset_s, sigma, or other angles'
+    )
+    if _BETTER * others[best] < stated:
+        advice = (
+            f'`rotation: {best}` fits {stated / others[best]:.3g} times better in the first '
+            'minutes'
+        )
+    yield Finding(
+        'dvl_misfit',
+        Severity.WARNING,
+        mapping.stream.topic,
+        None,
+        n,
+        max(share, ratio),
+        f'pings do not fit the IMU: {_said(share, ratio)}. See `rotation` first: {advice}',
+    )
+
+
+def tried_axes(loaded: Loaded, params: FollowerParams) -> tuple[float, dict[str, float]]:
+    """Mean NIS of the DVL in the first minutes: with the axes stated, and with others.
+
+    Those are named as in a mapping. Without gate and without fixes: how well the DVL goes with
+    the IMU alone.
+    """
+    x, mapping = loaded.inputs, loaded.mapping.dvl
+    if mapping is None:
+        return float('nan'), {}
+    until_ns = int(x.imu_stamps_ns[0]) + _TRIED_NS
+    i, d, e = (
+        int(np.searchsorted(stamps, until_ns))
+        for stamps in (x.imu_stamps_ns, x.dvl_stamps_ns, x.depth_stamps_ns)
+    )
+    first = Inputs(
+        x.imu_stamps_ns[:i],
+        x.omega_ib_b[:i],
+        x.f_b[:i],
+        dvl_stamps_ns=x.dvl_stamps_ns[:d],
+        dvl_v_m=x.dvl_v_m[:d],
+        dvl_covariance_m=x.dvl_covariance_m[:d],
+        dvl_valid=x.dvl_valid[:d],
+        depth_stamps_ns=x.depth_stamps_ns[:e],
+        depth=x.depth[:e],
+        depth_variance=x.depth_variance[:e],
+    )
+    open_ = replace(
+        params,
+        configuration='custom',
+        delay_handling='ignore',
+        noise_adaptation='none',
+        gate_probability=1.0,
+    )
+
+    def nis(turn: Array) -> float:
+        inputs = replace(
+            first,
+            dvl_v_m=np.ascontiguousarray(first.dvl_v_m @ turn.T),
+            dvl_covariance_m=np.ascontiguousarray(turn @ first.dvl_covariance_m @ turn.T),
+        )
+        rows: list[Array] = []
+        result = batch.run(
+            open_, inputs, sink=lambda chunk: rows.append(chunk.local_statistics.sum(axis=0))
+        )
+        total = np.sum(rows, axis=0)[0] if rows else np.zeros(3)
+        if result.divergence or not total[UPDATES]:
+            return float('inf')
+        return float(total[NIS_SUM] / total[UPDATES])
+
+    back = mapping.C_s_b.T
+    return nis(np.eye(3)), {name: nis(C @ back) for name, C in _axes().items()}
+
+
+def _axes() -> dict[str, Array]:
+    found = rotations.all_named()
+    for rpy_deg in ((roll, 0, yaw) for roll in (0, 180) for yaw in (45, 135, -135, -45)):
+        found[f'{{rpy_deg: {list(rpy_deg)}}}'] = rotations.from_rpy_deg(rpy_deg)
+    return found
+
+
+def _depth(loaded: Loaded, row: Array, before: str) -> Iterator[Finding]:
+    found = _misfit(row, LOCAL_DOF['depth'])
+    mapping = loaded.mapping.depth
+    if found is None or mapping is None:
+        return
+    n, share, ratio = found
+    p = loaded.params
+    yield Finding(
+        'depth_misfit',
+        Severity.WARNING,
+        mapping.stream.topic,
+        None,
+        n,
+        max(share, ratio),
+        f'depths do not fit: {_said(share, ratio)}. By the start the depth is '
+        f'{p.sea_surface_height - p.initial_height:.2f} m, the first that was measured is '
+        f'{loaded.inputs.depth[0]:.2f} m: {before}see unit, positive, lever_b, sea_surface_height '
+        'among parameters (heights are above the ellipsoid, the sea need not be at zero)',
+    )
+
+
+def _fixes(loaded: Loaded, receipts: Sequence[Receipt], before: str) -> Iterator[Finding]:
+    fixes = [r for r in receipts if r.topic in {f.topic for f in loaded.inputs.fixes}]
+    refused = [r for r in fixes if r.verdict is Verdict.GATED]
+    if len(fixes) < _FEWEST_FIXES or len(refused) <= _REFUSED_FIXES * len(fixes):
+        return
+    off = float(np.median([np.linalg.norm(r.innovation_G[:2]) for r in refused]))
+    stated = float(np.median([np.sqrt(np.sum(r.innovation_variance_G[:2])) for r in refused]))
+    yield Finding(
+        'fixes_misfit',
+        Severity.WARNING,
+        refused[0].topic,
+        refused[0].stamp_ns,
+        len(refused),
+        off,
+        f'{len(refused)} of {len(fixes)} fixes were refused by the gate: they are {off:.3g} m '
+        f'off, where {stated:.3g} m are expected (medians, horizontal): {before}see frame and '
+        'origin, time_offset_s, transponder_lever_b and sigma of the fixes, and the heading and '
+        'the noise that were stated',
+    )
