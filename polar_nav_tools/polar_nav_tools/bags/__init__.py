@@ -7,7 +7,8 @@ starts a node; rclpy is imported only to decode single messages, where it is ins
 """
 
 from .errors import BagError
-from .reader import Bag, open_bag
+from .opening import open_bag
+from .reader import Bag
 from .writer import BagWriter
 
 __all__ = ['Bag', 'BagError', 'BagWriter', 'open_bag']

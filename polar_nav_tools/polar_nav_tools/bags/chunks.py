@@ -7,18 +7,21 @@ the only error is `Damage`.
 from __future__ import annotations
 
 import struct
-import zlib
+import threading
 from collections.abc import Callable, Collection, Iterator
 from typing import NamedTuple
 
 import lz4.frame
 import zstandard
+from isal.isal_zlib import crc32
 
 MAX_CHUNK_BYTES = 256 * 1024 * 1024
 """Largest chunk that is read; recorders close theirs at one or a few megabytes."""
+CHUNK_FRONT = 128
+"""Bytes of a chunk record's body that have all fields before its data."""
 COMPRESSIONS = ('', 'lz4', 'zstd')
 
-OP_SCHEMA, OP_CHANNEL, OP_MESSAGE = 0x03, 0x04, 0x05
+OP_SCHEMA, OP_CHANNEL, OP_MESSAGE, OP_MESSAGE_INDEX = 0x03, 0x04, 0x05, 0x07
 HEADER = struct.Struct('<BQ')
 """Opcode and length before each record."""
 MESSAGE = struct.Struct('<BQHIQQ')
@@ -26,6 +29,9 @@ MESSAGE = struct.Struct('<BQHIQQ')
 FRONT = struct.Struct('<BQH')
 """The same up to the channel."""
 _MESSAGE_FIXED = MESSAGE.size - HEADER.size
+_MESSAGE_INDEX = struct.Struct('<BQHI')  # opcode, length, channel, bytes of what follows
+LEAST_INDEX = 6
+"""Bytes of a message index that has none."""
 _CHUNK = struct.Struct('<QQQI')
 _U16 = struct.Struct('<H')
 _U32 = struct.Struct('<I')
@@ -98,6 +104,24 @@ class Reader:
         return found
 
 
+def whole_indices(view: memoryview) -> int:
+    """Return how many bytes at the front of a view are message indices as they should be."""
+    unpack, header = _MESSAGE_INDEX.unpack_from, HEADER.size
+    at, last = 0, len(view) - _MESSAGE_INDEX.size
+    while at <= last:
+        opcode, length, _, size = unpack(view, at)
+        end = at + header + length
+        if (
+            opcode != OP_MESSAGE_INDEX
+            or end > len(view)
+            or size != length - LEAST_INDEX
+            or size % 16
+        ):
+            break
+        at = end
+    return at
+
+
 def read_chunk_head(front: bytes, length: int) -> ChunkHead:
     """Take the fields before a chunk's data apart.
 
@@ -120,7 +144,7 @@ def read_chunk_head(front: bytes, length: int) -> ChunkHead:
     return ChunkHead(start_ns, stop_ns, size, crc, compression, fields.at, data_size)
 
 
-def inflate(compression: str, data: bytes, size: int, crc: int) -> bytes:
+def inflate(compression: str, data: bytes | memoryview, size: int, crc: int) -> bytes:
     """Decompress a chunk's data to exactly `size` bytes, and compare its checksum.
 
     Memory stays below about twice `size`, whatever the compressed bytes claim.
@@ -128,30 +152,40 @@ def inflate(compression: str, data: bytes, size: int, crc: int) -> bytes:
     raw = _INFLATE[compression](data, size)
     if len(raw) != size:
         raise Damage(f'a chunk decompresses to {len(raw)} instead of {size} bytes')
-    if crc and zlib.crc32(raw) != crc:
+    if crc and crc32(raw) != crc:
         raise Damage('the checksum of a chunk does not match')
     return raw
 
 
-def _inflate_zstd(data: bytes, size: int) -> bytes:
+class _Own(threading.local):
+    """One decompressor for each thread: making one takes as long as using it on a small chunk."""
+
+    def __init__(self) -> None:
+        self.zstd = zstandard.ZstdDecompressor()
+
+
+_OWN = _Own()
+
+
+def _inflate_zstd(data: bytes | memoryview, size: int) -> bytes:
     try:
         claimed = zstandard.frame_content_size(data)
         if claimed not in (-1, size):
             raise Damage(f'compressed data claims {claimed} instead of {size} bytes')
-        return zstandard.ZstdDecompressor().decompress(data, max_output_size=size)
+        return _OWN.zstd.decompress(data, max_output_size=size)
     except zstandard.ZstdError as error:
         raise Damage(f'a chunk cannot be decompressed ({error})') from error
 
 
-def _inflate_lz4(data: bytes, size: int) -> bytes:
+def _inflate_lz4(data: bytes | memoryview, size: int) -> bytes:
     try:
         return bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size))
     except RuntimeError as error:
         raise Damage(f'a chunk cannot be decompressed ({error})') from error
 
 
-_INFLATE: dict[str, Callable[[bytes, int], bytes]] = {
-    '': lambda data, _: data,
+_INFLATE: dict[str, Callable[[bytes | memoryview, int], bytes]] = {
+    '': lambda data, _: bytes(data),
     'lz4': _inflate_lz4,
     'zstd': _inflate_zstd,
 }
