@@ -59,10 +59,11 @@ class Ahead:
 
     def of(self, bag: Bag) -> ReadAhead | None:
         """Return what was read, if the bag that was opened is the one that was claimed."""
-        if self._reading is None or not same_bag(self._claimed, bag):
+        reading, self._reading = self._reading, None
+        if reading is None or not same_bag(self._claimed, bag):
             return None
         try:
-            return ReadAhead(self._request, self._reading.tables())
+            return ReadAhead(self._request, reading.tables())
         except BagError:
             return None
 

@@ -13,7 +13,8 @@ from typing import NamedTuple
 
 import lz4.frame
 import zstandard
-from isal.isal_zlib import crc32
+
+from .checksum import crc32
 
 MAX_CHUNK_BYTES = 256 * 1024 * 1024
 """Largest chunk that is read; recorders close theirs at one or a few megabytes."""
@@ -21,7 +22,8 @@ CHUNK_FRONT = 128
 """Bytes of a chunk record's body that have all fields before its data."""
 COMPRESSIONS = ('', 'lz4', 'zstd')
 
-OP_SCHEMA, OP_CHANNEL, OP_MESSAGE, OP_MESSAGE_INDEX = 0x03, 0x04, 0x05, 0x07
+OP_SCHEMA, OP_CHANNEL, OP_MESSAGE = 0x03, 0x04, 0x05
+OP_CHUNK, OP_MESSAGE_INDEX, OP_CHUNK_INDEX = 0x06, 0x07, 0x08
 HEADER = struct.Struct('<BQ')
 """Opcode and length before each record."""
 MESSAGE = struct.Struct('<BQHIQQ')
@@ -30,9 +32,8 @@ FRONT = struct.Struct('<BQH')
 """The same up to the channel."""
 _MESSAGE_FIXED = MESSAGE.size - HEADER.size
 _MESSAGE_INDEX = struct.Struct('<BQHI')  # opcode, length, channel, bytes of what follows
-LEAST_INDEX = 6
-"""Bytes of a message index that has none."""
-_CHUNK = struct.Struct('<QQQI')
+_LEAST_INDEX = 6  # bytes of a message index that has none
+_CHUNK = struct.Struct('<QQQII')  # up to the length of the compression's name
 _U16 = struct.Struct('<H')
 _U32 = struct.Struct('<I')
 _U64 = struct.Struct('<Q')
@@ -105,21 +106,36 @@ class Reader:
 
 
 def whole_indices(view: memoryview) -> int:
-    """Return how many bytes at the front of a view are message indices as they should be."""
+    """Go over indices of messages and of chunks at the front of a view, the first of them whole.
+
+    Returns
+    -------
+    int
+        Bytes of those that are as they should be.
+
+    Raises
+    ------
+    Damage
+        When the first one is not.
+    """
     unpack, header = _MESSAGE_INDEX.unpack_from, HEADER.size
     at, last = 0, len(view) - _MESSAGE_INDEX.size
     while at <= last:
         opcode, length, _, size = unpack(view, at)
         end = at + header + length
-        if (
-            opcode != OP_MESSAGE_INDEX
-            or end > len(view)
-            or size != length - LEAST_INDEX
-            or size % 16
-        ):
+        if end > len(view) or opcode not in (OP_MESSAGE_INDEX, OP_CHUNK_INDEX):
+            break
+        if opcode == OP_MESSAGE_INDEX and (size != length - _LEAST_INDEX or size % 16):
             break
         at = end
-    return at
+    if at:
+        return at
+    opcode, length = HEADER.unpack_from(view)
+    if opcode == OP_CHUNK_INDEX:
+        return int(header + length)
+    if length < _LEAST_INDEX:
+        raise Damage('a field is longer than its record')
+    raise Damage('a message index has a wrong length')
 
 
 def read_chunk_head(front: bytes, length: int) -> ChunkHead:
@@ -132,16 +148,22 @@ def read_chunk_head(front: bytes, length: int) -> ChunkHead:
     length : int
         Length of the whole body.
     """
-    fields = Reader(front)
-    start_ns, stop_ns, size, crc = _CHUNK.unpack(fields.take(_CHUNK.size))
-    compression = fields.text()
-    data_size = fields.u64()
-    if fields.at + data_size != length:
+    if len(front) < _CHUNK.size:
+        raise Damage('a field is longer than its record')
+    start_ns, stop_ns, size, crc, name_size = _CHUNK.unpack_from(front)
+    end = _CHUNK.size + name_size
+    if len(front) < end:
+        raise Damage('a field is longer than its record')
+    compression = _decoded(front[_CHUNK.size : end])
+    if len(front) < end + _U64.size:
+        raise Damage('a field is longer than its record')
+    (data_size,), data_at = _U64.unpack_from(front, end), end + _U64.size
+    if data_at + data_size != length:
         raise Damage('the length of a chunk and of its data do not agree')
     if max(size, data_size) > MAX_CHUNK_BYTES:
         most = max(size, data_size)
         raise Damage(f'a chunk claims {most} bytes (at most {MAX_CHUNK_BYTES} are read)')
-    return ChunkHead(start_ns, stop_ns, size, crc, compression, fields.at, data_size)
+    return ChunkHead(start_ns, stop_ns, size, crc, compression, data_at, data_size)
 
 
 def inflate(compression: str, data: bytes | memoryview, size: int, crc: int) -> bytes:

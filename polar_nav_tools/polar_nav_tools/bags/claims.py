@@ -14,17 +14,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
-from isal.isal_zlib import crc32
-
 from . import chunks
+from .checksum import crc32
 from .chunks import HEADER, MESSAGE, Damage, Reader
 from .contents import Block, FileScan, Tally
 from .declarations import Declarations
 from .files import MAGIC
 
-_OP_FOOTER, _OP_CHUNK, _OP_CHUNK_INDEX, _OP_STATISTICS = 0x02, 0x06, 0x08, 0x0B
+_OP_FOOTER, _OP_STATISTICS = 0x02, 0x0B
 _FOOTER = struct.Struct('<BQQQI')
-_CHUNK_INDEX = struct.Struct('<QQQQI')  # up to the place of the first channel's message index
+_CHUNK_INDEX = struct.Struct('<16xQQI')  # chunk, its length, bytes of places of message indices
+_COMPRESSION = struct.Struct('<QI')  # bytes of message indices, of the compression's name
+_SIZES = struct.Struct('<QQ')
 _COUNT = struct.Struct('<HQ')
 _BEFORE_COUNTS = 42  # bytes of statistics
 _MOST_BYTES = 256 << 20
@@ -46,7 +47,7 @@ class ClaimedBlock(Block):
         head = chunks.read_chunk_head(front[HEADER.size :][:length], length)
         place = self.chunk_at + HEADER.size + head.data_at, head.data_size, head.size
         same = place == (self.offset, self.stored, self.size)
-        if opcode != _OP_CHUNK or head.compression != self.compression or not same:
+        if opcode != chunks.OP_CHUNK or head.compression != self.compression or not same:
             raise Damage('a chunk is not what the index says')
         file.seek(self.offset)
         records = chunks.inflate(head.compression, file.read(head.data_size), head.size, head.crc)
@@ -132,7 +133,7 @@ def _fill(found: FileScan, summary: bytes) -> bool:
         if at > size:
             return False
         body = summary[body_at:at]
-        if opcode == _OP_CHUNK_INDEX:
+        if opcode == chunks.OP_CHUNK_INDEX:
             found.blocks.append(_block(body, sets))
         elif opcode == _OP_STATISTICS:
             counts = _claimed_counts(body)
@@ -158,16 +159,23 @@ def _claimed_counts(body: bytes) -> dict[int, int]:
 
 def _block(body: bytes, sets: dict[bytes, frozenset[int]]) -> ClaimedBlock:
     """Take a chunk's entry of an index; `sets` keeps the channels of chunks that have the same."""
-    fields = Reader(body)
-    *_, chunk_at, length, size = _CHUNK_INDEX.unpack(fields.take(_CHUNK_INDEX.size))
-    if size % _COUNT.size:
+    try:
+        chunk_at, length, size = _CHUNK_INDEX.unpack_from(body)
+        end = _CHUNK_INDEX.size + size
+        places = body[_CHUNK_INDEX.size : end]
+        _, size = _COMPRESSION.unpack_from(body, end)
+        name_at = end + _COMPRESSION.size
+        compression = body[name_at : name_at + size].decode()
+        stored, size = _SIZES.unpack_from(body, name_at + size)
+    except (struct.error, UnicodeDecodeError) as error:
+        raise Damage('a chunk index is not whole') from error
+    if len(places) % _COUNT.size:
         raise Damage('a chunk index has a wrong length')
-    places = fields.take(size)
-    key = b''.join(places[i : i + 2] for i in range(0, size, _COUNT.size))
-    if key not in sets:
-        sets[key] = frozenset(struct.unpack(f'<{len(key) // 2}H', key))
-    fields.u64()
-    compression, stored, size = fields.text(), fields.u64(), fields.u64()
+    low, high = places[:: _COUNT.size], places[1 :: _COUNT.size]
+    key = low + high
+    channels = sets.get(key)
+    if channels is None:
+        channels = sets[key] = frozenset(a | b << 8 for a, b in zip(low, high, strict=True))
     return ClaimedBlock(
         offset=chunk_at + length - stored,
         stored=stored,
@@ -175,6 +183,6 @@ def _block(body: bytes, sets: dict[bytes, frozenset[int]]) -> ClaimedBlock:
         usable=size,
         compression=compression,
         crc=0,
-        channels=sets[key],
+        channels=channels,
         chunk_at=chunk_at,
     )

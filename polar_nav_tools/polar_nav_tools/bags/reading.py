@@ -252,15 +252,16 @@ class Reading:
     def _odd_ones(self, content: bytes) -> None:
         """Take what the kernel left: raw topics, and messages of another layout."""
         found: dict[int, list[tuple[int, bytes]]] = {}
+        known = len(self._wanted)
         for slot, row, start, length in self._odd[: self._io[0]].tolist():
-            found.setdefault(slot, []).append((row, content[start : start + length]))
+            data = content[start : start + length]
+            if slot >= known:
+                self._out.payloads[self._raw[slot - known]].append(data)
+            else:
+                found.setdefault(slot, []).append((row, data))
         self._io[0] = 0
         learned = False
         for slot, rows in found.items():
-            if slot >= len(self._wanted):
-                topic = self._raw[slot - len(self._wanted)]
-                self._out.payloads[topic] += [data for _, data in rows]
-                continue
             one = self._wanted[slot]
             one.odd += len(rows)
             try:

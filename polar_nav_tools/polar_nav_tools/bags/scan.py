@@ -14,9 +14,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from isal.isal_zlib import crc32
-
 from . import chunks
+from .checksum import crc32
 from .chunks import HEADER, Damage, Reader
 from .contents import Block, FileScan, Tally
 from .declarations import Declarations
@@ -42,7 +41,7 @@ _COMPILED_FROM = 4 << 20
 """Bytes of a file from which its records are counted by compiled code."""
 
 _OP_HEADER, _OP_FOOTER = 0x01, 0x02
-_OP_CHUNK, _OP_ATTACHMENT = 0x06, 0x09
+_OP_ATTACHMENT = 0x09
 _OP_STATISTICS, _OP_METADATA, _OP_DATA_END = 0x0B, 0x0C, 0x0F
 _LAST_KNOWN = 0x0F
 
@@ -89,7 +88,7 @@ class _Scanner:
         self._search_from = self._at
         self._summary_at: int | None = None
         self._summary_crc = 0
-        self._declared = Declarations(self._problem)
+        self._declared = Declarations(self._out.problems.append)
         self._raw: list[bytes] = []  # message records outside of chunks, waiting to become a block
         self._raw_at = 0
         self._raw_bytes = 0
@@ -127,13 +126,13 @@ class _Scanner:
         if opcode == 0 or (opcode > _LAST_KNOWN and length > MAX_RECORD_BYTES):
             raise Damage(f'a record of unknown kind 0x{opcode:02x}')
         size = HEADER.size + length
-        if opcode == _OP_CHUNK:
+        if opcode == chunks.OP_CHUNK:
             self._chunk(front[HEADER.size :], length)
         elif opcode == _OP_ATTACHMENT or opcode > _LAST_KNOWN:
             self._skip(size)
         elif length > MAX_RECORD_BYTES:
             raise Damage(f'a record of {length} bytes')
-        elif opcode == chunks.OP_MESSAGE_INDEX:
+        elif opcode in (chunks.OP_MESSAGE_INDEX, chunks.OP_CHUNK_INDEX):
             size = self._indices(size)
         else:
             self._whole(opcode, self._get(self._at, size))
@@ -156,19 +155,11 @@ class _Scanner:
             self._small(opcode, body, crc_before)
 
     def _indices(self, size: int) -> int:
-        """Take the message indices that stand here one behind the other; how many bytes."""
+        """Take the indices that stand here one behind the other; how many bytes."""
         self._end_raw_block()
         self._get(self._at, size)
         held = self._window.held(self._at)
         whole = chunks.whole_indices(held)
-        if not whole:
-            short = size < HEADER.size + chunks.LEAST_INDEX
-            what = (
-                'a field is longer than its record'
-                if short
-                else 'a message index has a wrong length'
-            )
-            raise Damage(what)
         self._feed(held[:whole])
         return whole
 
