@@ -138,6 +138,11 @@ def whole_indices(view: memoryview) -> int:
     raise Damage('a message index has a wrong length')
 
 
+def front_size(compression: str) -> int:
+    """Return the bytes of a chunk record's body before its data."""
+    return _CHUNK.size + len(compression.encode()) + _U64.size
+
+
 def read_chunk_head(front: bytes, length: int) -> ChunkHead:
     """Take the fields before a chunk's data apart.
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import os
 import struct
-from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
@@ -29,23 +28,24 @@ _SIZES = struct.Struct('<QQ')
 _COUNT = struct.Struct('<HQ')
 _BEFORE_COUNTS = 42  # bytes of statistics
 _MOST_BYTES = 256 << 20
+_CRC = Block._fields.index('crc')  # the last field
 
 
-@dataclass(frozen=True)
 class ClaimedBlock(Block):
-    """A chunk that nobody has looked at yet."""
+    """A chunk that nobody has looked at yet; its checksum is not known."""
 
-    chunk_at: int
+    __slots__ = ()
 
     def load(self, file: BinaryIO, *, checked: bool = True) -> bytes:  # noqa: ARG002 - always
         """Return the uncompressed records, once they were found to be whole."""
-        file.seek(self.chunk_at)
+        chunk_at = self.offset - HEADER.size - chunks.front_size(self.compression)
+        file.seek(chunk_at)
         front = file.read(HEADER.size + chunks.CHUNK_FRONT)
         if len(front) < HEADER.size:
             raise Damage('the file ends within a record')
         opcode, length = HEADER.unpack_from(front)
         head = chunks.read_chunk_head(front[HEADER.size :][:length], length)
-        place = self.chunk_at + HEADER.size + head.data_at, head.data_size, head.size
+        place = chunk_at + HEADER.size + head.data_at, head.data_size, head.size
         same = place == (self.offset, self.stored, self.size)
         if opcode != chunks.OP_CHUNK or head.compression != self.compression or not same:
             raise Damage('a chunk is not what the index says')
@@ -85,16 +85,12 @@ def agrees(claimed: FileScan, found: FileScan) -> bool:
         and (claimed.size, claimed.modified_ns) == (found.size, found.modified_ns)
         and claimed.channels == found.channels
         and _counts(claimed) == _counts(found)
-        and list(map(_place, claimed.blocks)) == list(map(_place, found.blocks))
+        and [block[:_CRC] for block in claimed.blocks] == [block[:_CRC] for block in found.blocks]
     )
 
 
 def _counts(file: FileScan) -> dict[int, int]:
     return {number: t.count for number, t in file.tallies.items()}
-
-
-def _place(block: Block) -> tuple[object, ...]:
-    return block.offset, block.stored, block.size, block.usable, block.compression, block.channels
 
 
 def _summary(file: BinaryIO, size: int) -> bytes | None:
@@ -171,18 +167,20 @@ def _block(body: bytes, sets: dict[bytes, frozenset[int]]) -> ClaimedBlock:
         raise Damage('a chunk index is not whole') from error
     if len(places) % _COUNT.size:
         raise Damage('a chunk index has a wrong length')
+    offset = chunk_at + HEADER.size + chunks.front_size(compression)
+    if offset + stored != chunk_at + length:
+        raise Damage('the lengths of a chunk do not agree')
     low, high = places[:: _COUNT.size], places[1 :: _COUNT.size]
     key = low + high
     channels = sets.get(key)
     if channels is None:
         channels = sets[key] = frozenset(a | b << 8 for a, b in zip(low, high, strict=True))
     return ClaimedBlock(
-        offset=chunk_at + length - stored,
+        offset=offset,
         stored=stored,
         size=size,
         usable=size,
         compression=compression,
-        crc=0,
         channels=channels,
-        chunk_at=chunk_at,
+        crc=0,
     )

@@ -249,8 +249,8 @@ class _Scanner:
             size=head.size,
             usable=usable,
             compression=head.compression,
-            crc=head.crc,
             channels=channels,
+            crc=head.crc,
         )
         self._out.blocks.append(block)
         if self._take is not None:
@@ -282,7 +282,7 @@ class _Scanner:
         for record in self._raw:
             crc = crc32(record, crc)
         channels = frozenset(self._raw_channels)
-        self._out.blocks.append(Block(self._raw_at, size, size, size, '', crc, channels))
+        self._out.blocks.append(Block(self._raw_at, size, size, size, '', channels, crc))
         self._out.compressions.add('')
         self._out.uncompressed_bytes += size
         self._raw, self._raw_bytes, self._raw_channels = [], 0, set()
