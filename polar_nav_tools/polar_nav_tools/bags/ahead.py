@@ -59,11 +59,10 @@ class Ahead:
 
     def of(self, bag: Bag) -> ReadAhead | None:
         """Return what was read, if the bag that was opened is the one that was claimed."""
-        reading, self._reading = self._reading, None
-        if reading is None or not same_bag(self._claimed, bag):
+        if self._reading is None or not same_bag(self._claimed, bag):
             return None
         try:
-            return ReadAhead(self._request, reading.tables())
+            return ReadAhead(self._request, self._reading.tables())
         except BagError:
             return None
 
