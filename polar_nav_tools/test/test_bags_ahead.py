@@ -169,9 +169,10 @@ def test_an_index_that_names_another_type_first(tmp_path, monkeypatch):
     """Nothing in the file is damaged; what the topic is, depends on the order in the index."""
     monkeypatch.setattr(opening, 'scan_file', scan.scan_file)
     path = written(
-        tmp_path / 'x.mcap', [*usual(20), *((IMU, TYPES[TRUTH], truth(k)) for k in range(20))]
+        tmp_path / 'x.mcap', [*usual(20), *((IMU, TYPES[TRUTH], truth(k)) for k in range(25))]
     )
-    assert both(path)
+    request = Request({IMU: (TIME,)})  # fields that both have
+    assert both(path, request)
     data = without_checksum_of_the_index(bytearray(path.read_bytes()))
     end = next(at for at, opcode, _ in records_of(data) if opcode == 0x0F)
     places = [(at, n) for at, opcode, n in records_of(data) if opcode == 0x04 and at > end]
@@ -180,7 +181,7 @@ def test_an_index_that_names_another_type_first(tmp_path, monkeypatch):
     first, second = (bytes(data[at : at + n]) for at, n in (a, b))
     data[a[0] : sum(a)], data[b[0] : sum(b)] = second, first
     path.write_bytes(data)
-    assert both(path) is False
+    assert both(path, request) is False
 
 
 def test_a_topic_on_two_channels(tmp_path):
