@@ -112,8 +112,9 @@ def test_bags_of_several_files(tmp_path):
 def test_files_that_number_their_channels_otherwise(tmp_path):
     folder = tmp_path / 'bag'
     folder.mkdir()
-    other = [('/words', 'std_msgs/msg/String', b'\0\1\0\0\2\0\0\0x\0')]
-    for k, messages in enumerate(([*usual(40)], [*other * 9, *usual(30)], [*usual(20)][::-1])):
+    other = ('/words', 'std_msgs/msg/String', b'\0\1\0\0\2\0\0\0x\0')
+    mixed = [m for one in usual(30) for m in (other, one)]
+    for k, messages in enumerate(([*usual(40)], mixed, [*usual(20)][::-1])):
         written(folder / f'b_{k}.mcap', messages)
     assert both(folder)
     numbers = [{n: c.topic for n, c in f.channels.items()} for f in open_bag(folder).files]
