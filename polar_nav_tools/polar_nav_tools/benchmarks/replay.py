@@ -39,7 +39,7 @@ from .long_bag import CONFIGURATION, RATES_HZ, VEHICLE, long_bag
 from .navigation import Disagreement
 from .rounds import Entry, Ratio, Timing, interleave, ratio
 
-DISTRIBUTIONS = ('numpy', 'numba', 'mcap', 'mcap-ros2-support', 'zstandard', 'rclpy')
+DISTRIBUTIONS = ('numpy', 'numba', 'mcap', 'mcap-ros2-support', 'zstandard', 'isal', 'rclpy')
 PART_MINUTES = 10.0
 REAL_TIME = 10_000.0
 AGAINST_PEER = 25.0
