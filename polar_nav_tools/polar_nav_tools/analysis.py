@@ -37,6 +37,8 @@ from .scoring.compare import Run
 from .scoring.delivery import Delivery
 
 if TYPE_CHECKING:
+    from .bags.ahead import Wants
+    from .bags.reading import Request
     from .verification import VerifyResult
 
 STATE, RECEIPT, PACKET, DECODED = 'nav/state', 'nav/receipt', 'acomms/rx', 'acomms/decoded'
@@ -149,14 +151,11 @@ def analyse(
     name = vehicle or follower_of(bag)
     arrays = None
     if configurations and not verified:
-        from .recorded_arrays import load_arrays
-        from .station_arrays import load_station
+        from .fast_replay import load
 
         step = 1.0 / (1 + len(configurations))
         with_truth, reading = truth_from is None, _part(progress, 0.0, step)
-        arrays = load_arrays(bag, name, truth=with_truth, progress=reading) or load_station(
-            bag, name, truth=with_truth, progress=reading
-        )
+        arrays = load(bag, name, truth=with_truth, progress=reading)
     truth = arrays.truth if arrays is not None else None
     if truth is None:
         truth = load_truth(truth_from or bag, name)
@@ -330,10 +329,21 @@ def topic_table(counts: Sequence[TopicCount]) -> Table:
     return Table('Messages', columns, rows)
 
 
-def open_for(path: Path, say: Say) -> Bag:
+def wanted_of(vehicle: str | None, *, truth: bool) -> Wants:
+    """What `analyse` reads of a bag when it replays: for `open_for`, which reads it on its way."""
+
+    def wants(bag: Bag) -> Request | None:
+        from .fast_replay import wanted
+
+        return wanted(bag, vehicle or follower_of(bag), truth=truth)
+
+    return wants
+
+
+def open_for(path: Path, say: Say, ahead: Wants | None = None) -> Bag:
     """Open a bag and tell what is wrong with it, before anything is made of it."""
     with opening_display(path) as progress:
-        bag = open_bag(path, progress)
+        bag = open_bag(path, progress, ahead=ahead)
     for problem in bag.problems:
         say(f'{path}: {problem}')
     return bag

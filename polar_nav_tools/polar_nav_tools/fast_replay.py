@@ -18,13 +18,19 @@ from polar_nav_follower.params import FollowerParams
 from polar_nav_follower.session import inputs_of
 
 from .bags import Bag
+from .bags.reading import Request
 from .estimates import EstimateRows, receipts_of
 from .model_series import ModelRun
-from .recorded_arrays import RecordedArrays, load_arrays
+from .recorded_arrays import RecordedArrays, arrays_request, load_arrays
 from .recorded_inputs import choose_follower
 from .replay import parameters
 from .series import EstimateSeries, Receipt
-from .station_arrays import StationArrays, load_station, replay_station
+from .station_arrays import (
+    StationArrays,
+    load_station,
+    replay_station,
+    station_request,
+)
 
 Progress = Callable[[float], None]
 
@@ -101,6 +107,24 @@ def _expected(inputs: Inputs, params: FollowerParams) -> int:
     return min(int(length_s / params.output_period_s) + 2, most)
 
 
+def load(
+    bag: Bag,
+    vehicle: str | None = None,
+    *,
+    truth: bool = False,
+    progress: Progress | None = None,
+) -> RecordedArrays | StationArrays | None:
+    """Read what a follower took, in either mode; None for a run to be taken by message."""
+    return load_arrays(bag, vehicle, truth=truth, progress=progress) or load_station(
+        bag, vehicle, truth=truth, progress=progress
+    )
+
+
+def wanted(bag: Bag, vehicle: str | None = None, *, truth: bool = False) -> Request | None:
+    """Say what `load` is going to read: for `open_bag`, which can read it on its way."""
+    return arrays_request(bag, vehicle, truth=truth) or station_request(bag, vehicle, truth=truth)
+
+
 def replay_estimates(
     bag: Bag,
     configuration: str | None,
@@ -114,10 +138,7 @@ def replay_estimates(
     chosen = parameters(recorded, configuration, changes)
     if inputs_of(chosen) != inputs_of(parameters(recorded, None, {})):
         return None  # the arrays are of what the recorded run took
-    reading = _half(progress)
-    arrays = load_arrays(bag, vehicle, progress=reading) or load_station(
-        bag, vehicle, progress=reading
-    )
+    arrays = load(bag, vehicle, progress=_half(progress))
     if arrays is None:
         return None
     return replay_arrays(

@@ -32,7 +32,8 @@ from .bags.columns import stamps as stamps_of
 from .bags.decode import is_installed
 from .bags.errors import BagError
 from .bags.reader import Bag
-from .bags.tables import Tables, read_tables
+from .bags.reading import Fields, Request, Tables
+from .bags.tables import read_tables
 from .recorded_constants import mode_table, require_same
 from .recorded_inputs import choose_follower, decoded, event_key, refusal_key
 from .series import TruthSeries
@@ -60,6 +61,7 @@ _PACKET_FIELDS = (
 )
 _LOCAL = tuple(_FIELDS)
 _LEAST_BEAMS = 3
+TRUTH = 'truth'
 
 
 @dataclass(frozen=True)
@@ -187,10 +189,40 @@ def _dvl(columns: Columns, default_sigma: float) -> tuple[Array, Array, NDArray[
     return v_m, covariance_m, valid
 
 
+def arrays_request(bag: Bag, vehicle: str | None = None, *, truth: bool = False) -> Request | None:
+    """Say what `load_arrays` is going to read; None for a run to be taken by message.
+
+    Raises
+    ------
+    BagError
+        When there is no such follower, or it took no IMU data.
+    """
+    name, params = choose_follower(bag, vehicle)
+    if session.inputs_of(from_mapping(FollowerParams, params)) != session.INPUTS:
+        return None
+    bag.require([f'/{name}/{session.IMU}'])
+    if not all(_plain(bag, f'/{name}/{topic}') for topic in session.INPUTS):
+        return None
+    require_same(bag, (f'/{name}/{topic}' for topic in (*session.INPUTS, session.RECEIPT)))
+    return request_of(bag, name, _FIELDS, truth=truth)
+
+
+def request_of(bag: Bag, vehicle: str, fields: Mapping[str, Fields], *, truth: bool) -> Request:
+    """Fields of a follower's topics, its packets, commands and receipts, and its truth."""
+    wanted = {f'/{vehicle}/{topic}': names for topic, names in fields.items()}
+    topic = f'/{vehicle}/{TRUTH}'
+    if truth and topic in bag.topics and bag.channel(topic).type == arrays.TRUTH_TYPE:
+        wanted[topic] = arrays.TRUTH_FIELDS
+    raw = (session.PACKET, session.COMMAND, session.RECEIPT)
+    return Request(wanted, tuple(f'/{vehicle}/{topic}' for topic in raw))
+
+
 def load_arrays(
     bag: Bag, vehicle: str | None = None, *, truth: bool = False, progress: Progress | None = None
 ) -> RecordedArrays | None:
     """Read what a follower took, in one pass; None for a run that has to be taken by message.
+
+    A bag that was opened with `arrays_request` ahead was read then.
 
     Parameters
     ----------
@@ -207,23 +239,15 @@ def load_arrays(
         When there is no such follower, or it took no IMU data.
     """
     name, params = choose_follower(bag, vehicle)
-    if session.inputs_of(from_mapping(FollowerParams, params)) != session.INPUTS:
+    request = arrays_request(bag, vehicle, truth=truth)
+    if request is None:
         return None
-    bag.require([f'/{name}/{session.IMU}'])
-    if not all(_plain(bag, f'/{name}/{topic}') for topic in session.INPUTS):
-        return None
-    require_same(bag, (f'/{name}/{topic}' for topic in (*session.INPUTS, session.RECEIPT)))
-    wanted: dict[str, Any] = {f'/{name}/{topic}': fields for topic, fields in _FIELDS.items()}
-    truth_topic = f'/{name}/truth'
-    truth = truth and truth_topic in bag.topics
-    if truth and bag.channel(truth_topic).type == arrays.TRUTH_TYPE:
-        wanted[truth_topic] = arrays.TRUTH_FIELDS
-    raw = [f'/{name}/{t}' for t in (session.PACKET, session.COMMAND, session.RECEIPT)]
+    packet, command, receipt = request.raw
     try:
-        tables = read_tables(bag, wanted, raw, progress=progress)
-        commands = [decoded(bag, raw[1], d, Command) for d in tables.payloads[raw[1]]]
-        packets = packets_of(bag, raw[0], tables.payloads[raw[0]])
-        refused = refusals_of(bag, raw[2], tables.payloads[raw[2]])
+        tables = read_tables(bag, *request, progress=progress)
+        commands = [decoded(bag, command, d, Command) for d in tables.payloads[command]]
+        packets = packets_of(bag, packet, tables.payloads[packet])
+        refused = refusals_of(bag, receipt, tables.payloads[receipt])
     except BagError:
         return None  # decoding by message says what is wrong, or does not need it
     if any(m.kind != CommandKind.SHUTDOWN for m in commands):
@@ -240,13 +264,13 @@ def load_arrays(
     if modes is not None:
         recorded = columns[session.DVL]['velocity_mode'].astype(np.intp)
         columns[session.DVL]['velocity_mode'] = modes[recorded]
-    found = tables.columns.get(truth_topic)
+    found = tables.columns.get(f'/{name}/{TRUTH}')
     return RecordedArrays(
         bag=bag,
         vehicle=name,
         params=params,
         columns=columns,
-        packets=packets[: limits.get(raw[0])],
+        packets=packets[: limits.get(packet)],
         refused=refused,
         truth=None if found is None else arrays.truth_of(found, name),
     )

@@ -23,7 +23,8 @@ from polar_nav_ros.navigation_outputs import receipt_from_msg
 from polar_nav_ros.navigation_session import MODEL_OUTPUTS, SENSORS
 
 from .bags.errors import BagError
-from .bags.reader import Bag, open_bag
+from .bags.opening import open_bag
+from .bags.reader import Bag
 from .recorded_constants import mode_table, require_same
 
 FOLLOWER_PACKAGE = 'polar_nav_follower'

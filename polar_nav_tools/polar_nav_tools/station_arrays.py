@@ -39,10 +39,11 @@ from .bags.columns import Columns
 from .bags.decode import is_installed
 from .bags.errors import BagError
 from .bags.reader import Bag
+from .bags.reading import Request
 from .bags.tables import read_tables
 from .estimates import EstimateRows, receipts_of
 from .model_series import Identified, ModelRun, ModelSeries, identified_of_engine
-from .recorded_arrays import Progress, packets_of, refusals_of
+from .recorded_arrays import TRUTH, Progress, packets_of, refusals_of, request_of
 from .recorded_inputs import choose_follower, decoded
 from .series import EstimateSeries, Floats, Receipt, TruthSeries
 
@@ -206,10 +207,10 @@ def _series(stamp_ns: NDArray[np.int64], told: list[ModelEstimate]) -> ModelSeri
     )
 
 
-def load_station(
-    bag: Bag, vehicle: str | None = None, *, truth: bool = False, progress: Progress | None = None
-) -> StationArrays | None:
-    """Read what a follower in station mode took; None for a run to be taken by message.
+def station_request(
+    bag: Bag, vehicle: str | None = None, *, truth: bool = False
+) -> Request | None:
+    """Say what `load_station` is going to read; None for a run to be taken by message.
 
     Raises
     ------
@@ -224,17 +225,29 @@ def load_station(
     present = [f'/{name}/{topic}' for topic in topics if f'/{name}/{topic}' in bag.topics]
     if not all(is_installed(bag.channel(topic)) for topic in present):
         return None
-    wanted: dict[str, Any] = {f'/{name}/{topic}': fields for topic, fields in _FIELDS.items()}
-    truth_topic = f'/{name}/truth'
-    truth = truth and truth_topic in bag.topics
-    if truth and bag.channel(truth_topic).type == arrays.TRUTH_TYPE:
-        wanted[truth_topic] = arrays.TRUTH_FIELDS
-    raw = [f'/{name}/{t}' for t in (session.PACKET, session.COMMAND, session.RECEIPT)]
+    return request_of(bag, name, _FIELDS, truth=truth)
+
+
+def load_station(
+    bag: Bag, vehicle: str | None = None, *, truth: bool = False, progress: Progress | None = None
+) -> StationArrays | None:
+    """Read what a follower in station mode took; None for a run to be taken by message.
+
+    Raises
+    ------
+    BagError
+        When there is no such follower, or it took no IMU data.
+    """
+    name, params = choose_follower(bag, vehicle)
+    request = station_request(bag, vehicle, truth=truth)
+    if request is None:
+        return None
+    packet, command, receipt = request.raw
     try:
-        tables = read_tables(bag, wanted, raw, progress=progress)
-        commands = [decoded(bag, raw[1], d, CommandMsg) for d in tables.payloads[raw[1]]]
-        packets = packets_of(bag, raw[0], tables.payloads[raw[0]])
-        refused = refusals_of(bag, raw[2], tables.payloads[raw[2]])
+        tables = read_tables(bag, *request, progress=progress)
+        commands = [decoded(bag, command, d, CommandMsg) for d in tables.payloads[command]]
+        packets = packets_of(bag, packet, tables.payloads[packet])
+        refused = refusals_of(bag, receipt, tables.payloads[receipt])
     except BagError:
         return None  # decoding by message says what is wrong, or does not need it
     asked = [c for c in commands if c.kind != CommandKind.SHUTDOWN]
@@ -253,13 +266,13 @@ def load_station(
     }
     if not all(_plain(c) for c in columns.values()):
         return None
-    found = tables.columns.get(truth_topic)
+    found = tables.columns.get(f'/{name}/{TRUTH}')
     return StationArrays(
         bag=bag,
         vehicle=name,
         params=params,
         columns=columns,
-        packets=packets[: limits.get(raw[0])],
+        packets=packets[: limits.get(packet)],
         commands=[command_from_msg(c, k) for k, c in enumerate(asked)],
         truth=None if found is None else arrays.truth_of(found, name),
     )

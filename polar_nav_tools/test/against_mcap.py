@@ -10,7 +10,7 @@ import pytest
 from mcap.records import Channel, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
 
-from polar_nav_tools.bags import BagError, chunks, reader
+from polar_nav_tools.bags import Bag, BagError, chunks, opening
 from polar_nav_tools.bags.tables import read_tables
 from polar_nav_tools.bags.walk import CompiledWalk
 
@@ -25,10 +25,10 @@ class Comparison:
 
     def __init__(self):
         self.compared = {}
-        self._scan = reader.scan_file
+        self._scan = opening.scan_file
 
-    def __call__(self, path, progress=None):
-        found = self._scan(path, progress)
+    def __call__(self, path, progress=None, take=None):
+        found = self._scan(path, progress, take)
         if found.finished and not found.problems and found.size <= LARGEST:
             key = hashlib.sha256(path.read_bytes()).digest()
             if key not in self.compared:
@@ -39,12 +39,12 @@ class Comparison:
 @pytest.fixture(scope='session', autouse=True)
 def bags_also_read_by_mcap():
     """Messages compared so far, by the hash of the file."""
-    if isinstance(reader.scan_file, Comparison):  # two conftest.py ask for it
-        yield reader.scan_file.compared
+    if isinstance(opening.scan_file, Comparison):  # two conftest.py ask for it
+        yield opening.scan_file.compared
         return
     comparison = Comparison()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(reader, 'scan_file', comparison)
+        patch.setattr(opening, 'scan_file', comparison)
         yield comparison.compared
 
 
@@ -62,15 +62,15 @@ def compare(file):
     assert file.metadata == metadata
     tallies = {number: tally(messages, number) for number in {m[0] for m in messages}}
     assert {n: vars(t) for n, t in file.tallies.items()} == tallies
-    counted, mine, payloads = {}, [], []
-    compiled = CompiledWalk(counted)
+    mine, payloads = [], []
+    compiled = CompiledWalk()
     with file.path.open('rb') as stream:
         for block in file.blocks:
             content = block.load(stream)
             assert compiled.walk(content, lambda *_: None) == (block.usable, block.channels)
             mine += chunks.messages(content, block.usable)
             payloads += chunks.payloads(content, block.usable, block.channels)
-    assert {n: vars(t) for n, t in counted.items()} == tallies
+    assert {n: vars(t) for n, t in compiled.tallies().items()} == tallies
     assert mine == messages
     assert payloads == [m[-1] for m in messages]
     compare_tables(file, messages)
@@ -79,7 +79,7 @@ def compare(file):
 
 def compare_tables(file, messages):
     """The pass that makes arrays: bytes of every topic, and the stamps where there are some."""
-    bag = reader.Bag(file.path, [file], [])
+    bag = Bag(file.path, [file], [])
     one_channel = {c.topic: n for n, c in file.channels.items()}
     plain = [
         topic

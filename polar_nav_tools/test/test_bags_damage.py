@@ -5,6 +5,7 @@ import json
 import os
 import struct
 
+import numpy as np
 import pytest
 import yaml
 import zstandard
@@ -21,7 +22,7 @@ from bag_samples import (
 )
 from mcap.writer import CompressionType, Writer
 
-from polar_nav_tools.bags import BagError, BagWriter, open_bag
+from polar_nav_tools.bags import BagError, BagWriter, open_bag, scan, window
 from polar_nav_tools.bags import chunks as chunks_module
 from polar_nav_tools.bags.files import MAGIC
 
@@ -277,3 +278,59 @@ def test_run_description_that_is_damaged(tmp_path):
     assert bag.problems == ['seed in a polar_nav_run record is not JSON']
     assert bag.run_info == {'seed': None, 'recording': [], 'mission': None}
     assert json.dumps(bag.run_info)
+
+
+# -- how a file is gone through
+
+
+def test_a_window_gives_the_bytes_of_the_file(tmp_path):
+    data = np.random.default_rng(7).bytes(40_000)
+    (tmp_path / 'x').write_bytes(data)
+    rng = np.random.default_rng(8)
+    with (tmp_path / 'x').open('rb') as file, pytest.MonkeyPatch.context() as patch:
+        patch.setattr(window, 'PIECE', 1000)
+        one = window.Window(file, len(data))
+        for _ in range(2000):  # forwards, backwards, behind the end
+            at, size = int(rng.integers(0, 41_000)), int(rng.integers(0, 3000))
+            assert one.get(at, size) == data[at : at + size]
+            assert one.held(at)[:size] == data[at : at + size]
+
+
+@pytest.mark.parametrize('number', [0, 1])
+@pytest.mark.parametrize('longer', [True, False])
+def test_message_indices_of_a_wrong_length(tmp_path, number, longer):
+    """Without checksums only their lengths tell; the first of several, and one behind it."""
+    path = tmp_path / 'x.mcap'
+    with path.open('wb') as stream:
+        writer = Writer(stream, chunk_size=2000, enable_crcs=False)
+        writer.start('ros2')
+        channels = [writer.register_channel(t, 'cdr', 0) for t in ('/a', '/b')]
+        for k in range(200):
+            writer.add_message(channels[k % 2], k, bytes(40), k)
+        writer.finish()
+    data = bytearray(path.read_bytes())
+    indices = [(at, size) for at, opcode, size in records_of(data) if opcode == 7]
+    at, size = indices[4 + number]
+    length = struct.unpack_from('<I', data, at + 11)[0]
+    struct.pack_into('<I', data, at + 11, length + 1)
+    if longer:  # the record is as long as it says, but no whole number of entries
+        struct.pack_into('<Q', data, at + 1, size - 9 + 1)
+        data[at + size : at + size] = b'x'
+    path.write_bytes(data)
+    problems = open_bag(path).problems
+    assert any(f'a message index has a wrong length (byte {at})' in p for p in problems)
+
+
+def test_channels_are_told_in_the_order_of_the_file(tmp_path, monkeypatch):
+    """And so are sentences on them, whoever counts."""
+    path = tmp_path / 'x.mcap'
+    with path.open('wb') as stream:
+        writer = Writer(stream, chunk_size=500)
+        writer.start('ros2')
+        channels = [writer.register_channel(t, 'cdr', 0) for t in ('/a', '/b', '/c')]
+        for k in range(90):
+            writer.add_message(channels[2 - k // 30], k, bytes(40), k)
+        writer.finish()
+    for least in (0, 1 << 40):
+        monkeypatch.setattr(scan, '_COMPILED_FROM', least)
+        assert list(open_bag(path).files[0].tallies) == channels[::-1]

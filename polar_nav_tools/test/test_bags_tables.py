@@ -181,7 +181,6 @@ def test_counted_by_compiled_code(tmp_path, monkeypatch, finish):
         path.write_bytes(content[:end])
         slow = open_bag(path)
         monkeypatch.setattr(scan, '_COMPILED_FROM', 0)
-        monkeypatch.setattr(scan, '_COMPILED_BLOCK', 3000)
         fast = open_bag(path)
         monkeypatch.undo()
         assert fast.problems == slow.problems

@@ -1,6 +1,7 @@
 """The fast way of a replay gives the numbers of the way through messages, bit for bit."""
 
 import dataclasses
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -17,10 +18,11 @@ from polar_nav_core.engine.params import CONFIGURATIONS
 from polar_nav_follower.params import FollowerParams
 from polar_nav_ros.cdr import to_bytes
 from polar_nav_ros.navigation_outputs import nav_to_msg
-from polar_nav_tools.bags import BagWriter, open_bag
+from polar_nav_tools.bags import BagWriter, open_bag, tables
 from polar_nav_tools.bags.arrays import estimates_from_cdr, load_truth, receipts_from_cdr
+from polar_nav_tools.cli import main
 from polar_nav_tools.estimates import EstimateRows
-from polar_nav_tools.fast_replay import replay_arrays, replay_estimates
+from polar_nav_tools.fast_replay import load, replay_arrays, replay_estimates, wanted
 from polar_nav_tools.recorded_arrays import load_arrays
 from polar_nav_tools.recorded_inputs import load_inputs
 from polar_nav_tools.replay import replay
@@ -273,3 +275,46 @@ def estimate(track, i):
         int(track.stamps_ns[i]), track.r_e[i], track.v_G[i], track.C_b_G[i], track.P[i], *errors,
         received, fused, newest, track.local_statistics[i],
     )  # fmt: skip
+
+
+@pytest.fixture
+def no_second_pass(monkeypatch):
+    """Everything has to be read while the bag is opened."""
+
+    open_bag(REFERENCE)  # compared with mcap, which is no part of the matter (against_mcap.py)
+
+    def passed(bag, request, _):
+        raise AssertionError(f'{bag.path} is read a second time for {request}')
+
+    monkeypatch.setattr(tables, '_passed', passed)
+
+
+@pytest.mark.usefixtures('no_second_pass')
+def test_read_while_it_is_opened(monkeypatch):
+    bag = open_bag(REFERENCE, ahead=lambda bag: wanted(bag, truth=True))
+    ahead = load(bag, truth=True)
+    monkeypatch.undo()
+    arrays = load(open_bag(REFERENCE), truth=True)
+    for topic, columns in arrays.columns.items():
+        assert_same_columns(ahead.columns[topic], columns)
+    assert_same_series(ahead.truth, arrays.truth)
+    assert ahead.packets == arrays.packets
+    assert ahead.refused == arrays.refused
+    assert ahead.taken == arrays.taken
+
+
+def assert_same_columns(mine, others):
+    assert mine.keys() == others.keys()
+    for name, column in others.items():
+        assert mine[name].dtype == column.dtype
+        assert mine[name].tobytes() == column.tobytes()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('command', ['replay', 'score', 'report'])
+@pytest.mark.usefixtures('no_second_pass')
+def test_commands_read_a_bag_once(command, monkeypatch, capsys, tmp_path):
+    options = ['--out', str(tmp_path / 'r.html')] if command == 'report' else []
+    monkeypatch.setattr(sys, 'argv', ['polar', command, str(REFERENCE), '--json', *options])
+    status = main()
+    assert status == 0, capsys.readouterr().err

@@ -7,18 +7,23 @@ the only error is `Damage`.
 from __future__ import annotations
 
 import struct
-import zlib
+import threading
 from collections.abc import Callable, Collection, Iterator
 from typing import NamedTuple
 
 import lz4.frame
 import zstandard
 
+from .checksum import crc32
+
 MAX_CHUNK_BYTES = 256 * 1024 * 1024
 """Largest chunk that is read; recorders close theirs at one or a few megabytes."""
+CHUNK_FRONT = 128
+"""Bytes of a chunk record's body that have all fields before its data."""
 COMPRESSIONS = ('', 'lz4', 'zstd')
 
 OP_SCHEMA, OP_CHANNEL, OP_MESSAGE = 0x03, 0x04, 0x05
+OP_CHUNK, OP_MESSAGE_INDEX, OP_CHUNK_INDEX = 0x06, 0x07, 0x08
 HEADER = struct.Struct('<BQ')
 """Opcode and length before each record."""
 MESSAGE = struct.Struct('<BQHIQQ')
@@ -26,7 +31,9 @@ MESSAGE = struct.Struct('<BQHIQQ')
 FRONT = struct.Struct('<BQH')
 """The same up to the channel."""
 _MESSAGE_FIXED = MESSAGE.size - HEADER.size
-_CHUNK = struct.Struct('<QQQI')
+_MESSAGE_INDEX = struct.Struct('<BQHI')  # opcode, length, channel, bytes of what follows
+_LEAST_INDEX = 6  # bytes of a message index that has none
+_CHUNK = struct.Struct('<QQQII')  # up to the length of the compression's name
 _U16 = struct.Struct('<H')
 _U32 = struct.Struct('<I')
 _U64 = struct.Struct('<Q')
@@ -98,6 +105,44 @@ class Reader:
         return found
 
 
+def whole_indices(view: memoryview) -> int:
+    """Go over indices of messages and of chunks at the front of a view, the first of them whole.
+
+    Returns
+    -------
+    int
+        Bytes of those that are as they should be.
+
+    Raises
+    ------
+    Damage
+        When the first one is not.
+    """
+    unpack, header = _MESSAGE_INDEX.unpack_from, HEADER.size
+    at, last = 0, len(view) - _MESSAGE_INDEX.size
+    while at <= last:
+        opcode, length, _, size = unpack(view, at)
+        end = at + header + length
+        if end > len(view) or opcode not in (OP_MESSAGE_INDEX, OP_CHUNK_INDEX):
+            break
+        if opcode == OP_MESSAGE_INDEX and (size != length - _LEAST_INDEX or size % 16):
+            break
+        at = end
+    if at:
+        return at
+    opcode, length = HEADER.unpack_from(view)
+    if opcode == OP_CHUNK_INDEX:
+        return int(header + length)
+    if length < _LEAST_INDEX:
+        raise Damage('a field is longer than its record')
+    raise Damage('a message index has a wrong length')
+
+
+def front_size(compression: str) -> int:
+    """Return the bytes of a chunk record's body before its data."""
+    return _CHUNK.size + len(compression.encode()) + _U64.size
+
+
 def read_chunk_head(front: bytes, length: int) -> ChunkHead:
     """Take the fields before a chunk's data apart.
 
@@ -108,19 +153,25 @@ def read_chunk_head(front: bytes, length: int) -> ChunkHead:
     length : int
         Length of the whole body.
     """
-    fields = Reader(front)
-    start_ns, stop_ns, size, crc = _CHUNK.unpack(fields.take(_CHUNK.size))
-    compression = fields.text()
-    data_size = fields.u64()
-    if fields.at + data_size != length:
+    if len(front) < _CHUNK.size:
+        raise Damage('a field is longer than its record')
+    start_ns, stop_ns, size, crc, name_size = _CHUNK.unpack_from(front)
+    end = _CHUNK.size + name_size
+    if len(front) < end:
+        raise Damage('a field is longer than its record')
+    compression = _decoded(front[_CHUNK.size : end])
+    if len(front) < end + _U64.size:
+        raise Damage('a field is longer than its record')
+    (data_size,), data_at = _U64.unpack_from(front, end), end + _U64.size
+    if data_at + data_size != length:
         raise Damage('the length of a chunk and of its data do not agree')
     if max(size, data_size) > MAX_CHUNK_BYTES:
         most = max(size, data_size)
         raise Damage(f'a chunk claims {most} bytes (at most {MAX_CHUNK_BYTES} are read)')
-    return ChunkHead(start_ns, stop_ns, size, crc, compression, fields.at, data_size)
+    return ChunkHead(start_ns, stop_ns, size, crc, compression, data_at, data_size)
 
 
-def inflate(compression: str, data: bytes, size: int, crc: int) -> bytes:
+def inflate(compression: str, data: bytes | memoryview, size: int, crc: int) -> bytes:
     """Decompress a chunk's data to exactly `size` bytes, and compare its checksum.
 
     Memory stays below about twice `size`, whatever the compressed bytes claim.
@@ -128,30 +179,40 @@ def inflate(compression: str, data: bytes, size: int, crc: int) -> bytes:
     raw = _INFLATE[compression](data, size)
     if len(raw) != size:
         raise Damage(f'a chunk decompresses to {len(raw)} instead of {size} bytes')
-    if crc and zlib.crc32(raw) != crc:
+    if crc and crc32(raw) != crc:
         raise Damage('the checksum of a chunk does not match')
     return raw
 
 
-def _inflate_zstd(data: bytes, size: int) -> bytes:
+class _Own(threading.local):
+    """One decompressor for each thread: making one takes as long as using it on a small chunk."""
+
+    def __init__(self) -> None:
+        self.zstd = zstandard.ZstdDecompressor()
+
+
+_OWN = _Own()
+
+
+def _inflate_zstd(data: bytes | memoryview, size: int) -> bytes:
     try:
         claimed = zstandard.frame_content_size(data)
         if claimed not in (-1, size):
             raise Damage(f'compressed data claims {claimed} instead of {size} bytes')
-        return zstandard.ZstdDecompressor().decompress(data, max_output_size=size)
+        return _OWN.zstd.decompress(data, max_output_size=size)
     except zstandard.ZstdError as error:
         raise Damage(f'a chunk cannot be decompressed ({error})') from error
 
 
-def _inflate_lz4(data: bytes, size: int) -> bytes:
+def _inflate_lz4(data: bytes | memoryview, size: int) -> bytes:
     try:
         return bytes(lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size))
     except RuntimeError as error:
         raise Damage(f'a chunk cannot be decompressed ({error})') from error
 
 
-_INFLATE: dict[str, Callable[[bytes, int], bytes]] = {
-    '': lambda data, _: data,
+_INFLATE: dict[str, Callable[[bytes | memoryview, int], bytes]] = {
+    '': lambda data, _: bytes(data),
     'lz4': _inflate_lz4,
     'zstd': _inflate_zstd,
 }

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
 
 from . import chunks
 
@@ -32,8 +32,7 @@ class Tally:
     last_sequence: int = 0
 
 
-@dataclass(frozen=True)
-class Block:
+class Block(NamedTuple):
     """A stretch of the file that holds message records."""
 
     offset: int
@@ -41,8 +40,8 @@ class Block:
     size: int
     usable: int
     compression: str
-    crc: int
     channels: frozenset[int]
+    crc: int
 
     def load(self, file: BinaryIO, *, checked: bool = True) -> bytes:
         """Return the uncompressed records; unchecked where the file is known to be as scanned."""

@@ -6,7 +6,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from .reader import Bag, open_bag
+from .opening import open_bag
+from .reader import Bag
 
 
 @dataclass(frozen=True)

@@ -10,26 +10,26 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Callable, Collection, Iterable, Iterator, Set
+from collections.abc import Collection, Iterable, Iterator, Set
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-from . import chunks, files
+from . import chunks
 from .contents import Channel, FileScan, Tally
 from .decode import Decoder
 from .errors import BagError
 from .missing import sequence_gaps, unfinished
-from .scan import scan_file
 from .schemas import Definition, starts_with_header
 from .writer import PHASE_KEY, RUN_RECORD
+
+if TYPE_CHECKING:
+    from .tables import ReadAhead
 
 RECOVERY_RECORD = 'polar_nav_recovery'
 """Name of the metadata record that `recover` leaves: the bag was once broken."""
 RUN_INFO_TOPIC = '/run_info'
-Progress = Callable[[float], None]
-"""Called with the share of a bag that was looked at."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class BagMessage(NamedTuple):
 
 
 class Bag:
-    """A bag that was opened; `open_bag` makes one.
+    """A bag that was opened; `opening.open_bag` makes one.
 
     Attributes
     ----------
@@ -62,7 +62,11 @@ class Bag:
         The MCAP files in it, in order.
     problems : list of str
         Sentences on what is missing or damaged; empty: the bag is whole.
+    read_ahead : ReadAhead or None
+        What was read while it was opened; `read_tables` takes it, once.
     """
+
+    read_ahead: ReadAhead | None = None
 
     def __init__(self, path: Path, scans: Iterable[FileScan], problems: Iterable[str]) -> None:
         self.path = path
@@ -109,7 +113,7 @@ class Bag:
     def channel(self, topic: str) -> Channel:
         """Return what the bag says of a topic: type, definition, metadata."""
         if topic not in self._channels:
-            raise BagError(f'{self.path} has no topic {topic}; it has {_listed(self.topics)}')
+            raise BagError(f'{self.path} has no topic {topic}; it has {listed(self.topics)}')
         return self._channels[topic]
 
     def definition(self, topic: str) -> Definition:
@@ -134,7 +138,7 @@ class Bag:
         if missing:
             have = [t.name for t in self.topics.values() if t.count]
             raise BagError(
-                f'{self.path} has no message on {_listed(missing)}; it has {_listed(have)}'
+                f'{self.path} has no message on {listed(missing)}; it has {listed(have)}'
             )
 
     def messages(self, topics: Collection[str] | None = None) -> Iterator[tuple[str, int, bytes]]:
@@ -230,7 +234,7 @@ class Bag:
         """
         params = self.node_infos.get(node, {}).get('params')
         if not isinstance(params, dict):
-            have = _listed(sorted(self.node_infos)) if self.node_infos else 'none'
+            have = listed(sorted(self.node_infos)) if self.node_infos else 'none'
             raise BagError(
                 f'{self.path}: no parameters of node {node} were recorded on {RUN_INFO_TOPIC}; '
                 f'nodes there: {have}'
@@ -323,58 +327,6 @@ def _file_records(file: FileScan, names: dict[int, str]) -> Iterator[BagMessage]
                 yield BagMessage(name, log_time, publish_time, sequence, data)
 
 
-def open_bag(path: str | Path, progress: Progress | None = None) -> Bag:
-    """Open a bag directory or an .mcap file.
-
-    Parameters
-    ----------
-    path : Path
-    progress : callable, optional
-        Told what share of the bag was looked at; every checksum of it is compared, so that a
-        bag of gigabytes takes seconds.
-
-    Raises
-    ------
-    BagError
-        If there is nothing to read: no such file, a directory without a bag, not an MCAP file,
-        empty, no message in it, compressed in an unknown way.
-    """
-    path = Path(path)
-    listing = files.find(path)
-    scans = [scan_file(p) for p in listing.paths] if progress is None else _told(listing, progress)
-    bag = Bag(path, scans, listing.problems)
-    if bag.message_count == 0:
-        unknown = sorted({c for s in scans for c in s.unknown_compressions})
-        if unknown:
-            raise BagError(
-                f'{path}: its chunks are compressed with {_listed(unknown)}, which is not known '
-                'here; zstd and lz4 are'
-            )
-        why = f' ({"; ".join(bag.problems)})' if bag.problems else ''
-        raise BagError(f'{path} holds no message{why}')
-    if listing.message_count is not None and listing.message_count != bag.message_count:
-        bag.problems.append(
-            f'metadata.yaml counts {listing.message_count} messages, '
-            f'{bag.message_count} can be read'
-        )
-    return bag
-
-
-def _told(listing: files.Listing, progress: Progress) -> list[FileScan]:
-    """Scan the files of a bag and tell the share of all bytes that is behind."""
-    sizes = [p.stat().st_size for p in listing.paths]
-    total = max(1, sum(sizes))
-    scans: list[FileScan] = []
-
-    def tell(at: int) -> None:
-        progress((sum(sizes[: len(scans)]) + at) / total)
-
-    for path in listing.paths:
-        scans.append(scan_file(path, tell))
-    progress(1.0)
-    return scans
-
-
 def _json_or_none(text: str) -> Any:  # noqa: ANN401 - whatever stands in the JSON
     try:
         return json.loads(text)
@@ -382,7 +334,8 @@ def _json_or_none(text: str) -> Any:  # noqa: ANN401 - whatever stands in the JS
         return None
 
 
-def _listed(names: Iterable[str]) -> str:
+def listed(names: Iterable[str]) -> str:
+    """Return names for a sentence, not more than a dozen."""
     names = list(names)
     shown = ', '.join(names[:12]) if names else 'none'
     return shown if len(names) <= 12 else f'{shown} and {len(names) - 12} more'

@@ -19,6 +19,8 @@ from .app import app, emit_json, end, say
 if TYPE_CHECKING:
     from ..analysis import Analysis
     from ..bags import Bag
+    from ..bags.ahead import Wants
+    from ..bags.reading import Request
 
 BagArgument = Annotated[
     Path,
@@ -82,7 +84,7 @@ def replay(
 
         replay_foreign(bag, mapping, configuration, change or [], accept or [], out, as_json)
         return
-    from ..fast_replay import FastResult, replay_estimates
+    from ..fast_replay import FastResult, replay_estimates, wanted
     from ..replay import ReplayResult
     from ..replay import replay as run_replay
     from ..replay_bag import parse_changes, replay_summary, write_replay
@@ -90,7 +92,11 @@ def replay(
     changes = parse_changes(change or [])
     if out is not None and out.exists():
         raise typer.BadParameter(f'{out} exists already; a bag is never overwritten')
-    with opened(bag) as source:
+
+    def wants(found: Bag) -> Request | None:
+        return wanted(found, vehicle)
+
+    with opened(bag, wants if out is None else None) as source:
         with percent('replay') as progress:
             chosen = (configuration, vehicle, changes, progress)
             result: ReplayResult | FastResult | None = None
@@ -136,7 +142,7 @@ def report(
     """Draw a bag: track on a polar map, errors with 3-sigma bands, delay and fate of each fix."""
     from ..drawing import write_analysis
 
-    with opened(bag) as source:
+    with opened(bag, ahead_of(recorded, truth, vehicle)) as source:
         analysis = analysed(source, configuration, recorded, truth, vehicle)
         folder = bag if bag.is_dir() else bag.parent
         path = write_analysis(analysis, out or folder / 'report.html')
@@ -194,11 +200,11 @@ def recover(
 
 
 @contextmanager
-def opened(path: Path) -> Iterator[Bag]:
+def opened(path: Path, ahead: Wants | None = None) -> Iterator[Bag]:
     """Open a bag for one command; status 1 at its end when something is missing in the bag."""
     from ..analysis import open_for
 
-    bag = open_for(path, say)
+    bag = open_for(path, say, ahead)
     yield bag
     if bag.problems:
         end(1)
@@ -235,6 +241,13 @@ def analysed(
             say=say,
             progress=progress,
         )
+
+
+def ahead_of(recorded: bool, truth: Path | None, vehicle: str | None) -> Wants | None:
+    """What `analysed` is going to read with these options: for `open_for`."""
+    from ..analysis import wanted_of
+
+    return None if recorded else wanted_of(vehicle, truth=truth is None)
 
 
 def _usual_pair(bag: Bag, vehicle: str | None) -> tuple[str, str]:

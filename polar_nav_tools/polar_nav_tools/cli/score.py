@@ -14,6 +14,7 @@ from .bags import (
     JsonOption,
     TruthOption,
     VehicleOption,
+    ahead_of,
     analysed,
     tell_complaints,
 )
@@ -63,7 +64,8 @@ def score(
     chosen = [*(configuration or []), *named]
     analyses: dict[str, Analysis] = {}
     for label, bag in label_bags(found).items():
-        analyses[label] = analysed(open_for(bag, say), chosen, recorded, truth, vehicle)
+        source = open_for(bag, say, ahead_of(recorded, truth, vehicle))
+        analyses[label] = analysed(source, chosen, recorded, truth, vehicle)
     comparison = side_by_side({label: a.comparison for label, a in analyses.items()})
     tables = tables_of(comparison, analyses)
     if markdown is not None:

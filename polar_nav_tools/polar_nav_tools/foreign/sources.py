@@ -25,7 +25,8 @@ from ..bags.columns import Columns, read_columns
 from ..bags.decode import store_of
 from ..bags.errors import BagError
 from ..bags.layout import layout_of
-from ..bags.reader import Bag, Progress, Topic, open_bag
+from ..bags.opening import Progress, open_bag
+from ..bags.reader import Bag, Topic
 from .definitions import text_of
 from .mcap_records import log_times, topic_columns, topic_records
 
