@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..arrays import Array
-from .filter import COUPLED, NAV, Ints, N
+from .filter import COUPLED, Ints, N
 from .filter_model import E
 from .nav_columns import WIDTH
 
@@ -242,7 +242,6 @@ class Work(NamedTuple):
     f: Array
     point_e: Array
     velocity_e: Array
-    LU: Array
     model: Array  # rows of 7 (filter_aiding)
 
 
@@ -281,7 +280,6 @@ def make_work() -> Work:
         f=three(),
         point_e=three(),
         velocity_e=three(),
-        LU=np.zeros((NAV, NAV)),
         model=np.zeros((49, E)),
     )
 
@@ -296,7 +294,7 @@ class Past(NamedTuple):
     steps: Ints
     firsts: Ints
     transitions: Array
-    inverses: Array  # of transitions that a late measurement has passed: filter_walk.invert
+    inverses: Array  # of the transitions: filter.fill_transition
     corrections: Array
     correction_steps: Ints
 
