@@ -88,7 +88,21 @@ def paths():
             for key in ('topicPath', 'followTopic', 'topicToRender'):
                 if key in panel:
                     found.append((of, name, panel[key]))
-            found += [(of, name, topic) for topic in panel.get('topics', {})]
+    return found
+
+
+def scripts(of):
+    """Source of each script of a layout, by the topic that it writes."""
+    sources = [script['sourceCode'] for script in layout(of)['userNodes'].values()]
+    return {re.search(r'export const output = "(.+)";', source)[1]: source for source in sources}
+
+
+def scripts_inputs():
+    found = []
+    for of in TOPICS:
+        for output, source in scripts(of).items():
+            inputs = re.search(r'export const inputs = (\[.+\]);', source)[1]
+            found += [(of, output, topic) for topic in json.loads(inputs)]
     return found
 
 
@@ -134,6 +148,49 @@ def test_every_panel_stands_in_the_layout(of):
     # What docs/trust.md says is in it.
     kinds = {name.split('!')[0] for name in shown}
     assert kinds >= {'Plot', 'StateTransitions', 'DiagnosticSummary', 'map', '3D'}
+
+
+@pytest.mark.parametrize(('of', 'output', 'topic'), scripts_inputs())
+def test_scripts_read_what_is_recorded(of, output, topic):
+    source = scripts(of)[output]
+    assert f'Input<"{topic}">' in source
+    assert f'  "{topic}": {{ label:' in source
+    position = {
+        'nav_msgs/msg/Odometry': r'message\.pose\.pose\.position',
+        'polar_nav_msgs/msg/VehicleTruth': r'message\.r_e\[2\]',
+    }
+    assert re.search(position[TOPICS[of][topic]], source)
+
+
+def test_scripts_differ_by_their_topics_alone():
+    ours, station = (
+        re.sub(r'.*"/(?!studio_script)\w+/.*\n', '', source)
+        for of in TOPICS
+        for source in scripts(of).values()
+    )
+    assert ours == station
+
+
+@pytest.mark.parametrize('of', TOPICS)
+def test_the_3d_panel_shows_topics_that_it_can_draw(of):
+    """Lichtblick's draws no Odometry, and its display frame must be one of a drawn message."""
+    panels = {n: p for n, p in layout(of)['configById'].items() if n.startswith('3D!')}
+    assert panels
+    for panel in panels.values():
+        assert panel['topics'].keys() == scripts(of).keys()
+        frames = {panel['followTf'], *(layer['frameId'] for layer in panel['layers'].values())}
+        for source in scripts(of).values():
+            assert {re.search(r'frame_id: "(.+)"', source)[1]} == frames
+
+
+@pytest.mark.parametrize('of', TOPICS)
+def test_plots_have_their_titles(of):
+    """Each program has its own key; a plot without is called Plot."""
+    for name, panel in layout(of)['configById'].items():
+        assert panel.get('foxglovePanelTitle') == panel.get('lichtblickPanelTitle')
+        assert 'title' not in panel, f'{name}: no program reads this'
+        if name.startswith(('Plot!', '3D!', 'map!')):
+            assert panel['foxglovePanelTitle']
 
 
 def test_the_layout_is_installed():
