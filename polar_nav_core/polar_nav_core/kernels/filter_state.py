@@ -62,6 +62,7 @@ FIX_RANK = 4
 """Places within a stamp (events.Rank)."""
 STEPS_PER_TEST = 10
 """The covariance is tested for definiteness at every tenth step; its diagonal at every one."""
+NEVER_NS = 9_223_372_036_854_775_807
 NO_MEASUREMENT = 0
 SCALAR = 1
 VECTOR = 3
@@ -359,7 +360,7 @@ REMOVED = 2
 class Rows(NamedTuple):
     """Rows of output: stamps, leading values of the state, covariance, tally since the last."""
 
-    io: Ints  # (2,): stamp that is due (-1: none), number of rows
+    io: Ints  # (3,): stamp that is due (-1: none), number of rows, when the next one is due
     stamps: Ints
     flat: Array  # (n, 30), then State.model where there is one
     P: Array  # (n, 24, 24), or without rows
@@ -374,7 +375,7 @@ def make_rows(capacity: int, *, model: bool = False, told: bool = False) -> Rows
     With ``told`` they hold what is told of a state in place of its covariance.
     """
     return Rows(
-        np.array([-1, 0], dtype=np.int64),
+        np.array([-1, 0, 0 if capacity else NEVER_NS], dtype=np.int64),
         np.zeros(capacity, dtype=np.int64),
         np.zeros((capacity, NAVIGATION + (MODEL if model else 0))),
         np.zeros((0 if told else capacity, N, N)),

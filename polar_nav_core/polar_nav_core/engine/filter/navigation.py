@@ -39,7 +39,7 @@ from .noise import MeasurementNoise, ProcessNoise
 from .robust import inflation
 from .settings import make_settings, steps_per_snapshot
 
-NEVER_NS = (1 << 63) - 1
+NEVER_NS = fs.NEVER_NS
 _WHY = {
     fs.P_NOT_DEFINITE: 'the covariance of the filter is no longer positive definite',
     fs.S_NOT_DEFINITE: 'an innovation covariance is not positive definite',
