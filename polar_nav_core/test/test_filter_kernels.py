@@ -17,9 +17,14 @@ F_B = np.array([0.3, -0.2, 9.83])
 
 
 def transition(dt=0.1, tau_usbl=0.0):
-    Phi = np.zeros((N, N))
+    return both_ways(dt, tau_usbl)[0]
+
+
+def both_ways(dt, tau_usbl):
+    Phi, inverse = np.zeros((N, N)), np.zeros(kf.INVERSE)
     kf.fill_transition(
         Phi,
+        inverse,
         np.zeros((15, 15)),
         R_E.copy(),
         V_G.copy(),
@@ -30,7 +35,15 @@ def transition(dt=0.1, tau_usbl=0.0):
         300.0,
         tau_usbl,
     )
-    return Phi
+    return Phi, inverse
+
+
+def inverse_of(Phi):
+    """As `fill_transition` leaves it, of any transition that has its structure."""
+    inverse, dense = np.zeros(kf.INVERSE), np.linalg.inv(Phi)
+    inverse[:9, :15] = dense[:9, :15]
+    inverse[9, :6] = 1.0 / np.diagonal(Phi)[18:]
+    return inverse
 
 
 def covariance(rng, scale=None):
@@ -142,12 +155,22 @@ def test_surroundings_held_over_a_filter_step_move_nothing():
 def test_rows_times_inverse():
     rng = np.random.default_rng(3)
     X, Phi = rng.normal(size=(3, N)), transition(1.0, 40.0)
-    Phi[:9, :9] += 0.3 * rng.normal(size=(9, 9))  # needs pivots
+    Phi[:9, :9] += 0.3 * rng.normal(size=(9, 9))
     expected = X @ np.linalg.inv(Phi)
-    inverse = np.full(filter_walk.INVERSE, np.nan)
-    filter_walk.invert(Phi, inverse, np.zeros((9, 9)))
-    filter_walk.rows_times(X, inverse, 3)
+    filter_walk.rows_times(X, inverse_of(Phi), 3)
     np.testing.assert_allclose(X, expected, rtol=1e-9, atol=1e-9)
+
+
+def test_inverse_of_a_transition_to_the_fourth_order():
+    """Against the dense inverse, in units of the sigmas that the states have."""
+    off = []
+    for dt in (1.0, 0.5, 0.1):
+        Phi, found = both_ways(dt, 50.0)
+        difference = (found - inverse_of(Phi))[:, :15]
+        off.append(np.abs(difference[:9] * SCALES[:15] / SCALES[:9, None]).max())
+        np.testing.assert_allclose(found[9], inverse_of(Phi)[9], rtol=1e-15)
+    assert off[0] / off[1] == pytest.approx(16.0, rel=0.05)
+    assert off[2] < 1e-12
 
 
 def test_walk_forward_refers_rows_and_innovation_to_now():
@@ -158,9 +181,9 @@ def test_walk_forward_refers_rows_and_innovation_to_now():
     for Phi in Phis.values():  # the structure the kernel relies on
         Phi[9:, :] = np.diag(np.diag(Phi))[9:, :]
         Phi[:9, 15:] = 0.0
-    stored = np.zeros((ring, N, N))
+    stored = np.zeros((ring, *kf.INVERSE))
     for j, Phi in Phis.items():
-        stored[j % ring] = Phi
+        stored[j % ring] = inverse_of(Phi)
     first, begin = 6, 9
     applied = [
         (6, rng.normal(size=N)),
@@ -185,14 +208,12 @@ def test_walk_forward_refers_rows_and_innovation_to_now():
         z,
         3,
         stored,
-        np.zeros((ring, *filter_walk.INVERSE)),
         first,
         steps,
         corrections,
         at,
         begin,
         begin + 4,
-        np.zeros((9, 9)),
     )
     np.testing.assert_allclose(H, G, rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(z, expected_z, rtol=1e-9, atol=1e-9)

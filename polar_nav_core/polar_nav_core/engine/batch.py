@@ -213,6 +213,8 @@ class _Compiled:
         counters[fs.CONTROL] = max(0, before - 1)
         f.rows = self._rows
         self._rows.io[0] = first.stamp_ns
+        output_ns = f.settings.output_ns
+        self._rows.io[2] = (first.stamp_ns // output_ns + 1) * output_ns
         f.log.counts[1] = 0
         fe.take_snapshot(f.state, f.log)
 

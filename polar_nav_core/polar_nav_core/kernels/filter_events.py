@@ -19,7 +19,6 @@ from .filter_imu import hold_surroundings, imu_step, take_means
 from .filter_model import E
 from .filter_rows import depth_rows, dvl_rows, fix_rows
 from .filter_state import Frames, Log, Past, Settings, State, Work
-from .filter_walk import KEPT
 from .grid import fill_C_e_G
 
 
@@ -46,11 +45,11 @@ def _covariance_step(
     s.counters[fs.STEPS] += 1
     number = s.counters[fs.STEPS]
     Phi = past.transitions[number % past.transitions.shape[0]]
-    past.inverses[number % past.transitions.shape[0]][KEPT] = 0.0
     take_means(s.sums, w.C_mean, w.f_mean, w.omega_mean)
     tau_usbl = c.usbl[1] if c.estimates_usbl_bias else 0.0
     fill_transition(
         Phi,
+        past.inverses[number % past.inverses.shape[0]],
         w.F15,
         s.r_e,
         s.v_G,

@@ -86,7 +86,6 @@ def fill_late_fix(
         w.H,
         w.z,
         3,
-        past.transitions,
         past.inverses,
         step,
         s.counters[fs.STEPS],
@@ -94,7 +93,6 @@ def fill_late_fix(
         past.correction_steps,
         correction,
         s.counters[fs.CORRECTIONS],
-        w.LU,
     )
     steps: int = s.counters[fs.STEPS] - step
     return steps

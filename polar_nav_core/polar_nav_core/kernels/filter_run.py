@@ -18,8 +18,6 @@ from .filter_model import E
 from .filter_state import Frames, Log, Past, Rows, Settings, State, Streams, Work
 from .nav_columns import describe
 
-_NEVER = 9_223_372_036_854_775_807
-
 
 @kernel
 def _process(
@@ -42,7 +40,7 @@ def _process(
         d = s.counters[fs.DVL]
         f = s.counters[fs.FIX]
         u = s.counters[fs.CONTROL]
-        stamp = _NEVER
+        stamp = fs.NEVER_NS
         rank = fs.FIX_RANK
         if u < streams.counts[4]:
             stamp = streams.control_stamps[u % streams.control_stamps.shape[0]]
@@ -72,17 +70,17 @@ def _process(
                 if rows.io[1] >= rows.stamps.shape[0]:
                     return fs.FULL
                 put_row(s, c, rows)
-            before = s.counters[fs.STAMP]
             code = imu_event(s, c, past, w, log, now, streams.omega_ib_b[k], streams.f_b[k])
-            if rows.stamps.shape[0] > 0 and now // c.output_ns != before // c.output_ns:
+            if now >= rows.io[2]:
                 rows.io[0] = now
+                rows.io[2] = (now // c.output_ns + 1) * c.output_ns
             if code < 0:
                 return code
             left -= 1
             k += 1
             if k == imu_room:
                 k = 0
-        if stamp > until_ns or (stamp == until_ns and rank >= until_rank) or stamp == _NEVER:
+        if stamp > until_ns or (stamp == until_ns and rank >= until_rank) or stamp == fs.NEVER_NS:
             return fs.DONE
         if 0 <= rows.io[0] < stamp:
             if rows.io[1] >= rows.stamps.shape[0]:

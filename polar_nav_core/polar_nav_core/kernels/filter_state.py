@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..arrays import Array
-from .filter import COUPLED, NAV, Ints, N
+from .filter import COUPLED, Ints, N
 from .filter_model import E
 from .nav_columns import WIDTH
 
@@ -62,6 +62,7 @@ FIX_RANK = 4
 """Places within a stamp (events.Rank)."""
 STEPS_PER_TEST = 10
 """The covariance is tested for definiteness at every tenth step; its diagonal at every one."""
+NEVER_NS = 9_223_372_036_854_775_807
 NO_MEASUREMENT = 0
 SCALAR = 1
 VECTOR = 3
@@ -242,7 +243,6 @@ class Work(NamedTuple):
     f: Array
     point_e: Array
     velocity_e: Array
-    LU: Array
     model: Array  # rows of 7 (filter_aiding)
 
 
@@ -281,7 +281,6 @@ def make_work() -> Work:
         f=three(),
         point_e=three(),
         velocity_e=three(),
-        LU=np.zeros((NAV, NAV)),
         model=np.zeros((49, E)),
     )
 
@@ -296,7 +295,7 @@ class Past(NamedTuple):
     steps: Ints
     firsts: Ints
     transitions: Array
-    inverses: Array  # of transitions that a late measurement has passed: filter_walk.invert
+    inverses: Array  # of the transitions: filter.fill_transition
     corrections: Array
     correction_steps: Ints
 
@@ -361,7 +360,7 @@ REMOVED = 2
 class Rows(NamedTuple):
     """Rows of output: stamps, leading values of the state, covariance, tally since the last."""
 
-    io: Ints  # (2,): stamp that is due (-1: none), number of rows
+    io: Ints  # (3,): stamp that is due (-1: none), number of rows, when the next one is due
     stamps: Ints
     flat: Array  # (n, 30), then State.model where there is one
     P: Array  # (n, 24, 24), or without rows
@@ -376,7 +375,7 @@ def make_rows(capacity: int, *, model: bool = False, told: bool = False) -> Rows
     With ``told`` they hold what is told of a state in place of its covariance.
     """
     return Rows(
-        np.array([-1, 0], dtype=np.int64),
+        np.array([-1, 0, 0 if capacity else NEVER_NS], dtype=np.int64),
         np.zeros(capacity, dtype=np.int64),
         np.zeros((capacity, NAVIGATION + (MODEL if model else 0))),
         np.zeros((0 if told else capacity, N, N)),

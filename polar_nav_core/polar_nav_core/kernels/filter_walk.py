@@ -4,74 +4,16 @@ from __future__ import annotations
 
 from ..arrays import Array
 from .cache import kernel
-from .filter import COUPLED, MARKOV, NAV, Ints, N
-
-INVERSE = (NAV + 1, COUPLED + 1)
-"""Shape of what is kept of an inverted transition: see `invert`."""
-KEPT = (NAV, COUPLED)
-"""Where it says that it is that of the transition in its place: 1.0."""
-
-
-@kernel
-def invert(Phi: Array, inverse: Array, LU: Array) -> None:
-    """What X Phi^-1 takes, by the block structure of Phi.
-
-    With Phi = [[A, B], [0, D]]: X1' = X1 A^-1 and X2' = (X2 - X1' B) / D, D being one up to MARKOV
-    and B zero from COUPLED on. Rows 0..8 of the result are [A^-1, -A^-1 B], by elimination with
-    partial pivoting; the last row holds 1/D from MARKOV on.
-
-    Parameters
-    ----------
-    Phi : (24, 24)
-    inverse : (10, 16), out; the last column is zero but for `KEPT`
-    LU : (9, 9) scratch
-    """
-    width = inverse.shape[1]
-    for i in range(NAV):
-        for j in range(NAV):
-            LU[i, j] = Phi[i, j]
-            inverse[i, j] = 0.0
-        for j in range(NAV, COUPLED):
-            inverse[i, j] = -Phi[i, j]
-        inverse[i, i] = 1.0
-        inverse[i, COUPLED] = 0.0
-    for c in range(NAV):
-        p = c
-        for i in range(c + 1, NAV):
-            if abs(LU[i, c]) > abs(LU[p, c]):
-                p = i
-        if p != c:
-            for j in range(NAV):
-                swap = LU[c, j]
-                LU[c, j] = LU[p, j]
-                LU[p, j] = swap
-            for j in range(width):
-                swap = inverse[c, j]
-                inverse[c, j] = inverse[p, j]
-                inverse[p, j] = swap
-        for i in range(c + 1, NAV):
-            f = LU[i, c] / LU[c, c]
-            for j in range(c + 1, NAV):
-                LU[i, j] -= f * LU[c, j]
-            for j in range(width):
-                inverse[i, j] -= f * inverse[c, j]
-    for n in range(NAV):
-        c = NAV - 1 - n
-        f = 1.0 / LU[c, c]
-        for j in range(width):
-            inverse[c, j] *= f
-        for i in range(c):
-            f = LU[i, c]
-            for j in range(width):
-                inverse[i, j] -= f * inverse[c, j]
-    for k in range(MARKOV, N):
-        inverse[NAV, k - MARKOV] = 1.0 / Phi[k, k]
-    inverse[KEPT] = 1.0
+from .filter import MARKOV, NAV, Ints, N
 
 
 @kernel
 def rows_times(X: Array, inverse: Array, m: int) -> None:
-    """X <- X Phi^-1 for m rows of (3, 24), in place; ``inverse`` is of `invert`."""
+    """X <- X Phi^-1 for m rows of (3, 24), in place.
+
+    With Phi = [[A, B], [0, D]]: X1' = X1 A^-1 and X2' = (X2 - X1' B) / D, D being one up to MARKOV
+    and B zero from COUPLED on. ``inverse`` holds [A^-1, -A^-1 B] and 1/D (`fill_transition`).
+    """
     width = inverse.shape[1]
     for a in range(m):
         x_0 = X[a, 0]
@@ -100,7 +42,6 @@ def walk_forward(
     X: Array,
     z: Array,
     m: int,
-    Phis: Array,
     inverses: Array,
     first: int,
     last: int,
@@ -108,7 +49,6 @@ def walk_forward(
     correction_steps: Ints,
     begin: int,
     end: int,
-    LU: Array,
 ) -> None:
     """Bring rows and innovation of a late measurement from its own time to now.
 
@@ -121,14 +61,14 @@ def walk_forward(
     X : (3, 24) array, in place: H at the time of validity; rows from m on count for nothing
     z : (3,) array, in place
     m : rows
-    Phis : (n, 24, 24) ring; step j leads from boundary j - 1 to boundary j and stands at j % n
-    inverses : (n, 10, 16) ring, in place: of each step when a walk first comes by
+    inverses : (n, 10, 16) ring of inverted transitions; step j leads from boundary j - 1 to
+        boundary j and stands at j % n
     first, last : boundary of validity and boundary of now
     corrections : (c, 24) ring of fed-back corrections
     correction_steps : (c,) boundary after which each was applied
     begin, end : corrections that came after the measurement's epoch; number i stands at i % c
     """
-    n = Phis.shape[0]
+    n = inverses.shape[0]
     c = corrections.shape[0]
     i = begin
     step = first
@@ -150,7 +90,4 @@ def walk_forward(
         if step >= last:
             break
         step += 1
-        place = step % n
-        if inverses[place][KEPT] != 1.0:
-            invert(Phis[place], inverses[place], LU)
-        rows_times(X, inverses[place], m)
+        rows_times(X, inverses[step % n], m)

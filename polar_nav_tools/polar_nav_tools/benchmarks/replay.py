@@ -2,42 +2,34 @@
 
 What a part of the bag (ten minutes) gives is compared first: the scanner's arrays with those that
 mcap-ros2-support and rclpy decode, and the estimates of the fast replay with those of a replay
-message by message. Then that part is timed in interleaved rounds, and the whole bag once, in a
-process of its own whose peak memory is told.
+message by message. Then that part is timed in interleaved rounds, and the whole bag as often
+(`whole_bag`).
 """
 
 from __future__ import annotations
 
-import json
-import resource
-import subprocess
-import sys
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
 from polar_nav_core.engine import batch
 from polar_nav_core.engine.inputs import Inputs
-from polar_nav_core.errors import PolarNavError
 from polar_nav_follower import session
 
 from ..bags import Bag, open_bag
 from ..bags.arrays import estimates_from_cdr
 from ..estimates import EstimateRows
-from ..fast_replay import FastResult, replay_arrays, wanted
-from ..recorded_arrays import RecordedArrays, load_arrays
+from ..fast_replay import replay_arrays
 from ..recorded_inputs import load_inputs
 from ..replay import parameters, replay
-from ..scoring import compare, mission_phases
 from ..scoring.tables import Column, Table
 from .bag_readers import bare, exhausted, inputs_of, mcap_raw, mcap_rclpy, mcap_ros2
-from .long_bag import CONFIGURATION, RATES_HZ, VEHICLE, long_bag
+from .long_bag import RATES_HZ, VEHICLE, long_bag
 from .navigation import Disagreement
 from .rounds import Entry, Ratio, Timing, interleave, ratio
+from .whole_bag import WholeBag, arrays_of, opened, scored, take_whole_bag, whole
 
 DISTRIBUTIONS = ('numpy', 'numba', 'mcap', 'mcap-ros2-support', 'zstandard', 'isal', 'rclpy')
 PART_MINUTES = 10.0
@@ -46,36 +38,7 @@ AGAINST_PEER = 25.0
 AGAINST_BARE = 3.0
 MEMORY_MB = 1000.0
 
-_MODULE = 'polar_nav_tools.benchmarks.replay'
 _IMU_HZ = RATES_HZ['imu/data_raw']
-
-
-def opened(path: Path) -> Bag:
-    """Open a bag that is going to be read, as `./polar score` does."""
-    return open_bag(path, ahead=lambda bag: wanted(bag, VEHICLE, truth=True))
-
-
-def arrays_of(bag: Bag) -> RecordedArrays:
-    """Decode what the follower took, and the truth."""
-    arrays = load_arrays(bag, VEHICLE, truth=True)
-    if arrays is None:
-        raise PolarNavError(f'{bag.path} cannot be read as arrays')
-    return arrays
-
-
-def scored(arrays: RecordedArrays, result: FastResult) -> float:
-    """Score as `./polar score` does; horizontal RMS of the second half [m]."""
-    if arrays.truth is None:
-        raise PolarNavError(f'{arrays.bag.path} has no truth')
-    runs = {CONFIGURATION: (arrays.truth, result.estimates, result.receipts)}
-    found = compare(runs, phases=mission_phases(arrays.truth))
-    return float(found.scores[CONFIGURATION].second_half.rms('horizontal'))
-
-
-def whole(path: Path) -> float:
-    """From the bytes of a bag to scored estimates."""
-    arrays = arrays_of(opened(path))
-    return scored(arrays, replay_arrays(arrays))
 
 
 def agree(bag: Bag, mcap_file: Path) -> dict[str, int]:
@@ -121,39 +84,35 @@ class ReplayBenchmark:
     hours, part_minutes : float
     timings : dict of str to Timing
         Of the part.
-    stages : dict of str to float
-        Processor seconds of the whole bag, by stage.
-    peaks_mb : dict of str to float
-        Peak memory of that process before, and after each stage.
-    wall_s : float
-        Of that process.
+    bags : tuple of WholeBag
+        The whole bag, a round each.
     file_mb : float
     agreement : dict of str to int
         Values that were equal.
-    horizontal_m : float
-        Score of the whole bag: horizontal RMS of the second half.
     """
 
     rounds: int
     hours: float
     part_minutes: float
     timings: dict[str, Timing]
-    stages: dict[str, float]
-    peaks_mb: dict[str, float]
-    wall_s: float
+    bags: tuple[WholeBag, ...]
     file_mb: float
     agreement: dict[str, int]
-    horizontal_m: float
+
+    @property
+    def whole_bag(self) -> WholeBag:
+        """The round of median processor time (of an even number, the slower one of the middle)."""
+        return sorted(self.bags, key=lambda bag: bag.total_s)[len(self.bags) // 2]
 
     @property
     def whole_s(self) -> float:
         """Processor time of the whole bag [s]."""
-        return sum(self.stages.values())
+        return self.whole_bag.total_s
 
     @property
     def peak_mb(self) -> float:
-        """Peak memory of the process that took the whole bag."""
-        return max(self.peaks_mb.values())
+        """Peak memory of a process that took the whole bag: the highest of all rounds."""
+        return max(bag.peak_mb for bag in self.bags)
 
     @property
     def real_time(self) -> float:
@@ -212,12 +171,13 @@ class ReplayBenchmark:
                 for n, r in self.ratios().items()
             ),
         )
+        names = [*self.whole_bag.stages, 'whole']
         stages = Table(
             f'{self.hours:g} h, {self.file_mb:.0f} MB: bytes to scored estimates',
-            (Column('what', ''), Column('s', 'processor', 's')),
-            (
-                *({'what': n, 's': s} for n, s in self.stages.items()),
-                {'what': 'whole', 's': self.whole_s},
+            (Column('what', ''), Column('s', 'processor', 's'), Column('span', 'rounds', 's')),
+            tuple(
+                {'what': name, 's': self.whole_bag.seconds(name), 'span': self._span(name)}
+                for name in names
             ),
         )
         goals = Table(
@@ -231,6 +191,10 @@ class ReplayBenchmark:
             tuple({'what': n, 'goal': g, 'found': f, 'met': m} for n, g, f, m in self.goals()),
         )
         return times, ratios, stages, goals
+
+    def _span(self, stage: str) -> str:
+        values = [bag.seconds(stage) for bag in self.bags]
+        return f'{min(values):.3g} to {max(values):.3g}'
 
     def to_dict(self) -> dict[str, object]:
         """Plain data for JSON."""
@@ -248,15 +212,17 @@ class ReplayBenchmark:
                 for n, r in self.ratios().items()
             },
             'whole_bag': {
-                'processor_s': dict(self.stages),
+                'processor_s': dict(self.whole_bag.stages),
                 'processor_total_s': self.whole_s,
-                'wall_s': self.wall_s,
+                'rounds_s': [bag.total_s for bag in self.bags],
+                'system_s': self.whole_bag.system_s,
+                'wall_s': self.whole_bag.wall_s,
                 'times_real_time': self.real_time,
                 'mcap_ros2_support_decoding_scaled_s': self.peer_s,
                 'peak_mb': self.peak_mb,
-                'peaks_mb': dict(self.peaks_mb),
+                'peaks_mb': dict(self.whole_bag.peaks_mb),
                 'file_mb': self.file_mb,
-                'horizontal_rms_second_half_m': self.horizontal_m,
+                'horizontal_rms_second_half_m': self.whole_bag.horizontal_m,
             },
             'goals': [{'what': n, 'goal': g, 'found': f, 'met': m} for n, g, f, m in self.goals()],
         }
@@ -274,19 +240,16 @@ def run(
     agreement = agree(part, mcap_file)
     tell(f'the part of {minutes:g} min: {rounds} rounds')
     timings = interleave(_entries(part, part_path, mcap_file), rounds, shortest_s=0.0)
-    tell(f'the whole bag of {hours:g} h')
-    found = _in_a_process(path, part_path)
+    tell(f'the whole bag of {hours:g} h: {rounds} rounds')
+    bags = tuple(take_whole_bag(path, part_path) for _ in range(rounds))
     return ReplayBenchmark(
         rounds=rounds,
         hours=hours,
         part_minutes=minutes,
         timings=timings,
-        stages=found['stages'],
-        peaks_mb=found['peaks_mb'],
-        wall_s=found['wall_s'],
+        bags=bags,
         file_mb=sum(f.stat().st_size for f in path.glob('*.mcap')) / 1e6,
         agreement=agreement,
-        horizontal_m=found['horizontal_m'],
     )
 
 
@@ -337,53 +300,3 @@ def _entries(bag: Bag, path: Path, mcap_file: Path) -> list[Entry]:
             lambda: engine(inputs_of(mcap_rclpy(mcap_file), params)),
         ),
     ]
-
-
-def _in_a_process(path: Path, warm: Path) -> dict[str, Any]:
-    """Take the whole bag in a process that did nothing before, for its memory."""
-    command = [sys.executable, '-m', _MODULE, str(path), str(warm)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise PolarNavError(f'the replay of {path} failed: {done.stderr.strip()[-2000:]}')
-    found: dict[str, Any] = json.loads(done.stdout)
-    return found
-
-
-def measured(path: Path) -> dict[str, Any]:
-    """Processor time by stage, and peak memory of this process."""
-    stages, peaks = {}, {'before': _peak_mb()}
-    wall, last = time.perf_counter(), time.process_time()
-
-    def done(stage: str) -> None:
-        nonlocal last
-        now = time.process_time()
-        stages[stage], last = now - last, now
-        peaks[stage] = _peak_mb()
-
-    arrays = arrays_of(opened(path))
-    done('open and decode')
-    result = replay_arrays(arrays)
-    done('engine')
-    horizontal_m = scored(arrays, result)
-    done('score')
-    return {
-        'stages': stages,
-        'peaks_mb': peaks,
-        'wall_s': time.perf_counter() - wall,
-        'horizontal_m': horizontal_m,
-    }
-
-
-def _peak_mb() -> float:
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
-
-
-def main() -> None:
-    """Take one bag and print what was measured; another one before, to load the kernels."""
-    path, warm = map(Path, sys.argv[1:3])
-    whole(warm)
-    sys.stdout.write(json.dumps(measured(path)))
-
-
-if __name__ == '__main__':
-    main()

@@ -12,6 +12,7 @@ from typing import NoReturn
 import typer
 
 from polar_nav_core.errors import PolarNavError
+from polar_nav_tools.garbage import collect_rarely
 
 # Before NumPy is loaded: no command multiplies matrices worth sharing, and threads that wait for
 # one another on a busy machine make a small fit a hundred times slower.
@@ -71,6 +72,7 @@ def main() -> int:
     An error that is meant for the user is one sentence and status 1; anything else is a defect and
     keeps its traceback.
     """
+    collect_rarely()
     for commands in COMMANDS:
         importlib.import_module(f'{__package__}.{commands}')
     try:

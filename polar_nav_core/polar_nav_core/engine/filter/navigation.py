@@ -39,7 +39,7 @@ from .noise import MeasurementNoise, ProcessNoise
 from .robust import inflation
 from .settings import make_settings, steps_per_snapshot
 
-NEVER_NS = (1 << 63) - 1
+NEVER_NS = fs.NEVER_NS
 _WHY = {
     fs.P_NOT_DEFINITE: 'the covariance of the filter is no longer positive definite',
     fs.S_NOT_DEFINITE: 'an innovation covariance is not positive definite',
@@ -391,12 +391,11 @@ class NavigationFilter:
 
     def walk_to_now(self, first_step: int, first_correction: int) -> int:
         """Bring the rows in ``H`` and ``z`` from a stored step to now; the number of steps."""
-        h, w = self.history, self.work
+        h = self.history
         filter_walk.walk_forward(
             self.H,
             self.z,
             3,
-            h.transitions,
             self.past.inverses,
             first_step,
             h.step,
@@ -404,6 +403,5 @@ class NavigationFilter:
             h.correction_steps,
             first_correction,
             h.correction,
-            w.LU,
         )
         return h.step - first_step

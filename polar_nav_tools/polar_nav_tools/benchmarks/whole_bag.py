@@ -1,0 +1,144 @@
+"""The whole way of a long bag, in a process that did nothing before: time by stage, and memory."""
+
+from __future__ import annotations
+
+import json
+import resource
+import subprocess
+import sys
+import time
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from polar_nav_core.errors import PolarNavError
+
+from ..bags import Bag, open_bag
+from ..fast_replay import FastResult, replay_arrays, wanted
+from ..garbage import collect_rarely
+from ..recorded_arrays import RecordedArrays, load_arrays
+from ..scoring import compare, mission_phases
+from .long_bag import CONFIGURATION, VEHICLE
+
+_MODULE = 'polar_nav_tools.benchmarks.whole_bag'
+
+
+@dataclass(frozen=True)
+class WholeBag:
+    """What one round took.
+
+    Attributes
+    ----------
+    stages : mapping of str to float
+        Processor seconds, by stage.
+    peaks_mb : mapping of str to float
+        Peak memory of the process before, and after each stage.
+    system_s : float
+        Of the processor seconds, those of the system: nearly all for handing out memory.
+    wall_s : float
+    horizontal_m : float
+        Score: horizontal RMS of the second half.
+    """
+
+    stages: Mapping[str, float]
+    peaks_mb: Mapping[str, float]
+    system_s: float
+    wall_s: float
+    horizontal_m: float
+
+    @property
+    def total_s(self) -> float:
+        """Processor time of all stages [s]."""
+        return sum(self.stages.values())
+
+    @property
+    def peak_mb(self) -> float:
+        """Peak memory of the process."""
+        return max(self.peaks_mb.values())
+
+    def seconds(self, stage: str) -> float:
+        """Processor time of a stage, or of the `whole` [s]."""
+        return self.total_s if stage == 'whole' else self.stages[stage]
+
+
+def opened(path: Path) -> Bag:
+    """Open a bag that is going to be read, as `./polar score` does."""
+    return open_bag(path, ahead=lambda bag: wanted(bag, VEHICLE, truth=True))
+
+
+def arrays_of(bag: Bag) -> RecordedArrays:
+    """Decode what the follower took, and the truth."""
+    arrays = load_arrays(bag, VEHICLE, truth=True)
+    if arrays is None:
+        raise PolarNavError(f'{bag.path} cannot be read as arrays')
+    return arrays
+
+
+def scored(arrays: RecordedArrays, result: FastResult) -> float:
+    """Score as `./polar score` does; horizontal RMS of the second half [m]."""
+    if arrays.truth is None:
+        raise PolarNavError(f'{arrays.bag.path} has no truth')
+    runs = {CONFIGURATION: (arrays.truth, result.estimates, result.receipts)}
+    found = compare(runs, phases=mission_phases(arrays.truth))
+    return float(found.scores[CONFIGURATION].second_half.rms('horizontal'))
+
+
+def whole(path: Path) -> float:
+    """From the bytes of a bag to scored estimates."""
+    arrays = arrays_of(opened(path))
+    return scored(arrays, replay_arrays(arrays))
+
+
+def take_whole_bag(path: Path, warm: Path) -> WholeBag:
+    """Take a bag in a new process, which loads the kernels with another one before."""
+    command = [sys.executable, '-m', _MODULE, str(path), str(warm)]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    if done.returncode:
+        raise PolarNavError(f'the replay of {path} failed: {done.stderr.strip()[-2000:]}')
+    return WholeBag(**json.loads(done.stdout))
+
+
+def measured(path: Path) -> WholeBag:
+    """Take a bag here and now."""
+    stages, peaks = {}, {'before': _peak_mb()}
+    wall, last, system = time.perf_counter(), time.process_time(), _system_s()
+
+    def done(stage: str) -> None:
+        nonlocal last
+        now = time.process_time()
+        stages[stage], last = now - last, now
+        peaks[stage] = _peak_mb()
+
+    arrays = arrays_of(opened(path))
+    done('open and decode')
+    result = replay_arrays(arrays)
+    done('engine')
+    horizontal_m = scored(arrays, result)
+    done('score')
+    return WholeBag(
+        stages=stages,
+        peaks_mb=peaks,
+        system_s=_system_s() - system,
+        wall_s=time.perf_counter() - wall,
+        horizontal_m=horizontal_m,
+    )
+
+
+def _peak_mb() -> float:
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
+
+
+def _system_s() -> float:
+    return resource.getrusage(resource.RUSAGE_SELF).ru_stime
+
+
+def main() -> None:
+    """Take one bag and print what was measured; another one before, to load the kernels."""
+    collect_rarely()
+    path, warm = map(Path, sys.argv[1:3])
+    whole(warm)
+    sys.stdout.write(json.dumps(asdict(measured(path))))
+
+
+if __name__ == '__main__':
+    main()
