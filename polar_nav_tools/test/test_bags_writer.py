@@ -13,6 +13,7 @@ import yaml
 from bag_samples import IMU, RUN_INFO, START_NS, TRUTH, TYPES, imu, stamp_ns, truth, write_bag
 from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
+from mcap.writer import Writer
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
@@ -69,13 +70,34 @@ def test_run_is_described_at_the_start_and_at_the_end(tmp_path):
     file = write_bag(tmp_path / 'b', 5)
     with file.open('rb') as stream:
         records = list(StreamReader(stream).records)
-    runs = [r for r in records if type(r).__name__ == 'Metadata' and r.name == 'polar_nav_run']
+    runs = [r for r in records if type(r).__name__ == 'Metadata' and 'polar_nav' in r.name]
+    assert [r.name for r in runs] == ['polar_nav_run', 'polar_nav_run_end']
     assert [r.metadata['written'] for r in runs] == ['start', 'end']
     assert all(json.loads(r.metadata['seed']) == 7 for r in runs)
     assert 'recording' not in runs[0].metadata
     assert json.loads(runs[1].metadata['recording'])['topics'][IMU]['count'] == 5
     kinds = [type(r).__name__ for r in records]
     assert kinds.index('Metadata') < kinds.index('Message')
+
+
+def test_bags_that_have_both_descriptions_under_one_name_are_read(tmp_path):
+    """As recorders before `polar_nav_run_end` wrote them."""
+    path = tmp_path / 'old.mcap'
+    with path.open('wb') as stream:
+        writer = Writer(stream)
+        writer.start(profile='ros2', library='')
+        writer.add_metadata('polar_nav_run', {'seed': '7', 'phase': '"dawn"', 'written': 'start'})
+        schema = writer.register_schema('std_msgs/msg/String', 'ros2msg', b'string data')
+        channel = writer.register_channel('/a', 'cdr', schema)
+        writer.add_message(channel, 1, b'\0\1\0\0\2\0\0\0a\0', 1)
+        writer.add_metadata(
+            'polar_nav_run',
+            {'phase': '"dusk"', 'recording': '{"topics": {"/a": {"count": 2}}}', 'written': 'end'},
+        )
+        writer.finish()
+    bag = open_bag(path)
+    assert (bag.run_info['seed'], bag.run_info['phase']) == (7, 'dusk')
+    assert bag.problems == ['/a: the recorder wrote 2 messages, 1 are there']
 
 
 def test_start_description_is_on_disk_before_any_message(tmp_path):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, OrderedDict
 from collections.abc import Sequence
 
 from ..kernels.filter import Ints
@@ -35,7 +35,7 @@ class FixLedger:
         self._max_delay_ns = round(params.max_delay_s * 1e9)
         self._verdicts = verdicts
         self._fused = fused
-        self._seen: dict[tuple[str, int], int] = {}
+        self._seen: OrderedDict[tuple[str, int], int] = OrderedDict()
         self._last_validity_ns = 0
         self.received = 0
         self.integrity = IntegrityMonitor(params.max_gated_s)
@@ -69,7 +69,7 @@ class FixLedger:
         for fix in fixes:
             self._seen[(fix.source, fix.sequence)] = 0
         while len(self._seen) > _SEQUENCES_KEPT:
-            del self._seen[next(iter(self._seen))]
+            self._seen.popitem(last=False)
 
     def decided(self, fix: Fix, cause: Fix, result: FixResult, now_ns: int) -> Receipt:
         """Receipt of a fix that the gate has decided on; ``cause`` is the fix that made it."""

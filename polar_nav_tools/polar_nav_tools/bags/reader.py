@@ -22,7 +22,7 @@ from .decode import Decoder
 from .errors import BagError
 from .missing import sequence_gaps, unfinished
 from .schemas import Definition, starts_with_header
-from .writer import PHASE_KEY, RUN_RECORD
+from .writer import PHASE_KEY, RUN_END_RECORD, RUN_RECORD
 
 if TYPE_CHECKING:
     from .tables import ReadAhead
@@ -188,6 +188,11 @@ class Bag:
         for _, log_time_ns, data in self.messages([topic]):
             yield log_time_ns, decode(data)
 
+    def _run_records(self) -> list[tuple[str, dict[str, str]]]:
+        """Of start and end, in their order; they had one name once."""
+        names = (RUN_RECORD, RUN_END_RECORD)
+        return [(name, m) for f in self.files for name, m in f.metadata if name in names]
+
     def metadata(self, name: str) -> list[dict[str, str]]:
         """Return the MCAP metadata records of one name, in order."""
         return [m for f in self.files for record, m in f.metadata if record == name]
@@ -199,7 +204,7 @@ class Bag:
         Empty for bags of other recorders.
         """
         info: dict[str, Any] = {}
-        for record in self.metadata(RUN_RECORD):
+        for _, record in self._run_records():
             info |= {k: _json_or_none(v) for k, v in record.items() if k != PHASE_KEY}
         return info
 
@@ -283,11 +288,10 @@ class Bag:
 
     def _recorded_losses(self) -> Iterator[str]:
         """Compare with what the recorder counted, and pass on what it knew to be lost."""
-        records = self.metadata(RUN_RECORD)
-        for record in records:
+        for name, record in self._run_records():
             for key, value in record.items():
                 if key != PHASE_KEY and value != 'null' and _json_or_none(value) is None:
-                    yield f'{key} in a {RUN_RECORD} record is not JSON'
+                    yield f'{key} in a {name} record is not JSON'
         recording = self.run_info.get('recording')
         counted = recording.get('topics') if isinstance(recording, dict) else None
         if not isinstance(counted, dict):

@@ -4,7 +4,8 @@ Comes in: serialized messages (CDR bytes) with their times. Goes out: ``<name>/<
 when finished, ``<name>/metadata.yaml``. The file is MCAP with profile ``ros2``: chunks of about
 256 kB, each with its checksum and index, definitions of all types embedded, a checksum over
 everything. The run is described twice, right at the start and at the end, in metadata records
-named ``polar_nav_run`` (a key per item, its value as JSON).
+named ``polar_nav_run`` and ``polar_nav_run_end`` (a key per item, its value as JSON): two names,
+since viewers take records of one name for one record.
 
 Nothing waits long in memory: a chunk goes to the operating system when it is full and at least
 every `flush_s` seconds, so killing the process loses what came within that time.
@@ -32,6 +33,7 @@ from .schemas import Definition, definition
 from .sink import Sink
 
 RUN_RECORD = 'polar_nav_run'
+RUN_END_RECORD = 'polar_nav_run_end'
 """Name of the metadata records that describe the run."""
 PHASE_KEY = 'written'
 """Key in those records: ``start`` or ``end``."""
@@ -286,7 +288,7 @@ class BagWriter:
         with self._explained():
             self._mcap.flush()
             self._note_safe()
-            self._mcap.add_metadata(RUN_RECORD, end)
+            self._mcap.add_metadata(RUN_END_RECORD, end)
             # `ros2 bag` reads this one when it is given the file without its directory.
             serialized = {'serialized_metadata': rosbag2_metadata.dump(metadata)}
             self._mcap.add_metadata('rosbag2', serialized)

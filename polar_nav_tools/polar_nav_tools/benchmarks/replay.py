@@ -141,13 +141,12 @@ class ReplayBenchmark:
 
     def goals(self) -> list[tuple[str, float, float, bool]]:
         """What was wanted: name, goal, found, met."""
-        r = self.ratios()
-        decode = r['our decoding / bare read and decompress'].median
+        decode = float(np.median([bag.decoding for bag in self.bags]))
         peer = self.peer_s / self.whole_s
         return [
             ('times real time, whole bag', REAL_TIME, self.real_time, self.real_time >= REAL_TIME),
             ('mcap-ros2-support decoding / whole', AGAINST_PEER, peer, peer >= AGAINST_PEER),
-            ('decoding / bare, at most', AGAINST_BARE, decode, decode <= AGAINST_BARE),
+            ('open and decode / bare, at most', AGAINST_BARE, decode, decode <= AGAINST_BARE),
             ('peak memory [MB], at most', MEMORY_MB, self.peak_mb, self.peak_mb <= MEMORY_MB),
         ]
 
@@ -171,13 +170,12 @@ class ReplayBenchmark:
                 for n, r in self.ratios().items()
             ),
         )
-        names = [*self.whole_bag.stages, 'whole']
         stages = Table(
             f'{self.hours:g} h, {self.file_mb:.0f} MB: bytes to scored estimates',
             (Column('what', ''), Column('s', 'processor', 's'), Column('span', 'rounds', 's')),
             tuple(
-                {'what': name, 's': self.whole_bag.seconds(name), 'span': self._span(name)}
-                for name in names
+                {'what': name, 's': seconds, 'span': self._span(name)}
+                for name, seconds in self.whole_bag.rows().items()
             ),
         )
         goals = Table(
@@ -193,7 +191,7 @@ class ReplayBenchmark:
         return times, ratios, stages, goals
 
     def _span(self, stage: str) -> str:
-        values = [bag.seconds(stage) for bag in self.bags]
+        values = [bag.rows()[stage] for bag in self.bags]
         return f'{min(values):.3g} to {max(values):.3g}'
 
     def to_dict(self) -> dict[str, object]:
@@ -216,6 +214,7 @@ class ReplayBenchmark:
                 'processor_total_s': self.whole_s,
                 'rounds_s': [bag.total_s for bag in self.bags],
                 'system_s': self.whole_bag.system_s,
+                'bare_s': self.whole_bag.bare_s,
                 'wall_s': self.whole_bag.wall_s,
                 'times_real_time': self.real_time,
                 'mcap_ros2_support_decoding_scaled_s': self.peer_s,

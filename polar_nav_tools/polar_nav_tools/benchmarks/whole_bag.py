@@ -18,8 +18,10 @@ from ..fast_replay import FastResult, replay_arrays, wanted
 from ..garbage import collect_rarely
 from ..recorded_arrays import RecordedArrays, load_arrays
 from ..scoring import compare, mission_phases
+from .bag_readers import bare
 from .long_bag import CONFIGURATION, VEHICLE
 
+DECODE = 'open and decode'
 _MODULE = 'polar_nav_tools.benchmarks.whole_bag'
 
 
@@ -33,6 +35,8 @@ class WholeBag:
         Processor seconds, by stage.
     peaks_mb : mapping of str to float
         Peak memory of the process before, and after each stage.
+    bare_s : float
+        Processor seconds to read and decompress the bag, and nothing else.
     system_s : float
         Of the processor seconds, those of the system: nearly all for handing out memory.
     wall_s : float
@@ -42,6 +46,7 @@ class WholeBag:
 
     stages: Mapping[str, float]
     peaks_mb: Mapping[str, float]
+    bare_s: float
     system_s: float
     wall_s: float
     horizontal_m: float
@@ -56,9 +61,14 @@ class WholeBag:
         """Peak memory of the process."""
         return max(self.peaks_mb.values())
 
-    def seconds(self, stage: str) -> float:
-        """Processor time of a stage, or of the `whole` [s]."""
-        return self.total_s if stage == 'whole' else self.stages[stage]
+    @property
+    def decoding(self) -> float:
+        """Opening and decoding over bare reading and decompressing."""
+        return self.stages[DECODE] / self.bare_s
+
+    def rows(self) -> dict[str, float]:
+        """Processor time of the bare reading, of each stage and of all [s]."""
+        return {'read and decompress only': self.bare_s, **self.stages, 'whole': self.total_s}
 
 
 def opened(path: Path) -> Bag:
@@ -100,6 +110,9 @@ def take_whole_bag(path: Path, warm: Path) -> WholeBag:
 
 def measured(path: Path) -> WholeBag:
     """Take a bag here and now."""
+    bag, begin = open_bag(path), time.process_time()
+    bare(bag)
+    bare_s = time.process_time() - begin
     stages, peaks = {}, {'before': _peak_mb()}
     wall, last, system = time.perf_counter(), time.process_time(), _system_s()
 
@@ -110,7 +123,7 @@ def measured(path: Path) -> WholeBag:
         peaks[stage] = _peak_mb()
 
     arrays = arrays_of(opened(path))
-    done('open and decode')
+    done(DECODE)
     result = replay_arrays(arrays)
     done('engine')
     horizontal_m = scored(arrays, result)
@@ -118,6 +131,7 @@ def measured(path: Path) -> WholeBag:
     return WholeBag(
         stages=stages,
         peaks_mb=peaks,
+        bare_s=bare_s,
         system_s=_system_s() - system,
         wall_s=time.perf_counter() - wall,
         horizontal_m=horizontal_m,
