@@ -80,20 +80,14 @@ class EstimateRows:
         )
 
     def _make_room(self, columns: Columns, rows: int) -> None:
-        """Set room aside once, as one piece: its memory comes in large pages."""
-        start, before = self._count, self._columns
+        """Set room aside once: arrays that are joined at the end would be there twice."""
+        start = self._count
         self._room = max(self._room, rows + rows // 2 if start else rows)
-        sizes = {n: self._room * c.itemsize * math.prod(c.shape[1:]) for n, c in columns.items()}
-        room = np.empty(sum(sizes.values()), dtype=np.uint8)
-        at = 0
-        self._columns = {}
-        for name in sorted(columns, key=lambda n: -columns[n].itemsize):  # so that all are aligned
-            column, size = columns[name], sizes[name]
-            place = room[at : at + size].view(column.dtype)
-            self._columns[name] = place.reshape(self._room, *column.shape[1:])
+        for name, column in columns.items():
+            wider = np.empty((self._room, *column.shape[1:]), dtype=column.dtype)
             if start:
-                self._columns[name][:start] = before[name][:start]
-            at += size
+                wider[:start] = self._columns[name][:start]
+            self._columns[name] = wider
 
     def _columns_of(self, rows: Track) -> Columns:
         """Columns of an EstimateSeries; see `navigation_outputs.nav_to_msg` for each."""

@@ -17,6 +17,9 @@ from polar_nav_tools.garbage import collect_rarely
 # Before NumPy is loaded: no command multiplies matrices worth sharing, and threads that wait for
 # one another on a busy machine make a small fit a hundred times slower.
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+# Nor do large arrays that are written once and read a few times gain by huge pages, for which a
+# virtual machine whose host takes unused memory back pays dearly.
+os.environ.setdefault('NUMPY_MADVISE_HUGEPAGE', '0')
 
 INTERRUPTED_STATUS = 130
 COMMANDS = (
