@@ -7,6 +7,7 @@ from scipy.linalg import expm
 from polar_nav_core import attitude, earth, grid
 from polar_nav_core.kernels import filter as kf
 from polar_nav_core.kernels import filter_imu, filter_rows, filter_walk
+from polar_nav_core.kernels.transition import INVERSE, fill_transition
 
 N = kf.N
 R_E = earth.ecef_from_geodetic(np.deg2rad(84.0), np.deg2rad(-130.0), -80.0)
@@ -21,8 +22,8 @@ def transition(dt=0.1, tau_usbl=0.0):
 
 
 def both_ways(dt, tau_usbl):
-    Phi, inverse = np.zeros((N, N)), np.zeros(kf.INVERSE)
-    kf.fill_transition(
+    Phi, inverse = np.zeros((N, N)), np.zeros(INVERSE)
+    fill_transition(
         Phi,
         inverse,
         np.zeros((15, 15)),
@@ -40,7 +41,7 @@ def both_ways(dt, tau_usbl):
 
 def inverse_of(Phi):
     """As `fill_transition` leaves it, of any transition that has its structure."""
-    inverse, dense = np.zeros(kf.INVERSE), np.linalg.inv(Phi)
+    inverse, dense = np.zeros(INVERSE), np.linalg.inv(Phi)
     inverse[:9, :15] = dense[:9, :15]
     inverse[9, :6] = 1.0 / np.diagonal(Phi)[18:]
     return inverse
@@ -181,7 +182,7 @@ def test_walk_forward_refers_rows_and_innovation_to_now():
     for Phi in Phis.values():  # the structure the kernel relies on
         Phi[9:, :] = np.diag(np.diag(Phi))[9:, :]
         Phi[:9, 15:] = 0.0
-    stored = np.zeros((ring, *kf.INVERSE))
+    stored = np.zeros((ring, *INVERSE))
     for j, Phi in Phis.items():
         stored[j % ring] = inverse_of(Phi)
     first, begin = 6, 9

@@ -9,6 +9,7 @@ from polar_nav_core.kernels import filter as kf
 from polar_nav_core.kernels import filter_block as fb
 from polar_nav_core.kernels import filter_model as fm
 from polar_nav_core.kernels import vehicle_model as vm
+from polar_nav_core.kernels.transition import INVERSE, fill_transition
 from polar_nav_core.vehicle_model import VehicleModel
 
 N, E = kf.N, fm.E
@@ -127,8 +128,8 @@ def transition(dt):
     F_ee, F_ex, G = slopes()
     F15 = system_matrix(R_E, V_G, C_B_G, OMEGA_IB, F_B)
     Phi = np.zeros((N, N))
-    work = np.zeros(kf.INVERSE), np.zeros((15, 15))
-    kf.fill_transition(Phi, *work, R_E, V_G, C_B_G, OMEGA_IB, F_B, dt, 300.0, 0.0)
+    work = np.zeros(INVERSE), np.zeros((15, 15))
+    fill_transition(Phi, *work, R_E, V_G, C_B_G, OMEGA_IB, F_B, dt, 300.0, 0.0)
     Phi_ee, Phi_ex = np.ones((3, E)), np.ones((3, N))
     fm.fill_model_transition(Phi_ee, Phi_ex, F_ee, F_ex, F15, dt)
     F = np.zeros((ALL, ALL))

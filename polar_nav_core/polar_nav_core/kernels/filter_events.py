@@ -12,7 +12,7 @@ from ..arrays import Array
 from . import filter_state as fs
 from .cache import kernel, routine
 from .earth import up_and_height
-from .filter import MARKOV, USBL, N, fill_transition, is_positive_definite, predict
+from .filter import MARKOV, USBL, N, is_positive_definite, predict
 from .filter_aiding import compare_velocities, model_is_definite, predict_model
 from .filter_fuse import correct_and_remember, enter
 from .filter_imu import hold_surroundings, imu_step, take_means
@@ -20,6 +20,7 @@ from .filter_model import E
 from .filter_rows import depth_rows, dvl_rows, fix_rows
 from .filter_state import Frames, Log, Past, Settings, State, Work
 from .grid import fill_C_e_G
+from .transition import fill_transition
 
 
 @kernel

@@ -295,7 +295,7 @@ class Past(NamedTuple):
     steps: Ints
     firsts: Ints
     transitions: Array
-    inverses: Array  # of the transitions: filter.fill_transition
+    inverses: Array  # of the transitions: transition.fill_transition
     corrections: Array
     correction_steps: Ints
 

@@ -18,6 +18,7 @@ from polar_nav_core.arrays import Array
 from polar_nav_core.errors import PolarNavError
 from polar_nav_core.kernels import filter as kf
 from polar_nav_core.kernels import filter_rows
+from polar_nav_core.kernels.transition import INVERSE, fill_transition
 
 from . import compiled, twin
 from .navigation import Disagreement, Record
@@ -61,8 +62,8 @@ def matrices(r: Record, cycles: int = CYCLES) -> Matrices:
     C, v, p = r.start()
     omega_ib_b, f_b = r.dtheta_b[1] / r.dt, r.dvel_b[1] / r.dt
     Phi, zero = np.zeros((kf.N, kf.N)), np.zeros(3)
-    work = np.zeros(kf.INVERSE), kf.scratch()['F15']
-    kf.fill_transition(Phi, *work, p, v, C, omega_ib_b, f_b, _PREDICTION_S, _MARKOV_S, 0.0)
+    work = np.zeros(INVERSE), kf.scratch()['F15']
+    fill_transition(Phi, *work, p, v, C, omega_ib_b, f_b, _PREDICTION_S, _MARKOV_S, 0.0)
     H, R = np.zeros((3, kf.N)), np.zeros((3, 3))
     filter_rows.dvl_rows(
         H, R, np.zeros(3), np.zeros((3, 3)), C, v, omega_ib_b,

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...kernels import filter_state as fs
-from ...kernels.filter import INVERSE, N
+from ...kernels.filter import N
 from ...kernels.filter_events import epoch_place
+from ...kernels.transition import INVERSE
 from ..events import Array
 
 IMU_PERIOD_S = 0.004
