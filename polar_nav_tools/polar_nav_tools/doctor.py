@@ -93,7 +93,7 @@ def examine(bag: Bag, *, progress: Progress = lambda _: None) -> Examination:
         When the bag changes while it is read.
     """
     times = read_times(bag, progress)
-    start_ns = min((t.first_log_ns for t in times), default=0)
+    start_ns = min((t.first_log_ns for t in times if t.count), default=0)
     found = [Finding(ERROR, 'incomplete', '', None, None, problem) for problem in bag.problems]
     if not bag.problems:
         found.append(Finding(OK, 'complete', '', None, bag.message_count, 'the bag is whole'))

@@ -49,7 +49,7 @@ class TopicTimes:
     topic, type : str
         As in the bag.
     log_ns : ndarray of int64, shape (n,)
-        When each message was logged.
+        When each message was logged, but for those that are unreadable.
     stamp_ns : ndarray of int64, shape (n,), or None
         Header stamps; None for messages without a header.
     unreadable : int
@@ -64,12 +64,12 @@ class TopicTimes:
 
     @property
     def count(self) -> int:
-        """Messages."""
+        """Messages whose times are known."""
         return len(self.log_ns)
 
     @property
     def first_log_ns(self) -> int:
-        """Oldest log time."""
+        """Oldest log time; there must be one."""
         return int(self.log_ns.min())
 
     @property
@@ -95,7 +95,7 @@ class TopicTimes:
         """Figures of the table."""
         steps = np.diff(self.times_ns)
         period = self.period_ns
-        delay = None if self.stamp_ns is None else self.log_ns - self.stamp_ns
+        delay = np.zeros(0) if self.stamp_ns is None else self.log_ns - self.stamp_ns
         return {
             'topic': self.topic,
             'type': self.type,
@@ -103,7 +103,7 @@ class TopicTimes:
             'rate_hz': 1e9 / period if self.regular else float('nan'),
             'regular': self.regular,
             'interval_max_s': float(steps.max()) * 1e-9 if steps.size else float('nan'),
-            'delay_median_s': float('nan') if delay is None else float(np.median(delay)) * 1e-9,
+            'delay_median_s': float(np.median(delay)) * 1e-9 if delay.size else float('nan'),
         }
 
 

@@ -191,6 +191,22 @@ def test_a_packet_that_nobody_sent(tmp_path):
     assert (found.level, found.number) == (ERROR, 1)
 
 
+@pytest.mark.parametrize('others', [0, 3])
+def test_a_topic_whose_messages_are_all_too_short(tmp_path, others):
+    """No time of it is known; found by mutating the one message that a rare topic has."""
+    with BagWriter(tmp_path / 'b', {}) as writer:
+        writer.add_topic(IMU, 'sensor_msgs/msg/Imu')
+        writer.add_topic('/other/imu', 'sensor_msgs/msg/Imu')
+        writer.write(IMU, b'\0\1\0\0', START_NS)
+        for k in range(others):
+            writer.write('/other/imu', imu(k), stamp_ns(k))
+    found = examine(open_bag(tmp_path / 'b'))
+    (short,) = [f for f in found.findings if f.what == 'unreadable']
+    assert (short.topic, short.level, short.number) == (IMU, ERROR, 1)
+    assert found.to_dict()['topics'][IMU]['count'] == 0
+    assert '1 errors' in found.summary()
+
+
 def test_silent_topics(tmp_path):
     with BagWriter(tmp_path / 'b', {}) as writer:
         writer.add_topic(IMU, 'sensor_msgs/msg/Imu')
