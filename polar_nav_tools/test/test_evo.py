@@ -4,6 +4,8 @@ evo reads the TUM files that `./polar export` writes, so that those are tested, 
 its definitions, in matrices and pair by pair, stand in for it.
 """
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -54,6 +56,22 @@ def test_definitions(pairs):
     found = relative_errors(pairs, INTERVAL_S)
     assert len(found) > 1000 / n
     np.testing.assert_allclose(found, relative, atol=AGREE_M, rtol=0)
+
+
+@pytest.mark.parametrize('place', [(0.0, 0.0, 0.0), (0.0, 6378137.0, 0.0), (1e200, 1.0, 1.0)])
+def test_an_estimate_where_there_are_no_grid_axes(run, place):
+    """Damaged messages can be anywhere; the pairs that need those axes have no relative error."""
+    truth, estimate = run
+    whole = align(truth, estimate)
+    i, n = 200, steps_of(whole)
+    at = np.flatnonzero(estimate.stamp_ns == whole.truth.stamp_ns[i])[0]
+    r_e = estimate.r_e.copy()
+    r_e[at] = place
+    found = relative_errors(align(truth, dataclasses.replace(estimate, r_e=r_e)), INTERVAL_S)
+    others = np.delete(np.arange(len(found)), [i, i - n])
+    np.testing.assert_array_equal(found[others], relative_errors(whole, INTERVAL_S)[others])
+    assert not found[i] < 1e6
+    assert not found[i - n] < 1e6
 
 
 @pytest.mark.parametrize('frame', ['ecef', 'grid', 'enu'])

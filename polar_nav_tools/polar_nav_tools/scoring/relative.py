@@ -28,6 +28,7 @@ def absolute_errors(pairs: Alignment) -> Floats:
     return np.asarray(np.linalg.norm(pairs.estimate.r_e - pairs.truth.r_e, axis=1))
 
 
+@np.errstate(over='ignore', invalid='ignore')  # a damaged message can hold any number
 def relative_errors(pairs: Alignment, interval_s: float = INTERVAL_S) -> Floats:
     """Translation part of the relative error over an interval [m].
 
@@ -58,5 +59,16 @@ def relative_errors(pairs: Alignment, interval_s: float = INTERVAL_S) -> Floats:
 def _translation(poses: TruthAt | EstimateAt, i: Rows, j: Rows) -> Floats:
     """Way from rows `i` to rows `j` in the body axes of `i` [m], shape (m, 3)."""
     step_e = poses.r_e[j] - poses.r_e[i]
-    step_G = np.einsum('nij,nj->ni', ecef_to_grid(poses.r_e[i]), step_e)
+    step_G = np.einsum('nij,nj->ni', _axes(poses.r_e[i]), step_e)
     return np.asarray(np.einsum('nji,nj->ni', poses.C_b_G[i], step_G))
+
+
+def _axes(r_e: Floats) -> Floats:
+    """C_e_G at each place, shape (m, 3, 3); NaN where there are none.
+
+    That is at the centre of the earth and on its y axis; a damaged estimate can be anywhere.
+    """
+    C_e_G = np.full((len(r_e), 3, 3), np.nan)
+    good = (np.hypot(r_e[:, 0], r_e[:, 2]) > 1.0) & np.isfinite(r_e).all(axis=1)
+    C_e_G[good] = ecef_to_grid(r_e[good])
+    return C_e_G
