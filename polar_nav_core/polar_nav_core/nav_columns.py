@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from .arrays import Array
-from .grid import refuse_singular
+from .grid import refuse_singular, require_regular
 from .kernels import nav_columns as _kernels
 
 COLUMNS = {
@@ -64,13 +64,12 @@ def describe(r_e: Array, C_b_G: Array, P: Array, out: Array | None = None) -> Ar
     """
     rows = np.empty((len(r_e), WIDTH)) if out is None else out[: len(r_e)]
     _kernels.describe_many(
-        np.ascontiguousarray(r_e),
+        require_regular(r_e),
         np.ascontiguousarray(C_b_G),
         np.ascontiguousarray(P),
         rows,
         np.empty((2, 3, 3)),
     )
-    require_axes(rows)
     return rows
 
 
