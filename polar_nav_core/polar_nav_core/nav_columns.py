@@ -40,7 +40,7 @@ SIGMA = slice(_kernels.SIGMA, _kernels.SIGMA + 24)
 WIDTH = _kernels.WIDTH
 
 
-def describe(r_e: Array, C_b_G: Array, P: Array, out: Array | None = None) -> Array:
+def describe(r_e: Array, C_b_G: Array, P: Array) -> Array:
     """Rows of numbers of some states.
 
     Parameters
@@ -50,8 +50,6 @@ def describe(r_e: Array, C_b_G: Array, P: Array, out: Array | None = None) -> Ar
     C_b_G : (n, 3, 3) array
     P : (n, 24, 24) array
         Covariance of the error state.
-    out : (m, WIDTH) array, optional
-        Where to put them, m >= n.
 
     Returns
     -------
@@ -62,7 +60,7 @@ def describe(r_e: Array, C_b_G: Array, P: Array, out: Array | None = None) -> Ar
     ValueError
         On the equator at longitude +-90 degrees, where there is no grid north.
     """
-    rows = np.empty((len(r_e), WIDTH)) if out is None else out[: len(r_e)]
+    rows = np.empty((len(r_e), WIDTH))
     _kernels.describe_many(
         require_regular(r_e),
         np.ascontiguousarray(C_b_G),
