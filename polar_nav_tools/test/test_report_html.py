@@ -189,9 +189,8 @@ def test_written_whole_or_not_at_all(tmp_path):
     assert write_report(path, SHORT) == path
     before = path.read_bytes()
     assert before.startswith(b'<!DOCTYPE html>')
-    broken = dataclasses.replace(
-        SHORT, runs={'a': (SHORT.runs['modified_akf'][0].rows(slice(0, 0)), None, [])}
-    )
+    truth, estimate, _ = SHORT.runs['modified_akf']
+    broken = dataclasses.replace(SHORT, runs={'a': (truth.rows(slice(0, 0)), estimate, [])})
     with pytest.raises(Exception, match='follower'):
         write_report(path, broken)
     assert path.read_bytes() == before
