@@ -54,6 +54,15 @@ def test_short_wiggles_are_no_phases():
     assert mission_phases(sailed((0.0, 100.0))) == ()
 
 
+def test_one_damaged_stamp_does_not_make_phases_of_years():
+    """Found by mutating bags: a minute of truth whose last stamp is days away."""
+    truth = sailed((0.0, 100.0), (3.0, 60.0))
+    truth.stamp_ns[-1] += 200_000 * 1_000_000_000
+    assert mission_phases(truth) == ()
+    truth.stamp_ns[-1] -= 150_000 * 1_000_000_000  # half a day: a gap, as others have
+    assert [p.name for p in mission_phases(truth)][:2] == ['leg 1', 'turn 1']
+
+
 def test_phases_are_scored():
     truth, estimate, receipts = next(iter(RUNS.values()))
     middle = int(truth.stamp_ns[len(truth) // 3])

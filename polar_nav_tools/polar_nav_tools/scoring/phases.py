@@ -16,6 +16,10 @@ SHORTEST_S = 10.0
 _SPAN_S = 2.0
 """Over this long the course rate is taken: waves do not turn a vehicle."""
 _MOST = 40
+_STEP_NS = 500_000_000
+_LONGEST_S = 100_000.0
+"""Truth that lasts longer and has less than one sample in ten steps of the grid is no course: one
+damaged stamp makes years of a minute."""
 
 
 def mission_phases(truth: TruthSeries) -> tuple[Window, ...]:
@@ -27,7 +31,10 @@ def mission_phases(truth: TruthSeries) -> tuple[Window, ...]:
     stamp_ns, v_G = truth.stamp_ns, truth.v_G
     if len(stamp_ns) < 3 or stamp_ns[-1] - stamp_ns[0] < 2.0 * SHORTEST_S * 1e9:
         return ()
-    grid_ns = np.arange(stamp_ns[0], stamp_ns[-1] + 1, 500_000_000)
+    span_ns = int(stamp_ns[-1]) - int(stamp_ns[0])
+    if span_ns > _LONGEST_S * 1e9 and span_ns > 10 * _STEP_NS * len(stamp_ns):
+        return ()
+    grid_ns = np.arange(stamp_ns[0], stamp_ns[-1] + 1, _STEP_NS)
     nearest = np.minimum(np.searchsorted(stamp_ns, grid_ns), len(stamp_ns) - 1)
     course = np.unwrap(np.arctan2(v_G[nearest, 1], v_G[nearest, 0]))
     half = max(1, round(_SPAN_S / 2 / 0.5))
