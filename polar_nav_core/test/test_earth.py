@@ -103,3 +103,11 @@ def test_shapes_and_errors():
         earth.up([0.0, 0.0, 0.5])
     with pytest.raises(ValueError, match='lat must be within'):
         earth.ecef_from_geodetic(1.6, 0.0, 0.0)
+
+
+def test_a_filter_that_has_gone_astray_can_still_be_told():
+    """Its position can be so large that a square is not finite; no warning, no error."""
+    lat, lon, height = earth.geodetic_from_ecef([1e200, 1.0, 1.0])
+    assert not abs(height) < 1e9
+    assert not abs(lat) > np.pi
+    assert not abs(lon) > np.pi
