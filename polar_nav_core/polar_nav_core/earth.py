@@ -34,12 +34,11 @@ __all__ = [
 ]
 
 
+@np.errstate(over='ignore', invalid='ignore')  # a filter that has gone astray can be anywhere
 def _up_and_height(r_e: ArrayLike) -> tuple[Array, Array]:
     """Up vectors (..., 3) and heights (...)."""
     positions = vectors(r_e, 'r_e')
-    with np.errstate(over='ignore'):  # a filter that has gone astray can be anywhere
-        squares = np.sum(positions * positions, axis=-1)
-    if np.any(squares < 1.0):
+    if np.any(np.sum(positions * positions, axis=-1) < 1.0):
         raise ValueError('r_e is within 1 m of the centre of the earth, where up is undefined')
     flat = positions.reshape(-1, 3)
     u_e = np.empty_like(flat)

@@ -90,6 +90,7 @@ def test_nees_against_the_formula():
         np.array([[1.0, 2.0], [2.0, 1.0]]),
         np.diag([1.0, np.nan]),
         np.diag([1.0, np.inf]),
+        np.array([[1e-300, 1e300], [1e300, 1e-300]]),
     ],
 )
 def test_an_unusable_covariance_gives_no_nees(P):

@@ -85,6 +85,7 @@ def chi_square_band(dof: ArrayLike, probability: float = PROBABILITY) -> tuple[F
     return low[at], high[at]
 
 
+@np.errstate(over='ignore', invalid='ignore')  # a damaged message can hold any number
 def normalized_squared(error: ArrayLike, covariance: ArrayLike) -> Floats:
     """Squared error in units of its covariance, e' P^-1 e.
 
@@ -127,7 +128,10 @@ def _definite(correlation: Floats, least: float = 1e-12) -> NDArray[np.bool_]:
         # Usually all of them, and a factorization says so in a sixth of the time of eigenvalues.
         np.linalg.cholesky(correlation - least * np.eye(correlation.shape[-1]))
     except np.linalg.LinAlgError:
-        return np.asarray(np.linalg.eigvalsh(correlation)[:, 0] > least)
+        # Of damaged ones eigenvalues may not even converge.
+        definite = (np.abs(correlation) <= 1.0 + 1e-9).all(axis=(1, 2))
+        definite[definite] = np.linalg.eigvalsh(correlation[definite])[:, 0] > least
+        return np.asarray(definite)
     return np.ones(len(correlation), np.bool_)
 
 
