@@ -129,9 +129,9 @@ def _definite(correlation: Floats, least: float = 1e-12) -> NDArray[np.bool_]:
         np.linalg.cholesky(correlation - least * np.eye(correlation.shape[-1]))
     except np.linalg.LinAlgError:
         # Of damaged ones eigenvalues may not even converge.
-        definite = (np.abs(correlation) <= 1.0 + 1e-9).all(axis=(1, 2))
+        definite = np.asarray((np.abs(correlation) <= 1.0 + 1e-9).all(axis=(1, 2)))
         definite[definite] = np.linalg.eigvalsh(correlation[definite])[:, 0] > least
-        return np.asarray(definite)
+        return definite
     return np.ones(len(correlation), np.bool_)
 
 
