@@ -13,8 +13,8 @@ from typing import Any
 
 from rosbags.rosbag2.metadata import parse_qos
 
-from .qos import Qos
 from .opening import Progress, open_bag
+from .qos import Qos
 from .reader import RECOVERY_RECORD, Bag
 from .writer import SEQUENCE_KEY, BagWriter
 
