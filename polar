@@ -64,7 +64,7 @@ read_want() {
   want[environment]="in $root with $([[ ! -x $venv/bin/python ]] || readlink -f "$venv/bin/python")"
   want[requirements]=$(key requirements.lock)
   want[messages]=$(key requirements.lock "${messages[@]}")
-  want[packages]=$(key "$tools/environment.py" "${setups[@]}")
+  want[packages]=$(key "$tools/development/environment.py" "${setups[@]}")
   want[kernels]=$(key requirements.lock "${kernels[@]}")
 }
 
@@ -144,7 +144,7 @@ build_messages() {
     --no-input --force-reinstall "$root/polar_nav_msgs"
 }
 
-link_packages() { "$venv/bin/python" "$tools/environment.py" link; }
+link_packages() { "$venv/bin/python" "$tools/development/environment.py" link; }
 
 compile_kernels() {
   [[ ! -e $root/polar_nav_core/polar_nav_core/kernels/warm.py ]] ||
@@ -250,7 +250,7 @@ write_lock() {
   # shellcheck disable=SC2064 # the name as it is now
   trap "rm -rf -- '$scratch'" EXIT
   "$python" -m venv "$scratch/venv"
-  "$scratch/venv/bin/python" "$tools/environment.py" lock
+  "$scratch/venv/bin/python" "$tools/development/environment.py" lock
 }
 
 leave_other_ros

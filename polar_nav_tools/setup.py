@@ -39,7 +39,7 @@ setup(
     extras_require={'test': ['pytest', 'pytest-timeout']},
     entry_points={
         'console_scripts': [
-            'recorder_node = polar_nav_tools.recorder_node:main',
+            'recorder_node = polar_nav_tools.record.recorder_node:main',
             'polar = polar_nav_tools.cli:main',
         ],
     },

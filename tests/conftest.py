@@ -45,7 +45,7 @@ def finished_demo(tmp_path_factory: pytest.TempPathFactory) -> FinishedDemo:
 @pytest.fixture(scope='session')
 def own_domain() -> dict[str, str]:
     """Environment in a ROS domain of this test session."""
-    from polar_nav_tools.domain import busy_udp_ports, free_domain_id
+    from polar_nav_tools.live.domain import busy_udp_ports, free_domain_id
 
     domain = os.environ.get('ROS_DOMAIN_ID') or str(free_domain_id(os.getpid(), busy_udp_ports()))
     return {

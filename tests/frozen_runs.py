@@ -19,6 +19,7 @@ import numba
 import numpy as np
 
 from polar_nav_core.engine import batch
+from polar_nav_core.engine.configurations import STATION_VARIANTS
 from polar_nav_core.engine.events import Command, CommandKind, Fix, Verdict
 from polar_nav_core.engine.params import (
     COMPILED_NOISE,
@@ -38,8 +39,7 @@ from polar_nav_tools.experiments.station.choices import StationChoices
 from polar_nav_tools.experiments.station.world import make_world as make_station_world
 from polar_nav_tools.experiments.world import World, make_world
 from polar_nav_tools.experiments.world_spec import WorldSpec
-from polar_nav_tools.replay import replay
-from polar_nav_tools.variants import STATION_VARIANTS
+from polar_nav_tools.replay.by_message import replay
 
 NS = 1_000_000_000
 BAGS = Path(__file__).resolve().parents[1] / 'bags'

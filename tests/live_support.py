@@ -29,7 +29,7 @@ def processes_with(text: str) -> dict[int, str]:
             command = (entry / 'cmdline').read_bytes().replace(b'\0', b' ').decode()
         except (OSError, UnicodeDecodeError):
             continue  # ended meanwhile
-        if text in command and 'polar_nav_tools.child' in command:
+        if text in command and 'polar_nav_tools.live.child' in command:
             found[int(entry.name)] = command
     return found
 

@@ -98,7 +98,7 @@ NODES = (
     'polar_nav_sim.nodes.acoustic_link_node',
     'polar_nav_leader.leader_node',
     'polar_nav_follower.follower_node',
-    'polar_nav_tools.recorder_node',
+    'polar_nav_tools.record.recorder_node',
 )
 
 
@@ -131,7 +131,7 @@ def test_an_unknown_parameter_stops_a_node_with_one_sentence(module, own_domain,
         ('polar_nav_follower.follower_node', 'max_delay_s:=soon', 'max_delay_s'),
         ('polar_nav_sim.nodes.imu_node', 'seed:=-1', 'seed'),
         ('polar_nav_sim.nodes.truth_node', 'mission:=nowhere', 'nowhere'),
-        ('polar_nav_tools.recorder_node', 'compression:=zip', 'compression'),
+        ('polar_nav_tools.record.recorder_node', 'compression:=zip', 'compression'),
     ],
 )
 def test_a_value_out_of_range_stops_a_node_with_one_sentence(

@@ -15,10 +15,10 @@ from live_support import FinishedDemo, polar
 
 from polar_nav_tools.bags import open_bag
 from polar_nav_tools.bags.arrays import estimates_from_cdr, receipts_from_cdr
-from polar_nav_tools.fast_replay import replay_arrays
-from polar_nav_tools.model_series import model_run_from_cdr
-from polar_nav_tools.replay import replay
-from polar_nav_tools.station_arrays import load_station
+from polar_nav_tools.bags.model import model_run_from_cdr
+from polar_nav_tools.replay.by_array import replay_arrays
+from polar_nav_tools.replay.by_message import replay
+from polar_nav_tools.replay.station_arrays import load_station
 
 pytestmark = [pytest.mark.live, pytest.mark.slow, pytest.mark.timeout(900)]
 

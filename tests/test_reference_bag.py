@@ -12,8 +12,8 @@ from rclpy.serialization import deserialize_message
 from polar_nav_msgs.msg import FixReceipt, NavState
 from polar_nav_ros.stamps import to_ns
 from polar_nav_tools.bags import open_bag
-from polar_nav_tools.recorded_inputs import load_inputs
-from polar_nav_tools.replay import replay
+from polar_nav_tools.replay.by_message import replay
+from polar_nav_tools.replay.recorded import load_inputs
 
 REFERENCE = Path(__file__).parents[1] / 'bags' / 'reference'
 

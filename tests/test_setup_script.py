@@ -92,7 +92,7 @@ def tree(tmp_path: Path) -> Tree:
     texts = {
         'polar_nav_msgs/msg/Fix.msg': 'float64 range\n',
         'polar_nav_sim/setup.py': 'setup()\n',
-        'polar_nav_tools/polar_nav_tools/environment.py': 'link()\n',
+        'polar_nav_tools/polar_nav_tools/development/environment.py': 'link()\n',
         'polar_nav_core/polar_nav_core/kernels/warm.py': 'warm()\n',
     }
     for name, text in texts.items():

@@ -15,13 +15,13 @@ from polar_nav_tools.bags.arrays import (
     load_receipts,
     receipts_from_cdr,
 )
-from polar_nav_tools.closeness import closeness
-from polar_nav_tools.fast_replay import replay_arrays
-from polar_nav_tools.model_series import model_run_from_cdr
-from polar_nav_tools.recorded_inputs import load_inputs
-from polar_nav_tools.replay import replay
-from polar_nav_tools.run_info import cpu_model, versions
-from polar_nav_tools.station_arrays import load_station
+from polar_nav_tools.bags.model import model_run_from_cdr
+from polar_nav_tools.live.run_info import cpu_model, versions
+from polar_nav_tools.replay.by_array import replay_arrays
+from polar_nav_tools.replay.by_message import replay
+from polar_nav_tools.replay.recorded import load_inputs
+from polar_nav_tools.replay.station_arrays import load_station
+from polar_nav_tools.series.closeness import closeness
 
 BAG = Path(__file__).parents[1] / 'bags' / 'station'
 OUTPUTS = ('nav/state', 'nav/receipt', 'nav/current', 'nav/model', 'nav/identification')

@@ -1,6 +1,6 @@
 """Starts the whole demo graph: `ros2 launch polar_nav_tools demo.launch.py`.
 
-The nodes and their parameters are those of `./polar demo` (polar_nav_tools.graph). When the
+The nodes and their parameters are those of `./polar demo` (polar_nav_tools.graph.build). When the
 mission is over, or a node died, the follower is ended first, so that it can process what it holds,
 and the recorder after it, so that it has the follower's last words; then the rest. The exit status
 is 0 only when every node did what it was there for.
@@ -28,14 +28,14 @@ from launch.logging import launch_config
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
+from polar_nav_core.engine.configurations import NAMES
 from polar_nav_core.errors import ConfigError
-from polar_nav_tools.domain import node_surroundings
-from polar_nav_tools.graph import LEADERS, PACES, GraphOptions, usual_configuration
-from polar_nav_tools.live import RunFailed, new_bag_path, prepare_graph, read_mission
-from polar_nav_tools.node_process import NodeEnd
-from polar_nav_tools.node_spec import NodeSpec, Stage
-from polar_nav_tools.supervisor import ORDERLY
-from polar_nav_tools.variants import NAMES
+from polar_nav_tools.graph.build import LEADERS, PACES, GraphOptions, usual_configuration
+from polar_nav_tools.graph.spec import NodeSpec, Stage
+from polar_nav_tools.live.domain import node_surroundings
+from polar_nav_tools.live.node_process import NodeEnd
+from polar_nav_tools.live.run import RunFailed, new_bag_path, prepare_graph, read_mission
+from polar_nav_tools.live.supervisor import ORDERLY
 
 T = TypeVar('T')
 

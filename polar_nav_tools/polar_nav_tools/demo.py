@@ -10,16 +10,17 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from .analysis import Analysis, analyse, open_for, topic_table
-from .drawing import write_analysis
-from .graph import GraphOptions, follower_parameters, usual_configuration
-from .live import LiveRun, new_bag_path, read_mission, run_live
-from .progress import progress_display
+from polar_nav_core.engine.configurations import pair_of
+
+from .analysis.analyse import Analysis, analyse, open_for, topic_table
+from .analysis.report_file import write_analysis
+from .graph.build import GraphOptions, follower_parameters, usual_configuration
+from .live.run import LiveRun, new_bag_path, read_mission, run_live
 from .scoring import Score
 from .scoring.plain import jsonable
 from .scoring.windows import SECOND_HALF
-from .terminal import print_table
-from .variants import pair_of
+from .terminal.progress import progress_display
+from .terminal.tables import print_table
 
 _RMS_KEYS = {
     'phi_x': 'phi_x_arcmin',

@@ -28,9 +28,9 @@ from polar_nav_tools.bags import open_bag
 from polar_nav_tools.bags.arrays import load_truth
 from polar_nav_tools.foreign import rotations
 from polar_nav_tools.foreign.definitions import BUNDLED
-from polar_nav_tools.recorded_inputs import RecordedInputs, load_inputs
-from polar_nav_tools.replay import parameters
-from polar_nav_tools.series import TruthSeries
+from polar_nav_tools.replay.by_message import parameters
+from polar_nav_tools.replay.recorded import RecordedInputs, load_inputs
+from polar_nav_tools.series.vehicle import TruthSeries
 
 REFERENCE = Path(__file__).resolve().parents[2] / 'bags' / 'reference'
 ORIGIN = (79.99, 120.1, -50.0)

@@ -22,7 +22,7 @@ from bag_samples import (
 from polar_nav_core import nav_columns
 from polar_nav_tools.bags import BagError, BagWriter, arrays, open_bag
 from polar_nav_tools.bags.schemas import definition
-from polar_nav_tools.series import last_revisions
+from polar_nav_tools.series.vehicle import last_revisions
 
 
 def state(k, **given):

@@ -14,13 +14,13 @@ from rclpy.serialization import deserialize_message
 from polar_nav_follower import session
 from polar_nav_msgs.msg import NavState
 from polar_nav_ros.cdr import to_bytes
-from polar_nav_tools import certificate as module
 from polar_nav_tools.bags import BagWriter, open_bag
-from polar_nav_tools.certificate import CertificateError, certify, check, read_certificate
 from polar_nav_tools.cli import main
-from polar_nav_tools.recorded_inputs import load_inputs
-from polar_nav_tools.replay import replay
-from polar_nav_tools.verification import verify
+from polar_nav_tools.replay import certificate as module
+from polar_nav_tools.replay.by_message import replay
+from polar_nav_tools.replay.certificate import CertificateError, certify, check, read_certificate
+from polar_nav_tools.replay.recorded import load_inputs
+from polar_nav_tools.replay.verification import verify
 
 REFERENCE = Path(__file__).parents[2] / 'bags' / 'reference'
 

@@ -9,13 +9,14 @@ import pytest
 from rich.console import Console
 
 from polar_nav_core.errors import ConfigError
-from polar_nav_tools import progress, testing
-from polar_nav_tools.analysis import topic_counts
-from polar_nav_tools.live import new_bag_path
-from polar_nav_tools.progress import progress_display
-from polar_nav_tools.replay_bag import parse_changes
+from polar_nav_tools.analysis.analyse import topic_counts
+from polar_nav_tools.development import suite as testing
+from polar_nav_tools.live.run import new_bag_path
+from polar_nav_tools.replay.output import parse_changes
 from polar_nav_tools.scoring import Column, Table
-from polar_nav_tools.terminal import print_table, size_text
+from polar_nav_tools.terminal import progress
+from polar_nav_tools.terminal.progress import progress_display
+from polar_nav_tools.terminal.tables import print_table, size_text
 
 # -- --set name=value
 

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from polar_nav_core.attitude import exp
-from polar_nav_tools.closeness import LIMIT_SIGMA, closeness
 from polar_nav_tools.report.example import example_input
+from polar_nav_tools.series.closeness import LIMIT_SIGMA, closeness
 
 EXAMPLE = next(iter(example_input(minutes=0.5).runs.values()))[1]
 ESTIMATE = dataclasses.replace(

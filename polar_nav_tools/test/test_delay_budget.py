@@ -13,7 +13,7 @@ from polar_nav_core.packet import SIZE
 from polar_nav_leader.params import LeaderParams
 from polar_nav_sim.params import AcousticLinkParams, UsblParams
 from polar_nav_tools.cli import main
-from polar_nav_tools.delay_budget import LinkBudget, delay_budget
+from polar_nav_tools.why.delay_budget import LinkBudget, delay_budget
 
 # 3000 m at 1500 m/s: 2 s; 125 bytes at 1000 bit/s: 1 s.
 ROUND = LinkBudget(

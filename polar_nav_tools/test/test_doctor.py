@@ -9,8 +9,8 @@ from bag_samples import START_NS, STEP_NS, imu, make, stamp, stamp_ns
 
 from polar_nav_tools.bags import BagWriter, open_bag
 from polar_nav_tools.cli import main
-from polar_nav_tools.doctor import examine
-from polar_nav_tools.finding import ERROR, OK, WARNING
+from polar_nav_tools.doctor.examine import examine
+from polar_nav_tools.doctor.finding import ERROR, OK, WARNING
 
 IMU = '/auv/imu'
 RX, RECEIPT, TX = '/follower/acomms/rx', '/follower/nav/receipt', '/leader/acomms/tx'

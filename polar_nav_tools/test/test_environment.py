@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from polar_nav_tools.environment import shebang_of, write_programs
+from polar_nav_tools.development.environment import shebang_of, write_programs
 
 MODULE = """\
 import sys

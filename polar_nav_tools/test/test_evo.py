@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from polar_nav_core.grid import ecef_to_grid
-from polar_nav_tools.export import trajectory, write_trajectory
+from polar_nav_tools.export.formats import trajectory, write_trajectory
 from polar_nav_tools.report.example import example_input
 from polar_nav_tools.scoring import absolute_errors, align, relative_errors
 

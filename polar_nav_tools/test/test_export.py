@@ -13,8 +13,8 @@ from polar_nav_core.errors import ConfigError
 from polar_nav_core.grid import ecef_to_grid
 from polar_nav_tools.bags import BagError, open_bag
 from polar_nav_tools.cli import main
-from polar_nav_tools.export import axes, seconds_text, trajectory, write_trajectory
-from polar_nav_tools.export_source import exported, from_topic, origin_of
+from polar_nav_tools.export.formats import axes, seconds_text, trajectory, write_trajectory
+from polar_nav_tools.export.source import exported, from_topic, origin_of
 from polar_nav_tools.report.example import example_input
 
 TRUTH, ESTIMATE, _ = next(iter(example_input(minutes=0.5).runs.values()))

@@ -21,11 +21,11 @@ from polar_nav_ros.navigation_outputs import nav_to_msg
 from polar_nav_tools.bags import BagWriter, open_bag, tables
 from polar_nav_tools.bags.arrays import estimates_from_cdr, load_truth, receipts_from_cdr
 from polar_nav_tools.cli import main
-from polar_nav_tools.estimates import EstimateRows
-from polar_nav_tools.fast_replay import load, replay_arrays, replay_estimates, wanted
-from polar_nav_tools.recorded_arrays import load_arrays
-from polar_nav_tools.recorded_inputs import load_inputs
-from polar_nav_tools.replay import replay
+from polar_nav_tools.replay.arrays import load_arrays
+from polar_nav_tools.replay.by_array import load, replay_arrays, replay_estimates, wanted
+from polar_nav_tools.replay.by_message import replay
+from polar_nav_tools.replay.recorded import load_inputs
+from polar_nav_tools.series.estimates import EstimateRows
 
 REFERENCE = Path(__file__).parents[2] / 'bags' / 'reference'
 PREFIX = '/follower/'

@@ -24,7 +24,7 @@ from foreign_samples import (
 )
 
 from polar_nav_core.errors import ConfigError, PolarNavError
-from polar_nav_tools.analysis import analyse
+from polar_nav_tools.analysis.analyse import analyse
 from polar_nav_tools.bags import BagError, open_bag
 from polar_nav_tools.bags.arrays import estimates_from_cdr, load_truth
 from polar_nav_tools.foreign import mapping_file, rotations
@@ -34,8 +34,8 @@ from polar_nav_tools.foreign.replay import ForeignRun, replay, summary
 from polar_nav_tools.foreign.replay import write as write_run
 from polar_nav_tools.foreign.section import Section
 from polar_nav_tools.foreign.sources import open_source, read_table
-from polar_nav_tools.replay import replay as native_replay
-from polar_nav_tools.series import EstimateSeries
+from polar_nav_tools.replay.by_message import replay as native_replay
+from polar_nav_tools.series.vehicle import EstimateSeries
 
 KINDS = {'mcap': 'theirs', 'sqlite3': 'theirs_db3', 'ros1': 'theirs.bag'}
 

@@ -16,11 +16,11 @@ import pytest
 pytest.importorskip('rclpy')
 
 from polar_nav_core.errors import PolarNavError
-from polar_nav_tools.analysis import analyse
+from polar_nav_tools.analysis.analyse import analyse
 from polar_nav_tools.bags import BagWriter, open_bag
 from polar_nav_tools.bags.info import bag_info
-from polar_nav_tools.doctor import examine
-from polar_nav_tools.replay import replay
+from polar_nav_tools.doctor.examine import examine
+from polar_nav_tools.replay.by_message import replay
 
 REFERENCE = Path(__file__).parents[2] / 'bags' / 'reference'
 SECONDS_OF_BAG = 6.0

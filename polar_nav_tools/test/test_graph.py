@@ -13,14 +13,14 @@ from polar_nav_core.params import NodeParams, from_mapping, to_mapping
 from polar_nav_follower.params import FollowerParams
 from polar_nav_leader.params import LeaderParams
 from polar_nav_sim import params as sim_params
+from polar_nav_sim.initial_state import InitialSigma, initial_parameters
 from polar_nav_sim.mission import load_mission
 from polar_nav_sim.randomness import stream
 from polar_nav_sim.sensors import presets
-from polar_nav_tools.graph import GraphOptions, build_graph, recorded_topics
-from polar_nav_tools.initial import InitialSigma, initial_parameters
-from polar_nav_tools.live import read_mission
-from polar_nav_tools.node_spec import NodeSpec, Stage, parameter_yaml
-from polar_nav_tools.recorder import RecorderParams
+from polar_nav_tools.graph.build import GraphOptions, build_graph, recorded_topics
+from polar_nav_tools.graph.spec import NodeSpec, Stage, parameter_yaml
+from polar_nav_tools.live.run import read_mission
+from polar_nav_tools.record.recording import RecorderParams
 
 PARAMETERS = {
     'truth_node': sim_params.TruthParams,

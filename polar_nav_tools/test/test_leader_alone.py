@@ -9,7 +9,7 @@ from scipy.stats import chi2
 from polar_nav_leader.params import LeaderParams
 from polar_nav_sim.sensors.imu import DPH, MICRO_G
 from polar_nav_sim.sensors.presets import DVL, IMU
-from polar_nav_tools import leader_alone
+from polar_nav_tools.experiments import leader_alone
 
 CONFIDENCE = 0.999
 LEAST_SLACK = 0.9

@@ -13,7 +13,7 @@ from std_msgs.msg import String
 from polar_nav_core.engine.events import Identification, IdentificationVerdict, ModelEstimate
 from polar_nav_ros.model_outputs import identification_to_msg, model_to_msg
 from polar_nav_tools.bags import BagError, BagWriter, open_bag
-from polar_nav_tools.model_series import load_model_run, load_true_model, model_run_from_cdr
+from polar_nav_tools.bags.model import load_model_run, load_true_model, model_run_from_cdr
 
 START_NS = 1_600_000_000_000_000_000
 FOUND = np.diag([4.0, 1.0, 1e-4])

@@ -70,7 +70,7 @@ def test_nothing_is_lost_and_memory_is_flat(tmp_path, seconds):
         'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
         'HOME': str(tmp_path),
     }
-    command = [sys.executable, '-m', 'polar_nav_tools.recorder_node', '--ros-args']
+    command = [sys.executable, '-m', 'polar_nav_tools.record.recorder_node', '--ros-args']
     command += ['-p', f'output:={tmp_path / "b"}']
     recorder = subprocess.Popen(command, env=env, stderr=subprocess.PIPE, text=True)
     talker = subprocess.Popen(

@@ -23,7 +23,7 @@ from polar_nav_ros.cdr import to_bytes  # noqa: E402
 from polar_nav_ros.node import DATA_QOS, LATCHED_QOS  # noqa: E402
 from polar_nav_ros.stamps import to_msg  # noqa: E402
 from polar_nav_tools.bags import BagError, open_bag  # noqa: E402
-from polar_nav_tools.recorder_node import RecorderNode  # noqa: E402
+from polar_nav_tools.record.recorder_node import RecorderNode  # noqa: E402
 
 START_NS = 1_700_000_000_000_000_000
 
@@ -174,7 +174,7 @@ def start(tmp_path, *arguments):
         [
             sys.executable,
             '-m',
-            'polar_nav_tools.recorder_node',
+            'polar_nav_tools.record.recorder_node',
             '--ros-args',
             '-p',
             f'output:={tmp_path / "b"}',

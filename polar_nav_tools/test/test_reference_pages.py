@@ -6,7 +6,7 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from polar_nav_tools import reference
+from polar_nav_tools.development import pages as reference
 
 DOCS = Path(__file__).parents[2] / 'docs'
 
@@ -17,5 +17,5 @@ DOCS = Path(__file__).parents[2] / 'docs'
 )
 def test_page_is_what_the_code_makes(name, page):
     assert (DOCS / name).read_text(encoding='utf-8') == page(), (
-        'write it anew: python -m polar_nav_tools.reference docs'
+        'write it anew: python -m polar_nav_tools.development.pages docs'
     )

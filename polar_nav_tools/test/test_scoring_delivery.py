@@ -5,8 +5,8 @@ from types import SimpleNamespace as Message
 
 import pytest
 
+from polar_nav_tools.analysis.packets import delivery_of, stated_in_flight
 from polar_nav_tools.bags import open_bag
-from polar_nav_tools.packets import delivery_of, stated_in_flight
 from polar_nav_tools.scoring.delivery import delivery, delivery_table
 
 S = 10**9

@@ -18,7 +18,7 @@ from polar_nav_tools.scoring import (
 )
 from polar_nav_tools.scoring.timeliness import timed_fixes
 from polar_nav_tools.scoring.verdicts import UNKNOWN_NS, VerdictSeries, in_order
-from polar_nav_tools.series import Receipt
+from polar_nav_tools.series.vehicle import Receipt
 
 S = 1_000_000_000
 RX = '/follower/acomms/rx'

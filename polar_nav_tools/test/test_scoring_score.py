@@ -16,7 +16,7 @@ from polar_nav_tools.report.example import (
 )
 from polar_nav_tools.scoring import Window, compare, score
 from polar_nav_tools.scoring.consistency import consistency_of_sums
-from polar_nav_tools.series import last_revisions
+from polar_nav_tools.series.vehicle import last_revisions
 
 RUNS = example_input(minutes=2.0).runs
 SCORES = compare(RUNS)

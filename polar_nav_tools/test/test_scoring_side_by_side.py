@@ -9,9 +9,14 @@ import numpy as np
 import pytest
 
 from polar_nav_core.errors import ConfigError
+from polar_nav_tools.analysis.score_files import (
+    label_bags,
+    side_by_side,
+    write_csv,
+    write_markdown,
+)
 from polar_nav_tools.cli import main
 from polar_nav_tools.report.example import example_input, example_truth
-from polar_nav_tools.score_files import label_bags, side_by_side, write_csv, write_markdown
 from polar_nav_tools.scoring import compare, mission_phases
 from polar_nav_tools.scoring.by_age import EDGES_S
 from polar_nav_tools.scoring.phases import SHORTEST_S

@@ -9,7 +9,7 @@ from sensor_msgs.msg import Imu
 
 from polar_nav_core import attitude
 from polar_nav_ros.navigation_inputs import ahrs_from_msg
-from polar_nav_tools.station_arrays import attitudes
+from polar_nav_tools.replay.station_arrays import attitudes
 
 
 def test_attitudes_are_those_of_the_messages_to_the_last_bit():

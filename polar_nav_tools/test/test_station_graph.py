@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from polar_nav_core import earth
+from polar_nav_core.engine.configurations import STATION_VARIANTS, pair_of, parameters_of
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.params import from_mapping
 from polar_nav_sim.mission import load_mission
-from polar_nav_tools.graph import GraphOptions, build_graph, usual_configuration
-from polar_nav_tools.node_spec import NodeSpec, Stage
-from polar_nav_tools.reference import NODES
-from polar_nav_tools.replay import parameters
-from polar_nav_tools.variants import STATION_VARIANTS, pair_of, parameters_of
+from polar_nav_tools.development.pages import NODES
+from polar_nav_tools.graph.build import GraphOptions, build_graph, usual_configuration
+from polar_nav_tools.graph.spec import NodeSpec, Stage
+from polar_nav_tools.replay.by_message import parameters
 
 
 @pytest.fixture(scope='module')

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from polar_nav_tools.node_spec import NodeSpec, Stage
-from polar_nav_tools.supervisor import RunStatus, Supervisor
+from polar_nav_tools.graph.spec import NodeSpec, Stage
+from polar_nav_tools.live.supervisor import RunStatus, Supervisor
 
 PATIENT = """
     import signal, sys, time
@@ -198,8 +198,8 @@ def test_a_node_that_fails_while_it_is_ended_fails_the_run(tmp_path, fake):
 HOST = """
     import os, sys
     from pathlib import Path
-    from polar_nav_tools.node_spec import NodeSpec, Stage
-    from polar_nav_tools.supervisor import RunStatus, Supervisor
+    from polar_nav_tools.graph.spec import NodeSpec, Stage
+    from polar_nav_tools.live.supervisor import RunStatus, Supervisor
     specs = [NodeSpec('fakes', n, f'fake_{n}', 'vehicle', s) for n, s in
              (('truth', Stage.TRUTH), ('sensor', Stage.SENSOR), ('recorder', Stage.RECORDER))]
     supervisor = Supervisor(specs, Path(sys.argv[1]), dict(os.environ),

@@ -5,7 +5,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from polar_nav_tools.domain import LAST_DOMAIN_ID, free_domain_id, graph_environment
+from polar_nav_tools.live.domain import LAST_DOMAIN_ID, free_domain_id, graph_environment
 
 
 def test_two_processes_start_in_different_domains():

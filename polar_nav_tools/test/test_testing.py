@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from polar_nav_tools import testing
-from polar_nav_tools.testing import Step, fast_ring, run_suite, source_root
+from polar_nav_tools.development import suite as testing
+from polar_nav_tools.development.suite import Step, fast_ring, run_suite, source_root
 
 
 def step(name, status=0):

@@ -9,7 +9,7 @@ import pytest
 pytest.importorskip('rclpy')
 
 from polar_nav_tools.bags import BagError, BagWriter, open_bag
-from polar_nav_tools.verification import verify
+from polar_nav_tools.replay.verification import verify
 
 REFERENCE = Path(__file__).parents[2] / 'bags' / 'reference'
 STATE = '/follower/nav/state'

@@ -18,12 +18,12 @@ from rclpy.serialization import deserialize_message, serialize_message
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.packet import FIELDS, SIZE, VERSION, crc16
 from polar_nav_msgs.msg import AcousticPacket
-from polar_nav_tools.analysis import follower_of
+from polar_nav_tools.analysis.analyse import follower_of
 from polar_nav_tools.bags import BagWriter, open_bag
 from polar_nav_tools.bags.arrays import load_estimates, load_truth
 from polar_nav_tools.cli import main
-from polar_nav_tools.recorded_inputs import followers_of
-from polar_nav_tools.series import Receipt
+from polar_nav_tools.replay.recorded import followers_of
+from polar_nav_tools.series.vehicle import Receipt
 from polar_nav_tools.why import UnknownFixError, load_records, tell
 from polar_nav_tools.why.damage import damage_of, field_of_byte
 from polar_nav_tools.why.figure import write_figure

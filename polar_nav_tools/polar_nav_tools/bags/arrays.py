@@ -1,4 +1,4 @@
-"""Truth, estimates and receipts of a vehicle as arrays (`polar_nav_tools.series`).
+"""Truth, estimates and receipts of a vehicle as arrays (`polar_nav_tools.series.vehicle`).
 
 `load_*` take them from a bag, with the definitions that stand in the bag; `*_from_cdr` take
 serialized messages from anywhere, a replay for example, with the definitions that are installed.
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from polar_nav_core.engine.events import LOCAL_DOF
 from polar_nav_core.nav_columns import rotations
-from polar_nav_tools.series import EstimateSeries, Floats, Receipt, TruthSeries
+from polar_nav_tools.series.vehicle import EstimateSeries, Floats, Receipt, TruthSeries
 
 from .columns import Columns, read_columns, stamps, time_fields
 from .errors import BagError

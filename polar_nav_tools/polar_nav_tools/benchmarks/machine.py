@@ -13,7 +13,7 @@ from importlib import metadata
 
 from polar_nav_core.errors import ConfigError
 
-from ..run_info import cpu_model
+from ..live.run_info import cpu_model
 
 
 def pin(core: int | None = None) -> int:

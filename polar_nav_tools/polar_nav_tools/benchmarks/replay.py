@@ -20,11 +20,11 @@ from polar_nav_follower import session
 
 from ..bags import Bag, open_bag
 from ..bags.arrays import estimates_from_cdr
-from ..estimates import EstimateRows
-from ..fast_replay import replay_arrays
-from ..recorded_inputs import load_inputs
-from ..replay import parameters, replay
+from ..replay.by_array import replay_arrays
+from ..replay.by_message import parameters, replay
+from ..replay.recorded import load_inputs
 from ..scoring.tables import Column, Table
+from ..series.estimates import EstimateRows
 from .bag_readers import bare, exhausted, inputs_of, mcap_raw, mcap_rclpy, mcap_ros2
 from .long_bag import RATES_HZ, VEHICLE, long_bag
 from .navigation import Disagreement

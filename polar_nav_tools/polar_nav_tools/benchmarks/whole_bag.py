@@ -14,10 +14,10 @@ from pathlib import Path
 from polar_nav_core.errors import PolarNavError
 
 from ..bags import Bag, open_bag
-from ..fast_replay import FastResult, replay_arrays, wanted
-from ..garbage import collect_rarely
-from ..recorded_arrays import RecordedArrays, load_arrays
+from ..replay.arrays import RecordedArrays, load_arrays
+from ..replay.by_array import FastResult, replay_arrays, wanted
 from ..scoring import compare, mission_phases
+from ..terminal.garbage import collect_rarely
 from .bag_readers import bare
 from .long_bag import CONFIGURATION, VEHICLE
 

@@ -17,7 +17,7 @@ import typer
 from .app import app, emit_json, end, say
 
 if TYPE_CHECKING:
-    from ..analysis import Analysis
+    from ..analysis.analyse import Analysis
     from ..bags import Bag
     from ..bags.ahead import Wants
     from ..bags.reading import Request
@@ -84,10 +84,10 @@ def replay(
 
         replay_foreign(bag, mapping, configuration, change or [], accept or [], out, as_json)
         return
-    from ..fast_replay import FastResult, replay_estimates, wanted
-    from ..replay import ReplayResult
-    from ..replay import replay as run_replay
-    from ..replay_bag import parse_changes, replay_summary, write_replay
+    from ..replay.by_array import FastResult, replay_estimates, wanted
+    from ..replay.by_message import ReplayResult
+    from ..replay.by_message import replay as run_replay
+    from ..replay.output import parse_changes, replay_summary, write_replay
 
     changes = parse_changes(change or [])
     if out is not None and out.exists():
@@ -140,7 +140,7 @@ def report(
     as_json: JsonOption = False,
 ) -> None:
     """Draw a bag: track on a polar map, errors with 3-sigma bands, delay and fate of each fix."""
-    from ..drawing import write_analysis
+    from ..analysis.report_file import write_analysis
 
     with opened(bag, ahead_of(recorded, truth, vehicle)) as source:
         analysis = analysed(source, configuration, recorded, truth, vehicle)
@@ -169,7 +169,7 @@ def info(bag: BagArgument, as_json: JsonOption = False) -> None:
             said = {name: jsonable(value) for name, value in facts.to_dict().items()}
             emit_json({'ok': facts.is_complete, **said})
         else:
-            from ..terminal import print_info
+            from ..terminal.tables import print_info
 
             print_info(facts)
 
@@ -185,7 +185,7 @@ def recover(
 ) -> None:
     """Make a whole bag of a broken one, with everything that can be read, for all other tools."""
     from ..bags.recover import recover as run_recover
-    from ..progress import opening_display
+    from ..terminal.progress import opening_display
 
     stem = bag.parent if bag.is_file() and (bag.parent / 'metadata.yaml').exists() else bag
     target = out or stem.with_name(f'{stem.name.removesuffix(".mcap")}_recovered')
@@ -202,7 +202,7 @@ def recover(
 @contextmanager
 def opened(path: Path, ahead: Wants | None = None) -> Iterator[Bag]:
     """Open a bag for one command; status 1 at its end when something is missing in the bag."""
-    from ..analysis import open_for
+    from ..analysis.analyse import open_for
 
     bag = open_for(path, say, ahead)
     yield bag
@@ -213,7 +213,7 @@ def opened(path: Path, ahead: Wants | None = None) -> Iterator[Bag]:
 @contextmanager
 def percent(what: str) -> Iterator[Callable[[float], None]]:
     """Show the progress of something; gives what is told the share that is done."""
-    from ..progress import progress_display
+    from ..terminal.progress import progress_display
 
     with progress_display(what, total=100.0, unit='%') as update:
         yield lambda share: update(100.0 * share, 100.0)
@@ -227,7 +227,7 @@ def analysed(
     vehicle: str | None,
 ) -> Analysis:
     """Replay and score a bag as the options of `score` and `report` say."""
-    from ..analysis import analyse, open_for
+    from ..analysis.analyse import analyse, open_for
 
     chosen = () if recorded else tuple(configurations or _usual_pair(bag, vehicle))
     long = bool(chosen) and bag.message_count >= _LONG
@@ -245,15 +245,16 @@ def analysed(
 
 def ahead_of(recorded: bool, truth: Path | None, vehicle: str | None) -> Wants | None:
     """What `analysed` is going to read with these options: for `open_for`."""
-    from ..analysis import wanted_of
+    from ..analysis.analyse import wanted_of
 
     return None if recorded else wanted_of(vehicle, truth=truth is None)
 
 
 def _usual_pair(bag: Bag, vehicle: str | None) -> tuple[str, str]:
     """What the demo compares, in the mode of the bag's follower."""
-    from ..recorded_inputs import followers_of
-    from ..variants import LEADER_PAIR, pair_of
+    from polar_nav_core.engine.configurations import LEADER_PAIR, pair_of
+
+    from ..replay.recorded import followers_of
 
     found = followers_of(bag)
     chosen = found.get(vehicle) if vehicle is not None else next(iter(found.values()), None)

@@ -63,7 +63,7 @@ def core(
         return
     from rich.console import Console
 
-    from ..terminal import print_table
+    from ..terminal.tables import print_table
 
     console = Console(highlight=False)
     for group in result.groups:
@@ -122,7 +122,7 @@ def delay(
         return
     from rich.console import Console
 
-    from ..terminal import print_table
+    from ..terminal.tables import print_table
 
     console = Console(highlight=False)
     for table in result.tables():
@@ -177,7 +177,7 @@ def replay(
         return
     from rich.console import Console
 
-    from ..terminal import print_table
+    from ..terminal.tables import print_table
 
     console = Console(highlight=False)
     for table in result.tables():

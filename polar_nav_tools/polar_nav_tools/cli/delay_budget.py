@@ -32,7 +32,7 @@ def _delay_budget(
     From distance, sound speed, packet, turn-around, processing, retries: the defaults are those of
     the nodes.
     """
-    from ..delay_budget import LinkBudget, delay_budget
+    from ..why.delay_budget import LinkBudget, delay_budget
 
     if as_yaml and as_json:
         raise typer.BadParameter('--yaml and --json exclude each other')
@@ -53,7 +53,7 @@ def _delay_budget(
 def _print(result: Any, link: Any) -> None:  # noqa: ANN401 - types of a module that is loaded late
     from rich.console import Console
 
-    from ..terminal import print_table
+    from ..terminal.tables import print_table
 
     print_table(Console(highlight=False), result.table())
     sys.stdout.write(
@@ -72,7 +72,7 @@ def _print(result: Any, link: Any) -> None:  # noqa: ANN401 - types of a module 
 
 def _with_all_options() -> typer.Typer:
     """Make the command with one option per field of LinkBudget: name, default, range and text."""
-    from ..delay_budget import LinkBudget
+    from ..why.delay_budget import LinkBudget
 
     keyword = inspect.Parameter.KEYWORD_ONLY
     parameters = []

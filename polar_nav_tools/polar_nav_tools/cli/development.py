@@ -26,7 +26,7 @@ def run_tests(
 
     Further arguments go to pytest, and then only pytest runs.
     """
-    from ..testing import run_suite, source_root
+    from ..development.suite import run_suite, source_root
 
     if long and fast:
         raise typer.BadParameter('--long and --fast exclude each other')

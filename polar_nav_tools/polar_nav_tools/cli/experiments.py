@@ -115,7 +115,7 @@ def experiment(
     from ..experiments.experiment import Request, run
     from ..experiments.recorded import RestSpec, read_rest, save_recorded
     from ..experiments.runner import default_workers
-    from ..progress import progress_display
+    from ..terminal.progress import progress_display
 
     chosen = experiment_named(name)
     names = _words(columns)
@@ -184,7 +184,7 @@ def _tell(outcome: Outcome, as_json: bool) -> None:
         return
     from rich.console import Console
 
-    from ..terminal import print_table
+    from ..terminal.tables import print_table
 
     console = Console(highlight=False)
     for table in outcome.tables:

@@ -46,8 +46,8 @@ def export(
 
     Every number is written so that it reads back as the same float64.
     """
-    from ..export import write_trajectory
-    from ..export_source import exported, from_topic, origin_of
+    from ..export.formats import write_trajectory
+    from ..export.source import exported, from_topic, origin_of
 
     if topic is not None and what is not None:
         raise typer.BadParameter('--what and --topic exclude each other')

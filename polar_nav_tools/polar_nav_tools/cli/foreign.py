@@ -32,7 +32,7 @@ def map_(
     """
     from ..foreign.guess import guess
     from ..foreign.sources import open_source
-    from ..progress import opening_display
+    from ..terminal.progress import opening_display
 
     with opening_display(bag) as progress:
         source = open_source(bag, progress)
@@ -87,9 +87,9 @@ def replay_foreign(
 
     from ..foreign import mapping, mapping_file, replay
     from ..foreign.sources import open_source
-    from ..progress import opening_display, progress_display
-    from ..replay_bag import parse_changes
-    from ..terminal import print_table
+    from ..replay.output import parse_changes
+    from ..terminal.progress import opening_display, progress_display
+    from ..terminal.tables import print_table
 
     if out is not None and out.exists():
         raise ConfigError(f'{out} exists already; a bag is never overwritten')

@@ -13,7 +13,7 @@ from .app import app, emit_json, end, say
 from .bags import BagArgument, JsonOption, VehicleOption, opened, percent
 
 if TYPE_CHECKING:
-    from ..identify import Identified
+    from ..identify.from_bag import Identified
 
 _LONG = 200_000
 """Messages from which it shows how far it is."""
@@ -64,8 +64,8 @@ def identify(
     With sigmas, a verdict, and the manoeuvre that would help where drag and current cannot be told
     apart; beside the truth where the bag has one. docs/identification.md explains the methods.
     """
-    from ..identify import RecordedRun
-    from ..replay_bag import parse_changes
+    from ..identify.from_bag import RecordedRun
+    from ..replay.output import parse_changes
 
     changes = parse_changes(change or [])
     with opened(bag) as source:
@@ -96,7 +96,7 @@ def _print(identified: Identified) -> None:
     from rich.console import Console
     from rich.text import Text
 
-    from ..terminal import print_table
+    from ..terminal.tables import print_table
 
     console = Console(highlight=False)
     whole = not console.is_terminal  # a file has no edge

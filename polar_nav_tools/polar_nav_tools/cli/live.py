@@ -14,7 +14,7 @@ import typer
 from .app import app, emit_json, end, say
 
 if TYPE_CHECKING:
-    from ..graph import Graph
+    from ..graph.build import Graph
 
 BAGS = Path('bags')
 
@@ -130,9 +130,9 @@ def launch(
 
     Uses the ROS domain of the shell (ROS_DOMAIN_ID, 0 when it is not set).
     """
-    from ..graph import GraphOptions, usual_configuration
-    from ..live import new_bag_path, read_mission, run_live
-    from ..progress import progress_display
+    from ..graph.build import GraphOptions, usual_configuration
+    from ..live.run import new_bag_path, read_mission, run_live
+    from ..terminal.progress import progress_display
 
     chosen = read_mission(mission, duration, as_recorded=as_recorded)
     named = bag or new_bag_path(BAGS, chosen.name, seed, datetime.now())
@@ -170,8 +170,8 @@ def record(
 
     Uses the ROS domain of the shell (ROS_DOMAIN_ID, 0 when it is not set).
     """
-    from ..live import new_bag_path
-    from ..recorder_node import main as recorder_main
+    from ..live.run import new_bag_path
+    from ..record.recorder_node import main as recorder_main
 
     target = out or new_bag_path(BAGS, 'recording', 0, datetime.now())
     say(f'recording to {target}; Ctrl-C ends it')

@@ -20,7 +20,7 @@ from .bags import (
 )
 
 if TYPE_CHECKING:
-    from ..analysis import Analysis
+    from ..analysis.analyse import Analysis
 
 
 @app.command(
@@ -57,8 +57,14 @@ def score(
 
     Replays each bag with both filters of the paper, or with the configurations that are named.
     """
-    from ..analysis import open_for
-    from ..score_files import label_bags, side_by_side, tables_of, write_csv, write_markdown
+    from ..analysis.analyse import open_for
+    from ..analysis.score_files import (
+        label_bags,
+        side_by_side,
+        tables_of,
+        write_csv,
+        write_markdown,
+    )
 
     found, named = _apart(bags, configs or [])
     chosen = [*(configuration or []), *named]
@@ -77,7 +83,7 @@ def score(
     else:
         from rich.console import Console
 
-        from ..terminal import print_table
+        from ..terminal.tables import print_table
 
         console = Console(highlight=False)
         for table in tables:
@@ -89,7 +95,7 @@ def score(
 
 def _apart(words: list[Path], configs: list[str]) -> tuple[list[Path], list[str]]:
     """Bags and configurations: behind ``--configs A`` further configurations may stand."""
-    from ..variants import NAMES
+    from polar_nav_core.engine.configurations import NAMES
 
     names = [name for text in configs for name in text.split(',') if name]
     if not names:

@@ -12,9 +12,9 @@ from .app import app, emit_json, end, say
 from .bags import BagArgument, JsonOption, VehicleOption, opened, percent
 
 if TYPE_CHECKING:
-    from ..certificate import Check
-    from ..doctor import Examination
-    from ..verification import VerifyResult
+    from ..doctor.examine import Examination
+    from ..replay.certificate import Check
+    from ..replay.verification import VerifyResult
 
 
 @app.command(
@@ -41,11 +41,11 @@ def verify(
     came out. With the same packages on the same model of processor the bits must be equal;
     elsewhere a replay may differ by rounding, up to 1e-6 sigma.
     """
-    from ..certificate import certify, check, read_certificate
-    from ..recorded_inputs import load_inputs
-    from ..replay import replay
-    from ..verification import require_comparable
-    from ..verification import verify as run_verify
+    from ..replay.by_message import replay
+    from ..replay.certificate import certify, check, read_certificate
+    from ..replay.recorded import load_inputs
+    from ..replay.verification import require_comparable
+    from ..replay.verification import verify as run_verify
 
     stated = None if certificate is None else read_certificate(certificate)
     if write_certificate is not None and write_certificate.exists():
@@ -138,8 +138,8 @@ def doctor(
     Needs nothing of this project in the bag. The exit status is 1 when there is an error; warnings
     do not change it.
     """
-    from ..analysis import open_for
-    from ..doctor import examine
+    from ..analysis.analyse import open_for
+    from ..doctor.examine import examine
 
     source = open_for(bag, lambda _: None)  # its problems are among the findings
     with percent('examine') as progress:
@@ -155,7 +155,7 @@ def doctor(
 def _print_examination(examination: Examination, everything: bool) -> None:
     from rich.console import Console
 
-    from ..terminal import print_table
+    from ..terminal.tables import print_table
 
     console = Console(highlight=False)
     if everything:

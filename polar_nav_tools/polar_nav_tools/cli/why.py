@@ -41,8 +41,8 @@ def why(
     as_json: JsonOption = False,
 ) -> None:
     """Tell the story of one fix: when it was valid, where its delay came from, what it changed."""
-    from ..analysis import follower_of, open_for
-    from ..recorded_inputs import followers_of
+    from ..analysis.analyse import follower_of, open_for
+    from ..replay.recorded import followers_of
     from ..why import load_records, tell
 
     source_bag = open_for(bag, say)

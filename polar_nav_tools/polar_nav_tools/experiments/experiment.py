@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from polar_nav_core.errors import ConfigError
 
-from .. import run_info
+from ..live import run_info
 from ..scoring.plain import record
 from ..scoring.tables import Table
 from .choices import Choices

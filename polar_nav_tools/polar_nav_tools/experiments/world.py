@@ -24,6 +24,7 @@ from polar_nav_core.engine.batch import Inputs, Stamps
 from polar_nav_core.engine.events import Array, Fix
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.errors import ConfigError
+from polar_nav_sim.initial_state import InitialSigma, initial_parameters
 from polar_nav_sim.mission import Mission
 from polar_nav_sim.randomness import stream
 from polar_nav_sim.sensors.imu import DPH, G0, ImuErrors, ImuSensor
@@ -31,7 +32,6 @@ from polar_nav_sim.sensors.noise import GaussMarkov
 from polar_nav_sim.sensors.presets import IMU
 from polar_nav_sim.trajectory import Truth, TruthState
 
-from ..initial import InitialSigma, initial_parameters
 from . import schedule
 from .recorded import RecordedImu
 from .schedule import FixSpec

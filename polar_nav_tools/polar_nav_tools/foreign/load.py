@@ -17,7 +17,7 @@ from polar_nav_core.errors import ConfigError
 from polar_nav_core.params import default_of, from_mapping
 from polar_nav_follower.params import FollowerParams
 
-from ..series import TruthSeries
+from ..series.vehicle import TruthSeries
 from .adapters.position import PositionRows, read_positions
 from .adapters.sensors import DepthRows, DvlRows, ImuRows, read_depth, read_dvl, read_imu
 from .check_imu import check_imu

@@ -8,7 +8,7 @@ from polar_nav_core.earth import geodetic_from_ecef
 from polar_nav_core.engine.events import Array
 from polar_nav_core.grid import ecef_to_grid
 
-from ..series import TruthSeries
+from ..series.vehicle import TruthSeries
 from .adapters.position import PositionRows
 from .arrays import finite_rows
 from .sources import Stamps

@@ -27,9 +27,9 @@ from polar_nav_ros.navigation_outputs import nav_to_msg, receipt_to_msg
 from polar_nav_ros.stamps import to_msg
 
 from ..bags import BagWriter
-from ..estimates import EstimateRows, receipts_of
 from ..scoring import Comparison, compare
-from ..series import EstimateSeries, TruthSeries
+from ..series.estimates import EstimateRows, receipts_of
+from ..series.vehicle import EstimateSeries, TruthSeries
 from . import lever
 from .findings import Finding
 from .hindsight import look_back

@@ -27,7 +27,7 @@ from polar_nav_ros.cdr import to_bytes
 from polar_nav_ros.stamps import to_msg
 
 from ..bags import BagWriter
-from ..series import TruthSeries
+from ..series.vehicle import TruthSeries
 from . import csv_columns as columns
 from . import section as sections
 from .adapters.position import PositionRows

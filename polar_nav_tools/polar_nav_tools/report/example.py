@@ -23,7 +23,7 @@ from polar_nav_core.earth import ecef_from_geodetic, geodetic_from_ecef
 from polar_nav_core.grid import TRUE_HEADING_SIGMA_CAP, convergence, ecef_to_grid
 
 from ..scoring import Balance
-from ..series import EstimateSeries, Receipt, TruthSeries
+from ..series.vehicle import EstimateSeries, Receipt, TruthSeries
 from .graticule import angle_label
 from .input import Digest, FixPositions, ReportInput, SentPackets, TopicCount
 

@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from ..model_series import Identified, ModelRun, ModelSeries
 from ..scoring.compare import Run
-from ..series import Ints
+from ..series.model import Identified, ModelRun, ModelSeries
+from ..series.vehicle import Ints
 from .example import example_input
 from .input import ReportInput
 

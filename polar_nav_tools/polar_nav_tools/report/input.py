@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from polar_nav_core.grid import ecef_to_grid
 
-from ..model_series import ModelRun
 from ..scoring import Balance, Comparison, compare
 from ..scoring.compare import Run
-from ..series import TruthSeries
+from ..series.model import ModelRun
+from ..series.vehicle import TruthSeries
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -19,7 +19,7 @@ from polar_nav_core.attitude import exp, log
 from polar_nav_core.errors import PolarNavError
 from polar_nav_core.grid import ecef_to_grid
 
-from ..series import EstimateSeries, Series, TruthSeries
+from ..series.vehicle import EstimateSeries, Series, TruthSeries
 from .plain import record
 
 Floats = NDArray[np.float64]

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ..series import Floats
+from ..series.vehicle import Floats
 from .errors import ErrorSeries
 from .plain import record
 from .statistics import Statistics, statistics

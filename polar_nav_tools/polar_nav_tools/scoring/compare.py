@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from ..model_series import ModelRun
-from ..series import EstimateSeries, Receipt, TruthSeries
+from ..series.model import ModelRun
+from ..series.vehicle import EstimateSeries, Receipt, TruthSeries
 from .align import Mode
 from .model import (
     ModelScore,

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..model_series import ModelRun, ModelSeries
-from ..series import Floats, TruthSeries
+from ..series.model import ModelRun, ModelSeries
+from ..series.vehicle import Floats, TruthSeries
 from .consistency import Consistency, consistency, normalized_squared
 from .more_tables import CONFIGURATION
 from .plain import record

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from ..series import TruthSeries
+from ..series.vehicle import TruthSeries
 from .windows import Window
 
 TURN_RATE = np.deg2rad(0.5)  # [rad/s]

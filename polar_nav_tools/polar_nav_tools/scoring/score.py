@@ -1,7 +1,7 @@
 """One run against its truth: everything that is said about it in tables, JSON and the report.
 
-In come the truth, the estimates and the receipts of one vehicle (polar_nav_tools.series); out
-comes a `Score`, plain numbers in the units that people read (arcmin, m/s, m).
+In come the truth, the estimates and the receipts of one vehicle (polar_nav_tools.series.vehicle);
+out comes a `Score`, plain numbers in the units that people read (arcmin, m/s, m).
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from polar_nav_core.engine.events import LOCAL_DOF, LOCAL_GATED
 
-from ..series import EstimateSeries, Receipt, TruthSeries
+from ..series.vehicle import EstimateSeries, Receipt, TruthSeries
 from .align import Alignment, AlignmentCounts, Mode, align
 from .by_age import AgeClass, by_age
 from .consistency import Consistency, consistency, normalized_squared

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..series import EstimateSeries, Receipt, last_revisions
+from ..series.vehicle import EstimateSeries, Receipt, last_revisions
 from .plain import record
 from .statistics import Statistics, statistics
 from .verdicts import VerdictSeries

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from polar_nav_core.engine.events import LOCAL_DOF, NIS_SUM, UPDATES
 
-from ..series import Floats, Ints, Receipt, Series, last_revisions
+from ..series.vehicle import Floats, Ints, Receipt, Series, last_revisions
 from .consistency import Consistency, consistency, consistency_of_sums
 from .plain import record
 

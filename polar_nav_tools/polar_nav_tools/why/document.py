@@ -9,7 +9,7 @@ import numpy as np
 from polar_nav_core.packet import Broadcast
 
 from ..scoring.plain import jsonable
-from ..series import Receipt
+from ..series.vehicle import Receipt
 from .content import Content
 from .damage import Damage
 from .legs import Leg

@@ -18,7 +18,7 @@ from polar_nav_follower.measurements.fix import position_of
 
 from ..scoring.align import align
 from ..scoring.errors import errors
-from ..series import EstimateSeries, Receipt
+from ..series.vehicle import EstimateSeries, Receipt
 from .content import Content
 from .records import FixRecords, Measured
 

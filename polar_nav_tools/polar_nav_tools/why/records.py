@@ -22,7 +22,7 @@ from ..bags.arrays import (
     load_truth,
     receipts_from_cdr,
 )
-from ..series import EstimateSeries, Receipt, TruthSeries
+from ..series.vehicle import EstimateSeries, Receipt, TruthSeries
 from .content import LEAST_WRAP, Content, PacketError, read_content, wrap_of
 
 RECEIVED, SENT, MEASURED, TRUTH = 'acomms/rx', 'acomms/tx', 'usbl/fix', 'truth'
@@ -156,7 +156,7 @@ def load_records(
     recorded = all(_count(bag, f'/{vehicle}/{topic}') for topic in (STATE, RECEIPT))
     replayed = configuration is not None or not recorded
     if replayed:
-        from ..replay import replay
+        from ..replay.by_message import replay
 
         result = replay(bag, configuration=configuration, vehicle=vehicle)
         estimates = estimates_from_cdr(result.of(STATE), vehicle)

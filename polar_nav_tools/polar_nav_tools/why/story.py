@@ -8,7 +8,7 @@ import numpy as np
 
 from polar_nav_core.errors import PolarNavError
 
-from ..series import Receipt
+from ..series.vehicle import Receipt
 from .content import Content
 from .damage import Damage, damage_of
 from .effects import (

@@ -8,7 +8,7 @@ import numpy as np
 
 from polar_nav_core.station_packet import StationReport
 
-from ..series import Receipt
+from ..series.vehicle import Receipt
 from .damage import Damage
 from .effects import Belief, Change
 from .story import ARRIVED, IN_WATER, NOT_SENT, WAITING, Copy, Story

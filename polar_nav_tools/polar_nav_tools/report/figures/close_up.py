@@ -17,7 +17,7 @@ from ...scoring import Comparison, Score
 from ...scoring.tables import show
 from ...scoring.timeliness import TimedFix, timed_fixes
 from ...scoring.verdicts import FUSED
-from ...series import Receipt
+from ...series.vehicle import Receipt
 from ..input import FixPositions, ReportInput
 from ..style import color, drawing, new_figure, run_color, verdict_look
 from ..svg import to_svg

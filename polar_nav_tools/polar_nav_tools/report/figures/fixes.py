@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ...scoring import Score, chi_square_band
 from ...scoring.timeliness import TimedFix, timed_fixes
 from ...scoring.verdicts import in_order
-from ...series import Receipt, last_revisions
+from ...series.vehicle import Receipt, last_revisions
 from ..decimate import distinct, envelope
 from ..input import ReportInput, SentPackets
 from ..style import HALF_PX, color, drawing, new_figure, run_color, verdict_look

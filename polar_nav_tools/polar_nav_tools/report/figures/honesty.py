@@ -13,7 +13,7 @@ from polar_nav_core.engine.events import LOCAL_DOF, NIS_SUM, UPDATES
 
 from ...scoring import Score, chi_square_band, normalized_squared
 from ...scoring.verdicts import FUSED
-from ...series import EstimateSeries, Receipt, last_revisions
+from ...series.vehicle import EstimateSeries, Receipt, last_revisions
 from ..style import HALF_PX, color, drawing, new_figure, run_color
 from ..svg import to_svg
 from .base import Clock, Picture, line, row_heading

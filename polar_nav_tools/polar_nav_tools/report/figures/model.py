@@ -10,7 +10,6 @@ from matplotlib.patches import Ellipse
 from matplotlib.ticker import MaxNLocator
 from numpy.typing import NDArray
 
-from ...model_series import Identified, ModelRun
 from ...scoring.model import (
     CURRENT_X,
     CURRENT_Y,
@@ -24,7 +23,8 @@ from ...scoring.model import (
     true_current,
 )
 from ...scoring.tables import show
-from ...series import TruthSeries
+from ...series.model import Identified, ModelRun
+from ...series.vehicle import TruthSeries
 from ..decimate import envelope
 from ..style import HALF_PX, color, drawing, new_figure, run_color
 from ..svg import to_svg

@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from ...scoring import Comparison
-from ...series import Receipt, TruthSeries, last_revisions
+from ...series.vehicle import Receipt, TruthSeries, last_revisions
 from ..decimate import simplified
 from ..graticule import graticule
 from ..input import ReportInput

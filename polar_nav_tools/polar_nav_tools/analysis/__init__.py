@@ -1,0 +1,1 @@
+"""From a bag to figures: runs are replayed, scored, counted and drawn."""

@@ -1,0 +1,27 @@
+"""Writes the report of an analysis."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from importlib import metadata
+from pathlib import Path
+
+from ..report import write_report
+from .analyse import Analysis
+from .report_input import report_input
+
+
+def write_analysis(analysis: Analysis, path: Path) -> Path:
+    """Write one HTML file that shows what the bag says; returns its path."""
+    made = f'{datetime.now(UTC):%Y-%m-%d %H:%M} UTC by polar_nav_tools {_version()}'
+    source = report_input(analysis, title=analysis.bag.path.name, made=made)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_report(path, source)
+    return path
+
+
+def _version() -> str:
+    try:
+        return metadata.version('polar_nav_tools')
+    except metadata.PackageNotFoundError:
+        return 'from sources'

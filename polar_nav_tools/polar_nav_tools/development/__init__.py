@@ -1,0 +1,1 @@
+"""Test suite, environment and generated pages of this repository."""

@@ -1,0 +1,163 @@
+"""Make the packages of this tree at home in a virtual environment, and write the lock file.
+
+`./polar` runs this file by its path, before anything of ours can be imported: it uses the standard
+library and setuptools only.
+
+``link``: the environment gets a .pth file with the package roots, the programs of each setup.py
+under lib/<package> (where ``ros2 run`` looks for them), the marker of the ament index, and
+share/<package> as a link to the sources. Nothing is copied, so nothing goes stale: an edited
+module, launch file or parameter file counts at once.
+
+``lock``: resolve requirements.in with the running Python and write name==version of all it brings.
+Not ``pip freeze``: the ROS wheels leave metadata of names that pip did not install.
+"""
+
+import importlib
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import sysconfig
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[3]
+PACKAGES = tuple(
+    f'polar_nav_{part}' for part in ('core', 'ros', 'sim', 'leader', 'follower', 'tools')
+)
+PYTHONS = ('3.11', '3.12')
+# The only requirement without a wheel; it is pure Python.
+SDISTS = ('empy',)
+
+LOCK_HEADER = (
+    '# Written by `./polar lock` from requirements.in; the same pins serve Python 3.11 and 3.12.'
+)
+
+PROGRAM = """\
+{shebang}
+import os
+import signal
+import sys
+
+# Ctrl-C before the program can handle it ends it at once, without a traceback.
+before = signal.signal(signal.SIGINT, signal.SIG_DFL)
+from {module} import {function}
+
+signal.signal(signal.SIGINT, before)
+status = {function}()
+sys.stdout.flush()
+sys.stderr.flush()
+# It has ended in order; taking the interpreter apart costs a node 0.4 s, and there are a dozen.
+os._exit(status or 0)
+"""
+LONGEST_SHEBANG = 127
+
+METADATA = """\
+Metadata-Version: 2.1
+Name: {name}
+Version: {version}
+"""
+
+
+@dataclass(frozen=True)
+class Package:
+    """What the setup.py of one package declares."""
+
+    name: str
+    version: str
+    programs: dict[str, str]
+    """Console scripts, name to ``module:function``."""
+
+
+def declared(folder: Path) -> Package:
+    """Read setup.py of the package in ``folder`` without building anything."""
+    importlib.import_module('setuptools')  # provides distutils where Python no longer does
+    from distutils.core import run_setup
+
+    before = Path.cwd()
+    os.chdir(folder)
+    try:
+        found = run_setup('setup.py', stop_after='init')
+    finally:
+        os.chdir(before)
+    entry_points: dict[str, list[str]] = getattr(found, 'entry_points', None) or {}
+    scripts = (line.split('=') for line in entry_points.get('console_scripts', []))
+    programs = {name.strip(): target.strip() for name, target in scripts}
+    return Package(found.get_name(), found.get_version(), programs)
+
+
+def link(prefix: Path) -> None:
+    """Link the packages of the tree into the environment at ``prefix``; again is harmless."""
+    site = Path(sysconfig.get_path('purelib', vars={'base': str(prefix)}))
+    index = prefix / 'share/ament_index/resource_index/packages'
+    index.mkdir(parents=True, exist_ok=True)
+    for name in PACKAGES:
+        package = declared(ROOT / name)
+        (index / name).touch()
+        share = prefix / 'share' / name
+        share.unlink(missing_ok=True)
+        share.symlink_to(os.path.relpath(ROOT / name, share.parent))
+        write_programs(prefix / 'lib' / name, package.programs)
+        for old in site.glob(f'{name}-*.dist-info'):
+            shutil.rmtree(old)
+        info = site / f'{name}-{package.version}.dist-info'
+        info.mkdir()
+        (info / 'METADATA').write_text(METADATA.format(name=name, version=package.version))
+        (info / 'INSTALLER').write_text('polar\n')
+        sys.stdout.write(f'linked {name}\n')
+    (site / 'polar_nav.pth').write_text(''.join(f'{ROOT / name}\n' for name in PACKAGES))
+
+
+def write_programs(folder: Path, programs: dict[str, str]) -> None:
+    """Make ``folder`` hold exactly these programs."""
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir()
+    shebang = shebang_of(sys.executable)
+    for program, target in programs.items():
+        module, function = target.split(':')
+        file = folder / program
+        file.write_text(PROGRAM.format(shebang=shebang, module=module, function=function))
+        file.chmod(0o755)
+
+
+def shebang_of(python: str) -> str:
+    """First line of a program; two where the path of Python is nothing that the kernel can read.
+
+    The shell reads an empty text and ``exec``; Python, started by it, a text in triple quotes.
+    """
+    line = f'#!{python}'
+    if ' ' not in line and len(line) <= LONGEST_SHEBANG:
+        return line
+    return f"""#!/bin/sh
+'''exec' "{python}" "$0" "$@"
+' '''"""
+
+
+def lock() -> None:
+    """Write requirements.lock and check that each pin exists for all supported Pythons."""
+    pip = [sys.executable, '-m', 'pip', 'install', '--quiet', '--dry-run', '--ignore-installed']
+    resolve = [*pip, '--report', '-', '-r', str(ROOT / 'requirements.in')]
+    found = subprocess.run(resolve, check=True, stdout=subprocess.PIPE, text=True).stdout
+    metadata = [entry['metadata'] for entry in json.loads(found)['install']]
+    versions = {re.sub('[-_.]+', '-', m['name']).lower(): m['version'] for m in metadata}
+    pins = [f'{name}=={versions[name]}' for name in sorted(versions)]
+    wheels = [pin for pin in pins if not pin.startswith(SDISTS)]
+    for version in PYTHONS:
+        with tempfile.TemporaryDirectory() as target:
+            fetch = [*pip, '--no-deps', '--only-binary', ':all:', '--target', target]
+            subprocess.run([*fetch, '--python-version', version, *wheels], check=True)
+        sys.stderr.write(f'{len(wheels)} wheels exist for Python {version}\n')
+    (ROOT / 'requirements.lock').write_text('\n'.join([LOCK_HEADER, *pins]) + '\n')
+
+
+if __name__ == '__main__':
+    match sys.argv[1:]:
+        case ['link']:
+            link(Path(sys.prefix))
+        case ['lock']:
+            lock()
+        case _:
+            sys.exit(f'usage: {sys.argv[0]} link|lock')

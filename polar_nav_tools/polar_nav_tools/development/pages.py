@@ -1,0 +1,91 @@
+"""Reference pages made from the code: parameters of every node, fields of the acoustic packet.
+
+``python -m polar_nav_tools.development.pages docs`` writes them; a test compares them with the
+code.
+"""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+from polar_nav_core import packet, station_packet
+from polar_nav_follower.params import FollowerParams
+from polar_nav_leader.params import LeaderParams
+from polar_nav_sim import params as sim
+
+from ..record.recording import RecorderParams
+
+NODES: dict[str, type[Any]] = {
+    'truth_node': sim.TruthParams,
+    'vehicle_node': sim.VehicleParams,
+    'imu_node': sim.ImuParams,
+    'dvl_node': sim.DvlParams,
+    'depth_node': sim.DepthParams,
+    'usbl_node': sim.UsblParams,
+    'station_node': sim.StationParams,
+    'leader_reference_node': sim.LeaderReferenceParams,
+    'absolute_fix_node': sim.AbsoluteFixParams,
+    'acoustic_link_node': sim.AcousticLinkParams,
+    'leader_node': LeaderParams,
+    'follower_node': FollowerParams,
+    'recorder_node': RecorderParams,
+}
+
+_WARNING = (
+    '<!-- Made by `python -m polar_nav_tools.development.pages docs`; edit the code instead. -->'
+)
+
+
+def parameters_page() -> str:
+    """All parameters of all nodes, in Markdown."""
+    parts = [
+        '# Parameters',
+        _WARNING,
+        'All are read-only: a node is started with them. An unknown name, a wrong type or a value '
+        'out of range stops the node at the start with a sentence that names it.',
+    ]
+    for node, cls in NODES.items():
+        parts += [f'## {node}', _table(cls)]
+    return '\n\n'.join(parts) + '\n'
+
+
+def packet_page() -> str:
+    """Layout of the acoustic packets, in Markdown."""
+    parts = [
+        '# Acoustic packets',
+        _WARNING,
+        'Little-endian; the first byte is the format and tells which packet it is. Standard '
+        'deviations are rounded up. Times are ticks of 0.1 ms that wrap.',
+        f'## From a leader: format {packet.VERSION}, {packet.SIZE} bytes',
+        packet.documentation(),
+        f'## From a station: format {station_packet.VERSION}, {station_packet.SIZE} bytes',
+        station_packet.documentation(),
+        't4, when the reply was back at the station, is t3 + range / sound_speed.',
+    ]
+    return '\n\n'.join(parts) + '\n'
+
+
+def write(folder: Path) -> None:
+    """Write the pages into a folder."""
+    (folder / 'parameters.md').write_text(parameters_page(), encoding='utf-8')
+    (folder / 'packet.md').write_text(packet_page(), encoding='utf-8')
+
+
+def _table(cls: type[Any]) -> str:
+    rows = ['| name | default | unit | range | meaning |', '| --- | --- | --- | --- | --- |']
+    for f in fields(cls):
+        meta = f.metadata
+        default = list(f.default) if isinstance(f.default, tuple) else f.default
+        span = ', '.join(meta['options']) if 'options' in meta else ''
+        if 'lo' in meta:
+            span = f'{meta["lo"]:g} to {meta["hi"]:g}'
+        text = f'`{default}`' if default != '' else ''
+        rows.append(f'| `{f.name}` | {text} | {meta["unit"]} | {span} | {meta["doc"]} |')
+    return '\n'.join(rows)
+
+
+if __name__ == '__main__':
+    write(Path(sys.argv[1]))

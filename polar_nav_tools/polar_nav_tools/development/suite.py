@@ -1,0 +1,179 @@
+"""`polar test`: style, types, floors, tests; all of them run even when an early one fails.
+
+The long part comes last, so that the output ends with pytest's own summary of every test; the
+fast ring takes two cores instead.
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from rich.console import Console
+
+from polar_nav_core.errors import ConfigError
+
+from ..live.domain import busy_udp_ports, free_domain_id
+
+FAST = 'not slow and not live and not long'
+USUAL = 'not long'
+_LOWER = (
+    'polar_nav_core/test', 'polar_nav_ros/test', 'polar_nav_sim/test', 'polar_nav_leader/test',
+    'polar_nav_follower/test',
+)  # fmt: skip
+_UPPER = ('polar_nav_tools/test', 'tests')
+
+
+@dataclass(frozen=True)
+class Step:
+    """One command of the suite, with what it adds to the environment."""
+
+    name: str
+    command: tuple[str, ...]
+    env: Mapping[str, str] = field(default_factory=dict)
+
+
+def source_root(start: Path) -> Path:
+    """Folder of the clone that ``start`` lies in, or that this module was imported from.
+
+    Raises
+    ------
+    ConfigError
+        When there are no sources: tests are not installed.
+    """
+    for folder in (start, *start.parents, *Path(__file__).resolve().parents):
+        if (folder / 'pyproject.toml').is_file() and (folder / 'polar_nav_core').is_dir():
+            return folder
+    raise ConfigError(f'{start}: not in a clone of the sources, where the tests are')
+
+
+def checks(python: str) -> list[Step]:
+    """Style, types, floors."""
+    lint_imports = str(Path(python).parent / 'lint-imports')
+    return [
+        Step('ruff check', (python, '-m', 'ruff', 'check', '.')),
+        Step('ruff format', (python, '-m', 'ruff', 'format', '--check', '.')),
+        Step('mypy', (python, '-m', 'mypy')),
+        Step('import-linter', (lint_imports,)),
+    ]
+
+
+def without_compiler(python: str) -> Step:
+    """Test the core as plain Python."""
+    pytest = (python, '-m', 'pytest', '-q', '-m', FAST, 'polar_nav_core/test')
+    return Step('core without compiled kernels', pytest, {'NUMBA_DISABLE_JIT': '1'})
+
+
+def tests(python: str, *, long: bool, fast: bool, arguments: Sequence[str]) -> Step:
+    """Build the pytest run: the fast ring, the usual rings, or all with the stated lengths."""
+    marks = [] if long else ['-m', FAST if fast else USUAL]
+    name = 'tests, fast ring' if fast else 'tests, all rings at full length' if long else 'tests'
+    return Step(name, (python, '-m', 'pytest', *marks, *arguments))
+
+
+def fast_ring(python: str) -> tuple[Step, list[Step]]:
+    """Halves of the fast ring for two cores: vehicles and simulation; the checks and the tools."""
+    pytest = (python, '-m', 'pytest', '-m', FAST)
+    # Nodes of the two halves must not find each other.
+    domain = {'ROS_DOMAIN_ID': str(free_domain_id(os.getpid(), busy_udp_ports()))}
+    lower = Step('tests of core, nodes and simulation', (*pytest, *_LOWER))
+    return lower, [*checks(python), Step('tests of tools', (*pytest, *_UPPER), domain)]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a step ended; what it said, unless that went to the terminal."""
+
+    step: Step
+    status: int
+    seconds: float
+    said: str = ''
+
+
+def run_suite(root: Path, *, long: bool, fast: bool, arguments: Sequence[str]) -> int:
+    """Run everything; 0 only when everything passed.
+
+    Parameters
+    ----------
+    root : Path
+        The clone.
+    long, fast : bool
+        Full lengths, or only the fast ring.
+    arguments : sequence of str
+        For pytest; when there are any, only pytest runs.
+    """
+    out = Console(highlight=False)
+    if fast and not arguments:
+        outcomes = _side_by_side(*fast_ring(sys.executable), root, out)
+    else:
+        python = sys.executable
+        first = [] if arguments else [*checks(python), without_compiler(python)]
+        last = tests(python, long=long, fast=fast, arguments=arguments)
+        outcomes = _in_order(first, last, root, out)
+    failed = [o.step.name for o in outcomes if o.status != 0]
+    if failed:
+        Console(stderr=True, highlight=False).print(f'[red]failed: {", ".join(failed)}[/red]')
+    return 1 if failed else 0
+
+
+def _in_order(first: Sequence[Step], last: Step, root: Path, out: Console) -> list[Outcome]:
+    """Run the checks, then the tests, which have the machine for themselves: some keep time."""
+    outcomes = []
+    for step in first:
+        _head(step, out)
+        outcomes.append(_run(step, root))
+        _tell(outcomes[-1], out)
+    _head(last, out)
+    return [*outcomes, _run(last, root)]
+
+
+def _side_by_side(shown: Step, others: Sequence[Step], root: Path, out: Console) -> list[Outcome]:
+    """Run one step to be watched, and others on another core, which are told of at the end."""
+    other_core = ThreadPoolExecutor(max_workers=1)
+    try:
+        waiting = [other_core.submit(_run, step, root, captured=True) for step in others]
+        _head(shown, out)
+        outcomes = [_run(shown, root)]
+        for step, future in zip(others, waiting, strict=True):
+            _head(step, out)
+            outcomes.append(future.result())
+            said = outcomes[-1].said.rstrip()
+            if said:
+                last_line = said.rpartition('\n')[2]
+                shown_text = said if outcomes[-1].status else last_line
+                out.print(shown_text, markup=False, soft_wrap=True)
+            _tell(outcomes[-1], out)
+    finally:
+        other_core.shutdown(cancel_futures=True)
+    return outcomes
+
+
+def _run(step: Step, root: Path, *, captured: bool = False) -> Outcome:
+    started = time.monotonic()
+    done = subprocess.run(
+        step.command,
+        cwd=root,
+        env={**os.environ, **step.env},
+        stdout=subprocess.PIPE if captured else None,
+        stderr=subprocess.STDOUT if captured else None,
+        text=True,
+        errors='replace',
+    )
+    return Outcome(step, done.returncode, time.monotonic() - started, done.stdout or '')
+
+
+def _head(step: Step, out: Console) -> None:
+    out.print(f'[bold]== {step.name}[/bold]')
+    sys.stdout.flush()
+
+
+def _tell(outcome: Outcome, out: Console) -> None:
+    failed = f'[red]failed with status {outcome.status}[/red]'
+    verdict = failed if outcome.status else 'ok'
+    out.print(f'== {outcome.step.name}: {verdict}, {outcome.seconds:.1f} s')

@@ -1,0 +1,281 @@
+"""When the messages of a topic were valid and when they were logged, and what is odd about it.
+
+Only the header is read: its stamp stands in the first bytes of a message whose definition begins
+with one, whatever else the message holds.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..bags.reader import Bag
+from .finding import ERROR, OK, WARNING, Finding
+
+Ints = NDArray[np.int64]
+
+GAP_FACTOR = 3.0
+"""An interval this many times the usual one is a gap."""
+JUMP_S = 1.0
+"""Stamps that move this much further than log time, or less far, have jumped."""
+DRIFT, DRIFT_S = 1e-4, 0.1
+"""Seconds per second by which stamps and log time may part, as clocks of computers do, and the
+whole by which they must have parted before it is more than the noise of a transport."""
+FUTURE_S = 0.1
+"""Logged this much before it was valid: no transport does that."""
+OTHER_CLOCK_S = 3600.0
+"""Stamps and log times further apart are of two clocks, simulated and real for example."""
+_REGULAR_SHARE = 0.8
+_REGULAR_MOST = 20
+_SEVERAL_SENDERS = (
+    'diagnostic_msgs/msg/DiagnosticArray',
+    'tf2_msgs/msg/TFMessage',
+    'rcl_interfaces/msg/Log',
+)
+"""Types that many nodes publish on one topic: their stamps have no common order."""
+_LITTLE, _BIG = struct.Struct('<iI'), struct.Struct('>iI')
+
+
+@dataclass(frozen=True, eq=False)
+class TopicTimes:
+    """Times of one topic, in the order of the file.
+
+    Attributes
+    ----------
+    topic, type : str
+        As in the bag.
+    log_ns : ndarray of int64, shape (n,)
+        When each message was logged, but for those that are unreadable.
+    stamp_ns : ndarray of int64, shape (n,), or None
+        Header stamps; None for messages without a header.
+    unreadable : int
+        Messages too short to have the header they should have.
+    """
+
+    topic: str
+    type: str
+    log_ns: Ints
+    stamp_ns: Ints | None
+    unreadable: int = 0
+
+    @property
+    def count(self) -> int:
+        """Messages whose times are known."""
+        return len(self.log_ns)
+
+    @property
+    def first_log_ns(self) -> int:
+        """Oldest log time; there must be one."""
+        return int(self.log_ns.min())
+
+    @property
+    def times_ns(self) -> Ints:
+        """Stamps, or log times where there are none."""
+        return self.log_ns if self.stamp_ns is None else self.stamp_ns
+
+    @property
+    def period_ns(self) -> float:
+        """Usual interval; NaN for fewer than three messages."""
+        return float(np.median(np.diff(self.times_ns))) if self.count > 2 else float('nan')
+
+    @property
+    def regular(self) -> bool:
+        """Whether messages come at a rate: most intervals are within half of the usual one."""
+        if self.count < _REGULAR_MOST:
+            return False
+        period, steps = self.period_ns, np.diff(self.times_ns)
+        near = np.abs(steps - period) <= 0.5 * period
+        return bool(period > 0.0 and near.mean() >= _REGULAR_SHARE)
+
+    def to_dict(self) -> dict[str, object]:
+        """Figures of the table."""
+        steps = np.diff(self.times_ns)
+        period = self.period_ns
+        delay = np.zeros(0) if self.stamp_ns is None else self.log_ns - self.stamp_ns
+        return {
+            'topic': self.topic,
+            'type': self.type,
+            'count': self.count,
+            'rate_hz': 1e9 / period if self.regular else float('nan'),
+            'regular': self.regular,
+            'interval_max_s': float(steps.max()) * 1e-9 if steps.size else float('nan'),
+            'delay_median_s': float(np.median(delay)) * 1e-9 if delay.size else float('nan'),
+        }
+
+
+def read_times(bag: Bag, progress: Callable[[float], None]) -> list[TopicTimes]:
+    """Read the times of all topics in one pass, in order of topic."""
+    headed = {
+        name: bag.definition(name).has_header and bag.channel(name).encoding == 'cdr'
+        for name in bag.topics
+    }
+    logs: dict[str, list[int]] = {name: [] for name in bag.topics}
+    stamps: dict[str, list[int]] = {name: [] for name in bag.topics}
+    bad = dict.fromkeys(bag.topics, 0)
+    every = max(1, bag.message_count // 100)
+    for i, (topic, log_ns, data) in enumerate(bag.messages()):
+        if i % every == 0:
+            progress(i / bag.message_count)
+        if not headed[topic]:
+            logs[topic].append(log_ns)
+            continue
+        if len(data) < 12:
+            bad[topic] += 1
+            continue
+        sec, nanosec = (_LITTLE if data[1] & 1 else _BIG).unpack_from(data, 4)
+        logs[topic].append(log_ns)
+        stamps[topic].append(sec * 1_000_000_000 + nanosec)
+    progress(1.0)
+    return [
+        TopicTimes(
+            topic=name,
+            type=bag.topics[name].type,
+            log_ns=np.array(logs[name], dtype=np.int64),
+            stamp_ns=np.array(stamps[name], dtype=np.int64) if headed[name] else None,
+            unreadable=bad[name],
+        )
+        for name in bag.topics
+        if logs[name] or bad[name]
+    ]
+
+
+def findings_of(t: TopicTimes, *, log_from_stamps: bool = False) -> list[Finding]:
+    """Judge the times of one topic.
+
+    Parameters
+    ----------
+    t : TopicTimes
+    log_from_stamps : bool
+        The recorder made log times out of stamps, so that comparing them says nothing.
+    """
+    found: list[Finding] = []
+    if t.unreadable:
+        text = f'{t.unreadable} messages are too short to hold their header'
+        found.append(Finding(ERROR, 'unreadable', t.topic, None, t.unreadable, text))
+    if not t.count:
+        return found
+    found += _rate_and_gaps(t)
+    if t.stamp_ns is not None:
+        found += _zero(t)
+        if t.type not in _SEVERAL_SENDERS:
+            found += _order(t, t.stamp_ns)
+        if not log_from_stamps:
+            found += _against_log(t, t.stamp_ns)
+    return found
+
+
+def _rate_and_gaps(t: TopicTimes) -> list[Finding]:
+    if not t.regular:
+        text = f'{t.count} messages at no regular rate'
+        return [Finding(OK, 'rate', t.topic, None, t.count, text)]
+    period, times = t.period_ns, t.times_ns
+    steps = np.diff(times)
+    text = f'{t.count} messages at {1e9 / period:.4g} Hz'
+    found = [Finding(OK, 'rate', t.topic, None, 1e9 / period, text)]
+    gaps = np.flatnonzero(steps > GAP_FACTOR * period)
+    if gaps.size:
+        worst = int(gaps[np.argmax(steps[gaps])])
+        missing = int(np.sum(np.rint(steps[gaps] / period) - 1))
+        text = (
+            f'{gaps.size} gaps over {GAP_FACTOR:g} intervals, about {missing} messages; '
+            f'the longest has {steps[worst] * 1e-9:.3f} s'
+        )
+        found.append(Finding(WARNING, 'gap', t.topic, int(times[worst]), gaps.size, text))
+    return found
+
+
+def _zero(t: TopicTimes) -> list[Finding]:
+    zero = np.flatnonzero(t.times_ns == 0)
+    if not zero.size:
+        return []
+    text = f'{zero.size} of {t.count} stamps are zero'
+    when = int(t.log_ns[zero[0]])
+    return [Finding(ERROR, 'zero stamp', t.topic, when, zero.size, text)]
+
+
+def _order(t: TopicTimes, stamp_ns: Ints) -> list[Finding]:
+    """Stamps that run backwards or stand still; of events, only the former is odd."""
+    steps = np.diff(stamp_ns)
+    found = []
+    back = np.flatnonzero(steps < 0)
+    if back.size:
+        first = int(back[0])
+        text = (
+            f'stamps run backwards {back.size} times; first by {-steps[first] * 1e-9:.6f} s, '
+            f'at most by {-steps[back].min() * 1e-9:.6f} s'
+        )
+        level = ERROR if t.regular else WARNING
+        found.append(Finding(level, 'backwards', t.topic, int(stamp_ns[first]), back.size, text))
+    same = np.flatnonzero(steps == 0)
+    if same.size and t.regular:
+        text = f'{same.size} messages have the stamp of the one before'
+        when = int(stamp_ns[same[0]])
+        found.append(Finding(WARNING, 'repeated stamp', t.topic, when, same.size, text))
+    return found
+
+
+def _against_log(t: TopicTimes, stamp_ns: Ints) -> list[Finding]:
+    """Jumps, drift and an impossible order between stamps and log time."""
+    known = stamp_ns != 0
+    stamp, log = stamp_ns[known], t.log_ns[known]
+    if stamp.size < 2:
+        return []
+    delay = (log - stamp) * 1e-9
+    middle = float(np.median(delay))
+    if abs(middle) > OTHER_CLOCK_S:
+        text = f'stamps and log times are {middle:.0f} s apart: two clocks'
+        return [Finding(WARNING, 'other clock', t.topic, None, middle, text)]
+    # A delay that varies is the business of a topic of events: acoustic packets, say.
+    found = _jumps(t, stamp, log, delay) if t.regular else []
+    early = np.flatnonzero(delay < -FUTURE_S)
+    if early.size:
+        first = int(early[0])
+        text = (
+            f'{early.size} messages were logged before they were valid, up to {-delay.min():.3f} s'
+        )
+        found.append(Finding(WARNING, 'future', t.topic, int(stamp[first]), early.size, text))
+    if t.regular and not found:
+        rise, drift = _drift(log, delay)
+        if abs(rise) > DRIFT_S and abs(drift) > DRIFT:
+            text = f'stamps drift against log time by {-drift:.2e} s per second'
+            found.append(Finding(WARNING, 'drift', t.topic, int(stamp[0]), -drift, text))
+    if not found:
+        text = f'stamps agree with log time; {middle:.3f} s from validity to log'
+        found.append(Finding(OK, 'stamps', t.topic, None, middle, text))
+    return found
+
+
+def _jumps(t: TopicTimes, stamp: Ints, log: Ints, delay: NDArray[np.float64]) -> list[Finding]:
+    steps = np.diff(delay)
+    at = [int(j) for j in np.flatnonzero(np.abs(steps) > JUMP_S) if _stays(log, delay, int(j))]
+    if not at:
+        return []
+    by = -float(steps[at[0]])
+    text = f'stamps jump {len(at)} times against log time; first by {by:.3f} s'
+    return [Finding(ERROR, 'jump', t.topic, int(stamp[at[0]]), by, text)]
+
+
+def _stays(log: Ints, delay: NDArray[np.float64], at: int, reach: int = 20) -> bool:
+    """Whether the delay is another one after a step than before it.
+
+    Messages that waited for a transport come in a burst with one log time; what is logged a second
+    later has the old delay again. A jump of the stamps stays.
+    """
+    before = np.median(delay[max(0, at - reach + 1) : at + 1])
+    later = np.flatnonzero(log[at + 1 :] > log[at + 1] + int(JUMP_S * 1e9))[:reach]
+    if not later.size:
+        return False
+    return bool(abs(np.median(delay[at + 1 + later]) - before) > JUMP_S)
+
+
+def _drift(log_ns: Ints, delay: NDArray[np.float64]) -> tuple[float, float]:
+    """Rise of log minus stamp [s], and its slope, between medians of the first and last third."""
+    third = len(delay) // 3
+    seconds = (log_ns - log_ns[0]) * 1e-9
+    rise = float(np.median(delay[-third:]) - np.median(delay[:third]))
+    run = float(np.median(seconds[-third:]) - np.median(seconds[:third]))
+    return rise, rise / run if run > 0.0 else 0.0

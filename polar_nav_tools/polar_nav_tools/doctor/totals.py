@@ -1,0 +1,112 @@
+"""Whether messages add up: received = sum of verdicts, sent = received + lost + in flight.
+
+In: a bag. Out: findings; none on what the bag has nothing of.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..analysis.analyse import RECEIPT, read_outcome, topic_counts
+from ..analysis.packets import delivery_of
+from ..bags import Bag, BagError
+from ..bags.arrays import load_receipts, load_truth
+from ..replay.recorded import followers_of
+from ..scoring import balances, count_verdicts
+from .finding import ERROR, OK, WARNING, Finding
+
+_PACKET = 'acomms/rx'
+
+
+def totals(bag: Bag) -> list[Finding]:
+    """Add everything up that the bag knows two numbers of."""
+    found: list[Finding] = []
+    for vehicle in _followers(bag):
+        for add_up in (_verdicts, _packets):
+            try:
+                found += add_up(bag, vehicle)
+            except BagError as error:
+                found.append(Finding(ERROR, 'unreadable', f'/{vehicle}', None, None, str(error)))
+    for topic in bag.topics.values():
+        if topic.count and topic.type == 'polar_nav_msgs/msg/VehicleTruth':
+            found += _truth(bag, topic.name)
+    return found + _counted(bag)
+
+
+def _followers(bag: Bag) -> list[str]:
+    """Vehicles with receipts, or whose follower_node described itself."""
+    heard = {
+        name.removesuffix(f'/{RECEIPT}').strip('/')
+        for name, topic in bag.topics.items()
+        if name.endswith(f'/{RECEIPT}') and topic.count and name.count('/') == 3
+    }
+    return sorted(heard | set(followers_of(bag)))
+
+
+def _verdicts(bag: Bag, vehicle: str) -> list[Finding]:
+    topic = f'/{vehicle}/{_PACKET}'
+    if topic not in bag.topics:
+        return []
+    receipts = load_receipts(bag, vehicle)
+    (balance,) = balances(receipts, {_PACKET: bag.topics[topic].count})
+    said = count_verdicts(receipts).by_topic.get(_PACKET, {})
+    parts = ', '.join(f'{name} {count}' for name, count in said.items()) or 'none'
+    text = f'{balance.received} packets received, {balance.verdicts} verdicts: {parts}'
+    level = OK if balance.balanced else ERROR
+    what = 'verdicts'
+    missing = balance.received - balance.verdicts
+    return [Finding(level, what, topic, None, missing if missing else balance.received, text)]
+
+
+def _packets(bag: Bag, vehicle: str) -> list[Finding]:
+    d = delivery_of(bag, vehicle)
+    if d is None:
+        return []
+    text = (
+        f'{d.sent} packets sent = {d.received} received + {d.lost} lost on the way + '
+        f'{d.in_flight} in flight'
+    )
+    if not d.stated:
+        text += ' (as long as the slowest took; the link did not say)'
+    found = [Finding(OK, 'packets', f'/{vehicle}/{_PACKET}', None, d.sent, text)]
+    if d.unsent:
+        text = f'{d.unsent} packets were received that nobody sent: the record has gaps'
+        found.append(Finding(ERROR, 'unsent', f'/{vehicle}/{_PACKET}', None, d.unsent, text))
+    return found
+
+
+def _truth(bag: Bag, topic: str) -> list[Finding]:
+    try:
+        truth = load_truth(bag, topic.strip('/').split('/')[0])
+    except BagError as error:
+        return [Finding(ERROR, 'unreadable', topic, None, None, str(error))]
+    steps = np.diff(truth.sequence)
+    gaps = np.flatnonzero(steps != 1)
+    if not gaps.size:
+        return []
+    first = int(gaps[0])
+    missing = int(np.sum(np.maximum(steps[gaps] - 1, 0)))
+    text = f'{missing} numbers are missing in {gaps.size} places'
+    return [Finding(WARNING, 'sequence', topic, int(truth.stamp_ns[first]), max(missing, 1), text)]
+
+
+def _counted(bag: Bag) -> list[Finding]:
+    """Messages as the nodes counted them, where the run was one of `./polar demo`."""
+    counts = topic_counts(bag, read_outcome(bag.path).get('counts', {}))
+    found = [
+        Finding(
+            ERROR,
+            'lost',
+            c.topic,
+            None,
+            (c.published or 0) - (c.recorded or 0),
+            f'{c.published} published, {c.recorded or 0} recorded'
+            + ('' if c.received is None else f', {c.received} received'),
+        )
+        for c in counts
+        if not c.equal
+    ]
+    if counts and not found:
+        text = f'published = recorded = received on all {len(counts)} topics that nodes counted'
+        found.append(Finding(OK, 'counts', '', None, len(counts), text))
+    return found

@@ -1,0 +1,1 @@
+"""Trajectories of a bag as files for other people's tools."""

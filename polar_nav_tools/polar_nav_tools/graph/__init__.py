@@ -1,0 +1,1 @@
+"""The graphs that can be run: nodes, namespaces, parameters, topics."""

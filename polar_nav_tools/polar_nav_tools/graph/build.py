@@ -1,0 +1,332 @@
+"""The one definition of the demo graph: nodes, namespaces, parameters, topics.
+
+In: a mission and a few options. Out: a :class:`Graph` of :class:`NodeSpec` and topics. The launch
+file and the process supervisor of ``polar demo`` are both made from it, so they run the same
+thing. Nothing here knows ROS or processes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from polar_nav_core.engine.configurations import NAMES
+from polar_nav_core.engine.params import CONFIGURATIONS
+from polar_nav_core.errors import ConfigError
+from polar_nav_core.params import to_mapping
+from polar_nav_follower.params import FollowerParams
+from polar_nav_leader.params import LeaderParams
+from polar_nav_sim.sensors.presets import DVL, IMU
+
+from .parts import (
+    FOLLOWER_ID,
+    LEADER_ID,
+    LOCKSTEP_REORDER_S,
+    LOCKSTEP_WINDOW_S,
+    REALTIME_REORDER_S,
+    link_node,
+    sim_node,
+    told_at_start,
+    usual_sigma,
+)
+from .spec import NodeSpec, ParameterValue, Stage
+from .station import MODEL_TOPICS, has_station, station_nodes, station_topics
+
+if TYPE_CHECKING:
+    from polar_nav_sim.mission import Mission
+    from polar_nav_sim.sensors.dvl import DvlErrors
+    from polar_nav_sim.sensors.imu import ImuErrors
+
+PACES = ('lockstep', 'realtime')
+LEADERS = ('perfect', 'own')
+"""How the leader knows where it is: told by the simulation, as the papers assume, or by itself."""
+MAX_SEED = 2**31 - 1
+REALTIME_GATHER_S = 300.0
+"""Longest wait for the nodes to find each other before the first sample: a follower that compiles
+its kernels for the first time takes a minute or two, on a busy machine more."""
+
+
+@dataclass(frozen=True)
+class GraphOptions:
+    """How a mission is run.
+
+    Attributes
+    ----------
+    pace : str
+        ``lockstep`` or ``realtime``.
+    seed : int
+        Of the run; every random stream is made from it and its own name.
+    configuration : str
+        Filter configuration of the follower.
+    leader : str
+        ``perfect``: leader_reference_node plays its navigation; ``own``: it navigates by itself.
+    bag : Path or None
+        Folder of the new bag; None: nothing is recorded.
+    run_info : Path or None
+        JSON file with what the bag is to say about the run.
+
+    Raises
+    ------
+    ConfigError
+        For a value that does not exist.
+    """
+
+    pace: str = 'lockstep'
+    seed: int = 1
+    configuration: str = 'modified_akf'
+    leader: str = 'perfect'
+    bag: Path | None = None
+    run_info: Path | None = None
+
+    def __post_init__(self) -> None:
+        if self.pace not in PACES:
+            raise ConfigError(f'pace {self.pace!r} is none of {", ".join(PACES)}')
+        if self.configuration not in NAMES:
+            known = ', '.join(NAMES)
+            raise ConfigError(f'configuration {self.configuration!r} is none of {known}')
+        if self.leader not in LEADERS:
+            raise ConfigError(f'leader {self.leader!r} is none of {", ".join(LEADERS)}')
+        if not 0 <= self.seed <= MAX_SEED:
+            raise ConfigError(f'seed {self.seed} is outside of [0, {MAX_SEED}]')
+
+
+@dataclass(frozen=True)
+class Graph:
+    """Everything that runs.
+
+    Attributes
+    ----------
+    mission : str
+        Its name.
+    duration_s : float
+        Its length.
+    options : GraphOptions
+        As given.
+    nodes : tuple of NodeSpec
+        In the order of their stages.
+    topics : mapping of str to str
+        Every recorded topic with its type.
+    """
+
+    mission: str
+    duration_s: float
+    options: GraphOptions
+    nodes: tuple[NodeSpec, ...]
+    topics: Mapping[str, str]
+
+
+_SENSOR_TOPICS = {
+    'truth': 'polar_nav_msgs/msg/VehicleTruth',
+    'imu/data_raw': 'sensor_msgs/msg/Imu',
+    'dvl/data': 'polar_nav_msgs/msg/Dvl',
+    'dvl/twist': 'geometry_msgs/msg/TwistWithCovarianceStamped',
+    'depth/pressure': 'sensor_msgs/msg/FluidPressure',
+    'depth/data': 'polar_nav_msgs/msg/Depth',
+    'odometry': 'nav_msgs/msg/Odometry',
+}
+_LEADER_TOPICS = {
+    'usbl/fix': 'polar_nav_msgs/msg/UsblFix',
+    'broadcast': 'polar_nav_msgs/msg/LeaderBroadcast',
+    'acomms/tx': 'polar_nav_msgs/msg/AcousticPacket',
+    'acomms/rx': 'polar_nav_msgs/msg/AcousticPacket',
+}
+_NAVIGATION_TOPICS = {
+    'nav/state': 'polar_nav_msgs/msg/NavState',
+    'nav/receipt': 'polar_nav_msgs/msg/FixReceipt',
+    'nav/command': 'polar_nav_msgs/msg/Command',
+    'nav/fix': 'sensor_msgs/msg/NavSatFix',
+}
+_FOLLOWER_TOPICS = {
+    'acomms/rx': 'polar_nav_msgs/msg/AcousticPacket',
+    'acomms/decoded': 'polar_nav_msgs/msg/LeaderBroadcast',
+    **_NAVIGATION_TOPICS,
+}
+_ROOT_TOPICS = {
+    '/clock': 'rosgraph_msgs/msg/Clock',
+    '/diagnostics': 'diagnostic_msgs/msg/DiagnosticArray',
+    '/run_info': 'std_msgs/msg/String',
+}
+
+
+def build_graph(mission: Mission, options: GraphOptions) -> Graph:
+    """Say what runs for a mission.
+
+    Raises
+    ------
+    ConfigError
+        When the mission has not exactly one follower, which is what the leader's packets serve.
+    """
+    if len(mission.followers) != 1:
+        names = ', '.join(mission.followers) or 'none'
+        raise ConfigError(f'mission {mission.name}: one follower is needed, it has {names}')
+    leader, follower = mission.leader, mission.followers[0]
+    lockstep = options.pace == 'lockstep'
+    if has_station(mission):
+        topics = {**_ROOT_TOPICS, **station_topics(leader, follower)}
+        nodes = station_nodes(mission, follower, options)
+    else:
+        if options.configuration not in CONFIGURATIONS:
+            raise ConfigError(
+                f'mission {mission.name}: configuration {options.configuration!r} is for a '
+                f'station; with a leader there are {", ".join(CONFIGURATIONS)}'
+            )
+        topics = recorded_topics(leader, follower, options.leader)
+        topics |= {f'/{v}/{t}': kind for v in mission.dynamic for t, kind in MODEL_TOPICS.items()}
+        nodes = [
+            *_vehicle_nodes(leader, options, _leader_instruments(options)),
+            *_vehicle_nodes(follower, options, {}),
+            *_acoustic_nodes(mission, leader, follower, options),
+            _follower_node(mission, follower, options),
+        ]
+    nodes += _recorder_node(topics, options)
+    heard = 'lockstep' if lockstep else 'presence'
+    nodes = [replace(s, parameters={**s.parameters, heard: True}) for s in nodes]
+    truth = _truth_node(mission, options, [spec.full_name for spec in nodes])
+    return Graph(mission.name, mission.duration_s, options, (truth, *nodes), topics)
+
+
+def usual_configuration(mission: Mission) -> str:
+    """Filter configuration of the live follower where nobody names another."""
+    return 'default' if has_station(mission) else 'modified_akf'
+
+
+def follower_parameters(graph: Graph) -> Mapping[str, ParameterValue]:
+    """Parameters of the follower that differ from its node's defaults."""
+    return next(spec.parameters for spec in graph.nodes if spec.stage is Stage.FOLLOWER)
+
+
+def recorded_topics(leader: str, follower: str, navigates: str = 'perfect') -> dict[str, str]:
+    """Every topic of the graph that is worth keeping, with its type."""
+    of_leader = {**_SENSOR_TOPICS, **_LEADER_TOPICS}
+    if navigates == 'own':
+        of_leader |= {**_NAVIGATION_TOPICS, 'absolute/fix': 'sensor_msgs/msg/NavSatFix'}
+    topics = {f'/{leader}/{topic}': kind for topic, kind in of_leader.items()}
+    for topic, kind in {**_SENSOR_TOPICS, **_FOLLOWER_TOPICS}.items():
+        topics[f'/{follower}/{topic}'] = kind
+    return {**_ROOT_TOPICS, **topics}
+
+
+def _truth_node(mission: Mission, options: GraphOptions, others: list[str]) -> NodeSpec:
+    parameters: dict[str, ParameterValue] = {
+        'mission': str(mission.file),
+        'duration_s': mission.duration_s,
+        'pace': options.pace,
+        'exit_at_end': True,
+    }
+    if getattr(mission.path, 'as_recorded', False):
+        parameters['overrides'] = ['path.as_recorded=true']
+    parameters['expected_nodes'] = others
+    if options.pace == 'lockstep':
+        parameters['window_s'] = LOCKSTEP_WINDOW_S
+    else:
+        parameters['gather_s'] = REALTIME_GATHER_S
+    executable = 'vehicle_node' if mission.dynamic else 'truth_node'
+    return sim_node(executable, '', Stage.TRUTH, parameters)
+
+
+def _vehicle_nodes(
+    vehicle: str,
+    options: GraphOptions,
+    instruments: Mapping[str, Mapping[str, ParameterValue]],
+) -> list[NodeSpec]:
+    names = ('imu_node', 'dvl_node', 'depth_node')
+    return [
+        sim_node(name, vehicle, Stage.SENSOR, {'seed': options.seed, **instruments.get(name, {})})
+        for name in names
+    ]
+
+
+def _leader_instruments(options: GraphOptions) -> dict[str, dict[str, ParameterValue]]:
+    """Better instruments for a leader that navigates with them."""
+    if options.leader != 'own':
+        return {}
+    return {
+        'imu_node': _differing(IMU['leader'].errors),
+        'dvl_node': _differing(DVL['leader'].errors),
+    }
+
+
+def _differing(errors: ImuErrors | DvlErrors) -> dict[str, ParameterValue]:
+    """Parameters of an instrument that are not the defaults of its node."""
+    usual = to_mapping(type(errors)())
+    return {name: value for name, value in to_mapping(errors).items() if value != usual[name]}
+
+
+def _acoustic_nodes(
+    mission: Mission, leader: str, follower: str, options: GraphOptions
+) -> list[NodeSpec]:
+    """Build what stands between the leader's truth and the follower's modem."""
+    seed: dict[str, ParameterValue] = {'seed': options.seed}
+    nodes = [
+        sim_node('usbl_node', leader, Stage.SENSOR, {**seed, 'targets': [follower]}),
+        _leader_node(mission, leader, follower, options),
+        link_node([leader, follower], options.seed),
+    ]
+    if options.leader == 'perfect':
+        return [sim_node('leader_reference_node', leader, Stage.SENSOR, seed), *nodes]
+    return nodes
+
+
+def _leader_node(mission: Mission, leader: str, follower: str, options: GraphOptions) -> NodeSpec:
+    parameters: dict[str, ParameterValue] = {
+        'own_id': LEADER_ID,
+        'follower': follower,
+        'follower_id': FOLLOWER_ID,
+        'sea_surface_height': mission.numbers.sea_surface_height_m,
+    }
+    if options.leader == 'own':
+        parameters['navigation'] = 'own'
+        parameters |= told_at_start(mission, leader, usual_sigma(LeaderParams), options.seed)
+        if options.pace == 'lockstep':
+            parameters['reorder_window_s'] = LOCKSTEP_REORDER_S
+    return NodeSpec(
+        'polar_nav_leader',
+        'leader_node',
+        'polar_nav_leader.leader_node',
+        leader,
+        Stage.LEADER,
+        parameters,
+    )
+
+
+def _follower_node(mission: Mission, follower: str, options: GraphOptions) -> NodeSpec:
+    parameters: dict[str, ParameterValue] = {
+        'configuration': options.configuration,
+        'leader_id': LEADER_ID,
+        'own_id': FOLLOWER_ID,
+        'sea_surface_height': mission.numbers.sea_surface_height_m,
+        **told_at_start(mission, follower, usual_sigma(FollowerParams), options.seed),
+    }
+    if follower in mission.dynamic:
+        parameters['model_aiding'] = True
+    if options.pace == 'lockstep':
+        parameters['reorder_window_s'] = LOCKSTEP_REORDER_S
+        if options.leader == 'own':
+            # The leader's packets come as much later as the leader itself waits.
+            parameters['reorder_window_s'] = 2.0 * LOCKSTEP_REORDER_S
+    elif options.leader == 'perfect':
+        parameters['reorder_window_s'] = REALTIME_REORDER_S
+    return NodeSpec(
+        'polar_nav_follower',
+        'follower_node',
+        'polar_nav_follower.follower_node',
+        follower,
+        Stage.FOLLOWER,
+        parameters,
+    )
+
+
+def _recorder_node(topics: Mapping[str, str], options: GraphOptions) -> list[NodeSpec]:
+    if options.bag is None:
+        return []
+    parameters: dict[str, ParameterValue] = {
+        'output': str(options.bag.absolute()),
+        'topics': [f'{name}:{kind}' for name, kind in topics.items()],
+        'log_time': 'simulation',
+    }
+    if options.run_info is not None:
+        parameters['run_info'] = str(options.run_info.absolute())
+    module = 'polar_nav_tools.record.recorder_node'
+    return [NodeSpec('polar_nav_tools', 'recorder_node', module, '', Stage.RECORDER, parameters)]

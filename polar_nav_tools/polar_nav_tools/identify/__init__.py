@@ -1,0 +1,1 @@
+"""Drag and current from a recorded bag."""

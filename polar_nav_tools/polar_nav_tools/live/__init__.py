@@ -1,0 +1,1 @@
+"""Runs a graph as processes of its own and keeps what it recorded."""

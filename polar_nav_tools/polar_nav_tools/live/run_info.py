@@ -1,0 +1,98 @@
+"""What a bag says of the run it holds: mission, seeds, versions, commit, machine.
+
+Together with the parameters that every node publishes on /run_info it is what somebody needs to
+make the run again.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import platform
+import subprocess
+import sys
+from importlib import metadata
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from polar_nav_sim.mission import Mission
+
+    from ..graph.build import Graph, GraphOptions
+
+_DISTRIBUTIONS = ('numpy', 'scipy', 'numba', 'gsw', 'mcap', 'ros-rclpy', 'ros-rmw-fastrtps-cpp')
+_SOURCES = Path(__file__).resolve().parents[3]
+
+
+def run_info(mission: Mission, options: GraphOptions, graph: Graph) -> dict[str, Any]:
+    """Describe a run; values that JSON can hold."""
+    return {
+        'mission': mission.name,
+        'description': mission.description,
+        'mission_file': str(mission.file),
+        'mission_document': dict(mission.document),
+        'duration_s': mission.duration_s,
+        'seed': options.seed,
+        'pace': options.pace,
+        'configuration': options.configuration,
+        'leader': options.leader,
+        'nodes': [spec.full_name for spec in graph.nodes],
+        'versions': versions(),
+        'git_commit': git_commit(_SOURCES),
+        'requirements_lock_sha256': lock_sha256(),
+        'python': platform.python_version(),
+        'platform': platform.platform(),
+        'cpu': cpu_model(),
+        'command': sys.argv[1:],
+    }
+
+
+def versions() -> dict[str, str]:
+    """Versions of what the numbers depend on; left out what is not installed as a distribution."""
+    found = {}
+    for name in _DISTRIBUTIONS:
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            continue
+    return found
+
+
+def git_commit(folder: Path) -> str:
+    """Commit of the sources, ``-dirty`` when files differ from it; empty outside of a clone."""
+    if not (folder / '.git').exists():
+        return ''
+    command = ['git', '-C', str(folder), 'describe', '--always', '--dirty', '--abbrev=40']
+    try:
+        found = subprocess.run(command, capture_output=True, text=True, timeout=10.0, check=True)
+    except (OSError, subprocess.SubprocessError):
+        return ''  # no git on this machine, or no commit yet
+    return found.stdout.strip()
+
+
+def cpu_model() -> str:
+    """Name of the processor: replays are the same bit for bit on one model."""
+    path = Path('/proc/cpuinfo')
+    if path.is_file():
+        for line in path.read_text(encoding='utf-8', errors='replace').splitlines():
+            if line.startswith('model name'):
+                return line.partition(':')[2].strip()
+    return platform.machine()
+
+
+def cpu_identity() -> str:
+    """Model of the processor with its numbers: one name can stand for several generations."""
+    path = Path('/proc/cpuinfo')
+    numbers: dict[str, str] = {}
+    if path.is_file():
+        for line in path.read_text(encoding='utf-8', errors='replace').splitlines():
+            name, _, value = line.partition(':')
+            if name.strip() in ('cpu family', 'model', 'stepping'):
+                numbers.setdefault(name.strip(), value.strip())
+    told = ', '.join(f'{name} {value}' for name, value in numbers.items())
+    return f'{cpu_model()} ({told})' if told else cpu_model()
+
+
+def lock_sha256() -> str:
+    """Hash of the lock file that says what is installed; empty outside of a clone."""
+    path = _SOURCES / 'requirements.lock'
+    return hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ''

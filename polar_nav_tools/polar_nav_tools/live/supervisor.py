@@ -1,0 +1,311 @@
+"""Runs the nodes of a graph as processes, watches them, and ends all of them in order.
+
+In: node specifications and a run directory. Out: a :class:`RunOutcome`; per node a parameter file
+and a log file in the run directory. The run is complete when the truth node exits with status 0;
+any node that ends before that ends the run. Each node is the leader of a session of its own, so a
+Ctrl-C at the terminal reaches the supervisor only, which then stops the nodes from upstream to
+downstream and the recorder last.
+"""
+
+from __future__ import annotations
+
+import json
+import selectors
+import signal
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import Enum
+from pathlib import Path
+from types import FrameType, TracebackType
+
+from ..graph.spec import NodeSpec, Stage
+from .node_process import COUNTS, PROGRESS, READY, NodeEnd, NodeProcess
+
+_POLL_S = 0.1
+_READY_PATIENCE_S = 60.0
+
+
+class RunStatus(Enum):
+    """How a run ended."""
+
+    COMPLETED = 'completed'
+    INTERRUPTED = 'interrupted'
+    FAILED = 'failed'
+
+
+@dataclass(frozen=True)
+class RunOutcome:
+    """What became of a run.
+
+    Attributes
+    ----------
+    status : RunStatus
+        COMPLETED only when the mission ended and every node exited with status 0.
+    culprit : NodeEnd or None
+        The node whose end made the run fail.
+    sentence : str
+        What happened.
+    wall_s : float
+        Wall time from the first start to the last end [s].
+    signal : int or None
+        The signal that interrupted it.
+    counts : mapping
+        Node -> 'published' and 'taken' -> fully qualified topic -> messages, as each node counted
+        them at its end.
+    """
+
+    status: RunStatus
+    culprit: NodeEnd | None
+    sentence: str
+    wall_s: float
+    signal: int | None = None
+    counts: Mapping[str, Mapping[str, Mapping[str, int]]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Grace:
+    """Wall time that nodes get to end after SIGINT, and then after SIGTERM, before SIGKILL [s]."""
+
+    after_sigint_s: float
+    after_sigterm_s: float
+
+
+ORDERLY = Grace(20.0, 5.0)
+"""The follower processes its reorder window, the recorder closes the bag."""
+HURRIED = Grace(2.0, 0.5)
+"""After a failure: the run is lost, only the bag matters, and the user waits."""
+RECORDER_HURRIED = Grace(4.0, 1.0)
+
+
+class _Interrupts:
+    """Counts SIGINT, SIGTERM and SIGHUP; the supervisor decides what they mean."""
+
+    _NUMBERS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+
+    def __init__(self) -> None:
+        self.first: int | None = None
+        self.count = 0
+
+    def __enter__(self) -> _Interrupts:
+        self._before = {number: signal.signal(number, self._note) for number in self._NUMBERS}
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        for number, handler in self._before.items():
+            signal.signal(number, handler)
+
+    def _note(self, number: int, _frame: FrameType | None) -> None:
+        self.first = self.first or number
+        self.count += 1
+
+
+class Supervisor:
+    """Starts a graph, waits for its end, ends it.
+
+    Parameters
+    ----------
+    nodes : sequence of NodeSpec
+        What to run.
+    run_dir : Path
+        Where ``params/`` and ``logs/`` go.
+    env : mapping
+        Environment of the nodes (:func:`polar_nav_tools.live.domain.graph_environment`).
+    on_progress : callable, optional
+        Called with simulated and total time [s] as the truth node reports them.
+    on_line : callable, optional
+        Called with node name and line for all other output.
+    truth_last : bool
+        Start the truth node when all others have said that they are ready. At the pace realtime,
+        where it waits for nobody, they would miss the beginning.
+    """
+
+    def __init__(
+        self,
+        nodes: Sequence[NodeSpec],
+        run_dir: Path,
+        env: Mapping[str, str],
+        *,
+        on_progress: Callable[[float, float], None] | None = None,
+        on_line: Callable[[str, str], None] | None = None,
+        truth_last: bool = False,
+    ) -> None:
+        self._nodes = sorted(nodes, key=lambda spec: -spec.stage)
+        self._run_dir = run_dir
+        self._env = env
+        self._on_progress = on_progress
+        self._on_line = on_line
+        self._truth_last = truth_last
+        self._ready: set[str] = set()
+        self._counts: dict[str, Mapping[str, Mapping[str, int]]] = {}
+        self._children: list[NodeProcess] = []
+        self._selector = selectors.DefaultSelector()
+
+    def pids(self) -> dict[str, int]:
+        """Process id of each node that was started."""
+        return {child.spec.full_name: child.process.pid for child in self._children}
+
+    def run(self) -> RunOutcome:
+        """Run to the end of the mission, a signal, or the death of a node."""
+        started = time.monotonic()
+        for name in ('params', 'logs'):
+            (self._run_dir / name).mkdir(parents=True, exist_ok=True)
+        with _Interrupts() as interrupts:
+            try:
+                culprit = self._start_and_watch(interrupts)
+                if culprit is not None:
+                    sentence = (
+                        f'{culprit.how()} {time.monotonic() - started:.1f} s after the start'
+                    )
+                    self._stop_hurried()
+                    return self._failed(culprit, sentence, started)
+                unclean = self._stop_orderly(interrupts)
+                wall_s = time.monotonic() - started
+                if interrupts.first is not None:
+                    name = signal.Signals(interrupts.first).name
+                    sentence = f'ended by {name}'
+                    return RunOutcome(
+                        RunStatus.INTERRUPTED,
+                        unclean,
+                        sentence,
+                        wall_s,
+                        interrupts.first,
+                        self._counts,
+                    )
+                if unclean is not None:
+                    return self._failed(unclean, f'{unclean.how()} while it was ended', started)
+                return RunOutcome(
+                    RunStatus.COMPLETED, None, 'the mission ended', wall_s, None, self._counts
+                )
+            finally:
+                self._sweep()
+
+    def _failed(self, culprit: NodeEnd, how: str, started: float) -> RunOutcome:
+        sentence = f'node {culprit.name} {how}'
+        return RunOutcome(RunStatus.FAILED, culprit, sentence, time.monotonic() - started)
+
+    def _start_and_watch(self, interrupts: _Interrupts) -> NodeEnd | None:
+        """None at the mission's end and after a signal, otherwise the node that died."""
+        for spec in self._nodes:
+            if self._truth_last and spec.stage == Stage.TRUTH:
+                died = self._wait_until_ready(interrupts)
+                if died is not None:
+                    return died
+            if interrupts.count > 0:
+                return None
+            child = NodeProcess(spec, self._run_dir, self._env, self._take_line)
+            self._children.append(child)
+            self._selector.register(child.pipe, selectors.EVENT_READ, child)
+            self._pump(0.0)
+        while interrupts.count == 0:
+            self._pump(_POLL_S)
+            died = self._died()
+            if died is not None and interrupts.count == 0:
+                return died
+            if any(c.process.poll() is not None for c in self._of(Stage.TRUTH)):
+                return None
+        return None
+
+    def _of(self, stage: Stage) -> list[NodeProcess]:
+        return [child for child in self._children if child.spec.stage == stage]
+
+    def _wait_until_ready(self, interrupts: _Interrupts) -> NodeEnd | None:
+        """Wait for the nodes that run already; the one that died, if one did."""
+        deadline = time.monotonic() + _READY_PATIENCE_S
+        waiting = {child.spec.full_name for child in self._children}
+        while interrupts.count == 0 and time.monotonic() < deadline and waiting - self._ready:
+            self._pump(_POLL_S)
+            died = self._died()
+            if died is not None:
+                return died
+        return None
+
+    def _died(self) -> NodeEnd | None:
+        """Find the node that ended and should not have."""
+        ended = [child for child in self._children if child.process.poll() is not None]
+        dead = [c for c in ended if c.spec.stage != Stage.TRUTH or c.process.returncode != 0]
+        if not dead:
+            return None
+        self._pump(0.0)
+        # Of several, a signal explains more than a status, and a bad status more than a good one.
+        return min(dead, key=lambda c: _blame(c.process.returncode)).end()
+
+    def _stop_orderly(self, interrupts: _Interrupts) -> NodeEnd | None:
+        """End the nodes stage by stage; the first that did not end by itself with status 0."""
+        already = interrupts.count
+        unclean: NodeEnd | None = None
+        for stage in Stage:
+            group = self._of(stage)
+            self._end(group, ORDERLY, lambda: interrupts.count > already)
+            bad = [child for child in group if child.process.returncode != 0]
+            if bad and unclean is None:
+                unclean = bad[0].end()
+        return unclean
+
+    def _stop_hurried(self) -> None:
+        recorder = self._of(Stage.RECORDER)
+        self._end([child for child in self._children if child not in recorder], HURRIED)
+        self._end(recorder, RECORDER_HURRIED)
+
+    def _end(
+        self,
+        group: Sequence[NodeProcess],
+        grace: Grace,
+        impatient: Callable[[], bool] = lambda: False,
+    ) -> None:
+        """SIGINT, then SIGTERM, then SIGKILL; ``impatient`` goes straight to the last."""
+        steps = (
+            (signal.SIGINT, grace.after_sigint_s),
+            (signal.SIGTERM, grace.after_sigterm_s),
+            (signal.SIGKILL, 5.0),
+        )
+        for number, wait_s in steps:
+            for child in group:
+                child.signal(number)
+            deadline = time.monotonic() + wait_s
+            while (
+                any(child.process.poll() is None for child in group)
+                and time.monotonic() < deadline
+            ):
+                if impatient() and number != signal.SIGKILL:
+                    break
+                self._pump(0.02)
+        self._pump(0.0)
+
+    def _sweep(self) -> None:
+        """Whatever happened: no process stays, every pipe is read to its end."""
+        for child in self._children:
+            child.signal(signal.SIGKILL)
+            child.process.wait()
+            child.read()
+            child.close()
+        self._selector.close()
+
+    def _pump(self, timeout_s: float) -> None:
+        if not self._selector.get_map():
+            time.sleep(timeout_s)  # all pipes are at their end: nothing wakes the selector
+            return
+        for key, _ in self._selector.select(timeout_s):
+            if not key.data.read():
+                self._selector.unregister(key.fileobj)
+
+    def _take_line(self, name: str, line: str) -> None:
+        if line.startswith(PROGRESS):
+            now_s, total_s = (float(word) for word in line.split()[1:3])
+            if self._on_progress is not None:
+                self._on_progress(now_s, total_s)
+        elif line.startswith(READY):
+            self._ready.add(name)
+        elif line.startswith(COUNTS):
+            self._counts[name] = json.loads(line.removeprefix(COUNTS))
+        elif self._on_line is not None:
+            self._on_line(name, line)
+
+
+def _blame(returncode: int) -> int:
+    return 0 if returncode < 0 else 1 if returncode > 0 else 2

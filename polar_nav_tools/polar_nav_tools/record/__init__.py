@@ -1,0 +1,1 @@
+"""The recorder: messages as they arrive, into a bag."""

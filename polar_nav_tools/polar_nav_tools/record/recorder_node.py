@@ -1,0 +1,275 @@
+"""Records topics to a bag: serialized bytes as they arrive, nothing decoded.
+
+Subscribes to the topics it is given or to all it finds, and takes part in the lockstep pace. Every
+turn of the executor empties all subscriptions at once (a turn costs more than taking a message),
+then files the burst and acknowledges it once. What it does with messages stands in `recorder`.
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from rclpy.clock import Clock, ClockType
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
+
+from polar_nav_core.errors import ConfigError
+from polar_nav_ros.diagnostics import Diagnosis, Level
+from polar_nav_ros.node import DATA_QOS, QUEUE_DEPTH, RUN_INFO_TOPIC, PolarNode, run
+
+from ..bags.errors import BagError
+from ..bags.qos import Qos, request_for
+from ..bags.writer import BagWriter
+from .recording import RecorderParams, Recording, parse_run_info, parse_topics
+
+# Published by every node beside what it counts, so a count of them would never be met.
+UNCOUNTED = ('/diagnostics', RUN_INFO_TOPIC, '/rosout', '/parameter_events')
+_LATCHED = (RUN_INFO_TOPIC, '/tf_static', '/robot_description')
+_LOOK_PERIOD_S = 0.5
+_TICK_PERIOD_S = 0.1
+_PAUSE_S = 0.01
+
+
+@dataclass
+class _Source:
+    """One subscription: counted by the lockstep pace if it is in PolarNode's list too."""
+
+    topic: str
+    msg_type: type[Any]
+    subscription: Subscription
+    reliable: bool
+    latched: bool
+    count: int = 0
+
+    @property
+    def matched(self) -> int:
+        """Publishers that this subscription has found."""
+        return int(self.subscription.get_publisher_count())
+
+
+class RecorderNode(PolarNode[RecorderParams]):
+    """Node around one `Recording`."""
+
+    def __init__(self, **kwargs: Any) -> None:  # noqa: ANN401 - passed on to rclpy
+        super().__init__('recorder_node', RecorderParams, **kwargs)
+        wanted = parse_topics(self.params.topics)
+        types = {name: _message_class(type_name) for name, type_name in wanted.items()}
+        self._sources: dict[str, _Source] = {}
+        self._skipped: dict[str, str] = {}
+        self._started = self._rated_at = time.monotonic()
+        self._rated_count = 0
+        self._recording = self._open()
+        for name, type_name in wanted.items():
+            self._record(name, type_name, types[name], [])
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(_LOOK_PERIOD_S, self._look_around, clock=steady)
+        self.create_timer(_TICK_PERIOD_S, self._tick, clock=steady)
+
+    @property
+    def bag_path(self) -> Path:
+        """Directory of the bag."""
+        return self._path
+
+    def _open(self) -> Recording:
+        p = self.params
+        now = datetime.now(UTC)
+        self._path = Path(p.output or f'bags/{now:%Y%m%d_%H%M%S}')
+        simulated = p.log_time == 'simulation' or (
+            p.log_time == 'auto' and (p.lockstep or bool(self.get_parameter('use_sim_time').value))
+        )
+        info = parse_run_info(p.run_info)
+        info['recorder'] = {
+            'node': self.get_fully_qualified_name(),
+            'started_utc': now.isoformat(timespec='seconds'),
+            'log_time': 'simulation' if simulated else 'reception',
+            'lockstep': p.lockstep,
+        }
+        writer = BagWriter(
+            self._path,
+            info,
+            compression=p.compression,
+            chunk_bytes=p.chunk_bytes,
+            flush_s=p.flush_period,
+            sync=p.sync,
+        )
+        self.get_logger().info(f'recording to {writer.path}')
+        return Recording(writer, simulated=simulated, offered=self._offered)
+
+    # -- subscriptions
+
+    def _record(
+        self, topic: str, type_name: str, msg_type: type[Any], offered: Sequence[Qos]
+    ) -> None:
+        self._recording.add_topic(topic, type_name)
+        reliable, latched = request_for(offered) if offered else (True, topic in _LATCHED)
+
+        def on_first(data: bytes, about: dict[str, Any]) -> None:
+            self._take(source, data, about, single=source.matched <= 1)
+            self._drain()
+
+        subscription = self.create_subscription(
+            msg_type, topic, on_first, _profile(reliable, latched), raw=True
+        )
+        previous = self._sources.get(topic)
+        source = _Source(topic, msg_type, subscription, reliable, latched)
+        self._sources[topic] = source
+        if previous is not None:
+            source.count = previous.count
+            self.destroy_subscription(previous.subscription)
+        if topic not in UNCOUNTED:
+            self.count_input(source)
+
+    def _look_around(self) -> None:
+        """Find new topics, and adapt subscriptions to what publishers offer."""
+        if not self.params.topics:
+            for topic, types in self.get_topic_names_and_types():
+                if topic not in self._sources and topic not in self._skipped:
+                    self._discover(topic, types)
+        for source in list(self._sources.values()):
+            offered = self._offered(source.topic)
+            if offered and self._must_ask_less(source, offered):
+                self.get_logger().info(f'{source.topic}: subscribing again as it is offered')
+                type_name = self._recording.topics[source.topic].type
+                self._record(source.topic, type_name, source.msg_type, offered)
+
+    def _must_ask_less(self, source: _Source, offered: Sequence[Qos]) -> bool:
+        """Whether a publisher would not match; a subscription never becomes stricter again."""
+        reliable, latched = request_for(offered)
+        return (source.reliable and not reliable) or (source.latched and not latched)
+
+    def _discover(self, topic: str, types: Sequence[str]) -> None:
+        if topic in self.params.exclude or '/_' in topic:
+            self._skipped[topic] = 'excluded'
+            return
+        offered = self._offered(topic)
+        if not offered:
+            return  # only subscribers so far
+        try:
+            if len(types) != 1:
+                raise ConfigError(f'topic {topic} has several types: {", ".join(types)}')
+            self._record(topic, types[0], _message_class(types[0]), offered)
+        except (BagError, ConfigError) as error:
+            self._skipped[topic] = str(error)
+            self.get_logger().warning(f'{topic} is not recorded: {error}')
+
+    def _offered(self, topic: str) -> list[Qos]:
+        return [_qos(info.qos_profile) for info in self.get_publishers_info_by_topic(topic)]
+
+    # -- messages
+
+    def _take(self, source: _Source, data: bytes, about: dict[str, Any], single: bool) -> None:
+        source.count += 1
+        number = about['publication_sequence_number'] if single else None
+        received = about['received_timestamp'] or time.time_ns()
+        self._recording.take(source.topic, data, received, number)
+
+    def _drain(self) -> int:
+        """Empty all subscriptions, file what came, acknowledge once; returns how many came."""
+        before = self._recording.message_count
+        for source in self._sources.values():
+            handle, msg_type = source.subscription.handle, source.msg_type
+            with handle:
+                single: bool | None = None
+                for _ in range(QUEUE_DEPTH):  # then others want their turn
+                    taken = handle.take_message(msg_type, True)
+                    if taken is None:
+                        break
+                    single = source.matched <= 1 if single is None else single
+                    self._take(source, taken[0], taken[1], single=single)
+        self._commit()
+        self.acknowledge()
+        return self._recording.message_count - before
+
+    def _commit(self) -> None:
+        try:
+            self._recording.commit()
+        except BagError:
+            self._recording.abandon()
+            raise
+
+    def _tick(self) -> None:
+        self._commit()
+
+    def diagnose(self) -> Diagnosis:
+        """Say how much was recorded, how fast, and what was lost."""
+        now, recording = time.monotonic(), self._recording
+        elapsed = max(now - self._rated_at, 1e-9)
+        rate = (recording.message_count - self._rated_count) / elapsed
+        self._rated_at, self._rated_count = now, recording.message_count
+        values: dict[str, object] = {
+            'messages': recording.message_count,
+            'messages_per_s': round(rate, 1),
+            'bytes': recording.byte_count,
+            'file_bytes': recording.file_bytes,
+            'lost': recording.lost,
+            'waiting': recording.waiting,
+            **{name: t.count for name, t in sorted(recording.topics.items())},
+        }
+        values |= {f'skipped {name}': why for name, why in self._skipped.items()}
+        if recording.lost:
+            message = f'{recording.lost} messages were lost on the way to the recorder'
+            return Diagnosis(Level.WARN, message, values)
+        return Diagnosis(Level.OK, f'recording to {self._path}', values)
+
+    def close(self) -> None:
+        """Take the last words of other nodes, until it is quiet; then finish the bag."""
+        start = quiet_since = time.monotonic()
+        while True:
+            if self._drain():
+                quiet_since = time.monotonic()
+            now = time.monotonic()
+            if (
+                now - quiet_since >= self.params.quiet_time
+                or now - start >= self.params.drain_time
+            ):
+                break
+            time.sleep(_PAUSE_S)
+        try:
+            path = self._recording.finish(wall_s=round(time.monotonic() - self._started, 3))
+        except BagError:
+            self._recording.abandon()
+            raise
+        count, lost = self._recording.message_count, self._recording.lost
+        self.get_logger().info(f'{path}: {count} messages, {lost} lost')
+
+
+def _message_class(type_name: str) -> type[Any]:
+    package, _, name = type_name.split('/') if type_name.count('/') == 2 else ('', '', '')
+    try:
+        return getattr(import_module(f'{package}.msg'), name)  # type: ignore[no-any-return]
+    except (ImportError, AttributeError, ValueError) as error:
+        raise ConfigError(f'message type {type_name} is not installed here ({error})') from error
+
+
+def _profile(reliable: bool, latched: bool) -> QoSProfile:
+    return QoSProfile(
+        history=DATA_QOS.history,
+        depth=QUEUE_DEPTH,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=(DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE),
+    )
+
+
+def _qos(profile: QoSProfile) -> Qos:
+    """Profile of an endpoint; discovery does not tell its history, so the usual one stands in."""
+    return Qos(
+        reliability=profile.reliability.name.lower(),
+        durability=profile.durability.name.lower(),
+        liveliness=profile.liveliness.name.lower(),
+    )
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Run the node."""
+    return run(RecorderNode, args)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,332 @@
+"""What the recorder does, without ROS: which time a message gets, what was counted, what was lost.
+
+Comes in: serialized messages, in bursts, as the node takes them from its subscriptions. Goes out:
+the same bytes in a bag (`polar_nav_tools.bags.writer`), in an order and with times that make
+sense:
+
+- `reception`: log time is when the message arrived at this computer, by its system clock.
+- `simulation`: log time is simulated time: that of the message's header stamp, but never later
+  than simulated now (the newest `/clock`, or, without one, the newest header stamp) and never
+  before the message recorded last. A delayed acoustic packet thus stands where it arrived, and the
+  wall clock stamp of a diagnostic message does no harm.
+
+In both, log time never goes back, and messages of one topic keep the order in which they arrived.
+Publish time is the header stamp, the time of validity, where there is one, else the log time.
+"""
+
+from __future__ import annotations
+
+import json
+import struct
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from polar_nav_core.errors import ConfigError
+from polar_nav_core.params import NodeParams, choice, flag, param, text, texts
+
+from ..bags.qos import Qos
+from ..bags.schemas import definition, normalize
+from ..bags.writer import COMPRESSIONS, BagWriter
+
+CLOCK_TYPE = 'rosgraph_msgs/msg/Clock'
+# Their stamps are of the wall clock, also in a simulation, where they mean nothing.
+_WALL_CLOCK_PACKAGES = ('diagnostic_msgs', 'rcl_interfaces')
+_STAMP = {0: struct.Struct('>iI'), 1: struct.Struct('<iI')}
+_STAMP_END = 12
+_S = 1_000_000_000
+
+
+@dataclass(frozen=True)
+class RecorderParams(NodeParams):
+    """Parameters of `recorder_node`."""
+
+    output: str = text('', 'Directory of the bag, which must not exist; empty: bags/<UTC time>')
+    topics: tuple[str, ...] = texts(
+        (), 'Topics as name:package/msg/Type; empty: all that are found, except those excluded'
+    )
+    exclude: tuple[str, ...] = texts(
+        ('/rosout', '/parameter_events', '/lockstep/ack'),
+        'Topics that are not recorded when found',
+    )
+    run_info: str = text(
+        '', 'What describes the run: a JSON object, or the path of a file with one'
+    )
+    log_time: str = choice(
+        'auto',
+        ('auto', 'reception', 'simulation'),
+        'Time that messages are filed under; auto: simulation with lockstep or use_sim_time',
+    )
+    compression: str = choice('zstd', COMPRESSIONS, 'Compression of chunks')
+    chunk_bytes: int = param(256 * 1024, 'B', 1024, 64 * 1024 * 1024, 'Size of a chunk')
+    flush_period: float = param(0.5, 's', 0.01, 2.0, 'Longest time a message stays in memory')
+    sync: bool = flag(False, 'Wait for the disk at each flush, against loss of power')
+    quiet_time: float = param(
+        0.5, 's', 0.0, 10.0, 'At the end: wait for this long without messages'
+    )
+    drain_time: float = param(3.0, 's', 0.0, 60.0, 'At the end: but no longer than this')
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.lockstep and not self.topics:
+            raise ConfigError(
+                'parameter topics: empty, but with lockstep it must name every topic (name:type)'
+            )
+        parse_topics(self.topics)
+        parse_run_info(self.run_info)
+
+
+def parse_topics(texts_: Sequence[str]) -> dict[str, str]:
+    """Return topic names with their types from ``/name:package/msg/Type``.
+
+    Raises
+    ------
+    ConfigError
+        Naming the entry that is none.
+    """
+    found: dict[str, str] = {}
+    for entry in texts_:
+        name, colon, type_name = entry.partition(':')
+        if not colon or not name.startswith('/'):
+            raise ConfigError(f'parameter topics: {entry!r} is not /name:package/msg/Type')
+        if name in found:
+            raise ConfigError(f'parameter topics: {name} is named twice')
+        found[name] = normalize(type_name)
+    return found
+
+
+def parse_run_info(given: str) -> dict[str, Any]:
+    """Return the JSON object that the parameter is or names.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such file or it holds something else.
+    """
+    if not given:
+        return {}
+    content, where = given, 'parameter run_info'
+    if not given.lstrip().startswith('{'):
+        where = f'parameter run_info: file {given}'
+        try:
+            content = Path(given).read_text(encoding='utf-8')
+        except (OSError, UnicodeDecodeError) as error:
+            raise ConfigError(f'{where} cannot be read ({error})') from error
+    try:
+        info = json.loads(content)
+    except ValueError as error:
+        raise ConfigError(f'{where} is not JSON ({error})') from error
+    if not isinstance(info, dict):
+        raise ConfigError(f'{where} is not a JSON object')
+    return info
+
+
+@dataclass
+class TopicCount:
+    """What was taken of one topic.
+
+    `lost` counts holes in the publisher's own numbers; None when several publishers share the
+    topic, whose numbers then say nothing.
+    """
+
+    type: str
+    header: bool
+    count: int = 0
+    bytes: int = 0
+    lost: int | None = 0
+    last_publication: int | None = None
+    last_key: int = 0
+    recorded: bool = False
+
+
+@dataclass(order=True)
+class _Waiting:
+    """A message of the current burst, ordered by its time; `place` keeps equals in order."""
+
+    key: int
+    place: int
+    topic: str = field(compare=False)
+    data: bytes = field(compare=False)
+    stamp_ns: int | None = field(compare=False)
+
+
+class Recording:
+    """One bag being recorded.
+
+    Parameters
+    ----------
+    writer : BagWriter
+        Where it goes.
+    simulated : bool
+        Log time is simulated time, not that of reception.
+    offered : callable
+        From a topic to the profiles that its publishers offer, asked at its first message.
+    """
+
+    def __init__(
+        self,
+        writer: BagWriter,
+        *,
+        simulated: bool,
+        offered: Callable[[str], Sequence[Qos]] = lambda _: (),
+    ) -> None:
+        self._writer = writer
+        self._simulated = simulated
+        self._offered = offered
+        self._topics: dict[str, TopicCount] = {}
+        self._burst: list[_Waiting] = []
+        self._now_ns = 0
+        self._has_clock = False
+        self._last_ns = 0
+
+    @property
+    def topics(self) -> dict[str, TopicCount]:
+        """Counts per topic."""
+        return self._topics
+
+    @property
+    def message_count(self) -> int:
+        """Messages taken so far, of all topics."""
+        return sum(t.count for t in self._topics.values())
+
+    @property
+    def byte_count(self) -> int:
+        """Bytes of them."""
+        return sum(t.bytes for t in self._topics.values())
+
+    @property
+    def lost(self) -> int:
+        """Messages known to be lost before they came here."""
+        return sum(t.lost or 0 for t in self._topics.values())
+
+    @property
+    def file_bytes(self) -> int:
+        """Size of the file so far."""
+        return self._writer.size
+
+    @property
+    def waiting(self) -> int:
+        """Messages that are not filed yet because simulated time is not known yet."""
+        return len(self._burst)
+
+    def add_topic(self, topic: str, type_name: str) -> None:
+        """Expect messages of a topic.
+
+        Raises
+        ------
+        BagError
+            If its type is not installed.
+        """
+        described = definition(type_name)
+        header = described.has_header or described.type == CLOCK_TYPE
+        if self._simulated and described.type.startswith(_WALL_CLOCK_PACKAGES):
+            header = False
+        self._topics.setdefault(topic, TopicCount(described.type, header))
+
+    def take(
+        self, topic: str, data: bytes, received_ns: int, publication: int | None = None
+    ) -> None:
+        """Take one message; it is filed at the next `commit`.
+
+        Parameters
+        ----------
+        topic, data : str, bytes
+            A topic that was added, and the serialized message.
+        received_ns : int
+            When it arrived, system clock.
+        publication : int, optional
+            Its number by the publisher's count, if the topic has one publisher only.
+        """
+        entry = self._topics[topic]
+        entry.count += 1
+        entry.bytes += len(data)
+        _count_losses(entry, publication)
+        stamp = _stamp_ns(data) if entry.header else None
+        key = received_ns
+        if self._simulated:
+            key = self._now_ns if stamp is None else stamp
+            if stamp is not None:
+                self._advance(entry.type, stamp)
+        entry.last_key = key = max(key, entry.last_key)
+        self._burst.append(_Waiting(key, len(self._burst), topic, data, stamp))
+
+    def commit(self) -> None:
+        """File what was taken, in the order of its times.
+
+        Raises
+        ------
+        BagError
+            When the file cannot be written any more.
+        """
+        if self._simulated and not self._now_ns:
+            return  # no time to file it under yet: only descriptions come before the simulation
+        self._write_burst()
+        self._writer.tick()
+
+    def finish(self, **facts: object) -> Path:
+        """File everything, write the counts, finish the bag; returns its directory."""
+        self._write_burst()
+        for name in self._topics:
+            self._declare(name)
+        recording = {
+            'state': 'finished',
+            'message_count': self.message_count,
+            'topics': {
+                name: {'count': t.count, 'bytes': t.bytes, 'lost': t.lost}
+                for name, t in sorted(self._topics.items())
+            },
+            **facts,
+        }
+        return self._writer.finish({'recording': recording})
+
+    def abandon(self) -> None:
+        """Close the file as it is."""
+        self._writer.abandon()
+
+    def _advance(self, type_name: str, stamp_ns: int) -> None:
+        if type_name == CLOCK_TYPE:
+            if not self._has_clock:  # from now on it alone says what time it is
+                self._has_clock, self._now_ns = True, 0
+            self._now_ns = max(self._now_ns, stamp_ns)
+        elif not self._has_clock:
+            self._now_ns = max(self._now_ns, stamp_ns)
+
+    def _write_burst(self) -> None:
+        burst, self._burst = self._burst, []
+        burst.sort()
+        if self._simulated and self._last_ns == 0 and burst:
+            # What came before the simulation stands right before its first message.
+            times = [w.key for w in burst if 0 < w.key <= self._now_ns]
+            self._last_ns = min(times, default=self._now_ns)
+        for w in burst:
+            time_ns = w.key if not self._simulated else min(w.key, self._now_ns)
+            self._last_ns = time_ns = max(time_ns, self._last_ns)
+            self._declare(w.topic)
+            publish_ns = w.stamp_ns if w.stamp_ns and w.stamp_ns > 0 else time_ns
+            self._writer.write(w.topic, w.data, time_ns, publish_ns)
+
+    def _declare(self, topic: str) -> None:
+        entry = self._topics[topic]
+        if not entry.recorded:
+            entry.recorded = True
+            self._writer.add_topic(topic, entry.type, offered=self._offered(topic))
+
+
+def _count_losses(entry: TopicCount, publication: int | None) -> None:
+    if publication is None:
+        entry.lost = None
+    elif entry.lost is not None:
+        last = entry.last_publication
+        if last is not None and publication > last + 1:
+            entry.lost += publication - last - 1
+        entry.last_publication = publication  # smaller than before: the publisher was restarted
+
+
+def _stamp_ns(data: bytes) -> int | None:
+    """Time in the first eight bytes of a message's content; None if it has none that counts."""
+    if len(data) < _STAMP_END or data[0] != 0 or data[1] not in _STAMP:
+        return None
+    seconds, nanoseconds = _STAMP[data[1]].unpack_from(data, 4)
+    stamp = int(seconds) * _S + int(nanoseconds)
+    return stamp if stamp > 0 else None

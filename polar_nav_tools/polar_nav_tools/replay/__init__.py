@@ -1,0 +1,1 @@
+"""A recorded bag through the follower's engine: by message or by arrays, verified."""

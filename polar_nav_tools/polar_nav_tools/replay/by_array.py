@@ -1,0 +1,160 @@
+"""Replays a bag from arrays: the numbers of `replay`, without its messages.
+
+`replay` is for whoever wants the bytes (`verify`, `replay --out`); scores and reports only want
+the estimates. Both drive the same engine in the same order of events.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from polar_nav_core.engine import batch
+from polar_nav_core.engine import events as engine_events
+from polar_nav_core.engine.inputs import Inputs
+from polar_nav_follower.params import FollowerParams
+from polar_nav_follower.session import inputs_of
+
+from ..bags import Bag
+from ..bags.reading import Request
+from ..series.estimates import EstimateRows, receipts_of
+from ..series.model import ModelRun
+from ..series.vehicle import EstimateSeries, Receipt
+from .arrays import RecordedArrays, arrays_request, load_arrays
+from .by_message import parameters
+from .recorded import choose_follower
+from .station_arrays import StationArrays, load_station, replay_station, station_request
+
+Progress = Callable[[float], None]
+
+
+@dataclass(frozen=True, eq=False)
+class FastResult:
+    """What the engine made of a bag.
+
+    Attributes
+    ----------
+    vehicle : str
+        The follower.
+    params : FollowerParams
+        Parameters used.
+    estimates : EstimateSeries
+    receipts : list of Receipt
+    taken : dict of str to int
+        Messages taken per full topic name.
+    verdicts : dict of str to int
+        Verdict counts of everything that got a receipt.
+    divergence : str
+        Why the filter stopped; empty when it did not.
+    model : ModelRun or None
+        What it said of vehicle and water, without the truth of it.
+    """
+
+    vehicle: str
+    params: FollowerParams
+    estimates: EstimateSeries
+    receipts: list[Receipt]
+    taken: dict[str, int]
+    verdicts: dict[str, int]
+    divergence: str
+    model: ModelRun | None = None
+
+
+def replay_arrays(
+    source: RecordedArrays | StationArrays,
+    *,
+    configuration: str | None = None,
+    changes: Mapping[str, Any] | None = None,
+    progress: Progress | None = None,
+) -> FastResult:
+    """Run a bag's messages through the engine; see `replay.replay`."""
+    params = parameters(source.params, configuration, changes or {})
+    if isinstance(source, StationArrays):
+        run = replay_station(source, params)
+        return FastResult(
+            vehicle=source.vehicle, params=params, taken=source.taken, **run._asdict()
+        )
+    numbered = source.inputs(params)
+    rows = EstimateRows(params, _expected(numbered.inputs, params))
+    result = batch.run(params, numbered.inputs, progress=progress, sink=rows.take, told=True)
+    found = [numbered.renumbered(r) for r in result.receipts]
+    receipts = list(_merged(found, source.refused))
+    verdicts = Counter(dict(result.verdicts))
+    verdicts.update(r.verdict for r in source.refused)
+    return FastResult(
+        vehicle=source.vehicle,
+        params=params,
+        taken=source.taken,
+        estimates=rows.series(source.vehicle),
+        receipts=receipts_of(receipts),
+        verdicts={v.name: n for v, n in sorted(verdicts.items())},
+        divergence=result.divergence,
+    )
+
+
+def _expected(inputs: Inputs, params: FollowerParams) -> int:
+    """Number of estimates, about."""
+    stamps_ns = inputs.imu_stamps_ns
+    length_s = 1e-9 * int(stamps_ns[-1] - stamps_ns[0]) if len(stamps_ns) else 0.0
+    most = len(stamps_ns) + 1  # not more than samples, whatever the stamps are
+    return min(int(length_s / params.output_period_s) + 2, most)
+
+
+def load(
+    bag: Bag,
+    vehicle: str | None = None,
+    *,
+    truth: bool = False,
+    progress: Progress | None = None,
+) -> RecordedArrays | StationArrays | None:
+    """Read what a follower took, in either mode; None for a run to be taken by message."""
+    return load_arrays(bag, vehicle, truth=truth, progress=progress) or load_station(
+        bag, vehicle, truth=truth, progress=progress
+    )
+
+
+def wanted(bag: Bag, vehicle: str | None = None, *, truth: bool = False) -> Request | None:
+    """Say what `load` is going to read: for `open_bag`, which can read it on its way."""
+    return arrays_request(bag, vehicle, truth=truth) or station_request(bag, vehicle, truth=truth)
+
+
+def replay_estimates(
+    bag: Bag,
+    configuration: str | None,
+    vehicle: str | None,
+    changes: Mapping[str, Any],
+    progress: Progress,
+) -> FastResult | None:
+    """Read and replay a bag; None for a run that has to be taken message by message."""
+    # A parameter out of range is told before a long bag is read.
+    recorded = choose_follower(bag, vehicle)[1]
+    chosen = parameters(recorded, configuration, changes)
+    if inputs_of(chosen) != inputs_of(parameters(recorded, None, {})):
+        return None  # the arrays are of what the recorded run took
+    arrays = load(bag, vehicle, progress=_half(progress))
+    if arrays is None:
+        return None
+    return replay_arrays(
+        arrays,
+        configuration=configuration,
+        changes=changes,
+        progress=lambda share: progress(0.5 + 0.5 * share),
+    )
+
+
+def _half(progress: Progress) -> Progress:
+    return lambda share: progress(0.5 * share)
+
+
+def _merged(
+    found: Iterable[engine_events.Receipt], refused: Sequence[engine_events.Receipt]
+) -> Iterable[engine_events.Receipt]:
+    """Receipts in the order of publication: a refusal after everything of its stamp."""
+    waiting = list(reversed(refused))
+    for receipt in found:
+        while waiting and waiting[-1].stamp_ns < receipt.stamp_ns:
+            yield waiting.pop()
+        yield receipt
+    yield from reversed(waiting)

@@ -1,0 +1,171 @@
+"""Replays a recorded bag through the follower's engine.
+
+Comes in: a bag with the follower's inputs and its parameters (`/run_info`). Goes out: the messages
+that the live node would have published, as bytes. Live and replay drive the same
+`polar_nav_follower.session.Session`, so the bytes are the same when nothing is wrong;
+`verification` says so or names the first difference.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from polar_nav_core.engine.configurations import parameters_of
+from polar_nav_core.engine.events import Event, Receipt
+from polar_nav_core.params import from_mapping
+from polar_nav_follower import session
+from polar_nav_follower.params import FollowerParams
+from polar_nav_ros.stamps import to_ns
+
+from ..bags.reader import Bag
+from .recorded import RecordedInputs, load_inputs
+
+Progress = Callable[[float], None]
+"""Called with the share of the work that is done."""
+
+
+@dataclass(frozen=True)
+class Output:
+    """One message of a replay."""
+
+    topic: str
+    stamp_ns: int
+    data: bytes
+
+
+@dataclass(frozen=True)
+class ReplayResult:
+    """What the engine made of a bag.
+
+    Attributes
+    ----------
+    vehicle : str
+        The follower.
+    params : FollowerParams
+        Parameters used.
+    outputs : list of Output
+        Messages on full topic names, in order of publication.
+    sha256 : dict of str to str
+        Hash over the bytes of each compared topic, in order.
+    taken : dict of str to int
+        Messages taken per full topic name.
+    verdicts : dict of str to int
+        Verdict counts of everything that got a receipt.
+    """
+
+    vehicle: str
+    params: FollowerParams
+    outputs: list[Output]
+    sha256: dict[str, str]
+    taken: dict[str, int]
+    verdicts: dict[str, int]
+    divergence: str = ''
+
+    def of(self, topic: str) -> list[bytes]:
+        """Bytes published on a topic, given without the vehicle."""
+        name = f'/{self.vehicle}/{topic}'
+        return [o.data for o in self.outputs if o.topic == name]
+
+
+def parameters(
+    recorded: Mapping[str, Any], configuration: str | None, changes: Mapping[str, Any]
+) -> FollowerParams:
+    """Recorded parameters with the user's changes; replays need no lockstep, no reorder window."""
+    values = dict(recorded)
+    if configuration is not None:
+        values |= parameters_of(configuration, recorded)
+    values.update(changes)
+    return from_mapping(FollowerParams, values)
+
+
+def replay(
+    source: RecordedInputs | Bag | Path | str,
+    *,
+    configuration: str | None = None,
+    vehicle: str | None = None,
+    changes: Mapping[str, Any] | None = None,
+    progress: Progress | None = None,
+) -> ReplayResult:
+    """Run a bag's messages through the engine.
+
+    Parameters
+    ----------
+    source : RecordedInputs, Bag or path
+        Recorded run; inputs that were loaded before serve several replays.
+    configuration : str, optional
+        Named configuration instead of the recorded one.
+    vehicle : str, optional
+        Which follower, when there are several.
+    changes : mapping, optional
+        Other parameters to change, by name.
+
+    Raises
+    ------
+    BagError
+        When the bag lacks what the engine needs.
+    ConfigError
+        For an unknown parameter or a value out of range.
+    """
+    inputs = (
+        source if isinstance(source, RecordedInputs) else load_inputs(source, vehicle, changes)
+    )
+    params = parameters(inputs.params, configuration, changes or {})
+    run = session.Session(params, inputs.vehicle)
+    collector = _Collector(inputs.vehicle, inputs.live)
+    _drive(run, inputs.events(run), inputs.refused, collector, progress)
+    return ReplayResult(
+        vehicle=inputs.vehicle,
+        params=params,
+        outputs=collector.outputs,
+        sha256=collector.digests(),
+        taken={f'/{inputs.vehicle}/{topic}': count for topic, count in run.taken.items()},
+        verdicts={v.name: n for v, n in sorted(run.engine.verdicts.items())},
+        divergence=run.engine.divergence,
+    )
+
+
+def _drive(
+    run: session.Session,
+    events: list[Event],
+    refused: list[Receipt],
+    collector: _Collector,
+    progress: Progress | None,
+) -> None:
+    waiting = list(reversed(refused))
+    every = max(1, len(events) // 100)
+    for i, event in enumerate(events):
+        while waiting and waiting[-1].stamp_ns < event.stamp_ns:
+            receipt = waiting.pop()
+            collector.take(run.advance(receipt.stamp_ns + 1))
+            collector.take([run.refuse(receipt)])
+        collector.take(run.process(event))
+        if progress is not None and i % every == 0:
+            progress(i / len(events))
+    while waiting:
+        collector.take([run.refuse(waiting.pop())])
+    collector.take(run.flush())
+    if progress is not None:
+        progress(1.0)
+
+
+class _Collector:
+    """Collects what the session publishes, and hashes it per topic."""
+
+    def __init__(self, vehicle: str, compared: Iterable[str]) -> None:
+        self._prefix = f'/{vehicle}/'
+        self._hashes = {topic: hashlib.sha256() for topic in compared}
+        self.outputs: list[Output] = []
+
+    def take(self, published: Iterable[session.Published]) -> None:
+        for topic, message, data in published:
+            stamp_ns = to_ns(message.header.stamp)
+            self.outputs.append(Output(self._prefix + topic, stamp_ns, data))
+            if topic in self._hashes:
+                self._hashes[topic].update(data)
+
+    def digests(self) -> dict[str, str]:
+        return {topic: h.hexdigest() for topic, h in self._hashes.items()}

@@ -1,0 +1,109 @@
+"""A replay as a bag of its own, as a summary, and the changes of parameters that lead to it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from polar_nav_core.errors import ConfigError
+from polar_nav_core.params import names_near, to_mapping
+from polar_nav_follower.params import FollowerParams
+from polar_nav_follower.session import CURRENT, IDENTIFICATION, MODEL, RECEIPT, STATE
+
+from ..bags import Bag, BagWriter
+from .by_array import FastResult
+from .by_message import ReplayResult
+
+_TYPES = {STATE: 'polar_nav_msgs/msg/NavState', RECEIPT: 'polar_nav_msgs/msg/FixReceipt'}
+_MODEL_TYPES = {
+    CURRENT: 'polar_nav_msgs/msg/WaterCurrent',
+    MODEL: 'polar_nav_msgs/msg/VehicleModel',
+    IDENTIFICATION: 'polar_nav_msgs/msg/Identification',
+}
+
+
+def parse_changes(texts: Sequence[str]) -> dict[str, Any]:
+    """Parameters of follower_node from ``name=value`` texts; the values as YAML reads them.
+
+    Raises
+    ------
+    ConfigError
+        For a text without ``=``, and for an unknown name.
+    """
+    kinds = {f.name: f.metadata.get('kind') for f in fields(FollowerParams)}
+    changes: dict[str, Any] = {}
+    for text in texts:
+        name, equals, value = text.partition('=')
+        if not equals:
+            raise ConfigError(f'--set {text!r}: expected name=value')
+        if name not in kinds:
+            raise ConfigError(
+                f'unknown parameter {name} of follower_node; {names_near(name, kinds)}'
+            )
+        try:
+            changes[name] = _typed(yaml.safe_load(value), kinds[name])
+        except yaml.YAMLError as error:
+            raise ConfigError(f'--set {text!r}: {value!r} is not a value: {error}') from error
+    return changes
+
+
+def _typed(value: Any, kind: str | None) -> Any:  # noqa: ANN401 - a value of YAML
+    """Whole numbers may stand for floats here: a person typed them."""
+    if kind == 'float' and isinstance(value, int) and not isinstance(value, bool):
+        return float(value)
+    if kind == 'float' and isinstance(value, str):
+        try:
+            return float(value)  # YAML takes 1e-3 for a text
+        except ValueError:
+            return value
+    if kind == 'floats' and isinstance(value, list):
+        return [float(v) if isinstance(v, int) and not isinstance(v, bool) else v for v in value]
+    return value
+
+
+def replay_summary(result: ReplayResult | FastResult) -> dict[str, Any]:
+    """Say what a replay did, in plain values; hashes only where there are messages."""
+    if isinstance(result, FastResult):
+        states, receipts = len(result.estimates), len(result.receipts)
+    else:
+        states, receipts = len(result.of(STATE)), len(result.of(RECEIPT))
+    hashes = {} if isinstance(result, FastResult) else {'sha256': dict(result.sha256)}
+    return {
+        'vehicle': result.vehicle,
+        'configuration': result.params.configuration,
+        'estimates': states,
+        'receipts': receipts,
+        'verdicts': dict(result.verdicts),
+        'taken': dict(result.taken),
+        **hashes,
+        'divergence': result.divergence or None,
+    }
+
+
+def write_replay(path: Path, result: ReplayResult, source: Bag) -> Path:
+    """Write the outputs of a replay to a new bag, each under its own stamp.
+
+    Raises
+    ------
+    BagError
+        When the bag exists or cannot be written.
+    """
+    info: Mapping[str, object] = {
+        'replay_of': str(source.path),
+        'mission': source.run_info.get('mission', ''),
+        'configuration': result.params.configuration,
+        'parameters': to_mapping(result.params),
+        'sha256': dict(result.sha256),
+        'verdicts': dict(result.verdicts),
+    }
+    with BagWriter(path, info) as writer:
+        with_model = result.of(MODEL) or result.of(IDENTIFICATION)
+        for topic, type_name in (_TYPES | _MODEL_TYPES if with_model else _TYPES).items():
+            writer.add_topic(f'/{result.vehicle}/{topic}', type_name)
+        for output in result.outputs:
+            writer.write(output.topic, output.data, output.stamp_ns)
+    return path

@@ -1,0 +1,216 @@
+"""What a follower took from its topics in a recorded run, read in one pass over the bag.
+
+The messages are decoded once and serve any number of replays; what the live node published is kept
+as bytes, to be compared with.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rclpy.serialization import deserialize_message
+
+from polar_nav_core.engine.events import CommandKind, Event, Fix, Receipt, Verdict
+from polar_nav_core.params import from_mapping
+from polar_nav_follower import session
+from polar_nav_follower.params import FollowerParams
+from polar_nav_msgs.msg import AcousticPacket, Command, FixReceipt
+from polar_nav_ros.navigation_outputs import receipt_from_msg
+from polar_nav_ros.navigation_session import MODEL_OUTPUTS, SENSORS
+
+from ..bags.errors import BagError
+from ..bags.opening import open_bag
+from ..bags.reader import Bag
+from .constants import mode_table, require_same
+
+FOLLOWER_PACKAGE = 'polar_nav_follower'
+COMPARED = (session.STATE, session.RECEIPT)
+"""Topics that a replay reproduces bit for bit; and those of `MODEL_OUTPUTS` that the bag has."""
+
+_TYPES: dict[str, type[Any]] = {
+    **SENSORS,
+    session.PACKET: AcousticPacket,
+    session.COMMAND: Command,
+}
+_NO_LIMIT = 1 << 62
+
+
+@dataclass(frozen=True)
+class RecordedInputs:
+    """One follower's part of a bag.
+
+    Attributes
+    ----------
+    bag : Bag
+        Where it comes from.
+    vehicle : str
+        The follower.
+    params : mapping
+        Parameters its node ran with.
+    messages : list of (str, message)
+        Inputs by topic without the vehicle, each topic in its order, up to where the node ended.
+    refused : list of Receipt
+        What the live node refused because it came too late.
+    live : mapping of str to list of bytes
+        What the live node published on the compared topics.
+    imu : str
+        Topic of the IMU that the node took.
+    """
+
+    bag: Bag
+    vehicle: str
+    params: Mapping[str, Any]
+    messages: list[tuple[str, Any]]
+    refused: list[Receipt]
+    live: Mapping[str, list[bytes]]
+    imu: str = session.IMU
+
+    def events(self, run: session.Session) -> list[Event]:
+        """Events in their total order, without those that the live node refused.
+
+        Raises
+        ------
+        BagError
+            For a message that can be decoded and still makes no sense.
+        """
+        refused = Counter(refusal_key(r) for r in self.refused)
+        events: list[Event] = []
+        for topic, message in self.messages:
+            try:
+                event = run.event_of(topic, message)
+            except ValueError as error:
+                where = f'{self.bag.path}: a message on /{self.vehicle}/{topic}'
+                raise BagError(f'{where} makes no sense: {error}') from error
+            key = event_key(event)
+            if refused[key]:
+                refused[key] -= 1
+            else:
+                events.append(event)
+        # Contents of packets, for people: the live run published them, a replay does not.
+        for _ in run.decoded():
+            pass
+        events.sort(key=lambda e: e.key)
+        return events
+
+
+def load_inputs(
+    bag: Bag | Path | str, vehicle: str | None = None, changes: Mapping[str, Any] | None = None
+) -> RecordedInputs:
+    """Read what a follower took and published.
+
+    Parameters
+    ----------
+    bag : Bag or path
+        Recorded run.
+    vehicle : str, optional
+        Which follower, when there are several.
+    changes : mapping, optional
+        Other parameters than the recorded ones: which topics are taken depends on them.
+
+    Raises
+    ------
+    BagError
+        When there is no such follower, it took no IMU data, or a message cannot be decoded.
+    ConfigError
+        For parameters that follower_node does not take.
+    """
+    bag = bag if isinstance(bag, Bag) else open_bag(bag)
+    name, params = choose_follower(bag, vehicle)
+    inputs = session.inputs_of(from_mapping(FollowerParams, {**params, **(changes or {})}))
+    bag.require([f'/{name}/{inputs[0]}'])
+    compared = (*COMPARED, *(t for t in MODEL_OUTPUTS if f'/{name}/{t}' in bag.topics))
+    topics = {f'/{name}/{topic}': topic for topic in (*inputs, *compared)}
+    messages: list[tuple[str, Any]] = []
+    live: dict[str, list[bytes]] = {topic: [] for topic in compared}
+    limits: dict[str, int] | None = None
+    require_same(bag, topics)
+    modes = mode_table(bag, f'/{name}/{session.DVL}')
+    for full_name, _, data in bag.messages(topics):
+        topic = topics[full_name]
+        if topic in live:
+            live[topic].append(data)
+            continue
+        message = decoded(bag, full_name, data, _TYPES[topic])
+        if topic == session.DVL and modes is not None:
+            message.velocity_mode = int(modes[message.velocity_mode])
+        if topic == session.COMMAND and message.kind == CommandKind.SHUTDOWN:
+            limits = dict(zip(message.taken_topics, map(int, message.taken_counts), strict=True))
+        else:
+            messages.append((topic, message))
+    receipt_topic = f'/{name}/{session.RECEIPT}'
+    receipts = [decoded(bag, receipt_topic, d, FixReceipt) for d in live[session.RECEIPT]]
+    refused = [receipt_from_msg(r) for r in receipts if r.verdict == Verdict.TOO_LATE]
+    if limits is not None:
+        messages = _up_to(messages, {t: limits.get(f, _NO_LIMIT) for f, t in topics.items()})
+    return RecordedInputs(bag, name, params, messages, refused, live, inputs[0])
+
+
+def followers_of(bag: Bag) -> dict[str, dict[str, Any]]:
+    """Parameters of every follower whose node described itself in the bag, by vehicle."""
+    out: dict[str, dict[str, Any]] = {}
+    for name, info in bag.node_infos.items():
+        if info.get('package') == FOLLOWER_PACKAGE:
+            out[name.strip('/').split('/')[0]] = dict(info.get('params', {}))
+    return out
+
+
+def choose_follower(bag: Bag, vehicle: str | None) -> tuple[str, dict[str, Any]]:
+    """Vehicle and recorded parameters of the follower to replay.
+
+    Raises
+    ------
+    BagError
+        When there is none, or several and none was named.
+    """
+    found = followers_of(bag)
+    if vehicle is None:
+        if len(found) == 1:
+            return next(iter(found.items()))
+        if not found:
+            raise BagError(
+                f'{bag.path} tells of no follower_node on /run_info, so its parameters are not '
+                'known; record with ./polar record or recorder_node'
+            )
+        raise BagError(
+            f'{bag.path} has {len(found)} followers ({", ".join(sorted(found))}): '
+            'name one with --vehicle'
+        )
+    if vehicle not in found:
+        raise BagError(
+            f'{bag.path} has no follower {vehicle!r}; it has {", ".join(sorted(found)) or "none"}'
+        )
+    return vehicle, found[vehicle]
+
+
+def decoded(bag: Bag, topic: str, data: bytes, msg_type: type[Any]) -> Any:  # noqa: ANN401
+    """Message of recorded bytes; BagError when they are none."""
+    try:
+        return deserialize_message(data, msg_type)
+    except (RuntimeError, ValueError, MemoryError) as error:
+        raise BagError(f'{bag.path}: a message on {topic} is not a {msg_type.__name__}') from error
+
+
+def _up_to(messages: list[tuple[str, Any]], limits: Mapping[str, int]) -> list[tuple[str, Any]]:
+    """Messages that the live node had taken when it ended, as it said itself."""
+    taken: Counter[str] = Counter()
+    out = []
+    for topic, message in messages:
+        taken[topic] += 1
+        if taken[topic] <= limits[topic]:
+            out.append((topic, message))
+    return out
+
+
+def refusal_key(r: Receipt) -> tuple[str, str, int, int]:
+    """What a refused message is known by, from its receipt."""
+    return (r.topic, r.source, r.sequence, r.receive_ns or r.validity_ns)
+
+
+def event_key(event: Event) -> tuple[str, str, int, int]:
+    """The same, from the message."""
+    source = event.source if isinstance(event, Fix) else ''
+    return (event.topic, source, event.sequence, event.stamp_ns)

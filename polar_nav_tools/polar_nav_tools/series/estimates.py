@@ -1,0 +1,163 @@
+"""Rows of a run to the series that scoring and report take, without a message in between.
+
+The numbers are those of `polar_nav_ros.navigation_outputs` followed by `bags.arrays`, bit for bit
+(a test compares): both take them from `polar_nav_core.nav_columns`, here for some hundred rows at
+a time.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polar_nav_core import nav_columns
+from polar_nav_core.engine import events
+from polar_nav_core.engine.batch import Track
+from polar_nav_core.engine.params import EngineParams
+from polar_nav_core.error_model import X
+from polar_nav_msgs.msg import NavState
+
+from .vehicle import EstimateSeries, Receipt
+
+_ERRORS = ('gyro_bias_b', 'accel_bias_b', 'dvl_scale_m', 'dvl_markov_m', 'usbl_bias_a')
+_SIGMAS = tuple(f'{name.rpartition("_")[0]}_sigma' for name in _ERRORS)
+
+_COVARIANCES = {
+    'P_position_G': nav_columns.POSITION_COVARIANCE_G,
+    'P_velocity_G': nav_columns.VELOCITY_COVARIANCE_G,
+    'P_attitude_G': nav_columns.ATTITUDE_COVARIANCE_G,
+}
+
+Columns = dict[str, NDArray[Any]]
+
+
+class EstimateRows:
+    """Takes the rows of a run (`batch.run(sink=...)`) and makes a series of them.
+
+    Of each covariance only the blocks and sigmas stay that are published; a run needs to give no
+    more (``told=True``).
+
+    Parameters
+    ----------
+    params : EngineParams
+        Of the run.
+    expected : int
+        Number of rows there will be, about: room for so many is set aside.
+    """
+
+    def __init__(self, params: EngineParams, expected: int = 0) -> None:
+        self._params = params
+        self._room = max(expected, 1)
+        self._columns: Columns = {}
+        self._count = 0
+
+    def take(self, chunk: Track) -> None:
+        """Take some rows; they are copied."""
+        columns = self._columns_of(chunk)
+        start, stop = self._count, self._count + len(chunk.stamps_ns)
+        if not self._columns or stop > self._room:
+            self._make_room(columns, stop)
+        for name, column in columns.items():
+            self._columns[name][start:stop] = column
+        self._count = stop
+
+    def series(self, vehicle: str) -> EstimateSeries:
+        """Return the whole run."""
+        if not self._columns:
+            self.take(_no_rows())
+        count = self._count
+        configuration = self._params.configuration if count else ''
+        columns: dict[str, Any] = {name: c[:count] for name, c in self._columns.items()}
+        return EstimateSeries(
+            vehicle=vehicle,
+            configuration=configuration,
+            configurations=(configuration,) if count else (),
+            **columns,
+        )
+
+    def _make_room(self, columns: Columns, rows: int) -> None:
+        """Set room aside once: arrays that are joined at the end would be there twice."""
+        start = self._count
+        self._room = max(self._room, rows + rows // 2 if start else rows)
+        for name, column in columns.items():
+            wider = np.empty((self._room, *column.shape[1:]), dtype=column.dtype)
+            if start:
+                wider[:start] = self._columns[name][:start]
+            self._columns[name] = wider
+
+    def _columns_of(self, rows: Track) -> Columns:
+        """Columns of an EstimateSeries; see `navigation_outputs.nav_to_msg` for each."""
+        count, told = len(rows.stamps_ns), rows.told
+        if len(told) == count:
+            nav_columns.require_axes(told)
+        else:
+            told = nav_columns.describe(rows.r_e, rows.C_b_G, rows.P)
+        sigma, errors, fixes = told[:, nav_columns.SIGMA], rows.sensor_errors, rows.fixes
+        height = told[:, nav_columns.COLUMNS['height']]
+        age = np.where(fixes[:, 1] > 0, (rows.stamps_ns - fixes[:, 2]) * 1e-9, np.nan)
+        return {
+            'stamp_ns': rows.stamps_ns,
+            'status': np.full(count, NavState.STATUS_NAVIGATING, dtype=np.uint8),
+            'r_e': rows.r_e,
+            **{name: told[:, k] for name, k in nav_columns.COLUMNS.items()},
+            'depth': self._params.sea_surface_height - height,
+            'v_G': rows.v_G,
+            'C_b_G': nav_columns.rotations(told[:, nav_columns.QUATERNION]),
+            **{name: told[:, place].reshape(count, 3, 3) for name, place in _COVARIANCES.items()},
+            **{name: errors[:, 3 * i : 3 * i + 3] for i, name in enumerate(_ERRORS)},
+            **{name: sigma[:, 9 + 3 * i : 12 + 3 * i] for i, name in enumerate(_SIGMAS)},
+            'fixes_received': fixes[:, 0],
+            'fixes_fused': fixes[:, 1],
+            'age_of_last_fix': age,
+            'local_statistics': rows.local_statistics,
+        }
+
+
+def receipts_of(receipts: Iterable[events.Receipt]) -> list[Receipt]:
+    """Receipts of a run as scoring takes them: what a FixReceipt says."""
+    return [
+        Receipt(
+            stamp_ns=r.stamp_ns,
+            verdict=int(r.verdict),
+            verdict_text=r.verdict.name,
+            reason=r.reason,
+            topic=r.topic,
+            source=r.source,
+            sequence=r.sequence,
+            revision=r.revision,
+            validity_ns=r.validity_ns or None,
+            transmit_ns=r.transmit_ns or None,
+            receive_ns=r.receive_ns or None,
+            fused_ns=r.fused_ns or None,
+            age_s=(
+                (r.receive_ns - r.validity_ns) * 1e-9
+                if r.validity_ns and r.receive_ns
+                else math.nan
+            ),
+            delay_handling=r.delay_handling,
+            steps_rolled_back=r.steps_rolled_back,
+            innovation_G=r.innovation_G,
+            innovation_variance_G=r.innovation_variance_G,
+            nis=r.nis,
+            degrees_of_freedom=r.dof,
+            gate=r.gate,
+        )
+        for r in receipts
+    ]
+
+
+def _no_rows() -> Track:
+    return Track(
+        stamps_ns=np.zeros(0, dtype=np.int64),
+        r_e=np.zeros((0, 3)),
+        v_G=np.zeros((0, 3)),
+        C_b_G=np.zeros((0, 3, 3)),
+        P=np.zeros((0, X.size, X.size)),
+        sensor_errors=np.zeros((0, 15)),
+        local_statistics=np.zeros((0, 2, 3)),
+        fixes=np.zeros((0, 3), dtype=np.int64),
+    )
