@@ -60,7 +60,7 @@ read_want() {
   local -a messages setups kernels
   mapfile -t messages < <(files polar_nav_msgs)
   mapfile -t setups < <(files . -maxdepth 2 -path './polar_nav_*/setup.py')
-  mapfile -t kernels < <(files polar_nav_core/polar_nav_core/kernels)
+  mapfile -t kernels < <(files polar_nav_core/polar_nav_core/{kernels,warm.py})
   want[environment]="in $root with $([[ ! -x $venv/bin/python ]] || readlink -f "$venv/bin/python")"
   want[requirements]=$(key requirements.lock)
   want[messages]=$(key requirements.lock "${messages[@]}")
@@ -147,8 +147,8 @@ build_messages() {
 link_packages() { "$venv/bin/python" "$tools/development/environment.py" link; }
 
 compile_kernels() {
-  [[ ! -e $root/polar_nav_core/polar_nav_core/kernels/warm.py ]] ||
-    "$venv/bin/python" -P -m polar_nav_core.kernels.warm
+  [[ ! -e $root/polar_nav_core/polar_nav_core/warm.py ]] ||
+    "$venv/bin/python" -P -m polar_nav_core.warm
 }
 
 # How far pip is: packages looked up, later packages unpacked.

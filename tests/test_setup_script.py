@@ -36,7 +36,7 @@ case "$*" in
   '-m pip '*polar_nav_msgs) note messages ;;
   '-m pip '*) ;;
   *environment.py\ link) note link ;;
-  *kernels.warm) note warm ;;
+  *core.warm) note warm ;;
   '-P -m polar_nav_tools.cli'*) shift 3; echo "tool"; printf '<%s>\n' "$@"; env; exit 7 ;;
   *) echo "stand-in: $*" >&2; exit 99 ;;
 esac
@@ -93,10 +93,11 @@ def tree(tmp_path: Path) -> Tree:
         'polar_nav_msgs/msg/Fix.msg': 'float64 range\n',
         'polar_nav_sim/setup.py': 'setup()\n',
         'polar_nav_tools/polar_nav_tools/development/environment.py': 'link()\n',
-        'polar_nav_core/polar_nav_core/kernels/warm.py': 'warm()\n',
+        'polar_nav_core/polar_nav_core/kernels/frames/earth.py': 'radius = 6378137.0\n',
+        'polar_nav_core/polar_nav_core/warm.py': 'warm()\n',
     }
     for name, text in texts.items():
-        (root / name).parent.mkdir(parents=True)
+        (root / name).parent.mkdir(parents=True, exist_ok=True)
         (root / name).write_text(text)
     programs = tmp_path / 'bin'
     programs.mkdir()
@@ -130,7 +131,8 @@ def test_later_calls_touch_nothing_and_say_nothing(tree):
         ('polar_nav_msgs/msg/Fix.msg', ['messages']),
         ('polar_nav_msgs/msg/New.msg', ['messages']),
         ('polar_nav_sim/setup.py', ['link']),
-        ('polar_nav_core/polar_nav_core/kernels/warm.py', ['warm']),
+        ('polar_nav_core/polar_nav_core/kernels/frames/earth.py', ['warm']),
+        ('polar_nav_core/polar_nav_core/warm.py', ['warm']),
         ('requirements.lock', ['requirements', 'messages', 'warm']),
     ],
 )

@@ -1,7 +1,7 @@
 """Depth: from pressure (TEOS-10), and the height it gives (docs/derivations/measurements.md, 2).
 
 ``h = sea_surface_height - depth`` is the ellipsoidal height of the sensor; base_link's follows
-with the lever arm. `kernels.filter_rows.depth_rows` is the compiled form that the engine runs.
+with the lever arm. `kernels.sins.rows.depth_rows` is the compiled form that the engine runs.
 """
 
 from __future__ import annotations

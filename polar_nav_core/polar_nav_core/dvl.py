@@ -6,7 +6,7 @@ K per axis and the slowly varying error dV. The innovation is taken in grid axes
 measurement has to be resolved with the *estimated* attitude: that is the block -[V x] on phi which
 makes heading observable.
 
-`kernels.filter_rows.dvl_rows` is the compiled form that the engine runs; this one is for reading,
+`kernels.sins.rows.dvl_rows` is the compiled form that the engine runs; this one is for reading,
 simulation and tests.
 """
 

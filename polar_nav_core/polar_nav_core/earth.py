@@ -10,15 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .arrays import Array, scalar_or_array, vectors
-from .kernels import earth as _kernels
-from .kernels.earth import (
-    ECCENTRICITY_2,
-    FLATTENING,
-    GM,
-    OMEGA_IE,
-    SEMI_MAJOR,
-    SEMI_MINOR,
-)
+from .kernels.frames import earth as _kernels
+from .kernels.frames.earth import ECCENTRICITY_2, FLATTENING, GM, OMEGA_IE, SEMI_MAJOR, SEMI_MINOR
 
 __all__ = [
     'ECCENTRICITY_2',

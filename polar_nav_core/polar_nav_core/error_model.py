@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from .arrays import Array, matrices, vectors
 from .attitude import exp
 from .grid import require_regular
-from .kernels.error_model import fill_system_matrix
+from .kernels.sins.error_model import fill_system_matrix
 
 
 class ErrorState(NamedTuple):

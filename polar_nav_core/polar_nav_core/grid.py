@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike
 
 from .arrays import Array, scalar_or_array, vectors
 from .earth import up
-from .kernels import grid as _kernels
-from .kernels.nav_columns import SIGMA_CAP
+from .kernels.frames import grid as _kernels
+from .kernels.sins.columns import SIGMA_CAP
 
 SINGULAR_DELTA = 1e-8
 """Smallest Delta = sqrt(1 - u_y^2) that is still used [rad]."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from .arrays import Array
 from .grid import refuse_singular, require_regular
-from .kernels import nav_columns as _kernels
+from .kernels.sins import columns as _kernels
 
 COLUMNS = {
     'latitude': _kernels.LATITUDE,

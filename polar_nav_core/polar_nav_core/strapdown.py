@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike
 from .arrays import Array, matrices, vectors
 from .attitude import exp
 from .grid import require_regular
-from .kernels import blocks as _blocks
-from .kernels import error_model as _error_model
-from .kernels import strapdown as _kernels
+from .kernels.frames import blocks as _blocks
+from .kernels.frames import strapdown as _kernels
+from .kernels.sins import error_model as _error_model
 
 
 def increments(

@@ -2,7 +2,7 @@
 
 The fix is the follower's position at t3, when its transponder replied, seen from the array's pose
 at t4, when the reply was back. Leader and follower have different grid frames: relative vectors
-travel in the leader's, positions are added in ECEF only. `kernels.filter_rows.fix_rows` is the
+travel in the leader's, positions are added in ECEF only. `kernels.sins.rows.fix_rows` is the
 compiled form of `innovation` and `jacobian`.
 """
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .arrays import Array
-from .kernels import vehicle_model as kernels
+from .kernels.vehicle import model as kernels
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import numpy as np
 from polar_nav_core import attitude, earth, grid
 from polar_nav_core.engine.events import DepthSample, DvlPing, Fix, ImuSample
 from polar_nav_core.engine.params import EngineParams
-from polar_nav_core.kernels import strapdown
+from polar_nav_core.kernels.frames import strapdown
 
 START_NS = 1_772_323_200_000_000_000
 IMU_NS = 10_000_000

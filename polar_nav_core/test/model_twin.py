@@ -13,9 +13,10 @@ from polar_nav_core import attitude, earth, grid
 from polar_nav_core.engine import batch
 from polar_nav_core.engine.events import Fix
 from polar_nav_core.engine.params import EngineParams
-from polar_nav_core.kernels import earth as earth_kernels
-from polar_nav_core.kernels import grid as grid_kernels
-from polar_nav_core.kernels import strapdown, vehicle_model
+from polar_nav_core.kernels.frames import earth as earth_kernels
+from polar_nav_core.kernels.frames import grid as grid_kernels
+from polar_nav_core.kernels.frames import strapdown
+from polar_nav_core.kernels.vehicle import model as vehicle_model
 from polar_nav_core.vehicle_model import VehicleModel
 
 START_NS = 1_772_323_200_000_000_000

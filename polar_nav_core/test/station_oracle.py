@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from polar_nav_core import earth, grid
-from polar_nav_core.kernels import station_state as ss
+from polar_nav_core.kernels.station import state as ss
 
 
 def skew(a):

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from polar_nav_core import grid
 from polar_nav_core.engine.engine import Engine
 from polar_nav_core.engine.events import Estimate, Receipt, Verdict
-from polar_nav_core.engine.filter.delay import STRATEGIES
+from polar_nav_core.engine.strategies import STRATEGIES
 
 
 @pytest.fixture(scope='module')

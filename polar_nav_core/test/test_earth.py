@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from polar_nav_core import earth
-from polar_nav_core.kernels import earth as kernels
+from polar_nav_core.kernels.frames import earth as kernels
 
 LAT = st.floats(-90.0, 90.0)
 LON = st.floats(-180.0, 180.0)

@@ -12,7 +12,7 @@ import pytest
 from core_oracle import Trajectory, integrate, state_vector, up_height
 
 from polar_nav_core import attitude, earth, grid
-from polar_nav_core.kernels import strapdown
+from polar_nav_core.kernels.frames import strapdown
 
 DT = 0.01
 DURATION = 3600.0 if not numba.config.DISABLE_JIT else 3.0

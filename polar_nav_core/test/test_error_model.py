@@ -10,7 +10,7 @@ from scipy.linalg import expm
 
 from polar_nav_core import attitude, earth, error_model, grid
 from polar_nav_core.error_model import Navigation, W, X
-from polar_nav_core.kernels import strapdown
+from polar_nav_core.kernels.frames import strapdown
 
 C_B_G = attitude.matrix_from_euler(2.0, 0.1, -0.2)
 V_G = np.array([2.0, -3.0, 0.3])

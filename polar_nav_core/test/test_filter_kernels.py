@@ -5,9 +5,11 @@ import pytest
 from scipy.linalg import expm
 
 from polar_nav_core import attitude, earth, grid
-from polar_nav_core.kernels import filter as kf
-from polar_nav_core.kernels import filter_imu, filter_rows, filter_walk
-from polar_nav_core.kernels.transition import INVERSE, fill_transition
+from polar_nav_core.kernels.sins import imu as filter_imu
+from polar_nav_core.kernels.sins import rows as filter_rows
+from polar_nav_core.kernels.sins import update as kf
+from polar_nav_core.kernels.sins import walk as filter_walk
+from polar_nav_core.kernels.sins.transition import INVERSE, fill_transition
 
 N = kf.N
 R_E = earth.ecef_from_geodetic(np.deg2rad(84.0), np.deg2rad(-130.0), -80.0)

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from polar_nav_core.engine.filter.history import History, make_past
-from polar_nav_core.kernels import filter_state as fs
+from polar_nav_core.engine.sins.history import History, make_past
+from polar_nav_core.kernels.sins import state as fs
 
 
 @pytest.mark.parametrize('count', [0, 1, 2, 11, 12, 13, 30, 36])

@@ -10,21 +10,21 @@ import numba
 import numpy as np
 import pytest
 
-from polar_nav_core.kernels import cache, strapdown
+from polar_nav_core.kernels import cache
+from polar_nav_core.kernels.frames import strapdown
 
 KERNELS = Path(cache.__file__).parent
 jit_only = pytest.mark.skipif(numba.config.DISABLE_JIT, reason='needs compiled kernels')
 
 
 def test_key_changes_with_any_source(tmp_path):
-    for path in KERNELS.glob('*.py'):
-        shutil.copy(path, tmp_path)
+    shutil.copytree(KERNELS, tmp_path, dirs_exist_ok=True)
     before = cache.cache_key(tmp_path)
     assert before == cache.cache_key() == cache.cache_key(KERNELS)
-    earth = tmp_path / 'earth.py'
+    earth = tmp_path / 'frames' / 'earth.py'
     earth.write_text(earth.read_text().replace('7.292115e-5', '7.292116e-5'))
     edited = cache.cache_key(tmp_path)
-    earth.rename(tmp_path / 'sphere.py')
+    earth.rename(tmp_path / 'frames' / 'sphere.py')
     assert len({before, edited, cache.cache_key(tmp_path)}) == 3
 
 
@@ -81,6 +81,15 @@ def test_kernels_are_cached_there_and_numbas_own_setting_is_left_alone():
     path = Path(strapdown.strapdown_step._cache.cache_path)
     assert cache.cache_directory() in path.parents
     assert os.environ.get('NUMBA_CACHE_DIR', '') == numba.config.CACHE_DIR
+
+
+def test_a_folder_of_kernels_elsewhere_has_a_directory_of_its_own(tmp_path):
+    elsewhere = tmp_path / 'bags' / 'kernels'
+    elsewhere.mkdir(parents=True)
+    (elsewhere / 'records.py').write_text('')
+    assert cache.folder_of(elsewhere / 'records.py') == elsewhere
+    assert cache.folder_of(Path(strapdown.__file__)) == KERNELS
+    assert cache.cache_key(elsewhere) != cache.cache_key()
 
 
 @jit_only

@@ -8,7 +8,7 @@ from core_places import position
 
 from polar_nav_core import attitude, depth, dvl, earth, grid, usbl
 from polar_nav_core.error_model import Navigation, X
-from polar_nav_core.kernels import filter_rows
+from polar_nav_core.kernels.sins import rows as filter_rows
 
 PLACES = ['exact north pole', 'exact south pole', '89.99N at 180E', '80N 120E', '75S 60W']
 OMEGA = np.array([0.05, -0.08, 0.1])

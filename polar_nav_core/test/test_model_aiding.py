@@ -13,7 +13,7 @@ from polar_nav_core.engine.engine import Engine
 from polar_nav_core.engine.events import ControlSample, DvlPing, Estimate, Receipt, Verdict
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.errors import ConfigError
-from polar_nav_core.kernels import filter_state as fs
+from polar_nav_core.kernels.sins import state as fs
 
 AIDED = ('ignore', 'tagged', 'back_propagate', 'rewind')
 

@@ -5,11 +5,11 @@ import pytest
 
 from polar_nav_core import attitude
 from polar_nav_core.error_model import system_matrix
-from polar_nav_core.kernels import filter as kf
-from polar_nav_core.kernels import filter_block as fb
-from polar_nav_core.kernels import filter_model as fm
-from polar_nav_core.kernels import vehicle_model as vm
-from polar_nav_core.kernels.transition import INVERSE, fill_transition
+from polar_nav_core.kernels.sins import block as fb
+from polar_nav_core.kernels.sins import model as fm
+from polar_nav_core.kernels.sins import update as kf
+from polar_nav_core.kernels.sins.transition import INVERSE, fill_transition
+from polar_nav_core.kernels.vehicle import model as vm
 from polar_nav_core.vehicle_model import VehicleModel
 
 N, E = kf.N, fm.E

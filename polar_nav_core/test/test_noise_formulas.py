@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from polar_nav_core.engine.filter.sage_husa import (
+from polar_nav_core.engine.sins.sage_husa import (
     Q_BOUNDS,
     R_CEILING,
     GuardedNoise,

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from polar_nav_core import packet
+from polar_nav_core.link import packet
 
 NOW = 1_772_323_200_000_000_000
 

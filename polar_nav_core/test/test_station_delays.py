@@ -15,9 +15,18 @@ from polar_nav_core.engine.engine import Engine
 from polar_nav_core.engine.events import DepthSample, Estimate, Fix, ImuSample, Receipt, Verdict
 from polar_nav_core.engine.params import DELAY_HANDLING
 from polar_nav_core.engine.station import batch
-from polar_nav_core.kernels import station_attitude, station_forward, station_run, vehicle_model
-from polar_nav_core.kernels import station_state as ss
-from polar_nav_core.kernels.warm import warm_station
+from polar_nav_core.kernels.station import (
+    attitude as station_attitude,
+)
+from polar_nav_core.kernels.station import (
+    forward as station_forward,
+)
+from polar_nav_core.kernels.station import (
+    run as station_run,
+)
+from polar_nav_core.kernels.station import state as ss
+from polar_nav_core.kernels.vehicle import model as vehicle_model
+from polar_nav_core.warm import warm_station
 
 SECONDS = 20.0
 QUIET = {

@@ -11,8 +11,19 @@ import station_oracle as oracle
 from polar_nav_core import attitude
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.engine.station import arrays
-from polar_nav_core.kernels import station, station_attitude, station_fix, station_forward
-from polar_nav_core.kernels import station_state as ss
+from polar_nav_core.kernels.station import (
+    attitude as station_attitude,
+)
+from polar_nav_core.kernels.station import (
+    fix as station_fix,
+)
+from polar_nav_core.kernels.station import (
+    forward as station_forward,
+)
+from polar_nav_core.kernels.station import state as ss
+from polar_nav_core.kernels.station import (
+    step as station,
+)
 
 VECTORS = json.loads((Path(__file__).parent / 'data' / 'has_station.json').read_text())
 CASES = VECTORS['prediction']

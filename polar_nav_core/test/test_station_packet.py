@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from polar_nav_core import packet, station_packet
-from polar_nav_core.packet_fields import TICK_NS, PacketError, kind_of
-from polar_nav_core.station_packet import StationReport, decode, encode
+from polar_nav_core.link import packet, station_packet
+from polar_nav_core.link.fields import TICK_NS, PacketError, kind_of
+from polar_nav_core.link.station_packet import StationReport, decode, encode
 
 NOW = 1_772_323_200_000_000_000
 

@@ -8,7 +8,7 @@ from core_oracle import Trajectory
 from core_places import PLACES, STATES, position
 
 from polar_nav_core import attitude, earth, grid
-from polar_nav_core.kernels import blocks, body, strapdown
+from polar_nav_core.kernels.frames import blocks, body, strapdown
 from polar_nav_core.strapdown import Strapdown, increments
 
 JIT = not numba.config.DISABLE_JIT

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from polar_nav_core.attitude import matrix_from_euler, skew
-from polar_nav_core.kernels import vehicle_dynamics as kernels
+from polar_nav_core.kernels.vehicle import dynamics as kernels
 from polar_nav_core.vehicle_model import VehicleModel
 
 VECTORS = json.loads((Path(__file__).parent / 'data' / 'has_dynamics.json').read_text())

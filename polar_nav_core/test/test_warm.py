@@ -7,16 +7,20 @@ from closed_loop import World, run
 
 from polar_nav_core.engine.engine import Engine
 from polar_nav_core.engine.params import DELAY_HANDLING
-from polar_nav_core.kernels import (
-    filter as kf,
+from polar_nav_core.kernels.sins import (
+    events as filter_events,
 )
-from polar_nav_core.kernels import (
-    filter_events,
-    filter_late,
-    filter_run,
-    filter_smooth,
+from polar_nav_core.kernels.sins import (
+    late as filter_late,
 )
-from polar_nav_core.kernels.warm import warm_filter
+from polar_nav_core.kernels.sins import (
+    run as filter_run,
+)
+from polar_nav_core.kernels.sins import (
+    smooth as filter_smooth,
+)
+from polar_nav_core.kernels.sins import update as kf
+from polar_nav_core.warm import warm_filter
 
 MODULES = (kf, filter_events, filter_late, filter_run, filter_smooth)
 ENTRIES = [

@@ -7,8 +7,8 @@ session, this is the only place of the package that knows both worlds.
 from __future__ import annotations
 
 from polar_nav_core.engine.events import Fix, PolarFix
-from polar_nav_core.packet import Broadcast
-from polar_nav_core.station_packet import StationReport
+from polar_nav_core.link.packet import Broadcast
+from polar_nav_core.link.station_packet import StationReport
 from polar_nav_msgs.msg import AcousticPacket, StationFix
 from polar_nav_ros.stamps import to_msg, to_ns
 

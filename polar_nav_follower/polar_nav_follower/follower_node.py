@@ -24,7 +24,7 @@ import sys
 from collections.abc import Sequence
 from typing import Any
 
-from polar_nav_core.kernels.warm import warm_filter, warm_others
+from polar_nav_core.warm import warm_filter, warm_others
 from polar_nav_msgs.msg import AcousticPacket, LeaderBroadcast, StationFix
 from polar_nav_ros.diagnostics import Diagnosis
 from polar_nav_ros.navigation_ports import NavigationPorts

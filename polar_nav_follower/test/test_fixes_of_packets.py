@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from polar_nav_core import earth
-from polar_nav_core.packet import Broadcast, encode
+from polar_nav_core.link.packet import Broadcast, encode
 from polar_nav_follower.measurements.fix import Packet, fix_from_packet, fixes_from_packets
 from polar_nav_follower.params import FollowerParams
 

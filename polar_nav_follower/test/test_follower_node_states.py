@@ -13,8 +13,9 @@ from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from sensor_msgs.msg import Imu  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
 
-from polar_nav_core import earth, grid, packet  # noqa: E402
+from polar_nav_core import earth, grid  # noqa: E402
 from polar_nav_core.engine.params import EngineParams  # noqa: E402
+from polar_nav_core.link import packet  # noqa: E402
 from polar_nav_follower.follower_node import FollowerNode  # noqa: E402
 from polar_nav_msgs.msg import AcousticPacket, NavState  # noqa: E402
 from polar_nav_ros.node import DATA_QOS  # noqa: E402

@@ -11,7 +11,7 @@ pytest.importorskip('rclpy')
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Imu
 
-from polar_nav_core import packet
+from polar_nav_core.link import packet
 from polar_nav_follower import session
 from polar_nav_follower.params import FollowerParams
 from polar_nav_msgs.msg import AcousticPacket, Depth, Dvl, FixReceipt, NavState

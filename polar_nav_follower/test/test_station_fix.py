@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from polar_nav_core import packet, station_packet
 from polar_nav_core.engine.events import Verdict
-from polar_nav_core.packet import crc16
-from polar_nav_core.station_packet import StationReport
+from polar_nav_core.link import packet, station_packet
+from polar_nav_core.link.packet import crc16
+from polar_nav_core.link.station_packet import StationReport
 from polar_nav_follower.measurements.fix import fix_from_packet
 from polar_nav_follower.measurements.station_fix import StationNumbers, station_fix_from_packet
 from polar_nav_follower.params import FollowerParams

@@ -11,8 +11,8 @@ from geometry_msgs.msg import WrenchStamped
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import Imu
 
-from polar_nav_core import station_packet
-from polar_nav_core.packet import crc16
+from polar_nav_core.link import station_packet
+from polar_nav_core.link.packet import crc16
 from polar_nav_follower import session
 from polar_nav_follower.params import FollowerParams
 from polar_nav_msgs.msg import AcousticPacket, Command, Depth, FixReceipt, NavState

@@ -12,9 +12,10 @@ pytest.importorskip('rclpy')
 from geometry_msgs.msg import WrenchStamped
 from sensor_msgs.msg import Imu
 
-from polar_nav_core import earth, grid, station_packet
+from polar_nav_core import earth, grid
 from polar_nav_core.engine.events import CommandKind
-from polar_nav_core.station_packet import StationReport
+from polar_nav_core.link import station_packet
+from polar_nav_core.link.station_packet import StationReport
 from polar_nav_follower import session
 from polar_nav_follower.params import FollowerParams
 from polar_nav_msgs.msg import AcousticPacket, Command, Depth, FixReceipt, NavState

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polar_nav_core import attitude, earth, usbl
-from polar_nav_core.packet import Broadcast
+from polar_nav_core.link.packet import Broadcast
 
 from .params import LeaderParams
 from .states import LeaderState

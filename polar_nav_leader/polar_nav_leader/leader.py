@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from polar_nav_core.packet import Broadcast, encode
+from polar_nav_core.link.packet import Broadcast, encode
 
 from .broadcast import ArrayMeasurement, Mounting, Unusable, make_broadcast
 from .params import LeaderParams

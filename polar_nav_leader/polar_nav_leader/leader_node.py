@@ -25,7 +25,7 @@ from typing import Any
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import NavSatFix
 
-from polar_nav_core.kernels.warm import warm_filter
+from polar_nav_core.warm import warm_filter
 from polar_nav_msgs.msg import AcousticPacket, LeaderBroadcast, UsblFix
 from polar_nav_ros.diagnostics import Diagnosis, Level
 from polar_nav_ros.navigation_ports import NavigationPorts

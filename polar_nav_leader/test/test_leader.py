@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from sailing import C_SOUND, T0, TURN_AROUND, Sailing, cycle
 
-from polar_nav_core import attitude, grid, packet
+from polar_nav_core import attitude, grid
+from polar_nav_core.link import packet
 from polar_nav_leader.broadcast import ArrayMeasurement
 from polar_nav_leader.leader import Leader
 from polar_nav_leader.params import LeaderParams

@@ -12,8 +12,9 @@ from closed_loop import START_NS, World
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import NavSatFix, NavSatStatus
 
-from polar_nav_core import attitude, earth, grid, packet
+from polar_nav_core import attitude, earth, grid
 from polar_nav_core.engine.events import Verdict
+from polar_nav_core.link import packet
 from polar_nav_leader import convert, session
 from polar_nav_leader.params import LeaderParams
 from polar_nav_ros.navigation_session import IMU, RECEIPT, STATE

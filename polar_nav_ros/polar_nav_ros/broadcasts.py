@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from polar_nav_core import earth
-from polar_nav_core.packet import Broadcast
+from polar_nav_core.link.packet import Broadcast
 from polar_nav_msgs.msg import LeaderBroadcast
 
 from .stamps import to_msg

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polar_nav_core.errors import ConfigError
-from polar_nav_core.station_packet import decode, encode
+from polar_nav_core.link.station_packet import decode, encode
 
 from .acoustics import Channel, ChannelSpec, Packet
 from .dynamics.sampled import SampledMotion

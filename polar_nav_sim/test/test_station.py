@@ -9,7 +9,7 @@ import pytest
 from sim_station import FRAME, START_NS, Straight
 
 from polar_nav_core.errors import ConfigError
-from polar_nav_core.station_packet import SIZE, decode, encode
+from polar_nav_core.link.station_packet import SIZE, decode, encode
 from polar_nav_sim.sensors.station import Station, StationErrors, least_period_s
 from polar_nav_sim.sound_speed import SoundSpeed
 from polar_nav_sim.station_sequence import SequenceSpec, StationSequence

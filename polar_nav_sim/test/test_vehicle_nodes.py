@@ -16,8 +16,8 @@ from sensor_msgs.msg import Imu  # noqa: E402
 
 from polar_nav_core.attitude import matrix_from_quaternion  # noqa: E402
 from polar_nav_core.errors import ConfigError  # noqa: E402
+from polar_nav_core.link.station_packet import decode as read_packet  # noqa: E402
 from polar_nav_core.params import NodeParams  # noqa: E402
-from polar_nav_core.station_packet import decode as read_packet  # noqa: E402
 from polar_nav_msgs.msg import (  # noqa: E402
     AcousticPacket,
     Depth,

@@ -10,10 +10,10 @@ import pytest
 from bag_samples import IMU, STATE, TRUTH, TYPES, imu, make, stamp, stamp_ns, truth, write_bag
 from mcap.reader import make_reader
 
-from polar_nav_core.kernels import records
 from polar_nav_tools.bags import BagError, BagWriter, open_bag, scan
 from polar_nav_tools.bags.chunks import messages, other, walk
 from polar_nav_tools.bags.columns import read_columns
+from polar_nav_tools.bags.kernels import records
 from polar_nav_tools.bags.schemas import definition
 from polar_nav_tools.bags.tables import read_tables
 

@@ -9,7 +9,7 @@ import yaml
 
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.errors import ConfigError
-from polar_nav_core.packet import SIZE
+from polar_nav_core.link.packet import SIZE
 from polar_nav_leader.params import LeaderParams
 from polar_nav_sim.params import AcousticLinkParams, UsblParams
 from polar_nav_tools.cli import main

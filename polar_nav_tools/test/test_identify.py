@@ -14,7 +14,7 @@ from sensor_msgs.msg import Imu
 from std_msgs.msg import String
 
 from polar_nav_core.attitude import quaternion_from_matrix
-from polar_nav_core.station_packet import StationReport, encode
+from polar_nav_core.link.station_packet import StationReport, encode
 from polar_nav_msgs.msg import AcousticPacket, Depth, VehicleModel
 from polar_nav_ros.stamps import to_msg
 from polar_nav_sim.offline_station import StationScenario, simulate

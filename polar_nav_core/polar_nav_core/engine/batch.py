@@ -16,17 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import FilterDivergence
-from ..kernels import filter_events as fe
-from ..kernels import filter_run
-from ..kernels import filter_state as fs
+from ..kernels.sins import events as fe
+from ..kernels.sins import run as filter_run
+from ..kernels.sins import state as fs
 from .engine import Engine
 from .events import Array, Event, Fix, ImuSample, Rank, Receipt, Verdict
-from .filter import aiding
-from .filter.fusion import FixResult, Fusion
-from .filter.navigation import NavigationFilter
-from .filter.streams import put_late_fix, room_for_fixes
 from .inputs import Inputs, Stamps
 from .params import EngineParams
+from .sins import aiding
+from .sins.filter import NavigationFilter
+from .sins.fusion import FixResult, Fusion
+from .sins.streams import put_late_fix, room_for_fixes
 from .track import Collector, RowSink, Track
 
 __all__ = ['Inputs', 'Progress', 'Result', 'RowSink', 'Stamps', 'Track', 'run']

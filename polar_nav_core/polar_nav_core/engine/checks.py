@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import fields
 
-from .filter.fusion import Driver
-from .filter.history import CORRECTIONS_PER_S, IMU_PERIOD_S
-from .filter.navigation import NavigationFilter
 from .params import EngineParams
+from .sins.filter import NavigationFilter
+from .sins.fusion import Driver
+from .sins.history import CORRECTIONS_PER_S, IMU_PERIOD_S
 
 _ONLY_CUSTOM = ('delay_handling', 'noise_adaptation', 'gate_probability', 'robust_fixes')
 _SMALL_ANGLE_DEG = 10.0

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from ..errors import FilterDivergence
-from ..kernels.filter import Ints
+from ..kernels.sins.update import Ints
 from .checks import aiding_warning, history_warning
 from .events import (
     LOCAL_DOF,
@@ -35,17 +35,17 @@ from .events import (
     Receipt,
     Verdict,
 )
-from .filter.delay import compiled, make_fusion
-from .filter.fusion import Driver, FixResult, Fusion
-from .filter.navigation import NavigationFilter
-from .filter.settings import chi2_gate
 from .integrity import Integrity, held
 from .ledger import FixLedger
 from .params import EngineParams
 from .receipts import age_s, receipt_of
 from .refusals import unusable_local
+from .sins.filter import NavigationFilter
+from .sins.fusion import Driver, FixResult, Fusion
+from .sins.settings import chi2_gate
 from .station.fixes import dated
 from .station.identify import Adaptation, make_adaptation
+from .strategies import compiled, make_fusion
 
 
 class Engine:

@@ -17,7 +17,7 @@ from enum import IntEnum
 import numpy as np
 
 from .events import Array, Fix
-from .filter.fusion import Driver
+from .sins.fusion import Driver
 
 _ALARMING = 3
 """Fixes refused in a row before anything is said: one or two are chance or outliers."""

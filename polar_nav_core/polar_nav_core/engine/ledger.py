@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections import Counter, OrderedDict
 from collections.abc import Sequence
 
-from ..kernels.filter import Ints
+from ..kernels.sins.update import Ints
 from .events import Array, Fix, Receipt, Verdict
-from .filter.fusion import FixResult
 from .integrity import IntegrityMonitor
 from .params import EngineParams
 from .receipts import age_s, decided_receipt, fused_receipts
 from .refusals import Refusal, unusable_fix
+from .sins.fusion import FixResult
 
 _SEQUENCES_KEPT = 4096
 _FIX = 'fix'

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from ..kernels import filter_state as fs
-from ..kernels.filter import Ints
+from ..kernels.sins import state as fs
+from ..kernels.sins.update import Ints
 from .events import Array, Event, Fix, Receipt, Verdict
-from .filter.fusion import FixResult
 from .params import Configuration
+from .sins.fusion import FixResult
 
 
 def receipt_of(
@@ -88,7 +88,7 @@ def fused_receipts(
     ----------
     fixes : sequence of Fix
     outcomes : (n, 9) array
-        As `kernels.filter_events.note_outcome` leaves them.
+        As `kernels.sins.events.note_outcome` leaves them.
     notes : (n, 3) array
         As in `Streams.fix_notes`: steps, stamp of the filter's state, rows of output.
     gate : float

@@ -8,12 +8,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .. import nav_columns
-from ..kernels import filter_state as fs
-from ..kernels.filter_model import E
+from ..kernels.sins import state as fs
+from ..kernels.sins.model import E
 from .engine import Engine
 from .events import Array, Estimate, Output, Receipt, no_local_statistics
-from .filter import aiding
 from .inputs import Stamps
+from .sins import aiding
 
 ROWS = 256
 ROWS_TOLD = 1024

@@ -11,7 +11,7 @@ import math
 import numpy as np
 
 from ..arrays import Array
-from ..kernels.surge_track import surge_track
+from ..kernels.vehicle.surge_track import surge_track
 from ..vehicle_model import VehicleModel
 from .window import Window
 

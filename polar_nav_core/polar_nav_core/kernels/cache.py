@@ -1,15 +1,16 @@
-"""Where compiled kernels are kept, and the one decorator that compiles them.
+"""Where compiled kernels are kept, and the two decorators that compile them.
 
 Numba notices a change of the file that holds a function, but not of a callee in another file: a
 kernel compiled against yesterday's callee would be loaded and would silently return yesterday's
-numbers. So the cache directory carries a hash of *all* kernel sources of this folder, of the numba
-version and of the CPU: an edit anywhere in the folder, another numba or another processor means
-another directory.
+numbers. So compiled code stands in folders named ``kernels`` only (here, and with the bags in
+polar_nav_tools), and the cache directory of such a folder carries a hash of *all* its sources, of
+the numba version and of the CPU: an edit anywhere in the folder, another numba or another
+processor means another directory. Kernels of one folder do not call those of another.
 
 The directory is ``$POLAR_NAV_CACHE_DIR`` or ``$XDG_CACHE_HOME/polar_nav/kernels`` or
 ``~/.cache/polar_nav/kernels``, followed by the key. Where none can be written, a directory of this
-user under the system's temporary directory takes its place. Nothing but the kernels of this folder
-goes there: numba's own setting is left as the rest of the process wants it.
+user under the system's temporary directory takes its place. Nothing but these kernels goes there:
+numba's own setting is left as the rest of the process wants it.
 """
 
 from __future__ import annotations
@@ -28,14 +29,20 @@ import numba
 F = TypeVar('F', bound=Callable[..., Any])
 
 ENVIRONMENT_VARIABLE = 'POLAR_NAV_CACHE_DIR'
+KERNELS = Path(__file__).parent
 
 
-def cache_key(folder: Path | None = None) -> str:
-    """Hash of the kernel sources in *folder* (default: this one), numba's version and the CPU."""
+def folder_of(source: Path) -> Path:
+    """Folder named ``kernels`` that a source file lies in; its own folder where there is none."""
+    return next((folder for folder in source.parents if folder.name == 'kernels'), source.parent)
+
+
+def cache_key(folder: Path = KERNELS) -> str:
+    """Hash of the kernel sources in and below *folder*, of numba's version and of the CPU."""
     digest = hashlib.sha256()
-    for path in sorted((folder or Path(__file__).parent).glob('*.py')):
+    for path in sorted(folder.rglob('*.py')):
         source = path.read_bytes()
-        digest.update(f'{path.name} {len(source)}\n'.encode())
+        digest.update(f'{path.relative_to(folder).as_posix()} {len(source)}\n'.encode())
         digest.update(source)
     cpu = numba.config.CPU_NAME or llvm.get_host_cpu_name()
     features = numba.config.CPU_FEATURES or llvm.get_host_cpu_features().flatten()
@@ -79,9 +86,9 @@ def _own_temporary_directory(key: str) -> Path:
 
 
 @cache
-def cache_directory() -> Path:
-    """Directory for compiled kernels: created, writable, the same at every call."""
-    key = cache_key()
+def cache_directory(folder: Path = KERNELS) -> Path:
+    """Directory for compiled kernels of *folder*: created, writable, the same at every call."""
+    key = cache_key(folder)
     for base in _bases():
         directory = base / key
         if _writable(directory):
@@ -114,7 +121,7 @@ def _compile(function: F, *, forceinline: bool) -> F:
     if numba.config.DISABLE_JIT:
         return function
     before = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(cache_directory())
+    numba.config.CACHE_DIR = str(cache_directory(folder_of(Path(function.__code__.co_filename))))
     try:
         compiled = numba.njit(
             cache=True, fastmath=False, error_model='numpy', forceinline=forceinline, _nrt=False

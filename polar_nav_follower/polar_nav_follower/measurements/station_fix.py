@@ -12,10 +12,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from polar_nav_core import packet
 from polar_nav_core.engine.events import Fix, PolarFix, Verdict
-from polar_nav_core.packet import PacketError
-from polar_nav_core.station_packet import StationReport, decode
+from polar_nav_core.link import packet
+from polar_nav_core.link.packet import PacketError
+from polar_nav_core.link.station_packet import StationReport, decode
 
 from ..params import FollowerParams
 

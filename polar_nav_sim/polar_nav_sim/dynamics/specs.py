@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polar_nav_core.errors import ConfigError
-from polar_nav_core.kernels import vehicle_dynamics as kernels
+from polar_nav_core.kernels.vehicle import dynamics as kernels
 from polar_nav_core.params import param, vector
 
 from ..specs import Spec, parse

@@ -11,7 +11,7 @@ from functools import partial
 from typing import Any
 
 from polar_nav_core.errors import ConfigError
-from polar_nav_core.station_packet import encode
+from polar_nav_core.link.station_packet import encode
 from polar_nav_msgs.msg import AcousticPacket, StationFix, VehicleTruth
 from polar_nav_ros.diagnostics import Diagnosis, Level
 from polar_nav_ros.node import PolarNode, run

@@ -20,8 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polar_nav_core import grid
+from polar_nav_core.link.station_packet import SIZE, StationReport
 from polar_nav_core.params import param, vector
-from polar_nav_core.station_packet import SIZE, StationReport
 
 from ..poses import Pose, Poses
 from ..randomness import stream

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polar_nav_core.kernels import records
+from polar_nav_tools.bags.kernels import records
 
 from .columns import Columns, read_columns
 from .contents import FileScan

@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from polar_nav_core.kernels import records
+from polar_nav_tools.bags.kernels import records
 
 from . import chunks
 from .contents import Tally

@@ -11,8 +11,8 @@ from typing import Any, TypeVar, cast
 import numba
 
 from polar_nav_core.arrays import Array
-from polar_nav_core.kernels.filter import cholesky, innovation_covariance, predict, update
-from polar_nav_core.kernels.strapdown import strapdown_step
+from polar_nav_core.kernels.frames.strapdown import strapdown_step
+from polar_nav_core.kernels.sins.update import cholesky, innovation_covariance, predict, update
 
 F = TypeVar('F', bound=Callable[..., Any])
 

@@ -16,9 +16,9 @@ import numpy as np
 from polar_nav_core import grid
 from polar_nav_core.arrays import Array
 from polar_nav_core.errors import PolarNavError
-from polar_nav_core.kernels import filter as kf
-from polar_nav_core.kernels import filter_rows
-from polar_nav_core.kernels.transition import INVERSE, fill_transition
+from polar_nav_core.kernels.sins import rows as filter_rows
+from polar_nav_core.kernels.sins import update as kf
+from polar_nav_core.kernels.sins.transition import INVERSE, fill_transition
 
 from . import compiled, twin
 from .navigation import Disagreement, Record

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import Imu
 from std_msgs.msg import String
 
-from polar_nav_core.packet import Broadcast, encode
+from polar_nav_core.link.packet import Broadcast, encode
 from polar_nav_core.params import to_mapping
 from polar_nav_follower.params import FollowerParams
 from polar_nav_msgs.msg import AcousticPacket, Depth, Dvl, VehicleTruth

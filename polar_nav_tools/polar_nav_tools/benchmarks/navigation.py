@@ -17,8 +17,9 @@ import numpy as np
 from polar_nav_core import earth, grid
 from polar_nav_core.arrays import Array
 from polar_nav_core.errors import PolarNavError
-from polar_nav_core.kernels import blocks, filter_imu
-from polar_nav_core.kernels import strapdown as steps
+from polar_nav_core.kernels.frames import blocks
+from polar_nav_core.kernels.frames import strapdown as steps
+from polar_nav_core.kernels.sins import imu as filter_imu
 from polar_nav_sim.mission import load_mission
 
 from . import compiled, twin

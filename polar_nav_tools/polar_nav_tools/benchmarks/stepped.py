@@ -19,7 +19,7 @@ from polar_nav_core.arrays import Array
 from polar_nav_core.engine.engine import Engine
 from polar_nav_core.engine.events import Event
 from polar_nav_core.errors import PolarNavError
-from polar_nav_core.kernels import filter_state as fs
+from polar_nav_core.kernels.sins import state as fs
 
 from .covariance import difference
 from .late_fixes import Prepared, aged, before, drive, engine_of, simulated

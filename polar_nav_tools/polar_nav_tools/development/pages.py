@@ -11,7 +11,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from polar_nav_core import packet, station_packet
+from polar_nav_core.link import packet, station_packet
 from polar_nav_follower.params import FollowerParams
 from polar_nav_leader.params import LeaderParams
 from polar_nav_sim import params as sim

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from polar_nav_core.kernels import records
+from polar_nav_tools.bags.kernels import records
 
 from ..bags.columns import Columns, read_columns
 from ..bags.decode import store_of

@@ -1,8 +1,8 @@
 """What a follower took from its topics in a recorded run, as arrays; the fast way of a replay.
 
-The same rules as in `recorded_inputs`, for whole columns: each topic numbered in the order of the
+The same rules as in `recorded`, for whole columns: each topic numbered in the order of the
 bag, up to where the node ended, without what it refused. A run with commands, or with messages of
-another definition than the installed one, is left to `recorded_inputs`; one in station mode to
+another definition than the installed one, is left to `recorded`; one in station mode to
 `station_arrays`.
 """
 

@@ -1,6 +1,6 @@
-"""A run in station mode as arrays, and its replay: the fast way, as `recorded_arrays` has it.
+"""A run in station mode as arrays, and its replay: the fast way, as `arrays` has it.
 
-What is odd is left to `recorded_inputs`: messages that were refused because they came too late,
+What is odd is left to `recorded`: messages that were refused because they came too late,
 streams whose stamps run backwards, commands that start anew, forces that are not finite.
 """
 
@@ -63,7 +63,7 @@ _ROWS = 512
 
 @dataclass(frozen=True)
 class StationArrays:
-    """One follower's part of a bag in station mode; names as in `recorded_arrays`."""
+    """One follower's part of a bag in station mode; names as in `arrays`."""
 
     bag: Bag
     vehicle: str
@@ -105,7 +105,7 @@ class StationArrays:
 
 
 class StationRun(NamedTuple):
-    """What a replay gave: as in `fast_replay.FastResult`, and the model."""
+    """What a replay gave: as in `by_array.FastResult`, and the model."""
 
     estimates: EstimateSeries
     receipts: list[Receipt]

@@ -6,9 +6,9 @@ from typing import TypeAlias
 
 import numpy as np
 
-from polar_nav_core import packet, station_packet
-from polar_nav_core.packet import Broadcast, PacketError
-from polar_nav_core.station_packet import StationReport
+from polar_nav_core.link import packet, station_packet
+from polar_nav_core.link.packet import Broadcast, PacketError
+from polar_nav_core.link.station_packet import StationReport
 
 Content: TypeAlias = Broadcast | StationReport
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import struct
 from dataclasses import dataclass
 
-from polar_nav_core import packet, station_packet
-from polar_nav_core.packet import crc16
+from polar_nav_core.link import packet, station_packet
+from polar_nav_core.link.packet import crc16
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from dataclasses import dataclass, fields
 
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.errors import ConfigError
-from polar_nav_core.packet import SIZE
+from polar_nav_core.link.packet import SIZE
 from polar_nav_core.params import check, default_of, from_mapping, param
 from polar_nav_leader.params import LeaderParams
 from polar_nav_sim.params import AcousticLinkParams, UsblParams

@@ -6,7 +6,7 @@ from dataclasses import asdict
 
 import numpy as np
 
-from polar_nav_core.packet import Broadcast
+from polar_nav_core.link.packet import Broadcast
 
 from ..scoring.plain import jsonable
 from ..series.vehicle import Receipt

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polar_nav_core.grid import ecef_to_grid
-from polar_nav_core.packet import Broadcast
+from polar_nav_core.link.packet import Broadcast
 from polar_nav_follower.measurements.fix import position_of
 
 from ..scoring.align import align

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from polar_nav_core.station_packet import StationReport
+from polar_nav_core.link.station_packet import StationReport
 
 from ..series.vehicle import Receipt
 from .damage import Damage

@@ -8,10 +8,10 @@ import numpy as np
 from scipy.special import gammaincinv
 
 from ... import grid
-from ...kernels import station_state as ss
-from ..filter.history import IMU_PERIOD_S
-from ..filter.settings import chi2_gate
+from ...kernels.station import state as ss
 from ..params import ROBUST_FIXES, EngineParams
+from ..sins.history import IMU_PERIOD_S
+from ..sins.settings import chi2_gate
 
 FIXES = 4096
 """Room for the fixes that `rewind` and `clone` keep."""

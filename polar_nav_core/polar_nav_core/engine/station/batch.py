@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import FilterDivergence
-from ...kernels import station_run as run_kernels
-from ...kernels import station_state as ss
+from ...kernels.station import run as run_kernels
+from ...kernels.station import state as ss
 from ..engine import Engine
 from ..events import (
     Array,
@@ -57,7 +57,7 @@ class Track:
     P : (k, 9, 9) array
         Covariance of attitude, velocity and position errors.
     x, P_x : (k, 12), (k, 12, 12) arrays
-        State of kernels.station_state and its covariance.
+        State of kernels.station.state and its covariance.
     walk : (k,) array
         Density q_c in use [m^2/s^3].
     weight : (k, B) array

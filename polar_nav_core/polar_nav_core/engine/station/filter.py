@@ -12,10 +12,10 @@ import numpy as np
 
 from ... import earth, grid
 from ...errors import FilterDivergence
-from ...kernels import station_run as run
-from ...kernels import station_state as ss
-from ...kernels import vehicle_model as vm
-from ...kernels.station_attitude import smooth
+from ...kernels.station import run
+from ...kernels.station import state as ss
+from ...kernels.station.attitude import smooth
+from ...kernels.vehicle import model as vm
 from ..events import (
     Array,
     ControlSample,
@@ -26,15 +26,15 @@ from ..events import (
     InitialState,
     ModelEstimate,
 )
-from ..filter.navigation import NEVER_NS, Outcome
 from ..params import EngineParams
+from ..sins.filter import NEVER_NS, Outcome
 from . import arrays
 
 _IDENTIFIED = ('drag_linear', 'drag_quadratic', 'current_x', 'current_y', 'heading_bias')
 
 
 class StationFilter:
-    """A bank of filters on the state of kernels.station_state.
+    """A bank of filters on the state of kernels.station.state.
 
     Parameters
     ----------

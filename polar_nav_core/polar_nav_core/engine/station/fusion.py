@@ -13,9 +13,9 @@ from typing import TypeAlias
 
 import numpy as np
 
-from ...kernels import station_forward
-from ...kernels import station_run as run
-from ...kernels import station_state as ss
+from ...kernels.station import forward as station_forward
+from ...kernels.station import run
+from ...kernels.station import state as ss
 from ..events import (
     Array,
     ControlSample,
@@ -29,9 +29,9 @@ from ..events import (
     PolarFix,
     Rank,
 )
-from ..filter.fusion import FixResult
-from ..filter.navigation import Outcome
 from ..params import EngineParams
+from ..sins.filter import Outcome
+from ..sins.fusion import FixResult
 from .filter import StationFilter
 from .fixes import fix_row
 

@@ -12,9 +12,9 @@ from typing import Protocol
 import numpy as np
 
 from ..events import Array, Fix, Identification, IdentificationVerdict
-from ..filter.fusion import Driver
-from ..filter.navigation import Outcome
 from ..params import EngineParams
+from ..sins.filter import Outcome
+from ..sins.fusion import Driver
 
 PERIOD_NS = 100_000_000
 """Of the log of attitude and thrust."""

@@ -1,0 +1,409 @@
+"""Strapdown state and error covariance of a vehicle at one stamp, in closed loop.
+
+Events come in order. An IMU sample moves the state; when it ends a covariance step, the covariance
+follows. A measurement corrects the state at once, with the covariance of the last step at or
+before it: steps are never split. All of that is compiled (kernels.sins.events); this class holds
+the arrays, and says in Python what the compiled code leaves open.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ... import attitude, earth, grid
+from ...errors import FilterDivergence
+from ...kernels.sins import events as fe
+from ...kernels.sins import fuse as ff
+from ...kernels.sins import late as filter_late
+from ...kernels.sins import run as filter_run
+from ...kernels.sins import state as fs
+from ...kernels.sins import update as kf
+from ...kernels.sins import walk as filter_walk
+from ..events import (
+    Array,
+    ControlSample,
+    DepthSample,
+    DvlPing,
+    Fix,
+    ImuSample,
+    InitialState,
+    ModelEstimate,
+)
+from ..params import EngineParams
+from . import aiding
+from . import streams as st
+from .history import CORRECTIONS_PER_S, IMU_PERIOD_S, History, make_past
+from .log import make_log
+from .noise import MeasurementNoise, ProcessNoise
+from .robust import inflation
+from .settings import make_settings, steps_per_snapshot
+
+NEVER_NS = fs.NEVER_NS
+_WHY = {
+    fs.P_NOT_DEFINITE: 'the covariance of the filter is no longer positive definite',
+    fs.S_NOT_DEFINITE: 'an innovation covariance is not positive definite',
+}
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What one update did: innovation (estimate minus measurement), variance, NIS and gate.
+
+    ``inflation`` is by how much its innovation covariance was enlarged after the gate (robust).
+    """
+
+    fused: bool
+    z: Array
+    variance: Array
+    nis: float
+    dof: int
+    gate: float
+    inflation: float = 1.0
+
+
+class NavigationFilter:
+    """A vehicle's navigation and its uncertainty.
+
+    Parameters
+    ----------
+    params : EngineParams
+        Sensors, noise, periods.
+    initial : InitialState
+        State and its 1-sigma values.
+    stamp_ns : int
+        When that holds.
+    steps, snapshots : bool
+        Whether to log linear steps (for `clone`) and to take snapshots (for `rewind`).
+    """
+
+    def __init__(
+        self,
+        params: EngineParams,
+        initial: InitialState,
+        stamp_ns: int,
+        *,
+        steps: bool = False,
+        snapshots: bool = False,
+    ) -> None:
+        self._p = params
+        model = params.model_aiding
+        self.state = fs.make_state(model=model)
+        self.frames = fs.make_frames()
+        self.work = fs.make_work()
+        self.settings = make_settings(params)
+        # A late fix that stands in the log of steps where it was received may have to be put where
+        # it belongs as long as a fix valid before its reception may come.
+        length_s = params.history_s + (params.max_delay_s if steps else 0.0)
+        self.past = make_past(length_s, params.filter_period_s, model=model)
+        self.log = make_log(
+            self.past,
+            steps=steps,
+            snapshots=steps_per_snapshot(params.filter_period_s) if snapshots else 0,
+            model=model,
+        )
+        self.history = History(self.past, self.state)
+        kept_s = params.history_s if snapshots else 0.0
+        self.streams = st.live_streams(kept_s, 1.0 / IMU_PERIOD_S, CORRECTIONS_PER_S)
+        self.rows = fs.NO_ROWS
+        self.process: ProcessNoise | None = None
+        self.scratch = self.work._asdict()
+        self._name_views()
+        self._set_state(initial)
+        weight = params.forgetting ** (1.0 / (1.0 - params.forgetting))  # b^k with k = k0
+        self.state.noise[:] = [weight, 1.0, 1.0, 1.0]
+        for k in (fs.STAMP, fs.IMPULSE_NS, fs.LOCK_NS):
+            self.state.counters[k] = stamp_ns
+        fe.begin_step(self.state, self.settings, stamp_ns)
+        ff.locate(self.state, self.frames, self.settings)
+        fe.add_epoch(self.state, self.settings, self.past)
+        if steps:
+            self.log.step_P[0] = self.P
+            self.log.stamps[0] = stamp_ns
+            self.log.epochs[0] = 0
+            self.log.counts[0] = 1
+        fe.take_snapshot(self.state, self.log)
+
+    def _name_views(self) -> None:
+        """Name the arrays that others read."""
+        s, f, w = self.state, self.frames, self.work
+        self.P, self.C_b_G, self.v_G, self.r_e = s.P, s.C_b_G, s.v_G, s.r_e
+        self.b_gyro_b, self.b_accel_b = s.b_gyro_b, s.b_accel_b
+        self.dvl_scale_m, self.dvl_markov_m = s.dvl_scale_m, s.dvl_markov_m
+        self.usbl_bias_a = s.usbl_bias_a
+        self.C_e_G, self.lever_G = f.C_e_G, f.lever_G
+        self.point_e, self.velocity_e = f.point_e, f.velocity_e
+        self.H, self.R, self.z, self.x = w.H, w.R, w.z, w.x
+
+    def _set_state(self, s: InitialState) -> None:
+        p = self._p
+        self.r_e[:] = earth.ecef_from_geodetic(s.latitude, s.longitude, s.height)
+        self.v_G[:] = s.v_G
+        psi = 0.5 * math.pi - s.grid_heading
+        self.C_b_G[:] = attitude.matrix_from_euler(psi, s.pitch, s.roll)
+        sigma = np.concatenate(
+            [
+                [s.sigma_tilt, s.sigma_tilt, s.sigma_heading],
+                np.full(3, s.sigma_velocity),
+                np.zeros(3),
+                np.full(3, p.gyro_bias_sigma),
+                np.full(3, p.accel_bias_sigma),
+                np.full(3, p.dvl_scale_sigma),
+                np.full(3, p.dvl_markov_sigma),
+                np.full(3, p.usbl_bias_sigma),
+            ]
+        )
+        self.P[:] = np.diag(sigma**2)
+        C_e_G = grid.ecef_to_grid(self.r_e)
+        position_G = np.diag([s.sigma_position_horizontal**2] * 2 + [s.sigma_position_vertical**2])
+        self.P[6:9, 6:9] = C_e_G.T @ position_G @ C_e_G
+        aiding.start(self.state, p)
+
+    @property
+    def stamp_ns(self) -> int:
+        """Stamp of the newest IMU sample."""
+        return int(self.state.counters[fs.STAMP])
+
+    @property
+    def estimates_usbl_bias(self) -> bool:
+        """Whether the last three states are in use."""
+        return self.settings.estimates_usbl_bias
+
+    # -- events -----------------------------------------------------------------------------------
+
+    def advance(self, until_ns: int = NEVER_NS, until_rank: int = 0) -> int:
+        """Process what stands in the streams before a place in the order of events.
+
+        Returns
+        -------
+        int
+            DONE, or FULL when the rows of output are.
+
+        Raises
+        ------
+        FilterDivergence
+            When a covariance is not positive definite or the state not finite.
+        """
+        code = filter_run.advance(
+            self.state,
+            self.frames,
+            self.settings,
+            self.past,
+            self.work,
+            self.log,
+            self.streams,
+            until_ns,
+            until_rank,
+            self.rows,
+        )
+        self.check(code)
+        return int(code)
+
+    @staticmethod
+    def check(code: int) -> None:
+        """Raise FilterDivergence for a code that says so."""
+        if code in _WHY:
+            raise FilterDivergence(_WHY[code])
+
+    def imu(self, sample: ImuSample) -> None:
+        """Advance to the end of the sample's interval."""
+        step, boundary_ns = self.history.step, int(self.state.counters[fs.BOUNDARY])
+        st.put_imu(self.streams, sample)
+        self.advance()
+        if self.process is not None and self.history.step != step:
+            Phi = self.past.transitions[self.history.step % len(self.past.transitions)]
+            dt = (sample.stamp_ns - boundary_ns) * 1e-9
+            self.process.add(self.P, Phi, self.work.q, dt)
+            active = kf.N if self.settings.estimates_usbl_bias else kf.USBL
+            if not kf.cholesky(self.work.LP, self.P, active):
+                raise FilterDivergence(_WHY[fs.P_NOT_DEFINITE])
+
+    def dvl(self, ping: DvlPing) -> Outcome:
+        """Fuse one valid DVL ping with the noise it states, or adapted to it by compiled code."""
+        gated = self.state.tally[fs.DVL_ROW, fs.GATED]
+        st.put_dvl(self.streams, ping)
+        self.advance()
+        return self.outcome(3, fused=bool(self.state.tally[fs.DVL_ROW, fs.GATED] == gated))
+
+    def depth(self, sample: DepthSample) -> Outcome:
+        """Fuse one depth."""
+        gated = self.state.tally[fs.DEPTH_ROW, fs.GATED]
+        st.put_depth(self.streams, sample)
+        self.advance()
+        return self.outcome(1, fused=bool(self.state.tally[fs.DEPTH_ROW, fs.GATED] == gated))
+
+    def control(self, sample: ControlSample) -> None:
+        """Take a thrust, which the vehicle's model needs."""
+        st.put_control(self.streams, sample)
+        self.advance()
+
+    def model_estimate(self) -> ModelEstimate | None:
+        """What is known of vehicle and water; None without a vehicle's model."""
+        c = self.settings.aiding
+        if not c.on:
+            return None
+        block = self.state.model.copy()
+        block[fs.THRUST, fs.LOCKED] = self.has_bottom_lock
+        return aiding.estimate_of(aiding.values_of(block[None], c)[0])
+
+    @property
+    def has_bottom_lock(self) -> bool:
+        """Whether the last ping that was used is not too long ago; for a vehicle's model only."""
+        age_ns = self.state.counters[fs.STAMP] - self.state.counters[fs.LOCK_NS]
+        return bool(age_ns <= self.settings.aiding.lost_ns)
+
+    @property
+    def since_bottom_lock_s(self) -> float:
+        """Time since the last ping that was used [s]."""
+        return float(self.state.counters[fs.STAMP] - self.state.counters[fs.LOCK_NS]) * 1e-9
+
+    @property
+    def knows_thrust(self) -> bool:
+        """Whether the newest thrust is new enough for a vehicle's model."""
+        counters = self.state.counters
+        age_ns = counters[fs.STAMP] - counters[fs.THRUST_NS]
+        return bool(counters[fs.THRUST_NS] > 0 and age_ns <= self.settings.aiding.thrust_ns)
+
+    def outcome(self, m: int, *, fused: bool) -> Outcome:
+        """Outcome of the update that stands in the scratch."""
+        w = self.work
+        variance, innovation = np.full(3, np.nan), np.full(3, np.nan)
+        variance[:m] = np.diagonal(w.S)[:m] / w.nis[1]
+        innovation[:m] = w.z[:m]
+        gate = float(self.settings.gates[m])
+        return Outcome(fused, innovation, variance, float(w.nis[0]), m, gate, float(w.nis[1]))
+
+    def outcome_of(self, row: Array) -> Outcome:
+        """Outcome of a fix that compiled code took, from its row of ``fix_outcomes``."""
+        fused, nis, *values, enlargement = row.tolist()
+        z, variance = np.array(values[:3]), np.array(values[3:])
+        gate = float(self.settings.gates[3])
+        return Outcome(fused == fs.FUSED, z, variance, nis, 3, gate, enlargement)
+
+    def taken_local_statistics(self) -> Array:
+        """Of DVL and depth since the last call: used, gated, sum of NIS; shape (2, 3)."""
+        tally = self.state.tally
+        taken: Array = tally[: fs.FIX_ROW].copy()
+        tally[:] = 0.0
+        return taken
+
+    # -- rows that Python has filled --------------------------------------------------------------
+
+    def fuse_fix(self) -> Outcome:
+        """Gate, update and feed back the fix in ``H``, ``R``, ``z``."""
+        code = ff.fuse_filled(
+            self.state,
+            self.frames,
+            self.settings,
+            self.past,
+            self.work,
+            self.log,
+            3,
+            fs.FIX_ROW,
+            fs.FIX_RANK,
+        )
+        self.check(code)
+        return self.outcome(3, fused=code == fs.FUSED)
+
+    def fuse(self, m: int, noise: MeasurementNoise, stream: int) -> Outcome:
+        """Gate, update and feed back ``H``, ``R``, ``z`` with a noise that is not compiled.
+
+        ``stream`` is the row of the tally that counts it.
+
+        Raises
+        ------
+        FilterDivergence
+            When the innovation covariance is not positive definite.
+        """
+        w = self.work
+        stated = w.R.copy()
+        noise.apply(w.R)
+        w.nis[1] = 1.0
+        if not ff.judge(w, self.P, w.H, w.R, w.z, m):
+            raise FilterDivergence(_WHY[fs.S_NOT_DEFINITE])
+        S = w.S.copy()
+        tally = self.state.tally[stream]
+        if not w.nis[0] <= self.settings.gates[m]:
+            tally[fs.GATED] += 1.0
+            return self.outcome(m, fused=False)
+        tally[fs.UPDATES] += 1.0
+        tally[fs.NIS_SUM] += w.nis[0]
+        factor = inflation(noise.robust, float(w.nis[0]), m)
+        if factor > 1.0:
+            w.R[:m, :m] += (factor - 1.0) * w.S[:m, :m]
+            w.S[:m, :m] *= factor
+            w.L[:m, :m] *= math.sqrt(factor)
+            w.nis[1] = factor
+        noise.learn(w.z / math.sqrt(factor), stated, S)
+        kf.update(self.P, w.x, w.S, w.z, m, w.K, w.PHt, w.L, w.M)
+        if self.process is not None:
+            self.process.learn(w.K[:m], w.z[:m], w.S[:m, :m])
+        self.feed_back(w.x)
+        return self.outcome(m, fused=True)
+
+    def fill_dvl(self, ping: DvlPing) -> None:
+        """Rows of a ping into ``H``, ``R``, ``z``."""
+        fe.fill_dvl(
+            self.state,
+            self.frames,
+            self.settings,
+            self.work,
+            ping.v_m,
+            ping.covariance_m,
+        )
+
+    def feed_back(self, x: Array) -> None:
+        """Take an estimated error out of the state, and remember it."""
+        ff.feed_back_and_remember(self.state, self.frames, self.settings, self.past, x)
+
+    def replace_estimate(self, P: Array, change: Array) -> None:
+        """Take another covariance, and an estimate that differs by ``change`` (as an error)."""
+        self.P[:] = P
+        self.feed_back(-change)
+
+    def refer_to_now(self, first_correction: int) -> None:
+        """Take what was fed back since out of ``z``, as if the rows had stayed the same."""
+        h = self.history
+        since = np.arange(first_correction, h.correction) % len(h.corrections)
+        self.z -= self.H @ h.corrections[since].sum(axis=0)
+
+    def fill_late_fix(self, fix: Fix) -> int:
+        """Rows of a late fix, brought to now, into ``H``, ``R``, ``z``.
+
+        Returns
+        -------
+        int
+            Covariance steps since its validity; below zero when the history does not reach there.
+        """
+        return int(
+            filter_late.fill_late_fix(
+                self.state,
+                self.frames,
+                self.settings,
+                self.past,
+                self.work,
+                fix.validity_ns,
+                fix.r_e,
+                fix.covariance_e,
+                fix.array_heading,
+            )
+        )
+
+    def walk_to_now(self, first_step: int, first_correction: int) -> int:
+        """Bring the rows in ``H`` and ``z`` from a stored step to now; the number of steps."""
+        h = self.history
+        filter_walk.walk_forward(
+            self.H,
+            self.z,
+            3,
+            self.past.inverses,
+            first_step,
+            h.step,
+            h.corrections,
+            h.correction_steps,
+            first_correction,
+            h.correction,
+        )
+        return h.step - first_step

@@ -1,0 +1,280 @@
+"""How measurements reach the filter: local ones at once, late fixes by one of the strategies.
+
+All strategies work on the same filter. The forward ones bring the fix to the present; `rewind`
+goes back to the state before the fix, takes it, and processes the stored inputs again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+
+from ... import earth
+from ...kernels.sins import events as fe
+from ...kernels.sins import rows as filter_rows
+from ...kernels.sins import state as fs
+from ...kernels.sins import update as kf
+from ..events import (
+    Array,
+    ControlSample,
+    DepthSample,
+    DvlPing,
+    Estimate,
+    Fix,
+    Identification,
+    ImuSample,
+    InitialState,
+    ModelEstimate,
+)
+from ..params import EngineParams
+from .adaptation import make_noise, make_process
+from .filter import NavigationFilter, Outcome
+from .history import Epoch
+
+
+@dataclass(frozen=True)
+class FixResult:
+    """What became of a fix.
+
+    Attributes
+    ----------
+    outcome : Outcome
+        Of the fix itself.
+    steps : int
+        Stored filter steps between its validity and now.
+    revised : tuple of (Fix, Outcome)
+        Other fixes that this one made the gate decide anew, and differently.
+    """
+
+    outcome: Outcome
+    steps: int
+    revised: tuple[tuple[Fix, Outcome], ...] = ()
+
+
+class Driver(Protocol):
+    """What the engine drives: a filter with its measurements and its way to treat late fixes."""
+
+    @property
+    def stamp_ns(self) -> int:
+        """Stamp of the newest IMU sample."""
+
+    def begin(self, sample: ImuSample) -> None:
+        """Take the sample that ends where the state starts."""
+
+    def imu(self, sample: ImuSample) -> None:
+        """Advance by one IMU sample."""
+
+    def control(self, sample: ControlSample) -> None:
+        """Take note of the thrust."""
+
+    def local(self, event: DvlPing | DepthSample) -> Outcome:
+        """Fuse DVL or depth: never treated as delayed."""
+
+    def fix(self, fix: Fix) -> FixResult | None:
+        """Fuse a fix; None when the stored history does not reach back to its validity."""
+
+    def offset(self, fix: Fix) -> tuple[Array, float] | None:
+        """How far a fix is off, grid axes [m], and its NIS by the covariance of now."""
+
+    def oldest_ns(self) -> int:
+        """Oldest validity that a fix may have to be fused."""
+
+    def estimate(self, fixes: tuple[int, int, int]) -> Estimate:
+        """Estimate at the newest IMU sample; takes the local statistics since the last one."""
+
+    def height(self) -> float:
+        """Of the vehicle [m]; in station mode above the station's first position."""
+
+    def adapt(self, identified: Identification) -> None:
+        """Take drag and current from an identification that was accepted."""
+
+
+class Fusion:
+    """The filter with its measurements; subclasses say what happens to a late fix.
+
+    Parameters
+    ----------
+    params : EngineParams
+        Sensors, noise, configuration.
+    initial : InitialState
+        State to start from.
+    stamp_ns : int
+        When it holds.
+    """
+
+    def __init__(self, params: EngineParams, initial: InitialState, stamp_ns: int) -> None:
+        configuration = params.resolved()
+        adaptation = configuration.noise_adaptation
+        self.filter = self.make_filter(params, initial, stamp_ns)
+        self._noise_fix = make_noise(adaptation, params.forgetting, params.adaptive_floor)
+        self._noise_dvl = make_noise(adaptation, params.forgetting, params.adaptive_floor)
+        self.filter.process = make_process(adaptation, params.forgetting)
+        if self._noise_fix is not None:
+            self._noise_fix.robust = configuration.robust_fixes
+
+    def make_filter(
+        self, params: EngineParams, initial: InitialState, stamp_ns: int
+    ) -> NavigationFilter:
+        """Return a filter that stores what the strategy needs."""
+        return NavigationFilter(params, initial, stamp_ns)
+
+    def imu(self, sample: ImuSample) -> None:
+        """Advance by one IMU sample."""
+        self.filter.imu(sample)
+
+    def local(self, event: DvlPing | DepthSample) -> Outcome:
+        """Fuse DVL or depth: never treated as delayed."""
+        if isinstance(event, DepthSample):
+            return self.filter.depth(event)
+        if self._noise_dvl is None:
+            return self.filter.dvl(event)
+        self.filter.fill_dvl(event)
+        return self.filter.fuse(3, self._noise_dvl, fs.DVL_ROW)
+
+    def begin(self, sample: ImuSample) -> None:
+        """Take the sample that ends where the state starts."""
+
+    def control(self, sample: ControlSample) -> None:
+        """Take note of the thrust; without a vehicle model there is no use for it."""
+        if self.filter.settings.aiding.on:
+            self.filter.control(sample)
+
+    def model(self) -> ModelEstimate | None:
+        """What is known of vehicle and water; None without a vehicle model."""
+        return self.filter.model_estimate()
+
+    def fix(self, fix: Fix) -> FixResult | None:
+        """Fuse a fix; None when the stored history does not reach back to its validity."""
+        raise TypeError(f'{type(self).__name__} has no way to treat fix {fix.sequence}')
+
+    def _take(self) -> Outcome:
+        """Fuse the fix that stands in the filter's rows."""
+        if self._noise_fix is None:
+            return self.filter.fuse_fix()
+        return self.filter.fuse(3, self._noise_fix, fs.FIX_ROW)
+
+    def oldest_ns(self) -> int:
+        """Oldest validity that a fix may have to be fused."""
+        return self.filter.history.reaches_ns()
+
+    @property
+    def stamp_ns(self) -> int:
+        """Stamp of the newest IMU sample."""
+        return self.filter.stamp_ns
+
+    def offset(self, fix: Fix) -> tuple[Array, float] | None:
+        """How far a fix is off, grid axes [m], and its NIS by the covariance of now."""
+        f = self.filter
+        epoch = f.history.before(fix.validity_ns)
+        if epoch is None:
+            return None
+        ahead_e = epoch.velocity_e * ((fix.validity_ns - epoch.stamp_ns) * 1e-9)
+        offset_e: Array = fix.r_e - (epoch.point_e + ahead_e)
+        S, L = f.P[6:9, 6:9] + fix.covariance_e, np.zeros((3, 3))
+        if not kf.cholesky(L, S, 3):
+            return None
+        nis = float(kf.nis_of(L, offset_e, np.zeros(3), 3))
+        return np.einsum('ij,j->i', f.C_e_G, offset_e), nis
+
+    def height(self) -> float:
+        """Of the vehicle above the ellipsoid [m]."""
+        return float(earth.geodetic_from_ecef(self.filter.r_e)[2])
+
+    def adapt(self, identified: Identification) -> None:
+        """There is nothing here to adapt."""
+
+    def estimate(self, fixes: tuple[int, int, int]) -> Estimate:
+        """Estimate at the newest IMU sample; ``fixes`` are received, fused, newest validity."""
+        f = self.filter
+        return Estimate(
+            stamp_ns=f.stamp_ns,
+            r_e=f.r_e.copy(),
+            v_G=f.v_G.copy(),
+            C_b_G=f.C_b_G.copy(),
+            P=f.P.copy(),
+            gyro_bias_b=f.b_gyro_b.copy(),
+            accel_bias_b=f.b_accel_b.copy(),
+            dvl_scale_m=f.dvl_scale_m.copy(),
+            dvl_markov_m=f.dvl_markov_m.copy(),
+            usbl_bias_a=f.usbl_bias_a.copy(),
+            fixes_received=fixes[0],
+            fixes_fused=fixes[1],
+            last_validity_ns=fixes[2],
+            local_statistics=f.taken_local_statistics(),
+            model=self.model(),
+        )
+
+    def _fuse_at(self, fix: Fix, epoch: Epoch, stamp_ns: int) -> None:
+        """Fill the filter's rows with the fix against the position at an epoch plus v dt."""
+        f = self.filter
+        point_e: Array = epoch.point_e + epoch.velocity_e * ((stamp_ns - epoch.stamp_ns) * 1e-9)
+        filter_rows.fix_rows(
+            f.H,
+            f.R,
+            f.z,
+            f.C_e_G,
+            epoch.lever_G,
+            point_e,
+            fix.r_e,
+            fix.covariance_e,
+            array_axes(f, fix),
+            f.usbl_bias_a,
+        )
+
+    def _present(self) -> Epoch:
+        """The newest epoch with all that was fed back since."""
+        f = self.filter
+        return replace(
+            f.history.newest(),
+            point_e=f.point_e,
+            velocity_e=f.velocity_e,
+            lever_G=f.lever_G,
+            correction=f.history.correction,
+        )
+
+
+class Ignore(Fusion):
+    """Take the fix as the position now: the conventional filter, off by speed times delay."""
+
+    def fix(self, fix: Fix) -> FixResult | None:
+        """Fuse a fix as if it were valid when it was received."""
+        self._fuse_at(fix, self._present(), fix.receive_ns)
+        return FixResult(self._take(), 0)
+
+
+class Tagged(Fusion):
+    """Innovation at the time of validity, applied to the present with the rows of the present."""
+
+    def fix(self, fix: Fix) -> FixResult | None:
+        """Fuse a fix by its innovation then and the rows of now."""
+        f = self.filter
+        epoch = f.history.before(fix.validity_ns)
+        if epoch is None:
+            return None
+        self._fuse_at(fix, epoch, fix.validity_ns)
+        f.refer_to_now(epoch.correction)
+        return FixResult(self._take(), f.history.step - epoch.step)
+
+
+class BackPropagate(Fusion):
+    """Innovation at validity with H* = H Phi^-1: the published modified AKF, in closed loop."""
+
+    def fix(self, fix: Fix) -> FixResult | None:
+        """Fuse a fix with its rows brought through the stored transitions."""
+        steps = self.filter.fill_late_fix(fix)
+        return None if steps < 0 else FixResult(self._take(), steps)
+
+
+def array_axes(f: NavigationFilter, fix: Fix) -> Array:
+    """C_a_G of the leader's array as far as a packet tells it: turned by the leader's heading.
+
+    Zero while the USBL bias is not estimated.
+    """
+    fe.fill_array_axes(f.work.C_a_G, fix.array_heading, f.estimates_usbl_bias)
+    return f.work.C_a_G
+
+
+Make = Callable[[EngineParams, InitialState, int], Driver]

@@ -1,0 +1,173 @@
+"""The filter's past: where it was at each IMU epoch, how errors moved, and what was fed back.
+
+All three are rings that hold a stated time. Late fixes are compared with the position stored
+before their time of validity plus velocity times the rest; no step is ever split at a time of
+validity.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...kernels.sins import state as fs
+from ...kernels.sins.events import epoch_place
+from ...kernels.sins.transition import INVERSE
+from ...kernels.sins.update import N
+from ..events import Array
+
+IMU_PERIOD_S = 0.004
+CORRECTIONS_PER_S = 40.0
+"""Fastest sensors that the rings have room for; faster ones shorten the reach."""
+
+
+@dataclass(frozen=True)
+class Epoch:
+    """A stored IMU epoch.
+
+    Attributes
+    ----------
+    number : int
+        Counts epochs from the start of the filter.
+    stamp_ns : int
+    point_e, velocity_e : (3,) arrays
+        Transponder position and velocity as estimated then, ECEF.
+    lever_G : (3,) array
+        Transponder from base_link, grid axes.
+    step : int
+        Number of the last covariance step at that time.
+    correction : int
+        Number of the first correction that came after it.
+    """
+
+    number: int
+    stamp_ns: int
+    point_e: Array
+    velocity_e: Array
+    lever_G: Array
+    step: int
+    correction: int
+
+
+def make_past(length_s: float, step_s: float, *, model: bool = False) -> fs.Past:
+    """Rings of epochs, transitions and corrections for so many seconds.
+
+    A vehicle's model corrects at each step.
+    """
+    epochs = int(length_s / IMU_PERIOD_S) + 2
+    rate = CORRECTIONS_PER_S + (1.0 / step_s if model else 0.0)
+    corrections = int(length_s * rate) + 16
+    steps = int(length_s / step_s) + 2
+    return fs.Past(
+        stamps=np.zeros(epochs, dtype=np.int64),
+        positions=np.zeros((epochs, 3)),
+        velocities=np.zeros((epochs, 3)),
+        levers=np.zeros((epochs, 3)),
+        steps=np.zeros(epochs, dtype=np.int64),
+        firsts=np.zeros(epochs, dtype=np.int64),
+        transitions=np.zeros((steps, N, N)),
+        inverses=np.zeros((steps, *INVERSE)),
+        corrections=np.zeros((corrections, N)),
+        correction_steps=np.zeros(corrections, dtype=np.int64),
+    )
+
+
+class History:
+    """Looks things up in the rings that the compiled filter fills.
+
+    Parameters
+    ----------
+    past : Past
+        The rings.
+    state : State
+        Its counters say how much of them is filled.
+    """
+
+    def __init__(self, past: fs.Past, state: fs.State) -> None:
+        self._past = past
+        self._counters = state.counters
+        self._C_e_G = np.zeros((3, 3))
+        self.transitions = past.transitions
+        self.corrections = past.corrections
+        self.correction_steps = past.correction_steps
+
+    @property
+    def count(self) -> int:
+        """Epochs so far."""
+        return int(self._counters[fs.EPOCHS])
+
+    @property
+    def step(self) -> int:
+        """Covariance steps so far."""
+        return int(self._counters[fs.STEPS])
+
+    @property
+    def correction(self) -> int:
+        """Corrections so far."""
+        return int(self._counters[fs.CORRECTIONS])
+
+    def newest(self) -> Epoch:
+        """Return the last stored epoch."""
+        return self._epoch(self.count - 1)
+
+    def before(self, stamp_ns: int) -> Epoch | None:
+        """Last epoch at or before a stamp; None when the history does not reach back that far."""
+        stamps, count = self._past.stamps, self.count
+        length = len(stamps)
+        low = max(0, count - length)
+        if count == 0 or self._stamp(low) > stamp_ns:
+            return None
+        # The ring is sorted on each side of where it is written next.
+        seam = count % length if count > length else 0
+        newer = int(np.searchsorted(stamps[:seam], stamp_ns, side='right'))
+        if newer:
+            number = count - seam + newer - 1
+        else:
+            until = length if count > length else count
+            older = int(np.searchsorted(stamps[seam:until], stamp_ns, side='right'))
+            number = low + older - 1
+        return self._epoch(number) if self._usable(number) else None
+
+    def reaches_ns(self) -> int:
+        """Stamp of the oldest epoch that a fix can still be compared with; 0 when there is none.
+
+        What is short of room first, epochs, transitions or corrections, decides.
+        """
+        if not self.count:
+            return 0
+        low, high = max(0, self.count - len(self._past.stamps)), self.count - 1
+        while low < high:
+            middle = (low + high) // 2
+            if self._usable(middle):
+                high = middle
+            else:
+                low = middle + 1
+        return self._stamp(low)
+
+    def _usable(self, number: int) -> bool:
+        """Whether all transitions and corrections since an epoch are still stored."""
+        i = number % len(self._past.stamps)
+        steps, corrections = self._past.steps[i], self._past.firsts[i]
+        return bool(
+            self.step - steps < len(self.transitions)
+            and self.correction - corrections <= len(self.corrections)
+        )
+
+    def _stamp(self, number: int) -> int:
+        return int(self._past.stamps[number % len(self._past.stamps)])
+
+    def _epoch(self, number: int) -> Epoch:
+        past = self._past
+        i = number % len(past.stamps)
+        point_e, velocity_e = np.empty(3), np.empty(3)
+        epoch_place(past, i, point_e, velocity_e, self._C_e_G)
+        return Epoch(
+            number=number,
+            stamp_ns=int(past.stamps[i]),
+            point_e=point_e,
+            velocity_e=velocity_e,
+            lever_G=past.levers[i],
+            step=int(past.steps[i]),
+            correction=int(past.firsts[i]),
+        )

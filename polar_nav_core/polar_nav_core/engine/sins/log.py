@@ -1,0 +1,38 @@
+"""Room for the log of linear steps (`clone`) and for snapshots (`rewind`); none for the others."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...kernels.sins import state as fs
+from ...kernels.sins.update import N
+
+
+def make_log(
+    past: fs.Past, *, steps: bool = False, snapshots: int = 0, model: bool = False
+) -> fs.Log:
+    """Return a log as long as the history; a snapshot every so many steps, none for 0."""
+    updates = len(past.corrections) if steps else 0
+    stored = len(past.transitions) if steps else 0
+    order = updates + stored
+    kept = len(past.transitions) // snapshots + 2 if snapshots else 0
+    return fs.Log(
+        counts=np.zeros(2, dtype=np.int64),
+        kinds=np.zeros(order, dtype=np.int64),
+        numbers=np.zeros(order, dtype=np.int64),
+        stamps=np.zeros(order, dtype=np.int64),
+        ranks=np.zeros(order, dtype=np.int64),
+        epochs=np.zeros(order, dtype=np.int64),
+        step_q=np.zeros((stored, N)),
+        step_P=np.zeros((stored, N, N)),
+        rows=np.zeros(order, dtype=np.int64),
+        H=np.zeros((updates, 3, N)),
+        R=np.zeros((updates, 3, 3)),
+        z=np.zeros((updates, 3)),
+        x=np.zeros((updates, N)),
+        K=np.zeros((updates, 3, N)),
+        S=np.zeros((updates, 3, 3)),
+        L=np.zeros((updates, 3, 3)),
+        snapshot_flat=np.zeros((kept, fs.FLAT + (fs.MODEL if model else 0))),
+        snapshot_counters=np.zeros((kept, fs.COUNTERS), dtype=np.int64),
+    )

@@ -1,0 +1,121 @@
+"""Measurements on their way into the compiled filter: rings for live ones, whole runs as they are.
+
+The filter's cursors count all measurements from the start; number i stands at i % length. A live
+ring keeps as much as `rewind` goes back over; a run's arrays keep everything.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ...kernels.sins import state as fs
+from ..events import ControlSample, DepthSample, DvlPing, Fix, ImuSample
+
+FIXES = 4096
+"""Room for the fixes that `rewind` keeps."""
+
+
+def live_streams(length_s: float, imu_rate: float, local_rate: float) -> fs.Streams:
+    """Rings for so many seconds; ``local_rate`` is of DVL and depth each [Hz].
+
+    Thrust may come as often as IMU samples.
+    """
+    imu, local = int(length_s * imu_rate) + 16, int(length_s * local_rate) + 16
+    return fs.Streams(
+        counts=np.zeros(5, dtype=np.int64),
+        imu_stamps=np.zeros(imu, dtype=np.int64),
+        omega_ib_b=np.zeros((imu, 3)),
+        f_b=np.zeros((imu, 3)),
+        depth_stamps=np.zeros(local, dtype=np.int64),
+        depth=np.zeros(local),
+        depth_variance=np.zeros(local),
+        dvl_stamps=np.zeros(local, dtype=np.int64),
+        dvl_v_m=np.zeros((local, 3)),
+        dvl_covariance_m=np.zeros((local, 3, 3)),
+        **room_for_fixes(),
+        control_stamps=np.zeros(imu, dtype=np.int64),
+        control_force_b=np.zeros((imu, 3)),
+    )
+
+
+def room_for_fixes() -> dict[str, Any]:
+    """Columns of `Streams` for fixes, none of which has come."""
+    return {
+        'fix_stamps': np.zeros(FIXES, dtype=np.int64),
+        'fix_validities': np.zeros(FIXES, dtype=np.int64),
+        'fix_r_e': np.zeros((FIXES, 3)),
+        'fix_covariance_e': np.zeros((FIXES, 3, 3)),
+        'fix_array_heading': np.zeros(FIXES),
+        'fix_outcomes': np.zeros((FIXES, 9)),
+        'fix_notes': np.zeros((FIXES, 3), dtype=np.int64),
+    }
+
+
+def put_imu(streams: fs.Streams, sample: ImuSample) -> None:
+    """Append a sample."""
+    i = streams.counts[0] % len(streams.imu_stamps)
+    streams.imu_stamps[i] = sample.stamp_ns
+    streams.omega_ib_b[i] = sample.omega_ib_b
+    streams.f_b[i] = sample.f_b
+    streams.counts[0] += 1
+
+
+def put_depth(streams: fs.Streams, sample: DepthSample) -> None:
+    """Append a depth."""
+    i = streams.counts[1] % len(streams.depth_stamps)
+    streams.depth_stamps[i] = sample.stamp_ns
+    streams.depth[i] = sample.depth
+    streams.depth_variance[i] = sample.variance
+    streams.counts[1] += 1
+
+
+def put_dvl(streams: fs.Streams, ping: DvlPing) -> None:
+    """Append a valid ping."""
+    i = streams.counts[2] % len(streams.dvl_stamps)
+    streams.dvl_stamps[i] = ping.stamp_ns
+    streams.dvl_v_m[i] = ping.v_m
+    streams.dvl_covariance_m[i] = ping.covariance_m
+    streams.counts[2] += 1
+
+
+def put_control(streams: fs.Streams, sample: ControlSample) -> None:
+    """Append a thrust."""
+    i = streams.counts[4] % len(streams.control_stamps)
+    streams.control_stamps[i] = sample.stamp_ns
+    streams.control_force_b[i] = sample.force_b
+    streams.counts[4] += 1
+
+
+def insert_fix(streams: fs.Streams, fix: Fix, number: int) -> None:
+    """Put a fix at a place among the fixes; those at and after it move up by one."""
+    length = len(streams.fix_stamps)
+    columns = (
+        streams.fix_stamps,
+        streams.fix_validities,
+        streams.fix_r_e,
+        streams.fix_covariance_e,
+        streams.fix_array_heading,
+        streams.fix_outcomes,
+    )
+    for k in range(int(streams.counts[3]), number, -1):
+        for column in columns:
+            column[k % length] = column[(k - 1) % length]
+    _put_fix(streams, fix, number, fix.validity_ns)
+
+
+def put_late_fix(streams: fs.Streams, fix: Fix) -> None:
+    """Append a fix where it was received."""
+    _put_fix(streams, fix, int(streams.counts[3]), fix.receive_ns)
+
+
+def _put_fix(streams: fs.Streams, fix: Fix, number: int, stamp_ns: int) -> None:
+    i = number % len(streams.fix_stamps)
+    streams.fix_stamps[i] = stamp_ns
+    streams.fix_validities[i] = fix.validity_ns
+    streams.fix_r_e[i] = fix.r_e
+    streams.fix_covariance_e[i] = fix.covariance_e
+    streams.fix_array_heading[i] = fix.array_heading
+    streams.fix_outcomes[i] = 0.0
+    streams.counts[3] += 1

@@ -1,0 +1,46 @@
+"""Strategies for late fixes, by their names."""
+
+from __future__ import annotations
+
+from .params import DELAY_HANDLING, Configuration, EngineParams
+from .sins.adaptation import COMPILED, PRINTED
+from .sins.clone import Clone
+from .sins.fusion import BackPropagate, Ignore, Make, Tagged
+from .sins.published import Published
+from .sins.rewind import Rewind
+from .station import fusion as station
+
+STRATEGIES: dict[str, Make] = {
+    'ignore': Ignore,
+    'tagged': Tagged,
+    'back_propagate': BackPropagate,
+    'clone': Clone,
+    'rewind': Rewind,
+}
+
+STATION: dict[str, Make] = {
+    'ignore': station.Ignore,
+    'tagged': station.Tagged,
+    'back_propagate': station.BackPropagate,
+    'clone': station.Clone,
+    'rewind': station.Rewind,
+}
+
+
+def compiled(configuration: Configuration) -> bool:
+    """Whether everything but fixes can go through the compiled loop."""
+    return configuration.noise_adaptation in COMPILED
+
+
+def make_fusion(params: EngineParams) -> Make:
+    """Strategy by mode and configuration; printed noise adaptations are filters of their own."""
+    configuration = params.resolved()
+    if params.mode == 'station':
+        return STATION[configuration.delay_handling]
+    if configuration.noise_adaptation in PRINTED:
+        return Published
+    return STRATEGIES[configuration.delay_handling]
+
+
+if tuple(STRATEGIES) != DELAY_HANDLING or tuple(STATION) != DELAY_HANDLING:
+    raise ImportError(f'params.DELAY_HANDLING names {DELAY_HANDLING}, not {tuple(STRATEGIES)}')

@@ -1,0 +1,1 @@
+"""Compiled geometry: earth, grid frame, strapdown, body axes, blocks of small matrices."""

@@ -1,0 +1,327 @@
+"""One event and the filter: IMU sample, depth, DVL ping, fix at the present.
+
+These are the only places where the state changes; the live node, a replay and a rewind call the
+same compiled code, so that they get the same bits.
+"""
+
+from __future__ import annotations
+
+import math
+
+from ...arrays import Array
+from ..cache import kernel, routine
+from ..frames.earth import up_and_height
+from ..frames.grid import fill_C_e_G
+from . import state as fs
+from .aiding import compare_velocities, model_is_definite, predict_model
+from .fuse import correct_and_remember, enter
+from .imu import hold_surroundings, imu_step, take_means
+from .model import E
+from .rows import depth_rows, dvl_rows, fix_rows
+from .state import Frames, Log, Past, Settings, State, Work
+from .transition import fill_transition
+from .update import MARKOV, USBL, N, is_positive_definite, predict
+
+
+@kernel
+def _process_noise(q: Array, c: Settings, dt: float) -> None:
+    """Variances added in a step of dt."""
+    markov = c.markov[0] * -math.expm1(-2.0 * dt / c.markov[1])
+    usbl = c.usbl[0] * -math.expm1(-2.0 * dt / c.usbl[1])
+    for k in range(3):
+        q[k] = c.densities[0] * dt
+        q[3 + k] = c.densities[1] * dt
+        q[6 + k] = 0.0
+        q[9 + k] = c.densities[2] * dt
+        q[12 + k] = c.densities[3] * dt
+        q[15 + k] = 0.0
+        q[MARKOV + k] = markov
+        q[USBL + k] = usbl
+
+
+@kernel
+def _covariance_step(
+    s: State, c: Settings, past: Past, w: Work, log: Log, stamp_ns: int, dt: float
+) -> int:
+    s.counters[fs.STEPS] += 1
+    number = s.counters[fs.STEPS]
+    Phi = past.transitions[number % past.transitions.shape[0]]
+    take_means(s.sums, w.C_mean, w.f_mean, w.omega_mean)
+    tau_usbl = c.usbl[1] if c.estimates_usbl_bias else 0.0
+    fill_transition(
+        Phi,
+        past.inverses[number % past.inverses.shape[0]],
+        w.F15,
+        s.r_e,
+        s.v_G,
+        w.C_mean,
+        w.omega_mean,
+        w.f_mean,
+        dt,
+        c.markov[1],
+        tau_usbl,
+    )
+    if c.aiding.on:
+        predict_model(s, c, w, Phi, stamp_ns, dt)
+    _process_noise(w.q, c, dt)
+    predict(s.P, Phi, w.q, w.M)
+    # The mean of a Markov error decays as its transition says.
+    for k in range(3):
+        s.dvl_markov_m[k] *= Phi[MARKOV, MARKOV]
+        s.usbl_bias_a[k] *= Phi[USBL, USBL]
+    total = 0.0
+    for k in range(3):
+        total += s.r_e[k] + s.v_G[k]
+    good = math.isfinite(total)
+    for k in range(c.active):
+        good = good and s.P[k, k] > 0.0
+    # The whole test costs as much as the step; after going back it is made once, at the end.
+    thorough = number % fs.STEPS_PER_TEST == 0 and s.counting[0] == 1
+    if good and thorough:
+        good = is_positive_definite(s.P, c.active, w.LP)
+    if good and c.aiding.on:
+        good = model_is_definite(s, c, w, thorough)
+    if not good:
+        return fs.P_NOT_DEFINITE
+    if log.step_P.shape[0] > 0:
+        slot = number % log.step_P.shape[0]
+        for i in range(N):
+            log.step_q[slot, i] = w.q[i]
+            for j in range(N):
+                log.step_P[slot, i, j] = s.P[i, j]
+        enter(
+            log,
+            fs.STEP,
+            number,
+            stamp_ns,
+            fs.IMU_RANK,
+            s.counters[fs.EPOCHS],
+            fs.NO_MEASUREMENT,
+        )
+    return fs.DONE
+
+
+@kernel
+def take_snapshot(s: State, log: Log) -> None:
+    """Store the state, if there is room for snapshots at all."""
+    if log.snapshot_flat.shape[0] == 0:
+        return
+    i = log.counts[1] % log.snapshot_flat.shape[0]
+    for k in range(fs.FLAT):
+        log.snapshot_flat[i, k] = s.flat[k]
+    for k in range(fs.COUNTERS):
+        log.snapshot_counters[i, k] = s.counters[k]
+    for r in range(s.model.shape[0]):
+        for k in range(E):
+            log.snapshot_flat[i, fs.FLAT + r * E + k] = s.model[r, k]
+    log.counts[1] += 1
+
+
+@kernel
+def begin_step(s: State, c: Settings, stamp_ns: int) -> None:
+    """Begin a covariance step at a stamp; the first sample of another period ends it."""
+    s.counters[fs.BOUNDARY] = stamp_ns
+    s.counters[fs.NEXT] = (stamp_ns // c.step_ns + 1) * c.step_ns
+    s.counters[fs.HELD] = 0
+
+
+@kernel
+def imu_event(
+    s: State,
+    c: Settings,
+    past: Past,
+    w: Work,
+    log: Log,
+    stamp_ns: int,
+    omega_ib_b: Array,
+    f_b: Array,
+) -> int:
+    """Advance to the end of a sample's interval; a covariance step where it ends one."""
+    before_ns = s.counters[fs.STAMP]
+    dt = (stamp_ns - before_ns) * 1e-9
+    for k in range(3):
+        w.omega[k] = omega_ib_b[k]
+        w.f[k] = f_b[k]
+    if c.instant:
+        if s.counters[fs.HAS_PREVIOUS] == 1:
+            for k in range(3):
+                w.omega[k] = 0.5 * (omega_ib_b[k] + s.previous[0, k])
+                w.f[k] = 0.5 * (f_b[k] + s.previous[1, k])
+        for k in range(3):
+            s.previous[0, k] = omega_ib_b[k]
+            s.previous[1, k] = f_b[k]
+        s.counters[fs.HAS_PREVIOUS] = 1
+    if s.counters[fs.HELD] == 0:
+        until_ns = max(stamp_ns, s.counters[fs.NEXT])
+        hold_surroundings(s.held, s.v_G, s.r_e, (until_ns - before_ns) * 1e-9)
+        s.counters[fs.HELD] = 1
+    imu_step(
+        s.C_b_G,
+        s.v_G,
+        s.r_e,
+        s.b_gyro_b,
+        s.b_accel_b,
+        w.omega,
+        w.f,
+        s.increments,
+        dt,
+        s.previous_dt[0],
+        s.sums,
+        s.held,
+    )
+    s.previous_dt[0] = dt
+    for k in range(3):
+        s.omega_ib_b[k] = w.omega[k]
+    s.counters[fs.STAMP] = stamp_ns
+    s.counters[fs.IMU] += 1
+    code = fs.DONE
+    stepped = stamp_ns >= s.counters[fs.NEXT]
+    if stepped:
+        step = (stamp_ns - s.counters[fs.BOUNDARY]) * 1e-9
+        code = _covariance_step(s, c, past, w, log, stamp_ns, step)
+        begin_step(s, c, stamp_ns)
+    add_epoch(s, c, past)
+    # A measurement like others, after the epoch; inside this event, so that a snapshot has it.
+    if stepped and c.aiding.on and code == fs.DONE:
+        code = compare_velocities(s, c, w, step)
+        if code == fs.FUSED:
+            correct_and_remember(s, past, w.x)
+        code = min(code, fs.DONE)
+    if stepped and s.counters[fs.STEPS] % c.steps_per_snapshot == 0:
+        take_snapshot(s, log)
+    return code
+
+
+@kernel
+def add_epoch(s: State, c: Settings, past: Past) -> None:
+    """Store the IMU epoch: after a covariance step that ends at it, before its measurements."""
+    i = s.counters[fs.EPOCHS] % past.stamps.shape[0]
+    past.stamps[i] = s.counters[fs.STAMP]
+    past.steps[i] = s.counters[fs.STEPS]
+    past.firsts[i] = s.counters[fs.CORRECTIONS]
+    for k in range(3):
+        past.positions[i, k] = s.r_e[k]
+        past.velocities[i, k] = s.v_G[k]
+        past.levers[i, k] = (
+            s.C_b_G[k, 0] * c.lever_point_b[0]
+            + s.C_b_G[k, 1] * c.lever_point_b[1]
+            + s.C_b_G[k, 2] * c.lever_point_b[2]
+        )
+    s.counters[fs.EPOCHS] += 1
+
+
+@kernel
+def place_of_epoch(past: Past, i: int, point_e: Array, velocity_e: Array, C_e_G: Array) -> None:
+    """Transponder and velocity, ECEF, of the epoch at place i of the ring; C_e_G is scratch."""
+    r_e = past.positions[i]
+    u_x, u_y, u_z, _ = up_and_height(r_e[0], r_e[1], r_e[2])
+    fill_C_e_G(u_x, u_y, u_z, C_e_G)
+    for k in range(3):
+        point_e[k] = r_e[k]
+        velocity_e[k] = 0.0
+        for n in range(3):
+            point_e[k] += C_e_G[n, k] * past.levers[i, n]
+            velocity_e[k] += C_e_G[n, k] * past.velocities[i, n]
+
+
+@routine
+def epoch_place(past: Past, i: int, point_e: Array, velocity_e: Array, C_e_G: Array) -> None:
+    """`place_of_epoch`, for Python."""
+    place_of_epoch(past, i, point_e, velocity_e, C_e_G)
+
+
+@kernel
+def fill_depth(s: State, fr: Frames, c: Settings, w: Work, depth: float, variance: float) -> None:
+    """Rows of a depth at the present estimate into the scratch."""
+    depth_rows(
+        w.H,
+        w.R,
+        w.z,
+        fr.C_e_G,
+        s.C_b_G,
+        fr.height[0],
+        c.sea_surface_height - depth,
+        variance,
+        c.lever_depth_b,
+    )
+
+
+@kernel
+def fill_dvl(s: State, fr: Frames, c: Settings, w: Work, v_m: Array, R_m: Array) -> None:
+    """Rows of a DVL ping at the present estimate into the scratch."""
+    dvl_rows(
+        w.H,
+        w.R,
+        w.z,
+        w.C_m_G,
+        s.C_b_G,
+        s.v_G,
+        s.omega_ib_b,
+        fr.omega_ie_G,
+        s.b_gyro_b,
+        s.dvl_scale_m,
+        s.dvl_markov_m,
+        v_m,
+        R_m,
+        c.C_m_b,
+        c.lever_dvl_b,
+    )
+
+
+@kernel
+def fill_fix(
+    s: State,
+    fr: Frames,
+    c: Settings,
+    w: Work,
+    stamp_ns: int,
+    r_e: Array,
+    covariance_e: Array,
+    array_heading: float,
+) -> None:
+    """Rows of a fix that is valid now into the scratch: the present position plus v dt."""
+    dt = (stamp_ns - s.counters[fs.STAMP]) * 1e-9
+    for k in range(3):
+        w.point_e[k] = fr.point_e[k] + fr.velocity_e[k] * dt
+    fill_array_axes(w.C_a_G, array_heading, c.estimates_usbl_bias)
+    fix_rows(
+        w.H,
+        w.R,
+        w.z,
+        fr.C_e_G,
+        fr.lever_G,
+        w.point_e,
+        r_e,
+        covariance_e,
+        w.C_a_G,
+        s.usbl_bias_a,
+    )
+
+
+@kernel
+def note_outcome(w: Work, code: int, outcome: Array) -> None:
+    """What became of a fix, into (9,): fused, NIS, innovation, its variances, enlargement."""
+    outcome[0] = float(code)
+    outcome[1] = w.nis[0]
+    for a in range(3):
+        outcome[2 + a] = w.z[a]
+        outcome[5 + a] = w.S[a, a] / w.nis[1]
+    outcome[8] = w.nis[1]
+
+
+@kernel
+def fill_array_axes(C_a_G: Array, array_heading: float, estimated: bool) -> None:
+    """C_a_G of the leader's array as far as a packet tells it: turned by the leader's heading.
+
+    Zero while the USBL bias is not estimated.
+    """
+    for a in range(3):
+        for b in range(3):
+            C_a_G[a, b] = 0.0
+    if estimated:
+        psi = 0.5 * math.pi - array_heading
+        C_a_G[0, 0] = math.cos(psi)
+        C_a_G[0, 1] = -math.sin(psi)
+        C_a_G[1, 0] = math.sin(psi)
+        C_a_G[1, 1] = math.cos(psi)
+        C_a_G[2, 2] = 1.0

@@ -1,0 +1,211 @@
+"""One measurement into the estimate: noise, gate, update, feedback, and what is stored of it."""
+
+from __future__ import annotations
+
+import math
+
+from ...arrays import Array
+from ..cache import kernel, routine
+from . import state as fs
+from .aiding import correct_block
+from .imu import place
+from .state import Frames, Log, Past, Settings, State, Work
+from .update import N, cholesky, feed_back, innovation_covariance, nis_of, update
+
+
+@kernel
+def locate(s: State, fr: Frames, c: Settings) -> None:
+    """Frames and the transponder's place at the state."""
+    fr.height[0] = place(
+        s.r_e,
+        s.v_G,
+        s.C_b_G,
+        c.lever_point_b,
+        fr.C_e_G,
+        fr.omega_ie_G,
+        fr.lever_G,
+        fr.point_e,
+        fr.velocity_e,
+    )
+
+
+@kernel
+def correct_and_remember(s: State, past: Past, x: Array) -> None:
+    """Take an estimated error out of the state, and store it as a correction; not the frames."""
+    feed_back(
+        x,
+        s.C_b_G,
+        s.v_G,
+        s.r_e,
+        s.b_gyro_b,
+        s.b_accel_b,
+        s.dvl_scale_m,
+        s.dvl_markov_m,
+        s.usbl_bias_a,
+    )
+    i = s.counters[fs.CORRECTIONS] % past.corrections.shape[0]
+    for k in range(N):
+        past.corrections[i, k] = x[k]
+    past.correction_steps[i] = s.counters[fs.STEPS]
+    s.counters[fs.CORRECTIONS] += 1
+    s.counters[fs.HELD] = 0
+
+
+@kernel
+def feed_back_and_remember(s: State, fr: Frames, c: Settings, past: Past, x: Array) -> None:
+    """Take an estimated error out of the state, and store it as a correction."""
+    correct_and_remember(s, past, x)
+    locate(s, fr, c)
+
+
+@kernel
+def enter(
+    log: Log, kind: int, number: int, stamp_ns: int, rank: int, epochs: int, rows: int
+) -> None:
+    """Append an entry to the order of linear steps."""
+    i = log.counts[0] % log.kinds.shape[0]
+    log.kinds[i] = kind
+    log.numbers[i] = number
+    log.stamps[i] = stamp_ns
+    log.ranks[i] = rank
+    log.epochs[i] = epochs
+    log.rows[i] = rows
+    log.counts[0] += 1
+
+
+@kernel
+def scale_noise(R: Array, noise: Array, floor: float) -> None:
+    """R <- D R D with D^2 the adapted ratio per axis (columns 1..3 of ``noise``), floored."""
+    for a in range(3):
+        for b in range(3):
+            R[a, b] *= math.sqrt(max(noise[1 + a], floor)) * math.sqrt(max(noise[1 + b], floor))
+
+
+@kernel
+def learn_noise(noise: Array, z: Array, stated: Array, b: float, enlargement: float) -> None:
+    """Fading average of z^2 / stated variance per axis; ``noise[0]`` is b^k."""
+    noise[0] *= b
+    d = (1.0 - b) / (1.0 - noise[0])
+    for a in range(3):
+        noise[1 + a] = (1.0 - d) * noise[1 + a] + d * z[a] * z[a] / (enlargement * stated[a, a])
+
+
+@kernel
+def judge(w: Work, P: Array, H: Array, R: Array, z: Array, m: int) -> bool:
+    """PHt, S, its factor and NIS into the scratch; False when S is not positive definite."""
+    innovation_covariance(w.S, w.PHt, P, H, R, m)
+    if not cholesky(w.L, w.S, m):
+        return False
+    w.nis[0] = nis_of(w.L, z, w.w, m)
+    return True
+
+
+@kernel
+def fuse_rows(
+    s: State, c: Settings, past: Past, w: Work, log: Log, m: int, stream: int, rank: int
+) -> int:
+    """Gate, update and feed back what stands in H, R, z of the scratch (first m rows).
+
+    The frames are left behind: `fuse_filled` and `run.advance` see to them.
+    """
+    noise = s.noise[stream]
+    adaptive = c.adaptive and m == 3
+    if adaptive:
+        for a in range(3):
+            for b in range(3):
+                w.stated[a, b] = w.R[a, b]
+        scale_noise(w.R, noise, c.floor)
+    w.nis[1] = 1.0
+    if not judge(w, s.P, w.H, w.R, w.z, m):
+        return fs.S_NOT_DEFINITE
+    if not w.nis[0] <= c.gates[m]:
+        if s.counting[0]:
+            s.tally[stream, fs.GATED] += 1.0
+        return fs.REFUSED
+    if stream == fs.FIX_ROW:
+        w.nis[1] = enlarge(w, c)
+    if adaptive:
+        learn_noise(noise, w.z, w.stated, c.forgetting, w.nis[1])
+    update(s.P, w.x, w.S, w.z, m, w.K, w.PHt, w.L, w.M)
+    if c.aiding.on:
+        correct_block(s, w, m)
+    if s.counting[0]:
+        s.tally[stream, fs.UPDATES] += 1.0
+        s.tally[stream, fs.NIS_SUM] += w.nis[0]
+    if log.H.shape[0] > 0:
+        number = s.counters[fs.CORRECTIONS]
+        store_update(log, number, w, m)
+        stamp_ns = s.counters[fs.STAMP]
+        enter(log, fs.UPDATE, number, stamp_ns, rank, s.counters[fs.EPOCHS], m)
+    correct_and_remember(s, past, w.x)
+    return fs.FUSED
+
+
+@routine
+def fuse_filled(
+    s: State,
+    fr: Frames,
+    c: Settings,
+    past: Past,
+    w: Work,
+    log: Log,
+    m: int,
+    stream: int,
+    rank: int,
+) -> int:
+    """`fuse_rows` for rows that Python has filled; the frames follow."""
+    code = fuse_rows(s, c, past, w, log, m, stream, rank)
+    locate(s, fr, c)
+    return code
+
+
+@kernel
+def ping_passes(s: State, c: Settings, w: Work) -> int:
+    """FUSED if the ping in H, R, z would pass the gate, REFUSED, or S_NOT_DEFINITE."""
+    for a in range(3):
+        for b in range(3):
+            w.stated[a, b] = w.R[a, b]
+    if c.adaptive:
+        scale_noise(w.stated, s.noise[fs.DVL_ROW], c.floor)
+    w.nis[1] = 1.0
+    if not judge(w, s.P, w.H, w.stated, w.z, fs.VECTOR):
+        return fs.S_NOT_DEFINITE
+    return fs.FUSED if w.nis[0] <= c.gates[fs.VECTOR] else fs.REFUSED
+
+
+@kernel
+def enlarge(w: Work, c: Settings) -> float:
+    """Give a fix that passed the gate a larger R by its NIS (engine.filter.robust).
+
+    R <- R + (lambda - 1) S; S and its factor follow. Returns lambda.
+    """
+    if c.robust == 0 or not w.nis[0] > c.robust_threshold:
+        return 1.0
+    factor: float = w.nis[0] / c.robust_threshold
+    if c.robust == 1:
+        factor = math.sqrt(factor)
+    root = math.sqrt(factor)
+    for a in range(3):
+        for b in range(3):
+            w.R[a, b] += (factor - 1.0) * w.S[a, b]
+            w.S[a, b] *= factor
+            w.L[a, b] *= root
+    return factor
+
+
+@kernel
+def store_update(log: Log, number: int, w: Work, m: int) -> None:
+    """Rows, noise, innovation, correction, gain, S and its factor of a fused measurement."""
+    i = number % log.H.shape[0]
+    for a in range(3):
+        log.z[i, a] = w.z[a] if a < m else 0.0
+        for k in range(N):
+            log.H[i, a, k] = w.H[a, k] if a < m else 0.0
+            log.K[i, a, k] = w.K[a, k]
+        for b in range(3):
+            inside = a < m and b < m
+            log.R[i, a, b] = w.R[a, b] if inside else 0.0
+            log.S[i, a, b] = w.S[a, b] if inside else 0.0
+            log.L[i, a, b] = w.L[a, b] if inside else 0.0
+    for k in range(N):
+        log.x[i, k] = w.x[k]

@@ -1,0 +1,98 @@
+"""A fix about the past: its rows against the stored position, brought through the steps to now."""
+
+from __future__ import annotations
+
+from ...arrays import Array
+from ..cache import kernel, routine
+from . import state as fs
+from .events import fill_array_axes, place_of_epoch
+from .rows import fix_rows
+from .state import Frames, Past, Settings, State, Work
+from .update import Ints
+from .walk import walk_forward
+
+OUT_OF_REACH = -1
+
+
+@kernel
+def newest_until(stamps: Ints, count: int, stamp_ns: int) -> int:
+    """Number of the last of ``count`` stamps in a ring that is not after another; -1: none is."""
+    length = stamps.shape[0]
+    low = max(0, count - length)
+    if count == 0 or stamps[low % length] > stamp_ns:
+        return -1
+    high = count - 1
+    while low < high:
+        middle = (low + high + 1) // 2
+        if stamps[middle % length] <= stamp_ns:
+            low = middle
+        else:
+            high = middle - 1
+    found: int = low
+    return found
+
+
+@routine
+def fill_late_fix(
+    s: State,
+    fr: Frames,
+    c: Settings,
+    past: Past,
+    w: Work,
+    validity_ns: int,
+    r_e: Array,
+    covariance_e: Array,
+    array_heading: float,
+) -> int:
+    """H Phi^-1, R and z of a late fix into the scratch; the frames are those of now.
+
+    The innovation is that of the position stored before the time of validity plus velocity times
+    the rest.
+
+    Returns
+    -------
+    int
+        Covariance steps since then; OUT_OF_REACH when not all of them are stored any more.
+    """
+    number = newest_until(past.stamps, s.counters[fs.EPOCHS], validity_ns)
+    if number < 0:
+        return OUT_OF_REACH
+    i = number % past.stamps.shape[0]
+    step = past.steps[i]
+    correction = past.firsts[i]
+    if (
+        s.counters[fs.STEPS] - step >= past.transitions.shape[0]
+        or s.counters[fs.CORRECTIONS] - correction > past.corrections.shape[0]
+    ):
+        return OUT_OF_REACH
+    place_of_epoch(past, i, w.point_e, w.velocity_e, w.C_mean)
+    ahead = (validity_ns - past.stamps[i]) * 1e-9
+    for k in range(3):
+        w.point_e[k] += w.velocity_e[k] * ahead
+    fill_array_axes(w.C_a_G, array_heading, c.estimates_usbl_bias)
+    fix_rows(
+        w.H,
+        w.R,
+        w.z,
+        fr.C_e_G,
+        past.levers[i],
+        w.point_e,
+        r_e,
+        covariance_e,
+        w.C_a_G,
+        s.usbl_bias_a,
+    )
+    walk_forward(
+        w.H,
+        w.z,
+        3,
+        past.inverses,
+        step,
+        s.counters[fs.STEPS],
+        past.corrections,
+        past.correction_steps,
+        correction,
+        s.counters[fs.CORRECTIONS],
+    )
+    steps: int = s.counters[fs.STEPS] - step
+    return steps

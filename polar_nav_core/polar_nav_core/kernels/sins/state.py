@@ -1,0 +1,389 @@
+"""Everything that the compiled filter reads and writes, as named groups of arrays.
+
+`State` is all that changes with time: two flat arrays and named views into the first, so that a
+snapshot is two copies. The other groups are settings, scratch, the stored past, the log of linear
+steps (for `clone`), the streams of measurements and the rows of output.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...arrays import Array
+from .columns import WIDTH
+from .model import E
+from .update import COUPLED, Ints, N
+
+# Indexes of State.counters.
+STAMP = 0
+BOUNDARY = 1
+HAS_PREVIOUS = 2
+EPOCHS = 3
+STEPS = 4
+CORRECTIONS = 5
+IMU = 6
+DEPTH = 7
+DVL = 8
+FIX = 9
+NEXT = 10  # stamp from which on a sample ends the covariance step that runs
+HELD = 11  # 1 while State.held is good
+CONTROL = 12
+THRUST_NS = 13
+IMPULSE_NS = 14
+LOCK_NS = 15
+GOOD_PINGS = 16
+GOOD_NS = 17
+COUNTERS = 18
+
+# Rows of State.tally and of State.noise, columns of State.tally.
+DVL_ROW = 0
+DEPTH_ROW = 1
+FIX_ROW = 2
+UPDATES = 0
+GATED = 1
+NIS_SUM = 2
+
+# What an event function or `advance` returns.
+FUSED = 1
+REFUSED = 0
+DONE = 0
+P_NOT_DEFINITE = -1
+S_NOT_DEFINITE = -2
+FULL = -3
+STOPPED = -4
+
+IMU_RANK = 0
+CONTROL_RANK = 1
+DEPTH_RANK = 2
+DVL_RANK = 3
+FIX_RANK = 4
+"""Places within a stamp (events.Rank)."""
+STEPS_PER_TEST = 10
+"""The covariance is tested for definiteness at every tenth step; its diagonal at every one."""
+NEVER_NS = 9_223_372_036_854_775_807
+NO_MEASUREMENT = 0
+SCALAR = 1
+VECTOR = 3
+"""Rows of a measurement. As attributes of a module these are variables to the compiler; numbers
+in their place would have it compile a routine once for each."""
+
+
+class State(NamedTuple):
+    """Navigation state, covariance and all else that one event hands to the next."""
+
+    flat: Array
+    counters: Ints
+    tally: Array  # (3, 3): per stream updates, gated, sum of NIS since the last output
+    counting: Ints  # (1,): 0 while inputs are processed again: each counts once
+    C_b_G: Array
+    v_G: Array
+    r_e: Array
+    b_gyro_b: Array
+    b_accel_b: Array
+    dvl_scale_m: Array
+    dvl_markov_m: Array
+    usbl_bias_a: Array
+    omega_ib_b: Array
+    increments: Array  # (4, 3): angle and velocity of this sample, then of the one before
+    sums: Array  # (6, 3): see imu.imu_step
+    held: Array  # (8,): surroundings of the strapdown, held over a covariance step
+    previous: Array  # (2, 3): the last sample as it came, rate and specific force
+    noise: Array  # (3, 4): per stream b^k and the ratio of adapted to stated variance per axis
+    previous_dt: Array  # (1,)
+    P: Array
+    model: Array  # (MODEL_ROWS, 7) where the vehicle's model takes part, else without rows
+
+
+# Rows of State.model: P_xe, P_ee, the estimate e, the thrust.
+P_XE = 0
+P_EE = N
+MEAN = N + E
+THRUST = N + E + 1
+MODEL_ROWS = N + E + 2
+MODEL = MODEL_ROWS * E
+IMPULSE = 3
+LOCKED = 6
+"""Columns of row THRUST: force in force [N], its integral over the filter step, and, in output
+only, whether the DVL is in use."""
+
+
+_SHAPES = {
+    'C_b_G': (3, 3),
+    'v_G': (3,),
+    'r_e': (3,),
+    'b_gyro_b': (3,),
+    'b_accel_b': (3,),
+    'dvl_scale_m': (3,),
+    'dvl_markov_m': (3,),
+    'usbl_bias_a': (3,),
+    'omega_ib_b': (3,),
+    'increments': (4, 3),
+    'sums': (6, 3),
+    'held': (8,),
+    'previous': (2, 3),
+    'noise': (3, 4),
+    'previous_dt': (1,),
+    'P': (N, N),
+}
+FLAT = sum(int(np.prod(shape)) for shape in _SHAPES.values())
+NAVIGATION = 30
+"""Leading values of State.flat: C_b_G, v_G, r_e and the fifteen sensor errors."""
+
+
+def make_state(*, model: bool = False) -> State:
+    """Return a state of zeros, with room for a vehicle's model or without."""
+    flat = np.zeros(FLAT)
+    views, start = {}, 0
+    for name, shape in _SHAPES.items():
+        size = int(np.prod(shape))
+        views[name] = flat[start : start + size].reshape(shape)
+        start += size
+    counters, counting = np.zeros(COUNTERS, dtype=np.int64), np.ones(1, dtype=np.int64)
+    block = np.zeros((MODEL_ROWS if model else 0, E))
+    return State(flat, counters, np.zeros((3, 3)), counting, **views, model=block)
+
+
+class Frames(NamedTuple):
+    """What follows from the state: frames, earth rate, the transponder's place."""
+
+    C_e_G: Array
+    omega_ie_G: Array
+    lever_G: Array
+    point_e: Array
+    velocity_e: Array
+    height: Array  # (1,)
+
+
+def make_frames() -> Frames:
+    """Return frames of zeros."""
+    return Frames(
+        C_e_G=np.zeros((3, 3)),
+        omega_ie_G=np.zeros(3),
+        lever_G=np.zeros(3),
+        point_e=np.zeros(3),
+        velocity_e=np.zeros(3),
+        height=np.zeros(1),
+    )
+
+
+class Aiding(NamedTuple):
+    """The vehicle's model, and how the filter uses it."""
+
+    on: bool
+    numbers: Array  # (6, 3), rows below
+    thrust_ns: int  # how long a thrust holds that no newer one follows
+    lost_ns: int  # without a good ping for longer: bottom lock is lost
+    pings: int  # good ones in a row until the DVL is used again
+
+
+# Rows of Aiding.numbers. WALKS: variances per second of v_r, V_c and both of the drag's.
+# DIFFERENCE: variance of v_G - C_b_G v_r - V_c, horizontal and vertical, and its time. OTHER: net
+# buoyancy, speed at which ln Dt and f are stated, variance per second of v_r without a thrust.
+INERTIA = 0
+LINEAR = 1
+QUADRATIC = 2
+WALKS = 3
+DIFFERENCE = 4
+OTHER = 5
+
+
+class Settings(NamedTuple):
+    """What stays as it is during a run."""
+
+    step_ns: int
+    steps_per_snapshot: int
+    output_ns: int
+    instant: bool  # IMU samples are values at the stamp, not means
+    active: int  # leading states that the covariance must be positive definite in
+    estimates_usbl_bias: bool
+    adaptive: bool
+    back_propagates: bool  # fixes of the streams are late: they stand where they were received
+    forgetting: float
+    floor: float
+    robust: int  # how fixes far off are weighted down: index in params.ROBUST_FIXES
+    robust_threshold: float  # NIS of a fix from which on
+    gates: Array  # (4,): threshold of NIS per number of rows
+    densities: Array  # (4,): of gyro, accelerometer and their bias walks, squared
+    markov: Array  # (2,): steady variance and correlation time of the DVL's Markov velocity
+    usbl: Array  # (2,): the same of the USBL error
+    sea_surface_height: float
+    C_m_b: Array
+    lever_point_b: Array
+    lever_dvl_b: Array
+    lever_depth_b: Array
+    aiding: Aiding
+
+
+class Work(NamedTuple):
+    """Scratch; H, R, z, x, K, S and nis hold the last update."""
+
+    F15: Array
+    M: Array
+    LP: Array
+    L: Array
+    S: Array
+    PHt: Array
+    K: Array
+    w: Array
+    H: Array
+    R: Array
+    stated: Array
+    z: Array
+    x: Array
+    q: Array
+    nis: Array  # (2,): NIS, and by how much S was enlarged after the gate
+    C_m_G: Array
+    C_mean: Array
+    C_a_G: Array
+    f_mean: Array
+    omega_mean: Array
+    omega: Array
+    f: Array
+    point_e: Array
+    velocity_e: Array
+    model: Array  # rows of 7 (aiding)
+
+
+def make_work() -> Work:
+    """Return scratch arrays."""
+
+    def three() -> Array:
+        return np.zeros(3)
+
+    def square() -> Array:
+        return np.zeros((3, 3))
+
+    rows = (3, N)
+    return Work(
+        F15=np.zeros((COUPLED, COUPLED)),
+        M=np.zeros((N, N)),
+        LP=np.zeros((N, N)),
+        L=square(),
+        S=square(),
+        PHt=np.zeros(rows),
+        K=np.zeros(rows),
+        w=three(),
+        H=np.zeros(rows),
+        R=square(),
+        stated=square(),
+        z=three(),
+        x=np.zeros(N),
+        q=np.zeros(N),
+        nis=np.array([0.0, 1.0]),
+        C_m_G=square(),
+        C_mean=square(),
+        C_a_G=square(),
+        f_mean=three(),
+        omega_mean=three(),
+        omega=three(),
+        f=three(),
+        point_e=three(),
+        velocity_e=three(),
+        model=np.zeros((49, E)),
+    )
+
+
+class Past(NamedTuple):
+    """Rings of IMU epochs, transitions and corrections; number i stands at i % length."""
+
+    stamps: Ints
+    positions: Array  # r_e, ECEF
+    velocities: Array  # v_G, grid axes
+    levers: Array  # transponder from base_link, grid axes
+    steps: Ints
+    firsts: Ints
+    transitions: Array
+    inverses: Array  # of the transitions: transition.fill_transition
+    corrections: Array
+    correction_steps: Ints
+
+
+class Streams(NamedTuple):
+    """Rings of measurements; ``counts`` says how many of each have come (order of counters)."""
+
+    counts: Ints  # (5,): IMU, depth, DVL, fix, control
+    imu_stamps: Ints
+    omega_ib_b: Array
+    f_b: Array
+    depth_stamps: Ints
+    depth: Array
+    depth_variance: Array
+    dvl_stamps: Ints
+    dvl_v_m: Array
+    dvl_covariance_m: Array
+    fix_stamps: Ints  # of their place in the order: validity for `rewind`, else reception
+    fix_validities: Ints
+    fix_r_e: Array
+    fix_covariance_e: Array
+    fix_array_heading: Array
+    fix_outcomes: Array  # (n, 9): fused, NIS, innovation, its variances, enlargement
+    fix_notes: Ints  # (n, 3): steps gone back over, stamp of the state, rows of output so far
+    control_stamps: Ints  # nothing comes here without a vehicle's model
+    control_force_b: Array
+
+
+class Log(NamedTuple):
+    """Linear steps and updates in order, for `clone`; snapshots, for `rewind`.
+
+    Entry i of the order stands at i % length. A step's Phi, q and P stand at its number in the
+    rings of steps, an update's rows at the number of its correction.
+    """
+
+    counts: Ints  # (2,): entries of the order, snapshots
+    kinds: Ints
+    numbers: Ints
+    stamps: Ints
+    ranks: Ints
+    epochs: Ints
+    step_q: Array
+    step_P: Array
+    rows: Ints
+    H: Array
+    R: Array
+    z: Array
+    x: Array
+    K: Array
+    S: Array
+    L: Array
+    snapshot_flat: Array  # State.flat, and State.model after it
+    snapshot_counters: Ints
+
+
+STEP = 0
+UPDATE = 1
+REMOVED = 2
+"""Kinds of entries: a late fix that found its place leaves REMOVED where it was fused at first."""
+
+
+class Rows(NamedTuple):
+    """Rows of output: stamps, leading values of the state, covariance, tally since the last."""
+
+    io: Ints  # (3,): stamp that is due (-1: none), number of rows, when the next one is due
+    stamps: Ints
+    flat: Array  # (n, 30), then State.model where there is one
+    P: Array  # (n, 24, 24), or without rows
+    told: Array  # (n, nav_columns.WIDTH), or without rows
+    tally: Array
+    scratch: Array
+
+
+def make_rows(capacity: int, *, model: bool = False, told: bool = False) -> Rows:
+    """Return room for so many rows of output; with none, outputs are not looked after.
+
+    With ``told`` they hold what is told of a state in place of its covariance.
+    """
+    return Rows(
+        np.array([-1, 0, 0 if capacity else NEVER_NS], dtype=np.int64),
+        np.zeros(capacity, dtype=np.int64),
+        np.zeros((capacity, NAVIGATION + (MODEL if model else 0))),
+        np.zeros((0 if told else capacity, N, N)),
+        np.zeros((capacity if told else 0, WIDTH)),
+        np.zeros((capacity, 3, 3)),
+        np.zeros((2, 3, 3)),
+    )
+
+
+NO_ROWS = make_rows(0)
+"""Outputs are not looked after."""

@@ -1,0 +1,1 @@
+"""Compiled filter of the station mode: state, steps, fixes, whole runs."""

@@ -1,0 +1,175 @@
+"""Late fixes brought to the present: `ignore`, `tagged` and `back_propagate` of station mode."""
+
+from __future__ import annotations
+
+import math
+
+from ...arrays import Array
+from ..cache import kernel, routine
+from . import state as ss
+from .fix import fix_rows, judge, know_station, spread_of, take_in
+from .state import Bank, Log, Settings, Streams, Work
+from .step import lever_arm, prepare_step, slopes
+
+
+@kernel
+def transform(
+    V: Array, h: float, f_drag: float, f_share: float, g_x: float, g_y: float, w: Work
+) -> None:
+    """V <- F V for the columns of V (12, 13); slopes as `slopes` left them."""
+    F, R = w.F, w.R
+    for j in range(V.shape[1]):
+        v0 = V[0, j]
+        v1 = V[1, j]
+        v2 = V[2, j]
+        for i in range(3):
+            V[i, j] += h * (F[i, 0] * v0 + F[i, 1] * v1 + F[i, 2] * v2)
+            V[3 + i, j] += h * (R[i, 0] * v0 + R[i, 1] * v1 + R[i, 2] * v2)
+        V[0, j] += h * (f_drag * V[ss.DRAG, j] + f_share * V[ss.SHARE, j])
+        V[3, j] += h * (V[ss.CURRENT, j] + g_x * V[ss.HEADING, j])
+        V[4, j] += h * (V[ss.CURRENT + 1, j] + g_y * V[ss.HEADING, j])
+
+
+@kernel
+def solve_rows(A: Array, H: Array, Phi: Array) -> None:
+    """H (2, 12) <- H Phi^-1, by elimination with pivots on Phi^T."""
+    n = ss.N
+    for i in range(n):
+        for j in range(n):
+            A[i, j] = Phi[j, i]
+        A[i, n] = H[0, i]
+        A[i, n + 1] = H[1, i]
+    for k in range(n):
+        best = k
+        for i in range(k + 1, n):
+            if abs(A[i, k]) > abs(A[best, k]):
+                best = i
+        if best != k:
+            for j in range(n + 2):
+                s = A[k, j]
+                A[k, j] = A[best, j]
+                A[best, j] = s
+        for i in range(k + 1, n):
+            f = A[i, k] / A[k, k]
+            for j in range(k, n + 2):
+                A[i, j] -= f * A[k, j]
+    for a in range(2):
+        for i in range(n - 1, -1, -1):
+            s = A[i, n + a]
+            for j in range(i + 1, n):
+                s -= A[i, j] * H[a, j]
+            H[a, i] = s / A[i, i]
+
+
+@kernel
+def walk(
+    b: Bank, c: Settings, w: Work, streams: Streams, log: Log, m: int, first: int, move: bool
+) -> None:
+    """Transition of member m over IMU samples first.. to now, and the corrections since.
+
+    Into w.Phi: columns 0..11 the transition (identity unless ``move``), column 12 what the
+    corrections since have come to.
+    """
+    for i in range(ss.N):
+        for j in range(ss.N + 1):
+            w.Phi[i, j] = 1.0 if i == j else 0.0
+    n = log.points.shape[0]
+    for i in range(first, b.counters[ss.IMU]):
+        if move:
+            prepare_step(b, c, w, streams, i)
+            k = streams.imu_stamps.shape[0]
+            h = (streams.imu_stamps[i % k] - streams.imu_stamps[(i - 1) % k]) * 1e-9
+            f_drag, f_share, g_x, g_y = slopes(log.points[i % n, m], c, w)
+            transform(w.Phi, h, f_drag, f_share, g_x, g_y, w)
+        for j in range(ss.N):
+            w.Phi[j, ss.N] += log.jumps[i % n, m, j]
+
+
+@kernel
+def published_fix(
+    b: Bank,
+    c: Settings,
+    w: Work,
+    streams: Streams,
+    log: Log,
+    fix: Array,
+    outcome: Array,
+    first: int,
+    kind: int,
+) -> None:
+    """Eqs. 10, 12 and 13: the fix as a position against the stored one, gain of the present.
+
+    Range becomes horizontal with the own depth; z stands apart, as a depth of its own.
+    """
+    n = log.points.shape[0]
+    x = b.x[0]
+    lever_arm(b, w, streams, first - 1, c.lever_fix_b)
+    d_z = x[5] + w.lever[2] - fix[ss.Z]
+    across = math.sqrt(max(fix[ss.RANGE] * fix[ss.RANGE] - d_z * d_z, 0.0))
+    angle = fix[ss.BEARING] + fix[ss.PSI]
+    w.z[0, 0] = fix[ss.X] + across * math.cos(angle) - w.lever[0]
+    w.z[0, 1] = fix[ss.Y] + across * math.sin(angle) - w.lever[1]
+    then = kind != ss.IGNORE and first < b.counters[ss.IMU]
+    for a in range(2):
+        w.z[0, a] -= log.points[first % n, 0, 3 + a] if then else x[3 + a]
+        if then and c.shifted:
+            for i in range(first, b.counters[ss.IMU]):
+                w.z[0, a] -= log.jumps[i % n, 0, 3 + a]
+        for j in range(ss.N):
+            w.PHt[0, a, j] = b.P[0, 3 + a, j]
+    w.S[0, 0] = b.P[0, 3, 3] + c.fix_variance
+    w.S[0, 1] = b.P[0, 3, 4]
+    w.S[0, 2] = b.P[0, 4, 4] + c.fix_variance
+    judge(b, c, w, fix, outcome, b.x)
+    outcome[ss.DISTANCE] = 1.0  # the innovation is in metres, along x and y
+    outcome[ss.AZIMUTH] = 0.0
+    if outcome[ss.DECIDED] == ss.FUSED:
+        take_in(b, c, w, log.jumps)
+
+
+@routine
+def forward_fix(
+    b: Bank,
+    c: Settings,
+    w: Work,
+    streams: Streams,
+    log: Log,
+    fix: Array,
+    outcome: Array,
+    first: int,
+    dt: float,
+    kind: int,
+) -> None:
+    """Fuse a fix at the present.
+
+    Parameters
+    ----------
+    fix, outcome : (FIX_COLUMNS,), (OUTCOME,) arrays
+    first : int
+        First IMU sample after the fix's validity; the number of the next one for the present.
+    dt : float
+        From the sample before it to the validity [s].
+    kind : int
+        IGNORE, TAGGED or BACK_PROPAGATE.
+    """
+    if c.published:
+        published_fix(b, c, w, streams, log, fix, outcome, first, kind)
+        return
+    know_station(b, fix)
+    now = first == b.counters[ss.IMU]
+    n = log.points.shape[0]
+    for m in range(b.x.shape[0]):
+        lever_arm(b, w, streams, first - 1, c.lever_fix_b)
+        at = b.x[m] if now else log.points[first % n, m]
+        fix_rows(w.z[m], w.H, fix, at, dt, w)
+        if not now and kind != ss.IGNORE:
+            walk(b, c, w, streams, log, m, first, kind == ss.BACK_PROPAGATE)
+            if kind == ss.BACK_PROPAGATE:
+                solve_rows(w.A, w.H, w.Phi)
+            for a in range(2):
+                for j in range(ss.N):
+                    w.z[m, a] -= w.H[a, j] * w.Phi[j, ss.N]
+        spread_of(w.PHt[m], w.S[m], w.H, b.P[m], fix)
+    judge(b, c, w, fix, outcome, b.x)
+    if outcome[ss.DECIDED] == ss.FUSED:
+        take_in(b, c, w, log.jumps)

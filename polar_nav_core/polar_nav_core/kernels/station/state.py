@@ -1,0 +1,174 @@
+"""What the compiled filter of station mode reads and writes, as named groups of arrays.
+
+The filter is a bank: B members that differ in the density q_c of the current's random walk only.
+State of a member (docs/derivations/station.md): velocity through the water, body axes; position,
+station frame A; current along x and y; ln of total surge drag; share of it that is quadratic;
+measured minus true heading; stated minus true heading of the station.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from ...arrays import Array
+from ..sins.update import Ints
+
+N = 12
+V_R, POSITION, CURRENT, DRAG, SHARE, HEADING, STATION = 0, 3, 6, 8, 9, 10, 11
+"""First index of each block of the state."""
+DYNAMIC = 6
+"""States with dynamics: velocity and position."""
+
+# Indexes of Bank.counters.
+STAMP, IMU, CONTROL, DEPTH, FIX, COUNTERS = 0, 1, 2, 3, 4, 5
+
+# Bank.flat: thrust (3), vertical at the vehicle (3), place where that holds (3), its height,
+# C_A_G (9), 1-sigma of the station's heading.
+FORCE, UP, PLACE, HEIGHT, AXES, SIGMA, FLAT = 0, 3, 6, 9, 10, 19, 20
+
+# Columns of Streams.fixes.
+X, Y, Z, PSI, RANGE, BEARING, RANGE_VARIANCE, BEARING_VARIANCE, PSI_SIGMA, FIX_COLUMNS = range(10)
+
+# Columns of Streams.outcomes: decision, NIS, innovation (2), its covariance (3), inflation, place
+# in polar coordinates from the station (2).
+DECIDED, NIS, Z0, Z1, S00, S01, S11, INFLATION, DISTANCE, AZIMUTH, OUTCOME = range(11)
+UNDECIDED, REFUSED, FUSED = 0.0, 1.0, 2.0
+
+# What `advance` returns.
+DONE, FULL, NOT_DEFINITE = 0, -3, -1
+
+NONE, HUBER, MAHALANOBIS = 0, 1, 2
+"""Robust weights, in the order of params.ROBUST_FIXES."""
+
+IGNORE, TAGGED, BACK_PROPAGATE = 0, 1, 2
+"""Ways to bring a late fix to the present."""
+
+IMU_RANK, CONTROL_RANK, DEPTH_RANK, FIX_RANK = 0, 1, 2, 4
+"""Places within a stamp (events.Rank)."""
+
+
+class Bank(NamedTuple):
+    """All that one event hands to the next."""
+
+    x: Array  # (B, 12)
+    P: Array  # (B, 12, 12)
+    log_weight: Array  # (B,), up to a constant
+    weight: Array  # (B,), sum 1
+    flat: Array  # (FLAT,)
+    counters: Ints  # (COUNTERS,): stamp of the newest IMU sample [ns], inputs taken
+    tally: Array  # (2, 3): rows and columns of events.LOCAL_DOF
+    counting: Ints  # (1,): 0 while inputs are processed again: each counts once
+
+
+class Settings(NamedTuple):
+    """What stays as it is during a run."""
+
+    inertia: Array  # (3,) [kg]
+    drag_linear: Array  # (3,), of sway and heave [N s/m]
+    drag_quadratic: Array  # (3,) [N s^2/m^2]
+    net_buoyancy: float  # [N]
+    speed: float  # where total drag is stated [m/s]
+    q_v: float  # densities: of v_r [m^2/s^3]
+    q_xy: float  # of position [m^2/s]
+    q_z: float
+    q_drag: float  # of ln Dt and f [1/s]
+    q_heading: float  # [rad^2/s]
+    q_current: Array  # (B,) [m^2/s^3]
+    station_tau: float  # correlation time of the station's heading error [s]
+    forgetting: float  # of log-likelihoods, per fix
+    robust: int
+    robust_threshold: float
+    gates: Array  # (3,): by degrees of freedom
+    attitude_variance: float  # of the AHRS, per axis and sample [rad^2]
+    attitude_tau: float  # time constant of its smoothing [s]; 0 for none
+    omega_ie_A: Array  # (3,): rate of the Earth, station axes [rad/s]
+    published: bool  # the filter of Eqs. 8-13: states are v over ground, body axes, and position
+    shifted: bool  # its stored positions are shifted by each correction
+    fix_variance: float  # its R of x and y [m^2]
+    origin_e: Array  # (3,): of the station frame, ECEF [m]
+    C_e_A: Array  # (3, 3)
+    surface: float  # height of the sea surface [m]
+    lever_fix_b: Array  # (3,): transponder from base_link [m]
+    lever_depth_b: Array  # (3,)
+    max_step_s: float  # a longer interval between IMU samples is taken in parts
+    snapshot_every: int  # IMU samples
+    output_ns: int
+
+
+class Streams(NamedTuple):
+    """Measurements on their way in; number i stands at i % length."""
+
+    counts: Ints  # (4,): IMU, control, depth, fix
+    imu_stamps: Ints
+    omega_ib_b: Array  # (n, 3)
+    C_b_G: Array  # (n, 3, 3), smoothed
+    control_stamps: Ints
+    force_b: Array  # (n, 3)
+    depth_stamps: Ints
+    depth: Array
+    depth_variance: Array
+    fix_stamps: Ints
+    fixes: Array  # (n, FIX_COLUMNS)
+    outcomes: Array  # (n, OUTCOME)
+    fix_points: Array  # (n, B, 12): where fixes are linearised
+    fix_inflations: Array  # (n, B)
+
+
+class Log(NamedTuple):
+    """The past: where steps were linearised, and snapshots."""
+
+    counts: Ints  # (1,): snapshots taken
+    points: Array  # (n, B, 12): state before IMU sample number i stands at i % n
+    jumps: Array  # (n, B, 12): corrections between two IMU samples; none kept for n = 0
+    x: Array  # (s, B, 12), and so on as in Bank
+    P: Array
+    log_weight: Array
+    weight: Array
+    flat: Array
+    counters: Ints
+
+
+class Rows(NamedTuple):
+    """Estimates."""
+
+    io: Ints  # (2,): stamp of the row that is due or -1, rows written
+    stamps: Ints
+    r_e: Array  # (k, 3)
+    v_G: Array
+    C_b_G: Array  # (k, 3, 3)
+    P: Array  # (k, 9, 9): attitude, velocity, position as in the error state of the SINS
+    x: Array  # (k, 12): mean of the bank
+    P_x: Array  # (k, 12, 12)
+    walk: Array  # (k,): q_c
+    weight: Array  # (k, B)
+    tally: Array  # (k, 2, 3)
+
+
+class Work(NamedTuple):
+    """Scratch."""
+
+    a: Array  # (3,)
+    F: Array  # (3, 3)
+    d1: Array  # (3,)
+    d2: Array
+    R: Array  # (3, 3)
+    C_A: Array  # (3, 3): body to station frame by the AHRS
+    C_G: Array  # (3, 3)
+    omega: Array  # (3,)
+    up: Array  # (3,)
+    lever: Array  # (3,)
+    v3: Array  # (3,)
+    g: Array  # (3,)
+    M: Array  # (6, 12)
+    point: Array  # (12,)
+    d: Array  # (12,)
+    H: Array  # (2, 12)
+    T: Array  # (6, 12): velocity and position, grid axes and ECEF, with the state
+    TP: Array  # (6, 12)
+    Phi: Array  # (12, 13): transition since a fix's validity, and the corrections since
+    A: Array  # (12, 14)
+    z: Array  # (B, 2)
+    S: Array  # (B, 3)
+    PHt: Array  # (B, 2, 12)
+    inflation: Array  # (B,)
+    nis: Array  # (4,): of the last depth: NIS, innovation, its variance, 1 where fused

@@ -1,0 +1,1 @@
+"""Compiled model of the vehicle: dynamics, slopes, surge along a track."""

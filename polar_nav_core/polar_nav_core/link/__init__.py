@@ -1,0 +1,1 @@
+"""Acoustic packets: fields, encoding, decoding one by one and as columns."""

@@ -1,0 +1,111 @@
+"""Compiles every kernel that a node or a replay runs into the cache.
+
+``python -m polar_nav_core.warm`` is part of the set-up: a cold compile takes long, and a
+live node would fall behind its sensors meanwhile.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import sys
+from dataclasses import replace
+
+import numpy as np
+
+from . import earth, nav_columns, strapdown
+
+_START_NS = 1_000_000_000
+_IMU_NS = 10_000_000
+
+
+def warm_filter() -> None:
+    """Run each way to treat late fixes over a third of a second, live and as a whole run."""
+    # Here, because the engine stands above the kernels.
+    from .engine import batch
+    from .engine.events import Fix
+    from .engine.params import DELAY_HANDLING, EngineParams
+
+    base = EngineParams(configuration='custom')
+    stamps = _START_NS + _IMU_NS * np.arange(30)
+    pings, depths = stamps[5::10].copy(), stamps[4::10].copy()
+    angles = np.radians([base.initial_latitude_deg, base.initial_longitude_deg])
+    r_e = np.asarray(earth.ecef_from_geodetic(angles[0], angles[1], base.initial_height))
+    inputs = batch.Inputs(
+        imu_stamps_ns=stamps,
+        omega_ib_b=np.zeros((len(stamps), 3)),
+        f_b=np.tile([0.0, 0.0, 9.83], (len(stamps), 1)),
+        dvl_stamps_ns=pings,
+        dvl_v_m=np.zeros((len(pings), 3)),
+        dvl_covariance_m=np.tile(np.eye(3), (len(pings), 1, 1)),
+        dvl_valid=np.ones(len(pings), dtype=bool),
+        depth_stamps_ns=depths,
+        depth=np.full(len(depths), -base.initial_height),
+        depth_variance=np.ones(len(depths)),
+        # The later ones are about times before the first was fused: delays overlap.
+        fixes=tuple(
+            Fix(v, v, received, 'leader', n, n, n, r_e, 1e4 * np.eye(3))
+            for n, (v, received) in enumerate(
+                (int(stamps[i]), int(stamps[j])) for i, j in ((3, 12), (4, 16), (2, 22))
+            )
+        ),
+    )
+    for name in DELAY_HANDLING:
+        params = replace(base, delay_handling=name)
+        batch.run(params, inputs)
+        batch.run(params, inputs, one_by_one=True)
+
+
+def warm_station() -> None:
+    """Run each way to treat late fixes of station mode, live and as a whole run."""
+    from .engine.events import Fix, PolarFix
+    from .engine.params import DELAY_HANDLING, EngineParams
+    from .engine.station import batch
+
+    base = EngineParams(mode='station', configuration='custom', delay_handling='tagged')
+    stamps = _START_NS + _IMU_NS * np.arange(45)
+    polar = PolarFix(np.zeros(3), 0.0, 0.0, 50.0, 1.0, 0.3, 0.1, 1500.0)
+    nothing = np.full(3, np.nan)
+    inputs = batch.StationInputs(
+        imu_stamps_ns=stamps,
+        omega_ib_b=np.zeros((len(stamps), 3)),
+        C_b_G=np.tile(np.eye(3), (len(stamps), 1, 1)),
+        control_stamps_ns=stamps,
+        force_b=np.ones((len(stamps), 3)),
+        depth_stamps_ns=stamps,
+        depth=np.full(len(stamps), -base.initial_height),
+        depth_variance=np.ones(len(stamps)),
+        fixes=tuple(
+            Fix(v, v, received, 'station', n, n, n, nothing, np.eye(3) * np.nan, polar=polar)
+            for n, (v, received) in enumerate(
+                (int(stamps[i]), int(stamps[j])) for i, j in ((3, 12), (23, 30), (22, 40))
+            )
+        ),
+    )
+    for name in DELAY_HANDLING:
+        for one_by_one in (False, True):
+            batch.run(replace(base, delay_handling=name), inputs, one_by_one=one_by_one)
+    batch.run(replace(base, station_filter='published'), inputs)
+
+
+def warm_others() -> None:
+    """Compile or load what is not of the strapdown's filter."""
+    from .identification import identifier
+
+    strapdown.warm_up()
+    nav_columns.warm_up()
+    warm_station()
+    identifier.warm_up()
+
+
+def _compile_in_parallel() -> None:
+    """Fill the cache by two processes: the filter takes two thirds of the time."""
+    others = multiprocessing.get_context('spawn').Process(target=warm_others)
+    others.start()
+    warm_filter()
+    others.join()
+    if others.exitcode:
+        sys.exit(others.exitcode)
+
+
+if __name__ == '__main__':
+    _compile_in_parallel()
