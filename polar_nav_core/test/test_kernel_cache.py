@@ -28,6 +28,16 @@ def test_key_changes_with_any_source(tmp_path):
     assert len({before, edited, cache.cache_key(tmp_path)}) == 3
 
 
+def test_key_changes_with_the_numbers_that_the_engine_has_in_common_with_kernels(
+    tmp_path, monkeypatch
+):
+    before = cache.cache_key()
+    copy = tmp_path / 'order.py'
+    copy.write_text(cache._ORDER.read_text().replace('FUSED = 1', 'FUSED = 2'))
+    monkeypatch.setattr(cache, '_ORDER', copy)
+    assert cache.cache_key() != before
+
+
 def test_key_changes_with_cpu_and_numba(monkeypatch):
     before = cache.cache_key()
     monkeypatch.setattr(numba.config, 'CPU_NAME', 'generic')

@@ -19,6 +19,7 @@ from ..errors import FilterDivergence
 from ..kernels.sins import events as fe
 from ..kernels.sins import run as filter_run
 from ..kernels.sins import state as fs
+from ..order import NEVER_NS
 from .engine import Engine
 from .events import Array, Event, Fix, ImuSample, Rank, Receipt, Verdict
 from .inputs import Inputs, Stamps
@@ -171,8 +172,8 @@ class _Compiled:
                 told = number + len(self._odd) // 100
         if start is not None:
             self._start(first)
-        self._advance(_END_NS, int(Rank.IMU))
-        self._flush(_END_NS)
+        self._advance(NEVER_NS - 1, int(Rank.IMU))
+        self._flush(NEVER_NS - 1)
         self._engine.count_locals(self._local_statistics(), self._gaps)
         if self._progress is not None:
             self._progress(1.0)
@@ -336,9 +337,6 @@ class _Compiled:
         if self._fusion is not None:
             total = total + self._fusion.filter.state.tally[: fs.FIX_ROW]
         return total
-
-
-_END_NS = (1 << 63) - 2
 
 
 def _finite(values: Array) -> NDArray[np.bool_]:

@@ -13,21 +13,22 @@ from enum import IntEnum
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array: TypeAlias = NDArray[np.float64]
+from .. import order
+from ..arrays import Array as Array
+
 OrderKey: TypeAlias = tuple[int, int, int, int]
 
 
 class Rank(IntEnum):
     """Order of the streams within one stamp."""
 
-    IMU = 0
-    CONTROL = 1
-    DEPTH = 2
-    DVL = 3
-    FIX = 4
-    COMMAND = 5
+    IMU = order.IMU_RANK
+    CONTROL = order.CONTROL_RANK
+    DEPTH = order.DEPTH_RANK
+    DVL = order.DVL_RANK
+    FIX = order.FIX_RANK
+    COMMAND = order.COMMAND_RANK
 
 
 class Verdict(IntEnum):
@@ -276,7 +277,7 @@ class Receipt:
 
 LOCAL_DOF = {'dvl': 3, 'depth': 1}
 """Local sources and the degrees of freedom of one measurement; rows of local statistics."""
-UPDATES, LOCAL_GATED, NIS_SUM = range(3)
+UPDATES, LOCAL_GATED, NIS_SUM = order.UPDATES, order.GATED, order.NIS_SUM
 """Columns of local statistics: used, refused by the gate, sum of the NIS of those used."""
 
 

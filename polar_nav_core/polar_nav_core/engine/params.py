@@ -7,12 +7,12 @@ from dataclasses import dataclass
 
 from ..errors import ConfigError
 from ..identification.params import IdentificationParams
+from ..order import ROBUST_FIXES
 from ..params import choice, param, vector
 from .events import InitialState
 from .station.params import StationParams
 
 DELAY_HANDLING = ('ignore', 'tagged', 'back_propagate', 'clone', 'rewind')
-ROBUST_FIXES = ('none', 'huber', 'mahalanobis')
 NOISE_ADAPTATION = (
     'none',
     'adaptive_r',

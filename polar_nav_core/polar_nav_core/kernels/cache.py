@@ -30,6 +30,8 @@ F = TypeVar('F', bound=Callable[..., Any])
 
 ENVIRONMENT_VARIABLE = 'POLAR_NAV_CACHE_DIR'
 KERNELS = Path(__file__).parent
+_ORDER = KERNELS.parent / 'order.py'
+"""Numbers that kernels are compiled with, though it is no kernel."""
 
 
 def folder_of(source: Path) -> Path:
@@ -38,11 +40,12 @@ def folder_of(source: Path) -> Path:
 
 
 def cache_key(folder: Path = KERNELS) -> str:
-    """Hash of the kernel sources in and below *folder*, of numba's version and of the CPU."""
+    """Hash of the kernel sources in and below *folder*, `order`, numba and the CPU."""
     digest = hashlib.sha256()
-    for path in sorted(folder.rglob('*.py')):
+    names = {path.relative_to(folder).as_posix(): path for path in folder.rglob('*.py')}
+    for name, path in [*sorted(names.items()), ('../order.py', _ORDER)]:
         source = path.read_bytes()
-        digest.update(f'{path.relative_to(folder).as_posix()} {len(source)}\n'.encode())
+        digest.update(f'{name} {len(source)}\n'.encode())
         digest.update(source)
     cpu = numba.config.CPU_NAME or llvm.get_host_cpu_name()
     features = numba.config.CPU_FEATURES or llvm.get_host_cpu_features().flatten()

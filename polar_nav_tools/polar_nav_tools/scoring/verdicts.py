@@ -11,30 +11,16 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from polar_nav_core.engine.events import LOCAL_DOF, NIS_SUM, UPDATES
+from polar_nav_core.engine.events import LOCAL_DOF, NIS_SUM, UPDATES, Verdict
 
 from ..series.vehicle import Floats, Ints, Receipt, Series, last_revisions
 from .consistency import Consistency, consistency, consistency_of_sums
 from .plain import record
 
-FUSED = 'FUSED'
-GATED = 'GATED'
+FUSED = Verdict.FUSED.name
+GATED = Verdict.GATED.name
 # In the order of FixReceipt.msg, so that tables of different bags have the same order.
-VERDICTS = (
-    FUSED,
-    GATED,
-    'DUPLICATE',
-    'TOO_OLD',
-    'TOO_LATE',
-    'FROM_FUTURE',
-    'NOT_FINITE',
-    'BAD_CRC',
-    'BAD_MAC',
-    'UNKNOWN_SOURCE',
-    'IN_FLIGHT',
-    'NOT_READY',
-    'BAD_FORMAT',
-)
+VERDICTS = tuple(verdict.name for verdict in Verdict)
 
 _TOPIC_AND_VERDICT = attrgetter('topic', 'verdict_text')
 

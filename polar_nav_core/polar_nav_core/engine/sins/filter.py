@@ -22,6 +22,7 @@ from ...kernels.sins import run as filter_run
 from ...kernels.sins import state as fs
 from ...kernels.sins import update as kf
 from ...kernels.sins import walk as filter_walk
+from ...order import NEVER_NS
 from ..events import (
     Array,
     ControlSample,
@@ -41,7 +42,6 @@ from .noise import MeasurementNoise, ProcessNoise
 from .robust import inflation
 from .settings import make_settings, steps_per_snapshot
 
-NEVER_NS = fs.NEVER_NS
 _WHY = {
     fs.P_NOT_DEFINITE: 'the covariance of the filter is no longer positive definite',
     fs.S_NOT_DEFINITE: 'an innovation covariance is not positive definite',

@@ -10,7 +10,8 @@ from scipy.special import gammaincinv
 from ... import attitude
 from ...kernels.sins import state as fs
 from ...kernels.sins import update as kf
-from ..params import ROBUST_FIXES, EngineParams
+from ...order import ROBUST_FIXES
+from ..params import EngineParams
 from . import aiding
 from .robust import THRESHOLDS
 

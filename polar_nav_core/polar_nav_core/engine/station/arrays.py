@@ -9,7 +9,8 @@ from scipy.special import gammaincinv
 
 from ... import grid
 from ...kernels.station import state as ss
-from ..params import ROBUST_FIXES, EngineParams
+from ...order import ROBUST_FIXES
+from ..params import EngineParams
 from ..sins.history import IMU_PERIOD_S
 from ..sins.settings import chi2_gate
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from ...errors import FilterDivergence
 from ...kernels.station import run as run_kernels
 from ...kernels.station import state as ss
+from ...order import NEVER_NS
 from ..engine import Engine
 from ..events import (
     Array,
@@ -41,7 +42,6 @@ from .inputs import Stamps, StationInputs
 __all__ = ['Result', 'StationInputs', 'Track', 'run']
 
 _ROWS = 512
-_END_NS = (1 << 63) - 2
 
 
 @dataclass(frozen=True)
@@ -246,8 +246,8 @@ class _Compiled:
             self._collector.take(self._engine.process(event))
         if first is not None and not self._started:
             self._start(first)
-        self._advance(_END_NS, int(Rank.IMU))
-        self._flush(_END_NS)
+        self._advance(NEVER_NS - 1, int(Rank.IMU))
+        self._flush(NEVER_NS - 1)
         gap_ns = self._engine.params.max_imu_gap_s * 1e9
         gaps = int(np.sum(np.diff(self._kept.imu_stamps_ns) > gap_ns))
         statistics = self._collector.tally

@@ -16,6 +16,7 @@ from ...kernels.station import run
 from ...kernels.station import state as ss
 from ...kernels.station.attitude import smooth
 from ...kernels.vehicle import model as vm
+from ...order import NEVER_NS
 from ..events import (
     Array,
     ControlSample,
@@ -27,7 +28,7 @@ from ..events import (
     ModelEstimate,
 )
 from ..params import EngineParams
-from ..sins.filter import NEVER_NS, Outcome
+from ..sins.filter import Outcome
 from . import arrays
 
 _IDENTIFIED = ('drag_linear', 'drag_quadratic', 'current_x', 'current_y', 'heading_bias')

@@ -274,6 +274,7 @@ class Rewind(StationFusion):
         s.fix_stamps[i] = fix.validity_ns
         s.fixes[i] = fix_row(self.params, _polar(fix))
         s.outcomes[i] = 0.0
+        s.outcomes[i, ss.DECIDED] = ss.UNDECIDED
         s.counts[3] += 1
 
     def _process_again(self, fix: Fix) -> None:

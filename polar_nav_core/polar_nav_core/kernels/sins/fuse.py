@@ -175,14 +175,14 @@ def ping_passes(s: State, c: Settings, w: Work) -> int:
 
 @kernel
 def enlarge(w: Work, c: Settings) -> float:
-    """Give a fix that passed the gate a larger R by its NIS (engine.filter.robust).
+    """Give a fix that passed the gate a larger R by its NIS (engine.sins.robust).
 
     R <- R + (lambda - 1) S; S and its factor follow. Returns lambda.
     """
-    if c.robust == 0 or not w.nis[0] > c.robust_threshold:
+    if c.robust == fs.ROBUST_NONE or not w.nis[0] > c.robust_threshold:
         return 1.0
     factor: float = w.nis[0] / c.robust_threshold
-    if c.robust == 1:
+    if c.robust == fs.ROBUST_HUBER:
         factor = math.sqrt(factor)
     root = math.sqrt(factor)
     for a in range(3):

@@ -12,6 +12,24 @@ from typing import NamedTuple
 import numpy as np
 
 from ...arrays import Array
+
+# Kernels read these as attributes of this module.
+from ...order import CONTROL_RANK as CONTROL_RANK
+from ...order import DEPTH_RANK as DEPTH_RANK
+from ...order import DEPTH_ROW as DEPTH_ROW
+from ...order import DVL_RANK as DVL_RANK
+from ...order import DVL_ROW as DVL_ROW
+from ...order import FIX_RANK as FIX_RANK
+from ...order import FIX_ROW as FIX_ROW
+from ...order import FUSED as FUSED
+from ...order import GATED as GATED
+from ...order import IMU_RANK as IMU_RANK
+from ...order import NEVER_NS as NEVER_NS
+from ...order import NIS_SUM as NIS_SUM
+from ...order import REFUSED as REFUSED
+from ...order import ROBUST_HUBER as ROBUST_HUBER
+from ...order import ROBUST_NONE as ROBUST_NONE
+from ...order import UPDATES as UPDATES
 from .columns import WIDTH
 from .model import E
 from .update import COUPLED, Ints, N
@@ -37,32 +55,15 @@ GOOD_PINGS = 16
 GOOD_NS = 17
 COUNTERS = 18
 
-# Rows of State.tally and of State.noise, columns of State.tally.
-DVL_ROW = 0
-DEPTH_ROW = 1
-FIX_ROW = 2
-UPDATES = 0
-GATED = 1
-NIS_SUM = 2
-
-# What an event function or `advance` returns.
-FUSED = 1
-REFUSED = 0
+# What an event function (FUSED or REFUSED, too) or `advance` returns.
 DONE = 0
 P_NOT_DEFINITE = -1
 S_NOT_DEFINITE = -2
 FULL = -3
 STOPPED = -4
 
-IMU_RANK = 0
-CONTROL_RANK = 1
-DEPTH_RANK = 2
-DVL_RANK = 3
-FIX_RANK = 4
-"""Places within a stamp (events.Rank)."""
 STEPS_PER_TEST = 10
 """The covariance is tested for definiteness at every tenth step; its diagonal at every one."""
-NEVER_NS = 9_223_372_036_854_775_807
 NO_MEASUREMENT = 0
 SCALAR = 1
 VECTOR = 3
@@ -202,7 +203,7 @@ class Settings(NamedTuple):
     back_propagates: bool  # fixes of the streams are late: they stand where they were received
     forgetting: float
     floor: float
-    robust: int  # how fixes far off are weighted down: index in params.ROBUST_FIXES
+    robust: int  # how fixes far off are weighted down: index in order.ROBUST_FIXES
     robust_threshold: float  # NIS of a fix from which on
     gates: Array  # (4,): threshold of NIS per number of rows
     densities: Array  # (4,): of gyro, accelerometer and their bias walks, squared

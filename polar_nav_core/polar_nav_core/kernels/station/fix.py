@@ -117,9 +117,9 @@ def judge(b: Bank, c: Settings, w: Work, fix: Array, outcome: Array, at: Array) 
     for m in range(members):
         squared = nis_of(w.z[m], w.S[m]) / c.robust_threshold
         factor = 1.0
-        if squared > 1.0 and c.robust == ss.MAHALANOBIS:
+        if squared > 1.0 and c.robust == ss.ROBUST_MAHALANOBIS:
             factor = squared
-        elif squared > 1.0 and c.robust == ss.HUBER:
+        elif squared > 1.0 and c.robust == ss.ROBUST_HUBER:
             factor = math.sqrt(squared)
         w.inflation[m] = factor
     outcome[ss.INFLATION] = w.inflation[best]

@@ -11,6 +11,21 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from ...arrays import Array
+
+# Kernels read these as attributes of this module.
+from ...order import CONTROL_RANK as CONTROL_RANK
+from ...order import DEPTH_RANK as DEPTH_RANK
+from ...order import DEPTH_ROW as DEPTH_ROW
+from ...order import FIX_RANK as FIX_RANK
+from ...order import FUSED as FUSED
+from ...order import GATED as GATED
+from ...order import IMU_RANK as IMU_RANK
+from ...order import NIS_SUM as NIS_SUM
+from ...order import REFUSED as REFUSED
+from ...order import ROBUST_HUBER as ROBUST_HUBER
+from ...order import ROBUST_MAHALANOBIS as ROBUST_MAHALANOBIS
+from ...order import UNDECIDED as UNDECIDED
+from ...order import UPDATES as UPDATES
 from ..sins.update import Ints
 
 N = 12
@@ -32,19 +47,12 @@ X, Y, Z, PSI, RANGE, BEARING, RANGE_VARIANCE, BEARING_VARIANCE, PSI_SIGMA, FIX_C
 # Columns of Streams.outcomes: decision, NIS, innovation (2), its covariance (3), inflation, place
 # in polar coordinates from the station (2).
 DECIDED, NIS, Z0, Z1, S00, S01, S11, INFLATION, DISTANCE, AZIMUTH, OUTCOME = range(11)
-UNDECIDED, REFUSED, FUSED = 0.0, 1.0, 2.0
 
 # What `advance` returns.
 DONE, FULL, NOT_DEFINITE = 0, -3, -1
 
-NONE, HUBER, MAHALANOBIS = 0, 1, 2
-"""Robust weights, in the order of params.ROBUST_FIXES."""
-
 IGNORE, TAGGED, BACK_PROPAGATE = 0, 1, 2
 """Ways to bring a late fix to the present."""
-
-IMU_RANK, CONTROL_RANK, DEPTH_RANK, FIX_RANK = 0, 1, 2, 4
-"""Places within a stamp (events.Rank)."""
 
 
 class Bank(NamedTuple):
@@ -76,7 +84,7 @@ class Settings(NamedTuple):
     q_current: Array  # (B,) [m^2/s^3]
     station_tau: float  # correlation time of the station's heading error [s]
     forgetting: float  # of log-likelihoods, per fix
-    robust: int
+    robust: int  # index in order.ROBUST_FIXES
     robust_threshold: float
     gates: Array  # (3,): by degrees of freedom
     attitude_variance: float  # of the AHRS, per axis and sample [rad^2]

@@ -387,12 +387,12 @@ def depth_event(b: Bank, c: Settings, w: Work, streams: Streams, jumps: Array) -
     w.nis[3] = 0.0
     if not nis <= c.gates[1]:
         if b.counting[0]:
-            b.tally[1, 1] += 1.0
+            b.tally[ss.DEPTH_ROW, ss.GATED] += 1.0
         return
     w.nis[3] = 1.0
     if b.counting[0]:
-        b.tally[1, 0] += 1.0
-        b.tally[1, 2] += nis
+        b.tally[ss.DEPTH_ROW, ss.UPDATES] += 1.0
+        b.tally[ss.DEPTH_ROW, ss.NIS_SUM] += nis
     for m in range(members):
         h = w.PHt[m, 0]
         gain = w.z[m, 0] / w.S[m, 0]
