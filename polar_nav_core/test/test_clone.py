@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from polar_nav_core.engine.engine import Engine
 from polar_nav_core.engine.events import Estimate, Receipt, Verdict
+from polar_nav_core.engine.results import FixResult, Outcome
 from polar_nav_core.engine.sins.clone import Clone
-from polar_nav_core.engine.sins.filter import Outcome
-from polar_nav_core.engine.sins.fusion import FixResult, Fusion
+from polar_nav_core.engine.sins.fusion import Fusion
 
 
 class Augmented(Fusion):

@@ -24,9 +24,10 @@ from .engine import Engine
 from .events import Array, Event, Fix, ImuSample, Rank, Receipt, Verdict
 from .inputs import Inputs, Stamps
 from .params import EngineParams
+from .results import FixResult
 from .sins import aiding
 from .sins.filter import NavigationFilter
-from .sins.fusion import FixResult, Fusion
+from .sins.fusion import Fusion
 from .sins.streams import put_late_fix, room_for_fixes
 from .track import Collector, RowSink, Track
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from dataclasses import fields
 
+from .driver import Driver
 from .params import EngineParams
+from .results import CORRECTIONS_PER_S, IMU_PERIOD_S
 from .sins.filter import NavigationFilter
-from .sins.fusion import Driver
-from .sins.history import CORRECTIONS_PER_S, IMU_PERIOD_S
 
 _ONLY_CUSTOM = ('delay_handling', 'noise_adaptation', 'gate_probability', 'robust_fixes')
 _SMALL_ANGLE_DEG = 10.0

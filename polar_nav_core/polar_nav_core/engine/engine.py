@@ -15,6 +15,7 @@ import numpy as np
 from ..errors import FilterDivergence
 from ..kernels.sins.update import Ints
 from .checks import aiding_warning, history_warning
+from .driver import Driver
 from .events import (
     LOCAL_DOF,
     LOCAL_GATED,
@@ -40,9 +41,9 @@ from .ledger import FixLedger
 from .params import EngineParams
 from .receipts import age_s, receipt_of
 from .refusals import unusable_local
+from .results import FixResult, chi2_gate
 from .sins.filter import NavigationFilter
-from .sins.fusion import Driver, FixResult, Fusion
-from .sins.settings import chi2_gate
+from .sins.fusion import Fusion
 from .station.fixes import dated
 from .station.identify import Adaptation, make_adaptation
 from .strategies import compiled, make_fusion

@@ -16,8 +16,8 @@ from enum import IntEnum
 
 import numpy as np
 
+from .driver import Driver
 from .events import Array, Fix
-from .sins.fusion import Driver
 
 _ALARMING = 3
 """Fixes refused in a row before anything is said: one or two are chance or outliers."""

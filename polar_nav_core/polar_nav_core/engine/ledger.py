@@ -11,7 +11,7 @@ from .integrity import IntegrityMonitor
 from .params import EngineParams
 from .receipts import age_s, decided_receipt, fused_receipts
 from .refusals import Refusal, unusable_fix
-from .sins.fusion import FixResult
+from .results import FixResult
 
 _SEQUENCES_KEPT = 4096
 _FIX = 'fix'

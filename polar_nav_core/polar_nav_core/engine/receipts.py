@@ -9,7 +9,7 @@ from ..kernels.sins import state as fs
 from ..kernels.sins.update import Ints
 from .events import Array, Event, Fix, Receipt, Verdict
 from .params import Configuration
-from .sins.fusion import FixResult
+from .results import FixResult
 
 
 def receipt_of(

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from .driver import Make
 from .params import DELAY_HANDLING, Configuration, EngineParams
 from .sins.adaptation import COMPILED, PRINTED
 from .sins.clone import Clone
-from .sins.fusion import BackPropagate, Ignore, Make, Tagged
+from .sins.fusion import BackPropagate, Ignore, Tagged
 from .sins.published import Published
 from .sins.rewind import Rewind
 from .station import fusion as station

@@ -20,8 +20,9 @@ from ...kernels.sins import update as kf
 from ...kernels.sins.update import Ints
 from ..events import Fix, InitialState, Rank
 from ..params import EngineParams
-from .filter import NavigationFilter, Outcome
-from .fusion import FixResult, Fusion
+from ..results import FixResult, Outcome
+from .filter import NavigationFilter
+from .fusion import Fusion
 from .history import Epoch
 
 

@@ -9,7 +9,6 @@ the arrays, and says in Python what the compiled code leaves open.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -34,9 +33,10 @@ from ..events import (
     ModelEstimate,
 )
 from ..params import EngineParams
+from ..results import CORRECTIONS_PER_S, IMU_PERIOD_S, Outcome
 from . import aiding
 from . import streams as st
-from .history import CORRECTIONS_PER_S, IMU_PERIOD_S, History, make_past
+from .history import History, make_past
 from .log import make_log
 from .noise import MeasurementNoise, ProcessNoise
 from .robust import inflation
@@ -46,22 +46,6 @@ _WHY = {
     fs.P_NOT_DEFINITE: 'the covariance of the filter is no longer positive definite',
     fs.S_NOT_DEFINITE: 'an innovation covariance is not positive definite',
 }
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """What one update did: innovation (estimate minus measurement), variance, NIS and gate.
-
-    ``inflation`` is by how much its innovation covariance was enlarged after the gate (robust).
-    """
-
-    fused: bool
-    z: Array
-    variance: Array
-    nis: float
-    dof: int
-    gate: float
-    inflation: float = 1.0
 
 
 class NavigationFilter:

@@ -6,9 +6,7 @@ goes back to the state before the fix, takes it, and processes the stored inputs
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Protocol
+from dataclasses import replace
 
 import numpy as np
 
@@ -30,66 +28,10 @@ from ..events import (
     ModelEstimate,
 )
 from ..params import EngineParams
+from ..results import FixResult, Outcome
 from .adaptation import make_noise, make_process
-from .filter import NavigationFilter, Outcome
+from .filter import NavigationFilter
 from .history import Epoch
-
-
-@dataclass(frozen=True)
-class FixResult:
-    """What became of a fix.
-
-    Attributes
-    ----------
-    outcome : Outcome
-        Of the fix itself.
-    steps : int
-        Stored filter steps between its validity and now.
-    revised : tuple of (Fix, Outcome)
-        Other fixes that this one made the gate decide anew, and differently.
-    """
-
-    outcome: Outcome
-    steps: int
-    revised: tuple[tuple[Fix, Outcome], ...] = ()
-
-
-class Driver(Protocol):
-    """What the engine drives: a filter with its measurements and its way to treat late fixes."""
-
-    @property
-    def stamp_ns(self) -> int:
-        """Stamp of the newest IMU sample."""
-
-    def begin(self, sample: ImuSample) -> None:
-        """Take the sample that ends where the state starts."""
-
-    def imu(self, sample: ImuSample) -> None:
-        """Advance by one IMU sample."""
-
-    def control(self, sample: ControlSample) -> None:
-        """Take note of the thrust."""
-
-    def local(self, event: DvlPing | DepthSample) -> Outcome:
-        """Fuse DVL or depth: never treated as delayed."""
-
-    def fix(self, fix: Fix) -> FixResult | None:
-        """Fuse a fix; None when the stored history does not reach back to its validity."""
-
-    def offset(self, fix: Fix) -> tuple[Array, float] | None:
-        """How far a fix is off, grid axes [m], and its NIS by the covariance of now."""
-
-    def oldest_ns(self) -> int:
-        """Oldest validity that a fix may have to be fused."""
-
-    def estimate(self, fixes: tuple[int, int, int]) -> Estimate:
-        """Estimate at the newest IMU sample; takes the local statistics since the last one."""
-
-    def height(self) -> float:
-        """Of the vehicle [m]; in station mode above the station's first position."""
-
-    def adapt(self, identified: Identification) -> None:
-        """Take drag and current from an identification that was accepted."""
 
 
 class Fusion:
@@ -275,6 +217,3 @@ def array_axes(f: NavigationFilter, fix: Fix) -> Array:
     """
     fe.fill_array_axes(f.work.C_a_G, fix.array_heading, f.estimates_usbl_bias)
     return f.work.C_a_G
-
-
-Make = Callable[[EngineParams, InitialState, int], Driver]

@@ -16,10 +16,7 @@ from ...kernels.sins.events import epoch_place
 from ...kernels.sins.transition import INVERSE
 from ...kernels.sins.update import N
 from ..events import Array
-
-IMU_PERIOD_S = 0.004
-CORRECTIONS_PER_S = 40.0
-"""Fastest sensors that the rings have room for; faster ones shorten the reach."""
+from ..results import CORRECTIONS_PER_S, IMU_PERIOD_S
 
 
 @dataclass(frozen=True)

@@ -20,10 +20,9 @@ from ...errors import FilterDivergence
 from ...kernels.sins import update as kf
 from ..events import Array, DepthSample, DvlPing, Fix, ImuSample, InitialState
 from ..params import EngineParams
-from .filter import Outcome
-from .fusion import FixResult, Fusion
+from ..results import FixResult, Outcome, chi2_gate
+from .fusion import Fusion
 from .sage_husa import Printed, lower_inverse, sandwich
-from .settings import chi2_gate
 
 PING_AGE_NS = 1_000_000_000
 """An older ping is no velocity at the time of a fix; the position rows then enter alone."""

@@ -14,8 +14,9 @@ from ...kernels.sins import run as filter_run
 from ...kernels.sins import state as fs
 from ..events import Array, Fix, InitialState, Rank
 from ..params import EngineParams
+from ..results import FixResult
 from .filter import NavigationFilter
-from .fusion import FixResult, Fusion
+from .fusion import Fusion
 from .streams import insert_fix
 
 _Key: TypeAlias = tuple[int, int, int]

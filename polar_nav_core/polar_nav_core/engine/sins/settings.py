@@ -5,13 +5,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy.special import gammaincinv
 
 from ... import attitude
 from ...kernels.sins import state as fs
 from ...kernels.sins import update as kf
 from ...order import ROBUST_FIXES
 from ..params import EngineParams
+from ..results import chi2_gate
 from . import aiding
 from .robust import THRESHOLDS
 
@@ -62,18 +62,3 @@ _SNAPSHOT_S = 0.5
 def steps_per_snapshot(filter_period_s: float) -> int:
     """Covariance steps from one snapshot to the next."""
     return max(1, round(_SNAPSHOT_S / filter_period_s))
-
-
-_GATES: dict[tuple[float, int], float] = {}
-
-
-def chi2_gate(probability: float, dof: int) -> float:
-    """Threshold that a good NIS stays below with the given probability; infinite for 1."""
-    key = (probability, dof)
-    if key not in _GATES:
-        # The chi-square quantile; scipy.stats would cost every start of a node half a second.
-        quantile = (
-            math.inf if probability >= 1.0 else 2.0 * float(gammaincinv(dof / 2, probability))
-        )
-        _GATES[key] = quantile
-    return _GATES[key]

@@ -12,9 +12,7 @@ import numpy as np
 
 from ...kernels.sins import state as fs
 from ..events import ControlSample, DepthSample, DvlPing, Fix, ImuSample
-
-FIXES = 4096
-"""Room for the fixes that `rewind` keeps."""
+from ..results import FIXES
 
 
 def live_streams(length_s: float, imu_rate: float, local_rate: float) -> fs.Streams:

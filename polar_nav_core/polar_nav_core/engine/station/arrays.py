@@ -11,11 +11,8 @@ from ... import grid
 from ...kernels.station import state as ss
 from ...order import ROBUST_FIXES
 from ..params import EngineParams
-from ..sins.history import IMU_PERIOD_S
-from ..sins.settings import chi2_gate
+from ..results import FIXES, IMU_PERIOD_S, chi2_gate
 
-FIXES = 4096
-"""Room for the fixes that `rewind` and `clone` keep."""
 SNAPSHOT_EVERY = 20
 MAX_STEP_S = 0.02
 

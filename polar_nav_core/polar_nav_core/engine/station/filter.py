@@ -28,7 +28,7 @@ from ..events import (
     ModelEstimate,
 )
 from ..params import EngineParams
-from ..sins.filter import Outcome
+from ..results import Outcome
 from . import arrays
 
 _IDENTIFIED = ('drag_linear', 'drag_quadratic', 'current_x', 'current_y', 'heading_bias')

@@ -30,8 +30,7 @@ from ..events import (
     Rank,
 )
 from ..params import EngineParams
-from ..sins.filter import Outcome
-from ..sins.fusion import FixResult
+from ..results import FixResult, Outcome
 from .filter import StationFilter
 from .fixes import fix_row
 

@@ -11,10 +11,10 @@ from typing import Protocol
 
 import numpy as np
 
+from ..driver import Driver
 from ..events import Array, Fix, Identification, IdentificationVerdict
 from ..params import EngineParams
-from ..sins.filter import Outcome
-from ..sins.fusion import Driver
+from ..results import Outcome
 
 PERIOD_NS = 100_000_000
 """Of the log of attitude and thrust."""
