@@ -1,0 +1,72 @@
+"""What is usable by columns is what is usable event by event."""
+
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from polar_nav_core.engine import refusals
+from polar_nav_core.engine.events import ControlSample, DepthSample, DvlPing, ImuSample
+from polar_nav_core.engine.params import EngineParams
+
+SINS = EngineParams()
+STATION = EngineParams(mode='station', configuration='default')
+NUMBERS = st.sampled_from([0.0, 1.0, -1.0, 1e308, np.nan, np.inf, -np.inf])
+
+
+def columns(draw, n, *shape):
+    """Mostly good numbers, so that rows that are good altogether occur."""
+    values = np.ones((n, *shape))
+    for _ in range(draw(st.integers(0, 4)) if n else 0):
+        values.reshape(-1)[draw(st.integers(0, values.size - 1))] = draw(NUMBERS)
+    return values
+
+
+def one_by_one(params, events):
+    """Scalar form, with the stamp of the last usable IMU sample as the engine keeps it."""
+    usable, last_ns = [], None
+    for event in events:
+        good = refusals.unusable_local(params, event, last_ns) is None
+        usable.append(good)
+        if good:
+            last_ns = event.stamp_ns
+    return usable
+
+
+@given(st.data())
+def test_imu(data):
+    n = data.draw(st.integers(0, 8))
+    stamps = np.cumsum([0, *data.draw(st.lists(st.integers(0, 1), min_size=n, max_size=n))])[1:]
+    omega_ib_b, f_b, C_b_G = (columns(data.draw, n, *s) for s in ((3,), (3,), (3, 3)))
+    samples = [ImuSample(int(stamps[k]), k, omega_ib_b[k], f_b[k]) for k in range(n)]
+    assert refusals.usable_imu(stamps, omega_ib_b, f_b).tolist() == one_by_one(SINS, samples)
+    samples = [
+        ImuSample(int(stamps[k]), k, omega_ib_b[k], np.zeros(3), C_b_G[k]) for k in range(n)
+    ]
+    assert refusals.usable_imu(stamps, omega_ib_b, C_b_G).tolist() == one_by_one(STATION, samples)
+
+
+@given(st.data())
+def test_dvl(data):
+    n = data.draw(st.integers(0, 8))
+    valid = np.array(data.draw(st.lists(st.booleans(), min_size=n, max_size=n)), dtype=bool)
+    v_m, covariance_m = columns(data.draw, n, 3), columns(data.draw, n, 3, 3)
+    pings = [DvlPing(k, k, bool(valid[k]), v_m[k], covariance_m[k]) for k in range(n)]
+    assert refusals.usable_dvl(valid, v_m, covariance_m).tolist() == one_by_one(SINS, pings)
+
+
+@given(st.data())
+def test_depth(data):
+    n = data.draw(st.integers(0, 8))
+    depth, variance = columns(data.draw, n), columns(data.draw, n)
+    samples = [DepthSample(k, k, float(depth[k]), float(variance[k])) for k in range(n)]
+    assert refusals.usable_depth(depth, variance).tolist() == one_by_one(SINS, samples)
+
+
+@given(st.data())
+def test_control(data):
+    n = data.draw(st.integers(0, 8))
+    force_b, torque_b = columns(data.draw, n, 3), columns(data.draw, n, 3)
+    samples = [ControlSample(k, k, force_b[k], torque_b[k]) for k in range(n)]
+    assert refusals.usable_control(force_b, torque_b).tolist() == one_by_one(SINS, samples)
+    samples = [ControlSample(k, k, force_b[k], np.zeros(3)) for k in range(n)]
+    assert refusals.usable_control(force_b).tolist() == one_by_one(SINS, samples)
