@@ -21,7 +21,7 @@ _IMU_NS = 10_000_000
 def warm_filter() -> None:
     """Run each way to treat late fixes over a third of a second, live and as a whole run."""
     # Here, because the engine stands above the kernels.
-    from .engine import batch
+    from .engine import run as batch
     from .engine.events import Fix
     from .engine.params import DELAY_HANDLING, EngineParams
 
@@ -57,9 +57,9 @@ def warm_filter() -> None:
 
 def warm_station() -> None:
     """Run each way to treat late fixes of station mode, live and as a whole run."""
+    from .engine import run as batch
     from .engine.events import Fix, PolarFix
     from .engine.params import DELAY_HANDLING, EngineParams
-    from .engine.station import batch
 
     base = EngineParams(mode='station', configuration='custom', delay_handling='tagged')
     stamps = _START_NS + _IMU_NS * np.arange(45)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from polar_nav_core import attitude, earth, grid
-from polar_nav_core.engine import batch
+from polar_nav_core.engine import run as batch
 from polar_nav_core.engine.events import Fix
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.kernels.frames import earth as earth_kernels

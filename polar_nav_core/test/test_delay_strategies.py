@@ -109,7 +109,7 @@ def test_history_is_bounded(world):
     engine = Engine(params(world, 'rewind', max_delay_s=5.0, history_s=6.0))
     fixes = world.fixes(1.0, 4.0, rng=np.random.default_rng(3))
     run(engine, sensors(world) + fixes)
-    fusion = engine._fusion
+    fusion = engine.fusion
     log, streams = fusion.filter.log, fusion.filter.streams
     assert len(log.snapshot_flat) < 6.0 * 1.3 * 2 + 5
     assert len(streams.imu_stamps) < 6.0 * 1.3 * 250
@@ -121,7 +121,7 @@ def test_history_is_bounded(world):
 def test_going_back_ends_with_a_test_of_the_covariance(world):
     engine = Engine(params(world, 'rewind', gate_probability=1.0, noise_adaptation='none'))
     run(engine, [*world.imu(), *world.depth()])
-    f = engine._fusion.filter
+    f = engine.fusion.filter
     # Indefinite, with a diagonal like any other, in all that can be gone back to.
     start = (f.P.ctypes.data - f.state.flat.ctypes.data) // 8
     size = f.P.size

@@ -201,7 +201,7 @@ def test_lost_definiteness_stops_the_estimates(world):
     for event in sorted(sensors(world)[:3000], key=lambda e: e.key):
         out.extend(engine.process(event))
         if len(out) == 50 and engine.navigating:
-            engine._fusion.filter.P[7, 7] = -1.0
+            engine.fusion.filter.P[7, 7] = -1.0
     assert engine.divergence
     assert not engine.navigating
     assert len(estimates(out)) < 60

@@ -8,9 +8,15 @@ from closed_loop import World, run
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from polar_nav_core.engine import batch
+from polar_nav_core.engine import run as batch
 from polar_nav_core.engine.engine import Engine
-from polar_nav_core.engine.events import ControlSample, DvlPing, Estimate, Receipt, Verdict
+from polar_nav_core.engine.events import (
+    ControlSample,
+    DvlPing,
+    Estimate,
+    Receipt,
+    Verdict,
+)
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.kernels.sins import state as fs
@@ -89,7 +95,7 @@ def test_the_start_is_the_equation_itself(world):
     p = params(world, initial_sigma_heading_deg=1.0)
     engine = Engine(p)
     run(engine, world.imu()[:1])
-    f = engine._fusion.filter
+    f = engine.fusion.filter
     block = f.state.model
     P = np.block(
         [[f.P, block[fs.P_XE : fs.P_EE]], [block[fs.P_XE : fs.P_EE].T, block[fs.P_EE : fs.MEAN]]]
@@ -108,7 +114,7 @@ def test_the_start_is_the_equation_itself(world):
 def test_the_covariance_of_all_states_stays_positive_definite(world):
     engine = Engine(params(world))
     run(engine, [*sensors(world), *world.fixes(1.0, 1.5, rng=np.random.default_rng(2))])
-    f = engine._fusion.filter
+    f = engine.fusion.filter
     P_xe, P_ee = f.state.model[fs.P_XE : fs.P_EE], f.state.model[fs.P_EE : fs.MEAN]
     assert np.array_equal(P_ee, P_ee.T)
     assert not P_xe[21:].any()  # the USBL bias is not in use
@@ -129,7 +135,7 @@ def test_every_measurement_corrects_the_model_by_its_covariance(world, kind):
     engine = Engine(params(world))
     now = int(world.stamps[615])
     run(engine, [e for e in sensors(world) if e.stamp_ns <= now])
-    f = engine._fusion.filter
+    f = engine.fusion.filter
     before, e = joined(f), f.state.model[fs.MEAN].copy()
     if kind == 'dvl':
         ping = world.dvl()[0]
@@ -169,7 +175,7 @@ def test_thrust_counts_from_its_stamp_on(world):
         ]
         engine = Engine(p)
         run(engine, [*[e for e in world.imu() if e.stamp_ns <= world.stamps[130]], *controls])
-        speeds.append(engine._fusion.filter.state.model[fs.MEAN, 0])
+        speeds.append(engine.fusion.filter.state.model[fs.MEAN, 0])
     assert speeds[0] == pytest.approx(speeds[1], rel=1e-12)
 
 
@@ -177,9 +183,9 @@ def test_a_thrust_of_before_the_start_still_holds(world):
     early = ControlSample(int(world.stamps[0]), 0, np.array([60.0, 0.0, 0.0]), np.zeros(3))
     engine = Engine(params(world))
     run(engine, [early, *world.imu()[:200]])
-    block = engine._fusion.filter.state.model
+    block = engine.fusion.filter.state.model
     assert block[fs.THRUST, 0] == 60.0
-    assert engine._fusion.filter.state.counters[fs.THRUST_NS] == early.stamp_ns
+    assert engine.fusion.filter.state.counters[fs.THRUST_NS] == early.stamp_ns
 
 
 def test_an_unknown_thrust_leaves_the_velocity_through_the_water_open(world):
@@ -187,7 +193,7 @@ def test_an_unknown_thrust_leaves_the_velocity_through_the_water_open(world):
     for name, controls in (('known', thrust(world)), ('unknown', [])):
         engine = Engine(params(world))
         run(engine, [*world.imu(), *controls])
-        block = engine._fusion.filter.state.model
+        block = engine.fusion.filter.state.model
         # What is left of v_r when V_c is known
         P = block[fs.P_EE : fs.MEAN]
         current = P[3:5, 3:5]
@@ -278,7 +284,7 @@ def test_rewind_equals_in_order_processing_to_the_bit(world, seed):
     a, b = last(run(engine, events + fixes)), last(run(other, events + on_time))
     for name in ('r_e', 'v_G', 'C_b_G', 'P', 'gyro_bias_b'):
         assert getattr(a, name).tobytes() == getattr(b, name).tobytes(), name
-    blocks = [e._fusion.filter.state.model.tobytes() for e in (engine, other)]
+    blocks = [e.fusion.filter.state.model.tobytes() for e in (engine, other)]
     assert blocks[0] == blocks[1]
     assert repr(a.model) == repr(b.model)
 

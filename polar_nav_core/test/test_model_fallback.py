@@ -11,7 +11,7 @@ import pytest
 from model_twin import LOW_COST, PAPER, Voyage
 from scipy.stats import chi2
 
-from polar_nav_core.engine import batch
+from polar_nav_core.engine import run as batch
 
 # Of the simulated vehicle, in the slow ring: polar_nav_tools/test/test_experiments_model_aiding.
 pytestmark = [pytest.mark.long, pytest.mark.timeout(900)]

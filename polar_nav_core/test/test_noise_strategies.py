@@ -62,10 +62,10 @@ def test_sage_husa_finds_the_true_R(long_world, delay_handling, factor):
     engine = Engine(custom(world, delay_handling, 'sage_husa', **changes))
     out = run(engine, sensors(world) + fixes)
     assert not engine.divergence
-    found = engine._fusion._noise_fix.ratio * factor
+    found = engine.fusion._noise_fix.ratio * factor
     assert np.diagonal(found) == pytest.approx(np.ones(3), rel=0.3)
     assert np.abs(found - np.diag(np.diagonal(found))).max() < 0.3
-    values = np.linalg.eigvalsh(engine._fusion.filter.process.ratio)
+    values = np.linalg.eigvalsh(engine.fusion.filter.process.ratio)
     assert Q_BOUNDS[0] - 1e-12 <= values[0]
     assert values[-1] <= Q_BOUNDS[1] + 1e-12
     error = grid.ecef_to_grid(world.r_e[-1]) @ (estimates(out)[-1].r_e - world.r_e[-1])
@@ -145,7 +145,7 @@ def test_the_first_fix_is_six_rows_of_a_plain_kalman_update(world, delay_s):
     events = [e for e in sensors(world) if e.stamp_ns <= fix.receive_ns]
     engine = Engine(world.params(configuration='modified_akf_published'))
     run(engine, events)
-    f = engine._fusion.filter
+    f = engine.fusion.filter
     before, velocity = f.P.copy(), f.v_G.copy()
     Phi = np.eye(24)
     epoch = f.history.before(fix.validity_ns)

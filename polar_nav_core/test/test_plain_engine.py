@@ -11,7 +11,7 @@ import pytest
 from closed_loop import World
 from test_batch import inputs_of
 
-from polar_nav_core.engine import batch
+from polar_nav_core.engine import run as batch
 from polar_nav_core.engine.params import DELAY_HANDLING
 
 SECONDS = 0.5

@@ -11,10 +11,10 @@ import station_twin as twin
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from polar_nav_core.engine import run as batch
 from polar_nav_core.engine.engine import Engine
 from polar_nav_core.engine.events import DepthSample, Estimate, Fix, ImuSample, Receipt, Verdict
 from polar_nav_core.engine.params import DELAY_HANDLING
-from polar_nav_core.engine.station import batch
 from polar_nav_core.kernels.station import (
     attitude as station_attitude,
 )
@@ -114,7 +114,7 @@ LATE = (2.6, 0.4, 3.5, 1.7, 0.0, 4.9, 2.2, 1.1, 3.3, 0.6, 2.9, 1.4, 4.0, 0.2)
 def test_a_whole_run_gives_the_bits_of_event_by_event(name):
     a = run(name, delayed(LATE))
     b = run(name, delayed(LATE), one_by_one=True)
-    for field in batch.Track.__dataclass_fields__:
+    for field in batch.StationTrack.__dataclass_fields__:
         x, y = getattr(a.track, field), getattr(b.track, field)
         assert x.shape == y.shape
         assert np.array_equal(x, y, equal_nan=True), field

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import station_twin as twin
 
+from polar_nav_core.engine import run as batch
 from polar_nav_core.engine.engine import Engine
 from polar_nav_core.engine.events import (
     Command,
@@ -18,7 +19,6 @@ from polar_nav_core.engine.events import (
     Verdict,
 )
 from polar_nav_core.engine.params import EngineParams
-from polar_nav_core.engine.station import batch
 from polar_nav_core.errors import ConfigError
 
 OFF = {'identify_method': 'none'}
@@ -108,7 +108,23 @@ def test_odd_inputs_get_the_same_receipts_in_a_whole_run():
     assert [str(r) for r in a.receipts] == [str(r) for r in b.receipts]
     assert {r.verdict for r in a.receipts} >= {Verdict.NOT_FINITE, Verdict.DUPLICATE}
     assert np.array_equal(a.track.x, b.track.x)
-    assert np.array_equal(a.track.tally, b.track.tally)
+    assert np.array_equal(a.track.local_statistics, b.track.local_statistics)
+
+
+def test_a_divergence_ends_a_whole_run_as_it_ends_event_by_event():
+    """With fixes before and after it: rows of before must not count those of after."""
+    x = world()
+    force = x.force_b.copy()
+    force[600] = 1e300
+    broken = replace(x, force_b=force)
+    a = batch.run(twin.params(**OFF), broken)
+    b = batch.run(twin.params(**OFF), broken, one_by_one=True)
+    assert 'not positive and finite' in a.divergence
+    assert a.divergence == b.divergence
+    assert [str(r) for r in a.receipts] == [str(r) for r in b.receipts]
+    for field in batch.StationTrack.__dataclass_fields__:
+        assert np.array_equal(getattr(a.track, field), getattr(b.track, field)), field
+    assert a.track.fixes[-1, 0] < len(a.receipts)
 
 
 def test_dated_by_travel_time():

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from polar_nav_core.engine import batch
+from polar_nav_core.engine import run as batch
 from polar_nav_tools.experiments import consistency
 from polar_nav_tools.experiments.choices import Choices
 from polar_nav_tools.experiments.columns import filter_columns, pick

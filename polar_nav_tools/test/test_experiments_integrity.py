@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom, chi2
 
-from polar_nav_core.engine import batch
+from polar_nav_core.engine import run as batch
 from polar_nav_core.engine.engine import Engine
 from polar_nav_core.engine.events import Fix, Verdict
 from polar_nav_core.engine.integrity import Level

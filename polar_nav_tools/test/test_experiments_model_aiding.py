@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from polar_nav_core.engine import batch
+from polar_nav_core.engine import run as batch
 from polar_nav_tools.experiments.errors import track_errors
 from polar_nav_tools.experiments.schedule import FixSpec
 from polar_nav_tools.experiments.world import make_world

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from polar_nav_core.attitude import exp
-from polar_nav_core.engine import batch
+from polar_nav_core.engine import run as batch
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.grid import ecef_to_grid
 from polar_nav_sim.sensors.imu import DPH, G0

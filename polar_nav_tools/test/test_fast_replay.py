@@ -12,7 +12,7 @@ pytest.importorskip('rclpy')
 from bag_samples import make, stamp
 
 from polar_nav_core import attitude, earth
-from polar_nav_core.engine import batch
+from polar_nav_core.engine import run as batch
 from polar_nav_core.engine.events import Estimate
 from polar_nav_core.engine.params import CONFIGURATIONS
 from polar_nav_follower.params import FollowerParams

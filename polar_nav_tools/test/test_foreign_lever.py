@@ -25,8 +25,8 @@ from foreign_worlds import (
 
 from polar_nav_core.attitude import exp
 from polar_nav_core.earth import ecef_from_geodetic
-from polar_nav_core.engine.batch import Track
 from polar_nav_core.engine.inputs import Inputs
+from polar_nav_core.engine.track import Track
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.grid import ecef_to_grid
 from polar_nav_core.strapdown import Strapdown

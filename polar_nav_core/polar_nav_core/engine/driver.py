@@ -1,4 +1,4 @@
-"""What the engine drives: a filter of either mode with its measurements."""
+"""What the engine drives: a filter of either mode with its measurements, and an identification."""
 
 from __future__ import annotations
 
@@ -56,6 +56,19 @@ class Driver(Protocol):
 
     def adapt(self, identified: Identification) -> None:
         """Take drag and current from an identification that was accepted."""
+
+
+class Adaptation(Protocol):
+    """Collects fixes, attitude and thrust; identifies when it is time; tells the filter."""
+
+    def log(self, stamp_ns: int, C_b_G: Array, omega_b: Array, force_b: Array) -> None:
+        """Take attitude, rate and the thrust of the moment; more than 10 Hz are passed over."""
+
+    def fix(self, fix: Fix, outcome: Outcome, driver: Driver) -> Identification | None:
+        """Take a fix that the gate decided on; identify if it is time."""
+
+    def identify(self, stamp_ns: int, trigger: str, driver: Driver | None) -> Identification:
+        """Identify now."""
 
 
 Make = Callable[[EngineParams, InitialState, int], Driver]

@@ -1,10 +1,11 @@
-"""What one vehicle's engine takes in a run, as arrays; and the same as events."""
+"""What one vehicle's engine takes in a run of either mode, as arrays; and the same as events."""
 
 from __future__ import annotations
 
 import heapq
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,6 +92,68 @@ class Inputs:
             sorted(self.fixes, key=lambda fix: fix.key),
             key=_key,
         )
+
+
+@dataclass(frozen=True)
+class StationInputs:
+    """What an engine in station mode takes in a run; each stream in the order of its stamps.
+
+    Attributes
+    ----------
+    imu_stamps_ns, omega_ib_b, C_b_G : (n,), (n, 3), (n, 3, 3) arrays
+        Rate [rad/s] and the AHRS' attitude.
+    control_stamps_ns, force_b : (c,), (c, 3) arrays
+        Thrust from the stamp on [N], body axes.
+    depth_stamps_ns, depth, depth_variance : (e,) arrays
+        Depth below the sea surface [m], positive down, and variance [m^2].
+    fixes : tuple of Fix
+        In any order: the engine takes them as they are received.
+    """
+
+    imu_stamps_ns: Stamps
+    omega_ib_b: Array
+    C_b_G: Array
+    control_stamps_ns: Stamps = field(default_factory=_stamps)
+    force_b: Array = field(default_factory=_empty(3))
+    depth_stamps_ns: Stamps = field(default_factory=_stamps)
+    depth: Array = field(default_factory=_empty())
+    depth_variance: Array = field(default_factory=_empty())
+    fixes: tuple[Fix, ...] = ()
+
+    def imu_sample(self, k: int) -> ImuSample:
+        """Sample number k as an event."""
+        stamp_ns = int(self.imu_stamps_ns[k])
+        return ImuSample(stamp_ns, k, self.omega_ib_b[k], np.zeros(3), self.C_b_G[k])
+
+    def control_sample(self, k: int) -> ControlSample:
+        """Thrust number k as an event."""
+        return ControlSample(int(self.control_stamps_ns[k]), k, self.force_b[k], np.zeros(3))
+
+    def depth_sample(self, k: int) -> DepthSample:
+        """Depth number k as an event."""
+        return DepthSample(
+            int(self.depth_stamps_ns[k]), k, float(self.depth[k]), float(self.depth_variance[k])
+        )
+
+    def events(self) -> Iterator[Event]:
+        """All events, in the total order."""
+        return heapq.merge(
+            (self.imu_sample(k) for k in range(len(self.imu_stamps_ns))),
+            (self.control_sample(k) for k in range(len(self.control_stamps_ns))),
+            (self.depth_sample(k) for k in range(len(self.depth_stamps_ns))),
+            sorted(self.fixes, key=lambda fix: fix.key),
+            key=_key,
+        )
+
+
+def rows_of(values: NDArray[Any], keep: NDArray[np.bool_]) -> NDArray[Any]:
+    """Return the rows to keep, contiguous; the array itself where that is all of them."""
+    return np.ascontiguousarray(values if keep.all() else values[keep])
+
+
+def at_least_one(values: NDArray[Any]) -> NDArray[Any]:
+    """Return the array, or one row of zeros for an empty one: a ring has a length."""
+    return values if len(values) else np.zeros((1, *values.shape[1:]), dtype=values.dtype)
 
 
 def _key(event: Event) -> OrderKey:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from .driver import Make
-from .params import DELAY_HANDLING, Configuration, EngineParams
+from .params import DELAY_HANDLING, EngineParams
 from .sins.adaptation import COMPILED, PRINTED
 from .sins.clone import Clone
 from .sins.fusion import BackPropagate, Ignore, Tagged
@@ -28,9 +28,9 @@ STATION: dict[str, Make] = {
 }
 
 
-def compiled(configuration: Configuration) -> bool:
+def compiled(params: EngineParams) -> bool:
     """Whether everything but fixes can go through the compiled loop."""
-    return configuration.noise_adaptation in COMPILED
+    return params.mode == 'station' or params.resolved().noise_adaptation in COMPILED
 
 
 def make_fusion(params: EngineParams) -> Make:

@@ -1,24 +1,31 @@
-"""Rows of a run's track: collected in chunks, kept or passed on."""
+"""Tracks of whole runs in both modes, and how they are collected piece by piece."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 
 from .. import nav_columns
+from ..arrays import Array
 from ..kernels.sins import state as fs
 from ..kernels.sins.model import E
+from ..kernels.station import state as ss
 from .engine import Engine
-from .events import Array, Estimate, Output, Receipt, no_local_statistics
+from .events import Estimate, Identification, ModelEstimate, Output, Receipt
 from .inputs import Stamps
+from .params import EngineParams
 from .sins import aiding
+from .station import arrays
+from .station.filter import StationFilter, model_of
 
-ROWS = 256
-ROWS_TOLD = 1024
-"""Rows at a time, with covariances and with what is told of them: so that they stay in the second
-cache."""
+_ROWS = 256
+_ROWS_DERIVED = 1024
+"""Rows at a time, with covariances and with what is derived from them: so that they stay in the
+second cache."""
+_ROWS_STATION = 512
 
 
 @dataclass(frozen=True)
@@ -59,35 +66,198 @@ class Track:
     told: Array = field(default_factory=lambda: np.zeros((0, nav_columns.WIDTH)))
 
 
-RowSink = Callable[[Track], None]
-"""Given the rows of a run some hundred at a time; they are overwritten after the call."""
+@dataclass(frozen=True)
+class StationTrack:
+    """Estimates of a run in station mode, one row each.
+
+    Attributes
+    ----------
+    stamps_ns : (k,) array
+    r_e, v_G : (k, 3) arrays
+        Position, ECEF [m]; velocity, grid axes [m/s].
+    C_b_G : (k, 3, 3) array
+    P : (k, 9, 9) array
+        Covariance of attitude, velocity and position errors.
+    x, P_x : (k, 12), (k, 12, 12) arrays
+        State of kernels.station.state and its covariance.
+    walk : (k,) array
+        Density q_c in use [m^2/s^3].
+    weight : (k, B) array
+        Of the bank's members.
+    local_statistics : (k, 2, 3) array
+        Of DVL and depth since the row before, as in `Track`.
+    fixes : (k, 3) array
+        Fixes received, fixes fused, newest validity [ns].
+    """
+
+    stamps_ns: Stamps
+    r_e: Array
+    v_G: Array
+    C_b_G: Array
+    P: Array
+    x: Array
+    P_x: Array
+    walk: Array
+    weight: Array
+    local_statistics: Array
+    fixes: Stamps
+
+    def model(self, k: int, params: EngineParams) -> ModelEstimate:
+        """Vehicle and water of a row."""
+        return model_of(self.x[k], self.P_x[k], float(self.walk[k]), params.model_speed)
 
 
-class Collector:
-    """Rows of the track in chunks, and receipts."""
+T = TypeVar('T', bound=Track | StationTrack)
+T_co = TypeVar('T_co', bound=Track | StationTrack, covariant=True)
 
-    def __init__(self, sink: RowSink | None, model: fs.Aiding, *, told: bool = False) -> None:
-        self._chunks: list[Track] = []
-        self._sink = sink or self._keep
-        self._single: list[Track] = []
-        self._model = model
+
+class Pieces(Protocol[T_co]):
+    """Rows of output of one mode, and the pieces of its track that they make."""
+
+    @property
+    def rows(self) -> Any:  # noqa: ANN401 - fs.Rows or ss.Rows
+        """Rows that the compiled loop writes."""
+
+    def of_rows(self, n: int, fixes: Stamps) -> T_co:
+        """Return the first n rows, as views, with the counts of fixes (n, 3) beside them."""
+
+    def of_estimate(self, estimate: Estimate) -> T_co:
+        """Return the estimate that the engine has just made as a single row."""
+
+
+class SinsPieces:
+    """Pieces of a `Track`.
+
+    Parameters
+    ----------
+    params : EngineParams
+    told : bool
+        Whether rows hold the columns of nav_columns in place of covariances.
+    """
+
+    def __init__(self, params: EngineParams, *, told: bool = False) -> None:
+        self._model = aiding.make_aiding(params)
         self._told = told
-        room = ROWS_TOLD if told else ROWS
-        self.rows = fs.make_rows(room, model=model.on, told=told)
-        self._fixes = np.zeros((room, 3), dtype=np.int64)
+        room = _ROWS_DERIVED if told else _ROWS
+        self.rows = fs.make_rows(room, model=self._model.on, told=told)
+
+    def of_rows(self, n: int, fixes: Stamps) -> Track:
+        """Return the first n rows, as views, with the counts of fixes (n, 3) beside them."""
+        rows, flat = self.rows, self.rows.flat[:n]
+        return Track(
+            rows.stamps[:n],
+            flat[:, 12:15],
+            flat[:, 9:12],
+            flat[:, 0:9].reshape(n, 3, 3),
+            rows.P[:n],
+            flat[:, 15:30],
+            rows.tally[:n, : fs.FIX_ROW],
+            fixes,
+            self._values(flat),
+            rows.told[:n],
+        )
+
+    def _values(self, flat: Array) -> Array:
+        if not self._model.on:
+            return np.zeros((len(flat), 0))
+        blocks = flat[:, fs.NAVIGATION :].reshape(-1, fs.MODEL_ROWS, E)
+        return aiding.values_of(blocks, self._model)
+
+    def of_estimate(self, estimate: Estimate) -> Track:
+        """Return an estimate as a single row."""
+        e, told = estimate, self._told
+        errors = [e.gyro_bias_b, e.accel_bias_b, e.dvl_scale_m, e.dvl_markov_m, e.usbl_bias_a]
+        return Track(
+            np.array([e.stamp_ns], dtype=np.int64),
+            e.r_e[None],
+            e.v_G[None],
+            e.C_b_G[None],
+            e.P[None][: 0 if told else 1],
+            np.concatenate(errors)[None],
+            e.local_statistics[None],
+            _counts_of(e),
+            aiding.row_of(e.model)[None],
+            nav_columns.describe(e.r_e[None], e.C_b_G[None], e.P[None])[: 1 if told else 0],
+        )
+
+
+class StationPieces:
+    """Pieces of a `StationTrack`.
+
+    Parameters
+    ----------
+    params : EngineParams
+    filter_now : callable
+        Returns the filter, whose last row of output has what an `Estimate` leaves out.
+    """
+
+    def __init__(self, params: EngineParams, filter_now: Callable[[], StationFilter]) -> None:
+        self.rows = arrays.make_rows(_ROWS_STATION, len(arrays.densities(params)))
+        self._filter_now = filter_now
+
+    def of_rows(self, n: int, fixes: Stamps) -> StationTrack:
+        """Return the first n rows, as views, with the counts of fixes (n, 3) beside them."""
+        return _of_station_rows(self.rows, n, fixes)
+
+    def of_estimate(self, estimate: Estimate) -> StationTrack:
+        """Return the estimate that the engine has just made as a single row."""
+        return _copied(_of_station_rows(self._filter_now().row, 1, _counts_of(estimate)))
+
+
+def _of_station_rows(rows: ss.Rows, n: int, fixes: Stamps) -> StationTrack:
+    return StationTrack(
+        rows.stamps[:n],
+        rows.r_e[:n],
+        rows.v_G[:n],
+        rows.C_b_G[:n],
+        rows.P[:n],
+        rows.x[:n],
+        rows.P_x[:n],
+        rows.walk[:n],
+        rows.weight[:n],
+        rows.tally[:n],
+        fixes,
+    )
+
+
+def _counts_of(e: Estimate) -> Stamps:
+    counts = [e.fixes_received, e.fixes_fused, e.last_validity_ns]
+    return np.array([counts], dtype=np.int64)
+
+
+class Collector(Generic[T]):
+    """Pieces of a track and what the engine gives besides.
+
+    Parameters
+    ----------
+    pieces : Pieces
+        Of the mode.
+    sink : callable, optional
+        Gets the pieces, which are overwritten after the call; by default they are kept.
+    """
+
+    def __init__(self, pieces: Pieces[T], sink: Callable[[T], None] | None = None) -> None:
+        self._pieces = pieces
+        self._kept: list[T] = []
+        self._sink = sink or self._keep
+        self._single: list[T] = []
+        self.rows = pieces.rows
+        self._fixes = np.zeros((len(self.rows.stamps), 3), dtype=np.int64)
         self._noted = 0
         self.receipts: list[Receipt] = []
-        self.local_statistics = no_local_statistics()
+        self.identifications: list[Identification] = []
 
     def take(self, outputs: Iterator[Output]) -> None:
         """Take what the engine gives by itself."""
         for output in outputs:
             if isinstance(output, Receipt):
                 self.receipts.append(output)
-            elif isinstance(output, Estimate):
+            elif isinstance(output, Identification):
+                self.identifications.append(output)
+            else:
                 self._drain_rows()
-                self._single.append(_row(output, told=self._told))
-                if len(self._single) >= ROWS:
+                self._single.append(self._pieces.of_estimate(output))
+                if len(self._single) >= _ROWS:
                     self._drain_single()
 
     def note(self, engine: Engine, until: int | None = None) -> None:
@@ -122,81 +292,29 @@ class Collector:
 
     def _drain_single(self) -> None:
         if self._single:
-            self._pass_on(_joined(self._single))
+            self._sink(_joined(self._single))
             self._single = []
 
     def _drain_rows(self) -> None:
-        n, rows = self._noted, self.rows
+        n = self._noted
         if n == 0:
             return
         self._drain_single()
-        flat = rows.flat[:n]
-        self._pass_on(
-            Track(
-                rows.stamps[:n],
-                flat[:, 12:15],
-                flat[:, 9:12],
-                flat[:, 0:9].reshape(n, 3, 3),
-                rows.P[:n],
-                flat[:, 15:30],
-                rows.tally[:n, :2],
-                self._fixes[:n],
-                self._values(flat),
-                rows.told[:n],
-            )
-        )
-        rows.io[1] = self._noted = 0
+        self._sink(self._pieces.of_rows(n, self._fixes[:n]))
+        self.rows.io[1] = self._noted = 0
 
-    def _values(self, flat: Array) -> Array:
-        if not self._model.on:
-            return np.zeros((len(flat), 0))
-        return aiding.values_of(
-            flat[:, fs.NAVIGATION :].reshape(-1, fs.MODEL_ROWS, E), self._model
-        )
+    def _keep(self, piece: T) -> None:
+        self._kept.append(_copied(piece))
 
-    def _pass_on(self, chunk: Track) -> None:
-        self.local_statistics += np.sum(chunk.local_statistics, axis=0)
-        self._sink(chunk)
-
-    def _keep(self, chunk: Track) -> None:
-        self._chunks.append(Track(**{n: getattr(chunk, n).copy() for n in _NAMES}))
-
-    def track(self) -> Track:
-        """All rows that were kept."""
-        if not self._chunks:
-            return Track(
-                np.zeros(0, dtype=np.int64),
-                r_e=np.zeros((0, 3)),
-                v_G=np.zeros((0, 3)),
-                C_b_G=np.zeros((0, 3, 3)),
-                P=np.zeros((0, 24, 24)),
-                sensor_errors=np.zeros((0, 15)),
-                local_statistics=np.zeros((0, 2, 3)),
-                fixes=np.zeros((0, 3), dtype=np.int64),
-                model=np.zeros((0, aiding.WIDTH if self._model.on else 0)),
-            )
-        return _joined(self._chunks)
+    def track(self) -> T:
+        """Return all rows that were kept."""
+        return _joined(self._kept or [self._pieces.of_rows(0, self._fixes[:0])])
 
 
-_NAMES = tuple(Track.__dataclass_fields__)
+def _copied(piece: T) -> T:
+    return type(piece)(**{f.name: getattr(piece, f.name).copy() for f in fields(piece)})
 
 
-def _joined(chunks: list[Track]) -> Track:
-    return Track(**{n: np.concatenate([getattr(c, n) for c in chunks]) for n in _NAMES})
-
-
-def _row(e: Estimate, *, told: bool) -> Track:
-    errors = [e.gyro_bias_b, e.accel_bias_b, e.dvl_scale_m, e.dvl_markov_m, e.usbl_bias_a]
-    counts = [e.fixes_received, e.fixes_fused, e.last_validity_ns]
-    return Track(
-        np.array([e.stamp_ns], dtype=np.int64),
-        e.r_e[None],
-        e.v_G[None],
-        e.C_b_G[None],
-        e.P[None][: 0 if told else 1],
-        np.concatenate(errors)[None],
-        e.local_statistics[None],
-        np.array([counts], dtype=np.int64),
-        aiding.row_of(e.model)[None],
-        nav_columns.describe(e.r_e[None], e.C_b_G[None], e.P[None])[: 1 if told else 0],
-    )
+def _joined(pieces: list[T]) -> T:
+    names = [f.name for f in fields(pieces[0])]
+    return type(pieces[0])(**{n: np.concatenate([getattr(p, n) for p in pieces]) for n in names})

@@ -17,10 +17,11 @@ from numpy.typing import NDArray
 
 from polar_nav_core import attitude, grid
 from polar_nav_core.arrays import Array
-from polar_nav_core.engine import batch
+from polar_nav_core.engine import run as batch
 from polar_nav_core.engine.engine import Engine
 from polar_nav_core.engine.events import Event, Fix, Output, Receipt, Verdict
 from polar_nav_core.engine.params import DELAY_HANDLING, EngineParams
+from polar_nav_core.engine.sins.fusion import Fusion
 from polar_nav_core.errors import PolarNavError
 
 from ..experiments.schedule import FixSpec
@@ -115,7 +116,7 @@ class Prepared:
     def __init__(self, engine: Engine, events: Iterable[Event]) -> None:
         drive(engine, events)
         self._engine = engine
-        fusion = engine.hand_over()
+        fusion = taken_over(engine)
         if fusion is None:
             raise PolarNavError(f'the engine has no state: {engine.divergence or "no IMU sample"}')
         f = fusion.filter
@@ -219,6 +220,12 @@ def entries(
     return out
 
 
+def taken_over(engine: Engine) -> Fusion | None:
+    """Return the filter with its measurements; the engine gives no estimate that is due."""
+    engine.due_ns = None
+    return engine.fusion if isinstance(engine.fusion, Fusion) else None
+
+
 @dataclass(frozen=True)
 class _End:
     """Where a filter is, and how sure."""
@@ -230,7 +237,7 @@ class _End:
 
 
 def _end(engine: Engine) -> _End:
-    fusion = engine.hand_over()
+    fusion = taken_over(engine)
     if fusion is None:
         raise Disagreement(f'the filter stopped: {engine.divergence}')
     f = fusion.filter
@@ -298,7 +305,7 @@ class Runs:
         ]
         return replace(x, fixes=tuple(replace(fix, arrival=i) for i, fix in enumerate(fixes)))
 
-    def run(self, strategy: str, inputs: batch.Inputs) -> batch.Result:
+    def run(self, strategy: str, inputs: batch.Inputs) -> batch.Result[batch.Track]:
         """Run to the end."""
         return batch.run(_params(self.world, strategy), inputs)
 

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from polar_nav_core.engine import batch
+from polar_nav_core.engine import run as batch
 from polar_nav_core.engine.inputs import Inputs
 from polar_nav_follower import session
 

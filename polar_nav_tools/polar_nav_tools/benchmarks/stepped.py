@@ -22,7 +22,7 @@ from polar_nav_core.errors import PolarNavError
 from polar_nav_core.kernels.sins import state as fs
 
 from .covariance import difference
-from .late_fixes import Prepared, aged, before, drive, engine_of, simulated
+from .late_fixes import Prepared, aged, before, drive, engine_of, simulated, taken_over
 from .navigation import Disagreement
 from .rounds import Entry
 
@@ -127,7 +127,7 @@ def work(filled_s: float, age_s: float = AGE_S) -> Work:
 
 def _stored(engine: Engine, rest: list[Event]) -> Stored:
     """Process what comes from the fix on, and read it from the log of linear steps."""
-    fusion = engine.hand_over()
+    fusion = taken_over(engine)
     if fusion is None:
         raise PolarNavError(f'the engine has no state: {engine.divergence}')
     f = fusion.filter
@@ -237,7 +237,7 @@ def agreement(w: Work, peer: StoneSoup) -> dict[str, float]:
     sigma = np.sqrt(np.diagonal(w.stored.P_end))
     mean, P = peer.run()
     w.take('rewind')
-    fusion = w.engines['rewind'].engine.hand_over()
+    fusion = taken_over(w.engines['rewind'].engine)
     if fusion is None:
         raise Disagreement('rewind: the filter stopped')
     found = {

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from polar_nav_core.engine import batch
+from polar_nav_core.engine import run as batch
 from polar_nav_core.engine.events import Array, Receipt, Verdict
 
 from ..scoring.errors import ARCMIN
@@ -144,7 +144,9 @@ def run_job(job: Job) -> RunResult:
     )
 
 
-def _stopped_s(result: batch.Result, fixes: Sequence[Receipt], start_ns: int) -> float:
+def _stopped_s(
+    result: batch.Result[batch.Track], fixes: Sequence[Receipt], start_ns: int
+) -> float:
     """When a filter stopped: the first fix that found none, or else the last estimate [s]."""
     if not result.divergence:
         return float('nan')

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polar_nav_core import attitude, earth, grid
-from polar_nav_core.engine import batch
+from polar_nav_core.engine import run as batch
 from polar_nav_core.error_model import X
 from polar_nav_core.params import default_of, from_mapping
 from polar_nav_leader.params import LeaderParams

@@ -20,8 +20,8 @@ from typing import Any
 
 import numpy as np
 
-from polar_nav_core.engine.batch import Inputs, Stamps
 from polar_nav_core.engine.events import Array, Fix
+from polar_nav_core.engine.inputs import Inputs, Stamps
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.errors import ConfigError
 from polar_nav_sim.initial_state import InitialSigma, initial_parameters

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from polar_nav_core.engine import batch
+from polar_nav_core.engine import run as batch
 from polar_nav_core.engine.events import LOCAL_DOF, NIS_SUM, UPDATES, Array, Receipt, Verdict
 from polar_nav_core.engine.inputs import Inputs
 from polar_nav_follower.params import FollowerParams

@@ -21,9 +21,9 @@ import numpy as np
 
 from polar_nav_core.attitude import matrix_from_euler, skew
 from polar_nav_core.earth import ecef_from_geodetic, geodetic_from_ecef
-from polar_nav_core.engine.batch import Track
 from polar_nav_core.engine.events import Array
 from polar_nav_core.engine.inputs import Inputs
+from polar_nav_core.engine.track import Track
 from polar_nav_core.error_model import X
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.grid import earth_rate, ecef_to_grid

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from polar_nav_core.engine import batch
+from polar_nav_core.engine import run as batch
 from polar_nav_core.engine.events import Estimate, Receipt
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.params import to_mapping

@@ -11,8 +11,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from polar_nav_core.engine import batch
 from polar_nav_core.engine import events as engine_events
+from polar_nav_core.engine import run as batch
 from polar_nav_core.engine.inputs import Inputs
 from polar_nav_follower.params import FollowerParams
 from polar_nav_follower.session import inputs_of

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polar_nav_core import attitude, nav_columns
+from polar_nav_core.engine import run as batch
 from polar_nav_core.engine.events import (
     Array,
     Command,
@@ -22,8 +23,7 @@ from polar_nav_core.engine.events import (
     Identification,
     ModelEstimate,
 )
-from polar_nav_core.engine.station import batch
-from polar_nav_core.engine.station.inputs import Stamps, StationInputs
+from polar_nav_core.engine.inputs import Stamps, StationInputs
 from polar_nav_core.error_model import X
 from polar_nav_core.params import from_mapping
 from polar_nav_follower import session
@@ -157,7 +157,7 @@ class _Rows(NamedTuple):
     told: Array = np.zeros((0, nav_columns.WIDTH))
 
 
-def _as_estimates(track: batch.Track, part: slice) -> _Rows:
+def _as_estimates(track: batch.StationTrack, part: slice) -> _Rows:
     own = track.P[part]
     P = np.full((len(own), X.size, X.size), np.nan)
     P[:, : own.shape[1], : own.shape[2]] = own
@@ -168,13 +168,13 @@ def _as_estimates(track: batch.Track, part: slice) -> _Rows:
         track.C_b_G[part],
         P,
         np.full((len(own), 15), np.nan),
-        track.tally[part],
+        track.local_statistics[part],
         track.fixes[part],
     )
 
 
 def _model(
-    track: batch.Track, identifications: tuple[Identification, ...], params: FollowerParams
+    track: batch.StationTrack, identifications: tuple[Identification, ...], params: FollowerParams
 ) -> ModelRun | None:
     """The first row of each second, as a session publishes it."""
     seconds = track.stamps_ns // NS

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from polar_nav_core import nav_columns
 from polar_nav_core.engine import events
-from polar_nav_core.engine.batch import Track
 from polar_nav_core.engine.params import EngineParams
+from polar_nav_core.engine.track import Track
 from polar_nav_core.error_model import X
 from polar_nav_msgs.msg import NavState
 

@@ -7,30 +7,16 @@ replay gives the same bytes; polar_nav_core.identification does the work.
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Protocol
 
 import numpy as np
 
-from ..driver import Driver
+from ..driver import Adaptation, Driver
 from ..events import Array, Fix, Identification, IdentificationVerdict
 from ..params import EngineParams
 from ..results import Outcome
 
 PERIOD_NS = 100_000_000
 """Of the log of attitude and thrust."""
-
-
-class Adaptation(Protocol):
-    """Collects fixes, attitude and thrust; identifies when it is time; tells the filter."""
-
-    def log(self, stamp_ns: int, C_b_G: Array, omega_b: Array, force_b: Array) -> None:
-        """Take attitude, rate and the thrust of the moment; more than 10 Hz are passed over."""
-
-    def fix(self, fix: Fix, outcome: Outcome, driver: Driver) -> Identification | None:
-        """Take a fix that the gate decided on; identify if it is time."""
-
-    def identify(self, stamp_ns: int, trigger: str, driver: Driver | None) -> Identification:
-        """Identify now."""
 
 
 class StationAdaptation:

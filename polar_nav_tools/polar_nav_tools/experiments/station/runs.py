@@ -10,6 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from polar_nav_core.engine import run as batch
 from polar_nav_core.engine.events import (
     Array,
     Identification,
@@ -18,7 +19,6 @@ from polar_nav_core.engine.events import (
     Verdict,
 )
 from polar_nav_core.engine.params import EngineParams
-from polar_nav_core.engine.station import batch
 from polar_nav_core.error_model import X
 from polar_nav_core.identification.published import Samples, track_and_slopes
 from polar_nav_core.identification.window import Log, make_window
@@ -140,7 +140,7 @@ class BodyStates:
     covariance: Array
 
 
-def body_states(world: StationWorld, track: batch.Track) -> BodyStates:
+def body_states(world: StationWorld, track: batch.StationTrack) -> BodyStates:
     """Put a track beside the truth of its stamps."""
     run = world.run
     row = np.searchsorted(run.t_s, (track.stamps_ns - run.start_ns) / NS - 1e-6)
@@ -188,7 +188,7 @@ def _ratios(errors: StationErrors) -> dict[str, float]:
 
 
 def _identified(
-    world: StationWorld, result: batch.Result, params: EngineParams
+    world: StationWorld, result: batch.Result[batch.StationTrack], params: EngineParams
 ) -> dict[str, float]:
     """Drag and current as identified first; else the filter's own estimate at that time.
 

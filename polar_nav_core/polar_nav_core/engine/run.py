@@ -1,0 +1,397 @@
+"""A whole run at once, of either mode: sensor data as arrays in, the track and the receipts out.
+
+The engine is the same as in the node, down to the last bit; only the driver differs: whatever
+stands between two position fixes goes through one compiled loop, with `back_propagate` the fixes
+too, up to one that is refused. Experiments, Monte Carlo runs and fast replays use this.
+"""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Generic, Protocol, overload
+
+import numpy as np
+
+from ..errors import FilterDivergence
+from ..order import FIX_RANK, FUSED, NEVER_NS
+from .driver import Adaptation, Driver
+from .engine import Engine
+from .events import (
+    Command,
+    Event,
+    Fix,
+    Identification,
+    ImuSample,
+    OrderKey,
+    Rank,
+    Receipt,
+    Verdict,
+)
+from .inputs import Inputs, Stamps, StationInputs
+from .params import EngineParams
+from .results import FixResult
+from .sins.whole import SinsArrays
+from .station.filter import StationFilter
+from .station.fusion import StationFusion
+from .station.whole import StationArrays
+from .strategies import compiled
+from .track import Collector, SinsPieces, StationPieces, StationTrack, T, Track
+
+__all__ = [
+    'Inputs', 'Progress', 'Result', 'RowSink', 'Stamps', 'StationInputs', 'StationTrack', 'Track',
+    'run',
+]  # fmt: skip
+
+Progress = Callable[[float], None]
+"""Called with the share of the run that is done."""
+RowSink = Callable[[Track], None]
+"""Called with the rows of a run some hundred at a time; they are overwritten after the call."""
+
+_STRETCH = 1024
+"""Fixes that the compiled loop is given at a time, at most."""
+_END_NS = NEVER_NS - 1
+
+
+@dataclass(frozen=True)
+class Result(Generic[T]):
+    """What a run gave: the track, receipts, identifications, and why the filter stopped.
+
+    The track is empty where a sink got its rows; ``divergence`` is empty where nothing stopped.
+    """
+
+    track: T
+    receipts: tuple[Receipt, ...]
+    divergence: str
+    verdicts: Mapping[Verdict, int] = field(default_factory=dict)
+    identifications: tuple[Identification, ...] = ()
+
+
+@overload
+def run(
+    params: EngineParams,
+    inputs: Inputs,
+    *,
+    commands: Sequence[Command] = (),
+    progress: Progress | None = None,
+    one_by_one: bool = False,
+    sink: RowSink | None = None,
+    told: bool = False,
+) -> Result[Track]: ...
+
+
+@overload
+def run(
+    params: EngineParams,
+    inputs: StationInputs,
+    *,
+    commands: Sequence[Command] = (),
+    progress: Progress | None = None,
+    one_by_one: bool = False,
+    sink: Callable[[StationTrack], None] | None = None,
+) -> Result[StationTrack]: ...
+
+
+def run(
+    params: EngineParams,
+    inputs: Inputs | StationInputs,
+    *,
+    commands: Sequence[Command] = (),
+    progress: Progress | None = None,
+    one_by_one: bool = False,
+    sink: Callable[[Any], None] | None = None,
+    told: bool = False,
+) -> Result[Any]:
+    """Run an engine over the inputs; an estimate every ``params.output_period_s``.
+
+    Parameters
+    ----------
+    params : EngineParams
+        Of the mode that the inputs are for.
+    inputs : Inputs or StationInputs
+    commands : sequence of Command, optional
+        Only IDENTIFY and SHUTDOWN: a reset would begin another run.
+    progress : callable, optional
+    one_by_one : bool
+        Process event by event, as a node does: slower, the same bits.
+    sink : callable, optional
+        Gets the rows instead of the result: half a day of covariances does not fit in memory.
+    told : bool
+        Leave the covariances out of the rows, and put in the columns of `nav_columns` that
+        nav/state publishes; not in station mode.
+    """
+    engine = Engine(params)
+    collector: Collector[Any]
+    if isinstance(inputs, StationInputs):
+        collector = Collector(StationPieces(params, lambda: _station_filter(engine)), sink)
+    else:
+        collector = Collector(SinsPieces(params, told=told), sink)
+    if one_by_one or not compiled(params):
+        ordered = sorted(commands, key=_key)
+        for event in heapq.merge(inputs.events(), ordered, key=_key):
+            collector.take(engine.process(event))
+        collector.take(engine.finish())
+    else:
+        arrays = _arrays_of(params, inputs, collector)
+        single = sorted([*inputs.fixes, *commands, *arrays.unusable], key=_key)
+        _Driver(engine, arrays, single, collector, progress).run()
+    collector.drain()
+    return Result(
+        collector.track(),
+        tuple(collector.receipts),
+        engine.divergence,
+        dict(engine.verdicts),
+        tuple(collector.identifications),
+    )
+
+
+def _key(event: Event) -> OrderKey:
+    return event.key
+
+
+def _station_filter(engine: Engine) -> StationFilter:
+    if not isinstance(engine.fusion, StationFusion):
+        raise TypeError('parameters and inputs are not of the same mode')
+    return engine.fusion.filter
+
+
+def _arrays_of(
+    params: EngineParams, inputs: Inputs | StationInputs, collector: Collector[Any]
+) -> _Arrays:
+    if isinstance(inputs, StationInputs):
+        return StationArrays(inputs, collector.rows)
+    return SinsArrays(inputs, collector.rows, model_aiding=params.model_aiding)
+
+
+class _Arrays(Protocol):
+    """A mode's arrays in the streams of its filter (`sins.whole`, `station.whole`)."""
+
+    first: ImuSample | None
+    unusable: list[Event]
+
+    def start(self, driver: Driver | None, first: ImuSample) -> bool: ...
+
+    @property
+    def stamp_ns(self) -> int: ...
+
+    def advance(self, until_ns: int, until_rank: int) -> bool: ...
+
+    def put_row(self) -> None: ...
+
+    def log(self, adaptation: Adaptation, until_ns: int) -> None: ...
+
+
+class _Driver:
+    """Drives an engine with arrays: fixes and single events in Python, the rest compiled.
+
+    Parameters
+    ----------
+    engine : Engine
+    arrays : SinsArrays or StationArrays
+    single : list of Event
+        Fixes, commands and unusable samples, in the total order.
+    collector : Collector
+    progress : callable or None
+    """
+
+    def __init__(
+        self,
+        engine: Engine,
+        arrays: _Arrays,
+        single: list[Event],
+        collector: Collector[Any],
+        progress: Progress | None,
+    ) -> None:
+        self._engine = engine
+        self._arrays = arrays
+        self._single = single
+        self._collector = collector
+        self._progress = progress
+        self._started = False
+        self._fixes: _FixesAtOnce | None = None
+
+    def run(self) -> None:
+        """Drive the engine to the end of the inputs."""
+        first, number, next_report = self._arrays.first, 0, 0
+        while number < len(self._single):
+            event = self._single[number]
+            if first is not None and event.key > first.key:
+                self._start(first)
+                first = None
+            number += self._several_fixes(number) or self._one(event)
+            if self._progress is not None and number >= next_report:
+                self._progress(number / len(self._single))
+                next_report = number + len(self._single) // 100
+        if first is not None:
+            self._start(first)
+        self._advance(_END_NS, int(Rank.IMU))
+        self._flush(_END_NS)
+        if self._progress is not None:
+            self._progress(1.0)
+
+    def _start(self, first: ImuSample) -> None:
+        """Have the engine make its filter at the first sample, and give that the arrays."""
+        self._collector.take(self._engine.process(first))
+        self._engine.due_ns = None  # from now on the compiled loop sees to estimates
+        self._started = self._arrays.start(self._engine.fusion, first)
+        if self._started and isinstance(self._arrays, SinsArrays) and self._arrays.takes_fixes:
+            self._fixes = _FixesAtOnce(self._engine, self._arrays, self._collector)
+
+    @property
+    def _running(self) -> bool:
+        """Whether the filter has the arrays, and has not stopped."""
+        return self._started and self._engine.navigating
+
+    def _several_fixes(self, number: int) -> int:
+        """Let the compiled loop fuse fixes from a number on; how many it did, perhaps none."""
+        if self._fixes is None or not self._engine.navigating:
+            return 0
+        return self._fixes.take(self._single[number : number + _STRETCH])
+
+    def _one(self, event: Event) -> int:
+        """Process one event after all that stands before it; one."""
+        # A sample whose stamp was there before comes after the first of them.
+        rank = int(event.key[1]) + isinstance(event, ImuSample)
+        self._advance(event.stamp_ns, rank)
+        self._collector.take(self._engine.process(event))
+        return 1
+
+    def _advance(self, stamp_ns: int, rank: int) -> None:
+        """Process everything before a place in the order of events."""
+        if not self._running:
+            return
+        engine, arrays, collector = self._engine, self._arrays, self._collector
+        if engine.adaptation is not None:
+            arrays.log(engine.adaptation, stamp_ns + (rank > int(Rank.IMU)))
+        try:
+            while arrays.advance(stamp_ns, rank):
+                collector.note(engine)
+                collector.drain()
+        except FilterDivergence as error:
+            collector.note(engine)
+            engine.diverge(str(error), arrays.stamp_ns)
+            return
+        self._flush(stamp_ns)
+        engine.last_imu_ns = arrays.stamp_ns
+
+    def _flush(self, stamp_ns: int) -> None:
+        """Write the estimate that is due before a stamp."""
+        if not self._running:
+            return
+        rows, collector = self._collector.rows, self._collector
+        if 0 <= rows.io[0] < stamp_ns:
+            if rows.io[1] >= len(rows.stamps):
+                collector.note(self._engine)
+                collector.drain()
+            self._arrays.put_row()
+        collector.note(self._engine)
+
+
+class _FixesAtOnce:
+    """Fixes that nothing but the filter can refuse, many at a time in the compiled loop.
+
+    It keeps the books that `Engine.process` keeps otherwise.
+    """
+
+    def __init__(self, engine: Engine, arrays: SinsArrays, collector: Collector[Any]) -> None:
+        self._engine = engine
+        self._arrays = arrays
+        self._collector = collector
+
+    def take(self, events: Sequence[Event]) -> int:
+        """Process the fixes that events begin with, and all that stands before them.
+
+        Returns
+        -------
+        int
+            How many fixes that were: up to the first that is refused or needs a look in Python.
+        """
+        engine, arrays = self._engine, self._arrays
+        fixes = self._plain(events)
+        if not fixes:
+            return 0
+        first, settled = arrays.fixes, 0
+        arrays.put_fixes(fixes)
+        try:
+            full = True
+            while full:
+                full = arrays.advance(fixes[-1].receive_ns, FIX_RANK + 1)
+                settled = self._settle(fixes, first, settled)
+                self._collector.note(engine)
+                if full:
+                    self._collector.drain()
+        except FilterDivergence as error:
+            settled = self._settle(fixes, first, settled)
+            self._collector.note(engine)
+            on_fix = first + settled < arrays.fixes
+            at_ns = fixes[settled].receive_ns if on_fix else arrays.stamp_ns
+            engine.diverge(str(error), at_ns)
+            if on_fix:
+                self._lost(fixes[settled])
+                settled += 1
+        else:
+            arrays.drop_fixes()
+            engine.last_imu_ns = arrays.stamp_ns
+        return settled
+
+    def _plain(self, events: Sequence[Event]) -> list[Fix]:
+        """Fixes at the beginning that nothing but the filter's history and gate can refuse."""
+        found: list[Fix] = []
+        names: set[tuple[str, int]] = set()
+        ledger = self._engine.ledger
+        for event in events:
+            if not isinstance(event, Fix) or not ledger.integrity.quiet or ledger.refusal(event):
+                break
+            name = (event.source, event.sequence)
+            if name in names:
+                break
+            names.add(name)
+            found.append(event)
+        return found
+
+    def _settle(self, fixes: list[Fix], first: int, settled: int) -> int:
+        """Make receipts of what the filter decided; the number of fixes that have one.
+
+        ``first`` is the number of the first fix in the streams.
+        """
+        engine, collector, arrays = self._engine, self._collector, self._arrays
+        outcomes, notes = arrays.decisions(first + settled)
+        # All were fused, but for the last one perhaps: the compiled loop stops there.
+        others = np.flatnonzero(outcomes[:, 0] != FUSED)
+        fused = int(others[0]) if len(others) else len(outcomes)
+        if fused:
+            done = fixes[settled : settled + fused]
+            collector.note_fused(engine, [fix.validity_ns for fix in done], notes[:fused, 2])
+            for fix in done:
+                engine.admit(fix)
+            collector.receipts += engine.ledger.fused(
+                done, outcomes[:fused], notes[:fused], arrays.gate
+            )
+            settled += fused
+        if fused < len(outcomes) and outcomes[fused, 0] >= 0.0:  # else the filter was lost here
+            steps, stamp_ns, rows = notes[fused].tolist()
+            collector.note(engine, rows)
+            result = FixResult(arrays.outcome_of(outcomes[fused]), steps)
+            self._decided(fixes[settled], result, stamp_ns)
+            settled += 1
+        return settled
+
+    def _decided(self, fix: Fix, result: FixResult, stamp_ns: int) -> None:
+        """Make the receipt of a fix that the gate refused."""
+        engine = self._engine
+        engine.admit(fix)
+        engine.ledger.received += 1
+        engine.ledger.remember(fix)
+        receipt = engine.ledger.decided(fix, fix, result, stamp_ns)
+        engine.verdicts[receipt.verdict] += 1
+        self._collector.receipts.append(receipt)
+
+    def _lost(self, fix: Fix) -> None:
+        """Make the receipt of a fix at which the filter was lost."""
+        engine = self._engine
+        engine.admit(fix)
+        engine.ledger.received += 1
+        self._collector.receipts.append(
+            engine.refuse(fix, Verdict.NOT_READY, engine.divergence, fix.receive_ns)
+        )

@@ -1,0 +1,159 @@
+"""Sensor data of a whole run, as arrays, in the streams of the SINS filter."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...arrays import Array
+from ...kernels.sins import events as fe
+from ...kernels.sins import run as filter_run
+from ...kernels.sins import state as fs
+from ...kernels.sins.update import Ints
+from ..driver import Adaptation, Driver
+from ..events import Event, Fix, ImuSample
+from ..inputs import Inputs, at_least_one, rows_of
+from ..refusals import usable_control, usable_depth, usable_dvl, usable_imu
+from ..results import Outcome
+from .filter import NavigationFilter
+from .fusion import Fusion
+from .streams import put_late_fix, room_for_fixes
+
+
+class SinsArrays:
+    """What the compiled loop takes of a run in SINS mode, and what goes one by one.
+
+    Parameters
+    ----------
+    inputs : Inputs
+    rows : Rows
+        That the loop writes.
+    model_aiding : bool
+        Whether the filter needs the thrust.
+
+    Attributes
+    ----------
+    first : ImuSample or None
+        The first that can be used: there the state starts.
+    unusable : list of Event
+        What gets a receipt or is passed over.
+    filter : NavigationFilter
+        After `start`.
+    """
+
+    filter: NavigationFilter
+
+    def __init__(self, inputs: Inputs, rows: fs.Rows, *, model_aiding: bool) -> None:
+        x, self._rows = inputs, rows
+        imu = usable_imu(x.imu_stamps_ns, x.omega_ib_b, x.f_b)
+        dvl = x.dvl_valid & usable_dvl(x.dvl_valid, x.dvl_v_m, x.dvl_covariance_m)
+        depth = usable_depth(x.depth, x.depth_variance)
+        control = usable_control(x.control_force_b, x.control_torque_b)
+        self.first = x.imu_sample(int(np.argmax(imu))) if imu.any() else None
+        self.unusable: list[Event] = [
+            *(x.imu_sample(int(k)) for k in np.flatnonzero(~imu)),
+            *(x.dvl_ping(int(k)) for k in np.flatnonzero(~dvl)),
+            *(x.depth_sample(int(k)) for k in np.flatnonzero(~depth)),
+            *(x.control_sample(int(k)) for k in np.flatnonzero(~control)),
+        ]
+        imu_stamps, depth_stamps = rows_of(x.imu_stamps_ns, imu), rows_of(x.depth_stamps_ns, depth)
+        dvl_stamps = rows_of(x.dvl_stamps_ns, dvl)
+        control_stamps = rows_of(x.control_stamps_ns, control)
+        self._depths, self._pings = len(depth_stamps), len(dvl_stamps)
+        self._controls = len(control_stamps)
+        controls = self._controls if model_aiding else 0
+        counts = [len(imu_stamps), self._depths, self._pings, 0, controls]
+        self._streams = fs.Streams(
+            counts=np.array(counts, dtype=np.int64),
+            imu_stamps=at_least_one(imu_stamps),
+            omega_ib_b=at_least_one(rows_of(x.omega_ib_b, imu)),
+            f_b=at_least_one(rows_of(x.f_b, imu)),
+            depth_stamps=at_least_one(depth_stamps),
+            depth=at_least_one(rows_of(x.depth, depth)),
+            depth_variance=at_least_one(rows_of(x.depth_variance, depth)),
+            dvl_stamps=at_least_one(dvl_stamps),
+            dvl_v_m=at_least_one(rows_of(x.dvl_v_m, dvl)),
+            dvl_covariance_m=at_least_one(rows_of(x.dvl_covariance_m, dvl)),
+            **room_for_fixes(),
+            control_stamps=at_least_one(control_stamps),
+            control_force_b=at_least_one(rows_of(x.control_force_b, control)),
+        )
+
+    def start(self, driver: Driver | None, first: ImuSample) -> bool:
+        """Hand the arrays to the filter that starts at the first sample; False without one."""
+        if not isinstance(driver, Fusion):
+            return False
+        self.filter = f = driver.filter
+        f.streams = x = self._streams
+        counters, now_ns = f.state.counters, first.stamp_ns
+        counters[fs.IMU] = 1
+        counters[fs.DEPTH] = int(np.searchsorted(x.depth_stamps[: self._depths], now_ns))
+        counters[fs.DVL] = int(np.searchsorted(x.dvl_stamps[: self._pings], now_ns))
+        # The thrust of before the start still holds.
+        before = int(np.searchsorted(x.control_stamps[: self._controls], now_ns))
+        counters[fs.CONTROL] = max(0, before - 1)
+        f.rows, io, output_ns = self._rows, self._rows.io, f.settings.output_ns
+        io[0] = now_ns
+        io[2] = (now_ns // output_ns + 1) * output_ns
+        f.log.counts[1] = 0
+        fe.take_snapshot(f.state, f.log)
+        return True
+
+    @property
+    def stamp_ns(self) -> int:
+        """Stamp of the newest IMU sample that was processed."""
+        return self.filter.stamp_ns
+
+    def advance(self, until_ns: int, until_rank: int) -> bool:
+        """Process all before a place in the order of events; True where the rows are full first.
+
+        Raises
+        ------
+        FilterDivergence
+            As `NavigationFilter.advance`.
+        """
+        return self.filter.advance(until_ns, until_rank) == fs.FULL
+
+    def put_row(self) -> None:
+        """Write the estimate of now to the rows."""
+        filter_run.put_row(self.filter.state, self.filter.settings, self._rows)
+
+    def log(self, adaptation: Adaptation, until_ns: int) -> None:
+        """There is no identification in this mode."""
+
+    # -- fixes in the compiled loop ---------------------------------------------------------------
+
+    @property
+    def takes_fixes(self) -> bool:
+        """Whether the compiled loop can fuse fixes, too."""
+        return self.filter.settings.back_propagates
+
+    @property
+    def fixes(self) -> int:
+        """Fixes that the loop has taken so far."""
+        return int(self.filter.state.counters[fs.FIX])
+
+    @property
+    def gate(self) -> float:
+        """Threshold of the NIS of a fix."""
+        return float(self.filter.settings.gates[fs.VECTOR])
+
+    def put_fixes(self, fixes: Sequence[Fix]) -> None:
+        """Append fixes to their stream, each where it is received."""
+        for fix in fixes:
+            put_late_fix(self.filter.streams, fix)
+
+    def drop_fixes(self) -> None:
+        """Take those out of the stream that the loop has not taken."""
+        self.filter.streams.counts[fs.FIX - fs.IMU] = self.fixes
+
+    def decisions(self, first: int) -> tuple[Array, Ints]:
+        """Return outcomes (n, 9) and notes (n, 3) of the fixes taken, from a number on."""
+        streams = self.filter.streams
+        places = np.arange(first, self.fixes) % len(streams.fix_stamps)
+        return streams.fix_outcomes[places], streams.fix_notes[places]
+
+    def outcome_of(self, row: Array) -> Outcome:
+        """Return the outcome of a fix from its row of `decisions`."""
+        return self.filter.outcome_of(row)

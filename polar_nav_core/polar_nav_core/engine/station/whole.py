@@ -1,0 +1,119 @@
+"""Sensor data of a whole run, as arrays, in the streams of station mode's filter."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...kernels.station import run as run_kernels
+from ...kernels.station import state as ss
+from ..driver import Adaptation, Driver
+from ..events import Event, ImuSample
+from ..inputs import StationInputs, at_least_one, rows_of
+from ..refusals import usable_control, usable_depth, usable_imu
+from .filter import StationFilter
+from .fusion import StationFusion
+from .identify import PERIOD_NS
+
+
+class StationArrays:
+    """What the compiled loop takes of a run in station mode, and what goes one by one.
+
+    Parameters
+    ----------
+    inputs : StationInputs
+    rows : Rows
+        That the loop writes.
+
+    Attributes
+    ----------
+    first : ImuSample or None
+        The first that can be used: there the state starts.
+    unusable : list of Event
+        What gets a receipt, and what comes before the state.
+    filter : StationFilter
+        After `start`.
+    """
+
+    filter: StationFilter
+    takes_fixes = False
+
+    def __init__(self, inputs: StationInputs, rows: ss.Rows) -> None:
+        x, self._rows = inputs, rows
+        self._next = 0  # sample that the identification gets next
+        self._thrust = np.zeros(3)
+        imu = usable_imu(x.imu_stamps_ns, x.omega_ib_b, x.C_b_G)
+        control = usable_control(x.force_b)
+        depth = usable_depth(x.depth, x.depth_variance)
+        self.first = x.imu_sample(int(np.argmax(imu))) if imu.any() else None
+        if self.first is not None:  # what comes before the state goes the engine's way
+            control &= x.control_stamps_ns >= self.first.stamp_ns
+            depth &= x.depth_stamps_ns >= self.first.stamp_ns
+        self.unusable: list[Event] = [
+            *(x.imu_sample(int(k)) for k in np.flatnonzero(~imu)),
+            *(x.control_sample(int(k)) for k in np.flatnonzero(~control)),
+            *(x.depth_sample(int(k)) for k in np.flatnonzero(~depth)),
+        ]
+        self._imu_stamps = rows_of(x.imu_stamps_ns, imu)
+        self._omega_ib_b = rows_of(x.omega_ib_b, imu)
+        self._C_b_G = rows_of(x.C_b_G, imu)
+        self._control_stamps = rows_of(x.control_stamps_ns, control)
+        self._force_b = rows_of(x.force_b, control)
+        self._depth_stamps = rows_of(x.depth_stamps_ns, depth)
+        self._depth = rows_of(x.depth, depth)
+        self._depth_variance = rows_of(x.depth_variance, depth)
+
+    def start(self, driver: Driver | None, first: ImuSample) -> bool:
+        """Hand the arrays to the filter that starts at the first sample; False without one."""
+        if not isinstance(driver, StationFusion):
+            return False
+        self.filter = f = driver.filter
+        before = int(f.streams.counts[1])  # a thrust from before the state
+        self._thrust = f.streams.force_b[0].copy() if before else self._thrust
+        stamps = np.concatenate([f.streams.control_stamps[:before], self._control_stamps])
+        force_b = np.concatenate([f.streams.force_b[:before], self._force_b])
+        counts = [len(self._imu_stamps), len(stamps), len(self._depth_stamps), 0]
+        f.streams = f.streams._replace(
+            counts=np.array(counts, dtype=np.int64),
+            imu_stamps=self._imu_stamps,
+            omega_ib_b=self._omega_ib_b,
+            C_b_G=self._C_b_G.copy(),  # they are smoothed in place
+            control_stamps=at_least_one(stamps),
+            force_b=at_least_one(force_b),
+            depth_stamps=at_least_one(self._depth_stamps),
+            depth=at_least_one(self._depth),
+            depth_variance=at_least_one(self._depth_variance),
+        )
+        f.smooth(1)
+        f.rows = self._rows
+        f.rows.io[0] = first.stamp_ns
+        return True
+
+    @property
+    def stamp_ns(self) -> int:
+        """Stamp of the newest IMU sample that was processed."""
+        return self.filter.stamp_ns
+
+    def advance(self, until_ns: int, until_rank: int) -> bool:
+        """Process all before a place in the order of events; True where the rows are full first.
+
+        Raises
+        ------
+        FilterDivergence
+            As `StationFilter.advance`.
+        """
+        return self.filter.advance(until_ns, until_rank) == ss.FULL
+
+    def put_row(self) -> None:
+        """Write the estimate of now to the rows."""
+        f = self.filter
+        run_kernels.put_row(f.bank, f.settings, f.work, f.streams, self._rows)
+
+    def log(self, adaptation: Adaptation, until_ns: int) -> None:
+        """Give the identification what it would have been given sample by sample."""
+        stamps = self._imu_stamps
+        while self._next < len(stamps) and stamps[self._next] < until_ns:
+            k, now_ns = self._next, int(stamps[self._next])
+            newest = int(np.searchsorted(self._control_stamps, now_ns)) - 1
+            force_b = self._thrust if newest < 0 else self._force_b[newest]
+            adaptation.log(now_ns, self._C_b_G[k], self._omega_ib_b[k], force_b)
+            self._next = int(np.searchsorted(stamps, now_ns + PERIOD_NS))
