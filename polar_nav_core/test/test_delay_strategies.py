@@ -113,7 +113,7 @@ def test_history_is_bounded(world):
     log, streams = fusion.filter.log, fusion.filter.streams
     assert len(log.snapshot_flat) < 6.0 * 1.3 * 2 + 5
     assert len(streams.imu_stamps) < 6.0 * 1.3 * 250
-    assert len(fusion._fixes) < 6.0 * 2.1
+    assert len(fusion._back._fixes) < 6.0 * 2.1
     reach_s = (fusion.filter.stamp_ns - fusion.oldest_ns()) * 1e-9
     assert 6.0 <= reach_s < 7.1
 

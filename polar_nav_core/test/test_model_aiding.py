@@ -14,10 +14,12 @@ from polar_nav_core.engine.events import (
     ControlSample,
     DvlPing,
     Estimate,
+    Rank,
     Receipt,
     Verdict,
 )
 from polar_nav_core.engine.params import EngineParams
+from polar_nav_core.engine.sins.rewind import Rewind
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.kernels.sins import state as fs
 
@@ -287,6 +289,41 @@ def test_rewind_equals_in_order_processing_to_the_bit(world, seed):
     blocks = [e.fusion.filter.state.model.tobytes() for e in (engine, other)]
     assert blocks[0] == blocks[1]
     assert repr(a.model) == repr(b.model)
+
+
+@pytest.mark.parametrize('counted', [False, True])
+def test_a_thrust_commutes_with_a_fix(world, monkeypatch, counted):
+    """So `rewind` need not go back for a fix that only a newer thrust makes late."""
+    stored = Rewind.stored
+
+    def with_thrust(self):
+        past, s = stored(self), self.filter.streams
+        cursors = [
+            c._replace(stamps=s.control_stamps) if c.rank is Rank.CONTROL else c
+            for c in past.cursors
+        ]
+        return past._replace(cursors=tuple(cursors))
+
+    if counted:
+        monkeypatch.setattr(Rewind, 'stored', with_thrust)
+    now_ns = int(world.stamps[730])
+    noted = dataclasses.replace(
+        world.fixes(0.7, 0.0, rng=np.random.default_rng(2))[3], validity_ns=now_ns + 2_000_000
+    )
+    between = ControlSample(now_ns + 4_000_000, 99_999, np.array([90.0, 0.0, 0.0]), np.zeros(3))
+    ends = []
+    for after_ns in (1_000_000, 6_000_000):  # received before the thrust, and after it
+        fix = dataclasses.replace(noted, receive_ns=noted.validity_ns + after_ns)
+        engine = Engine(params(world, 'rewind', gate_probability=1.0))
+        out = run(engine, [*sensors(world), between, fix])
+        (receipt,) = (o for o in out if isinstance(o, Receipt))
+        assert receipt.verdict is Verdict.FUSED
+        assert (receipt.steps_rolled_back > 0) == (counted and after_ns == 6_000_000)
+        ends.append((last(out), engine.fusion.filter.state.model.tobytes()))
+    (a, model), (b, other) = ends
+    assert model == other
+    for name in ('r_e', 'v_G', 'C_b_G', 'P', 'gyro_bias_b'):
+        assert getattr(a, name).tobytes() == getattr(b, name).tobytes(), name
 
 
 # -- bottom lock ----------------------------------------------------------------------------------

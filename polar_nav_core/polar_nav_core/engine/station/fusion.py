@@ -8,8 +8,7 @@ decisions of the first time, which is what a filter with explicitly cloned state
 from __future__ import annotations
 
 import math
-from bisect import bisect_left, bisect_right
-from typing import TypeAlias
+from bisect import bisect_right
 
 import numpy as np
 
@@ -31,6 +30,7 @@ from ..events import (
 )
 from ..params import EngineParams
 from ..results import FixResult, Outcome
+from ..rewind import Cursor, GoingBack, Stored
 from .filter import StationFilter
 from .fixes import fix_row
 
@@ -203,10 +203,6 @@ class BackPropagate(Forward):
     kind = ss.BACK_PROPAGATE
 
 
-_Key: TypeAlias = tuple[int, int, int]
-"""Validity, number of the packet, number of arrival."""
-
-
 class Rewind(StationFusion):
     """Go back to the stored state before a late fix, take it, and filter the rest again."""
 
@@ -215,54 +211,46 @@ class Rewind(StationFusion):
 
     def __init__(self, params: EngineParams, initial: InitialState, stamp_ns: int) -> None:
         super().__init__(params, initial, stamp_ns)
-        self._length_ns = round(params.history_s * 1e9)
-        # Fixes of the stored past, in the order of their validity; the first has this number.
-        self._fixes: list[Fix] = []
-        self._keys: list[_Key] = []
-        self._first = 0
+        self._back = GoingBack(self, params.history_s)
 
     def oldest_ns(self) -> int:
         """Oldest validity that a fix may have to be fused."""
-        f = self.filter
-        return self._snapshot_stamp(self._oldest_usable()) if f.log.counts[0] else 0
+        return self._back.oldest_ns()
 
     def fix(self, fix: Fix) -> FixResult | None:
         """Fuse a fix where it belongs."""
-        f = self.filter
-        number = self._snapshot_before(fix.validity_ns)
-        if number is None:
-            return None
-        key = (fix.validity_ns, fix.order, fix.arrival)
-        place = bisect_left(self._keys, key)
-        late = self._comes_late(key)
-        self._insert(fix, self._first + place)
-        self._fixes.insert(place, fix)
-        self._keys.insert(place, key)
-        before, steps = self._outcomes(), int(f.bank.counters[ss.IMU])
-        if late:
-            run.restore(f.bank, f.log, number)
-        steps -= int(f.bank.counters[ss.IMU])
-        self._process_again(fix)
-        after = self._outcomes()
-        gate = float(f.settings.gates[2])
-        revised = tuple(
-            (self._fixes[i], outcome_of(after[i], gate))
-            for i in range(len(after))
-            if i != place and after[i, ss.DECIDED] != before[i, ss.DECIDED]
-        )
-        own = outcome_of(after[place], gate)
-        self._forget(fix.receive_ns - self._length_ns)
-        return FixResult(own, steps, revised)
+        return self._back.fix(fix)
 
     def adapt(self, identified: Identification) -> None:
         """Take drag and current; from now on going back ends here."""
         super().adapt(identified)
-        self._keys.clear()
-        self._fixes.clear()
-        self._first = int(self.filter.streams.counts[3])
+        self._back.end_here()
 
-    def _insert(self, fix: Fix, number: int) -> None:
-        """Put a fix at a place in its stream; those at and after it move up by one."""
+    # -- what going back asks for -----------------------------------------------------------------
+
+    def stored(self) -> Stored:
+        """Return the stored past; its arrays are the filter's own."""
+        log, s = self.filter.log, self.filter.streams
+        # The attitude before the first step is needed too.
+        imu = min(len(s.imu_stamps) - 1, len(log.points))
+        return Stored(
+            self.filter.bank.counters,
+            int(log.counts[0]),
+            log.counters,
+            s.outcomes,
+            (
+                Cursor(ss.IMU, imu, None, Rank.IMU),
+                Cursor(ss.CONTROL, len(s.control_stamps), s.control_stamps, Rank.CONTROL),
+                Cursor(ss.DEPTH, len(s.depth_stamps), s.depth_stamps, Rank.DEPTH),
+                Cursor(ss.FIX, len(s.fix_stamps) - 1, None, Rank.FIX),
+            ),
+            stamp=ss.STAMP,
+            step=ss.IMU,
+            fix=ss.FIX,
+        )
+
+    def insert(self, fix: Fix, number: int) -> None:
+        """Put a fix at a place among the stored ones; those at and after it move up by one."""
         s = self.filter.streams
         length = len(s.fix_stamps)
         columns = (s.fix_stamps, s.fixes, s.outcomes, s.fix_points, s.fix_inflations)
@@ -276,9 +264,11 @@ class Rewind(StationFusion):
         s.outcomes[i, ss.DECIDED] = ss.UNDECIDED
         s.counts[3] += 1
 
-    def _process_again(self, fix: Fix) -> None:
+    def process_again(self, fix: Fix, snapshot: int | None) -> None:
         """Process everything that was received before the fix, and the fix; no output."""
         f = self.filter
+        if snapshot is not None:
+            run.restore(f.bank, f.log, snapshot)
         rows, f.rows = f.rows, f.no_rows
         f.bank.counting[0] = 0
         try:
@@ -287,68 +277,9 @@ class Rewind(StationFusion):
             f.bank.counting[0] = 1
             f.rows = rows
 
-    def _comes_late(self, key: _Key) -> bool:
-        """Whether anything that was processed stands after this place."""
-        b, s = self.filter.bank, self.filter.streams
-        mine = (key[0], int(Rank.FIX))
-        if (int(b.counters[ss.STAMP]), int(Rank.IMU)) > mine:
-            return True
-        for counter, stamps, rank in (
-            (ss.CONTROL, s.control_stamps, Rank.CONTROL),
-            (ss.DEPTH, s.depth_stamps, Rank.DEPTH),
-        ):
-            n = int(b.counters[counter])
-            if n and (int(stamps[(n - 1) % len(stamps)]), int(rank)) > mine:
-                return True
-        return bool(self._keys) and self._keys[-1] > key
-
-    def _outcomes(self) -> Array:
-        """Rows of outcomes of the fixes that are kept."""
-        outcomes = self.filter.streams.outcomes
-        return outcomes[np.arange(self._first, self._first + len(self._fixes)) % len(outcomes)]
-
-    # -- snapshots --------------------------------------------------------------------------------
-
-    def _snapshot_stamp(self, number: int) -> int:
-        counters = self.filter.log.counters
-        return int(counters[number % len(counters), ss.STAMP])
-
-    def _oldest_usable(self) -> int:
-        """Oldest snapshot from which all inputs since are still stored."""
-        log, s, b = self.filter.log, self.filter.streams, self.filter.bank
-        high = int(log.counts[0]) - 1
-        low = max(0, high + 1 - len(log.counters))
-        rooms = (
-            # The attitude before the first step is needed too.
-            (ss.IMU, min(len(s.imu_stamps) - 1, len(log.points))),
-            (ss.CONTROL, len(s.control_stamps)),
-            (ss.DEPTH, len(s.depth_stamps)),
-            (ss.FIX, len(s.fix_stamps) - 1),
-        )
-        while low < high:
-            middle = (low + high) // 2
-            counters = log.counters[middle % len(log.counters)]
-            if all(b.counters[c] - counters[c] <= room for c, room in rooms) and (
-                counters[ss.FIX] >= self._first
-            ):
-                high = middle
-            else:
-                low = middle + 1
-        return low
-
-    def _snapshot_before(self, stamp_ns: int) -> int | None:
-        """Newest snapshot at or before a stamp; None when the stored past does not reach it."""
-        low, high = self._oldest_usable(), int(self.filter.log.counts[0]) - 1
-        if self._snapshot_stamp(low) > stamp_ns:
-            return None
-        return bisect_right(range(high + 1), stamp_ns, lo=low, key=self._snapshot_stamp) - 1
-
-    def _forget(self, before_ns: int) -> None:
-        """Drop fixes from before the stored past, in bulk: going back never reaches them."""
-        if self._keys and self._keys[0][0] < before_ns - self._length_ns:
-            gone = bisect_left(self._keys, (before_ns, 0, 0))
-            del self._keys[:gone], self._fixes[:gone]
-            self._first += gone
+    def outcome_of(self, row: Array) -> Outcome:
+        """Return the outcome of a fix from its row of outcomes."""
+        return outcome_of(row, float(self.filter.settings.gates[2]))
 
 
 class Clone(Rewind):
