@@ -1,8 +1,13 @@
-"""Streams of measurements through the filter in their total order: the engine's compiled loop."""
+"""Streams of measurements through the filter in their total order: the engine's compiled loop.
+
+`advance` is what Python calls; each kind of measurement has a kernel that fills its rows, and one
+call of `fuse_rows` takes them all.
+"""
 
 from __future__ import annotations
 
 from ..cache import kernel, routine
+from ..queues import earlier, is_before, next_stamp
 from . import state as fs
 from .aiding import control_event, count_good_ping, has_bottom_lock, model_is_definite
 from .columns import describe
@@ -12,6 +17,145 @@ from .late import OUT_OF_REACH, fill_late_fix
 from .model import E
 from .state import Frames, Log, Past, Rows, Settings, State, Streams, Work
 from .update import N, is_positive_definite
+
+
+@kernel
+def _next_measurement(s: State, streams: Streams) -> tuple[int, int]:
+    """Stamp [ns] and rank of the next measurement but IMU samples; NEVER_NS when none waits.
+
+    Within a stamp the order is control, depth, DVL, fix.
+    """
+    counts, taken = streams.counts, s.counters
+    stamp = next_stamp(streams.control_stamps, taken[fs.CONTROL], counts[4])
+    rank = fs.CONTROL_RANK
+    other = next_stamp(streams.depth_stamps, taken[fs.DEPTH], counts[1])
+    stamp, rank = earlier(stamp, rank, other, fs.DEPTH_RANK)
+    other = next_stamp(streams.dvl_stamps, taken[fs.DVL], counts[2])
+    stamp, rank = earlier(stamp, rank, other, fs.DVL_RANK)
+    other = next_stamp(streams.fix_stamps, taken[fs.FIX], counts[3])
+    return earlier(stamp, rank, other, fs.FIX_RANK)
+
+
+@kernel
+def _write_due(s: State, c: Settings, rows: Rows, stamp: int) -> bool:
+    """Write the output that is due before a stamp; False when there is no room for it."""
+    if 0 <= rows.io[0] < stamp:
+        if rows.io[1] >= rows.stamps.shape[0]:
+            return False
+        put_row(s, c, rows)
+    return True
+
+
+@kernel
+def _imu_until(
+    s: State,
+    c: Settings,
+    past: Past,
+    w: Work,
+    log: Log,
+    streams: Streams,
+    last_ns: int,
+    rows: Rows,
+) -> int:
+    """DONE after all IMU samples up to a stamp; FULL, or the code below zero of a failed step."""
+    room = streams.imu_stamps.shape[0]
+    left = streams.counts[0] - s.counters[fs.IMU]
+    k = s.counters[fs.IMU] % room
+    while left > 0 and streams.imu_stamps[k] <= last_ns:
+        now = streams.imu_stamps[k]
+        if not _write_due(s, c, rows, now):
+            return fs.FULL
+        code = imu_event(s, c, past, w, log, now, streams.omega_ib_b[k], streams.f_b[k])
+        if now >= rows.io[2]:
+            rows.io[0] = now
+            rows.io[2] = (now // c.output_ns + 1) * c.output_ns
+        if code < 0:
+            return code
+        left -= 1
+        k += 1
+        if k == room:
+            k = 0
+    return fs.DONE
+
+
+@kernel
+def _take_control(s: State, streams: Streams, stamp: int) -> None:
+    """Change the thrust to that of the next control sample."""
+    k = s.counters[fs.CONTROL] % streams.control_stamps.shape[0]
+    control_event(s, stamp, streams.control_force_b[k])
+
+
+@kernel
+def _take_depth(s: State, fr: Frames, c: Settings, w: Work, streams: Streams) -> int:
+    """Rows of the next depth, filled into the scratch: how many."""
+    k = s.counters[fs.DEPTH] % streams.depth_stamps.shape[0]
+    s.counters[fs.DEPTH] += 1
+    fill_depth(s, fr, c, w, streams.depth[k], streams.depth_variance[k])
+    return fs.SCALAR
+
+
+@kernel
+def _take_ping(s: State, fr: Frames, c: Settings, w: Work, streams: Streams) -> int:
+    """Rows of the next ping, filled into the scratch: how many; a code below zero.
+
+    With a vehicle's model, the first pings after a loss of bottom lock are only watched: then
+    there are no rows to fuse.
+    """
+    k = s.counters[fs.DVL] % streams.dvl_stamps.shape[0]
+    s.counters[fs.DVL] += 1
+    fill_dvl(s, fr, c, w, streams.dvl_v_m[k], streams.dvl_covariance_m[k])
+    if c.aiding.on and not has_bottom_lock(s, c):
+        code = ping_passes(s, c, w)
+        if code < 0:
+            return code
+        if not count_good_ping(s, c, code == fs.FUSED):
+            s.tally[fs.DVL_ROW, fs.GATED] += float(s.counting[0])
+            return fs.NO_MEASUREMENT
+    return fs.VECTOR
+
+
+@kernel
+def _take_fix(
+    s: State,
+    fr: Frames,
+    c: Settings,
+    past: Past,
+    w: Work,
+    streams: Streams,
+    stamp: int,
+    rows: Rows,
+) -> int:
+    """Rows of the next fix, filled into the scratch: how many; STOPPED when it is out of reach.
+
+    Late fixes of `back_propagate` are brought to now; others are valid at their place. A fix out
+    of reach stays the next one.
+    """
+    k = s.counters[fs.FIX] % streams.fix_stamps.shape[0]
+    r_e, covariance_e = streams.fix_r_e[k], streams.fix_covariance_e[k]
+    heading = streams.fix_array_heading[k]
+    steps = 0
+    if c.back_propagates:
+        validity_ns = streams.fix_validities[k]
+        steps = fill_late_fix(s, fr, c, past, w, validity_ns, r_e, covariance_e, heading)
+        if steps == OUT_OF_REACH:
+            return fs.STOPPED
+    else:
+        fill_fix(s, fr, c, w, stamp, r_e, covariance_e, heading)
+    s.counters[fs.FIX] += 1
+    streams.fix_notes[k, 0] = steps
+    streams.fix_notes[k, 1] = s.counters[fs.STAMP]
+    streams.fix_notes[k, 2] = rows.io[1]
+    return fs.VECTOR
+
+
+@kernel
+def _note_fix(s: State, c: Settings, w: Work, streams: Streams, code: int) -> int:
+    """Code of the fix that was taken last, its outcome stored; STOPPED for a refused late one."""
+    k = (s.counters[fs.FIX] - 1) % streams.fix_stamps.shape[0]
+    note_outcome(w, code, streams.fix_outcomes[k])
+    if c.back_propagates and code == fs.REFUSED:
+        return fs.STOPPED
+    return code
 
 
 @kernel
@@ -27,123 +171,38 @@ def _process(
     until_rank: int,
     rows: Rows,
 ) -> int:
-    """Process events as `advance` says; the frames of the state are left behind."""
-    imu_room = streams.imu_stamps.shape[0]
+    """Code of `advance`, for the events up to there; the frames of the state are left behind."""
     while True:
-        # The next measurement; within a stamp the ranks decide: control, depth, DVL, fix.
-        e = s.counters[fs.DEPTH]
-        d = s.counters[fs.DVL]
-        f = s.counters[fs.FIX]
-        u = s.counters[fs.CONTROL]
-        stamp = fs.NEVER_NS
-        rank = fs.FIX_RANK
-        if u < streams.counts[4]:
-            stamp = streams.control_stamps[u % streams.control_stamps.shape[0]]
-            rank = fs.CONTROL_RANK
-        if e < streams.counts[1]:
-            other = streams.depth_stamps[e % streams.depth_stamps.shape[0]]
-            if other < stamp:
-                stamp = other
-                rank = fs.DEPTH_RANK
-        if d < streams.counts[2]:
-            other = streams.dvl_stamps[d % streams.dvl_stamps.shape[0]]
-            if other < stamp:
-                stamp = other
-                rank = fs.DVL_RANK
-        if f < streams.counts[3]:
-            other = streams.fix_stamps[f % streams.fix_stamps.shape[0]]
-            if other < stamp:
-                stamp = other
-                rank = fs.FIX_RANK
+        stamp, rank = _next_measurement(s, streams)
         # IMU samples up to there: the first of their stamps.
-        last = min(stamp, until_ns if until_rank > fs.IMU_RANK else until_ns - 1)
-        left = streams.counts[0] - s.counters[fs.IMU]
-        k = s.counters[fs.IMU] % imu_room
-        while left > 0 and streams.imu_stamps[k] <= last:
-            now = streams.imu_stamps[k]
-            if 0 <= rows.io[0] < now:
-                if rows.io[1] >= rows.stamps.shape[0]:
-                    return fs.FULL
-                put_row(s, c, rows)
-            code = imu_event(s, c, past, w, log, now, streams.omega_ib_b[k], streams.f_b[k])
-            if now >= rows.io[2]:
-                rows.io[0] = now
-                rows.io[2] = (now // c.output_ns + 1) * c.output_ns
-            if code < 0:
-                return code
-            left -= 1
-            k += 1
-            if k == imu_room:
-                k = 0
-        if stamp > until_ns or (stamp == until_ns and rank >= until_rank) or stamp == fs.NEVER_NS:
+        last_ns = min(stamp, until_ns if until_rank > fs.IMU_RANK else until_ns - 1)
+        code = _imu_until(s, c, past, w, log, streams, last_ns, rows)
+        if code < 0:
+            return code
+        if stamp == fs.NEVER_NS or not is_before(stamp, rank, until_ns, until_rank):
             return fs.DONE
-        if 0 <= rows.io[0] < stamp:
-            if rows.io[1] >= rows.stamps.shape[0]:
-                return fs.FULL
-            put_row(s, c, rows)
+        if not _write_due(s, c, rows, stamp):
+            return fs.FULL
         if rank == fs.CONTROL_RANK:
-            k = u % streams.control_stamps.shape[0]
-            control_event(s, stamp, streams.control_force_b[k])
+            _take_control(s, streams, stamp)
             continue
         locate(s, fr, c)
         if rank == fs.DEPTH_RANK:
-            s.counters[fs.DEPTH] += 1
-            k = e % streams.depth_stamps.shape[0]
-            fill_depth(s, fr, c, w, streams.depth[k], streams.depth_variance[k])
-            m, row = fs.SCALAR, fs.DEPTH_ROW
+            stream, m = fs.DEPTH_ROW, _take_depth(s, fr, c, w, streams)
         elif rank == fs.DVL_RANK:
-            s.counters[fs.DVL] += 1
-            k = d % streams.dvl_stamps.shape[0]
-            fill_dvl(s, fr, c, w, streams.dvl_v_m[k], streams.dvl_covariance_m[k])
-            m, row = fs.VECTOR, fs.DVL_ROW
-            if c.aiding.on and not has_bottom_lock(s, c):
-                # After a loss of lock the first pings are only watched.
-                code = ping_passes(s, c, w)
-                if code < 0:
-                    return code
-                if not count_good_ping(s, c, code == fs.FUSED):
-                    s.tally[fs.DVL_ROW, fs.GATED] += float(s.counting[0])
-                    continue
+            stream, m = fs.DVL_ROW, _take_ping(s, fr, c, w, streams)
         else:
-            k = f % streams.fix_stamps.shape[0]
-            steps = 0
-            if c.back_propagates:
-                steps = fill_late_fix(
-                    s,
-                    fr,
-                    c,
-                    past,
-                    w,
-                    streams.fix_validities[k],
-                    streams.fix_r_e[k],
-                    streams.fix_covariance_e[k],
-                    streams.fix_array_heading[k],
-                )
-                if steps == OUT_OF_REACH:
-                    return fs.STOPPED
-            else:
-                fill_fix(
-                    s,
-                    fr,
-                    c,
-                    w,
-                    stamp,
-                    streams.fix_r_e[k],
-                    streams.fix_covariance_e[k],
-                    streams.fix_array_heading[k],
-                )
-            s.counters[fs.FIX] += 1
-            streams.fix_notes[k, 0] = steps
-            streams.fix_notes[k, 1] = s.counters[fs.STAMP]
-            streams.fix_notes[k, 2] = rows.io[1]
-            m, row = fs.VECTOR, fs.FIX_ROW
-        code = fuse_rows(s, c, past, w, log, m, row, rank)
+            stream, m = fs.FIX_ROW, _take_fix(s, fr, c, past, w, streams, stamp, rows)
+        if m < 0:
+            return m
+        if m == fs.NO_MEASUREMENT:
+            continue
+        # One call for all: what it compiles to is long.
+        code = fuse_rows(s, c, past, w, log, m, stream, rank)
         if rank == fs.DVL_RANK and code == fs.FUSED:
             s.counters[fs.LOCK_NS] = s.counters[fs.STAMP]
-        if rank == fs.FIX_RANK:
-            note_outcome(w, code, streams.fix_outcomes[k])
-            if c.back_propagates and code == fs.REFUSED:
-                return fs.STOPPED
+        elif rank == fs.FIX_RANK:
+            code = _note_fix(s, c, w, streams, code)
         if code < 0:
             return code
 
@@ -161,9 +220,23 @@ def advance(
     until_rank: int,
     rows: Rows,
 ) -> int:
-    """Process what has come and stands before (until_ns, until_rank) in the total order.
+    """Code that says why processing stopped: all before (until_ns, until_rank), or less.
 
     Ranks within a stamp: IMU 0, control 1, depth 2, DVL 3, fix 4 (events.Rank).
+
+    Parameters
+    ----------
+    s, fr, past, log : in place
+        State, what follows from it, the stored past and the order of linear steps.
+    c : Settings
+    w : Work
+        Scratch.
+    streams : Streams
+        Measurements; the outcomes of fixes are written into it.
+    until_ns, until_rank : int
+        Where to stop in the total order [ns], [-].
+    rows : Rows
+        Takes the estimates that are due.
 
     Returns
     -------
@@ -217,7 +290,19 @@ def process_again(
     rows: Rows,
     snapshot: int,
 ) -> int:
-    """Go back to a snapshot (-1: to none) and `advance`; nothing is counted a second time."""
+    """Code of `advance` from a snapshot on; nothing is counted a second time.
+
+    Parameters
+    ----------
+    s, fr, c, past, w, log, streams, until_ns, until_rank, rows : as of `advance`
+    snapshot : int
+        Number of the snapshot to go back to; -1 for the state as it is.
+
+    Returns
+    -------
+    int
+        As `advance`; P_NOT_DEFINITE when the covariance that results is not positive definite.
+    """
     if snapshot >= 0:
         _restore(s, log, snapshot)
     s.counting[0] = 0

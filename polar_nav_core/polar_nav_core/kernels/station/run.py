@@ -1,4 +1,7 @@
-"""Streams of measurements through the filter of station mode in their total order."""
+"""Streams of measurements through the filter of station mode in their total order.
+
+Equations: docs/derivations/station.md.
+"""
 
 from __future__ import annotations
 
@@ -6,12 +9,12 @@ import math
 
 from ...arrays import Array
 from ..cache import kernel, routine
+from ..queues import earlier, is_before, next_stamp
+from ..sins.state import NEVER_NS
 from . import state as ss
 from .fix import fix_event
 from .state import Bank, Log, Rows, Settings, Streams, Work
 from .step import depth_event, imu_event, lever_arm, locate, to_station, turned
-
-_NEVER = 9_223_372_036_854_775_807
 
 
 @kernel
@@ -64,6 +67,29 @@ def healthy(b: Bank, c: Settings) -> bool:
     return True
 
 
+@kernel
+def _next_measurement(b: Bank, streams: Streams) -> tuple[int, int]:
+    """Stamp [ns] and rank of the next measurement, IMU samples included; NEVER_NS: none waits."""
+    counts, taken = streams.counts, b.counters
+    stamp = next_stamp(streams.imu_stamps, taken[ss.IMU], counts[0])
+    rank = ss.IMU_RANK
+    other = next_stamp(streams.control_stamps, taken[ss.CONTROL], counts[1])
+    stamp, rank = earlier(stamp, rank, other, ss.CONTROL_RANK)
+    other = next_stamp(streams.depth_stamps, taken[ss.DEPTH], counts[2])
+    stamp, rank = earlier(stamp, rank, other, ss.DEPTH_RANK)
+    other = next_stamp(streams.fix_stamps, taken[ss.FIX], counts[3])
+    return earlier(stamp, rank, other, ss.FIX_RANK)
+
+
+@kernel
+def _take_control(b: Bank, streams: Streams) -> None:
+    """Change the thrust to that of the next control sample."""
+    i = b.counters[ss.CONTROL]
+    for k in range(3):
+        b.flat[ss.FORCE + k] = streams.force_b[i % streams.force_b.shape[0], k]
+    b.counters[ss.CONTROL] = i + 1
+
+
 @routine
 def advance(
     b: Bank,
@@ -76,7 +102,7 @@ def advance(
     frozen: bool,
     rows: Rows,
 ) -> int:
-    """Process what has come and stands before (until_ns, until_rank) in the total order.
+    """Code that says why processing stopped: all before (until_ns, until_rank), or less.
 
     Parameters
     ----------
@@ -89,30 +115,8 @@ def advance(
         DONE; FULL when there is no more room for output (call again with room); NOT_DEFINITE.
     """
     while True:
-        stamp = _NEVER
-        rank = 0
-        i = b.counters[ss.IMU]
-        if i < streams.counts[0]:
-            stamp = streams.imu_stamps[i % streams.imu_stamps.shape[0]]
-        i = b.counters[ss.CONTROL]
-        if i < streams.counts[1]:
-            other = streams.control_stamps[i % streams.control_stamps.shape[0]]
-            if other < stamp:
-                stamp = other
-                rank = ss.CONTROL_RANK
-        i = b.counters[ss.DEPTH]
-        if i < streams.counts[2]:
-            other = streams.depth_stamps[i % streams.depth_stamps.shape[0]]
-            if other < stamp:
-                stamp = other
-                rank = ss.DEPTH_RANK
-        i = b.counters[ss.FIX]
-        if i < streams.counts[3]:
-            other = streams.fix_stamps[i % streams.fix_stamps.shape[0]]
-            if other < stamp:
-                stamp = other
-                rank = ss.FIX_RANK
-        if stamp > until_ns or (stamp == until_ns and rank >= until_rank) or stamp == _NEVER:
+        stamp, rank = _next_measurement(b, streams)
+        if stamp == NEVER_NS or not is_before(stamp, rank, until_ns, until_rank):
             return ss.DONE
         if 0 <= rows.io[0] < stamp:
             if rows.io[1] >= rows.stamps.shape[0]:
@@ -128,10 +132,7 @@ def advance(
             if rows.stamps.shape[0] > 0 and stamp // c.output_ns != before // c.output_ns:
                 rows.io[0] = stamp
         elif rank == ss.CONTROL_RANK:
-            i = b.counters[ss.CONTROL]
-            for k in range(3):
-                b.flat[ss.FORCE + k] = streams.force_b[i % streams.force_b.shape[0], k]
-            b.counters[ss.CONTROL] = i + 1
+            _take_control(b, streams)
         elif rank == ss.DEPTH_RANK:
             depth_event(b, c, w, streams, log.jumps)
         else:
@@ -198,7 +199,7 @@ def fill_navigation(
     C_b_G: Array,
     P: Array,
 ) -> None:
-    """Position, velocity and attitude as the rest of the house has them, and their covariance.
+    """Position, velocity and attitude as mode sins has them, and their covariance.
 
     P (9, 9): errors of attitude, velocity (grid axes) and position (ECEF), estimate minus truth.
     """
