@@ -1,6 +1,7 @@
 """The vehicle's model at work in the filter: prediction, pseudo-measurement, thrust, bottom lock.
 
 All of it stands in `State.model`; without a model that has no rows and nothing here is called.
+Derivation: docs/derivations/model_aiding.md.
 """
 
 from __future__ import annotations
@@ -13,14 +14,7 @@ from ..frames.earth import OMEGA_IE, up_and_height
 from ..frames.grid import fill_C_e_G
 from ..vehicle.model import surge_drag
 from . import state as fs
-from .block import (
-    gain_of,
-    half_rows,
-    is_jointly_definite,
-    joint_innovation,
-    rows_of_block,
-    subtract,
-)
+from .block import is_jointly_definite, joint_innovation, rows_of_block
 from .model import (
     CURRENT,
     LOG_DRAG,
@@ -34,15 +28,16 @@ from .model import (
     predict_block,
 )
 from .state import Settings, State, Work
-from .update import cholesky, nis_of
+from .update import cholesky, gain_of, nis_of, subtract
 
 LONGEST_STEP = 0.05
 """Of the integration of v_r [s]."""
 
-# Rows of Work.model. Work.M, which the prediction and update of P leave free here, has the rest:
-# in its first rows D_x, or vectors of a step.
+# Rows of Work.model: first matrices, each of as many rows as are free up to the next (slopes of
+# v_r' with rate and velocity in the first three columns), then vectors of a step.
 _F_EE, _PHI_EE, _A, _B, _G_E, _K_E, _D_E, _H_E = 0, 3, 6, 30, 37, 40, 43, 46
-_D1, _D2, _UP, _OMEGA, _FORCE, _ACCELERATION, _MIDDLE, _EARTH = 0, 1, 2, 3, 4, 5, 6, 7
+_BY_RATE, _BY_VELOCITY = 49, 52
+_D1, _D2, _UP, _OMEGA, _FORCE, _ACCELERATION, _MIDDLE, _EARTH = 55, 56, 57, 58, 59, 60, 61, 62
 
 
 @kernel
@@ -50,30 +45,30 @@ def _take_surge_drag(s: State, c: Settings, w: Work) -> None:
     """Drag of the model with that of surge as estimated."""
     e, numbers = s.model[fs.MEAN], c.aiding.numbers
     for k in range(3):
-        w.M[_D1, k] = numbers[fs.LINEAR, k]
-        w.M[_D2, k] = numbers[fs.QUADRATIC, k]
+        w.model[_D1, k] = numbers[fs.LINEAR, k]
+        w.model[_D2, k] = numbers[fs.QUADRATIC, k]
     d1, d2 = surge_drag(e[LOG_DRAG], e[SHARE], numbers[fs.OTHER, 1])
-    w.M[_D1, 0] = d1
-    w.M[_D2, 0] = d2
+    w.model[_D1, 0] = d1
+    w.model[_D2, 0] = d2
 
 
 @kernel
 def _take_means(s: State, w: Work, stamp_ns: int, dt: float) -> None:
     """Vertical, rate against the Earth and thrust as means over the filter step."""
     x, y, z, _ = up_and_height(s.r_e[0], s.r_e[1], s.r_e[2])
-    fill_C_e_G(x, y, z, w.C_m_G)
+    fill_C_e_G(x, y, z, w.C_e_G)
     thrust = s.model[fs.THRUST]
     rest = (stamp_ns - s.counters[fs.IMPULSE_NS]) * 1e-9
     for k in range(3):
-        w.M[_EARTH, k] = OMEGA_IE * w.C_m_G[k, 2]
+        w.model[_EARTH, k] = OMEGA_IE * w.C_e_G[k, 2]
     for k in range(3):
-        w.M[_UP, k] = w.C_mean[2, k]
-        w.M[_OMEGA, k] = w.omega_mean[k] - (
-            w.C_mean[0, k] * w.M[_EARTH, 0]
-            + w.C_mean[1, k] * w.M[_EARTH, 1]
-            + w.C_mean[2, k] * w.M[_EARTH, 2]
+        w.model[_UP, k] = w.C_mean[2, k]
+        w.model[_OMEGA, k] = w.omega_mean[k] - (
+            w.C_mean[0, k] * w.model[_EARTH, 0]
+            + w.C_mean[1, k] * w.model[_EARTH, 1]
+            + w.C_mean[2, k] * w.model[_EARTH, 2]
         )
-        w.M[_FORCE, k] = (thrust[fs.IMPULSE + k] + thrust[k] * rest) / dt
+        w.model[_FORCE, k] = (thrust[fs.IMPULSE + k] + thrust[k] * rest) / dt
         thrust[fs.IMPULSE + k] = 0.0
     s.counters[fs.IMPULSE_NS] = stamp_ns
 
@@ -82,25 +77,31 @@ def _take_means(s: State, w: Work, stamp_ns: int, dt: float) -> None:
 def predict_model(s: State, c: Settings, w: Work, Phi: Array, stamp_ns: int, dt: float) -> None:
     """Advance e and its covariances by a filter step, before P follows by Phi.
 
-    The means over the step, and F15, are left in the scratch by the step of the 24 states; its H,
-    PHt, R and stated serve as F_ex, Phi_ex and slopes.
+    The means over the step, and F15, are left in the scratch by the step of the 24 states.
+
+    Parameters
+    ----------
+    s, c, w : state (in place), settings, scratch
+    Phi : (24, 24) array
+        Transition of the step.
+    stamp_ns, dt : end of the step [ns], its length [s]
     """
     _take_surge_drag(s, c, w)
     _take_means(s, w, stamp_ns, dt)
-    numbers, rows, M = c.aiding.numbers, w.model, w.M
+    numbers, rows = c.aiding.numbers, w.model
     buoyancy, speed = numbers[fs.OTHER, 0], numbers[fs.OTHER, 1]
-    v_r_b, middle = s.model[fs.MEAN], M[_MIDDLE]
+    v_r_b, middle = s.model[fs.MEAN], rows[_MIDDLE]
     x, y, z = v_r_b[0], v_r_b[1], v_r_b[2]
     move_relative_velocity(
         v_r_b,
-        M[_ACCELERATION],
+        rows[_ACCELERATION],
         middle,
-        M[_OMEGA],
-        M[_UP],
-        M[_FORCE],
+        rows[_OMEGA],
+        rows[_UP],
+        rows[_FORCE],
         numbers[fs.INERTIA],
-        M[_D1],
-        M[_D2],
+        rows[_D1],
+        rows[_D2],
         buoyancy,
         dt,
         LONGEST_STEP,
@@ -109,19 +110,20 @@ def predict_model(s: State, c: Settings, w: Work, Phi: Array, stamp_ns: int, dt:
     middle[1] = 0.5 * (y + v_r_b[1])
     middle[2] = 0.5 * (z + v_r_b[2])
     F_ee, Phi_ee = rows[_F_EE : _F_EE + 3], rows[_PHI_EE : _PHI_EE + 3]
-    F_ex, Phi_ex, G = w.H, w.PHt, w.stated
+    F_ex, Phi_ex = w.model_slopes[0:3], w.model_slopes[3:6]
+    G = rows[_BY_RATE : _BY_RATE + 3]
     fill_model_slopes(
         F_ee,
         F_ex,
         G,
-        w.R,
+        rows[_BY_VELOCITY : _BY_VELOCITY + 3],
         middle,
-        M[_OMEGA],
+        rows[_OMEGA],
         w.C_mean,
-        M[_EARTH],
+        rows[_EARTH],
         numbers[fs.INERTIA],
-        M[_D1],
-        M[_D2],
+        rows[_D1],
+        rows[_D2],
         buoyancy,
         speed,
     )
@@ -131,7 +133,7 @@ def predict_model(s: State, c: Settings, w: Work, Phi: Array, stamp_ns: int, dt:
     thrust_ns = s.counters[fs.THRUST_NS]
     known = thrust_ns > 0 and stamp_ns - thrust_ns <= c.aiding.thrust_ns
     walks = numbers[fs.WALKS]
-    w.z[0] = walks[0] if known else numbers[fs.OTHER, 2]
+    w.z[0] = walks[0] if known else numbers[fs.OTHER, 2]  # variances per second
     w.z[1] = walks[1]
     w.z[2] = walks[2]
     add_model_noise(P_xe, P_ee, w.z, w.C_mean, G, c.densities[0], dt)
@@ -154,22 +156,20 @@ def model_is_definite(s: State, c: Settings, w: Work, thorough: bool) -> bool:
 
 @routine
 def correct_block(s: State, w: Work, m: int) -> None:
-    """Take a measurement of x into e: after the update of P, which left PHt, K, L and S."""
+    """Take a measurement of x into e: after the update of P, which left K, D, L and S."""
     rows = w.model
     P_xe, P_ee = s.model[fs.P_XE : fs.P_EE], s.model[fs.P_EE : fs.MEAN]
     G_e, K_e = rows[_G_E : _G_E + 3], rows[_K_E : _K_E + 3]
-    D_e, D_x = rows[_D_E : _D_E + 3], w.M[0:3]
+    D_e = rows[_D_E : _D_E + 3]
     rows_of_block(G_e, w.H, P_xe, m)
     gain_of(K_e, D_e, G_e, w.L, w.S, m)
-    half_rows(D_x, w.K, w.PHt, w.S, m)
-    _correct(s, w, P_xe, P_ee, K_e, D_e, D_x)
+    _correct(s, w, P_xe, P_ee, K_e, D_e)
 
 
 @kernel
-def _correct(
-    s: State, w: Work, P_xe: Array, P_ee: Array, K_e: Array, D_e: Array, D_x: Array
-) -> None:
-    subtract(P_xe, w.K, D_x, K_e, D_e)
+def _correct(s: State, w: Work, P_xe: Array, P_ee: Array, K_e: Array, D_e: Array) -> None:
+    """Change e and its covariances by the gains of x and e; w.D belongs to w.K."""
+    subtract(P_xe, w.K, w.D, K_e, D_e)
     subtract(P_ee, K_e, D_e, K_e, D_e)
     for i in range(E):
         s.model[fs.MEAN, i] -= K_e[0, i] * w.z[0] + K_e[1, i] * w.z[1] + K_e[2, i] * w.z[2]
@@ -187,7 +187,6 @@ def compare_velocities(s: State, c: Settings, w: Work, dt: float) -> int:
     e = s.model[fs.MEAN]
     H_e, G_e = rows[_H_E : _H_E + 3], rows[_G_E : _G_E + 3]
     K_e, D_e = rows[_K_E : _K_E + 3], rows[_D_E : _D_E + 3]
-    D_x = w.M[0:3]
     model_rows(w.H, H_e, w.z, s.C_b_G, s.v_G, e, e[CURRENT:LOG_DRAG])
     stated = c.aiding.numbers[fs.DIFFERENCE]
     times = max(1.0, 2.0 * stated[2] / dt)
@@ -200,10 +199,10 @@ def compare_velocities(s: State, c: Settings, w: Work, dt: float) -> int:
         return fs.S_NOT_DEFINITE
     if not nis_of(w.L, w.z, w.w, 3) <= c.gates[3]:
         return fs.REFUSED
-    gain_of(w.K, D_x, w.PHt, w.L, w.S, 3)
+    gain_of(w.K, w.D, w.PHt, w.L, w.S, 3)
     gain_of(K_e, D_e, G_e, w.L, w.S, 3)
-    subtract(s.P, w.K, D_x, w.K, D_x)
-    _correct(s, w, P_xe, P_ee, K_e, D_e, D_x)
+    subtract(s.P, w.K, w.D, w.K, w.D)
+    _correct(s, w, P_xe, P_ee, K_e, D_e)
     for i in range(w.x.shape[0]):
         w.x[i] = w.K[0, i] * w.z[0] + w.K[1, i] * w.z[1] + w.K[2, i] * w.z[2]
     return fs.FUSED

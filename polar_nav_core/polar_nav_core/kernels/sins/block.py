@@ -1,6 +1,7 @@
 """Updates of the 31 states in blocks: P (24, 24), P_xe (24, 7) and P_ee (7, 7) (model).
 
-Gains and what else has one row per measured value are transposed, as in `filter.update`.
+Gains and what else has one row per measured value are transposed, as in `update`; `gain_of` and
+`subtract` there do each block (docs/derivations/model_aiding.md).
 """
 
 from __future__ import annotations
@@ -65,64 +66,6 @@ def rows_of_block(G_e: Array, H: Array, P_xe: Array, m: int) -> None:
             if h != 0.0:
                 for i in range(E):
                     G_e[a, i] += h * P_xe[k, i]
-
-
-@kernel
-def gain_of(K: Array, D: Array, G: Array, L: Array, S: Array, m: int) -> None:
-    """K = G S^-1 and D = G - K S/2, all transposed: one row for each of m measured values.
-
-    Rows from m to 2 become zero. L is the Cholesky factor of S.
-    """
-    n = G.shape[1]
-    for a in range(m):
-        for i in range(n):
-            K[a, i] = G[a, i]
-        for b in range(a):
-            s = L[a, b]
-            for i in range(n):
-                K[a, i] -= s * K[b, i]
-        s = 1.0 / L[a, a]
-        for i in range(n):
-            K[a, i] *= s
-    for c in range(m):
-        a = m - 1 - c
-        for b in range(a + 1, m):
-            s = L[b, a]
-            for i in range(n):
-                K[a, i] -= s * K[b, i]
-        s = 1.0 / L[a, a]
-        for i in range(n):
-            K[a, i] *= s
-    half_rows(D, K, G, S, m)
-    for a in range(m, 3):
-        for i in range(n):
-            K[a, i] = 0.0
-
-
-@kernel
-def half_rows(D: Array, K: Array, G: Array, S: Array, m: int) -> None:
-    """D = G - K S/2, transposed; rows from m to 2 become zero."""
-    n = G.shape[1]
-    for a in range(3):
-        for i in range(n):
-            D[a, i] = G[a, i] if a < m else 0.0
-        if a < m:
-            for b in range(m):
-                s = 0.5 * S[a, b]
-                for i in range(n):
-                    D[a, i] -= s * K[b, i]
-
-
-@kernel
-def subtract(P: Array, K_i: Array, D_i: Array, K_j: Array, D_j: Array) -> None:
-    """P <- P - K_i D_j^T - D_i K_j^T: one block of Joseph's form multiplied out."""
-    for i in range(P.shape[0]):
-        for j in range(P.shape[1]):
-            P[i, j] -= (
-                (K_i[0, i] * D_j[0, j] + D_i[0, i] * K_j[0, j])
-                + (K_i[1, i] * D_j[1, j] + D_i[1, i] * K_j[1, j])
-                + (K_i[2, i] * D_j[2, j] + D_i[2, i] * K_j[2, j])
-            )
 
 
 @kernel

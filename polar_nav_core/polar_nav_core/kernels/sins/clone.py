@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from ...arrays import Array
 from ..cache import kernel
-from .update import COUPLED, NAV, N
+from .update import COUPLED, NAV, N, subtract
 
 
 @kernel
@@ -164,13 +164,7 @@ def clone_fuse(
             for b in range(3):
                 s -= 0.5 * (P_cc[a, b] + R[a, b]) * K[b, i]
             D[a, i] = s
-    for i in range(N):
-        for j in range(N):
-            P[i, j] -= (
-                (K[0, i] * D[0, j] + D[0, i] * K[0, j])
-                + (K[1, i] * D[1, j] + D[1, i] * K[1, j])
-                + (K[2, i] * D[2, j] + D[2, i] * K[2, j])
-            )
+    subtract(P, K, D, K, D)
 
 
 @kernel

@@ -1,4 +1,8 @@
-"""One measurement into the estimate: noise, gate, update, feedback, and what is stored of it."""
+"""One measurement into the estimate: noise, gate, update, feedback, and what is stored of it.
+
+Whole runs, clones and fixes that are fused again share `adapt_noise`, `judge` and `passes`.
+Derivation of the adapted noise: docs/derivations/adaptation.md.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +35,7 @@ def locate(s: State, fr: Frames, c: Settings) -> None:
 
 @kernel
 def correct_and_remember(s: State, past: Past, x: Array) -> None:
-    """Take an estimated error out of the state, and store it as a correction; not the frames."""
+    """Correct the state by an estimated error (24,), and store it; the frames stay behind."""
     feed_back(
         x,
         s.C_b_G,
@@ -53,7 +57,7 @@ def correct_and_remember(s: State, past: Past, x: Array) -> None:
 
 @kernel
 def feed_back_and_remember(s: State, fr: Frames, c: Settings, past: Past, x: Array) -> None:
-    """Take an estimated error out of the state, and store it as a correction."""
+    """Correct the state by an estimated error (24,), and store it; the frames follow."""
     correct_and_remember(s, past, x)
     locate(s, fr, c)
 
@@ -92,7 +96,7 @@ def learn_noise(noise: Array, z: Array, stated: Array, b: float, enlargement: fl
 
 @kernel
 def judge(w: Work, P: Array, H: Array, R: Array, z: Array, m: int) -> bool:
-    """PHt, S, its factor and NIS into the scratch; False when S is not positive definite."""
+    """Whether S is positive definite; PHt, S, its factor and NIS are in the scratch."""
     innovation_covariance(w.S, w.PHt, P, H, R, m)
     if not cholesky(w.L, w.S, m):
         return False
@@ -101,32 +105,49 @@ def judge(w: Work, P: Array, H: Array, R: Array, z: Array, m: int) -> bool:
 
 
 @kernel
-def fuse_rows(
-    s: State, c: Settings, past: Past, w: Work, log: Log, m: int, stream: int, rank: int
-) -> int:
-    """Gate, update and feed back what stands in H, R, z of the scratch (first m rows).
-
-    The frames are left behind: `fuse_filled` and `run.advance` see to them.
-    """
-    noise = s.noise[stream]
-    adaptive = c.adaptive and m == 3
-    if adaptive:
+def adapt_noise(s: State, c: Settings, w: Work, stream: int, m: int) -> None:
+    """Store R as stated, and scale it as the stream's noise is adapted; three rows only."""
+    if c.adaptive and m == fs.VECTOR:
         for a in range(3):
             for b in range(3):
                 w.stated[a, b] = w.R[a, b]
-        scale_noise(w.R, noise, c.floor)
+        scale_noise(w.R, s.noise[stream], c.floor)
+
+
+@kernel
+def passes(s: State, c: Settings, w: Work, z: Array, stream: int, m: int) -> bool:
+    """Whether a judged measurement passes the gate; then its weight, and what noise learns of it.
+
+    Of a fix far off, R and S in the scratch are enlarged; ``nis[1]`` says by how much. ``z`` is
+    the innovation that belongs to S.
+    """
     w.nis[1] = 1.0
+    if not w.nis[0] <= c.gates[m]:
+        return False
+    if stream == fs.FIX_ROW:
+        w.nis[1] = enlarge(w, c)
+    if c.adaptive and m == fs.VECTOR:
+        learn_noise(s.noise[stream], z, w.stated, c.forgetting, w.nis[1])
+    return True
+
+
+@kernel
+def fuse_rows(
+    s: State, c: Settings, past: Past, w: Work, log: Log, m: int, stream: int, rank: int
+) -> int:
+    """FUSED, REFUSED by the gate or S_NOT_DEFINITE, of what stands in H, R, z of the scratch.
+
+    First m rows; ``stream`` is their row of tally and noise, ``rank`` their place in the log. The
+    frames are left behind: `fuse_filled` and `run.advance` bring them up to date.
+    """
+    adapt_noise(s, c, w, stream, m)
     if not judge(w, s.P, w.H, w.R, w.z, m):
         return fs.S_NOT_DEFINITE
-    if not w.nis[0] <= c.gates[m]:
+    if not passes(s, c, w, w.z, stream, m):
         if s.counting[0]:
             s.tally[stream, fs.GATED] += 1.0
         return fs.REFUSED
-    if stream == fs.FIX_ROW:
-        w.nis[1] = enlarge(w, c)
-    if adaptive:
-        learn_noise(noise, w.z, w.stated, c.forgetting, w.nis[1])
-    update(s.P, w.x, w.S, w.z, m, w.K, w.PHt, w.L, w.M)
+    update(s.P, w.x, w.S, w.z, m, w.K, w.PHt, w.L, w.D)
     if c.aiding.on:
         correct_block(s, w, m)
     if s.counting[0]:
@@ -175,9 +196,9 @@ def ping_passes(s: State, c: Settings, w: Work) -> int:
 
 @kernel
 def enlarge(w: Work, c: Settings) -> float:
-    """Give a fix that passed the gate a larger R by its NIS (engine.sins.robust).
+    """Factor lambda >= 1 of a fix that passed the gate, by its NIS (engine.sins.robust).
 
-    R <- R + (lambda - 1) S; S and its factor follow. Returns lambda.
+    R <- R + (lambda - 1) S in the scratch; S and its factor follow.
     """
     if c.robust == fs.ROBUST_NONE or not w.nis[0] > c.robust_threshold:
         return 1.0

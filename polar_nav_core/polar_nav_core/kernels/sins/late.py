@@ -1,4 +1,7 @@
-"""A fix about the past: its rows against the stored position, brought through the steps to now."""
+"""Rows of a fix about the past: against the stored position, brought through the steps to now.
+
+Derivation: docs/derivations/late_fixes.md.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +19,10 @@ OUT_OF_REACH = -1
 
 @kernel
 def newest_until(stamps: Ints, count: int, stamp_ns: int) -> int:
-    """Number of the last of ``count`` stamps in a ring that is not after another; -1: none is."""
+    """Number of the newest of ``count`` stamps in a ring that is not after ``stamp_ns``.
+
+    -1 when no stored one is. Number i stands at i % length; stamps [ns] do not fall.
+    """
     length = stamps.shape[0]
     low = max(0, count - length)
     if count == 0 or stamps[low % length] > stamp_ns:
@@ -44,10 +50,22 @@ def fill_late_fix(
     covariance_e: Array,
     array_heading: float,
 ) -> int:
-    """H Phi^-1, R and z of a late fix into the scratch; the frames are those of now.
+    """How far back a late fix reaches; H Phi^-1, R and z of it are in the scratch.
 
     The innovation is that of the position stored before the time of validity plus velocity times
-    the rest.
+    the rest; the frames are those of now.
+
+    Parameters
+    ----------
+    s, fr, c, past : the present, and the stored past
+    w : Work
+        H, R, z are filled; point_e, velocity_e, C_e_G and C_a_G are scratch.
+    validity_ns : int
+        When the fix is valid [ns].
+    r_e, covariance_e : (3,), (3, 3) arrays
+        The fix and its covariance, ECEF [m], [m^2].
+    array_heading : float
+        Of the leader's USBL array, clockwise from its grid north [rad].
 
     Returns
     -------
@@ -65,7 +83,7 @@ def fill_late_fix(
         or s.counters[fs.CORRECTIONS] - correction > past.corrections.shape[0]
     ):
         return OUT_OF_REACH
-    place_of_epoch(past, i, w.point_e, w.velocity_e, w.C_mean)
+    place_of_epoch(past, i, w.point_e, w.velocity_e, w.C_e_G)
     ahead = (validity_ns - past.stamps[i]) * 1e-9
     for k in range(3):
         w.point_e[k] += w.velocity_e[k] * ahead

@@ -10,7 +10,7 @@ from ...arrays import Array
 from ..cache import kernel, routine
 from . import state as fs
 from .clone import clone_begin, clone_fuse, clone_measurement, clone_step, drop_information
-from .fuse import enlarge, feed_back_and_remember, judge, learn_noise, scale_noise, store_update
+from .fuse import adapt_noise, feed_back_and_remember, judge, passes, store_update
 from .state import Frames, Log, Past, Settings, State, Work
 from .update import COUPLED, NAV, Ints, N, cholesky, nis_of, predict, update
 
@@ -66,9 +66,20 @@ def smooth(
     work9: Array,
     work6: Array,
 ) -> None:
-    """Carry a clone of H x at ``place`` to now: C (24, 3), P_cc and the innovation z, in place.
+    """Carry a clone of H x from its place among the stored entries to now.
 
-    P, work9 (9, 3) and work6 (6, 3) are scratch.
+    Parameters
+    ----------
+    past, log : stored transitions; order and matrices of steps and updates
+    base, place : int
+        Entry of the last step before the clone's place; first entry after it.
+    H : (3, 24) array
+        Rows of the clone, position in grid axes [m].
+    z : (3,) array, in place
+        Innovation of the clone's measurement: against the estimate then, later that of now [m].
+    C, P_cc : (24, 3), (3, 3) arrays, out
+        Covariance of the present error with the clone, and the clone's own [m^2].
+    P, work9, work6 : (24, 24), (9, 3), (6, 3) arrays, scratch
     """
     length = log.kinds.shape[0]
     covariance_at(P, log, base, place)
@@ -98,26 +109,17 @@ def fuse_clone(
     z: Array,
     late_z: Array,
 ) -> int:
-    """Gate and fuse a clone's measurement with the noise in w.R and the rows in w.H.
+    """FUSED, REFUSED or S_NOT_DEFINITE, of a clone's measurement with noise w.R and rows w.H.
 
     ``z`` is its innovation against the present, ``late_z`` the one at its own place, which is what
     the log keeps.
     """
-    noise = s.noise[fs.FIX_ROW]
-    if c.adaptive:
-        for a in range(3):
-            for b in range(3):
-                w.stated[a, b] = w.R[a, b]
-        scale_noise(w.R, noise, c.floor)
+    adapt_noise(s, c, w, fs.FIX_ROW, fs.VECTOR)
     if not _judge_clone(w, P_cc, z):
         return fs.S_NOT_DEFINITE
-    w.nis[1] = 1.0
-    if not w.nis[0] <= c.gates[3]:
+    if not passes(s, c, w, z, fs.FIX_ROW, fs.VECTOR):
         return fs.REFUSED
-    w.nis[1] = enlarge(w, c)
-    if c.adaptive:
-        learn_noise(noise, z, w.stated, c.forgetting, w.nis[1])
-    clone_fuse(s.P, w.x, C, P_cc, w.R, w.L, z, w.K, w.M)
+    clone_fuse(s.P, w.x, C, P_cc, w.R, w.L, z, w.K, w.D)
     for a in range(3):
         w.z[a] = late_z[a]
     store_update(log, s.counters[fs.CORRECTIONS], w, 3)
@@ -127,6 +129,7 @@ def fuse_clone(
 
 @kernel
 def _judge_clone(w: Work, P_cc: Array, z: Array) -> bool:
+    """Whether S = P_cc + R is positive definite; S, its factor and NIS are in the scratch."""
     for a in range(3):
         for b in range(3):
             w.S[a, b] = P_cc[a, b] + w.R[a, b]
@@ -155,10 +158,13 @@ def filter_again(
     work24: Array,
     outcome: Array,
 ) -> int:
-    """Filter stored steps again with late fixes in their places; the present follows.
+    """What becomes of a new late fix when stored steps are filtered again with it in its place.
+
+    The present follows.
 
     Parameters
     ----------
+    s, fr, c, past, w, log : the filter; state, frames, past and log are changed
     kinds, numbers, epochs, rows : (n,) arrays
         The entries to repeat, PLACED and NEW fixes and what they leave (REMOVED) among them.
     removed_x : (r, 24) array
@@ -242,9 +248,8 @@ def _update_again(
         w.z[a] = total
         for b in range(3):
             w.R[a, b] = log.R[u, a, b]
-            w.stated[a, b] = w.R[a, b]
-    if kind == NEW and c.adaptive:
-        scale_noise(w.R, s.noise[fs.FIX_ROW], c.floor)
+    if kind == NEW:
+        adapt_noise(s, c, w, fs.FIX_ROW, m)
     if not judge(w, P, w.H, w.R, w.z, m):
         return fs.S_NOT_DEFINITE
     if kind == NEW:
@@ -252,15 +257,12 @@ def _update_again(
         for a in range(3):
             outcome[2 + a] = w.z[a]
             outcome[5 + a] = w.S[a, a]
-        outcome[0] = 0.0
-        outcome[8] = 1.0
-        if not w.nis[0] <= c.gates[3]:
+        passed = passes(s, c, w, w.z, fs.FIX_ROW, m)
+        outcome[0] = 1.0 if passed else 0.0
+        outcome[8] = w.nis[1]
+        if not passed:
             return fs.REFUSED
-        outcome[0] = 1.0
-        outcome[8] = enlarge(w, c)
-        if c.adaptive:
-            learn_noise(s.noise[fs.FIX_ROW], w.z, w.stated, c.forgetting, outcome[8])
-    update(P, w.x, w.S, w.z, m, w.K, w.PHt, w.L, w.M)
+    update(P, w.x, w.S, w.z, m, w.K, w.PHt, w.L, w.D)
     for k in range(N):
         before = log.x[u, k] if kind == fs.UPDATE else 0.0
         change[k] += before - w.x[k]

@@ -217,6 +217,10 @@ class Settings(NamedTuple):
     aiding: Aiding
 
 
+MODEL_WORK = 63
+"""Rows of Work.model."""
+
+
 class Work(NamedTuple):
     """Scratch; H, R, z, x, K, S and nis hold the last update."""
 
@@ -234,17 +238,20 @@ class Work(NamedTuple):
     z: Array
     x: Array
     q: Array
+    D: Array  # (3, 24): G - K S/2 of the last update, transposed
     nis: Array  # (2,): NIS, and by how much S was enlarged after the gate
     C_m_G: Array
     C_mean: Array
     C_a_G: Array
+    C_e_G: Array  # (3, 3): grid frame at another place than that of Frames
     f_mean: Array
     omega_mean: Array
     omega: Array
     f: Array
     point_e: Array
     velocity_e: Array
-    model: Array  # rows of 7 (aiding)
+    model: Array  # (MODEL_WORK, 7) of the vehicle's model, rows as in aiding
+    model_slopes: Array  # (6, 24): F_ex and Phi_ex of the vehicle's model
 
 
 def make_work() -> Work:
@@ -272,17 +279,20 @@ def make_work() -> Work:
         z=three(),
         x=np.zeros(N),
         q=np.zeros(N),
+        D=np.zeros(rows),
         nis=np.array([0.0, 1.0]),
         C_m_G=square(),
         C_mean=square(),
         C_a_G=square(),
+        C_e_G=square(),
         f_mean=three(),
         omega_mean=three(),
         omega=three(),
         f=three(),
         point_e=three(),
         velocity_e=three(),
-        model=np.zeros((49, E)),
+        model=np.zeros((MODEL_WORK, E)),
+        model_slopes=np.zeros((6, N)),
     )
 
 

@@ -1,10 +1,11 @@
 """Error-state filter on 24 states: prediction, update and feedback.
 
 Order of states: phi_G, dv_G, dr_e, gyro bias, accelerometer bias, DVL scale, DVL Markov velocity,
-USBL bias (polar_nav_core.error_model.ErrorState). The transition matrix is full in its first nine
-rows (columns 0..14) and diagonal below, which the products here make use of. No function
-allocates; scratch arrays come from the caller. Loops over a row run to the length of an array
-where that is faster: the compiler takes loops of a known length apart before it looks for vectors.
+USBL bias (polar_nav_core.error_model.ErrorState; signs in docs/frames.md). The transition matrix
+is full in its first nine rows (columns 0..14) and diagonal below, which the products here make use
+of. No function allocates; scratch arrays come from the caller. Loops over a row run to the length
+of an array where that is faster: the compiler takes loops of a known length apart before it looks
+for vectors.
 """
 
 from __future__ import annotations
@@ -192,37 +193,24 @@ def nis_of(L: Array, z: Array, w: Array, m: int) -> float:
 
 
 @kernel
-def update(
-    P: Array,
-    x: Array,
-    S: Array,
-    z: Array,
-    m: int,
-    K: Array,
-    PHt: Array,
-    L: Array,
-    A: Array,
-) -> None:
-    """Kalman update with Joseph's form; x <- K z.
-
-    P <- (I - K H) P (I - K H)^T + K R K^T with K = P H^T S^-1. Multiplied out with G = P H^T and
-    S = H G + R this is P - K D^T - D K^T, D = G - K S/2: for any K, as Joseph's, so that a rounded
-    gain matters in second order only; symmetric to the bit; a quarter of the work. S, PHt and L
-    come from :func:`innovation_covariance` and :func:`cholesky`.
+def gain_of(K: Array, D: Array, G: Array, L: Array, S: Array, m: int) -> None:
+    """K = G S^-1 and D = G - K S/2, all transposed: one row for each of m measured values.
 
     Parameters
     ----------
-    P : (24, 24) array, in place
-    x : (24,) array, out: estimated error
-    S, z : (m, m), (m,)
-    K : (3, 24) array, out: the gain, transposed
-    PHt, L : (3, 24), (3, 3)
-    A : (24, 24) scratch; rows 0..2 are D^T
+    K, D : (3, n) arrays, out
+        Gain, and what Joseph's form needs besides (`subtract`); rows from m to 2 become zero.
+    G : (3, n) array
+        (P H^T)^T, or the rows of another block of the covariance.
+    L, S : (3, 3) arrays
+        Cholesky factor of the innovation covariance S, and S itself.
+    m : int
+        Measured values.
     """
-    n = P.shape[0]
-    for a in range(m):  # K S = P H^T by forward and back substitution
+    n = G.shape[1]
+    for a in range(m):  # K S = G by forward and back substitution
         for i in range(n):
-            K[a, i] = PHt[a, i]
+            K[a, i] = G[a, i]
         for b in range(a):
             s = L[a, b]
             for i in range(n):
@@ -239,44 +227,86 @@ def update(
         s = 1.0 / L[a, a]
         for i in range(n):
             K[a, i] *= s
+    for a in range(m):
+        for i in range(n):
+            D[a, i] = G[a, i]
+        for b in range(m):
+            s = 0.5 * S[a, b]
+            for i in range(n):
+                D[a, i] -= s * K[b, i]
+    for a in range(m, 3):
+        for i in range(n):
+            K[a, i] = 0.0
+            D[a, i] = 0.0
+
+
+@kernel
+def subtract(P: Array, K_i: Array, D_i: Array, K_j: Array, D_j: Array) -> None:
+    """P <- P - K_i D_j^T - D_i K_j^T: one block of Joseph's form multiplied out.
+
+    P is (n_i, n_j); gains and D, transposed, are (3, n_i) and (3, n_j). Always three rows: one
+    pass over P.
+    """
+    for i in range(P.shape[0]):
+        k_0 = K_i[0, i]
+        k_1 = K_i[1, i]
+        k_2 = K_i[2, i]
+        d_0 = D_i[0, i]
+        d_1 = D_i[1, i]
+        d_2 = D_i[2, i]
+        for j in range(P.shape[1]):
+            P[i, j] -= (
+                (k_0 * D_j[0, j] + d_0 * K_j[0, j])
+                + (k_1 * D_j[1, j] + d_1 * K_j[1, j])
+                + (k_2 * D_j[2, j] + d_2 * K_j[2, j])
+            )
+
+
+@kernel
+def update(
+    P: Array,
+    x: Array,
+    S: Array,
+    z: Array,
+    m: int,
+    K: Array,
+    PHt: Array,
+    L: Array,
+    D: Array,
+) -> None:
+    """Kalman update with Joseph's form; x <- K z.
+
+    P <- (I - K H) P (I - K H)^T + K R K^T with K = P H^T S^-1. Multiplied out with G = P H^T and
+    S = H G + R this is P - K D^T - D K^T, D = G - K S/2: for any K, as Joseph's, so that a rounded
+    gain matters in second order only; symmetric to the bit; a quarter of the work. S, PHt and L
+    come from :func:`innovation_covariance` and :func:`cholesky`.
+
+    Parameters
+    ----------
+    P : (24, 24) array, in place
+    x : (24,) array, out: estimated error
+    S, z : (m, m), (m,)
+    m : measured values, 1 to 3
+    K : (3, 24) array, out: the gain, transposed
+    PHt, L : (3, 24), (3, 3)
+    D : (3, 24) array, out: D^T; of a larger array the first three rows
+    """
+    n = P.shape[0]
+    gain_of(K, D, PHt, L, S, m)
     for i in range(n):
         x[i] = 0.0
     for a in range(m):
         s = z[a]
         for i in range(n):
             x[i] += s * K[a, i]
-    for a in range(m):
-        for i in range(n):
-            A[a, i] = PHt[a, i]
-        for b in range(m):
-            s = 0.5 * S[a, b]
-            for i in range(n):
-                A[a, i] -= s * K[b, i]
-    for a in range(m, 3):
-        for i in range(n):
-            K[a, i] = 0.0
-            A[a, i] = 0.0
     if m == 1:
         for i in range(n):
             k_0 = K[0, i]
-            d_0 = A[0, i]
+            d_0 = D[0, i]
             for j in range(n):
-                P[i, j] -= k_0 * A[0, j] + d_0 * K[0, j]
+                P[i, j] -= k_0 * D[0, j] + d_0 * K[0, j]
         return
-    # Always three rows: one pass over P.
-    for i in range(n):
-        k_0 = K[0, i]
-        k_1 = K[1, i]
-        k_2 = K[2, i]
-        d_0 = A[0, i]
-        d_1 = A[1, i]
-        d_2 = A[2, i]
-        for j in range(n):
-            P[i, j] -= (
-                (k_0 * A[0, j] + d_0 * K[0, j])
-                + (k_1 * A[1, j] + d_1 * K[1, j])
-                + (k_2 * A[2, j] + d_2 * K[2, j])
-            )
+    subtract(P, K, D, K, D)
 
 
 @kernel
@@ -291,10 +321,22 @@ def feed_back(
     dvl_markov_m: Array,
     usbl_bias_a: Array,
 ) -> None:
-    """Take the estimated error x out of the navigation state (closed loop).
+    """Take the estimated error x out of the navigation state, in place (closed loop).
 
     C <- exp([phi x]) C, v <- v - dv, r <- r - dr; the sensor errors are estimates of errors, so
-    theirs is added.
+    theirs is added. This is the retraction that all Jacobians refer to (docs/frames.md), and the
+    one place that corrects the state.
+
+    Parameters
+    ----------
+    x : (24,) array
+        Estimated error, in the order and units of `polar_nav_core.error_model.ErrorState`.
+    C_b_G, v_G, r_e : (3, 3), (3,), (3,) arrays
+        Attitude; velocity, grid axes [m/s]; position, ECEF [m].
+    b_gyro_b, b_accel_b : (3,) arrays
+        Estimated biases, body axes [rad/s], [m/s^2].
+    dvl_scale_m, dvl_markov_m, usbl_bias_a : (3,) arrays
+        Estimated errors of DVL and USBL, instrument axes [-], [m/s], [m].
     """
     a = x[0]
     b = x[1]
