@@ -38,6 +38,7 @@ ENTRIES = [
     'fuse_filled',
     'judge',
     'locate',
+    'newest_until',
     'process_again',
     'put_row',
     'refer_to_place',

@@ -13,6 +13,7 @@ import numpy as np
 
 from ...kernels.sins import state as fs
 from ...kernels.sins.events import epoch_place
+from ...kernels.sins.late import newest_until
 from ...kernels.sins.transition import INVERSE
 from ...kernels.sins.update import N
 from ..events import Array
@@ -110,21 +111,8 @@ class History:
 
     def before(self, stamp_ns: int) -> Epoch | None:
         """Last epoch at or before a stamp; None when the history does not reach back that far."""
-        stamps, count = self._past.stamps, self.count
-        length = len(stamps)
-        low = max(0, count - length)
-        if count == 0 or self._stamp(low) > stamp_ns:
-            return None
-        # The ring is sorted on each side of where it is written next.
-        seam = count % length if count > length else 0
-        newer = int(np.searchsorted(stamps[:seam], stamp_ns, side='right'))
-        if newer:
-            number = count - seam + newer - 1
-        else:
-            until = length if count > length else count
-            older = int(np.searchsorted(stamps[seam:until], stamp_ns, side='right'))
-            number = low + older - 1
-        return self._epoch(number) if self._usable(number) else None
+        number = int(newest_until(self._past.stamps, self.count, stamp_ns))
+        return self._epoch(number) if number >= 0 and self._usable(number) else None
 
     def reaches_ns(self) -> int:
         """Stamp of the oldest epoch that a fix can still be compared with; 0 when there is none.
