@@ -118,9 +118,7 @@ class Navigation:
         )
 
 
-def system_matrix(
-    r_e: ArrayLike, v_G: ArrayLike, C_b_G: ArrayLike, omega_ib_b: ArrayLike, f_b: ArrayLike
-) -> Array:
+def system_matrix(r_e: ArrayLike, v_G: ArrayLike, C_b_G: ArrayLike, f_b: ArrayLike) -> Array:
     """Exact linear error model of the grid strapdown, gravity gradient included.
 
     Parameters
@@ -131,9 +129,6 @@ def system_matrix(
         Velocity over ground, grid axes [m/s].
     C_b_G : array_like, shape (3, 3)
         Body to grid.
-    omega_ib_b : array_like, shape (3,)
-        Angular rate, body axes [rad/s]. Part of the linearization point; the matrix does not
-        depend on it.
     f_b : array_like, shape (3,)
         Specific force, body axes [m/s^2].
 
@@ -150,7 +145,6 @@ def system_matrix(
     arguments = {
         'r_e': require_regular(r_e),
         'v_G': vectors(v_G, 'v_G'),
-        'omega_ib_b': vectors(omega_ib_b, 'omega_ib_b'),
         'f_b': vectors(f_b, 'f_b'),
         'C_b_G': matrices(C_b_G, 'C_b_G'),
     }
@@ -163,7 +157,6 @@ def system_matrix(
         arguments['r_e'].copy(),
         arguments['v_G'].copy(),
         arguments['C_b_G'].copy(),
-        arguments['omega_ib_b'].copy(),
         arguments['f_b'].copy(),
     )
     return F15

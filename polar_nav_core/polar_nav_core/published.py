@@ -130,7 +130,7 @@ def system_matrix(
     The error of gravity is dropped, as in the paper. What the paper uses without printing it
     (C_weGv) is exact. Arguments as `error_model.system_matrix`.
     """
-    F = error_model.system_matrix(r_e, v_G, C_b_G, np.zeros(3), f_b)
+    F = error_model.system_matrix(r_e, v_G, C_b_G, f_b)
     lat, lon, height = (float(value) for value in geodetic_from_ecef(r_e))
     radius = SEMI_MAJOR / float(np.sqrt(1.0 - ECCENTRICITY_2 * np.sin(lat) ** 2)) + height
     v = vectors(v_G, 'v_G')

@@ -183,4 +183,4 @@ def warm_up() -> None:
     _kernels.strapdown_step_uneven(C_b_G, v_G, r_e, zero, zero, zero, zero, 0.01, 0.0)
     _blocks.strapdown_blocks(C_b_G, v_G, r_e, rows, rows, zero, zero, 0.01, 1)
     _kernels.hold_vertical(v_G, r_e, 0.0, 0.0)
-    _error_model.fill_system_matrix(np.empty((15, 15)), r_e, v_G, C_b_G, zero, zero)
+    _error_model.fill_system_matrix(np.empty((15, 15)), r_e, v_G, C_b_G, zero)

@@ -32,7 +32,6 @@ def both_ways(dt, tau_usbl):
         R_E.copy(),
         V_G.copy(),
         C_B_G.copy(),
-        OMEGA.copy(),
         F_B.copy(),
         dt,
         300.0,
@@ -63,7 +62,7 @@ def test_transition_is_the_matrix_exponential_to_third_order():
     from polar_nav_core.error_model import system_matrix
 
     F = np.zeros((N, N))
-    F[:15, :15] = system_matrix(R_E, V_G, C_B_G, OMEGA, F_B)
+    F[:15, :15] = system_matrix(R_E, V_G, C_B_G, F_B)
     F[18:21, 18:21] = -np.eye(3) / 300.0
     F[21:24, 21:24] = -np.eye(3) / 50.0
     # The remainder is F^3 dt^3/6, most of it gravity turning a gyro bias into position.

@@ -126,10 +126,10 @@ def test_rows_of_the_pseudo_measurement_against_differences():
 def transition(dt):
     """Blocks from the kernels, and I + F dt + (F dt)^2/2 of the 31 states."""
     F_ee, F_ex, G = slopes()
-    F15 = system_matrix(R_E, V_G, C_B_G, OMEGA_IB, F_B)
+    F15 = system_matrix(R_E, V_G, C_B_G, F_B)
     Phi = np.zeros((N, N))
     work = np.zeros(INVERSE), np.zeros((15, 15))
-    fill_transition(Phi, *work, R_E, V_G, C_B_G, OMEGA_IB, F_B, dt, 300.0, 0.0)
+    fill_transition(Phi, *work, R_E, V_G, C_B_G, F_B, dt, 300.0, 0.0)
     Phi_ee, Phi_ex = np.ones((3, E)), np.ones((3, N))
     fm.fill_model_transition(Phi_ee, Phi_ex, F_ee, F_ex, F15, dt)
     F = np.zeros((ALL, ALL))

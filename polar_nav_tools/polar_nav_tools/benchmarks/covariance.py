@@ -63,7 +63,7 @@ def matrices(r: Record, cycles: int = CYCLES) -> Matrices:
     omega_ib_b, f_b = r.dtheta_b[1] / r.dt, r.dvel_b[1] / r.dt
     Phi, zero = np.zeros((kf.N, kf.N)), np.zeros(3)
     work = np.zeros(INVERSE), kf.scratch()['F15']
-    fill_transition(Phi, *work, p, v, C, omega_ib_b, f_b, _PREDICTION_S, _MARKOV_S, 0.0)
+    fill_transition(Phi, *work, p, v, C, f_b, _PREDICTION_S, _MARKOV_S, 0.0)
     H, R = np.zeros((3, kf.N)), np.zeros((3, 3))
     filter_rows.dvl_rows(
         H, R, np.zeros(3), np.zeros((3, 3)), C, v, omega_ib_b,

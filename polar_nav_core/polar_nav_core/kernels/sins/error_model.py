@@ -27,19 +27,147 @@ def _add_outer(
 
 
 @kernel
-def fill_system_matrix(
-    F15: Array,
-    r_e: Array,
-    v_G: Array,
-    C_b_G: Array,
-    omega_ib_b: Array,  # noqa: ARG001
-    f_b: Array,
-) -> None:
-    """d(error rate)/d(error), into F15 (15, 15): phi_G, dv_G, dr_e, gyro bias, accelerometer bias.
+def _curvature_slopes(
+    p_E: float,
+    p_N: float,
+    u_z: float,
+    h: float,
+    dp_E: float,
+    dp_N: float,
+    ds: float,
+    dh: float,
+) -> tuple[float, float, float]:
+    """Slopes (dk_EE, dk_EN, dk_NN) [1/m^2] of the curvatures along a grid axis; eq. (3).
 
-    Exact to first order on the ellipsoid, gravity gradient included. omega_ib_b [rad/s] is part of
-    the signature because it is part of the linearization point; with phi in grid axes the matrix
-    does not depend on it. Rows 9 to 14 are zero: bias models belong to the filter.
+    Parameters
+    ----------
+    p_E, p_N : float
+        Spin axis in the horizontal plane, grid axes [-].
+    u_z, h : float
+        sin(latitude) [-] and height [m].
+    dp_E, dp_N, ds, dh : float
+        Slopes of p_E, p_N and sin(latitude) [1/m], and of the height [-], along that axis.
+    """
+    w2 = 1.0 - ECCENTRICITY_2 * u_z * u_z
+    w = math.sqrt(w2)
+    r_n = SEMI_MAJOR / w
+    r_m = r_n * (1.0 - ECCENTRICITY_2) / w2
+    i_n = 1.0 / (r_n + h)
+    i_m = 1.0 / (r_m + h)
+    q = r_n * ECCENTRICITY_2 / w2 * i_n * i_m
+    dr_n = SEMI_MAJOR * ECCENTRICITY_2 * u_z / (w2 * w)
+    dr_m = 3.0 * SEMI_MAJOR * (1.0 - ECCENTRICITY_2) * ECCENTRICITY_2 * u_z / (w2 * w2 * w)
+    n = (dr_n * ds + dh) * i_n
+    m = (dr_m * ds + dh) * i_m
+    dq = q * (3.0 * ECCENTRICITY_2 * u_z / w2 * ds - m - n)
+    return (
+        -n * i_n + dq * p_E * p_E + 2.0 * q * p_E * dp_E,
+        dq * p_E * p_N + q * (p_E * dp_N + p_N * dp_E),
+        -n * i_n + dq * p_N * p_N + 2.0 * q * p_N * dp_N,
+    )
+
+
+@kernel
+def _position_columns(
+    F15: Array, v_G: Array, u_x: float, u_y: float, u_z: float, h: float
+) -> None:
+    """Columns of F15 by dr_e, added to its zeros: eqs. (2) to (5).
+
+    First as derivatives along each grid axis, then times that axis in ECEF. Bg and C_G_e are read
+    in F15, where they stand by dv (rows of phi and of dr).
+
+    Parameters
+    ----------
+    F15 : (15, 15) array, in place
+    v_G : (3,) array
+        Velocity over ground, grid axes [m/s].
+    u_x, u_y, u_z, h : float
+        Up vector, ECEF [-], and height [m].
+    """
+    inv = 1.0 / delta(u_x, u_z)
+    kappa = u_y * inv
+    p_E = -kappa * u_z
+    p_N = u_x * inv
+    ie_x = OMEGA_IE * p_E
+    ie_y = OMEGA_IE * p_N
+    ie_z = OMEGA_IE * u_z
+    v_x = v_G[0]
+    v_y = v_G[1]
+    v_z = v_G[2]
+    eG_x = F15[0, 3] * v_x + F15[0, 4] * v_y
+    g_h, g_s = gravity_slopes(u_z, h)
+    for j in range(3):
+        # displacement by 1 m along axis j: rotation (b) of the grid axes apart from their turn
+        # about up, and changes of p_E, p_N, sin(lat), height
+        b_x = F15[0, 3 + j]
+        b_y = F15[1, 3 + j]
+        b_z = F15[2, 3 + j]
+        dp_E = p_N * b_z - u_z * b_y
+        dp_N = u_z * b_x - p_E * b_z
+        ds = p_E * b_y - p_N * b_x
+        dh = 1.0 if j == 2 else 0.0
+        k_EE, k_EN, k_NN = _curvature_slopes(p_E, p_N, u_z, h, dp_E, dp_N, ds, dh)
+        # C_weGR, grid columns; d(kappa) is (k_EE, k_EN, 0) / Delta^2
+        t_x = -(v_x * k_EN + v_y * k_NN)
+        t_y = v_x * k_EE + v_y * k_EN
+        t_z = kappa * t_x + eG_x * b_y * inv * inv
+        # C_wieR = [w_ie x] C_betaR, grid columns
+        w_x = ie_y * b_z - ie_z * b_y
+        w_y = ie_z * b_x - ie_x * b_z
+        w_z = ie_x * b_y - ie_y * b_x
+        e_x = F15[6, 3 + j]
+        e_y = F15[7, 3 + j]
+        e_z = F15[8, 3 + j]
+        _add_outer(F15, 0, w_x + t_x, w_y + t_y, w_z + t_z, e_x, e_y, e_z)
+        t_x += 2.0 * w_x
+        t_y += 2.0 * w_y
+        t_z += 2.0 * w_z
+        _add_outer(
+            F15,
+            3,
+            v_y * t_z - v_z * t_y,
+            v_z * t_x - v_x * t_z,
+            v_x * t_y - v_y * t_x - g_h * dh - g_s * ds,
+            e_x,
+            e_y,
+            e_z,
+        )
+        # -C_G_e [v x] C_betaR, its grid columns taken to ECEF
+        w_x = -(v_y * b_z - v_z * b_y)
+        w_y = -(v_z * b_x - v_x * b_z)
+        w_z = -(v_x * b_y - v_y * b_x)
+        _add_outer(
+            F15,
+            6,
+            F15[6, 3] * w_x + F15[6, 4] * w_y + F15[6, 5] * w_z,
+            F15[7, 3] * w_x + F15[7, 5] * w_z,
+            F15[8, 3] * w_x + F15[8, 4] * w_y + F15[8, 5] * w_z,
+            e_x,
+            e_y,
+            e_z,
+        )
+
+
+@kernel
+def fill_system_matrix(F15: Array, r_e: Array, v_G: Array, C_b_G: Array, f_b: Array) -> None:
+    """d(error rate)/d(error), into F15: phi_G, dv_G, dr_e, gyro bias, accelerometer bias.
+
+    Exact to first order on the ellipsoid, gravity gradient included. With phi in grid axes the
+    matrix does not depend on the angular rate. Rows 9 to 14 are zero: bias models belong to the
+    filter.
+
+    Parameters
+    ----------
+    F15 : (15, 15) array, out
+        Units of the errors: rad, m/s, m, rad/s, m/s^2; rates per second.
+    r_e : (3,) array
+        Position, ECEF [m].
+    v_G : (3,) array
+        Velocity over ground, grid axes [m/s].
+    C_b_G : (3, 3) array
+        Body to grid.
+    f_b : (3,) array
+        Specific force, body axes [m/s^2].
     """
     for i in range(15):
         for j in range(15):
@@ -122,98 +250,13 @@ def fill_system_matrix(
             F15[i, 9 + j] = -C_b_G[i, j]
             F15[3 + i, 12 + j] = C_b_G[i, j]
 
-    # C_G_e: columns grid east, grid north, up
-    C00 = -u_x * kappa
-    C01 = d
-    C02 = -u_z * kappa
-    C10 = -u_z * inv
-    C12 = u_x * inv
-    F15[6, 3] = C00
-    F15[7, 3] = C01
-    F15[8, 3] = C02
-    F15[6, 4] = C10
-    F15[8, 4] = C12
+    # dr' by dv: C_G_e, columns grid east, grid north, up
+    F15[6, 3] = -u_x * kappa
+    F15[7, 3] = d
+    F15[8, 3] = -u_z * kappa
+    F15[6, 4] = -u_z * inv
+    F15[8, 4] = u_x * inv
     F15[6, 5] = u_x
     F15[7, 5] = u_y
     F15[8, 5] = u_z
-
-    # Columns by dr_e: first as derivatives along each grid axis, then times that axis in ECEF.
-    g_h, g_s = gravity_slopes(u_z, h)
-    dr_n = SEMI_MAJOR * ECCENTRICITY_2 * u_z / (w2 * w)
-    dr_m = 3.0 * SEMI_MAJOR * (1.0 - ECCENTRICITY_2) * ECCENTRICITY_2 * u_z / (w2 * w2 * w)
-    dq_s = 3.0 * ECCENTRICITY_2 * u_z / w2
-    for j in range(3):
-        # displacement by 1 m along axis j: rotation (b) of the grid axes apart from their turn
-        # about up, and changes of p_E, p_N, sin(lat), height
-        if j < 2:
-            b_x = F15[0, 3 + j]
-            b_y = F15[1, 3 + j]
-            b_z = F15[2, 3 + j]
-            p_E_j = p_N * b_z - u_z * b_y
-            p_N_j = u_z * b_x - p_E * b_z
-            s_j = p_E * b_y - p_N * b_x
-            h_j = 0.0
-        else:
-            b_x = 0.0
-            b_y = 0.0
-            b_z = 0.0
-            p_E_j = 0.0
-            p_N_j = 0.0
-            s_j = 0.0
-            h_j = 1.0
-        if j == 0:
-            e_x = C00
-            e_y = C01
-            e_z = C02
-        elif j == 1:
-            e_x = C10
-            e_y = 0.0
-            e_z = C12
-        else:
-            e_x = u_x
-            e_y = u_y
-            e_z = u_z
-        n_j = (dr_n * s_j + h_j) * i_n
-        m_j = (dr_m * s_j + h_j) * i_m
-        q_j = q * (dq_s * s_j - m_j - n_j)
-        k_EE_j = -n_j * i_n + q_j * p_E * p_E + 2.0 * q * p_E * p_E_j
-        k_EN_j = q_j * p_E * p_N + q * (p_E * p_N_j + p_N * p_E_j)
-        k_NN_j = -n_j * i_n + q_j * p_N * p_N + 2.0 * q * p_N * p_N_j
-        # C_weGR, grid columns; d(kappa) is (k_EE, k_EN, 0) / Delta^2
-        t_x = -(v_x * k_EN_j + v_y * k_NN_j)
-        t_y = v_x * k_EE_j + v_y * k_EN_j
-        t_z = kappa * t_x
-        if j < 2:
-            t_z += eG_x * b_y * inv * inv
-        # C_wieR = [w_ie x] C_betaR, grid columns
-        w_x = ie_y * b_z - ie_z * b_y
-        w_y = ie_z * b_x - ie_x * b_z
-        w_z = ie_x * b_y - ie_y * b_x
-        _add_outer(F15, 0, w_x + t_x, w_y + t_y, w_z + t_z, e_x, e_y, e_z)
-        t_x += 2.0 * w_x
-        t_y += 2.0 * w_y
-        t_z += 2.0 * w_z
-        _add_outer(
-            F15,
-            3,
-            v_y * t_z - v_z * t_y,
-            v_z * t_x - v_x * t_z,
-            v_x * t_y - v_y * t_x - g_h * h_j - g_s * s_j,
-            e_x,
-            e_y,
-            e_z,
-        )
-        # -C_G_e [v x] C_betaR, its grid columns taken to ECEF
-        w_x = -(v_y * b_z - v_z * b_y)
-        w_y = -(v_z * b_x - v_x * b_z)
-        w_z = -(v_x * b_y - v_y * b_x)
-        _add_outer(
-            F15,
-            6,
-            C00 * w_x + C10 * w_y + u_x * w_z,
-            C01 * w_x + u_y * w_z,
-            C02 * w_x + C12 * w_y + u_z * w_z,
-            e_x,
-            e_y,
-            e_z,
-        )
+    _position_columns(F15, v_G, u_x, u_y, u_z, h)

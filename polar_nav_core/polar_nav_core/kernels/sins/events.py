@@ -1,7 +1,8 @@
 """One event and the filter: IMU sample, depth, DVL ping, fix at the present.
 
 These are the only places where the state changes; the live node, a replay and a rewind call the
-same compiled code, so that they get the same bits.
+same compiled code, so that they get the same bits. Rows of measurements:
+docs/derivations/measurements.md.
 """
 
 from __future__ import annotations
@@ -43,6 +44,7 @@ def _process_noise(q: Array, c: Settings, dt: float) -> None:
 def _covariance_step(
     s: State, c: Settings, past: Past, w: Work, log: Log, stamp_ns: int, dt: float
 ) -> int:
+    """DONE, or P_NOT_DEFINITE, of the covariance step of dt [s] that ends at a stamp."""
     s.counters[fs.STEPS] += 1
     number = s.counters[fs.STEPS]
     Phi = past.transitions[number % past.transitions.shape[0]]
@@ -55,7 +57,6 @@ def _covariance_step(
         s.r_e,
         s.v_G,
         w.C_mean,
-        w.omega_mean,
         w.f_mean,
         dt,
         c.markov[1],
@@ -300,7 +301,7 @@ def fill_fix(
 
 @kernel
 def note_outcome(w: Work, code: int, outcome: Array) -> None:
-    """What became of a fix, into (9,): fused, NIS, innovation, its variances, enlargement."""
+    """Outcome of a fix, into (9,): fused, NIS, innovation, its variances [m^2], enlargement."""
     outcome[0] = float(code)
     outcome[1] = w.nis[0]
     for a in range(3):
@@ -311,7 +312,7 @@ def note_outcome(w: Work, code: int, outcome: Array) -> None:
 
 @kernel
 def fill_array_axes(C_a_G: Array, array_heading: float, estimated: bool) -> None:
-    """C_a_G of the leader's array as far as a packet tells it: turned by the leader's heading.
+    """C_a_G of the leader's array as far as a packet states it: turned by the leader's heading.
 
     Zero while the USBL bias is not estimated.
     """

@@ -1,4 +1,7 @@
-"""Transition of the error state over a filter step, and its inverse."""
+"""Transition of the error state over a filter step, and its inverse.
+
+Derivations: docs/derivations/error_model.md, late_fixes.md (2).
+"""
 
 from __future__ import annotations
 
@@ -21,7 +24,6 @@ def fill_transition(
     r_e: Array,
     v_G: Array,
     C_b_G: Array,
-    omega_ib_b: Array,
     f_b: Array,
     dt: float,
     tau_markov: float,
@@ -39,11 +41,14 @@ def fill_transition(
         Rows 0..8: columns 0..14 of the inverse; row 9: the inverses of the diagonal from MARKOV
         on. The last column is zero.
     F15 : (15, 15) scratch
-    r_e, v_G, C_b_G, omega_ib_b, f_b : mean navigation state and inertial input over the step
+    r_e, v_G : (3,) arrays
+        Position, ECEF [m]; velocity, grid axes [m/s].
+    C_b_G, f_b : (3, 3), (3,) arrays
+        Means of attitude and specific force [m/s^2] over the step.
     dt : step [s]
     tau_markov, tau_usbl : correlation times [s]; 0 for a constant
     """
-    fill_system_matrix(F15, r_e, v_G, C_b_G, omega_ib_b, f_b)
+    fill_system_matrix(F15, r_e, v_G, C_b_G, f_b)
     for i in range(NAV):  # F dt stands in the rows below for a while: as wide as the result
         for j in range(COUPLED):
             Phi[NAV + i, j] = F15[i, j] * dt
