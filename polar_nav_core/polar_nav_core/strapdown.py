@@ -1,4 +1,4 @@
-"""Strapdown navigation in the grid frame: a small object over `kernels.strapdown`."""
+"""Strapdown navigation in the grid frame: a small object over `kernels.frames`."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from .arrays import Array, matrices, vectors
-from .attitude import exp
 from .grid import require_regular
 from .kernels.frames import blocks as _blocks
 from .kernels.frames import strapdown as _kernels
@@ -164,12 +163,6 @@ class Strapdown:
     def hold_vertical(self, height: float, v_up: float = 0.0) -> None:
         """Set height above the ellipsoid [m] and vertical velocity [m/s], as known from depth."""
         _kernels.hold_vertical(self.v_G, self.r_e, float(height), float(v_up))
-
-    def correct(self, phi_G: ArrayLike, dv_G: ArrayLike, dr_e: ArrayLike) -> None:
-        """Take estimated errors out: C <- exp([phi x]) C, v <- v - dv, r <- r - dr."""
-        self.C_b_G[:] = exp(phi_G) @ self.C_b_G
-        self.v_G -= vectors(dv_G, 'dv_G')
-        self.r_e -= vectors(dr_e, 'dr_e')
 
 
 def warm_up() -> None:

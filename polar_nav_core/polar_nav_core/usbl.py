@@ -2,8 +2,8 @@
 
 The fix is the follower's position at t3, when its transponder replied, seen from the array's pose
 at t4, when the reply was back. Leader and follower have different grid frames: relative vectors
-travel in the leader's, positions are added in ECEF only. `kernels.sins.rows.fix_rows` is the
-compiled form of `innovation` and `jacobian`.
+travel in the leader's, positions are added in ECEF only. What the engine makes of a position is
+`kernels.sins.rows.fix_rows`.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike
 
 from .arrays import Array, matrices, vectors
 from .attitude import skew
-from .error_model import Navigation, X
 from .grid import ecef_to_grid
 
 _ITERATIONS = 6
@@ -218,44 +217,3 @@ def transponder_position(
     if leader_covariance_e is not None:
         covariance = covariance + matrices(leader_covariance_e, 'leader_covariance_e')
     return Relative(leader + C_G_e @ relative_G.vector, covariance)
-
-
-def innovation(
-    navigation: Navigation,
-    transponder_r_e: ArrayLike,
-    lever_b: ArrayLike,
-    C_a_e: ArrayLike | None = None,
-) -> Array:
-    """Estimate minus measurement of the transponder's position, ECEF [m], shape (3,).
-
-    Parameters
-    ----------
-    navigation : Navigation
-        Of the follower, at the time of validity.
-    transponder_r_e : array_like, shape (3,)
-        The fix, ECEF [m].
-    lever_b : array_like, shape (3,)
-        From the follower's base_link to its transponder, body axes [m].
-    C_a_e : array_like, shape (3, 3), optional
-        Leader's array axes to ECEF, where the USBL error is estimated.
-    """
-    lever_e = ecef_to_grid(navigation.r_e).T @ navigation.C_b_G @ vectors(lever_b, 'lever_b')
-    fix = vectors(transponder_r_e, 'transponder_r_e')
-    if C_a_e is not None:
-        fix = fix - matrices(C_a_e, 'C_a_e') @ navigation.usbl_bias_a
-    result: Array = navigation.r_e + lever_e - fix
-    return result
-
-
-def jacobian(navigation: Navigation, lever_b: ArrayLike, C_a_e: ArrayLike | None = None) -> Array:
-    """H, shape (3, 24): innovation = H x.
-
-    The turn of the lever arm with dr, lever over earth radius, is left out.
-    """
-    C_G_e = ecef_to_grid(navigation.r_e).T
-    H = np.zeros((3, X.size))
-    H[:, X.phi_G] = C_G_e @ skew(navigation.C_b_G @ vectors(lever_b, 'lever_b'))
-    H[:, X.dr_e] = np.eye(3)
-    if C_a_e is not None:
-        H[:, X.usbl_bias_a] = -matrices(C_a_e, 'C_a_e')
-    return H

@@ -2,9 +2,10 @@
 
 import numpy as np
 from core_places import position
+from reference.error_model import Navigation
 
 from polar_nav_core import attitude
-from polar_nav_core.error_model import Navigation, X
+from polar_nav_core.error_model import X
 
 LEVER = np.array([-0.8, 0.1, 0.6])
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from reference.error_model import system_matrix
 from scipy.linalg import expm
 
 from polar_nav_core import attitude, earth, grid
@@ -59,8 +60,6 @@ SCALES = np.repeat([1e-4, 1e-2, 1.0, 1e-7, 1e-5, 1e-4, 5e-3, 0.5], 3)
 
 
 def test_transition_is_the_matrix_exponential_to_third_order():
-    from polar_nav_core.error_model import system_matrix
-
     F = np.zeros((N, N))
     F[:15, :15] = system_matrix(R_E, V_G, C_B_G, F_B)
     F[18:21, 18:21] = -np.eye(3) / 300.0

@@ -5,9 +5,13 @@ import numpy as np
 import pytest
 from core_jacobian import LEVER, navigation_at, numeric_jacobian
 from core_places import position
+from reference import depth as depth_rows
+from reference import dvl
+from reference import usbl as usbl_rows
+from reference.error_model import Navigation
 
-from polar_nav_core import attitude, depth, dvl, earth, grid, usbl
-from polar_nav_core.error_model import Navigation, X
+from polar_nav_core import attitude, depth, earth, grid
+from polar_nav_core.error_model import X
 from polar_nav_core.kernels.sins import rows as filter_rows
 
 PLACES = ['exact north pole', 'exact south pole', '89.99N at 180E', '80N 120E', '75S 60W']
@@ -100,16 +104,17 @@ def test_dvl_covariance_turns_with_the_vehicle():
 @pytest.mark.parametrize('name', PLACES)
 def test_depth_jacobian(name):
     navigation = navigation_at(name)
-    H = depth.jacobian(navigation, LEVER)
-    numeric = numeric_jacobian(lambda n: depth.innovation(n, 99.0, 0.5, LEVER), navigation)
+    H = depth_rows.jacobian(navigation, LEVER)
+    numeric = numeric_jacobian(lambda n: depth_rows.innovation(n, 99.0, 0.5, LEVER), navigation)
     np.testing.assert_allclose(H, numeric, rtol=0.0, atol=1e-6)
 
 
 def test_depth_innovation():
     navigation = Navigation(np.eye(3), np.zeros(3), position('80N 120E'))
     # base_link at -100 m, the sensor 0.6 m above it: 99.9 m below a surface at +0.5 m
-    np.testing.assert_allclose(depth.innovation(navigation, 99.9, 0.5, LEVER), 0.0, atol=1e-8)
-    np.testing.assert_allclose(depth.innovation(navigation, 100.9, 0.5, LEVER), 1.0, atol=1e-8)
+    for shown, expected in ((99.9, 0.0), (100.9, 1.0)):
+        z = depth_rows.innovation(navigation, shown, 0.5, LEVER)
+        np.testing.assert_allclose(z, expected, atol=1e-8)
 
 
 @pytest.mark.parametrize('lat_deg', [90.0, -90.0, 80.0, 0.0])
@@ -129,7 +134,7 @@ def test_pressure_to_depth_and_back(lat_deg):
 
 @pytest.mark.parametrize('name', PLACES)
 def test_compiled_rows_equal_these_forms(name):
-    """kernels.filter_rows is what the engine runs."""
+    """kernels.sins.rows is what the engine runs."""
     navigation = navigation_at(name)
     C_e_G = grid.ecef_to_grid(navigation.r_e)
     omega_ie_G = grid.earth_rate(navigation.r_e)
@@ -154,8 +159,10 @@ def test_compiled_rows_equal_these_forms(name):
     lever_G = navigation.C_b_G @ LEVER
     height = float(earth.geodetic_from_ecef(navigation.r_e)[2])
     filter_rows.depth_rows(H, R, z, C_e_G, navigation.C_b_G, height, 0.5 - 99.0, 0.01, LEVER)
-    np.testing.assert_allclose(H[:1], depth.jacobian(navigation, LEVER), rtol=0.0, atol=1e-15)
-    np.testing.assert_allclose(z[:1], depth.innovation(navigation, 99.0, 0.5, LEVER), atol=1e-9)
+    np.testing.assert_allclose(H[:1], depth_rows.jacobian(navigation, LEVER), rtol=0.0, atol=1e-15)
+    np.testing.assert_allclose(
+        z[:1], depth_rows.innovation(navigation, 99.0, 0.5, LEVER), atol=1e-9
+    )
 
     fix = navigation.r_e + np.array([3.0, -2.0, 1.0])
     C_a_e = attitude.exp([0.3, -1.0, 2.0])
@@ -163,9 +170,9 @@ def test_compiled_rows_equal_these_forms(name):
         H, R, z, C_e_G, lever_G, navigation.r_e + C_e_G.T @ lever_G, fix, np.eye(3),
         C_e_G @ C_a_e, navigation.usbl_bias_a,
     )  # fmt: skip
-    expected = usbl.jacobian(navigation, LEVER, C_a_e)
+    expected = usbl_rows.jacobian(navigation, LEVER, C_a_e)
     np.testing.assert_allclose(C_e_G.T @ H, expected, rtol=0.0, atol=1e-14)
     found = C_e_G.T @ z
     np.testing.assert_allclose(
-        found, usbl.innovation(navigation, fix, LEVER, C_a_e), rtol=0.0, atol=1e-8
+        found, usbl_rows.innovation(navigation, fix, LEVER, C_a_e), rtol=0.0, atol=1e-8
     )

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from reference.error_model import system_matrix
 
 from polar_nav_core import attitude
-from polar_nav_core.error_model import system_matrix
 from polar_nav_core.kernels.sins import block as fb
 from polar_nav_core.kernels.sins import model as fm
 from polar_nav_core.kernels.sins import update as kf

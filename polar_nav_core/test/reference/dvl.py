@@ -6,8 +6,7 @@ K per axis and the slowly varying error dV. The innovation is taken in grid axes
 measurement has to be resolved with the *estimated* attitude: that is the block -[V x] on phi which
 makes heading observable.
 
-`kernels.sins.rows.dvl_rows` is the compiled form that the engine runs; this one is for reading,
-simulation and tests.
+The readable form of `kernels.sins.rows.dvl_rows`, which the engine runs.
 """
 
 from __future__ import annotations
@@ -17,9 +16,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .arrays import Array, matrices, vectors
-from .attitude import skew
-from .error_model import Navigation, X
+from polar_nav_core.arrays import Array, matrices, vectors
+from polar_nav_core.attitude import skew
+from polar_nav_core.error_model import X
+
+from .error_model import Navigation
 
 
 @dataclass(frozen=True)

@@ -1,11 +1,10 @@
 """The paper's printed matrices, as printed and as corrected on the sphere.
 
 Source: the paper's equations (5), (6), (7), (14) and the observation matrix of its section 4.2
-[polarcoop2018]. For experiments only: the filter runs on `error_model.system_matrix`, which is
-exact. What is wrong with each printed matrix, and the test that shows it, stands in
-docs/misprints.md. All take latitude L and longitude lam [rad] and a radius [m], for which R_N + h
-is the best choice; grid axes and signs are the project's (phi is estimate minus truth), which for
-these matrices are the paper's too.
+[polarcoop2018]. The filter runs on `kernels.sins.error_model`, which is exact. What is wrong with
+each printed matrix, and the test that shows it, stands in docs/misprints.md. All take latitude L
+and longitude lam [rad] and a radius [m], for which R_N + h is the best choice; grid axes and signs
+are the project's (phi is estimate minus truth), which for these matrices are the paper's too.
 """
 
 from __future__ import annotations
@@ -13,12 +12,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
+from polar_nav_core.arrays import Array, vectors
+from polar_nav_core.attitude import skew
+from polar_nav_core.earth import ECCENTRICITY_2, OMEGA_IE, SEMI_MAJOR, geodetic_from_ecef
+from polar_nav_core.error_model import X
+from polar_nav_core.grid import ecef_to_grid
+
 from . import error_model
-from .arrays import Array, vectors
-from .attitude import skew
-from .earth import ECCENTRICITY_2, OMEGA_IE, SEMI_MAJOR, geodetic_from_ecef
-from .error_model import X
-from .grid import ecef_to_grid
 
 
 def _trig(lat: float, lon: float) -> tuple[float, float, float, float, float]:

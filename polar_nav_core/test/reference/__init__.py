@@ -1,0 +1,1 @@
+"""Readable forms of what the kernels compute, for tests to hold both together."""
