@@ -1,7 +1,7 @@
 """WGS-84 earth: ECEF and geodetic coordinates, up vector, gravity. Regular at both poles.
 
 Positions are ECEF metres, arrays of shape (..., 3); angles are radians. Compiled in
-`kernels.earth`.
+`kernels.frames.earth`.
 """
 
 from __future__ import annotations

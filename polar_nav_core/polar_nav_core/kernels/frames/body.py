@@ -55,11 +55,26 @@ def body_sample(
     fp_x: float, fp_y: float, fp_z: float,
     weight: float,
 ) -> tuple[float, float, float, float, float, float, float]:  # fmt: skip
-    """Quaternion (x, y, z, w) and velocity of one sample, in the body frame of its start.
+    """Rotation and velocity gained in one sample, in the body frame of its start.
 
-    a, f: increments of angle [rad] and velocity [m/s]; ap, fp: those before; weight: of previous x
-    current. The coning term is perpendicular to a; taking |a + coning| for |a| in the rotation of
-    f changes terms of sixth order.
+    The coning term is perpendicular to a; taking |a + coning| for |a| in the rotation of f changes
+    terms of sixth order.
+
+    Parameters
+    ----------
+    a_x, a_y, a_z : float
+        Increment of angle, integral of omega_ib_b [rad].
+    f_x, f_y, f_z : float
+        Increment of velocity, integral of the specific force f_b [m/s].
+    ap_x, ap_y, ap_z, fp_x, fp_y, fp_z : float
+        The same of the interval before; zero for the first.
+    weight : float
+        Of previous x current increments, by `coning_weight` [-].
+
+    Returns
+    -------
+    tuple
+        Quaternion (x, y, z, w), end to start; velocity (x, y, z) [m/s].
     """
     s_x = a_x + weight * (ap_y * a_z - ap_z * a_y)
     s_y = a_y + weight * (ap_z * a_x - ap_x * a_z)

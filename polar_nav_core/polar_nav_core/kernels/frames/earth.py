@@ -1,4 +1,6 @@
-"""WGS-84: up vector and height, radii, normal gravity. Regular at both poles, without angles.
+"""WGS-84: up vector and height, radii, normal gravity (docs/derivations/grid.md, section 1).
+
+Regular at both poles, without angles.
 
 Constants: NIMA TR8350.2 (WGS-84 defining and derived parameters); earth rate as in
 polar-cooperative navigation practice, 7.292115e-5 rad/s.

@@ -135,10 +135,26 @@ def move(
     k_EE: float, k_EN: float, k_NN: float,
     g: float,
 ) -> None:  # fmt: skip
-    """Move the navigation state over a block of dt [s] in given `surroundings`.
+    """Move C_b_G, v_G and r_e over a block of dt [s] in given `surroundings`, in place.
 
-    q: rotation of the body in the block; d: C_b_G U, velocity by force [m/s]; p: C_b_G S, path by
-    force [m]; both with the grid axes of the block's start.
+    Parameters
+    ----------
+    C_b_G, v_G, r_e : (3, 3), (3,), (3,) arrays
+        Body to grid; velocity over ground, grid axes [m/s]; position, ECEF [m].
+    q_x, q_y, q_z, q_w : float
+        Rotation of the body in the block as a quaternion, end to start.
+    d_x, d_y, d_z : float
+        C_b_G U: velocity gained by force, grid axes of the block's start [m/s].
+    p_x, p_y, p_z : float
+        C_b_G S: path gained by force, the same axes [m].
+    dt : float
+        Length of the block [s].
+    u_x, u_y, u_z, inv_d : float
+        Up vector at mid-block, ECEF, and 1/Delta [-].
+    k_EE, k_EN, k_NN : float
+        Curvatures of the height surface there, grid axes [1/m].
+    g : float
+        Gravity there, along -u [m/s^2].
     """
     half = 0.5 * dt
     v_x = v_G[0]
@@ -216,7 +232,16 @@ def navigate(
     p_x: float, p_y: float, p_z: float,
     dt: float,
 ) -> None:  # fmt: skip
-    """`move` in the `surroundings` at mid-block."""
+    """`move` in the `surroundings` at mid-block.
+
+    Parameters
+    ----------
+    C_b_G, v_G, r_e : (3, 3), (3,), (3,) arrays, in place
+    q_x, q_y, q_z, q_w, d_x, d_y, d_z, p_x, p_y, p_z : float
+        Rotation [-], velocity [m/s] and path [m] of the block, as of `move`.
+    dt : float
+        Length of the block [s].
+    """
     u_x, u_y, u_z, inv_d, k_EE, k_EN, k_NN, g = surroundings(v_G, r_e, 0.5 * dt)
     move(
         C_b_G, v_G, r_e, q_x, q_y, q_z, q_w, d_x, d_y, d_z, p_x, p_y, p_z, dt,
@@ -233,7 +258,20 @@ def _one(
     fp_x: float, fp_y: float, fp_z: float,
     dt: float, weight: float,
 ) -> None:  # fmt: skip
-    """A block of one sample: S = U dt / 2."""
+    """`navigate` over one sample, a block with S = U dt / 2.
+
+    Parameters
+    ----------
+    C_b_G, v_G, r_e : (3, 3), (3,), (3,) arrays, in place
+    a_x, a_y, a_z, f_x, f_y, f_z : float
+        Increments of angle [rad] and velocity [m/s], body axes.
+    ap_x, ap_y, ap_z, fp_x, fp_y, fp_z : float
+        The same of the interval before.
+    dt : float
+        Length of the interval [s].
+    weight : float
+        By `coning_weight` [-].
+    """
     q_x, q_y, q_z, q_w, w_x, w_y, w_z = body_sample(
         a_x, a_y, a_z, f_x, f_y, f_z, ap_x, ap_y, ap_z, fp_x, fp_y, fp_z, weight
     )

@@ -1,4 +1,4 @@
-"""What is told of a navigation state besides itself: angles, headings, uncertainties.
+"""Columns of a navigation state besides itself: angles, headings, uncertainties.
 
 One row of numbers for each state; `polar_nav_core.nav_columns` names them. The live node calls
 this for one row, a replay for thousands: the same code, so the same bits.

@@ -1,4 +1,7 @@
-"""One IMU sample through the strapdown, and the means to linearize the covariance step at."""
+"""One IMU sample through the strapdown, and the means to linearize the covariance step at.
+
+Derivation: docs/derivations/grid.md, section 4.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,7 @@ def hold_surroundings(held: Array, v_G: Array, r_e: Array, span: float) -> None:
     """Evaluate the place once for all samples of the next ``span`` [s], in the middle of it.
 
     Over a filter step of 0.1 s at 3 m/s gravity changes by less than 1e-6 m/s^2 and the grid axes
-    turn by 5e-8 rad, which the middle halves and balances: as in blocks (kernels.blocks).
+    turn by 5e-8 rad, which the middle halves and balances: as in blocks (`frames.blocks`).
     """
     u_x, u_y, u_z, inv_d, k_EE, k_EN, k_NN, g = surroundings(v_G, r_e, 0.5 * span)
     held[0] = u_x
@@ -46,9 +49,9 @@ def imu_step(
 
     Parameters
     ----------
-    C_b_G, v_G, r_e : navigation state, in place
-    b_gyro_b, b_accel_b : estimated biases
-    omega_ib_b, f_b : (3,) means over the interval, as measured
+    C_b_G, v_G, r_e : (3, 3), (3,) [m/s], (3,) [m] navigation state, in place
+    b_gyro_b, b_accel_b : (3,) estimated biases, body axes [rad/s], [m/s^2]
+    omega_ib_b, f_b : (3,) means over the interval, as measured, body axes [rad/s], [m/s^2]
     increments : (4, 3) array, in place: angle and velocity increment of this step, then of the
         step before
     dt, dt_prev : this interval and the one before [s]; 0 for none
@@ -113,9 +116,15 @@ def place(
     point_e: Array,
     velocity_e: Array,
 ) -> float:
-    """Frames at a navigation state, and the place of a point of the vehicle in ECEF.
+    """Height [m] at a navigation state; its frames and the place of a point of the vehicle.
 
-    Fills C_e_G, the earth rate, lever_G, the point's position and base_link's velocity.
+    Parameters
+    ----------
+    r_e, v_G, C_b_G : (3,) [m], (3,) [m/s], (3, 3) navigation state
+    lever_b : (3,) the point from base_link, body axes [m]
+    C_e_G, omega_ie_G : (3, 3), (3,) out, ECEF to grid; earth rate, grid axes [rad/s]
+    lever_G : (3,) out, the lever in grid axes [m]
+    point_e, velocity_e : (3,) out, the point, ECEF [m]; velocity of base_link, ECEF axes [m/s]
 
     Returns
     -------

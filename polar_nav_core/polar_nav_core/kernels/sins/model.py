@@ -49,10 +49,13 @@ def fill_model_slopes(
     G, J : (3, 3) out
         Slope of v_r' with the rate and with v_r.
     v_r_b, omega_eb_b : (3,)
-        Velocity through the water [m/s]; rate against the Earth [rad/s].
+        Velocity through the water [m/s]; rate against the Earth [rad/s]; body axes.
     C_b_G, omega_ie_G : (3, 3), (3,)
         Attitude; Earth rate, grid axes [rad/s].
-    inertia, drag_linear, drag_quadratic, net_buoyancy : the model, its surge drag as estimated
+    inertia, drag_linear, drag_quadratic : (3,)
+        Mass plus added mass [kg], d1 [N s/m], d2 [N s^2/m^2], of surge as estimated.
+    net_buoyancy : float
+        Buoyancy minus weight [N].
     speed : float
         At which ln Dt and f are stated [m/s].
     """
@@ -137,9 +140,22 @@ def move_relative_velocity(
     dt: float,
     longest: float,
 ) -> None:
-    """v_r over dt by the midpoint rule, in steps of ``longest`` or less.
+    """Move v_r over dt by the midpoint rule, in steps of ``longest`` or less.
 
-    a_b and mid_b, (3,), are scratch; the others are as of `fill_model_slopes`.
+    Parameters
+    ----------
+    v_r_b : (3,) array, in place
+        Velocity through the water, body axes [m/s].
+    a_b, mid_b : (3,) arrays
+        Scratch: acceleration and midpoint.
+    omega_eb_b, up_b, force_b : (3,) arrays
+        Rate against the Earth [rad/s], vertical [-] and thrust [N], body axes, held over dt.
+    inertia, drag_linear, drag_quadratic : (3,) arrays
+        Mass plus added mass [kg], d1 [N s/m], d2 [N s^2/m^2].
+    net_buoyancy : float
+        Buoyancy minus weight [N].
+    dt, longest : float
+        Time to move over, longest step [s].
     """
     count = 1
     while dt > longest * count:

@@ -67,12 +67,12 @@ def dvl_rows(
     ----------
     H, R, z : (3, 24), (3, 3), (3,) out, grid axes
     C_m_G : (3, 3) scratch
-    C_b_G, v_G : estimate
-    omega_ib_b, b_gyro_b : measured rate and its estimated bias [rad/s]
-    omega_ie_G : Earth rate, grid axes [rad/s]
-    scale_m, markov_m : estimated scale error and Markov velocity, instrument axes
-    v_m, R_m : measurement and its covariance, instrument axes
-    C_m_b, lever_b : mounting of the instrument and its place from base_link [m]
+    C_b_G, v_G : (3, 3), (3,) estimate [m/s]
+    omega_ib_b, b_gyro_b : (3,) measured rate and its estimated bias, body axes [rad/s]
+    omega_ie_G : (3,) Earth rate, grid axes [rad/s]
+    scale_m, markov_m : (3,) estimated scale error [-] and Markov velocity [m/s], instrument axes
+    v_m, R_m : (3,), (3, 3) measurement [m/s] and its covariance [(m/s)^2], instrument axes
+    C_m_b, lever_b : (3, 3), (3,) mounting of the instrument; its place, body axes [m]
     """
     _clear(H, 3)
     for i in range(3):
@@ -144,7 +144,16 @@ def depth_rows(
     variance: float,
     lever_b: Array,
 ) -> None:
-    """Height of the pressure sensor: z = h + (C_b_G lever)_up - measured_height, one row."""
+    """Height of the pressure sensor: z = h + (C_b_G lever)_up - measured_height, one row.
+
+    Parameters
+    ----------
+    H, R, z : (3, 24), (3, 3), (3,) out, first row
+    C_e_G, C_b_G : (3, 3) frames at the estimate
+    height : of base_link as estimated, above the ellipsoid [m]
+    measured_height, variance : of the sensor: sea surface less depth [m], [m^2]
+    lever_b : (3,) sensor from base_link, body axes [m]
+    """
     _clear(H, 1)
     L0 = C_b_G[0, 0] * lever_b[0] + C_b_G[0, 1] * lever_b[1] + C_b_G[0, 2] * lever_b[2]
     L1 = C_b_G[1, 0] * lever_b[0] + C_b_G[1, 1] * lever_b[1] + C_b_G[1, 2] * lever_b[2]

@@ -1,4 +1,7 @@
-"""Range and bearing of a station: rows, gate of the bank, update, weights of its members."""
+"""Range and bearing of a station: rows, gate of the bank, update, weights of its members.
+
+Equations: docs/derivations/station.md.
+"""
 
 from __future__ import annotations
 

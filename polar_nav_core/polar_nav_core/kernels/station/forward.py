@@ -1,4 +1,7 @@
-"""Late fixes brought to the present: `ignore`, `tagged` and `back_propagate` of station mode."""
+"""Late fixes brought to the present: `ignore`, `tagged` and `back_propagate` of station mode.
+
+Equations: docs/derivations/station.md.
+"""
 
 from __future__ import annotations
 

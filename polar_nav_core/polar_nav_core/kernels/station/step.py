@@ -141,7 +141,25 @@ def spread(
     c: Settings,
     w: Work,
 ) -> None:
-    """P <- F P F^T + Q over h seconds, symmetric to the bit; slopes as `slopes` left them."""
+    """P <- F P F^T + Q over a step, symmetric to the bit.
+
+    Parameters
+    ----------
+    P : (12, 12) array, in place
+    h : float
+        Length of the step [s].
+    q_c : float
+        Density of the current's random walk [m^2/s^3].
+    e, q_e : float
+        Decay [-] and added variance [rad^2] of the station's heading error over the step.
+    f_drag, f_share : float
+        Slopes of the surge acceleration with ln Dt and f [m/s^2], as `slopes` returns them.
+    g_x, g_y : float
+        Slopes of the velocity along x and y with the heading's bias [m/s], as it returns them.
+    c : Settings
+    w : Work
+        Slopes F and R as `slopes` left them; M is scratch.
+    """
     F, R, M = w.F, w.R, w.M
     for i in range(3):
         f0 = h * F[i, 0]
