@@ -20,8 +20,8 @@ from polar_nav_core.params import choice, param
 
 from .poses import NotKept, NotYet, Poses
 from .randomness import stream
+from .section import Spec
 from .sound_speed import SoundSpeed
-from .specs import Spec
 from .trajectory import NS
 from .travel import arrival_ns
 

@@ -21,8 +21,8 @@ import yaml
 
 from polar_nav_core.errors import ConfigError
 
-from .dynamics.specs import dynamics_of
 from .dynamics.truth import DynamicTruth
+from .dynamics_spec import dynamics_of
 from .paths.knots import (
     MARGIN,
     SPACING_S,
@@ -38,6 +38,7 @@ from .paths.profile import profile_of
 from .paths.recorded import RecordedPath, recorded_start_s
 from .paths.track import TrackPath
 from .resources import find_data, find_mission
+from .section import parse
 from .specs import (
     PATHS,
     MissionSpec,
@@ -47,7 +48,6 @@ from .specs import (
     TrackSpec,
     VehicleSpec,
     check_vehicles,
-    parse,
 )
 from .trajectory import NS, Trajectory, Truth
 

@@ -18,7 +18,7 @@ from polar_nav_core.link.station_packet import decode, encode
 
 from .acoustics import Channel, ChannelSpec, Packet
 from .dynamics.sampled import SampledMotion
-from .dynamics.specs import BodySpec
+from .dynamics_spec import BodySpec
 from .mission import load_mission
 from .poses import Poses, StillPoses, TrajectoryPoses
 from .randomness import stream

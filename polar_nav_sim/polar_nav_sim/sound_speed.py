@@ -19,7 +19,7 @@ from polar_nav_core.errors import ConfigError
 from polar_nav_core.params import param, text
 
 from .resources import DATA
-from .specs import Spec
+from .section import Spec
 
 Floats = NDArray[np.float64]
 

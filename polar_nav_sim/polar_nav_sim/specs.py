@@ -7,29 +7,18 @@ files; everything behind this module is in radians.
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
-from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
+from dataclasses import dataclass, field
+from typing import ClassVar
 
 from polar_nav_core.errors import ConfigError
-from polar_nav_core.params import check, choice, flag, from_mapping, param, text, vector
+from polar_nav_core.params import choice, flag, param, text, vector
 
-if TYPE_CHECKING:
-    from .dynamics.specs import DynamicsSpec
-
-T = TypeVar('T')
+from .dynamics_spec import DynamicsSpec
+from .section import Spec
 
 _VEHICLE_NAME = re.compile(r'[a-z][a-z0-9_]*')
-
-
-@dataclass(frozen=True)
-class Spec:
-    """Base: every section checks itself."""
-
-    def __post_init__(self) -> None:
-        check(self)
 
 
 @dataclass(frozen=True)
@@ -173,33 +162,6 @@ class MissionSpec(Spec):
     sea_floor_depth_m: float = param(
         0.0, 'm', 0.0, 12000.0, 'Depth of the sea floor; 0: unknown, altitude is then NaN'
     )
-
-
-def parse(cls: type[T], values: object, where: str) -> T:
-    """Make one section from what the file says; whole numbers may stand for floats.
-
-    Raises
-    ------
-    ConfigError
-        Naming the file, the section and the key.
-    """
-    if not isinstance(values, Mapping):
-        raise ConfigError(f'{where}: expected a mapping, found {values!r}')
-    kinds = {f.name: f.metadata.get('kind') for f in fields(cls)}  # type: ignore[arg-type]
-    try:
-        return from_mapping(cls, {str(k): _typed(v, kinds.get(str(k))) for k, v in values.items()})
-    except ConfigError as error:
-        raise ConfigError(f'{where}: {error}') from error
-
-
-def _typed(value: Any, kind: str | None) -> Any:  # noqa: ANN401 - a value of a YAML file
-    if kind == 'float' and isinstance(value, int) and not isinstance(value, bool):
-        return float(value)
-    if kind == 'floats' and isinstance(value, list | tuple):
-        return [float(v) if isinstance(v, int | float) else math.nan for v in value]
-    if kind == 'str' and not isinstance(value, str) and value is not None:
-        return str(value)
-    return value
 
 
 def check_vehicles(vehicles: Mapping[str, VehicleSpec], where: str) -> None:

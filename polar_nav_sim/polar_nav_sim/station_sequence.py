@@ -14,8 +14,8 @@ from polar_nav_core.errors import ConfigError
 from polar_nav_core.params import choice, param
 
 from .poses import NotKept, NotYet, Poses
+from .section import Spec
 from .sensors.station import Station, StationCycle, StationErrors, StationReading, least_period_s
-from .specs import Spec
 from .trajectory import NS
 
 

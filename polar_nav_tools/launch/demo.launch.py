@@ -30,7 +30,8 @@ from launch_ros.actions import Node
 
 from polar_nav_core.engine.configurations import NAMES
 from polar_nav_core.errors import ConfigError
-from polar_nav_tools.graph.build import LEADERS, PACES, GraphOptions, usual_configuration
+from polar_nav_tools.graph.build import usual_configuration
+from polar_nav_tools.graph.options import LEADERS, PACES, GraphOptions
 from polar_nav_tools.graph.spec import NodeSpec, Stage
 from polar_nav_tools.live.domain import node_surroundings
 from polar_nav_tools.live.node_process import NodeEnd

@@ -14,7 +14,8 @@ from polar_nav_core.engine.configurations import pair_of
 
 from .analysis.analyse import Analysis, analyse, open_for, topic_table
 from .analysis.report_file import write_analysis
-from .graph.build import GraphOptions, follower_parameters, usual_configuration
+from .graph.build import follower_parameters, usual_configuration
+from .graph.options import GraphOptions
 from .live.run import LiveRun, new_bag_path, read_mission, run_live
 from .scoring import Score
 from .scoring.plain import jsonable

@@ -6,7 +6,7 @@ from bag_samples import IMU, RUN_INFO, STATE, TRUTH, TYPES, imu, stamp_ns, truth
 from mcap.writer import Writer
 
 from polar_nav_tools.bags import BagError, open_bag
-from polar_nav_tools.bags.reading import Request
+from polar_nav_tools.bags.request import Request
 from polar_nav_tools.bags.schemas import definition
 from polar_nav_tools.bags.tables import read_tables
 

@@ -26,7 +26,7 @@ from read_ahead import (
 )
 
 from polar_nav_tools.bags import BagError, ahead, claims, open_bag, opening, scan, tables
-from polar_nav_tools.bags.reading import Request
+from polar_nav_tools.bags.request import Request
 from polar_nav_tools.bags.schemas import definition
 from polar_nav_tools.bags.tables import read_tables
 

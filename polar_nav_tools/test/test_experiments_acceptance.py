@@ -16,8 +16,8 @@ from polar_nav_tools.experiments import consistency
 from polar_nav_tools.experiments.choices import Choices
 from polar_nav_tools.experiments.columns import filter_columns, pick
 from polar_nav_tools.experiments.errors import track_errors
-from polar_nav_tools.experiments.experiment import Request, Size
 from polar_nav_tools.experiments.jobs import Job, run_job
+from polar_nav_tools.experiments.request import Request, Size
 from polar_nav_tools.experiments.schedule import FixSpec
 from polar_nav_tools.experiments.world import make_world
 from polar_nav_tools.experiments.world_spec import WorldSpec

@@ -12,19 +12,19 @@ import pytest
 from polar_nav_core.errors import ConfigError
 from polar_nav_tools.cli import main
 from polar_nav_tools.experiments.catalog import EXPERIMENTS
-from polar_nav_tools.experiments.experiment import Request, Size
 from polar_nav_tools.experiments.jobs import RunResult
+from polar_nav_tools.experiments.request import Request, Size
 from polar_nav_tools.experiments.station import cases
-from polar_nav_tools.experiments.station.choices import (
-    StationChoices,
-    choices_from,
-    choices_table,
-)
 from polar_nav_tools.experiments.station.columns import COLUMNS, pick
 from polar_nav_tools.experiments.station.errors import StationErrors, measure
 from polar_nav_tools.experiments.station.paper import COUNT, MEAN, POOLED, Quantity
 from polar_nav_tools.experiments.station.runs import StationJob, run_job
 from polar_nav_tools.experiments.station.summary import cell, pooled, values_of
+from polar_nav_tools.experiments.station_choices import (
+    StationChoices,
+    choices_from,
+    choices_table,
+)
 
 SEEDS = range(1, 6)
 DURATION_S = 1600.0

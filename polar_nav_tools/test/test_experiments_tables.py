@@ -20,9 +20,9 @@ from polar_nav_tools.experiments.ablation import plan as plan_ablation
 from polar_nav_tools.experiments.catalog import EXPERIMENTS
 from polar_nav_tools.experiments.choices import Choices, choices_from, choices_table
 from polar_nav_tools.experiments.columns import filter_columns, pick
-from polar_nav_tools.experiments.experiment import Request, Size
 from polar_nav_tools.experiments.jobs import Job, RunResult, run_job
 from polar_nav_tools.experiments.paper import PAPER, QUANTITIES
+from polar_nav_tools.experiments.request import Request, Size
 from polar_nav_tools.experiments.runner import run_jobs
 from polar_nav_tools.experiments.schedule import FixSpec
 from polar_nav_tools.experiments.summary import spread

@@ -11,7 +11,8 @@ from polar_nav_core.errors import ConfigError
 from polar_nav_core.params import from_mapping
 from polar_nav_sim.mission import load_mission
 from polar_nav_tools.development.pages import NODES
-from polar_nav_tools.graph.build import GraphOptions, build_graph, usual_configuration
+from polar_nav_tools.graph.build import build_graph, usual_configuration
+from polar_nav_tools.graph.options import GraphOptions
 from polar_nav_tools.graph.spec import NodeSpec, Stage
 from polar_nav_tools.replay.by_message import parameters
 

@@ -19,7 +19,7 @@ from polar_nav_core.errors import PolarNavError
 from polar_nav_core.kernels.vehicle import dynamics as kernels
 from polar_nav_core.vehicle_model import steady_speed
 
-from .specs import DynamicsSpec
+from ..dynamics_spec import DynamicsSpec
 
 Floats = NDArray[np.float64]
 

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from polar_nav_core import attitude, earth, grid
 
+from ..dynamics_spec import DynamicsSpec
 from ..poses import Pose
 from ..trajectory import NS, Truth, TruthState, apply, apply_transposed, euler_rate, specific_force
 from .motion import Motion, Place
-from .specs import DynamicsSpec
 
 Floats = NDArray[np.float64]
 

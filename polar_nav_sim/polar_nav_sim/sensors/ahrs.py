@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from polar_nav_core.attitude import euler_from_matrix, matrix_from_euler
 from polar_nav_core.params import param
 
-from ..specs import Spec
+from ..section import Spec
 from .noise import CHUNK, Draws, Index
 
 Floats = NDArray[np.float64]

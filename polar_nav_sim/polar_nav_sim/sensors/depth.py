@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from polar_nav_core.params import param, vector
 
-from ..specs import Spec
+from ..section import Spec
 from .noise import CHUNK, Draws, Index
 
 Floats = NDArray[np.float64]

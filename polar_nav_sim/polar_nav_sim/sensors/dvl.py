@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from polar_nav_core.attitude import matrix_from_euler
 from polar_nav_core.params import flag, param, vector
 
-from ..specs import Spec
+from ..section import Spec
 from .janus import BEAMS, LEAST_BEAMS, BeamData, directions, slant_ranges, solve
 from .noise import CHUNK, Draws, GaussMarkov, Index
 

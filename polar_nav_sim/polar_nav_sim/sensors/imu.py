@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from polar_nav_core.attitude import exp
 from polar_nav_core.params import param, vector
 
-from ..specs import Spec
+from ..section import Spec
 from .noise import CHUNK, Draws, GaussMarkov, Index, RandomWalk, fixed_product
 
 Floats = NDArray[np.float64]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from polar_nav_core.attitude import exp
 from polar_nav_core.params import param
 
-from ..specs import Spec
+from ..section import Spec
 from .noise import CHUNK, Draws, GaussMarkov, Index
 
 Floats = NDArray[np.float64]

@@ -25,8 +25,8 @@ from polar_nav_core.params import param, vector
 
 from ..poses import Pose, Poses
 from ..randomness import stream
+from ..section import Spec
 from ..sound_speed import SoundSpeed
-from ..specs import Spec
 from ..trajectory import NS
 from ..travel import arrival_ns
 

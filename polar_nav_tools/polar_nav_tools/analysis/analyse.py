@@ -32,7 +32,7 @@ from .packets import delivery_of
 
 if TYPE_CHECKING:
     from ..bags.ahead import Wants
-    from ..bags.reading import Request
+    from ..bags.request import Request
     from ..replay.verification import VerifyResult
 
 STATE, RECEIPT, PACKET, DECODED = 'nav/state', 'nav/receipt', 'acomms/rx', 'acomms/decoded'

@@ -18,9 +18,9 @@ from .claims import agrees, claimed_by_index
 from .contents import Block, Channel
 from .errors import BagError
 from .reader import Bag
-from .reading import Reading, Request
+from .reading import Reading
+from .request import ReadAhead, Request
 from .scan import Take
-from .tables import ReadAhead
 
 Wants = Callable[[Bag], Request | None]
 """Told a bag of which only the index was read; answers what is going to be wanted of it."""

@@ -25,7 +25,7 @@ from .schemas import Definition, starts_with_header
 from .writer import PHASE_KEY, RUN_END_RECORD, RUN_RECORD
 
 if TYPE_CHECKING:
-    from .tables import ReadAhead
+    from .request import ReadAhead
 
 RECOVERY_RECORD = 'polar_nav_recovery'
 """Name of the metadata record that `recover` leaves: the bag was once broken."""

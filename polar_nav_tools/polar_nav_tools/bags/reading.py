@@ -8,51 +8,27 @@ through `columns.read_columns`, with the same numbers; if a layout stays, the sc
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from polar_nav_tools.bags.kernels import records
 
-from .columns import Columns, read_columns
+from .columns import read_columns
 from .contents import FileScan
 from .decode import store_of
 from .errors import BagError
 from .layout import ENCAPSULATION, Layout, layout_of
 from .reader import Bag
-
-Fields = Sequence[str | tuple[str, ...]]
-"""Fields of one message; several that stand side by side and are of one kind make a row, seconds
-and nanoseconds of a time make nanoseconds."""
+from .request import Fields, Request, Tables
 
 _ODD = 4096
 _SLICE = 1 << 18
 _CHANNELS = 1 << 16
 _WORD = 8
 _LOW = 0xFFFF_FFFF
-
-
-@dataclass
-class Tables:
-    """What one pass over a bag gave.
-
-    Attributes
-    ----------
-    columns : dict of str to dict of str to ndarray
-        By topic and field, N rows in the order of the bag; a tuple of k fields stands under its
-        first one, shape (N, k).
-    payloads : dict of str to list of bytes
-        Messages as they are, by topic.
-    odd : dict of str to int
-        Messages that the scanner left to be decoded otherwise.
-    """
-
-    columns: dict[str, Columns] = field(default_factory=dict)
-    payloads: dict[str, list[bytes]] = field(default_factory=dict)
-    odd: dict[str, int] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -89,13 +65,6 @@ class _Wanted:
     example: bytes
     layout: Layout
     odd: int = 0
-
-
-class Request(NamedTuple):
-    """Fields of some topics, and topics whose messages are wanted as they are."""
-
-    wanted: Mapping[str, Fields]
-    raw: Sequence[str] = ()
 
 
 class Reading:

@@ -3,20 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import NamedTuple
 
 from .reader import Bag, blocks_of
-from .reading import Fields, Reading, Request, Tables
+from .reading import Reading
+from .request import Fields, Request, Tables
 
 Progress = Callable[[float], None]
 """Called with the share of the bag that was read."""
-
-
-class ReadAhead(NamedTuple):
-    """What was read while a bag was opened, and what it was read for."""
-
-    request: Request
-    tables: Tables
 
 
 def read_tables(

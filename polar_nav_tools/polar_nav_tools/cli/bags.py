@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ..analysis.analyse import Analysis
     from ..bags import Bag
     from ..bags.ahead import Wants
-    from ..bags.reading import Request
+    from ..bags.request import Request
 
 BagArgument = Annotated[
     Path,

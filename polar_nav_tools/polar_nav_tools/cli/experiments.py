@@ -112,8 +112,9 @@ def experiment(
     from polar_nav_core.errors import ConfigError
 
     from ..experiments.catalog import experiment_named
-    from ..experiments.experiment import Request, run
+    from ..experiments.experiment import run
     from ..experiments.recorded import RestSpec, read_rest, save_recorded
+    from ..experiments.request import Request
     from ..experiments.runner import default_workers
     from ..terminal.progress import progress_display
 

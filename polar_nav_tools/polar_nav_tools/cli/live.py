@@ -130,7 +130,8 @@ def launch(
 
     Uses the ROS domain of the shell (ROS_DOMAIN_ID, 0 when it is not set).
     """
-    from ..graph.build import GraphOptions, usual_configuration
+    from ..graph.build import usual_configuration
+    from ..graph.options import GraphOptions
     from ..live.run import new_bag_path, read_mission, run_live
     from ..terminal.progress import progress_display
 

@@ -11,9 +11,9 @@ from polar_nav_core.errors import ConfigError
 
 from ..scoring.tables import MISSING, Column, Table, show
 from .columns import CLAIRVOYANT, STRATEGIES, FilterColumn, pick
-from .experiment import Request, Size
 from .figures import ratio_figure
 from .jobs import Job, RunResult
+from .request import Request, Size
 from .schedule import FixSpec
 from .summary import of, spread
 

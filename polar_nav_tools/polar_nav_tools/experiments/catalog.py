@@ -7,7 +7,8 @@ from dataclasses import replace
 from polar_nav_core.errors import ConfigError
 
 from . import ablation, consistency, tables
-from .experiment import Experiment, Size
+from .experiment import Experiment
+from .request import Size
 from .station import catalog as station
 
 _HOUR = 3600.0

@@ -17,7 +17,7 @@ from typing import Any
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.params import choice, default_of, param
-from polar_nav_sim.specs import Spec
+from polar_nav_sim.section import Spec
 
 from .schedule import DELAY_KINDS, FixSpec
 from .world_spec import WorldSpec

@@ -18,9 +18,9 @@ from polar_nav_core.engine.events import Array
 from ..scoring.consistency import chi_square_band
 from ..scoring.tables import Column, Table
 from .columns import pick
-from .experiment import Request, Size
 from .figures import Band, band_figure
 from .jobs import Job, RunResult
+from .request import Request, Size
 from .schedule import FixSpec
 from .summary import of
 

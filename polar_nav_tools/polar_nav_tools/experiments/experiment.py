@@ -7,7 +7,7 @@ import platform
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,60 +17,15 @@ from polar_nav_core.errors import ConfigError
 from ..live import run_info
 from ..scoring.plain import record
 from ..scoring.tables import Table
-from .choices import Choices
 from .jobs import RunResult
+from .request import Request, Size
 from .runner import Update, run_jobs
-from .station.choices import StationChoices
 from .suite import POLAR, Suite
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _SOURCES = Path(__file__).resolve().parents[3]
-
-
-@dataclass(frozen=True)
-class Size:
-    """How much is run."""
-
-    duration_s: float
-    seeds: int
-
-
-@dataclass(frozen=True)
-class Request:
-    """What was asked for; None stands for the experiment's own.
-
-    Attributes
-    ----------
-    choices : Choices
-        Of an experiment on the polar system.
-    station : StationChoices
-        Of one on the system with a station.
-    quick : bool
-        The experiment's smaller size.
-    duration_s, seeds : float, int or None
-    columns : sequence of str or None
-        Filters by name.
-    jobs : int
-        Processes.
-    recorded : Path or None
-        Errors of a real IMU, as `recorded.save_recorded` writes them.
-    sensors, periods_s, delays_s : sequences or None
-        What ablation crosses.
-    """
-
-    choices: Choices = field(default_factory=Choices)
-    station: StationChoices = field(default_factory=StationChoices)
-    quick: bool = False
-    duration_s: float | None = None
-    seeds: int | None = None
-    columns: Sequence[str] | None = None
-    jobs: int = 1
-    recorded: Path | None = None
-    sensors: Sequence[str] | None = None
-    periods_s: Sequence[float] | None = None
-    delays_s: Sequence[float] | None = None
 
 
 @dataclass(frozen=True)

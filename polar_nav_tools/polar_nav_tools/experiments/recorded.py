@@ -21,7 +21,7 @@ from polar_nav_core import earth
 from polar_nav_core.engine.events import Array
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.params import choice, param, text
-from polar_nav_sim.specs import Spec
+from polar_nav_sim.section import Spec
 
 from ..bags import Bag, BagError, open_bag
 from ..bags.columns import read_columns, stamps, time_fields

@@ -15,7 +15,7 @@ from polar_nav_core.engine.events import Array, Fix
 from polar_nav_core.engine.inputs import Stamps
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.params import choice, param
-from polar_nav_sim.specs import Spec
+from polar_nav_sim.section import Spec
 
 DELAY_KINDS = ('constant', 'steps', 'uniform', 'steps_lossy')
 

@@ -13,7 +13,7 @@ from .jobs import Job, RunResult, run_job
 from .summary import long_table
 
 if TYPE_CHECKING:
-    from .experiment import Request
+    from .request import Request
 
 Paper = Callable[[str, str], Mapping[str, float]]
 """The paper's numbers for a group and a filter."""

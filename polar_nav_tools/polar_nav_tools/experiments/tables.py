@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING
 
 from ..scoring.tables import Column, Table
 from .columns import pick
-from .experiment import Request, Size
 from .figures import Line, errors_figure
 from .jobs import Job, RunResult
 from .paper import PAPER
 from .recorded import load_recorded
+from .request import Request, Size
 from .schedule import FixSpec
 from .summary import Side, comparison, of, spread, stops
 from .world_spec import WorldSpec

@@ -9,10 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
-from polar_nav_core.engine.configurations import NAMES
 from polar_nav_core.engine.params import CONFIGURATIONS
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.params import to_mapping
@@ -20,6 +18,7 @@ from polar_nav_follower.params import FollowerParams
 from polar_nav_leader.params import LeaderParams
 from polar_nav_sim.sensors.presets import DVL, IMU
 
+from .options import GraphOptions
 from .parts import (
     FOLLOWER_ID,
     LEADER_ID,
@@ -39,57 +38,9 @@ if TYPE_CHECKING:
     from polar_nav_sim.sensors.dvl import DvlErrors
     from polar_nav_sim.sensors.imu import ImuErrors
 
-PACES = ('lockstep', 'realtime')
-LEADERS = ('perfect', 'own')
-"""How the leader knows where it is: told by the simulation, as the papers assume, or by itself."""
-MAX_SEED = 2**31 - 1
 REALTIME_GATHER_S = 300.0
 """Longest wait for the nodes to find each other before the first sample: a follower that compiles
 its kernels for the first time takes a minute or two, on a busy machine more."""
-
-
-@dataclass(frozen=True)
-class GraphOptions:
-    """How a mission is run.
-
-    Attributes
-    ----------
-    pace : str
-        ``lockstep`` or ``realtime``.
-    seed : int
-        Of the run; every random stream is made from it and its own name.
-    configuration : str
-        Filter configuration of the follower.
-    leader : str
-        ``perfect``: leader_reference_node plays its navigation; ``own``: it navigates by itself.
-    bag : Path or None
-        Folder of the new bag; None: nothing is recorded.
-    run_info : Path or None
-        JSON file with what the bag is to say about the run.
-
-    Raises
-    ------
-    ConfigError
-        For a value that does not exist.
-    """
-
-    pace: str = 'lockstep'
-    seed: int = 1
-    configuration: str = 'modified_akf'
-    leader: str = 'perfect'
-    bag: Path | None = None
-    run_info: Path | None = None
-
-    def __post_init__(self) -> None:
-        if self.pace not in PACES:
-            raise ConfigError(f'pace {self.pace!r} is none of {", ".join(PACES)}')
-        if self.configuration not in NAMES:
-            known = ', '.join(NAMES)
-            raise ConfigError(f'configuration {self.configuration!r} is none of {known}')
-        if self.leader not in LEADERS:
-            raise ConfigError(f'leader {self.leader!r} is none of {", ".join(LEADERS)}')
-        if not 0 <= self.seed <= MAX_SEED:
-            raise ConfigError(f'seed {self.seed} is outside of [0, {MAX_SEED}]')
 
 
 @dataclass(frozen=True)

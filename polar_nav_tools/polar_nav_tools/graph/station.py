@@ -15,6 +15,7 @@ from polar_nav_core.engine.configurations import STATION, STATION_VARIANTS
 from polar_nav_core.errors import ConfigError
 from polar_nav_sim.initial_state import InitialSigma
 
+from .options import GraphOptions
 from .parts import (
     FOLLOWER_ID,
     LEADER_ID,
@@ -28,8 +29,6 @@ from .spec import NodeSpec, ParameterValue, Stage
 
 if TYPE_CHECKING:
     from polar_nav_sim.mission import Mission
-
-    from .build import GraphOptions
 
 _START = InitialSigma(position=10.0, height=0.5, velocity=0.1, tilt_deg=0.5, heading_deg=1.0)
 """Of a vehicle that dived at a known place at a known speed through water that moves somehow."""

@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING
 
 from polar_nav_core.errors import ConfigError, PolarNavError
 
-from ..graph.build import Graph, GraphOptions, build_graph
+from ..graph.build import Graph, build_graph
+from ..graph.options import GraphOptions
 from .domain import graph_environment
 from .run_info import run_info
 from .supervisor import RunOutcome, RunStatus, Supervisor

@@ -17,7 +17,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from polar_nav_sim.mission import Mission
 
-    from ..graph.build import Graph, GraphOptions
+    from ..graph.build import Graph
+    from ..graph.options import GraphOptions
 
 _DISTRIBUTIONS = ('numpy', 'scipy', 'numba', 'gsw', 'mcap', 'ros-rclpy', 'ros-rmw-fastrtps-cpp')
 _SOURCES = Path(__file__).resolve().parents[3]

@@ -32,7 +32,7 @@ from ..bags.columns import stamps as stamps_of
 from ..bags.decode import is_installed
 from ..bags.errors import BagError
 from ..bags.reader import Bag
-from ..bags.reading import Fields, Request, Tables
+from ..bags.request import Fields, Request, Tables
 from ..bags.tables import read_tables
 from ..series.vehicle import TruthSeries
 from .constants import mode_table, require_same

@@ -18,7 +18,7 @@ from polar_nav_follower.params import FollowerParams
 from polar_nav_follower.session import inputs_of
 
 from ..bags import Bag
-from ..bags.reading import Request
+from ..bags.request import Request
 from ..series.estimates import EstimateRows, receipts_of
 from ..series.model import ModelRun
 from ..series.vehicle import EstimateSeries, Receipt

@@ -39,7 +39,7 @@ from ..bags.columns import Columns
 from ..bags.decode import is_installed
 from ..bags.errors import BagError
 from ..bags.reader import Bag
-from ..bags.reading import Request
+from ..bags.request import Request
 from ..bags.tables import read_tables
 from ..series.estimates import EstimateRows, receipts_of
 from ..series.model import Identified, ModelRun, ModelSeries, identified_of_engine

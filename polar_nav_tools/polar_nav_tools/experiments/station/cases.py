@@ -27,7 +27,7 @@ from .summary import HOW, Side, by_group, comparison, pooled
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from ..experiment import Request, Size
+    from ..request import Request, Size
 
 FULL, HALF = 'full noise', 'half noise'
 COMPARED = (

@@ -6,10 +6,11 @@ from collections.abc import Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
-from ..experiment import Experiment, Size
+from ..experiment import Experiment
+from ..request import Size
+from ..station_choices import choices_from
 from ..suite import Suite
 from . import cases
-from .choices import choices_from
 from .columns import COLUMNS, pick
 from .runs import StationJob, run_job
 from .summary import long_table

@@ -25,7 +25,7 @@ from polar_nav_core.identification.window import Log, make_window
 from polar_nav_sim.offline_station import StationScenario
 
 from ..jobs import RunResult
-from .choices import StationChoices
+from ..station_choices import StationChoices
 from .columns import StationColumn
 from .errors import ADAPTED_S, AFTER, AXES, StationErrors, measure
 from .world import NS, StationWorld, heading_and_pitch, make_world

@@ -24,7 +24,7 @@ from polar_nav_sim.mission import load_mission
 from polar_nav_sim.offline_station import StationRun, StationScenario, simulate
 from polar_nav_sim.randomness import stream
 
-from .choices import StationChoices
+from ..station_choices import StationChoices
 
 NS = 1_000_000_000
 _SOURCE = 'station'

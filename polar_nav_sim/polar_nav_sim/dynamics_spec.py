@@ -17,7 +17,7 @@ from polar_nav_core.errors import ConfigError
 from polar_nav_core.kernels.vehicle import dynamics as kernels
 from polar_nav_core.params import param, vector
 
-from ..specs import Spec, parse
+from .section import Spec, parse
 
 Floats = NDArray[np.float64]
 

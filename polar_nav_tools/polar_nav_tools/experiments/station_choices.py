@@ -17,7 +17,7 @@ from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.params import param
 from polar_nav_sim.offline_station import StationScenario
-from polar_nav_sim.specs import Spec
+from polar_nav_sim.section import Spec
 
 _ENGINE = 'engine.'
 
