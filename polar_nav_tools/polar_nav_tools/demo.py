@@ -13,12 +13,12 @@ from typing import Any
 from polar_nav_core.engine.configurations import pair_of
 
 from .analysis.analyse import Analysis, analyse, open_for, topic_table
-from .analysis.report_file import write_analysis
+from .analysis.html_report import write_analysis
 from .graph.build import follower_parameters, usual_configuration
 from .graph.options import GraphOptions
 from .live.run import LiveRun, new_bag_path, read_mission, run_live
 from .scoring import Score
-from .scoring.plain import jsonable
+from .scoring.json_values import jsonable
 from .scoring.windows import SECOND_HALF
 from .terminal.progress import progress_display
 from .terminal.tables import print_table

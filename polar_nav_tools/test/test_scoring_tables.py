@@ -7,7 +7,7 @@ import pytest
 from rich.console import Console
 
 from polar_nav_tools.scoring import Column, Table
-from polar_nav_tools.scoring.plain import jsonable
+from polar_nav_tools.scoring.json_values import jsonable
 from polar_nav_tools.scoring.tables import show
 
 TABLE = Table(

@@ -17,7 +17,7 @@ from ..bags import Bag, open_bag
 from ..replay.arrays import RecordedArrays, load_arrays
 from ..replay.by_array import FastResult, replay_arrays, wanted
 from ..scoring import compare, mission_phases
-from ..terminal.garbage import collect_rarely
+from ..terminal.garbage_collection import collect_rarely
 from .bag_readers import bare
 from .long_bag import CONFIGURATION, VEHICLE
 

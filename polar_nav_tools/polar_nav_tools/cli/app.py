@@ -12,7 +12,7 @@ from typing import NoReturn
 import typer
 
 from polar_nav_core.errors import PolarNavError
-from polar_nav_tools.terminal.garbage import collect_rarely
+from polar_nav_tools.terminal.garbage_collection import collect_rarely
 
 # Before NumPy is loaded: no command multiplies matrices worth sharing, and threads that wait for
 # one another on a busy machine make a small fit a hundred times slower.

@@ -140,7 +140,7 @@ def report(
     as_json: JsonOption = False,
 ) -> None:
     """Draw a bag: track on a polar map, errors with 3-sigma bands, delay and fate of each fix."""
-    from ..analysis.report_file import write_analysis
+    from ..analysis.html_report import write_analysis
 
     with opened(bag, ahead_of(recorded, truth, vehicle)) as source:
         analysis = analysed(source, configuration, recorded, truth, vehicle)
@@ -164,7 +164,7 @@ def info(bag: BagArgument, as_json: JsonOption = False) -> None:
     with opened(bag) as source:
         facts = bag_info(source)
         if as_json:
-            from ..scoring.plain import jsonable
+            from ..scoring.json_values import jsonable
 
             said = {name: jsonable(value) for name, value in facts.to_dict().items()}
             emit_json({'ok': facts.is_complete, **said})

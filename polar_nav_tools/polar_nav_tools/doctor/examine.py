@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass, replace
 from ..analysis.analyse import read_outcome, topic_counts
 from ..bags.reader import Bag
 from ..scoring import Column, Table
-from ..scoring.plain import record
+from ..scoring.json_values import record
 from .finding import ERROR, OK, WARNING, Finding
 from .topic_times import TopicTimes, findings_of, read_times
 from .totals import totals

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from polar_nav_core.errors import ConfigError
 
 from ..live import run_info
-from ..scoring.plain import record
+from ..scoring.json_values import record
 from ..scoring.tables import Table
 from .jobs import RunResult
 from .request import Request, Size

@@ -31,7 +31,7 @@ from ..bags.reader import Bag
 from ..bags.tables import read_tables
 from ..replay.recorded import decoded, followers_of
 from ..scoring import Column, Table
-from ..scoring.plain import record
+from ..scoring.json_values import record
 from ..series.vehicle import Floats
 
 AHRS, THRUST, DEPTH, PACKETS = 'imu/data', 'control/thrust', 'depth/data', 'acomms/rx'

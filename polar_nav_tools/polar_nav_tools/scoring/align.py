@@ -20,7 +20,7 @@ from polar_nav_core.errors import PolarNavError
 from polar_nav_core.grid import ecef_to_grid
 
 from ..series.vehicle import EstimateSeries, Series, TruthSeries
-from .plain import record
+from .json_values import record
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

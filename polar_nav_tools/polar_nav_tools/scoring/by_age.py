@@ -9,7 +9,7 @@ import numpy as np
 
 from ..series.vehicle import Floats
 from .errors import ErrorSeries
-from .plain import record
+from .json_values import record
 from .statistics import Statistics, statistics
 
 EDGES_S = (0.0, 2.0, 5.0, 10.0, 20.0, 40.0, 80.0, 160.0, float('inf'))

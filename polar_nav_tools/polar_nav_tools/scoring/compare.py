@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from ..series.model import ModelRun
 from ..series.vehicle import EstimateSeries, Receipt, TruthSeries
 from .align import Mode
+from .drift_tables import CONFIGURATION, age_table, drift_table, phase_table
 from .model import (
     ModelScore,
     identification_table,
@@ -15,7 +16,6 @@ from .model import (
     model_table,
     score_model,
 )
-from .more_tables import CONFIGURATION, age_table, drift_table, phase_table
 from .score import Score, WindowScore, score
 from .tables import Column, Table
 from .verdicts import FUSED, in_order

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.special import gammaincinv
 
-from .plain import record
+from .json_values import record
 
 Floats = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import asdict, dataclass
 from typing import TypeAlias
 
-from .plain import record
+from .json_values import record
 from .tables import Column, Table
 
 Packet: TypeAlias = tuple[str, int]

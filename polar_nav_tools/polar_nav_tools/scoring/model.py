@@ -15,8 +15,8 @@ import numpy as np
 from ..series.model import ModelRun, ModelSeries
 from ..series.vehicle import Floats, TruthSeries
 from .consistency import Consistency, consistency, normalized_squared
-from .more_tables import CONFIGURATION
-from .plain import record
+from .drift_tables import CONFIGURATION
+from .json_values import record
 from .statistics import Statistics, statistics
 from .tables import Column, Table
 from .windows import SECOND_HALF, WHOLE, Window, standard_windows

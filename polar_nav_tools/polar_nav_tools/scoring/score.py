@@ -20,7 +20,7 @@ from .align import Alignment, AlignmentCounts, Mode, align
 from .by_age import AgeClass, by_age
 from .consistency import Consistency, consistency, normalized_squared
 from .errors import ARCMIN, ErrorSeries, distance_travelled, errors
-from .plain import record
+from .json_values import record
 from .relative import INTERVAL_S, absolute_errors, relative_errors
 from .statistics import Statistics, statistics
 from .timeliness import Availability, Lag, age_of_information, availability, delays

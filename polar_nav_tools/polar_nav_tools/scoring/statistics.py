@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .plain import record
+from .json_values import record
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from .plain import record
+from .json_values import record
 
 if TYPE_CHECKING:
     from rich.table import Table as RichTable

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..series.vehicle import EstimateSeries, Receipt, last_revisions
-from .plain import record
+from .json_values import record
 from .statistics import Statistics, statistics
 from .verdicts import VerdictSeries
 from .windows import Window

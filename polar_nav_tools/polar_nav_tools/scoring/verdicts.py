@@ -15,7 +15,7 @@ from polar_nav_core.engine.events import LOCAL_DOF, NIS_SUM, UPDATES, Verdict
 
 from ..series.vehicle import Floats, Ints, Receipt, Series, last_revisions
 from .consistency import Consistency, consistency, consistency_of_sums
-from .plain import record
+from .json_values import record
 
 FUSED = Verdict.FUSED.name
 GATED = Verdict.GATED.name

@@ -8,7 +8,7 @@ import numpy as np
 
 from polar_nav_core.link.packet import Broadcast
 
-from ..scoring.plain import jsonable
+from ..scoring.json_values import jsonable
 from ..series.vehicle import Receipt
 from .content import Content
 from .damage import Damage

@@ -1,4 +1,4 @@
-"""How often a process of these tools looks for garbage in cycles."""
+"""Sets how often the garbage collector of a process looks for cycles."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Content of a score as plain data for JSON."""
+"""Values of a score as JSON holds them: no NaN, no arrays, no enums."""
 
 from __future__ import annotations
 

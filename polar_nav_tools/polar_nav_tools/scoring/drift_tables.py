@@ -1,4 +1,4 @@
-"""Tables of a comparison that not everybody asks for first: drift, age of the last fix, phases."""
+"""Tables of drift, of the error by age of the last fix, and of the error per phase."""
 
 from __future__ import annotations
 

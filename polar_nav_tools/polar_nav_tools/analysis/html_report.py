@@ -1,4 +1,4 @@
-"""Writes the report of an analysis."""
+"""Writes the report of an analysis as one HTML file."""
 
 from __future__ import annotations
 
