@@ -26,6 +26,7 @@ from typing import Any
 
 from polar_nav_core.warm import warm_filter, warm_others
 from polar_nav_msgs.msg import AcousticPacket, LeaderBroadcast, StationFix
+from polar_nav_ros import topics
 from polar_nav_ros.diagnostics import Diagnosis
 from polar_nav_ros.navigation_ports import NavigationPorts
 from polar_nav_ros.node import PolarNode, run
@@ -43,14 +44,14 @@ class FollowerNode(PolarNode[FollowerParams]):
         self.get_logger().info('loading the filter; a first start compiles it: a minute or two')
         if session.in_station_mode(self.params):
             warm_others()
-            decoded: dict[str, type[Any]] = {session.STATION_DECODED: StationFix}
+            decoded: dict[str, type[Any]] = {topics.STATION_DECODED: StationFix}
         else:
             warm_filter()
-            decoded = {session.DECODED: LeaderBroadcast}
+            decoded = {topics.DECODED: LeaderBroadcast}
         self._ports = NavigationPorts(
             self,
             session.Session(self.params, self.vehicle),
-            {session.PACKET: AcousticPacket},
+            {topics.RX: AcousticPacket},
             decoded,
         )
 

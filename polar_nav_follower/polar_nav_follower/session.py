@@ -11,53 +11,24 @@ from typing import Any
 
 from polar_nav_core.engine.events import Fix
 from polar_nav_ros.broadcasts import broadcast_to_msg
-from polar_nav_ros.navigation_inputs import AHRS
-from polar_nav_ros.navigation_session import (
+from polar_nav_ros.navigation_session import NavigationSession, Published
+from polar_nav_ros.topics import (
+    AHRS,
     COMMAND,
     CONTROL,
-    CURRENT,
+    DECODED,
     DEPTH,
     DVL,
-    IDENTIFICATION,
     IMU,
-    MODEL,
-    RECEIPT,
-    STATE,
-    NavigationSession,
-    Published,
+    RX,
+    STATION_DECODED,
 )
 
 from . import convert
 from .measurements.station_fix import StationNumbers
 from .params import FollowerParams
 
-__all__ = [
-    'AHRS',
-    'COMMAND',
-    'CONTROL',
-    'CURRENT',
-    'DECODED',
-    'DEPTH',
-    'DVL',
-    'IDENTIFICATION',
-    'IMU',
-    'INPUTS',
-    'MODEL',
-    'PACKET',
-    'RECEIPT',
-    'STATE',
-    'STATION_DECODED',
-    'Published',
-    'Session',
-    'inputs_of',
-    'sensors_of',
-]
-
-PACKET = 'acomms/rx'
-DECODED = 'acomms/decoded'
-STATION_DECODED = 'acomms/station_decoded'
-
-INPUTS = (IMU, DVL, DEPTH, PACKET, COMMAND)
+INPUTS = (IMU, DVL, DEPTH, RX, COMMAND)
 """What a follower with SINS and DVL takes."""
 
 
@@ -77,7 +48,7 @@ def sensors_of(params: FollowerParams) -> tuple[str, ...]:
 
 def inputs_of(params: FollowerParams) -> tuple[str, ...]:
     """Every topic that a follower takes."""
-    return (*sensors_of(params), PACKET, COMMAND)
+    return (*sensors_of(params), RX, COMMAND)
 
 
 class Session(NavigationSession[FollowerParams]):
@@ -96,7 +67,7 @@ class Session(NavigationSession[FollowerParams]):
         super().__init__(
             params,
             vehicle,
-            {PACKET: self._station_fix_from_msg if station else self._fix_from_msg},
+            {RX: self._station_fix_from_msg if station else self._fix_from_msg},
             frame_id=params.frame_id,
             sensors=sensors_of(params),
         )

@@ -15,6 +15,7 @@ from polar_nav_core.link import packet
 from polar_nav_follower import session
 from polar_nav_follower.params import FollowerParams
 from polar_nav_msgs.msg import AcousticPacket, Depth, Dvl, FixReceipt, NavState
+from polar_nav_ros import topics
 from polar_nav_ros.stamps import to_msg
 
 ODD = st.one_of(
@@ -29,18 +30,18 @@ TIMES = st.one_of(
 
 @st.composite
 def strange_messages(draw):
-    kind = draw(st.sampled_from([session.IMU, session.DVL, session.DEPTH, session.PACKET]))
+    kind = draw(st.sampled_from([topics.IMU, topics.DVL, topics.DEPTH, topics.RX]))
     stamp = to_msg(draw(TIMES))
     values = draw(st.lists(ODD, min_size=6, max_size=6))
-    if kind == session.IMU:
+    if kind == topics.IMU:
         message = Imu()
         w, f = message.angular_velocity, message.linear_acceleration
         w.x, w.y, w.z, f.x, f.y, f.z = values
-    elif kind == session.DVL:
+    elif kind == topics.DVL:
         message = Dvl(num_good_beams=draw(st.integers(0, 4)))
         message.velocity.x, message.velocity.y, message.velocity.z = values[:3]
         message.velocity_covar = np.diag(values[3:]).reshape(9)
-    elif kind == session.DEPTH:
+    elif kind == topics.DEPTH:
         message = Depth(depth=values[0], variance=values[1])
     else:
         message = AcousticPacket(source='leader', destination='follower')
@@ -61,7 +62,7 @@ def strange_packets(draw):
     data = bytes(body) + packet.crc16(bytes(body)).to_bytes(2, 'little')
     message = AcousticPacket(source='leader', destination='follower', data=data)
     message.receive_time = to_msg(draw(TIMES))
-    return session.PACKET, message
+    return topics.RX, message
 
 
 def good_stream(world):
@@ -72,7 +73,7 @@ def good_stream(world):
         w, f = message.angular_velocity, message.linear_acceleration
         w.x, w.y, w.z = (float(v) for v in sample.omega_ib_b)
         f.x, f.y, f.z = (float(v) for v in sample.f_b)
-        out.append((session.IMU, message))
+        out.append((topics.IMU, message))
     return out
 
 
@@ -93,16 +94,16 @@ def test_nothing_that_comes_in_raises(world, data):
     receipts = states = 0
     for topic, message in stream:
         for published in run.take(topic, message):
-            receipts += published.topic == session.RECEIPT and _is_fix(published)
-            states += published.topic == session.STATE
+            receipts += published.topic == topics.RECEIPT and _is_fix(published)
+            states += published.topic == topics.STATE
     for published in run.flush():
-        receipts += published.topic == session.RECEIPT and _is_fix(published)
-        states += published.topic == session.STATE
-        if published.topic == session.STATE:
+        receipts += published.topic == topics.RECEIPT and _is_fix(published)
+        states += published.topic == topics.STATE
+        if published.topic == topics.STATE:
             deserialize_message(published.data, NavState)
-    assert receipts == sum(topic == session.PACKET for topic, _ in stream)
+    assert receipts == sum(topic == topics.RX for topic, _ in stream)
     assert states or run.engine.divergence or run.engine.verdicts
 
 
 def _is_fix(published):
-    return deserialize_message(published.data, FixReceipt).topic == session.PACKET
+    return deserialize_message(published.data, FixReceipt).topic == topics.RX

@@ -16,6 +16,7 @@ from polar_nav_core.link.packet import crc16
 from polar_nav_follower import session
 from polar_nav_follower.params import FollowerParams
 from polar_nav_msgs.msg import AcousticPacket, Command, Depth, FixReceipt, NavState
+from polar_nav_ros import topics
 from polar_nav_ros.stamps import to_msg
 
 START_NS = 1_772_323_200_000_000_000
@@ -33,23 +34,21 @@ TIMES = st.one_of(
 @st.composite
 def strange_messages(draw):
     kind = draw(
-        st.sampled_from(
-            [session.AHRS, session.CONTROL, session.DEPTH, session.PACKET, session.COMMAND]
-        )
+        st.sampled_from([topics.AHRS, topics.CONTROL, topics.DEPTH, topics.RX, topics.COMMAND])
     )
     values = draw(st.lists(ODD, min_size=11, max_size=11))
-    if kind == session.AHRS:
+    if kind == topics.AHRS:
         message = Imu()
         w, f, q = message.angular_velocity, message.linear_acceleration, message.orientation
         w.x, w.y, w.z, f.x, f.y, f.z, q.x, q.y, q.z, q.w = values[:10]
         message.orientation_covariance[0] = values[10]
-    elif kind == session.CONTROL:
+    elif kind == topics.CONTROL:
         message = WrenchStamped()
         force, torque = message.wrench.force, message.wrench.torque
         force.x, force.y, force.z, torque.x, torque.y, torque.z = values[:6]
-    elif kind == session.DEPTH:
+    elif kind == topics.DEPTH:
         message = Depth(depth=values[0], variance=values[1])
-    elif kind == session.COMMAND:
+    elif kind == topics.COMMAND:
         message = Command(kind=Command.IDENTIFY, sequence=draw(st.integers(0, 2**40)))
     else:
         message = AcousticPacket(source='station', destination='auv')
@@ -77,12 +76,12 @@ def good_stream(seconds):
             thrust = WrenchStamped()
             thrust.header.stamp = stamp
             thrust.wrench.force.x = 40.0
-            out.append((session.CONTROL, thrust))
+            out.append((topics.CONTROL, thrust))
         message = Imu()
         message.header.stamp = stamp
         message.angular_velocity.z = 0.02
         message.linear_acceleration.z = 9.83
-        out.append((session.AHRS, message))
+        out.append((topics.AHRS, message))
     return out
 
 
@@ -97,12 +96,12 @@ def test_nothing_that_comes_in_raises(data):
     run = session.Session(PARAMS, 'auv')
     published = [p for topic, message in stream for p in run.take(topic, message)]
     published += run.flush()
-    states = [p for p in published if p.topic == session.STATE]
+    states = [p for p in published if p.topic == topics.STATE]
     receipts = [
-        deserialize_message(p.data, FixReceipt) for p in published if p.topic == session.RECEIPT
+        deserialize_message(p.data, FixReceipt) for p in published if p.topic == topics.RECEIPT
     ]
-    packets = sum(topic == session.PACKET for topic, _ in stream)
-    assert sum(r.topic == session.PACKET for r in receipts) == packets
+    packets = sum(topic == topics.RX for topic, _ in stream)
+    assert sum(r.topic == topics.RX for r in receipts) == packets
     assert states or run.engine.divergence or run.engine.verdicts
     for p in states[-3:]:
         assert np.isfinite(deserialize_message(p.data, NavState).r_e).all()

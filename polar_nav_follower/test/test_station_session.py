@@ -19,6 +19,7 @@ from polar_nav_core.link.station_packet import StationReport
 from polar_nav_follower import session
 from polar_nav_follower.params import FollowerParams
 from polar_nav_msgs.msg import AcousticPacket, Command, Depth, FixReceipt, NavState
+from polar_nav_ros import topics
 from polar_nav_ros.diagnostics import Level
 from polar_nav_ros.navigation_health import NavigationHealth
 from polar_nav_ros.stamps import NS, to_msg, to_ns
@@ -70,14 +71,14 @@ class Boat:
         return self.published.get(topic, [])
 
     def receipts(self, verdict):
-        return [r for r in self.of(session.RECEIPT) if r.verdict == verdict]
+        return [r for r in self.of(topics.RECEIPT) if r.verdict == verdict]
 
     def imu(self, *, covariance=0.0):
         message = Imu()
         message.header.stamp = to_msg(self.stamp_ns)
         message.linear_acceleration.z = 9.83
         message.orientation_covariance[0] = covariance
-        self.give(session.AHRS, message)
+        self.give(topics.AHRS, message)
 
     def rest(self, seconds):
         for k in range(round(100 * seconds)):
@@ -85,10 +86,10 @@ class Boat:
             if k % 10 == 0:
                 thrust = WrenchStamped()
                 thrust.header.stamp = to_msg(self.stamp_ns)
-                self.give(session.CONTROL, thrust)
+                self.give(topics.CONTROL, thrust)
                 depth = Depth(depth=-self.params.initial_height, variance=0.0025)
                 depth.header.stamp = to_msg(self.stamp_ns)
-                self.give(session.DEPTH, depth)
+                self.give(topics.DEPTH, depth)
             self.imu()
 
     def packet(self, data=None, late_s=1.0):
@@ -109,7 +110,7 @@ class Boat:
         message.transmit_time = message.header.stamp = to_msg(self.stamp_ns + 600_000_000)
         message.receive_time = to_msg(self.stamp_ns + round(late_s * NS))
         self.sent += 1
-        self.give(session.PACKET, message)
+        self.give(topics.RX, message)
 
 
 @pytest.fixture(scope='module')
@@ -134,7 +135,7 @@ def test_it_takes_the_sensors_of_its_mode_only():
 
 
 def test_states_come_ten_times_a_second_and_say_nothing_of_sensors_that_are_not_there(boat):
-    states = boat.of(session.STATE)
+    states = boat.of(topics.STATE)
     assert len(states) == pytest.approx(220, abs=3)
     last = states[-1]
     assert last.status == NavState.STATUS_NAVIGATING
@@ -151,13 +152,13 @@ def test_states_come_ten_times_a_second_and_say_nothing_of_sensors_that_are_not_
 
 
 def test_current_and_model_come_once_a_second_with_the_first_state_of_it(boat):
-    currents, models = boat.of(session.CURRENT), boat.of(session.MODEL)
+    currents, models = boat.of(topics.CURRENT), boat.of(topics.MODEL)
     assert len(currents) == len(models) == pytest.approx(23, abs=1)
     stamps = [to_ns(m.header.stamp) for m in models]
     assert stamps == [to_ns(m.header.stamp) for m in currents]
     seconds = [stamp // NS for stamp in stamps]
     assert seconds == sorted(set(seconds))
-    of_states = {to_ns(m.header.stamp) for m in boat.of(session.STATE)}
+    of_states = {to_ns(m.header.stamp) for m in boat.of(topics.STATE)}
     assert set(stamps) <= of_states
     assert 0.0 < currents[-1].covariance_g[0] < boat.params.current_sigma**2
     assert list(currents[-1].velocity_g) == list(models[-1].current_g)
@@ -165,7 +166,7 @@ def test_current_and_model_come_once_a_second_with_the_first_state_of_it(boat):
 
 
 def test_what_a_packet_said_is_published_for_people_before_its_receipt(boat):
-    decoded = boat.of(session.STATION_DECODED)
+    decoded = boat.of(topics.STATION_DECODED)
     assert [d.sequence for d in decoded] == list(range(8))
     first = decoded[0]
     assert (first.source, first.target, first.header.frame_id) == ('station', 'auv', 'station')
@@ -197,7 +198,7 @@ def test_samples_without_attitude_are_refused_and_the_filter_says_that_it_waits(
     assert refused
     assert refused[0].topic == 'imu/data'
     assert 'attitude' in refused[0].reason
-    assert not boat.of(session.STATE)
+    assert not boat.of(topics.STATE)
     assert not boat.session.engine.navigating
     diagnosis = NavigationHealth(boat.session.engine, logging.getLogger()).diagnose({})
     assert diagnosis.level is Level.WARN
@@ -207,13 +208,13 @@ def test_samples_without_attitude_are_refused_and_the_filter_says_that_it_waits(
 def test_identify_is_answered_and_does_not_forget_the_state():
     other = Boat()
     other.rest(3.0)
-    before = len(other.of(session.STATE))
+    before = len(other.of(topics.STATE))
     command = Command(kind=int(CommandKind.IDENTIFY))
     command.header.stamp = to_msg(other.stamp_ns)
-    other.give(session.COMMAND, command)
+    other.give(topics.COMMAND, command)
     other.rest(3.0)
-    assert len(other.of(session.STATE)) == pytest.approx(before + 30, abs=2)
-    (found,) = other.of(session.IDENTIFICATION)
+    assert len(other.of(topics.STATE)) == pytest.approx(before + 30, abs=2)
+    (found,) = other.of(topics.IDENTIFICATION)
     assert found.trigger == 'command'
     assert found.verdict_text == 'TOO_FEW_FIXES'
     assert found.reason

@@ -11,13 +11,12 @@ from sensor_msgs.msg import NavSatFix, NavSatStatus
 from polar_nav_core import attitude, earth
 from polar_nav_core.engine.events import Fix, Verdict
 from polar_nav_msgs.msg import AcousticPacket, UsblFix
+from polar_nav_ros import topics
 from polar_nav_ros.stamps import to_msg, to_ns
 
 from .broadcast import ArrayMeasurement
 from .params import LeaderParams
 from .states import LeaderState
-
-ABSOLUTE = 'absolute/fix'
 
 _KNOWN = (
     NavSatFix.COVARIANCE_TYPE_APPROXIMATED,
@@ -92,7 +91,7 @@ def absolute_fix_from_msg(msg: NavSatFix, number: int) -> Fix:
         covariance_e=covariance_e,
         refusal=Verdict.NOT_FINITE if reason else None,
         reason=reason,
-        topic=ABSOLUTE,
+        topic=topics.ABSOLUTE,
     )
 
 

@@ -27,6 +27,7 @@ from sensor_msgs.msg import NavSatFix
 
 from polar_nav_core.warm import warm_filter
 from polar_nav_msgs.msg import AcousticPacket, LeaderBroadcast, UsblFix
+from polar_nav_ros import topics
 from polar_nav_ros.diagnostics import Diagnosis, Level
 from polar_nav_ros.navigation_ports import NavigationPorts
 from polar_nav_ros.node import CountedPublisher, PolarNode, run
@@ -35,7 +36,7 @@ from . import session
 from .leader import Leader
 from .params import LeaderParams
 
-_OUTPUTS = {session.BROADCAST: LeaderBroadcast, session.TX: AcousticPacket}
+_OUTPUTS = {topics.BROADCAST: LeaderBroadcast, topics.TX: AcousticPacket}
 
 
 class LeaderNode(PolarNode[LeaderParams]):
@@ -75,14 +76,14 @@ class LeaderNode(PolarNode[LeaderParams]):
         warm_filter()
         own = session.OwnSession(self.params, self.vehicle)
         self._leader = own.leader
-        inputs = {session.ABSOLUTE: NavSatFix, session.USBL: UsblFix}
+        inputs = {topics.ABSOLUTE: NavSatFix, topics.USBL: UsblFix}
         self._ports = NavigationPorts(self, own, inputs, _OUTPUTS)
 
     def _follow_odometry(self) -> None:
         told = session.OdometrySession(self.params, self.vehicle)
         self._leader = told.leader
         outputs = {topic: self.advertise(kind, topic) for topic, kind in _OUTPUTS.items()}
-        for topic, kind in {session.ODOMETRY: Odometry, session.USBL: UsblFix}.items():
+        for topic, kind in {topics.ODOMETRY: Odometry, topics.USBL: UsblFix}.items():
             self.subscribe(kind, topic, _taker(told, topic, outputs))
 
     def _navigation(self) -> Diagnosis:
@@ -92,7 +93,7 @@ class LeaderNode(PolarNode[LeaderParams]):
         own = self._ports.diagnose()
         others = [
             f'{i.node_namespace.rstrip("/")}/{i.node_name}'
-            for i in self.get_publishers_info_by_topic(session.ODOMETRY)
+            for i in self.get_publishers_info_by_topic(topics.ODOMETRY)
             if i.node_name != self.get_name()
         ]
         if others and own.level < Level.ERROR:

@@ -13,24 +13,17 @@ from nav_msgs.msg import Odometry
 
 from polar_nav_core.engine.events import Estimate, Output
 from polar_nav_msgs.msg import NavState
+from polar_nav_ros import topics
 from polar_nav_ros.broadcasts import broadcast_to_msg
 from polar_nav_ros.navigation_session import NavigationSession, Published
 from polar_nav_ros.stamps import to_ns
 from polar_nav_ros.standard_outputs import odometry_of
 
 from . import convert
-from .convert import ABSOLUTE
 from .leader import Leader
 from .navigation import LeaderEngine, state_of
 from .params import LeaderParams
 from .states import LeaderState
-
-__all__ = ['ABSOLUTE', 'BROADCAST', 'ODOMETRY', 'TX', 'USBL', 'OdometrySession', 'OwnSession']
-
-ODOMETRY = 'odometry'
-USBL = 'usbl/fix'
-TX = 'acomms/tx'
-BROADCAST = 'broadcast'
 
 
 class _Sender:
@@ -46,7 +39,7 @@ class _Sender:
         target = self._p.follower
         for packet in self._leader.due(now_ns):
             content = broadcast_to_msg(packet.broadcast, self._vehicle, target)
-            yield Published.of(BROADCAST, content)
+            yield Published.of(topics.BROADCAST, content)
             message = convert.packet_to_msg(
                 packet.data,
                 self._vehicle,
@@ -56,7 +49,7 @@ class _Sender:
                 self._p.bit_rate,
             )
             self._sequence += 1
-            yield Published.of(TX, message)
+            yield Published.of(topics.TX, message)
 
 
 class OdometrySession:
@@ -77,7 +70,7 @@ class OdometrySession:
 
     def take(self, topic: str, message: Any) -> Iterator[Published]:  # noqa: ANN401 - the topic's message type
         """Take a message of ODOMETRY or USBL; yields what is to be published."""
-        if topic == USBL:
+        if topic == topics.USBL:
             self.leader.add_measurement(convert.measurement_from_msg(message))
         else:
             self.leader.add_state(convert.state_from_msg(message, self._params))
@@ -98,7 +91,7 @@ class OwnSession(NavigationSession[LeaderParams]):
     def __init__(self, params: LeaderParams, vehicle: str) -> None:
         self._rates = LeaderEngine(params)
         super().__init__(
-            params, vehicle, {ABSOLUTE: convert.absolute_fix_from_msg}, engine=self._rates
+            params, vehicle, {topics.ABSOLUTE: convert.absolute_fix_from_msg}, engine=self._rates
         )
         self.leader = Leader(params)
         self._sender = _Sender(self.leader, params, vehicle)
@@ -107,7 +100,7 @@ class OwnSession(NavigationSession[LeaderParams]):
 
     def take(self, topic: str, message: Any) -> Iterator[Published]:  # noqa: ANN401
         """Take one message; yields estimates, receipts and packets."""
-        if topic == USBL:
+        if topic == topics.USBL:
             self.leader.add_measurement(convert.measurement_from_msg(message))
         else:
             yield from super().take(topic, message)

@@ -17,8 +17,9 @@ from polar_nav_core.engine.events import Verdict
 from polar_nav_core.link import packet
 from polar_nav_leader import convert, session
 from polar_nav_leader.params import LeaderParams
-from polar_nav_ros.navigation_session import IMU, RECEIPT, STATE
+from polar_nav_ros import topics
 from polar_nav_ros.stamps import to_msg, to_ns
+from polar_nav_ros.topics import IMU, RECEIPT, STATE
 
 SECONDS = 6
 
@@ -56,12 +57,12 @@ def sent(world):
     """A run with one fix of the array, whose reply was back after 3 s."""
     run = own(world)
     fix = messages.usbl(int(world.stamps[300]) + 7_000_000)
-    return run, feed(run, world, extra=[(3.1, session.USBL, fix)])
+    return run, feed(run, world, extra=[(3.1, topics.USBL, fix)])
 
 
 def test_packet_holds_the_own_state_and_its_covariance(world, sent):
     _, out = sent
-    (tx,), (content,) = out[session.TX], out[session.BROADCAST]
+    (tx,), (content,) = out[topics.TX], out[topics.BROADCAST]
     b = packet.decode(bytes(tx.data), int(world.stamps[-1]))
     k = 300
     moved = 0.007 * grid.ecef_to_grid(world.r_e[k]).T @ world.v_G[k]
@@ -82,7 +83,7 @@ def test_packet_holds_the_own_state_and_its_covariance(world, sent):
 def test_attitude_is_in_the_relative_vector_once(world, sent):
     """What the array measured, turned by an uncertain attitude: nothing else, nothing twice."""
     _, out = sent
-    (content,) = out[session.BROADCAST]
+    (content,) = out[topics.BROADCAST]
     exact = dataclasses.replace(
         LeaderParams(), **{'navigation': 'odometry', 'odometry_history_s': 30.0}
     )
@@ -91,9 +92,9 @@ def test_attitude_is_in_the_relative_vector_once(world, sent):
         covariance = np.reshape(odometry.pose.covariance, (6, 6)).copy()
         covariance[3:, 3:] = 1e-30 * np.eye(3)
         odometry.pose.covariance = covariance.reshape(36)
-        list(told.take(session.ODOMETRY, odometry))
+        list(told.take(topics.ODOMETRY, odometry))
     fix = messages.usbl(int(world.stamps[300]) + 7_000_000)
-    array_only = next(iter(told.take(session.USBL, fix))).message
+    array_only = next(iter(told.take(topics.USBL, fix))).message
     r = np.array(content.r_lf_g)
     states = out[STATE]
     P = np.reshape(states[30].attitude_covariance_g, (3, 3))
@@ -118,7 +119,7 @@ def test_odometry_has_rate_and_covariance_so_another_leader_could_read_it(sent):
 
 def test_transmit_stamp_is_the_processing_delay_after_the_return(world, sent):
     _, out = sent
-    (tx,) = out[session.TX]
+    (tx,) = out[topics.TX]
     due = int(world.stamps[300]) + 7_000_000 + 300_000_000
     assert to_ns(tx.transmit_time) == due
 
@@ -130,10 +131,10 @@ def test_no_broadcast_from_a_navigation_that_diverged(world):
     kick.linear_acceleration.x = 1e200
     kick.header.stamp = to_msg(int(world.stamps[101]) + 1)
     fix = messages.usbl(int(world.stamps[300]))
-    out = feed(run, world, extra=[(1.01, IMU, kick), (3.1, session.USBL, fix)])
+    out = feed(run, world, extra=[(1.01, IMU, kick), (3.1, topics.USBL, fix)])
     assert run.engine.divergence
     assert 5 < len(out[STATE]) < 15
-    assert session.TX not in out
+    assert topics.TX not in out
     assert run.leader.waiting == 1
 
 
@@ -170,11 +171,11 @@ def test_absolute_fix_that_says_too_little_is_refused_with_a_reason(world, chang
     message = messages.absolute(int(world.stamps[400]), world.r_e[400], 4.0 * np.eye(3))
     for name, value in change.items():
         setattr(message, name, value)
-    out = feed(run, world, extra=[(4.01, session.ABSOLUTE, message)])
+    out = feed(run, world, extra=[(4.01, topics.ABSOLUTE, message)])
     (receipt,) = out[RECEIPT]
     assert receipt.verdict == Verdict.NOT_FINITE
     assert reason in receipt.reason
-    assert receipt.topic == session.ABSOLUTE
+    assert receipt.topic == topics.ABSOLUTE
 
 
 def test_absolute_fixes_are_fused_and_bound_the_error(world):
@@ -186,7 +187,7 @@ def test_absolute_fixes_are_fused_and_bound_the_error(world):
     fixes = [
         (
             t + 0.01,
-            session.ABSOLUTE,
+            topics.ABSOLUTE,
             messages.absolute(int(world.stamps[100 * t]), world.r_e[100 * t], 0.01 * np.eye(3)),
         )
         for t in range(1, 6)

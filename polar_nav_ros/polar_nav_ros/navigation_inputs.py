@@ -24,9 +24,8 @@ from polar_nav_msgs.msg import Depth, Dvl
 from polar_nav_msgs.msg import InitialState as InitialStateMsg
 
 from .stamps import to_ns
+from .topics import AHRS
 
-AHRS = 'imu/data'
-"""IMU data with an attitude; `imu/data_raw` is without."""
 UNIT = 1e-3
 """Departure of a quaternion's length from 1 that rounding to float32 and more explains."""
 

@@ -35,17 +35,15 @@ from .diagnostics import Diagnosis
 from .navigation_health import NavigationHealth
 from .navigation_inputs import initial_from_msg, initial_problem, initial_to_msg
 from .navigation_session import (
-    COMMAND,
     MODEL_OUTPUTS,
-    RECEIPT,
     SENSORS,
-    STATE,
     NavigationSession,
     Published,
 )
 from .node import CountedPublisher, PolarNode
 from .stamps import to_msg, to_ns
 from .standard_outputs import fix_of
+from .topics import COMMAND, FIX, ODOMETRY, RECEIPT, STATE
 
 
 class NavigationPorts:
@@ -77,8 +75,8 @@ class NavigationPorts:
             topic: node.advertise(kind, topic) for topic, kind in published.items()
         }
         self._commands = node.advertise(CommandMsg, COMMAND)
-        self._odometry = node.advertise(Odometry, 'odometry')
-        self._fix = node.advertise(NavSatFix, 'nav/fix')
+        self._odometry = node.advertise(Odometry, ODOMETRY)
+        self._fix = node.advertise(NavSatFix, FIX)
         self._command_count = 0
         self._fix_second = -1
         imu, *others = session.sensors

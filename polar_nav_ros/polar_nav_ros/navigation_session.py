@@ -29,20 +29,21 @@ from . import model_outputs
 from . import navigation_inputs as inputs
 from . import navigation_outputs as outputs
 from .cdr import to_bytes
-from .navigation_inputs import AHRS
 from .stamps import NS
 from .standard_outputs import odometry_of
-
-IMU = 'imu/data_raw'
-DVL = 'dvl/data'
-DEPTH = 'depth/data'
-CONTROL = 'control/thrust'
-COMMAND = 'nav/command'
-STATE = 'nav/state'
-RECEIPT = 'nav/receipt'
-CURRENT = 'nav/current'
-MODEL = 'nav/model'
-IDENTIFICATION = 'nav/identification'
+from .topics import (
+    AHRS,
+    COMMAND,
+    CONTROL,
+    CURRENT,
+    DEPTH,
+    DVL,
+    IDENTIFICATION,
+    IMU,
+    MODEL,
+    RECEIPT,
+    STATE,
+)
 
 SENSORS: dict[str, type[Any]] = {
     IMU: Imu,

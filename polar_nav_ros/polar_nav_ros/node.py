@@ -31,13 +31,13 @@ from polar_nav_core.errors import ConfigError, PolarNavError
 from polar_nav_core.params import NodeParams, to_mapping
 from polar_nav_msgs.msg import LockstepAck
 
+from . import topics
 from .diagnostics import Diagnosis
 from .parameters import load
 
 P = TypeVar('P', bound=NodeParams)
 
 ACK_TOPIC = '/lockstep/ack'
-RUN_INFO_TOPIC = '/run_info'
 SUPERVISED = 'POLAR_NAV_SUPERVISED'
 """Set in the environment by who reads lines for machines from stdout: ready, progress, counts."""
 QUEUE_DEPTH = 2000
@@ -140,9 +140,9 @@ class PolarNode(Node, Generic[P]):  # type: ignore[misc]
         if self.params.lockstep or self.params.presence:
             self._acks = self.create_publisher(LockstepAck, ACK_TOPIC, DATA_QOS)
         self._diagnostics = CountedPublisher(
-            self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+            self.create_publisher(DiagnosticArray, topics.DIAGNOSTICS, 10)
         )
-        self._run_info = self.create_publisher(String, RUN_INFO_TOPIC, LATCHED_QOS)
+        self._run_info = self.create_publisher(String, topics.RUN_INFO, LATCHED_QOS)
         self._run_info.publish(String(data=self._describe()))
         self.create_timer(1.0, self._publish_diagnosis, clock=_STEADY)
         if self._acks is not None:

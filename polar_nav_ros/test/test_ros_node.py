@@ -19,6 +19,7 @@ from polar_nav_core.errors import ConfigError  # noqa: E402
 from polar_nav_core.params import NodeParams, param  # noqa: E402
 from polar_nav_msgs.msg import Depth, LockstepAck  # noqa: E402
 from polar_nav_ros import node as ros_node  # noqa: E402
+from polar_nav_ros import topics  # noqa: E402
 from polar_nav_ros.node import DATA_QOS, LATCHED_QOS, PolarNode  # noqa: E402
 from polar_nav_ros.stamps import stamp_ns_of_cdr, to_msg, to_ns  # noqa: E402
 
@@ -59,7 +60,7 @@ def test_takes_everything_publishes_and_acknowledges():
     acks, got, infos = [], [], []
     peer.create_subscription(LockstepAck, ros_node.ACK_TOPIC, acks.append, DATA_QOS)
     peer.create_subscription(Depth, 'out', got.append, DATA_QOS)
-    peer.create_subscription(String, ros_node.RUN_INFO_TOPIC, infos.append, LATCHED_QOS)
+    peer.create_subscription(String, topics.RUN_INFO, infos.append, LATCHED_QOS)
     source = peer.create_publisher(Depth, 'in', DATA_QOS)
     executor = SingleThreadedExecutor()
     executor.add_node(echo)

@@ -13,6 +13,7 @@ from rclpy.serialization import deserialize_message
 
 from polar_nav_follower import session
 from polar_nav_msgs.msg import NavState
+from polar_nav_ros import topics
 from polar_nav_ros.cdr import to_bytes
 from polar_nav_tools.bags import BagWriter, open_bag
 from polar_nav_tools.cli import main
@@ -38,12 +39,12 @@ def bag(tmp_path_factory):
         for topic in wanted:
             described = source.definition(topic)
             writer.add_topic(topic, source.channel(topic).type, described=described)
-        for topic, kind in ((session.STATE, 'NavState'), (session.RECEIPT, 'FixReceipt')):
+        for topic, kind in ((topics.STATE, 'NavState'), (topics.RECEIPT, 'FixReceipt')):
             writer.add_topic(f'/follower/{topic}', f'polar_nav_msgs/msg/{kind}')
         for record in source.records(wanted):
             writer.write(record.topic, record.data, record.log_time_ns)
         for output in replayed.outputs:
-            if output.topic.endswith((session.STATE, session.RECEIPT)):
+            if output.topic.endswith((topics.STATE, topics.RECEIPT)):
                 writer.write(output.topic, output.data, output.stamp_ns)
     return path
 
@@ -64,14 +65,14 @@ def moved(replayed, metres, at=100):
     """Return the replay with one estimate moved."""
     outputs, seen = list(replayed.outputs), 0
     for i, output in enumerate(outputs):
-        if not output.topic.endswith(session.STATE):
+        if not output.topic.endswith(topics.STATE):
             continue
         if seen == at:
             message = deserialize_message(output.data, NavState)
             message.r_e[0] += metres
             outputs[i] = dataclasses.replace(output, data=to_bytes(message))
         seen += 1
-    digests = {**replayed.sha256, session.STATE: 'another'}
+    digests = {**replayed.sha256, topics.STATE: 'another'}
     return dataclasses.replace(replayed, outputs=outputs, sha256=digests)
 
 
@@ -93,7 +94,7 @@ def test_it_names_what_bits_depend_on(given):
     assert len(said['machine']['requirements_lock_sha256']) == 64
     assert said['machine']['versions']['numba']
     assert said['parameters']['configuration'] == said['run']['configuration']
-    assert said['outputs'][session.STATE]['messages'] > 100
+    assert said['outputs'][topics.STATE]['messages'] > 100
     assert said['run']['seed'] == 1
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from sensor_msgs.msg import NavSatFix
 
 from polar_nav_core.grid import ecef_to_grid
+from polar_nav_ros import topics
 from polar_nav_ros.node import run
 
 from ..convert import absolute_fix_to_msg, frame_id
@@ -33,7 +34,7 @@ class AbsoluteFixNode(TruthListener[AbsoluteFixParams]):
         self._sigma = np.array([*[p.horizontal_sigma_m] * 2, p.vertical_sigma_m])
         self._schedule = Schedule(1.0 / p.period_s)
         self._draws = Draws(stream(p.seed, self._stream), 3)
-        self._pub = self.advertise(NavSatFix, 'absolute/fix')
+        self._pub = self.advertise(NavSatFix, topics.ABSOLUTE)
         self.listen()
 
     def wanted(self, since_start_ns: int) -> int | None:

@@ -10,6 +10,7 @@ from sensor_msgs.msg import FluidPressure
 
 from polar_nav_core.depth import pressure_from_depth
 from polar_nav_msgs.msg import Depth
+from polar_nav_ros import topics
 from polar_nav_ros.node import run
 
 from ..convert import depth_to_msg, frame_id, pressure_to_msg
@@ -31,8 +32,8 @@ class DepthNode(TruthListener[DepthParams]):
         self._frame = frame_id(self.vehicle, 'depth')
         self._schedule = Schedule(p.rate_hz)
         self._sensor = DepthSensor(p, stream(p.seed, self._stream))
-        self._pressure = self.advertise(FluidPressure, 'depth/pressure')
-        self._depth = self.advertise(Depth, 'depth/data')
+        self._pressure = self.advertise(FluidPressure, topics.PRESSURE)
+        self._depth = self.advertise(Depth, topics.DEPTH)
         self.listen()
 
     def wanted(self, since_start_ns: int) -> int | None:

@@ -9,6 +9,7 @@ from geometry_msgs.msg import TwistWithCovarianceStamped
 
 from polar_nav_core.grid import earth_rate
 from polar_nav_msgs.msg import Dvl
+from polar_nav_ros import topics
 from polar_nav_ros.node import run
 
 from ..convert import dvl_to_msg, frame_id, twist_to_msg
@@ -32,8 +33,8 @@ class DvlNode(TruthListener[DvlParams]):
         self._frame = frame_id(self.vehicle, 'dvl')
         self._schedule = Schedule(p.rate_hz)
         self._sensor = DvlSensor(p, self._schedule.period_s, stream(p.seed, self._stream))
-        self._data = self.advertise(Dvl, 'dvl/data')
-        self._twist = self.advertise(TwistWithCovarianceStamped, 'dvl/twist')
+        self._data = self.advertise(Dvl, topics.DVL)
+        self._twist = self.advertise(TwistWithCovarianceStamped, topics.DVL_TWIST)
         self._invalid = 0
         self.listen()
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sensor_msgs.msg import Imu
 
+from polar_nav_ros import topics
 from polar_nav_ros.node import run
 
 from ..convert import AhrsMessage, ImuMessage, frame_id
@@ -32,10 +33,10 @@ class ImuNode(TruthListener[ImuParams]):
     def __init__(self, **kwargs: Any) -> None:  # noqa: ANN401 - passed on to rclpy
         super().__init__('imu_node', ImuParams, **kwargs)
         self._stream = stream_name(self, 'imu')
-        self._pub = self.advertise(Imu, 'imu/data_raw')
+        self._pub = self.advertise(Imu, topics.IMU)
         self._sensor: ImuSensor | None = None
         self._ahrs: _Ahrs | None = None
-        self._with_attitude = self.advertise(Imu, 'imu/data') if self.params.ahrs else None
+        self._with_attitude = self.advertise(Imu, topics.AHRS) if self.params.ahrs else None
         self._message: ImuMessage | None = None
         self.listen()
 

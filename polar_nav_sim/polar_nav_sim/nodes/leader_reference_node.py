@@ -9,6 +9,7 @@ import numpy as np
 from nav_msgs.msg import Odometry
 
 from polar_nav_core.grid import earth_rate, ecef_to_grid
+from polar_nav_ros import topics
 from polar_nav_ros.node import run
 
 from ..convert import frame_id, odometry_to_msg
@@ -33,7 +34,7 @@ class LeaderReferenceNode(TruthListener[LeaderReferenceParams]):
         self._schedule = Schedule(p.rate_hz)
         self._system = ReferenceSystem(p, self._schedule.period_s, stream(p.seed, self._stream))
         self._variance = np.square(self._system.sigma)
-        self._pub = self.advertise(Odometry, 'odometry')
+        self._pub = self.advertise(Odometry, topics.ODOMETRY)
         self.listen()
 
     def wanted(self, since_start_ns: int) -> int | None:

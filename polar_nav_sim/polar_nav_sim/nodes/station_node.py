@@ -13,6 +13,7 @@ from typing import Any
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.link.station_packet import encode
 from polar_nav_msgs.msg import AcousticPacket, StationFix, VehicleTruth
+from polar_nav_ros import topics
 from polar_nav_ros.diagnostics import Diagnosis, Level
 from polar_nav_ros.node import PolarNode, run
 from polar_nav_ros.stamps import stamp_ns_of_cdr
@@ -47,9 +48,12 @@ class StationNode(PolarNode[StationParams]):
         self._sequence: StationSequence | None = None
         self._refused = 0
         self._told = 0
-        self._fix = self.advertise(StationFix, 'station/fix')
-        self._tx = self.advertise(AcousticPacket, 'acomms/tx')
-        for history, topic in ((self._own, 'truth'), (self._target, f'/{p.target}/truth')):
+        self._fix = self.advertise(StationFix, topics.STATION)
+        self._tx = self.advertise(AcousticPacket, topics.TX)
+        for history, topic in (
+            (self._own, topics.TRUTH),
+            (self._target, f'/{p.target}/{topics.TRUTH}'),
+        ):
             self.subscribe(VehicleTruth, topic, partial(self._on_truth, history), raw=True)
 
     def diagnose(self) -> Diagnosis:

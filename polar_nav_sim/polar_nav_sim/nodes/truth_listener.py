@@ -6,6 +6,7 @@ from typing import Any, TypeVar
 
 from polar_nav_core.params import NodeParams
 from polar_nav_msgs.msg import VehicleTruth
+from polar_nav_ros import topics
 from polar_nav_ros.diagnostics import Diagnosis, Level
 from polar_nav_ros.node import PolarNode
 
@@ -27,7 +28,7 @@ class TruthListener(PolarNode[P]):
 
     def listen(self) -> None:
         """Begin; the subclass is complete now."""
-        self.subscribe(VehicleTruth, 'truth', self._on_truth, raw=True)
+        self.subscribe(VehicleTruth, topics.TRUTH, self._on_truth, raw=True)
 
     def wanted(self, since_start_ns: int) -> int | None:
         """Return the number of the measurement that is due at a sample, or None."""

@@ -16,6 +16,7 @@ from rclpy.clock import ClockType
 from rosgraph_msgs.msg import Clock
 
 from polar_nav_msgs.msg import LockstepAck, VehicleTruth
+from polar_nav_ros import topics
 from polar_nav_ros.diagnostics import Diagnosis, Level
 from polar_nav_ros.flow import Flow
 from polar_nav_ros.node import ACK_TOPIC, PolarNode, run
@@ -56,7 +57,7 @@ class TruthNode(PolarNode[TruthParams]):
         self._truth = {
             v: self.advertise(VehicleTruth, f'{v}/truth') for v in self._mission.vehicles
         }
-        self._time = self.advertise(Clock, '/clock')
+        self._time = self.advertise(Clock, topics.CLOCK)
         self._next = 0
         self._wall = RosClock(clock_type=ClockType.STEADY_TIME)
         self._moved_ns = self._wall.now().nanoseconds

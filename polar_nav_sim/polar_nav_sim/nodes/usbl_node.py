@@ -8,6 +8,7 @@ from typing import Any
 
 from polar_nav_core.errors import ConfigError
 from polar_nav_msgs.msg import UsblFix, VehicleTruth
+from polar_nav_ros import topics
 from polar_nav_ros.diagnostics import Diagnosis, Level
 from polar_nav_ros.node import PolarNode, run
 from polar_nav_ros.stamps import stamp_ns_of_cdr
@@ -45,9 +46,9 @@ class UsblNode(PolarNode[UsblParams]):
         self._interrogator = Interrogator(arrays, self._histories, p.period_s, p.first_ping_s)
         self._started = False
         self._refused = 0
-        self._pub = self.advertise(UsblFix, 'usbl/fix')
+        self._pub = self.advertise(UsblFix, topics.USBL)
         for name in self._histories:
-            topic = f'/{name}/truth' if name else 'truth'
+            topic = f'/{name}/{topics.TRUTH}' if name else topics.TRUTH
             self.subscribe(VehicleTruth, topic, partial(self._on_truth, name), raw=True)
 
     def diagnose(self) -> Diagnosis:

@@ -12,6 +12,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from polar_nav_ros.topics import IDENTIFICATION, MODEL, RECEIPT, RX, STATE, TX
+
 from ..bags import Bag, BagError, open_bag
 from ..bags.arrays import (
     estimates_from_cdr,
@@ -20,7 +22,7 @@ from ..bags.arrays import (
     load_truth,
     receipts_from_cdr,
 )
-from ..bags.model import IDENTIFICATION, MODEL, load_model_run, load_true_model, model_run_from_cdr
+from ..bags.model import load_model_run, load_true_model, model_run_from_cdr
 from ..live.run import OUTCOME_NAME, RUN_FOLDER
 from ..report.input import Digest, TopicCount
 from ..scoring import Balance, Column, Comparison, Table, balances, compare, mission_phases
@@ -35,9 +37,6 @@ if TYPE_CHECKING:
     from ..bags.request import Request
     from ..replay.verification import VerifyResult
 
-STATE, RECEIPT, PACKET, DECODED = 'nav/state', 'nav/receipt', 'acomms/rx', 'acomms/decoded'
-STATION_DECODED = 'acomms/station_decoded'
-TX = 'acomms/tx'
 RECORDER = '/recorder_node'
 Say = Callable[[str], None]
 
@@ -197,8 +196,8 @@ def analyse(
         if verified:
             say('comparing a replay with what was published live')
             verification = verify(inputs, replayed=replayed)
-    received = bag.topics.get(f'/{name}/{PACKET}')
-    packets = {PACKET: received.count} if received is not None else {}
+    received = bag.topics.get(f'/{name}/{RX}')
+    packets = {RX: received.count} if received is not None else {}
     return Analysis(
         bag=bag,
         vehicle=name,

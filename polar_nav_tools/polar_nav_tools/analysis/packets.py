@@ -5,6 +5,8 @@ from __future__ import annotations
 import re
 from typing import Any
 
+from polar_nav_ros import topics
+
 from ..bags import Bag
 from ..scoring.delivery import Delivery, Packet, delivery
 
@@ -16,24 +18,26 @@ _SHUTDOWN = 2  # Command.SHUTDOWN
 
 def delivery_of(bag: Bag, follower: str) -> Delivery | None:
     """Account for the packets to one vehicle; None when the bag has no sender's modem."""
-    topics = [t.name for t in bag.topics.values() if t.name.endswith('/acomms/tx') and t.count > 0]
-    if not topics:
+    senders = [
+        t.name for t in bag.topics.values() if t.name.endswith(f'/{topics.TX}') and t.count > 0
+    ]
+    if not senders:
         return None
     sent = {
         _packet(m): _ns(m.transmit_time)
-        for topic in topics
+        for topic in senders
         for _, m in bag.read(topic)
         if m.destination == follower
     }
     received = [
         (_packet(m), _ns(m.receive_time))
-        for m in _messages(bag, f'/{follower}/acomms/rx')
+        for m in _messages(bag, f'/{follower}/{topics.RX}')
         if m.destination == follower
     ]
     known = [*sent.values(), *(t for _, t in received)]
     ends = [
         _ns(m.header.stamp)
-        for m in _messages(bag, f'/{follower}/nav/command')
+        for m in _messages(bag, f'/{follower}/{topics.COMMAND}')
         if m.kind == _SHUTDOWN
     ]
     return delivery(sent, received, max(ends or known or [0]), stated_in_flight(bag, follower))
@@ -42,7 +46,7 @@ def delivery_of(bag: Bag, follower: str) -> Delivery | None:
 def stated_in_flight(bag: Bag, follower: str) -> set[Packet] | None:
     """Packets in flight as the link said at its end; None when it did not, or is a real sea."""
     found: set[Packet] | None = None
-    for message in _messages(bag, '/diagnostics'):
+    for message in _messages(bag, topics.DIAGNOSTICS):
         for status in message.status:
             for value in status.values:
                 if value.key == _IN_FLIGHT:

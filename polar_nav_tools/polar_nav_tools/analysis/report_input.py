@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from polar_nav_ros.topics import DECODED, STATION_DECODED, TRUTH, TX
+
 from ..bags import Bag
 from ..bags.arrays import load_truth
 from ..report.input import FixPositions, ReportInput, SentPackets, StationRanges
 from ..series.vehicle import TruthSeries
-from .analyse import DECODED, STATION_DECODED, Analysis
+from .analyse import Analysis
 
 
 def report_input(analysis: Analysis, *, title: str, made: str) -> ReportInput:
@@ -36,7 +38,7 @@ def leader_of(bag: Bag, follower: str) -> TruthSeries | None:
     """Truth of the first other vehicle that the bag has, for the map."""
     for topic in bag.topics.values():
         vehicle, _, rest = topic.name.strip('/').partition('/')
-        if rest == 'truth' and vehicle != follower and topic.count:
+        if rest == TRUTH and vehicle != follower and topic.count:
             return load_truth(bag, vehicle)
     return None
 
@@ -84,7 +86,7 @@ def _station_positions(
 
 def sent_packets(bag: Bag, leader: str | None) -> SentPackets | None:
     """Every packet that the leader sent."""
-    topic = f'/{leader}/acomms/tx'
+    topic = f'/{leader}/{TX}'
     if leader is None or topic not in bag.topics or not bag.topics[topic].count:
         return None
     messages = [message for _, message in bag.read(topic)]

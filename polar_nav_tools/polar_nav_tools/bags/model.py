@@ -5,6 +5,7 @@ Reads `nav/model` and `nav/identification` (messages or their bytes) and, for th
 """
 
 from __future__ import annotations
+from polar_nav_ros.topics import IDENTIFICATION, MODEL, TRUE_MODEL
 
 import math
 from collections.abc import Iterable
@@ -19,7 +20,6 @@ from .columns import Columns, read_columns, stamps, time_fields
 from .errors import BagError
 from .schemas import Definition, definition
 
-MODEL, IDENTIFICATION, TRUE_MODEL = 'nav/model', 'nav/identification', 'truth/model'
 AHRS_NODE = 'imu_node'
 MODEL_TYPE = 'polar_nav_msgs/msg/VehicleModel'
 

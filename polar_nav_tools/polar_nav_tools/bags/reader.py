@@ -7,6 +7,7 @@ whole: every checksum was compared and every count agrees.
 """
 
 from __future__ import annotations
+from polar_nav_ros.topics import RUN_INFO
 
 import json
 import os
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
 
 RECOVERY_RECORD = 'polar_nav_recovery'
 """Name of the metadata record that `recover` leaves: the bag was once broken."""
-RUN_INFO_TOPIC = '/run_info'
 
 
 @dataclass(frozen=True)
@@ -216,7 +216,7 @@ class Bag:
         """
         found: dict[str, dict[str, Any]] = {}
         try:
-            for _, message in self.read(RUN_INFO_TOPIC):
+            for _, message in self.read(RUN_INFO):
                 content = _json_or_none(getattr(message, 'data', ''))
                 if isinstance(content, dict) and isinstance(content.get('node'), str):
                     found[content['node']] = content
@@ -241,7 +241,7 @@ class Bag:
         if not isinstance(params, dict):
             have = listed(sorted(self.node_infos)) if self.node_infos else 'none'
             raise BagError(
-                f'{self.path}: no parameters of node {node} were recorded on {RUN_INFO_TOPIC}; '
+                f'{self.path}: no parameters of node {node} were recorded on {RUN_INFO}; '
                 f'nodes there: {have}'
             )
         return dict(params)

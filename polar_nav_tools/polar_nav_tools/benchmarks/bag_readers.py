@@ -18,18 +18,18 @@ from polar_nav_follower import session
 from polar_nav_follower.convert import fix_from_msg
 from polar_nav_follower.params import FollowerParams
 from polar_nav_msgs.msg import AcousticPacket, Depth, Dvl, VehicleTruth
-from polar_nav_ros import navigation_inputs
+from polar_nav_ros import navigation_inputs, topics
 
 from ..bags import Bag
 from ..bags.reader import blocks_of
 from .long_bag import VEHICLE
 
 _TYPES = {
-    'imu/data_raw': Imu,
-    'dvl/data': Dvl,
-    'depth/data': Depth,
-    'truth': VehicleTruth,
-    'acomms/rx': AcousticPacket,
+    topics.IMU: Imu,
+    topics.DVL: Dvl,
+    topics.DEPTH: Depth,
+    topics.TRUTH: VehicleTruth,
+    topics.RX: AcousticPacket,
 }
 
 
@@ -58,7 +58,9 @@ def mcap_ros2(path: Path) -> Iterator[tuple[str, Any]]:
 
 def mcap_rclpy(path: Path) -> Iterator[tuple[str, Any]]:
     """Topic and message of everything, found by mcap and deserialized by rclpy."""
-    types = {f'/{VEHICLE}/{topic}': one for topic, one in _TYPES.items()} | {'/run_info': String}
+    types = {f'/{VEHICLE}/{topic}': one for topic, one in _TYPES.items()} | {
+        topics.RUN_INFO: String
+    }
     with path.open('rb') as stream:
         for _, channel, message in make_reader(stream).iter_messages(log_time_order=False):
             yield channel.topic, deserialize_message(message.data, types[channel.topic])
@@ -73,16 +75,16 @@ def inputs_of(messages: Iterator[tuple[str, Any]], params: FollowerParams) -> In
     """What the engine takes, from decoded messages: the peers' way to the same engine."""
     found: dict[str, list[Any]] = {topic: [] for topic in session.INPUTS}
     readers: dict[str, Callable[[Any, int], Any]] = {
-        session.IMU: navigation_inputs.imu_from_msg,
-        session.DVL: lambda m, n: navigation_inputs.dvl_from_msg(m, n, params.dvl_sigma),
-        session.DEPTH: lambda m, n: navigation_inputs.depth_from_msg(m, n, params.depth_sigma),
-        session.PACKET: lambda m, n: fix_from_msg(m, n, params)[0],
+        topics.IMU: navigation_inputs.imu_from_msg,
+        topics.DVL: lambda m, n: navigation_inputs.dvl_from_msg(m, n, params.dvl_sigma),
+        topics.DEPTH: lambda m, n: navigation_inputs.depth_from_msg(m, n, params.depth_sigma),
+        topics.RX: lambda m, n: fix_from_msg(m, n, params)[0],
     }
     for topic, message in messages:
         name = topic.removeprefix(f'/{VEHICLE}/')
         if name in readers:
             found[name].append(readers[name](message, len(found[name])))
-    imu, dvl, depth = (found[t] for t in (session.IMU, session.DVL, session.DEPTH))
+    imu, dvl, depth = (found[t] for t in (topics.IMU, topics.DVL, topics.DEPTH))
     return Inputs(
         imu_stamps_ns=np.array([e.stamp_ns for e in imu]),
         omega_ib_b=np.array([e.omega_ib_b for e in imu]),
@@ -94,5 +96,5 @@ def inputs_of(messages: Iterator[tuple[str, Any]], params: FollowerParams) -> In
         depth_stamps_ns=np.array([e.stamp_ns for e in depth]),
         depth=np.array([e.depth for e in depth]),
         depth_variance=np.array([e.variance for e in depth]),
-        fixes=tuple(found[session.PACKET]),
+        fixes=tuple(found[topics.RX]),
     )

@@ -25,6 +25,7 @@ from polar_nav_core.link.packet import Broadcast, encode
 from polar_nav_core.params import to_mapping
 from polar_nav_follower.params import FollowerParams
 from polar_nav_msgs.msg import AcousticPacket, Depth, Dvl, VehicleTruth
+from polar_nav_ros import topics
 from polar_nav_ros.cdr import to_bytes
 from polar_nav_sim.trajectory import Truth
 
@@ -37,7 +38,7 @@ from ..experiments.world import World, make_world
 from ..experiments.world_spec import WorldSpec
 
 VEHICLE = 'follower'
-RATES_HZ = {'imu/data_raw': 100.0, 'dvl/data': 5.0, 'depth/data': 1.0, 'truth': 1.0}
+RATES_HZ = {topics.IMU: 100.0, topics.DVL: 5.0, topics.DEPTH: 1.0, topics.TRUTH: 1.0}
 PACKETS_HZ = 0.5
 CONFIGURATION = 'modified_akf'
 _SEED = 1
@@ -114,44 +115,44 @@ def _definitions() -> list[str]:
 def _write(target: Path, hours: float, progress: Progress | None) -> None:
     world = _world(hours)
     streams = [
-        _stamped(0, 'imu/data_raw', _imu(world)),
-        _stamped(1, 'dvl/data', _dvl(world)),
-        _stamped(2, 'depth/data', _depth(world)),
-        _stamped(3, 'truth', _truth(world)),
+        _stamped(0, topics.IMU, _imu(world)),
+        _stamped(1, topics.DVL, _dvl(world)),
+        _stamped(2, topics.DEPTH, _depth(world)),
+        _stamped(3, topics.TRUTH, _truth(world)),
         _packets(4, world),
     ]
     total = len(world.inputs.imu_stamps_ns)
     run = {'mission': 'straight', 'made_by': 'polar bench replay', 'seed': _SEED}
     with BagWriter(target, run, flush_s=1e9) as writer:
-        writer.add_topic('/run_info', 'std_msgs/msg/String')
-        for name, type_name in _TYPES.items():
-            writer.add_topic(f'/{VEHICLE}/{name}', type_name)
+        writer.add_topic(topics.RUN_INFO, topics.TYPES[topics.RUN_INFO])
+        for name, type_name in topics.of_vehicle(VEHICLE, _TOPICS).items():
+            writer.add_topic(name, type_name)
         start_ns = int(world.inputs.imu_stamps_ns[0])
-        writer.write('/run_info', _run_info(world), start_ns)
+        writer.write(topics.RUN_INFO, _run_info(world), start_ns)
         written = 0
         for stamp_ns, _, name, data in heapq.merge(*streams):
             writer.write(f'/{VEHICLE}/{name}', data, stamp_ns)
-            written += name == 'imu/data_raw'
+            written += name == topics.IMU
             if progress is not None and written % 100_000 == 0:
                 progress(written / total)
 
 
-_TYPES = {
-    'imu/data_raw': 'sensor_msgs/msg/Imu',
-    'dvl/data': 'polar_nav_msgs/msg/Dvl',
-    'depth/data': 'polar_nav_msgs/msg/Depth',
-    'truth': 'polar_nav_msgs/msg/VehicleTruth',
-    'acomms/rx': 'polar_nav_msgs/msg/AcousticPacket',
-}
+_TOPICS = (
+    topics.IMU,
+    topics.DVL,
+    topics.DEPTH,
+    topics.TRUTH,
+    topics.RX,
+)
 
 
 def _world(hours: float) -> World:
     spec = WorldSpec(
         duration_s=3600.0 * hours,
         imu='paper_6_2',
-        imu_rate_hz=RATES_HZ['imu/data_raw'],
-        dvl_rate_hz=RATES_HZ['dvl/data'],
-        depth_rate_hz=RATES_HZ['depth/data'],
+        imu_rate_hz=RATES_HZ[topics.IMU],
+        dvl_rate_hz=RATES_HZ[topics.DVL],
+        depth_rate_hz=RATES_HZ[topics.DEPTH],
     )
     fixes = FixSpec(
         period_s=1.0 / PACKETS_HZ,
@@ -243,7 +244,7 @@ def _truth(world: World) -> Blocks:
     message = VehicleTruth()
     message.header.frame_id = 'earth'
     template = Template(message)
-    stride = round(RATES_HZ['imu/data_raw'] / RATES_HZ['truth'])
+    stride = round(RATES_HZ[topics.IMU] / RATES_HZ[topics.TRUTH])
     stamps = world.inputs.imu_stamps_ns[stride - 1 :: stride]
     for rows in _parts(len(stamps)):
         yield stamps[rows], template.messages(_truth_numbers(world.truth, stamps[rows], rows))
@@ -291,7 +292,7 @@ def _packets(order: int, world: World) -> Stream:
                 sound_speed=1450.0,
             )
         )
-        yield fix.receive_ns, order, 'acomms/rx', to_bytes(message)
+        yield fix.receive_ns, order, topics.RX, to_bytes(message)
 
 
 def _set(time: Any, stamp_ns: int) -> None:  # noqa: ANN401 - builtin_interfaces/Time

@@ -16,7 +16,7 @@ import numpy as np
 
 from polar_nav_core.engine import run as batch
 from polar_nav_core.engine.inputs import Inputs
-from polar_nav_follower import session
+from polar_nav_ros import topics
 
 from ..bags import Bag, open_bag
 from ..bags.arrays import estimates_from_cdr
@@ -38,7 +38,7 @@ AGAINST_PEER = 25.0
 AGAINST_BARE = 3.0
 MEMORY_MB = 1000.0
 
-_IMU_HZ = RATES_HZ['imu/data_raw']
+_IMU_HZ = RATES_HZ[topics.IMU]
 
 
 def agree(bag: Bag, mcap_file: Path) -> dict[str, int]:
@@ -66,7 +66,7 @@ def agree(bag: Bag, mcap_file: Path) -> dict[str, int]:
             if not same:
                 raise Disagreement(f'{field.name} as decoded by {name} differs')
     fast = replay_arrays(arrays).estimates
-    slow = estimates_from_cdr(replay(load_inputs(bag, VEHICLE)).of(session.STATE), VEHICLE)
+    slow = estimates_from_cdr(replay(load_inputs(bag, VEHICLE)).of(topics.STATE), VEHICLE)
     for name in ('stamp_ns', 'r_e', 'v_G', 'C_b_G', 'P_position_G'):
         if not np.array_equal(getattr(fast, name), getattr(slow, name)):
             raise Disagreement(f'{name} of the fast replay differs from that by message')
@@ -268,7 +268,7 @@ def _entries(bag: Bag, path: Path, mcap_file: Path) -> list[Entry]:
     arrays = arrays_of(bag)
     params = parameters(arrays.params, None, {})
     result = replay_arrays(arrays)
-    n = bag.topics[f'/{VEHICLE}/{session.IMU}'].count
+    n = bag.topics[f'/{VEHICLE}/{topics.IMU}'].count
 
     def engine(inputs: Inputs) -> object:
         rows = EstimateRows(params)

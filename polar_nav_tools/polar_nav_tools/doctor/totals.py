@@ -7,15 +7,15 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..analysis.analyse import RECEIPT, read_outcome, topic_counts
+from polar_nav_ros.topics import RECEIPT, RX
+
+from ..analysis.analyse import read_outcome, topic_counts
 from ..analysis.packets import delivery_of
 from ..bags import Bag, BagError
 from ..bags.arrays import load_receipts, load_truth
 from ..replay.recorded import followers_of
 from ..scoring import balances, count_verdicts
 from .finding import ERROR, OK, WARNING, Finding
-
-_PACKET = 'acomms/rx'
 
 
 def totals(bag: Bag) -> list[Finding]:
@@ -44,12 +44,12 @@ def _followers(bag: Bag) -> list[str]:
 
 
 def _verdicts(bag: Bag, vehicle: str) -> list[Finding]:
-    topic = f'/{vehicle}/{_PACKET}'
+    topic = f'/{vehicle}/{RX}'
     if topic not in bag.topics:
         return []
     receipts = load_receipts(bag, vehicle)
-    (balance,) = balances(receipts, {_PACKET: bag.topics[topic].count})
-    said = count_verdicts(receipts).by_topic.get(_PACKET, {})
+    (balance,) = balances(receipts, {RX: bag.topics[topic].count})
+    said = count_verdicts(receipts).by_topic.get(RX, {})
     parts = ', '.join(f'{name} {count}' for name, count in said.items()) or 'none'
     text = f'{balance.received} packets received, {balance.verdicts} verdicts: {parts}'
     level = OK if balance.balanced else ERROR
@@ -68,10 +68,10 @@ def _packets(bag: Bag, vehicle: str) -> list[Finding]:
     )
     if not d.stated:
         text += ' (as long as the slowest took; the link did not say)'
-    found = [Finding(OK, 'packets', f'/{vehicle}/{_PACKET}', None, d.sent, text)]
+    found = [Finding(OK, 'packets', f'/{vehicle}/{RX}', None, d.sent, text)]
     if d.unsent:
         text = f'{d.unsent} packets were received that nobody sent: the record has gaps'
-        found.append(Finding(ERROR, 'unsent', f'/{vehicle}/{_PACKET}', None, d.unsent, text))
+        found.append(Finding(ERROR, 'unsent', f'/{vehicle}/{RX}', None, d.unsent, text))
     return found
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from polar_nav_ros.topics import STATE
+
 from ..bags.reader import Topic
 from .adapters.layouts import DEPTH, PACKET, POSITION, USBL, VELOCITY
 
@@ -71,6 +73,6 @@ def fixes_of(mine: list[Topic], truth: Topic | None, topics: list[Topic]) -> lis
     if usbl:
         return usbl
     found = [t for t in mine if t.type in POSITION and words(t, FIX_WORDS) and t != truth]
-    found = [t for t in found if not t.name.endswith('nav/state')]
+    found = [t for t in found if not t.name.endswith(STATE)]
     one = best(found, FIX_WORDS[:-2])
     return [] if one is None else [one]

@@ -22,6 +22,7 @@ from polar_nav_core.errors import ConfigError
 from polar_nav_core.params import to_mapping
 from polar_nav_follower.params import FollowerParams
 from polar_nav_msgs.msg import VehicleTruth
+from polar_nav_ros import topics
 from polar_nav_ros.cdr import to_bytes
 from polar_nav_ros.navigation_outputs import nav_to_msg, receipt_to_msg
 from polar_nav_ros.stamps import to_msg
@@ -37,11 +38,6 @@ from .load import Loaded, load
 from .mapping import Mapping
 from .sources import Source
 
-_TYPES = {
-    'nav/state': 'polar_nav_msgs/msg/NavState',
-    'nav/receipt': 'polar_nav_msgs/msg/FixReceipt',
-    'truth': 'polar_nav_msgs/msg/VehicleTruth',
-}
 Row = tuple[int, str, bytes]
 """Stamp [ns], topic without the vehicle, CDR bytes."""
 
@@ -195,7 +191,7 @@ def _states(track: batch.Track, loaded: Loaded) -> Iterator[Row]:
             local_statistics=track.local_statistics[k],
         )
         message = nav_to_msg(estimate, loaded.params, loaded.mapping.vehicle)
-        yield estimate.stamp_ns, 'nav/state', to_bytes(message)
+        yield estimate.stamp_ns, topics.STATE, to_bytes(message)
 
 
 def truth_messages(truth: TruthSeries) -> Iterator[Row]:
@@ -213,7 +209,7 @@ def truth_messages(truth: TruthSeries) -> Iterator[Row]:
         message.v_g = truth.v_G[k]
         message.c_b_g = truth.C_b_G[k].reshape(9)
         message.omega_ib_b = message.f_b = message.current_g = np.full(3, np.nan)
-        yield int(truth.stamp_ns[k]), 'truth', to_bytes(message)
+        yield int(truth.stamp_ns[k]), topics.TRUTH, to_bytes(message)
 
 
 def write(path: Path, run_: ForeignRun) -> Path:
@@ -227,7 +223,7 @@ def write(path: Path, run_: ForeignRun) -> Path:
     loaded = run_.loaded
     if len(run_.states) != len(run_.estimates):
         raise ValueError('this run kept no messages: run it with messages=True')
-    receipts = [(r.stamp_ns, 'nav/receipt', to_bytes(receipt_to_msg(r))) for r in run_.receipts]
+    receipts = [(r.stamp_ns, topics.RECEIPT, to_bytes(receipt_to_msg(r))) for r in run_.receipts]
     streams: list[Iterable[Row]] = [run_.states, receipts]
     if loaded.truth is not None:
         streams.append(truth_messages(loaded.truth))
@@ -240,8 +236,8 @@ def write(path: Path, run_: ForeignRun) -> Path:
         'verdicts': run_.verdicts,
     }
     with BagWriter(path, info) as writer:
-        for topic in ('nav/state', 'nav/receipt', *(['truth'] if len(streams) > 2 else [])):
-            writer.add_topic(f'/{run_.vehicle}/{topic}', _TYPES[topic])
+        for topic in (topics.STATE, topics.RECEIPT, *([topics.TRUTH] if len(streams) > 2 else [])):
+            writer.add_topic(f'/{run_.vehicle}/{topic}', topics.TYPES[topic])
         for stamp_ns, topic, data in heapq.merge(*streams, key=lambda row: row[0]):
             writer.write(f'/{run_.vehicle}/{topic}', data, stamp_ns)
     return path

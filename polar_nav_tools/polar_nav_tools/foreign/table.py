@@ -23,6 +23,7 @@ from polar_nav_core.earth import geodetic_from_ecef
 from polar_nav_core.engine.events import Array
 from polar_nav_core.grid import convergence, ecef_to_grid
 from polar_nav_msgs.msg import Depth, Dvl
+from polar_nav_ros import topics
 from polar_nav_ros.cdr import to_bytes
 from polar_nav_ros.stamps import to_msg
 
@@ -49,12 +50,6 @@ from .section import Section
 from .sources import Stamps
 
 Row = tuple[int, str, bytes]
-_TYPES = {
-    'imu/data_raw': 'sensor_msgs/msg/Imu',
-    'dvl/data': 'polar_nav_msgs/msg/Dvl',
-    'depth/data': 'polar_nav_msgs/msg/Depth',
-    'truth': 'polar_nav_msgs/msg/VehicleTruth',
-}
 _FIX_TYPE = 'geometry_msgs/msg/PoseWithCovarianceStamped'
 
 
@@ -101,13 +96,13 @@ def import_csv(path: Path, out: Path) -> Imported:
         return {'topic': name}
 
     for key, topic, read in (
-        ('imu', 'imu/data_raw', _imu),
-        ('dvl', 'dvl/data', _dvl),
-        ('depth', 'depth/data', _depth),
+        ('imu', topics.IMU, _imu),
+        ('dvl', topics.DVL, _dvl),
+        ('depth', topics.DEPTH, _depth),
     ):
         given = top.section(key)
         if given is not None:
-            mapping[key] = add(topic, _TYPES[topic], read(given, folder))
+            mapping[key] = add(topic, topics.TYPES[topic], read(given, folder))
             given.done()
     fixes = []
     for i, given in enumerate(top.sections('fixes')):
@@ -120,7 +115,7 @@ def import_csv(path: Path, out: Path) -> Imported:
     given = top.section('truth')
     if given is not None:
         truth = _truth(given, folder, vehicle)
-        mapping['truth'] = add('truth', _TYPES['truth'], truth_messages(truth))
+        mapping['truth'] = add(topics.TRUTH, topics.TYPES[topics.TRUTH], truth_messages(truth))
         given.done()
     for key in ('initial', 'parameters', 'accept'):
         value = top.raw(key)

@@ -16,6 +16,7 @@ from polar_nav_core.errors import ConfigError
 from polar_nav_core.params import to_mapping
 from polar_nav_follower.params import FollowerParams
 from polar_nav_leader.params import LeaderParams
+from polar_nav_ros import topics
 from polar_nav_sim.sensors.presets import DVL, IMU
 
 from .options import GraphOptions
@@ -68,37 +69,37 @@ class Graph:
     topics: Mapping[str, str]
 
 
-_SENSOR_TOPICS = {
-    'truth': 'polar_nav_msgs/msg/VehicleTruth',
-    'imu/data_raw': 'sensor_msgs/msg/Imu',
-    'dvl/data': 'polar_nav_msgs/msg/Dvl',
-    'dvl/twist': 'geometry_msgs/msg/TwistWithCovarianceStamped',
-    'depth/pressure': 'sensor_msgs/msg/FluidPressure',
-    'depth/data': 'polar_nav_msgs/msg/Depth',
-    'odometry': 'nav_msgs/msg/Odometry',
-}
-_LEADER_TOPICS = {
-    'usbl/fix': 'polar_nav_msgs/msg/UsblFix',
-    'broadcast': 'polar_nav_msgs/msg/LeaderBroadcast',
-    'acomms/tx': 'polar_nav_msgs/msg/AcousticPacket',
-    'acomms/rx': 'polar_nav_msgs/msg/AcousticPacket',
-}
-_NAVIGATION_TOPICS = {
-    'nav/state': 'polar_nav_msgs/msg/NavState',
-    'nav/receipt': 'polar_nav_msgs/msg/FixReceipt',
-    'nav/command': 'polar_nav_msgs/msg/Command',
-    'nav/fix': 'sensor_msgs/msg/NavSatFix',
-}
-_FOLLOWER_TOPICS = {
-    'acomms/rx': 'polar_nav_msgs/msg/AcousticPacket',
-    'acomms/decoded': 'polar_nav_msgs/msg/LeaderBroadcast',
-    **_NAVIGATION_TOPICS,
-}
-_ROOT_TOPICS = {
-    '/clock': 'rosgraph_msgs/msg/Clock',
-    '/diagnostics': 'diagnostic_msgs/msg/DiagnosticArray',
-    '/run_info': 'std_msgs/msg/String',
-}
+_SENSOR_TOPICS = (
+    topics.TRUTH,
+    topics.IMU,
+    topics.DVL,
+    topics.DVL_TWIST,
+    topics.PRESSURE,
+    topics.DEPTH,
+    topics.ODOMETRY,
+)
+_LEADER_TOPICS = (
+    topics.USBL,
+    topics.BROADCAST,
+    topics.TX,
+    topics.RX,
+)
+_NAVIGATION_TOPICS = (
+    topics.STATE,
+    topics.RECEIPT,
+    topics.COMMAND,
+    topics.FIX,
+)
+_FOLLOWER_TOPICS = (
+    topics.RX,
+    topics.DECODED,
+    *_NAVIGATION_TOPICS,
+)
+_ROOT_TOPICS = (
+    topics.CLOCK,
+    topics.DIAGNOSTICS,
+    topics.RUN_INFO,
+)
 
 
 def build_graph(mission: Mission, options: GraphOptions) -> Graph:
@@ -115,7 +116,7 @@ def build_graph(mission: Mission, options: GraphOptions) -> Graph:
     leader, follower = mission.leader, mission.followers[0]
     lockstep = options.pace == 'lockstep'
     if has_station(mission):
-        topics = {**_ROOT_TOPICS, **station_topics(leader, follower)}
+        recorded = {**_of_the_root(), **station_topics(leader, follower)}
         nodes = station_nodes(mission, follower, options)
     else:
         if options.configuration not in CONFIGURATIONS:
@@ -123,19 +124,20 @@ def build_graph(mission: Mission, options: GraphOptions) -> Graph:
                 f'mission {mission.name}: configuration {options.configuration!r} is for a '
                 f'station; with a leader there are {", ".join(CONFIGURATIONS)}'
             )
-        topics = recorded_topics(leader, follower, options.leader)
-        topics |= {f'/{v}/{t}': kind for v in mission.dynamic for t, kind in MODEL_TOPICS.items()}
+        recorded = recorded_topics(leader, follower, options.leader)
+        for vehicle in mission.dynamic:
+            recorded |= topics.of_vehicle(vehicle, MODEL_TOPICS)
         nodes = [
             *_vehicle_nodes(leader, options, _leader_instruments(options)),
             *_vehicle_nodes(follower, options, {}),
             *_acoustic_nodes(mission, leader, follower, options),
             _follower_node(mission, follower, options),
         ]
-    nodes += _recorder_node(topics, options)
+    nodes += _recorder_node(recorded, options)
     heard = 'lockstep' if lockstep else 'presence'
     nodes = [replace(s, parameters={**s.parameters, heard: True}) for s in nodes]
     truth = _truth_node(mission, options, [spec.full_name for spec in nodes])
-    return Graph(mission.name, mission.duration_s, options, (truth, *nodes), topics)
+    return Graph(mission.name, mission.duration_s, options, (truth, *nodes), recorded)
 
 
 def usual_configuration(mission: Mission) -> str:
@@ -150,13 +152,16 @@ def follower_parameters(graph: Graph) -> Mapping[str, ParameterValue]:
 
 def recorded_topics(leader: str, follower: str, navigates: str = 'perfect') -> dict[str, str]:
     """Every topic of the graph that is worth keeping, with its type."""
-    of_leader = {**_SENSOR_TOPICS, **_LEADER_TOPICS}
-    if navigates == 'own':
-        of_leader |= {**_NAVIGATION_TOPICS, 'absolute/fix': 'sensor_msgs/msg/NavSatFix'}
-    topics = {f'/{leader}/{topic}': kind for topic, kind in of_leader.items()}
-    for topic, kind in {**_SENSOR_TOPICS, **_FOLLOWER_TOPICS}.items():
-        topics[f'/{follower}/{topic}'] = kind
-    return {**_ROOT_TOPICS, **topics}
+    own = (*_NAVIGATION_TOPICS, topics.ABSOLUTE) if navigates == 'own' else ()
+    return {
+        **_of_the_root(),
+        **topics.of_vehicle(leader, (*_SENSOR_TOPICS, *_LEADER_TOPICS, *own)),
+        **topics.of_vehicle(follower, (*_SENSOR_TOPICS, *_FOLLOWER_TOPICS)),
+    }
+
+
+def _of_the_root() -> dict[str, str]:
+    return {topic: topics.TYPES[topic] for topic in _ROOT_TOPICS}
 
 
 def _truth_node(mission: Mission, options: GraphOptions, others: list[str]) -> NodeSpec:
@@ -269,12 +274,12 @@ def _follower_node(mission: Mission, follower: str, options: GraphOptions) -> No
     )
 
 
-def _recorder_node(topics: Mapping[str, str], options: GraphOptions) -> list[NodeSpec]:
+def _recorder_node(recorded: Mapping[str, str], options: GraphOptions) -> list[NodeSpec]:
     if options.bag is None:
         return []
     parameters: dict[str, ParameterValue] = {
         'output': str(options.bag.absolute()),
-        'topics': [f'{name}:{kind}' for name, kind in topics.items()],
+        'topics': [f'{name}:{kind}' for name, kind in recorded.items()],
         'log_time': 'simulation',
     }
     if options.run_info is not None:

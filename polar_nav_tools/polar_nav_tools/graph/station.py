@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from polar_nav_core import earth
 from polar_nav_core.engine.configurations import STATION, STATION_VARIANTS
 from polar_nav_core.errors import ConfigError
+from polar_nav_ros import topics
 from polar_nav_sim.initial_state import InitialSigma
 
 from .options import GraphOptions
@@ -34,35 +35,35 @@ _START = InitialSigma(position=10.0, height=0.5, velocity=0.1, tilt_deg=0.5, hea
 """Of a vehicle that dived at a known place at a known speed through water that moves somehow."""
 _SOUND_SPEED = 1500.0
 """Of the paper's scenario [m/s]: in slower water its 2.5 s are too short for its 1130 m."""
-_STATION_TOPICS = {
-    'truth': 'polar_nav_msgs/msg/VehicleTruth',
-    'station/fix': 'polar_nav_msgs/msg/StationFix',
-    'acomms/tx': 'polar_nav_msgs/msg/AcousticPacket',
-    'acomms/rx': 'polar_nav_msgs/msg/AcousticPacket',
-}
-MODEL_TOPICS = {
-    'truth/model': 'polar_nav_msgs/msg/VehicleModel',
-    'control/thrust': 'geometry_msgs/msg/WrenchStamped',
-    'nav/current': 'polar_nav_msgs/msg/WaterCurrent',
-    'nav/model': 'polar_nav_msgs/msg/VehicleModel',
-    'nav/identification': 'polar_nav_msgs/msg/Identification',
-}
+_STATION_TOPICS = (
+    topics.TRUTH,
+    topics.STATION,
+    topics.TX,
+    topics.RX,
+)
+MODEL_TOPICS = (
+    topics.TRUE_MODEL,
+    topics.CONTROL,
+    topics.CURRENT,
+    topics.MODEL,
+    topics.IDENTIFICATION,
+)
 """Of a vehicle with dynamics, in either mode."""
-_VEHICLE_TOPICS = {
-    **MODEL_TOPICS,
-    'truth': 'polar_nav_msgs/msg/VehicleTruth',
-    'imu/data_raw': 'sensor_msgs/msg/Imu',
-    'imu/data': 'sensor_msgs/msg/Imu',
-    'depth/pressure': 'sensor_msgs/msg/FluidPressure',
-    'depth/data': 'polar_nav_msgs/msg/Depth',
-    'odometry': 'nav_msgs/msg/Odometry',
-    'acomms/rx': 'polar_nav_msgs/msg/AcousticPacket',
-    'acomms/station_decoded': 'polar_nav_msgs/msg/StationFix',
-    'nav/state': 'polar_nav_msgs/msg/NavState',
-    'nav/receipt': 'polar_nav_msgs/msg/FixReceipt',
-    'nav/command': 'polar_nav_msgs/msg/Command',
-    'nav/fix': 'sensor_msgs/msg/NavSatFix',
-}
+_VEHICLE_TOPICS = (
+    *MODEL_TOPICS,
+    topics.TRUTH,
+    topics.IMU,
+    topics.AHRS,
+    topics.PRESSURE,
+    topics.DEPTH,
+    topics.ODOMETRY,
+    topics.RX,
+    topics.STATION_DECODED,
+    topics.STATE,
+    topics.RECEIPT,
+    topics.COMMAND,
+    topics.FIX,
+)
 
 
 def has_station(mission: Mission) -> bool:
@@ -72,8 +73,10 @@ def has_station(mission: Mission) -> bool:
 
 def station_topics(station: str, vehicle: str) -> dict[str, str]:
     """Every topic of the two that is worth keeping, with its type."""
-    of_station = {f'/{station}/{topic}': kind for topic, kind in _STATION_TOPICS.items()}
-    return of_station | {f'/{vehicle}/{topic}': kind for topic, kind in _VEHICLE_TOPICS.items()}
+    return {
+        **topics.of_vehicle(station, _STATION_TOPICS),
+        **topics.of_vehicle(vehicle, _VEHICLE_TOPICS),
+    }
 
 
 def station_nodes(mission: Mission, vehicle: str, options: GraphOptions) -> list[NodeSpec]:

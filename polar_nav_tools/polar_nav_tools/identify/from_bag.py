@@ -24,6 +24,7 @@ from polar_nav_follower.measurements.station_fix import StationNumbers, station_
 from polar_nav_follower.params import FollowerParams
 from polar_nav_msgs.msg import AcousticPacket
 from polar_nav_ros.stamps import to_ns
+from polar_nav_ros.topics import AHRS, CONTROL, DEPTH, RX, TRUE_MODEL
 
 from ..bags import arrays
 from ..bags.errors import BagError
@@ -34,8 +35,6 @@ from ..scoring import Column, Table
 from ..scoring.json_values import record
 from ..series.vehicle import Floats
 
-AHRS, THRUST, DEPTH, PACKETS = 'imu/data', 'control/thrust', 'depth/data', 'acomms/rx'
-TRUTH = 'truth/model'
 UNITS = {
     'drag_linear': 'N s/m',
     'drag_quadratic': 'N s²/m²',
@@ -50,7 +49,7 @@ _QUATERNION = tuple(f'orientation.{axis}' for axis in 'xyzw')
 _RATE, _SURGE = 'angular_velocity.z', 'wrench.force.x'
 _FIELDS = {
     AHRS: (arrays.STAMP, _QUATERNION, _RATE, 'orientation_covariance'),
-    THRUST: (arrays.STAMP, _SURGE),
+    CONTROL: (arrays.STAMP, _SURGE),
     DEPTH: (arrays.STAMP, 'depth'),
 }
 _TRUTH_FIELDS = (arrays.STAMP, 'drag_linear', 'drag_quadratic', 'current_g', 'heading_bias')
@@ -178,16 +177,16 @@ class RecordedRun:
         self._follower = _known(FollowerParams, told)
         self._told = told
         self.notes: list[str] = []
-        topics = {name: f'/{self.vehicle}/{name}' for name in (*_FIELDS, PACKETS, TRUTH)}
-        bag.require([topics[name] for name in (*_FIELDS, PACKETS)])
+        topics = {name: f'/{self.vehicle}/{name}' for name in (*_FIELDS, RX, TRUE_MODEL)}
+        bag.require([topics[name] for name in (*_FIELDS, RX)])
         wanted: dict[str, Any] = {topics[name]: columns for name, columns in _FIELDS.items()}
-        if topics[TRUTH] in bag.topics:
-            wanted[topics[TRUTH]] = _TRUTH_FIELDS
-        tables = read_tables(bag, wanted, [topics[PACKETS]], progress=progress)
+        if topics[TRUE_MODEL] in bag.topics:
+            wanted[topics[TRUE_MODEL]] = _TRUTH_FIELDS
+        tables = read_tables(bag, wanted, [topics[RX]], progress=progress)
         self._columns = {name: tables.columns[topics[name]] for name in _FIELDS}
-        self._truth = tables.columns.get(topics[TRUTH])
-        self._messages = tables.payloads[topics[PACKETS]]
-        self._fixes = self._read_packets(topics[PACKETS])
+        self._truth = tables.columns.get(topics[TRUE_MODEL])
+        self._messages = tables.payloads[topics[RX]]
+        self._fixes = self._read_packets(topics[RX])
         self.start_ns = int(self._columns[AHRS][_STAMP][0])
 
     def material(self, *, fixes: int | None = None, until_s: float | None = None) -> Material:
@@ -274,7 +273,7 @@ class RecordedRun:
             )
         for values in _rows(end_ns, ahrs[_STAMP], psi, pitch, ahrs[_RATE]):
             identifier.add_heading(*values)
-        thrust = self._columns[THRUST]
+        thrust = self._columns[CONTROL]
         for stamp_ns, force in _rows(end_ns, thrust[_STAMP], thrust[_SURGE]):
             identifier.add_control(stamp_ns, np.array([force, 0.0, 0.0]))
 
@@ -323,8 +322,8 @@ def choose_vehicle(bag: Bag, vehicle: str | None) -> str:
     if not found:
         raise BagError(
             f'{bag.path} has no topic <vehicle>/{AHRS}: identification needs the attitude of an '
-            f'AHRS, the thrust on <vehicle>/{THRUST} and the fixes of a station; record a mission '
-            'with one, as `./polar demo --mission station` does'
+            f'AHRS, the thrust on <vehicle>/{CONTROL} and the fixes of a station; record a '
+            'mission with one, as `./polar demo --mission station` does'
         )
     raise BagError(
         f'{bag.path} has several vehicles ({", ".join(found)}): name one with --vehicle'

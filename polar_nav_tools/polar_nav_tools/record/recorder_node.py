@@ -22,7 +22,8 @@ from rclpy.subscription import Subscription
 
 from polar_nav_core.errors import ConfigError
 from polar_nav_ros.diagnostics import Diagnosis, Level
-from polar_nav_ros.node import DATA_QOS, QUEUE_DEPTH, RUN_INFO_TOPIC, PolarNode, run
+from polar_nav_ros.node import DATA_QOS, QUEUE_DEPTH, PolarNode, run
+from polar_nav_ros.topics import DIAGNOSTICS, RUN_INFO
 
 from ..bags.errors import BagError
 from ..bags.qos import Qos, request_for
@@ -30,8 +31,8 @@ from ..bags.writer import BagWriter
 from .recording import RecorderParams, Recording, parse_run_info, parse_topics
 
 # Published by every node beside what it counts, so a count of them would never be met.
-UNCOUNTED = ('/diagnostics', RUN_INFO_TOPIC, '/rosout', '/parameter_events')
-_LATCHED = (RUN_INFO_TOPIC, '/tf_static', '/robot_description')
+UNCOUNTED = (DIAGNOSTICS, RUN_INFO, '/rosout', '/parameter_events')
+_LATCHED = (RUN_INFO, '/tf_static', '/robot_description')
 _LOOK_PERIOD_S = 0.5
 _TICK_PERIOD_S = 0.1
 _PAUSE_S = 0.01

@@ -23,6 +23,7 @@ from polar_nav_follower import session
 from polar_nav_follower.measurements.fix import Packet, fixes_from_packets
 from polar_nav_follower.params import FollowerParams
 from polar_nav_msgs.msg import AcousticPacket, Command, Dvl, FixReceipt
+from polar_nav_ros import topics
 from polar_nav_ros.navigation_outputs import receipt_from_msg
 from polar_nav_ros.stamps import to_ns
 
@@ -45,9 +46,9 @@ _OMEGA = tuple(f'angular_velocity.{axis}' for axis in 'xyz')
 _F = tuple(f'linear_acceleration.{axis}' for axis in 'xyz')
 _V = tuple(f'velocity.{axis}' for axis in 'xyz')
 _FIELDS = {
-    session.IMU: (arrays.STAMP, _OMEGA, _F),
-    session.DVL: (arrays.STAMP, _V, 'velocity_covar', 'velocity_mode', 'num_good_beams'),
-    session.DEPTH: (arrays.STAMP, 'depth', 'variance'),
+    topics.IMU: (arrays.STAMP, _OMEGA, _F),
+    topics.DVL: (arrays.STAMP, _V, 'velocity_covar', 'velocity_mode', 'num_good_beams'),
+    topics.DEPTH: (arrays.STAMP, 'depth', 'variance'),
 }
 _PACKET_FIELDS = (
     *time_fields('transmit_time'),
@@ -61,7 +62,6 @@ _PACKET_FIELDS = (
 )
 _LOCAL = tuple(_FIELDS)
 _LEAST_BEAMS = 3
-TRUTH = 'truth'
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ class RecordedArrays:
     def taken(self) -> dict[str, int]:
         """Messages taken per full topic name."""
         counts = {topic: len(columns[_STAMP]) for topic, columns in self.columns.items()}
-        counts[session.PACKET] = len(self.packets)
+        counts[topics.RX] = len(self.packets)
         return {f'/{self.vehicle}/{topic}': count for topic, count in counts.items() if count}
 
     def inputs(self, params: FollowerParams) -> NumberedInputs:
@@ -139,7 +139,7 @@ class RecordedArrays:
         try:
             found = fixes_from_packets(self.packets, params)
         except ValueError as error:
-            where = f'{self.bag.path}: a message on /{self.vehicle}/{session.PACKET}'
+            where = f'{self.bag.path}: a message on /{self.vehicle}/{topics.RX}'
             raise BagError(f'{where} makes no sense: {error}') from error
         fixes = []
         for fix in found:
@@ -200,20 +200,20 @@ def arrays_request(bag: Bag, vehicle: str | None = None, *, truth: bool = False)
     name, params = choose_follower(bag, vehicle)
     if session.inputs_of(from_mapping(FollowerParams, params)) != session.INPUTS:
         return None
-    bag.require([f'/{name}/{session.IMU}'])
+    bag.require([f'/{name}/{topics.IMU}'])
     if not all(_plain(bag, f'/{name}/{topic}') for topic in session.INPUTS):
         return None
-    require_same(bag, (f'/{name}/{topic}' for topic in (*session.INPUTS, session.RECEIPT)))
+    require_same(bag, (f'/{name}/{topic}' for topic in (*session.INPUTS, topics.RECEIPT)))
     return request_of(bag, name, _FIELDS, truth=truth)
 
 
 def request_of(bag: Bag, vehicle: str, fields: Mapping[str, Fields], *, truth: bool) -> Request:
     """Fields of a follower's topics, its packets, commands and receipts, and its truth."""
     wanted = {f'/{vehicle}/{topic}': names for topic, names in fields.items()}
-    topic = f'/{vehicle}/{TRUTH}'
+    topic = f'/{vehicle}/{topics.TRUTH}'
     if truth and topic in bag.topics and bag.channel(topic).type == arrays.TRUTH_TYPE:
         wanted[topic] = arrays.TRUTH_FIELDS
-    raw = (session.PACKET, session.COMMAND, session.RECEIPT)
+    raw = (topics.RX, topics.COMMAND, topics.RECEIPT)
     return Request(wanted, tuple(f'/{vehicle}/{topic}' for topic in raw))
 
 
@@ -260,11 +260,11 @@ def load_arrays(
         topic: _up_to(tables, f'/{name}/{topic}', fields, limits)
         for topic, fields in _FIELDS.items()
     }
-    modes = mode_table(bag, f'/{name}/{session.DVL}')
+    modes = mode_table(bag, f'/{name}/{topics.DVL}')
     if modes is not None:
-        recorded = columns[session.DVL]['velocity_mode'].astype(np.intp)
-        columns[session.DVL]['velocity_mode'] = modes[recorded]
-    found = tables.columns.get(f'/{name}/{TRUTH}')
+        recorded = columns[topics.DVL]['velocity_mode'].astype(np.intp)
+        columns[topics.DVL]['velocity_mode'] = modes[recorded]
+    found = tables.columns.get(f'/{name}/{topics.TRUTH}')
     return RecordedArrays(
         bag=bag,
         vehicle=name,

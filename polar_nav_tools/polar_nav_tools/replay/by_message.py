@@ -19,6 +19,7 @@ from polar_nav_core.engine.events import Event, Receipt
 from polar_nav_core.params import from_mapping
 from polar_nav_follower import session
 from polar_nav_follower.params import FollowerParams
+from polar_nav_ros.navigation_session import Published
 from polar_nav_ros.stamps import to_ns
 
 from ..bags.reader import Bag
@@ -160,7 +161,7 @@ class _Collector:
         self._hashes = {topic: hashlib.sha256() for topic in compared}
         self.outputs: list[Output] = []
 
-    def take(self, published: Iterable[session.Published]) -> None:
+    def take(self, published: Iterable[Published]) -> None:
         for topic, message, data in published:
             stamp_ns = to_ns(message.header.stamp)
             self.outputs.append(Output(self._prefix + topic, stamp_ns, data))

@@ -18,7 +18,7 @@ from typing import Any
 
 from polar_nav_core.errors import PolarNavError
 from polar_nav_core.params import to_mapping
-from polar_nav_follower.session import RECEIPT, STATE
+from polar_nav_ros.topics import RECEIPT, STATE
 
 from ..bags.arrays import estimates_from_cdr, receipts_from_cdr
 from ..bags.reader import Bag

@@ -12,18 +12,14 @@ import yaml
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.params import names_near, to_mapping
 from polar_nav_follower.params import FollowerParams
-from polar_nav_follower.session import CURRENT, IDENTIFICATION, MODEL, RECEIPT, STATE
+from polar_nav_ros.topics import CURRENT, IDENTIFICATION, MODEL, RECEIPT, STATE, of_vehicle
 
 from ..bags import Bag, BagWriter
 from .by_array import FastResult
 from .by_message import ReplayResult
 
-_TYPES = {STATE: 'polar_nav_msgs/msg/NavState', RECEIPT: 'polar_nav_msgs/msg/FixReceipt'}
-_MODEL_TYPES = {
-    CURRENT: 'polar_nav_msgs/msg/WaterCurrent',
-    MODEL: 'polar_nav_msgs/msg/VehicleModel',
-    IDENTIFICATION: 'polar_nav_msgs/msg/Identification',
-}
+_TOPICS = (STATE, RECEIPT)
+_MODEL_TOPICS = (CURRENT, MODEL, IDENTIFICATION)
 
 
 def parse_changes(texts: Sequence[str]) -> dict[str, Any]:
@@ -102,8 +98,9 @@ def write_replay(path: Path, result: ReplayResult, source: Bag) -> Path:
     }
     with BagWriter(path, info) as writer:
         with_model = result.of(MODEL) or result.of(IDENTIFICATION)
-        for topic, type_name in (_TYPES | _MODEL_TYPES if with_model else _TYPES).items():
-            writer.add_topic(f'/{result.vehicle}/{topic}', type_name)
+        written = (*_TOPICS, *_MODEL_TOPICS) if with_model else _TOPICS
+        for topic, type_name in of_vehicle(result.vehicle, written).items():
+            writer.add_topic(topic, type_name)
         for output in result.outputs:
             writer.write(output.topic, output.data, output.stamp_ns)
     return path

@@ -19,6 +19,7 @@ from polar_nav_core.params import from_mapping
 from polar_nav_follower import session
 from polar_nav_follower.params import FollowerParams
 from polar_nav_msgs.msg import AcousticPacket, Command, FixReceipt
+from polar_nav_ros import topics
 from polar_nav_ros.navigation_outputs import receipt_from_msg
 from polar_nav_ros.navigation_session import MODEL_OUTPUTS, SENSORS
 
@@ -28,13 +29,13 @@ from ..bags.reader import Bag
 from .constants import mode_table, require_same
 
 FOLLOWER_PACKAGE = 'polar_nav_follower'
-COMPARED = (session.STATE, session.RECEIPT)
+COMPARED = (topics.STATE, topics.RECEIPT)
 """Topics that a replay reproduces bit for bit; and those of `MODEL_OUTPUTS` that the bag has."""
 
 _TYPES: dict[str, type[Any]] = {
     **SENSORS,
-    session.PACKET: AcousticPacket,
-    session.COMMAND: Command,
+    topics.RX: AcousticPacket,
+    topics.COMMAND: Command,
 }
 _NO_LIMIT = 1 << 62
 
@@ -67,7 +68,7 @@ class RecordedInputs:
     messages: list[tuple[str, Any]]
     refused: list[Receipt]
     live: Mapping[str, list[bytes]]
-    imu: str = session.IMU
+    imu: str = topics.IMU
 
     def events(self, run: session.Session) -> list[Event]:
         """Events in their total order, without those that the live node refused.
@@ -123,29 +124,29 @@ def load_inputs(
     inputs = session.inputs_of(from_mapping(FollowerParams, {**params, **(changes or {})}))
     bag.require([f'/{name}/{inputs[0]}'])
     compared = (*COMPARED, *(t for t in MODEL_OUTPUTS if f'/{name}/{t}' in bag.topics))
-    topics = {f'/{name}/{topic}': topic for topic in (*inputs, *compared)}
+    by_name = {f'/{name}/{topic}': topic for topic in (*inputs, *compared)}
     messages: list[tuple[str, Any]] = []
     live: dict[str, list[bytes]] = {topic: [] for topic in compared}
     limits: dict[str, int] | None = None
-    require_same(bag, topics)
-    modes = mode_table(bag, f'/{name}/{session.DVL}')
-    for full_name, _, data in bag.messages(topics):
-        topic = topics[full_name]
+    require_same(bag, by_name)
+    modes = mode_table(bag, f'/{name}/{topics.DVL}')
+    for full_name, _, data in bag.messages(by_name):
+        topic = by_name[full_name]
         if topic in live:
             live[topic].append(data)
             continue
         message = decoded(bag, full_name, data, _TYPES[topic])
-        if topic == session.DVL and modes is not None:
+        if topic == topics.DVL and modes is not None:
             message.velocity_mode = int(modes[message.velocity_mode])
-        if topic == session.COMMAND and message.kind == CommandKind.SHUTDOWN:
+        if topic == topics.COMMAND and message.kind == CommandKind.SHUTDOWN:
             limits = dict(zip(message.taken_topics, map(int, message.taken_counts), strict=True))
         else:
             messages.append((topic, message))
-    receipt_topic = f'/{name}/{session.RECEIPT}'
-    receipts = [decoded(bag, receipt_topic, d, FixReceipt) for d in live[session.RECEIPT]]
+    receipt_topic = f'/{name}/{topics.RECEIPT}'
+    receipts = [decoded(bag, receipt_topic, d, FixReceipt) for d in live[topics.RECEIPT]]
     refused = [receipt_from_msg(r) for r in receipts if r.verdict == Verdict.TOO_LATE]
     if limits is not None:
-        messages = _up_to(messages, {t: limits.get(f, _NO_LIMIT) for f, t in topics.items()})
+        messages = _up_to(messages, {t: limits.get(f, _NO_LIMIT) for f, t in by_name.items()})
     return RecordedInputs(bag, name, params, messages, refused, live, inputs[0])
 
 

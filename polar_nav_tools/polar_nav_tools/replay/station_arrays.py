@@ -31,6 +31,7 @@ from polar_nav_follower.measurements.fix import Packet
 from polar_nav_follower.measurements.station_fix import StationNumbers, station_fix_from_packet
 from polar_nav_follower.params import FollowerParams
 from polar_nav_msgs.msg import Command as CommandMsg
+from polar_nav_ros import topics
 from polar_nav_ros.navigation_inputs import UNIT, command_from_msg
 from polar_nav_ros.stamps import NS
 
@@ -44,7 +45,7 @@ from ..bags.tables import read_tables
 from ..series.estimates import EstimateRows, receipts_of
 from ..series.model import Identified, ModelRun, ModelSeries, identified_of_engine
 from ..series.vehicle import EstimateSeries, Floats, Receipt, TruthSeries
-from .arrays import TRUTH, Progress, packets_of, refusals_of, request_of
+from .arrays import Progress, packets_of, refusals_of, request_of
 from .recorded import choose_follower, decoded
 
 _STAMP = arrays.STAMP[0]
@@ -54,9 +55,9 @@ _Q = tuple(f'orientation.{axis}' for axis in 'xyzw')
 _FORCE = tuple(f'wrench.force.{axis}' for axis in 'xyz')
 _TORQUE = tuple(f'wrench.torque.{axis}' for axis in 'xyz')
 _FIELDS: dict[str, tuple[str | tuple[str, ...], ...]] = {
-    session.AHRS: (arrays.STAMP, _OMEGA, _F, _Q, 'orientation_covariance'),
-    session.CONTROL: (arrays.STAMP, _FORCE, _TORQUE),
-    session.DEPTH: (arrays.STAMP, 'depth', 'variance'),
+    topics.AHRS: (arrays.STAMP, _OMEGA, _F, _Q, 'orientation_covariance'),
+    topics.CONTROL: (arrays.STAMP, _FORCE, _TORQUE),
+    topics.DEPTH: (arrays.STAMP, 'depth', 'variance'),
 }
 _ROWS = 512
 
@@ -77,7 +78,7 @@ class StationArrays:
     def taken(self) -> dict[str, int]:
         """Messages taken per full topic name."""
         counts = {topic: len(columns[_STAMP]) for topic, columns in self.columns.items()}
-        counts |= {session.PACKET: len(self.packets), session.COMMAND: len(self.commands)}
+        counts |= {topics.RX: len(self.packets), topics.COMMAND: len(self.commands)}
         return {f'/{self.vehicle}/{topic}': count for topic, count in counts.items() if count}
 
     def inputs(self, params: FollowerParams) -> StationInputs:
@@ -220,9 +221,9 @@ def station_request(
     name, params = choose_follower(bag, vehicle)
     if not session.in_station_mode(from_mapping(FollowerParams, params)):
         return None
-    bag.require([f'/{name}/{session.AHRS}'])
-    topics = (*_FIELDS, session.PACKET, session.COMMAND, session.RECEIPT)
-    present = [f'/{name}/{topic}' for topic in topics if f'/{name}/{topic}' in bag.topics]
+    bag.require([f'/{name}/{topics.AHRS}'])
+    taken = (*_FIELDS, topics.RX, topics.COMMAND, topics.RECEIPT)
+    present = [f'/{name}/{topic}' for topic in taken if f'/{name}/{topic}' in bag.topics]
     if not all(is_installed(bag.channel(topic)) for topic in present):
         return None
     return request_of(bag, name, _FIELDS, truth=truth)
@@ -266,7 +267,7 @@ def load_station(
     }
     if not all(_plain(c) for c in columns.values()):
         return None
-    found = tables.columns.get(f'/{name}/{TRUTH}')
+    found = tables.columns.get(f'/{name}/{topics.TRUTH}')
     return StationArrays(
         bag=bag,
         vehicle=name,

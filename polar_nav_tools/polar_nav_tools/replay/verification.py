@@ -11,8 +11,8 @@ from typing import Any
 
 from rclpy.serialization import deserialize_message
 
-from polar_nav_follower import session
 from polar_nav_msgs.msg import FixReceipt, NavState
+from polar_nav_ros import topics
 from polar_nav_ros.navigation_session import MODEL_OUTPUTS
 from polar_nav_ros.stamps import to_ns
 
@@ -23,8 +23,8 @@ from .by_message import Progress, ReplayResult, parameters, replay
 from .recorded import RecordedInputs, load_inputs
 
 _TYPES: dict[str, type[Any]] = {
-    session.STATE: NavState,
-    session.RECEIPT: FixReceipt,
+    topics.STATE: NavState,
+    topics.RECEIPT: FixReceipt,
     **MODEL_OUTPUTS,
 }
 
@@ -123,7 +123,7 @@ def require_comparable(inputs: RecordedInputs) -> None:
     BagError
         Naming the topic.
     """
-    inputs.bag.require([f'/{inputs.vehicle}/{session.STATE}'])
+    inputs.bag.require([f'/{inputs.vehicle}/{topics.STATE}'])
     for topic in inputs.live:
         name = f'/{inputs.vehicle}/{topic}'
         if name not in inputs.bag.topics or is_installed(inputs.bag.channel(name)):
@@ -138,7 +138,7 @@ def require_comparable(inputs: RecordedInputs) -> None:
 def _late_start(inputs: RecordedInputs) -> Difference | None:
     """What cannot be compared: a recording that began when the follower was already running."""
     first = next(to_ns(m.header.stamp) for topic, m in inputs.messages if topic == inputs.imu)
-    states = inputs.live[session.STATE]
+    states = inputs.live[topics.STATE]
     began = to_ns(deserialize_message(states[0], NavState).header.stamp)
     if began >= first:
         return None
@@ -146,7 +146,7 @@ def _late_start(inputs: RecordedInputs) -> Difference | None:
         'was already navigating',
         f'the first IMU sample in the bag is of {first * 1e-9:.3f} s',
     )
-    return Difference(session.STATE, 0, began, 'start', live, bag)
+    return Difference(topics.STATE, 0, began, 'start', live, bag)
 
 
 def _digest(messages: Iterable[bytes]) -> str:

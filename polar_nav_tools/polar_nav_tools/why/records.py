@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from polar_nav_follower.params import FollowerParams
+from polar_nav_ros.topics import RECEIPT, RX, STATE, STATION, TRUTH, TX, USBL
 
 from ..bags import Bag
 from ..bags.arrays import (
@@ -25,9 +26,6 @@ from ..bags.arrays import (
 from ..series.vehicle import EstimateSeries, Receipt, TruthSeries
 from .content import LEAST_WRAP, Content, PacketError, read_content, wrap_of
 
-RECEIVED, SENT, MEASURED, TRUTH = 'acomms/rx', 'acomms/tx', 'usbl/fix', 'truth'
-STATION = 'station/fix'
-STATE, RECEIPT = 'nav/state', 'nav/receipt'
 _WRAP = 65536
 _SAME_NS = 1_000_000_000
 
@@ -152,7 +150,7 @@ def load_records(
     own = tuple(m for m, target in measured if target == vehicle)
     sent = _sent(bag, vehicle, own)
     known = {(p.source, p.order): p.sequence for p in sent}
-    packets = _numbered(_packets(bag, f'/{vehicle}/{RECEIVED}', vehicle), own, known)
+    packets = _numbered(_packets(bag, f'/{vehicle}/{RX}', vehicle), own, known)
     recorded = all(_count(bag, f'/{vehicle}/{topic}') for topic in (STATE, RECEIPT))
     replayed = configuration is not None or not recorded
     if replayed:
@@ -183,7 +181,7 @@ def load_records(
         transponder_lever_b=tuple(float(v) for v in lever_b),
         start_ns=min(ends, default=0),
         end_ns=max(ends, default=0),
-        sent_recorded=any(t.count for t in _topics(bag, SENT)),
+        sent_recorded=any(t.count for t in _topics(bag, TX)),
         elsewhere=frozenset(m.sequence for m, target in measured if target != vehicle),
     )
 
@@ -203,7 +201,7 @@ def _ns(stamp: Any) -> int:  # noqa: ANN401 - a time of a message, whatever made
 
 
 def _measured(bag: Bag) -> Iterator[tuple[Measured, str]]:
-    for topic in _topics(bag, MEASURED):
+    for topic in _topics(bag, USBL):
         for _, m in bag.read(topic.name):
             validity_ns = _ns(m.header.stamp)
             reading = Measured(
@@ -264,7 +262,7 @@ def _packets(bag: Bag, topic: str, vehicle: str) -> list[Packet]:
 
 
 def _sent(bag: Bag, vehicle: str, measured: Sequence[Measured]) -> list[Packet]:
-    packets = [p for t in _topics(bag, SENT) for p in _packets(bag, t.name, vehicle)]
+    packets = [p for t in _topics(bag, TX) for p in _packets(bag, t.name, vehicle)]
     packets.sort(key=lambda p: (p.transmit_ns, p.source, p.order))
     return _numbered(packets, measured, {})
 

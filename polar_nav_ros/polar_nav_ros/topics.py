@@ -1,0 +1,81 @@
+"""Names of all topics, each with its message type; those without a slash in front are a vehicle's.
+
+A vehicle's topics stand in its namespace: ``/follower/nav/state``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+IMU = 'imu/data_raw'
+"""IMU data without an attitude; `AHRS` is with one."""
+AHRS = 'imu/data'
+DVL = 'dvl/data'
+DVL_TWIST = 'dvl/twist'
+PRESSURE = 'depth/pressure'
+DEPTH = 'depth/data'
+CONTROL = 'control/thrust'
+USBL = 'usbl/fix'
+STATION = 'station/fix'
+ABSOLUTE = 'absolute/fix'
+TRUTH = 'truth'
+TRUE_MODEL = 'truth/model'
+
+TX = 'acomms/tx'
+RX = 'acomms/rx'
+BROADCAST = 'broadcast'
+"""Content of the packets that a leader sent, for people."""
+DECODED = 'acomms/decoded'
+"""Content of the packets that a follower received of a leader, for people."""
+STATION_DECODED = 'acomms/station_decoded'
+"""Content of the packets that a follower received of a station, for people."""
+
+STATE = 'nav/state'
+RECEIPT = 'nav/receipt'
+COMMAND = 'nav/command'
+CURRENT = 'nav/current'
+MODEL = 'nav/model'
+IDENTIFICATION = 'nav/identification'
+FIX = 'nav/fix'
+ODOMETRY = 'odometry'
+
+CLOCK = '/clock'
+DIAGNOSTICS = '/diagnostics'
+RUN_INFO = '/run_info'
+
+TYPES = {
+    IMU: 'sensor_msgs/msg/Imu',
+    AHRS: 'sensor_msgs/msg/Imu',
+    DVL: 'polar_nav_msgs/msg/Dvl',
+    DVL_TWIST: 'geometry_msgs/msg/TwistWithCovarianceStamped',
+    PRESSURE: 'sensor_msgs/msg/FluidPressure',
+    DEPTH: 'polar_nav_msgs/msg/Depth',
+    CONTROL: 'geometry_msgs/msg/WrenchStamped',
+    USBL: 'polar_nav_msgs/msg/UsblFix',
+    STATION: 'polar_nav_msgs/msg/StationFix',
+    ABSOLUTE: 'sensor_msgs/msg/NavSatFix',
+    TRUTH: 'polar_nav_msgs/msg/VehicleTruth',
+    TRUE_MODEL: 'polar_nav_msgs/msg/VehicleModel',
+    TX: 'polar_nav_msgs/msg/AcousticPacket',
+    RX: 'polar_nav_msgs/msg/AcousticPacket',
+    BROADCAST: 'polar_nav_msgs/msg/LeaderBroadcast',
+    DECODED: 'polar_nav_msgs/msg/LeaderBroadcast',
+    STATION_DECODED: 'polar_nav_msgs/msg/StationFix',
+    STATE: 'polar_nav_msgs/msg/NavState',
+    RECEIPT: 'polar_nav_msgs/msg/FixReceipt',
+    COMMAND: 'polar_nav_msgs/msg/Command',
+    CURRENT: 'polar_nav_msgs/msg/WaterCurrent',
+    MODEL: 'polar_nav_msgs/msg/VehicleModel',
+    IDENTIFICATION: 'polar_nav_msgs/msg/Identification',
+    FIX: 'sensor_msgs/msg/NavSatFix',
+    ODOMETRY: 'nav_msgs/msg/Odometry',
+    CLOCK: 'rosgraph_msgs/msg/Clock',
+    DIAGNOSTICS: 'diagnostic_msgs/msg/DiagnosticArray',
+    RUN_INFO: 'std_msgs/msg/String',
+}
+"""Message type of every topic."""
+
+
+def of_vehicle(vehicle: str, names: Iterable[str]) -> dict[str, str]:
+    """Full names of a vehicle's topics, each with its message type."""
+    return {f'/{vehicle}/{name}': TYPES[name] for name in names}
