@@ -33,7 +33,6 @@ from polar_nav_msgs.srv import SetInitialState
 
 from .diagnostics import Diagnosis
 from .navigation_health import NavigationHealth
-from .navigation_inputs import initial_from_msg, initial_problem, initial_to_msg
 from .navigation_session import (
     MODEL_OUTPUTS,
     SENSORS,
@@ -41,6 +40,7 @@ from .navigation_session import (
     Published,
 )
 from .node import CountedPublisher, PolarNode
+from .readers import initial_from_msg, initial_problem, initial_to_msg
 from .stamps import to_msg, to_ns
 from .standard_outputs import fix_of
 from .topics import COMMAND, FIX, ODOMETRY, RECEIPT, STATE

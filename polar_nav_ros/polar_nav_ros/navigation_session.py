@@ -26,9 +26,16 @@ from polar_nav_msgs.msg import Depth, Dvl, NavState, VehicleModel, WaterCurrent
 from polar_nav_msgs.msg import Identification as IdentificationMsg
 
 from . import model_outputs
-from . import navigation_inputs as inputs
 from . import navigation_outputs as outputs
 from .cdr import to_bytes
+from .readers import (
+    ahrs_from_msg,
+    command_from_msg,
+    control_from_msg,
+    depth_from_msg,
+    dvl_from_msg,
+    imu_from_msg,
+)
 from .stamps import NS
 from .standard_outputs import odometry_of
 from .topics import (
@@ -116,12 +123,12 @@ class NavigationSession(Generic[P]):
         self._frame_id = frame_id
         self._model_second = -1
         self._readers: dict[str, Reader] = {
-            IMU: inputs.imu_from_msg,
-            AHRS: inputs.ahrs_from_msg,
-            CONTROL: inputs.control_from_msg,
-            DVL: lambda m, n: inputs.dvl_from_msg(m, n, params.dvl_sigma),
-            DEPTH: lambda m, n: inputs.depth_from_msg(m, n, params.depth_sigma),
-            COMMAND: inputs.command_from_msg,
+            IMU: imu_from_msg,
+            AHRS: ahrs_from_msg,
+            CONTROL: control_from_msg,
+            DVL: lambda m, n: dvl_from_msg(m, n, params.dvl_sigma),
+            DEPTH: lambda m, n: depth_from_msg(m, n, params.depth_sigma),
+            COMMAND: command_from_msg,
             **readers,
         }
 

@@ -19,7 +19,7 @@ from polar_nav_core.engine.events import (
 )
 from polar_nav_msgs.msg import Command
 from polar_nav_msgs.msg import Identification as IdentificationMsg
-from polar_nav_ros import navigation_inputs as inputs
+from polar_nav_ros import readers
 from polar_nav_ros.cdr import to_bytes
 from polar_nav_ros.model_outputs import current_to_msg, identification_to_msg, model_to_msg
 from polar_nav_ros.stamps import to_msg, to_ns
@@ -41,7 +41,7 @@ def ahrs(C_b_G=None, covariance=0.0):
 
 def test_an_ahrs_gives_attitude_rate_and_force_of_one_stamp():
     C_b_G = attitude.matrix_from_euler(0.7, -0.1, 0.05)
-    sample = inputs.ahrs_from_msg(ahrs(C_b_G), 3)
+    sample = readers.ahrs_from_msg(ahrs(C_b_G), 3)
     assert (sample.stamp_ns, sample.sequence, sample.topic) == (T_NS, 3, 'imu/data')
     np.testing.assert_allclose(sample.C_b_G, C_b_G, atol=1e-12)
     np.testing.assert_array_equal(sample.omega_ib_b, [0.0, 0.0, 0.04])
@@ -49,14 +49,14 @@ def test_an_ahrs_gives_attitude_rate_and_force_of_one_stamp():
 
 
 def test_a_message_that_says_that_it_has_no_attitude_gives_none():
-    assert inputs.ahrs_from_msg(ahrs(np.eye(3), covariance=-1.0), 0).C_b_G is None
+    assert readers.ahrs_from_msg(ahrs(np.eye(3), covariance=-1.0), 0).C_b_G is None
 
 
 @pytest.mark.parametrize('scale', [0.0, 0.9, math.nan])
 def test_a_quaternion_that_is_no_rotation_is_not_taken_for_one(scale):
     message = ahrs(np.eye(3))
     message.orientation.w = scale
-    assert np.isnan(inputs.ahrs_from_msg(message, 0).C_b_G).all()
+    assert np.isnan(readers.ahrs_from_msg(message, 0).C_b_G).all()
 
 
 def test_thrust_has_the_stamp_from_which_on_it_holds():
@@ -64,14 +64,14 @@ def test_thrust_has_the_stamp_from_which_on_it_holds():
     message.header.stamp = to_msg(T_NS)
     message.wrench.force.x = 52.0
     message.wrench.torque.z = 1.9
-    sample = inputs.control_from_msg(message, 4)
+    sample = readers.control_from_msg(message, 4)
     assert (sample.stamp_ns, sample.sequence, sample.topic) == (T_NS, 4, 'control/thrust')
     np.testing.assert_array_equal(sample.force_b, [52.0, 0.0, 0.0])
     np.testing.assert_array_equal(sample.torque_b, [0.0, 0.0, 1.9])
 
 
 def test_identify_is_a_command_without_a_state():
-    command = inputs.command_from_msg(Command(kind=Command.IDENTIFY, sequence=2), 0)
+    command = readers.command_from_msg(Command(kind=Command.IDENTIFY, sequence=2), 0)
     assert command.kind is CommandKind.IDENTIFY
     assert command.initial_state is None
 

@@ -18,7 +18,7 @@ from polar_nav_follower import session
 from polar_nav_follower.convert import fix_from_msg
 from polar_nav_follower.params import FollowerParams
 from polar_nav_msgs.msg import AcousticPacket, Depth, Dvl, VehicleTruth
-from polar_nav_ros import navigation_inputs, topics
+from polar_nav_ros import readers, topics
 
 from ..bags import Bag
 from ..bags.reader import blocks_of
@@ -74,16 +74,16 @@ def exhausted(messages: Iterator[Any]) -> int:
 def inputs_of(messages: Iterator[tuple[str, Any]], params: FollowerParams) -> Inputs:
     """What the engine takes, from decoded messages: the peers' way to the same engine."""
     found: dict[str, list[Any]] = {topic: [] for topic in session.INPUTS}
-    readers: dict[str, Callable[[Any, int], Any]] = {
-        topics.IMU: navigation_inputs.imu_from_msg,
-        topics.DVL: lambda m, n: navigation_inputs.dvl_from_msg(m, n, params.dvl_sigma),
-        topics.DEPTH: lambda m, n: navigation_inputs.depth_from_msg(m, n, params.depth_sigma),
+    to_event: dict[str, Callable[[Any, int], Any]] = {
+        topics.IMU: readers.imu_from_msg,
+        topics.DVL: lambda m, n: readers.dvl_from_msg(m, n, params.dvl_sigma),
+        topics.DEPTH: lambda m, n: readers.depth_from_msg(m, n, params.depth_sigma),
         topics.RX: lambda m, n: fix_from_msg(m, n, params)[0],
     }
     for topic, message in messages:
         name = topic.removeprefix(f'/{VEHICLE}/')
-        if name in readers:
-            found[name].append(readers[name](message, len(found[name])))
+        if name in to_event:
+            found[name].append(to_event[name](message, len(found[name])))
     imu, dvl, depth = (found[t] for t in (topics.IMU, topics.DVL, topics.DEPTH))
     return Inputs(
         imu_stamps_ns=np.array([e.stamp_ns for e in imu]),

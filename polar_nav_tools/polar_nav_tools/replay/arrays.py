@@ -16,15 +16,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polar_nav_core.engine.events import Array, CommandKind, Fix, Receipt, Verdict
+from polar_nav_core.engine.events import CommandKind, Fix, Receipt, Verdict
 from polar_nav_core.engine.inputs import Inputs, Stamps
 from polar_nav_core.params import from_mapping
 from polar_nav_follower import session
 from polar_nav_follower.measurements.fix import Packet, fixes_from_packets
 from polar_nav_follower.params import FollowerParams
-from polar_nav_msgs.msg import AcousticPacket, Command, Dvl, FixReceipt
+from polar_nav_msgs.msg import AcousticPacket, Command, FixReceipt
 from polar_nav_ros import topics
 from polar_nav_ros.navigation_outputs import receipt_from_msg
+from polar_nav_ros.readers import depth_variances, dvl_pings
 from polar_nav_ros.stamps import to_ns
 
 from ..bags import arrays
@@ -61,7 +62,6 @@ _PACKET_FIELDS = (
     'header.frame_id',
 )
 _LOCAL = tuple(_FIELDS)
-_LEAST_BEAMS = 3
 
 
 @dataclass(frozen=True)
@@ -102,19 +102,25 @@ class RecordedArrays:
         refused = Counter(refusal_key(r) for r in self.refused)
         streams = {topic: self._stream(topic, refused) for topic in _LOCAL}
         imu, dvl, depth = (streams[topic] for topic in _LOCAL)
-        v_m, covariance_m, valid = _dvl(dvl.columns, params.dvl_sigma)
-        variance = depth.columns['variance']
+        ping = dvl.columns
+        covariance_m, valid = dvl_pings(
+            ping[_V[0]],
+            ping['velocity_covar'],
+            ping['velocity_mode'],
+            ping['num_good_beams'],
+            params.dvl_sigma,
+        )
         inputs = Inputs(
             imu_stamps_ns=imu.stamps_ns,
             omega_ib_b=imu.columns[_OMEGA[0]],
             f_b=imu.columns[_F[0]],
             dvl_stamps_ns=dvl.stamps_ns,
-            dvl_v_m=v_m,
+            dvl_v_m=ping[_V[0]],
             dvl_covariance_m=covariance_m,
             dvl_valid=valid,
             depth_stamps_ns=depth.stamps_ns,
             depth=depth.columns['depth'],
-            depth_variance=np.where(variance == -1.0, params.depth_sigma**2, variance),
+            depth_variance=depth_variances(depth.columns['variance'], params.depth_sigma),
             fixes=tuple(self._fixes(params, refused)),
         )
         return NumberedInputs(inputs, {t: s.numbers for t, s in streams.items()})
@@ -171,22 +177,6 @@ class _Stream:
     stamps_ns: Stamps
     columns: Columns
     numbers: NDArray[np.intp] | None
-
-
-def _dvl(columns: Columns, default_sigma: float) -> tuple[Array, Array, NDArray[np.bool_]]:
-    """Velocity, covariance and validity, as `navigation_inputs.dvl_from_msg` has them."""
-    v_m = columns[_V[0]]
-    covariance_m = columns['velocity_covar'].reshape(-1, 3, 3)
-    unknown = covariance_m[:, 0, 0] == -1.0
-    if unknown.any():
-        covariance_m = covariance_m.copy()
-        covariance_m[unknown] = default_sigma**2 * np.eye(3)
-    valid = (
-        (columns['velocity_mode'] == Dvl.DVL_MODE_BOTTOM)
-        & (columns['num_good_beams'] >= _LEAST_BEAMS)
-        & np.isfinite(v_m).all(axis=1)
-    )
-    return v_m, covariance_m, valid
 
 
 def arrays_request(bag: Bag, vehicle: str | None = None, *, truth: bool = False) -> Request | None:

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polar_nav_core import attitude, nav_columns
+from polar_nav_core import nav_columns
 from polar_nav_core.engine import run as batch
 from polar_nav_core.engine.events import (
     Array,
@@ -32,7 +32,7 @@ from polar_nav_follower.measurements.station_fix import StationNumbers, station_
 from polar_nav_follower.params import FollowerParams
 from polar_nav_msgs.msg import Command as CommandMsg
 from polar_nav_ros import topics
-from polar_nav_ros.navigation_inputs import UNIT, command_from_msg
+from polar_nav_ros.readers import attitudes, command_from_msg, depth_variances
 from polar_nav_ros.stamps import NS
 
 from ..bags import arrays
@@ -84,7 +84,6 @@ class StationArrays:
     def inputs(self, params: FollowerParams) -> StationInputs:
         """What the engine takes with these parameters."""
         imu, control, depth = (self.columns[topic] for topic in _FIELDS)
-        variance = depth['variance']
         return StationInputs(
             imu_stamps_ns=imu[_STAMP],
             omega_ib_b=imu[_OMEGA[0]],
@@ -93,7 +92,7 @@ class StationArrays:
             force_b=control[_FORCE[0]],
             depth_stamps_ns=depth[_STAMP],
             depth=depth['depth'],
-            depth_variance=np.where(variance == -1.0, params.depth_sigma**2, variance),
+            depth_variance=depth_variances(depth['variance'], params.depth_sigma),
             fixes=tuple(self._fixes(params)),
         )
 
@@ -113,19 +112,6 @@ class StationRun(NamedTuple):
     verdicts: dict[str, int]
     divergence: str
     model: ModelRun | None
-
-
-def attitudes(xyzw: Floats, told: Floats) -> Array:
-    """C_b_G of the quaternions of messages, (n, 4) -> (n, 3, 3); NaN where there is none.
-
-    The same as `navigation_inputs.ahrs_from_msg`, message by message.
-    """
-    length = np.sqrt(np.sum(xyzw * xyzw, axis=1))
-    good = (np.abs(length - 1.0) <= UNIT) & (told != -1.0)
-    out = np.full((len(xyzw), 3, 3), np.nan)
-    if good.any():
-        out[good] = attitude.matrix_from_quaternion(xyzw[good])
-    return out
 
 
 def replay_station(source: StationArrays, params: FollowerParams) -> StationRun:
@@ -291,7 +277,6 @@ def _plain(columns: Columns) -> bool:
 __all__ = [
     'StationArrays',
     'StationRun',
-    'attitudes',
     'load_station',
     'replay_station',
 ]

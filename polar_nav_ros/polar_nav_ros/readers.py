@@ -1,11 +1,17 @@
-"""Messages of local sensors and commands to the engine's events: the same for every vehicle."""
+"""What a message of a local sensor must be to become an event of the engine, for every vehicle.
+
+Each rule stands here once for one message (live, replay by message) and, right beside it, for
+columns of many messages (replay by arrays, identification). Both forms give the same bits.
+"""
 
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
-from geometry_msgs.msg import Quaternion, WrenchStamped
+from geometry_msgs.msg import WrenchStamped
+from numpy.typing import NDArray
 from sensor_msgs.msg import Imu
 
 from polar_nav_core import attitude
@@ -26,8 +32,12 @@ from polar_nav_msgs.msg import InitialState as InitialStateMsg
 from .stamps import to_ns
 from .topics import AHRS
 
-UNIT = 1e-3
+_UNIT = 1e-3
 """Departure of a quaternion's length from 1 that rounding to float32 and more explains."""
+_LEAST_BEAMS = 3
+"""Beams of a DVL that determine a velocity."""
+_UNKNOWN = -1.0
+"""First element of a covariance that its sender does not know (REP-145 and our messages)."""
 
 
 def imu_from_msg(msg: Imu, number: int) -> ImuSample:
@@ -45,15 +55,44 @@ def ahrs_from_msg(msg: Imu, number: int) -> ImuSample:
     gives none; a quaternion that is no rotation gives one that is not finite.
     """
     w, f = msg.angular_velocity, msg.linear_acceleration
-    none = msg.orientation_covariance[0] == -1.0
+    q = msg.orientation
+    known = msg.orientation_covariance[0] != _UNKNOWN
     return ImuSample(
         to_ns(msg.header.stamp),
         number,
         np.array([w.x, w.y, w.z]),
         np.array([f.x, f.y, f.z]),
-        None if none else _rotation(msg.orientation),
+        _rotations(np.array([[q.x, q.y, q.z, q.w]]))[0] if known else None,
         AHRS,
     )
+
+
+def attitudes(xyzw: Array, covariance_0: Array) -> Array:
+    """C_b_G of many messages of an AHRS. (n, 4), (n,) -> (n, 3, 3).
+
+    NaN where `ahrs_from_msg` gives no attitude, or one that is not finite.
+
+    Parameters
+    ----------
+    xyzw : ndarray, shape (n, 4)
+        ``orientation``.
+    covariance_0 : ndarray, shape (n,)
+        ``orientation_covariance[0]``.
+    """
+    C_b_G = _rotations(xyzw)
+    C_b_G[covariance_0 == _UNKNOWN] = np.nan
+    return C_b_G
+
+
+def _rotations(xyzw: Array) -> Array:
+    """C_b_G of quaternions; NaN for one that is no rotation. (n, 4) -> (n, 3, 3)."""
+    with np.errstate(over='ignore', invalid='ignore'):
+        length = np.sqrt(np.sum(xyzw * xyzw, axis=1))
+        good = np.abs(length - 1.0) <= _UNIT
+    out = np.full((len(xyzw), 3, 3), np.nan)
+    if good.any():
+        out[good] = attitude.matrix_from_quaternion(xyzw[good])
+    return out
 
 
 def control_from_msg(msg: WrenchStamped, number: int) -> ControlSample:
@@ -74,19 +113,58 @@ def dvl_from_msg(msg: Dvl, number: int, default_sigma: float) -> DvlPing:
     """
     v_m = np.array([msg.velocity.x, msg.velocity.y, msg.velocity.z])
     covariance = np.array(msg.velocity_covar, dtype=np.float64).reshape(3, 3)
-    enough_beams = msg.num_good_beams >= 3
+    enough_beams = msg.num_good_beams >= _LEAST_BEAMS
     valid = (
         msg.velocity_mode == Dvl.DVL_MODE_BOTTOM and enough_beams and bool(np.isfinite(v_m).all())
     )
-    if covariance[0, 0] == -1.0:
+    if covariance[0, 0] == _UNKNOWN:
         covariance = default_sigma**2 * np.eye(3)
     return DvlPing(to_ns(msg.header.stamp), number, valid, v_m, covariance)
 
 
+def dvl_pings(
+    v_m: Array,
+    covariance: Array,
+    mode: NDArray[Any],
+    good_beams: NDArray[Any],
+    default_sigma: float,
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Covariance [(m/s)^2] and validity of many pings, as `dvl_from_msg` has them.
+
+    Parameters
+    ----------
+    v_m : ndarray, shape (n, 3)
+        ``velocity`` [m/s], instrument axes.
+    covariance : ndarray, shape (n, 9)
+        ``velocity_covar``.
+    mode, good_beams : ndarray of int, shape (n,)
+        ``velocity_mode``, ``num_good_beams``.
+    default_sigma : float
+        For an unknown covariance [m/s].
+
+    Returns
+    -------
+    covariance_m : ndarray, shape (n, 3, 3)
+    valid : ndarray of bool, shape (n,)
+    """
+    covariance_m = covariance.reshape(-1, 3, 3)
+    unknown = covariance_m[:, 0, 0] == _UNKNOWN
+    if unknown.any():
+        covariance_m = covariance_m.copy()
+        covariance_m[unknown] = default_sigma**2 * np.eye(3)
+    bottom = (mode == Dvl.DVL_MODE_BOTTOM) & (good_beams >= _LEAST_BEAMS)
+    return covariance_m, bottom & np.isfinite(v_m).all(axis=1)
+
+
 def depth_from_msg(msg: Depth, number: int, default_sigma: float) -> DepthSample:
     """polar_nav_msgs/Depth as an event."""
-    variance = default_sigma**2 if msg.variance == -1.0 else msg.variance
+    variance = default_sigma**2 if msg.variance == _UNKNOWN else msg.variance
     return DepthSample(to_ns(msg.header.stamp), number, msg.depth, variance)
+
+
+def depth_variances(variance: Array, default_sigma: float) -> Array:
+    """Variance [m^2] of many depths, as `depth_from_msg` has it. (n,) -> (n,)."""
+    return np.where(variance == _UNKNOWN, default_sigma**2, variance)
 
 
 def command_from_msg(msg: CommandMsg, _number: int) -> Command:
@@ -95,13 +173,6 @@ def command_from_msg(msg: CommandMsg, _number: int) -> Command:
     starts = kind in (CommandKind.RESET, CommandKind.SET_INITIAL_STATE)
     initial = initial_from_msg(msg.initial_state) if starts else None
     return Command(to_ns(msg.header.stamp), msg.sequence, kind, initial)
-
-
-def _rotation(q: Quaternion) -> Array:
-    """C_b_G of a quaternion; NaN for one that is no rotation."""
-    if not abs(math.hypot(q.x, q.y, q.z, q.w) - 1.0) <= UNIT:
-        return np.full((3, 3), np.nan)
-    return attitude.matrix_from_quaternion([q.x, q.y, q.z, q.w])
 
 
 def initial_from_msg(msg: InitialStateMsg) -> InitialState | None:

@@ -1,0 +1,92 @@
+"""Messages of sensors as events: one by one, and as columns, with the same bits."""
+
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+pytest.importorskip('rclpy')
+
+from sensor_msgs.msg import Imu
+
+from polar_nav_core import attitude
+from polar_nav_msgs.msg import Depth, Dvl
+from polar_nav_ros import readers
+
+NUMBER = st.floats(allow_nan=True, allow_infinity=True, width=64)
+SMALL = st.floats(-2.0, 2.0)
+LENGTH = st.sampled_from([1.0, 1.0 + 2e-4, 1.0 - 9.99e-4, 1.0 + 1e-3, 1.0 - 1e-3, 1.1, 0.0])
+
+
+def direction(values):
+    q = np.array(values)
+    norm = np.linalg.norm(q)
+    return q / norm if norm > 1e-3 else np.array([0.0, 0.0, 0.0, 1.0])
+
+
+UNIT = st.tuples(SMALL, SMALL, SMALL, SMALL).map(direction)
+QUATERNION = st.one_of(
+    st.tuples(UNIT, LENGTH).map(lambda pair: tuple((pair[0] * pair[1]).tolist())),
+    st.tuples(NUMBER, NUMBER, NUMBER, NUMBER),
+)
+COVARIANCE = st.one_of(st.sampled_from([-1.0, 0.0, 1e-4]), NUMBER)
+FEW = settings(max_examples=60, deadline=None)
+
+
+def ahrs(xyzw, covariance):
+    message = Imu()
+    o = message.orientation
+    o.x, o.y, o.z, o.w = xyzw
+    message.orientation_covariance[0] = covariance
+    return message
+
+
+@FEW
+@example([((0.0, 0.0, 0.0, 1.001), 0.0), ((1e200, 1e200, 0.0, 0.0), 0.0)])
+@given(st.lists(st.tuples(QUATERNION, COVARIANCE), min_size=1, max_size=12))
+def test_attitudes_as_columns_are_those_of_the_messages(rows):
+    found = readers.attitudes(np.array([q for q, _ in rows]), np.array([c for _, c in rows]))
+    for (q, covariance), C_b_G in zip(rows, found, strict=True):
+        one = readers.ahrs_from_msg(ahrs(q, covariance), 0).C_b_G
+        np.testing.assert_array_equal(C_b_G, np.full((3, 3), np.nan) if one is None else one)
+
+
+def test_an_attitude_is_of_a_quaternion_whose_length_is_one():
+    q = attitude.quaternion_from_matrix(attitude.matrix_from_euler(0.3, -0.2, 2.0))
+    lengths = np.array([1.0, 1.0009, 0.9991, 1.002, 0.998, 0.0, np.nan, np.inf])
+    found = readers.attitudes(lengths[:, None] * q, np.zeros(len(lengths)))
+    usable = np.isfinite(found).all((1, 2))
+    np.testing.assert_array_equal(usable, [True, True, True] + [False] * 5)
+    np.testing.assert_allclose(found[1], attitude.matrix_from_quaternion(q), atol=1e-15)
+    assert np.isnan(readers.attitudes(q[None], np.array([-1.0]))).all()
+
+
+PING = st.tuples(
+    st.tuples(NUMBER, NUMBER, NUMBER),
+    st.tuples(COVARIANCE, *[NUMBER] * 8),
+    st.integers(0, 255),
+    st.integers(0, 4),
+)
+
+
+@FEW
+@example([((1.0, 0.0, 0.0), (1e-4,) * 9, Dvl.DVL_MODE_BOTTOM, beams) for beams in range(5)])
+@given(st.lists(PING, min_size=1, max_size=12))
+def test_pings_as_columns_are_those_of_the_messages(rows):
+    v_m, covariance, mode, beams = (np.array(column) for column in zip(*rows, strict=True))
+    found, valid = readers.dvl_pings(v_m, covariance, mode, beams, 0.02)
+    for k, row in enumerate(rows):
+        message = Dvl(velocity_mode=row[2], num_good_beams=row[3], velocity_covar=row[1])
+        message.velocity.x, message.velocity.y, message.velocity.z = row[0]
+        one = readers.dvl_from_msg(message, 0, 0.02)
+        assert one.valid == valid[k]
+        np.testing.assert_array_equal(one.v_m, v_m[k])
+        np.testing.assert_array_equal(one.covariance_m, found[k])
+
+
+@FEW
+@given(st.lists(COVARIANCE, min_size=1, max_size=12))
+def test_variances_of_depth_as_columns_are_those_of_the_messages(variances):
+    found = readers.depth_variances(np.array(variances), 0.3)
+    ones = [readers.depth_from_msg(Depth(variance=v), 0, 0.3).variance for v in variances]
+    np.testing.assert_array_equal(found, ones)
