@@ -220,6 +220,17 @@ def test_an_ahrs_without_attitude(polar, tmp_path, short):
     assert '/follower/imu/data has an orientation' in err
 
 
+def test_attitudes_are_read_as_the_live_follower_reads_them(polar, tmp_path, short):
+    def longer(topic, message):
+        if topic == 'imu/data':
+            q = message.orientation
+            q.x, q.y, q.z, q.w = (1.1 * v for v in (q.x, q.y, q.z, q.w))
+
+    status, _, err = polar('identify', write(tmp_path / 'b', short, change=longer))
+    assert status == 1
+    assert '/follower/imu/data has an orientation' in err
+
+
 def test_packets_of_something_else(polar, tmp_path, short):
     def damaged(topic, message):
         if topic == 'acomms/rx':

@@ -13,7 +13,6 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from polar_nav_core import nav_columns
 from polar_nav_core.engine.events import Fix, Identification
 from polar_nav_core.identification.identifier import Identifier, identify
 from polar_nav_core.identification.params import METHODS, IdentificationParams
@@ -23,6 +22,7 @@ from polar_nav_core.params import from_mapping
 from polar_nav_follower.measurements.station_fix import StationNumbers, station_fix_from_packet
 from polar_nav_follower.params import FollowerParams
 from polar_nav_msgs.msg import AcousticPacket
+from polar_nav_ros.readers import attitudes
 from polar_nav_ros.stamps import to_ns
 from polar_nav_ros.topics import AHRS, CONTROL, DEPTH, RX, TRUE_MODEL
 
@@ -262,8 +262,7 @@ class RecordedRun:
 
     def _feed_log(self, identifier: Identifier, end_ns: int) -> None:
         ahrs = self._columns[AHRS]
-        C_b_G = nav_columns.rotations(ahrs[_QUATERNION[0]])
-        C_b_G[ahrs['orientation_covariance'][:, 0] == -1.0] = np.nan
+        C_b_G = attitudes(ahrs[_QUATERNION[0]], ahrs['orientation_covariance'][:, 0])
         psi = np.arctan2(C_b_G[:, 1, 0], C_b_G[:, 0, 0])
         pitch = -np.arcsin(np.clip(C_b_G[:, 2, 0], -1.0, 1.0))
         if not np.isfinite(psi).any():
