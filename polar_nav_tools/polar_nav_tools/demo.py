@@ -12,8 +12,10 @@ from typing import Any
 
 from polar_nav_core.engine.configurations import pair_of
 
-from .analysis.analyse import Analysis, analyse, open_for, topic_table
+from .analysis.analyse import Analysis, analyse
+from .analysis.counts import topic_table
 from .analysis.html_report import write_analysis
+from .analysis.opening import open_for
 from .graph.build import follower_parameters, usual_configuration
 from .graph.options import GraphOptions
 from .live.run import LiveRun, new_bag_path, read_mission, run_live

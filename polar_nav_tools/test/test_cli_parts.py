@@ -9,7 +9,7 @@ import pytest
 from rich.console import Console
 
 from polar_nav_core.errors import ConfigError
-from polar_nav_tools.analysis.analyse import topic_counts
+from polar_nav_tools.analysis.counts import topic_counts
 from polar_nav_tools.development import suite as testing
 from polar_nav_tools.live.run import new_bag_path
 from polar_nav_tools.replay.output import parse_changes

@@ -18,7 +18,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.link.packet import FIELDS, SIZE, VERSION, crc16
 from polar_nav_msgs.msg import AcousticPacket
-from polar_nav_tools.analysis.analyse import follower_of
+from polar_nav_tools.analysis.opening import follower_of
 from polar_nav_tools.bags import BagWriter, open_bag
 from polar_nav_tools.bags.arrays import load_estimates, load_truth
 from polar_nav_tools.cli import main

@@ -15,7 +15,8 @@ from polar_nav_core.errors import PolarNavError
 
 from ..bags import Bag, open_bag
 from ..replay.arrays import RecordedArrays, load_arrays
-from ..replay.by_array import FastResult, replay_arrays, wanted
+from ..replay.by_array import replay_arrays, wanted
+from ..replay.result import ReplayedRun
 from ..scoring import compare, mission_phases
 from ..terminal.garbage_collection import collect_rarely
 from .bag_readers import bare
@@ -84,7 +85,7 @@ def arrays_of(bag: Bag) -> RecordedArrays:
     return arrays
 
 
-def scored(arrays: RecordedArrays, result: FastResult) -> float:
+def scored(arrays: RecordedArrays, result: ReplayedRun) -> float:
     """Score as `./polar score` does; horizontal RMS of the second half [m]."""
     if arrays.truth is None:
         raise PolarNavError(f'{arrays.bag.path} has no truth')

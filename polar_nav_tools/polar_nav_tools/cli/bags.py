@@ -84,10 +84,11 @@ def replay(
 
         replay_foreign(bag, mapping, configuration, change or [], accept or [], out, as_json)
         return
-    from ..replay.by_array import FastResult, replay_estimates, wanted
+    from ..replay.by_array import replay_estimates, wanted
     from ..replay.by_message import ReplayResult
     from ..replay.by_message import replay as run_replay
     from ..replay.output import parse_changes, replay_summary, write_replay
+    from ..replay.result import ReplayedRun
 
     changes = parse_changes(change or [])
     if out is not None and out.exists():
@@ -99,7 +100,7 @@ def replay(
     with opened(bag, wants if out is None else None) as source:
         with percent('replay') as progress:
             chosen = (configuration, vehicle, changes, progress)
-            result: ReplayResult | FastResult | None = None
+            result: ReplayResult | ReplayedRun | None = None
             if out is None:
                 result = replay_estimates(source, *chosen)
             if result is None:  # messages are wanted, or the only way
@@ -202,7 +203,7 @@ def recover(
 @contextmanager
 def opened(path: Path, ahead: Wants | None = None) -> Iterator[Bag]:
     """Open a bag for one command; status 1 at its end when something is missing in the bag."""
-    from ..analysis.analyse import open_for
+    from ..analysis.opening import open_for
 
     bag = open_for(path, say, ahead)
     yield bag
@@ -227,7 +228,8 @@ def analysed(
     vehicle: str | None,
 ) -> Analysis:
     """Replay and score a bag as the options of `score` and `report` say."""
-    from ..analysis.analyse import analyse, open_for
+    from ..analysis.analyse import analyse
+    from ..analysis.opening import open_for
 
     chosen = () if recorded else tuple(configurations or _usual_pair(bag, vehicle))
     long = bool(chosen) and bag.message_count >= _LONG
@@ -245,7 +247,7 @@ def analysed(
 
 def ahead_of(recorded: bool, truth: Path | None, vehicle: str | None) -> Wants | None:
     """What `analysed` is going to read with these options: for `open_for`."""
-    from ..analysis.analyse import wanted_of
+    from ..analysis.opening import wanted_of
 
     return None if recorded else wanted_of(vehicle, truth=truth is None)
 

@@ -57,7 +57,7 @@ def score(
 
     Replays each bag with both filters of the paper, or with the configurations that are named.
     """
-    from ..analysis.analyse import open_for
+    from ..analysis.opening import open_for
     from ..analysis.score_files import (
         label_bags,
         side_by_side,

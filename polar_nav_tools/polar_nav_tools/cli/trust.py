@@ -138,7 +138,7 @@ def doctor(
     Needs nothing of this project in the bag. The exit status is 1 when there is an error; warnings
     do not change it.
     """
-    from ..analysis.analyse import open_for
+    from ..analysis.opening import open_for
     from ..doctor.examine import examine
 
     source = open_for(bag, lambda _: None)  # its problems are among the findings

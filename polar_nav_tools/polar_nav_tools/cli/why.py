@@ -41,7 +41,7 @@ def why(
     as_json: JsonOption = False,
 ) -> None:
     """Tell the story of one fix: when it was valid, where its delay came from, what it changed."""
-    from ..analysis.analyse import follower_of, open_for
+    from ..analysis.opening import follower_of, open_for
     from ..replay.recorded import followers_of
     from ..why import load_records, tell
 

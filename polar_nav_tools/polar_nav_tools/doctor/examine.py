@@ -10,8 +10,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
 
-from ..analysis.analyse import read_outcome, topic_counts
+from ..analysis.counts import topic_counts
 from ..bags.reader import Bag
+from ..bags.run_folder import read_outcome
 from ..scoring import Column, Table
 from ..scoring.json_values import record
 from .finding import ERROR, OK, WARNING, Finding

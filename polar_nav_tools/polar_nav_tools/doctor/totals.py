@@ -9,10 +9,11 @@ import numpy as np
 
 from polar_nav_ros.topics import RECEIPT, RX
 
-from ..analysis.analyse import read_outcome, topic_counts
+from ..analysis.counts import topic_counts
 from ..analysis.packets import delivery_of
 from ..bags import Bag, BagError
 from ..bags.arrays import load_receipts, load_truth
+from ..bags.run_folder import read_outcome
 from ..replay.recorded import followers_of
 from ..scoring import balances, count_verdicts
 from .finding import ERROR, OK, WARNING, Finding

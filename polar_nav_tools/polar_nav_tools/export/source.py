@@ -9,7 +9,7 @@ from polar_nav_core.earth import geodetic_from_ecef
 from polar_nav_core.errors import ConfigError
 from polar_nav_ros.topics import STATE
 
-from ..analysis.analyse import follower_of
+from ..analysis.opening import follower_of
 from ..analysis.report_input import leader_of
 from ..bags import Bag, BagError
 from ..bags.arrays import estimates_from_cdr, load_estimates, load_truth

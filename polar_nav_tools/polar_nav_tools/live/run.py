@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 from polar_nav_core.errors import ConfigError, PolarNavError
 
+from ..bags.run_folder import OUTCOME_NAME, RUN_FOLDER
 from ..graph.build import Graph, build_graph
 from ..graph.options import GraphOptions
 from .domain import graph_environment
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
     from polar_nav_sim.mission import Mission
 
 
-RUN_FOLDER, OUTCOME_NAME = 'run', 'outcome.json'
 """In the folder of a bag: logs and parameter files, and how the run ended."""
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from polar_nav_core.engine import events as engine_events
@@ -20,46 +19,13 @@ from polar_nav_follower.session import inputs_of
 from ..bags import Bag
 from ..bags.request import Request
 from ..series.estimates import EstimateRows, receipts_of
-from ..series.model import ModelRun
-from ..series.vehicle import EstimateSeries, Receipt
 from .arrays import RecordedArrays, arrays_request, load_arrays
 from .by_message import parameters
 from .recorded import choose_follower
+from .result import ReplayedRun
 from .station_arrays import StationArrays, load_station, replay_station, station_request
 
 Progress = Callable[[float], None]
-
-
-@dataclass(frozen=True, eq=False)
-class FastResult:
-    """What the engine made of a bag.
-
-    Attributes
-    ----------
-    vehicle : str
-        The follower.
-    params : FollowerParams
-        Parameters used.
-    estimates : EstimateSeries
-    receipts : list of Receipt
-    taken : dict of str to int
-        Messages taken per full topic name.
-    verdicts : dict of str to int
-        Verdict counts of everything that got a receipt.
-    divergence : str
-        Why the filter stopped; empty when it did not.
-    model : ModelRun or None
-        What it said of vehicle and water, without the truth of it.
-    """
-
-    vehicle: str
-    params: FollowerParams
-    estimates: EstimateSeries
-    receipts: list[Receipt]
-    taken: dict[str, int]
-    verdicts: dict[str, int]
-    divergence: str
-    model: ModelRun | None = None
 
 
 def replay_arrays(
@@ -68,14 +34,11 @@ def replay_arrays(
     configuration: str | None = None,
     changes: Mapping[str, Any] | None = None,
     progress: Progress | None = None,
-) -> FastResult:
+) -> ReplayedRun:
     """Run a bag's messages through the engine; see `replay.replay`."""
     params = parameters(source.params, configuration, changes or {})
     if isinstance(source, StationArrays):
-        run = replay_station(source, params)
-        return FastResult(
-            vehicle=source.vehicle, params=params, taken=source.taken, **run._asdict()
-        )
+        return replay_station(source, params)
     numbered = source.inputs(params)
     rows = EstimateRows(params, _expected(numbered.inputs, params))
     result = batch.run(params, numbered.inputs, progress=progress, sink=rows.take, told=True)
@@ -83,7 +46,7 @@ def replay_arrays(
     receipts = list(_merged(found, source.refused))
     verdicts = Counter(dict(result.verdicts))
     verdicts.update(r.verdict for r in source.refused)
-    return FastResult(
+    return ReplayedRun(
         vehicle=source.vehicle,
         params=params,
         taken=source.taken,
@@ -126,7 +89,7 @@ def replay_estimates(
     vehicle: str | None,
     changes: Mapping[str, Any],
     progress: Progress,
-) -> FastResult | None:
+) -> ReplayedRun | None:
     """Read and replay a bag; None for a run that has to be taken message by message."""
     # A parameter out of range is told before a long bag is read.
     recorded = choose_follower(bag, vehicle)[1]

@@ -21,9 +21,13 @@ from polar_nav_follower import session
 from polar_nav_follower.params import FollowerParams
 from polar_nav_ros.navigation_session import Published
 from polar_nav_ros.stamps import to_ns
+from polar_nav_ros.topics import IDENTIFICATION, MODEL, RECEIPT, STATE
 
+from ..bags.arrays import estimates_from_cdr, receipts_from_cdr
+from ..bags.model import model_run_from_cdr
 from ..bags.reader import Bag
 from .recorded import RecordedInputs, load_inputs
+from .result import ReplayedRun
 
 Progress = Callable[[float], None]
 """Called with the share of the work that is done."""
@@ -70,6 +74,24 @@ class ReplayResult:
         """Bytes published on a topic, given without the vehicle."""
         name = f'/{self.vehicle}/{topic}'
         return [o.data for o in self.outputs if o.topic == name]
+
+    @property
+    def counts(self) -> tuple[int, int]:
+        """Numbers of estimates and of receipts."""
+        return len(self.of(STATE)), len(self.of(RECEIPT))
+
+    def as_run(self) -> ReplayedRun:
+        """Decode the published messages to series."""
+        return ReplayedRun(
+            vehicle=self.vehicle,
+            params=self.params,
+            taken=self.taken,
+            verdicts=self.verdicts,
+            estimates=estimates_from_cdr(self.of(STATE), self.vehicle),
+            receipts=receipts_from_cdr(self.of(RECEIPT)),
+            model=model_run_from_cdr(self.of(MODEL), self.of(IDENTIFICATION), None),
+            divergence=self.divergence,
+        )
 
 
 def parameters(

@@ -15,8 +15,8 @@ from polar_nav_follower.params import FollowerParams
 from polar_nav_ros.topics import CURRENT, IDENTIFICATION, MODEL, RECEIPT, STATE, of_vehicle
 
 from ..bags import Bag, BagWriter
-from .by_array import FastResult
 from .by_message import ReplayResult
+from .result import ReplayedRun
 
 _TOPICS = (STATE, RECEIPT)
 _MODEL_TOPICS = (CURRENT, MODEL, IDENTIFICATION)
@@ -61,13 +61,10 @@ def _typed(value: Any, kind: str | None) -> Any:  # noqa: ANN401 - a value of YA
     return value
 
 
-def replay_summary(result: ReplayResult | FastResult) -> dict[str, Any]:
+def replay_summary(result: ReplayResult | ReplayedRun) -> dict[str, Any]:
     """Say what a replay did, in plain values; hashes only where there are messages."""
-    if isinstance(result, FastResult):
-        states, receipts = len(result.estimates), len(result.receipts)
-    else:
-        states, receipts = len(result.of(STATE)), len(result.of(RECEIPT))
-    hashes = {} if isinstance(result, FastResult) else {'sha256': dict(result.sha256)}
+    states, receipts = result.counts
+    hashes = {'sha256': dict(result.sha256)} if isinstance(result, ReplayResult) else {}
     return {
         'vehicle': result.vehicle,
         'configuration': result.params.configuration,

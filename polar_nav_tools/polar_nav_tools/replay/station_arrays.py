@@ -44,9 +44,10 @@ from ..bags.request import Request
 from ..bags.tables import read_tables
 from ..series.estimates import EstimateRows, receipts_of
 from ..series.model import Identified, ModelRun, ModelSeries, identified_of_engine
-from ..series.vehicle import EstimateSeries, Floats, Receipt, TruthSeries
+from ..series.vehicle import Floats, TruthSeries
 from .arrays import Progress, packets_of, refusals_of, request_of
 from .recorded import choose_follower, decoded
+from .result import ReplayedRun
 
 _STAMP = arrays.STAMP[0]
 _OMEGA = tuple(f'angular_velocity.{axis}' for axis in 'xyz')
@@ -104,24 +105,17 @@ class StationArrays:
         ]
 
 
-class StationRun(NamedTuple):
-    """What a replay gave: as in `by_array.FastResult`, and the model."""
-
-    estimates: EstimateSeries
-    receipts: list[Receipt]
-    verdicts: dict[str, int]
-    divergence: str
-    model: ModelRun | None
-
-
-def replay_station(source: StationArrays, params: FollowerParams) -> StationRun:
+def replay_station(source: StationArrays, params: FollowerParams) -> ReplayedRun:
     """Run a bag's messages through the engine."""
     result = batch.run(params, source.inputs(params), commands=source.commands)
     track = result.track
     rows = EstimateRows(params, len(track.stamps_ns))
     for start in range(0, len(track.stamps_ns), _ROWS):
         rows.take(_as_estimates(track, slice(start, start + _ROWS)))  # type: ignore[arg-type]
-    return StationRun(
+    return ReplayedRun(
+        vehicle=source.vehicle,
+        params=params,
+        taken=source.taken,
         estimates=rows.series(source.vehicle),
         receipts=receipts_of(result.receipts),
         verdicts={v.name: n for v, n in sorted(result.verdicts.items()) if n},
@@ -276,7 +270,6 @@ def _plain(columns: Columns) -> bool:
 
 __all__ = [
     'StationArrays',
-    'StationRun',
     'load_station',
     'replay_station',
 ]

@@ -17,11 +17,9 @@ from polar_nav_ros.topics import RECEIPT, RX, STATE, STATION, TRUTH, TX, USBL
 
 from ..bags import Bag
 from ..bags.arrays import (
-    estimates_from_cdr,
     load_estimates,
     load_receipts,
     load_truth,
-    receipts_from_cdr,
 )
 from ..series.vehicle import EstimateSeries, Receipt, TruthSeries
 from .content import LEAST_WRAP, Content, PacketError, read_content, wrap_of
@@ -156,10 +154,9 @@ def load_records(
     if replayed:
         from ..replay.by_message import replay
 
-        result = replay(bag, configuration=configuration, vehicle=vehicle)
-        estimates = estimates_from_cdr(result.of(STATE), vehicle)
-        receipts = receipts_from_cdr(result.of(RECEIPT))
-        lever_b = result.params.transponder_lever_b
+        run = replay(bag, configuration=configuration, vehicle=vehicle).as_run()
+        estimates, receipts = run.estimates, run.receipts
+        lever_b = run.params.transponder_lever_b
     else:
         estimates, receipts = load_estimates(bag, vehicle), load_receipts(bag, vehicle)
         lever_b = params.get('transponder_lever_b', FollowerParams().transponder_lever_b)
