@@ -16,9 +16,9 @@ from live_support import FinishedDemo, polar
 from polar_nav_tools.bags import open_bag
 from polar_nav_tools.bags.arrays import estimates_from_cdr, receipts_from_cdr
 from polar_nav_tools.bags.model import model_run_from_cdr
+from polar_nav_tools.replay.arrays import load_arrays
 from polar_nav_tools.replay.by_array import replay_arrays
 from polar_nav_tools.replay.by_message import replay
-from polar_nav_tools.replay.station_arrays import load_station
 
 pytestmark = [pytest.mark.live, pytest.mark.slow, pytest.mark.timeout(900)]
 
@@ -93,7 +93,7 @@ def test_other_strategies_replay_the_same_bag(station_demo):
 @pytest.mark.parametrize('name', ['published', 'default', 'tagged'])
 def test_arrays_give_the_bits_of_the_messages(station_demo, name):
     bag = open_bag(station_demo.bag)
-    fast = replay_arrays(load_station(bag), configuration=name)
+    fast = replay_arrays(load_arrays(bag), configuration=name)
     slow = replay(bag, configuration=name)
     assert (fast.taken, fast.verdicts) == (slow.taken, slow.verdicts)
     assert_same(fast.estimates, estimates_from_cdr(slow.of('nav/state'), 'auv'))

@@ -21,8 +21,8 @@ from polar_nav_ros.navigation_outputs import nav_to_msg
 from polar_nav_tools.bags import BagWriter, open_bag, tables
 from polar_nav_tools.bags.arrays import estimates_from_cdr, load_truth, receipts_from_cdr
 from polar_nav_tools.cli import main
-from polar_nav_tools.replay.arrays import load_arrays
-from polar_nav_tools.replay.by_array import load, replay_arrays, replay_estimates, wanted
+from polar_nav_tools.replay.arrays import arrays_request, load_arrays
+from polar_nav_tools.replay.by_array import replay_arrays, replay_estimates
 from polar_nav_tools.replay.by_message import replay
 from polar_nav_tools.replay.recorded import load_inputs
 from polar_nav_tools.series.estimates import EstimateRows
@@ -291,10 +291,10 @@ def no_second_pass(monkeypatch):
 
 @pytest.mark.usefixtures('no_second_pass')
 def test_read_while_it_is_opened(monkeypatch):
-    bag = open_bag(REFERENCE, ahead=lambda bag: wanted(bag, truth=True))
-    ahead = load(bag, truth=True)
+    bag = open_bag(REFERENCE, ahead=lambda bag: arrays_request(bag, truth=True))
+    ahead = load_arrays(bag, truth=True)
     monkeypatch.undo()
-    arrays = load(open_bag(REFERENCE), truth=True)
+    arrays = load_arrays(open_bag(REFERENCE), truth=True)
     for topic, columns in arrays.columns.items():
         assert_same_columns(ahead.columns[topic], columns)
     assert_same_series(ahead.truth, arrays.truth)

@@ -50,9 +50,9 @@ def wanted_of(vehicle: str | None, *, truth: bool) -> Wants:
     """What `analyse` reads of a bag when it replays: for `open_for`, which reads it on its way."""
 
     def wants(bag: Bag) -> Request | None:
-        from ..replay.by_array import wanted
+        from ..replay.arrays import arrays_request
 
-        return wanted(bag, vehicle or follower_of(bag), truth=truth)
+        return arrays_request(bag, vehicle or follower_of(bag), truth=truth)
 
     return wants
 

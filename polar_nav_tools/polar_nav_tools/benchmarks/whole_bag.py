@@ -14,8 +14,8 @@ from pathlib import Path
 from polar_nav_core.errors import PolarNavError
 
 from ..bags import Bag, open_bag
-from ..replay.arrays import RecordedArrays, load_arrays
-from ..replay.by_array import replay_arrays, wanted
+from ..replay.arrays import SinsArrays, arrays_request, load_arrays
+from ..replay.by_array import replay_arrays
 from ..replay.result import ReplayedRun
 from ..scoring import compare, mission_phases
 from ..terminal.garbage_collection import collect_rarely
@@ -74,18 +74,18 @@ class WholeBag:
 
 def opened(path: Path) -> Bag:
     """Open a bag that is going to be read, as `./polar score` does."""
-    return open_bag(path, ahead=lambda bag: wanted(bag, VEHICLE, truth=True))
+    return open_bag(path, ahead=lambda bag: arrays_request(bag, VEHICLE, truth=True))
 
 
-def arrays_of(bag: Bag) -> RecordedArrays:
+def arrays_of(bag: Bag) -> SinsArrays:
     """Decode what the follower took, and the truth."""
     arrays = load_arrays(bag, VEHICLE, truth=True)
-    if arrays is None:
+    if not isinstance(arrays, SinsArrays):
         raise PolarNavError(f'{bag.path} cannot be read as arrays')
     return arrays
 
 
-def scored(arrays: RecordedArrays, result: ReplayedRun) -> float:
+def scored(arrays: SinsArrays, result: ReplayedRun) -> float:
     """Score as `./polar score` does; horizontal RMS of the second half [m]."""
     if arrays.truth is None:
         raise PolarNavError(f'{arrays.bag.path} has no truth')

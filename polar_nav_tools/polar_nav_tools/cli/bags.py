@@ -84,7 +84,8 @@ def replay(
 
         replay_foreign(bag, mapping, configuration, change or [], accept or [], out, as_json)
         return
-    from ..replay.by_array import replay_estimates, wanted
+    from ..replay.arrays import arrays_request
+    from ..replay.by_array import replay_estimates
     from ..replay.by_message import ReplayResult
     from ..replay.by_message import replay as run_replay
     from ..replay.output import parse_changes, replay_summary, write_replay
@@ -95,7 +96,7 @@ def replay(
         raise typer.BadParameter(f'{out} exists already; a bag is never overwritten')
 
     def wants(found: Bag) -> Request | None:
-        return wanted(found, vehicle)
+        return arrays_request(found, vehicle)
 
     with opened(bag, wants if out is None else None) as source:
         with percent('replay') as progress:

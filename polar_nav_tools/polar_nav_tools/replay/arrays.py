@@ -1,31 +1,34 @@
 """What a follower took from its topics in a recorded run, as arrays; the fast way of a replay.
 
 The same rules as in `recorded`, for whole columns: each topic numbered in the order of the
-bag, up to where the node ended, without what it refused. A run with commands, or with messages of
-another definition than the installed one, is left to `recorded`; one in station mode to
-`station_arrays`.
+bag, up to where the node ended, without what it refused. One reader serves both modes of the
+follower; `MODES` has what differs. A run with messages of another definition than the installed
+one, or with anything else that a mode does not read as arrays, is left to `recorded`.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from polar_nav_core.engine.events import CommandKind, Fix, Receipt, Verdict
+from polar_nav_core.engine.events import Command, CommandKind, Fix, Receipt, Verdict
 from polar_nav_core.engine.inputs import Inputs, Stamps
+from polar_nav_core.engine.station.inputs import StationInputs
 from polar_nav_core.params import from_mapping
 from polar_nav_follower import session
 from polar_nav_follower.measurements.fix import Packet, fixes_from_packets
+from polar_nav_follower.measurements.station_fix import StationNumbers, station_fix_from_packet
 from polar_nav_follower.params import FollowerParams
-from polar_nav_msgs.msg import AcousticPacket, Command, FixReceipt
+from polar_nav_msgs.msg import AcousticPacket, FixReceipt
+from polar_nav_msgs.msg import Command as CommandMsg
 from polar_nav_ros import topics
 from polar_nav_ros.navigation_outputs import receipt_from_msg
-from polar_nav_ros.readers import depth_variances, dvl_pings
+from polar_nav_ros.readers import attitudes, command_from_msg, depth_variances, dvl_pings
 from polar_nav_ros.stamps import to_ns
 
 from ..bags import arrays
@@ -34,7 +37,7 @@ from ..bags.columns import stamps as stamps_of
 from ..bags.decode import is_installed
 from ..bags.errors import BagError
 from ..bags.reader import Bag
-from ..bags.request import Fields, Request, Tables
+from ..bags.request import Request, Tables
 from ..bags.tables import read_tables
 from ..series.vehicle import TruthSeries
 from .constants import mode_table, require_same
@@ -45,12 +48,10 @@ Progress = Callable[[float], None]
 _STAMP = arrays.STAMP[0]
 _OMEGA = tuple(f'angular_velocity.{axis}' for axis in 'xyz')
 _F = tuple(f'linear_acceleration.{axis}' for axis in 'xyz')
+_Q = tuple(f'orientation.{axis}' for axis in 'xyzw')
 _V = tuple(f'velocity.{axis}' for axis in 'xyz')
-_FIELDS = {
-    topics.IMU: (arrays.STAMP, _OMEGA, _F),
-    topics.DVL: (arrays.STAMP, _V, 'velocity_covar', 'velocity_mode', 'num_good_beams'),
-    topics.DEPTH: (arrays.STAMP, 'depth', 'variance'),
-}
+_FORCE = tuple(f'wrench.force.{axis}' for axis in 'xyz')
+_TORQUE = tuple(f'wrench.torque.{axis}' for axis in 'xyz')
 _PACKET_FIELDS = (
     *time_fields('transmit_time'),
     *time_fields('receive_time'),
@@ -61,7 +62,6 @@ _PACKET_FIELDS = (
     'destination',
     'header.frame_id',
 )
-_LOCAL = tuple(_FIELDS)
 
 
 @dataclass(frozen=True)
@@ -71,11 +71,13 @@ class RecordedArrays:
     Attributes
     ----------
     bag, vehicle, params
-        As in `recorded_inputs.RecordedInputs`.
+        As in `recorded.RecordedInputs`.
     columns : mapping of str to mapping of str to ndarray
-        Local sensors by topic: fields, as the bag has them.
+        Local sensors by topic, in the order of the mode: fields, as the bag has them.
     packets : list of Packet
         Received packets.
+    commands : list of Command
+        Without the one that ended the run.
     refused : list of Receipt
         What the live node refused because it came too late.
     truth : TruthSeries or None
@@ -87,6 +89,7 @@ class RecordedArrays:
     params: Mapping[str, Any]
     columns: Mapping[str, Columns]
     packets: list[Packet]
+    commands: list[Command]
     refused: list[Receipt]
     truth: TruthSeries | None = None
 
@@ -94,14 +97,18 @@ class RecordedArrays:
     def taken(self) -> dict[str, int]:
         """Messages taken per full topic name."""
         counts = {topic: len(columns[_STAMP]) for topic, columns in self.columns.items()}
-        counts[topics.RX] = len(self.packets)
+        counts |= {topics.RX: len(self.packets), topics.COMMAND: len(self.commands)}
         return {f'/{self.vehicle}/{topic}': count for topic, count in counts.items() if count}
+
+
+class SinsArrays(RecordedArrays):
+    """One follower's part of a bag, of a SINS with DVL and the packets of a leader."""
 
     def inputs(self, params: FollowerParams) -> NumberedInputs:
         """What the engine takes with these parameters."""
         refused = Counter(refusal_key(r) for r in self.refused)
-        streams = {topic: self._stream(topic, refused) for topic in _LOCAL}
-        imu, dvl, depth = (streams[topic] for topic in _LOCAL)
+        streams = {topic: self._stream(topic, refused) for topic in self.columns}
+        imu, dvl, depth = streams.values()
         ping = dvl.columns
         covariance_m, valid = dvl_pings(
             ping[_V[0]],
@@ -157,6 +164,32 @@ class RecordedArrays:
         return fixes
 
 
+class StationArrays(RecordedArrays):
+    """One follower's part of a bag in station mode: AHRS, thrust and a station's packets."""
+
+    def inputs(self, params: FollowerParams) -> StationInputs:
+        """What the engine takes with these parameters."""
+        imu, control, depth = self.columns.values()
+        return StationInputs(
+            imu_stamps_ns=imu[_STAMP],
+            omega_ib_b=imu[_OMEGA[0]],
+            C_b_G=attitudes(imu[_Q[0]], imu['orientation_covariance'][:, 0]),
+            control_stamps_ns=control[_STAMP],
+            force_b=control[_FORCE[0]],
+            depth_stamps_ns=depth[_STAMP],
+            depth=depth['depth'],
+            depth_variance=depth_variances(depth['variance'], params.depth_sigma),
+            fixes=tuple(self._fixes(params)),
+        )
+
+    def _fixes(self, params: FollowerParams) -> list[Fix]:
+        numbers = StationNumbers()
+        return [
+            station_fix_from_packet(*packet[:3], number, *packet[3:], params, numbers)[0]
+            for number, packet in enumerate(self.packets)
+        ]
+
+
 @dataclass(frozen=True)
 class NumberedInputs:
     """Inputs, and the number of each local message on its topic; None where it is the row."""
@@ -179,6 +212,67 @@ class _Stream:
     numbers: NDArray[np.intp] | None
 
 
+@dataclass(frozen=True)
+class Mode:
+    """How the runs of one mode of the follower are read as arrays.
+
+    Attributes
+    ----------
+    kind : type
+        Makes the engine's inputs of the columns.
+    fields : mapping of str to fields
+        Local sensors, the IMU first, and what becomes a column of them.
+    commands : tuple of CommandKind
+        What the arrays can have besides the end of the run.
+    any_order : bool
+        Whether topics may be absent, stamps run backwards, and messages have been refused because
+        they came too late.
+    unread : tuple of str
+        Columns that the engine's arrays have no place for: they must be finite, as an event whose
+        numbers are not gets a receipt.
+    """
+
+    kind: type[SinsArrays | StationArrays]
+    fields: Mapping[str, tuple[str | tuple[str, ...], ...]]
+    commands: tuple[CommandKind, ...] = ()
+    any_order: bool = True
+    unread: tuple[str, ...] = ()
+
+    def takes(self, found: Sequence[Columns], refused: Sequence[Receipt]) -> bool:
+        """Whether a run with these columns can be replayed from arrays."""
+        if self.any_order:
+            return True
+        return not refused and all(
+            bool(np.all(c[_STAMP][1:] >= c[_STAMP][:-1]))
+            and all(bool(np.isfinite(c[n]).all()) for n in self.unread if n in c)
+            for c in found
+        )
+
+
+MODES = {
+    'sins': Mode(
+        SinsArrays,
+        {
+            topics.IMU: (arrays.STAMP, _OMEGA, _F),
+            topics.DVL: (arrays.STAMP, _V, 'velocity_covar', 'velocity_mode', 'num_good_beams'),
+            topics.DEPTH: (arrays.STAMP, 'depth', 'variance'),
+        },
+    ),
+    'station': Mode(
+        StationArrays,
+        {
+            topics.AHRS: (arrays.STAMP, _OMEGA, _F, _Q, 'orientation_covariance'),
+            topics.CONTROL: (arrays.STAMP, _FORCE, _TORQUE),
+            topics.DEPTH: (arrays.STAMP, 'depth', 'variance'),
+        },
+        commands=(CommandKind.IDENTIFY,),
+        any_order=False,
+        unread=(_F[0], _TORQUE[0]),
+    ),
+}
+"""By the follower's parameter ``mode``."""
+
+
 def arrays_request(bag: Bag, vehicle: str | None = None, *, truth: bool = False) -> Request | None:
     """Say what `load_arrays` is going to read; None for a run to be taken by message.
 
@@ -187,29 +281,27 @@ def arrays_request(bag: Bag, vehicle: str | None = None, *, truth: bool = False)
     BagError
         When there is no such follower, or it took no IMU data.
     """
-    name, params = choose_follower(bag, vehicle)
-    if session.inputs_of(from_mapping(FollowerParams, params)) != session.INPUTS:
+    name, recorded = choose_follower(bag, vehicle)
+    params = from_mapping(FollowerParams, recorded)
+    mode = MODES[params.mode]
+    taken = (*mode.fields, topics.RX, topics.COMMAND)
+    if session.inputs_of(params) != taken:
+        return None  # with thrust beside a DVL
+    bag.require([f'/{name}/{taken[0]}'])
+    if not all(_plain(bag, f'/{name}/{topic}') for topic in taken):
         return None
-    bag.require([f'/{name}/{topics.IMU}'])
-    if not all(_plain(bag, f'/{name}/{topic}') for topic in session.INPUTS):
-        return None
-    require_same(bag, (f'/{name}/{topic}' for topic in (*session.INPUTS, topics.RECEIPT)))
-    return request_of(bag, name, _FIELDS, truth=truth)
-
-
-def request_of(bag: Bag, vehicle: str, fields: Mapping[str, Fields], *, truth: bool) -> Request:
-    """Fields of a follower's topics, its packets, commands and receipts, and its truth."""
-    wanted = {f'/{vehicle}/{topic}': names for topic, names in fields.items()}
-    topic = f'/{vehicle}/{topics.TRUTH}'
+    require_same(bag, (f'/{name}/{topic}' for topic in (*taken, topics.RECEIPT)))
+    wanted = {f'/{name}/{topic}': names for topic, names in mode.fields.items()}
+    topic = f'/{name}/{topics.TRUTH}'
     if truth and topic in bag.topics and bag.channel(topic).type == arrays.TRUTH_TYPE:
         wanted[topic] = arrays.TRUTH_FIELDS
     raw = (topics.RX, topics.COMMAND, topics.RECEIPT)
-    return Request(wanted, tuple(f'/{vehicle}/{topic}' for topic in raw))
+    return Request(wanted, tuple(f'/{name}/{topic}' for topic in raw))
 
 
 def load_arrays(
     bag: Bag, vehicle: str | None = None, *, truth: bool = False, progress: Progress | None = None
-) -> RecordedArrays | None:
+) -> SinsArrays | StationArrays | None:
     """Read what a follower took, in one pass; None for a run that has to be taken by message.
 
     A bag that was opened with `arrays_request` ahead was read then.
@@ -232,38 +324,54 @@ def load_arrays(
     request = arrays_request(bag, vehicle, truth=truth)
     if request is None:
         return None
+    mode = MODES[from_mapping(FollowerParams, params).mode]
     packet, command, receipt = request.raw
     try:
         tables = read_tables(bag, *request, progress=progress)
-        commands = [decoded(bag, command, d, Command) for d in tables.payloads[command]]
+        commands = [decoded(bag, command, d, CommandMsg) for d in tables.payloads[command]]
         packets = packets_of(bag, packet, tables.payloads[packet])
         refused = refusals_of(bag, receipt, tables.payloads[receipt])
     except BagError:
         return None  # decoding by message says what is wrong, or does not need it
-    if any(m.kind != CommandKind.SHUTDOWN for m in commands):
+    asked = [c for c in commands if c.kind != CommandKind.SHUTDOWN]
+    if any(c.kind not in mode.commands for c in asked):
         return None
-    limits: dict[str, int] = {}
-    if commands:
-        last = commands[-1]
-        limits = dict(zip(last.taken_topics, map(int, last.taken_counts), strict=True))
+    if not mode.any_order and any(f'/{name}/{t}' not in tables.columns for t in mode.fields):
+        return None
+    limits = _limits([c for c in commands if c.kind == CommandKind.SHUTDOWN])
     columns = {
         topic: _up_to(tables, f'/{name}/{topic}', fields, limits)
-        for topic, fields in _FIELDS.items()
+        for topic, fields in mode.fields.items()
     }
-    modes = mode_table(bag, f'/{name}/{topics.DVL}')
-    if modes is not None:
-        recorded = columns[topics.DVL]['velocity_mode'].astype(np.intp)
-        columns[topics.DVL]['velocity_mode'] = modes[recorded]
+    if not mode.takes(list(columns.values()), refused):
+        return None
+    if topics.DVL in columns:
+        _renumber_modes(columns[topics.DVL], bag, f'/{name}/{topics.DVL}')
     found = tables.columns.get(f'/{name}/{topics.TRUTH}')
-    return RecordedArrays(
+    return mode.kind(
         bag=bag,
         vehicle=name,
         params=params,
         columns=columns,
         packets=packets[: limits.get(packet)],
+        commands=[command_from_msg(c, k) for k, c in enumerate(asked)],
         refused=refused,
         truth=None if found is None else arrays.truth_of(found, name),
     )
+
+
+def _limits(ends: Sequence[Any]) -> dict[str, int]:
+    """Messages per full topic name that the node had taken when it ended; empty if it did not."""
+    if not ends:
+        return {}
+    return dict(zip(ends[-1].taken_topics, map(int, ends[-1].taken_counts), strict=True))
+
+
+def _renumber_modes(dvl: Columns, bag: Bag, topic: str) -> None:
+    """Turn the modes of a DVL from the constants of the bag to the installed ones, in place."""
+    modes = mode_table(bag, topic)
+    if modes is not None:
+        dvl['velocity_mode'] = modes[dvl['velocity_mode'].astype(np.intp)]
 
 
 def _plain(bag: Bag, topic: str) -> bool:

@@ -17,19 +17,18 @@ from polar_nav_follower.params import FollowerParams
 from polar_nav_follower.session import inputs_of
 
 from ..bags import Bag
-from ..bags.request import Request
 from ..series.estimates import EstimateRows, receipts_of
-from .arrays import RecordedArrays, arrays_request, load_arrays
+from .arrays import SinsArrays, StationArrays, load_arrays
 from .by_message import parameters
 from .recorded import choose_follower
 from .result import ReplayedRun
-from .station_arrays import StationArrays, load_station, replay_station, station_request
+from .station_run import replay_station
 
 Progress = Callable[[float], None]
 
 
 def replay_arrays(
-    source: RecordedArrays | StationArrays,
+    source: SinsArrays | StationArrays,
     *,
     configuration: str | None = None,
     changes: Mapping[str, Any] | None = None,
@@ -65,24 +64,6 @@ def _expected(inputs: Inputs, params: FollowerParams) -> int:
     return min(int(length_s / params.output_period_s) + 2, most)
 
 
-def load(
-    bag: Bag,
-    vehicle: str | None = None,
-    *,
-    truth: bool = False,
-    progress: Progress | None = None,
-) -> RecordedArrays | StationArrays | None:
-    """Read what a follower took, in either mode; None for a run to be taken by message."""
-    return load_arrays(bag, vehicle, truth=truth, progress=progress) or load_station(
-        bag, vehicle, truth=truth, progress=progress
-    )
-
-
-def wanted(bag: Bag, vehicle: str | None = None, *, truth: bool = False) -> Request | None:
-    """Say what `load` is going to read: for `open_bag`, which can read it on its way."""
-    return arrays_request(bag, vehicle, truth=truth) or station_request(bag, vehicle, truth=truth)
-
-
 def replay_estimates(
     bag: Bag,
     configuration: str | None,
@@ -96,7 +77,7 @@ def replay_estimates(
     chosen = parameters(recorded, configuration, changes)
     if inputs_of(chosen) != inputs_of(parameters(recorded, None, {})):
         return None  # the arrays are of what the recorded run took
-    arrays = load(bag, vehicle, progress=_half(progress))
+    arrays = load_arrays(bag, vehicle, progress=_half(progress))
     if arrays is None:
         return None
     return replay_arrays(

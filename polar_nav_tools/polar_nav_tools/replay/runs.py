@@ -14,12 +14,11 @@ from ..bags.model import load_model_run
 from ..bags.reader import Bag
 from ..series.run import RunSeries
 from ..series.vehicle import TruthSeries
-from .arrays import RecordedArrays
-from .by_array import load, replay_arrays
+from .arrays import SinsArrays, StationArrays, load_arrays
+from .by_array import replay_arrays
 from .by_message import Progress, ReplayResult, replay
 from .recorded import RecordedInputs, load_inputs
 from .result import ReplayedRun
-from .station_arrays import StationArrays
 from .verification import VerifyResult, verify
 
 Say = Callable[[str], None]
@@ -31,11 +30,11 @@ class Replays:
 
     Parameters
     ----------
-    source : RecordedArrays, StationArrays or RecordedInputs
+    source : SinsArrays, StationArrays or RecordedInputs
         Inputs as arrays, or as messages.
     """
 
-    source: RecordedArrays | StationArrays | RecordedInputs
+    source: SinsArrays | StationArrays | RecordedInputs
     _as_recorded: ReplayResult | None = field(default=None, init=False)
 
     @property
@@ -95,7 +94,7 @@ def load_replays(
     BagError
         When the bag lacks what the engine needs.
     """
-    arrays = None if by_message else load(bag, vehicle, truth=truth, progress=progress)
+    arrays = None if by_message else load_arrays(bag, vehicle, truth=truth, progress=progress)
     return Replays(load_inputs(bag, vehicle) if arrays is None else arrays)
 
 

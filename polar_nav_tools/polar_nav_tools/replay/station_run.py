@@ -1,0 +1,111 @@
+"""Replays a run in station mode from arrays."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polar_nav_core import nav_columns
+from polar_nav_core.engine.events import (
+    Array,
+    Identification,
+    ModelEstimate,
+)
+from polar_nav_core.engine.station import batch
+from polar_nav_core.engine.station.inputs import Stamps
+from polar_nav_core.error_model import X
+from polar_nav_follower.params import FollowerParams
+from polar_nav_ros.stamps import NS
+
+from ..series.estimates import EstimateRows, receipts_of
+from ..series.model import Identified, ModelRun, ModelSeries, identified_of_engine
+from ..series.vehicle import Floats
+from .arrays import StationArrays
+from .result import ReplayedRun
+
+_ROWS = 512
+
+
+def replay_station(source: StationArrays, params: FollowerParams) -> ReplayedRun:
+    """Run a bag's messages through the engine."""
+    result = batch.run(params, source.inputs(params), commands=source.commands)
+    track = result.track
+    rows = EstimateRows(params, len(track.stamps_ns))
+    for start in range(0, len(track.stamps_ns), _ROWS):
+        rows.take(_as_estimates(track, slice(start, start + _ROWS)))  # type: ignore[arg-type]
+    return ReplayedRun(
+        vehicle=source.vehicle,
+        params=params,
+        taken=source.taken,
+        estimates=rows.series(source.vehicle),
+        receipts=receipts_of(result.receipts),
+        verdicts={v.name: n for v, n in sorted(result.verdicts.items()) if n},
+        divergence=result.divergence,
+        model=_model(track, result.identifications, params),
+    )
+
+
+class _Rows(NamedTuple):
+    """Rows as `EstimateRows` takes them; what this mode has no estimate of is NaN."""
+
+    stamps_ns: Stamps
+    r_e: Array
+    v_G: Array
+    C_b_G: Array
+    P: Array
+    sensor_errors: Array
+    local_statistics: Array
+    fixes: Stamps
+    told: Array = np.zeros((0, nav_columns.WIDTH))
+
+
+def _as_estimates(track: batch.Track, part: slice) -> _Rows:
+    own = track.P[part]
+    P = np.full((len(own), X.size, X.size), np.nan)
+    P[:, : own.shape[1], : own.shape[2]] = own
+    return _Rows(
+        track.stamps_ns[part],
+        track.r_e[part],
+        track.v_G[part],
+        track.C_b_G[part],
+        P,
+        np.full((len(own), 15), np.nan),
+        track.tally[part],
+        track.fixes[part],
+    )
+
+
+def _model(
+    track: batch.Track, identifications: tuple[Identification, ...], params: FollowerParams
+) -> ModelRun | None:
+    """The first row of each second, as a session publishes it."""
+    seconds = track.stamps_ns // NS
+    if not len(seconds):
+        return None
+    first = np.flatnonzero(np.r_[True, seconds[1:] != seconds[:-1]])
+    told = [track.model(int(k), params) for k in first]
+    found: tuple[Identified, ...] = tuple(identified_of_engine(i) for i in identifications)
+    return ModelRun(_series(track.stamps_ns[first], told), found)
+
+
+def _series(stamp_ns: NDArray[np.int64], told: list[ModelEstimate]) -> ModelSeries:
+    def column(name: str) -> Floats:
+        return np.array([getattr(one, name) for one in told], dtype=np.float64)
+
+    return ModelSeries(
+        stamp_ns=stamp_ns,
+        v_r_b=column('v_r_b'),
+        P_v_r_b=column('v_r_covariance_b'),
+        current_G=column('current_G'),
+        P_current_G=column('current_covariance_G'),
+        drag_linear=column('drag_linear'),
+        drag_linear_sigma=column('drag_linear_sigma'),
+        drag_quadratic=column('drag_quadratic'),
+        drag_quadratic_sigma=column('drag_quadratic_sigma'),
+        drag_correlation=column('drag_correlation'),
+        heading_bias=column('heading_bias'),
+        heading_bias_sigma=column('heading_bias_sigma'),
+        current_walk=column('current_walk'),
+    )
