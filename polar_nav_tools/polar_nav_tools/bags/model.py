@@ -5,7 +5,6 @@ Reads `nav/model` and `nav/identification` (messages or their bytes) and, for th
 """
 
 from __future__ import annotations
-from polar_nav_ros.topics import IDENTIFICATION, MODEL, TRUE_MODEL
 
 import math
 from collections.abc import Iterable
@@ -13,6 +12,8 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+
+from polar_nav_ros.topics import IDENTIFICATION, MODEL, TRUE_MODEL
 
 from ..series.model import Identified, ModelRun, ModelSeries
 from . import Bag

@@ -7,7 +7,6 @@ whole: every checksum was compared and every count agrees.
 """
 
 from __future__ import annotations
-from polar_nav_ros.topics import RUN_INFO
 
 import json
 import os
@@ -16,6 +15,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
+
+from polar_nav_ros.topics import RUN_INFO
 
 from . import chunks
 from .contents import Channel, FileScan, Tally

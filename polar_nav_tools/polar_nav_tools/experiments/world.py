@@ -63,7 +63,7 @@ class World:
     Attributes
     ----------
     inputs : Inputs
-        For ``polar_nav_core.engine.batch.run``; fixes as scheduled.
+        For ``polar_nav_core.engine.run.run``; fixes as scheduled.
     truth : Truth
         State at any time.
     constants : Constants

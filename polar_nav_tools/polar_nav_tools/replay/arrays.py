@@ -17,8 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polar_nav_core.engine.events import Command, CommandKind, Fix, Receipt, Verdict
-from polar_nav_core.engine.inputs import Inputs, Stamps
-from polar_nav_core.engine.station.inputs import StationInputs
+from polar_nav_core.engine.inputs import Inputs, Stamps, StationInputs
 from polar_nav_core.params import from_mapping
 from polar_nav_follower import session
 from polar_nav_follower.measurements.fix import Packet, fixes_from_packets

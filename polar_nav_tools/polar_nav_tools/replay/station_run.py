@@ -8,13 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polar_nav_core import nav_columns
+from polar_nav_core.engine import run as batch
 from polar_nav_core.engine.events import (
     Array,
     Identification,
     ModelEstimate,
 )
-from polar_nav_core.engine.station import batch
 from polar_nav_core.engine.station.inputs import Stamps
+from polar_nav_core.engine.track import StationTrack
 from polar_nav_core.error_model import X
 from polar_nav_follower.params import FollowerParams
 from polar_nav_ros.stamps import NS
@@ -61,7 +62,7 @@ class _Rows(NamedTuple):
     told: Array = np.zeros((0, nav_columns.WIDTH))
 
 
-def _as_estimates(track: batch.Track, part: slice) -> _Rows:
+def _as_estimates(track: StationTrack, part: slice) -> _Rows:
     own = track.P[part]
     P = np.full((len(own), X.size, X.size), np.nan)
     P[:, : own.shape[1], : own.shape[2]] = own
@@ -78,7 +79,7 @@ def _as_estimates(track: batch.Track, part: slice) -> _Rows:
 
 
 def _model(
-    track: batch.Track, identifications: tuple[Identification, ...], params: FollowerParams
+    track: StationTrack, identifications: tuple[Identification, ...], params: FollowerParams
 ) -> ModelRun | None:
     """The first row of each second, as a session publishes it."""
     seconds = track.stamps_ns // NS
