@@ -27,6 +27,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 from std_msgs.msg import String
 
+from polar_nav_core.engine.version import ENGINE_VERSION
 from polar_nav_core.errors import ConfigError, PolarNavError
 from polar_nav_core.params import NodeParams, to_mapping
 from polar_nav_msgs.msg import LockstepAck
@@ -272,6 +273,7 @@ class PolarNode(Node, Generic[P]):  # type: ignore[misc]
                 'node': self.get_fully_qualified_name(),
                 'package': package,
                 'version': version,
+                'engine_version': ENGINE_VERSION,
                 'params': to_mapping(self.params),
             },
             sort_keys=True,

@@ -15,6 +15,7 @@ from rclpy.parameter import Parameter  # noqa: E402
 from rclpy.serialization import serialize_message  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 
+from polar_nav_core.engine.version import ENGINE_VERSION  # noqa: E402
 from polar_nav_core.errors import ConfigError  # noqa: E402
 from polar_nav_core.params import NodeParams, param  # noqa: E402
 from polar_nav_msgs.msg import Depth, LockstepAck  # noqa: E402
@@ -76,6 +77,7 @@ def test_takes_everything_publishes_and_acknowledges():
     assert list(acks[-1].published_counts) == [500]
     assert acks[-1].node == '/echo'
     spin_until(executor, lambda: bool(infos))
+    assert json.loads(infos[0].data)['engine_version'] == ENGINE_VERSION
     assert json.loads(infos[0].data)['params'] == {
         'gain': 2.0,
         'lockstep': True,

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import Imu
 from std_msgs.msg import String
 
+from polar_nav_core.engine.version import ENGINE_VERSION
 from polar_nav_core.link.packet import Broadcast, encode
 from polar_nav_core.params import to_mapping
 from polar_nav_follower.params import FollowerParams
@@ -170,6 +171,7 @@ def _run_info(world: World) -> bytes:
         'node': f'/{VEHICLE}/follower_node',
         'package': 'polar_nav_follower',
         'version': '',
+        'engine_version': ENGINE_VERSION,
         'params': to_mapping(params),
     }
     return to_bytes(String(data=json.dumps(said)))

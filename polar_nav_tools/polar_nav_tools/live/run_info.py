@@ -14,6 +14,8 @@ from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from polar_nav_core.engine.version import ENGINE_VERSION
+
 if TYPE_CHECKING:
     from polar_nav_sim.mission import Mission
 
@@ -37,6 +39,7 @@ def run_info(mission: Mission, options: GraphOptions, graph: Graph) -> dict[str,
         'configuration': options.configuration,
         'leader': options.leader,
         'nodes': [spec.full_name for spec in graph.nodes],
+        'engine_version': ENGINE_VERSION,
         'versions': versions(),
         'git_commit': git_commit(_SOURCES),
         'requirements_lock_sha256': lock_sha256(),

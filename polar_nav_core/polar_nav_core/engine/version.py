@@ -1,0 +1,17 @@
+"""Version of the engine: which bits the same inputs and parameters give.
+
+A node publishes it on ``/run_info``, a recorded run carries it, and a replay reads there whether
+the recorded bytes are its own (compared bit for bit) or those of another engine (compared in units
+of sigma). Bags of before it was stated were all recorded with version 1.
+"""
+
+from __future__ import annotations
+
+ENGINE_VERSION = 1
+"""Counts up whenever the same inputs and the same stated parameters give other bits.
+
+So it does when a formula or the order of a sum changes, when a named configuration stands for
+something else, or when a parameter gets another default (a file of parameters that leaves it out
+gives other bits then). It does not when code only moves, when a parameter that had no effect is
+retired, or when a new parameter's default leaves the bits as they were.
+"""
