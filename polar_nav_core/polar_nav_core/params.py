@@ -14,6 +14,7 @@ from difflib import SequenceMatcher
 from typing import Any, TypeVar
 
 from .errors import ConfigError
+from .retired import RETIRED
 
 T = TypeVar('T')
 
@@ -136,11 +137,16 @@ def from_mapping(cls: type[T], values: Mapping[str, Any]) -> T:
     known = {f.name: f for f in fields(cls)}  # type: ignore[arg-type]
     unknown = sorted(set(values) - set(known))
     if unknown:
-        raise ConfigError(
-            f'unknown parameter {unknown[0]} of {cls.__name__}; {names_near(unknown[0], known)}'
-        )
+        raise ConfigError(unknown_parameter(unknown[0], cls.__name__, known))
     typed = {name: tuple(v) if isinstance(v, list) else v for name, v in values.items()}
     return cls(**typed)
+
+
+def unknown_parameter(name: str, owner: str, known: Collection[str]) -> str:
+    """Return why an owner has no parameter of that name: retired, or which ones are near."""
+    if name in RETIRED:
+        return f'parameter {name} of {owner} was {RETIRED[name]}'
+    return f'unknown parameter {name} of {owner}; {names_near(name, known)}'
 
 
 def names_near(name: str, known: Collection[str]) -> str:

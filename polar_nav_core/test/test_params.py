@@ -50,6 +50,10 @@ def test_defaults_pass_and_round_trip():
         ({'on': 1}, 'on: 1 is neither'),
         ({'name': 3}, 'name: 3 is not a text'),
         ({'names': 'one'}, 'names'),
+        (
+            {'published_depth_variance': 1e-3},
+            'of Example was retired with engine 1: it had no effect; .* or depth_sigma squared',
+        ),
         ({'speed': 1.0}, 'unknown parameter speed of Example; there are count, lever, '),
     ],
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from polar_nav_core.engine.params import EngineParams
-from polar_nav_core.params import flag, param, text
+from polar_nav_core.params import param, text
 
 
 @dataclass(frozen=True)
@@ -14,5 +14,4 @@ class FollowerParams(EngineParams):
 
     leader_id: int = param(1, '', 0, 255, 'Number of the leader or the station in its packets')
     own_id: int = param(2, '', 0, 255, 'Number of this vehicle in the packets')
-    publish_decoded: bool = flag(True, 'Publish acomms/decoded')
     frame_id: str = text('earth', 'frame_id of positions')

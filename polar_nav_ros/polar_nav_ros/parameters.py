@@ -11,7 +11,7 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 from rclpy.node import Node
 
 from polar_nav_core.errors import ConfigError
-from polar_nav_core.params import NodeParams, from_mapping, names_near
+from polar_nav_core.params import NodeParams, from_mapping, unknown_parameter
 
 T = TypeVar('T', bound=NodeParams)
 
@@ -37,9 +37,7 @@ def load(node: Node, cls: type[T]) -> T:
     ]
     unknown = [name for name in given if not name.startswith('qos_overrides.')]
     if unknown:
-        raise ConfigError(
-            f'unknown parameter {unknown[0]} of {node.get_name()}; {names_near(unknown[0], known)}'
-        )
+        raise ConfigError(unknown_parameter(unknown[0], node.get_name(), known))
     values: dict[str, Any] = {}
     for f in fields(cls):
         default = list(f.default) if isinstance(f.default, tuple) else f.default

@@ -115,6 +115,7 @@ def test_what_moves_time_on_is_taken_last():
 @pytest.mark.parametrize(
     ('name', 'value', 'says'),
     [
+        ('publish_decoded', True, 'publish_decoded of echo was retired .* are always published'),
         ('gian', 1.0, 'unknown parameter gian of echo; .*gain'),
         ('gain', 11.0, 'gain.*11.0'),
         ('gain', 3, 'write 5.0, not 5'),

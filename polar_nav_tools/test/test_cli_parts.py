@@ -27,7 +27,7 @@ from polar_nav_tools.terminal.tables import print_table, size_text
         ('max_delay_s=10', 'max_delay_s', 10.0),
         ('max_delay_s=1e1', 'max_delay_s', 10.0),
         ('leader_id=3', 'leader_id', 3),
-        ('publish_decoded=false', 'publish_decoded', False),
+        ('model_aiding=false', 'model_aiding', False),
         ('configuration=default', 'configuration', 'default'),
         ('dvl_lever_b=[1, 0, -0.5]', 'dvl_lever_b', [1.0, 0.0, -0.5]),
     ],

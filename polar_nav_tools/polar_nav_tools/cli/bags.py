@@ -89,6 +89,7 @@ def replay(
     from ..replay.by_message import ReplayResult
     from ..replay.by_message import replay as run_replay
     from ..replay.output import parse_changes, replay_summary, write_replay
+    from ..replay.recorded import choose_description
     from ..replay.result import ReplayedRun
 
     changes = parse_changes(change or [])
@@ -112,7 +113,7 @@ def replay(
                     changes=changes,
                     progress=progress,
                 )
-        summary = replay_summary(result)
+        summary = replay_summary(result, choose_description(source, vehicle)[1])
         if out is not None and isinstance(result, ReplayResult):
             write_replay(out, result, source)
             summary['bag'] = str(out)
@@ -120,7 +121,9 @@ def replay(
             emit_json({'ok': not (source.problems or result.divergence), **summary})
         else:
             for name, value in summary.items():
-                sys.stdout.write(f'{name:>14}: {_plain(value)}\n')
+                first, *others = value if isinstance(value, list) and value else [_plain(value)]
+                sys.stdout.write(f'{name:>18}: {first}\n')
+                sys.stdout.writelines(f'{"":>20}{other}\n' for other in others)
         if result.divergence:
             say(f'the filter diverged: {result.divergence}')
             end(1)
@@ -275,4 +278,4 @@ def tell_complaints(analysis: Analysis) -> bool:
 def _plain(value: object) -> str:
     if isinstance(value, dict):
         return ', '.join(f'{k} {_plain(v)}' for k, v in value.items()) or 'none'
-    return str(value)
+    return 'none' if value == [] else str(value)

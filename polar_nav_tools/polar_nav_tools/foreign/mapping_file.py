@@ -11,7 +11,7 @@ import numpy as np
 from polar_nav_core.depth import STANDARD_ATMOSPHERE
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.errors import ConfigError
-from polar_nav_core.params import names_near
+from polar_nav_core.params import unknown_parameter
 
 from . import section
 from .mapping import (
@@ -77,7 +77,7 @@ def _parameters(top: Section) -> dict[str, Any]:
     out: dict[str, Any] = {}
     for name, value in top.texts('parameters').items():
         if name not in kinds:
-            raise top.fail('parameters', f'unknown parameter {name}; {names_near(name, kinds)}')
+            raise top.fail('parameters', unknown_parameter(name, 'follower_node', kinds))
         out[name] = _typed(value, kinds[name])
     out.setdefault('configuration', 'default')
     return out

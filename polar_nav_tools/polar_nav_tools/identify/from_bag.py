@@ -30,7 +30,8 @@ from ..bags import arrays
 from ..bags.errors import BagError
 from ..bags.reader import Bag
 from ..bags.tables import read_tables
-from ..replay.recorded import decoded, followers_of
+from ..replay.described import NOTHING_DESCRIBED, descriptions_of
+from ..replay.recorded import decoded
 from ..scoring import Column, Table
 from ..scoring.json_values import record
 from ..series.vehicle import Floats
@@ -172,10 +173,11 @@ class RecordedRun:
     ) -> None:
         self.bag = bag
         self.vehicle = choose_vehicle(bag, vehicle)
-        told = followers_of(bag).get(self.vehicle, {}) | dict(changes or {})
+        described = descriptions_of(bag).get(self.vehicle, NOTHING_DESCRIBED)
+        told = described.params | dict(changes or {})
         self.params = _known(IdentificationParams, told)
         self._follower = _known(FollowerParams, told)
-        self._told = told
+        self._stated = described.stated | set(changes or {})
         self.notes: list[str] = []
         topics = {name: f'/{self.vehicle}/{name}' for name in (*_FIELDS, RX, TRUE_MODEL)}
         bag.require([topics[name] for name in (*_FIELDS, RX)])
@@ -278,13 +280,12 @@ class RecordedRun:
 
     def _height_above_station(self, depth: float) -> float:
         """Height of the vehicle in the station frame [m]; NaN where the station's is not known."""
-        height = self._told.get('station_height')
-        if height is None:
+        if 'station_height' not in self._stated:
             note = 'station_height is not known: slant ranges were taken as horizontal'
             if note not in self.notes:
                 self.notes.append(note)
             return float('nan')
-        return float(self._follower.sea_surface_height) - depth - float(height)
+        return float(self._follower.sea_surface_height) - depth - self._follower.station_height
 
     def _true_values(self, result: Identification) -> dict[str, float]:
         """Means of ``truth/model`` over the window, by the names of the parameters."""

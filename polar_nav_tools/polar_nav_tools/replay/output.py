@@ -9,13 +9,15 @@ from typing import Any
 
 import yaml
 
+from polar_nav_core.engine.version import ENGINE_VERSION
 from polar_nav_core.errors import ConfigError
-from polar_nav_core.params import names_near, to_mapping
+from polar_nav_core.params import to_mapping, unknown_parameter
 from polar_nav_follower.params import FollowerParams
 from polar_nav_ros.topics import CURRENT, IDENTIFICATION, MODEL, RECEIPT, STATE, of_vehicle
 
 from ..bags import Bag, BagWriter
 from .by_message import ReplayResult
+from .described import Description
 from .result import ReplayedRun
 
 _TOPICS = (STATE, RECEIPT)
@@ -37,9 +39,7 @@ def parse_changes(texts: Sequence[str]) -> dict[str, Any]:
         if not equals:
             raise ConfigError(f'--set {text!r}: expected name=value')
         if name not in kinds:
-            raise ConfigError(
-                f'unknown parameter {name} of follower_node; {names_near(name, kinds)}'
-            )
+            raise ConfigError(unknown_parameter(name, 'follower_node', kinds))
         try:
             changes[name] = _typed(yaml.safe_load(value), kinds[name])
         except yaml.YAMLError as error:
@@ -61,8 +61,10 @@ def _typed(value: Any, kind: str | None) -> Any:  # noqa: ANN401 - a value of YA
     return value
 
 
-def replay_summary(result: ReplayResult | ReplayedRun) -> dict[str, Any]:
-    """Say what a replay did, in plain values; hashes only where there are messages."""
+def replay_summary(
+    result: ReplayResult | ReplayedRun, described: Description
+) -> dict[str, Any]:
+    """Return what a replay did, in plain values; hashes only where there are messages."""
     states, receipts = result.counts
     hashes = {'sha256': dict(result.sha256)} if isinstance(result, ReplayResult) else {}
     return {
@@ -74,6 +76,8 @@ def replay_summary(result: ReplayResult | ReplayedRun) -> dict[str, Any]:
         'taken': dict(result.taken),
         **hashes,
         'divergence': result.divergence or None,
+        'engine_version': {'recorded': described.engine_version, 'replayed': ENGINE_VERSION},
+        'retired_parameters': described.retired_texts(),
     }
 
 
@@ -88,6 +92,7 @@ def write_replay(path: Path, result: ReplayResult, source: Bag) -> Path:
     info: Mapping[str, object] = {
         'replay_of': str(source.path),
         'mission': source.run_info.get('mission', ''),
+        'engine_version': ENGINE_VERSION,
         'configuration': result.params.configuration,
         'parameters': to_mapping(result.params),
         'sha256': dict(result.sha256),

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from rclpy.serialization import deserialize_message
 
 from polar_nav_core.engine.events import CommandKind, Event, Fix, Receipt, Verdict
+from polar_nav_core.engine.version import ENGINE_VERSION
 from polar_nav_core.params import from_mapping
 from polar_nav_follower import session
 from polar_nav_follower.params import FollowerParams
@@ -27,8 +28,8 @@ from ..bags.errors import BagError
 from ..bags.opening import open_bag
 from ..bags.reader import Bag
 from .constants import mode_table, require_same
+from .described import Description, descriptions_of
 
-FOLLOWER_PACKAGE = 'polar_nav_follower'
 COMPARED = (topics.STATE, topics.RECEIPT)
 """Topics that a replay reproduces bit for bit; and those of `MODEL_OUTPUTS` that the bag has."""
 
@@ -51,7 +52,7 @@ class RecordedInputs:
     vehicle : str
         The follower.
     params : mapping
-        Parameters its node ran with.
+        Parameters that reproduce its node's run.
     messages : list of (str, message)
         Inputs by topic without the vehicle, each topic in its order, up to where the node ended.
     refused : list of Receipt
@@ -60,6 +61,10 @@ class RecordedInputs:
         What the live node published on the compared topics.
     imu : str
         Topic of the IMU that the node took.
+    engine_version : int
+        Engine that recorded the run.
+    retired : list of str
+        One sentence for each recorded parameter that was retired since.
     """
 
     bag: Bag
@@ -69,6 +74,8 @@ class RecordedInputs:
     refused: list[Receipt]
     live: Mapping[str, list[bytes]]
     imu: str = topics.IMU
+    engine_version: int = ENGINE_VERSION
+    retired: list[str] = field(default_factory=list)
 
     def events(self, run: session.Session) -> list[Event]:
         """Events in their total order, without those that the live node refused.
@@ -120,7 +127,9 @@ def load_inputs(
         For parameters that follower_node does not take.
     """
     bag = bag if isinstance(bag, Bag) else open_bag(bag)
-    name, params = choose_follower(bag, vehicle)
+    name, described = choose_description(bag, vehicle)
+    described.require_known()
+    params = described.params
     inputs = session.inputs_of(from_mapping(FollowerParams, {**params, **(changes or {})}))
     bag.require([f'/{name}/{inputs[0]}'])
     compared = (*COMPARED, *(t for t in MODEL_OUTPUTS if f'/{name}/{t}' in bag.topics))
@@ -147,43 +156,63 @@ def load_inputs(
     refused = [receipt_from_msg(r) for r in receipts if r.verdict == Verdict.TOO_LATE]
     if limits is not None:
         messages = _up_to(messages, {t: limits.get(f, _NO_LIMIT) for f, t in by_name.items()})
-    return RecordedInputs(bag, name, params, messages, refused, live, inputs[0])
+    return RecordedInputs(
+        bag=bag,
+        vehicle=name,
+        params=params,
+        messages=messages,
+        refused=refused,
+        live=live,
+        imu=inputs[0],
+        engine_version=described.engine_version,
+        retired=described.retired_texts(),
+    )
 
 
 def followers_of(bag: Bag) -> dict[str, dict[str, Any]]:
     """Parameters of every follower whose node described itself in the bag, by vehicle."""
-    out: dict[str, dict[str, Any]] = {}
-    for name, info in bag.node_infos.items():
-        if info.get('package') == FOLLOWER_PACKAGE:
-            out[name.strip('/').split('/')[0]] = dict(info.get('params', {}))
-    return out
+    return {name: described.params for name, described in descriptions_of(bag).items()}
 
 
 def choose_follower(bag: Bag, vehicle: str | None) -> tuple[str, dict[str, Any]]:
-    """Vehicle and recorded parameters of the follower to replay.
+    """Vehicle and parameters of the follower to replay.
+
+    Raises
+    ------
+    BagError
+        As `choose_description`.
+    ConfigError
+        For a recorded parameter that is neither declared nor retired.
+    """
+    name, described = choose_description(bag, vehicle)
+    described.require_known()
+    return name, described.params
+
+
+def choose_description(bag: Bag, vehicle: str | None) -> tuple[str, Description]:
+    """Vehicle and description of the follower to replay.
 
     Raises
     ------
     BagError
         When there is none, or several and none was named.
     """
-    found = followers_of(bag)
+    found = descriptions_of(bag)
     if vehicle is None:
-        if len(found) == 1:
-            return next(iter(found.items()))
         if not found:
             raise BagError(
                 f'{bag.path} tells of no follower_node on /run_info, so its parameters are not '
                 'known; record with ./polar record or recorder_node'
             )
-        raise BagError(
-            f'{bag.path} has {len(found)} followers ({", ".join(sorted(found))}): '
-            'name one with --vehicle'
-        )
-    if vehicle not in found:
-        raise BagError(
-            f'{bag.path} has no follower {vehicle!r}; it has {", ".join(sorted(found)) or "none"}'
-        )
+        if len(found) > 1:
+            raise BagError(
+                f'{bag.path} has {len(found)} followers ({", ".join(sorted(found))}): '
+                'name one with --vehicle'
+            )
+        vehicle = next(iter(found))
+    elif vehicle not in found:
+        have = ', '.join(sorted(found)) or 'none'
+        raise BagError(f'{bag.path} has no follower {vehicle!r}; it has {have}')
     return vehicle, found[vehicle]
 
 

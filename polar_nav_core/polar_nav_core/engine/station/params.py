@@ -125,7 +125,6 @@ class StationParams(NodeParams):
         'Density of Q: velocity, horizontal position, vertical position',
     )
     published_fix_variance: float = param(100.0, 'm^2', 1e-6, 1e9, 'R of x and y')
-    published_depth_variance: float = param(1e-3, 'm^2', 1e-9, 1e6, 'R of z')
     published_current: tuple[float, ...] = vector(
         (0.0, 0.0), 'm/s', -10.0, 10.0, 'Current before the first adaptation'
     )

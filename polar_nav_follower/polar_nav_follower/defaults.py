@@ -1,0 +1,158 @@
+"""Values that reproduce an engine where a recording leaves a parameter out.
+
+A follower states all its parameters on ``/run_info``, so a recording lacks those only that were
+declared after it. They must not take today's default: the recorded run did what the engine of its
+time did. A test holds the newest column of this table equal to the defaults in the code, so that
+neither a new parameter nor another default comes without an entry here.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+_FIRST: dict[str, Any] = {
+    'accel_bias_sigma': 9.80665e-06,
+    'accel_bias_walk': 0.0,
+    'accel_noise_density': 3.101e-07,
+    'adaptive_floor': 0.5,
+    'bottom_lock_pings': 3,
+    'bottom_lock_timeout_s': 1.5,
+    'configuration': 'modified_akf',
+    'current_bank': (1e-08, 1e-06, 1e-05, 0.0001),
+    'current_method': 'bank',
+    'current_sigma': 0.4,
+    'current_walk': 1e-05,
+    'delay_handling': 'back_propagate',
+    'depth_lever_b': (0.0, 0.0, 0.0),
+    'depth_sigma': 0.05,
+    'dvl_lever_b': (0.0, 0.0, 0.0),
+    'dvl_markov_sigma': 0.005,
+    'dvl_markov_tau': 300.0,
+    'dvl_rpy_deg': (0.0, 0.0, 0.0),
+    'dvl_scale_sigma': 0.0001,
+    'dvl_sigma': 0.005,
+    'filter_period_s': 0.1,
+    'forgetting': 0.99,
+    'frame_id': 'earth',
+    'gate_probability': 0.9999,
+    'gyro_bias_sigma': 1.454e-07,
+    'gyro_bias_walk': 0.0,
+    'gyro_noise_density': 1.533e-09,
+    'history_s': 65.0,
+    'identify_current_limit': 2.0,
+    'identify_current_sigma': 0.05,
+    'identify_current_walks': (0.0, 3e-06, 3e-05, 0.0003),
+    'identify_damping': 'adaptive',
+    'identify_drag_ratio': 10.0,
+    'identify_drag_sigma': 0.1,
+    'identify_epsilon': 1e-06,
+    'identify_every': 100,
+    'identify_fixes': 300,
+    'identify_gap_s': 5.0,
+    'identify_heading_bias_sigma': 0.03,
+    'identify_iterations': 200,
+    'identify_least_fixes': 40,
+    'identify_loss_scale': 2.0,
+    'identify_method': 'robust',
+    'identify_misfit': 2.0,
+    'identify_mu': 1.0,
+    'identify_nis_fixes': 20,
+    'identify_nis_probability': 0.99,
+    'identify_share_sigma': 0.15,
+    'identify_window_s': 3600.0,
+    'imu_sample': 'mean',
+    'initial_grid_heading_deg': 0.0,
+    'initial_height': -100.0,
+    'initial_latitude_deg': 80.0,
+    'initial_longitude_deg': 120.0,
+    'initial_pitch_deg': 0.0,
+    'initial_roll_deg': 0.0,
+    'initial_sigma_heading_deg': 0.08333333333333333,
+    'initial_sigma_height': 5.0,
+    'initial_sigma_position': 5.0,
+    'initial_sigma_tilt_deg': 0.008333333333333333,
+    'initial_sigma_velocity': 0.01,
+    'initial_v_G': (0.0, 0.0, 0.0),
+    'initialize': 'parameters',
+    'leader_id': 1,
+    'lockstep': False,
+    'max_delay_s': 60.0,
+    'max_gated_s': 300.0,
+    'max_imu_gap_s': 0.5,
+    'mode': 'sins',
+    'model_acceleration_noise': 0.0014,
+    'model_added_mass': (2.8, 65.5, 85.5),
+    'model_aiding': False,
+    'model_drag_linear': (15.0, 90.0, 90.0),
+    'model_drag_quadratic': (90.0, 90.0, 90.0),
+    'model_drag_sigma': 0.8,
+    'model_drag_walk': 3.2e-05,
+    'model_mass': 110.0,
+    'model_net_buoyancy': 6.0,
+    'model_share_sigma': 0.3,
+    'model_speed': 1.1,
+    'model_velocity_sigma': 0.01,
+    'model_velocity_tau': 15.0,
+    'model_vertical_sigma': 0.05,
+    'noise_adaptation': 'none',
+    'output_period_s': 0.1,
+    'own_id': 2,
+    'presence': False,
+    'published_current': (0.0, 0.0),
+    'published_fifo': 'kept',
+    'published_fix_variance': 100.0,
+    'published_noise': (1e-05, 0.2, 0.0001),
+    'published_start': 0.0,
+    'reorder_window_s': 0.05,
+    'robust_fixes': 'none',
+    'sea_surface_height': 0.0,
+    'station_adaptation': 'auto',
+    'station_attitude_sigma_deg': 0.66,
+    'station_attitude_smoothing_s': 2.0,
+    'station_bearing_error_deg': 1.0,
+    'station_bearing_quantum_deg': 0.5,
+    'station_bit_rate': 9600.0,
+    'station_depth_noise': 0.1,
+    'station_filter': 'augmented',
+    'station_forgetting': 0.99,
+    'station_heading_bias_sigma_deg': 1.7,
+    'station_heading_bias_walk': 3.2e-06,
+    'station_heading_sigma_deg': 0.0,
+    'station_heading_tau': 3600.0,
+    'station_height': -5.0,
+    'station_latitude_deg': 80.0,
+    'station_longitude_deg': 120.0,
+    'station_packet_bits': 192.0,
+    'station_position_noise': 0.002,
+    'station_processing_s': 0.2,
+    'station_range_error': 0.01,
+    'station_range_quantum': 0.5,
+    'station_robust_probability': 0.99,
+    'station_sound_speed': 1500.0,
+    'station_validity': 'packet',
+    'thrust_timeout_s': 2.0,
+    'transponder_lever_b': (0.0, 0.0, 0.0),
+    'usbl_bias_sigma': 0.0,
+    'usbl_bias_tau': 600.0,
+}
+"""Engine 1. For a parameter that is new: the value with which engine 1 gives its bits."""
+
+_SINCE: dict[int, dict[str, Any]] = {}
+"""By engine version: what changed with it. A version with new defaults counts up (version.py)."""
+
+
+def defaults_of(engine_version: int) -> dict[str, Any]:
+    """Return the follower's parameters that reproduce an engine, by name, in the units declared.
+
+    A newer engine than this one gets the newest values that are known.
+
+    Parameters
+    ----------
+    engine_version : int
+        As recorded on ``/run_info``; 1 where a bag states none.
+    """
+    values = dict(_FIRST)
+    for version in sorted(_SINCE):
+        if version <= engine_version:
+            values |= _SINCE[version]
+    return values
