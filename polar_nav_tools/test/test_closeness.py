@@ -7,7 +7,8 @@ import pytest
 
 from polar_nav_core.attitude import exp
 from polar_nav_tools.report.example import example_input
-from polar_nav_tools.series.closeness import LIMIT_SIGMA, closeness
+from polar_nav_tools.series.closeness import LIMIT_SIGMA, closeness, model_closeness
+from polar_nav_tools.series.model import ModelSeries
 
 EXAMPLE = next(iter(example_input(minutes=0.5).runs.values()))[1]
 ESTIMATE = dataclasses.replace(
@@ -83,3 +84,50 @@ def test_runs_that_cannot_be_paired():
     assert (found.close, found.stamp_ns) == (False, ESTIMATE.stamp_ns[0])
     nothing = ESTIMATE.rows(slice(0, 0))
     assert not closeness(nothing, nothing).close
+
+
+# -- vehicle model
+
+
+MODEL = ModelSeries(
+    stamp_ns=np.arange(30) * 10**9,
+    v_r_b=np.tile([1.0, 0.1, 0.0], (30, 1)),
+    P_v_r_b=np.tile(np.eye(3) * 1e-4, (30, 1, 1)),
+    current_G=np.tile([0.2, -0.1, 0.0], (30, 1)),
+    P_current_G=np.tile(np.diag([1e-4, 1e-4, np.nan]), (30, 1, 1)),
+    drag_linear=np.full(30, 15.0),
+    drag_linear_sigma=np.full(30, 2.0),
+    drag_quadratic=np.full(30, 90.0),
+    drag_quadratic_sigma=np.full(30, np.nan),
+    drag_correlation=np.zeros(30),
+    heading_bias=np.full(30, 0.01),
+    heading_bias_sigma=np.full(30, 0.02),
+    current_walk=np.full(30, 1e-5),
+)
+"""With a vertical current and a quadratic drag that are not estimated."""
+
+
+@pytest.mark.parametrize('size', [0.5e-6, 3e-6])
+@pytest.mark.parametrize(
+    ('field', 'what', 'sigma'),
+    [
+        ('v_r_b', 'velocity through the water', 1e-2),
+        ('P_v_r_b', 'covariance of velocity through the water', 1e-4),
+        ('current_G', 'current', np.array([1e-2, 0.0, 0.0])),
+        ('drag_linear', 'drag linear', 2.0),
+        ('heading_bias_sigma', 'heading bias sigma', 0.02),
+    ],
+)
+def test_differences_of_vehicle_models(field, what, sigma, size):
+    values = getattr(MODEL, field).copy()
+    values[K] = values[K] + 0.9 * size * sigma
+    found = model_closeness(MODEL, dataclasses.replace(MODEL, **{field: values}))
+    assert (found.what, found.stamp_ns) == (what, MODEL.stamp_ns[K])
+    assert found.sigmas == pytest.approx(0.9 * size, rel=1e-6)
+    assert found.close is (size < LIMIT_SIGMA)
+
+
+def test_a_model_without_a_sigma_must_be_the_same():
+    assert model_closeness(MODEL, MODEL).sigmas == 0.0
+    other = dataclasses.replace(MODEL, drag_quadratic=MODEL.drag_quadratic + 1e-9)
+    assert model_closeness(MODEL, other).sigmas == np.inf

@@ -77,7 +77,7 @@ def model_run_from_cdr(
     model: Iterable[bytes], identified: Iterable[bytes], truth: ModelSeries | None
 ) -> ModelRun | None:
     """Decode what a replay published; None where no model took part."""
-    series = _series(list(model), definition(MODEL_TYPE))
+    series = model_from_cdr(model)
     if not len(series):
         return None
     from rclpy.serialization import deserialize_message
@@ -86,6 +86,11 @@ def model_run_from_cdr(
 
     found = (deserialize_message(data, IdentificationMsg) for data in identified)
     return ModelRun(series, tuple(_identified_of(m) for m in found), truth)
+
+
+def model_from_cdr(messages: Iterable[bytes]) -> ModelSeries:
+    """Decode nav/model messages of the installed definition."""
+    return _series(list(messages), definition(MODEL_TYPE))
 
 
 def _load(bag: Bag, topic: str) -> ModelSeries | None:

@@ -7,17 +7,23 @@ anything that a user could see does.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
 from polar_nav_core.attitude import log
 from polar_nav_core.grid import ecef_to_grid
 
+from .model import ModelSeries
 from .vehicle import EstimateSeries, Floats
+
+S = TypeVar('S', EstimateSeries, ModelSeries)
 
 LIMIT_SIGMA = 1e-6
 """Differences up to this share of sigma are rounding."""
+LIMIT_TEXT = '1e-6 sigma'
 
 _BIASES = ('gyro_bias_b', 'accel_bias_b', 'dvl_scale_m', 'dvl_markov_m', 'usbl_bias_a')
 
@@ -49,6 +55,11 @@ class Closeness:
         """Whether it is rounding only."""
         return self.sigmas <= LIMIT_SIGMA
 
+    def to_dict(self) -> dict[str, object]:
+        """Plain values for JSON; no number where the runs cannot be paired."""
+        largest = self.sigmas if self.sigmas < float('inf') else None
+        return {'sigmas': largest, 'what': self.what, 'stamp_ns': self.stamp_ns}
+
 
 def closeness(reference: EstimateSeries, other: EstimateSeries) -> Closeness:
     """Compare two runs, estimate by estimate.
@@ -56,6 +67,16 @@ def closeness(reference: EstimateSeries, other: EstimateSeries) -> Closeness:
     Positions are compared in grid axes, attitudes by the rotation between them, covariances as
     ``|dP_ij| / sqrt(P_ii P_jj)``; sigma is the reference's.
     """
+    return _largest(reference, other, _ratios)
+
+
+def model_closeness(reference: ModelSeries, other: ModelSeries) -> Closeness:
+    """Compare two runs' vehicle model and water, as `closeness`."""
+    return _largest(reference, other, _model_ratios)
+
+
+def _largest(reference: S, other: S, compared: Callable[[S, S], dict[str, Floats]]) -> Closeness:
+    """Pair two runs by their stamps and find the largest ratio of all fields."""
     n = min(len(reference), len(other))
     apart = np.flatnonzero(reference.stamp_ns[:n] != other.stamp_ns[:n])
     if apart.size:
@@ -67,11 +88,28 @@ def closeness(reference: EstimateSeries, other: EstimateSeries) -> Closeness:
         return Closeness(np.inf, what, int(longer.stamp_ns[n]), {})
     if not n:
         return Closeness(np.inf, 'there are no estimates', 0, {})
-    ratios = {name: rows.max(axis=1) for name, rows in _ratios(reference, other).items()}
+    ratios = {name: rows.max(axis=1) for name, rows in compared(reference, other).items()}
     fields = {name: float(rows.max()) for name, rows in ratios.items()}
     what = max(fields, key=lambda name: fields[name])
     row = int(np.argmax(ratios[what]))
     return Closeness(fields[what], what, int(reference.stamp_ns[row]), fields)
+
+
+def _model_ratios(a: ModelSeries, b: ModelSeries) -> dict[str, Floats]:
+    """Differences over sigma, one row per sample of the model."""
+    out = {}
+    for name, field in (('velocity through the water', 'v_r_b'), ('current', 'current_G')):
+        P_a, P_b = getattr(a, f'P_{field}'), getattr(b, f'P_{field}')
+        sigma = np.sqrt(np.diagonal(P_a, axis1=1, axis2=2))
+        out[name] = _over(_difference(getattr(a, field), getattr(b, field)), sigma)
+        scale = sigma[:, :, None] * sigma[:, None, :]
+        out[f'covariance of {name}'] = _over(_difference(P_a, P_b), scale).reshape(len(a), -1)
+    for name in ('drag_linear', 'drag_quadratic', 'heading_bias'):
+        sigma = getattr(a, f'{name}_sigma')
+        for field in (name, f'{name}_sigma'):
+            values = _difference(getattr(a, field), getattr(b, field))
+            out[field.replace('_', ' ')] = _over(values, sigma)[:, None]
+    return out
 
 
 def _ratios(a: EstimateSeries, b: EstimateSeries) -> dict[str, Floats]:
