@@ -90,7 +90,13 @@ def test_it_holds_where_it_was_given(given, run, tmp_path):
 
 def test_it_names_what_bits_depend_on(given):
     said = given.to_dict()
-    assert said['machine'].keys() == {'cpu', 'python', 'requirements_lock_sha256', 'versions'}
+    assert said['machine'].keys() == {
+        'engine_version',
+        'cpu',
+        'python',
+        'requirements_lock_sha256',
+        'versions',
+    }
     assert len(said['machine']['requirements_lock_sha256']) == 64
     assert said['machine']['versions']['numba']
     assert said['parameters']['configuration'] == said['run']['configuration']

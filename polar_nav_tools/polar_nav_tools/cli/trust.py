@@ -14,7 +14,8 @@ from .bags import BagArgument, JsonOption, VehicleOption, opened, percent
 if TYPE_CHECKING:
     from ..doctor.examine import Examination
     from ..replay.certificate import Check
-    from ..replay.verification import VerifyResult
+    from ..replay.verification import Comparison, VerifyResult
+    from ..series.closeness import Closeness
 
 
 @app.command(
@@ -39,25 +40,24 @@ def verify(
 
     A certificate names the bag, the parameters, the packages, the processor and the hashes of what
     came out. With the same packages on the same model of processor the bits must be equal;
-    elsewhere a replay may differ by rounding, up to 1e-6 sigma.
+    elsewhere a replay may differ by rounding, up to 1e-6 sigma. A bag that was recorded with
+    another engine version is compared to 1e-6 sigma, too.
     """
     from ..replay.by_message import replay
     from ..replay.certificate import certify, check, read_certificate
-    from ..replay.recorded import load_inputs
-    from ..replay.verification import require_comparable
+    from ..replay.verification import load_comparable
     from ..replay.verification import verify as run_verify
 
     stated = None if certificate is None else read_certificate(certificate)
     if write_certificate is not None and write_certificate.exists():
         raise typer.BadParameter(f'{write_certificate} exists already')
     with opened(bag) as source:
-        inputs = load_inputs(source, vehicle)
-        require_comparable(inputs)
+        inputs = load_comparable(source, vehicle)
         with percent('replay') as progress:
             replayed = replay(inputs, progress=progress)
         result = run_verify(inputs, replayed=replayed)
         checked = None if stated is None else check(stated, inputs, replayed, result)
-        well = result.equal if checked is None else checked.ok
+        well = result.ok if checked is None else checked.ok
         written = ''
         if write_certificate is not None:
             certify(inputs, replayed, result).write(write_certificate)
@@ -78,6 +78,9 @@ def verify(
         if checked is not None:
             for failure in checked.failures:
                 say(failure)
+        elif result.comparison is not None:
+            for problem in result.comparison.problems():
+                say(f'recorded with engine {result.engine_version}: {problem}')
         elif not result.equal:
             say(f'live and replay differ: {result.difference}')
         if not well:
@@ -94,12 +97,18 @@ def _plain(result: VerifyResult) -> dict[str, object]:
         }
         for topic in result.live_sha256
     }
+    from polar_nav_core.engine.version import ENGINE_VERSION
+
     difference = str(result.difference) if result.difference else None
+    comparison = None if result.comparison is None else result.comparison.to_dict()
     return {
         'equal': result.equal,
         'vehicle': result.vehicle,
         'topics': topics,
         'first_difference': difference,
+        'engine_version': {'recorded': result.engine_version, 'replayed': ENGINE_VERSION},
+        'comparison': comparison,
+        'retired_parameters': result.retired,
     }
 
 
@@ -111,6 +120,10 @@ def _print(result: VerifyResult, checked: Check | None) -> None:
         sys.stdout.write(
             f'  replay {replayed:>7} messages, sha256 {result.replay_sha256[topic]}\n'
         )
+    for sentence in result.retired:
+        sys.stdout.write(f'{sentence}\n')
+    if result.comparison is not None and checked is None:
+        _print_comparison(result.engine_version, result.comparison)
     if result.equal:
         sys.stdout.write('equal, bit for bit\n')
     if checked is None:
@@ -118,10 +131,22 @@ def _print(result: VerifyResult, checked: Check | None) -> None:
     for note in checked.notes:
         sys.stdout.write(f'  {note}\n')
     if checked.closeness is not None:
-        c = checked.closeness
-        where = f', {c.what} at {c.stamp_ns * 1e-9:.3f} s' if c.sigmas > 0.0 else ''
-        sys.stdout.write(f'largest difference: {c.sigmas:.3g} sigma{where}\n')
+        _print_closeness(checked.closeness)
     sys.stdout.write(f'the certificate {"holds" if checked.ok else "does not hold"}\n')
+
+
+def _print_comparison(engine_version: int, comparison: Comparison) -> None:
+    from ..series.closeness import LIMIT_TEXT
+
+    how = 'not comparable' if comparison.closeness is None else f'compared to {LIMIT_TEXT}'
+    sys.stdout.write(f'recorded with engine {engine_version}: {how}\n')
+    if comparison.closeness is not None:
+        _print_closeness(comparison.closeness)
+
+
+def _print_closeness(c: Closeness) -> None:
+    where = f', {c.what} at {c.stamp_ns * 1e-9:.3f} s' if c.sigmas > 0.0 else ''
+    sys.stdout.write(f'largest difference: {c.sigmas:.3g} sigma{where}\n')
 
 
 @app.command(

@@ -16,17 +16,17 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+from polar_nav_core.engine.version import ENGINE_VERSION
 from polar_nav_core.errors import PolarNavError
 from polar_nav_core.params import to_mapping
-from polar_nav_ros.topics import RECEIPT, STATE
 
-from ..bags.arrays import estimates_from_cdr, receipts_from_cdr
 from ..bags.reader import Bag
 from ..live.run_info import cpu_identity, git_commit, lock_sha256, versions
-from ..series.closeness import LIMIT_SIGMA, Closeness, closeness
+from ..series.closeness import LIMIT_SIGMA, Closeness
 from .by_message import ReplayResult
+from .described import engine_version_of, read_parameters
 from .recorded import RecordedInputs
-from .verification import VerifyResult
+from .verification import VerifyResult, compare
 
 FORMAT = 'polar_nav certificate'
 VERSION = 1
@@ -53,7 +53,7 @@ class Certificate:
     outputs : dict
         Topic -> 'sha256' over the messages in order, and 'messages'.
     machine : dict
-        cpu, python, requirements_lock_sha256, versions: bytes depend on these.
+        engine_version, cpu, python, requirements_lock_sha256, versions: bytes depend on these.
     run : dict
         mission, seed, configuration, git_commit: for people.
     """
@@ -103,17 +103,12 @@ class Check:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
-        close = None
-        if self.closeness is not None:
-            c = self.closeness
-            largest = c.sigmas if c.sigmas < float('inf') else None
-            close = {'sigmas': largest, 'what': c.what, 'stamp_ns': c.stamp_ns}
         return {
             'ok': self.ok,
             'same_place': self.same_place,
             'failures': list(self.failures),
             'notes': list(self.notes),
-            'largest_difference': close,
+            'largest_difference': None if self.closeness is None else self.closeness.to_dict(),
             'limit_sigma': LIMIT_SIGMA,
         }
 
@@ -130,9 +125,13 @@ def certify(inputs: RecordedInputs, replayed: ReplayResult, result: VerifyResult
     if bag.problems:
         raise CertificateError(f'{bag.path} is not whole and gets no certificate')
     if not result.equal:
-        raise CertificateError(
-            f'{bag.path} gets no certificate: live and replay differ: {result.difference}'
+        why = (
+            f'live and replay differ: {result.difference}'
+            if result.comparison is None
+            else f'it was recorded with engine {result.engine_version}, and engine '
+            f'{ENGINE_VERSION} gives other bits'
         )
+        raise CertificateError(f'{bag.path} gets no certificate: {why}')
     params = to_mapping(replayed.params)
     info = bag.run_info
     return Certificate(
@@ -165,7 +164,8 @@ def check(
         failures.append(
             f'the certificate is of vehicle {certificate.vehicle}, not {inputs.vehicle}'
         )
-    failures += _other_parameters(certificate.parameters, to_mapping(replayed.params))
+    certified = read_parameters(certificate.parameters, inputs.engine_version).params
+    failures += _other_parameters(certified, to_mapping(replayed.params))
     if parameters_sha256(certificate.parameters) != certificate.parameters_sha256:
         failures.append('the parameters in the certificate do not have the hash it states')
     for topic, stated in certificate.outputs.items():
@@ -185,17 +185,9 @@ def check(
         if result.difference is not None:
             failures.append(f'first difference: {result.difference}')
     if elsewhere or not result.equal:
-        name = inputs.vehicle
-        found = closeness(
-            estimates_from_cdr(inputs.live[STATE], name),
-            estimates_from_cdr(replayed.of(STATE), name),
-        )
-        if elsewhere and not found.close:
-            failures.append(
-                f'the replay is {found.sigmas:.3g} sigma off in {found.what} at '
-                f'{found.stamp_ns * 1e-9:.3f} s; the limit is {LIMIT_SIGMA:g} sigma'
-            )
-        failures += _other_verdicts(inputs.live[RECEIPT], replayed.of(RECEIPT))
+        comparison = compare(inputs, replayed)
+        found = comparison.closeness
+        failures += comparison.problems() if elsewhere else comparison.failures
     return Check(not elsewhere, tuple(failures), tuple(notes), found)
 
 
@@ -247,6 +239,7 @@ def parameters_sha256(parameters: Mapping[str, Any]) -> str:
 
 def _machine() -> dict[str, Any]:
     return {
+        'engine_version': ENGINE_VERSION,
         'cpu': cpu_identity(),
         'python': platform.python_version(),
         'requirements_lock_sha256': lock_sha256(),
@@ -256,7 +249,10 @@ def _machine() -> dict[str, Any]:
 
 def _other_place(there: Mapping[str, Any], here: Mapping[str, Any]) -> list[str]:
     """Sentences on what bits depend on and is different here."""
-    out = [
+    out = []
+    if (certified_with := engine_version_of(there)) != ENGINE_VERSION:
+        out.append(f'engine: certified with {certified_with}, here {ENGINE_VERSION}')
+    out += [
         f'{what}: certified with {there.get(key) or "none"}, here {here[key] or "none"}'
         for key, what in (('cpu', 'processor'), ('python', 'Python'))
         if there.get(key) != here[key]
@@ -281,19 +277,6 @@ def _other_parameters(there: Mapping[str, Any], here: Mapping[str, Any]) -> list
         for name in sorted({*there, *here})
         if name not in there or name not in here or there[name] != here[name]
     ]
-
-
-def _other_verdicts(live: list[bytes], replayed: list[bytes]) -> list[str]:
-    a, b = receipts_from_cdr(live), receipts_from_cdr(replayed)
-    if len(a) != len(b):
-        return [f'{RECEIPT}: {len(a)} recorded, {len(b)} replayed']
-    for i, (one, other) in enumerate(zip(a, b, strict=True)):
-        if (one.key, one.revision, one.verdict) != (other.key, other.revision, other.verdict):
-            return [
-                f'{RECEIPT}, message {i}: fix {one.sequence} was {one.verdict_text}, '
-                f'replayed fix {other.sequence} {other.verdict_text}'
-            ]
-    return []
 
 
 def _is_map(value: Any) -> bool:  # noqa: ANN401 - anything that JSON holds

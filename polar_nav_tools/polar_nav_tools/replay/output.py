@@ -61,9 +61,7 @@ def _typed(value: Any, kind: str | None) -> Any:  # noqa: ANN401 - a value of YA
     return value
 
 
-def replay_summary(
-    result: ReplayResult | ReplayedRun, described: Description
-) -> dict[str, Any]:
+def replay_summary(result: ReplayResult | ReplayedRun, described: Description) -> dict[str, Any]:
     """Return what a replay did, in plain values; hashes only where there are messages."""
     states, receipts = result.counts
     hashes = {'sha256': dict(result.sha256)} if isinstance(result, ReplayResult) else {}

@@ -1,4 +1,8 @@
-"""Compares what a follower published live with a replay of its bag, bit for bit."""
+"""Compares what a follower published live with a replay of its bag.
+
+Bit for bit where the bag was recorded with the engine that replays it. Another engine may give
+other bits on purpose, so there the estimates are compared in units of their sigma, and verdicts.
+"""
 
 from __future__ import annotations
 
@@ -11,16 +15,23 @@ from typing import Any
 
 from rclpy.serialization import deserialize_message
 
+from polar_nav_core.engine.version import ENGINE_VERSION
+from polar_nav_core.errors import ConfigError
 from polar_nav_msgs.msg import FixReceipt, NavState
+from polar_nav_msgs.msg import Identification as IdentificationMsg
 from polar_nav_ros import topics
 from polar_nav_ros.navigation_session import MODEL_OUTPUTS
 from polar_nav_ros.stamps import to_ns
 
+from ..bags.arrays import estimates_from_cdr, load_estimates, receipts_from_cdr
 from ..bags.decode import is_installed
 from ..bags.errors import BagError
+from ..bags.model import model_from_cdr
 from ..bags.reader import Bag
+from ..series.closeness import LIMIT_SIGMA, LIMIT_TEXT, Closeness, closeness, model_closeness
+from ..series.vehicle import EstimateSeries
 from .by_message import Progress, ReplayResult, parameters, replay
-from .recorded import RecordedInputs, load_inputs
+from .recorded import RecordedInputs, choose_description, load_inputs
 
 _TYPES: dict[str, type[Any]] = {
     topics.STATE: NavState,
@@ -46,11 +57,61 @@ class Difference:
 
 
 @dataclass(frozen=True)
+class Comparison:
+    """How far a replay is from a recording of another engine, or from another machine's.
+
+    Attributes
+    ----------
+    closeness : Closeness or None
+        Largest difference of the estimates; None where they cannot be compared.
+    impossible : str
+        Why they cannot be compared; empty where they can.
+    failures : tuple of str
+        Differences that have no sigma: verdicts on fixes and on identifications, and their number.
+    """
+
+    closeness: Closeness | None
+    impossible: str = ''
+    failures: tuple[str, ...] = ()
+
+    @property
+    def ok(self) -> bool:
+        """Whether all differences are within LIMIT_SIGMA."""
+        return self.closeness is not None and self.closeness.close and not self.failures
+
+    def problems(self) -> list[str]:
+        """Return one sentence for each thing that is not within the limit."""
+        if self.closeness is None:
+            return [f'not comparable: {self.impossible}']
+        out = list(self.failures)
+        if not self.closeness.close:
+            c = self.closeness
+            out.insert(
+                0,
+                f'the replay is {c.sigmas:.3g} sigma off in {c.what} at '
+                f'{c.stamp_ns * 1e-9:.3f} s; the limit is {LIMIT_TEXT}',
+            )
+        return out
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        return {
+            'comparable': self.closeness is not None,
+            'not_comparable_because': self.impossible or None,
+            'largest_difference': None if self.closeness is None else self.closeness.to_dict(),
+            'failures': list(self.failures),
+            'limit_sigma': LIMIT_SIGMA,
+        }
+
+
+@dataclass(frozen=True)
 class VerifyResult:
     """Whether a replay gives the bytes that were recorded.
 
     Attributes
     ----------
+    engine_version : int
+        Engine that recorded the bag; bits must be the same where it is the engine of the replay.
     equal : bool
         All bytes of all compared topics are the same.
     live_sha256, replay_sha256 : dict
@@ -58,7 +119,11 @@ class VerifyResult:
     counts : dict
         Messages per topic: (live, replayed).
     difference : Difference or None
-        The first one.
+        The first one, where bits must be the same.
+    comparison : Comparison or None
+        In units of sigma, where another engine recorded the bag.
+    retired : list of str
+        One sentence for each recorded parameter that was retired since.
     problems : list of str
         What is wrong with the bag itself.
     """
@@ -70,6 +135,14 @@ class VerifyResult:
     counts: dict[str, tuple[int, int]]
     difference: Difference | None
     problems: list[str] = field(default_factory=list)
+    engine_version: int = ENGINE_VERSION
+    comparison: Comparison | None = None
+    retired: list[str] = field(default_factory=list)
+
+    @property
+    def ok(self) -> bool:
+        """Whether the replay gives what was recorded, as exactly as its engine must."""
+        return self.equal if self.comparison is None else self.comparison.ok
 
 
 def verify(
@@ -99,24 +172,60 @@ def verify(
     require_comparable(inputs)
     if replayed is None or replayed.params != parameters(inputs.params, None, {}):
         replayed = replay(inputs, progress=progress)
-    difference = _late_start(inputs)
-    for topic in inputs.live:
-        if inputs.live[topic] != replayed.of(topic):
-            found = _first_difference(topic, inputs.live[topic], replayed.of(topic))
-            difference = difference or found
+    difference: Difference | None = None
+    comparison: Comparison | None = None
+    if inputs.engine_version == ENGINE_VERSION:
+        difference = _late_start(inputs)
+        for topic in inputs.live:
+            if inputs.live[topic] != replayed.of(topic):
+                found = _first_difference(topic, inputs.live[topic], replayed.of(topic))
+                difference = difference or found
+    else:
+        comparison = compare(inputs, replayed)
     return VerifyResult(
         vehicle=inputs.vehicle,
-        equal=difference is None,
+        equal=difference is None
+        and all(messages == replayed.of(topic) for topic, messages in inputs.live.items()),
         live_sha256={topic: _digest(messages) for topic, messages in inputs.live.items()},
         replay_sha256=replayed.sha256,
         counts={t: (len(m), len(replayed.of(t))) for t, m in inputs.live.items()},
         difference=difference,
         problems=list(inputs.bag.problems),
+        engine_version=inputs.engine_version,
+        comparison=comparison,
+        retired=list(inputs.retired),
     )
+
+
+def load_comparable(bag: Bag, vehicle: str | None = None) -> RecordedInputs:
+    """Read what a follower took and published, of a bag whose replay can be compared.
+
+    Raises
+    ------
+    BagError
+        As `load_inputs` and `require_comparable`; and for a bag of another engine with parameters
+        that this one refuses.
+    ConfigError
+        For a bag of this engine with such parameters.
+    """
+    version = choose_description(bag, vehicle)[1].engine_version
+    try:
+        inputs = load_inputs(bag, vehicle)
+    except ConfigError as error:
+        if version == ENGINE_VERSION:
+            raise
+        raise BagError(
+            f'{bag.path}: recorded with engine {version}, not comparable with engine '
+            f'{ENGINE_VERSION}: {error}'
+        ) from error
+    require_comparable(inputs)
+    return inputs
 
 
 def require_comparable(inputs: RecordedInputs) -> None:
     """Refuse a bag without live outputs, or with those of a version with other fields.
+
+    Estimates of another engine may have other fields: they are compared by their numbers.
 
     Raises
     ------
@@ -128,25 +237,100 @@ def require_comparable(inputs: RecordedInputs) -> None:
         name = f'/{inputs.vehicle}/{topic}'
         if name not in inputs.bag.topics or is_installed(inputs.bag.channel(name)):
             continue
+        if topic == topics.STATE and inputs.engine_version != ENGINE_VERSION:
+            continue
         raise BagError(
-            f'{inputs.bag.path}: {name} was recorded by a version whose'
+            f'{inputs.bag.path}: not comparable: {name} was recorded by a version whose'
             f' {inputs.bag.channel(name).type} has other fields than the installed one, so its'
             ' bytes cannot be compared; replay and score read it all the same'
         )
 
 
+def compare(inputs: RecordedInputs, replayed: ReplayResult) -> Comparison:
+    """Compare a replay with the recorded estimates, vehicle model and verdicts, by their numbers.
+
+    nav/current repeats what nav/model states; of an identification, the verdict counts.
+
+    Raises
+    ------
+    BagError
+        For recorded estimates that cannot be decoded.
+    """
+    name = inputs.vehicle
+    recorded = _recorded_estimates(inputs)
+    first_ns = _first_imu_ns(inputs)
+    if len(recorded) and recorded.stamp_ns[0] < first_ns:
+        return Comparison(None, f'the follower {_RUNNING}, and {_from(first_ns)}')
+    found = [closeness(recorded, estimates_from_cdr(replayed.of(topics.STATE), name))]
+    if inputs.live.get(topics.MODEL):
+        models = (inputs.live[topics.MODEL], replayed.of(topics.MODEL))
+        found.append(model_closeness(*map(model_from_cdr, models)))
+    for one in found:
+        if not one.fields:
+            return Comparison(None, f'{one.what}, at {one.stamp_ns * 1e-9:.3f} s')
+    return Comparison(
+        max(found, key=lambda one: one.sigmas),
+        failures=(
+            *_other_verdicts(inputs.live[topics.RECEIPT], replayed.of(topics.RECEIPT)),
+            *_other_identifications(
+                inputs.live.get(topics.IDENTIFICATION, []), replayed.of(topics.IDENTIFICATION)
+            ),
+        ),
+    )
+
+
+def _recorded_estimates(inputs: RecordedInputs) -> EstimateSeries:
+    """Read the recorded estimates by the definition in the bag."""
+    if is_installed(inputs.bag.channel(f'/{inputs.vehicle}/{topics.STATE}')):
+        return estimates_from_cdr(inputs.live[topics.STATE], inputs.vehicle)
+    return load_estimates(inputs.bag, inputs.vehicle)
+
+
+def _other_verdicts(live: list[bytes], replayed: list[bytes]) -> list[str]:
+    a, b = receipts_from_cdr(live), receipts_from_cdr(replayed)
+    if len(a) != len(b):
+        return [f'{topics.RECEIPT}: {len(a)} recorded, {len(b)} replayed']
+    for i, (one, other) in enumerate(zip(a, b, strict=True)):
+        if (one.key, one.revision, one.verdict) != (other.key, other.revision, other.verdict):
+            return [
+                f'{topics.RECEIPT}, message {i}: fix {one.sequence} was {one.verdict_text}, '
+                f'replayed fix {other.sequence} {other.verdict_text}'
+            ]
+    return []
+
+
+def _other_identifications(live: list[bytes], replayed: list[bytes]) -> list[str]:
+    a, b = ([deserialize_message(d, IdentificationMsg) for d in m] for m in (live, replayed))
+    if len(a) != len(b):
+        return [f'{topics.IDENTIFICATION}: {len(a)} recorded, {len(b)} replayed']
+    for i, (one, other) in enumerate(zip(a, b, strict=True)):
+        if (one.verdict, one.names, one.fixes) != (other.verdict, other.names, other.fixes):
+            return [
+                f'{topics.IDENTIFICATION}, message {i}: was {one.verdict_text} of {one.fixes} '
+                f'fixes, replayed {other.verdict_text} of {other.fixes}'
+            ]
+    return []
+
+
+_RUNNING = 'was already navigating'
+
+
+def _from(first_ns: int) -> str:
+    return f'the first IMU sample in the bag is of {first_ns * 1e-9:.3f} s'
+
+
+def _first_imu_ns(inputs: RecordedInputs) -> int:
+    return next(to_ns(m.header.stamp) for topic, m in inputs.messages if topic == inputs.imu)
+
+
 def _late_start(inputs: RecordedInputs) -> Difference | None:
     """What cannot be compared: a recording that began when the follower was already running."""
-    first = next(to_ns(m.header.stamp) for topic, m in inputs.messages if topic == inputs.imu)
+    first_ns = _first_imu_ns(inputs)
     states = inputs.live[topics.STATE]
-    began = to_ns(deserialize_message(states[0], NavState).header.stamp)
-    if began >= first:
+    began_ns = to_ns(deserialize_message(states[0], NavState).header.stamp)
+    if began_ns >= first_ns:
         return None
-    live, bag = (
-        'was already navigating',
-        f'the first IMU sample in the bag is of {first * 1e-9:.3f} s',
-    )
-    return Difference(topics.STATE, 0, began, 'start', live, bag)
+    return Difference(topics.STATE, 0, began_ns, 'start', _RUNNING, _from(first_ns))
 
 
 def _digest(messages: Iterable[bytes]) -> str:
