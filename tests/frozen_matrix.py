@@ -4,8 +4,9 @@
     python tests/frozen_matrix.py --renew    # the same, then write the rows anew
 
 Bits depend on the processor, numba and numpy, which stand in the file. Where those are others, and
-only there, runs are compared with the numbers that stand beside the hashes: to 1e-6 of sigma, with
-the same verdicts. ``frozen_runs.py`` has the runs, ``test_frozen_matrix.py`` the tests.
+only there, runs are compared with the numbers that stand beside the hashes: to 1e-6 of sigma
+(those in `AMPLIFIES` to more), with the same verdicts. ``frozen_runs.py`` has the runs,
+``test_frozen_matrix.py`` the tests.
 """
 
 from __future__ import annotations
@@ -26,6 +27,18 @@ FILE = Path(__file__).with_name('frozen_matrix.json')
 DIGITS = 16
 """Of each sha256, that are kept."""
 LIMIT_SIGMA = 1e-6
+AMPLIFIES = {
+    'station / back_propagate': 1e-3,
+    'bag reference / modified_akf_published': 1e-4,
+    'bag station / published': 1e-4,
+    'unusable / modified_akf_published': 1e-4,
+}
+"""Limits of runs that amplify rounding, by the beginning of their names [sigma].
+
+Measured with kernels compiled for a processor without AVX and FMA (``NUMBA_CPU_NAME=generic``):
+the inverse of the transition of a model with drag grows with the age of a fix, and the noise
+filters as printed lose their conditioning. Largest: 2.8e-4 and 6.1e-6 sigma.
+"""
 
 
 def row_of(found: Run) -> dict[str, Any]:
@@ -73,7 +86,13 @@ def _add(digest: Any, value: Any) -> None:
         digest.update(f'{value!r};'.encode())
 
 
-def differences(expected: Mapping[str, Any], found: Mapping[str, Any], *, bits: bool) -> list[str]:
+def differences(
+    expected: Mapping[str, Any],
+    found: Mapping[str, Any],
+    *,
+    bits: bool,
+    limit: float = LIMIT_SIGMA,
+) -> list[str]:
     """Return in what two rows differ, as sentences; none where they are equal.
 
     Parameters
@@ -81,7 +100,9 @@ def differences(expected: Mapping[str, Any], found: Mapping[str, Any], *, bits: 
     expected, found : mapping
         Rows of `row_of`.
     bits : bool
-        Compare hashes; else numbers, to `LIMIT_SIGMA`.
+        Compare hashes; else numbers.
+    limit : float
+        To which numbers are compared [sigma].
     """
     if bits:
         a, b = expected['sha256'], found['sha256']
@@ -89,8 +110,8 @@ def differences(expected: Mapping[str, Any], found: Mapping[str, Any], *, bits: 
         if not parts:
             return []
         out = [f'bits of {", ".join(parts)}']
-        near = differences(expected, found, bits=False)
-        return out + (near or [f'within {LIMIT_SIGMA:g} sigma half-way and at the end'])
+        near = differences(expected, found, bits=False, limit=limit)
+        return out + (near or [f'within {limit:g} sigma half-way and at the end'])
     out = [
         f'{what}: {expected[what]} before, now {found[what]}'
         for what in ('count', 'verdicts')
@@ -98,7 +119,7 @@ def differences(expected: Mapping[str, Any], found: Mapping[str, Any], *, bits: 
     ]
     for before, now in zip(expected['at'], found['at'], strict=False):
         sigmas = _sigmas_apart(before, now)
-        if not sigmas <= LIMIT_SIGMA:
+        if not sigmas <= limit:
             out.append(f'{sigmas:.1e} sigma apart at {before[0]} ns')
     return out
 
@@ -165,7 +186,8 @@ def compare(rows: Mapping[str, Any], *, whole: bool = False) -> list[str]:
         if name not in frozen['rows']:
             out.append(f'{name}: not in {FILE.name}')
             continue
-        found = differences(frozen['rows'][name], row, bits=bits)
+        limit = next((v for k, v in AMPLIFIES.items() if name.startswith(k)), LIMIT_SIGMA)
+        found = differences(frozen['rows'][name], row, bits=bits, limit=limit)
         out += [f'{name}: {"; ".join(found)}'] if found else []
     if whole:
         out += [f'{name}: not found' for name in frozen['rows'].keys() - rows.keys()]

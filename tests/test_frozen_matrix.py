@@ -35,12 +35,14 @@ def test_both_drivers_give_the_same_bits(world):
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(400)
 @pytest.mark.parametrize('world', WORLDS)
 def test_the_whole_matrix(world):
     assert compare(rows_of(world, variants_of(world))) == []
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(400)
 @pytest.mark.parametrize('world', WORLDS[2:])
 def test_both_drivers_give_the_same_bits_in_each_world(world):
     assert drivers_apart(world, in_short(world)) == []
