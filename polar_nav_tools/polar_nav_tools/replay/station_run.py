@@ -73,7 +73,7 @@ def _as_estimates(track: StationTrack, part: slice) -> _Rows:
         track.C_b_G[part],
         P,
         np.full((len(own), 15), np.nan),
-        track.tally[part],
+        track.local_statistics[part],
         track.fixes[part],
     )
 
