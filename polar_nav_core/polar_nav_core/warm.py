@@ -58,8 +58,9 @@ def warm_filter() -> None:
 def warm_station() -> None:
     """Run each way to treat late fixes of station mode, live and as a whole run."""
     from .engine import run as batch
-    from .engine.events import Fix, PolarFix
+    from .engine.events import Fix
     from .engine.params import DELAY_HANDLING, EngineParams
+    from .identification.polar_fix import PolarFix
 
     base = EngineParams(mode='station', configuration='custom', delay_handling='tagged')
     stamps = _START_NS + _IMU_NS * np.arange(45)

@@ -13,9 +13,9 @@ from functools import cache
 
 import numpy as np
 
-from polar_nav_core.engine.events import PolarFix
 from polar_nav_core.identification.identifier import Identifier
 from polar_nav_core.identification.params import IdentificationParams
+from polar_nav_core.identification.polar_fix import PolarFix
 from polar_nav_core.identification.window import position_fix
 
 SECOND_NS = 1_000_000_000

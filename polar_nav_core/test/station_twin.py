@@ -12,9 +12,10 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from polar_nav_core import attitude, earth, grid
-from polar_nav_core.engine.events import Fix, PolarFix
+from polar_nav_core.engine.events import Fix
 from polar_nav_core.engine.inputs import StationInputs
 from polar_nav_core.engine.params import EngineParams
+from polar_nav_core.identification.polar_fix import PolarFix
 
 START_NS = 1_000_000_000
 LATITUDE_DEG, LONGITUDE_DEG, DEPTH = 85.0, 40.0, 5.0

@@ -9,7 +9,6 @@ import pytest
 from identification_world import TRUE_MODEL, Sensors, identifier_of
 from numpy.testing import assert_allclose
 
-from polar_nav_core.engine.events import IdentificationVerdict as Verdict
 from polar_nav_core.identification.identifier import identify
 from polar_nav_core.identification.params import IdentificationParams
 from polar_nav_core.identification.published import (
@@ -18,6 +17,7 @@ from polar_nav_core.identification.published import (
     steady_speed_and_slopes,
     track_and_slopes,
 )
+from polar_nav_core.identification.result import IdentificationVerdict as Verdict
 from polar_nav_core.vehicle_model import steady_speed
 
 VECTORS = json.loads((Path(__file__).parent / 'data' / 'has_identification.json').read_text())

@@ -20,10 +20,10 @@ from identification_world import (
 from numpy.testing import assert_allclose
 from scipy.stats import chi2
 
-from polar_nav_core.engine.events import IdentificationVerdict as Verdict
 from polar_nav_core.identification import robust, spread
 from polar_nav_core.identification.identifier import limits_of
 from polar_nav_core.identification.params import IdentificationParams
+from polar_nav_core.identification.result import IdentificationVerdict as Verdict
 from polar_nav_core.identification.track import BIAS, SIZE, TrackModel, drag_of, drag_slopes
 from polar_nav_core.identification.window import position_fix
 

@@ -21,10 +21,10 @@ from numpy.testing import assert_array_equal
 from scipy.stats import chi2
 
 from polar_nav_core.attitude import matrix_from_euler
-from polar_nav_core.engine.events import IdentificationVerdict as Verdict
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.identification.identifier import Identifier
 from polar_nav_core.identification.params import IdentificationParams
+from polar_nav_core.identification.result import IdentificationVerdict as Verdict
 from polar_nav_core.identification.triggers import Trigger, mean_nis_bound
 from polar_nav_core.identification.window import PositionFix, make_window, position_fix
 

@@ -10,16 +10,10 @@ import station_twin as twin
 
 from polar_nav_core.engine import run as batch
 from polar_nav_core.engine.engine import Engine
-from polar_nav_core.engine.events import (
-    Command,
-    CommandKind,
-    Estimate,
-    Identification,
-    ImuSample,
-    Verdict,
-)
+from polar_nav_core.engine.events import Command, CommandKind, Estimate, ImuSample, Verdict
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.errors import ConfigError
+from polar_nav_core.identification.result import Identification
 
 OFF = {'identify_method': 'none'}
 WINDOW = (950.0, 1590.0)

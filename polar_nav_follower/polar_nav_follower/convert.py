@@ -6,7 +6,8 @@ session, this is the only place of the package that knows both worlds.
 
 from __future__ import annotations
 
-from polar_nav_core.engine.events import Fix, PolarFix
+from polar_nav_core.engine.events import Fix
+from polar_nav_core.identification.polar_fix import PolarFix
 from polar_nav_core.link.packet import Broadcast
 from polar_nav_core.link.station_packet import StationReport
 from polar_nav_msgs.msg import AcousticPacket, StationFix

@@ -19,9 +19,10 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Imu
 
 from polar_nav_core.engine.engine import Engine
-from polar_nav_core.engine.events import Estimate, Event, Identification, Output, Receipt
+from polar_nav_core.engine.events import Estimate, Event, Output, Receipt
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.engine.reorder import Reorder
+from polar_nav_core.identification.result import Identification
 from polar_nav_msgs.msg import Depth, Dvl, NavState, VehicleModel, WaterCurrent
 from polar_nav_msgs.msg import Identification as IdentificationMsg
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Protocol
 
+from ..identification.result import Identification
 from .events import (
     Array,
     ControlSample,
@@ -12,7 +13,6 @@ from .events import (
     DvlPing,
     Estimate,
     Fix,
-    Identification,
     ImuSample,
     InitialState,
 )

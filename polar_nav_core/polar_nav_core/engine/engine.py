@@ -13,6 +13,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from ..errors import FilterDivergence
+from ..identification.result import Identification
 from .checks import aiding_warning, history_warning
 from .driver import Adaptation, Driver
 from .events import (
@@ -23,7 +24,6 @@ from .events import (
     DvlPing,
     Event,
     Fix,
-    Identification,
     ImuSample,
     InitialState,
     OrderKey,

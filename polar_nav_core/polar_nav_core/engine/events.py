@@ -16,6 +16,8 @@ import numpy as np
 
 from .. import order
 from ..arrays import Array as Array
+from ..identification.polar_fix import PolarFix
+from ..identification.result import Identification
 
 OrderKey: TypeAlias = tuple[int, int, int, int]
 
@@ -138,34 +140,6 @@ class DepthSample:
     def key(self) -> OrderKey:
         """Place in the order of events."""
         return (self.stamp_ns, Rank.DEPTH, self.sequence, 0)
-
-
-@dataclass(frozen=True)
-class PolarFix:
-    """Range and bearing from a hydroacoustic station, in the frame of its first position.
-
-    Attributes
-    ----------
-    station : (3,) array
-        Its position when the reply was back [m], station frame (grid axes, z up).
-    station_heading, station_heading_sigma : float
-        psi, counter-clockwise from x, and its 1-sigma, which is the same error in every fix [rad].
-    range, range_sigma : float
-        Slant range [m].
-    bearing, bearing_sigma : float
-        Counter-clockwise from the station's heading [rad].
-    sound_speed : float
-        Used for the range [m/s].
-    """
-
-    station: Array
-    station_heading: float
-    station_heading_sigma: float
-    range: float
-    range_sigma: float
-    bearing: float
-    bearing_sigma: float
-    sound_speed: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -319,50 +293,6 @@ class ModelEstimate:
     heading_bias_sigma: float
     current_walk: float
     bottom_lock: bool = False
-
-
-class IdentificationVerdict(IntEnum):
-    """What became of an identification; the numbers are those of polar_nav_msgs/Identification."""
-
-    ACCEPTED = 0
-    NOT_EXCITED = 1
-    UNPHYSICAL = 2
-    NOT_CONVERGED = 3
-    TOO_FEW_FIXES = 4
-
-
-@dataclass(frozen=True)
-class Identification:
-    """Drag and current from a window of fixes.
-
-    Attributes
-    ----------
-    stamp_ns : int
-        Place in the order of events.
-    method, trigger : str
-        ``published`` or ``robust``; ``count``, ``nis``, ``command`` or ``offline``.
-    reason : str
-        One sentence with the numbers that decided.
-    names, values, covariance : tuple of str, (n,), (n, n) arrays
-        Parameters in SI units: drag_linear, drag_quadratic, current_x, current_y, ...
-    condition_number : float
-        Of the scaled normal matrix.
-    """
-
-    stamp_ns: int
-    method: str
-    verdict: IdentificationVerdict
-    reason: str
-    trigger: str
-    fixes: int
-    first_validity_ns: int
-    last_validity_ns: int
-    names: tuple[str, ...]
-    values: Array
-    covariance: Array
-    condition_number: float
-    cost: float
-    iterations: int
 
 
 @dataclass(frozen=True)

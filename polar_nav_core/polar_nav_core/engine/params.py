@@ -10,7 +10,7 @@ from ..identification.params import IdentificationParams
 from ..order import ROBUST_FIXES
 from ..params import choice, param, vector
 from .events import InitialState
-from .station.params import StationParams
+from .station_params import StationParams
 
 DELAY_HANDLING = ('ignore', 'tagged', 'back_propagate', 'clone', 'rewind')
 NOISE_ADAPTATION = (

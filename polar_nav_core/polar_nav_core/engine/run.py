@@ -15,20 +15,11 @@ from typing import Any, Generic, Protocol, overload
 import numpy as np
 
 from ..errors import FilterDivergence
+from ..identification.result import Identification
 from ..order import FIX_RANK, FUSED, NEVER_NS
 from .driver import Adaptation, Driver
 from .engine import Engine
-from .events import (
-    Command,
-    Event,
-    Fix,
-    Identification,
-    ImuSample,
-    OrderKey,
-    Rank,
-    Receipt,
-    Verdict,
-)
+from .events import Command, Event, Fix, ImuSample, OrderKey, Rank, Receipt, Verdict
 from .inputs import Inputs, Stamps, StationInputs
 from .params import EngineParams
 from .results import FixResult

@@ -10,11 +10,12 @@ import numpy as np
 
 from .. import nav_columns
 from ..arrays import Array
+from ..identification.result import Identification
 from ..kernels.sins import state as fs
 from ..kernels.sins.model import E
 from ..kernels.station import state as ss
 from .engine import Engine
-from .events import Estimate, Identification, ModelEstimate, Output, Receipt
+from .events import Estimate, ModelEstimate, Output, Receipt
 from .inputs import Stamps
 from .params import EngineParams
 from .sins import aiding

@@ -1,7 +1,7 @@
 """Collects what an identification needs, says when it is time, and identifies.
 
 In: fixes as they become known, in any order, and attitude and thrust in their order. Out:
-`engine.events.Identification`. `EngineParams` inherits `params.IdentificationParams`; an engine
+`result.Identification`. `EngineParams` inherits `params.IdentificationParams`; an engine
 does this (stamps in ns, axes of the station frame)::
 
     identifier.add_attitude(imu.stamp_ns, imu.C_b_G, imu.omega_ib_b)
@@ -21,10 +21,10 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array
-from ..engine.events import Identification
-from ..engine.events import IdentificationVerdict as Verdict
 from . import published, robust
 from .params import IdentificationParams
+from .result import Identification
+from .result import IdentificationVerdict as Verdict
 from .spread import scaled_condition
 from .triggers import OFFLINE, Trigger
 from .verdict import judge_fit, judge_minimum

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..engine.model_params import ModelParams
 from ..errors import ConfigError
 from ..params import choice, param, vector
+from .model_params import ModelParams
 
 METHODS = ('robust', 'published')
 DAMPINGS = ('adaptive', 'fixed')

@@ -11,9 +11,9 @@ import math
 import numpy as np
 
 from ..arrays import Array
-from ..engine.events import IdentificationVerdict as Verdict
 from .params import IdentificationParams
 from .published import Minimum
+from .result import IdentificationVerdict as Verdict
 from .robust import SHARE_NAME, Fit
 from .window import Window
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Array
-from ..engine.events import PolarFix
+from .polar_fix import PolarFix
 
 Stamps = NDArray[np.int64]
 LONGEST_STEP_S = 0.25

@@ -15,9 +15,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from polar_nav_core import attitude
-from polar_nav_core.engine.events import Identification, PolarFix
 from polar_nav_core.identification.identifier import Identifier
 from polar_nav_core.identification.params import METHODS, IdentificationParams
+from polar_nav_core.identification.polar_fix import PolarFix
+from polar_nav_core.identification.result import Identification
 from polar_nav_core.identification.triggers import OFFLINE
 from polar_nav_core.identification.window import position_fix
 from polar_nav_sim.offline_station import StationRun, StationScenario, simulate

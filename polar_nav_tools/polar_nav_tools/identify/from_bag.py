@@ -13,9 +13,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from polar_nav_core.engine.events import Fix, Identification
+from polar_nav_core.engine.events import Fix
 from polar_nav_core.identification.identifier import Identifier, identify
 from polar_nav_core.identification.params import METHODS, IdentificationParams
+from polar_nav_core.identification.result import Identification
 from polar_nav_core.identification.triggers import OFFLINE
 from polar_nav_core.identification.window import Window, position_fix
 from polar_nav_core.params import from_mapping

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from polar_nav_core.engine.events import Identification
+from polar_nav_core.identification.result import Identification
 
 from .vehicle import Floats, Ints, Series
 

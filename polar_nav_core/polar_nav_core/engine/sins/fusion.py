@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from ... import earth
+from ...identification.result import Identification
 from ...kernels.sins import events as fe
 from ...kernels.sins import rows as filter_rows
 from ...kernels.sins import state as fs
@@ -22,7 +23,6 @@ from ..events import (
     DvlPing,
     Estimate,
     Fix,
-    Identification,
     ImuSample,
     InitialState,
     ModelEstimate,

@@ -12,6 +12,7 @@ import numpy as np
 
 from ... import earth, grid
 from ...errors import FilterDivergence
+from ...identification.result import Identification
 from ...kernels.station import run
 from ...kernels.station import state as ss
 from ...kernels.station.attitude import smooth
@@ -22,7 +23,6 @@ from ..events import (
     ControlSample,
     DepthSample,
     Estimate,
-    Identification,
     ImuSample,
     InitialState,
     ModelEstimate,

@@ -6,8 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from ..events import Array, Fix, PolarFix
-from .params import StationParams
+from ...identification.polar_fix import PolarFix
+from ..events import Array, Fix
+from ..station_params import StationParams
 
 
 def dated(p: StationParams, fix: Fix) -> Fix:

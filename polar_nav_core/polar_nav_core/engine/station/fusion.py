@@ -12,6 +12,8 @@ from bisect import bisect_right
 
 import numpy as np
 
+from ...identification.polar_fix import PolarFix
+from ...identification.result import Identification
 from ...kernels.station import forward as station_forward
 from ...kernels.station import run
 from ...kernels.station import state as ss
@@ -22,10 +24,8 @@ from ..events import (
     DvlPing,
     Estimate,
     Fix,
-    Identification,
     ImuSample,
     InitialState,
-    PolarFix,
     Rank,
 )
 from ..params import EngineParams

@@ -10,8 +10,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from ...identification.result import Identification, IdentificationVerdict
 from ..driver import Adaptation, Driver
-from ..events import Array, Fix, Identification, IdentificationVerdict
+from ..events import Array, Fix
 from ..params import EngineParams
 from ..results import Outcome
 

@@ -11,16 +11,11 @@ from functools import lru_cache
 import numpy as np
 
 from polar_nav_core.engine import run as batch
-from polar_nav_core.engine.events import (
-    Array,
-    Identification,
-    IdentificationVerdict,
-    Receipt,
-    Verdict,
-)
+from polar_nav_core.engine.events import Array, Receipt, Verdict
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.error_model import X
 from polar_nav_core.identification.published import Samples, track_and_slopes
+from polar_nav_core.identification.result import Identification, IdentificationVerdict
 from polar_nav_core.identification.window import Log, make_window
 from polar_nav_sim.offline_station import StationScenario
 

@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 
 from polar_nav_core import attitude, earth, grid
-from polar_nav_core.engine.events import Array, Fix, PolarFix
+from polar_nav_core.engine.events import Array, Fix
 from polar_nav_core.engine.inputs import StationInputs
 from polar_nav_core.engine.params import EngineParams
+from polar_nav_core.identification.polar_fix import PolarFix
 from polar_nav_core.identification.window import PositionFix, position_fix
 from polar_nav_core.vehicle_model import steady_speed
 from polar_nav_sim.mission import load_mission

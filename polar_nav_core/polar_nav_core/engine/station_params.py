@@ -7,10 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ... import earth
-from ...errors import ConfigError
-from ...params import NodeParams, choice, param, vector
-from ..events import Array, PolarFix
+from .. import earth
+from ..arrays import Array
+from ..errors import ConfigError
+from ..identification.polar_fix import PolarFix
+from ..params import NodeParams, choice, param, vector
 
 FILTERS = ('augmented', 'published')
 MEMBERS = 4
