@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from ... import attitude
+from ...error_model import X
 from ...kernels.sins import model as fm
 from ...kernels.sins import state as fs
 from ...kernels.sins.update import N
@@ -59,8 +60,8 @@ def start(state: fs.State, p: EngineParams) -> None:
     e[:3] = np.einsum('ij,j->i', C_G_b, v_G)
     e[fm.LOG_DRAG], e[fm.SHARE] = p.vehicle_model().logarithmic_drag(p.model_speed)
     of_x = np.zeros((3, N))
-    of_x[:, 0:3] = -np.einsum('ij,jk->ik', C_G_b, attitude.skew(v_G))
-    of_x[:, 3:6] = C_G_b
+    of_x[:, X.phi_G] = -np.einsum('ij,jk->ik', C_G_b, attitude.skew(v_G))
+    of_x[:, X.dv_G] = C_G_b
     current = np.array([p.current_sigma**2] * 2 + [p.model_vertical_sigma**2])
     P_xe, P_ee = state.model[fs.P_XE : fs.P_EE], state.model[fs.P_EE : fs.MEAN]
     P_xe[:, :3] = np.einsum('ij,aj->ia', P, of_x)

@@ -13,6 +13,7 @@ import math
 import numpy as np
 
 from ... import attitude, earth, grid
+from ...error_model import X
 from ...errors import FilterDivergence
 from ...kernels.sins import events as fe
 from ...kernels.sins import fuse as ff
@@ -93,7 +94,6 @@ class NavigationFilter:
         self.streams = st.live_streams(kept_s, 1.0 / IMU_PERIOD_S, CORRECTIONS_PER_S)
         self.rows = fs.NO_ROWS
         self.process: ProcessNoise | None = None
-        self.scratch = self.work._asdict()
         self._name_views()
         self._set_state(initial)
         weight = params.forgetting ** (1.0 / (1.0 - params.forgetting))  # b^k with k = k0
@@ -142,7 +142,7 @@ class NavigationFilter:
         self.P[:] = np.diag(sigma**2)
         C_e_G = grid.ecef_to_grid(self.r_e)
         position_G = np.diag([s.sigma_position_horizontal**2] * 2 + [s.sigma_position_vertical**2])
-        self.P[6:9, 6:9] = C_e_G.T @ position_G @ C_e_G
+        self.P[X.dr_e, X.dr_e] = C_e_G.T @ position_G @ C_e_G
         aiding.start(self.state, p)
 
     @property

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from ... import earth
+from ...error_model import X
 from ...identification.result import Identification
 from ...kernels.sins import events as fe
 from ...kernels.sins import rows as filter_rows
@@ -115,7 +116,7 @@ class Fusion:
             return None
         ahead_e = epoch.velocity_e * ((fix.validity_ns - epoch.stamp_ns) * 1e-9)
         offset_e: Array = fix.r_e - (epoch.point_e + ahead_e)
-        S, L = f.P[6:9, 6:9] + fix.covariance_e, np.zeros((3, 3))
+        S, L = f.P[X.dr_e, X.dr_e] + fix.covariance_e, np.zeros((3, 3))
         if not kf.cholesky(L, S, 3):
             return None
         nis = float(kf.nis_of(L, offset_e, np.zeros(3), 3))

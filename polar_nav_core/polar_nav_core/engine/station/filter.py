@@ -85,8 +85,8 @@ class StationFilter:
         C_G_A = np.einsum('ij,kj->ik', c.C_e_A, C_e_G)
         R = np.einsum('ij,jk->ik', C_G_A, C_b_G)
         x = np.zeros(ss.N)
-        x[0:3] = np.einsum('ji,jk,k->i', R, C_G_A, np.array(s.v_G))
-        x[3:6] = np.einsum('ij,j->i', c.C_e_A, r_e - c.origin_e)
+        x[ss.V_R : ss.POSITION] = np.einsum('ji,jk,k->i', R, C_G_A, np.array(s.v_G))
+        x[ss.POSITION : ss.CURRENT] = np.einsum('ij,j->i', c.C_e_A, r_e - c.origin_e)
         x[ss.DRAG], x[ss.SHARE] = p.vehicle_model().logarithmic_drag(p.model_speed)
         P = np.zeros((ss.N, ss.N))
         P[0, 0] = P[1, 1] = P[2, 2] = s.sigma_velocity**2

@@ -120,7 +120,7 @@ class StationFusion:
         """How far a fix is off the estimate, grid axes [m], and its NIS by the spread of now."""
         polar = _polar(fix)
         x, P = self.filter.mixture()
-        d = x[3:6] - polar.station
+        d = x[ss.POSITION : ss.CURRENT] - polar.station
         distance = math.hypot(d[0], d[1])
         row = fix_row(self.params, polar)
         azimuth = polar.station_heading + polar.bearing - x[ss.STATION]
