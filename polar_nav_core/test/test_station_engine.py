@@ -63,20 +63,22 @@ def test_velocity_and_its_covariance_follow_from_the_state():
     assert (np.abs(cross - track.P[k][2, 3:6]) < 0.03 * sigma[2] * sigma[3:6]).all()
 
 
+@pytest.mark.parametrize('station_validity', ['packet', 'travel_time'])
 @pytest.mark.parametrize(
     ('change', 'verdict', 'words'),
     [
         ({'polar': None}, Verdict.BAD_FORMAT, 'no range and bearing'),
         ({'range': math.nan}, Verdict.NOT_FINITE, 'not finite'),
+        ({'range': math.inf}, Verdict.NOT_FINITE, 'not finite'),
         ({'range': 0.0}, Verdict.NOT_FINITE, 'range of 0.0 m'),
         ({'station': np.array([0.0, math.inf, 0.0])}, Verdict.NOT_FINITE, 'not finite'),
     ],
 )
-def test_a_fix_that_cannot_be_used(change, verdict, words):
+def test_a_fix_that_cannot_be_used(change, verdict, words, station_validity):
     good = world().fixes[1]
     polar = None if 'polar' in change else replace(good.polar, **change)
     inputs = replace(world(), fixes=(replace(good, polar=polar),))
-    result = batch.run(twin.params(**OFF), inputs)
+    result = batch.run(twin.params(**OFF, station_validity=station_validity), inputs)
     (receipt,) = result.receipts
     assert receipt.verdict is verdict
     assert words in receipt.reason

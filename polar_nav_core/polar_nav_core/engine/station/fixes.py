@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -12,8 +13,11 @@ from ..station_params import StationParams
 
 
 def dated(p: StationParams, fix: Fix) -> Fix:
-    """Date a fix as `station_validity` says: as its packet does, or by the travel time."""
-    if p.station_validity == 'packet' or fix.polar is None:
+    """Date a fix as `station_validity` says: as its packet does, or by the travel time.
+
+    One whose range is not finite has no travel time; it stays as it is, to be refused.
+    """
+    if p.station_validity == 'packet' or fix.polar is None or not math.isfinite(fix.polar.range):
         return fix
     c = fix.polar.sound_speed if fix.polar.sound_speed > 0.0 else p.station_sound_speed
     ago_ns = round(p.travel_time(fix.polar.range, c) * 1e9)
