@@ -74,11 +74,8 @@ class Session(NavigationSession[FollowerParams]):
         self._decoded: list[Published] = []
         self._numbers = StationNumbers()
 
-    def take(self, topic: str, message: Any) -> Iterator[Published]:  # noqa: ANN401
-        """Take one message live; yields what is to be published."""
-        event = self.event_of(topic, message)
+    def _before_event(self) -> Iterator[Published]:
         yield from self.decoded()
-        yield from self._to_messages(self.reorder.add(event))
 
     def decoded(self) -> Iterator[Published]:
         """Contents of the packets read since the last call, for people."""

@@ -146,7 +146,9 @@ class NavigationSession(Generic[P]):
 
     def take(self, topic: str, message: Any) -> Iterator[Published]:  # noqa: ANN401
         """Take one message live; yields what is to be published."""
-        yield from self._to_messages(self.reorder.add(self.event_of(topic, message)))
+        event = self.event_of(topic, message)
+        yield from self._before_event()
+        yield from self._to_messages(self.reorder.add(event))
 
     def process(self, event: Event) -> Iterator[Published]:
         """Take the next event of the total order (replay)."""
@@ -168,6 +170,10 @@ class NavigationSession(Generic[P]):
     def odometry(self, state: NavState) -> Odometry:
         """Give the newest state as nav_msgs/Odometry."""
         return odometry_of(state)
+
+    def _before_event(self) -> Iterator[Published]:
+        """Messages that a vehicle's reader made and that precede the event's results."""
+        yield from ()
 
     def _to_messages(self, results: Iterable[Output]) -> Iterator[Published]:
         for result in results:
