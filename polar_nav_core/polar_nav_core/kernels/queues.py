@@ -6,9 +6,9 @@ been received. Within a stamp the ranks of the streams decide (events.Rank).
 
 from __future__ import annotations
 
+from ..arrays import Ints
+from ..order import NEVER_NS
 from .cache import kernel
-from .sins.state import NEVER_NS
-from .sins.update import Ints
 
 
 @kernel

@@ -9,14 +9,11 @@ from numpy.typing import NDArray
 
 from polar_nav_core import nav_columns
 from polar_nav_core.engine import run as batch
-from polar_nav_core.engine.events import (
-    Array,
-    Identification,
-    ModelEstimate,
-)
-from polar_nav_core.engine.station.inputs import Stamps
+from polar_nav_core.engine.events import Array, ModelEstimate
+from polar_nav_core.engine.inputs import Stamps
 from polar_nav_core.engine.track import StationTrack
 from polar_nav_core.error_model import X
+from polar_nav_core.identification.result import Identification
 from polar_nav_follower.params import FollowerParams
 from polar_nav_ros.stamps import NS
 

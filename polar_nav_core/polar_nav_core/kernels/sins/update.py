@@ -14,12 +14,10 @@ import math
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...arrays import Array
+from ...arrays import Ints as Ints
 from ..cache import kernel
-
-Ints = NDArray[np.int64]
 
 N = 24
 NAV = 9
