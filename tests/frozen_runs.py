@@ -18,7 +18,7 @@ import llvmlite.binding as llvm
 import numba
 import numpy as np
 
-from polar_nav_core.engine import batch
+from polar_nav_core.engine import run as batch
 from polar_nav_core.engine.configurations import STATION_VARIANTS
 from polar_nav_core.engine.events import Command, CommandKind, Fix, Verdict
 from polar_nav_core.engine.params import (
@@ -30,13 +30,12 @@ from polar_nav_core.engine.params import (
     ROBUST_FIXES,
     EngineParams,
 )
-from polar_nav_core.engine.station import batch as station_batch
 from polar_nav_core.error_model import X
 from polar_nav_tools.bags import Bag, open_bag
 from polar_nav_tools.bags.arrays import estimates_from_cdr, receipts_from_cdr
 from polar_nav_tools.experiments.schedule import FixSpec
-from polar_nav_tools.experiments.station.choices import StationChoices
 from polar_nav_tools.experiments.station.world import make_world as make_station_world
+from polar_nav_tools.experiments.station_choices import StationChoices
 from polar_nav_tools.experiments.world import World, make_world
 from polar_nav_tools.experiments.world_spec import WorldSpec
 from polar_nav_tools.replay.by_message import replay
@@ -412,11 +411,12 @@ def _simulate(world: str, changes: Mapping[str, Any], *, one_by_one: bool) -> Ru
     simulated = _simulated(world)
     params = simulated.params(**changes)
     if params.mode == 'station':
-        result = station_batch.run(
+        result = batch.run(
             params, simulated.inputs, commands=simulated.commands, one_by_one=one_by_one
         )
         identified = result.identifications
-        track = {n: getattr(result.track, n) for n in _STATION_TRACK}
+        names = {n: n for n in _STATION_TRACK} | {'tally': 'local_statistics'}
+        track = {n: getattr(result.track, name) for n, name in names.items()}
     else:
         result = batch.run(params, simulated.inputs, one_by_one=one_by_one)
         identified = ()

@@ -17,10 +17,10 @@ from polar_nav_tools.bags.arrays import (
 )
 from polar_nav_tools.bags.model import model_run_from_cdr
 from polar_nav_tools.live.run_info import cpu_model, versions
+from polar_nav_tools.replay.arrays import load_arrays
 from polar_nav_tools.replay.by_array import replay_arrays
 from polar_nav_tools.replay.by_message import replay
 from polar_nav_tools.replay.recorded import load_inputs
-from polar_nav_tools.replay.station_arrays import load_station
 from polar_nav_tools.series.closeness import closeness
 
 BAG = Path(__file__).parents[1] / 'bags' / 'station'
@@ -69,7 +69,7 @@ def test_live_is_the_replay_by_messages(bag, replayed):
 @pytest.mark.parametrize('name', [None, 'published', 'tagged', 'clone'])
 def test_arrays_give_the_bits_of_the_messages(bag, replayed, name):
     slow = replayed if name is None else replay(bag, configuration=name)
-    fast = replay_arrays(load_station(bag), configuration=name)
+    fast = replay_arrays(load_arrays(bag), configuration=name)
     assert (fast.taken, fast.verdicts) == (slow.taken, slow.verdicts)
     assert_same(fast.estimates, estimates_from_cdr(slow.of('nav/state'), 'auv'))
     model = model_run_from_cdr(slow.of('nav/model'), slow.of('nav/identification'), None)
