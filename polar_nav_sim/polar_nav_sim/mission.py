@@ -17,12 +17,14 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml
 
 from polar_nav_core.errors import ConfigError
 
 from .dynamics.truth import DynamicTruth
 from .dynamics_spec import dynamics_of
+from .environment import Environment, Geoid, GeoidSpec, Gravity, GravitySpec
 from .paths.knots import (
     MARGIN,
     SPACING_S,
@@ -39,6 +41,7 @@ from .paths.recorded import RecordedPath, recorded_start_s
 from .paths.track import TrackPath
 from .resources import find_data, find_mission
 from .section import parse
+from .sound_speed import SoundSpeed, WaterSpec
 from .specs import (
     PATHS,
     MissionSpec,
@@ -52,7 +55,7 @@ from .specs import (
 from .trajectory import NS, Trajectory, Truth
 
 DEFAULT_START = datetime(2026, 3, 1, tzinfo=UTC)
-_SECTIONS = ('description', 'start_time', 'path', 'oscillation', 'vehicles')
+_SECTIONS = ('description', 'start_time', 'path', 'oscillation', 'gravity', 'geoid', 'vehicles')
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _MARGIN_S = MARGIN * SPACING_S
 
@@ -79,6 +82,10 @@ class Mission:
         Attitude oscillation of every vehicle.
     formation : mapping of str to VehicleSpec
         The vehicles, in the order of the file.
+    gravity : GravitySpec
+        How gravity differs from normal gravity.
+    geoid : GeoidSpec
+        How the sea surface differs from ``sea_surface_height_m``, which the vehicles are told.
     """
 
     name: str
@@ -90,6 +97,8 @@ class Mission:
     path: PathSpec | TrackSpec
     oscillation: OscillationSpec
     formation: Mapping[str, VehicleSpec]
+    gravity: GravitySpec = field(default_factory=GravitySpec)
+    geoid: GeoidSpec = field(default_factory=GeoidSpec)
     _truth: dict[str, Truth] = field(default_factory=dict, repr=False, compare=False)
 
     @property
@@ -126,6 +135,20 @@ class Mission:
     def end_ns(self) -> int:
         """Stamp of the last sample [ns]."""
         return self.start_ns + (self.sample_count - 1) * self.imu_period_ns
+
+    @property
+    def water(self) -> WaterSpec | None:
+        """How fast sound is, as the file says it; None where it says nothing.
+
+        Raises
+        ------
+        ConfigError
+            When there is no such profile.
+        """
+        profile, speed = self.numbers.sound_speed_profile, self.numbers.sound_speed
+        if profile:
+            return WaterSpec(sound_speed_profile=str(find_data(profile, self.file)))
+        return WaterSpec(sound_speed=speed) if speed > 0.0 else None
 
     def truth(self, vehicle: str) -> Truth:
         """Exact truth of one vehicle.
@@ -185,7 +208,13 @@ class Mission:
 
     def _make(self, vehicle: VehicleSpec) -> Truth:
         surface, floor = self.numbers.sea_surface_height_m, self.numbers.sea_floor_depth_m
-        depths = (surface, floor if floor > 0.0 else math.nan, vehicle.floor_lost_s)
+        known = floor > 0.0 and self.numbers.bottom_lock == 'range'
+        depths = (
+            surface,
+            floor if known else math.nan,
+            vehicle.floor_lost_s,
+            self._environment,
+        )
         if vehicle.fixed or vehicle.dynamics is not None:
             if isinstance(self.path, TrackSpec):
                 raise ConfigError(
@@ -223,6 +252,23 @@ class Mission:
         start_e = start_position(self.path, vehicle, psi, surface)
         profile = profile_of(self.path, float(t_s[-1]), f'{self.file}: path')
         return knots_of_profile(profile, start_e, psi, t_s)
+
+    @cached_property
+    def _environment(self) -> Environment:
+        normal, flat = self.gravity.is_normal, self.geoid.is_flat
+        if normal and flat:
+            return Environment()
+        # One plane for all vehicles: they meet the same field at the same place.
+        if isinstance(self.path, TrackSpec):
+            origin_e = self._track.sail(0.0, np.zeros(1))[0]
+        else:
+            origin_e = start_position(
+                self.path, VehicleSpec(depth_m=0.0), initial_psi(self.path), 0.0
+            )
+        return Environment(
+            gravity=None if normal else Gravity(self.gravity, origin_e),
+            geoid=None if flat else Geoid(self.geoid, origin_e),
+        )
 
     @cached_property
     def _track(self) -> TrackPath | RecordedPath:
@@ -307,7 +353,7 @@ def mission_from(document: object, file: Path) -> Mission:
         start = _EPOCH + timedelta(seconds=start_s)
     else:
         start = DEFAULT_START
-    return Mission(
+    mission = Mission(
         name=file.stem,
         description=' '.join(str(document.get('description', '')).split()),
         file=file,
@@ -317,7 +363,20 @@ def mission_from(document: object, file: Path) -> Mission:
         path=path,
         oscillation=_oscillation(document.get('oscillation') or {}, f'{file}: oscillation'),
         formation=vehicles,
+        gravity=parse(GravitySpec, document.get('gravity') or {}, f'{file}: gravity'),
+        geoid=parse(GeoidSpec, document.get('geoid') or {}, f'{file}: geoid'),
     )
+    _check_water(mission)
+    return mission
+
+
+def _check_water(mission: Mission) -> None:
+    """Refuse a profile that cannot be read now, not when a node asks for it."""
+    try:
+        if mission.water is not None:
+            SoundSpeed.from_spec(mission.water)
+    except ConfigError as error:
+        raise ConfigError(f'{mission.file}: {error}') from error
 
 
 def _vehicle(values: object, where: str) -> VehicleSpec:

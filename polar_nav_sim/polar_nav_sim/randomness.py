@@ -30,11 +30,27 @@ def seed_sequence(run_seed: int, name: str) -> np.random.SeedSequence:
     """
     if run_seed < 0:
         raise ValueError(f'run seed {run_seed} is negative')
-    digest = hashlib.sha256(name.encode()).digest()
-    words = [int.from_bytes(digest[i : i + 4], 'little') for i in range(0, 16, 4)]
-    return np.random.SeedSequence([run_seed, *words])
+    return np.random.SeedSequence([run_seed, *_words(name)])
 
 
 def stream(run_seed: int, name: str) -> np.random.Generator:
     """Generator of one stream, at its beginning (PCG64)."""
     return np.random.Generator(np.random.PCG64(seed_sequence(run_seed, name)))
+
+
+def substream(rng: np.random.Generator, name: str) -> np.random.Generator:
+    """Generator of one option of a sensor, made from the seed of its stream and a name.
+
+    Nothing is drawn from ``rng``, and the order in which options are asked for does not matter: an
+    option that is switched on changes no other number.
+    """
+    seed = rng.bit_generator.seed_seq
+    if not isinstance(seed, np.random.SeedSequence):
+        raise TypeError(f'stream of {name}: a generator without a seed sequence has no substreams')
+    own = np.random.SeedSequence(seed.entropy, spawn_key=(*seed.spawn_key, *_words(name)))
+    return np.random.Generator(np.random.PCG64(own))
+
+
+def _words(name: str) -> list[int]:
+    digest = hashlib.sha256(name.encode()).digest()
+    return [int.from_bytes(digest[i : i + 4], 'little') for i in range(0, 16, 4)]

@@ -162,6 +162,17 @@ class MissionSpec(Spec):
     sea_floor_depth_m: float = param(
         0.0, 'm', 0.0, 12000.0, 'Depth of the sea floor; 0: unknown, altitude is then NaN'
     )
+    bottom_lock: str = choice(
+        'range',
+        ('range', 'assumed'),
+        'A DVL has the floor within its range only; or wherever it is: altitude is then NaN',
+    )
+    sound_speed: float = param(
+        0.0, 'm/s', 0.0, 1700.0, 'Sound speed, the same everywhere; 0: that of each node'
+    )
+    sound_speed_profile: str = text(
+        '', 'CSV with columns depth_m and sound_speed_mps, beside the mission or in the data'
+    )
 
 
 def check_vehicles(vehicles: Mapping[str, VehicleSpec], where: str) -> None:

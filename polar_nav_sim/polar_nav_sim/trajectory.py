@@ -8,7 +8,9 @@ differences, so truth and ideal IMU agree to rounding:
     f_b        = C_G_b C_e_G (r'' + 2 omega_ie x r' + gamma u)
     omega_ib_b = C_G_b (omega_ie_G + omega_eG_G) + omega_Gb_b(angles, their rates)
 
-``gamma`` contains the centrifugal part. Increments are Gauss-Legendre integrals of the last two.
+``gamma`` contains the centrifugal part; where a mission's gravity is not normal, the specific
+force has its disturbance too (:mod:`polar_nav_sim.environment`), and the motion stays as it is.
+Increments are Gauss-Legendre integrals of the last two.
 """
 
 from __future__ import annotations
@@ -23,6 +25,7 @@ from scipy.interpolate import make_interp_spline
 
 from polar_nav_core import attitude, earth, grid
 
+from .environment import CALM, Environment
 from .paths.knots import DEGREE, Knots
 from .specs import OscillationSpec
 
@@ -110,6 +113,8 @@ class Truth(ABC):
         Sea surface above the ellipsoid; floor below the surface, NaN if unknown [m].
     floor_lost_s : (float, float)
         From when to when the floor is :data:`ABYSS_M` deep [s since the start].
+    environment : Environment
+        Gravity and sea surface as they are.
     """
 
     def __init__(
@@ -119,12 +124,14 @@ class Truth(ABC):
         sea_surface_height: float = 0.0,
         sea_floor_depth: float = math.nan,
         floor_lost_s: tuple[float, float] = (0.0, 0.0),
+        environment: Environment = CALM,
     ) -> None:
         self.start_ns = start_ns
         self.period_ns = period_ns
         self._surface = sea_surface_height
         self._floor = sea_floor_depth
         self._lost_s = floor_lost_s
+        self._environment = environment
         self._pieces = 1
         """Parts of an IMU interval within which the motion is smooth."""
 
@@ -187,6 +194,11 @@ class Truth(ABC):
         """Complete a state."""
         lat, lon, h = (np.asarray(x) for x in earth.geodetic_from_ecef(r_e))
         depth = self._surface - h
+        if self._environment.geoid is not None:
+            depth = depth + self._environment.geoid.undulation(r_e)
+        if self._environment.gravity is not None:
+            # A body at rest is held up against the gravity that there is.
+            f_b = f_b - apply_transposed(C_b_G, self._environment.gravity.disturbance(r_e))
         lost = (t_s >= self._lost_s[0]) & (t_s < self._lost_s[1])
         return TruthState(
             r_e=r_e,
@@ -214,7 +226,7 @@ class Trajectory(Truth):
         What the splines go through.
     oscillation : OscillationSpec
         Sines added to the reference angles.
-    start_ns, period_ns, sea_surface_height, sea_floor_depth, floor_lost_s
+    start_ns, period_ns, sea_surface_height, sea_floor_depth, floor_lost_s, environment
         As of :class:`Truth`.
     """
 
@@ -227,8 +239,11 @@ class Trajectory(Truth):
         sea_surface_height: float = 0.0,
         sea_floor_depth: float = math.nan,
         floor_lost_s: tuple[float, float] = (0.0, 0.0),
+        environment: Environment = CALM,
     ) -> None:
-        super().__init__(start_ns, period_ns, sea_surface_height, sea_floor_depth, floor_lost_s)
+        super().__init__(
+            start_ns, period_ns, sea_surface_height, sea_floor_depth, floor_lost_s, environment
+        )
         self._origin_e = knots.origin_e
         self._first_s, self._last_s = float(knots.t_s[0]), float(knots.t_s[-1])
         position = make_interp_spline(knots.t_s, knots.d_e, k=DEGREE)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from polar_nav_core import attitude, earth, grid
 
 from ..dynamics_spec import DynamicsSpec
+from ..environment import CALM, Environment
 from ..poses import Pose
 from ..trajectory import NS, Truth, TruthState, apply, apply_transposed, euler_rate, specific_force
 from .motion import Motion, Place
@@ -41,7 +42,7 @@ class DynamicTruth(Truth):
         Where the vehicle starts, ECEF [m].
     start_ns, period_ns, end_ns : int
         Stamp of sample 0, time between samples, last stamp that can be asked for [ns].
-    sea_surface_height, sea_floor_depth, floor_lost_s
+    sea_surface_height, sea_floor_depth, floor_lost_s, environment
         As of :class:`polar_nav_sim.trajectory.Truth`.
     """
 
@@ -56,8 +57,11 @@ class DynamicTruth(Truth):
         sea_surface_height: float = 0.0,
         sea_floor_depth: float = math.nan,
         floor_lost_s: tuple[float, float] = (0.0, 0.0),
+        environment: Environment = CALM,
     ) -> None:
-        super().__init__(start_ns, period_ns, sea_surface_height, sea_floor_depth, floor_lost_s)
+        super().__init__(
+            start_ns, period_ns, sea_surface_height, sea_floor_depth, floor_lost_s, environment
+        )
         self.origin_e = np.asarray(origin_e, dtype=np.float64)
         self.C_A_e = np.ascontiguousarray(np.asarray(grid.ecef_to_grid(self.origin_e)).T)
         """Reference axes to ECEF."""
@@ -96,7 +100,9 @@ class DynamicTruth(Truth):
 
     def depth_of(self, r_e: Floats) -> Floats:
         """Depth of positions, ECEF [m]."""
-        return np.asarray(self._surface - np.asarray(earth.geodetic_from_ecef(r_e)[2]))
+        depth = np.asarray(self._surface - np.asarray(earth.geodetic_from_ecef(r_e)[2]))
+        geoid = self._environment.geoid
+        return depth if geoid is None else np.asarray(depth + geoid.undulation(r_e))
 
     def pose(self, t_ns: int) -> Pose:
         """Pose at a time [ns], the rest of the state left out."""
