@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
-from scipy.stats import chi2
+from sim_chances import inside
 
 from polar_nav_core import earth, grid
 from polar_nav_core.errors import ConfigError
@@ -17,13 +17,6 @@ from polar_nav_sim.sound_speed import SoundSpeed
 ORIGIN_E = np.asarray(earth.ecef_from_geodetic(math.radians(86.0), 1.0, -100.0))
 SEEDS = 400
 VARYING = GravitySpec(anomaly_sigma_mgal=20.0, deflection_sigma_arcsec=6.0)
-
-
-def inside(values, sigma, chance=1e-4):
-    """Whether mean squares per column are those of the stated sigma (two-sided chi-square)."""
-    n = len(values)
-    square = np.mean(np.square(values), axis=0) / np.square(sigma) * n
-    return bool(np.all((chi2.ppf(chance / 2, n) < square) & (square < chi2.isf(chance / 2, n))))
 
 
 def block_of(mission, vehicle='follower', seconds=20.0):

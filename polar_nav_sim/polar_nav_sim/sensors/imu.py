@@ -2,11 +2,13 @@
 
 With x the true mean over an interval of length T, per triad:
 
-    y = (I + diag(scale)) C_b_s x + bias + turn_on + instability_k + walk_k + density / sqrt(T) w_k
+    y = ((I + diag(scale)) C_b_s + E) x + bias + turn_on + instability_k + walk_k
+        + density / sqrt(T) w_k + residual_k
 
 then saturation of y, then quantization of y T whose remainder is carried into the next sample, as
 in an instrument that counts pulses. C_b_s is the misalignment: the triad is turned by it against
-the body.
+the body. E and the residual, zero by default, are those of
+:mod:`polar_nav_sim.sensors.imu_residuals`.
 """
 
 from __future__ import annotations
@@ -18,77 +20,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polar_nav_core.attitude import exp
-from polar_nav_core.params import param, vector
 
 from ..section import Spec
+from .imu_errors import DPH, G0, MICRO_G, ImuErrors
+from .imu_residuals import Residuals
 from .noise import CHUNK, Draws, GaussMarkov, Index, RandomWalk, fixed_product
 
 Floats = NDArray[np.float64]
 
-G0 = 9.80665
-DPH = math.radians(1.0) / 3600.0
-"""One degree per hour [rad/s]."""
-MICRO_G = 1e-6 * G0
-"""One millionth of standard gravity [m/s^2]."""
-
-# Polar cooperative navigation, section 6.1: (0.001 deg/h)^2 and (1e-7 g0)^2 are taken as variances
-# of white noise per filter period of 0.1 s, hence these densities.
-_GYRO_DENSITY = 0.001 * DPH * math.sqrt(0.1)
-_ACCEL_DENSITY = 0.1 * MICRO_G * math.sqrt(0.1)
-
-
-@dataclass(frozen=True)
-class ImuErrors(Spec):
-    """Errors of an IMU; defaults are those of polar cooperative navigation, section 6.1."""
-
-    gyro_bias_dph: tuple[float, ...] = vector(
-        (0.03, 0.03, 0.03), 'deg/h', -1e5, 1e5, 'Constant gyro bias'
-    )
-    gyro_turn_on_sigma_dph: float = param(
-        0.0, 'deg/h', 0.0, 1e5, '1-sigma of a further constant gyro bias, drawn per run'
-    )
-    gyro_noise_density: tuple[float, ...] = vector(
-        (_GYRO_DENSITY,) * 3, 'rad/s/sqrt(Hz)', 0.0, 1.0, 'White gyro noise (angle random walk)'
-    )
-    gyro_instability_sigma_dph: float = param(
-        0.0, 'deg/h', 0.0, 1e5, '1-sigma of the in-run gyro bias (Gauss-Markov)'
-    )
-    gyro_instability_tau_s: float = param(1000.0, 's', 0.1, 1e7, 'Its correlation time')
-    gyro_random_walk: float = param(
-        0.0, 'rad/s^2/sqrt(Hz)', 0.0, 1.0, 'Random walk of the gyro bias'
-    )
-    gyro_scale: tuple[float, ...] = vector(
-        (0.0, 0.0, 0.0), '', -0.5, 0.5, 'Gyro scale factor error'
-    )
-    gyro_misalignment: tuple[float, ...] = vector(
-        (0.0, 0.0, 0.0), 'rad', -0.5, 0.5, 'Rotation vector of the gyro triad against the body'
-    )
-    gyro_quantum: float = param(0.0, 'rad', 0.0, 0.1, 'Angle per count; 0: no quantization')
-    gyro_range: float = param(0.0, 'rad/s', 0.0, 1e3, 'Saturation; 0: none')
-    accel_bias_ug: tuple[float, ...] = vector(
-        (1.0, 1.0, 1.0), '1e-6 g0', -1e6, 1e6, 'Constant accelerometer bias'
-    )
-    accel_turn_on_sigma_ug: float = param(
-        0.0, '1e-6 g0', 0.0, 1e6, '1-sigma of a further constant bias, drawn per run'
-    )
-    accel_noise_density: tuple[float, ...] = vector(
-        (_ACCEL_DENSITY,) * 3, 'm/s^2/sqrt(Hz)', 0.0, 1.0, 'White noise (velocity random walk)'
-    )
-    accel_instability_sigma_ug: float = param(
-        0.0, '1e-6 g0', 0.0, 1e6, '1-sigma of the in-run accelerometer bias (Gauss-Markov)'
-    )
-    accel_instability_tau_s: float = param(1000.0, 's', 0.1, 1e7, 'Its correlation time')
-    accel_random_walk: float = param(
-        0.0, 'm/s^3/sqrt(Hz)', 0.0, 1.0, 'Random walk of the accelerometer bias'
-    )
-    accel_scale: tuple[float, ...] = vector(
-        (0.0, 0.0, 0.0), '', -0.5, 0.5, 'Accelerometer scale factor error'
-    )
-    accel_misalignment: tuple[float, ...] = vector(
-        (0.0, 0.0, 0.0), 'rad', -0.5, 0.5, 'Rotation vector of the triad against the body'
-    )
-    accel_quantum: float = param(0.0, 'm/s', 0.0, 1.0, 'Velocity per count; 0: no quantization')
-    accel_range: float = param(0.0, 'm/s^2', 0.0, 1e4, 'Saturation; 0: none')
+__all__ = ['DPH', 'G0', 'MICRO_G', 'ImuErrors', 'ImuSensor']
 
 
 @dataclass(frozen=True)
@@ -152,8 +92,10 @@ class ImuSensor:
         self._index = Index()
         self._draws = Draws(rng, 18)
         once = rng.standard_normal((4, 3))
+        self._residuals = Residuals(e, period_s, rng)
         self._triads = [
-            _TriadModel(t, period_s, once[2 * i], once[2 * i + 1]) for i, t in enumerate(triads)
+            _TriadModel(t, period_s, once[2 * i], once[2 * i + 1], self._residuals.matrices[i])
+            for i, t in enumerate(triads)
         ]
         self._additive = [np.empty((0, 3)), np.empty((0, 3))]
 
@@ -183,16 +125,22 @@ class ImuSensor:
                 self._additive = [
                     t.additive(w[:, 9 * i : 9 * i + 9]) for i, t in enumerate(self._triads)
                 ]
+                self._residuals.advance(self._additive)
             count = min(CHUNK - first, len(delta_theta_b) - done)
             now, rows = slice(done, done + count), slice(first, first + count)
-            gyro[now] = self._triads[0].measure(delta_theta_b[now], self._additive[0][rows])
+            added = self._additive[0][rows]
+            if self._residuals.G is not None:
+                added = added + fixed_product(self._residuals.G, delta_v_b[now] / self.period_s)
+            gyro[now] = self._triads[0].measure(delta_theta_b[now], added)
             accel[now] = self._triads[1].measure(delta_v_b[now], self._additive[1][rows])
             done += count
         return gyro, accel
 
 
 class _TriadModel:
-    def __init__(self, triad: _Triad, period_s: float, turn_on: Floats, first: Floats) -> None:
+    def __init__(
+        self, triad: _Triad, period_s: float, turn_on: Floats, first: Floats, E: Floats | None
+    ) -> None:
         self._triad = triad
         self._period_s = period_s
         self._bias = triad.bias + triad.turn_on * turn_on
@@ -202,6 +150,8 @@ class _TriadModel:
         )
         self._walk = RandomWalk(np.full(3, triad.walk), period_s)
         self._matrix = np.diag(1.0 + triad.scale) @ exp(triad.misalignment).T
+        if E is not None:
+            self._matrix = self._matrix + E
         self._remainder = np.zeros(3)
 
     def additive(self, w: Floats) -> Floats:
