@@ -78,13 +78,15 @@ class AhrsMessage(ImuMessage):
         return msg
 
 
-def dvl_to_msg(ping: Ping, stamp_ns: int, frame: str, sound_speed: float) -> Dvl:
+def dvl_to_msg(
+    ping: Ping, stamp_ns: int, frame: str, sound_speed: float, *, phased: bool = False
+) -> Dvl:
     """polar_nav_msgs/Dvl of a ping, invalid ones marked: NaN, covariance -1, beams under 3."""
     msg = Dvl()
     msg.header.stamp = to_msg(stamp_ns)
     msg.header.frame_id = frame
     msg.velocity_mode = Dvl.DVL_MODE_BOTTOM
-    msg.dvl_type = Dvl.DVL_TYPE_PISTON
+    msg.dvl_type = Dvl.DVL_TYPE_PHASED_ARRAY if phased else Dvl.DVL_TYPE_PISTON
     msg.velocity = _vector3(ping.velocity_m)
     if ping.valid:
         msg.velocity_covar = ping.covariance_m.ravel()

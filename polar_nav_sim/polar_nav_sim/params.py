@@ -77,12 +77,11 @@ class ImuParams(ImuErrors, AhrsErrors, NodeParams):
 
 
 @dataclass(frozen=True)
-class DvlParams(DvlErrors, NodeParams):
+class DvlParams(DvlErrors, WaterSpec, NodeParams):
     """Parameters of dvl_node."""
 
     seed: int = param(1, '', 0, 2**31 - 1, _SEED)
     rate_hz: float = param(5.0, 'Hz', 0.01, 50.0, 'Pings per second')
-    sound_speed: float = param(1440.0, 'm/s', 1300.0, 1700.0, 'Stated in the messages')
 
 
 @dataclass(frozen=True)

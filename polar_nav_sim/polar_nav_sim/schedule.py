@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
+from collections import deque
+from typing import Generic, TypeVar
+
 from .trajectory import NS
+
+T = TypeVar('T')
 
 
 class Schedule:
@@ -26,3 +31,28 @@ class Schedule:
             return None
         self._last = k
         return k
+
+
+class Late(Generic[T]):
+    """What is measured now and sent some time later.
+
+    Parameters
+    ----------
+    latency_s : float
+        How much later [s].
+    """
+
+    def __init__(self, latency_s: float) -> None:
+        self.latency_ns = round(latency_s * NS)
+        self._waiting: deque[tuple[int, T]] = deque()
+
+    def put(self, now_ns: int, item: T) -> None:
+        """Keep an item until its latency is over."""
+        self._waiting.append((now_ns + self.latency_ns, item))
+
+    def due(self, now_ns: int) -> list[T]:
+        """Return what has waited long enough, in order."""
+        out = []
+        while self._waiting and self._waiting[0][0] <= now_ns:
+            out.append(self._waiting.popleft()[1])
+        return out

@@ -15,8 +15,9 @@ from polar_nav_ros.node import run
 from ..convert import dvl_to_msg, frame_id, twist_to_msg
 from ..params import DvlParams
 from ..randomness import stream
-from ..schedule import Schedule
-from ..sensors.dvl import DvlSensor
+from ..schedule import Late, Schedule
+from ..sensors.dvl import DvlSensor, Ping
+from ..sound_speed import SoundSpeed
 from ..truth_cdr import TruthSample
 from ..warm import warm_up
 from .truth_listener import TruthListener, stream_name
@@ -35,11 +36,19 @@ class DvlNode(TruthListener[DvlParams]):
         self._sensor = DvlSensor(p, self._schedule.period_s, stream(p.seed, self._stream))
         self._data = self.advertise(Dvl, topics.DVL)
         self._twist = self.advertise(TwistWithCovarianceStamped, topics.DVL_TWIST)
+        self._sensor = DvlSensor(
+            p, self._schedule.period_s, stream(p.seed, self._stream), SoundSpeed.from_spec(p)
+        )
+        self._late: Late[tuple[Ping, int, float]] = Late(p.latency_s)
+        self._data = self.advertise(Dvl, 'dvl/data')
+        self._twist = self.advertise(TwistWithCovarianceStamped, 'dvl/twist')
         self._invalid = 0
         self.listen()
 
     def wanted(self, since_start_ns: int) -> int | None:
-        """Return the ping that is due."""
+        """Send what has waited, and return the ping that is due."""
+        for ping in self._late.due(since_start_ns):
+            self._publish(*ping)
         return self._schedule.due(since_start_ns)
 
     def measure(self, k: int, sample: TruthSample) -> None:
@@ -47,9 +56,17 @@ class DvlNode(TruthListener[DvlParams]):
         C_b_G = sample.C_b_G
         omega_eb_b = sample.vector('omega_ib_b') - C_b_G.T @ earth_rate(sample.vector('r_e'))
         v_b = C_b_G.T @ sample.vector('v_g')
-        ping = self._sensor.measure(k, v_b, omega_eb_b, sample.number('altitude'), C_b_G)
-        stamp_ns = sample.stamp_ns
-        self._data.publish(dvl_to_msg(ping, stamp_ns, self._frame, self.params.sound_speed))
+        depth = sample.number('depth')
+        ping = self._sensor.measure(k, v_b, omega_eb_b, sample.number('altitude'), C_b_G, depth)
+        stated = (ping, sample.stamp_ns + self._late.latency_ns, self._sensor.sound_speed(depth))
+        if self._late.latency_ns > 0:
+            self._late.put(sample.since_start_ns, stated)
+        else:
+            self._publish(*stated)
+
+    def _publish(self, ping: Ping, stamp_ns: int, sound_speed: float) -> None:
+        phased = self.params.phased_array
+        self._data.publish(dvl_to_msg(ping, stamp_ns, self._frame, sound_speed, phased=phased))
         if ping.valid:
             self._twist.publish(twist_to_msg(ping, stamp_ns, self._frame))
         else:

@@ -2,7 +2,10 @@
 
 With v_m the true velocity of the instrument in its own axes, per axis:
 
-    y = (1 + scale) v_m + bias + markov_k + sigma w_k
+    y = (c_i / c) (1 + scale) v_m + bias + markov_k + sigma w_k
+
+c_i is the sound speed that the instrument assumes, c that of the water at its depth: the Doppler
+shift is 2 f v / c. The horizontal part of a phased array does not depend on c.
 
 The four-beam option measures along beams instead (:mod:`polar_nav_sim.sensors.janus`),
 
@@ -22,10 +25,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from polar_nav_core.attitude import matrix_from_euler
+from polar_nav_core.attitude import exp, matrix_from_euler
 from polar_nav_core.params import flag, param, vector
 
 from ..section import Spec
+from ..randomness import substream
+from ..sound_speed import SoundSpeed
+from ..specs import Spec
 from .janus import BEAMS, LEAST_BEAMS, BeamData, directions, slant_ranges, solve
 from .noise import CHUNK, Draws, GaussMarkov, Index
 
@@ -97,6 +103,23 @@ class DvlErrors(Mounting):
     beam_range_sigma_m: float = param(
         0.05, 'm', 0.0, 100.0, 'White noise of the range along a beam (four beams)'
     )
+    misalignment_sigma_deg: float = param(
+        0.0, 'deg', 0.0, 90.0, '1-sigma about each axis of a wrong mounting, drawn per run'
+    )
+    lever_sigma_m: float = param(
+        0.0, 'm', 0.0, 10.0, '1-sigma of a wrong position along each axis, drawn per run'
+    )
+    latency_s: float = param(
+        0.0, 's', 0.0, 10.0, 'Sent, and stamped, so much later than the velocity was valid'
+    )
+    assumed_sound_speed: float = param(
+        0.0, 'm/s', 0.0, 1700.0, 'What the instrument takes for c; 0: that of the water around it'
+    )
+    phased_array: bool = flag(False, 'The horizontal velocity does not depend on sound speed')
+    bad_ping_probability: float = param(
+        0.0, '', 0.0, 1.0, 'That a ping, not marked, is off by more than its noise'
+    )
+    bad_ping_sigma: float = param(0.5, 'm/s', 0.0, 10.0, '1-sigma per axis that it is off by')
 
 
 @dataclass(frozen=True)
@@ -140,12 +163,30 @@ class DvlSensor:
         Time between pings [s].
     rng : numpy.random.Generator
         Its own stream.
+    water : SoundSpeed, optional
+        Sound speed around it; only an instrument that assumes another one needs it.
     """
 
-    def __init__(self, errors: DvlErrors, period_s: float, rng: np.random.Generator) -> None:
+    def __init__(
+        self,
+        errors: DvlErrors,
+        period_s: float,
+        rng: np.random.Generator,
+        water: SoundSpeed | None = None,
+    ) -> None:
+        if errors.assumed_sound_speed > 0.0 and water is None:
+            raise ValueError('a DVL that assumes a sound speed needs that of the water')
         self._e = errors
+        self._water = water
         self._arm_b = errors.arm_b
         self._C_m_b = errors.C_s_b
+        if errors.lever_sigma_m > 0.0:
+            unit = substream(rng, 'lever').standard_normal(3)
+            self._arm_b = self._arm_b + errors.lever_sigma_m * unit
+        if errors.misalignment_sigma_deg > 0.0:
+            unit = substream(rng, 'misalignment').standard_normal(3)
+            turn = math.radians(errors.misalignment_sigma_deg) * unit
+            self._C_m_b = np.asarray(self._C_m_b @ exp(turn))
         self._scale = 1.0 + np.array(errors.scale)
         self._bias = np.array(errors.bias)
         self._markov = GaussMarkov(
@@ -158,6 +199,8 @@ class DvlSensor:
         beam_rng, scale_rng = rng.spawn(2)
         self._beam_draws = Draws(beam_rng, 2 * BEAMS)
         self._scale = self._scale + errors.scale_sigma * scale_rng.standard_normal(3)
+        self._bad = Draws(substream(rng, 'bad/when'), 1, uniform=True)
+        self._off = Draws(substream(rng, 'bad/off'), 3)
         angle = math.radians(errors.beam_angle_deg)
         self._b_m = directions(angle, math.radians(errors.beam_azimuth_deg))
         self._level = math.cos(angle)
@@ -170,6 +213,7 @@ class DvlSensor:
         omega_eb_b: Floats,
         altitude: float = math.nan,
         C_b_G: Floats | None = None,
+        depth: float = 0.0,
     ) -> Ping:
         """Ping number k.
 
@@ -186,18 +230,26 @@ class DvlSensor:
             reach.
         C_b_G : ndarray, shape (3, 3), optional
             Body to grid, for the slant ranges of the four-beam option; level if not given.
+        depth : float
+            Of base_link [m], for the sound speed of the water.
         """
         self._index.take(k, 1)
         chunk, row = divmod(k, CHUNK)
         while self._draws.chunk < chunk:
             self._slow = self._markov.advance(self._draws.advance()[:, 3:6])
             self._beam_draws.advance()
+            self._bad.advance()
+            self._off.advance()
         w = self._draws.rows[row]
         # Phi(w) is uniform: a beam lives where it is above the probability of loss.
         uniform = np.array([0.5 * math.erfc(-x / math.sqrt(2.0)) for x in w[6:]])
         alive = uniform >= self._e.beam_loss_probability
         v_m = self._C_m_b.T @ (v_b + np.cross(omega_eb_b, self._arm_b))
+        if self._e.assumed_sound_speed > 0.0:
+            v_m = self._doppler(depth) * v_m
         slow_m = self._scale * v_m + self._bias + self._slow[row]
+        if 0.5 * (self._bad.rows[row, 0] + 1.0) < self._e.bad_ping_probability:
+            slow_m = slow_m + self._e.bad_ping_sigma * self._off.rows[row]
         if self._e.four_beams:
             C_b_G = np.eye(3) if C_b_G is None else C_b_G
             return self._along_beams(slow_m, alive, altitude, C_b_G, self._beam_draws.rows[row])
@@ -208,6 +260,19 @@ class DvlSensor:
             return Ping(np.full(3, math.nan), np.full((3, 3), math.nan), beams, altitude)
         sigma = self._e.noise_sigma
         return Ping(slow_m + sigma * w[:3], sigma**2 * np.eye(3), beams, altitude)
+
+    def sound_speed(self, depth: float) -> float:
+        """Sound speed that the instrument states at a depth [m/s]; NaN where it knows none."""
+        if self._e.assumed_sound_speed > 0.0 or self._water is None:
+            return self._e.assumed_sound_speed or math.nan
+        return self._water.at(depth)
+
+    def _doppler(self, depth: float) -> Floats:
+        """Factor c_i / c of each axis, shape (3,)."""
+        assert self._water is not None  # as __init__ has it
+        ratio = self._e.assumed_sound_speed / self._water.at(depth)
+        level = 1.0 if self._e.phased_array else ratio
+        return np.array([level, level, ratio])
 
     def _along_beams(
         self, slow_m: Floats, alive: Bools, altitude: float, C_b_G: Floats, w: Floats
