@@ -8,6 +8,7 @@ from polar_nav_core.params import NodeParams, choice, flag, param, text, texts, 
 
 from .acoustics import ChannelSpec
 from .sensors.ahrs import AhrsErrors
+from .sensors.clock import ClockErrors
 from .sensors.depth import DepthErrors
 from .sensors.dvl import DvlErrors
 from .sensors.imu import ImuErrors
@@ -67,7 +68,7 @@ class VehicleParams(TruthParams):
 
 
 @dataclass(frozen=True)
-class ImuParams(ImuErrors, AhrsErrors, NodeParams):
+class ImuParams(ImuErrors, AhrsErrors, ClockErrors, NodeParams):
     """Parameters of imu_node."""
 
     seed: int = param(1, '', 0, 2**31 - 1, _SEED)
@@ -77,7 +78,7 @@ class ImuParams(ImuErrors, AhrsErrors, NodeParams):
 
 
 @dataclass(frozen=True)
-class DvlParams(DvlErrors, WaterSpec, NodeParams):
+class DvlParams(DvlErrors, WaterSpec, ClockErrors, NodeParams):
     """Parameters of dvl_node."""
 
     seed: int = param(1, '', 0, 2**31 - 1, _SEED)
@@ -85,7 +86,7 @@ class DvlParams(DvlErrors, WaterSpec, NodeParams):
 
 
 @dataclass(frozen=True)
-class DepthParams(DepthErrors, NodeParams):
+class DepthParams(DepthErrors, ClockErrors, NodeParams):
     """Parameters of depth_node."""
 
     seed: int = param(1, '', 0, 2**31 - 1, _SEED)
@@ -93,7 +94,7 @@ class DepthParams(DepthErrors, NodeParams):
 
 
 @dataclass(frozen=True)
-class UsblParams(UsblErrors, WaterSpec, NodeParams):
+class UsblParams(UsblErrors, WaterSpec, ClockErrors, NodeParams):
     """Parameters of usbl_node."""
 
     seed: int = param(1, '', 0, 2**31 - 1, _SEED)
@@ -113,7 +114,7 @@ class StationParams(StationErrors, SequenceSpec, WaterSpec, NodeParams):
 
 
 @dataclass(frozen=True)
-class LeaderReferenceParams(ReferenceErrors, NodeParams):
+class LeaderReferenceParams(ReferenceErrors, ClockErrors, NodeParams):
     """Parameters of leader_reference_node."""
 
     seed: int = param(1, '', 0, 2**31 - 1, _SEED)
@@ -121,7 +122,7 @@ class LeaderReferenceParams(ReferenceErrors, NodeParams):
 
 
 @dataclass(frozen=True)
-class AbsoluteFixParams(NodeParams):
+class AbsoluteFixParams(ClockErrors, NodeParams):
     """Parameters of absolute_fix_node: GNSS at the surface, or a beacon under the ice."""
 
     seed: int = param(1, '', 0, 2**31 - 1, _SEED)

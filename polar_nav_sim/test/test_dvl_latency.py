@@ -46,3 +46,11 @@ def test_latency_moves_the_stamp_and_nothing_else():
         )
     assert {m.sound_speed for m in late} == {1440.0}
     assert {m.sound_speed for m in sent(assumed_sound_speed=1500.0)} == {1500.0}
+
+
+def test_the_clock_moves_stamps_alone():
+    prompt, late = sent(), sent(clock_offset_s=-2.0, clock_drift_ppm=100.0)
+    for k, (a, b) in enumerate(zip(prompt, late, strict=True)):
+        earlier, later = (m.header.stamp.sec * 10**9 + m.header.stamp.nanosec for m in (a, b))
+        assert later - earlier == -2 * 10**9 + 20_000 * k
+        assert a.velocity == b.velocity

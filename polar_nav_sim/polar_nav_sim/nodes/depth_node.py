@@ -34,6 +34,9 @@ class DepthNode(TruthListener[DepthParams]):
         self._sensor = DepthSensor(p, stream(p.seed, self._stream))
         self._pressure = self.advertise(FluidPressure, topics.PRESSURE)
         self._depth = self.advertise(Depth, topics.DEPTH)
+        self._sensor = DepthSensor(p, stream(p.seed, self._stream), self._schedule.period_s)
+        self._pressure = self.advertise(FluidPressure, 'depth/pressure')
+        self._depth = self.advertise(Depth, 'depth/data')
         self.listen()
 
     def wanted(self, since_start_ns: int) -> int | None:

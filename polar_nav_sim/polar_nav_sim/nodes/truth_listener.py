@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any, TypeVar
 
 from polar_nav_core.params import NodeParams
@@ -10,6 +11,7 @@ from polar_nav_ros import topics
 from polar_nav_ros.diagnostics import Diagnosis, Level
 from polar_nav_ros.node import PolarNode
 
+from ..sensors.clock import ClockErrors
 from ..truth_cdr import TruthSample, decode, since_start_ns
 
 P = TypeVar('P', bound=NodeParams)
@@ -25,6 +27,8 @@ class TruthListener(PolarNode[P]):
         super().__init__(name, params_cls, **kwargs)
         self._last_ns = -1
         self._refused = 0
+        p = self.params
+        self._own_clock = p if isinstance(p, ClockErrors) else ClockErrors()
 
     def listen(self) -> None:
         """Begin; the subclass is complete now."""
@@ -63,7 +67,9 @@ class TruthListener(PolarNode[P]):
         self._last_ns = since_ns
         k = self.wanted(since_ns)
         if k is not None:
-            self.measure(k, decode(data))
+            sample = decode(data)
+            stamp_ns = self._own_clock.reads_ns(sample.stamp_ns, since_ns)
+            self.measure(k, replace(sample, stamp_ns=stamp_ns))
 
     def _refuse(self, why: str) -> None:
         self._refused += 1

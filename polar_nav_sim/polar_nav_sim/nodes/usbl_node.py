@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -17,7 +18,7 @@ from ..convert import frame_id, usbl_to_msg
 from ..interrogator import Interrogator
 from ..params import UsblParams
 from ..poses import TruthHistory
-from ..sensors.usbl import Usbl
+from ..sensors.usbl import Reading, Usbl
 from ..sound_speed import SoundSpeed
 from ..trajectory import NS
 from ..truth_cdr import since_start_ns
@@ -45,6 +46,7 @@ class UsblNode(PolarNode[UsblParams]):
         arrays = {t: Usbl(p, water, p.seed, self.vehicle, t) for t in p.targets}
         self._interrogator = Interrogator(arrays, self._histories, p.period_s, p.first_ping_s)
         self._started = False
+        self._start_ns = 0
         self._refused = 0
         self._pub = self.advertise(UsblFix, topics.USBL)
         for name in self._histories:
@@ -78,8 +80,19 @@ class UsblNode(PolarNode[UsblParams]):
         if not self._started and name == '':
             self._started = True
             self._interrogator.begin(stamp_ns - since_ns, stamp_ns)
+            self._start_ns = stamp_ns - since_ns
         for target, reading in self._interrogator.advance():
-            self._pub.publish(usbl_to_msg(reading, self.vehicle, target, self._frame))
+            stamped = self._by_own_clock(reading)
+            self._pub.publish(usbl_to_msg(stamped, self.vehicle, target, self._frame))
+
+    def _by_own_clock(self, reading: Reading) -> Reading:
+        """Return the reading with the times that the vehicle's clock showed."""
+        c = reading.cycle
+        t1, t2, t3, t4 = (
+            self.params.reads_ns(t_ns, t_ns - self._start_ns)
+            for t_ns in (c.t1_ns, c.t2_ns, c.t3_ns, c.t4_ns)
+        )
+        return replace(reading, cycle=replace(c, t1_ns=t1, t2_ns=t2, t3_ns=t3, t4_ns=t4))
 
     def _refuse(self, why: str) -> None:
         self._refused += 1

@@ -1,4 +1,8 @@
-"""Depth sensor error model: y = quantized(depth + bias + sigma w_k + e u_k), u uniform."""
+"""Depth sensor error model: y = quantized(depth + bias + air + drift_k + sigma w_k + e u_k).
+
+u is uniform; air, drawn per run, is the day's air pressure minus the one that the instrument
+subtracts; the drift is a Gauss-Markov process. A sensor that sticks repeats what it gave last.
+"""
 
 from __future__ import annotations
 
@@ -11,8 +15,14 @@ from polar_nav_core.params import param, vector
 
 from ..section import Spec
 from .noise import CHUNK, Draws, Index
+from ..randomness import substream
+from ..specs import Spec
+from .noise import CHUNK, Draws, GaussMarkov, Index
 
 Floats = NDArray[np.float64]
+
+M_PER_HPA = 100.0 / (1027.0 * 9.83)
+"""Depth of polar surface water per hectopascal of air [m]."""
 
 
 @dataclass(frozen=True)
@@ -31,6 +41,15 @@ class DepthErrors(Spec):
     atmospheric_pressure_pa: float = param(
         101325.0, 'Pa', 80000.0, 110000.0, 'Air pressure at the surface'
     )
+    air_pressure_sigma_hpa: float = param(
+        0.0, 'hPa', 0.0, 100.0, "1-sigma of the day's air pressure about it, drawn per run"
+    )
+    drift_sigma_m: float = param(0.0, 'm', 0.0, 100.0, '1-sigma of the slow drift (Gauss-Markov)')
+    drift_tau_s: float = param(3600.0, 's', 0.1, 1e7, 'Its correlation time')
+    stick_probability: float = param(
+        0.0, '', 0.0, 1.0, 'That a sample is the first of some that repeat the one before'
+    )
+    stick_s: float = param(5.0, 's', 0.0, 3600.0, 'For how long it sticks then')
 
 
 class DepthSensor:
@@ -42,15 +61,37 @@ class DepthSensor:
         What is wrong with it, and where it is mounted.
     rng : numpy.random.Generator
         Its own stream.
+    period_s : float
+        Time between samples [s].
     """
 
-    def __init__(self, errors: DepthErrors, rng: np.random.Generator) -> None:
+    def __init__(
+        self, errors: DepthErrors, rng: np.random.Generator, period_s: float = 0.1
+    ) -> None:
         self._e = errors
         self._arm_b = np.array(errors.lever_b)
         self._draws = Draws(rng, 1)
         # A stream of its own: the option changes no other draw.
         self._uniform = Draws(rng.spawn(1)[0], 1, uniform=True)
         self._index = Index()
+        self._air = 0.0
+        if errors.air_pressure_sigma_hpa > 0.0:
+            unit = float(substream(rng, 'air').standard_normal())
+            self._air = M_PER_HPA * errors.air_pressure_sigma_hpa * unit
+        drift = substream(rng, 'drift')
+        self._drift = GaussMarkov(
+            np.full(1, errors.drift_sigma_m),
+            errors.drift_tau_s,
+            period_s,
+            drift.standard_normal(1),
+        )
+        self._drift_draws = Draws(drift, 1)
+        self._slow = np.empty((0, 1))
+        self._sticks = Draws(substream(rng, 'stick'), 1, uniform=True)
+        self._stick_count = max(1, round(errors.stick_s / period_s))
+        self._stuck: list[bool] = []
+        self._stuck_until = 0
+        self._last: float | None = None
 
     @property
     def variance(self) -> float:
@@ -80,9 +121,25 @@ class DepthSensor:
         while self._draws.chunk < chunk:
             self._draws.advance()
             self._uniform.advance()
+            self._slow = self._drift.advance(self._drift_draws.advance())
+            self._advance_sticking()
+        if self._stuck[row] and self._last is not None:
+            return self._last
         below = depth - float(C_b_G[2] @ self._arm_b)
         measured = below + self._e.bias_m + self._e.noise_sigma_m * float(self._draws.rows[row, 0])
         measured += self._e.uniform_error_m * float(self._uniform.rows[row, 0])
+        measured += self._air + float(self._slow[row, 0])
         if self._e.quantum_m > 0.0:
             measured = self._e.quantum_m * round(measured / self._e.quantum_m)
+        self._last = measured
         return measured
+
+    def _advance_sticking(self) -> None:
+        """Find out which samples of the next chunk repeat the one before."""
+        first = 0.5 * (self._sticks.advance()[:, 0] + 1.0) < self._e.stick_probability
+        start = CHUNK * self._sticks.chunk
+        self._stuck = []
+        for k, begins in enumerate(first.tolist(), start):
+            if begins and k >= self._stuck_until:
+                self._stuck_until = k + self._stick_count
+            self._stuck.append(k < self._stuck_until)

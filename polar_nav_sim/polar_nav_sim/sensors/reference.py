@@ -1,8 +1,8 @@
 """Errors of the leader's own navigation as it is played by the simulation.
 
 Position, velocity and attitude are off by Gauss-Markov processes of stated sigma and correlation
-time, in grid axes; the covariance that goes with them is that of the processes. All sigmas are
-zero by default: the papers take the leader as perfect.
+time, in grid axes; the covariance that goes with them is that of the processes. Constant errors
+beside them are never stated. All are zero by default: the papers take the leader as perfect.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polar_nav_core.attitude import exp
-from polar_nav_core.params import param
+from polar_nav_core.params import param, vector
 
 from ..section import Spec
 from .noise import CHUNK, Draws, GaussMarkov, Index
@@ -30,6 +30,12 @@ class ReferenceErrors(Spec):
     tilt_sigma_deg: float = param(0.0, 'deg', 0.0, 30.0, '1-sigma of roll and pitch')
     heading_sigma_deg: float = param(0.0, 'deg', 0.0, 180.0, '1-sigma of heading')
     error_tau_s: float = param(1800.0, 's', 1.0, 1e6, 'Correlation time of all of these')
+    position_offset_m: tuple[float, ...] = vector(
+        (0.0, 0.0, 0.0), 'm', -1e5, 1e5, 'Constant position error, grid axes, not stated'
+    )
+    heading_bias_deg: float = param(
+        0.0, 'deg', -180.0, 180.0, 'Constant heading error, to port, not stated'
+    )
 
 
 @dataclass(frozen=True)
@@ -68,6 +74,10 @@ class ReferenceSystem:
         self._draws = Draws(rng, 9)
         self._index = Index()
         self._rows = np.empty((0, 9))
+        self._constant = np.zeros(9)
+        self._constant[:3] = errors.position_offset_m
+        # The attitude is turned by -phi.
+        self._constant[8] = -np.radians(errors.heading_bias_deg)
 
     def error(self, k: int) -> NavigationError:
         """Errors at sample k; numbers never go back."""
@@ -75,5 +85,5 @@ class ReferenceSystem:
         chunk, row = divmod(k, CHUNK)
         while self._draws.chunk < chunk:
             self._rows = self._process.advance(self._draws.advance())
-        x = self._rows[row]
+        x = self._rows[row] + self._constant
         return NavigationError(x[:3], x[3:6], x[6:])

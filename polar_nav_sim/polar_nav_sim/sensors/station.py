@@ -59,6 +59,10 @@ class StationErrors(Spec):
     heading_sigma_deg: float = param(
         0.0, 'deg', 0.0, 180.0, '1-sigma of a further constant error, drawn per run; it is told'
     )
+    range_scale: float = param(0.0, '', -0.5, 0.5, 'Constant error of the range, as a share of it')
+    position_offset_m: tuple[float, ...] = vector(
+        (0.0, 0.0), 'm', -1e4, 1e4, 'Constant error of the position it states, station axes x, y'
+    )
     loss_probability: float = param(0.0, '', 0.0, 1.0, 'That a cycle gives nothing')
     assumed_sound_speed: float = param(
         0.0, 'm/s', 0.0, 1655.0, 'What the station takes for c; 0: the true mean of the cycle'
@@ -222,6 +226,7 @@ class Station:
         speed = float(round(e.assumed_sound_speed or cycle.sound_speed))
         travel_s = (cycle.t4_ns - cycle.t1_ns) / NS - e.turn_around_s
         range_m = 0.5 * speed * travel_s * (1.0 + e.range_error * (2.0 * u_range - 1.0))
+        range_m *= 1.0 + e.range_scale
         bearing = math.atan2(cycle.line[1], cycle.line[0]) - cycle.heading
         bearing += math.radians(e.bearing_error_deg) * (2.0 * u_bearing - 1.0)
         range_m = _rounded(range_m, e.range_quantum_m)
@@ -229,7 +234,7 @@ class Station:
         return StationReading(
             cycle=cycle,
             transmit_ns=cycle.t4_ns + round(e.processing_s * NS),
-            station_position=cycle.position,
+            station_position=cycle.position + np.array([*e.position_offset_m, 0.0]),
             station_heading=math.remainder(cycle.heading + self._heading_error, 2.0 * math.pi),
             station_heading_sigma=math.radians(e.heading_sigma_deg),
             range=range_m,

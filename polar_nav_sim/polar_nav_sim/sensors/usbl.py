@@ -22,6 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from polar_nav_core.attitude import exp
 from polar_nav_core.params import flag, param, vector
 
 from ..poses import Poses
@@ -60,6 +61,13 @@ class UsblErrors(Mounting):
     )
     assumed_sound_speed: float = param(
         0.0, 'm/s', 0.0, 1700.0, 'What the instrument takes for c; 0: the true mean of the cycle'
+    )
+    range_scale: float = param(0.0, '', -0.5, 0.5, 'Constant error of the range, as a share of it')
+    range_scale_sigma: float = param(
+        0.0, '', 0.0, 0.5, '1-sigma of a further such error, drawn per run'
+    )
+    misalignment_sigma_deg: float = param(
+        0.0, 'deg', 0.0, 90.0, '1-sigma about each axis of a wrong mounting, drawn per run'
     )
 
 
@@ -128,6 +136,12 @@ class Usbl:
         self._name = f'{source}/usbl/{target}'
         self._arm_b = errors.arm_b
         self._C_a_b = errors.C_s_b
+        # Of the array, not of the pair: all targets share what is wrong with it.
+        common = stream(run_seed, f'{source}/usbl/array').standard_normal(4)
+        self._range_scale = errors.range_scale + errors.range_scale_sigma * float(common[3])
+        if errors.misalignment_sigma_deg > 0.0:
+            turn = math.radians(errors.misalignment_sigma_deg) * common[:3]
+            self._C_a_b = np.asarray(self._C_a_b @ exp(turn))
         self._transponder_b = np.array(errors.transponder_lever_b)
 
     def cycle(self, sequence: int, t1_ns: int, array: Poses, target: Poses) -> Cycle:
@@ -167,6 +181,9 @@ class Usbl:
         error_m = e.range_sigma_m * w[4] + outlier * e.outlier_range_m * late
         speed = e.assumed_sound_speed or cycle.sound_speed
         true_s = (cycle.t4_ns - cycle.t1_ns) / NS
+        if self._range_scale != 0.0:
+            way_s = true_s - e.turn_around_s
+            error_m += 0.5 * cycle.sound_speed * way_s * self._range_scale
         round_trip_s = true_s + 2.0 * error_m / cycle.sound_speed
         return Reading(
             cycle=cycle,

@@ -1,0 +1,27 @@
+"""Clock of a vehicle: stamps that are off by an offset and a drift, as nobody on board sees."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from polar_nav_core.params import param
+
+from ..specs import Spec
+from ..trajectory import NS
+
+
+@dataclass(frozen=True)
+class ClockErrors(Spec):
+    """What is wrong with a clock; nothing by default."""
+
+    clock_offset_s: float = param(
+        0.0, 's', -60.0, 60.0, 'Stamps are later than the truth by this at the start'
+    )
+    clock_drift_ppm: float = param(
+        0.0, '1e-6', -1000.0, 1000.0, 'And by so many microseconds more every second'
+    )
+
+    def reads_ns(self, stamp_ns: int, since_start_ns: int) -> int:
+        """Return what the clock reads at a true stamp [ns], so long after the start [ns]."""
+        late_ns = self.clock_offset_s * NS + self.clock_drift_ppm * 1e-6 * since_start_ns
+        return stamp_ns + round(late_ns)
