@@ -25,6 +25,7 @@ from polar_nav_core.errors import ConfigError
 from .dynamics.truth import DynamicTruth
 from .dynamics_spec import dynamics_of
 from .environment import Environment, Geoid, GeoidSpec, Gravity, GravitySpec
+from .installed import Installed, instruments_of
 from .paths.knots import (
     MARGIN,
     SPACING_S,
@@ -164,6 +165,19 @@ class Mission:
         if vehicle not in self._truth:
             self._truth[vehicle] = self._make(self.formation[vehicle])
         return self._truth[vehicle]
+
+    def instruments(self, vehicle: str) -> Mapping[str, Installed]:
+        """Instruments of a vehicle that the file names, by kind: imu, dvl, depth, usbl, heading.
+
+        Raises
+        ------
+        ConfigError
+            When the mission has no such vehicle.
+        """
+        latitude = float(self.truth(vehicle).state(self.start_ns).lat)
+        spec = self.formation[vehicle]
+        where = f'{self.file}: vehicles.{vehicle}.instruments'
+        return instruments_of(spec.instruments, spec.role, latitude, where)
 
     @property
     def dynamic(self) -> tuple[str, ...]:
@@ -380,10 +394,17 @@ def _check_water(mission: Mission) -> None:
 
 
 def _vehicle(values: object, where: str) -> VehicleSpec:
-    if not isinstance(values, Mapping) or 'dynamics' not in values:
+    if not isinstance(values, Mapping):
         return parse(VehicleSpec, values, where)
+    sections = ('dynamics', 'instruments')
+    plain = parse(VehicleSpec, {k: v for k, v in values.items() if k not in sections}, where)
+    if values.get('instruments') is not None:
+        chosen = values['instruments']
+        instruments_of(chosen, plain.role, 0.0, f'{where}.instruments')  # for its refusals
+        plain = dataclasses.replace(plain, instruments=chosen)
+    if 'dynamics' not in values:
+        return plain
     dynamics = dynamics_of(values['dynamics'] or {}, f'{where}.dynamics')
-    plain = parse(VehicleSpec, {k: v for k, v in values.items() if k != 'dynamics'}, where)
     if plain.fixed:
         raise ConfigError(f'{where}: parameter fixed: a vehicle with dynamics moves')
     return dataclasses.replace(plain, dynamics=dynamics)

@@ -145,7 +145,14 @@ class VehicleSpec(Spec):
         7 * 86400.0,
         'From when to when the sea floor under it is out of reach',
     )
+    clock_offset_s: float = param(
+        0.0, 's', -60.0, 60.0, 'Its clock is later than the truth by this at the start'
+    )
+    clock_drift_ppm: float = param(
+        0.0, '1e-6', -1000.0, 1000.0, 'And by so many microseconds more every second'
+    )
     dynamics: DynamicsSpec | None = field(default=None)
+    instruments: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

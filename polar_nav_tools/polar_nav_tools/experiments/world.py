@@ -28,8 +28,8 @@ from polar_nav_sim.initial_state import InitialSigma, initial_parameters
 from polar_nav_sim.mission import Mission
 from polar_nav_sim.randomness import stream
 from polar_nav_sim.sensors.imu import DPH, G0, ImuErrors, ImuSensor
+from polar_nav_sim.sensors.instruments import IMU
 from polar_nav_sim.sensors.noise import GaussMarkov
-from polar_nav_sim.sensors.presets import IMU
 from polar_nav_sim.trajectory import Truth, TruthState
 
 from . import schedule

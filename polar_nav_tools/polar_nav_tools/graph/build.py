@@ -134,6 +134,8 @@ def build_graph(mission: Mission, options: GraphOptions) -> Graph:
             _follower_node(mission, follower, options),
         ]
     nodes += _recorder_node(recorded, options)
+    nodes = [_as_the_mission_says(mission, spec) for spec in nodes]
+    nodes += _recorder_node(topics, options)
     heard = 'lockstep' if lockstep else 'presence'
     nodes = [replace(s, parameters={**s.parameters, heard: True}) for s in nodes]
     truth = _truth_node(mission, options, [spec.full_name for spec in nodes])
@@ -180,6 +182,36 @@ def _truth_node(mission: Mission, options: GraphOptions, others: list[str]) -> N
         parameters['gather_s'] = REALTIME_GATHER_S
     executable = 'vehicle_node' if mission.dynamic else 'truth_node'
     return sim_node(executable, '', Stage.TRUTH, parameters)
+
+
+_INSTRUMENTS = {
+    'imu_node': 'imu',
+    'dvl_node': 'dvl',
+    'depth_node': 'depth',
+    'usbl_node': 'usbl',
+    'leader_reference_node': 'heading',
+}
+"""Kind of instrument of each node that is one."""
+_IN_THE_WATER = ('usbl_node', 'dvl_node', 'station_node', 'acoustic_link_node')
+
+
+def _as_the_mission_says(mission: Mission, spec: NodeSpec) -> NodeSpec:
+    """Give a node of the simulation the instrument, clock and water that the mission names."""
+    parameters = dict(spec.parameters)
+    kind = _INSTRUMENTS.get(spec.executable)
+    if kind is not None:
+        installed = mission.instruments(spec.namespace).get(kind)
+        if installed is not None:
+            parameters |= to_mapping(installed.errors)
+            if installed.rate_hz is not None:
+                parameters['rate_hz'] = installed.rate_hz
+        vehicle = mission.formation[spec.namespace]
+        if vehicle.clock_offset_s or vehicle.clock_drift_ppm:
+            parameters['clock_offset_s'] = vehicle.clock_offset_s
+            parameters['clock_drift_ppm'] = vehicle.clock_drift_ppm
+    if spec.executable in _IN_THE_WATER and mission.water is not None:
+        parameters |= to_mapping(mission.water)
+    return replace(spec, parameters=parameters)
 
 
 def _vehicle_nodes(
@@ -233,6 +265,11 @@ def _leader_node(mission: Mission, leader: str, follower: str, options: GraphOpt
         'sea_surface_height': mission.numbers.sea_surface_height_m,
     }
     if options.leader == 'own':
+        if 'heading' in mission.formation[leader].instruments:
+            raise ConfigError(
+                f'mission {mission.name}: {leader} has a heading instrument, which plays its'
+                ' navigation: run it with --leader perfect'
+            )
         parameters['navigation'] = 'own'
         parameters |= told_at_start(mission, leader, usual_sigma(LeaderParams), options.seed)
         if options.pace == 'lockstep':
