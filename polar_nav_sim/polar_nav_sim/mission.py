@@ -222,7 +222,8 @@ class Mission:
 
     def _make(self, vehicle: VehicleSpec) -> Truth:
         surface, floor = self.numbers.sea_surface_height_m, self.numbers.sea_floor_depth_m
-        known = floor > 0.0 and self.numbers.bottom_lock == 'range'
+        assumed = self.numbers.bottom_lock == 'assumed' and floor > MissionSpec.DEEP_M
+        known = floor > 0.0 and not assumed
         depths = (
             surface,
             floor if known else math.nan,

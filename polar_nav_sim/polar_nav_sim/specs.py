@@ -160,6 +160,8 @@ class MissionSpec(Spec):
     """Numbers that hold for the whole mission."""
 
     LEAST_RATE_HZ: ClassVar[float] = 10.0
+    DEEP_M: ClassVar[float] = 500.0
+    """A floor below this is out of reach of every DVL near the surface."""
 
     duration_s: float = param(600.0, 's', 1.0, 7 * 86400.0, 'Length of the mission')
     imu_rate_hz: float = param(100.0, 'Hz', LEAST_RATE_HZ, 1000.0, 'Rate of truth and IMU')
@@ -172,7 +174,7 @@ class MissionSpec(Spec):
     bottom_lock: str = choice(
         'range',
         ('range', 'assumed'),
-        'A DVL has the floor within its range only; or wherever it is: altitude is then NaN',
+        'A DVL has the floor within its range only; or also one over 500 m deep: altitude is NaN',
     )
     sound_speed: float = param(
         0.0, 'm/s', 0.0, 1700.0, 'Sound speed, the same everywhere; 0: that of each node'

@@ -9,7 +9,6 @@ CHANCE = 1e-4
 
 def inside(values, sigma, chance=CHANCE):
     """Whether the mean square of each column of (n, c) values is that of its sigma, two-sided."""
-    values = np.atleast_2d(values)
-    n = len(values)
+    n, _ = np.shape(values)
     total = np.sum(np.square(values / np.asarray(sigma)), axis=0)
     return bool(np.all((chi2.ppf(0.5 * chance, n) < total) & (total < chi2.isf(0.5 * chance, n))))

@@ -37,7 +37,7 @@ def test_misalignment_has_its_sigma_about_each_axis():
 
 def test_lever_error_has_its_sigma_and_shows_in_turns_only():
     x = np.array([first(k, lever_sigma_m=0.1) - V for k in range(RUNS)])
-    assert inside(x[:, 0], 0.1 * np.hypot(OMEGA[1], OMEGA[2]))
+    assert inside(x[:, :1], 0.1 * np.hypot(OMEGA[1], OMEGA[2]))
     assert_array_equal(first(5, omega=np.zeros(3), lever_sigma_m=0.1), V)
 
 

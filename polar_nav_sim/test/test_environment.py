@@ -114,6 +114,9 @@ def test_floor_in_range_or_assumed():
     assert_allclose(block_of(deep).state.altitude, 2900.0, atol=1e-5)
     assumed = mission.with_overrides({'bottom_lock': 'assumed'})
     assert np.isnan(block_of(assumed).state.altitude).all()
+    # What a DVL can reach needs no assumption.
+    shallow = assumed.with_overrides({'sea_floor_depth_m': 180.0})
+    assert_allclose(block_of(shallow).state.altitude, 80.0, atol=1e-5)
 
 
 def test_water_of_a_mission():

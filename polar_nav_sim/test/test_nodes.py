@@ -43,7 +43,11 @@ from polar_nav_sim.sensors.noise import CHUNK  # noqa: E402
 from polar_nav_sim.truth_cdr import decode, encode  # noqa: E402
 
 SECONDS = 4.0
-MISSION = load_mission('near_pole').with_duration(SECONDS)
+# The real floor is out of reach of a DVL: its pings are wanted here.
+LOCK = 'bottom_lock=assumed'
+MISSION = (
+    load_mission('near_pole').with_overrides({'bottom_lock': 'assumed'}).with_duration(SECONDS)
+)
 SAMPLES = 401
 ABSOLUTE = {
     'period_s': 0.5,
@@ -123,6 +127,7 @@ def run():
     truth = make(
         TruthNode,
         mission='near_pole',
+        overrides=[LOCK],
         duration_s=SECONDS,
         pace='lockstep',
         exit_at_end=True,
