@@ -24,7 +24,7 @@ from polar_nav_core import earth, grid
 from polar_nav_core.params import param, vector
 
 from .randomness import stream
-from .specs import Spec
+from .section import Spec
 
 Floats = NDArray[np.float64]
 

@@ -9,6 +9,7 @@ from typing import Any
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.params import names_near, to_mapping
 
+from .section import Spec, parse
 from .sensors import instruments
 from .sensors.depth import DepthErrors
 from .sensors.dvl import DvlErrors
@@ -16,7 +17,6 @@ from .sensors.imu import ImuErrors
 from .sensors.presets import Preset
 from .sensors.reference import ReferenceErrors
 from .sensors.usbl import UsblErrors
-from .specs import Spec, parse
 
 _KINDS: Mapping[str, tuple[type[Spec], Mapping[str, Preset[Any]]]] = {
     'imu': (ImuErrors, instruments.IMU),

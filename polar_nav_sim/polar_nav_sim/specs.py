@@ -10,7 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.params import choice, flag, param, text, vector

@@ -31,12 +31,9 @@ class DepthNode(TruthListener[DepthParams]):
         self._stream = stream_name(self, 'depth')
         self._frame = frame_id(self.vehicle, 'depth')
         self._schedule = Schedule(p.rate_hz)
-        self._sensor = DepthSensor(p, stream(p.seed, self._stream))
+        self._sensor = DepthSensor(p, stream(p.seed, self._stream), self._schedule.period_s)
         self._pressure = self.advertise(FluidPressure, topics.PRESSURE)
         self._depth = self.advertise(Depth, topics.DEPTH)
-        self._sensor = DepthSensor(p, stream(p.seed, self._stream), self._schedule.period_s)
-        self._pressure = self.advertise(FluidPressure, 'depth/pressure')
-        self._depth = self.advertise(Depth, 'depth/data')
         self.listen()
 
     def wanted(self, since_start_ns: int) -> int | None:

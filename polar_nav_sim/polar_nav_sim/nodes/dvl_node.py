@@ -33,15 +33,12 @@ class DvlNode(TruthListener[DvlParams]):
         self._stream = stream_name(self, 'dvl')
         self._frame = frame_id(self.vehicle, 'dvl')
         self._schedule = Schedule(p.rate_hz)
-        self._sensor = DvlSensor(p, self._schedule.period_s, stream(p.seed, self._stream))
-        self._data = self.advertise(Dvl, topics.DVL)
-        self._twist = self.advertise(TwistWithCovarianceStamped, topics.DVL_TWIST)
         self._sensor = DvlSensor(
             p, self._schedule.period_s, stream(p.seed, self._stream), SoundSpeed.from_spec(p)
         )
         self._late: Late[tuple[Ping, int, float]] = Late(p.latency_s)
-        self._data = self.advertise(Dvl, 'dvl/data')
-        self._twist = self.advertise(TwistWithCovarianceStamped, 'dvl/twist')
+        self._data = self.advertise(Dvl, topics.DVL)
+        self._twist = self.advertise(TwistWithCovarianceStamped, topics.DVL_TWIST)
         self._invalid = 0
         self.listen()
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from polar_nav_core.params import param
 
-from ..specs import Spec
+from ..section import Spec
 from ..trajectory import NS
 
 

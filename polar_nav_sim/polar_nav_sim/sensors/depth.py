@@ -13,10 +13,8 @@ from numpy.typing import NDArray
 
 from polar_nav_core.params import param, vector
 
-from ..section import Spec
-from .noise import CHUNK, Draws, Index
 from ..randomness import substream
-from ..specs import Spec
+from ..section import Spec
 from .noise import CHUNK, Draws, GaussMarkov, Index
 
 Floats = NDArray[np.float64]

@@ -28,10 +28,9 @@ from numpy.typing import NDArray
 from polar_nav_core.attitude import exp, matrix_from_euler
 from polar_nav_core.params import flag, param, vector
 
-from ..section import Spec
 from ..randomness import substream
+from ..section import Spec
 from ..sound_speed import SoundSpeed
-from ..specs import Spec
 from .janus import BEAMS, LEAST_BEAMS, BeamData, directions, slant_ranges, solve
 from .noise import CHUNK, Draws, GaussMarkov, Index
 

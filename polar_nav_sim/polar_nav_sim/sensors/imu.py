@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 
 from polar_nav_core.attitude import exp
 
-from ..section import Spec
 from .imu_errors import DPH, G0, MICRO_G, ImuErrors
 from .imu_residuals import Residuals
 from .noise import CHUNK, Draws, GaussMarkov, Index, RandomWalk, fixed_product

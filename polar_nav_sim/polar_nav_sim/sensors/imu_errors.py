@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from polar_nav_core.params import param, vector
 
-from ..specs import Spec
+from ..section import Spec
 
 G0 = 9.80665
 DPH = math.radians(1.0) / 3600.0

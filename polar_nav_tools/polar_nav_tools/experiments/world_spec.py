@@ -10,9 +10,7 @@ from polar_nav_core.params import choice, flag, param, text
 from polar_nav_sim.mission import Mission, load_mission, mission_from
 from polar_nav_sim.section import Spec
 from polar_nav_sim.sensors.imu import ImuErrors
-from polar_nav_sim.sensors.presets import IMU
 from polar_nav_sim.sensors.instruments import IMU
-from polar_nav_sim.specs import Spec
 
 VEHICLE = 'follower'
 IMU_KINDS = (*IMU, 'perfect', 'recorded')

@@ -133,9 +133,8 @@ def build_graph(mission: Mission, options: GraphOptions) -> Graph:
             *_acoustic_nodes(mission, leader, follower, options),
             _follower_node(mission, follower, options),
         ]
-    nodes += _recorder_node(recorded, options)
     nodes = [_as_the_mission_says(mission, spec) for spec in nodes]
-    nodes += _recorder_node(topics, options)
+    nodes += _recorder_node(recorded, options)
     heard = 'lockstep' if lockstep else 'presence'
     nodes = [replace(s, parameters={**s.parameters, heard: True}) for s in nodes]
     truth = _truth_node(mission, options, [spec.full_name for spec in nodes])
