@@ -1,0 +1,89 @@
+"""What a row of the table is, and the scenes that rows share.
+
+Unless a row says otherwise: 1200 s straight at 3 m/s from 80 N, 120 E with the attitude sines of
+section 6.1, 50 Hz IMU, DVL and depth at 5 Hz, a fix of 1 m every 2 s, 1.5 to 4 s late, 10 % lost;
+everything constant is drawn from the filter's prior, and the fault begins after 400 s.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from typing import Any
+
+from polar_nav_sim.offline_station import StationScenario
+
+from ..schedule import FixSpec
+from ..world_spec import WorldSpec
+from .faults import Fault
+from .scenes import Scene, SinsScene, StationScene
+
+FIXES, DVL, DEPTH, IMU, HEADING, MODEL = 'fixes', 'dvl', 'depth', 'imu', 'heading', 'model'
+CONTROL = 'control'
+START_S = 400.0
+
+WORLD = WorldSpec(duration_s=1200.0, constants='prior', dvl_rate_hz=5.0, depth_rate_hz=5.0)
+FIX = FixSpec(
+    period_s=2.0,
+    first_s=2.0,
+    delay_kind='uniform',
+    delay_least_s=1.5,
+    delay_s=4.0,
+    loss=0.1,
+)
+SINS = SinsScene(WORLD, FIX)
+STATION = StationScene(StationScenario())
+
+
+@dataclass(frozen=True)
+class Row:
+    """One fault.
+
+    Attributes
+    ----------
+    name, doc : str
+        What is wrong, one sentence.
+    size : str
+        With its unit.
+    fault : Fault
+    culprits : tuple of str
+        Names that a right report may blame (`judge.UNEXPLAINED` always may).
+    invisible : bool
+        Whether no measurement can show it, by the issue's list.
+    scene : SinsScene or StationScene
+    """
+
+    name: str
+    doc: str
+    size: str
+    fault: Fault
+    culprits: tuple[str, ...]
+    invisible: bool = False
+    scene: Scene = field(default_factory=lambda: SINS)
+
+    @property
+    def is_control(self) -> bool:
+        """Whether nothing is wrong."""
+        return CONTROL in self.name.split('_')
+
+    @property
+    def mode(self) -> str:
+        """Mode of the engine."""
+        return self.scene.mode
+
+
+def scene_of(changes: Mapping[str, Any] | None = None, **world: Any) -> SinsScene:  # noqa: ANN401 - of WorldSpec
+    """The inertial scene with another world or engine parameters."""
+    return replace(SINS, world=replace(WORLD, **world), changes=dict(changes or {}))
+
+
+RACETRACK = scene_of(mission='racetrack', duration_s=900.0)
+
+
+@lru_cache(maxsize=2)
+def warm_scene(mode: str) -> Scene:
+    """A scene of a few seconds."""
+    if mode == 'station':
+        return StationScene(StationScenario(duration_s=10.0))
+    return SinsScene(replace(WORLD, duration_s=12.0), replace(FIX, first_s=0.5, period_s=0.5))

@@ -1,0 +1,102 @@
+"""When a fault is visible: a generalized likelihood of its known shape with unknown size.
+
+A fault of size ``a`` (1: as stated) adds ``a g_k`` to the innovations of an exact filter, whose
+covariances S_k do not depend on it. The best test for the shape g has the statistic
+
+    a_hat^2 J,   a_hat = sum g_k' S_k^-1 nu_k / J,   J(t) = sum over k until t of g_k' S_k^-1 g_k,
+
+summed over the innovations of fixes, DVL and depth; a_hat has the standard deviation J^(-1/2). The
+fault is *visible* from the time on at which J >= 25: 5 sigma.
+
+The engine gives no innovation vectors of DVL and depth, but their normalized squares: NIS of each
+fix in its receipt, and the sums per second of the others in the track. With innovations
+``nu + a g`` the sum of squares is quadratic in ``a``, so with three runs of the exact filter (no
+gate) at a small size e, inside the linear regime,
+
+    J(t) = (NIS(t; e) + NIS(t; -e) - 2 NIS(t; 0)) / (2 e^2).
+
+For the inertial vehicle these runs are in a world without noise, where NIS(t; 0) is 1e-4 and
+rounding does not count; the world of a station keeps its noise, which cancels. Drawn faults
+(outliers, noise) have the shape that the seed draws. Of a fault that every filter is told a wrong
+number for, the filter here has the wrong number, too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from polar_nav_core.engine.events import NIS_SUM, Array
+
+from .faults import Fault
+from .scenes import Ran, Scene
+
+SMALL = 0.01
+"""e: the share of the fault at which its linear effect is measured."""
+VISIBLE_J = 25.0
+
+_EXACT: dict[str, dict[str, Any]] = {
+    'sins': {},
+    'station': {
+        'configuration': 'custom',
+        'delay_handling': 'clone',
+        'gate_probability': 1.0,
+        'robust_fixes': 'none',
+        'current_method': 'single',
+        'current_walk': 1e-6,
+        'identify_method': 'none',
+    },
+}
+"""What makes the best filter of a mode exact and linear, where it is not."""
+
+
+def information(scene: Scene, fault: Fault, seed: int) -> tuple[Array, Array]:
+    """J over time.
+
+    Returns
+    -------
+    time_s, J : (n,) arrays
+        Since the start of the run, every second; of the fault as stated.
+    """
+    quiet: Any = scene.quiet(seed)
+    changes: Mapping[str, Any] = {**scene.best, **_EXACT[scene.mode], **fault.told}
+    start_ns = scene.start_ns(quiet)
+    time_s = np.arange(0.0, scene.duration_s + 1.0)
+    total = np.zeros(len(time_s))
+    for size, weight in ((SMALL, 1.0), (-SMALL, 1.0), (0.0, -2.0)):
+        ran = scene.run(fault.applied(quiet, size), changes)  # type: ignore[arg-type]
+        total += weight * _nis_until(ran, start_ns, time_s)
+    return time_s, total / (2.0 * SMALL**2)
+
+
+class Visibility(NamedTuple):
+    """From when on a fault is visible [s], NaN for never; by how many sigmas at the end."""
+
+    from_s: float
+    sigmas: float
+
+
+def visibility(scene: Scene, fault: Fault, seed: int) -> Visibility:
+    """When the fault is visible since the start of the run.
+
+    Messages that do not come are visible at once.
+    """
+    if fault.obvious:
+        return Visibility(fault.start_s, float('nan'))
+    time_s, J = information(scene, fault, seed)
+    enough = np.flatnonzero(J >= VISIBLE_J)
+    from_s = float(time_s[enough[0]]) if len(enough) else float('nan')
+    return Visibility(from_s, float(np.sqrt(max(0.0, J[-1]))))
+
+
+def _nis_until(ran: Ran, start_ns: int, time_s: Array) -> Array:
+    """Sum of all NIS until each time."""
+    fixes = [(r.stamp_ns, r.nis) for r in ran.receipts if np.isfinite(r.nis)]
+    local = ran.local[:, :, NIS_SUM].sum(axis=1)
+    stamps = np.concatenate([np.array([s for s, _ in fixes], dtype=np.int64), ran.stamps_ns])
+    values = np.concatenate([np.array([n for _, n in fixes]), local])
+    at = np.searchsorted(time_s, (stamps - start_ns) * 1e-9 - 1e-9)
+    sums = np.bincount(np.minimum(at, len(time_s) - 1), values, minlength=len(time_s))
+    return np.asarray(np.cumsum(sums))
