@@ -1,0 +1,75 @@
+"""All rows of the table, and those that were asked for.
+
+Sizes come from the issue and from data sheets; those that are ours say so.
+"""
+
+from __future__ import annotations
+
+from fnmatch import fnmatchcase
+
+from polar_nav_core.errors import ConfigError
+
+from .dvl_rows import DEPTH_ROWS, DVL_ROWS
+from .faults import Fault
+from .fix_rows import DELAY_ROWS, FIX_ROWS
+from .imu_rows import HEADING_ROWS, IMU_ROWS
+from .row import CONTROL, Row, scene_of
+from .station_rows import STATION_ROWS
+
+_CONTROLS = (
+    *(
+        Row(
+            f'{CONTROL}_{name}',
+            f'nothing wrong: mission {name}',
+            '',
+            Fault(),
+            (),
+            scene=scene_of(mission=name, duration_s=duration_s),
+        )
+        for name, duration_s in (
+            ('demo', 600.0),
+            ('near_pole', 600.0),
+            ('over_pole', 600.0),
+            ('south_pole', 600.0),
+            ('antimeridian', 600.0),
+            ('racetrack', 900.0),
+            ('lawnmower', 1200.0),
+            ('dive', 600.0),
+        )
+    ),
+    Row(f'{CONTROL}_straight', 'nothing wrong: the straight run of the rows', '', Fault(), ()),
+)
+
+
+ROWS: dict[str, Row] = {
+    row.name: row
+    for row in (
+        *_CONTROLS,
+        *IMU_ROWS,
+        *DVL_ROWS,
+        *DEPTH_ROWS,
+        *HEADING_ROWS,
+        *FIX_ROWS,
+        *DELAY_ROWS,
+        *STATION_ROWS,
+    )
+}
+
+
+def rows_named(pattern: str | None) -> list[Row]:
+    """Rows whose names match a comma-separated list of shell patterns; all for None.
+
+    Raises
+    ------
+    ConfigError
+        When a pattern matches none.
+    """
+    if not pattern:
+        return list(ROWS.values())
+    chosen: dict[str, Row] = {}
+    for word in (w.strip() for w in pattern.split(',')):
+        found = {n: r for n, r in ROWS.items() if fnmatchcase(n, word)}
+        if not found:
+            raise ConfigError(f'--rows: no row matches {word!r}; there are {", ".join(ROWS)}')
+        chosen |= found
+    return list(chosen.values())
