@@ -7,7 +7,7 @@ from polar_nav_core.params import from_mapping
 from polar_nav_sim import params as sim
 from polar_nav_sim.mission import load_mission
 from polar_nav_sim.sensors.instruments import DVL, IMU
-from polar_nav_tools.graph import GraphOptions, build_graph
+from polar_nav_tools.graph.build import GraphOptions, build_graph
 
 PROFILE = 'arctic_ssp/sizrs_2016_october6_drop6.csv'
 SAYS = {

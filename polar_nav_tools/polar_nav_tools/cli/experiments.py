@@ -82,6 +82,16 @@ def experiment(
             metavar='S,S', help='ablation: delays of fixes.', show_default='0,1,2,5,10,30,60'
         ),
     ] = None,
+    rows: Annotated[
+        str | None,
+        typer.Option(
+            metavar='PATTERN', help='mismatch: faults, as gravity_*,dvl_*.', show_default='all'
+        ),
+    ] = None,
+    first_seed: Annotated[
+        int | None,
+        typer.Option(metavar='K', help='mismatch: seeds K to K + N - 1.', show_default='1'),
+    ] = None,
     imu_errors: Annotated[
         Path | None,
         typer.Option(metavar='BAG', help='table3: errors of the IMU that rested in this bag.'),
@@ -123,6 +133,10 @@ def experiment(
     choices = chosen.suite.read(settings or [], names)
     if name != 'ablation' and (sensors or periods or delays):
         raise ConfigError(f'--sensors, --periods, --delays: {name} does not use them')
+    if name != 'mismatch' and (rows or first_seed is not None):
+        raise ConfigError(f'--rows, --first-seed: {name} does not use them')
+    if first_seed is not None and first_seed < 0:
+        raise ConfigError(f'--first-seed: {first_seed} is negative')
     if jobs is not None and jobs < 1:
         raise ConfigError(f'--jobs: {jobs} is less than 1')
     folder = out if out is not None else Path('reports') / name
@@ -152,6 +166,8 @@ def experiment(
         sensors=_words(sensors),
         periods_s=_numbers(periods, '--periods', 0.1, 600.0),
         delays_s=_numbers(delays, '--delays', 0.0, 119.0),
+        rows=rows,
+        first_seed=1 if first_seed is None else first_seed,
     )
     with progress_display(name, total=1.0, unit='runs') as update:
         outcome = run(chosen, request, folder, update)

@@ -8,6 +8,7 @@ from polar_nav_core.errors import ConfigError
 
 from . import ablation, consistency, tables
 from .experiment import Experiment
+from .mismatch.plan import MISMATCH
 from .request import Size
 from .station import catalog as station
 
@@ -94,6 +95,7 @@ EXPERIMENTS: dict[str, Experiment] = {
             consistency.tables,
             consistency.figures,
         ),
+        MISMATCH,
         *station.EXPERIMENTS,
     )
 }

@@ -157,7 +157,7 @@ def _manifest(
             'command': sys.argv[1:],
             'quick': request.quick,
             'duration_s': size.duration_s,
-            'seeds': list(range(1, size.seeds + 1)),
+            'seeds': list(range(request.first_seed, request.first_seed + size.seeds)),
             'choices': experiment.suite.choices(request),
             'recorded_imu': str(request.recorded or ''),
             **experiment.suite.describe(plan),

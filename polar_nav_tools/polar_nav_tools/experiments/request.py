@@ -39,6 +39,10 @@ class Request:
         Errors of a real IMU, as `recorded.save_recorded` writes them.
     sensors, periods_s, delays_s : sequences or None
         What ablation crosses.
+    rows : str or None
+        Faults of mismatch by name: shell patterns, comma-separated.
+    first_seed : int
+        Of mismatch; all others begin at 1.
     """
 
     choices: Choices = field(default_factory=Choices)
@@ -52,3 +56,5 @@ class Request:
     sensors: Sequence[str] | None = None
     periods_s: Sequence[float] | None = None
     delays_s: Sequence[float] | None = None
+    rows: str | None = None
+    first_seed: int = 1

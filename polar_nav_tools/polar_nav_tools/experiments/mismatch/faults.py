@@ -338,7 +338,7 @@ class LeaderOwn(Fault):
 
 @lru_cache(maxsize=4)
 def _drift(duration_s: float, seed: int) -> Any:  # noqa: ANN401 - of leader_alone, imported late
-    from polar_nav_tools import leader_alone
+    from polar_nav_tools.experiments import leader_alone
 
     return leader_alone.run(duration_s, seed)
 

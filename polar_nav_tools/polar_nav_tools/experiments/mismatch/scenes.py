@@ -13,10 +13,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from polar_nav_core.attitude import log
-from polar_nav_core.engine import batch
+from polar_nav_core.engine import run as batch
 from polar_nav_core.engine.events import Array, Receipt
 from polar_nav_core.engine.params import EngineParams
-from polar_nav_core.engine.station import batch as station_batch
 from polar_nav_core.error_model import X
 from polar_nav_core.grid import ecef_to_grid
 from polar_nav_sim.offline_station import StationScenario
@@ -179,7 +178,7 @@ class StationScene:
             0.0,
             **{'output_period_s': _OUTPUT_S, **self.changes, **changes},
         )
-        result = station_batch.run(params, world.inputs)
+        result = batch.run(params, world.inputs)
         course = _station_course(world, result.track, self.duration_s)
         track = result.track
         return Ran(
@@ -191,7 +190,7 @@ class StationScene:
         return world.run.start_ns
 
 
-def _station_course(world: StationWorld, track: station_batch.Track, duration_s: float) -> Course:
+def _station_course(world: StationWorld, track: batch.Track, duration_s: float) -> Course:
     run = world.run
     row = np.searchsorted(run.t_s, (track.stamps_ns - run.start_ns) / NS - 1e-6)
     row = np.minimum(row, len(run.t_s) - 1)

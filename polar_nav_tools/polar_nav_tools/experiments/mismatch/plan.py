@@ -1,0 +1,154 @@
+"""Jobs of the experiment `mismatch`, and how it shares the machinery of the others."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+from polar_nav_core.errors import ConfigError
+
+from ...scoring.tables import Column, Table
+from ..choices import Choices, choices_from
+from ..columns import filter_columns
+from ..experiment import Experiment, Request, Size
+from ..jobs import RunResult
+from ..station.columns import COLUMNS as STATION_COLUMNS
+from ..suite import Paper, Suite
+from .row import Row
+from .rows import rows_named
+from .runs import BEST, VISIBLE, MismatchJob, run_job
+from .table import tables
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+COLUMNS = ('default', 'modified_akf', 'published', BEST)
+"""Unless others are asked for; a row runs those that its mode has."""
+_BEST_DOC = 'exact late fixes; has the fault taken out of its inputs, or stated by parameters'
+
+
+def _known(mode: str, choices: Choices) -> dict[str, tuple[str, dict[str, Any]]]:
+    """Text and engine parameters of the filters that a mode has, by name."""
+    if mode == 'station':
+        found = {name: (c.doc, c.changes) for name, c in STATION_COLUMNS.items()}
+    else:
+        found = {
+            name: (c.doc, c.changes)
+            for name, c in filter_columns(choices).items()
+            if not c.clairvoyant
+        }
+    return found
+
+
+def plan(request: Request, size: Size, columns: Sequence[str]) -> list[MismatchJob]:
+    """All columns of a row at one seed after another, and when the row's fault is visible.
+
+    Raises
+    ------
+    ConfigError
+        For a duration: rows have their own.
+    """
+    if request.duration_s is not None:
+        raise ConfigError('--duration: every row of mismatch has its own')
+    first = request.first_seed
+    jobs = []
+    for row in rows_named(request.rows):
+        if not row.is_control:
+            jobs.append(MismatchJob(row, VISIBLE, 'when the fault is visible', first))
+        for seed in range(first, first + size.seeds):
+            jobs += _row_jobs(row, seed, columns, request.choices)
+    return jobs
+
+
+def _row_jobs(row: Row, seed: int, columns: Sequence[str], choices: Choices) -> list[MismatchJob]:
+    known = _known(row.mode, choices)
+    engine = dict(choices.engine)
+    known[BEST] = (_BEST_DOC, dict(row.scene.best))
+    return [
+        MismatchJob(
+            row,
+            name,
+            known[name][0],
+            seed,
+            # What knows the fault is a measure, and stays as it is when the engine is changed.
+            known[name][1] if name == BEST else {**known[name][1], **engine},
+        )
+        for name in columns
+        if name in known
+    ]
+
+
+def _read(settings: Sequence[str], columns: Sequence[str] | None) -> dict[str, Any]:
+    for setting in settings:
+        if not setting.strip().startswith('engine.'):
+            raise ConfigError(f'--set {setting}: mismatch takes engine.PARAMETER only')
+    choices = choices_from(settings)
+    known = {*_known('sins', choices), *STATION_COLUMNS, BEST}
+    for name in columns or ():
+        if name not in known:
+            raise ConfigError(f'--columns: no filter {name!r}; there are {", ".join(known)}')
+    return {'choices': choices}
+
+
+def _long_table(title: str, results: Sequence[RunResult], paper: Paper | None) -> Table:
+    """Every number of every run, one row each."""
+    del paper
+    keys = list(dict.fromkeys(k for r in results for k in r.metrics))
+    columns = (Column('row', 'row'), Column('filter', 'filter'), Column('seed', 'seed'))
+    rows = [{'row': r.group, 'filter': r.column, 'seed': r.seed, **r.metrics} for r in results]
+    return Table(title, (*columns, *(Column(k, k) for k in keys)), tuple(rows))
+
+
+def _describe(jobs: Sequence[MismatchJob]) -> dict[str, Any]:
+    rows = {job.row.name: job.row for job in jobs}
+    return {
+        'filters': {
+            f'{job.row.mode}/{job.column}': {'about': job.doc, 'engine': dict(job.changes)}
+            for job in jobs
+        },
+        'groups': {
+            name: {
+                'about': row.doc,
+                'mode': row.mode,
+                'size': row.size,
+                'kind': type(row.fault).__name__,
+                'fault': {**asdict(row.fault), 'length_s': _length(row)},
+                'culprits': list(row.culprits),
+                'invisible': row.invisible,
+                'duration_s': row.scene.duration_s,
+            }
+            for name, row in rows.items()
+        },
+    }
+
+
+def _length(row: Row) -> float | None:
+    """Length of a fault that ends [s]: JSON has no infinity."""
+    length_s = getattr(row.fault, 'length_s', float('inf'))
+    return None if length_s == float('inf') else float(length_s)
+
+
+def _no_figures(results: Sequence[RunResult], size: Size, request: Request) -> dict[str, Figure]:
+    del results, size, request
+    return {}
+
+
+MISMATCH = Experiment(
+    'mismatch',
+    'Faults that the filter does not know: wrong, visible, reported? --rows PATTERN',
+    Size(1200.0, 20),
+    Size(1200.0, 1),
+    COLUMNS,
+    plan,
+    tables,
+    _no_figures,
+    suite=Suite(
+        _read,
+        lambda names: list(names),
+        run_job,
+        _long_table,
+        lambda request: {'engine': dict(request.choices.engine)},
+        _describe,
+    ),
+)

@@ -1,0 +1,142 @@
+"""One run of one filter in a row's world, and what it is judged by."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Any
+
+from polar_nav_core.engine.events import Verdict
+
+from ..jobs import RunResult
+from .health import WatchedRun, health_history
+from .judge import (
+    ERROR,
+    WARN,
+    HealthReport,
+    errors_of,
+    first_wrong_s,
+    is_covered,
+    is_wrong,
+    onsets,
+    reported,
+    share_at,
+)
+from .row import Row, warm_scene
+from .scenes import Ran, refused_shares
+from .visible import visibility
+
+BEST = 'best'
+VISIBLE = 'visible'
+
+
+@dataclass(frozen=True)
+class MismatchJob:
+    """What to run: a filter, or with the column `VISIBLE` when the fault can be seen.
+
+    Attributes
+    ----------
+    row : Row
+    column, doc : str
+    seed : int
+    changes : mapping
+        Engine parameters of the column.
+    """
+
+    row: Row
+    column: str
+    doc: str
+    seed: int
+    changes: Mapping[str, Any] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class MismatchResult(RunResult):
+    """As every run's result, with the words that the run gave of itself.
+
+    ``said_first`` is the first WARN or ERROR from the fault on, ``said_right`` the first that
+    named a right culprit or nothing; stamps count from the start of the run [ns].
+    """
+
+    said_first: HealthReport | None = None
+    said_right: HealthReport | None = None
+
+
+@lru_cache(maxsize=1)
+def _warm(mode: str) -> None:
+    """Run the shortest row of a mode once per process: compiled code is loaded then."""
+    scene = warm_scene(mode)
+    world: Any = scene.make(1)
+    for configuration in ('default', 'modified_akf') if mode == 'sins' else ('default',):
+        scene.run(world, {'configuration': configuration})
+    scene.run(world, scene.best)
+
+
+def run_job(job: MismatchJob) -> MismatchResult:
+    """Run one filter and judge it."""
+    row = job.row
+    _warm(row.scene.mode)
+    if job.column == VISIBLE:
+        start = time.process_time()
+        seen = visibility(row.scene, row.fault, job.seed)
+        metrics = {'visible_s': seen.from_s, 'visible_sigmas': seen.sigmas}
+        seconds = time.process_time() - start
+        return MismatchResult(row.name, VISIBLE, job.seed, metrics, float('nan'), '', {}, seconds)
+    world: Any = row.scene.make(job.seed)
+    fault = row.fault
+    # Who knows the fault has it taken out of the inputs, or is given the parameters that state it.
+    knows = job.column == BEST
+    faulty: Any = fault.applied(world, 0.0 if knows and not fault.known else 1.0)
+    changes = {**job.changes, **fault.told, **(fault.known if knows else {})}
+    start = time.process_time()
+    ran = row.scene.run(faulty, changes)
+    seconds = time.process_time() - start
+    return _judged(job, ran, row.scene.start_ns(faulty), seconds)
+
+
+def _judged(job: MismatchJob, ran: Ran, start_ns: int, seconds: float) -> MismatchResult:
+    row = job.row
+    end_ns = int(ran.stamps_ns[-1]) if len(ran.stamps_ns) else start_ns
+    history = health_history(
+        WatchedRun(ran.params, ran.receipts, start_ns, end_ns, ran.divergence)
+    )
+    fault_ns = start_ns + round(row.fault.start_s * 1e9)
+    words = reported(history, fault_ns, row.culprits)
+    wrong = is_wrong(ran.course)
+    metrics = {
+        **errors_of(ran.course),
+        **refused_shares(ran),
+        'wrong': float(wrong),
+        'covered': float(is_covered(ran.course)),
+        'wrong_s': first_wrong_s(ran.course, row.fault.start_s),
+        'warnings': float(onsets(history, WARN)),
+        'errors': float(onsets(history, ERROR)),
+        'error_share': share_at(history, ERROR, fault_ns, end_ns),
+        'ends_in_error': float(history[-1].level >= ERROR) if history else 0.0,
+        'first_s': _since(words.first, start_ns),
+        'named_s': _since(words.named, start_ns),
+    }
+    verdicts = Counter(Verdict(r.verdict).name for r in ran.receipts if r.source)
+    return MismatchResult(
+        row.name,
+        job.column,
+        job.seed,
+        metrics,
+        (end_ns - start_ns) * 1e-9 if ran.divergence else float('nan'),
+        ran.divergence,
+        dict(verdicts),
+        seconds,
+        said_first=_from_start(words.first, start_ns),
+        said_right=_from_start(words.named, start_ns),
+    )
+
+
+def _since(report: HealthReport | None, start_ns: int) -> float:
+    return float('nan') if report is None else (report.stamp_ns - start_ns) * 1e-9
+
+
+def _from_start(report: HealthReport | None, start_ns: int) -> HealthReport | None:
+    return None if report is None else report._replace(stamp_ns=report.stamp_ns - start_ns)

@@ -1,0 +1,238 @@
+"""The mismatch experiment: faults do what they state, J is a likelihood, few rows at two seeds."""
+
+import json
+
+import numpy as np
+import pytest
+
+from polar_nav_core.engine import run as batch
+from polar_nav_core.engine.engine import Engine
+from polar_nav_core.engine.events import Fix
+from polar_nav_core.errors import ConfigError
+from polar_nav_tools.experiments.catalog import experiment_named
+from polar_nav_tools.experiments.experiment import Request, run
+from polar_nav_tools.experiments.mismatch import faults, worlds
+from polar_nav_tools.experiments.mismatch.health import WatchedRun, health_history
+from polar_nav_tools.experiments.mismatch.row import SINS, STATION, WORLD, Row, warm_scene
+from polar_nav_tools.experiments.mismatch.rows import ROWS, rows_named
+from polar_nav_tools.experiments.mismatch.scenes import SinsScene
+from polar_nav_tools.experiments.mismatch.visible import SMALL, information, visibility
+from polar_nav_tools.experiments.schedule import FixSpec
+
+SHORT = SinsScene(
+    WORLD.__class__(duration_s=120.0, dvl_rate_hz=5.0, depth_rate_hz=5.0),
+    FixSpec(period_s=2.0, first_s=2.0, delay_s=2.0),
+)
+
+
+def sentences(row: Row):
+    return row.doc and (row.size or row.is_control) and (row.culprits or row.is_control)
+
+
+def test_the_catalogue_has_what_the_issue_asks_for():
+    faulty = [row for row in ROWS.values() if not row.is_control]
+    assert len(faulty) >= 45
+    assert {row.mode for row in faulty} == {'sins', 'station'}
+    assert {row.mode for row in ROWS.values() if row.is_control} == {'sins', 'station'}
+    # Only late fixes, where nothing is wrong but the way to treat them, have no culprit.
+    assert {row.name for row in ROWS.values() if not sentences(row)} == {
+        name for name in ROWS if name.startswith('delay_')
+    }
+
+
+def test_rows_are_chosen_by_patterns():
+    assert [row.name for row in rows_named('gravity_1mgal, gravity_3*')] == [
+        'gravity_1mgal',
+        'gravity_3mgal',
+        'gravity_30mgal',
+    ]
+    assert len(rows_named(None)) == len(ROWS)
+    with pytest.raises(ConfigError, match="no row matches 'gravy'"):
+        rows_named('gravy')
+
+
+def test_only_engine_parameters_can_be_set():
+    suite = experiment_named('mismatch').suite
+    assert suite.read(['engine.accel_bias_walk=3e-6'], ['default'])
+    with pytest.raises(ConfigError, match='PARAMETER only'):
+        suite.read(['speed_mps=2'], None)
+    with pytest.raises(ConfigError, match='no filter'):
+        suite.read([], ['nonsense'])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('row', ROWS.values(), ids=lambda row: row.name)
+def test_every_fault_changes_its_world_and_nothing_before_it_begins(row):
+    if row.is_control:
+        pytest.skip('no fault')
+    same, other = (row.fault.applied(row.scene.make(1), scale) for scale in (0.0, 1.0))
+    changed = first_change_s(row, same, other)
+    assert row.fault.start_s - 5.0 <= changed < row.scene.duration_s
+
+
+def first_change_s(row, same, other):
+    """Time of the first difference of the inputs [s]; initial parameters are at 0."""
+    if row.mode == 'sins' and same.initial != other.initial:
+        return 0.0
+    if row.fault.told and not row.fault.obvious and same.inputs is other.inputs:
+        return 0.0
+    start_ns = row.scene.start_ns(same)
+    found = [np.inf]
+    pairs = (
+        ('imu_stamps_ns', ('omega_ib_b', 'f_b', 'C_b_G')),
+        ('dvl_stamps_ns', ('dvl_v_m', 'dvl_valid')),
+        ('depth_stamps_ns', ('depth',)),
+        ('control_stamps_ns', ('force_b',)),
+    )
+    for stamps, names in pairs:
+        a, b = same.inputs, other.inputs
+        if not hasattr(a, stamps):
+            continue
+        t = (getattr(a, stamps) - start_ns) * 1e-9
+        n = min(len(getattr(a, stamps)), len(getattr(b, stamps)))
+        differs = getattr(a, stamps)[:n] != getattr(b, stamps)[:n]
+        for name in (x for x in names if hasattr(a, x)):
+            x, y = getattr(a, name)[:n], getattr(b, name)[:n]
+            differs = differs | (x != y).reshape(n, -1).any(axis=1)
+        if differs.any():
+            found.append(float(t[:n][differs][0]))
+        elif len(t) != len(getattr(b, stamps)):
+            found.append(float(t[n]))
+    fixes = {f.sequence: f for f in other.inputs.fixes}
+    for f in same.inputs.fixes:
+        g = fixes.get(f.sequence)
+        if g is None or parts(f) != parts(g):
+            found.append((f.validity_ns - start_ns) * 1e-9)
+    return min(found)
+
+
+def parts(fix: Fix):
+    polar = fix.polar
+    seen = () if polar is None else (polar.range, polar.bearing, *polar.station)
+    return (fix.validity_ns, *np.nan_to_num(fix.r_e), *seen)
+
+
+@pytest.mark.slow
+def test_information_is_that_of_innovations_taken_event_by_event():
+    """J from sums of squares equals g' S^-1 g of innovations that the engine's fusion shows."""
+    fault = faults.DepthError(bias_m=0.1, start_s=40.0)
+    time_s, J = information(SHORT, fault, 1)
+    assert J[time_s < 40.0].max() < 1e-3
+    quiet = SHORT.quiet(1)
+    params = quiet.params(output_period_s=1.0, **SHORT.best)
+    total = 0.0
+    for world in (fault.applied(quiet, SMALL),):
+        engine = Engine(params)
+        for event in world.inputs.events():
+            outputs = list(engine.process(event))
+            total += sum(r.nis for r in outputs if hasattr(r, 'nis'))
+            total += sum(
+                float(e.local_statistics[:, 2].sum())
+                for e in outputs
+                if hasattr(e, 'local_statistics')
+            )
+        total += sum(float(e.local_statistics[:, 2].sum()) for e in engine.finish())
+    assert J[-1] == pytest.approx(total / SMALL**2, rel=1e-3)
+
+
+@pytest.mark.slow
+def test_information_of_a_depth_offset_has_the_bound_of_its_own_noise():
+    """Depths of a known trajectory would give n / sigma^2; the filter has less, not nothing."""
+    fault = faults.DepthError(bias_m=0.1, start_s=60.0)
+    _, J = information(SHORT, fault, 1)
+    most = 300 * (0.1 / 0.05) ** 2
+    assert 0.01 * most < J[-1] < most
+
+
+@pytest.mark.slow
+def test_a_fault_of_twice_the_size_has_twice_the_sigmas():
+    sigmas = [
+        visibility(SHORT, faults.ImuStep(accel_ug=ug, start_s=30.0), 1).sigmas
+        for ug in (5.0, 10.0)
+    ]
+    assert sigmas[1] == pytest.approx(2.0 * sigmas[0], rel=1e-3)
+
+
+@pytest.mark.slow
+def test_the_information_predicts_what_a_noisy_world_shows():
+    """NIS with the fault minus NIS without has the mean J and a scatter of 2 sqrt(J)."""
+    # A turn: a scale would make the noise longer, too.
+    fault = faults.DvlGain(turn_deg=0.3)
+    _, J = information(SHORT, fault, 1)
+    grown = []
+    for seed in range(1, 13):
+        world = SHORT.make(seed)
+        with_it, without = (
+            total_nis(SHORT.run(fault.applied(world, s), SHORT.best)) for s in (1.0, 0.0)
+        )
+        grown.append(with_it - without)
+    error = 2.0 * np.sqrt(J[-1] / len(grown))
+    assert abs(np.mean(grown) - J[-1]) < 4.0 * error
+
+
+def total_nis(ran):
+    return sum(r.nis for r in ran.receipts) + float(ran.local[:, :, 2].sum())
+
+
+@pytest.mark.slow
+def test_health_is_what_the_engine_itself_has_after_every_fix():
+    fault = faults.FixOffset(offset_m=30.0, start_s=60.0)
+    world = fault.applied(SHORT.make(3), 1.0)
+    params = world.params(configuration='default', max_gated_s=20.0)
+    engine, seen = Engine(params), []
+    for event in world.inputs.events():
+        list(engine.process(event))
+        if isinstance(event, Fix):
+            level = int(engine._ledger.integrity.state(event.receive_ns).level)
+            if not seen or seen[-1] != level:
+                seen.append(level)
+    result = batch.run(params, world.inputs)
+    history = health_history(
+        WatchedRun(
+            params, result.receipts, world.truth.start_ns, int(world.inputs.imu_stamps_ns[-1])
+        )
+    )
+    assert seen == [0, 1, 2]
+    assert [r.level for r in history] == seen
+    assert {r.culprit for r in history[1:]} == {'fixes'}
+
+
+@pytest.mark.slow
+def test_two_seeds_of_cheap_rows_go_through_the_whole_experiment(tmp_path):
+    request = Request(
+        rows='fix_offset_10m_mid,dvl_turned_1deg,control_demo,station_range_1pc',
+        seeds=2,
+        first_seed=9001,
+        jobs=1,
+    )
+    experiment = experiment_named('mismatch')
+    outcome = run(experiment, request, tmp_path, lambda *_: None)
+    fault_free, table, counts = outcome.tables
+    lines = {(r['row'], r['filter']): r for r in table.records()}
+    offset = lines['fix_offset_10m_mid', 'default']
+    assert offset['by'] == 'WARN: fixes'
+    assert 400.0 < offset['visible_s'] < 460.0
+    turned = lines['dvl_turned_1deg', 'default']
+    assert turned['verdict'] == 'invisible, not covered'
+    assert turned['visible_s'] is None
+    assert lines['control_demo', 'default']['verdict'] == 'OK'
+    assert lines['control_demo', 'best']['verdict'] is None
+    assert lines['station_range_1pc', 'published']['wrong'] in ('0/2', '1/2', '2/2')
+    assert ('station_range_1pc', 'modified_akf') not in lines
+    assert {r['filter'] for r in fault_free.records()} == {'default', 'modified_akf', 'best'}
+    assert counts.records()[-1]['verdict'] == 'wrong and unreported'
+    manifest = json.loads((tmp_path / 'manifest.json').read_text())
+    assert manifest['seeds'] == [9001, 9002]
+    assert manifest['groups']['dvl_turned_1deg']['kind'] == 'DvlGain'
+
+
+def test_a_world_is_never_changed_in_place():
+    world = SHORT.make(1)
+    before = world.inputs.f_b.copy()
+    worlds.add_imu(world, d_f_b=1.0)
+    assert np.array_equal(world.inputs.f_b, before)
+
+
+def test_scenes_of_both_modes_are_there():
+    assert (SINS.mode, STATION.mode) == ('sins', 'station')
+    assert warm_scene('station').duration_s == 10.0
