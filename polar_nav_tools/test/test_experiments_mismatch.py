@@ -200,7 +200,7 @@ def test_health_is_what_the_engine_itself_has_after_every_fix():
 @pytest.mark.slow
 def test_two_seeds_of_cheap_rows_go_through_the_whole_experiment(tmp_path):
     request = Request(
-        rows='fix_offset_10m_mid,dvl_turned_1deg,control_demo,station_range_1pc',
+        rows='fix_offset_10m_mid,fix_offset_3m_start,control_demo,station_range_1pc',
         seeds=2,
         first_seed=9001,
         jobs=1,
@@ -212,9 +212,9 @@ def test_two_seeds_of_cheap_rows_go_through_the_whole_experiment(tmp_path):
     offset = lines['fix_offset_10m_mid', 'default']
     assert offset['by'] == 'WARN: fixes'
     assert 400.0 < offset['visible_s'] < 460.0
-    turned = lines['dvl_turned_1deg', 'default']
-    assert turned['verdict'] == 'invisible, not covered'
-    assert turned['visible_s'] is None
+    hidden = lines['fix_offset_3m_start', 'default']
+    assert hidden['verdict'] == 'invisible, not covered'
+    assert hidden['visible_s'] is None
     assert lines['control_demo', 'default']['verdict'] == 'OK'
     assert lines['control_demo', 'best']['verdict'] is None
     assert lines['station_range_1pc', 'published']['wrong'] in ('0/2', '1/2', '2/2')
@@ -223,7 +223,7 @@ def test_two_seeds_of_cheap_rows_go_through_the_whole_experiment(tmp_path):
     assert counts.records()[-1]['verdict'] == 'wrong and unreported'
     manifest = json.loads((tmp_path / 'manifest.json').read_text())
     assert manifest['seeds'] == [9001, 9002]
-    assert manifest['groups']['dvl_turned_1deg']['kind'] == 'DvlGain'
+    assert manifest['groups']['fix_offset_3m_start']['kind'] == 'FixOffset'
 
 
 def test_a_world_is_never_changed_in_place():

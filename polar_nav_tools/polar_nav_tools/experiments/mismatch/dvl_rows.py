@@ -17,13 +17,21 @@ DVL_ROWS = (
     *(
         Row(
             f'dvl_turned_{deg:g}deg',
-            'DVL turned about its vertical axis, no heading besides',
+            'DVL turned about its vertical axis, initial heading known to 5 arcmin',
             f'{deg:g} deg',
             f.DvlGain(turn_deg=deg),
             (DVL, HEADING),
-            invisible=True,
         )
         for deg in (0.3, 1.0)
+    ),
+    Row(
+        'dvl_turned_1deg_no_heading',
+        'DVL turned about its vertical axis, level, no other heading: 5 deg, 1 deg/h stated',
+        '1 deg',
+        f.DvlGain(turn_deg=1.0),
+        (DVL, HEADING),
+        invisible=True,
+        scene=scene_of(initial_sigma_heading_deg=5.0, gyro_bias_dph=1.0, oscillating=False),
     ),
     Row(
         'dvl_slow_unstated',

@@ -9,6 +9,8 @@ from ..schedule import FixSpec
 from . import faults as f
 from .row import FIXES, RACETRACK, SINS, START_S, Row, scene_of
 
+LEVEL = scene_of(oscillating=False)
+
 FIX_ROWS = (
     *(
         Row(
@@ -60,9 +62,7 @@ FIX_ROWS = (
         'fix_coloured',
         'errors of fixes that stay for a minute, unstated (size ours)',
         '2 m, 60 s',
-        f.FixColoured(
-            sigma=2.0, tau_s=60.0, known={'usbl_bias_sigma': 2.0, 'usbl_bias_tau': 60.0}
-        ),
+        f.FixColoured(sigma=2.0, tau_s=60.0),
         (FIXES,),
     ),
     Row(
@@ -129,10 +129,10 @@ FIX_ROWS = (
             '2 m',
             f.FixLever(lever_b=(2.0, 0.0, 0.0)),
             (FIXES,),
-            invisible=scene is SINS,
+            invisible=scene is LEVEL,
             scene=scene,
         )
-        for where, scene in (('straight', SINS), ('racetrack', RACETRACK))
+        for where, scene in (('straight', LEVEL), ('racetrack', RACETRACK))
     ),
     *(
         Row(

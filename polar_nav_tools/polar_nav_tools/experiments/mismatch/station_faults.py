@@ -235,19 +235,22 @@ class Held(StationFault):
 
 @dataclass(frozen=True, kw_only=True)
 class CurrentReverses(StationFault):
-    """From the fault's start on the water turns round within ``length_s``, and stays turned.
+    """From the fault's start on the water turns round within ``length_s``.
 
-    ``speed_mps`` is the speed of the water before and after; the undisturbed run's is replaced.
+    It stays turned, or turns ``again`` and again. ``speed_mps`` is the speed of the water before
+    and after; the undisturbed run's is replaced.
     """
 
     speed_mps: float
     length_s: float
+    again: bool = False
 
     def applied(self, world: StationWorld, scale: float) -> StationWorld:  # type: ignore[override]
         """World with the other current."""
         run = world.run
         unit = run.current[:, :2] / np.linalg.norm(run.current[:, :2], axis=1)[:, None]
-        turned = np.pi * np.clip((run.t_s - self.start_s) / self.length_s, 0.0, 1.0)
+        most = math.inf if self.again else 1.0
+        turned = np.pi * np.clip((run.t_s - self.start_s) / self.length_s, 0.0, most)
         wanted = self.speed_mps * unit * np.cos(turned)[:, None]
         return displaced(world, scale * (wanted - run.current[:, :2]), current=True)
 

@@ -95,6 +95,13 @@ STATION_ROWS = (
         for speed in (0.47, 1.2)
     ),
     _station_row(
+        'current_1.2_swings',
+        'the current turns round every 4.5 minutes',
+        '1.2 m/s',
+        s.CurrentReverses(speed_mps=1.2, length_s=270.0, start_s=400.0, again=True),
+        (MODEL,),
+    ),
+    _station_row(
         'outliers_30pc',
         'range outliers either way',
         '30 % +-30 m',
