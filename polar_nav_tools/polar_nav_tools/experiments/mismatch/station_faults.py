@@ -238,7 +238,7 @@ class CurrentReverses(StationFault):
     """From the fault's start on the water turns round within ``length_s``.
 
     It stays turned, or turns ``again`` and again. ``speed_mps`` is the speed of the water before
-    and after; the undisturbed run's is replaced.
+    and after, in the world without the reversal, too; the undisturbed run's is replaced.
     """
 
     speed_mps: float
@@ -251,8 +251,9 @@ class CurrentReverses(StationFault):
         unit = run.current[:, :2] / np.linalg.norm(run.current[:, :2], axis=1)[:, None]
         most = math.inf if self.again else 1.0
         turned = np.pi * np.clip((run.t_s - self.start_s) / self.length_s, 0.0, most)
-        wanted = self.speed_mps * unit * np.cos(turned)[:, None]
-        return displaced(world, scale * (wanted - run.current[:, :2]), current=True)
+        share = 1.0 + scale * (np.cos(turned) - 1.0)
+        wanted = self.speed_mps * unit * share[:, None]
+        return displaced(world, wanted - run.current[:, :2], current=True)
 
 
 def water_velocity(run: StationRun, first: int, v_b: Array, thrust: float) -> Array:
