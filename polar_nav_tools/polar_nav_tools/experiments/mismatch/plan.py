@@ -11,8 +11,9 @@ from polar_nav_core.errors import ConfigError
 from ...scoring.tables import Column, Table
 from ..choices import Choices, choices_from
 from ..columns import filter_columns
-from ..experiment import Experiment, Request, Size
+from ..experiment import Experiment
 from ..jobs import RunResult
+from ..request import Request, Size
 from ..station.columns import COLUMNS as STATION_COLUMNS
 from ..suite import Paper, Suite
 from .row import Row

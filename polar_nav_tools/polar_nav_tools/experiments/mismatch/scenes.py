@@ -23,9 +23,9 @@ from polar_nav_sim.offline_station import StationScenario
 from ...scoring.consistency import normalized_squared
 from ..errors import track_errors
 from ..schedule import FixSpec
-from ..station.choices import StationChoices
 from ..station.world import NS, StationWorld
 from ..station.world import make_world as make_station_world
+from ..station_choices import StationChoices
 from ..world import World, make_world
 from ..world_spec import WorldSpec
 from .judge import Course, Deviation
@@ -182,7 +182,12 @@ class StationScene:
         course = _station_course(world, result.track, self.duration_s)
         track = result.track
         return Ran(
-            params, result.receipts, track.stamps_ns, track.tally, result.divergence, course
+            params,
+            result.receipts,
+            track.stamps_ns,
+            track.local_statistics,
+            result.divergence,
+            course,
         )
 
     def start_ns(self, world: StationWorld) -> int:
@@ -190,7 +195,7 @@ class StationScene:
         return world.run.start_ns
 
 
-def _station_course(world: StationWorld, track: batch.Track, duration_s: float) -> Course:
+def _station_course(world: StationWorld, track: batch.StationTrack, duration_s: float) -> Course:
     run = world.run
     row = np.searchsorted(run.t_s, (track.stamps_ns - run.start_ns) / NS - 1e-6)
     row = np.minimum(row, len(run.t_s) - 1)

@@ -14,7 +14,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from polar_nav_core.engine.events import Array, Fix, PolarFix
+from polar_nav_core.engine.events import Array, Fix
+from polar_nav_core.identification.polar_fix import PolarFix
 from polar_nav_sim.offline_station import StationRun
 from polar_nav_sim.randomness import stream
 

@@ -9,8 +9,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from ...scoring.tables import Column, Table
-from ..experiment import Request, Size
 from ..jobs import RunResult
+from ..request import Request, Size
 from .judge import REPORT_WITHIN_S, SEVERITY, UNREPORTED, verdict_of
 from .row import Row
 from .rows import rows_named
