@@ -29,6 +29,19 @@ def delta(u_x: float, u_z: float) -> float:
 
 
 @kernel
+def excess_curvature(u_z: float, height: float, i_n: float) -> float:
+    """Curvature q [1/m]: q cos^2(lat) = 1/(R_M + h) - 1/(R_N + h); u_z is sin(lat).
+
+    i_n: 1 / (R_N + h) [1/m].
+    """
+    w2 = 1.0 - ECCENTRICITY_2 * u_z * u_z
+    w3 = w2 * math.sqrt(w2)
+    return (
+        i_n * (ECCENTRICITY_2 * SEMI_MAJOR) / ((1.0 - ECCENTRICITY_2) * SEMI_MAJOR + height * w3)
+    )
+
+
+@kernel
 def curvatures(
     p_E: float, p_N: float, u_z: float, height: float, i_n: float
 ) -> tuple[float, float, float]:
@@ -37,10 +50,7 @@ def curvatures(
     p_E, p_N: components of the spin axis in the horizontal plane, grid axes; p_E^2 + p_N^2 =
     cos^2(lat). i_n: 1 / (R_N + h) [1/m].
     """
-    w2 = 1.0 - ECCENTRICITY_2 * u_z * u_z
-    w3 = w2 * math.sqrt(w2)
-    # q cos^2(lat) = 1/(R_M + h) - 1/(R_N + h)
-    q = i_n * (ECCENTRICITY_2 * SEMI_MAJOR) / ((1.0 - ECCENTRICITY_2) * SEMI_MAJOR + height * w3)
+    q = excess_curvature(u_z, height, i_n)
     return i_n + q * p_E * p_E, q * p_E * p_N, i_n + q * p_N * p_N
 
 

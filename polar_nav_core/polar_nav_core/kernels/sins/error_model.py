@@ -6,8 +6,15 @@ import math
 
 from ...arrays import Array
 from ..cache import kernel
-from ..frames.earth import ECCENTRICITY_2, OMEGA_IE, SEMI_MAJOR, gravity_slopes, up_and_height
-from ..frames.grid import delta
+from ..frames.earth import (
+    ECCENTRICITY_2,
+    OMEGA_IE,
+    SEMI_MAJOR,
+    gravity_slopes,
+    radii,
+    up_and_height,
+)
+from ..frames.grid import curvatures, delta, excess_curvature
 
 
 @kernel
@@ -50,11 +57,10 @@ def _curvature_slopes(
     """
     w2 = 1.0 - ECCENTRICITY_2 * u_z * u_z
     w = math.sqrt(w2)
-    r_n = SEMI_MAJOR / w
-    r_m = r_n * (1.0 - ECCENTRICITY_2) / w2
+    r_m, r_n = radii(u_z)
     i_n = 1.0 / (r_n + h)
     i_m = 1.0 / (r_m + h)
-    q = r_n * ECCENTRICITY_2 / w2 * i_n * i_m
+    q = excess_curvature(u_z, h, i_n)
     dr_n = SEMI_MAJOR * ECCENTRICITY_2 * u_z / (w2 * w)
     dr_m = 3.0 * SEMI_MAJOR * (1.0 - ECCENTRICITY_2) * ECCENTRICITY_2 * u_z / (w2 * w2 * w)
     n = (dr_n * ds + dh) * i_n
@@ -179,16 +185,8 @@ def fill_system_matrix(F15: Array, r_e: Array, v_G: Array, C_b_G: Array, f_b: Ar
     kappa = u_y * inv
     p_E = -kappa * u_z
     p_N = u_x * inv
-    w2 = 1.0 - ECCENTRICITY_2 * u_z * u_z
-    w = math.sqrt(w2)
-    r_n = SEMI_MAJOR / w
-    r_m = r_n * (1.0 - ECCENTRICITY_2) / w2
-    i_n = 1.0 / (r_n + h)
-    i_m = 1.0 / (r_m + h)
-    q = r_n * ECCENTRICITY_2 / w2 * i_n * i_m
-    k_EE = i_n + q * p_E * p_E
-    k_EN = q * p_E * p_N
-    k_NN = i_n + q * p_N * p_N
+    _, r_n = radii(u_z)
+    k_EE, k_EN, k_NN = curvatures(p_E, p_N, u_z, h, 1.0 / (r_n + h))
 
     v_x = v_G[0]
     v_y = v_G[1]
