@@ -16,9 +16,9 @@ from std_msgs.msg import String
 from polar_nav_core.engine.version import ENGINE_VERSION
 from polar_nav_core.errors import ConfigError
 from polar_nav_follower import defaults
-from polar_nav_follower.session import RECEIPT, STATE
 from polar_nav_msgs.msg import FixReceipt, NavState
 from polar_nav_ros.cdr import to_bytes
+from polar_nav_ros.topics import RECEIPT, STATE
 from polar_nav_tools.bags import BagError, BagWriter, open_bag
 from polar_nav_tools.cli import main
 from polar_nav_tools.replay import certificate, verification
