@@ -1,4 +1,4 @@
-"""Reference pages made from the code: parameters of every node, fields of the acoustic packet.
+"""Reference pages made from the code: parameters, fields of the acoustic packet, rooms and floors.
 
 ``python -m polar_nav_tools.development.pages docs`` writes them; a test compares them with the
 code.
@@ -17,6 +17,7 @@ from polar_nav_leader.params import LeaderParams
 from polar_nav_sim import params as sim
 
 from ..record.recording import RecorderParams
+from . import house
 
 NODES: dict[str, type[Any]] = {
     'truth_node': sim.TruthParams,
@@ -68,10 +69,16 @@ def packet_page() -> str:
     return '\n\n'.join(parts) + '\n'
 
 
+def house_figure() -> str:
+    """Rooms and floors of this clone, as SVG."""
+    return house.drawing(Path(__file__).parents[3])
+
+
 def write(folder: Path) -> None:
-    """Write the pages into a folder."""
+    """Write the pages and the figure into a folder of documents."""
     (folder / 'parameters.md').write_text(parameters_page(), encoding='utf-8')
     (folder / 'packet.md').write_text(packet_page(), encoding='utf-8')
+    (folder / 'figures' / 'house.svg').write_text(house_figure(), encoding='utf-8')
 
 
 def _table(cls: type[Any]) -> str:
