@@ -72,14 +72,14 @@ def test_same_bits_for_each_configuration(world, name):
 
 
 @pytest.mark.parametrize('one_by_one', [False, True])
-def test_rows_with_what_is_told_in_place_of_covariances(world, one_by_one):
+def test_rows_with_derived_columns_in_place_of_covariances(world, one_by_one):
     params, inputs = world.params(), inputs_of(world, world.fixes(1.0, 1.5))
     full = batch.run(params, inputs).track
-    slim = batch.run(params, inputs, told=True, one_by_one=one_by_one).track
-    told = nav_columns.describe(full.r_e, full.C_b_G, full.P)
-    np.testing.assert_array_equal(slim.told, told)
-    assert len(slim.P) == len(full.told) == 0
-    for name in set(batch.Track.__dataclass_fields__) - {'P', 'told'}:
+    slim = batch.run(params, inputs, derived=True, one_by_one=one_by_one).track
+    derived = nav_columns.describe(full.r_e, full.C_b_G, full.P)
+    np.testing.assert_array_equal(slim.derived, derived)
+    assert len(slim.P) == len(full.derived) == 0
+    for name in set(batch.Track.__dataclass_fields__) - {'P', 'derived'}:
         np.testing.assert_array_equal(getattr(slim, name), getattr(full, name), name)
 
 

@@ -27,7 +27,7 @@ def nav_to_msg(
 ) -> NavState:
     """polar_nav_msgs/NavState of an estimate; ``frame_id`` is that of positions."""
     row = nav_columns.describe(e.r_e[None], e.C_b_G[None], e.P[None])[0]
-    told = {name: float(row[k]) for name, k in nav_columns.COLUMNS.items()}
+    derived = {name: float(row[k]) for name, k in nav_columns.COLUMNS.items()}
     x, y, z, w = row[nav_columns.QUATERNION].tolist()
     sigma = row[nav_columns.SIGMA]
     msg = NavState()
@@ -37,9 +37,9 @@ def nav_to_msg(
     msg.configuration = params.configuration
     msg.status = NavState.STATUS_NAVIGATING
     msg.r_e = e.r_e
-    for name, value in told.items():
+    for name, value in derived.items():
         setattr(msg, name, value)
-    msg.depth = params.sea_surface_height - told['height']
+    msg.depth = params.sea_surface_height - derived['height']
     msg.v_g = e.v_G
     msg.orientation = Quaternion(x=x, y=y, z=z, w=w)
     msg.position_covariance_g = row[nav_columns.POSITION_COVARIANCE_G]

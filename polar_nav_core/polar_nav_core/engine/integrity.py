@@ -1,10 +1,10 @@
-"""Whether position fixes still agree with the estimate, told in words a crew can act on.
+"""Whether position fixes still agree with the estimate, with a sentence for the crew.
 
 A gate alone hides trouble: it refuses fix after fix, and the estimate goes on by dead reckoning as
 if nothing had happened. This watches what the gate decides. Fixes that are refused in a row point
 either at the source of the fixes (a leader that has lost its position) or at this vehicle; which
-of the two cannot be told from here, so the vehicle keeps its own estimate, says so, and leaves the
-decision to its crew. Nothing here is ever taken over into the state.
+of the two is not observable here, so the vehicle keeps its own estimate, warns, and leaves the
+decision to its crew. Nothing here ever changes the state.
 """
 
 from __future__ import annotations
@@ -25,14 +25,12 @@ _KEPT = 256
 """Refused fixes that are remembered one by one, for their common offset."""
 _PATIENCE = 3.0
 """Fixes count as still being refused for this many of their mean intervals after the last."""
-
-
-_SURE = 4.0
-"""The gate refuses for sure what is so many times above it by the covariance of now."""
+_CERTAIN_REJECTION = 4.0
+"""A fix whose NIS exceeds the gate by this factor is left to the gate, which surely refuses it."""
 
 
 class Level(IntEnum):
-    """How bad it is; the numbers are those of diagnostic_msgs/DiagnosticStatus."""
+    """Severity; the numbers are those of diagnostic_msgs/DiagnosticStatus."""
 
     OK = 0
     WARN = 1
@@ -41,7 +39,7 @@ class Level(IntEnum):
 
 @dataclass(frozen=True)
 class Integrity:
-    """What there is to say at a stamp.
+    """Agreement of fixes with the estimate at a stamp.
 
     Attributes
     ----------
@@ -77,7 +75,7 @@ class _Refused:
 
 
 class IntegrityMonitor:
-    """Follows the verdicts of one vehicle's position fixes.
+    """Detects long runs of refused position fixes from the gate's verdicts.
 
     Parameters
     ----------
@@ -95,7 +93,7 @@ class IntegrityMonitor:
         self.longest_gated_s = 0.0
 
     def fused(self, validity_ns: int, receive_ns: int) -> None:
-        """Take note of a fix that was fused: it ends a run of refused ones valid before it."""
+        """Count a fused fix: it ends a run of refused ones that were valid before it."""
         if self._last_fused_ns is None or receive_ns > self._last_fused_ns:
             self._last_fused_ns = receive_ns
         self._newest_fused_validity_ns = max(self._newest_fused_validity_ns, validity_ns)
@@ -114,7 +112,7 @@ class IntegrityMonitor:
         return not self._count
 
     def gated(self, validity_ns: int, receive_ns: int, offset_G: Array) -> None:
-        """Take note of a fix that the gate refused, off by ``offset_G`` (fix minus estimate).
+        """Count a fix that the gate refused; ``offset_G`` is fix minus estimate (3,) [m].
 
         One that is valid before the newest fused fix says nothing about how things stand now.
         """
@@ -137,11 +135,11 @@ class IntegrityMonitor:
         return scatter < 0.5 * size and float(np.linalg.norm(offset_G - mean_G)) < 0.5 * size
 
     def lasting(self, stamp_ns: int) -> bool:
-        """Whether fixes have been refused for longer than allowed."""
+        """Whether fixes have been refused for longer than `max_gated_s` at a stamp."""
         return self._count >= _ALARMING and self._gated_s(stamp_ns) > self._max_gated_s
 
     def state(self, stamp_ns: int) -> Integrity:
-        """What there is to say at a stamp."""
+        """Agreement of fixes with the estimate at a stamp."""
         since = (
             math.nan if self._last_fused_ns is None else (stamp_ns - self._last_fused_ns) * 1e-9
         )
@@ -191,7 +189,7 @@ class IntegrityMonitor:
 
 
 def held(monitor: IntegrityMonitor, fix: Fix, fusion: Driver, gate: float) -> str:
-    """Why a fix is refused although the gate may let it pass; empty when it is not.
+    """Reason to refuse a fix that the gate might pass; empty to leave the fix to the gate.
 
     While fixes are refused, the covariance grows by dead reckoning until, after long enough, the
     displaced ones would fit. Then the gate alone would take the displacement over without a word.
@@ -202,7 +200,11 @@ def held(monitor: IntegrityMonitor, fix: Fix, fusion: Driver, gate: float) -> st
     if not monitor.lasting(fix.receive_ns):
         return ''
     off = fusion.offset(fix)
-    if off is None or not monitor.agrees_with_refused(off[0]) or off[1] > _SURE * gate:
+    if (
+        off is None
+        or not monitor.agrees_with_refused(off[0])
+        or off[1] > _CERTAIN_REJECTION * gate
+    ):
         return ''
     state = monitor.state(fix.receive_ns)
     return (

@@ -1,8 +1,9 @@
-"""A whole run at once, of either mode: sensor data as arrays in, the track and the receipts out.
+"""Whole runs of either mode: sensor data as arrays in, track and receipts out.
 
-The engine is the same as in the node, down to the last bit; only the driver differs: whatever
-stands between two position fixes goes through one compiled loop, with `back_propagate` the fixes
-too, up to one that is refused. Experiments, Monte Carlo runs and fast replays use this.
+The engine is the same as in the node, down to the last bit; only the driver differs: valid IMU,
+DVL, depth and thrust samples run in the compiled loop, with `back_propagate` fixes too; refused
+fixes and unusable samples go one by one through `Engine.process`. Experiments, Monte Carlo runs
+and fast replays use this.
 """
 
 from __future__ import annotations
@@ -41,13 +42,13 @@ RowSink = Callable[[Track], None]
 """Called with the rows of a run some hundred at a time; they are overwritten after the call."""
 
 _STRETCH = 1024
-"""Fixes that the compiled loop is given at a time, at most."""
+"""Most fixes that go to the compiled loop at a time."""
 _END_NS = NEVER_NS - 1
 
 
 @dataclass(frozen=True)
 class Result(Generic[T]):
-    """What a run gave: the track, receipts, identifications, and why the filter stopped.
+    """Result of a run: track, receipts, identifications, and the reason if the filter stopped.
 
     The track is empty where a sink got its rows; ``divergence`` is empty where nothing stopped.
     """
@@ -68,7 +69,7 @@ def run(
     progress: Progress | None = None,
     one_by_one: bool = False,
     sink: RowSink | None = None,
-    told: bool = False,
+    derived: bool = False,
 ) -> Result[Track]: ...
 
 
@@ -92,9 +93,9 @@ def run(
     progress: Progress | None = None,
     one_by_one: bool = False,
     sink: Callable[[Any], None] | None = None,
-    told: bool = False,
+    derived: bool = False,
 ) -> Result[Any]:
-    """Run an engine over the inputs; an estimate every ``params.output_period_s``.
+    """Track and receipts of a run over the inputs; an estimate every ``params.output_period_s``.
 
     Parameters
     ----------
@@ -108,16 +109,16 @@ def run(
         Process event by event, as a node does: slower, the same bits.
     sink : callable, optional
         Gets the rows instead of the result: half a day of covariances does not fit in memory.
-    told : bool
-        Leave the covariances out of the rows, and put in the columns of `nav_columns` that
-        nav/state publishes; not in station mode.
+    derived : bool
+        Replace the covariances in the rows by the columns that nav/state publishes, derived from
+        state and covariance (`nav_columns`); not in station mode.
     """
     engine = Engine(params)
     collector: Collector[Any]
     if isinstance(inputs, StationInputs):
         collector = Collector(StationPieces(params, lambda: _station_filter(engine)), sink)
     else:
-        collector = Collector(SinsPieces(params, told=told), sink)
+        collector = Collector(SinsPieces(params, derived=derived), sink)
     if one_by_one or not compiled(params):
         ordered = sorted(commands, key=_key)
         for event in heapq.merge(inputs.events(), ordered, key=_key):
@@ -156,7 +157,7 @@ def _arrays_of(
 
 
 class _Arrays(Protocol):
-    """A mode's arrays in the streams of its filter (`sins.whole`, `station.whole`)."""
+    """Interface of a mode's arrays in its filter's streams (`sins.whole`, `station.whole`)."""
 
     first: ImuSample | None
     unusable: list[Event]
@@ -174,7 +175,7 @@ class _Arrays(Protocol):
 
 
 class _Driver:
-    """Drives an engine with arrays: fixes and single events in Python, the rest compiled.
+    """Drives an engine: valid local samples in the compiled loop, other events one by one.
 
     Parameters
     ----------
@@ -222,7 +223,7 @@ class _Driver:
             self._progress(1.0)
 
     def _start(self, first: ImuSample) -> None:
-        """Have the engine make its filter at the first sample, and give that the arrays."""
+        """Start the engine's filter at the first usable sample, and hand the arrays over to it."""
         self._collector.take(self._engine.process(first))
         self._engine.due_ns = None  # from now on the compiled loop sees to estimates
         self._started = self._arrays.start(self._engine.fusion, first)
@@ -231,17 +232,17 @@ class _Driver:
 
     @property
     def _running(self) -> bool:
-        """Whether the filter has the arrays, and has not stopped."""
+        """Whether the filter holds the arrays and has not stopped."""
         return self._started and self._engine.navigating
 
     def _several_fixes(self, number: int) -> int:
-        """Let the compiled loop fuse fixes from a number on; how many it did, perhaps none."""
+        """Fuse fixes from an index on in the compiled loop; returns their number, perhaps 0."""
         if self._fixes is None or not self._engine.navigating:
             return 0
         return self._fixes.take(self._single[number : number + _STRETCH])
 
     def _one(self, event: Event) -> int:
-        """Process one event after all that stands before it; one."""
+        """Process one event after all data before it; returns 1."""
         # A sample whose stamp was there before comes after the first of them.
         rank = int(event.key[1]) + isinstance(event, ImuSample)
         self._advance(event.stamp_ns, rank)
@@ -280,7 +281,7 @@ class _Driver:
 
 
 class _FixesAtOnce:
-    """Fixes that nothing but the filter can refuse, many at a time in the compiled loop.
+    """Fixes that only gate or history can refuse, many at a time in the compiled loop.
 
     It keeps the books that `Engine.process` keeps otherwise.
     """
@@ -291,7 +292,7 @@ class _FixesAtOnce:
         self._collector = collector
 
     def take(self, events: Sequence[Event]) -> int:
-        """Process the fixes that events begin with, and all that stands before them.
+        """Fuse the leading fixes of ``events`` with all data before them; returns their number.
 
         Returns
         -------
@@ -327,7 +328,7 @@ class _FixesAtOnce:
         return settled
 
     def _plain(self, events: Sequence[Event]) -> list[Fix]:
-        """Fixes at the beginning that nothing but the filter's history and gate can refuse."""
+        """Leading fixes that only the filter's history or gate can refuse."""
         found: list[Fix] = []
         names: set[tuple[str, int]] = set()
         ledger = self._engine.ledger
@@ -342,7 +343,7 @@ class _FixesAtOnce:
         return found
 
     def _settle(self, fixes: list[Fix], first: int, settled: int) -> int:
-        """Make receipts of what the filter decided; the number of fixes that have one.
+        """Write receipts of the filter's decisions; returns the number of fixes with a receipt.
 
         ``first`` is the number of the first fix in the streams.
         """
@@ -370,7 +371,7 @@ class _FixesAtOnce:
         return settled
 
     def _decided(self, fix: Fix, result: FixResult, stamp_ns: int) -> None:
-        """Make the receipt of a fix that the gate refused."""
+        """Write the receipt of a fix that the gate refused."""
         engine = self._engine
         engine.admit(fix)
         engine.ledger.received += 1
@@ -380,7 +381,7 @@ class _FixesAtOnce:
         self._collector.receipts.append(receipt)
 
     def _lost(self, fix: Fix) -> None:
-        """Make the receipt of a fix at which the filter was lost."""
+        """Write the receipt of a fix at which the filter diverged."""
         engine = self._engine
         engine.admit(fix)
         engine.ledger.received += 1

@@ -1,4 +1,4 @@
-"""Tracks of whole runs in both modes, and how they are collected piece by piece."""
+"""Tracks of whole runs in both modes, and their collection piece by piece."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class Track:
         Position, ECEF [m]; velocity, grid axes [m/s].
     C_b_G : (k, 3, 3) array
     P : (k, 24, 24) array
-        Covariance of the error state; without rows where only `told` is wanted.
+        Covariance of the error state; without rows where only `derived` is asked for.
     sensor_errors : (k, 15) array
         Gyro bias, accelerometer bias, DVL scale, DVL Markov velocity, USBL bias as estimated.
     local_statistics : (k, 2, 3) array
@@ -50,9 +50,9 @@ class Track:
     model : (k, 31) array
         Of vehicle and water; `filter.aiding.estimate_of` names what stands in a row. Without the
         vehicle's model, (k, 0).
-    told : (k, nav_columns.WIDTH) array
-        What follows from state and covariance (`nav_columns`), where it was wanted in place of P;
-        else without rows.
+    derived : (k, nav_columns.WIDTH) array
+        Columns derived from state and covariance (`nav_columns`), in place of P; without rows
+        unless asked for.
     """
 
     stamps_ns: Stamps
@@ -64,7 +64,7 @@ class Track:
     local_statistics: Array
     fixes: Stamps
     model: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    told: Array = field(default_factory=lambda: np.zeros((0, nav_columns.WIDTH)))
+    derived: Array = field(default_factory=lambda: np.zeros((0, nav_columns.WIDTH)))
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ class StationTrack:
     fixes: Stamps
 
     def model(self, k: int, params: EngineParams) -> ModelEstimate:
-        """Vehicle and water of a row."""
+        """Estimated drag and current of row k."""
         return model_of(self.x[k], self.P_x[k], float(self.walk[k]), params.model_speed)
 
 
@@ -113,17 +113,17 @@ T_co = TypeVar('T_co', bound=Track | StationTrack, covariant=True)
 
 
 class Pieces(Protocol[T_co]):
-    """Rows of output of one mode, and the pieces of its track that they make."""
+    """Output rows of one mode, and their conversion to pieces of its track."""
 
     @property
     def rows(self) -> Any:  # noqa: ANN401 - fs.Rows or ss.Rows
         """Rows that the compiled loop writes."""
 
     def of_rows(self, n: int, fixes: Stamps) -> T_co:
-        """Return the first n rows, as views, with the counts of fixes (n, 3) beside them."""
+        """The first n rows as views, with the counts of fixes (n, 3)."""
 
     def of_estimate(self, estimate: Estimate) -> T_co:
-        """Return the estimate that the engine has just made as a single row."""
+        """The engine's newest estimate as a single row."""
 
 
 class SinsPieces:
@@ -132,18 +132,18 @@ class SinsPieces:
     Parameters
     ----------
     params : EngineParams
-    told : bool
-        Whether rows hold the columns of nav_columns in place of covariances.
+    derived : bool
+        Whether rows hold the derived columns (`nav_columns`) in place of covariances.
     """
 
-    def __init__(self, params: EngineParams, *, told: bool = False) -> None:
+    def __init__(self, params: EngineParams, *, derived: bool = False) -> None:
         self._model = aiding.make_aiding(params)
-        self._told = told
-        room = _ROWS_DERIVED if told else _ROWS
-        self.rows = fs.make_rows(room, model=self._model.on, told=told)
+        self._derived = derived
+        room = _ROWS_DERIVED if derived else _ROWS
+        self.rows = fs.make_rows(room, model=self._model.on, told=derived)
 
     def of_rows(self, n: int, fixes: Stamps) -> Track:
-        """Return the first n rows, as views, with the counts of fixes (n, 3) beside them."""
+        """The first n rows as views, with the counts of fixes (n, 3)."""
         rows, flat = self.rows, self.rows.flat[:n]
         return Track(
             rows.stamps[:n],
@@ -165,20 +165,20 @@ class SinsPieces:
         return aiding.values_of(blocks, self._model)
 
     def of_estimate(self, estimate: Estimate) -> Track:
-        """Return an estimate as a single row."""
-        e, told = estimate, self._told
+        """An estimate as a single row."""
+        e, derived = estimate, self._derived
         errors = [e.gyro_bias_b, e.accel_bias_b, e.dvl_scale_m, e.dvl_markov_m, e.usbl_bias_a]
         return Track(
             np.array([e.stamp_ns], dtype=np.int64),
             e.r_e[None],
             e.v_G[None],
             e.C_b_G[None],
-            e.P[None][: 0 if told else 1],
+            e.P[None][: 0 if derived else 1],
             np.concatenate(errors)[None],
             e.local_statistics[None],
             _counts_of(e),
             aiding.row_of(e.model)[None],
-            nav_columns.describe(e.r_e[None], e.C_b_G[None], e.P[None])[: 1 if told else 0],
+            nav_columns.describe(e.r_e[None], e.C_b_G[None], e.P[None])[: 1 if derived else 0],
         )
 
 
@@ -197,11 +197,11 @@ class StationPieces:
         self._filter_now = filter_now
 
     def of_rows(self, n: int, fixes: Stamps) -> StationTrack:
-        """Return the first n rows, as views, with the counts of fixes (n, 3) beside them."""
+        """The first n rows as views, with the counts of fixes (n, 3)."""
         return _of_station_rows(self.rows, n, fixes)
 
     def of_estimate(self, estimate: Estimate) -> StationTrack:
-        """Return the estimate that the engine has just made as a single row."""
+        """The engine's newest estimate as a single row."""
         return _copied(_of_station_rows(self._filter_now().row, 1, _counts_of(estimate)))
 
 
@@ -227,7 +227,7 @@ def _counts_of(e: Estimate) -> Stamps:
 
 
 class Collector(Generic[T]):
-    """Pieces of a track and what the engine gives besides.
+    """Collects the pieces of a track, receipts and identifications of a run.
 
     Parameters
     ----------
@@ -249,7 +249,7 @@ class Collector(Generic[T]):
         self.identifications: list[Identification] = []
 
     def take(self, outputs: Iterator[Output]) -> None:
-        """Take what the engine gives by itself."""
+        """Store outputs of the engine: receipts, identifications, single estimates."""
         for output in outputs:
             if isinstance(output, Receipt):
                 self.receipts.append(output)
@@ -262,7 +262,7 @@ class Collector(Generic[T]):
                     self._drain_single()
 
     def note(self, engine: Engine, until: int | None = None) -> None:
-        """Write the engine's counts of fixes to the rows that came since the last time.
+        """Write the engine's counts of fixes into the rows added since the last call.
 
         Up to row ``until``, where that is given.
         """
@@ -272,7 +272,7 @@ class Collector(Generic[T]):
             self._noted = n
 
     def note_fused(self, engine: Engine, validities_ns: Sequence[int], until: Stamps) -> None:
-        """As `note`, with the counts before each of some fixes that were fused, not yet counted.
+        """Write counts of fixes into rows between fixes that were fused but are not yet counted.
 
         Up to row ``until[k]`` it is fix k that is still to come.
         """
@@ -287,7 +287,7 @@ class Collector(Generic[T]):
             self._noted = last
 
     def drain(self) -> None:
-        """Pass on what waits."""
+        """Pass all waiting rows to the sink."""
         self._drain_single()
         self._drain_rows()
 
@@ -308,7 +308,7 @@ class Collector(Generic[T]):
         self._kept.append(_copied(piece))
 
     def track(self) -> T:
-        """Return all rows that were kept."""
+        """Track of all rows that were kept."""
         return _joined(self._kept or [self._pieces.of_rows(0, self._fixes[:0])])
 
 

@@ -311,7 +311,7 @@ class Runs:
 
     def pass_through(self, strategy: str, inputs: batch.Inputs) -> None:
         """Run to the end and keep nothing: memory for covariances is not what is timed."""
-        batch.run(_params(self.world, strategy), inputs, sink=lambda _: None, told=True)
+        batch.run(_params(self.world, strategy), inputs, sink=lambda _: None, derived=True)
 
     def agreement(self) -> dict[str, float]:
         """Largest difference of `clone` and `rewind` over the run [sigma], for each rate.

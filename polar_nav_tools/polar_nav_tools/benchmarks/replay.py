@@ -272,7 +272,7 @@ def _entries(bag: Bag, path: Path, mcap_file: Path) -> list[Entry]:
 
     def engine(inputs: Inputs) -> object:
         rows = EstimateRows(params)
-        batch.run(params, inputs, sink=rows.take, told=True)
+        batch.run(params, inputs, sink=rows.take, derived=True)
         return rows.series(VEHICLE)
 
     def entry(key: str, title: str, call: Callable[[], object]) -> Entry:

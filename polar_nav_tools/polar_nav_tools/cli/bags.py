@@ -157,7 +157,7 @@ def report(
             sys.stdout.write(f'{path}\n')
         if open_report:
             typer.launch(str(path))
-        if not tell_complaints(analysis):
+        if not print_complaints(analysis):
             end(1)
 
 
@@ -217,7 +217,7 @@ def opened(path: Path, ahead: Wants | None = None) -> Iterator[Bag]:
 
 @contextmanager
 def percent(what: str) -> Iterator[Callable[[float], None]]:
-    """Show the progress of something; gives what is told the share that is done."""
+    """Show a progress display; yields a callback for the share that is done, 0 to 1."""
     from ..terminal.progress import progress_display
 
     with progress_display(what, total=100.0, unit='%') as update:
@@ -267,8 +267,8 @@ def _usual_pair(bag: Bag, vehicle: str | None) -> tuple[str, str]:
     return LEADER_PAIR if chosen is None else pair_of(chosen)
 
 
-def tell_complaints(analysis: Analysis) -> bool:
-    """Say what is not well with an analysis, but for what was said of its bag; whether all is."""
+def print_complaints(analysis: Analysis) -> bool:
+    """Print complaints not yet printed for the bag; returns True if there are none at all."""
     complaints = analysis.complaints()
     for complaint in complaints[len(analysis.bag.problems) :]:
         say(complaint)

@@ -16,7 +16,7 @@ from .bags import (
     VehicleOption,
     ahead_of,
     analysed,
-    tell_complaints,
+    print_complaints,
 )
 
 if TYPE_CHECKING:
@@ -88,7 +88,7 @@ def score(
         console = Console(highlight=False)
         for table in tables:
             print_table(console, table)
-    well = [tell_complaints(analysis) for analysis in analyses.values()]
+    well = [print_complaints(analysis) for analysis in analyses.values()]
     if not all(well):
         end(1)
 

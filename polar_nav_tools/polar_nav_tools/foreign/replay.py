@@ -131,8 +131,8 @@ def run(
         if messages:
             states.extend(_states(chunk, loaded))
 
-    told = moved is None and not messages  # else covariances are wanted as they are
-    result = batch.run(params, loaded.inputs, progress=progress, sink=take, told=told)
+    derived = moved is None and not messages  # else covariances are wanted as they are
+    result = batch.run(params, loaded.inputs, progress=progress, sink=take, derived=derived)
     verdicts = Counter(r.verdict.name for r in result.receipts)
     estimates = rows.series(loaded.mapping.vehicle)
     statistics = estimates.local_statistics.sum(axis=0)

@@ -26,9 +26,9 @@ from .parts import (
     LOCKSTEP_REORDER_S,
     LOCKSTEP_WINDOW_S,
     REALTIME_REORDER_S,
+    initial_state_parameters,
     link_node,
     sim_node,
-    told_at_start,
     usual_sigma,
 )
 from .spec import NodeSpec, ParameterValue, Stage
@@ -270,7 +270,9 @@ def _leader_node(mission: Mission, leader: str, follower: str, options: GraphOpt
                 ' navigation: run it with --leader perfect'
             )
         parameters['navigation'] = 'own'
-        parameters |= told_at_start(mission, leader, usual_sigma(LeaderParams), options.seed)
+        parameters |= initial_state_parameters(
+            mission, leader, usual_sigma(LeaderParams), options.seed
+        )
         if options.pace == 'lockstep':
             parameters['reorder_window_s'] = LOCKSTEP_REORDER_S
     return NodeSpec(
@@ -289,7 +291,7 @@ def _follower_node(mission: Mission, follower: str, options: GraphOptions) -> No
         'leader_id': LEADER_ID,
         'own_id': FOLLOWER_ID,
         'sea_surface_height': mission.numbers.sea_surface_height_m,
-        **told_at_start(mission, follower, usual_sigma(FollowerParams), options.seed),
+        **initial_state_parameters(mission, follower, usual_sigma(FollowerParams), options.seed),
     }
     if follower in mission.dynamic:
         parameters['model_aiding'] = True

@@ -55,7 +55,7 @@ def usual_sigma(kind: type[EngineParams]) -> InitialSigma:
     )
 
 
-def told_at_start(
+def initial_state_parameters(
     mission: Mission,
     vehicle: str,
     sigma: InitialSigma,

@@ -22,9 +22,9 @@ from .parts import (
     LEADER_ID,
     LOCKSTEP_REORDER_S,
     REALTIME_REORDER_S,
+    initial_state_parameters,
     link_node,
     sim_node,
-    told_at_start,
 )
 from .spec import NodeSpec, ParameterValue, Stage
 
@@ -129,7 +129,7 @@ def _follower_node(mission: Mission, vehicle: str, options: GraphOptions) -> Nod
         'sea_surface_height': mission.numbers.sea_surface_height_m,
         'reorder_window_s': LOCKSTEP_REORDER_S if lockstep else REALTIME_REORDER_S,
         **_place_of(mission, mission.leader),
-        **told_at_start(mission, vehicle, _START, options.seed, through_water=True),
+        **initial_state_parameters(mission, vehicle, _START, options.seed, through_water=True),
     }
     return NodeSpec(
         'polar_nav_follower',

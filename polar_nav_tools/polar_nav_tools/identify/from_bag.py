@@ -175,9 +175,9 @@ class RecordedRun:
         self.bag = bag
         self.vehicle = choose_vehicle(bag, vehicle)
         described = descriptions_of(bag).get(self.vehicle, NOTHING_DESCRIBED)
-        told = described.params | dict(changes or {})
-        self.params = _known(IdentificationParams, told)
-        self._follower = _known(FollowerParams, told)
+        stated = described.params | dict(changes or {})
+        self.params = _known(IdentificationParams, stated)
+        self._follower = _known(FollowerParams, stated)
         self._stated = described.stated | set(changes or {})
         self.notes: list[str] = []
         topics = {name: f'/{self.vehicle}/{name}' for name in (*_FIELDS, RX, TRUE_MODEL)}
@@ -331,10 +331,10 @@ def choose_vehicle(bag: Bag, vehicle: str | None) -> str:
     )
 
 
-def _known(cls: type[P], told: Mapping[str, Any]) -> P:
-    """Parameters of a class, of what a bag and a user told."""
+def _known(cls: type[P], stated: Mapping[str, Any]) -> P:
+    """Parameters of a class from those that the bag and the user state; others are left out."""
     names = {f.name for f in fields(cls)}  # type: ignore[arg-type]
-    return from_mapping(cls, {name: value for name, value in told.items() if name in names})
+    return from_mapping(cls, {name: value for name, value in stated.items() if name in names})
 
 
 def _rows(end_ns: int, stamps: Any, *columns: Any) -> Any:  # noqa: ANN401 - columns of a bag

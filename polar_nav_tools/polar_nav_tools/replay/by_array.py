@@ -34,13 +34,13 @@ def replay_arrays(
     changes: Mapping[str, Any] | None = None,
     progress: Progress | None = None,
 ) -> ReplayedRun:
-    """Run a bag's messages through the engine; see `replay.replay`."""
+    """Run a bag's messages through the engine; see `by_message.replay`."""
     params = parameters(source.params, configuration, changes or {})
     if isinstance(source, StationArrays):
         return replay_station(source, params)
     numbered = source.inputs(params)
     rows = EstimateRows(params, _expected(numbered.inputs, params))
-    result = batch.run(params, numbered.inputs, progress=progress, sink=rows.take, told=True)
+    result = batch.run(params, numbered.inputs, progress=progress, sink=rows.take, derived=True)
     found = [numbered.renumbered(r) for r in result.receipts]
     receipts = list(_merged(found, source.refused))
     verdicts = Counter(dict(result.verdicts))

@@ -56,7 +56,7 @@ class _Rows(NamedTuple):
     sensor_errors: Array
     local_statistics: Array
     fixes: Stamps
-    told: Array = np.zeros((0, nav_columns.WIDTH))
+    derived: Array = np.zeros((0, nav_columns.WIDTH))
 
 
 def _as_estimates(track: StationTrack, part: slice) -> _Rows:
@@ -83,14 +83,14 @@ def _model(
     if not len(seconds):
         return None
     first = np.flatnonzero(np.r_[True, seconds[1:] != seconds[:-1]])
-    told = [track.model(int(k), params) for k in first]
+    estimates = [track.model(int(k), params) for k in first]
     found: tuple[Identified, ...] = tuple(identified_of_engine(i) for i in identifications)
-    return ModelRun(_series(track.stamps_ns[first], told), found)
+    return ModelRun(_series(track.stamps_ns[first], estimates), found)
 
 
-def _series(stamp_ns: NDArray[np.int64], told: list[ModelEstimate]) -> ModelSeries:
+def _series(stamp_ns: NDArray[np.int64], estimates: list[ModelEstimate]) -> ModelSeries:
     def column(name: str) -> Floats:
-        return np.array([getattr(one, name) for one in told], dtype=np.float64)
+        return np.array([getattr(one, name) for one in estimates], dtype=np.float64)
 
     return ModelSeries(
         stamp_ns=stamp_ns,

@@ -178,11 +178,11 @@ def true_current(stamp_ns: np.ndarray, truth: TruthSeries) -> Floats:
 
 
 def _at(rows: ModelSeries, true_model: ModelSeries | None, name: str) -> Floats:
-    """Truth that was told last before each estimate, or first of all; NaN without one."""
+    """Newest truth at or before each estimate, before the first one the first; NaN without any."""
     if true_model is None or not len(true_model):
         return np.full(len(rows), np.nan)
-    told = np.searchsorted(true_model.stamp_ns, rows.stamp_ns, side='right') - 1
-    return np.asarray(getattr(true_model, name)[np.maximum(told, 0)])
+    newest = np.searchsorted(true_model.stamp_ns, rows.stamp_ns, side='right') - 1
+    return np.asarray(getattr(true_model, name)[np.maximum(newest, 0)])
 
 
 def _quantity(e: ModelErrors) -> QuantityScore:

@@ -39,7 +39,7 @@ class EstimateRows:
     """Takes the rows of a run (`batch.run(sink=...)`) and makes a series of them.
 
     Of each covariance only the blocks and sigmas stay that are published; a run needs to give no
-    more (``told=True``).
+    more (``derived=True``).
 
     Parameters
     ----------
@@ -91,23 +91,26 @@ class EstimateRows:
 
     def _columns_of(self, rows: Track) -> Columns:
         """Columns of an EstimateSeries; see `navigation_outputs.nav_to_msg` for each."""
-        count, told = len(rows.stamps_ns), rows.told
-        if len(told) == count:
-            nav_columns.require_axes(told)
+        count, derived = len(rows.stamps_ns), rows.derived
+        if len(derived) == count:
+            nav_columns.require_axes(derived)
         else:
-            told = nav_columns.describe(rows.r_e, rows.C_b_G, rows.P)
-        sigma, errors, fixes = told[:, nav_columns.SIGMA], rows.sensor_errors, rows.fixes
-        height = told[:, nav_columns.COLUMNS['height']]
+            derived = nav_columns.describe(rows.r_e, rows.C_b_G, rows.P)
+        sigma, errors, fixes = derived[:, nav_columns.SIGMA], rows.sensor_errors, rows.fixes
+        height = derived[:, nav_columns.COLUMNS['height']]
         age = np.where(fixes[:, 1] > 0, (rows.stamps_ns - fixes[:, 2]) * 1e-9, np.nan)
         return {
             'stamp_ns': rows.stamps_ns,
             'status': np.full(count, NavState.STATUS_NAVIGATING, dtype=np.uint8),
             'r_e': rows.r_e,
-            **{name: told[:, k] for name, k in nav_columns.COLUMNS.items()},
+            **{name: derived[:, k] for name, k in nav_columns.COLUMNS.items()},
             'depth': self._params.sea_surface_height - height,
             'v_G': rows.v_G,
-            'C_b_G': nav_columns.rotations(told[:, nav_columns.QUATERNION]),
-            **{name: told[:, place].reshape(count, 3, 3) for name, place in _COVARIANCES.items()},
+            'C_b_G': nav_columns.rotations(derived[:, nav_columns.QUATERNION]),
+            **{
+                name: derived[:, place].reshape(count, 3, 3)
+                for name, place in _COVARIANCES.items()
+            },
             **{name: errors[:, 3 * i : 3 * i + 3] for i, name in enumerate(_ERRORS)},
             **{name: sigma[:, 9 + 3 * i : 12 + 3 * i] for i, name in enumerate(_SIGMAS)},
             'fixes_received': fixes[:, 0],
