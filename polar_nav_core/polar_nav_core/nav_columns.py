@@ -1,8 +1,7 @@
-"""What is told of a navigation state besides itself: one row of numbers for each state.
+"""Quantities derived from state and covariance for nav/state, one row of numbers per state.
 
-Latitude to convergence, the attitude as a quaternion, the covariance of the position in grid axes
-and all standard deviations: what nav/state says beyond the state. Compiled in
-`kernels.nav_columns`; the live node and a replay from arrays both take their numbers from here.
+Geodetic position, angles, quaternion, covariance blocks in grid axes and standard deviations.
+Compiled in `kernels.sins.columns`; the live node and a replay from arrays both use these.
 """
 
 from __future__ import annotations
@@ -41,7 +40,7 @@ WIDTH = _kernels.WIDTH
 
 
 def describe(r_e: Array, C_b_G: Array, P: Array) -> Array:
-    """Rows of numbers of some states.
+    """Derived quantities (n, `WIDTH`) of n states.
 
     Parameters
     ----------
@@ -72,12 +71,12 @@ def describe(r_e: Array, C_b_G: Array, P: Array) -> Array:
 
 
 def require_axes(rows: Array) -> None:
-    """ValueError if one of the rows is of a place without grid north."""
+    """Raise ValueError if a row is of a place without grid north."""
     refuse_singular(rows[:, _kernels.DELTA])
 
 
 def rotations(xyzw: Array) -> Array:
-    """Rotation matrices of quaternions as messages have them. (n, 4) -> (n, 3, 3).
+    """Rotation matrices (n, 3, 3) of quaternions x, y, z, w (n, 4).
 
     Rounding of the quaternion does not scale the matrix. A zero quaternion gives NaN: the message
     said nothing.

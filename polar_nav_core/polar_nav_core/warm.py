@@ -1,4 +1,4 @@
-"""Compiles every kernel that a node or a replay runs into the cache.
+"""Compiles all kernels of nodes and replays into the cache.
 
 ``python -m polar_nav_core.warm`` is part of the set-up: a cold compile takes long, and a
 live node would fall behind its sensors meanwhile.
@@ -89,7 +89,7 @@ def warm_station() -> None:
 
 
 def warm_others() -> None:
-    """Compile or load what is not of the strapdown's filter."""
+    """Compile the kernels that the 24-state filter does not use."""
     from .identification import identifier
 
     strapdown.warm_up()

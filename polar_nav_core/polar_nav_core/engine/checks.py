@@ -1,4 +1,4 @@
-"""What is allowed but hardly meant: warnings about parameters and about sensors too fast."""
+"""Warnings: valid parameters that look like mistakes, sensors too fast, a model without thrust."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _SMALL_ANGLE_DEG = 10.0
 
 
 def warnings_of(params: EngineParams) -> list[str]:
-    """Sentences on parameters that are valid but look like a mistake; may be none."""
+    """Sentences about valid parameters that look like a mistake; empty list without any."""
     return [
         *_not_used(params),
         *_blind(params),
@@ -26,7 +26,7 @@ def warnings_of(params: EngineParams) -> list[str]:
 
 
 def history_warning(params: EngineParams, fusion: Driver, start_ns: int) -> str:
-    """Say that sensors outrun the stored history, which shortens its reach; empty when not.
+    """Warning that sensors are faster than the stored history has room for; empty if not.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def history_warning(params: EngineParams, fusion: Driver, start_ns: int) -> str:
 
 
 def aiding_warning(f: NavigationFilter) -> str:
-    """Say what a vehicle's model lacks, or that it stands in for the DVL; empty when all is there.
+    """Warning that the vehicle's model lacks thrust or replaces the DVL; empty if not.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Which filters a run can be replayed with, by name; what the demo compares.
+"""Named filter configurations of a replay, and the pair that the demo compares.
 
 A follower of a leader has the named configurations of the engine. In station mode a name stands
 for the paper's filter, for the usual one, or for the usual one with another treatment of late
@@ -14,9 +14,9 @@ from polar_nav_core.engine.params import CONFIGURATIONS, DELAY_HANDLING
 
 STATION = 'station'
 LEADER_PAIR = ('conventional_akf', 'modified_akf')
-"""Replayed side by side: the one that takes late fixes as current, and the delay-aware one."""
+"""Compared by default: the filter that treats late fixes as current, and the delay-aware one."""
 STATION_PAIR = ('published', 'default')
-"""The paper's filter, which takes current and drag as known, and the one that estimates them."""
+"""The paper's filter, with current and drag known, and the one that estimates them."""
 
 _USUAL = {'configuration': 'default', 'station_filter': 'augmented'}
 STATION_VARIANTS: dict[str, dict[str, Any]] = {
@@ -41,12 +41,12 @@ NAMES = tuple(dict.fromkeys([*CONFIGURATIONS, *STATION_VARIANTS]))
 
 
 def parameters_of(name: str, recorded: Mapping[str, Any]) -> dict[str, Any]:
-    """Parameters that a name stands for, in the mode of a run."""
+    """Parameters of a named configuration, in the mode of a run."""
     if recorded.get('mode') == STATION and name in STATION_VARIANTS:
         return dict(STATION_VARIANTS[name])
     return {'configuration': name}
 
 
 def pair_of(recorded: Mapping[str, Any]) -> tuple[str, str]:
-    """The two filters that are compared where nobody names others."""
+    """Names of the two configurations that are compared by default."""
     return STATION_PAIR if recorded.get('mode') == STATION else LEADER_PAIR

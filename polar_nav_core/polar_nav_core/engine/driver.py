@@ -1,4 +1,4 @@
-"""What the engine drives: a filter of either mode with its measurements, and an identification."""
+"""Interfaces of the filters that the engine drives in either mode, and of the identification."""
 
 from __future__ import annotations
 
@@ -21,54 +21,54 @@ from .results import FixResult, Outcome
 
 
 class Driver(Protocol):
-    """What the engine drives: a filter with its measurements and its way to treat late fixes."""
+    """Interface of a filter with its measurements and its strategy for late fixes."""
 
     @property
     def stamp_ns(self) -> int:
         """Stamp of the newest IMU sample."""
 
     def begin(self, sample: ImuSample) -> None:
-        """Take the sample that ends where the state starts."""
+        """Start at the sample whose interval ends at the stamp of the initial state."""
 
     def imu(self, sample: ImuSample) -> None:
         """Advance by one IMU sample."""
 
     def control(self, sample: ControlSample) -> None:
-        """Take note of the thrust."""
+        """Store the thrust that holds from its stamp on."""
 
     def local(self, event: DvlPing | DepthSample) -> Outcome:
-        """Fuse DVL or depth: never treated as delayed."""
+        """Fuse a DVL ping or depth as valid now; returns the outcome of the update."""
 
     def fix(self, fix: Fix) -> FixResult | None:
         """Fuse a fix; None when the stored history does not reach back to its validity."""
 
     def offset(self, fix: Fix) -> tuple[Array, float] | None:
-        """How far a fix is off, grid axes [m], and its NIS by the covariance of now."""
+        """Fix minus estimate at its validity, grid axes [m], and its NIS by the covariance now."""
 
     def oldest_ns(self) -> int:
-        """Oldest validity that a fix may have to be fused."""
+        """Oldest validity stamp [ns] at which a fix can still be fused."""
 
     def estimate(self, fixes: tuple[int, int, int]) -> Estimate:
-        """Estimate at the newest IMU sample; takes the local statistics since the last one."""
+        """Estimate at the newest IMU sample, with the local statistics since the last estimate."""
 
     def height(self) -> float:
-        """Of the vehicle [m]; in station mode above the station's first position."""
+        """Height above the ellipsoid [m]; in station mode above the station's first position."""
 
     def adapt(self, identified: Identification) -> None:
-        """Take drag and current from an identification that was accepted."""
+        """Replace drag and current by those of an accepted identification."""
 
 
 class Adaptation(Protocol):
-    """Collects fixes, attitude and thrust; identifies when it is time; tells the filter."""
+    """Interface of an identification: stores fixes, attitude, thrust; adapts the filter."""
 
     def log(self, stamp_ns: int, C_b_G: Array, omega_b: Array, force_b: Array) -> None:
-        """Take attitude, rate and the thrust of the moment; more than 10 Hz are passed over."""
+        """Store attitude, rate [rad/s] and thrust [N] at a stamp, at 10 Hz at most."""
 
     def fix(self, fix: Fix, outcome: Outcome, driver: Driver) -> Identification | None:
-        """Take a fix that the gate decided on; identify if it is time."""
+        """Store a fix with its outcome at the gate; returns the identification if one was due."""
 
     def identify(self, stamp_ns: int, trigger: str, driver: Driver | None) -> Identification:
-        """Identify now."""
+        """Identification from the data stored so far, triggered by the named cause."""
 
 
 Make = Callable[[EngineParams, InitialState, int], Driver]

@@ -87,7 +87,7 @@ class Engine:
     # -- driving ----------------------------------------------------------------------------------
 
     def process(self, event: Event) -> Iterator[Output]:
-        """Take the next event of the total order; yields what it leads to.
+        """Process the next event of the total order; yields the resulting estimates and receipts.
 
         Raises
         ------
@@ -114,7 +114,7 @@ class Engine:
             self._local(event)
 
     def admit(self, event: Event) -> None:
-        """Remember the place of the next event; ValueError when it is not after the one before."""
+        """Check that an event comes after the one before in the total order; else ValueError."""
         if self._last_key is not None and event.key <= self._last_key:
             raise ValueError(
                 f'event {event.key} after {self._last_key}: events must come in order'
@@ -122,7 +122,7 @@ class Engine:
         self._last_key = event.key
 
     def advance(self, stamp_ns: int) -> Iterator[Output]:
-        """Give the estimate that is due before ``stamp_ns``.
+        """Yield the estimate that is due before ``stamp_ns``, if there is one.
 
         No event before that stamp may come any more.
         """
@@ -132,7 +132,7 @@ class Engine:
                 yield self.fusion.estimate(self.fix_counts())
 
     def finish(self) -> Iterator[Output]:
-        """Give what is left at the end of the events."""
+        """Yield the estimate that is still due at the end of the events."""
         if self.due_ns is not None:
             yield from self.advance(self.due_ns + 1)
 
@@ -142,12 +142,12 @@ class Engine:
 
     @property
     def navigating(self) -> bool:
-        """Whether there is a state."""
+        """Whether the filter has a state."""
         return self.fusion is not None
 
     @property
     def integrity(self) -> Integrity:
-        """Whether fixes agree with the estimate, at the newest IMU sample."""
+        """Agreement of fixes with the estimate, at the newest IMU sample."""
         return self.ledger.integrity.state(self.last_imu_ns or 0)
 
     @property
@@ -157,12 +157,12 @@ class Engine:
 
     @property
     def thrust_known(self) -> bool | None:
-        """Whether the thrust that the model needs comes; None as of `bottom_lock`."""
+        """Whether the thrust that the model needs is recent; None as in `bottom_lock`."""
         return self._aided.knows_thrust if self._aided is not None else None
 
     @property
     def aiding_warning(self) -> str:
-        """Say that the vehicle's model lacks the thrust, or stands in for the DVL; or empty."""
+        """Warning that the vehicle's model lacks thrust or replaces the DVL; empty if not."""
         return aiding_warning(self._aided) if self._aided is not None else ''
 
     @property
@@ -173,13 +173,13 @@ class Engine:
 
     @property
     def history_warning(self) -> str:
-        """Say that sensors outrun the stored history; empty when not."""
+        """Warning that sensors are faster than the stored history has room for; empty if not."""
         if self.fusion is None:
             return ''
         return history_warning(self.params, self.fusion, self._start_ns)
 
     def fix_counts(self) -> tuple[int, int, int]:
-        """Fixes received, fixes fused, newest validity of a fused one [ns]."""
+        """Number of fixes received, of fixes fused, and newest validity of a fused one [ns]."""
         return self.ledger.counts()
 
     # -- events -----------------------------------------------------------------------------------
@@ -217,7 +217,7 @@ class Engine:
             self.fusion.control(sample)
 
     def _local(self, event: DvlPing | DepthSample) -> None:
-        """Fuse DVL and depth: local, current, never treated as delayed."""
+        """Fuse a DVL ping or depth, which are never treated as delayed."""
         name = 'dvl' if isinstance(event, DvlPing) else 'depth'
         if isinstance(event, DvlPing) and not event.valid:
             self.gated['dvl_invalid'] += 1
@@ -246,7 +246,7 @@ class Engine:
             self._identified = None
 
     def _fix(self, fix: Fix) -> list[Receipt]:
-        """Fuse a fix or say why not; with receipts of other fixes whose verdict it changed."""
+        """Receipts of a fix and of other fixes whose verdict it changed."""
         if self.params.mode == 'station':
             fix = dated(self.params, fix)
         refused = self.ledger.refusal(fix)
@@ -294,7 +294,7 @@ class Engine:
     # -- outputs ----------------------------------------------------------------------------------
 
     def diverge(self, why: str, stamp_ns: int) -> None:
-        """Stop navigating, and remember why."""
+        """Drop the state after a numerical failure, and store the reason."""
         self.divergence = (
             f'{why} (at {stamp_ns * 1e-9:.3f} s); no estimates are published until a reset'
         )

@@ -1,4 +1,4 @@
-"""What goes into the follower engine and what comes out; stamps are integer nanoseconds.
+"""Inputs and outputs of the engine: sensor samples, fixes, commands; estimates, receipts [ns].
 
 Every event has its place in one total order: (processing stamp, stream rank, sequence, arrival).
 Local sensors are processed at their time of validity, acoustic fixes when they are received. The
@@ -34,7 +34,7 @@ class Rank(IntEnum):
 
 
 class Verdict(IntEnum):
-    """What became of a message; the numbers are those of polar_nav_msgs/FixReceipt."""
+    """Verdict on a message; the numbers are those of polar_nav_msgs/FixReceipt."""
 
     FUSED = 0
     GATED = 1
@@ -53,7 +53,7 @@ class Verdict(IntEnum):
 
 @dataclass(frozen=True)
 class InitialState:
-    """Where a filter starts; 1-sigma values per axis, SI units and radians."""
+    """Initial state of a filter with 1-sigma values per axis, SI units and radians."""
 
     latitude: float
     longitude: float
@@ -86,13 +86,13 @@ class ImuSample:
 
     @property
     def key(self) -> OrderKey:
-        """Place in the order of events."""
+        """Sort key in the total order of events."""
         return (self.stamp_ns, Rank.IMU, self.sequence, 0)
 
 
 @dataclass(frozen=True)
 class ControlSample:
-    """What the thrusters give from the stamp on: force [N] and torque [N m], body axes."""
+    """Thrust from the stamp on: force [N] and torque [N m], body axes."""
 
     stamp_ns: int
     sequence: int
@@ -102,7 +102,7 @@ class ControlSample:
 
     @property
     def key(self) -> OrderKey:
-        """Place in the order of events."""
+        """Sort key in the total order of events."""
         return (self.stamp_ns, Rank.CONTROL, self.sequence, 0)
 
 
@@ -122,7 +122,7 @@ class DvlPing:
 
     @property
     def key(self) -> OrderKey:
-        """Place in the order of events."""
+        """Sort key in the total order of events."""
         return (self.stamp_ns, Rank.DVL, self.sequence, 0)
 
 
@@ -138,13 +138,13 @@ class DepthSample:
 
     @property
     def key(self) -> OrderKey:
-        """Place in the order of events."""
+        """Sort key in the total order of events."""
         return (self.stamp_ns, Rank.DEPTH, self.sequence, 0)
 
 
 @dataclass(frozen=True, slots=True)
 class Fix:
-    """One acoustic packet: a delayed position of the follower's transponder, or why it is none.
+    """One acoustic packet: delayed position of the follower's transponder, or why there is none.
 
     Attributes
     ----------
@@ -184,12 +184,12 @@ class Fix:
 
     @property
     def stamp_ns(self) -> int:
-        """Processing stamp: when it was received."""
+        """Stamp of reception [ns], at which the fix is processed."""
         return self.receive_ns
 
     @property
     def key(self) -> OrderKey:
-        """Place in the order of events."""
+        """Sort key in the total order of events."""
         return (self.receive_ns, Rank.FIX, self.order, self.arrival)
 
 
@@ -214,7 +214,7 @@ class Command:
 
     @property
     def key(self) -> OrderKey:
-        """Place in the order of events."""
+        """Sort key in the total order of events."""
         return (self.stamp_ns, Rank.COMMAND, self.sequence, 0)
 
 
@@ -227,7 +227,7 @@ def _nan3() -> Array:
 
 @dataclass(frozen=True, slots=True)
 class Receipt:
-    """What became of one fix, or of a refused local message."""
+    """Verdict on one fix, or on a refused local message, with the numbers behind it."""
 
     stamp_ns: int
     verdict: Verdict
@@ -256,13 +256,13 @@ UPDATES, LOCAL_GATED, NIS_SUM = order.UPDATES, order.GATED, order.NIS_SUM
 
 
 def no_local_statistics() -> Array:
-    """Local statistics of no measurement: zeros, one row per `LOCAL_DOF`."""
+    """Zero local statistics, shape (2, 3): one row per entry of `LOCAL_DOF`."""
     return np.zeros((len(LOCAL_DOF), 3))
 
 
 @dataclass(frozen=True)
 class ModelEstimate:
-    """What is estimated of the vehicle's model and of the water.
+    """Estimated drag of the vehicle and current of the water, with sigmas.
 
     Attributes
     ----------

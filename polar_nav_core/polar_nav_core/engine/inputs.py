@@ -1,4 +1,4 @@
-"""What one vehicle's engine takes in a run of either mode, as arrays; and the same as events."""
+"""Sensor data of one vehicle's run in either mode, as arrays and as events."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def _empty(*shape: int) -> Callable[[], Array]:
 
 @dataclass(frozen=True)
 class Inputs:
-    """What one vehicle's engine takes in a run; each stream in the order of its stamps.
+    """Sensor data of a run in SINS mode; each stream in the order of its stamps.
 
     Attributes
     ----------
@@ -96,7 +96,7 @@ class Inputs:
 
 @dataclass(frozen=True)
 class StationInputs:
-    """What an engine in station mode takes in a run; each stream in the order of its stamps.
+    """Sensor data of a run in station mode; each stream in the order of its stamps.
 
     Attributes
     ----------
@@ -147,12 +147,12 @@ class StationInputs:
 
 
 def rows_of(values: NDArray[Any], keep: NDArray[np.bool_]) -> NDArray[Any]:
-    """Return the rows to keep, contiguous; the array itself where that is all of them."""
+    """Rows where ``keep`` is true, contiguous; the array itself if that is all of them."""
     return np.ascontiguousarray(values if keep.all() else values[keep])
 
 
 def at_least_one(values: NDArray[Any]) -> NDArray[Any]:
-    """Return the array, or one row of zeros for an empty one: a ring has a length."""
+    """The array, or one row of zeros for an empty one: a ring needs a length."""
     return values if len(values) else np.zeros((1, *values.shape[1:]), dtype=values.dtype)
 
 

@@ -1,4 +1,4 @@
-"""What became of the position fixes so far: names, counts, verdicts that change, receipts."""
+"""Record of position fixes: duplicates, counts, verdicts that change, receipts."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _FIX = 'fix'
 
 
 class FixLedger:
-    """The books of one vehicle's fixes.
+    """Record of one vehicle's fixes.
 
     Parameters
     ----------
@@ -41,15 +41,15 @@ class FixLedger:
         self.integrity = IntegrityMonitor(params.max_gated_s)
 
     def start_anew(self) -> None:
-        """Forget whether fixes agreed with an estimate that is no more."""
+        """Reset the agreement of fixes with the estimate, after a reset of the filter."""
         self.integrity = IntegrityMonitor(self._params.max_gated_s)
 
     def counts(self) -> tuple[int, int, int]:
-        """Fixes received, fixes fused, newest validity of a fused one [ns]."""
+        """Number of fixes received, of fixes fused, and newest validity of a fused one [ns]."""
         return self.received, self._fused[_FIX], self._last_validity_ns
 
     def refusal(self, fix: Fix) -> Refusal | None:
-        """Why a fix cannot be used whatever the state is; None when it can."""
+        """Verdict and reason if a fix cannot be used in any state; None if it can."""
         unusable = unusable_fix(self._params, fix)
         if unusable is not None:
             return unusable
@@ -65,14 +65,14 @@ class FixLedger:
         return None
 
     def remember(self, *fixes: Fix) -> None:
-        """Note the names of fixes: whoever has one of them later is a duplicate."""
+        """Store (source, sequence) of fixes; a later fix with the same pair is a DUPLICATE."""
         for fix in fixes:
             self._seen[(fix.source, fix.sequence)] = 0
         while len(self._seen) > _SEQUENCES_KEPT:
             self._seen.popitem(last=False)
 
     def decided(self, fix: Fix, cause: Fix, result: FixResult, now_ns: int) -> Receipt:
-        """Receipt of a fix that the gate has decided on; ``cause`` is the fix that made it."""
+        """Receipt of a fix after the gate's decision; ``cause`` is the fix that led to it."""
         outcome, name, revision = result.outcome, (fix.source, fix.sequence), 0
         if fix is not cause:
             revision = self._seen[name] = self._seen[name] + 1
@@ -89,7 +89,7 @@ class FixLedger:
     def fused(
         self, fixes: Sequence[Fix], outcomes: Array, notes: Ints, gate: float
     ) -> list[Receipt]:
-        """Receipts of fixes that were fused one after the other; see `fused_receipts`.
+        """Receipts of consecutive fixes that were all fused; see `fused_receipts`.
 
         None was refused before them since the newest that was fused.
         """

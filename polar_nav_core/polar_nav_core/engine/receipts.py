@@ -1,4 +1,4 @@
-"""Receipts: what became of a message, with the numbers that decided and a sentence."""
+"""Receipts: verdict on a message, the numbers behind it, and a sentence."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def receipt_of(
     delay_handling: str,
     **outcome: Any,  # noqa: ANN401
 ) -> Receipt:
-    """Receipt of an event; ``outcome`` is what the gate's decision adds to that of a fix."""
+    """Receipt of an event; ``outcome`` holds the extra fields of a fix that reached the gate."""
     if isinstance(event, Fix):
         return Receipt(
             stamp_ns=stamp_ns,
@@ -41,7 +41,7 @@ def receipt_of(
 def decided_receipt(
     fix: Fix, cause: Fix, result: FixResult, now_ns: int, revision: int, chosen: Configuration
 ) -> Receipt:
-    """Receipt of a fix that the gate has decided on.
+    """Receipt of a fix after the gate's decision.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def decided_receipt(
 def fused_receipts(
     fixes: Sequence[Fix], outcomes: Array, notes: Ints, gate: float, chosen: Configuration
 ) -> list[Receipt]:
-    """Receipts of fixes that were fused as they came, each as `decided_receipt` has it.
+    """Receipts of fixes that were fused in order of arrival, each equal to `decided_receipt`.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Which messages cannot be used whatever the state is: one by one with a reason, or by columns."""
+"""Messages that no filter state can use: one by one with a reason, or as masks of columns."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def unusable_local(
     event: ImuSample | ControlSample | DvlPing | DepthSample,
     last_imu_ns: int | None,
 ) -> Refusal | None:
-    """Why a local message cannot be used; ``last_imu_ns`` is the stamp of the last IMU sample.
+    """Verdict and reason if a local message cannot be used; None if it can.
 
     A DVL ping without bottom lock is no fault.
     """
@@ -51,7 +51,7 @@ def _unusable_imu(params: EngineParams, sample: ImuSample, last_ns: int | None) 
 
 
 def usable_imu(stamps_ns: Stamps, omega_ib_b: Array, other: Array) -> Bools:
-    """Return which IMU samples can be used: finite, and the first such one of its stamp.
+    """Mask (n,) of usable IMU samples: finite, and the first finite one of its stamp.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def _unusable_control(sample: ControlSample) -> Refusal | None:
 
 
 def usable_control(force_b: Array, torque_b: Array | None = None) -> Bools:
-    """Return which thrusts can be used, of (n, 3) arrays; without torques these do not count."""
+    """Mask (n,) of usable thrusts: force (n, 3) finite, and torque (n, 3) where there is one."""
     return _finite(force_b) if torque_b is None else _finite(force_b) & _finite(torque_b)
 
 
@@ -89,7 +89,7 @@ def _unusable_dvl(ping: DvlPing) -> Refusal | None:
 
 
 def usable_dvl(valid: Bools, v_m: Array, covariance_m: Array) -> Bools:
-    """Return which pings are no fault, of (n,), (n, 3) and (n, 3, 3) arrays."""
+    """Mask (n,) of pings that are not faulty; one without bottom lock is not."""
     variances = np.diagonal(covariance_m, axis1=1, axis2=2)
     good = _finite(v_m) & _finite(covariance_m) & (variances > 0.0).all(axis=1)
     return np.asarray(~valid | good)
@@ -102,12 +102,12 @@ def _unusable_depth(sample: DepthSample) -> Refusal | None:
 
 
 def usable_depth(depth: Array, variance: Array) -> Bools:
-    """Return which depths can be used, of (n,) arrays."""
+    """Mask (n,) of usable depths: finite, with a positive variance."""
     return np.asarray(np.isfinite(depth) & np.isfinite(variance) & (variance > 0.0))
 
 
 def _finite(values: Array) -> Bools:
-    """Return which rows of a (n, ...) array are finite."""
+    """Mask (n,) of the rows of a (n, ...) array that are finite."""
     with np.errstate(over='ignore', invalid='ignore'):
         total = np.sum(values)
     if np.isfinite(total):  # nearly always, and many times as fast as row by row
@@ -116,7 +116,7 @@ def _finite(values: Array) -> Bools:
 
 
 def unusable_fix(params: EngineParams, fix: Fix) -> Refusal | None:
-    """Why a fix cannot be used in this mode."""
+    """Verdict and reason if a fix cannot be used in this mode; None if it can."""
     if fix.refusal is not None:
         return fix.refusal, fix.reason
     if params.mode == 'station':

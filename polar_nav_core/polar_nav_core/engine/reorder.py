@@ -1,4 +1,4 @@
-"""Puts live messages into the total order of events: a window of stamp time absorbs jitter.
+"""Sorts live messages into the total order of events by a window of stamp time.
 
 The newest IMU stamp less the window is the watermark: everything up to it has come, or comes too
 late. What comes too late is refused with a receipt that says so; a replay refuses the same
@@ -15,7 +15,7 @@ from .events import Event, ImuSample, OrderKey, Output, Verdict
 
 
 class Reorder:
-    """Live driver of a :class:`Engine`.
+    """Live driver of an :class:`Engine`: a priority queue of messages with a watermark.
 
     Parameters
     ----------
@@ -34,11 +34,11 @@ class Reorder:
 
     @property
     def pending(self) -> int:
-        """Events that wait for the window."""
+        """Number of events that wait for the window to pass."""
         return len(self._heap)
 
     def add(self, event: Event) -> Iterator[Output]:
-        """Take one message as it comes; yields everything that can be decided now."""
+        """Queue one message; yields estimates and receipts of all events that are due now."""
         if self.watermark_ns is not None and event.stamp_ns <= self.watermark_ns:
             late = (self.watermark_ns + self._window_ns - event.stamp_ns) * 1e-9
             window = self._window_ns * 1e-9
@@ -56,7 +56,7 @@ class Reorder:
             yield from self._release(self.watermark_ns)
 
     def flush(self) -> Iterator[Output]:
-        """Process everything that waits: the end of the run."""
+        """Process all waiting events at the end of a run; yields estimates and receipts."""
         while self._heap:
             yield from self.engine.process(heapq.heappop(self._heap)[1])
         yield from self.engine.finish()

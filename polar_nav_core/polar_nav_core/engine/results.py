@@ -1,4 +1,4 @@
-"""What an update gives back, and the gates and ring sizes that both modes have in common."""
+"""Result of an update, and the gates and ring sizes that both modes share."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ FIXES = 4096
 
 @dataclass(frozen=True)
 class Outcome:
-    """What one update did: innovation (estimate minus measurement), variance, NIS and gate.
+    """Result of one update: innovation (estimate minus measurement), variance, NIS and gate.
 
     ``inflation`` is by how much its innovation covariance was enlarged after the gate (robust).
     """
@@ -34,7 +34,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class FixResult:
-    """What became of a fix.
+    """Result of a fix: its outcome, and other fixes whose outcome it changed.
 
     Attributes
     ----------
@@ -55,7 +55,7 @@ _GATES: dict[tuple[float, int], float] = {}
 
 
 def chi2_gate(probability: float, dof: int) -> float:
-    """Threshold that a good NIS stays below with the given probability; infinite for 1."""
+    """Chi-square threshold of the NIS for a probability and degrees of freedom; infinite for 1."""
     key = (probability, dof)
     if key not in _GATES:
         # The chi-square quantile; scipy.stats would cost every start of a node half a second.

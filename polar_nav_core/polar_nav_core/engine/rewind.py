@@ -1,4 +1,4 @@
-"""Going back for a late fix, in either mode: which fixes are kept, where to start, what changes.
+"""Rewind for a late fix, in either mode: stored fixes, choice of the snapshot, revisions.
 
 A fix that comes late goes where it belongs: the filter goes back to a stored state before it and
 processes everything that was received since again. The mode does the filtering (`Rewindable`);
@@ -22,7 +22,7 @@ _DECISION = 0
 
 
 class Cursor(NamedTuple):
-    """How far the filter is in one stream of inputs.
+    """Progress of the filter in one stream of inputs.
 
     Attributes
     ----------
@@ -73,26 +73,26 @@ class Stored(NamedTuple):
 
 
 class Rewindable(Protocol):
-    """A filter of either mode that can go back."""
+    """Interface of a filter, of either mode, that can go back to a stored state."""
 
     def stored(self) -> Stored:
-        """Return the stored past; its arrays are the filter's own."""
+        """Stored past of the filter; the arrays are views of the filter's own."""
 
     def insert(self, fix: Fix, number: int) -> None:
-        """Put a fix at a place among the stored ones; those at and after it move up by one."""
+        """Insert a fix at an index of the stored ones; those at and after it move up by one."""
 
     def process_again(self, fix: Fix, snapshot: int | None) -> None:
-        """Process everything that was received before the fix, and the fix; no output.
+        """Process all inputs received before the fix again, then the fix; without output rows.
 
         From a snapshot on; None: from the state as it is.
         """
 
     def outcome_of(self, row: Array) -> Outcome:
-        """Return the outcome of a fix from its row of `Stored.outcomes`."""
+        """Outcome of a fix from its row of `Stored.outcomes`."""
 
 
 class GoingBack:
-    """Fixes of the stored past of one filter.
+    """Stored fixes of one filter, in the order of validity, and the way back to one of them.
 
     Parameters
     ----------
@@ -111,12 +111,12 @@ class GoingBack:
         self._first = 0
 
     def oldest_ns(self) -> int:
-        """Oldest validity that a fix may have to be fused."""
+        """Oldest validity stamp [ns] at which a fix can still be fused."""
         stored = self._target.stored()
         return _snapshot_stamp(stored, self._oldest_usable(stored)) if stored.snapshots else 0
 
     def fix(self, fix: Fix) -> FixResult | None:
-        """Fuse a fix where it belongs; None when the stored past does not reach back to it."""
+        """Result of a fix fused at its validity; None if the stored past does not reach it."""
         target = self._target
         stored = target.stored()
         number = self._snapshot_before(stored, fix.validity_ns)
@@ -152,7 +152,7 @@ class GoingBack:
         self._first = int(stored.counters[stored.fix])
 
     def _comes_late(self, stored: Stored, key: _Key) -> bool:
-        """Whether anything that was processed stands after this place."""
+        """Whether the filter has processed anything that comes after this key."""
         mine = (key[0], int(Rank.FIX))
         if (int(stored.counters[stored.stamp]), int(Rank.IMU)) > mine:
             return True
@@ -163,12 +163,12 @@ class GoingBack:
         return bool(self._keys) and self._keys[-1] > key
 
     def _outcomes(self, stored: Stored, place: int) -> list[Array]:
-        """Rows of outcomes of the fixes that are kept, from a place on; copies."""
+        """Outcomes of the stored fixes from an index on, copied rows."""
         numbers = range(self._first + place, self._first + len(self._fixes))
         return [stored.outcomes[n % len(stored.outcomes)].copy() for n in numbers]
 
     def _oldest_usable(self, stored: Stored) -> int:
-        """Oldest snapshot from which all inputs since are still stored."""
+        """Number of the oldest snapshot since which all inputs are still stored."""
         ring = stored.snapshot_counters
         high = stored.snapshots - 1
         low = max(0, high + 1 - len(ring))
@@ -186,7 +186,7 @@ class GoingBack:
         return low
 
     def _snapshot_before(self, stored: Stored, stamp_ns: int) -> int | None:
-        """Newest snapshot at or before a stamp; None when the stored past does not reach it."""
+        """Number of the newest snapshot at or before a stamp [ns]; None if none is stored."""
         low = self._oldest_usable(stored)
         if _snapshot_stamp(stored, low) > stamp_ns:
             return None

@@ -20,7 +20,7 @@ MEMBERS = 4
 
 @dataclass(frozen=True)
 class StationParams(NodeParams):
-    """What station mode knows of the station, and how its filter works."""
+    """Parameters of the station, of its acoustics and of the filter in station mode."""
 
     station_latitude_deg: float = param(
         80.0, 'deg', -90.0, 90.0, "Of the station's first position, the origin of its frame"
@@ -150,17 +150,17 @@ class StationParams(NodeParams):
         )
 
     def range_variance(self, distance: float) -> float:
-        """Of a range [m^2]: uniform errors of measurement and packet."""
+        """Variance of a range [m^2]: uniform errors of measurement and packet."""
         error = self.station_range_error * distance
         return error**2 / 3.0 + self.station_range_quantum**2 / 12.0
 
     def bearing_variance(self) -> float:
-        """Of a bearing [rad^2], in the same way."""
+        """Variance of a bearing [rad^2]: uniform errors of measurement and packet."""
         error = math.radians(self.station_bearing_error_deg)
         return error**2 / 3.0 + math.radians(self.station_bearing_quantum_deg) ** 2 / 12.0
 
     def noise_of(self, polar: PolarFix) -> tuple[float, float, float]:
-        """Variances of range and bearing, 1-sigma of the station's heading.
+        """Variances of range [m^2] and bearing [rad^2], 1-sigma of the station's heading [rad].
 
         What the fix leaves open comes from the parameters.
         """
@@ -173,7 +173,7 @@ class StationParams(NodeParams):
         )
 
     def travel_time(self, distance: float, sound_speed: float) -> float:
-        """From the reply of the transponder to the end of the packet [s] (Eq. 11)."""
+        """Time from the transponder's reply to the end of the packet [s] (Eq. 11)."""
         return (
             2.0 * distance / sound_speed
             + self.station_packet_bits / self.station_bit_rate

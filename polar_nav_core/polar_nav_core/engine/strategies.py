@@ -1,4 +1,4 @@
-"""Strategies for late fixes, by their names."""
+"""Strategies for late fixes by name, of both modes."""
 
 from __future__ import annotations
 
@@ -29,12 +29,15 @@ STATION: dict[str, Make] = {
 
 
 def compiled(params: EngineParams) -> bool:
-    """Whether everything but fixes can go through the compiled loop."""
+    """Whether local measurements can go through the compiled loop with these parameters."""
     return params.mode == 'station' or params.resolved().noise_adaptation in COMPILED
 
 
 def make_fusion(params: EngineParams) -> Make:
-    """Strategy by mode and configuration; printed noise adaptations are filters of their own."""
+    """Class of the strategy for late fixes in a mode and configuration.
+
+    The printed noise adaptations are filters of their own, without a strategy.
+    """
     configuration = params.resolved()
     if params.mode == 'station':
         return STATION[configuration.delay_handling]

@@ -1,4 +1,4 @@
-"""Version of the engine: which bits the same inputs and parameters give.
+"""Version of the engine; it changes when the same inputs and parameters give other bits.
 
 A node publishes it on ``/run_info``, a recorded run carries it, and a replay reads there whether
 the recorded bytes are its own (compared bit for bit) or those of another engine (compared in units

@@ -1,4 +1,4 @@
-"""Noise adaptation by its name."""
+"""Noise adaptations that run in Python, by name."""
 
 from __future__ import annotations
 
@@ -7,18 +7,18 @@ from .noise import MeasurementNoise, ProcessNoise
 from .sage_husa import GuardedNoise, GuardedProcess
 
 COMPILED = COMPILED_NOISE
-"""Known to the compiled filter: nothing of them is left to Python."""
+"""Adaptations that the compiled filter does by itself."""
 PRINTED = ('sage_husa_unguarded', 'sage_husa_published')
-"""These are whole filters of their own (published.py)."""
+"""Adaptations that are whole filters of their own (published.py)."""
 
 
 def make_noise(name: str, forgetting: float, floor: float) -> MeasurementNoise | None:
-    """R of one kind of measurement; None when Python has nothing to adapt."""
+    """Adapted noise R of one kind of measurement; None if it is as stated or compiled."""
     if name not in NOISE_ADAPTATION:
         raise ValueError(f'noise_adaptation {name!r} is none of {", ".join(NOISE_ADAPTATION)}')
     return GuardedNoise(forgetting, floor) if name == 'sage_husa' else None
 
 
 def make_process(name: str, forgetting: float) -> ProcessNoise | None:
-    """Q of the filter; None when it is as stated."""
+    """Adapted process noise Q of the filter; None if it is as stated."""
     return GuardedProcess(forgetting) if name == 'sage_husa' else None

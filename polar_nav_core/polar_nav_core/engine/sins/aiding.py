@@ -1,4 +1,4 @@
-"""The vehicle's model beside the inertial navigation: its settings, its start, what it tells.
+"""The vehicle's model beside the inertial navigation: settings, initial state, estimates.
 
 The filter itself is compiled (kernels.sins.aiding); docs/model-aiding.md says what it is for.
 """
@@ -16,7 +16,7 @@ from ..events import Array, ModelEstimate
 from ..params import EngineParams
 
 _THRUST_UNKNOWN_S = 1.0
-"""How long an unknown thrust, as large as the drag at `model_speed`, pushes the same way."""
+"""Time constant of an unknown thrust as large as the drag at `model_speed`."""
 
 # Columns of a row of values: what a ModelEstimate says, as numbers.
 _V_R, _V_R_COVARIANCE = slice(0, 3), slice(3, 12)
@@ -26,7 +26,7 @@ WIDTH = 31
 
 
 def make_aiding(p: EngineParams) -> fs.Aiding:
-    """What the compiled filter must know of the model, by the parameters."""
+    """Settings of the vehicle's model for the compiled filter."""
     model = p.vehicle_model()
     strongest = model.total_drag(p.model_speed) / float(model.inertia[0])
     return fs.Aiding(
@@ -48,7 +48,7 @@ def make_aiding(p: EngineParams) -> fs.Aiding:
 
 
 def start(state: fs.State, p: EngineParams) -> None:
-    """Begin with still water and the stated drag: v_r = C_b_G^T (v_G - V_c) and what follows.
+    """Initialise the model's states in place: still water, the stated drag, v_r = C_b_G^T v_G.
 
     The velocity through the water is as uncertain as that over ground and the current together,
     and correlated with both.
@@ -77,7 +77,7 @@ def start(state: fs.State, p: EngineParams) -> None:
 
 
 def values_of(blocks: Array, aiding: fs.Aiding) -> Array:
-    """Rows of values, (n, `WIDTH`), of blocks as in rows of output, (n, MODEL_ROWS, 7)."""
+    """Model estimates as rows (n, `WIDTH`) from blocks of the filter (n, MODEL_ROWS, 7)."""
     e, P_ee = blocks[:, fs.MEAN], blocks[:, fs.P_EE : fs.MEAN]
     v = np.zeros((len(blocks), WIDTH))
     v[:, _V_R] = e[:, :3]
@@ -110,7 +110,7 @@ def values_of(blocks: Array, aiding: fs.Aiding) -> Array:
 
 
 def estimate_of(values: Array) -> ModelEstimate:
-    """What a row of values says. The heading has no bias of its own: attitude is a state."""
+    """Model estimate of a row of values (`WIDTH`,); no heading bias: attitude is a state."""
     return ModelEstimate(
         v_r_b=values[_V_R],
         v_r_covariance_b=values[_V_R_COVARIANCE].reshape(3, 3),
@@ -129,7 +129,7 @@ def estimate_of(values: Array) -> ModelEstimate:
 
 
 def row_of(m: ModelEstimate | None) -> Array:
-    """Return the row of values that an estimate came from; none without one."""
+    """Row of values (`WIDTH`,) of a model estimate; empty without one."""
     if m is None:
         return np.zeros(0)
     return np.concatenate(

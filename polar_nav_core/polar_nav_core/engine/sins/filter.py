@@ -50,7 +50,7 @@ _WHY = {
 
 
 class NavigationFilter:
-    """A vehicle's navigation and its uncertainty.
+    """Compiled 24-state error filter on a SINS: state, covariance and stored past of one vehicle.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ class NavigationFilter:
         fe.take_snapshot(self.state, self.log)
 
     def _name_views(self) -> None:
-        """Name the arrays that others read."""
+        """Bind short names to the arrays that strategies read."""
         s, f, w = self.state, self.frames, self.work
         self.P, self.C_b_G, self.v_G, self.r_e = s.P, s.C_b_G, s.v_G, s.r_e
         self.b_gyro_b, self.b_accel_b = s.b_gyro_b, s.b_accel_b
@@ -152,13 +152,13 @@ class NavigationFilter:
 
     @property
     def estimates_usbl_bias(self) -> bool:
-        """Whether the last three states are in use."""
+        """Whether the last three states, the USBL bias, are estimated."""
         return self.settings.estimates_usbl_bias
 
     # -- events -----------------------------------------------------------------------------------
 
     def advance(self, until_ns: int = NEVER_NS, until_rank: int = 0) -> int:
-        """Process what stands in the streams before a place in the order of events.
+        """Process the samples in the streams that come before (``until_ns``, ``until_rank``).
 
         Returns
         -------
@@ -187,7 +187,7 @@ class NavigationFilter:
 
     @staticmethod
     def check(code: int) -> None:
-        """Raise FilterDivergence for a code that says so."""
+        """Raise FilterDivergence for the code of a failed update or step."""
         if code in _WHY:
             raise FilterDivergence(_WHY[code])
 
@@ -205,26 +205,26 @@ class NavigationFilter:
                 raise FilterDivergence(_WHY[fs.P_NOT_DEFINITE])
 
     def dvl(self, ping: DvlPing) -> Outcome:
-        """Fuse one valid DVL ping with the noise it states, or adapted to it by compiled code."""
+        """Fuse one valid DVL ping, with its stated or adapted noise; returns the outcome."""
         gated = self.state.tally[fs.DVL_ROW, fs.GATED]
         st.put_dvl(self.streams, ping)
         self.advance()
         return self.outcome(3, fused=bool(self.state.tally[fs.DVL_ROW, fs.GATED] == gated))
 
     def depth(self, sample: DepthSample) -> Outcome:
-        """Fuse one depth."""
+        """Fuse one depth; returns the outcome."""
         gated = self.state.tally[fs.DEPTH_ROW, fs.GATED]
         st.put_depth(self.streams, sample)
         self.advance()
         return self.outcome(1, fused=bool(self.state.tally[fs.DEPTH_ROW, fs.GATED] == gated))
 
     def control(self, sample: ControlSample) -> None:
-        """Take a thrust, which the vehicle's model needs."""
+        """Append a thrust for the vehicle's model."""
         st.put_control(self.streams, sample)
         self.advance()
 
     def model_estimate(self) -> ModelEstimate | None:
-        """What is known of vehicle and water; None without a vehicle's model."""
+        """Estimated drag and current; None without a vehicle's model."""
         c = self.settings.aiding
         if not c.on:
             return None
@@ -234,13 +234,13 @@ class NavigationFilter:
 
     @property
     def has_bottom_lock(self) -> bool:
-        """Whether the last ping that was used is not too long ago; for a vehicle's model only."""
+        """Whether the last fused ping is recent; for a vehicle's model only."""
         age_ns = self.state.counters[fs.STAMP] - self.state.counters[fs.LOCK_NS]
         return bool(age_ns <= self.settings.aiding.lost_ns)
 
     @property
     def since_bottom_lock_s(self) -> float:
-        """Time since the last ping that was used [s]."""
+        """Time since the last fused ping [s]."""
         return float(self.state.counters[fs.STAMP] - self.state.counters[fs.LOCK_NS]) * 1e-9
 
     @property
@@ -251,7 +251,7 @@ class NavigationFilter:
         return bool(counters[fs.THRUST_NS] > 0 and age_ns <= self.settings.aiding.thrust_ns)
 
     def outcome(self, m: int, *, fused: bool) -> Outcome:
-        """Outcome of the update that stands in the scratch."""
+        """Outcome of the last update, read from the scratch."""
         w = self.work
         variance, innovation = np.full(3, np.nan), np.full(3, np.nan)
         variance[:m] = np.diagonal(w.S)[:m] / w.nis[1]
@@ -260,14 +260,14 @@ class NavigationFilter:
         return Outcome(fused, innovation, variance, float(w.nis[0]), m, gate, float(w.nis[1]))
 
     def outcome_of(self, row: Array) -> Outcome:
-        """Outcome of a fix that compiled code took, from its row of ``fix_outcomes``."""
+        """Outcome of a fix that the compiled loop decided, from its row of ``fix_outcomes``."""
         fused, nis, *values, enlargement = row.tolist()
         z, variance = np.array(values[:3]), np.array(values[3:])
         gate = float(self.settings.gates[3])
         return Outcome(fused == fs.FUSED, z, variance, nis, 3, gate, enlargement)
 
     def taken_local_statistics(self) -> Array:
-        """Of DVL and depth since the last call: used, gated, sum of NIS; shape (2, 3)."""
+        """Counts (2, 3) of DVL and depth since the last call: used, gated, sum of NIS."""
         tally = self.state.tally
         taken: Array = tally[: fs.FIX_ROW].copy()
         tally[:] = 0.0
@@ -276,7 +276,7 @@ class NavigationFilter:
     # -- rows that Python has filled --------------------------------------------------------------
 
     def fuse_fix(self) -> Outcome:
-        """Gate, update and feed back the fix in ``H``, ``R``, ``z``."""
+        """Gate the fix in ``H``, ``R``, ``z``, update and feed back; returns the outcome."""
         code = ff.fuse_filled(
             self.state,
             self.frames,
@@ -292,7 +292,7 @@ class NavigationFilter:
         return self.outcome(3, fused=code == fs.FUSED)
 
     def fuse(self, m: int, noise: MeasurementNoise, stream: int) -> Outcome:
-        """Gate, update and feed back ``H``, ``R``, ``z`` with a noise that is not compiled.
+        """Gate ``H``, ``R``, ``z`` with a noise adapted in Python, update and feed back.
 
         ``stream`` is the row of the tally that counts it.
 
@@ -328,7 +328,7 @@ class NavigationFilter:
         return self.outcome(m, fused=True)
 
     def fill_dvl(self, ping: DvlPing) -> None:
-        """Rows of a ping into ``H``, ``R``, ``z``."""
+        """Fill ``H``, ``R``, ``z`` with the rows of a DVL ping."""
         fe.fill_dvl(
             self.state,
             self.frames,
@@ -339,22 +339,22 @@ class NavigationFilter:
         )
 
     def feed_back(self, x: Array) -> None:
-        """Take an estimated error out of the state, and remember it."""
+        """Correct the state by an estimated error (24,), and store the correction."""
         ff.feed_back_and_remember(self.state, self.frames, self.settings, self.past, x)
 
     def replace_estimate(self, P: Array, change: Array) -> None:
-        """Take another covariance, and an estimate that differs by ``change`` (as an error)."""
+        """Replace the covariance, and add ``change`` (24,), an error, to the estimate."""
         self.P[:] = P
         self.feed_back(-change)
 
     def refer_to_now(self, first_correction: int) -> None:
-        """Take what was fed back since out of ``z``, as if the rows had stayed the same."""
+        """Subtract the corrections since ``first_correction`` from ``z`` by the rows ``H``."""
         h = self.history
         since = np.arange(first_correction, h.correction) % len(h.corrections)
         self.z -= self.H @ h.corrections[since].sum(axis=0)
 
     def fill_late_fix(self, fix: Fix) -> int:
-        """Rows of a late fix, brought to now, into ``H``, ``R``, ``z``.
+        """Fill ``H``, ``R``, ``z`` with the rows of a late fix, referred to now.
 
         Returns
         -------
@@ -376,7 +376,7 @@ class NavigationFilter:
         )
 
     def walk_to_now(self, first_step: int, first_correction: int) -> int:
-        """Bring the rows in ``H`` and ``z`` from a stored step to now; the number of steps."""
+        """Refer the rows ``H``, ``z`` from a stored step to now; returns the number of steps."""
         h = self.history
         filter_walk.walk_forward(
             self.H,

@@ -1,4 +1,4 @@
-"""How measurements reach the filter: local ones at once, late fixes by one of the strategies.
+"""Fusion of measurements in SINS mode: local ones at once, late fixes by a strategy.
 
 All strategies work on the same filter. The forward ones bring the fix to the present; `rewind`
 goes back to the state before the fix, takes it, and processes the stored inputs again.
@@ -36,7 +36,7 @@ from .history import Epoch
 
 
 class Fusion:
-    """The filter with its measurements; subclasses say what happens to a late fix.
+    """The SINS filter with its measurements; each subclass is a strategy for late fixes.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ class Fusion:
     def make_filter(
         self, params: EngineParams, initial: InitialState, stamp_ns: int
     ) -> NavigationFilter:
-        """Return a filter that stores what the strategy needs."""
+        """Filter with the stored past that the strategy needs."""
         return NavigationFilter(params, initial, stamp_ns)
 
     def imu(self, sample: ImuSample) -> None:
@@ -69,7 +69,7 @@ class Fusion:
         self.filter.imu(sample)
 
     def local(self, event: DvlPing | DepthSample) -> Outcome:
-        """Fuse DVL or depth: never treated as delayed."""
+        """Fuse a DVL ping or depth as valid now; returns the outcome of the update."""
         if isinstance(event, DepthSample):
             return self.filter.depth(event)
         if self._noise_dvl is None:
@@ -78,15 +78,15 @@ class Fusion:
         return self.filter.fuse(3, self._noise_dvl, fs.DVL_ROW)
 
     def begin(self, sample: ImuSample) -> None:
-        """Take the sample that ends where the state starts."""
+        """Start at the sample whose interval ends at the stamp of the initial state."""
 
     def control(self, sample: ControlSample) -> None:
-        """Take note of the thrust; without a vehicle model there is no use for it."""
+        """Store the thrust that holds from its stamp on; ignored without a vehicle model."""
         if self.filter.settings.aiding.on:
             self.filter.control(sample)
 
     def model(self) -> ModelEstimate | None:
-        """What is known of vehicle and water; None without a vehicle model."""
+        """Estimated drag and current; None without a vehicle model."""
         return self.filter.model_estimate()
 
     def fix(self, fix: Fix) -> FixResult | None:
@@ -94,13 +94,13 @@ class Fusion:
         raise TypeError(f'{type(self).__name__} has no way to treat fix {fix.sequence}')
 
     def _take(self) -> Outcome:
-        """Fuse the fix that stands in the filter's rows."""
+        """Fuse the fix in the filter's ``H``, ``R``, ``z``; returns the outcome."""
         if self._noise_fix is None:
             return self.filter.fuse_fix()
         return self.filter.fuse(3, self._noise_fix, fs.FIX_ROW)
 
     def oldest_ns(self) -> int:
-        """Oldest validity that a fix may have to be fused."""
+        """Oldest validity stamp [ns] at which a fix can still be fused."""
         return self.filter.history.reaches_ns()
 
     @property
@@ -109,7 +109,7 @@ class Fusion:
         return self.filter.stamp_ns
 
     def offset(self, fix: Fix) -> tuple[Array, float] | None:
-        """How far a fix is off, grid axes [m], and its NIS by the covariance of now."""
+        """Fix minus estimate at its validity, grid axes [m], and its NIS by the covariance now."""
         f = self.filter
         epoch = f.history.before(fix.validity_ns)
         if epoch is None:
@@ -123,11 +123,11 @@ class Fusion:
         return np.einsum('ij,j->i', f.C_e_G, offset_e), nis
 
     def height(self) -> float:
-        """Of the vehicle above the ellipsoid [m]."""
+        """Height of the vehicle above the ellipsoid [m]."""
         return float(earth.geodetic_from_ecef(self.filter.r_e)[2])
 
     def adapt(self, identified: Identification) -> None:
-        """There is nothing here to adapt."""
+        """Do nothing: this mode adapts no drag or current from an identification."""
 
     def estimate(self, fixes: tuple[int, int, int]) -> Estimate:
         """Estimate at the newest IMU sample; ``fixes`` are received, fused, newest validity."""
@@ -151,7 +151,7 @@ class Fusion:
         )
 
     def _fuse_at(self, fix: Fix, epoch: Epoch, stamp_ns: int) -> None:
-        """Fill the filter's rows with the fix against the position at an epoch plus v dt."""
+        """Fill ``H``, ``R``, ``z`` with the fix against the position at an epoch plus v dt."""
         f = self.filter
         point_e: Array = epoch.point_e + epoch.velocity_e * ((stamp_ns - epoch.stamp_ns) * 1e-9)
         filter_rows.fix_rows(
@@ -168,7 +168,7 @@ class Fusion:
         )
 
     def _present(self) -> Epoch:
-        """The newest epoch with all that was fed back since."""
+        """Newest epoch, with the corrections since."""
         f = self.filter
         return replace(
             f.history.newest(),
@@ -180,7 +180,7 @@ class Fusion:
 
 
 class Ignore(Fusion):
-    """Take the fix as the position now: the conventional filter, off by speed times delay."""
+    """Fix treated as valid at reception: the conventional filter, off by speed times delay."""
 
     def fix(self, fix: Fix) -> FixResult | None:
         """Fuse a fix as if it were valid when it was received."""
@@ -192,7 +192,7 @@ class Tagged(Fusion):
     """Innovation at the time of validity, applied to the present with the rows of the present."""
 
     def fix(self, fix: Fix) -> FixResult | None:
-        """Fuse a fix by its innovation then and the rows of now."""
+        """Fuse a fix with the innovation at its validity and the rows of the present state."""
         f = self.filter
         epoch = f.history.before(fix.validity_ns)
         if epoch is None:
@@ -206,13 +206,13 @@ class BackPropagate(Fusion):
     """Innovation at validity with H* = H Phi^-1: the published modified AKF, in closed loop."""
 
     def fix(self, fix: Fix) -> FixResult | None:
-        """Fuse a fix with its rows brought through the stored transitions."""
+        """Fuse a fix with its rows referred to now through the stored transitions."""
         steps = self.filter.fill_late_fix(fix)
         return None if steps < 0 else FixResult(self._take(), steps)
 
 
 def array_axes(f: NavigationFilter, fix: Fix) -> Array:
-    """C_a_G of the leader's array as far as a packet tells it: turned by the leader's heading.
+    """Attitude C_a_G (3, 3) of the leader's array: its heading from the packet, tilt zero.
 
     Zero while the USBL bias is not estimated.
     """

@@ -1,4 +1,4 @@
-"""The filter's past: where it was at each IMU epoch, how errors moved, and what was fed back.
+"""Stored past of the filter: position at each IMU epoch, transitions, corrections fed back.
 
 All three are rings that hold a stated time. Late fixes are compared with the position stored
 before their time of validity plus velocity times the rest; no step is ever split at a time of
@@ -49,7 +49,7 @@ class Epoch:
 
 
 def make_past(length_s: float, step_s: float, *, model: bool = False) -> fs.Past:
-    """Rings of epochs, transitions and corrections for so many seconds.
+    """Rings of epochs, transitions and corrections that last ``length_s`` seconds.
 
     A vehicle's model corrects at each step.
     """
@@ -72,7 +72,7 @@ def make_past(length_s: float, step_s: float, *, model: bool = False) -> fs.Past
 
 
 class History:
-    """Looks things up in the rings that the compiled filter fills.
+    """Look-up in the rings that the compiled filter fills.
 
     Parameters
     ----------
@@ -92,30 +92,30 @@ class History:
 
     @property
     def count(self) -> int:
-        """Epochs so far."""
+        """Number of epochs so far."""
         return int(self._counters[fs.EPOCHS])
 
     @property
     def step(self) -> int:
-        """Covariance steps so far."""
+        """Number of covariance steps so far."""
         return int(self._counters[fs.STEPS])
 
     @property
     def correction(self) -> int:
-        """Corrections so far."""
+        """Number of corrections so far."""
         return int(self._counters[fs.CORRECTIONS])
 
     def newest(self) -> Epoch:
-        """Return the last stored epoch."""
+        """Newest stored epoch."""
         return self._epoch(self.count - 1)
 
     def before(self, stamp_ns: int) -> Epoch | None:
-        """Last epoch at or before a stamp; None when the history does not reach back that far."""
+        """Newest epoch at or before a stamp [ns]; None if none is stored."""
         number = int(newest_until(self._past.stamps, self.count, stamp_ns))
         return self._epoch(number) if number >= 0 and self._usable(number) else None
 
     def reaches_ns(self) -> int:
-        """Stamp of the oldest epoch that a fix can still be compared with; 0 when there is none.
+        """Stamp [ns] of the oldest epoch that a fix can be referred to; 0 without one.
 
         What is short of room first, epochs, transitions or corrections, decides.
         """

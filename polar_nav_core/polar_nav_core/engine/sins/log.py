@@ -1,4 +1,4 @@
-"""Room for the log of linear steps (`clone`) and for snapshots (`rewind`); none for the others."""
+"""Arrays for the log of linear steps (`clone`) and for snapshots (`rewind`)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ...kernels.sins.update import N
 def make_log(
     past: fs.Past, *, steps: bool = False, snapshots: int = 0, model: bool = False
 ) -> fs.Log:
-    """Return a log as long as the history; a snapshot every so many steps, none for 0."""
+    """Empty log as long as the history, with room for a snapshot every ``snapshots`` steps."""
     updates = len(past.corrections) if steps else 0
     stored = len(past.transitions) if steps else 0
     order = updates + stored

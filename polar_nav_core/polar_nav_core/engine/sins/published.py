@@ -48,7 +48,7 @@ Rows = NDArray[np.intp]
 
 @dataclass
 class _Ping:
-    """A DVL velocity as it was resolved when it came, against the estimate then."""
+    """A DVL velocity resolved at its stamp, beside the estimate then."""
 
     stamp_ns: int
     z: Array
@@ -99,7 +99,7 @@ class Published(Fusion):
                 f.replace_estimate(f.P, -drift)
 
     def local(self, event: DvlPing | DepthSample) -> Outcome:
-        """Fuse depth; keep a DVL ping, resolved with the estimate of now, for a fix to come."""
+        """Fuse a depth; store a DVL ping, resolved with the present estimate, for the next fix."""
         f = self.filter
         if isinstance(event, DepthSample):
             outcome = f.depth(event)
@@ -138,7 +138,7 @@ class Published(Fusion):
         return FixResult(outcome, steps)
 
     def _ping(self, when_ns: int) -> _Ping | None:
-        """Newest ping at or before a stamp that no fix has used yet."""
+        """Newest unused ping at or before a stamp [ns]; None without one."""
         number = bisect_right(self._pings, when_ns, key=lambda p: p.stamp_ns) - 1
         if number < 0:
             return None
@@ -191,7 +191,7 @@ class Published(Fusion):
         return outcome
 
     def _check(self, x: Array, what: str) -> None:
-        """Stop before a correction that no linear error model can mean."""
+        """Raise FilterDivergence for a correction beyond the linear error model."""
         for name, i in _BLOCKS:
             size, limit = float(np.abs(x[i]).max()), float(self._limits[i].min())
             if not size <= limit:
@@ -201,7 +201,7 @@ class Published(Fusion):
                 )
 
     def _check_spread(self) -> None:
-        """Stop when the filter's own 1-sigma is beyond what a linear error model can mean."""
+        """Raise FilterDivergence for a 1-sigma beyond the linear error model."""
         variances = np.diagonal(self.filter.P)
         for name, i in _BLOCKS:
             largest, limit = float(variances[i].max()), float(self._limits[i].min())

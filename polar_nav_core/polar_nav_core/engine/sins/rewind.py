@@ -1,4 +1,4 @@
-"""`rewind`: go back to the stored state before a late fix, take it, process the rest again.
+"""`rewind`: go back to the stored state before a late fix, fuse it, process the rest again.
 
 Exact on the full nonlinear filter: the result is, bit for bit, that of the same events processed
 in the order of their validity. Gates and linearization are decided anew. It costs as much as the
@@ -19,7 +19,7 @@ from .streams import insert_fix
 
 
 class Rewind(Fusion):
-    """Late fixes by going back.
+    """Strategy for late fixes: go back to a snapshot, fuse, and process all later data again.
 
     Parameters
     ----------
@@ -34,21 +34,21 @@ class Rewind(Fusion):
     def make_filter(
         self, params: EngineParams, initial: InitialState, stamp_ns: int
     ) -> NavigationFilter:
-        """Return a filter that takes snapshots."""
+        """Filter that stores snapshots of itself."""
         return NavigationFilter(params, initial, stamp_ns, snapshots=True)
 
     def oldest_ns(self) -> int:
-        """Oldest validity that a fix may have to be fused."""
+        """Oldest validity stamp [ns] at which a fix can still be fused."""
         return self._back.oldest_ns()
 
     def fix(self, fix: Fix) -> FixResult | None:
-        """Fuse a fix where it belongs."""
+        """Result of a fix fused at its validity; None if the stored past does not reach it."""
         return self._back.fix(fix)
 
     # -- what going back asks for -----------------------------------------------------------------
 
     def stored(self) -> Stored:
-        """Return the stored past; its arrays are the filter's own."""
+        """Stored past of the filter; the arrays are views of the filter's own."""
         log, s = self.filter.log, self.filter.streams
         return Stored(
             self.filter.state.counters,
@@ -69,11 +69,11 @@ class Rewind(Fusion):
         )
 
     def insert(self, fix: Fix, number: int) -> None:
-        """Put a fix at a place among the stored ones; those at and after it move up by one."""
+        """Insert a fix at an index of the stored ones; those at and after it move up by one."""
         insert_fix(self.filter.streams, fix, number)
 
     def process_again(self, fix: Fix, snapshot: int | None) -> None:
-        """Process everything that was received before the fix, and the fix; no output."""
+        """Process all inputs received before the fix again, then the fix; without output rows."""
         f = self.filter
         code = filter_run.process_again(
             f.state,
@@ -91,5 +91,5 @@ class Rewind(Fusion):
         f.check(code)
 
     def outcome_of(self, row: Array) -> Outcome:
-        """Return the outcome of a fix from its row of outcomes."""
+        """Outcome of a fix from its row of outcomes."""
         return self.filter.outcome_of(row)

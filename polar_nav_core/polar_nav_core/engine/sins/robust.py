@@ -1,4 +1,4 @@
-"""How much less a position fix far off the estimate counts, instead of all or nothing at a gate.
+"""Robust weights of position fixes far off the estimate.
 
 With d^2 = z^T S^-1 z the NIS of m rows and k^2 the quantile below which a good one lies with
 probability 0.95, the innovation covariance becomes lambda S:
@@ -27,7 +27,7 @@ THRESHOLDS = {m: 2.0 * float(gammaincinv(0.5 * m, _GOOD)) for m in (1, 2, 3)}
 
 
 def inflation(name: str, nis: float, dof: int) -> float:
-    """Lambda, at least 1, by the name of the method (`none`, `huber`, `mahalanobis`)."""
+    """Factor lambda >= 1 on the innovation covariance by `none`, `huber` or `mahalanobis`."""
     squared = nis / THRESHOLDS[dof]
     if name == 'none' or squared <= 1.0:
         return 1.0

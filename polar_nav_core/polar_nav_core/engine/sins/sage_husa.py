@@ -1,4 +1,4 @@
-"""Sage-Husa adaptation of the noise: guarded, for use, and as the paper prints it, for showing.
+"""Sage-Husa adaptation of the noise: guarded, for use, and as printed in the paper.
 
 Guarded (`sage_husa`): R-hat per kind of measurement (:class:`GuardedNoise`) and one Q-hat of the
 filter (:class:`GuardedProcess`), both as ratios to what is stated. There are no q-hat and r-hat: a
@@ -69,7 +69,7 @@ class GuardedNoise(MeasurementNoise):
         self.reset()
 
     def reset(self) -> None:
-        """Start again with the stated noise."""
+        """Reset to the stated noise."""
         self._power = self._b ** (1.0 / (1.0 - self._b))
         self.average = np.eye(3)
         self.ratio = np.eye(3)
@@ -81,7 +81,7 @@ class GuardedNoise(MeasurementNoise):
             R[...] = sandwich(L, self.ratio)
 
     def learn(self, z: Array, R_stated: Array, S: Array) -> None:
-        """Take one innovation (3,), the stated R (3, 3) and the innovation covariance (3, 3)."""
+        """Adapt R-hat to an innovation (3,), given the stated R and S, (3, 3) each."""
         L = np.zeros((3, 3))
         if not kf.cholesky(L, R_stated, 3):
             return
@@ -138,7 +138,7 @@ class GuardedProcess(ProcessNoise):
         P[np.ix_(self._active, self._active)] += 0.5 * (change + change.T)
 
     def learn(self, K: Array, z: Array, S: Array) -> None:
-        """Keep K (v v^T - S) K^T until the next step; before the first step nothing is known."""
+        """Store K (v v^T - S) K^T for the next step; ignored before the first step."""
         if not len(self._active):
             return
         g = K[:, self._active]
@@ -192,7 +192,7 @@ class Printed(ProcessNoise):
         self.last_dt = 0.0
 
     def add(self, P: Array, Phi: Array, q: Array, dt: float) -> None:
-        """P <- P + Q-hat dt - diag(q); keeps what the steps since the last measurement added."""
+        """P <- P + Q-hat dt - diag(q); sums the added noise since the last measurement."""
         if self.Q is None:
             self.Q = np.diag(q / dt)
         step = self.Q * dt
@@ -202,7 +202,7 @@ class Printed(ProcessNoise):
         self.last_dt = dt
 
     def noise(self, rows: NDArray[np.intp], stated: Array) -> Array:
-        """R-hat of these rows; what was never measured starts with the stated R."""
+        """R-hat of the given rows; rows never measured start with the stated R."""
         new = np.flatnonzero(~self._known[rows])
         if len(new):
             self.R, self._known = self.R.copy(), self._known.copy()
@@ -221,7 +221,7 @@ class Printed(ProcessNoise):
         HPHt: Array,
         rows: NDArray[np.intp],
     ) -> None:
-        """Take one measurement.
+        """Adapt q-hat, Q-hat, r-hat and R-hat to one measurement.
 
         Parameters
         ----------

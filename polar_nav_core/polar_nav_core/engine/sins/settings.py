@@ -1,4 +1,4 @@
-"""What stays as it is during a run of the compiled filter, by the parameters."""
+"""Settings of the compiled filter, constant during a run."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .robust import THRESHOLDS
 
 
 def make_settings(p: EngineParams) -> fs.Settings:
-    """Numbers that no event changes."""
+    """Settings of the compiled filter from the parameters."""
     c = p.resolved()
     roll, pitch, yaw = (math.radians(a) for a in p.dvl_rpy_deg)
     estimated = p.usbl_bias_sigma > 0.0
@@ -60,5 +60,5 @@ _SNAPSHOT_S = 0.5
 
 
 def steps_per_snapshot(filter_period_s: float) -> int:
-    """Covariance steps from one snapshot to the next."""
+    """Number of covariance steps from one snapshot to the next."""
     return max(1, round(_SNAPSHOT_S / filter_period_s))

@@ -1,4 +1,4 @@
-"""Measurements on their way into the compiled filter: rings for live ones, whole runs as they are.
+"""Input streams of the compiled filter: rings of live measurements, or arrays of whole runs.
 
 The filter's cursors count all measurements from the start; number i stands at i % length. A live
 ring keeps as much as `rewind` goes back over; a run's arrays keep everything.
@@ -16,7 +16,7 @@ from ..results import FIXES
 
 
 def live_streams(length_s: float, imu_rate: float, local_rate: float) -> fs.Streams:
-    """Rings for so many seconds; ``local_rate`` is of DVL and depth each [Hz].
+    """Empty rings for ``seconds``; ``local_rate`` is that of DVL and depth each [Hz].
 
     Thrust may come as often as IMU samples.
     """
@@ -39,7 +39,7 @@ def live_streams(length_s: float, imu_rate: float, local_rate: float) -> fs.Stre
 
 
 def room_for_fixes() -> dict[str, Any]:
-    """Columns of `Streams` for fixes, none of which has come."""
+    """Empty columns of `Streams` for fixes."""
     return {
         'fix_stamps': np.zeros(FIXES, dtype=np.int64),
         'fix_validities': np.zeros(FIXES, dtype=np.int64),
@@ -52,7 +52,7 @@ def room_for_fixes() -> dict[str, Any]:
 
 
 def put_imu(streams: fs.Streams, sample: ImuSample) -> None:
-    """Append a sample."""
+    """Append an IMU sample to its ring."""
     i = streams.counts[0] % len(streams.imu_stamps)
     streams.imu_stamps[i] = sample.stamp_ns
     streams.omega_ib_b[i] = sample.omega_ib_b
@@ -61,7 +61,7 @@ def put_imu(streams: fs.Streams, sample: ImuSample) -> None:
 
 
 def put_depth(streams: fs.Streams, sample: DepthSample) -> None:
-    """Append a depth."""
+    """Append a depth to its ring."""
     i = streams.counts[1] % len(streams.depth_stamps)
     streams.depth_stamps[i] = sample.stamp_ns
     streams.depth[i] = sample.depth
@@ -70,7 +70,7 @@ def put_depth(streams: fs.Streams, sample: DepthSample) -> None:
 
 
 def put_dvl(streams: fs.Streams, ping: DvlPing) -> None:
-    """Append a valid ping."""
+    """Append a valid DVL ping to its ring."""
     i = streams.counts[2] % len(streams.dvl_stamps)
     streams.dvl_stamps[i] = ping.stamp_ns
     streams.dvl_v_m[i] = ping.v_m
@@ -79,7 +79,7 @@ def put_dvl(streams: fs.Streams, ping: DvlPing) -> None:
 
 
 def put_control(streams: fs.Streams, sample: ControlSample) -> None:
-    """Append a thrust."""
+    """Append a thrust to its ring."""
     i = streams.counts[4] % len(streams.control_stamps)
     streams.control_stamps[i] = sample.stamp_ns
     streams.control_force_b[i] = sample.force_b
@@ -87,7 +87,7 @@ def put_control(streams: fs.Streams, sample: ControlSample) -> None:
 
 
 def insert_fix(streams: fs.Streams, fix: Fix, number: int) -> None:
-    """Put a fix at a place among the fixes; those at and after it move up by one."""
+    """Insert a fix at an index of the fixes; those at and after it move up by one."""
     length = len(streams.fix_stamps)
     columns = (
         streams.fix_stamps,
@@ -104,7 +104,7 @@ def insert_fix(streams: fs.Streams, fix: Fix, number: int) -> None:
 
 
 def put_late_fix(streams: fs.Streams, fix: Fix) -> None:
-    """Append a fix where it was received."""
+    """Append a fix at its stamp of reception."""
     _put_fix(streams, fix, int(streams.counts[3]), fix.receive_ns)
 
 

@@ -22,7 +22,7 @@ from .streams import put_late_fix, room_for_fixes
 
 
 class SinsArrays:
-    """What the compiled loop takes of a run in SINS mode, and what goes one by one.
+    """Inputs of a run in SINS mode, split into arrays for the compiled loop and single events.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ class SinsArrays:
         )
 
     def start(self, driver: Driver | None, first: ImuSample) -> bool:
-        """Hand the arrays to the filter that starts at the first sample; False without one."""
+        """Hand the arrays to the filter started at the first sample; False without a filter."""
         if not isinstance(driver, Fusion):
             return False
         self.filter = f = driver.filter
@@ -102,11 +102,11 @@ class SinsArrays:
 
     @property
     def stamp_ns(self) -> int:
-        """Stamp of the newest IMU sample that was processed."""
+        """Stamp of the newest IMU sample processed [ns]."""
         return self.filter.stamp_ns
 
     def advance(self, until_ns: int, until_rank: int) -> bool:
-        """Process all before a place in the order of events; True where the rows are full first.
+        """Process all data before a stamp [ns] and rank; True if the rows were full before that.
 
         Raises
         ------
@@ -116,22 +116,22 @@ class SinsArrays:
         return self.filter.advance(until_ns, until_rank) == fs.FULL
 
     def put_row(self) -> None:
-        """Write the estimate of now to the rows."""
+        """Write the present estimate to the rows."""
         filter_run.put_row(self.filter.state, self.filter.settings, self._rows)
 
     def log(self, adaptation: Adaptation, until_ns: int) -> None:
-        """There is no identification in this mode."""
+        """Do nothing: there is no identification in this mode."""
 
     # -- fixes in the compiled loop ---------------------------------------------------------------
 
     @property
     def takes_fixes(self) -> bool:
-        """Whether the compiled loop can fuse fixes, too."""
+        """Whether the compiled loop can fuse fixes too."""
         return self.filter.settings.back_propagates
 
     @property
     def fixes(self) -> int:
-        """Fixes that the loop has taken so far."""
+        """Number of fixes that the compiled loop has decided so far."""
         return int(self.filter.state.counters[fs.FIX])
 
     @property
@@ -140,20 +140,20 @@ class SinsArrays:
         return float(self.filter.settings.gates[fs.VECTOR])
 
     def put_fixes(self, fixes: Sequence[Fix]) -> None:
-        """Append fixes to their stream, each where it is received."""
+        """Append fixes to their stream, each at its stamp of reception."""
         for fix in fixes:
             put_late_fix(self.filter.streams, fix)
 
     def drop_fixes(self) -> None:
-        """Take those out of the stream that the loop has not taken."""
+        """Remove the fixes from the stream that the loop has not processed."""
         self.filter.streams.counts[fs.FIX - fs.IMU] = self.fixes
 
     def decisions(self, first: int) -> tuple[Array, Ints]:
-        """Return outcomes (n, 9) and notes (n, 3) of the fixes taken, from a number on."""
+        """Outcomes (n, 9) and notes (n, 3) of the decided fixes, from an index on."""
         streams = self.filter.streams
         places = np.arange(first, self.fixes) % len(streams.fix_stamps)
         return streams.fix_outcomes[places], streams.fix_notes[places]
 
     def outcome_of(self, row: Array) -> Outcome:
-        """Return the outcome of a fix from its row of `decisions`."""
+        """Outcome of a fix from its row of `decisions`."""
         return self.filter.outcome_of(row)

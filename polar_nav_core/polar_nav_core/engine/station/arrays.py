@@ -18,7 +18,7 @@ MAX_STEP_S = 0.02
 
 
 def densities(p: EngineParams) -> tuple[float, ...]:
-    """Densities q_c of the members [m^2/s^3]."""
+    """Densities q_c of the bank's members (B,) [m^2/s^3]."""
     if p.station_filter == 'published':
         return (0.0,)
     return p.current_bank if p.current_method == 'bank' else (p.current_walk,)
@@ -34,7 +34,7 @@ def densities_of_motion(p: EngineParams) -> tuple[float, float, float]:
 
 
 def make_settings(p: EngineParams) -> ss.Settings:
-    """What stays as it is during a run, by the parameters."""
+    """Settings of the compiled filter from the parameters, constant during a run."""
     c = p.resolved()
     model = p.vehicle_model()
     origin_e = p.station_origin_e()
@@ -79,7 +79,7 @@ def make_settings(p: EngineParams) -> ss.Settings:
 
 
 def make_bank(members: int) -> ss.Bank:
-    """Return an empty bank; weights equal."""
+    """Empty bank of filters with equal weights."""
     return ss.Bank(
         x=np.zeros((members, ss.N)),
         P=np.zeros((members, ss.N, ss.N)),
@@ -93,7 +93,7 @@ def make_bank(members: int) -> ss.Bank:
 
 
 def live_streams(length_s: float, members: int) -> ss.Streams:
-    """Rings for so many seconds of sensors at up to 250 Hz each."""
+    """Empty rings for ``seconds`` of sensors at up to 250 Hz each."""
     n = int(length_s / IMU_PERIOD_S) + 16
     return ss.Streams(
         counts=np.zeros(4, dtype=np.int64),
@@ -110,7 +110,7 @@ def live_streams(length_s: float, members: int) -> ss.Streams:
 
 
 def fix_columns(members: int) -> dict[str, np.ndarray]:
-    """Columns of Streams that fixes stand in."""
+    """Empty columns of `Streams` for fixes."""
     return {
         'fix_stamps': np.zeros(FIXES, dtype=np.int64),
         'fixes': np.zeros((FIXES, ss.FIX_COLUMNS)),
@@ -121,7 +121,7 @@ def fix_columns(members: int) -> dict[str, np.ndarray]:
 
 
 def make_log(length_s: float, members: int, *, snapshots: bool, jumps: bool) -> ss.Log:
-    """Return a log of so many seconds; snapshots for going back, jumps for going forward."""
+    """Empty log of ``seconds``: snapshots for `rewind`, jumps for the forward strategies."""
     n = int(length_s / IMU_PERIOD_S) + 16
     kept = n // SNAPSHOT_EVERY + 2 if snapshots else 0
     return ss.Log(
@@ -138,7 +138,7 @@ def make_log(length_s: float, members: int, *, snapshots: bool, jumps: bool) -> 
 
 
 def make_rows(n: int, members: int) -> ss.Rows:
-    """Room for n estimates, none due."""
+    """Empty output rows for n estimates."""
     return ss.Rows(
         io=np.array([-1, 0], dtype=np.int64),
         stamps=np.zeros(n, dtype=np.int64),
@@ -155,7 +155,7 @@ def make_rows(n: int, members: int) -> ss.Rows:
 
 
 def make_work(members: int) -> ss.Work:
-    """Scratch."""
+    """Empty scratch arrays."""
     shapes: dict[str, tuple[int, ...]] = {
         'a': (3,),
         'F': (3, 3),

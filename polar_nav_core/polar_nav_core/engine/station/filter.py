@@ -1,6 +1,6 @@
 """State of station mode at one stamp: a bank of augmented filters, compiled.
 
-Events come in order. The compiled code (kernels.station_run) does the work; this class holds the
+Events come in order. The compiled code (kernels.station.run) does the work; this class holds the
 arrays, starts them and turns the state into estimates.
 """
 
@@ -35,7 +35,7 @@ _IDENTIFIED = ('drag_linear', 'drag_quadratic', 'current_x', 'current_y', 'headi
 
 
 class StationFilter:
-    """A bank of filters on the state of kernels.station.state.
+    """Bank of compiled filters on the state of `kernels.station.state`.
 
     Parameters
     ----------
@@ -71,14 +71,14 @@ class StationFilter:
     # -- events -----------------------------------------------------------------------------------
 
     def begin(self, sample: ImuSample) -> None:
-        """Take the sample that ends where the state starts: its attitude is the first."""
+        """Start at the sample at the stamp of the initial state, with its attitude."""
         self.put_imu(sample)
         self.bank.counters[ss.IMU] = 1
         self._set_state(np.asarray(sample.C_b_G))
         run.start(self.bank, self.settings, self.work, self.log)
 
     def _set_state(self, C_b_G: Array) -> None:
-        """Initial velocity is taken as that through the water: the current is not known yet."""
+        """Set the initial state; its velocity is that through the water: current unknown."""
         p, s, c = self._p, self._initial, self.settings
         r_e = np.asarray(earth.ecef_from_geodetic(s.latitude, s.longitude, s.height))
         C_e_G = grid.ecef_to_grid(r_e)
@@ -106,7 +106,7 @@ class StationFilter:
     def advance(
         self, until_ns: int = NEVER_NS, until_rank: int = 0, *, frozen: bool = False
     ) -> int:
-        """Process what stands in the streams before a place in the order of events.
+        """Process the samples in the streams that come before a stamp [ns] and rank.
 
         Raises
         ------
@@ -131,7 +131,7 @@ class StationFilter:
         return code
 
     def put_imu(self, sample: ImuSample) -> None:
-        """Append a sample to its stream."""
+        """Append an IMU sample to its stream."""
         s = self.streams
         i = s.counts[0] % len(s.imu_stamps)
         s.imu_stamps[i] = sample.stamp_ns
@@ -141,7 +141,7 @@ class StationFilter:
         self.smooth(int(s.counts[0]) - 1)
 
     def smooth(self, first: int) -> None:
-        """Smooth the attitudes of the stream from a sample on."""
+        """Smooth the attitudes in the stream from an index on, in place."""
         s, c = self.streams, self.settings
         smooth(
             s.imu_stamps,
@@ -159,7 +159,7 @@ class StationFilter:
         self.advance()
 
     def control(self, sample: ControlSample) -> None:
-        """Take the thrust that holds from the stamp on; the next sample needs it."""
+        """Append the thrust that holds from its stamp on."""
         s = self.streams
         i = s.counts[1] % len(s.control_stamps)
         s.control_stamps[i] = sample.stamp_ns
@@ -167,7 +167,7 @@ class StationFilter:
         s.counts[1] += 1
 
     def depth(self, sample: DepthSample) -> Outcome:
-        """Fuse one depth."""
+        """Fuse one depth; returns the outcome."""
         s = self.streams
         i = s.counts[2] % len(s.depth_stamps)
         s.depth_stamps[i] = sample.stamp_ns
@@ -181,7 +181,7 @@ class StationFilter:
         return Outcome(bool(fused), z, var, float(nis), 1, float(self.settings.gates[1]))
 
     def adapt(self, identified: Identification) -> None:
-        """Take drag and current from an identification; the published filter as known.
+        """Replace drag and current by identified ones; the published filter treats them as known.
 
         The augmented one starts these states anew with the covariance that came with them, and
         with no correlation to the others.
@@ -216,7 +216,7 @@ class StationFilter:
         return int(self.bank.counters[ss.STAMP])
 
     def mixture(self) -> tuple[Array, Array]:
-        """Mean (12,) and covariance (12, 12) of the bank now."""
+        """Mean (12,) and covariance (12, 12) of the bank."""
         b = self.bank
         mean = np.einsum('m,mi->i', b.weight, b.x)
         off = b.x - mean
@@ -224,14 +224,14 @@ class StationFilter:
         return mean, P
 
     def estimate(self, fixes: tuple[int, int, int]) -> Estimate:
-        """Estimate at the newest IMU sample; takes the local statistics since the last one."""
+        """Estimate at the newest IMU sample, with the local statistics since the last estimate."""
         self.row.io[1] = 0
         run.put_row(self.bank, self.settings, self.work, self.streams, self.row)
         return estimate_of(self.row, 0, fixes, self._p.model_speed)
 
 
 def estimate_of(rows: ss.Rows, k: int, fixes: tuple[int, int, int], speed: float) -> Estimate:
-    """Row k as an Estimate; ``fixes`` are received, fused, newest validity [ns]."""
+    """Estimate of output row k; ``fixes`` are received, fused, newest validity [ns]."""
     nothing = np.full(3, np.nan)
     P = np.full((24, 24), np.nan)
     P[:9, :9] = rows.P[k]
@@ -255,7 +255,7 @@ def estimate_of(rows: ss.Rows, k: int, fixes: tuple[int, int, int], speed: float
 
 
 def model_of(x: Array, P: Array, walk: float, speed: float) -> ModelEstimate:
-    """Vehicle and water by the state (12,) and its covariance (12, 12)."""
+    """Estimated drag and current from the state (12,) and its covariance (12, 12)."""
     d1, d2 = vm.surge_drag(float(x[ss.DRAG]), float(x[ss.SHARE]), speed)
     total = math.exp(x[ss.DRAG])
     J = np.array([[d1, -total / speed], [d2, total / speed**2]])

@@ -1,4 +1,4 @@
-"""A station's fix before it meets the filter: its date and its noise."""
+"""Validity and noise of a station's fix."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from ..station_params import StationParams
 
 
 def dated(p: StationParams, fix: Fix) -> Fix:
-    """Date a fix as `station_validity` says: as its packet does, or by the travel time.
+    """Fix with its validity by parameter `station_validity`: from the packet or the travel time.
 
     One whose range is not finite has no travel time; it stays as it is, to be refused.
     """
@@ -25,6 +25,6 @@ def dated(p: StationParams, fix: Fix) -> Fix:
 
 
 def fix_row(p: StationParams, polar: PolarFix) -> Array:
-    """Columns of Streams.fixes."""
+    """Row of `Streams.fixes` for a fix."""
     row = [*polar.station, polar.station_heading, polar.range, polar.bearing]
     return np.array([*row, *p.noise_of(polar)])

@@ -1,4 +1,4 @@
-"""How a station's late fixes reach the filter: the strategies of the other mode, by their names.
+"""Fusion of measurements in station mode, with the same strategies for late fixes as SINS mode.
 
 `ignore`, `tagged` and `back_propagate` bring a fix to the present. `rewind` and `clone` go back to
 where it belongs and filter the stored inputs again: `rewind` anew, `clone` with the slopes and
@@ -38,7 +38,7 @@ _NOT_USED = Outcome(False, np.full(3, np.nan), np.full(3, np.nan), math.nan, 0, 
 
 
 def outcome_of(row: Array, gate: float) -> Outcome:
-    """Outcome of a fix: along x and y of the station frame, metres, estimate minus measurement."""
+    """Outcome of a fix: estimate minus measurement along x and y of the station frame [m]."""
     c, s = math.cos(row[ss.AZIMUTH]), math.sin(row[ss.AZIMUTH])
     distance = row[ss.DISTANCE]
     J = np.array([[c, -distance * s], [s, distance * c]])
@@ -52,7 +52,7 @@ def outcome_of(row: Array, gate: float) -> Outcome:
 
 
 class StationFusion:
-    """The filter of station mode with its measurements; subclasses treat late fixes.
+    """The filter of station mode with its measurements; each subclass treats late fixes.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ class StationFusion:
         return self.filter.stamp_ns
 
     def begin(self, sample: ImuSample) -> None:
-        """Take the sample where the state starts."""
+        """Start at the sample at the stamp of the initial state."""
         self.filter.begin(sample)
 
     def imu(self, sample: ImuSample) -> None:
@@ -86,11 +86,11 @@ class StationFusion:
         self.filter.imu(sample)
 
     def control(self, sample: ControlSample) -> None:
-        """Take note of the thrust."""
+        """Store the thrust that holds from its stamp on."""
         self.filter.control(sample)
 
     def local(self, event: DvlPing | DepthSample) -> Outcome:
-        """Fuse depth; a DVL has no place in this mode."""
+        """Fuse a depth and return the outcome; this mode has no DVL."""
         return self.filter.depth(event) if isinstance(event, DepthSample) else _NOT_USED
 
     def estimate(self, fixes: tuple[int, int, int]) -> Estimate:
@@ -98,11 +98,11 @@ class StationFusion:
         return self.filter.estimate(fixes)
 
     def height(self) -> float:
-        """Of the vehicle above the station's first position [m]."""
+        """Height of the vehicle above the station's first position [m]."""
         return float(self.filter.bank.x[0, ss.POSITION + 2])
 
     def adapt(self, identified: Identification) -> None:
-        """Take drag and current from an identification that was accepted."""
+        """Replace drag and current by those of an accepted identification."""
         self.filter.adapt(identified)
 
     def fix(self, fix: Fix) -> FixResult | None:
@@ -110,14 +110,14 @@ class StationFusion:
         raise TypeError(f'{type(self).__name__} has no way to treat fix {fix.sequence}')
 
     def oldest_ns(self) -> int:
-        """Oldest validity that a fix may have to be fused."""
+        """Oldest validity stamp [ns] at which a fix can still be fused."""
         f = self.filter
         kept = min(len(f.log.points), len(f.streams.imu_stamps) - 1)
         first = max(0, int(f.streams.counts[0]) - kept)
         return int(f.streams.imu_stamps[first % len(f.streams.imu_stamps)])
 
     def offset(self, fix: Fix) -> tuple[Array, float] | None:
-        """How far a fix is off the estimate, grid axes [m], and its NIS by the spread of now."""
+        """Fix minus present estimate, grid axes [m], and its NIS by the covariance now."""
         polar = _polar(fix)
         x, P = self.filter.mixture()
         d = x[ss.POSITION : ss.CURRENT] - polar.station
@@ -142,13 +142,13 @@ def _polar(fix: Fix) -> PolarFix:
 
 
 class Forward(StationFusion):
-    """A late fix brought to the present, in one of three ways."""
+    """Strategies that refer a late fix to the present."""
 
     jumps = True
     kind = ss.IGNORE
 
     def fix(self, fix: Fix) -> FixResult | None:
-        """Fuse a fix at the present."""
+        """Result of a fix fused at the present; None if its validity is not stored any more."""
         f = self.filter
         streams, newest = f.streams, int(f.bank.counters[ss.IMU])
         when_ns = fix.receive_ns if self.kind == ss.IGNORE else fix.validity_ns
@@ -173,7 +173,7 @@ class Forward(StationFusion):
         return FixResult(result, newest - first)
 
     def _sample_after(self, stamp_ns: int) -> int | None:
-        """Number of the first IMU sample after a stamp; None when the past does not reach it."""
+        """Number of the first IMU sample after a stamp [ns]; None if it is not stored."""
         streams = self.filter.streams
         count = int(streams.counts[0])
         length = len(streams.imu_stamps)
@@ -188,7 +188,7 @@ class Forward(StationFusion):
 
 
 class Ignore(Forward):
-    """Take the fix as if it were valid when it was received."""
+    """Fix treated as valid at reception."""
 
 
 class Tagged(Forward):
@@ -204,7 +204,7 @@ class BackPropagate(Forward):
 
 
 class Rewind(StationFusion):
-    """Go back to the stored state before a late fix, take it, and filter the rest again."""
+    """Strategy for late fixes: go back to a snapshot, fuse, and filter all later data again."""
 
     snapshots = True
     frozen = False
@@ -214,22 +214,22 @@ class Rewind(StationFusion):
         self._back = GoingBack(self, params.history_s)
 
     def oldest_ns(self) -> int:
-        """Oldest validity that a fix may have to be fused."""
+        """Oldest validity stamp [ns] at which a fix can still be fused."""
         return self._back.oldest_ns()
 
     def fix(self, fix: Fix) -> FixResult | None:
-        """Fuse a fix where it belongs."""
+        """Result of a fix fused at its validity; None if the stored past does not reach it."""
         return self._back.fix(fix)
 
     def adapt(self, identified: Identification) -> None:
-        """Take drag and current; from now on going back ends here."""
+        """Replace drag and current; rewinding ends at this stamp from now on."""
         super().adapt(identified)
         self._back.end_here()
 
     # -- what going back asks for -----------------------------------------------------------------
 
     def stored(self) -> Stored:
-        """Return the stored past; its arrays are the filter's own."""
+        """Stored past of the filter; the arrays are views of the filter's own."""
         log, s = self.filter.log, self.filter.streams
         # The attitude before the first step is needed too.
         imu = min(len(s.imu_stamps) - 1, len(log.points))
@@ -250,7 +250,7 @@ class Rewind(StationFusion):
         )
 
     def insert(self, fix: Fix, number: int) -> None:
-        """Put a fix at a place among the stored ones; those at and after it move up by one."""
+        """Insert a fix at an index of the stored ones; those at and after it move up by one."""
         s = self.filter.streams
         length = len(s.fix_stamps)
         columns = (s.fix_stamps, s.fixes, s.outcomes, s.fix_points, s.fix_inflations)
@@ -265,7 +265,7 @@ class Rewind(StationFusion):
         s.counts[3] += 1
 
     def process_again(self, fix: Fix, snapshot: int | None) -> None:
-        """Process everything that was received before the fix, and the fix; no output."""
+        """Process all inputs received before the fix again, then the fix; without output rows."""
         f = self.filter
         if snapshot is not None:
             run.restore(f.bank, f.log, snapshot)
@@ -278,11 +278,11 @@ class Rewind(StationFusion):
             f.rows = rows
 
     def outcome_of(self, row: Array) -> Outcome:
-        """Return the outcome of a fix from its row of outcomes."""
+        """Outcome of a fix from its row of outcomes."""
         return outcome_of(row, float(self.filter.settings.gates[2]))
 
 
 class Clone(Rewind):
-    """The same on the linearization that was stored when the inputs came."""
+    """Rewind on the linearization that was stored when the inputs came."""
 
     frozen = True

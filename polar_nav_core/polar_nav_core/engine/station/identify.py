@@ -1,4 +1,4 @@
-"""Identification beside the filter: what it is given, when it runs, what the filter takes of it.
+"""Identification beside the filter: its data, its triggers, and the adaptation of the filter.
 
 The engine knows the protocol only. An identification runs inside the event that asks for it, so a
 replay gives the same bytes; polar_nav_core.identification does the work.
@@ -41,7 +41,7 @@ class StationAdaptation:
         self._model_at: dict[int, Array] = {}
 
     def log(self, stamp_ns: int, C_b_G: Array, omega_b: Array, force_b: Array) -> None:
-        """Take attitude, rate and the thrust of the moment; more than 10 Hz are passed over."""
+        """Store attitude, rate [rad/s] and thrust [N] at a stamp, at 10 Hz at most."""
         if self._last_ns is not None and stamp_ns < self._last_ns + PERIOD_NS:
             return
         self._last_ns = stamp_ns
@@ -49,7 +49,7 @@ class StationAdaptation:
         self._identifier.add_control(stamp_ns, force_b)
 
     def fix(self, fix: Fix, outcome: Outcome, driver: Driver) -> Identification | None:
-        """Take a fix that the gate decided on; identify if it is time."""
+        """Store a fix with its outcome at the gate; returns the identification if one was due."""
         if fix.polar is None:
             return None
         stated = self._params.noise_of(fix.polar)
@@ -68,7 +68,7 @@ class StationAdaptation:
         return None if trigger is None else self.identify(fix.receive_ns, trigger, driver)
 
     def identify(self, stamp_ns: int, trigger: str, driver: Driver | None) -> Identification:
-        """Identify now.
+        """Identification from the data stored so far, triggered by the named cause.
 
         The track of the published method starts at the first fix at the first adaptation, later
         where the model was then (its text below Eq. 17).
@@ -92,5 +92,5 @@ class StationAdaptation:
 
 
 def make_adaptation(params: EngineParams) -> Adaptation | None:
-    """Return the identification of station mode; None in the other."""
+    """Identification of station mode; None in SINS mode."""
     return StationAdaptation(params) if params.mode == 'station' else None

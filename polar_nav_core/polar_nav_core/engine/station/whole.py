@@ -16,7 +16,7 @@ from .identify import PERIOD_NS
 
 
 class StationArrays:
-    """What the compiled loop takes of a run in station mode, and what goes one by one.
+    """Inputs of a run in station mode, split into arrays for the compiled loop and single events.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ class StationArrays:
         self._depth_variance = rows_of(x.depth_variance, depth)
 
     def start(self, driver: Driver | None, first: ImuSample) -> bool:
-        """Hand the arrays to the filter that starts at the first sample; False without one."""
+        """Hand the arrays to the filter started at the first sample; False without a filter."""
         if not isinstance(driver, StationFusion):
             return False
         self.filter = f = driver.filter
@@ -90,11 +90,11 @@ class StationArrays:
 
     @property
     def stamp_ns(self) -> int:
-        """Stamp of the newest IMU sample that was processed."""
+        """Stamp of the newest IMU sample processed [ns]."""
         return self.filter.stamp_ns
 
     def advance(self, until_ns: int, until_rank: int) -> bool:
-        """Process all before a place in the order of events; True where the rows are full first.
+        """Process all data before a stamp [ns] and rank; True if the rows were full before that.
 
         Raises
         ------
@@ -104,12 +104,12 @@ class StationArrays:
         return self.filter.advance(until_ns, until_rank) == ss.FULL
 
     def put_row(self) -> None:
-        """Write the estimate of now to the rows."""
+        """Write the present estimate to the rows."""
         f = self.filter
         run_kernels.put_row(f.bank, f.settings, f.work, f.streams, self._rows)
 
     def log(self, adaptation: Adaptation, until_ns: int) -> None:
-        """Give the identification what it would have been given sample by sample."""
+        """Pass attitude, rate and thrust before a stamp [ns] on to the identification."""
         stamps = self._imu_stamps
         while self._next < len(stamps) and stamps[self._next] < until_ns:
             k, now_ns = self._next, int(stamps[self._next])
