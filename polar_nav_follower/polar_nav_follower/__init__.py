@@ -1,1 +1,1 @@
-"""The follower: a filter that knows when each late fix was valid."""
+"""The follower: navigates with late acoustic fixes, each fused at its time of validity."""

@@ -1,4 +1,4 @@
-"""The acoustic packet's message to an event.
+"""Conversion of acoustic packets' messages to events.
 
 Messages that every vehicle has are read and written in polar_nav_ros; besides the node and the
 session, this is the only place of the package that knows both worlds.
@@ -21,7 +21,7 @@ from .params import FollowerParams
 def fix_from_msg(
     msg: AcousticPacket, number: int, params: FollowerParams
 ) -> tuple[Fix, Broadcast | None]:
-    """polar_nav_msgs/AcousticPacket as an event and, when its bytes can be read, their content."""
+    """Event of a leader's polar_nav_msgs/AcousticPacket, and its content if it can be decoded."""
     return fix_from_packet(
         bytes(msg.data),
         msg.source,
@@ -36,7 +36,7 @@ def fix_from_msg(
 def station_fix_from_msg(
     msg: AcousticPacket, number: int, params: FollowerParams, numbers: StationNumbers
 ) -> tuple[Fix, StationReport | None]:
-    """The same for the packets of a hydroacoustic station."""
+    """Event of a station's polar_nav_msgs/AcousticPacket, and its content if it can be decoded."""
     return station_fix_from_packet(
         bytes(msg.data),
         msg.source,
@@ -52,7 +52,7 @@ def station_fix_from_msg(
 def station_fix_to_msg(
     report: StationReport, source: str, target: str, params: FollowerParams
 ) -> StationFix:
-    """polar_nav_msgs/StationFix of a packet's content; when it was pinged is not told: zero."""
+    """polar_nav_msgs/StationFix of a packet's content; the ping time is unknown: zero."""
     polar: PolarFix = polar_of(report, params)
     msg = StationFix()
     msg.header.stamp = to_msg(report.validity_ns)

@@ -1,4 +1,4 @@
-"""Values that reproduce an engine where a recording leaves a parameter out.
+"""Default values of parameters at each engine version, to replay recordings that omit them.
 
 A follower states all its parameters on ``/run_info``, so a recording lacks those only that were
 declared after it. They must not take today's default: the recorded run did what the engine of its
@@ -142,7 +142,7 @@ _SINCE: dict[int, dict[str, Any]] = {}
 
 
 def defaults_of(engine_version: int) -> dict[str, Any]:
-    """Return the follower's parameters that reproduce an engine, by name, in the units declared.
+    """The follower's default parameters at an engine version, by name, in the declared units.
 
     A newer engine than this one gets the newest values that are known.
 

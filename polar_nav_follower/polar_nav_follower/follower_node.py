@@ -1,4 +1,4 @@
-"""Follower: takes sensors and packets, publishes the estimate and what became of every fix.
+"""Follower: subscribes to sensors and packets, publishes the estimate and a receipt per fix.
 
 | topic | type | stamp |
 | --- | --- | --- |
@@ -36,7 +36,7 @@ from .params import FollowerParams
 
 
 class FollowerNode(PolarNode[FollowerParams]):
-    """Thin: the session navigates, the ports publish what it gives."""
+    """Node around a `Session`, which navigates, and `NavigationPorts`, which publish."""
 
     def __init__(self) -> None:
         super().__init__('follower_node', FollowerParams)
@@ -56,16 +56,16 @@ class FollowerNode(PolarNode[FollowerParams]):
         )
 
     def diagnose(self) -> Diagnosis:
-        """Verdict counters, ages and what waits."""
+        """Health with verdict counts, ages and the number of waiting events."""
         return self._ports.diagnose()
 
     def close(self) -> None:
-        """Process what waits, and say in a command where the run ended."""
+        """Process waiting events, and publish the end of the run as a SHUTDOWN command."""
         self._ports.close()
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run the node."""
+    """Exit status of the node."""
     return run(FollowerNode, args)
 
 

@@ -1,4 +1,4 @@
-"""One follower behind its topics: a navigation session whose fixes come in acoustic packets.
+"""Session of a follower: navigation with fixes from acoustic packets.
 
 Its mode says what it takes: a SINS with DVL and the packets of a leader, or the attitude of an
 AHRS with thrust and the packets of a hydroacoustic station.
@@ -29,16 +29,16 @@ from .measurements.station_fix import StationNumbers
 from .params import FollowerParams
 
 INPUTS = (IMU, DVL, DEPTH, RX, COMMAND)
-"""What a follower with SINS and DVL takes."""
+"""Topics that a follower with SINS and DVL subscribes to."""
 
 
 def in_station_mode(params: FollowerParams) -> bool:
-    """Whether a station's ranges and bearings are taken, and the vehicle's model is needed."""
+    """Whether the fixes are a station's ranges and bearings, which needs the vehicle's model."""
     return params.mode == 'station'
 
 
 def sensors_of(params: FollowerParams) -> tuple[str, ...]:
-    """Topics of the vehicle's own sensors that a follower takes; the first one is the IMU."""
+    """Topics of the vehicle's own sensors that a follower subscribes to; the first is the IMU."""
     if in_station_mode(params):
         return (AHRS, CONTROL, DEPTH)
     if params.model_aiding:
@@ -47,12 +47,12 @@ def sensors_of(params: FollowerParams) -> tuple[str, ...]:
 
 
 def inputs_of(params: FollowerParams) -> tuple[str, ...]:
-    """Every topic that a follower takes."""
+    """All topics that a follower subscribes to."""
     return (*sensors_of(params), RX, COMMAND)
 
 
 class Session(NavigationSession[FollowerParams]):
-    """A follower with its topics.
+    """Navigation session of a follower in either mode.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ class Session(NavigationSession[FollowerParams]):
         yield from self.decoded()
 
     def decoded(self) -> Iterator[Published]:
-        """Contents of the packets read since the last call, for people."""
+        """Readable contents of the packets received since the last call."""
         yield from self._decoded
         self._decoded.clear()
 
@@ -99,5 +99,5 @@ class Session(NavigationSession[FollowerParams]):
         return fix
 
     def _name(self, number: int) -> str:
-        """Name of a vehicle that a packet gives by its number."""
+        """Name of a vehicle by its number in a packet."""
         return self.vehicle if number == self.params.own_id else str(number)

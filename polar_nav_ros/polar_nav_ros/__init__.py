@@ -1,1 +1,1 @@
-"""What every node shares: parameters, subscriptions, lockstep, signals, diagnostics."""
+"""Common parts of all nodes: parameters, subscriptions, lockstep, diagnostics, readers."""

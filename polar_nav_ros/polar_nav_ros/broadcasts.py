@@ -1,4 +1,4 @@
-"""A leader packet's content as a message for people; leader and follower publish the same."""
+"""Content of a leader's packet as a readable message, the same from leader and follower."""
 
 from __future__ import annotations
 

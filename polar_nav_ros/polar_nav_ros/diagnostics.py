@@ -1,4 +1,4 @@
-"""What a node says of its health, once a second on /diagnostics."""
+"""Health of a node, published once a second on /diagnostics."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Diagnosis:
     values: Mapping[str, object] = field(default_factory=dict)
 
     def to_msg(self, name: str) -> DiagnosticArray:
-        """Message with one status; the stamp is the publisher's business."""
+        """diagnostic_msgs/DiagnosticArray with one status; the publisher sets the stamp."""
         pairs = [KeyValue(key=str(k), value=str(v)) for k, v in self.values.items()]
         status = DiagnosticStatus(
             level=bytes([self.level]),

@@ -1,4 +1,4 @@
-"""Bookkeeping of the `lockstep` pace: whether the truth may go on, and who holds it up if not.
+"""State of the `lockstep` pace: whether the truth may go on, and which nodes lag behind.
 
 Every node acknowledges how many messages it has taken and published on each topic (LockstepAck). A
 node acknowledges after a callback took its messages and published all they led to, so once a node
@@ -27,7 +27,7 @@ class Ack(Protocol):
 
 
 class Flow:
-    """State of the graph as the acknowledgements tell it.
+    """State of the graph according to the acknowledgements of its nodes.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ class Flow:
         return frozenset(self._heard)
 
     def update(self, ack: Ack) -> bool:
-        """Take one acknowledgement; False when its node is not one we wait for."""
+        """Store one acknowledgement; False if its node is not an expected one."""
         if ack.node not in self._taken:
             return False
         self._heard.add(ack.node)
@@ -69,13 +69,13 @@ class Flow:
         return True
 
     def own(self, published: Mapping[str, int], matched: Mapping[str, int] | None = None) -> None:
-        """Say what the truth node has published so far, and how many read each topic."""
+        """Store what the truth node has published so far, and the readers of each topic."""
         self._own = dict(published)
         if matched is not None:
             self._own_matched = dict(matched)
 
     def missing(self) -> list[str]:
-        """Sentences on what is not there yet; empty when the graph is complete."""
+        """Sentences about missing nodes and connections; empty if the graph is complete."""
         absent = [
             f'{name} has not been heard' for name in sorted(self._taken) if name not in self._heard
         ]
@@ -100,7 +100,7 @@ class Flow:
         return not self.missing()
 
     def laggards(self) -> dict[str, dict[str, tuple[int, int]]]:
-        """Nodes that have not taken everything yet: node -> topic -> (taken, published)."""
+        """Nodes with messages still to receive: node -> topic -> (taken, published)."""
         total = self.published()
         behind: dict[str, dict[str, tuple[int, int]]] = {}
         for node, taken in self._taken.items():
@@ -111,7 +111,7 @@ class Flow:
         return behind
 
     def settled(self) -> bool:
-        """Whether everything that was published has been taken by everyone who listens to it."""
+        """Whether all subscribers have received all published messages."""
         total = self.published()
         get = total.get
         return all(
@@ -121,7 +121,7 @@ class Flow:
         )
 
     def published(self) -> dict[str, int]:
-        """Messages published so far per topic, over all nodes."""
+        """Number of messages published so far per topic, over all nodes."""
         total = dict(self._own)
         for counts in self._published.values():
             for topic, count in counts.items():
@@ -129,7 +129,7 @@ class Flow:
         return total
 
     def taken(self) -> dict[str, dict[str, int]]:
-        """Messages taken so far: node -> topic -> count."""
+        """Number of messages received so far: node -> topic -> count."""
         return {node: dict(counts) for node, counts in self._taken.items()}
 
     def _subscribers(self) -> dict[str, list[str]]:

@@ -1,4 +1,4 @@
-"""What is estimated of the vehicle's model and of the water, as messages."""
+"""Estimated drag, current and identifications as messages."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ GRID = 'grid'
 
 
 def model_to_msg(m: ModelEstimate, stamp_ns: int) -> VehicleModel:
-    """polar_nav_msgs/VehicleModel of an estimate."""
+    """polar_nav_msgs/VehicleModel of an estimate at a stamp [ns]."""
     msg = VehicleModel()
     msg.header.stamp = to_msg(stamp_ns)
     msg.header.frame_id = GRID
@@ -35,7 +35,7 @@ def model_to_msg(m: ModelEstimate, stamp_ns: int) -> VehicleModel:
 
 
 def current_to_msg(m: ModelEstimate, stamp_ns: int) -> WaterCurrent:
-    """polar_nav_msgs/WaterCurrent of an estimate."""
+    """polar_nav_msgs/WaterCurrent of an estimate at a stamp [ns]."""
     msg = WaterCurrent()
     msg.header.stamp = to_msg(stamp_ns)
     msg.header.frame_id = GRID

@@ -1,4 +1,4 @@
-"""What a node that navigates says of its health: worst first, in one sentence, with the numbers.
+"""Health of a navigating node: the worst problem in one sentence, with the numbers.
 
 | level | when |
 | --- | --- |
@@ -22,7 +22,7 @@ from .diagnostics import Diagnosis, Level
 
 
 class Logger(Protocol):
-    """What is needed of rclpy's logger."""
+    """The part of rclpy's logger that is used here."""
 
     def info(self, message: str) -> object:
         """Log at level INFO."""
@@ -35,7 +35,7 @@ class Logger(Protocol):
 
 
 class NavigationHealth:
-    """Watches one engine; logs what changes.
+    """Watches one engine; logs changes of its health.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ class NavigationHealth:
         self._last = Level.WARN  # there is no state yet
 
     def diagnose(self, values: dict[str, object]) -> Diagnosis:
-        """Status now; ``values`` are the node's own numbers.
+        """Present status; ``values`` are the node's own numbers.
 
         The engine's come first.
         """
@@ -103,7 +103,7 @@ class NavigationHealth:
 
 
 def _waiting(engine: Engine) -> str:
-    """Say what a filter without a state waits for."""
+    """Sentence about the missing input of a filter without a state."""
     refused = engine.verdicts[Verdict.NOT_FINITE]
     if refused and engine.params.mode == 'station':
         return (

@@ -25,7 +25,7 @@ from .stamps import to_msg, to_ns
 def nav_to_msg(
     e: Estimate, params: EngineParams, vehicle: str, frame_id: str = 'earth'
 ) -> NavState:
-    """polar_nav_msgs/NavState of an estimate; ``frame_id`` is that of positions."""
+    """polar_nav_msgs/NavState of an estimate; ``frame_id`` is the frame of positions."""
     row = nav_columns.describe(e.r_e[None], e.C_b_G[None], e.P[None])[0]
     derived = {name: float(row[k]) for name, k in nav_columns.COLUMNS.items()}
     x, y, z, w = row[nav_columns.QUATERNION].tolist()
@@ -94,7 +94,7 @@ def receipt_to_msg(r: Receipt) -> FixReceipt:
 
 
 def receipt_from_msg(msg: FixReceipt) -> Receipt:
-    """Read back the receipt that a recorded message stands for."""
+    """Receipt of a recorded polar_nav_msgs/FixReceipt."""
     return Receipt(
         stamp_ns=to_ns(msg.header.stamp),
         verdict=Verdict(msg.verdict),

@@ -1,4 +1,4 @@
-"""Topics and services of a node that navigates: a session's results are published as they come.
+"""Topics and services of a navigating node: publishes the results of its session.
 
 | topic | type | stamp |
 | --- | --- | --- |
@@ -47,7 +47,7 @@ from .topics import COMMAND, FIX, ODOMETRY, RECEIPT, STATE
 
 
 class NavigationPorts:
-    """Connects a session with its node.
+    """Connects a session to the topics and services of its node.
 
     Parameters
     ----------
@@ -94,12 +94,12 @@ class NavigationPorts:
         self._health = NavigationHealth(session.engine, node.get_logger())
 
     def diagnose(self) -> Diagnosis:
-        """Verdict counters, ages and what waits."""
+        """Health with verdict counts, ages and the number of waiting events."""
         waiting = {'waiting': self._session.reorder.pending}
         return self._health.diagnose({**waiting, **self._node.taken_counts()})
 
     def close(self) -> None:
-        """Process what waits, and say in a command where the run ended."""
+        """Process waiting events, and publish the end of the run as a SHUTDOWN command."""
         self._publish(self._session.flush())
         stamp_ns = self._session.reorder.newest_imu_ns
         if stamp_ns is not None:
@@ -121,7 +121,7 @@ class NavigationPorts:
                 self._publish_standard(message)
 
     def _publish_standard(self, state: NavState) -> None:
-        """Give the same estimate in standard messages, for other people's tools."""
+        """Publish the estimate as standard messages too: odometry, and a NavSatFix at 1 Hz."""
         self._odometry.publish(self._session.odometry(state))
         if state.header.stamp.sec != self._fix_second:
             self._fix_second = state.header.stamp.sec
@@ -134,7 +134,7 @@ class NavigationPorts:
         self._commands.publish(message)
 
     def _command(self, kind: CommandKind, initial: InitialStateMsg) -> str:
-        """Put a service call into the order of events; why not, in a sentence, or empty."""
+        """Process a service call as a stamped event; returns an error sentence or nothing."""
         stamp_ns = self._session.reorder.newest_imu_ns
         if stamp_ns is None:
             return (
@@ -155,7 +155,7 @@ class NavigationPorts:
     def _on_identify(
         self, _request: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
-        """Put the wish into the order of events; nav/identification tells what came of it."""
+        """Process the request as a stamped event; nav/identification publishes the result."""
         response.message = self._command(CommandKind.IDENTIFY, InitialStateMsg())
         response.success = not response.message
         return response

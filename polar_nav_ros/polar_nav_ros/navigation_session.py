@@ -1,4 +1,4 @@
-"""One navigating vehicle behind its topics: messages in, messages out.
+"""Navigation of one vehicle without a node: messages of its topics in, messages out.
 
 Driven by a node (:meth:`take` as messages come) or by a replay, which collects :meth:`event_of` of
 a whole bag, sorts, and calls :meth:`process`. Both use the same engine, so that they publish the
@@ -60,21 +60,21 @@ SENSORS: dict[str, type[Any]] = {
     DEPTH: Depth,
     DVL: Dvl,
 }
-"""Topics of a vehicle's own sensors and actuators; which of them one takes, its session says."""
+"""Topics of a vehicle's own sensors and actuators; each session subscribes to some of them."""
 MODEL_OUTPUTS: dict[str, type[Any]] = {
     CURRENT: WaterCurrent,
     MODEL: VehicleModel,
     IDENTIFICATION: IdentificationMsg,
 }
-"""What is published besides where the vehicle's model takes part."""
+"""Topics published in addition where the vehicle's model is used."""
 
 P = TypeVar('P', bound=EngineParams)
 Reader: TypeAlias = Callable[[Any, int], Event]
-"""A message and its number on its topic to an event."""
+"""Converts a message and its number on its topic to an event."""
 
 
 class Published(NamedTuple):
-    """A message to publish: its topic, and its bytes, which depend on its content only."""
+    """A message to publish: topic, message, and bytes that depend on its content only."""
 
     topic: str
     message: Any
@@ -87,7 +87,7 @@ class Published(NamedTuple):
 
 
 class NavigationSession(Generic[P]):
-    """An engine with its topics.
+    """An engine with readers for its input topics and messages for its outputs.
 
     Parameters
     ----------
@@ -135,44 +135,44 @@ class NavigationSession(Generic[P]):
 
     @property
     def with_model(self) -> bool:
-        """Whether the vehicle's model takes part: it needs to know the thrust."""
+        """Whether the vehicle's model is used, which needs the thrust."""
         return CONTROL in self.sensors
 
     def event_of(self, topic: str, message: Any) -> Event:  # noqa: ANN401 - the topic's message type
-        """Event of a message; counts it, which numbers the messages of each topic."""
+        """Event of a message, numbered on its topic."""
         number = self.taken[topic]
         self.taken[topic] += 1
         return self._readers[topic](message, number)
 
     def take(self, topic: str, message: Any) -> Iterator[Published]:  # noqa: ANN401
-        """Take one message live; yields what is to be published."""
+        """Process one live message; yields the messages to publish."""
         event = self.event_of(topic, message)
         yield from self._before_event()
         yield from self._to_messages(self.reorder.add(event))
 
     def process(self, event: Event) -> Iterator[Published]:
-        """Take the next event of the total order (replay)."""
+        """Process the next event of the total order (replay); yields the messages to publish."""
         yield from self._to_messages(self.engine.process(event))
 
     def advance(self, stamp_ns: int) -> Iterator[Published]:
-        """No event before this stamp comes any more (replay)."""
+        """Yield the messages due before a stamp [ns]: no earlier event may follow (replay)."""
         yield from self._to_messages(self.engine.advance(stamp_ns))
 
     def refuse(self, receipt: Receipt) -> Published:
-        """Repeat the receipt of a message that a live run refused (replay)."""
+        """Receipt of a message that a live run refused, published again (replay)."""
         self.engine.verdicts[receipt.verdict] += 1
         return Published.of(RECEIPT, outputs.receipt_to_msg(receipt))
 
     def flush(self) -> Iterator[Published]:
-        """Process what waits: the end of the run, live or replayed."""
+        """Process all waiting events at the end of a run; yields the messages to publish."""
         yield from self._to_messages(self.reorder.flush())
 
     def odometry(self, state: NavState) -> Odometry:
-        """Give the newest state as nav_msgs/Odometry."""
+        """nav_msgs/Odometry of the newest state."""
         return odometry_of(state)
 
     def _before_event(self) -> Iterator[Published]:
-        """Messages that a vehicle's reader made and that precede the event's results."""
+        """Messages of a vehicle's own readers that precede the results of the event."""
         yield from ()
 
     def _to_messages(self, results: Iterable[Output]) -> Iterator[Published]:
@@ -188,7 +188,7 @@ class NavigationSession(Generic[P]):
                 yield Published.of(IDENTIFICATION, message)
 
     def _model(self, e: Estimate) -> Iterator[Published]:
-        """Model and current, once a second of stamp time."""
+        """Messages with model and current, once per second of stamp time."""
         if e.model is None or e.stamp_ns // NS == self._model_second:
             return
         self._model_second = e.stamp_ns // NS

@@ -1,4 +1,4 @@
-"""The base of every node.
+"""Base class of all nodes.
 
 Parameters, counted publishers, drained subscriptions, acknowledgements, diagnostics and an
 orderly end.
@@ -61,7 +61,7 @@ _STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 
 
 class CountedPublisher:
-    """A publisher that knows how many messages went through it."""
+    """A publisher that counts its messages."""
 
     def __init__(self, publisher: Publisher) -> None:
         self._publisher = publisher
@@ -75,7 +75,7 @@ class CountedPublisher:
 
     @property
     def matched(self) -> int:
-        """Subscriptions that this publisher has found."""
+        """Number of subscriptions matched with this publisher."""
         return int(self._publisher.get_subscription_count())
 
     def flush(self, timeout_s: float) -> bool:
@@ -112,7 +112,7 @@ class _Drained:
 
 
 class PolarNode(Node, Generic[P]):  # type: ignore[misc]
-    """A node that declares its parameters from one dataclass and, if told to, keeps lockstep.
+    """A node with parameters from one dataclass and, as an option, the lockstep pace.
 
     Subclasses name their dataclass: ``class MyNode(PolarNode[MyParams])``.
 
@@ -167,7 +167,7 @@ class PolarNode(Node, Generic[P]):  # type: ignore[misc]
         qos: QoSProfile = DATA_QOS,
         after_others: bool = False,
     ) -> Subscription:
-        """Subscribe with a callback that takes all waiting messages in one turn of the executor.
+        """Subscription that drains all waiting messages in one turn of the executor.
 
         The executor's turn costs several times what taking a message costs, so the first message
         of a burst brings the rest with it. With `after_others` it comes after what waits on all
@@ -200,12 +200,12 @@ class PolarNode(Node, Generic[P]):  # type: ignore[misc]
         return subscription
 
     def count_input(self, entry: Input) -> None:
-        """Count a subscription in the acknowledgements; in place of an older one of its topic."""
+        """Add a subscription to the acknowledgements, in place of an older one of its topic."""
         self._inputs = [i for i in self._inputs if i.topic != entry.topic]
         self._inputs.append(entry)
 
     def acknowledge(self) -> None:
-        """Tell the truth node what was taken and published so far (lockstep pace only)."""
+        """Publish the counts of received and published messages (lockstep pace only)."""
         if self.params.lockstep:
             self._tell_counts()
 
@@ -227,22 +227,22 @@ class PolarNode(Node, Generic[P]):  # type: ignore[misc]
         )
 
     def taken_counts(self) -> dict[str, int]:
-        """Messages taken so far per fully qualified topic."""
+        """Number of messages received so far per fully qualified topic."""
         return {i.topic: i.count for i in self._inputs}
 
     def published_counts(self) -> dict[str, int]:
-        """Messages published so far per fully qualified topic."""
+        """Number of messages published so far per fully qualified topic."""
         return {o.topic: o.count for o in self._outputs}
 
     def diagnose(self) -> Diagnosis:
-        """Say how the node is; override to say more."""
+        """Health of the node; overridden by nodes with health of their own."""
         return Diagnosis(values={**self.taken_counts(), **self.published_counts()})
 
     def close(self) -> None:
-        """Last words before the end, when publishing is still possible; override."""
+        """Publish last messages before the end of the node; overridden."""
 
     def flush(self, timeout_s: float = 2.0) -> None:
-        """Wait until readers have what was published, at most this long for all of it."""
+        """Wait until readers have acknowledged all messages, for ``timeout_s`` at most."""
         deadline = time.monotonic() + timeout_s
         for output in (*self._outputs, self._diagnostics):
             output.flush(max(0.0, deadline - time.monotonic()))
@@ -253,7 +253,7 @@ class PolarNode(Node, Generic[P]):  # type: ignore[misc]
             print(f'{what} {text}', flush=True)  # noqa: T201
 
     def tell_counts(self) -> None:
-        """Tell a supervisor what was published and taken."""
+        """Print the counts of published and received messages for a supervisor."""
         counts = {'published': self.published_counts(), 'taken': self.taken_counts()}
         self.tell_supervisor('counts', json.dumps(counts))
 
@@ -296,7 +296,7 @@ class Stop:
 
 
 def run(node_cls: Callable[[], PolarNode[Any]], args: Sequence[str] | None = None) -> int:
-    """Run one node until a signal or until it raises SystemExit; the exit status of the process.
+    """Exit status of one node, run until a signal or until it raises SystemExit.
 
     rclpy's own signal handlers end the context at once, before a node can flush what it holds; so
     signals only set a flag here.

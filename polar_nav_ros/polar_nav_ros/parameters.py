@@ -1,4 +1,4 @@
-"""Declares what a parameter dataclass says, and refuses what it does not know."""
+"""Declaration of a parameter dataclass on a node; unknown parameters are refused."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _RCLPY_OWN = ('use_sim_time', 'start_type_description_service')
 
 
 def load(node: Node, cls: type[T]) -> T:
-    """Declare every field of ``cls`` on ``node``, read-only with range and text; the values.
+    """Values of the fields of ``cls``, declared on ``node`` read-only with range and text.
 
     Raises
     ------

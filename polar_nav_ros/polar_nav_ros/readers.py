@@ -1,4 +1,4 @@
-"""What a message of a local sensor must be to become an event of the engine, for every vehicle.
+"""Conversion of messages of local sensors to events of the engine, for every vehicle.
 
 Each rule stands here once for one message (live, replay by message) and, right beside it, for
 columns of many messages (replay by arrays, identification). Both forms give the same bits.
@@ -96,7 +96,7 @@ def _rotations(xyzw: Array) -> Array:
 
 
 def control_from_msg(msg: WrenchStamped, number: int) -> ControlSample:
-    """geometry_msgs/WrenchStamped as an event: what the thrusters give, body axes."""
+    """geometry_msgs/WrenchStamped as an event: thrust, body axes [N], [N m]."""
     force, torque = msg.wrench.force, msg.wrench.torque
     return ControlSample(
         to_ns(msg.header.stamp),
@@ -129,7 +129,7 @@ def dvl_pings(
     good_beams: NDArray[Any],
     default_sigma: float,
 ) -> tuple[Array, NDArray[np.bool_]]:
-    """Covariance [(m/s)^2] and validity of many pings, as `dvl_from_msg` has them.
+    """Covariances [(m/s)^2] (n, 3, 3) and validity (n,) of n pings, equal to `dvl_from_msg`.
 
     Parameters
     ----------
@@ -163,7 +163,7 @@ def depth_from_msg(msg: Depth, number: int, default_sigma: float) -> DepthSample
 
 
 def depth_variances(variance: Array, default_sigma: float) -> Array:
-    """Variance [m^2] of many depths, as `depth_from_msg` has it. (n,) -> (n,)."""
+    """Variances [m^2] (n,) of n depths, equal to `depth_from_msg`."""
     return np.where(variance == _UNKNOWN, default_sigma**2, variance)
 
 
@@ -176,7 +176,7 @@ def command_from_msg(msg: CommandMsg, _number: int) -> Command:
 
 
 def initial_from_msg(msg: InitialStateMsg) -> InitialState | None:
-    """polar_nav_msgs/InitialState; None for one without uncertainty, which stands for none."""
+    """Initial state of a polar_nav_msgs/InitialState; None for a message without uncertainty."""
     if msg.sigma_position_horizontal <= 0.0:
         return None
     return InitialState(
@@ -214,7 +214,7 @@ def initial_to_msg(s: InitialState) -> InitialStateMsg:
 
 
 def initial_problem(s: InitialState) -> str:
-    """Why an initial state cannot be used, in a sentence; empty when it can."""
+    """Sentence about an initial state that cannot be used; empty if it can."""
     sigmas = {
         'sigma_position_horizontal': s.sigma_position_horizontal,
         'sigma_position_vertical': s.sigma_position_vertical,

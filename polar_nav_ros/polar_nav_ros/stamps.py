@@ -1,4 +1,4 @@
-"""ROS time messages to and from integer nanoseconds, the only time keys of the project."""
+"""Conversion of ROS time messages to and from integer nanoseconds."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ _STAMP = {0x01: struct.Struct('<iI'), 0x00: struct.Struct('>iI')}
 
 
 def to_ns(stamp: Time) -> int:
-    """Nanoseconds of a time message."""
+    """Stamp [ns] of a builtin_interfaces/Time."""
     return int(stamp.sec) * NS + int(stamp.nanosec)
 
 
 def to_msg(stamp_ns: int) -> Time:
-    """Time message of a number of nanoseconds."""
+    """builtin_interfaces/Time of a stamp [ns]."""
     sec, nanosec = divmod(stamp_ns, NS)
     return Time(sec=sec, nanosec=nanosec)
 
 
 def stamp_ns_of_cdr(data: bytes) -> int:
-    """``header.stamp`` of a serialized message whose first field is a std_msgs/Header.
+    """Stamp [ns] of a serialized message whose first field is a std_msgs/Header.
 
     The rest is not decoded.
     """

@@ -1,4 +1,4 @@
-"""The estimate as nav_msgs/Odometry and sensor_msgs/NavSatFix, for other people's tools."""
+"""The estimate as nav_msgs/Odometry and sensor_msgs/NavSatFix, for standard ROS tools."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from polar_nav_msgs.msg import NavState
 
 
 def odometry_of(state: NavState, omega_eb_b: Array | None = None) -> Odometry:
-    """Pose of base_link in `earth` (C_b_e), twist in base_link.
+    """nav_msgs/Odometry: pose of base_link in `earth` (C_b_e), twist in base_link.
 
     Covariances are in the axes that nav_msgs/Odometry asks for. The rate against the earth, body
     axes [rad/s], is NaN where it is not told; its covariance is not estimated: NaN.
@@ -50,7 +50,7 @@ def odometry_of(state: NavState, omega_eb_b: Array | None = None) -> Odometry:
 
 
 def fix_of(state: NavState) -> NavSatFix:
-    """Latitude, longitude, height for maps.
+    """sensor_msgs/NavSatFix: latitude, longitude [deg] and height [m] for maps.
 
     The covariance is east-north-up, turned from grid axes by the convergence.
     """

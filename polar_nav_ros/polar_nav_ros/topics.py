@@ -1,4 +1,4 @@
-"""Names of all topics, each with its message type; those without a slash in front are a vehicle's.
+"""Names and message types of all topics; names without a leading slash are per vehicle.
 
 A vehicle's topics stand in its namespace: ``/follower/nav/state``.
 """

@@ -1,1 +1,1 @@
-"""From what a sensor or a modem delivers to what the filter can use."""
+"""Conversion of received packets to position fixes."""

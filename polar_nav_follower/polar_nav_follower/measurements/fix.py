@@ -1,4 +1,4 @@
-"""A leader's packet to a position of the follower's transponder.
+"""Position of the follower's transponder from a leader's packet.
 
 Leader and follower have different grid frames, so only earth-frame vectors are added:
 p_F(t3) = p_L(t4) + C_G_e(leader) r_lf_G, with the covariances of both.
@@ -23,7 +23,7 @@ from ..params import FollowerParams
 _NO_VECTOR = np.full(3, np.nan)
 _NO_COVARIANCE = np.full((3, 3), np.nan)
 _EARTH = (6.3e6, 6.4e6)
-"""Distances from the Earth's centre at which a leader may be [m]."""
+"""Range of a leader's distance from the Earth's centre [m]."""
 _LAST_STAMP_NS = (1 << 31) * 1_000_000_000
 
 
@@ -75,7 +75,7 @@ def fix_from_packet(
     receive_ns: int,
     params: FollowerParams,
 ) -> tuple[Fix, Broadcast | None]:
-    """Read a received packet's bytes; the fix says why when they hold none for this vehicle."""
+    """Fix and content of a received packet; a fix without a position holds the reason."""
 
     def refused(
         verdict: Verdict, reason: str, b: Broadcast | None = None
@@ -136,7 +136,7 @@ def fix_from_packet(
 
 
 class Packet(NamedTuple):
-    """What the follower takes of one AcousticPacket."""
+    """Fields of one AcousticPacket that the follower uses."""
 
     data: bytes
     source: str
@@ -146,7 +146,7 @@ class Packet(NamedTuple):
 
 
 def fixes_from_packets(packets: Sequence[Packet], params: FollowerParams) -> list[Fix]:
-    """`fix_from_packet` of many packets, numbered as they come, to the same bits.
+    """Fixes of many packets, numbered in order, equal to `fix_from_packet` to the bit.
 
     Those that hold a position for this vehicle are read all at once, the others one by one.
     """
@@ -174,7 +174,7 @@ def fixes_from_packets(packets: Sequence[Packet], params: FollowerParams) -> lis
 def _plain_fixes(
     packets: Sequence[Packet], numbers: NDArray[np.int64], b: Broadcasts, rows: NDArray[np.intp]
 ) -> dict[int, Fix]:
-    """Fixes of some rows of ``b``, by the number of the packet; none if one place has no axes."""
+    """Fixes of some rows of ``b`` by packet number; empty if a place has no grid axes."""
     try:
         r_e, covariance_e = _positions(
             b.leader_r_e[rows],
@@ -211,7 +211,7 @@ def _plain_fixes(
 
 
 def _of_a_station(data: bytes) -> str:
-    """Say that a packet is a station's; empty when it is not."""
+    """Sentence if a packet is a station's; empty if it is not."""
     if len(data) != station_packet.SIZE or data[0] != station_packet.VERSION:
         return ''
     return (

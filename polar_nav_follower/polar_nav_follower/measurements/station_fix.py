@@ -1,4 +1,4 @@
-"""A hydroacoustic station's packet to range and bearing in the station frame.
+"""Range and bearing in the station frame from a hydroacoustic station's packet.
 
 The packet says when the transponder replied (t3), where the station was when the reply was back,
 and what it measured. How well it measures is a property of the instrument, not of a fix: those
@@ -28,7 +28,7 @@ _SEQUENCES = 256
 
 
 def polar_of(report: StationReport, params: FollowerParams) -> PolarFix:
-    """What a station measured, with the sigmas that the parameters state of its instrument."""
+    """Range and bearing of a station's report, with the sigmas from the parameters."""
     return PolarFix(
         station=report.station_position,
         station_heading=report.station_heading,
@@ -42,7 +42,7 @@ def polar_of(report: StationReport, params: FollowerParams) -> PolarFix:
 
 
 class StationNumbers:
-    """Whole numbers of interrogations, of which packets hold the last eight bits.
+    """Restores numbers of interrogations, of which packets hold the last eight bits.
 
     Of the numbers that fit, the one is taken that is nearest to what the times of validity say at
     the pace of the fixes so far; before there is a pace, the nearest to the newest number. So a
@@ -81,7 +81,7 @@ def station_fix_from_packet(
     params: FollowerParams,
     numbers: StationNumbers,
 ) -> tuple[Fix, StationReport | None]:
-    """Read a received packet's bytes; the fix says why when they hold none for this vehicle."""
+    """Fix and content of a received packet; a fix without a range holds the reason."""
     unread = Fix(
         validity_ns=0,
         transmit_ns=transmit_ns,
@@ -121,7 +121,7 @@ def station_fix_from_packet(
 
 
 def _of_a_leader(data: bytes) -> str:
-    """Say that a packet is a leader's; empty when it is not."""
+    """Sentence if a packet is a leader's; empty if it is not."""
     if len(data) != packet.SIZE or data[0] != packet.VERSION:
         return ''
     return (
