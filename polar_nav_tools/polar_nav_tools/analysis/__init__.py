@@ -1,1 +1,1 @@
-"""From a bag to figures: runs are replayed, scored, counted and drawn."""
+"""Analysis of a bag: its runs replayed, scored, counted and drawn."""

@@ -1,4 +1,4 @@
-"""From a bag to figures: live estimates and replays, scored, counted, compared, drawn.
+"""Analysis of a bag: live estimates and replays, scored, counted and compared.
 
 In: a bag, and the names of filter configurations to replay it with. Out: an :class:`Analysis`,
 which the commands demo, score and report print, turn into JSON and draw.
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Analysis:
-    """What a bag says.
+    """Result of an analysis: scores, verification, counts and series of a bag.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class Analysis:
     delivery: Delivery | None = None
 
     def complaints(self) -> list[str]:
-        """Sentences on everything that is not as it must be; empty when all is well."""
+        """Sentences about all defects of bag and runs; empty if there are none."""
         out = [f'{self.bag.path}: {problem}' for problem in self.bag.problems]
         out += [f'{name} diverged: {why}' for name, why in self.divergence.items() if why]
         for name, topics in self.balances.items():
@@ -104,7 +104,7 @@ def analyse(
     say: Say = lambda _: None,
     progress: Callable[[float], None] | None = None,
 ) -> Analysis:
-    """Score the runs of one follower of a bag.
+    """Analysis of the runs of one follower of a bag.
 
     Parameters
     ----------
@@ -176,7 +176,7 @@ def analyse(
 def _part(
     progress: Callable[[float], None] | None, start: float, share: float
 ) -> Callable[[float], None] | None:
-    """Progress of one part of the work, told as that of the whole."""
+    """Progress callback of one part of the work, scaled to the whole."""
     if progress is None:
         return None
     return lambda done: progress(start + share * done)

@@ -1,4 +1,4 @@
-"""Counts of messages per topic: published, recorded, received."""
+"""Numbers of messages per topic: published, recorded, received."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ RECORDER = '/recorder_node'
 
 
 def topic_counts(bag: Bag, counted: Mapping[str, Any]) -> tuple[TopicCount, ...]:
-    """Published, recorded and received messages of each topic.
+    """Numbers of published, recorded and received messages of each topic.
 
     Parameters
     ----------
@@ -44,12 +44,12 @@ def topic_counts(bag: Bag, counted: Mapping[str, Any]) -> tuple[TopicCount, ...]
 
 
 def _worst(counts: Sequence[int] | None, expected: int) -> int | None:
-    """Count of the subscriber that is furthest from what was published."""
+    """Count of the subscriber that differs most from the published number."""
     return max(counts, key=lambda n: abs(n - expected)) if counts else None
 
 
 def topic_table(counts: Sequence[TopicCount]) -> Table:
-    """Show published, recorded and received side by side."""
+    """Table of published, recorded and received messages."""
     columns = (
         Column('topic', 'topic'),
         Column('published', 'published'),

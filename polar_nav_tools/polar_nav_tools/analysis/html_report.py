@@ -12,7 +12,7 @@ from .report_input import report_input
 
 
 def write_analysis(analysis: Analysis, path: Path) -> Path:
-    """Write one HTML file that shows what the bag says; returns its path."""
+    """Path of the HTML report of an analysis, after writing it."""
     made = f'{datetime.now(UTC):%Y-%m-%d %H:%M} UTC by polar_nav_tools {_version()}'
     source = report_input(analysis, title=analysis.bag.path.name, made=made)
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -19,7 +19,7 @@ Say = Callable[[str], None]
 
 
 def follower_of(bag: Bag) -> str:
-    """Vehicle of the one follower in a bag: who has estimates, or described itself on /run_info.
+    """Vehicle of the one follower in a bag, by its estimates or its description on /run_info.
 
     A leader that navigates by itself has estimates, too; then the descriptions tell who follows.
 
@@ -47,7 +47,7 @@ def _is_state(topic: str) -> bool:
 
 
 def wanted_of(vehicle: str | None, *, truth: bool) -> Wants:
-    """What `analyse` reads of a bag when it replays: for `open_for`, which reads it on its way."""
+    """Topics that `analyse` reads in a replay, for `open_for` to read on its pass."""
 
     def wants(bag: Bag) -> Request | None:
         from ..replay.arrays import arrays_request
@@ -58,7 +58,7 @@ def wanted_of(vehicle: str | None, *, truth: bool) -> Wants:
 
 
 def open_for(path: Path, say: Say, ahead: Wants | None = None) -> Bag:
-    """Open a bag and tell what is wrong with it, before anything is made of it."""
+    """Bag opened for a command; its problems are reported first."""
     with opening_display(path) as progress:
         bag = open_bag(path, progress, ahead=ahead)
     for problem in bag.problems:

@@ -1,4 +1,4 @@
-"""Packets of a bag: sent to a vehicle, received by it, in flight at the end."""
+"""Numbers of packets in a bag: sent to a vehicle, received, in flight at the end."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _SHUTDOWN = 2  # Command.SHUTDOWN
 
 
 def delivery_of(bag: Bag, follower: str) -> Delivery | None:
-    """Account for the packets to one vehicle; None when the bag has no sender's modem."""
+    """Delivery of packets to one vehicle; None if the bag has no modem of the sender."""
     senders = [
         t.name for t in bag.topics.values() if t.name.endswith(f'/{topics.TX}') and t.count > 0
     ]
@@ -44,7 +44,7 @@ def delivery_of(bag: Bag, follower: str) -> Delivery | None:
 
 
 def stated_in_flight(bag: Bag, follower: str) -> set[Packet] | None:
-    """Packets in flight as the link said at its end; None when it did not, or is a real sea."""
+    """Packets in flight by the last status of the simulated link; None without a status."""
     found: set[Packet] | None = None
     for message in _messages(bag, topics.DIAGNOSTICS):
         for status in message.status:

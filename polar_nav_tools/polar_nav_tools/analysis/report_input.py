@@ -1,4 +1,4 @@
-"""What a report shows, gathered from an analysis and its bag."""
+"""Input of a report, gathered from an analysis and its bag."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .analyse import Analysis
 
 
 def report_input(analysis: Analysis, *, title: str, made: str) -> ReportInput:
-    """Gather what a report shows."""
+    """Input of the HTML report of an analysis."""
     bag, name = analysis.bag, analysis.vehicle
     leader = leader_of(bag, name)
     first = next(iter(analysis.balances.values()), ())
@@ -44,7 +44,7 @@ def leader_of(bag: Bag, follower: str) -> TruthSeries | None:
 
 
 def fix_positions(bag: Bag, follower: str) -> FixPositions | None:
-    """Where the packets that the follower could read put it."""
+    """Positions of the follower from its readable packets."""
     topic = f'/{follower}/{DECODED}'
     if topic not in bag.topics or not bag.topics[topic].count:
         return None
@@ -62,7 +62,7 @@ def fix_positions(bag: Bag, follower: str) -> FixPositions | None:
 def _station_positions(
     bag: Bag, analysis: Analysis, station: TruthSeries | None
 ) -> FixPositions | None:
-    """Where the ranges and bearings of a station put the follower."""
+    """Positions of the follower from ranges and bearings of a station."""
     topic = f'/{analysis.vehicle}/{STATION_DECODED}'
     if station is None or topic not in bag.topics or not bag.topics[topic].count:
         return None
@@ -85,7 +85,7 @@ def _station_positions(
 
 
 def sent_packets(bag: Bag, leader: str | None) -> SentPackets | None:
-    """Every packet that the leader sent."""
+    """All packets that the leader sent; None without any."""
     topic = f'/{leader}/{TX}'
     if leader is None or topic not in bag.topics or not bag.topics[topic].count:
         return None

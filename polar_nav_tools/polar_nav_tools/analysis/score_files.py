@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def label_bags(bags: Sequence[Path]) -> dict[str, Path]:
-    """Names by which tables call bags: the folder's, or the whole path where two are the same.
+    """Labels of bags in tables: folder names, or whole paths where two are the same.
 
     Raises
     ------
@@ -34,7 +34,7 @@ def label_bags(bags: Sequence[Path]) -> dict[str, Path]:
 
 
 def side_by_side(comparisons: Mapping[str, Comparison]) -> Comparison:
-    """Join comparisons; runs of several bags have the bag in their name."""
+    """One comparison of the runs of several bags, named by bag and run."""
     if len(comparisons) == 1:
         return next(iter(comparisons.values()))
     return Comparison(
@@ -52,7 +52,7 @@ def side_by_side(comparisons: Mapping[str, Comparison]) -> Comparison:
 
 
 def tables_of(comparison: Comparison, analyses: Mapping[str, Analysis]) -> list[Table]:
-    """All tables of a comparison, and what became of the packets of each bag."""
+    """All tables of a comparison, with the delivery of packets of each bag."""
     deliveries = {
         label: delivery_table(one.delivery)
         for label, one in analyses.items()

@@ -1,1 +1,1 @@
-"""The graphs that can be run: nodes, namespaces, parameters, topics."""
+"""Graphs of missions: nodes, namespaces, parameters, topics."""

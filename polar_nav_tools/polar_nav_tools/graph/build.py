@@ -1,4 +1,4 @@
-"""The one definition of the demo graph: nodes, namespaces, parameters, topics.
+"""Graph of a mission: its nodes, namespaces, parameters, topics.
 
 In: a mission and a few options. Out: a :class:`Graph` of :class:`NodeSpec` and topics. The launch
 file and the process supervisor of ``polar demo`` are both made from it, so they run the same
@@ -46,7 +46,7 @@ its kernels for the first time takes a minute or two, on a busy machine more."""
 
 @dataclass(frozen=True)
 class Graph:
-    """Everything that runs.
+    """Nodes and recorded topics of a mission.
 
     Attributes
     ----------
@@ -103,7 +103,7 @@ _ROOT_TOPICS = (
 
 
 def build_graph(mission: Mission, options: GraphOptions) -> Graph:
-    """Say what runs for a mission.
+    """Graph of a mission.
 
     Raises
     ------
@@ -142,7 +142,7 @@ def build_graph(mission: Mission, options: GraphOptions) -> Graph:
 
 
 def usual_configuration(mission: Mission) -> str:
-    """Filter configuration of the live follower where nobody names another."""
+    """Default filter configuration of the live follower."""
     return 'default' if has_station(mission) else 'modified_akf'
 
 
@@ -152,7 +152,7 @@ def follower_parameters(graph: Graph) -> Mapping[str, ParameterValue]:
 
 
 def recorded_topics(leader: str, follower: str, navigates: str = 'perfect') -> dict[str, str]:
-    """Every topic of the graph that is worth keeping, with its type."""
+    """Recorded topics of the graph, each with its message type."""
     own = (*_NAVIGATION_TOPICS, topics.ABSOLUTE) if navigates == 'own' else ()
     return {
         **_of_the_root(),
@@ -226,7 +226,7 @@ def _vehicle_nodes(
 
 
 def _leader_instruments(options: GraphOptions) -> dict[str, dict[str, ParameterValue]]:
-    """Better instruments for a leader that navigates with them."""
+    """Parameters of the better instruments of a leader that navigates by itself."""
     if options.leader != 'own':
         return {}
     return {
@@ -236,7 +236,7 @@ def _leader_instruments(options: GraphOptions) -> dict[str, dict[str, ParameterV
 
 
 def _differing(errors: ImuErrors | DvlErrors) -> dict[str, ParameterValue]:
-    """Parameters of an instrument that are not the defaults of its node."""
+    """Parameters of an instrument that differ from its node's defaults."""
     usual = to_mapping(type(errors)())
     return {name: value for name, value in to_mapping(errors).items() if value != usual[name]}
 
@@ -244,7 +244,7 @@ def _differing(errors: ImuErrors | DvlErrors) -> dict[str, ParameterValue]:
 def _acoustic_nodes(
     mission: Mission, leader: str, follower: str, options: GraphOptions
 ) -> list[NodeSpec]:
-    """Build what stands between the leader's truth and the follower's modem."""
+    """Nodes between the leader's truth and the follower's modem."""
     seed: dict[str, ParameterValue] = {'seed': options.seed}
     nodes = [
         sim_node('usbl_node', leader, Stage.SENSOR, {**seed, 'targets': [follower]}),

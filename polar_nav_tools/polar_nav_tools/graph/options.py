@@ -1,4 +1,4 @@
-"""How a mission is run: pace, seed, configuration of the filter, who navigates the leader."""
+"""Options of a run: pace, seed, filter configuration, navigation of the leader."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MAX_SEED = 2**31 - 1
 
 @dataclass(frozen=True)
 class GraphOptions:
-    """How a mission is run.
+    """Options of a run.
 
     Attributes
     ----------

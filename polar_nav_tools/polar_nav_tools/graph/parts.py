@@ -1,4 +1,4 @@
-"""Parts that the graphs of all missions are made of."""
+"""Common nodes and parameters of the graphs of all missions."""
 
 from __future__ import annotations
 
@@ -39,13 +39,13 @@ LINK: dict[str, ParameterValue] = {
 def sim_node(
     executable: str, namespace: str, stage: Stage, parameters: Mapping[str, ParameterValue]
 ) -> NodeSpec:
-    """Make a node of polar_nav_sim."""
+    """Node of polar_nav_sim as data."""
     module = f'polar_nav_sim.nodes.{executable}'
     return NodeSpec('polar_nav_sim', executable, module, namespace, stage, parameters)
 
 
 def usual_sigma(kind: type[EngineParams]) -> InitialSigma:
-    """1-sigma of the initial state as a node's parameters have it."""
+    """1-sigma of the initial state by a node's default parameters."""
     return InitialSigma(
         position=default_of(kind, 'initial_sigma_position'),
         height=default_of(kind, 'initial_sigma_height'),
@@ -63,7 +63,7 @@ def initial_state_parameters(
     *,
     through_water: bool = False,
 ) -> dict[str, ParameterValue]:
-    """What a vehicle is told of its state at the start: truth, off by errors of these sigmas.
+    """Initial state of a vehicle as parameters: truth plus errors drawn with these sigmas.
 
     Its velocity is that over ground, or that through the water.
     """
@@ -77,6 +77,6 @@ def initial_state_parameters(
 
 
 def link_node(vehicles: list[str], seed: int) -> NodeSpec:
-    """Make the water between the modems."""
+    """Node of the acoustic link between the modems."""
     parameters: dict[str, ParameterValue] = {'seed': seed, **LINK, 'vehicles': vehicles}
     return sim_node('acoustic_link_node', '', Stage.LINK, parameters)

@@ -1,4 +1,4 @@
-"""One node of a graph as data: what runs, where, with which parameters, and when it is ended."""
+"""One node of a graph as data: executable, namespace, parameters, stage of its end."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class NodeSpec:
 
     @property
     def name(self) -> str:
-        """Node name: that of the executable."""
+        """Node name, equal to the executable's."""
         return self.executable
 
     @property
@@ -65,6 +65,6 @@ class NodeSpec:
 
 
 def parameter_yaml(spec: NodeSpec) -> str:
-    """Parameter file of one node, as ``--params-file`` reads it."""
+    """Text of a node's parameter file for ``--params-file``."""
     values = {name: list(v) if isinstance(v, tuple) else v for name, v in spec.parameters.items()}
     return str(yaml.safe_dump({spec.full_name: {'ros__parameters': values}}, sort_keys=True))

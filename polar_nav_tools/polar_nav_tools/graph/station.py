@@ -1,4 +1,4 @@
-"""The graph of a mission with a hydroacoustic station in place of a leader.
+"""Graph of a mission with a hydroacoustic station in place of a leader.
 
 A vehicle that moves by its own dynamics, without DVL, with the attitude of an AHRS; its follower
 navigates by the vehicle's model and the station's ranges and bearings.
@@ -67,12 +67,12 @@ _VEHICLE_TOPICS = (
 
 
 def has_station(mission: Mission) -> bool:
-    """Whether the mission has a station in place of a leader: what does not move."""
+    """Whether the leader of a mission is a station: a vehicle that does not move."""
     return mission.formation[mission.leader].fixed
 
 
 def station_topics(station: str, vehicle: str) -> dict[str, str]:
-    """Every topic of the two that is worth keeping, with its type."""
+    """Recorded topics of station and vehicle, each with its message type."""
     return {
         **topics.of_vehicle(station, _STATION_TOPICS),
         **topics.of_vehicle(vehicle, _VEHICLE_TOPICS),
@@ -80,7 +80,7 @@ def station_topics(station: str, vehicle: str) -> dict[str, str]:
 
 
 def station_nodes(mission: Mission, vehicle: str, options: GraphOptions) -> list[NodeSpec]:
-    """Everything between truth and recorder.
+    """Nodes between truth and recorder.
 
     Raises
     ------
@@ -142,7 +142,7 @@ def _follower_node(mission: Mission, vehicle: str, options: GraphOptions) -> Nod
 
 
 def _place_of(mission: Mission, station: str) -> dict[str, ParameterValue]:
-    """Where the axes of a station's fixes begin: its first position."""
+    """Parameters of the station frame's origin: the station's first position."""
     r_e = mission.truth(station).state(mission.start_ns).r_e
     latitude, longitude, height = (float(x) for x in earth.geodetic_from_ecef(r_e))
     return {

@@ -1,1 +1,1 @@
-"""Runs a graph as processes of its own and keeps what it recorded."""
+"""Live runs: the nodes of a graph as processes, and the folder of the run."""

@@ -40,7 +40,7 @@ def _leave(number: int, _frame: FrameType | None) -> None:
 
 
 def main() -> int:
-    """Run the node; its exit status."""
+    """Exit status of the node."""
     parent_pid, module = int(sys.argv[1]), sys.argv[2]
     # A signal before the node has its own handlers ends it at once, without a traceback.
     for number in (signal.SIGINT, signal.SIGTERM):

@@ -1,4 +1,4 @@
-"""Surroundings of a graph: a ROS domain nobody else uses, this host only, one thread per node."""
+"""Environment of a graph: an unused ROS domain, this host only, one thread per node."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ MIDDLEWARE_PROFILE = """\
 
 
 def busy_udp_ports() -> frozenset[int]:
-    """UDP ports bound on this host; empty where the kernel does not tell."""
+    """UDP ports bound on this host; empty if the kernel does not list them."""
     ports: set[int] = set()
     for table in map(Path, _SOCKET_TABLES):
         if not table.exists():
@@ -41,7 +41,7 @@ def busy_udp_ports() -> frozenset[int]:
 
 
 def free_domain_id(pid: int, busy_ports: Collection[int]) -> int:
-    """First domain from ``1 + pid % 101`` on that no socket on this host belongs to.
+    """First ROS domain from ``1 + pid % 101`` on that no socket on this host uses.
 
     RTPS gives domain d the ports from 7400 + 250 d on.
 
@@ -69,7 +69,7 @@ def free_domain_id(pid: int, busy_ports: Collection[int]) -> int:
 def graph_environment(
     run_dir: Path, base: Mapping[str, str] | None = None, *, own_domain: bool = True
 ) -> dict[str, str]:
-    """Environment for the nodes of one graph.
+    """Environment variables for the nodes of one graph.
 
     What the user has set stays as it is: ROS_DOMAIN_ID, ROS_AUTOMATIC_DISCOVERY_RANGE, thread
     counts, ROS_LOG_DIR, FASTRTPS_DEFAULT_PROFILES_FILE.
@@ -97,7 +97,7 @@ def graph_environment(
 
 
 def node_surroundings(run_dir: Path, env: Mapping[str, str]) -> dict[str, str]:
-    """Variables that nodes of a graph need and ``env`` lacks: middleware profile, thread counts.
+    """Variables that nodes need and ``env`` lacks: middleware profile, thread counts.
 
     Parameters
     ----------

@@ -49,7 +49,7 @@ class NodeEnd:
 
 
 class NodeProcess:
-    """A node that runs, and what it printed so far.
+    """A running node and its output so far.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ class NodeProcess:
         os.set_blocking(self.pipe.fileno(), False)
 
     def read(self) -> bool:
-        """Take what is in the pipe; False at its end."""
+        """Read the output in the pipe; False at its end."""
         while True:
             try:
                 data = os.read(self.pipe.fileno(), 65536)
@@ -135,7 +135,7 @@ class NodeProcess:
             self.process.send_signal(number)
 
     def end(self) -> NodeEnd:
-        """How it ended."""
+        """End of the process: exit status or signal."""
         return NodeEnd(self.spec.full_name, self.process.wait(), tuple(self.tail), self._log)
 
     def close(self) -> None:

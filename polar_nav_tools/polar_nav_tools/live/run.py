@@ -1,4 +1,4 @@
-"""One live run: mission and options become a graph, the graph runs, one folder keeps the rest.
+"""One live run: graph of a mission, its processes, and the folder with bag and logs.
 
 The folder of a run is its bag: ``<bags>/<name>/<name>_0.mcap`` and ``metadata.yaml`` of the
 recorder, and ``run/`` with the parameter file and the log of every node.
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 class RunFailed(PolarNavError):
-    """A node died: which, how, and where its output is."""
+    """A node died: its name, its end, and the path of its output."""
 
     def __init__(self, sentence: str, details: tuple[str, ...]) -> None:
         super().__init__(sentence)
@@ -39,7 +39,7 @@ class RunFailed(PolarNavError):
 
 @dataclass(frozen=True)
 class LiveRun:
-    """A run that ended.
+    """Result of a run.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ class LiveRun:
     bag: Path | None
 
     def check(self) -> None:
-        """Raise when the run failed.
+        """Raise RunFailed if a node died.
 
         Raises
         ------
@@ -79,7 +79,7 @@ class LiveRun:
 
 
 def read_mission(name: str, duration_s: float | None, *, as_recorded: bool = False) -> Mission:
-    """Load a mission by name or file, with another length if one is given.
+    """Mission by name or file, with another duration if stated.
 
     A mission along a track can be sailed with the track's own stamps (``as_recorded``).
     """
@@ -92,7 +92,7 @@ def read_mission(name: str, duration_s: float | None, *, as_recorded: bool = Fal
 
 
 def new_bag_path(folder: Path, mission: str, seed: int, now: datetime) -> Path:
-    """Choose a name for a new bag: date, mission and seed, and a number if it exists."""
+    """Path of a new bag: date, mission and seed, and a number if it exists."""
     stem = f'{now:%Y%m%d-%H%M%S}_{mission}_{seed}'
     path = folder / stem
     number = 2
@@ -103,7 +103,7 @@ def new_bag_path(folder: Path, mission: str, seed: int, now: datetime) -> Path:
 
 
 def prepare_graph(mission: Mission, options: GraphOptions, run_dir: Path) -> Graph:
-    """Build the graph, and write what the bag is to say about the run into ``run_dir``.
+    """Graph of a mission; the description of the run for the bag is written into ``run_dir``.
 
     Raises
     ------
@@ -129,7 +129,7 @@ def run_live(
     on_progress: Callable[[float, float], None] | None = None,
     on_line: Callable[[str, str], None] | None = None,
 ) -> LiveRun:
-    """Run the graph of a mission to its end, to a signal or to the death of a node.
+    """Result of a mission's graph, run until its end, a signal or the death of a node.
 
     Parameters
     ----------

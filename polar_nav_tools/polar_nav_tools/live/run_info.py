@@ -1,4 +1,4 @@
-"""What a bag says of the run it holds: mission, seeds, versions, commit, machine.
+"""Description of a run for its bag: mission, seeds, versions, commit, machine.
 
 Together with the parameters that every node publishes on /run_info it is what somebody needs to
 make the run again.
@@ -27,7 +27,7 @@ _SOURCES = Path(__file__).resolve().parents[3]
 
 
 def run_info(mission: Mission, options: GraphOptions, graph: Graph) -> dict[str, Any]:
-    """Describe a run; values that JSON can hold."""
+    """Description of a run in values for JSON."""
     return {
         'mission': mission.name,
         'description': mission.description,
@@ -51,7 +51,7 @@ def run_info(mission: Mission, options: GraphOptions, graph: Graph) -> dict[str,
 
 
 def versions() -> dict[str, str]:
-    """Versions of what the numbers depend on; left out what is not installed as a distribution."""
+    """Versions of installed distributions that the numbers depend on."""
     found = {}
     for name in _DISTRIBUTIONS:
         try:
@@ -62,7 +62,7 @@ def versions() -> dict[str, str]:
 
 
 def git_commit(folder: Path) -> str:
-    """Commit of the sources, ``-dirty`` when files differ from it; empty outside of a clone."""
+    """Commit hash of the sources, ``-dirty`` if files differ; empty outside of a clone."""
     if not (folder / '.git').exists():
         return ''
     command = ['git', '-C', str(folder), 'describe', '--always', '--dirty', '--abbrev=40']
@@ -74,7 +74,7 @@ def git_commit(folder: Path) -> str:
 
 
 def cpu_model() -> str:
-    """Name of the processor: replays are the same bit for bit on one model."""
+    """Name of the processor; replays are equal bit for bit on one model."""
     path = Path('/proc/cpuinfo')
     if path.is_file():
         for line in path.read_text(encoding='utf-8', errors='replace').splitlines():
@@ -84,7 +84,7 @@ def cpu_model() -> str:
 
 
 def cpu_identity() -> str:
-    """Model of the processor with its numbers: one name can stand for several generations."""
+    """Name of the processor with family, model and stepping, which tell generations apart."""
     path = Path('/proc/cpuinfo')
     numbers: dict[str, str] = {}
     if path.is_file():
@@ -92,11 +92,11 @@ def cpu_identity() -> str:
             name, _, value = line.partition(':')
             if name.strip() in ('cpu family', 'model', 'stepping'):
                 numbers.setdefault(name.strip(), value.strip())
-    told = ', '.join(f'{name} {value}' for name, value in numbers.items())
-    return f'{cpu_model()} ({told})' if told else cpu_model()
+    details = ', '.join(f'{name} {value}' for name, value in numbers.items())
+    return f'{cpu_model()} ({details})' if details else cpu_model()
 
 
 def lock_sha256() -> str:
-    """Hash of the lock file that says what is installed; empty outside of a clone."""
+    """SHA-256 of the lock file of requirements; empty outside of a clone."""
     path = _SOURCES / 'requirements.lock'
     return hashlib.sha256(path.read_bytes()).hexdigest() if path.is_file() else ''

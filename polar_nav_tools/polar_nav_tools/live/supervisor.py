@@ -27,7 +27,7 @@ _READY_PATIENCE_S = 60.0
 
 
 class RunStatus(Enum):
-    """How a run ended."""
+    """End of a run."""
 
     COMPLETED = 'completed'
     INTERRUPTED = 'interrupted'
@@ -36,7 +36,7 @@ class RunStatus(Enum):
 
 @dataclass(frozen=True)
 class RunOutcome:
-    """What became of a run.
+    """Result of a run: its end, and the end of each node.
 
     Attributes
     ----------
@@ -65,7 +65,7 @@ class RunOutcome:
 
 @dataclass(frozen=True)
 class Grace:
-    """Wall time that nodes get to end after SIGINT, and then after SIGTERM, before SIGKILL [s]."""
+    """Wall time [s] for nodes to end after SIGINT, and after SIGTERM before SIGKILL."""
 
     after_sigint_s: float
     after_sigterm_s: float
@@ -79,7 +79,7 @@ RECORDER_HURRIED = Grace(4.0, 1.0)
 
 
 class _Interrupts:
-    """Counts SIGINT, SIGTERM and SIGHUP; the supervisor decides what they mean."""
+    """Counts SIGINT, SIGTERM and SIGHUP."""
 
     _NUMBERS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
@@ -106,7 +106,7 @@ class _Interrupts:
 
 
 class Supervisor:
-    """Starts a graph, waits for its end, ends it.
+    """Starts the nodes of a graph, waits for the end of the run, ends the nodes in order.
 
     Parameters
     ----------
@@ -151,7 +151,7 @@ class Supervisor:
         return {child.spec.full_name: child.process.pid for child in self._children}
 
     def run(self) -> RunOutcome:
-        """Run to the end of the mission, a signal, or the death of a node."""
+        """Result of a run until the end of the mission, a signal, or the death of a node."""
         started = time.monotonic()
         for name in ('params', 'logs'):
             (self._run_dir / name).mkdir(parents=True, exist_ok=True)
@@ -190,7 +190,7 @@ class Supervisor:
         return RunOutcome(RunStatus.FAILED, culprit, sentence, time.monotonic() - started)
 
     def _start_and_watch(self, interrupts: _Interrupts) -> NodeEnd | None:
-        """None at the mission's end and after a signal, otherwise the node that died."""
+        """Node that died, or None at the end of the mission or after a signal."""
         for spec in self._nodes:
             if self._truth_last and spec.stage == Stage.TRUTH:
                 died = self._wait_until_ready(interrupts)
@@ -215,7 +215,7 @@ class Supervisor:
         return [child for child in self._children if child.spec.stage == stage]
 
     def _wait_until_ready(self, interrupts: _Interrupts) -> NodeEnd | None:
-        """Wait for the nodes that run already; the one that died, if one did."""
+        """Node that died while nodes got ready, or None."""
         deadline = time.monotonic() + _READY_PATIENCE_S
         waiting = {child.spec.full_name for child in self._children}
         while interrupts.count == 0 and time.monotonic() < deadline and waiting - self._ready:
@@ -226,7 +226,7 @@ class Supervisor:
         return None
 
     def _died(self) -> NodeEnd | None:
-        """Find the node that ended and should not have."""
+        """Node that ended too early, or None."""
         ended = [child for child in self._children if child.process.poll() is not None]
         dead = [c for c in ended if c.spec.stage != Stage.TRUTH or c.process.returncode != 0]
         if not dead:
@@ -236,7 +236,7 @@ class Supervisor:
         return min(dead, key=lambda c: _blame(c.process.returncode)).end()
 
     def _stop_orderly(self, interrupts: _Interrupts) -> NodeEnd | None:
-        """End the nodes stage by stage; the first that did not end by itself with status 0."""
+        """First node that did not end with status 0, while ending all stage by stage; or None."""
         already = interrupts.count
         unclean: NodeEnd | None = None
         for stage in Stage:
@@ -258,7 +258,7 @@ class Supervisor:
         grace: Grace,
         impatient: Callable[[], bool] = lambda: False,
     ) -> None:
-        """SIGINT, then SIGTERM, then SIGKILL; ``impatient`` goes straight to the last."""
+        """End nodes by SIGINT, then SIGTERM, then SIGKILL; if ``impatient`` by SIGKILL."""
         steps = (
             (signal.SIGINT, grace.after_sigint_s),
             (signal.SIGTERM, grace.after_sigterm_s),
@@ -278,7 +278,7 @@ class Supervisor:
         self._pump(0.0)
 
     def _sweep(self) -> None:
-        """Whatever happened: no process stays, every pipe is read to its end."""
+        """Kill all processes that are left, and read every pipe to its end."""
         for child in self._children:
             child.signal(signal.SIGKILL)
             child.process.wait()

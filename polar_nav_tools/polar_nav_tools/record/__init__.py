@@ -1,1 +1,1 @@
-"""The recorder: messages as they arrive, into a bag."""
+"""The recorder: writes messages into a bag as they arrive."""

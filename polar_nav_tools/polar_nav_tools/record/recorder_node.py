@@ -1,4 +1,4 @@
-"""Records topics to a bag: serialized bytes as they arrive, nothing decoded.
+"""Node that records topics to a bag: serialized bytes as they arrive, not decoded.
 
 Subscribes to the topics it is given or to all it finds, and takes part in the lockstep pace. Every
 turn of the executor empties all subscriptions at once (a turn costs more than taking a message),
@@ -40,7 +40,7 @@ _PAUSE_S = 0.01
 
 @dataclass
 class _Source:
-    """One subscription: counted by the lockstep pace if it is in PolarNode's list too."""
+    """One subscription; in PolarNode's list it counts for the lockstep pace too."""
 
     topic: str
     msg_type: type[Any]
@@ -51,7 +51,7 @@ class _Source:
 
     @property
     def matched(self) -> int:
-        """Publishers that this subscription has found."""
+        """Number of publishers matched with this subscription."""
         return int(self.subscription.get_publisher_count())
 
 
@@ -128,7 +128,7 @@ class RecorderNode(PolarNode[RecorderParams]):
             self.count_input(source)
 
     def _look_around(self) -> None:
-        """Find new topics, and adapt subscriptions to what publishers offer."""
+        """Subscribe to new topics, and adapt the QoS of subscriptions to the publishers."""
         if not self.params.topics:
             for topic, types in self.get_topic_names_and_types():
                 if topic not in self._sources and topic not in self._skipped:
@@ -141,7 +141,7 @@ class RecorderNode(PolarNode[RecorderParams]):
                 self._record(source.topic, type_name, source.msg_type, offered)
 
     def _must_ask_less(self, source: _Source, offered: Sequence[Qos]) -> bool:
-        """Whether a publisher would not match; a subscription never becomes stricter again."""
+        """Whether a publisher's QoS is too weak for the subscription, which is then relaxed."""
         reliable, latched = request_for(offered)
         return (source.reliable and not reliable) or (source.latched and not latched)
 
@@ -172,7 +172,7 @@ class RecorderNode(PolarNode[RecorderParams]):
         self._recording.take(source.topic, data, received, number)
 
     def _drain(self) -> int:
-        """Empty all subscriptions, file what came, acknowledge once; returns how many came."""
+        """Number of messages drained from all subscriptions, written and acknowledged."""
         before = self._recording.message_count
         for source in self._sources.values():
             handle, msg_type = source.subscription.handle, source.msg_type
@@ -199,7 +199,7 @@ class RecorderNode(PolarNode[RecorderParams]):
         self._commit()
 
     def diagnose(self) -> Diagnosis:
-        """Say how much was recorded, how fast, and what was lost."""
+        """Health with numbers, rate and losses of recorded messages."""
         now, recording = time.monotonic(), self._recording
         elapsed = max(now - self._rated_at, 1e-9)
         rate = (recording.message_count - self._rated_count) / elapsed
@@ -220,7 +220,7 @@ class RecorderNode(PolarNode[RecorderParams]):
         return Diagnosis(Level.OK, f'recording to {self._path}', values)
 
     def close(self) -> None:
-        """Take the last words of other nodes, until it is quiet; then finish the bag."""
+        """Record the last messages of other nodes until none come, then finish the bag."""
         start = quiet_since = time.monotonic()
         while True:
             if self._drain():
@@ -259,7 +259,7 @@ def _profile(reliable: bool, latched: bool) -> QoSProfile:
 
 
 def _qos(profile: QoSProfile) -> Qos:
-    """Profile of an endpoint; discovery does not tell its history, so the usual one stands in."""
+    """QoS profile of an endpoint; its history, unknown to discovery, is the default one."""
     return Qos(
         reliability=profile.reliability.name.lower(),
         durability=profile.durability.name.lower(),
@@ -268,7 +268,7 @@ def _qos(profile: QoSProfile) -> Qos:
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run the node."""
+    """Exit status of the node."""
     return run(RecorderNode, args)
 
 

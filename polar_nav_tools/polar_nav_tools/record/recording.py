@@ -1,4 +1,4 @@
-"""What the recorder does, without ROS: which time a message gets, what was counted, what was lost.
+"""Recording without ROS: log times, counts and losses of messages.
 
 Comes in: serialized messages, in bursts, as the node takes them from its subscriptions. Goes out:
 the same bytes in a bag (`polar_nav_tools.bags.writer`), in an order and with times that make
@@ -78,7 +78,7 @@ class RecorderParams(NodeParams):
 
 
 def parse_topics(texts_: Sequence[str]) -> dict[str, str]:
-    """Return topic names with their types from ``/name:package/msg/Type``.
+    """Topic names with their types, from ``/name:package/msg/Type``.
 
     Raises
     ------
@@ -97,7 +97,7 @@ def parse_topics(texts_: Sequence[str]) -> dict[str, str]:
 
 
 def parse_run_info(given: str) -> dict[str, Any]:
-    """Return the JSON object that the parameter is or names.
+    """JSON object in the parameter, or in the file that it names.
 
     Raises
     ------
@@ -124,7 +124,7 @@ def parse_run_info(given: str) -> dict[str, Any]:
 
 @dataclass
 class TopicCount:
-    """What was taken of one topic.
+    """Number and bytes of the messages recorded of one topic.
 
     `lost` counts holes in the publisher's own numbers; None when several publishers share the
     topic, whose numbers then say nothing.
@@ -142,7 +142,7 @@ class TopicCount:
 
 @dataclass(order=True)
 class _Waiting:
-    """A message of the current burst, ordered by its time; `place` keeps equals in order."""
+    """A message of the current burst, sorted by time, then by order of arrival."""
 
     key: int
     place: int
@@ -187,31 +187,31 @@ class Recording:
 
     @property
     def message_count(self) -> int:
-        """Messages taken so far, of all topics."""
+        """Number of messages recorded so far, of all topics."""
         return sum(t.count for t in self._topics.values())
 
     @property
     def byte_count(self) -> int:
-        """Bytes of them."""
+        """Number of bytes of the messages recorded so far."""
         return sum(t.bytes for t in self._topics.values())
 
     @property
     def lost(self) -> int:
-        """Messages known to be lost before they came here."""
+        """Number of messages known to be lost before the recorder."""
         return sum(t.lost or 0 for t in self._topics.values())
 
     @property
     def file_bytes(self) -> int:
-        """Size of the file so far."""
+        """Size of the file so far [bytes]."""
         return self._writer.size
 
     @property
     def waiting(self) -> int:
-        """Messages that are not filed yet because simulated time is not known yet."""
+        """Number of messages not yet written because simulated time is still unknown."""
         return len(self._burst)
 
     def add_topic(self, topic: str, type_name: str) -> None:
-        """Expect messages of a topic.
+        """Add a topic to the bag.
 
         Raises
         ------
@@ -227,7 +227,7 @@ class Recording:
     def take(
         self, topic: str, data: bytes, received_ns: int, publication: int | None = None
     ) -> None:
-        """Take one message; it is filed at the next `commit`.
+        """Queue one message for the next `commit`.
 
         Parameters
         ----------
@@ -252,7 +252,7 @@ class Recording:
         self._burst.append(_Waiting(key, len(self._burst), topic, data, stamp))
 
     def commit(self) -> None:
-        """File what was taken, in the order of its times.
+        """Write the queued messages in the order of their times.
 
         Raises
         ------
@@ -265,7 +265,7 @@ class Recording:
         self._writer.tick()
 
     def finish(self, **facts: object) -> Path:
-        """File everything, write the counts, finish the bag; returns its directory."""
+        """Directory of the bag, after writing all messages and counts."""
         self._write_burst()
         for name in self._topics:
             self._declare(name)
@@ -281,7 +281,7 @@ class Recording:
         return self._writer.finish({'recording': recording})
 
     def abandon(self) -> None:
-        """Close the file as it is."""
+        """Close the file without finishing the bag."""
         self._writer.abandon()
 
     def _advance(self, type_name: str, stamp_ns: int) -> None:
@@ -324,7 +324,7 @@ def _count_losses(entry: TopicCount, publication: int | None) -> None:
 
 
 def _stamp_ns(data: bytes) -> int | None:
-    """Time in the first eight bytes of a message's content; None if it has none that counts."""
+    """Stamp [ns] in the first eight bytes of a message's content; None without a valid one."""
     if len(data) < _STAMP_END or data[0] != 0 or data[1] not in _STAMP:
         return None
     seconds, nanoseconds = _STAMP[data[1]].unpack_from(data, 4)

@@ -1,4 +1,4 @@
-"""What a follower took from its topics in a recorded run, as arrays; the fast way of a replay.
+"""Inputs of a follower in a recorded run as arrays, for the fast replay.
 
 The same rules as in `recorded`, for whole columns: each topic numbered in the order of the
 bag, up to where the node ended, without what it refused. One reader serves both modes of the
@@ -65,7 +65,7 @@ _PACKET_FIELDS = (
 
 @dataclass(frozen=True)
 class RecordedArrays:
-    """One follower's part of a bag.
+    """Recorded inputs of one follower.
 
     Attributes
     ----------
@@ -94,17 +94,17 @@ class RecordedArrays:
 
     @property
     def taken(self) -> dict[str, int]:
-        """Messages taken per full topic name."""
+        """Number of messages used per full topic name."""
         counts = {topic: len(columns[_STAMP]) for topic, columns in self.columns.items()}
         counts |= {topics.RX: len(self.packets), topics.COMMAND: len(self.commands)}
         return {f'/{self.vehicle}/{topic}': count for topic, count in counts.items() if count}
 
 
 class SinsArrays(RecordedArrays):
-    """One follower's part of a bag, of a SINS with DVL and the packets of a leader."""
+    """Recorded inputs of a follower in SINS mode: IMU, DVL, depth and a leader's packets."""
 
     def inputs(self, params: FollowerParams) -> NumberedInputs:
-        """What the engine takes with these parameters."""
+        """Inputs of the engine with these parameters."""
         refused = Counter(refusal_key(r) for r in self.refused)
         streams = {topic: self._stream(topic, refused) for topic in self.columns}
         imu, dvl, depth = streams.values()
@@ -164,10 +164,10 @@ class SinsArrays(RecordedArrays):
 
 
 class StationArrays(RecordedArrays):
-    """One follower's part of a bag in station mode: AHRS, thrust and a station's packets."""
+    """Recorded inputs of a follower in station mode: AHRS, thrust, depth, station's packets."""
 
     def inputs(self, params: FollowerParams) -> StationInputs:
-        """What the engine takes with these parameters."""
+        """Inputs of the engine with these parameters."""
         imu, control, depth = self.columns.values()
         return StationInputs(
             imu_stamps_ns=imu[_STAMP],
@@ -191,13 +191,13 @@ class StationArrays(RecordedArrays):
 
 @dataclass(frozen=True)
 class NumberedInputs:
-    """Inputs, and the number of each local message on its topic; None where it is the row."""
+    """Inputs, and the number of each local message on its topic; None if equal to the row."""
 
     inputs: Inputs
     numbers: Mapping[str, NDArray[np.intp] | None]
 
     def renumbered(self, receipt: Receipt) -> Receipt:
-        """Give the receipt of a local message the number that the message has on its topic."""
+        """Receipt of a local message with the number of the message on its topic."""
         numbers = self.numbers.get(receipt.topic)
         if numbers is None:
             return receipt
@@ -213,7 +213,7 @@ class _Stream:
 
 @dataclass(frozen=True)
 class Mode:
-    """How the runs of one mode of the follower are read as arrays.
+    """Rules to read runs of one mode of the follower as arrays.
 
     Attributes
     ----------
@@ -273,7 +273,7 @@ MODES = {
 
 
 def arrays_request(bag: Bag, vehicle: str | None = None, *, truth: bool = False) -> Request | None:
-    """Say what `load_arrays` is going to read; None for a run to be taken by message.
+    """Topics and fields that `load_arrays` reads; None for a run that must be replayed by message.
 
     Raises
     ------
@@ -301,7 +301,7 @@ def arrays_request(bag: Bag, vehicle: str | None = None, *, truth: bool = False)
 def load_arrays(
     bag: Bag, vehicle: str | None = None, *, truth: bool = False, progress: Progress | None = None
 ) -> SinsArrays | StationArrays | None:
-    """Read what a follower took, in one pass; None for a run that has to be taken by message.
+    """Inputs of a follower, read in one pass; None for a run that must be replayed by message.
 
     A bag that was opened with `arrays_request` ahead was read then.
 
@@ -360,28 +360,28 @@ def load_arrays(
 
 
 def _limits(ends: Sequence[Any]) -> dict[str, int]:
-    """Messages per full topic name that the node had taken when it ended; empty if it did not."""
+    """Number of messages per full topic name received by the node at its end; empty without."""
     if not ends:
         return {}
     return dict(zip(ends[-1].taken_topics, map(int, ends[-1].taken_counts), strict=True))
 
 
 def _renumber_modes(dvl: Columns, bag: Bag, topic: str) -> None:
-    """Turn the modes of a DVL from the constants of the bag to the installed ones, in place."""
+    """Convert DVL modes from the constants of the bag to the installed ones, in place."""
     modes = mode_table(bag, topic)
     if modes is not None:
         dvl['velocity_mode'] = modes[dvl['velocity_mode'].astype(np.intp)]
 
 
 def _plain(bag: Bag, topic: str) -> bool:
-    """Whether a topic is absent, or has the messages that the node takes."""
+    """Whether a topic is absent, or has messages of the installed definition."""
     return topic not in bag.topics or is_installed(bag.channel(topic))
 
 
 def _up_to(
     tables: Tables, topic: str, fields: tuple[str | tuple[str, ...], ...], limits: dict[str, int]
 ) -> Columns:
-    """Columns of a topic up to what the node had taken; empty ones of a topic without messages."""
+    """Columns of a topic up to the last message that the node received; empty without messages."""
     found = tables.columns.get(topic)
     if found is not None:
         return {name: column[: limits.get(topic)] for name, column in found.items()}
@@ -395,7 +395,7 @@ def _up_to(
 
 
 def packets_of(bag: Bag, topic: str, messages: list[bytes]) -> list[Packet]:
-    """Packets of messages: as columns where their data have one length, else one by one."""
+    """Packets of messages, read as columns if their data have one length, else one by one."""
     if not messages:
         return []
     described = bag.definition(topic)
@@ -420,7 +420,7 @@ def packets_of(bag: Bag, topic: str, messages: list[bytes]) -> list[Packet]:
 
 
 def refusals_of(bag: Bag, topic: str, messages: list[bytes]) -> list[Receipt]:
-    """Receipts of what came too late; only those are decoded whole."""
+    """Receipts of messages that came too late; only those are decoded whole."""
     if not messages:
         return []
     described = bag.definition(topic)

@@ -1,4 +1,4 @@
-"""Replays a bag from arrays: the numbers of `replay`, without its messages.
+"""Fast replay of a bag from arrays: the numbers of `by_message.replay`, without messages.
 
 `replay` is for whoever wants the bytes (`verify`, `replay --out`); scores and reports only want
 the estimates. Both drive the same engine in the same order of events.
@@ -34,7 +34,7 @@ def replay_arrays(
     changes: Mapping[str, Any] | None = None,
     progress: Progress | None = None,
 ) -> ReplayedRun:
-    """Run a bag's messages through the engine; see `by_message.replay`."""
+    """Replayed run of a follower's recorded arrays; see `by_message.replay`."""
     params = parameters(source.params, configuration, changes or {})
     if isinstance(source, StationArrays):
         return replay_station(source, params)
@@ -57,7 +57,7 @@ def replay_arrays(
 
 
 def _expected(inputs: Inputs, params: FollowerParams) -> int:
-    """Number of estimates, about."""
+    """Approximate number of estimates."""
     stamps_ns = inputs.imu_stamps_ns
     length_s = 1e-9 * int(stamps_ns[-1] - stamps_ns[0]) if len(stamps_ns) else 0.0
     most = len(stamps_ns) + 1  # not more than samples, whatever the stamps are
@@ -71,7 +71,7 @@ def replay_estimates(
     changes: Mapping[str, Any],
     progress: Progress,
 ) -> ReplayedRun | None:
-    """Read and replay a bag; None for a run that has to be taken message by message."""
+    """Replayed run of a bag; None for a run that must be replayed by message."""
     # A parameter out of range is told before a long bag is read.
     recorded = choose_follower(bag, vehicle)[1]
     chosen = parameters(recorded, configuration, changes)
@@ -95,7 +95,7 @@ def _half(progress: Progress) -> Progress:
 def _merged(
     found: Iterable[engine_events.Receipt], refused: Sequence[engine_events.Receipt]
 ) -> Iterable[engine_events.Receipt]:
-    """Receipts in the order of publication: a refusal after everything of its stamp."""
+    """Receipts in the order of publication: refusals after all receipts of their stamp."""
     waiting = list(reversed(refused))
     for receipt in found:
         while waiting and waiting[-1].stamp_ns < receipt.stamp_ns:

@@ -1,4 +1,4 @@
-"""Replays a recorded bag through the follower's engine.
+"""Replay of a recorded bag through the follower's engine, message by message.
 
 Comes in: a bag with the follower's inputs and its parameters (`/run_info`). Goes out: the messages
 that the live node would have published, as bytes. Live and replay drive the same
@@ -35,7 +35,7 @@ Progress = Callable[[float], None]
 
 @dataclass(frozen=True)
 class Output:
-    """One message of a replay."""
+    """One message published in a replay."""
 
     topic: str
     stamp_ns: int
@@ -44,7 +44,7 @@ class Output:
 
 @dataclass(frozen=True)
 class ReplayResult:
-    """What the engine made of a bag.
+    """Result of a replay by message: published messages, counts and hashes.
 
     Attributes
     ----------
@@ -71,7 +71,7 @@ class ReplayResult:
     divergence: str = ''
 
     def of(self, topic: str) -> list[bytes]:
-        """Bytes published on a topic, given without the vehicle."""
+        """Messages published on a topic (its name without the vehicle), as bytes."""
         name = f'/{self.vehicle}/{topic}'
         return [o.data for o in self.outputs if o.topic == name]
 
@@ -97,7 +97,7 @@ class ReplayResult:
 def parameters(
     recorded: Mapping[str, Any], configuration: str | None, changes: Mapping[str, Any]
 ) -> FollowerParams:
-    """Recorded parameters with the user's changes; replays need no lockstep, no reorder window."""
+    """Recorded parameters with a named configuration and the user's changes."""
     values = dict(recorded)
     if configuration is not None:
         values |= parameters_of(configuration, recorded)
@@ -113,7 +113,7 @@ def replay(
     changes: Mapping[str, Any] | None = None,
     progress: Progress | None = None,
 ) -> ReplayResult:
-    """Run a bag's messages through the engine.
+    """Result of a follower's recorded inputs, run through the engine again.
 
     Parameters
     ----------
@@ -176,7 +176,7 @@ def _drive(
 
 
 class _Collector:
-    """Collects what the session publishes, and hashes it per topic."""
+    """Collects the messages that the session publishes, and hashes them per topic."""
 
     def __init__(self, vehicle: str, compared: Iterable[str]) -> None:
         self._prefix = f'/{vehicle}/'

@@ -1,4 +1,4 @@
-"""Certificates: what a bag gave, where, with what; and whether it still does.
+"""Certificates of replays: hashes of results with bag, parameters and machine, and their check.
 
 A certificate is a small JSON file. It is written of a bag whose replay gave the recorded bytes,
 and names all that those depend on: the bag, the parameters, the packages, the processor. Who
@@ -35,12 +35,12 @@ _SOURCES = Path(__file__).resolve().parents[3]
 
 
 class CertificateError(PolarNavError):
-    """A certificate that cannot be read, or that cannot be given."""
+    """A certificate that cannot be read, or a replay that cannot be certified."""
 
 
 @dataclass(frozen=True)
 class Certificate:
-    """What was found, with what, and where.
+    """Hashes of a replay's results, with its bag, parameters, versions and machine.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ class Certificate:
 
 @dataclass(frozen=True)
 class Check:
-    """What came of checking a certificate.
+    """Result of a certificate's check.
 
     Attributes
     ----------
@@ -114,7 +114,7 @@ class Check:
 
 
 def certify(inputs: RecordedInputs, replayed: ReplayResult, result: VerifyResult) -> Certificate:
-    """Certify what a bag gives.
+    """Certificate of the replay of a bag.
 
     Raises
     ------
@@ -156,7 +156,7 @@ def certify(inputs: RecordedInputs, replayed: ReplayResult, result: VerifyResult
 def check(
     certificate: Certificate, inputs: RecordedInputs, replayed: ReplayResult, result: VerifyResult
 ) -> Check:
-    """Hold a replay against a certificate."""
+    """Failures and notes of a replay compared with a certificate."""
     failures, notes = [], []
     if bag_sha256(inputs.bag) != certificate.bag_sha256:
         failures.append(f'{inputs.bag.path} is not the bag that the certificate is of')
@@ -248,7 +248,7 @@ def _machine() -> dict[str, Any]:
 
 
 def _other_place(there: Mapping[str, Any], here: Mapping[str, Any]) -> list[str]:
-    """Sentences on what bits depend on and is different here."""
+    """Sentences about differences of machine and versions that bits depend on."""
     out = []
     if (certified_with := engine_version_of(there)) != ENGINE_VERSION:
         out.append(f'engine: certified with {certified_with}, here {ENGINE_VERSION}')

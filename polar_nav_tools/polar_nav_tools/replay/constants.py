@@ -1,4 +1,4 @@
-"""Numbers that stand for something in a recorded message mean what they meant to its bag.
+"""Constants of recorded messages, read by the definitions in their bag.
 
 DVL_MODE_BOTTOM and DVL_MODE_WATER were 0 and 1 once, and are 1 and 2 now, as in
 marine_acoustic_msgs. A bag carries the definitions that it was recorded with, so no ping with
@@ -25,7 +25,7 @@ _NEITHER = 0
 
 
 def mode_table(bag: Bag, topic: str) -> NDArray[np.uint8] | None:
-    """From the number of a DVL's mode in a bag to the installed one; None where they are the same.
+    """Table from the DVL modes of a bag to the installed ones; None if they are the same.
 
     Raises
     ------
@@ -45,7 +45,7 @@ def mode_table(bag: Bag, topic: str) -> NDArray[np.uint8] | None:
 
 
 def require_same(bag: Bag, topics: Iterable[str]) -> None:
-    """Insist that the constants in a bag have the values that they have here.
+    """Raise BagError if constants in a bag have other values than the installed ones.
 
     Raises
     ------

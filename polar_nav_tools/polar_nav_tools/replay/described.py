@@ -1,4 +1,4 @@
-"""How a follower described itself on /run_info: its engine, and parameters to replay it with.
+"""Descriptions of followers on /run_info: engine version, and parameters for a replay.
 
 Bags are read for good: a parameter that was retired since is left out and named, and one that a
 bag does not state has the value that reproduces the engine of that bag, never today's default.
@@ -26,7 +26,7 @@ _FIRST_ENGINE = 1
 
 @dataclass(frozen=True)
 class Description:
-    """What a follower_node said of itself in a bag.
+    """Description that a follower_node published in a bag.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class Description:
     retired: dict[str, Any]
 
     def require_known(self) -> None:
-        """Refuse parameters that are neither declared nor retired.
+        """Raise an error for parameters that are neither declared nor retired.
 
         Raises
         ------
@@ -64,7 +64,7 @@ class Description:
             )
 
     def retired_texts(self) -> list[str]:
-        """Return one sentence for each retired parameter."""
+        """One sentence for each retired parameter."""
         return [
             f'parameter {name} = {value!r} was {RETIRED[name]}'
             for name, value in sorted(self.retired.items())
@@ -72,7 +72,7 @@ class Description:
 
 
 def descriptions_of(bag: Bag) -> dict[str, Description]:
-    """Return the description of every follower that described itself in a bag, by vehicle."""
+    """Descriptions of the followers in a bag, by vehicle."""
     return {
         name.strip('/').split('/')[0]: describe(info)
         for name, info in bag.node_infos.items()
@@ -81,13 +81,13 @@ def descriptions_of(bag: Bag) -> dict[str, Description]:
 
 
 def describe(info: Mapping[str, Any]) -> Description:
-    """Return the description in one message of /run_info."""
+    """Description in one message of /run_info."""
     params = info.get('params')
     return read_parameters(params if isinstance(params, dict) else {}, engine_version_of(info))
 
 
 def engine_version_of(info: Mapping[str, Any]) -> int:
-    """Return the engine that a description or a certificate states; 1 where it states none."""
+    """Engine version stated in a description or certificate; 1 if none is stated."""
     version = info.get('engine_version')
     if isinstance(version, int) and not isinstance(version, bool) and version >= 1:
         return version
@@ -95,7 +95,7 @@ def engine_version_of(info: Mapping[str, Any]) -> int:
 
 
 def read_parameters(stated: Mapping[str, Any], engine_version: int) -> Description:
-    """Return parameters of a recording or a certificate as this version reads them."""
+    """Description by stated parameters, completed by the defaults of the engine version."""
     recorded = dict(stated)
     retired = {name: recorded.pop(name) for name in sorted(RETIRED.keys() & recorded)}
     params = defaults_of(engine_version) | recorded

@@ -1,4 +1,4 @@
-"""A replay as a bag of its own, as a summary, and the changes of parameters that lead to it."""
+"""Output of a replay as a bag or a summary; changes of parameters by the user."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _MODEL_TOPICS = (CURRENT, MODEL, IDENTIFICATION)
 
 
 def parse_changes(texts: Sequence[str]) -> dict[str, Any]:
-    """Parameters of follower_node from ``name=value`` texts; the values as YAML reads them.
+    """Parameters of follower_node from ``name=value`` texts, with values in YAML.
 
     Raises
     ------
@@ -48,7 +48,7 @@ def parse_changes(texts: Sequence[str]) -> dict[str, Any]:
 
 
 def _typed(value: Any, kind: str | None) -> Any:  # noqa: ANN401 - a value of YAML
-    """Whole numbers may stand for floats here: a person typed them."""
+    """Value in the type of the parameter; a whole number counts as a float too."""
     if kind == 'float' and isinstance(value, int) and not isinstance(value, bool):
         return float(value)
     if kind == 'float' and isinstance(value, str):
@@ -62,7 +62,7 @@ def _typed(value: Any, kind: str | None) -> Any:  # noqa: ANN401 - a value of YA
 
 
 def replay_summary(result: ReplayResult | ReplayedRun, described: Description) -> dict[str, Any]:
-    """Return what a replay did, in plain values; hashes only where there are messages."""
+    """Summary of a replay in plain values; hashes only for a replay by message."""
     states, receipts = result.counts
     hashes = {'sha256': dict(result.sha256)} if isinstance(result, ReplayResult) else {}
     return {
@@ -80,7 +80,7 @@ def replay_summary(result: ReplayResult | ReplayedRun, described: Description) -
 
 
 def write_replay(path: Path, result: ReplayResult, source: Bag) -> Path:
-    """Write the outputs of a replay to a new bag, each under its own stamp.
+    """Write the published messages of a replay to a new bag, each at its own stamp.
 
     Raises
     ------

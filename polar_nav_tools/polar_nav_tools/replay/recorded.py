@@ -1,4 +1,4 @@
-"""What a follower took from its topics in a recorded run, read in one pass over the bag.
+"""Inputs of a follower in a recorded run as events, read in one pass over the bag.
 
 The messages are decoded once and serve any number of replays; what the live node published is kept
 as bytes, to be compared with.
@@ -43,7 +43,7 @@ _NO_LIMIT = 1 << 62
 
 @dataclass(frozen=True)
 class RecordedInputs:
-    """One follower's part of a bag.
+    """Recorded inputs of one follower as events.
 
     Attributes
     ----------
@@ -108,7 +108,7 @@ class RecordedInputs:
 def load_inputs(
     bag: Bag | Path | str, vehicle: str | None = None, changes: Mapping[str, Any] | None = None
 ) -> RecordedInputs:
-    """Read what a follower took and published.
+    """Inputs and outputs of a follower, read from a bag.
 
     Parameters
     ----------
@@ -170,7 +170,7 @@ def load_inputs(
 
 
 def followers_of(bag: Bag) -> dict[str, dict[str, Any]]:
-    """Parameters of every follower whose node described itself in the bag, by vehicle."""
+    """Parameters of all followers that are described in the bag, by vehicle."""
     return {name: described.params for name, described in descriptions_of(bag).items()}
 
 
@@ -217,7 +217,7 @@ def choose_description(bag: Bag, vehicle: str | None) -> tuple[str, Description]
 
 
 def decoded(bag: Bag, topic: str, data: bytes, msg_type: type[Any]) -> Any:  # noqa: ANN401
-    """Message of recorded bytes; BagError when they are none."""
+    """Message decoded from recorded bytes; BagError if they are none."""
     try:
         return deserialize_message(data, msg_type)
     except (RuntimeError, ValueError, MemoryError) as error:
@@ -225,7 +225,7 @@ def decoded(bag: Bag, topic: str, data: bytes, msg_type: type[Any]) -> Any:  # n
 
 
 def _up_to(messages: list[tuple[str, Any]], limits: Mapping[str, int]) -> list[tuple[str, Any]]:
-    """Messages that the live node had taken when it ended, as it said itself."""
+    """Messages that the live node had received at its end, by its own counts."""
     taken: Counter[str] = Counter()
     out = []
     for topic, message in messages:
@@ -236,11 +236,11 @@ def _up_to(messages: list[tuple[str, Any]], limits: Mapping[str, int]) -> list[t
 
 
 def refusal_key(r: Receipt) -> tuple[str, str, int, int]:
-    """What a refused message is known by, from its receipt."""
+    """Key of a refused message, from its receipt."""
     return (r.topic, r.source, r.sequence, r.receive_ns or r.validity_ns)
 
 
 def event_key(event: Event) -> tuple[str, str, int, int]:
-    """The same, from the message."""
+    """Key of a refused message, from its event."""
     source = event.source if isinstance(event, Fix) else ''
     return (event.topic, source, event.sequence, event.stamp_ns)

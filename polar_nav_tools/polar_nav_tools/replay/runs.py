@@ -26,7 +26,7 @@ Say = Callable[[str], None]
 
 @dataclass
 class Replays:
-    """Inputs of one follower, loaded once for any number of replays.
+    """Recorded inputs of one follower, loaded once for any number of replays.
 
     Parameters
     ----------
@@ -39,13 +39,13 @@ class Replays:
 
     @property
     def truth(self) -> TruthSeries | None:
-        """Truth from the same pass over the bag; None where it was not read."""
+        """Truth from the same pass over the bag; None if it was not read."""
         return None if isinstance(self.source, RecordedInputs) else self.source.truth
 
     def replayed(
         self, configurations: Sequence[str], say: Say, progress: Sequence[Progress | None]
     ) -> dict[str, ReplayedRun]:
-        """Replay each configuration; the key is its name."""
+        """Replayed runs by the name of their configuration."""
         runs = {}
         for configuration, share in zip(configurations, progress, strict=True):
             say(f'replaying with {configuration}')
@@ -53,7 +53,7 @@ class Replays:
         return runs
 
     def verified(self, say: Say) -> VerifyResult:
-        """Compare a replay with the recorded parameters with what was published live."""
+        """Comparison of a replay, with the recorded parameters, with the live outputs."""
         if not isinstance(self.source, RecordedInputs):
             raise TypeError('only a replay by message can be compared bit for bit')
         say('comparing a replay with what was published live')
@@ -76,7 +76,7 @@ def load_replays(
     truth: bool = False,
     progress: Progress | None = None,
 ) -> Replays:
-    """Load what a follower took.
+    """Recorded inputs of a follower, by array if possible, else by message.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ def load_replays(
 
 
 def recorded(bag: Bag, vehicle: str) -> RunSeries:
-    """Series of the live run, from its published messages; the model with its truth.
+    """Series of the live run from its published messages, with the truth of the model.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Replays a run in station mode from arrays."""
+"""Fast replay of a run in station mode from arrays."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _ROWS = 512
 
 
 def replay_station(source: StationArrays, params: FollowerParams) -> ReplayedRun:
-    """Run a bag's messages through the engine."""
+    """Replayed run of a follower's recorded arrays in station mode."""
     result = batch.run(params, source.inputs(params), commands=source.commands)
     track = result.track
     rows = EstimateRows(params, len(track.stamps_ns))
@@ -46,7 +46,7 @@ def replay_station(source: StationArrays, params: FollowerParams) -> ReplayedRun
 
 
 class _Rows(NamedTuple):
-    """Rows as `EstimateRows` takes them; what this mode has no estimate of is NaN."""
+    """Collects rows in the form of `EstimateRows`; NaN where this mode has no estimate."""
 
     stamps_ns: Stamps
     r_e: Array
@@ -78,7 +78,7 @@ def _as_estimates(track: StationTrack, part: slice) -> _Rows:
 def _model(
     track: StationTrack, identifications: tuple[Identification, ...], params: FollowerParams
 ) -> ModelRun | None:
-    """The first row of each second, as a session publishes it."""
+    """Model estimates at the first row of each second, as a session publishes them."""
     seconds = track.stamps_ns // NS
     if not len(seconds):
         return None

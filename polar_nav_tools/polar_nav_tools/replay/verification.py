@@ -1,4 +1,4 @@
-"""Compares what a follower published live with a replay of its bag.
+"""Comparison of a follower's live outputs with a replay of its bag.
 
 Bit for bit where the bag was recorded with the engine that replays it. Another engine may give
 other bits on purpose, so there the estimates are compared in units of their sigma, and verdicts.
@@ -42,7 +42,7 @@ _TYPES: dict[str, type[Any]] = {
 
 @dataclass(frozen=True)
 class Difference:
-    """First place where live and replay differ."""
+    """First message at which live run and replay differ."""
 
     topic: str
     index: int
@@ -58,7 +58,7 @@ class Difference:
 
 @dataclass(frozen=True)
 class Comparison:
-    """How far a replay is from a recording of another engine, or from another machine's.
+    """Differences, in sigma, of a replay from a recording of another engine version or machine.
 
     Attributes
     ----------
@@ -80,7 +80,7 @@ class Comparison:
         return self.closeness is not None and self.closeness.close and not self.failures
 
     def problems(self) -> list[str]:
-        """Return one sentence for each thing that is not within the limit."""
+        """One sentence for each difference beyond the limit."""
         if self.closeness is None:
             return [f'not comparable: {self.impossible}']
         out = list(self.failures)
@@ -106,7 +106,7 @@ class Comparison:
 
 @dataclass(frozen=True)
 class VerifyResult:
-    """Whether a replay gives the bytes that were recorded.
+    """Result of the comparison of a replay with the recorded bytes.
 
     Attributes
     ----------
@@ -141,7 +141,7 @@ class VerifyResult:
 
     @property
     def ok(self) -> bool:
-        """Whether the replay gives what was recorded, as exactly as its engine must."""
+        """Whether the replay equals the recording, as exactly as its engine version allows."""
         return self.equal if self.comparison is None else self.comparison.ok
 
 
@@ -152,7 +152,7 @@ def verify(
     replayed: ReplayResult | None = None,
     progress: Progress | None = None,
 ) -> VerifyResult:
-    """Replay a bag with its own parameters and compare bit for bit with the live outputs.
+    """Bitwise comparison of the live outputs with a replay by the recorded parameters.
 
     Parameters
     ----------
@@ -198,7 +198,7 @@ def verify(
 
 
 def load_comparable(bag: Bag, vehicle: str | None = None) -> RecordedInputs:
-    """Read what a follower took and published, of a bag whose replay can be compared.
+    """Inputs and outputs of a follower, from a bag whose replay can be compared.
 
     Raises
     ------
@@ -223,7 +223,7 @@ def load_comparable(bag: Bag, vehicle: str | None = None) -> RecordedInputs:
 
 
 def require_comparable(inputs: RecordedInputs) -> None:
-    """Refuse a bag without live outputs, or with those of a version with other fields.
+    """Raise BagError for a bag without live outputs, or with outputs of other fields.
 
     Estimates of another engine may have other fields: they are compared by their numbers.
 
@@ -247,7 +247,7 @@ def require_comparable(inputs: RecordedInputs) -> None:
 
 
 def compare(inputs: RecordedInputs, replayed: ReplayResult) -> Comparison:
-    """Compare a replay with the recorded estimates, vehicle model and verdicts, by their numbers.
+    """Comparison of a replay with recorded estimates, vehicle model and verdicts by numbers.
 
     nav/current repeats what nav/model states; of an identification, the verdict counts.
 
@@ -280,7 +280,7 @@ def compare(inputs: RecordedInputs, replayed: ReplayResult) -> Comparison:
 
 
 def _recorded_estimates(inputs: RecordedInputs) -> EstimateSeries:
-    """Read the recorded estimates by the definition in the bag."""
+    """Recorded estimates, read by the definition in the bag."""
     if is_installed(inputs.bag.channel(f'/{inputs.vehicle}/{topics.STATE}')):
         return estimates_from_cdr(inputs.live[topics.STATE], inputs.vehicle)
     return load_estimates(inputs.bag, inputs.vehicle)
@@ -324,7 +324,7 @@ def _first_imu_ns(inputs: RecordedInputs) -> int:
 
 
 def _late_start(inputs: RecordedInputs) -> Difference | None:
-    """What cannot be compared: a recording that began when the follower was already running."""
+    """Difference at the start if the follower ran before the recording began; else None."""
     first_ns = _first_imu_ns(inputs)
     states = inputs.live[topics.STATE]
     began_ns = to_ns(deserialize_message(states[0], NavState).header.stamp)

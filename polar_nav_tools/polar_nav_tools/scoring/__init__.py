@@ -1,4 +1,4 @@
-"""Scores people can believe: errors by stamp, honest covariances, what became of every fix.
+"""Scores of runs against the truth: errors by stamp, consistency, verdicts of fixes.
 
 `compare` takes ``{name: (truth, estimates, receipts)}`` and gives a `Comparison` whose tables
 print to the terminal, Markdown, CSV, JSON and the report. Everything here is a pure function of

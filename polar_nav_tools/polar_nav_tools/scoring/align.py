@@ -29,7 +29,7 @@ Mode = Literal['auto', 'exact', 'interpolate']
 
 
 class ScoringError(PolarNavError):
-    """A truth and an estimate that cannot be compared; the text says why."""
+    """A truth and an estimate that cannot be compared, with the reason."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +44,7 @@ class TruthAt:
 
 @dataclass(frozen=True, eq=False)
 class EstimateAt(Series):
-    """What is compared of the estimates at `stamp_ns`, axes as in EstimateSeries."""
+    """Compared columns of the estimates at `stamp_ns`, axes as in EstimateSeries."""
 
     stamp_ns: Ints  # shape (n,)
     r_e: Floats  # shape (n, 3) [m]
@@ -58,13 +58,13 @@ class EstimateAt(Series):
 
     @classmethod
     def of(cls, estimate: EstimateSeries, rows: NDArray[np.intp]) -> Self:
-        """Those rows of `estimate`."""
+        """The given rows of `estimate`."""
         return cls(**{f.name: getattr(estimate, f.name)[rows] for f in fields(cls)})
 
 
 @dataclass(frozen=True)
 class AlignmentCounts:
-    """What became of every estimate; the last six numbers add up to `estimates`."""
+    """Numbers of paired and dropped estimates; the last six add up to `estimates`."""
 
     truth: int
     estimates: int
@@ -96,7 +96,7 @@ def align(
     mode: Mode = 'auto',
     max_gap_s: float = 1.5,
 ) -> Alignment:
-    """Pair every estimate with the truth of its stamp.
+    """Pairs of each estimate with the truth at its stamp.
 
     Parameters
     ----------
@@ -210,7 +210,7 @@ def _sorted_truth(truth: TruthSeries, what: str) -> TruthSeries:
 
 
 def _last_of_each_stamp(estimate: EstimateSeries) -> tuple[EstimateSeries, int]:
-    """Estimates by stamp, of several with one stamp the last published; how many that dropped."""
+    """Estimates by stamp, the last published of each stamp; and the number of dropped ones."""
     ordered = estimate.in_order()
     last = np.r_[np.diff(ordered.stamp_ns) > 0, True]
     repeated = int((~last).sum())

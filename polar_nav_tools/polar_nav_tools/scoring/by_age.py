@@ -1,4 +1,4 @@
-"""Position error against the age of the last fix: how fast an estimate gets worse without one."""
+"""Position error by the age of the last fix."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ EDGES_S = (0.0, 2.0, 5.0, 10.0, 20.0, 40.0, 80.0, 160.0, float('inf'))
 
 @dataclass(frozen=True)
 class AgeClass:
-    """Horizontal errors of the estimates whose newest fix was this old."""
+    """Horizontal errors [m] of estimates in one class of the age of their newest fix [s]."""
 
     from_s: float
     to_s: float
@@ -34,7 +34,7 @@ class AgeClass:
 
 
 def by_age(error: ErrorSeries, age: Floats) -> tuple[AgeClass, ...]:
-    """Sort the errors of a run by age of information [s]; empty classes are left out."""
+    """Errors of a run by class of age of information [s], without empty classes."""
     horizontal = error.horizontal
     variance = np.trace(error.P_position_G[:, :2, :2], axis1=1, axis2=2)
     found = []

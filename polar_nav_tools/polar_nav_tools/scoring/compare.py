@@ -1,4 +1,4 @@
-"""Several configurations side by side: the tables of the demo, the score and the report."""
+"""Comparison of several configurations: the tables of demo, score and report."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ class Comparison:
         }
 
     def table(self) -> Table:
-        """Build the table of the demo: RMS over the run, cost of the delay, honesty."""
+        """Table of the demo: RMS over the run, cost of the delay, consistency."""
         columns = (
             CONFIGURATION,
             *_ERROR_COLUMNS,
@@ -107,7 +107,7 @@ class Comparison:
         return Table('RMS over the whole run', columns, tuple(rows))
 
     def error_table(self, window: str = WHOLE, statistic: str = 'rms') -> Table:
-        """One statistic of every component, along and across the track too.
+        """Table of one statistic of every component, along and across the track too.
 
         Parameters
         ----------
@@ -140,7 +140,7 @@ class Comparison:
         return Table(f'{_STATISTICS[statistic]}, {part}', columns, rows)
 
     def delay_table(self) -> Table:
-        """Lag expected from ignoring the delay beside the error found, in the second half."""
+        """Table of the lag expected from ignoring the delay, and the error found, second half."""
         columns = (
             CONFIGURATION,
             Column('mean_delay', 'mean delay', 's', doc='of the fused fixes: receive - validity'),
@@ -171,7 +171,7 @@ class Comparison:
         return Table('What ignoring the delay costs, second half', columns, tuple(rows))
 
     def consistency_table(self) -> Table:
-        """NEES, NIS and heading against the filter's own covariance, second half."""
+        """Table of NEES, NIS and heading against the filter's own covariance, second half."""
         columns = (
             CONFIGURATION,
             Column('what', 'what'),
@@ -220,7 +220,7 @@ class Comparison:
         return Table('Is the covariance honest? Second half', columns, tuple(rows), note)
 
     def verdict_table(self) -> Table:
-        """Counts of verdicts; their sum is what was received."""
+        """Table of verdict counts; their sum is the number of received fixes."""
         verdicts = in_order(v for one in self.scores.values() for v in one.verdicts.by_verdict)
         columns = (
             CONFIGURATION,
@@ -240,11 +240,11 @@ class Comparison:
         return Table('What became of the fixes', columns, rows)
 
     def tables(self) -> tuple[Table, ...]:
-        """All tables, the most asked for first."""
+        """All tables, in the order of importance."""
         return (*self.main_tables(), *self.more_tables())
 
     def main_tables(self) -> tuple[Table, ...]:
-        """Tables that everybody asks for."""
+        """Main tables: errors, delay, consistency, verdicts."""
         return (
             self.table(),
             *self.model_tables(),
@@ -254,12 +254,12 @@ class Comparison:
         )
 
     def model_tables(self) -> tuple[Table, ...]:
-        """Water, drag and identifications, where a model took part."""
+        """Tables of current, drag and identifications, for runs with a vehicle's model."""
         found = (model_table(self.models), identification_table(self.models))
         return tuple(table for table in found if table.rows)
 
     def more_tables(self) -> tuple[Table, ...]:
-        """Tables that not everybody asks for."""
+        """Further tables: drift, age of the last fix, phases."""
         return (
             *(self.error_table(statistic=s) for s in ('median', 'p95', 'max')),
             drift_table(self.scores),
@@ -274,7 +274,7 @@ def compare(
     phases: Sequence[Window] = (),
     mode: Mode = 'auto',
 ) -> Comparison:
-    """Score every run.
+    """Scores of all runs by name.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Is a covariance honest? Normalized squared errors against their chi-square bands.
+"""Consistency of covariances: normalized squared errors against their chi-square bands.
 
 NEES is e' P^-1 e of an estimate against truth, NIS is r' S^-1 r of an innovation; of an honest
 filter each is chi-square distributed with as many degrees of freedom as it has components.
@@ -47,7 +47,7 @@ class Consistency:
 
     @property
     def judgement(self) -> str:
-        """In words: optimistic means errors larger than the covariance says."""
+        """Judgement in a word: optimistic if errors are larger than the covariance states."""
         if self.count == 0 or not np.isfinite(self.band_low):
             return UNKNOWN
         if self.mean_per_dof > self.band_high:
@@ -123,7 +123,7 @@ def normalized_squared(error: ArrayLike, covariance: ArrayLike) -> Floats:
 
 
 def _definite(correlation: Floats, least: float = 1e-12) -> NDArray[np.bool_]:
-    """Which matrices, shape (n, k, k), have no eigenvalue up to `least`; shape (n,)."""
+    """Mask (n,) of matrices (n, k, k) with all eigenvalues above `least`."""
     try:
         # Usually all of them, and a factorization says so in a sixth of the time of eigenvalues.
         np.linalg.cholesky(correlation - least * np.eye(correlation.shape[-1]))
@@ -136,7 +136,7 @@ def _definite(correlation: Floats, least: float = 1e-12) -> NDArray[np.bool_]:
 
 
 def effective_count(values: ArrayLike) -> float:
-    """Number of independent samples that say as much about the mean as this correlated series.
+    """Number of independent samples with the same variance of the mean as a correlated series.
 
     n / tau with tau = 1 + 2 sum of autocorrelations, summed over pairs of lags while the pairs
     stay positive (Geyer 1992, initial positive sequence); at least 1, at most n.
@@ -162,7 +162,7 @@ def effective_count(values: ArrayLike) -> float:
 
 
 def consistency(squared: ArrayLike, dof: ArrayLike, *, independent: bool) -> Consistency:
-    """Judge normalized squared errors.
+    """Consistency of normalized squared errors with their chi-square band.
 
     Parameters
     ----------
@@ -199,7 +199,7 @@ def consistency(squared: ArrayLike, dof: ArrayLike, *, independent: bool) -> Con
 
 
 def consistency_of_sums(sums: ArrayLike, counts: ArrayLike, dof: int) -> Consistency:
-    """Judge innovations of which only sums over short intervals are known.
+    """Consistency of innovations known as sums over short intervals.
 
     The sum of n normalized squares of an honest filter is chi2(n dof), so sums serve as well as
     single values; `share_inside` is of intervals in the band of their own n.

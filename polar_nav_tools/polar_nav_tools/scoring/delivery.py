@@ -1,4 +1,4 @@
-"""What became of the packets that were sent: received, lost, or still in flight at the end.
+"""Delivery of sent packets: received, lost, or in flight at the end.
 
 The follower cannot know of a packet that never came, so its receipts never say IN_FLIGHT. Who has
 the sender's modem (`acomms/tx`), the receiver's (`acomms/rx`) and the end of the run can.
@@ -19,7 +19,7 @@ Packet: TypeAlias = tuple[str, int]
 
 @dataclass(frozen=True)
 class Delivery:
-    """Packets for one vehicle; sent = received + lost + in_flight.
+    """Numbers of packets for one vehicle; sent = received + lost + in_flight.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ def delivery(
     end_ns: int,
     in_flight: Collection[Packet] | None = None,
 ) -> Delivery:
-    """Account for every packet that was sent.
+    """Delivery of all packets that were sent.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def delivery(
 
 
 def delivery_table(d: Delivery) -> Table:
-    """Show the account in one row."""
+    """Table of the delivery in one row."""
     how = 'as the link stated' if d.stated else 'could still have come; some may be lost'
     columns = (
         Column('sent', 'sent'),

@@ -13,7 +13,7 @@ CONFIGURATION = Column('configuration', 'configuration')
 
 
 def drift_table(scores: Mapping[str, Score]) -> Table:
-    """Error against distance, absolute and relative error, availability."""
+    """Table of error per distance, absolute and relative error, availability."""
     columns = (
         CONFIGURATION,
         Column('distance', 'distance', 'm', 4, 'true way'),
@@ -52,7 +52,7 @@ def drift_table(scores: Mapping[str, Score]) -> Table:
 
 
 def age_table(scores: Mapping[str, Score]) -> Table:
-    """Position error by the age of the newest fix in the estimate."""
+    """Table of the position error by the age of the newest fix in the estimate."""
     columns = (
         CONFIGURATION,
         Column('from_s', 'age from', 's'),
@@ -83,7 +83,7 @@ def age_table(scores: Mapping[str, Score]) -> Table:
 
 
 def phase_table(scores: Mapping[str, Score]) -> Table:
-    """Errors in each phase of the mission; no row when the mission has one only."""
+    """Table of errors per phase of the mission; empty if the mission has one phase only."""
     columns = (
         Column('phase', 'phase'),
         CONFIGURATION,

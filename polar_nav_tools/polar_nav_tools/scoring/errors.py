@@ -1,4 +1,4 @@
-"""Errors of an estimate in the follower's grid axes, with the sigma the filter gave to each.
+"""Errors of an estimate in the follower's grid axes, with the filter's sigmas.
 
 Signs (docs/frames.md): estimate minus truth. Attitude: Chat_b_G = exp(-[phi_G x]) C_b_G; velocity
 dv_G = vhat_G - v_G as components; position dr_G = C_e_G (rhat_e - r_e) with the grid axes at the
@@ -55,12 +55,12 @@ class ErrorSeries:
 
     @property
     def sigma_velocity_G(self) -> Floats:
-        """As `sigma_attitude_G` [m/s]."""
+        """Square root of the diagonal [m/s], shape (n, 3); NaN where a variance is negative."""
         return _sigma(self.P_velocity_G)
 
     @property
     def sigma_position_G(self) -> Floats:
-        """As `sigma_attitude_G` [m]."""
+        """Square root of the diagonal [m], shape (n, 3); NaN where a variance is negative."""
         return _sigma(self.P_position_G)
 
     def time(self, origin_ns: int) -> Floats:
@@ -70,7 +70,7 @@ class ErrorSeries:
 
 @np.errstate(over='ignore', invalid='ignore')  # a damaged message can hold any number
 def errors(pairs: Alignment) -> ErrorSeries:
-    """Estimate minus truth for every pair."""
+    """Errors, estimate minus truth, of all pairs."""
     truth, estimate = pairs.truth, pairs.estimate
     C_e_G = ecef_to_grid(truth.r_e)
     dr_G = np.einsum('nij,nj->ni', C_e_G, estimate.r_e - truth.r_e)
@@ -108,7 +108,7 @@ def wrapped(angle: Floats) -> Floats:
 
 
 def distance_travelled(r_e: Floats) -> float:
-    """Length of the way through these positions [m], chords between neighbours."""
+    """Distance travelled through positions [m], summed over chords."""
     return float(np.linalg.norm(np.diff(r_e, axis=0), axis=1).sum())
 
 

@@ -1,4 +1,4 @@
-"""Values of a score as JSON holds them: no NaN, no arrays, no enums."""
+"""Conversion of scores to plain values for JSON: no NaN, no arrays, no enums."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ import numpy as np
 
 
 def record(values: Mapping[str, object]) -> dict[str, object]:
-    """Mapping as plain data, see `jsonable`."""
+    """Mapping in plain values, see `jsonable`."""
     return {str(k): jsonable(v) for k, v in values.items()}
 
 
 def jsonable(value: object) -> object:
-    """Same content with only what JSON knows: NaN becomes None, arrays lists, enums names."""
+    """Content in plain values for JSON: NaN becomes None, arrays lists, enums names."""
     if isinstance(value, Mapping):
         return record(value)
     if isinstance(value, np.ndarray):

@@ -1,4 +1,4 @@
-"""What was learnt of the water and of the vehicle, against the truth of the same stamp.
+"""Scores of estimated current and drag against the truth at the same stamps.
 
 Total surge drag is scored at the mean speed of the window: d1 and d2 each are poorly known, and
 strongly correlated, where the speed hardly changes; their sum at that speed is what navigation
@@ -44,7 +44,7 @@ class ModelErrors:
 
 @dataclass(frozen=True)
 class QuantityScore:
-    """One quantity over one window."""
+    """Score of one quantity over one window."""
 
     unit: str
     truth: float  # mean
@@ -66,7 +66,7 @@ class QuantityScore:
 
 @dataclass(frozen=True)
 class ModelWindow:
-    """Model and water over one part of a run."""
+    """Scores of drag and current over one part of a run."""
 
     window: Window
     quantities: dict[str, QuantityScore]
@@ -110,7 +110,7 @@ class ModelScore:
 
 
 def score_model(run: ModelRun, truth: TruthSeries) -> ModelScore:
-    """Score what was estimated of model and water over the whole run and its second half.
+    """Score of estimated drag and current over the whole run and its second half.
 
     Parameters
     ----------
@@ -136,7 +136,7 @@ def _window(window: Window, run: ModelRun, truth: TruthSeries) -> ModelWindow:
 def model_errors(
     rows: ModelSeries, true_model: ModelSeries | None, truth: TruthSeries
 ) -> dict[str, ModelErrors]:
-    """Each quantity beside its truth at the stamps of the estimates."""
+    """Errors of each quantity at the stamps of the estimates."""
     current_G = true_current(rows.stamp_ns, truth)
     found = {
         name: ModelErrors(
@@ -170,7 +170,7 @@ def model_errors(
 
 
 def true_current(stamp_ns: np.ndarray, truth: TruthSeries) -> Floats:
-    """Current at some stamps, between samples of the truth on a straight line, shape (n, 3)."""
+    """True current (n, 3) [m/s] at n stamps, interpolated linearly."""
     since = (stamp_ns - truth.stamp_ns[0]) * 1e-9
     known = (truth.stamp_ns - truth.stamp_ns[0]) * 1e-9
     columns = [np.interp(since, known, truth.current_G[:, k]) for k in range(3)]
@@ -223,7 +223,7 @@ def _root(variance: Floats) -> Floats:
 
 
 def model_table(models: Mapping[str, ModelScore]) -> Table:
-    """Water and drag: estimate, its sigma and its error, second half."""
+    """Table of current and drag: estimate, sigma and error, second half."""
     columns = (
         CONFIGURATION,
         Column('what', 'what'),
@@ -254,7 +254,7 @@ def model_table(models: Mapping[str, ModelScore]) -> Table:
 
 
 def identification_table(models: Mapping[str, ModelScore]) -> Table:
-    """Every identification, with what it found."""
+    """Table of all identifications with their results."""
     columns = (
         CONFIGURATION,
         Column('at', 'at', 's', 5, 'since the start of the truth'),
@@ -289,7 +289,7 @@ def identification_table(models: Mapping[str, ModelScore]) -> Table:
 
 
 def model_consistency(one: ModelScore | None) -> dict[str, Consistency]:
-    """NEES of model and water in the second half, for the table of honest covariances."""
+    """NEES of drag and current in the second half, for the table of consistency."""
     if one is None:
         return {}
     return {f'NEES {k}': c for k, c in one.windows[SECOND_HALF].nees.items() if c.count}

@@ -55,13 +55,13 @@ def mission_phases(truth: TruthSeries) -> tuple[Window, ...]:
 
 
 def _runs(turning: NDArray[np.bool_]) -> list[tuple[int, int, bool]]:
-    """(first, one behind the last, value) of runs of equal values."""
+    """Runs of equal values as (first index, index after the last, value)."""
     edges = [0, *(np.flatnonzero(turning[1:] != turning[:-1]) + 1).tolist(), len(turning)]
     return [(a, b, bool(turning[a])) for a, b in pairwise(edges)]
 
 
 def _merged(parts: list[tuple[int, int, bool]]) -> list[tuple[int, int, bool]]:
-    """Join parts that are too short, and neighbours of one kind, to the one before."""
+    """Parts with short ones, and neighbours of one kind, joined to the part before."""
     out: list[tuple[int, int, bool]] = []
     for first, last, turning in parts:
         short = (last - first) * 0.5 < SHORTEST_S

@@ -57,14 +57,14 @@ def relative_errors(pairs: Alignment, interval_s: float = INTERVAL_S) -> Floats:
 
 
 def _translation(poses: TruthAt | EstimateAt, i: Rows, j: Rows) -> Floats:
-    """Way from rows `i` to rows `j` in the body axes of `i` [m], shape (m, 3)."""
+    """Displacement from rows `i` to rows `j` in the body axes of `i` [m], shape (m, 3)."""
     step_e = poses.r_e[j] - poses.r_e[i]
     step_G = np.einsum('nij,nj->ni', _axes(poses.r_e[i]), step_e)
     return np.asarray(np.einsum('nji,nj->ni', poses.C_b_G[i], step_G))
 
 
 def _axes(r_e: Floats) -> Floats:
-    """C_e_G at each place, shape (m, 3, 3); NaN where there are none.
+    """C_e_G at each position, shape (m, 3, 3); NaN where grid axes are undefined.
 
     That is at the centre of the earth and on its y axis; a damaged estimate can be anywhere.
     """

@@ -1,4 +1,4 @@
-"""One run against its truth: everything that is said about it in tables, JSON and the report.
+"""Score of one run against its truth, as in tables, JSON and report.
 
 In come the truth, the estimates and the receipts of one vehicle (polar_nav_tools.series.vehicle);
 out comes a `Score`, plain numbers in the units that people read (arcmin, m/s, m).
@@ -42,7 +42,7 @@ DEGREE = 180.0 / np.pi  # per radian
 
 @dataclass(frozen=True)
 class ComponentScore:
-    """One error component over one window, with what the filter claimed about it."""
+    """One error component over one window, with the filter's own sigma."""
 
     unit: str
     error: Statistics
@@ -64,7 +64,7 @@ class ComponentScore:
 
 @dataclass(frozen=True)
 class WindowScore:
-    """Everything about one part of a run.
+    """Scores of one window of a run.
 
     `components`: phi_x, phi_y, phi_z, grid_heading [arcmin], true_heading [deg], v_x, v_y, v_z
     [m/s], r_x, r_y, r_z, along, cross, horizontal [m].
@@ -83,7 +83,7 @@ class WindowScore:
     lag: Lag
 
     def rms(self, component: str) -> float:
-        """RMS of one component in its unit."""
+        """RMS of one component, in the component's unit."""
         return self.components[component].error.rms
 
     def to_dict(self) -> dict[str, object]:
@@ -125,7 +125,7 @@ class Drift:
 
 @dataclass(frozen=True, eq=False)
 class Score:
-    """One run scored. `pairs` and `errors` are kept for pictures and are not part of `to_dict`."""
+    """Score of one run; `pairs` and `errors`, kept for pictures, are not part of `to_dict`."""
 
     name: str
     windows: dict[str, WindowScore]
@@ -141,12 +141,12 @@ class Score:
 
     @property
     def whole(self) -> WindowScore:
-        """The whole run."""
+        """Scores of the whole run."""
         return self.windows[WHOLE]
 
     @property
     def second_half(self) -> WindowScore:
-        """The second half by time, start values forgotten."""
+        """Scores of the second half by time, without the transient of the start."""
         return self.windows[SECOND_HALF]
 
     def to_dict(self) -> dict[str, object]:
@@ -174,7 +174,7 @@ def score(
     phases: Sequence[Window] = (),
     mode: Mode = 'auto',
 ) -> Score:
-    """Score one run over the whole of it, its second half and any further phases of the mission.
+    """Score of a run over the whole, its second half and further phases of the mission.
 
     Parameters
     ----------
@@ -224,7 +224,7 @@ def score(
 
 
 class _Component(NamedTuple):
-    """Error and sigma in SI and radians, shape (n,), and the unit that people read."""
+    """Error and sigma of one component in SI and radians, shape (n,), and its display unit."""
 
     unit: str
     factor: float
@@ -234,7 +234,7 @@ class _Component(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Whole:
-    """What every window takes its rows of. The n pairs and all estimates are in order of stamps.
+    """Series of a whole run, of which each window uses rows; all in the order of stamps.
 
     All estimates count for `local`, not only those that truth can be compared with.
     """

@@ -1,4 +1,4 @@
-"""Figures that sum up a series of errors: an array comes in, a few numbers go out.
+"""Summary statistics of a series of errors.
 
 RMS, median, 95 % and maximum are of the magnitude; the mean keeps its sign, so that a constant
 offset (a lag, a bias) can be told from scatter. Values that are not finite are left out and
@@ -32,7 +32,7 @@ class Statistics:
         return record(asdict(self))
 
     def scaled(self, factor: float) -> Statistics:
-        """Same summary in another unit (`factor` > 0 target units per present unit)."""
+        """Summary in another unit (`factor` > 0 target units per present unit)."""
         if not factor > 0.0:
             raise ValueError(f'factor={factor} must be > 0')
         return Statistics(

@@ -1,4 +1,4 @@
-"""One table, many dresses: terminal, Markdown, CSV, JSON and HTML come from one object.
+"""Tables for terminal, Markdown, CSV, JSON and HTML.
 
 Numbers are rounded only here, to significant digits, so that 0.0123 m and 15.1 m stand in one
 column and both can be read. CSV and JSON keep every digit.
@@ -128,7 +128,7 @@ class Table:
 
 
 def show(value: object, digits: int = 3) -> str:
-    """Value as people read it: `digits` significant digits, no exponent between 1e-4 and 1e6."""
+    """Text of a value with `digits` significant digits, no exponent between 1e-4 and 1e6."""
     if value is None:
         return MISSING
     if isinstance(value, (bool, np.bool_)):

@@ -1,4 +1,4 @@
-"""How old knowledge is: delay of each fix, age of information, time without an estimate."""
+"""Timeliness: delay of each fix, age of information, time without an estimate."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ NAVIGATING = 1  # NavState.STATUS_NAVIGATING
 
 @dataclass(frozen=True)
 class Lag:
-    """What taking late fixes as current costs in theory, and what was found."""
+    """Position lag from treating late fixes as current: expected and found."""
 
     fixes: int  # fused ones that were received in the window
     mean_delay: float  # receive minus validity [s]
@@ -34,12 +34,12 @@ class Lag:
 
     @property
     def expected(self) -> float:
-        """Speed x mean delay [m]: where the vehicle was when the average fix was valid."""
+        """Expected lag [m]: speed times mean delay."""
         return self.mean_speed * self.mean_delay
 
     @property
     def ratio(self) -> float:
-        """Found over expected; NaN when nothing is expected."""
+        """Found lag over expected lag; NaN if none is expected."""
         return self.found / self.expected if self.expected > 0.0 else float('nan')
 
     def to_dict(self) -> dict[str, object]:
@@ -49,7 +49,7 @@ class Lag:
 
 @dataclass(frozen=True)
 class Availability:
-    """Share of the truth's span with an estimate that claims to navigate."""
+    """Share of the truth's span with a valid estimate."""
 
     share: float
     longest_outage: float  # [s]
@@ -70,14 +70,14 @@ class TimedFix(NamedTuple):
 
     @property
     def delay(self) -> float:
-        """Receive minus validity [s]."""
+        """Delay [s]: reception minus validity."""
         return (self.receive_ns - self.validity_ns) * 1e-9
 
 
 def timed_fixes(
     receipts: Sequence[Receipt], verdicts: Collection[str] | None = None
 ) -> list[TimedFix]:
-    """Fixes with known times in order of reception, last revisions; of all verdicts if None."""
+    """Last revisions of fixes with known times, in order of reception; all verdicts if None."""
     found = [
         TimedFix(r, r.validity_ns, r.receive_ns)
         for r in last_revisions(receipts)
@@ -89,14 +89,14 @@ def timed_fixes(
 
 
 def delays(verdicts: VerdictSeries, window: Window) -> Statistics:
-    """Receive minus validity [s] of the fused fixes that were received in the window."""
+    """Delays [s] of the fused fixes that were received in the window."""
     used = verdicts.fused()
     delay = (used.receive_ns - used.validity_ns) * 1e-9
     return statistics(delay[window.mask(used.receive_ns)])
 
 
 def age_of_information(stamp_ns: Ints, verdicts: VerdictSeries) -> Floats:
-    """Time since the validity of the newest fix that was in the estimate.
+    """Time since the validity of the newest fused fix [s], at each estimate.
 
     A fix is in the estimates from its reception on, however far back in the history it was
     applied.
@@ -123,7 +123,7 @@ def age_of_information(stamp_ns: Ints, verdicts: VerdictSeries) -> Floats:
 
 
 def availability(estimate: EstimateSeries, window: Window, *, hold: float = 2.5) -> Availability:
-    """How much of the window is covered by estimates.
+    """Availability of estimates in a window.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What became of every measurement: verdicts of fixes, whether they add up, NIS by source."""
+"""Verdicts of measurements: counts, their balance with messages, NIS by source."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ UNKNOWN_NS = int(np.iinfo(np.int64).min)
 
 @dataclass(frozen=True, eq=False)
 class VerdictSeries(Series):
-    """What finally became of each message: last revisions, in order of the first receipts.
+    """Final verdict of each message (last revision), in the order of first receipts.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ class VerdictSeries(Series):
 
     @classmethod
     def of(cls, receipts: Iterable[Receipt]) -> Self:
-        """Columns of the last revisions of `receipts`."""
+        """Series of the last revisions of `receipts`."""
         final = last_revisions(receipts)
         return cls(
             stamp_ns=np.array([r.stamp_ns for r in final], np.int64),
@@ -68,14 +68,14 @@ class VerdictSeries(Series):
         )
 
     def fused(self) -> Self:
-        """Fixes that were fused and whose validity and reception are known."""
+        """Rows of fused fixes with known validity and reception."""
         known = (self.validity_ns != UNKNOWN_NS) & (self.receive_ns != UNKNOWN_NS)
         return self.rows(known & (self.verdict == FUSED))
 
 
 @dataclass(frozen=True)
 class VerdictCounts:
-    """Last revisions only."""
+    """Numbers of messages by final verdict."""
 
     total: int
     by_verdict: dict[str, int]  # only those that occur, in the order of FixReceipt.msg
@@ -89,7 +89,7 @@ class VerdictCounts:
 
 @dataclass(frozen=True)
 class Balance:
-    """received = sum of verdicts, for one topic."""
+    """Balance of one topic: received messages = sum of verdicts."""
 
     topic: str
     received: int  # messages in the bag
@@ -97,7 +97,7 @@ class Balance:
 
     @property
     def balanced(self) -> bool:
-        """Whether no message disappeared silently."""
+        """Whether every received message has a verdict."""
         return self.received == self.verdicts
 
     def to_dict(self) -> dict[str, object]:
@@ -106,7 +106,7 @@ class Balance:
 
 
 def count_verdicts(receipts: Sequence[Receipt]) -> VerdictCounts:
-    """Count what finally became of each message."""
+    """Numbers of messages by final verdict."""
     final = last_revisions(receipts)
     counts: dict[str, Counter[str]] = {}
     for (topic, verdict), number in Counter(map(_TOPIC_AND_VERDICT, final)).items():
@@ -120,7 +120,7 @@ def count_verdicts(receipts: Sequence[Receipt]) -> VerdictCounts:
 
 
 def balances(receipts: Sequence[Receipt], received: Mapping[str, int]) -> tuple[Balance, ...]:
-    """Compare verdicts with messages, topic by topic.
+    """Balance of verdicts with messages, topic by topic.
 
     Parameters
     ----------

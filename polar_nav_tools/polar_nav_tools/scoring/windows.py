@@ -1,4 +1,4 @@
-"""Parts of a mission that are scored by themselves, as closed intervals of stamps."""
+"""Windows of a mission that are scored separately: closed intervals of stamps."""
 
 from __future__ import annotations
 
@@ -31,18 +31,18 @@ class Window:
         return (self.end_ns - self.start_ns) * 1e-9
 
     def mask(self, stamp_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """True for the stamps inside."""
+        """Mask of the stamps inside."""
         return (stamp_ns >= self.start_ns) & (stamp_ns <= self.end_ns)
 
     def rows(self, stamp_ns: NDArray[np.int64]) -> slice:
-        """Rows of ascending stamps that are inside: what they select is not copied."""
+        """Slice of the ascending stamps inside."""
         first = np.searchsorted(stamp_ns, self.start_ns, side='left')
         stop = np.searchsorted(stamp_ns, self.end_ns, side='right')
         return slice(int(first), int(stop))
 
 
 def standard_windows(start_ns: int, end_ns: int) -> tuple[Window, ...]:
-    """Whole run and its second half by time, in which start values are forgotten.
+    """Windows of the whole run and of its second half by time.
 
     Halves are taken of the truth's span, not of the estimates, so that a filter that falls silent
     is judged on the same interval as one that does not.
