@@ -10,7 +10,7 @@ Ints = NDArray[np.int64]
 
 
 def vectors(value: ArrayLike, name: str) -> Array:
-    """Return *value* as a float64 array of shape (..., 3), or say which argument is not one."""
+    """Return *value* as a float64 array of shape (..., 3), or raise ValueError."""
     array = np.ascontiguousarray(value, dtype=np.float64)
     if array.ndim == 0 or array.shape[-1] != 3:
         raise ValueError(f'{name} must have shape (..., 3), not {array.shape}')
@@ -18,7 +18,7 @@ def vectors(value: ArrayLike, name: str) -> Array:
 
 
 def matrices(value: ArrayLike, name: str) -> Array:
-    """Return *value* as a float64 array of shape (..., 3, 3), or say which argument is not one."""
+    """Return *value* as a float64 array of shape (..., 3, 3), or raise ValueError."""
     array = np.ascontiguousarray(value, dtype=np.float64)
     if array.ndim < 2 or array.shape[-2:] != (3, 3):
         raise ValueError(f'{name} must have shape (..., 3, 3), not {array.shape}')

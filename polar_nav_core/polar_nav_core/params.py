@@ -1,6 +1,6 @@
 """Parameters of nodes and filters: default, unit, range and text of each stand together, once.
 
-A node declares what the dataclass says (polar_nav_ros.parameters), YAML files and documentation
+A node declares the dataclass (polar_nav_ros.parameters), YAML files and documentation
 read the same object, and :func:`check` refuses what is out of range with a sentence that names it.
 """
 
@@ -150,7 +150,7 @@ def unknown_parameter(name: str, owner: str, known: Collection[str]) -> str:
 
 
 def names_near(name: str, known: Collection[str]) -> str:
-    """Say which names were probably meant; all of them where they are few."""
+    """Names closest to a misspelt one, as a sentence; all names if they are few."""
     if len(known) <= _FEW:
         return f'there are {", ".join(sorted(known))}'
     near = [k for k in sorted(known) if name in k] or _spelled_alike(name, known)

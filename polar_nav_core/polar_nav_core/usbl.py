@@ -30,7 +30,7 @@ class Range(NamedTuple):
 
 
 class Relative(NamedTuple):
-    """A vector with its covariance; the function that returns it says which, and in which axes."""
+    """A vector [m] with its covariance; axes are those of the function that returns it."""
 
     vector: Array
     """Shape (3,) [m]."""

@@ -72,7 +72,7 @@ class VehicleModel:
         return float((self.drag_linear[0] + self.drag_quadratic[0] * speed) * speed)
 
     def logarithmic_drag(self, speed: float) -> tuple[float, float]:
-        """Give (ln Dt, f) of the surge drag: total at a speed, and the share that is quadratic."""
+        """Surge drag at a speed as (ln Dt, f): total Dt, and its quadratic share f."""
         total = self.total_drag(speed)
         return math.log(total), float(self.drag_quadratic[0]) * speed * speed / total
 

@@ -1,6 +1,6 @@
 """Session of a follower: navigation with fixes from acoustic packets.
 
-Its mode says what it takes: a SINS with DVL and the packets of a leader, or the attitude of an
+Its mode determines the inputs: a SINS with DVL and the packets of a leader, or the attitude of an
 AHRS with thrust and the packets of a hydroacoustic station.
 """
 

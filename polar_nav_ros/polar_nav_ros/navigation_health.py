@@ -41,7 +41,7 @@ class NavigationHealth:
     ----------
     engine : Engine
     logger : Logger
-        Told of doubtful parameters at once, and of every change of level.
+        Logs doubtful parameters at once, and every change of level.
     """
 
     def __init__(self, engine: Engine, logger: Logger) -> None:

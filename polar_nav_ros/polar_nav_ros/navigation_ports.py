@@ -11,8 +11,8 @@
 | out nav/current, nav/model | polar_nav_msgs/WaterCurrent, VehicleModel | estimate, 1 Hz |
 | out nav/identification | polar_nav_msgs/Identification | place in the order of events |
 
-Which sensors are taken says the session; the last three rows are there when the vehicle's model
-takes part. Services ``~/reset``, ``~/set_initial_state`` and, with a model, ``~/identify`` become
+The session determines the sensors; the last three rows are there when the vehicle's model is
+used. Services ``~/reset``, ``~/set_initial_state`` and, with a model, ``~/identify`` become
 stamped commands.
 """
 

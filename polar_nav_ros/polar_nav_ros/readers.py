@@ -51,8 +51,8 @@ def imu_from_msg(msg: Imu, number: int) -> ImuSample:
 def ahrs_from_msg(msg: Imu, number: int) -> ImuSample:
     """sensor_msgs/Imu of an AHRS as an event: `orientation` is that of base_link in grid axes.
 
-    A message that says that it has no attitude (``orientation_covariance[0]`` is -1, REP-145)
-    gives none; a quaternion that is no rotation gives one that is not finite.
+    A message without attitude (``orientation_covariance[0]`` is -1, REP-145) leaves it out; a
+    quaternion that is no rotation becomes one that is not finite.
     """
     w, f = msg.angular_velocity, msg.linear_acceleration
     q = msg.orientation
@@ -70,7 +70,7 @@ def ahrs_from_msg(msg: Imu, number: int) -> ImuSample:
 def attitudes(xyzw: Array, covariance_0: Array) -> Array:
     """C_b_G of many messages of an AHRS. (n, 4), (n,) -> (n, 3, 3).
 
-    NaN where `ahrs_from_msg` gives no attitude, or one that is not finite.
+    NaN where `ahrs_from_msg` has no attitude, or one that is not finite.
 
     Parameters
     ----------

@@ -17,7 +17,7 @@ def odometry_of(state: NavState, omega_eb_b: Array | None = None) -> Odometry:
     """nav_msgs/Odometry: pose of base_link in `earth` (C_b_e), twist in base_link.
 
     Covariances are in the axes that nav_msgs/Odometry asks for. The rate against the earth, body
-    axes [rad/s], is NaN where it is not told; its covariance is not estimated: NaN.
+    axes [rad/s], is NaN where it is unknown; its covariance is not estimated: NaN.
     """
     C_e_G = grid.ecef_to_grid(state.r_e)
     q = state.orientation

@@ -38,7 +38,7 @@ class Inputs:
     fixes : tuple of Fix
         In any order: the engine takes them as they are received.
     control_stamps_ns, control_force_b, control_torque_b : (u,), (u, 3), (u, 3) arrays
-        From when on the thrusters give force [N] and torque [N m], body axes.
+        Stamps from which thrust holds: force [N] and torque [N m], body axes.
     """
 
     imu_stamps_ns: Stamps

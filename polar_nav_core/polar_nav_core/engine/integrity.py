@@ -114,7 +114,7 @@ class IntegrityMonitor:
     def gated(self, validity_ns: int, receive_ns: int, offset_G: Array) -> None:
         """Count a fix that the gate refused; ``offset_G`` is fix minus estimate (3,) [m].
 
-        One that is valid before the newest fused fix says nothing about how things stand now.
+        One that is valid before the newest fused fix does not count.
         """
         if validity_ns <= self._newest_fused_validity_ns:
             return

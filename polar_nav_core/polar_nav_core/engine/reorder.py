@@ -1,8 +1,8 @@
 """Sorts live messages into the total order of events by a window of stamp time.
 
-The newest IMU stamp less the window is the watermark: everything up to it has come, or comes too
-late. What comes too late is refused with a receipt that says so; a replay refuses the same
-messages, because it reads them there.
+The newest IMU stamp less the window is the watermark: messages up to it have come, or come too
+late. A message that comes too late is refused with a receipt (TOO_LATE); a replay reads these
+receipts and refuses the same messages.
 """
 
 from __future__ import annotations

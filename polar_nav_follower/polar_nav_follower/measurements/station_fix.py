@@ -1,6 +1,6 @@
 """Range and bearing in the station frame from a hydroacoustic station's packet.
 
-The packet says when the transponder replied (t3), where the station was when the reply was back,
+The packet states when the transponder replied (t3), where the station was when the reply was back,
 and what it measured. How well it measures is a property of the instrument, not of a fix: those
 sigmas are parameters of the receiver.
 """

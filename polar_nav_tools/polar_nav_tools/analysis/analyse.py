@@ -121,9 +121,9 @@ def analyse(
     truth_from : Bag, optional
         Another bag with the truth.
     say : callable
-        Told what is going on.
+        Called with a sentence on the work that begins.
     progress : callable, optional
-        Told the share of reading and replaying that is done.
+        Called with the share of reading and replaying that is done.
 
     Raises
     ------

@@ -21,7 +21,7 @@ Say = Callable[[str], None]
 def follower_of(bag: Bag) -> str:
     """Vehicle of the one follower in a bag, by its estimates or its description on /run_info.
 
-    A leader that navigates by itself has estimates, too; then the descriptions tell who follows.
+    A leader that navigates by itself has estimates, too; then the descriptions decide.
 
     Raises
     ------

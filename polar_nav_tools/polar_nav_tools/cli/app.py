@@ -1,4 +1,4 @@
-"""The application that the commands join, and what they share: errors, JSON, exit status."""
+"""The `polar` application and the common parts of its commands: errors, JSON, exit status."""
 
 from __future__ import annotations
 
@@ -54,12 +54,12 @@ app = typer.Typer(
 
 
 def emit_json(value: Mapping[str, object]) -> None:
-    """Print one JSON document; NaN would make it unreadable for others, so it is refused."""
+    """Print one JSON document; NaN is refused, for other programs could not read it."""
     sys.stdout.write(json.dumps(value, indent=2, allow_nan=False) + '\n')
 
 
 def say(text: str) -> None:
-    """Tell people something; never on stdout, which is for figures."""
+    """Print a message to stderr; stdout is for results."""
     sys.stderr.write(f'polar: {text}\n')
     sys.stderr.flush()
 
@@ -70,7 +70,7 @@ def end(status: int) -> NoReturn:
 
 
 def main() -> int:
-    """Run the tool; its exit status.
+    """Exit status of the command line tool.
 
     An error that is meant for the user is one sentence and status 1; anything else is a defect and
     keeps its traceback.

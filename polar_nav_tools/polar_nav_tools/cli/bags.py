@@ -163,7 +163,7 @@ def report(
 
 @app.command(epilog='Example: `./polar info bags/my_run --json`')
 def info(bag: BagArgument, as_json: JsonOption = False) -> None:
-    """Say what is in a bag: topics, counts, rates, the run it is of, and what is missing."""
+    """Show the contents of a bag: topics, counts, rates, its run, and missing parts."""
     from ..bags.info import bag_info
 
     with opened(bag) as source:
@@ -188,7 +188,7 @@ def recover(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Make a whole bag of a broken one, with everything that can be read, for all other tools."""
+    """Write a complete bag from a broken one, with all messages that can be read."""
     from ..bags.recover import recover as run_recover
     from ..terminal.progress import opening_display
 
@@ -250,14 +250,14 @@ def analysed(
 
 
 def ahead_of(recorded: bool, truth: Path | None, vehicle: str | None) -> Wants | None:
-    """What `analysed` is going to read with these options: for `open_for`."""
+    """Topics that `analysed` reads with these options, for `open_for`."""
     from ..analysis.opening import wanted_of
 
     return None if recorded else wanted_of(vehicle, truth=truth is None)
 
 
 def _usual_pair(bag: Bag, vehicle: str | None) -> tuple[str, str]:
-    """What the demo compares, in the mode of the bag's follower."""
+    """Names of the two configurations compared by default, in the mode of the bag's follower."""
     from polar_nav_core.engine.configurations import LEADER_PAIR, pair_of
 
     from ..replay.recorded import followers_of

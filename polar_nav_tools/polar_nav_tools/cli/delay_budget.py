@@ -27,7 +27,7 @@ def _delay_budget(
     ] = False,
     **values: Any,  # noqa: ANN401 - numbers, one option each
 ) -> None:
-    """Say how old a fix can get on its way, and which history and limits a follower needs.
+    """Estimate how old a fix can get on its way, and the history and limits a follower needs.
 
     From distance, sound speed, packet, turn-around, processing, retries: the defaults are those of
     the nodes.

@@ -1,4 +1,4 @@
-"""`polar map`, `polar import csv` and `polar replay --map`: data that were recorded by others."""
+"""`polar map`, `polar import csv` and `polar replay --map`: data recorded by other systems."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def replay_foreign(
     out: Path | None,
     as_json: bool,
 ) -> None:
-    """Do what `polar replay --map` does: check, run, show, write."""
+    """Run `polar replay --map`: check the bag, replay it, print and write the results."""
     from rich.console import Console
 
     from ..foreign import mapping, mapping_file, replay

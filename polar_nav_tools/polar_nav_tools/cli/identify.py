@@ -20,7 +20,7 @@ _LONG = 200_000
 
 
 class Method(StrEnum):
-    """What can be asked for."""
+    """Methods of identification."""
 
     robust = 'robust'
     published = 'published'

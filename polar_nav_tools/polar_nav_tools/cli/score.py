@@ -94,7 +94,7 @@ def score(
 
 
 def _apart(words: list[Path], configs: list[str]) -> tuple[list[Path], list[str]]:
-    """Bags and configurations: behind ``--configs A`` further configurations may stand."""
+    """Bags and configurations: after ``--configs A`` further names may follow."""
     from polar_nav_core.engine.configurations import NAMES
 
     names = [name for text in configs for name in text.split(',') if name]
@@ -108,7 +108,7 @@ def _apart(words: list[Path], configs: list[str]) -> tuple[list[Path], list[str]
 
 
 def _document(analyses: Mapping[str, Analysis]) -> dict[str, object]:
-    """Of one bag its figures, of several each one's by its name."""
+    """JSON document of the scores of one bag, or of several by name."""
     said: dict[str, dict[str, object]] = {
         label: {
             'ok': not one.complaints(),

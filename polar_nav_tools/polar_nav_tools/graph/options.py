@@ -10,7 +10,7 @@ from polar_nav_core.errors import ConfigError
 
 PACES = ('lockstep', 'realtime')
 LEADERS = ('perfect', 'own')
-"""How the leader knows where it is: told by the simulation, as the papers assume, or by itself."""
+"""Navigation of the leader: perfect, from the simulation as the papers assume, or its own."""
 MAX_SEED = 2**31 - 1
 
 
@@ -31,7 +31,7 @@ class GraphOptions:
     bag : Path or None
         Folder of the new bag; None: nothing is recorded.
     run_info : Path or None
-        JSON file with what the bag is to say about the run.
+        JSON file with the description of the run for the bag.
 
     Raises
     ------

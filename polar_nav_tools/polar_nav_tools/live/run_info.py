@@ -84,7 +84,7 @@ def cpu_model() -> str:
 
 
 def cpu_identity() -> str:
-    """Name of the processor with family, model and stepping, which tell generations apart."""
+    """Name of the processor with family, model and stepping, which differ between generations."""
     path = Path('/proc/cpuinfo')
     numbers: dict[str, str] = {}
     if path.is_file():

@@ -286,7 +286,7 @@ class Recording:
 
     def _advance(self, type_name: str, stamp_ns: int) -> None:
         if type_name == CLOCK_TYPE:
-            if not self._has_clock:  # from now on it alone says what time it is
+            if not self._has_clock:  # from now on the only source of time
                 self._has_clock, self._now_ns = True, 0
             self._now_ns = max(self._now_ns, stamp_ns)
         elif not self._has_clock:

@@ -1,6 +1,6 @@
 """Fast replay of a bag from arrays: the numbers of `by_message.replay`, without messages.
 
-`replay` is for whoever wants the bytes (`verify`, `replay --out`); scores and reports only want
+`by_message.replay` is for the bytes (`verify`, `replay --out`); scores and reports only need
 the estimates. Both drive the same engine in the same order of events.
 """
 
@@ -72,7 +72,7 @@ def replay_estimates(
     progress: Progress,
 ) -> ReplayedRun | None:
     """Replayed run of a bag; None for a run that must be replayed by message."""
-    # A parameter out of range is told before a long bag is read.
+    # A parameter out of range is refused before a long bag is read.
     recorded = choose_follower(bag, vehicle)[1]
     chosen = parameters(recorded, configuration, changes)
     if inputs_of(chosen) != inputs_of(parameters(recorded, None, {})):

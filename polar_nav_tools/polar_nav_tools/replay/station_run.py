@@ -46,7 +46,7 @@ def replay_station(source: StationArrays, params: FollowerParams) -> ReplayedRun
 
 
 class _Rows(NamedTuple):
-    """Collects rows in the form of `EstimateRows`; NaN where this mode has no estimate."""
+    """Rows in the form that `EstimateRows` stores; NaN where this mode has no estimate."""
 
     stamps_ns: Stamps
     r_e: Array

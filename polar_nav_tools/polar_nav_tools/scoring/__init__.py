@@ -1,6 +1,6 @@
 """Scores of runs against the truth: errors by stamp, consistency, verdicts of fixes.
 
-`compare` takes ``{name: (truth, estimates, receipts)}`` and gives a `Comparison` whose tables
+`compare` takes ``{name: (truth, estimates, receipts)}`` and returns a `Comparison` whose tables
 print to the terminal, Markdown, CSV, JSON and the report. Everything here is a pure function of
 series.
 """

@@ -55,13 +55,13 @@ class QuantityScore:
 
     def to_dict(self) -> dict[str, object]:
         """Plain numbers for JSON."""
-        told = {
+        values = {
             'truth': self.truth,
             'final': self.final,
             'final_sigma': self.final_sigma,
             'normalized_rms': self.normalized_rms,
         }
-        return {'unit': self.unit, **record(told), 'error': self.error.to_dict()}
+        return {'unit': self.unit, **record(values), 'error': self.error.to_dict()}
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ def score_model(run: ModelRun, truth: TruthSeries) -> ModelScore:
     run : ModelRun
         Without a true model only the current can be compared.
     truth : TruthSeries
-        Of the same vehicle; tells the current.
+        Of the same vehicle; holds the true current.
     """
     windows = standard_windows(int(truth.stamp_ns.min()), int(truth.stamp_ns.max()))
     return ModelScore({w.name: _window(w, run, truth) for w in windows}, run)

@@ -46,7 +46,7 @@ class ComponentScore:
 
     unit: str
     error: Statistics
-    sigma_rms: float  # of the filter's own 1-sigma; NaN where it gives none
+    sigma_rms: float  # of the filter's own 1-sigma; NaN without one
     normalized_rms: float  # RMS of error / sigma; 1 for an honest sigma
     within_3_sigma: float  # share of samples
 

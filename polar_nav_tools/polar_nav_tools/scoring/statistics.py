@@ -1,7 +1,7 @@
 """Summary statistics of a series of errors.
 
 RMS, median, 95 % and maximum are of the magnitude; the mean keeps its sign, so that a constant
-offset (a lag, a bias) can be told from scatter. Values that are not finite are left out and
+offset (a lag, a bias) is distinguishable from scatter. Values that are not finite are left out and
 counted.
 """
 

@@ -1,1 +1,1 @@
-"""What a bag says about one vehicle, as arrays: the common language of scoring and report."""
+"""Series of one vehicle as arrays, from a bag or a replay: input of scoring and report."""

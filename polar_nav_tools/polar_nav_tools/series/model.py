@@ -73,7 +73,7 @@ class Identified:
 
 @dataclass(frozen=True, eq=False)
 class ModelRun:
-    """What one run says of model and water; and the truth of it, where that is known."""
+    """Estimates of drag and current of one run, and their truth if it is known."""
 
     estimated: ModelSeries
     identified: tuple[Identified, ...] = ()
@@ -81,7 +81,7 @@ class ModelRun:
 
 
 def identified_of_engine(i: Identification) -> Identified:
-    """An identification as its message would tell it."""
+    """Identification of the engine in the form of a recorded message."""
     variances = np.diagonal(np.asarray(i.covariance, dtype=np.float64))
     sigmas = np.sqrt(np.where(variances >= 0.0, variances, np.nan))
     if len(sigmas) != len(i.names):

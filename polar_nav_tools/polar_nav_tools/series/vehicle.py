@@ -1,4 +1,4 @@
-"""What a bag says about one vehicle, as arrays: the common language of scoring and report.
+"""Series of one vehicle as arrays, from a bag or a replay: input of scoring and report.
 
 Comes in from `polar_nav_tools.bags.arrays` (a bag) or from a replay (bytes of `nav/state` and
 `nav/receipt`); goes out to score and report. Only data, no file, no ROS.

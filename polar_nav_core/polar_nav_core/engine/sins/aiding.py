@@ -1,6 +1,6 @@
 """The vehicle's model beside the inertial navigation: settings, initial state, estimates.
 
-The filter itself is compiled (kernels.sins.aiding); docs/model-aiding.md says what it is for.
+The filter itself is compiled (kernels.sins.aiding); purpose and limits: docs/model-aiding.md.
 """
 
 from __future__ import annotations

@@ -3,7 +3,7 @@
 Events come in order. An IMU sample moves the state; when it ends a covariance step, the covariance
 follows. A measurement corrects the state at once, with the covariance of the last step at or
 before it: steps are never split. All of that is compiled (kernels.sins.events); this class holds
-the arrays, and says in Python what the compiled code leaves open.
+the arrays, and does the part that is not compiled.
 """
 
 from __future__ import annotations

@@ -79,7 +79,7 @@ class History:
     past : Past
         The rings.
     state : State
-        Its counters say how much of them is filled.
+        Its counters hold how much of them is filled.
     """
 
     def __init__(self, past: fs.Past, state: fs.State) -> None:

@@ -2,7 +2,7 @@
 
 Guarded (`sage_husa`): R-hat per kind of measurement (:class:`GuardedNoise`) and one Q-hat of the
 filter (:class:`GuardedProcess`), both as ratios to what is stated. There are no q-hat and r-hat: a
-mean of the position noise cannot be told from dr, nor one of the velocity noise from dv, and the
+mean of the position noise is not separable from dr, nor one of the velocity noise from dv, and the
 pair drifts (docs/derivations/adaptation.md).
 
 As printed (`sage_husa_unguarded`, eqs. 35-38, and `sage_husa_published`, eqs. 62-65, both in the
