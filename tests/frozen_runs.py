@@ -18,7 +18,7 @@ import llvmlite.binding as llvm
 import numba
 import numpy as np
 
-from polar_nav_core.engine import run as batch
+from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.configurations import STATION_VARIANTS
 from polar_nav_core.engine.events import Command, CommandKind, Fix, Verdict
 from polar_nav_core.engine.params import (
@@ -411,14 +411,14 @@ def _simulate(world: str, changes: Mapping[str, Any], *, one_by_one: bool) -> Ru
     simulated = _simulated(world)
     params = simulated.params(**changes)
     if params.mode == 'station':
-        result = batch.run(
+        result = engine_run.run(
             params, simulated.inputs, commands=simulated.commands, one_by_one=one_by_one
         )
         identified = result.identifications
         names = {n: n for n in _STATION_TRACK} | {'tally': 'local_statistics'}
         track = {n: getattr(result.track, name) for n, name in names.items()}
     else:
-        result = batch.run(params, simulated.inputs, one_by_one=one_by_one)
+        result = engine_run.run(params, simulated.inputs, one_by_one=one_by_one)
         identified = ()
         track = {n: getattr(result.track, n) for n in _TRACK}
     sigma = np.sqrt(np.abs(np.diagonal(track['P'], axis1=1, axis2=2)))

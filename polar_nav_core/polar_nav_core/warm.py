@@ -21,7 +21,7 @@ _IMU_NS = 10_000_000
 def warm_filter() -> None:
     """Run each way to treat late fixes over a third of a second, live and as a whole run."""
     # Here, because the engine stands above the kernels.
-    from .engine import run as batch
+    from .engine import run as engine_run
     from .engine.events import Fix
     from .engine.params import DELAY_HANDLING, EngineParams
 
@@ -30,7 +30,7 @@ def warm_filter() -> None:
     pings, depths = stamps[5::10].copy(), stamps[4::10].copy()
     angles = np.radians([base.initial_latitude_deg, base.initial_longitude_deg])
     r_e = np.asarray(earth.ecef_from_geodetic(angles[0], angles[1], base.initial_height))
-    inputs = batch.Inputs(
+    inputs = engine_run.Inputs(
         imu_stamps_ns=stamps,
         omega_ib_b=np.zeros((len(stamps), 3)),
         f_b=np.tile([0.0, 0.0, 9.83], (len(stamps), 1)),
@@ -51,13 +51,13 @@ def warm_filter() -> None:
     )
     for name in DELAY_HANDLING:
         params = replace(base, delay_handling=name)
-        batch.run(params, inputs)
-        batch.run(params, inputs, one_by_one=True)
+        engine_run.run(params, inputs)
+        engine_run.run(params, inputs, one_by_one=True)
 
 
 def warm_station() -> None:
     """Run each way to treat late fixes of station mode, live and as a whole run."""
-    from .engine import run as batch
+    from .engine import run as engine_run
     from .engine.events import Fix
     from .engine.params import DELAY_HANDLING, EngineParams
     from .identification.polar_fix import PolarFix
@@ -66,7 +66,7 @@ def warm_station() -> None:
     stamps = _START_NS + _IMU_NS * np.arange(45)
     polar = PolarFix(np.zeros(3), 0.0, 0.0, 50.0, 1.0, 0.3, 0.1, 1500.0)
     nothing = np.full(3, np.nan)
-    inputs = batch.StationInputs(
+    inputs = engine_run.StationInputs(
         imu_stamps_ns=stamps,
         omega_ib_b=np.zeros((len(stamps), 3)),
         C_b_G=np.tile(np.eye(3), (len(stamps), 1, 1)),
@@ -84,8 +84,8 @@ def warm_station() -> None:
     )
     for name in DELAY_HANDLING:
         for one_by_one in (False, True):
-            batch.run(replace(base, delay_handling=name), inputs, one_by_one=one_by_one)
-    batch.run(replace(base, station_filter='published'), inputs)
+            engine_run.run(replace(base, delay_handling=name), inputs, one_by_one=one_by_one)
+    engine_run.run(replace(base, station_filter='published'), inputs)
 
 
 def warm_others() -> None:

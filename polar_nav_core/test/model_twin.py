@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from polar_nav_core import attitude, earth, grid
-from polar_nav_core.engine import run as batch
+from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.events import Fix
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.kernels.frames import earth as earth_kernels
@@ -211,7 +211,7 @@ class Voyage:
                     )
                 )  # fmt: skip
         controls = np.arange(0, n, 10)
-        return batch.Inputs(
+        return engine_run.Inputs(
             self.stamps[1:],
             omega,
             f,

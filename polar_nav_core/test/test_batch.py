@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from polar_nav_core import nav_columns
-from polar_nav_core.engine import run as batch
+from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.params import CONFIGURATIONS, DELAY_HANDLING
 
 
@@ -19,7 +19,7 @@ def world():
 def inputs_of(world, fixes, seed=1):
     rng = np.random.default_rng(seed)
     imu, dvl, depth = world.imu(), world.dvl(rng=rng), world.depth(rng=rng)
-    return batch.Inputs(
+    return engine_run.Inputs(
         np.array([s.stamp_ns for s in imu]),
         np.array([s.omega_ib_b for s in imu]),
         np.array([s.f_b for s in imu]),
@@ -35,7 +35,7 @@ def inputs_of(world, fixes, seed=1):
 
 
 def assert_same(a, b):
-    for name in batch.Track.__dataclass_fields__:
+    for name in engine_run.Track.__dataclass_fields__:
         np.testing.assert_array_equal(getattr(a.track, name), getattr(b.track, name), name)
     assert len(a.receipts) == len(b.receipts)
     for mine, yours in zip(a.receipts, b.receipts, strict=True):
@@ -44,7 +44,7 @@ def assert_same(a, b):
 
 
 def both(params, inputs):
-    fast, slow = batch.run(params, inputs), batch.run(params, inputs, one_by_one=True)
+    fast, slow = engine_run.run(params, inputs), engine_run.run(params, inputs, one_by_one=True)
     assert_same(fast, slow)
     return fast
 
@@ -74,12 +74,12 @@ def test_same_bits_for_each_configuration(world, name):
 @pytest.mark.parametrize('one_by_one', [False, True])
 def test_rows_with_derived_columns_in_place_of_covariances(world, one_by_one):
     params, inputs = world.params(), inputs_of(world, world.fixes(1.0, 1.5))
-    full = batch.run(params, inputs).track
-    slim = batch.run(params, inputs, derived=True, one_by_one=one_by_one).track
+    full = engine_run.run(params, inputs).track
+    slim = engine_run.run(params, inputs, derived=True, one_by_one=one_by_one).track
     derived = nav_columns.describe(full.r_e, full.C_b_G, full.P)
     np.testing.assert_array_equal(slim.derived, derived)
     assert len(slim.P) == len(full.derived) == 0
-    for name in set(batch.Track.__dataclass_fields__) - {'P', 'derived'}:
+    for name in set(engine_run.Track.__dataclass_fields__) - {'P', 'derived'}:
         np.testing.assert_array_equal(getattr(slim, name), getattr(full, name), name)
 
 
@@ -119,5 +119,5 @@ def test_a_divergence_ends_both_alike(world):
 
 
 def test_no_measurements_at_all(world):
-    x = batch.Inputs(np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros((0, 3)))
+    x = engine_run.Inputs(np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros((0, 3)))
     assert len(both(world.params(), x).track.stamps_ns) == 0

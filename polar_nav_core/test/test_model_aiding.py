@@ -8,7 +8,7 @@ from closed_loop import World, run
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from polar_nav_core.engine import run as batch
+from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.engine import Engine
 from polar_nav_core.engine.events import (
     ControlSample,
@@ -60,7 +60,7 @@ def last(out):
 def inputs_of(world, fixes, seed=1):
     rng = np.random.default_rng(seed)
     imu, dvl, depth, control = world.imu(), world.dvl(rng=rng), world.depth(rng=rng), thrust(world)
-    return batch.Inputs(
+    return engine_run.Inputs(
         np.array([s.stamp_ns for s in imu]),
         np.array([s.omega_ib_b for s in imu]),
         np.array([s.f_b for s in imu]),
@@ -250,8 +250,8 @@ def test_a_run_from_arrays_gives_the_bits_of_event_by_event(world, name, noise):
     x.dvl_v_m[34] += 1.0
     x.control_force_b[40, 1] = np.inf
     p = params(world, name, noise_adaptation=noise, robust_fixes='huber')
-    fast, slow = batch.run(p, x), batch.run(p, x, one_by_one=True)
-    for field in batch.Track.__dataclass_fields__:
+    fast, slow = engine_run.run(p, x), engine_run.run(p, x, one_by_one=True)
+    for field in engine_run.Track.__dataclass_fields__:
         np.testing.assert_array_equal(
             getattr(fast.track, field), getattr(slow.track, field), field
         )

@@ -11,7 +11,7 @@ import pytest
 from model_twin import LOW_COST, PAPER, Voyage
 from scipy.stats import chi2
 
-from polar_nav_core.engine import run as batch
+from polar_nav_core.engine import run as engine_run
 
 # Of the simulated vehicle, in the slow ring: polar_nav_tools/test/test_experiments_model_aiding.
 pytestmark = [pytest.mark.long, pytest.mark.timeout(900)]
@@ -59,7 +59,7 @@ def measure(voyage, name, imu, *, fixes, **changes):
         rng = np.random.default_rng(1000 + seed)
         params = voyage.params(imu, rng, **changes)
         inputs = voyage.inputs(rng, imu, gap=GAP, fix_gap=None if fixes else GAP)
-        result = batch.run(params, inputs)
+        result = engine_run.run(params, inputs)
         assert not result.divergence
         error, P, t = voyage.errors(result.track)
         squares.append(np.sum(error**2, axis=1))

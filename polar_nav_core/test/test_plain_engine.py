@@ -11,7 +11,7 @@ import pytest
 from closed_loop import World
 from test_batch import inputs_of
 
-from polar_nav_core.engine import run as batch
+from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.params import DELAY_HANDLING
 
 SECONDS = 0.5
@@ -24,7 +24,7 @@ def results():
     found = {}
     for name in DELAY_HANDLING:
         params = world.params(configuration='custom', delay_handling=name, robust_fixes='huber')
-        track = batch.run(params, inputs_of(world, fixes)).track
+        track = engine_run.run(params, inputs_of(world, fixes)).track
         sigma = np.sqrt(np.diagonal(track.P[-1]))
         found[name] = [*track.r_e[-1], *track.v_G[-1], *sigma]
     return found

@@ -11,7 +11,7 @@ import station_twin as twin
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from polar_nav_core.engine import run as batch
+from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.engine import Engine
 from polar_nav_core.engine.events import DepthSample, Estimate, Fix, ImuSample, Receipt, Verdict
 from polar_nav_core.engine.params import DELAY_HANDLING
@@ -76,7 +76,7 @@ def delayed(delays):
 
 def run(name, fixes, one_by_one=False, **changes):
     params = twin.params(**{**QUIET, 'delay_handling': name, **changes})
-    return batch.run(params, replace(world(), fixes=fixes), one_by_one=one_by_one)
+    return engine_run.run(params, replace(world(), fixes=fixes), one_by_one=one_by_one)
 
 
 def last(result):
@@ -114,7 +114,7 @@ LATE = (2.6, 0.4, 3.5, 1.7, 0.0, 4.9, 2.2, 1.1, 3.3, 0.6, 2.9, 1.4, 4.0, 0.2)
 def test_a_whole_run_gives_the_bits_of_event_by_event(name):
     a = run(name, delayed(LATE))
     b = run(name, delayed(LATE), one_by_one=True)
-    for field in batch.StationTrack.__dataclass_fields__:
+    for field in engine_run.StationTrack.__dataclass_fields__:
         x, y = getattr(a.track, field), getattr(b.track, field)
         assert x.shape == y.shape
         assert np.array_equal(x, y, equal_nan=True), field
@@ -292,7 +292,7 @@ def test_set_up_compiles_every_kernel_that_station_mode_calls():
         run(name, delayed(LATE))
         run(name, delayed(LATE), one_by_one=True)
     changes = {**QUIET, 'delay_handling': 'tagged', 'station_filter': 'published'}
-    batch.run(twin.params(**changes), replace(world(), fixes=noted()))
+    engine_run.run(twin.params(**changes), replace(world(), fixes=noted()))
     assert signatures() == before
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import station_twin as twin
 
-from polar_nav_core.engine import run as batch
+from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.engine import Engine
 from polar_nav_core.engine.events import Command, CommandKind, Estimate, ImuSample, Verdict
 from polar_nav_core.engine.params import EngineParams
@@ -48,7 +48,7 @@ def test_an_estimate_knows_what_it_does_not_know():
 def test_velocity_and_its_covariance_follow_from_the_state():
     """P of velocity against samples of the state's distribution."""
     params = twin.params(**OFF, station_attitude_sigma_deg=0.0)
-    track = batch.run(params, world()).track
+    track = engine_run.run(params, world()).track
     k, n = -1, 20000
     x = np.random.default_rng(0).multivariate_normal(track.x[k], track.P_x[k], n)
     c, s = np.cos(x[:, 10] - track.x[k, 10]), np.sin(x[:, 10] - track.x[k, 10])
@@ -78,7 +78,7 @@ def test_a_fix_that_cannot_be_used(change, verdict, words, station_validity):
     good = world().fixes[1]
     polar = None if 'polar' in change else replace(good.polar, **change)
     inputs = replace(world(), fixes=(replace(good, polar=polar),))
-    result = batch.run(twin.params(**OFF, station_validity=station_validity), inputs)
+    result = engine_run.run(twin.params(**OFF, station_validity=station_validity), inputs)
     (receipt,) = result.receipts
     assert receipt.verdict is verdict
     assert words in receipt.reason
@@ -99,8 +99,8 @@ def test_odd_inputs_get_the_same_receipts_in_a_whole_run():
     depth[20], C[500], force[700] = np.inf, np.nan, np.nan
     stamps[801] = stamps[800]
     odd = replace(x, omega_ib_b=omega, depth=depth, C_b_G=C, force_b=force, imu_stamps_ns=stamps)
-    a = batch.run(twin.params(**OFF), odd)
-    b = batch.run(twin.params(**OFF), odd, one_by_one=True)
+    a = engine_run.run(twin.params(**OFF), odd)
+    b = engine_run.run(twin.params(**OFF), odd, one_by_one=True)
     assert [str(r) for r in a.receipts] == [str(r) for r in b.receipts]
     assert {r.verdict for r in a.receipts} >= {Verdict.NOT_FINITE, Verdict.DUPLICATE}
     assert np.array_equal(a.track.x, b.track.x)
@@ -113,20 +113,20 @@ def test_a_divergence_ends_a_whole_run_as_it_ends_event_by_event():
     force = x.force_b.copy()
     force[600] = 1e300
     broken = replace(x, force_b=force)
-    a = batch.run(twin.params(**OFF), broken)
-    b = batch.run(twin.params(**OFF), broken, one_by_one=True)
+    a = engine_run.run(twin.params(**OFF), broken)
+    b = engine_run.run(twin.params(**OFF), broken, one_by_one=True)
     assert 'not positive and finite' in a.divergence
     assert a.divergence == b.divergence
     assert [str(r) for r in a.receipts] == [str(r) for r in b.receipts]
-    for field in batch.StationTrack.__dataclass_fields__:
+    for field in engine_run.StationTrack.__dataclass_fields__:
         assert np.array_equal(getattr(a.track, field), getattr(b.track, field)), field
     assert a.track.fixes[-1, 0] < len(a.receipts)
 
 
 def test_dated_by_travel_time():
     """Eq. 11 from the arrival: off by the range error over the sound speed."""
-    result = batch.run(twin.params(**OFF, station_validity='travel_time'), world())
-    plain = batch.run(twin.params(**OFF), world())
+    result = engine_run.run(twin.params(**OFF, station_validity='travel_time'), world())
+    plain = engine_run.run(twin.params(**OFF), world())
     off = [a.validity_ns - b.validity_ns for a, b in zip(result.receipts, plain.receipts,
                                                           strict=True)]  # fmt: skip
     assert 0.0 < np.abs(off).max() < 2.0 * 0.012 * 1000.0 / 1500.0 * 1e9
@@ -134,8 +134,8 @@ def test_dated_by_travel_time():
 
 def test_noise_that_a_fix_leaves_open_comes_from_the_parameters():
     truth = twin.truth(15.0)
-    stated = batch.run(twin.params(**OFF), twin.inputs(truth, 2))
-    open_ = batch.run(twin.params(**OFF), twin.inputs(truth, 2, stated=False))
+    stated = engine_run.run(twin.params(**OFF), twin.inputs(truth, 2))
+    open_ = engine_run.run(twin.params(**OFF), twin.inputs(truth, 2, stated=False))
     np.testing.assert_allclose(stated.track.x[-1], open_.track.x[-1], rtol=1e-9)
 
 
@@ -146,8 +146,8 @@ def test_heading_error_of_the_station_is_a_state_that_never_averages_out():
         for f in twin.inputs(twin.truth(300.0), 1, depth_every=10).fixes
     )
     inputs = replace(twin.inputs(twin.truth(300.0), 1, depth_every=10), fixes=fixes)
-    plain = batch.run(twin.params(**OFF), world(300.0)).track
-    track = batch.run(twin.params(**OFF), inputs).track
+    plain = engine_run.run(twin.params(**OFF), world(300.0)).track
+    track = engine_run.run(twin.params(**OFF), inputs).track
     assert plain.P_x[-1, 11, 11] == 0.0
     assert 0.005 < math.sqrt(track.P_x[-1, 11, 11]) <= 0.0201
     # across the line of sight the position is no better than the heading
@@ -169,13 +169,13 @@ def test_modes_and_filters_take_what_they_can():
 def test_published_variants_differ_only_when_fixes_come_faster_than_their_delay():
     inputs = world()
     changes = {**OFF, 'station_filter': 'published'}
-    kept = batch.run(twin.params(**changes), inputs).track.x
-    shifted = batch.run(twin.params(**changes, published_fifo='shifted'), inputs).track.x
+    kept = engine_run.run(twin.params(**changes), inputs).track.x
+    shifted = engine_run.run(twin.params(**changes, published_fifo='shifted'), inputs).track.x
     np.testing.assert_allclose(kept, shifted, atol=0.02)
     late = tuple(replace(f, receive_ns=f.receive_ns + 4_000_000_000) for f in inputs.fixes)
     inputs = replace(inputs, fixes=late)
-    kept = batch.run(twin.params(**changes), inputs).track.x
-    shifted = batch.run(twin.params(**changes, published_fifo='shifted'), inputs).track.x
+    kept = engine_run.run(twin.params(**changes), inputs).track.x
+    shifted = engine_run.run(twin.params(**changes, published_fifo='shifted'), inputs).track.x
     assert np.abs(kept - shifted)[-1, 3:5].max() > 0.1
 
 
@@ -183,7 +183,7 @@ def identified(inputs, at, **changes):
     stamp_ns = twin.START_NS + round(at * 1e9)
     command = Command(stamp_ns, 0, CommandKind.IDENTIFY)
     params = twin.params(**changes)
-    return params, command, batch.run(params, inputs, commands=[command])
+    return params, command, engine_run.run(params, inputs, commands=[command])
 
 
 @pytest.mark.slow
@@ -201,7 +201,7 @@ def test_identify_on_command_and_the_filter_takes_it():
     np.testing.assert_allclose(
         m.current_G[:2], [values['current_x'], values['current_y']], atol=0.003
     )
-    one = batch.run(params, inputs, commands=[command], one_by_one=True)
+    one = engine_run.run(params, inputs, commands=[command], one_by_one=True)
     assert str(one.identifications) == str(result.identifications)
     assert np.array_equal(one.track.x, result.track.x)
     # without leave the filter goes its own way
@@ -224,7 +224,7 @@ def pooled(current, **changes):
     truth = twin.truth(1600.0, current)
     p, v, nis, worst = [], [], [], 0.0
     for seed in range(5):
-        result = batch.run(twin.params(**changes), twin.inputs(truth, seed))
+        result = engine_run.run(twin.params(**changes), twin.inputs(truth, seed))
         t, dp, dv = twin.errors(result.track, truth)
         inside = (t >= WINDOW[0]) & (t <= WINDOW[1])
         p.append(dp[inside, :2])

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from polar_nav_core.engine import run as batch
+from polar_nav_core.engine import run as engine_run
 from polar_nav_tools.experiments import consistency
 from polar_nav_tools.experiments.choices import Choices
 from polar_nav_tools.experiments.columns import filter_columns, pick
@@ -184,7 +184,7 @@ def sail(place, duration_s, seeds):
     spec = WorldSpec(duration_s=duration_s, constants='prior', **place)
     for seed in range(1, seeds + 1):
         world = make_world(spec, fixes, seed)
-        result = batch.run(
+        result = engine_run.run(
             world.params(configuration='default', output_period_s=1.0), world.inputs
         )
         errors = track_errors(world, result.track)

@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom, chi2
 
-from polar_nav_core.engine import run as batch
+from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.engine import Engine
 from polar_nav_core.engine.events import Fix, Verdict
 from polar_nav_core.engine.integrity import Level
@@ -75,7 +75,7 @@ class Runs:
         self.ratios, self.at_end, self.verdicts = [], [], []
         for seed in SEEDS[name]:
             world = world_for(seed)
-            result = batch.run(world.params(**settings(name)), world.inputs)
+            result = engine_run.run(world.params(**settings(name)), world.inputs)
             errors = track_errors(world, result.track)
             C_e_G = ecef_to_grid(result.track.r_e)
             P_G = C_e_G @ result.track.P[:, 6:9, 6:9] @ np.swapaxes(C_e_G, 1, 2)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from polar_nav_core.engine import run as batch
+from polar_nav_core.engine import run as engine_run
 from polar_nav_tools.experiments.errors import track_errors
 from polar_nav_tools.experiments.schedule import FixSpec
 from polar_nav_tools.experiments.world import make_world
@@ -68,7 +68,7 @@ def measure(spec, name, *, fixes, **changes):
     for seed in SEEDS:
         world = make_world(spec, FIXES, seed)
         params = world.params(configuration='default', **changes)
-        result = batch.run(params, with_gap(world, fixes=fixes))
+        result = engine_run.run(params, with_gap(world, fixes=fixes))
         assert not result.divergence
         e = track_errors(world, result.track)
         end = np.searchsorted(e.time_s, GAP_S[1] - 0.1)

@@ -149,13 +149,13 @@ def test_docs_state_every_choice():
 
 
 def test_a_filter_that_stops_has_a_time_and_no_numbers(monkeypatch):
-    real = jobs_module.batch.run
+    real = jobs_module.engine_run.run
 
     def stopping(params, inputs):
         result = real(params, inputs)
         return type(result)(result.track, result.receipts, 'lost definiteness')
 
-    monkeypatch.setattr(jobs_module.batch, 'run', stopping)
+    monkeypatch.setattr(jobs_module.engine_run, 'run', stopping)
     choices = Choices()
     job = Job('D', pick(choices, ['ignore'])[0], 1, choices.world(10.0), FixSpec(), series=True)
     result = run_job(job)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from polar_nav_core.attitude import exp
-from polar_nav_core.engine import run as batch
+from polar_nav_core.engine import run as engine_run
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.grid import ecef_to_grid
 from polar_nav_sim.sensors.imu import DPH, G0
@@ -24,7 +24,7 @@ REWIND = {'configuration': 'custom', 'delay_handling': 'rewind', 'gate_probabili
 
 def test_without_noise_the_engine_stays_on_the_truth():
     world = make_world(EXACT, FixSpec(period_s=1.0, delay_s=2.0), 1)
-    result = batch.run(world.params(**REWIND), world.inputs)
+    result = engine_run.run(world.params(**REWIND), world.inputs)
     errors = track_errors(world, result.track)
     assert len(errors.time_s) > 590
     assert len(result.receipts) == 58
@@ -36,7 +36,7 @@ def test_without_noise_the_engine_stays_on_the_truth():
 def test_a_mission_gives_the_truth_where_it_is_named():
     spec = dataclasses.replace(EXACT, duration_s=20.0, mission='over_pole')
     world = make_world(spec, FixSpec(period_s=1.0), 1)
-    result = batch.run(world.params(**REWIND), world.inputs)
+    result = engine_run.run(world.params(**REWIND), world.inputs)
     assert np.degrees(world.truth.state(world.truth.start_ns).lat) > 89.9
     assert np.abs(track_errors(world, result.track).dr_G).max() < 1e-3
 
@@ -137,7 +137,7 @@ def test_the_clairvoyant_run_is_the_run_without_delay():
     assert len(delayed.under_way) == 4
     delayed = delayed.clairvoyant()
     prompt = make_world(SHORT, FixSpec(period_s=1.0), 6)
-    a, b = (batch.run(w.params(**REWIND), w.inputs) for w in (delayed, prompt))
+    a, b = (engine_run.run(w.params(**REWIND), w.inputs) for w in (delayed, prompt))
     assert len(a.receipts) == 60
     np.testing.assert_array_equal(a.track.r_e, b.track.r_e)
     np.testing.assert_array_equal(a.track.P, b.track.P)

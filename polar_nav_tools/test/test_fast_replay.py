@@ -12,7 +12,7 @@ pytest.importorskip('rclpy')
 from bag_samples import make, stamp
 
 from polar_nav_core import attitude, earth
-from polar_nav_core.engine import run as batch
+from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.events import Estimate
 from polar_nav_core.engine.params import CONFIGURATIONS
 from polar_nav_follower.params import FollowerParams
@@ -249,7 +249,7 @@ def test_each_field_of_any_estimate_is_that_of_the_message():
     spread = rng.normal(size=(count, 24, 24)) * 10.0 ** rng.uniform(-4.0, 2.0, (count, 1, 24))
     fixes = rng.integers(0, 3, (count, 3)).cumsum(axis=0)
     fixes[:20, 1] = 0
-    track = batch.Track(
+    track = engine_run.Track(
         stamps_ns=10**18 + np.arange(count) * 10**8,
         r_e=r_e,
         v_G=rng.normal(size=(count, 3)),
@@ -263,7 +263,7 @@ def test_each_field_of_any_estimate_is_that_of_the_message():
     rows = EstimateRows(params, 10)
     for i in range(0, count, 700):  # more than was expected, in several parts
         part = {f.name: getattr(track, f.name)[i : i + 700] for f in dataclasses.fields(track)}
-        rows.take(batch.Track(**part))
+        rows.take(engine_run.Track(**part))
     data = [to_bytes(nav_to_msg(estimate(track, i), params, 'follower')) for i in range(count)]
     assert_same_series(rows.series('follower'), estimates_from_cdr(data, 'follower'))
 

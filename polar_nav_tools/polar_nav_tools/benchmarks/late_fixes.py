@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from polar_nav_core import attitude, grid
 from polar_nav_core.arrays import Array
-from polar_nav_core.engine import run as batch
+from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.engine import Engine
 from polar_nav_core.engine.events import Event, Fix, Output, Receipt, Verdict
 from polar_nav_core.engine.params import DELAY_HANDLING, EngineParams
@@ -289,7 +289,7 @@ class Runs:
     age_s: float
     rates_hz: Sequence[float]
 
-    def inputs(self, rate_hz: float) -> batch.Inputs:
+    def inputs(self, rate_hz: float) -> engine_run.Inputs:
         """Inputs with fixes at one rate."""
         x = self.world.inputs
         if rate_hz == 0.0:
@@ -305,13 +305,13 @@ class Runs:
         ]
         return replace(x, fixes=tuple(replace(fix, arrival=i) for i, fix in enumerate(fixes)))
 
-    def run(self, strategy: str, inputs: batch.Inputs) -> batch.Result[batch.Track]:
+    def run(self, strategy: str, inputs: engine_run.Inputs) -> engine_run.Result[engine_run.Track]:
         """Run to the end."""
-        return batch.run(_params(self.world, strategy), inputs)
+        return engine_run.run(_params(self.world, strategy), inputs)
 
-    def pass_through(self, strategy: str, inputs: batch.Inputs) -> None:
+    def pass_through(self, strategy: str, inputs: engine_run.Inputs) -> None:
         """Run to the end and keep nothing: memory for covariances is not what is timed."""
-        batch.run(_params(self.world, strategy), inputs, sink=lambda _: None, derived=True)
+        engine_run.run(_params(self.world, strategy), inputs, sink=lambda _: None, derived=True)
 
     def agreement(self) -> dict[str, float]:
         """Largest difference of `clone` and `rewind` over the run [sigma], for each rate.
@@ -346,5 +346,5 @@ class Runs:
         ]
 
 
-def _row(track: batch.Track, k: int) -> _End:
+def _row(track: engine_run.Track, k: int) -> _End:
     return _End(track.r_e[k], track.v_G[k], track.C_b_G[k], track.P[k])

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from polar_nav_core.engine import run as batch
+from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.inputs import Inputs
 from polar_nav_ros import topics
 
@@ -272,7 +272,7 @@ def _entries(bag: Bag, path: Path, mcap_file: Path) -> list[Entry]:
 
     def engine(inputs: Inputs) -> object:
         rows = EstimateRows(params)
-        batch.run(params, inputs, sink=rows.take, derived=True)
+        engine_run.run(params, inputs, sink=rows.take, derived=True)
         return rows.series(VEHICLE)
 
     def entry(key: str, title: str, call: Callable[[], object]) -> Entry:

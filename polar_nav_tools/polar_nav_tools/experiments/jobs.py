@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from polar_nav_core.engine import run as batch
+from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.events import Array, Receipt, Verdict
 
 from ..scoring.errors import ARCMIN
@@ -105,7 +105,7 @@ def _world(spec: WorldSpec, fixes: FixSpec, seed: int, recorded: Path | None) ->
 def _warm(configuration: str, delay_handling: str) -> None:
     """Run a few seconds once per process and kind of filter: compiled code is loaded then."""
     world = make_world(WorldSpec(duration_s=6.0), FixSpec(period_s=0.5, delay_s=1.0), 1)
-    batch.run(
+    engine_run.run(
         world.params(configuration=configuration, delay_handling=delay_handling), world.inputs
     )
 
@@ -118,7 +118,7 @@ def run_job(job: Job) -> RunResult:
     params = world.params(**{**job.changes, **job.column.changes})
     _warm(params.configuration, params.delay_handling)
     start = time.process_time()
-    result = batch.run(params, world.inputs)
+    result = engine_run.run(params, world.inputs)
     seconds = time.process_time() - start
     fixes = [r for r in result.receipts if r.source == 'leader']
     verdicts = Counter(Verdict(r.verdict).name for r in fixes)
@@ -145,7 +145,7 @@ def run_job(job: Job) -> RunResult:
 
 
 def _stopped_s(
-    result: batch.Result[batch.Track], fixes: Sequence[Receipt], start_ns: int
+    result: engine_run.Result[engine_run.Track], fixes: Sequence[Receipt], start_ns: int
 ) -> float:
     """When a filter stopped: the first fix that found none, or else the last estimate [s]."""
     if not result.divergence:

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polar_nav_core import attitude, earth, grid
-from polar_nav_core.engine import run as batch
+from polar_nav_core.engine import run as engine_run
 from polar_nav_core.error_model import X
 from polar_nav_core.params import default_of, from_mapping
 from polar_nav_leader.params import LeaderParams
@@ -126,7 +126,7 @@ def run(duration_s: float, seed: int) -> Drift:
     omega_b, f_b = imu.measure(1, delta_theta_b, delta_v_b)
     dvl_stamps, dvl_v_m, dvl_covariance_m = _pings(truth, stamps, seed)
     depth_stamps, depth, variance = _depths(truth, stamps, seed)
-    inputs = batch.Inputs(
+    inputs = engine_run.Inputs(
         imu_stamps_ns=stamps,
         omega_ib_b=omega_b,
         f_b=f_b,
@@ -138,7 +138,7 @@ def run(duration_s: float, seed: int) -> Drift:
         depth=depth,
         depth_variance=np.full(len(depth), variance),
     )
-    result = batch.run(_params(truth, int(stamps[0]), seed), inputs)
+    result = engine_run.run(_params(truth, int(stamps[0]), seed), inputs)
     if result.divergence:
         raise RuntimeError(f'seed {seed}: {result.divergence}')
     return _drift(truth, mission.start_ns, result.track)
@@ -212,7 +212,7 @@ def _params(truth: Truth, first_ns: int, seed: int) -> LeaderParams:
     )
 
 
-def _drift(truth: Truth, start_ns: int, track: batch.Track) -> Drift:
+def _drift(truth: Truth, start_ns: int, track: engine_run.Track) -> Drift:
     state = truth.state(track.stamps_ns)
     C_e_G = np.array([grid.ecef_to_grid(r_e) for r_e in state.r_e])
     dr_G = np.einsum('nij,nj->ni', C_e_G, track.r_e - state.r_e)

@@ -7,7 +7,8 @@ compared at one seed see the same numbers.
 ::
 
     world = make_world(WorldSpec(duration_s=600.0, imu='paper_6_2'), FixSpec(delay_s=5.0), seed=1)
-    result = batch.run(world.params(delay_handling='rewind', configuration='custom'), world.inputs)
+    params = world.params(delay_handling='rewind', configuration='custom')
+    result = engine.run.run(params, world.inputs)
     errors = track_errors(world, result.track)          # experiments/errors.py
 """
 

@@ -13,7 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from polar_nav_core.engine import run as batch
+from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.events import LOCAL_DOF, NIS_SUM, UPDATES, Array, Receipt, Verdict
 from polar_nav_core.engine.inputs import Inputs
 from polar_nav_follower.params import FollowerParams
@@ -142,7 +142,7 @@ def tried_axes(loaded: Loaded, params: FollowerParams) -> tuple[float, dict[str,
             dvl_covariance_m=np.ascontiguousarray(turn @ first.dvl_covariance_m @ turn.T),
         )
         rows: list[Array] = []
-        result = batch.run(
+        result = engine_run.run(
             open_, inputs, sink=lambda chunk: rows.append(chunk.local_statistics.sum(axis=0))
         )
         total = np.sum(rows, axis=0)[0] if rows else np.zeros(3)

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from polar_nav_core.engine import run as batch
+from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.events import Estimate, Receipt
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.params import to_mapping
@@ -88,7 +88,7 @@ def replay(
     *,
     accept: Iterable[str] = (),
     messages: bool = False,
-    progress: batch.Progress | None = None,
+    progress: engine_run.Progress | None = None,
 ) -> ForeignRun:
     """Load a bag by its mapping and run the engine over it.
 
@@ -112,7 +112,7 @@ def replay(
 
 
 def run(
-    loaded: Loaded, *, messages: bool = False, progress: batch.Progress | None = None
+    loaded: Loaded, *, messages: bool = False, progress: engine_run.Progress | None = None
 ) -> ForeignRun:
     """Run the engine over what was loaded; parameters and errors as `replay`."""
     if not len(loaded.inputs.imu_stamps_ns):
@@ -124,7 +124,7 @@ def run(
     states: list[Row] = []
     params, moved = _at_the_imu(loaded)
 
-    def take(chunk: batch.Track) -> None:
+    def take(chunk: engine_run.Track) -> None:
         if moved is not None:
             chunk = moved(chunk)
         rows.take(chunk)
@@ -132,7 +132,7 @@ def run(
             states.extend(_states(chunk, loaded))
 
     derived = moved is None and not messages  # else covariances are wanted as they are
-    result = batch.run(params, loaded.inputs, progress=progress, sink=take, derived=derived)
+    result = engine_run.run(params, loaded.inputs, progress=progress, sink=take, derived=derived)
     verdicts = Counter(r.verdict.name for r in result.receipts)
     estimates = rows.series(loaded.mapping.vehicle)
     statistics = estimates.local_statistics.sum(axis=0)
@@ -156,7 +156,7 @@ def _expected(loaded: Loaded) -> int:
 
 def _at_the_imu(
     loaded: Loaded,
-) -> tuple[FollowerParams, Callable[[batch.Track], batch.Track] | None]:
+) -> tuple[FollowerParams, Callable[[engine_run.Track], engine_run.Track] | None]:
     """Parameters for the point that the IMU is at, and what takes estimates to base_link.
 
     None where that is the same point.
@@ -171,7 +171,7 @@ def _at_the_imu(
     return params, lambda track: lever.at_base_link(track, lever_b, rates, noise)
 
 
-def _states(track: batch.Track, loaded: Loaded) -> Iterator[Row]:
+def _states(track: engine_run.Track, loaded: Loaded) -> Iterator[Row]:
     for k in range(len(track.stamps_ns)):
         errors = track.sensor_errors[k]
         estimate = Estimate(

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from polar_nav_core.engine import events as engine_events
-from polar_nav_core.engine import run as batch
+from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.inputs import Inputs
 from polar_nav_follower.params import FollowerParams
 from polar_nav_follower.session import inputs_of
@@ -40,7 +40,9 @@ def replay_arrays(
         return replay_station(source, params)
     numbered = source.inputs(params)
     rows = EstimateRows(params, _expected(numbered.inputs, params))
-    result = batch.run(params, numbered.inputs, progress=progress, sink=rows.take, derived=True)
+    result = engine_run.run(
+        params, numbered.inputs, progress=progress, sink=rows.take, derived=True
+    )
     found = [numbered.renumbered(r) for r in result.receipts]
     receipts = list(_merged(found, source.refused))
     verdicts = Counter(dict(result.verdicts))

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polar_nav_core import nav_columns
-from polar_nav_core.engine import run as batch
+from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.events import Array, ModelEstimate
 from polar_nav_core.engine.inputs import Stamps
 from polar_nav_core.engine.track import StationTrack
@@ -28,7 +28,7 @@ _ROWS = 512
 
 def replay_station(source: StationArrays, params: FollowerParams) -> ReplayedRun:
     """Replayed run of a follower's recorded arrays in station mode."""
-    result = batch.run(params, source.inputs(params), commands=source.commands)
+    result = engine_run.run(params, source.inputs(params), commands=source.commands)
     track = result.track
     rows = EstimateRows(params, len(track.stamps_ns))
     for start in range(0, len(track.stamps_ns), _ROWS):

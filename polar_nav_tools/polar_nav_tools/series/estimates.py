@@ -36,10 +36,10 @@ Columns = dict[str, NDArray[Any]]
 
 
 class EstimateRows:
-    """Takes the rows of a run (`batch.run(sink=...)`) and makes a series of them.
+    """Collects the rows of a run (the ``sink`` of `engine.run.run`) as an EstimateSeries.
 
-    Of each covariance only the blocks and sigmas stay that are published; a run needs to give no
-    more (``derived=True``).
+    Of each covariance it stores the published blocks and sigmas only, so that rows of derived
+    columns are enough (``derived=True``).
 
     Parameters
     ----------

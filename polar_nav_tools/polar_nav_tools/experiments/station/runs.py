@@ -10,7 +10,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from polar_nav_core.engine import run as batch
+from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.events import Array, Receipt, Verdict
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.error_model import X
@@ -65,7 +65,7 @@ def _warm() -> None:
     """Run a few seconds once per process: compiled code is loaded then."""
     choices = StationChoices()
     world = make_world(StationScenario(duration_s=10.0), 1, choices.depth_sigma, 0.0)
-    batch.run(world.params(choices, 0.0), world.inputs)
+    engine_run.run(world.params(choices, 0.0), world.inputs)
 
 
 def run_job(job: StationJob) -> RunResult:
@@ -75,7 +75,7 @@ def run_job(job: StationJob) -> RunResult:
     params = world.params(job.choices, job.later_s, **job.column.changes)
     inputs = world.as_of_arrival() if job.column.uncompensated else world.inputs
     start = time.process_time()
-    result = batch.run(params, inputs)
+    result = engine_run.run(params, inputs)
     seconds = time.process_time() - start
     receipts = last_receipts(result.receipts)
     verdicts = Counter(Verdict(r.verdict).name for r in receipts)
@@ -135,7 +135,7 @@ class BodyStates:
     covariance: Array
 
 
-def body_states(world: StationWorld, track: batch.StationTrack) -> BodyStates:
+def body_states(world: StationWorld, track: engine_run.StationTrack) -> BodyStates:
     """Put a track beside the truth of its stamps."""
     run = world.run
     row = np.searchsorted(run.t_s, (track.stamps_ns - run.start_ns) / NS - 1e-6)
@@ -183,7 +183,7 @@ def _ratios(errors: StationErrors) -> dict[str, float]:
 
 
 def _identified(
-    world: StationWorld, result: batch.Result[batch.StationTrack], params: EngineParams
+    world: StationWorld, result: engine_run.Result[engine_run.StationTrack], params: EngineParams
 ) -> dict[str, float]:
     """Drag and current as identified first; else the filter's own estimate at that time.
 
