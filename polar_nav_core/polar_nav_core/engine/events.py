@@ -1,9 +1,9 @@
-"""Inputs and outputs of the engine: sensor samples, fixes, commands; estimates, receipts [ns].
+"""Inputs and outputs of the engine: samples, fixes, commands; estimates, receipts.
 
-Every event has its place in one total order: (processing stamp, stream rank, sequence, arrival).
-Local sensors are processed at their time of validity, acoustic fixes when they are received. The
-sequence of a local message is its number on its topic; only damaged or repeated packets can share
-a sequence, so their number of arrival breaks the tie.
+Stamps are integer nanoseconds. Every event has its place in one total order: (processing stamp,
+stream rank, sequence, arrival). Local sensors are processed at their time of validity, acoustic
+fixes when they are received. The sequence of a local message is its number on its topic; only
+damaged or repeated packets can share a sequence, so their number of arrival breaks the tie.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Bags: writing without loss, reading what is there, repairing what is broken.
+"""Bags: writing without loss, reading of whole and damaged files, repair.
 
 `writer` and `schemas` make rosbag2 MCAP bags out of serialized messages; `scan`, `opening` and
-`reader` open finished, unfinished and damaged ones and say what is missing; `arrays` and `tables`
+`reader` open finished, unfinished and damaged ones and list missing parts; `arrays` and `tables`
 turn messages into NumPy arrays, `ahead` does it in the same pass; `recover` and `info` stand
 behind the commands of the same names. Nothing here starts a node; rclpy is imported only to decode
 single messages, where it is installed.

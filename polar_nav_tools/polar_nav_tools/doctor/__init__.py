@@ -1,1 +1,1 @@
-"""Examines a bag: what is missing, how regular it is, whether its times add up."""
+"""Examination of a bag: missing parts, gaps and rates, consistency of its times."""

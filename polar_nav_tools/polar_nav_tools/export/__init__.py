@@ -1,1 +1,1 @@
-"""Trajectories of a bag as files for other people's tools."""
+"""Trajectories of a bag as files for other tools: TUM and CSV."""
