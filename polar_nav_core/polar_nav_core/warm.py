@@ -89,7 +89,10 @@ def warm_station() -> None:
 
 
 def warm_others() -> None:
-    """Compile the kernels that the 24-state filter does not use."""
+    """Compile the kernels that the 24-state filter does not use.
+
+    Strapdown, derived columns, station mode, identification.
+    """
     from .identification import identifier
 
     strapdown.warm_up()
