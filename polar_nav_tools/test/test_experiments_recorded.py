@@ -88,7 +88,7 @@ def test_errors_survive_their_file(tmp_path):
 @pytest.mark.slow
 def test_table3_runs_on_a_recording_and_says_how_long_it_is(monkeypatch, capsys, tmp_path):
     bag, _ = write_rest(tmp_path / 'bag')
-    arguments = ['polar', 'experiment', 'table3', '--imu-errors', str(bag), '--duration', '12']
+    arguments = ['polar', 'experiment', 'imu-errors', str(bag), '--duration', '12']
     arguments += ['--seeds', '1', '--columns', 'modified_akf', '--jobs', '1']
     monkeypatch.setattr(sys, 'argv', [*arguments, '--out', str(tmp_path / 'out')])
     assert main() == 0
@@ -103,7 +103,7 @@ def test_table3_runs_on_a_recording_and_says_how_long_it_is(monkeypatch, capsys,
 
 def test_recordings_that_do_not_fit_are_named(tmp_path):
     two, _ = write_rest(tmp_path / 'two', topics=('a', 'b'))
-    with pytest.raises(ConfigError, match=r'--imu-topic: .*/a, /b'):
+    with pytest.raises(ConfigError, match=r'--topic: .*/a, /b'):
         read_rest(two, RestSpec())
     torn, _ = write_rest(tmp_path / 'torn', gap=3 * 10**9)
     with pytest.raises(PolarNavError, match='/imu: samples do not come evenly'):

@@ -227,7 +227,16 @@ def polar(monkeypatch, capsys, tmp_path):
 def test_figures_are_drawn_beside_a_complete_manifest(polar, tmp_path):
     folder = tmp_path / 'out'
     status, out, err = polar(
-        'experiment', 'has-figures', '--duration', 1000, '--jobs', 1, '--out', folder, '--json'
+        'experiment',
+        'run',
+        'has-figures',
+        '--duration',
+        1000,
+        '--jobs',
+        1,
+        '--out',
+        folder,
+        '--json',
     )
     assert status == 0, err
     said = json.loads(out)
@@ -247,6 +256,6 @@ def test_figures_are_drawn_beside_a_complete_manifest(polar, tmp_path):
 
 @pytest.mark.slow
 def test_polar_settings_are_refused_by_a_station_experiment(polar):
-    status, _, err = polar('experiment', 'has-loss', '--set', 'speed_mps=2')
+    status, _, err = polar('experiment', 'run', 'has-loss', '--set', 'speed_mps=2')
     assert status != 0
     assert 'no choice is called speed_mps' in err

@@ -13,7 +13,7 @@ import pytest
 
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.errors import ConfigError
-from polar_nav_tools.cli import main
+from polar_nav_tools.cli import experiment_spelling, main
 from polar_nav_tools.experiments import ablation, consistency
 from polar_nav_tools.experiments import jobs as jobs_module
 from polar_nav_tools.experiments.ablation import plan as plan_ablation
@@ -54,7 +54,7 @@ def of(rows, **want):
 def test_table2_writes_tables_figure_and_a_complete_manifest(polar, tmp_path):
     folder = tmp_path / 'out'
     arguments = ('--quick', '--duration', 40, '--columns', PAIR, '--jobs', 1, '--out', folder)
-    status, out, _ = polar('experiment', 'table2', *arguments, '--json')
+    status, out, _ = polar('experiment', 'run', 'table2', *arguments, '--json')
     assert status == 0
     said = json.loads(out)
     manifest = json.loads((folder / 'manifest.json').read_text())
@@ -89,7 +89,16 @@ def test_table2_writes_tables_figure_and_a_complete_manifest(polar, tmp_path):
 @pytest.mark.slow
 def test_table1_and_its_figure_in_parallel_processes(polar, tmp_path):
     status, out, err = polar(
-        'experiment', 'figure8', '--quick', '--duration', 10, '--jobs', 2, '--out', tmp_path / 'a'
+        'experiment',
+        'run',
+        'figure8',
+        '--quick',
+        '--duration',
+        10,
+        '--jobs',
+        2,
+        '--out',
+        tmp_path / 'a',
     )
     assert status == 0, err
     assert 'paper D1' in out
@@ -186,7 +195,7 @@ def test_a_failing_job_ends_the_parallel_run():
 
 @pytest.mark.slow
 def test_an_interrupt_ends_all_processes(tmp_path):
-    command = [sys.executable, '-m', 'polar_nav_tools.cli', 'experiment', 'figure8']
+    command = [sys.executable, '-m', 'polar_nav_tools.cli', 'experiment', 'run', 'figure8']
     command += ['--duration', '3000', '--jobs', '2', '--out', str(tmp_path)]
     parent = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
     try:
@@ -227,7 +236,7 @@ def wait_until(condition, seconds=30.0):
 
 def test_consistency_counts_minutes_inside_the_band(polar, tmp_path):
     arguments = ('--duration', 130, '--seeds', 4, '--columns', 'rewind', '--jobs', 1)
-    status, out, err = polar('experiment', 'consistency', *arguments, '--out', tmp_path)
+    status, out, err = polar('experiment', 'run', 'consistency', *arguments, '--out', tmp_path)
     assert status == 0, err
     assert 'inside the 99 % band' in out
     assert (tmp_path / 'consistency.png').exists()
@@ -273,7 +282,7 @@ def test_the_paper_has_all_its_numbers():
 
 
 def test_list_names_all(polar):
-    status, out, _ = polar('experiment', '--list')
+    status, out, _ = polar('experiment', 'list')
     assert status == 0
     for name in EXPERIMENTS:
         assert f'\n{name} ' in f'\n{out}'
@@ -282,23 +291,28 @@ def test_list_names_all(polar):
 @pytest.mark.parametrize(
     ('arguments', 'words'),
     [
-        (('table9',), ("'table9'", 'table1')),
-        (('table1', '--set', 'colour=blue'), ('colour', 'speed_mps')),
-        (('table1', '--set', 'speed_mps'), ('--set speed_mps', 'name=value')),
-        (('table1', '--set', 'speed_mps=fast'), ('speed_mps=fast',)),
-        (('table1', '--set', 'speed_mps=50'), ('speed_mps', '50', '20')),
-        (('table1', '--set', 'engine.colour=1'), ('engine.colour',)),
-        (('table1', '--columns', 'magic'), ('--columns', "'magic'", 'rewind')),
-        (('table1', '--duration', '1'), ('--duration', '10')),
-        (('table1', '--seeds', '0'), ('--seeds', '0')),
-        (('table1', '--jobs', '0'), ('--jobs', '0')),
+        (
+            (
+                'run',
+                'table9',
+            ),
+            ("'table9'", 'table1'),
+        ),
+        (('run', 'table1', '--set', 'colour=blue'), ('colour', 'speed_mps')),
+        (('run', 'table1', '--set', 'speed_mps'), ('--set speed_mps', 'name=value')),
+        (('run', 'table1', '--set', 'speed_mps=fast'), ('speed_mps=fast',)),
+        (('run', 'table1', '--set', 'speed_mps=50'), ('speed_mps', '50', '20')),
+        (('run', 'table1', '--set', 'engine.colour=1'), ('engine.colour',)),
+        (('run', 'table1', '--columns', 'magic'), ('--columns', "'magic'", 'rewind')),
+        (('run', 'table1', '--duration', '1'), ('--duration', '10')),
+        (('run', 'table1', '--seeds', '0'), ('--seeds', '0')),
+        (('run', 'table1', '--jobs', '0'), ('--jobs', '0')),
         (('ablation', '--sensors', '7.1'), ('--sensors', "'7.1'", '6.2')),
         (('ablation', '--delays', '1,soon'), ('--delays', "'soon'")),
         (('ablation', '--periods', '0'), ('--periods', '0')),
-        (('table1', '--delays', '1'), ('--delays', 'table1')),
-        (('table1', '--imu-errors', 'bag'), ('--imu-errors', 'table3')),
-        (('table3', '--imu-errors', 'no_bag'), ('no_bag',)),
-        (('table3', '--imu-errors', 'no_bag', '--imu-mean', 'half'), ('mean', 'half')),
+        (('imu-errors', 'bag', '--experiment', 'table1'), ('table1', 'table3')),
+        (('imu-errors', 'no_bag'), ('no_bag',)),
+        (('imu-errors', 'no_bag', '--mean', 'half'), ('mean', 'half')),
     ],
 )
 def test_bad_options_are_named_in_one_sentence(polar, arguments, words):
@@ -309,3 +323,53 @@ def test_bad_options_are_named_in_one_sentence(polar, arguments, words):
     assert len(lines) == 1, err
     for word in words:
         assert word in lines[0]
+
+
+def test_help_states_example_and_choices(polar):
+    assert tuple(EXPERIMENTS) == experiment_spelling.NAMES
+    wanted = {
+        'run': EXPERIMENTS,
+        'ablation': ('6.1', '6.2 without DVL'),
+        'imu-errors': ('remove|keep', 'table3|figure11'),
+        'list': (),
+    }
+    for command, words in wanted.items():
+        status, out, _ = polar('experiment', command, '--help')
+        assert status == 0
+        assert f'./polar experiment {command}' in out
+        for word in words:
+            assert word in out, (command, word)
+
+
+@pytest.mark.parametrize(
+    ('old', 'new'),
+    [
+        ('table1 --quick', 'run table1 --quick'),
+        ('--seeds 2 --set speed_mps=2 has-loss', 'run has-loss --seeds 2 --set speed_mps=2'),
+        ('ablation --delays 0,5', 'ablation --delays 0,5'),
+        ('--quick ablation --json', 'ablation --quick --json'),
+        ('--list', 'list'),
+        ('table3 --imu-errors BAG --quick', 'imu-errors BAG --quick'),
+        (
+            'figure11 --imu-errors=BAG --imu-mean keep --imu-earth-rate=keep --out o',
+            'imu-errors BAG --experiment figure11 --mean keep --earth-rate keep --out o',
+        ),
+        ('run table1 --quick', 'run table1 --quick'),
+        ('tabel1 --quick', 'tabel1 --quick'),
+        ('--help', '--help'),
+    ],
+)
+def test_old_spellings_are_the_subcommands_of_today(old, new):
+    assert experiment_spelling.today(old.split()) == new.split()
+
+
+def test_an_old_spelling_runs_with_a_hint_on_stderr(polar):
+    status, out, err = polar('experiment', '--list')
+    assert status == 0
+    assert 'table1 ' in out
+    assert './polar experiment list' in err
+    status, _, err = polar('experiment', 'table1', '--jobs', 0)
+    assert status == 1
+    hint, error = err.strip().splitlines()
+    assert './polar experiment run table1 --jobs 0' in hint
+    assert '--jobs: 0' in error

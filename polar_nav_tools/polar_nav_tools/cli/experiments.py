@@ -1,177 +1,277 @@
-"""`polar experiment`: the paper's tables and figures, and what it leaves out."""
+"""`polar experiment`: the papers' tables and figures, and what they leave out."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
+from . import experiment_spelling
 from .app import app, emit_json, say
 
 if TYPE_CHECKING:
     from ..experiments.experiment import Outcome
+    from ..experiments.request import Request
 
-_REST = '(--imu-errors)'
+
+class _Group(TyperGroup):
+    """Subcommands of `experiment`; the spelling before them is accepted with a hint."""
+
+    def parse_args(
+        self,
+        ctx: Any,  # noqa: ANN401 - a private class of Typer
+        args: list[str],
+    ) -> list[str]:
+        """Parse the arguments as they are spelled today."""
+        today = experiment_spelling.today(args)
+        if today != args:
+            say(experiment_spelling.hint(today))
+        return super().parse_args(ctx, today)
 
 
-def _list(value: bool) -> None:
-    if not value:
-        return
+experiment = typer.Typer(
+    cls=_Group,
+    no_args_is_help=True,
+    help=(
+        'Run an experiment of one of the two papers with our filters beside it.\n\n'
+        'Polar cooperative navigation: docs/experiments.md; no DVL, fixes of a station (has-...): '
+        'docs/experiments-station.md. Writes tables (Markdown, CSV), figures (PNG, SVG) and a '
+        'manifest with everything that makes the same numbers again.'
+    ),
+    epilog='Example: `./polar experiment run table1 --quick`',
+)
+app.add_typer(experiment, name='experiment')
+
+Quick = Annotated[
+    bool, typer.Option('--quick', help='One seed, the shortest run that shows something.')
+]
+Duration = Annotated[
+    float | None, typer.Option(metavar='S', help='Length of a run.', show_default='its own')
+]
+Seeds = Annotated[
+    int | None, typer.Option(metavar='N', help='Seeds 1 to N.', show_default='its own')
+]
+Columns = Annotated[
+    str | None, typer.Option(metavar='A,B', help='Filters to run.', show_default='its own')
+]
+Settings = Annotated[
+    list[str] | None,
+    typer.Option(
+        '--set',
+        metavar='NAME=VALUE',
+        help='Change what a paper leaves open (docs/experiments*.md), or engine.PARAMETER.',
+    ),
+]
+Jobs = Annotated[
+    int | None, typer.Option(metavar='N', help='Processes.', show_default='all cores')
+]
+Out = Annotated[
+    Path | None, typer.Option(metavar='DIR', help='Where files go.', show_default='reports/NAME')
+]
+Json = Annotated[
+    bool, typer.Option('--json', help='Print the manifest and the tables as JSON on stdout.')
+]
+
+
+@experiment.command('list', epilog='Example: `./polar experiment list`')
+def list_all() -> None:
+    """List all experiments with the length and the seeds of each."""
     from ..experiments.catalog import EXPERIMENTS
 
     width = max(map(len, EXPERIMENTS))
-    for experiment in EXPERIMENTS.values():
-        size = experiment.full
-        typer.echo(f'{experiment.name:<{width}}  {experiment.doc}')
-        typer.echo(f'{"":<{width}}  {size.duration_s:g} s, seeds 1 to {size.seeds}')
-    raise typer.Exit
+    for one in EXPERIMENTS.values():
+        typer.echo(f'{one.name:<{width}}  {one.doc}')
+        typer.echo(f'{"":<{width}}  {one.full.duration_s:g} s, seeds 1 to {one.full.seeds}')
 
 
-@app.command(
-    epilog='Example: `./polar experiment table1 --quick`\n\n'
-    'Own IMU: `./polar experiment table3 --imu-errors BAG --duration 3600`'
+@experiment.command(
+    'run',
+    epilog='Example: `./polar experiment run table1 --quick`\n\n'
+    'Names: ' + ', '.join(f'`{name}`' for name in experiment_spelling.NAMES),
 )
-def experiment(
-    name: Annotated[str, typer.Argument(help='Which; --list tells.', show_default=False)],
-    list_all: Annotated[
-        bool,
-        typer.Option('--list', callback=_list, is_eager=True, help='Name all and end.'),
-    ] = False,
-    quick: Annotated[
-        bool, typer.Option('--quick', help='One seed, the shortest run that shows something.')
-    ] = False,
-    duration: Annotated[
-        float | None, typer.Option(metavar='S', help='Length of a run.', show_default='its own')
-    ] = None,
-    seeds: Annotated[
-        int | None, typer.Option(metavar='N', help='Seeds 1 to N.', show_default='its own')
-    ] = None,
-    columns: Annotated[
-        str | None,
-        typer.Option(metavar='A,B', help='Filters to run.', show_default='its own'),
-    ] = None,
-    settings: Annotated[
-        list[str] | None,
-        typer.Option(
-            '--set',
-            metavar='NAME=VALUE',
-            help='Change what a paper leaves open (docs/experiments*.md), or engine.PARAMETER.',
-        ),
-    ] = None,
-    jobs: Annotated[
-        int | None, typer.Option(metavar='N', help='Processes.', show_default='all cores')
-    ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(metavar='DIR', help='Where files go.', show_default='reports/NAME'),
-    ] = None,
+def run_one(
+    name: Annotated[str, typer.Argument(help='One of the names below.', show_default=False)],
+    quick: Quick = False,
+    duration: Duration = None,
+    seeds: Seeds = None,
+    columns: Columns = None,
+    settings: Settings = None,
+    jobs: Jobs = None,
+    out: Out = None,
+    as_json: Json = False,
+) -> None:
+    """Run one experiment by its name."""
+    request = _request(name, quick, duration, seeds, columns, settings, jobs)
+    _run(name, request, _folder(out, name), as_json)
+
+
+@experiment.command(
+    epilog='Example: `./polar experiment ablation --sensors 6.2 --delays 0,5 --duration 600`'
+)
+def ablation(
     sensors: Annotated[
         str | None,
-        typer.Option(
-            metavar='A,B', help='ablation: 6.1, 6.2, 6.2 without DVL.', show_default='all'
-        ),
+        typer.Option(metavar='A,B', help='6.1, 6.2, 6.2 without DVL.', show_default='all'),
     ] = None,
     periods: Annotated[
-        str | None,
-        typer.Option(metavar='S,S', help='ablation: times between fixes.', show_default='1,10'),
+        str | None, typer.Option(metavar='S,S', help='Times between fixes.', show_default='1,10')
     ] = None,
     delays: Annotated[
         str | None,
-        typer.Option(
-            metavar='S,S', help='ablation: delays of fixes.', show_default='0,1,2,5,10,30,60'
-        ),
+        typer.Option(metavar='S,S', help='Delays of fixes.', show_default='0,1,2,5,10,30,60'),
     ] = None,
-    rows: Annotated[
-        str | None,
-        typer.Option(
-            metavar='PATTERN', help='mismatch: faults, as gravity_*,dvl_*.', show_default='all'
-        ),
-    ] = None,
-    first_seed: Annotated[
-        int | None,
-        typer.Option(metavar='K', help='mismatch: seeds K to K + N - 1.', show_default='1'),
-    ] = None,
-    imu_errors: Annotated[
-        Path | None,
-        typer.Option(metavar='BAG', help='table3: errors of the IMU that rested in this bag.'),
-    ] = None,
-    imu_topic: Annotated[
-        str, typer.Option(help=f'Its topic {_REST}.', show_default='the only one')
-    ] = '',
-    imu_mean: Annotated[
-        str, typer.Option(metavar='remove|keep', help=f'Mean of the recording {_REST}.')
-    ] = 'remove',
-    imu_earth_rate: Annotated[
-        str,
-        typer.Option(metavar='remove|keep', help=f'Earth rate, if the mean is kept {_REST}.'),
-    ] = 'remove',
-    imu_latitude: Annotated[float, typer.Option(help=f'Where it rested, deg {_REST}.')] = 45.0,
-    imu_heading: Annotated[float, typer.Option(help=f'True heading of its x, deg {_REST}.')] = 0.0,
-    as_json: Annotated[
-        bool, typer.Option('--json', help='Print the manifest and the tables as JSON on stdout.')
-    ] = False,
+    quick: Quick = False,
+    duration: Duration = None,
+    seeds: Seeds = None,
+    columns: Columns = None,
+    settings: Settings = None,
+    jobs: Jobs = None,
+    out: Out = None,
+    as_json: Json = False,
 ) -> None:
-    """Run an experiment of one of the two papers with our filters beside it.
+    """Run each delay strategy over sensors, times between fixes and delays."""
+    from dataclasses import replace
 
-    Polar cooperative navigation: docs/experiments.md; no DVL, fixes of a station (has-...):
-    docs/experiments-station.md. Writes tables (Markdown, CSV), figures (PNG, SVG) and a manifest
-    with everything that makes the same numbers again.
-    """
-    del list_all
-    from polar_nav_core.errors import ConfigError
-
-    from ..experiments.catalog import experiment_named
-    from ..experiments.experiment import run
-    from ..experiments.recorded import RestSpec, read_rest, save_recorded
-    from ..experiments.request import Request
-    from ..experiments.runner import default_workers
-    from ..terminal.progress import progress_display
-
-    chosen = experiment_named(name)
-    names = _words(columns)
-    choices = chosen.suite.read(settings or [], names)
-    if name != 'ablation' and (sensors or periods or delays):
-        raise ConfigError(f'--sensors, --periods, --delays: {name} does not use them')
-    if name != 'mismatch' and (rows or first_seed is not None):
-        raise ConfigError(f'--rows, --first-seed: {name} does not use them')
-    if first_seed is not None and first_seed < 0:
-        raise ConfigError(f'--first-seed: {first_seed} is negative')
-    if jobs is not None and jobs < 1:
-        raise ConfigError(f'--jobs: {jobs} is less than 1')
-    folder = out if out is not None else Path('reports') / name
-    recorded = None
-    if imu_errors is not None:
-        if name not in ('table3', 'figure11'):
-            raise ConfigError(f'--imu-errors: {name} does not use it; table3 and figure11 do')
-        rest = RestSpec(
-            topic=imu_topic,
-            mean=imu_mean,
-            earth_rate=imu_earth_rate,
-            latitude_deg=imu_latitude,
-            heading_deg=imu_heading,
-        )
-        errors = read_rest(imu_errors, rest)
-        folder.mkdir(parents=True, exist_ok=True)
-        recorded = save_recorded(errors, (folder / 'imu_errors.npz').resolve())
-        say(f'{errors.duration_s:.0f} s of IMU errors at {errors.rate_hz:g} Hz')
-    request = Request(
-        **choices,
-        quick=quick,
-        duration_s=duration,
-        seeds=seeds,
-        columns=names,
-        jobs=default_workers() if jobs is None else jobs,
-        recorded=recorded,
+    request = replace(
+        _request('ablation', quick, duration, seeds, columns, settings, jobs),
         sensors=_words(sensors),
         periods_s=_numbers(periods, '--periods', 0.1, 600.0),
         delays_s=_numbers(delays, '--delays', 0.0, 119.0),
-        rows=rows,
-        first_seed=1 if first_seed is None else first_seed,
     )
+    _run('ablation', request, _folder(out, 'ablation'), as_json)
+
+
+@experiment.command(
+    epilog="Example: `./polar experiment mismatch --rows 'dvl_*' --seeds 2 --first-seed 9001`"
+)
+def mismatch(
+    rows: Annotated[
+        str | None,
+        typer.Option(metavar='PATTERN', help='Faults, as gravity_*,dvl_*.', show_default='all'),
+    ] = None,
+    first_seed: Annotated[
+        int, typer.Option(metavar='K', min=0, help='Seeds K to K + N - 1.')
+    ] = 1,
+    quick: Quick = False,
+    seeds: Seeds = None,
+    columns: Columns = None,
+    settings: Settings = None,
+    jobs: Jobs = None,
+    out: Out = None,
+    as_json: Json = False,
+) -> None:
+    """Run filters in worlds with faults that they do not know: wrong, visible, reported?"""
+    from dataclasses import replace
+
+    request = replace(
+        _request('mismatch', quick, None, seeds, columns, settings, jobs),
+        rows=rows,
+        first_seed=first_seed,
+    )
+    _run('mismatch', request, _folder(out, 'mismatch'), as_json)
+
+
+@experiment.command(
+    'imu-errors', epilog='Example: `./polar experiment imu-errors BAG --duration 3600`'
+)
+def imu_errors(
+    bag: Annotated[
+        Path, typer.Argument(help='Bag recorded while the IMU rested.', show_default=False)
+    ],
+    name: Annotated[
+        str, typer.Option('--experiment', metavar='table3|figure11', help='Which is run.')
+    ] = 'table3',
+    topic: Annotated[
+        str, typer.Option(help='Topic of the IMU.', show_default='the only one')
+    ] = '',
+    mean: Annotated[
+        str, typer.Option(metavar='remove|keep', help='Mean of the recording.')
+    ] = 'remove',
+    earth_rate: Annotated[
+        str, typer.Option(metavar='remove|keep', help='Earth rate, if the mean is kept.')
+    ] = 'remove',
+    latitude: Annotated[float, typer.Option(help='Where the IMU rested, deg.')] = 45.0,
+    heading: Annotated[float, typer.Option(help='True heading of its x axis, deg.')] = 0.0,
+    quick: Quick = False,
+    duration: Duration = None,
+    seeds: Seeds = None,
+    columns: Columns = None,
+    settings: Settings = None,
+    jobs: Jobs = None,
+    out: Out = None,
+    as_json: Json = False,
+) -> None:
+    """Run table3 with the errors of your own IMU: what it reads at rest, less what it should."""
+    from dataclasses import replace
+
+    from polar_nav_core.errors import ConfigError
+
+    from ..experiments.recorded import RestSpec, read_rest, save_recorded
+
+    request = _request(name, quick, duration, seeds, columns, settings, jobs)
+    if name not in experiment_spelling.WITH_IMU:
+        names = ' and '.join(experiment_spelling.WITH_IMU)
+        raise ConfigError(f'imu-errors: {name} does not use them; {names} do')
+    spec = RestSpec(
+        topic=topic,
+        mean=mean,
+        earth_rate=earth_rate,
+        latitude_deg=latitude,
+        heading_deg=heading,
+    )
+    errors = read_rest(bag, spec)
+    folder = _folder(out, name)
+    folder.mkdir(parents=True, exist_ok=True)
+    recorded = save_recorded(errors, (folder / 'imu_errors.npz').resolve())
+    say(f'{errors.duration_s:.0f} s of IMU errors at {errors.rate_hz:g} Hz')
+    _run(name, replace(request, recorded=recorded), folder, as_json)
+
+
+def _request(
+    name: str,
+    quick: bool,
+    duration_s: float | None,
+    seeds: int | None,
+    columns: str | None,
+    settings: list[str] | None,
+    jobs: int | None,
+) -> Request:
+    """What every experiment is asked for."""
+    from polar_nav_core.errors import ConfigError
+
+    from ..experiments.catalog import experiment_named
+    from ..experiments.request import Request
+    from ..experiments.runner import default_workers
+
+    names = _words(columns)
+    choices = experiment_named(name).suite.read(settings or [], names)
+    if jobs is not None and jobs < 1:
+        raise ConfigError(f'--jobs: {jobs} is less than 1')
+    return Request(
+        **choices,
+        quick=quick,
+        duration_s=duration_s,
+        seeds=seeds,
+        columns=names,
+        jobs=default_workers() if jobs is None else jobs,
+    )
+
+
+def _folder(out: Path | None, name: str) -> Path:
+    return out if out is not None else Path('reports') / name
+
+
+def _run(name: str, request: Request, folder: Path, as_json: bool) -> None:
+    """Run an experiment with its progress on stderr, and print what came out."""
+    from ..experiments.catalog import experiment_named
+    from ..experiments.experiment import run
+    from ..terminal.progress import progress_display
+
     with progress_display(name, total=1.0, unit='runs') as update:
-        outcome = run(chosen, request, folder, update)
-    _tell(outcome, as_json)
+        outcome = run(experiment_named(name), request, folder, update)
+    _print(outcome, as_json)
 
 
 def _words(text: str | None) -> list[str] | None:
@@ -195,7 +295,7 @@ def _numbers(text: str | None, option: str, low: float, high: float) -> list[flo
     return values or None
 
 
-def _tell(outcome: Outcome, as_json: bool) -> None:
+def _print(outcome: Outcome, as_json: bool) -> None:
     if as_json:
         emit_json({**outcome.manifest, 'tables': [t.to_dict() for t in outcome.tables]})
         return

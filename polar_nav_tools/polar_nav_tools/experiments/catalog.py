@@ -39,7 +39,7 @@ _TABLES = (
     ),
     Experiment(
         'table3',
-        'As table2 with the noise of a real IMU: table 3 and figure 11; --imu-errors BAG',
+        'As table2 with the noise of a real IMU: table 3 and figure 11; own IMU: imu-errors BAG',
         Size(12 * _HOUR, 3),
         Size(60.0, 1),
         tables.COMPARED,

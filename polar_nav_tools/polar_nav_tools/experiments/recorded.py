@@ -125,7 +125,7 @@ def _only_imu(bag: Bag) -> str:
     names = [t.name for t in bag.topics.values() if t.type == _IMU and t.count]
     if len(names) != 1:
         have = ', '.join(names) or 'none'
-        raise ConfigError(f'--imu-topic: {bag.path} has not one topic of {_IMU} but: {have}')
+        raise ConfigError(f'--topic: {bag.path} has not one topic of {_IMU} but: {have}')
     return names[0]
 
 
