@@ -11,6 +11,24 @@ from pathlib import Path
 
 TOOL = (sys.executable, '-P', '-m', 'polar_nav_tools.cli')
 DEMO_SECONDS = 40.0
+NODES = {
+    'polar_nav_sim': {
+        'truth_node',
+        'vehicle_node',
+        'station_node',
+        'imu_node',
+        'dvl_node',
+        'depth_node',
+        'usbl_node',
+        'leader_reference_node',
+        'absolute_fix_node',
+        'acoustic_link_node',
+    },
+    'polar_nav_leader': {'leader_node'},
+    'polar_nav_follower': {'follower_node'},
+    'polar_nav_tools': {'recorder_node'},
+}
+"""Nodes of each package, by the names of their programs."""
 
 
 def polar(*arguments: str | Path, timeout: float = 60.0, **kwargs) -> subprocess.CompletedProcess:

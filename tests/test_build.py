@@ -19,26 +19,11 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from live_support import NODES
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = tuple(sorted(p.parent.name for p in ROOT.glob('polar_nav_*/setup.py')))
-NODES = {
-    'polar_nav_sim': {
-        'truth_node',
-        'vehicle_node',
-        'station_node',
-        'imu_node',
-        'dvl_node',
-        'depth_node',
-        'usbl_node',
-        'leader_reference_node',
-        'absolute_fix_node',
-        'acoustic_link_node',
-    },
-    'polar_nav_leader': {'leader_node'},
-    'polar_nav_follower': {'follower_node'},
-    'polar_nav_tools': {'recorder_node', 'polar'},
-}
+PROGRAMS = {**NODES, 'polar_nav_tools': NODES['polar_nav_tools'] | {'polar'}}
 
 # rosdep keys of what has another name in Python; ROS packages have the same.
 KEYS = {
@@ -113,7 +98,7 @@ def test_package_xml_names_every_import_of_the_tests(package):
 
 
 def test_entry_points_are_the_nodes_of_the_design():
-    for package, names in NODES.items():
+    for package, names in PROGRAMS.items():
         text = (ROOT / package / 'setup.py').read_text()
         assert set(re.findall(r"'(\w+) = ", text)) == names
 
@@ -174,7 +159,7 @@ def test_colcon_installs_all_that_belongs_to_a_package(workspace, package):
     assert (share / 'package.xml').is_file()
     assert (install / 'share/ament_index/resource_index/packages' / package).is_file()
     programs = {p.name for p in (install / 'lib' / package).glob('*') if os.access(p, os.X_OK)}
-    assert programs == NODES.get(package, set())
+    assert programs == PROGRAMS.get(package, set())
     (site,) = install.glob('lib/python3.*/site-packages')
     for file in files(ROOT / package / package):
         assert (site / package / file).is_file(), f'{file} of {package} is not installed'
@@ -207,9 +192,7 @@ def test_after_sourcing_the_built_packages_are_used(workspace):
 @pytest.mark.slow
 @pytest.mark.live
 @pytest.mark.timeout(1200)
-@pytest.mark.parametrize(
-    ('package', 'node'), [(p, n) for p in NODES for n in sorted(NODES[p] - {'polar'})]
-)
+@pytest.mark.parametrize(('package', 'node'), [(p, n) for p in NODES for n in sorted(NODES[p])])
 def test_a_node_of_the_build_runs_and_ends_cleanly(workspace, tmp_path, package, node):
     program = workspace / 'install' / package / 'lib' / package / node
     process = subprocess.Popen(

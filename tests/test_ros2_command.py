@@ -17,27 +17,10 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
-from live_support import polar
+from live_support import NODES, polar
 
 pytestmark = [pytest.mark.live, pytest.mark.timeout(300)]
 
-PROGRAMS = {
-    'polar_nav_sim': (
-        'truth_node',
-        'vehicle_node',
-        'station_node',
-        'imu_node',
-        'dvl_node',
-        'depth_node',
-        'usbl_node',
-        'leader_reference_node',
-        'absolute_fix_node',
-        'acoustic_link_node',
-    ),
-    'polar_nav_leader': ('leader_node',),
-    'polar_nav_follower': ('follower_node',),
-    'polar_nav_tools': ('recorder_node',),
-}
 NODE_COUNT = 13
 FOLLOWER = '/follower/follower_node'
 # The daemon of another ROS domain or session would answer otherwise.
@@ -152,10 +135,10 @@ def assert_whole(bag: Path) -> None:
 # -- packages, programs, interfaces
 
 
-@pytest.mark.parametrize('package', PROGRAMS)
+@pytest.mark.parametrize('package', NODES)
 def test_pkg_executables_are_the_nodes(ros2, package):
     said = ros2.said('pkg', 'executables', package).splitlines()
-    assert {line.split()[1] for line in said} - {'polar'} == set(PROGRAMS[package])
+    assert {line.split()[1] for line in said} - {'polar'} == NODES[package]
 
 
 def test_interface_show_has_units_and_meaning(ros2):
@@ -168,7 +151,7 @@ def test_interface_show_has_units_and_meaning(ros2):
 
 
 def test_run_starts_every_node_and_ctrl_c_ends_it(ros2, tmp_path):
-    pairs = [(package, node) for package, nodes in PROGRAMS.items() for node in nodes]
+    pairs = [(package, node) for package, nodes in NODES.items() for node in sorted(nodes)]
     space = ('--ros-args', '-r', '__ns:=/alone')
     running = {node: ros2.start(tmp_path, 'run', p, node, *space) for p, node in pairs}
     try:

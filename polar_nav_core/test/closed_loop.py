@@ -7,6 +7,7 @@ increments, so a filter fed with them and with exact measurements must stay wher
 import numpy as np
 
 from polar_nav_core import attitude, earth, grid
+from polar_nav_core.engine import run as batch
 from polar_nav_core.engine.events import DepthSample, DvlPing, Fix, ImuSample
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.kernels.frames import strapdown
@@ -129,6 +130,25 @@ class World:
             t += period_s
             i += 1
         return out
+
+
+def inputs_of(world, fixes, seed=1):
+    """Measurements of a world as arrays, with the noise of a seed."""
+    rng = np.random.default_rng(seed)
+    imu, dvl, depth = world.imu(), world.dvl(rng=rng), world.depth(rng=rng)
+    return batch.Inputs(
+        np.array([s.stamp_ns for s in imu]),
+        np.array([s.omega_ib_b for s in imu]),
+        np.array([s.f_b for s in imu]),
+        np.array([p.stamp_ns for p in dvl]),
+        np.array([p.v_m for p in dvl]),
+        np.array([p.covariance_m for p in dvl]),
+        np.ones(len(dvl), dtype=bool),
+        np.array([d.stamp_ns for d in depth]),
+        np.array([d.depth for d in depth]),
+        np.array([d.variance for d in depth]),
+        tuple(fixes),
+    )
 
 
 def run(engine, events):

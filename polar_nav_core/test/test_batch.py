@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from closed_loop import World
+from closed_loop import World, inputs_of
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -14,24 +14,6 @@ from polar_nav_core.engine.params import CONFIGURATIONS, DELAY_HANDLING
 @pytest.fixture(scope='module')
 def world():
     return World(12.0)
-
-
-def inputs_of(world, fixes, seed=1):
-    rng = np.random.default_rng(seed)
-    imu, dvl, depth = world.imu(), world.dvl(rng=rng), world.depth(rng=rng)
-    return engine_run.Inputs(
-        np.array([s.stamp_ns for s in imu]),
-        np.array([s.omega_ib_b for s in imu]),
-        np.array([s.f_b for s in imu]),
-        np.array([p.stamp_ns for p in dvl]),
-        np.array([p.v_m for p in dvl]),
-        np.array([p.covariance_m for p in dvl]),
-        np.ones(len(dvl), dtype=bool),
-        np.array([d.stamp_ns for d in depth]),
-        np.array([d.depth for d in depth]),
-        np.array([d.variance for d in depth]),
-        tuple(fixes),
-    )
 
 
 def assert_same(a, b):

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from closed_loop import World, run
+from closed_loop import World, inputs_of, run
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -57,24 +57,13 @@ def last(out):
     return [o for o in out if isinstance(o, Estimate)][-1]
 
 
-def inputs_of(world, fixes, seed=1):
-    rng = np.random.default_rng(seed)
-    imu, dvl, depth, control = world.imu(), world.dvl(rng=rng), world.depth(rng=rng), thrust(world)
-    return engine_run.Inputs(
-        np.array([s.stamp_ns for s in imu]),
-        np.array([s.omega_ib_b for s in imu]),
-        np.array([s.f_b for s in imu]),
-        np.array([p.stamp_ns for p in dvl]),
-        np.array([p.v_m for p in dvl]),
-        np.array([p.covariance_m for p in dvl]),
-        np.ones(len(dvl), dtype=bool),
-        np.array([d.stamp_ns for d in depth]),
-        np.array([d.depth for d in depth]),
-        np.array([d.variance for d in depth]),
-        tuple(fixes),
-        np.array([c.stamp_ns for c in control]),
-        np.array([c.force_b for c in control]),
-        np.array([c.torque_b for c in control]),
+def inputs_with_thrust(world, fixes):
+    control = thrust(world)
+    return dataclasses.replace(
+        inputs_of(world, fixes),
+        control_stamps_ns=np.array([c.stamp_ns for c in control]),
+        control_force_b=np.array([c.force_b for c in control]),
+        control_torque_b=np.array([c.torque_b for c in control]),
     )
 
 
@@ -245,7 +234,7 @@ def test_what_cannot_go_along_is_refused_by_name(changes, words):
 @pytest.mark.parametrize('name', AIDED)
 def test_a_run_from_arrays_gives_the_bits_of_event_by_event(world, name, noise):
     rng = np.random.default_rng(5)
-    x = inputs_of(world, world.fixes(0.7, lambda _: rng.uniform(0.0, 3.0), rng=rng))
+    x = inputs_with_thrust(world, world.fixes(0.7, lambda _: rng.uniform(0.0, 3.0), rng=rng))
     x.dvl_valid[15:32] = False
     x.dvl_v_m[34] += 1.0
     x.control_force_b[40, 1] = np.inf

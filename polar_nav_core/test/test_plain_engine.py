@@ -8,8 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from closed_loop import World
-from test_batch import inputs_of
+from closed_loop import World, inputs_of
 
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.params import DELAY_HANDLING

@@ -1,46 +1,46 @@
 """All nodes of the package in one process, in lockstep: nothing lost, right values. Ring 2."""
 
 import math
-import os
 import time
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-rclpy = pytest.importorskip('rclpy')
+pytest.importorskip('rclpy')
 
-from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
-from geometry_msgs.msg import TwistWithCovarianceStamped  # noqa: E402
-from nav_msgs.msg import Odometry  # noqa: E402
-from rclpy.executors import SingleThreadedExecutor  # noqa: E402
-from rclpy.parameter import Parameter  # noqa: E402
-from rosgraph_msgs.msg import Clock  # noqa: E402
-from sensor_msgs.msg import FluidPressure, Imu, NavSatFix  # noqa: E402
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import TwistWithCovarianceStamped
+from nav_msgs.msg import Odometry
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import FluidPressure, Imu, NavSatFix
+from sim_ros import ros  # noqa: F401 - a fixture of every test
 
-from polar_nav_core.attitude import matrix_from_quaternion  # noqa: E402
-from polar_nav_core.depth import depth_from_pressure  # noqa: E402
-from polar_nav_core.earth import ecef_from_geodetic  # noqa: E402
-from polar_nav_core.errors import ConfigError  # noqa: E402
-from polar_nav_core.grid import earth_rate  # noqa: E402
-from polar_nav_core.params import NodeParams  # noqa: E402
-from polar_nav_msgs.msg import AcousticPacket, Depth, Dvl, UsblFix, VehicleTruth  # noqa: E402
-from polar_nav_ros.node import DATA_QOS, PolarNode  # noqa: E402
-from polar_nav_ros.stamps import to_msg, to_ns  # noqa: E402
-from polar_nav_sim.mission import load_mission  # noqa: E402
-from polar_nav_sim.nodes.absolute_fix_node import AbsoluteFixNode  # noqa: E402
-from polar_nav_sim.nodes.acoustic_link_node import AcousticLinkNode  # noqa: E402
-from polar_nav_sim.nodes.depth_node import DepthNode  # noqa: E402
-from polar_nav_sim.nodes.dvl_node import DvlNode  # noqa: E402
-from polar_nav_sim.nodes.imu_node import ImuNode  # noqa: E402
-from polar_nav_sim.nodes.leader_reference_node import LeaderReferenceNode  # noqa: E402
-from polar_nav_sim.nodes.truth_node import TruthNode  # noqa: E402
-from polar_nav_sim.nodes.usbl_node import UsblNode  # noqa: E402
-from polar_nav_sim.randomness import stream  # noqa: E402
-from polar_nav_sim.sensors.dvl import DvlErrors, DvlSensor  # noqa: E402
-from polar_nav_sim.sensors.imu import ImuErrors, ImuSensor  # noqa: E402
-from polar_nav_sim.sensors.noise import CHUNK  # noqa: E402
-from polar_nav_sim.truth_cdr import decode, encode  # noqa: E402
+from polar_nav_core.attitude import matrix_from_quaternion
+from polar_nav_core.depth import depth_from_pressure
+from polar_nav_core.earth import ecef_from_geodetic
+from polar_nav_core.errors import ConfigError
+from polar_nav_core.grid import earth_rate
+from polar_nav_core.params import NodeParams
+from polar_nav_msgs.msg import AcousticPacket, Depth, Dvl, UsblFix, VehicleTruth
+from polar_nav_ros.node import DATA_QOS, PolarNode
+from polar_nav_ros.stamps import to_msg, to_ns
+from polar_nav_sim.mission import load_mission
+from polar_nav_sim.nodes.absolute_fix_node import AbsoluteFixNode
+from polar_nav_sim.nodes.acoustic_link_node import AcousticLinkNode
+from polar_nav_sim.nodes.depth_node import DepthNode
+from polar_nav_sim.nodes.dvl_node import DvlNode
+from polar_nav_sim.nodes.imu_node import ImuNode
+from polar_nav_sim.nodes.leader_reference_node import LeaderReferenceNode
+from polar_nav_sim.nodes.truth_node import TruthNode
+from polar_nav_sim.nodes.usbl_node import UsblNode
+from polar_nav_sim.randomness import stream
+from polar_nav_sim.sensors.dvl import DvlErrors, DvlSensor
+from polar_nav_sim.sensors.imu import ImuErrors, ImuSensor
+from polar_nav_sim.sensors.noise import CHUNK
+from polar_nav_sim.truth_cdr import decode, encode
 
 SECONDS = 4.0
 # The real floor is out of reach of a DVL: its pings are wanted here.
@@ -73,14 +73,6 @@ TOPICS = {
     '/follower/acomms/rx': AcousticPacket,
     '/diagnostics': DiagnosticArray,
 }
-
-
-@pytest.fixture(scope='module', autouse=True)
-def _ros():
-    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-    rclpy.init(domain_id=42)
-    yield
-    rclpy.try_shutdown()
 
 
 def overrides(**values):

@@ -113,18 +113,25 @@ def test_loss_outliers_and_a_wrong_sound_speed():
     assert slow.sound_speed == 1500.0
 
 
-def test_interrogator_waits_for_the_truth_it_needs():
-    """Messages come one by one: each fix appears at the first stamp that reaches its t4."""
-    mission = load_mission('demo').with_duration(8.0)
+def asked_every_2_s(mission, target_from_s=0.0):
+    """Stamp and interrogator after each message of truth, the target's from a time on."""
     blocks = {v: mission.truth(v).samples(0, mission.sample_count) for v in mission.vehicles}
     messages = {v: encode(b) for v, b in blocks.items()}
     histories = {'': TruthHistory(10**10), 'follower': TruthHistory(10**10)}
     asker = Interrogator({'follower': array_of()}, histories, period_s=2.0, first_s=1.0)
     asker.begin(mission.start_ns, mission.start_ns)
-    seen = []
     for i, stamp_ns in enumerate(blocks['leader'].stamp_ns.tolist()):
         histories[''].add(stamp_ns, messages['leader'][i])
-        histories['follower'].add(stamp_ns, messages['follower'][i])
+        if stamp_ns >= mission.start_ns + target_from_s * 1e9:
+            histories['follower'].add(stamp_ns, messages['follower'][i])
+        yield stamp_ns, asker
+
+
+def test_interrogator_waits_for_the_truth_it_needs():
+    """Messages come one by one: each fix appears at the first stamp that reaches its t4."""
+    mission = load_mission('demo').with_duration(8.0)
+    seen = []
+    for stamp_ns, asker in asked_every_2_s(mission):
         seen += [(stamp_ns, reading.cycle) for _, reading in asker.advance()]
     assert [c.sequence for _, c in seen] == [0, 1, 2, 3]
     exact = array_of()
@@ -141,16 +148,8 @@ def test_interrogator_waits_for_the_truth_it_needs():
 
 def test_interrogations_before_the_truth_of_the_target_are_never_made():
     mission = load_mission('demo').with_duration(6.0)
-    blocks = {v: mission.truth(v).samples(0, mission.sample_count) for v in mission.vehicles}
-    messages = {v: encode(b) for v, b in blocks.items()}
-    histories = {'': TruthHistory(10**10), 'follower': TruthHistory(10**10)}
-    asker = Interrogator({'follower': array_of()}, histories, period_s=2.0, first_s=1.0)
-    asker.begin(mission.start_ns, mission.start_ns)
     seen = []
-    for i, stamp_ns in enumerate(blocks['leader'].stamp_ns.tolist()):
-        histories[''].add(stamp_ns, messages['leader'][i])
-        if stamp_ns > mission.start_ns + 3.5e9:
-            histories['follower'].add(stamp_ns, messages['follower'][i])
+    for _, asker in asked_every_2_s(mission, target_from_s=3.5):
         seen += [reading.cycle.sequence for _, reading in asker.advance()]
     assert seen == [2]
     assert asker.lost == 0

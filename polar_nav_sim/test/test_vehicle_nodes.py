@@ -1,24 +1,24 @@
 """Station mission in one process, in lockstep: vehicle, station, AHRS, link, commands. Ring 2."""
 
 import math
-import os
 import time
 
 import numpy as np
 import pytest
 
-rclpy = pytest.importorskip('rclpy')
+pytest.importorskip('rclpy')
 
-from geometry_msgs.msg import WrenchStamped  # noqa: E402
-from rclpy.executors import SingleThreadedExecutor  # noqa: E402
-from rclpy.parameter import Parameter  # noqa: E402
-from sensor_msgs.msg import Imu  # noqa: E402
+from geometry_msgs.msg import WrenchStamped
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import Imu
+from sim_ros import ros  # noqa: F401 - a fixture of every test
 
-from polar_nav_core.attitude import matrix_from_quaternion  # noqa: E402
-from polar_nav_core.errors import ConfigError  # noqa: E402
-from polar_nav_core.link.station_packet import decode as read_packet  # noqa: E402
-from polar_nav_core.params import NodeParams  # noqa: E402
-from polar_nav_msgs.msg import (  # noqa: E402
+from polar_nav_core.attitude import matrix_from_quaternion
+from polar_nav_core.errors import ConfigError
+from polar_nav_core.link.station_packet import decode as read_packet
+from polar_nav_core.params import NodeParams
+from polar_nav_msgs.msg import (
     AcousticPacket,
     Depth,
     Setpoint,
@@ -26,18 +26,18 @@ from polar_nav_msgs.msg import (  # noqa: E402
     VehicleModel,
     VehicleTruth,
 )
-from polar_nav_ros.node import DATA_QOS, PolarNode  # noqa: E402
-from polar_nav_ros.stamps import to_ns  # noqa: E402
-from polar_nav_sim.mission import load_mission  # noqa: E402
-from polar_nav_sim.nodes.acoustic_link_node import AcousticLinkNode  # noqa: E402
-from polar_nav_sim.nodes.depth_node import DepthNode  # noqa: E402
-from polar_nav_sim.nodes.imu_node import ImuNode  # noqa: E402
-from polar_nav_sim.nodes.station_node import StationNode  # noqa: E402
-from polar_nav_sim.nodes.truth_node import TruthNode  # noqa: E402
-from polar_nav_sim.nodes.vehicle_node import VehicleNode  # noqa: E402
-from polar_nav_sim.randomness import stream  # noqa: E402
-from polar_nav_sim.sensors.ahrs import AhrsErrors, AhrsSensor  # noqa: E402
-from polar_nav_sim.truth_cdr import decode, encode  # noqa: E402
+from polar_nav_ros.node import DATA_QOS, PolarNode
+from polar_nav_ros.stamps import to_ns
+from polar_nav_sim.mission import load_mission
+from polar_nav_sim.nodes.acoustic_link_node import AcousticLinkNode
+from polar_nav_sim.nodes.depth_node import DepthNode
+from polar_nav_sim.nodes.imu_node import ImuNode
+from polar_nav_sim.nodes.station_node import StationNode
+from polar_nav_sim.nodes.truth_node import TruthNode
+from polar_nav_sim.nodes.vehicle_node import VehicleNode
+from polar_nav_sim.randomness import stream
+from polar_nav_sim.sensors.ahrs import AhrsErrors, AhrsSensor
+from polar_nav_sim.truth_cdr import decode, encode
 
 SECONDS, WINDOW = 6.0, 20
 TOLD, PUSHED = 300, 420
@@ -55,14 +55,6 @@ TOPICS = {
     '/station/station/fix': StationFix,
     '/auv/acomms/rx': AcousticPacket,
 }
-
-
-@pytest.fixture(scope='module', autouse=True)
-def _ros():
-    os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-    rclpy.init(domain_id=60 + os.getpid() % 20)
-    yield
-    rclpy.try_shutdown()
 
 
 def make(cls, namespace='', **values):

@@ -1,11 +1,13 @@
 """Small bags for the tests of bags: messages made without ROS, times and content foreseeable."""
 
 import json
+import struct
 
 import numpy as np
 
-from polar_nav_tools.bags import BagWriter
+from polar_nav_tools.bags import BagWriter, open_bag
 from polar_nav_tools.bags.decode import store_of
+from polar_nav_tools.bags.files import MAGIC
 from polar_nav_tools.bags.schemas import definition
 
 START_NS = 1_600_000_000_000_000_000
@@ -119,3 +121,18 @@ def write_bag(directory, count=200, *, finish=True, chunk_bytes=8 * 1024, **opti
         writer.flush()
         writer.abandon()
     return writer.path
+
+
+def contents(path):
+    """Topic, log time, number and bytes of each message."""
+    return [(r.topic, r.log_time_ns, r.sequence, r.data) for r in open_bag(path).records()]
+
+
+def records_of(data):
+    """Offset, opcode and length with header of each record of a finished file."""
+    at, found = len(MAGIC), []
+    while at < len(data) - len(MAGIC):
+        opcode, length = struct.unpack_from('<BQ', data, at)
+        found.append((at, opcode, 9 + length))
+        at += 9 + length
+    return found

@@ -1,7 +1,5 @@
 """Reads a bag while it is opened and afterwards: the same comes out; and bags to try it on."""
 
-import struct
-
 from bag_samples import IMU, RUN_INFO, STATE, TRUTH, TYPES, imu, stamp_ns, truth, write_bag
 from mcap.writer import Writer
 
@@ -15,7 +13,6 @@ OMEGA = tuple(f'angular_velocity.{a}' for a in 'xyz')
 WANTED = {IMU: (TIME, OMEGA, 'angular_velocity_covariance'), TRUTH: (*TIME, 'r_e'), STATE: (TIME,)}
 RAW = (RUN_INFO, '/nothing')
 REQUEST = Request(WANTED, RAW)
-MAGIC = 8
 
 
 def wants(bag):
@@ -85,14 +82,6 @@ def usual(count=60):
     for k in range(count):
         yield IMU, TYPES[IMU], imu(k)
         yield TRUTH, TYPES[TRUTH], truth(k)
-
-
-def records_of(data, at=MAGIC):
-    """Place, opcode and length with header of each record."""
-    while at < len(data) - MAGIC:
-        opcode, length = struct.unpack_from('<BQ', data, at)
-        yield at, opcode, length + 9
-        at += length + 9
 
 
 def without_checksum_of_the_index(data):

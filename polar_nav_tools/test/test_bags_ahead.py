@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from bag_samples import IMU, TRUTH, TYPES, imu, make, stamp, stamp_ns, truth, write_bag
+from bag_samples import IMU, TRUTH, TYPES, imu, make, records_of, stamp, stamp_ns, truth, write_bag
 from mcap.writer import CompressionType, IndexType, Writer
 from read_ahead import (
     OMEGA,
@@ -17,7 +17,6 @@ from read_ahead import (
     WANTED,
     both,
     equal,
-    records_of,
     small,
     usual,
     wants,

@@ -4,11 +4,10 @@ import dataclasses
 import struct
 
 import pytest
+from bag_samples import records_of
 from mcap.writer import CompressionType
 from read_ahead import (
-    MAGIC,
     both,
-    records_of,
     small,
     usual,
     wants,
@@ -17,6 +16,7 @@ from read_ahead import (
 )
 
 from polar_nav_tools.bags import chunks, claims, open_bag, opening, scan
+from polar_nav_tools.bags.files import MAGIC
 
 
 @pytest.mark.parametrize('more', [-1, 1, 1000, 1 << 40])
@@ -105,7 +105,7 @@ def test_an_index_that_is_damaged_or_contradicts_itself_claims_nothing(tmp_path)
     channel, size = next((at, n) for at, opcode, n in records if opcode == 0x04)
     twice = bytearray(whole[channel : channel + size])
     twice[17] = ord('~')  # first letter of the topic
-    end = len(whole) - MAGIC - 29
+    end = len(whole) - len(MAGIC) - 29
     path.write_bytes(without_checksum_of_the_index(bytearray(whole[:end] + twice + whole[end:])))
     assert claims.claimed_by_index(path) is None
     statistics = next(at for at, opcode, _ in records if opcode == 0x0B) + 9 + 42 + 4 + 2

@@ -15,8 +15,10 @@ from bag_samples import (
     START_NS,
     TRUTH,
     TYPES,
+    contents,
     imu,
     make,
+    records_of,
     stamp_ns,
     write_bag,
 )
@@ -25,20 +27,6 @@ from mcap.writer import CompressionType, Writer
 from polar_nav_tools.bags import BagError, BagWriter, open_bag, scan, window
 from polar_nav_tools.bags import chunks as chunks_module
 from polar_nav_tools.bags.files import MAGIC
-
-
-def contents(path):
-    return [(r.topic, r.log_time_ns, r.sequence, r.data) for r in open_bag(path).records()]
-
-
-def records_of(data):
-    """Offsets and opcodes of the records of a finished file."""
-    at, found = len(MAGIC), []
-    while at < len(data) - len(MAGIC):
-        opcode, length = struct.unpack_from('<BQ', data, at)
-        found.append((at, opcode, 9 + length))
-        at += 9 + length
-    return found
 
 
 def small_bag(directory):

@@ -14,8 +14,10 @@ from bag_samples import (
     START_NS,
     TRUTH,
     TYPES,
+    contents,
     imu,
     make,
+    records_of,
     run_info,
     stamp_ns,
     truth,
@@ -27,21 +29,6 @@ from rosbags.rosbag2 import Writer as RosbagsWriter
 
 from polar_nav_tools.bags import BagError, BagWriter, open_bag, scan
 from polar_nav_tools.bags.files import MAGIC
-
-
-def contents(path):
-    return [(r.topic, r.log_time_ns, r.sequence, r.data) for r in open_bag(path).records()]
-
-
-def records_of(data):
-    """Offsets and opcodes of the records of a finished file."""
-    at, found = len(MAGIC), []
-    while at < len(data) - len(MAGIC):
-        opcode, length = struct.unpack_from('<BQ', data, at)
-        found.append((at, opcode, 9 + length))
-        at += 9 + length
-    return found
-
 
 # -- whole bags
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import binascii
 import math
 import struct
-from collections.abc import Callable, Iterable
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, TypeVar
 
@@ -72,15 +72,25 @@ class Layout:
         self._struct = struct.Struct('<' + ''.join(f.code * f.count for f in fields))
         self.size = self._struct.size + 2
 
-    def pack(self, value: Callable[[str], Iterable[float]]) -> bytes:
-        """Bytes of the values that ``value`` gives for the name of each field.
+    def pack(self, content: object, values: Mapping[str, object]) -> bytes:
+        """Bytes of a packet's content.
+
+        Parameters
+        ----------
+        content : object
+            Attributes of the fields' names have their values.
+        values : mapping of str to number or array
+            Values of the other fields, and of those that are not sent as they are.
 
         Raises
         ------
         ValueError
             For a value outside of its field's range, with the field's name.
         """
-        numbers = [to_integer(f, v) for f in self.fields for v in value(f.name)]
+        numbers: list[int] = []
+        for f in self.fields:
+            value = values.get(f.name, getattr(content, f.name, None))
+            numbers += [to_integer(f, v.item()) for v in np.atleast_1d(np.asarray(value))]
         body = self._struct.pack(*numbers)
         return body + struct.pack('<H', crc16(body))
 

@@ -172,22 +172,16 @@ def encode(b: Broadcast) -> bytes:
         'r_lf_sigma_G': sigma_G,
         'r_lf_correlation': np.array([correlation[0, 1], correlation[0, 2], correlation[1, 2]]),
     }
-
-    def value(name: str) -> list[float]:
-        return [
-            v.item() for v in np.atleast_1d(np.asarray(values.get(name, getattr(b, name, None))))
-        ]
-
-    return LAYOUT.pack(value)
+    return LAYOUT.pack(b, values)
 
 
 def decode(data: bytes, received_ns: int) -> Broadcast:
-    """Content of received bytes.
+    """Content of a leader's packet.
 
     Parameters
     ----------
     data : bytes
-        The packet.
+        The packet, format 1.
     received_ns : int
         When it was received; resolves the wrapped time of validity to the nearest possible one.
 

@@ -123,29 +123,11 @@ def encode(report: StationReport) -> bytes:
         'validity': report.validity_ns,
         'station_heading_sigma': report.station_heading_sigma * 1e3,
     }
-
-    def value(name: str) -> list[float]:
-        content = values.get(name, getattr(report, name, None))
-        return [v.item() for v in np.atleast_1d(np.asarray(content))]
-
-    return LAYOUT.pack(value)
+    return LAYOUT.pack(report, values)
 
 
 def decode(data: bytes, received_ns: int) -> StationReport:
-    """Content of received bytes.
-
-    Parameters
-    ----------
-    data : bytes
-        The packet.
-    received_ns : int
-        When it was received; resolves the wrapped time of validity to the nearest possible one.
-
-    Raises
-    ------
-    PacketError
-        When the CRC does not fit, or the version or the length is not one we know.
-    """
+    """Content of a station's packet, format 2; arguments and errors as in `packet.decode`."""
     raw = LAYOUT.unpack(data)
     return StationReport(
         source=int(raw['source'][0]),

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from polar_nav_core.errors import ConfigError
 
 from .app import app, emit_json, say
+
+if TYPE_CHECKING:
+    from ..scoring import Table
 
 bench = typer.Typer(
     no_args_is_help=True,
@@ -61,23 +65,13 @@ def core(
     if as_json:
         emit_json({'machine': facts, **result.to_dict()})
         return
-    from rich.console import Console
-
-    from ..terminal.tables import print_table
-
-    console = Console(highlight=False)
-    for group in result.groups:
-        print_table(console, group.table())
+    _print_tables(group.table() for group in result.groups)
     worst = max(v for k, v in result.agreement_m.items() if 'horizontal' in k)
     covariance = max(result.agreement_covariance.values())
     sys.stdout.write(
         f'Same results: positions within {1e3 * worst:.1f} mm horizontally of python-ins after'
         f' {result.compared_samples} samples, covariances within {covariance:.0e}'
-        ' of filterpy.\n'
-        f'{facts["cpu"]}, core {used} of {facts["cores"]}, load {facts["load_average"]:.1f} to'
-        f' {facts["load_average_after"]:.1f}, Python {facts["python"]}, '
-        + ', '.join(f'{k} {v}' for k, v in machine.versions(DISTRIBUTIONS).items())
-        + f'; medians of {rounds} rounds.\n'
+        ' of filterpy.\n' + _machine(facts, rounds, machine.versions(DISTRIBUTIONS))
     )
 
 
@@ -120,21 +114,11 @@ def delay(
     if as_json:
         emit_json({'machine': facts, **result.to_dict()})
         return
-    from rich.console import Console
-
-    from ..terminal.tables import print_table
-
-    console = Console(highlight=False)
-    for table in result.tables():
-        print_table(console, table)
+    _print_tables(result.tables())
     sigma, peer = max(result.agreement_sigma.values()), max(result.agreement_peer.values())
     sys.stdout.write(
         f'Same results: clone within {sigma:.1g} sigma of rewind, Stone Soup within {peer:.0e}'
-        ' sigma of both.\n'
-        f'{facts["cpu"]}, core {used} of {facts["cores"]}, load {facts["load_average"]:.1f} to'
-        f' {facts["load_average_after"]:.1f}, Python {facts["python"]}, '
-        + ', '.join(f'{k} {v}' for k, v in machine.versions(DISTRIBUTIONS).items())
-        + f'; medians of {rounds} rounds.\n'
+        ' sigma of both.\n' + _machine(facts, rounds, machine.versions(DISTRIBUTIONS))
     )
 
 
@@ -175,20 +159,32 @@ def replay(
     if as_json:
         emit_json({'machine': facts, **result.to_dict()})
         return
-    from rich.console import Console
-
-    from ..terminal.tables import print_table
-
-    console = Console(highlight=False)
-    for table in result.tables():
-        print_table(console, table)
+    _print_tables(result.tables())
     compared = ', '.join(f'{name} {count}' for name, count in result.agreement.items())
     sys.stdout.write(
         f'Same bits, values compared: {compared}.\n'
         f'{result.real_time:.0f} times real time; others scaled from {result.part_minutes:g} min;'
         f' peak memory {result.peak_mb:.0f} MB.\n'
-        f'{facts["cpu"]}, core {used} of {facts["cores"]}, load {facts["load_average"]:.1f} to'
-        f' {facts["load_average_after"]:.1f}, Python {facts["python"]}, '
-        + ', '.join(f'{k} {v}' for k, v in machine.versions(DISTRIBUTIONS).items())
+        + _machine(facts, rounds, machine.versions(DISTRIBUTIONS))
+    )
+
+
+def _print_tables(tables: Iterable[Table]) -> None:
+    from rich.console import Console
+
+    from ..terminal.tables import print_table
+
+    console = Console(highlight=False)
+    for table in tables:
+        print_table(console, table)
+
+
+def _machine(facts: Mapping[str, Any], rounds: int, versions: Mapping[str, str]) -> str:
+    """Return the line about where and with what was measured."""
+    return (
+        f'{facts["cpu"]}, core {facts["core"]} of {facts["cores"]}, load'
+        f' {facts["load_average"]:.1f} to {facts["load_average_after"]:.1f}, Python'
+        f' {facts["python"]}, '
+        + ', '.join(f'{k} {v}' for k, v in versions.items())
         + f'; medians of {rounds} rounds.\n'
     )

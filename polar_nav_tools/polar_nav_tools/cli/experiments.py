@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -132,8 +133,6 @@ def ablation(
     as_json: Json = False,
 ) -> None:
     """Run each delay strategy over sensors, times between fixes and delays."""
-    from dataclasses import replace
-
     request = replace(
         _request('ablation', quick, duration, seeds, columns, settings, jobs),
         sensors=_words(sensors),
@@ -204,16 +203,14 @@ def imu_errors(
     as_json: Json = False,
 ) -> None:
     """Run table3 with the errors of your own IMU: what it reads at rest, less what it should."""
-    from dataclasses import replace
-
     from polar_nav_core.errors import ConfigError
 
     from ..experiments.recorded import RestSpec, read_rest, save_recorded
 
-    request = _request(name, quick, duration, seeds, columns, settings, jobs)
     if name not in experiment_spelling.WITH_IMU:
         names = ' and '.join(experiment_spelling.WITH_IMU)
         raise ConfigError(f'imu-errors: {name} does not use them; {names} do')
+    request = _request(name, quick, duration, seeds, columns, settings, jobs)
     spec = RestSpec(
         topic=topic,
         mean=mean,

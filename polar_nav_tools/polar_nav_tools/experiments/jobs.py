@@ -131,17 +131,8 @@ def run_job(job: Job) -> RunResult:
             metrics = {**measure(errors), 'nees_dof': float(errors.nees_dof())}
         if job.series:
             series = _series(errors)
-    return RunResult(
-        job.group,
-        job.column.name,
-        job.seed,
-        metrics,
-        stopped_s,
-        result.divergence,
-        dict(verdicts),
-        seconds,
-        series,
-    )
+    run = job.group, job.column.name, job.seed
+    return RunResult(*run, metrics, stopped_s, result.divergence, dict(verdicts), seconds, series)
 
 
 def _stopped_s(

@@ -92,17 +92,8 @@ def run_job(job: StationJob) -> RunResult:
         if job.series:
             series = _series(world, states, errors)
             series |= _tracks(world, result.identifications)
-    return RunResult(
-        job.group,
-        job.column.name,
-        job.seed,
-        metrics,
-        stopped_s,
-        result.divergence,
-        dict(verdicts),
-        seconds,
-        series,
-    )
+    run = job.group, job.column.name, job.seed
+    return RunResult(*run, metrics, stopped_s, result.divergence, dict(verdicts), seconds, series)
 
 
 def last_receipts(receipts: Sequence[Receipt]) -> list[Receipt]:
