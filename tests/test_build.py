@@ -81,7 +81,7 @@ def used(package: str) -> set[str]:
 def used_by_tests(package: str) -> set[str]:
     # Some use the core's helpers, too (conftest.py).
     folders = (ROOT / package / 'test', ROOT / 'polar_nav_core' / 'test')
-    helpers = {file.stem for folder in folders for file in folder.glob('*.py')}
+    helpers = {entry.stem for folder in folders for entry in folder.iterdir()}
     names = imported(ROOT / package / 'test') - helpers - {package}
     return {KEYS.get(name, name) for name in names}
 
