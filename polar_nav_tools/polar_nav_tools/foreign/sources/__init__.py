@@ -1,0 +1,35 @@
+"""Opens any bag: MCAP through this project's reader, sqlite3 and ROS 1 through rosbags.
+
+Out: topics with types and counts, and for a topic its columns with the log times. The bytes of
+all three kinds end as CDR with a ros2msg definition, so one vectorised decoder reads them all.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ...bags.opening import Progress, open_bag
+from .base import Source, Stamps, Table, field_paths, read_table, require
+from .mcap import McapSource
+from .ros1 import Ros1Source
+from .sqlite import SqliteSource
+
+__all__ = ['Source', 'Stamps', 'Table', 'field_paths', 'open_source', 'read_table', 'require']
+
+
+def open_source(path: str | Path, progress: Progress | None = None) -> Source:
+    """Open a bag: an MCAP file, a rosbag2 folder (MCAP or sqlite3), a .db3 file or a ROS 1 bag.
+
+    Raises
+    ------
+    BagError
+        When there is no bag, or it cannot be read.
+    """
+    path = Path(path)
+    if path.suffix == '.bag':
+        return Ros1Source(path)
+    if path.suffix == '.db3':
+        path = path.parent
+    if path.is_dir() and any(path.glob('*.db3')):
+        return SqliteSource(path)
+    return McapSource(open_bag(path, progress))
