@@ -16,6 +16,7 @@ from sensor_msgs.msg import Imu
 
 from polar_nav_core import attitude
 from polar_nav_core.engine.events import (
+    LEAST_BEAMS,
     Array,
     Command,
     CommandKind,
@@ -34,8 +35,6 @@ from .topics import AHRS
 
 _UNIT = 1e-3
 """Departure of a quaternion's length from 1 that rounding to float32 and more explains."""
-_LEAST_BEAMS = 3
-"""Beams of a DVL that determine a velocity."""
 _UNKNOWN = -1.0
 """First element of a covariance that its sender does not know (REP-145 and our messages)."""
 
@@ -113,7 +112,7 @@ def dvl_from_msg(msg: Dvl, number: int, default_sigma: float) -> DvlPing:
     """
     v_m = np.array([msg.velocity.x, msg.velocity.y, msg.velocity.z])
     covariance = np.array(msg.velocity_covar, dtype=np.float64).reshape(3, 3)
-    enough_beams = msg.num_good_beams >= _LEAST_BEAMS
+    enough_beams = msg.num_good_beams >= LEAST_BEAMS
     valid = (
         msg.velocity_mode == Dvl.DVL_MODE_BOTTOM and enough_beams and bool(np.isfinite(v_m).all())
     )
@@ -152,7 +151,7 @@ def dvl_pings(
     if unknown.any():
         covariance_m = covariance_m.copy()
         covariance_m[unknown] = default_sigma**2 * np.eye(3)
-    bottom = (mode == Dvl.DVL_MODE_BOTTOM) & (good_beams >= _LEAST_BEAMS)
+    bottom = (mode == Dvl.DVL_MODE_BOTTOM) & (good_beams >= LEAST_BEAMS)
     return covariance_m, bottom & np.isfinite(v_m).all(axis=1)
 
 

@@ -106,6 +106,10 @@ class ControlSample:
         return (self.stamp_ns, Rank.CONTROL, self.sequence, 0)
 
 
+LEAST_BEAMS = 3
+"""Beams of a DVL that determine a velocity."""
+
+
 @dataclass(frozen=True)
 class DvlPing:
     """Velocity over ground and covariance, instrument axes.

@@ -26,12 +26,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polar_nav_core.attitude import exp, matrix_from_euler
+from polar_nav_core.engine.events import LEAST_BEAMS
 from polar_nav_core.params import flag, param, vector
 
 from ..randomness import substream
 from ..section import Spec
 from ..sound_speed import SoundSpeed
-from .janus import BEAMS, LEAST_BEAMS, BeamData, directions, slant_ranges, solve
+from .janus import BEAMS, BeamData, directions, slant_ranges, solve
 from .noise import CHUNK, Draws, GaussMarkov, Index
 
 Floats = NDArray[np.float64]

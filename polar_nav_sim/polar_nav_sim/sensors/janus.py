@@ -19,10 +19,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from polar_nav_core.engine.events import LEAST_BEAMS
+
 Floats = NDArray[np.float64]
 
 BEAMS = 4
-LEAST_BEAMS = 3
 
 
 @dataclass(frozen=True)
