@@ -18,7 +18,7 @@ from polar_nav_tools.scoring import (
 )
 from polar_nav_tools.scoring.timeliness import timed_fixes
 from polar_nav_tools.scoring.verdicts import UNKNOWN_NS, VerdictSeries, in_order
-from polar_nav_tools.series.vehicle import Receipt
+from polar_nav_tools.series.vehicle import ReceiptRecord
 
 S = 1_000_000_000
 RX = '/follower/acomms/rx'
@@ -47,7 +47,7 @@ def receipt(sequence, verdict='FUSED', *, validity=0.0, receive=5.0, revision=0,
         'degrees_of_freedom': 0,
         'gate': np.inf,
     }
-    return Receipt(**{**values, **more})
+    return ReceiptRecord(**{**values, **more})
 
 
 def test_last_revision_counts():

@@ -23,7 +23,7 @@ from polar_nav_tools.bags import BagWriter, open_bag
 from polar_nav_tools.bags.arrays import load_estimates, load_truth
 from polar_nav_tools.cli import main
 from polar_nav_tools.replay.recorded import followers_of
-from polar_nav_tools.series.vehicle import Receipt
+from polar_nav_tools.series.vehicle import ReceiptRecord
 from polar_nav_tools.why import UnknownFixError, load_records, tell
 from polar_nav_tools.why.damage import damage_of, field_of_byte
 from polar_nav_tools.why.figure import write_figure
@@ -333,7 +333,7 @@ def test_numbers_unwrap_and_damaged_packets_take_that_of_what_was_sent():
 
 def receipt(sequence, receive_ns, revision=0, verdict='FUSED'):
     none = np.full(3, np.nan)
-    return Receipt(
+    return ReceiptRecord(
         receive_ns, 0, verdict, '', 'acomms/rx', 'leader', sequence, revision, 1, 1, receive_ns,
         None, 1.0, 'rewind', 0, none, none, float('nan'), 0, float('inf'),
     )  # fmt: skip

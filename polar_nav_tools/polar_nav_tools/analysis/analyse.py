@@ -40,7 +40,7 @@ class Analysis:
         Where it came from.
     vehicle : str
         The follower.
-    runs : mapping of str to (TruthSeries, EstimateSeries, sequence of Receipt)
+    runs : mapping of str to (TruthSeries, EstimateSeries, sequence of ReceiptRecord)
         By the name shown: configurations replayed, or the live one.
     comparison : Comparison
         Their scores.

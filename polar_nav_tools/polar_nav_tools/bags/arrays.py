@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from polar_nav_core.engine.events import LOCAL_DOF
 from polar_nav_core.nav_columns import rotations
-from polar_nav_tools.series.vehicle import EstimateSeries, Floats, Receipt, TruthSeries
+from polar_nav_tools.series.vehicle import EstimateSeries, Floats, ReceiptRecord, TruthSeries
 
 from .columns import Columns, read_columns, stamps, time_fields
 from .errors import BagError
@@ -116,7 +116,7 @@ def load_estimates(bag: Bag, vehicle: str) -> EstimateSeries:
     return _estimates(columns, vehicle)
 
 
-def load_receipts(bag: Bag, vehicle: str) -> list[Receipt]:
+def load_receipts(bag: Bag, vehicle: str) -> list[ReceiptRecord]:
     """Load ``/<vehicle>/nav/receipt``, all revisions; empty if there is none.
 
     A run without a fix has no receipt and is a bag like any other.
@@ -138,7 +138,7 @@ def estimates_from_cdr(messages: Iterable[bytes], vehicle: str) -> EstimateSerie
     return _estimates(_decode(messages, described, _estimate_fields(described)), vehicle)
 
 
-def receipts_from_cdr(messages: Iterable[bytes]) -> list[Receipt]:
+def receipts_from_cdr(messages: Iterable[bytes]) -> list[ReceiptRecord]:
     """Decode serialized FixReceipt messages."""
     return _receipts(_decode(messages, definition(RECEIPT_TYPE), _RECEIPT_FIELDS))
 
@@ -209,12 +209,12 @@ def _local_statistics(c: Columns) -> Floats:
     return out
 
 
-def _receipts(c: Columns) -> list[Receipt]:
+def _receipts(c: Columns) -> list[ReceiptRecord]:
     stamp_ns = stamps(c, 'header.stamp').tolist()
     times = {name: stamps(c, name).tolist() for name in _RECEIPT_TIMES}
     values = {k: v.tolist() for k, v in c.items() if v.ndim == 1}
     return [
-        Receipt(
+        ReceiptRecord(
             stamp_ns=stamp_ns[i],
             verdict=values['verdict'][i],
             verdict_text=values['verdict_text'][i],

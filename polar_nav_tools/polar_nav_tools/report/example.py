@@ -23,7 +23,7 @@ from polar_nav_core.earth import ecef_from_geodetic, geodetic_from_ecef
 from polar_nav_core.grid import TRUE_HEADING_SIGMA_CAP, convergence, ecef_to_grid
 
 from ..scoring import Balance
-from ..series.vehicle import EstimateSeries, Receipt, TruthSeries
+from ..series.vehicle import EstimateSeries, ReceiptRecord, TruthSeries
 from .graticule import angle_label
 from .input import Digest, FixPositions, ReportInput, SentPackets, TopicCount
 
@@ -156,7 +156,7 @@ def _estimate(
     configuration: str,
     rng: np.random.Generator,
     lag_s: Floats,
-    receipts: list[Receipt],
+    receipts: list[ReceiptRecord],
 ) -> EstimateSeries:
     """Errors that wear off after the start, as large as the covariance says but for the lag."""
     n = len(truth)
@@ -200,7 +200,7 @@ def estimate_with_errors(
     sigma_r: Floats,
     sigma_v: Floats,
     sigma_phi: Floats,
-    receipts: Sequence[Receipt] = (),
+    receipts: Sequence[ReceiptRecord] = (),
     local_statistics: Floats | None = None,
 ) -> EstimateSeries:
     """Estimates at the truth's stamps with given errors, all of shape (n, 3), grid axes.
@@ -273,7 +273,7 @@ def _diagonal(sigma: Floats) -> Floats:
 
 def _fixes(
     truth: TruthSeries, rng: np.random.Generator
-) -> tuple[FixPositions, list[Receipt], SentPackets, Floats]:
+) -> tuple[FixPositions, list[ReceiptRecord], SentPackets, Floats]:
     """Fixes 3 to 9 s late, some lost, damaged, repeated or wrong; and the lag of ignoring that."""
     end = (len(truth) - 1) / RATE
     validity = np.arange(1.0, end, FIX_PERIOD)
@@ -329,13 +329,13 @@ def _receipt(
     transmit: int,
     receive: int,
     rng: np.random.Generator,
-) -> Receipt:
+) -> ReceiptRecord:
     used = verdict in ('FUSED', 'GATED')
     variance = np.array([1.25, 1.25, 0.1])
     innovation = np.sqrt(variance) * rng.standard_normal(3) * (12.0 if verdict == 'GATED' else 1.0)
     age = (receive - validity) * 1e-9
     nan = np.full(3, np.nan)
-    return Receipt(
+    return ReceiptRecord(
         stamp_ns=int(receive),
         verdict=VERDICT_NUMBERS[verdict],
         verdict_text=verdict,
@@ -360,8 +360,8 @@ def _receipt(
 
 
 def _as_ignored(
-    receipt: Receipt, truth: TruthSeries, lag_s: Floats, rng: np.random.Generator
-) -> Receipt:
+    receipt: ReceiptRecord, truth: TruthSeries, lag_s: Floats, rng: np.random.Generator
+) -> ReceiptRecord:
     """The same fix in the run that takes it as current: innovation off by v (lag - delay)."""
     if receipt.verdict_text != 'FUSED' or receipt.receive_ns is None:
         return dataclasses.replace(receipt, delay_handling='ignore')

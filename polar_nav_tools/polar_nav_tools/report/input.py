@@ -149,7 +149,7 @@ class ReportInput:
     ----------
     title : str
         Heading, e.g. the bag's name.
-    runs : mapping of str to (TruthSeries, EstimateSeries, sequence of Receipt)
+    runs : mapping of str to (TruthSeries, EstimateSeries, sequence of ReceiptRecord)
         The follower's runs by configuration name, in the order of tables and colours; at least
         one. All of them are of one vehicle and one mission; put the one that ignores the delay
         first.

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from ..series.model import ModelRun
-from ..series.vehicle import EstimateSeries, Receipt, TruthSeries
+from ..series.vehicle import EstimateSeries, ReceiptRecord, TruthSeries
 from .align import Mode
 from .drift_tables import CONFIGURATION, age_table, drift_table, phase_table
 from .model import (
@@ -21,7 +21,7 @@ from .tables import Column, Table
 from .verdicts import FUSED, in_order
 from .windows import SECOND_HALF, WHOLE, Window
 
-Run = tuple[TruthSeries, EstimateSeries, Sequence[Receipt]]
+Run = tuple[TruthSeries, EstimateSeries, Sequence[ReceiptRecord]]
 
 _ERROR_COLUMNS = (
     Column('phi_x_arcmin', 'φx', '′', doc='attitude error about grid east'),
@@ -278,7 +278,7 @@ def compare(
 
     Parameters
     ----------
-    runs : mapping of str to (TruthSeries, EstimateSeries, sequence of Receipt)
+    runs : mapping of str to (TruthSeries, EstimateSeries, sequence of ReceiptRecord)
         By the name that tables show, usually the filter configuration.
     models : mapping of str to ModelRun, optional
         Of the runs in which the vehicle's model took part.

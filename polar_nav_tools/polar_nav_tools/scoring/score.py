@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from polar_nav_core.engine.events import LOCAL_DOF, LOCAL_GATED
 
-from ..series.vehicle import EstimateSeries, Receipt, TruthSeries
+from ..series.vehicle import EstimateSeries, ReceiptRecord, TruthSeries
 from .align import Alignment, AlignmentCounts, Mode, align
 from .by_age import AgeClass, by_age
 from .consistency import Consistency, consistency, normalized_squared
@@ -169,7 +169,7 @@ def score(
     name: str,
     truth: TruthSeries,
     estimate: EstimateSeries,
-    receipts: Sequence[Receipt],
+    receipts: Sequence[ReceiptRecord],
     *,
     phases: Sequence[Window] = (),
     mode: Mode = 'auto',

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..series.vehicle import EstimateSeries, Receipt, last_revisions
+from ..series.vehicle import EstimateSeries, ReceiptRecord, last_revisions
 from .json_values import record
 from .statistics import Statistics, statistics
 from .verdicts import VerdictSeries
@@ -64,7 +64,7 @@ class Availability:
 class TimedFix(NamedTuple):
     """A receipt whose validity and reception are both known."""
 
-    receipt: Receipt
+    receipt: ReceiptRecord
     validity_ns: int
     receive_ns: int
 
@@ -75,7 +75,7 @@ class TimedFix(NamedTuple):
 
 
 def timed_fixes(
-    receipts: Sequence[Receipt], verdicts: Collection[str] | None = None
+    receipts: Sequence[ReceiptRecord], verdicts: Collection[str] | None = None
 ) -> list[TimedFix]:
     """Last revisions of fixes with known times, in order of reception; all verdicts if None."""
     found = [

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from polar_nav_core.engine.events import LOCAL_DOF, NIS_SUM, UPDATES, Verdict
 
-from ..series.vehicle import Floats, Ints, Receipt, Series, last_revisions
+from ..series.vehicle import Floats, Ints, ReceiptRecord, Series, last_revisions
 from .consistency import Consistency, consistency, consistency_of_sums
 from .json_values import record
 
@@ -37,7 +37,7 @@ class VerdictSeries(Series):
     stamp_ns : ndarray of int64, shape (n,)
         When it was decided [ns].
     verdict, source : ndarray of str, shape (n,)
-        `Receipt.verdict_text`, and who sent the message.
+        `ReceiptRecord.verdict_text`, and who sent the message.
     validity_ns, receive_ns : ndarray of int64, shape (n,)
         [ns]; UNKNOWN_NS where a receipt has None.
     nis, degrees_of_freedom : ndarray, shape (n,)
@@ -53,7 +53,7 @@ class VerdictSeries(Series):
     degrees_of_freedom: Ints
 
     @classmethod
-    def of(cls, receipts: Iterable[Receipt]) -> Self:
+    def of(cls, receipts: Iterable[ReceiptRecord]) -> Self:
         """Series of the last revisions of `receipts`."""
         final = last_revisions(receipts)
         return cls(
@@ -105,7 +105,7 @@ class Balance:
         return {**asdict(self), 'balanced': self.balanced}
 
 
-def count_verdicts(receipts: Sequence[Receipt]) -> VerdictCounts:
+def count_verdicts(receipts: Sequence[ReceiptRecord]) -> VerdictCounts:
     """Numbers of messages by final verdict."""
     final = last_revisions(receipts)
     counts: dict[str, Counter[str]] = {}
@@ -119,12 +119,12 @@ def count_verdicts(receipts: Sequence[Receipt]) -> VerdictCounts:
     )
 
 
-def balances(receipts: Sequence[Receipt], received: Mapping[str, int]) -> tuple[Balance, ...]:
+def balances(receipts: Sequence[ReceiptRecord], received: Mapping[str, int]) -> tuple[Balance, ...]:
     """Balance of verdicts with messages, topic by topic.
 
     Parameters
     ----------
-    receipts : sequence of Receipt
+    receipts : sequence of ReceiptRecord
         Of one run, all revisions.
     received : mapping of str to int
         Messages that the bag holds on each topic whose every message gets a receipt (acomms/rx); a

@@ -21,7 +21,7 @@ from polar_nav_core.engine.track import Track
 from polar_nav_core.error_model import X
 from polar_nav_msgs.msg import NavState
 
-from .vehicle import EstimateSeries, Receipt
+from .vehicle import EstimateSeries, ReceiptRecord
 
 _ERRORS = ('gyro_bias_b', 'accel_bias_b', 'dvl_scale_m', 'dvl_markov_m', 'usbl_bias_a')
 _SIGMAS = tuple(f'{name.rpartition("_")[0]}_sigma' for name in _ERRORS)
@@ -120,10 +120,10 @@ class EstimateRows:
         }
 
 
-def receipts_of(receipts: Iterable[events.Receipt]) -> list[Receipt]:
+def receipts_of(receipts: Iterable[events.Receipt]) -> list[ReceiptRecord]:
     """Receipts of a run as scoring takes them: what a FixReceipt says."""
     return [
-        Receipt(
+        ReceiptRecord(
             stamp_ns=r.stamp_ns,
             verdict=int(r.verdict),
             verdict_text=r.verdict.name,

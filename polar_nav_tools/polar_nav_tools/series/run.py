@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from .model import ModelRun
-from .vehicle import EstimateSeries, Receipt
+from .vehicle import EstimateSeries, ReceiptRecord
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -15,7 +15,7 @@ class RunSeries:
     Attributes
     ----------
     estimates : EstimateSeries
-    receipts : list of Receipt
+    receipts : list of ReceiptRecord
     model : ModelRun or None
         Estimated model of the vehicle and the water; None where no model took part.
     divergence : str
@@ -23,6 +23,6 @@ class RunSeries:
     """
 
     estimates: EstimateSeries
-    receipts: list[Receipt]
+    receipts: list[ReceiptRecord]
     model: ModelRun | None = None
     divergence: str = ''

@@ -184,10 +184,12 @@ class EstimateSeries(Series):
 
 
 @dataclass(frozen=True)
-class Receipt:
+class ReceiptRecord:
     """One `<vehicle>/nav/receipt` (polar_nav_msgs/FixReceipt).
 
-    A time is None where the message says zero: unknown, or it never came to that.
+    Beside the engine's `events.Receipt` it has what only the message states: age and name of the
+    verdict as recorded. A time is None where the message has zero: unknown, or it never came to
+    that.
 
     Attributes
     ----------
@@ -246,7 +248,7 @@ class Receipt:
         return (self.topic, self.source, self.sequence, self.receive_ns)
 
 
-def last_revisions(receipts: Iterable[Receipt]) -> list[Receipt]:
+def last_revisions(receipts: Iterable[ReceiptRecord]) -> list[ReceiptRecord]:
     """Return what finally became of each message: the highest revision, in order of first receipt.
 
     Counts of verdicts are taken from these (design.md, verdicts).
@@ -254,7 +256,7 @@ def last_revisions(receipts: Iterable[Receipt]) -> list[Receipt]:
     receipts = list(receipts)
     if not any(receipt.revision for receipt in receipts):
         return receipts
-    final: dict[tuple[str, str, int, int | None, int], Receipt] = {}
+    final: dict[tuple[str, str, int, int | None, int], ReceiptRecord] = {}
     repeats: dict[tuple[str, str, int, int | None], int] = {}
     for receipt in receipts:
         if receipt.revision == 0:

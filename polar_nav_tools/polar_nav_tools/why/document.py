@@ -9,7 +9,7 @@ import numpy as np
 from polar_nav_core.link.packet import Broadcast
 
 from ..scoring.json_values import jsonable
-from ..series.vehicle import Receipt
+from ..series.vehicle import ReceiptRecord
 from .content import Content
 from .damage import Damage
 from .legs import Leg
@@ -88,7 +88,7 @@ def _damage(d: Damage) -> dict[str, object]:
     }
 
 
-def _receipt(r: Receipt) -> object:
+def _receipt(r: ReceiptRecord) -> object:
     return jsonable(asdict(r))
 
 

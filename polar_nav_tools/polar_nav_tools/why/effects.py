@@ -18,7 +18,7 @@ from polar_nav_follower.measurements.fix import position_of
 
 from ..scoring.align import align
 from ..scoring.errors import errors
-from ..series.vehicle import EstimateSeries, Receipt
+from ..series.vehicle import EstimateSeries, ReceiptRecord
 from .content import Content
 from .records import FixRecords, Measured
 
@@ -140,7 +140,7 @@ def _last_before(e: EstimateSeries, stamp_ns: int) -> int | None:
     return row if row >= 0 else None
 
 
-def change_by(records: FixRecords, receipt: Receipt | None, sequence: int) -> Change | None:
+def change_by(records: FixRecords, receipt: ReceiptRecord | None, sequence: int) -> Change | None:
     """Estimates around the use: one with a stamp at or after a decision has it in."""
     if receipt is None or receipt.verdict_text != 'FUSED' or receipt.receive_ns is None:
         return None

@@ -21,7 +21,7 @@ from ..bags.arrays import (
     load_receipts,
     load_truth,
 )
-from ..series.vehicle import EstimateSeries, Receipt, TruthSeries
+from ..series.vehicle import EstimateSeries, ReceiptRecord, TruthSeries
 from .content import LEAST_WRAP, Content, PacketError, read_content, wrap_of
 
 _WRAP = 65536
@@ -67,10 +67,10 @@ class Heard:
     """A packet at the follower, and what became of it, oldest revision first."""
 
     packet: Packet
-    receipts: tuple[Receipt, ...] = ()
+    receipts: tuple[ReceiptRecord, ...] = ()
 
     @property
-    def final(self) -> Receipt | None:
+    def final(self) -> ReceiptRecord | None:
         """What finally became of it."""
         return self.receipts[-1] if self.receipts else None
 
@@ -89,7 +89,7 @@ class FixRecords:
         Whether those come from a replay, not from the recording.
     measured, sent, heard : tuples
         In the order of their times.
-    loose : tuple of Receipt
+    loose : tuple of ReceiptRecord
         Receipts of packets that never came (IN_FLIGHT), or that the bag does not hold.
     estimates, truth : EstimateSeries, TruthSeries or None
     transponder_lever_b : tuple of float
@@ -106,7 +106,7 @@ class FixRecords:
     measured: tuple[Measured, ...]
     sent: tuple[Packet, ...]
     heard: tuple[Heard, ...]
-    loose: tuple[Receipt, ...]
+    loose: tuple[ReceiptRecord, ...]
     estimates: EstimateSeries
     truth: TruthSeries | None
     transponder_lever_b: tuple[float, ...]
@@ -306,14 +306,14 @@ def _unwrapped(number: int, near: int | None, wrap: int) -> int:
 
 
 def _joined(
-    packets: Sequence[Packet], receipts: Sequence[Receipt]
-) -> tuple[list[Heard], list[Receipt]]:
+    packets: Sequence[Packet], receipts: Sequence[ReceiptRecord]
+) -> tuple[list[Heard], list[ReceiptRecord]]:
     """Packets with their receipts.
 
     A first receipt belongs to the first packet from the same sender at the same time that has
     none; a revision to the packet whose fix was used before.
     """
-    mine: list[list[Receipt]] = [[] for _ in packets]
+    mine: list[list[ReceiptRecord]] = [[] for _ in packets]
     places: dict[tuple[str, int], list[int]] = {}
     for i, p in enumerate(packets):
         places.setdefault((p.source, p.receive_ns), []).append(i)

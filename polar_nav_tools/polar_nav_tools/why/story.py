@@ -8,7 +8,7 @@ import numpy as np
 
 from polar_nav_core.errors import PolarNavError
 
-from ..series.vehicle import Receipt
+from ..series.vehicle import ReceiptRecord
 from .content import Content
 from .damage import Damage, damage_of
 from .effects import (
@@ -39,12 +39,12 @@ class Copy:
     """A packet with this fix at the follower: its receipts, and what is wrong with its bytes."""
 
     packet: Packet
-    receipts: tuple[Receipt, ...]
+    receipts: tuple[ReceiptRecord, ...]
     damage: Damage | None
     legs: tuple[Leg, ...]
 
     @property
-    def final(self) -> Receipt | None:
+    def final(self) -> ReceiptRecord | None:
         """What finally became of it."""
         return self.receipts[-1] if self.receipts else None
 
@@ -95,7 +95,7 @@ class Story:
     belief: Belief | None
     change: Change | None
     others: tuple[Other, ...]
-    loose: tuple[Receipt, ...]
+    loose: tuple[ReceiptRecord, ...]
     sent_recorded: bool
     has_truth: bool
     around: Around = field(repr=False)

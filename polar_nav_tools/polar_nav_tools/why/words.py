@@ -8,7 +8,7 @@ import numpy as np
 
 from polar_nav_core.link.station_packet import StationReport
 
-from ..series.vehicle import Receipt
+from ..series.vehicle import ReceiptRecord
 from .damage import Damage
 from .effects import Belief, Change
 from .story import ARRIVED, IN_WATER, NOT_SENT, WAITING, Copy, Story
@@ -201,7 +201,7 @@ def _copy_paragraph(s: Story, index: int, c: Copy) -> Paragraph:
     return title, out
 
 
-def _receipt(r: Receipt) -> list[str]:
+def _receipt(r: ReceiptRecord) -> list[str]:
     first = 'Verdict' if r.revision == 0 else f'Revision {r.revision}'
     out = [f'{first}: {_verdict(r)}.']
     if np.isfinite(r.innovation_G).all():
@@ -224,7 +224,7 @@ def _receipt(r: Receipt) -> list[str]:
     return out
 
 
-def _verdict(r: Receipt) -> str:
+def _verdict(r: ReceiptRecord) -> str:
     return f'{r.verdict_text}, {r.reason}' if r.reason else r.verdict_text
 
 

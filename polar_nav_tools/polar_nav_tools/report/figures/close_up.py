@@ -17,7 +17,7 @@ from ...scoring import Comparison, Score
 from ...scoring.tables import show
 from ...scoring.timeliness import TimedFix, timed_fixes
 from ...scoring.verdicts import FUSED
-from ...series.vehicle import Receipt
+from ...series.vehicle import ReceiptRecord
 from ..input import FixPositions, ReportInput
 from ..style import color, drawing, new_figure, run_color, verdict_look
 from ..svg import to_svg
@@ -111,7 +111,7 @@ def close_up(data: ReportInput, scores: Comparison) -> Picture:
     )
 
 
-def _instant(scores: Comparison, receipts: Sequence[Receipt]) -> tuple[int, TimedFix | None]:
+def _instant(scores: Comparison, receipts: Sequence[ReceiptRecord]) -> tuple[int, TimedFix | None]:
     """Last time at which every run that ever spoke still does, and the last fix fused by then."""
     spoke = [
         int(s.errors.stamp_ns[np.isfinite(s.errors.horizontal)][-1])
@@ -235,7 +235,7 @@ def _left_of(ahead: Floats) -> Floats:
 def _draw_fixes(
     ax: Axes,
     fixes: FixPositions | None,
-    receipts: Sequence[Receipt],
+    receipts: Sequence[ReceiptRecord],
     local: Callable[[Floats], Floats],
     now_ns: int,
     low: Floats,

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ...scoring import Score, chi_square_band
 from ...scoring.timeliness import TimedFix, timed_fixes
 from ...scoring.verdicts import in_order
-from ...series.vehicle import Receipt, last_revisions
+from ...series.vehicle import ReceiptRecord, last_revisions
 from ..decimate import distinct, envelope
 from ..input import ReportInput, SentPackets
 from ..style import HALF_PX, color, drawing, new_figure, run_color, verdict_look
@@ -27,7 +27,9 @@ Ints = NDArray[np.int64]
 _MOST_TIPS = 800  # markers with a tooltip of their own; beyond, a page gets heavy
 
 
-def fix_delays(data: ReportInput, name: str, receipts: Sequence[Receipt], clock: Clock) -> Picture:
+def fix_delays(
+    data: ReportInput, name: str, receipts: Sequence[ReceiptRecord], clock: Clock
+) -> Picture:
     """Age of each fix at transmission and reception, over the time at which it was valid."""
     final = [r for r in last_revisions(receipts) if r.receive_ns is not None]
     timed = timed_fixes(receipts)
@@ -97,7 +99,9 @@ def fix_delays(data: ReportInput, name: str, receipts: Sequence[Receipt], clock:
     )
 
 
-def fix_story(score: Score, index: int, receipts: Sequence[Receipt], clock: Clock) -> Picture:
+def fix_story(
+    score: Score, index: int, receipts: Sequence[ReceiptRecord], clock: Clock
+) -> Picture:
     """Receipts of one run: verdict lanes, innovations and NIS with their bands."""
     final = [r for r in last_revisions(receipts) if r.receive_ns is not None]
     counts = score.verdicts.by_verdict
@@ -157,7 +161,7 @@ def _bottom_lane(
     ax: Axes,
     clock: Clock,
     lost: Ints,
-    unread: Sequence[Receipt],
+    unread: Sequence[ReceiptRecord],
     top: float,
     tips: dict[str, list[str]],
 ) -> float:
@@ -231,7 +235,7 @@ def _delay_legend(fig: Figure, verdicts: Sequence[str], lost: bool, unread: Sequ
 
 def _lanes(
     ax: Axes,
-    final: Sequence[Receipt],
+    final: Sequence[ReceiptRecord],
     lanes: Sequence[str],
     counts: dict[str, int],
     clock: Clock,
@@ -250,7 +254,7 @@ def _lanes(
 
 
 def _innovation(
-    ax: Axes, judged: Sequence[Receipt], axis: int, clock: Clock, shade: str, name: str
+    ax: Axes, judged: Sequence[ReceiptRecord], axis: int, clock: Clock, shade: str, name: str
 ) -> None:
     ax.axhline(0.0, color=color('muted'), lw=0.8, zorder=1.4)
     if not judged:
@@ -293,7 +297,9 @@ def _innovation(
     row_heading(ax, name, f'{beyond} beyond, up to {np.abs(r).max():.3g} m' if beyond else '')
 
 
-def _nis(ax: Axes, judged: Sequence[Receipt], clock: Clock, tips: dict[str, list[str]]) -> None:
+def _nis(
+    ax: Axes, judged: Sequence[ReceiptRecord], clock: Clock, tips: dict[str, list[str]]
+) -> None:
     ax.set_yscale('log')
     known = [r for r in judged if np.isfinite(r.nis) and r.nis > 0.0 and r.degrees_of_freedom > 0]
     if not known:
@@ -362,7 +368,7 @@ def _marks(
     tips[key] = texts
 
 
-def _tip(r: Receipt) -> str:
+def _tip(r: ReceiptRecord) -> str:
     """What one receipt says, in a line or two."""
     parts = [f'{r.source} {r.sequence}: {r.verdict_text}']
     if np.isfinite(r.age_s):
@@ -372,7 +378,7 @@ def _tip(r: Receipt) -> str:
     return ', '.join(parts) + (f'\n{r.reason}' if r.reason else '')
 
 
-def _lost(sent: SentPackets | None, final: Sequence[Receipt]) -> Ints:
+def _lost(sent: SentPackets | None, final: Sequence[ReceiptRecord]) -> Ints:
     """Transmission times of packets that no receipt speaks of."""
     if sent is None:
         return np.empty(0, dtype=np.int64)

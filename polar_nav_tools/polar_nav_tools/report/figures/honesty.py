@@ -13,7 +13,7 @@ from polar_nav_core.engine.events import LOCAL_DOF, NIS_SUM, UPDATES
 
 from ...scoring import Score, chi_square_band, normalized_squared
 from ...scoring.verdicts import FUSED
-from ...series.vehicle import EstimateSeries, Receipt, last_revisions
+from ...series.vehicle import EstimateSeries, ReceiptRecord, last_revisions
 from ..style import HALF_PX, color, drawing, new_figure, run_color
 from ..svg import to_svg
 from .base import Clock, Picture, line, row_heading
@@ -66,7 +66,7 @@ def honesty(
     score: Score,
     index: int,
     estimate: EstimateSeries,
-    receipts: Sequence[Receipt],
+    receipts: Sequence[ReceiptRecord],
     clock: Clock,
 ) -> Picture:
     """NEES of position over time; mean NIS of fixes, DVL and depth in parts of the run."""

@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from ...scoring import Comparison
-from ...series.vehicle import Receipt, TruthSeries, last_revisions
+from ...series.vehicle import ReceiptRecord, TruthSeries, last_revisions
 from ..decimate import simplified
 from ..graticule import graticule
 from ..input import ReportInput
@@ -167,7 +167,7 @@ def _ends(ax: Axes, xy: Floats, token: str) -> None:
 
 
 def _fixes(
-    data: ReportInput, receipts: Sequence[Receipt], truth: TruthSeries, chart: PolarMap
+    data: ReportInput, receipts: Sequence[ReceiptRecord], truth: TruthSeries, chart: PolarMap
 ) -> Floats:
     """Map positions of the fixes at their validity: measured if known, else the truth then."""
     if data.fixes is not None:
