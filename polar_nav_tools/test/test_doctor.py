@@ -8,9 +8,9 @@ import pytest
 from bag_samples import START_NS, STEP_NS, imu, make, stamp, stamp_ns
 
 from polar_nav_tools.bags import BagWriter, open_bag
+from polar_nav_tools.bags.finding import Severity
 from polar_nav_tools.cli import main
 from polar_nav_tools.doctor.examine import examine
-from polar_nav_tools.doctor.finding import ERROR, OK, WARNING
 
 IMU = '/auv/imu'
 RX, RECEIPT, TX = '/follower/acomms/rx', '/follower/nav/receipt', '/leader/acomms/tx'
@@ -34,13 +34,13 @@ def regular():
 
 def findings(path, what=None, level=None):
     found = examine(open_bag(path)).findings
-    return [f for f in found if what in (None, f.what) and level in (None, f.level)]
+    return [f for f in found if what in (None, f.name) and level in (None, f.severity)]
 
 
 def only(path, what, level):
     """The one finding that is not ok, of this kind and level."""
-    odd = [f for f in findings(path) if f.level != OK]
-    assert [(f.what, f.level) for f in odd] == [(what, level)], odd
+    odd = [f for f in findings(path) if f.severity != Severity.OK]
+    assert [(f.name, f.severity) for f in odd] == [(what, level)], odd
     return odd[0]
 
 
@@ -48,18 +48,18 @@ def test_a_healthy_bag(tmp_path):
     path = bag_of(tmp_path / 'b', regular())
     examination = examine(open_bag(path))
     assert examination.ok
-    assert {f.level for f in examination.findings} == {OK}
+    assert {f.severity for f in examination.findings} == {Severity.OK}
     (rate,) = findings(path, 'rate')
-    assert rate.number == pytest.approx(100.0)
+    assert rate.value == pytest.approx(100.0)
     (delay,) = findings(path, 'stamps')
-    assert delay.number == pytest.approx(0.005)
+    assert delay.value == pytest.approx(0.005)
     assert '0 errors, 0 warnings' in examination.summary()
 
 
 def test_gap(tmp_path):
     stamps = [s for k, s in enumerate(regular()) if not 500 <= k < 560 and k != 900]
-    found = only(bag_of(tmp_path / 'b', stamps), 'gap', WARNING)
-    assert (found.topic, found.number, found.stamp_ns) == (IMU, 1, stamp_ns(499))
+    found = only(bag_of(tmp_path / 'b', stamps), 'gap', Severity.WARNING)
+    assert (found.topic, found.value, found.stamp_ns) == (IMU, 1, stamp_ns(499))
     assert 'about 60 messages' in found.text
     assert '0.610 s' in found.text
     assert found.at_s == pytest.approx(499 * 0.01 - 0.005)
@@ -68,21 +68,21 @@ def test_gap(tmp_path):
 def test_backwards(tmp_path):
     stamps = regular()
     stamps[700], stamps[701] = stamps[701], stamps[700]
-    found = only(bag_of(tmp_path / 'b', stamps, regular()), 'backwards', ERROR)
-    assert (found.number, found.stamp_ns) == (1, stamp_ns(701))
+    found = only(bag_of(tmp_path / 'b', stamps, regular()), 'backwards', Severity.SEVERE)
+    assert (found.value, found.stamp_ns) == (1, stamp_ns(701))
 
 
 def test_repeated(tmp_path):
     stamps = regular()
     stamps[3] = stamps[2]
-    found = only(bag_of(tmp_path / 'b', stamps), 'repeated stamp', WARNING)
-    assert (found.number, found.stamp_ns) == (1, stamp_ns(2))
+    found = only(bag_of(tmp_path / 'b', stamps), 'repeated stamp', Severity.WARNING)
+    assert (found.value, found.stamp_ns) == (1, stamp_ns(2))
 
 
 def test_zero(tmp_path):
     stamps = [0] * N
     found = findings(bag_of(tmp_path / 'b', stamps, regular()), 'zero stamp')
-    assert [(f.level, f.number) for f in found] == [(ERROR, N)]
+    assert [(f.severity, f.value) for f in found] == [(Severity.SEVERE, N)]
 
 
 @pytest.mark.parametrize('by_s', [2.5, -2.5])
@@ -90,8 +90,8 @@ def test_jump(tmp_path, by_s):
     stamps = [s + round(by_s * 1e9) * (k >= 1200) for k, s in enumerate(regular())]
     path = bag_of(tmp_path / 'b', stamps, regular())
     (found,) = findings(path, 'jump')
-    assert (found.level, found.stamp_ns) == (ERROR, stamp_ns(1199))
-    assert found.number == pytest.approx(by_s)
+    assert (found.severity, found.stamp_ns) == (Severity.SEVERE, stamp_ns(1199))
+    assert found.value == pytest.approx(by_s)
 
 
 def test_a_transport_that_stalls_is_no_jump(tmp_path):
@@ -99,13 +99,13 @@ def test_a_transport_that_stalls_is_no_jump(tmp_path):
     logs[800:1000] = logs[1000]  # two seconds of messages at once
     path = bag_of(tmp_path / 'b', regular(), logs)
     assert not findings(path, 'jump')
-    assert not findings(path, level=ERROR)
+    assert not findings(path, level=Severity.SEVERE)
 
 
 def test_drift(tmp_path):
     logs = [START_NS + round(k * STEP_NS * 1.01) + 5_000_000 for k in range(N)]
-    found = only(bag_of(tmp_path / 'b', regular(), logs), 'drift', WARNING)
-    assert found.number == pytest.approx(-0.01, rel=0.02)
+    found = only(bag_of(tmp_path / 'b', regular(), logs), 'drift', Severity.WARNING)
+    assert found.value == pytest.approx(-0.01, rel=0.02)
 
 
 def test_jitter_is_no_drift(tmp_path):
@@ -116,28 +116,28 @@ def test_jitter_is_no_drift(tmp_path):
 
 def test_logged_before_it_was_valid(tmp_path):
     logs = [s - 300_000_000 for s in regular()]
-    found = only(bag_of(tmp_path / 'b', regular(), logs), 'future', WARNING)
-    assert found.number == N
+    found = only(bag_of(tmp_path / 'b', regular(), logs), 'future', Severity.WARNING)
+    assert found.value == N
     assert '0.300 s' in found.text
 
 
 def test_two_clocks(tmp_path):
     logs = [s + 86_400 * 10**9 for s in regular()]
-    found = only(bag_of(tmp_path / 'b', regular(), logs), 'other clock', WARNING)
-    assert found.number == pytest.approx(86_400)
+    found = only(bag_of(tmp_path / 'b', regular(), logs), 'other clock', Severity.WARNING)
+    assert found.value == pytest.approx(86_400)
 
 
 def test_log_times_made_of_stamps_say_nothing(tmp_path):
     logs = [s - 300_000_000 for s in regular()]
     info = {'recorder': {'log_time': 'simulation'}}
-    assert not findings(bag_of(tmp_path / 'b', regular(), logs, info), level=WARNING)
+    assert not findings(bag_of(tmp_path / 'b', regular(), logs, info), level=Severity.WARNING)
 
 
 def test_an_unfinished_bag(tmp_path):
     path = bag_of(tmp_path / 'b', regular())
     file = next(path.glob('*.mcap'))
     file.write_bytes(file.read_bytes()[:-400])
-    assert 'incomplete' in {f.what for f in findings(path, level=ERROR)}
+    assert 'incomplete' in {f.name for f in findings(path, level=Severity.SEVERE)}
 
 
 def packets_bag(path, verdicts=6, sent=8, received=6):
@@ -175,20 +175,23 @@ def packets_bag(path, verdicts=6, sent=8, received=6):
 def test_totals_that_add_up(tmp_path):
     path = packets_bag(tmp_path / 'b')
     (verdicts,) = findings(path, 'verdicts')
-    assert (verdicts.level, verdicts.text) == (OK, '6 packets received, 6 verdicts: FUSED 6')
+    assert (verdicts.severity, verdicts.text) == (
+        Severity.OK,
+        '6 packets received, 6 verdicts: FUSED 6',
+    )
     (packets,) = findings(path, 'packets')
-    assert packets.level == OK
+    assert packets.severity == Severity.OK
     assert '8 packets sent = 6 received + ' in packets.text
 
 
 def test_a_packet_without_a_verdict(tmp_path):
     (found,) = findings(packets_bag(tmp_path / 'b', verdicts=4), 'verdicts')
-    assert (found.level, found.number, found.topic) == (ERROR, 2, RX)
+    assert (found.severity, found.value, found.topic) == (Severity.SEVERE, 2, RX)
 
 
 def test_a_packet_that_nobody_sent(tmp_path):
     (found,) = findings(packets_bag(tmp_path / 'b', sent=5), 'unsent')
-    assert (found.level, found.number) == (ERROR, 1)
+    assert (found.severity, found.value) == (Severity.SEVERE, 1)
 
 
 @pytest.mark.parametrize('others', [0, 3])
@@ -201,8 +204,8 @@ def test_a_topic_whose_messages_are_all_too_short(tmp_path, others):
         for k in range(others):
             writer.write('/other/imu', imu(k), stamp_ns(k))
     found = examine(open_bag(tmp_path / 'b'))
-    (short,) = [f for f in found.findings if f.what == 'unreadable']
-    assert (short.topic, short.level, short.number) == (IMU, ERROR, 1)
+    (short,) = [f for f in found.findings if f.name == 'unreadable']
+    assert (short.topic, short.severity, short.value) == (IMU, Severity.SEVERE, 1)
     assert found.to_dict()['topics'][IMU]['count'] == 0
     assert '1 errors' in found.summary()
 
@@ -212,7 +215,7 @@ def test_silent_topics(tmp_path):
         writer.add_topic(IMU, 'sensor_msgs/msg/Imu')
         writer.add_topic('/quiet', 'sensor_msgs/msg/Imu')
         writer.write(IMU, imu(0), stamp_ns(0))
-    found = only(tmp_path / 'b', 'silent', WARNING)
+    found = only(tmp_path / 'b', 'silent', Severity.WARNING)
     assert found.topic == '/quiet'
 
 

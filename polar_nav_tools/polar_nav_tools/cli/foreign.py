@@ -86,6 +86,7 @@ def replay_foreign(
     from rich.console import Console
 
     from ..foreign import mapping, mapping_file, replay
+    from ..foreign.findings import to_dict as finding_values
     from ..foreign.sources import open_source
     from ..replay.output import parse_changes
     from ..terminal.progress import opening_display, progress_display
@@ -118,7 +119,7 @@ def replay_foreign(
             {
                 'ok': not (source.problems or run.divergence),
                 **said,
-                'findings': [f.to_dict() for f in run.findings],
+                'findings': [finding_values(f) for f in run.findings],
                 'score': None if compared is None else compared.to_dict(),
             }
         )

@@ -180,12 +180,14 @@ def doctor(
 def _print_examination(examination: Examination, everything: bool) -> None:
     from rich.console import Console
 
+    from ..bags.finding import Severity
+    from ..doctor.wording import line
     from ..terminal.tables import print_table
 
     console = Console(highlight=False)
     if everything:
         print_table(console, examination.table())
     for finding in examination.findings:
-        if finding.level != 'ok' or everything:
-            console.print(finding.line(), soft_wrap=True, markup=False)
+        if finding.severity is not Severity.OK or everything:
+            console.print(line(finding), soft_wrap=True, markup=False)
     console.print(examination.summary(), soft_wrap=True, markup=False)

@@ -8,16 +8,17 @@ message says is not judged, only that it is there and when it was.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 
 from ..analysis.counts import topic_counts
+from ..bags.finding import Finding, Severity
 from ..bags.reader import Bag
 from ..bags.run_folder import read_outcome
 from ..scoring import Column, Table
 from ..scoring.json_values import record
-from .finding import ERROR, OK, WARNING, Finding
 from .topic_times import TopicTimes, findings_of, read_times
 from .totals import totals
+from .wording import to_dict
 
 Progress = Callable[[float], None]
 """Called with the share of the work that is done."""
@@ -47,18 +48,19 @@ class Examination:
     @property
     def ok(self) -> bool:
         """Whether there is no error."""
-        return self.count(ERROR) == 0
+        return self.count(Severity.SEVERE) == 0
 
-    def count(self, level: str) -> int:
-        """Findings of a level."""
-        return sum(1 for f in self.findings if f.level == level)
+    def count(self, severity: Severity) -> int:
+        """Number of findings of a severity."""
+        return sum(1 for f in self.findings if f.severity is severity)
 
     def summary(self) -> str:
         """Say it in one line."""
         messages = sum(t.count for t in self.topics)
         return (
             f'{self.path}: {messages} messages on {len(self.topics)} topics, '
-            f'{self.count(ERROR)} errors, {self.count(WARNING)} warnings, {self.count(OK)} ok'
+            f'{self.count(Severity.SEVERE)} errors, {self.count(Severity.WARNING)} warnings, '
+            f'{self.count(Severity.OK)} ok'
         )
 
     def table(self) -> Table:
@@ -78,10 +80,10 @@ class Examination:
         return {
             'ok': self.ok,
             'bag': self.path,
-            'errors': self.count(ERROR),
-            'warnings': self.count(WARNING),
+            'errors': self.count(Severity.SEVERE),
+            'warnings': self.count(Severity.WARNING),
             'topics': {t.topic: record(t.to_dict()) for t in self.topics},
-            'findings': [record(asdict(f)) for f in self.findings],
+            'findings': [record(to_dict(f)) for f in self.findings],
         }
 
 
@@ -95,9 +97,13 @@ def examine(bag: Bag, *, progress: Progress = lambda _: None) -> Examination:
     """
     times = read_times(bag, progress)
     start_ns = min((t.first_log_ns for t in times if t.count), default=0)
-    found = [Finding(ERROR, 'incomplete', '', None, None, problem) for problem in bag.problems]
+    found = [
+        Finding(Severity.SEVERE, 'incomplete', '', None, None, problem) for problem in bag.problems
+    ]
     if not bag.problems:
-        found.append(Finding(OK, 'complete', '', None, bag.message_count, 'the bag is whole'))
+        found.append(
+            Finding(Severity.OK, 'complete', '', None, bag.message_count, 'the bag is whole')
+        )
     found += _silent(bag)
     recorder = bag.run_info.get('recorder')
     simulated = isinstance(recorder, dict) and recorder.get('log_time') == 'simulation'
@@ -105,8 +111,7 @@ def examine(bag: Bag, *, progress: Progress = lambda _: None) -> Examination:
         found += findings_of(one, log_from_stamps=simulated)
     found = _one_clock(found)
     found += totals(bag)
-    order = {ERROR: 0, WARNING: 1, OK: 2}
-    found.sort(key=lambda f: order[f.level])
+    found.sort(key=lambda f: -f.severity)
     found = [f.relative_to(start_ns) for f in found]
     return Examination(str(bag.path), start_ns, tuple(times), tuple(found))
 
@@ -118,7 +123,9 @@ def _silent(bag: Bag) -> list[Finding]:
     counts = topic_counts(bag, read_outcome(bag.path).get('counts', {}))
     quiet = {c.topic for c in counts if c.published == 0}
     return [
-        Finding(OK if known else WARNING, 'silent', topic.name, None, 0, 'no message')
+        Finding(
+            Severity.OK if known else Severity.WARNING, 'silent', topic.name, None, 0, 'no message'
+        )
         for topic in bag.topics.values()
         if not topic.count
         for known in [lossless or topic.name in quiet]
@@ -127,7 +134,7 @@ def _silent(bag: Bag) -> list[Finding]:
 
 def _one_clock(found: list[Finding]) -> list[Finding]:
     """Say once for all topics that stamps are of another clock than log times."""
-    apart = [f for f in found if f.what == 'other clock']
+    apart = [f for f in found if f.name == 'other clock']
     if len(apart) < 2:
         return found
     text = f'{apart[0].text}, on {apart[0].topic} and {len(apart) - 1} other topics'

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..bags.finding import Finding, Severity
 from ..bags.reader import Bag
-from .finding import ERROR, OK, WARNING, Finding
 
 Ints = NDArray[np.int64]
 
@@ -155,7 +155,7 @@ def findings_of(t: TopicTimes, *, log_from_stamps: bool = False) -> list[Finding
     found: list[Finding] = []
     if t.unreadable:
         text = f'{t.unreadable} messages are too short to hold their header'
-        found.append(Finding(ERROR, 'unreadable', t.topic, None, t.unreadable, text))
+        found.append(Finding(Severity.SEVERE, 'unreadable', t.topic, None, t.unreadable, text))
     if not t.count:
         return found
     found += _rate_and_gaps(t)
@@ -171,11 +171,11 @@ def findings_of(t: TopicTimes, *, log_from_stamps: bool = False) -> list[Finding
 def _rate_and_gaps(t: TopicTimes) -> list[Finding]:
     if not t.regular:
         text = f'{t.count} messages at no regular rate'
-        return [Finding(OK, 'rate', t.topic, None, t.count, text)]
+        return [Finding(Severity.OK, 'rate', t.topic, None, t.count, text)]
     period, times = t.period_ns, t.times_ns
     steps = np.diff(times)
     text = f'{t.count} messages at {1e9 / period:.4g} Hz'
-    found = [Finding(OK, 'rate', t.topic, None, 1e9 / period, text)]
+    found = [Finding(Severity.OK, 'rate', t.topic, None, 1e9 / period, text)]
     gaps = np.flatnonzero(steps > GAP_FACTOR * period)
     if gaps.size:
         worst = int(gaps[np.argmax(steps[gaps])])
@@ -184,7 +184,7 @@ def _rate_and_gaps(t: TopicTimes) -> list[Finding]:
             f'{gaps.size} gaps over {GAP_FACTOR:g} intervals, about {missing} messages; '
             f'the longest has {steps[worst] * 1e-9:.3f} s'
         )
-        found.append(Finding(WARNING, 'gap', t.topic, int(times[worst]), gaps.size, text))
+        found.append(Finding(Severity.WARNING, 'gap', t.topic, int(times[worst]), gaps.size, text))
     return found
 
 
@@ -194,7 +194,7 @@ def _zero(t: TopicTimes) -> list[Finding]:
         return []
     text = f'{zero.size} of {t.count} stamps are zero'
     when = int(t.log_ns[zero[0]])
-    return [Finding(ERROR, 'zero stamp', t.topic, when, zero.size, text)]
+    return [Finding(Severity.SEVERE, 'zero stamp', t.topic, when, zero.size, text)]
 
 
 def _order(t: TopicTimes, stamp_ns: Ints) -> list[Finding]:
@@ -208,13 +208,15 @@ def _order(t: TopicTimes, stamp_ns: Ints) -> list[Finding]:
             f'stamps run backwards {back.size} times; first by {-steps[first] * 1e-9:.6f} s, '
             f'at most by {-steps[back].min() * 1e-9:.6f} s'
         )
-        level = ERROR if t.regular else WARNING
-        found.append(Finding(level, 'backwards', t.topic, int(stamp_ns[first]), back.size, text))
+        severity = Severity.SEVERE if t.regular else Severity.WARNING
+        found.append(
+            Finding(severity, 'backwards', t.topic, int(stamp_ns[first]), back.size, text)
+        )
     same = np.flatnonzero(steps == 0)
     if same.size and t.regular:
         text = f'{same.size} messages have the stamp of the one before'
         when = int(stamp_ns[same[0]])
-        found.append(Finding(WARNING, 'repeated stamp', t.topic, when, same.size, text))
+        found.append(Finding(Severity.WARNING, 'repeated stamp', t.topic, when, same.size, text))
     return found
 
 
@@ -228,7 +230,7 @@ def _against_log(t: TopicTimes, stamp_ns: Ints) -> list[Finding]:
     middle = float(np.median(delay))
     if abs(middle) > OTHER_CLOCK_S:
         text = f'stamps and log times are {middle:.0f} s apart: two clocks'
-        return [Finding(WARNING, 'other clock', t.topic, None, middle, text)]
+        return [Finding(Severity.WARNING, 'other clock', t.topic, None, middle, text)]
     # A delay that varies is the business of a topic of events: acoustic packets, say.
     found = _jumps(t, stamp, log, delay) if t.regular else []
     early = np.flatnonzero(delay < -FUTURE_S)
@@ -237,15 +239,17 @@ def _against_log(t: TopicTimes, stamp_ns: Ints) -> list[Finding]:
         text = (
             f'{early.size} messages were logged before they were valid, up to {-delay.min():.3f} s'
         )
-        found.append(Finding(WARNING, 'future', t.topic, int(stamp[first]), early.size, text))
+        found.append(
+            Finding(Severity.WARNING, 'future', t.topic, int(stamp[first]), early.size, text)
+        )
     if t.regular and not found:
         rise, drift = _drift(log, delay)
         if abs(rise) > DRIFT_S and abs(drift) > DRIFT:
             text = f'stamps drift against log time by {-drift:.2e} s per second'
-            found.append(Finding(WARNING, 'drift', t.topic, int(stamp[0]), -drift, text))
+            found.append(Finding(Severity.WARNING, 'drift', t.topic, int(stamp[0]), -drift, text))
     if not found:
         text = f'stamps agree with log time; {middle:.3f} s from validity to log'
-        found.append(Finding(OK, 'stamps', t.topic, None, middle, text))
+        found.append(Finding(Severity.OK, 'stamps', t.topic, None, middle, text))
     return found
 
 
@@ -256,7 +260,7 @@ def _jumps(t: TopicTimes, stamp: Ints, log: Ints, delay: NDArray[np.float64]) ->
         return []
     by = -float(steps[at[0]])
     text = f'stamps jump {len(at)} times against log time; first by {by:.3f} s'
-    return [Finding(ERROR, 'jump', t.topic, int(stamp[at[0]]), by, text)]
+    return [Finding(Severity.SEVERE, 'jump', t.topic, int(stamp[at[0]]), by, text)]
 
 
 def _stays(log: Ints, delay: NDArray[np.float64], at: int, reach: int = 20) -> bool:

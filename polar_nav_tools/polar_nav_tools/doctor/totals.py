@@ -13,10 +13,10 @@ from ..analysis.counts import topic_counts
 from ..analysis.packets import delivery_of
 from ..bags import Bag, BagError
 from ..bags.arrays import load_receipts, load_truth
+from ..bags.finding import Finding, Severity
 from ..bags.run_folder import read_outcome
 from ..replay.recorded import followers_of
 from ..scoring import balances, count_verdicts
-from .finding import ERROR, OK, WARNING, Finding
 
 
 def totals(bag: Bag) -> list[Finding]:
@@ -27,7 +27,9 @@ def totals(bag: Bag) -> list[Finding]:
             try:
                 found += add_up(bag, vehicle)
             except BagError as error:
-                found.append(Finding(ERROR, 'unreadable', f'/{vehicle}', None, None, str(error)))
+                found.append(
+                    Finding(Severity.SEVERE, 'unreadable', f'/{vehicle}', None, None, str(error))
+                )
     for topic in bag.topics.values():
         if topic.count and topic.type == 'polar_nav_msgs/msg/VehicleTruth':
             found += _truth(bag, topic.name)
@@ -53,10 +55,10 @@ def _verdicts(bag: Bag, vehicle: str) -> list[Finding]:
     said = count_verdicts(receipts).by_topic.get(RX, {})
     parts = ', '.join(f'{name} {count}' for name, count in said.items()) or 'none'
     text = f'{balance.received} packets received, {balance.verdicts} verdicts: {parts}'
-    level = OK if balance.balanced else ERROR
+    severity = Severity.OK if balance.balanced else Severity.SEVERE
     what = 'verdicts'
     missing = balance.received - balance.verdicts
-    return [Finding(level, what, topic, None, missing if missing else balance.received, text)]
+    return [Finding(severity, what, topic, None, missing if missing else balance.received, text)]
 
 
 def _packets(bag: Bag, vehicle: str) -> list[Finding]:
@@ -69,10 +71,10 @@ def _packets(bag: Bag, vehicle: str) -> list[Finding]:
     )
     if not d.stated:
         text += ' (as long as the slowest took; the link did not say)'
-    found = [Finding(OK, 'packets', f'/{vehicle}/{RX}', None, d.sent, text)]
+    found = [Finding(Severity.OK, 'packets', f'/{vehicle}/{RX}', None, d.sent, text)]
     if d.unsent:
         text = f'{d.unsent} packets were received that nobody sent: the record has gaps'
-        found.append(Finding(ERROR, 'unsent', f'/{vehicle}/{RX}', None, d.unsent, text))
+        found.append(Finding(Severity.SEVERE, 'unsent', f'/{vehicle}/{RX}', None, d.unsent, text))
     return found
 
 
@@ -80,7 +82,7 @@ def _truth(bag: Bag, topic: str) -> list[Finding]:
     try:
         truth = load_truth(bag, topic.strip('/').split('/')[0])
     except BagError as error:
-        return [Finding(ERROR, 'unreadable', topic, None, None, str(error))]
+        return [Finding(Severity.SEVERE, 'unreadable', topic, None, None, str(error))]
     steps = np.diff(truth.sequence)
     gaps = np.flatnonzero(steps != 1)
     if not gaps.size:
@@ -88,7 +90,11 @@ def _truth(bag: Bag, topic: str) -> list[Finding]:
     first = int(gaps[0])
     missing = int(np.sum(np.maximum(steps[gaps] - 1, 0)))
     text = f'{missing} numbers are missing in {gaps.size} places'
-    return [Finding(WARNING, 'sequence', topic, int(truth.stamp_ns[first]), max(missing, 1), text)]
+    return [
+        Finding(
+            Severity.WARNING, 'sequence', topic, int(truth.stamp_ns[first]), max(missing, 1), text
+        )
+    ]
 
 
 def _counted(bag: Bag) -> list[Finding]:
@@ -96,7 +102,7 @@ def _counted(bag: Bag) -> list[Finding]:
     counts = topic_counts(bag, read_outcome(bag.path).get('counts', {}))
     found = [
         Finding(
-            ERROR,
+            Severity.SEVERE,
             'lost',
             c.topic,
             None,
@@ -109,5 +115,5 @@ def _counted(bag: Bag) -> list[Finding]:
     ]
     if counts and not found:
         text = f'published = recorded = received on all {len(counts)} topics that nodes counted'
-        found.append(Finding(OK, 'counts', '', None, len(counts), text))
+        found.append(Finding(Severity.OK, 'counts', '', None, len(counts), text))
     return found

@@ -8,10 +8,11 @@ import numpy as np
 
 from polar_nav_core.engine.events import Array
 
+from ..bags.finding import Finding, Severity
 from .adapters.sensors import ImuRows
 from .arrays import chosen, finite_rows
 from .check_values import check_finite, check_stuck
-from .findings import Finding, Severity
+from .findings import finding
 from .sources import Stamps
 
 _GRAVITY = 9.81
@@ -45,7 +46,7 @@ def check_imu(imu: ImuRows) -> Iterator[Finding]:
     span = float(stamps_ns.max() - stamps_ns.min()) * 1e-9
     rate = (len(stamps_ns) - 1) / span if span > 0.0 else float('inf')
     if rate < _SLOWEST_HZ:
-        yield Finding(
+        yield finding(
             'rate_low',
             Severity.WARNING,
             topic,
@@ -57,7 +58,7 @@ def check_imu(imu: ImuRows) -> Iterator[Finding]:
     yield from _gravity(topic, known_ns, f)
     size = float(np.quantile(_lengths(omega), 0.99))
     if size > _RATE_LIMIT:
-        yield Finding(
+        yield finding(
             'rate_size',
             Severity.SEVERE,
             topic,
@@ -82,7 +83,7 @@ def _gravity(topic: str, stamps_ns: Stamps, f: Array) -> Iterator[Finding]:
         why = f'; `accel_unit: {unit}` would make it {size * _STANDARD[unit]:.3f}' if unit else ''
         if not unit and size < 0.5 * _GRAVITY:
             why = '; gravity may have been taken out, which must not be'
-        yield Finding(
+        yield finding(
             'gravity_units',
             Severity.SEVERE if off > _SIZE_SEVERE else Severity.WARNING,
             topic,
@@ -97,7 +98,7 @@ def _gravity(topic: str, stamps_ns: Stamps, f: Array) -> Iterator[Finding]:
     mean = np.median(f, axis=0)
     up = float(mean[2] / max(float(np.linalg.norm(mean)), 1e-12))
     if up < -_UP_SEVERE:
-        yield Finding(
+        yield finding(
             'gravity_sign',
             Severity.SEVERE,
             topic,
@@ -109,7 +110,7 @@ def _gravity(topic: str, stamps_ns: Stamps, f: Array) -> Iterator[Finding]:
         )
     elif up < _UP_WARNING:
         axis = int(np.argmax(np.abs(mean)))
-        yield Finding(
+        yield finding(
             'gravity_direction',
             Severity.SEVERE if up < _UP_SEVERE else Severity.WARNING,
             topic,
@@ -132,7 +133,7 @@ def _turning(topic: str, stamps_ns: Stamps, omega: Array, f: Array) -> Iterator[
     if not np.isfinite(factor) or abs(correlation) < _LEAST_CORRELATION or turn < _LEAST_TURN:
         return
     if factor < 0.0:
-        yield Finding(
+        yield finding(
             'gyro_sign',
             Severity.SEVERE,
             topic,
@@ -144,7 +145,7 @@ def _turning(topic: str, stamps_ns: Stamps, omega: Array, f: Array) -> Iterator[
         )
     elif not 1.0 / _FACTOR < factor < _FACTOR:
         unit = '; `gyro_unit: deg/s`?' if 1 / 100 < factor < 1 / 30 else ''
-        yield Finding(
+        yield finding(
             'gyro_units',
             Severity.SEVERE,
             topic,

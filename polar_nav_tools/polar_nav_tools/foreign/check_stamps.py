@@ -6,7 +6,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from .findings import Finding, Severity, finding_at
+from ..bags.finding import Finding, Severity
+from .findings import finding, finding_at
 from .sources import Stamps
 
 _NS = 1e-9
@@ -144,7 +145,7 @@ def _drift(topic: str, stamps_ns: Stamps, log_ns: Stamps) -> Iterator[Finding]:
     # Less than a second in all can be the jitter of log times, lockstep's windows among them.
     severe = abs(slope) >= _DRIFT_SEVERE and abs(change) >= _DRIFT_SEVERE_S
     limit = _DRIFT_SEVERE if severe else _DRIFT_WARNING
-    yield Finding(
+    yield finding(
         'stamps_drift',
         Severity.SEVERE if severe else Severity.WARNING,
         topic,

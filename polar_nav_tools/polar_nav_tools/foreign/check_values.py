@@ -9,10 +9,11 @@ from numpy.typing import NDArray
 
 from polar_nav_core.engine.events import Array
 
+from ..bags.finding import Finding, Severity
 from .adapters.position import PositionRows
 from .adapters.sensors import DepthRows, DvlRows
 from .arrays import finite_rows
-from .findings import Finding, Severity, finding_at
+from .findings import finding, finding_at
 from .fixes import FixRows
 from .sources import Stamps
 
@@ -61,7 +62,7 @@ def check_stuck(
     worst = int(np.argmax(np.where(bad, lasted, -1.0)))
     total = float(lasted[bad].sum())
     span = float(stamps_ns.max() - stamps_ns.min()) * 1e-9
-    yield Finding(
+    yield finding(
         'stuck',
         Severity.SEVERE,
         topic,
@@ -151,7 +152,7 @@ def check_depth(depth: DepthRows) -> Iterator[Finding]:
     median = float(np.median(depth.depth[good]))
     if not _HIGHEST < median < _DEEPEST:
         why = '; heights are `positive: up`' if -_DEEPEST < median < 0.0 else ''
-        yield Finding(
+        yield finding(
             'depth_size',
             Severity.SEVERE,
             topic,
@@ -193,7 +194,7 @@ def _pressure(topic: str, stamps_ns: Stamps, pressure: Array) -> Iterator[Findin
         return
     fits = [u for u, s in _UNIT_OF_PRESSURE.items() if _LOWEST_PRESSURE < median * s < 6e7]
     why = f'; unit {" or ".join(fits)}?' if fits else ''
-    yield Finding(
+    yield finding(
         'pressure_size',
         Severity.SEVERE,
         topic,
@@ -269,7 +270,7 @@ def check_fixes(rows: FixRows, max_delay_s: float) -> Iterator[Finding]:
             f'{max_delay_s:g} s when received, up to {worst:.4g} s: they are not used',
         )
     if not early.any() and float(delay.max()) < 1e-3:
-        yield Finding(
+        yield finding(
             'fix_not_delayed',
             Severity.NOTE,
             rows.topic,

@@ -3,29 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from enum import IntEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
 from polar_nav_core.errors import PolarNavError
 
+from ..bags.finding import Finding, Severity
 from ..bags.missing import stamp_text
 from ..scoring import Column, Table
 from .sources import Stamps
-
-
-class Severity(IntEnum):
-    """How bad a finding is."""
-
-    NOTE = 0
-    """Worth knowing."""
-    WARNING = 1
-    """The result is worse than it could be."""
-    SEVERE = 2
-    """The result would be wrong: the run is refused."""
-
 
 NAMES: dict[str, str] = {
     'stamps_zero': 'stamps are zero: nobody filled in the header',
@@ -67,50 +54,49 @@ NAMES: dict[str, str] = {
 """Every kind of finding; the names are those of ``--accept``."""
 
 
-@dataclass(frozen=True)
-class Finding:
-    """One thing that was found.
+def finding(
+    name: str,
+    severity: Severity,
+    topic: str,
+    stamp_ns: int | None,
+    count: int,
+    value: float,
+    text: str,
+) -> Finding:
+    """Return a finding of a kind that ``--accept`` knows.
 
-    Attributes
+    Parameters
     ----------
     name : str
         Kind, a key of `NAMES`.
     severity : Severity
+        With ``SEVERE`` the run is refused.
     topic : str
     stamp_ns : int or None
         Where it begins.
     count : int
         Messages that have it.
     value : float
-        The number found, in the unit that the sentence gives.
+        The number found, in the unit that the sentence states.
     text : str
         A sentence with number and limit, and what to change in the mapping where that is known.
     """
+    if name not in NAMES:
+        raise ValueError(f'{name!r} is no kind of finding')
+    return Finding(severity, name, topic, stamp_ns, value, text, count)
 
-    name: str
-    severity: Severity
-    topic: str
-    stamp_ns: int | None
-    count: int
-    value: float
-    text: str
 
-    def __post_init__(self) -> None:
-        """Refuse a name that ``--accept`` could not know."""
-        if self.name not in NAMES:
-            raise ValueError(f'{self.name!r} is no kind of finding')
-
-    def to_dict(self) -> dict[str, object]:
-        """Return plain values for JSON."""
-        return {
-            'name': self.name,
-            'severity': self.severity.name.lower(),
-            'topic': self.topic,
-            'stamp_ns': self.stamp_ns,
-            'count': self.count,
-            'value': self.value,
-            'text': self.text,
-        }
+def to_dict(found: Finding) -> dict[str, object]:
+    """Return plain values for JSON."""
+    return {
+        'name': found.name,
+        'severity': found.severity.name.lower(),
+        'topic': found.topic,
+        'stamp_ns': found.stamp_ns,
+        'count': found.count,
+        'value': found.value,
+        'text': found.text,
+    }
 
 
 class Refused(PolarNavError):
@@ -168,4 +154,4 @@ def finding_at(
 ) -> Finding:
     """Return a finding about the messages at ``where``, told by the first of them."""
     first = int(stamps_ns[int(np.flatnonzero(where)[0])])
-    return Finding(name, severity, topic, first, int(where.sum()), value, text)
+    return finding(name, severity, topic, first, int(where.sum()), value, text)

@@ -18,8 +18,9 @@ from polar_nav_core.engine.events import LOCAL_DOF, NIS_SUM, UPDATES, Array, Rec
 from polar_nav_core.engine.inputs import Inputs
 from polar_nav_follower.params import FollowerParams
 
+from ..bags.finding import Finding, Severity
 from . import rotations
-from .findings import Finding, Severity
+from .findings import finding
 from .load import Loaded
 
 _FEWEST = 20
@@ -90,7 +91,7 @@ def _dvl(loaded: Loaded, params: FollowerParams, row: Array) -> Iterator[Finding
             f'`rotation: {best}` fits {stated / others[best]:.3g} times better in the first '
             'minutes'
         )
-    yield Finding(
+    yield finding(
         'dvl_misfit',
         Severity.WARNING,
         mapping.stream.topic,
@@ -168,7 +169,7 @@ def _depth(loaded: Loaded, row: Array, before: str) -> Iterator[Finding]:
         return
     n, share, ratio = found
     p = loaded.params
-    yield Finding(
+    yield finding(
         'depth_misfit',
         Severity.WARNING,
         mapping.stream.topic,
@@ -189,7 +190,7 @@ def _fixes(loaded: Loaded, receipts: Sequence[Receipt], before: str) -> Iterator
         return
     off = float(np.median([np.linalg.norm(r.innovation_G[:2]) for r in refused]))
     stated = float(np.median([np.sqrt(np.sum(r.innovation_variance_G[:2])) for r in refused]))
-    yield Finding(
+    yield finding(
         'fixes_misfit',
         Severity.WARNING,
         refused[0].topic,

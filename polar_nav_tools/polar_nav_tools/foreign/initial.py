@@ -20,10 +20,11 @@ from polar_nav_core.errors import ConfigError
 from polar_nav_core.grid import convergence, earth_rate, ecef_to_grid
 from polar_nav_core.params import default_of
 
+from ..bags.finding import Finding, Severity
 from .adapters.position import PositionRows
 from .adapters.sensors import DvlRows, ImuRows
 from .arrays import finite_rows
-from .findings import Finding, Severity
+from .findings import finding
 from .levelling import gravity_at_start
 from .mapping import InitialMapping
 
@@ -207,7 +208,7 @@ def _motion(imu: ImuRows, first_ns: int, f: Array, omega: Array) -> list[Finding
     if rate <= _REST_RATE and force <= _REST_FORCE:
         return []
     return [
-        Finding(
+        finding(
             'not_at_rest',
             Severity.SEVERE,
             imu.topic,
@@ -250,7 +251,7 @@ def _gyrocompass(
     }
     if sigma <= _WORST_GYROCOMPASS_DEG:
         return [], values
-    finding = Finding(
+    uncertain = finding(
         'gyrocompass',
         Severity.SEVERE,
         imu.topic,
@@ -261,7 +262,7 @@ def _gyrocompass(
         f'horizontal; with gyro_bias_sigma {bias:.3g} rad/s heading is good to {sigma:.3g} deg '
         f'(limit {_WORST_GYROCOMPASS_DEG:g} deg): state heading_deg',
     )
-    return [finding], values
+    return [uncertain], values
 
 
 def _stated_heading(mapping: InitialMapping, where: Names[str, Any]) -> float | None:

@@ -17,13 +17,14 @@ from polar_nav_core.errors import ConfigError
 from polar_nav_core.params import default_of, from_mapping
 from polar_nav_follower.params import FollowerParams
 
+from ..bags.finding import Finding, Severity
 from ..series.vehicle import TruthSeries
 from .adapters.position import PositionRows, read_positions
 from .adapters.sensors import DepthRows, DvlRows, ImuRows, read_depth, read_dvl, read_imu
 from .check_imu import check_imu
 from .check_stamps import check_spans, check_stamps
 from .check_values import check_depth, check_dvl, check_fixes, check_positions
-from .findings import NAMES, Finding, Refused, Severity, refusals
+from .findings import NAMES, Refused, finding, refusals
 from .fixes import FixRows, read_fixes
 from .initial import Start, find_start
 from .mapping import Mapping, PositionMapping
@@ -213,7 +214,7 @@ def check(streams: _Streams, mapping: Mapping) -> list[Finding]:
 
 
 def _no_attitude(truth: PositionRows) -> Finding:
-    return Finding(
+    return finding(
         'truth_attitude',
         Severity.NOTE,
         truth.topic,
@@ -230,7 +231,7 @@ def _unstated(mapping: Mapping) -> list[Finding]:
     if not missing:
         return []
     return [
-        Finding(
+        finding(
             'noise_not_stated',
             Severity.WARNING,
             mapping.imu.stream.topic,

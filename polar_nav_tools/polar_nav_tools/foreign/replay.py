@@ -28,11 +28,12 @@ from polar_nav_ros.navigation_outputs import nav_to_msg, receipt_to_msg
 from polar_nav_ros.stamps import to_msg
 
 from ..bags import BagWriter
+from ..bags.finding import Finding
 from ..scoring import Comparison, compare
 from ..series.estimates import EstimateRows, receipts_of
 from ..series.vehicle import EstimateSeries, TruthSeries
 from . import lever
-from .findings import Finding
+from .findings import to_dict as finding_values
 from .hindsight import look_back
 from .load import Loaded, load
 from .mapping import Mapping
@@ -232,7 +233,7 @@ def write(path: Path, run_: ForeignRun) -> Path:
         'mapping': loaded.mapping.place,
         'configuration': loaded.params.configuration,
         'parameters': to_mapping(loaded.params),
-        'findings': [f.to_dict() for f in run_.findings],
+        'findings': [finding_values(f) for f in run_.findings],
         'verdicts': run_.verdicts,
     }
     with BagWriter(path, info) as writer:
