@@ -150,9 +150,7 @@ def mismatch(
         str | None,
         typer.Option(metavar='PATTERN', help='Faults, as gravity_*,dvl_*.', show_default='all'),
     ] = None,
-    first_seed: Annotated[
-        int, typer.Option(metavar='K', min=0, help='Seeds K to K + N - 1.')
-    ] = 1,
+    first_seed: Annotated[int, typer.Option(metavar='K', min=0, help='Seeds K to K + N - 1.')] = 1,
     quick: Quick = False,
     seeds: Seeds = None,
     columns: Columns = None,
@@ -161,7 +159,7 @@ def mismatch(
     out: Out = None,
     as_json: Json = False,
 ) -> None:
-    """Run filters in worlds with faults that they do not know: wrong, visible, reported?"""
+    """Run filters in worlds with faults unknown to them: wrong, visible, reported."""
     from dataclasses import replace
 
     request = replace(

@@ -2,17 +2,41 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
 from polar_nav_core.errors import ConfigError
 
 from . import ablation, consistency, tables
 from .experiment import Experiment
 from .mismatch.plan import MISMATCH
-from .request import Size
+from .request import Request, Size
 from .station import catalog as station
 
 _HOUR = 3600.0
+
+
+def _pair_table(
+    number: int,
+    doc: str,
+    plan: Callable[[Request, Size, Sequence[str]], Sequence[Any]],
+    figure: str,
+) -> Experiment:
+    """Return the experiment of table 2 or 3: half a day, all filters, a figure of the pair."""
+    name = f'table{number}'
+    return Experiment(
+        name,
+        doc,
+        Size(12 * _HOUR, 3),
+        Size(60.0, 1),
+        tables.COMPARED,
+        plan,
+        tables.tables_of(name, f'Table {number}'),
+        tables.pair_figure(figure),
+        tables.paper_of(name),
+    )
+
 
 _TABLES = (
     Experiment(
@@ -26,27 +50,17 @@ _TABLES = (
         tables.figure8,
         tables.paper_table1,
     ),
-    Experiment(
-        'table2',
+    _pair_table(
+        2,
         'Algorithm 1 (knows the delay) against 2 (ignores it): table 2 and figure 9',
-        Size(12 * _HOUR, 3),
-        Size(60.0, 1),
-        tables.COMPARED,
         tables.plan_table2,
-        tables.tables_of('table2', 'Table 2'),
-        tables.pair_figure('figure9'),
-        tables.paper_of('table2'),
+        'figure9',
     ),
-    Experiment(
-        'table3',
+    _pair_table(
+        3,
         'As table2 with the noise of a real IMU: table 3 and figure 11; own IMU: imu-errors BAG',
-        Size(12 * _HOUR, 3),
-        Size(60.0, 1),
-        tables.COMPARED,
         tables.plan_table3,
-        tables.tables_of('table3', 'Table 3'),
-        tables.pair_figure('figure11'),
-        tables.paper_of('table3'),
+        'figure11',
     ),
 )
 

@@ -119,7 +119,9 @@ def count_verdicts(receipts: Sequence[ReceiptRecord]) -> VerdictCounts:
     )
 
 
-def balances(receipts: Sequence[ReceiptRecord], received: Mapping[str, int]) -> tuple[Balance, ...]:
+def balances(
+    receipts: Sequence[ReceiptRecord], received: Mapping[str, int]
+) -> tuple[Balance, ...]:
     """Balance of verdicts with messages, topic by topic.
 
     Parameters
