@@ -7,7 +7,7 @@ increments, so a filter fed with them and with exact measurements must stay wher
 import numpy as np
 
 from polar_nav_core import attitude, earth, grid
-from polar_nav_core.engine import run as batch
+from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.events import DepthSample, DvlPing, Fix, ImuSample
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.kernels.frames import strapdown
@@ -136,7 +136,7 @@ def inputs_of(world, fixes, seed=1):
     """Measurements of a world as arrays, with the noise of a seed."""
     rng = np.random.default_rng(seed)
     imu, dvl, depth = world.imu(), world.dvl(rng=rng), world.depth(rng=rng)
-    return batch.Inputs(
+    return engine_run.Inputs(
         np.array([s.stamp_ns for s in imu]),
         np.array([s.omega_ib_b for s in imu]),
         np.array([s.f_b for s in imu]),

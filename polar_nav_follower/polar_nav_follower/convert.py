@@ -7,11 +7,11 @@ session, this is the only place of the package that knows both worlds.
 from __future__ import annotations
 
 from polar_nav_core.engine.events import Fix
-from polar_nav_core.identification.polar_fix import PolarFix
 from polar_nav_core.link.packet import Broadcast
 from polar_nav_core.link.station_packet import StationReport
 from polar_nav_msgs.msg import AcousticPacket, StationFix
 from polar_nav_ros.stamps import to_msg, to_ns
+from polar_nav_ros.station_outputs import station_fix_to_msg
 
 from .measurements.fix import fix_from_packet
 from .measurements.station_fix import StationNumbers, polar_of, station_fix_from_packet
@@ -49,24 +49,11 @@ def station_fix_from_msg(
     )
 
 
-def station_fix_to_msg(
+def station_report_to_msg(
     report: StationReport, source: str, target: str, params: FollowerParams
 ) -> StationFix:
     """polar_nav_msgs/StationFix of a packet's content; the ping time is unknown: zero."""
-    polar: PolarFix = polar_of(report, params)
-    msg = StationFix()
-    msg.header.stamp = to_msg(report.validity_ns)
-    msg.header.frame_id = 'station'
-    msg.source = source
-    msg.target = target
-    msg.sequence = report.sequence
+    polar = polar_of(report, params)
+    msg = station_fix_to_msg(polar, source, target, report.sequence, report.validity_ns)
     msg.return_time = to_msg(report.return_ns)
-    msg.station_position = polar.station
-    msg.station_heading = polar.station_heading
-    msg.station_heading_sigma = polar.station_heading_sigma
-    msg.range = polar.range
-    msg.range_sigma = polar.range_sigma
-    msg.bearing = polar.bearing
-    msg.bearing_sigma = polar.bearing_sigma
-    msg.sound_speed = polar.sound_speed
     return msg

@@ -94,7 +94,7 @@ class Session(NavigationSession[FollowerParams]):
         fix, report = convert.station_fix_from_msg(message, number, self.params, self._numbers)
         if report is not None:
             target = self._name(report.target)
-            readable = convert.station_fix_to_msg(report, fix.source, target, self.params)
+            readable = convert.station_report_to_msg(report, fix.source, target, self.params)
             self._decoded.append(Published.of(STATION_DECODED, readable))
         return fix
 

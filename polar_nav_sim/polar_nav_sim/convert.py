@@ -23,6 +23,7 @@ from polar_nav_core.attitude import quaternion_from_matrix
 from polar_nav_core.earth import geodetic_from_ecef
 from polar_nav_msgs.msg import AcousticPacket, Depth, Dvl, StationFix, UsblFix, VehicleModel
 from polar_nav_ros.stamps import to_msg, to_ns
+from polar_nav_ros.station_outputs import station_fix_to_msg
 
 from .acoustics import Packet
 from .sensors.dvl import Ping
@@ -167,19 +168,9 @@ def usbl_to_msg(reading: Reading, source: str, target: str, frame: str) -> UsblF
 def station_to_msg(reading: StationReading, source: str, target: str) -> StationFix:
     """polar_nav_msgs/StationFix; header.stamp is t3."""
     cycle = reading.cycle
-    msg = StationFix(source=source, target=target, sequence=cycle.sequence)
-    msg.header.stamp = to_msg(cycle.t3_ns)
-    msg.header.frame_id = 'station'
+    msg = station_fix_to_msg(reading.polar, source, target, cycle.sequence, cycle.t3_ns)
     msg.ping_time = to_msg(cycle.t1_ns)
     msg.return_time = to_msg(cycle.t4_ns)
-    msg.station_position = reading.station_position
-    msg.station_heading = reading.station_heading
-    msg.station_heading_sigma = reading.station_heading_sigma
-    msg.range = reading.range
-    msg.range_sigma = reading.range_sigma
-    msg.bearing = reading.bearing
-    msg.bearing_sigma = reading.bearing_sigma
-    msg.sound_speed = reading.sound_speed
     return msg
 
 

@@ -54,9 +54,9 @@ def test_a_cycle_is_solved_with_moving_ends():
 def test_without_errors_range_and_bearing_give_the_place():
     s = station(**EXACT)
     r = s.read(s.cycle(0, START_NS, HERE, THERE))
-    angle = r.bearing + r.station_heading
-    level = math.sqrt(r.range**2 - r.cycle.line[2] ** 2)
-    place = r.station_position[:2] + level * np.array([math.cos(angle), math.sin(angle)])
+    angle = r.polar.bearing + r.polar.station_heading
+    level = math.sqrt(r.polar.range**2 - r.cycle.line[2] ** 2)
+    place = r.polar.station[:2] + level * np.array([math.cos(angle), math.sin(angle)])
     # The range is the mean of both ways; the vehicle made 0.8 m between them.
     np.testing.assert_allclose(place, THERE.place(r.cycle.t3_ns)[:2], atol=1e-6)
     assert r.transmit_ns == r.cycle.t4_ns + 200_000_000
@@ -94,8 +94,8 @@ def test_errors_are_uniform_within_their_bounds_and_quanta():
         for x in zip(
             *(
                 (
-                    r.range,
-                    r.bearing,
+                    r.polar.range,
+                    r.polar.bearing,
                     0.5 * C * (r.cycle.t4_ns - r.cycle.t1_ns) * 1e-9,
                     math.atan2(r.cycle.line[1], r.cycle.line[0]) - r.cycle.heading,
                 )
@@ -110,8 +110,12 @@ def test_errors_are_uniform_within_their_bounds_and_quanta():
     errors = np.remainder(bearings - angles + math.pi, 2 * math.pi) - math.pi
     # Share of the largest error that is possible; mean and mean square by four standard errors.
     for x, bound, sigma in (
-        (ranges - true, 0.01 * true + 0.25, np.array([r.range_sigma for r in readings])),
-        (errors, np.full(n, math.radians(1.25)), np.array([r.bearing_sigma for r in readings])),
+        (ranges - true, 0.01 * true + 0.25, np.array([r.polar.range_sigma for r in readings])),
+        (
+            errors,
+            np.full(n, math.radians(1.25)),
+            np.array([r.polar.bearing_sigma for r in readings]),
+        ),
     ):
         assert 0.9 < np.abs(x / bound).max() <= 1.0
         assert abs(np.mean(x / sigma)) < 4 / math.sqrt(n)
@@ -123,21 +127,21 @@ def test_heading_errors_are_constant_and_told():
     plain = station(**EXACT)
     biased = station(heading_bias_deg=2.0, **EXACT)
     cycle = plain.cycle(0, START_NS, HERE, THERE)
-    turned = biased.read(cycle).station_heading - plain.read(cycle).station_heading
+    turned = biased.read(cycle).polar.station_heading - plain.read(cycle).polar.station_heading
     assert turned == pytest.approx(math.radians(2.0))
     drawn = [station(seed=n, heading_sigma_deg=1.0, **EXACT) for n in range(200)]
-    errors = np.array([s.read(cycle).station_heading - 0.3 for s in drawn])
+    errors = np.array([s.read(cycle).polar.station_heading - 0.3 for s in drawn])
     assert np.std(errors) == pytest.approx(math.radians(1.0), rel=0.2)
-    assert drawn[0].read(cycle).station_heading_sigma == pytest.approx(math.radians(1.0))
+    assert drawn[0].read(cycle).polar.station_heading_sigma == pytest.approx(math.radians(1.0))
     later = drawn[0].read(drawn[0].cycle(9, START_NS + 10**9, HERE, THERE))
-    assert later.station_heading - 0.3 == pytest.approx(errors[0], abs=1e-9)
+    assert later.polar.station_heading - 0.3 == pytest.approx(errors[0], abs=1e-9)
 
 
 def test_the_assumed_sound_speed_scales_the_range():
     cycle = station(**EXACT).cycle(0, START_NS, HERE, THERE)
     true, assumed = (station(assumed_sound_speed=c, **EXACT).read(cycle) for c in (0.0, 1450.0))
-    assert (true.sound_speed, assumed.sound_speed) == (1500.0, 1450.0)
-    assert assumed.range / true.range == pytest.approx(1450.0 / 1500.0)
+    assert (true.polar.sound_speed, assumed.polar.sound_speed) == (1500.0, 1450.0)
+    assert assumed.polar.range / true.polar.range == pytest.approx(1450.0 / 1500.0)
 
 
 def test_readings_depend_on_seed_and_number_only():
@@ -145,8 +149,8 @@ def test_readings_depend_on_seed_and_number_only():
     one, two = station(), station()
     forwards = [one.read(c) for c in cycles]
     backwards = [two.read(c) for c in reversed(cycles)][::-1]
-    assert [r.range for r in forwards] == [r.range for r in backwards]
-    assert station(seed=2).read(cycles[0]).bearing != forwards[0].bearing
+    assert [r.polar.range for r in forwards] == [r.polar.range for r in backwards]
+    assert station(seed=2).read(cycles[0]).polar.bearing != forwards[0].polar.bearing
 
 
 def test_the_packet_tells_the_reading():
@@ -154,8 +158,8 @@ def test_the_packet_tells_the_reading():
     r = s.read(s.cycle(300, START_NS, HERE, THERE))
     got = decode(encode(r.report(1, 2)), r.transmit_ns)
     assert got.sequence == 300 % 256
-    assert got.range == pytest.approx(r.range, abs=1e-9)
-    assert got.bearing == pytest.approx(r.bearing, abs=5e-5)
+    assert got.range == pytest.approx(r.polar.range, abs=1e-9)
+    assert got.bearing == pytest.approx(r.polar.bearing, abs=5e-5)
     assert abs(got.validity_ns - r.cycle.t3_ns) <= 50_000
     assert abs(got.return_ns - r.cycle.t4_ns) < 15_000_000  # 1 % of D/c and a rounding
 

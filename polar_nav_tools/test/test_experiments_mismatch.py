@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from polar_nav_core.engine import run as batch
+from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.engine import Engine
 from polar_nav_core.engine.events import Fix
 from polar_nav_core.errors import ConfigError
@@ -186,7 +186,7 @@ def test_health_is_what_the_engine_itself_has_after_every_fix():
             level = int(engine._ledger.integrity.state(event.receive_ns).level)
             if not seen or seen[-1] != level:
                 seen.append(level)
-    result = batch.run(params, world.inputs)
+    result = engine_run.run(params, world.inputs)
     history = health_history(
         WatchedRun(
             params, result.receipts, world.truth.start_ns, int(world.inputs.imu_stamps_ns[-1])

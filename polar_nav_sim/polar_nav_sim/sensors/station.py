@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polar_nav_core import grid
+from polar_nav_core.identification.polar_fix import PolarFix
 from polar_nav_core.link.station_packet import SIZE, StationReport
 from polar_nav_core.params import param, vector
 
@@ -122,18 +123,11 @@ class StationCycle:
 
 @dataclass(frozen=True)
 class StationReading:
-    """What the station says; names as in polar_nav_msgs/StationFix."""
+    """What the station measured in a cycle, and when it sends that."""
 
     cycle: StationCycle
     transmit_ns: int
-    station_position: Floats
-    station_heading: float
-    station_heading_sigma: float
-    range: float
-    range_sigma: float
-    bearing: float
-    bearing_sigma: float
-    sound_speed: float
+    polar: PolarFix
 
     def report(self, source: int, target: int) -> StationReport:
         """Content of the packet."""
@@ -142,12 +136,12 @@ class StationReading:
             target=target,
             sequence=self.cycle.sequence,
             validity_ns=self.cycle.t3_ns,
-            station_position=self.station_position,
-            station_heading=self.station_heading,
-            station_heading_sigma=self.station_heading_sigma,
-            range=self.range,
-            bearing=self.bearing,
-            sound_speed=self.sound_speed,
+            station_position=self.polar.station,
+            station_heading=self.polar.station_heading,
+            station_heading_sigma=self.polar.station_heading_sigma,
+            range=self.polar.range,
+            bearing=self.polar.bearing,
+            sound_speed=self.polar.sound_speed,
         )
 
 
@@ -234,14 +228,16 @@ class Station:
         return StationReading(
             cycle=cycle,
             transmit_ns=cycle.t4_ns + round(e.processing_s * NS),
-            station_position=cycle.position + np.array([*e.position_offset_m, 0.0]),
-            station_heading=math.remainder(cycle.heading + self._heading_error, 2.0 * math.pi),
-            station_heading_sigma=math.radians(e.heading_sigma_deg),
-            range=range_m,
-            range_sigma=e.range_sigma(range_m),
-            bearing=math.remainder(bearing, 2.0 * math.pi),
-            bearing_sigma=e.bearing_sigma,
-            sound_speed=speed,
+            polar=PolarFix(
+                station=cycle.position + np.array([*e.position_offset_m, 0.0]),
+                station_heading=math.remainder(cycle.heading + self._heading_error, 2.0 * math.pi),
+                station_heading_sigma=math.radians(e.heading_sigma_deg),
+                range=range_m,
+                range_sigma=e.range_sigma(range_m),
+                bearing=math.remainder(bearing, 2.0 * math.pi),
+                bearing_sigma=e.bearing_sigma,
+                sound_speed=speed,
+            ),
         )
 
 

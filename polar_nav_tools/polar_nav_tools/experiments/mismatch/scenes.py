@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from polar_nav_core.attitude import log
-from polar_nav_core.engine import run as batch
+from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.events import Array, Receipt
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.error_model import X
@@ -100,7 +100,7 @@ class SinsScene:
         params = world.params(
             **{'output_period_s': _OUTPUT_S, **longest, **self.changes, **changes}
         )
-        result = batch.run(params, world.inputs)
+        result = engine_run.run(params, world.inputs)
         course = _sins_course(world, result.track, self.duration_s)
         track = result.track
         return Ran(
@@ -117,7 +117,7 @@ class SinsScene:
         return world.truth.start_ns
 
 
-def _sins_course(world: World, track: batch.Track, duration_s: float) -> Course:
+def _sins_course(world: World, track: engine_run.Track, duration_s: float) -> Course:
     e = track_errors(world, track)
     C_e_G = ecef_to_grid(world.truth.state(track.stamps_ns).r_e) if len(e.time_s) else None
     P_r = e.P[:, X.dr_e, X.dr_e]
@@ -178,7 +178,7 @@ class StationScene:
             0.0,
             **{'output_period_s': _OUTPUT_S, **self.changes, **changes},
         )
-        result = batch.run(params, world.inputs)
+        result = engine_run.run(params, world.inputs)
         course = _station_course(world, result.track, self.duration_s)
         track = result.track
         return Ran(
@@ -195,7 +195,9 @@ class StationScene:
         return world.run.start_ns
 
 
-def _station_course(world: StationWorld, track: batch.StationTrack, duration_s: float) -> Course:
+def _station_course(
+    world: StationWorld, track: engine_run.StationTrack, duration_s: float
+) -> Course:
     run = world.run
     row = np.searchsorted(run.t_s, (track.stamps_ns - run.start_ns) / NS - 1e-6)
     row = np.minimum(row, len(run.t_s) - 1)
