@@ -81,8 +81,7 @@ def receipt_to_msg(r: Receipt) -> FixReceipt:
     msg.transmit_time = to_msg(r.transmit_ns)
     msg.receive_time = to_msg(r.receive_ns)
     msg.fused_time = to_msg(r.fused_ns)
-    known = r.validity_ns and r.receive_ns
-    msg.age = (r.receive_ns - r.validity_ns) * 1e-9 if known else math.nan
+    msg.age = r.age_s
     msg.delay_handling = r.delay_handling
     msg.steps_rolled_back = r.steps_rolled_back
     msg.innovation_g = r.innovation_G

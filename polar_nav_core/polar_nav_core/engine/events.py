@@ -252,6 +252,13 @@ class Receipt:
     gate: float = float('inf')
     revision: int = 0
 
+    @property
+    def age_s(self) -> float:
+        """Time from validity to reception [s]; NaN if either is not known."""
+        if not (self.validity_ns and self.receive_ns):
+            return float('nan')
+        return (self.receive_ns - self.validity_ns) * 1e-9
+
 
 LOCAL_DOF = {'dvl': 3, 'depth': 1}
 """Local sources and the degrees of freedom of one measurement; rows of local statistics."""

@@ -7,7 +7,6 @@ a time.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from typing import Any
 
@@ -136,11 +135,7 @@ def receipts_of(receipts: Iterable[events.Receipt]) -> list[ReceiptRecord]:
             transmit_ns=r.transmit_ns or None,
             receive_ns=r.receive_ns or None,
             fused_ns=r.fused_ns or None,
-            age_s=(
-                (r.receive_ns - r.validity_ns) * 1e-9
-                if r.validity_ns and r.receive_ns
-                else math.nan
-            ),
+            age_s=r.age_s,
             delay_handling=r.delay_handling,
             steps_rolled_back=r.steps_rolled_back,
             innovation_G=r.innovation_G,
