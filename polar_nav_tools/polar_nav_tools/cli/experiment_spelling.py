@@ -17,6 +17,7 @@ NAMES = (
     'figure11',
     'ablation',
     'consistency',
+    'mismatch',
     'has-table',
     'has-figures',
     'has-loss',
