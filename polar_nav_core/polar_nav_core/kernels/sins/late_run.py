@@ -1,0 +1,156 @@
+"""Late fixes of a run, fused exactly where they were received: the compiled loop of `clone`."""
+
+from __future__ import annotations
+
+from ...arrays import Array
+from ..cache import kernel, routine
+from . import state as fs
+from .blocks import Blocks
+from .events import fill_array_axes, note_outcome, place_of_epoch
+from .fuse import locate
+from .late import newest_until
+from .late_fuse import OUT_OF_REACH, fuse_late
+from .rows import DV, fix_rows
+from .run import advance, put_row
+from .state import Frames, Log, Past, Rows, Settings, State, Streams, Work
+from .update import Ints
+
+
+@kernel
+def _take(
+    s: State,
+    fr: Frames,
+    c: Settings,
+    past: Past,
+    w: Work,
+    log: Log,
+    bl: Blocks,
+    validity_ns: int,
+    r_e: Array,
+    covariance_e: Array,
+    array_heading: float,
+    note: Ints,
+) -> int:
+    """Code of `fuse_late` for a fix against the position stored before it plus velocity times dt.
+
+    Axes and USBL bias are those stored, too; the rows have the velocity, so that what is learnt of
+    it later moves the innovation.
+    """
+    number = newest_until(past.stamps, s.counters[fs.EPOCHS], validity_ns)
+    if number < 0:
+        return OUT_OF_REACH
+    i = number % past.stamps.shape[0]
+    note[0] = s.counters[fs.STEPS] - past.steps[i]
+    if (
+        note[0] >= past.transitions.shape[0]
+        or s.counters[fs.CORRECTIONS] - past.firsts[i] > past.corrections.shape[0]
+    ):
+        return OUT_OF_REACH
+    place_of_epoch(past, i, w.point_e, w.velocity_e, w.C_mean)
+    ahead = (validity_ns - past.stamps[i]) * 1e-9
+    for k in range(3):
+        w.point_e[k] += w.velocity_e[k] * ahead
+    fill_array_axes(w.C_a_G, array_heading, c.estimates_usbl_bias)
+    fix_rows(
+        w.H,
+        w.R,
+        w.z,
+        w.C_mean,
+        past.levers[i],
+        w.point_e,
+        r_e,
+        covariance_e,
+        w.C_a_G,
+        past.usbl_biases[i],
+    )
+    for k in range(3):
+        w.H[k, DV + k] = ahead
+    code: int = fuse_late(s, c, past, w, log, bl, validity_ns, number)
+    locate(s, fr, c)
+    return code
+
+
+@routine
+def take_late(
+    s: State,
+    fr: Frames,
+    c: Settings,
+    past: Past,
+    w: Work,
+    log: Log,
+    bl: Blocks,
+    validity_ns: int,
+    r_e: Array,
+    covariance_e: Array,
+    array_heading: float,
+    note: Ints,
+) -> int:
+    """FUSED, REFUSED, S_NOT_DEFINITE or OUT_OF_REACH of one late fix.
+
+    ``note`` (3,), whole numbers: its first becomes the covariance steps since the validity.
+    """
+    return _take(s, fr, c, past, w, log, bl, validity_ns, r_e, covariance_e, array_heading, note)
+
+
+@routine
+def advance_late(
+    s: State,
+    fr: Frames,
+    c: Settings,
+    past: Past,
+    w: Work,
+    log: Log,
+    bl: Blocks,
+    streams: Streams,
+    until_ns: int,
+    until_rank: int,
+    rows: Rows,
+) -> int:
+    """Code of `run.advance`, with the fixes of the streams fused as late ones.
+
+    Returns
+    -------
+    int
+        As `advance`: STOPPED after a fix that the gate refused, and before one out of reach.
+    """
+    while True:
+        f = s.counters[fs.FIX]
+        k = f % streams.fix_stamps.shape[0]
+        stamp = streams.fix_stamps[k]
+        if f >= streams.counts[3] or stamp > until_ns:
+            break
+        if stamp == until_ns and until_rank <= fs.FIX_RANK:
+            break
+        code = advance(s, fr, c, past, w, log, streams, stamp, fs.FIX_RANK, rows)
+        if code != fs.DONE:
+            return code
+        if 0 <= rows.io[0] < stamp:
+            if rows.io[1] >= rows.stamps.shape[0]:
+                return fs.FULL
+            put_row(s, c, rows)
+        note = streams.fix_notes[k]
+        code = _take(
+            s,
+            fr,
+            c,
+            past,
+            w,
+            log,
+            bl,
+            streams.fix_validities[k],
+            streams.fix_r_e[k],
+            streams.fix_covariance_e[k],
+            streams.fix_array_heading[k],
+            note,
+        )
+        if code == OUT_OF_REACH:
+            return fs.STOPPED
+        s.counters[fs.FIX] += 1
+        note[1] = s.counters[fs.STAMP]
+        note[2] = rows.io[1]
+        note_outcome(w, code, streams.fix_outcomes[k])
+        if code == fs.REFUSED:
+            return fs.STOPPED
+        if code < 0:
+            return code
+    return advance(s, fr, c, past, w, log, streams, until_ns, until_rank, rows)
