@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from polar_nav_core.engine.params import NO_CEILING, EngineParams
 from polar_nav_core.engine.sins.sage_husa import (
     Q_BOUNDS,
     R_CEILING,
@@ -12,6 +13,9 @@ from polar_nav_core.engine.sins.sage_husa import (
     clipped,
     lower_inverse,
 )
+from polar_nav_core.engine.sins.settings import make_settings
+from polar_nav_core.kernels.sins import state as fs
+from polar_nav_core.kernels.sins.fuse import adapt_noise
 
 B = 0.8
 
@@ -179,3 +183,18 @@ def test_Q_keeps_its_bounds():
             process.learn(K, np.array([z]), np.array([[100.0]]))
         assert process.ratio[0, 0] == pytest.approx(bound)
         assert P[6, 6] == pytest.approx(bound - 1.0)
+
+
+@pytest.mark.parametrize(('ceiling', 'scaled'), [(25.0, 25.0), (NO_CEILING, 400.0)])
+def test_adapted_noise_ends_at_the_ceiling(ceiling, scaled):
+    """Without one, the noise grows along with any innovation, and nothing is refused any more."""
+    settings = make_settings(EngineParams(configuration='modified_akf', adaptive_ceiling=ceiling))
+    state, work = fs.make_state(), fs.make_work()
+    state.noise[:] = [0.5, 400.0, 1.0, 0.1]
+    work.R[:] = np.eye(3)
+    adapt_noise(state, settings, work, fs.FIX_ROW, fs.VECTOR)
+    assert np.diagonal(work.R) == pytest.approx([scaled, 1.0, 0.5])
+    noise = GuardedNoise(B, 0.1, ceiling)
+    for _ in range(100):
+        noise.learn(np.full(3, 100.0), np.eye(3), np.eye(3))
+    assert np.linalg.eigvalsh(noise.ratio).max() == pytest.approx(min(ceiling, R_CEILING))

@@ -132,10 +132,10 @@ def test_combinations_that_make_no_sense_are_refused_by_both_names(
 
 def test_python_adapts_what_is_not_compiled():
     for name in NOISE_ADAPTATION:
-        assert (make_noise(name, 0.99, 0.5) is not None) == (name == 'sage_husa')
+        assert (make_noise(name, 0.99, 0.5, 25.0) is not None) == (name == 'sage_husa')
         assert (make_process(name, 0.99) is not None) == (name == 'sage_husa')
     with pytest.raises(ValueError, match='sage_husa_published'):
-        make_noise('best', 0.99, 0.5)
+        make_noise('best', 0.99, 0.5, 25.0)
 
 
 @pytest.mark.parametrize('delay_s', [0.0, 2.5])

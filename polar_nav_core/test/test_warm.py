@@ -7,42 +7,31 @@ from closed_loop import World, run
 
 from polar_nav_core.engine.engine import Engine
 from polar_nav_core.engine.params import DELAY_HANDLING
-from polar_nav_core.kernels.sins import (
-    events as filter_events,
-)
-from polar_nav_core.kernels.sins import (
-    late as filter_late,
-)
-from polar_nav_core.kernels.sins import (
-    run as filter_run,
-)
-from polar_nav_core.kernels.sins import (
-    smooth as filter_smooth,
-)
+from polar_nav_core.kernels.sins import events as filter_events
+from polar_nav_core.kernels.sins import late as filter_late
+from polar_nav_core.kernels.sins import late_run
+from polar_nav_core.kernels.sins import run as filter_run
 from polar_nav_core.kernels.sins import update as kf
 from polar_nav_core.warm import warm_filter
 
-MODULES = (kf, filter_events, filter_late, filter_run, filter_smooth)
+MODULES = (kf, filter_events, filter_late, filter_run, late_run)
 ENTRIES = [
     'add_epoch',
     'advance',
+    'advance_late',
     'begin_step',
     'cholesky',
-    'covariance_at',
     'feed_back_and_remember',
     'fill_array_axes',
     'fill_dvl',
     'fill_late_fix',
-    'filter_again',
-    'fuse_clone',
     'fuse_filled',
     'judge',
     'locate',
     'newest_until',
     'process_again',
     'put_row',
-    'refer_to_place',
-    'smooth',
+    'take_late',
     'take_snapshot',
     'update',
 ]

@@ -14,6 +14,7 @@ _FIRST: dict[str, Any] = {
     'accel_bias_sigma': 9.80665e-06,
     'accel_bias_walk': 0.0,
     'accel_noise_density': 3.101e-07,
+    'adaptive_ceiling': 1e300,
     'adaptive_floor': 0.5,
     'bottom_lock_pings': 3,
     'bottom_lock_timeout_s': 1.5,

@@ -33,6 +33,9 @@ NOISE_OF = {
 the printed filters exist only as conventional (`ignore`) and modified (`back_propagate`).
 """
 
+NO_CEILING = 1e300
+"""An adaptive_ceiling that no variance reaches: that of engine 1."""
+
 
 @dataclass(frozen=True)
 class Configuration:
@@ -208,6 +211,13 @@ class EngineParams(IdentificationParams, StationParams):
         1e-3,
         1.0,
         'adaptive_r and sage_husa take no variance below this share of the stated one',
+    )
+    adaptive_ceiling: float = param(
+        NO_CEILING,
+        '',
+        1.0,
+        NO_CEILING,
+        'adaptive_r and sage_husa take no variance above so many times the stated one',
     )
     published_start: float = param(
         0.0,

@@ -38,7 +38,7 @@ from ..results import CORRECTIONS_PER_S, IMU_PERIOD_S, Outcome
 from . import aiding
 from . import streams as st
 from .history import History, make_past
-from .log import make_log
+from .log import STEPS_PER_BLOCK, make_log
 from .noise import MeasurementNoise, ProcessNoise
 from .robust import inflation
 from .settings import make_settings, steps_per_snapshot
@@ -79,9 +79,9 @@ class NavigationFilter:
         self.frames = fs.make_frames()
         self.work = fs.make_work()
         self.settings = make_settings(params)
-        # A late fix that stands in the log of steps where it was received may have to be put where
-        # it belongs as long as a fix valid before its reception may come.
-        length_s = params.history_s + (params.max_delay_s if steps else 0.0)
+        # The block that the oldest fix belongs to begins before it, after a step.
+        block_s = (STEPS_PER_BLOCK + 2) * params.filter_period_s
+        length_s = params.history_s + (block_s if steps else 0.0)
         self.past = make_past(length_s, params.filter_period_s, model=model)
         self.log = make_log(
             self.past,

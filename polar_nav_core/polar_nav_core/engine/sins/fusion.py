@@ -52,8 +52,9 @@ class Fusion:
         configuration = params.resolved()
         adaptation = configuration.noise_adaptation
         self.filter = self.make_filter(params, initial, stamp_ns)
-        self._noise_fix = make_noise(adaptation, params.forgetting, params.adaptive_floor)
-        self._noise_dvl = make_noise(adaptation, params.forgetting, params.adaptive_floor)
+        bounds = (params.adaptive_floor, params.adaptive_ceiling)
+        self._noise_fix = make_noise(adaptation, params.forgetting, *bounds)
+        self._noise_dvl = make_noise(adaptation, params.forgetting, *bounds)
         self.filter.process = make_process(adaptation, params.forgetting)
         if self._noise_fix is not None:
             self._noise_fix.robust = configuration.robust_fixes
@@ -63,6 +64,15 @@ class Fusion:
     ) -> NavigationFilter:
         """Filter with the stored past that the strategy needs."""
         return NavigationFilter(params, initial, stamp_ns)
+
+    @property
+    def takes_fixes(self) -> bool:
+        """Whether `advance` fuses late fixes that stand in the streams."""
+        return self.filter.settings.back_propagates
+
+    def advance(self, until_ns: int, until_rank: int) -> int:
+        """Process what stands in the streams before a place; FULL, STOPPED or DONE."""
+        return self.filter.advance(until_ns, until_rank)
 
     def imu(self, sample: ImuSample) -> None:
         """Advance by one IMU sample."""

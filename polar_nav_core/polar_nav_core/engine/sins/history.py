@@ -62,6 +62,7 @@ def make_past(length_s: float, step_s: float, *, model: bool = False) -> fs.Past
         positions=np.zeros((epochs, 3)),
         velocities=np.zeros((epochs, 3)),
         levers=np.zeros((epochs, 3)),
+        usbl_biases=np.zeros((epochs, 3)),
         steps=np.zeros(epochs, dtype=np.int64),
         firsts=np.zeros(epochs, dtype=np.int64),
         transitions=np.zeros((steps, N, N)),

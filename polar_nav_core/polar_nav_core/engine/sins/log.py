@@ -7,6 +7,9 @@ import numpy as np
 from ...kernels.sins import state as fs
 from ...kernels.sins.update import N
 
+STEPS_PER_BLOCK = 10
+"""Covariance steps in a block of `clone`; long blocks are dear to enter, short ones to pass."""
+
 
 def make_log(
     past: fs.Past, *, steps: bool = False, snapshots: int = 0, model: bool = False
@@ -23,11 +26,9 @@ def make_log(
         stamps=np.zeros(order, dtype=np.int64),
         ranks=np.zeros(order, dtype=np.int64),
         epochs=np.zeros(order, dtype=np.int64),
-        step_q=np.zeros((stored, N)),
         step_P=np.zeros((stored, N, N)),
         rows=np.zeros(order, dtype=np.int64),
         H=np.zeros((updates, 3, N)),
-        R=np.zeros((updates, 3, 3)),
         z=np.zeros((updates, 3)),
         x=np.zeros((updates, N)),
         K=np.zeros((updates, 3, N)),

@@ -19,7 +19,7 @@ from ..events import Array
 from .noise import MeasurementNoise, ProcessNoise
 
 R_CEILING = 100.0
-"""Largest R-hat, as a multiple of the stated R in any direction: ten times the stated sigma."""
+"""Largest R-hat, as a multiple of the stated R in any direction, whatever ceiling is chosen."""
 Q_BOUNDS = (0.25, 4.0)
 """Smallest and largest Q-hat, as multiples of the stated Q in any direction."""
 
@@ -59,13 +59,14 @@ class GuardedNoise(MeasurementNoise):
     ----------
     forgetting : float
         b, in (0, 1).
-    floor : float
-        Smallest ratio in any direction.
+    floor, ceiling : float
+        Smallest and largest ratio in any direction.
     """
 
-    def __init__(self, forgetting: float, floor: float) -> None:
+    def __init__(self, forgetting: float, floor: float, ceiling: float = R_CEILING) -> None:
         self._b = forgetting
         self._floor = floor
+        self._ceiling = min(ceiling, R_CEILING)
         self.reset()
 
     def reset(self) -> None:
@@ -92,7 +93,7 @@ class GuardedNoise(MeasurementNoise):
         d = (1.0 - self._b) / (1.0 - self._power)
         d /= max(1.0, float(np.diagonal(of_state).max()))
         self.average = (1.0 - d) * self.average + d * (np.outer(v, v) - of_state)
-        self.ratio = clipped(self.average, self._floor, R_CEILING)
+        self.ratio = clipped(self.average, self._floor, self._ceiling)
 
 
 class GuardedProcess(ProcessNoise):

@@ -40,6 +40,7 @@ def make_settings(p: EngineParams) -> fs.Settings:
         back_propagates=c.delay_handling == 'back_propagate',
         forgetting=p.forgetting,
         floor=p.adaptive_floor,
+        ceiling=p.adaptive_ceiling,
         robust=ROBUST_FIXES.index(c.robust_fixes),
         robust_threshold=THRESHOLDS[3],
         gates=np.array([math.inf, *(chi2_gate(c.gate_probability, m) for m in (1, 2, 3))]),

@@ -43,6 +43,7 @@ class SinsArrays:
     """
 
     filter: NavigationFilter
+    _fusion: Fusion
 
     def __init__(self, inputs: Inputs, rows: fs.Rows, *, model_aiding: bool) -> None:
         x, self._rows = inputs, rows
@@ -84,6 +85,7 @@ class SinsArrays:
         """Hand the arrays to the filter started at the first sample; False without a filter."""
         if not isinstance(driver, Fusion):
             return False
+        self._fusion = driver
         self.filter = f = driver.filter
         f.streams = x = self._streams
         counters, now_ns = f.state.counters, first.stamp_ns
@@ -113,7 +115,7 @@ class SinsArrays:
         FilterDivergence
             As `NavigationFilter.advance`.
         """
-        return self.filter.advance(until_ns, until_rank) == fs.FULL
+        return self._fusion.advance(until_ns, until_rank) == fs.FULL
 
     def put_row(self) -> None:
         """Write the present estimate to the rows."""
@@ -126,8 +128,8 @@ class SinsArrays:
 
     @property
     def takes_fixes(self) -> bool:
-        """Whether the compiled loop can fuse fixes too."""
-        return self.filter.settings.back_propagates
+        """Whether the compiled loop can fuse fixes, too."""
+        return self._fusion.takes_fixes
 
     @property
     def fixes(self) -> int:

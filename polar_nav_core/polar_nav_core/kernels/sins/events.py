@@ -87,7 +87,6 @@ def _covariance_step(
     if log.step_P.shape[0] > 0:
         slot = number % log.step_P.shape[0]
         for i in range(N):
-            log.step_q[slot, i] = w.q[i]
             for j in range(N):
                 log.step_P[slot, i, j] = s.P[i, j]
         enter(
@@ -203,6 +202,7 @@ def add_epoch(s: State, c: Settings, past: Past) -> None:
     for k in range(3):
         past.positions[i, k] = s.r_e[k]
         past.velocities[i, k] = s.v_G[k]
+        past.usbl_biases[i, k] = s.usbl_bias_a[k]
         past.levers[i, k] = (
             s.C_b_G[k, 0] * c.lever_point_b[0]
             + s.C_b_G[k, 1] * c.lever_point_b[1]

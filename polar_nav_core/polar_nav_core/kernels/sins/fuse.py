@@ -78,11 +78,12 @@ def enter(
 
 
 @kernel
-def scale_noise(R: Array, noise: Array, floor: float) -> None:
-    """R <- D R D with D^2 the adapted ratio per axis (columns 1..3 of ``noise``), floored."""
+def scale_noise(R: Array, noise: Array, c: Settings) -> None:
+    """R <- D R D, D^2 the adapted ratio per axis (columns 1..3 of ``noise``), within bounds."""
     for a in range(3):
+        row = math.sqrt(min(max(noise[1 + a], c.floor), c.ceiling))
         for b in range(3):
-            R[a, b] *= math.sqrt(max(noise[1 + a], floor)) * math.sqrt(max(noise[1 + b], floor))
+            R[a, b] *= row * math.sqrt(min(max(noise[1 + b], c.floor), c.ceiling))
 
 
 @kernel
@@ -111,7 +112,7 @@ def adapt_noise(s: State, c: Settings, w: Work, stream: int, m: int) -> None:
         for a in range(3):
             for b in range(3):
                 w.stated[a, b] = w.R[a, b]
-        scale_noise(w.R, s.noise[stream], c.floor)
+        scale_noise(w.R, s.noise[stream], c)
 
 
 @kernel
@@ -187,7 +188,7 @@ def ping_passes(s: State, c: Settings, w: Work) -> int:
         for b in range(3):
             w.stated[a, b] = w.R[a, b]
     if c.adaptive:
-        scale_noise(w.stated, s.noise[fs.DVL_ROW], c.floor)
+        scale_noise(w.stated, s.noise[fs.DVL_ROW], c)
     w.nis[1] = 1.0
     if not judge(w, s.P, w.H, w.stated, w.z, fs.VECTOR):
         return fs.S_NOT_DEFINITE
@@ -216,7 +217,7 @@ def enlarge(w: Work, c: Settings) -> float:
 
 @kernel
 def store_update(log: Log, number: int, w: Work, m: int) -> None:
-    """Rows, noise, innovation, correction, gain, S and its factor of a fused measurement."""
+    """Rows, innovation, correction, gain, S and its factor of a fused measurement."""
     i = number % log.H.shape[0]
     for a in range(3):
         log.z[i, a] = w.z[a] if a < m else 0.0
@@ -225,7 +226,6 @@ def store_update(log: Log, number: int, w: Work, m: int) -> None:
             log.K[i, a, k] = w.K[a, k]
         for b in range(3):
             inside = a < m and b < m
-            log.R[i, a, b] = w.R[a, b] if inside else 0.0
             log.S[i, a, b] = w.S[a, b] if inside else 0.0
             log.L[i, a, b] = w.L[a, b] if inside else 0.0
     for k in range(N):

@@ -203,6 +203,7 @@ class Settings(NamedTuple):
     back_propagates: bool  # fixes of the streams are late: they stand where they were received
     forgetting: float
     floor: float
+    ceiling: float
     robust: int  # how fixes far off are weighted down: index in order.ROBUST_FIXES
     robust_threshold: float  # NIS of a fix from which on
     gates: Array  # (4,): threshold of NIS per number of rows
@@ -303,6 +304,7 @@ class Past(NamedTuple):
     positions: Array  # r_e, ECEF
     velocities: Array  # v_G, grid axes
     levers: Array  # transponder from base_link, grid axes
+    usbl_biases: Array  # as estimated, array axes
     steps: Ints
     firsts: Ints
     transitions: Array
@@ -338,8 +340,8 @@ class Streams(NamedTuple):
 class Log(NamedTuple):
     """Linear steps and updates in order, for `clone`; snapshots, for `rewind`.
 
-    Entry i of the order stands at i % length. A step's Phi, q and P stand at its number in the
-    rings of steps, an update's rows at the number of its correction.
+    Entry i of the order stands at i % length. A step's Phi and P stand at its number in the rings
+    of steps, an update's rows at the number of its correction.
     """
 
     counts: Ints  # (2,): entries of the order, snapshots
@@ -348,11 +350,9 @@ class Log(NamedTuple):
     stamps: Ints
     ranks: Ints
     epochs: Ints
-    step_q: Array
     step_P: Array
     rows: Ints
     H: Array
-    R: Array
     z: Array
     x: Array
     K: Array
@@ -364,8 +364,7 @@ class Log(NamedTuple):
 
 STEP = 0
 UPDATE = 1
-REMOVED = 2
-"""Kinds of entries: a late fix that found its place leaves REMOVED where it was fused at first."""
+"""Kinds of entries."""
 
 
 class Rows(NamedTuple):
