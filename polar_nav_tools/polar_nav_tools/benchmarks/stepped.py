@@ -126,38 +126,34 @@ def work(filled_s: float, age_s: float = AGE_S) -> Work:
 
 
 def _stored(engine: Engine, rest: list[Event]) -> Stored:
-    """Process what comes from the fix on, and read it from the log of linear steps."""
+    """Process the fix and what comes after it, and read that from the log of linear steps."""
     fusion = taken_over(engine)
     if fusion is None:
         raise PolarNavError(f'the engine has no state: {engine.divergence}')
     f = fusion.filter
-    P, first = f.P.copy(), int(f.log.counts[0])
-    drive(engine, rest)
-    log = f.log
-    x = np.zeros(len(P))
+    P0, first = f.P.copy(), int(f.log.counts[0])
+    drive(engine, rest[:1])
+    fix, x, P = Update(f.H.copy(), f.R.copy(), f.z.copy()), f.x.copy(), f.P.copy()
+    if not x.any():
+        raise PolarNavError('the engine did not fuse the fix that was on time')
+    drive(engine, rest[1:])
+    log, Q = f.log, np.diag(f.work.q)  # of each step: all are of one length
     found: list[tuple[Array, Array, list[Update]]] = []
-    fix: Update | None = None
     for entry in range(first, int(log.counts[0])):
         e = entry % len(log.kinds)
         number = int(log.numbers[e])
         if log.kinds[e] == fs.STEP:
             Phi = f.past.transitions[number % len(f.past.transitions)].copy()
-            found.append((Phi, np.diag(log.step_q[number % len(log.step_q)]), []))
-            x = Phi @ x
+            found.append((Phi, Q, []))
+            x, P = Phi @ x, log.step_P[number % len(log.step_P)].copy()
             continue
         u = number % len(log.H)
         m = int(log.rows[e])
-        H = log.H[u, :m].copy()
-        update = Update(H, log.R[u, :m, :m].copy(), log.z[u, :m] + H @ x)
-        x = x + log.x[u]
-        if fix is None:
-            fix = update
-        else:
-            found[-1][2].append(update)
-    if fix is None:
-        raise PolarNavError('the engine did not fuse the fix that was on time')
+        H, K, S = log.H[u, :m].copy(), log.K[u, :m], log.S[u, :m, :m]
+        found[-1][2].append(Update(H, S - H @ P @ H.T, log.z[u, :m] + H @ x))
+        x, P = x + log.x[u], P - K.T @ S @ K
     steps = tuple(Step(Phi, Q, tuple(updates)) for Phi, Q, updates in found)
-    return Stored(P, fix, steps, f.P.copy(), x)
+    return Stored(P0, fix, steps, f.P.copy(), x)
 
 
 class StoneSoup:

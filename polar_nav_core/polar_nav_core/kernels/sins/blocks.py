@@ -122,7 +122,8 @@ def is_stored(s: State, log: Log, first: int, count: int) -> bool:
     for entry in range(first, count):
         e = entry % length
         if log.kinds[e] == fs.UPDATE:
-            return s.counters[fs.CORRECTIONS] - log.numbers[e] < log.H.shape[0]
+            kept: bool = s.counters[fs.CORRECTIONS] - log.numbers[e] < log.H.shape[0]
+            return kept
     return True
 
 
