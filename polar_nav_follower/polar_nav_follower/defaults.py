@@ -8,6 +8,7 @@ neither a new parameter nor another default comes without an entry here.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 _FIRST: dict[str, Any] = {
@@ -138,8 +139,38 @@ _FIRST: dict[str, Any] = {
 }
 """Engine 1. For a parameter that is new: the value with which engine 1 gives its bits."""
 
-_SINCE: dict[int, dict[str, Any]] = {}
+_SINCE: dict[int, dict[str, Any]] = {2: {'configuration': 'default', 'adaptive_ceiling': 25.0}}
 """By engine version: what changed with it. A version with new defaults counts up (version.py)."""
+
+_MEANT: dict[int, dict[str, dict[str, Any]]] = {
+    1: {
+        'default': {
+            'configuration': 'custom',
+            'delay_handling': 'back_propagate',
+            'noise_adaptation': 'none',
+            'gate_probability': 0.9999,
+            'robust_fixes': 'none',
+        },
+    },
+}
+"""By the last engine that meant it: what a named configuration of mode sins stood for."""
+
+
+def as_recorded(params: Mapping[str, Any], engine_version: int) -> dict[str, Any]:
+    """Return parameters with a configuration that was renamed since replaced by what it stood for.
+
+    Parameters
+    ----------
+    params : mapping
+        All parameters of a recording.
+    engine_version : int
+        As recorded on ``/run_info``; 1 where a bag states none.
+    """
+    if params['mode'] == 'sins':
+        for version in sorted(_MEANT):
+            if engine_version <= version and params['configuration'] in _MEANT[version]:
+                return {**params, **_MEANT[version][params['configuration']]}
+    return dict(params)
 
 
 def defaults_of(engine_version: int) -> dict[str, Any]:

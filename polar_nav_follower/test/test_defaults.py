@@ -17,7 +17,8 @@ FROZEN_CONFIGURATIONS = {
         'default': ('back_propagate', 'none', 0.9999, 'none'),
         'station augmented': ('rewind', 'none', 0.9999, 'mahalanobis'),
         'station published': ('tagged', 'none', 1.0, 'none'),
-    }
+    },
+    2: {'default': ('clone', 'none', 0.9999, 'mahalanobis')},
 }
 """By the engine version since which a name stands for this."""
 

@@ -30,8 +30,7 @@ from launch_ros.actions import Node
 
 from polar_nav_core.engine.configurations import NAMES
 from polar_nav_core.errors import ConfigError
-from polar_nav_tools.graph.build import usual_configuration
-from polar_nav_tools.graph.options import LEADERS, PACES, GraphOptions
+from polar_nav_tools.graph.options import LEADERS, PACES, USUAL_CONFIGURATION, GraphOptions
 from polar_nav_tools.graph.spec import NodeSpec, Stage
 from polar_nav_tools.live.domain import node_surroundings
 from polar_nav_tools.live.node_process import NodeEnd
@@ -70,9 +69,9 @@ def generate_launch_description() -> LaunchDescription:
             ),
             DeclareLaunchArgument(
                 'configuration',
-                default_value='',
-                choices=['', *NAMES],
-                description="Filter configuration of the follower; empty: the mission's usual one",
+                default_value=USUAL_CONFIGURATION,
+                choices=list(NAMES),
+                description='Filter configuration of the follower',
             ),
             DeclareLaunchArgument(
                 'leader',
@@ -101,7 +100,7 @@ def _graph(context: LaunchContext) -> list[LaunchDescriptionEntity]:
     options = GraphOptions(
         pace=value('pace'),
         seed=seed,
-        configuration=value('configuration') or usual_configuration(mission),
+        configuration=value('configuration'),
         leader=value('leader'),
         bag=None if bag == NO_BAG else folder,
     )

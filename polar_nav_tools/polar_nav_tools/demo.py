@@ -10,14 +10,14 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from polar_nav_core.engine.configurations import pair_of
+from polar_nav_core.engine.configurations import compared_of
 
 from .analysis.analyse import Analysis, analyse
 from .analysis.counts import topic_table
 from .analysis.html_report import write_analysis
 from .analysis.opening import open_for
-from .graph.build import follower_parameters, usual_configuration
-from .graph.options import GraphOptions
+from .graph.build import follower_parameters
+from .graph.options import USUAL_CONFIGURATION, GraphOptions
 from .live.run import LiveRun, new_bag_path, read_mission, run_live
 from .scoring import Score
 from .scoring.json_values import jsonable
@@ -189,7 +189,7 @@ def run_demo(options: DemoOptions, *, say: Callable[[str], None]) -> DemoResult:
     graph_options = GraphOptions(
         pace=options.pace,
         seed=options.seed,
-        configuration=options.configuration or usual_configuration(mission),
+        configuration=options.configuration or USUAL_CONFIGURATION,
         leader=options.leader,
         bag=bag,
     )
@@ -210,7 +210,7 @@ def run_demo(options: DemoOptions, *, say: Callable[[str], None]) -> DemoResult:
     if run.outcome.signal is not None or run.bag is None:
         return DemoResult(run, wall_s)
     replaying = time.monotonic()
-    algorithms = pair_of(follower_parameters(run.graph))
+    algorithms = compared_of(follower_parameters(run.graph))
     analysis = analyse(open_for(run.bag, say), algorithms, verified=True, say=say)
     wall_s['replay and score'] = time.monotonic() - replaying
     drawing = time.monotonic()

@@ -11,6 +11,7 @@ pytest.importorskip('rclpy')
 
 from rclpy.serialization import deserialize_message
 
+from polar_nav_core.engine.version import ENGINE_VERSION
 from polar_nav_follower import session
 from polar_nav_msgs.msg import NavState
 from polar_nav_ros import topics
@@ -51,7 +52,8 @@ def bag(tmp_path_factory):
 
 @pytest.fixture(scope='module')
 def run(bag):
-    inputs = load_inputs(bag)
+    # The parameters are those recorded, the outputs of today.
+    inputs = dataclasses.replace(load_inputs(bag), engine_version=ENGINE_VERSION)
     replayed = replay(inputs)
     return inputs, replayed, verify(inputs, replayed=replayed)
 

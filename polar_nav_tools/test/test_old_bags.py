@@ -13,6 +13,7 @@ pytest.importorskip('rclpy')
 from rclpy.serialization import deserialize_message
 from std_msgs.msg import String
 
+from polar_nav_core.engine.params import NO_CEILING, EngineParams
 from polar_nav_core.engine.version import ENGINE_VERSION
 from polar_nav_core.errors import ConfigError
 from polar_nav_follower import defaults
@@ -21,7 +22,7 @@ from polar_nav_ros.cdr import to_bytes
 from polar_nav_ros.topics import RECEIPT, STATE
 from polar_nav_tools.bags import BagError, BagWriter, open_bag
 from polar_nav_tools.cli import main
-from polar_nav_tools.replay import certificate, verification
+from polar_nav_tools.replay import certificate, described, verification
 from polar_nav_tools.replay.by_message import replay
 from polar_nav_tools.replay.certificate import CertificateError, certify, check
 from polar_nav_tools.replay.described import describe
@@ -117,6 +118,31 @@ def test_what_a_bag_does_not_state_is_that_of_its_engine(monkeypatch):
     assert describe({'params': {'dvl_sigma': 0.5}, 'engine_version': 2}).params['dvl_sigma'] == 0.5
 
 
+def test_a_configuration_keeps_what_it_stood_for():
+    """In bags of engine 1 `default` was another filter, and the follower's default another."""
+    old, new = (
+        EngineParams(**engine_of(describe({'params': stated, 'engine_version': version}).params))
+        for stated, version in (({'configuration': 'default'}, 1), ({}, 2))
+    )
+    was, now = old.resolved(), new.resolved()
+    assert (was.delay_handling, was.gate_probability, was.robust_fixes) == (
+        'back_propagate',
+        0.9999,
+        'none',
+    )
+    assert (now.delay_handling, now.robust_fixes) == ('clone', 'mahalanobis')
+    assert (old.adaptive_ceiling, new.adaptive_ceiling) == (NO_CEILING, 25.0)
+    assert describe({}).params['configuration'] == 'modified_akf'
+    station = describe({'params': {'configuration': 'default', 'mode': 'station'}})
+    assert station.params['configuration'] == 'default'
+    again = described.read_parameters(describe({'params': {'configuration': 'default'}}).params, 1)
+    assert again.params['configuration'] == 'custom'
+
+
+def engine_of(params):
+    return {f.name: params[f.name] for f in dataclasses.fields(EngineParams)}
+
+
 def test_retired_parameters_are_accepted_and_named():
     bag = open_bag(REFERENCE)
     assert 'publish_decoded' in bag.node_params(NODE)
@@ -171,7 +197,7 @@ def test_another_engine_is_compared_in_sigma(newer, metres, ok):
         message.r_e[0] += metres
 
     result = verify(inputs, replayed=moved(replayed, STATE, change))
-    assert (result.engine_version, result.difference) == (ENGINE_VERSION, None)
+    assert (result.engine_version, result.difference) == (1, None)
     assert result.ok is result.comparison.ok is ok
     assert bool(result.comparison.problems()) is not ok
     if not ok:
@@ -221,7 +247,7 @@ def test_messages_with_other_fields(run, monkeypatch):
 
         monkeypatch.setattr(verification, 'is_installed', installed)
         with pytest.raises(BagError, match=r'not comparable: .* has other fields'):
-            require_comparable(inputs)
+            require_comparable(dataclasses.replace(inputs, engine_version=ENGINE_VERSION))
         other = dataclasses.replace(inputs, engine_version=NEXT)
         if refused:
             with pytest.raises(BagError, match='not comparable'):
@@ -240,7 +266,8 @@ def test_certificates_name_the_engine(run, monkeypatch):
     assert given.machine['engine_version'] == ENGINE_VERSION
     before = {k: v for k, v in given.machine.items() if k != 'engine_version'}
     older = dataclasses.replace(given, machine=before)
-    assert not [n for n in check(older, inputs, replayed, result).notes if 'engine' in n]
+    named = [n for n in check(older, inputs, replayed, result).notes if 'engine' in n]
+    assert named == [f'engine: certified with 1, here {ENGINE_VERSION}']
     stated = {**given.parameters, 'publish_decoded': True}
     older = dataclasses.replace(
         older, parameters=stated, parameters_sha256=certificate.parameters_sha256(stated)
@@ -276,7 +303,7 @@ def test_the_command(newer, monkeypatch, capsys):
     near = moved(replayed, STATE, round_otherwise)
     status, out, _ = polar(near)
     assert status == 0
-    assert f'recorded with engine {ENGINE_VERSION}: compared to 1e-6 sigma\n' in out
+    assert 'recorded with engine 1: compared to 1e-6 sigma\n' in out
     assert 'parameter publish_decoded = True was retired with engine 1' in out
 
     def change(message):
@@ -289,6 +316,6 @@ def test_the_command(newer, monkeypatch, capsys):
     status, out, _ = polar(far, '--json')
     said = json.loads(out)
     assert (status, said['ok'], said['first_difference']) == (1, False, None)
-    assert said['engine_version'] == {'recorded': ENGINE_VERSION, 'replayed': ENGINE_VERSION}
+    assert said['engine_version'] == {'recorded': 1, 'replayed': ENGINE_VERSION}
     assert said['comparison']['largest_difference']['what'] == 'velocity'
     assert len(said['retired_parameters']) == 2

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from polar_nav_core import earth
-from polar_nav_core.engine.configurations import STATION_VARIANTS, pair_of, parameters_of
+from polar_nav_core.engine.configurations import STATION_VARIANTS, compared_of, parameters_of
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.params import from_mapping
 from polar_nav_sim.mission import load_mission
 from polar_nav_tools.development.pages import NODES
-from polar_nav_tools.graph.build import build_graph, usual_configuration
+from polar_nav_tools.graph.build import build_graph
 from polar_nav_tools.graph.options import GraphOptions
 from polar_nav_tools.graph.spec import NodeSpec, Stage
 from polar_nav_tools.replay.by_message import parameters
@@ -24,7 +24,7 @@ def mission():
 
 @pytest.fixture(scope='module')
 def graph(mission):
-    options = GraphOptions(seed=7, configuration=usual_configuration(mission), bag=Path('bags/x'))
+    options = GraphOptions(seed=7, bag=Path('bags/x'))
     return build_graph(mission, options)
 
 
@@ -138,5 +138,5 @@ def test_every_name_of_a_filter_stands_for_parameters_that_the_follower_takes(gr
 
 def test_names_mean_configurations_where_there_is_no_station():
     assert parameters_of('default', {}) == {'configuration': 'default'}
-    assert pair_of({}) == ('conventional_akf', 'modified_akf')
-    assert pair_of({'mode': 'station'}) == ('published', 'default')
+    assert compared_of({}) == ('conventional_akf', 'modified_akf', 'default')
+    assert compared_of({'mode': 'station'}) == ('published', 'default')

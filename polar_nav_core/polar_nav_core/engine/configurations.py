@@ -13,9 +13,9 @@ from typing import Any
 from polar_nav_core.engine.params import CONFIGURATIONS, DELAY_HANDLING
 
 STATION = 'station'
-LEADER_PAIR = ('conventional_akf', 'modified_akf')
-"""Compared by default: the filter that treats late fixes as current, and the delay-aware one."""
-STATION_PAIR = ('published', 'default')
+WITH_LEADER = ('conventional_akf', 'modified_akf', 'default')
+"""Compared by default: late fixes treated as current, delay-aware as published, the default."""
+WITH_STATION = ('published', 'default')
 """The paper's filter, with current and drag known, and the one that estimates them."""
 
 _USUAL = {'configuration': 'default', 'station_filter': 'augmented'}
@@ -47,6 +47,6 @@ def parameters_of(name: str, recorded: Mapping[str, Any]) -> dict[str, Any]:
     return {'configuration': name}
 
 
-def pair_of(recorded: Mapping[str, Any]) -> tuple[str, str]:
-    """Names of the two configurations that are compared by default."""
-    return STATION_PAIR if recorded.get('mode') == STATION else LEADER_PAIR
+def compared_of(recorded: Mapping[str, Any]) -> tuple[str, ...]:
+    """Names of the configurations that are compared by default."""
+    return WITH_STATION if recorded.get('mode') == STATION else WITH_LEADER

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ..errors import ConfigError
 from ..identification.params import IdentificationParams
@@ -65,10 +65,14 @@ CONFIGURATIONS: dict[str, Configuration] = {
         'back_propagate', 'sage_husa_published', 1.0, 'equations (56)-(65); expected to diverge'
     ),
     'default': Configuration(
-        'back_propagate', 'none', 0.9999, 'delay-aware, stated noise, chi-square gate'
+        'clone',
+        'none',
+        0.9999,
+        'exact delay, stated noise, chi-square gate, robust weight',
+        'mahalanobis',
     ),
 }
-"""Named configurations; the first two are the pair that the demo compares."""
+"""Named configurations; `default` takes `rewind` along with a vehicle's model."""
 
 STATION_CONFIGURATIONS: dict[str, Configuration] = {
     'augmented': Configuration(
@@ -91,7 +95,7 @@ class EngineParams(IdentificationParams, StationParams):
         'Strapdown with DVL, or a vehicle model with an AHRS and the fixes of a station',
     )
     configuration: str = choice(
-        'modified_akf',
+        'default',
         (*CONFIGURATIONS, 'custom'),
         'Named set of delay handling, noise adaptation and gate',
     )
@@ -213,7 +217,7 @@ class EngineParams(IdentificationParams, StationParams):
         'adaptive_r and sage_husa take no variance below this share of the stated one',
     )
     adaptive_ceiling: float = param(
-        NO_CEILING,
+        25.0,
         '',
         1.0,
         NO_CEILING,
@@ -295,7 +299,10 @@ class EngineParams(IdentificationParams, StationParams):
             )
         if self.mode == 'station':
             return STATION_CONFIGURATIONS[self.station_filter]
-        return CONFIGURATIONS[self.configuration]
+        named = CONFIGURATIONS[self.configuration]
+        if self.model_aiding and named.delay_handling == 'clone':
+            return replace(named, delay_handling='rewind')  # stored steps are of the 24 states
+        return named
 
     def initial_state(self) -> InitialState | None:
         """State to start from, or None when it comes by service."""

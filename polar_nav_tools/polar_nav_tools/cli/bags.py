@@ -235,7 +235,7 @@ def analysed(
     from ..analysis.analyse import analyse
     from ..analysis.opening import open_for
 
-    chosen = () if recorded else tuple(configurations or _usual_pair(bag, vehicle))
+    chosen = () if recorded else tuple(configurations or _usual_filters(bag, vehicle))
     long = bool(chosen) and bag.message_count >= _LONG
     with percent('replay') if long else nullcontext(None) as progress:
         return analyse(
@@ -256,15 +256,15 @@ def ahead_of(recorded: bool, truth: Path | None, vehicle: str | None) -> Wants |
     return None if recorded else wanted_of(vehicle, truth=truth is None)
 
 
-def _usual_pair(bag: Bag, vehicle: str | None) -> tuple[str, str]:
-    """Names of the two configurations compared by default, in the mode of the bag's follower."""
-    from polar_nav_core.engine.configurations import LEADER_PAIR, pair_of
+def _usual_filters(bag: Bag, vehicle: str | None) -> tuple[str, ...]:
+    """Names of the configurations compared by default, in the mode of the bag's follower."""
+    from polar_nav_core.engine.configurations import WITH_LEADER, compared_of
 
     from ..replay.recorded import followers_of
 
     found = followers_of(bag)
     chosen = found.get(vehicle) if vehicle is not None else next(iter(found.values()), None)
-    return LEADER_PAIR if chosen is None else pair_of(chosen)
+    return WITH_LEADER if chosen is None else compared_of(chosen)
 
 
 def print_complaints(analysis: Analysis) -> bool:

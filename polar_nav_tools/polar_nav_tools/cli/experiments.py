@@ -114,7 +114,11 @@ def run_one(
 def ablation(
     sensors: Annotated[
         str | None,
-        typer.Option(metavar='A,B', help='6.1, 6.2, 6.2 without DVL.', show_default='all'),
+        typer.Option(
+            metavar='A,B',
+            help='6.1, 6.2, 6.2 without DVL, tactical.',
+            show_default='those of the paper',
+        ),
     ] = None,
     periods: Annotated[
         str | None, typer.Option(metavar='S,S', help='Times between fixes.', show_default='1,10')

@@ -35,7 +35,7 @@ ConfigurationOption = Annotated[
     typer.Option(
         '--configuration',
         '-c',
-        help='Filter configuration of the follower; the mission knows its own.',
+        help='Filter configuration of the follower; `default` unless stated.',
     ),
 ]
 BagOption = Annotated[
@@ -130,8 +130,7 @@ def launch(
 
     Uses the ROS domain of the shell (ROS_DOMAIN_ID, 0 when it is not set).
     """
-    from ..graph.build import usual_configuration
-    from ..graph.options import GraphOptions
+    from ..graph.options import USUAL_CONFIGURATION, GraphOptions
     from ..live.run import new_bag_path, read_mission, run_live
     from ..terminal.progress import progress_display
 
@@ -141,7 +140,7 @@ def launch(
     options = GraphOptions(
         pace='realtime',
         seed=seed,
-        configuration=configuration or usual_configuration(chosen),
+        configuration=configuration or USUAL_CONFIGURATION,
         leader=leader,
         bag=target,
     )

@@ -28,15 +28,17 @@ SENSORS = {
     '6.1': ('paper_6_1', True),
     '6.2': ('paper_6_2', True),
     '6.2 without DVL': ('paper_6_2', False),
+    'tactical': ('tactical', True),
 }
-"""Process noise: IMU of a section of the paper; whether there is a DVL."""
+"""Process noise: IMU of a section of the paper, or a preset; whether there is a DVL."""
+_PAPER_SENSORS = ('6.1', '6.2', '6.2 without DVL')
 _QUICK_SENSORS = ('6.2',)
 COLUMNS = (*STRATEGIES, CLAIRVOYANT)
 _NO_FIXES = 'no fixes'
 
 
 def _grid(request: Request) -> tuple[Sequence[str], Sequence[float], Sequence[float]]:
-    sensors: Sequence[str] = tuple(SENSORS)
+    sensors: Sequence[str] = _PAPER_SENSORS
     periods: Sequence[float] = PERIODS_S
     delays: Sequence[float] = DELAYS_S
     if request.quick:

@@ -141,11 +141,6 @@ def build_graph(mission: Mission, options: GraphOptions) -> Graph:
     return Graph(mission.name, mission.duration_s, options, (truth, *nodes), recorded)
 
 
-def usual_configuration(mission: Mission) -> str:
-    """Default filter configuration of the live follower."""
-    return 'default' if has_station(mission) else 'modified_akf'
-
-
 def follower_parameters(graph: Graph) -> Mapping[str, ParameterValue]:
     """Parameters of the follower that differ from its node's defaults."""
     return next(spec.parameters for spec in graph.nodes if spec.stage is Stage.FOLLOWER)

@@ -9,6 +9,8 @@ from polar_nav_core.engine.configurations import NAMES
 from polar_nav_core.errors import ConfigError
 
 PACES = ('lockstep', 'realtime')
+USUAL_CONFIGURATION = 'default'
+"""Of the follower, where nobody names another."""
 LEADERS = ('perfect', 'own')
 """Navigation of the leader: perfect, from the simulation as the papers assume, or its own."""
 MAX_SEED = 2**31 - 1
@@ -41,7 +43,7 @@ class GraphOptions:
 
     pace: str = 'lockstep'
     seed: int = 1
-    configuration: str = 'modified_akf'
+    configuration: str = USUAL_CONFIGURATION
     leader: str = 'perfect'
     bag: Path | None = None
     run_info: Path | None = None

@@ -14,7 +14,7 @@ from polar_nav_core.engine.version import ENGINE_VERSION
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.params import unknown_parameter
 from polar_nav_core.retired import RETIRED
-from polar_nav_follower.defaults import defaults_of
+from polar_nav_follower.defaults import as_recorded, defaults_of
 from polar_nav_follower.params import FollowerParams
 
 from ..bags.reader import Bag
@@ -98,7 +98,7 @@ def read_parameters(stated: Mapping[str, Any], engine_version: int) -> Descripti
     """Description by stated parameters, completed by the defaults of the engine version."""
     recorded = dict(stated)
     retired = {name: recorded.pop(name) for name in sorted(RETIRED.keys() & recorded)}
-    params = defaults_of(engine_version) | recorded
+    params = as_recorded(defaults_of(engine_version) | recorded, engine_version)
     return Description(engine_version, params, frozenset(recorded), retired)
 
 
