@@ -1,0 +1,204 @@
+"""Common errors: how far constants that nobody estimates move the state, and what that costs.
+
+A constant error b that measurements share (the zero of depth, a turned DVL, a scale error of
+ranges) moves the estimate by S b, whatever the filter believes: with any gain K the error obeys
+e <- Phi e and e <- e - K (H e + J b), which is linear in b. The sensitivity S (24, COLUMNS) is
+carried beside the covariance, the gain stays what it was, and what is published is
+P + S B S^T with B = diag(sigma^2) (docs/derivations/common_errors.md).
+"""
+
+from __future__ import annotations
+
+from ...arrays import Array
+from ..cache import kernel
+from .update import COUPLED, MARKOV, NAV, N
+
+# Columns of S and J, and places of their sigmas.
+RANGE_SCALE = 0
+ARRAY_TURN = 1
+CLOCK = 2
+OFFSET = 3  # three, grid axes
+DVL_YAW = 6
+DVL_PITCH = 7
+DVL_LEVER_X = 8
+DVL_LEVER_Y = 9
+DVL_LATENCY = 10
+DEPTH_ZERO = 11
+COLUMNS = 12
+
+DV = 3
+DR = 6
+
+
+@kernel
+def predict_sensitivity(S: Array, Phi: Array, M: Array) -> None:
+    """S <- Phi S for a transition that is full in its first nine rows and diagonal below.
+
+    Parameters
+    ----------
+    S : (24, COLUMNS) array, in place
+        Change of the estimated error per unit of each common error.
+    Phi : (24, 24) array
+        Full in rows 0..8 and columns 0..14; diagonal below, ones to MARKOV.
+    M : array of at least (9, COLUMNS)
+        Scratch.
+    """
+    for i in range(NAV):
+        for c in range(COLUMNS):
+            s = 0.0
+            for k in range(COUPLED):
+                s += Phi[i, k] * S[k, c]
+            M[i, c] = s
+    for i in range(NAV):
+        for c in range(COLUMNS):
+            S[i, c] = M[i, c]
+    for i in range(MARKOV, N):
+        for c in range(COLUMNS):
+            S[i, c] *= Phi[i, i]
+
+
+@kernel
+def innovation_sensitivity(J: Array, H: Array, S: Array, m: int) -> None:
+    """J <- H S + J: change of the innovation per unit of each common error, first m rows."""
+    for k in range(N):
+        for a in range(m):
+            h = H[a, k]
+            if h != 0.0:
+                for c in range(COLUMNS):
+                    J[a, c] += h * S[k, c]
+
+
+@kernel
+def late_sensitivity(J: Array, S: Array, delay: float) -> None:
+    """J of a fix that was valid ``delay`` [s] ago less what S has moved since: first order.
+
+    The rows of a late fix are those of the position then, S is that of now; position has moved by
+    the velocity's part since. J (3, COLUMNS) in grid axes, before `innovation_sensitivity`.
+    """
+    for a in range(3):
+        for c in range(COLUMNS):
+            J[a, c] -= delay * S[DV + a, c]
+
+
+@kernel
+def widen(wide: Array, S_zz: Array, J: Array, sigma: Array, m: int) -> None:
+    """Innovation covariance with the common errors: wide = S_zz + J B J^T, first m rows."""
+    for a in range(m):
+        for b in range(a + 1):
+            s = S_zz[a, b]
+            for c in range(COLUMNS):
+                s += J[a, c] * J[b, c] * sigma[c] * sigma[c]
+            wide[a, b] = s
+            wide[b, a] = s
+
+
+@kernel
+def update_sensitivity(S: Array, K: Array, J: Array, m: int) -> None:
+    """S <- S - K J, with J as `innovation_sensitivity` leaves it and K (3, 24) transposed."""
+    for a in range(m):
+        for i in range(N):
+            gain = K[a, i]
+            for c in range(COLUMNS):
+                S[i, c] -= gain * J[a, c]
+
+
+@kernel
+def add_common(P: Array, S: Array, sigma: Array) -> None:
+    """P <- P + S B S^T: covariance with the common errors, (24, 24) in place."""
+    for c in range(COLUMNS):
+        variance = sigma[c] * sigma[c]
+        if variance > 0.0:
+            for i in range(N):
+                x = variance * S[i, c]
+                for j in range(i + 1):
+                    P[i, j] += x * S[j, c]
+    for i in range(N):
+        for j in range(i):
+            P[j, i] = P[i, j]
+
+
+@kernel
+def clear(J: Array) -> None:
+    """J <- 0."""
+    for a in range(3):
+        for c in range(COLUMNS):
+            J[a, c] = 0.0
+
+
+@kernel
+def dvl_common(
+    J: Array,
+    C_b_G: Array,
+    C_m_b: Array,
+    v_m: Array,
+    omega_b: Array,
+    f_b: Array,
+    gravity: float,
+) -> None:
+    """Innovation of a DVL ping per unit of each common error of the DVL.
+
+    Parameters
+    ----------
+    J : (3, COLUMNS) out, grid axes
+        Per radian of yaw and pitch of the mounting, per metre of lever arm along x and y, per
+        second of latency.
+    C_b_G, C_m_b : (3, 3)
+        Attitude; mounting of the instrument.
+    v_m : (3,)
+        Measured velocity, instrument axes [m/s].
+    omega_b, f_b : (3,)
+        Rate [rad/s] and specific force [m/s^2], body axes.
+    gravity : float
+        [m/s^2].
+    """
+    clear(J)
+    x = C_m_b[0, 0] * v_m[0] + C_m_b[0, 1] * v_m[1] + C_m_b[0, 2] * v_m[2]
+    y = C_m_b[1, 0] * v_m[0] + C_m_b[1, 1] * v_m[1] + C_m_b[1, 2] * v_m[2]
+    z = C_m_b[2, 0] * v_m[0] + C_m_b[2, 1] * v_m[1] + C_m_b[2, 2] * v_m[2]
+    # Change of the velocity in body axes: acceleration over ground less omega x v.
+    a_x = f_b[0] - gravity * C_b_G[2, 0] - (omega_b[1] * z - omega_b[2] * y)
+    a_y = f_b[1] - gravity * C_b_G[2, 1] - (omega_b[2] * x - omega_b[0] * z)
+    a_z = f_b[2] - gravity * C_b_G[2, 2] - (omega_b[0] * y - omega_b[1] * x)
+    for i in range(3):
+        b_x = C_b_G[i, 0]
+        b_y = C_b_G[i, 1]
+        b_z = C_b_G[i, 2]
+        J[i, DVL_YAW] = b_x * y - b_y * x  # -C (e_z x v)
+        J[i, DVL_PITCH] = b_z * x - b_x * z  # -C (e_y x v)
+        J[i, DVL_LEVER_X] = -(b_y * omega_b[2] - b_z * omega_b[1])  # -C (omega x e_x)
+        J[i, DVL_LEVER_Y] = b_x * omega_b[2] - b_z * omega_b[0]  # -C (omega x e_y)
+        J[i, DVL_LATENCY] = b_x * a_x + b_y * a_y + b_z * a_z
+
+
+@kernel
+def depth_common(J: Array) -> None:
+    """Innovation of a depth per unit of its zero: one row."""
+    clear(J)
+    J[0, DEPTH_ZERO] = 1.0
+
+
+@kernel
+def fix_common(J: Array, C_e_G: Array, relative_e: Array, v_G: Array) -> None:
+    """Innovation of a position fix per unit of each common error of fixes.
+
+    Parameters
+    ----------
+    J : (3, COLUMNS) out, grid axes
+        Per unit of range scale, per radian of turn of the array, per second of clock, per metre of
+        offset.
+    C_e_G : (3, 3)
+    relative_e : (3,)
+        From the leader's array to the follower's transponder, ECEF [m]; zero for an absolute fix.
+    v_G : (3,)
+        Velocity, grid axes [m/s].
+    """
+    clear(J)
+    for i in range(3):
+        r = 0.0
+        for k in range(3):
+            r += C_e_G[i, k] * relative_e[k]
+        J[i, RANGE_SCALE] = -r
+        J[i, CLOCK] = -v_G[i]
+        J[i, OFFSET + i] = -1.0
+    J[0, ARRAY_TURN] = -J[1, RANGE_SCALE]  # -(up x r)
+    J[1, ARRAY_TURN] = J[0, RANGE_SCALE]
