@@ -1,0 +1,1 @@
+"""The watchdog: what innovations, refusals and silences say of each sensor."""

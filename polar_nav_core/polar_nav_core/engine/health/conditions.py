@@ -1,0 +1,124 @@
+"""What can be wrong with a navigation, as levels, culprits and sentences."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum, IntFlag
+
+
+class Level(IntEnum):
+    """How bad it is; the numbers are those of diagnostic_msgs/DiagnosticStatus."""
+
+    OK = 0
+    WARN = 1
+    ERROR = 2
+
+
+class Culprit(IntFlag):
+    """What the evidence supports as the cause; several bits where it cannot tell them apart."""
+
+    NONE = 0
+    FIXES = 1
+    DVL = 2
+    DEPTH = 4
+    IMU = 8
+    MODEL = 16
+    HEADING = 32
+    UNEXPLAINED = 64
+
+
+@dataclass(frozen=True)
+class Condition:
+    """One thing that is wrong at a stamp.
+
+    Attributes
+    ----------
+    key : str
+        Names the kind of condition; the same while it lasts.
+    level : Level
+    culprit : Culprit
+    sentence : str
+        With the numbers of now.
+    """
+
+    key: str
+    level: Level
+    culprit: Culprit
+    sentence: str
+
+
+@dataclass(frozen=True)
+class Present:
+    """A condition that is present, since when, and how often it has come.
+
+    Attributes
+    ----------
+    condition : Condition
+    since_ns : int
+        Stamp from which on it has been present without a break [ns].
+    count : int
+        Times that it has begun.
+    """
+
+    condition: Condition
+    since_ns: int
+    count: int
+
+
+@dataclass(frozen=True)
+class Health:
+    """State of a navigation at a stamp: every present condition, the worst first.
+
+    Attributes
+    ----------
+    stamp_ns : int
+    present : tuple of Present
+        Worst level first, then the oldest.
+    radius_95 : float
+        Radius of a circle that holds the horizontal position with 95 % [m].
+    resets : int
+        How often the state was inflated, restored or started anew.
+    """
+
+    stamp_ns: int
+    present: tuple[Present, ...]
+    radius_95: float
+    resets: int
+
+    @property
+    def level(self) -> Level:
+        """Worst present level."""
+        return max((p.condition.level for p in self.present), default=Level.OK)
+
+    @property
+    def culprit(self) -> Culprit:
+        """Culprits of all present conditions of the worst level."""
+        found = Culprit.NONE
+        for p in self.present:
+            if p.condition.level is self.level:
+                found |= p.condition.culprit
+        return found
+
+    @property
+    def sentence(self) -> str:
+        """The leading condition's sentence; empty when all is well."""
+        return self.present[0].condition.sentence if self.present else ''
+
+
+class Chronicle:
+    """Remembers since when each kind of condition is present and how often it came."""
+
+    def __init__(self) -> None:
+        self._since: dict[str, int] = {}
+        self._count: dict[str, int] = {}
+
+    def note(self, stamp_ns: int, conditions: list[Condition]) -> tuple[Present, ...]:
+        """Present conditions at a stamp, worst first; those not named have ended."""
+        keys = {c.key for c in conditions}
+        self._since = {key: at for key, at in self._since.items() if key in keys}
+        for c in conditions:
+            if c.key not in self._since:
+                self._since[c.key] = stamp_ns
+                self._count[c.key] = self._count.get(c.key, 0) + 1
+        found = (Present(c, self._since[c.key], self._count[c.key]) for c in conditions)
+        return tuple(sorted(found, key=lambda p: (-p.condition.level, p.since_ns)))

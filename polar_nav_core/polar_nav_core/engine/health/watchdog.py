@@ -1,0 +1,218 @@
+"""Judges every sensor of a strapdown navigation by what its innovations and refusals show.
+
+Nothing here changes an estimate. What is compared: innovation memories (kernels.watch), refusals
+in a row, ages of the aids, speed and depth. Where the evidence fits several causes, the sentence
+says so and the culprit has several bits. Thresholds: docs/trust-and-hold.md.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...arrays import Array
+from ...kernels import watch
+from .conditions import Chronicle, Condition, Culprit, Health, Level
+from .statistics import Statistics, statistics
+
+DVL, DEPTH, FIX = range(watch.STREAMS)
+_NAMES = ('DVL', 'depth', 'position fixes')
+_CULPRITS = (Culprit.DVL | Culprit.IMU, Culprit.DEPTH | Culprit.IMU, Culprit.FIXES)
+
+_FEWEST = 10.0
+"""Effective attempts before a memory is judged."""
+_BIAS = (45.0, 40.0)
+"""Chi-square (1) of a mean that is a WARN, per memory; four times that is an ERROR."""
+_SEVERE = 4.0
+_SCATTER_SIGMAS = 8.0
+_REFUSED_SHARE = 0.5
+_AFTER_S = 60.0
+"""A gate that was opened again stays a condition for so long."""
+_Z95 = math.sqrt(-2.0 * math.log(0.05))
+"""Radius of the 95 % circle in sigmas of an isotropic horizontal position."""
+
+
+@dataclass(frozen=True)
+class View:
+    """What the watchdog looks at, at one stamp.
+
+    Attributes
+    ----------
+    stamp_ns : int
+    memories : (STREAMS, MEMORIES, WIDTH) array
+        Innovation memories of DVL, depth and fixes.
+    opened_ns : (STREAMS,) array of int
+        When the gate of a stream was last opened again; 0 for never.
+    used_ns : (STREAMS,) array of int
+        Newest measurement of a stream that was used; 0 for none.
+    speed, depth : float
+        Of the vehicle [m/s], below the surface [m].
+    P_horizontal : (2, 2) array
+        Published covariance of the horizontal position [m^2].
+    resets : int
+        How often the state was inflated, restored or started anew.
+    """
+
+    stamp_ns: int
+    memories: Array
+    opened_ns: Array
+    used_ns: Array
+    speed: float
+    depth: float
+    P_horizontal: Array
+    resets: int
+
+
+@dataclass(frozen=True)
+class Envelope:
+    """What the vehicle can do.
+
+    Attributes
+    ----------
+    max_speed, max_depth : float
+        [m/s], [m].
+    """
+
+    max_speed: float
+    max_depth: float
+
+
+class Watchdog:
+    """Follows one navigation.
+
+    Parameters
+    ----------
+    envelope : Envelope
+    """
+
+    def __init__(self, envelope: Envelope) -> None:
+        self._envelope = envelope
+        self._chronicle = Chronicle()
+
+    def look(self, view: View, others: list[Condition]) -> Health:
+        """Judge a navigation at a stamp; ``others`` are conditions that were found elsewhere."""
+        found = [*others, *self._conditions(view)]
+        present = self._chronicle.note(view.stamp_ns, found)
+        return Health(view.stamp_ns, present, radius_95(view.P_horizontal), view.resets)
+
+    def _conditions(self, view: View) -> list[Condition]:
+        s = statistics(view.memories)
+        found = []
+        for stream in (DVL, DEPTH):
+            found += _refusals(view, s, stream)
+        found += _fix_bias(s)
+        for stream in (DVL, DEPTH):
+            found += _local_bias(s, stream)
+        for stream in (DVL, DEPTH, FIX):
+            found += _scatter(s, stream)
+        return [*found, *_outside(view, self._envelope)]
+
+
+def radius_95(P: Array) -> float:
+    """Radius of a circle that holds a horizontal position with 95 % or more [m]."""
+    largest = 0.5 * (P[0, 0] + P[1, 1]) + math.hypot(0.5 * (P[0, 0] - P[1, 1]), P[0, 1])
+    return _Z95 * math.sqrt(largest) if largest >= 0.0 else math.nan
+
+
+def _refusals(view: View, s: Statistics, stream: int) -> list[Condition]:
+    """A local sensor that the gate refuses, or whose gate had to be opened again."""
+    name, culprit = _NAMES[stream], _CULPRITS[stream]
+    share, number = s.refused[stream, watch.SHORT], s.number[stream, watch.SHORT]
+    found = []
+    if number >= _FEWEST and share > _REFUSED_SHARE:
+        sentence = (
+            f'{100.0 * share:.0f} % of {name} refused: {name} and inertial navigation disagree'
+        )
+        found.append(Condition(f'{name} refused', Level.ERROR, culprit, sentence))
+    since_s = (view.stamp_ns - int(view.opened_ns[stream])) * 1e-9
+    if view.opened_ns[stream] and since_s < _AFTER_S:
+        sentence = (
+            f'{name} was refused until {since_s:.0f} s ago and is used again with enlarged '
+            'covariance'
+        )
+        found.append(Condition(f'{name} reopened', Level.ERROR, culprit, sentence))
+    return found
+
+
+def _judged(s: Statistics, values: Array, stream: int) -> tuple[float, int, int]:
+    """Largest share of a threshold that a mean reaches: share, memory, axis."""
+    shares = values[stream] / np.array(_BIAS)[:, None]
+    shares = np.where(s.number[stream][:, None] >= _FEWEST, shares, 0.0)
+    memory, axis = np.unravel_index(int(np.argmax(shares)), shares.shape)
+    return float(shares[memory, axis]), int(memory), int(axis)
+
+
+def _fix_bias(s: Statistics) -> list[Condition]:
+    """Fixes that lie to one side: of the track (the DVL's fault) or of the map (the fixes')."""
+    track, memory_t, axis_t = _judged(s, s.track, FIX)
+    grid, memory_g, axis_g = _judged(s, s.grid, FIX)
+    worst = max(track, grid)
+    if not worst > 1.0:
+        return []
+    level = Level.ERROR if worst > _SEVERE else Level.WARN
+    if axis_t == axis_g == 2:
+        mean = s.track_mean[FIX, memory_t, 2]
+        sentence = f'fixes lie {-mean:+.1f} sigma above the estimate: depth or fixes are off'
+        culprit = Culprit.FIXES | Culprit.DEPTH
+    elif track > 2.0 * grid:
+        mean = s.track_mean[FIX, memory_t, axis_t]
+        where = ('ahead', 'to port', 'above')[axis_t]
+        cause = ('scale', 'turn', 'tilt')[axis_t]
+        sentence = f'fixes lie {-mean:+.1f} sigma {where} whatever the course: {cause} of the DVL'
+        culprit = Culprit.DVL
+    elif grid > 2.0 * track:
+        mean = s.grid_mean[FIX, memory_g, axis_g]
+        where = ('grid east', 'grid north', 'up')[axis_g]
+        sentence = f'fixes lie {-mean:+.1f} sigma towards {where} on every course: they drift'
+        culprit = Culprit.FIXES
+    else:
+        mean = s.grid_mean[FIX, memory_g]
+        size = float(np.hypot(mean[0], mean[1]))
+        sentence = (
+            f'fixes lie {size:.1f} sigma off on average: they drift, or the DVL has a scale error '
+            'or is turned (on one course these look the same)'
+        )
+        culprit = Culprit.FIXES | Culprit.DVL
+    return [Condition('fixes off', level, culprit, sentence)]
+
+
+def _local_bias(s: Statistics, stream: int) -> list[Condition]:
+    """A local sensor whose innovations have a mean: it, or the inertial navigation, is off."""
+    worst, memory, axis = _judged(s, s.track, stream)
+    if not worst > 1.0:
+        return []
+    level = Level.ERROR if worst > _SEVERE else Level.WARN
+    mean = s.track_mean[stream, memory, axis]
+    where = 'up' if stream == DEPTH else ('along track', 'across track', 'up')[axis]
+    sentence = (
+        f'{_NAMES[stream]} innovations have a mean of {mean:+.1f} sigma {where}: '
+        f'{_NAMES[stream]} or IMU'
+    )
+    return [Condition(f'{_NAMES[stream]} off', level, _CULPRITS[stream], sentence)]
+
+
+def _scatter(s: Statistics, stream: int) -> list[Condition]:
+    """A sensor that scatters more than stated."""
+    sigmas = float(s.nis_sigmas[stream, watch.LONG])
+    nis = float(s.nis[stream, watch.LONG])
+    if s.number[stream, watch.LONG] < 5.0 * _FEWEST or not (sigmas > _SCATTER_SIGMAS):
+        return []
+    sentence = (
+        f'{_NAMES[stream]} scatter {math.sqrt(nis):.1f} times as much as stated '
+        f'(NIS {nis:.1f} per degree of freedom)'
+    )
+    culprit = _CULPRITS[stream] & ~Culprit.IMU
+    return [Condition(f'{_NAMES[stream]} noise', Level.WARN, culprit, sentence)]
+
+
+def _outside(view: View, envelope: Envelope) -> list[Condition]:
+    """A state that the vehicle cannot be in."""
+    if view.speed > envelope.max_speed:
+        sentence = f'{view.speed:.1f} m/s is faster than max_speed {envelope.max_speed:.1f} m/s'
+        return [Condition('speed', Level.ERROR, Culprit.UNEXPLAINED, sentence)]
+    if not -50.0 < view.depth < envelope.max_depth:
+        sentence = f'{view.depth:.0f} m is no depth between the surface and max_depth'
+        return [Condition('depth', Level.ERROR, Culprit.UNEXPLAINED, sentence)]
+    return []
