@@ -1,0 +1,163 @@
+"""The watchdog: silent on white innovations, names what is off, remembers since when."""
+
+import numpy as np
+import pytest
+
+from polar_nav_core.engine.health.conditions import Culprit, Level
+from polar_nav_core.engine.health.statistics import statistics
+from polar_nav_core.engine.health.watchdog import (
+    DEPTH,
+    DVL,
+    FIX,
+    Envelope,
+    View,
+    Watchdog,
+    radius_95,
+)
+from polar_nav_core.kernels import watch
+
+S = np.diag([0.04, 0.09, 0.01])
+SIGMA = np.sqrt(np.diagonal(S))
+EAST = np.array([0.7, 0.0, 0.0])
+
+
+def memories():
+    return np.zeros((watch.STREAMS, watch.MEMORIES, watch.WIDTH))
+
+
+def feed(kept, stream, z, course=0.0, *, m=3, fused=True, speed=2.0):
+    """One attempt: innovation z [m] on a course [rad, from grid east to grid north]."""
+    z = np.ascontiguousarray(z, dtype=float)
+    nis = float(np.sum(z[:m] ** 2 / np.diagonal(S)[:m]))
+    v = speed * np.cos(course), speed * np.sin(course)
+    watch.observe(kept[stream], z, S, nis, m, fused, *v)
+
+
+def view(kept, stamp_ns=10**12, **changes):
+    usual = {
+        'opened_ns': np.zeros(3, dtype=np.int64),
+        'used_ns': np.zeros(3, dtype=np.int64),
+        'speed': 2.0,
+        'depth': 100.0,
+        'P_horizontal': np.eye(2),
+        'resets': 0,
+    }
+    return View(stamp_ns=stamp_ns, memories=kept, **{**usual, **changes})
+
+
+def look(kept, dog=None, **changes):
+    dog = dog or Watchdog(Envelope(max_speed=10.0, max_depth=6000.0))
+    return dog.look(view(kept, **changes), [])
+
+
+def test_statistics_of_white_innovations_are_chi_square():
+    rng, found = np.random.default_rng(1), []
+    for _ in range(300):
+        kept = memories()
+        for _ in range(400):
+            feed(kept, FIX, SIGMA * rng.standard_normal(3), rng.uniform(0.0, 6.0))
+        found.append(statistics(kept))
+    for memory in range(watch.MEMORIES):
+        values = np.array([[s.grid[FIX, memory], s.track[FIX, memory]] for s in found])
+        assert values.mean() == pytest.approx(1.0, abs=0.1)  # chi-square (1)
+        nis = np.array([s.nis[FIX, memory] for s in found])
+        sigmas = np.array([s.nis_sigmas[FIX, memory] for s in found])
+        assert nis.mean() == pytest.approx(1.0, abs=0.01)
+        assert 0.5 < sigmas.std() < 1.1  # three degrees of freedom of a fix scatter less than one
+
+
+def test_memories_forget():
+    kept = memories()
+    for _ in range(2000):
+        feed(kept, DVL, SIGMA * 0.0)
+    number = statistics(kept).number[DVL]
+    np.testing.assert_allclose(number, [60.0, 600.0], rtol=0.03)
+
+
+@pytest.mark.parametrize('stream', [DVL, DEPTH, FIX])
+def test_silent_on_white_innovations(stream):
+    rng, kept = np.random.default_rng(2), memories()
+    m = 1 if stream == DEPTH else 3
+    for k in range(20_000):
+        feed(kept, stream, SIGMA * rng.standard_normal(3), 1e-3 * k, m=m)
+        if k % 50 == 0:
+            assert not look(kept).present
+
+
+def test_fixes_off_along_the_track_on_every_course_are_the_dvl():
+    rng, kept = np.random.default_rng(3), memories()
+    for k in range(600):
+        course = 0.05 * k
+        off = -0.7 * np.array([np.cos(course), np.sin(course), 0.0])
+        feed(kept, FIX, SIGMA * (off + rng.standard_normal(3)), course)
+    health = look(kept)
+    assert health.culprit is Culprit.DVL
+    assert 'ahead whatever the course: scale of the DVL' in health.sentence
+
+
+def test_fixes_off_to_one_side_of_the_map_drift():
+    rng, kept = np.random.default_rng(4), memories()
+    for k in range(600):
+        feed(kept, FIX, SIGMA * (EAST + rng.standard_normal(3)), 0.05 * k)
+    health = look(kept)
+    assert health.culprit is Culprit.FIXES
+    assert 'towards grid east' in health.sentence
+    assert '-0.' in health.sentence  # estimate minus fix is positive: fixes lie to the west
+
+
+def test_on_one_course_the_two_look_the_same():
+    rng, kept = np.random.default_rng(5), memories()
+    for _ in range(600):
+        feed(kept, FIX, SIGMA * (EAST + rng.standard_normal(3)))
+    assert look(kept).culprit == Culprit.FIXES | Culprit.DVL
+
+
+def test_outliers_are_no_bias_but_scatter():
+    rng, kept = np.random.default_rng(6), memories()
+    for k in range(900):
+        wild = 30.0 if k % 5 == 0 else 1.0
+        feed(kept, FIX, wild * SIGMA * rng.standard_normal(3), 0.01 * k)
+    health = look(kept)
+    assert [p.condition.key for p in health.present] == ['position fixes noise']
+    assert health.level is Level.WARN
+
+
+def test_refused_sensors_are_an_error_that_ends_and_is_counted():
+    rng, kept = np.random.default_rng(7), memories()
+    dog = Watchdog(Envelope(max_speed=10.0, max_depth=6000.0))
+    stamps = iter(range(10**12, 10**13, 10**9))
+    for _ in range(2):
+        for _ in range(40):
+            feed(kept, DVL, SIGMA * (9.0 + rng.standard_normal(3)), fused=False)
+        first, then = (look(kept, dog, stamp_ns=next(stamps)) for _ in range(2))
+        assert first.level is Level.ERROR
+        assert first.culprit == Culprit.DVL | Culprit.IMU
+        assert '% of DVL refused' in first.sentence
+        assert then.present[0].since_ns == first.stamp_ns
+        for _ in range(20_000):
+            feed(kept, DVL, SIGMA * rng.standard_normal(3))
+        assert not look(kept, dog, stamp_ns=next(stamps)).present
+    assert first.present[0].count == 2
+
+
+def test_a_gate_that_was_opened_again_is_an_error_for_a_minute():
+    kept, opened = memories(), np.array([10**12, 0, 0], dtype=np.int64)
+    soon = look(kept, stamp_ns=10**12 + 30 * 10**9, opened_ns=opened)
+    assert soon.level is Level.ERROR
+    assert 'refused until 30 s ago' in soon.sentence
+    assert not look(kept, stamp_ns=10**12 + 61 * 10**9, opened_ns=opened).present
+
+
+def test_states_that_no_vehicle_can_be_in():
+    assert '20.0 m/s is faster' in look(memories(), speed=20.0).sentence
+    assert 'no depth' in look(memories(), depth=9000.0).sentence
+    assert look(memories(), depth=9000.0).level is Level.ERROR
+
+
+def test_radius_holds_95_percent_of_positions():
+    """Exactly so for a circle; for a line the circle of 2.45 sigma holds 98.56 %."""
+    rng = np.random.default_rng(8)
+    for P in (np.diag([4.0, 4.0]), np.array([[4.0, 1.5], [1.5, 1.0]])):
+        at = rng.multivariate_normal([0.0, 0.0], P, size=20_000)
+        inside = np.mean(np.hypot(*at.T) < radius_95(P))
+        assert 0.945 < inside < 0.9856 + 0.003
