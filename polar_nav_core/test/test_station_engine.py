@@ -159,7 +159,7 @@ def test_heading_error_of_the_station_is_a_state_that_never_averages_out():
 
 def test_modes_and_filters_take_what_they_can():
     with pytest.raises(ConfigError, match='modified_akf does not go with mode station'):
-        EngineParams(mode='station')
+        EngineParams(mode='station', configuration='modified_akf')
     with pytest.raises(ConfigError, match='adaptive_r does not go with mode station'):
         twin.params(configuration='custom', noise_adaptation='adaptive_r')
     with pytest.raises(ConfigError, match='rewind does not go with station_filter published'):

@@ -112,9 +112,9 @@ def test_a_station_may_be_elsewhere_and_measure_long():
         station = Station(errors, WATER, 1, 'station', 'auv', FRAME)
         readings.append(station.read(station.cycle(0, START_NS, Straight((0, 0, 0)), away)))
     true, off = readings
-    assert off.range == pytest.approx(1.01 * true.range)
-    assert off.bearing == true.bearing
-    assert_allclose(off.station_position - true.station_position, [20.0, -5.0, 0.0])
+    assert off.polar.range == pytest.approx(1.01 * true.polar.range)
+    assert off.polar.bearing == true.polar.bearing
+    assert_allclose(off.polar.station - true.polar.station, [20.0, -5.0, 0.0])
 
 
 def test_a_clock_is_late_by_offset_and_drift():
