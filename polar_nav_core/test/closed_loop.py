@@ -9,7 +9,7 @@ import numpy as np
 from polar_nav_core import attitude, earth, grid
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.events import DepthSample, DvlPing, Fix, ImuSample
-from polar_nav_core.engine.params import EngineParams
+from polar_nav_core.engine.params import NO_COMMON_ERRORS, NO_RESERVE, EngineParams
 from polar_nav_core.kernels.frames import strapdown
 
 START_NS = 1_772_323_200_000_000_000
@@ -69,6 +69,9 @@ class World:
         lat, lon, height = earth.geodetic_from_ecef(self.r_e[1])
         psi, pitch, roll = attitude.euler_from_matrix(self.C_b_G[1])
         values = {
+            **NO_COMMON_ERRORS,
+            **NO_RESERVE,
+            'dvl_scale_sigma': 1e-4,
             'initial_latitude_deg': float(np.rad2deg(lat)),
             'initial_longitude_deg': float(np.rad2deg(lon)),
             'initial_height': float(height),

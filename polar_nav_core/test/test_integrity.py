@@ -10,7 +10,8 @@ from closed_loop import World, run
 from polar_nav_core.engine.checks import warnings_of
 from polar_nav_core.engine.engine import Engine
 from polar_nav_core.engine.events import Command, CommandKind, ImuSample, Receipt, Verdict
-from polar_nav_core.engine.integrity import IntegrityMonitor, Level
+from polar_nav_core.engine.health.conditions import Level
+from polar_nav_core.engine.integrity import IntegrityMonitor
 from polar_nav_core.engine.params import EngineParams
 
 S = 1_000_000_000
@@ -210,8 +211,14 @@ def test_an_imu_that_outruns_the_history_is_told_with_its_true_reach(world, name
         ({'configuration': 'default', 'delay_handling': 'clone'}, 'delay_handling: clone'),
         ({'configuration': 'custom', 'gate_probability': 1.0}, 'gate_probability: 1.0'),
         ({'reorder_window_s': 8.0, 'max_delay_s': 8.0}, 'reorder_window_s: 8.0'),
-        ({'gyro_noise_density': 0.0}, 'gyro_noise_density and gyro_bias_walk'),
-        ({'accel_noise_density': 0.0}, 'accel_noise_density and accel_bias_walk'),
+        (
+            {'gyro_noise_density': 0.0, 'gyro_bias_walk': 0.0},
+            'gyro_noise_density and gyro_bias_walk',
+        ),
+        (
+            {'accel_noise_density': 0.0, 'accel_bias_walk': 0.0},
+            'accel_noise_density and accel_bias_walk',
+        ),
         ({'initial_sigma_heading_deg': 30.0}, 'initial_sigma_heading_deg: 30.0'),
     ],
 )

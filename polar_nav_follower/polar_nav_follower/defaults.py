@@ -26,14 +26,22 @@ _FIRST: dict[str, Any] = {
     'current_walk': 1e-05,
     'delay_handling': 'back_propagate',
     'depth_lever_b': (0.0, 0.0, 0.0),
+    'depth_offset_sigma': 0.0,
     'depth_sigma': 0.05,
+    'dvl_latency_sigma': 0.0,
     'dvl_lever_b': (0.0, 0.0, 0.0),
+    'dvl_lever_sigma': 0.0,
     'dvl_markov_sigma': 0.005,
     'dvl_markov_tau': 300.0,
+    'dvl_misalignment_sigma_deg': 0.0,
     'dvl_rpy_deg': (0.0, 0.0, 0.0),
     'dvl_scale_sigma': 0.0001,
     'dvl_sigma': 0.005,
     'filter_period_s': 0.1,
+    'fix_clock_sigma': 0.0,
+    'fix_heading_sigma_deg': 0.0,
+    'fix_offset_sigma': 0.0,
+    'fix_range_scale_sigma': 0.0,
     'forgetting': 0.99,
     'frame_id': 'earth',
     'gate_probability': 0.9999,
@@ -79,8 +87,10 @@ _FIRST: dict[str, Any] = {
     'leader_id': 1,
     'lockstep': False,
     'max_delay_s': 60.0,
+    'max_depth': 12000.0,
     'max_gated_s': 300.0,
     'max_imu_gap_s': 0.5,
+    'max_speed': 20.0,
     'mode': 'sins',
     'model_acceleration_noise': 0.0014,
     'model_added_mass': (2.8, 65.5, 85.5),
@@ -105,6 +115,7 @@ _FIRST: dict[str, Any] = {
     'published_fix_variance': 100.0,
     'published_noise': (1e-05, 0.2, 0.0001),
     'published_start': 0.0,
+    'reopen_after_s': 0.0,
     'reorder_window_s': 0.05,
     'robust_fixes': 'none',
     'sea_surface_height': 0.0,
@@ -139,7 +150,24 @@ _FIRST: dict[str, Any] = {
 }
 """Engine 1. For a parameter that is new: the value with which engine 1 gives its bits."""
 
-_SINCE: dict[int, dict[str, Any]] = {2: {'configuration': 'default', 'adaptive_ceiling': 25.0}}
+_SINCE: dict[int, dict[str, Any]] = {
+    2: {
+        'accel_bias_walk': 3e-06,
+        'adaptive_ceiling': 25.0,
+        'configuration': 'default',
+        'depth_offset_sigma': 0.5,
+        'dvl_latency_sigma': 0.05,
+        'dvl_lever_sigma': 0.1,
+        'dvl_misalignment_sigma_deg': 0.3,
+        'dvl_scale_sigma': 0.004,
+        'fix_clock_sigma': 0.01,
+        'fix_heading_sigma_deg': 0.3,
+        'fix_offset_sigma': 0.3,
+        'fix_range_scale_sigma': 0.005,
+        'gyro_bias_walk': 1.5e-09,
+        'reopen_after_s': 10.0,
+    },
+}
 """By engine version: what changed with it. A version with new defaults counts up (version.py)."""
 
 _MEANT: dict[int, dict[str, dict[str, Any]]] = {

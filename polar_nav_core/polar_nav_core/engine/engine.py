@@ -31,6 +31,8 @@ from .events import (
     Receipt,
     Verdict,
 )
+from .health.conditions import Health, Level
+from .health.watchdog import Envelope, Watchdog
 from .integrity import Integrity, held
 from .ledger import FixLedger
 from .params import EngineParams
@@ -39,9 +41,12 @@ from .refusals import unusable_local
 from .results import FixResult, chi2_gate
 from .sins.filter import NavigationFilter
 from .sins.fusion import Fusion
+from .sins.view import view_of
 from .station.fixes import dated
 from .station.identify import make_adaptation
 from .strategies import make_fusion
+
+_SECOND_NS = 1_000_000_000
 
 
 class Engine:
@@ -79,6 +84,9 @@ class Engine:
         self.verdicts: Counter[Verdict] = Counter()
         self.gated: Counter[str] = Counter()
         self.fused: Counter[str] = Counter()
+        self.resets = 0
+        self.health: Health | None = None
+        self._watchdog = Watchdog(Envelope(params.max_speed, params.max_depth))
         self.imu_gaps = 0
         self.divergence = ''
         self.ledger = FixLedger(params, self.verdicts, self.fused)
@@ -203,6 +211,8 @@ class Engine:
                 self.due_ns = self._start_ns = sample.stamp_ns
             return
         before_ns = self.fusion.stamp_ns
+        if sample.stamp_ns // _SECOND_NS != before_ns // _SECOND_NS:
+            self.health = self._look(before_ns)
         try:
             self.fusion.imu(sample)
         except FilterDivergence as error:
@@ -210,6 +220,13 @@ class Engine:
             return
         if sample.stamp_ns // self._output_ns != before_ns // self._output_ns:
             self.due_ns = sample.stamp_ns
+
+    def _look(self, stamp_ns: int) -> Health | None:
+        """Health of a strapdown navigation at the newest sample; None in station mode."""
+        if not isinstance(self.fusion, Fusion):
+            return None
+        found = [] if self.integrity.level is Level.OK else [self.integrity.condition]
+        return self._watchdog.look(view_of(self.fusion, stamp_ns, self.resets), found)
 
     def _control(self, sample: ControlSample) -> None:
         self._thrust = sample
@@ -268,6 +285,8 @@ class Engine:
                 f'the stored history reaches back {reach:.2f} s'
             )
             return [self._receipt(fix, fix.receive_ns, Verdict.TOO_OLD, reason)]
+        if not result.outcome.fused and self.ledger.integrity.outnumber():
+            result = self._believe(fix, result)
         self.ledger.remember(fix)
         if self.adaptation is not None:
             self._identified = self.adaptation.fix(fix, result.outcome, self.fusion)
@@ -279,6 +298,17 @@ class Engine:
         )
         return [first, *revised]
 
+    def _believe(self, fix: Fix, refused: FixResult) -> FixResult:
+        """Fuse a fix that agrees with refused ones which outnumber all that were ever fused.
+
+        The filter has locked on to something else: its covariance is enlarged by the NIS.
+        """
+        if not isinstance(self.fusion, Fusion) or not self.params.reopen_after_s:
+            return refused
+        self.fusion.filter.inflate(refused.outcome.nis / refused.outcome.dof)
+        self.resets += 1
+        return self.fusion.fix(fix) or refused
+
     def _command(self, command: Command) -> Iterator[Output]:
         if command.kind is CommandKind.IDENTIFY and self.adaptation is not None:
             yield self.adaptation.identify(command.stamp_ns, 'command', self.fusion)
@@ -286,6 +316,7 @@ class Engine:
             return
         self._initial = command.initial_state or self.params.initial_state()
         self.fusion = None
+        self.health = None
         self.due_ns = None
         self.divergence = ''
         self.ledger.start_anew()

@@ -167,6 +167,8 @@ class Fix:
         The same in a sentence.
     array_heading : float
         Grid heading of the leader's array [rad].
+    relative_e : (3,) array
+        From the leader's array to the transponder, ECEF [m]; zero for an absolute fix.
     polar : PolarFix or None
         What a station measured, where the fix comes from one; then ``r_e`` is NaN.
     """
@@ -183,6 +185,7 @@ class Fix:
     refusal: Verdict | None = None
     reason: str = ''
     array_heading: float = float('nan')
+    relative_e: Array = field(default_factory=lambda: np.zeros(3))
     polar: PolarFix | None = None
     topic: str = 'acomms/rx'
 

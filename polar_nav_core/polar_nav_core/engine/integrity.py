@@ -12,29 +12,23 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass
-from enum import IntEnum
 
 import numpy as np
 
 from .driver import Driver
 from .events import Array, Fix
+from .health.conditions import Condition, Culprit, Level
 
 _ALARMING = 3
 """Fixes refused in a row before anything is said: one or two are chance or outliers."""
+_BELIEVED = 10
+"""Agreeing refused fixes that it takes at least to be believed."""
 _KEPT = 256
 """Refused fixes that are remembered one by one, for their common offset."""
 _PATIENCE = 3.0
 """Fixes count as still being refused for this many of their mean intervals after the last."""
 _CERTAIN_REJECTION = 4.0
 """A fix whose NIS exceeds the gate by this factor is left to the gate, which surely refuses it."""
-
-
-class Level(IntEnum):
-    """Severity; the numbers are those of diagnostic_msgs/DiagnosticStatus."""
-
-    OK = 0
-    WARN = 1
-    ERROR = 2
 
 
 @dataclass(frozen=True)
@@ -66,6 +60,12 @@ class Integrity:
     offset_G: Array
     scatter: float
 
+    @property
+    def condition(self) -> Condition:
+        """The same as a condition of the watchdog."""
+        key = 'fixes gated' if self.gated_run else 'no fixes'
+        return Condition(key, self.level, Culprit.FIXES, self.sentence)
+
 
 @dataclass(frozen=True)
 class _Refused:
@@ -91,9 +91,11 @@ class IntegrityMonitor:
         self._last_fused_ns: int | None = None
         self._newest_fused_validity_ns = 0
         self.longest_gated_s = 0.0
+        self._fused = 0
 
     def fused(self, validity_ns: int, receive_ns: int) -> None:
         """Count a fused fix: it ends a run of refused ones that were valid before it."""
+        self._fused += 1
         if self._last_fused_ns is None or receive_ns > self._last_fused_ns:
             self._last_fused_ns = receive_ns
         self._newest_fused_validity_ns = max(self._newest_fused_validity_ns, validity_ns)
@@ -133,6 +135,17 @@ class IntegrityMonitor:
         mean_G, scatter = self._cluster()
         size = float(np.linalg.norm(mean_G))
         return scatter < 0.5 * size and float(np.linalg.norm(offset_G - mean_G)) < 0.5 * size
+
+    def outnumber(self) -> bool:
+        """Whether refused fixes agree with one another and are twice as many as all fused ones.
+
+        A filter that has locked on to outliers at the start is in the wrong then; one that agreed
+        with fixes for an hour is not moved by a leader that is displaced.
+        """
+        if self._count < max(_BELIEVED, 2 * self._fused):
+            return False
+        mean_G, scatter = self._cluster()
+        return scatter < 0.5 * float(np.linalg.norm(mean_G))
 
     def lasting(self, stamp_ns: int) -> bool:
         """Whether fixes have been refused for longer than `max_gated_s` at a stamp."""

@@ -85,6 +85,24 @@ STATION_DELAYS = {'augmented': DELAY_HANDLING, 'published': ('ignore', 'tagged')
 """Delay handlings by the filter of station mode; the printed one has a gain of the present."""
 
 
+NO_RESERVE: dict[str, float] = {'gyro_bias_walk': 0.0, 'accel_bias_walk': 0.0}
+"""Parameters of a world whose IMU has constant biases, and whose gravity is the normal one."""
+NO_COMMON_ERRORS: dict[str, float] = dict.fromkeys(
+    (
+        'fix_range_scale_sigma',
+        'fix_heading_sigma_deg',
+        'fix_clock_sigma',
+        'fix_offset_sigma',
+        'dvl_misalignment_sigma_deg',
+        'dvl_lever_sigma',
+        'dvl_latency_sigma',
+        'depth_offset_sigma',
+    ),
+    0.0,
+)
+"""Parameters of a world whose fixes and sensors have no error in common but what is estimated."""
+
+
 @dataclass(frozen=True)
 class EngineParams(IdentificationParams, StationParams):
     """What can be chosen of a vehicle's navigation; nodes add their own."""
@@ -119,6 +137,16 @@ class EngineParams(IdentificationParams, StationParams):
     )
     max_gated_s: float = param(
         300.0, 's', 1.0, 86400.0, 'Fixes that are gated for longer are an error in diagnostics'
+    )
+    max_speed: float = param(
+        20.0, 'm/s', 0.1, 1e4, 'Fastest that the vehicle can be; beyond is an error'
+    )
+    max_depth: float = param(
+        12000.0,
+        'm',
+        1.0,
+        12000.0,
+        'Deepest that the vehicle can be; beyond is an error',
     )
     reorder_window_s: float = param(
         0.05, 's', 0.0, 10.0, 'Stamp time that messages may come out of order'
@@ -160,7 +188,13 @@ class EngineParams(IdentificationParams, StationParams):
         1.454e-7, 'rad/s', 1e-12, 1.0, '1-sigma of the constant gyro bias (0.03 deg/h)'
     )
     gyro_noise_density: float = param(1.533e-9, 'rad/s/sqrt(Hz)', 0.0, 1.0, 'Angle random walk')
-    gyro_bias_walk: float = param(0.0, 'rad/s/sqrt(s)', 0.0, 1.0, 'Random walk of the gyro bias')
+    gyro_bias_walk: float = param(
+        1.5e-9,
+        'rad/s/sqrt(s)',
+        0.0,
+        1.0,
+        'Random walk of the gyro bias: an instability of 0.01 deg/h in 1000 s',
+    )
     accel_bias_sigma: float = param(
         9.80665e-6, 'm/s^2', 1e-12, 10.0, '1-sigma of the constant accelerometer bias (1e-6 g)'
     )
@@ -168,10 +202,20 @@ class EngineParams(IdentificationParams, StationParams):
         3.101e-7, 'm/s^2/sqrt(Hz)', 0.0, 10.0, 'Velocity random walk'
     )
     accel_bias_walk: float = param(
-        0.0, 'm/s^2/sqrt(s)', 0.0, 10.0, 'Random walk of the accelerometer bias'
+        3e-6,
+        'm/s^2/sqrt(s)',
+        0.0,
+        10.0,
+        'Random walk of the accelerometer bias: gravity anomalies of 20 mGal over 20 km at 2 m/s',
     )
 
-    dvl_scale_sigma: float = param(1e-4, '', 1e-9, 0.5, '1-sigma of the DVL scale error')
+    dvl_scale_sigma: float = param(
+        0.004,
+        '',
+        1e-9,
+        0.5,
+        '1-sigma of the DVL scale error: a Workhorse 300; 0.03 with an unknown sound speed',
+    )
     dvl_markov_sigma: float = param(
         0.005, 'm/s', 1e-9, 10.0, 'Steady 1-sigma of the DVL Markov velocity'
     )
@@ -206,6 +250,38 @@ class EngineParams(IdentificationParams, StationParams):
     )
     usbl_bias_tau: float = param(600.0, 's', 1.0, 1e6, 'Its correlation time')
 
+    fix_range_scale_sigma: float = param(
+        0.005, '', 0.0, 0.5, '1-sigma of a scale error that all ranges share (sound speed)'
+    )
+    fix_heading_sigma_deg: float = param(
+        0.3, 'deg', 0.0, 90.0, "1-sigma of the leader's array being turned, constant"
+    )
+    fix_clock_sigma: float = param(
+        0.01, 's', 0.0, 100.0, '1-sigma of the constant offset between the clocks of both vehicles'
+    )
+    fix_offset_sigma: float = param(
+        0.3, 'm', 0.0, 1e4, '1-sigma per axis of a constant error that all position fixes share'
+    )
+    dvl_misalignment_sigma_deg: float = param(
+        0.3, 'deg', 0.0, 90.0, '1-sigma of yaw and pitch of the DVL against its stated mounting'
+    )
+    dvl_lever_sigma: float = param(
+        0.1, 'm', 0.0, 100.0, '1-sigma per horizontal axis of the error of dvl_lever_b'
+    )
+    dvl_latency_sigma: float = param(
+        0.05, 's', 0.0, 100.0, '1-sigma of the age of a ping that its stamp does not tell'
+    )
+    depth_offset_sigma: float = param(
+        0.5, 'm', 0.0, 1000.0, '1-sigma of the zero of depth: air pressure, tide, geoid'
+    )
+    reopen_after_s: float = param(
+        10.0,
+        's',
+        0.0,
+        86400.0,
+        'A gate that refuses agreeing pings or depths opens again after this, with the covariance '
+        'enlarged; 0 is never',
+    )
     forgetting: float = param(
         0.99, '', 0.5, 0.999999, 'Forgetting factor b of all noise adaptations'
     )

@@ -1,9 +1,9 @@
 """Whole runs of either mode: sensor data as arrays in, track and receipts out.
 
 The engine is the same as in the node, down to the last bit; only the driver differs: valid IMU,
-DVL, depth and thrust samples run in the compiled loop, with `back_propagate` fixes too; refused
-fixes and unusable samples go one by one through `Engine.process`. Experiments, Monte Carlo runs
-and fast replays use this.
+DVL, depth and thrust samples run in the compiled loop, with `back_propagate` and `clone` fixes
+too; refused fixes and unusable samples go one by one through `Engine.process`. Experiments, Monte
+Carlo runs and fast replays use this.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from ..order import FIX_RANK, FUSED, NEVER_NS
 from .driver import Adaptation, Driver
 from .engine import Engine
 from .events import Command, Event, Fix, ImuSample, OrderKey, Rank, Receipt, Verdict
+from .health.conditions import Health
 from .inputs import Inputs, Stamps, StationInputs
 from .params import EngineParams
 from .results import FixResult
@@ -58,6 +59,8 @@ class Result(Generic[T]):
     divergence: str
     verdicts: Mapping[Verdict, int] = field(default_factory=dict)
     identifications: tuple[Identification, ...] = ()
+    health: tuple[Health, ...] = ()
+    """Once a second, of a run event by event; a compiled run looks at nothing."""
 
 
 @overload
@@ -114,6 +117,7 @@ def run(
         state and covariance (`nav_columns`); not in station mode.
     """
     engine = Engine(params)
+    health: list[Health] = []
     collector: Collector[Any]
     if isinstance(inputs, StationInputs):
         collector = Collector(StationPieces(params, lambda: _station_filter(engine)), sink)
@@ -123,6 +127,8 @@ def run(
         ordered = sorted(commands, key=_key)
         for event in heapq.merge(inputs.events(), ordered, key=_key):
             collector.take(engine.process(event))
+            if engine.health is not None and (not health or engine.health is not health[-1]):
+                health.append(engine.health)
         collector.take(engine.finish())
     else:
         arrays = _arrays_of(params, inputs, collector)
@@ -135,6 +141,7 @@ def run(
         engine.divergence,
         dict(engine.verdicts),
         tuple(collector.identifications),
+        tuple(health),
     )
 
 

@@ -131,6 +131,7 @@ def fix_from_packet(
         r_e=r_e,
         covariance_e=covariance_e,
         array_heading=b.leader_grid_heading,
+        relative_e=r_e - b.leader_r_e,
     )
     return fix, b
 
@@ -192,6 +193,7 @@ def _plain_fixes(
         r_e,
         covariance_e,
         b.leader_grid_heading[rows].tolist(),
+        r_e - b.leader_r_e[rows],
     )
     return {
         n: Fix(
@@ -205,8 +207,11 @@ def _plain_fixes(
             r_e=position,
             covariance_e=covariance,
             array_heading=heading,
+            relative_e=relative,
         )
-        for n, validity_ns, sequence, position, covariance, heading in zip(*columns, strict=True)
+        for n, validity_ns, sequence, position, covariance, heading, relative in zip(
+            *columns, strict=True
+        )
     }
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...arrays import Array
+from ...arrays import Array, Ints
 from ...kernels import watch
 from .conditions import Chronicle, Condition, Culprit, Health, Level
 from .statistics import Statistics, statistics
@@ -57,8 +57,8 @@ class View:
 
     stamp_ns: int
     memories: Array
-    opened_ns: Array
-    used_ns: Array
+    opened_ns: Ints
+    used_ns: Ints
     speed: float
     depth: float
     P_horizontal: Array

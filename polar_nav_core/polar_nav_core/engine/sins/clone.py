@@ -55,6 +55,7 @@ class Clone(Fusion):
             fix.r_e,
             fix.covariance_e,
             fix.array_heading,
+            fix.relative_e,
             self._note,
         )
         if code == late_fuse.OUT_OF_REACH:

@@ -15,6 +15,7 @@ import numpy as np
 from ... import attitude, earth, grid
 from ...error_model import X
 from ...errors import FilterDivergence
+from ...kernels.sins import consider, reopen
 from ...kernels.sins import events as fe
 from ...kernels.sins import fuse as ff
 from ...kernels.sins import late as filter_late
@@ -98,7 +99,9 @@ class NavigationFilter:
         self._set_state(initial)
         weight = params.forgetting ** (1.0 / (1.0 - params.forgetting))  # b^k with k = k0
         self.state.noise[:] = [weight, 1.0, 1.0, 1.0]
-        for k in (fs.STAMP, fs.IMPULSE_NS, fs.LOCK_NS):
+        self.start_ns = stamp_ns
+        opened = range(fs.OPENED_NS, fs.OPENED_NS + 3)
+        for k in (fs.STAMP, fs.IMPULSE_NS, fs.LOCK_NS, *opened):
             self.state.counters[k] = stamp_ns
         fe.begin_step(self.state, self.settings, stamp_ns)
         ff.locate(self.state, self.frames, self.settings)
@@ -305,11 +308,13 @@ class NavigationFilter:
         stated = w.R.copy()
         noise.apply(w.R)
         w.nis[1] = 1.0
-        if not ff.judge(w, self.P, w.H, w.R, w.z, m):
+        if not ff.judge(self.state, self.settings, w, w.R, m):
             raise FilterDivergence(_WHY[fs.S_NOT_DEFINITE])
         S = w.S.copy()
         tally = self.state.tally[stream]
-        if not w.nis[0] <= self.settings.gates[m]:
+        fused = bool(w.nis[0] <= self.settings.gates[m])
+        ff.remember(self.state, w, w.z, stream, m, fused)
+        if not fused:
             tally[fs.GATED] += 1.0
             return self.outcome(m, fused=False)
         tally[fs.UPDATES] += 1.0
@@ -321,7 +326,9 @@ class NavigationFilter:
             w.L[:m, :m] *= math.sqrt(factor)
             w.nis[1] = factor
         noise.learn(w.z / math.sqrt(factor), stated, S)
-        kf.update(self.P, w.x, w.S, w.z, m, w.K, w.PHt, w.L, w.M)
+        kf.update(self.P, w.x, w.S, w.z, m, w.K, w.PHt, w.L, w.D)
+        if self.settings.considers:
+            consider.update_sensitivity(self.state.sensitivity, w.K, w.moved, m)
         if self.process is not None:
             self.process.learn(w.K[:m], w.z[:m], w.S[:m, :m])
         self.feed_back(w.x)
@@ -337,6 +344,24 @@ class NavigationFilter:
             ping.v_m,
             ping.covariance_m,
         )
+
+    def fill_common(self, fix: Fix) -> None:
+        """Change of a fix's innovation per unit of each common error into the scratch."""
+        if self.settings.considers:
+            s = self.state
+            consider.fix_common(self.work.J, self.frames.C_e_G, fix.relative_e, s.v_G)
+
+    @property
+    def published_P(self) -> Array:
+        """Covariance with the common errors, (24, 24); a copy."""
+        P: Array = self.state.P.copy()
+        if self.settings.considers:
+            consider.add_common(P, self.state.sensitivity, self.settings.common)
+        return P
+
+    def inflate(self, factor: float) -> None:
+        """Enlarge the covariance by a factor, within the limits of `kernels.sins.reopen`."""
+        reopen.inflate(self.state, min(max(factor, reopen.LEAST), reopen.MOST))
 
     def feed_back(self, x: Array) -> None:
         """Correct the state by an estimated error (24,), and store the correction."""
@@ -361,6 +386,7 @@ class NavigationFilter:
         int
             Covariance steps since its validity; below zero when the history does not reach there.
         """
+        self.fill_common(fix)
         return int(
             filter_late.fill_late_fix(
                 self.state,

@@ -147,7 +147,7 @@ class Fusion:
             r_e=f.r_e.copy(),
             v_G=f.v_G.copy(),
             C_b_G=f.C_b_G.copy(),
-            P=f.P.copy(),
+            P=f.published_P,
             gyro_bias_b=f.b_gyro_b.copy(),
             accel_bias_b=f.b_accel_b.copy(),
             dvl_scale_m=f.dvl_scale_m.copy(),
@@ -176,6 +176,7 @@ class Fusion:
             array_axes(f, fix),
             f.usbl_bias_a,
         )
+        f.fill_common(fix)
 
     def _present(self) -> Epoch:
         """Newest epoch, with the corrections since."""

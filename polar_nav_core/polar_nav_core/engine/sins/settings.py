@@ -7,6 +7,8 @@ import math
 import numpy as np
 
 from ... import attitude
+from ...arrays import Array
+from ...kernels.sins import consider
 from ...kernels.sins import state as fs
 from ...kernels.sins import update as kf
 from ...order import ROBUST_FIXES
@@ -21,6 +23,7 @@ def make_settings(p: EngineParams) -> fs.Settings:
     c = p.resolved()
     roll, pitch, yaw = (math.radians(a) for a in p.dvl_rpy_deg)
     estimated = p.usbl_bias_sigma > 0.0
+    sigmas = common_sigmas(p)
     adapts_Q = c.noise_adaptation not in ('none', 'adaptive_r')
     densities = (
         p.gyro_noise_density,
@@ -52,8 +55,26 @@ def make_settings(p: EngineParams) -> fs.Settings:
         lever_point_b=np.array(p.transponder_lever_b),
         lever_dvl_b=np.array(p.dvl_lever_b),
         lever_depth_b=np.array(p.depth_lever_b),
+        reopen_ns=round(p.reopen_after_s * 1e9),
+        considers=bool(sigmas.any()),
+        common=sigmas,
         aiding=aiding.make_aiding(p),
     )
+
+
+def common_sigmas(p: EngineParams) -> Array:
+    """Sigmas of the common errors, (COLUMNS,) in the units of `kernels.sins.consider`."""
+    sigmas = np.zeros(consider.COLUMNS)
+    sigmas[consider.RANGE_SCALE] = p.fix_range_scale_sigma
+    sigmas[consider.ARRAY_TURN] = math.radians(p.fix_heading_sigma_deg)
+    sigmas[consider.CLOCK] = p.fix_clock_sigma
+    sigmas[consider.OFFSET : consider.OFFSET + 3] = p.fix_offset_sigma
+    misalignment = math.radians(p.dvl_misalignment_sigma_deg)
+    sigmas[[consider.DVL_YAW, consider.DVL_PITCH]] = misalignment
+    sigmas[[consider.DVL_LEVER_X, consider.DVL_LEVER_Y]] = p.dvl_lever_sigma
+    sigmas[consider.DVL_LATENCY] = p.dvl_latency_sigma
+    sigmas[consider.DEPTH_ZERO] = p.depth_offset_sigma
+    return sigmas
 
 
 _SNAPSHOT_S = 0.5

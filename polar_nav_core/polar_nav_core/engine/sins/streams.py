@@ -46,6 +46,7 @@ def room_for_fixes() -> dict[str, Any]:
         'fix_r_e': np.zeros((FIXES, 3)),
         'fix_covariance_e': np.zeros((FIXES, 3, 3)),
         'fix_array_heading': np.zeros(FIXES),
+        'fix_relative_e': np.zeros((FIXES, 3)),
         'fix_outcomes': np.zeros((FIXES, 9)),
         'fix_notes': np.zeros((FIXES, 3), dtype=np.int64),
     }
@@ -95,6 +96,7 @@ def insert_fix(streams: fs.Streams, fix: Fix, number: int) -> None:
         streams.fix_r_e,
         streams.fix_covariance_e,
         streams.fix_array_heading,
+        streams.fix_relative_e,
         streams.fix_outcomes,
     )
     for k in range(int(streams.counts[3]), number, -1):
@@ -115,5 +117,6 @@ def _put_fix(streams: fs.Streams, fix: Fix, number: int, stamp_ns: int) -> None:
     streams.fix_r_e[i] = fix.r_e
     streams.fix_covariance_e[i] = fix.covariance_e
     streams.fix_array_heading[i] = fix.array_heading
+    streams.fix_relative_e[i] = fix.relative_e
     streams.fix_outcomes[i] = 0.0
     streams.counts[3] += 1

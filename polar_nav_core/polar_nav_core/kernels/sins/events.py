@@ -15,6 +15,7 @@ from ..frames.earth import up_and_height
 from ..frames.grid import fill_C_e_G
 from . import state as fs
 from .aiding import compare_velocities, model_is_definite, predict_model
+from .consider import depth_common, dvl_common, fix_common, predict_sensitivity
 from .fuse import correct_and_remember, enter
 from .imu import hold_surroundings, imu_step, take_means
 from .model import E
@@ -22,6 +23,9 @@ from .rows import depth_rows, dvl_rows, fix_rows
 from .state import Frames, Log, Past, Settings, State, Work
 from .transition import fill_transition
 from .update import MARKOV, USBL, N, is_positive_definite, predict
+
+GRAVITY = 9.83
+"""Near a pole [m/s^2]; the latency of a DVL needs it to a per cent."""
 
 
 @kernel
@@ -66,6 +70,8 @@ def _covariance_step(
         predict_model(s, c, w, Phi, stamp_ns, dt)
     _process_noise(w.q, c, dt)
     predict(s.P, Phi, w.q, w.M)
+    if c.considers:
+        predict_sensitivity(s.sensitivity, Phi, w.M)
     # The mean of a Markov error decays as its transition says.
     for k in range(3):
         s.dvl_markov_m[k] *= Phi[MARKOV, MARKOV]
@@ -245,6 +251,8 @@ def fill_depth(s: State, fr: Frames, c: Settings, w: Work, depth: float, varianc
         variance,
         c.lever_depth_b,
     )
+    if c.considers:
+        depth_common(w.J)
 
 
 @kernel
@@ -267,6 +275,11 @@ def fill_dvl(s: State, fr: Frames, c: Settings, w: Work, v_m: Array, R_m: Array)
         c.C_m_b,
         c.lever_dvl_b,
     )
+    if c.considers and s.previous_dt[0] > 0.0:
+        for k in range(3):
+            w.omega[k] = s.omega_ib_b[k] - s.b_gyro_b[k]
+            w.f[k] = s.increments[1, k] / s.previous_dt[0]
+        dvl_common(w.J, s.C_b_G, c.C_m_b, v_m, w.omega, w.f, GRAVITY)
 
 
 @kernel
@@ -279,6 +292,7 @@ def fill_fix(
     r_e: Array,
     covariance_e: Array,
     array_heading: float,
+    relative_e: Array,
 ) -> None:
     """Rows of a fix that is valid now into the scratch: the present position plus v dt."""
     dt = (stamp_ns - s.counters[fs.STAMP]) * 1e-9
@@ -297,16 +311,18 @@ def fill_fix(
         w.C_a_G,
         s.usbl_bias_a,
     )
+    if c.considers:
+        fix_common(w.J, fr.C_e_G, relative_e, s.v_G)
 
 
 @kernel
-def note_outcome(w: Work, code: int, outcome: Array) -> None:
+def note_outcome(c: Settings, w: Work, code: int, outcome: Array) -> None:
     """Outcome of a fix, into (9,): fused, NIS, innovation, its variances [m^2], enlargement."""
     outcome[0] = float(code)
     outcome[1] = w.nis[0]
     for a in range(3):
         outcome[2 + a] = w.z[a]
-        outcome[5 + a] = w.S[a, a] / w.nis[1]
+        outcome[5 + a] = w.wide[a, a] if c.considers else w.S[a, a] / w.nis[1]
     outcome[8] = w.nis[1]
 
 

@@ -10,9 +10,12 @@ import math
 
 from ...arrays import Array
 from ..cache import kernel, routine
+from ..watch import observe
 from . import state as fs
 from .aiding import correct_block
+from .consider import COLUMNS, innovation_sensitivity, update_sensitivity, widen
 from .imu import place
+from .reopen import open_gate, opens
 from .state import Frames, Log, Past, Settings, State, Work
 from .update import N, cholesky, feed_back, innovation_covariance, nis_of, update
 
@@ -96,13 +99,54 @@ def learn_noise(noise: Array, z: Array, stated: Array, b: float, enlargement: fl
 
 
 @kernel
-def judge(w: Work, P: Array, H: Array, R: Array, z: Array, m: int) -> bool:
+def judge_rows(w: Work, P: Array, H: Array, R: Array, z: Array, m: int) -> bool:
     """Whether S is positive definite; PHt, S, its factor and NIS are in the scratch."""
     innovation_covariance(w.S, w.PHt, P, H, R, m)
     if not cholesky(w.L, w.S, m):
         return False
     w.nis[0] = nis_of(w.L, z, w.w, m)
     return True
+
+
+@kernel
+def judge(s: State, c: Settings, w: Work, R: Array, m: int) -> bool:
+    """Whether S is positive definite; PHt, S, its factor and NIS are in the scratch.
+
+    NIS is that of S with the common errors.
+    """
+    if not judge_rows(w, s.P, w.H, R, w.z, m):
+        return False
+    if c.considers:
+        for a in range(m):
+            for k in range(COLUMNS):
+                w.moved[a, k] = w.J[a, k]
+        innovation_sensitivity(w.moved, w.H, s.sensitivity, m)
+        return judge_wide(c, w, w.z, m)
+    for a in range(m):
+        for b in range(m):
+            w.wide[a, b] = w.S[a, b]
+    return True
+
+
+@kernel
+def judge_wide(c: Settings, w: Work, z: Array, m: int) -> bool:
+    """Whether S with the common errors is positive definite; NIS is that of it.
+
+    S stands in the scratch, and in ``moved`` what the innovation z does per common error.
+    """
+    widen(w.wide, w.S, w.moved, c.common, m)
+    if not cholesky(w.wide_L, w.wide, m):
+        return False
+    w.nis[0] = nis_of(w.wide_L, z, w.w, m)
+    return True
+
+
+@kernel
+def remember(s: State, w: Work, z: Array, stream: int, m: int, fused: bool) -> None:
+    """Add an attempt to the memories of its stream (watch), and what was used when."""
+    if fused:
+        s.counters[fs.USED_NS + stream] = s.counters[fs.STAMP]
+    observe(s.memories[stream], z, w.wide, w.nis[0], m, fused, s.v_G[0], s.v_G[1])
 
 
 @kernel
@@ -142,13 +186,22 @@ def fuse_rows(
     frames are left behind: `fuse_filled` and `run.advance` bring them up to date.
     """
     adapt_noise(s, c, w, stream, m)
-    if not judge(w, s.P, w.H, w.R, w.z, m):
+    if not judge(s, c, w, w.R, m):
         return fs.S_NOT_DEFINITE
-    if not passes(s, c, w, w.z, stream, m):
+    fused = passes(s, c, w, w.z, stream, m)
+    remember(s, w, w.z, stream, m, fused)
+    if not fused and opens(s, c, stream):
+        open_gate(s, w, stream, m)
+        if not judge(s, c, w, w.R, m):
+            return fs.S_NOT_DEFINITE
+        fused = passes(s, c, w, w.z, stream, m)
+    if not fused:
         if s.counting[0]:
             s.tally[stream, fs.GATED] += 1.0
         return fs.REFUSED
     update(s.P, w.x, w.S, w.z, m, w.K, w.PHt, w.L, w.D)
+    if c.considers:
+        update_sensitivity(s.sensitivity, w.K, w.moved, m)
     if c.aiding.on:
         correct_block(s, w, m)
     if s.counting[0]:
@@ -190,7 +243,7 @@ def ping_passes(s: State, c: Settings, w: Work) -> int:
     if c.adaptive:
         scale_noise(w.stated, s.noise[fs.DVL_ROW], c)
     w.nis[1] = 1.0
-    if not judge(w, s.P, w.H, w.stated, w.z, fs.VECTOR):
+    if not judge(s, c, w, w.stated, fs.VECTOR):
         return fs.S_NOT_DEFINITE
     return fs.FUSED if w.nis[0] <= c.gates[fs.VECTOR] else fs.REFUSED
 

@@ -22,11 +22,12 @@ from .blocks import (
     place_of,
     sort_in,
 )
+from .consider import COLUMNS, innovation_sensitivity, late_sensitivity, update_sensitivity
 from .entries import adjoint, carry, change_entries, mean_change
-from .fuse import adapt_noise, correct_and_remember, passes
+from .fuse import adapt_noise, correct_and_remember, judge_wide, passes, remember
 from .state import Log, Past, Settings, State, Work
 from .three_rows import add_outer, inner, rows_times
-from .update import N, cholesky, nis_of
+from .update import N, cholesky, gain_of, nis_of
 
 OUT_OF_REACH = -9
 
@@ -74,10 +75,15 @@ def fuse_late(
     _begin(w, log, bl, b, u, epoch, place)
     _carry_to_now(past, w, log, bl, m, place, after)
     adapt_noise(s, c, w, fs.FIX_ROW, fs.VECTOR)
-    if not _judge(w, bl):
+    if not _judge(s, c, w, bl, (s.counters[fs.STAMP] - validity_ns) * 1e-9):
         return fs.S_NOT_DEFINITE
-    if not passes(s, c, w, w.z, fs.FIX_ROW, fs.VECTOR):
+    fused = passes(s, c, w, w.z, fs.FIX_ROW, fs.VECTOR)
+    remember(s, w, w.z, fs.FIX_ROW, fs.VECTOR, fused)
+    if not fused:
         return fs.REFUSED
+    if c.considers:
+        gain_of(w.K, w.D, bl.columns[0], w.L, w.S, 3)
+        update_sensitivity(s.sensitivity, w.K, w.moved, 3)
     change = bl.columns[2, 0]
     if not mean_change(change, bl.columns[0], bl.small[4], bl.small[5, 0], w.R, bl):
         return fs.S_NOT_DEFINITE
@@ -178,14 +184,28 @@ def _carry_to_now(
 
 
 @kernel
-def _judge(w: Work, bl: Blocks) -> bool:
-    """Whether S = P_cc + R is positive definite; S, its factor and NIS are in the scratch."""
+def _judge(s: State, c: Settings, w: Work, bl: Blocks, delay: float) -> bool:
+    """Whether S = P_cc + R is positive definite; S, its factor and NIS are in the scratch.
+
+    NIS is that of S with the common errors, whose sensitivity at the validity, ``delay`` [s] ago,
+    is that of now less what the velocity has moved since.
+    """
     for a in range(3):
         for d in range(3):
             w.S[a, d] = bl.small[4, a, d] + 0.5 * (w.R[a, d] + w.R[d, a])
     if not cholesky(w.L, w.S, 3):
         return False
     w.nis[0] = nis_of(w.L, w.z, w.w, 3)
+    if c.considers:
+        for a in range(3):
+            for k in range(COLUMNS):
+                w.moved[a, k] = w.J[a, k]
+        late_sensitivity(w.moved, s.sensitivity, delay)
+        innovation_sensitivity(w.moved, w.H, s.sensitivity, 3)
+        return judge_wide(c, w, w.z, 3)
+    for a in range(3):
+        for d in range(3):
+            w.wide[a, d] = w.S[a, d]
     return True
 
 

@@ -6,6 +6,7 @@ from ...arrays import Array
 from ..cache import kernel, routine
 from . import state as fs
 from .blocks import Blocks
+from .consider import fix_common
 from .events import fill_array_axes, note_outcome, place_of_epoch
 from .fuse import locate
 from .late import newest_until
@@ -29,6 +30,7 @@ def _take(
     r_e: Array,
     covariance_e: Array,
     array_heading: float,
+    relative_e: Array,
     note: Ints,
 ) -> int:
     """Code of `fuse_late` for a fix against the position stored before it plus velocity times dt.
@@ -65,6 +67,8 @@ def _take(
     )
     for k in range(3):
         w.H[k, DV + k] = ahead
+    if c.considers:
+        fix_common(w.J, fr.C_e_G, relative_e, s.v_G)
     code: int = fuse_late(s, c, past, w, log, bl, validity_ns, number)
     locate(s, fr, c)
     return code
@@ -83,13 +87,16 @@ def take_late(
     r_e: Array,
     covariance_e: Array,
     array_heading: float,
+    relative_e: Array,
     note: Ints,
 ) -> int:
     """FUSED, REFUSED, S_NOT_DEFINITE or OUT_OF_REACH of one late fix.
 
     ``note`` (3,), whole numbers: its first becomes the covariance steps since the validity.
     """
-    return _take(s, fr, c, past, w, log, bl, validity_ns, r_e, covariance_e, array_heading, note)
+    return _take(
+        s, fr, c, past, w, log, bl, validity_ns, r_e, covariance_e, array_heading, relative_e, note
+    )
 
 
 @routine
@@ -141,6 +148,7 @@ def advance_late(
             streams.fix_r_e[k],
             streams.fix_covariance_e[k],
             streams.fix_array_heading[k],
+            streams.fix_relative_e[k],
             note,
         )
         if code == OUT_OF_REACH:
@@ -148,7 +156,7 @@ def advance_late(
         s.counters[fs.FIX] += 1
         note[1] = s.counters[fs.STAMP]
         note[2] = rows.io[1]
-        note_outcome(w, code, streams.fix_outcomes[k])
+        note_outcome(c, w, code, streams.fix_outcomes[k])
         if code == fs.REFUSED:
             return fs.STOPPED
         if code < 0:

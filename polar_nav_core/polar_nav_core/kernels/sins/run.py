@@ -11,6 +11,7 @@ from ..queues import earlier, is_before, next_stamp
 from . import state as fs
 from .aiding import control_event, count_good_ping, has_bottom_lock, model_is_definite
 from .columns import describe
+from .consider import add_common, fix_common
 from .events import fill_depth, fill_dvl, fill_fix, imu_event, note_outcome
 from .fuse import fuse_rows, locate, ping_passes
 from .late import OUT_OF_REACH, fill_late_fix
@@ -132,15 +133,17 @@ def _take_fix(
     """
     k = s.counters[fs.FIX] % streams.fix_stamps.shape[0]
     r_e, covariance_e = streams.fix_r_e[k], streams.fix_covariance_e[k]
-    heading = streams.fix_array_heading[k]
+    heading, relative_e = streams.fix_array_heading[k], streams.fix_relative_e[k]
     steps = 0
     if c.back_propagates:
         validity_ns = streams.fix_validities[k]
         steps = fill_late_fix(s, fr, c, past, w, validity_ns, r_e, covariance_e, heading)
+        if c.considers:
+            fix_common(w.J, fr.C_e_G, relative_e, s.v_G)
         if steps == OUT_OF_REACH:
             return fs.STOPPED
     else:
-        fill_fix(s, fr, c, w, stamp, r_e, covariance_e, heading)
+        fill_fix(s, fr, c, w, stamp, r_e, covariance_e, heading, relative_e)
     s.counters[fs.FIX] += 1
     streams.fix_notes[k, 0] = steps
     streams.fix_notes[k, 1] = s.counters[fs.STAMP]
@@ -152,7 +155,7 @@ def _take_fix(
 def _note_fix(s: State, c: Settings, w: Work, streams: Streams, code: int) -> int:
     """Code of the fix that was taken last, its outcome stored; STOPPED for a refused late one."""
     k = (s.counters[fs.FIX] - 1) % streams.fix_stamps.shape[0]
-    note_outcome(w, code, streams.fix_outcomes[k])
+    note_outcome(c, w, code, streams.fix_outcomes[k])
     if c.back_propagates and code == fs.REFUSED:
         return fs.STOPPED
     return code
@@ -257,12 +260,14 @@ def put_row(s: State, c: Settings, rows: Rows) -> None:
     rows.stamps[k] = s.counters[fs.STAMP]
     for j in range(fs.NAVIGATION):
         rows.flat[k, j] = s.flat[j]
-    if rows.P.shape[0] > 0:
-        for a in range(N):
-            for b in range(N):
-                rows.P[k, a, b] = s.P[a, b]
-    else:
-        describe(s.r_e, s.C_b_G, s.P, rows.told[k], rows.scratch)
+    total = rows.P[k] if rows.P.shape[0] > 0 else rows.total
+    for a in range(N):
+        for b in range(N):
+            total[a, b] = s.P[a, b]
+    if c.considers:
+        add_common(total, s.sensitivity, c.common)
+    if rows.P.shape[0] == 0:
+        describe(s.r_e, s.C_b_G, total, rows.told[k], rows.scratch)
     if c.aiding.on:
         s.model[fs.THRUST, fs.LOCKED] = 1.0 if has_bottom_lock(s, c) else 0.0
         for r in range(fs.MODEL_ROWS):

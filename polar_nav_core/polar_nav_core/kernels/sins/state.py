@@ -30,6 +30,8 @@ from ...order import REFUSED as REFUSED
 from ...order import ROBUST_HUBER as ROBUST_HUBER
 from ...order import ROBUST_NONE as ROBUST_NONE
 from ...order import UPDATES as UPDATES
+from .. import watch
+from . import consider
 from .columns import WIDTH
 from .model import E
 from .update import COUPLED, Ints, N
@@ -53,7 +55,10 @@ IMPULSE_NS = 14
 LOCK_NS = 15
 GOOD_PINGS = 16
 GOOD_NS = 17
-COUNTERS = 18
+USED_NS = 18  # three: stamp of the newest measurement used, per stream
+OPENED_NS = 21  # three: when the gate of a stream was last opened again; the start at first
+OPENINGS = 24
+COUNTERS = 25
 
 # What an event function (FUSED or REFUSED, too) or `advance` returns.
 DONE = 0
@@ -94,6 +99,8 @@ class State(NamedTuple):
     noise: Array  # (3, 4): per stream b^k and the ratio of adapted to stated variance per axis
     previous_dt: Array  # (1,)
     P: Array
+    sensitivity: Array  # (24, COLUMNS): error per unit of each common error (consider)
+    memories: Array  # (3, 2, WIDTH): innovations per stream (watch)
     model: Array  # (MODEL_ROWS, 7) where the vehicle's model takes part, else without rows
 
 
@@ -127,6 +134,8 @@ _SHAPES = {
     'noise': (3, 4),
     'previous_dt': (1,),
     'P': (N, N),
+    'sensitivity': (N, consider.COLUMNS),
+    'memories': (watch.STREAMS, watch.MEMORIES, watch.WIDTH),
 }
 FLAT = sum(int(np.prod(shape)) for shape in _SHAPES.values())
 NAVIGATION = 30
@@ -215,6 +224,9 @@ class Settings(NamedTuple):
     lever_point_b: Array
     lever_dvl_b: Array
     lever_depth_b: Array
+    reopen_ns: int  # how long a gate stays shut at least before it opens again; 0: for good
+    considers: bool  # some common error has a sigma
+    common: Array  # (COLUMNS,): sigmas of the common errors (consider)
     aiding: Aiding
 
 
@@ -239,6 +251,10 @@ class Work(NamedTuple):
     z: Array
     x: Array
     q: Array
+    J: Array  # (3, COLUMNS): innovation per unit of each common error, by itself
+    moved: Array  # (3, COLUMNS): the same, with what the estimate has taken of it
+    wide: Array  # (3, 3): S with the common errors
+    wide_L: Array  # its factor
     D: Array  # (3, 24): G - K S/2 of the last update, transposed
     nis: Array  # (2,): NIS, and by how much S was enlarged after the gate
     C_m_G: Array
@@ -280,6 +296,10 @@ def make_work() -> Work:
         z=three(),
         x=np.zeros(N),
         q=np.zeros(N),
+        J=np.zeros((3, consider.COLUMNS)),
+        moved=np.zeros((3, consider.COLUMNS)),
+        wide=square(),
+        wide_L=square(),
         D=np.zeros(rows),
         nis=np.array([0.0, 1.0]),
         C_m_G=square(),
@@ -331,6 +351,7 @@ class Streams(NamedTuple):
     fix_r_e: Array
     fix_covariance_e: Array
     fix_array_heading: Array
+    fix_relative_e: Array  # (n, 3): from the leader's array to the transponder, ECEF [m]
     fix_outcomes: Array  # (n, 9): fused, NIS, innovation, its variances, enlargement
     fix_notes: Ints  # (n, 3): steps gone back over, stamp of the state, rows of output so far
     control_stamps: Ints  # nothing comes here without a vehicle's model
@@ -377,6 +398,7 @@ class Rows(NamedTuple):
     told: Array  # (n, nav_columns.WIDTH), or without rows
     tally: Array
     scratch: Array
+    total: Array  # (24, 24): covariance with the common errors
 
 
 def make_rows(capacity: int, *, model: bool = False, told: bool = False) -> Rows:
@@ -392,6 +414,7 @@ def make_rows(capacity: int, *, model: bool = False, told: bool = False) -> Rows
         np.zeros((capacity if told else 0, WIDTH)),
         np.zeros((capacity, 3, 3)),
         np.zeros((2, 3, 3)),
+        np.zeros((N, N)),
     )
 
 

@@ -1,0 +1,31 @@
+"""What the watchdog sees of a strapdown navigation."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ... import grid
+from ...error_model import X
+from ...kernels.sins import state as fs
+from ..health.watchdog import View
+from .fusion import Fusion
+
+
+def view_of(fusion: Fusion, stamp_ns: int, resets: int) -> View:
+    """View of a navigation at a stamp; ``resets`` counts what the engine itself enlarged."""
+    f = fusion.filter
+    s, counters = f.state, f.state.counters
+    C_e_G = np.asarray(grid.ecef_to_grid(s.r_e))
+    P_G = C_e_G @ f.published_P[X.dr_e, X.dr_e] @ C_e_G.T
+    opened_ns = counters[fs.OPENED_NS : fs.OPENED_NS + 3].copy()
+    opened_ns[opened_ns == f.start_ns] = 0
+    return View(
+        stamp_ns=stamp_ns,
+        memories=s.memories,
+        opened_ns=opened_ns,
+        used_ns=counters[fs.USED_NS : fs.USED_NS + 3],
+        speed=float(np.linalg.norm(s.v_G)),
+        depth=f.settings.sea_surface_height - fusion.height(),
+        P_horizontal=P_G[:2, :2],
+        resets=resets + int(counters[fs.OPENINGS]),
+    )

@@ -1,0 +1,68 @@
+"""A gate that opens again: refused measurements that agree with one another are believed at last.
+
+A gate judges by the filter's own covariance. Where that is wrong (a bias that has jumped, a
+heading stated too well) every ping is refused, for good: the covariance grows by the stated noise,
+the error faster. So a local sensor of which most of the last thirty attempts were refused, all to
+the same side, gets another chance: P <- lambda P with lambda the NIS per row of the measurement at
+hand, and it is judged anew. Scaling all of P keeps its correlations, so that the next measurements
+correct tilt and biases as they would have at the start. Position fixes are not treated here
+(engine.engine): a displaced leader agrees with itself, too.
+"""
+
+from __future__ import annotations
+
+from .. import watch
+from ..cache import kernel
+from . import state as fs
+from .state import Settings, State, Work
+from .update import N
+
+FEWEST = 20.0
+"""Attempts in the short memory before a gate may open."""
+SHARE = 0.7
+"""Share of them that must have been refused."""
+AGREEMENT = 0.5
+"""Share of the mean squared innovation that the squared mean must make up."""
+LEAST, MOST = 2.0, 1e4
+"""Limits of the factor on P."""
+
+
+@kernel
+def opens(s: State, c: Settings, stream: int) -> bool:
+    """Whether refused measurements of a local sensor agree for long enough to be believed.
+
+    Never within ``c.reopen_ns`` of the last time, and not at all where that is 0.
+    """
+    if c.reopen_ns == 0 or stream == fs.FIX_ROW:
+        return False
+    if s.counters[fs.STAMP] - s.counters[fs.OPENED_NS + stream] < c.reopen_ns:
+        return False
+    row = s.memories[stream, watch.SHORT]
+    weight = row[watch.WEIGHT]
+    if weight < FEWEST or row[watch.REFUSED] < SHARE * weight:
+        return False
+    mean, square = 0.0, 0.0
+    for k in range(3):
+        mean += row[watch.GRID + k] * row[watch.GRID + k]
+        square += row[watch.SQUARE + k]
+    agree: bool = mean > AGREEMENT * square * weight
+    return agree
+
+
+@kernel
+def inflate(s: State, factor: float) -> None:
+    """P <- factor P."""
+    for i in range(N):
+        for j in range(N):
+            s.P[i, j] *= factor
+
+
+@kernel
+def open_gate(s: State, w: Work, stream: int, m: int) -> None:
+    """Enlarge P by the NIS per row of the judged measurement; the stream's memories begin anew."""
+    inflate(s, min(max(w.nis[0] / m, LEAST), MOST))
+    for k in range(watch.MEMORIES):
+        for j in range(watch.WIDTH):
+            s.memories[stream, k, j] = 0.0
+    s.counters[fs.OPENED_NS + stream] = s.counters[fs.STAMP]
+    s.counters[fs.OPENINGS] += 1

@@ -1,0 +1,95 @@
+"""Gates that have closed on agreeing measurements open again; those that rightly closed do not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from closed_loop import World, inputs_of
+
+from polar_nav_core.engine import run as engine_run
+from polar_nav_core.engine.events import Verdict
+
+CONFIGURATION = {
+    'configuration': 'custom',
+    'delay_handling': 'clone',
+    'gate_probability': 0.9999,
+    'robust_fixes': 'mahalanobis',
+    'initial_sigma_position': 5.0,
+}
+
+
+@pytest.fixture(scope='module')
+def world():
+    return World(60.0)
+
+
+@pytest.fixture(scope='module')
+def inputs(world):
+    return inputs_of(world, world.fixes(1.0, lambda _: 0.5, first_s=1.0))
+
+
+def run(world, inputs, **changes):
+    params = world.params(**{**CONFIGURATION, **changes})
+    return engine_run.run(params, inputs, one_by_one=True)
+
+
+def pings(result, column):
+    """DVL pings of the last 20 s: column 0 used, 1 refused."""
+    stamps = result.track.stamps_ns
+    late = stamps > stamps[-1] - 20 * 10**9
+    return result.track.local_statistics[late, 0, column].sum()
+
+
+def heading_off(world):
+    start = world.params().initial_grid_heading_deg
+    return {'initial_grid_heading_deg': start + 5.0, 'initial_sigma_heading_deg': 5.0 / 60.0}
+
+
+def test_a_wrong_heading_does_not_shut_the_dvl_out_for_good(world, inputs):
+    shut = run(world, inputs, **heading_off(world), reopen_after_s=0.0)
+    assert pings(shut, 1) > 10.0 * pings(shut, 0)
+    opened = run(world, inputs, **heading_off(world), reopen_after_s=10.0)
+    assert pings(opened, 0) > 10.0 * pings(opened, 1)
+    assert opened.health[-1].resets >= 1
+    assert 'DVL' in opened.health[8].sentence
+    assert all(h.level == 2 for h in opened.health[8:40])
+
+
+def test_a_sound_run_opens_nothing(world, inputs):
+    result = run(world, inputs)
+    assert result.health[-1].resets == 0
+    assert not any(h.present for h in result.health)
+
+
+def moved(inputs, which, metres):
+    """Fixes numbered by ``which`` moved along an axis of the Earth."""
+    fixes = tuple(
+        replace(f, r_e=f.r_e + np.array([metres, 0.0, 0.0])) if k in which else f
+        for k, f in enumerate(inputs.fixes)
+    )
+    return replace(inputs, fixes=fixes)
+
+
+def test_a_filter_that_locked_on_to_the_first_fixes_is_freed(world, inputs):
+    """Three fixes 12 m off come first, at a sigma of 5 m; then only true ones."""
+    off = moved(inputs, {0, 1, 2}, 12.0)
+    shut = run(world, off, reopen_after_s=0.0, robust_fixes='none')
+    assert shut.verdicts[Verdict.GATED] > 50
+    freed = run(world, off, robust_fixes='none')
+    assert freed.verdicts[Verdict.GATED] < 25
+    assert freed.health[-1].resets == 1
+
+
+def test_a_leader_that_is_displaced_later_is_not_believed(world, inputs):
+    """Thirty agreeing fixes, then as many 40 m off: those stay refused."""
+    result = run(world, moved(inputs, set(range(30, 60)), 40.0))
+    assert result.verdicts[Verdict.GATED] >= 28
+    assert result.health[-1].resets == 0
+    assert 'displaced' in result.health[-1].sentence
+
+
+def test_whole_runs_open_as_nodes_do(world, inputs):
+    params = world.params(**{**CONFIGURATION, **heading_off(world)})
+    whole, single = (engine_run.run(params, inputs, one_by_one=k) for k in (False, True))
+    np.testing.assert_array_equal(whole.track.P, single.track.P)
+    np.testing.assert_array_equal(whole.track.r_e, single.track.r_e)
