@@ -2,8 +2,8 @@
 
 | level | when |
 | --- | --- |
-| ERROR | the covariance lost definiteness; fixes are gated for longer than `max_gated_s` |
-| WARN | no state yet; sensors outrun the history; messages too late; fixes gated in a row; none |
+| ERROR | the covariance lost definiteness; an ERROR of the watchdog or of the integrity monitor |
+| WARN | no state yet; sensors outrun the history; a WARN of those two; messages came too late |
 | OK | navigating, with the age of the last fix |
 """
 
@@ -16,6 +16,7 @@ import numpy as np
 from polar_nav_core.engine.checks import warnings_of
 from polar_nav_core.engine.engine import Engine
 from polar_nav_core.engine.events import Verdict
+from polar_nav_core.engine.health.conditions import Health
 from polar_nav_core.engine.integrity import Integrity
 
 from .diagnostics import Diagnosis, Level
@@ -51,6 +52,7 @@ class NavigationHealth:
         for warning in self._warnings:
             logger.warning(warning)
         self._last = Level.WARN  # there is no state yet
+        self._late = 0
 
     def diagnose(self, values: dict[str, object]) -> Diagnosis:
         """Present status; ``values`` are the node's own numbers.
@@ -66,7 +68,9 @@ class NavigationHealth:
         counted |= {'imu_gaps': engine.imu_gaps, **_numbers(integrity)}
         if self._warnings:
             counted['parameter_warnings'] = '; '.join(self._warnings)
+        counted |= _present(engine.health)
         level, message = self._worst(integrity)
+        self._late = engine.verdicts[Verdict.TOO_LATE]
         self._tell(level, message)
         return Diagnosis(level, message, {**counted, **values})
 
@@ -76,15 +80,20 @@ class NavigationHealth:
             return Level.ERROR, engine.divergence
         if not engine.navigating:
             return Level.WARN, _waiting(engine)
+        health = engine.health
+        if health is not None and health.level is health.level.ERROR:
+            return Level.ERROR, health.sentence
         if integrity.level is integrity.level.ERROR:
             return Level.ERROR, integrity.sentence
         if engine.history_warning:
             return Level.WARN, engine.history_warning
-        if engine.verdicts[Verdict.TOO_LATE]:
-            count = engine.verdicts[Verdict.TOO_LATE]
-            return Level.WARN, f'{count} messages came after reorder_window_s'
+        if health is not None and health.level is health.level.WARN:
+            return Level.WARN, health.sentence
         if integrity.level is integrity.level.WARN:
             return Level.WARN, integrity.sentence
+        count = engine.verdicts[Verdict.TOO_LATE]
+        if count > self._late:
+            return Level.WARN, f'{count} messages came after reorder_window_s'
         if engine.aiding_warning:
             return Level.WARN, engine.aiding_warning
         return Level.OK, f'navigating, {integrity.sentence}'
@@ -100,6 +109,23 @@ class NavigationHealth:
         else:
             self._logger.error(message)
         self._last = level
+
+
+def _present(health: Health | None) -> dict[str, object]:
+    """Present conditions of the watchdog, the worst first: level, since when, how often."""
+    if health is None:
+        return {}
+    found: dict[str, object] = {
+        'radius_95_m': f'{health.radius_95:.1f}',
+        'covariance_enlarged': health.resets,
+    }
+    for number, p in enumerate(health.present, start=1):
+        for_s = (health.stamp_ns - p.since_ns) * 1e-9
+        c = p.condition
+        found[f'condition_{number}'] = (
+            f'{c.level.name}: {c.sentence} (for {for_s:.0f} s, {p.count} times)'
+        )
+    return found
 
 
 def _waiting(engine: Engine) -> str:
