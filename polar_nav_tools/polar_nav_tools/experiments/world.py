@@ -23,7 +23,7 @@ import numpy as np
 
 from polar_nav_core.engine.events import Array, Fix
 from polar_nav_core.engine.inputs import Inputs, Stamps
-from polar_nav_core.engine.params import EngineParams
+from polar_nav_core.engine.params import NO_COMMON_ERRORS, NO_RESERVE, EngineParams
 from polar_nav_core.errors import ConfigError
 from polar_nav_sim.initial_state import InitialSigma, initial_parameters
 from polar_nav_sim.mission import Mission
@@ -106,6 +106,8 @@ class World:
             mean = self.recorded.largest_mean()
             gyro_bias, accel_bias = math.hypot(gyro_bias, mean[0]), math.hypot(accel_bias, mean[1])
         values: dict[str, Any] = {
+            **NO_COMMON_ERRORS,
+            **NO_RESERVE,
             **self.initial,
             'gyro_bias_sigma': gyro_bias,
             'accel_bias_sigma': accel_bias,

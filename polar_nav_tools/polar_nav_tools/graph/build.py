@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from polar_nav_core.engine.params import CONFIGURATIONS
+from polar_nav_core.engine.params import CONFIGURATIONS, NO_COMMON_ERRORS, NO_RESERVE
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.params import to_mapping
 from polar_nav_follower.params import FollowerParams
@@ -268,6 +268,7 @@ def _leader_node(mission: Mission, leader: str, follower: str, options: GraphOpt
         parameters |= initial_state_parameters(
             mission, leader, usual_sigma(LeaderParams), options.seed
         )
+        parameters |= NO_COMMON_ERRORS | NO_RESERVE
         if options.pace == 'lockstep':
             parameters['reorder_window_s'] = LOCKSTEP_REORDER_S
     return NodeSpec(
@@ -282,6 +283,10 @@ def _leader_node(mission: Mission, leader: str, follower: str, options: GraphOpt
 
 def _follower_node(mission: Mission, follower: str, options: GraphOptions) -> NodeSpec:
     parameters: dict[str, ParameterValue] = {
+        # The instruments of section 6.1, which the simulation draws its errors from.
+        **NO_COMMON_ERRORS,
+        **NO_RESERVE,
+        'dvl_scale_sigma': 1e-4,
         'configuration': options.configuration,
         'leader_id': LEADER_ID,
         'own_id': FOLLOWER_ID,

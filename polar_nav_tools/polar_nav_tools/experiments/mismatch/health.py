@@ -1,9 +1,7 @@
 """What a run reported of its own health, for the judge: the one place that knows who watches.
 
-Today only position fixes are watched: by the engine's integrity monitor
-(polar_nav_core/engine/integrity.py), which the node turns into diagnostics in
-polar_nav_ros/navigation_health.py. A watchdog for every sensor will have a history of its own;
-`health_history` is all that has to be replaced then.
+In the strapdown mode the engine's watchdog looks once a second (polar_nav_core/engine/health). In
+station mode only position fixes are watched, by the integrity monitor, which is replayed here.
 """
 
 from __future__ import annotations
@@ -12,11 +10,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from polar_nav_core.engine.events import Receipt, Verdict
+from polar_nav_core.engine.health.conditions import Culprit, Health
 from polar_nav_core.engine.integrity import Integrity, IntegrityMonitor
 from polar_nav_core.engine.params import EngineParams
 
 from .judge import ERROR, OK, UNEXPLAINED, HealthReport
 
+_NAMES = {
+    Culprit.FIXES: 'fixes',
+    Culprit.DVL: 'DVL',
+    Culprit.DEPTH: 'depth',
+    Culprit.IMU: 'IMU',
+    Culprit.MODEL: 'model',
+    Culprit.HEADING: 'heading',
+    Culprit.UNEXPLAINED: UNEXPLAINED,
+}
 _TICK_NS = 10_000_000_000
 """Between looks while no fix comes: silence is a finding, too."""
 
@@ -41,6 +49,7 @@ class WatchedRun:
     start_ns: int
     end_ns: int
     divergence: str = ''
+    health: Sequence[Health] = ()
 
 
 def health_history(run: WatchedRun) -> list[HealthReport]:
@@ -51,6 +60,8 @@ def health_history(run: WatchedRun) -> list[HealthReport]:
     fixes share an offset, which counts as naming the fixes; without a common offset they name
     nothing.
     """
+    if run.params.mode == 'sins':
+        return _watched(run)
     monitor = IntegrityMonitor(run.params.max_gated_s)
     out: list[HealthReport] = []
     next_ns = run.start_ns
@@ -66,6 +77,20 @@ def health_history(run: WatchedRun) -> list[HealthReport]:
         next_ns += _TICK_NS
     if run.divergence:
         out = [r for r in out if r.stamp_ns <= run.end_ns]
+        out.append(HealthReport(run.end_ns, ERROR, run.divergence, UNEXPLAINED))
+    return out
+
+
+def _watched(run: WatchedRun) -> list[HealthReport]:
+    """Changes of level or culprit that the engine's watchdog saw."""
+    out: list[HealthReport] = []
+    for health in run.health:
+        names = [_NAMES[bit] for bit in _NAMES if bit & health.culprit] if health.present else []
+        culprit = '|'.join(names)
+        report = HealthReport(health.stamp_ns, int(health.level), health.sentence, culprit)
+        if not out or (out[-1].level, out[-1].culprit) != (report.level, report.culprit):
+            out.append(report)
+    if run.divergence:
         out.append(HealthReport(run.end_ns, ERROR, run.divergence, UNEXPLAINED))
     return out
 

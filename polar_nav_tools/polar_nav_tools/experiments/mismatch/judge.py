@@ -176,7 +176,7 @@ def reported(history: Sequence[HealthReport], fault_ns: int, culprits: Sequence[
         if r.culprit == standing:
             continue
         first = first or r
-        if r.culprit in (*culprits, UNEXPLAINED):
+        if {*r.culprit.split('|')} & {*culprits, UNEXPLAINED}:
             return Reported(first, r)
     return Reported(first, named)
 

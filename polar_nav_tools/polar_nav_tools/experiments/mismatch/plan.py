@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
+from polar_nav_core.engine.params import NO_COMMON_ERRORS, NO_RESERVE, EngineParams
 from polar_nav_core.errors import ConfigError
 
 from ...scoring.tables import Column, Table
@@ -62,6 +63,18 @@ def plan(request: Request, size: Size, columns: Sequence[str]) -> list[MismatchJ
     return jobs
 
 
+def as_stated(mode: str) -> dict[str, Any]:
+    """Engine parameters that a user gets who states classes of sensors and nothing more.
+
+    A world states that its sensors have no common error and that biases are constant; a user
+    cannot know that, and has the defaults.
+    """
+    if mode == 'station':
+        return {}
+    usual = EngineParams()
+    return {name: getattr(usual, name) for name in (*NO_COMMON_ERRORS, *NO_RESERVE)}
+
+
 def _row_jobs(row: Row, seed: int, columns: Sequence[str], choices: Choices) -> list[MismatchJob]:
     known = _known(row.mode, choices)
     engine = dict(choices.engine)
@@ -73,7 +86,9 @@ def _row_jobs(row: Row, seed: int, columns: Sequence[str], choices: Choices) -> 
             known[name][0],
             seed,
             # What knows the fault is a measure, and stays as it is when the engine is changed.
-            known[name][1] if name == BEST else {**known[name][1], **engine},
+            known[name][1]
+            if name == BEST
+            else {**as_stated(row.mode), **known[name][1], **engine},
         )
         for name in columns
         if name in known

@@ -101,7 +101,7 @@ def _judged(job: MismatchJob, ran: Ran, start_ns: int, seconds: float) -> Mismat
     row = job.row
     end_ns = int(ran.stamps_ns[-1]) if len(ran.stamps_ns) else start_ns
     history = health_history(
-        WatchedRun(ran.params, ran.receipts, start_ns, end_ns, ran.divergence)
+        WatchedRun(ran.params, ran.receipts, start_ns, end_ns, ran.divergence, ran.health)
     )
     fault_ns = start_ns + round(row.fault.start_s * 1e9)
     words = reported(history, fault_ns, row.culprits)

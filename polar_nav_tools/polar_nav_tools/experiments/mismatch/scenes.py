@@ -15,6 +15,7 @@ import numpy as np
 from polar_nav_core.attitude import log
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.events import Array, Receipt
+from polar_nav_core.engine.health.conditions import Health
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.error_model import X
 from polar_nav_core.grid import ecef_to_grid
@@ -46,6 +47,7 @@ class Ran(NamedTuple):
     local: Array
     divergence: str
     course: Course
+    health: Sequence[Health] = ()
 
 
 @dataclass(frozen=True)
@@ -100,7 +102,7 @@ class SinsScene:
         params = world.params(
             **{'output_period_s': _OUTPUT_S, **longest, **self.changes, **changes}
         )
-        result = engine_run.run(params, world.inputs)
+        result = engine_run.run(params, world.inputs, one_by_one=True)
         course = _sins_course(world, result.track, self.duration_s)
         track = result.track
         return Ran(
@@ -110,6 +112,7 @@ class SinsScene:
             track.local_statistics,
             result.divergence,
             course,
+            result.health,
         )
 
     def start_ns(self, world: World) -> int:
