@@ -146,6 +146,7 @@ def remember(s: State, w: Work, z: Array, stream: int, m: int, fused: bool) -> N
     """Add an attempt to the memories of its stream (watch), and what was used when."""
     if fused:
         s.counters[fs.USED_NS + stream] = s.counters[fs.STAMP]
+        s.counters[fs.USES + stream] += 1
     observe(s.memories[stream], z, w.wide, w.nis[0], m, fused, s.v_G[0], s.v_G[1])
 
 

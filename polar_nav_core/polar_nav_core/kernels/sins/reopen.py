@@ -2,11 +2,14 @@
 
 A gate judges by the filter's own covariance. Where that is wrong (a bias that has jumped, a
 heading stated too well) every ping is refused, for good: the covariance grows by the stated noise,
-the error faster. So a local sensor of which most of the last thirty attempts were refused, all to
-the same side, gets another chance: P <- lambda P with lambda the NIS per row of the measurement at
-hand, and it is judged anew. Scaling all of P keeps its correlations, so that the next measurements
-correct tilt and biases as they would have at the start. Position fixes are not treated here
-(engine.engine): a displaced leader agrees with itself, too.
+the error faster. So a local sensor of which most of the last thirty attempts were refused, all of
+the last minute to the same side, gets another chance if nothing speaks against it: it was never
+believed before, or every other sensor is refused as well. Then P <- lambda P with lambda the NIS
+per row of the measurement at hand, and it is judged anew. Scaling all of P keeps its correlations,
+so that the next measurements correct tilt and biases as they would have at the start.
+
+A sensor that agreed for long and now contradicts others that still agree is the one that is
+wrong; its gate stays shut. Position fixes are not treated here (engine.engine).
 """
 
 from __future__ import annotations
@@ -21,9 +24,17 @@ FEWEST = 20.0
 """Attempts in the short memory before a gate may open."""
 SHARE = 0.7
 """Share of them that must have been refused."""
+LONG_FEWEST = 60.0
+"""Attempts in the long memory before they can agree."""
 AGREEMENT = 0.5
 """Share of the mean squared innovation that the squared mean must make up."""
-LEAST, MOST = 2.0, 1e4
+NEVER_BELIEVED = 10
+"""A sensor of which fewer were ever used has not been believed yet."""
+VOUCHING = 0.5
+"""A sensor of which a smaller share is refused vouches for the navigation."""
+CHANCES = 3
+"""Times that a gate opens in a run: what they do not mend is no matter of the covariance."""
+LEAST, MOST = 2.0, 100.0
 """Limits of the factor on P."""
 
 
@@ -37,16 +48,41 @@ def opens(s: State, c: Settings, stream: int) -> bool:
         return False
     if s.counters[fs.STAMP] - s.counters[fs.OPENED_NS + stream] < c.reopen_ns:
         return False
+    if s.counters[fs.OPENINGS + stream] >= CHANCES:
+        return False
     row = s.memories[stream, watch.SHORT]
     weight = row[watch.WEIGHT]
     if weight < FEWEST or row[watch.REFUSED] < SHARE * weight:
         return False
+    row = s.memories[stream, watch.LONG]
+    weight = row[watch.WEIGHT]
     mean, square = 0.0, 0.0
     for k in range(3):
         mean += row[watch.GRID + k] * row[watch.GRID + k]
         square += row[watch.SQUARE + k]
-    agree: bool = mean > AGREEMENT * square * weight
-    return agree
+    if weight < LONG_FEWEST or not mean > AGREEMENT * square * weight:
+        return False
+    return s.counters[fs.USES + stream] < NEVER_BELIEVED or not _vouched(s, stream)
+
+
+@kernel
+def _vouched(s: State, stream: int) -> bool:
+    """Whether another sensor agrees with the navigation: fixes, and for a depth also the DVL.
+
+    A depth knows nothing of the horizontal velocity that a DVL contradicts.
+    """
+    found = _agrees(s, fs.FIX_ROW)
+    if stream == fs.DEPTH_ROW:
+        found = found or _agrees(s, fs.DVL_ROW)
+    return found
+
+
+@kernel
+def _agrees(s: State, stream: int) -> bool:
+    """Whether a sensor is heard and less than half of it refused."""
+    row = s.memories[stream, watch.SHORT]
+    heard: bool = row[watch.WEIGHT] > 0.0
+    return heard and row[watch.REFUSED] < VOUCHING * row[watch.WEIGHT]
 
 
 @kernel
@@ -65,4 +101,4 @@ def open_gate(s: State, w: Work, stream: int, m: int) -> None:
         for j in range(watch.WIDTH):
             s.memories[stream, k, j] = 0.0
     s.counters[fs.OPENED_NS + stream] = s.counters[fs.STAMP]
-    s.counters[fs.OPENINGS] += 1
+    s.counters[fs.OPENINGS + stream] += 1

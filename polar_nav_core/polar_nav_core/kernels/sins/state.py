@@ -57,8 +57,9 @@ GOOD_PINGS = 16
 GOOD_NS = 17
 USED_NS = 18  # three: stamp of the newest measurement used, per stream
 OPENED_NS = 21  # three: when the gate of a stream was last opened again; the start at first
-OPENINGS = 24
-COUNTERS = 25
+OPENINGS = 24  # three: how often the gate of a stream was opened again
+USES = 27  # three: measurements used, per stream
+COUNTERS = 30
 
 # What an event function (FUSED or REFUSED, too) or `advance` returns.
 DONE = 0
