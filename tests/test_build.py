@@ -207,7 +207,7 @@ def test_a_node_of_the_build_runs_and_ends_cleanly(workspace, tmp_path, package,
         assert wait_for_node(f'/probe/{node}', process), f'{node} did not appear'
         process.send_signal(signal.SIGINT)
         # A first start compiles the filter before it looks at anything else.
-        output, _ = process.communicate(timeout=240)
+        output, _ = process.communicate(timeout=900)  # a first start compiles
     finally:
         process.kill()
     assert process.returncode == 0, output

@@ -166,12 +166,12 @@ def depth_variances(variance: Array, default_sigma: float) -> Array:
     return np.where(variance == _UNKNOWN, default_sigma**2, variance)
 
 
-def command_from_msg(msg: CommandMsg, _number: int) -> Command:
+def command_from_msg(msg: CommandMsg, number: int) -> Command:
     """polar_nav_msgs/Command as an event."""
     kind = CommandKind(msg.kind)
     starts = kind in (CommandKind.RESET, CommandKind.SET_INITIAL_STATE)
     initial = initial_from_msg(msg.initial_state) if starts else None
-    return Command(to_ns(msg.header.stamp), msg.sequence, kind, initial)
+    return Command(to_ns(msg.header.stamp), msg.sequence, kind, initial, arrival=number)
 
 
 def initial_from_msg(msg: InitialStateMsg) -> InitialState | None:

@@ -23,6 +23,7 @@ from rosbags.typesys import Stores, get_typestore
 from polar_nav_core.attitude import quaternion_from_matrix
 from polar_nav_core.depth import pressure_from_depth
 from polar_nav_core.earth import ecef_from_geodetic, geodetic_from_ecef, gravity, up
+from polar_nav_core.engine.params import NO_COMMON_ERRORS, NO_RESERVE
 from polar_nav_sim.mission import load_mission
 from polar_nav_sim.trajectory import Truth, TruthState
 from polar_nav_tools.bags.layout import layout_of
@@ -45,6 +46,8 @@ GYRO_NOISE, ACCEL_NOISE = 2.9e-5, 8.3e-4
 GYRO_BIAS, ACCEL_BIAS = (4.0e-6, -3.0e-6, 5.0e-6), (0.008, -0.006, 0.01)
 DVL_SIGMA, DEPTH_SIGMA, FIX_SIGMA = 0.01, 0.05, (2.0, 1.0)
 PARAMETERS: dict[str, Any] = {
+    **NO_COMMON_ERRORS,
+    **NO_RESERVE,
     'gyro_bias_sigma': 5.0e-6,
     'gyro_noise_density': GYRO_NOISE,
     'accel_bias_sigma': 0.01,

@@ -182,15 +182,14 @@ def test_health_is_what_the_engine_itself_has_after_every_fix():
     engine, seen = Engine(params), []
     for event in world.inputs.events():
         list(engine.process(event))
-        if isinstance(event, Fix):
-            level = int(engine._ledger.integrity.state(event.receive_ns).level)
+        if isinstance(event, Fix) and engine.health is not None:
+            level = int(engine.health.level)
             if not seen or seen[-1] != level:
                 seen.append(level)
-    result = engine_run.run(params, world.inputs)
+    result = engine_run.run(params, world.inputs, one_by_one=True)
+    end_ns = int(world.inputs.imu_stamps_ns[-1])
     history = health_history(
-        WatchedRun(
-            params, result.receipts, world.truth.start_ns, int(world.inputs.imu_stamps_ns[-1])
-        )
+        WatchedRun(params, result.receipts, world.truth.start_ns, end_ns, health=result.health)
     )
     assert seen == [0, 1, 2]
     assert [r.level for r in history] == seen

@@ -285,7 +285,7 @@ class Engine:
                 f'the stored history reaches back {reach:.2f} s'
             )
             return [self._receipt(fix, fix.receive_ns, Verdict.TOO_OLD, reason)]
-        if not result.outcome.fused and self.ledger.integrity.outnumber():
+        if not result.outcome.fused and self.ledger.integrity.outnumber(self.fix_counts()[1]):
             result = self._believe(fix, result)
         self.ledger.remember(fix)
         if self.adaptation is not None:

@@ -218,11 +218,12 @@ class Command:
     kind: CommandKind
     initial_state: InitialState | None = None
     topic: str = 'nav/command'
+    arrival: int = 0
 
     @property
     def key(self) -> OrderKey:
         """Sort key in the total order of events."""
-        return (self.stamp_ns, Rank.COMMAND, self.sequence, 0)
+        return (self.stamp_ns, Rank.COMMAND, self.sequence, self.arrival)
 
 
 Event: TypeAlias = ImuSample | ControlSample | DvlPing | DepthSample | Fix | Command

@@ -22,7 +22,7 @@ from .health.conditions import Condition, Culprit, Level
 _ALARMING = 3
 """Fixes refused in a row before anything is said: one or two are chance or outliers."""
 _BELIEVED = 10
-"""Agreeing refused fixes that it takes at least to be believed."""
+"""Agreeing refused fixes that are believed at the least, and fused ones that settle a filter."""
 _KEPT = 256
 """Refused fixes that are remembered one by one, for their common offset."""
 _PATIENCE = 3.0
@@ -91,11 +91,9 @@ class IntegrityMonitor:
         self._last_fused_ns: int | None = None
         self._newest_fused_validity_ns = 0
         self.longest_gated_s = 0.0
-        self._fused = 0
 
     def fused(self, validity_ns: int, receive_ns: int) -> None:
         """Count a fused fix: it ends a run of refused ones that were valid before it."""
-        self._fused += 1
         if self._last_fused_ns is None or receive_ns > self._last_fused_ns:
             self._last_fused_ns = receive_ns
         self._newest_fused_validity_ns = max(self._newest_fused_validity_ns, validity_ns)
@@ -136,13 +134,13 @@ class IntegrityMonitor:
         size = float(np.linalg.norm(mean_G))
         return scatter < 0.5 * size and float(np.linalg.norm(offset_G - mean_G)) < 0.5 * size
 
-    def outnumber(self) -> bool:
-        """Whether refused fixes agree with one another and are twice as many as all fused ones.
+    def outnumber(self, fused: int) -> bool:
+        """Whether refused fixes agree and are twice as many as the few that were ever fused.
 
-        A filter that has locked on to outliers at the start is in the wrong then; one that agreed
-        with fixes for an hour is not moved by a leader that is displaced.
+        A filter that has locked on to outliers at the start is in the wrong then; one that has
+        fused ten fixes is not moved by a leader that is displaced.
         """
-        if self._count < max(_BELIEVED, 2 * self._fused):
+        if fused >= _BELIEVED or self._count < max(_BELIEVED, 2 * fused):
             return False
         mean_G, scatter = self._cluster()
         return scatter < 0.5 * float(np.linalg.norm(mean_G))

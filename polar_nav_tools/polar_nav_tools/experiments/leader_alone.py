@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from polar_nav_core import attitude, earth, grid
 from polar_nav_core.engine import run as engine_run
+from polar_nav_core.engine.params import NO_COMMON_ERRORS, NO_RESERVE
 from polar_nav_core.error_model import X
 from polar_nav_core.params import default_of, from_mapping
 from polar_nav_leader.params import LeaderParams
@@ -208,7 +209,14 @@ def _params(truth: Truth, first_ns: int, seed: int) -> LeaderParams:
     initial = initial_parameters(truth.state(first_ns), sigma, stream(seed, 'leader/initial'))
     return from_mapping(
         LeaderParams,
-        {**initial, 'navigation': 'own', 'lockstep': True, 'output_period_s': _OUTPUT_S},
+        {
+            **NO_COMMON_ERRORS,
+            **NO_RESERVE,
+            **initial,
+            'navigation': 'own',
+            'lockstep': True,
+            'output_period_s': _OUTPUT_S,
+        },
     )
 
 
