@@ -313,7 +313,8 @@ class LeaderFrame(Fault):
         across_G = np.column_stack([-line_G[:, 1], line_G[:, 0], np.zeros(len(line_G))])
         on = scale * self._on(worlds.seconds(world, worlds.validities(world)))
         flat_G = line_G * np.array([1.0, 1.0, 0.0])
-        return worlds.move_fixes(world, on * (self.scale * flat_G + a * across_G))
+        seen = worlds.see_fixes_along(world, line_G)
+        return worlds.move_fixes(seen, on * (self.scale * flat_G + a * across_G))
 
 
 @dataclass(frozen=True, kw_only=True)

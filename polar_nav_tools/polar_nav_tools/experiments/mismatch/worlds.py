@@ -74,6 +74,13 @@ def validities(world: World) -> NDArray[np.int64]:
     return np.array([f.validity_ns for f in world.inputs.fixes], dtype=np.int64)
 
 
+def see_fixes_along(world: World, line_G: Array) -> World:
+    """World whose fixes state the way from the leader's array, (k, 3) in true grid axes [m]."""
+    relative_e = np.einsum('nji,nj->ni', truth_of_fixes(world).C_e_G, line_G)
+    fixes = zip(world.inputs.fixes, relative_e, strict=True)
+    return world.with_fixes(tuple(replace(f, relative_e=r_e) for f, r_e in fixes))
+
+
 def move_fixes(world: World, d_r_G: Array, variance_G: Array | None = None) -> World:
     """Move the fixes by (k, 3) metres in the grid axes of their true positions.
 
