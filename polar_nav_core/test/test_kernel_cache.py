@@ -14,36 +14,80 @@ from polar_nav_core.kernels import cache
 from polar_nav_core.kernels.frames import strapdown
 
 KERNELS = Path(cache.__file__).parent
+RUN = 'sins/run.py'
 jit_only = pytest.mark.skipif(numba.config.DISABLE_JIT, reason='needs compiled kernels')
 
 
-def test_key_changes_with_any_source(tmp_path):
-    shutil.copytree(KERNELS, tmp_path, dirs_exist_ok=True)
-    before = cache.cache_key(tmp_path)
-    assert before == cache.cache_key() == cache.cache_key(KERNELS)
-    earth = tmp_path / 'frames' / 'earth.py'
-    earth.write_text(earth.read_text().replace('7.292115e-5', '7.292116e-5'))
-    edited = cache.cache_key(tmp_path)
-    earth.rename(tmp_path / 'frames' / 'sphere.py')
-    assert len({before, edited, cache.cache_key(tmp_path)}) == 3
+@pytest.fixture
+def copy(tmp_path):
+    """A copy of the folder of kernels, to be edited."""
+    return Path(shutil.copytree(KERNELS, tmp_path / 'kernels'))
+
+
+@pytest.fixture
+def own_directory():
+    """`cache._own_temporary_directory`, asked as if for the first time, also afterwards."""
+    cache._own_temporary_directory.cache_clear()
+    yield cache._own_temporary_directory
+    cache._own_temporary_directory.cache_clear()
+
+
+def edit(path: Path) -> None:
+    path.write_text(path.read_text() + '\n# edited\n')
+
+
+def test_key_is_of_the_text_and_not_of_the_place(copy):
+    assert cache.cache_key(copy / RUN) == cache.cache_key(KERNELS / RUN)
+
+
+@pytest.mark.parametrize('edited', [RUN, 'sins/update.py', 'frames/earth.py', 'queues.py'])
+def test_key_changes_with_every_source_that_a_kernel_stands_on(copy, edited):
+    before = cache.cache_key(copy / RUN)
+    edit(copy / edited)
+    assert cache.cache_key(copy / RUN) != before
+
+
+def test_key_stays_when_a_kernel_does_not_stand_on_what_was_edited(copy):
+    before = cache.cache_key(copy / 'station/run.py'), cache.cache_key(copy / 'frames/earth.py')
+    edit(copy / RUN)
+    after = cache.cache_key(copy / 'station/run.py'), cache.cache_key(copy / 'frames/earth.py')
+    assert after == before
+
+
+def test_sources_are_all_files_that_importing_a_kernel_brings():
+    """Against Python's own import: no way to import a file is overlooked."""
+    for source in (KERNELS / RUN, KERNELS / 'station/run.py'):
+        name = 'polar_nav_core.kernels.' + '.'.join(source.relative_to(KERNELS).parts)[:-3]
+        code = (
+            'import sys, pathlib, polar_nav_core.kernels\n'
+            f'import {name}\n'
+            'for name, module in sys.modules.items():\n'
+            '    if name.startswith("polar_nav_core.kernels."): print(module.__file__)\n'
+        )
+        run = subprocess.run(
+            [sys.executable, '-c', code], capture_output=True, text=True, check=True
+        )
+        loaded = {Path(line) for line in run.stdout.split()}
+        always = {KERNELS / 'cache.py', *KERNELS.rglob('__init__.py')}
+        assert loaded - always == set(cache.sources_of(source)) - always
 
 
 def test_key_changes_with_the_numbers_that_the_engine_has_in_common_with_kernels(
     tmp_path, monkeypatch
 ):
-    before = cache.cache_key()
+    before = cache.cache_key(KERNELS / RUN)
     copy = tmp_path / 'order.py'
     copy.write_text(cache._ORDER.read_text().replace('FUSED = 1', 'FUSED = 2'))
     monkeypatch.setattr(cache, '_ORDER', copy)
-    assert cache.cache_key() != before
+    assert cache.cache_key(KERNELS / RUN) != before
 
 
 def test_key_changes_with_cpu_and_numba(monkeypatch):
-    before = cache.cache_key()
+    before = cache.cache_key(KERNELS / RUN)
     monkeypatch.setattr(numba.config, 'CPU_NAME', 'generic')
-    generic = cache.cache_key()
+    generic = cache.cache_key(KERNELS / RUN)
     monkeypatch.setattr(numba, '__version__', '0.0.0')
-    assert len({before, generic, cache.cache_key()}) == 3
+    assert len({before, generic, cache.cache_key(KERNELS / RUN)}) == 3
 
 
 @pytest.mark.parametrize(
@@ -60,11 +104,13 @@ def test_place(tmp_path, monkeypatch, environment, expected):
     monkeypatch.setenv('HOME', str(tmp_path / 'home'))
     for name, value in environment.items():
         monkeypatch.setenv(name, value.format(tmp=tmp_path))
-    directory = cache.cache_directory.__wrapped__()
-    assert directory == Path(expected.format(tmp=tmp_path)) / cache.cache_key()
+    directory = cache.cache_directory.__wrapped__(KERNELS / RUN)
+    assert directory.parent == Path(expected.format(tmp=tmp_path))
+    assert directory.name.startswith('sins.run-')
     assert directory.is_dir()
 
 
+@pytest.mark.usefixtures('own_directory')
 def test_temporary_directory_when_home_cannot_be_written(tmp_path, monkeypatch):
     not_a_directory = tmp_path / 'file'
     not_a_directory.write_text('')
@@ -72,24 +118,24 @@ def test_temporary_directory_when_home_cannot_be_written(tmp_path, monkeypatch):
     monkeypatch.delenv('XDG_CACHE_HOME', raising=False)
     monkeypatch.setenv('HOME', str(not_a_directory))
     monkeypatch.setattr(cache.tempfile, 'gettempdir', lambda: str(tmp_path))
-    directory = cache.cache_directory.__wrapped__()
+    directory = cache.cache_directory.__wrapped__(KERNELS / RUN)
     assert directory.parent == tmp_path / f'polar_nav_kernels_{os.getuid()}'
     assert directory.parent.stat().st_mode & 0o777 == 0o700
 
 
-def test_somebody_elses_temporary_directory_is_not_trusted(tmp_path, monkeypatch):
+def test_somebody_elses_temporary_directory_is_not_trusted(tmp_path, monkeypatch, own_directory):
     monkeypatch.setattr(cache.tempfile, 'gettempdir', lambda: str(tmp_path))
     monkeypatch.setattr(cache.tempfile, 'tempdir', str(tmp_path))
     planted = tmp_path / f'polar_nav_kernels_{os.getuid()}'
     planted.mkdir()
     planted.chmod(0o777)
-    assert planted not in cache._own_temporary_directory('key').parents
+    assert planted != own_directory()
 
 
 @jit_only
 def test_kernels_are_cached_there_and_numbas_own_setting_is_left_alone():
     path = Path(strapdown.strapdown_step._cache.cache_path)
-    assert cache.cache_directory() in path.parents
+    assert cache.cache_directory(Path(strapdown.__file__)) in path.parents
     assert os.environ.get('NUMBA_CACHE_DIR', '') == numba.config.CACHE_DIR
 
 
@@ -99,7 +145,6 @@ def test_a_folder_of_kernels_elsewhere_has_a_directory_of_its_own(tmp_path):
     (elsewhere / 'records.py').write_text('')
     assert cache.folder_of(elsewhere / 'records.py') == elsewhere
     assert cache.folder_of(Path(strapdown.__file__)) == KERNELS
-    assert cache.cache_key(elsewhere) != cache.cache_key()
 
 
 @jit_only

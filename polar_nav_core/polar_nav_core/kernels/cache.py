@@ -3,18 +3,21 @@
 Numba notices a change of the file that holds a function, but not of a callee in another file: a
 kernel compiled against yesterday's callee would be loaded and would silently return yesterday's
 numbers. So compiled code stands in folders named ``kernels`` only (here, and with the bags in
-polar_nav_tools), and the cache directory of such a folder carries a hash of *all* its sources, of
-the numba version and of the CPU: an edit anywhere in the folder, another numba or another
-processor means another directory. Kernels of one folder do not call those of another.
+polar_nav_tools), and each source file has a cache directory whose name carries a hash of that
+file, of every file of the folder that it imports (and those import), of the numba version and of
+the CPU: an edit of any of them, another numba or another processor means another directory, while
+kernels that do not stand on the edited file stay compiled. Kernels of one folder do not call those
+of another.
 
-The directory is ``$POLAR_NAV_CACHE_DIR`` or ``$XDG_CACHE_HOME/polar_nav/kernels`` or
-``~/.cache/polar_nav/kernels``, followed by the key. Where none can be written, a directory of this
+The parent directory is ``$POLAR_NAV_CACHE_DIR`` or ``$XDG_CACHE_HOME/polar_nav/kernels`` or
+``~/.cache/polar_nav/kernels``. Where none can be written, a directory of this
 user under the system's temporary directory takes its place. Nothing but these kernels goes there:
 numba's own setting is left as the rest of the process wants it.
 """
 
 from __future__ import annotations
 
+import ast
 import hashlib
 import os
 import tempfile
@@ -39,14 +42,39 @@ def folder_of(source: Path) -> Path:
     return next((folder for folder in source.parents if folder.name == 'kernels'), source.parent)
 
 
-def cache_key(folder: Path = KERNELS) -> str:
-    """Hash of the kernel sources in and below *folder*, `order`, numba and the CPU."""
+def sources_of(source: Path) -> list[Path]:
+    """Files that a kernel file is compiled from: itself and all it imports in its folder."""
+    folder = folder_of(source)
+    found: set[Path] = set()
+    waiting = [source]
+    while waiting:
+        path = waiting.pop()
+        if path not in found:
+            found.add(path)
+            waiting.extend(p for p in _imported(path) if folder in p.parents)
+    return sorted(found)
+
+
+def _imported(source: Path) -> list[Path]:
+    """Files that the relative imports of *source* name, where they exist."""
+    candidates = []
+    for node in ast.walk(ast.parse(source.read_text(encoding='utf-8'))):
+        if isinstance(node, ast.ImportFrom) and node.level:
+            package = source.parents[node.level - 1].joinpath(*(node.module or '').split('.'))
+            for place in (package, *(package / name.name for name in node.names)):
+                candidates += [place.with_suffix('.py'), place / '__init__.py']
+    return [path for path in candidates if path.is_file()]
+
+
+def cache_key(source: Path) -> str:
+    """Hash of the sources that *source* is compiled from, of `order`, numba and the CPU."""
     digest = hashlib.sha256()
-    names = {path.relative_to(folder).as_posix(): path for path in folder.rglob('*.py')}
+    folder = folder_of(source)
+    names = {path.relative_to(folder).as_posix(): path for path in sources_of(source)}
     for name, path in [*sorted(names.items()), ('../order.py', _ORDER)]:
-        source = path.read_bytes()
-        digest.update(f'{name} {len(source)}\n'.encode())
-        digest.update(source)
+        text = path.read_bytes()
+        digest.update(f'{name} {len(text)}\n'.encode())
+        digest.update(text)
     cpu = numba.config.CPU_NAME or llvm.get_host_cpu_name()
     features = numba.config.CPU_FEATURES or llvm.get_host_cpu_features().flatten()
     digest.update(f'{numba.__version__} {cpu} {features}'.encode())
@@ -75,7 +103,8 @@ def _writable(directory: Path) -> bool:
         return False
 
 
-def _own_temporary_directory(key: str) -> Path:
+@cache
+def _own_temporary_directory() -> Path:
     """A directory that only this user can write: compiled code is loaded from it."""
     base = Path(tempfile.gettempdir()) / f'polar_nav_kernels_{os.getuid()}'
     try:
@@ -85,18 +114,19 @@ def _own_temporary_directory(key: str) -> Path:
             raise PermissionError(f'{base} belongs to somebody else')
     except OSError:
         base = Path(tempfile.mkdtemp(prefix='polar_nav_kernels_'))
-    return base / key
+    return base
 
 
 @cache
-def cache_directory(folder: Path = KERNELS) -> Path:
-    """Directory for compiled kernels of *folder*: created, writable, the same at every call."""
-    key = cache_key(folder)
+def cache_directory(source: Path) -> Path:
+    """Directory for compiled kernels of *source*: created, writable, the same at every call."""
+    relative = source.relative_to(folder_of(source)).with_suffix('')
+    name = f'{".".join(relative.parts)}-{cache_key(source)[:32]}'
     for base in _bases():
-        directory = base / key
+        directory = base / name
         if _writable(directory):
             return directory
-    directory = _own_temporary_directory(key)
+    directory = _own_temporary_directory() / name
     directory.mkdir(parents=True, exist_ok=True)
     return directory
 
@@ -124,7 +154,7 @@ def _compile(function: F, *, forceinline: bool) -> F:
     if numba.config.DISABLE_JIT:
         return function
     before = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(cache_directory(folder_of(Path(function.__code__.co_filename))))
+    numba.config.CACHE_DIR = str(cache_directory(Path(function.__code__.co_filename)))
     try:
         compiled = numba.njit(
             cache=True, fastmath=False, error_model='numpy', forceinline=forceinline, _nrt=False
