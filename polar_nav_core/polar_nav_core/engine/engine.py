@@ -212,7 +212,7 @@ class Engine:
             return
         before_ns = self.fusion.stamp_ns
         if sample.stamp_ns // _SECOND_NS != before_ns // _SECOND_NS:
-            self.health = self._look(before_ns)
+            self.look()
         try:
             self.fusion.imu(sample)
         except FilterDivergence as error:
@@ -221,12 +221,14 @@ class Engine:
         if sample.stamp_ns // self._output_ns != before_ns // self._output_ns:
             self.due_ns = sample.stamp_ns
 
-    def _look(self, stamp_ns: int) -> Health | None:
+    def look(self) -> Health | None:
         """Health of a strapdown navigation at the newest sample; None in station mode."""
-        if not isinstance(self.fusion, Fusion):
-            return None
-        found = [] if self.integrity.level is Level.OK else [self.integrity.condition]
-        return self._watchdog.look(view_of(self.fusion, stamp_ns, self.resets), found)
+        self.health = None
+        if isinstance(self.fusion, Fusion):
+            found = [] if self.integrity.level is Level.OK else [self.integrity.condition]
+            view = view_of(self.fusion, self.fusion.stamp_ns, self.resets)
+            self.health = self._watchdog.look(view, found)
+        return self.health
 
     def _control(self, sample: ControlSample) -> None:
         self._thrust = sample

@@ -9,6 +9,7 @@ Carlo runs and fast replays use this.
 from __future__ import annotations
 
 import heapq
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Generic, Protocol, overload
@@ -60,7 +61,7 @@ class Result(Generic[T]):
     verdicts: Mapping[Verdict, int] = field(default_factory=dict)
     identifications: tuple[Identification, ...] = ()
     health: tuple[Health, ...] = ()
-    """Once a second, of a run event by event; a compiled run looks at nothing."""
+    """Once a second, where it was asked for."""
 
 
 @overload
@@ -73,6 +74,7 @@ def run(
     one_by_one: bool = False,
     sink: RowSink | None = None,
     derived: bool = False,
+    watch: bool = False,
 ) -> Result[Track]: ...
 
 
@@ -85,6 +87,7 @@ def run(
     progress: Progress | None = None,
     one_by_one: bool = False,
     sink: Callable[[StationTrack], None] | None = None,
+    watch: bool = False,
 ) -> Result[StationTrack]: ...
 
 
@@ -97,6 +100,7 @@ def run(
     one_by_one: bool = False,
     sink: Callable[[Any], None] | None = None,
     derived: bool = False,
+    watch: bool = False,
 ) -> Result[Any]:
     """Track and receipts of a run over the inputs; an estimate every ``params.output_period_s``.
 
@@ -115,6 +119,8 @@ def run(
     derived : bool
         Replace the covariances in the rows by the columns that nav/state publishes, derived from
         state and covariance (`nav_columns`); not in station mode.
+    watch : bool
+        Judge the sensors once a second, as a node does, and return the health.
     """
     engine = Engine(params)
     health: list[Health] = []
@@ -127,13 +133,14 @@ def run(
         ordered = sorted(commands, key=_key)
         for event in heapq.merge(inputs.events(), ordered, key=_key):
             collector.take(engine.process(event))
-            if engine.health is not None and (not health or engine.health is not health[-1]):
+            if watch and engine.health is not None and engine.health not in health[-1:]:
                 health.append(engine.health)
         collector.take(engine.finish())
     else:
         arrays = _arrays_of(params, inputs, collector)
         single = sorted([*inputs.fixes, *commands, *arrays.unusable], key=_key)
-        _Driver(engine, arrays, single, collector, progress).run()
+        driver = _Driver(engine, arrays, single, collector, progress)
+        driver.run(arrays.new_seconds_ns() if watch else [], health)
     collector.drain()
     return Result(
         collector.track(),
@@ -168,6 +175,8 @@ class _Arrays(Protocol):
 
     first: ImuSample | None
     unusable: list[Event]
+
+    def new_seconds_ns(self) -> list[int]: ...
 
     def start(self, driver: Driver | None, first: ImuSample) -> bool: ...
 
@@ -210,20 +219,35 @@ class _Driver:
         self._started = False
         self._fixes: _FixesAtOnce | None = None
 
-    def run(self) -> None:
-        """Drive the engine to the end of the inputs."""
+    def run(self, looks_ns: Sequence[int], health: list[Health]) -> None:
+        """Drive the engine to the end of the inputs.
+
+        Parameters
+        ----------
+        looks_ns : sequence of int
+            Stamps of the IMU samples before which the sensors are judged [ns], ascending.
+        health : list of Health
+            Receives what was found.
+        """
         first, number, next_report = self._arrays.first, 0, 0
+        looks = deque(looks_ns)
         while number < len(self._single):
             event = self._single[number]
             if first is not None and event.key > first.key:
                 self._start(first)
                 first = None
-            number += self._several_fixes(number) or self._one(event)
+            while looks and (looks[0], int(Rank.IMU)) <= event.key[:2]:
+                self._look(looks.popleft(), health)
+            number += self._several_fixes(number, looks[0] if looks else NEVER_NS) or self._one(
+                event
+            )
             if self._progress is not None and number >= next_report:
                 self._progress(number / len(self._single))
                 next_report = number + len(self._single) // 100
         if first is not None:
             self._start(first)
+        for stamp_ns in looks:
+            self._look(stamp_ns, health)
         self._advance(_END_NS, int(Rank.IMU))
         self._flush(_END_NS)
         if self._progress is not None:
@@ -242,11 +266,18 @@ class _Driver:
         """Whether the filter holds the arrays and has not stopped."""
         return self._started and self._engine.navigating
 
-    def _several_fixes(self, number: int) -> int:
+    def _look(self, stamp_ns: int, health: list[Health]) -> None:
+        """Judge the sensors after all that comes before the IMU sample of a stamp."""
+        self._advance(stamp_ns, int(Rank.IMU))
+        found = self._engine.look() if self._running else None
+        if found is not None:
+            health.append(found)
+
+    def _several_fixes(self, number: int, before_ns: int) -> int:
         """Fuse fixes from an index on in the compiled loop; returns their number, perhaps 0."""
         if self._fixes is None or not self._engine.navigating:
             return 0
-        return self._fixes.take(self._single[number : number + _STRETCH])
+        return self._fixes.take(self._single[number : number + _STRETCH], before_ns)
 
     def _one(self, event: Event) -> int:
         """Process one event after all data before it; returns 1."""
@@ -298,8 +329,14 @@ class _FixesAtOnce:
         self._arrays = arrays
         self._collector = collector
 
-    def take(self, events: Sequence[Event]) -> int:
+    def take(self, events: Sequence[Event], before_ns: int) -> int:
         """Fuse the leading fixes of ``events`` with all data before them; returns their number.
+
+        Parameters
+        ----------
+        events : sequence of Event
+        before_ns : int
+            Fixes received at this stamp or later are left [ns].
 
         Returns
         -------
@@ -307,7 +344,7 @@ class _FixesAtOnce:
             How many fixes that were: up to the first that is refused or needs a look in Python.
         """
         engine, arrays = self._engine, self._arrays
-        fixes = self._plain(events)
+        fixes = self._plain(events, before_ns)
         if not fixes:
             return 0
         first, settled = arrays.fixes, 0
@@ -334,7 +371,7 @@ class _FixesAtOnce:
             engine.last_imu_ns = arrays.stamp_ns
         return settled
 
-    def _plain(self, events: Sequence[Event]) -> list[Fix]:
+    def _plain(self, events: Sequence[Event], before_ns: int) -> list[Fix]:
         """Leading fixes that only the filter's history or gate can refuse."""
         found: list[Fix] = []
         names: set[tuple[str, int]] = set()
@@ -343,7 +380,7 @@ class _FixesAtOnce:
             if not isinstance(event, Fix) or not ledger.integrity.quiet or ledger.refusal(event):
                 break
             name = (event.source, event.sequence)
-            if name in names:
+            if name in names or event.receive_ns >= before_ns:
                 break
             names.add(name)
             found.append(event)

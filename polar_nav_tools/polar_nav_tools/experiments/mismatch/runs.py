@@ -12,6 +12,8 @@ from typing import Any
 from polar_nav_core.engine.events import Verdict
 
 from ..jobs import RunResult
+from ..station.world import StationWorld
+from ..world import World
 from .health import WatchedRun, health_history
 from .judge import (
     ERROR,
@@ -26,7 +28,7 @@ from .judge import (
     share_at,
 )
 from .row import Row, warm_scene
-from .scenes import Ran, refused_shares
+from .scenes import Ran, Scene, refused_shares
 from .visible import visibility
 
 BEST = 'best'
@@ -75,6 +77,18 @@ def _warm(mode: str) -> None:
     scene.run(world, scene.best)
 
 
+_worlds: dict[tuple[str, int], World | StationWorld] = {}
+
+
+def _world(scene: Scene, seed: int) -> World | StationWorld:
+    """World of a seed without a fault; the newest is kept, for jobs come scene by scene."""
+    key = (repr(scene), seed)
+    if key not in _worlds:
+        _worlds.clear()
+        _worlds[key] = scene.make(seed)
+    return _worlds[key]
+
+
 def run_job(job: MismatchJob) -> MismatchResult:
     """Run one filter and judge it."""
     row = job.row
@@ -85,7 +99,7 @@ def run_job(job: MismatchJob) -> MismatchResult:
         metrics = {'visible_s': seen.from_s, 'visible_sigmas': seen.sigmas}
         seconds = time.process_time() - start
         return MismatchResult(row.name, VISIBLE, job.seed, metrics, float('nan'), '', {}, seconds)
-    world: Any = row.scene.make(job.seed)
+    world: Any = _world(row.scene, job.seed)
     fault = row.fault
     # Who knows the fault has it taken out of the inputs, or is given the parameters that state it.
     knows = job.column == BEST
