@@ -6,4 +6,4 @@ from polar_nav_core.errors import PolarNavError
 
 
 class BagError(PolarNavError):
-    """A bag cannot be written or used as asked: one sentence that names the file."""
+    """A bag cannot be written or read as requested: one sentence that names the file."""

@@ -1,6 +1,6 @@
-"""Message definitions for bags: the text of a type with all it depends on, from the ament index.
+"""Message definitions for bags: text of a type and its dependencies, from the ament index.
 
-Comes in: a type name. Goes out: the text that MCAP calls ``ros2msg`` (the .msg file, then each
+In: a type name. Out: the text that MCAP calls ``ros2msg`` (the .msg file, then each
 dependency after a line of 80 equal signs and ``MSG: package/Name``), with which any reader can
 decode the messages without having the package.
 """
@@ -40,7 +40,7 @@ class Definition:
     type_hash : str
         RIHS01 hash of the installed package, empty where the package has none.
     has_header : bool
-        Whether the first field is a std_msgs/Header, so that the stamp stands in bytes 4 to 12.
+        Whether the first field is a std_msgs/Header, so that the stamp is in bytes 4 to 12.
     """
 
     type: str
@@ -72,19 +72,19 @@ def starts_with_header(text: str) -> bool:
 
 @lru_cache(maxsize=256)
 def definition(type_name: str) -> Definition:
-    """Collect the definition of an installed message type.
+    """Definition of an installed message type.
 
     Raises
     ------
     BagError
-        If the type or one that it depends on has no .msg file in any ament prefix.
+        If the type or one of its dependencies has no .msg file in any ament prefix.
     """
     root = normalize(type_name)
     return collect(root, _prefixes())
 
 
 def collect(type_name: str, prefixes: Sequence[Path]) -> Definition:
-    """Collect a definition from given prefixes (each with ``share/<package>/msg``)."""
+    """Definition of a message type from given prefixes (each with ``share/<package>/msg``)."""
     texts: dict[str, str] = {}
     waiting = [(type_name, '')]
     while waiting:
@@ -157,6 +157,6 @@ def _find(name: str, suffix: str, prefixes: Sequence[Path]) -> Path | None:
 
 
 def _prefixes() -> list[Path]:
-    """Where packages may be: the sourced workspaces, then the Python environment (PyPI wheels)."""
+    """Ament prefixes: the sourced workspaces, then the Python environment (PyPI wheels)."""
     sourced = os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
     return [Path(p) for p in (*sourced, sys.prefix) if p]
