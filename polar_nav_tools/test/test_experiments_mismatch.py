@@ -74,7 +74,7 @@ def first_change_s(row, same, other):
     """Time of the first difference of the inputs [s]; initial parameters are at 0."""
     if row.mode == 'sins' and same.initial != other.initial:
         return 0.0
-    if row.fault.told and not row.fault.obvious and same.inputs is other.inputs:
+    if row.fault.for_all and not row.fault.obvious and same.inputs is other.inputs:
         return 0.0
     start_ns = row.scene.start_ns(same)
     found = [np.inf]

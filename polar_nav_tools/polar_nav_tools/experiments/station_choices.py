@@ -57,9 +57,7 @@ class StationChoices(Spec):
     initial_sigma_velocity: float = param(
         0.2, 'm/s', 1e-3, 10.0, 'Start: how far the steady speed of the nominal model may be off'
     )
-    depth_sigma: float = param(
-        0.0289, 'm', 1e-4, 10.0, 'Depth as the filter is told: 0.05 m, uniform'
-    )
+    depth_sigma: float = param(0.0289, 'm', 1e-4, 10.0, 'Depth in the filter: 0.05 m, uniform')
     output_period_s: float = param(
         0.5, 's', 0.01, 10.0, 'Time between the estimates that are compared with truth'
     )
@@ -78,7 +76,7 @@ class StationChoices(Spec):
 
 def choices_table() -> str:
     """All choices as a Markdown table, for docs/experiments-station.md."""
-    lines = ['| name | value | unit | what and why |', '| --- | --- | --- | --- |']
+    lines = ['| name | value | unit | meaning and reason |', '| --- | --- | --- | --- |']
     lines += [
         f'| `{f.name}` | {f.default:.4g} | {f.metadata["unit"]} | {f.metadata["doc"]} |'
         for f in fields(StationChoices)

@@ -1,10 +1,10 @@
 """Faults of an inertial vehicle's world: one dataclass each, applied to the sensor streams.
 
-``applied(world, scale)`` gives the world with ``scale`` times the fault, so that 1 is the fault as
+``applied(world, scale)`` is the world with ``scale`` times the fault, so that 1 is the fault as
 stated, 0 the same world without it, and small numbers its linear effect (visible.py). Errors that
 are drawn come from the world's seed and grow with ``scale`` as they are. ``known`` holds engine
-parameters that state a fault which no filter can take out of its inputs, ``told`` those that every
-filter is given; sizes are those of the row (rows.py).
+parameters that state a fault which no filter can remove from its inputs, ``for_all`` those set in
+every filter; sizes are those of the row (rows.py).
 """
 
 from __future__ import annotations
@@ -32,24 +32,24 @@ UG = 1e-6 * G0
 
 @dataclass(frozen=True, kw_only=True)
 class Fault:
-    """Nothing wrong; base of all faults.
+    """No fault; base of all faults.
 
     Attributes
     ----------
     start_s : float
         When it begins, since the start of the run [s].
     known : mapping
-        Engine parameters that state the fault, for the filter that knows it; empty where the fault
-        is taken out of that filter's inputs.
-    told : mapping
-        Engine parameters that belong to the fault and that every filter is given.
+        Engine parameters that state the fault, for the filter that knows it; empty if the fault
+        is removed from that filter's inputs.
+    for_all : mapping
+        Engine parameters that belong to the fault and are set in every filter.
     obvious : bool
-        Whether it shows without any filter, as messages that do not come.
+        Whether it is visible without any filter, as missing messages are.
     """
 
     start_s: float = 0.0
     known: Mapping[str, Any] = field(default_factory=dict)
-    told: Mapping[str, Any] = field(default_factory=dict)
+    for_all: Mapping[str, Any] = field(default_factory=dict)
     obvious: bool = False
 
     def applied(self, world: World, scale: float) -> World:
@@ -98,7 +98,7 @@ class GravitySwell(Fault):
         v_G = world.truth.state(int(stamps[0])).v_G
         ahead_G = np.array([v_G[0], v_G[1], 0.0]) / math.hypot(v_G[0], v_G[1])
         up_G = np.array([0.0, 0.0, 1.0])
-        # From zero at the start, as what was there before was levelled out.
+        # From zero at the start: the alignment has removed any earlier deflection.
         swell_G = np.sin(angle)[:, None] * up_G + (np.cos(angle)[:, None] - 1.0) * ahead_G
         on = self._on(worlds.seconds(world, stamps))
         d_f_b = worlds.to_body(worlds.attitude_at(world, stamps), on * swell_G)
@@ -127,7 +127,7 @@ class ImuGain(Fault):
 
 @dataclass(frozen=True, kw_only=True)
 class ImuNoise(Fault):
-    """Further white noise of the IMU, as vibration or a class below the stated one makes it."""
+    """Further white noise of the IMU, as by vibration or by an IMU below the stated class."""
 
     gyro_density: float
     accel_density: float
@@ -264,7 +264,7 @@ class DepthError(Fault):
 
 @dataclass(frozen=True, kw_only=True)
 class HeadingStart(Fault):
-    """Initial heading off, with the sigma that every filter is given for it."""
+    """Initial heading off, with the sigma set in every filter."""
 
     error_deg: float
 

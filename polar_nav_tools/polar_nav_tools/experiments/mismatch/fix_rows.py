@@ -45,7 +45,7 @@ FIX_ROWS = (
     ),
     Row(
         'fix_drift_0.003mps_start',
-        'fixes drift from the start, slower than the DVL can tell',
+        'fixes drift from the start, more slowly than the DVL can detect',
         '0.003 m/s',
         f.FixOffset(drift_mps=0.003),
         (FIXES,),
@@ -155,7 +155,7 @@ FIX_ROWS = (
 
 
 def _delay_row(delay_s: float, name: str, gyro_deg_rt_h: float, accel_ug_rt_hz: float) -> Row:
-    """Late fixes with a poorer IMU, all of it stated: what is wrong is the filter's own way."""
+    """Row of late fixes with a poorer IMU, all stated: the fault is the delay handling."""
     noise = {
         'gyro_noise_density': math.radians(gyro_deg_rt_h) / 60.0,
         'accel_noise_density': accel_ug_rt_hz * f.UG,
@@ -170,7 +170,7 @@ def _delay_row(delay_s: float, name: str, gyro_deg_rt_h: float, accel_ug_rt_hz: 
     fault = f.ImuNoise(
         gyro_density=noise['gyro_noise_density'],
         accel_density=noise['accel_noise_density'],
-        told=noise,
+        for_all=noise,
         known=noise,
         obvious=True,
     )

@@ -112,7 +112,7 @@ HEADING_ROWS = tuple(
         f'{error:g} deg, stated {label}',
         f.HeadingStart(
             error_deg=error,
-            told={'initial_sigma_heading_deg': sigma},
+            for_all={'initial_sigma_heading_deg': sigma},
             known={'initial_sigma_heading_deg': error},
         ),
         (HEADING, DVL, IMU),

@@ -1,6 +1,6 @@
-"""What a row of the table is, and the scenes that rows share.
+"""A row of the table: one fault in a scene, and the scenes of many rows.
 
-Unless a row says otherwise: 1200 s straight at 3 m/s from 80 N, 120 E with the attitude sines of
+Unless a row differs: 1200 s straight at 3 m/s from 80 N, 120 E with the attitude sines of
 section 6.1, 50 Hz IMU, DVL and depth at 5 Hz, a fix of 1 m every 2 s, 1.5 to 4 s late, 10 % lost;
 everything constant is drawn from the filter's prior, and the fault begins after 400 s.
 """
@@ -38,7 +38,7 @@ STATION = StationScene(StationScenario())
 
 @dataclass(frozen=True)
 class Row:
-    """One fault.
+    """One fault with its scene and the right culprits.
 
     Attributes
     ----------
@@ -50,7 +50,7 @@ class Row:
     culprits : tuple of str
         Names that a right report may blame (`judge.UNEXPLAINED` always may).
     invisible : bool
-        Whether no measurement can show it, by the issue's list.
+        Whether no measurement can show it.
     scene : SinsScene or StationScene
     """
 
@@ -64,7 +64,7 @@ class Row:
 
     @property
     def is_control(self) -> bool:
-        """Whether nothing is wrong."""
+        """Whether the row has no fault."""
         return CONTROL in self.name.split('_')
 
     @property

@@ -1,4 +1,4 @@
-"""All rows of the table, and those that were asked for.
+"""All rows of the table, and a selection by name.
 
 Sizes come from the issue and from data sheets; those that are ours say so.
 """
@@ -62,7 +62,7 @@ def rows_named(pattern: str | None) -> list[Row]:
     Raises
     ------
     ConfigError
-        When a pattern matches none.
+        If a pattern matches no row.
     """
     if not pattern:
         return list(ROWS.values())

@@ -1,4 +1,4 @@
-"""One run of one filter in a row's world, and what it is judged by."""
+"""One run of one filter in a row's world, and its data for the judge."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ VISIBLE = 'visible'
 
 @dataclass(frozen=True)
 class MismatchJob:
-    """What to run: a filter, or with the column `VISIBLE` when the fault can be seen.
+    """One run to make: of a filter, or with the column `VISIBLE` of the fault's visibility.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class MismatchJob:
 
 @dataclass(frozen=True, kw_only=True)
 class MismatchResult(RunResult):
-    """As every run's result, with the words that the run gave of itself.
+    """Result of a run, with the health that it reported.
 
     ``said_first`` is the first WARN or ERROR from the fault on, ``said_right`` the first that
     named a right culprit or nothing; stamps count from the start of the run [ns].
@@ -69,7 +69,7 @@ class MismatchResult(RunResult):
 
 @lru_cache(maxsize=1)
 def _warm(mode: str) -> None:
-    """Run the shortest row of a mode once per process: compiled code is loaded then."""
+    """Run the shortest row of a mode once per process, to load compiled code."""
     scene = warm_scene(mode)
     world: Any = scene.make(1)
     for configuration in ('default', 'modified_akf') if mode == 'sins' else ('default',):
@@ -90,7 +90,7 @@ def _world(scene: Scene, seed: int) -> World | StationWorld:
 
 
 def run_job(job: MismatchJob) -> MismatchResult:
-    """Run one filter and judge it."""
+    """Result of one run of a filter, judged."""
     row = job.row
     _warm(row.scene.mode)
     if job.column == VISIBLE:
@@ -101,10 +101,10 @@ def run_job(job: MismatchJob) -> MismatchResult:
         return MismatchResult(row.name, VISIBLE, job.seed, metrics, float('nan'), '', {}, seconds)
     world: Any = _world(row.scene, job.seed)
     fault = row.fault
-    # Who knows the fault has it taken out of the inputs, or is given the parameters that state it.
+    # The filter that knows the fault has inputs without it, or parameters that state it.
     knows = job.column == BEST
     faulty: Any = fault.applied(world, 0.0 if knows and not fault.known else 1.0)
-    changes = {**job.changes, **fault.told, **(fault.known if knows else {})}
+    changes = {**job.changes, **fault.for_all, **(fault.known if knows else {})}
     start = time.process_time()
     ran = row.scene.run(faulty, changes)
     seconds = time.process_time() - start

@@ -28,14 +28,14 @@ def _station_row(
 STATION_ROWS = (
     _station_row(
         'thruster_dead',
-        'the thruster gives nothing from 800 s on',
+        'the thruster is dead from 800 s on',
         '-100 %',
         s.ThrusterDead(start_s=800.0),
         (MODEL,),
     ),
     _station_row(
         'thrust_20pc_less',
-        'the thruster gives less than stated',
+        'the thrust is less than stated',
         '-20 %',
         s.ThrustStated(factor=1.25),
         (MODEL,),
