@@ -186,7 +186,7 @@ def _estimated(b: Belief) -> list[str]:
 
 
 def _copy_paragraph(s: Story, index: int, c: Copy) -> Paragraph:
-    title = 'Verdict'
+    title = 'Receipt'
     if len(s.copies) > 1:
         title = f'Copy {index + 1} of {len(s.copies)}: packet {c.packet.order}'
     out = []
