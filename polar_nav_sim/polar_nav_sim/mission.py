@@ -63,14 +63,14 @@ _MARGIN_S = MARGIN * SPACING_S
 
 @dataclass(frozen=True)
 class Mission:
-    """A mission as its file describes it; the truth of a vehicle is made when first asked for.
+    """A mission of a file; the truth of a vehicle is made at its first use.
 
     Attributes
     ----------
     name, description : str
-        File name without its ending; what the file says it is.
+        File name without its ending; description in the file.
     file : Path
-        Where it was read.
+        Path of the file.
     document : mapping
         The file's content, overrides included, in plain values.
     start_ns : int
@@ -86,7 +86,7 @@ class Mission:
     gravity : GravitySpec
         How gravity differs from normal gravity.
     geoid : GeoidSpec
-        How the sea surface differs from ``sea_surface_height_m``, which the vehicles are told.
+        Difference of the sea surface from ``sea_surface_height_m``, the vehicles' parameter.
     """
 
     name: str
@@ -119,7 +119,7 @@ class Mission:
 
     @property
     def duration_s(self) -> float:
-        """Length [s]."""
+        """Duration [s]."""
         return self.numbers.duration_s
 
     @property
@@ -139,12 +139,12 @@ class Mission:
 
     @property
     def water(self) -> WaterSpec | None:
-        """How fast sound is, as the file says it; None where it says nothing.
+        """Sound speed stated in the file; None if it states none.
 
         Raises
         ------
         ConfigError
-            When there is no such profile.
+            If the profile does not exist.
         """
         profile, speed = self.numbers.sound_speed_profile, self.numbers.sound_speed
         if profile:
@@ -167,7 +167,7 @@ class Mission:
         return self._truth[vehicle]
 
     def instruments(self, vehicle: str) -> Mapping[str, Installed]:
-        """Instruments of a vehicle that the file names, by kind: imu, dvl, depth, usbl, heading.
+        """Instruments of a vehicle in the file, by kind: imu, dvl, depth, usbl, heading.
 
         Raises
         ------
@@ -198,11 +198,11 @@ class Mission:
         return truth
 
     def with_duration(self, duration_s: float) -> Mission:
-        """Make the same mission with another length."""
+        """Return the same mission with another duration."""
         return self.with_overrides({'duration_s': float(duration_s)})
 
     def with_overrides(self, overrides: Mapping[str, Any]) -> Mission:
-        """Make the same mission with other values, e.g. ``{'vehicles.follower.depth_m': 50.0}``.
+        """Return the same mission with other values, e.g. ``{'vehicles.follower.depth_m': 50.0}``.
 
         Raises
         ------
@@ -297,7 +297,7 @@ class Mission:
 
 
 def load_mission(name_or_path: str | Path) -> Mission:
-    """Read a mission: a file, or the name of one that comes with the package.
+    """Mission of a file, or of the name of one in the package.
 
     Raises
     ------
@@ -313,7 +313,7 @@ def load_mission(name_or_path: str | Path) -> Mission:
 
 
 def overrides_from(texts: Sequence[str]) -> dict[str, Any]:
-    """Read overrides from texts like ``path.speed_mps=2.0``.
+    """Overrides from texts like ``path.speed_mps=2.0``.
 
     Raises
     ------
@@ -333,7 +333,7 @@ def overrides_from(texts: Sequence[str]) -> dict[str, Any]:
 
 
 def mission_from(document: object, file: Path) -> Mission:
-    """Make a mission from a file's content.
+    """Mission from a file's content.
 
     Raises
     ------
@@ -386,7 +386,7 @@ def mission_from(document: object, file: Path) -> Mission:
 
 
 def _check_water(mission: Mission) -> None:
-    """Refuse a profile that cannot be read now, not when a node asks for it."""
+    """Raise ConfigError now for a profile that cannot be read, not at its use in a node."""
     try:
         if mission.water is not None:
             SoundSpeed.from_spec(mission.water)

@@ -40,7 +40,7 @@ _NODES = 3
 
 @dataclass(frozen=True)
 class TruthState:
-    """True state; every array has the shape of the time asked for in front of what is said here.
+    """True state; every array has the shape of the requested time in front of the stated one.
 
     Attributes
     ----------
@@ -103,7 +103,7 @@ class TruthBlock:
 
 
 class Truth(ABC):
-    """Truth of one vehicle over a mission, whatever it is made from.
+    """Truth of one vehicle over a mission; base of paths and dynamics.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ class Truth(ABC):
     floor_lost_s : (float, float)
         From when to when the floor is :data:`ABYSS_M` deep [s since the start].
     environment : Environment
-        Gravity and sea surface as they are.
+        True gravity and sea surface.
     """
 
     def __init__(
@@ -223,7 +223,7 @@ class Trajectory(Truth):
     Parameters
     ----------
     knots : Knots
-        What the splines go through.
+        Knots of the splines.
     oscillation : OscillationSpec
         Sines added to the reference angles.
     start_ns, period_ns, sea_surface_height, sea_floor_depth, floor_lost_s, environment

@@ -1,4 +1,4 @@
-"""Truth of a vehicle with dynamics: its motion, as the rest of the house knows truth.
+"""Truth of a vehicle with dynamics, in the form of all truth.
 
 The dynamics' reference axes A are the grid axes at a place, fixed to the Earth; the vehicle's
 motion in them turns into position, attitude and ideal IMU on the rotating ellipsoid:
@@ -39,7 +39,7 @@ class DynamicTruth(Truth):
     origin_e : ndarray, shape (3,)
         Origin of the reference axes, ECEF [m].
     start_e : ndarray, shape (3,)
-        Where the vehicle starts, ECEF [m].
+        Start of the vehicle, ECEF [m].
     start_ns, period_ns, end_ns : int
         Stamp of sample 0, time between samples, last stamp that can be asked for [ns].
     sea_surface_height, sea_floor_depth, floor_lost_s, environment
