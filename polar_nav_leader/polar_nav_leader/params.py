@@ -37,7 +37,7 @@ class LeaderParams(EngineParams):
         (0.0, 0.0, 0.0), 'deg', -360.0, 360.0, 'Mounting of the array: roll, pitch, yaw'
     )
     formation: bool = flag(
-        True, 'Take the follower to move as the leader does while its transponder turns around'
+        True, 'Assume that the follower moves as the leader during the turn-around'
     )
     processing_delay_s: float = param(
         0.3, 's', 0.0, 60.0, 'From the reply at the array (t4) to the first bit sent (t5)'
@@ -111,6 +111,6 @@ class LeaderParams(EngineParams):
         if self.navigation == 'own' and not self.lockstep and late:
             raise ConfigError(
                 f'parameter processing_delay_s: {self.processing_delay_s} s is shorter than '
-                f'reorder_window_s + output_period_s, {needed:.3f} s: the leader would not know '
-                'where it was yet'
+                f'reorder_window_s + output_period_s, {needed:.3f} s: the leader would have '
+                'no state of that time yet'
             )
