@@ -66,10 +66,10 @@ def load_true_model(bag: Bag, vehicle: str) -> ModelSeries | None:
     The heading bias is that of the AHRS, read from the parameters of its node.
     """
     truth = _load(bag, f'/{vehicle}/{TRUE_MODEL}')
-    told = bag.node_infos.get(f'/{vehicle}/{AHRS_NODE}', {}).get('params', {})
-    if truth is None or 'ahrs_heading_bias_deg' not in told:
+    ahrs = bag.node_infos.get(f'/{vehicle}/{AHRS_NODE}', {}).get('params', {})
+    if truth is None or 'ahrs_heading_bias_deg' not in ahrs:
         return truth
-    bias = math.radians(float(told['ahrs_heading_bias_deg']))
+    bias = math.radians(float(ahrs['ahrs_heading_bias_deg']))
     return replace(truth, heading_bias=np.full(len(truth), bias))
 
 

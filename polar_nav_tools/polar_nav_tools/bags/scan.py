@@ -35,7 +35,7 @@ MAX_RECORD_BYTES = 64 * 1024 * 1024
 """Largest single record outside of chunks that is read into memory [bytes]."""
 _RAW_BLOCK_BYTES = 1 << 20
 _PIECE = 1 << 20
-_TELL_EVERY_BYTES = 4 << 20
+_REPORT_EVERY_BYTES = 4 << 20
 _COMPILED_FROM = 4 << 20
 """Size of a file from which its records are counted by compiled code [bytes]."""
 
@@ -97,16 +97,16 @@ class _Scanner:
         self._compiled = _compiled_walk() if self._size >= _COMPILED_FROM else None
 
     def run(self, progress: Progress | None) -> FileScan:
-        told = 0
+        reported = 0
         while self._at < self._size and not self._out.finished:
             try:
                 self._record()
             except Damage as damage:
                 if not self._go_on(str(damage)):
                     break
-            if progress is not None and self._at >= told + _TELL_EVERY_BYTES:
-                told = self._at
-                progress(told)
+            if progress is not None and self._at >= reported + _REPORT_EVERY_BYTES:
+                reported = self._at
+                progress(reported)
         self._end_raw_block()
         self._conclude()
         return self._out

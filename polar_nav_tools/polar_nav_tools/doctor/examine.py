@@ -1,8 +1,8 @@
-"""Examines a bag: what is missing, how regular it is, whether its times make sense and add up.
+"""Examination of a bag: missing parts, rates and gaps, consistency of times and counts.
 
 In: any bag, also one of somebody else's. Out: an :class:`Examination`, one :class:`Finding` for
-each thing that was looked at, with topic, time and number. Nothing is replayed or scored; what a
-message says is not judged, only that it is there and when it was.
+each check, with topic, time and number. Nothing is replayed or scored; the content of
+messages is not judged, only their presence and times.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from .totals import totals
 from .wording import to_dict
 
 Progress = Callable[[float], None]
-"""Called with the share of the work that is done."""
+"""Called with the finished share of the work."""
 
 
 @dataclass(frozen=True)
 class Examination:
-    """What was found in a bag.
+    """Result of an examination: times of topics, findings.
 
     Attributes
     ----------
@@ -37,7 +37,7 @@ class Examination:
     topics : tuple of TopicTimes
         In order of name, those with messages.
     findings : tuple of Finding
-        Errors first, then warnings, then what is well.
+        Errors first, then warnings, then passed checks.
     """
 
     path: str
@@ -55,7 +55,7 @@ class Examination:
         return sum(1 for f in self.findings if f.severity is severity)
 
     def summary(self) -> str:
-        """Say it in one line."""
+        """One line with messages, topics and numbers of findings."""
         messages = sum(t.count for t in self.topics)
         return (
             f'{self.path}: {messages} messages on {len(self.topics)} topics, '
@@ -64,7 +64,7 @@ class Examination:
         )
 
     def table(self) -> Table:
-        """Counts, rates, gaps and delays of the topics."""
+        """Table of counts, rates, gaps and delays of the topics."""
         columns = (
             Column('topic', 'topic'),
             Column('count', 'messages'),
@@ -76,7 +76,7 @@ class Examination:
         return Table('Topics', columns, rows)
 
     def to_dict(self) -> dict[str, object]:
-        """Plain values for JSON."""
+        """Examination as values for JSON."""
         return {
             'ok': self.ok,
             'bag': self.path,
@@ -88,12 +88,12 @@ class Examination:
 
 
 def examine(bag: Bag, *, progress: Progress = lambda _: None) -> Examination:
-    """Examine a bag in one pass over its messages, and a second one over those that are counted.
+    """Examination of a bag, in one pass over all messages and one over those that are counted.
 
     Raises
     ------
     BagError
-        When the bag changes while it is read.
+        If the bag changes while it is read.
     """
     times = read_times(bag, progress)
     start_ns = min((t.first_log_ns for t in times if t.count), default=0)
@@ -117,7 +117,7 @@ def examine(bag: Bag, *, progress: Progress = lambda _: None) -> Examination:
 
 
 def _silent(bag: Bag) -> list[Finding]:
-    """Topics without a message: odd, unless it is known that nobody spoke."""
+    """Findings of topics without a message, unless none was published."""
     recorder = bag.run_info.get('recorder')
     lossless = isinstance(recorder, dict) and recorder.get('lockstep') is True
     counts = topic_counts(bag, read_outcome(bag.path).get('counts', {}))
@@ -133,7 +133,7 @@ def _silent(bag: Bag) -> list[Finding]:
 
 
 def _one_clock(found: list[Finding]) -> list[Finding]:
-    """Say once for all topics that stamps are of another clock than log times."""
+    """Findings, with a single one for all topics whose stamps and log times differ in clock."""
     apart = [f for f in found if f.name == 'other clock']
     if len(apart) < 2:
         return found

@@ -1,7 +1,7 @@
-"""When the messages of a topic were valid and when they were logged, and what is odd about it.
+"""Stamps and log times of a topic's messages, and findings about them.
 
-Only the header is read: its stamp stands in the first bytes of a message whose definition begins
-with one, whatever else the message holds.
+Only the header is read: its stamp is in the first bytes of a message whose definition begins with
+one, for any other content.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ DRIFT, DRIFT_S = 1e-4, 0.1
 """Seconds per second by which stamps and log time may part, as clocks of computers do, and the
 whole by which they must have parted before it is more than the noise of a transport."""
 FUTURE_S = 0.1
-"""Logged this much before it was valid: no transport does that."""
+"""Least time [s] of logging before validity that is impossible for a transport."""
 OTHER_CLOCK_S = 3600.0
 """Stamps and log times further apart are of two clocks, simulated and real for example."""
 _REGULAR_SHARE = 0.8
@@ -49,7 +49,7 @@ class TopicTimes:
     topic, type : str
         As in the bag.
     log_ns : ndarray of int64, shape (n,)
-        When each message was logged, but for those that are unreadable.
+        Log time of each readable message [ns].
     stamp_ns : ndarray of int64, shape (n,), or None
         Header stamps; None for messages without a header.
     unreadable : int
@@ -64,22 +64,22 @@ class TopicTimes:
 
     @property
     def count(self) -> int:
-        """Messages whose times are known."""
+        """Number of messages with known times."""
         return len(self.log_ns)
 
     @property
     def first_log_ns(self) -> int:
-        """Oldest log time; there must be one."""
+        """Oldest log time [ns]; there must be one."""
         return int(self.log_ns.min())
 
     @property
     def times_ns(self) -> Ints:
-        """Stamps, or log times where there are none."""
+        """Stamps [ns], or log times without stamps."""
         return self.log_ns if self.stamp_ns is None else self.stamp_ns
 
     @property
     def period_ns(self) -> float:
-        """Usual interval; NaN for fewer than three messages."""
+        """Median interval; NaN for fewer than three messages."""
         return float(np.median(np.diff(self.times_ns))) if self.count > 2 else float('nan')
 
     @property
@@ -92,7 +92,7 @@ class TopicTimes:
         return bool(period > 0.0 and near.mean() >= _REGULAR_SHARE)
 
     def to_dict(self) -> dict[str, object]:
-        """Figures of the table."""
+        """Numbers of the table as values for JSON."""
         steps = np.diff(self.times_ns)
         period = self.period_ns
         delay = np.zeros(0) if self.stamp_ns is None else self.log_ns - self.stamp_ns
@@ -108,7 +108,7 @@ class TopicTimes:
 
 
 def read_times(bag: Bag, progress: Callable[[float], None]) -> list[TopicTimes]:
-    """Read the times of all topics in one pass, in order of topic."""
+    """Times of all topics, read in one pass, in order of topic."""
     headed = {
         name: bag.definition(name).has_header and bag.channel(name).encoding == 'cdr'
         for name in bag.topics
@@ -144,13 +144,13 @@ def read_times(bag: Bag, progress: Callable[[float], None]) -> list[TopicTimes]:
 
 
 def findings_of(t: TopicTimes, *, log_from_stamps: bool = False) -> list[Finding]:
-    """Judge the times of one topic.
+    """Findings about the times of one topic.
 
     Parameters
     ----------
     t : TopicTimes
     log_from_stamps : bool
-        The recorder made log times out of stamps, so that comparing them says nothing.
+        The recorder made log times out of stamps, so that comparing them is meaningless.
     """
     found: list[Finding] = []
     if t.unreadable:
@@ -198,7 +198,7 @@ def _zero(t: TopicTimes) -> list[Finding]:
 
 
 def _order(t: TopicTimes, stamp_ns: Ints) -> list[Finding]:
-    """Stamps that run backwards or stand still; of events, only the former is odd."""
+    """Findings about stamps that run backwards or repeat; of events, only the former."""
     steps = np.diff(stamp_ns)
     found = []
     back = np.flatnonzero(steps < 0)
@@ -221,7 +221,7 @@ def _order(t: TopicTimes, stamp_ns: Ints) -> list[Finding]:
 
 
 def _against_log(t: TopicTimes, stamp_ns: Ints) -> list[Finding]:
-    """Jumps, drift and an impossible order between stamps and log time."""
+    """Findings about jumps, drift and an impossible order between stamps and log times."""
     known = stamp_ns != 0
     stamp, log = stamp_ns[known], t.log_ns[known]
     if stamp.size < 2:
@@ -231,7 +231,7 @@ def _against_log(t: TopicTimes, stamp_ns: Ints) -> list[Finding]:
     if abs(middle) > OTHER_CLOCK_S:
         text = f'stamps and log times are {middle:.0f} s apart: two clocks'
         return [Finding(Severity.WARNING, 'other clock', t.topic, None, middle, text)]
-    # A delay that varies is the business of a topic of events: acoustic packets, say.
+    # A varying delay is normal for a topic of events, for example acoustic packets.
     found = _jumps(t, stamp, log, delay) if t.regular else []
     early = np.flatnonzero(delay < -FUTURE_S)
     if early.size:
@@ -264,7 +264,7 @@ def _jumps(t: TopicTimes, stamp: Ints, log: Ints, delay: NDArray[np.float64]) ->
 
 
 def _stays(log: Ints, delay: NDArray[np.float64], at: int, reach: int = 20) -> bool:
-    """Whether the delay is another one after a step than before it.
+    """Whether the delay differs after a step from that before it.
 
     Messages that waited for a transport come in a burst with one log time; what is logged a second
     later has the old delay again. A jump of the stamps stays.
@@ -277,7 +277,7 @@ def _stays(log: Ints, delay: NDArray[np.float64], at: int, reach: int = 20) -> b
 
 
 def _drift(log_ns: Ints, delay: NDArray[np.float64]) -> tuple[float, float]:
-    """Rise of log minus stamp [s], and its slope, between medians of the first and last third."""
+    """Rise [s] of log time minus stamp, and its slope, between medians of first and last third."""
     third = len(delay) // 3
     seconds = (log_ns - log_ns[0]) * 1e-9
     rise = float(np.median(delay[-third:]) - np.median(delay[:third]))

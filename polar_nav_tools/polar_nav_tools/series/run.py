@@ -1,4 +1,4 @@
-"""One run of a follower as series: its estimates, and what became of its fixes."""
+"""One run of a follower as series: estimates and receipts."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ class RunSeries:
     estimates : EstimateSeries
     receipts : list of ReceiptRecord
     model : ModelRun or None
-        Estimated model of the vehicle and the water; None where no model took part.
+        Estimated model of the vehicle and the water; None without a model.
     divergence : str
-        Why the filter stopped; empty when it did not.
+        Reason why the filter stopped; empty if it did not.
     """
 
     estimates: EstimateSeries

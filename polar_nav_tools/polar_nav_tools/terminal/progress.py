@@ -1,4 +1,4 @@
-"""How far a long piece of work is, on stderr: a bar on a terminal, else a line every tenth."""
+"""Progress of long work on stderr: a bar on a terminal, else a line every tenth."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from contextlib import contextmanager
 from pathlib import Path
 
 _LARGE_BYTES = 100_000_000
-"""Size of a bag from which its opening takes long enough to be watched."""
+"""Size of a bag from which the progress of its opening is shown [bytes]."""
 
 Update = Callable[[float, float], None]
-"""Called with what is done and the total."""
+"""Called with the finished amount and the total."""
 
 
 @contextmanager
@@ -21,9 +21,9 @@ def progress_display(title: str, *, total: float, unit: str) -> Iterator[Update]
     Parameters
     ----------
     title : str
-        What is going on.
+        Name of the work.
     total : float
-        Expected total, until the first update tells a better one.
+        Expected total, until the first update states a better one.
     unit : str
         Of the total; for ``s`` the speed is shown as a multiple of real time.
     """
@@ -35,7 +35,7 @@ def progress_display(title: str, *, total: float, unit: str) -> Iterator[Update]
 
 @contextmanager
 def opening_display(path: Path) -> Iterator[Callable[[float], None] | None]:
-    """Show how far the opening of a large bag is, on a terminal only; None: nothing to show."""
+    """Show the progress of opening a large bag, on a terminal only; None for a small one."""
     if not sys.stderr.isatty() or _size(path) < _LARGE_BYTES:
         yield None
         return
@@ -44,7 +44,7 @@ def opening_display(path: Path) -> Iterator[Callable[[float], None] | None]:
 
 
 def _size(path: Path) -> int:
-    """Bytes of a bag; 0 where there is none, which is said when it is opened."""
+    """Bytes of a bag; 0 without one, which its opening reports."""
     try:
         files = path.iterdir() if path.is_dir() else [path]
         return sum(file.stat().st_size for file in files)
@@ -75,13 +75,13 @@ def _bar(title: str, total: float, unit: str) -> Iterator[Update]:
 
 
 def _lines(title: str, unit: str) -> Iterator[Update]:
-    told = -1
+    printed = -1
 
     def update(done: float, end: float) -> None:
-        nonlocal told
+        nonlocal printed
         tenth = int(10.0 * done / end) if end > 0.0 else 10
-        if tenth > told:
-            told = tenth
+        if tenth > printed:
+            printed = tenth
             sys.stderr.write(f'polar: {title}: {done:.0f} of {end:.0f} {unit}\n')
             sys.stderr.flush()
 
