@@ -190,7 +190,7 @@ def test_without_the_stations_height_it_says_what_it_assumed(polar, tmp_path, sh
     status, out, _ = polar('identify', bag, '--json')
     assert status == 0
     found = json.loads(out)['identifications'][0]
-    assert 'taken as horizontal' in found['notes'][0]
+    assert 'treated as horizontal' in found['notes'][0]
     assert found['truth'] == {}
 
 

@@ -119,8 +119,8 @@ def bag_info(source: str | Path | Bag) -> BagInfo:
         duration_s=(stop_ns - start_ns) / 1e9,
         topics=topics,
         nodes={
-            name: {k: str(said.get(k, '')) for k in ('package', 'version')}
-            for name, said in sorted(bag.node_infos.items())
+            name: {k: str(described.get(k, '')) for k in ('package', 'version')}
+            for name, described in sorted(bag.node_infos.items())
         },
         run_info=bag.run_info,
         is_complete=bag.is_complete,

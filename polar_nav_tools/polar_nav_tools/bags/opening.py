@@ -81,13 +81,13 @@ def _scanned(
     total = max(1, sum(sizes))
     scans: list[FileScan] = []
 
-    def tell(at: int) -> None:
+    def report(at: int) -> None:
         if progress is not None:
             progress((sum(sizes[: len(scans)]) + at) / total)
 
     for number, path in enumerate(listing.paths):
         take = None if reading is None else reading.file(number)
-        scans.append(scan_file(path, None if progress is None else tell, take))
+        scans.append(scan_file(path, None if progress is None else report, take))
     if progress is not None:
         progress(1.0)
     return scans

@@ -310,7 +310,7 @@ class Runs:
         return engine_run.run(_params(self.world, strategy), inputs)
 
     def pass_through(self, strategy: str, inputs: engine_run.Inputs) -> None:
-        """Run to the end and keep nothing: memory for covariances is not what is timed."""
+        """Run to the end and store nothing: memory for covariances is not timed."""
         engine_run.run(_params(self.world, strategy), inputs, sink=lambda _: None, derived=True)
 
     def agreement(self) -> dict[str, float]:

@@ -167,14 +167,14 @@ def _world(hours: float) -> World:
 
 def _run_info(world: World) -> bytes:
     params = FollowerParams(**to_mapping(world.params(configuration=CONFIGURATION)))
-    said = {
+    described = {
         'node': f'/{VEHICLE}/follower_node',
         'package': 'polar_nav_follower',
         'version': '',
         'engine_version': ENGINE_VERSION,
         'params': to_mapping(params),
     }
-    return to_bytes(String(data=json.dumps(said)))
+    return to_bytes(String(data=json.dumps(described)))
 
 
 Blocks = Iterator[tuple[NDArray[np.int64], Iterator[bytes]]]

@@ -76,7 +76,7 @@ def replay(
     """Run the messages of a bag through the follower's filter again.
 
     The same engine as in the live node, on the same bytes: with the recorded parameters it gives
-    the recorded estimates. Hashes of the messages are told with --out, which makes them. With
+    the recorded estimates. Hashes of the messages are printed with --out, which makes them. With
     --map, a bag of any origin: MCAP, sqlite3 or ROS 1.
     """
     if mapping is not None:

@@ -180,7 +180,7 @@ def _print_tables(tables: Iterable[Table]) -> None:
 
 
 def _machine(facts: Mapping[str, Any], rounds: int, versions: Mapping[str, str]) -> str:
-    """Return the line about where and with what was measured."""
+    """Return the line about the machine and versions of a measurement."""
     return (
         f'{facts["cpu"]}, core {facts["core"]} of {facts["cores"]}, load'
         f' {facts["load_average"]:.1f} to {facts["load_average_after"]:.1f}, Python'

@@ -237,7 +237,7 @@ def _request(
     settings: list[str] | None,
     jobs: int | None,
 ) -> Request:
-    """What every experiment is asked for."""
+    """Options of every experiment."""
     from polar_nav_core.errors import ConfigError
 
     from ..experiments.catalog import experiment_named
@@ -263,7 +263,7 @@ def _folder(out: Path | None, name: str) -> Path:
 
 
 def _run(name: str, request: Request, folder: Path, as_json: bool) -> None:
-    """Run an experiment with its progress on stderr, and print what came out."""
+    """Run an experiment with its progress on stderr, and print its results."""
     from ..experiments.catalog import experiment_named
     from ..experiments.experiment import run
     from ..terminal.progress import progress_display

@@ -51,7 +51,7 @@ AsRecordedOption = Annotated[
 LeaderOption = Annotated[
     str,
     typer.Option(
-        '--leader', help='perfect: told where it is, as the papers assume; own: it navigates.'
+        '--leader', help='perfect: knows its position, as the papers assume; own: it navigates.'
     ),
 ]
 JsonOption = Annotated[bool, typer.Option('--json', help='Print figures as JSON on stdout.')]
@@ -66,7 +66,7 @@ def demo(
     duration: DurationOption = None,
     seed: SeedOption = 1,
     pace: Annotated[
-        str, typer.Option(help='lockstep loses nothing and is fast; realtime waits for nobody.')
+        str, typer.Option(help='lockstep loses nothing and is fast; realtime waits for no node.')
     ] = 'lockstep',
     configuration: ConfigurationOption = None,
     bag: BagOption = None,

@@ -93,7 +93,7 @@ class Outcome:
     step: Step
     status: int
     seconds: float
-    said: str = ''
+    output: str = ''
 
 
 def run_suite(root: Path, *, long: bool, fast: bool, arguments: Sequence[str]) -> int:
@@ -143,10 +143,10 @@ def _side_by_side(shown: Step, others: Sequence[Step], root: Path, out: Console)
         for step, future in zip(others, waiting, strict=True):
             _head(step, out)
             outcomes.append(future.result())
-            said = outcomes[-1].said.rstrip()
-            if said:
-                last_line = said.rpartition('\n')[2]
-                shown_text = said if outcomes[-1].status else last_line
+            output = outcomes[-1].output.rstrip()
+            if output:
+                last_line = output.rpartition('\n')[2]
+                shown_text = output if outcomes[-1].status else last_line
                 out.print(shown_text, markup=False, soft_wrap=True)
             _tell(outcomes[-1], out)
     finally:

@@ -1,6 +1,6 @@
 """Examination of a bag: missing parts, rates and gaps, consistency of times and counts.
 
-In: any bag, also one of somebody else's. Out: an :class:`Examination`, one :class:`Finding` for
+In: any bag, of any origin. Out: an :class:`Examination`, one :class:`Finding` for
 each check, with topic, time and number. Nothing is replayed or scored; the content of
 messages is not judged, only their presence and times.
 """

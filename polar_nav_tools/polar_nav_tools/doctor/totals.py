@@ -52,8 +52,8 @@ def _verdicts(bag: Bag, vehicle: str) -> list[Finding]:
         return []
     receipts = load_receipts(bag, vehicle)
     (balance,) = balances(receipts, {RX: bag.topics[topic].count})
-    said = count_verdicts(receipts).by_topic.get(RX, {})
-    parts = ', '.join(f'{name} {count}' for name, count in said.items()) or 'none'
+    verdicts = count_verdicts(receipts).by_topic.get(RX, {})
+    parts = ', '.join(f'{name} {count}' for name, count in verdicts.items()) or 'none'
     text = f'{balance.received} packets received, {balance.verdicts} verdicts: {parts}'
     severity = Severity.OK if balance.balanced else Severity.SEVERE
     what = 'verdicts'

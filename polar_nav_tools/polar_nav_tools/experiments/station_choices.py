@@ -1,4 +1,4 @@
-"""What the paper of the DVL-less system leaves open; `--set name=value` changes it.
+"""Choices where the paper of the DVL-less system states no value; `--set` changes one.
 
 The paper (Drones 2025, 9(4), 299) gives added mass, drag, the sensors' and the station's errors,
 packet, period and window. Its thrust, yaw law, current, inertia, Q and R are lost in the text; in
@@ -24,7 +24,7 @@ _ENGINE = 'engine.'
 
 @dataclass(frozen=True)
 class StationChoices(Spec):
-    """Numbers that the paper does not give; each with its reason."""
+    """Numbers that the paper does not state, each with its reason."""
 
     noise: float = param(
         1.0,

@@ -143,7 +143,7 @@ class EstimateSeries(Series):
     local_statistics : ndarray, shape (N, 2, 3)
         Of the DVL (row 0) and depth (row 1) measurements since the sample before: number used,
         number refused by the gate, sum of the NIS of those used. Zeros in a bag of a version that
-        did not tell.
+        did not state.
     """
 
     vehicle: str

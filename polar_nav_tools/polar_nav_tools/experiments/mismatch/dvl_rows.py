@@ -35,7 +35,7 @@ DVL_ROWS = (
     ),
     Row(
         'dvl_slow_unstated',
-        "slow DVL errors of the simulator's size that nobody stated, on turns",
+        "unstated slow DVL errors of the simulator's size, on turns",
         '5 mm/s, 300 s; 0.01 %',
         f.DvlSlow(
             sigma=0.005,
@@ -50,7 +50,7 @@ DVL_ROWS = (
     ),
     Row(
         'dvl_slow_real_unstated',
-        'slow DVL errors of a real vehicle that nobody stated, on turns',
+        'unstated slow DVL errors of a real vehicle, on turns',
         '0.03 m/s, 300 s; 0.5 %',
         f.DvlSlow(
             sigma=0.03,

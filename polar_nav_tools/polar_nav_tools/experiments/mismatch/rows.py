@@ -1,6 +1,6 @@
 """All rows of the table, and a selection by name.
 
-Sizes come from the issue and from data sheets; those that are ours say so.
+Sizes come from data sheets and from requirements; others are marked "ours".
 """
 
 from __future__ import annotations

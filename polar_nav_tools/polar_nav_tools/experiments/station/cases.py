@@ -291,7 +291,7 @@ def plan_excitation(request: Request, size: Size, columns: Sequence[str]) -> lis
 
 
 def tables_excitation(results: Sequence[RunResult], size: Size, request: Request) -> list[Table]:
-    """Errors, and what was identified."""
+    """Tables of the errors, and of the identified parameters."""
     note = _note(size, request)
     return [
         by_group('Thrust that hardly varies', results, _AFTER, note, 'thrust'),
@@ -307,7 +307,7 @@ def plan_heading(request: Request, size: Size, columns: Sequence[str]) -> list[S
 
 
 def tables_heading(results: Sequence[RunResult], size: Size, request: Request) -> list[Table]:
-    """Errors, and what was identified."""
+    """Tables of the errors, and of the identified parameters."""
     note = _note(size, request)
     return [
         by_group('Heading bias', results, _AFTER, note, 'heading'),
