@@ -3,7 +3,7 @@
 `./polar` runs this file by its path, before anything of ours can be imported: it uses the standard
 library and setuptools only.
 
-``link``: the environment gets a .pth file with the package roots, the programs of each setup.py
+``link``: the environment gets a .pth file with the package roots, the programs of each setup.cfg
 under lib/<package> (where ``ros2 run`` looks for them), the marker of the ament index, and
 share/<package> as a link to the sources. Nothing is copied: an edited module, launch file or
 parameter file takes effect at once.
@@ -64,7 +64,7 @@ Version: {version}
 
 @dataclass(frozen=True)
 class Package:
-    """Declarations in the setup.py of one package."""
+    """Declarations in the setup.cfg of one package."""
 
     name: str
     version: str
@@ -73,14 +73,14 @@ class Package:
 
 
 def declared(folder: Path) -> Package:
-    """Declarations of the package in ``folder``, read from its setup.py without a build."""
+    """Declarations of the package in ``folder``, read from its setup.cfg without a build."""
     importlib.import_module('setuptools')  # provides distutils where Python no longer does
     from distutils.core import run_setup
 
     before = Path.cwd()
     os.chdir(folder)
     try:
-        found = run_setup('setup.py', stop_after='init')
+        found = run_setup('setup.py', stop_after='config')
     finally:
         os.chdir(before)
     entry_points: dict[str, list[str]] = getattr(found, 'entry_points', None) or {}
