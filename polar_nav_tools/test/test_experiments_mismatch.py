@@ -13,7 +13,7 @@ from polar_nav_tools.experiments.catalog import experiment_named
 from polar_nav_tools.experiments.experiment import Request, run
 from polar_nav_tools.experiments.mismatch import faults, worlds
 from polar_nav_tools.experiments.mismatch.health import WatchedRun, health_history
-from polar_nav_tools.experiments.mismatch.row import SINS, STATION, WORLD, Row, warm_scene
+from polar_nav_tools.experiments.mismatch.row import SINS, STATION, WORLD, Row, texts, warm_scene
 from polar_nav_tools.experiments.mismatch.rows import ROWS, rows_named
 from polar_nav_tools.experiments.mismatch.scenes import SinsScene
 from polar_nav_tools.experiments.mismatch.visible import SMALL, information, visibility
@@ -38,6 +38,10 @@ def test_the_catalogue_has_what_the_issue_asks_for():
     assert {row.name for row in ROWS.values() if not sentences(row)} == {
         name for name in ROWS if name.startswith('delay_')
     }
+
+
+def test_every_text_belongs_to_a_row():
+    assert texts().keys() == ROWS.keys()
 
 
 def test_rows_are_chosen_by_patterns():

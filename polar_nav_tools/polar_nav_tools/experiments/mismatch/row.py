@@ -10,7 +10,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from importlib.resources import files
 from typing import Any
+
+import yaml
 
 from polar_nav_sim.offline_station import StationScenario
 
@@ -42,7 +45,8 @@ class Row:
 
     Attributes
     ----------
-    name, doc : str
+    name : str
+    doc : str
         What is wrong, one sentence.
     size : str
         With its unit.
@@ -76,6 +80,28 @@ class Row:
 def scene_of(changes: Mapping[str, Any] | None = None, **world: Any) -> SinsScene:  # noqa: ANN401 - of WorldSpec
     """The inertial scene with another world or engine parameters."""
     return replace(SINS, world=replace(WORLD, **world), changes=dict(changes or {}))
+
+
+def row(
+    name: str,
+    fault: Fault,
+    culprits: tuple[str, ...] = (),
+    *,
+    invisible: bool = False,
+    scene: Scene = SINS,
+) -> Row:
+    """Return a row whose sentence and size stand in rows.yaml under its name."""
+    words = texts()[name]
+    return Row(name, words['about'], words['size'], fault, culprits, invisible, scene)
+
+
+@lru_cache(maxsize=1)
+def texts() -> dict[str, dict[str, str]]:
+    """Return sentence (``about``) and ``size`` of each row by its name."""
+    loaded: dict[str, dict[str, str]] = yaml.safe_load(
+        files(__package__).joinpath('rows.yaml').read_text(encoding='utf-8')
+    )
+    return loaded
 
 
 RACETRACK = scene_of(mission='racetrack', duration_s=900.0)
