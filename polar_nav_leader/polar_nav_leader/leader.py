@@ -19,7 +19,15 @@ from .states import LeaderState, LeaderStates
 
 @dataclass(frozen=True)
 class Packet:
-    """A packet and its stamp of transmission."""
+    """A packet and its stamp of transmission.
+
+    Attributes
+    ----------
+    transmit_ns : int
+        Stamp of its first bit [ns].
+    broadcast, data : Broadcast, bytes
+        Content, and the same encoded.
+    """
 
     transmit_ns: int
     broadcast: Broadcast

@@ -102,14 +102,13 @@ class TruthBlock:
     interval_s: Floats
 
 
-class Truth(ABC):
-    """Truth of one vehicle over a mission; base of paths and dynamics.
+@dataclass(frozen=True)
+class Surroundings:
+    """Surroundings of a vehicle.
 
-    Parameters
+    Attributes
     ----------
-    start_ns, period_ns : int
-        Stamp of sample 0, time between samples [ns].
-    sea_surface_height, sea_floor_depth : float
+    surface_height, floor_depth : float
         Sea surface above the ellipsoid; floor below the surface, NaN if unknown [m].
     floor_lost_s : (float, float)
         From when to when the floor is :data:`ABYSS_M` deep [s since the start].
@@ -117,21 +116,38 @@ class Truth(ABC):
         True gravity and sea surface.
     """
 
+    surface_height: float = 0.0
+    floor_depth: float = math.nan
+    floor_lost_s: tuple[float, float] = (0.0, 0.0)
+    environment: Environment = CALM
+
+
+UNDISTURBED = Surroundings()
+
+
+class Truth(ABC):
+    """Truth of one vehicle over a mission; base of paths and dynamics.
+
+    Parameters
+    ----------
+    start_ns, period_ns : int
+        Stamp of sample 0, time between samples [ns].
+    surroundings : Surroundings
+        Sea surface, sea floor and gravity.
+    """
+
     def __init__(
         self,
         start_ns: int,
         period_ns: int,
-        sea_surface_height: float = 0.0,
-        sea_floor_depth: float = math.nan,
-        floor_lost_s: tuple[float, float] = (0.0, 0.0),
-        environment: Environment = CALM,
+        surroundings: Surroundings = UNDISTURBED,
     ) -> None:
         self.start_ns = start_ns
         self.period_ns = period_ns
-        self._surface = sea_surface_height
-        self._floor = sea_floor_depth
-        self._lost_s = floor_lost_s
-        self._environment = environment
+        self._surface = surroundings.surface_height
+        self._floor = surroundings.floor_depth
+        self._lost_s = surroundings.floor_lost_s
+        self._environment = surroundings.environment
         self._pieces = 1
         """Parts of an IMU interval within which the motion is smooth."""
 
@@ -226,7 +242,7 @@ class Trajectory(Truth):
         Knots of the splines.
     oscillation : OscillationSpec
         Sines added to the reference angles.
-    start_ns, period_ns, sea_surface_height, sea_floor_depth, floor_lost_s, environment
+    start_ns, period_ns, surroundings
         As of :class:`Truth`.
     """
 
@@ -236,14 +252,9 @@ class Trajectory(Truth):
         oscillation: OscillationSpec,
         start_ns: int,
         period_ns: int,
-        sea_surface_height: float = 0.0,
-        sea_floor_depth: float = math.nan,
-        floor_lost_s: tuple[float, float] = (0.0, 0.0),
-        environment: Environment = CALM,
+        surroundings: Surroundings = UNDISTURBED,
     ) -> None:
-        super().__init__(
-            start_ns, period_ns, sea_surface_height, sea_floor_depth, floor_lost_s, environment
-        )
+        super().__init__(start_ns, period_ns, surroundings)
         self._origin_e = knots.origin_e
         self._first_s, self._last_s = float(knots.t_s[0]), float(knots.t_s[-1])
         position = make_interp_spline(knots.t_s, knots.d_e, k=DEGREE)

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from polar_nav_core.attitude import exp, matrix_from_euler
 from polar_nav_core.engine.events import LEAST_BEAMS
-from polar_nav_core.params import flag, param, vector
+from polar_nav_core.params import flag, param, sigma, vector
 
 from ..randomness import substream
 from ..section import Spec
@@ -76,12 +76,12 @@ class DvlErrors(Mounting):
     scale: tuple[float, ...] = vector(
         (1e-4, 1e-4, 1e-4), '', -0.5, 0.5, 'Scale factor error per axis'
     )
-    scale_sigma: float = param(
-        0.0, '', 0.0, 0.5, '1-sigma of a further constant scale factor error, drawn per run'
+    scale_sigma: float = sigma(
+        0.0, '', 0.5, '1-sigma of a further constant scale factor error, drawn per run'
     )
     bias: tuple[float, ...] = vector((0.0, 0.0, 0.0), 'm/s', -1.0, 1.0, 'Constant error per axis')
-    markov_sigma: float = param(
-        0.005, 'm/s', 0.0, 1.0, '1-sigma of the slowly varying error per axis (Gauss-Markov)'
+    markov_sigma: float = sigma(
+        0.005, 'm/s', 1.0, '1-sigma of the slowly varying error per axis (Gauss-Markov)'
     )
     markov_tau_s: float = param(300.0, 's', 0.1, 1e6, 'Its correlation time')
     noise_sigma: float = param(0.005, 'm/s', 0.0, 1.0, 'White noise per axis and ping, 1-sigma')
@@ -103,11 +103,11 @@ class DvlErrors(Mounting):
     beam_range_sigma_m: float = param(
         0.05, 'm', 0.0, 100.0, 'White noise of the range along a beam (four beams)'
     )
-    misalignment_sigma_deg: float = param(
-        0.0, 'deg', 0.0, 90.0, '1-sigma about each axis of a wrong mounting, drawn per run'
+    misalignment_sigma_deg: float = sigma(
+        0.0, 'deg', 90.0, '1-sigma about each axis of a wrong mounting, drawn per run'
     )
-    lever_sigma_m: float = param(
-        0.0, 'm', 0.0, 10.0, '1-sigma of a wrong position along each axis, drawn per run'
+    lever_sigma_m: float = sigma(
+        0.0, 'm', 10.0, '1-sigma of a wrong position along each axis, drawn per run'
     )
     latency_s: float = param(
         0.0, 's', 0.0, 10.0, 'Sent, and stamped, so much later than the velocity was valid'

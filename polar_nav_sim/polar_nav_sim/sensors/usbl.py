@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polar_nav_core.attitude import exp
-from polar_nav_core.params import flag, param, vector
+from polar_nav_core.params import flag, param, sigma, vector
 
 from ..poses import Poses
 from ..randomness import stream
@@ -45,8 +45,8 @@ class UsblErrors(Mounting):
     turn_around_s: float = param(
         0.1, 's', 0.0, 10.0, 'From hearing to replying in the transponder'
     )
-    cosine_sigma: float = param(
-        1e-3, '', 0.0, 0.5, '1-sigma of each of the x and y direction cosines (1e-3: 0.06 degrees)'
+    cosine_sigma: float = sigma(
+        1e-3, '', 0.5, '1-sigma of each of the x and y direction cosines (1e-3: 0.06 degrees)'
     )
     range_sigma_m: float = param(0.3, 'm', 0.0, 1000.0, '1-sigma of the range')
     tells_depth: bool = flag(True, 'Whether the transponder sends its depth with the reply')
@@ -56,18 +56,18 @@ class UsblErrors(Mounting):
     outlier_range_m: float = param(
         100.0, 'm', 0.0, 1e5, 'Such a reply is late by up to this, uniformly'
     )
-    outlier_cosine_sigma: float = param(
-        0.2, '', 0.0, 1.0, '1-sigma of its further error of the direction cosines'
+    outlier_cosine_sigma: float = sigma(
+        0.2, '', 1.0, '1-sigma of its further error of the direction cosines'
     )
     assumed_sound_speed: float = param(
         0.0, 'm/s', 0.0, 1700.0, 'Sound speed the array assumes; 0: the true mean of the cycle'
     )
     range_scale: float = param(0.0, '', -0.5, 0.5, 'Constant error of the range, as a share of it')
-    range_scale_sigma: float = param(
-        0.0, '', 0.0, 0.5, '1-sigma of a further such error, drawn per run'
+    range_scale_sigma: float = sigma(
+        0.0, '', 0.5, '1-sigma of a further such error, drawn per run'
     )
-    misalignment_sigma_deg: float = param(
-        0.0, 'deg', 0.0, 90.0, '1-sigma about each axis of a wrong mounting, drawn per run'
+    misalignment_sigma_deg: float = sigma(
+        0.0, 'deg', 90.0, '1-sigma about each axis of a wrong mounting, drawn per run'
     )
 
 

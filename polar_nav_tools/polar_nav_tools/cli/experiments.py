@@ -164,14 +164,9 @@ def mismatch(
     as_json: Json = False,
 ) -> None:
     """Run filters in worlds with faults unknown to them: wrong, visible, reported."""
-    from dataclasses import replace
-
-    request = replace(
-        _request('mismatch', quick, None, seeds, columns, settings, jobs),
-        rows=rows,
-        first_seed=first_seed,
-    )
-    _run('mismatch', request, _folder(out, 'mismatch'), as_json)
+    request = _request('mismatch', quick, None, seeds, columns, settings, jobs)
+    chosen = replace(request, rows=rows, first_seed=first_seed)
+    _run('mismatch', chosen, _folder(out, 'mismatch'), as_json)
 
 
 @experiment.command(
