@@ -11,7 +11,7 @@ from polar_nav_core.engine.events import Fix
 from polar_nav_core.errors import ConfigError
 from polar_nav_tools.experiments.catalog import experiment_named
 from polar_nav_tools.experiments.experiment import Request, run
-from polar_nav_tools.experiments.mismatch import faults, worlds
+from polar_nav_tools.experiments.mismatch import dvl_faults, faults, worlds
 from polar_nav_tools.experiments.mismatch.health import WatchedRun, health_history
 from polar_nav_tools.experiments.mismatch.row import SINS, STATION, WORLD, Row, texts, warm_scene
 from polar_nav_tools.experiments.mismatch.rows import ROWS, rows_named
@@ -119,7 +119,7 @@ def parts(fix: Fix):
 @pytest.mark.slow
 def test_information_is_that_of_innovations_taken_event_by_event():
     """J from sums of squares equals g' S^-1 g of innovations that the engine's fusion shows."""
-    fault = faults.DepthError(bias_m=0.1, start_s=40.0)
+    fault = dvl_faults.DepthError(bias_m=0.1, start_s=40.0)
     time_s, J = information(SHORT, fault, 1)
     assert J[time_s < 40.0].max() < 1e-3
     quiet = SHORT.quiet(1)
@@ -142,7 +142,7 @@ def test_information_is_that_of_innovations_taken_event_by_event():
 @pytest.mark.slow
 def test_information_of_a_depth_offset_has_the_bound_of_its_own_noise():
     """Depths of a known trajectory would give n / sigma^2; the filter has less, not nothing."""
-    fault = faults.DepthError(bias_m=0.1, start_s=60.0)
+    fault = dvl_faults.DepthError(bias_m=0.1, start_s=60.0)
     _, J = information(SHORT, fault, 1)
     most = 300 * (0.1 / 0.05) ** 2
     assert 0.01 * most < J[-1] < most
@@ -161,7 +161,7 @@ def test_a_fault_of_twice_the_size_has_twice_the_sigmas():
 def test_the_information_predicts_what_a_noisy_world_shows():
     """NIS with the fault minus NIS without has the mean J and a scatter of 2 sqrt(J)."""
     # A turn: a scale would make the noise longer, too.
-    fault = faults.DvlGain(turn_deg=0.3)
+    fault = dvl_faults.DvlGain(turn_deg=0.3)
     _, J = information(SHORT, fault, 1)
     grown = []
     for seed in range(1, 13):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from . import faults as f
+from . import dvl_faults as f
 from .row import DEPTH, DVL, HEADING, RACETRACK, SINS, START_S, row, scene_of
 
 DVL_ROWS = (
