@@ -48,6 +48,7 @@ NAMES: dict[str, str] = {
     'noise_not_stated': 'the noise of the IMU is not stated',
     'gyrocompass': 'the gyros cannot find north',
     'not_at_rest': 'the vehicle moves while it should be at rest for alignment',
+    'path_length': 'the paths by reference and by DVL have very different lengths',
     'truth_attitude': 'the reference has no attitude or velocity to compare with',
     'dvl_misfit': 'in the run, the DVL did not fit the IMU',
     'depth_misfit': 'in the run, depths did not fit the rest',

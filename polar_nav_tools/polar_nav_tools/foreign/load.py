@@ -23,6 +23,7 @@ from .adapters.position import PositionRows, read_positions
 from .adapters.sensors import DepthRows, DvlRows, ImuRows, read_depth, read_dvl, read_imu
 from .arrays import unfilled
 from .check_imu import check_imu
+from .check_path import check_path
 from .check_stamps import Times, check_spans, check_stamps
 from .check_values import check_depth, check_dvl, check_fixes, check_positions
 from .findings import NAMES, Refused, finding, refusals
@@ -96,6 +97,9 @@ def load(source: Source, mapping: Mapping, accept: Iterable[str] = ()) -> Loaded
         findings = [*check(streams, mapping), *_unstated(mapping)]
     _refuse(source, findings, accepted)
     ordered = _in_order(streams)
+    if ordered.truth is not None and ordered.dvl is not None:
+        findings += check_path(ordered.truth, ordered.dvl)
+        _refuse(source, findings, accepted)
     stated = dict(mapping.params)
     start = find_start(
         mapping.initial,
