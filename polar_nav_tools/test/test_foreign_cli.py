@@ -87,14 +87,17 @@ def test_severe_findings_refuse_unless_accepted(polar: Polar, bag: Path, tmp_pat
 
 
 def test_map_prints_a_mapping(polar: Polar, tmp_path: Path) -> None:
-    """What `polar map` prints of a bag of known types runs as it is."""
-    status, text, _ = polar('map', REFERENCE)
+    """What `polar map` prints of a bag of known types and instruments runs as it is."""
+    status, text, _ = polar('map', REFERENCE, '--imu', 'stim300', '--dvl', 'workhorse_1200')
     assert status == 0
     mapping = tmp_path / 'guessed.yaml'
     mapping.write_text(text)
     status, text, err = polar('replay', REFERENCE, '--map', mapping, '--json')
     assert status == 0, err
     assert json.loads(text)['verdicts'] == {'FUSED': 13}
+    status, _, err = polar('map', REFERENCE, '--imu', 'tactical')
+    assert status == 2
+    assert "'tactical' is none of" in err
 
 
 def test_a_damaged_bag_is_told_of(polar: Polar, bag: Path, tmp_path: Path) -> None:
@@ -116,9 +119,9 @@ def test_import_csv(polar: Polar, tmp_path: Path) -> None:
     status, text, _ = polar('import', 'csv', columns, '--out', 'auv', '--json')
     assert status == 0
     assert json.loads(text)['counts'] == {'/follower/imu/data_raw': 50}
-    assert yaml.safe_load(Path('auv/mapping.yaml').read_text())['imu'] == {
-        'topic': '/follower/imu/data_raw'
-    }
+    written = yaml.safe_load(Path('auv/mapping.yaml').read_text())
+    assert written['imu'] == {'topic': '/follower/imu/data_raw'}
+    assert written['version'] == 1
     status, _, err = polar('import', 'csv', columns, '--out', 'auv')
     assert status == 1
     assert 'never overwritten' in err

@@ -33,6 +33,7 @@ from polar_nav_tools.bags import open_bag
 from polar_nav_tools.foreign import mapping_file, rotations
 from polar_nav_tools.foreign.candidates import vehicle
 from polar_nav_tools.foreign.guess import guess
+from polar_nav_tools.foreign.guess_noise import Choices
 from polar_nav_tools.foreign.hindsight import tried_axes
 from polar_nav_tools.foreign.mcap_records import log_times, topic_columns, topic_records
 from polar_nav_tools.foreign.replay import ForeignRun, replay
@@ -40,6 +41,7 @@ from polar_nav_tools.foreign.section import Section
 from polar_nav_tools.foreign.sources import open_source, read_table
 
 DURATION_S = 240.0
+KNOWN = Choices(imu='stim300', dvl='workhorse_1200', reference='bottom')
 Change = Callable[[dict[str, Any]], None]
 
 
@@ -151,7 +153,7 @@ def test_depths_and_fixes_that_do_not_fit(bag: Path) -> None:
 @pytest.mark.slow
 def test_from_a_guess_to_a_good_run(bag: Path) -> None:
     """What is marked, filled in; everything else as it was guessed."""
-    text = guess(open_source(bag))
+    text = guess(open_source(bag), KNOWN)
     top = yaml.safe_load(text)
     assert top['vehicle'] == 'auv'
     assert top['imu']['rotation'] == top['dvl']['rotation'] == 'frd'
@@ -180,7 +182,7 @@ def test_from_a_guess_to_a_good_run(bag: Path) -> None:
 @pytest.mark.slow
 def test_a_start_from_the_first_fix(without_reference: Path) -> None:
     """Without a reference the first fix tells where; it is not used a second time."""
-    text = guess(open_source(without_reference))
+    text = guess(open_source(without_reference), KNOWN)
     top = yaml.safe_load(text)
     assert top['initial'] == {'from': 'topic', 'topic': FIXES, 'heading_deg': 'FILL_IN'}
     says = r'initial: heading_deg: is still to be filled in: a number \[deg\]'

@@ -25,12 +25,30 @@ def map_(
             metavar='BAG', help='Folder of a bag, .mcap, .db3 or .bag file.', show_default=False
         ),
     ],
+    imu: Annotated[
+        str | None, typer.Option('--imu', metavar='CLASS', help='Class of the IMU: its noise.')
+    ] = None,
+    dvl: Annotated[
+        str | None, typer.Option('--dvl', metavar='CLASS', help='Class of the DVL: its noise.')
+    ] = None,
+    reference: Annotated[
+        str | None,
+        typer.Option('--reference', help='Of DVL velocities: bottom or water.'),
+    ] = None,
+    clock: Annotated[
+        str | None,
+        typer.Option('--clock', help='Times of validity: header stamps, or those of the log.'),
+    ] = None,
 ) -> None:
     """Guess which topic of a bag is what, and print a mapping for `polar replay --map`.
 
     Comments in it say what was guessed from what, and what has to be filled in by hand.
+    Instruments and clock that no option states are asked for on a terminal.
     """
     from ..foreign.guess import guess
+    from ..foreign.guess_noise import Choices
+    from ..foreign.instrument_noise import DVL_CLASSES, IMU_CLASSES
+    from ..foreign.mapping import REFERENCES, STAMPS
     from ..foreign.sources import open_source
     from ..terminal.progress import opening_display
 
@@ -38,7 +56,24 @@ def map_(
         source = open_source(bag, progress)
     for problem in source.problems:
         say(f'{bag}: {problem}')
-    sys.stdout.write(guess(source))
+    chosen = Choices(
+        imu=_chosen('--imu', imu, IMU_CLASSES),
+        dvl=_chosen('--dvl', dvl, DVL_CLASSES),
+        reference=_chosen('--reference', reference, REFERENCES),
+        clock=_chosen('--clock', clock, STAMPS),
+    )
+    sys.stdout.write(guess(source, chosen))
+
+
+def _chosen(option: str, given: str | None, options: tuple[str, ...]) -> str | None:
+    """Check what an option states, or ask for it on a terminal; None where nobody knows."""
+    value = given
+    if value is None and sys.stdin.isatty() and sys.stderr.isatty():
+        text = f'{option} ({", ".join(options)}; empty: not known)'
+        value = typer.prompt(text, default='', show_default=False, err=True).strip() or None
+    if value is not None and value not in options:
+        raise typer.BadParameter(f'{value!r} is none of {", ".join(options)}', param_hint=option)
+    return value
 
 
 @import_app.command(

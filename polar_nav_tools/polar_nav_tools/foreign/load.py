@@ -34,6 +34,7 @@ from .reference import truth_of
 from .sources import Source
 
 _T = TypeVar('_T', ImuRows, DvlRows, DepthRows)
+_DVL_NOISE = ('dvl_scale_sigma', 'dvl_markov_sigma')
 _NOISE = ('gyro_bias_sigma', 'gyro_noise_density', 'accel_bias_sigma', 'accel_noise_density')
 
 
@@ -252,7 +253,8 @@ def _no_attitude(truth: PositionRows) -> Finding:
 
 
 def _unstated(mapping: Mapping) -> list[Finding]:
-    missing = [name for name in _NOISE if name not in mapping.params]
+    wanted = _NOISE if mapping.dvl is None else (*_NOISE, *_DVL_NOISE)
+    missing = [name for name in wanted if name not in mapping.params]
     if not missing:
         return []
     return [
@@ -263,8 +265,9 @@ def _unstated(mapping: Mapping) -> list[Finding]:
             None,
             0,
             float(len(missing)),
-            f'{", ".join(missing)} are not among parameters: those of a navigation-grade IMU are '
-            'taken, and a cheaper one makes the filter too sure of itself',
+            f'{", ".join(missing)} are not stated: those of a navigation-grade IMU and a good DVL '
+            'are taken, and cheaper ones make the filter too sure of itself; `noise: {imu: CLASS, '
+            'dvl: CLASS}` states them',
         )
     ]
 

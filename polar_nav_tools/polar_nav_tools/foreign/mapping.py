@@ -17,6 +17,9 @@ ANGLE_UNITS = {'deg': np.pi / 180.0, 'rad': 1.0}
 LENGTH_UNITS = {'m': 1.0, 'cm': 1e-2, 'mm': 1e-3}
 PRESSURE_UNITS = {'Pa': 1.0, 'hPa': 1e2, 'kPa': 1e3, 'dbar': 1e4, 'bar': 1e5}
 POSITION_FRAMES = ('geodetic', 'earth', 'enu', 'ned', 'epsg')
+VERSION = 1
+"""Of mapping files; it counts up when a key comes to mean something else."""
+REFERENCES = ('bottom', 'water')
 STAMPS = ('header', 'log')
 
 
@@ -54,12 +57,16 @@ class ImuMapping:
 
 @dataclass(frozen=True)
 class DvlMapping:
-    """A DVL: scale to m/s; sigma replaces what the messages state [m/s]."""
+    """A DVL: scale to m/s; sigma replaces what the messages state [m/s].
+
+    With ``water`` its velocities are relative to the water, not to the ground.
+    """
 
     stream: Stream
     C_s_b: Array
     scale: float
     sigma: float | None
+    water: bool = False
 
 
 @dataclass(frozen=True)

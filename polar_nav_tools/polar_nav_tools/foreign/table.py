@@ -42,6 +42,7 @@ from .mapping import (
     LENGTH_UNITS,
     PRESSURE_UNITS,
     SPEED_UNITS,
+    VERSION,
     Frame,
 )
 from .mapping_file import frame_of
@@ -87,7 +88,7 @@ def import_csv(path: Path, out: Path) -> Imported:
     top = sections.load(path)
     folder = path.parent
     vehicle = top.text('vehicle', 'follower')
-    mapping: dict[str, Any] = {'vehicle': vehicle}
+    mapping: dict[str, Any] = {'version': VERSION, 'vehicle': vehicle}
     streams: dict[str, tuple[str, list[Row]]] = {}
 
     def add(topic: str, kind: str, rows: Iterable[Row]) -> dict[str, Any]:
@@ -118,7 +119,7 @@ def import_csv(path: Path, out: Path) -> Imported:
         truth = _truth(given, folder, vehicle)
         mapping['truth'] = add(topics.TRUTH, topics.TYPES[topics.TRUTH], truth_messages(truth))
         given.done()
-    for key in ('initial', 'parameters', 'accept'):
+    for key in ('initial', 'noise', 'parameters', 'accept'):
         value = top.raw(key)
         if value is not None:
             mapping[key] = value
