@@ -60,6 +60,10 @@ def test_replay_with_a_mapping(polar: Polar, bag: Path, tmp_path: Path) -> None:
     assert said['configuration'] == 'default'
     assert said['verdicts'] == {'FUSED': 13}
     assert said['score']['default']['summary']['fused'] == 13
+    value, word = said['nees'].split(', ')[:2]
+    judged = said['score']['default']['windows']['second_half']['nees_position']
+    assert float(value) == pytest.approx(judged['mean_per_dof'], rel=0.01)
+    assert word == judged['judgement']
     assert open_bag(out).run_info['mapping'] == str(mapping)
     status, text, _ = polar('score', out, '--recorded', '--json')
     assert status == 0

@@ -149,6 +149,8 @@ def replay_foreign(
     if out is not None:
         said['written'] = str(replay.write(out, run))
     compared = run.comparison()
+    if compared is not None:
+        said['nees'] = replay.nees_judged(compared)
     if as_json:
         emit_json(
             {

@@ -30,6 +30,7 @@ from polar_nav_ros.stamps import to_msg
 from ..bags import BagWriter
 from ..bags.finding import Finding
 from ..scoring import Comparison, compare
+from ..scoring.consistency import OPTIMISTIC, PESSIMISTIC
 from ..series.estimates import EstimateRows, receipts_of
 from ..series.vehicle import EstimateSeries, TruthSeries
 from . import lever
@@ -242,6 +243,15 @@ def write(path: Path, run_: ForeignRun) -> Path:
         for stamp_ns, topic, data in heapq.merge(*streams, key=lambda row: row[0]):
             writer.write(f'/{run_.vehicle}/{topic}', data, stamp_ns)
     return path
+
+
+def nees_judged(comparison: Comparison) -> str:
+    """Return NEES/3 of the second half, judged in a word, and the limit that it is beyond."""
+    (score,) = comparison.scores.values()
+    nees = score.second_half.nees_position
+    limit = {OPTIMISTIC: nees.band_high, PESSIMISTIC: nees.band_low}.get(nees.judgement)
+    beyond = '' if limit is None else f', limit {limit:.3g}'
+    return f'{nees.mean_per_dof:.3g}, {nees.judgement}{beyond}'
 
 
 def summary(run_: ForeignRun) -> dict[str, Any]:

@@ -1,14 +1,18 @@
-"""Progress of long work on stderr: a bar on a terminal, else a line every tenth."""
+"""Progress of long work on stderr: a bar on a terminal, else a line now and then."""
 
 from __future__ import annotations
 
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 _LARGE_BYTES = 100_000_000
 """Size of a bag from which the progress of its opening is shown [bytes]."""
+
+_QUIET_S = 10.0
+"""Without a terminal nothing is written of work shorter than this, and lines no more often."""
 
 Update = Callable[[float, float], None]
 """Called with the finished amount and the total."""
@@ -75,13 +79,16 @@ def _bar(title: str, total: float, unit: str) -> Iterator[Update]:
 
 
 def _lines(title: str, unit: str) -> Iterator[Update]:
-    printed = -1
+    printed, since_s = 0, time.monotonic()
+    if unit == 's':  # a simulated run: that it began is worth a line
+        printed, since_s = -1, since_s - _QUIET_S
 
     def update(done: float, end: float) -> None:
-        nonlocal printed
+        nonlocal printed, since_s
         tenth = int(10.0 * done / end) if end > 0.0 else 10
-        if tenth > printed:
-            printed = tenth
+        now_s = time.monotonic()
+        if tenth > printed and now_s - since_s >= _QUIET_S:
+            printed, since_s = tenth, now_s
             sys.stderr.write(f'polar: {title}: {done:.0f} of {end:.0f} {unit}\n')
             sys.stderr.flush()
 
