@@ -15,12 +15,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from .app import app, emit_json, end, say
+from .arguments import AnyBagArgument, MsgPathOption
 
 if TYPE_CHECKING:
     from ..analysis.analyse import Analysis
     from ..bags import Bag
     from ..bags.ahead import Wants
     from ..bags.request import Request
+    from ..foreign.sources import Source
 
 BagArgument = Annotated[
     Path,
@@ -71,6 +73,7 @@ def replay(
         list[str] | None,
         typer.Option('--accept', metavar='FINDING', help='With --map: take such data as is.'),
     ] = None,
+    msg_path: MsgPathOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Run the messages of a bag through the follower's filter again.
@@ -82,8 +85,11 @@ def replay(
     if mapping is not None:
         from .foreign import replay_foreign
 
-        replay_foreign(bag, mapping, configuration, change or [], accept or [], out, as_json)
+        changes, taken = change or [], accept or []
+        replay_foreign(bag, mapping, configuration, changes, taken, out, msg_path, as_json)
         return
+    if msg_path is not None:
+        raise typer.BadParameter('goes with --map', param_hint='--msg-path')
     from ..replay.arrays import arrays_request
     from ..replay.by_array import replay_estimates
     from ..replay.by_message import ReplayResult
@@ -162,21 +168,29 @@ def report(
 
 
 @app.command(epilog='Example: `./polar info bags/my_run --json`')
-def info(bag: BagArgument, as_json: JsonOption = False) -> None:
+def info(bag: AnyBagArgument, msg_path: MsgPathOption = None, as_json: JsonOption = False) -> None:
     """Show the contents of a bag: topics, counts, rates, its run, and missing parts."""
     from ..bags.info import bag_info
+    from ..foreign.definitions import undecodable
+    from ..foreign.info import source_info
+    from ..foreign.sources import not_described
+    from ..foreign.sources.mcap import McapSource
 
-    with opened(bag) as source:
-        facts = bag_info(source)
+    with opened_source(bag, msg_path) as source:
+        facts = bag_info(source.bag) if isinstance(source, McapSource) else source_info(source)
+        missing = not_described(source)
         if as_json:
             from ..scoring.json_values import jsonable
 
             said = {name: jsonable(value) for name, value in facts.to_dict().items()}
-            emit_json({'ok': facts.is_complete, **said})
+            emit_json({'ok': facts.is_complete, **said, 'not_described': list(missing)})
         else:
             from ..terminal.tables import print_info
 
             print_info(facts)
+        sentence = undecodable(missing)
+        if sentence is not None:
+            say(f'{bag}: {sentence}')
 
 
 @app.command(epilog='Example: `./polar recover bags/broken --out bags/mended`')
@@ -212,6 +226,21 @@ def opened(path: Path, ahead: Wants | None = None) -> Iterator[Bag]:
     bag = open_for(path, say, ahead)
     yield bag
     if bag.problems:
+        end(1)
+
+
+@contextmanager
+def opened_source(path: Path, msg_path: Path | None) -> Iterator[Source]:
+    """Open a bag of any kind for one command, as `opened`."""
+    from ..foreign.sources import open_source
+    from ..terminal.progress import opening_display
+
+    with opening_display(path) as progress:
+        source = open_source(path, progress, msg_path=msg_path)
+    for problem in source.problems:
+        say(f'{path}: {problem}')
+    yield source
+    if source.problems:
         end(1)
 
 

@@ -11,6 +11,7 @@ import typer
 from polar_nav_core.errors import ConfigError
 
 from .app import app, emit_json, end, say
+from .arguments import AnyBagArgument, MsgPathOption
 
 JsonOption = Annotated[bool, typer.Option('--json', help='Print figures as JSON on stdout.')]
 import_app = typer.Typer(no_args_is_help=True, help='Make a bag of data that were never a bag.')
@@ -19,12 +20,7 @@ app.add_typer(import_app, name='import')
 
 @app.command(name='map', epilog='Example: `./polar map cruise.bag > mapping.yaml`')
 def map_(
-    bag: Annotated[
-        Path,
-        typer.Argument(
-            metavar='BAG', help='Folder of a bag, .mcap, .db3 or .bag file.', show_default=False
-        ),
-    ],
+    bag: AnyBagArgument,
     imu: Annotated[
         str | None, typer.Option('--imu', metavar='CLASS', help='Class of the IMU: its noise.')
     ] = None,
@@ -39,23 +35,28 @@ def map_(
         str | None,
         typer.Option('--clock', help='Times of validity: header stamps, or those of the log.'),
     ] = None,
+    msg_path: MsgPathOption = None,
 ) -> None:
     """Guess which topic of a bag is what, and print a mapping for `polar replay --map`.
 
     Comments in it say what was guessed from what, and what has to be filled in by hand.
     Instruments and clock that no option states are asked for on a terminal.
     """
+    from ..foreign.definitions import undecodable
     from ..foreign.guess import guess
     from ..foreign.guess_noise import Choices
     from ..foreign.instrument_noise import DVL_CLASSES, IMU_CLASSES
     from ..foreign.mapping import REFERENCES, STAMPS
-    from ..foreign.sources import open_source
+    from ..foreign.sources import not_described, open_source
     from ..terminal.progress import opening_display
 
     with opening_display(bag) as progress:
-        source = open_source(bag, progress)
+        source = open_source(bag, progress, msg_path=msg_path)
     for problem in source.problems:
         say(f'{bag}: {problem}')
+    missing = undecodable(not_described(source))
+    if missing is not None:
+        say(f'{bag}: {missing}')
     chosen = Choices(
         imu=_chosen('--imu', imu, IMU_CLASSES),
         dvl=_chosen('--dvl', dvl, DVL_CLASSES),
@@ -115,6 +116,7 @@ def replay_foreign(
     changes: list[str],
     accept: list[str],
     out: Path | None,
+    msg_path: Path | None,
     as_json: bool,
 ) -> None:
     """Run `polar replay --map`: check the bag, replay it, print and write the results."""
@@ -133,7 +135,7 @@ def replay_foreign(
     if configuration is not None:
         chosen['configuration'] = configuration
     with opening_display(bag) as progress:
-        source = open_source(bag, progress)
+        source = open_source(bag, progress, msg_path=msg_path)
     for problem in source.problems:
         say(f'{bag}: {problem}')
     what = mapping.with_parameters(mapping_file.load(mapping_path), chosen)

@@ -14,6 +14,9 @@ from ..analysis.counts import topic_counts
 from ..bags.finding import Finding, Severity
 from ..bags.reader import Bag
 from ..bags.run_folder import read_outcome
+from ..foreign.definitions import undecodable
+from ..foreign.sources import Source, not_described
+from ..foreign.sources.mcap import McapSource
 from ..scoring import Column, Table
 from ..scoring.json_values import record
 from .topic_times import TopicTimes, findings_of, read_times
@@ -87,46 +90,62 @@ class Examination:
         }
 
 
-def examine(bag: Bag, *, progress: Progress = lambda _: None) -> Examination:
-    """Examination of a bag, in one pass over all messages and one over those that are counted.
+def examine(bag: Bag | Source, *, progress: Progress = lambda _: None) -> Examination:
+    """Examination of a bag: one pass over all messages, and one over those that are counted.
+
+    Messages are counted in MCAP bags alone: this project writes no others.
 
     Raises
     ------
     BagError
         If the bag changes while it is read.
     """
-    times = read_times(bag, progress)
+    source = McapSource(bag) if isinstance(bag, Bag) else bag
+    times = read_times(source, progress)
     start_ns = min((t.first_log_ns for t in times if t.count), default=0)
     found = [
-        Finding(Severity.SEVERE, 'incomplete', '', None, None, problem) for problem in bag.problems
+        Finding(Severity.SEVERE, 'incomplete', '', None, None, problem)
+        for problem in source.problems
     ]
-    if not bag.problems:
-        found.append(
-            Finding(Severity.OK, 'complete', '', None, bag.message_count, 'the bag is whole')
-        )
-    found += _silent(bag)
-    recorder = bag.run_info.get('recorder')
+    if not source.problems:
+        count = sum(topic.count for topic in source.topics.values())
+        found.append(Finding(Severity.OK, 'complete', '', None, count, 'the bag is whole'))
+    found += _not_described(source)
+    mcap = source.bag if isinstance(source, McapSource) else None
+    found += _silent(source, mcap)
+    recorder = source.run_info.get('recorder')
     simulated = isinstance(recorder, dict) and recorder.get('log_time') == 'simulation'
     for one in times:
         found += findings_of(one, log_from_stamps=simulated)
     found = _one_clock(found)
-    found += totals(bag)
+    if mcap is not None:
+        found += totals(mcap)
     found.sort(key=lambda f: -f.severity)
     found = [f.relative_to(start_ns) for f in found]
-    return Examination(str(bag.path), start_ns, tuple(times), tuple(found))
+    return Examination(str(source.path), start_ns, tuple(times), tuple(found))
 
 
-def _silent(bag: Bag) -> list[Finding]:
+def _not_described(source: Source) -> list[Finding]:
+    """Finding of types without a definition: their stamps are not examined."""
+    sentence = undecodable(not_described(source))
+    if sentence is None:
+        return []
+    return [Finding(Severity.WARNING, 'no definition', '', None, None, sentence)]
+
+
+def _silent(source: Source, bag: Bag | None) -> list[Finding]:
     """Findings of topics without a message, unless none was published."""
-    recorder = bag.run_info.get('recorder')
+    recorder = source.run_info.get('recorder')
     lossless = isinstance(recorder, dict) and recorder.get('lockstep') is True
-    counts = topic_counts(bag, read_outcome(bag.path).get('counts', {}))
-    quiet = {c.topic for c in counts if c.published == 0}
+    quiet = set()
+    if bag is not None:
+        counts = topic_counts(bag, read_outcome(bag.path).get('counts', {}))
+        quiet = {c.topic for c in counts if c.published == 0}
     return [
         Finding(
             Severity.OK if known else Severity.WARNING, 'silent', topic.name, None, 0, 'no message'
         )
-        for topic in bag.topics.values()
+        for topic in source.topics.values()
         if not topic.count
         for known in [lossless or topic.name in quiet]
     ]

@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..bags.finding import Finding, Severity
-from ..bags.reader import Bag
+from ..foreign.arrays import unfilled
+from ..foreign.sources import Source
 
 Ints = NDArray[np.int64]
 
@@ -25,6 +26,8 @@ JUMP_S = 1.0
 DRIFT, DRIFT_S = 1e-4, 0.1
 """Seconds per second by which stamps and log time may part, as clocks of computers do, and the
 whole by which they must have parted before it is more than the noise of a transport."""
+WRONG_CLOCK, WRONG_CLOCK_S = 1e-2, 1.0
+"""From these on, as in a replay, no speed and no turn comes out right."""
 FUTURE_S = 0.1
 """Least time [s] of logging before validity that is impossible for a transport."""
 OTHER_CLOCK_S = 3600.0
@@ -107,19 +110,17 @@ class TopicTimes:
         }
 
 
-def read_times(bag: Bag, progress: Callable[[float], None]) -> list[TopicTimes]:
-    """Times of all topics, read in one pass, in order of topic."""
-    headed = {
-        name: bag.definition(name).has_header and bag.channel(name).encoding == 'cdr'
-        for name in bag.topics
-    }
+def read_times(bag: Source, progress: Callable[[float], None]) -> list[TopicTimes]:
+    """Read the times of all topics in one pass, in order of topic."""
+    headed = {name: topic.count > 0 and bag.headed(name) for name, topic in bag.topics.items()}
+    count = sum(topic.count for topic in bag.topics.values())
     logs: dict[str, list[int]] = {name: [] for name in bag.topics}
     stamps: dict[str, list[int]] = {name: [] for name in bag.topics}
     bad = dict.fromkeys(bag.topics, 0)
-    every = max(1, bag.message_count // 100)
-    for i, (topic, log_ns, data) in enumerate(bag.messages()):
+    every = max(1, count // 100)
+    for i, (topic, log_ns, data) in enumerate(bag.fronts()):
         if i % every == 0:
-            progress(i / bag.message_count)
+            progress(i / count)
         if not headed[topic]:
             logs[topic].append(log_ns)
             continue
@@ -176,12 +177,18 @@ def _rate_and_gaps(t: TopicTimes) -> list[Finding]:
     steps = np.diff(times)
     text = f'{t.count} messages at {1e9 / period:.4g} Hz'
     found = [Finding(Severity.OK, 'rate', t.topic, None, 1e9 / period, text)]
-    gaps = np.flatnonzero(steps > GAP_FACTOR * period)
+    # Stamps that leap while the recording goes on leave no gap: they are said to jump.
+    leaps = (steps - np.diff(t.log_ns)) * 1e-9 > JUMP_S
+    gaps = np.flatnonzero((steps > GAP_FACTOR * period) & ~leaps)
     if gaps.size:
         worst = int(gaps[np.argmax(steps[gaps])])
         missing = int(np.sum(np.rint(steps[gaps] / period) - 1))
+        lasted_s = float(steps[~leaps].sum()) * 1e-9
+        about = f'about {missing} messages'
+        if missing > t.count:  # pauses or bursts are the rule: nothing says how many there were
+            about = f'{(t.count - 1) / lasted_s:.4g} Hz by count and duration'
         text = (
-            f'{gaps.size} gaps over {GAP_FACTOR:g} intervals, about {missing} messages; '
+            f'{gaps.size} gaps over {GAP_FACTOR:g} intervals, {about}; '
             f'the longest has {steps[worst] * 1e-9:.3f} s'
         )
         found.append(Finding(Severity.WARNING, 'gap', t.topic, int(times[worst]), gaps.size, text))
@@ -189,12 +196,13 @@ def _rate_and_gaps(t: TopicTimes) -> list[Finding]:
 
 
 def _zero(t: TopicTimes) -> list[Finding]:
-    zero = np.flatnonzero(t.times_ns == 0)
+    zero = np.flatnonzero(unfilled(t.times_ns))
     if not zero.size:
         return []
     text = f'{zero.size} of {t.count} stamps are zero'
     when = int(t.log_ns[zero[0]])
-    return [Finding(Severity.SEVERE, 'zero stamp', t.topic, when, zero.size, text)]
+    severity = Severity.SEVERE if zero.size > 1 else Severity.WARNING
+    return [Finding(severity, 'zero stamp', t.topic, when, zero.size, text)]
 
 
 def _order(t: TopicTimes, stamp_ns: Ints) -> list[Finding]:
@@ -246,7 +254,11 @@ def _against_log(t: TopicTimes, stamp_ns: Ints) -> list[Finding]:
         rise, drift = _drift(log, delay)
         if abs(rise) > DRIFT_S and abs(drift) > DRIFT:
             text = f'stamps drift against log time by {-drift:.2e} s per second'
-            found.append(Finding(Severity.WARNING, 'drift', t.topic, int(stamp[0]), -drift, text))
+            severity = Severity.WARNING
+            if abs(drift) >= WRONG_CLOCK and abs(rise) >= WRONG_CLOCK_S:
+                severity = Severity.SEVERE
+                text += f' (limit {WRONG_CLOCK:g}): at {100.0 * (1.0 - drift):.3g} % of real time'
+            found.append(Finding(severity, 'drift', t.topic, int(stamp[0]), -drift, text))
     if not found:
         text = f'stamps agree with log time; {middle:.3f} s from validity to log'
         found.append(Finding(Severity.OK, 'stamps', t.topic, None, middle, text))

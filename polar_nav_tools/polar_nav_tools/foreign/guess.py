@@ -28,12 +28,13 @@ from .candidates import (
     vehicle,
     words,
 )
+from .definitions import undecodable
 from .guess_imu import put_imu
 from .guess_noise import Choices, put_noise
 from .guess_stamps import TopicTimes, put_stamp, times_of
 from .lines import Lines
 from .mapping import VERSION, Frame, PositionMapping, Stream
-from .sources import Source, field_paths, read_table
+from .sources import Source, field_paths, not_described, read_table
 
 _DOWNWARD_DVL = ('marine_acoustic_msgs/msg/Dvl',)
 
@@ -53,6 +54,9 @@ def guess(source: Source, choices: Choices | None = None) -> str:
         f'A mapping for `polar replay {source.path} --map THIS_FILE`, guessed from {source.kind}.'
     )
     out.say('Every comment says what a guess rests on; what could not be found is marked FILL IN.')
+    missing = undecodable(not_described(source))
+    if missing is not None:
+        out.say(missing)
     out.put()
     out.put(f'version: {VERSION}')
     topics = [t for t in source.topics.values() if t.count]

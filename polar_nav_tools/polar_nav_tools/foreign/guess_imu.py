@@ -17,7 +17,7 @@ from .guess_noise import Choices
 from .guess_stamps import TopicTimes, put_stamp, times_of
 from .lines import Lines
 from .mapping import ACCEL_UNITS, ImuMapping, Stream
-from .sources import Source, Stamps, field_paths
+from .sources import Source, Stamps, field_paths, not_described
 
 _GRAVITY = 9.81
 
@@ -71,6 +71,7 @@ def put_imu(out: Lines, source: Source, imu: Topic | None, choices: Choices) -> 
 def _unknown(out: Lines, source: Source) -> None:
     """Show the fields of the most frequent topic of a type without an adapter."""
     known = {*IMU, *VELOCITY, *DEPTH, *POSITION}
+    known |= set(not_described(source))
     others = [t for t in source.topics.values() if t.count and t.type not in known]
     if not others:
         return
