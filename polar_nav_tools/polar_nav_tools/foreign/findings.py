@@ -50,6 +50,7 @@ NAMES: dict[str, str] = {
     'not_at_rest': 'the vehicle moves while it should be at rest for alignment',
     'path_length': 'the paths by reference and by DVL have very different lengths',
     'truth_attitude': 'the reference has no attitude or velocity to compare with',
+    'dvl_lever': 'in turns, the DVL is at another place or older than stated',
     'dvl_misfit': 'in the run, the DVL did not fit the IMU',
     'depth_misfit': 'in the run, depths did not fit the rest',
     'fixes_misfit': 'in the run, most fixes were refused by the gate',
