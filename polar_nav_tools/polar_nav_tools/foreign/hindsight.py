@@ -35,6 +35,8 @@ _NIS = 3.0
 _TRIED_NS = 300_000_000_000
 _BETTER = 3.0
 """By how much other axes must fit better to be told."""
+_FITS = 1.5
+"""Mean NIS over its degrees of freedom at which nothing else is looked for."""
 _FACTORS = (10.0, 100.0)
 _IMU_NOISE = {
     'gyro_bias_sigma': 1.0,
@@ -187,12 +189,12 @@ def _advice(loaded: Loaded, params: FollowerParams, trial: _Trial, lever: bool) 
     if lever:
         return 'See the lever arm or latency that the turns show (dvl_lever)'
     dof = LOCAL_DOF['dvl']
-    fits = (trial[1][_best(trial)] if turned else trial[0]) <= _NIS * dof
+    fits = (trial[1][_best(trial)] if turned else trial[0]) <= _FITS * dof
     if not fits:
         for factor in _FACTORS:
             other = tried_axes(loaded, with_imu_noise(params, factor))
             ratio = other[1][_best(other)] if _turned(other) else other[0]
-            if ratio <= _NIS * dof:
+            if ratio <= _FITS * dof:
                 axes = f'; {_axes_text(other)}' if _turned(other) else ''
                 return (
                     f'With the noise of the IMU {factor:g} times as large, all six parameters, '
@@ -201,10 +203,10 @@ def _advice(loaded: Loaded, params: FollowerParams, trial: _Trial, lever: bool) 
                 )
     if turned:
         return f'See `rotation` first: {_axes_text(trial)}'
+    noise = '' if fits else ', nor a noise of the IMU up to 100 times as large'
     return (
         'See `rotation` first: no other axes along those of the body fit better, nor turned by 45 '
-        'degrees, nor a noise of the IMU up to 100 times as large: lever_b of DVL and IMU, '
-        'time_offset_s, sigma, or other angles'
+        f'degrees{noise}: lever_b of DVL and IMU, time_offset_s, sigma, or other angles'
     )
 
 

@@ -136,12 +136,12 @@ def _parts(inputs: Inputs) -> list[_Part]:
         return []
     omega, f = inputs.omega_ib_b[good], inputs.f_b[good]
     starts = np.arange(int(stamps_ns[0]), int(stamps_ns[-1]), round(_WINDOW_S * 1e9))
-    edges = np.searchsorted(stamps_ns, np.r_[starts, stamps_ns[-1]])
+    edges = np.searchsorted(stamps_ns, np.r_[starts, stamps_ns[-1]]).tolist()
     spread = [float(np.std(omega[a:b, 2])) if b > a else 0.0 for a, b in pairwise(edges)]
     chosen = np.sort(np.argsort(spread)[::-1][:_MOST_WINDOWS])
     parts = []
     for k in chosen:
-        a, b = int(edges[k]), int(edges[k + 1])
+        a, b = edges[k], edges[k + 1]
         inside = slice(*np.searchsorted(pings_ns, stamps_ns[[a, max(b - 1, a)]], side='right'))
         t = (stamps_ns[a:b] - stamps_ns[a]) * 1e-9
         at = (pings_ns[inside] - stamps_ns[a]) * 1e-9
