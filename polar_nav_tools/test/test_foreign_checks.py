@@ -377,6 +377,14 @@ def test_velocity(tmp_path: Path, whole: Path) -> None:
     assert loaded(whole).inputs.dvl_valid.all()
 
 
+def test_pings_relative_to_the_water(tmp_path: Path) -> None:
+    """Taken where the mapping states that they are what is wanted, and only there."""
+    path = changed(tmp_path, DVL, lambda m, _: edit(m, velocity_mode=2))
+    assert not loaded(path).inputs.dvl_valid.any()
+    top = yaml.safe_load(MAPPING)['dvl'] | {'reference': 'water'}
+    assert loaded(path, {'dvl': top}).inputs.dvl_valid.all()
+
+
 def dvl_in(unit: str) -> dict[str, Any]:
     """The DVL's part of the mapping with a unit."""
     return {'dvl': yaml.safe_load(MAPPING)['dvl'] | {'unit': unit}}

@@ -85,8 +85,8 @@ def replay(
     if mapping is not None:
         from .foreign import replay_foreign
 
-        changes, taken = change or [], accept or []
-        replay_foreign(bag, mapping, configuration, changes, taken, out, msg_path, as_json)
+        stated, taken = change or [], accept or []
+        replay_foreign(bag, mapping, configuration, stated, taken, out, msg_path, as_json)
         return
     if msg_path is not None:
         raise typer.BadParameter('goes with --map', param_hint='--msg-path')

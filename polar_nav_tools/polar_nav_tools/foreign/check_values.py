@@ -252,7 +252,8 @@ def check_fixes(rows: FixRows, max_delay_s: float) -> Iterator[Finding]:
     if not fixes:
         return
     validity = np.array([f.validity_ns for f in fixes], dtype=np.int64)
-    delay = np.array([f.receive_ns - f.validity_ns for f in fixes], dtype=np.int64) * 1e-9
+    delays_ns = np.array([f.receive_ns - f.validity_ns for f in fixes], dtype=np.int64)
+    delay = np.asarray(delays_ns * 1e-9, dtype=np.float64)
     yield from check_covariances(rows.topic, validity, np.array([f.covariance_e for f in fixes]))
     if abs(float(np.median(delay))) > _LONGEST_DELAY_S:
         yield _other_clock(rows, validity, delay)

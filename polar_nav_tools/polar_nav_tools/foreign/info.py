@@ -16,18 +16,19 @@ def source_info(source: Source) -> BagInfo:
         When the bag is damaged, or holds no message.
     """
     times: dict[str, tuple[int, int]] = {}
-    for topic, log_ns, _ in source.fronts():
-        first, last = times.get(topic, (log_ns, log_ns))
-        times[topic] = (min(first, log_ns), max(last, log_ns))
+    for name, log_ns, _ in source.fronts():
+        first, last = times.get(name, (log_ns, log_ns))
+        times[name] = (min(first, log_ns), max(last, log_ns))
     if not times:
         raise BagError(f'{source.path} holds no message')
     start_ns, stop_ns = min(t[0] for t in times.values()), max(t[1] for t in times.values())
     topics = []
     for topic in source.topics.values():
-        first_ns, last_ns = times.get(topic.name, (None, None))
+        own = times.get(topic.name)
+        first_ns, last_ns = (None, None) if own is None else own
         rate = None
-        if first_ns is not None and last_ns is not None and last_ns > first_ns:
-            rate = (topic.count - 1) * 1e9 / (last_ns - first_ns)
+        if own is not None and own[1] > own[0]:
+            rate = (topic.count - 1) * 1e9 / (own[1] - own[0])
         topics.append(TopicInfo(topic.name, topic.type, topic.count, rate, first_ns, last_ns))
     files = [source.path] if source.path.is_file() else sorted(source.path.glob('*.db3'))
     size = sum(file.stat().st_size for file in files)

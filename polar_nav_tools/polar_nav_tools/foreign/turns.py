@@ -45,7 +45,7 @@ _OUTLIER = 5.0
 _LEVER, _LAG, _GYRO = slice(0, 2), 2, slice(6, 9)
 _PRIOR = np.array([10.0, 10.0, 5.0, *[0.5] * 3, *[0.02] * 3])
 """1-sigma of lever arm [m], lag [s], biases [m/s^2], [rad/s]: what no turn shows stays small."""
-_ROUNDS, _ENOUGH = 5, 1e-6
+_ROUNDS, _ENOUGH = 5, 1e-5
 """Of solving again with the gyros' bias taken off; until it changes by less [rad/s]."""
 
 
@@ -136,12 +136,14 @@ def _parts(inputs: Inputs) -> list[_Part]:
         return []
     omega, f = inputs.omega_ib_b[good], inputs.f_b[good]
     starts = np.arange(int(stamps_ns[0]), int(stamps_ns[-1]), round(_WINDOW_S * 1e9))
-    edges = np.searchsorted(stamps_ns, np.r_[starts, stamps_ns[-1]]).tolist()
-    spread = [float(np.std(omega[a:b, 2])) if b > a else 0.0 for a, b in pairwise(edges)]
+    bounds: list[int] = [
+        int(k) for k in np.searchsorted(stamps_ns, np.append(starts, stamps_ns[-1]))
+    ]
+    spread = [float(np.std(omega[a:b, 2])) if b > a else 0.0 for a, b in pairwise(bounds)]
     chosen = np.sort(np.argsort(spread)[::-1][:_MOST_WINDOWS])
     parts = []
     for k in chosen:
-        a, b = edges[k], edges[k + 1]
+        a, b = bounds[k], bounds[k + 1]
         inside = slice(*np.searchsorted(pings_ns, stamps_ns[[a, max(b - 1, a)]], side='right'))
         t = (stamps_ns[a:b] - stamps_ns[a]) * 1e-9
         at = (pings_ns[inside] - stamps_ns[a]) * 1e-9
@@ -196,11 +198,11 @@ def _window(p: _Part, gyro_bias_b: Array, lever_b: Array) -> _Window:
 
 def _carried(delta_theta_b: Array) -> Array:
     """Attitude against the start of a window, (n, 3, 3), by increments of angle (n, 3) [rad]."""
-    C = np.empty((len(delta_theta_b), 3, 3))
-    now = np.eye(3)
-    for k, step in enumerate(exp(delta_theta_b)):
-        now = now @ step
-        C[k] = now
+    C = np.asarray(exp(delta_theta_b))
+    reach = 1  # each C holds the product of the last so many steps
+    while reach < len(C):
+        C = np.concatenate([C[:reach], C[:-reach] @ C[reach:]])
+        reach *= 2
     return C
 
 
