@@ -190,7 +190,7 @@ def test_health_is_what_the_engine_itself_has_after_every_fix():
             level = int(engine.health.level)
             if not seen or seen[-1] != level:
                 seen.append(level)
-    result = engine_run.run(params, world.inputs, watch=True)
+    result = engine_run.run(params, world.inputs, look_every_s=1.0)
     end_ns = int(world.inputs.imu_stamps_ns[-1])
     history = health_history(
         WatchedRun(params, result.receipts, world.truth.start_ns, end_ns, health=result.health)

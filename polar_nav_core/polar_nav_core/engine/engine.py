@@ -86,7 +86,8 @@ class Engine:
         self.fused: Counter[str] = Counter()
         self.resets = 0
         self.health: Health | None = None
-        self._watchdog = Watchdog(Envelope(params.max_speed, params.max_depth))
+        envelope = Envelope(params.max_speed, params.max_depth, params.lost_radius)
+        self._watchdog = Watchdog(envelope)
         self.imu_gaps = 0
         self.divergence = ''
         self.ledger = FixLedger(params, self.verdicts, self.fused)
@@ -222,7 +223,7 @@ class Engine:
             self.due_ns = sample.stamp_ns
 
     def look(self) -> Health | None:
-        """Health of a strapdown navigation at the newest sample; None in station mode."""
+        """Health at the newest sample, stored as `health`; None in station mode."""
         self.health = None
         if isinstance(self.fusion, Fusion):
             found = [] if self.integrity.level is Level.OK else [self.integrity.condition]
@@ -317,8 +318,8 @@ class Engine:
         if command.kind in (CommandKind.SHUTDOWN, CommandKind.IDENTIFY):
             return
         self._initial = command.initial_state or self.params.initial_state()
-        self.fusion = None
-        self.health = None
+        self._leave()
+        self.resets += 1
         self.due_ns = None
         self.divergence = ''
         self.ledger.start_anew()
@@ -331,8 +332,14 @@ class Engine:
         self.divergence = (
             f'{why} (at {stamp_ns * 1e-9:.3f} s); no estimates are published until a reset'
         )
-        self.fusion = None
+        self._leave()
         self.due_ns = None
+
+    def _leave(self) -> None:
+        """Drop the filter; its enlargements of the covariance stay counted."""
+        self.resets = max(self.resets, 0 if self.health is None else self.health.resets)
+        self.fusion = None
+        self.health = None
 
     def _count(self, receipt: Receipt) -> Receipt:
         self.verdicts[receipt.verdict] += 1

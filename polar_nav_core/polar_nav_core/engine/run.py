@@ -9,21 +9,21 @@ Carlo runs and fast replays use this.
 from __future__ import annotations
 
 import heapq
-from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Generic, Protocol, overload
+from typing import Any, Generic, overload
 
 import numpy as np
 
 from ..errors import FilterDivergence
 from ..identification.result import Identification
 from ..order import FIX_RANK, FUSED, NEVER_NS
-from .driver import Adaptation, Driver
+from .driver import WholeArrays
 from .engine import Engine
 from .events import Command, Event, Fix, ImuSample, OrderKey, Rank, Receipt, Verdict
 from .health.conditions import Health
 from .inputs import Inputs, Stamps, StationInputs
+from .looks import Look, looks_of
 from .params import EngineParams
 from .results import FixResult
 from .sins.whole import SinsArrays
@@ -61,7 +61,7 @@ class Result(Generic[T]):
     verdicts: Mapping[Verdict, int] = field(default_factory=dict)
     identifications: tuple[Identification, ...] = ()
     health: tuple[Health, ...] = ()
-    """Once a second, where it was asked for."""
+    """Once a second, of a run event by event; of a compiled run as often as was asked for."""
 
 
 @overload
@@ -74,7 +74,7 @@ def run(
     one_by_one: bool = False,
     sink: RowSink | None = None,
     derived: bool = False,
-    watch: bool = False,
+    look_every_s: float = 0.0,
 ) -> Result[Track]: ...
 
 
@@ -87,7 +87,7 @@ def run(
     progress: Progress | None = None,
     one_by_one: bool = False,
     sink: Callable[[StationTrack], None] | None = None,
-    watch: bool = False,
+    look_every_s: float = 0.0,
 ) -> Result[StationTrack]: ...
 
 
@@ -100,7 +100,7 @@ def run(
     one_by_one: bool = False,
     sink: Callable[[Any], None] | None = None,
     derived: bool = False,
-    watch: bool = False,
+    look_every_s: float = 0.0,
 ) -> Result[Any]:
     """Track and receipts of a run over the inputs; an estimate every ``params.output_period_s``.
 
@@ -119,8 +119,8 @@ def run(
     derived : bool
         Replace the covariances in the rows by the columns that nav/state publishes, derived from
         state and covariance (`nav_columns`); not in station mode.
-    watch : bool
-        Judge the sensors once a second, as a node does, and return the health.
+    look_every_s : float
+        How often the watchdog looks at a compiled run (whole seconds); 0 for never.
     """
     engine = Engine(params)
     health: list[Health] = []
@@ -133,14 +133,14 @@ def run(
         ordered = sorted(commands, key=_key)
         for event in heapq.merge(inputs.events(), ordered, key=_key):
             collector.take(engine.process(event))
-            if watch and engine.health is not None and engine.health not in health[-1:]:
+            if engine.health is not None and (not health or engine.health is not health[-1]):
                 health.append(engine.health)
         collector.take(engine.finish())
     else:
         arrays = _arrays_of(params, inputs, collector)
-        single = sorted([*inputs.fixes, *commands, *arrays.unusable], key=_key)
-        driver = _Driver(engine, arrays, single, collector, progress)
-        driver.run(arrays.new_seconds_ns() if watch else [], health)
+        looks = looks_of(arrays.new_seconds_ns(), look_every_s)
+        events = [*inputs.fixes, *commands, *arrays.unusable, *looks]
+        _Driver(engine, arrays, sorted(events, key=_key), collector, progress, health).run()
     collector.drain()
     return Result(
         collector.track(),
@@ -152,7 +152,7 @@ def run(
     )
 
 
-def _key(event: Event) -> OrderKey:
+def _key(event: Event | Look) -> OrderKey:
     return event.key
 
 
@@ -164,30 +164,10 @@ def _station_filter(engine: Engine) -> StationFilter:
 
 def _arrays_of(
     params: EngineParams, inputs: Inputs | StationInputs, collector: Collector[Any]
-) -> _Arrays:
+) -> WholeArrays:
     if isinstance(inputs, StationInputs):
         return StationArrays(inputs, collector.rows)
     return SinsArrays(inputs, collector.rows, model_aiding=params.model_aiding)
-
-
-class _Arrays(Protocol):
-    """Interface of a mode's arrays in its filter's streams (`sins.whole`, `station.whole`)."""
-
-    first: ImuSample | None
-    unusable: list[Event]
-
-    def new_seconds_ns(self) -> list[int]: ...
-
-    def start(self, driver: Driver | None, first: ImuSample) -> bool: ...
-
-    @property
-    def stamp_ns(self) -> int: ...
-
-    def advance(self, until_ns: int, until_rank: int) -> bool: ...
-
-    def put_row(self) -> None: ...
-
-    def log(self, adaptation: Adaptation, until_ns: int) -> None: ...
 
 
 class _Driver:
@@ -197,57 +177,46 @@ class _Driver:
     ----------
     engine : Engine
     arrays : SinsArrays or StationArrays
-    single : list of Event
-        Fixes, commands and unusable samples, in the total order.
+    single : list of Event or Look
+        Fixes, commands, unusable samples and looks, in the total order.
     collector : Collector
     progress : callable or None
+    health : list of Health
+        Gets the results of the looks.
     """
 
     def __init__(
         self,
         engine: Engine,
-        arrays: _Arrays,
-        single: list[Event],
+        arrays: WholeArrays,
+        single: list[Event | Look],
         collector: Collector[Any],
         progress: Progress | None,
+        health: list[Health],
     ) -> None:
         self._engine = engine
         self._arrays = arrays
         self._single = single
         self._collector = collector
         self._progress = progress
+        self._health = health
         self._started = False
         self._fixes: _FixesAtOnce | None = None
 
-    def run(self, looks_ns: Sequence[int], health: list[Health]) -> None:
-        """Drive the engine to the end of the inputs.
-
-        Parameters
-        ----------
-        looks_ns : sequence of int
-            Stamps of the IMU samples before which the sensors are judged [ns], ascending.
-        health : list of Health
-            Receives what was found.
-        """
+    def run(self) -> None:
+        """Drive the engine to the end of the inputs."""
         first, number, next_report = self._arrays.first, 0, 0
-        looks = deque(looks_ns)
         while number < len(self._single):
             event = self._single[number]
             if first is not None and event.key > first.key:
                 self._start(first)
                 first = None
-            while looks and (looks[0], int(Rank.IMU)) <= event.key[:2]:
-                self._look(looks.popleft(), health)
-            number += self._several_fixes(number, looks[0] if looks else NEVER_NS) or self._one(
-                event
-            )
+            number += self._several_fixes(number) or self._one(event)
             if self._progress is not None and number >= next_report:
                 self._progress(number / len(self._single))
                 next_report = number + len(self._single) // 100
         if first is not None:
             self._start(first)
-        for stamp_ns in looks:
-            self._look(stamp_ns, health)
         self._advance(_END_NS, int(Rank.IMU))
         self._flush(_END_NS)
         if self._progress is not None:
@@ -266,24 +235,21 @@ class _Driver:
         """Whether the filter holds the arrays and has not stopped."""
         return self._started and self._engine.navigating
 
-    def _look(self, stamp_ns: int, health: list[Health]) -> None:
-        """Judge the sensors after all that comes before the IMU sample of a stamp."""
-        self._advance(stamp_ns, int(Rank.IMU))
-        found = self._engine.look() if self._running else None
-        if found is not None:
-            health.append(found)
-
-    def _several_fixes(self, number: int, before_ns: int) -> int:
+    def _several_fixes(self, number: int) -> int:
         """Fuse fixes from an index on in the compiled loop; returns their number, perhaps 0."""
         if self._fixes is None or not self._engine.navigating:
             return 0
-        return self._fixes.take(self._single[number : number + _STRETCH], before_ns)
+        return self._fixes.take(self._single[number : number + _STRETCH])
 
-    def _one(self, event: Event) -> int:
-        """Process one event after all data before it; returns 1."""
+    def _one(self, event: Event | Look) -> int:
+        """Process one event, or look, after all data before it; returns 1."""
         # A sample whose stamp was there before comes after the first of them.
         rank = int(event.key[1]) + isinstance(event, ImuSample)
         self._advance(event.stamp_ns, rank)
+        if isinstance(event, Look):
+            found = self._engine.look()
+            self._health += [] if found is None else [found]
+            return 1
         self._collector.take(self._engine.process(event))
         return 1
 
@@ -329,14 +295,8 @@ class _FixesAtOnce:
         self._arrays = arrays
         self._collector = collector
 
-    def take(self, events: Sequence[Event], before_ns: int) -> int:
+    def take(self, events: Sequence[Event | Look]) -> int:
         """Fuse the leading fixes of ``events`` with all data before them; returns their number.
-
-        Parameters
-        ----------
-        events : sequence of Event
-        before_ns : int
-            Fixes received at this stamp or later are left [ns].
 
         Returns
         -------
@@ -344,7 +304,7 @@ class _FixesAtOnce:
             How many fixes that were: up to the first that is refused or needs a look in Python.
         """
         engine, arrays = self._engine, self._arrays
-        fixes = self._plain(events, before_ns)
+        fixes = self._plain(events)
         if not fixes:
             return 0
         first, settled = arrays.fixes, 0
@@ -371,7 +331,7 @@ class _FixesAtOnce:
             engine.last_imu_ns = arrays.stamp_ns
         return settled
 
-    def _plain(self, events: Sequence[Event], before_ns: int) -> list[Fix]:
+    def _plain(self, events: Sequence[Event | Look]) -> list[Fix]:
         """Leading fixes that only the filter's history or gate can refuse."""
         found: list[Fix] = []
         names: set[tuple[str, int]] = set()
@@ -380,7 +340,7 @@ class _FixesAtOnce:
             if not isinstance(event, Fix) or not ledger.integrity.quiet or ledger.refusal(event):
                 break
             name = (event.source, event.sequence)
-            if name in names or event.receive_ns >= before_ns:
+            if name in names:
                 break
             names.add(name)
             found.append(event)

@@ -102,7 +102,7 @@ class SinsScene:
         params = world.params(
             **{'output_period_s': _OUTPUT_S, **longest, **self.changes, **changes}
         )
-        result = engine_run.run(params, world.inputs, watch=True)
+        result = engine_run.run(params, world.inputs, look_every_s=1.0)
         course = _sins_course(world, result.track, self.duration_s)
         track = result.track
         return Ran(
