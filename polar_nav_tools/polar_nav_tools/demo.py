@@ -102,6 +102,7 @@ class DemoResult:
         return {
             'ok': not self.complaints,
             'complaints': self.complaints,
+            'remarks': analysis.remarks(),
             'mission': graph.mission,
             'duration_s': graph.duration_s,
             'seed': graph.options.seed,

@@ -69,7 +69,7 @@ def test_replay_with_a_mapping(polar: Polar, bag: Path, tmp_path: Path) -> None:
     assert status == 0
     (one,) = json.loads(text)['runs'].values()
     assert one['summary']['r_x'] == said['score']['default']['summary']['r_x']
-    assert polar('replay', bag, '--map', mapping, '--out', out)[0] == 1
+    assert polar('replay', bag, '--map', mapping, '--out', out)[0] == 2
 
 
 def test_severe_findings_refuse_unless_accepted(polar: Polar, bag: Path, tmp_path: Path) -> None:
@@ -86,7 +86,7 @@ def test_severe_findings_refuse_unless_accepted(polar: Polar, bag: Path, tmp_pat
     assert 'severe: fix_from_future: /acoustics/position at 17723232' in err
     assert 'FROM_FUTURE 13' in out
     status, _, err = polar('replay', bag, '--map', mapping, '--accept', 'everything')
-    assert status == 1
+    assert status == 2
     assert "'everything' is no finding" in err
 
 
@@ -127,5 +127,5 @@ def test_import_csv(polar: Polar, tmp_path: Path) -> None:
     assert written['imu'] == {'topic': '/follower/imu/data_raw'}
     assert written['version'] == 1
     status, _, err = polar('import', 'csv', columns, '--out', 'auv')
-    assert status == 1
+    assert status == 2
     assert 'never overwritten' in err

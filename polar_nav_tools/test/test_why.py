@@ -475,5 +475,5 @@ def test_another_configuration_is_replayed(polar):
 
 def test_an_unknown_number_is_one_sentence(polar):
     status, out, err = polar(REFERENCE, '--seq', 99)
-    assert (status, out) == (1, '')
+    assert (status, out) == (2, '')
     assert err == 'polar: no fix 99 of follower: the bag holds 0 to 14\n'

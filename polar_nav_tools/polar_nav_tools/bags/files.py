@@ -9,7 +9,7 @@ from typing import Any
 
 import yaml
 
-from .errors import BagError
+from .errors import BagError, WrongRequestError
 from .rosbag2_metadata import FILE_NAME, ROOT_KEY
 
 _MAX_YAML_BYTES = 16 * 1024 * 1024
@@ -40,7 +40,7 @@ def find(path: Path) -> Listing:
         if path.is_dir():
             return _directory(path)
         if not path.exists():
-            raise BagError(f'{path} does not exist')
+            raise WrongRequestError(f'{path} does not exist')
     except OSError as error:
         raise BagError(f'{path}: cannot be read ({error.strerror})') from error
     if path.name == FILE_NAME:

@@ -26,7 +26,7 @@ from typing import Self
 from mcap.writer import CompressionType, Writer
 
 from . import qos, rosbag2_metadata
-from .errors import BagError
+from .errors import BagError, WrongRequestError
 from .qos import Qos
 from .rosbag2_metadata import TopicSummary
 from .schemas import Definition, definition
@@ -375,7 +375,9 @@ def _create(directory: Path) -> Sink:
         directory.mkdir(parents=True)
         return Sink(directory / f'{name}_0.mcap')
     except FileExistsError as error:
-        raise BagError(f'{directory} exists already; a bag is never overwritten') from error
+        raise WrongRequestError(
+            f'{directory} exists already; a bag is never overwritten'
+        ) from error
     except OSError as error:
         raise BagError(f'{directory}: cannot make this bag ({error.strerror})') from error
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .app import app, emit_json, end, say
+from .app import app, emit_json, require, say
 from .arguments import AnyBagArgument, MsgPathOption
 
 if TYPE_CHECKING:
@@ -90,6 +90,8 @@ def replay(
         return
     if msg_path is not None:
         raise typer.BadParameter('goes with --map', param_hint='--msg-path')
+    from polar_nav_core.engine.health.span import span_of_health
+
     from ..replay.arrays import arrays_request
     from ..replay.by_array import replay_estimates
     from ..replay.by_message import ReplayResult
@@ -120,11 +122,13 @@ def replay(
                     progress=progress,
                 )
         summary = replay_summary(result, choose_description(source, vehicle)[1])
+        span = span_of_health(result.health)
         if out is not None and isinstance(result, ReplayResult):
             write_replay(out, result, source)
             summary['bag'] = str(out)
         if as_json:
-            emit_json({'ok': not (source.problems or result.divergence), **summary})
+            well = not (source.problems or result.divergence or span.complaint)
+            emit_json({'ok': well, **summary})
         else:
             for name, value in summary.items():
                 first, *others = value if isinstance(value, list) and value else [_plain(value)]
@@ -132,7 +136,9 @@ def replay(
                 sys.stdout.writelines(f'{"":>20}{other}\n' for other in others)
         if result.divergence:
             say(f'the filter diverged: {result.divergence}')
-            end(1)
+        if span.complaint:
+            say(span.complaint)
+        require(not (result.divergence or span.complaint))
 
 
 @app.command(epilog='Example: `./polar report bags/my_run --open`')
@@ -163,8 +169,7 @@ def report(
             sys.stdout.write(f'{path}\n')
         if open_report:
             typer.launch(str(path))
-        if not print_complaints(analysis):
-            end(1)
+        require(print_complaints(analysis))
 
 
 @app.command(epilog='Example: `./polar info bags/my_run --json`')
@@ -225,8 +230,7 @@ def opened(path: Path, ahead: Wants | None = None) -> Iterator[Bag]:
 
     bag = open_for(path, say, ahead)
     yield bag
-    if bag.problems:
-        end(1)
+    require(not bag.problems)
 
 
 @contextmanager
@@ -240,8 +244,7 @@ def opened_source(path: Path, msg_path: Path | None) -> Iterator[Source]:
     for problem in source.problems:
         say(f'{path}: {problem}')
     yield source
-    if source.problems:
-        end(1)
+    require(not source.problems)
 
 
 @contextmanager
@@ -272,6 +275,7 @@ def analysed(
             chosen,
             vehicle=vehicle,
             live=recorded,
+            judge_live=recorded or not configurations,
             truth_from=None if truth is None else open_for(truth, say),
             say=say,
             progress=progress,
@@ -301,6 +305,8 @@ def print_complaints(analysis: Analysis) -> bool:
     complaints = analysis.complaints()
     for complaint in complaints[len(analysis.bag.problems) :]:
         say(complaint)
+    for remark in analysis.remarks():
+        say(f'beside it, {remark}')
     return not complaints
 
 

@@ -10,7 +10,7 @@ import typer
 
 from polar_nav_core.errors import ConfigError
 
-from .app import app, emit_json, end, say
+from .app import app, emit_json, require, say
 from .arguments import AnyBagArgument, MsgPathOption
 
 JsonOption = Annotated[bool, typer.Option('--json', help='Print figures as JSON on stdout.')]
@@ -156,7 +156,7 @@ def replay_foreign(
     if as_json:
         emit_json(
             {
-                'ok': not (source.problems or run.divergence),
+                'ok': not (source.problems or run.complaints()),
                 **said,
                 'findings': [finding_values(f) for f in run.findings],
                 'score': None if compared is None else compared.to_dict(),
@@ -177,7 +177,6 @@ def replay_foreign(
             )
         if compared is not None:
             print_table(console, compared.table())
-    if run.divergence:
-        say(f'the filter diverged: {run.divergence}')
-    if run.divergence or source.problems:
-        end(1)
+    for complaint in run.complaints():
+        say(complaint)
+    require(not (run.complaints() or source.problems))

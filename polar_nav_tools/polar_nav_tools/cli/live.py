@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .app import app, emit_json, end, say
+from . import status
+from .app import app, emit_json, end, require, say
 
 if TYPE_CHECKING:
     from ..graph.build import Graph
@@ -101,7 +102,7 @@ def demo(
     result = run_demo(options, say=say)
     if result.signal is not None:
         say(f'ended by {signal.Signals(result.signal).name}; the bag is {result.run.bag}')
-        end(128 + result.signal)
+        end(status.of_signal(result.signal))
     if as_json:
         emit_json(result.to_dict())
     else:
@@ -110,7 +111,9 @@ def demo(
         typer.launch(str(result.report))
     for complaint in result.complaints:
         say(complaint)
-    end(1 if result.complaints else 0)
+    for remark in result.analysis.remarks() if result.analysis is not None else ():
+        say(f'beside it, {remark}')
+    require(not result.complaints)
 
 
 @app.command(epilog='Example: `./polar launch --duration 300`, and elsewhere `ros2 topic list`')
@@ -159,7 +162,7 @@ def launch(
     run.check()
     if run.outcome.culprit is not None:
         say(f'{run.outcome.culprit.name} {run.outcome.culprit.how()} while it was ended')
-        end(1)
+        end(status.NOT_WELL)
 
 
 @app.command(epilog='Example: `./polar record --out bags/my_run`')

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .app import app, emit_json, end, say
+from .app import app, emit_json, require, say
 from .bags import (
     ConfigurationsOption,
     JsonOption,
@@ -89,8 +89,7 @@ def score(
         for table in tables:
             print_table(console, table)
     well = [print_complaints(analysis) for analysis in analyses.values()]
-    if not all(well):
-        end(1)
+    require(all(well))
 
 
 def _apart(words: list[Path], configs: list[str]) -> tuple[list[Path], list[str]]:
@@ -116,6 +115,9 @@ def _document(analyses: Mapping[str, Analysis]) -> dict[str, object]:
             'runs': one.comparison.to_dict(),
             'packets': None if one.delivery is None else one.delivery.to_dict(),
             'complaints': one.complaints(),
+            'remarks': one.remarks(),
+            'health': {name: span.to_dict() for name, span in one.spans.items()},
+            'judged': list(one.judged),
         }
         for label, one in analyses.items()
     }

@@ -8,15 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .app import app, emit_json, end, say
+from .app import app, emit_json, require, say
 from .arguments import AnyBagArgument, MsgPathOption
-from .bags import (
-    BagArgument,
-    JsonOption,
-    VehicleOption,
-    opened,
-    percent,
-)
+from .bags import BagArgument, JsonOption, VehicleOption, opened, percent
 
 if TYPE_CHECKING:
     from ..doctor.examine import Examination
@@ -90,8 +84,7 @@ def verify(
                 say(f'recorded with engine {result.engine_version}: {problem}')
         elif not result.equal:
             say(f'live and replay differ: {result.difference}')
-        if not well:
-            end(1)
+        require(well)
 
 
 def _plain(result: VerifyResult) -> dict[str, object]:
@@ -183,8 +176,7 @@ def doctor(
         emit_json(examination.to_dict())
     else:
         _print_examination(examination, everything)
-    if not examination.ok:
-        end(1)
+    require(examination.ok)
 
 
 def _print_examination(examination: Examination, everything: bool) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .app import app, emit_json, end, say
+from .app import app, emit_json, require, say
 from .bags import BagArgument, JsonOption, VehicleOption
 
 if TYPE_CHECKING:
@@ -62,8 +62,7 @@ def why(
         _print(story)
         if figure is not None:
             sys.stdout.write(f'\n{figure}\n')
-    if source_bag.problems:
-        end(1)
+    require(not source_bag.problems)
 
 
 def _print(story: Story) -> None:

@@ -52,6 +52,14 @@ _LEVER_M, _LAG_S = 0.2, 0.1
 """Less than this in lever arm or latency is what a person may well leave out."""
 
 
+BEYOND = 'does not fit the run, beyond the limits'
+
+
+def is_misfit(found: Finding) -> bool:
+    """Whether a finding is of measurements that do not fit the run, beyond their limits."""
+    return found.name.endswith('_misfit')
+
+
 def look_back(
     loaded: Loaded, params: FollowerParams, statistics: Array, receipts: Sequence[Receipt]
 ) -> tuple[Finding, ...]:

@@ -18,6 +18,8 @@ import numpy as np
 
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.events import Estimate, Receipt
+from polar_nav_core.engine.health.conditions import Health
+from polar_nav_core.engine.health.span import span_of_health
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.params import to_mapping
 from polar_nav_follower.params import FollowerParams
@@ -29,13 +31,14 @@ from polar_nav_ros.stamps import to_msg
 
 from ..bags import BagWriter
 from ..bags.finding import Finding
+from ..replay.result import LOOK_EVERY_S
 from ..scoring import Comparison, compare
 from ..scoring.consistency import OPTIMISTIC, PESSIMISTIC
 from ..series.estimates import EstimateRows, receipts_of
 from ..series.vehicle import EstimateSeries, TruthSeries
 from . import lever
 from .findings import to_dict as finding_values
-from .hindsight import look_back
+from .hindsight import BEYOND, is_misfit, look_back
 from .load import Loaded, load
 from .mapping import Mapping
 from .sources import Source
@@ -60,6 +63,8 @@ class ForeignRun:
     divergence : str
     findings : tuple of Finding
         Those of the data, and what did not fit in the run.
+    health : tuple of Health
+        Judgements of the watchdog in the order of time.
     """
 
     loaded: Loaded
@@ -69,11 +74,20 @@ class ForeignRun:
     verdicts: dict[str, int]
     divergence: str
     findings: tuple[Finding, ...] = ()
+    health: tuple[Health, ...] = ()
 
     @property
     def vehicle(self) -> str:
         """Name that the mapping gives."""
         return self.loaded.mapping.vehicle
+
+    def complaints(self) -> list[str]:
+        """Sentences on what was not well in the run; empty if all was."""
+        why = self.divergence
+        out = [f'the filter diverged: {why}'] if why else []
+        misfits = [f'{f.name}: {f.topic} {BEYOND}' for f in self.findings if is_misfit(f)]
+        complaint = span_of_health(self.health).complaint
+        return [*out, *misfits, *([complaint] if complaint else [])]
 
     def comparison(self) -> Comparison | None:
         """Score against the reference; None where none was mapped or nothing was estimated."""
@@ -134,7 +148,14 @@ def run(
             states.extend(_states(chunk, loaded))
 
     derived = moved is None and not messages  # else covariances are wanted as they are
-    result = engine_run.run(params, loaded.inputs, progress=progress, sink=take, derived=derived)
+    result = engine_run.run(
+        params,
+        loaded.inputs,
+        progress=progress,
+        sink=take,
+        derived=derived,
+        look_every_s=LOOK_EVERY_S,
+    )
     verdicts = Counter(r.verdict.name for r in result.receipts)
     estimates = rows.series(loaded.mapping.vehicle)
     statistics = estimates.local_statistics.sum(axis=0)
@@ -146,6 +167,7 @@ def run(
         dict(sorted(verdicts.items())),
         result.divergence,
         (*loaded.findings, *look_back(loaded, params, statistics, result.receipts)),
+        result.health,
     )
 
 
@@ -276,4 +298,5 @@ def summary(run_: ForeignRun) -> dict[str, Any]:
         'verdicts': run_.verdicts,
         'sha256': digest.hexdigest(),
         'divergence': run_.divergence or None,
+        'health': span_of_health(run_.health).to_dict(),
     }

@@ -28,7 +28,7 @@ from polar_nav_ros.stamps import to_ns
 from polar_nav_ros.topics import AHRS, CONTROL, DEPTH, RX, TRUE_MODEL
 
 from ..bags import arrays
-from ..bags.errors import BagError
+from ..bags.errors import BagError, WrongRequestError
 from ..bags.reader import Bag
 from ..bags.tables import read_tables
 from ..replay.described import NOTHING_DESCRIBED, descriptions_of
@@ -326,7 +326,7 @@ def choose_vehicle(bag: Bag, vehicle: str | None) -> str:
             f'AHRS, the thrust on <vehicle>/{CONTROL} and the fixes of a station; record a '
             'mission with one, as `./polar demo --mission station` does'
         )
-    raise BagError(
+    raise WrongRequestError(
         f'{bag.path} has several vehicles ({", ".join(found)}): name one with --vehicle'
     )
 

@@ -9,6 +9,7 @@ from typing import Any
 
 import yaml
 
+from polar_nav_core.engine.health.span import span_of_health
 from polar_nav_core.engine.version import ENGINE_VERSION
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.params import to_mapping, unknown_parameter
@@ -74,6 +75,7 @@ def replay_summary(result: ReplayResult | ReplayedRun, described: Description) -
         'taken': dict(result.taken),
         **hashes,
         'divergence': result.divergence or None,
+        'health': span_of_health(result.health).to_dict(),
         'engine_version': {'recorded': described.engine_version, 'replayed': ENGINE_VERSION},
         'retired_parameters': described.retired_texts(),
     }

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from polar_nav_core.engine.health.conditions import Health
+
 from .model import ModelRun
 from .vehicle import EstimateSeries, ReceiptRecord
 
@@ -20,9 +22,12 @@ class RunSeries:
         Estimated model of the vehicle and the water; None without a model.
     divergence : str
         Reason why the filter stopped; empty if it did not.
+    health : tuple of Health
+        Judgements of the watchdog in the order of time, of a replayed run.
     """
 
     estimates: EstimateSeries
     receipts: list[ReceiptRecord]
     model: ModelRun | None = None
     divergence: str = ''
+    health: tuple[Health, ...] = ()

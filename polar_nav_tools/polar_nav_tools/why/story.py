@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from polar_nav_core.errors import PolarNavError
+from polar_nav_core.errors import ConfigError
 
 from ..series.vehicle import ReceiptRecord
 from .content import Content
@@ -30,7 +30,7 @@ _SOON = 0.5
 """A packet that should have come this long before the end of the recording is lost [s]."""
 
 
-class UnknownFixError(PolarNavError):
+class UnknownFixError(ConfigError):
     """No fix of the bag has this sequence number."""
 
 
