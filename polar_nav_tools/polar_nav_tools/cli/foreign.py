@@ -166,7 +166,9 @@ def replay_foreign(
         console = Console(highlight=False)
         for name, value in said.items():
             shown = (
-                ', '.join(f'{k} {v}' for k, v in value.items()) if name == 'verdicts' else value
+                ', '.join(f'{k} {v}' for k, v in value.items())
+                if isinstance(value, dict)
+                else value
             )
             sys.stdout.write(f'{name:>14}: {shown}\n')
         for finding in run.findings:
