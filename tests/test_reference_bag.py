@@ -8,7 +8,12 @@ import pytest
 
 pytest.importorskip('rclpy')
 
+from rclpy.serialization import deserialize_message
+
+from polar_nav_core.engine.health.radius import radius_95
 from polar_nav_core.engine.version import ENGINE_VERSION
+from polar_nav_msgs.msg import NavHealth, NavState
+from polar_nav_ros.stamps import to_ns
 from polar_nav_tools.bags import open_bag
 from polar_nav_tools.bags.arrays import estimates_from_cdr, load_receipts, receipts_from_cdr
 from polar_nav_tools.live.run_info import cpu_model, versions
@@ -70,3 +75,22 @@ def test_the_page_lists_every_kept_bag_with_its_engine():
         name: str(load_inputs(open_bag(path)).engine_version) for name, path in kept.items()
     }
     assert listed == recorded_by
+
+
+def test_health_is_published_each_second_with_the_radius_of_the_state(run):
+    _, result = run
+    found = [deserialize_message(data, NavHealth) for data in result.of('nav/health')]
+    states = {
+        to_ns(s.header.stamp): s
+        for s in (deserialize_message(data, NavState) for data in result.of('nav/state'))
+    }
+    assert [m.header.stamp.sec for m in found] == sorted({t // 10**9 for t in states})
+    for m in found:
+        P = np.reshape(states[to_ns(m.header.stamp)].position_covariance_g, (3, 3))
+        assert m.r95_horizontal_m == radius_95(P[:2, :2])
+        assert (m.level, m.status) == (NavHealth.OK, NavHealth.STATUS_NAVIGATING)
+    last = found[-1]
+    assert (last.imu_age_s, last.reset_counter) == (0.0, 0)
+    assert 0.0 <= last.dvl_age_s <= 1.2  # pings come at 5 Hz; the health is up to a second old
+    assert 0.0 <= last.depth_age_s <= 1.2
+    assert 0.0 < last.fix_age_s < 5.0

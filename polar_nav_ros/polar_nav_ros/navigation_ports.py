@@ -7,6 +7,7 @@
 | out nav/state | polar_nav_msgs/NavState | estimate |
 | out odometry, nav/fix | nav_msgs/Odometry, sensor_msgs/NavSatFix | estimate |
 | out nav/receipt | polar_nav_msgs/FixReceipt | decision |
+| out nav/health | polar_nav_msgs/NavHealth | estimate, 1 Hz |
 | out nav/command | polar_nav_msgs/Command | place in the order of events |
 | out nav/current, nav/model | polar_nav_msgs/WaterCurrent, VehicleModel | estimate, 1 Hz |
 | out nav/identification | polar_nav_msgs/Identification | place in the order of events |
@@ -27,7 +28,7 @@ from std_srvs.srv import Trigger
 
 from polar_nav_core.engine.events import CommandKind
 from polar_nav_msgs.msg import Command as CommandMsg
-from polar_nav_msgs.msg import FixReceipt, NavState
+from polar_nav_msgs.msg import FixReceipt, NavHealth, NavState
 from polar_nav_msgs.msg import InitialState as InitialStateMsg
 from polar_nav_msgs.srv import SetInitialState
 
@@ -43,7 +44,7 @@ from .node import CountedPublisher, PolarNode
 from .readers import initial_from_msg, initial_problem, initial_to_msg
 from .stamps import to_msg, to_ns
 from .standard_outputs import fix_of
-from .topics import COMMAND, FIX, ODOMETRY, RECEIPT, STATE
+from .topics import COMMAND, FIX, HEALTH, ODOMETRY, RECEIPT, STATE
 
 
 class NavigationPorts:
@@ -68,7 +69,7 @@ class NavigationPorts:
     ) -> None:
         self._node = node
         self._session = session
-        published = {STATE: NavState, RECEIPT: FixReceipt, **outputs}
+        published = {STATE: NavState, RECEIPT: FixReceipt, HEALTH: NavHealth, **outputs}
         if session.with_model:
             published |= MODEL_OUTPUTS
         self._outputs: dict[str, CountedPublisher] = {
@@ -95,6 +96,7 @@ class NavigationPorts:
 
     def diagnose(self) -> Diagnosis:
         """Health with verdict counts, ages and the number of waiting events."""
+        self._publish(self._session.silence(self._node.get_clock().now().nanoseconds))
         waiting = {'waiting': self._session.reorder.pending}
         return self._health.diagnose({**waiting, **self._node.taken_counts()})
 

@@ -14,14 +14,14 @@ from polar_nav_core.engine.version import ENGINE_VERSION
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.params import to_mapping, unknown_parameter
 from polar_nav_follower.params import FollowerParams
-from polar_nav_ros.topics import CURRENT, IDENTIFICATION, MODEL, RECEIPT, STATE, of_vehicle
+from polar_nav_ros.topics import CURRENT, HEALTH, IDENTIFICATION, MODEL, RECEIPT, STATE, of_vehicle
 
 from ..bags import Bag, BagWriter
 from .by_message import ReplayResult
 from .described import Description
 from .result import ReplayedRun
 
-_TOPICS = (STATE, RECEIPT)
+_TOPICS = (STATE, RECEIPT, HEALTH)
 _MODEL_TOPICS = (CURRENT, MODEL, IDENTIFICATION)
 
 
