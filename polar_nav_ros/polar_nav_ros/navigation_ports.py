@@ -19,6 +19,7 @@ stamped commands.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
@@ -79,6 +80,7 @@ class NavigationPorts:
         self._odometry = node.advertise(Odometry, ODOMETRY)
         self._fix = node.advertise(NavSatFix, FIX)
         self._command_count = 0
+        self._imu_seen: tuple[int | None, float] = (None, time.monotonic())
         self._fix_second = -1
         imu, *others = session.sensors
         for topic, kind in {**{t: SENSORS[t] for t in others}, **inputs}.items():
@@ -96,9 +98,16 @@ class NavigationPorts:
 
     def diagnose(self) -> Diagnosis:
         """Health with verdict counts, ages and the number of waiting events."""
-        self._publish(self._session.silence(self._node.get_clock().now().nanoseconds))
+        self._publish(self._session.silence(self._silent_s()))
         waiting = {'waiting': self._session.reorder.pending}
         return self._health.diagnose({**waiting, **self._node.taken_counts()})
+
+    def _silent_s(self) -> float:
+        """Time since IMU samples stopped, by the computer's clock; 0 in lockstep, which waits."""
+        imu_ns, now_s = self._session.reorder.newest_imu_ns, time.monotonic()
+        if imu_ns != self._imu_seen[0] or self._session.params.lockstep:
+            self._imu_seen = imu_ns, now_s
+        return now_s - self._imu_seen[1]
 
     def close(self) -> None:
         """Process waiting events, and publish the end of the run as a SHUTDOWN command."""

@@ -202,11 +202,17 @@ class NavigationSession(Generic[P]):
         radius = radius_95(np.reshape(state.position_covariance_g, (3, 3))[:2, :2])
         yield Published.of(HEALTH, health_to_msg(self.engine, stamp_ns, radius, stamp_ns))
 
-    def silence(self, now_ns: int) -> Iterator[Published]:
-        """Message with the health at a time without estimates; none while estimates come."""
+    def silence(self, silent_s: float) -> Iterator[Published]:
+        """Message with the health at a time without estimates, once there was an IMU sample.
+
+        Parameters
+        ----------
+        silent_s : float
+            Since the newest IMU sample came, by the computer's clock [s]: clocks need not agree.
+        """
         imu_ns = self.reorder.newest_imu_ns
-        silent = imu_ns is None or now_ns - imu_ns > SILENT_S * NS
-        if silent or not self.engine.navigating:
+        if imu_ns is not None and (silent_s > SILENT_S or not self.engine.navigating):
+            now_ns = imu_ns + round(silent_s * NS)
             yield Published.of(HEALTH, health_to_msg(self.engine, now_ns, math.nan, imu_ns))
 
     def _model(self, e: Estimate) -> Iterator[Published]:

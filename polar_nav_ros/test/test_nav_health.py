@@ -6,9 +6,11 @@ from types import SimpleNamespace
 import pytest
 
 from polar_nav_core.engine.health.conditions import Condition, Culprit, Health, Level, Present
+from polar_nav_core.engine.params import EngineParams
 from polar_nav_msgs.msg import NavHealth
 from polar_nav_ros.cdr import to_bytes
 from polar_nav_ros.health_message import health_to_msg
+from polar_nav_ros.navigation_session import NavigationSession
 
 NOW = 1_000_000_000_000
 GATED = Condition('fixes gated', Level.WARN, Culprit.FIXES, '3 fixes gated')
@@ -89,3 +91,19 @@ def test_culprits_are_the_bits_of_the_message():
         if culprit:
             assert getattr(NavHealth, culprit.name) == culprit
     assert [bytes([v]) for v in Level] == [NavHealth.OK, NavHealth.WARN, NavHealth.ERROR]
+
+
+def test_the_clock_of_the_computer_gives_the_beat_while_there_is_no_estimate():
+    session = NavigationSession(EngineParams(), 'auv', {})
+    assert list(session.silence(5.0)) == []  # no IMU sample ever came
+    session.reorder.newest_imu_ns = NOW
+    (aligning,) = session.silence(0.5)
+    assert aligning.topic == 'nav/health'
+    assert aligning.message.status == NavHealth.STATUS_ALIGNING
+    session.engine = engine()
+    assert list(session.silence(1.9)) == []  # estimates may still come
+    (silent,) = session.silence(2.5)
+    assert (silent.message.level, silent.message.culprit) == (NavHealth.ERROR, NavHealth.IMU)
+    assert silent.message.imu_age_s == pytest.approx(2.5)
+    assert silent.message.header.stamp.sec == 1002
+    assert math.isnan(silent.message.r95_horizontal_m)
