@@ -138,7 +138,7 @@ def run(
         )
     rows = EstimateRows(loaded.params, _expected(loaded))
     states: list[Row] = []
-    params, moved = _at_the_imu(loaded)
+    params, moved = at_the_imu(loaded)
 
     def take(chunk: engine_run.Track) -> None:
         if moved is not None:
@@ -178,7 +178,7 @@ def _expected(loaded: Loaded) -> int:
     return min(int(periods) + 2, len(stamps_ns))
 
 
-def _at_the_imu(
+def at_the_imu(
     loaded: Loaded,
 ) -> tuple[FollowerParams, Callable[[engine_run.Track], engine_run.Track] | None]:
     """Parameters for the point that the IMU is at, and what takes estimates to base_link.
