@@ -22,7 +22,7 @@ ENTRIES = [
     'begin_step',
     'cholesky',
     'feed_back_and_remember',
-    'fill_array_axes',
+    'fill_shared',
     'fill_dvl',
     'fill_late_fix',
     'fuse_filled',

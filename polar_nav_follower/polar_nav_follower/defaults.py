@@ -84,6 +84,7 @@ _FIRST: dict[str, Any] = {
     'initial_sigma_velocity': 0.01,
     'initial_v_G': (0.0, 0.0, 0.0),
     'initialize': 'parameters',
+    'leader_error_tau': 0.0,
     'leader_id': 1,
     'lockstep': False,
     'lost_radius': 1000.0,
@@ -167,6 +168,9 @@ _SINCE: dict[int, dict[str, Any]] = {
         'fix_range_scale_sigma': 0.005,
         'gyro_bias_walk': 1.5e-09,
         'reopen_after_s': 10.0,
+    },
+    3: {
+        'leader_error_tau': 3600.0,
     },
 }
 """By engine version: what changed with it. A version with new defaults counts up (version.py)."""

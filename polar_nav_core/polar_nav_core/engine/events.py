@@ -166,6 +166,9 @@ class Fix:
         Grid heading of the leader's array [rad].
     relative_e : (3,) array
         From the leader's array to the transponder, ECEF [m]; zero for an absolute fix.
+    leader_sigma, leader_heading_sigma : float
+        1-sigma of the leader's position per horizontal axis [m], and of its heading [rad], both in
+        ``covariance_e``; zero where they are not known or nothing is shared with other fixes.
     polar : PolarFix or None
         What a station measured, where the fix comes from one; then ``r_e`` is NaN.
     """
@@ -183,6 +186,8 @@ class Fix:
     reason: str = ''
     array_heading: float = float('nan')
     relative_e: Array = field(default_factory=lambda: np.zeros(3))
+    leader_sigma: float = 0.0
+    leader_heading_sigma: float = 0.0
     polar: PolarFix | None = None
     topic: str = 'acomms/rx'
 

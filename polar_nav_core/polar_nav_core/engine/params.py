@@ -248,6 +248,14 @@ class EngineParams(IdentificationParams, StationParams):
         0.0, 'm', 0.0, 1000.0, 'Steady 1-sigma of a slowly varying USBL error; 0: not estimated'
     )
     usbl_bias_tau: float = param(600.0, 's', 1.0, 1e6, 'Its correlation time')
+    leader_error_tau: float = param(
+        3600.0,
+        's',
+        0.0,
+        1e6,
+        'Correlation time of the error that fixes share with their leader (position, heading; its '
+        'sigma comes with each packet); 0: each fix has its own; not used with usbl_bias_sigma',
+    )
 
     fix_range_scale_sigma: float = param(
         0.005, '', 0.0, 0.5, '1-sigma of a scale error that all ranges share (sound speed)'

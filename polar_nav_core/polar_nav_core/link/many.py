@@ -26,6 +26,7 @@ class Broadcasts:
     leader_sigma_horizontal: NDArray[np.float64]
     leader_sigma_vertical: NDArray[np.float64]
     leader_grid_heading: NDArray[np.float64]
+    leader_sigma_heading: NDArray[np.float64]
     r_lf_G: NDArray[np.float64]
     r_lf_covariance_G: NDArray[np.float64]
 
@@ -85,6 +86,7 @@ def decode_many(packets: Sequence[bytes], received_ns: NDArray[np.int64]) -> Bro
         leader_sigma_horizontal=values('leader_sigma_horizontal'),
         leader_sigma_vertical=values('leader_sigma_vertical'),
         leader_grid_heading=values('leader_grid_heading'),
+        leader_sigma_heading=values('leader_sigma_heading') * 1e-3,
         r_lf_G=lengths('r_lf_G'),
         r_lf_covariance_G=correlation * (sigma_G[:, :, None] * sigma_G[:, None, :]),
     )

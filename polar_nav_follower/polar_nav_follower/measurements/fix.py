@@ -132,6 +132,8 @@ def fix_from_packet(
         covariance_e=covariance_e,
         array_heading=b.leader_grid_heading,
         relative_e=r_e - b.leader_r_e,
+        leader_sigma=b.leader_sigma_horizontal,
+        leader_heading_sigma=b.leader_sigma_heading,
     )
     return fix, b
 
@@ -194,6 +196,8 @@ def _plain_fixes(
         covariance_e,
         b.leader_grid_heading[rows].tolist(),
         r_e - b.leader_r_e[rows],
+        b.leader_sigma_horizontal[rows].tolist(),
+        b.leader_sigma_heading[rows].tolist(),
     )
     return {
         n: Fix(
@@ -208,10 +212,20 @@ def _plain_fixes(
             covariance_e=covariance,
             array_heading=heading,
             relative_e=relative,
+            leader_sigma=sigma,
+            leader_heading_sigma=heading_sigma,
         )
-        for n, validity_ns, sequence, position, covariance, heading, relative in zip(
-            *columns, strict=True
-        )
+        for (
+            n,
+            validity_ns,
+            sequence,
+            position,
+            covariance,
+            heading,
+            relative,
+            sigma,
+            heading_sigma,
+        ) in zip(*columns, strict=True)
     }
 
 

@@ -43,14 +43,16 @@ class Clone(Fusion):
     def fix(self, fix: Fix) -> FixResult | None:
         """Fuse a fix where it belongs; None when that is no longer stored."""
         f = self.filter
+        split = f.leader.split(fix)
         code = late_run.take_late(
             *f.parts,
             self._blocks,
             fix.validity_ns,
             fix.r_e,
-            fix.covariance_e,
+            split.covariance_e,
             fix.array_heading,
             fix.relative_e,
+            split.columns_e,
             self._note,
         )
         if code == late_fuse.OUT_OF_REACH:

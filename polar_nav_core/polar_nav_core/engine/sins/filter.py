@@ -39,6 +39,7 @@ from ..results import CORRECTIONS_PER_S, IMU_PERIOD_S, Outcome
 from . import aiding
 from . import streams as st
 from .history import History, make_past
+from .leader import LeaderError
 from .log import STEPS_PER_BLOCK, make_log
 from .noise import MeasurementNoise, ProcessNoise
 from .robust import inflation
@@ -80,6 +81,7 @@ class NavigationFilter:
         self.frames = fs.make_frames()
         self.work = fs.make_work()
         self.settings = make_settings(params)
+        self.leader = LeaderError(self.settings.shares_leader)
         # The block that the oldest fix belongs to begins before it, after a step.
         block_s = (STEPS_PER_BLOCK + 2) * params.filter_period_s
         length_s = params.history_s + (block_s if steps else 0.0)
@@ -139,7 +141,7 @@ class NavigationFilter:
                 np.full(3, p.accel_bias_sigma),
                 np.full(3, p.dvl_scale_sigma),
                 np.full(3, p.dvl_markov_sigma),
-                np.full(3, p.usbl_bias_sigma),
+                np.full(3, 1.0 if self.settings.shares_leader else p.usbl_bias_sigma),
             ]
         )
         self.P[:] = np.diag(sigma**2)
@@ -341,6 +343,8 @@ class NavigationFilter:
         P: Array = self.state.P.copy()
         if self.settings.considers:
             consider.add_common(P, self.state.sensitivity, self.settings.common)
+        if self.settings.shares_leader:
+            P[X.usbl_bias_a], P[:, X.usbl_bias_a] = 0.0, 0.0
         return P
 
     def inflate(self, factor: float) -> None:
@@ -371,6 +375,7 @@ class NavigationFilter:
             Covariance steps since its validity; below zero when the history does not reach there.
         """
         self.fill_common(fix)
+        split = self.leader.split(fix)
         return int(
             filter_late.fill_late_fix(
                 self.state,
@@ -380,8 +385,9 @@ class NavigationFilter:
                 self.work,
                 fix.validity_ns,
                 fix.r_e,
-                fix.covariance_e,
+                split.covariance_e,
                 fix.array_heading,
+                split.columns_e,
             )
         )
 

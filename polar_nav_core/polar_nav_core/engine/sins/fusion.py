@@ -152,7 +152,7 @@ class Fusion:
             accel_bias_b=f.b_accel_b.copy(),
             dvl_scale_m=f.dvl_scale_m.copy(),
             dvl_markov_m=f.dvl_markov_m.copy(),
-            usbl_bias_a=f.usbl_bias_a.copy(),
+            usbl_bias_a=np.zeros(3) if f.settings.shares_leader else f.usbl_bias_a.copy(),
             fixes_received=fixes[0],
             fixes_fused=fixes[1],
             last_validity_ns=fixes[2],
@@ -163,6 +163,8 @@ class Fusion:
     def _fuse_at(self, fix: Fix, epoch: Epoch, stamp_ns: int) -> None:
         """Fill ``H``, ``R``, ``z`` with the fix against the position at an epoch plus v dt."""
         f = self.filter
+        split = f.leader.split(fix)
+        fe.fill_shared(f.work.C_a_G, f.settings, f.C_e_G, fix.array_heading, split.columns_e)
         point_e: Array = epoch.point_e + epoch.velocity_e * ((stamp_ns - epoch.stamp_ns) * 1e-9)
         filter_rows.fix_rows(
             f.H,
@@ -172,9 +174,9 @@ class Fusion:
             epoch.lever_G,
             point_e,
             fix.r_e,
-            fix.covariance_e,
-            array_axes(f, fix),
-            f.usbl_bias_a,
+            split.covariance_e,
+            f.work.C_a_G,
+            epoch.usbl_bias_a,
         )
         f.fill_common(fix)
 
@@ -186,6 +188,7 @@ class Fusion:
             point_e=f.point_e,
             velocity_e=f.velocity_e,
             lever_G=f.lever_G,
+            usbl_bias_a=f.usbl_bias_a,
             correction=f.history.correction,
         )
 
@@ -220,12 +223,3 @@ class BackPropagate(Fusion):
         """Fuse a fix with its rows referred to now through the stored transitions."""
         steps = self.filter.fill_late_fix(fix)
         return None if steps < 0 else FixResult(self._take(), steps)
-
-
-def array_axes(f: NavigationFilter, fix: Fix) -> Array:
-    """Attitude C_a_G (3, 3) of the leader's array: its heading from the packet, tilt zero.
-
-    Zero while the USBL bias is not estimated.
-    """
-    fe.fill_array_axes(f.work.C_a_G, fix.array_heading, f.estimates_usbl_bias)
-    return f.work.C_a_G

@@ -33,6 +33,8 @@ class Epoch:
         Transponder position and velocity as estimated then, ECEF.
     lever_G : (3,) array
         Transponder from base_link, grid axes.
+    usbl_bias_a : (3,) array
+        Last three states as estimated then.
     step : int
         Number of the last covariance step at that time.
     correction : int
@@ -44,6 +46,7 @@ class Epoch:
     point_e: Array
     velocity_e: Array
     lever_G: Array
+    usbl_bias_a: Array
     step: int
     correction: int
 
@@ -154,6 +157,7 @@ class History:
             point_e=point_e,
             velocity_e=velocity_e,
             lever_G=past.levers[i],
+            usbl_bias_a=past.usbl_biases[i],
             step=int(past.steps[i]),
             correction=int(past.firsts[i]),
         )

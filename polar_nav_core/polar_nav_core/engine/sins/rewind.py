@@ -70,7 +70,8 @@ class Rewind(Fusion):
 
     def insert(self, fix: Fix, number: int) -> None:
         """Insert a fix at an index of the stored ones; those at and after it move up by one."""
-        insert_fix(self.filter.streams, fix, number)
+        f = self.filter
+        insert_fix(f.streams, fix, f.leader.split(fix), number)
 
     def process_again(self, fix: Fix, snapshot: int | None) -> None:
         """Process all inputs received before the fix again, then the fix; without output rows."""

@@ -22,7 +22,9 @@ def make_settings(p: EngineParams) -> fs.Settings:
     """Settings of the compiled filter from the parameters."""
     c = p.resolved()
     roll, pitch, yaw = (math.radians(a) for a in p.dvl_rpy_deg)
-    estimated = p.usbl_bias_sigma > 0.0
+    # Three states hold one of both.
+    shares_leader = p.leader_error_tau > 0.0 and not p.usbl_bias_sigma > 0.0
+    estimated = shares_leader or p.usbl_bias_sigma > 0.0
     sigmas = common_sigmas(p)
     adapts_Q = c.noise_adaptation not in ('none', 'adaptive_r')
     densities = (
@@ -39,6 +41,7 @@ def make_settings(p: EngineParams) -> fs.Settings:
         # Where Q is adapted it is added in Python, which then checks.
         active=0 if adapts_Q else kf.N if estimated else kf.USBL,
         estimates_usbl_bias=estimated,
+        shares_leader=shares_leader,
         adaptive=c.noise_adaptation == 'adaptive_r',
         back_propagates=c.delay_handling == 'back_propagate',
         forgetting=p.forgetting,
@@ -49,7 +52,9 @@ def make_settings(p: EngineParams) -> fs.Settings:
         gates=np.array([math.inf, *(chi2_gate(c.gate_probability, m) for m in (1, 2, 3))]),
         densities=np.array([d**2 for d in densities]),
         markov=np.array([p.dvl_markov_sigma**2, p.dvl_markov_tau]),
-        usbl=np.array([p.usbl_bias_sigma**2, p.usbl_bias_tau]),
+        usbl=np.array(
+            [1.0, p.leader_error_tau] if shares_leader else [p.usbl_bias_sigma**2, p.usbl_bias_tau]
+        ),
         sea_surface_height=p.sea_surface_height,
         C_m_b=np.ascontiguousarray(attitude.matrix_from_euler(yaw, pitch, roll), dtype=np.float64),
         lever_point_b=np.array(p.transponder_lever_b),

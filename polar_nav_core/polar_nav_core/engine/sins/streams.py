@@ -14,6 +14,7 @@ from ...arrays import Ints
 from ...kernels.sins import state as fs
 from ..events import ControlSample, DepthSample, DvlPing, Fix, ImuSample
 from ..results import FIXES
+from .leader import Split
 
 
 def live_streams(length_s: float, imu_rate: float, local_rate: float) -> fs.Streams:
@@ -48,6 +49,7 @@ def room_for_fixes() -> dict[str, Any]:
         'fix_covariance_e': np.zeros((FIXES, 3, 3)),
         'fix_array_heading': np.zeros(FIXES),
         'fix_relative_e': np.zeros((FIXES, 3)),
+        'fix_common_e': np.zeros((FIXES, 3, 3)),
         'fix_outcomes': np.zeros((FIXES, 9)),
         'fix_notes': np.zeros((FIXES, 3), dtype=np.int64),
     }
@@ -88,7 +90,7 @@ def _append(counts: Ints, stream: int, stamps: Ints, stamp_ns: int) -> int:
     return slot
 
 
-def insert_fix(streams: fs.Streams, fix: Fix, number: int) -> None:
+def insert_fix(streams: fs.Streams, fix: Fix, split: Split, number: int) -> None:
     """Insert a fix at an index of the fixes; those at and after it move up by one."""
     length = len(streams.fix_stamps)
     columns = (
@@ -98,26 +100,28 @@ def insert_fix(streams: fs.Streams, fix: Fix, number: int) -> None:
         streams.fix_covariance_e,
         streams.fix_array_heading,
         streams.fix_relative_e,
+        streams.fix_common_e,
         streams.fix_outcomes,
     )
     for k in range(int(streams.counts[3]), number, -1):
         for column in columns:
             column[k % length] = column[(k - 1) % length]
-    _put_fix(streams, fix, number, fix.validity_ns)
+    _put_fix(streams, fix, split, number, fix.validity_ns)
 
 
-def put_late_fix(streams: fs.Streams, fix: Fix) -> None:
+def put_late_fix(streams: fs.Streams, fix: Fix, split: Split) -> None:
     """Append a fix at its stamp of reception."""
-    _put_fix(streams, fix, int(streams.counts[3]), fix.receive_ns)
+    _put_fix(streams, fix, split, int(streams.counts[3]), fix.receive_ns)
 
 
-def _put_fix(streams: fs.Streams, fix: Fix, number: int, stamp_ns: int) -> None:
+def _put_fix(streams: fs.Streams, fix: Fix, split: Split, number: int, stamp_ns: int) -> None:
     i = number % len(streams.fix_stamps)
     streams.fix_stamps[i] = stamp_ns
     streams.fix_validities[i] = fix.validity_ns
     streams.fix_r_e[i] = fix.r_e
-    streams.fix_covariance_e[i] = fix.covariance_e
+    streams.fix_covariance_e[i] = split.covariance_e
     streams.fix_array_heading[i] = fix.array_heading
     streams.fix_relative_e[i] = fix.relative_e
+    streams.fix_common_e[i] = split.columns_e
     streams.fix_outcomes[i] = 0.0
     streams.counts[3] += 1

@@ -148,7 +148,7 @@ class SinsArrays:
     def put_fixes(self, fixes: Sequence[Fix]) -> None:
         """Append fixes to their stream, each at its stamp of reception."""
         for fix in fixes:
-            put_late_fix(self.filter.streams, fix)
+            put_late_fix(self.filter.streams, fix, self.filter.leader.split(fix))
 
     def drop_fixes(self) -> None:
         """Remove the fixes from the stream that the loop has not processed."""

@@ -293,12 +293,13 @@ def fill_fix(
     covariance_e: Array,
     array_heading: float,
     relative_e: Array,
+    common_e: Array,
 ) -> None:
     """Rows of a fix that is valid now into the scratch: the present position plus v dt."""
     dt = (stamp_ns - s.counters[fs.STAMP]) * 1e-9
     for k in range(3):
         w.point_e[k] = fr.point_e[k] + fr.velocity_e[k] * dt
-    fill_array_axes(w.C_a_G, array_heading, c.estimates_usbl_bias)
+    fill_shared(w.C_a_G, c, fr.C_e_G, array_heading, common_e)
     fix_rows(
         w.H,
         w.R,
@@ -327,7 +328,26 @@ def note_outcome(c: Settings, w: Work, code: int, outcome: Array) -> None:
 
 
 @kernel
-def fill_array_axes(C_a_G: Array, array_heading: float, estimated: bool) -> None:
+def fill_shared(
+    A: Array, c: Settings, C_e_G: Array, array_heading: float, common_e: Array
+) -> None:
+    """Change of a fix per unit of the last three states, grid axes: A (3, 3).
+
+    Those states are the leader's errors per sigma, whose columns (ECEF) come with the fix, or the
+    USBL error in the axes of the array.
+    """
+    if c.shares_leader:
+        for a in range(3):
+            for b in range(3):
+                A[a, b] = 0.0
+                for k in range(3):
+                    A[a, b] += C_e_G[a, k] * common_e[k, b]
+    else:
+        _fill_array_axes(A, array_heading, c.estimates_usbl_bias)
+
+
+@kernel
+def _fill_array_axes(C_a_G: Array, array_heading: float, estimated: bool) -> None:
     """C_a_G of the leader's array as far as a packet states it: turned by the leader's heading.
 
     Zero while the USBL bias is not estimated.

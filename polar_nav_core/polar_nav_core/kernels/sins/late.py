@@ -8,7 +8,7 @@ from __future__ import annotations
 from ...arrays import Array
 from ..cache import kernel, routine
 from . import state as fs
-from .events import fill_array_axes, place_of_epoch
+from .events import fill_shared, place_of_epoch
 from .rows import fix_rows
 from .state import Frames, Past, Settings, State, Work
 from .update import Ints
@@ -48,9 +48,9 @@ def fill_stored_fix(
     r_e: Array,
     covariance_e: Array,
     array_heading: float,
+    common_e: Array,
     epoch_C_e_G: Array,
     C_e_G: Array,
-    usbl_bias_a: Array,
 ) -> float:
     """Seconds from a stored epoch to the validity of a fix; H, R and z of the fix there are in w.
 
@@ -60,20 +60,20 @@ def fill_stored_fix(
         H, R and z of the scratch are filled; point_e, velocity_e and C_a_G are scratch.
     i : int
         Slot of the epoch in the stored past.
-    validity_ns, r_e, covariance_e, array_heading
+    validity_ns, r_e, covariance_e, array_heading, common_e
         Of the fix, as for `fill_late_fix`.
     epoch_C_e_G : (3, 3) in place
         Grid axes stored in the epoch.
-    C_e_G, usbl_bias_a : (3, 3), (3,)
-        Grid axes of the rows, and the USBL bias of the innovation, array axes [m].
+    C_e_G : (3, 3)
+        Grid axes of the rows.
     """
     place_of_epoch(past, i, w.point_e, w.velocity_e, epoch_C_e_G)
     ahead: float = (validity_ns - past.stamps[i]) * 1e-9
     for k in range(3):
         w.point_e[k] += w.velocity_e[k] * ahead
-    fill_array_axes(w.C_a_G, array_heading, c.estimates_usbl_bias)
-    lever_G = past.levers[i]
-    fix_rows(w.H, w.R, w.z, C_e_G, lever_G, w.point_e, r_e, covariance_e, w.C_a_G, usbl_bias_a)
+    fill_shared(w.C_a_G, c, C_e_G, array_heading, common_e)
+    lever_G, bias_a = past.levers[i], past.usbl_biases[i]
+    fix_rows(w.H, w.R, w.z, C_e_G, lever_G, w.point_e, r_e, covariance_e, w.C_a_G, bias_a)
     return ahead
 
 
@@ -88,6 +88,7 @@ def fill_late_fix(
     r_e: Array,
     covariance_e: Array,
     array_heading: float,
+    common_e: Array,
 ) -> int:
     """How far back a late fix reaches; H Phi^-1, R and z of it are in the scratch.
 
@@ -105,6 +106,8 @@ def fill_late_fix(
         The fix and its covariance, ECEF [m], [m^2].
     array_heading : float
         Of the leader's USBL array, clockwise from its grid north [rad].
+    common_e : (3, 3) array
+        Change of the fix per unit of each of the leader's errors, ECEF [m].
 
     Returns
     -------
@@ -131,9 +134,9 @@ def fill_late_fix(
         r_e,
         covariance_e,
         array_heading,
+        common_e,
         w.C_e_G,
         fr.C_e_G,
-        s.usbl_bias_a,
     )
     walk_forward(
         w.H,

@@ -31,6 +31,7 @@ def take_late(
     covariance_e: Array,
     array_heading: float,
     relative_e: Array,
+    common_e: Array,
     note: Ints,
 ) -> int:
     """FUSED, REFUSED, S_NOT_DEFINITE or OUT_OF_REACH of one late fix.
@@ -51,9 +52,8 @@ def take_late(
         or s.counters[fs.CORRECTIONS] - past.firsts[i] > past.corrections.shape[0]
     ):
         return OUT_OF_REACH
-    bias_a = past.usbl_biases[i]
     ahead = fill_stored_fix(
-        c, past, w, i, validity_ns, r_e, covariance_e, array_heading, w.C_mean, w.C_mean, bias_a
+        c, past, w, i, validity_ns, r_e, covariance_e, array_heading, common_e, w.C_mean, w.C_mean
     )
     for k in range(3):
         w.H[k, DV + k] = ahead
@@ -114,6 +114,7 @@ def advance_late(
             streams.fix_covariance_e[k],
             streams.fix_array_heading[k],
             streams.fix_relative_e[k],
+            streams.fix_common_e[k],
             note,
         )
         if code == OUT_OF_REACH:

@@ -188,8 +188,9 @@ def fix_rows(
     lever_G : (3,) transponder from base_link, grid axes [m]
     r_e : (3,) estimated position of the transponder at the time of validity, ECEF [m]
     measured_r_e, R_e : (3,), (3, 3) the fix, ECEF
-    C_a_G : (3, 3) USBL array axes to grid; all zero while the USBL bias is not estimated
-    usbl_bias_a : (3,) estimated USBL error, array axes [m]
+    C_a_G : (3, 3) USBL array axes to grid, or how leader's errors move a fix (`fill_shared`);
+        all zero while neither is estimated
+    usbl_bias_a : (3,) estimated USBL error, array axes [m], or leader's errors per sigma
     """
     _clear(H, 3)
     for i in range(3):

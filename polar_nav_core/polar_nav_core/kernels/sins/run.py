@@ -6,6 +6,7 @@ call of `fuse_rows` takes them all.
 
 from __future__ import annotations
 
+from ...arrays import Array
 from ..cache import kernel, routine
 from ..queues import earlier, is_before, next_stamp
 from . import state as fs
@@ -17,7 +18,7 @@ from .fuse import fuse_rows, locate, ping_passes
 from .late import OUT_OF_REACH, fill_late_fix
 from .model import E
 from .state import Frames, Log, Past, Rows, Settings, State, Streams, Work
-from .update import N, is_positive_definite
+from .update import USBL, N, is_positive_definite
 
 
 @kernel
@@ -134,16 +135,17 @@ def _take_fix(
     k = s.counters[fs.FIX] % streams.fix_stamps.shape[0]
     r_e, covariance_e = streams.fix_r_e[k], streams.fix_covariance_e[k]
     heading, relative_e = streams.fix_array_heading[k], streams.fix_relative_e[k]
+    common_e = streams.fix_common_e[k]
     steps = 0
     if c.back_propagates:
         validity_ns = streams.fix_validities[k]
-        steps = fill_late_fix(s, fr, c, past, w, validity_ns, r_e, covariance_e, heading)
+        steps = fill_late_fix(s, fr, c, past, w, validity_ns, r_e, covariance_e, heading, common_e)
         if c.considers:
             fix_common(w.J, fr.C_e_G, relative_e, s.v_G)
         if steps == OUT_OF_REACH:
             return fs.STOPPED
     else:
-        fill_fix(s, fr, c, w, stamp, r_e, covariance_e, heading, relative_e)
+        fill_fix(s, fr, c, w, stamp, r_e, covariance_e, heading, relative_e, common_e)
     s.counters[fs.FIX] += 1
     streams.fix_notes[k, 0] = steps
     streams.fix_notes[k, 1] = s.counters[fs.STAMP]
@@ -253,6 +255,23 @@ def advance(
     return code
 
 
+@kernel
+def leave_out_leader(P: Array, flat: Array) -> None:
+    """Clear what an estimate holds of a USBL error: the leader's errors are none.
+
+    Parameters
+    ----------
+    P : (24, 24) array, in place
+    flat : (30,) array or longer, in place
+        Leading values of the state.
+    """
+    for k in range(USBL, N):
+        flat[fs.NAVIGATION - N + k] = 0.0
+        for j in range(N):
+            P[k, j] = 0.0
+            P[j, k] = 0.0
+
+
 @routine
 def put_row(s: State, c: Settings, rows: Rows) -> None:
     """Write the estimate that is due."""
@@ -266,6 +285,8 @@ def put_row(s: State, c: Settings, rows: Rows) -> None:
             total[a, b] = s.P[a, b]
     if c.considers:
         add_common(total, s.sensitivity, c.common)
+    if c.shares_leader:
+        leave_out_leader(total, rows.flat[k])
     if rows.P.shape[0] == 0:
         describe(s.r_e, s.C_b_G, total, rows.told[k], rows.scratch)
     if c.aiding.on:

@@ -209,6 +209,7 @@ class Settings(NamedTuple):
     instant: bool  # IMU samples are values at the stamp, not means
     active: int  # leading states that the covariance must be positive definite in
     estimates_usbl_bias: bool
+    shares_leader: bool  # the last three states are the leader's errors, per sigma
     adaptive: bool
     back_propagates: bool  # fixes of the streams are late: they stand where they were received
     forgetting: float
@@ -353,6 +354,7 @@ class Streams(NamedTuple):
     fix_covariance_e: Array
     fix_array_heading: Array
     fix_relative_e: Array  # (n, 3): from the leader's array to the transponder, ECEF [m]
+    fix_common_e: Array  # (n, 3, 3): change per unit of the leader's errors, ECEF [m]
     fix_outcomes: Array  # (n, 9): fused, NIS, innovation, its variances, enlargement
     fix_notes: Ints  # (n, 3): steps gone back over, stamp of the state, rows of output so far
     control_stamps: Ints  # nothing comes here without a vehicle's model

@@ -1,0 +1,178 @@
+"""What a fix shares with the fixes before it: position and heading error of its leader.
+
+Derivation: docs/derivations/leader_error.md.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import OrderedDict
+from typing import NamedTuple
+
+import numpy as np
+
+from ... import grid
+from ...link.fields import SIGMA_RATIO
+from ..events import Array, Fix
+
+ROUNDING = 1.0 / 1.13
+"""Share of a stated variance that is sure to be there: a packet rounds sigmas up by 6 %."""
+WHITE_SHARE = 0.1
+"""Of the white noise that a fix states, in the direction of the turn, at least so much stays."""
+JUMP = 0.2
+"""A logarithm of sigma that changes by more has changed at once: the leader got a fix itself."""
+UNLINKED = (1.1, 1.6)
+"""Heading sigma times distance, over position sigma: up to the first the position is taken for
+dead reckoned along that heading, from the second on for held by something else."""
+KEPT = 4096
+"""Splits that are stored, because whole runs hand a fix in again that was not reached."""
+_NOTHING = np.zeros((3, 3))
+
+
+class Split(NamedTuple):
+    """A fix's error in two parts.
+
+    Attributes
+    ----------
+    columns_e : (3, 3) array
+        Change of the fix per unit of each of the three shared errors, which have unit variance:
+        position along the leader's grid east and north, heading; columns in ECEF [m].
+    covariance_e : (3, 3) array
+        Of what it shares with no other fix, ECEF [m^2].
+    """
+
+    columns_e: Array
+    covariance_e: Array
+
+
+class Smooth:
+    """Sigma behind the rounded one of a stream of packets.
+
+    A rounded sigma stands still and jumps by 6 %. Taken as it is, an error of so many sigmas would
+    have to jump, too, and fixes show that it does not: a filter would be sure within minutes that
+    the error is nil. But a sigma that is rounded up and jumps is then at the edge of a step; from
+    there it goes on to the next edge, as fast as from the last one, and never jumps itself.
+    """
+
+    def __init__(self) -> None:
+        self._stated = 0.0
+        self._since_ns = 0
+        self._from = self._to = 0.0  # logarithms, over the time _takes_s
+        self._takes_s = 1.0
+
+    def at(self, stamp_ns: int, stated: float) -> float:
+        """Sigma at a stamp [ns] of which a packet states this; packets may come out of order."""
+        before = self._stated
+        if not (before > 0.0 and stated > 0.0 and abs(math.log(stated / before)) < JUMP):
+            self._stated, self._since_ns = stated, stamp_ns
+            self._from = self._to = math.log(stated) if stated > 0.0 else -math.inf
+        elif stated != before and stamp_ns > self._since_ns:
+            self._from = self._now(stamp_ns)
+            self._to = math.log(stated if stated > before else stated / SIGMA_RATIO)
+            self._takes_s = (stamp_ns - self._since_ns) * 1e-9
+            self._stated, self._since_ns = stated, stamp_ns
+        return math.exp(self._now(stamp_ns))
+
+    def _now(self, stamp_ns: int) -> float:
+        if self._from == self._to:
+            return self._from
+        done = max(0.0, (stamp_ns - self._since_ns) * 1e-9) / self._takes_s
+        return self._from + (self._to - self._from) * min(done, 1.0)
+
+
+class LeaderError:
+    """Splits fixes of one leader.
+
+    Parameters
+    ----------
+    on : bool
+        Whether leaders' errors are estimated; otherwise all of a fix's error is its own.
+    """
+
+    def __init__(self, on: bool) -> None:
+        self._on = on
+        self._start_e: Array | None = None
+        self._position, self._heading = Smooth(), Smooth()
+        self._known: OrderedDict[tuple[int, int, int], Split] = OrderedDict()
+
+    def split(self, fix: Fix) -> Split:
+        """Split of the error of a fix; fixes come in the order of reception, some repeatedly.
+
+        The first one that has a leader fixes where it began.
+        """
+        if not self._on or not (fix.leader_sigma > 0.0 or fix.leader_heading_sigma > 0.0):
+            return Split(_NOTHING, fix.covariance_e)
+        key = (fix.validity_ns, fix.order, fix.arrival)
+        if key not in self._known:
+            self._known[key] = self._split(fix)
+            if len(self._known) > KEPT:
+                self._known.popitem(last=False)
+        return self._known[key]
+
+    def _split(self, fix: Fix) -> Split:
+        leader_e = fix.r_e - fix.relative_e
+        if self._start_e is None:
+            self._start_e = leader_e
+        C_e_G = np.asarray(grid.ecef_to_grid(leader_e))
+        turn_G = _across(C_e_G @ fix.relative_e)
+        drift_G = _across(C_e_G @ (leader_e - self._start_e))
+        columns_G = columns(
+            self._position.at(fix.validity_ns, fix.leader_sigma),
+            self._heading.at(fix.validity_ns, fix.leader_heading_sigma),
+            turn_G,
+            drift_G,
+        )
+        rest_G = C_e_G @ fix.covariance_e @ C_e_G.T
+        for i in range(2):
+            rest_G[i, i] -= fix.leader_sigma**2
+        left_G = _without_turn(0.5 * (rest_G + rest_G.T), fix.leader_heading_sigma * turn_G)
+        covariance_e = fix.covariance_e if left_G is None else C_e_G.T @ left_G @ C_e_G
+        covariance_e = np.ascontiguousarray(0.5 * (covariance_e + covariance_e.T))
+        return Split(np.ascontiguousarray(C_e_G.T @ columns_G), covariance_e)
+
+
+def _across(r_G: Array) -> Array:
+    """Return up x r: how a turn by one radian about up moves the end of r, grid axes."""
+    return np.array([-r_G[1], r_G[0], 0.0])
+
+
+def columns(position: float, heading: float, turn_G: Array, drift_G: Array) -> Array:
+    """Columns of `Split` in grid axes, (3, 3) [m].
+
+    Where the leader may have dead reckoned along its heading, the heading's error has turned the
+    way since the start, too, and only the rest of the position's variance is on its own.
+
+    Parameters
+    ----------
+    position, heading : float
+        1-sigma of the leader's position per horizontal axis [m], of its heading [rad].
+    turn_G, drift_G : (3,) arrays
+        Change of the fix per radian of turn: of the array, of the leader's way so far [m].
+    """
+    A = np.zeros((3, 3))
+    A[0, 0] = A[1, 1] = position
+    A[:, 2] = heading * turn_G
+    distance = math.hypot(drift_G[0], drift_G[1])
+    by_heading = heading * distance
+    if by_heading > 0.0 and position > 0.0:
+        low, high = UNLINKED
+        link = min(1.0, max(0.0, (high - by_heading / position) / (high - low)))
+        explained = min(link * by_heading, 0.95 * position)
+        n = drift_G[:2] / distance
+        rest = math.sqrt(position * position - explained * explained)
+        A[:2, :2] += (rest - position) * np.outer(n, n)
+        A[:2, 2] += explained * n
+    return A
+
+
+def _without_turn(P: Array, turn: Array) -> Array | None:
+    """P less the part of turn turn^T that is in it for sure; None if P is not definite."""
+    try:
+        L = np.linalg.cholesky(P)
+    except np.linalg.LinAlgError:
+        return None
+    whitened = np.linalg.solve(L, turn)
+    part = float(whitened @ whitened)
+    if part > 0.0:
+        P = P - min(ROUNDING, (1.0 - WHITE_SHARE) / part) * np.outer(turn, turn)
+    return P

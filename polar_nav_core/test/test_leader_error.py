@@ -1,0 +1,208 @@
+"""Fixes that share their leader's error: split, smoothed sigmas, what the engine makes of it."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+from closed_loop import World, inputs_of
+
+from polar_nav_core import earth, grid
+from polar_nav_core.engine import run as engine_run
+from polar_nav_core.engine.events import Fix
+from polar_nav_core.engine.params import DELAY_HANDLING
+from polar_nav_core.engine.sins.leader import LeaderError, Smooth, columns
+from polar_nav_core.link.fields import SIGMA_RATIO
+
+LEADER_E = np.asarray(earth.ecef_from_geodetic(math.radians(84.0), 1.0, -60.0))
+C_e_G = np.asarray(grid.ecef_to_grid(LEADER_E))
+
+
+def fix_of(line_G, leader_e=LEADER_E, sigma=5.0, heading=0.01, white=None, number=1):
+    turn = heading * np.array([-line_G[1], line_G[0], 0.0])
+    white_G = np.diag([0.7, 0.9, 0.1]) if white is None else white
+    P_G = white_G + np.diag([sigma**2, sigma**2, 0.0]) + np.outer(turn, turn)
+    C = np.asarray(grid.ecef_to_grid(leader_e))
+    relative_e = C.T @ line_G
+    now_ns = 1_000_000_000 * number
+    return Fix(
+        now_ns, now_ns, now_ns, 'leader', number, number, number,
+        leader_e + relative_e, C.T @ P_G @ C, relative_e=relative_e,
+        leader_sigma=sigma, leader_heading_sigma=heading,
+    )  # fmt: skip
+
+
+def test_parts_add_up_to_the_covariance_of_a_fix():
+    fix = fix_of(np.array([800.0, -600.0, 20.0]))
+    split = LeaderError(True).split(fix)
+    whole = split.columns_e @ split.columns_e.T + split.covariance_e
+    # What is left of the turn beyond its sure share counts twice, on the safe side.
+    turn_e = C_e_G.T @ np.array([6.0, 8.0, 0.0])
+    np.testing.assert_allclose(
+        whole, fix.covariance_e + (1.0 - 1.0 / 1.13) * np.outer(turn_e, turn_e), atol=1e-6
+    )
+    assert np.linalg.eigvalsh(split.covariance_e)[0] > 0.09
+
+
+def test_a_leader_without_error_changes_nothing():
+    fix = fix_of(np.array([800.0, -600.0, 20.0]), sigma=0.0, heading=0.0)
+    for on in (True, False):
+        split = LeaderError(on).split(fix)
+        assert split.covariance_e is fix.covariance_e
+        assert not split.columns_e.any()
+
+
+def test_switched_off_all_of_the_error_is_the_fix_s_own():
+    fix = fix_of(np.array([800.0, -600.0, 20.0]))
+    split = LeaderError(False).split(fix)
+    assert split.covariance_e is fix.covariance_e
+    assert not split.columns_e.any()
+
+
+@pytest.mark.parametrize('rounding', [1.0, 0.97])
+def test_what_is_left_is_definite_when_the_link_has_rounded(rounding):
+    line_G = np.array([2000.0, 10.0, 20.0])
+    fix = fix_of(line_G, heading=0.01)
+    turn_e = C_e_G.T @ (0.01 * np.array([-10.0, 2000.0, 0.0]))
+    shrunk = fix.covariance_e - (1.0 - rounding) * np.outer(turn_e, turn_e)
+    split = LeaderError(True).split(dataclasses.replace(fix, covariance_e=shrunk))
+    assert np.linalg.eigvalsh(split.covariance_e)[0] > 0.05
+
+
+def test_a_covariance_without_the_leader_s_part_stays_whole():
+    fix = dataclasses.replace(fix_of(np.array([800.0, 0.0, 0.0])), covariance_e=np.eye(3))
+    split = LeaderError(True).split(fix)
+    np.testing.assert_array_equal(split.covariance_e, np.eye(3))
+    assert split.columns_e.any()
+
+
+def test_the_variance_of_a_leader_s_position_stays_as_stated_where_heading_explains_it():
+    turn, drift = np.array([0.0, 0.0, 0.0]), np.array([300.0, 400.0, 0.0])
+    A = columns(6.0, 0.01, turn, drift)
+    np.testing.assert_allclose((A @ A.T)[:2, :2], 36.0 * np.eye(2), atol=1e-12)
+    np.testing.assert_allclose(A[:2, 2], 0.01 * drift[:2])
+
+
+def test_a_leader_better_than_its_heading_is_not_dead_reckoned():
+    turn, drift = np.array([0.0, 1000.0, 0.0]), np.array([3000.0, 4000.0, 0.0])
+    A = columns(6.0, 0.01, turn, drift)
+    np.testing.assert_array_equal(A, [[6.0, 0.0, 0.0], [0.0, 6.0, 10.0], [0.0, 0.0, 0.0]])
+
+
+def rounded(sigma):
+    return SIGMA_RATIO ** math.ceil(math.log(sigma) / math.log(SIGMA_RATIO) - 1e-9)
+
+
+@pytest.mark.parametrize('slope', [0.004, -0.004])
+def test_a_smoothed_sigma_never_jumps_and_stays_within_a_step(slope):
+    smooth = Smooth()
+    start = 2.0 if slope > 0.0 else 12.0
+    found, true = [], []
+    for k in range(1200):
+        sigma = start + 2.0 * k * slope
+        found.append(smooth.at(2_000_000_000 * k, rounded(sigma)))
+        true.append(sigma)
+    ratio = np.array(found) / np.array(true)
+    # Until the second step nobody knows how long a step takes.
+    assert np.abs(np.diff(np.log(found[60:]))).max() < 0.012
+    assert np.abs(np.log(ratio)).max() < 2.0 * math.log(SIGMA_RATIO)
+
+
+def test_a_sigma_that_falls_at_once_is_believed_at_once():
+    smooth = Smooth()
+    assert smooth.at(0, 10.0) == pytest.approx(10.0)
+    assert smooth.at(2_000_000_000, 1.0) == pytest.approx(1.0)
+    assert smooth.at(4_000_000_000, 0.0) == 0.0
+    assert smooth.at(6_000_000_000, 2.0) == pytest.approx(2.0)
+
+
+def test_a_packet_out_of_order_changes_no_sigma():
+    smooth = Smooth()
+    smooth.at(0, 10.0)
+    smooth.at(60_000_000_000, 10.0 * SIGMA_RATIO)
+    now = smooth.at(90_000_000_000, 10.0 * SIGMA_RATIO)
+    smooth.at(30_000_000_000, 10.0)
+    assert smooth.at(90_000_000_000, 10.0 * SIGMA_RATIO) == now
+
+
+@pytest.fixture(scope='module')
+def world():
+    return World(40.0)
+
+
+def with_leader(world, offset_G=(0.0, 0.0, 0.0), growth=0.2):
+    """Fixes of a leader 600 m off, 0.5 to 5 s late, out of order, and what its packets state."""
+    rng = np.random.default_rng(3)
+    out = []
+    for k, fix in enumerate(world.fixes(1.0, lambda i: 0.5 + 4.5 * ((7 * i) % 10) / 9.0, rng=rng)):
+        C = np.asarray(grid.ecef_to_grid(fix.r_e))
+        line_G = np.array([600.0, 300.0 - 20.0 * k, 10.0])
+        turn = 0.002 * np.array([-line_G[1], line_G[0], 0.0])
+        sigma = 3.0 + growth * k
+        added_G = np.diag([sigma**2, sigma**2, 0.0]) + np.outer(turn, turn)
+        out.append(
+            dataclasses.replace(
+                fix,
+                r_e=fix.r_e + C.T @ np.array(offset_G),
+                relative_e=C.T @ line_G,
+                covariance_e=fix.covariance_e + C.T @ added_G @ C,
+                leader_sigma=sigma,
+                leader_heading_sigma=0.002,
+            )
+        )
+    return out
+
+
+def track_of(world, fixes, name, one_by_one=False, **changes):
+    params = world.params(
+        configuration='custom',
+        delay_handling=name,
+        initial_sigma_position=50.0,
+        output_period_s=1.0,
+        **changes,
+    )
+    result = engine_run.run(params, inputs_of(world, fixes), one_by_one=one_by_one)
+    assert not result.divergence
+    return result.track
+
+
+@pytest.mark.parametrize('name', DELAY_HANDLING)
+def test_arrays_and_messages_have_the_same_bits(world, name):
+    fixes = with_leader(world)
+    a, b = (track_of(world, fixes, name, one_by_one=x) for x in (False, True))
+    for column in ('r_e', 'v_G', 'C_b_G', 'P', 'sensor_errors'):
+        np.testing.assert_array_equal(getattr(a, column), getattr(b, column))
+
+
+def test_clone_is_rewind_but_for_the_linearization(world):
+    fixes = with_leader(world)
+    a, b = (track_of(world, fixes, name, gate_probability=1.0) for name in ('clone', 'rewind'))
+    sigma = np.sqrt(np.diagonal(b.P[:, 6:9, 6:9], axis1=1, axis2=2))
+    assert np.abs((a.r_e - b.r_e) / sigma).max() < 1e-3
+    np.testing.assert_allclose(a.P[-1, 6:9, 6:9], b.P[-1, 6:9, 6:9], rtol=1e-3)
+
+
+@pytest.mark.parametrize('name', ['tagged', 'back_propagate', 'clone', 'rewind'])
+def test_an_error_of_all_fixes_is_inside_what_is_claimed(world, name):
+    fixes = with_leader(world, offset_G=(3.0, -2.0, 0.0), growth=0.0)
+    shared, independent = (
+        track_of(world, fixes, name, leader_error_tau=tau) for tau in (3600.0, 0.0)
+    )
+    sigma = [np.sqrt(np.trace(t.P[-1, 6:9, 6:9])) for t in (shared, independent)]
+    off = [np.linalg.norm(t.r_e[-1] - world.r_e[-1]) for t in (shared, independent)]
+    assert off[0] < 1.5 * sigma[0]
+    assert sigma[1] < 0.5 * off[1]
+    # Not published: a part of the fixes, no error of the USBL.
+    assert not shared.P[:, 21:].any()
+    assert not shared.sensor_errors[:, 12:].any()
+
+
+@pytest.mark.parametrize('name', DELAY_HANDLING)
+def test_a_leader_without_error_leaves_every_bit(world, name):
+    fixes = [
+        dataclasses.replace(f, leader_sigma=0.0, leader_heading_sigma=0.0)
+        for f in with_leader(world)
+    ]
+    a, b = (track_of(world, fixes, name, leader_error_tau=tau) for tau in (3600.0, 0.0))
+    for column in ('r_e', 'v_G', 'C_b_G', 'P', 'sensor_errors'):
+        np.testing.assert_array_equal(getattr(a, column), getattr(b, column))
