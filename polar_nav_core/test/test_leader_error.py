@@ -34,7 +34,7 @@ def fix_of(line_G, leader_e=LEADER_E, sigma=5.0, heading=0.01, white=None, numbe
 
 def test_parts_add_up_to_the_covariance_of_a_fix():
     fix = fix_of(np.array([800.0, -600.0, 20.0]))
-    split = LeaderError(True).split(fix)
+    split = LeaderError(3600.0).split(fix)
     whole = split.columns_e @ split.columns_e.T + split.covariance_e
     # What is left of the turn beyond its sure share counts twice, on the safe side.
     turn_e = C_e_G.T @ np.array([6.0, 8.0, 0.0])
@@ -46,15 +46,15 @@ def test_parts_add_up_to_the_covariance_of_a_fix():
 
 def test_a_leader_without_error_changes_nothing():
     fix = fix_of(np.array([800.0, -600.0, 20.0]), sigma=0.0, heading=0.0)
-    for on in (True, False):
-        split = LeaderError(on).split(fix)
+    for tau in (3600.0, 0.0):
+        split = LeaderError(tau).split(fix)
         assert split.covariance_e is fix.covariance_e
         assert not split.columns_e.any()
 
 
 def test_switched_off_all_of_the_error_is_the_fix_s_own():
     fix = fix_of(np.array([800.0, -600.0, 20.0]))
-    split = LeaderError(False).split(fix)
+    split = LeaderError(0.0).split(fix)
     assert split.covariance_e is fix.covariance_e
     assert not split.columns_e.any()
 
@@ -65,13 +65,13 @@ def test_what_is_left_is_definite_when_the_link_has_rounded(rounding):
     fix = fix_of(line_G, heading=0.01)
     turn_e = C_e_G.T @ (0.01 * np.array([-10.0, 2000.0, 0.0]))
     shrunk = fix.covariance_e - (1.0 - rounding) * np.outer(turn_e, turn_e)
-    split = LeaderError(True).split(dataclasses.replace(fix, covariance_e=shrunk))
+    split = LeaderError(3600.0).split(dataclasses.replace(fix, covariance_e=shrunk))
     assert np.linalg.eigvalsh(split.covariance_e)[0] > 0.05
 
 
 def test_a_covariance_without_the_leader_s_part_stays_whole():
     fix = dataclasses.replace(fix_of(np.array([800.0, 0.0, 0.0])), covariance_e=np.eye(3))
-    split = LeaderError(True).split(fix)
+    split = LeaderError(3600.0).split(fix)
     np.testing.assert_array_equal(split.covariance_e, np.eye(3))
     assert split.columns_e.any()
 
@@ -95,7 +95,7 @@ def rounded(sigma):
 
 @pytest.mark.parametrize('slope', [0.004, -0.004])
 def test_a_smoothed_sigma_never_jumps_and_stays_within_a_step(slope):
-    smooth = Smooth()
+    smooth = Smooth(1.0)
     start = 2.0 if slope > 0.0 else 12.0
     found, true = [], []
     for k in range(1200):
@@ -108,8 +108,16 @@ def test_a_smoothed_sigma_never_jumps_and_stays_within_a_step(slope):
     assert np.abs(np.log(ratio)).max() < 2.0 * math.log(SIGMA_RATIO)
 
 
+def test_a_sigma_that_falls_for_a_while_is_held():
+    smooth = Smooth(3600.0)
+    found = [smooth.at(int(2e9) * k, rounded(12.0 - 0.01 * k)) for k in range(1000)]
+    assert found[-1] == pytest.approx(rounded(12.0) * math.exp(-1998.0 / 3600.0), rel=0.05)
+    again = [smooth.at(int(2e9) * (1000 + k), rounded(2.0 + 0.01 * k)) for k in range(1200)]
+    assert max(again) == pytest.approx(14.0, rel=0.07)
+
+
 def test_a_sigma_that_falls_at_once_is_believed_at_once():
-    smooth = Smooth()
+    smooth = Smooth(1.0)
     assert smooth.at(0, 10.0) == pytest.approx(10.0)
     assert smooth.at(2_000_000_000, 1.0) == pytest.approx(1.0)
     assert smooth.at(4_000_000_000, 0.0) == 0.0
@@ -117,7 +125,7 @@ def test_a_sigma_that_falls_at_once_is_believed_at_once():
 
 
 def test_a_packet_out_of_order_changes_no_sigma():
-    smooth = Smooth()
+    smooth = Smooth(1.0)
     smooth.at(0, 10.0)
     smooth.at(60_000_000_000, 10.0 * SIGMA_RATIO)
     now = smooth.at(90_000_000_000, 10.0 * SIGMA_RATIO)

@@ -81,7 +81,8 @@ class NavigationFilter:
         self.frames = fs.make_frames()
         self.work = fs.make_work()
         self.settings = make_settings(params)
-        self.leader = LeaderError(self.settings.shares_leader)
+        shares = self.settings.shares_leader
+        self.leader = LeaderError(params.leader_error_tau if shares else 0.0)
         # The block that the oldest fix belongs to begins before it, after a step.
         block_s = (STEPS_PER_BLOCK + 2) * params.filter_period_s
         length_s = params.history_s + (block_s if steps else 0.0)

@@ -24,6 +24,8 @@ JUMP = 0.2
 UNLINKED = (1.1, 1.6)
 """Heading sigma times distance, over position sigma: up to the first the position is taken for
 dead reckoned along that heading, from the second on for held by something else."""
+EXPLAINED = 0.95
+"""Of the sigma of position, at most so much is of the heading."""
 KEPT = 4096
 """Splits that are stored, because whole runs hand a fix in again that was not reached."""
 _NOTHING = np.zeros((3, 3))
@@ -52,9 +54,19 @@ class Smooth:
     have to jump, too, and fixes show that it does not: a filter would be sure within minutes that
     the error is nil. But a sigma that is rounded up and jumps is then at the edge of a step; from
     there it goes on to the next edge, as fast as from the last one, and never jumps itself.
+
+    Nor does it fall faster than to 1/e in ``hold_s``: where a leader turns back its sigma shrinks
+    for a while, but its error is not the same one grown smaller.
+
+    Parameters
+    ----------
+    hold_s : float
+        [s]
     """
 
-    def __init__(self) -> None:
+    def __init__(self, hold_s: float) -> None:
+        self._hold_s = hold_s
+        self._held, self._held_ns = -math.inf, 0  # logarithm of the largest, when
         self._stated = 0.0
         self._since_ns = 0
         self._from = self._to = 0.0  # logarithms, over the time _takes_s
@@ -66,12 +78,19 @@ class Smooth:
         if not (before > 0.0 and stated > 0.0 and abs(math.log(stated / before)) < JUMP):
             self._stated, self._since_ns = stated, stamp_ns
             self._from = self._to = math.log(stated) if stated > 0.0 else -math.inf
+            self._held, self._held_ns = self._from, stamp_ns
         elif stated != before and stamp_ns > self._since_ns:
             self._from = self._now(stamp_ns)
             self._to = math.log(stated if stated > before else stated / SIGMA_RATIO)
             self._takes_s = (stamp_ns - self._since_ns) * 1e-9
             self._stated, self._since_ns = stated, stamp_ns
-        return math.exp(self._now(stamp_ns))
+        now = self._now(stamp_ns)
+        held = self._held - max(0.0, (stamp_ns - self._held_ns) * 1e-9) / self._hold_s
+        if now < held:
+            return math.exp(held)
+        if stamp_ns > self._held_ns:
+            self._held, self._held_ns = now, stamp_ns
+        return math.exp(now)
 
     def _now(self, stamp_ns: int) -> float:
         if self._from == self._to:
@@ -85,14 +104,14 @@ class LeaderError:
 
     Parameters
     ----------
-    on : bool
-        Whether leaders' errors are estimated; otherwise all of a fix's error is its own.
+    tau_s : float
+        Correlation time of the leader's errors [s]; 0: all of a fix's error is its own.
     """
 
-    def __init__(self, on: bool) -> None:
-        self._on = on
+    def __init__(self, tau_s: float) -> None:
+        self._on = tau_s > 0.0
         self._start_e: Array | None = None
-        self._position, self._heading = Smooth(), Smooth()
+        self._position, self._heading = Smooth(tau_s), Smooth(tau_s)
         self._known: OrderedDict[tuple[int, int, int], Split] = OrderedDict()
 
     def split(self, fix: Fix) -> Split:
@@ -157,7 +176,7 @@ def columns(position: float, heading: float, turn_G: Array, drift_G: Array) -> A
     if by_heading > 0.0 and position > 0.0:
         low, high = UNLINKED
         link = min(1.0, max(0.0, (high - by_heading / position) / (high - low)))
-        explained = min(link * by_heading, 0.95 * position)
+        explained = min(link * by_heading, EXPLAINED * position)
         n = drift_G[:2] / distance
         rest = math.sqrt(position * position - explained * explained)
         A[:2, :2] += (rest - position) * np.outer(n, n)
