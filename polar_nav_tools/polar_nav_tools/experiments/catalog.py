@@ -10,6 +10,7 @@ from polar_nav_core.errors import ConfigError
 
 from . import ablation, consistency, tables
 from .experiment import Experiment
+from .leader_error.experiment import LEADER_ERROR
 from .mismatch.plan import MISMATCH
 from .request import Request, Size
 from .station import catalog as station
@@ -110,6 +111,7 @@ EXPERIMENTS: dict[str, Experiment] = {
             consistency.figures,
         ),
         MISMATCH,
+        LEADER_ERROR,
         *station.EXPERIMENTS,
     )
 }
