@@ -18,9 +18,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from polar_nav_core.errors import ConfigError
+from polar_nav_core.user_files import parse_yaml, read_yaml
 
 from .dynamics.truth import DynamicTruth
 from .dynamics_spec import dynamics_of
@@ -58,6 +58,7 @@ from .trajectory import NS, Trajectory, Truth
 DEFAULT_START = datetime(2026, 3, 1, tzinfo=UTC)
 _SECTIONS = ('description', 'start_time', 'path', 'oscillation', 'gravity', 'geoid', 'vehicles')
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+_LAST_STAMP = _EPOCH + timedelta(seconds=2**31 - 1)
 _MARGIN_S = MARGIN * SPACING_S
 
 
@@ -305,11 +306,7 @@ def load_mission(name_or_path: str | Path) -> Mission:
         Naming the file and what is wrong in it.
     """
     file = find_mission(name_or_path)
-    try:
-        document = yaml.safe_load(file.read_text(encoding='utf-8'))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ConfigError(f'{file}: not a YAML file: {error}') from error
-    return mission_from(document, file)
+    return mission_from(read_yaml(file), file)
 
 
 def overrides_from(texts: Sequence[str]) -> dict[str, Any]:
@@ -325,10 +322,7 @@ def overrides_from(texts: Sequence[str]) -> dict[str, Any]:
         key, sign, value = text.partition('=')
         if not sign or not key.strip():
             raise ConfigError(f'override {text!r} is not of the form key=value')
-        try:
-            out[key.strip()] = yaml.safe_load(value)
-        except yaml.YAMLError as error:
-            raise ConfigError(f'override {text!r}: {error}') from error
+        out[key.strip()] = parse_yaml(value, f'override {text!r}')
     return out
 
 
@@ -442,4 +436,9 @@ def _start_time(value: object, file: Path) -> datetime:
     value = value if value.tzinfo else value.replace(tzinfo=UTC)
     if value < _EPOCH:
         raise ConfigError(f'{file}: start_time {value.isoformat()} is before 1970')
+    if value >= _LAST_STAMP:
+        raise ConfigError(
+            f'{file}: start_time {value.isoformat()} is after {_LAST_STAMP.isoformat()}, '
+            'the last second that a stamp can hold'
+        )
     return value

@@ -25,6 +25,7 @@ from typing import Any
 
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.params import NodeParams, choice, flag, param, text, texts
+from polar_nav_core.user_files import read_text
 
 from ..bags.qos import Qos
 from ..bags.schemas import definition, normalize
@@ -110,12 +111,12 @@ def parse_run_info(given: str) -> dict[str, Any]:
     if not given.lstrip().startswith('{'):
         where = f'parameter run_info: file {given}'
         try:
-            content = Path(given).read_text(encoding='utf-8')
-        except (OSError, UnicodeDecodeError) as error:
+            content = read_text(Path(given))
+        except ConfigError as error:
             raise ConfigError(f'{where} cannot be read ({error})') from error
     try:
         info = json.loads(content)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise ConfigError(f'{where} is not JSON ({error})') from error
     if not isinstance(info, dict):
         raise ConfigError(f'{where} is not a JSON object')
