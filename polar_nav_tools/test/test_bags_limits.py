@@ -32,12 +32,12 @@ def crafted(path, messages, channels=1, text=_TEXT):
     return path
 
 
-@pytest.fixture
-def limited(monkeypatch):
+@pytest.fixture(autouse=True)
+def _limited(monkeypatch):
     monkeypatch.setattr('polar_nav_tools.bags.limits._state', {'limited': True})
 
 
-def test_a_bag_of_nothing_but_zeros_is_refused(tmp_path, limited, capsys, monkeypatch):
+def test_a_bag_of_nothing_but_zeros_is_refused(tmp_path, capsys, monkeypatch):
     zeros = bytes(15_000_000)
     path = crafted(tmp_path / 'b.mcap', [(0, k, zeros) for k in range(6)])
     with pytest.raises(BagError, match=r'b\.mcap: its 0\.\d MB decompress to more than \d+ MB'):
@@ -49,14 +49,14 @@ def test_a_bag_of_nothing_but_zeros_is_refused(tmp_path, limited, capsys, monkey
     assert main() == 0
 
 
-def test_what_recordings_are_like_is_read(limited):
+def test_what_recordings_are_like_is_read():
     check_size('b', 2_000_000, 100_000_000)
     check_size('b', 10_000_000_000, 400_000_000_000)
     with pytest.raises(BagError):
         check_size('b', 370_000, 2_500_000_000)
 
 
-def test_a_definition_of_a_hundred_thousand_lines(limited):
+def test_a_definition_of_a_hundred_thousand_lines():
     constants = ''.join(f'uint8 A{k}=1\n' for k in range(100_000)) + _TEXT
     with pytest.raises(BagError, match='the definition of p/msg/T has 100001 lines'):
         store_of(constants, 'p/msg/T')
@@ -68,7 +68,7 @@ def test_every_channel_is_looked_at_once(tmp_path, monkeypatch):
     path = crafted(tmp_path / 'b.mcap', [(k, k, b'\0\1\0\0abcd') for k in range(300)], 300)
     bag = open_bag(path)
     calls = []
-    numbers = Bag._numbers  # noqa: SLF001 - what must not be done per topic
+    numbers = Bag._numbers
     monkeypatch.setattr(Bag, '_numbers', lambda *a: calls.append(a) or numbers(*a))
     assert len([t for t in bag.topics.values() if t.count == 1]) == 300
     assert len(examine(bag).topics) == 300
