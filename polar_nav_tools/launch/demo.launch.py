@@ -84,6 +84,12 @@ def generate_launch_description() -> LaunchDescription:
                 default_value='',
                 description='Folder of the new bag; empty: a new one in bags/; none: no recorder',
             ),
+            DeclareLaunchArgument(
+                'network',
+                default_value='false',
+                choices=['false', 'true'],
+                description='true: other hosts may see the graph; false: this host only',
+            ),
             OpaqueFunction(function=_graph),
         ]
     )
@@ -106,7 +112,8 @@ def _graph(context: LaunchContext) -> list[LaunchDescriptionEntity]:
     )
     run_dir = Path(launch_config.log_dir)
     graph = prepare_graph(mission, options, run_dir)
-    surroundings = node_surroundings(run_dir, os.environ)
+    network = value('network') == 'true'
+    surroundings = node_surroundings(run_dir, os.environ, network=network)
     variables = [SetEnvironmentVariable(name, text) for name, text in surroundings.items()]
     actions = {spec.full_name: _action(spec) for spec in graph.nodes}
     return [*variables, _order_of_the_end(graph.nodes, actions), *actions.values()]

@@ -54,6 +54,12 @@ LeaderOption = Annotated[
         '--leader', help='perfect: told where it is, as the papers assume; own: it navigates.'
     ),
 ]
+NetworkOption = Annotated[
+    bool,
+    typer.Option(
+        '--network', help='Let other hosts see the graph; docs/security.md has the risks.'
+    ),
+]
 JsonOption = Annotated[bool, typer.Option('--json', help='Print figures as JSON on stdout.')]
 
 
@@ -72,6 +78,7 @@ def demo(
     bag: BagOption = None,
     as_recorded: AsRecordedOption = False,
     leader: LeaderOption = 'perfect',
+    network: NetworkOption = False,
     open_report: Annotated[
         bool, typer.Option('--open', help='Open the report in a browser at the end.')
     ] = False,
@@ -97,6 +104,7 @@ def demo(
         folder=BAGS,
         as_recorded=as_recorded,
         leader=leader,
+        network=network,
     )
     result = run_demo(options, say=say)
     if result.signal is not None:
@@ -122,13 +130,15 @@ def launch(
     bag: BagOption = None,
     as_recorded: AsRecordedOption = False,
     leader: LeaderOption = 'perfect',
+    network: NetworkOption = False,
     no_record: Annotated[
         bool, typer.Option('--no-record', help='Run without a recorder.')
     ] = False,
 ) -> None:
     """Run the graph in real time until the mission ends or Ctrl-C, to be looked at with ROS tools.
 
-    Uses the ROS domain of the shell (ROS_DOMAIN_ID, 0 when it is not set).
+    Uses the ROS domain of the shell (ROS_DOMAIN_ID, 0 when it is not set). Only this host sees it,
+    unless --network is given.
     """
     from ..graph.options import USUAL_CONFIGURATION, GraphOptions
     from ..live.run import new_bag_path, read_mission, run_live
@@ -151,6 +161,7 @@ def launch(
             options,
             folder,
             own_domain=False,
+            network=network,
             on_start=_tell_start,
             on_progress=on_progress,
             on_line=lambda name, line: say(f'{name}: {line}'),

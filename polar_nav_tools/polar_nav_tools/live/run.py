@@ -125,6 +125,7 @@ def run_live(
     folder: Path,
     *,
     own_domain: bool,
+    network: bool = False,
     on_start: Callable[[Graph, str], None] | None = None,
     on_progress: Callable[[float, float], None] | None = None,
     on_line: Callable[[str, str], None] | None = None,
@@ -142,6 +143,8 @@ def run_live(
         folder.
     own_domain : bool
         Keep to a ROS domain of its own unless the user has set one.
+    network : bool
+        Let other hosts see the graph; it keeps to the loopback interface otherwise.
     on_start : callable, optional
         Called with the graph and the domain id before the nodes start.
     on_progress, on_line : callable, optional
@@ -155,7 +158,7 @@ def run_live(
     bag = options.bag
     run_dir = _scratch(bag) if bag is not None else folder
     graph = prepare_graph(mission, options, run_dir)
-    env = graph_environment(run_dir, own_domain=own_domain)
+    env = graph_environment(run_dir, own_domain=own_domain, network=network)
     domain_id = env.get('ROS_DOMAIN_ID') or '0'
     if on_start is not None:
         on_start(graph, domain_id)
