@@ -1,4 +1,4 @@
-"""The graph keeps to this host: sockets and counters, in a network namespace with a second interface.
+"""The graph keeps to this host: sockets and counters in a namespace with a second interface.
 
 The namespace has the loopback interface and one end of a veth pair with an address and the default
 route, as a computer on a network has; nothing of this machine's own interfaces is touched.
@@ -34,7 +34,7 @@ def _unshared(*command: str, **options) -> subprocess.CompletedProcess:
 
 
 def _foreign_sockets() -> set[str]:
-    """Addresses of this namespace's UDP sockets that are neither loopback nor unconnected senders."""
+    """Addresses of UDP sockets in this namespace, other than the loopback's."""
     found = set()
     for name in ('/proc/net/udp', '/proc/net/udp6'):
         for line in Path(name).read_text().splitlines()[1:]:

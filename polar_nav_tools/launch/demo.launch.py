@@ -30,6 +30,7 @@ from launch_ros.actions import Node
 
 from polar_nav_core.engine.configurations import NAMES
 from polar_nav_core.errors import ConfigError
+from polar_nav_ros.launcher import LAUNCHER
 from polar_nav_tools.graph.options import LEADERS, PACES, USUAL_CONFIGURATION, GraphOptions
 from polar_nav_tools.graph.spec import NodeSpec, Stage
 from polar_nav_tools.live.domain import node_surroundings
@@ -114,6 +115,7 @@ def _graph(context: LaunchContext) -> list[LaunchDescriptionEntity]:
     graph = prepare_graph(mission, options, run_dir)
     network = value('network') == 'true'
     surroundings = node_surroundings(run_dir, os.environ, network=network)
+    surroundings[LAUNCHER] = str(os.getpid())  # nodes end by themselves when it is gone
     variables = [SetEnvironmentVariable(name, text) for name, text in surroundings.items()]
     actions = {spec.full_name: _action(spec) for spec in graph.nodes}
     return [*variables, _order_of_the_end(graph.nodes, actions), *actions.values()]

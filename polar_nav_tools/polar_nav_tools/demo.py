@@ -206,6 +206,7 @@ def run_demo(options: DemoOptions, *, say: Callable[[str], None]) -> DemoResult:
                 f'{options.pace} in ROS domain {domain}'
             ),
             on_progress=on_progress,
+            on_problem=say,
         )
     run.check()
     wall_s = {'graph': run.outcome.wall_s}

@@ -1,4 +1,4 @@
-"""Settings of the middleware (Fast DDS) for one graph: this host only, unless a network is asked for.
+"""Settings of the middleware (Fast DDS) for one graph: this host only, unless asked for more.
 
 Comes in: the environment of the user. Goes out: the variables that nodes get, and the profile file
 that they name. On this host only means: every socket is bound to 127.0.0.1, discovery goes to
@@ -17,8 +17,8 @@ _PEERS = 'ROS_STATIC_PEERS'
 _FILE_NAME = 'fastdds.xml'
 
 _LOOPBACK = """\
-  <!-- Shared memory, and UDP on the loopback interface only. A unicast locator of its own keeps the
-       participant from listening to multicast. -->
+  <!-- Shared memory, and UDP on the loopback interface only. A unicast locator of its own keeps
+       the participant from listening to multicast. -->
   <transport_descriptors>
     <transport_descriptor>
       <transport_id>polar_nav_memory</transport_id>

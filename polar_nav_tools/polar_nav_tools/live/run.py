@@ -129,6 +129,7 @@ def run_live(
     on_start: Callable[[Graph, str], None] | None = None,
     on_progress: Callable[[float, float], None] | None = None,
     on_line: Callable[[str, str], None] | None = None,
+    on_problem: Callable[[str], None] | None = None,
 ) -> LiveRun:
     """Result of a mission's graph, run until its end, a signal or the death of a node.
 
@@ -147,7 +148,7 @@ def run_live(
         Let other hosts see the graph; it keeps to the loopback interface otherwise.
     on_start : callable, optional
         Called with the graph and the domain id before the nodes start.
-    on_progress, on_line : callable, optional
+    on_progress, on_line, on_problem : callable, optional
         As in :class:`Supervisor`.
 
     Raises
@@ -168,6 +169,7 @@ def run_live(
         env,
         on_progress=on_progress,
         on_line=on_line,
+        on_problem=on_problem,
         truth_last=options.pace == 'realtime',
     )
     try:
