@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import subprocess
 import sys
@@ -64,6 +65,7 @@ class RunningDemo:
                 stdout=subprocess.PIPE,
                 stderr=stderr,
                 cwd=folder,
+                env={**os.environ, 'POLAR_PROGRESS': '1'},
             )
 
     @property

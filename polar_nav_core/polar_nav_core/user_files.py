@@ -1,4 +1,4 @@
-"""Reads YAML and other files that a user names, so that no content makes a command hang or fail.
+"""Files that a user names: read so that no content makes a command hang or fail, or written.
 
 Comes in: the path of a file, or a text. Goes out: plain values, or one sentence on what is wrong.
 YAML is looked at event by event before anything is made of it: depth, and the number of values
@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import stat
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -46,6 +47,17 @@ def regular(path: Path) -> Path:
         if is_kind(mode):
             raise ConfigError(f'{path} is {kind}, not a regular file')
     return path
+
+
+@contextmanager
+def writing(path: Path) -> Iterator[None]:
+    """Name a file in errors that come while it is written: a full disk has no name of its own."""
+    try:
+        yield
+    except OSError as error:
+        if error.filename is None:
+            error.filename = str(path)
+        raise
 
 
 def read_text(path: Path, most_bytes: int = MOST_BYTES) -> str:

@@ -114,7 +114,8 @@ def test_sizes(size, text):
     assert size_text(size) == text
 
 
-def test_progress_without_a_terminal_is_a_line_each_tenth(capsys):
+def test_progress_for_a_log_is_a_line_each_tenth(capsys, monkeypatch):
+    monkeypatch.setenv('POLAR_PROGRESS', '1')
     with progress_display('work', total=10.0, unit='s') as update:
         for i in range(0, 101):
             update(i / 10.0, 10.0)

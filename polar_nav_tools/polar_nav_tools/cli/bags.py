@@ -14,7 +14,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from polar_nav_core.errors import PolarNavError
+
 from .app import app, emit_json, end, say
+from .choices import CONFIGURATIONS
 
 if TYPE_CHECKING:
     from ..analysis.analyse import Analysis
@@ -22,13 +25,35 @@ if TYPE_CHECKING:
     from ..bags.ahead import Wants
     from ..bags.request import Request
 
+
+def existing(bag: Path) -> Path:
+    """Path of something that exists, before a command loads what reads it."""
+    try:
+        there = bag.exists()
+    except OSError as error:
+        raise PolarNavError(f'{bag}: cannot be read ({error.strerror})') from error
+    if not there:
+        raise PolarNavError(f'{bag} does not exist')
+    return bag
+
+
 BagArgument = Annotated[
     Path,
-    typer.Argument(metavar='BAG', help='Folder of a bag, or an .mcap file.', show_default=False),
+    typer.Argument(
+        metavar='BAG',
+        help='Folder of a bag, or an .mcap file.',
+        show_default=False,
+        callback=existing,
+    ),
 ]
 ConfigurationsOption = Annotated[
     list[str] | None,
-    typer.Option('--configuration', '-c', help='Filter configuration; may be repeated.'),
+    typer.Option(
+        '--configuration',
+        '-c',
+        metavar='NAME',
+        help=f'May be repeated: {", ".join(CONFIGURATIONS)}.',
+    ),
 ]
 VehicleOption = Annotated[
     str | None, typer.Option('--vehicle', help='Which follower, when the bag has several.')
@@ -52,7 +77,10 @@ def replay(
     configuration: Annotated[
         str | None,
         typer.Option(
-            '--configuration', '-c', help='Filter configuration instead of the recorded.'
+            '--configuration',
+            '-c',
+            metavar='NAME',
+            help=f'Instead of the recorded one: {", ".join(CONFIGURATIONS)}.',
         ),
     ] = None,
     change: Annotated[

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from .app import app, emit_json, end, say
+from .choices import CONFIGURATIONS, LEADERS, MISSIONS, PACES, one_of
 
 if TYPE_CHECKING:
     from ..graph.build import Graph
@@ -20,7 +21,7 @@ BAGS = Path('bags')
 
 MissionOption = Annotated[
     str,
-    typer.Option('--mission', '-m', help='Name of a mission that comes with it, or a YAML file.'),
+    typer.Option('--mission', '-m', metavar='NAME|FILE', help=f'{MISSIONS}; or a YAML file.'),
 ]
 DurationOption = Annotated[
     float | None,
@@ -35,7 +36,8 @@ ConfigurationOption = Annotated[
     typer.Option(
         '--configuration',
         '-c',
-        help='Filter configuration of the follower; `default` unless stated.',
+        metavar='NAME',
+        help=f'Of the follower; `default` unless stated: {", ".join(CONFIGURATIONS)}.',
     ),
 ]
 BagOption = Annotated[
@@ -51,7 +53,9 @@ AsRecordedOption = Annotated[
 LeaderOption = Annotated[
     str,
     typer.Option(
-        '--leader', help='perfect: told where it is, as the papers assume; own: it navigates.'
+        '--leader',
+        metavar=one_of(LEADERS),
+        help='perfect: told where it is, as the papers assume; own: it navigates.',
     ),
 ]
 NetworkOption = Annotated[
@@ -72,7 +76,11 @@ def demo(
     duration: DurationOption = None,
     seed: SeedOption = 1,
     pace: Annotated[
-        str, typer.Option(help='lockstep loses nothing and is fast; realtime waits for nobody.')
+        str,
+        typer.Option(
+            metavar=one_of(PACES),
+            help='lockstep loses nothing and is fast; realtime waits for nobody.',
+        ),
     ] = 'lockstep',
     configuration: ConfigurationOption = None,
     bag: BagOption = None,

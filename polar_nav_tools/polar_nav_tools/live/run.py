@@ -88,7 +88,13 @@ def read_mission(name: str, duration_s: float | None, *, as_recorded: bool = Fal
     mission = load_mission(name)
     if as_recorded:
         mission = mission.with_overrides({'path.as_recorded': True})
-    return mission if duration_s is None else mission.with_duration(duration_s)
+    if duration_s is None:
+        return mission
+    try:
+        return mission.with_duration(duration_s)
+    except ConfigError as error:  # of a value that stands in no file
+        _, named, why = str(error).partition('parameter duration_s: ')
+        raise ConfigError(f'duration: {why}') if named else error from error
 
 
 def new_bag_path(folder: Path, mission: str, seed: int, now: datetime) -> Path:

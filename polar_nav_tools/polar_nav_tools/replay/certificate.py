@@ -19,7 +19,7 @@ from typing import Any
 from polar_nav_core.engine.version import ENGINE_VERSION
 from polar_nav_core.errors import ConfigError, PolarNavError
 from polar_nav_core.params import to_mapping
-from polar_nav_core.user_files import read_text
+from polar_nav_core.user_files import read_text, writing
 
 from ..bags.reader import Bag
 from ..live.run_info import cpu_identity, git_commit, lock_sha256, versions
@@ -73,7 +73,8 @@ class Certificate:
 
     def write(self, path: Path) -> None:
         """Write it as JSON."""
-        path.write_text(json.dumps(self.to_dict(), indent=1) + '\n', encoding='utf-8')
+        with writing(path):
+            path.write_text(json.dumps(self.to_dict(), indent=1) + '\n', encoding='utf-8')
 
 
 @dataclass(frozen=True)

@@ -1,12 +1,17 @@
-"""How far a long piece of work is, on stderr: a bar on a terminal, else a line every tenth."""
+"""How far a long piece of work is, on stderr: a bar on a terminal, else nothing.
+
+With POLAR_PROGRESS set it is a line every tenth, for logs.
+"""
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+LINES = 'POLAR_PROGRESS'
 _LARGE_BYTES = 100_000_000
 """Size of a bag from which its opening takes long enough to be watched."""
 
@@ -29,8 +34,10 @@ def progress_display(title: str, *, total: float, unit: str) -> Iterator[Update]
     """
     if sys.stderr.isatty():
         yield from _bar(title, total, unit)
-    else:
+    elif os.environ.get(LINES):
         yield from _lines(title, unit)
+    else:
+        yield lambda _done, _end: None
 
 
 @contextmanager
