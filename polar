@@ -155,9 +155,12 @@ compile_kernels() {
     "$venv/bin/python" -P -m polar_nav_core.warm
 }
 
-# How far pip is: packages looked up, later packages unpacked.
+# How far a step is: kernels compiled; packages looked up, later packages unpacked.
 progress() {
   local total looked_up unpacked
+  if [[ $1 == kernels ]]; then
+    sed -n 's/^\([0-9]* of [0-9]*\) kernels are compiled$/, \1 kernels/p' "$log" | tail -n 1
+  fi
   [[ $1 == requirements ]] || return 0
   total=$(grep -c "==" "$root/requirements.lock")
   looked_up=$(grep '^Collecting' "$log" | sort -u | wc -l)
