@@ -129,7 +129,7 @@ def _check_events(text: str, where: str) -> None:
         if isinstance(event, yaml.AliasEvent):
             if event.anchor in (name for name, _ in open_nodes):
                 raise ConfigError(f'{where}: *{event.anchor} contains itself')
-            count += sizes.get(event.anchor, 1)
+            count += sizes.get(event.anchor or '', 1)
         elif isinstance(event, yaml.CollectionStartEvent):
             open_nodes.append((event.anchor, count))
             count += 1

@@ -1,9 +1,11 @@
 """The front door: what a command loads, what its errors and its help name."""
 
 import errno
+import json
 import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -16,6 +18,7 @@ from polar_nav_tools.graph import options
 from polar_nav_tools.live.run import read_mission
 from polar_nav_tools.terminal.progress import progress_display
 
+REFERENCE = Path(__file__).parents[2] / 'bags' / 'reference'
 HEAVY = {'numpy', 'scipy', 'numba', 'rclpy', 'matplotlib', 'rosbags'}
 _PROGRAM = """
 import sys
@@ -107,3 +110,13 @@ def test_no_progress_without_a_terminal(monkeypatch, capsys):
     with progress_display('work', total=10.0, unit='s') as update:
         update(5.0, 10.0)
     assert capsys.readouterr().err == ''
+
+
+@pytest.mark.parametrize('command', ['info', 'doctor', 'verify', 'replay'])
+def test_json_names_the_bag_as_path(monkeypatch, capsys, command):
+    pytest.importorskip('rclpy')
+    monkeypatch.setattr('sys.argv', ['polar', command, str(REFERENCE), '--json'])
+    main()
+    said = json.loads(capsys.readouterr().out)
+    assert list(said)[:2] == ['ok', 'path']
+    assert said['path'] == str(REFERENCE)

@@ -146,7 +146,8 @@ def replay(
             write_replay(out, result, source)
             summary['bag'] = str(out)
         if as_json:
-            emit_json({'ok': not (source.problems or result.divergence), **summary})
+            said = {'ok': not (source.problems or result.divergence), 'path': str(source.path)}
+            emit_json({**said, **summary})
         else:
             for name, value in summary.items():
                 first, *others = value if isinstance(value, list) and value else [_plain(value)]
@@ -180,7 +181,8 @@ def report(
         folder = bag if bag.is_dir() else bag.parent
         path = write_analysis(analysis, out or folder / 'report.html')
         if as_json:
-            emit_json({'ok': not analysis.complaints(), 'report': str(path)})
+            said = {'ok': not analysis.complaints(), 'path': str(bag)}
+            emit_json({**said, 'report': str(path)})
         else:
             sys.stdout.write(f'{path}\n')
         if open_report:

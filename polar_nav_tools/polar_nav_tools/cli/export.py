@@ -71,6 +71,7 @@ def export(
             emit_json(
                 {
                     'ok': not source.problems,
+                    'path': str(source.path),
                     'file': str(out),
                     'poses': len(track),
                     'left_out': track.left_out,
