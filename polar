@@ -59,7 +59,7 @@ declare -A want
 read_want() {
   local -a messages setups kernels
   mapfile -t messages < <(files polar_nav_msgs)
-  mapfile -t setups < <(files . -maxdepth 2 -path './polar_nav_*/setup.py')
+  mapfile -t setups < <(files . -maxdepth 2 -path './polar_nav_*/setup.*')
   mapfile -t kernels < <(files polar_nav_core/polar_nav_core/{kernels,warm.py})
   want[environment]="in $root with $([[ ! -x $venv/bin/python ]] || readlink -f "$venv/bin/python")"
   want[requirements]=$(key requirements.lock)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import signal
 import subprocess
 import sys
@@ -65,7 +64,6 @@ class RunningDemo:
                 stdout=subprocess.PIPE,
                 stderr=stderr,
                 cwd=folder,
-                env={**os.environ, 'POLAR_PROGRESS': '1'},
             )
 
     @property

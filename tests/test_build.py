@@ -99,8 +99,8 @@ def test_package_xml_names_every_import_of_the_tests(package):
 
 def test_entry_points_are_the_nodes_of_the_design():
     for package, names in PROGRAMS.items():
-        text = (ROOT / package / 'setup.py').read_text()
-        assert set(re.findall(r"'(\w+) = ", text)) == names
+        text = (ROOT / package / 'setup.cfg').read_text()
+        assert set(re.findall(r'^ +(\w+) = .*:main$', text, re.MULTILINE)) == names
 
 
 @pytest.fixture(scope='session')

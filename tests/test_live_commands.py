@@ -22,7 +22,7 @@ def launch(own_domain, tmp_path):
         process = subprocess.Popen(
             [*TOOL, 'launch', '--duration', '200', '--bag', str(bag)],
             cwd=tmp_path,
-            env={**own_domain, 'POLAR_PROGRESS': '1'},
+            env=own_domain,
             stderr=stderr,
         )
     deadline = time.monotonic() + 90.0

@@ -150,7 +150,7 @@ def test_a_truncated_recording_is_scored_as_far_as_it_goes_and_said_to_be_one(
 
 def test_a_parameter_out_of_range_is_refused_with_one_sentence(finished_demo):
     done = polar('replay', finished_demo.bag, '--set', 'max_delay_s=-1')
-    assert done.returncode == 1
+    assert done.returncode == 2
     assert done.stdout == ''
     assert done.stderr.strip().splitlines() == [
         'polar: parameter max_delay_s: -1.0 is outside of [0.1, 120.0] s'

@@ -119,7 +119,7 @@ def assert_same(one, other):
 def test_the_story_of_a_fix_and_the_health_of_the_bag_are_told(station_demo):
     done = polar('why', station_demo.bag, '--seq', '5')
     assert done.returncode == 0, done.stderr
-    assert 'What the station said' in done.stdout
+    assert 'Content of the packet, by the station' in done.stdout
     assert 'away at t3' in done.stdout
     assert polar('doctor', station_demo.bag).returncode == 0
     assert polar('info', station_demo.bag).returncode == 0

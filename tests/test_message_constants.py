@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 MESSAGES = Path(__file__).parents[1] / 'polar_nav_msgs'
-CONSTANT = re.compile(r'^\s*u?int\d+\s+([A-Z][A-Z0-9_]*)\s*=\s*(-?\d+)', re.MULTILINE)
+CONSTANT = re.compile(r'^\s*(?:u?int\d+|byte)\s+([A-Z][A-Z0-9_]*)\s*=\s*(-?\d+)', re.MULTILINE)
 FROZEN = {
     'Command': {'RESET': 0, 'SET_INITIAL_STATE': 1, 'SHUTDOWN': 2, 'IDENTIFY': 3},
     'Dvl': {
@@ -34,6 +34,23 @@ FROZEN = {
         'UNPHYSICAL': 2,
         'NOT_CONVERGED': 3,
         'TOO_FEW_FIXES': 4,
+    },
+    'NavHealth': {
+        'OK': 0,
+        'WARN': 1,
+        'ERROR': 2,
+        'STATUS_ALIGNING': 0,
+        'STATUS_NAVIGATING': 1,
+        'STATUS_DIVERGED': 2,
+        'STATUS_DEGRADED': 3,
+        'STATUS_LOST': 4,
+        'FIXES': 1,
+        'DVL': 2,
+        'DEPTH': 4,
+        'IMU': 8,
+        'MODEL': 16,
+        'HEADING': 32,
+        'UNEXPLAINED': 64,
     },
     'NavState': {'STATUS_NAVIGATING': 1, 'STATUS_DIVERGED': 2},
 }

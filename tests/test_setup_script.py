@@ -92,6 +92,7 @@ def tree(tmp_path: Path) -> Tree:
     texts = {
         'polar_nav_msgs/msg/Fix.msg': 'float64 range\n',
         'polar_nav_sim/setup.py': 'setup()\n',
+        'polar_nav_sim/setup.cfg': '[metadata]\n',
         'polar_nav_tools/polar_nav_tools/development/environment.py': 'link()\n',
         'polar_nav_core/polar_nav_core/kernels/frames/earth.py': 'radius = 6378137.0\n',
         'polar_nav_core/polar_nav_core/warm.py': 'warm()\n',
@@ -131,6 +132,7 @@ def test_later_calls_touch_nothing_and_say_nothing(tree):
         ('polar_nav_msgs/msg/Fix.msg', ['messages']),
         ('polar_nav_msgs/msg/New.msg', ['messages']),
         ('polar_nav_sim/setup.py', ['link']),
+        ('polar_nav_sim/setup.cfg', ['link']),
         ('polar_nav_core/polar_nav_core/kernels/frames/earth.py', ['warm']),
         ('polar_nav_core/polar_nav_core/warm.py', ['warm']),
         ('requirements.lock', ['requirements', 'messages', 'warm']),

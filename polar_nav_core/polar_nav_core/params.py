@@ -34,6 +34,11 @@ def param(default: float, unit: str, lo: float, hi: float, doc: str) -> Any:  # 
     )
 
 
+def sigma(default: float, unit: str, hi: float, doc: str) -> Any:  # noqa: ANN401
+    """Standard deviation in [0, hi]; 0 stands for none."""
+    return param(default, unit, 0.0, hi, doc)
+
+
 def vector(default: Sequence[float], unit: str, lo: float, hi: float, doc: str) -> Any:  # noqa: ANN401
     """List of floats of fixed length, each in [lo, hi]."""
     values = tuple(float(v) for v in default)

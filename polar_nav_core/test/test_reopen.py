@@ -30,7 +30,7 @@ def inputs(world):
 
 def run(world, inputs, **changes):
     params = world.params(**{**CONFIGURATION, **changes})
-    return engine_run.run(params, inputs, one_by_one=True)
+    return engine_run.run(params, inputs, look_every_s=1.0)
 
 
 def pings(result, column):
@@ -90,6 +90,10 @@ def test_a_leader_that_is_displaced_later_is_not_believed(world, inputs):
 
 def test_whole_runs_open_as_nodes_do(world, inputs):
     params = world.params(**{**CONFIGURATION, **heading_off(world)})
-    whole, single = (engine_run.run(params, inputs, one_by_one=k) for k in (False, True))
+    whole, single = (
+        engine_run.run(params, inputs, one_by_one=k, look_every_s=1.0) for k in (False, True)
+    )
     np.testing.assert_array_equal(whole.track.P, single.track.P)
     np.testing.assert_array_equal(whole.track.r_e, single.track.r_e)
+    assert whole.health == single.health
+    assert len(whole.health) > 30

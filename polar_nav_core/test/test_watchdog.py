@@ -12,7 +12,6 @@ from polar_nav_core.engine.health.watchdog import (
     Envelope,
     View,
     Watchdog,
-    radius_95,
 )
 from polar_nav_core.kernels import watch
 
@@ -154,10 +153,12 @@ def test_states_that_no_vehicle_can_be_in():
     assert look(memories(), depth=9000.0).level is Level.ERROR
 
 
-def test_radius_holds_95_percent_of_positions():
-    """Exactly so for a circle; for a line the circle of 2.45 sigma holds 98.56 %."""
-    rng = np.random.default_rng(8)
-    for P in (np.diag([4.0, 4.0]), np.array([[4.0, 1.5], [1.5, 1.0]])):
-        at = rng.multivariate_normal([0.0, 0.0], P, size=20_000)
-        inside = np.mean(np.hypot(*at.T) < radius_95(P))
-        assert 0.945 < inside < 0.9856 + 0.003
+def test_a_circle_above_the_limit_is_lost():
+    dog = Watchdog(Envelope(max_speed=10.0, max_depth=6000.0, lost_radius=100.0))
+    near = look(memories(), dog, P_horizontal=1600.0 * np.eye(2))
+    assert (near.lost, near.level) == (False, Level.OK)
+    far = look(memories(), dog, P_horizontal=1700.0 * np.eye(2))
+    assert (far.lost, far.level, far.culprit) == (True, Level.ERROR, Culprit.UNEXPLAINED)
+    assert far.sentence == ('lost: the vehicle is within 101 m with 95 %, lost_radius is 100 m')
+    assert look(memories(), dog, P_horizontal=np.full((2, 2), np.nan)).lost
+    assert look(memories(), dog, speed=11.0).lost

@@ -86,6 +86,7 @@ _FIRST: dict[str, Any] = {
     'initialize': 'parameters',
     'leader_id': 1,
     'lockstep': False,
+    'lost_radius': 1000.0,
     'max_delay_s': 60.0,
     'max_depth': 12000.0,
     'max_gated_s': 300.0,

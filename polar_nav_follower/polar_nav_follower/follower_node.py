@@ -8,6 +8,7 @@
 | out nav/state | polar_nav_msgs/NavState | estimate |
 | out odometry, nav/fix | nav_msgs/Odometry, sensor_msgs/NavSatFix | estimate |
 | out nav/receipt | polar_nav_msgs/FixReceipt | decision |
+| out nav/health | polar_nav_msgs/NavHealth | estimate, 1 Hz |
 | out nav/command | polar_nav_msgs/Command | place in the order of events |
 | out acomms/decoded | polar_nav_msgs/LeaderBroadcast | validity |
 | out acomms/station_decoded | polar_nav_msgs/StationFix | validity |

@@ -1,1 +1,1 @@
-"""The leader: joins its own navigation with what its array heard, and broadcasts it."""
+"""The leader: joins its own navigation with its array's readings, and broadcasts fixes."""

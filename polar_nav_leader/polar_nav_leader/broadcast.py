@@ -1,4 +1,4 @@
-"""From what the array heard and where the leader was to the content of a packet.
+"""Content of a packet from a reading of the array and the leader's states.
 
 The fix is the follower's transponder at t3, seen from the leader's pose at t4:
 p_F(t3) = p_L(t4) + C_b_G(t4) (lever + C_a_b p_a), in the leader's grid axes.
@@ -22,17 +22,17 @@ Array = NDArray[np.float64]
 
 
 class Unusable(ValueError):
-    """A measurement that no fix can be made of; the text says why."""
+    """A reading without a fix; the text is the reason."""
 
 
 @dataclass(frozen=True)
 class ArrayMeasurement:
-    """What polar_nav_msgs/UsblFix says, in SI units.
+    """Reading of polar_nav_msgs/UsblFix in SI units.
 
     Attributes
     ----------
     ping_ns, validity_ns, return_ns : int
-        t1, t3 as the instrument dates it, t4.
+        t1, t3 by the instrument, t4.
     turn_around, round_trip : float
         t3 - t2 and t4 - t1 [s].
     range_variance : float
@@ -42,7 +42,7 @@ class ArrayMeasurement:
     cosine_covariance : (2, 2) array
         Of its x and y components.
     target_depth, target_depth_variance : float
-        What the transponder told [m], [m^2]; NaN: nothing.
+        Depth sent by the transponder [m], [m^2]; NaN: none.
     """
 
     target: str
@@ -62,14 +62,14 @@ class ArrayMeasurement:
 
 @dataclass(frozen=True)
 class Mounting:
-    """Where the array stands on the leader: lever arm [m] and C_a_b."""
+    """Mounting of the array on the leader: lever arm [m] and C_a_b."""
 
     lever_b: Array
     C_a_b: Array
 
     @classmethod
     def of(cls, lever_b: tuple[float, ...], rpy_deg: tuple[float, ...]) -> Mounting:
-        """Build it from a lever arm and roll, pitch, yaw in degrees."""
+        """Mounting with a lever arm [m] and roll, pitch, yaw in degrees."""
         roll, pitch, yaw = (math.radians(a) for a in rpy_deg)
         return cls(
             np.array(lever_b, dtype=np.float64), attitude.matrix_from_euler(yaw, pitch, roll)
@@ -83,12 +83,12 @@ def make_broadcast(
     mounting: Mounting,
     params: LeaderParams,
 ) -> Broadcast:
-    """Join a measurement with the leader's own state.
+    """Content of a packet, from a reading and the leader's own states.
 
     Parameters
     ----------
     m : ArrayMeasurement
-        What the array heard.
+        Reading of the array.
     at_ping, at_return : LeaderState
         The leader at t1 and t4.
     mounting : Mounting
@@ -99,7 +99,7 @@ def make_broadcast(
     Raises
     ------
     Unusable
-        When the numbers fit no geometry.
+        If the numbers fit no geometry.
     """
     C_e_G = at_return.C_e_G
     C_b_G = C_e_G @ at_return.C_b_e
@@ -131,7 +131,7 @@ def make_broadcast(
         source=params.own_id,
         target=params.follower_id,
         sequence=m.sequence % 65536,
-        # The instrument dates the reply by half the round trip; the leader knows how it moved.
+        # The instrument dates the reply by half the round trip; the leader's motion corrects it.
         validity_ns=m.return_ns - round(distance.distance / m.sound_speed * 1e9),
         return_ns=m.return_ns,
         leader_r_e=at_return.r_e,
@@ -194,8 +194,8 @@ def _height_difference(
 ) -> tuple[Array, float, float] | tuple[()]:
     """Up in array axes, height of the transponder above the array, its variance.
 
-    Nothing where no depth was told. Along the up direction of the array: the Earth's curvature
-    (r^2/2R, 0.1 m at 1 km) is taken out.
+    NaN without a depth. Along the up direction of the array: the Earth's curvature
+    (r^2/2R, 0.1 m at 1 km) is removed.
 
     The variance holds that of the leader's height, as it must for the least squares. The follower
     adds the leader's vertical sigma to it, although in the sum the leader's height cancels: the

@@ -1,4 +1,4 @@
-"""Messages to the leader's types and back; with node and session what knows both worlds."""
+"""Conversion between messages and the leader's types."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _KNOWN = (
 
 
 def state_from_msg(msg: Odometry, params: LeaderParams) -> LeaderState:
-    """nav_msgs/Odometry in `earth` as a state; parameters give the 1-sigma that it does not."""
+    """State of a nav_msgs/Odometry in `earth`; parameters replace a 1-sigma that is not stated."""
     p, q = msg.pose.pose.position, msg.pose.pose.orientation
     v, w = msg.twist.twist.linear, msg.twist.twist.angular
     C_b_e = attitude.matrix_from_quaternion([q.x, q.y, q.z, q.w])
@@ -52,11 +52,10 @@ def state_from_msg(msg: Odometry, params: LeaderParams) -> LeaderState:
 
 
 def absolute_fix_from_msg(msg: NavSatFix, number: int) -> Fix:
-    """sensor_msgs/NavSatFix as a fix that is valid when it is received.
+    """Fix of a sensor_msgs/NavSatFix, valid at its reception.
 
-    Without a stated covariance it is refused: nobody knows what it is worth. Its axes are east,
-    north, up at the latitude and longitude that the message itself gives, so they are defined at a
-    pole, too.
+    Without a stated covariance it is refused: its accuracy is unknown. Its axes are east,
+    north, up at the latitude and longitude in the message, so they are defined at a pole, too.
     """
     stamp_ns = to_ns(msg.header.stamp)
     lat, lon = math.radians(msg.latitude), math.radians(msg.longitude)
@@ -96,7 +95,7 @@ def absolute_fix_from_msg(msg: NavSatFix, number: int) -> Fix:
 
 
 def measurement_from_msg(msg: UsblFix) -> ArrayMeasurement:
-    """polar_nav_msgs/UsblFix as a measurement of the array."""
+    """Reading of the array of a polar_nav_msgs/UsblFix."""
     return ArrayMeasurement(
         target=msg.target,
         sequence=msg.sequence,

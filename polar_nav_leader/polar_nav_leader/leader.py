@@ -1,4 +1,4 @@
-"""Waits until the leader knows where it was, then makes the packet: no clock, no ROS.
+"""Packets of the leader, made when its states cover a reading: no clock, no ROS.
 
 A measurement can be used when the leader's own states reach over ping and return; it is sent
 `processing_delay_s` after the return, when the stamps of the data get there.
@@ -19,7 +19,15 @@ from .states import LeaderState, LeaderStates
 
 @dataclass(frozen=True)
 class Packet:
-    """A packet to be sent at a stamp."""
+    """A packet and its stamp of transmission.
+
+    Attributes
+    ----------
+    transmit_ns : int
+        Stamp of its first bit [ns].
+    broadcast, data : Broadcast, bytes
+        Content, and the same encoded.
+    """
 
     transmit_ns: int
     broadcast: Broadcast
@@ -27,7 +35,7 @@ class Packet:
 
 
 class Leader:
-    """The leader's part of a fix.
+    """Leader's part of a fix: readings and states in, packets out.
 
     Parameters
     ----------
@@ -46,20 +54,20 @@ class Leader:
 
     @property
     def waiting(self) -> int:
-        """Measurements that wait for states of the leader."""
+        """Number of readings that wait for states of the leader."""
         return len(self._waiting)
 
     def add_state(self, state: LeaderState) -> None:
-        """Take a state of the leader's own navigation."""
+        """Store a state of the leader's own navigation."""
         if not self._states.add(state):
             self.counts['odometry_refused'] += 1
 
     def restart(self) -> None:
-        """Forget the states: the navigation was started anew."""
+        """Drop the states, after a new start of the navigation."""
         self._states.clear()
 
     def add_measurement(self, measurement: ArrayMeasurement) -> None:
-        """Take what the array heard."""
+        """Store a reading of the array."""
         if measurement.target != self._p.follower:
             self.counts['other_target'] += 1
             return
@@ -67,7 +75,7 @@ class Leader:
         self._waiting.sort(key=lambda m: (m.return_ns, m.sequence))
 
     def due(self, now_ns: int | None = None) -> Iterator[Packet]:
-        """Packets whose time has come, in order of transmission.
+        """Packets that are due, in order of transmission.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""Leader: turns what its array heard into a fix for the follower, as a packet for the modem.
+"""leader_node: readings of its array -> fixes for the follower, as packets for the modem.
 
 | topic | type | stamp |
 | --- | --- | --- |
@@ -6,7 +6,7 @@
 | out acomms/tx | polar_nav_msgs/AcousticPacket | t5, first bit |
 | out broadcast | polar_nav_msgs/LeaderBroadcast | t3 |
 
-With ``navigation: odometry``, for which another node tells where the leader is:
+With ``navigation: odometry``, for which another node publishes the leader's position:
 
 | in odometry | nav_msgs/Odometry | validity |
 
@@ -40,7 +40,7 @@ _OUTPUTS = {topics.BROADCAST: LeaderBroadcast, topics.TX: AcousticPacket}
 
 
 class LeaderNode(PolarNode[LeaderParams]):
-    """Thin: the session does the work, its results are published."""
+    """Node of the leader: publishes the results of its session."""
 
     def __init__(self) -> None:
         super().__init__('leader_node', LeaderParams)
@@ -52,7 +52,7 @@ class LeaderNode(PolarNode[LeaderParams]):
             self._follow_odometry()
 
     def diagnose(self) -> Diagnosis:
-        """What was sent, what waits, what could not be used; and how the navigation is."""
+        """Health with the numbers of packets and readings, and of the navigation."""
         counts = dict(self._leader.counts)
         values = {**counts, 'waiting_fixes': self._leader.waiting}
         refused = sum(n for name, n in counts.items() if name != 'sent')
@@ -66,12 +66,12 @@ class LeaderNode(PolarNode[LeaderParams]):
         return Diagnosis(worse.level, worse.message, {**own.values, **values})
 
     def close(self) -> None:
-        """Process what waits."""
+        """Process the waiting messages."""
         if self._ports is not None:
             self._ports.close()
 
     def _navigate(self) -> None:
-        # Before anything is subscribed to: a cold compile takes long, and sensors do not wait.
+        # Before any subscription: a cold compile is slow, and sensors do not wait.
         with telling(lambda text: self.get_logger().info(f'first start: {text}')):
             warm_filter()
         own = session.OwnSession(self.params, self.vehicle)
@@ -80,14 +80,14 @@ class LeaderNode(PolarNode[LeaderParams]):
         self._ports = NavigationPorts(self, own, inputs, _OUTPUTS)
 
     def _follow_odometry(self) -> None:
-        told = session.OdometrySession(self.params, self.vehicle)
-        self._leader = told.leader
+        odometry = session.OdometrySession(self.params, self.vehicle)
+        self._leader = odometry.leader
         outputs = {topic: self.advertise(kind, topic) for topic, kind in _OUTPUTS.items()}
         for topic, kind in {topics.ODOMETRY: Odometry, topics.USBL: UsblFix}.items():
-            self.subscribe(kind, topic, _taker(told, topic, outputs))
+            self.subscribe(kind, topic, _taker(odometry, topic, outputs))
 
     def _navigation(self) -> Diagnosis:
-        """How the own navigation is, and whether somebody else claims to know better."""
+        """Health of the own navigation, with a warning about other publishers of odometry."""
         if self._ports is None:
             return Diagnosis()
         own = self._ports.diagnose()
@@ -103,10 +103,10 @@ class LeaderNode(PolarNode[LeaderParams]):
 
 
 def _taker(
-    told: session.OdometrySession, topic: str, outputs: dict[str, CountedPublisher]
+    odometry: session.OdometrySession, topic: str, outputs: dict[str, CountedPublisher]
 ) -> Callable[[Any], None]:
     def take(message: Any) -> None:  # noqa: ANN401 - the topic's message type
-        for published in told.take(topic, message):
+        for published in odometry.take(topic, message):
             outputs[published.topic].publish(published.data)
 
     return take

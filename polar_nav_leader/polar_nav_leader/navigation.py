@@ -16,7 +16,7 @@ from .states import LeaderState
 
 
 class LeaderEngine(Engine):
-    """An engine that also tells the rate at its newest epoch, which no estimate holds.
+    """Engine with the angular rate at its newest epoch, which no estimate contains.
 
     States between estimates are interpolated with their rates (`states.py`).
     """
@@ -29,7 +29,7 @@ class LeaderEngine(Engine):
         self.restarts = 0
 
     def process(self, event: Event) -> Iterator[Output]:
-        """Take the next event of the total order."""
+        """Process the next event of the total order."""
         # The estimate that is due before this event comes first: it belongs to the sample before.
         yield from super().process(event)
         if isinstance(event, ImuSample):
@@ -51,12 +51,12 @@ class LeaderEngine(Engine):
 
 
 def state_of(e: Estimate, omega_ib_b: Array) -> LeaderState:
-    """State of the leader that an estimate tells.
+    """State of the leader of an estimate.
 
     Parameters
     ----------
     e : Estimate
-        Of the engine.
+        Estimate of the engine.
     omega_ib_b : ndarray, shape (3,)
         Rate at its stamp as measured [rad/s].
     """

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from polar_nav_core.engine.params import CONFIGURATIONS, EngineParams
 from polar_nav_core.errors import ConfigError
-from polar_nav_core.params import choice, flag, param, text, vector
+from polar_nav_core.params import choice, flag, param, sigma, text, vector
 
 NAVIGATION = ('odometry', 'own')
 
@@ -37,20 +37,18 @@ class LeaderParams(EngineParams):
         (0.0, 0.0, 0.0), 'deg', -360.0, 360.0, 'Mounting of the array: roll, pitch, yaw'
     )
     formation: bool = flag(
-        True, 'Take the follower to move as the leader does while its transponder turns around'
+        True, 'Assume that the follower moves as the leader during the turn-around'
     )
     processing_delay_s: float = param(
         0.3, 's', 0.0, 60.0, 'From the reply at the array (t4) to the first bit sent (t5)'
     )
     bit_rate: float = param(9600.0, 'bit/s', 1.0, 1e7, 'Of the acoustic modem')
-    position_sigma: float = param(
-        0.0, 'm', 0.0, 1e4, '1-sigma per axis where the odometry states none'
+    position_sigma: float = sigma(0.0, 'm', 1e4, '1-sigma per axis where the odometry states none')
+    velocity_sigma: float = sigma(
+        0.0, 'm/s', 100.0, '1-sigma per axis where the odometry states none'
     )
-    velocity_sigma: float = param(
-        0.0, 'm/s', 0.0, 100.0, '1-sigma per axis where the odometry states none'
-    )
-    attitude_sigma_deg: float = param(
-        0.0, 'deg', 0.0, 90.0, '1-sigma per axis where the odometry states none'
+    attitude_sigma_deg: float = sigma(
+        0.0, 'deg', 90.0, '1-sigma per axis where the odometry states none'
     )
     odometry_history_s: float = param(
         30.0, 's', 1.0, 600.0, 'Stored states of the leader; longer than a round trip'
@@ -111,6 +109,6 @@ class LeaderParams(EngineParams):
         if self.navigation == 'own' and not self.lockstep and late:
             raise ConfigError(
                 f'parameter processing_delay_s: {self.processing_delay_s} s is shorter than '
-                f'reorder_window_s + output_period_s, {needed:.3f} s: the leader would not know '
-                'where it was yet'
+                f'reorder_window_s + output_period_s, {needed:.3f} s: the leader would have '
+                'no state of that time yet'
             )

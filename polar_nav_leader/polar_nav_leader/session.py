@@ -1,7 +1,7 @@
-"""The leader behind its topics: messages in, messages out; the node publishes what comes.
+"""Sessions of the leader: messages in, messages to publish out.
 
-Where the leader is, it learns from somebody's odometry (:class:`OdometrySession`) or by itself
-(:class:`OwnSession`); what it broadcasts is made in the same way from either.
+The leader's position comes from another node's odometry (:class:`OdometrySession`) or its own
+navigation (:class:`OwnSession`); broadcasts are made in the same way from either.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from .states import LeaderState
 
 
 class _Sender:
-    """Packets of a leader as messages, numbered as the modem counts."""
+    """Packets of a leader as messages, numbered by the modem."""
 
     def __init__(self, leader: Leader, params: LeaderParams, vehicle: str) -> None:
         self._leader = leader
@@ -53,12 +53,12 @@ class _Sender:
 
 
 class OdometrySession:
-    """A leader that is told where it is.
+    """Session of a leader with the odometry of another node.
 
     Parameters
     ----------
     params : LeaderParams
-        Everything that can be chosen.
+        Parameters of leader_node.
     vehicle : str
         Name of the vehicle.
     """
@@ -69,7 +69,7 @@ class OdometrySession:
         self._sender = _Sender(self.leader, params, vehicle)
 
     def take(self, topic: str, message: Any) -> Iterator[Published]:  # noqa: ANN401 - the topic's message type
-        """Take a message of ODOMETRY or USBL; yields what is to be published."""
+        """Process a message of ODOMETRY or USBL; yields messages to publish."""
         if topic == topics.USBL:
             self.leader.add_measurement(convert.measurement_from_msg(message))
         else:
@@ -78,12 +78,12 @@ class OdometrySession:
 
 
 class OwnSession(NavigationSession[LeaderParams]):
-    """A leader that navigates with its own sensors and absolute fixes, if there are any.
+    """Session of a leader that navigates with its own sensors and absolute fixes, if any.
 
     Parameters
     ----------
     params : LeaderParams
-        Everything that can be chosen.
+        Parameters of leader_node.
     vehicle : str
         Name of the vehicle.
     """
@@ -99,7 +99,7 @@ class OwnSession(NavigationSession[LeaderParams]):
         self._restarts = 0
 
     def take(self, topic: str, message: Any) -> Iterator[Published]:  # noqa: ANN401
-        """Take one message; yields estimates, receipts and packets."""
+        """Process one message; yields estimates, receipts and packets to publish."""
         if topic == topics.USBL:
             self.leader.add_measurement(convert.measurement_from_msg(message))
         else:
@@ -107,15 +107,15 @@ class OwnSession(NavigationSession[LeaderParams]):
         yield from self._sender.due(self.reorder.newest_imu_ns)
 
     def flush(self) -> Iterator[Published]:
-        """Process what waits: the end of the run."""
+        """Process the waiting messages at the end of the run."""
         yield from super().flush()
         yield from self._sender.due(self.reorder.newest_imu_ns)
 
     def odometry(self, state: NavState) -> Odometry:
-        """Give the newest state as nav_msgs/Odometry, rate included."""
+        """nav_msgs/Odometry of the newest state, with its rate."""
         newest = self._state
-        told = newest is not None and newest.stamp_ns == to_ns(state.header.stamp)
-        return odometry_of(state, newest.omega_eb_b if newest is not None and told else None)
+        current = newest is not None and newest.stamp_ns == to_ns(state.header.stamp)
+        return odometry_of(state, newest.omega_eb_b if newest is not None and current else None)
 
     def _to_messages(self, results: Iterable[Output]) -> Iterator[Published]:
         for result in results:

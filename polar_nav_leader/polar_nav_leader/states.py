@@ -55,7 +55,7 @@ class LeaderStates:
     Parameters
     ----------
     length_s : float
-        How long a state is kept.
+        Length of the stored past [s].
     """
 
     def __init__(self, length_s: float) -> None:
@@ -89,7 +89,7 @@ class LeaderStates:
         return True
 
     def clear(self) -> None:
-        """Forget everything: what comes next does not continue it."""
+        """Drop all states; later ones do not continue them."""
         self._stamps.clear()
         self._states.clear()
 

@@ -7,6 +7,7 @@
 | out nav/state | polar_nav_msgs/NavState | estimate |
 | out odometry, nav/fix | nav_msgs/Odometry, sensor_msgs/NavSatFix | estimate |
 | out nav/receipt | polar_nav_msgs/FixReceipt | decision |
+| out nav/health | polar_nav_msgs/NavHealth | estimate, 1 Hz |
 | out nav/command | polar_nav_msgs/Command | place in the order of events |
 | out nav/current, nav/model | polar_nav_msgs/WaterCurrent, VehicleModel | estimate, 1 Hz |
 | out nav/identification | polar_nav_msgs/Identification | place in the order of events |
@@ -18,6 +19,7 @@ stamped commands.
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
@@ -27,7 +29,7 @@ from std_srvs.srv import Trigger
 
 from polar_nav_core.engine.events import CommandKind
 from polar_nav_msgs.msg import Command as CommandMsg
-from polar_nav_msgs.msg import FixReceipt, NavState
+from polar_nav_msgs.msg import FixReceipt, NavHealth, NavState
 from polar_nav_msgs.msg import InitialState as InitialStateMsg
 from polar_nav_msgs.srv import SetInitialState
 
@@ -43,7 +45,7 @@ from .node import CountedPublisher, PolarNode
 from .readers import initial_from_msg, initial_problem, initial_to_msg
 from .stamps import to_msg, to_ns
 from .standard_outputs import fix_of
-from .topics import COMMAND, FIX, ODOMETRY, RECEIPT, STATE
+from .topics import COMMAND, FIX, HEALTH, ODOMETRY, RECEIPT, STATE
 
 
 class NavigationPorts:
@@ -68,7 +70,7 @@ class NavigationPorts:
     ) -> None:
         self._node = node
         self._session = session
-        published = {STATE: NavState, RECEIPT: FixReceipt, **outputs}
+        published = {STATE: NavState, RECEIPT: FixReceipt, HEALTH: NavHealth, **outputs}
         if session.with_model:
             published |= MODEL_OUTPUTS
         self._outputs: dict[str, CountedPublisher] = {
@@ -78,6 +80,7 @@ class NavigationPorts:
         self._odometry = node.advertise(Odometry, ODOMETRY)
         self._fix = node.advertise(NavSatFix, FIX)
         self._command_count = 0
+        self._imu_seen: tuple[int | None, float] = (None, time.monotonic())
         self._fix_second = -1
         imu, *others = session.sensors
         for topic, kind in {**{t: SENSORS[t] for t in others}, **inputs}.items():
@@ -95,8 +98,16 @@ class NavigationPorts:
 
     def diagnose(self) -> Diagnosis:
         """Health with verdict counts, ages and the number of waiting events."""
+        self._publish(self._session.silence(self._silent_s()))
         waiting = {'waiting': self._session.reorder.pending}
         return self._health.diagnose({**waiting, **self._node.taken_counts()})
+
+    def _silent_s(self) -> float:
+        """Time since IMU samples stopped, by the computer's clock; 0 in lockstep, which waits."""
+        imu_ns, now_s = self._session.reorder.newest_imu_ns, time.monotonic()
+        if imu_ns != self._imu_seen[0] or self._session.params.lockstep:
+            self._imu_seen = imu_ns, now_s
+        return now_s - self._imu_seen[1]
 
     def close(self) -> None:
         """Process waiting events, and publish the end of the run as a SHUTDOWN command."""

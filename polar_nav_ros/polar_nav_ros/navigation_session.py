@@ -10,16 +10,19 @@ estimated of the model and of the water.
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any, Generic, NamedTuple, TypeAlias, TypeVar
 
+import numpy as np
 from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Imu
 
 from polar_nav_core.engine.engine import Engine
 from polar_nav_core.engine.events import Estimate, Event, Output, Receipt
+from polar_nav_core.engine.health.radius import radius_95
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.engine.reorder import Reorder
 from polar_nav_core.identification.result import Identification
@@ -29,6 +32,7 @@ from polar_nav_msgs.msg import Identification as IdentificationMsg
 from . import model_outputs
 from . import navigation_outputs as outputs
 from .cdr import to_bytes
+from .health_message import SILENT_S, health_to_msg
 from .readers import (
     ahrs_from_msg,
     command_from_msg,
@@ -46,6 +50,7 @@ from .topics import (
     CURRENT,
     DEPTH,
     DVL,
+    HEALTH,
     IDENTIFICATION,
     IMU,
     MODEL,
@@ -123,6 +128,7 @@ class NavigationSession(Generic[P]):
         self.sensors = tuple(sensors)
         self._frame_id = frame_id
         self._model_second = -1
+        self._health_second = -1
         self._readers: dict[str, Reader] = {
             IMU: imu_from_msg,
             AHRS: ahrs_from_msg,
@@ -182,10 +188,32 @@ class NavigationSession(Generic[P]):
             elif isinstance(result, Estimate):
                 message = outputs.nav_to_msg(result, self.params, self.vehicle, self._frame_id)
                 yield Published.of(STATE, message)
+                yield from self._health(result.stamp_ns, message)
                 yield from self._model(result)
             elif isinstance(result, Identification):
                 message = model_outputs.identification_to_msg(result)
                 yield Published.of(IDENTIFICATION, message)
+
+    def _health(self, stamp_ns: int, state: NavState) -> Iterator[Published]:
+        """Message with the health, once per second of stamp time; covariance as published."""
+        if stamp_ns // NS == self._health_second:
+            return
+        self._health_second = stamp_ns // NS
+        radius = radius_95(np.reshape(state.position_covariance_g, (3, 3))[:2, :2])
+        yield Published.of(HEALTH, health_to_msg(self.engine, stamp_ns, radius, stamp_ns))
+
+    def silence(self, silent_s: float) -> Iterator[Published]:
+        """Message with the health at a time without estimates, once there was an IMU sample.
+
+        Parameters
+        ----------
+        silent_s : float
+            Since the newest IMU sample came, by the computer's clock [s]: clocks need not agree.
+        """
+        imu_ns = self.reorder.newest_imu_ns
+        if imu_ns is not None and (silent_s > SILENT_S or not self.engine.navigating):
+            now_ns = imu_ns + round(silent_s * NS)
+            yield Published.of(HEALTH, health_to_msg(self.engine, now_ns, math.nan, imu_ns))
 
     def _model(self, e: Estimate) -> Iterator[Published]:
         """Messages with model and current, once per second of stamp time."""

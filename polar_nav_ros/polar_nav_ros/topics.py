@@ -36,6 +36,7 @@ COMMAND = 'nav/command'
 CURRENT = 'nav/current'
 MODEL = 'nav/model'
 IDENTIFICATION = 'nav/identification'
+HEALTH = 'nav/health'
 FIX = 'nav/fix'
 ODOMETRY = 'odometry'
 
@@ -67,6 +68,7 @@ TYPES = {
     CURRENT: 'polar_nav_msgs/msg/WaterCurrent',
     MODEL: 'polar_nav_msgs/msg/VehicleModel',
     IDENTIFICATION: 'polar_nav_msgs/msg/Identification',
+    HEALTH: 'polar_nav_msgs/msg/NavHealth',
     FIX: 'sensor_msgs/msg/NavSatFix',
     ODOMETRY: 'nav_msgs/msg/Odometry',
     CLOCK: 'rosgraph_msgs/msg/Clock',

@@ -1,9 +1,9 @@
-"""The acoustic channel: when a packet arrives, with which bits, or that it never does.
+"""The acoustic channel: time of arrival and received bits of each packet, or its loss.
 
     receive_time = transmit_time + bits / bit_rate + travel + detection + random part
 
 Everything random about a packet comes from its own stream, named by source, destination and
-sequence: two runs at different pace, or with packets handed over in another order, give the same
+sequence: two runs at different pace, or with packets published in another order, have the same
 result.
 """
 
@@ -30,7 +30,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ChannelSpec(Spec):
-    """What happens to packets on the way."""
+    """Delays, losses and errors of packets on the way."""
 
     bit_rate: float = param(
         1000.0, 'bit/s', 1.0, 1e6, 'Used where a packet does not state its own bit rate'
@@ -41,9 +41,9 @@ class ChannelSpec(Spec):
     )
     random_delay_mean_s: float = param(0.0, 's', 0.0, 60.0, 'Its mean; 0: none')
     random_delay_max_s: float = param(10.0, 's', 0.0, 600.0, 'It is never longer')
-    loss_probability: float = param(0.0, '', 0.0, 1.0, 'That a packet never arrives')
-    bit_error_rate: float = param(0.0, '', 0.0, 0.5, 'That a bit arrives flipped')
-    max_range_m: float = param(20000.0, 'm', 1.0, 1e6, 'Nobody hears a packet from farther away')
+    loss_probability: float = param(0.0, '', 0.0, 1.0, 'Probability that a packet never arrives')
+    bit_error_rate: float = param(0.0, '', 0.0, 0.5, 'Probability that a bit arrives flipped')
+    max_range_m: float = param(20000.0, 'm', 1.0, 1e6, 'A packet from farther away is lost')
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -71,7 +71,7 @@ class Packet:
 
 @dataclass(frozen=True, order=True)
 class Arrival:
-    """A packet at its receiver; ordered by time, then by whom it concerns."""
+    """A packet at its receiver; ordered by time, then by source and destination."""
 
     receive_ns: int
     source: str
@@ -84,7 +84,7 @@ class Arrival:
 
 @dataclass(frozen=True)
 class Fate:
-    """Everything random about one packet."""
+    """All random properties of one packet: loss, delay, flipped bits."""
 
     lost: bool
     delay_s: float
@@ -94,7 +94,7 @@ class Fate:
 
 @dataclass(frozen=True)
 class _Way:
-    """A packet that may not have arrived yet: not worth a look before ``needed_ns``."""
+    """A packet under way, which cannot arrive before ``needed_ns``."""
 
     packet: Packet
     fate: Fate
@@ -102,7 +102,7 @@ class _Way:
 
 
 class Channel:
-    """The water between all vehicles, and the packets in it.
+    """Acoustic channel between all vehicles, with the packets under way.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ class Channel:
     run_seed : int
         Seed of the run.
     poses : mapping of str to Poses
-        Where each vehicle is.
+        Poses of each vehicle.
     """
 
     def __init__(
@@ -137,17 +137,17 @@ class Channel:
 
     @property
     def in_flight(self) -> list[Packet]:
-        """Packets that were sent and have neither arrived nor been lost, in order of sending."""
+        """Packets under way, neither arrived nor lost, in order of sending."""
         packets = [way.packet for way in self._travelling] + [a.packet for a in self._arriving]
         return sorted(packets, key=lambda p: (p.transmit_ns, p.source, p.destination, p.sequence))
 
     def send(self, packet: Packet) -> None:
-        """Put a packet into the water.
+        """Send a packet.
 
         Raises
         ------
         ValueError
-            For a vehicle that is not there.
+            For an unknown vehicle.
         """
         for name in (packet.source, packet.destination):
             if name not in self._poses:
@@ -160,7 +160,7 @@ class Channel:
             self._travelling.append(_Way(packet, fate, packet.transmit_ns))
 
     def fate(self, packet: Packet) -> Fate:
-        """Draw everything random about a packet; always the same for the same packet."""
+        """Random properties of a packet; always the same for the same packet."""
         s = self._spec
         name = f'acoustics/{packet.source}/{packet.destination}/{packet.sequence}'
         rng = stream(self._seed, name)
@@ -175,7 +175,7 @@ class Channel:
         return Fate(lost, float(delay_s), data, int(np.count_nonzero(flips)))
 
     def arrived(self, now_ns: int) -> list[Arrival]:
-        """Take out what has arrived by ``now_ns``, in the order of time, source, destination.
+        """Packets that arrive until ``now_ns``, in the order of time, source, destination.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""How exact the truth is: its ideal increments, integrated by the core's strapdown, against it.
+"""Closure error of the truth: its ideal increments, integrated by the core's strapdown.
 
 ``python -m polar_nav_sim.closure`` prints the table of docs/simulation.md: error after an hour by
 mission and length of the IMU interval. Truth is the same for every length: what falls with it is
@@ -26,7 +26,7 @@ HOLD_S = 1.0
 
 
 class Closure(NamedTuple):
-    """What is left at the end of a mission: position [m], velocity [m/s], attitude [rad]."""
+    """Errors at the end of a mission: position [m], velocity [m/s], attitude [rad]."""
 
     position_m: float
     velocity: float
@@ -34,14 +34,14 @@ class Closure(NamedTuple):
 
 
 def closure(mission: Mission, vehicle: str, *, hold: bool = True) -> Closure:
-    """Integrate the ideal increments of a whole mission and compare the end with the truth.
+    """Closure error of a mission: its integrated ideal increments against the truth at the end.
 
     Parameters
     ----------
     mission : Mission
         Its IMU rate is the rate of the strapdown.
     vehicle : str
-        Whose truth.
+        Vehicle of the truth.
     hold : bool
         Whether height and vertical velocity are held at the truth's every second.
     """

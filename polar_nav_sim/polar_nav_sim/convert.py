@@ -1,4 +1,4 @@
-"""Models' results to messages; with the nodes the only place of this package that knows ROS.
+"""Conversion of the models' results to messages; only this module and the nodes use ROS.
 
 Messages that leave a hundred times a second are kept and filled again: publishing serializes at
 once.
@@ -34,7 +34,7 @@ from .sensors.usbl import Reading
 Floats = NDArray[np.float64]
 
 UNKNOWN = -1.0
-"""First element of a covariance that nobody knows."""
+"""First element of an unknown covariance."""
 
 
 def frame_id(vehicle: str, part: str) -> str:
@@ -118,7 +118,7 @@ def _fill_beams(msg: Dvl, data: BeamData) -> None:
 
 
 def twist_to_msg(ping: Ping, stamp_ns: int, frame: str) -> TwistWithCovarianceStamped:
-    """Give a valid ping to standard consumers; the rotation part is unknown."""
+    """geometry_msgs/TwistWithCovarianceStamped of a valid ping; its rotation is unknown."""
     msg = TwistWithCovarianceStamped()
     msg.header.stamp = to_msg(stamp_ns)
     msg.header.frame_id = frame
@@ -206,7 +206,7 @@ def thrust_from_msg(msg: WrenchStamped) -> Floats:
 def model_to_msg(
     stamp_ns: int, v_r_b: Floats, current_G: Floats, drag_linear: float, drag_quadratic: float
 ) -> VehicleModel:
-    """polar_nav_msgs/VehicleModel of what is known exactly: every sigma is 0."""
+    """polar_nav_msgs/VehicleModel of the true model: every sigma is 0."""
     msg = VehicleModel(drag_linear=drag_linear, drag_quadratic=drag_quadratic)
     msg.header.stamp = to_msg(stamp_ns)
     msg.header.frame_id = 'grid'
@@ -270,7 +270,7 @@ def absolute_fix_to_msg(
 
 
 def packet_from_msg(msg: AcousticPacket) -> Packet:
-    """Packet as it is sent; the message's transmit_time counts."""
+    """Packet of a message, sent at the message's transmit_time."""
     return Packet(
         msg.source,
         msg.destination,

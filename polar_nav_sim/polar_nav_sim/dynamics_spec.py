@@ -1,4 +1,4 @@
-"""What a mission file says of a vehicle with dynamics, under ``vehicles.<name>.dynamics``.
+"""Section ``vehicles.<name>.dynamics`` of a mission file: a vehicle with dynamics.
 
 Defaults are those of the DVL-less paper (Drones 2025, 9(4), 299) where it has them: added mass and
 drag; the rest (inertia, thrust, loops, current) is a choice of this project.
@@ -51,7 +51,7 @@ class BodySpec(Spec):
     )
 
     def body(self) -> kernels.Body:
-        """Give the kernel's form."""
+        """Return the values in the form of the kernel."""
         r_g = np.array(self.centre_of_mass_b)
         x, y, z = (self.mass_kg * r_g).tolist()
         couple = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
@@ -86,7 +86,7 @@ class CurrentSpec(Spec):
     period_s: float = param(1800.0, 's', 1.0, 1e6, 'Of both sines')
 
     def water(self) -> kernels.Water:
-        """Give the kernel's form."""
+        """Return the values in the form of the kernel."""
         x, y = self.velocity_mps
         return kernels.Water(
             speed=math.hypot(x, y),
@@ -112,7 +112,7 @@ _LAW = 'mean, then amplitude, rate [rad/s], phase [rad] of two sines of time'
 
 @dataclass(frozen=True)
 class LawSpec(Spec):
-    """What the vehicle does when nobody tells it otherwise; the depth is the vehicle's depth_m."""
+    """Heading and speed of a vehicle without commands; its depth is the vehicle's depth_m."""
 
     surge_n: tuple[float, ...] = vector(
         (52.0, 18.0, 0.05, 0.0, 14.0, 0.013, 0.0), 'N', -1e4, 1e4, f'Thrust ahead: {_LAW}'
@@ -125,7 +125,7 @@ class LawSpec(Spec):
         f'psi, counter-clockwise from grid east: {_LAW}',
     )
     speed_mps: float = param(
-        0.0, 'm/s', 0.0, 20.0, 'Speed through the water to hold; 0: thrust as surge_n says'
+        0.0, 'm/s', 0.0, 20.0, 'Speed through the water to hold; 0: thrust by surge_n'
     )
     excitation: float = param(1.0, '', 0.0, 10.0, 'Factor of the amplitudes of surge_n')
 
@@ -161,7 +161,7 @@ class DynamicsSpec:
     def kernel_loops(
         self, depth: float, origin_depth: float, half_curvature: float
     ) -> kernels.Loops:
-        """Give the kernel's form of law and loops; depths [m], 1 / (2 R) [1/m]."""
+        """Return law and loops in the form of the kernel; depths [m], 1 / (2 R) [1/m]."""
         loops, surge = self.loops, np.array(self.law.surge_n)
         surge[[1, 4]] *= self.law.excitation
         return kernels.Loops(
@@ -187,7 +187,7 @@ class DynamicsSpec:
 
 
 def dynamics_of(values: object, where: str) -> DynamicsSpec:
-    """Make the section from what the file says.
+    """Dynamics of a vehicle from its mapping in a file.
 
     Raises
     ------

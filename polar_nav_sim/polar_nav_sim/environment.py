@@ -1,4 +1,4 @@
-"""What no filter is informed of: gravity that is not normal, a sea surface that is not level.
+"""Disturbed gravity and sea surface, which no filter models.
 
 A field is a sum of plane waves over the horizontal plane at a place, random in direction, length
 and phase: smooth, the same for every vehicle, and with the stated RMS over places and seeds.
@@ -37,15 +37,15 @@ _WAVES = 16
 
 @dataclass(frozen=True)
 class GravitySpec(Spec):
-    """How the gravity of a mission differs from normal gravity; nothing differs by default."""
+    """Difference of a mission's gravity from normal gravity; zero by default."""
 
     anomaly_mgal: float = param(0.0, 'mGal', -500.0, 500.0, 'Constant anomaly, positive: stronger')
-    anomaly_sigma_mgal: float = param(0.0, 'mGal', 0.0, 500.0, 'RMS of the anomaly that varies')
+    anomaly_sigma_mgal: float = param(0.0, 'mGal', 0.0, 500.0, 'RMS of the varying anomaly')
     deflection_arcsec: tuple[float, float] = vector(
         (0.0, 0.0), 'arcsec', -300.0, 300.0, 'Constant pull of gravity to grid east, grid north'
     )
     deflection_sigma_arcsec: float = param(
-        0.0, 'arcsec', 0.0, 300.0, 'RMS per axis of the deflection that varies'
+        0.0, 'arcsec', 0.0, 300.0, 'RMS per axis of the varying deflection'
     )
     shortest_m: float = param(10e3, 'm', 100.0, 1e6, 'Shortest wave of the field')
     longest_m: float = param(50e3, 'm', 100.0, 1e6, 'Longest one')
@@ -53,24 +53,24 @@ class GravitySpec(Spec):
 
     @property
     def is_normal(self) -> bool:
-        """Whether nothing differs."""
+        """Whether the difference is zero."""
         constant = self.anomaly_mgal or any(self.deflection_arcsec)
         return not (constant or self.anomaly_sigma_mgal or self.deflection_sigma_arcsec)
 
 
 @dataclass(frozen=True)
 class GeoidSpec(Spec):
-    """How the sea surface differs from the height that the vehicles are told."""
+    """Difference of the sea surface from the height in the vehicles' parameters."""
 
     undulation_m: float = param(0.0, 'm', -150.0, 150.0, 'Constant part')
-    undulation_sigma_m: float = param(0.0, 'm', 0.0, 100.0, 'RMS of the part that varies')
+    undulation_sigma_m: float = param(0.0, 'm', 0.0, 100.0, 'RMS of the varying part')
     shortest_m: float = param(20e3, 'm', 100.0, 1e7, 'Shortest wave of it')
     longest_m: float = param(200e3, 'm', 100.0, 1e7, 'Longest one')
     seed: int = param(1, '', 0, 2**31 - 1, 'Of the field, which belongs to the place, not the run')
 
     @property
     def is_flat(self) -> bool:
-        """Whether nothing differs."""
+        """Whether the difference is zero."""
         return not (self.undulation_m or self.undulation_sigma_m)
 
 
@@ -101,9 +101,9 @@ class Gravity:
     Parameters
     ----------
     spec : GravitySpec
-        What differs.
+        The difference.
     origin_e : ndarray, shape (3,)
-        Where the horizontal plane of the field touches the Earth, ECEF [m].
+        Point where the horizontal plane of the field touches the Earth, ECEF [m].
     """
 
     def __init__(self, spec: GravitySpec, origin_e: Floats) -> None:
@@ -126,7 +126,7 @@ class Gravity:
 
 
 class Geoid:
-    """Sea surface of a place above the height that the vehicles are told; as :class:`Gravity`."""
+    """Sea surface of a place above the height in the vehicles' parameters; as :class:`Gravity`."""
 
     def __init__(self, spec: GeoidSpec, origin_e: Floats) -> None:
         self._spec = spec
@@ -135,7 +135,7 @@ class Geoid:
         )
 
     def undulation(self, r_e: Floats) -> Floats:
-        """At places of shape (..., 3) [m]."""
+        """Height of the sea surface above the stated one at places of shape (..., 3) [m]."""
         e = self._spec
         waves = np.sum(np.cos(self._waves.argument(r_e)), axis=-1)
         return np.asarray(e.undulation_m + e.undulation_sigma_m * math.sqrt(2.0 / _WAVES) * waves)
@@ -143,7 +143,7 @@ class Geoid:
 
 @dataclass(frozen=True)
 class Environment:
-    """What of a mission's surroundings acts on its truth; nothing by default."""
+    """Disturbances of gravity and sea surface in a mission's truth; none by default."""
 
     gravity: Gravity | None = None
     geoid: Geoid | None = None

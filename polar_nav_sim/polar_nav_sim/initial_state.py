@@ -1,4 +1,4 @@
-"""What a follower is told of its state at the start: truth plus errors drawn from its sigmas.
+"""Initial state of a follower as parameters: truth plus errors drawn from its sigmas.
 
 The follower never reads truth. In a real mission its first state comes from a GNSS fix and an
 alignment; the demo stands in for those, so this is the one place between truth and the follower's
@@ -19,7 +19,7 @@ from .trajectory import TruthState
 
 @dataclass(frozen=True)
 class InitialSigma:
-    """1-sigma of the initial state, as the parameters ``initial_sigma_*`` of follower_node say it.
+    """1-sigma of the initial state, the parameters ``initial_sigma_*`` of follower_node.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class InitialSigma:
 def initial_parameters(
     truth: TruthState, sigma: InitialSigma, rng: np.random.Generator
 ) -> dict[str, float | list[float]]:
-    """Parameters ``initial_*`` of a follower_node that starts at ``truth``, give or take an error.
+    """Parameters ``initial_*`` of a follower_node that starts at ``truth`` plus drawn errors.
 
     The errors have the signs of the filter: ``Chat = exp(-[phi_G x]) C``, ``vhat = v + dv``,
     ``rhat = r + dr``. They are drawn in the order position, velocity, attitude, three numbers
@@ -52,7 +52,7 @@ def initial_parameters(
     truth : TruthState
         True state at the stamp of the first IMU sample.
     sigma : InitialSigma
-        What the follower is told, and what the errors are drawn from.
+        1-sigma of the drawn errors, stated in the parameters.
     rng : numpy.random.Generator
         The stream of this follower's initial state.
     """

@@ -1,4 +1,4 @@
-"""Instruments of a vehicle as its mission names them: presets, changed where it says so."""
+"""Instruments of a vehicle by its mission: presets with the mission's changes."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _OF_A_LEADER = ('usbl', 'heading')
 
 @dataclass(frozen=True)
 class Installed:
-    """One instrument: its errors, and samples per second where the preset or the file say so."""
+    """One instrument: its errors, and samples per second if preset or file state them."""
 
     errors: Spec
     rate_hz: float | None = None
@@ -39,24 +39,24 @@ class Installed:
 def instruments_of(
     values: object, role: str, latitude: float, where: str
 ) -> Mapping[str, Installed]:
-    """Instruments by kind.
+    """Instruments of a vehicle, by kind.
 
     Parameters
     ----------
     values : object
-        What the file says: per kind the name of a preset, or a mapping with ``preset`` (optional),
+        Section of the file: per kind a preset's name, or a mapping with ``preset`` (optional),
         ``rate_hz`` (optional) and parameters of the error model.
     role : str
-        Of the vehicle.
+        Role of the vehicle.
     latitude : float
-        Where it starts [rad]: a gyrocompass is worse nearer to a pole.
+        Latitude of its start [rad]: a gyrocompass is worse nearer to a pole.
     where : str
         File and section, for messages.
 
     Raises
     ------
     ConfigError
-        Naming what does not exist.
+        For an unknown preset, kind or parameter, which the text names.
     """
     if not isinstance(values, Mapping):
         raise ConfigError(f'{where}: expected instruments by kind, found {values!r}')

@@ -1,4 +1,4 @@
-"""The sequence of USBL cycles of one array: who is asked when, and what comes of it.
+"""Sequence of USBL cycles of one array: interrogations of its targets and their readings.
 
 Driven by the stamps of truth messages alone: a cycle is solved as soon as the truth of both ends
 has reached the time its reply is back.
@@ -14,12 +14,12 @@ from .trajectory import NS
 
 
 class Interrogator:
-    """One array that asks its targets in turn.
+    """One array that interrogates its targets in turn.
 
     Parameters
     ----------
     arrays : mapping of str to Usbl
-        The model per target, in the order of asking.
+        The model per target, in the order of interrogation.
     histories : mapping of str to TruthHistory
         Truth of the targets, and under the empty name that of the array's own vehicle.
     period_s, first_s : float
@@ -49,14 +49,14 @@ class Interrogator:
         return self._sequence
 
     def begin(self, start_ns: int, now_ns: int) -> None:
-        """Say when the mission started; interrogations before ``now_ns`` are never made."""
+        """Set the start of the mission; interrogations before ``now_ns`` are omitted."""
         self._start_ns = start_ns
         late_ns = now_ns - (start_ns + self._first_ns)
         self._sequence = max(0, -(-late_ns // self._period_ns))
         self._needed_ns = self._ping_ns()
 
     def advance(self) -> Iterator[tuple[str, Reading]]:
-        """Give out the readings that can be had by now, with their targets."""
+        """Readings completed by the truth so far, with their targets."""
         while self._start_ns is not None:
             target = self._targets[self._sequence % len(self._targets)]
             own, other = self._histories[''], self._histories[target]
@@ -69,7 +69,7 @@ class Interrogator:
                 self._needed_ns = early.needed_ns
                 return
             except NotKept:
-                # The truth of the target was found later than the own: as in begin, never made.
+                # The truth of the target began later than the own: omitted, as in begin.
                 self._sequence += 1
                 self._needed_ns = self._ping_ns()
                 continue

@@ -8,7 +8,6 @@ the key.
 from __future__ import annotations
 
 import copy
-import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -23,9 +22,9 @@ from polar_nav_core.errors import ConfigError
 from polar_nav_core.user_files import parse_yaml, read_yaml
 
 from .dynamics.truth import DynamicTruth
-from .dynamics_spec import dynamics_of
 from .environment import Environment, Geoid, GeoidSpec, Gravity, GravitySpec
 from .installed import Installed, instruments_of
+from .mission_sections import EPOCH, read_oscillation, read_path, read_start_time, read_vehicle
 from .paths.knots import (
     MARGIN,
     SPACING_S,
@@ -44,7 +43,6 @@ from .resources import find_data, find_mission
 from .section import parse
 from .sound_speed import SoundSpeed, WaterSpec
 from .specs import (
-    PATHS,
     MissionSpec,
     OscillationSpec,
     PathSpec,
@@ -53,25 +51,23 @@ from .specs import (
     VehicleSpec,
     check_vehicles,
 )
-from .trajectory import NS, Trajectory, Truth
+from .trajectory import NS, Surroundings, Trajectory, Truth
 
 DEFAULT_START = datetime(2026, 3, 1, tzinfo=UTC)
 _SECTIONS = ('description', 'start_time', 'path', 'oscillation', 'gravity', 'geoid', 'vehicles')
-_EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
-_LAST_STAMP = _EPOCH + timedelta(seconds=2**31 - 1)
 _MARGIN_S = MARGIN * SPACING_S
 
 
 @dataclass(frozen=True)
 class Mission:
-    """A mission as its file describes it; the truth of a vehicle is made when first asked for.
+    """A mission of a file; the truth of a vehicle is made at its first use.
 
     Attributes
     ----------
     name, description : str
-        File name without its ending; what the file says it is.
+        File name without its ending; description in the file.
     file : Path
-        Where it was read.
+        Path of the file.
     document : mapping
         The file's content, overrides included, in plain values.
     start_ns : int
@@ -87,7 +83,7 @@ class Mission:
     gravity : GravitySpec
         How gravity differs from normal gravity.
     geoid : GeoidSpec
-        How the sea surface differs from ``sea_surface_height_m``, which the vehicles are told.
+        Difference of the sea surface from ``sea_surface_height_m``, the vehicles' parameter.
     """
 
     name: str
@@ -120,7 +116,7 @@ class Mission:
 
     @property
     def duration_s(self) -> float:
-        """Length [s]."""
+        """Duration [s]."""
         return self.numbers.duration_s
 
     @property
@@ -140,12 +136,12 @@ class Mission:
 
     @property
     def water(self) -> WaterSpec | None:
-        """How fast sound is, as the file says it; None where it says nothing.
+        """Sound speed stated in the file; None if it states none.
 
         Raises
         ------
         ConfigError
-            When there is no such profile.
+            If the profile does not exist.
         """
         profile, speed = self.numbers.sound_speed_profile, self.numbers.sound_speed
         if profile:
@@ -168,7 +164,7 @@ class Mission:
         return self._truth[vehicle]
 
     def instruments(self, vehicle: str) -> Mapping[str, Installed]:
-        """Instruments of a vehicle that the file names, by kind: imu, dvl, depth, usbl, heading.
+        """Instruments of a vehicle in the file, by kind: imu, dvl, depth, usbl, heading.
 
         Raises
         ------
@@ -199,11 +195,11 @@ class Mission:
         return truth
 
     def with_duration(self, duration_s: float) -> Mission:
-        """Make the same mission with another length."""
+        """Return the same mission with another duration."""
         return self.with_overrides({'duration_s': float(duration_s)})
 
     def with_overrides(self, overrides: Mapping[str, Any]) -> Mission:
-        """Make the same mission with other values, e.g. ``{'vehicles.follower.depth_m': 50.0}``.
+        """Return the same mission with other values, e.g. ``{'vehicles.follower.depth_m': 50.0}``.
 
         Raises
         ------
@@ -225,11 +221,8 @@ class Mission:
         surface, floor = self.numbers.sea_surface_height_m, self.numbers.sea_floor_depth_m
         assumed = self.numbers.bottom_lock == 'assumed' and floor > MissionSpec.DEEP_M
         known = floor > 0.0 and not assumed
-        depths = (
-            surface,
-            floor if known else math.nan,
-            vehicle.floor_lost_s,
-            self._environment,
+        surroundings = Surroundings(
+            surface, floor if known else math.nan, vehicle.floor_lost_s, self._environment
         )
         if vehicle.fixed or vehicle.dynamics is not None:
             if isinstance(self.path, TrackSpec):
@@ -247,16 +240,16 @@ class Mission:
                     self.start_ns,
                     self.imu_period_ns,
                     self.end_ns,
-                    *depths,
+                    surroundings,
                 )
             still = still_knots(
                 start_e, math.radians(vehicle.fixed_psi_deg), knot_times(self.duration_s)
             )
             none = SineSpec()
             calm = OscillationSpec(none, none, none)
-            return Trajectory(still, calm, self.start_ns, self.imu_period_ns, *depths)
+            return Trajectory(still, calm, self.start_ns, self.imu_period_ns, surroundings)
         return Trajectory(
-            self._knots(vehicle), self.oscillation, self.start_ns, self.imu_period_ns, *depths
+            self._knots(vehicle), self.oscillation, self.start_ns, self.imu_period_ns, surroundings
         )
 
     def _knots(self, vehicle: VehicleSpec) -> Knots:
@@ -298,7 +291,7 @@ class Mission:
 
 
 def load_mission(name_or_path: str | Path) -> Mission:
-    """Read a mission: a file, or the name of one that comes with the package.
+    """Mission of a file, or of the name of one in the package.
 
     Raises
     ------
@@ -310,7 +303,7 @@ def load_mission(name_or_path: str | Path) -> Mission:
 
 
 def overrides_from(texts: Sequence[str]) -> dict[str, Any]:
-    """Read overrides from texts like ``path.speed_mps=2.0``.
+    """Overrides from texts like ``path.speed_mps=2.0``.
 
     Raises
     ------
@@ -327,7 +320,7 @@ def overrides_from(texts: Sequence[str]) -> dict[str, Any]:
 
 
 def mission_from(document: object, file: Path) -> Mission:
-    """Make a mission from a file's content.
+    """Mission from a file's content.
 
     Raises
     ------
@@ -341,7 +334,7 @@ def mission_from(document: object, file: Path) -> Mission:
             raise ConfigError(f'{file}: no section {section!r}')
     numbers = {k: v for k, v in document.items() if k not in _SECTIONS}
     vehicles = {
-        str(name): _vehicle(values or {}, f'{file}: vehicles.{name}')
+        str(name): read_vehicle(values or {}, f'{file}: vehicles.{name}')
         for name, values in document['vehicles'].items()
     }
     check_vehicles(vehicles, f'{file}')
@@ -351,15 +344,15 @@ def mission_from(document: object, file: Path) -> Mission:
             f'{file}: parameter imu_rate_hz: {spec.imu_rate_hz} Hz is no whole number of'
             ' nanoseconds'
         )
-    path = _path(document['path'], f'{file}: path')
+    path = read_path(document['path'], f'{file}: path')
     plain = dict(document)
     if 'start_time' in document:
-        start = _start_time(document['start_time'], file)
+        start = read_start_time(document['start_time'], file)
         plain['start_time'] = start.isoformat()
     elif isinstance(path, TrackSpec) and path.as_recorded:
         csv = find_data(path.csv, file)
         start_s = recorded_start_s(path, csv, spec.duration_s, 2.0 * _MARGIN_S)
-        start = _EPOCH + timedelta(seconds=start_s)
+        start = EPOCH + timedelta(seconds=start_s)
     else:
         start = DEFAULT_START
     mission = Mission(
@@ -367,10 +360,10 @@ def mission_from(document: object, file: Path) -> Mission:
         description=' '.join(str(document.get('description', '')).split()),
         file=file,
         document=plain,
-        start_ns=(start - _EPOCH) // timedelta(microseconds=1) * 1000,
+        start_ns=(start - EPOCH) // timedelta(microseconds=1) * 1000,
         numbers=spec,
         path=path,
-        oscillation=_oscillation(document.get('oscillation') or {}, f'{file}: oscillation'),
+        oscillation=read_oscillation(document.get('oscillation') or {}, f'{file}: oscillation'),
         formation=vehicles,
         gravity=parse(GravitySpec, document.get('gravity') or {}, f'{file}: gravity'),
         geoid=parse(GeoidSpec, document.get('geoid') or {}, f'{file}: geoid'),
@@ -380,65 +373,9 @@ def mission_from(document: object, file: Path) -> Mission:
 
 
 def _check_water(mission: Mission) -> None:
-    """Refuse a profile that cannot be read now, not when a node asks for it."""
+    """Raise ConfigError now for a profile that cannot be read, not at its use in a node."""
     try:
         if mission.water is not None:
             SoundSpeed.from_spec(mission.water)
     except ConfigError as error:
         raise ConfigError(f'{mission.file}: {error}') from error
-
-
-def _vehicle(values: object, where: str) -> VehicleSpec:
-    if not isinstance(values, Mapping):
-        return parse(VehicleSpec, values, where)
-    sections = ('dynamics', 'instruments')
-    plain = parse(VehicleSpec, {k: v for k, v in values.items() if k not in sections}, where)
-    if values.get('instruments') is not None:
-        chosen = values['instruments']
-        instruments_of(chosen, plain.role, 0.0, f'{where}.instruments')  # for its refusals
-        plain = dataclasses.replace(plain, instruments=chosen)
-    if 'dynamics' not in values:
-        return plain
-    dynamics = dynamics_of(values['dynamics'] or {}, f'{where}.dynamics')
-    if plain.fixed:
-        raise ConfigError(f'{where}: parameter fixed: a vehicle with dynamics moves')
-    return dataclasses.replace(plain, dynamics=dynamics)
-
-
-def _path(values: Mapping[str, Any], where: str) -> PathSpec | TrackSpec:
-    kind = values.get('kind')
-    if kind not in PATHS:
-        raise ConfigError(f'{where}: kind {kind!r} is none of {", ".join(PATHS)}')
-    spec = parse(PATHS[str(kind)], {k: v for k, v in values.items() if k != 'kind'}, where)
-    if isinstance(spec, TrackSpec) and not spec.csv:
-        raise ConfigError(f'{where}: a track needs csv')
-    return spec
-
-
-def _oscillation(values: object, where: str) -> OscillationSpec:
-    if not isinstance(values, Mapping):
-        raise ConfigError(f'{where}: expected pitch, roll and yaw, found {values!r}')
-    names = [f.name for f in dataclasses.fields(OscillationSpec)]
-    unknown = sorted(set(values) - set(names))
-    if unknown:
-        raise ConfigError(f'{where}: unknown {unknown[0]!r}; it has {", ".join(names)}')
-    return OscillationSpec(**{k: parse(SineSpec, v, f'{where}.{k}') for k, v in values.items()})
-
-
-def _start_time(value: object, file: Path) -> datetime:
-    if isinstance(value, str):
-        try:
-            value = datetime.fromisoformat(value)
-        except ValueError as error:
-            raise ConfigError(f'{file}: start_time {value!r} is not an ISO time') from error
-    if not isinstance(value, datetime):
-        raise ConfigError(f'{file}: start_time {value!r} is not an ISO time')
-    value = value if value.tzinfo else value.replace(tzinfo=UTC)
-    if value < _EPOCH:
-        raise ConfigError(f'{file}: start_time {value.isoformat()} is before 1970')
-    if value >= _LAST_STAMP:
-        raise ConfigError(
-            f'{file}: start_time {value.isoformat()} is after {_LAST_STAMP.isoformat()}, '
-            'the last second that a stamp can hold'
-        )
-    return value

@@ -1,6 +1,6 @@
 """The station scenario as arrays, for experiments: no ROS, a second per run, the same from a seed.
 
-What the nodes publish in ``ros2 run`` stands here in arrays: the same motion, station, AHRS,
+The messages of the nodes as arrays: the same motion, station, AHRS,
 packets and acoustic channel, each with its own stream made from the seed.
 """
 
@@ -38,7 +38,7 @@ STATION_ID, VEHICLE_ID = 1, 2
 
 @dataclass(frozen=True)
 class StationScenario:
-    """What differs from run to run; the defaults are the paper's scenario at full noise.
+    """Scenario of a run; the defaults are the paper's scenario at full noise.
 
     Attributes
     ----------
@@ -55,13 +55,13 @@ class StationScenario:
     heading_bias : float
         Constant error of the vehicle's heading, counter-clockwise [rad].
     station_heading_bias, station_heading_sigma : float
-        Constant error of the station's heading, untold; 1-sigma of one that is told [rad].
+        Constant unstated error of the station's heading; 1-sigma of a stated one [rad].
     excitation : float
         Factor of the changes of thrust; 0.25 is +-8 N, low excitation.
     current_change, current_turn, current_period_s : float
         Swing of the current: share of its speed, angle [rad]; 0.3 and 0.6 in 1800 s is "slow".
     sound_speed, assumed_sound_speed : float
-        True, and what the station takes for it (0: the true one) [m/s].
+        True, and assumed by the station (0: the true one) [m/s].
     processing_s, period_s, bit_rate : float
         T_sigma [s], between interrogations [s], of the packets [bit/s].
     when_short : str
@@ -97,15 +97,15 @@ class StationFixes:
     sequence : ndarray of int64
         Number of the interrogation, not wrapped.
     validity_s, return_s, transmit_s, receive_s : ndarray
-        t3 as the packet tells it, t4, first bit sent, packet complete [s since the start].
+        t3 by the packet, t4, first bit sent, packet complete [s since the start].
     range, bearing : ndarray
-        As the packet tells them [m], [rad] from the station's heading.
+        By the packet [m], [rad] from the station's heading.
     range_sigma, bearing_sigma : ndarray
-        1-sigma that the station's errors have [m], [rad].
+        1-sigma of the station's errors [m], [rad].
     station_position : ndarray, shape (n, 3)
         Station axes [m].
     station_heading, station_heading_sigma : ndarray
-        As told [rad].
+        By the packet [rad].
     sound_speed : ndarray
         Used for the range [m/s].
     true_position : ndarray, shape (n, 3)
@@ -135,7 +135,7 @@ class StationRun:
     Attributes
     ----------
     scenario, seed
-        What was asked for.
+        Scenario and seed of the run.
     start_ns : int
         Stamp of t = 0.
     t_s : ndarray, shape (n,)
@@ -197,7 +197,7 @@ class StationRun:
 
 
 def simulate(scenario: StationScenario, seed: int) -> StationRun:
-    """Run the scenario; the same arrays to the bit for the same scenario and seed.
+    """Arrays of one run, equal to the bit for the same scenario and seed.
 
     Raises
     ------
@@ -260,7 +260,7 @@ def simulate(scenario: StationScenario, seed: int) -> StationRun:
 
 @dataclass(frozen=True)
 class _World:
-    """What seeds of one scenario share: motion and places."""
+    """Motion and places of a scenario, common to its seeds."""
 
     station: str
     vehicle: str
@@ -309,7 +309,7 @@ def _world(
 def _fixes(
     s: StationScenario, seed: int, world: _World, errors: StationErrors
 ) -> tuple[StationFixes, int]:
-    """Interrogate, send, receive; the packets that arrived and how many were sent."""
+    """Packets that arrived in order of reception, and the number of sent ones."""
     water = SoundSpeed.constant(s.sound_speed)
     station = Station(errors, water, seed, world.station, world.vehicle, world.frame)
     spec = SequenceSpec(period_s=s.period_s, bit_rate=s.bit_rate, when_short=s.when_short)
@@ -330,26 +330,26 @@ def _fixes(
         data = encode(r.report(STATION_ID, VEHICLE_ID))
         channel.send(Packet(world.station, world.vehicle, number, r.transmit_ns, s.bit_rate, data))
     arrivals = channel.arrived(world.end_ns)
-    told = [decode(a.data, a.receive_ns) for a in arrivals]
+    reports = [decode(a.data, a.receive_ns) for a in arrivals]
 
     def seconds(stamps_ns: list[int]) -> Floats:
         return (np.array(stamps_ns, dtype=np.int64) - start_ns) / NS
 
-    ranges = np.array([t.range for t in told])
+    ranges = np.array([t.range for t in reports])
     fixes = StationFixes(
         sequence=np.array([a.sequence for a in arrivals], dtype=np.int64),
-        validity_s=seconds([t.validity_ns for t in told]),
-        return_s=seconds([t.return_ns for t in told]),
+        validity_s=seconds([t.validity_ns for t in reports]),
+        return_s=seconds([t.return_ns for t in reports]),
         transmit_s=seconds([a.packet.transmit_ns for a in arrivals]),
         receive_s=seconds([a.receive_ns for a in arrivals]),
         range=ranges,
-        bearing=np.array([t.bearing for t in told]),
+        bearing=np.array([t.bearing for t in reports]),
         range_sigma=np.array([errors.range_sigma(float(r)) for r in ranges]),
-        bearing_sigma=np.full(len(told), errors.bearing_sigma),
-        station_position=np.array([t.station_position for t in told]).reshape(-1, 3),
-        station_heading=np.array([t.station_heading for t in told]),
-        station_heading_sigma=np.array([t.station_heading_sigma for t in told]),
-        sound_speed=np.array([t.sound_speed for t in told]),
+        bearing_sigma=np.full(len(reports), errors.bearing_sigma),
+        station_position=np.array([t.station_position for t in reports]).reshape(-1, 3),
+        station_heading=np.array([t.station_heading for t in reports]),
+        station_heading_sigma=np.array([t.station_heading_sigma for t in reports]),
+        sound_speed=np.array([t.sound_speed for t in reports]),
         true_position=np.array([places[a.sequence] for a in arrivals]).reshape(-1, 3),
     )
     return fixes, channel.counts['sent']

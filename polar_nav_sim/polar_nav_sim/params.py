@@ -26,16 +26,16 @@ class TruthParams(NodeParams):
     """Parameters of truth_node."""
 
     mission: str = text('demo', 'Mission file, or the name of one that comes with polar_nav_sim')
-    duration_s: float = param(0.0, 's', 0.0, 7 * 86400.0, 'Length; 0: as the mission says')
+    duration_s: float = param(0.0, 's', 0.0, 7 * 86400.0, 'Length; 0: that of the mission')
     overrides: tuple[str, ...] = texts((), 'Changes of the mission, as path.speed_mps=2.0')
     pace: str = choice(
-        'realtime', ('realtime', 'lockstep'), 'Wait for nobody, or lose nothing and wait for all'
+        'realtime', ('realtime', 'lockstep'), 'Wait for no node, or wait for all and lose nothing'
     )
     realtime_factor: float = param(1.0, '', 0.01, 1000.0, 'Mission seconds per second (realtime)')
     start_delay_s: float = param(
         0.0, 's', 0.0, 60.0, 'Before the first sample, for others to find this node (realtime)'
     )
-    window_s: float = param(0.2, 's', 0.001, 10.0, 'Truth that is published at once (lockstep)')
+    window_s: float = param(0.2, 's', 0.001, 10.0, 'Truth published at a time (lockstep)')
     expected_nodes: tuple[str, ...] = texts(
         (), 'Fully qualified names of the nodes that acknowledge (lockstep, or presence)'
     )
@@ -47,11 +47,11 @@ class TruthParams(NodeParams):
         'Longest wait for the expected nodes before the first sample (realtime)',
     )
     stall_s: float = param(
-        10.0, 's', 0.5, 3600.0, 'Name who holds up the truth after this wall time (lockstep)'
+        10.0, 's', 0.5, 3600.0, 'Log nodes that delay the truth after this wall time (lockstep)'
     )
-    exit_at_end: bool = flag(False, 'End with status 0 when the mission is over and all is taken')
+    exit_at_end: bool = flag(False, 'End with status 0 after the mission, when all is received')
     commands: bool = flag(
-        False, 'Take control/setpoint and control/thrust_command of vehicles with dynamics'
+        False, 'Obey control/setpoint and control/thrust_command of vehicles with dynamics'
     )
     command_timeout_s: float = param(
         1.0, 's', 0.01, 3600.0, "A thrust command holds so long, then the vehicle's loops again"
@@ -130,7 +130,7 @@ class AbsoluteFixParams(ClockErrors, NodeParams):
     horizontal_sigma_m: float = param(2.0, 'm', 0.0, 1e4, '1-sigma per horizontal axis')
     vertical_sigma_m: float = param(4.0, 'm', 0.0, 1e4, '1-sigma of height')
     lever_b: tuple[float, ...] = vector(
-        (0.0, 0.0, 0.0), 'm', -100.0, 100.0, 'What is located, from base_link, body axes'
+        (0.0, 0.0, 0.0), 'm', -100.0, 100.0, 'Located point, from base_link, body axes'
     )
     first_s: float = param(0.0, 's', 0.0, 1e6, 'Start of the first window of availability')
     available_s: float = param(60.0, 's', 0.1, 1e6, 'Length of a window')

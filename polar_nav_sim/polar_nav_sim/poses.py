@@ -1,4 +1,4 @@
-"""Where a vehicle is at any time: from its exact truth, or from its last truth messages.
+"""Poses of a vehicle at any time, by its exact truth or by its last truth messages.
 
 The acoustic models need ends that move while sound travels; they ask a :class:`Poses` and do not
 know which kind it is.
@@ -22,7 +22,7 @@ Floats = NDArray[np.float64]
 
 
 class NotYet(Exception):
-    """A pose was asked for that lies in the future; ``needed_ns`` is its time."""
+    """The requested pose lies in the future; ``needed_ns`` is its time."""
 
     def __init__(self, needed_ns: int) -> None:
         super().__init__(f'no pose at {needed_ns} ns yet')
@@ -30,7 +30,7 @@ class NotYet(Exception):
 
 
 class NotKept(ValueError):
-    """A pose was asked for that lies before the oldest truth there is; it will never be had."""
+    """The requested pose lies before the oldest stored truth."""
 
 
 class Pose(NamedTuple):
@@ -50,7 +50,7 @@ class Poses(Protocol):
     """Poses of one vehicle over a stretch of time."""
 
     def pose(self, t_ns: int) -> Pose:
-        """Pose at a time [ns]; raises :class:`NotYet` for one that is still to come."""
+        """Pose at a time [ns]; raises :class:`NotYet` for one in the future."""
 
 
 class TrajectoryPoses:
@@ -66,7 +66,7 @@ class TrajectoryPoses:
 
 
 class StillPoses:
-    """Poses of what does not move."""
+    """Poses of a fixed vehicle."""
 
     def __init__(self, pose: Pose) -> None:
         self._pose = pose
@@ -77,7 +77,7 @@ class StillPoses:
 
 
 class TruthHistory:
-    """Truth messages of the last seconds, read only where a pose is asked for.
+    """Truth messages of the last seconds, decoded only for requested poses.
 
     Between two messages the position is the quintic that has their positions, velocities and
     accelerations, and the rotation from one to the other a cubic that has their angular rates:
@@ -86,7 +86,7 @@ class TruthHistory:
     Parameters
     ----------
     horizon_ns : int
-        How far back poses can be asked for [ns].
+        Length of the stored past [ns].
     """
 
     def __init__(self, horizon_ns: int) -> None:
@@ -102,11 +102,11 @@ class TruthHistory:
 
     @property
     def oldest_ns(self) -> int:
-        """Stamp of the oldest message that is kept [ns]; -1 before the first."""
+        """Stamp of the oldest stored message [ns]; -1 before the first."""
         return self._stamps[0] if self._stamps else -1
 
     def add(self, stamp_ns: int, data: bytes) -> bool:
-        """Keep a serialized message; False if it is not newer than the last one."""
+        """Store a serialized message; False if it is not newer than the last one."""
         if stamp_ns <= self.newest_ns:
             return False
         self._stamps.append(stamp_ns)
@@ -124,7 +124,7 @@ class TruthHistory:
         NotYet
             After the newest message.
         NotKept
-            Before the oldest one that is kept.
+            Before the oldest stored one.
         """
         if t_ns > self.newest_ns:
             raise NotYet(t_ns)

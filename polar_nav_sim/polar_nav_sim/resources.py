@@ -1,4 +1,4 @@
-"""Where the mission files and data files of this package are, in every way it can be installed."""
+"""Paths of the mission and data files of this package, in each kind of installation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""When a slow sensor is due, told by the truth's own sample numbers and never by a clock."""
+"""Schedules of slow sensors, by the truth's sample numbers and never by a clock."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Schedule:
         self._last = -1
 
     def due(self, since_start_ns: int) -> int | None:
-        """Return the number of the sample that is due at a time since the start [ns], or None."""
+        """Return the number of the sample due at a time since the start [ns], or None."""
         k = since_start_ns // self._period_ns
         if k <= self._last:
             return None
@@ -34,12 +34,12 @@ class Schedule:
 
 
 class Late(Generic[T]):
-    """What is measured now and sent some time later.
+    """Queue of measurements that are sent with a latency.
 
     Parameters
     ----------
     latency_s : float
-        How much later [s].
+        Time from measurement to sending [s].
     """
 
     def __init__(self, latency_s: float) -> None:
@@ -47,11 +47,11 @@ class Late(Generic[T]):
         self._waiting: deque[tuple[int, T]] = deque()
 
     def put(self, now_ns: int, item: T) -> None:
-        """Keep an item until its latency is over."""
+        """Store an item until its latency is over."""
         self._waiting.append((now_ns + self.latency_ns, item))
 
     def due(self, now_ns: int) -> list[T]:
-        """Return what has waited long enough, in order."""
+        """Return the items whose latency is over, in order."""
         out = []
         while self._waiting and self._waiting[0][0] <= now_ns:
             out.append(self._waiting.popleft()[1])

@@ -23,7 +23,7 @@ class Spec:
 
 
 def parse(cls: type[T], values: object, where: str) -> T:
-    """Make one section from what the file says; whole numbers may stand for floats.
+    """One section from its mapping in a file; whole numbers may stand for floats.
 
     Raises
     ------

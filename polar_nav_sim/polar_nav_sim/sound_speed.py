@@ -26,12 +26,12 @@ from .section import Spec
 Floats = NDArray[np.float64]
 
 _LEVEL_M = 1e-3
-"""Ends nearer in depth than this are taken as level: the speed at their depth."""
+"""Ends nearer in depth than this [m] are treated as level: the speed at their depth."""
 
 
 @dataclass(frozen=True)
 class WaterSpec(Spec):
-    """How fast sound is."""
+    """Sound speed: a number, or a profile."""
 
     sound_speed: float = param(
         1440.0, 'm/s', 1300.0, 1700.0, 'Sound speed, unless a profile is given'
@@ -69,12 +69,12 @@ class SoundSpeed:
 
     @classmethod
     def constant(cls, speed: float) -> SoundSpeed:
-        """Return the same speed everywhere."""
+        """Sound speed that is the same everywhere."""
         return cls(np.zeros(1), np.array([speed]))
 
     @classmethod
     def from_csv(cls, path: Path) -> SoundSpeed:
-        """Read a profile with the columns depth_m and sound_speed_mps.
+        """Sound speed of a CSV profile with the columns depth_m and sound_speed_mps.
 
         Raises
         ------
@@ -92,7 +92,7 @@ class SoundSpeed:
 
     @classmethod
     def from_spec(cls, spec: WaterSpec) -> SoundSpeed:
-        """Make what the parameters say.
+        """Sound speed by the parameters.
 
         Raises
         ------

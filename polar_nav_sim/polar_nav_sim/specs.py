@@ -1,8 +1,8 @@
-"""What a mission file says, checked: one dataclass per section, limits beside each default.
+"""Sections of a mission file, checked: one dataclass each, limits beside each default.
 
 A mission file is a mapping with ``path`` (its ``kind`` picks one of :data:`PATHS`), ``vehicles``
-and a few numbers for the whole mission. Angles are in degrees there, because people write the
-files; everything behind this module is in radians.
+and a few numbers for the whole mission. Angles are in degrees there, as the files
+are written by hand; they are radians everywhere else.
 """
 
 from __future__ import annotations
@@ -124,7 +124,7 @@ class OscillationSpec:
 class VehicleSpec(Spec):
     """One vehicle of the formation."""
 
-    role: str = choice('follower', ('leader', 'follower'), 'Who carries the USBL array')
+    role: str = choice('follower', ('leader', 'follower'), 'leader: carries the USBL array')
     depth_m: float = param(100.0, 'm', 0.0, 11000.0, 'Depth at the start, positive down')
     offset_m: tuple[float, float] = vector(
         (0.0, 0.0),

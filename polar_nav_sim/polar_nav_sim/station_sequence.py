@@ -1,4 +1,4 @@
-"""The sequence of a station's interrogations: when it pings, and that it can keep its period.
+"""Sequence of a station's interrogations: times of its pings, and a check of their period.
 
 Driven by the stamps of truth alone, as the USBL's Interrogator. A cycle is over when the packet is
 complete at the vehicle: 3 D / c + N / v + T_sigma after its ping. A shorter period is refused, or
@@ -21,7 +21,7 @@ from .trajectory import NS
 
 @dataclass(frozen=True)
 class SequenceSpec(Spec):
-    """When a station pings, and how fast its packets leave."""
+    """Period of a station's pings, and bit rate of its packets."""
 
     period_s: float = param(2.5, 's', 0.1, 3600.0, 'Between interrogations')
     first_ping_s: float = param(0.0, 's', 0.0, 3600.0, 'First interrogation after the start')
@@ -34,14 +34,14 @@ class SequenceSpec(Spec):
 
 
 class StationSequence:
-    """One station that asks one vehicle again and again.
+    """One station that interrogates one vehicle periodically.
 
     Parameters
     ----------
     station : Station
         The model.
     own, target : Poses
-        Where station and vehicle are.
+        Poses of station and vehicle.
     spec : SequenceSpec
         Period and bit rate.
     errors : StationErrors
@@ -69,15 +69,15 @@ class StationSequence:
         self.sequence = max(0, -(-(from_ns - self._first_ns) // self._period_ns))
         """Number of the next interrogation."""
         self.lost = 0
-        """Cycles that gave nothing."""
+        """Number of cycles without a reply."""
         self.queued = 0
-        """Pings that came later than their period says."""
+        """Number of pings later than their period."""
         self._free_ns = from_ns
         self.needed_ns = self._ping_ns()
         """Nothing new before the poses reach this time."""
 
     def advance(self, now_ns: int) -> Iterator[StationReading]:
-        """Give out the readings that can be had by a time that both poses have reached.
+        """Readings completed until a time that both poses have reached.
 
         Raises
         ------
@@ -93,7 +93,7 @@ class StationSequence:
                 self.needed_ns = early.needed_ns
                 return
             except NotKept:
-                # The vehicle's truth was found later than the own: as before from_ns, never made.
+                # The vehicle's truth began later than the own: omitted, as before from_ns.
                 self._next()
                 continue
             if cycle.t4_ns > now_ns:
@@ -107,7 +107,7 @@ class StationSequence:
                 yield reading
 
     def _take(self, cycle: StationCycle) -> None:
-        """Count a cycle and see whether it fits its period."""
+        """Count a cycle and check that it fits its period."""
         s = self._spec
         range_m = (
             0.5

@@ -39,7 +39,7 @@ _NODES = 3
 
 @dataclass(frozen=True)
 class TruthState:
-    """True state; every array has the shape of the time asked for in front of what is said here.
+    """True state; every array has the shape of the requested time in front of the stated one.
 
     Attributes
     ----------
@@ -101,36 +101,52 @@ class TruthBlock:
     interval_s: Floats
 
 
+@dataclass(frozen=True)
+class Surroundings:
+    """Surroundings of a vehicle.
+
+    Attributes
+    ----------
+    surface_height, floor_depth : float
+        Sea surface above the ellipsoid; floor below the surface, NaN if unknown [m].
+    floor_lost_s : (float, float)
+        From when to when the floor is :data:`ABYSS_M` deep [s since the start].
+    environment : Environment
+        True gravity and sea surface.
+    """
+
+    surface_height: float = 0.0
+    floor_depth: float = math.nan
+    floor_lost_s: tuple[float, float] = (0.0, 0.0)
+    environment: Environment = CALM
+
+
+UNDISTURBED = Surroundings()
+
+
 class Truth(ABC):
-    """Truth of one vehicle over a mission, whatever it is made from.
+    """Truth of one vehicle over a mission; base of paths and dynamics.
 
     Parameters
     ----------
     start_ns, period_ns : int
         Stamp of sample 0, time between samples [ns].
-    sea_surface_height, sea_floor_depth : float
-        Sea surface above the ellipsoid; floor below the surface, NaN if unknown [m].
-    floor_lost_s : (float, float)
-        From when to when the floor is :data:`ABYSS_M` deep [s since the start].
-    environment : Environment
-        Gravity and sea surface as they are.
+    surroundings : Surroundings
+        Sea surface, sea floor and gravity.
     """
 
     def __init__(
         self,
         start_ns: int,
         period_ns: int,
-        sea_surface_height: float = 0.0,
-        sea_floor_depth: float = math.nan,
-        floor_lost_s: tuple[float, float] = (0.0, 0.0),
-        environment: Environment = CALM,
+        surroundings: Surroundings = UNDISTURBED,
     ) -> None:
         self.start_ns = start_ns
         self.period_ns = period_ns
-        self._surface = sea_surface_height
-        self._floor = sea_floor_depth
-        self._lost_s = floor_lost_s
-        self._environment = environment
+        self._surface = surroundings.surface_height
+        self._floor = surroundings.floor_depth
+        self._lost_s = surroundings.floor_lost_s
+        self._environment = surroundings.environment
         self._pieces = 1
         """Parts of an IMU interval within which the motion is smooth."""
 
@@ -222,10 +238,10 @@ class Trajectory(Truth):
     Parameters
     ----------
     knots : Knots
-        What the splines go through.
+        Knots of the splines.
     oscillation : OscillationSpec
         Sines added to the reference angles.
-    start_ns, period_ns, sea_surface_height, sea_floor_depth, floor_lost_s, environment
+    start_ns, period_ns, surroundings
         As of :class:`Truth`.
     """
 
@@ -235,14 +251,9 @@ class Trajectory(Truth):
         oscillation: OscillationSpec,
         start_ns: int,
         period_ns: int,
-        sea_surface_height: float = 0.0,
-        sea_floor_depth: float = math.nan,
-        floor_lost_s: tuple[float, float] = (0.0, 0.0),
-        environment: Environment = CALM,
+        surroundings: Surroundings = UNDISTURBED,
     ) -> None:
-        super().__init__(
-            start_ns, period_ns, sea_surface_height, sea_floor_depth, floor_lost_s, environment
-        )
+        super().__init__(start_ns, period_ns, surroundings)
         self._origin_e = knots.origin_e
         self._first_s, self._last_s = float(knots.t_s[0]), float(knots.t_s[-1])
         # Here: loading it takes longer than a command that needs no trajectory.

@@ -1,4 +1,4 @@
-"""VehicleTruth as bytes: whole blocks are encoded at once, and one message is read without ROS.
+"""Serialized VehicleTruth: encoded in whole blocks, decoded one by one, without ROS.
 
 polar_nav_msgs/VehicleTruth has one string (the frame) and then only fixed-size numbers, so its CDR
 form is a header followed by :data:`FIELDS` doubles. A test compares both directions with rclpy's
@@ -131,12 +131,12 @@ def encode(block: TruthBlock) -> list[bytes]:
 
 
 def decode(data: bytes) -> TruthSample:
-    """Read a serialized VehicleTruth message.
+    """Sample of a serialized VehicleTruth message.
 
     Raises
     ------
     ValueError
-        When the bytes are none (too short, or not little-endian CDR).
+        If the bytes are no such message (too short, or not little-endian CDR).
     """
     at = _sequence_at(data)
     values = np.frombuffer(data, '<f8', _COUNT, at + 8)

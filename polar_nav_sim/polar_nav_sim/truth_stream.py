@@ -6,7 +6,7 @@ from .mission import Mission
 from .truth_cdr import encode
 
 BLOCK_S = 1.0
-"""Truth that is made at once; NumPy's overhead per call is then spread over a hundred samples."""
+"""Length of truth made at a time [s]; NumPy's overhead per call is spread over 100 samples."""
 
 
 class TruthStream:
@@ -15,9 +15,9 @@ class TruthStream:
     Parameters
     ----------
     mission : Mission
-        What is sailed.
+        The simulated mission.
     block_s : float
-        Truth that is made at once [s]; commands to a vehicle act from the next block on.
+        Length of truth made at a time [s]; commands to a vehicle act from the next block on.
     """
 
     def __init__(self, mission: Mission, block_s: float = BLOCK_S) -> None:

@@ -1,4 +1,4 @@
-"""Compiles or loads what the nodes call, so that no first message waits for it."""
+"""Compilation of the nodes' kernels at their start, so that no first message waits for it."""
 
 from __future__ import annotations
 

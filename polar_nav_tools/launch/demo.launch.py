@@ -1,9 +1,9 @@
-"""Starts the whole demo graph: `ros2 launch polar_nav_tools demo.launch.py`.
+"""Launch description of the demo graph: `ros2 launch polar_nav_tools demo.launch.py`.
 
 The nodes and their parameters are those of `./polar demo` (polar_nav_tools.graph.build). When the
-mission is over, or a node died, the follower is ended first, so that it can process what it holds,
-and the recorder after it, so that it has the follower's last words; then the rest. The exit status
-is 0 only when every node did what it was there for.
+mission is over, or a node died, the follower is ended first, so that it can process
+its waiting messages, and the recorder after it, so that it records the follower's last ones; then
+the rest. The exit status is 0 only if no node failed.
 """
 
 import os
@@ -44,7 +44,7 @@ NO_BAG = 'none'
 
 
 def generate_launch_description() -> LaunchDescription:
-    """Arguments, then the nodes that follow from them."""
+    """Launch description: arguments, then the nodes that follow from them."""
     return LaunchDescription(
         [
             DeclareLaunchArgument(
@@ -56,12 +56,12 @@ def generate_launch_description() -> LaunchDescription:
                 'pace',
                 default_value='realtime',
                 choices=list(PACES),
-                description='realtime waits for nobody; lockstep is fast and loses nothing',
+                description='realtime waits for no node; lockstep is fast and loses nothing',
             ),
             DeclareLaunchArgument(
                 'duration',
                 default_value='0.0',
-                description='Simulated seconds; 0: as long as the mission says',
+                description='Simulated seconds; 0: length of the mission',
             ),
             DeclareLaunchArgument(
                 'seed',
@@ -78,7 +78,7 @@ def generate_launch_description() -> LaunchDescription:
                 'leader',
                 default_value='perfect',
                 choices=list(LEADERS),
-                description='perfect: told where it is, as the papers assume; own: it navigates',
+                description='perfect: knows its position, as the papers assume; own: it navigates',
             ),
             DeclareLaunchArgument(
                 'bag',
@@ -144,7 +144,7 @@ def _action(spec: NodeSpec) -> Node:
 def _order_of_the_end(
     nodes: Sequence[NodeSpec], actions: Mapping[str, Node]
 ) -> RegisterEventHandler:
-    """Say what follows when a node has ended, and at the last one fail if any of them failed."""
+    """Handlers that end the graph in order after a node's end, and fail if any node failed."""
     specs = {actions[spec.full_name]: spec for spec in nodes}
     last = [action for action, spec in specs.items() if spec.stage >= Stage.FOLLOWER]
     ended: list[Node] = []

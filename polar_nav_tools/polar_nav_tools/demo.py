@@ -38,7 +38,7 @@ _RMS_KEYS = {
 
 @dataclass(frozen=True)
 class DemoOptions:
-    """What is run and where it is put.
+    """Options of a demo: mission, run, folder.
 
     Attributes
     ----------
@@ -74,7 +74,7 @@ class DemoOptions:
 
 @dataclass(frozen=True, eq=False)
 class DemoResult:
-    """What came of it; without analysis and report when a signal ended the run."""
+    """Result of a demo; without analysis and report if a signal ended the run."""
 
     run: LiveRun
     wall_s: dict[str, float]
@@ -88,7 +88,7 @@ class DemoResult:
 
     @property
     def complaints(self) -> list[str]:
-        """Sentences on what is not well."""
+        """Sentences about all defects of run and bag; empty if there are none."""
         return self.analysis.complaints() if self.analysis is not None else []
 
     def to_dict(self) -> dict[str, Any]:
@@ -103,6 +103,7 @@ class DemoResult:
         return {
             'ok': not self.complaints,
             'complaints': self.complaints,
+            'remarks': analysis.remarks(),
             'mission': graph.mission,
             'duration_s': graph.duration_s,
             'seed': graph.options.seed,

@@ -277,7 +277,7 @@ def test_file_that_changes_while_it_is_read(tmp_path):
 
 
 def test_progress_of_the_opening_goes_through_all_files(tmp_path, monkeypatch):
-    monkeypatch.setattr(scan, '_TELL_EVERY_BYTES', 2000)
+    monkeypatch.setattr(scan, '_REPORT_EVERY_BYTES', 2000)
     whole = write_bag(tmp_path / 'b', 60, chunk_bytes=1024)
     (tmp_path / 'b' / 'b_1.mcap').write_bytes(whole.read_bytes())
     (tmp_path / 'b' / 'metadata.yaml').unlink()

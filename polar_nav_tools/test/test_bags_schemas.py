@@ -57,7 +57,9 @@ def test_header_is_found_where_it_is_first():
         'std_msgs/msg/String',
         'rcl_interfaces/msg/ParameterEvent',
     }
-    assert not starts_with_header('uint8 A=1\nstd_msgs/Header header\n')
+    assert not starts_with_header('uint8 a\nstd_msgs/Header header\n')
+    # A constant is no field: no message holds it.
+    assert starts_with_header('uint8 A=1\nstd_msgs/Header header\n')
     assert not starts_with_header('')
 
 

@@ -131,8 +131,8 @@ def test_every_run_of_an_entry_starts_anew(record):
 
 
 def test_a_run_has_all_groups_and_is_json():
-    told = []
-    result = run(samples=SAMPLES, rounds=1, cycles=3, shortest_s=0.0, tell=told.append)
+    reported = []
+    result = run(samples=SAMPLES, rounds=1, cycles=3, shortest_s=0.0, report=reported.append)
     figures = json.loads(json.dumps(result.to_dict(), allow_nan=False))
     assert list(figures['groups']) == ['batch', 'single', 'filter', 'prediction', 'update']
     assert set(figures['groups']['batch']['blocks']['times_as_fast_as']) == {
@@ -140,7 +140,7 @@ def test_a_run_has_all_groups_and_is_json():
         'python_ins_loop',
         'numpy',
     }
-    assert told
+    assert reported
     for group in result.groups:
         table = group.table()
         assert len(table.rows) == len(group.timings)

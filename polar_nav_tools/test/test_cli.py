@@ -1,12 +1,16 @@
 """The command line tool, in process: help, exit status, JSON, one sentence for bad input."""
 
 import json
+import subprocess
 import sys
 
 import pytest
 
-from polar_nav_tools.bags import BagWriter
+from polar_nav_core.errors import ConfigError, PolarNavError
+from polar_nav_tools.bags import BagError, BagWriter
+from polar_nav_tools.bags.errors import WrongRequestError
 from polar_nav_tools.cli import main
+from polar_nav_tools.cli import status as status_rule
 
 COMMANDS = (
     'demo',
@@ -44,8 +48,8 @@ def polar(monkeypatch, capsys, tmp_path):
     return run
 
 
-def assert_one_sentence(status, out, err, *words):
-    assert status == 1
+def assert_one_sentence(status, out, err, *words, expected=2):
+    assert status == expected
     assert out == ''
     lines = err.strip().splitlines()
     assert len(lines) == 1, err
@@ -97,13 +101,13 @@ def test_no_such_bag(polar, command):
 def test_a_file_that_is_no_bag(polar, command, tmp_path):
     path = tmp_path / 'notes.mcap'
     path.write_text('not a bag at all, but long enough to look into it\n' * 20)
-    assert_one_sentence(*polar(command, path), 'notes.mcap')
+    assert_one_sentence(*polar(command, path), 'notes.mcap', expected=1)
 
 
 @pytest.mark.parametrize('command', ON_A_BAG)
 def test_an_empty_folder(polar, command, tmp_path):
     (tmp_path / 'empty').mkdir()
-    assert_one_sentence(*polar(command, tmp_path / 'empty'), 'empty')
+    assert_one_sentence(*polar(command, tmp_path / 'empty'), 'empty', expected=1)
 
 
 # -- bags of something else
@@ -123,7 +127,7 @@ def strange_bag(tmp_path):
 
 @pytest.mark.parametrize('command', ['replay', 'score', 'verify', 'report'])
 def test_a_bag_without_the_needed_topics(polar, command, strange_bag):
-    assert_one_sentence(*polar(command, strange_bag), 'strange', 'follower')
+    assert_one_sentence(*polar(command, strange_bag), 'strange', 'follower', expected=1)
 
 
 def test_info_of_a_strange_bag(polar, strange_bag):
@@ -224,3 +228,42 @@ def test_test_refuses_long_and_fast_together(polar):
     status, _, err = polar('test', '--long', '--fast')
     assert status == 2
     assert 'exclude each other' in err
+
+
+# -- exit status
+
+
+def test_a_reader_that_goes_away_is_well(strange_bag):
+    """As `| head` does; what is still to be written goes nowhere, and nothing complains."""
+    command = [sys.executable, '-P', '-m', 'polar_nav_tools.cli', 'doctor', '--all', strange_bag]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+        process.stdout.close()
+        said = process.stderr.read().decode()
+    assert process.returncode == 0
+    assert 'Traceback' not in said
+    assert 'BrokenPipe' not in said
+
+
+@pytest.mark.parametrize(
+    ('error', 'expected'),
+    [
+        (ConfigError('x'), 2),
+        (WrongRequestError('x'), 2),
+        (FileNotFoundError(), 2),
+        (BagError('x'), 1),
+        (PolarNavError('x'), 1),
+        (OSError(), 1),
+        (BrokenPipeError(), 0),
+        (KeyboardInterrupt(), 130),
+    ],
+)
+def test_every_error_has_one_of_three_statuses(error, expected):
+    assert status_rule.of_error(error) == expected
+
+
+def test_ctrl_c_is_130(polar, strange_bag, monkeypatch):
+    def interrupt(_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr('polar_nav_tools.bags.info.bag_info', interrupt)
+    assert polar('info', strange_bag)[0] == 130

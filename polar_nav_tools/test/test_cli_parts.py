@@ -5,6 +5,7 @@ import sys
 from datetime import datetime
 from pathlib import Path
 
+import numpy as np
 import pytest
 from rich.console import Console
 
@@ -114,15 +115,23 @@ def test_sizes(size, text):
     assert size_text(size) == text
 
 
-def test_progress_for_a_log_is_a_line_each_tenth(capsys, monkeypatch):
-    monkeypatch.setenv('POLAR_PROGRESS', '1')
-    with progress_display('work', total=10.0, unit='s') as update:
+@pytest.mark.parametrize(
+    ('takes_s', 'unit', 'lines'),
+    [
+        (9.0, '%', []),
+        (9.0, 's', [0]),
+        (30.0, '%', [3, 7]),
+        (1000.0, '%', [1, 2, 3, 4, 5, 6, 7, 8, 9, 10]),
+    ],
+)
+def test_progress_without_a_terminal_does_not_flood(capsys, monkeypatch, takes_s, unit, lines):
+    now = iter(np.linspace(0.0, takes_s, 102))
+    monkeypatch.setattr(progress.time, 'monotonic', lambda: next(now))
+    with progress_display('work', total=10.0, unit=unit) as update:
         for i in range(0, 101):
             update(i / 10.0, 10.0)
-    lines = capsys.readouterr().err.splitlines()
-    assert len(lines) == 11
-    assert lines[0] == 'polar: work: 0 of 10 s'
-    assert lines[-1] == 'polar: work: 10 of 10 s'
+    found = capsys.readouterr().err.splitlines()
+    assert found == [f'polar: work: {k} of 10 {unit}' for k in lines]
 
 
 @pytest.mark.parametrize(('terminal', 'large'), [(True, True), (True, False), (False, True)])

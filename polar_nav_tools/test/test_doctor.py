@@ -65,6 +65,21 @@ def test_gap(tmp_path):
     assert found.at_s == pytest.approx(499 * 0.01 - 0.005)
 
 
+def test_pauses_are_not_counted_as_missing_messages(tmp_path):
+    # 200 s of messages in ten parts with 1000 s between them: a recorder that was stopped.
+    stamps = [s + k // 200 * 1000 * 10**9 for k, s in enumerate(regular())]
+    found = only(bag_of(tmp_path / 'b', stamps), 'gap', Severity.WARNING)
+    assert found.value == 9
+    assert '0.2216 Hz by count and duration' in found.text
+    assert 'about' not in found.text
+
+
+def test_a_jump_of_the_clock_is_no_gap(tmp_path):
+    stamps = [s + (k >= 1200) * 54_500 * 10**9 for k, s in enumerate(regular())]
+    path = bag_of(tmp_path / 'b', stamps, regular())
+    assert not findings(path, 'gap')
+
+
 def test_backwards(tmp_path):
     stamps = regular()
     stamps[700], stamps[701] = stamps[701], stamps[700]
@@ -83,6 +98,15 @@ def test_zero(tmp_path):
     stamps = [0] * N
     found = findings(bag_of(tmp_path / 'b', stamps, regular()), 'zero stamp')
     assert [(f.severity, f.value) for f in found] == [(Severity.SEVERE, N)]
+
+
+def test_a_recording_that_begins_at_zero(tmp_path):
+    stamps = [k * STEP_NS for k in range(N)]
+    assert not findings(bag_of(tmp_path / 'b', stamps), level=Severity.SEVERE)
+    stamps = regular()
+    stamps[7] = 0
+    found = findings(bag_of(tmp_path / 'c', stamps, regular()), 'zero stamp')
+    assert [(f.severity, f.value) for f in found] == [(Severity.WARNING, 1)]
 
 
 @pytest.mark.parametrize('by_s', [2.5, -2.5])
@@ -106,6 +130,12 @@ def test_drift(tmp_path):
     logs = [START_NS + round(k * STEP_NS * 1.01) + 5_000_000 for k in range(N)]
     found = only(bag_of(tmp_path / 'b', regular(), logs), 'drift', Severity.WARNING)
     assert found.value == pytest.approx(-0.01, rel=0.02)
+
+
+def test_a_clock_that_is_not_of_this_world(tmp_path):
+    logs = [START_NS + round(k * STEP_NS / 0.29) + 5_000_000 for k in range(N)]
+    found = only(bag_of(tmp_path / 'b', regular(), logs), 'drift', Severity.SEVERE)
+    assert 'at 29 % of real time' in found.text
 
 
 def test_jitter_is_no_drift(tmp_path):

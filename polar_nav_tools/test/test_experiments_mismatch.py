@@ -11,9 +11,9 @@ from polar_nav_core.engine.events import Fix
 from polar_nav_core.errors import ConfigError
 from polar_nav_tools.experiments.catalog import experiment_named
 from polar_nav_tools.experiments.experiment import Request, run
-from polar_nav_tools.experiments.mismatch import faults, worlds
+from polar_nav_tools.experiments.mismatch import dvl_faults, faults, worlds
 from polar_nav_tools.experiments.mismatch.health import WatchedRun, health_history
-from polar_nav_tools.experiments.mismatch.row import SINS, STATION, WORLD, Row, warm_scene
+from polar_nav_tools.experiments.mismatch.row import SINS, STATION, WORLD, Row, texts, warm_scene
 from polar_nav_tools.experiments.mismatch.rows import ROWS, rows_named
 from polar_nav_tools.experiments.mismatch.scenes import SinsScene
 from polar_nav_tools.experiments.mismatch.visible import SMALL, information, visibility
@@ -38,6 +38,10 @@ def test_the_catalogue_has_what_the_issue_asks_for():
     assert {row.name for row in ROWS.values() if not sentences(row)} == {
         name for name in ROWS if name.startswith('delay_')
     }
+
+
+def test_every_text_belongs_to_a_row():
+    assert texts().keys() == ROWS.keys()
 
 
 def test_rows_are_chosen_by_patterns():
@@ -74,7 +78,7 @@ def first_change_s(row, same, other):
     """Time of the first difference of the inputs [s]; initial parameters are at 0."""
     if row.mode == 'sins' and same.initial != other.initial:
         return 0.0
-    if row.fault.told and not row.fault.obvious and same.inputs is other.inputs:
+    if row.fault.for_all and not row.fault.obvious and same.inputs is other.inputs:
         return 0.0
     start_ns = row.scene.start_ns(same)
     found = [np.inf]
@@ -115,7 +119,7 @@ def parts(fix: Fix):
 @pytest.mark.slow
 def test_information_is_that_of_innovations_taken_event_by_event():
     """J from sums of squares equals g' S^-1 g of innovations that the engine's fusion shows."""
-    fault = faults.DepthError(bias_m=0.1, start_s=40.0)
+    fault = dvl_faults.DepthError(bias_m=0.1, start_s=40.0)
     time_s, J = information(SHORT, fault, 1)
     assert J[time_s < 40.0].max() < 1e-3
     quiet = SHORT.quiet(1)
@@ -138,7 +142,7 @@ def test_information_is_that_of_innovations_taken_event_by_event():
 @pytest.mark.slow
 def test_information_of_a_depth_offset_has_the_bound_of_its_own_noise():
     """Depths of a known trajectory would give n / sigma^2; the filter has less, not nothing."""
-    fault = faults.DepthError(bias_m=0.1, start_s=60.0)
+    fault = dvl_faults.DepthError(bias_m=0.1, start_s=60.0)
     _, J = information(SHORT, fault, 1)
     most = 300 * (0.1 / 0.05) ** 2
     assert 0.01 * most < J[-1] < most
@@ -157,7 +161,7 @@ def test_a_fault_of_twice_the_size_has_twice_the_sigmas():
 def test_the_information_predicts_what_a_noisy_world_shows():
     """NIS with the fault minus NIS without has the mean J and a scatter of 2 sqrt(J)."""
     # A turn: a scale would make the noise longer, too.
-    fault = faults.DvlGain(turn_deg=0.3)
+    fault = dvl_faults.DvlGain(turn_deg=0.3)
     _, J = information(SHORT, fault, 1)
     grown = []
     for seed in range(1, 13):
@@ -186,7 +190,7 @@ def test_health_is_what_the_engine_itself_has_after_every_fix():
             level = int(engine.health.level)
             if not seen or seen[-1] != level:
                 seen.append(level)
-    result = engine_run.run(params, world.inputs, one_by_one=True)
+    result = engine_run.run(params, world.inputs, look_every_s=1.0)
     end_ns = int(world.inputs.imu_stamps_ns[-1])
     history = health_history(
         WatchedRun(params, result.receipts, world.truth.start_ns, end_ns, health=result.health)

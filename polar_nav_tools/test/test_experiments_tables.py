@@ -317,7 +317,7 @@ def test_list_names_all(polar):
 )
 def test_bad_options_are_named_in_one_sentence(polar, arguments, words):
     status, out, err = polar('experiment', *arguments)
-    assert status == 1
+    assert status == 2
     assert out == ''
     lines = err.strip().splitlines()
     assert len(lines) == 1, err
@@ -369,7 +369,7 @@ def test_an_old_spelling_runs_with_a_hint_on_stderr(polar):
     assert 'table1 ' in out
     assert './polar experiment list' in err
     status, _, err = polar('experiment', 'table1', '--jobs', 0)
-    assert status == 1
+    assert status == 2
     hint, error = err.strip().splitlines()
     assert './polar experiment run table1 --jobs 0' in hint
     assert '--jobs: 0' in error

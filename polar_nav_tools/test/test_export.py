@@ -137,6 +137,6 @@ def test_the_command(tmp_path, monkeypatch, capsys):
     status, _, err = polar(REFERENCE, tmp_path / 'a.csv')
     assert (status, 'already' in err) == (2, True)
     status, _, err = polar(REFERENCE, tmp_path / 'b', '--frame', 'moon')
-    assert (status, 'moon' in err, (tmp_path / 'b').exists()) == (1, True, False)
+    assert (status, 'moon' in err, (tmp_path / 'b').exists()) == (2, True, False)
     status, _, err = polar(REFERENCE, tmp_path / 'b', '--what', 'truth', '--topic', '/x')
     assert status == 2

@@ -29,6 +29,7 @@ from polar_nav_tools.bags.finding import Finding, Severity
 from polar_nav_tools.foreign import mapping_file
 from polar_nav_tools.foreign.adapters.sensors import ImuRows
 from polar_nav_tools.foreign.check_imu import check_imu
+from polar_nav_tools.foreign.check_stamps import Times, check_spans, check_stamps
 from polar_nav_tools.foreign.findings import NAMES, Refused
 from polar_nav_tools.foreign.load import Loaded, load
 from polar_nav_tools.foreign.section import Section
@@ -109,6 +110,19 @@ def test_stamps_zero(tmp_path: Path) -> None:
     assert not [f for f in loaded(path, {'dvl': top}).findings if f.name == 'stamps_zero']
 
 
+def test_one_stamp_that_is_zero(tmp_path: Path) -> None:
+    """A driver that forgot one is warned of; a recording may begin at zero."""
+    path = changed(tmp_path, DVL, lambda m, k: restamped(m, 0) if k == 70 else m)
+    finding = found(path, 'stamps_zero', severity='WARNING')
+    assert (finding.topic, finding.count) == (DVL, 1)
+    assert len(loaded(path).inputs.dvl_stamps_ns) == 149
+    two = changed(tmp_path / 'two', DVL, lambda m, k: restamped(m, 0) if k in (70, 90) else m)
+    assert found(two, 'stamps_zero').count == 2
+    steps = np.arange(200, dtype=np.int64) * S // 100
+    assert list(check_stamps('/imu', steps, steps + START)) == []
+    assert [f.name for f in check_stamps('/imu', steps[:5] * 0, steps[:5])] == ['stamps_zero']
+
+
 def test_stamps_backwards(tmp_path: Path) -> None:
     """Two samples swapped; accepted, they are sorted."""
     path = changed(
@@ -174,8 +188,30 @@ def test_stamps_apart(tmp_path: Path) -> None:
     path = changed(tmp_path, DVL, lambda m, _: restamped(m, stamp_of(m) - 1000 * S))
     finding = found(path, 'stamps_apart')
     assert finding.value == pytest.approx(-1000.0, abs=0.5)
+    assert '`stamp: log` takes the log time, or `time_offset_s: 1000` ' in finding.text
     top = yaml.safe_load(MAPPING)['dvl'] | {'time_offset_s': 1000.0}
     assert len(loaded(path, {'dvl': top}).inputs.dvl_stamps_ns) == 150
+
+
+def test_the_offset_that_is_told_has_all_its_digits() -> None:
+    """Six days and 0.04 s, of every second message 20 ms more: the median, not the mean."""
+    t = START + np.arange(400, dtype=np.int64) * S // 10
+    behind = np.full(400, 514_944_040_000_000, dtype=np.int64)
+    behind[::3] += 20_000_000
+    other = Times('/dvl', t - behind, t)
+    (finding,) = check_spans(Times('/imu', t, t), [other])
+    assert '`time_offset_s: 514944.04` (median' in finding.text
+    shifted = other._replace(stamps_ns=other.stamps_ns + 10 * S, offset_ns=10 * S)
+    assert '`time_offset_s: 514944.04` (' in next(check_spans(Times('/imu', t, t), [shifted])).text
+    # An IMU without stamps has its log times; one on the other clock, too, gives its own offset.
+    assert '514944.04`' in next(check_spans(Times('/imu', 0 * t, t), [other])).text
+    imu = Times('/imu', t - 100 * S, t)
+    (finding,) = check_spans(imu, [other])
+    assert '`time_offset_s: 514844.04`' in finding.text
+    assert 'less that of the IMU' in finding.text
+    assert '`stamp: log`' not in finding.text
+    (finding,) = check_spans(Times('/imu', t, t), [other._replace(delayed=True)])
+    assert 'the delay has to be taken off' in finding.text
 
 
 def test_rate_low(tmp_path: Path) -> None:
@@ -210,6 +246,43 @@ def test_stuck(tmp_path: Path) -> None:
     assert (finding.topic, finding.count) == (IMU, 300)
     assert finding.stamp_ns == stamp_at(IMU, 1000)
     assert finding.value == pytest.approx(2.99)
+
+
+def test_a_depth_that_never_changes(tmp_path: Path) -> None:
+    """Half a minute is short for a sensor at rest, and the whole of the recording."""
+    held: list[Any] = []
+
+    def hold(message: Message, _: int) -> Message:
+        held.append(message[3].point)
+        return edit(message, point=held[0])
+
+    finding = found(changed(tmp_path, DEPTH, hold), 'stuck')
+    assert (finding.topic, finding.count) == (DEPTH, 301)
+
+    def half(message: Message, k: int) -> Message:
+        return hold(message, k) if k < 150 else message
+
+    names = {f.name for f in loaded(changed(tmp_path / 'half', DEPTH, half)).findings}
+    assert 'stuck' not in names
+
+
+@pytest.mark.parametrize(
+    ('rate', 'force', 'text'),
+    [
+        (0.0, 0.0, 'the IMU is all zeros'),
+        (0.01, 0.0, 'the specific force of the IMU is all zeros'),
+        (0.0, 9.81, 'the rate of the IMU is all zeros'),
+    ],
+)
+def test_imu_zero(rate: float, force: float, text: str) -> None:
+    """Named as what it is, and no warning of NumPy's beside it."""
+    n = 3000
+    stamps = START + np.arange(n, dtype=np.int64) * S // 100
+    noise = np.random.default_rng(5).normal(1.0, 0.01, (n, 3))
+    rows = ImuRows('/imu', stamps, stamps, rate * noise, force * noise)
+    (finding,) = check_imu(rows)
+    assert (finding.name, finding.severity) == ('imu_zero', Severity.SEVERE)
+    assert text in finding.text
 
 
 def imu_mapping(**changes: Any) -> dict[str, Any]:
@@ -304,6 +377,14 @@ def test_velocity(tmp_path: Path, whole: Path) -> None:
     assert loaded(whole).inputs.dvl_valid.all()
 
 
+def test_pings_relative_to_the_water(tmp_path: Path) -> None:
+    """Taken where the mapping states that they are what is wanted, and only there."""
+    path = changed(tmp_path, DVL, lambda m, _: edit(m, velocity_mode=2))
+    assert not loaded(path).inputs.dvl_valid.any()
+    top = yaml.safe_load(MAPPING)['dvl'] | {'reference': 'water'}
+    assert loaded(path, {'dvl': top}).inputs.dvl_valid.all()
+
+
 def dvl_in(unit: str) -> dict[str, Any]:
     """The DVL's part of the mapping with a unit."""
     return {'dvl': yaml.safe_load(MAPPING)['dvl'] | {'unit': unit}}
@@ -337,6 +418,27 @@ def test_positions(tmp_path: Path, whole: Path) -> None:
     assert len(loaded(path).inputs.fixes) == len(recording().fixes) - 3
 
 
+def test_fixes_without_any_position(tmp_path: Path) -> None:
+    """Nothing can be fused: another topic, or none."""
+
+    def spoil(message: Message, _: int) -> Message:
+        pose = message[3].pose.pose
+        point = replace(pose.position, x=float('nan'))
+        return edit(message, pose=replace(message[3].pose, pose=replace(pose, position=point)))
+
+    finding = found(changed(tmp_path, FIXES, spoil), 'position_invalid')
+    assert '13 of 13 messages hold no position' in finding.text
+
+
+def test_fixes_of_another_clock(whole: Path) -> None:
+    """Six days are no delay; told with all digits."""
+    top = yaml.safe_load(MAPPING)['fixes'][0]
+    finding = found(whole, 'fix_clock', {'fixes': [top | {'time_offset_s': -514944.0}]})
+    assert finding.topic == FIXES
+    assert finding.value == pytest.approx(514944.0 + 5.0, abs=5.0)
+    assert '(5.96 days)' in finding.text
+
+
 def test_times_of_fixes(whole: Path) -> None:
     """Received before valid, older than the filter takes, and with no delay at all."""
     top = yaml.safe_load(MAPPING)['fixes'][0]
@@ -364,7 +466,7 @@ def test_what_is_not_stated(whole: Path) -> None:
 def test_every_name_is_documented_and_tested() -> None:
     """A finding that no test provokes may never be found."""
     here = Path(__file__)
-    names = (here.name, 'test_foreign_initial.py', 'test_foreign_user.py')
+    names = (here.name, *(f'test_foreign_{part}.py' for part in ('csv', 'initial', 'user')))
     text = ''.join((here.parent / name).read_text() for name in names)
     assert [name for name in NAMES if f"'{name}'" not in text] == []
     docs = (here.parents[2] / 'docs' / 'your-bags.md').read_text()

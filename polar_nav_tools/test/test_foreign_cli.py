@@ -60,12 +60,16 @@ def test_replay_with_a_mapping(polar: Polar, bag: Path, tmp_path: Path) -> None:
     assert said['configuration'] == 'default'
     assert said['verdicts'] == {'FUSED': 13}
     assert said['score']['default']['summary']['fused'] == 13
+    value, word = said['nees'].split(', ')[:2]
+    judged = said['score']['default']['windows']['second_half']['nees_position']
+    assert float(value) == pytest.approx(judged['mean_per_dof'], rel=0.01)
+    assert word == judged['judgement']
     assert open_bag(out).run_info['mapping'] == str(mapping)
     status, text, _ = polar('score', out, '--recorded', '--json')
     assert status == 0
     (one,) = json.loads(text)['runs'].values()
     assert one['summary']['r_x'] == said['score']['default']['summary']['r_x']
-    assert polar('replay', bag, '--map', mapping, '--out', out)[0] == 1
+    assert polar('replay', bag, '--map', mapping, '--out', out)[0] == 2
 
 
 def test_severe_findings_refuse_unless_accepted(polar: Polar, bag: Path, tmp_path: Path) -> None:
@@ -82,19 +86,22 @@ def test_severe_findings_refuse_unless_accepted(polar: Polar, bag: Path, tmp_pat
     assert 'severe: fix_from_future: /acoustics/position at 17723232' in err
     assert 'FROM_FUTURE 13' in out
     status, _, err = polar('replay', bag, '--map', mapping, '--accept', 'everything')
-    assert status == 1
+    assert status == 2
     assert "'everything' is no finding" in err
 
 
 def test_map_prints_a_mapping(polar: Polar, tmp_path: Path) -> None:
-    """What `polar map` prints of a bag of known types runs as it is."""
-    status, text, _ = polar('map', REFERENCE)
+    """What `polar map` prints of a bag of known types and instruments runs as it is."""
+    status, text, _ = polar('map', REFERENCE, '--imu', 'stim300', '--dvl', 'workhorse_1200')
     assert status == 0
     mapping = tmp_path / 'guessed.yaml'
     mapping.write_text(text)
     status, text, err = polar('replay', REFERENCE, '--map', mapping, '--json')
     assert status == 0, err
     assert json.loads(text)['verdicts'] == {'FUSED': 13}
+    status, _, err = polar('map', REFERENCE, '--imu', 'tactical')
+    assert status == 2
+    assert "'tactical' is none of" in err
 
 
 def test_a_damaged_bag_is_told_of(polar: Polar, bag: Path, tmp_path: Path) -> None:
@@ -116,9 +123,9 @@ def test_import_csv(polar: Polar, tmp_path: Path) -> None:
     status, text, _ = polar('import', 'csv', columns, '--out', 'auv', '--json')
     assert status == 0
     assert json.loads(text)['counts'] == {'/follower/imu/data_raw': 50}
-    assert yaml.safe_load(Path('auv/mapping.yaml').read_text())['imu'] == {
-        'topic': '/follower/imu/data_raw'
-    }
+    written = yaml.safe_load(Path('auv/mapping.yaml').read_text())
+    assert written['imu'] == {'topic': '/follower/imu/data_raw'}
+    assert written['version'] == 1
     status, _, err = polar('import', 'csv', columns, '--out', 'auv')
-    assert status == 1
+    assert status == 2
     assert 'never overwritten' in err

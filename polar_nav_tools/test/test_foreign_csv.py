@@ -14,9 +14,11 @@ from foreign_samples import MAPPING, engine_parameters, recording, write
 from polar_nav_core.attitude import euler_from_matrix
 from polar_nav_core.earth import geodetic_from_ecef
 from polar_nav_core.errors import ConfigError
-from polar_nav_core.grid import convergence
+from polar_nav_core.grid import convergence, ecef_to_grid
 from polar_nav_tools.bags import open_bag
 from polar_nav_tools.foreign import mapping_file
+from polar_nav_tools.foreign.findings import Refused
+from polar_nav_tools.foreign.load import load
 from polar_nav_tools.foreign.replay import replay
 from polar_nav_tools.foreign.section import Section
 from polar_nav_tools.foreign.sources import open_source
@@ -190,6 +192,74 @@ def test_round_trip(folder: Path, tmp_path: Path) -> None:
     assert np.abs(truth.C_b_G - same.C_b_G).max() < 1e-9
     assert np.abs(truth.r_e - same.r_e).max() < 1e-6
     assert run.comparison() is not None
+
+
+def test_radians_mirrored_axes_and_ned(folder: Path, tmp_path: Path) -> None:
+    """The same files in other conventions give the same bag, to the last bits of the units."""
+    plain = import_csv(described(folder, COLUMNS), tmp_path / 'plain')
+    r = recording()
+    rows = list(csv.reader((folder / 'truth.csv').read_text().splitlines()))
+    angles = [i for i, name in enumerate(rows[0]) if name not in ('t', 'height')]
+    for row in rows[1:]:
+        for i in angles:
+            row[i] = repr(float(np.radians(float(row[i]))))
+    truth = r.truth.rows(slice(0, None, 10))
+    lat, lon, _ = geodetic_from_ecef(truth.r_e)
+    v_e = np.einsum('nji,nj->ni', ecef_to_grid(truth.r_e), truth.v_G)
+    east = np.column_stack([-np.sin(lon), np.cos(lon), 0.0 * lon])
+    up = np.column_stack([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)])
+    ned = np.stack([np.cross(up, east), east, -up], axis=1) @ v_e[:, :, None]
+    for row, velocity in zip(rows[1:], ned[:, :, 0], strict=True):
+        row += [repr(float(v)) for v in velocity]
+    put(folder / 'truth_rad.csv', [*rows[0], 'vn', 've', 'vd'], rows[1:])
+    text = COLUMNS.replace('truth.csv', 'truth_rad.csv')
+    text += '  angle_unit: rad\n  velocity_ned: [vn, ve, vd]\n'
+    text = text.replace('rotation: frd', 'rotation: flu')
+    text = text.replace('[p_degps, q_degps, r_degps]', '[p_degps, -q_degps, -r_degps]')
+    text = text.replace('[ax_g, ay_g, az_g]', '[ax_g, -ay_g, -az_g]')
+    other = import_csv(described(folder, text), tmp_path / 'other')
+    a, b = (load(open_source(x.bag), mapping_file.load(x.mapping)) for x in (plain, other))
+    assert np.array_equal(a.inputs.f_b, b.inputs.f_b)
+    assert np.array_equal(a.inputs.omega_ib_b, b.inputs.omega_ib_b)
+    assert np.abs(a.truth.r_e - b.truth.r_e).max() < 1e-6
+    assert np.abs(a.truth.C_b_G - b.truth.C_b_G).max() < 1e-12
+    assert np.abs(b.truth.v_G - truth.v_G).max() < 1e-9
+
+
+def test_radians_that_nobody_stated(folder: Path, tmp_path: Path) -> None:
+    """Degrees turn into a path 57 times shorter than the DVL's; nothing is integrated."""
+    rows = list(csv.reader((folder / 'truth.csv').read_text().splitlines()))
+    angles = [i for i, name in enumerate(rows[0]) if name in ('lat', 'lon')]
+    for row in rows[1:]:
+        for i in angles:
+            row[i] = repr(float(np.radians(float(row[i]))))
+    put(folder / 'truth_rad.csv', rows[0], rows[1:])
+    made = import_csv(
+        described(folder, COLUMNS.replace('truth.csv', 'truth_rad.csv')), tmp_path / 'auv'
+    )
+    with pytest.raises(Refused) as caught:
+        load(open_source(made.bag), mapping_file.load(made.mapping))
+    (finding,) = (f for f in caught.value.findings if f.name == 'path_length')
+    assert '`angle_unit: rad`' in finding.text
+
+
+def test_a_recording_that_begins_at_zero(tmp_path: Path) -> None:
+    """Seconds since its own start: the first sample is one like any other."""
+    n = 1000
+    noise = np.random.default_rng(2).normal(0.0, 1e-3, (n, 6))
+    rows = ([k / 100, *noise[k, :5], 9.81 + noise[k, 5]] for k in range(n))
+    put(tmp_path / 'imu.csv', list('tpqrxyz'), rows)
+    columns = {
+        'imu': {'file': 'imu.csv', 'time': 't', 'rate': list('pqr'), 'force': list('xyz')},
+        'initial': {'from': 'values', 'heading_deg': 10.0},
+        'parameters': {'initial_latitude_deg': 32.85, 'initial_longitude_deg': -117.3},
+    }
+    (tmp_path / 'columns.yaml').write_text(yaml.safe_dump(columns))
+    made = import_csv(tmp_path / 'columns.yaml', tmp_path / 'auv')
+    run = replay(open_source(made.bag), mapping_file.load(made.mapping))
+    assert run.loaded.inputs.imu_stamps_ns[0] == 0
+    assert int(run.estimates.stamp_ns[-1]) == 9_990_000_000 // 10**8 * 10**8
+    assert {f.name for f in run.findings} == {'noise_not_stated'}
 
 
 @pytest.mark.parametrize(

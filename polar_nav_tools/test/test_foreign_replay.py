@@ -29,6 +29,7 @@ from polar_nav_tools.bags import BagError, open_bag
 from polar_nav_tools.bags.arrays import estimates_from_cdr, load_truth
 from polar_nav_tools.foreign import mapping_file, rotations
 from polar_nav_tools.foreign.guess import guess
+from polar_nav_tools.foreign.guess_noise import Choices
 from polar_nav_tools.foreign.load import load
 from polar_nav_tools.foreign.replay import ForeignRun, replay, summary
 from polar_nav_tools.foreign.replay import write as write_run
@@ -210,7 +211,8 @@ def test_a_guessed_mapping_has_axes_and_units(bags: dict[str, Path]) -> None:
     top['imu']['topic'] = IMU
     with pytest.raises(ConfigError, match=r'fixes\[0\]: frame: is still to be filled in'):
         mapping_file.from_section(Section('m', top))
-    own = yaml.safe_load(guess(open_source(REFERENCE)))
+    known = Choices(imu='stim300', dvl='workhorse_1200')
+    own = yaml.safe_load(guess(open_source(REFERENCE), known))
     assert own['imu']['rotation'] == 'flu'
     assert own['imu']['accel_unit'] == 'm/s^2'
     assert own['imu']['gyro_unit'] == 'rad/s'

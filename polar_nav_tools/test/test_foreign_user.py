@@ -13,6 +13,7 @@ import yaml
 from foreign_worlds import (
     DEPTH,
     DVL,
+    DVL_LEVER_B,
     FIXES,
     IMU,
     ORIGIN,
@@ -33,13 +34,17 @@ from polar_nav_tools.bags import open_bag
 from polar_nav_tools.foreign import mapping_file, rotations
 from polar_nav_tools.foreign.candidates import vehicle
 from polar_nav_tools.foreign.guess import guess
+from polar_nav_tools.foreign.guess_noise import Choices
 from polar_nav_tools.foreign.hindsight import tried_axes
+from polar_nav_tools.foreign.load import load
 from polar_nav_tools.foreign.mcap_records import log_times, topic_columns, topic_records
 from polar_nav_tools.foreign.replay import ForeignRun, replay
 from polar_nav_tools.foreign.section import Section
 from polar_nav_tools.foreign.sources import open_source, read_table
+from polar_nav_tools.foreign.turns import turns
 
 DURATION_S = 240.0
+KNOWN = Choices(imu='stim300', dvl='workhorse_1200', reference='bottom')
 Change = Callable[[dict[str, Any]], None]
 
 
@@ -120,14 +125,66 @@ def test_a_dvl_that_is_turned_by_45_degrees(
 
 @pytest.mark.slow
 def test_a_lever_arm_that_was_forgotten(bag: Path) -> None:
-    """Here axes are right, and the hint is another one."""
+    """Here axes are right, and the turns show where it is."""
     top = mapping()
     del top['dvl']['lever_b']
     done = run(bag, top)
-    said = told(done)['dvl_misfit']
-    assert 'nor turned by 45 degrees: lever_b' in said
+    (lever,) = (f for f in done.findings if f.name == 'dvl_lever')
+    assert '`lever_b` x is -0.4' in lever.text
+    assert lever.value == pytest.approx(DVL_LEVER_B[0], abs=0.1)
+    assert 'See the lever arm or latency that the turns show' in told(done)['dvl_misfit']
     stated, others = tried_axes(done.loaded, done.loaded.params)
     assert others['frd'] == pytest.approx(stated, rel=1e-9)
+
+
+@pytest.mark.slow
+def test_a_dvl_that_is_late(bag: Path) -> None:
+    """Its age is told, with the offset that mends it."""
+    top = mapping()
+    top['dvl']['time_offset_s'] = 0.4
+    (late,) = (f for f in run(bag, top).findings if f.name == 'dvl_lever')
+    assert 'pings are 0.4' in late.text
+    assert 'add -0.4' in late.text
+    assert '`lever_b`' not in late.text
+
+
+@pytest.mark.slow
+def test_turns_show_lever_arm_and_latency_within_their_sigmas(bag: Path) -> None:
+    """Whatever the biases of the gyros are: a slow turn of 0.6 deg/s is taken off."""
+    loaded = load(open_source(bag), mapping_file.from_section(Section('m', mapping())))
+    x = loaded.inputs
+    late_ns = 300_000_000
+    for bias, lever_b, lag_ns in ((0.0, (0.0, 0.0, -0.3), late_ns), (0.01, DVL_LEVER_B, 0)):
+        changed = replace(
+            x, omega_ib_b=x.omega_ib_b + bias, dvl_stamps_ns=x.dvl_stamps_ns + lag_ns
+        )
+        found = turns(changed, np.array(lever_b))
+        assert found is not None
+        off = np.subtract(DVL_LEVER_B, lever_b)[:2] - found.lever_b
+        assert (np.abs(off) < 4.0 * found.lever_sigma + 0.02).all()
+        assert abs(found.lag_s - lag_ns * 1e-9) < 4.0 * found.lag_sigma
+        assert found.lever_sigma.max() < 0.05
+        assert found.lag_sigma < 0.03
+    # A recording without a turn says nothing of x.
+    straight = replace(x, imu_stamps_ns=x.imu_stamps_ns[:100], omega_ib_b=x.omega_ib_b[:100])
+    assert turns(replace(straight, f_b=x.f_b[:100]), np.zeros(3)) is None
+
+
+@pytest.mark.slow
+def test_an_imu_of_a_cheaper_class(columns: tuple[Recorder, list[Column]], tmp_path: Path) -> None:
+    """What `polar map` wrote for years: the noise of a tactical IMU, 100 times too good."""
+    make, (imu, *others) = columns
+    rng = np.random.default_rng(11)
+    values = dict(imu.values)
+    for name in values:
+        if name.startswith('angular_velocity'):
+            values[name] = values[name] + rng.normal(0.0, 5e-3, len(values[name])) + 4e-3
+        elif name.startswith('linear_acceleration'):
+            values[name] = values[name] + rng.normal(0.0, 0.05, len(values[name])) + 0.2
+    bag = write_columns(tmp_path / 'bag', make, [replace(imu, values=values), *others])
+    said = told(run(bag, mapping()))['dvl_misfit']
+    assert 'With the noise of the IMU 100 times as large' in said
+    assert 'see `noise`' in said
 
 
 @pytest.mark.slow
@@ -151,7 +208,7 @@ def test_depths_and_fixes_that_do_not_fit(bag: Path) -> None:
 @pytest.mark.slow
 def test_from_a_guess_to_a_good_run(bag: Path) -> None:
     """What is marked, filled in; everything else as it was guessed."""
-    text = guess(open_source(bag))
+    text = guess(open_source(bag), KNOWN)
     top = yaml.safe_load(text)
     assert top['vehicle'] == 'auv'
     assert top['imu']['rotation'] == top['dvl']['rotation'] == 'frd'
@@ -180,7 +237,7 @@ def test_from_a_guess_to_a_good_run(bag: Path) -> None:
 @pytest.mark.slow
 def test_a_start_from_the_first_fix(without_reference: Path) -> None:
     """Without a reference the first fix tells where; it is not used a second time."""
-    text = guess(open_source(without_reference))
+    text = guess(open_source(without_reference), KNOWN)
     top = yaml.safe_load(text)
     assert top['initial'] == {'from': 'topic', 'topic': FIXES, 'heading_deg': 'FILL_IN'}
     says = r'initial: heading_deg: is still to be filled in: a number \[deg\]'

@@ -16,7 +16,6 @@ from polar_nav_tools.cli import choices, main
 from polar_nav_tools.export import formats
 from polar_nav_tools.graph import options
 from polar_nav_tools.live.run import read_mission
-from polar_nav_tools.terminal.progress import progress_display
 
 REFERENCE = Path(__file__).parents[2] / 'bags' / 'reference'
 HEAVY = {'numpy', 'scipy', 'numba', 'rclpy', 'matplotlib', 'rosbags'}
@@ -103,13 +102,6 @@ def test_a_full_disk_names_the_file(tmp_path):
     with pytest.raises(OSError, match='No space left') as caught, writing(file):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
     assert caught.value.filename == str(file)
-
-
-def test_no_progress_without_a_terminal(monkeypatch, capsys):
-    monkeypatch.delenv('POLAR_PROGRESS', raising=False)
-    with progress_display('work', total=10.0, unit='s') as update:
-        update(5.0, 10.0)
-    assert capsys.readouterr().err == ''
 
 
 @pytest.mark.parametrize('command', ['info', 'doctor', 'verify', 'replay'])

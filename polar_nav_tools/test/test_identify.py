@@ -190,7 +190,7 @@ def test_without_the_stations_height_it_says_what_it_assumed(polar, tmp_path, sh
     status, out, _ = polar('identify', bag, '--json')
     assert status == 0
     found = json.loads(out)['identifications'][0]
-    assert 'taken as horizontal' in found['notes'][0]
+    assert 'treated as horizontal' in found['notes'][0]
     assert found['truth'] == {}
 
 
@@ -244,7 +244,7 @@ def test_packets_of_something_else(polar, tmp_path, short):
 def test_several_vehicles_need_a_name(polar, tmp_path, short):
     bag = write(tmp_path / 'b', short, vehicles=('one', 'two'))
     status, _, err = polar('identify', bag)
-    assert status == 1
+    assert status == 2
     assert 'several vehicles (one, two)' in err
     status, out, _ = polar('identify', bag, '--vehicle', 'two', '--json')
     assert status == 0

@@ -194,5 +194,5 @@ def test_plots_have_their_titles(of):
 
 
 def test_the_layout_is_installed():
-    setup = (ROOT / 'polar_nav_tools' / 'setup.py').read_text()
-    assert "*shared('layouts')" in setup
+    setup = (ROOT / 'polar_nav_tools' / 'setup.cfg').read_text()
+    assert 'share/polar_nav_tools/layouts = layouts/*.json' in setup

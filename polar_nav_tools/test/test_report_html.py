@@ -151,7 +151,7 @@ def test_numbers_of_the_score_stand_in_the_page(page):
     scores = compare(DATA.runs)
     for one in scores.scores.values():
         assert f'{one.second_half.rms("horizontal"):.3g}' in page.text
-    assert 'That is the lag of taking late fixes as current' in page.text
+    assert 'That is the lag of fusing late fixes as current' in page.text
     assert DATA.digests[0].live in page.text
     for count in DATA.counts:
         assert count.topic in page.text
@@ -216,7 +216,7 @@ def test_what_is_wrong_is_said_at_the_top(text):
         '30 messages were received and 29 have a verdict',
         'nav/state: the replay differs from the live run',
         '/follower/truth: 10 published, 9 recorded, not counted received',
-        'No configuration gave an estimate in the second half',
+        'No configuration has an estimate in the second half',
     ):
         assert words in shown, words
     assert 'role="alert"' not in text

@@ -172,5 +172,5 @@ def test_the_command_takes_bags_and_configurations_in_a_row(tmp_path, monkeypatc
     status, out, _ = polar(REFERENCE, '--configs', 'modified_akf,default', '--json')
     assert (status, list(json.loads(out)['runs'])) == (0, ['modified_akf', 'default'])
     status, _, err = polar(REFERENCE, '--configs', 'best')
-    assert status == 1
+    assert status == 2
     assert 'best' in err

@@ -24,7 +24,7 @@ from polar_nav_tools.bags.arrays import load_estimates, load_truth
 from polar_nav_tools.cli import main
 from polar_nav_tools.replay.recorded import followers_of
 from polar_nav_tools.series.vehicle import ReceiptRecord
-from polar_nav_tools.why import UnknownFixError, load_records, tell
+from polar_nav_tools.why import UnknownFixError, load_records, story_of
 from polar_nav_tools.why.damage import damage_of, field_of_byte
 from polar_nav_tools.why.figure import write_figure
 from polar_nav_tools.why.plot import plot
@@ -107,7 +107,7 @@ def drawn(story, width=80):
 
 @pytest.mark.parametrize('sequence', [0, 5, 13])
 def test_the_parts_of_the_way_join_and_add_up_to_the_age(whole, sequence):
-    story = tell(whole, sequence)
+    story = story_of(whole, sequence)
     (receipt,) = story.copy.receipts
     for a, b in zip(story.legs, story.legs[1:], strict=False):
         # The leader's t3 is its own, from the measured range; it and t4 are rounded to 0.1 ms.
@@ -130,7 +130,7 @@ def test_the_parts_of_the_way_join_and_add_up_to_the_age(whole, sequence):
 
 
 def test_what_it_changed_agrees_with_estimates_and_truth(whole):
-    story = tell(whole, 5)
+    story = story_of(whole, 5)
     bag = open_bag(REFERENCE)
     e, t = load_estimates(bag, 'follower'), load_truth(bag, 'follower')
     c = story.change
@@ -166,13 +166,13 @@ def test_between_fixes_nothing_is_taken_for_a_change(whole):
     heard = whole.heard[5]
     receipt = replace(heard.final, stamp_ns=quiet + 50_000_000)
     moved = replace(whole, heard=(replace(heard, receipts=(receipt,)),))
-    story = tell(moved, heard.packet.sequence)
+    story = story_of(moved, heard.packet.sequence)
     assert np.linalg.norm(story.change.shift) < 0.005
 
 
 def test_the_belief_and_the_fix_make_the_innovation(whole):
     """Up to what DVL and depth have taught the filter of the time of validity since then."""
-    stories = [tell(whole, n) for n in range(2, 14) if n != LOST]
+    stories = [story_of(whole, n) for n in range(2, 14) if n != LOST]
     alone = [s for s in stories if not s.others]
     assert len(alone) > 5
     for story in alone:
@@ -185,7 +185,7 @@ def test_the_belief_and_the_fix_make_the_innovation(whole):
 
 
 def test_the_words_of_a_fused_fix(whole):
-    text = text_of(tell(whole, 5))
+    text = text_of(story_of(whole, 5))
     for words in (
         'Fix 5 of leader for follower, 1.74 s old: used (FUSED); it moved the position by',
         'The array pinged at 11.000 s (t1)',
@@ -194,15 +194,15 @@ def test_the_words_of_a_fused_fix(whole):
         'sound speed 1440.0 m/s',
         'there is no gate',
         'Delay handling back_propagate, 17 filter steps back',
-        'No other fix was on its way',
+        'No other fix was under way',
     ):
         assert words in text, words
     assert 'nan' not in text.lower()
 
 
 def test_others_on_their_way(whole):
-    assert tell(whole, 13).others == ()
-    story = tell(whole, 3)
+    assert story_of(whole, 13).others == ()
+    story = story_of(whole, 3)
     (other,) = story.others
     assert other.sequence == 2
     assert other.validity_ns < story.validity_ns < other.receive_ns
@@ -212,7 +212,7 @@ def test_others_on_their_way(whole):
 
 
 def test_a_lost_packet(whole):
-    story = tell(whole, LOST)
+    story = story_of(whole, LOST)
     assert story.fate == 'lost'
     assert story.copies == ()
     assert story.change is None
@@ -227,7 +227,7 @@ def test_a_lost_packet(whole):
 
 
 def test_the_recording_ended_before_it_was_sent(whole):
-    story = tell(whole, 14)
+    story = story_of(whole, 14)
     assert 'the recording ended before the leader sent it' in headline(story)
 
 
@@ -235,15 +235,15 @@ def test_the_recording_ended_before_it_arrived(whole):
     cut = replace(
         whole,
         heard=tuple(h for h in whole.heard if h.packet.sequence < 12),
-        end_ns=tell(whole, 13).copy.packet.receive_ns - 10**8,
+        end_ns=story_of(whole, 13).copy.packet.receive_ns - 10**8,
     )
-    assert tell(cut, 13).fate == 'in the water'
-    assert tell(cut, 12).fate == 'lost'
+    assert story_of(cut, 13).fate == 'in the water'
+    assert story_of(cut, 12).fate == 'lost'
 
 
 def test_a_number_that_is_not_there_names_those_that_are(whole):
     with pytest.raises(UnknownFixError, match=r'no fix 99 of follower: the bag holds 0 to 14$'):
-        tell(whole, 99)
+        story_of(whole, 99)
     gap = replace(
         whole,
         measured=tuple(m for m in whole.measured if m.sequence != 9),
@@ -251,9 +251,9 @@ def test_a_number_that_is_not_there_names_those_that_are(whole):
         heard=tuple(h for h in whole.heard if h.packet.sequence != 9),
     )
     with pytest.raises(UnknownFixError, match='0 to 8, 10 to 14; the array recorded no reply'):
-        tell(gap, 9)
+        story_of(gap, 9)
     with pytest.raises(UnknownFixError, match="no fix from 'nobody'"):
-        tell(whole, 3, 'nobody')
+        story_of(whole, 3, 'nobody')
 
 
 def test_ranges_in_words():
@@ -271,26 +271,26 @@ def test_a_bag_without_receipts_is_replayed(troubled, whole):
 
 
 def test_a_damaged_packet_says_which_bits(troubled):
-    story = tell(troubled, 7)
+    story = story_of(troubled, 7)
     damage = story.copy.damage
     assert story.copy.verdict == 'BAD_CRC'
     assert damage.bits == 3
-    assert damage.places == (5, 40)
+    assert damage.differing == (5, 40)
     assert damage.fields == ('validity', 'r_lf_G')
     received = story.copy.packet.data
-    assert damage.computed == crc16(received[:-2]) != damage.said
+    assert damage.computed == crc16(received[:-2]) != damage.stated
     text = text_of(story)
     assert f'CRC-16 of the {SIZE} bytes as received is {damage.computed:#06x}' in text
     assert f'3 bits of {8 * SIZE} came flipped (byte 5, 40, in validity, r_lf_G)' in text
     assert f'[{received[40]:02x}]' in text
     assert story.change is None
-    # What the leader said is known from what it sent.
+    # The content is known from the sent packet.
     assert 'Nobody could read it; by the bytes that were sent' in text
     assert story.copy.legs[-1].stop_ns == story.copy.packet.receive_ns
 
 
 def test_a_copy_that_comes_later_is_told_apart(troubled):
-    story = tell(troubled, 6)
+    story = story_of(troubled, 6)
     assert [c.verdict for c in story.copies] == ['FUSED', 'DUPLICATE']
     assert story.main == 0
     text = text_of(story)
@@ -299,14 +299,14 @@ def test_a_copy_that_comes_later_is_told_apart(troubled):
 
 
 def test_an_overtaken_fix(troubled):
-    story = tell(troubled, 8)
+    story = story_of(troubled, 8)
     assert story.copy.verdict == 'FUSED'
     assert [o.sequence for o in story.others] == [7, 9, 10] or [
         o.sequence for o in story.others
     ] == [9, 10]
     assert 'newer, and there first' in text_of(story)
-    assert 'Fix 8 was on its way too' in text_of(tell(troubled, 9))
-    assert 'older, and there later' in text_of(tell(troubled, 9))
+    assert 'Fix 8 was under way too' in text_of(story_of(troubled, 9))
+    assert 'older, and there later' in text_of(story_of(troubled, 9))
 
 
 # -- joining
@@ -362,7 +362,7 @@ def test_revisions_and_gates_are_told(whole):
     heard = whole.heard[5]
     first = replace(heard.final, nis=30.0, gate=21.1, verdict_text='GATED', reason='because')
     second = replace(heard.final, revision=1, reason='decided anew after fix 9')
-    story = tell(
+    story = story_of(
         replace(whole, heard=(replace(heard, receipts=(first, second)),)), heard.packet.sequence
     )
     text = text_of(story)
@@ -385,7 +385,7 @@ def test_damage_without_what_was_sent():
     assert damage_of(whole, whole) is None
     damage = damage_of(b'hallo' + whole[-2:], None)
     assert damage.bits is None
-    assert damage.said == crc16(good)
+    assert damage.stated == crc16(good)
 
 
 # -- pictures
@@ -393,7 +393,7 @@ def test_damage_without_what_was_sent():
 
 @pytest.mark.parametrize('width', [60, 100])
 def test_the_plot_keeps_to_its_width_and_its_order(whole, width):
-    lines = drawn(tell(whole, 5), width).splitlines()
+    lines = drawn(story_of(whole, 5), width).splitlines()
     assert max(map(len, lines)) <= width
     bars = [line for line in lines if '━' in line]
     assert len(bars) == 7
@@ -408,7 +408,7 @@ def test_the_plot_keeps_to_its_width_and_its_order(whole, width):
 
 
 def test_a_run_without_truth_has_no_true_error(whole):
-    story = tell(replace(whole, truth=None), 5)
+    story = story_of(replace(whole, truth=None), 5)
     assert 'true error' not in drawn(story)
     assert 'True 2-D error' not in text_of(story)
     assert 'nan' not in text_of(story).lower()
@@ -418,10 +418,10 @@ def test_a_run_without_truth_has_no_true_error(whole):
 def test_pictures_are_written(whole, tmp_path, sequence):
     for suffix, begin in (('.png', b'\x89PNG'), ('.svg', b'<?xml')):
         path = tmp_path / 'deep' / f'fix{suffix}'
-        write_figure(path, tell(whole, sequence))
+        write_figure(path, story_of(whole, sequence))
         assert path.read_bytes().startswith(begin)
     with pytest.raises(ConfigError, match=r'\.png or \.svg'):
-        write_figure(tmp_path / 'fix.pdf', tell(whole, sequence))
+        write_figure(tmp_path / 'fix.pdf', story_of(whole, sequence))
 
 
 # -- the command
@@ -452,11 +452,11 @@ def test_the_command_tells_and_draws(polar):
 def test_the_command_as_json(polar):
     status, out, _ = polar(REFERENCE, '--seq', 5, '--json')
     assert status == 0
-    said = json.loads(out)
-    assert said['verdict'] == 'FUSED'
-    assert said['fate'] == 'arrived'
-    assert said['received'][0]['receipts'][0]['nis'] == pytest.approx(2.86, abs=0.01)
-    assert sum(leg['seconds'] for leg in said['legs'] if leg['counted']) == pytest.approx(
+    printed = json.loads(out)
+    assert printed['verdict'] == 'FUSED'
+    assert printed['fate'] == 'arrived'
+    assert printed['received'][0]['receipts'][0]['nis'] == pytest.approx(2.86, abs=0.01)
+    assert sum(leg['seconds'] for leg in printed['legs'] if leg['counted']) == pytest.approx(
         1.74, abs=0.01
     )
     for sequence in (LOST, 14):
@@ -465,15 +465,15 @@ def test_the_command_as_json(polar):
 
 def test_another_configuration_is_replayed(polar):
     status, out, _ = polar(REFERENCE, '--seq', 5, '-c', 'conventional_akf', '--json')
-    said = json.loads(out)
-    assert (status, said['replayed'], said['configuration']) == (0, True, 'conventional_akf')
+    printed = json.loads(out)
+    assert (status, printed['replayed'], printed['configuration']) == (0, True, 'conventional_akf')
     # Taken as current, fixes hold the position back by up to 3 m/s x 1.7 s.
     recorded = json.loads(polar(REFERENCE, '--seq', 5, '--json')[1])
     assert recorded['change']['error_after'] < 0.5
-    assert said['change']['error_after'] > 2.0
+    assert printed['change']['error_after'] > 2.0
 
 
 def test_an_unknown_number_is_one_sentence(polar):
     status, out, err = polar(REFERENCE, '--seq', 99)
-    assert (status, out) == (1, '')
+    assert (status, out) == (2, '')
     assert err == 'polar: no fix 99 of follower: the bag holds 0 to 14\n'

@@ -12,6 +12,7 @@ from .events import (
     DepthSample,
     DvlPing,
     Estimate,
+    Event,
     Fix,
     ImuSample,
     InitialState,
@@ -69,6 +70,32 @@ class Adaptation(Protocol):
 
     def identify(self, stamp_ns: int, trigger: str, driver: Driver | None) -> Identification:
         """Identification from the data stored so far, triggered by the named cause."""
+
+
+class WholeArrays(Protocol):
+    """Interface of a mode's arrays in its filter's streams (`sins.whole`, `station.whole`)."""
+
+    first: ImuSample | None
+    unusable: list[Event]
+
+    def new_seconds_ns(self) -> list[int]:
+        """Stamps of the IMU samples with which a new second begins [ns]."""
+
+    def start(self, driver: Driver | None, first: ImuSample) -> bool:
+        """Hand the arrays to the filter started at the first sample; False without a filter."""
+
+    @property
+    def stamp_ns(self) -> int:
+        """Stamp of the newest IMU sample processed [ns]."""
+
+    def advance(self, until_ns: int, until_rank: int) -> bool:
+        """Process all data before a stamp [ns] and rank; True if the rows were full before."""
+
+    def put_row(self) -> None:
+        """Write the present estimate to the rows."""
+
+    def log(self, adaptation: Adaptation, until_ns: int) -> None:
+        """Log data up to a stamp [ns] for an identification."""
 
 
 Make = Callable[[EngineParams, InitialState, int], Driver]

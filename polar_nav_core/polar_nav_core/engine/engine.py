@@ -86,7 +86,8 @@ class Engine:
         self.fused: Counter[str] = Counter()
         self.resets = 0
         self.health: Health | None = None
-        self._watchdog = Watchdog(Envelope(params.max_speed, params.max_depth))
+        envelope = Envelope(params.max_speed, params.max_depth, params.lost_radius)
+        self._watchdog = Watchdog(envelope)
         self.imu_gaps = 0
         self.divergence = ''
         self.ledger = FixLedger(params, self.verdicts, self.fused)
@@ -212,7 +213,7 @@ class Engine:
             return
         before_ns = self.fusion.stamp_ns
         if sample.stamp_ns // _SECOND_NS != before_ns // _SECOND_NS:
-            self.health = self._look(before_ns)
+            self.look()
         try:
             self.fusion.imu(sample)
         except FilterDivergence as error:
@@ -221,12 +222,14 @@ class Engine:
         if sample.stamp_ns // self._output_ns != before_ns // self._output_ns:
             self.due_ns = sample.stamp_ns
 
-    def _look(self, stamp_ns: int) -> Health | None:
-        """Health of a strapdown navigation at the newest sample; None in station mode."""
-        if not isinstance(self.fusion, Fusion):
-            return None
-        found = [] if self.integrity.level is Level.OK else [self.integrity.condition]
-        return self._watchdog.look(view_of(self.fusion, stamp_ns, self.resets), found)
+    def look(self) -> Health | None:
+        """Health at the newest sample, stored as `health`; None in station mode."""
+        self.health = None
+        if isinstance(self.fusion, Fusion):
+            found = [] if self.integrity.level is Level.OK else [self.integrity.condition]
+            view = view_of(self.fusion, self.fusion.stamp_ns, self.resets)
+            self.health = self._watchdog.look(view, found)
+        return self.health
 
     def _control(self, sample: ControlSample) -> None:
         self._thrust = sample
@@ -315,8 +318,8 @@ class Engine:
         if command.kind in (CommandKind.SHUTDOWN, CommandKind.IDENTIFY):
             return
         self._initial = command.initial_state or self.params.initial_state()
-        self.fusion = None
-        self.health = None
+        self._leave()
+        self.resets += 1
         self.due_ns = None
         self.divergence = ''
         self.ledger.start_anew()
@@ -329,8 +332,14 @@ class Engine:
         self.divergence = (
             f'{why} (at {stamp_ns * 1e-9:.3f} s); no estimates are published until a reset'
         )
-        self.fusion = None
+        self._leave()
         self.due_ns = None
+
+    def _leave(self) -> None:
+        """Drop the filter; its enlargements of the covariance stay counted."""
+        self.resets = max(self.resets, 0 if self.health is None else self.health.resets)
+        self.fusion = None
+        self.health = None
 
     def _count(self, receipt: Receipt) -> Receipt:
         self.verdicts[receipt.verdict] += 1

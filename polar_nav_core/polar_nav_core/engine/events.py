@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import TypeAlias
+from typing import ClassVar, TypeAlias
 
 import numpy as np
 
@@ -69,14 +69,28 @@ class InitialState:
     sigma_heading: float
 
 
+class _Local:
+    """Message of a sensor of the vehicle itself: its place in the total order of events."""
+
+    RANK: ClassVar[Rank]
+    stamp_ns: int
+    sequence: int
+
+    @property
+    def key(self) -> OrderKey:
+        """Sort key in the total order of events."""
+        return (self.stamp_ns, self.RANK, self.sequence, 0)
+
+
 @dataclass(frozen=True)
-class ImuSample:
+class ImuSample(_Local):
     """Rate [rad/s] and specific force [m/s^2], body axes.
 
     Both are means over the interval that ends at the stamp. ``C_b_G`` is the attitude at the stamp
     that an AHRS measured, shape (3, 3); None without one.
     """
 
+    RANK = Rank.IMU
     stamp_ns: int
     sequence: int
     omega_ib_b: Array
@@ -84,26 +98,17 @@ class ImuSample:
     C_b_G: Array | None = None
     topic: str = 'imu/data_raw'
 
-    @property
-    def key(self) -> OrderKey:
-        """Sort key in the total order of events."""
-        return (self.stamp_ns, Rank.IMU, self.sequence, 0)
-
 
 @dataclass(frozen=True)
-class ControlSample:
+class ControlSample(_Local):
     """Thrust from the stamp on: force [N] and torque [N m], body axes."""
 
+    RANK = Rank.CONTROL
     stamp_ns: int
     sequence: int
     force_b: Array
     torque_b: Array
     topic: str = 'control/thrust'
-
-    @property
-    def key(self) -> OrderKey:
-        """Sort key in the total order of events."""
-        return (self.stamp_ns, Rank.CONTROL, self.sequence, 0)
 
 
 LEAST_BEAMS = 3
@@ -111,12 +116,13 @@ LEAST_BEAMS = 3
 
 
 @dataclass(frozen=True)
-class DvlPing:
+class DvlPing(_Local):
     """Velocity over ground and covariance, instrument axes.
 
     ``valid`` is False for a ping without bottom lock.
     """
 
+    RANK = Rank.DVL
     stamp_ns: int
     sequence: int
     valid: bool
@@ -124,26 +130,17 @@ class DvlPing:
     covariance_m: Array
     topic: str = 'dvl/data'
 
-    @property
-    def key(self) -> OrderKey:
-        """Sort key in the total order of events."""
-        return (self.stamp_ns, Rank.DVL, self.sequence, 0)
-
 
 @dataclass(frozen=True)
-class DepthSample:
+class DepthSample(_Local):
     """Depth below the sea surface [m], positive down, and variance [m^2]."""
 
+    RANK = Rank.DEPTH
     stamp_ns: int
     sequence: int
     depth: float
     variance: float
     topic: str = 'depth/data'
-
-    @property
-    def key(self) -> OrderKey:
-        """Sort key in the total order of events."""
-        return (self.stamp_ns, Rank.DEPTH, self.sequence, 0)
 
 
 @dataclass(frozen=True, slots=True)

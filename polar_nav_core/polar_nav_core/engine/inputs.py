@@ -151,6 +151,12 @@ def rows_of(values: NDArray[Any], keep: NDArray[np.bool_]) -> NDArray[Any]:
     return np.ascontiguousarray(values if keep.all() else values[keep])
 
 
+def new_seconds(stamps_ns: NDArray[np.int64]) -> list[int]:
+    """Stamps of the samples with which a new second begins [ns], without the first sample."""
+    seconds = stamps_ns // 1_000_000_000
+    return [int(stamp) for stamp in stamps_ns[1:][seconds[1:] != seconds[:-1]]]
+
+
 def at_least_one(values: NDArray[Any]) -> NDArray[Any]:
     """The array, or one row of zeros for an empty one: a ring needs a length."""
     return values if len(values) else np.zeros((1, *values.shape[1:]), dtype=values.dtype)

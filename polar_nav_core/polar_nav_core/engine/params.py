@@ -142,11 +142,10 @@ class EngineParams(IdentificationParams, StationParams):
         20.0, 'm/s', 0.1, 1e4, 'Fastest that the vehicle can be; beyond is an error'
     )
     max_depth: float = param(
-        12000.0,
-        'm',
-        1.0,
-        12000.0,
-        'Deepest that the vehicle can be; beyond is an error',
+        12000.0, 'm', 1.0, 12000.0, 'Deepest that the vehicle can be; beyond is an error'
+    )
+    lost_radius: float = param(
+        1000.0, 'm', 1.0, 1e7, 'Horizontal 95 % radius from which on the vehicle counts as lost'
     )
     reorder_window_s: float = param(
         0.05, 's', 0.0, 10.0, 'Stamp time that messages may come out of order'

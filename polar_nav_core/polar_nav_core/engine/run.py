@@ -11,18 +11,19 @@ from __future__ import annotations
 import heapq
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Generic, Protocol, overload
+from typing import Any, Generic, overload
 
 import numpy as np
 
 from ..errors import FilterDivergence
 from ..identification.result import Identification
 from ..order import FIX_RANK, FUSED, NEVER_NS
-from .driver import Adaptation, Driver
+from .driver import WholeArrays
 from .engine import Engine
 from .events import Command, Event, Fix, ImuSample, OrderKey, Rank, Receipt, Verdict
 from .health.conditions import Health
 from .inputs import Inputs, Stamps, StationInputs
+from .looks import Look, looks_of
 from .params import EngineParams
 from .results import FixResult
 from .sins.whole import SinsArrays
@@ -60,7 +61,7 @@ class Result(Generic[T]):
     verdicts: Mapping[Verdict, int] = field(default_factory=dict)
     identifications: tuple[Identification, ...] = ()
     health: tuple[Health, ...] = ()
-    """Once a second, of a run event by event; a compiled run looks at nothing."""
+    """Once a second, of a run event by event; of a compiled run as often as was asked for."""
 
 
 @overload
@@ -73,6 +74,7 @@ def run(
     one_by_one: bool = False,
     sink: RowSink | None = None,
     derived: bool = False,
+    look_every_s: float = 0.0,
 ) -> Result[Track]: ...
 
 
@@ -85,6 +87,7 @@ def run(
     progress: Progress | None = None,
     one_by_one: bool = False,
     sink: Callable[[StationTrack], None] | None = None,
+    look_every_s: float = 0.0,
 ) -> Result[StationTrack]: ...
 
 
@@ -97,6 +100,7 @@ def run(
     one_by_one: bool = False,
     sink: Callable[[Any], None] | None = None,
     derived: bool = False,
+    look_every_s: float = 0.0,
 ) -> Result[Any]:
     """Track and receipts of a run over the inputs; an estimate every ``params.output_period_s``.
 
@@ -115,6 +119,8 @@ def run(
     derived : bool
         Replace the covariances in the rows by the columns that nav/state publishes, derived from
         state and covariance (`nav_columns`); not in station mode.
+    look_every_s : float
+        How often the watchdog looks at a compiled run (whole seconds); 0 for never.
     """
     engine = Engine(params)
     health: list[Health] = []
@@ -132,8 +138,9 @@ def run(
         collector.take(engine.finish())
     else:
         arrays = _arrays_of(params, inputs, collector)
-        single = sorted([*inputs.fixes, *commands, *arrays.unusable], key=_key)
-        _Driver(engine, arrays, single, collector, progress).run()
+        looks = looks_of(arrays.new_seconds_ns(), look_every_s)
+        events = [*inputs.fixes, *commands, *arrays.unusable, *looks]
+        _Driver(engine, arrays, sorted(events, key=_key), collector, progress, health).run()
     collector.drain()
     return Result(
         collector.track(),
@@ -145,7 +152,7 @@ def run(
     )
 
 
-def _key(event: Event) -> OrderKey:
+def _key(event: Event | Look) -> OrderKey:
     return event.key
 
 
@@ -157,28 +164,10 @@ def _station_filter(engine: Engine) -> StationFilter:
 
 def _arrays_of(
     params: EngineParams, inputs: Inputs | StationInputs, collector: Collector[Any]
-) -> _Arrays:
+) -> WholeArrays:
     if isinstance(inputs, StationInputs):
         return StationArrays(inputs, collector.rows)
     return SinsArrays(inputs, collector.rows, model_aiding=params.model_aiding)
-
-
-class _Arrays(Protocol):
-    """Interface of a mode's arrays in its filter's streams (`sins.whole`, `station.whole`)."""
-
-    first: ImuSample | None
-    unusable: list[Event]
-
-    def start(self, driver: Driver | None, first: ImuSample) -> bool: ...
-
-    @property
-    def stamp_ns(self) -> int: ...
-
-    def advance(self, until_ns: int, until_rank: int) -> bool: ...
-
-    def put_row(self) -> None: ...
-
-    def log(self, adaptation: Adaptation, until_ns: int) -> None: ...
 
 
 class _Driver:
@@ -188,25 +177,29 @@ class _Driver:
     ----------
     engine : Engine
     arrays : SinsArrays or StationArrays
-    single : list of Event
-        Fixes, commands and unusable samples, in the total order.
+    single : list of Event or Look
+        Fixes, commands, unusable samples and looks, in the total order.
     collector : Collector
     progress : callable or None
+    health : list of Health
+        Gets the results of the looks.
     """
 
     def __init__(
         self,
         engine: Engine,
-        arrays: _Arrays,
-        single: list[Event],
+        arrays: WholeArrays,
+        single: list[Event | Look],
         collector: Collector[Any],
         progress: Progress | None,
+        health: list[Health],
     ) -> None:
         self._engine = engine
         self._arrays = arrays
         self._single = single
         self._collector = collector
         self._progress = progress
+        self._health = health
         self._started = False
         self._fixes: _FixesAtOnce | None = None
 
@@ -248,11 +241,15 @@ class _Driver:
             return 0
         return self._fixes.take(self._single[number : number + _STRETCH])
 
-    def _one(self, event: Event) -> int:
-        """Process one event after all data before it; returns 1."""
+    def _one(self, event: Event | Look) -> int:
+        """Process one event, or look, after all data before it; returns 1."""
         # A sample whose stamp was there before comes after the first of them.
         rank = int(event.key[1]) + isinstance(event, ImuSample)
         self._advance(event.stamp_ns, rank)
+        if isinstance(event, Look):
+            found = self._engine.look()
+            self._health += [] if found is None else [found]
+            return 1
         self._collector.take(self._engine.process(event))
         return 1
 
@@ -298,7 +295,7 @@ class _FixesAtOnce:
         self._arrays = arrays
         self._collector = collector
 
-    def take(self, events: Sequence[Event]) -> int:
+    def take(self, events: Sequence[Event | Look]) -> int:
         """Fuse the leading fixes of ``events`` with all data before them; returns their number.
 
         Returns
@@ -334,7 +331,7 @@ class _FixesAtOnce:
             engine.last_imu_ns = arrays.stamp_ns
         return settled
 
-    def _plain(self, events: Sequence[Event]) -> list[Fix]:
+    def _plain(self, events: Sequence[Event | Look]) -> list[Fix]:
         """Leading fixes that only the filter's history or gate can refuse."""
         found: list[Fix] = []
         names: set[tuple[str, int]] = set()

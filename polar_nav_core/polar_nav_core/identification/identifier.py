@@ -1,4 +1,4 @@
-"""Collects what an identification needs, says when it is time, and identifies.
+"""Identifier of drag and current: collects its input, triggers, identifies.
 
 In: fixes as they become known, in any order, and attitude and thrust in their order. Out:
 `result.Identification`. `EngineParams` inherits `params.IdentificationParams`; an engine
@@ -32,9 +32,9 @@ from .window import Log, PositionFix, Window, make_window
 
 _ATTITUDE_NS = 100_000_000
 _LEAD_NS = 10_000_000_000
-"""Log that is kept before the oldest fix, so that the start of the track dies away."""
+"""Length of the log before the oldest fix, in which errors of the track's start decay."""
 _SLACK = 600
-"""Rows of the log that may be superfluous before they are dropped."""
+"""Number of superfluous rows of the log before they are dropped."""
 
 
 class Identifier:
@@ -46,7 +46,7 @@ class Identifier:
     """
 
     def __init__(self, params: IdentificationParams) -> None:
-        """Begin with an empty window."""
+        """Identifier with an empty window."""
         self._params = params
         self._window_ns = int(params.identify_window_s * 1e9)
         self._trigger = Trigger(params)
@@ -56,22 +56,22 @@ class Identifier:
 
     @property
     def fixes(self) -> int:
-        """Fixes in the window."""
+        """Number of fixes in the window."""
         return len(self._fixes)
 
     @property
     def mean_nis(self) -> float:
-        """Mean NIS that the trigger goes by; NaN until there are enough."""
+        """Mean NIS used by the trigger; NaN until there are enough."""
         return self._trigger.mean_nis
 
     def add_attitude(self, stamp_ns: int, C_b_G: Array, omega_b: Array) -> None:
-        """Take a measured attitude (3, 3) and body rates (3,) [rad/s]."""
+        """Store a measured attitude (3, 3) and body rates (3,) [rad/s]."""
         pitch = -math.asin(min(max(float(C_b_G[2, 0]), -1.0), 1.0))
         psi = math.atan2(float(C_b_G[1, 0]), float(C_b_G[0, 0]))
         self.add_heading(stamp_ns, psi, pitch, float(omega_b[2]))
 
     def add_heading(self, stamp_ns: int, psi: float, pitch: float, yaw_rate: float) -> None:
-        """Take measured heading, pitch (nose down) [rad] and body z rate [rad/s]."""
+        """Store measured heading, pitch (nose down) [rad] and body z rate [rad/s]."""
         if self._attitude and stamp_ns < self._attitude[-1][0] + _ATTITUDE_NS:
             return
         if math.isfinite(psi + pitch + yaw_rate):
@@ -79,14 +79,14 @@ class Identifier:
             self._drop_older(self._attitude, stamp_ns - 2 * self._window_ns)
 
     def add_control(self, stamp_ns: int, force_b: Array) -> None:
-        """Take the thrust (3,) [N] that holds from the stamp on."""
+        """Store the thrust (3,) [N] that holds from the stamp on."""
         force = float(force_b[0])
         if math.isfinite(force) and (not self._force or stamp_ns > self._force[-1][0]):
             self._force.append((stamp_ns, force))
             self._drop_older(self._force, stamp_ns - 2 * self._window_ns)
 
     def add_fix(self, fix: PositionFix, nis: float = math.nan) -> None:
-        """Take a fix, and the NIS it had in the filter, before the gate; NaN without."""
+        """Store a fix, and its NIS in the filter before the gate; NaN without."""
         if not (math.isfinite(fix.x + fix.y) and np.isfinite(fix.covariance).all()):
             return
         at = bisect.bisect_left(self._fixes, fix.validity_ns, key=lambda f: f.validity_ns)
@@ -101,11 +101,11 @@ class Identifier:
             self._trigger.add_nis(nis)
 
     def due(self) -> str | None:
-        """Return the trigger that asks for an identification now, else None."""
+        """Return the trigger of an identification that is due, else None."""
         return self._trigger.due()
 
     def window(self) -> Window | None:
-        """What an identification would work on; None without a fix that the log covers."""
+        """Input of an identification now; None without a fix that the log covers."""
         return make_window(
             self._fixes,
             self._log(),
@@ -121,7 +121,7 @@ class Identifier:
         method: str | None = None,
         start: Array | None = None,
     ) -> Identification:
-        """Identify from what there is.
+        """Identification from the window.
 
         Parameters
         ----------
@@ -130,9 +130,9 @@ class Identifier:
         trigger : str
             ``count``, ``nis``, ``command`` or ``offline``.
         method : str, optional
-            ``robust`` or ``published``; by default the parameter's, or robust where that is none.
+            ``robust`` or ``published``; by default the parameter's, or robust if that is none.
         start : (2,) array, optional
-            Where the published method's track starts; at the first fix by default.
+            Start of the published method's track; the first fix by default.
         """
         chosen = method or self._params.identify_method
         result = identify(
@@ -158,11 +158,11 @@ class Identifier:
         )
 
     def _forget(self) -> None:
-        """Drop what no window will need again."""
+        """Drop fixes and log that no later window needs."""
         oldest = self._fixes[-1].validity_ns - self._window_ns
         late = bisect.bisect_left(self._fixes, oldest, key=lambda f: f.validity_ns)
         del self._fixes[: max(late, len(self._fixes) - self._params.identify_fixes)]
-        # A window that is full takes no older fix; one that is not may still get it, late.
+        # A full window accepts no older fix; another one may still receive it, late.
         full = len(self._fixes) == self._params.identify_fixes
         needed = (self._fixes[0].validity_ns if full else oldest) - _LEAD_NS
         self._drop_older(self._attitude, needed)
@@ -170,7 +170,7 @@ class Identifier:
 
     @staticmethod
     def _drop_older(rows: list[Any], needed_ns: int) -> None:
-        """Drop rows before a stamp but for one, which is held or interpolated from; seldom."""
+        """Drop rows before a stamp except the last, which is held or interpolated; seldom."""
         if len(rows) > _SLACK and rows[_SLACK][0] < needed_ns:
             del rows[: bisect.bisect_left(rows, needed_ns, key=lambda row: row[0]) - 1]
 
@@ -184,7 +184,7 @@ def identify(
     method: str,
     start: Array | None = None,
 ) -> Identification:
-    """Identify drag and current from a window; arguments as `Identifier.identify`."""
+    """Identification of drag and current from a window; arguments as `Identifier.identify`."""
     names = robust.NAMES if method == 'robust' else published.NAMES
     least = params.identify_least_fixes
     if window is None or window.fixes < least:
@@ -244,7 +244,7 @@ def identify(
 
 
 def limits_of(params: IdentificationParams) -> robust.Limits:
-    """Bounds of the robust fit as the parameters say."""
+    """Bounds of the robust fit by the parameters."""
     return robust.Limits(
         drag_ratio=params.identify_drag_ratio,
         current=params.identify_current_limit,
@@ -255,7 +255,7 @@ def limits_of(params: IdentificationParams) -> robust.Limits:
 
 
 def warm_up() -> None:
-    """Compile what an identification runs, on a vehicle that makes a turn in three minutes."""
+    """Compile the kernels of an identification, on a vehicle that turns once in three minutes."""
     identifier = Identifier(IdentificationParams())
     for k in range(1800):
         stamp_ns = (k + 1) * _ATTITUDE_NS

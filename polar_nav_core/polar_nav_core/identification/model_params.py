@@ -11,7 +11,7 @@ from ..vehicle_model import VehicleModel
 
 @dataclass(frozen=True)
 class ModelParams(NodeParams):
-    """The dynamic model, and how well it and the current are known."""
+    """Parameters of the dynamic model, and 1-sigma of them and of the current."""
 
     model_mass: float = param(110.0, 'kg', 0.1, 1e6, 'Mass of the vehicle')
     model_added_mass: tuple[float, ...] = vector(
@@ -35,7 +35,7 @@ class ModelParams(NodeParams):
         3.2e-5, '1/sqrt(s)', 0.0, 1.0, 'Random walk of both drag parameters'
     )
     model_acceleration_noise: float = param(
-        1.4e-3, 'm/s/sqrt(s)', 1e-9, 1.0, 'What the model leaves out, as a random walk of v_r'
+        1.4e-3, 'm/s/sqrt(s)', 1e-9, 1.0, 'Unmodelled acceleration, as a random walk of v_r'
     )
     current_sigma: float = param(
         0.4, 'm/s', 1e-6, 10.0, '1-sigma of the current at the start, per axis'
@@ -48,7 +48,7 @@ class ModelParams(NodeParams):
         False, 'Whether the model takes part beside the inertial navigation: v_G = C_b_G v_r + V_c'
     )
     model_velocity_sigma: float = param(
-        0.01, 'm/s', 1e-5, 10.0, '1-sigma of what that equation leaves out, horizontal, per axis'
+        0.01, 'm/s', 1e-5, 10.0, '1-sigma of the error of that equation, horizontal, per axis'
     )
     model_vertical_sigma: float = param(
         0.05, 'm/s', 1e-5, 10.0, 'The same, vertical: the current there and an error of buoyancy'
@@ -57,7 +57,7 @@ class ModelParams(NodeParams):
         15.0, 's', 0.0, 3600.0, 'How long such an error lasts (correlation time)'
     )
     thrust_timeout_s: float = param(
-        2.0, 's', 0.01, 3600.0, 'A thrust without a newer one is taken as unknown after this'
+        2.0, 's', 0.01, 3600.0, 'A thrust without a newer one counts as unknown after this'
     )
     bottom_lock_timeout_s: float = param(
         1.5, 's', 0.05, 60.0, 'Model aiding: without a good DVL ping for longer, lock is lost'

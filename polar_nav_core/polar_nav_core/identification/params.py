@@ -14,7 +14,7 @@ DAMPINGS = ('adaptive', 'fixed')
 
 @dataclass(frozen=True)
 class IdentificationParams(ModelParams):
-    """How drag and current are identified, when, and how well they must come out to be used."""
+    """Method and triggers of the identification, and limits of a result that is used."""
 
     identify_method: str = choice(
         'robust', (*METHODS, 'none'), 'How drag and current are identified by themselves'
@@ -28,7 +28,7 @@ class IdentificationParams(ModelParams):
         'New fixes from one identification to the next, once the window is full',
     )
     identify_least_fixes: int = param(
-        40, '', 10, 100000, 'Fewer fixes than that are not worth an identification'
+        40, '', 10, 100000, 'Least number of fixes of an identification'
     )
     identify_window_s: float = param(
         3600.0, 's', 10.0, 1e6, 'Fixes older than that against the newest are left out'
@@ -37,10 +37,10 @@ class IdentificationParams(ModelParams):
         5.0, 's', 0.1, 600.0, 'Longest gap in attitude or thrust that a window may span'
     )
     identify_nis_fixes: int = param(
-        20, '', 1, 10000, 'Fixes over which the NIS is averaged that calls for an identification'
+        20, '', 1, 10000, 'Fixes in the mean NIS that triggers an identification'
     )
     identify_nis_probability: float = param(
-        0.99, '', 0.5, 0.999999, 'Of a mean NIS below its limit while the model is right'
+        0.99, '', 0.5, 0.999999, 'Probability of a mean NIS below its limit with a right model'
     )
     identify_loss_scale: float = param(
         2.0, 'sigma', 0.1, 100.0, 'Residual from which the robust loss turns from square to linear'
@@ -53,7 +53,7 @@ class IdentificationParams(ModelParams):
         'm^2/s^3',
         0.0,
         1.0,
-        "Densities q_c of the current's random walk within the window: the likeliest is taken",
+        "Densities q_c of the current's random walk within the window: the likeliest is used",
     )
     identify_drag_sigma: float = param(
         0.1, '', 1e-6, 10.0, 'Largest 1-sigma of ln(total surge drag) of a result that is used'
@@ -65,7 +65,7 @@ class IdentificationParams(ModelParams):
         0.05, 'm/s', 1e-6, 10.0, 'Largest 1-sigma of the current of a result that is used'
     )
     identify_current_limit: float = param(
-        2.0, 'm/s', 0.01, 20.0, 'A faster current is not believed'
+        2.0, 'm/s', 0.01, 20.0, 'Largest current of a result that is used'
     )
     identify_drag_ratio: float = param(
         10.0, '', 1.01, 1000.0, 'Total drag may differ from the nominal one by this factor'
@@ -75,7 +75,7 @@ class IdentificationParams(ModelParams):
         '',
         1.0,
         100.0,
-        'Largest ratio of the residuals to the stated errors of the fixes that is believed',
+        'Largest accepted ratio of the residuals to the stated errors of the fixes',
     )
     identify_damping: str = choice(
         'adaptive', DAMPINGS, 'Published method: whether mu of Levenberg-Marquardt changes'

@@ -1,4 +1,4 @@
-"""Range and bearing of a vehicle as a hydroacoustic station measures them."""
+"""Range and bearing of a vehicle, measured by a hydroacoustic station."""
 
 from __future__ import annotations
 

@@ -3,8 +3,8 @@
 Readings: docs/derivations/identification.md.
 
 Surge in its steady state, no sway, heading for course; the track is a left Euler sum over the
-times of the fixes and starts at a given place, by default at the first fix. What the paper leaves
-open is an argument here: how mu of eq. (19) goes on, and whether a negative d1 may be passed
+times of the fixes and starts at a given place, by default at the first fix. Where the paper is not
+definite, there is an argument: the next mu of eq. (19), and whether a negative d1 may be passed
 through. docs/identification.md lists the readings.
 """
 
@@ -21,12 +21,12 @@ from .window import Window
 NAMES = ('drag_linear', 'drag_quadratic', 'current_x', 'current_y')
 _LEAST_MU, _MOST_MU = 1e-12, 1e12
 _FLAT = 1e-6
-"""Of the cost: what a further step may gain at a minimum."""
+"""Share of the cost that a further step may gain at a minimum."""
 
 
 @dataclass(frozen=True)
 class Samples:
-    """The FIFO of eq. (17): what is known at each fix.
+    """The FIFO of eq. (17): force, heading and position at each fix.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class Samples:
     position : (n, 2) array
         Fixes [m].
     start : (2,) array
-        Where the model's track starts [m].
+        Start of the model's track [m].
     """
 
     seconds: Array
@@ -46,7 +46,7 @@ class Samples:
 
     @classmethod
     def of(cls, window: Window, start: Array | None = None) -> Samples:
-        """Take what a window has at its fixes; the track starts at the first by default."""
+        """Samples of a window at its fixes; the track starts at the first by default."""
         at = window.node
         return cls(
             window.seconds[at],
@@ -59,7 +59,7 @@ class Samples:
 
 @dataclass(frozen=True)
 class Minimum:
-    """Where Levenberg-Marquardt ended.
+    """Result of Levenberg-Marquardt.
 
     Attributes
     ----------
@@ -129,17 +129,17 @@ def levenberg_marquardt(
     most_iterations: int = 200,
     keep_linear_positive: bool = False,
 ) -> Minimum:
-    """Minimise the sum of squared distances, P <- P - (J^T J + mu I)^-1 J^T E, eqs (17)-(19).
+    """Minimum of the sum of squared distances, P <- P - (J^T J + mu I)^-1 J^T E, eqs (17)-(19).
 
     Parameters
     ----------
     samples : Samples
     initial : (4,) array
-        Where to start: d1x, d2x, V_cx, V_cy.
+        Initial values of d1x, d2x, V_cx, V_cy.
     adaptive : bool
         Whether mu falls by ten after a step that lowers the cost, and rises by ten, the step being
-        refused, after one that does not; else it stays and every step is taken, halved only where
-        it would lead to d2 <= 0.
+        refused, after one that does not; else it is constant and every step is made, halved only
+        where it would lead to d2 <= 0.
     mu : float
         Its first value.
     epsilon : float
@@ -177,7 +177,7 @@ def levenberg_marquardt(
         ended = short or mu >= _MOST_MU
         mu *= 10.0
     normal, gradient = slopes.T @ slopes, slopes.T @ error
-    # A large mu makes any step short: what counts is how much lower the cost could still be.
+    # A large mu makes any step short: the criterion is the possible decrease of the cost.
     converged = ended and _decrement(normal, gradient) <= _FLAT * (1.0 + cost)
     return Minimum(
         values, normal, cost, float(np.linalg.norm(gradient)), iterations, bool(converged)
@@ -185,7 +185,7 @@ def levenberg_marquardt(
 
 
 def _decrement(normal: Array, gradient: Array) -> float:
-    """How much a full Gauss-Newton step would lower the cost, if it were quadratic [m^2]."""
+    """Decrease of the cost by a full Gauss-Newton step, if it were quadratic [m^2]."""
     try:
         return float(gradient @ np.linalg.solve(normal, gradient))
     except np.linalg.LinAlgError:

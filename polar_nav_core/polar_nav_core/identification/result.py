@@ -9,7 +9,7 @@ from ..arrays import Array
 
 
 class IdentificationVerdict(IntEnum):
-    """What became of an identification; the numbers are those of polar_nav_msgs/Identification."""
+    """Verdict on an identification; the numbers are those of polar_nav_msgs/Identification."""
 
     ACCEPTED = 0
     NOT_EXCITED = 1

@@ -1,8 +1,8 @@
 """Identification by robust least squares: drag, current, start and heading bias with covariance.
 
 The residuals are whitened by each fix's covariance, and large ones count linearly (soft L1). The
-current may change within the window; of several paces the one is taken that explains the fixes
-best. docs/derivations/identification.md, eqs (8)-(15).
+current may change within the window; of several densities of its walk the likeliest is used.
+Equations: docs/derivations/identification.md, (8)-(15).
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ NAMES = (
     'start_y',
     'heading_bias',
 )
-"""What is reported; the fit itself has ln Dt and f in the place of d1 and d2."""
+"""Names of the reported parameters; the fit itself has ln Dt and f in place of d1 and d2."""
 SHARE_NAME = 'share of quadratic drag'
 _AT_BOUND = ('total drag', SHARE_NAME, 'current x', 'current y', '', '', 'heading')
 _LARGEST_BIAS = 0.6
@@ -51,14 +51,14 @@ _CHANGES = 3
 With more, BLAS would share its work on 300 fixes out among threads, which a busy machine punishes.
 """
 _GATE = 25.0
-"""Squared whitened residual of an outlier: 4 of a million good fixes are beyond."""
+"""Least squared whitened residual of an outlier; 4 of a million good fixes exceed it."""
 _PASSES = 3
-"""Fits, each without the outliers of the one before."""
+"""Number of fits, each without the outliers of the one before."""
 
 
 @dataclass(frozen=True)
 class Limits:
-    """Bounds of the fit, and what is known before it.
+    """Bounds of the fit, and prior sigmas.
 
     Attributes
     ----------
@@ -127,7 +127,7 @@ class Fit:
 
 
 def fit(window: Window, model: VehicleModel, speed: float, limits: Limits) -> Fit:
-    """Fit drag, current, start and heading bias to a window of fixes.
+    """Robust fit of drag, current, start and heading bias to a window of fixes.
 
     Parameters
     ----------
@@ -135,7 +135,7 @@ def fit(window: Window, model: VehicleModel, speed: float, limits: Limits) -> Fi
     model : VehicleModel
         Inertia, sway drag and the nominal surge drag, where the search starts.
     speed : float
-        At which the fit states total drag and its quadratic share [m/s].
+        Speed at which total drag and its quadratic share are stated [m/s].
     limits : Limits
     """
     used = np.ones(window.fixes, dtype=bool)
@@ -183,13 +183,13 @@ def _solve(
     walk: float,
     used: NDArray[np.bool_],
 ) -> _Solution:
-    # Here, because it would cost every start of a node that never identifies.
+    # Imported here, as it would slow every start of a node that never identifies.
     from scipy.optimize import least_squares
 
     knots_s = np.linspace(0.0, window.duration, _CHANGES + 1) if walk > 0.0 else np.empty(0)
     track = TrackModel(window, model, speed, knots_s)
     whitening = whitening_of(window.covariance)
-    whitening[~used] = 0.0  # a row that neither pulls nor tells
+    whitening[~used] = 0.0  # a row without weight or information
     priors = 1 + track.size - SIZE
     prior = np.zeros((priors, track.size))
     prior[0, BIAS] = 1.0 / limits.heading_bias_sigma
@@ -224,7 +224,7 @@ def _solve(
     jacobian, white = slopes(found.x), residuals(found.x)
     rows = np.append(np.repeat(used, 2), np.ones(priors, dtype=bool))
     spread = spread_of(jacobian[rows], white[rows], limits.loss_scale, priors)
-    told = np.linalg.slogdet(prior[1:, SIZE:])[1] if walk > 0.0 else 0.0
+    log_det_prior = np.linalg.slogdet(prior[1:, SIZE:])[1] if walk > 0.0 else 0.0
     return _Solution(
         track=track,
         whitening=whitening,
@@ -234,7 +234,7 @@ def _solve(
         residuals=white,
         spread=spread,
         # -2 ln of the probability of these fixes, to second order around the minimum.
-        surprise=2.0 * float(found.cost) + spread.log_determinant - 2.0 * float(told),
+        surprise=2.0 * float(found.cost) + spread.log_determinant - 2.0 * float(log_det_prior),
         cost=2.0 * float(found.cost),
         evaluations=int(found.nfev),
         converged=bool(found.status > 0),
@@ -245,7 +245,7 @@ def _solve(
 def _fit_of(
     s: _Solution, window: Window, speed: float, evaluations: int, used: NDArray[np.bool_]
 ) -> Fit:
-    """What is told of a solution, in the words of `NAMES`."""
+    """Fit of a solution, its parameters those of `NAMES`."""
     about_station = window.position - window.station
     by_heading = np.einsum(
         'nij,nj->ni', s.whitening, np.stack([about_station[:, 1], -about_station[:, 0]], axis=1)
@@ -281,7 +281,7 @@ def _fit_of(
 
 
 def _far_off(white: Array, used: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Which whitened residuals (n, 2) no noise explains: beyond the gate, in the used ones' scale.
+    """Mask of outliers among whitened residuals (n, 2): beyond the gate, in the used ones' scale.
 
     The median of a squared residual of two dimensions is 2 ln 2.
     """

@@ -1,4 +1,4 @@
-"""How uncertain the minimum of a robust cost is, and the numbers that are told of it.
+"""Covariance of the minimum of a robust cost, and sigmas derived from it.
 
 docs/derivations/identification.md, eqs (11)-(14).
 """
@@ -15,7 +15,7 @@ from ..arrays import Array
 _CORRELATED = 10
 """Fixes over which residuals may be correlated."""
 _LEAST_EIGENVALUE = 1e-14
-"""Of the scaled normal matrix, as far as rounding lets one tell it from zero."""
+"""Least eigenvalue of the scaled normal matrix that differs from zero despite rounding."""
 
 
 def whitening_of(covariance: Array) -> Array:
@@ -36,7 +36,7 @@ def drag_sigmas(drag: Array, covariance: Array, speed: float) -> tuple[float, fl
 
 
 def scaled_condition(normal: Array) -> float:
-    """Condition number of J'J as it is when the columns of J have length one."""
+    """Condition number of J'J with columns of J scaled to length one."""
     lengths = np.sqrt(np.diag(normal))
     if not (lengths > 0.0).all():
         return math.inf
@@ -112,7 +112,7 @@ def correlation_of(series: Array) -> float:
 def _inverse(normal: Array) -> tuple[Array, float]:
     """Inverse of a symmetric matrix, and the logarithm of its determinant.
 
-    What the matrix does not determine comes out large, not zero.
+    Directions that the matrix does not determine are large, not zero.
     """
     values, vectors = np.linalg.eigh(normal)
     values = np.maximum(values, _LEAST_EIGENVALUE)

@@ -1,4 +1,4 @@
-"""Where a vehicle was at its fixes, from the log of its window: positions and their slopes.
+"""Positions of a vehicle at its fixes and their slopes, from the log of its window.
 
 Surge and sway are followed through the whole log (kernels.surge_track), so that turning drag,
 surge inertia and side slip are in it; docs/derivations/identification.md, eqs (3)-(8).
@@ -45,7 +45,7 @@ class TrackModel:
     model : VehicleModel
         Inertia and sway drag.
     speed : float
-        At which theta's total drag and share are stated [m/s].
+        Speed at which theta's total drag and share are stated [m/s].
     knots_s : (k + 1,) array
         Seconds from the first fix between which the current goes linearly, by the changes (x, y)
         that theta ends with; fewer than two for a constant current.
@@ -54,7 +54,7 @@ class TrackModel:
     def __init__(self, window: Window, model: VehicleModel, speed: float, knots_s: Array) -> None:
         begin, length = knots_s[:-1], np.diff(knots_s)
         self.size = SIZE + 2 * len(length)
-        # The current was V less all that was still to change: how far that carried until a fix.
+        # The current was V less its later changes: their displacement until a fix.
         since = window.seconds[window.node][:, None] - begin
         within = np.clip(since, 0.0, length)
         self._before = -(begin + np.minimum(since, 0.0) + within - within**2 / (2.0 * length))
@@ -74,7 +74,7 @@ class TrackModel:
 
         ``p_i = X + V (t_i - t_1) - sum_k c_k S_k(t_i) + R(-b) (q_i - q_1)``, q being the way
         through the water along the measured heading, c_k the change of the current between two
-        knots and S_k the integral of the share of it that is still to come.
+        knots and S_k the integral of the remaining share of it.
         """
         self._follow(theta)
         node = self._window.node

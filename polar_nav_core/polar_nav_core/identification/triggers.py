@@ -1,4 +1,4 @@
-"""When to identify: enough fixes, fixes that keep disagreeing with the filter, or on command."""
+"""Triggers of an identification: enough fixes, a high mean NIS, or a command."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class Trigger:
     """
 
     def __init__(self, params: IdentificationParams) -> None:
-        """Begin with nothing counted."""
+        """Trigger without any counted fix."""
         self._params = params
         self._fixes = 0
         self._since = 0
@@ -35,7 +35,7 @@ class Trigger:
         self._since += 1
 
     def add_nis(self, nis: float) -> None:
-        """Take the NIS of a fix, before the gate: two degrees of freedom."""
+        """Store the NIS of a fix, before the gate: two degrees of freedom."""
         self._nis.append(nis)
 
     @property
@@ -46,7 +46,7 @@ class Trigger:
         return sum(self._nis) / len(self._nis)
 
     def due(self) -> str | None:
-        """Return ``count`` or ``nis`` when it is time to identify, else None."""
+        """Return ``count`` or ``nis`` if an identification is due, else None."""
         p = self._params
         if p.identify_method == 'none':
             return None
@@ -56,12 +56,12 @@ class Trigger:
         return NIS if enough and self.mean_nis > self.bound else None
 
     def done(self) -> None:
-        """Begin to count anew after an identification, whatever came out."""
+        """Reset the count after an identification with any verdict."""
         self._full = self._full or self._fixes >= self._params.identify_fixes
         self._since = 0
         self._nis.clear()
 
 
 def mean_nis_bound(fixes: int, probability: float) -> float:
-    """Bound of the mean NIS of so many fixes: chi-square quantile over their number."""
+    """Bound of the mean NIS of a number of fixes: chi-square quantile over their number."""
     return 2.0 * float(gammaincinv(_HORIZONTAL * fixes / 2, probability)) / fixes

@@ -1,7 +1,7 @@
-"""Whether the result of an identification may be used, and which manoeuvre would make it better.
+"""Verdict on an identification: whether it may be used, or a manoeuvre that would improve it.
 
-Two things have to be told apart: the current from the drag, which takes different headings, and
-the linear from the quadratic share of the drag, which takes different speeds.
+Two separations are necessary: of current and drag, which needs different headings, and
+of the linear and the quadratic share of the drag, which needs different speeds.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from .robust import SHARE_NAME, Fit
 from .window import Window
 
 ENOUGH_TURN = math.radians(90.0)
-"""Headings that spread over less cannot tell a current from a drag."""
+"""Least spread of headings that separates a current from a drag."""
 _LEAST_CHANGE = 0.2
-"""A change of speed [m/s] that is worth asking for."""
+"""Least change of speed [m/s] that a sentence recommends."""
 _WANDERING = 1.5
-"""Correlation of the residuals that is worth a word: white ones rarely exceed 1.4."""
+"""Least correlation of the residuals that a sentence reports: white ones rarely exceed 1.4."""
 
 
 def turned_through(psi: Array) -> float:
-    """How far the heading turned, at most a full turn [rad]; its rarest two percent do not count.
+    """Range of the heading, at most a full turn [rad]; its rarest two percent do not count.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ def turned_through(psi: Array) -> float:
 
 
 def judge_fit(window: Window, fit: Fit, params: IdentificationParams) -> tuple[Verdict, str]:
-    """Verdict on a robust fit, and why, in a sentence."""
+    """Verdict on a robust fit, and the reason as a sentence."""
     if not (np.isfinite(fit.values).all() and np.isfinite(fit.covariance).all()):
         return Verdict.NOT_CONVERGED, f'no finite minimum in {fit.iterations} evaluations'
     if fit.misfit > params.identify_misfit:
@@ -77,7 +77,7 @@ def judge_fit(window: Window, fit: Fit, params: IdentificationParams) -> tuple[V
 
 
 def judge_minimum(minimum: Minimum, params: IdentificationParams) -> tuple[Verdict, str]:
-    """Verdict on the published method: only whether it converged to something possible."""
+    """Verdict on the published method: only whether it converged to possible values."""
     values = minimum.values
     if not (minimum.converged and np.isfinite(values).all()):
         return Verdict.NOT_CONVERGED, (
@@ -109,7 +109,7 @@ def _current_sigma(fit: Fit) -> float:
 
 
 def _not_excited(window: Window, fit: Fit, params: IdentificationParams) -> str:
-    """Sentence on what could not be told apart and what would help; empty if all could."""
+    """Sentence about parameters that are not excited, with a manoeuvre; empty if all are."""
     weak, wishes = [], []
     limits = params.identify_current_sigma, params.identify_drag_sigma, params.identify_share_sigma
     current = _current_sigma(fit)
@@ -133,8 +133,8 @@ def _not_excited(window: Window, fit: Fit, params: IdentificationParams) -> str:
     return f'{"; ".join(weak)}: {" and ".join(wishes)}' if weak else ''
 
 
-def _known(sigma: float, said: str) -> str:
-    return f'known to {said} only' if sigma < 1.0 else 'unknown'
+def _known(sigma: float, text: str) -> str:
+    return f'known to {text} only' if sigma < 1.0 else 'unknown'
 
 
 def _wanted_change(fit: Fit, params: IdentificationParams) -> float:

@@ -1,4 +1,4 @@
-"""What an identification works on: fixes of one stretch of time and the log between them.
+"""Input of an identification: fixes of a window of time and the log between them.
 
 Fixes are dated by their validity, integer nanoseconds, in any order; losses only make the steps
 between them longer. The log holds attitude and thrust; thrust holds from its stamp to the next.
@@ -30,9 +30,9 @@ class PositionFix:
     x, y : float
         Position [m].
     covariance : (2, 2) array
-        Of what is independent from fix to fix [m^2].
+        Of the error that is independent from fix to fix [m^2].
     x_s, y_s, heading_sigma : float
-        Where the station was [m], and the 1-sigma of its heading, the same error in all [rad].
+        Position of the station [m], and the 1-sigma of its heading, the same error in all [rad].
     """
 
     validity_ns: int
@@ -45,14 +45,14 @@ class PositionFix:
 
 
 def position_fix(validity_ns: int, polar: PolarFix, z: float) -> PositionFix:
-    """Turn range and bearing into a position, Eq. (10), with its covariance.
+    """Position of range and bearing, Eq. (10), with its covariance.
 
     ``D_h = sqrt(D^2 - dz^2)`` is the horizontal range; its error is that of D times D / D_h.
 
     Parameters
     ----------
     z : float
-        Height of the vehicle in the station frame [m]; NaN takes the range as horizontal.
+        Height of the vehicle in the station frame [m]; NaN: the range is assumed horizontal.
     """
     dz = z - float(polar.station[2])
     if not math.isfinite(dz):
@@ -64,7 +64,7 @@ def position_fix(validity_ns: int, polar: PolarFix, z: float) -> PositionFix:
     slopes = np.array([[c, -across * s], [s, across * c]])
     variances = np.array([sigma_r**2, polar.bearing_sigma**2])
     covariance = (slopes * variances) @ slopes.T
-    covariance[[0, 1], [0, 1]] += 1e-6  # right below the station the bearing tells nothing
+    covariance[[0, 1], [0, 1]] += 1e-6  # right below the station the bearing has no information
     x_s, y_s = float(polar.station[0]), float(polar.station[1])
     return PositionFix(
         validity_ns,
@@ -112,7 +112,7 @@ class Window:
     covariance : (n, 2, 2) array
         [m^2].
     station : (n, 2) array
-        Where the station was [m].
+        Positions of the station [m].
     heading_sigma : float
         Of the station [rad].
     seconds, psi, pitch, yaw_rate, force : (m,) arrays
@@ -135,7 +135,7 @@ class Window:
 
     @property
     def fixes(self) -> int:
-        """How many fixes there are."""
+        """Number of fixes."""
         return len(self.validity_ns)
 
     @property
@@ -147,7 +147,7 @@ class Window:
 def make_window(
     fixes: list[PositionFix], log: Log, *, most: int, longest_gap_s: float, lead_s: float = 10.0
 ) -> Window | None:
-    """Put the newest fixes that the log covers on one grid with it; None without any.
+    """Window of the newest fixes that the log covers; None without any.
 
     Parameters
     ----------
@@ -155,11 +155,11 @@ def make_window(
         In any order.
     log : Log
     most : int
-        The newest so many are taken.
+        Largest number of fixes, the newest ones.
     longest_gap_s : float
-        Only what lies after the last longer gap of the log is used.
+        Only the time after the last longer gap of the log is used.
     lead_s : float
-        How much of the log before the first fix is followed, so that the start has died away.
+        Length of the log before the first fix that is integrated, so that start errors decay.
     """
     if not fixes or len(log.attitude_ns) < 2 or not len(log.force_ns):
         return None
@@ -194,7 +194,7 @@ def make_window(
 
 
 def _covered(log: Log, gap_ns: int) -> tuple[int, int]:
-    """Begin and end of the last stretch that attitude and thrust cover without a long gap."""
+    """Begin and end [ns] of the last stretch of attitude and thrust without a long gap."""
     begin, end = 0, np.iinfo(np.int64).max
     for stamps in (log.attitude_ns, log.force_ns):
         after = np.flatnonzero(np.diff(stamps) > gap_ns)

@@ -1,1 +1,1 @@
-"""Vehicles that move by their own dynamics: what a mission says of them, motion, truth."""
+"""Vehicles that move by their own dynamics: specification, motion, truth."""

@@ -1,4 +1,4 @@
-"""Motion of a vehicle by its dynamics, integrated as far as anybody asks for.
+"""Motion of a vehicle by its dynamics, integrated on demand.
 
 The reference axes are rigid and fixed to the Earth (docs/simulation.md). The states of the steps
 are those of the Runge-Kutta method; between them position is the quintic that has their positions,
@@ -30,11 +30,11 @@ _SAME = 1e-6
 
 
 class OutOfControl(PolarNavError):
-    """A vehicle that its loops cannot hold."""
+    """The loops of a vehicle have lost control of it."""
 
 
 class Place(NamedTuple):
-    """Where the vehicle starts, and what depth means in the reference axes.
+    """Start of the vehicle, and depth in the reference axes.
 
     ``start`` is the position [m], shape (3,); ``origin_depth`` the depth of the axes' origin [m];
     ``half_curvature`` 1 / (2 R) of the Earth [1/m], 0 for a plane.
@@ -64,7 +64,7 @@ class Motion:
     spec : DynamicsSpec
         The vehicle.
     place : Place
-        Where it is.
+        Its start.
     step_s : float
         Step of the integration; the loops act once a step [s].
     """
@@ -73,7 +73,7 @@ class Motion:
         self.spec = spec
         self.step_s = step_s
         self.steps = 0
-        """Steps that are integrated."""
+        """Number of integrated steps."""
         self._body = spec.body.body()
         self._water = spec.current.water()
         self._loops = spec.kernel_loops(place.depth, place.origin_depth, place.half_curvature)
@@ -102,20 +102,20 @@ class Motion:
         return self._rate_start[: self.steps], self._rate_end[: self.steps]
 
     def want(self, heading: float, pitch: float, depth: float, speed: float) -> None:
-        """Set points in place of the laws from the next step on; NaN leaves one to its law."""
+        """Replace the laws by set points from the next step on; NaN keeps the law of one."""
         self._wanted[:] = heading, pitch, depth, speed
 
     def push(self, wrench: Floats | None) -> None:
-        """Thrust in place of that of the loops from the next step on, (6,); None: the loops'."""
+        """Replace the thrust of the loops by (6,) from the next step on; None: use the loops'."""
         self._wrench[:] = math.nan if wrench is None else wrench
 
     def advance(self, steps: int) -> None:
-        """Integrate until there are so many steps.
+        """Integrate up to a number of steps.
 
         Raises
         ------
         OutOfControl
-            When the vehicle stands on its nose, or the numbers are none any more.
+            If the pitch exceeds its limit, or the state is not finite.
         """
         if steps <= self.steps:
             return
@@ -175,7 +175,7 @@ class Motion:
         return np.concatenate([place.start, [0.0, 0.0, psi], v_b, np.zeros(3)])
 
     def _room(self, steps: int) -> None:
-        """Make room for so many steps, twice as much as before at least."""
+        """Allocate room for a number of steps, at least twice as much as before."""
         have = len(self._tau)
         if steps <= have:
             return

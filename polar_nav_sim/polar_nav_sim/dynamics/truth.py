@@ -1,4 +1,4 @@
-"""Truth of a vehicle with dynamics: its motion, as the rest of the house knows truth.
+"""Truth of a vehicle with dynamics, in the form of all truth.
 
 The dynamics' reference axes A are the grid axes at a place, fixed to the Earth; the vehicle's
 motion in them turns into position, attitude and ideal IMU on the rotating ellipsoid:
@@ -17,9 +17,18 @@ from numpy.typing import NDArray
 from polar_nav_core import attitude, earth, grid
 
 from ..dynamics_spec import DynamicsSpec
-from ..environment import CALM, Environment
 from ..poses import Pose
-from ..trajectory import NS, Truth, TruthState, apply, apply_transposed, euler_rate, specific_force
+from ..trajectory import (
+    NS,
+    UNDISTURBED,
+    Surroundings,
+    Truth,
+    TruthState,
+    apply,
+    apply_transposed,
+    euler_rate,
+    specific_force,
+)
 from .motion import Motion, Place
 
 Floats = NDArray[np.float64]
@@ -39,10 +48,10 @@ class DynamicTruth(Truth):
     origin_e : ndarray, shape (3,)
         Origin of the reference axes, ECEF [m].
     start_e : ndarray, shape (3,)
-        Where the vehicle starts, ECEF [m].
+        Start of the vehicle, ECEF [m].
     start_ns, period_ns, end_ns : int
         Stamp of sample 0, time between samples, last stamp that can be asked for [ns].
-    sea_surface_height, sea_floor_depth, floor_lost_s, environment
+    surroundings : Surroundings
         As of :class:`polar_nav_sim.trajectory.Truth`.
     """
 
@@ -54,14 +63,9 @@ class DynamicTruth(Truth):
         start_ns: int,
         period_ns: int,
         end_ns: int,
-        sea_surface_height: float = 0.0,
-        sea_floor_depth: float = math.nan,
-        floor_lost_s: tuple[float, float] = (0.0, 0.0),
-        environment: Environment = CALM,
+        surroundings: Surroundings = UNDISTURBED,
     ) -> None:
-        super().__init__(
-            start_ns, period_ns, sea_surface_height, sea_floor_depth, floor_lost_s, environment
-        )
+        super().__init__(start_ns, period_ns, surroundings)
         self.origin_e = np.asarray(origin_e, dtype=np.float64)
         self.C_A_e = np.ascontiguousarray(np.asarray(grid.ecef_to_grid(self.origin_e)).T)
         """Reference axes to ECEF."""
@@ -75,8 +79,8 @@ class DynamicTruth(Truth):
         )
         place = Place(
             start=start_A,
-            depth=sea_surface_height - h_start,
-            origin_depth=sea_surface_height - h_0,
+            depth=surroundings.surface_height - h_start,
+            origin_depth=surroundings.surface_height - h_0,
             half_curvature=0.5 / _RADIUS,
         )
         self.motion = Motion(spec, place, period_s / per_sample)

@@ -23,7 +23,7 @@ from .truth_listener import TruthListener, stream_name
 
 
 class AbsoluteFixNode(TruthListener[AbsoluteFixParams]):
-    """GNSS at the surface or a beacon under the ice: a position in earth axes now and then."""
+    """Node of GNSS at the surface or a beacon under the ice: positions within windows of time."""
 
     def __init__(self, **kwargs: Any) -> None:  # noqa: ANN401 - passed on to rclpy
         super().__init__('absolute_fix_node', AbsoluteFixParams, **kwargs)
@@ -38,7 +38,7 @@ class AbsoluteFixNode(TruthListener[AbsoluteFixParams]):
         self.listen()
 
     def wanted(self, since_start_ns: int) -> int | None:
-        """Return the fix that is due; none outside of the windows."""
+        """Return the number of the due fix; None outside of the windows."""
         k = self._schedule.due(since_start_ns)
         p = self.params
         since_s = since_start_ns / NS - p.first_s

@@ -1,4 +1,4 @@
-"""acoustic_link_node: ``<v>/acomms/tx`` -> ``<v>/acomms/rx``, late, damaged or never.
+"""acoustic_link_node: ``<v>/acomms/tx`` -> ``<v>/acomms/rx``, late, damaged or lost.
 
 It reads the truth of all vehicles for the travel times and publishes a packet when that truth has
 reached its receive time: no timers, so the result does not depend on pace.
@@ -25,11 +25,11 @@ from ..trajectory import NS
 from ..warm import warm_up
 
 _HORIZON_NS = 60 * NS
-"""Packets handed over later than this after their transmit time cannot be placed any more."""
+"""Latest publication of a packet after its transmit time [s]; later ones are refused."""
 
 
 class AcousticLinkNode(PolarNode[AcousticLinkParams]):
-    """The water between the modems."""
+    """Node of the acoustic channel between the modems."""
 
     def __init__(self, **kwargs: Any) -> None:  # noqa: ANN401 - passed on to rclpy
         super().__init__('acoustic_link_node', AcousticLinkParams, **kwargs)
@@ -71,7 +71,7 @@ class AcousticLinkNode(PolarNode[AcousticLinkParams]):
         return Diagnosis(values=values)
 
     def close(self) -> None:
-        """Say which packets never arrived because the run is over."""
+        """Log the packets that are still under way at the end of the run."""
         self._ended = True
         diagnosis = self.diagnose()
         self.get_logger().info(f'{diagnosis.message}: {self._channel.counts}')
@@ -96,7 +96,7 @@ class AcousticLinkNode(PolarNode[AcousticLinkParams]):
         self._deliver()
 
     def _problem(self, vehicle: str, packet: Packet) -> str:
-        """Say why a packet cannot be sent; empty when it can."""
+        """Reason why a packet cannot be sent; empty if it can."""
         if packet.source != vehicle:
             return f'its source is {packet.source!r}'
         if packet.destination not in self._rx or packet.destination == vehicle:

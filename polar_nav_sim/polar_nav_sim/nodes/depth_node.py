@@ -37,11 +37,11 @@ class DepthNode(TruthListener[DepthParams]):
         self.listen()
 
     def wanted(self, since_start_ns: int) -> int | None:
-        """Return the sample that is due."""
+        """Return the number of the due sample, or None."""
         return self._schedule.due(since_start_ns)
 
     def measure(self, k: int, sample: TruthSample) -> None:
-        """Measure."""
+        """Publish one measurement."""
         depth = self._sensor.measure(k, sample.number('depth'), sample.C_b_G)
         lat, air = sample.number('latitude'), self.params.atmospheric_pressure_pa
         # The variance of the pressure follows from its local slope, over one metre.

@@ -43,13 +43,13 @@ class DvlNode(TruthListener[DvlParams]):
         self.listen()
 
     def wanted(self, since_start_ns: int) -> int | None:
-        """Send what has waited, and return the ping that is due."""
+        """Publish the delayed pings, and return the number of the due ping, or None."""
         for ping in self._late.due(since_start_ns):
             self._publish(*ping)
         return self._schedule.due(since_start_ns)
 
     def measure(self, k: int, sample: TruthSample) -> None:
-        """Ping."""
+        """Publish one ping, or delay it by its latency."""
         C_b_G = sample.C_b_G
         omega_eb_b = sample.vector('omega_ib_b') - C_b_G.T @ earth_rate(sample.vector('r_e'))
         v_b = C_b_G.T @ sample.vector('v_g')

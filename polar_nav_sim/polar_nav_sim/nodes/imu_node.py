@@ -41,11 +41,11 @@ class ImuNode(TruthListener[ImuParams]):
         self.listen()
 
     def wanted(self, since_start_ns: int) -> int | None:
-        """Every interval is measured; sample 0 ends none."""
+        """Return the number of the interval that ends at the sample; None for sample 0."""
         return since_start_ns if since_start_ns > 0 else None
 
     def measure(self, _k: int, sample: TruthSample) -> None:
-        """Measure the interval that ends at the sample."""
+        """Publish the measurement of the interval that ends at the sample."""
         if self._sensor is None or self._message is None:
             self._sensor, self._message = self._start(sample.number('interval'))
         omega, f = self._sensor.measure(

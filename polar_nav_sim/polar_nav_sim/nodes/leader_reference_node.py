@@ -38,7 +38,7 @@ class LeaderReferenceNode(TruthListener[LeaderReferenceParams]):
         self.listen()
 
     def wanted(self, since_start_ns: int) -> int | None:
-        """Return the sample that is due."""
+        """Return the number of the due sample, or None."""
         return self._schedule.due(since_start_ns)
 
     def measure(self, k: int, sample: TruthSample) -> None:

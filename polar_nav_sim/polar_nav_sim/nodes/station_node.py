@@ -1,7 +1,7 @@
 """station_node: truth of station and vehicle -> ``station/fix``, and its packet on ``acomms/tx``.
 
 A hydroacoustic station, fixed or on a vehicle of its own. The packet goes to the acoustic link,
-which carries it after T_sigma; the fix in SI units is for people, recording and other receivers.
+which carries it after T_sigma; the fix in SI units is for displays, recording and other receivers.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from ..truth_cdr import decode, since_start_ns
 from ..warm import warm_up
 
 _HORIZON_NS = 60 * NS
-"""Longer than any cycle: 40 km of sound there and back."""
+"""Stored truth [s], longer than any cycle: 40 km of sound there and back."""
 
 
 class StationNode(PolarNode[StationParams]):

@@ -1,4 +1,4 @@
-"""What nodes that measure truth have in common: the truth of their vehicle, by message."""
+"""Base of the nodes that measure truth: the messages of their vehicle's truth."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ P = TypeVar('P', bound=NodeParams)
 
 
 class TruthListener(PolarNode[P]):
-    """Subscribes to ``truth``; a subclass says which samples it wants and what it does with them.
+    """Subscribes to ``truth``; a subclass selects samples and measures them.
 
     Messages that cannot be read or run backwards are counted and left out.
     """
@@ -31,7 +31,7 @@ class TruthListener(PolarNode[P]):
         self._own_clock = p if isinstance(p, ClockErrors) else ClockErrors()
 
     def listen(self) -> None:
-        """Begin; the subclass is complete now."""
+        """Subscribe; called when the subclass is complete."""
         self.subscribe(VehicleTruth, topics.TRUTH, self._on_truth, raw=True)
 
     def wanted(self, since_start_ns: int) -> int | None:

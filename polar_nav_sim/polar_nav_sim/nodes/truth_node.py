@@ -1,9 +1,9 @@
 """truth_node: a mission -> ``<v>/truth`` of every vehicle, and ``/clock``.
 
-At the pace ``realtime`` it goes by the wall clock: before the first sample it waits, not for ever,
-until the nodes that it is told to expect have found one another, and after the last one until they
-have taken everything. At ``lockstep`` it publishes a window of truth only when everything that the
-windows before led to has been taken by everyone (polar_nav_ros.flow).
+At the pace ``realtime`` it follows the wall clock: before the first sample it waits, for a limited
+time, until the expected nodes have found one another, and after the last one until they have
+received everything. At ``lockstep`` it publishes a window of truth only when all messages that
+follow from the windows before have been received by all nodes (polar_nav_ros.flow).
 """
 
 from __future__ import annotations
@@ -30,12 +30,12 @@ from .vehicle_ports import VehiclePorts
 
 _TURN_S = 0.005
 _COMMAND_S = 0.05
-"""Truth that is made at once where vehicles take commands."""
+"""Length of truth made at a time if vehicles accept commands [s]."""
 _LOOK_S = 0.5
 _BURST_S = 0.5
 """Most truth at once at the pace realtime, so that a slow moment is made up for in steps."""
 _DRAIN_S = 5.0
-"""Longest wait at the pace realtime for others to take the last messages."""
+"""Longest wait at the pace realtime for the last messages to be received [s]."""
 
 
 class TruthNode(PolarNode[TruthParams]):
@@ -82,11 +82,11 @@ class TruthNode(PolarNode[TruthParams]):
 
     @property
     def mission(self) -> Mission:
-        """What is sailed."""
+        """The simulated mission."""
         return self._mission
 
     def diagnose(self) -> Diagnosis:
-        """How far the mission is, and who holds it up."""
+        """Health with the progress of the mission and the nodes it waits for."""
         values: dict[str, object] = {
             **self.published_counts(),
             'mission': self._mission.name,
@@ -157,7 +157,7 @@ class TruthNode(PolarNode[TruthParams]):
             self._end()
 
     def _all_taken(self) -> bool:
-        """Whether all have taken everything, as far as that is known, or had time enough."""
+        """Whether all nodes have acknowledged everything, or the time for it is over."""
         self._flow.own(self.published_counts())
         return not self._flow.heard or self._flow.settled() or self._waited(_DRAIN_S)
 
@@ -182,7 +182,7 @@ class TruthNode(PolarNode[TruthParams]):
             self._stream.prepare(self._next - 1)
 
     def _look(self) -> None:
-        """Find out whether the graph is complete, and name who holds it up."""
+        """Check whether the graph is complete, and log the missing nodes."""
         if not self._ready:
             self._ready = not self._missing()
             if self._ready:
@@ -204,14 +204,14 @@ class TruthNode(PolarNode[TruthParams]):
         self.tell_supervisor('progress', f'{done_s:.1f} {total_s:.1f}')
 
     def _settled(self) -> bool:
-        """Whether everything is taken, the commands that came of it by this node included."""
+        """Whether all messages are received, also the resulting commands by this node."""
         return self._flow.settled() and (
             self._vehicles is None or self._vehicles.taken(self._flow.published())
         )
 
     def _behind(self) -> str:
         return '; '.join(
-            f'{node} has taken {taken} of {sent} of {topic}'
+            f'{node} has received {taken} of {sent} of {topic}'
             for node, topics in self._flow.laggards().items()
             for topic, (taken, sent) in topics.items()
         )

@@ -25,7 +25,7 @@ from ..truth_cdr import since_start_ns
 from ..warm import warm_up
 
 _HORIZON_NS = 60 * NS
-"""Longer than any cycle: 40 km of sound there and back."""
+"""Stored truth [s], longer than any cycle: 40 km of sound there and back."""
 
 
 class UsblNode(PolarNode[UsblParams]):
@@ -86,7 +86,7 @@ class UsblNode(PolarNode[UsblParams]):
             self._pub.publish(usbl_to_msg(stamped, self.vehicle, target, self._frame))
 
     def _by_own_clock(self, reading: Reading) -> Reading:
-        """Return the reading with the times that the vehicle's clock showed."""
+        """Return the reading with the times of the vehicle's clock."""
         c = reading.cycle
         t1, t2, t3, t4 = (
             self.params.reads_ns(t_ns, t_ns - self._start_ns)

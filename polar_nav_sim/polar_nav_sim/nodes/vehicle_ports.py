@@ -1,4 +1,4 @@
-"""What the truth node publishes and takes for vehicles with dynamics.
+"""Topics of the truth node for vehicles with dynamics: thrust, model, commands.
 
 ``<v>/control/thrust`` ten times a second, ``<v>/truth/model`` once a second. With commands, those
 of ``<v>/control/setpoint`` hold until the next one, of ``<v>/control/thrust_command`` for a stated
@@ -35,7 +35,7 @@ class VehiclePorts:
     node : PolarNode
         The truth node.
     mission : Mission
-        What is sailed.
+        The simulated mission.
     """
 
     def __init__(self, node: PolarNode[Any], mission: Mission) -> None:
@@ -67,19 +67,19 @@ class VehiclePorts:
         return [*self._thrust.values(), *self._model.values()]
 
     def taken(self, published: dict[str, int]) -> bool:
-        """Whether every command that was published has been taken."""
+        """Whether every published command has been received."""
         counts = self._node.taken_counts()
         return all(counts.get(t, 0) >= published.get(t, 0) for t in self._topics)
 
     def before(self, k: int) -> None:
-        """Get ready for samples from k on: commands of thrust that are too old end."""
+        """Prepare for samples from k on: end thrust commands that are too old."""
         self._made = k
         for v in [v for v, until in self._until.items() if k >= until]:
             self._truths[v].motion.push(None)
             del self._until[v]
 
     def publish(self, k: int, stamp_ns: int) -> None:
-        """Publish what is due at sample k."""
+        """Publish the messages due at sample k."""
         since_ns = k * self._period_ns
         if self._thrust_due.due(since_ns) is not None:
             for v, truth in self._truths.items():

@@ -1,1 +1,1 @@
-"""Geometry of missions: from what a mission file says to knots of position and attitude."""
+"""Geometry of missions: knots of position and attitude by the path of a mission file."""

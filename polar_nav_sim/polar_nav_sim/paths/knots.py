@@ -1,4 +1,4 @@
-"""From a path to knots: positions and reference angles that the truth's splines go through.
+"""Knots of a path: positions and reference angles that the truth's splines pass through.
 
 Positions are kept relative to a place on the path, so that rounding stays near 1e-11 m where ECEF
 coordinates themselves are rounded to 1e-9 m. Nothing here uses longitude or divides by
@@ -37,14 +37,14 @@ _PICARD_TURNS = 40
 
 @dataclass(frozen=True)
 class Knots:
-    """What the splines of one vehicle go through.
+    """Knots of the splines of one vehicle.
 
     Attributes
     ----------
     t_s : ndarray, shape (n,)
         Time since the start of the mission [s].
     origin_e : ndarray, shape (3,)
-        Place that positions are relative to, ECEF [m].
+        Origin of the positions, ECEF [m].
     d_e : ndarray, shape (n, 3)
         Position minus origin, ECEF axes [m].
     angles : ndarray, shape (n, 3)
@@ -83,7 +83,7 @@ def start_position(
 
 
 def _displace(r_e: Floats, vehicle: VehicleSpec, psi: float, height: float) -> Floats:
-    """Positions moved by the offset in the horizontal, then brought to one height."""
+    """Positions moved horizontally by the offset, all at one height."""
     a, b = vehicle.offset_m
     if vehicle.offset_frame == 'course':
         a, b = (
@@ -96,13 +96,13 @@ def _displace(r_e: Floats, vehicle: VehicleSpec, psi: float, height: float) -> F
 
 
 def still_knots(r_e: Floats, psi: float, t_s: Floats) -> Knots:
-    """Knots of a vehicle that stays at a place (ECEF [m]), level, with one heading psi [rad]."""
+    """Knots of a vehicle at rest (ECEF [m]), level, with one heading psi [rad]."""
     n = len(t_s)
     return Knots(t_s, r_e, np.zeros((n, 3)), np.tile([psi, 0.0, 0.0], (n, 1)))
 
 
 def knots_of_profile(profile: Profile, start_e: Floats, psi_start: float, t_s: Floats) -> Knots:
-    """Sail a profile from a start.
+    """Knots of a profile from a start.
 
     Solves dr_e/dt = C_G_e(r_e) v_G(t) by Picard iteration with the quintic spline's integral as
     quadrature: v_G is known beforehand and C_G_e varies over thousands of kilometres, so each turn
@@ -135,7 +135,7 @@ def knots_of_track(
     sea_surface_height: float,
     t_s: Floats,
 ) -> Knots:
-    """Sail a recorded track, moved in parallel by the offset."""
+    """Knots of a recorded track, moved in parallel by the offset."""
     height = sea_surface_height - vehicle.depth_m
     r_e = track.sail(height, t_s)
     psi = _course(r_e, t_s)
@@ -159,7 +159,7 @@ def knots_of_track(
 
 
 def _check_turn(psi: Floats, t_s: Floats, spec: TrackSpec) -> None:
-    """Refuse a drift that all but stops: the course, which the vehicle points to, flips there."""
+    """Raise ConfigError for a drift that almost stops, where the course and heading flip."""
     rate = np.abs(np.diff(psi)) / SPACING_S
     i = int(np.argmax(rate))
     if rate[i] > _LARGEST_TURN:

@@ -1,8 +1,8 @@
-"""A recorded track in its own time: where the buoy was when, smoothed, without changing its pace.
+"""A recorded track in its own time: smoothed positions at the stamps of the buoy.
 
 The fixes are smoothed as functions of their stamps in the polar plane of
 :mod:`polar_nav_sim.paths.track`; the mission's clock is the track's. Between fixes that are far
-apart in time nobody knows the way, so a mission over such a gap is refused.
+apart in time the way is unknown, so a mission over such a gap is refused.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ class RecordedPath:
 
 
 def recorded_start_s(spec: TrackSpec, path: Path, duration_s: float, margin_s: float) -> float:
-    """UTC second at which a mission without a start time of its own begins.
+    """UTC second of the start of a mission that states none.
 
     The first that leaves the margin behind the first fix; with ``nearest_pole`` the one that puts
     the middle of the mission at the fix nearest to a pole, as far as the track allows.

@@ -1,4 +1,4 @@
-"""The shape of a recorded track: read, choose the part, smooth it in a polar plane, sail it.
+"""The shape of a recorded track, smoothed in a polar plane and followed at mission speed.
 
 Buoy fixes are rounded (1e-4 degrees is 11 m) and hours apart; the vehicle sails a smooth curve
 near them, not from fix to fix. All fixes between the stated times are smoothed together: the shape
@@ -43,7 +43,7 @@ class Fixes:
 
 
 def read_fixes(path: Path) -> Fixes:
-    """Read a CSV with the columns datetime, latitude and longitude.
+    """Fixes of a CSV file with the columns datetime, latitude and longitude.
 
     Raises
     ------
@@ -89,7 +89,7 @@ def parse_utc(text: str) -> float:
 
 
 def to_plane(lat: Floats, lon: Floats, south: bool) -> Floats:
-    """Polar stereographic plane, shape (n, 2) [m]."""
+    """Positions in the polar stereographic plane, shape (n, 2) [m]."""
     rho = 2.0 * _SPHERE_M * np.tan(0.25 * np.pi - 0.5 * (-lat if south else lat))
     return np.stack([rho * np.cos(lon), rho * np.sin(lon)], axis=-1)
 
@@ -184,12 +184,12 @@ class TrackPath:
 
 
 def chosen_fixes(spec: TrackSpec, path: Path) -> Fixes:
-    """Read the fixes between ``first_utc`` and ``last_utc``.
+    """Fixes between ``first_utc`` and ``last_utc``.
 
     Raises
     ------
     ConfigError
-        When the file cannot be read or has none.
+        If the file cannot be read or has none.
     """
     fixes = read_fixes(path)
     keep = np.ones(len(fixes.utc_s), dtype=bool)

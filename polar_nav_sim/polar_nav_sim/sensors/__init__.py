@@ -1,1 +1,1 @@
-"""Sensor error models: truth goes in, what an instrument would say comes out."""
+"""Sensor error models: readings of an instrument from the truth."""

@@ -66,7 +66,7 @@ class AhrsSensor:
         self._index = Index()
 
     def measure(self, k0: int, omega_b: Floats, C_b_G: Floats) -> tuple[Floats, Floats]:
-        """Samples k0, k0 + 1, ... as measured.
+        """Measured samples k0, k0 + 1, ...
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""Allan deviation that an IMU's stated errors must show, and how well one record estimates it.
+"""Allan deviation of an IMU's stated errors, and degrees of freedom of its estimate.
 
 Everything follows from the generalized covariance K(l) of the angle (or velocity) x that the
 sampled rate adds up to, l intervals of length T apart; the terms add:
@@ -34,7 +34,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Terms:
-    """What is random in one axis, SI: of a gyro [rad, s], of an accelerometer [m, s].
+    """Random errors of one axis, SI: of a gyro [rad, s], of an accelerometer [m, s].
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Clock of a vehicle: stamps that are off by an offset and a drift, as nobody on board sees."""
+"""Clock of a vehicle: stamps with an unknown offset and drift."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from ..trajectory import NS
 
 @dataclass(frozen=True)
 class ClockErrors(Spec):
-    """What is wrong with a clock; nothing by default."""
+    """Errors of a clock; none by default."""
 
     clock_offset_s: float = param(
         0.0, 's', -60.0, 60.0, 'Stamps are later than the truth by this at the start'
@@ -22,6 +22,6 @@ class ClockErrors(Spec):
     )
 
     def reads_ns(self, stamp_ns: int, since_start_ns: int) -> int:
-        """Return what the clock reads at a true stamp [ns], so long after the start [ns]."""
+        """Return the clock's reading [ns] at a true stamp [ns], a time after the start [ns]."""
         late_ns = self.clock_offset_s * NS + self.clock_drift_ppm * 1e-6 * since_start_ns
         return stamp_ns + round(late_ns)

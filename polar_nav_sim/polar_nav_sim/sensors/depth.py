@@ -1,7 +1,7 @@
 """Depth sensor error model: y = quantized(depth + bias + air + drift_k + sigma w_k + e u_k).
 
 u is uniform; air, drawn per run, is the day's air pressure minus the one that the instrument
-subtracts; the drift is a Gauss-Markov process. A sensor that sticks repeats what it gave last.
+subtracts; the drift is a Gauss-Markov process. A sensor that sticks repeats its last reading.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class DepthErrors(Spec):
     drift_sigma_m: float = param(0.0, 'm', 0.0, 100.0, '1-sigma of the slow drift (Gauss-Markov)')
     drift_tau_s: float = param(3600.0, 's', 0.1, 1e7, 'Its correlation time')
     stick_probability: float = param(
-        0.0, '', 0.0, 1.0, 'That a sample is the first of some that repeat the one before'
+        0.0, '', 0.0, 1.0, 'Probability that a sample begins to repeat the one before'
     )
     stick_s: float = param(5.0, 's', 0.0, 3600.0, 'For how long it sticks then')
 
@@ -56,7 +56,7 @@ class DepthSensor:
     Parameters
     ----------
     errors : DepthErrors
-        What is wrong with it, and where it is mounted.
+        Its errors and mounting.
     rng : numpy.random.Generator
         Its own stream.
     period_s : float
@@ -98,7 +98,7 @@ class DepthSensor:
         return e.noise_sigma_m**2 + e.uniform_error_m**2 / 3.0 + e.quantum_m**2 / 12.0
 
     def measure(self, k: int, depth: float, C_b_G: Floats) -> float:
-        """Sample number k.
+        """Measured depth of sample number k.
 
         Parameters
         ----------
@@ -133,7 +133,7 @@ class DepthSensor:
         return measured
 
     def _advance_sticking(self) -> None:
-        """Find out which samples of the next chunk repeat the one before."""
+        """Mark the samples of the next chunk that repeat the one before."""
         first = 0.5 * (self._sticks.advance()[:, 0] + 1.0) < self._e.stick_probability
         start = CHUNK * self._sticks.chunk
         self._stuck = []

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from polar_nav_core.attitude import exp, matrix_from_euler
 from polar_nav_core.engine.events import LEAST_BEAMS
-from polar_nav_core.params import flag, param, vector
+from polar_nav_core.params import flag, param, sigma, vector
 
 from ..randomness import substream
 from ..section import Spec
@@ -41,7 +41,7 @@ Bools = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class Mounting(Spec):
-    """Where an instrument sits on the vehicle."""
+    """Position and orientation of an instrument on the vehicle."""
 
     lever_b: tuple[float, ...] = vector(
         (0.0, 0.0, 0.0), 'm', -100.0, 100.0, 'Position from base_link, body axes'
@@ -76,16 +76,16 @@ class DvlErrors(Mounting):
     scale: tuple[float, ...] = vector(
         (1e-4, 1e-4, 1e-4), '', -0.5, 0.5, 'Scale factor error per axis'
     )
-    scale_sigma: float = param(
-        0.0, '', 0.0, 0.5, '1-sigma of a further constant scale factor error, drawn per run'
+    scale_sigma: float = sigma(
+        0.0, '', 0.5, '1-sigma of a further constant scale factor error, drawn per run'
     )
     bias: tuple[float, ...] = vector((0.0, 0.0, 0.0), 'm/s', -1.0, 1.0, 'Constant error per axis')
-    markov_sigma: float = param(
-        0.005, 'm/s', 0.0, 1.0, '1-sigma of the slowly varying error per axis (Gauss-Markov)'
+    markov_sigma: float = sigma(
+        0.005, 'm/s', 1.0, '1-sigma of the slowly varying error per axis (Gauss-Markov)'
     )
     markov_tau_s: float = param(300.0, 's', 0.1, 1e6, 'Its correlation time')
     noise_sigma: float = param(0.005, 'm/s', 0.0, 1.0, 'White noise per axis and ping, 1-sigma')
-    beam_loss_probability: float = param(0.0, '', 0.0, 1.0, 'That a beam gives nothing in a ping')
+    beam_loss_probability: float = param(0.0, '', 0.0, 1.0, 'Probability of a lost beam in a ping')
     min_altitude_m: float = param(0.3, 'm', 0.0, 100.0, 'No bottom lock nearer to the sea floor')
     max_altitude_m: float = param(200.0, 'm', 0.1, 12000.0, 'No bottom lock farther from it')
     four_beams: bool = flag(
@@ -103,28 +103,28 @@ class DvlErrors(Mounting):
     beam_range_sigma_m: float = param(
         0.05, 'm', 0.0, 100.0, 'White noise of the range along a beam (four beams)'
     )
-    misalignment_sigma_deg: float = param(
-        0.0, 'deg', 0.0, 90.0, '1-sigma about each axis of a wrong mounting, drawn per run'
+    misalignment_sigma_deg: float = sigma(
+        0.0, 'deg', 90.0, '1-sigma about each axis of a wrong mounting, drawn per run'
     )
-    lever_sigma_m: float = param(
-        0.0, 'm', 0.0, 10.0, '1-sigma of a wrong position along each axis, drawn per run'
+    lever_sigma_m: float = sigma(
+        0.0, 'm', 10.0, '1-sigma of a wrong position along each axis, drawn per run'
     )
     latency_s: float = param(
         0.0, 's', 0.0, 10.0, 'Sent, and stamped, so much later than the velocity was valid'
     )
     assumed_sound_speed: float = param(
-        0.0, 'm/s', 0.0, 1700.0, 'What the instrument takes for c; 0: that of the water around it'
+        0.0, 'm/s', 0.0, 1700.0, 'Sound speed the instrument assumes; 0: that of the water'
     )
     phased_array: bool = flag(False, 'The horizontal velocity does not depend on sound speed')
     bad_ping_probability: float = param(
-        0.0, '', 0.0, 1.0, 'That a ping, not marked, is off by more than its noise'
+        0.0, '', 0.0, 1.0, 'Probability that a ping, not marked, is off by more than its noise'
     )
-    bad_ping_sigma: float = param(0.5, 'm/s', 0.0, 10.0, '1-sigma per axis that it is off by')
+    bad_ping_sigma: float = param(0.5, 'm/s', 0.0, 10.0, '1-sigma per axis of these errors')
 
 
 @dataclass(frozen=True)
 class Ping:
-    """What the instrument says.
+    """Reading of one ping.
 
     Attributes
     ----------
@@ -133,11 +133,11 @@ class Ping:
     covariance_m : ndarray, shape (3, 3)
         Of its white part [(m/s)^2]; NaN if invalid.
     beams : int
-        Beams that gave something.
+        Number of good beams.
     altitude : float
         Above the sea floor [m]; NaN where unknown or without lock.
     beam_data : BeamData or None
-        What each beam says; None without the four-beam option.
+        Reading of each beam; None without the four-beam option.
     """
 
     velocity_m: Floats
@@ -158,7 +158,7 @@ class DvlSensor:
     Parameters
     ----------
     errors : DvlErrors
-        What is wrong with it, and how it is mounted.
+        Its errors and mounting.
     period_s : float
         Time between pings [s].
     rng : numpy.random.Generator
@@ -215,7 +215,7 @@ class DvlSensor:
         C_b_G: Floats | None = None,
         depth: float = 0.0,
     ) -> Ping:
-        """Ping number k.
+        """Reading of ping number k.
 
         Parameters
         ----------
@@ -226,7 +226,7 @@ class DvlSensor:
         omega_eb_b : ndarray, shape (3,)
             Angular rate against the earth, body axes [rad/s].
         altitude : float
-            Of base_link above the sea floor [m]; NaN: unknown, the bottom is then taken to be in
+            Of base_link above the sea floor [m]; NaN: unknown, the bottom is then assumed in
             reach.
         C_b_G : ndarray, shape (3, 3), optional
             Body to grid, for the slant ranges of the four-beam option; level if not given.
@@ -262,7 +262,7 @@ class DvlSensor:
         return Ping(slow_m + sigma * w[:3], sigma**2 * np.eye(3), beams, altitude)
 
     def sound_speed(self, depth: float) -> float:
-        """Sound speed that the instrument states at a depth [m/s]; NaN where it knows none."""
+        """Sound speed assumed by the instrument at a depth [m/s]; NaN if it assumes none."""
         if self._e.assumed_sound_speed > 0.0 or self._water is None:
             return self._e.assumed_sound_speed or math.nan
         return self._water.at(depth)
@@ -291,8 +291,8 @@ class DvlSensor:
             self._b_m, good, along, e.beam_noise_sigma**2, ranges, e.beam_range_sigma_m**2
         )
         below = ranges * -(self._b_m @ C_m_G[2])
-        told = float(np.mean(below[good])) if beams > 0 else math.nan
+        altitude_m = float(np.mean(below[good])) if beams > 0 else math.nan
         if beams < LEAST_BEAMS:
-            return Ping(np.full(3, math.nan), np.full((3, 3), math.nan), beams, told, data)
+            return Ping(np.full(3, math.nan), np.full((3, 3), math.nan), beams, altitude_m, data)
         v_m, cofactor = solve(self._b_m, along, good)
-        return Ping(v_m, e.beam_noise_sigma**2 * cofactor, beams, told, data)
+        return Ping(v_m, e.beam_noise_sigma**2 * cofactor, beams, altitude_m, data)

@@ -52,7 +52,7 @@ class ImuSensor:
     Parameters
     ----------
     errors : ImuErrors
-        What is wrong with it.
+        Its errors.
     period_s : float
         Length of an interval [s].
     rng : numpy.random.Generator
@@ -99,7 +99,7 @@ class ImuSensor:
         self._additive = [np.empty((0, 3)), np.empty((0, 3))]
 
     def measure(self, k0: int, delta_theta_b: Floats, delta_v_b: Floats) -> tuple[Floats, Floats]:
-        """Measure intervals k0, k0 + 1, ...
+        """Mean rates and specific forces of intervals k0, k0 + 1, ...
 
         Parameters
         ----------
@@ -154,7 +154,7 @@ class _TriadModel:
         self._remainder = np.zeros(3)
 
     def additive(self, w: Floats) -> Floats:
-        """Everything that is added, for one chunk of standard normal rows, shape (CHUNK, 9)."""
+        """Sum of all additive errors, for one chunk of standard normal rows, shape (CHUNK, 9)."""
         return np.asarray(
             self._bias
             + self._white * w[:, :3]

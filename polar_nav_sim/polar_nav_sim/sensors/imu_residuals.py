@@ -1,4 +1,4 @@
-"""Slow and systematic errors of an IMU that a filter with constant biases does not know.
+"""Slow and systematic errors of an IMU that a filter with constant biases does not model.
 
 Drawn per run, each from a stream of its own name, so that one of them never changes another:
 
@@ -26,12 +26,12 @@ Floats = NDArray[np.float64]
 
 
 class Residuals:
-    """What one IMU adds to its noise and constant biases.
+    """Errors of one IMU besides its noise and constant biases.
 
     Parameters
     ----------
     errors : ImuErrors
-        What is wrong with it.
+        Its errors.
     period_s : float
         Length of an interval [s].
     rng : numpy.random.Generator

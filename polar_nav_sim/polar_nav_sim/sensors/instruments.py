@@ -1,8 +1,8 @@
-"""Error models of instruments that can be bought: number by number, with sources.
+"""Error models of commercial instruments, each number with its source.
 
 Comments name the source of each line: a data sheet; ``unconfirmed`` where the number is from
-memory and no data sheet was at hand to check it; ``ours`` where no source states it. What a data
-sheet gives as typical or as a limit without saying which is taken for 1-sigma.
+memory and no data sheet was at hand to check it; ``ours`` where no source states it. A number that
+a data sheet states as typical or as a limit, without a distinction, is used as 1-sigma.
 
 Temperature: data sheets state the residual over their whole range. That it changes by its own RMS
 over 20 K is ours; the deck is then 12 K warmer than the water (the defaults of ImuErrors).
@@ -28,7 +28,7 @@ _DEG_ROOT_HOUR = math.radians(1.0) / 60.0
 _M_S_ROOT_HOUR = 1.0 / 60.0
 _DEG_S_IN_DPH = 3600.0
 _SURE_OF_NOTHING_DEG = 180.0 / math.sqrt(3.0)
-"""1-sigma of a heading that may be any."""
+"""1-sigma of an unknown heading."""
 _MEMORY = 'unconfirmed (no data sheet at hand)'
 
 _STIM300 = ImuErrors(
@@ -148,7 +148,7 @@ IMU: dict[str, Preset[ImuErrors]] = {
         _ICM20948, f'TDK data sheet DS-000189, revision 1.3: accelerometer; gyro {_MEMORY}'
     ),
 }
-"""Every IMU there is a model of."""
+"""Models of IMUs, by name."""
 
 _NO_SCALE = DvlErrors(scale=_ZERO)
 _A50 = replace(
@@ -219,7 +219,7 @@ DVL: dict[str, Preset[DvlErrors]] = {
         rate_hz=5.0,
     ),
 }
-"""Every DVL there is a model of."""
+"""Models of DVLs, by name."""
 
 USBL: dict[str, Preset[UsblErrors]] = {
     **presets.USBL,
@@ -243,7 +243,7 @@ USBL: dict[str, Preset[UsblErrors]] = {
         f'small class (Blueprint Subsea SeaTrac X150): {_MEMORY}; mounting is ours',
     ),
 }
-"""Every USBL there is a model of."""
+"""Models of USBLs, by name."""
 
 DEPTH: dict[str, Preset[DepthErrors]] = {
     'default': Preset(DepthErrors(), 'ours: white noise alone'),
@@ -264,12 +264,12 @@ DEPTH: dict[str, Preset[DepthErrors]] = {
         'ours: a 30 bar strain gauge that cools, zeroed at standard air pressure',
     ),
 }
-"""Every depth sensor there is a model of."""
+"""Models of depth sensors, by name."""
 
 
 @dataclass(frozen=True)
 class Gyrocompass:
-    """A heading that is as good as the horizontal part of the Earth's rotation is large.
+    """Gyrocompass, its error inversely proportional to the horizontal part of Earth's rotation.
 
     Attributes
     ----------
@@ -281,7 +281,7 @@ class Gyrocompass:
     tilt_deg: float
 
     def at(self, latitude: float) -> ReferenceErrors:
-        """Errors at a latitude [rad]; near a pole nothing is known of the heading."""
+        """Errors at a latitude [rad]; near a pole the heading is unknown."""
         level = abs(math.cos(latitude))
         sigma = min(self.heading_deg / max(level, 1e-12), _SURE_OF_NOTHING_DEG)
         return ReferenceErrors(tilt_sigma_deg=self.tilt_deg, heading_sigma_deg=sigma)

@@ -1,4 +1,4 @@
-"""Four beams of a DVL: their directions, the velocity that they give together, their ranges.
+"""Four beams of a DVL: their directions, their least-squares velocity, their ranges.
 
 Beam i points away from the instrument, downwards in its axes (x forward, y left, z up):
 
@@ -28,7 +28,7 @@ BEAMS = 4
 
 @dataclass(frozen=True)
 class BeamData:
-    """What the four beams say; NaN where a beam is lost or the floor unknown.
+    """Readings of the four beams; NaN for a lost beam or an unknown floor.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Noise by sample number: drawn in fixed chunks, so that what sample k gets never depends on pace.
+"""Noise by sample number: drawn in fixed chunks, so that that of sample k is the same at any pace.
 
 Whether samples come one by one or in blocks, and whether some are skipped, sample k always sees
 the same numbers. Every kind of noise is drawn even where its sigma is zero: switching one on never
@@ -85,18 +85,18 @@ class RandomWalk:
 
 
 class Index:
-    """Keeps sample numbers going forwards."""
+    """Check that sample numbers increase."""
 
     def __init__(self) -> None:
         self._next = 0
 
     def take(self, k0: int, count: int) -> None:
-        """Take numbers k0 to k0 + count - 1.
+        """Accept the numbers k0 to k0 + count - 1.
 
         Raises
         ------
         ValueError
-            When one of them was taken before.
+            If one of them was accepted before.
         """
         if k0 < self._next:
             raise ValueError(f'sample {k0} comes after sample {self._next - 1}')

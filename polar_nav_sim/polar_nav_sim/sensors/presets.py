@@ -1,7 +1,7 @@
 """Error models of classes of instruments and of the papers' own, each with its source.
 
 ``config/`` holds the same numbers as parameter files for ``ros2 run``; a test compares them.
-Models of instruments that can be bought stand in :mod:`polar_nav_sim.sensors.instruments`.
+Models of commercial instruments are in :mod:`polar_nav_sim.sensors.instruments`.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _PAPER = 'Polar cooperative navigation (Sensors 2018, 18, 1044), section '
 
 @dataclass(frozen=True)
 class Preset(Generic[T]):
-    """An error model, where its numbers come from, and its usual rate [Hz] where it has one."""
+    """An error model, the source of its numbers, and its usual rate [Hz] or None."""
 
     errors: T
     source: str

@@ -1,8 +1,8 @@
-"""Errors of the leader's own navigation as it is played by the simulation.
+"""Simulated errors of the leader's own navigation.
 
 Position, velocity and attitude are off by Gauss-Markov processes of stated sigma and correlation
-time, in grid axes; the covariance that goes with them is that of the processes. Constant errors
-beside them are never stated. All are zero by default: the papers take the leader as perfect.
+time, in grid axes; their stated covariance is that of the processes. Constant errors beside
+them are never stated. All are zero by default: the papers assume a perfect leader.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ReferenceErrors(Spec):
-    """How good the leader's navigation is."""
+    """Errors of the leader's navigation."""
 
     position_sigma_m: float = param(0.0, 'm', 0.0, 1e5, '1-sigma of the position error per axis')
     velocity_sigma: float = param(0.0, 'm/s', 0.0, 10.0, '1-sigma of the velocity error per axis')
@@ -47,7 +47,7 @@ class NavigationError:
     phi_G: Floats
 
     def attitude(self, C_b_G: Floats) -> Floats:
-        """C_b_G as the leader has it: exp(-[phi x]) C_b_G."""
+        """Attitude of the leader's estimate: exp(-[phi x]) C_b_G."""
         return np.asarray(exp(-self.phi_G) @ C_b_G)
 
 
@@ -57,7 +57,7 @@ class ReferenceSystem:
     Parameters
     ----------
     errors : ReferenceErrors
-        How good it is.
+        Its errors.
     period_s : float
         Time between samples [s].
     rng : numpy.random.Generator

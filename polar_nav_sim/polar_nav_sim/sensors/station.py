@@ -1,4 +1,4 @@
-"""Hydroacoustic station: range and bearing of a transponder, and the packet that tells them.
+"""Hydroacoustic station: range and bearing of a transponder, and their packet.
 
 t1 the station pings, t2 the transponder hears it, t3 = t2 + turn-around it replies, t4 the reply
 is back, T_sigma later the packet leaves:
@@ -58,15 +58,15 @@ class StationErrors(Spec):
         0.0, 'deg', -180.0, 180.0, "Constant error of the station's heading, to port"
     )
     heading_sigma_deg: float = param(
-        0.0, 'deg', 0.0, 180.0, '1-sigma of a further constant error, drawn per run; it is told'
+        0.0, 'deg', 0.0, 180.0, '1-sigma of a further constant error, drawn per run; it is stated'
     )
     range_scale: float = param(0.0, '', -0.5, 0.5, 'Constant error of the range, as a share of it')
     position_offset_m: tuple[float, ...] = vector(
         (0.0, 0.0), 'm', -1e4, 1e4, 'Constant error of the position it states, station axes x, y'
     )
-    loss_probability: float = param(0.0, '', 0.0, 1.0, 'That a cycle gives nothing')
+    loss_probability: float = param(0.0, '', 0.0, 1.0, 'Probability of a lost cycle')
     assumed_sound_speed: float = param(
-        0.0, 'm/s', 0.0, 1655.0, 'What the station takes for c; 0: the true mean of the cycle'
+        0.0, 'm/s', 0.0, 1655.0, 'Sound speed the station assumes; 0: the true mean of the cycle'
     )
 
     @property
@@ -123,7 +123,7 @@ class StationCycle:
 
 @dataclass(frozen=True)
 class StationReading:
-    """What the station measured in a cycle, and when it sends that."""
+    """Reading of a cycle, and the time of its packet."""
 
     cycle: StationCycle
     transmit_ns: int
@@ -151,7 +151,7 @@ class Station:
     Parameters
     ----------
     errors : StationErrors
-        What is wrong with it.
+        Its errors.
     water : SoundSpeed
         Sound speed.
     run_seed : int
@@ -183,7 +183,7 @@ class Station:
         self.frame = frame
 
     def cycle(self, sequence: int, t1_ns: int, station: Poses, target: Poses) -> StationCycle:
-        """Solve the cycle that begins at t1.
+        """Times and true geometry of the cycle that begins at t1.
 
         Raises
         ------
@@ -210,7 +210,7 @@ class Station:
         )
 
     def read(self, cycle: StationCycle) -> StationReading | None:
-        """What the station says of a cycle; None if it heard nothing."""
+        """Reading of a cycle; None without a reply."""
         e = self._e
         rng = stream(self._seed, f'{self._name}/{cycle.sequence}')
         lost, u_range, u_bearing = rng.random(3).tolist()
@@ -245,7 +245,7 @@ _NO_ARM = np.zeros(3)
 
 
 def _place(pose: Pose) -> tuple[Floats, float]:
-    """The station's array is its base_link."""
+    """Position of the station: that of its base_link, where its array is."""
     return pose.r_e, pose.depth
 
 

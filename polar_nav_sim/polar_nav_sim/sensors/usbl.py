@@ -1,11 +1,11 @@
-"""USBL: one two-way cycle with moving ends, and what the instrument says of it.
+"""USBL: one two-way cycle with moving ends, and its reading.
 
 t1 the array pings, t2 the transponder hears it, t3 = t2 + turn-around it replies, t4 the reply is
 back:
 
     c (t2 - t1) = |p_T(t2) - p_A(t1)|        c (t4 - t3) = |p_A(t4) - p_T(t3)|
 
-with p_A, p_T the positions of array and transponder (lever arms included). The instrument gives
+with p_A, p_T the positions of array and transponder (lever arms included). The instrument reports
 
     direction    = C_e_a(t4) (p_T(t3) - p_A(t4)) / |...|, noise on its x and y cosines
     round_trip   = t4 - t1 + noise
@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polar_nav_core.attitude import exp
-from polar_nav_core.params import flag, param, vector
+from polar_nav_core.params import flag, param, sigma, vector
 
 from ..poses import Poses
 from ..randomness import stream
@@ -45,29 +45,29 @@ class UsblErrors(Mounting):
     turn_around_s: float = param(
         0.1, 's', 0.0, 10.0, 'From hearing to replying in the transponder'
     )
-    cosine_sigma: float = param(
-        1e-3, '', 0.0, 0.5, '1-sigma of each of the x and y direction cosines (1e-3: 0.06 degrees)'
+    cosine_sigma: float = sigma(
+        1e-3, '', 0.5, '1-sigma of each of the x and y direction cosines (1e-3: 0.06 degrees)'
     )
     range_sigma_m: float = param(0.3, 'm', 0.0, 1000.0, '1-sigma of the range')
-    tells_depth: bool = flag(True, 'Whether the transponder tells its depth with the reply')
+    tells_depth: bool = flag(True, 'Whether the transponder sends its depth with the reply')
     told_depth_sigma_m: float = param(0.05, 'm', 1e-4, 100.0, '1-sigma of that depth')
-    loss_probability: float = param(0.0, '', 0.0, 1.0, 'That a cycle gives nothing')
-    outlier_probability: float = param(0.0, '', 0.0, 1.0, 'That a reply came by another way')
+    loss_probability: float = param(0.0, '', 0.0, 1.0, 'Probability of a lost cycle')
+    outlier_probability: float = param(0.0, '', 0.0, 1.0, 'Probability of a reply by another way')
     outlier_range_m: float = param(
         100.0, 'm', 0.0, 1e5, 'Such a reply is late by up to this, uniformly'
     )
-    outlier_cosine_sigma: float = param(
-        0.2, '', 0.0, 1.0, '1-sigma that its direction cosines are off further'
+    outlier_cosine_sigma: float = sigma(
+        0.2, '', 1.0, '1-sigma of its further error of the direction cosines'
     )
     assumed_sound_speed: float = param(
-        0.0, 'm/s', 0.0, 1700.0, 'What the instrument takes for c; 0: the true mean of the cycle'
+        0.0, 'm/s', 0.0, 1700.0, 'Sound speed the array assumes; 0: the true mean of the cycle'
     )
     range_scale: float = param(0.0, '', -0.5, 0.5, 'Constant error of the range, as a share of it')
-    range_scale_sigma: float = param(
-        0.0, '', 0.0, 0.5, '1-sigma of a further such error, drawn per run'
+    range_scale_sigma: float = sigma(
+        0.0, '', 0.5, '1-sigma of a further such error, drawn per run'
     )
-    misalignment_sigma_deg: float = param(
-        0.0, 'deg', 0.0, 90.0, '1-sigma about each axis of a wrong mounting, drawn per run'
+    misalignment_sigma_deg: float = sigma(
+        0.0, 'deg', 90.0, '1-sigma about each axis of a wrong mounting, drawn per run'
     )
 
 
@@ -97,7 +97,7 @@ class Cycle:
 
 @dataclass(frozen=True)
 class Reading:
-    """What the instrument says; names as in polar_nav_msgs/UsblFix."""
+    """Reading of a cycle; names as in polar_nav_msgs/UsblFix."""
 
     cycle: Cycle
     direction_a: Floats
@@ -136,7 +136,7 @@ class Usbl:
         self._name = f'{source}/usbl/{target}'
         self._arm_b = errors.arm_b
         self._C_a_b = errors.C_s_b
-        # Of the array, not of the pair: all targets share what is wrong with it.
+        # Of the array, not of the pair: all targets share its errors.
         common = stream(run_seed, f'{source}/usbl/array').standard_normal(4)
         self._range_scale = errors.range_scale + errors.range_scale_sigma * float(common[3])
         if errors.misalignment_sigma_deg > 0.0:
@@ -145,7 +145,7 @@ class Usbl:
         self._transponder_b = np.array(errors.transponder_lever_b)
 
     def cycle(self, sequence: int, t1_ns: int, array: Poses, target: Poses) -> Cycle:
-        """Solve the cycle that begins at t1.
+        """Times and true geometry of the cycle that begins at t1.
 
         Raises
         ------
@@ -168,7 +168,7 @@ class Usbl:
         return Cycle(sequence, t1_ns, t2_ns, t3_ns, t4_ns, direction_a, speed, reply_depth)
 
     def read(self, cycle: Cycle) -> Reading | None:
-        """What the instrument says of a cycle; None if it heard nothing."""
+        """Reading of a cycle; None without a reply."""
         e = self._e
         rng = stream(self._seed, f'{self._name}/{cycle.sequence}')
         lost, strange, late = rng.random(3)

@@ -10,6 +10,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
+from polar_nav_core.engine.health.span import Span, span_of_health
 from polar_nav_ros.topics import RX, TX
 
 from ..bags import Bag
@@ -23,6 +24,7 @@ from ..scoring.compare import Run
 from ..scoring.delivery import Delivery
 from ..series.run import RunSeries
 from .counts import topic_counts
+from .judged import LIVE, judged_of, live_span
 from .opening import Say, follower_of
 from .packets import delivery_of
 
@@ -52,6 +54,10 @@ class Analysis:
         Live against replay, where that was asked for.
     delivery : Delivery or None
         What became of the packets that were sent, where the bag has the sender's modem.
+    spans : mapping of str to Span
+        Levels of each run, and of the live one as `LIVE`.
+    judged : tuple of str
+        Runs that decide whether all is well; the others are judged in words only.
     """
 
     bag: Bag
@@ -63,11 +69,13 @@ class Analysis:
     verification: VerifyResult | None = None
     divergence: Mapping[str, str] = field(default_factory=dict)
     delivery: Delivery | None = None
+    spans: Mapping[str, Span] = field(default_factory=dict)
+    judged: tuple[str, ...] = ()
 
     def complaints(self) -> list[str]:
-        """Sentences about all defects of bag and runs; empty if there are none."""
+        """Sentences about all defects of the bag and the judged runs; empty if all is well."""
         out = [f'{self.bag.path}: {problem}' for problem in self.bag.problems]
-        out += [f'{name} diverged: {why}' for name, why in self.divergence.items() if why]
+        out += [text for name, text in self._not_well() if name in self.judged]
         for name, topics in self.balances.items():
             out += [
                 f'{name}: {b.received} messages on {b.topic}, but {b.verdicts} verdicts'
@@ -85,6 +93,16 @@ class Analysis:
             out.append(f'the replay differs from the live run: {self.verification.difference}')
         return out
 
+    def remarks(self) -> list[str]:
+        """Sentences about runs that stand beside the judged ones and were not well."""
+        return [text for name, text in self._not_well() if name not in self.judged]
+
+    def _not_well(self) -> list[tuple[str, str]]:
+        """Runs that diverged, or whose watchdog ended or lasted in ERROR, with a sentence each."""
+        out = [(n, f'{n} diverged: {why}') for n, why in self.divergence.items() if why]
+        spans = self.spans.items()
+        return [*out, *((n, f'{n}: {s.complaint}') for n, s in spans if s.complaint)]
+
     def digests(self) -> tuple[Digest, ...]:
         """Digests of live and replayed output, per topic."""
         v = self.verification
@@ -100,6 +118,7 @@ def analyse(
     vehicle: str | None = None,
     live: bool = False,
     verified: bool = False,
+    judge_live: bool = True,
     truth_from: Bag | None = None,
     say: Say = lambda _: None,
     progress: Callable[[float], None] | None = None,
@@ -118,6 +137,8 @@ def analyse(
         Score the recorded estimates too.
     verified : bool
         Also compare live with replay, bit for bit.
+    judge_live : bool
+        Let the run that went live decide, too, whether all is well.
     truth_from : Bag, optional
         Another bag with the truth.
     say : callable
@@ -170,6 +191,11 @@ def analyse(
         verification=verification,
         divergence={title: run.divergence for title, run in series.items()},
         delivery=delivery_of(bag, name),
+        spans={
+            LIVE: live_span(bag, name),
+            **{title: span_of_health(run.health) for title, run in series.items()},
+        },
+        judged=(*judged_of(configurations), *([LIVE] if judge_live else [])),
     )
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from polar_nav_ros.topics import STATE
 
 from ..bags import Bag, BagError, open_bag
+from ..bags.errors import WrongRequestError
 from ..terminal.progress import opening_display
 
 if TYPE_CHECKING:
@@ -39,7 +40,9 @@ def follower_of(bag: Bag) -> str:
     if not found:
         raise BagError(f'{bag.path} has no follower: no message on <vehicle>/{STATE}')
     names = ', '.join(sorted(found))
-    raise BagError(f'{bag.path} has {len(found)} followers ({names}): name one with --vehicle')
+    raise WrongRequestError(
+        f'{bag.path} has {len(found)} followers ({names}): name one with --vehicle'
+    )
 
 
 def _is_state(topic: str) -> bool:

@@ -18,6 +18,10 @@ if TYPE_CHECKING:
     from .analyse import Analysis
 
 
+_JUDGEMENTS = ('judgement', 'honesty', 'worst_quantity', 'worst_band')
+"""Columns with texts that are figures, not part of a row's name."""
+
+
 def label_bags(bags: Sequence[Path]) -> dict[str, Path]:
     """Labels of bags in tables: folder names, or whole paths where two are the same.
 
@@ -88,9 +92,10 @@ def write_csv(path: Path, tables: Sequence[Table]) -> None:
             first = table.columns[0].key
             for row in table.rows:
                 texts = [c for c in table.columns if isinstance(row.get(c.key), str)]
-                name = ' / '.join(str(row[c.key]) for c in texts if c.key != 'judgement')
+                name = ' / '.join(str(row[c.key]) for c in texts if c.key not in _JUDGEMENTS)
                 for column in table.columns:
-                    if column in texts and (column.key == first or column.key != 'judgement'):
+                    judged = column.key in _JUDGEMENTS and column.key != first
+                    if column in texts and not judged:
                         continue
                     value = row.get(column.key)
                     writer.writerow([table.title, name, column.key, column.unit, _cell(value)])

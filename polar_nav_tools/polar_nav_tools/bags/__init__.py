@@ -1,4 +1,4 @@
-"""Bags: writing without loss, reading of whole and damaged files, repair.
+"""MCAP bags: written without loss, read whole or damaged, repaired.
 
 `writer` and `schemas` make rosbag2 MCAP bags out of serialized messages; `scan`, `opening` and
 `reader` open finished, unfinished and damaged ones and list missing parts; `arrays` and `tables`

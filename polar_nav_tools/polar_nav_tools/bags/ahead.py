@@ -1,10 +1,10 @@
-"""Makes arrays of a bag in the same pass that verifies it.
+"""Arrays of a bag, made in the same pass that verifies it.
 
-Opening a bag decompresses every byte of it, and so does reading it: whoever knows that a bag is
-going to be read can have both done at once. What is wanted, and how much memory it takes, is
-decided on what the index of the bag claims (`claims`). The blocks come from the scan, each after
-its checksum was compared. What came out is given away only when the whole bag was found to be what
-its index said; in every other case it is dropped, and reading takes its own pass.
+Opening a bag decompresses every byte of it, and so does reading it: a command that is going to
+read a bag can do both at once. The wanted fields and the memory for them follow from the index of
+the bag, before it is verified (`claims`). The blocks come from the scan, each after its checksum
+was compared. The arrays are used only if the whole bag agrees with its index; otherwise they are
+dropped, and reading takes a pass of its own.
 """
 
 from __future__ import annotations
@@ -23,16 +23,16 @@ from .request import ReadAhead, Request
 from .scan import Take
 
 Wants = Callable[[Bag], Request | None]
-"""Told a bag of which only the index was read; answers what is going to be wanted of it."""
+"""Returns the request for a bag of which only the index was read."""
 
 
 class Ahead:
-    """One reading that goes along with the opening of a bag.
+    """One reading during the opening of a bag.
 
     Parameters
     ----------
     bag : Bag
-        Of what the indices claim.
+        Bag as its indices describe it.
     request : Request
     """
 
@@ -42,7 +42,7 @@ class Ahead:
         self._reading: Reading | None = Reading(bag, request)
 
     def file(self, number: int) -> Take:
-        """Begin with a file of the bag; returns what takes its blocks."""
+        """Callback for the blocks of a file of the bag, or None."""
         wanted = frozenset[int]()
         if self._reading is not None:
             wanted = self._reading.begin(self._claimed.files[number])
@@ -53,12 +53,12 @@ class Ahead:
             try:
                 self._reading.take(content, block.usable)
             except BagError:
-                self._reading = None  # whoever reads the bag is told why
+                self._reading = None  # the reading of the bag reports why
 
         return take
 
     def of(self, bag: Bag) -> ReadAhead | None:
-        """Return what was read, if the bag that was opened is the one that was claimed."""
+        """Return the arrays if the opened bag agrees with its indices, else None."""
         if self._reading is None or not same_bag(self._claimed, bag):
             return None
         try:
@@ -68,18 +68,18 @@ class Ahead:
 
 
 def same_bag(claimed: Bag, found: Bag) -> bool:
-    """Whether the files of a bag are whole and what their indices claimed."""
+    """Whether the files of a bag are whole and agree with their indices."""
     same = all(agrees(a, b) for a, b in zip(claimed.files, found.files, strict=True))
     return same and _described(claimed) == _described(found)
 
 
 def _described(bag: Bag) -> dict[str, Channel]:
-    """Channels that count, where a topic has several."""
+    """Channels of a file's topics; of several for one topic those of its first type."""
     return {topic: bag.channel(topic) for topic in bag.topics}
 
 
 def begin(path: Path, paths: Sequence[Path], wants: Wants) -> Ahead | None:
-    """Prepare a reading of a bag's files; None when it has to wait until the bag is open."""
+    """Reading of a bag's files during their opening; None if it must follow the opening."""
     claimed = []
     for one in paths:
         found = claimed_by_index(one)
@@ -91,4 +91,4 @@ def begin(path: Path, paths: Sequence[Path], wants: Wants) -> Ahead | None:
         request = wants(bag)
         return None if request is None else Ahead(bag, request)
     except (PolarNavError, MemoryError):
-        return None  # whatever it is: said, or not met again, when the bag is read
+        return None  # any error: reported, or not met again, when the bag is read

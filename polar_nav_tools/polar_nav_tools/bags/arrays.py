@@ -1,7 +1,7 @@
 """Truth, estimates and receipts of a vehicle as arrays (`polar_nav_tools.series.vehicle`).
 
-`load_*` take them from a bag, with the definitions that stand in the bag; `*_from_cdr` take
-serialized messages from anywhere, a replay for example, with the definitions that are installed.
+`load_*` read them from a bag, with the definitions in the bag; `*_from_cdr` decode serialized
+messages of any origin, a replay for example, with the installed definitions.
 Both decode with `columns.read_columns`.
 """
 
@@ -169,7 +169,7 @@ def _matrices(rows: NDArray[Any]) -> Floats:
 
 
 def truth_of(c: Columns, vehicle: str) -> TruthSeries:
-    """Truth of the columns `TRUTH_FIELDS`."""
+    """Truth series from the columns `TRUTH_FIELDS`."""
     return TruthSeries(
         vehicle=vehicle,
         stamp_ns=stamps(c, 'header.stamp'),

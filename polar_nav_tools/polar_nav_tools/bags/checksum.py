@@ -1,4 +1,4 @@
-"""CRC-32 as MCAP has it."""
+"""CRC-32 as MCAP uses it."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Content of MCAP chunks: decompression within bounds, and the records inside.
 
-Everything here takes bytes that may be damaged: lengths are checked before memory is taken, and
-the only error is `Damage`.
+All input may be damaged: lengths are checked before memory is allocated, and the only error is
+`Damage`.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from .checksum import crc32
 MAX_CHUNK_BYTES = 256 * 1024 * 1024
 """Largest chunk that is read; recorders close theirs at one or a few megabytes."""
 CHUNK_FRONT = 128
-"""Bytes of a chunk record's body that have all fields before its data."""
+"""Number of bytes of a chunk record's body that contain all fields before its data."""
 COMPRESSIONS = ('', 'lz4', 'zstd')
 
 OP_SCHEMA, OP_CHANNEL, OP_MESSAGE = 0x03, 0x04, 0x05
@@ -31,8 +31,8 @@ MESSAGE = struct.Struct('<BQHIQQ')
 FRONT = struct.Struct('<BQH')
 """The same up to the channel."""
 _MESSAGE_FIXED = MESSAGE.size - HEADER.size
-_MESSAGE_INDEX = struct.Struct('<BQHI')  # opcode, length, channel, bytes of what follows
-_LEAST_INDEX = 6  # bytes of a message index that has none
+_MESSAGE_INDEX = struct.Struct('<BQHI')  # opcode, length, channel, number of bytes that follow
+_LEAST_INDEX = 6  # bytes of a message index without entries
 _CHUNK = struct.Struct('<QQQII')  # up to the length of the compression's name
 _U16 = struct.Struct('<H')
 _U32 = struct.Struct('<I')
@@ -40,7 +40,7 @@ _U64 = struct.Struct('<Q')
 
 
 class Damage(Exception):
-    """These bytes are not what they should be: what is wrong, as part of a sentence."""
+    """Damaged bytes; the text states the defect as part of a sentence."""
 
 
 class ChunkHead(NamedTuple):
@@ -56,7 +56,7 @@ class ChunkHead(NamedTuple):
 
 
 class Reader:
-    """Takes fields off the front of a record's body, with every length checked."""
+    """Reads the fields of a record's body in order, with every length checked."""
 
     def __init__(self, body: bytes) -> None:
         self._body = body
@@ -64,12 +64,12 @@ class Reader:
 
     @property
     def at(self) -> int:
-        """Bytes taken so far."""
+        """Number of bytes read so far."""
         return self._at
 
     @property
     def left(self) -> int:
-        """Bytes not yet taken."""
+        """Number of bytes not yet read."""
         return len(self._body) - self._at
 
     def take(self, size: int) -> bytes:
@@ -106,17 +106,17 @@ class Reader:
 
 
 def whole_indices(view: memoryview) -> int:
-    """Go over indices of messages and of chunks at the front of a view, the first of them whole.
+    """Number of bytes of whole message and chunk indices at the front of a view.
 
     Returns
     -------
     int
-        Bytes of those that are as they should be.
+        Bytes of the whole indices.
 
     Raises
     ------
     Damage
-        When the first one is not.
+        If the first one is not whole.
     """
     unpack, header = _MESSAGE_INDEX.unpack_from, HEADER.size
     at, last = 0, len(view) - _MESSAGE_INDEX.size
@@ -144,12 +144,12 @@ def front_size(compression: str) -> int:
 
 
 def read_chunk_head(front: bytes, length: int) -> ChunkHead:
-    """Take the fields before a chunk's data apart.
+    """Return the fields before a chunk's data.
 
     Parameters
     ----------
     front : bytes
-        The first bytes of the record's body, 128 or all there are.
+        The first 128 bytes of the record's body, or all if it is shorter.
     length : int
         Length of the whole body.
     """
@@ -172,9 +172,9 @@ def read_chunk_head(front: bytes, length: int) -> ChunkHead:
 
 
 def inflate(compression: str, data: bytes | memoryview, size: int, crc: int) -> bytes:
-    """Decompress a chunk's data to exactly `size` bytes, and compare its checksum.
+    """Data of a chunk, decompressed to exactly `size` bytes, its checksum compared.
 
-    Memory stays below about twice `size`, whatever the compressed bytes claim.
+    Memory stays below about twice `size`, whatever length the compressed bytes claim.
     """
     raw = _INFLATE[compression](data, size)
     if len(raw) != size:
@@ -185,7 +185,7 @@ def inflate(compression: str, data: bytes | memoryview, size: int, crc: int) -> 
 
 
 class _Own(threading.local):
-    """One decompressor for each thread: making one takes as long as using it on a small chunk."""
+    """One decompressor for each thread: making one lasts as long as using it on a small chunk."""
 
     def __init__(self) -> None:
         self.zstd = zstandard.ZstdDecompressor()
@@ -243,7 +243,7 @@ def messages(block: bytes, size: int) -> Iterator[RawMessage]:
 
 
 def payloads(block: bytes, size: int, channels: Collection[int]) -> Iterator[bytes]:
-    """Yield only the data of messages of some channels; for what needs no more than that."""
+    """Yield the data of the messages of some channels, without times and numbers."""
     unpack, skip, start = FRONT.unpack_from, HEADER.unpack_from, MESSAGE.size
     at = 0
     while at < size:
@@ -262,7 +262,7 @@ def walk(
     on_message: Callable[[int, int, int], None],
     on_other: Callable[[int, bytes], None],
 ) -> int:
-    """Go through the records of a decompressed chunk.
+    """Number of bytes of whole records in a decompressed chunk, each passed to a callback.
 
     Parameters
     ----------
@@ -300,7 +300,7 @@ def walk(
 
 
 def other(block: bytes, at: int, on_other: Callable[[int, bytes], None]) -> int | None:
-    """Take a record that is no message; where it ends, None when it is not whole."""
+    """End of a record that is no message, after its callback; None if it is not whole."""
     if len(block) - at < HEADER.size:
         return None
     opcode, length = HEADER.unpack_from(block, at)

@@ -1,9 +1,8 @@
-"""What the index behind the messages of an MCAP file says is in front of it; nothing is verified.
+"""Contents of an MCAP file by the index at its end, not verified.
 
-Comes in: a path. Goes out: a `FileScan` as `scan` would give it if every word of the index is
-true, or None where there is no index that says everything. It serves to prepare for what a scan is
-going to find; what was prepared is used only after the scan has found just that. Messages that
-are looked at before the scan come from single chunks, each compared with its checksum.
+In: a path. Out: a `FileScan` as `scan` would return it if the index is right, or None without a
+complete index. It serves to prepare a reading, which is used only after the scan has confirmed the
+index. Messages read before the scan come from single chunks, each compared with its checksum.
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from .files import MAGIC
 
 _OP_FOOTER, _OP_STATISTICS = 0x02, 0x0B
 _FOOTER = struct.Struct('<BQQQI')
-_CHUNK_INDEX = struct.Struct('<16xQQI')  # chunk, its length, bytes of places of message indices
+_CHUNK_INDEX = struct.Struct('<16xQQI')  # chunk, its length, bytes of index offsets
 _COMPRESSION = struct.Struct('<QI')  # bytes of message indices, of the compression's name
 _SIZES = struct.Struct('<QQ')
 _COUNT = struct.Struct('<HQ')
@@ -32,12 +31,12 @@ _CRC = Block._fields.index('crc')  # the last field
 
 
 class ClaimedBlock(Block):
-    """A chunk that nobody has looked at yet; its checksum is not known."""
+    """A chunk listed in the index and not read yet; its checksum is not known."""
 
     __slots__ = ()
 
     def load(self, file: BinaryIO, *, checked: bool = True) -> bytes:  # noqa: ARG002 - always
-        """Return the uncompressed records, once they were found to be whole."""
+        """Return the uncompressed records, after a check that they are whole."""
         chunk_at = self.offset - HEADER.size - chunks.front_size(self.compression)
         file.seek(chunk_at)
         front = file.read(HEADER.size + chunks.CHUNK_FRONT)
@@ -48,7 +47,7 @@ class ClaimedBlock(Block):
         place = chunk_at + HEADER.size + head.data_at, head.data_size, head.size
         same = place == (self.offset, self.stored, self.size)
         if opcode != chunks.OP_CHUNK or head.compression != self.compression or not same:
-            raise Damage('a chunk is not what the index says')
+            raise Damage('a chunk differs from its entry in the index')
         file.seek(self.offset)
         records = chunks.inflate(head.compression, file.read(head.data_size), head.size, head.crc)
         if chunks.walk(records, lambda *_: None, lambda *_: None) < head.size:
@@ -57,13 +56,13 @@ class ClaimedBlock(Block):
 
 
 def claimed_by_index(path: Path) -> FileScan | None:
-    """Read the index at the end of a file.
+    """Contents of a file by the index at its end; None without a complete index.
 
     Returns
     -------
     FileScan or None
         None for a file without an index, or with one that is damaged, contradicts itself, or does
-        not tell where the messages of each topic are.
+        not list the chunks of each topic.
     """
     try:
         with path.open('rb') as file:
@@ -78,7 +77,7 @@ def claimed_by_index(path: Path) -> FileScan | None:
 
 
 def agrees(claimed: FileScan, found: FileScan) -> bool:
-    """Whether a scan found a whole file with just what its index said."""
+    """Whether a scan found a whole file with exactly the contents of its index."""
     return (
         found.finished
         and not found.problems
@@ -115,7 +114,7 @@ def _summary(file: BinaryIO, size: int) -> bytes | None:
 
 
 def _fill(found: FileScan, summary: bytes) -> bool:
-    """Take the records of an index; False when it does not say everything."""
+    """Read the records of an index; False if it is not complete."""
     problems: list[str] = []
     declared = Declarations(problems.append)
     sets: dict[bytes, frozenset[int]] = {}
@@ -154,7 +153,7 @@ def _claimed_counts(body: bytes) -> dict[int, int]:
 
 
 def _block(body: bytes, sets: dict[bytes, frozenset[int]]) -> ClaimedBlock:
-    """Take a chunk's entry of an index; `sets` keeps the channels of chunks that have the same."""
+    """Block of a chunk's entry in an index; `sets` shares equal sets of channels."""
     try:
         chunk_at, length, size = _CHUNK_INDEX.unpack_from(body)
         end = _CHUNK_INDEX.size + size

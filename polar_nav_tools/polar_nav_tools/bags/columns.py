@@ -1,6 +1,6 @@
-"""Turns many serialized messages into one NumPy array per field.
+"""Arrays of the fields of many serialized messages, one NumPy array per field.
 
-Messages are taken in batches; within a batch all messages of one layout (`layout.py`) are read by
+Messages are read in batches; within a batch all messages of one layout (`layout.py`) are read by
 one structured NumPy view, so the cost per message is that of copying its bytes. Messages with
 unusual lengths only make more layouts; where a batch has very many, the rest is decoded one by
 one, with the same numbers.
@@ -57,7 +57,7 @@ def read_columns(
     Raises
     ------
     BagError
-        If a message is none of that type, a field does not exist, or a row's length varies.
+        If a message is not of that type, a field does not exist, or a row's length varies.
     """
     store = store_of(text, type_name)
     parts: dict[str, list[NDArray[Any]]] = {name: [] for name in fields}
@@ -119,7 +119,7 @@ def _view(
     fields: Sequence[str],
     size: int,
 ) -> tuple[NDArray[Any], NDArray[np.bool_]]:
-    """View messages of one size through a layout, and tell which of them have it."""
+    """View of messages of one size through a layout, and a mask of those that have it."""
     names, formats, offsets = ['#encapsulation'], ['V2'], [0]
     for at in layout.lengths:
         names.append(f'#{at}')
@@ -182,7 +182,7 @@ def _objects(values: list[Any]) -> NDArray[np.object_]:
 
 
 def _placed(name: str, count: int, found: list[tuple[NDArray[np.intp], Columns]]) -> NDArray[Any]:
-    """Put the rows of all layouts back into the order of the messages."""
+    """Rows of all layouts in the order of the messages."""
     if len(found) == 1:
         return found[0][1][name]
     first = found[0][1][name]

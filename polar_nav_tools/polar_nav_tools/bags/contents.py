@@ -1,4 +1,4 @@
-"""What a scan finds in one MCAP file: topics, counts, where the messages are, what is wrong."""
+"""Contents of one MCAP file by a scan: topics, counts, blocks of messages, problems."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from . import chunks
 
 @dataclass(frozen=True)
 class Channel:
-    """A topic as one file describes it."""
+    """A topic by its channel record in one file."""
 
     topic: str
     type: str
@@ -23,7 +23,7 @@ class Channel:
 
 @dataclass
 class Tally:
-    """What was seen of one channel."""
+    """Count, sequence numbers and log times of one channel's messages."""
 
     count: int = 0
     first_ns: int = 0
@@ -33,7 +33,7 @@ class Tally:
 
 
 class Block(NamedTuple):
-    """A stretch of the file that holds message records."""
+    """A chunk or other stretch of the file with message records."""
 
     offset: int
     stored: int
@@ -44,7 +44,7 @@ class Block(NamedTuple):
     crc: int
 
     def load(self, file: BinaryIO, *, checked: bool = True) -> bytes:
-        """Return the uncompressed records; unchecked where the file is known to be as scanned."""
+        """Return the uncompressed records; unchecked if the file is unchanged since the scan."""
         file.seek(self.offset)
         crc = self.crc if checked else 0
         return chunks.inflate(self.compression, file.read(self.stored), self.size, crc)
@@ -52,11 +52,11 @@ class Block(NamedTuple):
 
 @dataclass
 class FileScan:
-    """Everything about one file except the messages themselves."""
+    """Result of a scan: all data about one file except the messages themselves."""
 
     path: Path
     size: int
-    modified_ns: int = 0  # when it was written last, as the file system says
+    modified_ns: int = 0  # time of the last change by the file system
     profile: str = ''
     library: str = ''
     channels: dict[int, Channel] = field(default_factory=dict)
@@ -73,10 +73,10 @@ class FileScan:
 
     @property
     def message_count(self) -> int:
-        """Messages that can be read."""
+        """Number of readable messages."""
         return sum(t.count for t in self.tallies.values())
 
     @property
     def last_ns(self) -> int | None:
-        """Newest log time, None without messages."""
+        """Newest log time [ns], None without messages."""
         return max((t.last_ns for t in self.tallies.values() if t.count), default=None)

@@ -1,4 +1,4 @@
-"""What an MCAP file says of its topics, gathered from its schema and channel records."""
+"""Topics of an MCAP file by its schema and channel records."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class Declarations:
     Parameters
     ----------
     problem : callable
-        Told in a sentence when a number is declared as two things.
+        Called with a sentence if a number is declared as two things.
     """
 
     def __init__(self, problem: Callable[[str], None]) -> None:
@@ -24,12 +24,12 @@ class Declarations:
         self._problem = problem
 
     def take(self, opcode: int, body: bytes) -> None:
-        """Take the body of a record; those of other kinds are passed over.
+        """Store the declaration in a record's body; other kinds of records are ignored.
 
         Raises
         ------
         Damage
-            When it is not what it should be.
+            If the record is damaged.
         """
         fields = Reader(body)
         if opcode == chunks.OP_SCHEMA:

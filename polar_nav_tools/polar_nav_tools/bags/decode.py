@@ -1,4 +1,4 @@
-"""Decodes single messages: with the installed class, or one made from the bag's definition."""
+"""Decoder of single messages by the installed class, or one made from the bag's definition."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Fields = Sequence[tuple[str, tuple[Nodetype, Any]]]
 
 
 class Decoder:
-    """Makes decoding functions for the channels of one bag.
+    """Source of decoding functions for the channels of one bag.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def fields_of(store: Typestore, type_name: str) -> Fields:
 
 
 def _check_closed(store: Typestore, type_name: str) -> None:
-    """Insist that every type that is used is also defined."""
+    """Raise BagError unless every type in use is defined."""
     waiting, seen = [type_name], set()
     while waiting:
         name = waiting.pop()
@@ -130,7 +130,7 @@ def _embedded(store: Typestore, type_name: str) -> Decode:
 
 
 def _installed(channel: Channel, *, constants: bool = True) -> Decode | None:
-    """Use rclpy where the type is installed and means the same as in the bag."""
+    """Decoding function of rclpy if the type is installed with the bag's fields, else None."""
     try:
         own = definition(channel.type)
         if not _same(own.text, channel.schema_text, channel.type, constants=constants):
@@ -143,7 +143,7 @@ def _installed(channel: Channel, *, constants: bool = True) -> Decode | None:
     little = struct.pack('<H', 0x0100)
 
     def decode(data: bytes) -> Any:  # noqa: ANN401 - a message of the channel's type
-        # rclpy would take any first two bytes for what it knows.
+        # rclpy does not check the encapsulation in the first two bytes.
         if data[:2] != little:
             raise ValueError(f'encapsulation {data[:2].hex()} is not plain CDR')
         return deserialize(data, message)

@@ -1,4 +1,4 @@
-"""Which files make up a bag: one .mcap file, or a rosbag2 directory, finished or not."""
+"""Files of a bag: one .mcap file, or those of a rosbag2 directory, finished or not."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.user_files import read_yaml, regular
 
-from .errors import BagError
+from .errors import BagError, WrongRequestError
 from .rosbag2_metadata import FILE_NAME, ROOT_KEY
 
 MAGIC = b'\x89MCAP0\r\n'
@@ -21,7 +21,7 @@ _SPLIT_NUMBER = re.compile(r'_(\d+)\.mcap$')
 
 @dataclass(frozen=True)
 class Listing:
-    """Files of a bag in order, what metadata.yaml counts (None without it), what is wrong."""
+    """Files of a bag in order, count of messages by metadata.yaml (None without it), problems."""
 
     paths: list[Path]
     message_count: int | None = None
@@ -29,18 +29,18 @@ class Listing:
 
 
 def find(path: Path) -> Listing:
-    """List the files of a bag.
+    """Files of a bag, in order.
 
     Raises
     ------
     BagError
-        If there is no such file, or a directory has no bag in it, or one of another storage.
+        If the file does not exist, or a directory has no bag or one of another storage.
     """
     try:
         if path.is_dir():
             return _directory(path)
         if not path.exists():
-            raise BagError(f'{path} does not exist')
+            raise WrongRequestError(f'{path} does not exist')
     except OSError as error:
         raise BagError(f'{path}: cannot be read ({error.strerror})') from error
     if path.name == FILE_NAME:
@@ -52,7 +52,7 @@ def find(path: Path) -> Listing:
 
 
 def check_magic(path: Path, front: bytes) -> None:
-    """Refuse a file that does not begin as MCAP, and say what it is.
+    """Raise BagError for a file that does not begin as MCAP; the text names its kind.
 
     Raises
     ------
@@ -77,7 +77,7 @@ def _directory(path: Path) -> Listing:
     metadata_path = path / FILE_NAME
     if not metadata_path.is_file():
         if present:
-            return Listing(present)  # killed while recording; the files say so themselves
+            return Listing(present)  # killed while recording; the scan of the files reports it
         if any(path.glob('*.db3')):
             raise BagError(f'{path} is an sqlite3 bag, not MCAP; {CONVERT}')
         raise BagError(f'{path} has no bag in it (neither an .mcap file nor {FILE_NAME})')

@@ -1,4 +1,4 @@
-"""One thing that was found in a bag, and how bad it is."""
+"""Finding of an examination of a bag, with its severity."""
 
 from __future__ import annotations
 
@@ -7,21 +7,21 @@ from enum import IntEnum
 
 
 class Severity(IntEnum):
-    """How bad a finding is."""
+    """Severity of a finding."""
 
     OK = 0
     """As it should be."""
     NOTE = 1
     """Worth knowing."""
     WARNING = 2
-    """The result is worse than it could be."""
+    """Results are less accurate than possible."""
     SEVERE = 3
-    """The result would be wrong."""
+    """Results would be wrong."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that was found.
+    """One finding.
 
     Attributes
     ----------
@@ -29,15 +29,15 @@ class Finding:
     name : str
         Kind of finding, for programs, e.g. ``backwards``.
     topic : str
-        Where; empty for the whole bag.
+        Topic; empty for the whole bag.
     stamp_ns : int or None
-        When it was first so [ns].
+        Stamp of its first occurrence [ns].
     value : float or None
-        How much, in the unit of `text`, or how many.
+        Amount in the unit of `text`, or a number of messages.
     text : str
-        A sentence for people.
+        Sentence for the terminal.
     count : int or None
-        Messages that have it, where `value` is something else.
+        Number of messages with it, if `value` is something else.
     at_s : float or None
         `stamp_ns` since the start of the bag [s].
     """

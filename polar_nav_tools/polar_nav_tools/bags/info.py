@@ -47,11 +47,11 @@ class BagInfo:
     size_bytes, uncompressed_bytes : int
         On disk; message records after decompression.
     ignored_bytes : int
-        Bytes that could not be made sense of.
+        Bytes that could not be read.
     compression : str
         ``zstd``, ``lz4``, ``none`` or several.
     library : str
-        What wrote it.
+        Library that wrote it.
     message_count : int
         Messages that can be read.
     start_ns, stop_ns : int
@@ -61,13 +61,13 @@ class BagInfo:
     topics : tuple of TopicInfo
         In order of name.
     nodes : dict of str to dict
-        What nodes said of themselves on /run_info: package and version.
+        Package and version of each node, by /run_info.
     run_info : dict
-        What the recorder wrote about the run; empty for other recorders' bags.
+        Description of the run by the recorder; empty for other recorders' bags.
     is_complete : bool
         Nothing is known to be missing.
     problems : tuple of str
-        What is missing or damaged, one sentence each.
+        Missing or damaged parts, one sentence each.
     """
 
     path: str
@@ -88,12 +88,12 @@ class BagInfo:
     problems: tuple[str, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return values that JSON can hold."""
+        """Facts as values for JSON."""
         return asdict(self)
 
 
 def bag_info(source: str | Path | Bag) -> BagInfo:
-    """Collect the facts.
+    """Facts about a bag.
 
     Raises
     ------
@@ -119,8 +119,8 @@ def bag_info(source: str | Path | Bag) -> BagInfo:
         duration_s=(stop_ns - start_ns) / 1e9,
         topics=topics,
         nodes={
-            name: {k: str(said.get(k, '')) for k in ('package', 'version')}
-            for name, said in sorted(bag.node_infos.items())
+            name: {k: str(described.get(k, '')) for k in ('package', 'version')}
+            for name, described in sorted(bag.node_infos.items())
         },
         run_info=bag.run_info,
         is_complete=bag.is_complete,

@@ -1,7 +1,7 @@
-"""Where each number of a CDR message stands, found by walking through one message.
+"""Offsets of the fields of a CDR message, found by walking through one message.
 
 CDR (XCDR1, what ROS 2 sends) aligns each number to its size, counted from the end of the 4-byte
-encapsulation. Where everything stands depends only on the lengths of strings and sequences; so two
+encapsulation. All offsets depend only on the lengths of strings and sequences; so two
 messages of one type with the same lengths have the same layout, and NumPy can read all of them at
 once. `Layout.lengths` are the places to compare.
 """
@@ -44,7 +44,7 @@ class Leaf:
     Attributes
     ----------
     offset : int
-        Where it starts, counted from the start of the message.
+        Its first byte, counted from the start of the message.
     format : str
         NumPy format without byte order: ``f8``, or ``V12`` for a string of 12 bytes.
     count : int or None
@@ -72,7 +72,7 @@ class Layout:
     leaves : dict of str to Leaf
         By path: ``header.stamp.sec``, ``velocity.x``, ``beam_unit_vec[2].x``.
     lengths : dict of int to int
-        Places of string and sequence lengths (4-byte numbers) and what stands there.
+        Offsets of string and sequence lengths (4-byte numbers), and these lengths.
     """
 
     order: str
@@ -96,7 +96,7 @@ def byte_order(message: bytes) -> str:
 
 
 def layout_of(store: Typestore, type_name: str, message: bytes) -> Layout:
-    """Walk through one message.
+    """Layout of one message.
 
     Raises
     ------

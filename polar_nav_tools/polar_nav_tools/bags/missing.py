@@ -1,4 +1,4 @@
-"""Sentences on what should be in a file and is not, from its scan."""
+"""Sentences about missing parts of a file, from its scan."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from .writer import SEQUENCE_KEY
 
 
 def stamp_text(stamp_ns: int) -> str:
-    """Return a stamp as people and as programs read it."""
+    """Text of a stamp as date and time, and in nanoseconds."""
     try:
         utc = datetime.fromtimestamp(stamp_ns / 1e9, UTC).isoformat(timespec='milliseconds')
     except (OverflowError, ValueError, OSError):
@@ -19,19 +19,19 @@ def stamp_text(stamp_ns: int) -> str:
 
 
 def unfinished(file: FileScan) -> str:
-    """Say how far a recording came that was not finished."""
+    """Sentence about a recording that was not finished, with its last message."""
     if file.data_ended:
         return 'the index behind all messages is damaged or cut off'
     if file.last_ns is None:
         return 'the recording was not finished'
     return (
         f'the recording was not finished; the last message is of {stamp_text(file.last_ns)}, '
-        'what came in the last moment before the recorder ended is missing'
+        'messages of the last moment before the recorder ended are missing'
     )
 
 
 def sequence_gaps(file: FileScan) -> Iterator[str]:
-    """Messages that were recorded but are not in the file any more, by their numbers."""
+    """Sentences about recorded messages missing in the file, by their sequence numbers."""
     for number, tally in file.tallies.items():
         channel = file.channels[number]
         if channel.metadata.get(SEQUENCE_KEY) == 'count' and tally.last_sequence > tally.count:

@@ -45,7 +45,7 @@ _FIELDS = (
 
 
 def load_model_run(bag: Bag, vehicle: str) -> ModelRun | None:
-    """Read what was published live; None where no model took part.
+    """Model recorded from the live run; None if no model took part.
 
     Raises
     ------
@@ -61,22 +61,22 @@ def load_model_run(bag: Bag, vehicle: str) -> ModelRun | None:
 
 
 def load_true_model(bag: Bag, vehicle: str) -> ModelSeries | None:
-    """Read the true model; None where nobody told it.
+    """True model; None if it is not recorded.
 
-    The bias of the heading is none of the vehicle's but of its AHRS: its node says it.
+    The heading bias is that of the AHRS, read from the parameters of its node.
     """
     truth = _load(bag, f'/{vehicle}/{TRUE_MODEL}')
-    told = bag.node_infos.get(f'/{vehicle}/{AHRS_NODE}', {}).get('params', {})
-    if truth is None or 'ahrs_heading_bias_deg' not in told:
+    ahrs = bag.node_infos.get(f'/{vehicle}/{AHRS_NODE}', {}).get('params', {})
+    if truth is None or 'ahrs_heading_bias_deg' not in ahrs:
         return truth
-    bias = math.radians(float(told['ahrs_heading_bias_deg']))
+    bias = math.radians(float(ahrs['ahrs_heading_bias_deg']))
     return replace(truth, heading_bias=np.full(len(truth), bias))
 
 
 def model_run_from_cdr(
     model: Iterable[bytes], identified: Iterable[bytes], truth: ModelSeries | None
 ) -> ModelRun | None:
-    """Decode what a replay published; None where no model took part."""
+    """Model of a replay; None if no model took part."""
     series = model_from_cdr(model)
     if not len(series):
         return None
@@ -89,7 +89,7 @@ def model_run_from_cdr(
 
 
 def model_from_cdr(messages: Iterable[bytes]) -> ModelSeries:
-    """Decode nav/model messages of the installed definition."""
+    """Model series of serialized nav/model messages, by the installed definition."""
     return _series(list(messages), definition(MODEL_TYPE))
 
 

@@ -1,6 +1,6 @@
-"""Opens bags: finds their files, verifies them, and says what is missing.
+"""Opened bags: their files, verified, and sentences about missing parts.
 
-With `ahead`, the arrays that are wanted of a bag are made in the same pass.
+With `ahead`, the requested arrays of a bag are made in the same pass.
 """
 
 from __future__ import annotations
@@ -19,28 +19,28 @@ if TYPE_CHECKING:
     from .ahead import Ahead, Wants
 
 Progress = Callable[[float], None]
-"""Called with the share of a bag that was looked at."""
+"""Called with the share of a bag that was scanned."""
 
 
 def open_bag(
     path: str | Path, progress: Progress | None = None, *, ahead: Wants | None = None
 ) -> Bag:
-    """Open a bag directory or an .mcap file.
+    """Bag of a directory or an .mcap file, opened and verified.
 
     Parameters
     ----------
     path : Path
     progress : callable, optional
-        Told what share of the bag was looked at; every checksum of it is compared, so that a
+        Called with the scanned share of the bag; every checksum of it is compared, so that a
         bag of gigabytes takes seconds.
     ahead : callable, optional
-        Says what is going to be read of the bag (see `ahead`). It is read in the same pass, where
-        that is possible, and `read_tables` has it at once when it is asked for the same.
+        Returns the request for the later reading of the bag (see `ahead`). It is read in the same
+        pass if possible, and `read_tables` then returns it at once for the same request.
 
     Raises
     ------
     BagError
-        If there is nothing to read: no such file, a directory without a bag, not an MCAP file,
+        If nothing can be read: no such file, a directory without a bag, not an MCAP file,
         empty, no message in it, compressed in an unknown way.
     """
     path = Path(path)
@@ -67,7 +67,7 @@ def open_bag(
 
 
 def _begin(path: Path, listing: files.Listing, wants: Wants) -> Ahead | None:
-    # Here: arrays need the compiler, which takes longer to load than a small bag.
+    # Imported here: arrays need the compiler, which loads more slowly than a small bag.
     from .ahead import begin
 
     return begin(path, listing.paths, wants)
@@ -76,18 +76,18 @@ def _begin(path: Path, listing: files.Listing, wants: Wants) -> Ahead | None:
 def _scanned(
     listing: files.Listing, progress: Progress | None, reading: Ahead | None
 ) -> list[FileScan]:
-    """Scan the files of a bag and tell the share of all bytes that is behind."""
+    """Scans of the files of a bag; reports the scanned share of all bytes."""
     sizes = [0] if progress is None else [p.stat().st_size for p in listing.paths]
     total = max(1, sum(sizes))
     scans: list[FileScan] = []
 
-    def tell(at: int) -> None:
+    def report(at: int) -> None:
         if progress is not None:
             progress((sum(sizes[: len(scans)]) + at) / total)
 
     for number, path in enumerate(listing.paths):
         take = None if reading is None else reading.file(number)
-        scans.append(scan_file(path, None if progress is None else tell, take))
+        scans.append(scan_file(path, None if progress is None else report, take))
     if progress is not None:
         progress(1.0)
     return scans

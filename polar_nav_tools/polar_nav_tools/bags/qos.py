@@ -1,6 +1,6 @@
-"""Quality of service as bags write it down, without ROS.
+"""Quality of service in the form of a bag, without ROS.
 
-`ros2 bag play` offers each topic again with the profile that stands here.
+`ros2 bag play` offers each topic again with the recorded profile.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def to_yaml(profiles: Sequence[Qos]) -> str:
 
 
 def request_for(offered: Sequence[Qos]) -> tuple[bool, bool]:
-    """Choose (reliable, transient local) for a subscription that every offer satisfies.
+    """Request (reliable, transient local) of a subscription that every offer satisfies.
 
     A stricter request than one publisher offers would not match that publisher at all.
     """

@@ -1,8 +1,8 @@
-"""What one pass over a bag looks for: topics, places of their numbers, the scanner's tables.
+"""Plan of one pass over a bag: topics, offsets of their fields, the scanner's tables.
 
 Messages with the layout of the first one of their topic (`layout.py`: the same size, the same
-lengths, the same texts) are taken by a compiled scanner of records; what it has to compare and to
-copy stands here.
+lengths, the same texts) are read by a compiled scanner of records; the bytes that it compares and
+copies are listed here.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ _WORD = 8
 
 @dataclass(frozen=True)
 class Part:
-    """One column: its fields, kind of number, and where it starts in the buffer."""
+    """One column: its fields, kind of number, and offset in the buffer."""
 
     names: tuple[str, ...]
     dtype: np.dtype[Any]
@@ -41,13 +41,13 @@ class Part:
 
     @property
     def width(self) -> int:
-        """Bytes per message."""
+        """Number of bytes per message."""
         return self.dtype.itemsize * self.count
 
 
 @dataclass
 class Wanted:
-    """One topic that becomes columns."""
+    """One topic read into columns."""
 
     topic: str
     type_name: str
@@ -61,7 +61,7 @@ class Wanted:
 
 
 class ReadPlan:
-    """Columns of the topics of a bag, and the layouts by which the scanner knows messages.
+    """Columns of the topics of a bag, and the layouts by which the scanner recognizes messages.
 
     Parameters
     ----------
@@ -71,9 +71,9 @@ class ReadPlan:
     Attributes
     ----------
     wanted : list of Wanted
-        Topics that become columns; their places in the list are their slots.
+        Topics read into columns; their indices in the list are their slots.
     raw : list of str
-        Topics whose bytes are wanted; their slots follow.
+        Topics read as serialized messages; their slots follow.
     slots : dict of str to int
         Slot of each topic.
     size : int
@@ -123,7 +123,7 @@ class ReadPlan:
         self.template = np.frombuffer(bytes(template) or b'\0', dtype=np.uint8)
 
     def learn(self, one: Wanted, example: bytes) -> bool:
-        """Make the layout of a message that of its topic, if the columns stay what they are."""
+        """Replace the layout of a topic by that of a message, if the columns stay the same."""
         layout = layout_of(store_of(one.text, one.type_name), one.type_name, example)
         for p in one.parts:
             first, leaf = one.layout.leaves[p.names[0]], layout.leaves.get(p.names[0])
@@ -177,7 +177,7 @@ class ReadPlan:
 
 
 def _constant(layout: Layout) -> list[tuple[int, int]]:
-    """Places and sizes of what makes a layout: encapsulation, lengths and texts."""
+    """Offsets and sizes of the bytes that define a layout: encapsulation, lengths and texts."""
     found = [(0, 2), *((at, 4) for at in layout.lengths)]
     for leaf in layout.leaves.values():
         size = int(leaf.format[1:]) if leaf.is_text else 0

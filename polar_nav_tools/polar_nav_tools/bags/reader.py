@@ -1,9 +1,9 @@
-"""Opens a bag in any state and says, before anything is read from it, what is wrong with it.
+"""An opened bag: topics, messages, and its problems, known before anything is read from it.
 
-Comes in: a bag directory or an .mcap file, finished, unfinished, cut off or damaged. Goes out:
-`Bag`, with topics and counts, the run's description, serialized or decoded messages in the order
-of the file, and `problems`: one sentence for each thing that is missing. A bag with no problem is
-whole: every checksum was compared and every count agrees.
+In: a bag directory or an .mcap file, finished, unfinished, cut off or damaged. Out: `Bag`, with
+topics and counts, the run's description, serialized or decoded messages in the order of the file,
+and `problems`: one sentence for each missing part. A bag without problems is whole: every checksum
+was compared and every count agrees.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from .request import ReadAhead
 
 RECOVERY_RECORD = 'polar_nav_recovery'
-"""Name of the metadata record that `recover` leaves: the bag was once broken."""
+"""Name of the metadata record of `recover`: the bag was once broken."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,7 @@ class Topic:
 
 
 class BagMessage(NamedTuple):
-    """One serialized message with all that the file says of it."""
+    """One serialized message with its topic, times and sequence number."""
 
     topic: str
     log_time_ns: int
@@ -53,7 +53,7 @@ class BagMessage(NamedTuple):
 
 
 class Bag:
-    """A bag that was opened; `opening.open_bag` makes one.
+    """An opened bag, returned by `opening.open_bag`.
 
     Attributes
     ----------
@@ -62,9 +62,9 @@ class Bag:
     files : tuple of FileScan
         The MCAP files in it, in order.
     problems : list of str
-        Sentences on what is missing or damaged; empty: the bag is whole.
+        Sentences about missing or damaged parts; empty if the bag is whole.
     read_ahead : ReadAhead or None
-        What was read while it was opened; `read_tables` takes it, once.
+        Arrays read during the opening; `read_tables` returns them, once.
     """
 
     read_ahead: ReadAhead | None = None
@@ -86,12 +86,12 @@ class Bag:
 
     @property
     def message_count(self) -> int:
-        """Messages that can be read."""
+        """Number of readable messages."""
         return sum(t.count for t in self.topics.values())
 
     @property
     def ignored_bytes(self) -> int:
-        """Bytes that could not be made sense of."""
+        """Number of bytes that could not be read."""
         return sum(f.ignored_bytes for f in self.files)
 
     @cached_property
@@ -117,7 +117,7 @@ class Bag:
         return found
 
     def channel(self, topic: str) -> Channel:
-        """Return what the bag says of a topic: type, definition, metadata."""
+        """Return the channel of a topic: type, definition, metadata."""
         if topic not in self._channels:
             raise BagError(f'{self.path} has no topic {topic}; it has {listed(self.topics)}')
         return self._channels[topic]
@@ -133,7 +133,7 @@ class Bag:
         )
 
     def require(self, topics: Iterable[str]) -> None:
-        """Insist on topics that have messages.
+        """Raise BagError unless all topics have messages.
 
         Raises
         ------
@@ -153,7 +153,7 @@ class Bag:
         Parameters
         ----------
         topics : collection of str, optional
-            Only these; all by default. One that the bag does not have gives nothing (`require`).
+            Only these; all by default. One that is not in the bag has no messages (`require`).
         """
         for message in self.records(topics):
             yield message.topic, message.log_time_ns, message.data
@@ -195,7 +195,7 @@ class Bag:
             yield log_time_ns, decode(data)
 
     def _run_records(self) -> list[tuple[str, dict[str, str]]]:
-        """Of start and end, in their order; they had one name once."""
+        """Metadata records of start and end, in order; older bags have one name for both."""
         names = (RUN_RECORD, RUN_END_RECORD)
         return [(name, m) for f in self.files for name, m in f.metadata if name in names]
 
@@ -205,7 +205,7 @@ class Bag:
 
     @cached_property
     def run_info(self) -> dict[str, Any]:
-        """What the recorder wrote about the run: start's description, overwritten by the end's.
+        """Description of the run by the recorder: that of the start, updated by that of the end.
 
         Empty for bags of other recorders.
         """
@@ -216,9 +216,9 @@ class Bag:
 
     @cached_property
     def node_infos(self) -> dict[str, dict[str, Any]]:
-        """What each node said on /run_info: node name to {node, package, version, params}.
+        """Descriptions of nodes on /run_info: node name to {node, package, version, params}.
 
-        Of several messages of a node the last one counts; what is not of this form is passed over.
+        Of several messages of a node the last one counts; messages of another form are ignored.
         """
         found: dict[str, dict[str, Any]] = {}
         try:
@@ -241,7 +241,7 @@ class Bag:
         Raises
         ------
         BagError
-            If it said nothing on /run_info.
+            If the bag has no description of it on /run_info.
         """
         params = self.node_infos.get(node, {}).get('params')
         if not isinstance(params, dict):
@@ -293,7 +293,7 @@ class Bag:
                 )
 
     def _recorded_losses(self) -> Iterator[str]:
-        """Compare with what the recorder counted, and pass on what it knew to be lost."""
+        """Problems by the recorder's own counts: missing messages, and losses that it reported."""
         for name, record in self._run_records():
             for key, value in record.items():
                 if key != PHASE_KEY and value != 'null' and _json_or_none(value) is None:
@@ -313,7 +313,7 @@ class Bag:
 
 
 def blocks_of(file: FileScan, channels: Set[int]) -> Iterator[tuple[bytes, int, int]]:
-    """Yield the blocks with messages of some channels: records, how much is usable, place.
+    """Yield the blocks with messages of some channels: records, usable bytes, block.
 
     Checksums were compared when the bag was opened; they are again where the file is not the same
     any more by its size and time.
@@ -337,7 +337,7 @@ def _file_records(file: FileScan, names: dict[int, str]) -> Iterator[BagMessage]
                 yield BagMessage(name, log_time, publish_time, sequence, data)
 
 
-def _json_or_none(text: str) -> Any:  # noqa: ANN401 - whatever stands in the JSON
+def _json_or_none(text: str) -> Any:  # noqa: ANN401 - any value of the JSON
     try:
         return json.loads(text)
     except (ValueError, TypeError, RecursionError):
@@ -345,7 +345,7 @@ def _json_or_none(text: str) -> Any:  # noqa: ANN401 - whatever stands in the JS
 
 
 def listed(names: Iterable[str]) -> str:
-    """Return names for a sentence, not more than a dozen."""
+    """Text of names for a sentence, at most a dozen."""
     names = list(names)
     shown = ', '.join(names[:12]) if names else 'none'
     return shown if len(names) <= 12 else f'{shown} and {len(names) - 12} more'

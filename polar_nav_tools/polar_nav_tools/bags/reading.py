@@ -1,6 +1,6 @@
-"""Fields of many messages: compiled, straight from the blocks of a bag to arrays.
+"""Fields of many messages as arrays, read from the blocks of a bag by compiled code.
 
-Messages of the layouts of a `read_plan.ReadPlan` are taken by a compiled scanner of records. Every
+Messages of the layouts of a `read_plan.ReadPlan` are read by a compiled scanner of records. Every
 other message goes through `columns.read_columns`, with the same numbers; if a layout stays, the
 scanner learns it.
 """
@@ -28,12 +28,12 @@ _LOW = 0xFFFF_FFFF
 
 
 class Reading:
-    """One pass over a bag: the kernel's tables, and what came out so far.
+    """One pass over a bag: the scanner's tables, and the arrays so far.
 
     Parameters
     ----------
     bag : Bag
-        Tells what there is; its blocks are given to `take`.
+        The bag with its topics and counts; its blocks are passed to `take`.
     request : Request
     """
 
@@ -49,7 +49,7 @@ class Reading:
         self._io = np.zeros(1, dtype=np.int64)
 
     def begin(self, file: FileScan) -> frozenset[int]:
-        """Begin with a file; returns the channels that are wanted of it."""
+        """Channel numbers to read of the next file."""
         numbers = self._bag.channels_of(file, self._plan.slots)
         self._slots[:] = -1
         for number, topic in numbers.items():
@@ -57,12 +57,12 @@ class Reading:
         return frozenset(numbers)
 
     def take(self, content: bytes, usable: int) -> None:
-        """Take the next block of the file.
+        """Read the next block of the file.
 
         Raises
         ------
         BagError
-            When it does not have what the bag tells of, or a message is none of its type.
+            If it differs from the scan of the bag, or a message is not of its type.
         """
         block = np.frombuffer(content, dtype=np.uint8)
         at = 0
@@ -89,12 +89,12 @@ class Reading:
                 self._odd_ones(content)
 
     def tables(self) -> Tables:
-        """Return what came out, after the last block.
+        """Return all arrays, after the last block.
 
         Raises
         ------
         BagError
-            When messages are missing.
+            If messages are missing.
         """
         for one in self._plan.wanted:
             rows = int(self._plan.tables[self._plan.slots[one.topic], records.ROWS])
@@ -108,7 +108,7 @@ class Reading:
         return self._out
 
     def _odd_ones(self, content: bytes) -> None:
-        """Take what the kernel left: raw topics, and messages of another layout."""
+        """Read the messages that the scanner left: raw topics, and those of another layout."""
         found: dict[int, list[tuple[int, bytes]]] = {}
         known = len(self._plan.wanted)
         for slot, row, start, length in self._odd[: self._io[0]].tolist():
@@ -158,7 +158,7 @@ class Reading:
 
 
 def _nanoseconds(raw: NDArray[Any]) -> NDArray[np.int64]:
-    """Turn seconds and nanoseconds to nanoseconds, in place."""
+    """Replace seconds and nanoseconds by nanoseconds, in place."""
     for i in range(0, len(raw), _SLICE):
         part = raw[i : i + _SLICE]
         seconds = (part << 32) >> 32  # signed

@@ -1,8 +1,8 @@
-"""Makes a readable bag of a broken one.
+"""Recovery of a broken bag into a readable one.
 
-Comes in: a bag that was cut off or damaged. Goes out: a new, finished bag with every message that
-can be read, bytes and times and numbers unchanged, which says of itself what it is and what was
-missing, so that no score made from it looks whole.
+In: a bag that was cut off or damaged. Out: a new, finished bag with every readable message, its
+bytes, times and numbers unchanged. A metadata record lists the missing parts, so that no score
+made from it looks whole.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from .writer import SEQUENCE_KEY, BagWriter
 
 @dataclass(frozen=True)
 class Recovery:
-    """What `recover` did.
+    """Result of `recover`.
 
     Attributes
     ----------
@@ -30,9 +30,9 @@ class Recovery:
     message_count : int
         Messages in the new bag.
     ignored_bytes : int
-        Bytes of the broken one that could not be made sense of.
+        Bytes of the broken one that could not be read.
     problems : tuple of str
-        What was wrong with it; empty if nothing was.
+        Problems of the broken bag; empty if there are none.
     """
 
     source: Path
@@ -42,7 +42,7 @@ class Recovery:
     problems: tuple[str, ...]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return values that JSON can hold."""
+        """Result as values for JSON."""
         return {
             'source': str(self.source),
             'target': str(self.target),
@@ -53,7 +53,7 @@ class Recovery:
 
 
 def recover(path: str | Path, target: str | Path, progress: Progress | None = None) -> Recovery:
-    """Copy what can be read of a bag to a new one.
+    """Result of copying the readable messages of a bag to a new one.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def recover(path: str | Path, target: str | Path, progress: Progress | None = No
     target : Path
         Directory of the new bag; must not exist.
     progress : callable, optional
-        Told what share of the old one was looked at.
+        Called with the scanned share of the old one.
 
     Raises
     ------
@@ -105,7 +105,7 @@ def _add_topic(writer: BagWriter, bag: Bag, topic: str) -> None:
 
 
 def _offered(text: str) -> list[Qos]:
-    """Profiles of a channel; those that cannot be read are left out, messages matter more."""
+    """Offered profiles of a channel; unreadable ones are left out, so that messages are kept."""
     try:
         profiles = parse_qos(text)
     except Exception:  # noqa: BLE001 - text from a damaged file

@@ -1,4 +1,4 @@
-"""What is asked of a bag, and what one pass over it gives."""
+"""Request for fields and messages of a bag, and the tables of one pass over it."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from typing import NamedTuple
 from .columns import Columns
 
 Fields = Sequence[str | tuple[str, ...]]
-"""Fields of one message; several that stand side by side and are of one kind make a row, seconds
-and nanoseconds of a time make nanoseconds."""
+"""Fields of one message; adjacent ones of one kind are read as a row, seconds and nanoseconds of a
+time as nanoseconds."""
 
 
 class Request(NamedTuple):
-    """Fields of some topics, and topics whose messages are wanted as they are."""
+    """Request for fields of some topics, and for serialized messages of others."""
 
     wanted: Mapping[str, Fields]
     raw: Sequence[str] = ()
@@ -22,17 +22,17 @@ class Request(NamedTuple):
 
 @dataclass
 class Tables:
-    """What one pass over a bag gave.
+    """Result of one pass over a bag.
 
     Attributes
     ----------
     columns : dict of str to dict of str to ndarray
-        By topic and field, N rows in the order of the bag; a tuple of k fields stands under its
+        By topic and field, N rows in the order of the bag; a tuple of k fields has the key of its
         first one, shape (N, k).
     payloads : dict of str to list of bytes
-        Messages as they are, by topic.
+        Serialized messages, by topic.
     odd : dict of str to int
-        Messages that the scanner left to be decoded otherwise.
+        Number of messages that the scanner left to be decoded one by one, by topic.
     """
 
     columns: dict[str, Columns] = field(default_factory=dict)
@@ -41,7 +41,7 @@ class Tables:
 
 
 class ReadAhead(NamedTuple):
-    """What was read while a bag was opened, and what it was read for."""
+    """Tables read during the opening of a bag, and their request."""
 
     request: Request
     tables: Tables

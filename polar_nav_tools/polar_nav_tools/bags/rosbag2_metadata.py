@@ -37,9 +37,9 @@ def bag_metadata(
     stop_ns: int,
     custom: Mapping[str, str] | None = None,
 ) -> dict[str, Any]:
-    """Build the content of metadata.yaml below its root key, for one MCAP file.
+    """Content of metadata.yaml below its root key, for one MCAP file.
 
-    Compression is left empty: chunk compression is MCAP's own matter, rosbag2's fields are about
+    Compression is left empty: chunks are compressed by MCAP itself, rosbag2's fields are about
     compressing whole files or single messages.
     """
     count = sum(t.count for t in topics)

@@ -1,4 +1,4 @@
-"""Files that a live run leaves in the folder of its bag: logs, parameters, how it ended."""
+"""Files of a live run in the folder of its bag: logs, parameters, outcome."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ RUN_FOLDER, OUTCOME_NAME = 'run', 'outcome.json'
 
 
 def read_outcome(bag: Path) -> dict[str, Any]:
-    """Read how a live run ended, from the folder of its bag; empty for bags of other origin."""
+    """Outcome of a live run, from the folder of its bag; empty for bags of other origin."""
     path = bag / RUN_FOLDER / OUTCOME_NAME
     if not path.is_file():
         return {}

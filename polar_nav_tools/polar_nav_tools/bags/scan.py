@@ -1,10 +1,9 @@
-"""Goes through one MCAP file from front to back, whatever its state, and says what is in it.
+"""Scan of one MCAP file in any state: its contents and problems, every checksum compared.
 
-Comes in: a path. Goes out: `FileScan`: channels with their counts, where the readable blocks of
-messages are, metadata, and one sentence for each thing that is wrong. A file that was cut off is
-read up to its last whole record; behind a damaged stretch the search goes on for the next intact
-chunk. Every checksum the file has is compared here, so that what is read later is known to be
-whole *before* anything is made of it.
+In: a path. Out: `FileScan`: channels with their counts, the readable blocks of messages, metadata,
+and one sentence for each problem. A file that was cut off is read up to its last whole record;
+behind a damaged stretch the search goes on for the next intact chunk. Every checksum in the file
+is compared here, *before* anything is made of its messages.
 """
 
 from __future__ import annotations
@@ -28,17 +27,17 @@ if TYPE_CHECKING:
     from .walk import CompiledWalk
 
 Progress = Callable[[int], None]
-"""Called with the bytes of the file that were looked at."""
+"""Called with the number of scanned bytes of the file."""
 Take = Callable[[Block, bytes], None]
-"""Called with each block that has messages, and its records: every checksum was compared."""
+"""Called with each block of messages and its records, after its checksum was compared."""
 
 MAX_RECORD_BYTES = 64 * 1024 * 1024
-"""Largest single record outside of chunks that is taken into memory."""
+"""Largest single record outside of chunks that is read into memory [bytes]."""
 _RAW_BLOCK_BYTES = 1 << 20
 _PIECE = 1 << 20
-_TELL_EVERY_BYTES = 4 << 20
+_REPORT_EVERY_BYTES = 4 << 20
 _COMPILED_FROM = 4 << 20
-"""Bytes of a file from which its records are counted by compiled code."""
+"""Size of a file from which its records are counted by compiled code [bytes]."""
 
 _OP_HEADER, _OP_FOOTER = 0x01, 0x02
 _OP_ATTACHMENT = 0x09
@@ -47,16 +46,16 @@ _LAST_KNOWN = 0x0F
 
 
 def scan_file(path: Path, progress: Progress | None = None, take: Take | None = None) -> FileScan:
-    """Scan one MCAP file.
+    """Contents and problems of one MCAP file.
 
     Parameters
     ----------
     path : Path
     progress : callable, optional
-        Told every few megabytes how many bytes of the file are behind.
+        Called every few megabytes with the number of scanned bytes of the file.
     take : callable, optional
-        Given the blocks that stand in chunks, in their order, as they are found whole. What the
-        rest of the file is like is not known yet.
+        Called with each chunk's block, in order, once it is found whole; the state of the rest of
+        the file is not known yet.
 
     Raises
     ------
@@ -76,15 +75,15 @@ def scan_file(path: Path, progress: Progress | None = None, take: Take | None = 
 
 
 class _Scanner:
-    """State of one pass; methods named after the records they take."""
+    """State of one pass; methods are named after the records they read."""
 
     def __init__(self, path: Path, window: Window, take: Take | None) -> None:
         self._out = FileScan(path, window.size)
         self._window = window
         self._size = window.size
         self._take = take
-        self._at = len(MAGIC)  # start of the record that is looked at
-        self._crc: int | None = crc32(MAGIC)  # of all bytes before it; None: not to be told
+        self._at = len(MAGIC)  # start of the current record
+        self._crc: int | None = crc32(MAGIC)  # of all bytes before it; None: not computed any more
         self._good_end = self._at  # end of the last record that was surely whole
         self._search_from = self._at
         self._summary_at: int | None = None
@@ -100,16 +99,16 @@ class _Scanner:
         self._compiled = _compiled_walk() if self._size >= _COMPILED_FROM else None
 
     def run(self, progress: Progress | None) -> FileScan:
-        told = 0
+        reported = 0
         while self._at < self._size and not self._out.finished:
             try:
                 self._record()
             except Damage as damage:
                 if not self._go_on(str(damage)):
                     break
-            if progress is not None and self._at >= told + _TELL_EVERY_BYTES:
-                told = self._at
-                progress(told)
+            if progress is not None and self._at >= reported + _REPORT_EVERY_BYTES:
+                reported = self._at
+                progress(reported)
         self._end_raw_block()
         self._conclude()
         return self._out
@@ -120,7 +119,7 @@ class _Scanner:
         left = self._size - self._at
         if left < HEADER.size:
             raise Damage('the file ends within a record')
-        # A little more than the header: the front of a chunk is looked at next.
+        # A little more than the header: the front of a chunk is read next.
         front = self._window.get(self._at, min(left, HEADER.size + chunks.CHUNK_FRONT))
         opcode, length = HEADER.unpack(self._enough(front, HEADER.size))
         if length > left - HEADER.size:
@@ -143,7 +142,7 @@ class _Scanner:
             self._good_end = self._at
 
     def _whole(self, opcode: int, record: memoryview) -> None:
-        """Take a record that is small enough to be looked at as a whole."""
+        """Read a record that is small enough to be read as a whole."""
         crc_before, body = self._crc, bytes(record[HEADER.size :])
         if opcode == _OP_FOOTER:
             self._feed(record[: HEADER.size])
@@ -157,7 +156,7 @@ class _Scanner:
             self._small(opcode, body, crc_before)
 
     def _indices(self, size: int) -> int:
-        """Take the indices that stand here one behind the other; how many bytes."""
+        """Number of bytes of the consecutive indices at this offset, which are checked."""
         self._end_raw_block()
         self._get(self._at, size)
         held = self._window.held(self._at)
@@ -203,7 +202,7 @@ class _Scanner:
         self._summary_at = self._at + HEADER.size + 4
 
     def _footer(self, body: bytes) -> None:
-        """Take the last record; behind it stands the magic, and then nothing."""
+        """Check the last record; the magic must follow, and then nothing."""
         fields = Reader(body)
         summary_at, _ = fields.u64(), fields.u64()
         if self._summary_at is None:
@@ -261,7 +260,7 @@ class _Scanner:
             self._take(block, records)
 
     def _plain(self, opcode: int, record: bytes) -> None:
-        """Join records that stand outside of chunks to blocks, as if they were chunks."""
+        """Join records outside of chunks to blocks, as if they were chunks."""
         if opcode == chunks.OP_MESSAGE and self._summary_at is not None:
             raise Damage('a message behind the end of the data')
         usable, channels = self._walk(record)
@@ -320,11 +319,11 @@ class _Scanner:
 
     def _ignore(self, size: int, why: str) -> None:
         self._out.ignored_bytes += size
-        self._crc = None  # it cannot match any more, which would be no news
+        self._crc = None  # it cannot match any more, which the damage explains
         self._problem(f'{why}; {size} bytes are ignored')
 
     def _go_on(self, why: str) -> bool:
-        """Go on at the next intact chunk behind a damaged place; False if there is none."""
+        """Continue at the next intact chunk behind a damaged stretch; False if there is none."""
         self._end_raw_block()
         start = self._good_end
         found = self._search.next_chunk(max(start, self._search_from))
@@ -349,7 +348,7 @@ class _Scanner:
 
 
 def _compiled_walk() -> CompiledWalk:
-    # Here: the compiler takes a third of a second to load, more than a small bag.
+    # Imported here: the compiler loads for a third of a second, longer than a small bag.
     from .walk import CompiledWalk
 
     return CompiledWalk()

@@ -1,6 +1,6 @@
-"""Message definitions for bags: the text of a type with all it depends on, from the ament index.
+"""Message definitions for bags: text of a type and its dependencies, from the ament index.
 
-Comes in: a type name. Goes out: the text that MCAP calls ``ros2msg`` (the .msg file, then each
+In: a type name. Out: the text that MCAP calls ``ros2msg`` (the .msg file, then each
 dependency after a line of 80 equal signs and ``MSG: package/Name``), with which any reader can
 decode the messages without having the package.
 """
@@ -11,7 +11,7 @@ import json
 import os
 import re
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -40,7 +40,7 @@ class Definition:
     type_hash : str
         RIHS01 hash of the installed package, empty where the package has none.
     has_header : bool
-        Whether the first field is a std_msgs/Header, so that the stamp stands in bytes 4 to 12.
+        Whether the first field is a std_msgs/Header, so that the stamp is in bytes 4 to 12.
     """
 
     type: str
@@ -66,32 +66,43 @@ def normalize(type_name: str) -> str:
 def starts_with_header(text: str) -> bool:
     """Return whether the first field of a ros2msg text is a std_msgs/Header."""
     for line in _fields(text):
-        return _HEADER_FIRST.match(line) is not None
+        if '=' not in line.partition('#')[0]:  # else a constant, which no message holds
+            return _HEADER_FIRST.match(line) is not None
     return False
 
 
 @lru_cache(maxsize=256)
 def definition(type_name: str) -> Definition:
-    """Collect the definition of an installed message type.
+    """Definition of an installed message type.
 
     Raises
     ------
     BagError
-        If the type or one that it depends on has no .msg file in any ament prefix.
+        If the type or one of its dependencies has no .msg file in any ament prefix.
     """
     root = normalize(type_name)
-    return collect(root, _prefixes())
+    return collect(root, installed_prefixes())
 
 
-def collect(type_name: str, prefixes: Sequence[Path]) -> Definition:
-    """Collect a definition from given prefixes (each with ``share/<package>/msg``)."""
+def collect(
+    type_name: str, prefixes: Sequence[Path], files: Mapping[str, Path] | None = None
+) -> Definition:
+    """Definition of a message type from given prefixes (each with ``share/<package>/msg``).
+
+    Files by type name, where they are given, win.
+    """
     texts: dict[str, str] = {}
     waiting = [(type_name, '')]
     while waiting:
         name, wanted_by = waiting.pop(0)
         if name in texts:
             continue
-        texts[name] = _read(name, wanted_by, prefixes)
+        given = (files or {}).get(name)
+        texts[name] = (
+            _read(name, wanted_by, prefixes)
+            if given is None
+            else given.read_text(encoding='utf-8')
+        )
         package = name.split('/')[0]
         waiting += [(d, name) for d in _dependencies(texts[name], package)]
     parts = [texts.pop(type_name)]
@@ -156,7 +167,7 @@ def _find(name: str, suffix: str, prefixes: Sequence[Path]) -> Path | None:
     return next((c for c in candidates if c.is_file()), None)
 
 
-def _prefixes() -> list[Path]:
-    """Where packages may be: the sourced workspaces, then the Python environment (PyPI wheels)."""
+def installed_prefixes() -> list[Path]:
+    """Ament prefixes: the sourced workspaces, then the Python environment (PyPI wheels)."""
     sourced = os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)
     return [Path(p) for p in (*sourced, sys.prefix) if p]

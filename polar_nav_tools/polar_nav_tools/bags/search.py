@@ -1,4 +1,4 @@
-"""Finds the next intact chunk behind a damaged place of an MCAP file."""
+"""Search for the next intact chunk behind a damaged stretch of an MCAP file."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from .window import Window
 
 _PIECE = 1 << 20
 _MOST = 1000
-# Opcode, length, three times, checksum, then the compression's name: what a chunk looks like.
+# Pattern of a chunk: opcode, length, two times, size, checksum, the compression's name.
 _CHUNK_LIKE = re.compile(rb'\x06.{36}(?:\x04\x00\x00\x00zstd|\x03\x00\x00\x00lz4)', re.DOTALL)
 _CHUNK_LIKE_BYTES = 45
 
 
 class Search:
-    """Looks for chunks in one file; gives up after a thousand that only looked like one."""
+    """Search for chunks in one file; ends after a thousand false matches of the pattern."""
 
     def __init__(self, window: Window) -> None:
         self._window = window
         self._tried = 0
 
     def next_chunk(self, start: int) -> int | None:
-        """Return where the next intact chunk begins, None when there is none."""
+        """Return the offset of the next intact chunk, None if there is none."""
         at = start
         while at < self._window.size and self._tried < _MOST:
             match = _CHUNK_LIKE.search(self._window.get(at, _PIECE + _CHUNK_LIKE_BYTES))

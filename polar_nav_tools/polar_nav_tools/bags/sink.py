@@ -1,4 +1,4 @@
-"""A file that grows by whole records, straight to the operating system."""
+"""Output file that grows by whole records, passed to the operating system at once."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from pathlib import Path
 
 
 class Sink:
-    """Write-only file without a buffer of its own, for `mcap.writer.Writer`.
+    """Write-only file without a buffer, for `mcap.writer.Writer`.
 
     Every call of `write` brings whole MCAP records and ends in the kernel before it returns, so
-    killing the process cannot take away what was written. A write that fails (disk full) is taken
-    back, so the file ends behind a whole record.
+    killing the process loses nothing of it. A write that fails (disk full) is undone, so the file
+    ends behind a whole record.
     """
 
     def __init__(self, path: Path) -> None:
@@ -23,7 +23,7 @@ class Sink:
         self.closed = False
 
     def write(self, data: bytes | bytearray | memoryview) -> int:
-        """Append; raises OSError when the bytes do not fit, leaving the file as it was."""
+        """Append bytes; raises OSError if they do not fit, with the file unchanged."""
         view = memoryview(data)
         try:
             while view:
@@ -41,14 +41,14 @@ class Sink:
         return self._size
 
     def flush(self) -> None:
-        """Do nothing: no byte waits here."""
+        """Do nothing: no byte is buffered."""
 
     def sync(self) -> None:
-        """Wait until the disk itself has the bytes, which only a loss of power makes matter."""
+        """Wait until the bytes are on the disk, for a loss of power."""
         os.fdatasync(self._fd)
 
     def is_in_place(self) -> bool:
-        """Whether the file still stands under its name: the kernel writes on without one."""
+        """Whether the file still exists under its name: writes succeed without it."""
         own = os.fstat(self._fd)
         try:
             named = self.path.stat()

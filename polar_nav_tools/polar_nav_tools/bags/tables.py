@@ -1,4 +1,4 @@
-"""Fields of many topics in one pass over a bag, or from what was read while it was opened."""
+"""Fields of many topics, read in one pass over a bag or during its opening."""
 
 from __future__ import annotations
 
@@ -19,25 +19,25 @@ def read_tables(
     *,
     progress: Progress | None = None,
 ) -> Tables:
-    """Read fields of some topics, and other topics' messages as they are.
+    """Tables of fields of some topics, and serialized messages of others.
 
     Parameters
     ----------
     bag : Bag
-        What was read while it was opened is taken from it, if it is the same.
+        Tables read during its opening are returned, if they are of the same request.
     wanted : mapping of str to fields
-        Topics and their numbers; topics without a message give no columns.
+        Topics and their fields; topics without a message have no columns.
     raw : sequence of str
-        Topics whose bytes are wanted.
+        Topics to be read as serialized messages.
     progress : callable, optional
 
     Raises
     ------
     BagError
-        If a topic is not CDR, a message is none of its type, or a field does not exist.
+        If a topic is not CDR, a message is not of its type, or a field does not exist.
     """
     request = Request(wanted, raw)
-    # Once: who gets arrays may change them, and their memory is not kept for others.
+    # Once: the caller may change the arrays, and their memory is not kept.
     ahead, bag.read_ahead = bag.read_ahead, None
     if ahead is not None and ahead.request == request:
         tables = ahead.tables
@@ -50,7 +50,7 @@ def read_tables(
 
 
 def _passed(bag: Bag, request: Request, progress: Progress | None) -> Tables:
-    """Read in a pass over the bag of its own."""
+    """Tables read in a separate pass over the bag."""
     reading = Reading(bag, request)
     total, before = sum(f.size for f in bag.files), 0
     for file in bag.files:

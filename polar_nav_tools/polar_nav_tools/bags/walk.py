@@ -1,4 +1,4 @@
-"""The records of a block, counted by compiled code: what `chunks.walk` does, for large bags."""
+"""Counts of the records of a block by compiled code: `chunks.walk` for large bags."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ _CHANNELS = 1 << 16
 
 
 class CompiledWalk:
-    """Goes through blocks of one file."""
+    """Counter of the messages in the blocks of one file."""
 
     def __init__(self) -> None:
         self._table = np.zeros((_CHANNELS, 5), dtype=np.uint64)
         self._marks = bytearray(_CHANNELS)
         self._seen = np.frombuffer(self._marks, dtype=np.bool_)
         self._sets: dict[tuple[int, ...], frozenset[int]] = {}  # the same few again and again
-        self._order: dict[int, None] = {}  # channels as they were met
+        self._order: dict[int, None] = {}  # channels in order of occurrence
 
     def walk(
         self, block: bytes, on_other: Callable[[int, bytes], None]
     ) -> tuple[int, frozenset[int]]:
-        """Count the messages of a block; up to where its records are whole, and its channels."""
+        """Number of bytes of whole records in a block, and its channels; counts its messages."""
         content = np.frombuffer(block, dtype=np.uint8)
         size, at = len(block), 0
         while at < size:
@@ -43,11 +43,11 @@ class CompiledWalk:
         return at, self._channels()
 
     def tallies(self) -> dict[int, Tally]:
-        """Return what was counted so far, by channel."""
+        """Return the counts so far, by channel."""
         return {channel: Tally(*self._table[channel].tolist()) for channel in self._order}
 
     def _channels(self) -> frozenset[int]:
-        """Take the marks that the kernel left; a search for bytes is quicker than one of NumPy."""
+        """Channels marked by the kernel; a search for bytes is quicker than one of NumPy."""
         marks, found = self._marks, []
         channel = marks.find(1)
         while channel >= 0:

@@ -1,23 +1,23 @@
-"""A file by place: small pieces next to each other cost no calls to the system."""
+"""Bytes of a file by offset, buffered: small adjacent reads cost no system calls."""
 
 from __future__ import annotations
 
 from typing import BinaryIO
 
 PIECE = 1 << 19
-"""Bytes that are read at once, at least."""
+"""Least number of bytes read at once."""
 
 
 class Window:
-    """Bytes of a file that were read last.
+    """Buffer with the last bytes read from a file.
 
-    Not a memory map: a file that somebody cuts off meanwhile gives less bytes, and no signal.
+    Not a memory map: a file truncated meanwhile returns fewer bytes, and raises no signal.
 
     Parameters
     ----------
     file : binary file
     size : int
-        Bytes it has.
+        Number of bytes of the file.
     """
 
     def __init__(self, file: BinaryIO, size: int) -> None:
@@ -27,7 +27,7 @@ class Window:
         self._held = memoryview(b'')
 
     def get(self, at: int, size: int) -> memoryview:
-        """Return bytes from a place on; less than asked for only at the end of the file."""
+        """Return bytes from an offset on; fewer than requested only at the end of the file."""
         start = at - self._at
         if start < 0 or start + size > len(self._held):
             self._file.seek(at)
@@ -36,5 +36,5 @@ class Window:
         return self._held[start : start + size]
 
     def held(self, at: int) -> memoryview:
-        """Return what is at hand from a place on that `get` was asked for just now."""
+        """Return the buffered bytes from an offset that the last `get` read."""
         return self._held[at - self._at :]

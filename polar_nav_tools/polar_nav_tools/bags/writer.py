@@ -1,14 +1,14 @@
-"""Writes a rosbag2 bag: MCAP of serialized messages, complete up to the last moment if killed.
+"""Writer of a rosbag2 bag: MCAP of serialized messages, readable up to a kill of the process.
 
-Comes in: serialized messages (CDR bytes) with their times. Goes out: ``<name>/<name>_0.mcap`` and,
-when finished, ``<name>/metadata.yaml``. The file is MCAP with profile ``ros2``: chunks of about
+In: serialized messages (CDR bytes) with their times. Out: ``<name>/<name>_0.mcap`` and, when
+finished, ``<name>/metadata.yaml``. The file is MCAP with profile ``ros2``: chunks of about
 256 kB, each with its checksum and index, definitions of all types embedded, a checksum over
 everything. The run is described twice, right at the start and at the end, in metadata records
 named ``polar_nav_run`` and ``polar_nav_run_end`` (a key per item, its value as JSON): two names,
-since viewers take records of one name for one record.
+since viewers join records of one name to one record.
 
 Nothing waits long in memory: a chunk goes to the operating system when it is full and at least
-every `flush_s` seconds, so killing the process loses what came within that time.
+every `flush_s` seconds, so killing the process loses the messages of that time.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from typing import Any, Self
 from mcap.writer import CompressionType, IndexType, Writer
 
 from . import qos, rosbag2_metadata
-from .errors import BagError
+from .errors import BagError, WrongRequestError
 from .qos import Qos
 from .rosbag2_metadata import TopicSummary
 from .schemas import Definition, definition
@@ -60,7 +60,7 @@ class _Channel:
 
 
 class BagWriter:
-    """One bag that is being written.
+    """Writer of one bag.
 
     Used as a context manager it finishes the bag, or abandons it when an exception passes: the
     file then has no index, and everything written so far can still be read.
@@ -70,8 +70,8 @@ class BagWriter:
     directory : Path
         The bag; must not exist. Its name becomes the name of the file in it.
     run_info : mapping
-        What describes the run: seeds, versions, git commit, mission, command line. Any values that
-        JSON can hold.
+        Description of the run: seeds, versions, git commit, mission, command line; values for
+        JSON.
     compression : str
         ``zstd``, ``lz4`` or ``none``.
     chunk_bytes : int
@@ -136,17 +136,17 @@ class BagWriter:
 
     @property
     def message_count(self) -> int:
-        """Messages given to `write`."""
+        """Number of messages passed to `write`."""
         return self._count
 
     @property
     def size(self) -> int:
-        """Bytes of the file so far."""
+        """Size of the file so far [bytes]."""
         return self._sink.tell()
 
     @property
     def counts(self) -> dict[str, int]:
-        """Messages per topic, topics without any included."""
+        """Number of messages per topic, topics without any included."""
         return {name: c.count for name, c in self._channels.items()}
 
     def add_topic(
@@ -160,26 +160,26 @@ class BagWriter:
         schema_encoding: str = 'ros2msg',
         counted: bool = True,
     ) -> None:
-        """Make a topic known; must come before its first message.
+        """Register a topic; must precede its first message.
 
         Parameters
         ----------
         topic, type_name : str
             Fully qualified topic; message type, ``package/msg/Name``.
         offered : sequence of Qos
-            What the publishers offered; the project's own profile if empty.
+            Profiles that the publishers offered; the project's own profile if empty.
         described : Definition, optional
             Definition from elsewhere (another bag); by default that of the installed package.
         encoding, schema_encoding : str
             Of the messages and of the definition.
         counted : bool
-            Whether sequence numbers count the messages from 1, so that a reader can tell how many
-            are missing.
+            Whether sequence numbers count the messages from 1, so that a reader can count the
+            missing ones.
 
         Raises
         ------
         BagError
-            If the topic is known already or the type has no definition.
+            If the topic is registered already or the type has no definition.
         """
         if topic in self._channels:
             raise BagError(f'{self.path}: topic {topic} was added before')
@@ -223,8 +223,8 @@ class BagWriter:
         Raises
         ------
         BagError
-            When the disk is full or the file cannot be written for another reason. What was
-            flushed before stays readable; the writer can only be abandoned.
+            If the disk is full or the file cannot be written for another reason. Flushed messages
+            stay readable; the writer can only be abandoned.
         """
         channel = self._channels[topic]
         channel.count += 1
@@ -257,12 +257,12 @@ class BagWriter:
         self._safe_size = self._sink.tell()  # messages still wait in the chunk
 
     def tick(self) -> None:
-        """Flush if it is time; for timers, so that the last messages before a pause get out."""
+        """Flush if it is due; for timers, so that the last messages before a pause are written."""
         if self._clock() >= self._next_flush:
             self.flush()
 
     def flush(self) -> None:
-        """Close the current chunk and give it to the operating system."""
+        """Close the current chunk and write it to the file."""
         self._next_flush = self._clock() + self._flush_s
         self._check_place()
         if not self._unflushed:
@@ -279,7 +279,7 @@ class BagWriter:
         Parameters
         ----------
         end_info : mapping
-            What is known only now (counts, losses); joined to the description of the start.
+            Items known only at the end (counts, losses); joined to the description of the start.
         """
         info = self._run_info | dict(end_info or {})
         end = _json_values(info, 'end_info') | {PHASE_KEY: 'end'}
@@ -292,7 +292,7 @@ class BagWriter:
             self._note_safe()
             self._declare_silent()
             self._mcap.add_metadata(RUN_END_RECORD, end)
-            # `ros2 bag` reads this one when it is given the file without its directory.
+            # `ros2 bag` reads this one if the path is the file's, not its directory's.
             serialized = {'serialized_metadata': rosbag2_metadata.dump(metadata)}
             self._mcap.add_metadata('rosbag2', serialized)
             self._mcap.finish()
@@ -317,7 +317,7 @@ class BagWriter:
                 record.write(library._Writer__record_builder)
 
     def abandon(self) -> None:
-        """Close the file as it is; the messages of the current chunk are given up."""
+        """Close the file as it is; the messages of the current chunk are lost."""
         self._sink.close()
 
     def __enter__(self) -> Self:
@@ -339,7 +339,7 @@ class BagWriter:
             self.abandon()
 
     def _check_place(self) -> None:
-        """Insist that the file is still there: bytes go into a removed one without an error."""
+        """Raise BagError unless the file still exists: writes to a removed one succeed."""
         if not self._sink.is_in_place():
             raise BagError(
                 f'{self.path} was removed or moved while it was being written; if removed, its '
@@ -347,7 +347,7 @@ class BagWriter:
             )
 
     def _note_safe(self) -> None:
-        """Remember that everything up to here is in the file."""
+        """Store that all messages up to here are in the file."""
         self._safe_size = self._sink.tell()
         self._safe_count = self._count
         self._unflushed = False
@@ -393,7 +393,9 @@ def _create(directory: Path) -> Sink:
         directory.mkdir(parents=True)
         return Sink(directory / f'{name}_0.mcap')
     except FileExistsError as error:
-        raise BagError(f'{directory} exists already; a bag is never overwritten') from error
+        raise WrongRequestError(
+            f'{directory} exists already; a bag is never overwritten'
+        ) from error
     except OSError as error:
         raise BagError(f'{directory}: cannot make this bag ({error.strerror})') from error
 

@@ -1,1 +1,1 @@
-"""Benchmarks beside peers: same work, same run, results compared before times are quoted."""
+"""Benchmarks beside other libraries: same work, same run, results compared before times."""

@@ -1,4 +1,4 @@
-"""Ways in which others get messages out of an MCAP bag, and from there to the engine."""
+"""Readers of MCAP bags by other libraries, and their way to the engine."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _TYPES = {
 
 
 def bare(bag: Bag) -> int:
-    """Read and decompress every chunk, and nothing else."""
+    """Number of bytes of all chunks, read and decompressed only."""
     size = 0
     for file in bag.files:
         for content, _, _ in blocks_of(file, frozenset(file.channels)):
@@ -43,13 +43,13 @@ def bare(bag: Bag) -> int:
 
 
 def mcap_raw(path: Path) -> int:
-    """Iterate over all messages with mcap, without decoding."""
+    """Iterator over all messages by mcap, without decoding."""
     with path.open('rb') as stream:
         return sum(1 for _ in make_reader(stream).iter_messages(log_time_order=False))
 
 
 def mcap_ros2(path: Path) -> Iterator[tuple[str, Any]]:
-    """Topic and message of everything, decoded by mcap-ros2-support."""
+    """Topics and messages of a bag, decoded by mcap-ros2-support."""
     with path.open('rb') as stream:
         reader = make_reader(stream, decoder_factories=[DecoderFactory()])
         for found in reader.iter_decoded_messages(log_time_order=False):
@@ -57,7 +57,7 @@ def mcap_ros2(path: Path) -> Iterator[tuple[str, Any]]:
 
 
 def mcap_rclpy(path: Path) -> Iterator[tuple[str, Any]]:
-    """Topic and message of everything, found by mcap and deserialized by rclpy."""
+    """Topics and messages of a bag, read by mcap and deserialized by rclpy."""
     types = {f'/{VEHICLE}/{topic}': one for topic, one in _TYPES.items()} | {
         topics.RUN_INFO: String
     }
@@ -72,7 +72,7 @@ def exhausted(messages: Iterator[Any]) -> int:
 
 
 def inputs_of(messages: Iterator[tuple[str, Any]], params: FollowerParams) -> Inputs:
-    """What the engine takes, from decoded messages: the peers' way to the same engine."""
+    """Input of the engine from decoded messages: the other libraries' way to the same engine."""
     found: dict[str, list[Any]] = {topic: [] for topic in session.INPUTS}
     to_event: dict[str, Callable[[Any, int], Any]] = {
         topics.IMU: readers.imu_from_msg,

@@ -1,4 +1,4 @@
-"""Compiled loops that only the benchmarks need; compiled anew in each run, never cached.
+"""Compiled loops for the benchmarks only; compiled anew in each run, never cached.
 
 From here numba would not see a change of the core's kernels (polar_nav_core.kernels.cache).
 """
@@ -33,7 +33,7 @@ def strapdown_kept(
     v_kept: Array,
     r_kept: Array,
 ) -> None:
-    """Single steps from rest in the compensation terms; the state after every sample is kept."""
+    """Single steps from rest in the compensation terms; stores the state after every sample."""
     for k in range(1, dtheta_b.shape[0]):
         strapdown_step(C_b_G, v_G, r_e, dtheta_b[k], dvel_b[k], dtheta_b[k - 1], dvel_b[k - 1], dt)
         for i in range(3):

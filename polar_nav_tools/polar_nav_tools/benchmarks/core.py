@@ -15,21 +15,21 @@ DISTRIBUTIONS = ('numpy', 'numba', 'pandas', 'python-ins', 'filterpy')
 
 @dataclass(frozen=True)
 class Group:
-    """Entries that did the same work."""
+    """Timings of entries with the same work."""
 
     key: str
     title: str
     per: str
     timings: dict[str, Timing]
     peers: tuple[str, ...]
-    """Keys of the entries that the others are compared with."""
+    """Keys of the reference entries."""
 
     def ratios(self, key: str) -> dict[str, Ratio]:
-        """How much longer the peers take than this entry."""
+        """Times of the other entries over that of this one."""
         return {p: ratio(self.timings, p, key) for p in self.peers if p != key}
 
     def table(self) -> Table:
-        """Figures for people."""
+        """Table of the times."""
         columns = [Column('title', ''), Column('us', f'per {self.per}', 'us')]
         columns += [Column(p, f'times as fast as {self.timings[p].title}') for p in self.peers]
         rows = [
@@ -43,7 +43,7 @@ class Group:
         return Table(self.title, tuple(columns), tuple(rows))
 
     def to_dict(self) -> dict[str, object]:
-        """All figures as plain data."""
+        """All times as values for JSON."""
         return {
             key: {
                 'title': t.title,
@@ -62,7 +62,7 @@ class Group:
 
 @dataclass(frozen=True)
 class CoreBenchmark:
-    """Figures of one run."""
+    """Times of one run."""
 
     samples: int
     compared_samples: int
@@ -72,7 +72,7 @@ class CoreBenchmark:
     groups: tuple[Group, ...]
 
     def to_dict(self) -> dict[str, object]:
-        """All figures as plain data."""
+        """All times as values for JSON."""
         return {
             'samples': self.samples,
             'compared_samples': self.compared_samples,
@@ -88,9 +88,9 @@ def run(
     rounds: int = ROUNDS,
     cycles: int = covariance.CYCLES,
     shortest_s: float = 0.03,
-    tell: Callable[[str], None] = lambda _: None,
+    report: Callable[[str], None] = lambda _: None,
 ) -> CoreBenchmark:
-    """Compare results, then time everything.
+    """Times of all entries, after a comparison of their results.
 
     Parameters
     ----------
@@ -100,15 +100,15 @@ def run(
         Rounds; filter cycles in one call.
     shortest_s : float
         Least time of one entry in a round [s].
-    tell : callable
-        Takes a word on what is being done.
+    report : callable
+        Called with a text on the present work.
 
     Raises
     ------
     Disagreement
         When the results of two programs differ: then there is nothing to time.
     """
-    tell('the same work: comparing results')
+    report('the same work: comparing results')
     record = navigation.record(samples)
     matrices = covariance.matrices(record, cycles)
     positions = navigation.agreement(record)
@@ -119,14 +119,14 @@ def run(
 
     batch, single = navigation.entries(record)
     whole, predictions, updates = covariance.entries(matrices)
-    tell(f'strapdown: {rounds} rounds')
+    report(f'strapdown: {rounds} rounds')
     peers = ('python_ins', 'python_ins_loop', 'numpy')
     one_by_one = 'Strapdown, sample by sample'
     groups = [
         Group('batch', 'Strapdown, a batch', 'sample', timed(batch), peers),
         Group('single', one_by_one, 'sample', timed(single), ('python_ins_called',)),
     ]
-    tell(f'filter: {rounds} rounds')
+    report(f'filter: {rounds} rounds')
     groups += [
         Group(
             'filter', 'Prediction of 24 states and 3-dim update', 'cycle', timed(whole),

@@ -1,8 +1,8 @@
 """Prediction and 3-dim update of 24 states beside filterpy: the same matrices, chained.
 
 Transition and DVL rows are those of the follower at the start of the racetrack. The core's filter
-is a closed loop: the error estimate is fed back and is zero before each update. filterpy has no
-notion of that and carries its state along; the covariance does not depend on it.
+is a closed loop: the error estimate is fed back and is zero before each update. filterpy
+has no such step and propagates its state; the covariance does not depend on it.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ def matrices(r: Record, cycles: int = CYCLES) -> Matrices:
 
 
 class Core:
-    """The kernels, called from Python in the order of the follower, or in a compiled loop."""
+    """Kernels, called from Python in the order of the follower, or in a compiled loop."""
 
     def __init__(self, m: Matrices) -> None:
         self._m = m
@@ -125,7 +125,7 @@ class Core:
 
 
 def numpy_cycles(m: Matrices) -> Array:
-    """The twin."""
+    """Cycles of the NumPy twin."""
     P, Q = m.P, np.diag(m.q)
     for z in m.z:
         P = twin.predict(P, m.Phi, Q)
@@ -191,12 +191,12 @@ def difference(P: Array, reference: Array) -> float:
 
 
 def agreement(m: Matrices) -> dict[str, float]:
-    """Run everything once and compare the covariances at the end with those of filterpy.
+    """Differences of the covariances at the end from those of filterpy.
 
     Raises
     ------
     Disagreement
-        When a difference is over BOUND.
+        If a difference is over BOUND.
     """
     core, peer = Core(m), FilterPy(m)
     pairs: dict[str, tuple[Callable[[], Array], Callable[[], Array]]] = {
@@ -217,7 +217,7 @@ def agreement(m: Matrices) -> dict[str, float]:
 
 
 def entries(m: Matrices) -> tuple[list[Entry], list[Entry], list[Entry]]:
-    """What is timed: whole cycles, predictions, updates."""
+    """Entries to time: whole cycles, predictions, updates."""
     core, peer, n = Core(m), FilterPy(m), len(m.z)
     cycles = [
         Entry('loop', 'core, compiled loop', n, core.loop),

@@ -1,4 +1,4 @@
-"""`polar bench delay`: what a late fix costs by each strategy, and stepped with Stone Soup."""
+"""`polar bench delay`: time of a late fix by each strategy, and stepped with Stone Soup."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SINGLE_GOAL, OVERLAP_GOAL, STEPPED_GOAL = 5.0, 1.0, 50.0
 
 @dataclass(frozen=True)
 class Goal:
-    """A ratio that is wanted, and the one that was measured."""
+    """A goal for a ratio, and its measured value."""
 
     what: str
     wanted: float
@@ -28,17 +28,17 @@ class Goal:
 
     @property
     def met(self) -> bool:
-        """Whether the median is at least what was wanted."""
+        """Whether the median reaches the goal."""
         return self.found.median >= self.wanted
 
     def to_dict(self) -> dict[str, object]:
-        """Plain data."""
+        """Goal as values for JSON."""
         return {'what': self.what, 'wanted': self.wanted, 'met': self.met, **_plain(self.found)}
 
 
 @dataclass(frozen=True)
 class DelayBenchmark:
-    """Figures of one run.
+    """Times of one run.
 
     Attributes
     ----------
@@ -63,11 +63,11 @@ class DelayBenchmark:
     agreement_peer: Mapping[str, float]
 
     def cost(self, rate_hz: float, strategy: str) -> Ratio:
-        """Time of a run with late fixes over that of the same run with none."""
+        """Time of a run with late fixes over that of the same run without."""
         return ratio(_both(self.runs[rate_hz], self.runs[0.0]), strategy, f'{strategy} before')
 
     def goals(self) -> list[Goal]:
-        """What was wanted."""
+        """Goals with their measured values."""
         oldest = max(self.fix)
         found = [
             Goal(
@@ -95,7 +95,7 @@ class DelayBenchmark:
         return found
 
     def tables(self) -> list[Table]:
-        """Figures for people."""
+        """Tables of the times."""
         return [self._fix_table(), self._run_table(), self._peer_table(), self._goal_table()]
 
     def _fix_table(self) -> Table:
@@ -170,7 +170,7 @@ class DelayBenchmark:
         return Table('Goals', columns, tuple(rows))
 
     def to_dict(self) -> dict[str, object]:
-        """All figures as plain data."""
+        """All times as values for JSON."""
         return {
             'rounds': self.rounds,
             'run_s': self.run_s,
@@ -198,9 +198,9 @@ def run(
     rates_hz: Sequence[float] = late_fixes.RATES_HZ,
     filled_s: float = late_fixes.FILLED_S,
     shortest_s: float = 0.005,
-    tell: Callable[[str], None] = lambda _: None,
+    report: Callable[[str], None] = lambda _: None,
 ) -> DelayBenchmark:
-    """Compare results, then time everything.
+    """Times of all entries, after a comparison of their results.
 
     Parameters
     ----------
@@ -213,15 +213,15 @@ def run(
         How long the engines run before the one fix [s]; longer than the oldest age.
     shortest_s : float
         Least time of one entry in a round, preparation left out [s].
-    tell : callable
-        Takes a word on what is being done.
+    report : callable
+        Called with a text on the present work.
 
     Raises
     ------
     Disagreement
         When `clone` and `rewind`, or the engine and Stone Soup, have different results.
     """
-    tell('the same work: comparing results')
+    report('the same work: comparing results')
     oldest = max(ages_s)
     world = late_fixes.simulated(filled_s)
     engines = late_fixes.prepared(world)
@@ -236,12 +236,12 @@ def run(
     peer = stepped.StoneSoup(work.stored)
     agreement_peer = stepped.agreement(work, peer)
 
-    tell(f'one late fix: {rounds} rounds')
+    report(f'one late fix: {rounds} rounds')
     singles = late_fixes.entries(engines, world, ages_s)
     fix = _timed(singles, rounds, shortest_s)
-    tell(f'Stone Soup: {rounds} rounds')
+    report(f'Stone Soup: {rounds} rounds')
     peers = interleave(stepped.entries(work, peer), rounds, shortest_s)
-    tell(f'whole runs: {rounds} rounds')
+    report(f'whole runs: {rounds} rounds')
     whole = _timed({rate: runs.entries(rate) for rate in (0.0, *rates_hz)}, rounds, shortest_s)
     return DelayBenchmark(
         rounds, run_s, oldest, peer_age_s, fix, whole, peers, agreement, agreement_peer
@@ -251,7 +251,7 @@ def run(
 def _timed(
     groups: Mapping[float, Sequence[Entry]], rounds: int, shortest_s: float
 ) -> dict[float, dict[str, Timing]]:
-    """Time all groups in the same rounds; back in their groups, by what is timed."""
+    """Timings of all groups in the same rounds, by group and entry."""
     timings = interleave([e for group in groups.values() for e in group], rounds, shortest_s)
     return {key: {e.title: timings[e.key] for e in group} for key, group in groups.items()}
 

@@ -1,4 +1,4 @@
-"""The picture of `polar bench delay`: one late fix over its age, and runs with many."""
+"""Figure of `polar bench delay`: time of one late fix over its age, and of runs with many."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _MARKERS = {
 
 
 def delay_figure(result: DelayBenchmark) -> Figure:
-    """Time of one late fix over its age on the left, cost of many on the right."""
+    """Figure with the time of one late fix over its age left, cost of many right."""
     with drawing('bench-delay'):
         fig = new_figure(FULL_PX, 420)
         left, right = fig.subplots(1, 2, width_ratios=(3, 2))
@@ -32,12 +32,12 @@ def delay_figure(result: DelayBenchmark) -> Figure:
 
 
 def write_figure(result: DelayBenchmark, path: Path) -> None:
-    """Write the picture; the ending of the name says the format.
+    """Write the figure in the format of the file extension.
 
     Raises
     ------
     ValueError
-        For a format that matplotlib does not know.
+        For an unknown format of matplotlib.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     metadata = {'Date': None} if path.suffix.lower() == '.svg' else None

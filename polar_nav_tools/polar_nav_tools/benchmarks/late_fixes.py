@@ -1,7 +1,7 @@
 """One late fix in an engine whose history is full, and whole runs with late fixes.
 
-The world is the straight run of the experiments: IMU at 100 Hz, DVL at 5 Hz, depth at 10 Hz. What
-the strategies make of the same fix is compared before anything is timed.
+The world is the straight run of the experiments: IMU at 100 Hz, DVL at 5 Hz, depth at 10 Hz. The
+results of the strategies for the same fix are compared before any timing.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ _SEED = 1
 
 
 def simulated(duration_s: float, fix_period_s: float = 0.5, first_s: float | None = None) -> World:
-    """World of so many seconds, with fixes that are received when they are valid.
+    """World of a duration [s], with fixes that are received when they are valid.
 
     The first is valid after ``first_s``, by default one period after the start.
     """
@@ -74,7 +74,7 @@ def _params(world: World, strategy: str, **changes: Any) -> EngineParams:  # noq
 
 
 def aged(world: World, age_s: float) -> Fix:
-    """Make the fix that was valid ``age_s`` before the last IMU sample, and is received now."""
+    """Fix that was valid ``age_s`` before the last IMU sample, and is received now."""
     now_ns = int(world.inputs.imu_stamps_ns[-1])
     wanted = now_ns - round(age_s * 1e9)
     fixes = world.inputs.fixes
@@ -85,7 +85,7 @@ def aged(world: World, age_s: float) -> Fix:
 
 
 def before(world: World) -> list[Event]:
-    """All of the world but its fixes, with one at the start that was on time."""
+    """Events of the world without its fixes, except one at the start that is on time."""
     first = min(world.inputs.fixes, key=lambda one: abs(_age_s(world, one) - _FIRST_FIX_S))
     return list(replace(world.inputs, fixes=(first,)).events())
 
@@ -95,11 +95,11 @@ def _age_s(world: World, fix: Fix) -> float:
 
 
 _Rows: TypeAlias = tuple[NDArray[Any], NDArray[np.intp], NDArray[Any]]
-"""An array, numbers of rows in it, and what stands there before the fix."""
+"""An array, numbers of rows in it, and their values before the fix."""
 
 
 class Prepared:
-    """An engine just before a fix, as often as wanted.
+    """Engine just before a fix, restored for every call.
 
     What a fix changed in the filter's arrays is copied back into place before the next call, and
     no more: copies of all ten to thirty megabytes would leave nothing in the processor's caches.
@@ -133,7 +133,7 @@ class Prepared:
         return {id(array): array for array in self._arrays}
 
     def restore(self) -> None:
-        """Bring the engine back to where it was."""
+        """Restore the engine to its state before the fix."""
         if self._taken is not None:
             for array, rows, kept in self._rows(self._taken.validity_ns):
                 array[rows] = kept
@@ -141,7 +141,7 @@ class Prepared:
         self.engine = copy.deepcopy(self._engine, self._shared())
 
     def _rows(self, validity_ns: int) -> list[_Rows]:
-        """Rows that the fix changes; the same ones each time."""
+        """Rows that the fix changes, the same in each call."""
         if validity_ns not in self._changed:
             found: list[_Rows] = []
             for array, kept in zip(self._arrays, self._kept, strict=True):
@@ -161,7 +161,7 @@ class Prepared:
         )
 
     def take(self, fix: Fix) -> list[Output]:
-        """Let the engine process the fix: this is what is timed."""
+        """Process the fix: the timed work."""
         self._taken = fix
         return list(self.engine.process(fix))
 
@@ -310,7 +310,7 @@ class Runs:
         return engine_run.run(_params(self.world, strategy), inputs)
 
     def pass_through(self, strategy: str, inputs: engine_run.Inputs) -> None:
-        """Run to the end and keep nothing: memory for covariances is not what is timed."""
+        """Run to the end and store nothing: memory for covariances is not timed."""
         engine_run.run(_params(self.world, strategy), inputs, sink=lambda _: None, derived=True)
 
     def agreement(self) -> dict[str, float]:

@@ -1,8 +1,8 @@
-"""A long recorded run of one follower, made without running one: for timing replays.
+"""Synthetic long bag of one follower, for timing replays.
 
 The straight run of the experiments at 3 m/s: IMU at 100 Hz, DVL at 5 Hz, depth and truth at 1 Hz,
 a packet every 2 s that is 5 to 15 s old, in chunks of 256 KiB compressed with zstd, like a bag of
-`./polar record`. The packets say that the leader is where the fix is.
+`./polar record`. The packets state the leader at the position of the fix.
 """
 
 from __future__ import annotations
@@ -51,12 +51,12 @@ Stream = Iterator[tuple[int, int, str, bytes]]
 
 
 class Template:
-    """Messages of one type that differ in some numbers only.
+    """Template of messages of one type that differ in some numbers only.
 
     Parameters
     ----------
     message : message
-        All the others; its strings and sequences have the lengths of all.
+        A message with the values, and the lengths of strings and sequences, of all others.
     """
 
     def __init__(self, message: Any) -> None:  # noqa: ANN401 - any ROS message
@@ -85,15 +85,15 @@ class Template:
 def long_bag(
     hours: float, *, folder: Path | None = None, progress: Progress | None = None
 ) -> Path:
-    """Return the bag of so many hours; it is made once and kept among temporary files.
+    """Path of a bag of some hours; it is made once and stored among temporary files.
 
     Parameters
     ----------
     hours : float
     folder : Path, optional
-        Where bags are kept, by default a folder of this user among temporary files.
+        Folder of the bags, by default one of this user among temporary files.
     progress : callable, optional
-        Told the share that is written.
+        Called with the written share.
     """
     base = folder or Path(tempfile.gettempdir()) / f'polar_nav_bench_{os.getuid()}'
     base.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -167,14 +167,14 @@ def _world(hours: float) -> World:
 
 def _run_info(world: World) -> bytes:
     params = FollowerParams(**to_mapping(world.params(configuration=CONFIGURATION)))
-    said = {
+    described = {
         'node': f'/{VEHICLE}/follower_node',
         'package': 'polar_nav_follower',
         'version': '',
         'engine_version': ENGINE_VERSION,
         'params': to_mapping(params),
     }
-    return to_bytes(String(data=json.dumps(said)))
+    return to_bytes(String(data=json.dumps(described)))
 
 
 Blocks = Iterator[tuple[NDArray[np.int64], Iterator[bytes]]]

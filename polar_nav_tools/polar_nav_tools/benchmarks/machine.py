@@ -1,4 +1,4 @@
-"""One core for everything that is timed, and what the machine is.
+"""One core for all timed work, and a description of the machine.
 
 Imports nothing numerical: linear algebra libraries choose their number of threads when they are
 loaded, so that the process has to be on its core before.
@@ -17,7 +17,7 @@ from ..live.run_info import cpu_model
 
 
 def pin(core: int | None = None) -> int:
-    """Bind this process to one core, the last of those it may use by default; its number.
+    """Number of the core to which this process is bound, by default the last allowed one.
 
     Raises
     ------
@@ -34,7 +34,7 @@ def pin(core: int | None = None) -> int:
 
 
 def describe(distributions: Sequence[str]) -> dict[str, object]:
-    """CPU model, cores, load average of the last minute, versions."""
+    """Description of the machine: CPU model, cores, load average of the last minute, versions."""
     return {
         'cpu': cpu_model(),
         'cores': os.cpu_count(),
@@ -50,7 +50,7 @@ def load() -> float:
 
 
 def versions(distributions: Sequence[str]) -> dict[str, str]:
-    """Versions of what is installed of these."""
+    """Versions of those of these distributions that are installed."""
     found = {}
     for name in distributions:
         try:

@@ -1,7 +1,7 @@
-"""Strapdown beside python-ins: one IMU record, integrated by everything that is timed.
+"""Strapdown beside python-ins: one IMU record, integrated by all timed programs.
 
 The record is the ideal output of the follower's IMU in the simulator's racetrack mission, at
-100 Hz with oscillating attitude, so that each end position can be held against the truth too.
+100 Hz with oscillating attitude, so that each end position can be compared with the truth too.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ State = tuple[Array, Array, Array]
 
 
 class Disagreement(PolarNavError):
-    """Two programs that were to do the same work have different results."""
+    """Programs that should do the same work have different results."""
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ class Record:
         return len(self.dtheta_b) - 1
 
     def first(self, n: int) -> Record:
-        """Make the record of the first n intervals."""
+        """Record of the first n intervals."""
         rows = slice(0, n + 1)
         return Record(
             self.C_b_G, self.v_G, self.r_e, self.dtheta_b[rows], self.dvel_b[rows], self.dt,
@@ -143,7 +143,7 @@ def core_steps(r: Record) -> State:
 
 
 def core_kept(r: Record) -> State:
-    """As `core_steps`, with the state after every sample in arrays, as python-ins has it."""
+    """As `core_steps`, with the state after every sample in arrays, as python-ins returns it."""
     C, v, p = r.start()
     n = len(r.dtheta_b)
     kept = np.empty((n, 3, 3)), np.empty((n, 3)), np.empty((n, 3))
@@ -174,7 +174,7 @@ def core_called(r: Record) -> Callable[[], State]:
 
 
 def numpy_steps(r: Record) -> State:
-    """The twin."""
+    """End position of the NumPy twin, ECEF [m]."""
     return twin.strapdown(r.C_b_G, r.v_G, r.r_e, r.dtheta_b[1:], r.dvel_b[1:], r.dt)
 
 
@@ -237,13 +237,13 @@ class PythonIns:
         return _ecef(trajectory[['lat', 'lon', 'alt']].to_numpy()[-1])
 
     def kernel(self) -> Array:
-        """Its compiled loop alone, on arrays that stand ready."""
+        """Its compiled loop alone, on prepared arrays."""
         lla, velocity_n, mat_nb = self._states
         self._kernel.integrate(self._dt, lla, velocity_n, mat_nb, self._theta, self._dv, 0, True)
         return _ecef(lla[-1])
 
     def called(self, samples: int) -> Array:
-        """One call per sample; the increments stand ready."""
+        """One call per sample, with prepared increments."""
         integrator = self._integrator()
         for row in self._rows[:samples]:
             integrator.integrate(row)
@@ -266,7 +266,7 @@ def _distance(a: Array, b: Array) -> tuple[float, float]:
 
 
 def agreement(r: Record) -> dict[str, float]:
-    """Run everything once and compare end positions, after COMPARED_SAMPLES at most.
+    """Distances of the end positions of all programs, after COMPARED_SAMPLES at most.
 
     Returns
     -------
@@ -276,7 +276,7 @@ def agreement(r: Record) -> dict[str, float]:
     Raises
     ------
     Disagreement
-        When one is over its bound.
+        If one is over its bound.
     """
     r = r.first(min(r.samples, COMPARED_SAMPLES))
     peer = PythonIns(r)
@@ -312,7 +312,7 @@ def agreement(r: Record) -> dict[str, float]:
 
 
 def entries(r: Record) -> tuple[list[Entry], list[Entry]]:
-    """What is timed: in batches, and with a call per sample."""
+    """Entries to time: in batches, and with a call per sample."""
     peer = PythonIns(r)
     few = r.first(min(r.samples, TWIN_SAMPLES))
     some = r.first(min(r.samples, CALLED_SAMPLES))

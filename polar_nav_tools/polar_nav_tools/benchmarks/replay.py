@@ -1,7 +1,7 @@
-"""A long bag to scored estimates, beside the ways that others read bags.
+"""`polar bench replay`: a long bag to scored estimates, beside other readers of bags.
 
-What a part of the bag (ten minutes) gives is compared first: the scanner's arrays with those that
-mcap-ros2-support and rclpy decode, and the estimates of the fast replay with those of a replay
+The results of a part of the bag (ten minutes) are compared first: the scanner's arrays with those
+decoded by mcap-ros2-support and rclpy, and the estimates of the fast replay with those of a replay
 message by message. Then that part is timed in interleaved rounds, and the whole bag as often
 (`whole_bag`).
 """
@@ -42,12 +42,12 @@ _IMU_HZ = RATES_HZ[topics.IMU]
 
 
 def agree(bag: Bag, mcap_file: Path) -> dict[str, int]:
-    """Compare what is going to be timed; number of values that were equal, by what was compared.
+    """Number of equal values of each comparison of the programs to be timed.
 
     Raises
     ------
     Disagreement
-        When a single bit differs.
+        If a single bit differs.
     """
     arrays = arrays_of(bag)
     params = parameters(arrays.params, None, {})
@@ -101,17 +101,17 @@ class ReplayBenchmark:
 
     @property
     def whole_bag(self) -> WholeBag:
-        """The round of median processor time (of an even number, the slower one of the middle)."""
+        """Round of median processor time (of an even number, the slower one of the middle)."""
         return sorted(self.bags, key=lambda bag: bag.total_s)[len(self.bags) // 2]
 
     @property
     def whole_s(self) -> float:
-        """Processor time of the whole bag [s]."""
+        """Processor time [s] of the whole bag."""
         return self.whole_bag.total_s
 
     @property
     def peak_mb(self) -> float:
-        """Peak memory of a process that took the whole bag: the highest of all rounds."""
+        """Peak memory [MB] of a process with the whole bag: the highest of all rounds."""
         return max(bag.peak_mb for bag in self.bags)
 
     @property
@@ -125,7 +125,7 @@ class ReplayBenchmark:
         return self.timings['mcap_ros2'].median_us * 1e-6 * 3600.0 * self.hours * _IMU_HZ
 
     def ratios(self) -> dict[str, Ratio]:
-        """Ratios within the rounds of the part; our decoding has the opening in it."""
+        """Ratios within the rounds of the part; our decoding includes the opening."""
         t = self.timings
         return {
             'mcap-ros2-support decoding / whole replay': ratio(t, 'mcap_ros2', 'whole'),
@@ -140,7 +140,7 @@ class ReplayBenchmark:
         }
 
     def goals(self) -> list[tuple[str, float, float, bool]]:
-        """What was wanted: name, goal, found, met."""
+        """Goals: name, goal, measured value, whether it is met."""
         decode = float(np.median([bag.decoding for bag in self.bags]))
         peer = self.peer_s / self.whole_s
         return [
@@ -151,7 +151,7 @@ class ReplayBenchmark:
         ]
 
     def tables(self) -> tuple[Table, ...]:
-        """Times, ratios, the whole bag, goals."""
+        """Tables of times, ratios, the whole bag and the goals."""
         bare_us = self.timings['bare'].median_us
         times = Table(
             f'A part of {self.part_minutes:g} min, per IMU message',
@@ -195,7 +195,7 @@ class ReplayBenchmark:
         return f'{min(values):.3g} to {max(values):.3g}'
 
     def to_dict(self) -> dict[str, object]:
-        """Plain data for JSON."""
+        """All results as values for JSON."""
         return {
             'rounds': self.rounds,
             'hours': self.hours,
@@ -228,18 +228,18 @@ class ReplayBenchmark:
 
 
 def run(
-    *, hours: float, rounds: int, tell: Callable[[str], None], folder: Path | None = None
+    *, hours: float, rounds: int, report: Callable[[str], None], folder: Path | None = None
 ) -> ReplayBenchmark:
-    """Make the bags, compare, and time."""
+    """Results of the benchmark: bags made, results compared, then timed."""
     minutes = min(PART_MINUTES, 60.0 * hours)
-    part_path, path = _made(minutes / 60.0, tell, folder), _made(hours, tell, folder)
+    part_path, path = _made(minutes / 60.0, report, folder), _made(hours, report, folder)
     part = open_bag(part_path)
     mcap_file = part.files[0].path
-    tell('comparing what is decoded, and the estimates')
+    report('comparing what is decoded, and the estimates')
     agreement = agree(part, mcap_file)
-    tell(f'the part of {minutes:g} min: {rounds} rounds')
+    report(f'the part of {minutes:g} min: {rounds} rounds')
     timings = interleave(_entries(part, part_path, mcap_file), rounds, shortest_s=0.0)
-    tell(f'the whole bag of {hours:g} h: {rounds} rounds')
+    report(f'the whole bag of {hours:g} h: {rounds} rounds')
     bags = tuple(take_whole_bag(path, part_path) for _ in range(rounds))
     return ReplayBenchmark(
         rounds=rounds,
@@ -252,14 +252,14 @@ def run(
     )
 
 
-def _made(hours: float, tell: Callable[[str], None], folder: Path | None) -> Path:
-    told = -1
+def _made(hours: float, report: Callable[[str], None], folder: Path | None) -> Path:
+    printed = -1
 
     def progress(share: float) -> None:
-        nonlocal told
-        if int(10 * share) > told:
-            told = int(10 * share)
-            tell(f'making the bag of {hours:g} h: {100 * share:.0f} %')
+        nonlocal printed
+        if int(10 * share) > printed:
+            printed = int(10 * share)
+            report(f'making the bag of {hours:g} h: {100 * share:.0f} %')
 
     return long_bag(hours, folder=folder, progress=progress)
 

@@ -1,7 +1,7 @@
-"""Interleaved rounds: everything runs once in each round, and ratios are taken within a round.
+"""Interleaved rounds: every entry runs once in each round, and ratios are of one round.
 
-A shared machine changes its speed by a factor of two within minutes. What ran in one round met the
-same machine; the median of the rounds' ratios is what can be quoted.
+A shared machine changes its speed by a factor of two within minutes. The entries of one round have
+the same machine; the median of the rounds' ratios can be quoted.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ LONGEST_REPEAT = 1000
 
 @dataclass(frozen=True)
 class Entry:
-    """Something to be timed."""
+    """Work to be timed."""
 
     key: str
     title: str
@@ -28,7 +28,7 @@ class Entry:
     """Called before each ``run`` and not timed."""
 
     def seconds(self, repeat: int, clock: Callable[[], float]) -> float:
-        """Time of so many calls of ``run`` [s]."""
+        """Time [s] of some calls of ``run``."""
         if self.prepare is None:
             start = clock()
             for _ in range(repeat):
@@ -45,7 +45,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Timing:
-    """Times of one entry, a value for each round."""
+    """Times of one entry, one for each round."""
 
     key: str
     title: str
@@ -75,15 +75,15 @@ def interleave(
     shortest_s: float = 0.03,
     clock: Callable[[], float] = time.process_time,
 ) -> dict[str, Timing]:
-    """Time the entries, each once per round; every second round in reverse order.
+    """Timings of the entries, each once per round; every second round in reverse order.
 
     Parameters
     ----------
     entries : sequence of Entry
-        Called once before the first round: compiles, fills caches, and tells how many calls make
-        up ``shortest_s``.
+        Called once before the first round: compiles, fills caches, and determines the number of
+        calls in ``shortest_s``.
     rounds : int
-        At least 1; 7 for figures to be quoted.
+        At least 1; 7 for times to be quoted.
     shortest_s : float
         An entry is repeated within a round until it takes this long [s].
     clock : callable
@@ -110,7 +110,7 @@ def interleave(
 
 
 def ratio(timings: Mapping[str, Timing], slow: str, fast: str) -> Ratio:
-    """How many times the work of ``fast`` is done in the time of ``slow``."""
+    """Ratio of the times of ``slow`` and ``fast`` for the same work."""
     values = [
         s / f
         for s, f in zip(

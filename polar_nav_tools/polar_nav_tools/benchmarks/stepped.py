@@ -1,6 +1,6 @@
 """The work of a late fix stepped again with Stone Soup: predictions and updates, one by one.
 
-The matrices are those that the engine stored while it took the same fix on time: transitions and
+The matrices are those that the engine stored while it fused the same fix on time: transitions and
 variances of its covariance steps, rows, noise and innovations of its updates (DVL at 5 Hz, depth
 at 10 Hz, the fix). `rewind` also integrates the IMU again and linearizes anew; Stone Soup is
 handed the matrices and does neither.
@@ -47,7 +47,7 @@ class Update:
     ----------
     H, R : (m, 24), (m, m) arrays
     y : (m,) array
-        What it measures of the error, where nothing is fed back [SI].
+        Innovation without feedback [SI].
     """
 
     H: Array
@@ -72,7 +72,7 @@ class Step:
 
 @dataclass(frozen=True)
 class Stored:
-    """What the engine stored from a fix on, and what came of it.
+    """Steps that the engine stored from a fix on, and their result.
 
     Attributes
     ----------
@@ -81,7 +81,7 @@ class Stored:
     fix : Update
     steps : tuple of Step
     P_end, x_end : (24, 24), (24,) arrays
-        Covariance, and the sum of what was fed back, at the end.
+        Covariance, and the sum of the fed-back errors, at the end.
     """
 
     P: Array
@@ -101,7 +101,7 @@ class Work:
 
 
 def work(filled_s: float, age_s: float = AGE_S) -> Work:
-    """Simulate, prepare the engines and store the matrices.
+    """Work of one late fix: simulated, with prepared engines and stored matrices.
 
     Parameters
     ----------
@@ -126,7 +126,7 @@ def work(filled_s: float, age_s: float = AGE_S) -> Work:
 
 
 def _stored(engine: Engine, rest: list[Event]) -> Stored:
-    """Process the fix and what comes after it, and read that from the log of linear steps."""
+    """Steps of the fix and of all later events, read from the log of linear steps."""
     fusion = taken_over(engine)
     if fusion is None:
         raise PolarNavError(f'the engine has no state: {engine.divergence}')
@@ -159,7 +159,7 @@ def _stored(engine: Engine, rest: list[Event]) -> Stored:
 class StoneSoup:
     """`KalmanPredictor` and `KalmanUpdater` of Stone Soup over the stored matrices.
 
-    All models and measurements stand ready; what runs is prediction and update.
+    All models and measurements are prepared; only prediction and update run.
 
     Raises
     ------
@@ -211,7 +211,7 @@ class StoneSoup:
             self._steps.append((KalmanPredictor(model), time, updates))
 
     def run(self) -> tuple[Array, Array]:
-        """Step it all; mean and covariance at the end."""
+        """Mean and covariance after all steps."""
         updater, hypothesis = self._updater, self._hypothesis
         # A new prior each time: predictors remember what they predicted from the same object.
         state = updater.update(hypothesis(self._prior(), self._fix))
@@ -223,12 +223,12 @@ class StoneSoup:
 
 
 def agreement(w: Work, peer: StoneSoup) -> dict[str, float]:
-    """Compare covariance and mean at the end, relative to the standard deviations.
+    """Differences of covariance and mean at the end, relative to the standard deviations.
 
     Raises
     ------
     Disagreement
-        When a difference is over BOUND.
+        If a difference is over BOUND.
     """
     sigma = np.sqrt(np.diagonal(w.stored.P_end))
     mean, P = peer.run()
@@ -249,7 +249,7 @@ def agreement(w: Work, peer: StoneSoup) -> dict[str, float]:
 
 
 def entries(w: Work, peer: StoneSoup) -> list[Entry]:
-    """The late fix by `clone` and `rewind`, and its work stepped with Stone Soup."""
+    """Entries of the late fix by `clone` and `rewind`, and of its work stepped with Stone Soup."""
     ours = [
         Entry(name, f'{name}, the fix in the engine', 1, partial(w.take, name), one.restore)
         for name, one in w.engines.items()

@@ -1,6 +1,6 @@
-"""Plain NumPy forms of what the core compiles: matrices and vectors, nothing by component.
+"""Plain NumPy twins of the core's kernels: matrices and vectors, nothing by component.
 
-The measure of what compiling is worth. Written for clarity and without waste: latitude in closed
+They measure the gain of compiling. Written for clarity and without waste: latitude in closed
 form, each quantity computed once.
 """
 
@@ -78,7 +78,7 @@ def _gravity(s: float, h: float) -> float:
 def strapdown(
     C_b_G: Array, v_G: Array, r_e: Array, dtheta_b: Array, dvel_b: Array, dt: float
 ) -> tuple[Array, Array, Array]:
-    """Integrate increments (n, 3) of the intervals dt [s] from a state; the state at the end."""
+    """State after increments (n, 3) over the intervals dt [s]."""
     dtheta_prev = dvel_prev = np.zeros(3)
     for dtheta, dvel in zip(dtheta_b, dvel_b, strict=True):
         sigma = dtheta + skew(dtheta_prev) @ dtheta / 12.0
@@ -110,7 +110,7 @@ def predict(P: Array, Phi: Array, Q: Array) -> Array:
 
 
 def update(P: Array, H: Array, R: Array, z: Array) -> tuple[Array, Array]:
-    """Joseph's form; estimated error and covariance after it."""
+    """Estimated error and covariance after an update in Joseph's form."""
     PHt = P @ H.T
     S = H @ PHt + R
     K = np.linalg.solve(S, PHt.T).T

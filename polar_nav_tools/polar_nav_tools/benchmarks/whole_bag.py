@@ -1,4 +1,4 @@
-"""The whole way of a long bag, in a process that did nothing before: time by stage, and memory."""
+"""Time by stage and memory of a long bag's replay and score, in a new process."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _MODULE = 'polar_nav_tools.benchmarks.whole_bag'
 
 @dataclass(frozen=True)
 class WholeBag:
-    """What one round took.
+    """Time and memory of one round.
 
     Attributes
     ----------
@@ -39,7 +39,7 @@ class WholeBag:
     bare_s : float
         Processor seconds to read and decompress the bag, and nothing else.
     system_s : float
-        Of the processor seconds, those of the system: nearly all for handing out memory.
+        Of the processor seconds, those of the system: nearly all for allocating memory.
     wall_s : float
     horizontal_m : float
         Score: horizontal RMS of the second half.
@@ -73,12 +73,12 @@ class WholeBag:
 
 
 def opened(path: Path) -> Bag:
-    """Open a bag that is going to be read, as `./polar score` does."""
+    """Bag opened for reading, as by `./polar score`."""
     return open_bag(path, ahead=lambda bag: arrays_request(bag, VEHICLE, truth=True))
 
 
 def arrays_of(bag: Bag) -> SinsArrays:
-    """Decode what the follower took, and the truth."""
+    """Arrays of the follower's input, and the truth."""
     arrays = load_arrays(bag, VEHICLE, truth=True)
     if not isinstance(arrays, SinsArrays):
         raise PolarNavError(f'{bag.path} cannot be read as arrays')
@@ -86,7 +86,7 @@ def arrays_of(bag: Bag) -> SinsArrays:
 
 
 def scored(arrays: SinsArrays, result: ReplayedRun) -> float:
-    """Score as `./polar score` does; horizontal RMS of the second half [m]."""
+    """Horizontal RMS [m] of the second half, scored as by `./polar score`."""
     if arrays.truth is None:
         raise PolarNavError(f'{arrays.bag.path} has no truth')
     runs = {CONFIGURATION: (arrays.truth, result.estimates, result.receipts)}
@@ -95,13 +95,13 @@ def scored(arrays: SinsArrays, result: ReplayedRun) -> float:
 
 
 def whole(path: Path) -> float:
-    """From the bytes of a bag to scored estimates."""
+    """Time and memory from the bytes of a bag to scored estimates."""
     arrays = arrays_of(opened(path))
     return scored(arrays, replay_arrays(arrays))
 
 
 def take_whole_bag(path: Path, warm: Path) -> WholeBag:
-    """Take a bag in a new process, which loads the kernels with another one before."""
+    """Time and memory of a bag in a new process, after another one that loads the kernels."""
     command = [sys.executable, '-m', _MODULE, str(path), str(warm)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     if done.returncode:
@@ -110,7 +110,7 @@ def take_whole_bag(path: Path, warm: Path) -> WholeBag:
 
 
 def measured(path: Path) -> WholeBag:
-    """Take a bag here and now."""
+    """Time and memory of a bag in this process."""
     bag, begin = open_bag(path), time.process_time()
     bare(bag)
     bare_s = time.process_time() - begin
@@ -148,7 +148,7 @@ def _system_s() -> float:
 
 
 def main() -> None:
-    """Take one bag and print what was measured; another one before, to load the kernels."""
+    """Print time and memory of one bag, after another one that loads the kernels."""
     collect_rarely()
     path, warm = map(Path, sys.argv[1:3])
     whole(warm)

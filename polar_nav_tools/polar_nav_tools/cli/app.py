@@ -15,6 +15,8 @@ import typer
 from polar_nav_core.errors import PolarNavError
 from polar_nav_tools.terminal.garbage_collection import collect_rarely
 
+from . import status
+
 # Before NumPy is loaded: no command multiplies matrices worth sharing, and threads that wait for
 # one another on a busy machine make a small fit a hundred times slower.
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
@@ -22,7 +24,6 @@ os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 # virtual machine whose host takes unused memory back pays dearly.
 os.environ.setdefault('NUMPY_MADVISE_HUGEPAGE', '0')
 
-INTERRUPTED_STATUS = 130
 COMMANDS = (
     'live',
     'bags',
@@ -91,36 +92,51 @@ def say(text: str) -> None:
     sys.stderr.flush()
 
 
-def end(status: int) -> NoReturn:
-    """End the command with this exit status."""
-    raise typer.Exit(status)
+def end(exit_status: int) -> NoReturn:
+    """End the command with this exit status (`status`)."""
+    raise typer.Exit(exit_status)
+
+
+def require(well: bool) -> None:
+    """End the command with status 1 unless all is well."""
+    if not well:
+        end(status.NOT_WELL)
 
 
 def main() -> int:
     """Exit status of the command line tool.
 
-    An error that is meant for the user is one sentence and status 1; anything else is a defect and
-    keeps its traceback.
+    An error that is meant for the user is one sentence; anything else is a defect and keeps its
+    traceback.
     """
     collect_rarely()
     for commands in COMMANDS:
         importlib.import_module(f'{__package__}.{commands}')
     try:
         app(prog_name='polar')
+        sys.stdout.flush()
     except SystemExit as ending:
+        if isinstance(ending.__context__, BrokenPipeError):  # click made a status 1 of it
+            return status.WELL
         return ending.code if isinstance(ending.code, int) else int(ending.code is not None)
     except PolarNavError as error:
         say(' '.join(str(error).split()))
         for line in getattr(error, 'details', ()):
             sys.stderr.write(f'  {line}\n')
-        return 1
+        return status.of_error(error)
     except OSError as error:
         if isinstance(error, BrokenPipeError):
-            return 1
-        place = f'{error.filename}: ' if error.filename else ''
-        say(f'{place}{error.strerror or error}')
-        return 1
-    except KeyboardInterrupt:
+            _forget_output()
+        else:
+            place = f'{error.filename}: ' if error.filename else ''
+            say(f'{place}{error.strerror or error}')
+        return status.of_error(error)
+    except KeyboardInterrupt as interrupt:
         say('interrupted')
-        return INTERRUPTED_STATUS
-    return 0
+        return status.of_error(interrupt)
+    return status.WELL
+
+
+def _forget_output() -> None:
+    """Let what is still to be written go nowhere: Python would fail on it when it ends."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -14,9 +14,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from polar_nav_core.errors import PolarNavError
-
-from .app import app, emit_json, end, say
+from .app import app, emit_json, require, say
+from .arguments import AnyBagArgument, MsgPathOption, existing
 from .choices import CONFIGURATIONS
 
 if TYPE_CHECKING:
@@ -24,18 +23,7 @@ if TYPE_CHECKING:
     from ..bags import Bag
     from ..bags.ahead import Wants
     from ..bags.request import Request
-
-
-def existing(bag: Path) -> Path:
-    """Path of something that exists, before a command loads what reads it."""
-    try:
-        there = bag.exists()
-    except OSError as error:
-        raise PolarNavError(f'{bag}: cannot be read ({error.strerror})') from error
-    if not there:
-        raise PolarNavError(f'{bag} does not exist')
-    return bag
-
+    from ..foreign.sources import Source
 
 BagArgument = Annotated[
     Path,
@@ -99,19 +87,25 @@ def replay(
         list[str] | None,
         typer.Option('--accept', metavar='FINDING', help='With --map: take such data as is.'),
     ] = None,
+    msg_path: MsgPathOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Run the messages of a bag through the follower's filter again.
 
     The same engine as in the live node, on the same bytes: with the recorded parameters it gives
-    the recorded estimates. Hashes of the messages are told with --out, which makes them. With
+    the recorded estimates. Hashes of the messages are printed with --out, which makes them. With
     --map, a bag of any origin: MCAP, sqlite3 or ROS 1.
     """
     if mapping is not None:
         from .foreign import replay_foreign
 
-        replay_foreign(bag, mapping, configuration, change or [], accept or [], out, as_json)
+        stated, taken = change or [], accept or []
+        replay_foreign(bag, mapping, configuration, stated, taken, out, msg_path, as_json)
         return
+    if msg_path is not None:
+        raise typer.BadParameter('goes with --map', param_hint='--msg-path')
+    from polar_nav_core.engine.health.span import span_of_health
+
     from ..replay.arrays import arrays_request
     from ..replay.by_array import replay_estimates
     from ..replay.by_message import ReplayResult
@@ -142,12 +136,13 @@ def replay(
                     progress=progress,
                 )
         summary = replay_summary(result, choose_description(source, vehicle)[1])
+        span = span_of_health(result.health)
         if out is not None and isinstance(result, ReplayResult):
             write_replay(out, result, source)
             summary['bag'] = str(out)
         if as_json:
-            said = {'ok': not (source.problems or result.divergence), 'path': str(source.path)}
-            emit_json({**said, **summary})
+            well = not (source.problems or result.divergence or span.complaint)
+            emit_json({'ok': well, 'path': str(source.path), **summary})
         else:
             for name, value in summary.items():
                 first, *others = value if isinstance(value, list) and value else [_plain(value)]
@@ -155,7 +150,9 @@ def replay(
                 sys.stdout.writelines(f'{"":>20}{other}\n' for other in others)
         if result.divergence:
             say(f'the filter diverged: {result.divergence}')
-            end(1)
+        if span.complaint:
+            say(span.complaint)
+        require(not (result.divergence or span.complaint))
 
 
 @app.command(epilog='Example: `./polar report bags/my_run --open`')
@@ -187,26 +184,33 @@ def report(
             sys.stdout.write(f'{path}\n')
         if open_report:
             typer.launch(str(path))
-        if not print_complaints(analysis):
-            end(1)
+        require(print_complaints(analysis))
 
 
 @app.command(epilog='Example: `./polar info bags/my_run --json`')
-def info(bag: BagArgument, as_json: JsonOption = False) -> None:
+def info(bag: AnyBagArgument, msg_path: MsgPathOption = None, as_json: JsonOption = False) -> None:
     """Show the contents of a bag: topics, counts, rates, its run, and missing parts."""
     from ..bags.info import bag_info
+    from ..foreign.definitions import undecodable
+    from ..foreign.info import source_info
+    from ..foreign.sources import not_described
+    from ..foreign.sources.mcap import McapSource
 
-    with opened(bag) as source:
-        facts = bag_info(source)
+    with opened_source(bag, msg_path) as source:
+        facts = bag_info(source.bag) if isinstance(source, McapSource) else source_info(source)
+        missing = not_described(source)
         if as_json:
             from ..scoring.json_values import jsonable
 
             said = {name: jsonable(value) for name, value in facts.to_dict().items()}
-            emit_json({'ok': facts.is_complete, **said})
+            emit_json({'ok': facts.is_complete, **said, 'not_described': list(missing)})
         else:
             from ..terminal.tables import print_info
 
             print_info(facts)
+        sentence = undecodable(missing)
+        if sentence is not None:
+            say(f'{bag}: {sentence}')
 
 
 @app.command(epilog='Example: `./polar recover bags/broken --out bags/mended`')
@@ -241,8 +245,21 @@ def opened(path: Path, ahead: Wants | None = None) -> Iterator[Bag]:
 
     bag = open_for(path, say, ahead)
     yield bag
-    if bag.problems:
-        end(1)
+    require(not bag.problems)
+
+
+@contextmanager
+def opened_source(path: Path, msg_path: Path | None) -> Iterator[Source]:
+    """Open a bag of any kind for one command, as `opened`."""
+    from ..foreign.sources import open_source
+    from ..terminal.progress import opening_display
+
+    with opening_display(path) as progress:
+        source = open_source(path, progress, msg_path=msg_path)
+    for problem in source.problems:
+        say(f'{path}: {problem}')
+    yield source
+    require(not source.problems)
 
 
 @contextmanager
@@ -273,6 +290,7 @@ def analysed(
             chosen,
             vehicle=vehicle,
             live=recorded,
+            judge_live=recorded or not configurations,
             truth_from=None if truth is None else open_for(truth, say),
             say=say,
             progress=progress,
@@ -302,6 +320,8 @@ def print_complaints(analysis: Analysis) -> bool:
     complaints = analysis.complaints()
     for complaint in complaints[len(analysis.bag.problems) :]:
         say(complaint)
+    for remark in analysis.remarks():
+        say(f'beside it, {remark}')
     return not complaints
 
 

@@ -60,7 +60,7 @@ def core(
     from ..benchmarks.core import DISTRIBUTIONS, run
 
     before = machine.describe(DISTRIBUTIONS)
-    result = run(samples=samples, rounds=rounds, tell=say)
+    result = run(samples=samples, rounds=rounds, report=say)
     facts = {**before, 'core': used, 'load_average_after': machine.load()}
     if as_json:
         emit_json({'machine': facts, **result.to_dict()})
@@ -104,7 +104,7 @@ def delay(
     from ..benchmarks.delay import DISTRIBUTIONS, run
 
     before = machine.describe(DISTRIBUTIONS)
-    result = run(rounds=rounds, run_s=seconds, tell=say)
+    result = run(rounds=rounds, run_s=seconds, report=say)
     facts = {**before, 'core': used, 'load_average_after': machine.load()}
     if figure is not None:
         from ..benchmarks.delay_figure import write_figure
@@ -154,7 +154,7 @@ def replay(
     from ..benchmarks.replay import DISTRIBUTIONS, run
 
     before = machine.describe(DISTRIBUTIONS)
-    result = run(hours=hours, rounds=rounds, tell=say, folder=folder)
+    result = run(hours=hours, rounds=rounds, report=say, folder=folder)
     facts = {**before, 'core': used, 'load_average_after': machine.load()}
     if as_json:
         emit_json({'machine': facts, **result.to_dict()})
@@ -180,7 +180,7 @@ def _print_tables(tables: Iterable[Table]) -> None:
 
 
 def _machine(facts: Mapping[str, Any], rounds: int, versions: Mapping[str, str]) -> str:
-    """Return the line about where and with what was measured."""
+    """Return the line about the machine and versions of a measurement."""
     return (
         f'{facts["cpu"]}, core {facts["core"]} of {facts["cores"]}, load'
         f' {facts["load_average"]:.1f} to {facts["load_average_after"]:.1f}, Python'

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from .app import app, emit_json, end, say
+from .app import app, emit_json, require, say
 
 _EXAMPLES = (
     'Example: `./polar delay-budget --range 5000 --bit-rate 300 --retries 1`'
@@ -46,8 +46,7 @@ def _delay_budget(
         _print(result, link)
     for problem in result.problems:
         say(problem)
-    if result.problems:
-        end(1)
+    require(not result.problems)
 
 
 def _print(result: Any, link: Any) -> None:  # noqa: ANN401 - types of a module that is loaded late

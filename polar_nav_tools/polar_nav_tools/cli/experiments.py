@@ -164,14 +164,9 @@ def mismatch(
     as_json: Json = False,
 ) -> None:
     """Run filters in worlds with faults unknown to them: wrong, visible, reported."""
-    from dataclasses import replace
-
-    request = replace(
-        _request('mismatch', quick, None, seeds, columns, settings, jobs),
-        rows=rows,
-        first_seed=first_seed,
-    )
-    _run('mismatch', request, _folder(out, 'mismatch'), as_json)
+    request = _request('mismatch', quick, None, seeds, columns, settings, jobs)
+    chosen = replace(request, rows=rows, first_seed=first_seed)
+    _run('mismatch', chosen, _folder(out, 'mismatch'), as_json)
 
 
 @experiment.command(
@@ -237,7 +232,7 @@ def _request(
     settings: list[str] | None,
     jobs: int | None,
 ) -> Request:
-    """What every experiment is asked for."""
+    """Options of every experiment."""
     from polar_nav_core.errors import ConfigError
 
     from ..experiments.catalog import experiment_named
@@ -263,7 +258,7 @@ def _folder(out: Path | None, name: str) -> Path:
 
 
 def _run(name: str, request: Request, folder: Path, as_json: bool) -> None:
-    """Run an experiment with its progress on stderr, and print what came out."""
+    """Run an experiment with its progress on stderr, and print its results."""
     from ..experiments.catalog import experiment_named
     from ..experiments.experiment import run
     from ..terminal.progress import progress_display

@@ -10,7 +10,8 @@ import typer
 
 from polar_nav_core.errors import ConfigError
 
-from .app import app, emit_json, end, say
+from .app import app, emit_json, require, say
+from .arguments import AnyBagArgument, MsgPathOption
 
 JsonOption = Annotated[bool, typer.Option('--json', help='Print figures as JSON on stdout.')]
 import_app = typer.Typer(no_args_is_help=True, help='Make a bag of data that were never a bag.')
@@ -19,26 +20,61 @@ app.add_typer(import_app, name='import')
 
 @app.command(name='map', epilog='Example: `./polar map cruise.bag > mapping.yaml`')
 def map_(
-    bag: Annotated[
-        Path,
-        typer.Argument(
-            metavar='BAG', help='Folder of a bag, .mcap, .db3 or .bag file.', show_default=False
-        ),
-    ],
+    bag: AnyBagArgument,
+    imu: Annotated[
+        str | None, typer.Option('--imu', metavar='CLASS', help='Class of the IMU: its noise.')
+    ] = None,
+    dvl: Annotated[
+        str | None, typer.Option('--dvl', metavar='CLASS', help='Class of the DVL: its noise.')
+    ] = None,
+    reference: Annotated[
+        str | None,
+        typer.Option('--reference', help='Of DVL velocities: bottom or water.'),
+    ] = None,
+    clock: Annotated[
+        str | None,
+        typer.Option('--clock', help='Times of validity: header stamps, or those of the log.'),
+    ] = None,
+    msg_path: MsgPathOption = None,
 ) -> None:
     """Guess which topic of a bag is what, and print a mapping for `polar replay --map`.
 
     Comments in it say what was guessed from what, and what has to be filled in by hand.
+    Instruments and clock that no option states are asked for on a terminal.
     """
+    from ..foreign.definitions import undecodable
     from ..foreign.guess import guess
-    from ..foreign.sources import open_source
+    from ..foreign.guess_noise import Choices
+    from ..foreign.instrument_noise import DVL_CLASSES, IMU_CLASSES
+    from ..foreign.mapping import REFERENCES, STAMPS
+    from ..foreign.sources import not_described, open_source
     from ..terminal.progress import opening_display
 
     with opening_display(bag) as progress:
-        source = open_source(bag, progress)
+        source = open_source(bag, progress, msg_path=msg_path)
     for problem in source.problems:
         say(f'{bag}: {problem}')
-    sys.stdout.write(guess(source))
+    missing = undecodable(not_described(source))
+    if missing is not None:
+        say(f'{bag}: {missing}')
+    chosen = Choices(
+        imu=_chosen('--imu', imu, IMU_CLASSES),
+        dvl=_chosen('--dvl', dvl, DVL_CLASSES),
+        reference=_chosen('--reference', reference, REFERENCES),
+        clock=_chosen('--clock', clock, STAMPS),
+    )
+    sys.stdout.write(guess(source, chosen))
+
+
+def _chosen(option: str, given: str | None, options: tuple[str, ...]) -> str | None:
+    """Check what an option states, or ask for it on a terminal; None where nobody knows."""
+    value = given
+    if value is None and sys.stdin.isatty() and sys.stderr.isatty():
+        text = f'{option} ({", ".join(options)}; empty: not known)'
+        value = typer.prompt(text, default='', show_default=False, err=True).strip() or None
+    if value is not None and value not in options:
+        raise typer.BadParameter(f'{value!r} is none of {", ".join(options)}', param_hint=option)
+    return value
 
 
 @import_app.command(
@@ -80,6 +116,7 @@ def replay_foreign(
     changes: list[str],
     accept: list[str],
     out: Path | None,
+    msg_path: Path | None,
     as_json: bool,
 ) -> None:
     """Run `polar replay --map`: check the bag, replay it, print and write the results."""
@@ -98,7 +135,7 @@ def replay_foreign(
     if configuration is not None:
         chosen['configuration'] = configuration
     with opening_display(bag) as progress:
-        source = open_source(bag, progress)
+        source = open_source(bag, progress, msg_path=msg_path)
     for problem in source.problems:
         say(f'{bag}: {problem}')
     what = mapping.with_parameters(mapping_file.load(mapping_path), chosen)
@@ -114,10 +151,12 @@ def replay_foreign(
     if out is not None:
         said['written'] = str(replay.write(out, run))
     compared = run.comparison()
+    if compared is not None:
+        said['nees'] = replay.nees_judged(compared)
     if as_json:
         emit_json(
             {
-                'ok': not (source.problems or run.divergence),
+                'ok': not (source.problems or run.complaints()),
                 **said,
                 'findings': [finding_values(f) for f in run.findings],
                 'score': None if compared is None else compared.to_dict(),
@@ -127,7 +166,9 @@ def replay_foreign(
         console = Console(highlight=False)
         for name, value in said.items():
             shown = (
-                ', '.join(f'{k} {v}' for k, v in value.items()) if name == 'verdicts' else value
+                ', '.join(f'{k} {v}' for k, v in value.items())
+                if isinstance(value, dict)
+                else value
             )
             sys.stdout.write(f'{name:>14}: {shown}\n')
         for finding in run.findings:
@@ -138,7 +179,6 @@ def replay_foreign(
             )
         if compared is not None:
             print_table(console, compared.table())
-    if run.divergence:
-        say(f'the filter diverged: {run.divergence}')
-    if run.divergence or source.problems:
-        end(1)
+    for complaint in run.complaints():
+        say(complaint)
+    require(not (run.complaints() or source.problems))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .app import app, emit_json, end, say
+from .app import app, emit_json, require, say
 from .bags import BagArgument, JsonOption, VehicleOption, opened, percent
 
 if TYPE_CHECKING:
@@ -88,8 +88,7 @@ def identify(
             for i, result in enumerate(results):
                 sys.stdout.write('\n' if i else '')
                 _print(result)
-        if check and not accepted:
-            end(1)
+        require(accepted or not check)
 
 
 def _print(identified: Identified) -> None:

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .app import app, emit_json, end, say
+from . import status
+from .app import app, emit_json, end, require, say
 from .choices import CONFIGURATIONS, LEADERS, MISSIONS, PACES, one_of
 
 if TYPE_CHECKING:
@@ -55,7 +56,7 @@ LeaderOption = Annotated[
     typer.Option(
         '--leader',
         metavar=one_of(LEADERS),
-        help='perfect: told where it is, as the papers assume; own: it navigates.',
+        help='perfect: knows its position, as the papers assume; own: it navigates.',
     ),
 ]
 NetworkOption = Annotated[
@@ -79,7 +80,7 @@ def demo(
         str,
         typer.Option(
             metavar=one_of(PACES),
-            help='lockstep loses nothing and is fast; realtime waits for nobody.',
+            help='lockstep loses nothing and is fast; realtime waits for no node.',
         ),
     ] = 'lockstep',
     configuration: ConfigurationOption = None,
@@ -117,7 +118,7 @@ def demo(
     result = run_demo(options, say=say)
     if result.signal is not None:
         say(f'ended by {signal.Signals(result.signal).name}; the bag is {result.run.bag}')
-        end(128 + result.signal)
+        end(status.of_signal(result.signal))
     if as_json:
         emit_json(result.to_dict())
     else:
@@ -126,7 +127,9 @@ def demo(
         typer.launch(str(result.report))
     for complaint in result.complaints:
         say(complaint)
-    end(1 if result.complaints else 0)
+    for remark in result.analysis.remarks() if result.analysis is not None else ():
+        say(f'beside it, {remark}')
+    require(not result.complaints)
 
 
 @app.command(epilog='Example: `./polar launch --duration 300`, and elsewhere `ros2 topic list`')
@@ -178,7 +181,7 @@ def launch(
     run.check()
     if run.outcome.culprit is not None:
         say(f'{run.outcome.culprit.name} {run.outcome.culprit.how()} while it was ended')
-        end(1)
+        end(status.NOT_WELL)
 
 
 @app.command(epilog='Example: `./polar record --out bags/my_run`')

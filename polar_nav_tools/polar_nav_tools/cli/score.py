@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .app import app, emit_json, end, say
+from .app import app, emit_json, require, say
 from .bags import (
     ConfigurationsOption,
     JsonOption,
@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 @app.command(
     epilog='Example: `./polar score bags/my_run`'
     '\n\nOnly what was recorded live: `./polar score bags/my_run --recorded`'
+    '\n\nWithout a truth: `./polar score bags/my_run --withhold fixes:50% --withhold dvl:60s`'
     '\n\nSide by side: `./polar score bags/a bags/b --configs conventional_akf modified_akf '
     'default --markdown scores.md --csv scores.csv`'
 )
@@ -51,6 +52,22 @@ def score(
         Path | None,
         typer.Option('--csv', help='Write every number, unrounded: table, run, figure, value.'),
     ] = None,
+    withhold: Annotated[
+        list[str] | None,
+        typer.Option(
+            '--withhold',
+            metavar='WHAT',
+            help='Keep measurements from the filter and predict them: fixes:50%, dvl:60s, '
+            'depth:30s; may be repeated. Needs no truth.',
+        ),
+    ] = None,
+    seed: Annotated[
+        int, typer.Option('--seed', min=0, help='With --withhold: of the random share.')
+    ] = 1,
+    mapping: Annotated[
+        Path | None,
+        typer.Option('--map', help="With --withhold: what is what in someone else's bag."),
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """Compare estimates with the truth: errors, what the delay costs, honesty of the covariance.
@@ -68,6 +85,15 @@ def score(
 
     found, named = _apart(bags, configs or [])
     chosen = [*(configuration or []), *named]
+    if withhold:
+        from .withhold import score_withheld
+
+        if len(found) != 1:
+            raise typer.BadParameter('--withhold takes one bag')
+        score_withheld(found[0], withhold, seed, chosen, mapping, vehicle, as_json)
+        return
+    if mapping is not None:
+        raise typer.BadParameter('--map goes with --withhold; `polar replay --map` scores too')
     analyses: dict[str, Analysis] = {}
     for label, bag in label_bags(found).items():
         source = open_for(bag, say, ahead_of(recorded, truth, vehicle))
@@ -89,8 +115,7 @@ def score(
         for table in tables:
             print_table(console, table)
     well = [print_complaints(analysis) for analysis in analyses.values()]
-    if not all(well):
-        end(1)
+    require(all(well))
 
 
 def _apart(words: list[Path], configs: list[str]) -> tuple[list[Path], list[str]]:
@@ -116,6 +141,9 @@ def _document(analyses: Mapping[str, Analysis]) -> dict[str, object]:
             'runs': one.comparison.to_dict(),
             'packets': None if one.delivery is None else one.delivery.to_dict(),
             'complaints': one.complaints(),
+            'remarks': one.remarks(),
+            'health': {name: span.to_dict() for name, span in one.spans.items()},
+            'judged': list(one.judged),
         }
         for label, one in analyses.items()
     }

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .app import app, emit_json, end, say
+from .app import app, emit_json, require, say
+from .arguments import AnyBagArgument, MsgPathOption
 from .bags import BagArgument, JsonOption, VehicleOption, opened, percent
 
 if TYPE_CHECKING:
@@ -84,8 +85,7 @@ def verify(
                 say(f'recorded with engine {result.engine_version}: {problem}')
         elif not result.equal:
             say(f'live and replay differ: {result.difference}')
-        if not well:
-            end(1)
+        require(well)
 
 
 def _plain(result: VerifyResult) -> dict[str, object]:
@@ -155,27 +155,29 @@ def _print_closeness(c: Closeness) -> None:
     '\n\nAs a gate in a script: `./polar doctor bags/my_run --json > health.json || exit 1`'
 )
 def doctor(
-    bag: BagArgument,
+    bag: AnyBagArgument,
     everything: Annotated[bool, typer.Option('--all', help='Show what is well, too.')] = False,
+    msg_path: MsgPathOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Examine a bag: what is missing, gaps, rates, stamps, and whether every message adds up.
 
-    Needs nothing of this project in the bag. The exit status is 1 when there is an error; warnings
-    do not change it.
+    Needs nothing of this project in the bag, which is MCAP, sqlite3 or ROS 1. The exit status is 1
+    when there is an error; warnings do not change it.
     """
-    from ..analysis.opening import open_for
     from ..doctor.examine import examine
+    from ..foreign.sources import open_source
+    from ..terminal.progress import opening_display
 
-    source = open_for(bag, lambda _: None)  # its problems are among the findings
+    with opening_display(bag) as opening:
+        source = open_source(bag, opening, msg_path=msg_path)
     with percent('examine') as progress:
         examination = examine(source, progress=progress)
     if as_json:
         emit_json(examination.to_dict())
     else:
         _print_examination(examination, everything)
-    if not examination.ok:
-        end(1)
+    require(examination.ok)
 
 
 def _print_examination(examination: Examination, everything: bool) -> None:

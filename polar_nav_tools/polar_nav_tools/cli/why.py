@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from .app import app, emit_json, end, say
+from .app import app, emit_json, require, say
 from .bags import BagArgument, JsonOption, VehicleOption
 
 if TYPE_CHECKING:
@@ -40,16 +40,16 @@ def why(
     vehicle: VehicleOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Tell the story of one fix: when it was valid, where its delay came from, what it changed."""
+    """Print the story of one fix: its times, the parts of its delay, its verdict, its effect."""
     from ..analysis.opening import follower_of, open_for
     from ..replay.recorded import followers_of
-    from ..why import load_records, tell
+    from ..why import load_records, story_of
 
     source_bag = open_for(bag, say)
     name = vehicle or follower_of(source_bag)
     params = followers_of(source_bag).get(name, {})
     records = load_records(source_bag, name, configuration, params=params)
-    story = tell(records, seq, source)
+    story = story_of(records, seq, source)
     if figure is not None:
         from ..why.figure import write_figure
 
@@ -62,8 +62,7 @@ def why(
         _print(story)
         if figure is not None:
             sys.stdout.write(f'\n{figure}\n')
-    if source_bag.problems:
-        end(1)
+    require(not source_bag.problems)
 
 
 def _print(story: Story) -> None:

@@ -1,12 +1,12 @@
-"""Make the packages of this tree at home in a virtual environment, and write the lock file.
+"""Links of this tree's packages into a virtual environment, and the lock file.
 
 `./polar` runs this file by its path, before anything of ours can be imported: it uses the standard
 library and setuptools only.
 
-``link``: the environment gets a .pth file with the package roots, the programs of each setup.py
+``link``: the environment gets a .pth file with the package roots, the programs of each setup.cfg
 under lib/<package> (where ``ros2 run`` looks for them), the marker of the ament index, and
-share/<package> as a link to the sources. Nothing is copied, so nothing goes stale: an edited
-module, launch file or parameter file counts at once.
+share/<package> as a link to the sources. Nothing is copied: an edited module, launch file or
+parameter file takes effect at once.
 
 ``lock``: resolve requirements.in with the running Python and write name==version of all it brings,
 with the sha256 of the files that Python 3.11 and 3.12 take.
@@ -68,7 +68,7 @@ Version: {version}
 
 @dataclass(frozen=True)
 class Package:
-    """What the setup.py of one package declares."""
+    """Declarations in the setup.cfg of one package."""
 
     name: str
     version: str
@@ -77,14 +77,14 @@ class Package:
 
 
 def declared(folder: Path) -> Package:
-    """Read setup.py of the package in ``folder`` without building anything."""
+    """Declarations of the package in ``folder``, read from its setup.cfg without a build."""
     importlib.import_module('setuptools')  # provides distutils where Python no longer does
     from distutils.core import run_setup
 
     before = Path.cwd()
     os.chdir(folder)
     try:
-        found = run_setup('setup.py', stop_after='init')
+        found = run_setup('setup.py', stop_after='config')
     finally:
         os.chdir(before)
     entry_points: dict[str, list[str]] = getattr(found, 'entry_points', None) or {}
@@ -116,7 +116,7 @@ def link(prefix: Path) -> None:
 
 
 def write_programs(folder: Path, programs: dict[str, str]) -> None:
-    """Make ``folder`` hold exactly these programs."""
+    """Write exactly these programs to ``folder``."""
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir()
     shebang = shebang_of(sys.executable)
@@ -128,7 +128,7 @@ def write_programs(folder: Path, programs: dict[str, str]) -> None:
 
 
 def shebang_of(python: str) -> str:
-    """First line of a program; two where the path of Python is nothing that the kernel can read.
+    """First line of a program; two if the kernel cannot use the path of Python.
 
     The shell reads an empty text and ``exec``; Python, started by it, a text in triple quotes.
     """

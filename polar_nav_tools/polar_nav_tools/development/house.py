@@ -20,7 +20,7 @@ _LINE, _PAD = 15, 8
 _NAMES = 170
 """Width for the name where a floor is one room; its docstring stands beside it."""
 _PER_CHARACTER = 6.6
-"""Width of a character of a docstring, on the safe side."""
+"""Upper bound of the width of a character of a docstring."""
 _STYLE = """\
 text { font-family: system-ui, -apple-system, "Segoe UI", Roboto, sans-serif; fill: #1c2733; }
 .title { font-size: 15px; font-weight: 600; }
@@ -95,7 +95,7 @@ def drawing(root: Path) -> str:
 
 
 def _floor(parts: list[str], floor: Floor, y: int) -> int:
-    """Append the rooms of a floor at height ``y``; returns how high the floor is."""
+    """Height of a floor whose rooms are appended at ``y``."""
     each = (_WIDTH - 2 * _MARGIN - _GAP * (len(floor.rooms) - 1)) // len(floor.rooms)
     alone = len(floor.rooms) == 1
     left, below = (_NAMES, 0) if alone else (0, 1)

@@ -41,7 +41,7 @@ _WARNING = (
 
 
 def parameters_page() -> str:
-    """All parameters of all nodes, in Markdown."""
+    """Markdown page of all parameters of all nodes."""
     parts = [
         '# Parameters',
         _WARNING,
@@ -54,7 +54,7 @@ def parameters_page() -> str:
 
 
 def packet_page() -> str:
-    """Layout of the acoustic packets, in Markdown."""
+    """Markdown page of the layout of the acoustic packets."""
     parts = [
         '# Acoustic packets',
         _WARNING,
@@ -70,7 +70,7 @@ def packet_page() -> str:
 
 
 def house_figure() -> str:
-    """Rooms and floors of this clone, as SVG."""
+    """SVG figure of the rooms and floors of this clone."""
     return house.drawing(Path(__file__).parents[3])
 
 

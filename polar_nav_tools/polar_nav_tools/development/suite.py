@@ -1,7 +1,7 @@
-"""`polar test`: style, types, floors, tests; all of them run even when an early one fails.
+"""`polar test`: style, types, import contracts, tests; all run even if an early one fails.
 
-The long part comes last, so that the output ends with pytest's own summary of every test; the
-fast ring takes two cores instead.
+The long part is the last one, so that the output ends with pytest's own summary of every test; the
+fast ring uses two cores instead.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _UPPER = ('polar_nav_tools/test', 'tests')
 
 @dataclass(frozen=True)
 class Step:
-    """One command of the suite, with what it adds to the environment."""
+    """One command of the suite, with its environment variables."""
 
     name: str
     command: tuple[str, ...]
@@ -40,12 +40,12 @@ class Step:
 
 
 def source_root(start: Path) -> Path:
-    """Folder of the clone that ``start`` lies in, or that this module was imported from.
+    """Folder of the clone around ``start``, or of this module.
 
     Raises
     ------
     ConfigError
-        When there are no sources: tests are not installed.
+        Without sources: tests are not installed.
     """
     for folder in (start, *start.parents, *Path(__file__).resolve().parents):
         if (folder / 'pyproject.toml').is_file() and (folder / 'polar_nav_core').is_dir():
@@ -54,7 +54,7 @@ def source_root(start: Path) -> Path:
 
 
 def checks(python: str) -> list[Step]:
-    """Style, types, floors."""
+    """Steps of style, types and import contracts."""
     lint_imports = str(Path(python).parent / 'lint-imports')
     return [
         Step('ruff check', (python, '-m', 'ruff', 'check', '.')),
@@ -65,20 +65,20 @@ def checks(python: str) -> list[Step]:
 
 
 def without_compiler(python: str) -> Step:
-    """Test the core as plain Python."""
+    """Step that tests the core as plain Python."""
     pytest = (python, '-m', 'pytest', '-q', '-m', FAST, 'polar_nav_core/test')
     return Step('core without compiled kernels', pytest, {'NUMBA_DISABLE_JIT': '1'})
 
 
 def tests(python: str, *, long: bool, fast: bool, arguments: Sequence[str]) -> Step:
-    """Build the pytest run: the fast ring, the usual rings, or all with the stated lengths."""
+    """Step of pytest: the fast ring, the usual rings, or all with the stated lengths."""
     marks = [] if long else ['-m', FAST if fast else USUAL]
     name = 'tests, fast ring' if fast else 'tests, all rings at full length' if long else 'tests'
     return Step(name, (python, '-m', 'pytest', *marks, *arguments))
 
 
 def fast_ring(python: str) -> tuple[Step, list[Step]]:
-    """Halves of the fast ring for two cores: vehicles and simulation; the checks and the tools."""
+    """Steps of the fast ring for two cores: vehicles and simulation; the checks and the tools."""
     pytest = (python, '-m', 'pytest', '-m', FAST)
     # Nodes of the two halves must not find each other.
     domain = {'ROS_DOMAIN_ID': str(free_domain_id(os.getpid(), busy_udp_ports()))}
@@ -88,16 +88,16 @@ def fast_ring(python: str) -> tuple[Step, list[Step]]:
 
 @dataclass(frozen=True)
 class Outcome:
-    """How a step ended; what it said, unless that went to the terminal."""
+    """End of a step, and its output unless that went to the terminal."""
 
     step: Step
     status: int
     seconds: float
-    said: str = ''
+    output: str = ''
 
 
 def run_suite(root: Path, *, long: bool, fast: bool, arguments: Sequence[str]) -> int:
-    """Run everything; 0 only when everything passed.
+    """Exit status of the suite: 0 only if everything passed.
 
     Parameters
     ----------
@@ -106,7 +106,7 @@ def run_suite(root: Path, *, long: bool, fast: bool, arguments: Sequence[str]) -
     long, fast : bool
         Full lengths, or only the fast ring.
     arguments : sequence of str
-        For pytest; when there are any, only pytest runs.
+        For pytest; with any, only pytest runs.
     """
     out = Console(highlight=False)
     if fast and not arguments:
@@ -123,7 +123,7 @@ def run_suite(root: Path, *, long: bool, fast: bool, arguments: Sequence[str]) -
 
 
 def _in_order(first: Sequence[Step], last: Step, root: Path, out: Console) -> list[Outcome]:
-    """Run the checks, then the tests, which have the machine for themselves: some keep time."""
+    """Outcomes of the checks, then of the tests, which use the machine alone: some keep time."""
     outcomes = []
     for step in first:
         _head(step, out)
@@ -134,7 +134,7 @@ def _in_order(first: Sequence[Step], last: Step, root: Path, out: Console) -> li
 
 
 def _side_by_side(shown: Step, others: Sequence[Step], root: Path, out: Console) -> list[Outcome]:
-    """Run one step to be watched, and others on another core, which are told of at the end."""
+    """Outcomes of a step shown as it runs, and of others on another core, shown at the end."""
     other_core = ThreadPoolExecutor(max_workers=1)
     try:
         waiting = [other_core.submit(_run, step, root, captured=True) for step in others]
@@ -143,10 +143,10 @@ def _side_by_side(shown: Step, others: Sequence[Step], root: Path, out: Console)
         for step, future in zip(others, waiting, strict=True):
             _head(step, out)
             outcomes.append(future.result())
-            said = outcomes[-1].said.rstrip()
-            if said:
-                last_line = said.rpartition('\n')[2]
-                shown_text = said if outcomes[-1].status else last_line
+            output = outcomes[-1].output.rstrip()
+            if output:
+                last_line = output.rpartition('\n')[2]
+                shown_text = output if outcomes[-1].status else last_line
                 out.print(shown_text, markup=False, soft_wrap=True)
             _tell(outcomes[-1], out)
     finally:

@@ -1,8 +1,8 @@
-"""Examines a bag: what is missing, how regular it is, whether its times make sense and add up.
+"""Examination of a bag: missing parts, rates and gaps, consistency of times and counts.
 
-In: any bag, also one of somebody else's. Out: an :class:`Examination`, one :class:`Finding` for
-each thing that was looked at, with topic, time and number. Nothing is replayed or scored; what a
-message says is not judged, only that it is there and when it was.
+In: any bag, of any origin. Out: an :class:`Examination`, one :class:`Finding` for
+each check, with topic, time and number. Nothing is replayed or scored; the content of
+messages is not judged, only their presence and times.
 """
 
 from __future__ import annotations
@@ -14,6 +14,9 @@ from ..analysis.counts import topic_counts
 from ..bags.finding import Finding, Severity
 from ..bags.reader import Bag
 from ..bags.run_folder import read_outcome
+from ..foreign.definitions import undecodable
+from ..foreign.sources import Source, not_described
+from ..foreign.sources.mcap import McapSource
 from ..scoring import Column, Table
 from ..scoring.json_values import record
 from .topic_times import TopicTimes, findings_of, read_times
@@ -21,12 +24,12 @@ from .totals import totals
 from .wording import to_dict
 
 Progress = Callable[[float], None]
-"""Called with the share of the work that is done."""
+"""Called with the finished share of the work."""
 
 
 @dataclass(frozen=True)
 class Examination:
-    """What was found in a bag.
+    """Result of an examination: times of topics, findings.
 
     Attributes
     ----------
@@ -37,7 +40,7 @@ class Examination:
     topics : tuple of TopicTimes
         In order of name, those with messages.
     findings : tuple of Finding
-        Errors first, then warnings, then what is well.
+        Errors first, then warnings, then passed checks.
     """
 
     path: str
@@ -55,7 +58,7 @@ class Examination:
         return sum(1 for f in self.findings if f.severity is severity)
 
     def summary(self) -> str:
-        """Say it in one line."""
+        """One line with messages, topics and numbers of findings."""
         messages = sum(t.count for t in self.topics)
         return (
             f'{self.path}: {messages} messages on {len(self.topics)} topics, '
@@ -64,7 +67,7 @@ class Examination:
         )
 
     def table(self) -> Table:
-        """Counts, rates, gaps and delays of the topics."""
+        """Table of counts, rates, gaps and delays of the topics."""
         columns = (
             Column('topic', 'topic'),
             Column('count', 'messages'),
@@ -76,7 +79,7 @@ class Examination:
         return Table('Topics', columns, rows)
 
     def to_dict(self) -> dict[str, object]:
-        """Plain values for JSON."""
+        """Examination as values for JSON."""
         return {
             'ok': self.ok,
             'path': self.path,
@@ -87,53 +90,69 @@ class Examination:
         }
 
 
-def examine(bag: Bag, *, progress: Progress = lambda _: None) -> Examination:
-    """Examine a bag in one pass over its messages, and a second one over those that are counted.
+def examine(bag: Bag | Source, *, progress: Progress = lambda _: None) -> Examination:
+    """Examination of a bag: one pass over all messages, and one over those that are counted.
+
+    Messages are counted in MCAP bags alone: this project writes no others.
 
     Raises
     ------
     BagError
-        When the bag changes while it is read.
+        If the bag changes while it is read.
     """
-    times = read_times(bag, progress)
+    source = McapSource(bag) if isinstance(bag, Bag) else bag
+    times = read_times(source, progress)
     start_ns = min((t.first_log_ns for t in times if t.count), default=0)
     found = [
-        Finding(Severity.SEVERE, 'incomplete', '', None, None, problem) for problem in bag.problems
+        Finding(Severity.SEVERE, 'incomplete', '', None, None, problem)
+        for problem in source.problems
     ]
-    if not bag.problems:
-        found.append(
-            Finding(Severity.OK, 'complete', '', None, bag.message_count, 'the bag is whole')
-        )
-    found += _silent(bag)
-    recorder = bag.run_info.get('recorder')
+    if not source.problems:
+        count = sum(topic.count for topic in source.topics.values())
+        found.append(Finding(Severity.OK, 'complete', '', None, count, 'the bag is whole'))
+    found += _not_described(source)
+    mcap = source.bag if isinstance(source, McapSource) else None
+    found += _silent(source, mcap)
+    recorder = source.run_info.get('recorder')
     simulated = isinstance(recorder, dict) and recorder.get('log_time') == 'simulation'
     for one in times:
         found += findings_of(one, log_from_stamps=simulated)
     found = _one_clock(found)
-    found += totals(bag)
+    if mcap is not None:
+        found += totals(mcap)
     found.sort(key=lambda f: -f.severity)
     found = [f.relative_to(start_ns) for f in found]
-    return Examination(str(bag.path), start_ns, tuple(times), tuple(found))
+    return Examination(str(source.path), start_ns, tuple(times), tuple(found))
 
 
-def _silent(bag: Bag) -> list[Finding]:
-    """Topics without a message: odd, unless it is known that nobody spoke."""
-    recorder = bag.run_info.get('recorder')
+def _not_described(source: Source) -> list[Finding]:
+    """Finding of types without a definition: their stamps are not examined."""
+    sentence = undecodable(not_described(source))
+    if sentence is None:
+        return []
+    return [Finding(Severity.WARNING, 'no definition', '', None, None, sentence)]
+
+
+def _silent(source: Source, bag: Bag | None) -> list[Finding]:
+    """Findings of topics without a message, unless none was published."""
+    recorder = source.run_info.get('recorder')
     lossless = isinstance(recorder, dict) and recorder.get('lockstep') is True
-    counts = topic_counts(bag, read_outcome(bag.path).get('counts', {}))
-    quiet = {c.topic for c in counts if c.published == 0}
+    quiet = set()
+    if bag is not None:
+        counts = topic_counts(bag, read_outcome(bag.path).get('counts', {}))
+        quiet = {c.topic for c in counts if c.published == 0}
     return [
         Finding(
             Severity.OK if known else Severity.WARNING, 'silent', topic.name, None, 0, 'no message'
         )
-        for topic in bag.topics.values()
+        for topic in source.topics.values()
         if not topic.count
         for known in [lossless or topic.name in quiet]
     ]
 
 
 def _one_clock(found: list[Finding]) -> list[Finding]:
-    """Say once for all topics that stamps are of another clock than log times."""
+    """Findings, with a single one for all topics whose stamps and log times differ in clock."""
     apart = [f for f in found if f.name == 'other clock']
     if len(apart) < 2:
         return found

@@ -1,7 +1,7 @@
-"""When the messages of a topic were valid and when they were logged, and what is odd about it.
+"""Stamps and log times of a topic's messages, and findings about them.
 
-Only the header is read: its stamp stands in the first bytes of a message whose definition begins
-with one, whatever else the message holds.
+Only the header is read: its stamp is in the first bytes of a message whose definition begins with
+one, for any other content.
 """
 
 from __future__ import annotations
@@ -14,7 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..bags.finding import Finding, Severity
-from ..bags.reader import Bag
+from ..foreign.arrays import unfilled
+from ..foreign.sources import Source
 
 Ints = NDArray[np.int64]
 
@@ -25,8 +26,10 @@ JUMP_S = 1.0
 DRIFT, DRIFT_S = 1e-4, 0.1
 """Seconds per second by which stamps and log time may part, as clocks of computers do, and the
 whole by which they must have parted before it is more than the noise of a transport."""
+WRONG_CLOCK, WRONG_CLOCK_S = 1e-2, 1.0
+"""From these on, as in a replay, no speed and no turn comes out right."""
 FUTURE_S = 0.1
-"""Logged this much before it was valid: no transport does that."""
+"""Least time [s] of logging before validity that is impossible for a transport."""
 OTHER_CLOCK_S = 3600.0
 """Stamps and log times further apart are of two clocks, simulated and real for example."""
 _REGULAR_SHARE = 0.8
@@ -58,7 +61,7 @@ class TopicTimes:
     topic, type : str
         As in the bag.
     log_ns : ndarray of int64, shape (n,)
-        When each message was logged, but for those that are unreadable.
+        Log time of each readable message [ns].
     stamp_ns : ndarray of int64, shape (n,), or None
         Header stamps; None for messages without a header.
     unreadable : int
@@ -76,22 +79,22 @@ class TopicTimes:
 
     @property
     def count(self) -> int:
-        """Messages whose times are known."""
+        """Number of messages with known times."""
         return len(self.log_ns)
 
     @property
     def first_log_ns(self) -> int:
-        """Oldest log time; there must be one."""
+        """Oldest log time [ns]; there must be one."""
         return int(self.log_ns.min())
 
     @property
     def times_ns(self) -> Ints:
-        """Stamps, or log times where there are none."""
+        """Stamps [ns], or log times without stamps."""
         return self.log_ns if self.stamp_ns is None else self.stamp_ns
 
     @property
     def period_ns(self) -> float:
-        """Usual interval; NaN for fewer than three messages."""
+        """Median interval; NaN for fewer than three messages."""
         return float(np.median(np.diff(self.times_ns))) if self.count > 2 else float('nan')
 
     @property
@@ -104,7 +107,7 @@ class TopicTimes:
         return bool(period > 0.0 and near.mean() >= _REGULAR_SHARE)
 
     def to_dict(self) -> dict[str, object]:
-        """Figures of the table."""
+        """Numbers of the table as values for JSON."""
         steps = np.diff(self.times_ns)
         period = self.period_ns
         delay = np.zeros(0) if self.stamp_ns is None else self.log_ns - self.stamp_ns
@@ -119,20 +122,17 @@ class TopicTimes:
         }
 
 
-def read_times(bag: Bag, progress: Callable[[float], None]) -> list[TopicTimes]:
+def read_times(bag: Source, progress: Callable[[float], None]) -> list[TopicTimes]:
     """Read the times of all topics in one pass, in order of topic."""
-    headed = {
-        name: bag.definition(name).has_header and bag.channel(name).encoding == 'cdr'
-        for name in bag.topics
-    }
+    headed = {name: topic.count > 0 and bag.headed(name) for name, topic in bag.topics.items()}
+    count = sum(topic.count for topic in bag.topics.values())
     logs: dict[str, list[int]] = {name: [] for name in bag.topics}
     stamps: dict[str, list[int]] = {name: [] for name in bag.topics}
     bad, beyond = dict.fromkeys(bag.topics, 0), dict.fromkeys(bag.topics, 0)
-    total = max(1, bag.message_count)
-    every = max(1, total // 100)
-    for i, (topic, log_ns, data) in enumerate(bag.messages()):
+    every = max(1, count // 100)
+    for i, (topic, log_ns, data) in enumerate(bag.fronts()):
         if i % every == 0:
-            progress(i / total)
+            progress(i / count)
         if log_ns > LATEST_NS:
             beyond[topic] += 1
             continue
@@ -161,13 +161,13 @@ def read_times(bag: Bag, progress: Callable[[float], None]) -> list[TopicTimes]:
 
 
 def findings_of(t: TopicTimes, *, log_from_stamps: bool = False) -> list[Finding]:
-    """Judge the times of one topic.
+    """Findings about the times of one topic.
 
     Parameters
     ----------
     t : TopicTimes
     log_from_stamps : bool
-        The recorder made log times out of stamps, so that comparing them says nothing.
+        The recorder made log times out of stamps, so that comparing them is meaningless.
     """
     found: list[Finding] = []
     if t.unreadable:
@@ -198,12 +198,18 @@ def _rate_and_gaps(t: TopicTimes) -> list[Finding]:
     steps = np.diff(times)
     text = f'{t.count} messages at {1e9 / period:.4g} Hz'
     found = [Finding(Severity.OK, 'rate', t.topic, None, 1e9 / period, text)]
-    gaps = np.flatnonzero(steps > GAP_FACTOR * period)
+    # Stamps that leap while the recording goes on leave no gap: they are said to jump.
+    leaps = (steps - np.diff(t.log_ns)) * 1e-9 > JUMP_S
+    gaps = np.flatnonzero((steps > GAP_FACTOR * period) & ~leaps)
     if gaps.size:
         worst = int(gaps[np.argmax(steps[gaps])])
         missing = int(np.sum(np.rint(steps[gaps] / period) - 1))
+        lasted_s = float(steps[~leaps].sum()) * 1e-9
+        about = f'about {missing} messages'
+        if missing > t.count:  # pauses or bursts are the rule: nothing says how many there were
+            about = f'{(t.count - 1) / lasted_s:.4g} Hz by count and duration'
         text = (
-            f'{gaps.size} gaps over {GAP_FACTOR:g} intervals, about {missing} messages; '
+            f'{gaps.size} gaps over {GAP_FACTOR:g} intervals, {about}; '
             f'the longest has {steps[worst] * 1e-9:.3f} s'
         )
         found.append(Finding(Severity.WARNING, 'gap', t.topic, int(times[worst]), gaps.size, text))
@@ -211,16 +217,17 @@ def _rate_and_gaps(t: TopicTimes) -> list[Finding]:
 
 
 def _zero(t: TopicTimes) -> list[Finding]:
-    zero = np.flatnonzero(t.times_ns == 0)
+    zero = np.flatnonzero(unfilled(t.times_ns))
     if not zero.size:
         return []
     text = f'{zero.size} of {t.count} stamps are zero'
     when = int(t.log_ns[zero[0]])
-    return [Finding(Severity.SEVERE, 'zero stamp', t.topic, when, zero.size, text)]
+    severity = Severity.SEVERE if zero.size > 1 else Severity.WARNING
+    return [Finding(severity, 'zero stamp', t.topic, when, zero.size, text)]
 
 
 def _order(t: TopicTimes, stamp_ns: Ints) -> list[Finding]:
-    """Stamps that run backwards or stand still; of events, only the former is odd."""
+    """Findings about stamps that run backwards or repeat; of events, only the former."""
     steps = np.diff(stamp_ns)
     found = []
     back = np.flatnonzero(steps < 0)
@@ -253,7 +260,7 @@ def _order(t: TopicTimes, stamp_ns: Ints) -> list[Finding]:
 
 
 def _against_log(t: TopicTimes, stamp_ns: Ints) -> list[Finding]:
-    """Jumps, drift and an impossible order between stamps and log time."""
+    """Findings about jumps, drift and an impossible order between stamps and log times."""
     known = stamp_ns != 0
     stamp, log = stamp_ns[known], t.log_ns[known]
     if stamp.size < 2:
@@ -263,7 +270,7 @@ def _against_log(t: TopicTimes, stamp_ns: Ints) -> list[Finding]:
     if abs(middle) > OTHER_CLOCK_S:
         text = f'stamps and log times are {middle:.0f} s apart: two clocks'
         return [Finding(Severity.WARNING, 'other clock', t.topic, None, middle, text)]
-    # A delay that varies is the business of a topic of events: acoustic packets, say.
+    # A varying delay is normal for a topic of events, for example acoustic packets.
     found = _jumps(t, stamp, log, delay) if t.regular else []
     early = np.flatnonzero(delay < -FUTURE_S)
     if early.size:
@@ -278,7 +285,11 @@ def _against_log(t: TopicTimes, stamp_ns: Ints) -> list[Finding]:
         rise, drift = _drift(log, delay)
         if abs(rise) > DRIFT_S and abs(drift) > DRIFT:
             text = f'stamps drift against log time by {-drift:.2e} s per second'
-            found.append(Finding(Severity.WARNING, 'drift', t.topic, int(stamp[0]), -drift, text))
+            severity = Severity.WARNING
+            if abs(drift) >= WRONG_CLOCK and abs(rise) >= WRONG_CLOCK_S:
+                severity = Severity.SEVERE
+                text += f' (limit {WRONG_CLOCK:g}): at {100.0 * (1.0 - drift):.3g} % of real time'
+            found.append(Finding(severity, 'drift', t.topic, int(stamp[0]), -drift, text))
     if not found:
         text = f'stamps agree with log time; {middle:.3f} s from validity to log'
         found.append(Finding(Severity.OK, 'stamps', t.topic, None, middle, text))
@@ -307,7 +318,7 @@ def _jumps(t: TopicTimes, stamp: Ints, log: Ints, delay: NDArray[np.float64]) ->
 
 
 def _stays(log: Ints, delay: NDArray[np.float64], at: int, reach: int = 20) -> bool:
-    """Whether the delay is another one after a step than before it.
+    """Whether the delay differs after a step from that before it.
 
     Messages that waited for a transport come in a burst with one log time; what is logged a second
     later has the old delay again. A jump of the stamps stays.
@@ -320,7 +331,7 @@ def _stays(log: Ints, delay: NDArray[np.float64], at: int, reach: int = 20) -> b
 
 
 def _drift(log_ns: Ints, delay: NDArray[np.float64]) -> tuple[float, float]:
-    """Rise of log minus stamp [s], and its slope, between medians of the first and last third."""
+    """Rise [s] of log time minus stamp, and its slope, between medians of first and last third."""
     third = len(delay) // 3
     seconds = (log_ns - log_ns[0]) * 1e-9
     rise = float(np.median(delay[-third:]) - np.median(delay[:third]))

@@ -1,6 +1,6 @@
-"""Whether messages add up: received = sum of verdicts, sent = received + lost + in flight.
+"""Findings about totals: received = sum of verdicts, sent = received + lost + in flight.
 
-In: a bag. Out: findings; none on what the bag has nothing of.
+In: a bag. Out: findings; none about topics that the bag does not have.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from ..scoring import balances, count_verdicts
 
 
 def totals(bag: Bag) -> list[Finding]:
-    """Add everything up that the bag knows two numbers of."""
+    """Findings about every total that follows from two numbers in the bag."""
     found: list[Finding] = []
     for vehicle in _followers(bag):
         for add_up in (_verdicts, _packets):
@@ -37,7 +37,7 @@ def totals(bag: Bag) -> list[Finding]:
 
 
 def _followers(bag: Bag) -> list[str]:
-    """Vehicles with receipts, or whose follower_node described itself."""
+    """Vehicles with receipts, or with a description of a follower_node."""
     heard = {
         name.removesuffix(f'/{RECEIPT}').strip('/')
         for name, topic in bag.topics.items()
@@ -52,8 +52,8 @@ def _verdicts(bag: Bag, vehicle: str) -> list[Finding]:
         return []
     receipts = load_receipts(bag, vehicle)
     (balance,) = balances(receipts, {RX: bag.topics[topic].count})
-    said = count_verdicts(receipts).by_topic.get(RX, {})
-    parts = ', '.join(f'{name} {count}' for name, count in said.items()) or 'none'
+    verdicts = count_verdicts(receipts).by_topic.get(RX, {})
+    parts = ', '.join(f'{name} {count}' for name, count in verdicts.items()) or 'none'
     text = f'{balance.received} packets received, {balance.verdicts} verdicts: {parts}'
     severity = Severity.OK if balance.balanced else Severity.SEVERE
     what = 'verdicts'
@@ -70,10 +70,10 @@ def _packets(bag: Bag, vehicle: str) -> list[Finding]:
         f'{d.in_flight} in flight'
     )
     if not d.stated:
-        text += ' (as long as the slowest took; the link did not say)'
+        text += ' (as long as the slowest took; the link states none)'
     found = [Finding(Severity.OK, 'packets', f'/{vehicle}/{RX}', None, d.sent, text)]
     if d.unsent:
-        text = f'{d.unsent} packets were received that nobody sent: the record has gaps'
+        text = f'{d.unsent} received packets are not recorded as sent: the record has gaps'
         found.append(Finding(Severity.SEVERE, 'unsent', f'/{vehicle}/{RX}', None, d.unsent, text))
     return found
 
@@ -98,7 +98,7 @@ def _truth(bag: Bag, topic: str) -> list[Finding]:
 
 
 def _counted(bag: Bag) -> list[Finding]:
-    """Messages as the nodes counted them, where the run was one of `./polar demo`."""
+    """Findings about the nodes' own counts of messages, for runs of `./polar demo`."""
     counts = topic_counts(bag, read_outcome(bag.path).get('counts', {}))
     found = [
         Finding(

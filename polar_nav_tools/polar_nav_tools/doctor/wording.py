@@ -1,4 +1,4 @@
-"""Findings as `./polar doctor` prints them: a line for people, plain values for JSON."""
+"""Findings as printed by `./polar doctor`: a line of text, values for JSON."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ LEVELS = {
 
 
 def line(finding: Finding) -> str:
-    """Return one line for people."""
+    """Return the finding as one line of text."""
     where = f'{finding.topic}: ' if finding.topic else ''
     when = '' if finding.at_s is None else f', at {finding.at_s:.3f} s'
     return f'{LEVELS[finding.severity]:>7}  {where}{finding.text}{when}'
 
 
 def to_dict(finding: Finding) -> dict[str, object]:
-    """Return plain values for JSON."""
+    """Return the finding as values for JSON."""
     return {
         'level': LEVELS[finding.severity],
         'what': finding.name,

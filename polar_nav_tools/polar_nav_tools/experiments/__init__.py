@@ -1,1 +1,1 @@
-"""The paper's experiments, offline: a simulated world as arrays, configurations side by side."""
+"""Experiments of both papers, offline: simulated worlds as arrays, filters compared."""

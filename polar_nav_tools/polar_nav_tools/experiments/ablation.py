@@ -1,4 +1,4 @@
-"""Delay strategies against delay, fix period and process noise: error, honesty, time per fix."""
+"""Error, NEES and time per fix over delay strategy, delay, fix period and process noise."""
 
 from __future__ import annotations
 
@@ -54,11 +54,11 @@ def _group(sensors: str, period_s: float, delay_s: float) -> str:
 
 
 def plan(request: Request, size: Size, columns: Sequence[str]) -> list[Job]:
-    """Every combination; and for the time per fix each sensor set without fixes."""
+    """Jobs of every combination, and for the time per fix of each sensor set without fixes."""
     c = request.choices
     sensors, periods, delays = _grid(request)
     jobs = []
-    idle = FilterColumn(_NO_FIXES, 'no fix at all: what the rest costs', {})
+    idle = FilterColumn(_NO_FIXES, 'no fix at all: time of all other work', {})
     for name in sensors:
         imu, dvl = SENSORS[name]
         more = {} if dvl else {'dvl_rate_hz': 0.0}
@@ -90,7 +90,7 @@ def plan(request: Request, size: Size, columns: Sequence[str]) -> list[Job]:
 
 
 def tables(results: Sequence[RunResult], size: Size, request: Request) -> list[Table]:
-    """Error, honesty and time per fix; delays across."""
+    """Tables of error, NEES and time per fix, one column per delay."""
     note = (
         f'{size.duration_s:g} s, seeds 1 to {size.seeds}, medians;'
         f' {request.choices.speed_mps:g} m/s, fixes of {request.choices.fix_sigma:g} m, second'
@@ -170,7 +170,7 @@ def _time_per_fix(runs: Sequence[RunResult], results: Sequence[RunResult]) -> st
 
 
 def figures(results: Sequence[RunResult], size: Size, request: Request) -> dict[str, Figure]:
-    """Error over delay, one panel per sensors and fix period."""
+    """Figures of the error over delay, one panel per sensors and fix period."""
     del size
     sensors, periods, delays = _grid(request)
     names = [n for n in dict.fromkeys(r.column for r in results) if n != _NO_FIXES]

@@ -66,7 +66,7 @@ _TABLES = (
 
 
 def _picture(name: str, of: Experiment, columns: tuple[str, ...], doc: str) -> Experiment:
-    """Only the runs that a figure shows."""
+    """Experiment of the runs in one figure."""
     return replace(
         of,
         name=name,
@@ -116,12 +116,12 @@ EXPERIMENTS: dict[str, Experiment] = {
 
 
 def experiment_named(name: str) -> Experiment:
-    """Experiment by its name.
+    """Experiment of a name.
 
     Raises
     ------
     ConfigError
-        For a name that there is not.
+        For an unknown name.
     """
     if name not in EXPERIMENTS:
         raise ConfigError(f'no experiment {name!r}; there are {", ".join(EXPERIMENTS)}')

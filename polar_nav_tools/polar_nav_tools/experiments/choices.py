@@ -1,4 +1,4 @@
-"""What the paper leaves open, chosen here and nowhere else; `--set name=value` changes it.
+"""Choices where the paper states no value, all in one place; `--set name=value` changes one.
 
 The paper (Sensors 2018, 18, 1044) gives the start, the attitude sines, the IMU, the DVL and the
 filter period. It does not give the speed, the course, the ranges D1 to D4 and D of the delay, the
@@ -34,19 +34,19 @@ _INITIAL = (
 
 @dataclass(frozen=True)
 class Choices(Spec):
-    """Numbers that the paper does not give; each with its reason."""
+    """Numbers that the paper does not state, each with its reason."""
 
     speed_mps: float = param(
         3.0,
         'm/s',
         0.05,
         20.0,
-        'Speed: a brisk cruise; what ignoring the delay costs is proportional to it',
+        'Speed: a brisk cruise; the error of an ignored delay is proportional to it',
     )
     course_deg: float = param(
         0.0, 'deg', -360.0, 360.0, 'True course: its figure 7 has a straight line, no number'
     )
-    depth_m: float = param(100.0, 'm', 0.0, 11000.0, 'Depth: only "measured accurately" is said')
+    depth_m: float = param(100.0, 'm', 0.0, 11000.0, 'Depth: the paper: "measured accurately"')
     d1: int = param(100, '', 1, 1200, 'D1 in filter periods: up to 10 s, a long acoustic cycle')
     d2: int = param(50, '', 1, 1200, 'D2 in filter periods: up to 5 s')
     d3: int = param(20, '', 1, 1200, 'D3 in filter periods: up to 2 s')
@@ -120,7 +120,7 @@ class Choices(Spec):
     """Any other parameter of the engine, set with ``engine.name=value``."""
 
     def world(self, duration_s: float, imu: str = 'paper_6_1', **changes: Any) -> WorldSpec:  # noqa: ANN401 - of WorldSpec
-        """World with these choices."""
+        """World specification with these choices."""
         same = {
             name: getattr(self, name)
             for name in (
@@ -131,7 +131,7 @@ class Choices(Spec):
         return WorldSpec(**{**same, 'duration_s': duration_s, 'imu': imu, **changes})
 
     def fixes(self, delay_steps: int) -> FixSpec:
-        """Fixes with the paper's random delay of 1 to ``delay_steps`` filter periods."""
+        """Specification of fixes with a random delay of 1 to ``delay_steps`` filter periods."""
         return FixSpec(
             period_s=self.fix_period_s,
             first_s=self.fix_period_s,
@@ -156,8 +156,8 @@ class Choices(Spec):
 
 
 def choices_table() -> str:
-    """All choices as a Markdown table, for docs/experiments.md."""
-    lines = ['| name | value | unit | what and why |', '| --- | --- | --- | --- |']
+    """Markdown table of all choices, for docs/experiments.md."""
+    lines = ['| name | value | unit | meaning and reason |', '| --- | --- | --- | --- |']
     for f in fields(Choices):
         if f.name != 'engine':
             value = f'{f.default:.4g}' if isinstance(f.default, float) else str(f.default)
@@ -172,7 +172,7 @@ def choices_from(settings: Sequence[str]) -> Choices:
     Raises
     ------
     ConfigError
-        Naming the setting that is not understood, unknown or out of range.
+        If a setting is malformed, unknown or out of range; the text names it.
     """
     known = {f.name: f for f in fields(Choices) if f.name != 'engine'}
     of_engine = {f.name: f for f in fields(EngineParams)}

@@ -1,4 +1,4 @@
-"""Filters that stand side by side in the tables, by name."""
+"""Filters compared in the tables, by name."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ CLAIRVOYANT = 'clairvoyant'
 
 @dataclass(frozen=True)
 class FilterColumn:
-    """One filter.
+    """One filter, a column of the tables.
 
     Attributes
     ----------
     name : str
-        Of the column.
+        Name of the column.
     doc : str
-        What it is, one line.
+        Description, one line.
     changes : dict
         Parameters of the engine.
     clairvoyant : bool
@@ -46,7 +46,7 @@ def _custom(strategy: str, gate_probability: float) -> dict[str, Any]:
 
 
 STRATEGIES = {
-    'ignore': 'takes late fixes as current, stated noise',
+    'ignore': 'fuses late fixes as if current, stated noise',
     'tagged': 'compares a late fix with the stored state of its time, corrects the present one',
     'back_propagate': 'H Phi^-1 at the time of validity, stated noise',
     'clone': 'position at the time of validity kept as further states, stated noise: exact',
@@ -55,7 +55,7 @@ STRATEGIES = {
 
 
 def filter_columns(choices: Choices) -> dict[str, FilterColumn]:
-    """All that can be asked for, by name."""
+    """All filters, by name."""
     out = {
         name: FilterColumn(name, configuration.doc, {'configuration': name})
         for name, configuration in CONFIGURATIONS.items()
@@ -65,7 +65,7 @@ def filter_columns(choices: Choices) -> dict[str, FilterColumn]:
         out[strategy] = FilterColumn(strategy, doc, _custom(strategy, gate))
     out[CLAIRVOYANT] = FilterColumn(
         CLAIRVOYANT,
-        'gets each fix when it is valid: what no delay would give; stated noise',
+        'receives each fix when it is valid, as without any delay; stated noise',
         _custom('ignore', gate),
         clairvoyant=True,
     )
@@ -78,7 +78,7 @@ def pick(choices: Choices, names: Sequence[str]) -> list[FilterColumn]:
     Raises
     ------
     ConfigError
-        For a name that there is not.
+        For an unknown name.
     """
     known = filter_columns(choices)
     for name in names:
@@ -88,6 +88,6 @@ def pick(choices: Choices, names: Sequence[str]) -> list[FilterColumn]:
 
 
 def present(names: Sequence[str]) -> list[str]:
-    """Those of these names that this version of the engine has."""
+    """Those of these names that are filters of this engine version."""
     known = {*CONFIGURATIONS, *STRATEGIES, CLAIRVOYANT}
     return [name for name in names if name in known]

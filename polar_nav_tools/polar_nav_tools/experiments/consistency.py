@@ -1,4 +1,4 @@
-"""Is the filter as good as it says? NEES over many runs that start anywhere in its prior.
+"""Consistency of the filter: NEES over many runs with states drawn from its prior.
 
 Initial errors, constant biases, DVL scale and the slow DVL error are drawn from the filter's own
 prior; delays are uniform up to 10 s and 30 % of the fixes are lost. In each minute the mean over
@@ -30,13 +30,13 @@ if TYPE_CHECKING:
 COLUMNS = ('default', 'rewind')
 GROUP = 'prior'
 CONVERGED_S = 600.0
-"""Minutes before this are shown and not counted: the linear model has start errors to digest."""
+"""First counted minute; before it, start errors exceed the linear model."""
 _KINDS = (('nees', 'all states'), ('nees_position', 'position'))
 _PROBABILITIES = (0.99, 0.9999)
 
 
 def plan(request: Request, size: Size, columns: Sequence[str]) -> list[Job]:
-    """Fixes of 1 m every 2 s, 0 to 10 s late, three in ten lost."""
+    """Jobs with fixes of 1 m every 2 s, 0 to 10 s late, three in ten lost."""
     c = request.choices
     world = c.world(size.duration_s, constants='prior')
     fixes = FixSpec(
@@ -77,7 +77,7 @@ def minutes(runs: Sequence[RunResult], kind: str) -> tuple[Array, Array, float]:
 
 
 def tables(results: Sequence[RunResult], size: Size, request: Request) -> list[Table]:
-    """Share of the minutes inside the bands."""
+    """Tables of mean NEES and the share of the minutes inside the bands."""
     del request
     columns = (
         Column('filter', 'filter'),
@@ -116,7 +116,7 @@ def _inside(mean: Array, dof: float, probability: float) -> np.ndarray:
 
 
 def figures(results: Sequence[RunResult], size: Size, request: Request) -> dict[str, Figure]:
-    """Mean NEES over time with its bands."""
+    """Figures of the mean NEES over time with its bands."""
     del size, request
     names = list(dict.fromkeys(r.column for r in results))
     panels = []

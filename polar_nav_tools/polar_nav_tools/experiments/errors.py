@@ -1,4 +1,4 @@
-"""Errors of a track against the truth of its world, and how honest its covariance is.
+"""Errors of a track against the truth of its world, and their NEES.
 
 Signs are those of docs/frames.md: estimate minus truth for the navigation state, truth minus
 estimate for the sensor errors (what is left after correction).
@@ -71,12 +71,12 @@ class TrackErrors:
         return normalized_squared(self.state[:, rows], self.P[:, rows, rows])
 
     def rows(self, choice: NDArray[np.bool_]) -> TrackErrors:
-        """Only some estimates."""
+        """Errors of the estimates that `index` selects."""
         return TrackErrors(*(getattr(self, name)[choice] for name in self.__dataclass_fields__))
 
 
 def track_errors(world: World, track: Track) -> TrackErrors:
-    """Compare a track with its world's truth."""
+    """Errors of a track against its world's truth."""
     truth = world.truth.state(track.stamps_ns)
     C_e_G = ecef_to_grid(truth.r_e)
     dr_e = track.r_e - truth.r_e

@@ -1,4 +1,4 @@
-"""What an experiment is, and what all of them give: tables, figures, one manifest."""
+"""One experiment, and its output: tables, figures, one manifest."""
 
 from __future__ import annotations
 
@@ -30,15 +30,15 @@ _SOURCES = Path(__file__).resolve().parents[3]
 
 @dataclass(frozen=True)
 class Experiment:
-    """One experiment.
+    """One experiment: its sizes, filters, jobs, tables and figures.
 
     Attributes
     ----------
     name, doc : str
     full, quick : Size
-        What is run without and with ``--quick``.
+        Size without and with ``--quick``.
     columns : tuple of str
-        Filters that are run unless others are asked for.
+        Filters by default.
     plan : callable
         Jobs for a request, a size and filters.
     tables : callable
@@ -48,7 +48,7 @@ class Experiment:
     paper : callable or None
         The paper's numbers for a group and a filter, for the CSV.
     suite : Suite
-        What it shares with others.
+        The suite it belongs to.
     """
 
     name: str
@@ -68,7 +68,7 @@ class Experiment:
         Raises
         ------
         ConfigError
-            For a number of seeds or a duration that makes no run.
+            For a number of seeds or a duration without a run.
         """
         base = self.quick if request.quick else self.full
         duration_s = base.duration_s if request.duration_s is None else request.duration_s
@@ -82,7 +82,7 @@ class Experiment:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What running an experiment gave."""
+    """Result of an experiment: its runs, tables and files."""
 
     experiment: str
     tables: list[Table]
@@ -91,7 +91,7 @@ class Outcome:
 
 
 def run(experiment: Experiment, request: Request, out: Path, update: Update) -> Outcome:
-    """Run an experiment and write its files.
+    """Result of an experiment, run and written to files.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ def run(experiment: Experiment, request: Request, out: Path, update: Update) -> 
     out : Path
         Folder, made if it is not there.
     update : callable
-        Told how many runs of how many are done.
+        Called with the number of finished runs and the total.
     """
     size = experiment.size(request)
     columns = list(request.columns or experiment.suite.present(experiment.columns))
@@ -119,7 +119,7 @@ def run(experiment: Experiment, request: Request, out: Path, update: Update) -> 
 
 
 def _write_tables(name: str, tables: Sequence[Table], long: Table, out: Path) -> list[Path]:
-    """Write the tables as one Markdown file, and every number unrounded as CSV."""
+    """Write one Markdown file with all tables, and a CSV file with every unrounded number."""
     markdown, csv = out / f'{name}.md', out / f'{name}.csv'
     markdown.write_text('\n'.join(t.to_markdown() for t in tables), encoding='utf-8')
     csv.write_text(long.to_csv(), encoding='utf-8')
@@ -148,7 +148,7 @@ def _manifest(
     results: Sequence[RunResult],
     wall_s: float,
 ) -> dict[str, Any]:
-    """Everything that is needed to make the numbers again, and the numbers of every run."""
+    """Manifest as values for JSON: the request, versions, and the numbers of every run."""
     return record(
         {
             'experiment': experiment.name,

@@ -1,4 +1,4 @@
-"""Errors over time in the look of the report: attitude, velocity, position, as the paper shows."""
+"""Figures of errors over time in the report's style: attitude, velocity, position."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from .jobs import RunResult
 from .paper import QUANTITIES
 
 _SETTLED = 0.05
-"""Share of the run whose errors may leave the picture: start values wear off."""
+"""Initial share of the run that the vertical scale ignores: start errors decay in it."""
 
 
 @dataclass(frozen=True)
 class Line:
-    """One run in a picture."""
+    """One run in a figure."""
 
     label: str
     run: RunResult
 
 
 def errors_figure(lines: Sequence[Line], duration_s: float, caption: str) -> Figure:
-    """Seven small plots, one per row of the paper's tables.
+    """Figure of seven small plots, one per row of the paper's tables.
 
     Parameters
     ----------
@@ -83,7 +83,7 @@ def _label(line: Line) -> str:
 
 
 def _limit(runs: Sequence[RunResult], key: str, duration_s: float) -> float:
-    """Half height that shows everything after the start."""
+    """Half height of a plot that contains all errors after the start."""
     largest = 0.0
     for run in runs:
         settled = run.series['time_s'] > _SETTLED * duration_s
@@ -100,7 +100,7 @@ def _unit(duration_s: float) -> tuple[str, float]:
 
 @dataclass(frozen=True)
 class Band:
-    """A horizontal band in a picture."""
+    """A horizontal band in a figure."""
 
     label: str
     low: float
@@ -112,7 +112,7 @@ def band_figure(
     x_label: str,
     y_label: str,
 ) -> Figure:
-    """Curves over time in front of bands, one panel each.
+    """Figure of curves over time in front of bands, one panel each.
 
     Parameters
     ----------
@@ -150,7 +150,7 @@ def ratio_figure(
     x_label: str,
     y_label: str,
 ) -> Figure:
-    """Curves over delay in panels, both axes logarithmic above the smallest delay.
+    """Figure of curves over delay in panels, both axes logarithmic above the smallest delay.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""How well drag and current are identified: errors against stated sigmas over seeds.
+"""Study of identified drag and current: errors and stated sigmas over seeds.
 
 ``python -m polar_nav_tools.experiments.identification_study [seeds]`` prints the table of
 docs/identification.md from the station scenario as `polar_nav_sim.offline_station` simulates it: 6
@@ -26,9 +26,9 @@ from polar_nav_sim.offline_station import StationRun, StationScenario, simulate
 from ..series.vehicle import Floats
 
 _LOG = 10
-"""Of the simulation's 100 samples per second, attitude and thrust of every tenth are logged."""
+"""Samples between logged ones of attitude and thrust; the simulation has 100 per second."""
 _NAMED = 4
-"""d1x, d2x and the current: what both methods give."""
+"""Number of parameters of both methods: d1x, d2x and the current."""
 _BASE = StationScenario(duration_s=770.0)
 CASES: dict[str, StationScenario] = {
     'full noise': _BASE,
@@ -63,7 +63,7 @@ class Case:
 
 
 def identifier_of(run: StationRun, params: IdentificationParams) -> Identifier:
-    """Return an identifier that has seen a simulated run whole."""
+    """Return an identifier after all messages of a simulated run."""
     identifier = Identifier(params)
     stamps = run.start_ns + np.rint(run.t_s * 1e9).astype(np.int64)
     psi, pitch, _ = attitude.euler_from_matrix(run.C_b_G)
@@ -92,7 +92,7 @@ def identifier_of(run: StationRun, params: IdentificationParams) -> Identifier:
 
 
 def study(scenario: StationScenario, method: str, seeds: int) -> Case:
-    """Identify at the end of a scenario for seeds 0, 1, ..."""
+    """Cases of identifications at the end of a scenario for seeds 0, 1, ..."""
     params = IdentificationParams()
     verdicts: Counter[str] = Counter()
     errors, sigmas, nees, spent = [], [], [], []
@@ -118,7 +118,7 @@ def study(scenario: StationScenario, method: str, seeds: int) -> Case:
 
 
 def _error(run: StationRun, found: Identification) -> tuple[Floats, Floats]:
-    """Error of d1x, d2x and the current at the last fix, which a filter would go on with."""
+    """Error of d1x, d2x and the current at the last fix, where a filter would use them."""
     end = int(np.searchsorted(run.t_s, (found.last_validity_ns - run.start_ns) * 1e-9))
     body = run.body
     truth = np.array([body.drag_linear[0], body.drag_quadratic[0], *run.current[end, :2]])

@@ -1,4 +1,4 @@
-"""One run of one filter in one world, and what is measured of it."""
+"""One run of one filter in one world, and its metrics."""
 
 from __future__ import annotations
 
@@ -24,17 +24,17 @@ from .world import World, make_world
 from .world_spec import WorldSpec
 
 _SERIES_ROWS = 1200
-"""Points kept of a time series: more than a figure has pixels across one panel."""
+"""Number of points of a thinned time series: more than the pixels across one panel."""
 
 
 @dataclass(frozen=True)
 class Job:
-    """What to run.
+    """One run to make: filter, world, fixes, seed.
 
     Attributes
     ----------
     group : str
-        What the runs are grouped by besides the filter, e.g. ``D1``.
+        Group of the run besides the filter, e.g. ``D1``.
     column : FilterColumn
         The filter.
     seed : int
@@ -44,7 +44,7 @@ class Job:
     recorded : Path or None
         Errors of a real IMU (experiments/recorded.py).
     series : bool
-        Whether errors over time are kept.
+        Whether errors over time are stored.
     """
 
     group: str
@@ -59,24 +59,24 @@ class Job:
 
 @dataclass(frozen=True)
 class RunResult:
-    """What one run gave.
+    """Result of one run.
 
     Attributes
     ----------
     group, column, seed : str, str, int
     metrics : dict
-        Of the whole run (``phi_x`` ...) and its second half (``phi_x_half`` ...): RMS; see
+        Metrics of the whole run (``phi_x`` ...) and its second half (``phi_x_half`` ...): RMS; see
         :func:`measure`. Empty when the filter stopped.
     stopped_s : float
         When the filter stopped, NaN if it did not.
     reason : str
         Why it stopped.
     verdicts : dict
-        Fixes by what became of them.
+        Number of fixes by verdict.
     seconds : float
         Processor time of the filter.
     series : dict of arrays
-        ``time_s`` and errors over time, if asked for.
+        ``time_s`` and errors over time, if requested.
     """
 
     group: str
@@ -97,13 +97,13 @@ class RunResult:
 
 @lru_cache(maxsize=1)
 def _world(spec: WorldSpec, fixes: FixSpec, seed: int, recorded: Path | None) -> World:
-    """World of a run; filters that are run one after another share it."""
+    """World of a run, shared by filters that run one after another."""
     return make_world(spec, fixes, seed, None if recorded is None else load_recorded(recorded))
 
 
 @lru_cache(maxsize=64)
 def _warm(configuration: str, delay_handling: str) -> None:
-    """Run a few seconds once per process and kind of filter: compiled code is loaded then."""
+    """Run a few seconds once per process and kind of filter, to load compiled code."""
     world = make_world(WorldSpec(duration_s=6.0), FixSpec(period_s=0.5, delay_s=1.0), 1)
     engine_run.run(
         world.params(configuration=configuration, delay_handling=delay_handling), world.inputs
@@ -111,7 +111,7 @@ def _warm(configuration: str, delay_handling: str) -> None:
 
 
 def run_job(job: Job) -> RunResult:
-    """Run one filter and measure it."""
+    """Result of one run of a filter."""
     world = _world(job.world, job.fixes, job.seed, job.recorded)
     if job.column.clairvoyant:
         world = world.clairvoyant()
@@ -138,7 +138,7 @@ def run_job(job: Job) -> RunResult:
 def _stopped_s(
     result: engine_run.Result[engine_run.Track], fixes: Sequence[Receipt], start_ns: int
 ) -> float:
-    """When a filter stopped: the first fix that found none, or else the last estimate [s]."""
+    """Time [s] at which a filter stopped: the first unused fix, or else the last estimate."""
     if not result.divergence:
         return float('nan')
     refused = [r.stamp_ns for r in fixes if r.verdict == Verdict.NOT_READY]
@@ -147,7 +147,7 @@ def _stopped_s(
 
 
 def measure(errors: TrackErrors) -> dict[str, float]:
-    """Numbers of one run.
+    """Metrics of one run.
 
     RMS of ``phi_x``, ``phi_y``, ``phi_z`` [arc min], ``v_x``, ``v_y`` [m/s], ``r_x``, ``r_y`` [m],
     ``r`` (horizontal) [m]; ``lag``: mean of the position error against the direction of travel
@@ -174,7 +174,7 @@ def _rms(x: Array) -> float:
 
 
 def _series(e: TrackErrors) -> dict[str, Array]:
-    """Errors over time, thinned by an odd stride: the sines of attitude are met at all phases."""
+    """Errors over time, thinned by an odd stride to sample the attitude sines at all phases."""
     stride = max(1, len(e.time_s) // _SERIES_ROWS) | 1
     out = {'time_s': e.time_s[::stride]}
     out |= {f'phi_{axis}': e.phi_G[::stride, i] * ARCMIN for i, axis in enumerate('xyz')}

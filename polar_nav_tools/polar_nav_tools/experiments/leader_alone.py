@@ -1,4 +1,4 @@
-"""How far a leader drifts that navigates by itself, without absolute fixes.
+"""Drift of a leader that navigates by itself, without absolute fixes.
 
 ``python -m polar_nav_tools.experiments.leader_alone`` prints a table. A straight run, the
 simulation's leader instruments, the engine with the parameters of leader_node; no ROS. The drift
@@ -53,11 +53,11 @@ class Drift:
     along, cross, up : (k,) arrays
         Position error along the course, across it (to port) and upwards [m].
     sigma_along, sigma_cross : (k,) arrays
-        What the filter says of the first two [m].
+        Sigmas published by the filter for the first two [m].
     nees : (k,) array
         Of position, 3 degrees of freedom.
     heading, sigma_heading : (k,) arrays
-        Error about up, and what the filter says of it [rad].
+        Error about up, and its published sigma [rad].
     """
 
     time_s: Array
@@ -73,14 +73,14 @@ class Drift:
 
 @dataclass(frozen=True)
 class Expected:
-    """1-sigma of the drift that follows from the specification alone [m]: least and most."""
+    """Least and largest 1-sigma of the drift by the instruments' specification alone [m]."""
 
     along: tuple[float, float]
     cross: tuple[float, float]
 
 
 def expected(duration_s: float, params: LeaderParams | None = None) -> Expected:
-    """Drift after a straight run, by hand.
+    """Bounds of the drift after a straight run, in closed form.
 
     Along the course the DVL's scale error s grows with the distance D. The attitude oscillates,
     so an inertial system sees that the three axes of the DVL differ, but never what they have in
@@ -112,7 +112,7 @@ def expected(duration_s: float, params: LeaderParams | None = None) -> Expected:
 
 
 def run(duration_s: float, seed: int) -> Drift:
-    """Navigate through one run.
+    """Drift of the navigation in one run.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Numbers printed in the paper's tables, to stand beside ours.
+"""Numbers printed in the paper's tables, for comparison.
 
 Sensors 2018, 18, 1044: Table 1 (page with figure 8), Table 2 (figure 9), Table 3 (figure 11). RMS
 errors; angles in arc minutes, velocity in m/s, position in m.

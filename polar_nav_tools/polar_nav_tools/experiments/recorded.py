@@ -1,11 +1,11 @@
-"""Errors of a real IMU, from a bag recorded while it rested; added to simulated truth.
+"""Errors of a real IMU, from a bag recorded at rest, for simulated truth.
 
-The paper's semi-physical experiment (its section 6.2) in the reader's own hands: what a resting
-IMU reads, less what it should read, are its errors, and those do not know where on earth it is.
-At rest it should read the earth's rate and gravity. Without heading and exact level only part of
-that is known: gravity has the direction of the mean specific force, so a constant accelerometer
-error across it cannot be told from tilt and is not kept; a constant gyro error can be told from
-the earth's rate only with latitude and heading.
+The paper's semi-physical experiment (its section 6.2) with the reader's own IMU: the readings of a
+resting IMU, less the Earth's rate and gravity, are its errors, which do not depend on the place.
+Without heading and exact level only part of the true readings is known: gravity is assumed in the
+direction of the mean specific force, so a constant accelerometer error across it equals a tilt and
+is not stored; a constant gyro error differs from the Earth's rate only if latitude and heading are
+known.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _FIELDS = (
 
 @dataclass(frozen=True)
 class RecordedImu:
-    """Errors of an IMU, sample by sample; a run that is longer starts again at the first.
+    """Errors of an IMU, sample by sample; a longer run starts again at the first.
 
     Attributes
     ----------
@@ -53,7 +53,7 @@ class RecordedImu:
 
     @property
     def duration_s(self) -> float:
-        """Length [s]."""
+        """Duration [s]."""
         return len(self.omega_b) / self.rate_hz
 
     def noise_density(self) -> tuple[float, float]:
@@ -70,7 +70,7 @@ class RecordedImu:
         return density(self.omega_b), density(self.f_b)
 
     def largest_mean(self) -> tuple[float, float]:
-        """Largest constant of an axis, gyro [rad/s] and accelerometer [m/s^2]."""
+        """Largest mean error of an axis, gyro [rad/s] and accelerometer [m/s^2]."""
         return (
             float(np.max(np.abs(self.omega_b.mean(axis=0)))),
             float(np.max(np.abs(self.f_b.mean(axis=0)))),
@@ -79,29 +79,29 @@ class RecordedImu:
 
 @dataclass(frozen=True)
 class RestSpec(Spec):
-    """How a recording at rest is read."""
+    """Options for reading a recording at rest."""
 
     topic: str = text('', 'Topic of the IMU; empty: the only one of its type')
     mean: str = choice(
         'remove',
         ('remove', 'keep'),
-        'remove: only what varies is used, constants are the stated ones; keep: the recording'
-        ' brings its constants',
+        'remove: the mean is removed, constants are the stated ones; keep: the constants are those'
+        ' of the recording',
     )
     earth_rate: str = choice(
-        'remove', ('remove', 'keep'), 'Of the mean that is kept: whether the earth is taken out'
+        'remove', ('remove', 'keep'), "Of a kept mean: whether the earth's rate is subtracted"
     )
-    latitude_deg: float = param(45.0, 'deg', -90.0, 90.0, 'Where the IMU rested')
+    latitude_deg: float = param(45.0, 'deg', -90.0, 90.0, 'Latitude of the resting IMU')
     heading_deg: float = param(0.0, 'deg', -360.0, 360.0, 'True heading of its x axis')
 
 
 def read_rest(path: Path, spec: RestSpec) -> RecordedImu:
-    """Read the errors of a resting IMU from a bag.
+    """Errors of a resting IMU, read from a bag.
 
     Raises
     ------
     ConfigError, BagError
-        When there is no such topic, too few samples, or they come unevenly.
+        Without such a topic, with too few samples, or with irregular ones.
     """
     bag = open_bag(path)
     topic = spec.topic or _only_imu(bag)
@@ -140,7 +140,7 @@ def _rate(stamp_ns: np.ndarray, where: str) -> float:
 
 
 def _less_the_earth(omega_b: Array, f_b: Array, spec: RestSpec, where: str) -> tuple[Array, Array]:
-    """Readings less gravity along the mean specific force and, if asked, less the earth's rate."""
+    """Readings less gravity along the mean specific force, by option less the Earth's rate."""
     mean_f = f_b.mean(axis=0)
     size = float(np.linalg.norm(mean_f))
     if not 9.0 < size < 11.0:
@@ -161,13 +161,13 @@ def _less_the_earth(omega_b: Array, f_b: Array, spec: RestSpec, where: str) -> t
 
 
 def save_recorded(recorded: RecordedImu, path: Path) -> Path:
-    """Keep errors in a file that worker processes read."""
+    """Save errors to a file for worker processes."""
     np.savez(path, rate_hz=recorded.rate_hz, omega_b=recorded.omega_b, f_b=recorded.f_b)
     return path
 
 
 @lru_cache(maxsize=1)
 def load_recorded(path: Path) -> RecordedImu:
-    """Read what `save_recorded` wrote."""
+    """Errors from a file of `save_recorded`."""
     with np.load(path) as data:
         return RecordedImu(float(data['rate_hz']), data['omega_b'], data['f_b'])

@@ -1,4 +1,4 @@
-"""What a user asks of an experiment: its size, and the numbers that a paper leaves open."""
+"""Request for an experiment: its size, and the choices where a paper states no value."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .station_choices import StationChoices
 
 @dataclass(frozen=True)
 class Size:
-    """How much is run."""
+    """Number of seeds and duration of the runs."""
 
     duration_s: float
     seeds: int
@@ -20,14 +20,14 @@ class Size:
 
 @dataclass(frozen=True)
 class Request:
-    """What was asked for; None stands for the experiment's own.
+    """Request for an experiment; None stands for the experiment's own value.
 
     Attributes
     ----------
     choices : Choices
-        Of an experiment on the polar system.
+        Choices of an experiment on the polar system.
     station : StationChoices
-        Of one on the system with a station.
+        Choices of an experiment on the system with a station.
     quick : bool
         The experiment's smaller size.
     duration_s, seeds : float, int or None
@@ -38,11 +38,11 @@ class Request:
     recorded : Path or None
         Errors of a real IMU, as `recorded.save_recorded` writes them.
     sensors, periods_s, delays_s : sequences or None
-        What ablation crosses.
+        Values that ablation combines.
     rows : str or None
         Faults of mismatch by name: shell patterns, comma-separated.
     first_seed : int
-        Of mismatch; all others begin at 1.
+        First seed of mismatch; all others begin at 1.
     """
 
     choices: Choices = field(default_factory=Choices)

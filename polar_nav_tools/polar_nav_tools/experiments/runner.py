@@ -1,4 +1,4 @@
-"""Runs jobs in parallel processes; Ctrl-C ends them all."""
+"""Results of jobs run in parallel processes, which Ctrl-C ends."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ RunJob = Callable[[Any], RunResult]
 
 
 def default_workers() -> int:
-    """Processors that this process may use."""
+    """Number of processors that this process may use."""
     return len(os.sched_getaffinity(0))
 
 
 def run_jobs(
     jobs: Sequence[Any], workers: int, update: Update, run: RunJob = run_job
 ) -> list[RunResult]:
-    """Run all jobs; results in the order of the jobs.
+    """Results of all jobs, in their order.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ def run_jobs(
     workers : int
         Processes; with 1 everything runs in this one.
     update : callable
-        Told how many jobs of how many are done.
+        Called with the number of finished jobs and the total.
     run : callable
         Runs one job; a function of a module.
     """
@@ -73,7 +73,7 @@ def _in_processes(
 
 @contextmanager
 def _one_thread_each() -> Iterator[None]:
-    """Let processes that start here do linear algebra in one thread: small matrices, many runs."""
+    """Set one thread of linear algebra for processes started here: small matrices, many runs."""
     name = 'OPENBLAS_NUM_THREADS'
     before = os.environ.get(name)
     os.environ[name] = '1'
@@ -87,5 +87,5 @@ def _one_thread_each() -> Iterator[None]:
 
 
 def _start_worker() -> None:
-    """Die at once at Ctrl-C, without a traceback."""
+    """Make a worker end at once at Ctrl-C, without a traceback."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)

@@ -1,7 +1,7 @@
-"""When fixes are valid and when they are received: period, random delay, loss.
+"""Schedule of fixes: their times of validity and reception, by period, random delay and loss.
 
-What delays and losses are drawn from does not depend on any filter, so that all configurations of
-one seed see the same fixes. The clairvoyant schedule is the same fixes, each received when valid.
+Random delays and losses do not depend on any filter, so that all configurations of one seed
+receive the same fixes. The clairvoyant schedule is the same fixes, each received when valid.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ DELAY_KINDS = ('constant', 'steps', 'uniform', 'steps_lossy')
 
 @dataclass(frozen=True)
 class FixSpec(Spec):
-    """Position fixes of a follower by a leader: how often, how good, how late."""
+    """Specification of a leader's position fixes of a follower: period, noise, delay, loss."""
 
     period_s: float = param(0.1, 's', 0.01, 3600.0, 'Between times of validity')
     first_s: float = param(0.1, 's', 0.0, 1e6, 'First time of validity after the start')
@@ -100,7 +100,7 @@ def _read_back(steps: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def clairvoyant(fixes: tuple[Fix, ...]) -> tuple[Fix, ...]:
-    """Make the same fixes, each received at its time of validity: what no delay would give."""
+    """The same fixes, each received at its time of validity, as without any delay."""
     by_validity = sorted(fixes, key=lambda fix: fix.validity_ns)
     return tuple(
         replace(fix, transmit_ns=fix.validity_ns, receive_ns=fix.validity_ns, arrival=k)
@@ -111,7 +111,7 @@ def clairvoyant(fixes: tuple[Fix, ...]) -> tuple[Fix, ...]:
 def fixes_of(
     validity_ns: Stamps, receive_ns: Stamps, r_e: Array, covariance_e: Array
 ) -> tuple[Fix, ...]:
-    """Fixes in the order in which they arrive, numbered by validity.
+    """Fixes in order of arrival, numbered by validity.
 
     Parameters
     ----------

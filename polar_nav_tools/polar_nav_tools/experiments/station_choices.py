@@ -1,4 +1,4 @@
-"""What the paper of the DVL-less system leaves open; `--set name=value` changes it.
+"""Choices where the paper of the DVL-less system states no value; `--set` changes one.
 
 The paper (Drones 2025, 9(4), 299) gives added mass, drag, the sensors' and the station's errors,
 packet, period and window. Its thrust, yaw law, current, inertia, Q and R are lost in the text; in
@@ -24,7 +24,7 @@ _ENGINE = 'engine.'
 
 @dataclass(frozen=True)
 class StationChoices(Spec):
-    """Numbers that the paper does not give; each with its reason."""
+    """Numbers that the paper does not state, each with its reason."""
 
     noise: float = param(
         1.0,
@@ -57,9 +57,7 @@ class StationChoices(Spec):
     initial_sigma_velocity: float = param(
         0.2, 'm/s', 1e-3, 10.0, 'Start: how far the steady speed of the nominal model may be off'
     )
-    depth_sigma: float = param(
-        0.0289, 'm', 1e-4, 10.0, 'Depth as the filter is told: 0.05 m, uniform'
-    )
+    depth_sigma: float = param(0.0289, 'm', 1e-4, 10.0, 'Depth in the filter: 0.05 m, uniform')
     output_period_s: float = param(
         0.5, 's', 0.01, 10.0, 'Time between the estimates that are compared with truth'
     )
@@ -78,7 +76,7 @@ class StationChoices(Spec):
 
 def choices_table() -> str:
     """All choices as a Markdown table, for docs/experiments-station.md."""
-    lines = ['| name | value | unit | what and why |', '| --- | --- | --- | --- |']
+    lines = ['| name | value | unit | meaning and reason |', '| --- | --- | --- | --- |']
     lines += [
         f'| `{f.name}` | {f.default:.4g} | {f.metadata["unit"]} | {f.metadata["doc"]} |'
         for f in fields(StationChoices)

@@ -1,4 +1,4 @@
-"""What the experiments of one published system share, and the suite of the polar one."""
+"""Suite of the experiments of one published system, and that of the polar one."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ Paper = Callable[[str, str], Mapping[str, float]]
 
 @dataclass(frozen=True)
 class Suite:
-    """How jobs are made, run and told of.
+    """Suite of experiments: functions that make, run and describe jobs.
 
     Attributes
     ----------
     read : callable
-        Fields of the request from what ``--set`` and ``--columns`` say.
+        Fields of the request from ``--set`` and ``--columns``.
     present : callable
         Those of a list of filters that there are.
     run_job : callable

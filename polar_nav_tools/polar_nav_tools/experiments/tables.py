@@ -1,4 +1,4 @@
-"""The paper's tables 1, 2 and 3, and its figures 8, 9 and 11, with our filters beside its numbers.
+"""The paper's tables 1, 2 and 3, and its figures 8, 9 and 11, with our filters' numbers.
 
 Table 1: the conventional AKF under four ranges of random delay, 1 h. Table 2: Algorithm 1 (knows
 the delay) against Algorithm 2 (ignores it), 12 h. Table 3: the same with the noise of a real IMU,
@@ -35,7 +35,7 @@ COMPARED = (
     'clairvoyant',
 )
 PAIR = ('modified_akf', 'conventional_akf')
-"""Algorithm 1 and Algorithm 2 as they work; the published ones stand in the tables."""
+"""Working forms of Algorithm 1 and 2; the published forms are in the tables."""
 
 
 def _steps(request: Request, group: str) -> int:
@@ -84,12 +84,12 @@ def _about(size: Size, request: Request, fixes: FixSpec | None = None) -> str:
 
 
 def plan_table1(request: Request, size: Size, columns: Sequence[str]) -> list[Job]:
-    """All filters under all four ranges."""
+    """Jobs of all filters under all four ranges."""
     return _jobs(request, size, columns, RANGES, 'paper_6_1')
 
 
 def tables_table1(results: Sequence[RunResult], size: Size, request: Request) -> list[Table]:
-    """The paper's table beside ours for each filter that ignores the delay, then all filters."""
+    """Tables of the paper beside each filter that ignores the delay, then of all filters."""
     out = []
     printed = [Side(f'paper {g}', paper=PAPER['table1'][g]) for g in RANGES]
     longest = [_steps(request, g) * 0.1 for g in RANGES]
@@ -128,12 +128,12 @@ def _by_range(results: Sequence[RunResult], size: Size, request: Request) -> Tab
 
 
 def paper_table1(group: str, column: str) -> Mapping[str, float]:
-    """Table 1 is about the conventional AKF."""
+    """Paper's numbers of table 1, for the conventional AKF."""
     return PAPER['table1'][group] if column.startswith('conventional_akf') else {}
 
 
 def figure8(results: Sequence[RunResult], size: Size, request: Request) -> dict[str, Figure]:
-    """Errors of the conventional AKF under the four ranges."""
+    """Figure of the errors of the conventional AKF under the four ranges."""
     names = [n for n in _names(results) if n == 'conventional_akf'] or _names(results)[:1]
     lines = [
         Line(f'{g}: up to {_steps(request, g) * 0.1:g} s', r)
@@ -148,12 +148,12 @@ def figure8(results: Sequence[RunResult], size: Size, request: Request) -> dict[
 
 
 def plan_table2(request: Request, size: Size, columns: Sequence[str]) -> list[Job]:
-    """All filters, sensors of section 6.1."""
+    """Jobs of all filters, sensors of section 6.1."""
     return _jobs(request, size, columns, ('D',), 'paper_6_1')
 
 
 def plan_table3(request: Request, size: Size, columns: Sequence[str]) -> list[Job]:
-    """All filters, IMU of section 6.2 or of a recording."""
+    """Jobs of all filters, IMU of section 6.2 or of a recording."""
     return _jobs(request, size, columns, ('D',), 'paper_6_2')
 
 
@@ -193,7 +193,7 @@ def paper_of(table: str) -> Callable[[str, str], Mapping[str, float]]:
 
 
 def pair_figure(name: str) -> Callable[[Sequence[RunResult], Size, Request], dict[str, Figure]]:
-    """Errors of Algorithm 1 and 2 over time."""
+    """Figure of the errors of Algorithm 1 and 2 over time."""
 
     def figure(results: Sequence[RunResult], size: Size, request: Request) -> dict[str, Figure]:
         del request

@@ -1,4 +1,4 @@
-"""A simulated run offline, as arrays: truth, what the follower's sensors say, the late fixes.
+"""A simulated run offline, as arrays: truth, readings of the follower's sensors, late fixes.
 
 Truth and sensor models are those of polar_nav_sim; nothing here needs ROS. Truth and every noise
 stream depend on the seed and on the sensors only, never on a filter: configurations that are
@@ -39,12 +39,12 @@ from .schedule import FixSpec
 from .world_spec import VEHICLE, WorldSpec
 
 _BLOCK = 50_000
-"""IMU samples of truth made at once: bounds memory, a run of 12 h has two million."""
+"""IMU samples of truth made at a time: bounds memory, a run of 12 h has two million."""
 
 
 @dataclass(frozen=True)
 class Constants:
-    """Constant errors of one run: what the filter has to find.
+    """True constant errors of one run, which the filter estimates.
 
     Attributes
     ----------
@@ -91,11 +91,11 @@ class World:
     under_way: tuple[Fix, ...] = ()
 
     def params(self, **changes: Any) -> EngineParams:  # noqa: ANN401 - of EngineParams
-        """Engine parameters that know this world's statistics; ``changes`` are set on top.
+        """Engine parameters with this world's statistics, and ``changes``.
 
         White noise of the IMU is isotropic in the engine: per triad the root mean square over the
-        axes. Of a recorded IMU it is measured in the recording, and the prior of the constants is
-        wide enough for the mean that the recording brings.
+        axes. For a recorded IMU it is measured in the recording, and the prior of the constants
+        covers the mean of the recording.
         """
         s = self.spec
         imu = IMU[s.imu].errors if s.imu in IMU else ImuErrors()
@@ -123,25 +123,25 @@ class World:
         return EngineParams(**values)
 
     def clairvoyant(self) -> World:
-        """Make the same world with every fix that is not lost received when valid."""
+        """The same world with every fix that is not lost received when valid."""
         return self.with_fixes(schedule.clairvoyant(self.inputs.fixes + self.under_way))
 
     def with_fixes(self, fixes: tuple[Fix, ...]) -> World:
-        """Make the same world with other fixes."""
+        """The same world with other fixes."""
         return replace(self, inputs=replace(self.inputs, fixes=fixes))
 
 
 def make_world(
     spec: WorldSpec, fixes: FixSpec, seed: int, recorded: RecordedImu | None = None
 ) -> World:
-    """Simulate a run.
+    """World of a simulated run.
 
     Parameters
     ----------
     spec, fixes : WorldSpec, FixSpec
-        What to simulate.
+        Run, sensors and fixes to simulate.
     seed : int
-        Of all random streams; the truth does not depend on it.
+        Seed of all random streams; the truth does not depend on it.
     recorded : RecordedImu, optional
         For ``spec.imu == 'recorded'``.
 
@@ -195,7 +195,7 @@ def make_world(
 
 
 def _truth_key(spec: WorldSpec) -> WorldSpec:
-    """Only what the truth depends on, so that runs which share it are made once."""
+    """Fields that the truth depends on, so that runs with equal truth share it."""
     names = (
         'duration_s', 'mission', 'latitude_deg', 'longitude_deg', 'course_deg', 'course_north',
         'speed_mps', 'depth_m', 'oscillating', 'imu_rate_hz',
@@ -205,7 +205,7 @@ def _truth_key(spec: WorldSpec) -> WorldSpec:
 
 @lru_cache(maxsize=2)
 def _ideal(spec: WorldSpec) -> tuple[Mission, Truth, Array, Array]:
-    """Truth and the ideal increments of every IMU interval; read-only, for they are shared."""
+    """Truth and the ideal increments of every IMU interval; read-only, as they are shared."""
     mission = spec.plan()
     truth = mission.truth(mission.followers[0])
     n = mission.sample_count - 1
@@ -288,7 +288,7 @@ def _depth(spec: WorldSpec, seed: int, truth: Truth, stamps: Stamps) -> Array:
     noise = _stream(seed, 'depth').standard_normal(len(stamps))
     out = (spec.depth_sigma if spec.noisy else 0.0) * noise
     for rows, state in _blocks(truth, stamps):
-        # The engine counts depth from the ellipsoid unless told otherwise.
+        # The engine counts depth from the ellipsoid by default.
         out[rows] -= state.h
     return np.asarray(out)
 

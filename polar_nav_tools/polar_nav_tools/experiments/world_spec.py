@@ -1,4 +1,4 @@
-"""What is simulated besides the fixes: the run, the IMU, DVL and depth, the start."""
+"""Specification of a world besides its fixes: the run, IMU, DVL, depth, the start."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ IMU_KINDS = (*IMU, 'perfect', 'recorded')
 
 @dataclass(frozen=True)
 class WorldSpec(Spec):
-    """What is simulated besides the fixes; the defaults are the paper's section 6.1."""
+    """Specification of a world besides its fixes; the defaults are the paper's section 6.1."""
 
     duration_s: float = param(3600.0, 's', 2.0, 7 * 86400.0, 'Length of the run')
     mission: str = text('', 'Mission file or name; empty: the straight run stated here')
@@ -56,12 +56,12 @@ class WorldSpec(Spec):
     initial_sigma_heading_deg: float = param(5.0 / 60, 'deg', 1e-7, 180.0, 'Of heading')
 
     def plan(self) -> Mission:
-        """Mission that gives the truth.
+        """Mission whose truth is simulated.
 
         Raises
         ------
         ConfigError
-            When the mission does not exist or cannot be sailed.
+            If the mission does not exist or cannot be simulated.
         """
         numbers = {'duration_s': self.duration_s, 'imu_rate_hz': self.imu_rate_hz}
         if self.mission:

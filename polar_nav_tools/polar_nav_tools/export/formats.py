@@ -1,4 +1,4 @@
-"""Trajectories as files for other people's tools: TUM (evo, rpg_trajectory_evaluation) and CSV.
+"""Files of trajectories for other tools: TUM (evo, rpg_trajectory_evaluation) and CSV.
 
 In: truth or estimates as series. Out: one line per sample, in order of stamps, numbers so that
 reading them back gives the same float64.
@@ -98,7 +98,7 @@ def axes(frame: str, origin_r_e: Floats) -> tuple[Floats, Floats]:
     Raises
     ------
     ConfigError
-        For a frame that does not exist, and for ``enu`` at a pole.
+        For an unknown frame, and for ``enu`` at a pole.
     """
     if frame == 'ecef':
         return np.zeros(3), np.eye(3)

@@ -1,4 +1,4 @@
-"""Which trajectory of a bag is exported: truth, estimates, a replay, another vehicle, a topic."""
+"""Trajectory of a bag by name: truth, estimates, a replay, another vehicle, a topic."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _EARTH = 'earth'
 
 
 def exported(bag: Bag, what: str, vehicle: str | None) -> Trajectory:
-    """Trajectory by name.
+    """Trajectory of a bag by its name.
 
     Parameters
     ----------
@@ -30,14 +30,14 @@ def exported(bag: Bag, what: str, vehicle: str | None) -> Trajectory:
         ``truth``, ``estimate`` (as recorded), ``estimate:<configuration>`` (replayed) or
         ``leader`` (truth of the other vehicle).
     vehicle : str, optional
-        Which follower, when there are several.
+        The follower, if there are several.
 
     Raises
     ------
     ConfigError
         For another name.
     BagError
-        When the bag does not have it.
+        If the bag does not have it.
     """
     kind, _, configuration = what.partition(':')
     if kind not in ('truth', 'estimate', 'leader') or (configuration and kind != 'estimate'):
@@ -59,7 +59,7 @@ def exported(bag: Bag, what: str, vehicle: str | None) -> Trajectory:
 
 
 def origin_of(bag: Bag, vehicle: str | None) -> Floats | None:
-    """First true position of the follower: one origin for all files of a bag; or None."""
+    """First true position of the follower, the common origin of a bag's files; or None."""
     try:
         return np.asarray(load_truth(bag, vehicle or follower_of(bag)).r_e[0])
     except BagError:
@@ -72,7 +72,7 @@ def from_topic(bag: Bag, topic: str) -> Trajectory:
     Raises
     ------
     BagError
-        When there is no such message, or it is of another type or frame.
+        Without such a message, or if it is of another type or frame.
     """
     bag.require([topic])
     kind, vehicle = bag.channel(topic).type, topic.strip('/').split('/')[0]

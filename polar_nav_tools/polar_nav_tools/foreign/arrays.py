@@ -7,6 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+_FEWEST_STAMPS = 3
+_LONGEST_STEP_NS, _STEPS = 1_000_000_000, 10.0
+"""A stamp that is further from zero than this, and than so many usual steps, is of another row."""
+
 
 def finite_rows(values: NDArray[Any]) -> NDArray[np.bool_]:
     """Tell which rows have finite numbers only. (n, ...) -> (n,)."""
@@ -19,3 +23,24 @@ def finite_rows(values: NDArray[Any]) -> NDArray[np.bool_]:
 def chosen(values: NDArray[Any], mask: NDArray[np.bool_]) -> NDArray[Any]:
     """Rows of a mask; the array itself, not a copy, where that is all of them."""
     return values if mask.all() else values[mask]
+
+
+def unfilled(stamps_ns: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Return the mask of stamps that are zero because nobody filled them in.
+
+    A recording may begin at zero: one zero is a stamp like any other where the next one follows
+    it as stamps follow one another.
+
+    Parameters
+    ----------
+    stamps_ns : (n,) array
+        In any order [ns].
+    """
+    zero = np.asarray(stamps_ns == 0)
+    if np.count_nonzero(zero) != 1 or len(stamps_ns) < _FEWEST_STAMPS:
+        return zero
+    later = np.sort(stamps_ns)
+    usual_ns = float(np.median(np.diff(later)))
+    if later[0] == 0 and later[1] <= max(_LONGEST_STEP_NS, _STEPS * usual_ns):
+        return np.zeros(len(zero), dtype=bool)
+    return zero

@@ -41,6 +41,9 @@ def check_imu(imu: ImuRows) -> Iterator[Finding]:
         return
     known_ns = chosen(stamps_ns, good)
     omega, f = chosen(imu.omega_ib_b, good), chosen(imu.f_b, good)
+    if not (omega.any() and f.any()):
+        yield _zero(topic, known_ns, omega, f)
+        return
     for part in (omega, f):
         yield from check_stuck(topic, known_ns, part, limit_s=1.0, fewest=20)
     span = float(stamps_ns.max() - stamps_ns.min()) * 1e-9
@@ -69,6 +72,21 @@ def check_imu(imu: ImuRows) -> Iterator[Finding]:
             '`gyro_unit: deg/s` if they are degrees',
         )
     yield from _turning(topic, known_ns, omega, f)
+
+
+def _zero(topic: str, stamps_ns: Stamps, omega: Array, f: Array) -> Finding:
+    both = not (omega.any() or f.any())
+    what = 'specific force' if omega.any() else 'rate'
+    text = 'the IMU is all zeros' if both else f'the {what} of the IMU is all zeros'
+    return finding(
+        'imu_zero',
+        Severity.SEVERE,
+        topic,
+        int(stamps_ns[0]),
+        len(f),
+        0.0,
+        f'{text}, {len(f)} messages: nothing was measured, another topic may hold it',
+    )
 
 
 def _lengths(vectors: Array) -> Array:
@@ -183,7 +201,7 @@ def turning_factor(stamps_ns: Stamps, omega: Array, f: Array) -> tuple[float, fl
             np.column_stack([np.bincount(window, a[:, i]) / counts for i in range(3)])
             for a in (omega, f)
         ]
-    u = mean[1] / np.linalg.norm(mean[1], axis=1)[:, None]
+        u = mean[1] / np.linalg.norm(mean[1], axis=1)[:, None]
     pairs = full[:-1] & full[1:]
     measured = (u[1:] - u[:-1])[pairs]
     rate = 0.5 * (mean[0][1:] + mean[0][:-1])[pairs]

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
 
 import numpy as np
 
 from ..bags.finding import Finding, Severity
+from .arrays import unfilled
 from .findings import finding, finding_at
 from .sources import Stamps
 
@@ -19,6 +21,35 @@ _DRIFT_SPAN_S, _DRIFT_S, _DRIFT_SEVERE_S = 10.0, 0.2, 1.0
 _JUMP_S = 1.0
 _GAP_PERIODS = 10.0
 _REPEATED_SHARE = 0.05
+_ZERO_SHARE = 0.1
+"""One stamp of zero among fewer messages than ten is not a slip."""
+_SAME_CLOCK_S = 1.0
+"""Log times and stamps of an IMU, which nobody delays, are not further apart on one clock."""
+
+
+class Times(NamedTuple):
+    """Times of one topic, in the order of the bag.
+
+    Attributes
+    ----------
+    topic : str
+    stamps_ns, log_ns : (n,) arrays
+        Stamps with the offset of the mapping, and when each message was recorded [ns].
+    offset_ns : int
+        Of the mapping [ns].
+    delayed : bool
+        Messages come with a delay of their own.
+    """
+
+    topic: str
+    stamps_ns: Stamps
+    log_ns: Stamps
+    offset_ns: int = 0
+    delayed: bool = False
+
+    def behind_log_ns(self) -> int:
+        """Median of log time less stamp, the stamp without the offset [ns]."""
+        return round(float(np.median(self.log_ns - self.stamps_ns))) + self.offset_ns
 
 
 def check_stamps(
@@ -36,19 +67,23 @@ def check_stamps(
     """
     if not len(stamps_ns):
         return
-    zero = stamps_ns == 0
+    zero = unfilled(stamps_ns)
     if zero.any():
+        several = zero.sum() > 1 or zero.mean() > _ZERO_SHARE
         yield finding_at(
             'stamps_zero',
-            Severity.SEVERE,
+            Severity.SEVERE if several else Severity.WARNING,
             topic,
             zero,
             stamps_ns,
             float(zero.sum()),
-            f'{int(zero.sum())} of {len(zero)} stamps are zero; `stamp: log` takes the log time',
+            f'{int(zero.sum())} of {len(zero)} stamps are zero; `stamp: log` takes the log time'
+            + ('' if several else '; that message is left out'),
         )
         if zero.all():
             return
+    if zero.sum() == 1:
+        stamps_ns, log_ns = stamps_ns[~zero], log_ns[~zero]
     steps = np.diff(stamps_ns)
     yield from _backwards(topic, stamps_ns, steps)
     yield from _repeated(topic, stamps_ns, steps)
@@ -157,16 +192,20 @@ def _drift(topic: str, stamps_ns: Stamps, log_ns: Stamps) -> Iterator[Finding]:
     )
 
 
-def check_spans(
-    reference: tuple[str, Stamps], others: list[tuple[str, Stamps]]
-) -> Iterator[Finding]:
-    """Look for topics whose stamps lie outside of those of the IMU."""
-    _, imu = reference
-    if not len(imu):
+def check_spans(reference: Times, others: Iterable[Times]) -> Iterator[Finding]:
+    """Look for topics whose stamps lie outside of those of the IMU.
+
+    Where the IMU's stamps are all zero, its log times stand in for them.
+    """
+    unstamped = len(reference.stamps_ns) > 0 and not reference.stamps_ns.any()
+    imu_ns = reference.log_ns if unstamped else reference.stamps_ns
+    if not len(imu_ns):
         return
-    first, last = int(imu.min()), int(imu.max())
-    for topic, stamps_ns in others:
-        if not len(stamps_ns):
+    first, last = int(imu_ns.min()), int(imu_ns.max())
+    imu_behind_ns = 0 if unstamped else reference.behind_log_ns() - reference.offset_ns
+    for one in others:
+        stamps_ns = one.stamps_ns
+        if not len(stamps_ns) or not stamps_ns.any():
             continue
         outside = (stamps_ns < first - 1_000_000_000) | (stamps_ns > last + 1_000_000_000)
         share = float(outside.mean())
@@ -175,10 +214,26 @@ def check_spans(
             yield finding_at(
                 'stamps_apart',
                 Severity.SEVERE,
-                topic,
+                one.topic,
                 outside,
                 stamps_ns,
                 apart,
-                f'{100 * share:.0f} % of its stamps lie outside of those of the IMU (limit 50 %), '
-                f'on average {apart:+.6g} s off: another clock? `time_offset_s` shifts them',
+                f'{100 * share:.0f} % of its stamps lie outside of those of the IMU (limit 50 %): '
+                f'another clock? {_remedy(one, imu_behind_ns)}',
             )
+
+
+def _remedy(one: Times, imu_behind_ns: int) -> str:
+    """Return what puts stamps on the clock of the IMU, whose log times stand so far behind it."""
+    offset = seconds_text(one.behind_log_ns() - imu_behind_ns)
+    shift = f'`time_offset_s: {offset}` (median of log time less stamp'
+    if one.delayed:
+        return f'{shift}, from which the delay has to be taken off) shifts them'
+    if abs(imu_behind_ns) * _NS > _SAME_CLOCK_S:
+        return f"{shift}, less that of the IMU) shifts them to the IMU's clock"
+    return f'`stamp: log` takes the log time, or {shift}) shifts them'
+
+
+def seconds_text(time_ns: int) -> str:
+    """Return a time in seconds with all its digits down to the microsecond."""
+    return f'{time_ns * _NS:.6f}'.rstrip('0').rstrip('.')

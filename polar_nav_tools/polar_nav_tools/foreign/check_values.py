@@ -20,6 +20,10 @@ from .sources import Stamps
 _MANY = 0.5
 """Share of messages above which a fault is the rule and not the exception."""
 _FASTEST = 10.0
+_WHOLE_S, _WHOLE_FEWEST = 10.0, 20
+"""Depths that are equal over a whole recording, so long and so many, are of a stuck sensor."""
+_LONGEST_DELAY_S = 3600.0
+"""Fixes that are older on reception were stamped by another clock [s]."""
 _DEEPEST, _HIGHEST = 11500.0, -20.0
 _LOWEST_PRESSURE, _HIGHEST_PRESSURE = 3e4, 1.3e8
 _UNIT_OF_PRESSURE = {'hPa': 1e2, 'kPa': 1e3, 'dbar': 1e4, 'bar': 1e5}
@@ -162,9 +166,14 @@ def check_depth(depth: DepthRows) -> Iterator[Finding]:
             f'the median depth is {median:.4g} m (limits {_HIGHEST:g} to {_DEEPEST:g} m){why}',
         )
     # A resting vehicle and a coarse sensor give equal numbers for a while; a driver that repeats
-    # gives them for long.
+    # gives them for long, or from the first message to the last.
+    whole = bool((depth.depth[good] == depth.depth[good][0]).all())
     yield from check_stuck(
-        topic, stamps_ns[good], depth.depth[good, None], limit_s=120.0, fewest=100
+        topic,
+        stamps_ns[good],
+        depth.depth[good, None],
+        limit_s=_WHOLE_S if whole else 120.0,
+        fewest=_WHOLE_FEWEST if whole else 100,
     )
     variance = depth.variance
     zero = variance == 0.0
@@ -210,14 +219,16 @@ def check_positions(rows: PositionRows) -> Iterator[Finding]:
     """Look for positions that cannot be, and for messages that hold none."""
     if not rows.given.all():
         share = float((~rows.given).mean())
+        none = not rows.given.any()
         yield finding_at(
             'position_invalid',
-            Severity.WARNING,
+            Severity.SEVERE if none else Severity.WARNING,
             rows.topic,
             ~rows.given,
             rows.stamps_ns,
             share,
-            f'{int((~rows.given).sum())} of {len(rows.given)} messages hold no position',
+            f'{int((~rows.given).sum())} of {len(rows.given)} messages hold no position: NaN, or '
+            f'a status of no fix{"; leave the topic out of the mapping" if none else ""}',
         )
     far = ~rows.plausible
     if far.any():
@@ -241,8 +252,12 @@ def check_fixes(rows: FixRows, max_delay_s: float) -> Iterator[Finding]:
     if not fixes:
         return
     validity = np.array([f.validity_ns for f in fixes], dtype=np.int64)
-    delay = np.array([f.receive_ns - f.validity_ns for f in fixes], dtype=np.int64) * 1e-9
+    delays_ns = np.array([f.receive_ns - f.validity_ns for f in fixes], dtype=np.int64)
+    delay = np.asarray(delays_ns * 1e-9, dtype=np.float64)
     yield from check_covariances(rows.topic, validity, np.array([f.covariance_e for f in fixes]))
+    if abs(float(np.median(delay))) > _LONGEST_DELAY_S:
+        yield _other_clock(rows, validity, delay)
+        return
     early = delay < 0.0
     if early.any():
         worst = float(-delay.min())
@@ -280,3 +295,19 @@ def check_fixes(rows: FixRows, max_delay_s: float) -> Iterator[Finding]:
             'every fix is received when it is valid; if their stamps are those of arrival, '
             '`time_offset_s` shifts them back',
         )
+
+
+def _other_clock(rows: FixRows, validity_ns: Stamps, delay_s: Array) -> Finding:
+    median = float(np.median(delay_s))
+    return finding(
+        'fix_clock',
+        Severity.SEVERE,
+        rows.topic,
+        int(validity_ns[0]),
+        len(delay_s),
+        median,
+        f'fixes are received {median:.6f} s ({median / 86400.0:.3g} days) after their stamps '
+        f'(median; limit {_LONGEST_DELAY_S:g} s): another clock, not a delay. `time_offset_s`, '
+        'that number less the delay, shifts them; or `stamp: log` with `delay_s: 0.0` where there '
+        'is no delay',
+    )

@@ -135,21 +135,30 @@ def _check_range(
 
 
 def vectors(section: Section, file: CsvFile, key: str, count: int = 3) -> Array:
-    """Read as many columns as ``key`` must name, as rows. -> (n, count)."""
+    """Read as many columns as ``key`` must name, as rows. -> (n, count).
+
+    A minus before a name turns the sign of that column: an axis that points the other way.
+    """
     names = section.raw(key)
     if not isinstance(names, list) or len(names) != count:
         raise section.fail(key, f'{names!r} is not a list of {count} columns')
     return np.column_stack(
-        [file.column(section, f'{key}[{i}]', str(n)) for i, n in enumerate(names)]
+        [_signed(section, file, f'{key}[{i}]', str(n)) for i, n in enumerate(names)]
     )
 
 
+def _signed(section: Section, file: CsvFile, key: str, name: str) -> Array:
+    if name.startswith('-') and name not in file.names:
+        return -file.column(section, key, name[1:])
+    return file.column(section, key, name)
+
+
 def optional(section: Section, file: CsvFile, key: str) -> Array | None:
-    """Read a column that need not be there."""
+    """Read a column that need not be there; a minus before its name turns its sign."""
     if key not in section:
         section.raw(key)
         return None
-    return file.column(section, key, section.text(key))
+    return _signed(section, file, key, section.text(key))
 
 
 def same_length(section: Section, columns: Sequence[NDArray[Any] | None]) -> None:

@@ -2,14 +2,18 @@
 
 Old sqlite3 bags hold bytes without definitions. Types of this project and of ROS come from the
 installed packages; the two usual DVL messages stand here. They are the fields alone, in the order
-in which they are serialized.
+in which they are serialized. Those of other packages are read from a folder of their .msg files.
 """
 
 from __future__ import annotations
 
-from ..bags.errors import BagError
-from ..bags.schemas import definition, normalize
+from collections.abc import Sequence
+from pathlib import Path
 
+from ..bags.errors import BagError
+from ..bags.schemas import collect, definition, installed_prefixes, normalize
+
+_SHOWN = 6
 _RULE = '=' * 80
 _HEADER = f"""{_RULE}
 MSG: std_msgs/Header
@@ -73,18 +77,59 @@ bool valid
 """Message type to its ros2msg text."""
 
 
-def text_of(type_name: str) -> str:
-    """Return the definition of a type that its bag does not describe.
+class Definitions:
+    """Definitions of types that a bag does not describe.
+
+    Parameters
+    ----------
+    folder : Path, optional
+        Somewhere below it are .msg files, as PACKAGE/msg/NAME.msg or PACKAGE/NAME.msg; they come
+        before what is bundled or installed.
 
     Raises
     ------
     BagError
-        When it is neither bundled nor installed.
+        When the folder holds no .msg file.
     """
-    name = normalize(type_name)
-    if name in BUNDLED:
-        return BUNDLED[name]
-    try:
-        return definition(name).text
-    except BagError as error:
-        raise BagError(f'the bag does not describe {name}, and {error}') from error
+
+    def __init__(self, folder: Path | None = None) -> None:
+        self._files: dict[str, Path] = {}
+        if folder is None:
+            return
+        for file in sorted(folder.rglob('*.msg')):
+            package = file.parent.parent if file.parent.name == 'msg' else file.parent
+            self._files.setdefault(f'{package.resolve().name}/msg/{file.stem}', file)
+        if not self._files:
+            raise BagError(f'{folder} holds no .msg file')
+
+    def text_of(self, type_name: str) -> str:
+        """Return the ros2msg text of a type.
+
+        Raises
+        ------
+        BagError
+            When it is neither in the folder nor bundled nor installed.
+        """
+        name = normalize(type_name)
+        if name in self._files:
+            return collect(name, installed_prefixes(), self._files).text
+        if name in BUNDLED:
+            return BUNDLED[name]
+        try:
+            return definition(name).text
+        except BagError as error:
+            raise BagError(f'the bag does not describe {name}, and {error}') from error
+
+
+def undecodable(types: Sequence[str]) -> str | None:
+    """Return a sentence on types that nobody describes; None where there are none."""
+    if not types:
+        return None
+    some = ', '.join(types[:_SHOWN])
+    more = f' and {len(types) - _SHOWN} more' if len(types) > _SHOWN else ''
+    n = len(types)
+    what = 'type cannot' if n == 1 else 'types cannot'
+    return (
+        f'{n} {what} be decoded because the bag carries no definitions: {some}{more}; '
+        '`--msg-path DIR` takes their .msg files'
+    )

@@ -9,15 +9,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from polar_nav_core.engine.events import Array
 from polar_nav_core.errors import PolarNavError
 
 from ..bags.reader import Topic
-from . import rotations
-from .adapters.layouts import DEPTH, IMU, PACKET, POSITION, USBL, VELOCITY
+from .adapters.layouts import IMU, PACKET, POSITION, USBL
 from .adapters.position import read_positions
-from .adapters.sensors import read_imu
-from .arrays import finite_rows
 from .candidates import (
     LEADER_WORDS,
     RAW_WORDS,
@@ -32,34 +28,50 @@ from .candidates import (
     vehicle,
     words,
 )
-from .check_imu import turning_factor
+from .definitions import undecodable
+from .guess_imu import put_imu
+from .guess_noise import Choices, put_noise
+from .guess_stamps import TopicTimes, put_stamp, times_of
 from .lines import Lines
-from .mapping import ACCEL_UNITS, Frame, ImuMapping, PositionMapping, Stream
-from .sources import Source, Stamps, field_paths, read_table
+from .mapping import VERSION, Frame, PositionMapping, Stream
+from .sources import Source, field_paths, not_described, read_table
 
-_GRAVITY = 9.81
 _DOWNWARD_DVL = ('marine_acoustic_msgs/msg/Dvl',)
 
 
-def guess(source: Source) -> str:
-    """Return a mapping of a bag as YAML with comments."""
+def guess(source: Source, choices: Choices | None = None) -> str:
+    """Return a mapping of a bag as YAML with comments.
+
+    Parameters
+    ----------
+    source : Source
+    choices : Choices, optional
+        What a person knows of the recording; what nobody said is marked FILL IN.
+    """
     out = Lines()
+    choices = choices or Choices()
     out.say(
         f'A mapping for `polar replay {source.path} --map THIS_FILE`, guessed from {source.kind}.'
     )
     out.say('Every comment says what a guess rests on; what could not be found is marked FILL IN.')
+    missing = undecodable(not_described(source))
+    if missing is not None:
+        out.say(missing)
     out.put()
+    out.put(f'version: {VERSION}')
     topics = [t for t in source.topics.values() if t.count]
     imu = best([t for t in topics if t.type in IMU], RAW_WORDS)
     out.put(f'vehicle: {vehicle(imu)}')
     out.put()
-    _imu(out, source, imu)
+    times = put_imu(out, source, imu, choices)
     mine = [t for t in topics if imu is None or near(t, imu)]
-    _sensor(out, source, 'dvl', dvl_of(mine), topics)
-    _sensor(out, source, 'depth', depth_of(mine), topics)
+    dvl = dvl_of(mine)
+    _sensor(out, source, 'dvl', dvl, topics, times, choices)
+    _sensor(out, source, 'depth', depth_of(mine), topics, times, choices)
+    mine = _with_positions(out, source, mine)
     truth = best_position(mine, TRUTH_WORDS, require=True)
     fixes = fixes_of(mine, truth, topics)
-    _fixes(out, source, fixes, topics)
+    _fixes(out, source, fixes, topics, times, choices)
     start = truth or best_position([t for t in mine if t not in fixes], STATE_WORDS)
     if start is None:
         start = next((t for t in fixes if t.type in POSITION), None)
@@ -80,7 +92,9 @@ def guess(source: Source) -> str:
         out.put('truth:')
         _position(out, source, truth, 2)
     out.put()
-    _parameters(out)
+    put_noise(out, choices, has_dvl=dvl is not None)
+    out.put('parameters:')
+    out.put('configuration: default', 2)
     unused = [t for t in topics if t.type in POSITION and t not in (*fixes, truth, start)]
     if unused:
         out.put()
@@ -90,99 +104,30 @@ def guess(source: Source) -> str:
     return '\n'.join(out.lines) + '\n'
 
 
-def _imu(out: Lines, source: Source, imu: Topic | None) -> None:
-    if imu is None:
-        out.say(
-            'No topic is a sensor_msgs/msg/Imu. FILL IN the topic and where the numbers stand.'
-        )
-        _unknown(out, source)
-        out.put('imu:')
-        out.put('topic: /FILL/IN', 2)
-        out.put('fields: {rate: [FILL, IN, xyz], force: [FILL, IN, xyz]}', 2)
-        out.put('rotation: flu', 2)
-        out.put()
-        return
-    out.say(f'{imu.type}, {imu.count} messages')
-    out.put('imu:')
-    out.put(f'topic: {imu.name}', 2)
-    try:
-        plain = read_imu(source, ImuMapping(Stream(imu.name), np.eye(3), 1.0, 1.0))
-    except PolarNavError as error:
-        out.say(f'not read: {error}', 2)
-        out.put()
-        return
-    good = finite_rows(plain.f_b) & finite_rows(plain.omega_ib_b)
-    f, omega, stamps = plain.f_b[good], plain.omega_ib_b[good], plain.stamps_ns[good]
-    if len(f) > 1:
-        _accel_unit(out, f)
-        _axes(out, f)
-        _gyro_unit(out, stamps, omega, f)
-    out.say('where it sits from base_link, x forward, y left, z up [m]: FILL IN; zeros where', 2)
-    out.say('base_link is the IMU', 2)
-    out.put('lever_b: [0.0, 0.0, 0.0]', 2)
-    out.say('whether samples are means over the interval before the stamp, or instant: not in', 2)
-    out.say('the data; `mean` is what IMUs with increments give', 2)
-    out.put('sample: mean', 2)
-    out.put()
-
-
-def _unknown(out: Lines, source: Source) -> None:
-    """Show the fields of the most frequent topic of a type without an adapter."""
-    known = {*IMU, *VELOCITY, *DEPTH, *POSITION}
-    others = [t for t in source.topics.values() if t.count and t.type not in known]
-    if not others:
-        return
-    topic = max(others, key=lambda t: t.count)
-    out.say(f'{topic.name} ({topic.type}, {topic.count} messages) has the fields')
-    for path in field_paths(source, topic.name)[:24]:
-        out.say(f'  {path}')
-
-
-def _accel_unit(out: Lines, f: Array) -> None:
-    size = float(np.median(np.linalg.norm(f, axis=1)))
-    fits = [u for u, s in ACCEL_UNITS.items() if abs(size * s / _GRAVITY - 1.0) < 0.1]
-    if fits:
-        out.say(f'the median of the specific force is {size:.4g}', 2)
-        out.put(f'accel_unit: {fits[0]}', 2)
-    else:
-        out.say(f'FILL IN: the median of the specific force is {size:.4g}, gravity in no unit', 2)
-        out.put('accel_unit: m/s^2', 2)
-
-
-def _axes(out: Lines, f: Array) -> None:
-    mean = np.median(f, axis=0)
-    unit = mean / max(float(np.linalg.norm(mean)), 1e-12)
-    axis = int(np.argmax(np.abs(unit)))
-    up = 'xyz'[axis]
-    sign = '+' if unit[axis] > 0.0 else '-'
-    names = {('z', '+'): 'flu', ('z', '-'): 'frd'}
-    name = names.get((up, sign))
-    if name is None:
-        wanted = 'u' if sign == '+' else 'd'
-        name = next(n for n in rotations.all_named() if n[axis] == wanted)
-    share = abs(float(unit[axis]))
-    out.say(
-        f'gravity shows that up is {sign}{up} ({share:.2f} of it); where forward is, the data', 2
-    )
-    out.say('of gravity cannot tell: FILL IN another name if x does not point forward', 2)
-    out.put(f'rotation: {name}', 2)
-
-
-def _gyro_unit(out: Lines, stamps: Stamps, omega: Array, f: Array) -> None:
-    factor, correlation, turn = turning_factor(stamps, omega, f)
-    if np.isfinite(factor) and abs(correlation) > 0.6 and turn > 2e-3:
-        degrees = 1 / 100 < abs(factor) < 1 / 30
-        said = f'gravity turns {1 / factor:.3g} times as much by the gyros (correlation '
-        out.say(f'{said}{correlation:.2f})', 2)
-        out.put(f'gyro_unit: {"deg/s" if degrees else "rad/s"}', 2)
-        return
-    top = float(np.quantile(np.linalg.norm(omega, axis=1), 0.99))
-    out.say(f'too little turning to tell; 99 % of the rates are below {top:.3g}', 2)
-    out.put(f'gyro_unit: {"deg/s" if top > 3.5 else "rad/s"}', 2)
+def _with_positions(out: Lines, source: Source, topics: list[Topic]) -> list[Topic]:
+    """Leave out topics of NavSatFix, or another with latitudes, that never hold a position."""
+    kept = []
+    for topic in topics:
+        if topic.type in POSITION and 'latitude' in field_paths(source, topic.name):
+            mapping = PositionMapping(Stream(topic.name), Frame(None), np.eye(3))
+            given = read_positions(source, mapping).given
+            if not given.any():
+                out.say(f'{topic.name}: {len(given)} of {len(given)} messages hold no position')
+                out.say('(NaN, or a status of no fix): left out')
+                out.put()
+                continue
+        kept.append(topic)
+    return kept
 
 
 def _sensor(
-    out: Lines, source: Source, role: str, topic: Topic | None, topics: list[Topic]
+    out: Lines,
+    source: Source,
+    role: str,
+    topic: Topic | None,
+    topics: list[Topic],
+    reference: TopicTimes | None,
+    choices: Choices,
 ) -> None:
     if topic is None:
         out.say(f'{role}: none of {len(topics)} topics looks like one. FILL IN, or leave it out.')
@@ -192,7 +137,12 @@ def _sensor(
     out.say(f'{topic.type}, {topic.count} messages')
     out.put(f'{role}:')
     out.put(f'topic: {topic.name}', 2)
+    try:
+        put_stamp(out, times_of(source, topic.name), reference, choices.clock)
+    except PolarNavError as error:
+        out.say(f'not read: {error}', 2)
     if role == 'dvl':
+        _reference(out, source, topic, choices)
         name, why = _dvl_axes(source, topic)
         out.say(f'axes of the instrument: {why}', 2)
         out.say('turned by any angle: {rpy_deg: [180, 0, 45]}; `replay` tells if others fit', 2)
@@ -204,10 +154,27 @@ def _sensor(
         if topic.type == 'sensor_msgs/msg/FluidPressure':
             out.say('absolute pressure in Pa, as the type says', 2)
             out.put('unit: Pa', 2)
+        elif topic.type.startswith('std_msgs/msg/Float'):
+            median = float(np.median(read_table(source, topic.name, ['data']).columns['data']))
+            out.say(f'FILL IN the unit: not in the type, the median is {median:.5g}', 2)
+            out.put('unit: FILL_IN', 2)
         out.say('where it sits from base_link, x forward, y left, z up [m]: FILL IN', 2)
         out.put('lever_b: [0.0, 0.0, 0.0]', 2)
         out.say('sigma: 0.1    # [m], in place of what the messages state', 2)
     out.put()
+
+
+def _reference(out: Lines, source: Source, topic: Topic, choices: Choices) -> None:
+    """Write whether velocities are over ground or through the water."""
+    if choices.reference is not None:
+        out.put(f'reference: {choices.reference}', 2)
+    elif 'velocity_mode' in field_paths(source, topic.name):
+        out.say('each message states whether it is over ground; the others are not used', 2)
+        out.put('reference: bottom', 2)
+    else:
+        out.say(f'FILL IN bottom or water: {topic.type} does not state what', 2)
+        out.say('the velocity is relative to; one of the water has the current in it', 2)
+        out.put('reference: FILL_IN', 2)
 
 
 def _dvl_axes(source: Source, topic: Topic) -> tuple[str, str]:
@@ -224,7 +191,14 @@ def _dvl_axes(source: Source, topic: Topic) -> tuple[str, str]:
     return 'flu', 'not in the data: FILL IN, frd where z points down'
 
 
-def _fixes(out: Lines, source: Source, fixes: list[Topic], topics: list[Topic]) -> None:
+def _fixes(
+    out: Lines,
+    source: Source,
+    fixes: list[Topic],
+    topics: list[Topic],
+    reference: TopicTimes | None,
+    choices: Choices,
+) -> None:
     if not fixes:
         out.say('No topic looks like position fixes. FILL IN, or leave it out: the run drifts.')
         out.say('fixes: [{topic: /FILL/IN, delay_s: 5.0}]')
@@ -246,19 +220,30 @@ def _fixes(out: Lines, source: Source, fixes: list[Topic], topics: list[Topic]) 
             out.put(f'leader: {{topic: {name}}}', 4)
         else:
             _frame(out, source, topic, 4)
-        _delay(out, source, topic)
+        _delay(out, source, topic, reference, choices)
         out.say("sigma: [5.0, 5.0]   # horizontal, vertical [m], in place of the messages'", 4)
     out.put()
 
 
-def _delay(out: Lines, source: Source, topic: Topic) -> None:
+def _delay(
+    out: Lines,
+    source: Source,
+    topic: Topic,
+    reference: TopicTimes | None,
+    choices: Choices,
+) -> None:
     try:
-        table = read_table(source, topic.name, ('header.stamp.sec', 'header.stamp.nanosec'))
+        times = times_of(source, topic.name)
     except PolarNavError as error:
         out.say(f'not read: {error}', 4)
         return
-    stamps = table.columns['header.stamp.sec'].astype(np.int64) * 10**9
-    lag = (table.log_ns - stamps - table.columns['header.stamp.nanosec'].astype(np.int64)) * 1e-9
+    before = len(out.lines)
+    put_stamp(out, times, reference, choices.clock, delayed=True, indent=4)
+    if times.stamps_ns is None or any('FILL_IN' in line for line in out.lines[before:]):
+        return
+    lag = (times.log_ns - times.stamps_ns) * 1e-9
+    if reference is not None:
+        lag = lag - reference.behind_log_ns * 1e-9
     median = float(np.median(lag))
     if abs(median) < 0.05:
         out.say(f'recorded {median:.3g} s after their stamps: either the stamps are those of', 4)
@@ -319,14 +304,3 @@ def _initial(out: Lines, source: Source, start: Topic | None) -> None:
         out.say('no attitude in it: FILL IN the true heading at the start [deg]', 2)
         out.put('heading_deg: FILL_IN', 2)
     out.put()
-
-
-def _parameters(out: Lines) -> None:
-    out.say('Noise of the IMU from its data sheet: FILL IN; docs/parameters.md has all names.')
-    out.say('These are of a tactical IMU: 1 deg/h, 0.1 deg/sqrt(h), 1 mg, 0.05 m/s/sqrt(h).')
-    out.put('parameters:')
-    out.put('configuration: default', 2)
-    out.put('gyro_bias_sigma: 4.8e-6       # rad/s', 2)
-    out.put('gyro_noise_density: 2.9e-5    # rad/s/sqrt(Hz)', 2)
-    out.put('accel_bias_sigma: 0.01        # m/s^2', 2)
-    out.put('accel_noise_density: 8.3e-4   # m/s^2/sqrt(Hz)', 2)

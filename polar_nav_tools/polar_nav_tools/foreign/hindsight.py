@@ -1,9 +1,10 @@
 """What a run itself says of its mapping: measurements that do not fit the IMU, and what would.
 
 Axes, lever arms and offsets of a DVL or of fixes cannot be seen in their numbers alone. When the
-filter refuses them, or their NIS is far from what was stated, that is told; for a DVL the other
+filter refuses them, or their NIS is far from what was stated, that is told. For a DVL the other
 axes that have a name are tried on the first minutes, and those of a level instrument turned by 45
-degrees, as many are mounted.
+degrees, as many are mounted; each with the noise of the IMU as stated, 10 and 100 times as large.
+Its lever arm and latency are looked for in the turns, refused or not.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from ..bags.finding import Finding, Severity
 from . import rotations
 from .findings import finding
 from .load import Loaded
+from .turns import Turns, turns
 
 _FEWEST = 20
 _FEWEST_FIXES = 4
@@ -33,6 +35,29 @@ _NIS = 3.0
 _TRIED_NS = 300_000_000_000
 _BETTER = 3.0
 """By how much other axes must fit better to be told."""
+_FITS = 1.5
+"""Mean NIS over its degrees of freedom at which nothing else is looked for."""
+_FACTORS = (10.0, 100.0)
+_IMU_NOISE = {
+    'gyro_bias_sigma': 1.0,
+    'gyro_noise_density': 1.0,
+    'gyro_bias_walk': 1.0,
+    'accel_bias_sigma': 10.0,
+    'accel_noise_density': 10.0,
+    'accel_bias_walk': 10.0,
+}
+"""Parameters that are tried larger, with their upper limits."""
+_SIGMAS = 5.0
+_LEVER_M, _LAG_S = 0.2, 0.1
+"""Less than this in lever arm or latency is what a person may well leave out."""
+
+
+BEYOND = 'does not fit the run, beyond the limits'
+
+
+def is_misfit(found: Finding) -> bool:
+    """Whether a finding is of measurements that do not fit the run, beyond their limits."""
+    return found.name.endswith('_misfit')
 
 
 def look_back(
@@ -74,35 +99,132 @@ def _said(share: float, ratio: float) -> str:
     )
 
 
+def _turns(topic: str, seen: Turns | None) -> Iterator[Finding]:
+    """Lever arm and latency that the turns show, where they are large and certain."""
+    if seen is None:
+        return
+    levers = list(zip('xy', seen.lever_b, seen.lever_sigma, strict=True))
+    off = [x for x in levers if abs(x[1]) > max(_LEVER_M, _SIGMAS * x[2])]
+    late = abs(seen.lag_s) > max(_LAG_S, _SIGMAS * seen.lag_sigma)
+    if not off and not late:
+        return
+    said = [
+        f'`lever_b` {axis} is {value:+.2f} m off (1-sigma {sigma:.2f} m)'
+        for axis, value, sigma in off
+    ]
+    if late:
+        said.append(
+            f'pings are {seen.lag_s:.2f} s old at their stamps (1-sigma {seen.lag_sigma:.2f} s), '
+            f'add {-seen.lag_s:.2f} to `time_offset_s`'
+        )
+    if off and off[0][0] == 'x' and not late:
+        # Lateral velocity by yaw rate: of a point, or of a velocity held in axes that do not turn.
+        same = off[0][1] / max(seen.speed, 1e-6)
+        said.append(
+            f'at {seen.speed:.2g} m/s a velocity whose direction is {abs(same):.2f} s '
+            f'{"early" if same < 0.0 else "late"} looks the same'
+        )
+    yield finding(
+        'dvl_lever',
+        Severity.WARNING,
+        topic,
+        None,
+        seen.windows,
+        float(off[0][1]) if off else seen.lag_s,
+        f'in {seen.windows} windows of 20 s with turns, {"; ".join(said)}',
+    )
+
+
 def _dvl(loaded: Loaded, params: FollowerParams, row: Array) -> Iterator[Finding]:
-    found = _misfit(row, LOCAL_DOF['dvl'])
     mapping = loaded.mapping.dvl
-    if found is None or mapping is None:
+    if mapping is None:
+        return
+    topic = mapping.stream.topic
+    found = _misfit(row, LOCAL_DOF['dvl'])
+    lever = list(_turns(topic, turns(loaded.inputs, np.asarray(params.dvl_lever_b))))
+    if found is None and not lever:
+        return
+    trial = tried_axes(loaded, params)
+    if _turned(trial):  # of a DVL in other axes no turn says where it is
+        lever = []
+    yield from lever
+    if found is None:
         return
     n, share, ratio = found
-    stated, others = tried_axes(loaded, params)
-    best = min(others, key=lambda rotation: others[rotation])
-    advice = (
-        'no other axes along those of the body fit better, nor turned by 45 degrees: lever_b of '
-        'DVL and IMU, time_offset_s, sigma, or other angles'
-    )
-    if _BETTER * others[best] < stated:
-        advice = (
-            f'`rotation: {best}` fits {stated / others[best]:.3g} times better in the first '
-            'minutes'
-        )
     yield finding(
         'dvl_misfit',
         Severity.WARNING,
-        mapping.stream.topic,
+        topic,
         None,
         n,
         max(share, ratio),
-        f'pings do not fit the IMU: {_said(share, ratio)}. See `rotation` first: {advice}',
+        f'pings do not fit the IMU: {_said(share, ratio)}. '
+        f'{_advice(loaded, params, trial, bool(lever))}',
     )
 
 
-def tried_axes(loaded: Loaded, params: FollowerParams) -> tuple[float, dict[str, float]]:
+_Trial = tuple[float, dict[str, float]]
+"""Mean NIS of the DVL with the axes stated, and with others by name."""
+
+
+def _best(trial: _Trial) -> str:
+    return min(trial[1], key=lambda rotation: trial[1][rotation])
+
+
+def _turned(trial: _Trial) -> bool:
+    """Whether other axes fit so much better that those stated are wrong."""
+    return _BETTER * trial[1][_best(trial)] < trial[0]
+
+
+def _axes_text(trial: _Trial) -> str:
+    best = _best(trial)
+    times = trial[0] / trial[1][best]
+    return f'`rotation: {best}` fits {times:.3g} times better in the first minutes'
+
+
+def _advice(loaded: Loaded, params: FollowerParams, trial: _Trial, lever: bool) -> str:
+    """Return what makes the DVL fit: other axes, a lever arm, more noise of the IMU, or nothing.
+
+    Parameters
+    ----------
+    loaded, params
+    trial : _Trial
+        With the noise of the IMU as stated.
+    lever : bool
+        Whether the turns show a lever arm or a latency.
+    """
+    turned = _turned(trial)
+    if lever:
+        return 'See the lever arm or latency that the turns show (dvl_lever)'
+    dof = LOCAL_DOF['dvl']
+    fits = (trial[1][_best(trial)] if turned else trial[0]) <= _FITS * dof
+    if not fits:
+        for factor in _FACTORS:
+            other = tried_axes(loaded, with_imu_noise(params, factor))
+            ratio = other[1][_best(other)] if _turned(other) else other[0]
+            if ratio <= _FITS * dof:
+                axes = f'; {_axes_text(other)}' if _turned(other) else ''
+                return (
+                    f'With the noise of the IMU {factor:g} times as large, all six parameters, '
+                    f'they fit (NIS {ratio / dof:.2g} times its expectation in the first '
+                    f'minutes{axes}): see `noise`, and the class of the IMU'
+                )
+    if turned:
+        return f'See `rotation` first: {_axes_text(trial)}'
+    noise = '' if fits else ', nor a noise of the IMU up to 100 times as large'
+    return (
+        'See `rotation` first: no other axes along those of the body fit better, nor turned by 45 '
+        f'degrees{noise}: lever_b of DVL and IMU, time_offset_s, sigma, or other angles'
+    )
+
+
+def with_imu_noise(params: FollowerParams, factor: float) -> FollowerParams:
+    """Return the parameters with the six of the IMU's noise so many times as large."""
+    changes = {n: min(getattr(params, n) * factor, most) for n, most in _IMU_NOISE.items()}
+    return replace(params, **changes)
+
+
+def tried_axes(loaded: Loaded, params: FollowerParams) -> _Trial:
     """Mean NIS of the DVL in the first minutes: with the axes stated, and with others.
 
     Those are named as in a mapping. Without gate and without fixes: how well the DVL goes with

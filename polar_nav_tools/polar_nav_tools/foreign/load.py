@@ -21,17 +21,20 @@ from ..bags.finding import Finding, Severity
 from ..series.vehicle import TruthSeries
 from .adapters.position import PositionRows, read_positions
 from .adapters.sensors import DepthRows, DvlRows, ImuRows, read_depth, read_dvl, read_imu
+from .arrays import unfilled
 from .check_imu import check_imu
-from .check_stamps import check_spans, check_stamps
+from .check_path import check_path
+from .check_stamps import Times, check_spans, check_stamps
 from .check_values import check_depth, check_dvl, check_fixes, check_positions
 from .findings import NAMES, Refused, finding, refusals
 from .fixes import FixRows, read_fixes
 from .initial import Start, find_start
-from .mapping import Mapping, PositionMapping
+from .mapping import Mapping, PositionMapping, Stream
 from .reference import truth_of
 from .sources import Source
 
 _T = TypeVar('_T', ImuRows, DvlRows, DepthRows)
+_DVL_NOISE = ('dvl_scale_sigma', 'dvl_markov_sigma')
 _NOISE = ('gyro_bias_sigma', 'gyro_noise_density', 'accel_bias_sigma', 'accel_noise_density')
 
 
@@ -95,6 +98,9 @@ def load(source: Source, mapping: Mapping, accept: Iterable[str] = ()) -> Loaded
         findings = [*check(streams, mapping), *_unstated(mapping)]
     _refuse(source, findings, accepted)
     ordered = _in_order(streams)
+    if ordered.truth is not None and ordered.dvl is not None:
+        findings += check_path(ordered.truth, ordered.dvl)
+        _refuse(source, findings, accepted)
     stated = dict(mapping.params)
     start = find_start(
         mapping.initial,
@@ -192,12 +198,9 @@ def check(streams: _Streams, mapping: Mapping) -> list[Finding]:
         out += check_stamps(rows.topic, rows.stamps_ns, rows.log_ns)
     for one in streams.fixes:
         out += check_stamps(one.topic, one.stamps_ns, one.log_ns, delayed=True)
-    others = [(r.topic, r.stamps_ns) for r in sensors[1:]]
-    others += [(r.topic, r.stamps_ns) for r in streams.fixes]
     if streams.truth is not None:
         out += check_stamps(streams.truth.topic, streams.truth.stamps_ns, streams.truth.log_ns)
-        others.append((streams.truth.topic, streams.truth.stamps_ns))
-    out += check_spans((streams.imu.topic, streams.imu.stamps_ns), others)
+    out += check_spans(*_times(streams, mapping))
     out += check_imu(streams.imu)
     if streams.dvl is not None:
         out += check_dvl(streams.dvl)
@@ -211,6 +214,29 @@ def check(streams: _Streams, mapping: Mapping) -> list[Finding]:
         if not np.isfinite(streams.truth.C_b_G).any():
             out.append(_no_attitude(streams.truth))
     return out
+
+
+def _times(s: _Streams, mapping: Mapping) -> tuple[Times, list[Times]]:
+    """Times of the IMU, and of everything else."""
+
+    def times(
+        rows: ImuRows | DvlRows | DepthRows | PositionRows | FixRows,
+        stream: Stream,
+        *,
+        delayed: bool = False,
+    ) -> Times:
+        return Times(rows.topic, rows.stamps_ns, rows.log_ns, stream.offset_ns, delayed)
+
+    others = []
+    if s.dvl is not None and mapping.dvl is not None:
+        others.append(times(s.dvl, mapping.dvl.stream))
+    if s.depth is not None and mapping.depth is not None:
+        others.append(times(s.depth, mapping.depth.stream))
+    for rows, fix in zip(s.fixes, mapping.fixes, strict=True):
+        others.append(times(rows, fix.position.stream, delayed=True))
+    if s.truth is not None and mapping.truth is not None:
+        others.append(times(s.truth, mapping.truth.stream))
+    return times(s.imu, mapping.imu.stream), others
 
 
 def _no_attitude(truth: PositionRows) -> Finding:
@@ -227,7 +253,8 @@ def _no_attitude(truth: PositionRows) -> Finding:
 
 
 def _unstated(mapping: Mapping) -> list[Finding]:
-    missing = [name for name in _NOISE if name not in mapping.params]
+    wanted = _NOISE if mapping.dvl is None else (*_NOISE, *_DVL_NOISE)
+    missing = [name for name in wanted if name not in mapping.params]
     if not missing:
         return []
     return [
@@ -238,8 +265,9 @@ def _unstated(mapping: Mapping) -> list[Finding]:
             None,
             0,
             float(len(missing)),
-            f'{", ".join(missing)} are not among parameters: those of a navigation-grade IMU are '
-            'taken, and a cheaper one makes the filter too sure of itself',
+            f'{", ".join(missing)} are not stated: those of a navigation-grade IMU and a good DVL '
+            'are taken, and cheaper ones make the filter too sure of itself; `noise: {imu: CLASS, '
+            'dvl: CLASS}` states them',
         )
     ]
 
@@ -256,13 +284,14 @@ def _in_order(s: _Streams) -> _Streams:
 
 
 def _sorted(rows: _T) -> _T:
-    """By stamp, without stamps of zero where others have one."""
+    """By stamp, without stamps that nobody filled in where others have one."""
     stamps = rows.stamps_ns
-    if (np.diff(stamps) >= 0).all() and not (len(stamps) and stamps[0] == 0 and stamps.any()):
+    zero = unfilled(stamps)
+    if (np.diff(stamps) >= 0).all() and not zero.any():
         return rows
     order: NDArray[Any] = np.argsort(stamps, kind='stable')
-    if (stamps != 0).any():
-        order = order[stamps[order] != 0]
+    if not zero.all():
+        order = order[~zero[order]]
     changes = {
         name: value[order] for name, value in vars(rows).items() if isinstance(value, np.ndarray)
     }

@@ -13,9 +13,13 @@ from polar_nav_core.engine.events import Array
 GYRO_UNITS = {'rad/s': 1.0, 'deg/s': np.pi / 180.0}
 ACCEL_UNITS = {'m/s^2': 1.0, 'g': 9.80665, 'mg': 9.80665e-3}
 SPEED_UNITS = {'m/s': 1.0, 'cm/s': 1e-2, 'mm/s': 1e-3}
+ANGLE_UNITS = {'deg': np.pi / 180.0, 'rad': 1.0}
 LENGTH_UNITS = {'m': 1.0, 'cm': 1e-2, 'mm': 1e-3}
 PRESSURE_UNITS = {'Pa': 1.0, 'hPa': 1e2, 'kPa': 1e3, 'dbar': 1e4, 'bar': 1e5}
 POSITION_FRAMES = ('geodetic', 'earth', 'enu', 'ned', 'epsg')
+VERSION = 1
+"""Of mapping files; it counts up when a key comes to mean something else."""
+REFERENCES = ('bottom', 'water')
 STAMPS = ('header', 'log')
 
 
@@ -53,12 +57,16 @@ class ImuMapping:
 
 @dataclass(frozen=True)
 class DvlMapping:
-    """A DVL: scale to m/s; sigma replaces what the messages state [m/s]."""
+    """A DVL: scale to m/s; sigma replaces what the messages state [m/s].
+
+    With ``water`` its velocities are relative to the water, not to the ground.
+    """
 
     stream: Stream
     C_s_b: Array
     scale: float
     sigma: float | None
+    water: bool = False
 
 
 @dataclass(frozen=True)

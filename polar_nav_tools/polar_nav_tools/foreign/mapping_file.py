@@ -13,15 +13,17 @@ from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.params import unknown_parameter
 
-from . import section
+from . import instrument_noise, section
 from .mapping import (
     ACCEL_UNITS,
     GYRO_UNITS,
     LENGTH_UNITS,
     POSITION_FRAMES,
     PRESSURE_UNITS,
+    REFERENCES,
     SPEED_UNITS,
     STAMPS,
+    VERSION,
     DepthMapping,
     DvlMapping,
     FixMapping,
@@ -48,6 +50,9 @@ def load(path: Path | str) -> Mapping:
 
 def from_section(top: Section) -> Mapping:
     """Build a mapping of the top section of a file; errors as `load`."""
+    version = top.number('version', VERSION, 1.0, 1e9, '')
+    if version != VERSION:
+        raise top.fail('version', f'{version:g} is of a later polar_nav; this one reads {VERSION}')
     imu = top.section('imu')
     if imu is None:
         raise top.fail('imu', 'is missing: without an IMU nothing can be integrated')
@@ -68,8 +73,33 @@ def from_section(top: Section) -> Mapping:
         accept=tuple(accept),
         params=params,
     )
+    noise = top.section('noise')
+    if noise is not None:
+        stated = _noise(noise, water=mapping.dvl is not None and mapping.dvl.water)
+        twice = sorted(set(stated) & set(top.texts('parameters')))
+        if twice:
+            raise top.fail('noise', f'{twice[0]} is stated among parameters, too')
+        params.update(stated)
     top.done()
     return mapping
+
+
+def _noise(s: Section, *, water: bool) -> dict[str, float]:
+    """Noise by the classes of instruments; numbers that stand beside them win."""
+    out: dict[str, float] = {}
+    if 'imu' in s:
+        out |= instrument_noise.imu_noise(s.choice('imu', instrument_noise.IMU_CLASSES))
+    if 'dvl' in s:
+        name = s.choice('dvl', instrument_noise.DVL_CLASSES)
+        out |= instrument_noise.dvl_noise(name, water=water)
+    for name in ('imu', 'dvl'):
+        s.raw(name)
+    for name in instrument_noise.NAMES:
+        value = s.optional(name, 0.0, 1e6, instrument_noise.unit_of(name))
+        if value is not None:
+            out[name] = value
+    s.done()
+    return out
 
 
 def _parameters(top: Section) -> dict[str, Any]:
@@ -134,6 +164,7 @@ def _dvl(s: Section, params: dict[str, Any]) -> DvlMapping:
         C_s_b=s.rotation(),
         scale=SPEED_UNITS[s.choice('unit', tuple(SPEED_UNITS), 'm/s')],
         sigma=s.optional('sigma', 1e-6, 10.0, 'm/s'),
+        water=s.choice('reference', REFERENCES, 'bottom') == 'water',
     )
     s.done()
     return mapping

@@ -18,6 +18,8 @@ import numpy as np
 
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.events import Estimate, Receipt
+from polar_nav_core.engine.health.conditions import Health
+from polar_nav_core.engine.health.span import span_of_health
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.params import to_mapping
 from polar_nav_follower.params import FollowerParams
@@ -29,12 +31,14 @@ from polar_nav_ros.stamps import to_msg
 
 from ..bags import BagWriter
 from ..bags.finding import Finding
+from ..replay.result import LOOK_EVERY_S
 from ..scoring import Comparison, compare
+from ..scoring.consistency import OPTIMISTIC, PESSIMISTIC
 from ..series.estimates import EstimateRows, receipts_of
 from ..series.vehicle import EstimateSeries, TruthSeries
 from . import lever
 from .findings import to_dict as finding_values
-from .hindsight import look_back
+from .hindsight import BEYOND, is_misfit, look_back
 from .load import Loaded, load
 from .mapping import Mapping
 from .sources import Source
@@ -59,6 +63,8 @@ class ForeignRun:
     divergence : str
     findings : tuple of Finding
         Those of the data, and what did not fit in the run.
+    health : tuple of Health
+        Judgements of the watchdog in the order of time.
     """
 
     loaded: Loaded
@@ -68,11 +74,20 @@ class ForeignRun:
     verdicts: dict[str, int]
     divergence: str
     findings: tuple[Finding, ...] = ()
+    health: tuple[Health, ...] = ()
 
     @property
     def vehicle(self) -> str:
         """Name that the mapping gives."""
         return self.loaded.mapping.vehicle
+
+    def complaints(self) -> list[str]:
+        """Sentences on what was not well in the run; empty if all was."""
+        why = self.divergence
+        out = [f'the filter diverged: {why}'] if why else []
+        misfits = [f'{f.name}: {f.topic} {BEYOND}' for f in self.findings if is_misfit(f)]
+        complaint = span_of_health(self.health).complaint
+        return [*out, *misfits, *([complaint] if complaint else [])]
 
     def comparison(self) -> Comparison | None:
         """Score against the reference; None where none was mapped or nothing was estimated."""
@@ -123,7 +138,7 @@ def run(
         )
     rows = EstimateRows(loaded.params, _expected(loaded))
     states: list[Row] = []
-    params, moved = _at_the_imu(loaded)
+    params, moved = at_the_imu(loaded)
 
     def take(chunk: engine_run.Track) -> None:
         if moved is not None:
@@ -133,7 +148,14 @@ def run(
             states.extend(_states(chunk, loaded))
 
     derived = moved is None and not messages  # else covariances are wanted as they are
-    result = engine_run.run(params, loaded.inputs, progress=progress, sink=take, derived=derived)
+    result = engine_run.run(
+        params,
+        loaded.inputs,
+        progress=progress,
+        sink=take,
+        derived=derived,
+        look_every_s=LOOK_EVERY_S,
+    )
     verdicts = Counter(r.verdict.name for r in result.receipts)
     estimates = rows.series(loaded.mapping.vehicle)
     statistics = estimates.local_statistics.sum(axis=0)
@@ -145,6 +167,7 @@ def run(
         dict(sorted(verdicts.items())),
         result.divergence,
         (*loaded.findings, *look_back(loaded, params, statistics, result.receipts)),
+        result.health,
     )
 
 
@@ -155,7 +178,7 @@ def _expected(loaded: Loaded) -> int:
     return min(int(periods) + 2, len(stamps_ns))
 
 
-def _at_the_imu(
+def at_the_imu(
     loaded: Loaded,
 ) -> tuple[FollowerParams, Callable[[engine_run.Track], engine_run.Track] | None]:
     """Parameters for the point that the IMU is at, and what takes estimates to base_link.
@@ -244,6 +267,15 @@ def write(path: Path, run_: ForeignRun) -> Path:
     return path
 
 
+def nees_judged(comparison: Comparison) -> str:
+    """Return NEES/3 of the second half, judged in a word, and the limit that it is beyond."""
+    (score,) = comparison.scores.values()
+    nees = score.second_half.nees_position
+    limit = {OPTIMISTIC: nees.band_high, PESSIMISTIC: nees.band_low}.get(nees.judgement)
+    beyond = '' if limit is None else f', limit {limit:.3g}'
+    return f'{nees.mean_per_dof:.3g}, {nees.judgement}{beyond}'
+
+
 def summary(run_: ForeignRun) -> dict[str, Any]:
     """Say what a run did, in plain values."""
     loaded = run_.loaded
@@ -266,4 +298,5 @@ def summary(run_: ForeignRun) -> dict[str, Any]:
         'verdicts': run_.verdicts,
         'sha256': digest.hexdigest(),
         'divergence': run_.divergence or None,
+        'health': span_of_health(run_.health).to_dict(),
     }

@@ -37,10 +37,12 @@ from .fixes import sigma_covariance
 from .frames import to_earth
 from .mapping import (
     ACCEL_UNITS,
+    ANGLE_UNITS,
     GYRO_UNITS,
     LENGTH_UNITS,
     PRESSURE_UNITS,
     SPEED_UNITS,
+    VERSION,
     Frame,
 )
 from .mapping_file import frame_of
@@ -86,7 +88,7 @@ def import_csv(path: Path, out: Path) -> Imported:
     top = sections.load(path)
     folder = path.parent
     vehicle = top.text('vehicle', 'follower')
-    mapping: dict[str, Any] = {'vehicle': vehicle}
+    mapping: dict[str, Any] = {'version': VERSION, 'vehicle': vehicle}
     streams: dict[str, tuple[str, list[Row]]] = {}
 
     def add(topic: str, kind: str, rows: Iterable[Row]) -> dict[str, Any]:
@@ -117,7 +119,7 @@ def import_csv(path: Path, out: Path) -> Imported:
         truth = _truth(given, folder, vehicle)
         mapping['truth'] = add(topics.TRUTH, topics.TYPES[topics.TRUTH], truth_messages(truth))
         given.done()
-    for key in ('initial', 'parameters', 'accept'):
+    for key in ('initial', 'noise', 'parameters', 'accept'):
         value = top.raw(key)
         if value is not None:
             mapping[key] = value
@@ -204,20 +206,29 @@ def _depth(s: Section, folder: Path) -> Iterator[Row]:
         yield stamp_ns, '', to_bytes(message)
 
 
-def _places(s: Section, file: columns.CsvFile) -> tuple[Stamps, Array]:
+def _places(s: Section, file: columns.CsvFile, to_radians: float) -> tuple[Stamps, Array]:
     stamps = columns.times(s, file)
     values = columns.vectors(s, file, 'position')
     columns.same_length(s, [stamps, values])
     frame = frame_of(s)
     if frame.kind is None:
         raise s.fail('frame', 'is missing: geodetic, earth, enu, ned or epsg')
+    if frame.kind == 'geodetic':
+        values[:, :2] = np.degrees(values[:, :2] * to_radians)
+        if np.nanmax(np.abs(values[:, 0])) > 90.0 + 1e-9:
+            raise s.fail('position', f'{file.path}: latitudes beyond 90 deg; see angle_unit')
     return stamps, to_earth(frame, values).r_e
+
+
+def _angle_unit(s: Section) -> float:
+    """Radians per unit of the angles of a section."""
+    return ANGLE_UNITS[s.choice('angle_unit', tuple(ANGLE_UNITS), 'deg')]
 
 
 def _fixes(s: Section, folder: Path) -> Iterator[Row]:
     """Fixes under the time of their reception."""
     file = columns.open_file(s, folder)
-    stamps, r_e = _places(s, file)
+    stamps, r_e = _places(s, file, _angle_unit(s))
     delay_s = s.optional('delay_s', 0.0, 3600.0, 's')
     if 'receive' in s:
         received = columns.times(s, file, 'receive')
@@ -242,31 +253,27 @@ def _fixes(s: Section, folder: Path) -> Iterator[Row]:
 
 
 def _truth(s: Section, folder: Path, vehicle: str) -> TruthSeries:
-    """Reference positions, with attitude where heading, pitch and roll are given [deg]."""
+    """Reference positions, with attitude where heading, pitch and roll are given."""
     file = columns.open_file(s, folder)
-    stamps, r_e = _places(s, file)
+    to_radians = _angle_unit(s)
+    stamps, r_e = _places(s, file, to_radians)
     n = len(stamps)
     C_b_G = np.full((n, 3, 3), np.nan)
-    if 'heading' in s:
-        heading = np.radians(file.column(s, 'heading', s.text('heading')))
-        pitch, roll = (columns.optional(s, file, key) for key in ('pitch', 'roll'))
+    heading, pitch, roll = (columns.optional(s, file, key) for key in ('heading', 'pitch', 'roll'))
+    if heading is not None:
         lat, lon, _ = geodetic_from_ecef(r_e)
-        psi = 0.5 * np.pi - (heading - convergence(lat, lon))
+        psi = 0.5 * np.pi - (heading * to_radians - convergence(lat, lon))
         zero = np.zeros(n)
         # Pitch of a file is nose up, that of the body (x forward, y left, z up) nose down.
-        theta = zero if pitch is None else -np.radians(pitch)
-        C_b_G = np.asarray(
-            matrix_from_euler(psi, theta, zero if roll is None else np.radians(roll))
-        )
-    for key in ('heading', 'pitch', 'roll'):
-        s.raw(key)
+        theta = zero if pitch is None else -pitch * to_radians
+        phi = zero if roll is None else roll * to_radians
+        C_b_G = np.asarray(matrix_from_euler(psi, theta, phi))
     v_G = np.full((n, 3), np.nan)
-    if 'velocity_enu' in s:
-        enu = columns.vectors(s, file, 'velocity_enu')
+    enu = _velocity_enu(s, file)
+    if enu is not None:
         lat, lon, _ = geodetic_from_ecef(r_e)
         axes = to_earth(Frame('geodetic'), np.degrees(np.column_stack([lat, lon, lat * 0.0])))
         v_G = np.einsum('nij,njk,nk->ni', ecef_to_grid(r_e), axes.axes_e, enu)
-    s.raw('velocity_enu')
     yes = np.ones(n, dtype=bool)
     rows = PositionRows(
         topic='truth',
@@ -285,3 +292,16 @@ def _truth(s: Section, folder: Path, vehicle: str) -> TruthSeries:
     if truth is None:
         raise s.fail('file', f'{file.path} has fewer than two positions')
     return truth
+
+
+def _velocity_enu(s: Section, file: columns.CsvFile) -> Array | None:
+    """Velocity as east, north, up, also of columns of north, east, down; None where none is."""
+    given = [key for key in ('velocity_enu', 'velocity_ned') if key in s]
+    found = [columns.vectors(s, file, key) for key in given]
+    for key in ('velocity_enu', 'velocity_ned'):
+        s.raw(key)
+    if len(found) > 1:
+        raise s.fail('velocity_ned', 'is given beside velocity_enu: name one')
+    if not found:
+        return None
+    return found[0] if given == ['velocity_enu'] else found[0][:, [1, 0, 2]] * (1.0, 1.0, -1.0)

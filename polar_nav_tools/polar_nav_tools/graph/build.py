@@ -87,6 +87,7 @@ _LEADER_TOPICS = (
 _NAVIGATION_TOPICS = (
     topics.STATE,
     topics.RECEIPT,
+    topics.HEALTH,
     topics.COMMAND,
     topics.FIX,
 )

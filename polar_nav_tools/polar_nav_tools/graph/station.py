@@ -61,6 +61,7 @@ _VEHICLE_TOPICS = (
     topics.STATION_DECODED,
     topics.STATE,
     topics.RECEIPT,
+    topics.HEALTH,
     topics.COMMAND,
     topics.FIX,
 )

@@ -1,1 +1,1 @@
-"""Drag and current from a recorded bag."""
+"""Identification of drag and current from a recorded bag."""

@@ -1,4 +1,4 @@
-"""Drag and current from a recorded bag: what `./polar identify` does.
+"""Identification of drag and current from a recorded bag, for `./polar identify`.
 
 In: a bag with a vehicle's AHRS, thrust and depth, and the packets of a hydroacoustic station. Out:
 `Identified`, the identification with the truth beside it where the bag has one. The packets are
@@ -28,7 +28,7 @@ from polar_nav_ros.stamps import to_ns
 from polar_nav_ros.topics import AHRS, CONTROL, DEPTH, RX, TRUE_MODEL
 
 from ..bags import arrays
-from ..bags.errors import BagError
+from ..bags.errors import BagError, WrongRequestError
 from ..bags.reader import Bag
 from ..bags.tables import read_tables
 from ..replay.described import NOTHING_DESCRIBED, descriptions_of
@@ -62,7 +62,7 @@ P = TypeVar('P')
 
 @dataclass(frozen=True)
 class Material:
-    """What an identification has: a window, of so many packets, of which so many hold a fix."""
+    """Input of an identification: a window, numbers of its packets and of those with a fix."""
 
     window: Window | None
     packets: int
@@ -80,9 +80,9 @@ class Identified:
     packets, readable : int
         Packets received until then, and those that hold a fix of this station for this vehicle.
     truth : mapping of str to float
-        True values by name, means over the window; without what the bag does not tell.
+        True values by name, means over the window; only those in the bag.
     notes : tuple of str
-        What a reader should know of the data.
+        Sentences about shortcomings of the data.
     """
 
     vehicle: str
@@ -93,7 +93,7 @@ class Identified:
     notes: tuple[str, ...]
 
     def table(self) -> Table:
-        """Parameters with sigma and truth, a row each."""
+        """Table of the parameters with sigma and truth, a row each."""
         r = self.result
         sigmas = np.sqrt(np.diag(r.covariance))
         rows = []
@@ -119,7 +119,7 @@ class Identified:
         return Table(f'{self.vehicle}, method {r.method}', tuple(columns), tuple(rows))
 
     def to_dict(self) -> dict[str, object]:
-        """Everything as plain data."""
+        """Identification as values for JSON."""
         r = self.result
         return record(
             {
@@ -145,7 +145,7 @@ class Identified:
 
 
 class RecordedRun:
-    """What a bag has for identifications of one vehicle.
+    """Data of a bag for identifications of one vehicle.
 
     Parameters
     ----------
@@ -193,14 +193,14 @@ class RecordedRun:
         self.start_ns = int(self._columns[AHRS][_STAMP][0])
 
     def material(self, *, fixes: int | None = None, until_s: float | None = None) -> Material:
-        """Fixes and log that an identification would have had.
+        """Input of an identification at a time of the run.
 
         Parameters
         ----------
         fixes : int, optional
-            The newest so many; by default as the parameter says.
+            Largest number of fixes, the newest ones; by default that of the parameter.
         until_s : float, optional
-            As of so many seconds after the first AHRS message; by default at the end.
+            Seconds after the first AHRS message; by default the end.
         """
         params = self.params
         if fixes is not None:
@@ -224,7 +224,7 @@ class RecordedRun:
         return Material(identifier.window(), len(received), readable)
 
     def identified(self, material: Material, method: str) -> Identified:
-        """Identify with one of `METHODS`."""
+        """Identification by one of `METHODS`."""
         if method not in METHODS:
             raise ValueError(f'method {method!r} is none of {", ".join(METHODS)}')
         window = material.window
@@ -240,7 +240,7 @@ class RecordedRun:
         )
 
     def _read_packets(self, topic: str) -> list[Fix]:
-        """Fixes of the packets, in the order of the bag; the ones that hold none say why."""
+        """Fixes of the packets in the order of the bag, or the reason for none."""
         numbers = StationNumbers()
         out = []
         for arrival, data in enumerate(self._messages):
@@ -282,7 +282,7 @@ class RecordedRun:
     def _height_above_station(self, depth: float) -> float:
         """Height of the vehicle in the station frame [m]; NaN where the station's is not known."""
         if 'station_height' not in self._stated:
-            note = 'station_height is not known: slant ranges were taken as horizontal'
+            note = 'station_height is not known: slant ranges are treated as horizontal'
             if note not in self.notes:
                 self.notes.append(note)
             return float('nan')
@@ -326,7 +326,7 @@ def choose_vehicle(bag: Bag, vehicle: str | None) -> str:
             f'AHRS, the thrust on <vehicle>/{CONTROL} and the fixes of a station; record a '
             'mission with one, as `./polar demo --mission station` does'
         )
-    raise BagError(
+    raise WrongRequestError(
         f'{bag.path} has several vehicles ({", ".join(found)}): name one with --vehicle'
     )
 

@@ -16,23 +16,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polar_nav_core.engine.events import Command, CommandKind, Fix, Receipt, Verdict
+from polar_nav_core.engine.events import Command, CommandKind, Fix, Receipt
 from polar_nav_core.engine.inputs import Inputs, Stamps, StationInputs
 from polar_nav_core.params import from_mapping
 from polar_nav_follower import session
 from polar_nav_follower.measurements.fix import Packet, fixes_from_packets
 from polar_nav_follower.measurements.station_fix import StationNumbers, station_fix_from_packet
 from polar_nav_follower.params import FollowerParams
-from polar_nav_msgs.msg import AcousticPacket, FixReceipt
 from polar_nav_msgs.msg import Command as CommandMsg
 from polar_nav_ros import topics
-from polar_nav_ros.navigation_outputs import receipt_from_msg
 from polar_nav_ros.readers import attitudes, command_from_msg, depth_variances, dvl_pings
-from polar_nav_ros.stamps import to_ns
 
 from ..bags import arrays
-from ..bags.columns import Columns, read_columns, time_fields
-from ..bags.columns import stamps as stamps_of
+from ..bags.columns import Columns
 from ..bags.decode import is_installed
 from ..bags.errors import BagError
 from ..bags.reader import Bag
@@ -40,6 +36,7 @@ from ..bags.request import Request, Tables
 from ..bags.tables import read_tables
 from ..series.vehicle import TruthSeries
 from .constants import mode_table, require_same
+from .fix_columns import packets_of, refusals_of
 from .recorded import choose_follower, decoded, event_key, refusal_key, taken_counts
 
 Progress = Callable[[float], None]
@@ -51,16 +48,6 @@ _Q = tuple(f'orientation.{axis}' for axis in 'xyzw')
 _V = tuple(f'velocity.{axis}' for axis in 'xyz')
 _FORCE = tuple(f'wrench.force.{axis}' for axis in 'xyz')
 _TORQUE = tuple(f'wrench.torque.{axis}' for axis in 'xyz')
-_PACKET_FIELDS = (
-    *time_fields('transmit_time'),
-    *time_fields('receive_time'),
-    'data',
-    'sequence',
-    'source',
-    # Not needed: whether they are texts decides whether this is a message.
-    'destination',
-    'header.frame_id',
-)
 
 
 @dataclass(frozen=True)
@@ -392,38 +379,3 @@ def _up_to(
         dtype = np.int64 if name == _STAMP else np.float64
         empty[name] = np.zeros((0, *width), dtype=dtype)
     return empty
-
-
-def packets_of(bag: Bag, topic: str, messages: list[bytes]) -> list[Packet]:
-    """Packets of messages, read as columns if their data have one length, else one by one."""
-    if not messages:
-        return []
-    described = bag.definition(topic)
-    try:
-        c = read_columns(messages, described.type, described.text, _PACKET_FIELDS)
-    except BagError:
-        found = (decoded(bag, topic, data, AcousticPacket) for data in messages)
-        return [
-            Packet(
-                bytes(m.data),
-                m.source,
-                m.sequence,
-                to_ns(m.transmit_time),
-                to_ns(m.receive_time),
-            )
-            for m in found
-        ]
-    times = (stamps_of(c, f'{end}_time').tolist() for end in ('transmit', 'receive'))
-    data = (row.tobytes() for row in c['data'])
-    columns = (data, c['source'].tolist(), c['sequence'].tolist(), *times)
-    return [Packet(*values) for values in zip(*columns, strict=True)]
-
-
-def refusals_of(bag: Bag, topic: str, messages: list[bytes]) -> list[Receipt]:
-    """Receipts of messages that came too late; only those are decoded whole."""
-    if not messages:
-        return []
-    described = bag.definition(topic)
-    verdicts = read_columns(messages, described.type, described.text, ['verdict'])['verdict']
-    late = np.flatnonzero(verdicts == Verdict.TOO_LATE)
-    return [receipt_from_msg(decoded(bag, topic, messages[i], FixReceipt)) for i in late]

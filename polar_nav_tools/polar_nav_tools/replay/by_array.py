@@ -21,7 +21,7 @@ from ..series.estimates import EstimateRows, receipts_of
 from .arrays import SinsArrays, StationArrays, load_arrays
 from .by_message import parameters
 from .recorded import choose_follower
-from .result import ReplayedRun
+from .result import LOOK_EVERY_S, ReplayedRun
 from .station_run import replay_station
 
 Progress = Callable[[float], None]
@@ -41,7 +41,12 @@ def replay_arrays(
     numbered = source.inputs(params)
     rows = EstimateRows(params, _expected(numbered.inputs, params))
     result = engine_run.run(
-        params, numbered.inputs, progress=progress, sink=rows.take, derived=True
+        params,
+        numbered.inputs,
+        progress=progress,
+        sink=rows.take,
+        derived=True,
+        look_every_s=LOOK_EVERY_S,
     )
     found = [numbered.renumbered(r) for r in result.receipts]
     receipts = list(_merged(found, source.refused))
@@ -55,6 +60,7 @@ def replay_arrays(
         receipts=receipts_of(receipts),
         verdicts={v.name: n for v, n in sorted(verdicts.items())},
         divergence=result.divergence,
+        health=result.health,
     )
 
 

@@ -16,6 +16,7 @@ from typing import Any
 
 from polar_nav_core.engine.configurations import parameters_of
 from polar_nav_core.engine.events import Event, Receipt
+from polar_nav_core.engine.health.conditions import Health
 from polar_nav_core.params import from_mapping
 from polar_nav_follower import session
 from polar_nav_follower.params import FollowerParams
@@ -60,6 +61,10 @@ class ReplayResult:
         Messages taken per full topic name.
     verdicts : dict of str to int
         Verdict counts of everything that got a receipt.
+    divergence : str
+        Why the filter stopped; empty when it did not.
+    health : tuple of Health
+        Judgements of the watchdog, one each second.
     """
 
     vehicle: str
@@ -69,6 +74,7 @@ class ReplayResult:
     taken: dict[str, int]
     verdicts: dict[str, int]
     divergence: str = ''
+    health: tuple[Health, ...] = ()
 
     def of(self, topic: str) -> list[bytes]:
         """Messages published on a topic (its name without the vehicle), as bytes."""
@@ -91,6 +97,7 @@ class ReplayResult:
             receipts=receipts_from_cdr(self.of(RECEIPT)),
             model=model_run_from_cdr(self.of(MODEL), self.of(IDENTIFICATION), None),
             divergence=self.divergence,
+            health=self.health,
         )
 
 
@@ -139,7 +146,7 @@ def replay(
     params = parameters(inputs.params, configuration, changes or {})
     run = session.Session(params, inputs.vehicle)
     collector = _Collector(inputs.vehicle, inputs.live)
-    _drive(run, inputs.events(run), inputs.refused, collector, progress)
+    health = _drive(run, inputs.events(run), inputs.refused, collector, progress)
     return ReplayResult(
         vehicle=inputs.vehicle,
         params=params,
@@ -148,6 +155,7 @@ def replay(
         taken={f'/{inputs.vehicle}/{topic}': count for topic, count in run.taken.items()},
         verdicts={v.name: n for v, n in sorted(run.engine.verdicts.items())},
         divergence=run.engine.divergence,
+        health=health,
     )
 
 
@@ -157,7 +165,9 @@ def _drive(
     refused: list[Receipt],
     collector: _Collector,
     progress: Progress | None,
-) -> None:
+) -> tuple[Health, ...]:
+    """Process all events; returns the watchdog's judgements on the way."""
+    health: list[Health] = []
     waiting = list(reversed(refused))
     every = max(1, len(events) // 100)
     for i, event in enumerate(events):
@@ -166,6 +176,8 @@ def _drive(
             collector.take(run.advance(receipt.stamp_ns + 1))
             collector.take([run.refuse(receipt)])
         collector.take(run.process(event))
+        if run.engine.health is not None and (not health or run.engine.health is not health[-1]):
+            health.append(run.engine.health)
         if progress is not None and i % every == 0:
             progress(i / len(events))
     while waiting:
@@ -173,6 +185,7 @@ def _drive(
     collector.take(run.flush())
     if progress is not None:
         progress(1.0)
+    return tuple(health)
 
 
 class _Collector:

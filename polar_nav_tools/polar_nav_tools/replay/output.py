@@ -7,19 +7,20 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
+from polar_nav_core.engine.health.span import span_of_health
 from polar_nav_core.engine.version import ENGINE_VERSION
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.params import to_mapping, unknown_parameter
 from polar_nav_core.user_files import parse_yaml
 from polar_nav_follower.params import FollowerParams
-from polar_nav_ros.topics import CURRENT, IDENTIFICATION, MODEL, RECEIPT, STATE, of_vehicle
+from polar_nav_ros.topics import CURRENT, HEALTH, IDENTIFICATION, MODEL, RECEIPT, STATE, of_vehicle
 
 from ..bags import Bag, BagWriter
 from .by_message import ReplayResult
 from .described import Description
 from .result import ReplayedRun
 
-_TOPICS = (STATE, RECEIPT)
+_TOPICS = (STATE, RECEIPT, HEALTH)
 _MODEL_TOPICS = (CURRENT, MODEL, IDENTIFICATION)
 
 
@@ -70,6 +71,7 @@ def replay_summary(result: ReplayResult | ReplayedRun, described: Description) -
         'taken': dict(result.taken),
         **hashes,
         'divergence': result.divergence or None,
+        'health': span_of_health(result.health).to_dict(),
         'engine_version': {'recorded': described.engine_version, 'replayed': ENGINE_VERSION},
         'retired_parameters': described.retired_texts(),
     }

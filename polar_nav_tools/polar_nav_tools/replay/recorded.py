@@ -24,7 +24,7 @@ from polar_nav_ros import topics
 from polar_nav_ros.navigation_outputs import receipt_from_msg
 from polar_nav_ros.navigation_session import MODEL_OUTPUTS, SENSORS
 
-from ..bags.errors import BagError
+from ..bags.errors import BagError, WrongRequestError
 from ..bags.opening import open_bag
 from ..bags.reader import Bag
 from .constants import mode_table, require_same
@@ -205,14 +205,14 @@ def choose_description(bag: Bag, vehicle: str | None) -> tuple[str, Description]
                 'known; record with ./polar record or recorder_node'
             )
         if len(found) > 1:
-            raise BagError(
+            raise WrongRequestError(
                 f'{bag.path} has {len(found)} followers ({", ".join(sorted(found))}): '
                 'name one with --vehicle'
             )
         vehicle = next(iter(found))
     elif vehicle not in found:
         have = ', '.join(sorted(found)) or 'none'
-        raise BagError(f'{bag.path} has no follower {vehicle!r}; it has {have}')
+        raise WrongRequestError(f'{bag.path} has no follower {vehicle!r}; it has {have}')
     return vehicle, found[vehicle]
 
 

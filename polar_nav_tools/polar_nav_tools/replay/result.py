@@ -8,6 +8,9 @@ from polar_nav_follower.params import FollowerParams
 
 from ..series.run import RunSeries
 
+LOOK_EVERY_S = 10.0
+"""How often the watchdog looks at a replay by arrays; one by message is looked at every second."""
+
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class ReplayedRun(RunSeries):

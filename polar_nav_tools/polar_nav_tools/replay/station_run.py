@@ -21,14 +21,16 @@ from ..series.estimates import EstimateRows, receipts_of
 from ..series.model import Identified, ModelRun, ModelSeries, identified_of_engine
 from ..series.vehicle import Floats
 from .arrays import StationArrays
-from .result import ReplayedRun
+from .result import LOOK_EVERY_S, ReplayedRun
 
 _ROWS = 512
 
 
 def replay_station(source: StationArrays, params: FollowerParams) -> ReplayedRun:
     """Replayed run of a follower's recorded arrays in station mode."""
-    result = engine_run.run(params, source.inputs(params), commands=source.commands)
+    result = engine_run.run(
+        params, source.inputs(params), commands=source.commands, look_every_s=LOOK_EVERY_S
+    )
     track = result.track
     rows = EstimateRows(params, len(track.stamps_ns))
     for start in range(0, len(track.stamps_ns), _ROWS):
@@ -41,6 +43,7 @@ def replay_station(source: StationArrays, params: FollowerParams) -> ReplayedRun
         receipts=receipts_of(result.receipts),
         verdicts={v.name: n for v, n in sorted(result.verdicts.items()) if n},
         divergence=result.divergence,
+        health=result.health,
         model=_model(track, result.identifications, params),
     )
 

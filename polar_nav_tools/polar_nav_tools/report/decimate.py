@@ -1,4 +1,4 @@
-"""Fewer points, same picture: what is left out would fall on pixels that are drawn anyway."""
+"""Rows of lines and markers to draw: fewer points with the same pixels."""
 
 from __future__ import annotations
 

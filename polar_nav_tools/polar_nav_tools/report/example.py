@@ -1,4 +1,4 @@
-"""A made-up mission with every kind of fix in it: for looking at the report without a run.
+"""Example input of a report: a made-up mission with every kind of fix.
 
     python -m polar_nav_tools.report.example report.html --latitude 89.995
 
@@ -50,9 +50,9 @@ def example_input(
     latitude_deg, longitude_deg : float
         Start of the follower [deg].
     minutes : float
-        Length of the mission.
+        Duration of the mission.
     seed : int
-        Of everything random.
+        Seed of all random numbers.
     """
     rng = np.random.default_rng(seed)
     truth = example_truth('follower', latitude_deg, longitude_deg, minutes)
@@ -102,7 +102,7 @@ def example_truth(
     minutes: float,
     offset: tuple[float, float] = (0.0, 0.0),
 ) -> TruthSeries:
-    """A slow S-bend at 3 m/s and 100 m depth; `offset` moves the start in grid axes [m]."""
+    """Truth of a slow S-bend at 3 m/s, 100 m deep; `offset` moves the start in grid axes [m]."""
     n = int(minutes * 60 * RATE) + 1
     t = np.arange(n) / RATE
     course = np.deg2rad(35.0) + 0.7 * np.sin(2.0 * np.pi * t / t[-1])  # of v_G from grid east
@@ -158,7 +158,7 @@ def _estimate(
     lag_s: Floats,
     receipts: list[ReceiptRecord],
 ) -> EstimateSeries:
-    """Errors that wear off after the start, as large as the covariance says but for the lag."""
+    """Estimates with decaying start errors, consistent with their covariance but for the lag."""
     n = len(truth)
     t = np.arange(n) / RATE
     settle = 1.0 + 12.0 * np.exp(-t / 12.0)
@@ -181,7 +181,7 @@ def _estimate(
 
 
 def _local_statistics(n: int) -> Floats:
-    """Honest DVL pings in every second interval, a depth sample in each; shape (n, 2, 3)."""
+    """Local statistics of DVL pings every second interval and depths in each; shape (n, 2, 3)."""
     rng = np.random.default_rng(7)
     pings = np.arange(n) % 2.0
     out = np.zeros((n, 2, 3))
@@ -304,7 +304,7 @@ def _fixes(
     good = ~lost & ~damaged & (receive <= end)
     fixes = FixPositions('leader', np.arange(n)[good], v_ns[good], r_e[good])
     sent = SentPackets('leader', np.arange(n), t_ns)
-    # What a filter that takes late fixes as current is behind: its gain averages delays over some
+    # Lag of a filter that fuses late fixes as current: its gain averages delays over some
     # seconds.
     t = np.arange(len(truth)) / RATE
     lag_s = np.zeros(len(t))
@@ -362,7 +362,7 @@ def _receipt(
 def _as_ignored(
     receipt: ReceiptRecord, truth: TruthSeries, lag_s: Floats, rng: np.random.Generator
 ) -> ReceiptRecord:
-    """The same fix in the run that takes it as current: innovation off by v (lag - delay)."""
+    """The same fix in the run that fuses it as current: innovation off by v (lag - delay)."""
     if receipt.verdict_text != 'FUSED' or receipt.receive_ns is None:
         return dataclasses.replace(receipt, delay_handling='ignore')
     row = min(int((receipt.receive_ns - START_NS) * 1e-9 * RATE), len(lag_s) - 1)

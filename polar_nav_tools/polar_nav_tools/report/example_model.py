@@ -1,4 +1,4 @@
-"""The made-up mission with a made-up model: for looking at the report's part on water and drag."""
+"""Example input of a report with a made-up model of water and drag."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _BIAS = 0.03
 
 
 def example_with_model(*, minutes: float = 10.0, seed: int = 1) -> ReportInput:
-    """Both configurations of the made-up mission, each with what it learnt of the water."""
+    """Both configurations of the made-up mission, each with its estimates of the water."""
     data = example_input(minutes=minutes, seed=seed)
     rng = np.random.default_rng(seed)
     runs: dict[str, Run] = {}
@@ -38,7 +38,7 @@ def _model(stamp_ns: Ints, rng: np.random.Generator) -> ModelRun:
     fade = np.exp(-np.arange(n) / (0.15 * n))
 
     def learnt(start: float, end: float, count: int = 1) -> tuple[np.ndarray, np.ndarray]:
-        """Error and its sigma, shapes (n, count) and (n,): large at first, then small."""
+        """Errors and their sigma, shapes (n, count) and (n,): large at first, then small."""
         sigma = end + (start - end) * fade
         walk = (
             np.cumsum(rng.standard_normal((n, count)), axis=0)

@@ -1,4 +1,4 @@
-"""What a report is made from, for `write_report`: plain data, no file and no ROS."""
+"""Input of a report for `write_report`: plain data, no file and no ROS."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Ints = NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class StationRanges:
-    """What a station measured and where it was, shapes (n, 3), (n,): station frame, SI."""
+    """Readings and positions of a station, shapes (n, 3), (n,): station frame, SI."""
 
     station: Floats
     heading: Floats
@@ -31,7 +31,7 @@ class StationRanges:
 
 @dataclass(frozen=True, eq=False)
 class FixPositions:
-    """Where measured fixes put the follower, at their validity (from what it decoded).
+    """Measured positions of the follower at the validity of its decoded fixes.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ class FixPositions:
     ) -> FixPositions:
         """Positions from range and bearing of a station, at the true height of that time.
 
-        A slant range and a bearing leave the height open; the filter takes it from the depth
+        A slant range and a bearing leave the height open; the filter has it from the depth
         sensor. The station frame has its origin where the station was first, and its grid axes.
         """
         origin_e = station.r_e[0]
@@ -85,7 +85,7 @@ class FixPositions:
     def from_broadcasts(
         cls, source: str, sequence: Ints, stamp_ns: Ints, leader_r_e: Floats, r_lf_G: Floats
     ) -> FixPositions:
-        """Positions from what the leader said: its own and the relative vector in its grid axes.
+        """Positions from a leader's own position and the relative vector in its grid axes.
 
         r_e = leader_r_e + C_G_e(leader) r_lf_G, shapes (n, 3).
         """
@@ -96,7 +96,7 @@ class FixPositions:
 
 @dataclass(frozen=True, eq=False)
 class SentPackets:
-    """Every packet that was sent to the follower (from acomms/tx), so that lost ones are seen too.
+    """All packets sent to the follower (from acomms/tx), also the lost ones.
 
     Attributes
     ----------
@@ -113,7 +113,7 @@ class SentPackets:
 
 @dataclass(frozen=True)
 class TopicCount:
-    """Messages of one topic on their way; None where that was not counted."""
+    """Numbers of published, recorded and received messages of one topic; None if not counted."""
 
     topic: str
     published: int | None
@@ -122,7 +122,7 @@ class TopicCount:
 
     @property
     def equal(self) -> bool:
-        """Whether nothing was lost between those who counted."""
+        """Whether all counts are equal."""
         known = {n for n in (self.published, self.recorded, self.received) if n is not None}
         return len(known) <= 1
 
@@ -143,7 +143,7 @@ class Digest:
 
 @dataclass(frozen=True, eq=False)
 class ReportInput:
-    """Everything in one report.
+    """Input of one report.
 
     Attributes
     ----------

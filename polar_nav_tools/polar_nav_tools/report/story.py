@@ -1,4 +1,4 @@
-"""What the figures say, in sentences made from the scores: no more than was measured."""
+"""Sentences and numbers of a report, made from the scores alone."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _LAG_TOLERANCE = 0.2  # share of speed x mean delay within which an error counts
 
 @dataclass(frozen=True)
 class Card:
-    """One number that is read first."""
+    """One number at the top of the page."""
 
     label: str
     value: str
@@ -32,12 +32,12 @@ class Card:
 
 
 def headline(scores: Comparison) -> str:
-    """The result in one or two sentences."""
+    """Result in one or two sentences."""
     runs = scores.scores
     found = {name: one.second_half.rms('horizontal') for name, one in runs.items()}
     finite = {name: value for name, value in found.items() if np.isfinite(value)}
     if not finite:
-        return 'No configuration gave an estimate in the second half of the run.'
+        return 'No configuration has an estimate in the second half of the run.'
     best = min(finite, key=finite.__getitem__)
     worst = max(finite, key=finite.__getitem__)
     lead = f'In the second half, {best} is {_metres(finite[best])} from the truth (2-D RMS)'
@@ -47,7 +47,7 @@ def headline(scores: Comparison) -> str:
     lag = runs[worst].second_half.lag
     if abs(lag.ratio - 1.0) <= _LAG_TOLERANCE and lag.along_mean < 0.0:
         text += (
-            ' That is the lag of taking late fixes as current: '
+            ' That is the lag of fusing late fixes as current: '
             f'{lag.mean_speed:.2f}{_NBSP}m/s ×{_NBSP}{lag.mean_delay:.2f}{_NBSP}s = '
             f'{_metres(lag.expected)}.'
         )
@@ -104,7 +104,7 @@ def warnings(
     digests: Sequence[Digest],
     counts: Sequence[TopicCount],
 ) -> list[str]:
-    """What a reader must know before believing the rest."""
+    """Sentences about shortcomings of the run, for the top of the page."""
     found = []
     for name, one in scores.scores.items():
         share = one.availability.share

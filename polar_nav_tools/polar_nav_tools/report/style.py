@@ -3,8 +3,8 @@
 Figures are drawn in the light colours; on the way into the page every one of them becomes a CSS
 variable of the same name (`svg.themed`), so that one picture serves both schemes. Each light
 colour is therefore used for one token only. Hues follow Okabe and Ito's set, darkened on paper and
-lightened at night until lines have a contrast of at least 3:1; shape or position always says the
-same as colour.
+lightened at night until lines have a contrast of at least 3:1; shape or position always has the
+same meaning as colour.
 """
 
 from __future__ import annotations

@@ -42,7 +42,7 @@ def to_svg(fig: Figure, key: str, label: str, tips: Tips | None = None) -> str:
     key : str
         Prefix of all ids, unique in the page.
     label : str
-        What a screen reader says.
+        Text for screen readers.
     tips : mapping of str to sequence of str
         For an artist with ``set_gid('tips:NAME')``: text of each of its markers, in drawing order.
 

@@ -144,7 +144,7 @@ def sections(data: ReportInput, scores: Comparison) -> tuple[Section, ...]:
 
 
 def _water(data: ReportInput, scores: Comparison, clock: Clock) -> tuple[Section, ...]:
-    """What the runs learnt of water and vehicle, where the vehicle's model took part."""
+    """Estimates of water and vehicle of the runs with a model of the vehicle."""
     if not scores.models:
         return ()
     places = {name: i for i, name in enumerate(scores.scores)}

@@ -9,6 +9,7 @@ from ..series.model import ModelRun
 from ..series.vehicle import EstimateSeries, ReceiptRecord, TruthSeries
 from .align import Mode
 from .drift_tables import CONFIGURATION, age_table, drift_table, phase_table
+from .honesty import HEADLINE_COLUMNS, headline, honesty_of, honesty_table
 from .model import (
     ModelScore,
     identification_table,
@@ -56,6 +57,7 @@ class Comparison:
         return {
             name: {
                 'summary': row,
+                'honesty': [one.to_dict() for one in honesty_of(self.scores[name])],
                 **self.scores[name].to_dict(),
                 **({'model': self.models[name].to_dict()} if name in self.models else {}),
             }
@@ -79,12 +81,7 @@ class Comparison:
                 'm',
                 doc='speed × mean delay of the fused fixes in the second half',
             ),
-            Column(
-                'nees_per_dof',
-                'NEES/3',
-                doc='mean squared position error over its covariance, per degree of freedom, '
-                'second half; 1 for an honest covariance',
-            ),
+            *HEADLINE_COLUMNS,
             Column('fused', 'fused', doc='fixes used'),
             Column('received', 'of', doc='fixes with a verdict'),
             Column('available_percent', 'available', '%', 4, 'share of the run with an estimate'),
@@ -98,7 +95,7 @@ class Comparison:
                     **_errors_of(one, WHOLE, 'rms'),
                     'horizontal_second_half': late.rms('horizontal'),
                     'lag_expected': late.lag.expected,
-                    'nees_per_dof': late.nees_position.mean_per_dof,
+                    **headline(one),
                     'fused': one.verdicts.by_verdict.get(FUSED, 0),
                     'received': one.verdicts.total,
                     'available_percent': 100.0 * one.availability.share,
@@ -250,6 +247,7 @@ class Comparison:
             *self.model_tables(),
             self.delay_table(),
             self.verdict_table(),
+            honesty_table(self.scores),
             self.consistency_table(),
         )
 

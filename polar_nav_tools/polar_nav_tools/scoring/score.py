@@ -74,6 +74,8 @@ class WindowScore:
     components: dict[str, ComponentScore]
     nees_position: Consistency  # 3 degrees of freedom
     nees_horizontal: Consistency  # 2 degrees of freedom
+    nees_velocity: Consistency  # 3 degrees of freedom
+    nees_heading: Consistency  # of the grid heading, 1 degree of freedom
     nis: dict[str, Consistency]  # by source, fused and gated fixes
     nis_fused: dict[str, Consistency]  # by source, fused fixes only
     nis_local: dict[str, Consistency]  # of 'dvl' and 'depth', those used
@@ -94,6 +96,8 @@ class WindowScore:
             'components': {k: c.to_dict() for k, c in self.components.items()},
             'nees_position': self.nees_position.to_dict(),
             'nees_horizontal': self.nees_horizontal.to_dict(),
+            'nees_velocity': self.nees_velocity.to_dict(),
+            'nees_heading': self.nees_heading.to_dict(),
             'nis': {k: c.to_dict() for k, c in self.nis.items()},
             'nis_fused': {k: c.to_dict() for k, c in self.nis_fused.items()},
             'nis_local': {
@@ -245,6 +249,8 @@ class _Whole:
     age: Floats  # of information, shape (n,) [s]
     nees_position: Floats  # shape (n,)
     nees_horizontal: Floats  # shape (n,)
+    nees_velocity: Floats  # shape (n,)
+    nees_heading: Floats  # shape (n,)
     verdicts: VerdictSeries
     local_ns: Ints  # shape (m,)
     local: Floats  # EstimateSeries.local_statistics, shape (m, 2, 3)
@@ -261,6 +267,10 @@ def _whole(
         age=age_of_information(error.stamp_ns, verdicts),
         nees_position=normalized_squared(dr_G, P_G),
         nees_horizontal=normalized_squared(dr_G[:, :2], P_G[:, :2, :2]),
+        nees_velocity=normalized_squared(error.dv_G, error.P_velocity_G),
+        nees_heading=normalized_squared(
+            error.grid_heading[:, None], error.P_attitude_G[:, 2:, 2:]
+        ),
         verdicts=verdicts,
         local_ns=estimate.stamp_ns,
         local=estimate.local_statistics,
@@ -297,6 +307,8 @@ def _window_score(window: Window, whole: _Whole) -> WindowScore:
         components=components,
         nees_position=consistency(whole.nees_position[inside], 3, independent=False),
         nees_horizontal=consistency(whole.nees_horizontal[inside], 2, independent=False),
+        nees_velocity=consistency(whole.nees_velocity[inside], 3, independent=False),
+        nees_heading=consistency(whole.nees_heading[inside], 1, independent=False),
         nis=nis_by_source(received),
         nis_fused=nis_by_source(received, (FUSED,)),
         nis_local=nis_of_local(local),

@@ -1,8 +1,8 @@
-"""How far apart two runs of one filter are, in units of the sigma that the filter itself states.
+"""Largest difference of two runs of one filter, in units of the filter's own sigma.
 
-In: two series of estimates of the same inputs. Out: the largest difference, where and in what. It
-is for machines and versions that round otherwise: there bits differ, and what matters is whether
-anything that a user could see does.
+In: two series of estimates of the same inputs. Out: the largest difference, its time and field. It
+compares machines and versions that round otherwise: their bits differ, and the question is whether
+anything visible to a user differs.
 """
 
 from __future__ import annotations
@@ -38,9 +38,9 @@ class Closeness:
         Of all fields and times: |difference| over sigma; inf where the runs cannot be paired, or
         one has a number and the other none.
     what : str
-        The field it is in; a sentence where the runs cannot be paired.
+        Its field; a sentence if the runs cannot be paired.
     stamp_ns : int
-        When.
+        Its stamp [ns].
     fields : dict of str to float
         Largest per field.
     """
@@ -56,13 +56,13 @@ class Closeness:
         return self.sigmas <= LIMIT_SIGMA
 
     def to_dict(self) -> dict[str, object]:
-        """Plain values for JSON; no number where the runs cannot be paired."""
+        """Comparison as values for JSON; without a number if the runs cannot be paired."""
         largest = self.sigmas if self.sigmas < float('inf') else None
         return {'sigmas': largest, 'what': self.what, 'stamp_ns': self.stamp_ns}
 
 
 def closeness(reference: EstimateSeries, other: EstimateSeries) -> Closeness:
-    """Compare two runs, estimate by estimate.
+    """Largest difference of two runs, estimate by estimate.
 
     Positions are compared in grid axes, attitudes by the rotation between them, covariances as
     ``|dP_ij| / sqrt(P_ii P_jj)``; sigma is the reference's.
@@ -71,12 +71,12 @@ def closeness(reference: EstimateSeries, other: EstimateSeries) -> Closeness:
 
 
 def model_closeness(reference: ModelSeries, other: ModelSeries) -> Closeness:
-    """Compare two runs' vehicle model and water, as `closeness`."""
+    """Largest difference of two runs' vehicle model and water, as `closeness`."""
     return _largest(reference, other, _model_ratios)
 
 
 def _largest(reference: S, other: S, compared: Callable[[S, S], dict[str, Floats]]) -> Closeness:
-    """Pair two runs by their stamps and find the largest ratio of all fields."""
+    """Largest ratio of all fields of two runs, paired by their stamps."""
     n = min(len(reference), len(other))
     apart = np.flatnonzero(reference.stamp_ns[:n] != other.stamp_ns[:n])
     if apart.size:
@@ -135,7 +135,7 @@ def _ratios(a: EstimateSeries, b: EstimateSeries) -> dict[str, Floats]:
 
 
 def _difference(a: Floats, b: Floats) -> Floats:
-    """Take a from b; 0 where neither has a number, inf where only one of them has."""
+    """Difference b - a; 0 where neither is a number, inf where only one of them is."""
     out = b - a
     out[np.isnan(a) & np.isnan(b)] = 0.0
     out[np.isnan(out)] = np.inf

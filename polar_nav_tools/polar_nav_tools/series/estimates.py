@@ -1,7 +1,7 @@
-"""Rows of a run to the series that scoring and report take, without a message in between.
+"""Series of a run for scoring and report, from its rows and without messages.
 
 The numbers are those of `polar_nav_ros.navigation_outputs` followed by `bags.arrays`, bit for bit
-(a test compares): both take them from `polar_nav_core.nav_columns`, here for some hundred rows at
+(a test compares): both use `polar_nav_core.nav_columns`, here for some hundred rows at
 a time.
 """
 
@@ -35,7 +35,7 @@ Columns = dict[str, NDArray[Any]]
 
 
 class EstimateRows:
-    """Collects the rows of a run (the ``sink`` of `engine.run.run`) as an EstimateSeries.
+    """Collector of a run's rows (the ``sink`` of `engine.run.run`) for an EstimateSeries.
 
     Of each covariance it stores the published blocks and sigmas only, so that rows of derived
     columns are enough (``derived=True``).
@@ -45,7 +45,7 @@ class EstimateRows:
     params : EngineParams
         Of the run.
     expected : int
-        Number of rows there will be, about: room for so many is set aside.
+        Approximate number of rows, for which room is allocated.
     """
 
     def __init__(self, params: EngineParams, expected: int = 0) -> None:
@@ -55,7 +55,7 @@ class EstimateRows:
         self._count = 0
 
     def take(self, chunk: Track) -> None:
-        """Take some rows; they are copied."""
+        """Append copies of some rows."""
         columns = self._columns_of(chunk)
         start, stop = self._count, self._count + len(chunk.stamps_ns)
         if not self._columns or stop > self._room:
@@ -65,7 +65,7 @@ class EstimateRows:
         self._count = stop
 
     def series(self, vehicle: str) -> EstimateSeries:
-        """Return the whole run."""
+        """Return the series of the whole run."""
         if not self._columns:
             self.take(_no_rows())
         count = self._count
@@ -79,7 +79,7 @@ class EstimateRows:
         )
 
     def _make_room(self, columns: Columns, rows: int) -> None:
-        """Set room aside once: arrays that are joined at the end would be there twice."""
+        """Allocate room once: arrays that are joined at the end would use it twice."""
         start = self._count
         self._room = max(self._room, rows + rows // 2 if start else rows)
         for name, column in columns.items():
@@ -120,7 +120,7 @@ class EstimateRows:
 
 
 def receipts_of(receipts: Iterable[events.Receipt]) -> list[ReceiptRecord]:
-    """Receipts of a run as scoring takes them: what a FixReceipt says."""
+    """Receipts of a run in the form of recorded ones."""
     return [
         ReceiptRecord(
             stamp_ns=r.stamp_ns,

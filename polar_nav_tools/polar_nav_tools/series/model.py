@@ -53,7 +53,7 @@ class Identified:
     Attributes
     ----------
     stamp_ns : int
-        Place in the order of events.
+        Stamp in the order of events [ns].
     values, sigmas : dict of str to float
         By the name of the parameter, SI units.
     """

@@ -1,8 +1,10 @@
-"""One run of a follower as series: its estimates, and what became of its fixes."""
+"""One run of a follower as series: estimates and receipts."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+
+from polar_nav_core.engine.health.conditions import Health
 
 from .model import ModelRun
 from .vehicle import EstimateSeries, ReceiptRecord
@@ -17,12 +19,15 @@ class RunSeries:
     estimates : EstimateSeries
     receipts : list of ReceiptRecord
     model : ModelRun or None
-        Estimated model of the vehicle and the water; None where no model took part.
+        Estimated model of the vehicle and the water; None without a model.
     divergence : str
-        Why the filter stopped; empty when it did not.
+        Reason why the filter stopped; empty if it did not.
+    health : tuple of Health
+        Judgements of the watchdog in the order of time, of a replayed run.
     """
 
     estimates: EstimateSeries
     receipts: list[ReceiptRecord]
     model: ModelRun | None = None
     divergence: str = ''
+    health: tuple[Health, ...] = ()

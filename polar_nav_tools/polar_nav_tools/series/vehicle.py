@@ -1,12 +1,12 @@
 """Series of one vehicle as arrays, from a bag or a replay: input of scoring and report.
 
-Comes in from `polar_nav_tools.bags.arrays` (a bag) or from a replay (bytes of `nav/state` and
-`nav/receipt`); goes out to score and report. Only data, no file, no ROS.
+Made by `polar_nav_tools.bags.arrays` (a bag) or a replay (bytes of `nav/state` and `nav/receipt`),
+read by score and report. Only data, no file, no ROS.
 
 Axes: e is ECEF, G the grid frame at the vehicle (x grid east, y grid north, z up), b the body
-(x forward, y left, z up). `C_b_G` takes b components to G. Stamps are integer nanoseconds, times
-of validity (`header.stamp`); rows are in the order in which the messages stand in the bag, which
-for both topics is the order of their stamps when nothing is wrong.
+(x forward, y left, z up). `C_b_G` maps b components to G. Stamps are integer nanoseconds, times
+of validity (`header.stamp`); rows are in the order of the messages in the bag, which
+for both topics is the order of their stamps in a sound bag.
 """
 
 from __future__ import annotations
@@ -100,14 +100,14 @@ class EstimateSeries(Series):
 
     Covariances are of the estimate's error, grid axes, as published: ``P_attitude_G`` is that of
     phi_G in ``Chat = exp(-[phi x]) C``. A ``sigma`` is one standard deviation. Nothing is filled
-    in: a number the filter did not have is NaN, as in the message.
+    in: a number that the filter did not have is NaN, as in the message.
 
     Attributes
     ----------
     vehicle : str
         Namespace without slashes.
     configuration : str
-        Filter configuration of the first sample; `configurations` has all that occur.
+        Filter configuration of the first sample; `configurations` has all of them.
     configurations : tuple of str
         Distinct ones in order of first use. More than one: the bag mixes runs.
     stamp_ns : ndarray of int64, shape (N,)
@@ -143,7 +143,7 @@ class EstimateSeries(Series):
     local_statistics : ndarray, shape (N, 2, 3)
         Of the DVL (row 0) and depth (row 1) measurements since the sample before: number used,
         number refused by the gate, sum of the NIS of those used. Zeros in a bag of a version that
-        did not tell.
+        did not state.
     """
 
     vehicle: str
@@ -187,20 +187,20 @@ class EstimateSeries(Series):
 class ReceiptRecord:
     """One `<vehicle>/nav/receipt` (polar_nav_msgs/FixReceipt).
 
-    Beside the engine's `events.Receipt` it has what only the message states: age and name of the
-    verdict as recorded. A time is None where the message has zero: unknown, or it never came to
-    that.
+    Beside the fields of the engine's `events.Receipt` it has those of the message only: age and
+    name of the verdict. A time is None where the message has zero: unknown, or without such an
+    event.
 
     Attributes
     ----------
     stamp_ns : int
-        When the decision was made, in stamp time.
+        Stamp time of the decision [ns].
     verdict, verdict_text : int, str
         FixReceipt constant and its name (`FUSED`, `GATED`, ...).
     reason : str
         One sentence with the numbers that decided.
     topic, source, sequence : str, str, int
-        Where the message came in, who sent it, its number.
+        Topic, sender and number of the message.
     revision : int
         0 at first; a replayed fix whose verdict changed has higher ones.
     validity_ns, transmit_ns, receive_ns, fused_ns : int or None
@@ -249,9 +249,9 @@ class ReceiptRecord:
 
 
 def last_revisions(receipts: Iterable[ReceiptRecord]) -> list[ReceiptRecord]:
-    """Return what finally became of each message: the highest revision, in order of first receipt.
+    """Return the last receipt of each message: the highest revision, in order of first receipt.
 
-    Counts of verdicts are taken from these (design.md, verdicts).
+    Verdicts are counted from these.
     """
     receipts = list(receipts)
     if not any(receipt.revision for receipt in receipts):

@@ -1,4 +1,4 @@
-"""Sets how often the garbage collector of a process looks for cycles."""
+"""Setting of a process's garbage collector: interval of its full collections."""
 
 from __future__ import annotations
 
@@ -6,10 +6,9 @@ import gc
 
 
 def collect_rarely() -> None:
-    """Go through all objects once in a long while only; for a process of its own.
+    """Make full collections rare in this process.
 
-    A replay makes receipts by the ten thousand, and all of them stay. By its own measure the
-    interpreter would go through these and through every object of the libraries a few times on
-    the way, a tenth of a second each.
+    A replay makes tens of thousands of receipts, and all of them stay. By default the interpreter
+    would examine these and every object of the libraries a few times, a tenth of a second each.
     """
     gc.set_threshold(50_000, 20, 100)

@@ -1,22 +1,21 @@
-"""How far a long piece of work is, on stderr: a bar on a terminal, else nothing.
-
-With POLAR_PROGRESS set it is a line every tenth, for logs.
-"""
+"""Progress of long work on stderr: a bar on a terminal, else a line now and then."""
 
 from __future__ import annotations
 
-import os
 import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-LINES = 'POLAR_PROGRESS'
 _LARGE_BYTES = 100_000_000
-"""Size of a bag from which its opening takes long enough to be watched."""
+"""Size of a bag from which the progress of its opening is shown [bytes]."""
+
+_QUIET_S = 10.0
+"""Without a terminal nothing is written of work shorter than this, and lines no more often."""
 
 Update = Callable[[float, float], None]
-"""Called with what is done and the total."""
+"""Called with the finished amount and the total."""
 
 
 @contextmanager
@@ -26,23 +25,21 @@ def progress_display(title: str, *, total: float, unit: str) -> Iterator[Update]
     Parameters
     ----------
     title : str
-        What is going on.
+        Name of the work.
     total : float
-        Expected total, until the first update tells a better one.
+        Expected total, until the first update states a better one.
     unit : str
         Of the total; for ``s`` the speed is shown as a multiple of real time.
     """
     if sys.stderr.isatty():
         yield from _bar(title, total, unit)
-    elif os.environ.get(LINES):
-        yield from _lines(title, unit)
     else:
-        yield lambda _done, _end: None
+        yield from _lines(title, unit)
 
 
 @contextmanager
 def opening_display(path: Path) -> Iterator[Callable[[float], None] | None]:
-    """Show how far the opening of a large bag is, on a terminal only; None: nothing to show."""
+    """Show the progress of opening a large bag, on a terminal only; None for a small one."""
     if not sys.stderr.isatty() or _size(path) < _LARGE_BYTES:
         yield None
         return
@@ -51,7 +48,7 @@ def opening_display(path: Path) -> Iterator[Callable[[float], None] | None]:
 
 
 def _size(path: Path) -> int:
-    """Bytes of a bag; 0 where there is none, which is said when it is opened."""
+    """Bytes of a bag; 0 without one, which its opening reports."""
     try:
         files = path.iterdir() if path.is_dir() else [path]
         return sum(file.stat().st_size for file in files)
@@ -82,13 +79,16 @@ def _bar(title: str, total: float, unit: str) -> Iterator[Update]:
 
 
 def _lines(title: str, unit: str) -> Iterator[Update]:
-    told = -1
+    printed, since_s = 0, time.monotonic()
+    if unit == 's':  # a simulated run: that it began is worth a line
+        printed, since_s = -1, since_s - _QUIET_S
 
     def update(done: float, end: float) -> None:
-        nonlocal told
+        nonlocal printed, since_s
         tenth = int(10.0 * done / end) if end > 0.0 else 10
-        if tenth > told:
-            told = tenth
+        now_s = time.monotonic()
+        if tenth > printed and now_s - since_s >= _QUIET_S:
+            printed, since_s = tenth, now_s
             sys.stderr.write(f'polar: {title}: {done:.0f} of {end:.0f} {unit}\n')
             sys.stderr.flush()
 

@@ -1,4 +1,4 @@
-"""Tables and facts for people on a terminal, also on a narrow one."""
+"""Tables and facts on a terminal, also on a narrow one."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from ..bags.missing import stamp_text
 from ..scoring import Table
 
 _MOST_COLUMNS = 4
-"""Runs that still stand side by side on a narrow terminal."""
+"""Number of runs that fit beside each other on a narrow terminal."""
 
 
 def print_table(console: Console, table: Table) -> None:
-    """Print a table; one that is too wide is turned round, so that its rows stand side by side."""
+    """Print a table; one that is too wide is transposed."""
     natural = table.to_rich()
     endless = console.options.update(max_width=10_000)
     width = Measurement.get(console, endless, natural).maximum
@@ -26,7 +26,7 @@ def print_table(console: Console, table: Table) -> None:
     elif console.is_terminal:
         console.print(natural)
     else:
-        # A file has no edge.
+        # A file has no width.
         Console(file=console.file, width=max(width, console.width), highlight=False).print(natural)
 
 
@@ -78,7 +78,7 @@ def print_info(facts: BagInfo) -> None:
 
 
 def size_text(count: int) -> str:
-    """Bytes as people read them."""
+    """Text of a number of bytes, with unit."""
     size = float(count)
     for unit in ('B', 'kB', 'MB'):
         if size < 1000.0:

@@ -1,4 +1,4 @@
-"""What a packet can say: a leader a position, a station range and bearing."""
+"""Content of a packet: the position from a leader, or range and bearing from a station."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ LEAST_WRAP = 256
 
 
 def read_content(data: bytes, near_ns: int) -> Content:
-    """Content of bytes; which kind they are, their length tells.
+    """Content of a packet's bytes; their length distinguishes the two kinds.
 
     Raises
     ------
     PacketError
-        For damaged bytes, or those of no packet that is known.
+        For damaged bytes, or bytes of an unknown format.
     """
     if len(data) == station_packet.SIZE:
         return station_packet.decode(data, near_ns)
@@ -30,12 +30,12 @@ def read_content(data: bytes, near_ns: int) -> Content:
 
 
 def wrap_of(content: Content) -> int:
-    """Where the number in the bytes wraps."""
+    """Modulus of the sequence number in the bytes."""
     return LEAST_WRAP if isinstance(content, StationReport) else 65536
 
 
 def distance_of(content: Content) -> float:
-    """From the sender to the transponder [m]."""
+    """Distance [m] from the sender to the transponder."""
     if isinstance(content, StationReport):
         return content.range
     return float(np.linalg.norm(content.r_lf_G))

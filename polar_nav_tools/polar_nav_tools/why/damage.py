@@ -1,4 +1,4 @@
-"""What happened to the bytes of a packet that failed its CRC: which bits, in which fields."""
+"""Damage of a packet that failed its CRC: the flipped bits and their fields."""
 
 from __future__ import annotations
 
@@ -11,50 +11,50 @@ from polar_nav_core.link.packet import crc16
 
 @dataclass(frozen=True)
 class Damage:
-    """Bytes as received against as sent.
+    """Damage of a packet: its received bytes compared with the sent ones.
 
     Attributes
     ----------
-    computed, said : int
-        CRC of the bytes as received, and the one that came with them.
+    computed, stated : int
+        CRC of the bytes as received, and the CRC in the packet.
     bits : int or None
-        Bits that differ from what was sent; None where that was not recorded.
-    places : tuple of int
-        Bytes that differ.
+        Number of flipped bits; None if the sent bytes are not recorded.
+    differing : tuple of int
+        Indices of the bytes that differ.
     fields : tuple of str
-        Fields that they belong to.
+        Names of the fields with these bytes.
     received, sent : bytes
     """
 
     computed: int
-    said: int
+    stated: int
     bits: int | None
-    places: tuple[int, ...]
+    differing: tuple[int, ...]
     fields: tuple[str, ...]
     received: bytes
     sent: bytes | None
 
 
 def damage_of(received: bytes, sent: bytes | None) -> Damage | None:
-    """Damage of a packet; None for one whose CRC fits and that is as it was sent."""
+    """Damage of a packet; None if its CRC is right and its bytes are as sent."""
     if len(received) < 3:
         return Damage(0, 0, None, (), (), received, sent)
-    said = int(struct.unpack('<H', received[-2:])[0])
+    stated = int(struct.unpack('<H', received[-2:])[0])
     computed = crc16(received[:-2])
-    places: tuple[int, ...] = ()
+    differing: tuple[int, ...] = ()
     bits = None
     if sent is not None and len(sent) == len(received):
-        places = tuple(i for i, (a, b) in enumerate(zip(sent, received, strict=True)) if a != b)
-        bits = sum((sent[i] ^ received[i]).bit_count() for i in places)
-    if computed == said and not places:
+        differing = tuple(i for i, (a, b) in enumerate(zip(sent, received, strict=True)) if a != b)
+        bits = sum((sent[i] ^ received[i]).bit_count() for i in differing)
+    if computed == stated and not differing:
         return None
     names = field_of_byte(sent) if sent is not None and len(sent) == len(received) else []
-    fields = tuple(dict.fromkeys(names[i] for i in places if i < len(names)))
-    return Damage(computed, said, bits, places, fields, received, sent)
+    fields = tuple(dict.fromkeys(names[i] for i in differing if i < len(names)))
+    return Damage(computed, stated, bits, differing, fields, received, sent)
 
 
 def field_of_byte(sent: bytes) -> list[str]:
-    """Name of the packet field that each byte belongs to; none of a packet that is not known."""
+    """Packet field of each byte; empty for an unknown format."""
     known = {(p.SIZE, p.VERSION): p.FIELDS for p in (packet, station_packet)}
     names: list[str] = []
     for f in known.get((len(sent), sent[0]), ()):

@@ -1,4 +1,4 @@
-"""How old a fix can get on its way, and with it how much history a follower must keep.
+"""Delay budget of an acoustic link: the longest age of a fix, and the history to store for it.
 
 A fix is valid at t3, when the transponder replies, and is used when its packet is complete:
 
@@ -6,9 +6,9 @@ A fix is valid at t3, when the transponder replies, and is used when its packet 
           + detection + random part + retries * (packet + detection + random part
                                                  + way there and back + turn-around)
 
-A retry is what a modem does that waits for an acknowledgement until its time-out: the last try is
-the one above, each before it costs a whole time-out. Vehicles are taken to keep their longest
-distance; nothing here reads a clock or a bag.
+A modem that waits for an acknowledgement repeats a packet after a time-out: the last try is the
+one above, each failed try lasts a whole time-out. The vehicles are assumed at their longest
+distance.
 """
 
 from __future__ import annotations
@@ -30,18 +30,18 @@ _LINK, _USBL = AcousticLinkParams, UsblParams
 
 @dataclass(frozen=True)
 class LinkBudget:
-    """What the way of a fix is made of; defaults are those of the nodes that do it."""
+    """Parameters of an acoustic link; the defaults are those of the nodes."""
 
     range_m: float = param(
         default_of(_LINK, 'max_range_m'), 'm', 1.0, 1e6, 'Longest distance of the vehicles'
     )
     sound_speed: float = param(
-        default_of(_LINK, 'sound_speed'), 'm/s', 1300.0, 1700.0, 'Lowest that is met'
+        default_of(_LINK, 'sound_speed'), 'm/s', 1300.0, 1700.0, 'Lowest on the way'
     )
     bit_rate: float = param(
         default_of(LeaderParams, 'bit_rate'), 'bit/s', 1.0, 1e7, 'Of the modem'
     )
-    packet_bytes: int = param(SIZE, 'B', 1, 65535, 'Of one packet, with what the modem adds')
+    packet_bytes: int = param(SIZE, 'B', 1, 65535, "Of one packet, with the modem's own")
     turn_around_s: float = param(
         default_of(_USBL, 'turn_around_s'), 's', 0.0, 10.0, 'Of the transponder, and of a retry'
     )
@@ -73,17 +73,17 @@ class LinkBudget:
 
     @property
     def travel_s(self) -> float:
-        """One way through the water [s]."""
+        """One-way travel time [s] through the water."""
         return self.range_m / self.sound_speed
 
     @property
     def packet_s(self) -> float:
-        """Length of a packet [s]."""
+        """Duration [s] of a packet at the bit rate."""
         return 8 * self.packet_bytes / self.bit_rate
 
     @property
     def timeout_s(self) -> float:
-        """What a try costs that fails [s]."""
+        """Duration [s] of a failed try."""
         once = self.packet_s + self.detection_s + self.random_s
         return once + 2.0 * self.travel_s + self.turn_around_s
 
@@ -99,24 +99,24 @@ class Part:
 
 @dataclass(frozen=True)
 class DelayBudget:
-    """What came out.
+    """Result of a delay budget: the contributions, the longest age, the follower's parameters.
 
     Attributes
     ----------
     parts : tuple of Part
         Contributions to the age, in the order of the way.
     longest_s : float
-        Their sum: the oldest that a fix is when it is received [s].
+        Their sum: the longest age of a received fix [s].
     cycle_s : float
-        From the ping to the use of the fix, waiting for nobody else [s].
+        From the ping to the use of the fix, without waiting for other followers [s].
     pending : int
-        Fixes that can be under way at once to one follower.
+        Largest number of fixes under way to one follower at a time.
     channel_share : float
-        Share of the time that the water is busy; above 1 the fix period cannot be kept.
+        Share of the time with a signal in the water; above 1 the fix period is too short.
     parameters : dict of str to float
         To set in the follower.
     problems : tuple of str
-        Why that cannot be, in sentences; empty when all is well.
+        Sentences about parameters that the follower would refuse; empty if there are none.
     """
 
     parts: tuple[Part, ...]
@@ -128,7 +128,7 @@ class DelayBudget:
     problems: tuple[str, ...]
 
     def table(self) -> Table:
-        """Contributions and their sum."""
+        """Table of the contributions and their sum."""
         columns = (
             Column('part', 'contribution'),
             Column('seconds', 'delay', 's', 4),
@@ -148,13 +148,13 @@ class DelayBudget:
         return Table('Age of a fix when it is received', columns, (*rows, total))
 
     def yaml(self, node: str = '/**') -> str:
-        """Parameters as a ROS 2 parameter file; doubles keep their dot."""
+        """Text of a ROS 2 parameter file; doubles keep their dot."""
         lines = [f'{node}:', '  ros__parameters:']
         lines += [f'    {name}: {value:.2f}' for name, value in self.parameters.items()]
         return '\n'.join(lines) + '\n'
 
     def to_dict(self) -> dict[str, object]:
-        """Plain data for JSON."""
+        """Budget as values for JSON."""
         return {
             'parts': [{'name': p.name, 'seconds': p.seconds, 'how': p.how} for p in self.parts],
             'longest_delay_s': self.longest_s,
@@ -167,7 +167,7 @@ class DelayBudget:
 
 
 def delay_budget(b: LinkBudget) -> DelayBudget:
-    """Longest age of a fix and the parameters that follow from it."""
+    """Longest age of a fix on a link, and the follower's parameters for it."""
     way = f'{b.range_m:g} m / {b.sound_speed:g} m/s'
     others = b.followers - 1
     parts = (
@@ -206,7 +206,7 @@ def delay_budget(b: LinkBudget) -> DelayBudget:
 
 
 def _problems(parameters: dict[str, float]) -> list[str]:
-    """What the follower would refuse."""
+    """Sentences about parameters that the follower would refuse."""
     try:
         from_mapping(EngineParams, parameters)
     except ConfigError as error:
@@ -220,5 +220,5 @@ def _limit(name: str, which: str) -> float:
 
 
 def _up(seconds: float) -> float:
-    """Rounded up to a tenth of a second; a rounding error is no reason for another tenth."""
+    """Time [s] rounded up to a tenth of a second, except for rounding errors."""
     return math.ceil(10.0 * seconds - 1e-6) / 10.0

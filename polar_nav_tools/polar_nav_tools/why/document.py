@@ -19,7 +19,7 @@ from .words import headline, paragraphs
 
 
 def document(s: Story) -> dict[str, object]:
-    """Numbers and sentences; stamps in ns, SI units and radians, NaN as None."""
+    """Story as values for JSON: stamps in ns, SI units and radians, None for NaN."""
     copy = s.copy
     final = copy.final if copy is not None else None
     return {
@@ -81,9 +81,9 @@ def _copy(c: Copy) -> dict[str, object]:
 def _damage(d: Damage) -> dict[str, object]:
     return {
         'crc_computed': d.computed,
-        'crc_said': d.said,
+        'crc_said': d.stated,
         'bits_flipped': d.bits,
-        'bytes': list(d.places),
+        'bytes': list(d.differing),
         'fields': list(d.fields),
     }
 

@@ -1,4 +1,4 @@
-"""What a fix met and what it changed: belief at validity, estimates around its use, other fixes.
+"""Effect of a fix: the estimate at its validity, the estimates around its use, other fixes.
 
 Positions are compared in the grid axes of the follower's estimate. The change that a fix made is
 taken from the two published estimates around its use, the motion between them taken out with
@@ -27,7 +27,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Belief:
-    """What the follower published of the time of validity, and how the fix differs.
+    """Estimate published for the time of validity, and its difference to the fix.
 
     Vectors of shape (3,), grid axes [m]: `sigma` of the follower's own position, `difference`
     fix minus belief, `fix_sigma` of the fix; the last two are NaN where the fix was not read.
@@ -44,7 +44,7 @@ class Belief:
 
 @dataclass(frozen=True)
 class Change:
-    """Two estimates around the use of a fix: what it moved, and what it made of sigma and error.
+    """Change of position, velocity, sigma and error between the estimates around a fix's use.
 
     `shift` in grid axes [m], shape (3,); `sigma_*` and `error_*` horizontal [m]; `also` are other
     fixes that were received between the two.
@@ -63,7 +63,7 @@ class Change:
 
 @dataclass(frozen=True)
 class Other:
-    """Another fix that was on its way at the same time."""
+    """Another fix under way at the same time."""
 
     sequence: int
     validity_ns: int
@@ -73,7 +73,7 @@ class Other:
 
 @dataclass(frozen=True)
 class Around:
-    """What the plots show of the time around the fix: stamps [ns] and metres."""
+    """Series for the plots of the time around a fix: stamps [ns], sigmas and errors [m]."""
 
     stamp_ns: NDArray[np.int64]
     sigma: Floats
@@ -84,7 +84,7 @@ class Around:
 def belief_at_validity(
     records: FixRecords, measured: Measured | None, broadcast: Content | None
 ) -> Belief | None:
-    """What the follower had published of the time of validity, against the fix and the truth."""
+    """Estimate published for the time of validity, compared with the fix and the truth."""
     e = records.estimates
     validity_ns = broadcast.validity_ns if broadcast is not None else None
     if validity_ns is None and measured is not None:
@@ -124,7 +124,7 @@ def belief_at_validity(
 
 
 def _truth_at(records: FixRecords, stamp_ns: int) -> tuple[Floats, Floats] | None:
-    """True position and attitude, moved on from the sample before; None outside of the truth."""
+    """True position and attitude, extrapolated from the last sample; None outside of the truth."""
     t = records.truth
     if t is None:
         return None
@@ -141,7 +141,7 @@ def _last_before(e: EstimateSeries, stamp_ns: int) -> int | None:
 
 
 def change_by(records: FixRecords, receipt: ReceiptRecord | None, sequence: int) -> Change | None:
-    """Estimates around the use: one with a stamp at or after a decision has it in."""
+    """Change between the estimates around a fix's use: before it, and from its stamp on."""
     if receipt is None or receipt.verdict_text != 'FUSED' or receipt.receive_ns is None:
         return None
     e, at_ns = records.estimates, receipt.stamp_ns
@@ -180,7 +180,7 @@ def change_by(records: FixRecords, receipt: ReceiptRecord | None, sequence: int)
 
 
 def _horizontal_sigma(e: EstimateSeries) -> Floats:
-    """Root of the sum of both horizontal variances [m]."""
+    """2-D sigma [m]: root of the sum of both horizontal variances."""
     return np.asarray(np.sqrt(e.P_position_G[:, 0, 0] + e.P_position_G[:, 1, 1]))
 
 
@@ -200,7 +200,7 @@ def _error_at(records: FixRecords, stamps: list[int]) -> list[float]:
 def others_under_way(
     records: FixRecords, source: str, sequence: int, span: list[int]
 ) -> tuple[Other, ...]:
-    """Fixes that were valid, but not yet received, while this one was."""
+    """Other fixes that were valid, but not yet received, while this one was under way."""
     if not span:
         return ()
     low, high = min(span), max(span)
@@ -224,7 +224,7 @@ def others_under_way(
 
 
 def time_around(records: FixRecords, span: list[int], sequence: int) -> Around:
-    """Estimates and errors around the stamps `span` of a fix."""
+    """Series of sigmas and errors around the stamps `span` of a fix."""
     if span:
         width = max(span) - min(span)
         low, high = min(span) - max(width, 4 * 10**9), max(span) + max(width, 6 * 10**9)

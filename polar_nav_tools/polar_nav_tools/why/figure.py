@@ -25,7 +25,7 @@ def write_figure(path: Path, story: Story) -> None:
     Raises
     ------
     ConfigError
-        For a name that ends otherwise.
+        For another file extension.
     """
     if path.suffix.lower() not in SUFFIXES:
         raise ConfigError(f'{path}: a picture is written as {" or ".join(SUFFIXES)}')

@@ -1,4 +1,4 @@
-"""The way of a fix, cut into parts that add up to its age."""
+"""Legs of a fix's way: durations that add up to its age."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .records import FixRecords, Measured, Packet
 
 @dataclass(frozen=True)
 class Leg:
-    """One part of the way of a fix [ns]; `counted` where it belongs to the age."""
+    """One part of the way of a fix [ns]; `counted` if it is part of the age."""
 
     name: str
     start_ns: int
@@ -22,7 +22,7 @@ class Leg:
 
     @property
     def seconds(self) -> float:
-        """Its length."""
+        """Duration [s]."""
         return (self.stop_ns - self.start_ns) * 1e-9
 
 
@@ -32,7 +32,7 @@ def legs_of(
     sent: Packet | None = None,
     heard: Packet | None = None,
 ) -> tuple[Leg, ...]:
-    """The way as far as it is known; the parts of the age add up to it exactly."""
+    """Known legs of the way of a fix; the counted ones add up to its age exactly."""
     legs = []
     if measured is not None:
         m = measured
@@ -58,7 +58,7 @@ def legs_of(
 
 
 def _packet_legs(heard: Packet, broadcast: Content | None) -> list[Leg]:
-    """Transmission: bits, way, and what remains of the time that it took."""
+    """Legs of the transmission: bits, travel time, and the rest of its duration."""
     start, stop = heard.transmit_ns, heard.receive_ns
     travel = _travel_ns(broadcast)
     if travel is None or not heard.bit_rate > 0.0:
@@ -84,7 +84,7 @@ def _travel_ns(broadcast: Content | None) -> int | None:
 def expected_time(
     sent: tuple[Packet, ...], broadcast: Content | None, records: FixRecords
 ) -> int | None:
-    """When the last try should have been there, detection as other packets needed it."""
+    """Expected stamp [ns] of the last try's reception, with other packets' detection time."""
     travel = _travel_ns(broadcast)
     if not sent or travel is None or not sent[-1].bit_rate > 0.0:
         return None

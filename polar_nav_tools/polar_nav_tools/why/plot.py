@@ -26,7 +26,7 @@ _COLOURS = {
 
 
 def plot(story: Story, width: int = 80) -> Group:
-    """Draw for a terminal of `width` columns."""
+    """Lines of the plot for a terminal of `width` columns."""
     parts: list[Text] = []
     if story.legs:
         parts += _way(story, width)
@@ -54,7 +54,7 @@ def _way(s: Story, width: int) -> list[Text]:
 
 
 def _ruler(s: Story, start: int, scale: float, columns: int) -> Text:
-    """Marks below the bars: t1 ping, t3 validity, t4 return, tx, rx."""
+    """Line of marks below the bars: t1 ping, t3 validity, t4 return, tx, rx."""
     marks = {}
     if s.measured is not None:
         marks = {'t1': s.measured.ping_ns, 't3': s.measured.validity_ns}
@@ -111,7 +111,7 @@ def _around(s: Story, width: int) -> list[Text]:
 
 
 def _spark(stamp_ns: NDArray[np.int64], values: Floats, edges: Floats, top: float) -> str:
-    """One block per column, its height the largest value there; a blank where there is none."""
+    """Line of one block per column, as high as its largest value; blank without a value."""
     place = np.clip(np.searchsorted(edges, stamp_ns, side='right') - 1, 0, len(edges) - 2)
     out = []
     for k in range(len(edges) - 1):

@@ -1,9 +1,8 @@
-"""Everything a bag holds about the fixes of one follower, joined by what belongs together.
+"""Records of the fixes of one follower in a bag: readings, packets, receipts, joined per fix.
 
-A fix has three numbers: the interrogation that it came of (`usbl/fix`, also in the packet's bytes,
-where it wraps), the number that the sender's modem gave the packet, and the place on the topic. A
-packet whose bytes are damaged has lost the first; what was sent under the same modem number tells
-it.
+A fix has three numbers: that of its interrogation (`usbl/fix`, also in the packet's bytes, where
+it wraps), the modem's number of the packet, and the index of the message on its topic. A packet
+with damaged bytes has lost the first; the packet sent under the same modem number still has it.
 """
 
 from __future__ import annotations
@@ -44,7 +43,7 @@ class Measured:
 
 @dataclass(frozen=True)
 class Packet:
-    """One packet as a modem has it; `receive_ns` is 0 for one that is being sent."""
+    """One packet of a modem; `receive_ns` is 0 for a sent one."""
 
     source: str
     order: int  # as the modem counts
@@ -53,51 +52,51 @@ class Packet:
     bit_rate: float
     data: bytes
     broadcast: Content | None
-    problem: str  # why there is no content
+    problem: str  # reason for missing content
     sequence: int = -1  # of the fix; -1: not known
 
     @property
     def bits_s(self) -> float:
-        """Time that its bits take [s]; NaN where the bit rate is not stated."""
+        """Duration [s] of its bits; NaN without a stated bit rate."""
         return 8 * len(self.data) / self.bit_rate if self.bit_rate > 0.0 else float('nan')
 
 
 @dataclass(frozen=True)
 class Heard:
-    """A packet at the follower, and what became of it, oldest revision first."""
+    """A packet received by the follower, with its receipts, oldest revision first."""
 
     packet: Packet
     receipts: tuple[ReceiptRecord, ...] = ()
 
     @property
     def final(self) -> ReceiptRecord | None:
-        """What finally became of it."""
+        """Receipt of the last revision, or None."""
         return self.receipts[-1] if self.receipts else None
 
 
 @dataclass(frozen=True)
 class FixRecords:
-    """What a bag holds about the fixes of a follower.
+    """Records of a follower's fixes in a bag.
 
     Attributes
     ----------
     vehicle : str
         The follower.
     configuration : str
-        Of the estimates and receipts.
+        Configuration of the estimates and receipts.
     replayed : bool
-        Whether those come from a replay, not from the recording.
+        Whether estimates and receipts come from a replay, not from the recording.
     measured, sent, heard : tuples
         In the order of their times.
     loose : tuple of ReceiptRecord
-        Receipts of packets that never came (IN_FLIGHT), or that the bag does not hold.
+        Receipts of packets that never arrived (IN_FLIGHT), or are not in the bag.
     estimates, truth : EstimateSeries, TruthSeries or None
     transponder_lever_b : tuple of float
-        Transponder from base_link [m]; the default where the bag does not tell.
+        Transponder from base_link [m]; the default if the bag does not state it.
     start_ns, end_ns : int
         First and last stamp of the run.
     sent_recorded : bool
-        Whether the bag has what the leaders sent.
+        Whether the bag has the packets that the leaders sent.
     """
 
     vehicle: str
@@ -116,14 +115,14 @@ class FixRecords:
     elsewhere: frozenset[int] = field(default_factory=frozenset)  # measured of other followers
 
     def sequences(self, source: str | None = None) -> set[int]:
-        """Numbers of all fixes that the bag knows of."""
+        """Sequence numbers of all fixes in the bag."""
         chosen = [m for m in self.measured if source in (None, m.source)]
         packets = [*self.sent, *(h.packet for h in self.heard)]
         found = {m.sequence for m in chosen}
         return found | {p.sequence for p in packets if source in (None, p.source)}
 
     def sources(self) -> set[str]:
-        """Vehicles that fixes come from."""
+        """Leaders or stations of the fixes."""
         packets = [*self.sent, *(h.packet for h in self.heard)]
         return {m.source for m in self.measured} | {p.source for p in packets}
 
@@ -131,7 +130,7 @@ class FixRecords:
 def load_records(
     bag: Bag, vehicle: str, configuration: str | None = None, *, params: Mapping[str, Any]
 ) -> FixRecords:
-    """Read a bag; replay it where its receipts are missing or another configuration is asked for.
+    """Records of a follower's fixes; replayed if receipts are missing or by a `configuration`.
 
     Parameters
     ----------
@@ -142,7 +141,7 @@ def load_records(
     configuration : str, optional
         Replay with this one.
     params : mapping
-        Parameters that the follower ran with; empty where the bag does not tell.
+        Parameters of the recorded follower; empty if the bag does not state them.
     """
     measured = sorted(_measured(bag), key=lambda m: (m[0].ping_ns, m[0].source))
     own = tuple(m for m, target in measured if target == vehicle)
@@ -193,7 +192,7 @@ def _topics(bag: Bag, name: str) -> Iterator[Any]:
             yield topic
 
 
-def _ns(stamp: Any) -> int:  # noqa: ANN401 - a time of a message, whatever made its class
+def _ns(stamp: Any) -> int:  # noqa: ANN401 - a time of a message, of any generated class
     return int(stamp.sec) * 1_000_000_000 + int(stamp.nanosec)
 
 
@@ -219,7 +218,7 @@ def _measured(bag: Bag) -> Iterator[tuple[Measured, str]]:
                 source=str(m.source),
                 sequence=int(m.sequence),
                 ping_ns=_ns(m.ping_time),
-                heard_ns=validity_ns,  # a turn-around is not told
+                heard_ns=validity_ns,  # the turn-around is not recorded
                 validity_ns=validity_ns,
                 return_ns=return_ns,
                 range_m=float(m.range),
@@ -229,7 +228,7 @@ def _measured(bag: Bag) -> Iterator[tuple[Measured, str]]:
 
 
 def _packets(bag: Bag, topic: str, vehicle: str) -> list[Packet]:
-    """Packets on a topic that are for the follower, in their order there."""
+    """Packets for the follower on a topic, in recorded order."""
     if not _count(bag, topic):
         return []
     found = []
@@ -267,7 +266,7 @@ def _sent(bag: Bag, vehicle: str, measured: Sequence[Measured]) -> list[Packet]:
 def _numbered(
     packets: Sequence[Packet], measured: Sequence[Measured], known: Mapping[tuple[str, int], int]
 ) -> list[Packet]:
-    """Packets with the number of their fix.
+    """Packets completed with the sequence numbers of their fixes.
 
     By what was sent under the same modem number; else by the reading of that validity; else
     by unwrapping the number in the bytes; else the modem's number, as the receipt has it.
@@ -293,7 +292,7 @@ def _numbered(
 
 
 def _read(broadcast: Content, readings: Sequence[Measured]) -> int | None:
-    """Number of the reading that a broadcast is of: the leader's own t3 differs by a hair."""
+    """Sequence number of a broadcast's reading, by t3, which the leader rounds."""
     near = [m for m in readings if abs(m.validity_ns - broadcast.validity_ns) < _SAME_NS]
     return near[0].sequence if near else None
 
@@ -308,7 +307,7 @@ def _unwrapped(number: int, near: int | None, wrap: int) -> int:
 def _joined(
     packets: Sequence[Packet], receipts: Sequence[ReceiptRecord]
 ) -> tuple[list[Heard], list[ReceiptRecord]]:
-    """Packets with their receipts.
+    """Received packets, each with its receipts.
 
     A first receipt belongs to the first packet from the same sender at the same time that has
     none; a revision to the packet whose fix was used before.

@@ -1,4 +1,4 @@
-"""What happened to one fix, as numbers: times, where they went, what was said, what it changed."""
+"""Story of one fix as numbers: times, legs of its way, content, verdict, effect."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from polar_nav_core.errors import PolarNavError
+from polar_nav_core.errors import ConfigError
 
 from ..series.vehicle import ReceiptRecord
 from .content import Content
@@ -30,13 +30,13 @@ _SOON = 0.5
 """A packet that should have come this long before the end of the recording is lost [s]."""
 
 
-class UnknownFixError(PolarNavError):
-    """A number that no fix of the bag has."""
+class UnknownFixError(ConfigError):
+    """No fix of the bag has this sequence number."""
 
 
 @dataclass(frozen=True)
 class Copy:
-    """A packet with this fix at the follower: its receipts, and what is wrong with its bytes."""
+    """One received packet of the fix: its receipts, and the damage of its bytes."""
 
     packet: Packet
     receipts: tuple[ReceiptRecord, ...]
@@ -45,18 +45,18 @@ class Copy:
 
     @property
     def final(self) -> ReceiptRecord | None:
-        """What finally became of it."""
+        """Receipt of the last revision, or None."""
         return self.receipts[-1] if self.receipts else None
 
     @property
     def verdict(self) -> str:
-        """In a word."""
+        """Verdict as one word."""
         return self.final.verdict_text if self.final is not None else 'no receipt'
 
 
 @dataclass(frozen=True)
 class Story:
-    """One fix.
+    """Story of one fix.
 
     Attributes
     ----------
@@ -68,13 +68,13 @@ class Story:
     measured : Measured or None
     sent : tuple of Packet
     copies : tuple of Copy
-        What arrived, in order.
+        Received packets, in order.
     main : int
         Index of the copy that decided, -1 without one.
     broadcast : Content or None
-        What the sender said.
+        Content of the packet.
     legs : tuple of Leg
-        From the ping to the use; of a packet that never came, as far as it is known.
+        From the ping to the use; the known ones if the packet never arrived.
     """
 
     sequence: int
@@ -102,33 +102,33 @@ class Story:
 
     @property
     def copy(self) -> Copy | None:
-        """The copy that decided."""
+        """The copy with the deciding receipt, or None."""
         return self.copies[self.main] if self.main >= 0 else None
 
     @property
     def validity_ns(self) -> int | None:
-        """t3."""
+        """Time of validity t3 [ns], or None."""
         if self.broadcast is not None:
             return self.broadcast.validity_ns
         return self.measured.validity_ns if self.measured is not None else None
 
 
-def tell(records: FixRecords, sequence: int, source: str | None = None) -> Story:
-    """Gather the story of a fix.
+def story_of(records: FixRecords, sequence: int, source: str | None = None) -> Story:
+    """Story of a fix, gathered from the records of its follower.
 
     Parameters
     ----------
     records : FixRecords
-        Of the follower.
+        Records of the follower.
     sequence : int
-        Number of the fix, as the leader counts interrogations and the receipts say it.
+        Number of the fix: of the leader's interrogation, as in the receipts.
     source : str, optional
         Its leader, when there are several.
 
     Raises
     ------
     UnknownFixError
-        When the bag has no such fix; the text says which it has.
+        If the bag has no such fix; the text lists those in the bag.
     """
     source = _source_of(records, sequence, source)
     measured = next(
@@ -184,7 +184,7 @@ def tell(records: FixRecords, sequence: int, source: str | None = None) -> Story
 
 
 def ranges(numbers: set[int]) -> str:
-    """Numbers in words: ``0 to 12, 14``."""
+    """Text of numbers: ``0 to 12, 14``."""
     parts: list[list[int]] = []
     for n in sorted(numbers):
         if parts and n == parts[-1][1] + 1:
@@ -224,7 +224,7 @@ def _source_of(records: FixRecords, sequence: int, source: str | None) -> str:
 
 
 def _waits(records: FixRecords, measured: Measured | None) -> bool:
-    """Whether the recording ended before the leader would have sent it, going by the others."""
+    """Whether the recording ended before the leader would have sent it, as it sent other fixes."""
     if measured is None:
         return False
     returned = {(m.source, m.sequence): m.return_ns for m in records.measured}
@@ -238,7 +238,7 @@ def _waits(records: FixRecords, measured: Measured | None) -> bool:
 
 
 def _deciding(copies: tuple[Copy, ...]) -> int:
-    """The copy that was used or judged, else the first one."""
+    """Index of the copy that was used or judged, else of the first one."""
     for wanted in ('FUSED', 'GATED'):
         for i, c in enumerate(copies):
             if c.verdict == wanted:

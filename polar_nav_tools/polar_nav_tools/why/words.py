@@ -1,4 +1,4 @@
-"""The story of a fix in sentences: paragraphs with a heading, no more than the records hold."""
+"""Text of a fix's story: paragraphs with headings, from the records alone."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ _AXES = ('east', 'north', 'up')
 _MEANING = {
     'FUSED': 'used',
     'GATED': 'refused by the chi-square gate',
-    'DUPLICATE': 'refused: this fix was there already',
+    'DUPLICATE': 'refused: this fix was received before',
     'TOO_OLD': 'refused: too old',
-    'TOO_LATE': 'refused: its place in the order of events had passed',
+    'TOO_LATE': 'refused: later events were already processed',
     'FROM_FUTURE': 'refused: valid after it was received',
     'NOT_FINITE': 'refused: numbers that cannot be used',
     'BAD_CRC': 'refused: damaged on the way',
@@ -33,16 +33,16 @@ _MEANING = {
     'BAD_FORMAT': 'refused: not a packet that can be read',
 }
 _HANDLING = {
-    'ignore': 'taken as if it were valid when it was received',
+    'ignore': 'fused as if valid at its reception',
     'tagged': 'innovation at the time of validity, applied to the present',
     'back_propagate': 'brought back through the stored transitions (H Phi^-1)',
-    'clone': 'smoothed over the stored steps',
-    'rewind': 'went back to its validity and took everything since again',
+    'clone': 'carried through the stored linear steps, exact on them',
+    'rewind': 'filter restored at the time of validity, all later measurements processed again',
 }
 
 
 def headline(s: Story) -> str:
-    """The fate of the fix in one sentence."""
+    """Sentence with age, verdict and effect of the fix."""
     name = f'Fix {s.sequence} of {s.source} for {s.vehicle}'
     copy = s.copy
     if copy is None:
@@ -59,18 +59,18 @@ def headline(s: Story) -> str:
 
 
 def paragraphs(s: Story) -> list[Paragraph]:
-    """Everything, in the order in which it happened."""
-    out: list[Paragraph] = [('When', _when(s)), ('Where the time went', _where(s))]
+    """All paragraphs of the story, in the order of events."""
+    out: list[Paragraph] = [('Times', _times(s)), ('Delays', _delays(s))]
     if s.broadcast is not None:
-        out.append((f'What the {_sender(s)} said', _said(s)))
+        out.append((f'Content of the packet, by the {_sender(s)}', _content(s)))
     if s.belief is not None:
-        out.append(('What the follower believed', _believed(s.belief)))
+        out.append(('Estimate of the follower', _estimated(s.belief)))
     out += [_copy_paragraph(s, i, c) for i, c in enumerate(s.copies)]
     if s.change is not None:
-        out.append(('What it changed', _changed(s.change)))
+        out.append(('Effect', _changed(s.change)))
     if s.loose:
         out.append(('Receipts without a packet', [f'{_verdict(r)}.' for r in s.loose]))
-    out.append(('Meanwhile', _meanwhile(s)))
+    out.append(('Other fixes under way', _others(s)))
     return out
 
 
@@ -85,8 +85,8 @@ def _fate(s: Story) -> str:
     return f'was sent{tries} and never arrived: lost in the water'
 
 
-def _when(s: Story) -> list[str]:
-    """Times since the start of the run."""
+def _times(s: Story) -> list[str]:
+    """Sentences with the times since the start of the run."""
     out = []
     if s.measured is not None:
         m = s.measured
@@ -110,7 +110,7 @@ def _when(s: Story) -> list[str]:
     return out
 
 
-def _where(s: Story) -> list[str]:
+def _delays(s: Story) -> list[str]:
     counted = [leg for leg in s.legs if leg.counted]
     total = sum(leg.seconds for leg in counted)
     arrived = s.copy is not None and s.broadcast is not None
@@ -126,7 +126,7 @@ def _where(s: Story) -> list[str]:
     return out or ['Nothing of its way is in the bag.']
 
 
-def _said(s: Story) -> list[str]:
+def _content(s: Story) -> list[str]:
     b = s.broadcast
     if b is None:
         return []
@@ -135,7 +135,7 @@ def _said(s: Story) -> list[str]:
         fate = 'could read' if s.copies else 'heard'
         out.append(f'Nobody {fate} it; by the bytes that were sent:')
     if isinstance(b, StationReport):
-        return [*out, *_said_by_station(b)]
+        return [*out, *_station_content(b)]
     latitude, longitude = _geodetic(b.leader_r_e)
     out.append(
         f'I was at {latitude}, {longitude} at t4, 1-sigma {_m(b.leader_sigma_horizontal)} per'
@@ -151,7 +151,7 @@ def _said(s: Story) -> list[str]:
     return out
 
 
-def _said_by_station(b: StationReport) -> list[str]:
+def _station_content(b: StationReport) -> list[str]:
     bearing = math.degrees(b.bearing)
     return [
         f'I was {_vector(b.station_position)} of where I was first, at t4; heading psi'
@@ -167,7 +167,7 @@ def _sender(s: Story) -> str:
     return 'station' if isinstance(s.broadcast, StationReport) else 'leader'
 
 
-def _believed(b: Belief) -> list[str]:
+def _estimated(b: Belief) -> list[str]:
     known = math.isfinite(b.error)
     out = [
         f'Its own position then, 1-sigma {_three(b.sigma)} m (east, north, up)'
@@ -186,7 +186,7 @@ def _believed(b: Belief) -> list[str]:
 
 
 def _copy_paragraph(s: Story, index: int, c: Copy) -> Paragraph:
-    title = 'What became of it'
+    title = 'Receipt'
     if len(s.copies) > 1:
         title = f'Copy {index + 1} of {len(s.copies)}: packet {c.packet.order}'
     out = []
@@ -205,12 +205,12 @@ def _receipt(r: ReceiptRecord) -> list[str]:
     first = 'Verdict' if r.revision == 0 else f'Revision {r.revision}'
     out = [f'{first}: {_verdict(r)}.']
     if np.isfinite(r.innovation_G).all():
-        # A station tells nothing of the height.
-        told = np.isfinite(r.innovation_variance_G)
-        axes = ', '.join(name for name, there in zip(_AXES, told, strict=True) if there)
+        # A station does not measure the height.
+        measured = np.isfinite(r.innovation_variance_G)
+        axes = ', '.join(name for name, there in zip(_AXES, measured, strict=True) if there)
         out.append(
-            f'Innovation {_three(r.innovation_G[told], signed=True)} m ({axes}), its 1-sigma'
-            f' {_three(np.sqrt(r.innovation_variance_G[told]))} m.'
+            f'Innovation {_three(r.innovation_G[measured], signed=True)} m ({axes}), its 1-sigma'
+            f' {_three(np.sqrt(r.innovation_variance_G[measured]))} m.'
         )
     if math.isfinite(r.nis) and r.degrees_of_freedom > 0:
         gate = f'the gate is {r.gate:.1f}' if math.isfinite(r.gate) else 'there is no gate'
@@ -230,22 +230,22 @@ def _verdict(r: ReceiptRecord) -> str:
 
 def _damaged(d: Damage) -> list[str]:
     out = []
-    if d.computed != d.said:
+    if d.computed != d.stated:
         out.append(
             f'CRC-16 of the {len(d.received)} bytes as received is {d.computed:#06x},'
-            f' the packet says {d.said:#06x}.'
+            f' the packet states {d.stated:#06x}.'
         )
     if d.bits is None:
-        out.append('What was sent is not in the bag, so which bits are wrong is not known.')
+        out.append('The sent packet is not in the bag, so the wrong bits are not known.')
         return out
     names = f', in {", ".join(d.fields)}' if d.fields else ''
-    where = ', '.join(str(i) for i in d.places)
+    where = ', '.join(str(i) for i in d.differing)
     out.append(
         f'{_count(d.bits, "bit")} of {8 * len(d.received)} came flipped (byte {where}{names}).'
     )
     if d.sent is not None:
-        out.append(f'sent     {_hex(d.sent, d.places)}')
-        out.append(f'received {_hex(d.received, d.places)}')
+        out.append(f'sent     {_hex(d.sent, d.differing)}')
+        out.append(f'received {_hex(d.received, d.differing)}')
     return out
 
 
@@ -267,9 +267,9 @@ def _changed(c: Change) -> list[str]:
     return out
 
 
-def _meanwhile(s: Story) -> list[str]:
+def _others(s: Story) -> list[str]:
     if not s.others:
-        return ['No other fix was on its way.']
+        return ['No other fix was under way.']
     mine = s.copy.packet.receive_ns if s.copy is not None else None
     out = []
     for o in s.others[:8]:
@@ -281,21 +281,21 @@ def _meanwhile(s: Story) -> list[str]:
                 order = ': older, and there later'
         received = '' if o.receive_ns is None else f', received at {_t(s, o.receive_ns)}'
         out.append(
-            f'Fix {o.sequence} was on its way too (valid {_t(s, o.validity_ns)}{received},'
+            f'Fix {o.sequence} was under way too (valid {_t(s, o.validity_ns)}{received},'
             f' {o.verdict}){order}.'
         )
     if len(s.others) > 8:
-        out.append(f'So were {len(s.others) - 8} more.')
+        out.append(f'{len(s.others) - 8} more were under way.')
     return out
 
 
 def _t(s: Story, stamp_ns: int) -> str:
-    """Time since the start of the run."""
+    """Text of a time since the start of the run [s]."""
     return f'{(stamp_ns - s.zero_ns) * 1e-9:.3f} s'
 
 
 def _m(value: float) -> str:
-    """Length with as many digits as say something."""
+    """Text of a length in metres, three digits after the point below 10 m."""
     if not math.isfinite(value):
         return 'unknown'
     return f'{value:.3f} m' if abs(value) < 10.0 else f'{value:.1f} m'
@@ -307,7 +307,7 @@ def _three(values: np.ndarray, *, signed: bool = False) -> str:
 
 
 def _vector(v_G: np.ndarray) -> str:
-    """A vector in words: ``3.20 m grid east, 0.10 m grid north, 0.02 m down``."""
+    """Text of a vector: ``3.20 m grid east, 0.10 m grid north, 0.02 m down``."""
     words = (('grid east', 'grid west'), ('grid north', 'grid south'), ('up', 'down'))
     return ', '.join(
         f'{_m(abs(float(v)))} {pair[0] if v >= 0.0 else pair[1]}'
@@ -324,7 +324,7 @@ def _geodetic(r_e: np.ndarray) -> tuple[str, str]:
 
 
 def _hex(data: bytes, marked: tuple[int, ...]) -> str:
-    """Bytes with those that differ in brackets."""
+    """Text of bytes in hexadecimal, the marked ones in brackets."""
     return ' '.join(f'[{b:02x}]' if i in marked else f'{b:02x}' for i, b in enumerate(data))
 
 

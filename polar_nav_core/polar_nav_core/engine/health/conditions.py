@@ -47,6 +47,10 @@ class Condition:
     sentence: str
 
 
+LOST = ('lost', 'speed', 'depth')
+"""Keys of conditions under which the covariance is no guide to where the vehicle is."""
+
+
 @dataclass(frozen=True)
 class Present:
     """A condition that is present, since when, and how often it has come.
@@ -78,17 +82,25 @@ class Health:
         Radius of a circle that holds the horizontal position with 95 % [m].
     resets : int
         How often the state was inflated, restored or started anew.
+    used_ns : tuple of int
+        Newest measurement that was used of DVL, depth and fixes; 0 for none.
     """
 
     stamp_ns: int
     present: tuple[Present, ...]
     radius_95: float
     resets: int
+    used_ns: tuple[int, int, int] = (0, 0, 0)
 
     @property
     def level(self) -> Level:
         """Worst present level."""
         return max((p.condition.level for p in self.present), default=Level.OK)
+
+    @property
+    def lost(self) -> bool:
+        """Whether the vehicle may be anywhere: too large a circle, or a state it cannot be in."""
+        return any(p.condition.key in LOST for p in self.present)
 
     @property
     def culprit(self) -> Culprit:

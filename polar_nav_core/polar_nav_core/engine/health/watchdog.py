@@ -15,6 +15,7 @@ import numpy as np
 from ...arrays import Array, Ints
 from ...kernels import watch
 from .conditions import Chronicle, Condition, Culprit, Health, Level
+from .radius import radius_95
 from .statistics import Statistics, statistics
 
 DVL, DEPTH, FIX = range(watch.STREAMS)
@@ -30,8 +31,6 @@ _SCATTER_SIGMAS = 8.0
 _REFUSED_SHARE = 0.5
 _AFTER_S = 60.0
 """A gate that was opened again stays a condition for so long."""
-_Z95 = math.sqrt(-2.0 * math.log(0.05))
-"""Radius of the 95 % circle in sigmas of an isotropic horizontal position."""
 
 
 @dataclass(frozen=True)
@@ -73,10 +72,13 @@ class Envelope:
     ----------
     max_speed, max_depth : float
         [m/s], [m].
+    lost_radius : float
+        Horizontal 95 % radius from which on it counts as lost [m].
     """
 
     max_speed: float
     max_depth: float
+    lost_radius: float = math.inf
 
 
 class Watchdog:
@@ -93,9 +95,16 @@ class Watchdog:
 
     def look(self, view: View, others: list[Condition]) -> Health:
         """Judge a navigation at a stamp; ``others`` are conditions that were found elsewhere."""
-        found = [*others, *self._conditions(view)]
-        present = self._chronicle.note(view.stamp_ns, found)
-        return Health(view.stamp_ns, present, radius_95(view.P_horizontal), view.resets)
+        radius = radius_95(view.P_horizontal)
+        found = [*others, *self._conditions(view), *_lost(radius, self._envelope)]
+        dvl_ns, depth_ns, fix_ns = (int(used_ns) for used_ns in view.used_ns)
+        return Health(
+            view.stamp_ns,
+            self._chronicle.note(view.stamp_ns, found),
+            radius,
+            view.resets,
+            (dvl_ns, depth_ns, fix_ns),
+        )
 
     def _conditions(self, view: View) -> list[Condition]:
         s = statistics(view.memories)
@@ -108,12 +117,6 @@ class Watchdog:
         for stream in (DVL, DEPTH, FIX):
             found += _scatter(s, stream)
         return [*found, *_outside(view, self._envelope)]
-
-
-def radius_95(P: Array) -> float:
-    """Radius of a circle that holds a horizontal position with 95 % or more [m]."""
-    largest = 0.5 * (P[0, 0] + P[1, 1]) + math.hypot(0.5 * (P[0, 0] - P[1, 1]), P[0, 1])
-    return _Z95 * math.sqrt(largest) if largest >= 0.0 else math.nan
 
 
 def _refusals(view: View, s: Statistics, stream: int) -> list[Condition]:
@@ -216,3 +219,16 @@ def _outside(view: View, envelope: Envelope) -> list[Condition]:
         sentence = f'{view.depth:.0f} m is no depth between the surface and max_depth'
         return [Condition('depth', Level.ERROR, Culprit.UNEXPLAINED, sentence)]
     return []
+
+
+def _lost(radius: float, envelope: Envelope) -> list[Condition]:
+    """A position that may be anywhere; a radius that is no number is of no covariance."""
+    if radius <= envelope.lost_radius:
+        return []
+    sentence = (
+        f'lost: the vehicle is within {radius:.0f} m with 95 %, lost_radius is '
+        f'{envelope.lost_radius:.0f} m'
+    )
+    if math.isnan(radius):
+        sentence = 'lost: the horizontal position has no covariance'
+    return [Condition('lost', Level.ERROR, Culprit.UNEXPLAINED, sentence)]

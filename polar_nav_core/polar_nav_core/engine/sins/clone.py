@@ -44,12 +44,7 @@ class Clone(Fusion):
         """Fuse a fix where it belongs; None when that is no longer stored."""
         f = self.filter
         code = late_run.take_late(
-            f.state,
-            f.frames,
-            f.settings,
-            f.past,
-            f.work,
-            f.log,
+            *f.parts,
             self._blocks,
             fix.validity_ns,
             fix.r_e,
@@ -72,17 +67,7 @@ class Clone(Fusion):
         """Process what stands in the streams before a place, late fixes too."""
         f = self.filter
         code = late_run.advance_late(
-            f.state,
-            f.frames,
-            f.settings,
-            f.past,
-            f.work,
-            f.log,
-            self._blocks,
-            f.streams,
-            until_ns,
-            until_rank,
-            f.rows,
+            *f.parts, self._blocks, f.streams, until_ns, until_rank, f.rows
         )
         f.check(code)
         return int(code)

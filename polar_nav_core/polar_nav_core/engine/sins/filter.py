@@ -158,6 +158,11 @@ class NavigationFilter:
         """Whether the last three states, the USBL bias, are estimated."""
         return self.settings.estimates_usbl_bias
 
+    @property
+    def parts(self) -> tuple[fs.State, fs.Frames, fs.Settings, fs.Past, fs.Work, fs.Log]:
+        """The first arguments of most kernels: state, stored past and scratch, in their order."""
+        return self.state, self.frames, self.settings, self.past, self.work, self.log
+
     # -- events -----------------------------------------------------------------------------------
 
     def advance(self, until_ns: int = NEVER_NS, until_rank: int = 0) -> int:
@@ -173,18 +178,7 @@ class NavigationFilter:
         FilterDivergence
             When a covariance is not positive definite or the state not finite.
         """
-        code = filter_run.advance(
-            self.state,
-            self.frames,
-            self.settings,
-            self.past,
-            self.work,
-            self.log,
-            self.streams,
-            until_ns,
-            until_rank,
-            self.rows,
-        )
+        code = filter_run.advance(*self.parts, self.streams, until_ns, until_rank, self.rows)
         self.check(code)
         return int(code)
 
@@ -280,17 +274,7 @@ class NavigationFilter:
 
     def fuse_fix(self) -> Outcome:
         """Gate the fix in ``H``, ``R``, ``z``, update and feed back; returns the outcome."""
-        code = ff.fuse_filled(
-            self.state,
-            self.frames,
-            self.settings,
-            self.past,
-            self.work,
-            self.log,
-            3,
-            fs.FIX_ROW,
-            fs.FIX_RANK,
-        )
+        code = ff.fuse_filled(*self.parts, 3, fs.FIX_ROW, fs.FIX_RANK)
         self.check(code)
         return self.outcome(3, fused=code == fs.FUSED)
 

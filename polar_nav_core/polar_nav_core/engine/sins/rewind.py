@@ -76,12 +76,7 @@ class Rewind(Fusion):
         """Process all inputs received before the fix again, then the fix; without output rows."""
         f = self.filter
         code = filter_run.process_again(
-            f.state,
-            f.frames,
-            f.settings,
-            f.past,
-            f.work,
-            f.log,
+            *f.parts,
             f.streams,
             fix.receive_ns,
             fs.FIX_RANK + 1,

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from ...arrays import Ints
 from ...kernels.sins import state as fs
 from ..events import ControlSample, DepthSample, DvlPing, Fix, ImuSample
 from ..results import FIXES
@@ -54,37 +55,37 @@ def room_for_fixes() -> dict[str, Any]:
 
 def put_imu(streams: fs.Streams, sample: ImuSample) -> None:
     """Append an IMU sample to its ring."""
-    i = streams.counts[0] % len(streams.imu_stamps)
-    streams.imu_stamps[i] = sample.stamp_ns
+    i = _append(streams.counts, 0, streams.imu_stamps, sample.stamp_ns)
     streams.omega_ib_b[i] = sample.omega_ib_b
     streams.f_b[i] = sample.f_b
-    streams.counts[0] += 1
 
 
 def put_depth(streams: fs.Streams, sample: DepthSample) -> None:
     """Append a depth to its ring."""
-    i = streams.counts[1] % len(streams.depth_stamps)
-    streams.depth_stamps[i] = sample.stamp_ns
+    i = _append(streams.counts, 1, streams.depth_stamps, sample.stamp_ns)
     streams.depth[i] = sample.depth
     streams.depth_variance[i] = sample.variance
-    streams.counts[1] += 1
 
 
 def put_dvl(streams: fs.Streams, ping: DvlPing) -> None:
     """Append a valid DVL ping to its ring."""
-    i = streams.counts[2] % len(streams.dvl_stamps)
-    streams.dvl_stamps[i] = ping.stamp_ns
+    i = _append(streams.counts, 2, streams.dvl_stamps, ping.stamp_ns)
     streams.dvl_v_m[i] = ping.v_m
     streams.dvl_covariance_m[i] = ping.covariance_m
-    streams.counts[2] += 1
 
 
 def put_control(streams: fs.Streams, sample: ControlSample) -> None:
     """Append a thrust to its ring."""
-    i = streams.counts[4] % len(streams.control_stamps)
-    streams.control_stamps[i] = sample.stamp_ns
+    i = _append(streams.counts, 4, streams.control_stamps, sample.stamp_ns)
     streams.control_force_b[i] = sample.force_b
-    streams.counts[4] += 1
+
+
+def _append(counts: Ints, stream: int, stamps: Ints, stamp_ns: int) -> int:
+    """Store a stamp [ns] at the end of a ring, count it, and return its slot."""
+    slot = int(counts[stream]) % len(stamps)
+    stamps[slot] = stamp_ns
+    counts[stream] += 1
+    return slot
 
 
 def insert_fix(streams: fs.Streams, fix: Fix, number: int) -> None:

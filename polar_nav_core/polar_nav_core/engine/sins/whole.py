@@ -13,7 +13,7 @@ from ...kernels.sins import state as fs
 from ...kernels.sins.update import Ints
 from ..driver import Adaptation, Driver
 from ..events import Event, Fix, ImuSample
-from ..inputs import Inputs, at_least_one, rows_of
+from ..inputs import Inputs, at_least_one, new_seconds, rows_of
 from ..refusals import usable_control, usable_depth, usable_dvl, usable_imu
 from ..results import Outcome
 from .filter import NavigationFilter
@@ -80,6 +80,10 @@ class SinsArrays:
             control_stamps=at_least_one(control_stamps),
             control_force_b=at_least_one(rows_of(x.control_force_b, control)),
         )
+
+    def new_seconds_ns(self) -> list[int]:
+        """Stamps of the IMU samples with which a new second begins [ns]."""
+        return new_seconds(self._streams.imu_stamps)
 
     def start(self, driver: Driver | None, first: ImuSample) -> bool:
         """Hand the arrays to the filter started at the first sample; False without a filter."""

@@ -8,7 +8,7 @@ from ...kernels.station import run as run_kernels
 from ...kernels.station import state as ss
 from ..driver import Adaptation, Driver
 from ..events import Event, ImuSample
-from ..inputs import StationInputs, at_least_one, rows_of
+from ..inputs import StationInputs, at_least_one, new_seconds, rows_of
 from ..refusals import usable_control, usable_depth, usable_imu
 from .filter import StationFilter
 from .fusion import StationFusion
@@ -61,6 +61,10 @@ class StationArrays:
         self._depth_stamps = rows_of(x.depth_stamps_ns, depth)
         self._depth = rows_of(x.depth, depth)
         self._depth_variance = rows_of(x.depth_variance, depth)
+
+    def new_seconds_ns(self) -> list[int]:
+        """Stamps of the AHRS samples with which a new second begins [ns]."""
+        return new_seconds(self._imu_stamps)
 
     def start(self, driver: Driver | None, first: ImuSample) -> bool:
         """Hand the arrays to the filter started at the first sample; False without a filter."""

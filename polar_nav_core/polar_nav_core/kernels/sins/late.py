@@ -38,6 +38,45 @@ def newest_until(stamps: Ints, count: int, stamp_ns: int) -> int:
     return found
 
 
+@kernel
+def fill_stored_fix(
+    c: Settings,
+    past: Past,
+    w: Work,
+    i: int,
+    validity_ns: int,
+    r_e: Array,
+    covariance_e: Array,
+    array_heading: float,
+    epoch_C_e_G: Array,
+    C_e_G: Array,
+    usbl_bias_a: Array,
+) -> float:
+    """Seconds from a stored epoch to the validity of a fix; H, R and z of the fix there are in w.
+
+    Parameters
+    ----------
+    c, past, w : Settings, Past, Work
+        H, R and z of the scratch are filled; point_e, velocity_e and C_a_G are scratch.
+    i : int
+        Slot of the epoch in the stored past.
+    validity_ns, r_e, covariance_e, array_heading
+        Of the fix, as for `fill_late_fix`.
+    epoch_C_e_G : (3, 3) in place
+        Grid axes stored in the epoch.
+    C_e_G, usbl_bias_a : (3, 3), (3,)
+        Grid axes of the rows, and the USBL bias of the innovation, array axes [m].
+    """
+    place_of_epoch(past, i, w.point_e, w.velocity_e, epoch_C_e_G)
+    ahead: float = (validity_ns - past.stamps[i]) * 1e-9
+    for k in range(3):
+        w.point_e[k] += w.velocity_e[k] * ahead
+    fill_array_axes(w.C_a_G, array_heading, c.estimates_usbl_bias)
+    lever_G = past.levers[i]
+    fix_rows(w.H, w.R, w.z, C_e_G, lever_G, w.point_e, r_e, covariance_e, w.C_a_G, usbl_bias_a)
+    return ahead
+
+
 @routine
 def fill_late_fix(
     s: State,
@@ -83,21 +122,17 @@ def fill_late_fix(
         or s.counters[fs.CORRECTIONS] - correction > past.corrections.shape[0]
     ):
         return OUT_OF_REACH
-    place_of_epoch(past, i, w.point_e, w.velocity_e, w.C_e_G)
-    ahead = (validity_ns - past.stamps[i]) * 1e-9
-    for k in range(3):
-        w.point_e[k] += w.velocity_e[k] * ahead
-    fill_array_axes(w.C_a_G, array_heading, c.estimates_usbl_bias)
-    fix_rows(
-        w.H,
-        w.R,
-        w.z,
-        fr.C_e_G,
-        past.levers[i],
-        w.point_e,
+    fill_stored_fix(
+        c,
+        past,
+        w,
+        i,
+        validity_ns,
         r_e,
         covariance_e,
-        w.C_a_G,
+        array_heading,
+        w.C_e_G,
+        fr.C_e_G,
         s.usbl_bias_a,
     )
     walk_forward(

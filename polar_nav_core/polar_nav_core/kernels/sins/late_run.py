@@ -3,75 +3,18 @@
 from __future__ import annotations
 
 from ...arrays import Array
-from ..cache import kernel, routine
+from ..cache import routine
 from . import state as fs
 from .blocks import Blocks
 from .consider import fix_common
-from .events import fill_array_axes, note_outcome, place_of_epoch
+from .events import note_outcome
 from .fuse import locate
-from .late import newest_until
+from .late import fill_stored_fix, newest_until
 from .late_fuse import OUT_OF_REACH, fuse_late
-from .rows import DV, fix_rows
+from .rows import DV
 from .run import advance, put_row
 from .state import Frames, Log, Past, Rows, Settings, State, Streams, Work
 from .update import Ints
-
-
-@kernel
-def _take(
-    s: State,
-    fr: Frames,
-    c: Settings,
-    past: Past,
-    w: Work,
-    log: Log,
-    bl: Blocks,
-    validity_ns: int,
-    r_e: Array,
-    covariance_e: Array,
-    array_heading: float,
-    relative_e: Array,
-    note: Ints,
-) -> int:
-    """Code of `fuse_late` for a fix against the position stored before it plus velocity times dt.
-
-    Axes and USBL bias are those stored, too; the rows have the velocity, so that what is learnt of
-    it later moves the innovation.
-    """
-    number = newest_until(past.stamps, s.counters[fs.EPOCHS], validity_ns)
-    if number < 0:
-        return OUT_OF_REACH
-    i = number % past.stamps.shape[0]
-    note[0] = s.counters[fs.STEPS] - past.steps[i]
-    if (
-        note[0] >= past.transitions.shape[0]
-        or s.counters[fs.CORRECTIONS] - past.firsts[i] > past.corrections.shape[0]
-    ):
-        return OUT_OF_REACH
-    place_of_epoch(past, i, w.point_e, w.velocity_e, w.C_mean)
-    ahead = (validity_ns - past.stamps[i]) * 1e-9
-    for k in range(3):
-        w.point_e[k] += w.velocity_e[k] * ahead
-    fill_array_axes(w.C_a_G, array_heading, c.estimates_usbl_bias)
-    fix_rows(
-        w.H,
-        w.R,
-        w.z,
-        w.C_mean,
-        past.levers[i],
-        w.point_e,
-        r_e,
-        covariance_e,
-        w.C_a_G,
-        past.usbl_biases[i],
-    )
-    for k in range(3):
-        w.H[k, DV + k] = ahead
-    if c.considers:
-        fix_common(w.J, fr.C_e_G, relative_e, s.v_G)
-    code: int = fuse_late(s, c, past, w, log, bl, validity_ns, number)
-    locate(s, fr, c)
-    return code
 
 
 @routine
@@ -92,11 +35,33 @@ def take_late(
 ) -> int:
     """FUSED, REFUSED, S_NOT_DEFINITE or OUT_OF_REACH of one late fix.
 
+    The innovation is that of the position stored before the validity plus velocity times the rest.
+    Axes and USBL bias are those stored, too; the rows have the velocity, so that what is learnt of
+    it later moves the innovation.
+
     ``note`` (3,), whole numbers: its first becomes the covariance steps since the validity.
     """
-    return _take(
-        s, fr, c, past, w, log, bl, validity_ns, r_e, covariance_e, array_heading, relative_e, note
+    number = newest_until(past.stamps, s.counters[fs.EPOCHS], validity_ns)
+    if number < 0:
+        return OUT_OF_REACH
+    i = number % past.stamps.shape[0]
+    note[0] = s.counters[fs.STEPS] - past.steps[i]
+    if (
+        note[0] >= past.transitions.shape[0]
+        or s.counters[fs.CORRECTIONS] - past.firsts[i] > past.corrections.shape[0]
+    ):
+        return OUT_OF_REACH
+    bias_a = past.usbl_biases[i]
+    ahead = fill_stored_fix(
+        c, past, w, i, validity_ns, r_e, covariance_e, array_heading, w.C_mean, w.C_mean, bias_a
     )
+    for k in range(3):
+        w.H[k, DV + k] = ahead
+    if c.considers:
+        fix_common(w.J, fr.C_e_G, relative_e, s.v_G)
+    code: int = fuse_late(s, c, past, w, log, bl, validity_ns, number)
+    locate(s, fr, c)
+    return code
 
 
 @routine
@@ -136,7 +101,7 @@ def advance_late(
                 return fs.FULL
             put_row(s, c, rows)
         note = streams.fix_notes[k]
-        code = _take(
+        code = take_late(
             s,
             fr,
             c,

@@ -1,1 +1,1 @@
-"""Compiled reading of MCAP blocks (polar_nav_core.kernels.cache says where it is kept)."""
+"""Compiled reading of MCAP blocks; polar_nav_core.kernels.cache stores the machine code."""

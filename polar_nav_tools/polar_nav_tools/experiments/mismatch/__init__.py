@@ -1,1 +1,1 @@
-"""What the filter does when the world is not its own model: faults, runs, judgement, one table."""
+"""Mismatch of world and filter model: faults, runs, judgement, one table."""

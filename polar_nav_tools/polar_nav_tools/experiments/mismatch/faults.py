@@ -1,10 +1,10 @@
 """Faults of an inertial vehicle's world: one dataclass each, applied to the sensor streams.
 
-``applied(world, scale)`` gives the world with ``scale`` times the fault, so that 1 is the fault as
+``applied(world, scale)`` is the world with ``scale`` times the fault, so that 1 is the fault as
 stated, 0 the same world without it, and small numbers its linear effect (visible.py). Errors that
 are drawn come from the world's seed and grow with ``scale`` as they are. ``known`` holds engine
-parameters that state a fault which no filter can take out of its inputs, ``told`` those that every
-filter is given; sizes are those of the row (rows.py).
+parameters that state a fault which no filter can remove from its inputs, ``for_all`` those set in
+every filter; sizes are those of the row (rows.py).
 """
 
 from __future__ import annotations
@@ -19,7 +19,6 @@ import numpy as np
 
 from polar_nav_core.engine.events import Array
 from polar_nav_sim.sensors.imu import DPH, G0
-from polar_nav_sim.sensors.noise import GaussMarkov
 
 from ..world import World
 from . import worlds
@@ -32,24 +31,24 @@ UG = 1e-6 * G0
 
 @dataclass(frozen=True, kw_only=True)
 class Fault:
-    """Nothing wrong; base of all faults.
+    """No fault; base of all faults.
 
     Attributes
     ----------
     start_s : float
         When it begins, since the start of the run [s].
     known : mapping
-        Engine parameters that state the fault, for the filter that knows it; empty where the fault
-        is taken out of that filter's inputs.
-    told : mapping
-        Engine parameters that belong to the fault and that every filter is given.
+        Engine parameters that state the fault, for the filter that knows it; empty if the fault
+        is removed from that filter's inputs.
+    for_all : mapping
+        Engine parameters that belong to the fault and are set in every filter.
     obvious : bool
-        Whether it shows without any filter, as messages that do not come.
+        Whether it is visible without any filter, as missing messages are.
     """
 
     start_s: float = 0.0
     known: Mapping[str, Any] = field(default_factory=dict)
-    told: Mapping[str, Any] = field(default_factory=dict)
+    for_all: Mapping[str, Any] = field(default_factory=dict)
     obvious: bool = False
 
     def applied(self, world: World, scale: float) -> World:
@@ -98,7 +97,7 @@ class GravitySwell(Fault):
         v_G = world.truth.state(int(stamps[0])).v_G
         ahead_G = np.array([v_G[0], v_G[1], 0.0]) / math.hypot(v_G[0], v_G[1])
         up_G = np.array([0.0, 0.0, 1.0])
-        # From zero at the start, as what was there before was levelled out.
+        # From zero at the start: the alignment has removed any earlier deflection.
         swell_G = np.sin(angle)[:, None] * up_G + (np.cos(angle)[:, None] - 1.0) * ahead_G
         on = self._on(worlds.seconds(world, stamps))
         d_f_b = worlds.to_body(worlds.attitude_at(world, stamps), on * swell_G)
@@ -127,7 +126,7 @@ class ImuGain(Fault):
 
 @dataclass(frozen=True, kw_only=True)
 class ImuNoise(Fault):
-    """Further white noise of the IMU, as vibration or a class below the stated one makes it."""
+    """Further white noise of the IMU, as by vibration or by an IMU below the stated class."""
 
     gyro_density: float
     accel_density: float
@@ -146,125 +145,8 @@ class ImuNoise(Fault):
 
 
 @dataclass(frozen=True, kw_only=True)
-class DvlGain(Fault):
-    """DVL velocities too long by a share (scale, sound speed), and turned about body z [deg]."""
-
-    scale: float = 0.0
-    turn_deg: float = 0.0
-
-    def applied(self, world: World, scale: float) -> World:
-        """World whose pings are longer and turned."""
-        i = world.inputs
-        angle = scale * math.radians(self.turn_deg)
-        c, s = math.cos(angle), math.sin(angle)
-        C = (1.0 + scale * self.scale) * np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        on = self._on(worlds.seconds(world, i.dvl_stamps_ns))
-        return worlds.add_dvl(world, on * (i.dvl_v_m @ (C - np.eye(3)).T))
-
-
-@dataclass(frozen=True, kw_only=True)
-class DvlSlow(Fault):
-    """Slow DVL errors: Gauss-Markov velocity [m/s] and a constant scale per axis."""
-
-    sigma: float
-    tau_s: float
-    scale_sigma: float
-
-    def applied(self, world: World, scale: float) -> World:
-        """World whose DVL has the errors."""
-        i, rng = world.inputs, worlds.drawn(world, 'dvl_slow')
-        n = len(i.dvl_stamps_ns)
-        step_s = 1.0 / world.spec.dvl_rate_hz
-        slow = GaussMarkov(np.full(3, self.sigma), self.tau_s, step_s, rng.normal(size=3))
-        gain = self.scale_sigma * rng.standard_normal(3)
-        error = slow.advance(rng.standard_normal((n, 3))) + gain * i.dvl_v_m
-        return worlds.add_dvl(
-            world, scale * self._on(worlds.seconds(world, i.dvl_stamps_ns)) * error
-        )
-
-
-@dataclass(frozen=True, kw_only=True)
-class DvlPlace(Fault):
-    """DVL ahead of where it is stated to be [m], and pings late by a time [s]."""
-
-    lever_b: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    lag_s: float = 0.0
-
-    def applied(self, world: World, scale: float) -> World:
-        """World whose pings are of another place and time."""
-        stamps = world.inputs.dvl_stamps_ns
-        now, lag_ns = world.truth.state(stamps), round(scale * self.lag_s * 1e9)
-        then_ns = np.maximum(stamps - lag_ns, world.truth.start_ns)
-        then = world.truth.state(then_ns)
-        error = worlds.to_body(then.C_b_G, then.v_G) - worlds.to_body(now.C_b_G, now.v_G)
-        rows = np.searchsorted(world.inputs.imu_stamps_ns, stamps)
-        turning = np.cross(world.inputs.omega_ib_b[rows], np.array(self.lever_b))
-        on = self._on(worlds.seconds(world, stamps))
-        return worlds.add_dvl(world, on * (error + scale * turning))
-
-
-@dataclass(frozen=True, kw_only=True)
-class DvlBadPings(Fault):
-    """A share of pings with errors of ``sigma`` on every axis, stated as good."""
-
-    share: float
-    sigma: float
-
-    def applied(self, world: World, scale: float) -> World:
-        """World with bad pings."""
-        rng, n = worlds.drawn(world, 'dvl_bad'), len(world.inputs.dvl_stamps_ns)
-        bad = rng.random(n) < self.share
-        error = self.sigma * rng.standard_normal((n, 3)) * bad[:, None]
-        on = self._on(worlds.seconds(world, world.inputs.dvl_stamps_ns))
-        return worlds.add_dvl(world, scale * on * error)
-
-
-@dataclass(frozen=True, kw_only=True)
-class DvlStuck(Fault):
-    """The DVL repeats one ping."""
-
-    def applied(self, world: World, scale: float) -> World:
-        """World whose pings stand still from the fault's start on."""
-        i = world.inputs
-        on = self._on(worlds.seconds(world, i.dvl_stamps_ns))
-        last = i.dvl_v_m[max(0, int(np.argmax(on)) - 1)]
-        return worlds.add_dvl(world, scale * on * (last - i.dvl_v_m))
-
-
-@dataclass(frozen=True, kw_only=True)
-class DvlOut(Fault):
-    """No bottom lock for a time [s]."""
-
-    length_s: float
-
-    def applied(self, world: World, scale: float) -> World:
-        """World with invalid pings; a part of an outage is none."""
-        i = world.inputs
-        t = worlds.seconds(world, i.dvl_stamps_ns)
-        out = (scale >= 1.0) & (t >= self.start_s) & (t < self.start_s + self.length_s)
-        return replace(world, inputs=replace(i, dvl_valid=i.dvl_valid & ~out))
-
-
-@dataclass(frozen=True, kw_only=True)
-class DepthError(Fault):
-    """Depth off by a constant [m], or stuck at one value."""
-
-    bias_m: float = 0.0
-    stuck: bool = False
-
-    def applied(self, world: World, scale: float) -> World:
-        """World whose barometer is off."""
-        i = world.inputs
-        on = self._on(worlds.seconds(world, i.depth_stamps_ns))[:, 0]
-        error = np.full(len(on), self.bias_m)
-        if self.stuck:
-            error = error + i.depth[max(0, int(np.argmax(on)) - 1)] - i.depth
-        return worlds.add_depth(world, scale * on * error)
-
-
-@dataclass(frozen=True, kw_only=True)
 class HeadingStart(Fault):
-    """Initial heading off, with the sigma that every filter is given for it."""
+    """Initial heading off, with the sigma set in every filter."""
 
     error_deg: float
 

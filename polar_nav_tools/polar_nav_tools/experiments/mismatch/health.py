@@ -1,4 +1,4 @@
-"""What a run reported of its own health, for the judge: the one place that knows who watches.
+"""Health reported in a run, for the judge, from the watchdog or the integrity monitor.
 
 In the strapdown mode the engine's watchdog looks once a second (polar_nav_core/engine/health). In
 station mode only position fixes are watched, by the integrity monitor, which is replayed here.
@@ -26,12 +26,12 @@ _NAMES = {
     Culprit.UNEXPLAINED: UNEXPLAINED,
 }
 _TICK_NS = 10_000_000_000
-"""Between looks while no fix comes: silence is a finding, too."""
+"""Interval of checks without fixes; their absence is reported too."""
 
 
 @dataclass(frozen=True)
 class WatchedRun:
-    """What the watch of a run has to go by.
+    """Run as the input of its health history.
 
     Attributes
     ----------
@@ -41,7 +41,7 @@ class WatchedRun:
     start_ns, end_ns : int
         First and last estimate.
     divergence : str
-        Why the filter stopped at ``end_ns``; empty when it did not.
+        Reason why the filter stopped at ``end_ns``; empty if it did not.
     """
 
     params: EngineParams
@@ -82,7 +82,7 @@ def health_history(run: WatchedRun) -> list[HealthReport]:
 
 
 def _watched(run: WatchedRun) -> list[HealthReport]:
-    """Changes of level or culprit that the engine's watchdog saw."""
+    """Changes of level or culprit reported by the engine's watchdog."""
     out: list[HealthReport] = []
     for health in run.health:
         names = [_NAMES[bit] for bit in _NAMES if bit & health.culprit] if health.present else []
@@ -96,7 +96,7 @@ def _watched(run: WatchedRun) -> list[HealthReport]:
 
 
 def _note(monitor: IntegrityMonitor, receipt: Receipt) -> None:
-    """Give the monitor what the ledger of the engine gives it for this verdict."""
+    """Pass the integrity monitor the same data as the engine's ledger does for this verdict."""
     if receipt.verdict == Verdict.FUSED:
         monitor.fused(receipt.validity_ns, receipt.stamp_ns)
     elif receipt.verdict == Verdict.GATED and receipt.dof:  # not one that `held` refused

@@ -1,4 +1,4 @@
-"""Wrong, reported, visible: what one run with a fault is judged by. Pure functions on arrays.
+"""Judgement of one run with a fault: wrong, reported, visible. Pure functions on arrays.
 
 *Wrong*: position, heading or velocity lies beyond 4 published sigmas on any axis for more than 5 %
 of the second half of the run. *Reported*: the first WARN or ERROR after the fault began whose
@@ -21,9 +21,9 @@ COVERED_SIGMAS = 3.0
 WRONG_SHARE = 0.05
 """Share of the second half beyond `BEYOND_SIGMAS` from which on an estimate is wrong."""
 LASTING_S = 10.0
-"""An estimate is wrong from the first time on that it stays beyond for so long."""
+"""Time [s] for which an estimate must stay beyond to be wrong from its start on."""
 REPORT_WITHIN_S = 60.0
-"""A report is in time until so long after the fault became visible."""
+"""Latest time [s] of a report after the fault became visible."""
 KINDS = ('position', 'heading', 'velocity')
 UNEXPLAINED = 'unexplained'
 
@@ -80,12 +80,12 @@ class Course:
 
     @property
     def second_half(self) -> NDArray[np.bool_]:
-        """Which estimates are judged, shape (n,)."""
+        """Mask of the judged estimates, shape (n,)."""
         return np.asarray(self.time_s > 0.5 * self.duration_s)
 
 
 class HealthReport(NamedTuple):
-    """What a run reported of itself: level, sentence and culprit from ``stamp_ns`` on."""
+    """Reported health of a run from ``stamp_ns`` on: level, sentence and culprit."""
 
     stamp_ns: int
     level: int
@@ -127,7 +127,7 @@ def first_wrong_s(course: Course, start_s: float) -> float:
 
 
 def errors_of(course: Course) -> dict[str, float]:
-    """Size and honesty of the error in the second half.
+    """RMS, NEES and published sigma of the errors in the second half.
 
     ``rms``, ``end`` and ``said`` (horizontal error and published horizontal sigma, RMS [m]);
     ``nees_*`` (mean per degree of freedom) and ``beyond_*`` (share beyond 4 sigmas) by `KINDS`.
@@ -148,7 +148,7 @@ def errors_of(course: Course) -> dict[str, float]:
 
 
 class Reported(NamedTuple):
-    """First word after a fault: any WARN or ERROR, and the first whose culprit is right."""
+    """First reports after a fault: any WARN or ERROR, and the first with a right culprit."""
 
     first: HealthReport | None
     named: HealthReport | None
@@ -166,7 +166,7 @@ def reported(history: Sequence[HealthReport], fault_ns: int, culprits: Sequence[
         Right ones, besides `UNEXPLAINED`.
     """
     before = [r for r in history if r.stamp_ns < fault_ns]
-    # What stands when the fault begins is no report of it, unless the culprit changes.
+    # A condition present when the fault begins is no report of it, unless the culprit changes.
     standing = before[-1].culprit if before and before[-1].level > OK else None
     first = named = None
     for r in history:
@@ -182,7 +182,7 @@ def reported(history: Sequence[HealthReport], fault_ns: int, culprits: Sequence[
 
 
 def onsets(history: Sequence[HealthReport], level: int) -> int:
-    """How many times the level rose to ``level`` or above from below it."""
+    """Number of times the level rose to ``level`` or above from below it."""
     count, last = 0, OK
     for r in history:
         count += last < level <= r.level

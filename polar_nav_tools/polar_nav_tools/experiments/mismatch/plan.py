@@ -1,4 +1,4 @@
-"""Jobs of the experiment `mismatch`, and how it shares the machinery of the others."""
+"""Jobs of the experiment `mismatch`, in the form of all experiments."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 COLUMNS = ('default', 'modified_akf', 'published', BEST)
-"""Unless others are asked for; a row runs those that its mode has."""
-_BEST_DOC = 'exact late fixes; has the fault taken out of its inputs, or stated by parameters'
+"""Filters by default; a row runs those of its mode."""
+_BEST_DOC = 'exact late fixes; its inputs are free of the fault, or its parameters state it'
 
 
 def _known(mode: str, choices: Choices) -> dict[str, tuple[str, dict[str, Any]]]:
-    """Text and engine parameters of the filters that a mode has, by name."""
+    """Text and engine parameters of the filters of a mode, by name."""
     if mode == 'station':
         found = {name: (c.doc, c.changes) for name, c in STATION_COLUMNS.items()}
     else:
@@ -44,7 +44,7 @@ def _known(mode: str, choices: Choices) -> dict[str, tuple[str, dict[str, Any]]]
 
 
 def plan(request: Request, size: Size, columns: Sequence[str]) -> list[MismatchJob]:
-    """All columns of a row at one seed after another, and when the row's fault is visible.
+    """Jobs of all rows, columns and seeds, and of the time at which a fault is visible.
 
     Raises
     ------
@@ -60,11 +60,12 @@ def plan(request: Request, size: Size, columns: Sequence[str]) -> list[MismatchJ
             jobs.append(MismatchJob(row, VISIBLE, 'when the fault is visible', first))
         for seed in range(first, first + size.seeds):
             jobs += _row_jobs(row, seed, columns, request.choices)
-    return jobs
+    # Rows of one scene have the world of a seed in common, which takes longer to make than to run.
+    return sorted(jobs, key=lambda job: (repr(job.row.scene), job.seed))
 
 
 def as_stated(mode: str) -> dict[str, Any]:
-    """Engine parameters that a user gets who states classes of sensors and nothing more.
+    """Engine parameters of a user who states the classes of the sensors only.
 
     A world states that its sensors have no common error and that biases are constant; a user
     cannot know that, and has the defaults.
@@ -85,7 +86,7 @@ def _row_jobs(row: Row, seed: int, columns: Sequence[str], choices: Choices) -> 
             name,
             known[name][0],
             seed,
-            # What knows the fault is a measure, and stays as it is when the engine is changed.
+            # The filter that knows the fault is a reference: it keeps its settings in all engines.
             known[name][1]
             if name == BEST
             else {**as_stated(row.mode), **known[name][1], **engine},
@@ -108,7 +109,7 @@ def _read(settings: Sequence[str], columns: Sequence[str] | None) -> dict[str, A
 
 
 def _long_table(title: str, results: Sequence[RunResult], paper: Paper | None) -> Table:
-    """Every number of every run, one row each."""
+    """Table of every number of every run, one row each."""
     del paper
     keys = list(dict.fromkeys(k for r in results for k in r.metrics))
     columns = (Column('row', 'row'), Column('filter', 'filter'), Column('seed', 'seed'))

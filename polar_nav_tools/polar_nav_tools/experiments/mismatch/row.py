@@ -1,6 +1,6 @@
-"""What a row of the table is, and the scenes that rows share.
+"""A row of the table: one fault in a scene, and the scenes of many rows.
 
-Unless a row says otherwise: 1200 s straight at 3 m/s from 80 N, 120 E with the attitude sines of
+Unless a row differs: 1200 s straight at 3 m/s from 80 N, 120 E with the attitude sines of
 section 6.1, 50 Hz IMU, DVL and depth at 5 Hz, a fix of 1 m every 2 s, 1.5 to 4 s late, 10 % lost;
 everything constant is drawn from the filter's prior, and the fault begins after 400 s.
 """
@@ -10,7 +10,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
+from importlib.resources import files
 from typing import Any
+
+import yaml
 
 from polar_nav_sim.offline_station import StationScenario
 
@@ -38,11 +41,12 @@ STATION = StationScene(StationScenario())
 
 @dataclass(frozen=True)
 class Row:
-    """One fault.
+    """One fault with its scene and the right culprits.
 
     Attributes
     ----------
-    name, doc : str
+    name : str
+    doc : str
         What is wrong, one sentence.
     size : str
         With its unit.
@@ -50,7 +54,7 @@ class Row:
     culprits : tuple of str
         Names that a right report may blame (`judge.UNEXPLAINED` always may).
     invisible : bool
-        Whether no measurement can show it, by the issue's list.
+        Whether no measurement can show it.
     scene : SinsScene or StationScene
     """
 
@@ -64,7 +68,7 @@ class Row:
 
     @property
     def is_control(self) -> bool:
-        """Whether nothing is wrong."""
+        """Whether the row has no fault."""
         return CONTROL in self.name.split('_')
 
     @property
@@ -76,6 +80,28 @@ class Row:
 def scene_of(changes: Mapping[str, Any] | None = None, **world: Any) -> SinsScene:  # noqa: ANN401 - of WorldSpec
     """The inertial scene with another world or engine parameters."""
     return replace(SINS, world=replace(WORLD, **world), changes=dict(changes or {}))
+
+
+def row(
+    name: str,
+    fault: Fault,
+    culprits: tuple[str, ...] = (),
+    *,
+    invisible: bool = False,
+    scene: Scene = SINS,
+) -> Row:
+    """Return a row whose sentence and size stand in rows.yaml under its name."""
+    words = texts()[name]
+    return Row(name, words['about'], words['size'], fault, culprits, invisible, scene)
+
+
+@lru_cache(maxsize=1)
+def texts() -> dict[str, dict[str, str]]:
+    """Return sentence (``about``) and ``size`` of each row by its name."""
+    loaded: dict[str, dict[str, str]] = yaml.safe_load(
+        files(__package__).joinpath('rows.yaml').read_text(encoding='utf-8')
+    )
+    return loaded
 
 
 RACETRACK = scene_of(mission='racetrack', duration_s=900.0)

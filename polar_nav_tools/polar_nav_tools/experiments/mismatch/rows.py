@@ -1,6 +1,6 @@
-"""All rows of the table, and those that were asked for.
+"""All rows of the table, and a selection by name.
 
-Sizes come from the issue and from data sheets; those that are ours say so.
+Their sentences and sizes stand in rows.yaml.
 """
 
 from __future__ import annotations
@@ -13,19 +13,12 @@ from .dvl_rows import DEPTH_ROWS, DVL_ROWS
 from .faults import Fault
 from .fix_rows import DELAY_ROWS, FIX_ROWS
 from .imu_rows import HEADING_ROWS, IMU_ROWS
-from .row import CONTROL, Row, scene_of
+from .row import CONTROL, Row, row, scene_of
 from .station_rows import STATION_ROWS
 
 _CONTROLS = (
     *(
-        Row(
-            f'{CONTROL}_{name}',
-            f'nothing wrong: mission {name}',
-            '',
-            Fault(),
-            (),
-            scene=scene_of(mission=name, duration_s=duration_s),
-        )
+        row(f'{CONTROL}_{name}', Fault(), (), scene=scene_of(mission=name, duration_s=duration_s))
         for name, duration_s in (
             ('demo', 600.0),
             ('near_pole', 600.0),
@@ -37,13 +30,13 @@ _CONTROLS = (
             ('dive', 600.0),
         )
     ),
-    Row(f'{CONTROL}_straight', 'nothing wrong: the straight run of the rows', '', Fault(), ()),
+    row(f'{CONTROL}_straight', Fault(), ()),
 )
 
 
 ROWS: dict[str, Row] = {
-    row.name: row
-    for row in (
+    one.name: one
+    for one in (
         *_CONTROLS,
         *IMU_ROWS,
         *DVL_ROWS,
@@ -62,7 +55,7 @@ def rows_named(pattern: str | None) -> list[Row]:
     Raises
     ------
     ConfigError
-        When a pattern matches none.
+        If a pattern matches no row.
     """
     if not pattern:
         return list(ROWS.values())

@@ -1,4 +1,4 @@
-"""One run of one filter in a row's world, and what it is judged by."""
+"""One run of one filter in a row's world, and its data for the judge."""
 
 from __future__ import annotations
 
@@ -12,6 +12,8 @@ from typing import Any
 from polar_nav_core.engine.events import Verdict
 
 from ..jobs import RunResult
+from ..station.world import StationWorld
+from ..world import World
 from .health import WatchedRun, health_history
 from .judge import (
     ERROR,
@@ -26,7 +28,7 @@ from .judge import (
     share_at,
 )
 from .row import Row, warm_scene
-from .scenes import Ran, refused_shares
+from .scenes import Ran, Scene, refused_shares
 from .visible import visibility
 
 BEST = 'best'
@@ -35,7 +37,7 @@ VISIBLE = 'visible'
 
 @dataclass(frozen=True)
 class MismatchJob:
-    """What to run: a filter, or with the column `VISIBLE` when the fault can be seen.
+    """One run to make: of a filter, or with the column `VISIBLE` of the fault's visibility.
 
     Attributes
     ----------
@@ -55,7 +57,7 @@ class MismatchJob:
 
 @dataclass(frozen=True, kw_only=True)
 class MismatchResult(RunResult):
-    """As every run's result, with the words that the run gave of itself.
+    """Result of a run, with the health that it reported.
 
     ``said_first`` is the first WARN or ERROR from the fault on, ``said_right`` the first that
     named a right culprit or nothing; stamps count from the start of the run [ns].
@@ -67,7 +69,7 @@ class MismatchResult(RunResult):
 
 @lru_cache(maxsize=1)
 def _warm(mode: str) -> None:
-    """Run the shortest row of a mode once per process: compiled code is loaded then."""
+    """Run the shortest row of a mode once per process, to load compiled code."""
     scene = warm_scene(mode)
     world: Any = scene.make(1)
     for configuration in ('default', 'modified_akf') if mode == 'sins' else ('default',):
@@ -75,8 +77,20 @@ def _warm(mode: str) -> None:
     scene.run(world, scene.best)
 
 
+_worlds: dict[tuple[str, int], World | StationWorld] = {}
+
+
+def _world(scene: Scene, seed: int) -> World | StationWorld:
+    """World of a seed without a fault; the newest is kept, for jobs come scene by scene."""
+    key = (repr(scene), seed)
+    if key not in _worlds:
+        _worlds.clear()
+        _worlds[key] = scene.make(seed)
+    return _worlds[key]
+
+
 def run_job(job: MismatchJob) -> MismatchResult:
-    """Run one filter and judge it."""
+    """Result of one run of a filter, judged."""
     row = job.row
     _warm(row.scene.mode)
     if job.column == VISIBLE:
@@ -85,12 +99,12 @@ def run_job(job: MismatchJob) -> MismatchResult:
         metrics = {'visible_s': seen.from_s, 'visible_sigmas': seen.sigmas}
         seconds = time.process_time() - start
         return MismatchResult(row.name, VISIBLE, job.seed, metrics, float('nan'), '', {}, seconds)
-    world: Any = row.scene.make(job.seed)
+    world: Any = _world(row.scene, job.seed)
     fault = row.fault
-    # Who knows the fault has it taken out of the inputs, or is given the parameters that state it.
+    # The filter that knows the fault has inputs without it, or parameters that state it.
     knows = job.column == BEST
     faulty: Any = fault.applied(world, 0.0 if knows and not fault.known else 1.0)
-    changes = {**job.changes, **fault.told, **(fault.known if knows else {})}
+    changes = {**job.changes, **fault.for_all, **(fault.known if knows else {})}
     start = time.process_time()
     ran = row.scene.run(faulty, changes)
     seconds = time.process_time() - start

@@ -1,7 +1,7 @@
-"""Scenes of the two modes: a row's world without its fault, a filter's run in it, its course.
+"""Scenes of both modes: a row's world without its fault, a filter's run in it, its errors.
 
 `SinsScene` is the inertial vehicle (experiments/world.py), `StationScene` the vehicle without DVL
-(experiments/station/world.py). Both give the same things to the judge.
+(experiments/station/world.py). Both have the same form for the judge.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _OUTPUT_S = 1.0
 
 
 class Ran(NamedTuple):
-    """What a filter's run gave, of either mode.
+    """Result of a filter's run in either mode.
 
     ``local``, (n, 2, 3), are local statistics per row of the track (events.LOCAL_DOF).
     """
@@ -74,7 +74,7 @@ class SinsScene:
             'gate_probability': 1.0,
         }
     )
-    """The exact filter without a gate, which also shows what is visible."""
+    """The exact filter without a gate, whose innovations show when a fault is visible."""
 
     @property
     def duration_s(self) -> float:
@@ -82,7 +82,7 @@ class SinsScene:
         return self.world.duration_s
 
     def make(self, seed: int) -> World:
-        """World without a fault."""
+        """World of a seed without a fault."""
         return make_world(self.world, self.fixes, seed)
 
     def quiet(self, seed: int) -> World:
@@ -102,7 +102,7 @@ class SinsScene:
         params = world.params(
             **{'output_period_s': _OUTPUT_S, **longest, **self.changes, **changes}
         )
-        result = engine_run.run(params, world.inputs, one_by_one=True)
+        result = engine_run.run(params, world.inputs, look_every_s=1.0)
         course = _sins_course(world, result.track, self.duration_s)
         track = result.track
         return Ran(
@@ -167,7 +167,7 @@ class StationScene:
         return self.scenario.duration_s
 
     def make(self, seed: int) -> StationWorld:
-        """World without a fault."""
+        """World of a seed without a fault."""
         return make_station_world(self.scenario, seed, StationChoices().depth_sigma, 0.0)
 
     def quiet(self, seed: int) -> StationWorld:

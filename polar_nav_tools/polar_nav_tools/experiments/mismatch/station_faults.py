@@ -28,7 +28,7 @@ _STEP = 10
 
 @dataclass(frozen=True, kw_only=True)
 class StationFault(Fault):
-    """Nothing wrong; base of the faults of station mode."""
+    """No fault; base of the faults of station mode."""
 
     def applied(self, world: StationWorld, scale: float) -> StationWorld:  # type: ignore[override]
         """World with ``scale`` times the fault."""
@@ -182,7 +182,7 @@ class ThrustGlitch(StationFault):
     silent_s: float = 0.0
 
     def applied(self, world: StationWorld, scale: float) -> StationWorld:  # type: ignore[override]
-        """World whose thrust messages are absurd, or not there: the last one holds then."""
+        """World whose thrust messages are absurd, or missing: the last one holds then."""
         i, t = world.inputs, world.run.t_s
         force_b = i.force_b.copy()
         absurd = (t >= self.start_s) & (t < self.start_s + max(self.held_s, 0.005))
@@ -205,7 +205,7 @@ class ThrustGlitch(StationFault):
 
 @dataclass(frozen=True, kw_only=True)
 class ThrusterDead(StationFault):
-    """The thruster gives nothing, while the messages go on."""
+    """The thruster is dead, while its messages go on."""
 
     def applied(self, world: StationWorld, scale: float) -> StationWorld:  # type: ignore[override]
         """World whose vehicle only drifts."""
@@ -312,7 +312,7 @@ def displaced(world: StationWorld, d_v_S: Array, *, current: bool = False) -> St
 
 
 def _seen_from(p: PolarFix, before: Array, now: Array) -> PolarFix:
-    """Measurement of a place with the errors that it had at another."""
+    """Measurement from a position with the errors drawn at another one."""
     a, b = before - p.station, now - p.station
     turn = math.atan2(b[1], b[0]) - math.atan2(a[1], a[0])
     longer = float(np.linalg.norm(b) - np.linalg.norm(a))

@@ -7,14 +7,12 @@ from typing import Any
 from polar_nav_sim.offline_station import StationScenario
 
 from . import station_faults as s
-from .row import FIXES, HEADING, IMU, MODEL, STATION, Row
+from .row import FIXES, HEADING, IMU, MODEL, STATION, Row, row
 from .scenes import StationScene
 
 
 def _station_row(
     name: str,
-    doc: str,
-    size: str,
     fault: s.StationFault,
     culprits: tuple[str, ...],
     *,
@@ -22,73 +20,27 @@ def _station_row(
     **scenario: Any,  # noqa: ANN401 - of StationScenario
 ) -> Row:
     scene = StationScene(StationScenario(**scenario)) if scenario else STATION
-    return Row(f'station_{name}', doc, size, fault, culprits, invisible, scene)
+    return row(f'station_{name}', fault, culprits, invisible=invisible, scene=scene)
 
 
 STATION_ROWS = (
-    _station_row(
-        'thruster_dead',
-        'the thruster gives nothing from 800 s on',
-        '-100 %',
-        s.ThrusterDead(start_s=800.0),
-        (MODEL,),
-    ),
-    _station_row(
-        'thrust_20pc_less',
-        'the thruster gives less than stated',
-        '-20 %',
-        s.ThrustStated(factor=1.25),
-        (MODEL,),
-    ),
-    _station_row(
-        'heading_3deg',
-        "constant error of the AHRS' heading",
-        '3 deg',
-        s.AhrsHeading(offset_deg=3.0),
-        (HEADING,),
-    ),
-    _station_row(
-        'heading_drift',
-        "the AHRS' heading drifts",
-        '5 deg/h',
-        s.AhrsHeading(drift_deg_h=5.0),
-        (HEADING,),
-    ),
+    _station_row('thruster_dead', s.ThrusterDead(start_s=800.0), (MODEL,)),
+    _station_row('thrust_20pc_less', s.ThrustStated(factor=1.25), (MODEL,)),
+    _station_row('heading_3deg', s.AhrsHeading(offset_deg=3.0), (HEADING,)),
+    _station_row('heading_drift', s.AhrsHeading(drift_deg_h=5.0), (HEADING,)),
     _station_row(
         'heading_30deg_60s',
-        "the AHRS' heading jumps for a minute",
-        '30 deg',
         s.AhrsHeading(offset_deg=30.0, start_s=900.0, length_s=60.0),
         (HEADING, MODEL),
     ),
+    _station_row('range_1pc', s.StationError(range_scale=0.01), (FIXES,)),
     _station_row(
-        'range_1pc',
-        'range scale of the station',
-        '1 %',
-        s.StationError(range_scale=0.01),
-        (FIXES,),
+        'bearing_1deg', s.StationError(bearing_deg=1.0), (FIXES, HEADING), invisible=True
     ),
-    _station_row(
-        'bearing_1deg',
-        "the station's array turned, unstated",
-        '1 deg',
-        s.StationError(bearing_deg=1.0),
-        (FIXES, HEADING),
-        invisible=True,
-    ),
-    _station_row(
-        'position_20m',
-        'the station off from where it is stated',
-        '20 m',
-        s.StationError(station_m=20.0),
-        (FIXES,),
-        invisible=True,
-    ),
+    _station_row('position_20m', s.StationError(station_m=20.0), (FIXES,), invisible=True),
     *(
         _station_row(
             f'current_{speed:g}_reverses',
-            'the current turns round in 4.5 minutes',
-            f'{speed:g} m/s',
             s.CurrentReverses(speed_mps=speed, length_s=270.0, start_s=800.0),
             (MODEL,),
         )
@@ -96,37 +48,17 @@ STATION_ROWS = (
     ),
     _station_row(
         'current_1.2_swings',
-        'the current turns round every 4.5 minutes',
-        '1.2 m/s',
         s.CurrentReverses(speed_mps=1.2, length_s=270.0, start_s=400.0, again=True),
         (MODEL,),
     ),
+    _station_row('outliers_30pc', s.RangeOutliers(share=0.3, size_m=30.0), (FIXES,)),
     _station_row(
-        'outliers_30pc',
-        'range outliers either way',
-        '30 % +-30 m',
-        s.RangeOutliers(share=0.3, size_m=30.0),
-        (FIXES,),
+        'outliers_30pc_long', s.RangeOutliers(share=0.3, size_m=30.0, one_sided=True), (FIXES,)
     ),
-    _station_row(
-        'outliers_30pc_long',
-        'range outliers, all too long',
-        '30 % +30 m',
-        s.RangeOutliers(share=0.3, size_m=30.0, one_sided=True),
-        (FIXES,),
-    ),
-    _station_row(
-        'held_120s',
-        'the vehicle is held, then goes on',
-        '120 s',
-        s.Held(start_s=900.0, length_s=120.0),
-        (MODEL,),
-    ),
+    _station_row('held_120s', s.Held(start_s=900.0, length_s=120.0), (MODEL,)),
     *(
         _station_row(
             f'thrust_absurd_{ms:g}ms',
-            'one absurd thrust',
-            f'1e6 N, {ms:g} ms',
             s.ThrustGlitch(force_n=1e6, held_s=1e-3 * ms, start_s=900.0),
             (MODEL,),
         )
@@ -134,49 +66,24 @@ STATION_ROWS = (
     ),
     _station_row(
         'thrust_absurd_silent',
-        'one absurd thrust, then no thrust messages for 30 s',
-        '1e6 N, 30 s',
         s.ThrustGlitch(force_n=1e6, held_s=0.01, silent_s=30.0, start_s=900.0),
         (MODEL,),
     ),
     _station_row(
-        'thrust_silent_30s',
-        'no thrust messages for 30 s',
-        '30 s',
-        s.ThrustGlitch(silent_s=30.0, start_s=900.0, obvious=True),
-        (MODEL,),
+        'thrust_silent_30s', s.ThrustGlitch(silent_s=30.0, start_s=900.0, obvious=True), (MODEL,)
     ),
     _station_row(
-        'thrust_ends',
-        'thrust messages end',
-        'from 900 s',
-        s.ThrustGlitch(silent_s=1e4, start_s=900.0, obvious=True),
-        (MODEL,),
+        'thrust_ends', s.ThrustGlitch(silent_s=1e4, start_s=900.0, obvious=True), (MODEL,)
     ),
     _station_row(
         'ahrs_gap_60s',
-        'no AHRS messages for a minute',
-        '60 s',
         s.AhrsOut(length_s=60.0, start_s=900.0, obvious=True),
         (HEADING, MODEL, IMU),
     ),
     *(
-        _station_row(
-            f'validity_{name}_1s',
-            f'validity stated too {name}',
-            '1 s',
-            s.Validity(late_s=late_s),
-            (FIXES,),
-        )
+        _station_row(f'validity_{name}_1s', s.Validity(late_s=late_s), (FIXES,))
         for name, late_s in (('late', 1.0), ('early', -1.0))
     ),
-    _station_row('control', 'nothing wrong: mission station', '', s.StationFault(), ()),
-    _station_row(
-        'control_loss',
-        'nothing wrong: half of the packets lost',
-        '',
-        s.StationFault(),
-        (),
-        loss=0.5,
-    ),
+    _station_row('control', s.StationFault(), ()),
+    _station_row('control_loss', s.StationFault(), (), loss=0.5),
 )

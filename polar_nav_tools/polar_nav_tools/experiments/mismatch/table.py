@@ -108,7 +108,7 @@ def _line(
         'wrong': f'{sum(r.metrics["wrong"] > 0 for r in runs)}/{len(runs)}',
         'refused': _triple(runs, ('refused_fix', 'refused_dvl', 'refused_depth'), 100.0),
     }
-    if column == BEST:  # nobody watches it
+    if column == BEST:  # it has no watchdog
         return out
     verdicts = [verdict_of_run(r, visible_s) for r in runs]
     out['verdict'] = max(verdicts, key=SEVERITY.index)
@@ -125,7 +125,7 @@ def _line(
 
 
 def verdict_of_run(run: MismatchResult, visible_s: float) -> str:
-    """Verdict on one run; ``visible_s`` is NaN for what nothing can show."""
+    """Verdict on one run; ``visible_s`` is NaN for an invisible fault."""
     m = run.metrics
     return verdict_of(
         wrong=m['wrong'] > 0,
@@ -163,7 +163,7 @@ def _note(body: Sequence[dict[str, object]]) -> str:
 
 
 def _fault_free(rows: Sequence[Row], by_key: _Grouped) -> Table:
-    """WARN and ERROR in runs without any fault, by filter."""
+    """Table of WARN and ERROR in runs without any fault, by filter."""
     found: dict[str, Counter[str]] = {}
     length: Counter[str] = Counter()
     for row in rows:
@@ -191,7 +191,7 @@ def _fault_free(rows: Sequence[Row], by_key: _Grouped) -> Table:
 
 
 def _counts(body: Sequence[dict[str, object]]) -> Table:
-    """How many rows got which verdict, by filter."""
+    """Table of the number of rows with each verdict, by filter."""
     filters = list(dict.fromkeys(str(x['filter']) for x in body if 'verdict' in x))
     counts = {
         name: Counter(str(x['verdict']) for x in body if 'verdict' in x and x['filter'] == name)

@@ -1,4 +1,4 @@
-"""When a fault is visible: a generalized likelihood of its known shape with unknown size.
+"""Time of visibility of a fault: generalized likelihood of its known shape, of unknown size.
 
 A fault of size ``a`` (1: as stated) adds ``a g_k`` to the innovations of an exact filter, whose
 covariances S_k do not depend on it. The best test for the shape g has the statistic
@@ -17,8 +17,8 @@ gate) at a small size e, inside the linear regime,
 
 For the inertial vehicle these runs are in a world without noise, where NIS(t; 0) is 1e-4 and
 rounding does not count; the world of a station keeps its noise, which cancels. Drawn faults
-(outliers, noise) have the shape that the seed draws. Of a fault that every filter is told a wrong
-number for, the filter here has the wrong number, too.
+(outliers, noise) have the shape that the seed draws. Where a fault sets a wrong number
+in every filter, the filter here has the wrong number, too.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ from .faults import Fault
 from .scenes import Ran, Scene
 
 SMALL = 0.01
-"""e: the share of the fault at which its linear effect is measured."""
+"""e: share of the fault for measuring its linear effect."""
 VISIBLE_J = 25.0
 
 _EXACT: dict[str, dict[str, Any]] = {
@@ -49,11 +49,11 @@ _EXACT: dict[str, dict[str, Any]] = {
         'identify_method': 'none',
     },
 }
-"""What makes the best filter of a mode exact and linear, where it is not."""
+"""Parameters that make the best filter of a mode exact and linear."""
 
 
 def information(scene: Scene, fault: Fault, seed: int) -> tuple[Array, Array]:
-    """J over time.
+    """Information J about a fault's size over time.
 
     Returns
     -------
@@ -61,7 +61,7 @@ def information(scene: Scene, fault: Fault, seed: int) -> tuple[Array, Array]:
         Since the start of the run, every second; of the fault as stated.
     """
     quiet: Any = scene.quiet(seed)
-    changes: Mapping[str, Any] = {**scene.best, **_EXACT[scene.mode], **fault.told}
+    changes: Mapping[str, Any] = {**scene.best, **_EXACT[scene.mode], **fault.for_all}
     start_ns = scene.start_ns(quiet)
     time_s = np.arange(0.0, scene.duration_s + 1.0)
     total = np.zeros(len(time_s))
@@ -72,16 +72,16 @@ def information(scene: Scene, fault: Fault, seed: int) -> tuple[Array, Array]:
 
 
 class Visibility(NamedTuple):
-    """From when on a fault is visible [s], NaN for never; by how many sigmas at the end."""
+    """Time from which a fault is visible [s], NaN for never; sigmas at the end."""
 
     from_s: float
     sigmas: float
 
 
 def visibility(scene: Scene, fault: Fault, seed: int) -> Visibility:
-    """When the fault is visible since the start of the run.
+    """Visibility of a fault, in time since the start of the run.
 
-    Messages that do not come are visible at once.
+    Missing messages are visible at once.
     """
     if fault.obvious:
         return Visibility(fault.start_s, float('nan'))

@@ -1,6 +1,6 @@
-"""Edits of a simulated world's sensor streams, from which faults are made.
+"""Copies of a simulated world with changed sensor streams, the parts of faults.
 
-A world stays as it is; each function makes another one that shares what it does not change.
+A world is never changed; each function returns another one that shares the unchanged streams.
 """
 
 from __future__ import annotations
@@ -46,20 +46,20 @@ def to_body(C_b_G: Array, x_G: Array) -> Array:
 
 
 def add_imu(world: World, d_omega_b: Array | float = 0.0, d_f_b: Array | float = 0.0) -> World:
-    """Add errors to rate [rad/s] and specific force [m/s^2], each (n, 3) or 0."""
+    """World with errors added to rate [rad/s] and specific force [m/s^2], each (n, 3) or 0."""
     i = world.inputs
     changed = replace(i, omega_ib_b=i.omega_ib_b + d_omega_b, f_b=i.f_b + d_f_b)
     return replace(world, inputs=changed)
 
 
 def add_dvl(world: World, d_v_m: Array) -> World:
-    """Add errors (d, 3) to the pings [m/s]."""
+    """World with errors (d, 3) added to the pings [m/s]."""
     i = world.inputs
     return replace(world, inputs=replace(i, dvl_v_m=i.dvl_v_m + d_v_m))
 
 
 def add_depth(world: World, d_depth: Array | float) -> World:
-    """Add errors (e,) to the depths [m]."""
+    """World with errors (e,) added to the depths [m]."""
     i = world.inputs
     return replace(world, inputs=replace(i, depth=i.depth + d_depth))
 
@@ -75,16 +75,16 @@ def validities(world: World) -> NDArray[np.int64]:
 
 
 def see_fixes_along(world: World, line_G: Array) -> World:
-    """World whose fixes state the way from the leader's array, (k, 3) in true grid axes [m]."""
+    """World whose fixes state the vector from the leader's array, (k, 3) in true grid axes [m]."""
     relative_e = np.einsum('nji,nj->ni', truth_of_fixes(world).C_e_G, line_G)
     fixes = zip(world.inputs.fixes, relative_e, strict=True)
     return world.with_fixes(tuple(replace(f, relative_e=r_e) for f, r_e in fixes))
 
 
 def move_fixes(world: World, d_r_G: Array, variance_G: Array | None = None) -> World:
-    """Move the fixes by (k, 3) metres in the grid axes of their true positions.
+    """World with fixes moved by (k, 3) metres in the grid axes of their true positions.
 
-    ``variance_G``, (k, 3, 3), is added to what they state.
+    ``variance_G``, (k, 3, 3), is added to their stated covariance.
     """
     C_e_G = truth_of_fixes(world).C_e_G
     d_r_e = np.einsum('nji,nj->ni', C_e_G, d_r_G)
@@ -100,7 +100,7 @@ def move_fixes(world: World, d_r_G: Array, variance_G: Array | None = None) -> W
 
 
 def restamp_fixes(world: World, shift_ns: Sequence[int]) -> World:
-    """Shift the times of validity that the fixes state by (k,) [ns], never beyond reception."""
+    """World with stated times of validity shifted by (k,) [ns], never beyond reception."""
     return world.with_fixes(
         tuple(
             replace(f, validity_ns=min(f.validity_ns + shift, f.receive_ns))
@@ -110,7 +110,7 @@ def restamp_fixes(world: World, shift_ns: Sequence[int]) -> World:
 
 
 def keep_fixes(world: World, keep: Callable[[Fix], bool]) -> World:
-    """Leave out fixes."""
+    """World without some fixes."""
     return world.with_fixes(tuple(f for f in world.inputs.fixes if keep(f)))
 
 

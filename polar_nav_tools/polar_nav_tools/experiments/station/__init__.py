@@ -1,1 +1,1 @@
-"""Experiments `has-*`: navigation without a DVL from a station's late fixes, beside its paper."""
+"""Experiments `has-*`: navigation without a DVL by a station's late fixes, beside its paper."""

@@ -1,4 +1,4 @@
-"""What the experiments `has-*` run, and their tables and figures."""
+"""Jobs, tables and figures of the experiments `has-*`."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ _LATE = (
     ),
     *_AFTER,
 )
-"""What the paper says of an uncompensated delay is a largest error."""
+"""The paper's number for an uncompensated delay is a largest error."""
 
 Groups = Mapping[str, StationScenario]
 
@@ -74,7 +74,7 @@ def _jobs(
     groups: Groups,
     later_s: Mapping[str, float] | None = None,
 ) -> list[StationJob]:
-    """All filters in all groups; those of one seed and group follow one another."""
+    """Jobs of all filters in all groups; those of one seed and group follow one another."""
     return [
         StationJob(
             group,
@@ -114,14 +114,14 @@ def _note(size: Size, request: Request, text: str = '') -> str:
 
 
 def plan_table(request: Request, size: Size, columns: Sequence[str]) -> list[StationJob]:
-    """All filters at full and at half noise."""
+    """Jobs of all filters at full and at half noise."""
     full = request.station.scenario(size.duration_s)
     groups = {FULL: full, HALF: replace(full, noise=0.5 * full.noise)}
     return _jobs(request, size, columns, groups)
 
 
 def tables_table(results: Sequence[RunResult], size: Size, request: Request) -> list[Table]:
-    """The paper's claims beside all filters; what was identified."""
+    """Tables of the paper's claims beside all filters, and of identified parameters."""
     out = []
     for group in _groups(results):
         sides = [*_CLAIMS]
@@ -146,14 +146,14 @@ _TRUTH = {'drag_linear': 25.0, 'drag_quadratic': 19.0, 'current_x': 0.4, 'curren
 
 
 def paper_of(group: str, column: str) -> Mapping[str, float]:
-    """Claims for a group and a filter: of the published ones at full noise."""
+    """The paper's claims for a group and a filter: for published ones at full noise."""
     if group != FULL:
         return {}
     return {'published': CLAIMED, 'published_uncompensated': CLAIMED_UNCOMPENSATED}.get(column, {})
 
 
 def figures_table(results: Sequence[RunResult], size: Size, request: Request) -> dict[str, Figure]:
-    """Errors of all filters over time, seed 1."""
+    """Figures of the errors of all filters over time, seed 1."""
     del size, request
     wanted = [n for n in ('published', 'published_robust', 'default') if n in _names(results)]
     runs = [(n, r) for n in wanted for r in of(results, FULL, n) if r.series]
@@ -163,17 +163,17 @@ def figures_table(results: Sequence[RunResult], size: Size, request: Request) ->
 
 
 def plan_figures(request: Request, size: Size, columns: Sequence[str]) -> list[StationJob]:
-    """The published filter with and without compensation, and the default."""
+    """Jobs of the published filter with and without compensation, and of the default."""
     return _jobs(request, size, columns, {FULL: request.station.scenario(size.duration_s)})
 
 
 def tables_figures(results: Sequence[RunResult], size: Size, request: Request) -> list[Table]:
-    """What the figures show, in numbers."""
+    """Tables of the numbers in the figures."""
     sides = [*_CLAIMS]
     sides += [Side(name, of(results, FULL, name)) for name in _names(results)]
     return [
         comparison(
-            'What the figures show', sides, _note(size, request), (*QUANTITIES, *IDENTIFIED)
+            'Numbers of the figures', sides, _note(size, request), (*QUANTITIES, *IDENTIFIED)
         )
     ]
 
@@ -201,11 +201,11 @@ def figures_figures(
     return out
 
 
-# -- what is varied -------------------------------------------------------------------------------
+# -- varied conditions ----------------------------------------------------------------------------
 
 
 def plan_loss(request: Request, size: Size, columns: Sequence[str]) -> list[StationJob]:
-    """Losses of 0, 10, 30 and 50 % of the packets."""
+    """Jobs with losses of 0, 10, 30 and 50 % of the packets."""
     scenario = request.station.scenario(size.duration_s)
     return _jobs(
         request, size, columns, {f'{p:g} % lost': replace(scenario, loss=p / 100) for p in LOSSES}
@@ -245,7 +245,7 @@ def _curves(results: Sequence[RunResult], x: Sequence[float], x_label: str, name
 
 
 def plan_current(request: Request, size: Size, columns: Sequence[str]) -> list[StationJob]:
-    """A current that changes slowly."""
+    """Jobs with a current that changes slowly."""
     c = request.station
     changing = replace(
         c.scenario(size.duration_s),
@@ -260,7 +260,7 @@ CHANGING = 'changing'
 
 
 def tables_current(results: Sequence[RunResult], size: Size, request: Request) -> list[Table]:
-    """Errors in the changing current."""
+    """Tables of the errors in the changing current."""
     c = request.station
     text = (
         f'Speed by {100 * c.current_change:g} %, direction by {c.current_turn:g} rad,'
@@ -274,7 +274,7 @@ def tables_current(results: Sequence[RunResult], size: Size, request: Request) -
 def figures_current(
     results: Sequence[RunResult], size: Size, request: Request
 ) -> dict[str, Figure]:
-    """Errors over time in the changing current, seed 1."""
+    """Figures of the errors over time in the changing current, seed 1."""
     del size, request
     wanted = [n for n in ('published', 'augmented_1e-6', 'default') if n in _names(results)]
     runs = [(n, r) for n in wanted for r in of(results, CHANGING, n) if r.series]
@@ -284,14 +284,14 @@ def figures_current(
 
 
 def plan_excitation(request: Request, size: Size, columns: Sequence[str]) -> list[StationJob]:
-    """Thrust that hardly varies."""
+    """Jobs with thrust that hardly varies."""
     c = request.station
     low = c.scenario(size.duration_s, excitation=c.low_excitation)
     return _jobs(request, size, columns, {f'varied x {c.low_excitation:g}': low})
 
 
 def tables_excitation(results: Sequence[RunResult], size: Size, request: Request) -> list[Table]:
-    """Errors, and what was identified."""
+    """Tables of the errors, and of the identified parameters."""
     note = _note(size, request)
     return [
         by_group('Thrust that hardly varies', results, _AFTER, note, 'thrust'),
@@ -300,14 +300,14 @@ def tables_excitation(results: Sequence[RunResult], size: Size, request: Request
 
 
 def plan_heading(request: Request, size: Size, columns: Sequence[str]) -> list[StationJob]:
-    """Heading with a constant error."""
+    """Jobs with a constant error of heading."""
     bias = request.station.heading_bias_deg
     scenario = request.station.scenario(size.duration_s, heading_bias=math.radians(bias))
     return _jobs(request, size, columns, {f'{bias:g} deg off': scenario})
 
 
 def tables_heading(results: Sequence[RunResult], size: Size, request: Request) -> list[Table]:
-    """Errors, and what was identified."""
+    """Tables of the errors, and of the identified parameters."""
     note = _note(size, request)
     return [
         by_group('Heading bias', results, _AFTER, note, 'heading'),
@@ -319,7 +319,7 @@ LATER_S = (0.0, 2.0, 8.0)
 
 
 def plan_delay(request: Request, size: Size, columns: Sequence[str]) -> list[StationJob]:
-    """Packets that come later: beyond the period in the last case, in order still."""
+    """Jobs with later packets: beyond the period in the last case, in order still."""
     scenario = request.station.scenario(size.duration_s)
     names = {f'{s:g} s later': s for s in LATER_S}
     return _jobs(request, size, columns, dict.fromkeys(names, scenario), names)
@@ -341,6 +341,6 @@ def figures_delay(results: Sequence[RunResult], size: Size, request: Request) ->
 
 
 def no_figures(results: Sequence[RunResult], size: Size, request: Request) -> dict[str, Figure]:
-    """Nothing to draw."""
+    """No figures."""
     del results, size, request
     return {}

@@ -105,7 +105,7 @@ EXPERIMENTS = (
     replace(
         _TABLE,
         name='has-excitation',
-        doc='Thrust that hardly varies: what can be told of the drag then',
+        doc='Thrust that hardly varies: the drag that can still be identified',
         columns=('published', 'published_robust', 'augmented_1e-6', 'default'),
         plan=cases.plan_excitation,
         tables=cases.tables_excitation,

@@ -1,4 +1,4 @@
-"""Filters of station mode that stand side by side in the tables, by name."""
+"""Filters of station mode compared in the tables, by name."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ from typing import Any
 from polar_nav_core.errors import ConfigError
 
 _NEVER = 10_000
-"""Fixes: more than a run has."""
+"""Number of fixes above that of any run."""
 _ONCE: dict[str, Any] = {'identify_nis_fixes': _NEVER, 'identify_every': _NEVER}
 """Identify when the window is full, and never again: the paper's figures show one adaptation."""
 
 
 @dataclass(frozen=True)
 class StationColumn:
-    """One filter.
+    """One filter, a column of the tables.
 
     Attributes
     ----------
     name, doc : str
-        Of the column; what it is, one line.
+        Name of the column; description, one line.
     changes : dict
         Parameters of the engine.
     uncompensated : bool
-        Whether it, and its identification, take every fix as valid when it arrives.
+        Whether filter and identification treat every fix as valid at its arrival.
     """
 
     name: str
@@ -67,7 +67,7 @@ COLUMNS: dict[str, StationColumn] = {
         ),
         StationColumn(
             'published_uncompensated',
-            'the same with every fix taken as of its arrival, by filter and identification',
+            'the same with every fix treated as of its arrival, by filter and identification',
             _published(station_validity='packet'),
             uncompensated=True,
         ),
@@ -99,11 +99,11 @@ COLUMNS: dict[str, StationColumn] = {
         ),
         StationColumn(
             'augmented_ignoring',
-            'augmented_1e-6, every fix taken as of its arrival',
+            'augmented_1e-6, every fix treated as of its arrival',
             _single(1e-6),
             uncompensated=True,
         ),
-        StationColumn('default', 'what the follower uses: a bank of four q_c, exact delay'),
+        StationColumn('default', "the follower's default: a bank of four q_c, exact delay"),
     )
 }
 
@@ -114,7 +114,7 @@ def pick(names: Sequence[str]) -> list[StationColumn]:
     Raises
     ------
     ConfigError
-        For a name that there is not.
+        For an unknown name.
     """
     for name in names:
         if name not in COLUMNS:

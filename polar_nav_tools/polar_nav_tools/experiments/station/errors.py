@@ -1,4 +1,4 @@
-"""Errors of a run in station mode against its truth, and the numbers that are told of them.
+"""Errors of a run in station mode against its truth, and their metrics.
 
 Position errors are along the station frame's x and y, velocity errors along body x and y, both
 estimate minus truth, as in the paper's figures 5 and 8.
@@ -19,7 +19,7 @@ AFTER = (950.0, 1590.0)
 """Windows [s]: before the adaptation of 750 s, after the start has died away, and well after."""
 ADAPTED_S = 750.0
 SETTLED_M, SETTLED_S = 8.0, 60.0
-"""An error that stays below this for so long has settled."""
+"""Limit [m] and duration [s] of a settled error."""
 AXES = 'xy'
 
 
@@ -55,7 +55,7 @@ class StationErrors:
     nis: Array
 
     def window(self, first_s: float, last_s: float) -> StationErrors:
-        """What lies between two times, both included."""
+        """Errors between two times, both included."""
 
         def within(time_s: Array) -> NDArray[np.bool_]:
             return (time_s >= first_s) & (time_s <= last_s)
@@ -80,14 +80,14 @@ class StationErrors:
 
 
 def measure(errors: StationErrors) -> dict[str, float]:
-    """Numbers of one run.
+    """Metrics of one run.
 
     RMS and largest error of position (``rms_x``, ``max_x`` [m]) and velocity (``rms_vx``,
     ``max_vx`` [m/s]), mean NIS per fix (``nis``, 2 is honest) and mean NEES of position per degree
     of freedom (``nees``, 1 is honest), each in the windows `BEFORE`, `CONVERGED` and `AFTER`
     (``_before``, ``_converged``, ``_after``); ``worst``, the largest horizontal error from the
     first window's start on; ``settle_s``, how long after the adaptation's time both errors begin
-    to stay below `SETTLED_M` for `SETTLED_S`. What the run is too short for is left out.
+    to stay below `SETTLED_M` for `SETTLED_S`. Windows beyond the run's end are left out.
     """
     out: dict[str, float] = {}
     for name, (first_s, last_s) in (
@@ -107,7 +107,7 @@ def measure(errors: StationErrors) -> dict[str, float]:
 
 
 def _settled(e: StationErrors) -> float:
-    """When the errors begin to stay small, from `ADAPTED_S` on; infinite if they never do."""
+    """Time [s] after `ADAPTED_S` at which the errors begin to stay small; infinite for never."""
     far = e.time_s[np.abs(e.position).max(axis=1) > SETTLED_M]
     ends = np.append(far, e.time_s[-1])
     begins = np.append(ADAPTED_S, far)

@@ -1,6 +1,6 @@
 """The paper's figures 4 to 10, the published system beside the default filter, one seed.
 
-Also one figure for what is varied: errors over losses, delays and the rest.
+Also figures of the errors over losses, delays and other varied conditions.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ Draw = Callable[[Axes, RunResult, str], None]
 def _grid(
     runs: Sequence[RunResult], salt: str, draw: Draw, y_label: str, unit: str, *, height: int = 520
 ) -> Figure:
-    """One column of panels per run, one row per axis, over time."""
+    """Figure and its panels over time, one column per run, one row per axis."""
     with drawing(salt):
         fig = new_figure(FULL_PX, height)
         axes = fig.subplots(2, len(runs), sharex=True, sharey='row', squeeze=False)
@@ -68,7 +68,7 @@ def coordinates(runs: Sequence[RunResult], name: str) -> Figure:
 
 
 def position_errors(runs: Sequence[RunResult], name: str) -> Figure:
-    """Figures 5 and 9: errors of fixes and estimate, and what the filter says of them."""
+    """Figures 5 and 9: errors of fixes and estimate, and the published 3 sigma."""
 
     def draw(ax: Axes, run: RunResult, axis: str) -> None:
         s = run.series
@@ -160,7 +160,7 @@ def curves(
     *,
     logarithmic: bool = False,
 ) -> Figure:
-    """Curves over what is varied, one panel each."""
+    """Figure of curves over a varied condition, one panel each."""
     markers = 'osD^vPX'
     with drawing(name):
         fig = new_figure(FULL_PX, 380)
@@ -184,7 +184,7 @@ def curves(
 def error_lines(
     runs: Sequence[tuple[str, RunResult]], name: str, *, limit_m: float, limit_mps: float
 ) -> Figure:
-    """Errors of several filters over time: position on the left, velocity on the right."""
+    """Figure of several filters' errors over time: position left, velocity right."""
     with drawing(name):
         fig = new_figure(FULL_PX, 520)
         axes = fig.subplots(2, 2, sharex=True)

@@ -1,4 +1,4 @@
-"""Numbers that the paper of the DVL-less system claims, to stand beside ours.
+"""Numbers claimed by the paper of the DVL-less system, for comparison.
 
 Drones 2025, 9(4), 299, section 5: one run. "Could reach 30 m" is said of both coordinates before
 the adaptation; velocity errors are largest ones, after it.
@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 MEDIAN, POOLED, MEAN, COUNT = 'median', 'pooled', 'mean', 'count'
-"""How runs are put together; the last: in how many it is so."""
+"""Ways to pool runs; the last: the number of runs in which it is so."""
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ ALL = (
     Quantity('rms_fix_x_after', 'fixes, x after, RMS', 'm', POOLED),
     Quantity('rms_fix_y_after', 'fixes, y after, RMS', 'm', POOLED),
 )
-"""All that the CSV has."""
+"""All quantities of the CSV file."""
 
 CLAIMED: Mapping[str, float] = {
     'max_x_before': 30.0,

@@ -1,4 +1,4 @@
-"""One run of one filter on the station scenario, and what is measured of it."""
+"""One run of one filter on the station scenario, and its metrics."""
 
 from __future__ import annotations
 
@@ -26,29 +26,29 @@ from .errors import ADAPTED_S, AFTER, AXES, StationErrors, measure
 from .world import NS, StationWorld, heading_and_pitch, make_world
 
 _SERIES_S = 1.0
-"""Between the points kept of a time series."""
+"""Interval of the points of a stored time series [s]."""
 _LOG_EVERY = 10
-"""Samples at 100 Hz between rows of the log that an identification gets."""
+"""Samples at 100 Hz between rows of an identification's log."""
 _GAP_S = 5.0
 
 
 @dataclass(frozen=True)
 class StationJob:
-    """What to run.
+    """One run to make: filter, scenario, seed.
 
     Attributes
     ----------
     group : str
-        What runs are grouped by besides the filter.
+        Group of the run besides the filter.
     column : StationColumn
         The filter.
     seed : int
     scenario : StationScenario
     choices : StationChoices
     later_s : float
-        How much later packets arrive than the acoustics say [s].
+        Delay of packets beyond the acoustic one [s].
     series : bool
-        Whether errors over time are kept.
+        Whether errors over time are stored.
     """
 
     group: str
@@ -62,14 +62,14 @@ class StationJob:
 
 @lru_cache(maxsize=1)
 def _warm() -> None:
-    """Run a few seconds once per process: compiled code is loaded then."""
+    """Run a few seconds once per process, to load compiled code."""
     choices = StationChoices()
     world = make_world(StationScenario(duration_s=10.0), 1, choices.depth_sigma, 0.0)
     engine_run.run(world.params(choices, 0.0), world.inputs)
 
 
 def run_job(job: StationJob) -> RunResult:
-    """Run one filter and measure it."""
+    """Result of one run of a filter."""
     _warm()
     world = make_world(job.scenario, job.seed, job.choices.depth_sigma, job.later_s)
     params = world.params(job.choices, job.later_s, **job.column.changes)
@@ -97,7 +97,7 @@ def run_job(job: StationJob) -> RunResult:
 
 
 def last_receipts(receipts: Sequence[Receipt]) -> list[Receipt]:
-    """The last word on every fix: later ones can change a verdict."""
+    """Last receipt of every fix; a revision can change a verdict."""
     last = {(r.source, r.sequence): r for r in receipts if r.source}
     return list(last.values())
 
@@ -112,8 +112,8 @@ class BodyStates:
     position, true_position : (n, 2) arrays
         Station frame [m].
     velocity_b, true_velocity_b : (n, 2) arrays
-        Over ground [m/s]; each by its own attitude: what stands is the filter's body velocity, not
-        the AHRS' noise times the speed.
+        Over ground [m/s]; each by its own attitude, so that their difference is the error of the
+        body velocity without the AHRS' noise times the speed.
     covariance : (n, 2, 2) array
         Of position [m^2].
     """
@@ -127,7 +127,7 @@ class BodyStates:
 
 
 def body_states(world: StationWorld, track: engine_run.StationTrack) -> BodyStates:
-    """Put a track beside the truth of its stamps."""
+    """Estimates of a track and the truth at its stamps."""
     run = world.run
     row = np.searchsorted(run.t_s, (track.stamps_ns - run.start_ns) / NS - 1e-6)
     row = np.minimum(row, len(run.t_s) - 1)
@@ -165,7 +165,7 @@ def station_errors(
 
 
 def _ratios(errors: StationErrors) -> dict[str, float]:
-    """How many times the largest error of the fixes is that of the estimate, after adaptation."""
+    """Largest error of the fixes over that of the estimate, after adaptation."""
     part = errors.window(*AFTER)
     if not (len(part.time_s) and len(part.fix)):
         return {}
@@ -176,10 +176,10 @@ def _ratios(errors: StationErrors) -> dict[str, float]:
 def _identified(
     world: StationWorld, result: engine_run.Result[engine_run.StationTrack], params: EngineParams
 ) -> dict[str, float]:
-    """Drag and current as identified first; else the filter's own estimate at that time.
+    """Metrics of the first identified drag and current, or of the filter's estimate at that time.
 
-    The error of the current is against its mean until then; ``adapted`` says whether the filter
-    was given what was identified.
+    The error of the current is against its mean until then; ``adapted``: whether the filter used
+    the identified parameters.
     """
     names = ('drag_linear', 'drag_quadratic', 'current_x', 'current_y')
     if result.identifications:

@@ -1,4 +1,4 @@
-"""Runs over seeds: median and spread, pooled RMS, mean and deviation."""
+"""Statistics of runs over seeds: median and spread, pooled RMS, mean and deviation."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .paper import ALL, COUNT, MEAN, POOLED, QUANTITIES, Quantity
 
 
 def values_of(runs: Sequence[RunResult], key: str) -> np.ndarray:
-    """One metric of the runs that have it."""
+    """Values of one metric, of the runs that have it."""
     return np.array([r.metrics[key] for r in runs if key in r.metrics])
 
 
@@ -34,7 +34,7 @@ def deviation(runs: Sequence[RunResult], key: str) -> float:
 
 
 def cell(runs: Sequence[RunResult], quantity: Quantity) -> str:
-    """What a table says of one quantity of some runs."""
+    """Table cell of one quantity of some runs."""
     values = values_of(runs, quantity.key)
     if not values.size:
         return MISSING
@@ -60,7 +60,7 @@ HOW = (
 
 @dataclass(frozen=True)
 class Side:
-    """A column of a table: runs, or what the paper claims."""
+    """A column of a table: runs, or the paper's claims."""
 
     title: str
     runs: Sequence[RunResult] = ()
@@ -80,7 +80,7 @@ def comparison(
     note: str,
     quantities: Sequence[Quantity] = QUANTITIES,
 ) -> Table:
-    """Quantities down, filters and the paper across."""
+    """Table with a row per quantity, a column per filter and for the paper."""
     columns = [Column('quantity', 'quantity'), Column('unit', 'unit')]
     columns += [Column(f's{i}', side.title) for i, side in enumerate(sides)]
     rows = []
@@ -98,7 +98,7 @@ def by_group(
     note: str,
     first: str = 'case',
 ) -> Table:
-    """Groups and filters down, quantities across."""
+    """Table with a row per group and filter, a column per quantity."""
     columns = [Column('group', first), Column('filter', 'filter')]
     columns += [Column(q.key, q.title, q.unit) for q in quantities]
     rows = []
@@ -115,7 +115,7 @@ def long_table(
     results: Sequence[RunResult],
     paper: Callable[[str, str], Mapping[str, float]] | None = None,
 ) -> Table:
-    """One row per group, filter and quantity, for machines."""
+    """Table for CSV, one row per group, filter and quantity."""
     names = (
         'group', 'filter', 'quantity', 'unit', 'runs', 'median', 'lowest', 'highest', 'mean',
         'deviation', 'pooled_rms', 'paper',

@@ -1,6 +1,6 @@
-"""A simulated run of the station scenario as the engine takes it, and its truth.
+"""A simulated run of the station scenario: inputs of the engine, and truth.
 
-What `polar_nav_sim.offline_station` gives, turned into inputs of the engine in station mode. Truth
+Made from the arrays of `polar_nav_sim.offline_station`. Truth
 and noise depend on the seed and the scenario only: filters that are compared at one seed see the
 same numbers.
 """
@@ -42,7 +42,7 @@ class StationWorld:
     run : StationRun
         Sensors, fixes and truth.
     inputs : StationInputs
-        Fixes as they arrived, later where that was asked for.
+        Inputs with fixes as they arrived, delayed further by ``later_s``.
     origin_e : (3,) array
         Origin of the station frame, ECEF [m].
     C_e_S : (3, 3) array
@@ -58,7 +58,7 @@ class StationWorld:
     fix_positions: tuple[PositionFix, ...]
 
     def as_of_arrival(self) -> StationInputs:
-        """Inputs whose fixes say that they are valid when they arrive."""
+        """Inputs whose fixes state their reception as time of validity."""
         fixes = tuple(replace(f, validity_ns=f.receive_ns) for f in self.inputs.fixes)
         return replace(self.inputs, fixes=fixes)
 
@@ -73,7 +73,7 @@ class StationWorld:
         later_s: float,
         **changes: Any,  # noqa: ANN401 - of EngineParams
     ) -> EngineParams:
-        """Engine parameters that know this station and these sensors; ``changes`` on top."""
+        """Engine parameters for this station and these sensors, with ``changes``."""
         s = self.run.scenario
         latitude, longitude, height = (float(v) for v in earth.geodetic_from_ecef(self.origin_e))
         values: dict[str, Any] = {
@@ -92,7 +92,7 @@ class StationWorld:
         return EngineParams(**{**values, **changes, **choices.engine})
 
     def _initial(self, c: StationChoices) -> dict[str, Any]:
-        """Start near the truth, at the steady speed of the nominal model, no current known."""
+        """Initial state near the truth, at the nominal steady speed, without current."""
         r = self.run
         rng = stream(r.seed, 'experiment/station/initial')
         error_S = np.append(c.initial_sigma_position * rng.standard_normal(2), 0.0)
@@ -118,14 +118,14 @@ class StationWorld:
 def make_world(
     scenario: StationScenario, seed: int, depth_sigma: float, later_s: float
 ) -> StationWorld:
-    """Simulate a run.
+    """World of a simulated run.
 
     Parameters
     ----------
     scenario : StationScenario
     seed : int
     depth_sigma : float
-        As the filter is told [m].
+        1-sigma of depth set in the filter [m].
     later_s : float
         How much later than simulated every packet arrives [s].
     """
@@ -155,7 +155,7 @@ def make_world(
 
 @lru_cache(maxsize=4)
 def _origin(mission_name: str) -> Array:
-    """Where the station is, ECEF [m]."""
+    """Position of the station, ECEF [m]."""
     mission = load_mission(mission_name)
     return np.array(mission.truth(mission.leader).state(mission.start_ns).r_e)
 

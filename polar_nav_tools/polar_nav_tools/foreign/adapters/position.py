@@ -12,7 +12,7 @@ from polar_nav_core.errors import ConfigError
 from polar_nav_core.grid import ecef_to_grid
 from polar_nav_core.nav_columns import rotations
 
-from ..arrays import finite_rows
+from ..arrays import finite_rows, unfilled
 from ..frames import Placed, to_earth
 from ..mapping import Frame, PositionMapping
 from ..sources import Source, Stamps
@@ -63,7 +63,9 @@ class PositionRows:
     def sorted(self) -> PositionRows:
         """Return the rows that can be used, by stamp."""
         order = np.argsort(self.stamps_ns, kind='stable')
-        order = order[(self.given & self.plausible)[order]]
+        zero = unfilled(self.stamps_ns)
+        usable = self.given & self.plausible & (~zero | zero.all())
+        order = order[usable[order]]
         names = ('stamps_ns', 'log_ns', 'r_e', 'covariance_e', 'v_G', 'C_b_G', 'given')
         chosen = {n: getattr(self, n)[order] for n in (*names, 'plausible')}
         return replace(self, **chosen)

@@ -86,7 +86,8 @@ def read_dvl(source: Source, mapping: DvlMapping, default_sigma: float) -> DvlRo
         valid &= rows.values['valid'].astype(bool)
     if 'mode' in rows.values:
         # Types with these fields differ in the number that stands for bottom lock.
-        valid &= rows.values['mode'] == rows.constants.get('DVL_MODE_BOTTOM', 0)
+        name, usual = ('DVL_MODE_WATER', 2) if mapping.water else ('DVL_MODE_BOTTOM', 0)
+        valid &= rows.values['mode'] == rows.constants.get(name, usual)
     if 'beams' in rows.values:
         valid &= rows.values['beams'] >= _FEWEST_BEAMS
     C = mapping.C_s_b

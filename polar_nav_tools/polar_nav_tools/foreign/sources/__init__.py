@@ -9,16 +9,35 @@ from __future__ import annotations
 from pathlib import Path
 
 from ...bags.opening import Progress, open_bag
-from .base import Source, Stamps, Table, field_paths, read_table, require
+from ..definitions import Definitions
+from .base import Source, Stamps, Table, field_paths, not_described, read_table, require
 from .mcap import McapSource
 from .ros1 import Ros1Source
 from .sqlite import SqliteSource
 
-__all__ = ['Source', 'Stamps', 'Table', 'field_paths', 'open_source', 'read_table', 'require']
+__all__ = [
+    'Source',
+    'Stamps',
+    'Table',
+    'field_paths',
+    'not_described',
+    'open_source',
+    'read_table',
+    'require',
+]
 
 
-def open_source(path: str | Path, progress: Progress | None = None) -> Source:
+def open_source(
+    path: str | Path, progress: Progress | None = None, *, msg_path: Path | None = None
+) -> Source:
     """Open a bag: an MCAP file, a rosbag2 folder (MCAP or sqlite3), a .db3 file or a ROS 1 bag.
+
+    Parameters
+    ----------
+    path : Path
+    progress : callable, optional
+    msg_path : Path, optional
+        Folder with .msg files of types that the bag does not describe.
 
     Raises
     ------
@@ -26,10 +45,11 @@ def open_source(path: str | Path, progress: Progress | None = None) -> Source:
         When there is no bag, or it cannot be read.
     """
     path = Path(path)
+    definitions = Definitions(msg_path)
     if path.suffix == '.bag':
-        return Ros1Source(path)
+        return Ros1Source(path, definitions)
     if path.suffix == '.db3':
         path = path.parent
     if path.is_dir() and any(path.glob('*.db3')):
-        return SqliteSource(path)
-    return McapSource(open_bag(path, progress))
+        return SqliteSource(path, definitions)
+    return McapSource(open_bag(path, progress), definitions)

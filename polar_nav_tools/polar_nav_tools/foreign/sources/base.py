@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
@@ -48,6 +48,19 @@ class Source(Protocol):
         """Return log times and columns if there is a quicker way than `records`."""
         ...
 
+    @property
+    def run_info(self) -> Mapping[str, Any]:
+        """What a recorder of this project wrote about the run; empty for others."""
+        ...
+
+    def headed(self, topic: str) -> bool:
+        """Return whether messages of a topic begin with a header; False where nobody knows."""
+        ...
+
+    def fronts(self) -> Iterator[tuple[str, int, bytes]]:
+        """Yield (topic, log time [ns], CDR bytes up to the stamp at least) of all messages."""
+        ...
+
 
 @dataclass(frozen=True)
 class Table:
@@ -74,6 +87,18 @@ class Table:
     def __len__(self) -> int:
         """Return the number of messages."""
         return len(self.log_ns)
+
+
+def not_described(source: Source) -> tuple[str, ...]:
+    """Return the types of messages that cannot be decoded: nobody has their definition."""
+    found = set()
+    for topic in source.topics.values():
+        if topic.count and topic.type not in found:
+            try:
+                source.text(topic.name)
+            except BagError:
+                found.add(topic.type)
+    return tuple(sorted(found))
 
 
 def require(source: Source, topic: str) -> Topic:

@@ -9,9 +9,11 @@ from rosbags.rosbag1 import Reader
 from rosbags.typesys.store import Typestore
 
 from ...bags.errors import BagError
+from ..definitions import Definitions
 from .rosbags import RosbagsSource
 
 _MAGIC = b'#ROSBAG V2.0'
+_LITTLE_ENDIAN = b'\x00\x01\x00\x00'
 _HEADER = 'std_msgs/msg/Header'
 
 
@@ -27,9 +29,9 @@ class Ros1Source(RosbagsSource):
     kind = 'ROS 1 bag'
     advice = '`rosbag reindex` of ROS 1 makes a new index for what is whole'
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, definitions: Definitions | None = None) -> None:
         _check(path)
-        super().__init__(path)
+        super().__init__(path, definitions)
 
     def reader(self) -> Reader:
         """Return the library's reader, not opened."""
@@ -48,6 +50,10 @@ class Ros1Source(RosbagsSource):
     def cdr(self, data: bytes | memoryview, kind: str, store: Typestore) -> bytes:
         """Return the bytes of a message as CDR."""
         return bytes(store.ros1_to_cdr(data, kind))
+
+    def front(self, data: bytes | memoryview) -> bytes:
+        """Return a CDR head and the stamp, which follows the number that ROS 1 counts with."""
+        return _LITTLE_ENDIAN + bytes(data[4:12])
 
 
 def _check(path: Path) -> None:

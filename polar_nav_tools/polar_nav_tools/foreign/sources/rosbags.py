@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from rosbags.interfaces import Connection, MessageDefinitionFormat
 from rosbags.interfaces.typing import Typesdict
@@ -16,7 +17,7 @@ from rosbags.typesys.store import Typestore
 
 from ...bags.errors import BagError
 from ...bags.reader import Topic
-from ..definitions import text_of
+from ..definitions import Definitions
 from .base import Rows, Timed, require
 
 
@@ -27,8 +28,12 @@ class RosbagsSource(ABC):
     advice: str
     """What can be done about a damaged one."""
 
-    def __init__(self, path: Path) -> None:
+    run_info: Mapping[str, Any] = {}
+    """No recorder of this project writes such bags."""
+
+    def __init__(self, path: Path, definitions: Definitions | None = None) -> None:
         self.path = path
+        self._definitions = definitions or Definitions()
         self.problems: list[str] = []
         self._stores: dict[str, Typestore] = {}
         with self._opened() as reader:
@@ -46,6 +51,10 @@ class RosbagsSource(ABC):
     @abstractmethod
     def cdr(self, data: bytes | memoryview, kind: str, store: Typestore) -> bytes:
         """Return the bytes of a message as CDR."""
+
+    @abstractmethod
+    def front(self, data: bytes | memoryview) -> bytes:
+        """Return the first bytes of a message with a header as CDR, its stamp included."""
 
     @contextmanager
     def _opened(self) -> Iterator[Ros1Reader | Ros2Reader]:
@@ -95,7 +104,9 @@ class RosbagsSource(ABC):
             described = self._connections(topic)[0].msgdef
             given = described.format == MessageDefinitionFormat.MSG and described.data.strip()
             try:
-                types = get_types_from_msg(described.data if given else text_of(kind), kind)
+                types = get_types_from_msg(
+                    described.data if given else self._definitions.text_of(kind), kind
+                )
                 store = get_typestore(Stores.EMPTY)
                 store.register(_with_times(self.understood(types)))
             except BagError:
@@ -127,6 +138,33 @@ class RosbagsSource(ABC):
                         f'({_why(error)}); {self.advice}'
                     ) from error
                 yield log_ns, cdr
+
+    def headed(self, topic: str) -> bool:
+        """Return whether messages of a topic begin with a header; False where nobody knows."""
+        kind = self._topics[topic].type
+        try:
+            fields = self._store(topic).fielddefs[kind][1]
+        except BagError:
+            return False
+        return bool(fields) and fields[0][1][1] == 'std_msgs/msg/Header'
+
+    def fronts(self) -> Iterator[tuple[str, int, bytes]]:
+        """Yield (topic, log time [ns], CDR bytes up to the stamp at least) of all messages."""
+        headed = {name: self.headed(name) for name, topic in self._topics.items() if topic.count}
+        with self._opened() as reader:
+            messages = iter(reader.messages())
+            while True:
+                try:
+                    connection, log_ns, data = next(messages)
+                except StopIteration:
+                    return
+                except Exception as error:  # a library on a file of any content
+                    raise BagError(
+                        f'{self.path}: this {self.kind} is damaged ({_why(error)}); {self.advice}'
+                    ) from error
+                name = connection.topic
+                if connection.msgtype == self._topics[name].type:
+                    yield name, log_ns, self.front(data) if headed.get(name) else bytes(data)
 
     def columns(self, topic: str, fields: Sequence[str], rows: Rows) -> Timed | None:
         """Return None: there is no quicker way than message by message."""

@@ -1,4 +1,4 @@
-"""Pictures of a report, one function each; `draw_all` puts them into their order."""
+"""Figures of a report, one function each; `draw_all` returns all in order."""
 
 from .base import Clock, Picture
 from .close_up import close_up

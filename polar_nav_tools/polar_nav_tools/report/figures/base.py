@@ -1,4 +1,4 @@
-"""What all pictures share: their type, the time axis, lines with their band."""
+"""Common parts of all figures: their type, the time axis, lines with their band."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ class Picture:
 
     key: str  # id in the page
     title: str
-    caption: str  # what to see in it
-    alt: str  # for those who do not see it
+    caption: str  # text beside it
+    alt: str  # text for screen readers
     svg: str
     width: str = 'full'  # 'full' or 'half'
 
@@ -67,7 +67,7 @@ class Clock:
 
 
 def line(ax: Axes, t: Floats, y: Floats, *, columns: int, **style: Any) -> None:  # noqa: ANN401
-    """Line over time with no more points than pixels can show."""
+    """Line over time with at most the points that pixels can show."""
     rows = envelope(t, y, columns)
     ax.plot(t[rows], y[rows], **style)
 
@@ -111,8 +111,8 @@ def strokes(
 def symmetric_limit(error: Floats, half_width: Floats, settle: float = 0.08) -> float:
     """Half height of an axis that shows error and band after the start values have worn off.
 
-    The first `settle` of the samples may leave the picture (`outside` then says so); nothing later
-    does.
+    The first `settle` of the samples may leave the figure (`outside` states it then); later ones
+    do not.
     """
     start = int(len(error) * settle)
     e, w = np.abs(error[start:]), half_width[start:]
@@ -126,7 +126,7 @@ def symmetric_limit(error: Floats, half_width: Floats, settle: float = 0.08) -> 
 
 
 def outside(error: Floats, limit: float, unit: str) -> str:
-    """Say how far the error goes where the axis does not show it; empty where it shows all."""
+    """Text of the largest error outside of the axis; empty if the axis shows all."""
     finite = np.abs(error[np.isfinite(error)])
     if finite.size and finite.max() > limit:
         return f'start up to {finite.max():.3g} {unit}'
@@ -134,13 +134,13 @@ def outside(error: Floats, limit: float, unit: str) -> str:
 
 
 def row_heading(ax: Axes, left: str, right: str) -> None:
-    """Name of a small plot and what to know about it, on one line above."""
+    """Name of a small plot and a remark, on one line above."""
     low: dict[str, Any] = {'transform': ax.transAxes, 'va': 'bottom', 'fontsize': 11.5}
     ax.text(0.0, 1.025, left, color=color('ink'), ha='left', **low)
     ax.text(1.0, 1.025, right, color=color('muted'), ha='right', **low)
 
 
 def shade_second_half(ax: Axes, clock: Clock) -> None:
-    """Tint the part of the run that the scores call second half."""
+    """Tint the second half of the run, as used by the scores."""
     low, high = clock.span
     ax.axvspan(0.5 * (low + high), high, color=color('muted'), alpha=0.07, linewidth=0, zorder=0)

@@ -85,7 +85,7 @@ def draw_scale_bar(ax: Axes) -> None:
 
 
 def draw_pole(ax: Axes, chart: PolarMap) -> None:
-    """Mark the pole where it is in view; elsewhere an arrow at the upper left points to it."""
+    """Mark the pole if it is in view, else draw an arrow to it at the upper left."""
     low, high = _corners(ax)
     name = 'North Pole' if chart.hemisphere > 0 else 'South Pole'
     if (low < 0.0).all() and (high > 0.0).all():
@@ -156,7 +156,7 @@ def round_length(wanted: float) -> float:
 
 
 def length_label(metres: float) -> str:
-    """Length as people say it."""
+    """Text of a length with unit."""
     if metres < 1000.0:
         return f'{metres:.3g} m'
     km = metres / 1000.0

@@ -1,4 +1,4 @@
-"""One instant near the end: truth, what each filter believes, where the last fix was valid."""
+"""Figure of one instant near the end: truth, estimates, place of the last fix's validity."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from .chart import round_length
 Floats = NDArray[np.float64]
 
 _ASPECT = 2.3
-_MEMORY_NS = 300_000_000_000  # of ways and fixes that are looked at [ns]
+_MEMORY_NS = 300_000_000_000  # of the drawn ways and fixes [ns]
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,8 +102,8 @@ def close_up(data: ReportInput, scores: Comparison) -> Picture:
         caption=(
             'The instant at which the last fix was fused. A tie joins each estimate with the '
             'truth of the same instant; the ellipse is that filter’s own 3-sigma region. A filter '
-            'that takes a late fix as current is drawn back to where the vehicle was when the '
-            'fix was valid, and its ellipse does not know it. '
+            'that fuses a late fix as current is drawn back to the position at the validity of '
+            'the fix, and its ellipse does not cover that. '
             f'Distance from the truth: {distances}.'
         ),
         alt=alt,
@@ -112,7 +112,7 @@ def close_up(data: ReportInput, scores: Comparison) -> Picture:
 
 
 def _instant(scores: Comparison, receipts: Sequence[ReceiptRecord]) -> tuple[int, TimedFix | None]:
-    """Last time at which every run that ever spoke still does, and the last fix fused by then."""
+    """Last time with estimates of every run that has any, and the last fix fused by then."""
     spoke = [
         int(s.errors.stamp_ns[np.isfinite(s.errors.horizontal)][-1])
         for s in scores.scores.values()
@@ -127,7 +127,7 @@ def _instant(scores: Comparison, receipts: Sequence[ReceiptRecord]) -> tuple[int
 def _belief(
     name: str, shade: str, score: Score, now_ns: int, local: Callable[[Floats], Floats]
 ) -> _Belief | None:
-    """What a run says then; None if it never said anything."""
+    """Estimate of a run at the instant; None without any."""
     estimate = score.pairs.estimate
     finite = np.isfinite(estimate.r_e).all(1)
     stamp_ns, r_e = estimate.stamp_ns[finite], estimate.r_e[finite]
@@ -144,7 +144,7 @@ def _belief(
 def _window(beliefs: list[_Belief], valid_at: Floats | None) -> tuple[Floats, Floats]:
     """Corners that show truth, estimates with their ellipses and the place of validity."""
     points = [np.zeros(2)]
-    # A filter that is lost must not make all others a dot: it may leave the picture.
+    # A diverged filter must not make all others a dot: it may leave the figure.
     reach = 12.0 * max(float(np.median([b.distance for b in beliefs] or [0.0])), 2.0)
     for b in beliefs:
         if b.distance <= reach:

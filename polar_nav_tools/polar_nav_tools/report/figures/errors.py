@@ -1,4 +1,4 @@
-"""How far off: horizontal error of all configurations, each component in its sigma band."""
+"""Figures of the errors: horizontal of all configurations, each component in its sigma band."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _FLOOR = 1e-3  # [m]; smaller errors are drawn here on the logarithmic axis
 
 
 def horizontal_error(scores: Comparison, clock: Clock) -> Picture:
-    """Distance between estimate and truth over time, all runs on one logarithmic axis."""
+    """Figure of the distance of estimate and truth over time, all runs, logarithmic axis."""
     runs = scores.scores
     expected = next(iter(runs.values())).second_half.lag.expected
     words = '; '.join(f'{n} {show(s.second_half.rms("horizontal"))} m' for n, s in runs.items())
@@ -125,7 +125,7 @@ def spread(places: list[float], gap: float) -> list[float]:
 
 
 def position_error(score: Score, index: int, clock: Clock) -> Picture:
-    """Error along grid east, grid north and up with the 3-sigma band."""
+    """Figure of the error along grid east, grid north and up with the 3-sigma band."""
     sigma = score.errors.sigma_position_G
     rows = [
         (name, 'm', score.errors.dr_G[:, k], 3.0 * sigma[:, k])
@@ -146,7 +146,7 @@ def position_error(score: Score, index: int, clock: Clock) -> Picture:
 
 
 def velocity_heading_error(score: Score, index: int, clock: Clock) -> Picture:
-    """Velocity in grid axes and heading with the 3-sigma band."""
+    """Figure of the errors of velocity in grid axes and heading with the 3-sigma band."""
     sigma_v, sigma_phi = score.errors.sigma_velocity_G, score.errors.sigma_attitude_G
     rows = [
         ('velocity, grid east', 'm/s', score.errors.dv_G[:, 0], 3.0 * sigma_v[:, 0]),
@@ -165,7 +165,7 @@ def velocity_heading_error(score: Score, index: int, clock: Clock) -> Picture:
 
 
 def tilt_error(score: Score, index: int, clock: Clock) -> Picture:
-    """Tilt about the grid axes with the 3-sigma band."""
+    """Figure of the tilt about the grid axes with the 3-sigma band."""
     sigma = score.errors.sigma_attitude_G
     rows = [
         (f'φ{axis}', '′', ARCMIN * score.errors.phi_G[:, k], 3.0 * ARCMIN * sigma[:, k])

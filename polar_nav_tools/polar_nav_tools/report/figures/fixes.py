@@ -1,4 +1,4 @@
-"""Each fix: how late it was, what became of it, what the filter thought of it."""
+"""Figures of all fixes: ages, verdicts, innovations and NIS."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _MOST_TIPS = 800  # markers with a tooltip of their own; beyond, a page gets hea
 def fix_delays(
     data: ReportInput, name: str, receipts: Sequence[ReceiptRecord], clock: Clock
 ) -> Picture:
-    """Age of each fix at transmission and reception, over the time at which it was valid."""
+    """Figure of the age of each fix at transmission and reception, over its validity."""
     final = [r for r in last_revisions(receipts) if r.receive_ns is not None]
     timed = timed_fixes(receipts)
     unread = [r for r in final if r.validity_ns is None]
@@ -91,7 +91,7 @@ def fix_delays(
         caption=(
             'Each stem stands at the time the fix was valid and rises to its age: the pale '
             'part until the packet was transmitted, the dark part until it was received. '
-            'Mark and colour tell the verdict '
+            'Mark and colour state the verdict '
             f'({name}); point at one for its numbers. Horizontal: all ages counted.'
         ),
         alt=alt,
@@ -102,7 +102,7 @@ def fix_delays(
 def fix_story(
     score: Score, index: int, receipts: Sequence[ReceiptRecord], clock: Clock
 ) -> Picture:
-    """Receipts of one run: verdict lanes, innovations and NIS with their bands."""
+    """Figure of the receipts of one run: verdict lanes, innovations and NIS with their bands."""
     final = [r for r in last_revisions(receipts) if r.receive_ns is not None]
     counts = score.verdicts.by_verdict
     words = ', '.join(f'{n} {v}' for v, n in counts.items())
@@ -369,7 +369,7 @@ def _marks(
 
 
 def _tip(r: ReceiptRecord) -> str:
-    """What one receipt says, in a line or two."""
+    """Text of one receipt in a line or two."""
     parts = [f'{r.source} {r.sequence}: {r.verdict_text}']
     if np.isfinite(r.age_s):
         parts.append(f'{r.age_s:.2f} s old')
@@ -379,7 +379,7 @@ def _tip(r: ReceiptRecord) -> str:
 
 
 def _lost(sent: SentPackets | None, final: Sequence[ReceiptRecord]) -> Ints:
-    """Transmission times of packets that no receipt speaks of."""
+    """Transmission times of packets without a receipt."""
     if sent is None:
         return np.empty(0, dtype=np.int64)
     known = {r.sequence for r in final if r.source == sent.source}

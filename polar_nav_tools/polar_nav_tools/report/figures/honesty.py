@@ -1,4 +1,4 @@
-"""Is the covariance honest? NEES of position, and NIS of every source, with chi-square bands."""
+"""Figure of consistency: NEES of position and NIS of every source, with chi-square bands."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def honesty(
     receipts: Sequence[ReceiptRecord],
     clock: Clock,
 ) -> Picture:
-    """NEES of position over time; mean NIS of fixes, DVL and depth in parts of the run."""
+    """Figure of the NEES of position over time, and mean NIS of fixes, DVL and depth."""
     key = f'honesty-{index}'
     fused = [
         r

@@ -1,4 +1,4 @@
-"""What was learnt of the water and of the vehicle: current as an arrow, parameters over time."""
+"""Figures of estimated current and parameters: current as an arrow, parameters over time."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ _PARAMETERS = {
 def current_arrow(
     name: str, index: int, one: ModelScore, truth: TruthSeries, clock: Clock
 ) -> Picture:
-    """Current at the end as an arrow with its ellipses beside the true one; both over time."""
+    """Figure of the current at the end with its ellipses, beside the true one, and over time."""
     run, key = one.run, f'current-{index}'
     rows, shade = run.estimated, run_color(index)
     found = model_errors(rows, run.truth, truth)
@@ -84,7 +84,7 @@ def current_arrow(
 def model_parameters(
     name: str, index: int, one: ModelScore, truth: TruthSeries, clock: Clock
 ) -> Picture:
-    """Drag and heading bias over time with their bands, truth and identifications."""
+    """Figure of drag and heading bias over time with bands, truth and identifications."""
     run, key = one.run, f'model-{index}'
     rows, shade = run.estimated, run_color(index)
     found = model_errors(rows, run.truth, truth)
@@ -108,9 +108,9 @@ def model_parameters(
         key,
         'Drag and heading bias',
         'Estimates with the bands of ±1 and ±3 of their own sigma, the truth dashed, diamonds for '
-        'identifications. d1x and d2x trade against each other: what a speed that hardly changes '
-        'tells is the drag at that speed, in the third row. A line without a band is a value that '
-        'the filter takes as known.',
+        'identifications. d1x and d2x trade against each other: a speed that hardly changes '
+        'determines only the drag at that speed, in the third row. A line without a band is a '
+        'value that the filter assumes.',
         alt,
         svg,
         width='half',
@@ -197,7 +197,7 @@ def _arrow(ax: Axes, tip: Floats, shade: str, width: float, layer: int) -> None:
 
 @dataclass(frozen=True)
 class _Mark:
-    """What an identification found of one quantity."""
+    """Result of an identification for one quantity."""
 
     stamp_ns: int
     value: float
@@ -247,14 +247,14 @@ def _over_time(
 
 
 def _final(e: ModelErrors) -> str:
-    """Last estimate with its sigma; a filter that does not estimate it takes it as known."""
+    """Text of the last estimate with its sigma, or of a value that is not estimated."""
     value, sigma = float(e.estimate[-1]), float(e.sigma[-1])
-    told = f'± {show(sigma)}' if np.isfinite(sigma) and sigma > 0.0 else '(taken as known)'
-    return f'{show(value)} {told}'
+    spread = f'± {show(sigma)}' if np.isfinite(sigma) and sigma > 0.0 else '(assumed)'
+    return f'{show(value)} {spread}'
 
 
 def _limits(e: ModelErrors, marks: list[_Mark]) -> tuple[float, float]:
-    """Limits that show everything but the start: estimate, truth, most of the bands, marks."""
+    """Limits of the axis: estimate, truth, most of the bands and marks after the start."""
     start = int(len(e.estimate) * _SETTLED)
     late = slice(start, None)
     width = 3.0 * e.sigma[late]
@@ -274,7 +274,7 @@ def _limits(e: ModelErrors, marks: list[_Mark]) -> tuple[float, float]:
 
 
 def _events(ax: Axes, marks: list[_Mark], clock: Clock) -> None:
-    """Diamonds where an identification gave this quantity; hollow where it was refused."""
+    """Draw diamonds at identifications of this quantity, hollow ones if refused."""
     for m in marks:
         t = float(clock(m.stamp_ns))
         if np.isfinite(m.sigma) and m.accepted:

@@ -1,4 +1,4 @@
-"""Where it went: the mission on a polar stereographic map."""
+"""Figure of the mission on a polar stereographic map."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from .chart import (
 
 Floats = NDArray[np.float64]
 
-_POINTS = 20_000  # taken from each series before it is simplified
+_POINTS = 20_000  # points of each series before it is simplified
 _STILL = 1.0  # a vehicle that keeps within this is drawn as a place [m]
 _DASHED = (0, (5, 2))
 _STATION: dict[str, Any] = {
@@ -47,7 +47,7 @@ _BOX = (78.0, 34.0, 668.0, 540.0)  # left, bottom, width, height of the chart [p
 
 
 def polar_map(data: ReportInput, scores: Comparison) -> Picture:
-    """Follower, leader, estimates and fixes at their validity, with an overview of the region."""
+    """Figure of follower, leader, estimates and fixes at their validity, with an overview."""
     truth = next(iter(data.runs.values()))[0]
     receipts = list(data.runs.values())[-1][2]
     chart = PolarMap.around(truth.latitude)
@@ -112,12 +112,12 @@ def polar_map(data: ReportInput, scores: Comparison) -> Picture:
 
 
 def _still(xy: Floats) -> bool:
-    """Whether a vehicle stayed where it was."""
+    """Whether a vehicle did not move."""
     return float(np.hypot(*(xy.max(0) - xy.min(0)))) < _STILL
 
 
 def _with_pole(points: Floats) -> Floats:
-    """Map points with the pole among them when it is near: then it belongs into the picture."""
+    """Map points, and the pole if it is near."""
     extent = float(np.hypot(*(points.max(0) - points.min(0))))
     near = float(np.hypot(*points.T).min()) < 0.8 * extent
     return np.concatenate([points, np.zeros((1, 2))]) if near else points
@@ -131,12 +131,12 @@ def _thinned(r_e: Floats) -> Floats:
 
 
 def _path(ax: Axes, xy: Floats, pixel: float, **style: Any) -> None:  # noqa: ANN401 - a line's
-    """Line without the points that no pixel would show."""
+    """Draw a line without the points that no pixel would show."""
     ax.plot(*xy[simplified(xy, 0.25 * pixel)].T, **style)
 
 
 def _every(points: Floats, spacing: float) -> int:
-    """Take one point in so many, for about this distance between neighbours."""
+    """Step between drawn points, for about this distance between neighbours."""
     if len(points) < 3:
         return 1
     between = float(np.median(np.hypot(*np.diff(points, axis=0).T)))
@@ -191,7 +191,7 @@ def _legend(
     every: int,
     fixes: int,
 ) -> None:
-    """Lines and what they are, at the lower right; distances below."""
+    """Draw the legend at the lower right; distances below."""
     truth = next(iter(data.runs.values()))[0]
     entries = [
         Line2D([], [], color=color('ink'), lw=4.5, alpha=0.3, label=f'{truth.vehicle}, truth')

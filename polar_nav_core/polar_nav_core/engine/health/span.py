@@ -1,0 +1,103 @@
+"""Whether a whole run was well, from its levels over time: the rule behind the exit status."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from .conditions import Health, Level
+
+MOST_ERROR = 0.1
+"""Share of the looks of a run that may be an ERROR."""
+
+
+class Look(NamedTuple):
+    """Level of a navigation at one look, and the sentence of its worst condition."""
+
+    level: Level
+    sentence: str
+
+
+@dataclass(frozen=True)
+class Span:
+    """Levels of a run, looked at again and again at about equal intervals.
+
+    Attributes
+    ----------
+    looks : int
+        How often it was looked at.
+    warnings, errors : int
+        How often it was WARN, ERROR.
+    last : Level
+        At the end.
+    sentence : str
+        Of the end if that is an ERROR, else the most frequent of all ERRORs; empty without any.
+    """
+
+    looks: int = 0
+    warnings: int = 0
+    errors: int = 0
+    last: Level = Level.OK
+    sentence: str = ''
+
+    @property
+    def error_share(self) -> float:
+        """Share of the looks with an ERROR; 0 for a run that nobody looked at."""
+        return self.errors / self.looks if self.looks else 0.0
+
+    @property
+    def complaint(self) -> str:
+        """Sentence on why the run was not well; empty for a run that was. A WARN is well."""
+        if self.last is Level.ERROR:
+            return f'ERROR at the end: {self.sentence}'
+        if self.error_share > MOST_ERROR:
+            return f'ERROR for {100.0 * self.error_share:.0f} % of the time: {self.sentence}'
+        return ''
+
+    def to_dict(self) -> dict[str, object]:
+        """Plain values for JSON."""
+        return {
+            'looks': self.looks,
+            'warnings': self.warnings,
+            'errors': self.errors,
+            'level_at_end': self.last.name,
+            'complaint': self.complaint or None,
+        }
+
+
+def span_of(looks: Iterable[Look]) -> Span:
+    """Levels of a run summed up, from its looks in the order of time."""
+    found = list(looks)
+    if not found:
+        return Span()
+    last = found[-1]
+    errors = Counter(_kind(look.sentence) for look in found if look.level is Level.ERROR)
+    sentence = ''
+    if last.level is Level.ERROR:
+        sentence = last.sentence
+    elif errors:
+        most = errors.most_common(1)[0][0]
+        sentence = next(
+            look.sentence
+            for look in reversed(found)
+            if look.level is Level.ERROR and _kind(look.sentence) == most
+        )
+    return Span(
+        looks=len(found),
+        warnings=sum(look.level is Level.WARN for look in found),
+        errors=sum(errors.values()),
+        last=last.level,
+        sentence=sentence,
+    )
+
+
+def span_of_health(health: Iterable[Health]) -> Span:
+    """Levels of a run summed up, from the watchdog's judgements in the order of time."""
+    return span_of(Look(h.level, h.sentence) for h in health)
+
+
+def _kind(sentence: str) -> str:
+    """The sentence without its numbers, which change while the condition lasts."""
+    return ''.join(c for c in sentence if not (c.isdigit() or c in '.+-'))

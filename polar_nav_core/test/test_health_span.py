@@ -1,0 +1,60 @@
+"""The 95 % circle is exact; the levels of a run summed up decide whether it was well."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from polar_nav_core.engine.health.conditions import Level
+from polar_nav_core.engine.health.radius import radius_95
+from polar_nav_core.engine.health.span import Look, Span, span_of
+
+OK, WARN = Look(Level.OK, ''), Look(Level.WARN, 'drifts by 3 m')
+
+
+def error(number):
+    return Look(Level.ERROR, f'{number} fixes gated')
+
+
+@pytest.mark.parametrize('ratio', [1.0, 0.9, 0.3, 0.05, 1e-3])
+@pytest.mark.parametrize('turn', [0.0, 0.7])
+def test_the_circle_holds_95_percent(ratio, turn):
+    """By the same probability over angles instead of over one axis."""
+    c, s = math.cos(turn), math.sin(turn)
+    T = np.array([[c, -s], [s, c]])
+    R = radius_95(T @ np.diag([25.0, 25.0 * ratio**2]) @ T.T) / 5.0
+
+    def outside(angle):
+        inverse = math.cos(angle) ** 2 + (math.sin(angle) / ratio) ** 2
+        return math.exp(-0.5 * R * R * inverse) / (ratio * inverse)
+
+    places = (0.3 * ratio, ratio, 10.0 * ratio)  # where it is steep for a thin ellipse
+    found = quad(outside, 0.0, 0.5 * math.pi, points=places, limit=2000)[0]
+    assert 1.0 - found / (0.5 * math.pi) == pytest.approx(0.95, abs=1e-7)
+
+
+def test_the_circle_of_a_line_a_point_and_of_no_covariance():
+    assert radius_95(np.diag([4.0, 0.0])) == pytest.approx(2.0 * 1.959963984540054)
+    assert radius_95(np.eye(2)) == pytest.approx(math.sqrt(-2.0 * math.log(0.05)))
+    assert radius_95(np.zeros((2, 2))) == 0.0
+    for bad in (np.full((2, 2), np.nan), np.diag([1.0, -1.0]), np.array([[1.0, 2.0], [2.0, 1.0]])):
+        assert math.isnan(radius_95(bad))
+
+
+def test_warnings_are_well():
+    span = span_of([WARN] * 10)
+    assert (span.warnings, span.last, span.complaint) == (10, Level.WARN, '')
+    assert span_of([]) == Span()
+    assert not span_of([]).complaint
+
+
+def test_an_error_at_the_end_is_not_well():
+    span = span_of([OK] * 99 + [error(7)])
+    assert span.complaint == 'ERROR at the end: 7 fixes gated'
+
+
+def test_an_error_for_more_than_a_tenth_of_the_time_is_not_well():
+    assert not span_of([OK] * 90 + [error(1)] * 10 + [OK]).complaint
+    looks = [Look(Level.ERROR, 'other'), *map(error, range(12)), *[OK] * 80]
+    assert span_of(looks).complaint == 'ERROR for 14 % of the time: 11 fixes gated'

@@ -1,0 +1,51 @@
+"""Looks of the watchdog at compiled runs: no bit changes, and they see what single steps see."""
+
+import numpy as np
+import pytest
+from closed_loop import World, inputs_of
+
+from polar_nav_core.engine import run as engine_run
+from polar_nav_core.engine.looks import looks_of
+
+
+@pytest.fixture(scope='module')
+def world():
+    return World(60.0)
+
+
+@pytest.fixture(scope='module')
+def inputs(world):
+    return inputs_of(world, world.fixes(1.0, lambda _: 0.5, first_s=1.0))
+
+
+def test_looks_come_every_so_many_seconds_and_at_the_end(inputs):
+    stamps = [look.stamp_ns for look in looks_of(inputs, 10.0)]
+    assert [s % (10 * 10**9) for s in stamps[:-1]] == [0] * (len(stamps) - 1)
+    assert np.all(np.diff(stamps) > 0)
+    assert stamps[-1] == inputs.imu_stamps_ns[-1] + 1
+    assert looks_of(inputs, 0.0) == []
+
+
+@pytest.mark.parametrize('wrong_deg', [0.0, 5.0])
+def test_a_compiled_run_is_looked_at_without_a_change_of_bits(world, inputs, wrong_deg):
+    """With a heading that is wrong and sure: the DVL is refused, then used again."""
+    heading = world.params().initial_grid_heading_deg
+    params = world.params(
+        configuration='default',
+        initial_grid_heading_deg=heading + wrong_deg,
+        initial_sigma_heading_deg=5.0 / 60.0,
+    )
+    single = engine_run.run(params, inputs, one_by_one=True)
+    plain = engine_run.run(params, inputs)
+    looked = engine_run.run(params, inputs, look_every_s=1.0)
+    assert plain.health == ()
+    np.testing.assert_array_equal(looked.track.P, plain.track.P)
+    np.testing.assert_array_equal(looked.track.r_e, plain.track.r_e)
+    np.testing.assert_array_equal(looked.track.r_e, single.track.r_e)
+    assert [str(r) for r in looked.receipts] == [str(r) for r in plain.receipts]
+    count = len(single.health)
+    assert count > 50
+    levels = [h.level for h in looked.health[:count]]
+    assert levels == [h.level for h in single.health]
+    assert (max(levels) == 2) is (wrong_deg > 0.0)
+    assert [h.resets for h in looked.health[:count]] == [h.resets for h in single.health]

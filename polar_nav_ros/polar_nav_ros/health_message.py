@@ -1,0 +1,83 @@
+"""Health of a navigation for a machine: polar_nav_msgs/NavHealth of an engine's state."""
+
+from __future__ import annotations
+
+import math
+
+from polar_nav_core.engine.engine import Engine
+from polar_nav_core.engine.health.conditions import Condition, Culprit, Health, Level
+from polar_nav_msgs.msg import NavHealth
+
+from .stamps import to_msg
+
+SILENT_S = 2.0
+"""An IMU that was silent for longer is an ERROR: nothing is estimated without it."""
+
+
+def health_to_msg(engine: Engine, stamp_ns: int, radius: float, imu_ns: int | None) -> NavHealth:
+    """polar_nav_msgs/NavHealth of an engine at a stamp.
+
+    Parameters
+    ----------
+    engine : Engine
+    stamp_ns : int
+        Of the estimate, or the present time while there is none [ns].
+    radius : float
+        Horizontal 95 % radius of the published covariance [m]; NaN without an estimate.
+    imu_ns : int or None
+        Newest IMU sample; None before the first [ns].
+    """
+    health = engine.health
+    imu_age_s = math.nan if imu_ns is None else (stamp_ns - imu_ns) * 1e-9
+    present = [p.condition for p in health.present] if health is not None else []
+    found = sorted([*_of_engine(engine, imu_age_s), *present], key=lambda c: -c.level)
+    level = max((c.level for c in found), default=Level.OK)
+    culprit = Culprit.NONE
+    for condition in found:
+        culprit |= condition.culprit if condition.level is level else Culprit.NONE
+    dvl_ns, depth_ns, _ = health.used_ns if health is not None else (0, 0, 0)
+    msg = NavHealth()
+    msg.header.stamp = to_msg(stamp_ns)
+    msg.level = bytes([level])
+    msg.status = _status(engine, health, level)
+    msg.culprit = int(culprit)
+    msg.r95_horizontal_m = radius
+    msg.imu_age_s = imu_age_s
+    msg.fix_age_s = engine.integrity.since_fused_s
+    msg.dvl_age_s = _age_s(stamp_ns, dvl_ns)
+    msg.depth_age_s = _age_s(stamp_ns, depth_ns)
+    msg.reset_counter = engine.resets if health is None else health.resets
+    msg.conditions = [f'{c.level.name}: {c.sentence}' for c in found]
+    return msg
+
+
+def _of_engine(engine: Engine, imu_age_s: float) -> list[Condition]:
+    """Conditions of the whole engine that the watchdog has no part in."""
+    if engine.divergence:
+        return [Condition('diverged', Level.ERROR, Culprit.UNEXPLAINED, engine.divergence)]
+    if not engine.navigating:
+        return [Condition('no state', Level.WARN, Culprit.NONE, 'no state yet')]
+    found = []
+    if imu_age_s > SILENT_S:
+        sentence = f'no IMU sample for {imu_age_s:.0f} s: nothing is estimated'
+        found.append(Condition('imu silent', Level.ERROR, Culprit.IMU, sentence))
+    if engine.history_warning:
+        found.append(Condition('history', Level.WARN, Culprit.NONE, engine.history_warning))
+    if engine.aiding_warning:
+        found.append(Condition('aiding', Level.WARN, Culprit.MODEL, engine.aiding_warning))
+    return found
+
+
+def _status(engine: Engine, health: Health | None, level: Level) -> int:
+    if engine.divergence:
+        return int(NavHealth.STATUS_DIVERGED)
+    if not engine.navigating:
+        return int(NavHealth.STATUS_ALIGNING)
+    if health is not None and health.lost:
+        return int(NavHealth.STATUS_LOST)
+    degraded = level is not Level.OK
+    return int(NavHealth.STATUS_DEGRADED if degraded else NavHealth.STATUS_NAVIGATING)
+
+
+def _age_s(stamp_ns: int, used_ns: int) -> float:
+    return (stamp_ns - used_ns) * 1e-9 if used_ns else math.nan

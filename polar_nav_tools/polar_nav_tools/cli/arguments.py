@@ -1,0 +1,41 @@
+"""Arguments and options of the commands that take a bag of any origin."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from polar_nav_core.errors import ConfigError
+
+
+def existing(bag: Path) -> Path:
+    """Path of a bag that exists; checked before a command loads what reads it."""
+    try:
+        there = bag.exists()
+    except OSError as error:
+        raise ConfigError(f'{bag}: cannot be read ({error.strerror})') from error
+    if not there:
+        raise ConfigError(f'{bag} does not exist')
+    return bag
+
+
+AnyBagArgument = Annotated[
+    Path,
+    typer.Argument(
+        metavar='BAG',
+        help='Folder of a bag, .mcap, .db3 or .bag file.',
+        show_default=False,
+        callback=existing,
+    ),
+]
+MsgPathOption = Annotated[
+    Path | None,
+    typer.Option(
+        '--msg-path',
+        metavar='DIR',
+        help='Folder with .msg files of types that the bag does not describe.',
+        show_default=False,
+    ),
+]

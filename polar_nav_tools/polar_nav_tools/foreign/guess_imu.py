@@ -1,0 +1,124 @@
+"""The IMU of a guessed mapping: units and axes by gravity, and by its turning."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from polar_nav_core.engine.events import Array
+from polar_nav_core.errors import PolarNavError
+
+from ..bags.reader import Topic
+from . import rotations
+from .adapters.layouts import DEPTH, IMU, POSITION, VELOCITY
+from .adapters.sensors import read_imu
+from .arrays import finite_rows
+from .check_imu import turning_factor
+from .guess_noise import Choices
+from .guess_stamps import TopicTimes, put_stamp, times_of
+from .lines import Lines
+from .mapping import ACCEL_UNITS, ImuMapping, Stream
+from .sources import Source, Stamps, field_paths, not_described
+
+_GRAVITY = 9.81
+
+
+def put_imu(out: Lines, source: Source, imu: Topic | None, choices: Choices) -> TopicTimes | None:
+    """Write the IMU; its times, where there are any."""
+    if imu is None:
+        out.say(
+            'No topic is a sensor_msgs/msg/Imu. FILL IN the topic and where the numbers stand.'
+        )
+        _unknown(out, source)
+        out.put('imu:')
+        out.put('topic: /FILL/IN', 2)
+        out.put('fields: {rate: [FILL, IN, xyz], force: [FILL, IN, xyz]}', 2)
+        out.put('rotation: flu', 2)
+        out.put()
+        return None
+    out.say(f'{imu.type}, {imu.count} messages')
+    out.put('imu:')
+    out.put(f'topic: {imu.name}', 2)
+    try:
+        times = times_of(source, imu.name)
+        plain = read_imu(source, ImuMapping(Stream(imu.name), np.eye(3), 1.0, 1.0))
+    except PolarNavError as error:
+        out.say(f'not read: {error}', 2)
+        out.put()
+        return None
+    logged = put_stamp(out, times, None, choices.clock)
+    good = finite_rows(plain.f_b) & finite_rows(plain.omega_ib_b)
+    f, omega = plain.f_b[good], plain.omega_ib_b[good]
+    stamps = (plain.log_ns if logged else plain.stamps_ns)[good]
+    if not f.any() or not omega.any():
+        what = 'specific force' if omega.any() else 'rate' if f.any() else 'whole message'
+        out.say(f'FILL IN: the {what} is zero in all {len(f)} messages, this IMU measured', 2)
+        out.say('nothing; name another topic, or the axes if they are known', 2)
+        out.put('rotation: FILL_IN', 2)
+    elif len(f) > 1:
+        _accel_unit(out, f)
+        _axes(out, f)
+        _gyro_unit(out, stamps, omega, f)
+    out.say('where it sits from base_link, x forward, y left, z up [m]: FILL IN; zeros where', 2)
+    out.say('base_link is the IMU', 2)
+    out.put('lever_b: [0.0, 0.0, 0.0]', 2)
+    out.say('whether samples are means over the interval before the stamp, or instant: not in', 2)
+    out.say('the data; `mean` is what IMUs with increments give', 2)
+    out.put('sample: mean', 2)
+    out.put()
+    return TopicTimes(imu.name, None, plain.log_ns) if logged else times
+
+
+def _unknown(out: Lines, source: Source) -> None:
+    """Show the fields of the most frequent topic of a type without an adapter."""
+    known = {*IMU, *VELOCITY, *DEPTH, *POSITION}
+    known |= set(not_described(source))
+    others = [t for t in source.topics.values() if t.count and t.type not in known]
+    if not others:
+        return
+    topic = max(others, key=lambda t: t.count)
+    out.say(f'{topic.name} ({topic.type}, {topic.count} messages) has the fields')
+    for path in field_paths(source, topic.name)[:24]:
+        out.say(f'  {path}')
+
+
+def _accel_unit(out: Lines, f: Array) -> None:
+    size = float(np.median(np.linalg.norm(f, axis=1)))
+    fits = [u for u, s in ACCEL_UNITS.items() if abs(size * s / _GRAVITY - 1.0) < 0.1]
+    if fits:
+        out.say(f'the median of the specific force is {size:.4g}', 2)
+        out.put(f'accel_unit: {fits[0]}', 2)
+    else:
+        out.say(f'FILL IN: the median of the specific force is {size:.4g}, gravity in no unit', 2)
+        out.put('accel_unit: m/s^2', 2)
+
+
+def _axes(out: Lines, f: Array) -> None:
+    mean = np.median(f, axis=0)
+    unit = mean / max(float(np.linalg.norm(mean)), 1e-12)
+    axis = int(np.argmax(np.abs(unit)))
+    up = 'xyz'[axis]
+    sign = '+' if unit[axis] > 0.0 else '-'
+    names = {('z', '+'): 'flu', ('z', '-'): 'frd'}
+    name = names.get((up, sign))
+    if name is None:
+        wanted = 'u' if sign == '+' else 'd'
+        name = next(n for n in rotations.all_named() if n[axis] == wanted)
+    share = abs(float(unit[axis]))
+    out.say(
+        f'gravity shows that up is {sign}{up} ({share:.2f} of it); where forward is, the data', 2
+    )
+    out.say('of gravity cannot tell: FILL IN another name if x does not point forward', 2)
+    out.put(f'rotation: {name}', 2)
+
+
+def _gyro_unit(out: Lines, stamps: Stamps, omega: Array, f: Array) -> None:
+    factor, correlation, turn = turning_factor(stamps, omega, f)
+    if np.isfinite(factor) and abs(correlation) > 0.6 and turn > 2e-3:
+        degrees = 1 / 100 < abs(factor) < 1 / 30
+        said = f'gravity turns {1 / factor:.3g} times as much by the gyros (correlation '
+        out.say(f'{said}{correlation:.2f})', 2)
+        out.put(f'gyro_unit: {"deg/s" if degrees else "rad/s"}', 2)
+        return
+    top = float(np.quantile(np.linalg.norm(omega, axis=1), 0.99))
+    out.say(f'too little turning to tell; 99 % of the rates are below {top:.3g}', 2)
+    out.put(f'gyro_unit: {"deg/s" if top > 3.5 else "rad/s"}', 2)

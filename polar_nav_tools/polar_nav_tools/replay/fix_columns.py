@@ -1,0 +1,63 @@
+"""Acoustic packets of a bag, and the receipts of those that came too late, read as columns."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from polar_nav_core.engine.events import Receipt, Verdict
+from polar_nav_follower.measurements.fix import Packet
+from polar_nav_msgs.msg import AcousticPacket, FixReceipt
+from polar_nav_ros.navigation_outputs import receipt_from_msg
+from polar_nav_ros.stamps import to_ns
+
+from ..bags.columns import read_columns, time_fields
+from ..bags.columns import stamps as stamps_of
+from ..bags.errors import BagError
+from ..bags.reader import Bag
+from .recorded import decoded
+
+_PACKET_FIELDS = (
+    *time_fields('transmit_time'),
+    *time_fields('receive_time'),
+    'data',
+    'sequence',
+    'source',
+    # Not needed: whether they are texts decides whether this is a message.
+    'destination',
+    'header.frame_id',
+)
+
+
+def packets_of(bag: Bag, topic: str, messages: list[bytes]) -> list[Packet]:
+    """Packets of messages, read as columns if their data have one length, else one by one."""
+    if not messages:
+        return []
+    described = bag.definition(topic)
+    try:
+        c = read_columns(messages, described.type, described.text, _PACKET_FIELDS)
+    except BagError:
+        found = (decoded(bag, topic, data, AcousticPacket) for data in messages)
+        return [
+            Packet(
+                bytes(m.data),
+                m.source,
+                m.sequence,
+                to_ns(m.transmit_time),
+                to_ns(m.receive_time),
+            )
+            for m in found
+        ]
+    times = (stamps_of(c, f'{end}_time').tolist() for end in ('transmit', 'receive'))
+    data = (row.tobytes() for row in c['data'])
+    columns = (data, c['source'].tolist(), c['sequence'].tolist(), *times)
+    return [Packet(*values) for values in zip(*columns, strict=True)]
+
+
+def refusals_of(bag: Bag, topic: str, messages: list[bytes]) -> list[Receipt]:
+    """Receipts of messages that came too late; only those are decoded whole."""
+    if not messages:
+        return []
+    described = bag.definition(topic)
+    verdicts = read_columns(messages, described.type, described.text, ['verdict'])['verdict']
+    late = np.flatnonzero(verdicts == Verdict.TOO_LATE)
+    return [receipt_from_msg(decoded(bag, topic, messages[i], FixReceipt)) for i in late]
