@@ -90,8 +90,11 @@ find_python() {
   local candidate version seen='' candidates=(python3 python3.12 python3.11)
   [[ -z ${POLAR_PYTHON:-} ]] || candidates=("$POLAR_PYTHON")
   for candidate in "${candidates[@]}"; do
-    version=$("$candidate" -c 'import sys; print("%d.%d" % sys.version_info[:2])' 2>/dev/null) ||
+    if ! version=$("$candidate" -c 'import sys; print("%d.%d" % sys.version_info[:2])' 2>&1); then
+      # A shim, say, of a Python that is not there: its own words explain more than ours.
+      [[ -z ${POLAR_PYTHON:-} ]] || die "POLAR_PYTHON=$POLAR_PYTHON does not run: ${version##*$'\n'}"
       continue
+    fi
     case $version in
       3.11 | 3.12) python=$candidate && return ;;
       *) seen+=" ($candidate is $version)" ;;
@@ -135,7 +138,8 @@ make_environment() {
 install_requirements() {
   local pip=("$venv/bin/python" -m pip install --no-deps --no-input --progress-bar off)
   pip+=(--only-binary ':all:' --no-binary empy)
-  "${pip[@]}" "$(grep '^setuptools==' "$root/requirements.lock")"
+  pip+=(--require-hashes)
+  "${pip[@]}" -r <(sed -n '/^setuptools==/,/[^\\]$/p' "$root/requirements.lock")
   "${pip[@]}" --no-build-isolation --use-pep517 -r "$root/requirements.lock"
 }
 
@@ -151,9 +155,12 @@ compile_kernels() {
     "$venv/bin/python" -P -m polar_nav_core.warm
 }
 
-# How far pip is: packages looked up, later packages unpacked.
+# How far a step is: kernels compiled; packages looked up, later packages unpacked.
 progress() {
   local total looked_up unpacked
+  if [[ $1 == kernels ]]; then
+    sed -n 's/^\([0-9]* of [0-9]*\) kernels are compiled$/, \1 kernels/p' "$log" | tail -n 1
+  fi
   [[ $1 == requirements ]] || return 0
   total=$(grep -c "==" "$root/requirements.lock")
   looked_up=$(grep '^Collecting' "$log" | sort -u | wc -l)
@@ -214,6 +221,9 @@ run_step() { # name, title, command
 
 set_up() {
   local lock
+  [[ -w $root && (! -e $venv || -w $venv) ]] ||
+    die "$venv has to be set up, and $(id -un) may not write there: its owner calls ./polar" \
+      'once (with a Python that all may run), or make a clone of your own'
   exec {lock}<"$root" # children keep it open: a call waits for whatever a killed one left running
   if ! flock -n "$lock"; then
     say 'another call is setting up .venv: waiting for it'

@@ -43,13 +43,15 @@ def finished_demo(tmp_path_factory: pytest.TempPathFactory) -> FinishedDemo:
 
 
 @pytest.fixture(scope='session')
-def own_domain() -> dict[str, str]:
-    """Environment in a ROS domain of this test session."""
+def own_domain(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """Environment in a ROS domain of this test session, on the loopback interface."""
     from polar_nav_tools.live.domain import busy_udp_ports, free_domain_id
+    from polar_nav_tools.live.middleware import middleware_environment
 
     domain = os.environ.get('ROS_DOMAIN_ID') or str(free_domain_id(os.getpid(), busy_udp_ports()))
+    folder = tmp_path_factory.mktemp('middleware')
     return {
         **os.environ,
         'ROS_DOMAIN_ID': domain,
-        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+        **middleware_environment(folder, os.environ, network=False),
     }

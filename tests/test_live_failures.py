@@ -142,3 +142,18 @@ def test_a_value_out_of_range_stops_a_node_with_one_sentence(
     assert name in done.stderr
     assert 'Traceback' not in done.stderr
     assert len(done.stderr.strip().splitlines()) == 1
+
+
+def test_a_frozen_node_is_named(running_demo):
+    """At the lockstep pace all others wait for it: without a name the run only stands still."""
+    pid = running_demo.node_pid('/follower/dvl_node')
+    os.kill(pid, signal.SIGSTOP)
+    sentence = 'node /follower/dvl_node has not answered for 10 s: it is stopped (SIGSTOP)'
+    deadline = time.monotonic() + 60.0
+    while sentence not in running_demo.stderr and time.monotonic() < deadline:
+        time.sleep(0.2)
+    assert sentence in running_demo.stderr
+    os.kill(pid, signal.SIGCONT)
+    while 'answers again' not in running_demo.stderr and time.monotonic() < deadline:
+        time.sleep(0.2)
+    assert 'node /follower/dvl_node answers again' in running_demo.stderr

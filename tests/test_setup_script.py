@@ -260,6 +260,28 @@ def test_what_is_missing_is_named_with_its_package(tree, lacks, named):
     assert not (tree.root / '.venv').exists()
 
 
+def test_a_shim_that_fails_speaks_for_itself(tree):
+    shim = tree.bin / 'python3.12'
+    shim.write_text("#!/bin/sh\necho 'pyenv: python3.12: command not found' >&2\nexit 127\n")
+    shim.chmod(0o755)
+    result = tree.run(POLAR_PYTHON='python3.12')
+    assert result.returncode == 1
+    said = 'polar: POLAR_PYTHON=python3.12 does not run: pyenv: python3.12: command not found\n'
+    assert result.stderr == said
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason='root may write everywhere')
+def test_a_checkout_of_another_user_is_named(tree):
+    tree.root.chmod(0o555)
+    try:
+        result = tree.run()
+    finally:
+        tree.root.chmod(0o755)
+    assert result.returncode == 1
+    assert 'may not write there' in result.stderr
+    assert len(result.stderr.splitlines()) == 1
+
+
 def test_another_ros_is_left_outside(tree, tmp_path):
     other = tmp_path / 'opt/ros/jazzy'
     (other / 'lib').mkdir(parents=True)

@@ -8,14 +8,37 @@ from __future__ import annotations
 
 import multiprocessing
 import sys
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
 
 from . import earth, nav_columns, strapdown
+from .kernels import cache
 
 _START_NS = 1_000_000_000
 _IMU_NS = 10_000_000
+
+
+@contextmanager
+def telling(say: Callable[[str], None], every_s: float = 10.0) -> Iterator[None]:
+    """Say every few seconds how many kernels are compiled, while the block runs."""
+    over = threading.Event()
+
+    def tell() -> None:
+        while not over.wait(every_s):
+            done, total = cache.compiled()
+            say(f'{done} of {total} kernels are compiled')
+
+    thread = threading.Thread(target=tell, name='compiling', daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        over.set()
+        thread.join()
 
 
 def warm_filter() -> None:
@@ -101,12 +124,18 @@ def warm_others() -> None:
     identifier.warm_up()
 
 
+def _print_line(text: str) -> None:
+    sys.stdout.write(f'{text}\n')
+    sys.stdout.flush()
+
+
 def _compile_in_parallel() -> None:
     """Fill the cache by two processes: the filter takes two thirds of the time."""
     others = multiprocessing.get_context('spawn').Process(target=warm_others)
     others.start()
-    warm_filter()
-    others.join()
+    with telling(_print_line, every_s=2.0):
+        warm_filter()
+        others.join()
     if others.exitcode:
         sys.exit(others.exitcode)
 

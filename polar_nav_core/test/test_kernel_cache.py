@@ -99,6 +99,7 @@ def test_key_changes_with_cpu_and_numba(monkeypatch):
     ],
 )
 def test_place(tmp_path, monkeypatch, environment, expected):
+    monkeypatch.setattr(sys, 'prefix', str(tmp_path / 'environment'))
     for name in ('POLAR_NAV_CACHE_DIR', 'XDG_CACHE_HOME'):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv('HOME', str(tmp_path / 'home'))
@@ -110,8 +111,38 @@ def test_place(tmp_path, monkeypatch, environment, expected):
     assert directory.is_dir()
 
 
+@pytest.mark.parametrize('home', ['one', 'other'])
+def test_one_checkout_compiles_once_for_all_homes(tmp_path, monkeypatch, home):
+    monkeypatch.delenv('POLAR_NAV_CACHE_DIR', raising=False)
+    monkeypatch.setenv('XDG_CACHE_HOME', str(tmp_path / home))
+    monkeypatch.setattr(sys, 'prefix', str(tmp_path / 'venv'))
+    (tmp_path / 'venv').mkdir()
+    (tmp_path / 'venv' / cache.OWN_ENVIRONMENT).touch()
+    directory = cache.cache_directory.__wrapped__(KERNELS / RUN)
+    assert directory.parent == tmp_path / 'venv' / 'kernels'
+    (tmp_path / 'venv' / 'kernels').rename(tmp_path / 'gone')
+    (tmp_path / 'venv' / 'kernels').write_text('')  # as if nobody could write there
+    directory = cache.cache_directory.__wrapped__(KERNELS / RUN)
+    assert directory.parent == tmp_path / home / 'polar_nav' / 'kernels'
+
+
+@jit_only
+def test_compiled_kernels_are_counted(tmp_path, monkeypatch):
+    strapdown_file = Path(strapdown.__file__)
+    monkeypatch.setattr(cache, 'cache_directory', lambda source: tmp_path / source.stem)
+    done, total = cache.compiled()
+    assert done == 0
+    assert total > 200
+    (tmp_path / 'strapdown').mkdir()
+    (tmp_path / 'strapdown' / 'strapdown.strapdown_step-40.py311.nbi').touch()
+    (tmp_path / 'strapdown' / 'strapdown.strapdown_step_more-40.py311.nbi').touch()
+    assert cache.compiled() == (1, total)
+    assert strapdown_file.exists()
+
+
 @pytest.mark.usefixtures('own_directory')
 def test_temporary_directory_when_home_cannot_be_written(tmp_path, monkeypatch):
+    monkeypatch.setattr(sys, 'prefix', str(tmp_path / 'environment'))
     not_a_directory = tmp_path / 'file'
     not_a_directory.write_text('')
     monkeypatch.delenv('POLAR_NAV_CACHE_DIR', raising=False)

@@ -25,7 +25,7 @@ import sys
 from collections.abc import Sequence
 from typing import Any
 
-from polar_nav_core.warm import warm_filter, warm_others
+from polar_nav_core.warm import telling, warm_filter, warm_others
 from polar_nav_msgs.msg import AcousticPacket, LeaderBroadcast, StationFix
 from polar_nav_ros import topics
 from polar_nav_ros.diagnostics import Diagnosis
@@ -42,13 +42,12 @@ class FollowerNode(PolarNode[FollowerParams]):
     def __init__(self) -> None:
         super().__init__('follower_node', FollowerParams)
         # Before anything is subscribed to: a cold compile takes long, and sensors do not wait.
-        self.get_logger().info('loading the filter; a first start compiles it: a minute or two')
-        if session.in_station_mode(self.params):
-            warm_others()
-            decoded: dict[str, type[Any]] = {topics.STATION_DECODED: StationFix}
-        else:
-            warm_filter()
-            decoded = {topics.DECODED: LeaderBroadcast}
+        station = session.in_station_mode(self.params)
+        decoded: dict[str, type[Any]] = (
+            {topics.STATION_DECODED: StationFix} if station else {topics.DECODED: LeaderBroadcast}
+        )
+        with telling(lambda text: self.get_logger().info(f'first start: {text}')):
+            (warm_others if station else warm_filter)()
         self._ports = NavigationPorts(
             self,
             session.Session(self.params, self.vehicle),

@@ -34,6 +34,7 @@ from polar_nav_msgs.msg import LockstepAck
 
 from . import topics
 from .diagnostics import Diagnosis
+from .launcher import watch_launcher
 from .parameters import load
 
 P = TypeVar('P', bound=NodeParams)
@@ -258,6 +259,7 @@ class PolarNode(Node, Generic[P]):  # type: ignore[misc]
         self.tell_supervisor('counts', json.dumps(counts))
 
     def _publish_diagnosis(self) -> None:
+        self.tell_supervisor('alive', self.get_fully_qualified_name())
         message = self.diagnose().to_msg(self.get_fully_qualified_name())
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
@@ -302,6 +304,7 @@ def run(node_cls: Callable[[], PolarNode[Any]], args: Sequence[str] | None = Non
     signals only set a flag here.
     """
     stop = Stop()
+    watch_launcher()
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
     node: PolarNode[Any] | None = None
     status = 0

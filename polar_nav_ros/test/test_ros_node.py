@@ -165,8 +165,14 @@ def test_run_gives_exit_codes():
     assert bad.returncode == 2
     assert 'gain' in bad.stderr
     assert 'Traceback' not in bad.stderr
-    good = subprocess.Popen([sys.executable, '-c', code, here], stderr=subprocess.PIPE, text=True)
-    time.sleep(4.0)
+    good = subprocess.Popen(
+        [sys.executable, '-c', code, here],
+        env={**os.environ, ros_node.SUPERVISED: '1'},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert good.stdout.readline().startswith('ready ')  # its handlers are in place
     good.send_signal(signal.SIGINT)
     _, err = good.communicate(timeout=30)
     assert good.returncode == 0, err

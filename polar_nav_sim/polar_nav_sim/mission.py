@@ -17,9 +17,9 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from polar_nav_core.errors import ConfigError
+from polar_nav_core.user_files import parse_yaml, read_yaml
 
 from .dynamics.truth import DynamicTruth
 from .environment import Environment, Geoid, GeoidSpec, Gravity, GravitySpec
@@ -299,11 +299,7 @@ def load_mission(name_or_path: str | Path) -> Mission:
         Naming the file and what is wrong in it.
     """
     file = find_mission(name_or_path)
-    try:
-        document = yaml.safe_load(file.read_text(encoding='utf-8'))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ConfigError(f'{file}: not a YAML file: {error}') from error
-    return mission_from(document, file)
+    return mission_from(read_yaml(file), file)
 
 
 def overrides_from(texts: Sequence[str]) -> dict[str, Any]:
@@ -319,10 +315,7 @@ def overrides_from(texts: Sequence[str]) -> dict[str, Any]:
         key, sign, value = text.partition('=')
         if not sign or not key.strip():
             raise ConfigError(f'override {text!r} is not of the form key=value')
-        try:
-            out[key.strip()] = yaml.safe_load(value)
-        except yaml.YAMLError as error:
-            raise ConfigError(f'override {text!r}: {error}') from error
+        out[key.strip()] = parse_yaml(value, f'override {text!r}')
     return out
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +23,7 @@ from .specs import (
 )
 
 EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
+_LAST_STAMP = EPOCH + timedelta(seconds=2**31 - 1)
 
 
 def read_vehicle(values: object, where: str) -> VehicleSpec:
@@ -77,4 +78,9 @@ def read_start_time(value: object, file: Path) -> datetime:
     value = value if value.tzinfo else value.replace(tzinfo=UTC)
     if value < EPOCH:
         raise ConfigError(f'{file}: start_time {value.isoformat()} is before 1970')
+    if value >= _LAST_STAMP:
+        raise ConfigError(
+            f'{file}: start_time {value.isoformat()} is after {_LAST_STAMP.isoformat()}, '
+            'the last second that a stamp can hold'
+        )
     return value

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import reprlib
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any, TypeVar
@@ -30,7 +31,7 @@ def parse(cls: type[T], values: object, where: str) -> T:
         Naming the file, the section and the key.
     """
     if not isinstance(values, Mapping):
-        raise ConfigError(f'{where}: expected a mapping, found {values!r}')
+        raise ConfigError(f'{where}: expected a mapping, found {reprlib.repr(values)}')
     kinds = {f.name: f.metadata.get('kind') for f in fields(cls)}  # type: ignore[arg-type]
     try:
         return from_mapping(cls, {str(k): _typed(v, kinds.get(str(k))) for k, v in values.items()})

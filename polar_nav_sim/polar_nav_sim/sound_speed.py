@@ -8,6 +8,7 @@ depth, and the integral of a segment is dz ln(c2/c1) / (c2 - c1), exactly.
 from __future__ import annotations
 
 import csv
+import io
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.params import param, text
+from polar_nav_core.user_files import read_text
 
 from .resources import DATA
 from .section import Spec
@@ -80,13 +82,12 @@ class SoundSpeed:
             Naming the file and what is wrong.
         """
         try:
-            with path.open(newline='', encoding='utf-8') as f:
-                rows = list(csv.DictReader(f))
+            rows = list(csv.DictReader(io.StringIO(read_text(path), newline='')))
             depth = np.array([float(r['depth_m']) for r in rows])
             return cls(depth, np.array([float(r['sound_speed_mps']) for r in rows]))
         except KeyError as error:
             raise ConfigError(f'{path}: no column {error}') from error
-        except (OSError, TypeError, ValueError) as error:
+        except (csv.Error, TypeError, ValueError) as error:
             raise ConfigError(f'{path}: no sound speed profile: {error}') from error
 
     @classmethod

@@ -21,7 +21,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import make_interp_spline
 
 from polar_nav_core import attitude, earth, grid
 
@@ -257,6 +256,9 @@ class Trajectory(Truth):
         super().__init__(start_ns, period_ns, surroundings)
         self._origin_e = knots.origin_e
         self._first_s, self._last_s = float(knots.t_s[0]), float(knots.t_s[-1])
+        # Here: loading it takes longer than a command that needs no trajectory.
+        from scipy.interpolate import make_interp_spline
+
         position = make_interp_spline(knots.t_s, knots.d_e, k=DEGREE)
         self._d_e = (position, position.derivative(1), position.derivative(2))
         angles = make_interp_spline(knots.t_s, knots.angles, k=DEGREE)

@@ -135,7 +135,7 @@ def test_unknown_names(tmp_path):
         load_mission('demo').truth('third')
     broken = tmp_path / 'broken.yaml'
     broken.write_text('path: [')
-    with pytest.raises(ConfigError, match=r'broken\.yaml: not a YAML file'):
+    with pytest.raises(ConfigError, match=r'broken\.yaml: not YAML'):
         load_mission(broken)
     with pytest.raises(ConfigError, match='key=value'):
         overrides_from(['speed'])
@@ -172,3 +172,8 @@ def test_track_part_can_be_chosen():
     # The fix of that hour: 89.9899 N, 168.3185 E, at the start but for the margin and smoothing.
     assert float(np.degrees(s.lat)) == pytest.approx(89.9899, abs=1e-3)
     assert float(np.degrees(s.lon)) == pytest.approx(168.3, abs=6.0)
+
+
+def test_a_start_that_no_stamp_can_hold() -> None:
+    with pytest.raises(ConfigError, match=r'start_time 9999.* the last second'):
+        load_mission('demo').with_overrides({'start_time': '9999-12-31T23:59:59Z'})

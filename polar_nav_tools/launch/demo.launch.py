@@ -30,6 +30,7 @@ from launch_ros.actions import Node
 
 from polar_nav_core.engine.configurations import NAMES
 from polar_nav_core.errors import ConfigError
+from polar_nav_ros.launcher import LAUNCHER
 from polar_nav_tools.graph.options import LEADERS, PACES, USUAL_CONFIGURATION, GraphOptions
 from polar_nav_tools.graph.spec import NodeSpec, Stage
 from polar_nav_tools.live.domain import node_surroundings
@@ -84,6 +85,12 @@ def generate_launch_description() -> LaunchDescription:
                 default_value='',
                 description='Folder of the new bag; empty: a new one in bags/; none: no recorder',
             ),
+            DeclareLaunchArgument(
+                'network',
+                default_value='false',
+                choices=['false', 'true'],
+                description='true: other hosts may see the graph; false: this host only',
+            ),
             OpaqueFunction(function=_graph),
         ]
     )
@@ -106,7 +113,9 @@ def _graph(context: LaunchContext) -> list[LaunchDescriptionEntity]:
     )
     run_dir = Path(launch_config.log_dir)
     graph = prepare_graph(mission, options, run_dir)
-    surroundings = node_surroundings(run_dir, os.environ)
+    network = value('network') == 'true'
+    surroundings = node_surroundings(run_dir, os.environ, network=network)
+    surroundings[LAUNCHER] = str(os.getpid())  # nodes end by themselves when it is gone
     variables = [SetEnvironmentVariable(name, text) for name, text in surroundings.items()]
     actions = {spec.full_name: _action(spec) for spec in graph.nodes}
     return [*variables, _order_of_the_end(graph.nodes, actions), *actions.values()]

@@ -69,6 +69,7 @@ class DemoOptions:
     folder: Path
     as_recorded: bool = False
     leader: str = 'perfect'
+    network: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,11 +201,13 @@ def run_demo(options: DemoOptions, *, say: Callable[[str], None]) -> DemoResult:
             graph_options,
             bag,
             own_domain=True,
+            network=options.network,
             on_start=lambda graph, domain: say(
                 f'{mission.name}, {mission.duration_s:.0f} s: {len(graph.nodes)} nodes, pace '
                 f'{options.pace} in ROS domain {domain}'
             ),
             on_progress=on_progress,
+            on_problem=say,
         )
     run.check()
     wall_s = {'graph': run.outcome.wall_s}

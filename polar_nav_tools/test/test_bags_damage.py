@@ -197,7 +197,7 @@ def test_metadata_yaml_is_compared(tmp_path):
     path.write_text(yaml.safe_dump(content))
     assert 'b_1.mcap, which metadata.yaml names, does not exist' in open_bag(file.parent).problems
     path.write_text('a: [')
-    assert 'not readable as YAML' in open_bag(file.parent).problems[0]
+    assert 'not YAML' in open_bag(file.parent).problems[0]
     assert open_bag(file.parent).message_count == 11
 
 

@@ -17,6 +17,7 @@ from mcap.writer import Writer
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
+from strict_reader import strict_complaints
 
 from polar_nav_tools.bags import BagError, BagWriter, open_bag
 from polar_nav_tools.bags import sink as sink_module
@@ -347,3 +348,15 @@ def test_qos_that_every_offer_satisfies():
     assert request_for([reliable, Qos(reliability='best_effort')]) == (False, False)
     assert request_for([]) == (True, False)
     assert to_yaml([]) == ''
+
+
+def test_a_strict_reader_finds_nothing_to_complain_of(tmp_path):
+    """An index of no attachments, or a topic declared in the summary only, would be an error."""
+    writer = BagWriter(tmp_path / 'b', {'mission': 'line'}, chunk_bytes=4096)
+    writer.add_topic(TRUTH, TYPES[TRUTH])
+    for k in range(100):
+        writer.write(TRUTH, truth(k), stamp_ns(k), stamp_ns(k))
+    writer.flush()
+    writer.add_topic('/silent', TYPES[IMU])  # declared behind the last message
+    writer.finish()
+    assert strict_complaints(writer.path) == []

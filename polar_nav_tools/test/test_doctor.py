@@ -268,3 +268,26 @@ def test_the_command(tmp_path, monkeypatch, capsys):
     said = json.loads(out)
     assert (status, said['ok'], said['errors']) == (1, False, 1)
     assert polar('doctor', well, '--all')[1].count('ok  ') >= 3
+
+
+def test_a_clock_that_stands_still(tmp_path):
+    """All stamps equal, of 1970: once no interval was regular, and nothing was found."""
+    info = {'recorder': {'log_time': 'simulation'}}
+    path = bag_of(tmp_path / 'b', [5_999_999_999] * N, regular(), info)
+    odd = [f for f in findings(path) if f.severity != Severity.OK]
+    assert {(f.name, f.severity, f.value) for f in odd} == {
+        ('repeated stamp', Severity.SEVERE, N - 1),
+        ('other clock', Severity.SEVERE, N),
+    }
+
+
+def test_packets_may_overtake_one_another(tmp_path):
+    stamps = [stamp_ns(200 * k) for k in range(60)]
+    stamps[20], stamps[21] = stamps[21], stamps[20]
+    with BagWriter(tmp_path / 'b', {}) as writer:
+        writer.add_topic(RX, PACKET_TYPE)
+        for k, at in enumerate(stamps):
+            writer.write(RX, make(PACKET_TYPE, **stamp(at)), stamp_ns(200 * k) + 10**9)
+    assert [f.name for f in findings(tmp_path / 'b', level=Severity.SEVERE)] == []
+    (found,) = findings(tmp_path / 'b', 'overtaken', Severity.OK)
+    assert found.value == 1

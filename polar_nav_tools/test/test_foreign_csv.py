@@ -288,3 +288,18 @@ def test_errors_name_file_and_column(
     with pytest.raises(ConfigError, match=sentence):
         import_csv(path, tmp_path / 'auv')
     assert not (tmp_path / 'auv').exists()
+
+
+@pytest.mark.parametrize('time', ['1e300', '-1e10', '3e9', '-1'])
+def test_a_time_that_no_stamp_can_hold(tmp_path: Path, time: str) -> None:
+    put(tmp_path / 'imu.csv', 'txyz', [(0, 1, 2, 3), (time, 1, 2, 3)])
+    text = 'imu: {file: imu.csv, time: t, rate: [x, y, z], force: [x, y, z]}\n'
+    with pytest.raises(ConfigError, match=r"column 't': \S+ s in line 3 is no time"):
+        import_csv(described(tmp_path, text), tmp_path / 'bag')
+    assert not (tmp_path / 'bag').exists()
+
+
+def test_a_device_is_no_csv_file(tmp_path: Path) -> None:
+    text = 'imu: {file: /dev/zero, time: t, rate: [x, y, z], force: [x, y, z]}\n'
+    with pytest.raises(ConfigError, match='/dev/zero is a device, not a regular file'):
+        import_csv(described(tmp_path, text), tmp_path / 'bag')

@@ -6,6 +6,7 @@ from xml.etree import ElementTree
 import pytest
 
 from polar_nav_tools.live.domain import LAST_DOMAIN_ID, free_domain_id, graph_environment
+from polar_nav_tools.live.middleware import profile
 
 
 def test_two_processes_start_in_different_domains():
@@ -41,14 +42,31 @@ def test_what_the_user_set_stays(tmp_path):
     }
     env = graph_environment(tmp_path, base)
     assert {name: env[name] for name in base} == base
-    # A chosen domain may be there to be seen by other machines.
-    assert 'ROS_AUTOMATIC_DISCOVERY_RANGE' not in env
+    assert env['ROS_AUTOMATIC_DISCOVERY_RANGE'] == 'LOCALHOST'  # its profile may not know
+
+
+@pytest.mark.parametrize('own_domain', [True, False])
+@pytest.mark.parametrize('domain', ['', '33'])
+@pytest.mark.parametrize('asked', ['', 'SUBNET'])
+def test_this_host_only_unless_a_network_is_asked_for(tmp_path, own_domain, domain, asked):
+    base = {'ROS_DOMAIN_ID': domain, 'ROS_AUTOMATIC_DISCOVERY_RANGE': asked}
+    env = graph_environment(tmp_path, base, own_domain=own_domain)
+    assert env['ROS_AUTOMATIC_DISCOVERY_RANGE'] == 'SYSTEM_DEFAULT'
+    assert not env['ROS_STATIC_PEERS']
+    written = Path(env['FASTRTPS_DEFAULT_PROFILES_FILE']).read_text()
+    assert written == profile(network=False)
+    assert '<interfaceWhiteList><address>127.0.0.1</address></interfaceWhiteList>' in written
+
+    env = graph_environment(tmp_path, base, own_domain=own_domain, network=True)
+    assert env['ROS_AUTOMATIC_DISCOVERY_RANGE'] == asked
+    assert 'ROS_STATIC_PEERS' not in env
+    written = Path(env['FASTRTPS_DEFAULT_PROFILES_FILE']).read_text()
+    assert '127.0.0.1' not in written
 
 
 def test_without_a_domain_it_takes_its_own_on_this_host_only(tmp_path):
     env = graph_environment(tmp_path, {})
     assert 1 <= int(env['ROS_DOMAIN_ID']) <= LAST_DOMAIN_ID
-    assert env['ROS_AUTOMATIC_DISCOVERY_RANGE'] == 'LOCALHOST'
     assert env['ROS_LOG_DIR'] == str(tmp_path / 'logs' / 'ros')
     assert env['OPENBLAS_NUM_THREADS'] == '1'
 

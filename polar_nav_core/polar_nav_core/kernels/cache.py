@@ -9,10 +9,11 @@ the CPU: an edit of any of them, another numba or another processor means anothe
 kernels that do not stand on the edited file stay compiled. Kernels of one folder do not call those
 of another.
 
-The parent directory is ``$POLAR_NAV_CACHE_DIR`` or ``$XDG_CACHE_HOME/polar_nav/kernels`` or
-``~/.cache/polar_nav/kernels``. Where none can be written, a directory of this
-user under the system's temporary directory takes its place. Nothing but these kernels goes there:
-numba's own setting is left as the rest of the process wants it.
+The parent directory is ``$POLAR_NAV_CACHE_DIR``, or ``kernels/`` in the environment that
+``./polar`` made (``.venv``, one for all homes of a checkout), or
+``$XDG_CACHE_HOME/polar_nav/kernels``, or ``~/.cache/polar_nav/kernels``. Where none can be
+written, a directory of this user under the system's temporary directory takes its place. Nothing
+but these kernels goes there: numba's own setting is left as the rest of the process wants it.
 """
 
 from __future__ import annotations
@@ -20,6 +21,8 @@ from __future__ import annotations
 import ast
 import hashlib
 import os
+import re
+import sys
 import tempfile
 from collections.abc import Callable
 from functools import cache
@@ -32,7 +35,10 @@ import numba
 F = TypeVar('F', bound=Callable[..., Any])
 
 ENVIRONMENT_VARIABLE = 'POLAR_NAV_CACHE_DIR'
+OWN_ENVIRONMENT = '.polar_setup'
+"""File in an environment that ``./polar`` made."""
 KERNELS = Path(__file__).parent
+_KERNEL = re.compile(r'^@(?:kernel|routine)\ndef (\w+)', re.MULTILINE)
 _ORDER = KERNELS.parent / 'order.py'
 """Numbers that kernels are compiled with, though it is no kernel."""
 
@@ -86,8 +92,11 @@ def _bases() -> list[Path]:
     chosen = os.environ.get(ENVIRONMENT_VARIABLE)
     if chosen:
         return [Path(chosen)]
+    prefix = Path(sys.prefix)
+    # Code is loaded from there anyway; who may write there may compile for all.
+    bases = [prefix / 'kernels'] if (prefix / OWN_ENVIRONMENT).exists() else []
     xdg = os.environ.get('XDG_CACHE_HOME')
-    bases = [Path(xdg) / 'polar_nav' / 'kernels'] if xdg else []
+    bases += [Path(xdg) / 'polar_nav' / 'kernels'] if xdg else []
     home = os.environ.get('HOME')
     if home:
         bases.append(Path(home) / '.cache' / 'polar_nav' / 'kernels')
@@ -129,6 +138,21 @@ def cache_directory(source: Path) -> Path:
     directory = _own_temporary_directory() / name
     directory.mkdir(parents=True, exist_ok=True)
     return directory
+
+
+def compiled() -> tuple[int, int]:
+    """Number of kernels of this folder that are in the cache, and of all there are."""
+    done = total = 0
+    for source in sorted(KERNELS.rglob('*.py')):
+        names = _KERNEL.findall(source.read_text(encoding='utf-8'))
+        if not names:
+            continue
+        files = [file.name for file in cache_directory(source).rglob('*.nbi')]
+        total += len(names)
+        done += sum(
+            any(file.startswith(f'{source.stem}.{name}-') for file in files) for name in names
+        )
+    return done, total
 
 
 def kernel(function: F) -> F:

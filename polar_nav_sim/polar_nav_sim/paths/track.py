@@ -9,6 +9,7 @@ hemisphere, in which neither the pole nor the 180th meridian is special.
 from __future__ import annotations
 
 import csv
+import io
 import math
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -20,6 +21,7 @@ from scipy.interpolate import make_interp_spline, splev, splprep
 
 from polar_nav_core import earth
 from polar_nav_core.errors import ConfigError
+from polar_nav_core.user_files import read_text
 
 from ..specs import TrackSpec
 
@@ -51,7 +53,7 @@ def read_fixes(path: Path) -> Fixes:
     times: list[float] = []
     lats: list[float] = []
     lons: list[float] = []
-    with path.open(newline='', encoding='utf-8') as f:
+    with io.StringIO(read_text(path), newline='') as f:
         rows = csv.DictReader(f)
         missing = {'datetime', 'latitude', 'longitude'} - set(rows.fieldnames or ())
         if missing:

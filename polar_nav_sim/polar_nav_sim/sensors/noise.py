@@ -11,7 +11,6 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import lfilter
 
 Floats = NDArray[np.float64]
 
@@ -63,6 +62,9 @@ class GaussMarkov:
 
     def advance(self, w: Floats) -> Floats:
         """Values for one chunk of standard normal rows (n, c); the first is the present one."""
+        # Here: loading it takes longer than most commands, which only look at parameters.
+        from scipy.signal import lfilter
+
         x, last = lfilter([0.0, 1.0], [1.0, -self._a], self._b * w, axis=0, zi=self._x[None, :])
         self._x = last[0]
         return np.asarray(x)

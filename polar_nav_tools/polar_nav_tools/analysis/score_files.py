@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from polar_nav_core.errors import ConfigError
+from polar_nav_core.user_files import writing
 
 from ..scoring import Comparison, Table
 from ..scoring.delivery import delivery_table
@@ -74,7 +75,8 @@ def tables_of(comparison: Comparison, analyses: Mapping[str, Analysis]) -> list[
 
 def write_markdown(path: Path, tables: Sequence[Table]) -> None:
     """Write tables as Markdown, one below the other; an older file is replaced."""
-    path.write_text('\n'.join(table.to_markdown() for table in tables), encoding='utf-8')
+    with writing(path):
+        path.write_text('\n'.join(table.to_markdown() for table in tables), encoding='utf-8')
 
 
 def write_csv(path: Path, tables: Sequence[Table]) -> None:
@@ -83,7 +85,7 @@ def write_csv(path: Path, tables: Sequence[Table]) -> None:
     ``table,row,figure,unit,value``: a row is named by the texts in it. Empty where there is no
     number.
     """
-    with path.open('w', encoding='utf-8', newline='') as stream:
+    with writing(path), path.open('w', encoding='utf-8', newline='') as stream:
         writer = csv.writer(stream, lineterminator='\n')
         writer.writerow(['table', 'row', 'figure', 'unit', 'value'])
         for table in tables:

@@ -28,12 +28,11 @@ ESTIMATE_TYPE = 'polar_nav_msgs/msg/NavState'
 RECEIPT_TYPE = 'polar_nav_msgs/msg/FixReceipt'
 
 STAMP = time_fields('header.stamp')
-_TRUTH_SAME = ('latitude', 'longitude', 'height', 'depth', 'altitude', 'r_e', 'omega_ib_b', 'f_b')
-TRUTH_FIELDS = (*STAMP, *_TRUTH_SAME, 'sequence', 'v_g', 'c_b_g', 'current_g')
+_TRUTH_SAME = ('latitude', 'longitude', 'height', 'depth', 'altitude', 'omega_ib_b', 'f_b')
+TRUTH_FIELDS = (*STAMP, *_TRUTH_SAME, 'r_e', 'sequence', 'v_g', 'c_b_g', 'current_g')
 
 _ESTIMATE_SAME = (
     'status',
-    'r_e',
     'latitude',
     'longitude',
     'height',
@@ -61,6 +60,7 @@ _ESTIMATE_FIELDS = (
     *STAMP,
     *_ESTIMATE_SAME,
     *_QUATERNION,
+    'r_e',
     'configuration',
     'v_g',
     'position_covariance_g',
@@ -174,6 +174,7 @@ def truth_of(c: Columns, vehicle: str) -> TruthSeries:
         vehicle=vehicle,
         stamp_ns=stamps(c, 'header.stamp'),
         sequence=c['sequence'].astype(np.int64),
+        r_e=places(c['r_e']),
         v_G=c['v_g'],
         C_b_G=_matrices(c['c_b_g']),
         current_G=c['current_g'],
@@ -188,6 +189,7 @@ def _estimates(c: Columns, vehicle: str) -> EstimateSeries:
         configuration=configurations[0] if configurations else '',
         configurations=configurations,
         stamp_ns=stamps(c, 'header.stamp'),
+        r_e=places(c['r_e']),
         v_G=c['v_g'],
         C_b_G=rotations(np.column_stack([c[q] for q in _QUATERNION])),
         P_position_G=_matrices(c['position_covariance_g']),
@@ -198,6 +200,18 @@ def _estimates(c: Columns, vehicle: str) -> EstimateSeries:
         local_statistics=_local_statistics(c),
         **{name: c[name] for name in _ESTIMATE_SAME},
     )
+
+
+def places(r_e: Floats) -> Floats:
+    """Return ECEF positions, shape (n, 3) [m], with NaN for those within 1 m of the centre.
+
+    No vehicle is there, and a message that was never filled in is; up is undefined.
+    """
+    if not len(r_e):
+        return r_e
+    with np.errstate(over='ignore', under='ignore', invalid='ignore'):
+        at_centre = np.sum(r_e * r_e, axis=-1) < 1.0
+    return np.where(at_centre[:, None], np.nan, r_e) if at_centre.any() else r_e
 
 
 def _local_statistics(c: Columns) -> Floats:

@@ -14,6 +14,7 @@ from rosbags.typesys.store import Typestore
 
 from .contents import Channel
 from .errors import BagError
+from .limits import check_definition
 from .schemas import definition
 
 Decode = Callable[[bytes], Any]
@@ -74,6 +75,7 @@ def store_of(text: str, type_name: str) -> Typestore:
     """
     if not text:
         raise BagError(f'there is no definition of {type_name}')
+    check_definition(text, type_name)
     try:
         store = get_typestore(Stores.EMPTY)
         store.register(get_types_from_msg(text, type_name))

@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 from pathlib import Path, PurePath
 from typing import Any
 
-import yaml
+from polar_nav_core.errors import ConfigError
+from polar_nav_core.user_files import read_yaml, regular
 
 from .errors import BagError, WrongRequestError
 from .rosbag2_metadata import FILE_NAME, ROOT_KEY
 
-_MAX_YAML_BYTES = 16 * 1024 * 1024
 MAGIC = b'\x89MCAP0\r\n'
 """An MCAP file begins and ends with it."""
 CONVERT = '`polar replay --map` takes it as it is, rosbags-convert makes an MCAP bag of it'
@@ -45,7 +45,10 @@ def find(path: Path) -> Listing:
         raise BagError(f'{path}: cannot be read ({error.strerror})') from error
     if path.name == FILE_NAME:
         return _directory(path.parent)
-    return Listing([path])
+    try:
+        return Listing([regular(path)])
+    except ConfigError as error:
+        raise BagError(str(error)) from error
 
 
 def check_magic(path: Path, front: bytes) -> None:
@@ -99,12 +102,9 @@ def _directory(path: Path) -> Listing:
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        if path.stat().st_size > _MAX_YAML_BYTES:
-            raise BagError(f'{path} is no metadata of a bag (over {_MAX_YAML_BYTES} bytes)')
-        content = yaml.safe_load(path.read_text(encoding='utf-8'))
-    except (yaml.YAMLError, UnicodeDecodeError, ValueError, RecursionError) as error:
-        first = str(error).splitlines()[0] if str(error) else type(error).__name__
-        raise BagError(f'{path} is not readable as YAML ({first})') from error
+        content = read_yaml(path)
+    except ConfigError as error:
+        raise BagError(str(error)) from error
     metadata = content.get(ROOT_KEY) if isinstance(content, dict) else None
     if not isinstance(metadata, dict):
         raise BagError(f'{path} has no {ROOT_KEY}')

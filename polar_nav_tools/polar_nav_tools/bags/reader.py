@@ -104,12 +104,17 @@ class Bag:
 
     def tallies(self, topic: str) -> list[Tally]:
         """Return counts, first and last log time of a topic, one for each channel that has it."""
-        return [
-            file.tallies[number]
-            for file in self.files
-            for number in self._numbers(file, [topic])
-            if number in file.tallies
-        ]
+        return list(self._tallies.get(topic, ()))
+
+    @cached_property
+    def _tallies(self) -> dict[str, list[Tally]]:
+        """Tallies by topic, in one pass: a bag may have 65,000 channels."""
+        found: dict[str, list[Tally]] = {}
+        for file in self.files:
+            for number, topic in self._numbers(file, None).items():
+                if number in file.tallies:
+                    found.setdefault(topic, []).append(file.tallies[number])
+        return found
 
     def channel(self, topic: str) -> Channel:
         """Return the channel of a topic: type, definition, metadata."""

@@ -18,6 +18,6 @@ def read_outcome(bag: Path) -> dict[str, Any]:
         return {}
     try:
         content = json.loads(path.read_text(encoding='utf-8'))
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise BagError(f'{path}: not JSON: {error}') from error
     return content if isinstance(content, dict) else {}

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from . import chunks
+from . import chunks, limits
 from .checksum import crc32
 from .chunks import HEADER, Damage, Reader
 from .contents import Block, FileScan, Tally
@@ -60,7 +60,8 @@ def scan_file(path: Path, progress: Progress | None = None, take: Take | None = 
     Raises
     ------
     BagError
-        If the file cannot be opened, is empty, or is not MCAP at all.
+        If the file cannot be opened, is empty, is not MCAP at all, or decompresses to many times
+        its size.
     """
     try:
         with path.open('rb') as file:
@@ -94,6 +95,7 @@ class _Scanner:
         self._raw_channels: set[int] = set()
         self._search = Search(window)
         self._indexed: int | None = None
+        self._claimed = 0  # uncompressed bytes that chunks state
         self._compiled = _compiled_walk() if self._size >= _COMPILED_FROM else None
 
     def run(self, progress: Progress | None) -> FileScan:
@@ -223,6 +225,8 @@ class _Scanner:
     def _chunk(self, front: memoryview, length: int) -> None:
         self._end_raw_block()
         head = chunks.read_chunk_head(bytes(front[:length]), length)
+        self._claimed += head.size
+        limits.check_size(str(self._out.path), self._size, self._claimed)
         record = self._get(self._at, HEADER.size + length)
         self._feed(record)
         if head.compression not in chunks.COMPRESSIONS:

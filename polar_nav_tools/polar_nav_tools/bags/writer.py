@@ -21,9 +21,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
-from mcap.writer import CompressionType, Writer
+from mcap.writer import CompressionType, IndexType, Writer
 
 from . import qos, rosbag2_metadata
 from .errors import BagError, WrongRequestError
@@ -123,6 +123,8 @@ class BagWriter:
             self._sink,
             chunk_size=chunk_bytes,
             compression=_COMPRESSIONS[compression],
+            # There are no attachments; the library would point to an index of none.
+            index_types=IndexType.ALL & ~IndexType.ATTACHMENT,
             enable_data_crcs=True,
         )
         with self._explained():
@@ -288,6 +290,7 @@ class BagWriter:
         with self._explained():
             self._mcap.flush()
             self._note_safe()
+            self._declare_silent()
             self._mcap.add_metadata(RUN_END_RECORD, end)
             # `ros2 bag` reads this one if the path is the file's, not its directory's.
             serialized = {'serialized_metadata': rosbag2_metadata.dump(metadata)}
@@ -297,6 +300,21 @@ class BagWriter:
             self._sink.close()
             self._write_yaml({rosbag2_metadata.ROOT_KEY: metadata})
         return self.directory
+
+    def _declare_silent(self) -> None:
+        """Put topics without a message among the data.
+
+        The library drops a chunk that has declarations only, and would then repeat in its summary
+        what stands nowhere else. The metadata record that follows takes these with it.
+        """
+        library: Any = self._mcap
+        schemas, channels = library._Writer__schemas, library._Writer__channels
+        for channel in self._channels.values():
+            if not channel.count:
+                record = channels[channel.id]
+                if record.schema_id:
+                    schemas[record.schema_id].write(library._Writer__record_builder)
+                record.write(library._Writer__record_builder)
 
     def abandon(self) -> None:
         """Close the file as it is; the messages of the current chunk are lost."""

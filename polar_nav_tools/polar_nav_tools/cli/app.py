@@ -7,7 +7,8 @@ import json
 import os
 import sys
 from collections.abc import Mapping
-from typing import NoReturn
+from importlib.metadata import version
+from typing import Annotated, NoReturn
 
 import typer
 
@@ -52,6 +53,32 @@ app = typer.Typer(
     ),
     epilog='Example: `./polar demo`',
 )
+
+
+def _version(asked: bool) -> None:
+    if asked:
+        from polar_nav_core.engine.version import ENGINE_VERSION
+
+        sys.stdout.write(f'polar_nav {version("polar_nav_tools")}, engine {ENGINE_VERSION}\n')
+        raise typer.Exit
+
+
+@app.callback()
+def common(
+    _: Annotated[
+        bool,
+        typer.Option('--version', callback=_version, is_eager=True, help='Show it and exit.'),
+    ] = False,
+    no_limits: Annotated[
+        bool,
+        typer.Option('--no-limits', help='Read bags that decompress to many times their size.'),
+    ] = False,
+) -> None:
+    """Take the options that stand before the command."""
+    if no_limits:
+        from ..bags import limits
+
+        limits.lift()
 
 
 def emit_json(value: Mapping[str, object]) -> None:

@@ -7,10 +7,27 @@ from typing import Annotated
 
 import typer
 
+from polar_nav_core.errors import ConfigError
+
+
+def existing(bag: Path) -> Path:
+    """Path of a bag that exists; checked before a command loads what reads it."""
+    try:
+        there = bag.exists()
+    except OSError as error:
+        raise ConfigError(f'{bag}: cannot be read ({error.strerror})') from error
+    if not there:
+        raise ConfigError(f'{bag} does not exist')
+    return bag
+
+
 AnyBagArgument = Annotated[
     Path,
     typer.Argument(
-        metavar='BAG', help='Folder of a bag, .mcap, .db3 or .bag file.', show_default=False
+        metavar='BAG',
+        help='Folder of a bag, .mcap, .db3 or .bag file.',
+        show_default=False,
+        callback=existing,
     ),
 ]
 MsgPathOption = Annotated[

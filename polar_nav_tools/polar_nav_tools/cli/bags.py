@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from .app import app, emit_json, require, say
-from .arguments import AnyBagArgument, MsgPathOption
+from .arguments import AnyBagArgument, MsgPathOption, existing
+from .choices import CONFIGURATIONS
 
 if TYPE_CHECKING:
     from ..analysis.analyse import Analysis
@@ -26,11 +27,21 @@ if TYPE_CHECKING:
 
 BagArgument = Annotated[
     Path,
-    typer.Argument(metavar='BAG', help='Folder of a bag, or an .mcap file.', show_default=False),
+    typer.Argument(
+        metavar='BAG',
+        help='Folder of a bag, or an .mcap file.',
+        show_default=False,
+        callback=existing,
+    ),
 ]
 ConfigurationsOption = Annotated[
     list[str] | None,
-    typer.Option('--configuration', '-c', help='Filter configuration; may be repeated.'),
+    typer.Option(
+        '--configuration',
+        '-c',
+        metavar='NAME',
+        help=f'May be repeated: {", ".join(CONFIGURATIONS)}.',
+    ),
 ]
 VehicleOption = Annotated[
     str | None, typer.Option('--vehicle', help='Which follower, when the bag has several.')
@@ -54,7 +65,10 @@ def replay(
     configuration: Annotated[
         str | None,
         typer.Option(
-            '--configuration', '-c', help='Filter configuration instead of the recorded.'
+            '--configuration',
+            '-c',
+            metavar='NAME',
+            help=f'Instead of the recorded one: {", ".join(CONFIGURATIONS)}.',
         ),
     ] = None,
     change: Annotated[
@@ -128,7 +142,7 @@ def replay(
             summary['bag'] = str(out)
         if as_json:
             well = not (source.problems or result.divergence or span.complaint)
-            emit_json({'ok': well, **summary})
+            emit_json({'ok': well, 'path': str(source.path), **summary})
         else:
             for name, value in summary.items():
                 first, *others = value if isinstance(value, list) and value else [_plain(value)]
@@ -164,7 +178,8 @@ def report(
         folder = bag if bag.is_dir() else bag.parent
         path = write_analysis(analysis, out or folder / 'report.html')
         if as_json:
-            emit_json({'ok': not analysis.complaints(), 'report': str(path)})
+            said = {'ok': not analysis.complaints(), 'path': str(bag)}
+            emit_json({**said, 'report': str(path)})
         else:
             sys.stdout.write(f'{path}\n')
         if open_report:

@@ -10,6 +10,7 @@ import typer
 
 from .app import app, emit_json, say
 from .bags import BagArgument, JsonOption, VehicleOption, opened
+from .choices import FORMATS, FRAMES, one_of
 
 
 @app.command(
@@ -24,7 +25,8 @@ def export(
         str | None,
         typer.Option(
             '--what',
-            help='truth, estimate, estimate:CONFIGURATION (replayed) or leader; truth by default.',
+            metavar='truth|estimate|estimate:NAME|leader',
+            help='estimate:CONFIGURATION is replayed; truth by default.',
         ),
     ] = None,
     topic: Annotated[
@@ -33,11 +35,15 @@ def export(
     ] = None,
     kind: Annotated[
         str | None,
-        typer.Option('--format', help='tum or csv; by default as OUT ends, else tum.'),
+        typer.Option('--format', metavar=one_of(FORMATS), help='By default by OUT, else tum.'),
     ] = None,
     frame: Annotated[
         str,
-        typer.Option('--frame', help='ecef, or enu or grid at the first true position.'),
+        typer.Option(
+            '--frame',
+            metavar=one_of(FRAMES),
+            help='enu and grid at the first true position.',
+        ),
     ] = 'ecef',
     vehicle: VehicleOption = None,
     as_json: JsonOption = False,
@@ -65,6 +71,7 @@ def export(
             emit_json(
                 {
                     'ok': not source.problems,
+                    'path': str(source.path),
                     'file': str(out),
                     'poses': len(track),
                     'left_out': track.left_out,

@@ -13,6 +13,7 @@ import typer
 
 from . import status
 from .app import app, emit_json, end, require, say
+from .choices import CONFIGURATIONS, LEADERS, MISSIONS, PACES, one_of
 
 if TYPE_CHECKING:
     from ..graph.build import Graph
@@ -21,7 +22,7 @@ BAGS = Path('bags')
 
 MissionOption = Annotated[
     str,
-    typer.Option('--mission', '-m', help='Name of a mission that comes with it, or a YAML file.'),
+    typer.Option('--mission', '-m', metavar='NAME|FILE', help=f'{MISSIONS}; or a YAML file.'),
 ]
 DurationOption = Annotated[
     float | None,
@@ -36,7 +37,8 @@ ConfigurationOption = Annotated[
     typer.Option(
         '--configuration',
         '-c',
-        help='Filter configuration of the follower; `default` unless stated.',
+        metavar='NAME',
+        help=f'Of the follower; `default` unless stated: {", ".join(CONFIGURATIONS)}.',
     ),
 ]
 BagOption = Annotated[
@@ -52,7 +54,15 @@ AsRecordedOption = Annotated[
 LeaderOption = Annotated[
     str,
     typer.Option(
-        '--leader', help='perfect: knows its position, as the papers assume; own: it navigates.'
+        '--leader',
+        metavar=one_of(LEADERS),
+        help='perfect: knows its position, as the papers assume; own: it navigates.',
+    ),
+]
+NetworkOption = Annotated[
+    bool,
+    typer.Option(
+        '--network', help='Let other hosts see the graph; docs/security.md has the risks.'
     ),
 ]
 JsonOption = Annotated[bool, typer.Option('--json', help='Print figures as JSON on stdout.')]
@@ -67,12 +77,17 @@ def demo(
     duration: DurationOption = None,
     seed: SeedOption = 1,
     pace: Annotated[
-        str, typer.Option(help='lockstep loses nothing and is fast; realtime waits for no node.')
+        str,
+        typer.Option(
+            metavar=one_of(PACES),
+            help='lockstep loses nothing and is fast; realtime waits for no node.',
+        ),
     ] = 'lockstep',
     configuration: ConfigurationOption = None,
     bag: BagOption = None,
     as_recorded: AsRecordedOption = False,
     leader: LeaderOption = 'perfect',
+    network: NetworkOption = False,
     open_report: Annotated[
         bool, typer.Option('--open', help='Open the report in a browser at the end.')
     ] = False,
@@ -98,6 +113,7 @@ def demo(
         folder=BAGS,
         as_recorded=as_recorded,
         leader=leader,
+        network=network,
     )
     result = run_demo(options, say=say)
     if result.signal is not None:
@@ -125,13 +141,15 @@ def launch(
     bag: BagOption = None,
     as_recorded: AsRecordedOption = False,
     leader: LeaderOption = 'perfect',
+    network: NetworkOption = False,
     no_record: Annotated[
         bool, typer.Option('--no-record', help='Run without a recorder.')
     ] = False,
 ) -> None:
     """Run the graph in real time until the mission ends or Ctrl-C, to be looked at with ROS tools.
 
-    Uses the ROS domain of the shell (ROS_DOMAIN_ID, 0 when it is not set).
+    Uses the ROS domain of the shell (ROS_DOMAIN_ID, 0 when it is not set). Only this host sees it,
+    unless --network is given.
     """
     from ..graph.options import USUAL_CONFIGURATION, GraphOptions
     from ..live.run import new_bag_path, read_mission, run_live
@@ -154,6 +172,7 @@ def launch(
             options,
             folder,
             own_domain=False,
+            network=network,
             on_start=_tell_start,
             on_progress=on_progress,
             on_line=lambda name, line: say(f'{name}: {line}'),

@@ -67,6 +67,7 @@ def verify(
             emit_json(
                 {
                     'ok': well and not source.problems,
+                    'path': str(source.path),
                     **_plain(result),
                     'certificate': None if checked is None else checked.to_dict(),
                     'certificate_written': written or None,

@@ -8,7 +8,8 @@ under lib/<package> (where ``ros2 run`` looks for them), the marker of the ament
 share/<package> as a link to the sources. Nothing is copied: an edited module, launch file or
 parameter file takes effect at once.
 
-``lock``: resolve requirements.in with the running Python and write name==version of all it brings.
+``lock``: resolve requirements.in with the running Python and write name==version of all it brings,
+with the sha256 of the files that Python 3.11 and 3.12 take.
 Not ``pip freeze``: the ROS wheels leave metadata of names that pip did not install.
 """
 
@@ -21,8 +22,10 @@ import subprocess
 import sys
 import sysconfig
 import tempfile
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).resolve().parents[3]
 PACKAGES = tuple(
@@ -33,7 +36,8 @@ PYTHONS = ('3.11', '3.12')
 SDISTS = ('empy',)
 
 LOCK_HEADER = (
-    '# Written by `./polar lock` from requirements.in; the same pins serve Python 3.11 and 3.12.'
+    '# Written by `./polar lock` from requirements.in; the same pins serve Python 3.11 and 3.12.\n'
+    '# Each hash is of a file that one of them takes: pip --require-hashes refuses any other.'
 )
 
 PROGRAM = """\
@@ -137,20 +141,47 @@ def shebang_of(python: str) -> str:
 
 
 def lock() -> None:
-    """Write requirements.lock and check that each pin exists for all supported Pythons."""
-    pip = [sys.executable, '-m', 'pip', 'install', '--quiet', '--dry-run', '--ignore-installed']
-    resolve = [*pip, '--report', '-', '-r', str(ROOT / 'requirements.in')]
-    found = subprocess.run(resolve, check=True, stdout=subprocess.PIPE, text=True).stdout
-    metadata = [entry['metadata'] for entry in json.loads(found)['install']]
-    versions = {re.sub('[-_.]+', '-', m['name']).lower(): m['version'] for m in metadata}
-    pins = [f'{name}=={versions[name]}' for name in sorted(versions)]
+    """Write requirements.lock: pins that exist for all supported Pythons, with their hashes."""
+    pins = sorted(_reported('-r', str(ROOT / 'requirements.in')))
     wheels = [pin for pin in pins if not pin.startswith(SDISTS)]
+    found = [_reported('--no-deps', *(pin for pin in pins if pin not in wheels))]
     for version in PYTHONS:
         with tempfile.TemporaryDirectory() as target:
-            fetch = [*pip, '--no-deps', '--only-binary', ':all:', '--target', target]
-            subprocess.run([*fetch, '--python-version', version, *wheels], check=True)
+            other = ('--only-binary', ':all:', '--target', target, '--python-version', version)
+            found.append(_reported('--no-deps', *other, *wheels))
         sys.stderr.write(f'{len(wheels)} wheels exist for Python {version}\n')
-    (ROOT / 'requirements.lock').write_text('\n'.join([LOCK_HEADER, *pins]) + '\n')
+    (ROOT / 'requirements.lock').write_text(lock_text(found))
+
+
+def _reported(*arguments: str) -> dict[str, str]:
+    """Pins that pip would install, with the sha256 of the file that it would take."""
+    pip = [sys.executable, '-m', 'pip', 'install', '--quiet', '--dry-run', '--ignore-installed']
+    run = subprocess.run(
+        [*pip, '--report', '-', *arguments], check=True, stdout=subprocess.PIPE, text=True
+    )
+    return pins_of(json.loads(run.stdout))
+
+
+def pins_of(report: Mapping[str, Any]) -> dict[str, str]:
+    """Pins of a report of pip, each with the sha256 of its file."""
+    found: dict[str, str] = {}
+    for entry in report['install']:
+        name = re.sub('[-_.]+', '-', entry['metadata']['name']).lower()
+        pin = f'{name}=={entry["metadata"]["version"]}'
+        found[pin] = entry['download_info']['archive_info']['hashes']['sha256']
+    return found
+
+
+def lock_text(found: Sequence[Mapping[str, str]]) -> str:
+    """Text of a lock file: every pin of some reports with all hashes that they have for it."""
+    hashes: dict[str, set[str]] = {}
+    for pins in found:
+        for pin, digest in pins.items():
+            hashes.setdefault(pin, set()).add(digest)
+    lines = [LOCK_HEADER]
+    for pin in sorted(hashes):
+        lines += [' \\\n    '.join([pin, *(f'--hash=sha256:{h}' for h in sorted(hashes[pin]))])]
+    return '\n'.join(lines) + '\n'
 
 
 if __name__ == '__main__':

@@ -82,7 +82,7 @@ class Examination:
         """Examination as values for JSON."""
         return {
             'ok': self.ok,
-            'bag': self.path,
+            'path': self.path,
             'errors': self.count(Severity.SEVERE),
             'warnings': self.count(Severity.WARNING),
             'topics': {t.topic: record(t.to_dict()) for t in self.topics},

@@ -40,6 +40,15 @@ _SEVERAL_SENDERS = (
     'rcl_interfaces/msg/Log',
 )
 """Types that many nodes publish on one topic: their stamps have no common order."""
+_OVERTAKING = frozenset(
+    f'polar_nav_msgs/msg/{name}'
+    for name in ('AcousticPacket', 'LeaderBroadcast', 'StationFix', 'FixReceipt')
+)
+"""Types of what comes over an acoustic link: a packet may overtake another one."""
+LATEST_NS = 1 << 62
+"""The year 2116: log times behind it are damage, and differences with them leave 64 bits."""
+_STUCK_SHARE = 0.5
+"""Of equal stamps one behind the other, above which the sender's clock stood still."""
 _LITTLE, _BIG = struct.Struct('<iI'), struct.Struct('>iI')
 
 
@@ -57,6 +66,8 @@ class TopicTimes:
         Header stamps; None for messages without a header.
     unreadable : int
         Messages too short to have the header they should have.
+    beyond : int
+        Messages with a log time after 2116.
     """
 
     topic: str
@@ -64,6 +75,7 @@ class TopicTimes:
     log_ns: Ints
     stamp_ns: Ints | None
     unreadable: int = 0
+    beyond: int = 0
 
     @property
     def count(self) -> int:
@@ -116,11 +128,14 @@ def read_times(bag: Source, progress: Callable[[float], None]) -> list[TopicTime
     count = sum(topic.count for topic in bag.topics.values())
     logs: dict[str, list[int]] = {name: [] for name in bag.topics}
     stamps: dict[str, list[int]] = {name: [] for name in bag.topics}
-    bad = dict.fromkeys(bag.topics, 0)
+    bad, beyond = dict.fromkeys(bag.topics, 0), dict.fromkeys(bag.topics, 0)
     every = max(1, count // 100)
     for i, (topic, log_ns, data) in enumerate(bag.fronts()):
         if i % every == 0:
             progress(i / count)
+        if log_ns > LATEST_NS:
+            beyond[topic] += 1
+            continue
         if not headed[topic]:
             logs[topic].append(log_ns)
             continue
@@ -138,9 +153,10 @@ def read_times(bag: Source, progress: Callable[[float], None]) -> list[TopicTime
             log_ns=np.array(logs[name], dtype=np.int64),
             stamp_ns=np.array(stamps[name], dtype=np.int64) if headed[name] else None,
             unreadable=bad[name],
+            beyond=beyond[name],
         )
         for name in bag.topics
-        if logs[name] or bad[name]
+        if logs[name] or bad[name] or beyond[name]
     ]
 
 
@@ -157,6 +173,9 @@ def findings_of(t: TopicTimes, *, log_from_stamps: bool = False) -> list[Finding
     if t.unreadable:
         text = f'{t.unreadable} messages are too short to hold their header'
         found.append(Finding(Severity.SEVERE, 'unreadable', t.topic, None, t.unreadable, text))
+    if t.beyond:
+        text = f'{t.beyond} messages have a log time after the year 2116'
+        found.append(Finding(Severity.SEVERE, 'log time', t.topic, None, t.beyond, text))
     if not t.count:
         return found
     found += _rate_and_gaps(t)
@@ -166,6 +185,8 @@ def findings_of(t: TopicTimes, *, log_from_stamps: bool = False) -> list[Finding
             found += _order(t, t.stamp_ns)
         if not log_from_stamps:
             found += _against_log(t, t.stamp_ns)
+        elif t.type not in _SEVERAL_SENDERS:
+            found += _far_from_log(t, t.stamp_ns)
     return found
 
 
@@ -210,7 +231,13 @@ def _order(t: TopicTimes, stamp_ns: Ints) -> list[Finding]:
     steps = np.diff(stamp_ns)
     found = []
     back = np.flatnonzero(steps < 0)
-    if back.size:
+    if back.size and t.type in _OVERTAKING:
+        text = (
+            f'{back.size} messages were overtaken on the acoustic link, by up to '
+            f'{-steps[back].min() * 1e-9:.3f} s'
+        )
+        found.append(Finding(Severity.OK, 'overtaken', t.topic, None, back.size, text))
+    elif back.size:
         first = int(back[0])
         text = (
             f'stamps run backwards {back.size} times; first by {-steps[first] * 1e-9:.6f} s, '
@@ -220,8 +247,12 @@ def _order(t: TopicTimes, stamp_ns: Ints) -> list[Finding]:
         found.append(
             Finding(severity, 'backwards', t.topic, int(stamp_ns[first]), back.size, text)
         )
-    same = np.flatnonzero(steps == 0)
-    if same.size and t.regular:
+    same = np.flatnonzero((steps == 0) & (stamp_ns[1:] != 0))  # zeros are another finding
+    if t.count >= _REGULAR_MOST and same.size > _STUCK_SHARE * steps.size:
+        text = f'{same.size} of {t.count} messages have the stamp of the one before'
+        when = int(stamp_ns[same[0]])
+        found.append(Finding(Severity.SEVERE, 'repeated stamp', t.topic, when, same.size, text))
+    elif same.size and t.regular:
         text = f'{same.size} messages have the stamp of the one before'
         when = int(stamp_ns[same[0]])
         found.append(Finding(Severity.WARNING, 'repeated stamp', t.topic, when, same.size, text))
@@ -263,6 +294,17 @@ def _against_log(t: TopicTimes, stamp_ns: Ints) -> list[Finding]:
         text = f'stamps agree with log time; {middle:.3f} s from validity to log'
         found.append(Finding(Severity.OK, 'stamps', t.topic, None, middle, text))
     return found
+
+
+def _far_from_log(t: TopicTimes, stamp_ns: Ints) -> list[Finding]:
+    """Stamps of another clock where the recorder made log times out of stamps."""
+    apart = np.abs(t.log_ns - stamp_ns) > int(OTHER_CLOCK_S * 1e9)
+    count = int(np.count_nonzero(apart & (stamp_ns != 0)))
+    if not count:
+        return []
+    first = int(np.flatnonzero(apart & (stamp_ns != 0))[0])
+    text = f'{count} of {t.count} stamps are over an hour from the simulated time'
+    return [Finding(Severity.SEVERE, 'other clock', t.topic, int(stamp_ns[first]), count, text)]
 
 
 def _jumps(t: TopicTimes, stamp: Ints, log: Ints, delay: NDArray[np.float64]) -> list[Finding]:

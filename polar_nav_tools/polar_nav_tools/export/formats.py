@@ -26,6 +26,7 @@ import numpy as np
 from polar_nav_core.attitude import quaternion_from_matrix
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.grid import ecef_to_grid
+from polar_nav_core.user_files import writing
 
 from ..series.vehicle import EstimateSeries, Floats, Ints, TruthSeries
 
@@ -159,7 +160,7 @@ def write_trajectory(
     r_f = (track.r_e - origin) @ C_e_f.T
     q = quaternion_from_matrix(C_e_f @ track.C_b_e)
     v_f = track.v_e @ C_e_f.T
-    with path.open('x', encoding='utf-8', newline='') as stream:
+    with writing(path), path.open('x', encoding='utf-8', newline='') as stream:
         if kind == 'tum':
             stream.writelines(_tum(track.stamp_ns, r_f, q))
         else:

@@ -12,7 +12,7 @@ from polar_nav_ros.topics import STATE
 from ..analysis.opening import follower_of
 from ..analysis.report_input import leader_of
 from ..bags import Bag, BagError
-from ..bags.arrays import estimates_from_cdr, load_estimates, load_truth
+from ..bags.arrays import estimates_from_cdr, load_estimates, load_truth, places
 from ..series.vehicle import Floats
 from .formats import Trajectory, trajectory
 
@@ -102,6 +102,7 @@ def _odometry(bag: Bag, topic: str) -> Trajectory:
         rows.append((p.x, p.y, p.z, q.x, q.y, q.z, q.w, v.x, v.y, v.z))
         stamps.append(message.header.stamp.sec * 10**9 + message.header.stamp.nanosec)
     values, stamp_ns = np.array(rows, dtype=np.float64), np.array(stamps, dtype=np.int64)
+    values[:, :3] = places(values[:, :3])
     known = np.isfinite(values[:, :7]).all(1)
     order = np.flatnonzero(known)[np.argsort(stamp_ns[known], kind='stable')]
     r_e, C_b_e = values[order, :3], matrix_from_quaternion(values[order, 3:7])

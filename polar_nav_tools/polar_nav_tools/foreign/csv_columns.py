@@ -13,11 +13,13 @@ from numpy.typing import NDArray
 
 from polar_nav_core.engine.events import Array
 from polar_nav_core.errors import ConfigError
+from polar_nav_core.user_files import regular
 
 from .section import Section
 from .sources import Stamps
 
 TIME_UNITS = {'s': 10**9, 'ms': 10**6, 'us': 10**3, 'ns': 1, 'iso': 0}
+_LAST_S = 2**31 - 1
 _DELIMITERS = {'comma': ',', 'semicolon': ';', 'tab': '\t'}
 
 
@@ -74,10 +76,13 @@ def open_file(section: Section, folder: Path) -> CsvFile:
     path = folder / section.text('file')
     delimiter = _DELIMITERS[section.choice('delimiter', tuple(_DELIMITERS), 'comma')]
     try:
-        with path.open(encoding='utf-8-sig', newline='') as stream:
+        with regular(path).open(encoding='utf-8-sig', newline='') as stream:
             first = next(csv.reader(stream, delimiter=delimiter), [])
-    except OSError as error:
-        raise section.fail('file', f'{path}: {error.strerror or error}') from error
+    except ConfigError as error:
+        raise section.fail('file', str(error)) from error
+    except (OSError, csv.Error) as error:
+        why = getattr(error, 'strerror', None) or error
+        raise section.fail('file', f'{path}: {why}') from error
     except UnicodeDecodeError as error:
         raise section.fail('file', f'{path} is not UTF-8: {error}') from error
     names = tuple(name.strip() for name in first)
@@ -108,8 +113,25 @@ def times(section: Section, file: CsvFile, key: str = 'time') -> Stamps:
         value = file.column(section, key, name, np.longdouble)
         if not np.isfinite(value).all():
             raise section.fail(key, f'{file.path}: column {name!r} is not a time in every line')
-        stamps = np.round(value * TIME_UNITS[unit]).astype(np.int64)
+        value *= TIME_UNITS[unit]
+        _check_range(section, file, key, name, value + round(origin_s * 1e9))
+        stamps = np.round(value).astype(np.int64)
+    _check_range(section, file, key, name, stamps.astype(float) + origin_s * 1e9)
     return np.asarray(stamps + round(origin_s * 1e9), dtype=np.int64)
+
+
+def _check_range(
+    section: Section, file: CsvFile, key: str, name: str, times_ns: NDArray[Any]
+) -> None:
+    """Refuse times that no stamp can hold; a message counts seconds in 32 bits."""
+    bad = np.flatnonzero(~((times_ns >= 0.0) & (times_ns < _LAST_S * 1e9)))
+    if bad.size:
+        raise section.fail(
+            key,
+            f'{file.path}: column {name!r}: {float(times_ns[bad[0]]) * 1e-9:g} s in line '
+            f'{bad[0] + file.skip + 1} is no time between 1970 and 2038; see time_unit and '
+            'time_origin_s',
+        )
 
 
 def vectors(section: Section, file: CsvFile, key: str, count: int = 3) -> Array:

@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import math
+import reprlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 
 from polar_nav_core.engine.events import Array
 from polar_nav_core.errors import ConfigError
+from polar_nav_core.user_files import read_yaml
 
 from . import rotations
+
+_SHORT = reprlib.Repr()
+_SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 100
+shown = _SHORT.repr
+"""A value as a sentence may quote it, cut where it is long or deep."""
 
 _TO_FILL = 'is still to be filled in:'
 
@@ -36,7 +42,7 @@ class Section:
 
     def __init__(self, place: str, values: object) -> None:
         if not isinstance(values, Mapping):
-            raise ConfigError(f'{place}: expected keys with values, found {values!r}')
+            raise ConfigError(f'{place}: expected keys with values, found {shown(values)}')
         self.place = place
         self._values = dict(values)
         self._asked: set[str] = set()
@@ -62,7 +68,7 @@ class Section:
                 raise self.fail(key, 'is missing')
             return default
         if not isinstance(value, str) or not value:
-            raise self.fail(key, f'{value!r} is not a text')
+            raise self.fail(key, f'{shown(value)} is not a text')
         if key == 'topic' and _is_to_fill(value):
             raise self.fail(key, f'{_TO_FILL} the name of a topic')
         return value
@@ -71,7 +77,7 @@ class Section:
         """Return one of a few words."""
         value = self.text(key, default)
         if value not in options:
-            said = _TO_FILL if _is_to_fill(value) else f'{value!r} is none of'
+            said = _TO_FILL if _is_to_fill(value) else f'{shown(value)} is none of'
             raise self.fail(key, f'{said} {", ".join(options)}')
         return value
 
@@ -96,9 +102,9 @@ class Section:
             try:
                 value = float(value)
             except ValueError:
-                raise self.fail(key, f'{value!r} is not a number [{unit}]') from None
+                raise self.fail(key, f'{shown(value)} is not a number [{unit}]') from None
         if isinstance(value, bool) or not isinstance(value, int | float):
-            raise self.fail(key, f'{value!r} is not a number [{unit}]')
+            raise self.fail(key, f'{shown(value)} is not a number [{unit}]')
         if not (math.isfinite(value) and lo <= value <= hi):
             raise self.fail(key, f'{value} is outside of [{lo:g}, {hi:g}] {unit}')
         return float(value)
@@ -113,7 +119,7 @@ class Section:
                 raise self.fail(key, f'is missing: a list of 3 numbers [{unit}]')
             value = list(default)
         if not isinstance(value, list) or len(value) != 3:
-            raise self.fail(key, f'{value!r} is not a list of 3 numbers [{unit}]')
+            raise self.fail(key, f'{shown(value)} is not a list of 3 numbers [{unit}]')
         x, y, z = (self._number(f'{key}[{i}]', v, lo, hi, unit) for i, v in enumerate(value))
         return x, y, z
 
@@ -129,7 +135,7 @@ class Section:
             if 'quaternion' in inner:
                 quaternion = inner.raw('quaternion')
                 if not isinstance(quaternion, list) or len(quaternion) != 4:
-                    raise self.fail(key, f'quaternion {quaternion!r} is not [x, y, z, w]')
+                    raise self.fail(key, f'quaternion {shown(quaternion)} is not [x, y, z, w]')
                 C_s_b = rotations.from_quaternion([float(v) for v in quaternion])
             else:
                 rpy_deg = inner.numbers('rpy_deg', None, -360.0, 360.0, 'deg')
@@ -160,7 +166,7 @@ class Section:
         if value is None:
             return {}
         if not isinstance(value, Mapping):
-            raise self.fail(key, f'expected names with values, found {value!r}')
+            raise self.fail(key, f'expected names with values, found {shown(value)}')
         return {str(k): v for k, v in value.items()}
 
     def done(self) -> None:
@@ -190,10 +196,4 @@ def load(path: Path) -> Section:
     ConfigError
         When it is not there, not YAML, or no mapping.
     """
-    try:
-        content = yaml.safe_load(path.read_text(encoding='utf-8'))
-    except OSError as error:
-        raise ConfigError(f'{path}: {error.strerror or error}') from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ConfigError(f'{path}: not YAML: {error}') from error
-    return Section(str(path), content)
+    return Section(str(path), read_yaml(path))

@@ -6,27 +6,13 @@ import os
 from collections.abc import Collection, Mapping
 from pathlib import Path
 
+from .middleware import middleware_environment
+
 LAST_DOMAIN_ID = 101
 """Above it, the ports of a domain reach into Linux' ephemeral range."""
 
 _PORT_BASE, _PORTS_PER_DOMAIN = 7400, 250
 _SOCKET_TABLES = ('/proc/net/udp', '/proc/net/udp6')
-
-_MIDDLEWARE_VARIABLE = 'FASTRTPS_DEFAULT_PROFILES_FILE'
-_MIDDLEWARE_FILE = 'fastdds.xml'
-MIDDLEWARE_PROFILE = """\
-<?xml version="1.0" encoding="UTF-8"?>
-<profiles xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
-  <!-- Readers acknowledge, and ask again for what is missing, at the heartbeats of the writer.
-       They come every 3 s by default: a lost message holds up a lockstep run that long, and a
-       node that ends waits that long to know that its last words arrived. -->
-  <data_writer profile_name="polar_nav" is_default_profile="true">
-    <times>
-      <heartbeatPeriod><sec>0</sec><nanosec>100000000</nanosec></heartbeatPeriod>
-    </times>
-  </data_writer>
-</profiles>
-"""
 
 
 def busy_udp_ports() -> frozenset[int]:
@@ -67,12 +53,16 @@ def free_domain_id(pid: int, busy_ports: Collection[int]) -> int:
 
 
 def graph_environment(
-    run_dir: Path, base: Mapping[str, str] | None = None, *, own_domain: bool = True
+    run_dir: Path,
+    base: Mapping[str, str] | None = None,
+    *,
+    own_domain: bool = True,
+    network: bool = False,
 ) -> dict[str, str]:
     """Environment variables for the nodes of one graph.
 
-    What the user has set stays as it is: ROS_DOMAIN_ID, ROS_AUTOMATIC_DISCOVERY_RANGE, thread
-    counts, ROS_LOG_DIR, FASTRTPS_DEFAULT_PROFILES_FILE.
+    What the user has set stays as it is: ROS_DOMAIN_ID, thread counts, ROS_LOG_DIR,
+    FASTRTPS_DEFAULT_PROFILES_FILE; with a network, ROS_AUTOMATIC_DISCOVERY_RANGE, too.
 
     Parameters
     ----------
@@ -83,12 +73,13 @@ def graph_environment(
     own_domain : bool
         Choose a domain that nobody uses when the user has not set one. Off for `polar launch`,
         whose graph is there to be seen by others.
+    network : bool
+        Whether the graph may be seen from other hosts.
     """
     env = dict(os.environ if base is None else base)
     if own_domain and not env.get('ROS_DOMAIN_ID'):
         env['ROS_DOMAIN_ID'] = str(free_domain_id(os.getpid(), busy_udp_ports()))
-        env.setdefault('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    env |= node_surroundings(run_dir, env)
+    env |= node_surroundings(run_dir, env, network=network)
     env.setdefault('ROS_LOG_DIR', str((run_dir / 'logs' / 'ros').absolute()))
     env['POLAR_NAV_SUPERVISED'] = '1'  # nodes print counts and progress (polar_nav_ros.node)
     env['PYTHONUNBUFFERED'] = '1'  # the last lines of a node that is killed must be out already
@@ -96,8 +87,10 @@ def graph_environment(
     return env
 
 
-def node_surroundings(run_dir: Path, env: Mapping[str, str]) -> dict[str, str]:
-    """Variables that nodes need and ``env`` lacks: middleware profile, thread counts.
+def node_surroundings(
+    run_dir: Path, env: Mapping[str, str], *, network: bool = False
+) -> dict[str, str]:
+    """Variables that nodes need and ``env`` lacks: middleware and its network, thread counts.
 
     Parameters
     ----------
@@ -105,13 +98,10 @@ def node_surroundings(run_dir: Path, env: Mapping[str, str]) -> dict[str, str]:
         Gets the middleware's profile.
     env : mapping
         What is set already.
+    network : bool
+        Whether the graph may be seen from other hosts.
     """
-    added: dict[str, str] = {}
-    if _MIDDLEWARE_VARIABLE not in env:
-        run_dir.mkdir(parents=True, exist_ok=True)
-        profile = run_dir / _MIDDLEWARE_FILE
-        profile.write_text(MIDDLEWARE_PROFILE, encoding='utf-8')
-        added[_MIDDLEWARE_VARIABLE] = str(profile.absolute())
+    added = middleware_environment(run_dir, env, network=network)
     # A dozen processes with a thread pool each would fight for the cores; no node multiplies
     # matrices worth sharing.
     names = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'NUMBA_NUM_THREADS')

@@ -6,6 +6,7 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ TAIL_LINES = 30
 READY = 'ready '
 PROGRESS = 'progress '
 COUNTS = 'counts '
+ALIVE = 'alive '
 """First words of the lines that a node prints for the supervisor, not for people."""
 
 
@@ -34,15 +36,20 @@ class NodeEnd:
         The end of its output.
     log : str
         File name of all its output in ``logs/``.
+    hung : str
+        What it did instead of ending, in words; empty when it ended.
     """
 
     name: str
     returncode: int
     last_lines: tuple[str, ...]
     log: str
+    hung: str = ''
 
     def how(self) -> str:
         """Exit status or signal, in words."""
+        if self.hung:
+            return self.hung
         if self.returncode >= 0:
             return f'exited with status {self.returncode}'
         return f'was killed by {signal.Signals(-self.returncode).name}'
@@ -79,6 +86,7 @@ class NodeProcess:
         self._file = (run_dir / 'logs' / self._log).open('wb')
         self.tail: deque[str] = deque(maxlen=TAIL_LINES)
         self._partial = b''
+        self.heard_at: float | None = None
         command = [
             sys.executable,
             '-m',
@@ -119,11 +127,21 @@ class NodeProcess:
 
     def _take(self, raw: bytes) -> None:
         line = raw.decode('utf-8', 'replace').rstrip('\r')
-        if not line.startswith((READY, PROGRESS, COUNTS)):
+        if self.heard_at is not None or line.startswith(ALIVE):
+            self.heard_at = time.monotonic()
+        if not line.startswith((READY, PROGRESS, COUNTS, ALIVE)):
             self._file.write(raw + b'\n')
             self._file.flush()
             self.tail.append(line)
         self._on_line(self.spec.full_name, line)
+
+    def is_stopped(self) -> bool:
+        """Whether the process is stopped (SIGSTOP), as the kernel says."""
+        try:
+            status = Path(f'/proc/{self.process.pid}/stat').read_text(encoding='utf-8')
+        except OSError:
+            return False
+        return status.rpartition(')')[2].split()[0] in ('T', 't')
 
     def signal(self, number: int) -> None:
         """Send a signal; to the whole session when it is SIGKILL."""
@@ -133,6 +151,10 @@ class NodeProcess:
             os.killpg(self.process.pid, number)
         else:
             self.process.send_signal(number)
+
+    def hung(self, how: str) -> NodeEnd:
+        """What there is to say of a process that does not end."""
+        return NodeEnd(self.spec.full_name, 0, tuple(self.tail), self._log, how)
 
     def end(self) -> NodeEnd:
         """End of the process: exit status or signal."""

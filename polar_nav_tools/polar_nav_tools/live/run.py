@@ -88,7 +88,13 @@ def read_mission(name: str, duration_s: float | None, *, as_recorded: bool = Fal
     mission = load_mission(name)
     if as_recorded:
         mission = mission.with_overrides({'path.as_recorded': True})
-    return mission if duration_s is None else mission.with_duration(duration_s)
+    if duration_s is None:
+        return mission
+    try:
+        return mission.with_duration(duration_s)
+    except ConfigError as error:  # of a value that stands in no file
+        _, named, why = str(error).partition('parameter duration_s: ')
+        raise ConfigError(f'duration: {why}') if named else error from error
 
 
 def new_bag_path(folder: Path, mission: str, seed: int, now: datetime) -> Path:
@@ -125,9 +131,11 @@ def run_live(
     folder: Path,
     *,
     own_domain: bool,
+    network: bool = False,
     on_start: Callable[[Graph, str], None] | None = None,
     on_progress: Callable[[float, float], None] | None = None,
     on_line: Callable[[str, str], None] | None = None,
+    on_problem: Callable[[str], None] | None = None,
 ) -> LiveRun:
     """Result of a mission's graph, run until its end, a signal or the death of a node.
 
@@ -142,9 +150,11 @@ def run_live(
         folder.
     own_domain : bool
         Keep to a ROS domain of its own unless the user has set one.
+    network : bool
+        Let other hosts see the graph; it keeps to the loopback interface otherwise.
     on_start : callable, optional
         Called with the graph and the domain id before the nodes start.
-    on_progress, on_line : callable, optional
+    on_progress, on_line, on_problem : callable, optional
         As in :class:`Supervisor`.
 
     Raises
@@ -155,7 +165,7 @@ def run_live(
     bag = options.bag
     run_dir = _scratch(bag) if bag is not None else folder
     graph = prepare_graph(mission, options, run_dir)
-    env = graph_environment(run_dir, own_domain=own_domain)
+    env = graph_environment(run_dir, own_domain=own_domain, network=network)
     domain_id = env.get('ROS_DOMAIN_ID') or '0'
     if on_start is not None:
         on_start(graph, domain_id)
@@ -165,6 +175,7 @@ def run_live(
         env,
         on_progress=on_progress,
         on_line=on_line,
+        on_problem=on_problem,
         truth_last=options.pace == 'realtime',
     )
     try:

@@ -20,7 +20,8 @@ from pathlib import Path
 from types import FrameType, TracebackType
 
 from ..graph.spec import NodeSpec, Stage
-from .node_process import COUNTS, PROGRESS, READY, NodeEnd, NodeProcess
+from .node_process import ALIVE, COUNTS, PROGRESS, READY, NodeEnd, NodeProcess
+from .silence import SilenceWatch
 
 _POLL_S = 0.1
 _READY_PATIENCE_S = 60.0
@@ -120,6 +121,8 @@ class Supervisor:
         Called with simulated and total time [s] as the truth node reports them.
     on_line : callable, optional
         Called with node name and line for all other output.
+    on_problem : callable, optional
+        Called with a sentence on a node that does not answer.
     truth_last : bool
         Start the truth node when all others have said that they are ready. At the pace realtime,
         where it waits for nobody, they would miss the beginning.
@@ -133,6 +136,7 @@ class Supervisor:
         *,
         on_progress: Callable[[float, float], None] | None = None,
         on_line: Callable[[str, str], None] | None = None,
+        on_problem: Callable[[str], None] | None = None,
         truth_last: bool = False,
     ) -> None:
         self._nodes = sorted(nodes, key=lambda spec: -spec.stage)
@@ -140,11 +144,13 @@ class Supervisor:
         self._env = env
         self._on_progress = on_progress
         self._on_line = on_line
+        self._on_problem = on_problem
         self._truth_last = truth_last
         self._ready: set[str] = set()
         self._counts: dict[str, Mapping[str, Mapping[str, int]]] = {}
         self._children: list[NodeProcess] = []
         self._selector = selectors.DefaultSelector()
+        self._silence = SilenceWatch()
 
     def pids(self) -> dict[str, int]:
         """Process id of each node that was started."""
@@ -204,7 +210,7 @@ class Supervisor:
             self._pump(0.0)
         while interrupts.count == 0:
             self._pump(_POLL_S)
-            died = self._died()
+            died = self._died() or self._hung()
             if died is not None and interrupts.count == 0:
                 return died
             if any(c.process.poll() is not None for c in self._of(Stage.TRUTH)):
@@ -220,10 +226,23 @@ class Supervisor:
         waiting = {child.spec.full_name for child in self._children}
         while interrupts.count == 0 and time.monotonic() < deadline and waiting - self._ready:
             self._pump(_POLL_S)
-            died = self._died()
+            died = self._died() or self._hung()
             if died is not None:
                 return died
+        for name in sorted(waiting - self._ready if interrupts.count == 0 else ()):
+            self._tell(name, f'is not ready after {_READY_PATIENCE_S:.0f} s; not waiting for it')
         return None
+
+    def _hung(self) -> NodeEnd | None:
+        """Node that has not answered for too long, or None; names those on the way there."""
+        said, lost = self._silence.look(time.monotonic(), self._children)
+        for name, sentence in said:
+            self._tell(name, sentence)
+        return None if lost is None else lost.node.hung(lost.how())
+
+    def _tell(self, name: str, sentence: str) -> None:
+        if self._on_problem is not None:
+            self._on_problem(f'node {name} {sentence}')
 
     def _died(self) -> NodeEnd | None:
         """Node that ended too early, or None."""
@@ -303,7 +322,7 @@ class Supervisor:
             self._ready.add(name)
         elif line.startswith(COUNTS):
             self._counts[name] = json.loads(line.removeprefix(COUNTS))
-        elif self._on_line is not None:
+        elif self._on_line is not None and not line.startswith(ALIVE):
             self._on_line(name, line)
 
 

@@ -11,7 +11,8 @@ sense:
   wall clock stamp of a diagnostic message does no harm.
 
 In both, log time never goes back, and messages of one topic keep the order in which they arrived.
-Publish time is the header stamp, the time of validity, where there is one, else the log time.
+Publish time is the header stamp, the time of validity, where there is one, else the log time; and
+never later than that.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from typing import Any
 
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.params import NodeParams, choice, flag, param, text, texts
+from polar_nav_core.user_files import read_text
 
 from ..bags.qos import Qos
 from ..bags.schemas import definition, normalize
@@ -110,12 +112,12 @@ def parse_run_info(given: str) -> dict[str, Any]:
     if not given.lstrip().startswith('{'):
         where = f'parameter run_info: file {given}'
         try:
-            content = Path(given).read_text(encoding='utf-8')
-        except (OSError, UnicodeDecodeError) as error:
+            content = read_text(Path(given))
+        except ConfigError as error:
             raise ConfigError(f'{where} cannot be read ({error})') from error
     try:
         info = json.loads(content)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise ConfigError(f'{where} is not JSON ({error})') from error
     if not isinstance(info, dict):
         raise ConfigError(f'{where} is not a JSON object')
@@ -303,7 +305,8 @@ class Recording:
             time_ns = w.key if not self._simulated else min(w.key, self._now_ns)
             self._last_ns = time_ns = max(time_ns, self._last_ns)
             self._declare(w.topic)
-            publish_ns = w.stamp_ns if w.stamp_ns and w.stamp_ns > 0 else time_ns
+            # A stamp may lie ahead of the clock that messages are filed by; a publication cannot.
+            publish_ns = min(w.stamp_ns, time_ns) if w.stamp_ns else time_ns
             self._writer.write(w.topic, w.data, time_ns, publish_ns)
 
     def _declare(self, topic: str) -> None:

@@ -37,7 +37,7 @@ from ..bags.tables import read_tables
 from ..series.vehicle import TruthSeries
 from .constants import mode_table, require_same
 from .fix_columns import packets_of, refusals_of
-from .recorded import choose_follower, decoded, event_key, refusal_key
+from .recorded import choose_follower, decoded, event_key, refusal_key, taken_counts
 
 Progress = Callable[[float], None]
 
@@ -350,7 +350,7 @@ def _limits(ends: Sequence[Any]) -> dict[str, int]:
     """Number of messages per full topic name received by the node at its end; empty without."""
     if not ends:
         return {}
-    return dict(zip(ends[-1].taken_topics, map(int, ends[-1].taken_counts), strict=True))
+    return taken_counts(ends[-1])
 
 
 def _renumber_modes(dvl: Columns, bag: Bag, topic: str) -> None:

@@ -17,8 +17,9 @@ from pathlib import Path
 from typing import Any
 
 from polar_nav_core.engine.version import ENGINE_VERSION
-from polar_nav_core.errors import PolarNavError
+from polar_nav_core.errors import ConfigError, PolarNavError
 from polar_nav_core.params import to_mapping
+from polar_nav_core.user_files import read_text, writing
 
 from ..bags.reader import Bag
 from ..live.run_info import cpu_identity, git_commit, lock_sha256, versions
@@ -72,7 +73,8 @@ class Certificate:
 
     def write(self, path: Path) -> None:
         """Write it as JSON."""
-        path.write_text(json.dumps(self.to_dict(), indent=1) + '\n', encoding='utf-8')
+        with writing(path):
+            path.write_text(json.dumps(self.to_dict(), indent=1) + '\n', encoding='utf-8')
 
 
 @dataclass(frozen=True)
@@ -200,8 +202,8 @@ def read_certificate(path: Path) -> Certificate:
         For a file that is none, or of a version that is not known here.
     """
     try:
-        content = json.loads(path.read_text(encoding='utf-8'))
-    except (ValueError, OSError) as error:
+        content = json.loads(read_text(path))
+    except (ValueError, RecursionError, ConfigError) as error:
         raise CertificateError(f'{path}: not a certificate: {error}') from error
     if not isinstance(content, dict) or content.get('format') != FORMAT:
         raise CertificateError(f'{path}: not a certificate: format is not {FORMAT!r}')

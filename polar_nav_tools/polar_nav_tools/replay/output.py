@@ -7,12 +7,11 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from polar_nav_core.engine.health.span import span_of_health
 from polar_nav_core.engine.version import ENGINE_VERSION
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.params import to_mapping, unknown_parameter
+from polar_nav_core.user_files import parse_yaml
 from polar_nav_follower.params import FollowerParams
 from polar_nav_ros.topics import CURRENT, HEALTH, IDENTIFICATION, MODEL, RECEIPT, STATE, of_vehicle
 
@@ -41,10 +40,7 @@ def parse_changes(texts: Sequence[str]) -> dict[str, Any]:
             raise ConfigError(f'--set {text!r}: expected name=value')
         if name not in kinds:
             raise ConfigError(unknown_parameter(name, 'follower_node', kinds))
-        try:
-            changes[name] = _typed(yaml.safe_load(value), kinds[name])
-        except yaml.YAMLError as error:
-            raise ConfigError(f'--set {text!r}: {value!r} is not a value: {error}') from error
+        changes[name] = _typed(parse_yaml(value, f'--set {name}'), kinds[name])
     return changes
 
 

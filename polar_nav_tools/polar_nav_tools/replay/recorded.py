@@ -148,7 +148,7 @@ def load_inputs(
         if topic == topics.DVL and modes is not None:
             message.velocity_mode = int(modes[message.velocity_mode])
         if topic == topics.COMMAND and message.kind == CommandKind.SHUTDOWN:
-            limits = dict(zip(message.taken_topics, map(int, message.taken_counts), strict=True))
+            limits = taken_counts(message)
         else:
             messages.append((topic, message))
     receipt_topic = f'/{name}/{topics.RECEIPT}'
@@ -222,6 +222,23 @@ def decoded(bag: Bag, topic: str, data: bytes, msg_type: type[Any]) -> Any:  # n
         return deserialize_message(data, msg_type)
     except (RuntimeError, ValueError, MemoryError) as error:
         raise BagError(f'{bag.path}: a message on {topic} is not a {msg_type.__name__}') from error
+
+
+def taken_counts(shutdown: Command) -> dict[str, int]:
+    """Messages per full topic name that a node had received at its end, from its last command.
+
+    Raises
+    ------
+    BagError
+        When the command has not one count for each topic: its bytes were changed.
+    """
+    names, counts = list(shutdown.taken_topics), [int(n) for n in shutdown.taken_counts]
+    if len(names) != len(counts):
+        raise BagError(
+            f'the last message on {topics.COMMAND} is damaged: it names {len(names)} topics and '
+            f'{len(counts)} counts'
+        )
+    return dict(zip(names, counts, strict=True))
 
 
 def _up_to(messages: list[tuple[str, Any]], limits: Mapping[str, int]) -> list[tuple[str, Any]]:

@@ -11,6 +11,8 @@ from pathlib import Path
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup, escape
 
+from polar_nav_core.user_files import writing
+
 from ..scoring import Column, Comparison, Table
 from .figures import (
     Clock,
@@ -58,7 +60,8 @@ def write_report(path: str | os.PathLike[str], data: ReportInput) -> Path:
     draft = path.with_name(f'.{path.name}.{os.getpid()}.part')
     path.parent.mkdir(parents=True, exist_ok=True)
     try:
-        draft.write_text(text, encoding='utf-8')
+        with writing(draft):
+            draft.write_text(text, encoding='utf-8')
         draft.replace(path)
     finally:
         draft.unlink(missing_ok=True)

@@ -1,0 +1,32 @@
+"""Words that options take, for their help: written out, since their modules load the compiler.
+
+A test compares each with the module that decides.
+"""
+
+from __future__ import annotations
+
+from polar_nav_sim.resources import mission_names
+
+PACES = ('lockstep', 'realtime')
+LEADERS = ('perfect', 'own')
+FORMATS = ('tum', 'csv')
+FRAMES = ('ecef', 'enu', 'grid')
+CONFIGURATIONS = (
+    'conventional_akf',
+    'modified_akf',
+    'conventional_akf_published',
+    'modified_akf_published',
+    'default',
+    'published',
+    'ignore',
+    'tagged',
+    'back_propagate',
+    'clone',
+    'rewind',
+)
+MISSIONS = ', '.join(mission_names())
+
+
+def one_of(words: tuple[str, ...]) -> str:
+    """Placeholder of an option in a help: its words."""
+    return '|'.join(words)
