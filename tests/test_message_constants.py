@@ -27,6 +27,7 @@ FROZEN = {
         'IN_FLIGHT': 10,
         'NOT_READY': 11,
         'BAD_FORMAT': 12,
+        'IMPLAUSIBLE': 13,
     },
     'Identification': {
         'ACCEPTED': 0,

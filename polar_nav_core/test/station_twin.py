@@ -14,7 +14,7 @@ from scipy.integrate import solve_ivp
 from polar_nav_core import attitude, earth, grid
 from polar_nav_core.engine.events import Fix
 from polar_nav_core.engine.inputs import StationInputs
-from polar_nav_core.engine.params import EngineParams
+from polar_nav_core.engine.params import NO_COMMON_ERRORS, EngineParams
 from polar_nav_core.identification.polar_fix import PolarFix
 
 START_NS = 1_000_000_000
@@ -241,6 +241,7 @@ def params(**changes):
     base = EngineParams(
         mode='station',
         configuration='default',
+        **NO_COMMON_ERRORS,
         station_latitude_deg=LATITUDE_DEG,
         station_longitude_deg=LONGITUDE_DEG,
         station_height=-DEPTH,

@@ -67,6 +67,6 @@ def test_control(data):
     n = data.draw(st.integers(0, 8))
     force_b, torque_b = columns(data.draw, n, 3), columns(data.draw, n, 3)
     samples = [ControlSample(k, k, force_b[k], torque_b[k]) for k in range(n)]
-    assert refusals.usable_control(force_b, torque_b).tolist() == one_by_one(SINS, samples)
+    assert refusals.usable_control(SINS, force_b, torque_b).tolist() == one_by_one(SINS, samples)
     samples = [ControlSample(k, k, force_b[k], np.zeros(3)) for k in range(n)]
-    assert refusals.usable_control(force_b).tolist() == one_by_one(SINS, samples)
+    assert refusals.usable_control(SINS, force_b).tolist() == one_by_one(SINS, samples)

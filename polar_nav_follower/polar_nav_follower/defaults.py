@@ -139,12 +139,16 @@ _FIRST: dict[str, Any] = {
     'station_longitude_deg': 120.0,
     'station_packet_bits': 192.0,
     'station_position_noise': 0.002,
+    'station_position_sigma': 0.0,
     'station_processing_s': 0.2,
     'station_range_error': 0.01,
     'station_range_quantum': 0.5,
+    'station_range_scale_sigma': 0.0,
     'station_robust_probability': 0.99,
     'station_sound_speed': 1500.0,
+    'station_turn_sigma_deg': 0.0,
     'station_validity': 'packet',
+    'thrust_limit_n': 1e300,
     'thrust_timeout_s': 2.0,
     'transponder_lever_b': (0.0, 0.0, 0.0),
     'usbl_bias_sigma': 0.0,
@@ -171,6 +175,10 @@ _SINCE: dict[int, dict[str, Any]] = {
     },
     3: {
         'leader_error_tau': 3600.0,
+        'station_position_sigma': 10.0,
+        'station_range_scale_sigma': 0.005,
+        'station_turn_sigma_deg': 0.5,
+        'thrust_limit_n': 1000.0,
     },
 }
 """By engine version: what changed with it. A version with new defaults counts up (version.py)."""

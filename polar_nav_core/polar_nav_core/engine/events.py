@@ -49,6 +49,7 @@ class Verdict(IntEnum):
     IN_FLIGHT = 10
     NOT_READY = 11
     BAD_FORMAT = 12
+    IMPLAUSIBLE = 13
 
 
 @dataclass(frozen=True)

@@ -97,6 +97,9 @@ NO_COMMON_ERRORS: dict[str, float] = dict.fromkeys(
         'dvl_lever_sigma',
         'dvl_latency_sigma',
         'depth_offset_sigma',
+        'station_range_scale_sigma',
+        'station_turn_sigma_deg',
+        'station_position_sigma',
     ),
     0.0,
 )

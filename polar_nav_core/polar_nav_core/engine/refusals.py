@@ -33,7 +33,7 @@ def unusable_local(
     if isinstance(event, ImuSample):
         return _unusable_imu(params, event, last_imu_ns)
     if isinstance(event, ControlSample):
-        return _unusable_control(event)
+        return _unusable_control(params, event)
     if isinstance(event, DvlPing):
         return _unusable_dvl(event)
     return _unusable_depth(event)
@@ -67,15 +67,20 @@ def usable_imu(stamps_ns: Stamps, omega_ib_b: Array, other: Array) -> Bools:
     return usable
 
 
-def _unusable_control(sample: ControlSample) -> Refusal | None:
-    if np.isfinite(sample.force_b).all() and np.isfinite(sample.torque_b).all():
-        return None
-    return Verdict.NOT_FINITE, 'force or torque is not finite'
+def _unusable_control(params: EngineParams, sample: ControlSample) -> Refusal | None:
+    if not (np.isfinite(sample.force_b).all() and np.isfinite(sample.torque_b).all()):
+        return Verdict.NOT_FINITE, 'force or torque is not finite'
+    largest = float(np.abs(sample.force_b).max())
+    if largest > params.thrust_limit_n:
+        limit = f'thrust_limit_n is {params.thrust_limit_n:g} N'
+        return Verdict.IMPLAUSIBLE, f'a force of {largest:.4g} N, {limit}'
+    return None
 
 
-def usable_control(force_b: Array, torque_b: Array | None = None) -> Bools:
-    """Mask (n,) of usable thrusts: force (n, 3) finite, and torque (n, 3) where there is one."""
-    return _finite(force_b) if torque_b is None else _finite(force_b) & _finite(torque_b)
+def usable_control(params: EngineParams, force_b: Array, torque_b: Array | None = None) -> Bools:
+    """Mask (n,) of usable thrusts: force (n, 3) within its limit, torque (n, 3) finite if any."""
+    good = np.asarray((np.abs(force_b) <= params.thrust_limit_n).all(axis=1))
+    return good if torque_b is None else good & _finite(torque_b)
 
 
 def _unusable_dvl(ping: DvlPing) -> Refusal | None:

@@ -166,8 +166,8 @@ def _arrays_of(
     params: EngineParams, inputs: Inputs | StationInputs, collector: Collector[Any]
 ) -> WholeArrays:
     if isinstance(inputs, StationInputs):
-        return StationArrays(inputs, collector.rows)
-    return SinsArrays(inputs, collector.rows, model_aiding=params.model_aiding)
+        return StationArrays(params, inputs, collector.rows)
+    return SinsArrays(params, inputs, collector.rows)
 
 
 class _Driver:

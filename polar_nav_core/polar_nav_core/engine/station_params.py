@@ -48,6 +48,28 @@ class StationParams(NodeParams):
         'none. 0: none, and none is estimated',
     )
     station_heading_tau: float = param(3600.0, 's', 1.0, 1e7, 'Its correlation time')
+    station_range_scale_sigma: float = param(
+        0.005,
+        '',
+        0.0,
+        0.5,
+        '1-sigma of a scale error that all ranges share: sound speed off by 7.5 m/s',
+    )
+    station_turn_sigma_deg: float = param(
+        0.5,
+        'deg',
+        0.0,
+        90.0,
+        "1-sigma of the station's array being turned, the same in every fix: mounting and compass",
+    )
+    station_position_sigma: float = param(
+        10.0,
+        'm',
+        0.0,
+        1e5,
+        "1-sigma per horizontal axis of the station's stated position: GNSS at the surface and a "
+        'mooring that leans',
+    )
     station_validity: str = choice(
         'packet',
         ('packet', 'travel_time'),

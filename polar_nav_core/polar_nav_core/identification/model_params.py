@@ -56,8 +56,20 @@ class ModelParams(NodeParams):
     model_velocity_tau: float = param(
         15.0, 's', 0.0, 3600.0, 'How long such an error lasts (correlation time)'
     )
+    thrust_limit_n: float = param(
+        1000.0,
+        'N',
+        1.0,
+        1e300,
+        'Largest force per axis of a thrust that is used; the one before holds on instead',
+    )
     thrust_timeout_s: float = param(
-        2.0, 's', 0.01, 3600.0, 'A thrust without a newer one counts as unknown after this'
+        2.0,
+        's',
+        0.01,
+        3600.0,
+        'A thrust without a newer one counts as unknown after this; in station mode it holds '
+        'on, with the noise of a guess',
     )
     bottom_lock_timeout_s: float = param(
         1.5, 's', 0.05, 60.0, 'Model aiding: without a good DVL ping for longer, lock is lost'

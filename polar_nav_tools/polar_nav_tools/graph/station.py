@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from polar_nav_core import earth
 from polar_nav_core.engine.configurations import STATION, STATION_VARIANTS
+from polar_nav_core.engine.params import NO_COMMON_ERRORS
 from polar_nav_core.errors import ConfigError
 from polar_nav_ros import topics
 from polar_nav_sim.initial_state import InitialSigma
@@ -123,6 +124,8 @@ def station_nodes(mission: Mission, vehicle: str, options: GraphOptions) -> list
 def _follower_node(mission: Mission, vehicle: str, options: GraphOptions) -> NodeSpec:
     lockstep = options.pace == 'lockstep'
     parameters: dict[str, ParameterValue] = {
+        # The simulated station knows where it is, and which way its array looks.
+        **NO_COMMON_ERRORS,
         'mode': STATION,
         **STATION_VARIANTS[options.configuration],
         'leader_id': LEADER_ID,

@@ -80,6 +80,7 @@ _LOOKS = {
     'BAD_CRC': VerdictLook('damaged', 'X'),
     'BAD_MAC': VerdictLook('damaged', '*'),
     'BAD_FORMAT': VerdictLook('damaged', 'd'),
+    'IMPLAUSIBLE': VerdictLook('damaged', 'p'),
     'UNKNOWN_SOURCE': VerdictLook('aside', 'h'),
     'IN_FLIGHT': VerdictLook('aside', 'o', filled=False),
     'NOT_READY': VerdictLook('aside', '^', filled=False),

@@ -25,6 +25,7 @@ _MEANING = {
     'TOO_LATE': 'refused: later events were already processed',
     'FROM_FUTURE': 'refused: valid after it was received',
     'NOT_FINITE': 'refused: numbers that cannot be used',
+    'IMPLAUSIBLE': 'refused: beyond what its sensor can say',
     'BAD_CRC': 'refused: damaged on the way',
     'BAD_MAC': 'refused: authentication failed',
     'UNKNOWN_SOURCE': 'refused: not from our leader, or not for this vehicle',

@@ -14,6 +14,7 @@ from ...kernels.sins.update import Ints
 from ..driver import Adaptation, Driver
 from ..events import Event, Fix, ImuSample
 from ..inputs import Inputs, at_least_one, new_seconds, rows_of
+from ..params import EngineParams
 from ..refusals import usable_control, usable_depth, usable_dvl, usable_imu
 from ..results import Outcome
 from .filter import NavigationFilter
@@ -26,11 +27,10 @@ class SinsArrays:
 
     Parameters
     ----------
+    params : EngineParams
     inputs : Inputs
     rows : Rows
         That the loop writes.
-    model_aiding : bool
-        Whether the filter needs the thrust.
 
     Attributes
     ----------
@@ -45,12 +45,12 @@ class SinsArrays:
     filter: NavigationFilter
     _fusion: Fusion
 
-    def __init__(self, inputs: Inputs, rows: fs.Rows, *, model_aiding: bool) -> None:
+    def __init__(self, params: EngineParams, inputs: Inputs, rows: fs.Rows) -> None:
         x, self._rows = inputs, rows
         imu = usable_imu(x.imu_stamps_ns, x.omega_ib_b, x.f_b)
         dvl = x.dvl_valid & usable_dvl(x.dvl_valid, x.dvl_v_m, x.dvl_covariance_m)
         depth = usable_depth(x.depth, x.depth_variance)
-        control = usable_control(x.control_force_b, x.control_torque_b)
+        control = usable_control(params, x.control_force_b, x.control_torque_b)
         self.first = x.imu_sample(int(np.argmax(imu))) if imu.any() else None
         self.unusable: list[Event] = [
             *(x.imu_sample(int(k)) for k in np.flatnonzero(~imu)),
@@ -63,7 +63,7 @@ class SinsArrays:
         control_stamps = rows_of(x.control_stamps_ns, control)
         self._depths, self._pings = len(depth_stamps), len(dvl_stamps)
         self._controls = len(control_stamps)
-        controls = self._controls if model_aiding else 0
+        controls = self._controls if params.model_aiding else 0
         counts = [len(imu_stamps), self._depths, self._pings, 0, controls]
         self._streams = fs.Streams(
             counts=np.array(counts, dtype=np.int64),

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.special import gammaincinv
 
 from ... import grid
+from ...kernels import watch
 from ...kernels.station import state as ss
 from ...order import ROBUST_FIXES
 from ..params import EngineParams
@@ -33,6 +34,17 @@ def densities_of_motion(p: EngineParams) -> tuple[float, float, float]:
     )
 
 
+def common_sigmas(p: EngineParams) -> np.ndarray:
+    """1-sigma of each common error, shape (COMMON,); none in the published filter."""
+    sigma = np.zeros(ss.COMMON)
+    if p.station_filter != 'published':
+        sigma[ss.RANGE_SCALE] = p.station_range_scale_sigma
+        sigma[ss.TURN] = math.radians(p.station_turn_sigma_deg)
+        sigma[ss.OFFSET : ss.OFFSET + 2] = p.station_position_sigma
+        sigma[ss.DEPTH_ZERO] = p.depth_offset_sigma
+    return sigma
+
+
 def make_settings(p: EngineParams) -> ss.Settings:
     """Settings of the compiled filter from the parameters, constant during a run."""
     c = p.resolved()
@@ -41,6 +53,7 @@ def make_settings(p: EngineParams) -> ss.Settings:
     published = p.station_filter == 'published'
     smoothing = 0.0 if published else p.station_attitude_smoothing_s
     q_v, q_xy, q_z = p.published_noise if published else densities_of_motion(p)
+    common = common_sigmas(p)
     C_e_A = np.ascontiguousarray(grid.ecef_to_grid(origin_e))
     return ss.Settings(
         inertia=model.inertia,
@@ -73,6 +86,10 @@ def make_settings(p: EngineParams) -> ss.Settings:
         lever_fix_b=np.array(p.transponder_lever_b),
         lever_depth_b=np.array(p.depth_lever_b),
         max_step_s=MAX_STEP_S,
+        common=common,
+        shares=bool(common.any()),
+        reopen_ns=round(p.reopen_after_s * 1e9),
+        thrust_ns=round(p.thrust_timeout_s * 1e9),
         snapshot_every=SNAPSHOT_EVERY,
         output_ns=round(p.output_period_s * 1e9),
     )
@@ -85,6 +102,8 @@ def make_bank(members: int) -> ss.Bank:
         P=np.zeros((members, ss.N, ss.N)),
         log_weight=np.zeros(members),
         weight=np.full(members, 1.0 / members),
+        S=np.zeros((members, ss.N, ss.COMMON)),
+        memories=np.zeros((watch.STREAMS, watch.MEMORIES, watch.WIDTH)),
         flat=np.zeros(ss.FLAT),
         counters=np.zeros(ss.COUNTERS, dtype=np.int64),
         tally=np.zeros((2, 3)),
@@ -132,6 +151,8 @@ def make_log(length_s: float, members: int, *, snapshots: bool, jumps: bool) -> 
         P=np.zeros((kept, members, ss.N, ss.N)),
         log_weight=np.zeros((kept, members)),
         weight=np.zeros((kept, members)),
+        S=np.zeros((kept, members, ss.N, ss.COMMON)),
+        memories=np.zeros((kept, watch.STREAMS, watch.MEMORIES, watch.WIDTH)),
         flat=np.zeros((kept, ss.FLAT)),
         counters=np.zeros((kept, ss.COUNTERS), dtype=np.int64),
     )
@@ -179,6 +200,11 @@ def make_work(members: int) -> ss.Work:
         'A': (ss.N, ss.N + 2),
         'z': (members, 2),
         'S': (members, 3),
+        'wide': (members, 3),
+        'J': (members, 2, ss.COMMON),
+        'common': (ss.N, ss.COMMON),
+        'z3': (3,),
+        'S3': (3, 3),
         'PHt': (members, 2, ss.N),
         'inflation': (members,),
         'nis': (4,),

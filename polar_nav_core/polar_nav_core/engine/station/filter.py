@@ -31,6 +31,7 @@ from ..params import EngineParams
 from ..results import Outcome
 from . import arrays
 
+_NOT_DEFINITE = 'a variance of the filter is not positive and finite'
 _IDENTIFIED = ('drag_linear', 'drag_quadratic', 'current_x', 'current_y', 'heading_bias')
 
 
@@ -127,8 +128,13 @@ class StationFilter:
             )
         )
         if code == ss.NOT_DEFINITE:
-            raise FilterDivergence('a variance of the filter is not positive and finite')
+            raise FilterDivergence(_NOT_DEFINITE)
         return code
+
+    def check(self) -> None:
+        """Raise FilterDivergence when a variance is not positive or the state not finite."""
+        if not run.healthy(self.bank, self.settings):
+            raise FilterDivergence(_NOT_DEFINITE)
 
     def put_imu(self, sample: ImuSample) -> None:
         """Append an IMU sample to its stream."""
@@ -222,6 +228,12 @@ class StationFilter:
         off = b.x - mean
         P = np.einsum('m,mij->ij', b.weight, b.P) + np.einsum('m,mi,mj->ij', b.weight, off, off)
         return mean, P
+
+    def published_mixture(self) -> tuple[Array, Array]:
+        """Mean (12,) and covariance (12, 12) of the bank, with the common errors."""
+        mean, P = self.mixture()
+        S = np.einsum('m,mik->ik', self.bank.weight, self.bank.S) * self.settings.common
+        return mean, P + np.einsum('ik,jk->ij', S, S)
 
     def estimate(self, fixes: tuple[int, int, int]) -> Estimate:
         """Estimate at the newest IMU sample, with the local statistics since the last estimate."""

@@ -64,6 +64,8 @@ class StationFusion:
 
     snapshots = False
     jumps = False
+    limit = ''
+    """Why the fix before could not be fused, where it is not the length of the stored past."""
 
     def __init__(self, params: EngineParams, initial: InitialState, stamp_ns: int) -> None:
         self.params = params
@@ -156,6 +158,8 @@ class Forward(StationFusion):
         if first is None:
             return None
         before_ns = int(streams.imu_stamps[(first - 1) % len(streams.imu_stamps)])
+        if self.kind == ss.BACK_PROPAGATE and not self._invertible(first):
+            return None
         row, outcome = fix_row(self.params, _polar(fix)), np.zeros(ss.OUTCOME)
         station_forward.forward_fix(
             f.bank,
@@ -169,8 +173,24 @@ class Forward(StationFusion):
             (when_ns - before_ns) * 1e-9,
             self.kind,
         )
+        f.check()
         result = outcome_of(outcome, float(f.settings.gates[2]))
         return FixResult(result, newest - first)
+
+    def _invertible(self, first: int) -> bool:
+        """Whether the transition since IMU sample number ``first`` may be inverted."""
+        f = self.filter
+        tame = int(station_forward.tame_since(f.bank, f.settings, f.work, f.streams, f.log, first))
+        stamps = f.streams.imu_stamps
+        reach_s = (f.stamp_ns - int(stamps[(tame - 1) % len(stamps)])) * 1e-9
+        self.limit = (
+            ''
+            if tame == first
+            else f'back_propagate reaches back {reach_s:.2f} s here: drag has damped the velocity '
+            'since, and the inverse of that enlarges every error (rewind and clone have no such '
+            'limit)'
+        )
+        return not self.limit
 
     def _sample_after(self, stamp_ns: int) -> int | None:
         """Number of the first IMU sample after a stamp [ns]; None if it is not stored."""

@@ -9,6 +9,7 @@ from ...kernels.station import state as ss
 from ..driver import Adaptation, Driver
 from ..events import Event, ImuSample
 from ..inputs import StationInputs, at_least_one, new_seconds, rows_of
+from ..params import EngineParams
 from ..refusals import usable_control, usable_depth, usable_imu
 from .filter import StationFilter
 from .fusion import StationFusion
@@ -20,6 +21,7 @@ class StationArrays:
 
     Parameters
     ----------
+    params : EngineParams
     inputs : StationInputs
     rows : Rows
         That the loop writes.
@@ -37,12 +39,12 @@ class StationArrays:
     filter: StationFilter
     takes_fixes = False
 
-    def __init__(self, inputs: StationInputs, rows: ss.Rows) -> None:
+    def __init__(self, params: EngineParams, inputs: StationInputs, rows: ss.Rows) -> None:
         x, self._rows = inputs, rows
         self._next = 0  # sample that the identification gets next
         self._thrust = np.zeros(3)
         imu = usable_imu(x.imu_stamps_ns, x.omega_ib_b, x.C_b_G)
-        control = usable_control(x.force_b)
+        control = usable_control(params, x.force_b)
         depth = usable_depth(x.depth, x.depth_variance)
         self.first = x.imu_sample(int(np.argmax(imu))) if imu.any() else None
         if self.first is not None:  # what comes before the state goes the engine's way

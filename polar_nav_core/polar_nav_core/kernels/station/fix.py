@@ -10,6 +10,8 @@ import math
 from ...arrays import Array
 from ..cache import kernel, routine
 from . import state as ss
+from .common import fix_common, subtract_state, widen
+from .reopen import note, open_again, open_gate, opens
 from .state import Bank, Settings, Streams, Work
 from .step import lever_arm, turned
 
@@ -81,6 +83,20 @@ def spread_of(PHt: Array, S: Array, H: Array, P: Array, fix: Array) -> None:
 
 
 @kernel
+def share(b: Bank, c: Settings, w: Work, m: int) -> None:
+    """Innovation covariance of member m with the common errors; w.J as `fix_common` left it.
+
+    w.J becomes what the member's state has not yet taken of them.
+    """
+    if c.shares:
+        subtract_state(w.J[m], w.H, b.S[m], 2)
+        widen(w.wide[m], w.S[m], w.J[m], c.common)
+    else:
+        for k in range(3):
+            w.wide[m, k] = w.S[m, k]
+
+
+@kernel
 def nis_of(z: Array, S: Array) -> float:
     """z^T S^-1 z of two rows."""
     det = S[0] * S[2] - S[1] * S[1]
@@ -90,7 +106,10 @@ def nis_of(z: Array, S: Array) -> float:
 
 @routine
 def judge(b: Bank, c: Settings, w: Work, fix: Array, outcome: Array, at: Array) -> None:
-    """Gate of the whole bank on w.z, w.S: mean innovation, spread of the members included."""
+    """Gate of the whole bank on w.z, w.wide: mean innovation, spread of the members included.
+
+    An innovation covariance that is not positive definite refuses the fix.
+    """
     members = b.x.shape[0]
     z0 = 0.0
     z1 = 0.0
@@ -106,9 +125,9 @@ def judge(b: Bank, c: Settings, w: Work, fix: Array, outcome: Array, at: Array) 
     for m in range(members):
         o0 = w.z[m, 0] - z0
         o1 = w.z[m, 1] - z1
-        s00 += b.weight[m] * (w.S[m, 0] + o0 * o0)
-        s01 += b.weight[m] * (w.S[m, 1] + o0 * o1)
-        s11 += b.weight[m] * (w.S[m, 2] + o1 * o1)
+        s00 += b.weight[m] * (w.wide[m, 0] + o0 * o0)
+        s01 += b.weight[m] * (w.wide[m, 1] + o0 * o1)
+        s11 += b.weight[m] * (w.wide[m, 2] + o1 * o1)
     outcome[ss.Z0] = z0
     outcome[ss.Z1] = z1
     outcome[ss.S00] = s00
@@ -118,7 +137,10 @@ def judge(b: Bank, c: Settings, w: Work, fix: Array, outcome: Array, at: Array) 
     outcome[ss.NIS] = nis
     outcome[ss.DECIDED] = ss.FUSED if nis <= c.gates[2] else ss.REFUSED
     for m in range(members):
-        squared = nis_of(w.z[m], w.S[m]) / c.robust_threshold
+        S = w.S[m]
+        if not (S[0] > 0.0 and S[0] * S[2] > S[1] * S[1] and abs(nis) < math.inf):
+            outcome[ss.DECIDED] = ss.REFUSED
+        squared = nis_of(w.z[m], w.wide[m]) / c.robust_threshold
         factor = 1.0
         if squared > 1.0 and c.robust == ss.ROBUST_MAHALANOBIS:
             factor = squared
@@ -162,6 +184,9 @@ def take_in(b: Bank, c: Settings, w: Work, jumps: Array) -> None:
             for j in range(i + 1):
                 P[i, j] -= k0 * h0[j] + k1 * h1[j]
                 P[j, i] = P[i, j]
+            if c.shares:
+                for j in range(ss.COMMON):
+                    b.S[m, i, j] += k0 * w.J[m, 0, j] + k1 * w.J[m, 1, j]
         log_likelihood = -0.5 * (y0 * z0 + y1 * z1 + math.log(det))
         b.log_weight[m] = c.forgetting * b.log_weight[m] + log_likelihood
     weigh(b)
@@ -214,20 +239,34 @@ def fix_event(
     know_station(b, fix)
     lever_arm(b, w, streams, b.counters[ss.IMU] - 1, c.lever_fix_b)
     kept = frozen and outcome[ss.DECIDED] != ss.UNDECIDED
+    if kept and outcome[ss.OPENING] > 0.0:
+        open_again(b, outcome, stamp)
     for m in range(b.x.shape[0]):
         if not kept:
             for j in range(ss.N):
                 points[m, j] = b.x[m, j]
         fix_rows(w.z[m], w.H, fix, points[m], dt, w)
+        fix_common(w.J[m], w.H, fix[ss.RANGE])
         spread_of(w.PHt[m], w.S[m], w.H, b.P[m], fix)
+        share(b, c, w, m)
         if kept:
             for a in range(2):
                 for j in range(ss.N):
                     w.z[m, a] -= w.H[a, j] * (b.x[m, j] - points[m, j])
             w.inflation[m] = streams.fix_inflations[k, m]
     if not kept:
+        outcome[ss.OPENING] = 0.0
         judge(b, c, w, fix, outcome, points)
+        if outcome[ss.DECIDED] == ss.REFUSED and opens(b, c, w, outcome, stamp):
+            open_gate(b, outcome, stamp)
+            for m in range(b.x.shape[0]):
+                fix_rows(w.z[m], w.H, fix, points[m], dt, w)
+                fix_common(w.J[m], w.H, fix[ss.RANGE])
+                spread_of(w.PHt[m], w.S[m], w.H, b.P[m], fix)
+                share(b, c, w, m)
+            judge(b, c, w, fix, outcome, points)
         for m in range(b.x.shape[0]):
             streams.fix_inflations[k, m] = w.inflation[m]
+    note(b, w, outcome, w.v3[0], w.v3[1])
     if outcome[ss.DECIDED] == ss.FUSED:
         take_in(b, c, w, jumps)

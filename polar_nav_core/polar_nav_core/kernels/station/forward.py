@@ -10,27 +10,14 @@ import math
 from ...arrays import Array
 from ..cache import kernel, routine
 from . import state as ss
-from .fix import fix_rows, judge, know_station, spread_of, take_in
+from .common import fix_common, transform
+from .fix import fix_rows, judge, know_station, share, spread_of, take_in
+from .reopen import note, open_gate, opens
 from .state import Bank, Log, Settings, Streams, Work
 from .step import lever_arm, prepare_step, slopes
 
-
-@kernel
-def transform(
-    V: Array, h: float, f_drag: float, f_share: float, g_x: float, g_y: float, w: Work
-) -> None:
-    """V <- F V for the columns of V (12, 13); slopes as `slopes` left them."""
-    F, R = w.F, w.R
-    for j in range(V.shape[1]):
-        v0 = V[0, j]
-        v1 = V[1, j]
-        v2 = V[2, j]
-        for i in range(3):
-            V[i, j] += h * (F[i, 0] * v0 + F[i, 1] * v1 + F[i, 2] * v2)
-            V[3 + i, j] += h * (R[i, 0] * v0 + R[i, 1] * v1 + R[i, 2] * v2)
-        V[0, j] += h * (f_drag * V[ss.DRAG, j] + f_share * V[ss.SHARE, j])
-        V[3, j] += h * (V[ss.CURRENT, j] + g_x * V[ss.HEADING, j])
-        V[4, j] += h * (V[ss.CURRENT + 1, j] + g_y * V[ss.HEADING, j])
+MOST_DECAY = math.log(1e6)
+"""`back_propagate` takes no fix since whose validity drag has damped a velocity more than that."""
 
 
 @kernel
@@ -123,9 +110,12 @@ def published_fix(
     w.S[0, 0] = b.P[0, 3, 3] + c.fix_variance
     w.S[0, 1] = b.P[0, 3, 4]
     w.S[0, 2] = b.P[0, 4, 4] + c.fix_variance
+    for k in range(3):
+        w.wide[0, k] = w.S[0, k]
     judge(b, c, w, fix, outcome, b.x)
     outcome[ss.DISTANCE] = 1.0  # the innovation is in metres, along x and y
     outcome[ss.AZIMUTH] = 0.0
+    note(b, w, outcome, 0.0, 0.0)
     if outcome[ss.DECIDED] == ss.FUSED:
         take_in(b, c, w, log.jumps)
 
@@ -159,12 +149,38 @@ def forward_fix(
         published_fix(b, c, w, streams, log, fix, outcome, first, kind)
         return
     know_station(b, fix)
+    outcome[ss.OPENING] = 0.0
+    _fill_rows(b, c, w, streams, log, fix, first, dt, kind)
+    judge(b, c, w, fix, outcome, b.x)
+    if outcome[ss.DECIDED] == ss.REFUSED and opens(b, c, w, outcome, b.counters[ss.STAMP]):
+        open_gate(b, outcome, b.counters[ss.STAMP])
+        _fill_rows(b, c, w, streams, log, fix, first, dt, kind)
+        judge(b, c, w, fix, outcome, b.x)
+    note(b, w, outcome, w.v3[0], w.v3[1])
+    if outcome[ss.DECIDED] == ss.FUSED:
+        take_in(b, c, w, log.jumps)
+
+
+@kernel
+def _fill_rows(
+    b: Bank,
+    c: Settings,
+    w: Work,
+    streams: Streams,
+    log: Log,
+    fix: Array,
+    first: int,
+    dt: float,
+    kind: int,
+) -> None:
+    """Innovations, rows and innovation covariances of all members, as `forward_fix` has them."""
     now = first == b.counters[ss.IMU]
     n = log.points.shape[0]
     for m in range(b.x.shape[0]):
         lever_arm(b, w, streams, first - 1, c.lever_fix_b)
         at = b.x[m] if now else log.points[first % n, m]
         fix_rows(w.z[m], w.H, fix, at, dt, w)
+        fix_common(w.J[m], w.H, fix[ss.RANGE])
         if not now and kind != ss.IGNORE:
             walk(b, c, w, streams, log, m, first, kind == ss.BACK_PROPAGATE)
             if kind == ss.BACK_PROPAGATE:
@@ -173,6 +189,30 @@ def forward_fix(
                 for j in range(ss.N):
                     w.z[m, a] -= w.H[a, j] * w.Phi[j, ss.N]
         spread_of(w.PHt[m], w.S[m], w.H, b.P[m], fix)
-    judge(b, c, w, fix, outcome, b.x)
-    if outcome[ss.DECIDED] == ss.FUSED:
-        take_in(b, c, w, log.jumps)
+        share(b, c, w, m)
+
+
+@routine
+def tame_since(b: Bank, c: Settings, w: Work, streams: Streams, log: Log, first: int) -> int:
+    """Number of the oldest IMU sample from ``first`` on since which Phi may be inverted.
+
+    Drag makes the velocity forget what it was; the inverse of the transition brings it back, with
+    all that has happened to it since, enlarged by the exponential of the integral of the slopes.
+    """
+    n = log.points.shape[0]
+    k = streams.imu_stamps.shape[0]
+    newest = b.counters[ss.IMU] - 1
+    total = 0.0
+    i = newest
+    while i >= first:
+        h = (streams.imu_stamps[i % k] - streams.imu_stamps[(i - 1) % k]) * 1e-9
+        prepare_step(b, c, w, streams, i)
+        largest = 0.0
+        slopes(log.points[i % n, 0], c, w)
+        for a in range(3):
+            largest = max(largest, -w.F[a, a])
+        total += h * largest
+        if total > MOST_DECAY:
+            return i + 1
+        i -= 1
+    return first

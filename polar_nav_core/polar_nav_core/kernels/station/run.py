@@ -12,9 +12,20 @@ from ..cache import kernel, routine
 from ..queues import earlier, is_before, next_stamp
 from ..sins.state import NEVER_NS
 from . import state as ss
+from .common import add_common
+from .depth import depth_event
 from .fix import fix_event
 from .state import Bank, Log, Rows, Settings, Streams, Work
-from .step import depth_event, imu_event, lever_arm, locate, to_station, turned
+from .step import imu_event, lever_arm, locate, to_station, turned
+
+
+@kernel
+def copy_memories(out: Array, of: Array) -> None:
+    """Copy memories of innovations."""
+    for i in range(of.shape[0]):
+        for j in range(of.shape[1]):
+            for k in range(of.shape[2]):
+                out[i, j, k] = of[i, j, k]
 
 
 @kernel
@@ -31,6 +42,9 @@ def take_snapshot(b: Bank, log: Log) -> None:
             log.x[i, m, j] = b.x[m, j]
             for k in range(ss.N):
                 log.P[i, m, j, k] = b.P[m, j, k]
+            for k in range(ss.COMMON):
+                log.S[i, m, j, k] = b.S[m, j, k]
+    copy_memories(log.memories[i], b.memories)
     for j in range(ss.FLAT):
         log.flat[i, j] = b.flat[j]
     for j in range(ss.COUNTERS):
@@ -49,6 +63,9 @@ def restore(b: Bank, log: Log, number: int) -> None:
             b.x[m, j] = log.x[i, m, j]
             for k in range(ss.N):
                 b.P[m, j, k] = log.P[i, m, j, k]
+            for k in range(ss.COMMON):
+                b.S[m, j, k] = log.S[i, m, j, k]
+    copy_memories(b.memories, log.memories[i])
     for j in range(ss.FLAT):
         b.flat[j] = log.flat[i, j]
     for j in range(ss.COUNTERS):
@@ -56,10 +73,12 @@ def restore(b: Bank, log: Log, number: int) -> None:
     log.counts[0] = number + 1
 
 
-@kernel
+@routine
 def healthy(b: Bank, c: Settings) -> bool:
-    """Whether all variances are positive and finite."""
+    """Whether all variances are positive and finite, and the weights of the members finite."""
     for m in range(b.x.shape[0]):
+        if not b.weight[m] <= 1.0:
+            return False
         for i in range(ss.DYNAMIC if c.published else ss.STATION):
             v = b.P[m, i, i]
             if not (v > 0.0 and v < math.inf and abs(b.x[m, i]) < math.inf):
@@ -85,6 +104,7 @@ def _next_measurement(b: Bank, streams: Streams) -> tuple[int, int]:
 def _take_control(b: Bank, streams: Streams) -> None:
     """Change the thrust to that of the next control sample."""
     i = b.counters[ss.CONTROL]
+    b.counters[ss.THRUST_NS] = streams.control_stamps[i % streams.force_b.shape[0]]
     for k in range(3):
         b.flat[ss.FORCE + k] = streams.force_b[i % streams.force_b.shape[0], k]
     b.counters[ss.CONTROL] = i + 1
@@ -137,11 +157,16 @@ def advance(
             depth_event(b, c, w, streams, log.jumps)
         else:
             fix_event(b, c, w, streams, log.jumps, stamp, frozen)
+            if not healthy(b, c):
+                return ss.NOT_DEFINITE
 
 
 @routine
 def put_row(b: Bank, c: Settings, w: Work, streams: Streams, rows: Rows) -> None:
-    """Write the estimate that is due: the bank's mixture, matched in mean and covariance."""
+    """Write the estimate that is due: the bank's mixture, matched in mean and covariance.
+
+    With what the common errors add to the covariance.
+    """
     k = rows.io[1]
     members = b.x.shape[0]
     x = rows.x[k]
@@ -169,6 +194,8 @@ def put_row(b: Bank, c: Settings, w: Work, streams: Streams, rows: Rows) -> None
             b.tally[a, j] = 0.0
     if c.published:
         relate_to_water(b, w, streams, x, P)
+    elif c.shares:
+        add_common(P, b, c, w)
     fill_navigation(b, c, w, streams, x, P, rows.r_e[k], rows.v_G[k], rows.C_b_G[k], rows.P[k])
     rows.io[0] = -1
     rows.io[1] += 1

@@ -17,6 +17,7 @@ from ...order import CONTROL_RANK as CONTROL_RANK
 from ...order import DEPTH_RANK as DEPTH_RANK
 from ...order import DEPTH_ROW as DEPTH_ROW
 from ...order import FIX_RANK as FIX_RANK
+from ...order import FIX_ROW as FIX_ROW
 from ...order import FUSED as FUSED
 from ...order import GATED as GATED
 from ...order import IMU_RANK as IMU_RANK
@@ -34,19 +35,26 @@ V_R, POSITION, CURRENT, DRAG, SHARE, HEADING, STATION = 0, 3, 6, 8, 9, 10, 11
 DYNAMIC = 6
 """States with dynamics: velocity and position."""
 
-# Indexes of Bank.counters.
-STAMP, IMU, CONTROL, DEPTH, FIX, COUNTERS = 0, 1, 2, 3, 4, 5
+# Indexes of Bank.counters: stamp of the newest IMU sample [ns], inputs taken; stamp of the newest
+# thrust [ns], 0 for none; refused fixes in a row and the validity of the first of them [ns]; when
+# the gate was opened last [ns], and how often.
+STAMP, IMU, CONTROL, DEPTH, FIX = 0, 1, 2, 3, 4
+THRUST_NS, RUN, RUN_NS, OPENED_NS, OPENINGS, COUNTERS = 5, 6, 7, 8, 9, 10
 
 # Bank.flat: thrust (3), vertical at the vehicle (3), place where that holds (3), its height,
-# C_A_G (9), 1-sigma of the station's heading.
-FORCE, UP, PLACE, HEIGHT, AXES, SIGMA, FLAT = 0, 3, 6, 9, 10, 19, 20
+# C_A_G (9), 1-sigma of the station's heading, sum of the directions of refused fixes in a row (2).
+FORCE, UP, PLACE, HEIGHT, AXES, SIGMA, SIDE, FLAT = 0, 3, 6, 9, 10, 19, 20, 22
+
+# Columns of Bank.S: scale of ranges, turn of the station's array, offset of the station's stated
+# position along x and y, zero of depth.
+RANGE_SCALE, TURN, OFFSET, DEPTH_ZERO, COMMON = 0, 1, 2, 4, 5
 
 # Columns of Streams.fixes.
 X, Y, Z, PSI, RANGE, BEARING, RANGE_VARIANCE, BEARING_VARIANCE, PSI_SIGMA, FIX_COLUMNS = range(10)
 
 # Columns of Streams.outcomes: decision, NIS, innovation (2), its covariance (3), inflation, place
-# in polar coordinates from the station (2).
-DECIDED, NIS, Z0, Z1, S00, S01, S11, INFLATION, DISTANCE, AZIMUTH, OUTCOME = range(11)
+# in polar coordinates from the station (2), factor on the covariance that opened the gate for it.
+DECIDED, NIS, Z0, Z1, S00, S01, S11, INFLATION, DISTANCE, AZIMUTH, OPENING, OUTCOME = range(12)
 
 # What `advance` returns.
 DONE, FULL, NOT_DEFINITE = 0, -3, -1
@@ -62,8 +70,10 @@ class Bank(NamedTuple):
     P: Array  # (B, 12, 12)
     log_weight: Array  # (B,), up to a constant
     weight: Array  # (B,), sum 1
+    S: Array  # (B, 12, COMMON): change of the error per unit of each common error
+    memories: Array  # (watch.STREAMS, watch.MEMORIES, watch.WIDTH) of innovations
     flat: Array  # (FLAT,)
-    counters: Ints  # (COUNTERS,): stamp of the newest IMU sample [ns], inputs taken
+    counters: Ints  # (COUNTERS,)
     tally: Array  # (2, 3): rows and columns of events.LOCAL_DOF
     counting: Ints  # (1,): 0 while inputs are processed again: each counts once
 
@@ -99,6 +109,10 @@ class Settings(NamedTuple):
     lever_fix_b: Array  # (3,): transponder from base_link [m]
     lever_depth_b: Array  # (3,)
     max_step_s: float  # a longer interval between IMU samples is taken in parts
+    common: Array  # (COMMON,): 1-sigma of each common error
+    shares: bool  # whether any of them is stated
+    reopen_ns: int  # fixes refused for so long may open the gate; 0 for never
+    thrust_ns: int  # a thrust that is older is unknown; 0: it holds for ever
     snapshot_every: int  # IMU samples
     output_ns: int
 
@@ -132,6 +146,8 @@ class Log(NamedTuple):
     P: Array
     log_weight: Array
     weight: Array
+    S: Array
+    memories: Array
     flat: Array
     counters: Ints
 
@@ -177,6 +193,11 @@ class Work(NamedTuple):
     A: Array  # (12, 14)
     z: Array  # (B, 2)
     S: Array  # (B, 3)
+    wide: Array  # (B, 3): S with the common errors
+    J: Array  # (B, 2, COMMON): innovation per unit of each common error
+    common: Array  # (12, COMMON)
+    z3: Array  # (3,)
+    S3: Array  # (3, 3)
     PHt: Array  # (B, 2, 12)
     inflation: Array  # (B,)
     nis: Array  # (4,): of the last depth: NIS, innovation, its variance, 1 where fused

@@ -1,4 +1,4 @@
-"""One step of the augmented model of station mode, and its local measurement: depth.
+"""One step of the augmented model of station mode.
 
 Equations in docs/derivations/station.md. A step can be linearised at another point than the
 state: `clone` filters the past again with the slopes that were stored.
@@ -14,7 +14,13 @@ from ..frames.earth import up_and_height
 from ..frames.grid import fill_C_e_G
 from ..vehicle.model import relative_acceleration, relative_acceleration_jacobian, surge_drag
 from . import state as ss
+from .common import transform
 from .state import Bank, Settings, Streams, Work
+
+THRUST_SHARE = 0.3
+"""1-sigma of a thrust that nobody states, in shares of the drag at the stated speed."""
+THRUST_TAU = 20.0
+"""How long it lasts [s]."""
 
 
 @kernel
@@ -321,7 +327,9 @@ def imu_event(
     """Advance all members to the stamp of the next IMU sample.
 
     ``points`` (n, B, 12) takes the states before it, or, where ``frozen``, says where the step is
-    linearised. ``jumps``, of the same shape or empty, will take the corrections that follow.
+    linearised. ``jumps``, of the same shape or empty, will take the corrections that follow. A
+    thrust without a newer one holds on, but after `Settings.thrust_ns` it is only a guess: the
+    surge velocity gets the noise of one that is off by a share of the drag for some time.
     """
     i = b.counters[ss.IMU]
     stamp = streams.imu_stamps[i % streams.imu_stamps.shape[0]]
@@ -334,6 +342,7 @@ def imu_event(
     if sigma > 0.0:
         e = math.exp(-h / c.station_tau)
         q_e = sigma * sigma * (1.0 - e * e)
+    unknown = c.thrust_ns > 0 and stamp - b.counters[ss.THRUST_NS] > c.thrust_ns
     place = points[i % points.shape[0]]
     if not frozen:
         for m in range(b.x.shape[0]):
@@ -351,6 +360,13 @@ def imu_event(
             f_drag, f_share, g_x, g_y = slopes(w.point, c, w)
             move(b.x[m], w.point, h, e, f_drag, f_share, g_x, g_y, w)
             spread(b.P[m], h, c.q_current[m], e, q_e, f_drag, f_share, g_x, g_y, c, w)
+            if unknown:
+                a = THRUST_SHARE * math.exp(w.point[ss.DRAG]) / c.inertia[0]
+                b.P[m, 0, 0] += h * 2.0 * THRUST_TAU * a * a
+            if c.shares:
+                transform(b.S[m], h, f_drag, f_share, g_x, g_y, w)
+                for k in range(ss.COMMON):
+                    b.S[m, ss.STATION, k] *= e
             if part + 1 < parts:
                 move(w.point, w.point, h, e, f_drag, f_share, g_x, g_y, w)
     if jumps.shape[0] > 0:
@@ -365,62 +381,3 @@ def lever_arm(b: Bank, w: Work, streams: Streams, i: int, lever_b: Array) -> Non
     to_station(w.C_A, streams.C_b_G[i % streams.imu_stamps.shape[0]], b)
     for i in range(3):
         w.lever[i] = w.C_A[i, 0] * lever_b[0] + w.C_A[i, 1] * lever_b[1] + w.C_A[i, 2] * lever_b[2]
-
-
-@routine
-def depth_event(b: Bank, c: Settings, w: Work, streams: Streams, jumps: Array) -> None:
-    """Fuse the next depth: height = surface - depth, along the vertical at the vehicle.
-
-    The gate is of the whole bank: mean innovation and spread of the members included.
-    """
-    i = b.counters[ss.DEPTH]
-    k = i % streams.depth_stamps.shape[0]
-    b.counters[ss.DEPTH] = i + 1
-    lever_arm(b, w, streams, b.counters[ss.IMU] - 1, c.lever_depth_b)
-    u_x = b.flat[ss.UP]
-    u_y = b.flat[ss.UP + 1]
-    u_z = b.flat[ss.UP + 2]
-    known = c.surface - streams.depth[k] - b.flat[ss.HEIGHT]
-    for j in range(3):
-        known += b.flat[ss.UP + j] * (b.flat[ss.PLACE + j] - w.lever[j])
-    mean = 0.0
-    members = b.x.shape[0]
-    for m in range(members):
-        P = b.P[m]
-        x = b.x[m]
-        for j in range(ss.N):
-            w.PHt[m, 0, j] = u_x * P[3, j] + u_y * P[4, j] + u_z * P[5, j]
-        h = w.PHt[m, 0]
-        w.S[m, 0] = u_x * h[3] + u_y * h[4] + u_z * h[5] + streams.depth_variance[k]
-        w.z[m, 0] = known - (u_x * x[3] + u_y * x[4] + u_z * x[5])
-        mean += b.weight[m] * w.z[m, 0]
-    S = 0.0
-    for m in range(members):
-        off = w.z[m, 0] - mean
-        S += b.weight[m] * (w.S[m, 0] + off * off)
-    nis = mean * mean / S
-    w.nis[0] = nis
-    w.nis[1] = mean
-    w.nis[2] = S
-    w.nis[3] = 0.0
-    if not nis <= c.gates[1]:
-        if b.counting[0]:
-            b.tally[ss.DEPTH_ROW, ss.GATED] += 1.0
-        return
-    w.nis[3] = 1.0
-    if b.counting[0]:
-        b.tally[ss.DEPTH_ROW, ss.UPDATES] += 1.0
-        b.tally[ss.DEPTH_ROW, ss.NIS_SUM] += nis
-    for m in range(members):
-        h = w.PHt[m, 0]
-        gain = w.z[m, 0] / w.S[m, 0]
-        weight = 1.0 / w.S[m, 0]
-        P = b.P[m]
-        for i in range(ss.N):
-            b.x[m, i] += gain * h[i]
-            if jumps.shape[0] > 0:
-                jumps[(b.counters[ss.IMU] - 1) % jumps.shape[0], m, i] += gain * h[i]
-            scaled = weight * h[i]
-            for j in range(i + 1):
-                P[i, j] -= scaled * h[j]
-                P[j, i] = P[i, j]

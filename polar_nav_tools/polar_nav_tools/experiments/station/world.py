@@ -17,7 +17,7 @@ import numpy as np
 from polar_nav_core import attitude, earth, grid
 from polar_nav_core.engine.events import Array, Fix
 from polar_nav_core.engine.inputs import StationInputs
-from polar_nav_core.engine.params import EngineParams
+from polar_nav_core.engine.params import NO_COMMON_ERRORS, EngineParams
 from polar_nav_core.identification.polar_fix import PolarFix
 from polar_nav_core.identification.window import PositionFix, position_fix
 from polar_nav_core.vehicle_model import steady_speed
@@ -77,6 +77,7 @@ class StationWorld:
         s = self.run.scenario
         latitude, longitude, height = (float(v) for v in earth.geodetic_from_ecef(self.origin_e))
         values: dict[str, Any] = {
+            **NO_COMMON_ERRORS,
             'mode': 'station',
             'configuration': 'default',
             'station_latitude_deg': math.degrees(latitude),

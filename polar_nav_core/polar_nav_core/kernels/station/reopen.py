@@ -1,0 +1,126 @@
+"""A gate that opens again: refused fixes that agree with one another are believed at last.
+
+A vehicle without DVL whose water turns round, whose thruster dies or that somebody holds is not
+where its model says; then the gate refuses every fix, for good, because the error grows faster
+than the covariance. The station stays where it is and its fixes are the only aid, so nothing can
+vouch for the model against them: fixes that were refused in a row, for long enough and to the
+same side, are believed. The covariance of velocity, position and current grows by the NIS per
+row; what is known of drag and heading is kept, for a fault of the moment says little of them.
+
+Fixes refused to changing sides never open it: those are outliers.
+"""
+
+from __future__ import annotations
+
+import math
+
+from ...arrays import Array
+from .. import watch
+from ..cache import kernel
+from . import state as ss
+from .state import Bank, Settings, Work
+
+FEWEST = 8
+"""Fixes refused in a row before a gate may open: of 30 % of outliers, 1 of 15,000."""
+AGREEMENT = 0.7
+"""Length of the mean of their directions."""
+LEAST, MOST = 2.0, 100.0
+"""Limits of the factor on the covariance."""
+ENLARGED = ss.DRAG
+"""States before this one are enlarged: velocity, position, current."""
+
+
+@kernel
+def metric(z: Array, S: Array, outcome: Array) -> None:
+    """Innovation of a fix along x and y and its covariance from its row of outcomes.
+
+    ``z`` (3,) is estimate less measurement [m]; the vertical is 0 with variance 1.
+    """
+    c = math.cos(outcome[ss.AZIMUTH])
+    s = math.sin(outcome[ss.AZIMUTH])
+    d = outcome[ss.DISTANCE]
+    z[0] = -(c * outcome[ss.Z0] - d * s * outcome[ss.Z1])
+    z[1] = -(s * outcome[ss.Z0] + d * c * outcome[ss.Z1])
+    z[2] = 0.0
+    s00 = outcome[ss.S00]
+    s01 = d * outcome[ss.S01]
+    s11 = d * d * outcome[ss.S11]
+    for i in range(3):
+        for j in range(3):
+            S[i, j] = 0.0
+    S[0, 0] = c * c * s00 - 2.0 * c * s * s01 + s * s * s11
+    S[0, 1] = c * s * (s00 - s11) + (c * c - s * s) * s01
+    S[1, 0] = S[0, 1]
+    S[1, 1] = s * s * s00 + 2.0 * c * s * s01 + c * c * s11
+    S[2, 2] = 1.0
+
+
+@kernel
+def opens(b: Bank, c: Settings, w: Work, outcome: Array, stamp: int) -> bool:
+    """Whether this refused fix is the one that opens the gate; counts it."""
+    if b.counters[ss.RUN] == 0:
+        b.counters[ss.RUN_NS] = stamp
+        b.flat[ss.SIDE] = 0.0
+        b.flat[ss.SIDE + 1] = 0.0
+    b.counters[ss.RUN] += 1
+    metric(w.z3, w.S3, outcome)
+    length = math.sqrt(w.z3[0] * w.z3[0] + w.z3[1] * w.z3[1])
+    if length > 0.0:
+        b.flat[ss.SIDE] += w.z3[0] / length
+        b.flat[ss.SIDE + 1] += w.z3[1] / length
+    n = b.counters[ss.RUN]
+    if c.reopen_ns == 0 or n < FEWEST or stamp - b.counters[ss.RUN_NS] < c.reopen_ns:
+        return False
+    x = b.flat[ss.SIDE]
+    y = b.flat[ss.SIDE + 1]
+    agree: bool = x * x + y * y > AGREEMENT * AGREEMENT * n * n
+    return agree
+
+
+@kernel
+def enlarge(b: Bank, factor: float) -> None:
+    """P <- D P D with D the root of the factor for velocity, position and current, else 1."""
+    root = math.sqrt(factor)
+    for m in range(b.x.shape[0]):
+        P = b.P[m]
+        for i in range(ss.N):
+            for j in range(ss.N):
+                if i < ENLARGED:
+                    P[i, j] *= root
+                if j < ENLARGED:
+                    P[i, j] *= root
+
+
+@kernel
+def open_gate(b: Bank, outcome: Array, stamp: int) -> None:
+    """Enlarge the covariance by the NIS per row of a fix.
+
+    The count of refused ones goes on: where that was not enough, the next fix opens it again.
+    """
+    factor = min(max(0.5 * outcome[ss.NIS], LEAST), MOST)
+    enlarge(b, factor)
+    outcome[ss.OPENING] = factor
+    b.counters[ss.OPENED_NS] = stamp
+    b.counters[ss.OPENINGS] += 1
+
+
+@kernel
+def open_again(b: Bank, outcome: Array, stamp: int) -> None:
+    """What `open_gate` did for a fix that keeps its decision."""
+    enlarge(b, outcome[ss.OPENING])
+    b.counters[ss.OPENED_NS] = stamp
+    b.counters[ss.OPENINGS] += 1
+
+
+@kernel
+def note(b: Bank, w: Work, outcome: Array, v_x: float, v_y: float) -> None:
+    """Count a decided fix: in the memories of innovations, and where it ends refusals in a row.
+
+    ``v_x``, ``v_y``: velocity through the water, station axes: where the thruster points.
+    """
+    fused = outcome[ss.DECIDED] == ss.FUSED
+    if fused:
+        b.counters[ss.RUN] = 0
+    metric(w.z3, w.S3, outcome)
+    if w.S3[0, 0] > 0.0 and w.S3[1, 1] > 0.0 and outcome[ss.NIS] >= 0.0:
+        watch.observe(b.memories[ss.FIX_ROW], w.z3, w.S3, outcome[ss.NIS], 2, fused, v_x, v_y)
