@@ -12,7 +12,7 @@ from polar_nav_core.errors import ConfigError
 from polar_nav_tools.experiments.catalog import experiment_named
 from polar_nav_tools.experiments.experiment import Request, run
 from polar_nav_tools.experiments.mismatch import dvl_faults, faults, worlds
-from polar_nav_tools.experiments.mismatch.health import WatchedRun, health_history
+from polar_nav_tools.experiments.mismatch.health import health_history
 from polar_nav_tools.experiments.mismatch.row import SINS, STATION, WORLD, Row, texts, warm_scene
 from polar_nav_tools.experiments.mismatch.rows import ROWS, rows_named
 from polar_nav_tools.experiments.mismatch.scenes import SinsScene
@@ -192,9 +192,7 @@ def test_health_is_what_the_engine_itself_has_after_every_fix():
                 seen.append(level)
     result = engine_run.run(params, world.inputs, look_every_s=1.0)
     end_ns = int(world.inputs.imu_stamps_ns[-1])
-    history = health_history(
-        WatchedRun(params, result.receipts, world.truth.start_ns, end_ns, health=result.health)
-    )
+    history = health_history(result.health, end_ns)
     assert seen == [0, 1, 2]
     assert [r.level for r in history] == seen
     assert {r.culprit for r in history[1:]} == {'fixes'}

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -31,7 +32,8 @@ from .events import (
     Receipt,
     Verdict,
 )
-from .health.conditions import Health, Level
+from .health.conditions import Culprit, Health, Level
+from .health.station import StationWatchdog
 from .health.watchdog import Envelope, Watchdog
 from .integrity import Integrity, held
 from .ledger import FixLedger
@@ -43,7 +45,9 @@ from .sins.filter import NavigationFilter
 from .sins.fusion import Fusion
 from .sins.view import view_of
 from .station.fixes import dated
+from .station.fusion import StationFusion
 from .station.identify import make_adaptation
+from .station.view import view_of as station_view_of
 from .strategies import make_fusion
 
 _SECOND_NS = 1_000_000_000
@@ -86,8 +90,9 @@ class Engine:
         self.fused: Counter[str] = Counter()
         self.resets = 0
         self.health: Health | None = None
+        watchdog = StationWatchdog if params.mode == 'station' else Watchdog
         envelope = Envelope(params.max_speed, params.max_depth, params.lost_radius)
-        self._watchdog = Watchdog(envelope)
+        self._watchdog = watchdog(envelope)
         self.imu_gaps = 0
         self.divergence = ''
         self.ledger = FixLedger(params, self.verdicts, self.fused)
@@ -223,10 +228,16 @@ class Engine:
             self.due_ns = sample.stamp_ns
 
     def look(self) -> Health | None:
-        """Health at the newest sample, stored as `health`; None in station mode."""
+        """Health of the navigation at the newest sample, stored as `health`; None without one."""
+        found = [] if self.integrity.level is Level.OK else [self.integrity.condition]
         self.health = None
-        if isinstance(self.fusion, Fusion):
-            found = [] if self.integrity.level is Level.OK else [self.integrity.condition]
+        if isinstance(self.fusion, StationFusion):
+            # A station stays where it is: what its fixes contradict may be the vehicle's model.
+            either = Culprit.FIXES | Culprit.MODEL
+            found = [replace(condition, culprit=either) for condition in found]
+            of_station = station_view_of(self.fusion, self.fusion.stamp_ns)
+            self.health = self._watchdog.look(of_station, found)
+        elif isinstance(self.fusion, Fusion):
             view = view_of(self.fusion, self.fusion.stamp_ns, self.resets)
             self.health = self._watchdog.look(view, found)
         return self.health
@@ -283,9 +294,9 @@ class Engine:
         result = self.fusion.fix(fix)
         if result is None:
             reach = (fix.receive_ns - self.fusion.oldest_ns()) * 1e-9
-            reason = (
-                f'valid {age_s(fix):.2f} s before it was received, '
-                f'the stored history reaches back {reach:.2f} s'
+            limit = self.fusion.limit if isinstance(self.fusion, StationFusion) else ''
+            reason = f'valid {age_s(fix):.2f} s before it was received, ' + (
+                limit or f'the stored history reaches back {reach:.2f} s'
             )
             return [self._receipt(fix, fix.receive_ns, Verdict.TOO_OLD, reason)]
         if not result.outcome.fused and self.ledger.integrity.outnumber(self.fix_counts()[1]):

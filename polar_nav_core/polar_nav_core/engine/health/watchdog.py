@@ -22,14 +22,14 @@ DVL, DEPTH, FIX = range(watch.STREAMS)
 _NAMES = ('DVL', 'depth', 'position fixes')
 _CULPRITS = (Culprit.DVL | Culprit.IMU, Culprit.DEPTH | Culprit.IMU, Culprit.FIXES)
 
-_FEWEST = 10.0
+FEWEST = 10.0
 """Effective attempts before a memory is judged."""
 _BIAS = (45.0, 40.0)
 """Chi-square (1) of a mean that is a WARN, per memory; four times that is an ERROR."""
-_SEVERE = 4.0
+SEVERE = 4.0
 _SCATTER_SIGMAS = 8.0
 _REFUSED_SHARE = 0.5
-_AFTER_S = 60.0
+AFTER_S = 60.0
 """A gate that was opened again stays a condition for so long."""
 
 
@@ -115,8 +115,8 @@ class Watchdog:
         for stream in (DVL, DEPTH):
             found += _local_bias(s, stream)
         for stream in (DVL, DEPTH, FIX):
-            found += _scatter(s, stream)
-        return [*found, *_outside(view, self._envelope)]
+            found += scatter(s, stream)
+        return [*found, *outside(view, self._envelope)]
 
 
 def _refusals(view: View, s: Statistics, stream: int) -> list[Condition]:
@@ -124,13 +124,13 @@ def _refusals(view: View, s: Statistics, stream: int) -> list[Condition]:
     name, culprit = _NAMES[stream], _CULPRITS[stream]
     share, number = s.refused[stream, watch.SHORT], s.number[stream, watch.SHORT]
     found = []
-    if number >= _FEWEST and share > _REFUSED_SHARE:
+    if number >= FEWEST and share > _REFUSED_SHARE:
         sentence = (
             f'{100.0 * share:.0f} % of {name} refused: {name} and inertial navigation disagree'
         )
         found.append(Condition(f'{name} refused', Level.ERROR, culprit, sentence))
     since_s = (view.stamp_ns - int(view.opened_ns[stream])) * 1e-9
-    if view.opened_ns[stream] and since_s < _AFTER_S:
+    if view.opened_ns[stream] and since_s < AFTER_S:
         sentence = (
             f'{name} was refused until {since_s:.0f} s ago and is used again with enlarged '
             'covariance'
@@ -139,22 +139,22 @@ def _refusals(view: View, s: Statistics, stream: int) -> list[Condition]:
     return found
 
 
-def _judged(s: Statistics, values: Array, stream: int) -> tuple[float, int, int]:
+def judged(s: Statistics, values: Array, stream: int) -> tuple[float, int, int]:
     """Largest share of a threshold that a mean reaches: share, memory, axis."""
     shares = values[stream] / np.array(_BIAS)[:, None]
-    shares = np.where(s.number[stream][:, None] >= _FEWEST, shares, 0.0)
+    shares = np.where(s.number[stream][:, None] >= FEWEST, shares, 0.0)
     memory, axis = np.unravel_index(int(np.argmax(shares)), shares.shape)
     return float(shares[memory, axis]), int(memory), int(axis)
 
 
 def _fix_bias(s: Statistics) -> list[Condition]:
     """Fixes that lie to one side: of the track (the DVL's fault) or of the map (the fixes')."""
-    track, memory_t, axis_t = _judged(s, s.track, FIX)
-    grid, memory_g, axis_g = _judged(s, s.grid, FIX)
+    track, memory_t, axis_t = judged(s, s.track, FIX)
+    grid, memory_g, axis_g = judged(s, s.grid, FIX)
     worst = max(track, grid)
     if not worst > 1.0:
         return []
-    level = Level.ERROR if worst > _SEVERE else Level.WARN
+    level = Level.ERROR if worst > SEVERE else Level.WARN
     if axis_t == axis_g == 2:
         mean = s.track_mean[FIX, memory_t, 2]
         sentence = f'fixes lie {-mean:+.1f} sigma above the estimate: depth or fixes are off'
@@ -183,10 +183,10 @@ def _fix_bias(s: Statistics) -> list[Condition]:
 
 def _local_bias(s: Statistics, stream: int) -> list[Condition]:
     """A local sensor whose innovations have a mean: it, or the inertial navigation, is off."""
-    worst, memory, axis = _judged(s, s.track, stream)
+    worst, memory, axis = judged(s, s.track, stream)
     if not worst > 1.0:
         return []
-    level = Level.ERROR if worst > _SEVERE else Level.WARN
+    level = Level.ERROR if worst > SEVERE else Level.WARN
     mean = s.track_mean[stream, memory, axis]
     where = 'up' if stream == DEPTH else ('along track', 'across track', 'up')[axis]
     sentence = (
@@ -196,11 +196,11 @@ def _local_bias(s: Statistics, stream: int) -> list[Condition]:
     return [Condition(f'{_NAMES[stream]} off', level, _CULPRITS[stream], sentence)]
 
 
-def _scatter(s: Statistics, stream: int) -> list[Condition]:
+def scatter(s: Statistics, stream: int) -> list[Condition]:
     """A sensor that scatters more than stated."""
     sigmas = float(s.nis_sigmas[stream, watch.LONG])
     nis = float(s.nis[stream, watch.LONG])
-    if s.number[stream, watch.LONG] < 5.0 * _FEWEST or not (sigmas > _SCATTER_SIGMAS):
+    if s.number[stream, watch.LONG] < 5.0 * FEWEST or not (sigmas > _SCATTER_SIGMAS):
         return []
     sentence = (
         f'{_NAMES[stream]} scatter {math.sqrt(nis):.1f} times as much as stated '
@@ -210,7 +210,7 @@ def _scatter(s: Statistics, stream: int) -> list[Condition]:
     return [Condition(f'{_NAMES[stream]} noise', Level.WARN, culprit, sentence)]
 
 
-def _outside(view: View, envelope: Envelope) -> list[Condition]:
+def outside(view: View, envelope: Envelope) -> list[Condition]:
     """A state that the vehicle cannot be in."""
     if view.speed > envelope.max_speed:
         sentence = f'{view.speed:.1f} m/s is faster than max_speed {envelope.max_speed:.1f} m/s'

@@ -70,10 +70,9 @@ def as_stated(mode: str) -> dict[str, Any]:
     A world states that its sensors have no common error and that biases are constant; a user
     cannot know that, and has the defaults.
     """
-    if mode == 'station':
-        return {}
     usual = EngineParams()
-    return {name: getattr(usual, name) for name in (*NO_COMMON_ERRORS, *NO_RESERVE)}
+    names = NO_COMMON_ERRORS if mode == 'station' else (*NO_COMMON_ERRORS, *NO_RESERVE)
+    return {name: getattr(usual, name) for name in names}
 
 
 def _row_jobs(row: Row, seed: int, columns: Sequence[str], choices: Choices) -> list[MismatchJob]:

@@ -14,7 +14,7 @@ from polar_nav_core.engine.events import Verdict
 from ..jobs import RunResult
 from ..station.world import StationWorld
 from ..world import World
-from .health import WatchedRun, health_history
+from .health import health_history
 from .judge import (
     ERROR,
     WARN,
@@ -114,9 +114,7 @@ def run_job(job: MismatchJob) -> MismatchResult:
 def _judged(job: MismatchJob, ran: Ran, start_ns: int, seconds: float) -> MismatchResult:
     row = job.row
     end_ns = int(ran.stamps_ns[-1]) if len(ran.stamps_ns) else start_ns
-    history = health_history(
-        WatchedRun(ran.params, ran.receipts, start_ns, end_ns, ran.divergence, ran.health)
-    )
+    history = health_history(ran.health, end_ns, ran.divergence)
     fault_ns = start_ns + round(row.fault.start_s * 1e9)
     words = reported(history, fault_ns, row.culprits)
     wrong = is_wrong(ran.course)

@@ -94,15 +94,15 @@ class SinsScene:
         still = {'noisy': False, 'constants': 'none', 'initial_errors': 'none'}
         return make_world(WorldSpec(**{**values, **still}), self.fixes, seed)
 
-    def run(self, world: World, changes: Mapping[str, Any]) -> Ran:
-        """Run a filter; ``changes`` are engine parameters."""
+    def run(self, world: World, changes: Mapping[str, Any], *, watched: bool = True) -> Ran:
+        """Run a filter; ``changes`` are engine parameters. Health is looked at where watched."""
         longest = (
             {'max_delay_s': 61.0, 'history_s': 66.0} if self.fixes.longest_delay_s > 55 else {}
         )
         params = world.params(
             **{'output_period_s': _OUTPUT_S, **longest, **self.changes, **changes}
         )
-        result = engine_run.run(params, world.inputs, look_every_s=1.0)
+        result = engine_run.run(params, world.inputs, look_every_s=1.0 if watched else 0.0)
         course = _sins_course(world, result.track, self.duration_s)
         track = result.track
         return Ran(
@@ -174,14 +174,14 @@ class StationScene:
         """World of the seed: noise of packets is quantized, a second difference takes it out."""
         return self.make(seed)
 
-    def run(self, world: StationWorld, changes: Mapping[str, Any]) -> Ran:
-        """Run a filter; ``changes`` are engine parameters."""
+    def run(self, world: StationWorld, changes: Mapping[str, Any], *, watched: bool = True) -> Ran:
+        """Run a filter; ``changes`` are engine parameters. Health is looked at where watched."""
         params = world.params(
             StationChoices(),
             0.0,
             **{'output_period_s': _OUTPUT_S, **self.changes, **changes},
         )
-        result = engine_run.run(params, world.inputs)
+        result = engine_run.run(params, world.inputs, look_every_s=1.0 if watched else 0.0)
         course = _station_course(world, result.track, self.duration_s)
         track = result.track
         return Ran(
@@ -191,6 +191,7 @@ class StationScene:
             track.local_statistics,
             result.divergence,
             course,
+            result.health,
         )
 
     def start_ns(self, world: StationWorld) -> int:

@@ -1,0 +1,157 @@
+"""Judges a navigation in station mode by its fixes, its thrust and what it finds of its drag.
+
+A station's fixes are the only aid in the horizontal, so what contradicts them is the model of the
+vehicle and its water, or the fixes themselves. A model that is wrong (dead thruster, a vehicle
+that is held or tangled, a current that turns round) leaves innovations that have a mean for a
+while; outliers leave none. Thresholds: docs/trust-and-hold.md.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from ...kernels import watch
+from .conditions import Condition, Culprit, Level
+from .statistics import Statistics, statistics
+from .watchdog import AFTER_S, DEPTH, FEWEST, FIX, View, Watchdog, outside, scatter
+
+_RATIO = (1.6, 2.5)
+"""Mean NIS per degree of freedom of the short memory that is a WARN, an ERROR."""
+_MEAN = (20.0, 40.0)
+"""Chi-square (1) of a mean innovation of the short memory that is a WARN, an ERROR."""
+_HINT = 12.0
+"""Chi-square (1) of a mean that tells a model's error from scatter, where the NIS is too large."""
+_REFUSED_SHARE = 0.5
+_CAREFUL_SIGMAS = -8.0
+_DRAG_SIGMAS = 3.0
+_DRAG_FACTOR = 4.0
+"""Estimated drag beyond the stated one by this factor is implausible."""
+_EITHER = Culprit.MODEL | Culprit.FIXES
+
+
+@dataclass(frozen=True)
+class StationView(View):
+    """What the watchdog looks at in station mode, besides what every navigation has.
+
+    Attributes
+    ----------
+    share, share_sigma : float
+        Of the drag that is quadratic; beyond [0, 1] one of the two coefficients is negative.
+    drag_ratio : float
+        Natural logarithm of estimated over stated drag at the stated speed.
+    drag_sigma : float
+        1-sigma of it.
+    thrust_age_s : float
+        Of the newest thrust [s]; infinite before the first.
+    thrust_timeout_s : float
+        After which it is unknown.
+    """
+
+    share: float
+    share_sigma: float
+    drag_ratio: float
+    drag_sigma: float
+    thrust_age_s: float
+    thrust_timeout_s: float
+
+
+class StationWatchdog(Watchdog):
+    """Follows one navigation in station mode."""
+
+    def _conditions(self, view: View) -> list[Condition]:
+        s = statistics(view.memories)
+        found = [*_disagreement(s), *_reopened(view), *_careful(s), *scatter(s, DEPTH)]
+        if isinstance(view, StationView):
+            found += [*_thrust(view), *_drag(view)]
+        return [*found, *outside(view, self._envelope)]
+
+
+def _disagreement(s: Statistics) -> list[Condition]:
+    """Fixes and model contradict one another; a mean says that it is the model, or its water."""
+    number = s.number[FIX, watch.SHORT]
+    nis = float(s.nis[FIX, watch.SHORT])
+    refused = float(s.refused[FIX, watch.SHORT])
+    along, across = (float(x) for x in s.track[FIX, watch.SHORT, :2])
+    east, north = (float(x) for x in s.grid[FIX, watch.SHORT, :2])
+    mean = max(along, across, east, north)
+    gated = refused > _REFUSED_SHARE
+    if number < FEWEST or not (nis > _RATIO[0] or mean > _MEAN[0] or gated):
+        return []
+    level = Level.ERROR if nis > _RATIO[1] or mean > _MEAN[1] or gated else Level.WARN
+    numbers = f'NIS {nis:.1f} per degree of freedom'
+    if refused > 0.0:
+        numbers += f', {100.0 * refused:.0f} % refused'
+    if mean < _HINT:  # outliers: gate and robust weight are there for them
+        level = Level.ERROR if gated else Level.WARN
+        sentence = (
+            f'position fixes scatter {math.sqrt(nis):.1f} times as much as stated ({numbers})'
+        )
+        return [Condition('fixes noise', level, Culprit.FIXES, sentence)]
+    if along > 2.0 * max(across, east, north):
+        where = 'behind' if s.track_mean[FIX, watch.SHORT, 0] > 0.0 else 'ahead of'
+        sentence = (
+            f'the vehicle does not obey its model: fixes lie {where} it on every course; '
+            f'thruster, drag, or something holds it ({numbers})'
+        )
+        return [Condition('model', level, Culprit.MODEL, sentence)]
+    sentence = (
+        f'fixes and the model of the vehicle disagree: thruster, current, heading, or fixes that '
+        f'are displaced ({numbers})'
+    )
+    return [Condition('model', level, _EITHER, sentence)]
+
+
+def _reopened(view: View) -> list[Condition]:
+    """The gate of the fixes was opened again."""
+    since_s = (view.stamp_ns - int(view.opened_ns[FIX])) * 1e-9
+    if not view.opened_ns[FIX] or since_s >= AFTER_S:
+        return []
+    sentence = (
+        f'position fixes were refused until {since_s:.0f} s ago and are used again with enlarged '
+        'covariance: the vehicle did not obey its model, or fixes are displaced'
+    )
+    return [Condition('fixes reopened', Level.ERROR, _EITHER, sentence)]
+
+
+def _careful(s: Statistics) -> list[Condition]:
+    """Fixes that scatter much less, or for long more, than stated."""
+    sigmas, number = s.nis_sigmas[FIX, watch.LONG], s.number[FIX, watch.LONG]
+    nis = float(s.nis[FIX, watch.LONG])
+    if number < 5.0 * FEWEST or not sigmas < _CAREFUL_SIGMAS:
+        return scatter(s, FIX)
+    sentence = (
+        f'position fixes scatter {math.sqrt(nis):.2f} times as much as stated: their stated '
+        'errors are too large'
+    )
+    return [Condition('fixes noise', Level.WARN, Culprit.FIXES, sentence)]
+
+
+def _thrust(view: StationView) -> list[Condition]:
+    """No recent thrust."""
+    if view.thrust_age_s <= view.thrust_timeout_s:
+        return []
+    sentence = (
+        'no thrust yet: the model of the vehicle guesses'
+        if math.isinf(view.thrust_age_s)
+        else f'no thrust for {view.thrust_age_s:.0f} s: the last one is held, with the noise of a '
+        'guess'
+    )
+    return [Condition('thrust', Level.WARN, Culprit.MODEL, sentence)]
+
+
+def _drag(view: StationView) -> list[Condition]:
+    """A drag that pushes, or that is not the one of this vehicle."""
+    low, high = (view.share + k * _DRAG_SIGMAS * view.share_sigma for k in (-1.0, 1.0))
+    if high < 0.0 or low > 1.0:
+        which = 'quadratic' if high < 0.0 else 'linear'
+        sentence = f'the {which} drag of surge comes out negative: the model does not fit'
+        return [Condition('drag', Level.WARN, Culprit.MODEL, sentence)]
+    beyond = abs(view.drag_ratio) - _DRAG_SIGMAS * view.drag_sigma
+    if beyond > math.log(_DRAG_FACTOR):
+        sentence = (
+            f'drag comes out {math.exp(view.drag_ratio):.2g} times the stated one: thrust or '
+            'model are wrong'
+        )
+        return [Condition('drag', Level.WARN, Culprit.MODEL, sentence)]
+    return []

@@ -1,0 +1,39 @@
+"""What the watchdog sees of a navigation in station mode."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ...kernels.station import state as ss
+from ...order import DEPTH_ROW, DVL_ROW, FIX_ROW
+from ..health.station import StationView
+from .fusion import StationFusion
+
+
+def view_of(fusion: StationFusion, stamp_ns: int) -> StationView:
+    """View of a navigation at a stamp."""
+    f, p = fusion.filter, fusion.params
+    counters = f.bank.counters
+    x, P = f.published_mixture()
+    opened_ns = np.zeros(max(DVL_ROW, DEPTH_ROW, FIX_ROW) + 1, dtype=np.int64)
+    opened_ns[FIX_ROW] = counters[ss.OPENED_NS]
+    stated, _ = p.vehicle_model().logarithmic_drag(p.model_speed)
+    thrust_ns = int(counters[ss.THRUST_NS])
+    return StationView(
+        stamp_ns=stamp_ns,
+        memories=f.bank.memories,
+        opened_ns=opened_ns,
+        used_ns=np.zeros_like(opened_ns),
+        speed=float(np.linalg.norm(x[ss.V_R : ss.POSITION])),
+        depth=f.settings.surface - f.bank.flat[ss.HEIGHT],
+        P_horizontal=P[3:5, 3:5],
+        resets=int(counters[ss.OPENINGS]),
+        share=float(x[ss.SHARE]),
+        share_sigma=math.sqrt(max(0.0, P[ss.SHARE, ss.SHARE])),
+        drag_ratio=float(x[ss.DRAG]) - stated,
+        drag_sigma=math.sqrt(max(0.0, P[ss.DRAG, ss.DRAG])),
+        thrust_age_s=(stamp_ns - thrust_ns) * 1e-9 if thrust_ns else math.inf,
+        thrust_timeout_s=p.thrust_timeout_s,
+    )

@@ -1,0 +1,245 @@
+"""Station mode: gate that opens again, limits of thrust, back_propagate's reach, the watchdog."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+import station_twin as twin
+
+from polar_nav_core.engine import run as engine_run
+from polar_nav_core.engine.engine import Engine
+from polar_nav_core.engine.events import Verdict
+from polar_nav_core.engine.health.conditions import Culprit, Level
+from polar_nav_core.engine.health.station import StationView, StationWatchdog
+from polar_nav_core.engine.health.watchdog import FIX, Envelope
+from polar_nav_core.kernels import watch
+from polar_nav_core.kernels.station import state as ss
+
+SECONDS = 90.0
+JUMP_S = 30.0
+S = np.diag([9.0, 9.0, 1.0])
+
+
+@cache
+def world():
+    return twin.inputs(twin.truth(SECONDS), 4, depth_every=10)
+
+
+def moved(offset):
+    """World whose station states an offset (n) -> metres along x from `JUMP_S` on."""
+    start_ns = twin.START_NS + round(JUMP_S * 1e9)
+    fixes = tuple(
+        fix
+        if fix.validity_ns < start_ns
+        else replace(
+            fix,
+            polar=replace(
+                fix.polar, station=fix.polar.station + np.array([offset(fix.sequence), 0.0, 0.0])
+            ),
+        )
+        for fix in world().fixes
+    )
+    return replace(world(), fixes=fixes)
+
+
+def run(inputs, *, one_by_one=False, **changes):
+    params = twin.params(**{'identify_method': 'none', 'reopen_after_s': 10.0, **changes})
+    return engine_run.run(params, inputs, one_by_one=one_by_one)
+
+
+def fused_after(result):
+    return [r.verdict is Verdict.FUSED for r in result.receipts if r.source][13:]
+
+
+@pytest.mark.parametrize('name', ['rewind', 'clone', 'back_propagate', 'tagged'])
+def test_fixes_refused_to_one_side_are_believed_at_last(name):
+    custom = {'configuration': 'custom', 'delay_handling': name, 'robust_fixes': 'mahalanobis'}
+    inputs = moved(lambda _: 300.0)
+    shut = run(inputs, **custom, reopen_after_s=0.0)
+    assert not any(fused_after(shut))
+    found = run(inputs, **custom)
+    assert not any(fused_after(found)[:6])
+    assert all(fused_after(found)[-5:])
+    # The position follows; the drag is not blamed for it.
+    x, x_shut = found.track.x[-1], shut.track.x[-1]
+    assert x[3] - x_shut[3] == pytest.approx(300.0, abs=40.0)
+    assert abs(x[ss.DRAG] - x_shut[ss.DRAG]) < 1.0
+
+
+def test_the_gate_opens_alike_event_by_event_and_says_so():
+    inputs = moved(lambda _: 300.0)
+    a, b = run(inputs), run(inputs, one_by_one=True)
+    assert np.array_equal(a.track.x, b.track.x)
+    worst = [h for h in b.health if h.level is Level.ERROR]
+    assert worst[-1].resets >= 1
+    assert any('used again with enlarged covariance' in h.sentence for h in worst)
+    assert worst[-1].culprit & Culprit.MODEL
+    assert worst[-1].culprit & Culprit.FIXES
+
+
+def test_fixes_refused_to_changing_sides_never_open_the_gate():
+    result = run(moved(lambda n: 300.0 * (-1.0) ** n))
+    assert not any(fused_after(result))
+
+
+def test_one_absurd_thrust_changes_nothing_and_gets_a_receipt():
+    usual = run(world())
+    force_b = world().force_b.copy()
+    force_b[4000, 0] = 1e6
+    found = run(replace(world(), force_b=force_b))
+    odd = [r for r in found.receipts if r.verdict is Verdict.IMPLAUSIBLE]
+    assert len(odd) == 1
+    assert 'thrust_limit_n is 1000 N' in odd[0].reason
+    np.testing.assert_allclose(found.track.x, usual.track.x, atol=1e-3)  # 10 ms of the one before
+    again = run(replace(world(), force_b=force_b), one_by_one=True)
+    assert np.array_equal(found.track.x, again.track.x)
+
+
+def silent(from_s):
+    keep = world().control_stamps_ns < twin.START_NS + round(from_s * 1e9)
+    return replace(
+        world(),
+        control_stamps_ns=world().control_stamps_ns[keep],
+        force_b=world().force_b[keep],
+    )
+
+
+def test_thrust_that_ends_is_held_with_the_noise_of_a_guess():
+    usual, found = run(world()).track, run(silent(60.0), one_by_one=True)
+    row = int(np.searchsorted(usual.stamps_ns, twin.START_NS + 61_500_000_000))
+    assert np.array_equal(found.track.P_x[: row - 20], usual.P_x[: row - 20])
+    sigma = np.sqrt(np.stack([found.track.P_x[:, 0, 0], usual.P_x[:, 0, 0]]))
+    np.testing.assert_allclose(sigma[0, row], sigma[1, row], rtol=0.05)
+    assert sigma[0, -1] > 3.0 * sigma[1, -1]
+    said = [h for h in found.health if any('no thrust' in p.condition.sentence for p in h.present)]
+    assert said[0].stamp_ns - twin.START_NS == pytest.approx(62e9, abs=1.1e9)
+    assert found.health[-1].level is Level.WARN
+    assert found.health[-1].culprit == Culprit.MODEL
+
+
+def test_back_propagate_refuses_what_its_inverse_cannot_bring_forward():
+    """Before, the state was not a number from here on, and was published."""
+    late = tuple(replace(fix, receive_ns=fix.receive_ns + 15_000_000_000) for fix in world().fixes)
+    inputs = replace(world(), fixes=late)
+    name = {'configuration': 'custom', 'delay_handling': 'back_propagate'}
+    result = run(inputs, **name)
+    assert np.isfinite(result.track.x).all()
+    assert np.isfinite(result.track.P).all()
+    refused = [r for r in result.receipts if r.verdict is Verdict.TOO_OLD]
+    assert 'back_propagate reaches back' in refused[0].reason
+    assert {r.verdict for r in run(inputs).receipts} == {Verdict.FUSED}
+
+
+def test_no_number_that_is_none_is_ever_published():
+    """A weight or a covariance that is spoiled ends the estimates, with the reason."""
+    engine, spoiled, after = Engine(twin.params(identify_method='none')), 0, []
+    for event in world().events():
+        if spoiled == 0 and event.stamp_ns > twin.START_NS + 20_000_000_000:
+            engine.fusion.filter.bank.weight[1] = np.nan
+            spoiled = 1
+        out = list(engine.process(event))
+        after += [o for o in out if spoiled and hasattr(o, 'r_e')]
+    assert all(np.isfinite(e.r_e).all() for e in after[1:])
+    assert len(after) <= 1
+    assert 'no estimates are published until a reset' in engine.divergence
+
+
+# -- the watchdog ---------------------------------------------------------------------------------
+
+
+def memories():
+    return np.zeros((watch.STREAMS, watch.MEMORIES, watch.WIDTH))
+
+
+def feed(kept, z, course, *, fused=True):
+    z3 = np.array([*z, 0.0]) * 3.0
+    nis = float(np.sum(np.square(z)))
+    watch.observe(kept[FIX], z3, S, nis, 2, fused, np.cos(course), np.sin(course))
+
+
+def view(kept, **changes):
+    usual = {
+        'stamp_ns': 10**12,
+        'opened_ns': np.zeros(3, dtype=np.int64),
+        'used_ns': np.zeros(3, dtype=np.int64),
+        'speed': 1.2,
+        'depth': 20.0,
+        'P_horizontal': np.eye(2),
+        'resets': 0,
+        'share': 0.5,
+        'share_sigma': 0.1,
+        'drag_ratio': -0.5,
+        'drag_sigma': 0.1,
+        'thrust_age_s': 0.1,
+        'thrust_timeout_s': 2.0,
+    }
+    return StationView(memories=kept, **{**usual, **changes})
+
+
+def look(kept, **changes):
+    return StationWatchdog(Envelope(20.0, 6000.0)).look(view(kept, **changes), [])
+
+
+def test_silent_on_white_innovations():
+    rng, kept = np.random.default_rng(2), memories()
+    for k in range(20_000):
+        feed(kept, rng.standard_normal(2), 1e-2 * k)
+        if k % 20 == 0:
+            assert not look(kept).present
+
+
+def test_fixes_behind_on_every_course_are_a_vehicle_that_does_not_obey_its_model():
+    rng, kept = np.random.default_rng(3), memories()
+    for k in range(60):
+        course = 0.1 * k
+        back = 2.0 * np.array([np.cos(course), np.sin(course)])
+        feed(kept, back + rng.standard_normal(2), course)  # estimate ahead of the fix
+    health = look(kept)
+    assert health.level is Level.ERROR
+    assert health.culprit is Culprit.MODEL
+    assert 'does not obey its model: fixes lie behind it on every course' in health.sentence
+
+
+def test_fixes_to_one_side_of_the_map_may_be_either():
+    rng, kept = np.random.default_rng(4), memories()
+    for k in range(60):
+        feed(kept, np.array([1.5, 0.0]) + rng.standard_normal(2), 0.1 * k)
+    assert look(kept).culprit == Culprit.MODEL | Culprit.FIXES
+
+
+def test_outliers_are_scatter_and_a_warning():
+    rng, kept = np.random.default_rng(5), memories()
+    for k in range(200):
+        wild = k % 3 == 0
+        feed(kept, (8.0 if wild else 1.0) * rng.standard_normal(2), 0.1 * k, fused=not wild)
+    health = look(kept)
+    assert health.level is Level.WARN
+    assert health.culprit is Culprit.FIXES
+    assert 'scatter' in health.sentence
+
+
+def test_fixes_that_scatter_much_less_than_stated_are_named():
+    rng, kept = np.random.default_rng(6), memories()
+    for k in range(600):
+        feed(kept, 0.5 * rng.standard_normal(2), 0.1 * k)
+    assert 'their stated errors are too large' in look(kept).sentence
+
+
+@pytest.mark.parametrize(
+    ('changes', 'level', 'says'),
+    [
+        ({'share': -0.5}, Level.WARN, 'the quadratic drag of surge comes out negative'),
+        ({'share': 1.5}, Level.WARN, 'the linear drag of surge comes out negative'),
+        ({'share': -0.2}, Level.OK, ''),
+        ({'drag_ratio': 2.0}, Level.WARN, '7.4 times the stated one'),
+        ({'drag_ratio': 2.0, 'drag_sigma': 0.5}, Level.OK, ''),
+        ({'thrust_age_s': 30.0}, Level.WARN, 'no thrust for 30 s'),
+        ({'thrust_age_s': np.inf}, Level.WARN, 'no thrust yet'),
+        ({'speed': 50.0}, Level.ERROR, 'faster than max_speed'),
+    ],
+)
+def test_states_that_this_vehicle_cannot_be_in(changes, level, says):
+    health = look(memories(), **changes)
+    assert health.level is level
+    assert says in health.sentence
