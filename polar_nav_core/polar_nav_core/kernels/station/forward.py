@@ -201,9 +201,8 @@ def tame_since(b: Bank, c: Settings, w: Work, streams: Streams, log: Log, first:
     """
     n = log.points.shape[0]
     k = streams.imu_stamps.shape[0]
-    newest = b.counters[ss.IMU] - 1
+    i: int = b.counters[ss.IMU] - 1
     total = 0.0
-    i = newest
     while i >= first:
         h = (streams.imu_stamps[i % k] - streams.imu_stamps[(i - 1) % k]) * 1e-9
         prepare_step(b, c, w, streams, i)

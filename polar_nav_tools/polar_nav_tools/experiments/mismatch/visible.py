@@ -66,7 +66,7 @@ def information(scene: Scene, fault: Fault, seed: int) -> tuple[Array, Array]:
     time_s = np.arange(0.0, scene.duration_s + 1.0)
     total = np.zeros(len(time_s))
     for size, weight in ((SMALL, 1.0), (-SMALL, 1.0), (0.0, -2.0)):
-        faulty: Any = fault.applied(quiet, size)  # type: ignore[arg-type]
+        faulty: Any = fault.applied(quiet, size)
         ran = scene.run(faulty, changes, watched=False)
         total += weight * _nis_until(ran, start_ns, time_s)
     return time_s, total / (2.0 * SMALL**2)
