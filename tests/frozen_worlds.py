@@ -156,7 +156,8 @@ def _diverging() -> Simulated:
         world.inputs.f_b[1000] = 1e300
         return world.inputs
 
-    return _sins(30.0, FixSpec(delay_kind='uniform', delay_s=3.0, period_s=0.9), change)
+    fixes = FixSpec(delay_kind='uniform', delay_s=3.0, period_s=0.9)
+    return _sins(30.0, fixes, change, {'max_specific_force': 1e300})
 
 
 def _over_pole() -> Simulated:

@@ -10,7 +10,9 @@ from polar_nav_core.engine.params import EngineParams
 
 SINS = EngineParams()
 STATION = EngineParams(mode='station', configuration='default')
-NUMBERS = st.sampled_from([0.0, 1.0, -1.0, 1e308, np.nan, np.inf, -np.inf])
+NUMBERS = st.sampled_from(
+    [0.0, 1.0, -1.0, 0.5, 5e-324, 30.0, 1e6, 1e300, -1e308, np.nan, np.inf, -np.inf]
+)
 
 
 def columns(draw, n, *shape):
@@ -18,6 +20,17 @@ def columns(draw, n, *shape):
     values = np.ones((n, *shape))
     for _ in range(draw(st.integers(0, 4)) if n else 0):
         values.reshape(-1)[draw(st.integers(0, values.size - 1))] = draw(NUMBERS)
+    return values
+
+
+def matrices(draw, n):
+    """Mostly unit matrices with a few other numbers, some on both sides of the diagonal."""
+    values = np.tile(np.eye(3), (n, 1, 1))
+    for _ in range(draw(st.integers(0, 4)) if n else 0):
+        k, i, j = (draw(st.integers(0, m - 1)) for m in (n, 3, 3))
+        values[k, i, j] = draw(NUMBERS)
+        if draw(st.booleans()):
+            values[k, j, i] = values[k, i, j]
     return values
 
 
@@ -36,22 +49,25 @@ def one_by_one(params, events):
 def test_imu(data):
     n = data.draw(st.integers(0, 8))
     stamps = np.cumsum([0, *data.draw(st.lists(st.integers(0, 1), min_size=n, max_size=n))])[1:]
-    omega_ib_b, f_b, C_b_G = (columns(data.draw, n, *s) for s in ((3,), (3,), (3, 3)))
+    omega_ib_b, f_b = (columns(data.draw, n, 3) for _ in range(2))
+    C_b_G = matrices(data.draw, n)
     samples = [ImuSample(int(stamps[k]), k, omega_ib_b[k], f_b[k]) for k in range(n)]
-    assert refusals.usable_imu(stamps, omega_ib_b, f_b).tolist() == one_by_one(SINS, samples)
+    assert refusals.usable_imu(SINS, stamps, omega_ib_b, f_b).tolist() == one_by_one(SINS, samples)
     samples = [
         ImuSample(int(stamps[k]), k, omega_ib_b[k], np.zeros(3), C_b_G[k]) for k in range(n)
     ]
-    assert refusals.usable_imu(stamps, omega_ib_b, C_b_G).tolist() == one_by_one(STATION, samples)
+    assert refusals.usable_imu(STATION, stamps, omega_ib_b, C_b_G).tolist() == one_by_one(
+        STATION, samples
+    )
 
 
 @given(st.data())
 def test_dvl(data):
     n = data.draw(st.integers(0, 8))
     valid = np.array(data.draw(st.lists(st.booleans(), min_size=n, max_size=n)), dtype=bool)
-    v_m, covariance_m = columns(data.draw, n, 3), columns(data.draw, n, 3, 3)
+    v_m, covariance_m = columns(data.draw, n, 3), matrices(data.draw, n)
     pings = [DvlPing(k, k, bool(valid[k]), v_m[k], covariance_m[k]) for k in range(n)]
-    assert refusals.usable_dvl(valid, v_m, covariance_m).tolist() == one_by_one(SINS, pings)
+    assert refusals.usable_dvl(SINS, valid, v_m, covariance_m).tolist() == one_by_one(SINS, pings)
 
 
 @given(st.data())
@@ -59,7 +75,7 @@ def test_depth(data):
     n = data.draw(st.integers(0, 8))
     depth, variance = columns(data.draw, n), columns(data.draw, n)
     samples = [DepthSample(k, k, float(depth[k]), float(variance[k])) for k in range(n)]
-    assert refusals.usable_depth(depth, variance).tolist() == one_by_one(SINS, samples)
+    assert refusals.usable_depth(SINS, depth, variance).tolist() == one_by_one(SINS, samples)
 
 
 @given(st.data())

@@ -92,6 +92,8 @@ _FIRST: dict[str, Any] = {
     'max_depth': 12000.0,
     'max_gated_s': 300.0,
     'max_imu_gap_s': 0.5,
+    'max_rate': 1e300,
+    'max_specific_force': 1e300,
     'max_speed': 20.0,
     'mode': 'sins',
     'model_acceleration_noise': 0.0014,
@@ -179,6 +181,8 @@ _SINCE: dict[int, dict[str, Any]] = {
         'station_range_scale_sigma': 0.005,
         'station_turn_sigma_deg': 0.5,
         'thrust_limit_n': 1000.0,
+        'max_rate': 6.0,
+        'max_specific_force': 60.0,
     },
 }
 """By engine version: what changed with it. A version with new defaults counts up (version.py)."""

@@ -28,6 +28,7 @@ from sensor_msgs.msg import NavSatFix
 from std_srvs.srv import Trigger
 
 from polar_nav_core.engine.events import CommandKind
+from polar_nav_core.engine.plausibility import initial_problem
 from polar_nav_msgs.msg import Command as CommandMsg
 from polar_nav_msgs.msg import FixReceipt, NavHealth, NavState
 from polar_nav_msgs.msg import InitialState as InitialStateMsg
@@ -42,7 +43,7 @@ from .navigation_session import (
     Published,
 )
 from .node import CountedPublisher, PolarNode
-from .readers import initial_from_msg, initial_problem, initial_to_msg
+from .readers import initial_from_msg, initial_to_msg
 from .stamps import to_msg, to_ns
 from .standard_outputs import fix_of
 from .topics import COMMAND, FIX, HEALTH, ODOMETRY, RECEIPT, STATE

@@ -6,7 +6,6 @@ columns of many messages (replay by arrays, identification). Both forms give the
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 import numpy as np
@@ -210,32 +209,3 @@ def initial_to_msg(s: InitialState) -> InitialStateMsg:
         sigma_tilt=s.sigma_tilt,
         sigma_heading=s.sigma_heading,
     )
-
-
-def initial_problem(s: InitialState) -> str:
-    """Sentence about an initial state that cannot be used; empty if it can."""
-    sigmas = {
-        'sigma_position_horizontal': s.sigma_position_horizontal,
-        'sigma_position_vertical': s.sigma_position_vertical,
-        'sigma_velocity': s.sigma_velocity,
-        'sigma_tilt': s.sigma_tilt,
-        'sigma_heading': s.sigma_heading,
-    }
-    values = [
-        s.latitude,
-        s.longitude,
-        s.height,
-        *s.v_G,
-        s.roll,
-        s.pitch,
-        s.grid_heading,
-        *sigmas.values(),
-    ]
-    if not all(math.isfinite(v) for v in values):
-        return 'a value of the initial state is not finite'
-    for name, value in sigmas.items():
-        if value <= 0.0:
-            return f'{name} is {value}: it must be positive'
-    if abs(s.latitude) > 0.5 * math.pi:
-        return f'latitude is {s.latitude} rad: it must lie in [-pi/2, pi/2]'
-    return ''

@@ -38,6 +38,7 @@ from .health.watchdog import Envelope, Watchdog
 from .integrity import Integrity, held
 from .ledger import FixLedger
 from .params import EngineParams
+from .plausibility import initial_problem
 from .receipts import age_s, receipt_of
 from .refusals import unusable_local
 from .results import FixResult, chi2_gate
@@ -327,6 +328,10 @@ class Engine:
         if command.kind is CommandKind.IDENTIFY and self.adaptation is not None:
             yield self.adaptation.identify(command.stamp_ns, 'command', self.fusion)
         if command.kind in (CommandKind.SHUTDOWN, CommandKind.IDENTIFY):
+            return
+        problem = '' if command.initial_state is None else initial_problem(command.initial_state)
+        if problem:
+            yield self.refuse(command, Verdict.IMPLAUSIBLE, problem, command.stamp_ns)
             return
         self._initial = command.initial_state or self.params.initial_state()
         self._leave()

@@ -10,6 +10,7 @@ from ..identification.params import IdentificationParams
 from ..order import ROBUST_FIXES
 from ..params import choice, param, vector
 from .events import InitialState
+from .limit_params import LimitParams
 from .station_params import StationParams
 
 DELAY_HANDLING = ('ignore', 'tagged', 'back_propagate', 'clone', 'rewind')
@@ -107,7 +108,7 @@ NO_COMMON_ERRORS: dict[str, float] = dict.fromkeys(
 
 
 @dataclass(frozen=True)
-class EngineParams(IdentificationParams, StationParams):
+class EngineParams(IdentificationParams, StationParams, LimitParams):
     """What can be chosen of a vehicle's navigation; nodes add their own."""
 
     mode: str = choice(
@@ -141,12 +142,6 @@ class EngineParams(IdentificationParams, StationParams):
     max_gated_s: float = param(
         300.0, 's', 1.0, 86400.0, 'Fixes that are gated for longer are an error in diagnostics'
     )
-    max_speed: float = param(
-        20.0, 'm/s', 0.1, 1e4, 'Fastest that the vehicle can be; beyond is an error'
-    )
-    max_depth: float = param(
-        12000.0, 'm', 1.0, 12000.0, 'Deepest that the vehicle can be; beyond is an error'
-    )
     lost_radius: float = param(
         1000.0, 'm', 1.0, 1e7, 'Horizontal 95 % radius from which on the vehicle counts as lost'
     )
@@ -159,9 +154,6 @@ class EngineParams(IdentificationParams, StationParams):
         'mean',
         ('mean', 'instant'),
         'Whether IMU samples are means over the interval or values at the stamp',
-    )
-    max_imu_gap_s: float = param(
-        0.5, 's', 0.01, 60.0, 'A longer gap between IMU samples is reported'
     )
     max_delay_s: float = param(60.0, 's', 0.1, 120.0, 'Oldest fix that is still used')
     history_s: float = param(65.0, 's', 0.2, 130.0, 'Length of the stored history')

@@ -13,6 +13,20 @@ from ..arrays import Array
 from .events import ControlSample, DepthSample, DvlPing, Fix, ImuSample, Verdict
 from .inputs import Stamps
 from .params import EngineParams
+from .plausibility import (
+    EARTH,
+    LEAST_DEPTH,
+    LEAST_VARIANCE,
+    MOST_RANGE,
+    MOST_VARIANCE,
+    all_within,
+    are_attitudes,
+    are_covariances,
+    is_attitude,
+    is_covariance,
+    is_variance,
+    within,
+)
 
 Refusal: TypeAlias = tuple[Verdict, str]
 Bools: TypeAlias = NDArray[np.bool_]
@@ -35,33 +49,57 @@ def unusable_local(
     if isinstance(event, ControlSample):
         return _unusable_control(params, event)
     if isinstance(event, DvlPing):
-        return _unusable_dvl(event)
-    return _unusable_depth(event)
+        return _unusable_dvl(params, event)
+    return _unusable_depth(params, event)
 
 
 def _unusable_imu(params: EngineParams, sample: ImuSample, last_ns: int | None) -> Refusal | None:
-    if not (np.isfinite(sample.omega_ib_b).all() and np.isfinite(sample.f_b).all()):
-        return Verdict.NOT_FINITE, 'rate or specific force is not finite'
+    station = params.mode == 'station'
+    if not (
+        within(sample.omega_ib_b, params.max_rate)
+        and (station or within(sample.f_b, params.max_specific_force))
+    ):
+        return _unusable_rate(params, sample)
     C_b_G = sample.C_b_G
-    if params.mode == 'station' and (C_b_G is None or not np.isfinite(C_b_G).all()):
-        return Verdict.NOT_FINITE, 'no attitude, which station mode needs (an AHRS)'
+    if station and not (C_b_G is not None and is_attitude(C_b_G)):
+        if C_b_G is None or not np.isfinite(C_b_G).all():
+            return Verdict.NOT_FINITE, 'no attitude, which station mode needs (an AHRS)'
+        return Verdict.IMPLAUSIBLE, 'the attitude is no rotation'
     if sample.stamp_ns == last_ns:
         return Verdict.DUPLICATE, 'there was an IMU sample with this stamp before'
     return None
 
 
-def usable_imu(stamps_ns: Stamps, omega_ib_b: Array, other: Array) -> Bools:
-    """Mask (n,) of usable IMU samples: finite, and the first finite one of its stamp.
+def _unusable_rate(params: EngineParams, sample: ImuSample) -> Refusal:
+    """Verdict and reason of a sample whose rate or force is not within the limits."""
+    rate, force = np.abs(sample.omega_ib_b).max(), np.abs(sample.f_b).max()
+    if not (np.isfinite(rate) and (params.mode == 'station' or np.isfinite(force))):
+        return Verdict.NOT_FINITE, 'rate or specific force is not finite'
+    if rate > params.max_rate:
+        return Verdict.IMPLAUSIBLE, f'{rate:.4g} rad/s, max_rate is {params.max_rate:g} rad/s'
+    return (
+        Verdict.IMPLAUSIBLE,
+        f'{force:.4g} m/s^2, max_specific_force is {params.max_specific_force:g} m/s^2',
+    )
+
+
+def usable_imu(params: EngineParams, stamps_ns: Stamps, omega_ib_b: Array, other: Array) -> Bools:
+    """Mask (n,) of usable IMU samples: within the limits, and the first such one of its stamp.
 
     Parameters
     ----------
+    params : EngineParams
     stamps_ns : (n,) array
         In order.
     omega_ib_b : (n, 3) array
     other : (n, 3) or (n, 3, 3) array
         What the mode needs besides: specific force, or the attitude in station mode.
     """
-    usable = _finite(omega_ib_b) & _finite(other)
+    usable = all_within(omega_ib_b, params.max_rate)
+    if params.mode == 'station':
+        usable &= are_attitudes(other)
+    else:
+        usable &= all_within(other, params.max_specific_force)
     good = np.flatnonzero(usable)
     usable[good[1:][np.diff(stamps_ns[good]) == 0]] = False
     return usable
@@ -83,32 +121,55 @@ def usable_control(params: EngineParams, force_b: Array, torque_b: Array | None 
     return good if torque_b is None else good & _finite(torque_b)
 
 
-def _unusable_dvl(ping: DvlPing) -> Refusal | None:
-    if not ping.valid or (
-        np.isfinite(ping.v_m).all()
-        and np.isfinite(ping.covariance_m).all()
-        and (np.diagonal(ping.covariance_m) > 0.0).all()
-    ):
+def _unusable_dvl(params: EngineParams, ping: DvlPing) -> Refusal | None:
+    if not ping.valid or (within(ping.v_m, params.max_speed) and is_covariance(ping.covariance_m)):
         return None
-    return Verdict.NOT_FINITE, 'dvl or its covariance is not finite and positive'
+    if not (np.isfinite(ping.v_m).all() and np.isfinite(ping.covariance_m).all()):
+        return Verdict.NOT_FINITE, 'velocity or its covariance is not finite'
+    if not within(ping.v_m, params.max_speed):
+        fastest = np.abs(ping.v_m).max()
+        return Verdict.IMPLAUSIBLE, f'{fastest:.4g} m/s, max_speed is {params.max_speed:g} m/s'
+    return _unusable_covariance('velocity', ping.covariance_m)
 
 
-def usable_dvl(valid: Bools, v_m: Array, covariance_m: Array) -> Bools:
+def usable_dvl(params: EngineParams, valid: Bools, v_m: Array, covariance_m: Array) -> Bools:
     """Mask (n,) of pings that are not faulty; one without bottom lock is not."""
-    variances = np.diagonal(covariance_m, axis1=1, axis2=2)
-    good = _finite(v_m) & _finite(covariance_m) & (variances > 0.0).all(axis=1)
+    good = all_within(v_m, params.max_speed) & are_covariances(covariance_m)
     return np.asarray(~valid | good)
 
 
-def _unusable_depth(sample: DepthSample) -> Refusal | None:
-    if np.isfinite(sample.depth) and np.isfinite(sample.variance) and sample.variance > 0.0:
+def _unusable_covariance(name: str, P: Array) -> Refusal:
+    """Verdict and reason of a finite matrix that is no covariance."""
+    variances = np.diagonal(P)
+    if not (variances > 0.0).all():
+        return Verdict.NOT_FINITE, f'a variance of the {name} is not positive'
+    if not ((variances >= LEAST_VARIANCE) & (variances <= MOST_VARIANCE)).all():
+        extreme = variances.min() if variances.min() < LEAST_VARIANCE else variances.max()
+        return Verdict.IMPLAUSIBLE, f'a variance of the {name} is {extreme:.4g}'
+    return Verdict.NOT_FINITE, f'the covariance of the {name} is not positive definite'
+
+
+def _unusable_depth(params: EngineParams, sample: DepthSample) -> Refusal | None:
+    depth, variance = sample.depth, sample.variance
+    if LEAST_DEPTH <= depth <= params.max_depth and is_variance(variance):
         return None
-    return Verdict.NOT_FINITE, 'depth or its covariance is not finite and positive'
+    if not (math.isfinite(depth) and math.isfinite(variance)):
+        return Verdict.NOT_FINITE, 'depth or its variance is not finite'
+    if not variance > 0.0:
+        return Verdict.NOT_FINITE, 'the variance of the depth is not positive'
+    if not is_variance(variance):
+        return Verdict.IMPLAUSIBLE, f'a variance of the depth is {variance:.4g}'
+    return Verdict.IMPLAUSIBLE, f'a depth of {depth:.4g} m, max_depth is {params.max_depth:g} m'
 
 
-def usable_depth(depth: Array, variance: Array) -> Bools:
-    """Mask (n,) of usable depths: finite, with a positive variance."""
-    return np.asarray(np.isfinite(depth) & np.isfinite(variance) & (variance > 0.0))
+def usable_depth(params: EngineParams, depth: Array, variance: Array) -> Bools:
+    """Mask (n,) of usable depths: within the limits, with a variance of usual size."""
+    return np.asarray(
+        (depth >= LEAST_DEPTH)
+        & (depth <= params.max_depth)
+        & (variance >= LEAST_VARIANCE)
+        & (variance <= MOST_VARIANCE)
+    )
 
 
 def _finite(values: Array) -> Bools:
@@ -127,11 +188,14 @@ def unusable_fix(params: EngineParams, fix: Fix) -> Refusal | None:
     if params.mode == 'station':
         return _unusable_polar(fix)
     # As lists: NumPy takes ten times as long for so few numbers.
-    covariance_e = fix.covariance_e.tolist()
-    if not all(map(math.isfinite, chain(fix.r_e.tolist(), *covariance_e))):
+    values = chain(fix.r_e.tolist(), fix.relative_e.tolist(), *fix.covariance_e.tolist())
+    if not all(map(math.isfinite, values)):
         return Verdict.NOT_FINITE, 'position or covariance is not finite'
-    if not all(row[i] > 0.0 for i, row in enumerate(covariance_e)):
-        return Verdict.NOT_FINITE, 'a variance of the position is not positive'
+    if not is_covariance(fix.covariance_e):
+        return _unusable_covariance('position', fix.covariance_e)
+    distance = math.hypot(*fix.r_e.tolist())
+    if not EARTH[0] < distance < EARTH[1]:
+        return Verdict.IMPLAUSIBLE, f"{distance:.4g} m from the Earth's centre"
     if params.usbl_bias_sigma > 0.0 and not np.isfinite(fix.array_heading):
         return Verdict.NOT_FINITE, 'no heading of the array, which usbl_bias_sigma needs'
     return None
@@ -146,4 +210,10 @@ def _unusable_polar(fix: Fix) -> Refusal | None:
         return Verdict.NOT_FINITE, "range, bearing or the station's pose is not finite"
     if not polar.range > 0.0:
         return Verdict.NOT_FINITE, f'a range of {polar.range} m'
+    sigmas = (polar.range_sigma, polar.bearing_sigma, polar.station_heading_sigma)
+    if not polar.range <= MOST_RANGE or not np.abs(polar.station).max() <= EARTH[1]:
+        return Verdict.IMPLAUSIBLE, f'a range of {polar.range:.4g} m'
+    # What is not above zero is left open: parameters have it.
+    if any(s > 0.0 and not is_variance(s * s) for s in sigmas):
+        return Verdict.IMPLAUSIBLE, 'a sigma of range, bearing or heading is none'
     return None

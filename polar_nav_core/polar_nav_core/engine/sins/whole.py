@@ -47,9 +47,9 @@ class SinsArrays:
 
     def __init__(self, params: EngineParams, inputs: Inputs, rows: fs.Rows) -> None:
         x, self._rows = inputs, rows
-        imu = usable_imu(x.imu_stamps_ns, x.omega_ib_b, x.f_b)
-        dvl = x.dvl_valid & usable_dvl(x.dvl_valid, x.dvl_v_m, x.dvl_covariance_m)
-        depth = usable_depth(x.depth, x.depth_variance)
+        imu = usable_imu(params, x.imu_stamps_ns, x.omega_ib_b, x.f_b)
+        dvl = x.dvl_valid & usable_dvl(params, x.dvl_valid, x.dvl_v_m, x.dvl_covariance_m)
+        depth = usable_depth(params, x.depth, x.depth_variance)
         control = usable_control(params, x.control_force_b, x.control_torque_b)
         self.first = x.imu_sample(int(np.argmax(imu))) if imu.any() else None
         self.unusable: list[Event] = [

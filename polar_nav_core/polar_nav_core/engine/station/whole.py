@@ -43,9 +43,9 @@ class StationArrays:
         x, self._rows = inputs, rows
         self._next = 0  # sample that the identification gets next
         self._thrust = np.zeros(3)
-        imu = usable_imu(x.imu_stamps_ns, x.omega_ib_b, x.C_b_G)
+        imu = usable_imu(params, x.imu_stamps_ns, x.omega_ib_b, x.C_b_G)
         control = usable_control(params, x.force_b)
-        depth = usable_depth(x.depth, x.depth_variance)
+        depth = usable_depth(params, x.depth, x.depth_variance)
         self.first = x.imu_sample(int(np.argmax(imu))) if imu.any() else None
         if self.first is not None:  # what comes before the state goes the engine's way
             control &= x.control_stamps_ns >= self.first.stamp_ns

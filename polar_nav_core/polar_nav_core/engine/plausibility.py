@@ -1,0 +1,142 @@
+"""Limits of what a sensor can say, for one value or for the columns of a whole run.
+
+What lies beyond them is no measurement, whatever its stated covariance: it is refused with a
+receipt (IMPLAUSIBLE) before any filter sees it. The limits of rates and forces are parameters;
+those here are of the Earth, of numbers, and of covariances. Comparisons are written so that NaN
+fails them.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Final, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays import Array
+from .events import InitialState
+
+Bools: TypeAlias = NDArray[np.bool_]
+
+LEAST_VARIANCE: Final = 1e-12
+MOST_VARIANCE: Final = 1e12
+"""Of any measurement, in the square of its unit: no sensor is good to a micrometre, and a sigma
+of 1,000 km says nothing."""
+LEAST_DEPTH: Final = -50.0
+"""A depth above it is none: air pressure, tide, geoid and heave are tens of metres at most [m]."""
+EARTH: Final = (6.3e6, 6.5e6)
+"""Distances from the Earth's centre that a fix can have [m]: the ocean floor, and orbits."""
+MOST_RANGE: Final = 1e6
+"""Farthest that an acoustic range can be [m]."""
+_LEAST_PIVOT = 1e-12
+"""Of the Cholesky factors of a correlation matrix."""
+_ASYMMETRY = 1e-6
+"""Largest difference of two correlations that are the same one."""
+_ORTHOGONALITY = 1e-3
+"""Largest element of C C^T - I of an attitude matrix."""
+
+_INITIAL: Final = {
+    'latitude': (-0.5 * math.pi, 0.5 * math.pi),
+    'longitude': (-2.0 * math.pi, 2.0 * math.pi),
+    'height': (-12000.0, 1000.0),
+    'roll': (-math.pi, math.pi),
+    'pitch': (-0.5 * math.pi, 0.5 * math.pi),
+    'grid_heading': (-2.0 * math.pi, 2.0 * math.pi),
+    'sigma_position_horizontal': (1e-3, 1e6),
+    'sigma_position_vertical': (1e-3, 1e6),
+    'sigma_velocity': (1e-6, 100.0),
+    'sigma_tilt': (1e-9, 0.5 * math.pi),
+    'sigma_heading': (1e-9, math.pi),
+}
+"""Limits of an initial state, those of the parameters initial_*, SI units and radians."""
+_SLACK = 1.0 + 1e-9
+"""A limit in degrees is still met after its conversion to radians."""
+_INITIAL_SPEED = 50.0
+
+
+def within(values: Array, limit: float) -> bool:
+    """Whether each of three values is finite and at most ``limit`` in size."""
+    # As numbers: NumPy takes several times as long for three.
+    x, y, z = values.tolist()
+    return -limit <= x <= limit and -limit <= y <= limit and -limit <= z <= limit
+
+
+def all_within(values: Array, limit: float) -> Bools:
+    """Mask (n,) of the rows of a (n, k) array whose values `within` accepts."""
+    if not values.size or np.abs(values).max() <= limit:  # nearly always
+        return np.ones(len(values), dtype=bool)
+    return np.asarray((np.abs(values) <= limit).all(axis=1))
+
+
+def is_covariance(P: Array) -> bool:
+    """Whether a matrix (3, 3) is a covariance: symmetric, positive definite, of usual size."""
+    ((a, ab, ac), (ba, b, bc), (ca, cb, c)) = P.tolist()
+    least, most = LEAST_VARIANCE, MOST_VARIANCE
+    if not (least <= a <= most and least <= b <= most and least <= c <= most):
+        return False
+    ra, rb, rc = math.sqrt(a), math.sqrt(b), math.sqrt(c)
+    x, y, z = ab / (ra * rb), ac / (ra * rc), bc / (rb * rc)
+    if not (
+        abs(x - ba / (ra * rb)) <= _ASYMMETRY
+        and abs(y - ca / (ra * rc)) <= _ASYMMETRY
+        and abs(z - cb / (rb * rc)) <= _ASYMMETRY
+    ):
+        return False
+    # The squares of the pivots of the correlation matrix (1, x, y; x, 1, z; y, z, 1).
+    second = 1.0 - x * x
+    if not second > _LEAST_PIVOT:
+        return False
+    rest = z - x * y
+    return 1.0 - y * y - rest * rest / second > _LEAST_PIVOT
+
+
+def are_covariances(P: Array) -> Bools:
+    """Mask (n,) of the matrices of a (n, 3, 3) array that `is_covariance` accepts."""
+    with np.errstate(all='ignore'):
+        variances = np.diagonal(P, axis1=1, axis2=2)
+        good = ((variances >= LEAST_VARIANCE) & (variances <= MOST_VARIANCE)).all(axis=1)
+        roots = np.sqrt(variances)
+        scales = roots[:, [0, 0, 1]] * roots[:, [1, 2, 2]]
+        x, y, z = (P[:, [0, 0, 1], [1, 2, 2]] / scales).T
+        lower = (P[:, [1, 2, 2], [0, 0, 1]] / scales).T
+        for upper, other in zip((x, y, z), lower, strict=True):
+            good &= np.abs(upper - other) <= _ASYMMETRY
+        second = 1.0 - x * x
+        rest = z - x * y
+        good &= second > _LEAST_PIVOT
+        good &= 1.0 - y * y - rest * rest / second > _LEAST_PIVOT
+    return np.asarray(good)
+
+
+def is_variance(value: float) -> bool:
+    """Whether a variance is of usual size."""
+    return LEAST_VARIANCE <= value <= MOST_VARIANCE
+
+
+def is_attitude(C: Array) -> bool:
+    """Whether a matrix (3, 3) is orthogonal."""
+    return bool(are_attitudes(C[None])[0])
+
+
+def are_attitudes(C: Array) -> Bools:
+    """Mask (n,) of the matrices of a (n, 3, 3) array that are orthogonal."""
+    with np.errstate(all='ignore'):
+        off = np.abs(np.einsum('nij,nkj->nik', C, C) - np.eye(3))
+        return np.asarray((off <= _ORTHOGONALITY).all(axis=(1, 2)))
+
+
+def initial_problem(s: InitialState) -> str:
+    """Sentence about an initial state that cannot be used; empty if it can."""
+    speeds = {f'v_G[{k}]': v for k, v in enumerate(s.v_G)}
+    values = {**{name: getattr(s, name) for name in _INITIAL}, **speeds}
+    for name, value in values.items():
+        low, high = _INITIAL.get(name, (-_INITIAL_SPEED, _INITIAL_SPEED))
+        if not math.isfinite(value):
+            return f'{name} of the initial state is not finite'
+        if name.startswith('sigma') and value <= 0.0:
+            return f'{name} is {value}: it must be positive'
+        slack = _SLACK if low <= 0.0 else 1.0 / _SLACK
+        if not low * slack <= value <= high * _SLACK:
+            return f'{name} is {value:g}: it must lie in [{low:g}, {high:g}]'
+    return ''
