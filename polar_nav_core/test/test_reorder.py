@@ -1,6 +1,7 @@
 """Live order equals sorted order: within the window, any transport gives the same bits."""
 
 import random
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -27,7 +28,7 @@ def events_of(world):
 
 
 def live(world, arrivals, window_s=WINDOW_S):
-    driver = Reorder(Engine(world.params(reorder_window_s=window_s)), window_s)
+    driver = Reorder(Engine(world.params(reorder_window_s=window_s)), window_s, 0.25)
     out = []
     for event in arrivals:
         out.extend(driver.add(event))
@@ -79,3 +80,35 @@ def test_flush_gives_what_the_window_held(world):
     last = [o for o in out if isinstance(o, Estimate)][-1]
     assert last.stamp_ns == world.stamps[-1]
     assert driver.pending == 0
+
+
+def test_one_imu_stamp_ahead_waits_and_is_refused_when_the_next_does_not_agree(world):
+    events = sorted(events_of(world), key=lambda e: e.key)
+    at = next(i for i, e in enumerate(events) if e.stamp_ns > world.stamps[500])
+    wrong = next(e for e in events[at:] if e.topic == 'imu/data_raw')
+    for ahead_s in (5.0, 4.0e8):
+        ahead = replace(wrong, stamp_ns=wrong.stamp_ns + round(ahead_s * 1e9), sequence=10**6)
+        driver, out = live(world, [*events[:at], ahead, ahead, *events[at:]])
+        refused = [o for o in out if isinstance(o, Receipt) and o.topic == 'imu/data_raw']
+        assert [r.verdict for r in refused] == 2 * [Verdict.FROM_FUTURE]
+        assert 'did not agree' in refused[0].reason
+        others = [o for o in out if not (isinstance(o, Receipt) and o.topic == wrong.topic)]
+        same(others, run(Engine(world.params()), events))
+        assert driver.pending == 0
+
+
+def test_a_stream_that_goes_on_after_a_leap_is_taken(world):
+    """A gap of 3 s: its first sample waits for the second, and none is lost."""
+    gap = range(int(world.stamps[500]), int(world.stamps[800]))
+    events = [e for e in events_of(world) if not (e.topic == 'imu/data_raw' and e.stamp_ns in gap)]
+    events.sort(key=lambda e: e.key)
+    _, out = live(world, events)
+    same(out, run(Engine(world.params()), events))
+
+
+def test_the_first_stamp_of_a_run_needs_a_second_that_agrees(world):
+    events = sorted(events_of(world), key=lambda e: e.key)
+    ahead = replace(events[0], stamp_ns=2**31 * 10**9 - 1, sequence=10**6)
+    _, out = live(world, [ahead, *events])
+    assert next(o.verdict for o in out if isinstance(o, Receipt)) is Verdict.FROM_FUTURE
+    same(out[1:], run(Engine(world.params()), events))

@@ -123,7 +123,7 @@ class NavigationSession(Generic[P]):
         self.params = params
         self.vehicle = vehicle
         self.engine = Engine(params) if engine is None else engine
-        self.reorder = Reorder(self.engine, params.reorder_window_s)
+        self.reorder = Reorder(self.engine, params.reorder_window_s, params.max_stamp_leap_s)
         self.taken: Counter[str] = Counter()
         self.sensors = tuple(sensors)
         self._frame_id = frame_id

@@ -41,6 +41,45 @@ class LimitParams(NodeParams):
         'Largest specific force per axis of an IMU sample that is used: 6 g, above the slam of a '
         'vehicle at the surface',
     )
+    imu_gap_s: float = param(
+        0.1,
+        's',
+        0.0,
+        60.0,
+        'A gap between IMU samples longer than this, and than three of their intervals, is '
+        'bridged by the last rates and velocity, with the covariance enlarged; 0 is never',
+    )
+    gap_attitude_sigma_deg: float = param(
+        5.7,
+        'deg',
+        0.0,
+        90.0,
+        '1-sigma per axis by which the attitude is lost in a gap of 1 s (0.1 rad/s, about the '
+        'roll, pitch and turns of a small vehicle); shorter gaps: with the square of the time',
+    )
+    gap_velocity_sigma: float = param(
+        0.5,
+        'm/s',
+        0.0,
+        100.0,
+        '1-sigma per axis by which the velocity is lost in a gap of 1 s; shorter ones: with the '
+        'time',
+    )
+    max_stamp_leap_s: float = param(
+        0.25,
+        's',
+        0.01,
+        86400.0,
+        'An IMU sample whose stamp is further ahead of the one before waits for a second one that '
+        'agrees (other sensors: 10 s ahead of their topic and of the IMU)',
+    )
+    sensor_silent_s: float = param(
+        30.0,
+        's',
+        0.1,
+        86400.0,
+        'A DVL or depth sensor that was used, and of which nothing is for longer, is a warning',
+    )
     max_imu_gap_s: float = param(
-        0.5, 's', 0.01, 60.0, 'A longer gap between IMU samples is reported'
+        0.5, 's', 0.01, 60.0, 'A longer gap between IMU samples is an error for a minute'
     )

@@ -1,8 +1,9 @@
 """Sorts live messages into the total order of events by a window of stamp time.
 
 The newest IMU stamp less the window is the watermark: messages up to it have come, or come too
-late. A message that comes too late is refused with a receipt (TOO_LATE); a replay reads these
-receipts and refuses the same messages.
+late. A message that comes too late is refused with a receipt (TOO_LATE); one that is stamped far
+ahead waits for a second one that agrees, or is refused (FROM_FUTURE, `ahead`). A replay reads
+these receipts and refuses the same messages.
 """
 
 from __future__ import annotations
@@ -10,8 +11,9 @@ from __future__ import annotations
 import heapq
 from collections.abc import Iterator
 
+from .ahead import Ahead
 from .engine import Engine
-from .events import Event, ImuSample, OrderKey, Output, Verdict
+from .events import Command, Event, Fix, ImuSample, OrderKey, Output, Verdict
 
 
 class Reorder:
@@ -23,10 +25,13 @@ class Reorder:
         The engine.
     window_s : float
         Stamp time that messages may come out of order.
+    leap_s : float
+        Stamp time that one IMU sample may be ahead without another one that agrees.
     """
 
-    def __init__(self, engine: Engine, window_s: float) -> None:
+    def __init__(self, engine: Engine, window_s: float, leap_s: float) -> None:
         self.engine = engine
+        self._ahead = Ahead(leap_s)
         self._window_ns = round(window_s * 1e9)
         self._heap: list[tuple[OrderKey, Event]] = []
         self.newest_imu_ns: int | None = None
@@ -39,6 +44,24 @@ class Reorder:
 
     def add(self, event: Event) -> Iterator[Output]:
         """Queue one message; yields estimates and receipts of all events that are due now."""
+        if isinstance(event, Fix | Command):
+            yield from self._add(event)
+            return
+        taken, refused = self._ahead.take(event, self.newest_imu_ns)
+        yield from self._refuse_ahead(refused)
+        for one in taken:
+            yield from self._add(one)
+
+    def _refuse_ahead(self, events: list[Event]) -> Iterator[Output]:
+        """Receipts of messages stamped ahead that no other one agreed with."""
+        for event in events:
+            ahead_s = self._ahead.ahead_s(event, self.newest_imu_ns)
+            reason = f'{ahead_s:.3f} s ahead of its stream, and the next message did not agree'
+            stamp_ns = self.watermark_ns or 0
+            yield self.engine.refuse(event, Verdict.FROM_FUTURE, reason, stamp_ns)
+
+    def _add(self, event: Event) -> Iterator[Output]:
+        """Queue one message whose stamp is believed."""
         if self.watermark_ns is not None and event.stamp_ns <= self.watermark_ns:
             late = (self.watermark_ns + self._window_ns - event.stamp_ns) * 1e-9
             window = self._window_ns * 1e-9
@@ -57,6 +80,10 @@ class Reorder:
 
     def flush(self) -> Iterator[Output]:
         """Process all waiting events at the end of a run; yields estimates and receipts."""
+        taken, refused = self._ahead.flush()
+        yield from self._refuse_ahead(refused)
+        for event in taken:
+            yield from self._add(event)
         while self._heap:
             yield from self.engine.process(heapq.heappop(self._heap)[1])
         yield from self.engine.finish()

@@ -1,4 +1,4 @@
-"""Acoustic packets of a bag, and the receipts of those that came too late, read as columns."""
+"""Acoustic packets of a bag, and receipts of messages that were no events, read as columns."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ..bags.columns import read_columns, time_fields
 from ..bags.columns import stamps as stamps_of
 from ..bags.errors import BagError
 from ..bags.reader import Bag
-from .recorded import decoded
+from .recorded import decoded, never_an_event
 
 _PACKET_FIELDS = (
     *time_fields('transmit_time'),
@@ -54,10 +54,11 @@ def packets_of(bag: Bag, topic: str, messages: list[bytes]) -> list[Packet]:
 
 
 def refusals_of(bag: Bag, topic: str, messages: list[bytes]) -> list[Receipt]:
-    """Receipts of messages that came too late; only those are decoded whole."""
+    """Receipts of messages that were no events (`never_an_event`); few are decoded whole."""
     if not messages:
         return []
     described = bag.definition(topic)
     verdicts = read_columns(messages, described.type, described.text, ['verdict'])['verdict']
-    late = np.flatnonzero(verdicts == Verdict.TOO_LATE)
-    return [receipt_from_msg(decoded(bag, topic, messages[i], FixReceipt)) for i in late]
+    late = np.flatnonzero((verdicts == Verdict.TOO_LATE) | (verdicts == Verdict.FROM_FUTURE))
+    receipts = (decoded(bag, topic, messages[i], FixReceipt) for i in late)
+    return [receipt_from_msg(r) for r in receipts if never_an_event(r)]

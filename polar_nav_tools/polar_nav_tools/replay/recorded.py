@@ -153,7 +153,7 @@ def load_inputs(
             messages.append((topic, message))
     receipt_topic = f'/{name}/{topics.RECEIPT}'
     receipts = [decoded(bag, receipt_topic, d, FixReceipt) for d in live[topics.RECEIPT]]
-    refused = [receipt_from_msg(r) for r in receipts if r.verdict == Verdict.TOO_LATE]
+    refused = [receipt_from_msg(r) for r in receipts if never_an_event(r)]
     if limits is not None:
         messages = _up_to(messages, {t: limits.get(f, _NO_LIMIT) for f, t in by_name.items()})
     return RecordedInputs(
@@ -166,6 +166,16 @@ def load_inputs(
         imu=inputs[0],
         engine_version=described.engine_version,
         retired=described.retired_texts(),
+    )
+
+
+def never_an_event(receipt: Any) -> bool:  # noqa: ANN401 - a FixReceipt
+    """Whether a message was refused for its stamp, before it reached the engine.
+
+    A fix from the future was an event: its receipt names a source.
+    """
+    return receipt.verdict == Verdict.TOO_LATE or (
+        receipt.verdict == Verdict.FROM_FUTURE and not receipt.source
     )
 
 
