@@ -92,12 +92,17 @@ def test_same_bits_with_odd_measurements(world, seed):
     )
 
 
-def test_a_divergence_ends_both_alike(world):
+@pytest.mark.parametrize('name', DELAY_HANDLING)
+def test_a_lost_filter_is_restored_alike(world, name):
     x = inputs_of(world, world.fixes(1.0, 1.0))
     x.f_b[400] = 1e300
-    result = both(world.params(max_specific_force=1e300), x)
-    assert 'positive definite' in result.divergence
-    assert len(result.track.stamps_ns) < 60
+    chosen = {'configuration': 'custom', 'delay_handling': name}
+    result = both(world.params(**chosen, max_specific_force=1e300), x)
+    assert not result.divergence
+    assert len(result.track.stamps_ns) == 121
+    assert np.isfinite(result.track.P).all()
+    late = 0.0 if name != 'ignore' else 3.0 * 1.0
+    assert np.linalg.norm(result.track.r_e[-1] - world.r_e[-1]) < 1.0 + late
 
 
 def test_no_measurements_at_all(world):

@@ -132,4 +132,6 @@ def test_going_back_ends_with_a_test_of_the_covariance(world):
     late = dataclasses.replace(fix, receive_ns=f.stamp_ns + 1)
     receipts = [r for r in engine.process(late) if isinstance(r, Receipt)]
     assert [r.verdict for r in receipts] == [Verdict.NOT_READY]
-    assert 'covariance of the filter' in engine.divergence
+    assert 'covariance of the filter' in engine.restored.why
+    assert engine.navigating
+    assert np.isfinite(engine.fusion.filter.P).all()

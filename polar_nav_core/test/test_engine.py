@@ -17,6 +17,7 @@ from polar_nav_core.engine.events import (
     Receipt,
     Verdict,
 )
+from polar_nav_core.engine.health.conditions import Level
 from polar_nav_core.engine.params import CONFIGURATIONS, EngineParams
 from polar_nav_core.errors import ConfigError
 
@@ -195,16 +196,22 @@ def test_reset_starts_again_from_the_given_state(world):
     np.testing.assert_allclose(after.r_e, world.r_e[1], atol=1e-3)
 
 
-def test_lost_definiteness_stops_the_estimates(world):
+def test_lost_definiteness_restores_the_newest_sound_state(world):
     engine = Engine(world.params())
     out = []
     for event in sorted(sensors(world)[:3000], key=lambda e: e.key):
         out.extend(engine.process(event))
         if len(out) == 50 and engine.navigating:
             engine.fusion.filter.P[7, 7] = -1.0
-    assert engine.divergence
-    assert not engine.navigating
-    assert len(estimates(out)) < 60
+    assert not engine.divergence
+    assert engine.restored.count == 1
+    assert 'no longer positive definite' in engine.restored.why
+    last = estimates(out)[-1]
+    k = list(world.stamps).index(last.stamp_ns)
+    off = np.linalg.norm(last.r_e - world.r_e[k])
+    assert off < 1.0
+    assert engine.health.level is Level.ERROR
+    assert 'restored from the newest sound state' in engine.health.sentence
 
 
 def test_a_configuration_is_what_its_name_says():

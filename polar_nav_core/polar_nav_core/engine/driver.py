@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Protocol
 
+from ..arrays import Ints
 from ..identification.result import Identification
 from .events import (
     Array,
@@ -58,6 +59,12 @@ class Driver(Protocol):
     def adapt(self, identified: Identification) -> None:
         """Replace drag and current by those of an accepted identification."""
 
+    def restore(self, lost: Driver) -> bool:
+        """Begin with the newest sound state of a driver that was lost; False where there is none.
+
+        It was made with any initial state, at the stamp of now.
+        """
+
 
 class Adaptation(Protocol):
     """Interface of an identification: stores fixes, attitude, thrust; adapts the filter."""
@@ -83,6 +90,12 @@ class WholeArrays(Protocol):
 
     def start(self, driver: Driver | None, first: ImuSample) -> bool:
         """Hand the arrays to the filter started at the first sample; False without a filter."""
+
+    def cursors(self) -> Ints:
+        """Positions in the streams of the arrays."""
+
+    def hand_over(self, driver: Driver | None, cursors: Ints) -> None:
+        """Hand the arrays over to another filter, from positions on."""
 
     @property
     def stamp_ns(self) -> int:

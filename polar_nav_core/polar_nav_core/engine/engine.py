@@ -41,6 +41,7 @@ from .params import EngineParams
 from .plausibility import initial_problem
 from .receipts import age_s, receipt_of
 from .refusals import unusable_local
+from .restored import NOT_RESTORED, Restored
 from .results import FixResult, chi2_gate
 from .sins.filter import NavigationFilter
 from .sins.fusion import Fusion
@@ -52,6 +53,8 @@ from .station.view import view_of as station_view_of
 from .strategies import make_fusion
 
 _SECOND_NS = 1_000_000_000
+_STEPPED_BACK = 5
+"""So many IMU samples in a row, and none between them in time, are a clock that stepped back."""
 
 
 class Engine:
@@ -71,6 +74,8 @@ class Engine:
     ledger : FixLedger
     last_imu_ns, due_ns : int or None
         Stamp of the newest IMU sample; of the estimate that is due.
+    behind_s : float
+        How far the IMU's stamps are behind the newest one since its clock stepped back [s].
     """
 
     def __init__(self, params: EngineParams) -> None:
@@ -86,16 +91,25 @@ class Engine:
         self._last_key: OrderKey | None = None
         self.last_imu_ns: int | None = None
         self.due_ns: int | None = None
+        self._imu_late, self.behind_s = 0, 0.0
         self.verdicts: Counter[Verdict] = Counter()
         self.gated: Counter[str] = Counter()
         self.fused: Counter[str] = Counter()
         self.resets = 0
         self.health: Health | None = None
         watchdog = StationWatchdog if params.mode == 'station' else Watchdog
-        envelope = Envelope(params.max_speed, params.max_depth, params.lost_radius)
-        self._watchdog = watchdog(envelope)
+        self._watchdog = watchdog(
+            Envelope(
+                params.max_speed,
+                params.max_depth,
+                params.lost_radius,
+                params.max_imu_gap_s,
+                params.sensor_silent_s,
+            )
+        )
         self.imu_gaps = 0
         self.divergence = ''
+        self.restored = NOT_RESTORED
         self.ledger = FixLedger(params, self.verdicts, self.fused)
         self._start_ns = 0
 
@@ -153,6 +167,10 @@ class Engine:
 
     def refuse(self, event: Event, verdict: Verdict, reason: str, stamp_ns: int) -> Receipt:
         """Receipt of a message that never became an event, decided at ``stamp_ns``."""
+        if isinstance(event, ImuSample) and verdict is Verdict.TOO_LATE:
+            self._imu_late += 1
+            if self._imu_late >= _STEPPED_BACK and self.last_imu_ns is not None:
+                self.behind_s = (self.last_imu_ns - event.stamp_ns) * 1e-9
         return self._count(self._receipt(event, stamp_ns, verdict, reason))
 
     @property
@@ -200,12 +218,10 @@ class Engine:
     # -- events -----------------------------------------------------------------------------------
 
     def _imu(self, sample: ImuSample) -> None:
-        if (
-            self.last_imu_ns is not None
-            and sample.stamp_ns - self.last_imu_ns > self.params.max_imu_gap_s * 1e9
-        ):
-            self.imu_gaps += 1
+        before_ns = sample.stamp_ns if self.last_imu_ns is None else self.last_imu_ns
+        self.imu_gaps += sample.stamp_ns - before_ns > self.params.max_imu_gap_s * 1e9
         self.last_imu_ns = sample.stamp_ns
+        self._imu_late, self.behind_s = 0, 0.0
         if self.adaptation is not None and sample.C_b_G is not None:
             force_b = np.zeros(3) if self._thrust is None else self._thrust.force_b
             self.adaptation.log(sample.stamp_ns, sample.C_b_G, sample.omega_ib_b, force_b)
@@ -217,14 +233,14 @@ class Engine:
                     self.fusion.control(self._thrust)
                 self.due_ns = self._start_ns = sample.stamp_ns
             return
-        before_ns = self.fusion.stamp_ns
         if sample.stamp_ns // _SECOND_NS != before_ns // _SECOND_NS:
             self.look()
         try:
             self.fusion.imu(sample)
         except FilterDivergence as error:
             self.diverge(str(error), sample.stamp_ns)
-            return
+            if self.fusion is None:
+                return
         if sample.stamp_ns // self._output_ns != before_ns // self._output_ns:
             self.due_ns = sample.stamp_ns
 
@@ -239,7 +255,9 @@ class Engine:
             of_station = station_view_of(self.fusion, self.fusion.stamp_ns)
             self.health = self._watchdog.look(of_station, found)
         elif isinstance(self.fusion, Fusion):
-            view = view_of(self.fusion, self.fusion.stamp_ns, self.resets)
+            found += self.restored.conditions(self.fusion.stamp_ns)
+            resets = self.resets + self.restored.count
+            view = view_of(self.fusion, self.fusion.stamp_ns, resets)
             self.health = self._watchdog.look(view, found)
         return self.health
 
@@ -270,7 +288,7 @@ class Engine:
             receipts = self._fix(fix)
         except FilterDivergence as error:
             self.diverge(str(error), fix.receive_ns)
-            receipts = [self._receipt(fix, fix.receive_ns, Verdict.NOT_READY, self.divergence)]
+            receipts = [self._receipt(fix, fix.receive_ns, Verdict.NOT_READY, self.why_lost)]
         for receipt in receipts:
             yield self._count(receipt)
         if self._identified is not None:
@@ -344,7 +362,18 @@ class Engine:
     # -- outputs ----------------------------------------------------------------------------------
 
     def diverge(self, why: str, stamp_ns: int) -> None:
-        """Drop the state after a numerical failure, and store the reason."""
+        """Restore the newest sound state after a numerical failure, enlarged.
+
+        Where there is none, drop the state, and store the reason.
+        """
+        lost, now_ns = self.fusion, self.last_imu_ns
+        if lost is not None and now_ns is not None and self._initial is not None:
+            self.fusion = self._make_fusion(self.params, self._initial, now_ns)
+            if self.fusion.restore(lost):
+                self.restored = Restored(self.restored.count + 1, stamp_ns, why)
+                if self._thrust is not None:
+                    self.fusion.control(self._thrust)
+                return
         self.divergence = (
             f'{why} (at {stamp_ns * 1e-9:.3f} s); no estimates are published until a reset'
         )
@@ -356,6 +385,11 @@ class Engine:
         self.resets = max(self.resets, 0 if self.health is None else self.health.resets)
         self.fusion = None
         self.health = None
+
+    @property
+    def why_lost(self) -> str:
+        """Why the filter was lost last, and what became of it."""
+        return self.divergence or f'{self.restored.why}; the newest sound state is restored'
 
     def _count(self, receipt: Receipt) -> Receipt:
         self.verdicts[receipt.verdict] += 1

@@ -250,7 +250,11 @@ class _Driver:
             found = self._engine.look()
             self._health += [] if found is None else [found]
             return 1
+        lost = self._engine.fusion
+        cursors = self._arrays.cursors() if self._running else None
         self._collector.take(self._engine.process(event))
+        if cursors is not None and self._engine.fusion is not lost:
+            self._arrays.hand_over(self._engine.fusion, cursors)
         return 1
 
     def _advance(self, stamp_ns: int, rank: int) -> None:
@@ -260,14 +264,18 @@ class _Driver:
         engine, arrays, collector = self._engine, self._arrays, self._collector
         if engine.adaptation is not None:
             arrays.log(engine.adaptation, stamp_ns + (rank > int(Rank.IMU)))
-        try:
-            while arrays.advance(stamp_ns, rank):
+        full = True
+        while full:
+            try:
+                full = arrays.advance(stamp_ns, rank)
+                if full:
+                    collector.note(engine)
+                    collector.drain()
+            except FilterDivergence as error:
                 collector.note(engine)
-                collector.drain()
-        except FilterDivergence as error:
-            collector.note(engine)
-            engine.diverge(str(error), arrays.stamp_ns)
-            return
+                diverge(engine, arrays, error, arrays.stamp_ns)
+                if not self._running:
+                    return
         self._flush(stamp_ns)
         engine.last_imu_ns = arrays.stamp_ns
 
@@ -282,6 +290,13 @@ class _Driver:
                 collector.drain()
             self._arrays.put_row()
         collector.note(self._engine)
+
+
+def diverge(engine: Engine, arrays: WholeArrays, why: FilterDivergence, stamp_ns: int) -> None:
+    """Have the engine restore a filter that was lost in the compiled loop, and go on with it."""
+    engine.last_imu_ns, cursors = arrays.stamp_ns, arrays.cursors()
+    engine.diverge(str(why), stamp_ns)
+    arrays.hand_over(engine.fusion, cursors)
 
 
 class _FixesAtOnce:
@@ -322,7 +337,7 @@ class _FixesAtOnce:
             self._collector.note(engine)
             on_fix = first + settled < arrays.fixes
             at_ns = fixes[settled].receive_ns if on_fix else arrays.stamp_ns
-            engine.diverge(str(error), at_ns)
+            diverge(engine, arrays, error, at_ns)
             if on_fix:
                 self._lost(fixes[settled])
                 settled += 1
@@ -390,5 +405,5 @@ class _FixesAtOnce:
         engine.admit(fix)
         engine.ledger.received += 1
         self._collector.receipts.append(
-            engine.refuse(fix, Verdict.NOT_READY, engine.divergence, fix.receive_ns)
+            engine.refuse(fix, Verdict.NOT_READY, engine.why_lost, fix.receive_ns)
         )

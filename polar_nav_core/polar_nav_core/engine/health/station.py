@@ -30,7 +30,7 @@ _DRAG_FACTOR = 4.0
 _EITHER = Culprit.MODEL | Culprit.FIXES
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class StationView(View):
     """What the watchdog looks at in station mode, besides what every navigation has.
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -33,6 +34,17 @@ AFTER_S = 60.0
 """A gate that was opened again stays a condition for so long."""
 
 
+class Gaps(NamedTuple):
+    """How many gaps there were, how long the last one was [s], and when it ended [ns]."""
+
+    count: int
+    last_s: float
+    end_ns: int
+
+
+NO_GAPS = Gaps(0, 0.0, 0)
+
+
 @dataclass(frozen=True)
 class View:
     """What the watchdog looks at, at one stamp.
@@ -52,6 +64,8 @@ class View:
         Published covariance of the horizontal position [m^2].
     resets : int
         How often the state was inflated, restored or started anew.
+    gaps : Gaps
+        Between IMU samples, that were bridged.
     """
 
     stamp_ns: int
@@ -62,6 +76,7 @@ class View:
     depth: float
     P_horizontal: Array
     resets: int
+    gaps: Gaps = NO_GAPS
 
 
 @dataclass(frozen=True)
@@ -74,11 +89,17 @@ class Envelope:
         [m/s], [m].
     lost_radius : float
         Horizontal 95 % radius from which on it counts as lost [m].
+    max_imu_gap_s : float
+        A longer gap between IMU samples is an error.
+    silent_after_s : float
+        A sensor that was used and is not for longer is silent.
     """
 
     max_speed: float
     max_depth: float
     lost_radius: float = math.inf
+    max_imu_gap_s: float = math.inf
+    silent_after_s: float = math.inf
 
 
 class Watchdog:
@@ -108,7 +129,7 @@ class Watchdog:
 
     def _conditions(self, view: View) -> list[Condition]:
         s = statistics(view.memories)
-        found = []
+        found = [*_imu_gap(view, self._envelope), *_silences(view, self._envelope)]
         for stream in (DVL, DEPTH):
             found += _refusals(view, s, stream)
         found += _fix_bias(s)
@@ -117,6 +138,33 @@ class Watchdog:
         for stream in (DVL, DEPTH, FIX):
             found += scatter(s, stream)
         return [*found, *outside(view, self._envelope)]
+
+
+def _imu_gap(view: View, envelope: Envelope) -> list[Condition]:
+    """A gap between IMU samples that was bridged not long ago."""
+    gaps = view.gaps
+    since_s = (view.stamp_ns - gaps.end_ns) * 1e-9
+    if not gaps.count or since_s >= AFTER_S:
+        return []
+    level = Level.ERROR if gaps.last_s > envelope.max_imu_gap_s else Level.WARN
+    sentence = (
+        f'IMU gap of {gaps.last_s:.1f} s ended {since_s:.0f} s ago and was bridged with enlarged '
+        f'covariance ({gaps.count} so far)'
+    )
+    return [Condition('IMU gap', level, Culprit.IMU, sentence)]
+
+
+def _silences(view: View, envelope: Envelope) -> list[Condition]:
+    """Local sensors that were used once, and now are not; fixes: see engine.integrity."""
+    found = []
+    for stream in (DVL, DEPTH):
+        since_s = (view.stamp_ns - int(view.used_ns[stream])) * 1e-9
+        if view.used_ns[stream] and since_s > envelope.silent_after_s:
+            name = _NAMES[stream]
+            culprit = _CULPRITS[stream] & ~Culprit.IMU
+            sentence = f'no {name} used for {since_s:.0f} s'
+            found.append(Condition(f'{name} silent', Level.WARN, culprit, sentence))
+    return found
 
 
 def _refusals(view: View, s: Statistics, stream: int) -> list[Condition]:

@@ -43,6 +43,7 @@ class Clone(Fusion):
     def fix(self, fix: Fix) -> FixResult | None:
         """Fuse a fix where it belongs; None when that is no longer stored."""
         f = self.filter
+        f.reach(fix.receive_ns)
         split = f.leader.split(fix)
         code = late_run.take_late(
             *f.parts,

@@ -15,7 +15,7 @@ import numpy as np
 from ... import attitude, earth, grid
 from ...error_model import X
 from ...errors import FilterDivergence
-from ...kernels.sins import consider, reopen
+from ...kernels.sins import bridge, consider, reopen
 from ...kernels.sins import events as fe
 from ...kernels.sins import fuse as ff
 from ...kernels.sins import late as filter_late
@@ -35,6 +35,7 @@ from ..events import (
     ModelEstimate,
 )
 from ..params import EngineParams
+from ..plausibility import MOST_VARIANCE
 from ..results import CORRECTIONS_PER_S, IMU_PERIOD_S, Outcome
 from . import aiding
 from . import streams as st
@@ -49,6 +50,12 @@ _WHY = {
     fs.P_NOT_DEFINITE: 'the covariance of the filter is no longer positive definite',
     fs.S_NOT_DEFINITE: 'an innovation covariance is not positive definite',
 }
+
+
+_ENLARGED = 4.0
+"""Factor on the variances of a state that is restored."""
+_LOST_RATE, _LOST_ACCELERATION = 0.1, 0.5
+"""What the vehicle may have done since [rad/s], [m/s^2], as in a gap between IMU samples."""
 
 
 class NavigationFilter:
@@ -103,18 +110,52 @@ class NavigationFilter:
         weight = params.forgetting ** (1.0 / (1.0 - params.forgetting))  # b^k with k = k0
         self.state.noise[:] = [weight, 1.0, 1.0, 1.0]
         self.start_ns = stamp_ns
+        self._begin()
+
+    def _begin(self) -> None:
+        """Begin at the state as it is: no past, one epoch, one snapshot."""
+        stamp_ns, counters, log = self.start_ns, self.state.counters, self.log
+        counters[:] = 0
+        log.counts[:] = 0
         opened = range(fs.OPENED_NS, fs.OPENED_NS + 3)
-        for k in (fs.STAMP, fs.IMPULSE_NS, fs.LOCK_NS, *opened):
-            self.state.counters[k] = stamp_ns
+        for k in (fs.STAMP, fs.IMU_NS, fs.IMPULSE_NS, fs.LOCK_NS, *opened):
+            counters[k] = stamp_ns
         fe.begin_step(self.state, self.settings, stamp_ns)
         ff.locate(self.state, self.frames, self.settings)
         fe.add_epoch(self.state, self.settings, self.past)
-        if steps:
-            self.log.step_P[0] = self.P
-            self.log.stamps[0] = stamp_ns
-            self.log.epochs[0] = 0
-            self.log.counts[0] = 1
-        fe.take_snapshot(self.state, self.log)
+        if len(log.step_P):
+            log.step_P[0] = self.P
+            log.stamps[0] = stamp_ns
+            log.epochs[0] = 0
+            log.counts[0] = 1
+        fe.take_snapshot(self.state, log)
+        log.good_flat[0] = np.concatenate([self.state.flat, self.state.model.ravel()])
+        log.good_ns[0] = stamp_ns
+
+    def restore(self, lost: NavigationFilter) -> None:
+        """Begin with the newest sound state of a filter that was lost, moved on and enlarged.
+
+        Correlations are dropped: they may be what was lost.
+        """
+        s, good = self.state, lost.log.good_flat[0]
+        since_s = max(0.0, (self.start_ns - int(lost.log.good_ns[0])) * 1e-9)
+        s.flat[:] = good[: fs.FLAT]
+        s.model[:] = good[fs.FLAT :].reshape(s.model.shape)
+        s.P[:] = np.diag(np.minimum(_ENLARGED * np.diagonal(s.P), MOST_VARIANCE))
+        if self.settings.aiding.on:
+            block = s.model[fs.P_EE : fs.MEAN]
+            block[:] = np.diag(_ENLARGED * np.diagonal(block))
+            s.model[fs.P_XE : fs.P_EE] = 0.0
+            s.model[fs.THRUST] = 0.0
+        for x in (s.sensitivity, s.memories, s.increments, s.sums, s.previous, s.previous_dt):
+            x[:] = 0.0
+        self.P[X.phi_G, X.phi_G] += np.eye(3) * (_LOST_RATE * since_s) ** 2
+        self.P[X.dv_G, X.dv_G] += np.eye(3) * (_LOST_ACCELERATION * since_s) ** 2
+        ff.locate(s, self.frames, self.settings)
+        self.r_e += self.velocity_e * since_s
+        speed = float(np.linalg.norm(self.v_G))
+        self.P[X.dr_e, X.dr_e] += np.eye(3) * ((speed + _LOST_ACCELERATION) * since_s) ** 2
+        self._begin()
 
     def _name_views(self) -> None:
         """Bind short names to the arrays that strategies read."""
@@ -153,7 +194,7 @@ class NavigationFilter:
 
     @property
     def stamp_ns(self) -> int:
-        """Stamp of the newest IMU sample."""
+        """Stamp of the state."""
         return int(self.state.counters[fs.STAMP])
 
     @property
@@ -210,6 +251,23 @@ class NavigationFilter:
         st.put_dvl(self.streams, ping)
         self.advance()
         return self.outcome(3, fused=bool(self.state.tally[fs.DVL_ROW, fs.GATED] == gated))
+
+    def reach(self, stamp_ns: int) -> None:
+        """Advance to a stamp [ns] of a measurement that lies in a gap between IMU samples."""
+        bridge.reach(
+            self.state,
+            self.frames,
+            self.settings,
+            self.past,
+            self.work,
+            self.log,
+            stamp_ns,
+        )
+
+    @property
+    def imu_stamp_ns(self) -> int:
+        """Stamp of the newest IMU sample; `stamp_ns` may be later, in a gap."""
+        return int(self.state.counters[fs.IMU_NS])
 
     def depth(self, sample: DepthSample) -> Outcome:
         """Fuse one depth; returns the outcome."""

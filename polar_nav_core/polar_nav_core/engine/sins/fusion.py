@@ -17,6 +17,7 @@ from ...kernels.sins import events as fe
 from ...kernels.sins import rows as filter_rows
 from ...kernels.sins import state as fs
 from ...kernels.sins import update as kf
+from ..driver import Driver
 from ..events import (
     Array,
     ControlSample,
@@ -53,6 +54,7 @@ class Fusion:
         adaptation = configuration.noise_adaptation
         self.filter = self.make_filter(params, initial, stamp_ns)
         bounds = (params.adaptive_floor, params.adaptive_ceiling)
+        self._as_printed = adaptation in ('sage_husa_unguarded', 'sage_husa_published')
         self._noise_fix = make_noise(adaptation, params.forgetting, *bounds)
         self._noise_dvl = make_noise(adaptation, params.forgetting, *bounds)
         self.filter.process = make_process(adaptation, params.forgetting)
@@ -84,6 +86,7 @@ class Fusion:
             return self.filter.depth(event)
         if self._noise_dvl is None:
             return self.filter.dvl(event)
+        self.filter.reach(event.stamp_ns)
         self.filter.fill_dvl(event)
         return self.filter.fuse(3, self._noise_dvl, fs.DVL_ROW)
 
@@ -138,6 +141,16 @@ class Fusion:
 
     def adapt(self, identified: Identification) -> None:
         """Do nothing: this mode adapts no drag or current from an identification."""
+
+    def restore(self, lost: Driver) -> bool:
+        """Begin with the newest sound state of a fusion that was lost.
+
+        The filters as they were printed are expected to diverge: they stop.
+        """
+        if not isinstance(lost, Fusion) or self._as_printed:
+            return False
+        self.filter.restore(lost.filter)
+        return True
 
     def estimate(self, fixes: tuple[int, int, int]) -> Estimate:
         """Estimate at the newest IMU sample; ``fixes`` are received, fused, newest validity."""
@@ -198,6 +211,7 @@ class Ignore(Fusion):
 
     def fix(self, fix: Fix) -> FixResult | None:
         """Fuse a fix as if it were valid when it was received."""
+        self.filter.reach(fix.receive_ns)
         self._fuse_at(fix, self._present(), fix.receive_ns)
         return FixResult(self._take(), 0)
 
@@ -208,6 +222,7 @@ class Tagged(Fusion):
     def fix(self, fix: Fix) -> FixResult | None:
         """Fuse a fix with the innovation at its validity and the rows of the present state."""
         f = self.filter
+        f.reach(fix.receive_ns)
         epoch = f.history.before(fix.validity_ns)
         if epoch is None:
             return None
@@ -221,5 +236,6 @@ class BackPropagate(Fusion):
 
     def fix(self, fix: Fix) -> FixResult | None:
         """Fuse a fix with its rows referred to now through the stored transitions."""
+        self.filter.reach(fix.receive_ns)
         steps = self.filter.fill_late_fix(fix)
         return None if steps < 0 else FixResult(self._take(), steps)

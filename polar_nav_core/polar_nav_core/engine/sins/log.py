@@ -36,4 +36,6 @@ def make_log(
         L=np.zeros((updates, 3, 3)),
         snapshot_flat=np.zeros((kept, fs.FLAT + (fs.MODEL if model else 0))),
         snapshot_counters=np.zeros((kept, fs.COUNTERS), dtype=np.int64),
+        good_flat=np.zeros((1, fs.FLAT + (fs.MODEL if model else 0))),
+        good_ns=np.zeros(1, dtype=np.int64),
     )

@@ -60,6 +60,11 @@ def make_settings(p: EngineParams) -> fs.Settings:
         lever_point_b=np.array(p.transponder_lever_b),
         lever_dvl_b=np.array(p.dvl_lever_b),
         lever_depth_b=np.array(p.depth_lever_b),
+        # Where Q is adapted, Python adds it after each step: that has no way over a gap.
+        gap_ns=0 if adapts_Q else round(p.imu_gap_s * 1e9),
+        gap_variances=np.array(
+            [math.radians(p.gap_attitude_sigma_deg) ** 2, p.gap_velocity_sigma**2]
+        ),
         reopen_ns=round(p.reopen_after_s * 1e9),
         considers=bool(sigmas.any()),
         common=sigmas,

@@ -7,7 +7,7 @@ import numpy as np
 from ... import grid
 from ...error_model import X
 from ...kernels.sins import state as fs
-from ..health.watchdog import View
+from ..health.watchdog import Gaps, View
 from .fusion import Fusion
 
 
@@ -28,4 +28,7 @@ def view_of(fusion: Fusion, stamp_ns: int, resets: int) -> View:
         depth=f.settings.sea_surface_height - fusion.height(),
         P_horizontal=P_G[:2, :2],
         resets=resets + int(counters[fs.OPENINGS : fs.OPENINGS + 3].sum()),
+        gaps=Gaps(
+            int(counters[fs.GAPS]), int(counters[fs.GAP_NS]) * 1e-9, int(counters[fs.GAP_END_NS])
+        ),
     )

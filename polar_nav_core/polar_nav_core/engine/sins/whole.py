@@ -106,10 +106,28 @@ class SinsArrays:
         fe.take_snapshot(f.state, f.log)
         return True
 
+    def cursors(self) -> Ints:
+        """How much of each stream is processed: the filter's counters, a copy."""
+        return self.filter.state.counters.copy()
+
+    def hand_over(self, driver: Driver | None, cursors: Ints) -> None:
+        """Go on with a filter that was restored, from where the lost one was in the streams."""
+        if not isinstance(driver, Fusion):
+            return
+        self._fusion = driver
+        self.filter = f = driver.filter
+        f.streams, f.rows, counters = self._streams, self._rows, f.state.counters
+        for k in (fs.IMU, fs.DEPTH, fs.DVL):
+            counters[k] = cursors[k]
+        counters[fs.CONTROL] = max(0, cursors[fs.CONTROL] - 1)  # the last one still holds
+        f.streams.counts[fs.FIX - fs.IMU] = 0
+        f.log.counts[1] = 0
+        fe.take_snapshot(f.state, f.log)
+
     @property
     def stamp_ns(self) -> int:
         """Stamp of the newest IMU sample processed [ns]."""
-        return self.filter.stamp_ns
+        return self.filter.imu_stamp_ns
 
     def advance(self, until_ns: int, until_rank: int) -> bool:
         """Process all data before a stamp [ns] and rank; True if the rows were full before that.

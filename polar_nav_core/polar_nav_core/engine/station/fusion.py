@@ -17,6 +17,7 @@ from ...identification.result import Identification
 from ...kernels.station import forward as station_forward
 from ...kernels.station import run
 from ...kernels.station import state as ss
+from ..driver import Driver
 from ..events import (
     Array,
     ControlSample,
@@ -106,6 +107,10 @@ class StationFusion:
     def adapt(self, identified: Identification) -> None:
         """Replace drag and current by those of an accepted identification."""
         self.filter.adapt(identified)
+
+    def restore(self, lost: Driver) -> bool:  # noqa: ARG002 - that of `Driver`
+        """Do nothing and return False: a lost filter is not restored in this mode."""
+        return False
 
     def fix(self, fix: Fix) -> FixResult | None:
         """Fuse a fix; None when the stored history does not reach back to its validity."""

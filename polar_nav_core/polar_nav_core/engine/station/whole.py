@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...arrays import Ints
 from ...kernels.station import run as run_kernels
 from ...kernels.station import state as ss
 from ..driver import Adaptation, Driver
@@ -93,6 +94,13 @@ class StationArrays:
         f.rows = self._rows
         f.rows.io[0] = first.stamp_ns
         return True
+
+    def cursors(self) -> Ints:
+        """How much of each stream is processed: the filter's counters, a copy."""
+        return self.filter.bank.counters.copy()
+
+    def hand_over(self, driver: Driver | None, cursors: Ints) -> None:
+        """Do nothing: a lost filter is not restored in this mode."""
 
     @property
     def stamp_ns(self) -> int:

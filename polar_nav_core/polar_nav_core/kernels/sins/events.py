@@ -17,6 +17,7 @@ from . import state as fs
 from .aiding import compare_velocities, model_is_definite, predict_model
 from .consider import depth_common, dvl_common, fix_common, predict_sensitivity
 from .fuse import correct_and_remember, enter
+from .gap import add_gap_noise
 from .imu import hold_surroundings, imu_step, take_means
 from .model import E
 from .rows import depth_rows, dvl_rows, fix_rows
@@ -45,14 +46,54 @@ def _process_noise(q: Array, c: Settings, dt: float) -> None:
 
 
 @kernel
-def _covariance_step(
-    s: State, c: Settings, past: Past, w: Work, log: Log, stamp_ns: int, dt: float
+def _copy(s: State, flat: Array) -> None:
+    """Copy all that changes with time, but for the counters, to a row."""
+    for k in range(fs.FLAT):
+        flat[k] = s.flat[k]
+    for r in range(s.model.shape[0]):
+        for k in range(E):
+            flat[fs.FLAT + r * E + k] = s.model[r, k]
+
+
+@kernel
+def take_snapshot(s: State, log: Log) -> None:
+    """Store the state, if there is room for snapshots at all."""
+    if log.snapshot_flat.shape[0] == 0:
+        return
+    i = log.counts[1] % log.snapshot_flat.shape[0]
+    _copy(s, log.snapshot_flat[i])
+    for k in range(fs.COUNTERS):
+        log.snapshot_counters[i, k] = s.counters[k]
+    log.counts[1] += 1
+
+
+@kernel
+def _keep_good(s: State, log: Log, stamp_ns: int) -> None:
+    """Store a state that is sound: what a filter that is lost later goes back to."""
+    _copy(s, log.good_flat[0])
+    log.good_ns[0] = stamp_ns
+
+
+@kernel
+def covariance_step(
+    s: State, c: Settings, past: Past, w: Work, log: Log, stamp_ns: int, dt: float, gap: float
 ) -> int:
-    """DONE, or P_NOT_DEFINITE, of the covariance step of dt [s] that ends at a stamp."""
+    """DONE, or P_NOT_DEFINITE, of the covariance step of dt [s] that ends at a stamp.
+
+    ``gap`` is 0, or the time since the last IMU sample where the step bridges a gap [s]. There
+    no force and no rate is integrated, so that no error of theirs gets into the state.
+    """
     s.counters[fs.STEPS] += 1
     number = s.counters[fs.STEPS]
     Phi = past.transitions[number % past.transitions.shape[0]]
     take_means(s.sums, w.C_mean, w.f_mean, w.omega_mean)
+    C_mean = w.C_mean
+    if gap > 0.0:
+        C_mean = w.C_m_G
+        for i in range(3):
+            for j in range(3):
+                C_mean[i, j] = 0.0
+                w.C_mean[i, j] = s.C_b_G[i, j]
     tau_usbl = c.usbl[1] if c.estimates_usbl_bias else 0.0
     fill_transition(
         Phi,
@@ -60,7 +101,7 @@ def _covariance_step(
         w.F15,
         s.r_e,
         s.v_G,
-        w.C_mean,
+        C_mean,
         w.f_mean,
         dt,
         c.markov[1],
@@ -69,6 +110,8 @@ def _covariance_step(
     if c.aiding.on:
         predict_model(s, c, w, Phi, stamp_ns, dt)
     _process_noise(w.q, c, dt)
+    if gap > 0.0:
+        add_gap_noise(w.q, s.P, c.gap_variances, gap - dt, gap)
     predict(s.P, Phi, w.q, w.M)
     if c.considers:
         predict_sensitivity(s.sensitivity, Phi, w.M)
@@ -90,6 +133,8 @@ def _covariance_step(
         good = model_is_definite(s, c, w, thorough)
     if not good:
         return fs.P_NOT_DEFINITE
+    if thorough:
+        _keep_good(s, log, stamp_ns)
     if log.step_P.shape[0] > 0:
         slot = number % log.step_P.shape[0]
         for i in range(N):
@@ -105,22 +150,6 @@ def _covariance_step(
             fs.NO_MEASUREMENT,
         )
     return fs.DONE
-
-
-@kernel
-def take_snapshot(s: State, log: Log) -> None:
-    """Store the state, if there is room for snapshots at all."""
-    if log.snapshot_flat.shape[0] == 0:
-        return
-    i = log.counts[1] % log.snapshot_flat.shape[0]
-    for k in range(fs.FLAT):
-        log.snapshot_flat[i, k] = s.flat[k]
-    for k in range(fs.COUNTERS):
-        log.snapshot_counters[i, k] = s.counters[k]
-    for r in range(s.model.shape[0]):
-        for k in range(E):
-            log.snapshot_flat[i, fs.FLAT + r * E + k] = s.model[r, k]
-    log.counts[1] += 1
 
 
 @kernel
@@ -179,12 +208,13 @@ def imu_event(
     for k in range(3):
         s.omega_ib_b[k] = w.omega[k]
     s.counters[fs.STAMP] = stamp_ns
+    s.counters[fs.IMU_NS] = stamp_ns
     s.counters[fs.IMU] += 1
     code = fs.DONE
     stepped = stamp_ns >= s.counters[fs.NEXT]
     if stepped:
         step = (stamp_ns - s.counters[fs.BOUNDARY]) * 1e-9
-        code = _covariance_step(s, c, past, w, log, stamp_ns, step)
+        code = covariance_step(s, c, past, w, log, stamp_ns, step, 0.0)
         begin_step(s, c, stamp_ns)
     add_epoch(s, c, past)
     # A measurement like others, after the epoch; inside this event, so that a snapshot has it.

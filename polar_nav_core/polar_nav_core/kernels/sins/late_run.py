@@ -6,6 +6,7 @@ from ...arrays import Array
 from ..cache import routine
 from . import state as fs
 from .blocks import Blocks
+from .bridge import reach
 from .consider import fix_common
 from .events import note_outcome
 from .fuse import locate
@@ -100,6 +101,7 @@ def advance_late(
             if rows.io[1] >= rows.stamps.shape[0]:
                 return fs.FULL
             put_row(s, c, rows)
+        reach(s, fr, c, past, w, log, stamp)
         note = streams.fix_notes[k]
         code = take_late(
             s,

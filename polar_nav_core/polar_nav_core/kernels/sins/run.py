@@ -11,6 +11,7 @@ from ..cache import kernel, routine
 from ..queues import earlier, is_before, next_stamp
 from . import state as fs
 from .aiding import control_event, count_good_ping, has_bottom_lock, model_is_definite
+from .bridge import bridge, bridge_to_sample, is_gap
 from .columns import describe
 from .consider import add_common, fix_common
 from .events import fill_depth, fill_dvl, fill_fix, imu_event, note_outcome
@@ -67,6 +68,8 @@ def _imu_until(
         now = streams.imu_stamps[k]
         if not _write_due(s, c, rows, now):
             return fs.FULL
+        if is_gap(s, c, now):
+            bridge_to_sample(s, c, past, w, log, now)  # a failure shows in the step to come
         code = imu_event(s, c, past, w, log, now, streams.omega_ib_b[k], streams.f_b[k])
         if now >= rows.io[2]:
             rows.io[0] = now
@@ -191,6 +194,8 @@ def _process(
         if rank == fs.CONTROL_RANK:
             _take_control(s, streams, stamp)
             continue
+        if is_gap(s, c, stamp):
+            bridge(s, c, past, w, log, stamp)  # a failure shows in S, or in the step to come
         locate(s, fr, c)
         if rank == fs.DEPTH_RANK:
             stream, m = fs.DEPTH_ROW, _take_depth(s, fr, c, w, streams)

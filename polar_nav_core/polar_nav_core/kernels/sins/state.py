@@ -59,7 +59,11 @@ USED_NS = 18  # three: stamp of the newest measurement used, per stream
 OPENED_NS = 21  # three: when the gate of a stream was last opened again; the start at first
 OPENINGS = 24  # three: how often the gate of a stream was opened again
 USES = 27  # three: measurements used, per stream
-COUNTERS = 30
+IMU_NS = 30  # stamp of the newest IMU sample; STAMP is later in a gap
+GAPS = 31  # between IMU samples, that were bridged
+GAP_NS = 32  # length of the last one
+GAP_END_NS = 33  # stamp of the sample that ended it
+COUNTERS = 34
 
 # What an event function (FUSED or REFUSED, too) or `advance` returns.
 DONE = 0
@@ -226,6 +230,8 @@ class Settings(NamedTuple):
     lever_point_b: Array
     lever_dvl_b: Array
     lever_depth_b: Array
+    gap_ns: int  # a longer way from an IMU sample is bridged; 0: never
+    gap_variances: Array  # (2,): see gap
     reopen_ns: int  # how long a gate stays shut at least before it opens again; 0: for good
     considers: bool  # some common error has a sigma
     common: Array  # (COLUMNS,): sigmas of the common errors (consider)
@@ -384,6 +390,8 @@ class Log(NamedTuple):
     L: Array
     snapshot_flat: Array  # State.flat, and State.model after it
     snapshot_counters: Ints
+    good_flat: Array  # (1, ...): as above, when the covariance was last tested in full
+    good_ns: Ints  # (1,): its stamp
 
 
 STEP = 0
