@@ -124,18 +124,17 @@ def test_transmit_stamp_is_the_processing_delay_after_the_return(world, sent):
     assert to_ns(tx.transmit_time) == due
 
 
-def test_no_broadcast_from_a_navigation_that_diverged(world):
-    """The array goes on hearing, but nobody knows where it is."""
+def test_broadcasts_go_on_from_a_navigation_that_was_restored(world):
+    """With the sigma that it then has."""
     run = own(world, max_specific_force=1e300)
     kick = messages.imu(world.imu()[100])
     kick.linear_acceleration.x = 1e200
     kick.header.stamp = to_msg(int(world.stamps[101]) + 1)
     fix = messages.usbl(int(world.stamps[300]))
     out = feed(run, world, extra=[(1.01, IMU, kick), (3.1, topics.USBL, fix)])
-    assert run.engine.divergence
-    assert 5 < len(out[STATE]) < 15
-    assert topics.TX not in out
-    assert run.leader.waiting == 1
+    assert run.engine.restored.count == 1
+    assert len(out[STATE]) > 25
+    assert len(out[topics.TX]) == 1
 
 
 @pytest.mark.parametrize('lat', [80.0, 89.9999, -75.0])

@@ -2,13 +2,15 @@
 
 | level | when |
 | --- | --- |
-| ERROR | the covariance lost definiteness; an ERROR of the watchdog or of the integrity monitor |
-| WARN | no state yet; sensors outrun the history; a WARN of those two; messages came too late |
+| ERROR | the filter was lost; the IMU is silent or steps back; an ERROR of watchdog or integrity |
+| WARN | no state yet; sensors outrun the history; a WARN of those two; messages were refused |
 | OK | navigating, with the age of the last fix |
 """
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
@@ -20,6 +22,32 @@ from polar_nav_core.engine.health.conditions import Health
 from polar_nav_core.engine.integrity import Integrity
 
 from .diagnostics import Diagnosis, Level
+
+_REFUSED = {
+    Verdict.TOO_LATE: 'came after reorder_window_s',
+    Verdict.FROM_FUTURE: 'were stamped ahead',
+    Verdict.IMPLAUSIBLE: 'said what no sensor can say; nav/receipt says which',
+}
+"""Verdicts that are a WARN while they go on."""
+_SILENT_S = 2.5
+
+
+class _Silence:
+    """Steady time for which no IMU sample was used while other messages came."""
+
+    def __init__(self, now_s: float) -> None:
+        self._since_s = now_s
+        self._imu_ns: int | None = None
+        self._others = 0
+
+    def look(self, now_s: float, imu_ns: int | None, others: int) -> float:
+        """Length of the silence [s]; 0 while samples are used, or nothing comes.
+
+        ``others`` counts messages that wait for the IMU or were refused.
+        """
+        if imu_ns != self._imu_ns:
+            self._since_s, self._imu_ns, self._others = now_s, imu_ns, others
+        return now_s - self._since_s if others > self._others else 0.0
 
 
 class Logger(Protocol):
@@ -43,16 +71,22 @@ class NavigationHealth:
     engine : Engine
     logger : Logger
         Logs doubtful parameters at once, and every change of level.
+    clock : callable
+        Steady time [s]. It says that the IMU is silent, and nothing else.
     """
 
-    def __init__(self, engine: Engine, logger: Logger) -> None:
+    def __init__(
+        self, engine: Engine, logger: Logger, clock: Callable[[], float] = time.monotonic
+    ) -> None:
         self._engine = engine
+        self._clock = clock
+        self._silence = _Silence(clock())
         self._logger = logger
         self._warnings = warnings_of(engine.params)
         for warning in self._warnings:
             logger.warning(warning)
         self._last = Level.WARN  # there is no state yet
-        self._late = 0
+        self._refused = dict.fromkeys(_REFUSED, 0)
 
     def diagnose(self, values: dict[str, object]) -> Diagnosis:
         """Present status; ``values`` are the node's own numbers.
@@ -69,17 +103,27 @@ class NavigationHealth:
         if self._warnings:
             counted['parameter_warnings'] = '; '.join(self._warnings)
         counted |= _present(engine.health)
-        level, message = self._worst(integrity)
-        self._late = engine.verdicts[Verdict.TOO_LATE]
+        waiting = values.get('waiting', 0)
+        others = sum(engine.verdicts.values()) + (waiting if isinstance(waiting, int) else 0)
+        silent_s = self._silence.look(self._clock(), engine.last_imu_ns, others)
+        level, message = self._worst(integrity, silent_s)
+        self._refused = {v: engine.verdicts[v] for v in _REFUSED}
         self._tell(level, message)
         return Diagnosis(level, message, {**counted, **values})
 
-    def _worst(self, integrity: Integrity) -> tuple[Level, str]:
+    def _worst(self, integrity: Integrity, silent_s: float) -> tuple[Level, str]:
         engine = self._engine
         if engine.divergence:
             return Level.ERROR, engine.divergence
         if not engine.navigating:
             return Level.WARN, _waiting(engine)
+        if engine.behind_s:
+            return Level.ERROR, (
+                f'IMU stamps are {engine.behind_s:.1f} s behind the newest: the clock stepped '
+                'back, and the estimate stands until it has caught up'
+            )
+        if silent_s > _SILENT_S:
+            return Level.ERROR, f'no IMU sample for {silent_s:.0f} s while other sensors go on'
         health = engine.health
         if health is not None and health.level is health.level.ERROR:
             return Level.ERROR, health.sentence
@@ -91,9 +135,10 @@ class NavigationHealth:
             return Level.WARN, health.sentence
         if integrity.level is integrity.level.WARN:
             return Level.WARN, integrity.sentence
-        count = engine.verdicts[Verdict.TOO_LATE]
-        if count > self._late:
-            return Level.WARN, f'{count} messages came after reorder_window_s'
+        for verdict, what in _REFUSED.items():
+            count = engine.verdicts[verdict]
+            if count > self._refused[verdict]:
+                return Level.WARN, f'{count} messages {what}'
         if engine.aiding_warning:
             return Level.WARN, engine.aiding_warning
         return Level.OK, f'navigating, {integrity.sentence}'
