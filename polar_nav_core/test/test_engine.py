@@ -201,7 +201,7 @@ def test_lost_definiteness_restores_the_newest_sound_state(world):
     out = []
     for event in sorted(sensors(world)[:3000], key=lambda e: e.key):
         out.extend(engine.process(event))
-        if len(out) == 50 and engine.navigating:
+        if len(out) == 50 and not engine.restored.count:
             engine.fusion.filter.P[7, 7] = -1.0
     assert not engine.divergence
     assert engine.restored.count == 1
@@ -209,7 +209,8 @@ def test_lost_definiteness_restores_the_newest_sound_state(world):
     last = estimates(out)[-1]
     k = list(world.stamps).index(last.stamp_ns)
     off = np.linalg.norm(last.r_e - world.r_e[k])
-    assert off < 1.0
+    # Nothing aids it afterwards, and what the vehicle did in the lost second is not known.
+    assert off < 5.0 * np.sqrt(np.trace(last.P[6:9, 6:9]))
     assert engine.health.level is Level.ERROR
     assert 'restored from the newest sound state' in engine.health.sentence
 

@@ -59,7 +59,7 @@ def within(values: Array, limit: float) -> bool:
     """Whether each of three values is finite and at most ``limit`` in size."""
     # As numbers: NumPy takes several times as long for three.
     x, y, z = values.tolist()
-    return -limit <= x <= limit and -limit <= y <= limit and -limit <= z <= limit
+    return bool(-limit <= x <= limit and -limit <= y <= limit and -limit <= z <= limit)
 
 
 def all_within(values: Array, limit: float) -> Bools:
@@ -88,7 +88,7 @@ def is_covariance(P: Array) -> bool:
     if not second > _LEAST_PIVOT:
         return False
     rest = z - x * y
-    return 1.0 - y * y - rest * rest / second > _LEAST_PIVOT
+    return bool(1.0 - y * y - rest * rest / second > _LEAST_PIVOT)
 
 
 def are_covariances(P: Array) -> Bools:

@@ -37,7 +37,7 @@ AFTER_S = 60.0
 class Gaps(NamedTuple):
     """How many gaps there were, how long the last one was [s], and when it ended [ns]."""
 
-    count: int
+    number: int
     last_s: float
     end_ns: int
 
@@ -144,12 +144,12 @@ def _imu_gap(view: View, envelope: Envelope) -> list[Condition]:
     """A gap between IMU samples that was bridged not long ago."""
     gaps = view.gaps
     since_s = (view.stamp_ns - gaps.end_ns) * 1e-9
-    if not gaps.count or since_s >= AFTER_S:
+    if not gaps.number or since_s >= AFTER_S:
         return []
     level = Level.ERROR if gaps.last_s > envelope.max_imu_gap_s else Level.WARN
     sentence = (
         f'IMU gap of {gaps.last_s:.1f} s ended {since_s:.0f} s ago and was bridged with enlarged '
-        f'covariance ({gaps.count} so far)'
+        f'covariance ({gaps.number} so far)'
     )
     return [Condition('IMU gap', level, Culprit.IMU, sentence)]
 
