@@ -28,6 +28,7 @@ FROZEN = {
         'NOT_READY': 11,
         'BAD_FORMAT': 12,
         'IMPLAUSIBLE': 13,
+        'REPLAYED': 14,
     },
     'Identification': {
         'ACCEPTED': 0,

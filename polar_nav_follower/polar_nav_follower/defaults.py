@@ -93,6 +93,7 @@ _FIRST: dict[str, Any] = {
     'lost_radius': 1000.0,
     'max_delay_s': 60.0,
     'max_depth': 12000.0,
+    'max_fix_sigma': 0.0,
     'max_gated_s': 300.0,
     'max_imu_gap_s': 0.5,
     'max_rate': 1e300,
@@ -181,6 +182,7 @@ _SINCE: dict[int, dict[str, Any]] = {
         'reopen_after_s': 10.0,
     },
     3: {
+        'max_fix_sigma': 10.0,
         'imu_gap_s': 0.1,
         'leader_error_tau': 3600.0,
         'station_position_sigma': 10.0,

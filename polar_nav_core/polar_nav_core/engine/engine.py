@@ -35,7 +35,7 @@ from .events import (
 from .health.conditions import Culprit, Health, Level
 from .health.station import StationWatchdog
 from .health.watchdog import Envelope, Watchdog
-from .integrity import Integrity, held
+from .integrity import Integrity, held, out_of_reach
 from .ledger import FixLedger
 from .params import EngineParams
 from .plausibility import initial_problem
@@ -297,9 +297,10 @@ class Engine:
 
     def _fix(self, fix: Fix) -> list[Receipt]:
         """Receipts of a fix and of other fixes whose verdict it changed."""
+        stated_ns = fix.validity_ns
         if self.params.mode == 'station':
             fix = dated(self.params, fix)
-        refused = self.ledger.refusal(fix)
+        refused = self.ledger.refusal(fix, stated_ns)
         if refused is not None:
             return [self._receipt(fix, fix.receive_ns, *refused)]
         if self.fusion is None:
@@ -308,8 +309,13 @@ class Engine:
         gate = chi2_gate(self.configuration.gate_probability, 3 if fix.polar is None else 2)
         why = held(self.ledger.integrity, fix, self.fusion, gate)
         if why:
-            self.ledger.remember(fix)
+            self.ledger.remember(fix, stated_ns, fused=False)
             return [self._receipt(fix, fix.receive_ns, Verdict.GATED, why)]
+        since_ns = max(self._start_ns, self.fix_counts()[2])
+        why = out_of_reach(self.params, fix, self.fusion, gate, since_ns)
+        if why:
+            self.ledger.remember(fix, stated_ns, fused=False)
+            return [self._receipt(fix, fix.receive_ns, Verdict.IMPLAUSIBLE, why)]
         result = self.fusion.fix(fix)
         if result is None:
             reach = (fix.receive_ns - self.fusion.oldest_ns()) * 1e-9
@@ -320,7 +326,7 @@ class Engine:
             return [self._receipt(fix, fix.receive_ns, Verdict.TOO_OLD, reason)]
         if not result.outcome.fused and self.ledger.integrity.outnumber(self.fix_counts()[1]):
             result = self._believe(fix, result)
-        self.ledger.remember(fix)
+        self.ledger.remember(fix, stated_ns, fused=result.outcome.fused)
         if self.adaptation is not None:
             self._identified = self.adaptation.fix(fix, result.outcome, self.fusion)
         now_ns = self.fusion.stamp_ns

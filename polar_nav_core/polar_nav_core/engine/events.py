@@ -50,6 +50,7 @@ class Verdict(IntEnum):
     NOT_READY = 11
     BAD_FORMAT = 12
     IMPLAUSIBLE = 13
+    REPLAYED = 14
 
 
 @dataclass(frozen=True)
@@ -204,12 +205,14 @@ class Fix:
 
 
 class CommandKind(IntEnum):
-    """Kinds of polar_nav_msgs/Command."""
+    """Kinds of polar_nav_msgs/Command, and RESTORE."""
 
     RESET = 0
     SET_INITIAL_STATE = 1
     SHUTDOWN = 2
     IDENTIFY = 3
+    RESTORE = 4
+    """Of a message of its own (`saved.SavedState`), which no service sends."""
 
 
 @dataclass(frozen=True)

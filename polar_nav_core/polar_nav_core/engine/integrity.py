@@ -18,6 +18,8 @@ import numpy as np
 from .driver import Driver
 from .events import Array, Fix
 from .health.conditions import Condition, Culprit, Level
+from .params import EngineParams
+from .results import out_of_reach_reason
 
 _ALARMING = 3
 """Fixes refused in a row before anything is said: one or two are chance or outliers."""
@@ -197,6 +199,25 @@ class IntegrityMonitor:
         mean_G: Array = np.mean(offsets_G, axis=0)
         scatter = float(np.sqrt(np.mean(np.sum((offsets_G - mean_G) ** 2, axis=1))))
         return mean_G, scatter
+
+
+def out_of_reach(
+    params: EngineParams, fix: Fix, fusion: Driver, gate: float, since_ns: int
+) -> str:
+    """Reason to refuse a fix of a station where there is no gate; empty for a plausible one.
+
+    It is beyond ``max_fix_sigma``, and farther off than the vehicle can have moved since the last
+    fix was used (``since_ns``). In the strapdown mode `kernels.sins.fuse` decides the same.
+    """
+    if params.mode != 'station' or math.isfinite(gate) or not params.max_fix_sigma:
+        return ''
+    off = fusion.offset(fix)
+    if off is None or off[1] <= params.max_fix_sigma**2:
+        return ''
+    distance = float(np.linalg.norm(off[0]))
+    if distance <= params.max_speed * (fix.receive_ns - since_ns) * 1e-9:
+        return ''
+    return out_of_reach_reason(distance, off[1])
 
 
 def held(monitor: IntegrityMonitor, fix: Fix, fusion: Driver, gate: float) -> str:

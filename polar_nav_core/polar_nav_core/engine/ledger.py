@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
-from collections import Counter, OrderedDict
+from collections import Counter
 from collections.abc import Sequence
 
 from ..kernels.sins.update import Ints
 from .events import Array, Fix, Receipt, Verdict
+from .fix_record import FixRecord
 from .integrity import IntegrityMonitor
 from .params import EngineParams
-from .receipts import age_s, decided_receipt, fused_receipts
+from .receipts import age_s, decided_receipt, fused_receipts, refused_verdict
 from .refusals import Refusal, unusable_fix
 from .results import FixResult
 
-_SEQUENCES_KEPT = 4096
+_FUSED_KEPT = 1 << 18
+"""Fixes that were fused: those of the 4.97 days after which times in packets wrap, at one per
+1.6 s. Each takes 24 bytes."""
+_REFUSED_KEPT = 4096
+"""Fixes that the gate refused: they are apart, so that a flood of them drops no fused one."""
 _FIX = 'fix'
 
 
@@ -35,7 +40,9 @@ class FixLedger:
         self._max_delay_ns = round(params.max_delay_s * 1e9)
         self._verdicts = verdicts
         self._fused = fused
-        self._seen: OrderedDict[tuple[str, int], int] = OrderedDict()
+        self._of_fused = FixRecord(_FUSED_KEPT)
+        self._of_refused = FixRecord(_REFUSED_KEPT)
+        self._revisions: dict[tuple[int, int], int] = {}
         self._last_validity_ns = 0
         self.received = 0
         self.integrity = IntegrityMonitor(params.max_gated_s)
@@ -44,19 +51,46 @@ class FixLedger:
         """Reset the agreement of fixes with the estimate, after a reset of the filter."""
         self.integrity = IntegrityMonitor(self._params.max_gated_s)
 
+    def packed(self) -> tuple[bytes, bytes]:
+        """Fused and refused fixes as bytes, for `restore`."""
+        return self._of_fused.pack(), self._of_refused.pack()
+
+    def restore(self, fixes: tuple[int, int, int], records: tuple[bytes, bytes]) -> None:
+        """Replace counts and fixes by those of an earlier ledger.
+
+        Raises
+        ------
+        ValueError
+            For records that are none; nothing is changed then.
+        """
+        fused, refused = FixRecord(_FUSED_KEPT), FixRecord(_REFUSED_KEPT)
+        fused.unpack(records[0])
+        refused.unpack(records[1])
+        self._of_fused, self._of_refused = fused, refused
+        self._revisions.clear()
+        self.received, self._fused[_FIX], self._last_validity_ns = fixes
+
     def counts(self) -> tuple[int, int, int]:
         """Number of fixes received, of fixes fused, and newest validity of a fused one [ns]."""
         return self.received, self._fused[_FIX], self._last_validity_ns
 
-    def refusal(self, fix: Fix) -> Refusal | None:
-        """Verdict and reason if a fix cannot be used in any state; None if it can."""
+    def refusal(self, fix: Fix, stated_ns: int) -> Refusal | None:
+        """Verdict and reason if a fix cannot be used in any state; None if it can.
+
+        ``stated_ns`` is the time of validity in its packet [ns].
+        """
         unusable = unusable_fix(self._params, fix)
         if unusable is not None:
             return unusable
         if fix.validity_ns > fix.receive_ns:
             return Verdict.FROM_FUTURE, f'valid {-age_s(fix):.3f} s after it was received'
-        if (fix.source, fix.sequence) in self._seen:
-            return Verdict.DUPLICATE, f'fix {fix.sequence} of {fix.source} came before'
+        copied = self._of_fused.copy_of(fix, stated_ns, numbers=True) or self._of_refused.copy_of(
+            fix, stated_ns, numbers=False
+        )
+        if copied is Verdict.DUPLICATE:
+            return copied, f'fix {fix.sequence} of {fix.source} came before'
+        if copied is not None:
+            return copied, f'fix {fix.sequence} of {fix.source} has the content of an earlier one'
         if fix.receive_ns - fix.validity_ns > self._max_delay_ns:
             return (
                 Verdict.TOO_OLD,
@@ -64,19 +98,20 @@ class FixLedger:
             )
         return None
 
-    def remember(self, *fixes: Fix) -> None:
-        """Store (source, sequence) of fixes; a later fix with the same pair is a DUPLICATE."""
-        for fix in fixes:
-            self._seen[(fix.source, fix.sequence)] = 0
-        while len(self._seen) > _SEQUENCES_KEPT:
-            self._seen.popitem(last=False)
+    def remember(self, fix: Fix, stated_ns: int, *, fused: bool) -> None:
+        """Store a fix that was decided on, by the time of validity in its packet [ns].
+
+        Later copies of it are refused. The number of one that was not fused stays free.
+        """
+        (self._of_fused if fused else self._of_refused).add(fix, stated_ns)
 
     def decided(self, fix: Fix, cause: Fix, result: FixResult, now_ns: int) -> Receipt:
         """Receipt of a fix after the gate's decision; ``cause`` is the fix that led to it."""
-        outcome, name, revision = result.outcome, (fix.source, fix.sequence), 0
+        outcome, revision = result.outcome, 0
         if fix is not cause:
-            revision = self._seen[name] = self._seen[name] + 1
-            self._verdicts[Verdict.GATED if outcome.fused else Verdict.FUSED] -= 1
+            revision = self._revised(fix)
+            before = refused_verdict(outcome) if outcome.fused else Verdict.FUSED
+            self._verdicts[before] -= 1
         if outcome.fused:
             self.integrity.fused(fix.validity_ns, cause.receive_ns)
             self._fused[_FIX] += 1
@@ -85,6 +120,15 @@ class FixLedger:
             self.integrity.gated(fix.validity_ns, cause.receive_ns, -outcome.z)
             self._fused[_FIX] -= revision > 0
         return decided_receipt(fix, cause, result, now_ns, revision, self._configuration)
+
+    def _revised(self, fix: Fix) -> int:
+        """Number of the revision of a fix that was decided anew, from 1."""
+        name = (fix.validity_ns, fix.sequence)
+        number = self._revisions.pop(name, 0) + 1
+        self._revisions[name] = number  # the newest stands last
+        if len(self._revisions) > _REFUSED_KEPT:
+            del self._revisions[next(iter(self._revisions))]
+        return number
 
     def fused(
         self, fixes: Sequence[Fix], outcomes: Array, notes: Ints, gate: float
@@ -99,5 +143,6 @@ class FixLedger:
         self._verdicts[Verdict.FUSED] += len(fixes)
         self._last_validity_ns = max(self._last_validity_ns, newest_ns)
         self.integrity.fused(newest_ns, fixes[-1].receive_ns)
-        self.remember(*fixes)
+        for fix in fixes:
+            self.remember(fix, fix.validity_ns, fused=True)
         return fused_receipts(fixes, outcomes, notes, gate, self._configuration)

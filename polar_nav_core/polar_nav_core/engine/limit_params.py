@@ -41,6 +41,14 @@ class LimitParams(NodeParams):
         'Largest specific force per axis of an IMU sample that is used: 6 g, above the slam of a '
         'vehicle at the surface',
     )
+    max_fix_sigma: float = param(
+        10.0,
+        '',
+        0.0,
+        1e6,
+        'Without a gate (gate_probability 1.0): a fix beyond this many sigma, and farther off '
+        'than max_speed since the fix before, is refused; 0 for none',
+    )
     imu_gap_s: float = param(
         0.1,
         's',

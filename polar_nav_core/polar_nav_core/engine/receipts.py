@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
+
+import numpy as np
 
 from ..kernels.sins import state as fs
 from ..kernels.sins.update import Ints
 from .events import Array, Event, Fix, Receipt, Verdict
 from .params import Configuration
-from .results import FixResult
+from .results import FixResult, Outcome, out_of_reach_reason
 
 
 def receipt_of(
@@ -57,7 +60,7 @@ def decided_receipt(
     outcome = result.outcome
     reason = _fused_reason(fix, outcome.nis)
     if not outcome.fused:
-        reason = f'NIS {outcome.nis:.1f} is above the gate of {outcome.gate:.1f}'
+        reason = _refused_reason(outcome)
     if fix is not cause:
         reason += f'; decided anew after fix {cause.sequence}'
     if outcome.inflation > 1.0:
@@ -65,7 +68,7 @@ def decided_receipt(
     return receipt_of(
         fix,
         cause.receive_ns,
-        Verdict.FUSED if outcome.fused else Verdict.GATED,
+        Verdict.FUSED if outcome.fused else refused_verdict(outcome),
         reason,
         chosen.delay_handling,
         fused_ns=now_ns if outcome.fused else 0,
@@ -119,6 +122,18 @@ def fused_receipts(
         )
         for fix, nis, enlargement, steps, stamp_ns, innovation_G, variance_G in rows
     ]
+
+
+def refused_verdict(outcome: Outcome) -> Verdict:
+    """GATED; where there is no gate, IMPLAUSIBLE: beyond what the vehicle can have moved."""
+    return Verdict.GATED if math.isfinite(outcome.gate) else Verdict.IMPLAUSIBLE
+
+
+def _refused_reason(outcome: Outcome) -> str:
+    if math.isfinite(outcome.gate):
+        return f'NIS {outcome.nis:.1f} is above the gate of {outcome.gate:.1f}'
+    distance = float(np.linalg.norm(outcome.z[np.isfinite(outcome.z)]))
+    return out_of_reach_reason(distance, outcome.nis)
 
 
 def _fused_reason(fix: Fix, nis: float) -> str:

@@ -32,6 +32,14 @@ class Outcome:
     inflation: float = 1.0
 
 
+def out_of_reach_reason(distance: float, nis: float) -> str:
+    """Sentence on a fix that no gate judges, and that is refused for its distance [m]."""
+    return (
+        f'{distance:.0f} m from the estimate, NIS {nis:.1f}: beyond max_fix_sigma, and farther '
+        'than max_speed since the fix before'
+    )
+
+
 @dataclass(frozen=True)
 class FixResult:
     """Result of a fix: its outcome, and other fixes whose outcome it changed.

@@ -17,6 +17,7 @@ import numpy as np
 
 from ..errors import FilterDivergence
 from ..identification.result import Identification
+from ..link.fields import TICK_NS, WRAP
 from ..order import FIX_RANK, FUSED, NEVER_NS
 from .driver import WholeArrays
 from .engine import Engine
@@ -349,15 +350,17 @@ class _FixesAtOnce:
     def _plain(self, events: Sequence[Event | Look]) -> list[Fix]:
         """Leading fixes that only the filter's history or gate can refuse."""
         found: list[Fix] = []
-        names: set[tuple[str, int]] = set()
+        ticks: set[int] = set()
         ledger = self._engine.ledger
         for event in events:
-            if not isinstance(event, Fix) or not ledger.integrity.quiet or ledger.refusal(event):
+            if not isinstance(event, Fix) or not ledger.integrity.quiet:
                 break
-            name = (event.source, event.sequence)
-            if name in names:
+            tick = event.validity_ns // TICK_NS % WRAP  # another of it may be a copy
+            if tick in ticks:
                 break
-            names.add(name)
+            if ledger.refusal(event, event.validity_ns):
+                break
+            ticks.add(tick)
             found.append(event)
         return found
 
@@ -394,7 +397,7 @@ class _FixesAtOnce:
         engine = self._engine
         engine.admit(fix)
         engine.ledger.received += 1
-        engine.ledger.remember(fix)
+        engine.ledger.remember(fix, fix.validity_ns, fused=False)
         receipt = engine.ledger.decided(fix, fix, result, stamp_ns)
         engine.verdicts[receipt.verdict] += 1
         self._collector.receipts.append(receipt)

@@ -81,6 +81,7 @@ _LOOKS = {
     'BAD_MAC': VerdictLook('damaged', '*'),
     'BAD_FORMAT': VerdictLook('damaged', 'd'),
     'IMPLAUSIBLE': VerdictLook('damaged', 'p'),
+    'REPLAYED': VerdictLook('aside', 'd', filled=False),
     'UNKNOWN_SOURCE': VerdictLook('aside', 'h'),
     'IN_FLIGHT': VerdictLook('aside', 'o', filled=False),
     'NOT_READY': VerdictLook('aside', '^', filled=False),

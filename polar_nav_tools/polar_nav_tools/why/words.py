@@ -32,6 +32,7 @@ _MEANING = {
     'IN_FLIGHT': 'still on its way when the run ended',
     'NOT_READY': 'not used: the filter had no state',
     'BAD_FORMAT': 'refused: not a packet that can be read',
+    'REPLAYED': 'refused: content of an earlier fix under another number',
 }
 _HANDLING = {
     'ignore': 'fused as if valid at its reception',

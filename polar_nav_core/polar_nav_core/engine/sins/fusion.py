@@ -192,6 +192,7 @@ class Fusion:
             epoch.usbl_bias_a,
         )
         f.fill_common(fix)
+        f.work.age[0] = (f.stamp_ns - fix.validity_ns) * 1e-9
 
     def _present(self) -> Epoch:
         """Newest epoch, with the corrections since."""

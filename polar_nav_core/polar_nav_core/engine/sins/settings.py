@@ -50,6 +50,8 @@ def make_settings(p: EngineParams) -> fs.Settings:
         robust=ROBUST_FIXES.index(c.robust_fixes),
         robust_threshold=THRESHOLDS[3],
         gates=np.array([math.inf, *(chi2_gate(c.gate_probability, m) for m in (1, 2, 3))]),
+        far_nis=far_nis(p),
+        max_speed=p.max_speed,
         densities=np.array([d**2 for d in densities]),
         markov=np.array([p.dvl_markov_sigma**2, p.dvl_markov_tau]),
         usbl=np.array(
@@ -70,6 +72,12 @@ def make_settings(p: EngineParams) -> fs.Settings:
         common=sigmas,
         aiding=aiding.make_aiding(p),
     )
+
+
+def far_nis(p: EngineParams) -> float:
+    """NIS from which on a fix may be implausible; infinite where a gate judges."""
+    gated = p.resolved().gate_probability < 1.0
+    return math.inf if gated or not p.max_fix_sigma else p.max_fix_sigma**2
 
 
 def common_sigmas(p: EngineParams) -> Array:

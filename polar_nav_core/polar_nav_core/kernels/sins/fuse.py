@@ -170,11 +170,25 @@ def passes(s: State, c: Settings, w: Work, z: Array, stream: int, m: int) -> boo
     w.nis[1] = 1.0
     if not w.nis[0] <= c.gates[m]:
         return False
+    if stream == fs.FIX_ROW and w.nis[0] > c.far_nis and _is_out_of_reach(s, c, w, z):
+        return False
     if stream == fs.FIX_ROW:
         w.nis[1] = enlarge(w, c)
     if c.adaptive and m == fs.VECTOR:
         learn_noise(s.noise[stream], z, w.stated, c.forgetting, w.nis[1])
     return True
+
+
+@kernel
+def _is_out_of_reach(s: State, c: Settings, w: Work, z: Array) -> bool:
+    """Whether a fix lies farther off than the vehicle can have moved since one was used.
+
+    Since the start, or since the gate was opened, where none was used after it.
+    """
+    used_ns = max(s.counters[fs.USED_NS + fs.FIX_ROW], s.counters[fs.OPENED_NS + fs.FIX_ROW])
+    reach = c.max_speed * ((s.counters[fs.STAMP] - used_ns) * 1e-9 + w.age[0])
+    far: bool = z[0] * z[0] + z[1] * z[1] + z[2] * z[2] > reach * reach
+    return far
 
 
 @kernel

@@ -125,6 +125,7 @@ def fill_late_fix(
         or s.counters[fs.CORRECTIONS] - correction > past.corrections.shape[0]
     ):
         return OUT_OF_REACH
+    w.age[0] = (s.counters[fs.STAMP] - validity_ns) * 1e-9
     fill_stored_fix(
         c,
         past,

@@ -75,7 +75,8 @@ def fuse_late(
     _begin(w, log, bl, b, u, epoch, place)
     _carry_to_now(past, w, log, bl, m, place, after)
     adapt_noise(s, c, w, fs.FIX_ROW, fs.VECTOR)
-    if not _judge(s, c, w, bl, (s.counters[fs.STAMP] - validity_ns) * 1e-9):
+    w.age[0] = (s.counters[fs.STAMP] - validity_ns) * 1e-9
+    if not _judge(s, c, w, bl, w.age[0]):
         return fs.S_NOT_DEFINITE
     fused = passes(s, c, w, w.z, fs.FIX_ROW, fs.VECTOR)
     remember(s, w, w.z, fs.FIX_ROW, fs.VECTOR, fused)

@@ -222,6 +222,8 @@ class Settings(NamedTuple):
     robust: int  # how fixes far off are weighted down: index in order.ROBUST_FIXES
     robust_threshold: float  # NIS of a fix from which on
     gates: Array  # (4,): threshold of NIS per number of rows
+    far_nis: float  # without a gate: NIS from which on a fix may be implausible; inf: never
+    max_speed: float  # of the vehicle [m/s]
     densities: Array  # (4,): of gyro, accelerometer and their bias walks, squared
     markov: Array  # (2,): steady variance and correlation time of the DVL's Markov velocity
     usbl: Array  # (2,): the same of the USBL error
@@ -265,6 +267,7 @@ class Work(NamedTuple):
     wide_L: Array  # its factor
     D: Array  # (3, 24): G - K S/2 of the last update, transposed
     nis: Array  # (2,): NIS, and by how much S was enlarged after the gate
+    age: Array  # (1,): of the fix in H, R, z [s]
     C_m_G: Array
     C_mean: Array
     C_a_G: Array
@@ -310,6 +313,7 @@ def make_work() -> Work:
         wide_L=square(),
         D=np.zeros(rows),
         nis=np.array([0.0, 1.0]),
+        age=np.zeros(1),
         C_m_G=square(),
         C_mean=square(),
         C_a_G=square(),
