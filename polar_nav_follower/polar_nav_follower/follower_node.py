@@ -10,6 +10,7 @@
 | out nav/receipt | polar_nav_msgs/FixReceipt | decision |
 | out nav/health | polar_nav_msgs/NavHealth | estimate, 1 Hz |
 | out nav/command | polar_nav_msgs/Command | place in the order of events |
+| out nav/restore | polar_nav_msgs/Restore | the same; with a `state_file` |
 | out acomms/decoded | polar_nav_msgs/LeaderBroadcast | validity |
 | out acomms/station_decoded | polar_nav_msgs/StationFix | validity |
 | out nav/current, nav/model | polar_nav_msgs/WaterCurrent, VehicleModel | estimate, 1 Hz |
@@ -23,6 +24,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 from polar_nav_core.warm import telling, warm_filter, warm_others
@@ -31,6 +33,7 @@ from polar_nav_ros import topics
 from polar_nav_ros.diagnostics import Diagnosis
 from polar_nav_ros.navigation_ports import NavigationPorts
 from polar_nav_ros.node import PolarNode, run
+from polar_nav_ros.state_store import StateStore
 
 from . import session
 from .params import FollowerParams
@@ -53,7 +56,13 @@ class FollowerNode(PolarNode[FollowerParams]):
             session.Session(self.params, self.vehicle),
             {topics.RX: AcousticPacket},
             decoded,
+            self._store() if self.params.state_file else None,
         )
+
+    def _store(self) -> StateStore:
+        p = self.params
+        path = Path(p.state_file).expanduser()
+        return StateStore(path, p.state_period_s, p.state_max_age_s, self.get_logger())
 
     def diagnose(self) -> Diagnosis:
         """Health with verdict counts, ages and the number of waiting events."""

@@ -14,4 +14,11 @@ class FollowerParams(EngineParams):
 
     leader_id: int = param(1, '', 0, 255, 'Number of the leader or the station in its packets')
     own_id: int = param(2, '', 0, 255, 'Number of this vehicle in the packets')
+    state_file: str = text(
+        '', 'File that the state is saved to, and restored from after a restart; empty: none'
+    )
+    state_period_s: float = param(5.0, 's', 0.1, 3600.0, 'Stamp time between two saved states')
+    state_max_age_s: float = param(
+        60.0, 's', 0.0, 3600.0, 'Oldest saved state from which navigation goes on'
+    )
     frame_id: str = text('earth', 'frame_id of positions')

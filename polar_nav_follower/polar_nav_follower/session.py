@@ -20,6 +20,7 @@ from polar_nav_ros.topics import (
     DEPTH,
     DVL,
     IMU,
+    RESTORE,
     RX,
     STATION_DECODED,
 )
@@ -47,8 +48,9 @@ def sensors_of(params: FollowerParams) -> tuple[str, ...]:
 
 
 def inputs_of(params: FollowerParams) -> tuple[str, ...]:
-    """All topics that a follower subscribes to."""
-    return (*sensors_of(params), RX, COMMAND)
+    """All topics that a follower takes: those it subscribes to, and its own commands."""
+    own = (COMMAND, RESTORE) if params.state_file else (COMMAND,)
+    return (*sensors_of(params), RX, *own)
 
 
 class Session(NavigationSession[FollowerParams]):

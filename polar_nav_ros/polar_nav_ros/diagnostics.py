@@ -26,14 +26,17 @@ class Diagnosis:
     message: str = 'running'
     values: Mapping[str, object] = field(default_factory=dict)
 
-    def to_msg(self, name: str) -> DiagnosticArray:
-        """diagnostic_msgs/DiagnosticArray with one status; the publisher sets the stamp."""
+    def to_msg(self, name: str, vehicle: str) -> DiagnosticArray:
+        """diagnostic_msgs/DiagnosticArray with one status; the publisher sets the stamp.
+
+        ``name`` is the node's, ``vehicle`` the hardware that it runs on.
+        """
         pairs = [KeyValue(key=str(k), value=str(v)) for k, v in self.values.items()]
         status = DiagnosticStatus(
             level=bytes([self.level]),
             name=name,
             message=self.message,
-            hardware_id='',
+            hardware_id=vehicle,
             values=pairs,
         )
         return DiagnosticArray(status=[status])

@@ -9,6 +9,7 @@
 | out nav/receipt | polar_nav_msgs/FixReceipt | decision |
 | out nav/health | polar_nav_msgs/NavHealth | estimate, 1 Hz |
 | out nav/command | polar_nav_msgs/Command | place in the order of events |
+| out nav/restore | polar_nav_msgs/Restore | the same; with a `state_file` |
 | out nav/current, nav/model | polar_nav_msgs/WaterCurrent, VehicleModel | estimate, 1 Hz |
 | out nav/identification | polar_nav_msgs/Identification | place in the order of events |
 
@@ -20,6 +21,7 @@ stamped commands.
 from __future__ import annotations
 
 import time
+from array import array
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
@@ -29,9 +31,11 @@ from std_srvs.srv import Trigger
 
 from polar_nav_core.engine.events import CommandKind
 from polar_nav_core.engine.plausibility import initial_problem
+from polar_nav_core.engine.saved import pack
 from polar_nav_msgs.msg import Command as CommandMsg
 from polar_nav_msgs.msg import FixReceipt, NavHealth, NavState
 from polar_nav_msgs.msg import InitialState as InitialStateMsg
+from polar_nav_msgs.msg import Restore as RestoreMsg
 from polar_nav_msgs.srv import SetInitialState
 
 from .diagnostics import Diagnosis
@@ -46,7 +50,8 @@ from .node import CountedPublisher, PolarNode
 from .readers import initial_from_msg, initial_to_msg
 from .stamps import to_msg, to_ns
 from .standard_outputs import fix_of
-from .topics import COMMAND, FIX, HEALTH, ODOMETRY, RECEIPT, STATE
+from .state_store import StateStore
+from .topics import COMMAND, FIX, HEALTH, ODOMETRY, RECEIPT, RESTORE, STATE
 
 
 class NavigationPorts:
@@ -60,6 +65,8 @@ class NavigationPorts:
         What navigates.
     inputs, outputs : mapping of str to message type
         Topics of the vehicle's own.
+    store : StateStore, optional
+        Saves the state, and has that of before a restart.
     """
 
     def __init__(
@@ -68,6 +75,7 @@ class NavigationPorts:
         session: NavigationSession[Any],
         inputs: Mapping[str, type[Any]],
         outputs: Mapping[str, type[Any]],
+        store: StateStore | None = None,
     ) -> None:
         self._node = node
         self._session = session
@@ -78,6 +86,9 @@ class NavigationPorts:
             topic: node.advertise(kind, topic) for topic, kind in published.items()
         }
         self._commands = node.advertise(CommandMsg, COMMAND)
+        self._store = store
+        if store is not None:
+            self._restores = node.advertise(RestoreMsg, RESTORE)
         self._odometry = node.advertise(Odometry, ODOMETRY)
         self._fix = node.advertise(NavSatFix, FIX)
         self._command_count = 0
@@ -100,7 +111,9 @@ class NavigationPorts:
     def diagnose(self) -> Diagnosis:
         """Health with verdict counts, ages and the number of waiting events."""
         self._publish(self._session.silence(self._silent_s()))
-        waiting = {'waiting': self._session.reorder.pending}
+        waiting: dict[str, object] = {'waiting': self._session.reorder.pending}
+        if self._store is not None:
+            waiting['saved_state'] = self._store.status
         return self._health.diagnose({**waiting, **self._node.taken_counts()})
 
     def _silent_s(self) -> float:
@@ -113,6 +126,8 @@ class NavigationPorts:
     def close(self) -> None:
         """Process waiting events, and publish the end of the run as a SHUTDOWN command."""
         self._publish(self._session.flush())
+        if self._store is not None:
+            self._store.save(self._session.engine)
         stamp_ns = self._session.reorder.newest_imu_ns
         if stamp_ns is not None:
             taken = self._node.taken_counts()
@@ -124,7 +139,28 @@ class NavigationPorts:
             self._send(message, stamp_ns)
 
     def _taker(self, topic: str) -> Callable[[Any], None]:
-        return lambda message: self._publish(self._session.take(topic, message))
+        if self._store is None or topic != self._session.sensors[0]:
+            return lambda message: self._publish(self._session.take(topic, message))
+        store = self._store
+
+        def take(message: Any) -> None:  # noqa: ANN401 - the topic's message type
+            self._publish(self._session.take(topic, message))
+            stamp_ns = self._session.reorder.newest_imu_ns
+            if stamp_ns is not None:
+                self._restore(store, stamp_ns)
+                store.save_if_due(self._session.engine, stamp_ns)
+
+        return take
+
+    def _restore(self, store: StateStore, stamp_ns: int) -> None:
+        """Go on from the saved state, if there is one that fits, as a stamped event."""
+        saved = store.take(self._session.params, stamp_ns)
+        if saved is not None:
+            message = RestoreMsg(data=array('B', pack(saved)))
+            message.header.stamp = to_msg(stamp_ns)
+            message.saved_time = to_msg(saved.stamp_ns)
+            self._restores.publish(message)
+            self._publish(self._session.take(RESTORE, message))
 
     def _publish(self, published: Iterable[Published]) -> None:
         for topic, message, data in published:

@@ -40,6 +40,7 @@ from .readers import (
     depth_from_msg,
     dvl_from_msg,
     imu_from_msg,
+    restore_from_msg,
 )
 from .stamps import NS
 from .standard_outputs import odometry_of
@@ -55,6 +56,7 @@ from .topics import (
     IMU,
     MODEL,
     RECEIPT,
+    RESTORE,
     STATE,
 )
 
@@ -136,6 +138,7 @@ class NavigationSession(Generic[P]):
             DVL: lambda m, n: dvl_from_msg(m, n, params.dvl_sigma),
             DEPTH: lambda m, n: depth_from_msg(m, n, params.depth_sigma),
             COMMAND: command_from_msg,
+            RESTORE: restore_from_msg,
             **readers,
         }
 

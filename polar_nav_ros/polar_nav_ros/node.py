@@ -260,7 +260,7 @@ class PolarNode(Node, Generic[P]):  # type: ignore[misc]
 
     def _publish_diagnosis(self) -> None:
         self.tell_supervisor('alive', self.get_fully_qualified_name())
-        message = self.diagnose().to_msg(self.get_fully_qualified_name())
+        message = self.diagnose().to_msg(self.get_fully_qualified_name(), self.vehicle)
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
 

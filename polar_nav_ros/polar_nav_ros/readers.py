@@ -25,12 +25,14 @@ from polar_nav_core.engine.events import (
     ImuSample,
     InitialState,
 )
+from polar_nav_core.engine.saved import unpack
 from polar_nav_msgs.msg import Command as CommandMsg
 from polar_nav_msgs.msg import Depth, Dvl
 from polar_nav_msgs.msg import InitialState as InitialStateMsg
+from polar_nav_msgs.msg import Restore as RestoreMsg
 
 from .stamps import to_ns
-from .topics import AHRS
+from .topics import AHRS, RESTORE
 
 _UNIT = 1e-3
 """Departure of a quaternion's length from 1 that rounding to float32 and more explains."""
@@ -168,9 +170,24 @@ def depth_variances(variance: Array, default_sigma: float) -> Array:
 def command_from_msg(msg: CommandMsg, number: int) -> Command:
     """polar_nav_msgs/Command as an event."""
     kind = CommandKind(msg.kind)
+    if kind is CommandKind.RESTORE:
+        raise ValueError('a command of kind RESTORE has no state')
     starts = kind in (CommandKind.RESET, CommandKind.SET_INITIAL_STATE)
     initial = initial_from_msg(msg.initial_state) if starts else None
     return Command(to_ns(msg.header.stamp), msg.sequence, kind, initial, arrival=number)
+
+
+def restore_from_msg(msg: RestoreMsg, number: int) -> Command:
+    """polar_nav_msgs/Restore as an event; it comes before the commands of its stamp.
+
+    Raises
+    ------
+    SavedStateError
+        For bytes that are no saved state.
+    """
+    saved = unpack(bytes(msg.data))
+    stamp_ns = to_ns(msg.header.stamp)
+    return Command(stamp_ns, -1, CommandKind.RESTORE, saved, RESTORE, number)
 
 
 def initial_from_msg(msg: InitialStateMsg) -> InitialState | None:

@@ -33,6 +33,8 @@ STATION_DECODED = 'acomms/station_decoded'
 STATE = 'nav/state'
 RECEIPT = 'nav/receipt'
 COMMAND = 'nav/command'
+RESTORE = 'nav/restore'
+"""The saved state that a restarted node goes on from."""
 CURRENT = 'nav/current'
 MODEL = 'nav/model'
 IDENTIFICATION = 'nav/identification'
@@ -65,6 +67,7 @@ TYPES = {
     STATE: 'polar_nav_msgs/msg/NavState',
     RECEIPT: 'polar_nav_msgs/msg/FixReceipt',
     COMMAND: 'polar_nav_msgs/msg/Command',
+    RESTORE: 'polar_nav_msgs/msg/Restore',
     CURRENT: 'polar_nav_msgs/msg/WaterCurrent',
     MODEL: 'polar_nav_msgs/msg/VehicleModel',
     IDENTIFICATION: 'polar_nav_msgs/msg/Identification',

@@ -20,6 +20,7 @@ from .events import (
 )
 from .params import EngineParams
 from .results import FixResult, Outcome
+from .saved import SavedState
 
 
 class Driver(Protocol):
@@ -52,6 +53,9 @@ class Driver(Protocol):
 
     def estimate(self, fixes: tuple[int, int, int]) -> Estimate:
         """Estimate at the newest IMU sample, with the local statistics since the last estimate."""
+
+    def saved(self, fixes: tuple[int, int, int], records: tuple[bytes, bytes]) -> SavedState:
+        """State as it is now, with its fixes, to go on from after a restart."""
 
     def height(self) -> float:
         """Height above the ellipsoid [m]; in station mode above the station's first position."""

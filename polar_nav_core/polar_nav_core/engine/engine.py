@@ -41,8 +41,10 @@ from .params import EngineParams
 from .plausibility import initial_problem
 from .receipts import age_s, receipt_of
 from .refusals import unusable_local
+from .restart import saved_problem
 from .restored import NOT_RESTORED, Restored
 from .results import FixResult, chi2_gate
+from .saved import SavedState
 from .sins.filter import NavigationFilter
 from .sins.fusion import Fusion
 from .sins.view import view_of
@@ -353,7 +355,7 @@ class Engine:
             yield self.adaptation.identify(command.stamp_ns, 'command', self.fusion)
         if command.kind in (CommandKind.SHUTDOWN, CommandKind.IDENTIFY):
             return
-        problem = '' if command.initial_state is None else initial_problem(command.initial_state)
+        problem = self._start_problem(command.initial_state)
         if problem:
             yield self.refuse(command, Verdict.IMPLAUSIBLE, problem, command.stamp_ns)
             return
@@ -363,7 +365,23 @@ class Engine:
         self.due_ns = None
         self.divergence = ''
         self.ledger.start_anew()
+        if isinstance(self._initial, SavedState):
+            self.ledger.restore(self._initial.fixes, self._initial.records)
         self.adaptation = make_adaptation(self.params)
+
+    def _start_problem(self, initial: InitialState | None) -> str:
+        """Sentence about a state that no filter can start from; empty if one can."""
+        if initial is None:
+            return ''
+        if isinstance(initial, SavedState):
+            return saved_problem(self.params, initial)
+        return initial_problem(initial)
+
+    def saved(self) -> SavedState | None:
+        """State and fixes as they are now, for a restart; None without a state."""
+        if self.fusion is None:
+            return None
+        return self.fusion.saved(self.fix_counts(), self.ledger.packed())
 
     # -- outputs ----------------------------------------------------------------------------------
 

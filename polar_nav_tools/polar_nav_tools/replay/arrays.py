@@ -271,7 +271,9 @@ def arrays_request(bag: Bag, vehicle: str | None = None, *, truth: bool = False)
     params = from_mapping(FollowerParams, recorded)
     mode = MODES[params.mode]
     taken = (*mode.fields, topics.RX, topics.COMMAND)
-    if session.inputs_of(params) != taken:
+    if f'/{name}/{topics.RESTORE}' in bag.topics:
+        return None  # the start is a message
+    if tuple(t for t in session.inputs_of(params) if t != topics.RESTORE) != taken:
         return None  # with thrust beside a DVL
     bag.require([f'/{name}/{taken[0]}'])
     if not all(_plain(bag, f'/{name}/{topic}') for topic in taken):

@@ -19,7 +19,7 @@ from polar_nav_core.engine.version import ENGINE_VERSION
 from polar_nav_core.params import from_mapping
 from polar_nav_follower import session
 from polar_nav_follower.params import FollowerParams
-from polar_nav_msgs.msg import AcousticPacket, Command, FixReceipt
+from polar_nav_msgs.msg import AcousticPacket, Command, FixReceipt, Restore
 from polar_nav_ros import topics
 from polar_nav_ros.navigation_outputs import receipt_from_msg
 from polar_nav_ros.navigation_session import MODEL_OUTPUTS, SENSORS
@@ -37,6 +37,7 @@ _TYPES: dict[str, type[Any]] = {
     **SENSORS,
     topics.RX: AcousticPacket,
     topics.COMMAND: Command,
+    topics.RESTORE: Restore,
 }
 _NO_LIMIT = 1 << 62
 

@@ -37,12 +37,14 @@ from ..events import (
 from ..params import EngineParams
 from ..plausibility import MOST_VARIANCE
 from ..results import CORRECTIONS_PER_S, IMU_PERIOD_S, Outcome
+from ..saved import SavedState
 from . import aiding
 from . import streams as st
 from .history import History, make_past
 from .leader import LeaderError
 from .log import STEPS_PER_BLOCK, make_log
 from .noise import MeasurementNoise, ProcessNoise
+from .resume import resume
 from .robust import inflation
 from .settings import make_settings, steps_per_snapshot
 
@@ -106,7 +108,10 @@ class NavigationFilter:
         self.rows = fs.NO_ROWS
         self.process: ProcessNoise | None = None
         self._name_views()
-        self._set_state(initial)
+        if isinstance(initial, SavedState):
+            resume(self.state, params, initial, stamp_ns)
+        else:
+            self._set_state(initial)
         weight = params.forgetting ** (1.0 / (1.0 - params.forgetting))  # b^k with k = k0
         self.state.noise[:] = [weight, 1.0, 1.0, 1.0]
         self.start_ns = stamp_ns

@@ -31,9 +31,11 @@ from ..events import (
 )
 from ..params import EngineParams
 from ..results import FixResult, Outcome
+from ..saved import SavedState
 from .adaptation import make_noise, make_process
 from .filter import NavigationFilter
 from .history import Epoch
+from .resume import save_state
 
 
 class Fusion:
@@ -134,6 +136,10 @@ class Fusion:
             return None
         nis = float(kf.nis_of(L, offset_e, np.zeros(3), 3))
         return np.einsum('ij,j->i', f.C_e_G, offset_e), nis
+
+    def saved(self, fixes: tuple[int, int, int], records: tuple[bytes, bytes]) -> SavedState:
+        """State as it is now, with its fixes, to go on from after a restart."""
+        return save_state(self.filter.state, fixes, records)
 
     def height(self) -> float:
         """Height of the vehicle above the ellipsoid [m]."""

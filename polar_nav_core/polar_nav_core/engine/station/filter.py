@@ -29,7 +29,9 @@ from ..events import (
 )
 from ..params import EngineParams
 from ..results import Outcome
+from ..saved import SavedState
 from . import arrays
+from .resume import resume, save_state
 
 _NOT_DEFINITE = 'a variance of the filter is not positive and finite'
 _IDENTIFIED = ('drag_linear', 'drag_quadratic', 'current_x', 'current_y', 'heading_bias')
@@ -75,7 +77,11 @@ class StationFilter:
         """Start at the sample at the stamp of the initial state, with its attitude."""
         self.put_imu(sample)
         self.bank.counters[ss.IMU] = 1
-        self._set_state(np.asarray(sample.C_b_G))
+        C_b_G = np.asarray(sample.C_b_G)
+        if isinstance(self._initial, SavedState):
+            resume(self.bank, self.settings, C_b_G, self._initial, sample.stamp_ns)
+        else:
+            self._set_state(C_b_G)
         run.start(self.bank, self.settings, self.work, self.log)
 
     def _set_state(self, C_b_G: Array) -> None:
@@ -215,6 +221,12 @@ class StationFilter:
         run.start(b, c, self.work, self.log)
 
     # -- what is known ----------------------------------------------------------------------------
+
+    def saved(self, fixes: tuple[int, int, int], records: tuple[bytes, bytes]) -> SavedState:
+        """State as it is now, with its fixes, to go on from after a restart."""
+        s = self.streams
+        C_b_G = s.C_b_G[(s.counts[0] - 1) % len(s.imu_stamps)]
+        return save_state(self.bank, self.settings, C_b_G, self.mixture()[0], fixes, records)
 
     @property
     def stamp_ns(self) -> int:

@@ -32,6 +32,7 @@ from ..events import (
 from ..params import EngineParams
 from ..results import FixResult, Outcome
 from ..rewind import Cursor, GoingBack, Stored
+from ..saved import SavedState
 from .filter import StationFilter
 from .fixes import fix_row
 
@@ -99,6 +100,10 @@ class StationFusion:
     def estimate(self, fixes: tuple[int, int, int]) -> Estimate:
         """Estimate at the newest IMU sample."""
         return self.filter.estimate(fixes)
+
+    def saved(self, fixes: tuple[int, int, int], records: tuple[bytes, bytes]) -> SavedState:
+        """State as it is now, with its fixes, to go on from after a restart."""
+        return self.filter.saved(fixes, records)
 
     def height(self) -> float:
         """Height of the vehicle above the station's first position [m]."""

@@ -1,0 +1,145 @@
+"""A navigation's state as bytes, for a file from which a restarted node goes on.
+
+Bytes are a magic word, the version of the format, a SHA-256, and a body: JSON with names and
+shapes, then the numbers (64 bits, little-endian) and the record of fixes. Reading trusts nothing:
+whatever is not exactly such a state is refused with a sentence.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any, Final
+
+import numpy as np
+
+from ..errors import PolarNavError
+from .events import Array, InitialState
+
+_MAGIC: Final = b'POLARNAV'
+_VERSION: Final = 1
+_HEAD: Final = struct.Struct('<8sH32sQ')
+_JSON: Final = struct.Struct('<I')
+MOST_BYTES: Final = 32 << 20
+"""Of a saved state; the fullest one has 6 MiB of fixes."""
+
+
+class SavedStateError(PolarNavError, ValueError):
+    """Bytes that are no saved state of this program."""
+
+
+@dataclass(frozen=True)
+class SavedState(InitialState):
+    """Initial state with all that the filter had estimated, as it was at a stamp.
+
+    Attributes
+    ----------
+    stamp_ns : int
+        Of the newest IMU sample in it.
+    layout : str
+        Kind of filter that `values` are of.
+    values : mapping of str to ndarray
+        Arrays of the filter by name.
+    fixes : (int, int, int)
+        Fixes received, fused, and newest validity of a fused one [ns].
+    records : (bytes, bytes)
+        Fused and refused fixes, packed.
+    """
+
+    stamp_ns: int
+    layout: str
+    values: Mapping[str, Array]
+    fixes: tuple[int, int, int]
+    records: tuple[bytes, bytes]
+
+    def away_s(self, stamp_ns: int) -> float:
+        """Time from the saved state to a stamp [s], at least 0."""
+        return max(0.0, (stamp_ns - self.stamp_ns) * 1e-9)
+
+
+def pack(saved: SavedState) -> bytes:
+    """Bytes of a state, for `unpack`."""
+    plain = {f.name: getattr(saved, f.name) for f in fields(InitialState)}
+    header = {
+        'initial': plain,
+        'stamp_ns': saved.stamp_ns,
+        'layout': saved.layout,
+        'fixes': saved.fixes,
+        'shapes': {name: list(value.shape) for name, value in saved.values.items()},
+        'records': [len(record) for record in saved.records],
+    }
+    text = json.dumps(header).encode()
+    numbers = [np.ascontiguousarray(v, dtype='<f8').tobytes() for v in saved.values.values()]
+    body = b''.join([_JSON.pack(len(text)), text, *numbers, *saved.records])
+    return _HEAD.pack(_MAGIC, _VERSION, hashlib.sha256(body).digest(), len(body)) + body
+
+
+def unpack(data: bytes) -> SavedState:
+    """State of packed bytes.
+
+    Raises
+    ------
+    SavedStateError
+        Saying what is wrong with them.
+    """
+    if len(data) < _HEAD.size:
+        raise SavedStateError(f'{len(data)} bytes are too few for a saved state')
+    magic, version, digest, size = _HEAD.unpack_from(data)
+    if magic != _MAGIC:
+        raise SavedStateError('the bytes are no saved state of polar_nav')
+    if version != _VERSION:
+        raise SavedStateError(f'format {version} of a saved state, this program has {_VERSION}')
+    body = data[_HEAD.size :]
+    if len(body) != size or hashlib.sha256(body).digest() != digest:
+        raise SavedStateError('the saved state is damaged: its checksum does not fit')
+    try:
+        return _read(body)
+    except (KeyError, TypeError, ValueError, AttributeError, struct.error) as error:
+        raise SavedStateError(f'the saved state makes no sense: {error}') from error
+
+
+def _read(body: bytes) -> SavedState:
+    (length,) = _JSON.unpack_from(body)
+    at = _JSON.size + length
+    header: dict[str, Any] = json.loads(body[_JSON.size : at])
+    values = {}
+    for name, shape in header['shapes'].items():
+        count = math.prod(int(n) for n in shape)
+        values[name] = np.frombuffer(body, '<f8', count, at).reshape(shape).astype(np.float64)
+        at += 8 * count
+    records = []
+    for size in header['records']:
+        records.append(body[at : at + size])
+        at += size
+    if at != len(body):
+        raise ValueError(f'{len(body) - at} bytes are left over')
+    fused, refused = records
+    received, used, newest_ns = map(int, header['fixes'])
+    plain = dict(header['initial'])
+    v_x, v_y, v_z = map(float, plain.pop('v_G'))
+    return SavedState(
+        v_G=(v_x, v_y, v_z),
+        **{name: float(value) for name, value in plain.items()},
+        stamp_ns=int(header['stamp_ns']),
+        layout=str(header['layout']),
+        values=values,
+        fixes=(received, used, newest_ns),
+        records=(fused, refused),
+    )
+
+
+def layout_problem(saved: SavedState, layout: str, shapes: Mapping[str, tuple[int, ...]]) -> str:
+    """Sentence about a state that a filter of this layout cannot use; empty if it can."""
+    if saved.layout != layout:
+        return f'the state is of a filter {saved.layout}, this one is {layout}'
+    found = {name: value.shape for name, value in saved.values.items()}
+    if found != dict(shapes):
+        names = sorted(n for n in found.keys() | shapes if found.get(n) != shapes.get(n))
+        return f'the state has other shapes of {", ".join(names)} than this filter'
+    if not all(np.isfinite(value).all() for value in saved.values.values()):
+        return 'the state is not finite'
+    return ''

@@ -1,0 +1,105 @@
+"""Saving a strapdown filter, and starting one from what was saved."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ... import attitude, earth, grid
+from ...error_model import X
+from ...kernels.sins import state as fs
+from ...kernels.sins import update as kf
+from ...order import FIX_ROW
+from ..away import attitude_variances, grow
+from ..events import Array
+from ..params import EngineParams
+from ..saved import SavedState, layout_problem
+
+_NAMES = (
+    'C_b_G', 'v_G', 'r_e', 'b_gyro_b', 'b_accel_b', 'dvl_scale_m', 'dvl_markov_m', 'usbl_bias_a',
+    'P', 'sensitivity', 'model',
+)  # fmt: skip
+LAYOUT = 'sins 24'
+
+
+def save_state(
+    s: fs.State, fixes: tuple[int, int, int], records: tuple[bytes, bytes]
+) -> SavedState:
+    """State of a filter as it is now, with its fixes."""
+    latitude, longitude, height = (float(x) for x in earth.geodetic_from_ecef(s.r_e))
+    psi, pitch, roll = (float(x) for x in attitude.euler_from_matrix(s.C_b_G))
+    C_e_G = grid.ecef_to_grid(s.r_e)
+    position = np.einsum('ij,jk,ik->i', C_e_G, s.P[X.dr_e, X.dr_e], C_e_G)
+    tilt, velocity = np.diagonal(s.P[X.phi_G, X.phi_G]), np.diagonal(s.P[X.dv_G, X.dv_G])
+    x, y, z = s.v_G.tolist()
+    return SavedState(
+        latitude=latitude,
+        longitude=longitude,
+        height=height,
+        v_G=(x, y, z),
+        roll=roll,
+        pitch=pitch,
+        grid_heading=math.remainder(0.5 * math.pi - psi, 2.0 * math.pi),
+        sigma_position_horizontal=_sigma(position[:2], 1e-3, 1e6),
+        sigma_position_vertical=_sigma(position[2:], 1e-3, 1e6),
+        sigma_velocity=_sigma(velocity, 1e-6, 100.0),
+        sigma_tilt=_sigma(tilt[:2], 1e-9, 1.0),
+        sigma_heading=_sigma(tilt[2:], 1e-9, 3.0),
+        stamp_ns=int(s.counters[fs.STAMP]),
+        layout=LAYOUT,
+        values={name: getattr(s, name).copy() for name in _NAMES},
+        fixes=fixes,
+        records=records,
+    )
+
+
+def _sigma(variances: Array, low: float, high: float) -> float:
+    return float(np.clip(math.sqrt(max(float(np.max(variances)), 0.0)), low, high))
+
+
+def problem_of(saved: SavedState, *, model: bool) -> str:
+    """Sentence about a saved state that a filter cannot start from; empty if it can."""
+    like = fs.make_state(model=model)
+    problem = layout_problem(saved, LAYOUT, {n: getattr(like, n).shape for n in _NAMES})
+    if problem:
+        return problem
+    C, P = saved.values['C_b_G'], saved.values['P']
+    if np.abs(C @ C.T - np.eye(3)).max() > 1e-6:
+        return 'the attitude of the state is no rotation'
+    size = np.sqrt(np.maximum(np.diagonal(P), 1e-300))
+    if np.abs(P - P.T).max() > 1e-6 * float(size.max()) ** 2:
+        return 'the covariance of the state is not symmetric'
+    L = np.zeros((kf.N, kf.N))
+    if not kf.is_positive_definite(P, kf.USBL, L):
+        return 'the covariance of the state is not positive definite'
+    return ''
+
+
+def resume(s: fs.State, p: EngineParams, saved: SavedState, stamp_ns: int) -> None:
+    """Set a state from a saved one, carried on to a stamp [ns], with its covariance grown."""
+    for name in _NAMES:
+        getattr(s, name)[:] = saved.values[name]
+    if len(s.model):
+        s.model[fs.THRUST] = 0.0
+    away_s = saved.away_s(stamp_ns)
+    speed = float(np.linalg.norm(s.v_G))
+    C_G_e = grid.ecef_to_grid(s.r_e).T
+    s.r_e[:] += C_G_e @ s.v_G * away_s
+    F = np.eye(kf.N)
+    F[X.dr_e, X.dv_G] = C_G_e * away_s
+    decay = math.exp(-away_s / p.dvl_markov_tau)
+    markov = slice(kf.MARKOV, kf.MARKOV + 3)
+    F[markov, markov] *= decay
+    s.dvl_markov_m[:] *= decay
+    s.P[:] = F @ s.P @ F.T
+    s.sensitivity[:] = F @ s.sensitivity
+    if len(s.model):
+        s.model[fs.P_XE : fs.P_EE] = 0.0
+    grow(s.P, X.dv_G, X.dr_e, C_G_e, speed, away_s)
+    s.P[X.phi_G, X.phi_G] += np.diag(attitude_variances(away_s))
+    s.P[markov, markov] += np.eye(3) * p.dvl_markov_sigma**2 * (1.0 - decay**2)
+    for states, walk in ((X.b_gyro_b, p.gyro_bias_walk), (X.b_accel_b, p.accel_bias_walk)):
+        s.P[states, states] += np.eye(3) * walk**2 * away_s
+    s.P[:] = 0.5 * (s.P + s.P.T)
+    s.counters[fs.USED_NS + FIX_ROW] = 0

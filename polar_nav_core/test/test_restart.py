@@ -1,0 +1,185 @@
+"""A state that is saved, and a navigation that goes on from it."""
+
+import dataclasses
+import struct
+
+import numpy as np
+import pytest
+import station_twin as twin
+from closed_loop import World, inputs_of
+
+from polar_nav_core.engine.engine import Engine
+from polar_nav_core.engine.events import (
+    Command,
+    CommandKind,
+    Estimate,
+    ImuSample,
+    Receipt,
+    Verdict,
+)
+from polar_nav_core.engine.restart import age_problem, saved_problem
+from polar_nav_core.engine.saved import SavedStateError, pack, unpack
+
+CUT_S, AWAY_S = 40.0, 5.0
+
+
+@pytest.fixture(scope='module')
+def world():
+    return World(60.0)
+
+
+@pytest.fixture(scope='module')
+def events(world):
+    fixes = world.fixes(1.0, 1.5, rng=np.random.default_rng(3))
+    return list(inputs_of(world, fixes).events())
+
+
+def drive(engine, events):
+    return [output for event in events for output in engine.process(event)]
+
+
+def cut(events, away_s=AWAY_S, at_s=CUT_S):
+    """Events before a node was ended, and those after it was started again."""
+    begin_ns = events[0].stamp_ns
+    cut_ns, again_ns = begin_ns + round(at_s * 1e9), begin_ns + round((at_s + away_s) * 1e9)
+    return (
+        [e for e in events if e.stamp_ns < cut_ns],
+        [e for e in events if e.stamp_ns >= again_ns],
+    )
+
+
+def restore(saved, stamp_ns):
+    return Command(stamp_ns, -1, CommandKind.RESTORE, saved, 'nav/restore')
+
+
+def restarted(params, saved, after):
+    """Outputs of a new engine that gets the saved state with its first sample."""
+    engine = Engine(params)
+    first_ns = next(e.stamp_ns for e in after if isinstance(e, ImuSample))
+    events = sorted([*after, restore(saved, first_ns)], key=lambda e: e.key)
+    return engine, drive(engine, events)
+
+
+@pytest.fixture(scope='module')
+def saved(world, events):
+    engine = Engine(world.params(configuration='default'))
+    drive(engine, cut(events)[0])
+    return engine.saved()
+
+
+def test_bytes_give_the_same_state(saved):
+    again = unpack(pack(saved))
+    assert again.values.keys() == saved.values.keys()
+    assert all(np.array_equal(again.values[n], saved.values[n]) for n in saved.values)
+    rest = dataclasses.replace(again, values=saved.values)
+    assert rest == saved
+
+
+@pytest.mark.parametrize(
+    ('damage', 'words'),
+    [
+        (lambda d: d[:20], 'too few'),
+        (lambda d: b'X' + d[1:], 'no saved state'),
+        (lambda d: d[:8] + struct.pack('<H', 2) + d[10:], 'format 2'),
+        (lambda d: d[:-1], 'damaged'),
+        (lambda d: d[:200] + bytes([d[200] ^ 1]) + d[201:], 'damaged'),
+        (lambda d: d + b'0', 'damaged'),
+    ],
+)
+def test_damaged_bytes_are_refused_with_a_sentence(saved, damage, words):
+    with pytest.raises(SavedStateError, match=words):
+        unpack(damage(pack(saved)))
+
+
+@pytest.mark.parametrize(
+    ('change', 'words'),
+    [
+        ({'layout': 'station 12'}, 'of a filter station 12'),
+        ({'latitude': 9.0}, 'latitude'),
+        ({'records': (b'1', b'')}, 'length'),
+        ({'P': -np.eye(24)}, 'positive definite'),
+        ({'P': np.full((24, 24), np.nan)}, 'not finite'),
+        ({'P': np.eye(23)}, 'other shapes of P'),
+        ({'C_b_G': 2.0 * np.eye(3)}, 'rotation'),
+    ],
+)
+def test_what_no_filter_can_start_from_is_refused(world, events, saved, change, words):
+    name = next(iter(change))
+    if name in saved.values:
+        bad = dataclasses.replace(saved, values={**saved.values, **change})
+    else:
+        bad = dataclasses.replace(saved, **change)
+    params = world.params(configuration='default')
+    assert words in saved_problem(params, bad)
+    _, out = restarted(params, bad, cut(events)[1][:10])
+    refused = [o for o in out if isinstance(o, Receipt)]
+    assert [r.verdict for r in refused] == [Verdict.IMPLAUSIBLE]
+    assert words in refused[0].reason
+
+
+def test_age(saved):
+    second = 10**9
+    assert age_problem(saved, saved.stamp_ns + 5 * second, 60.0) == ''
+    assert '61.0 s old' in age_problem(saved, saved.stamp_ns + 61 * second, 60.0)
+    assert 'newer' in age_problem(saved, saved.stamp_ns - second, 60.0)
+
+
+@pytest.mark.parametrize('configuration', ['default', 'modified_akf', 'conventional_akf'])
+@pytest.mark.parametrize('away_s', [0.0, AWAY_S])
+def test_navigation_goes_on(world, events, configuration, away_s):
+    """Straight way: the estimates are those of a run without a break but for some decimetres."""
+    params = world.params(configuration=configuration)
+    before, after = cut(events, away_s)
+    first = Engine(params)
+    drive(first, before)
+    engine, out = restarted(params, first.saved(), after)
+    index = {int(s): k for k, s in enumerate(world.stamps)}
+    estimates = [o for o in out if isinstance(o, Estimate)]
+    assert estimates[0].stamp_ns - after[0].stamp_ns <= 100_000_000
+    for e in estimates:
+        error_e = e.r_e - world.r_e[index[e.stamp_ns]]
+        delayed = 5.0 if configuration == 'conventional_akf' else 0.0
+        assert float(np.linalg.norm(error_e)) < 1.5 + delayed
+    e = estimates[1]
+    error_e = e.r_e - world.r_e[index[e.stamp_ns]]
+    if not delayed:
+        assert error_e @ np.linalg.solve(e.P[6:9, 6:9], error_e) < 21.1  # chi-square (3), 99.99 %
+    assert engine.fix_counts()[0] > first.fix_counts()[0]
+
+
+def test_fixes_of_before_are_still_known(world, events, saved):
+    """Every fix that was received before the end is sent again, as it was and renumbered."""
+    params = world.params(configuration='default')
+    before, after = cut(events)
+    old = [e for e in before if e.topic == 'acomms/rx'][-20:]
+    now_ns = after[100].stamp_ns
+    copies = [
+        dataclasses.replace(f, receive_ns=now_ns + k, arrival=900 + k, sequence=f.sequence + n)
+        for k, (f, n) in enumerate((f, n) for f in old for n in (0, 1000))
+    ]
+    sent = sorted([*after[:400], *copies], key=lambda e: e.key)
+    _, out = restarted(params, saved, sent)
+    verdicts = [o.verdict for o in out if isinstance(o, Receipt) and o.receive_ns >= now_ns]
+    assert verdicts.count(Verdict.DUPLICATE) == len(old)
+    assert verdicts.count(Verdict.REPLAYED) == len(old)
+
+
+def test_a_bank_of_station_mode_goes_on():
+    params = twin.params(identify_method='none')
+    events = list(twin.inputs(twin.truth(30.0), 1, depth_every=10).events())
+    before, after = cut(events, 2.0, 20.0)
+    first = Engine(params)
+    drive(first, before)
+    saved = unpack(pack(first.saved()))
+    assert saved_problem(params, saved) == ''
+    assert 'shapes' in saved_problem(
+        params, dataclasses.replace(saved, values={**saved.values, 'x': np.zeros((1, 2))})
+    )
+    _, out = restarted(params, saved, after)
+    whole = {e.stamp_ns: e for e in drive(Engine(params), events) if isinstance(e, Estimate)}
+    estimates = [o for o in out if isinstance(o, Estimate)]
+    assert len(estimates) > 50
+    for e in estimates[1:]:  # the first is that of the first sample
+        # The run without a break has one fix more.
+        difference_e = e.r_e - whole[e.stamp_ns].r_e
+        assert difference_e @ np.linalg.solve(e.P[6:9, 6:9], difference_e) < 9.0
