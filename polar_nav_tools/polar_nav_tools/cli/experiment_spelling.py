@@ -18,6 +18,7 @@ NAMES = (
     'ablation',
     'consistency',
     'mismatch',
+    'spoof',
     'has-table',
     'has-figures',
     'has-loss',

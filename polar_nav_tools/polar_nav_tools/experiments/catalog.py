@@ -13,6 +13,7 @@ from .experiment import Experiment
 from .leader_error.experiment import LEADER_ERROR
 from .mismatch.plan import MISMATCH
 from .request import Request, Size
+from .spoof import SPOOF
 from .station import catalog as station
 
 _HOUR = 3600.0
@@ -112,6 +113,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         ),
         MISMATCH,
         LEADER_ERROR,
+        SPOOF,
         *station.EXPERIMENTS,
     )
 }

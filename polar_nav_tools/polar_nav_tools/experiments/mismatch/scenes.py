@@ -72,6 +72,7 @@ class SinsScene:
             'delay_handling': 'clone',
             'noise_adaptation': 'none',
             'gate_probability': 1.0,
+            'max_fix_sigma': 0.0,
         }
     )
     """The exact filter without a gate, whose innovations show when a fault is visible."""
