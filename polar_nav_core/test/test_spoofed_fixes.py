@@ -75,6 +75,11 @@ def test_content_under_another_number_is_no_new_fix(world, fixes, configuration)
     replayed = [r for r in receipts if r.verdict is Verdict.REPLAYED]
     assert len(replayed) == len(copies)
     assert replayed[0].reason == 'fix 1000 of leader has the content of an earlier one'
+    inputs = inputs_of(world, arriving(fixes + copies))
+    params = world.params(configuration=configuration)
+    watched = engine_run.run(params, inputs, watch=True).health
+    (first, *_) = [h for h in watched if 'somebody repeats them' in h.sentence]
+    assert first.stamp_ns - copies[0].receive_ns <= 2 * 10**9
 
 
 def test_copies_of_a_gated_fix_are_no_further_evidence(world, fixes):

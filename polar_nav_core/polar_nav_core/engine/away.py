@@ -12,12 +12,13 @@ from .events import Array
 
 TURN_RATE = 0.02
 """1-sigma of the mean rate of turn while away [rad/s]."""
-TILT_RATE = 0.002
-"""The same of roll and pitch [rad/s]."""
+SWING_TILT, SWING_HEADING, SWING_S = 0.1, 0.05, 0.5
+"""1-sigma by which a vehicle in waves swings about its mean attitude [rad], and how long it takes
+until where it was in that says nothing [s]."""
 ACCELERATION = 0.02
 """1-sigma of the mean acceleration along the way and up [m/s^2]."""
-MOST_TURN, MOST_TILT = 0.5, 0.1
-"""Larger sigmas of heading and tilt are none of a filter of small angles [rad]."""
+MOST_TURN = 0.5
+"""A larger sigma of heading is none of a filter of small angles [rad]."""
 
 
 def grow(P: Array, v: slice, r: slice, turn_to_r: Array, speed: float, away_s: float) -> None:
@@ -46,5 +47,7 @@ def grow(P: Array, v: slice, r: slice, turn_to_r: Array, speed: float, away_s: f
 
 def attitude_variances(away_s: float) -> Array:
     """Variances (3,) of tilt and heading that are added [rad^2]."""
-    tilt, turn = min(TILT_RATE * away_s, MOST_TILT), min(TURN_RATE * away_s, MOST_TURN)
+    swung = -np.expm1(-away_s / SWING_S)
+    tilt = SWING_TILT * swung
+    turn = min(float(np.hypot(SWING_HEADING * swung, TURN_RATE * away_s)), MOST_TURN)
     return np.array([tilt**2, tilt**2, turn**2])

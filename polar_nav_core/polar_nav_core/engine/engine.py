@@ -254,9 +254,11 @@ class Engine:
             # A station stays where it is: what its fixes contradict may be the vehicle's model.
             either = Culprit.FIXES | Culprit.MODEL
             found = [replace(condition, culprit=either) for condition in found]
+            found += self.ledger.conditions(self.fusion.stamp_ns)
             of_station = station_view_of(self.fusion, self.fusion.stamp_ns)
             self.health = self._watchdog.look(of_station, found)
         elif isinstance(self.fusion, Fusion):
+            found += self.ledger.conditions(self.fusion.stamp_ns)
             found += self.restored.conditions(self.fusion.stamp_ns)
             resets = self.resets + self.restored.count
             view = view_of(self.fusion, self.fusion.stamp_ns, resets)
@@ -304,6 +306,7 @@ class Engine:
             fix = dated(self.params, fix)
         refused = self.ledger.refusal(fix, stated_ns)
         if refused is not None:
+            self.ledger.suspect(refused[0], fix.receive_ns)
             return [self._receipt(fix, fix.receive_ns, *refused)]
         if self.fusion is None:
             reason = self.divergence or 'the filter has no state yet'
@@ -317,6 +320,7 @@ class Engine:
         why = out_of_reach(self.params, fix, self.fusion, gate, since_ns)
         if why:
             self.ledger.remember(fix, stated_ns, fused=False)
+            self.ledger.suspect(Verdict.IMPLAUSIBLE, fix.receive_ns)
             return [self._receipt(fix, fix.receive_ns, Verdict.IMPLAUSIBLE, why)]
         result = self.fusion.fix(fix)
         if result is None:

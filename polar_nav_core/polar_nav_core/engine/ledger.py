@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Sequence
 
 from ..kernels.sins.update import Ints
 from .events import Array, Fix, Receipt, Verdict
 from .fix_record import FixRecord
+from .health.conditions import Condition, Culprit, Level
 from .integrity import IntegrityMonitor
 from .params import EngineParams
 from .receipts import age_s, decided_receipt, fused_receipts, refused_verdict
@@ -19,6 +20,12 @@ _FUSED_KEPT = 1 << 18
 1.6 s. Each takes 24 bytes."""
 _REFUSED_KEPT = 4096
 """Fixes that the gate refused: they are apart, so that a flood of them drops no fused one."""
+_SUSPICION_NS = 60_000_000_000
+_SUSPICIOUS = {
+    Verdict.REPLAYED: 'with the content of earlier ones: somebody repeats them',
+    Verdict.IMPLAUSIBLE: 'at places that the vehicle cannot have reached: displaced or forged',
+}
+"""Verdicts on packets that are reported, each with the end of its sentence."""
 _FIX = 'fix'
 
 
@@ -42,6 +49,9 @@ class FixLedger:
         self._fused = fused
         self._of_fused = FixRecord(_FUSED_KEPT)
         self._of_refused = FixRecord(_REFUSED_KEPT)
+        self._suspicious: dict[Verdict, tuple[deque[int], str]] = {
+            verdict: (deque(maxlen=_REFUSED_KEPT), words) for verdict, words in _SUSPICIOUS.items()
+        }
         self._revisions: dict[tuple[int, int], int] = {}
         self._last_validity_ns = 0
         self.received = 0
@@ -69,6 +79,23 @@ class FixLedger:
         self._of_fused, self._of_refused = fused, refused
         self._revisions.clear()
         self.received, self._fused[_FIX], self._last_validity_ns = fixes
+
+    def conditions(self, stamp_ns: int) -> list[Condition]:
+        """Packets that nobody honest sends, received within the last minute before a stamp."""
+        found = []
+        for verdict, (times, words) in self._suspicious.items():
+            while times and times[0] < stamp_ns - _SUSPICION_NS:
+                times.popleft()
+            if times:
+                key = f'packets {verdict.name}'
+                sentence = f'{len(times)} packets in a minute {words}'
+                found.append(Condition(key, Level.WARN, Culprit.FIXES, sentence))
+        return found
+
+    def suspect(self, verdict: Verdict, stamp_ns: int) -> None:
+        """Note the verdict on a fix that was refused at a stamp [ns], where it is suspicious."""
+        if verdict in self._suspicious:
+            self._suspicious[verdict][0].append(stamp_ns)
 
     def counts(self) -> tuple[int, int, int]:
         """Number of fixes received, of fixes fused, and newest validity of a fused one [ns]."""
@@ -118,6 +145,7 @@ class FixLedger:
             self._last_validity_ns = max(self._last_validity_ns, fix.validity_ns)
         else:
             self.integrity.gated(fix.validity_ns, cause.receive_ns, -outcome.z)
+            self.suspect(refused_verdict(outcome), cause.receive_ns)
             self._fused[_FIX] -= revision > 0
         return decided_receipt(fix, cause, result, now_ns, revision, self._configuration)
 
