@@ -22,6 +22,7 @@ _REFUSED_KEPT = 4096
 """Fixes that the gate refused: they are apart, so that a flood of them drops no fused one."""
 _SUSPICION_NS = 60_000_000_000
 _SUSPICIOUS = {
+    Verdict.NOT_FINITE: 'with numbers that no instrument states',
     Verdict.REPLAYED: 'with the content of earlier ones: somebody repeats them',
     Verdict.IMPLAUSIBLE: 'at places that the vehicle cannot have reached: displaced or forged',
 }

@@ -54,7 +54,7 @@ class Spoof:
     """The same as a fault, where a test that knows its shape can be made."""
 
 
-def _offset(name: str, doc: str, **size: float) -> Spoof:
+def _offset(name: str, doc: str, **size: Any) -> Spoof:  # noqa: ANN401 - of FixOffset
     shape = FixOffset(start_s=START_S, **size)
     return Spoof(name, doc, lambda world: shape.applied(world, 1.0), shape)
 
