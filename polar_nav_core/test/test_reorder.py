@@ -9,8 +9,9 @@ from closed_loop import World, run
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from polar_nav_core.engine import reorder
 from polar_nav_core.engine.engine import Engine
-from polar_nav_core.engine.events import Estimate, Receipt, Verdict
+from polar_nav_core.engine.events import Estimate, Fix, Receipt, Verdict
 from polar_nav_core.engine.reorder import Reorder
 
 WINDOW_S = 0.2
@@ -112,3 +113,21 @@ def test_the_first_stamp_of_a_run_needs_a_second_that_agrees(world):
     _, out = live(world, [ahead, *events])
     assert next(o.verdict for o in out if isinstance(o, Receipt)) is Verdict.FROM_FUTURE
     same(out[1:], run(Engine(world.params()), events))
+
+
+def test_packets_far_ahead_of_the_imu_do_not_wait(world, monkeypatch):
+    """They would never be due: 20,000 of 2038 stayed in memory."""
+    events = sorted(events_of(world), key=lambda e: e.key)
+    fix = next(e for e in events if isinstance(e, Fix))
+    ahead = [replace(fix, receive_ns=fix.receive_ns + 10**12, arrival=500 + k) for k in range(50)]
+    _, out = live(world, [*events[:100], *ahead, *events[100:]])
+    refused = [o for o in out if isinstance(o, Receipt) and o.verdict is Verdict.TOO_LATE]
+    assert len(refused) == len(ahead)
+    assert 'ahead of the newest IMU sample' in refused[0].reason
+    clean = [o for o in live(world, events)[1] if isinstance(o, Estimate)]
+    same([o for o in out if isinstance(o, Estimate)], clean)
+    monkeypatch.setattr(reorder, '_MOST_WAITING', 30)
+    few = Reorder(Engine(world.params()), WINDOW_S)
+    out = [o for k in range(50) for o in few.add(replace(fix, arrival=k))]
+    assert few.pending == 30
+    assert [o.verdict for o in out] == [Verdict.TOO_LATE] * 20

@@ -15,6 +15,11 @@ from .ahead import Ahead
 from .engine import Engine
 from .events import Command, Event, Fix, ImuSample, OrderKey, Output, Verdict
 
+_AHEAD_NS = 60_000_000_000
+"""A packet received farther ahead of the IMU does not wait for it."""
+_MOST_WAITING = 65_536
+"""Messages that packets may wait with."""
+
 
 class Reorder:
     """Live driver of an :class:`Engine`: a priority queue of messages with a watermark.
@@ -62,6 +67,11 @@ class Reorder:
 
     def _add(self, event: Event) -> Iterator[Output]:
         """Queue one message whose stamp is believed."""
+        no_room = self._no_room(event)
+        if no_room:
+            stamp_ns = self.watermark_ns or 0
+            yield self.engine.refuse(event, Verdict.TOO_LATE, no_room, stamp_ns)
+            return
         if self.watermark_ns is not None and event.stamp_ns <= self.watermark_ns:
             late = (self.watermark_ns + self._window_ns - event.stamp_ns) * 1e-9
             window = self._window_ns * 1e-9
@@ -77,6 +87,17 @@ class Reorder:
             self.newest_imu_ns = event.stamp_ns
             self.watermark_ns = event.stamp_ns - self._window_ns
             yield from self._release(self.watermark_ns)
+
+    def _no_room(self, event: Event) -> str:
+        """Reason not to let a packet wait; empty if there is room for it."""
+        if not isinstance(event, Fix):
+            return ''
+        if len(self._heap) >= _MOST_WAITING:
+            return f'{_MOST_WAITING} messages wait for the IMU already'
+        ahead_ns = 0 if self.newest_imu_ns is None else event.stamp_ns - self.newest_imu_ns
+        if ahead_ns > _AHEAD_NS:
+            return f'received {ahead_ns * 1e-9:.0f} s ahead of the newest IMU sample'
+        return ''
 
     def flush(self) -> Iterator[Output]:
         """Process all waiting events at the end of a run; yields estimates and receipts."""
