@@ -24,7 +24,7 @@ from .columns import filter_columns
 from .experiment import Experiment
 from .jobs import RunResult
 from .mismatch.faults import FixOffset
-from .mismatch.health import WatchedRun, health_history
+from .mismatch.health import health_history
 from .mismatch.judge import WARN
 from .mismatch.plan import as_stated
 from .mismatch.row import SINS
@@ -192,9 +192,7 @@ def run_job(job: SpoofJob) -> RunResult:
     ran = SINS.run(world, job.changes)
     start_ns = SINS.start_ns(world)
     end_ns = int(ran.stamps_ns[-1])
-    history = health_history(
-        WatchedRun(ran.params, ran.receipts, start_ns, end_ns, ran.divergence, ran.health)
-    )
+    history = health_history(ran.health, end_ns, ran.divergence)
     spoofed_ns = start_ns + round(START_S * _NS)
     warned = [r for r in history if r.stamp_ns >= spoofed_ns and r.level >= WARN]
     before = [r for r in history if r.stamp_ns < spoofed_ns]
