@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import Quaternion
@@ -19,6 +20,7 @@ from polar_nav_core.engine.events import (
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_msgs.msg import FixReceipt, NavState
 
+from . import receipt_fields
 from .stamps import to_msg, to_ns
 
 
@@ -68,49 +70,22 @@ def nav_to_msg(
 
 def receipt_to_msg(r: Receipt) -> FixReceipt:
     """polar_nav_msgs/FixReceipt of a receipt."""
-    msg = FixReceipt()
+    msg = FixReceipt(verdict=int(r.verdict), verdict_text=r.verdict.name, age=r.age_s)
     msg.header.stamp = to_msg(r.stamp_ns)
-    msg.verdict = int(r.verdict)
-    msg.verdict_text = r.verdict.name
-    msg.reason = r.reason
-    msg.topic = r.topic
-    msg.source = r.source
-    msg.sequence = r.sequence
-    msg.revision = r.revision
-    msg.validity_time = to_msg(r.validity_ns)
-    msg.transmit_time = to_msg(r.transmit_ns)
-    msg.receive_time = to_msg(r.receive_ns)
-    msg.fused_time = to_msg(r.fused_ns)
-    msg.age = r.age_s
-    msg.delay_handling = r.delay_handling
-    msg.steps_rolled_back = r.steps_rolled_back
-    msg.innovation_g = r.innovation_G
-    msg.innovation_variance_g = r.innovation_variance_G
-    msg.nis = r.nis
-    msg.degrees_of_freedom = r.dof
-    msg.gate = r.gate
+    for name, field in receipt_fields.TIMES.items():
+        setattr(msg, field, to_msg(getattr(r, name)))
+    for name, field in (receipt_fields.VALUES | receipt_fields.AXES).items():
+        setattr(msg, field, getattr(r, name))
     return msg
 
 
 def receipt_from_msg(msg: FixReceipt) -> Receipt:
     """Receipt of a recorded polar_nav_msgs/FixReceipt."""
-    return Receipt(
-        stamp_ns=to_ns(msg.header.stamp),
-        verdict=Verdict(msg.verdict),
-        reason=msg.reason,
-        topic=msg.topic,
-        source=msg.source,
-        sequence=msg.sequence,
-        validity_ns=to_ns(msg.validity_time),
-        transmit_ns=to_ns(msg.transmit_time),
-        receive_ns=to_ns(msg.receive_time),
-        fused_ns=to_ns(msg.fused_time),
-        delay_handling=msg.delay_handling,
-        steps_rolled_back=msg.steps_rolled_back,
-        innovation_G=np.array(msg.innovation_g),
-        innovation_variance_G=np.array(msg.innovation_variance_g),
-        nis=msg.nis,
-        dof=msg.degrees_of_freedom,
-        gate=msg.gate,
-        revision=msg.revision,
-    )
+    values: dict[str, Any] = {
+        'stamp_ns': to_ns(msg.header.stamp),
+        'verdict': Verdict(msg.verdict),
+        **{name: getattr(msg, field) for name, field in receipt_fields.VALUES.items()},
+        **{name: to_ns(getattr(msg, field)) for name, field in receipt_fields.TIMES.items()},
+        **{name: np.array(getattr(msg, field)) for name, field in receipt_fields.AXES.items()},
+    }
+    return Receipt(**values)

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 pytest.importorskip('rclpy')
@@ -48,6 +48,7 @@ def assert_same(a, b):
         np.testing.assert_array_equal(getattr(a, field.name), getattr(b, field.name), field.name)
 
 
+@settings(deadline=None)
 @given(RECEIPTS)
 def test_event_message_and_row_have_the_same_content(receipt):
     message = receipt_to_msg(receipt)

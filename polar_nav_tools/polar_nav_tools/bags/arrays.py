@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from polar_nav_core.engine.events import LOCAL_DOF
 from polar_nav_core.nav_columns import rotations
+from polar_nav_ros import receipt_fields
 from polar_nav_tools.series.vehicle import EstimateSeries, Floats, ReceiptRecord, TruthSeries
 
 from .columns import Columns, read_columns, stamps, time_fields
@@ -75,25 +76,14 @@ _LOCAL = tuple(
 )
 """Fields of the local statistics, by source; bags of earlier versions do not have them."""
 
-_RECEIPT_TIMES = ('validity_time', 'transmit_time', 'receive_time', 'fused_time')
 _RECEIPT_FIELDS = (
     *STAMP,
-    *(part for name in _RECEIPT_TIMES for part in time_fields(name)),
+    *(part for name in receipt_fields.TIMES.values() for part in time_fields(name)),
+    *receipt_fields.VALUES.values(),
+    *receipt_fields.AXES.values(),
     'verdict',
     'verdict_text',
-    'reason',
-    'topic',
-    'source',
-    'sequence',
-    'revision',
     'age',
-    'delay_handling',
-    'steps_rolled_back',
-    'innovation_g',
-    'innovation_variance_g',
-    'nis',
-    'degrees_of_freedom',
-    'gate',
 )
 
 
@@ -224,31 +214,14 @@ def _local_statistics(c: Columns) -> Floats:
 
 
 def _receipts(c: Columns) -> list[ReceiptRecord]:
-    stamp_ns = stamps(c, 'header.stamp').tolist()
-    times = {name: stamps(c, name).tolist() for name in _RECEIPT_TIMES}
-    values = {k: v.tolist() for k, v in c.items() if v.ndim == 1}
-    return [
-        ReceiptRecord(
-            stamp_ns=stamp_ns[i],
-            verdict=values['verdict'][i],
-            verdict_text=values['verdict_text'][i],
-            reason=values['reason'][i],
-            topic=values['topic'][i],
-            source=values['source'][i],
-            sequence=values['sequence'][i],
-            revision=values['revision'][i],
-            validity_ns=times['validity_time'][i] or None,
-            transmit_ns=times['transmit_time'][i] or None,
-            receive_ns=times['receive_time'][i] or None,
-            fused_ns=times['fused_time'][i] or None,
-            age_s=values['age'][i],
-            delay_handling=values['delay_handling'][i],
-            steps_rolled_back=values['steps_rolled_back'][i],
-            innovation_G=c['innovation_g'][i],
-            innovation_variance_G=c['innovation_variance_g'][i],
-            nis=values['nis'][i],
-            degrees_of_freedom=values['degrees_of_freedom'][i],
-            gate=values['gate'][i],
-        )
-        for i in range(len(stamp_ns))
-    ]
+    columns: dict[str, Any] = {
+        'stamp_ns': stamps(c, 'header.stamp').tolist(),
+        'verdict': c['verdict'].tolist(),
+        'verdict_text': c['verdict_text'].tolist(),
+        'age_s': c['age'].tolist(),
+        **{name: stamps(c, field).tolist() for name, field in receipt_fields.TIMES.items()},
+        **{name: c[field].tolist() for name, field in receipt_fields.VALUES.items()},
+        **{name: c[field] for name, field in receipt_fields.AXES.items()},
+    }
+    rows = zip(*columns.values(), strict=True)
+    return [ReceiptRecord.of(dict(zip(columns, row, strict=True))) for row in rows]

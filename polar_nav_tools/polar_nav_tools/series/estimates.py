@@ -8,6 +8,7 @@ a time.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -119,30 +120,19 @@ class EstimateRows:
         }
 
 
+_RECEIPT = [f.name for f in fields(events.Receipt)]
+
+
 def receipts_of(receipts: Iterable[events.Receipt]) -> list[ReceiptRecord]:
     """Receipts of a run in the form of recorded ones."""
     return [
-        ReceiptRecord(
-            stamp_ns=r.stamp_ns,
-            verdict=int(r.verdict),
-            verdict_text=r.verdict.name,
-            reason=r.reason,
-            topic=r.topic,
-            source=r.source,
-            sequence=r.sequence,
-            revision=r.revision,
-            validity_ns=r.validity_ns or None,
-            transmit_ns=r.transmit_ns or None,
-            receive_ns=r.receive_ns or None,
-            fused_ns=r.fused_ns or None,
-            age_s=r.age_s,
-            delay_handling=r.delay_handling,
-            steps_rolled_back=r.steps_rolled_back,
-            innovation_G=r.innovation_G,
-            innovation_variance_G=r.innovation_variance_G,
-            nis=r.nis,
-            degrees_of_freedom=r.dof,
-            gate=r.gate,
+        ReceiptRecord.of(
+            {
+                **{name: getattr(r, name) for name in _RECEIPT},
+                'verdict': int(r.verdict),
+                'verdict_text': r.verdict.name,
+                'age_s': r.age_s,
+            }
         )
         for r in receipts
     ]

@@ -11,12 +11,14 @@ for both topics is the order of their stamps in a sound bag.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
+
+from polar_nav_ros import receipt_fields
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -238,6 +240,14 @@ class ReceiptRecord:
     nis: float
     degrees_of_freedom: int
     gate: float
+
+    @classmethod
+    def of(cls, values: Mapping[str, Any]) -> ReceiptRecord:
+        """Record of a receipt from its values by name: those of the event and of its row."""
+        found: dict[str, Any] = {n: values[n] or None for n in receipt_fields.TIMES}
+        found |= {n: values[n] for n in (*receipt_fields.VALUES, *receipt_fields.AXES)}
+        found |= {n: values[n] for n in ('stamp_ns', 'verdict', 'verdict_text', 'age_s')}
+        return cls(degrees_of_freedom=found.pop('dof'), **found)
 
     @property
     def key(self) -> tuple[str, str, int, int | None]:
