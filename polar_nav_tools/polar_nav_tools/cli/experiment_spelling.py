@@ -18,6 +18,7 @@ NAMES = (
     'ablation',
     'consistency',
     'mismatch',
+    'leader-error',
     'spoof',
     'has-table',
     'has-figures',

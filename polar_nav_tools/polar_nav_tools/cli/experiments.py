@@ -65,6 +65,14 @@ Settings = Annotated[
         help='Change what a paper leaves open (docs/experiments*.md), or engine.PARAMETER.',
     ),
 ]
+Rows = Annotated[
+    str | None,
+    typer.Option(metavar='PATTERN', help='Rows, as gravity_*,dvl_*.', show_default='all'),
+]
+FirstSeed = Annotated[
+    int,
+    typer.Option(metavar='K', min=0, help='Seeds K to K + N - 1, where there are rows.'),
+]
 Jobs = Annotated[
     int | None, typer.Option(metavar='N', help='Processes.', show_default='all cores')
 ]
@@ -94,6 +102,8 @@ def list_all() -> None:
 )
 def run_one(
     name: Annotated[str, typer.Argument(help='One of the names below.', show_default=False)],
+    rows: Rows = None,
+    first_seed: FirstSeed = 1,
     quick: Quick = False,
     duration: Duration = None,
     seeds: Seeds = None,
@@ -105,7 +115,8 @@ def run_one(
 ) -> None:
     """Run one experiment by its name."""
     request = _request(name, quick, duration, seeds, columns, settings, jobs)
-    _run(name, request, _folder(out, name), as_json)
+    chosen = replace(request, rows=rows, first_seed=first_seed)
+    _run(name, chosen, _folder(out, name), as_json)
 
 
 @experiment.command(
@@ -150,11 +161,8 @@ def ablation(
     epilog="Example: `./polar experiment mismatch --rows 'dvl_*' --seeds 2 --first-seed 9001`"
 )
 def mismatch(
-    rows: Annotated[
-        str | None,
-        typer.Option(metavar='PATTERN', help='Faults, as gravity_*,dvl_*.', show_default='all'),
-    ] = None,
-    first_seed: Annotated[int, typer.Option(metavar='K', min=0, help='Seeds K to K + N - 1.')] = 1,
+    rows: Rows = None,
+    first_seed: FirstSeed = 1,
     quick: Quick = False,
     seeds: Seeds = None,
     columns: Columns = None,

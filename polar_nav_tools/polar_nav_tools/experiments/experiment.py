@@ -49,6 +49,8 @@ class Experiment:
         The paper's numbers for a group and a filter, for the CSV.
     suite : Suite
         The suite it belongs to.
+    selects : bool
+        Whether ``--rows`` and ``--first-seed`` apply.
     """
 
     name: str
@@ -61,6 +63,7 @@ class Experiment:
     figures: Callable[[Sequence[RunResult], Size, Request], dict[str, Figure]]
     paper: Callable[[str, str], Mapping[str, float]] | None = None
     suite: Suite = POLAR
+    selects: bool = False
 
     def size(self, request: Request) -> Size:
         """Size for a request.
@@ -77,6 +80,8 @@ class Experiment:
             raise ConfigError(f'--duration: {duration_s:g} s is outside of [10, 604800] s')
         if seeds < 1:
             raise ConfigError(f'--seeds: {seeds} is less than 1')
+        if not self.selects and (request.rows is not None or request.first_seed != 1):
+            raise ConfigError(f'--rows, --first-seed: {self.name} has neither')
         return Size(duration_s, seeds)
 
 

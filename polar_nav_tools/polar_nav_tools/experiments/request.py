@@ -40,9 +40,9 @@ class Request:
     sensors, periods_s, delays_s : sequences or None
         Values that ablation combines.
     rows : str or None
-        Faults of mismatch by name: shell patterns, comma-separated.
+        Rows by name, of experiments that have them: shell patterns, comma-separated.
     first_seed : int
-        First seed of mismatch; all others begin at 1.
+        First seed of such an experiment; all others begin at 1.
     """
 
     choices: Choices = field(default_factory=Choices)

@@ -30,6 +30,8 @@ class WorldSpec(Spec):
     depth_m: float = param(100.0, 'm', 0.0, 11000.0, 'Depth')
     oscillating: bool = flag(True, 'Attitude sines of the paper: pitch 4, roll 5, yaw 3 deg')
     imu: str = choice('paper_6_1', IMU_KINDS, 'Error model of the IMU')
+    imu_vices: bool = flag(True, 'False: of the model above only white noise and range')
+    imu_rested: bool = flag(False, 'True: a rest took turn-on and g-dependent gyro bias away')
     imu_rate_hz: float = param(50.0, 'Hz', 10.0, 1000.0, 'Samples per second')
     constants: str = choice(
         'paper',
@@ -94,4 +96,14 @@ class WorldSpec(Spec):
                 accel_noise_density=(0.0,) * 3,
             )
         zero = (0.0, 0.0, 0.0)
-        return replace(IMU[self.imu].errors, gyro_bias_dph=zero, accel_bias_ug=zero)
+        errors = IMU[self.imu].errors
+        if not self.imu_vices:
+            errors = ImuErrors(
+                gyro_noise_density=errors.gyro_noise_density,
+                gyro_range=errors.gyro_range,
+                accel_noise_density=errors.accel_noise_density,
+                accel_range=errors.accel_range,
+            )
+        if self.imu_rested:
+            errors = replace(errors, gyro_turn_on_sigma_dph=0.0, gyro_g_sigma_dph=0.0)
+        return replace(errors, gyro_bias_dph=zero, accel_bias_ug=zero)

@@ -256,4 +256,5 @@ LEADER_ERROR = Experiment(
         lambda request: {'engine': dict(request.choices.engine)},
         _describe,
     ),
+    selects=True,
 )

@@ -167,4 +167,5 @@ MISMATCH = Experiment(
         lambda request: {'engine': dict(request.choices.engine)},
         _describe,
     ),
+    selects=True,
 )
