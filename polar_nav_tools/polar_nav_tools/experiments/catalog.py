@@ -9,6 +9,9 @@ from typing import Any
 from polar_nav_core.errors import ConfigError
 
 from . import ablation, consistency, tables
+from .evidence.late import LATE
+from .evidence.price import PRICE
+from .evidence.quiet import QUIET
 from .experiment import Experiment
 from .leader_error.experiment import LEADER_ERROR
 from .mismatch.plan import MISMATCH
@@ -114,6 +117,9 @@ EXPERIMENTS: dict[str, Experiment] = {
         MISMATCH,
         LEADER_ERROR,
         SPOOF,
+        LATE,
+        PRICE,
+        QUIET,
         *station.EXPERIMENTS,
     )
 }

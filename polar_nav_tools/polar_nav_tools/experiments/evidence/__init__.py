@@ -1,0 +1,1 @@
+"""Evidence over seeds: late fixes, the price of reserve, a MEMS vehicle, false alarms, a gap."""

@@ -1,0 +1,119 @@
+"""Experiments of cases, in the form of all experiments."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, replace
+from fnmatch import fnmatchcase
+from typing import TYPE_CHECKING, Any
+
+from polar_nav_core.errors import ConfigError
+
+from ...scoring.tables import Column, Table
+from ..choices import choices_from
+from ..experiment import Experiment
+from ..jobs import RunResult
+from ..request import Request, Size
+from ..suite import Paper, Suite
+from .case import Case
+from .runs import EvidenceJob, run_job
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+MakeCases = Callable[[float], Sequence[Case]]
+"""Cases of runs of a length [s]."""
+MakeTables = Callable[[Sequence[Case], Sequence[RunResult], Size], list[Table]]
+_PACE_S = 60.0
+
+
+def experiment_of(
+    name: str, doc: str, sizes: tuple[Size, Size], cases: MakeCases, tables: MakeTables
+) -> Experiment:
+    """Return the experiment of some cases; ``sizes`` are the full and the quick one."""
+    columns = tuple(dict.fromkeys(c for case in cases(_PACE_S) for c in case.columns))
+
+    def plan(request: Request, size: Size, chosen: Sequence[str]) -> list[EvidenceJob]:
+        engine = dict(request.choices.engine)
+        first = request.first_seed
+        return [
+            EvidenceJob(case, column, seed, {} if column in case.fixed else engine)
+            for case in _chosen(cases(size.duration_s), request.rows)
+            for seed in range(first, first + size.seeds)
+            for column in chosen
+            if column in case.columns
+        ]
+
+    def all_tables(results: Sequence[RunResult], size: Size, request: Request) -> list[Table]:
+        first = request.first_seed
+        seeds = f'Seeds {first} to {first + size.seeds - 1}, runs of {size.duration_s:g} s. '
+        made = tables(_chosen(cases(size.duration_s), request.rows), results, size)
+        return [replace(table, note=seeds + table.note) for table in made]
+
+    def read(settings: Sequence[str], names: Sequence[str] | None) -> dict[str, Any]:
+        for setting in settings:
+            if not setting.strip().startswith('engine.'):
+                raise ConfigError(f'--set {setting}: {name} takes engine.PARAMETER only')
+        for column in names or ():
+            if column not in columns:
+                raise ConfigError(f'--columns: no filter {column!r}; there are {columns}')
+        return {'choices': choices_from(settings)}
+
+    suite = Suite(
+        read,
+        list,
+        run_job,
+        _long_table,
+        lambda request: {'engine': dict(request.choices.engine)},
+        _describe,
+    )
+    return Experiment(
+        name, doc, *sizes, columns, plan, all_tables, _no_figures, suite=suite, selects=True
+    )
+
+
+def _chosen(cases: Sequence[Case], pattern: str | None) -> list[Case]:
+    words = [w.strip() for w in (pattern or '*').split(',')]
+    found = [c for c in cases if any(fnmatchcase(c.name, w) for w in words)]
+    if not found:
+        names = ', '.join(c.name for c in cases)
+        raise ConfigError(f'--rows: nothing matches {pattern!r}; there are {names}')
+    return found
+
+
+def of(results: Sequence[RunResult], case: Case, column: str) -> list[RunResult]:
+    """Runs of a column of a case, by seed."""
+    return [r for r in results if r.group == case.name and r.column == column]
+
+
+def _long_table(title: str, results: Sequence[RunResult], paper: Paper | None) -> Table:
+    """Table of every number of every run, one row each."""
+    del paper
+    keys = list(dict.fromkeys(k for r in results for k in r.metrics))
+    columns = (Column('case', 'case'), Column('filter', 'filter'), Column('seed', 'seed'))
+    rows = [
+        {'case': r.group, 'filter': r.column, 'seed': r.seed, 'stopped': r.reason, **r.metrics}
+        for r in results
+    ]
+    all_columns = (*columns, Column('stopped', 'stopped'), *(Column(k, k) for k in keys))
+    return Table(title, all_columns, tuple(rows))
+
+
+def _describe(jobs: Sequence[EvidenceJob]) -> dict[str, Any]:
+    cases = {job.case.name: job.case for job in jobs}
+    return {
+        'filters': {
+            f'{case.name}/{column}': dict(changes)
+            for case in cases.values()
+            for column, changes in case.columns.items()
+        },
+        'groups': {
+            name: {'scene': asdict(case.scene), 'world': repr(case.shape)}
+            for name, case in cases.items()
+        },
+    }
+
+
+def _no_figures(results: Sequence[RunResult], size: Size, request: Request) -> dict[str, Figure]:
+    del results, size, request
+    return {}
