@@ -22,6 +22,7 @@ NAMES = (
     'spoof',
     'late',
     'price',
+    'mems',
     'quiet',
     'has-table',
     'has-figures',

@@ -10,6 +10,7 @@ from polar_nav_core.errors import ConfigError
 
 from . import ablation, consistency, tables
 from .evidence.late import LATE
+from .evidence.mems import MEMS
 from .evidence.price import PRICE
 from .evidence.quiet import QUIET
 from .experiment import Experiment
@@ -119,6 +120,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         SPOOF,
         LATE,
         PRICE,
+        MEMS,
         QUIET,
         *station.EXPERIMENTS,
     )
