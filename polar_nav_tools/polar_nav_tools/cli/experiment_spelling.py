@@ -24,6 +24,7 @@ NAMES = (
     'price',
     'mems',
     'quiet',
+    'aiding',
     'has-table',
     'has-figures',
     'has-loss',

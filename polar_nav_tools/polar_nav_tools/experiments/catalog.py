@@ -9,6 +9,7 @@ from typing import Any
 from polar_nav_core.errors import ConfigError
 
 from . import ablation, consistency, tables
+from .evidence.aiding import AIDING
 from .evidence.late import LATE
 from .evidence.mems import MEMS
 from .evidence.price import PRICE
@@ -122,6 +123,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         PRICE,
         MEMS,
         QUIET,
+        AIDING,
         *station.EXPERIMENTS,
     )
 }
