@@ -8,11 +8,12 @@ import pytest
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.engine import Engine
 from polar_nav_core.engine.events import Fix
+from polar_nav_core.engine.health.conditions import Culprit
 from polar_nav_core.errors import ConfigError
 from polar_nav_tools.experiments.catalog import experiment_named
 from polar_nav_tools.experiments.experiment import Request, run
 from polar_nav_tools.experiments.mismatch import dvl_faults, faults, worlds
-from polar_nav_tools.experiments.mismatch.health import health_history
+from polar_nav_tools.experiments.mismatch.health import NAMES, health_history
 from polar_nav_tools.experiments.mismatch.row import SINS, STATION, WORLD, Row, texts, warm_scene
 from polar_nav_tools.experiments.mismatch.rows import ROWS, rows_named
 from polar_nav_tools.experiments.mismatch.scenes import SinsScene
@@ -38,6 +39,11 @@ def test_the_catalogue_has_what_the_issue_asks_for():
     assert {row.name for row in ROWS.values() if not sentences(row)} == {
         name for name in ROWS if name.startswith('delay_')
     }
+
+
+def test_rows_and_reports_have_the_same_names_of_culprits():
+    assert NAMES.keys() == {bit for bit in Culprit if bit}
+    assert {name for row in ROWS.values() for name in row.culprits} <= {*NAMES.values()}
 
 
 def test_every_text_belongs_to_a_row():

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from polar_nav_tools.experiments.mismatch import judge
+from polar_nav_tools.experiments.mismatch.culprits import UNEXPLAINED
 from polar_nav_tools.experiments.mismatch.judge import (
     ERROR,
     OK,
-    UNEXPLAINED,
     WARN,
     Course,
     Deviation,

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from . import dvl_faults as f
-from .row import DEPTH, DVL, HEADING, RACETRACK, SINS, START_S, row, scene_of
+from .culprits import DEPTH, DVL, HEADING
+from .row import RACETRACK, SINS, START_S, row, scene_of
 
 DVL_ROWS = (
     row('dvl_scale_1pc', f.DvlGain(scale=0.01), (DVL,)),

@@ -7,7 +7,8 @@ from dataclasses import replace
 
 from ..schedule import FixSpec
 from . import faults as f
-from .row import FIXES, RACETRACK, SINS, START_S, Row, row, scene_of
+from .culprits import FIXES
+from .row import RACETRACK, SINS, START_S, Row, row, scene_of
 
 LEVEL = scene_of(oscillating=False)
 

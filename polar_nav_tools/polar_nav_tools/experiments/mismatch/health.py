@@ -9,17 +9,19 @@ from collections.abc import Sequence
 
 from polar_nav_core.engine.health.conditions import Culprit, Health
 
-from .judge import ERROR, UNEXPLAINED, HealthReport
+from .culprits import DEPTH, DVL, FIXES, HEADING, IMU, MODEL, UNEXPLAINED
+from .judge import ERROR, HealthReport
 
-_NAMES = {
-    Culprit.FIXES: 'fixes',
-    Culprit.DVL: 'DVL',
-    Culprit.DEPTH: 'depth',
-    Culprit.IMU: 'IMU',
-    Culprit.MODEL: 'model',
-    Culprit.HEADING: 'heading',
+NAMES = {
+    Culprit.FIXES: FIXES,
+    Culprit.DVL: DVL,
+    Culprit.DEPTH: DEPTH,
+    Culprit.IMU: IMU,
+    Culprit.MODEL: MODEL,
+    Culprit.HEADING: HEADING,
     Culprit.UNEXPLAINED: UNEXPLAINED,
 }
+"""Names of the watchdog's culprits as rows state them."""
 
 
 def health_history(
@@ -37,7 +39,7 @@ def health_history(
     """
     out: list[HealthReport] = []
     for health in looks:
-        names = [_NAMES[bit] for bit in _NAMES if bit & health.culprit] if health.present else []
+        names = [NAMES[bit] for bit in NAMES if bit & health.culprit] if health.present else []
         culprit = '|'.join(names)
         report = HealthReport(health.stamp_ns, int(health.level), health.sentence, culprit)
         if not out or (out[-1].level, out[-1].culprit) != (report.level, report.culprit):

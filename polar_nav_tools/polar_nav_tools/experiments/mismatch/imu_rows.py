@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 
 from . import faults as f
-from .row import DVL, HEADING, IMU, RACETRACK, START_S, row, scene_of
+from .culprits import DVL, HEADING, IMU
+from .row import RACETRACK, START_S, row, scene_of
 
 IMU_ROWS = (
     *(

@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 
 from polar_nav_core.engine.events import Array
 
+from .culprits import UNEXPLAINED
+
 BEYOND_SIGMAS = 4.0
 COVERED_SIGMAS = 3.0
 WRONG_SHARE = 0.05
@@ -25,7 +27,6 @@ LASTING_S = 10.0
 REPORT_WITHIN_S = 60.0
 """Latest time [s] of a report after the fault became visible."""
 KINDS = ('position', 'heading', 'velocity')
-UNEXPLAINED = 'unexplained'
 
 OK, WARN, ERROR = 0, 1, 2
 """Levels of health; the numbers are those of diagnostic_msgs/DiagnosticStatus."""

@@ -22,7 +22,6 @@ from ..world_spec import WorldSpec
 from .faults import Fault
 from .scenes import Scene, SinsScene, StationScene
 
-FIXES, DVL, DEPTH, IMU, HEADING, MODEL = 'fixes', 'dvl', 'depth', 'imu', 'heading', 'model'
 CONTROL = 'control'
 START_S = 400.0
 
@@ -52,7 +51,7 @@ class Row:
         With its unit.
     fault : Fault
     culprits : tuple of str
-        Names that a right report may blame (`judge.UNEXPLAINED` always may).
+        Names that a right report may blame (`culprits.UNEXPLAINED` always may).
     invisible : bool
         Whether no measurement can show it.
     scene : SinsScene or StationScene

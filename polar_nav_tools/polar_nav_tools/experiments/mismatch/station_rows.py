@@ -7,7 +7,8 @@ from typing import Any
 from polar_nav_sim.offline_station import StationScenario
 
 from . import station_faults as s
-from .row import FIXES, HEADING, IMU, MODEL, STATION, Row, row
+from .culprits import FIXES, HEADING, IMU, MODEL
+from .row import STATION, Row, row
 from .scenes import StationScene
 
 
