@@ -9,11 +9,13 @@ from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.engine import Engine
 from polar_nav_core.engine.events import Fix
 from polar_nav_core.engine.health.conditions import Culprit
+from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.errors import ConfigError
 from polar_nav_tools.experiments.catalog import experiment_named
 from polar_nav_tools.experiments.experiment import Request, run
 from polar_nav_tools.experiments.mismatch import dvl_faults, faults, worlds
 from polar_nav_tools.experiments.mismatch.health import NAMES, health_history
+from polar_nav_tools.experiments.mismatch.judge import BEYOND_STATED
 from polar_nav_tools.experiments.mismatch.row import SINS, STATION, WORLD, Row, texts, warm_scene
 from polar_nav_tools.experiments.mismatch.rows import ROWS, rows_named
 from polar_nav_tools.experiments.mismatch.scenes import SinsScene
@@ -44,6 +46,27 @@ def test_the_catalogue_has_what_the_issue_asks_for():
 def test_rows_and_reports_have_the_same_names_of_culprits():
     assert NAMES.keys() == {bit for bit in Culprit if bit}
     assert {name for row in ROWS.values() for name in row.culprits} <= {*NAMES.values()}
+
+
+@pytest.mark.parametrize(
+    ('name', 'attribute', 'parameter'),
+    [
+        ('fix_offset_0.6m_start', 'offset_m', 'fix_offset_sigma'),
+        ('range_1pc_formation', 'scale', 'fix_range_scale_sigma'),
+        ('array_turned_0.6deg_formation', 'turn_deg', 'fix_heading_sigma_deg'),
+        ('clock_20ms_straight', 'offset_s', 'fix_clock_sigma'),
+        ('dvl_turned_0.6deg_no_heading', 'turn_deg', 'dvl_misalignment_sigma_deg'),
+        ('dvl_lever_0.2m_level', 'lever_b', 'dvl_lever_sigma'),
+        ('dvl_lag_0.1s_level', 'lag_s', 'dvl_latency_sigma'),
+        ('depth_zero_1m', 'bias_m', 'depth_offset_sigma'),
+    ],
+)
+def test_invisible_rows_are_at_twice_the_stated_sigma(name, attribute, parameter):
+    row = ROWS[name]
+    size = np.max(getattr(row.fault, attribute))
+    assert size == pytest.approx(2.0 * getattr(EngineParams(), parameter))
+    assert row.invisible
+    assert not row.beyond_stated
 
 
 def test_every_text_belongs_to_a_row():
@@ -220,7 +243,7 @@ def test_two_seeds_of_cheap_rows_go_through_the_whole_experiment(tmp_path):
     assert offset['by'] == 'WARN: fixes'
     assert 400.0 < offset['visible_s'] < 460.0
     hidden = lines['fix_offset_3m_start', 'default']
-    assert hidden['verdict'] == 'invisible, not covered'
+    assert hidden['verdict'] == BEYOND_STATED
     assert hidden['visible_s'] is None
     assert lines['control_demo', 'default']['verdict'] == 'OK'
     assert lines['control_demo', 'best']['verdict'] is None

@@ -148,5 +148,18 @@ def test_verdicts(given, verdict):
     assert verdict in judge.SEVERITY
 
 
+@pytest.mark.parametrize(
+    ('given', 'verdict'),
+    [
+        ({'visible': False}, judge.BEYOND_STATED),
+        ({'visible': False, 'covered': True}, 'invisible, covered'),
+        ({'wrong': True}, 'WRONG+SILENT'),
+    ],
+)
+def test_a_fault_beyond_twice_its_stated_sigma_says_so_while_it_is_invisible(given, verdict):
+    assert judge.verdict_of(**{**NOTHING, **given}, beyond_stated=True) == verdict
+    assert verdict in judge.SEVERITY
+
+
 def test_unreported_verdicts_are_the_wrong_ones_without_a_report_in_time():
     assert judge.UNREPORTED == ('WRONG+LATE', 'WRONG+MISNAMED', 'WRONG+SILENT')

@@ -2,9 +2,17 @@
 
 from __future__ import annotations
 
+from polar_nav_core.engine.params import EngineParams
+
 from . import dvl_faults as f
 from .culprits import DEPTH, DVL, HEADING
-from .row import RACETRACK, SINS, START_S, row, scene_of
+from .row import LEVEL, RACETRACK, SINS, START_S, row, scene_of
+
+NOT_STATED = {
+    name: getattr(EngineParams(), name)
+    for name in ('dvl_scale_sigma', 'dvl_markov_sigma', 'dvl_markov_tau')
+}
+"""Slow errors of a DVL for a user who states none: the engine's defaults."""
 
 DVL_ROWS = (
     row('dvl_scale_1pc', f.DvlGain(scale=0.01), (DVL,)),
@@ -13,12 +21,16 @@ DVL_ROWS = (
         row(f'dvl_turned_{deg:g}deg', f.DvlGain(turn_deg=deg), (DVL, HEADING))
         for deg in (0.3, 1.0)
     ),
-    row(
-        'dvl_turned_1deg_no_heading',
-        f.DvlGain(turn_deg=1.0),
-        (DVL, HEADING),
-        invisible=True,
-        scene=scene_of(initial_sigma_heading_deg=5.0, gyro_bias_dph=1.0, oscillating=False),
+    *(
+        row(
+            f'dvl_turned_{deg:g}deg_no_heading',
+            f.DvlGain(turn_deg=deg),
+            (DVL, HEADING),
+            invisible=True,
+            beyond_stated=deg > 0.6,
+            scene=scene_of(initial_sigma_heading_deg=5.0, gyro_bias_dph=1.0, oscillating=False),
+        )
+        for deg in (0.6, 1.0)
     ),
     *(
         row(
@@ -31,7 +43,11 @@ DVL_ROWS = (
             ),
             (DVL,),
             scene=scene_of(
-                mission='racetrack', duration_s=900.0, dvl_markov_sigma=1e-5, dvl_scale=1e-6
+                NOT_STATED,
+                mission='racetrack',
+                duration_s=900.0,
+                dvl_markov_sigma=1e-5,
+                dvl_scale=1e-6,
             ),
         )
         for name, sigma, scale in (('', 0.005, 1e-4), ('real_', 0.03, 5e-3))
@@ -44,12 +60,21 @@ DVL_ROWS = (
         row(f'dvl_lag_{name}', f.DvlPlace(lag_s=0.5), (DVL,), scene=scene)
         for name, scene in (('straight', SINS), ('racetrack', RACETRACK))
     ),
+    row(
+        'dvl_lever_0.2m_level',
+        f.DvlPlace(lever_b=(0.2, 0.0, 0.0)),
+        (DVL,),
+        invisible=True,
+        scene=LEVEL,
+    ),
+    row('dvl_lag_0.1s_level', f.DvlPlace(lag_s=0.1), (DVL,), invisible=True, scene=LEVEL),
     row('dvl_bad_pings', f.DvlBadPings(share=0.05, sigma=1.0), (DVL,)),
     row('dvl_stuck', f.DvlStuck(start_s=START_S), (DVL,), scene=RACETRACK),
     row('dvl_out_10min', f.DvlOut(length_s=600.0, start_s=START_S, obvious=True), (DVL,)),
 )
 
 DEPTH_ROWS = (
+    row('depth_zero_1m', f.DepthError(bias_m=1.0), (DEPTH,), invisible=True),
     row('depth_bias_0.3m', f.DepthError(bias_m=0.3, start_s=START_S), (DEPTH,)),
     row(
         'depth_stuck_dive',

@@ -8,14 +8,18 @@ from dataclasses import replace
 from ..schedule import FixSpec
 from . import faults as f
 from .culprits import FIXES
-from .row import RACETRACK, SINS, START_S, Row, row, scene_of
-
-LEVEL = scene_of(oscillating=False)
+from .row import LEVEL, RACETRACK, SINS, START_S, Row, row, scene_of
 
 FIX_ROWS = (
     *(
-        row(f'fix_offset_{m:g}m_start', f.FixOffset(offset_m=m), (FIXES,), invisible=True)
-        for m in (3.0, 10.0)
+        row(
+            f'fix_offset_{m:g}m_start',
+            f.FixOffset(offset_m=m),
+            (FIXES,),
+            invisible=True,
+            beyond_stated=m > 0.6,
+        )
+        for m in (0.6, 3.0, 10.0)
     ),
     *(
         row(f'fix_offset_{m:g}m_mid', f.FixOffset(offset_m=m, start_s=START_S), (FIXES,))
@@ -25,13 +29,22 @@ FIX_ROWS = (
         row(f'fix_drift_{mps:g}mps', f.FixOffset(drift_mps=mps, start_s=START_S), (FIXES,))
         for mps in (0.05, 0.01)
     ),
-    row('fix_drift_0.003mps_start', f.FixOffset(drift_mps=0.003), (FIXES,), invisible=True),
+    row(
+        'fix_drift_0.003mps_start',
+        f.FixOffset(drift_mps=0.003),  # grows to 3.6 m
+        (FIXES,),
+        invisible=True,
+        beyond_stated=True,
+    ),
     row('fix_jump_20m_20s', f.FixOffset(offset_m=20.0, start_s=700.0, length_s=20.0), (FIXES,)),
     row('fix_coloured', f.FixColoured(sigma=2.0, tau_s=60.0), (FIXES,)),
     row('fix_noise_3m', f.FixColoured(sigma=3.0), (FIXES,)),
     row('range_1pc_formation', f.LeaderFrame(scale=0.01), (FIXES,), invisible=True),
     row('range_1pc_fixed', f.LeaderFrame(scale=0.01, formation=False), (FIXES,)),
-    row('array_turned_formation', f.LeaderFrame(turn_deg=0.5), (FIXES,), invisible=True),
+    *(
+        row(f'array_turned_{name}formation', f.LeaderFrame(turn_deg=deg), (FIXES,), invisible=True)
+        for name, deg in (('', 0.5), ('0.6deg_', 0.6))
+    ),
     row('leader_own', f.LeaderOwn(), (FIXES,), invisible=True, scene=scene_of(duration_s=1800.0)),
     *(
         row(
@@ -39,11 +52,17 @@ FIX_ROWS = (
             f.FixClock(offset_s=offset_s, rate_ppm=ppm),
             (FIXES,),
             invisible=scene is SINS,
+            beyond_stated=scene is SINS and offset_s > 0.02,
             scene=scene,
         )
         for where, scene in (('straight', SINS), ('racetrack', RACETRACK))
-        for name, offset_s, ppm in (('50ms', 0.05, 0.0), ('1s', 1.0, 0.0), ('20ppm', 0.0, 20.0))
-        if name != '20ppm' or scene is SINS
+        for name, offset_s, ppm in (
+            ('20ms', 0.02, 0.0),
+            ('50ms', 0.05, 0.0),
+            ('1s', 1.0, 0.0),
+            ('20ppm', 0.0, 20.0),
+        )
+        if scene is SINS or name in ('50ms', '1s')
     ),
     *(
         row(
@@ -51,6 +70,7 @@ FIX_ROWS = (
             f.FixLever(lever_b=(2.0, 0.0, 0.0)),
             (FIXES,),
             invisible=scene is LEVEL,
+            beyond_stated=scene is LEVEL,
             scene=scene,
         )
         for where, scene in (('straight', LEVEL), ('racetrack', RACETRACK))

@@ -211,6 +211,7 @@ def verdict_of(
     in_time: bool,
     named: bool,
     spoke: bool,
+    beyond_stated: bool = False,
 ) -> str:
     """Verdict on one run.
 
@@ -222,9 +223,13 @@ def verdict_of(
         Whether a filter that knows the fault's shape finds it in this run.
     in_time, named, spoke : bool
         Whether a right report came in time, at all; whether there was any report.
+    beyond_stated : bool
+        Whether the fault is larger than twice the sigma that is stated for it.
     """
     if not visible:
-        return 'invisible, covered' if covered else 'invisible, not covered'
+        if covered:
+            return 'invisible, covered'
+        return BEYOND_STATED if beyond_stated else 'invisible, not covered'
     if not wrong:
         return 'OK'
     if in_time:
@@ -234,9 +239,11 @@ def verdict_of(
     return 'WRONG+MISNAMED' if spoke else 'WRONG+SILENT'
 
 
+BEYOND_STATED = 'invisible, beyond twice the stated sigma'
 SEVERITY = (
     'OK',
     'invisible, covered',
+    BEYOND_STATED,
     'invisible, not covered',
     'WRONG, reported',
     'WRONG+LATE',

@@ -57,7 +57,8 @@ def plan(request: Request, size: Size, columns: Sequence[str]) -> list[MismatchJ
     jobs = []
     for row in rows_named(request.rows):
         if not row.is_control:
-            jobs.append(MismatchJob(row, VISIBLE, 'when the fault is visible', first))
+            visible = 'when the fault is visible'
+            jobs.append(MismatchJob(row, VISIBLE, visible, first, reserve(row.mode)))
         for seed in range(first, first + size.seeds):
             jobs += _row_jobs(row, seed, columns, request.choices)
     # Rows of one scene have the world of a seed in common, which takes longer to make than to run.
@@ -73,6 +74,11 @@ def as_stated(mode: str) -> dict[str, Any]:
     usual = EngineParams()
     names = NO_COMMON_ERRORS if mode == 'station' else (*NO_COMMON_ERRORS, *NO_RESERVE)
     return {name: getattr(usual, name) for name in names}
+
+
+def reserve(mode: str) -> dict[str, Any]:
+    """Engine parameters of the same user that change gains, not the published covariance only."""
+    return {} if mode == 'station' else {n: getattr(EngineParams(), n) for n in NO_RESERVE}
 
 
 def _row_jobs(row: Row, seed: int, columns: Sequence[str], choices: Choices) -> list[MismatchJob]:

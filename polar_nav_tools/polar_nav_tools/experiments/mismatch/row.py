@@ -54,6 +54,8 @@ class Row:
         Names that a right report may blame (`culprits.UNEXPLAINED` always may).
     invisible : bool
         Whether no measurement can show it.
+    beyond_stated : bool
+        Whether it is larger than twice the sigma that the engine's defaults state for it.
     scene : SinsScene or StationScene
     """
 
@@ -63,6 +65,7 @@ class Row:
     fault: Fault
     culprits: tuple[str, ...]
     invisible: bool = False
+    beyond_stated: bool = False
     scene: Scene = field(default_factory=lambda: SINS)
 
     @property
@@ -87,11 +90,14 @@ def row(
     culprits: tuple[str, ...] = (),
     *,
     invisible: bool = False,
+    beyond_stated: bool = False,
     scene: Scene = SINS,
 ) -> Row:
     """Return a row whose sentence and size stand in rows.yaml under its name."""
     words = texts()[name]
-    return Row(name, words['about'], words['size'], fault, culprits, invisible, scene)
+    return Row(
+        name, words['about'], words['size'], fault, culprits, invisible, beyond_stated, scene
+    )
 
 
 @lru_cache(maxsize=1)
@@ -103,6 +109,7 @@ def texts() -> dict[str, dict[str, str]]:
     return loaded
 
 
+LEVEL = scene_of(oscillating=False)
 RACETRACK = scene_of(mission='racetrack', duration_s=900.0)
 
 

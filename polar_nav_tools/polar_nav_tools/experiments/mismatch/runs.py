@@ -95,7 +95,7 @@ def run_job(job: MismatchJob) -> MismatchResult:
     _warm(row.scene.mode)
     if job.column == VISIBLE:
         start = time.process_time()
-        seen = visibility(row.scene, row.fault, job.seed)
+        seen = visibility(row.scene, row.fault, job.seed, job.changes)
         metrics = {'visible_s': seen.from_s, 'visible_sigmas': seen.sigmas}
         seconds = time.process_time() - start
         return MismatchResult(row.name, VISIBLE, job.seed, metrics, float('nan'), '', {}, seconds)

@@ -110,7 +110,7 @@ def _line(
     }
     if column == BEST:  # it has no watchdog
         return out
-    verdicts = [verdict_of_run(r, visible_s) for r in runs]
+    verdicts = [verdict_of_run(r, visible_s, row.beyond_stated) for r in runs]
     out['verdict'] = max(verdicts, key=SEVERITY.index)
     if not row.is_control and not math.isnan(visible_s):
         out['visible_s'] = visible_s
@@ -124,7 +124,7 @@ def _line(
     return out
 
 
-def verdict_of_run(run: MismatchResult, visible_s: float) -> str:
+def verdict_of_run(run: MismatchResult, visible_s: float, beyond_stated: bool = False) -> str:
     """Verdict on one run; ``visible_s`` is NaN for an invisible fault."""
     m = run.metrics
     return verdict_of(
@@ -134,6 +134,7 @@ def verdict_of_run(run: MismatchResult, visible_s: float) -> str:
         in_time=m['named_s'] <= visible_s + REPORT_WITHIN_S,
         named=run.said_right is not None,
         spoke=run.said_first is not None,
+        beyond_stated=beyond_stated,
     )
 
 

@@ -19,6 +19,11 @@ For the inertial vehicle these runs are in a world without noise, where NIS(t; 0
 rounding does not count; the world of a station keeps its noise, which cancels. Drawn faults
 (outliers, noise) have the shape that the seed draws. Where a fault sets a wrong number
 in every filter, the filter here has the wrong number, too.
+
+The filter has the reserve that a user's parameters state (`plan.reserve`: how far biases walk, by
+default): a drift that this reserve explains as well as the fault does is no evidence of a fault.
+With the constant biases that the simulated IMU really has, a filter would see faults that no user
+could tell from his instruments. Common errors are left out: they change no gain.
 """
 
 from __future__ import annotations
@@ -52,8 +57,10 @@ _EXACT: dict[str, dict[str, Any]] = {
 """Parameters that make the best filter of a mode exact and linear."""
 
 
-def information(scene: Scene, fault: Fault, seed: int) -> tuple[Array, Array]:
-    """Information J about a fault's size over time.
+def information(
+    scene: Scene, fault: Fault, seed: int, stated: Mapping[str, Any] | None = None
+) -> tuple[Array, Array]:
+    """Information J about a fault's size over time; ``stated`` are engine parameters.
 
     Returns
     -------
@@ -61,7 +68,12 @@ def information(scene: Scene, fault: Fault, seed: int) -> tuple[Array, Array]:
         Since the start of the run, every second; of the fault as stated.
     """
     quiet: Any = scene.quiet(seed)
-    changes: Mapping[str, Any] = {**scene.best, **_EXACT[scene.mode], **fault.for_all}
+    changes: Mapping[str, Any] = {
+        **scene.best,
+        **_EXACT[scene.mode],
+        **(stated or {}),
+        **fault.for_all,
+    }
     start_ns = scene.start_ns(quiet)
     time_s = np.arange(0.0, scene.duration_s + 1.0)
     total = np.zeros(len(time_s))
@@ -79,14 +91,16 @@ class Visibility(NamedTuple):
     sigmas: float
 
 
-def visibility(scene: Scene, fault: Fault, seed: int) -> Visibility:
-    """Visibility of a fault, in time since the start of the run.
+def visibility(
+    scene: Scene, fault: Fault, seed: int, stated: Mapping[str, Any] | None = None
+) -> Visibility:
+    """Visibility of a fault, in time since the start of the run; ``stated`` as in `information`.
 
     Missing messages are visible at once.
     """
     if fault.obvious:
         return Visibility(fault.start_s, float('nan'))
-    time_s, J = information(scene, fault, seed)
+    time_s, J = information(scene, fault, seed, stated)
     enough = np.flatnonzero(J >= VISIBLE_J)
     from_s = float(time_s[enough[0]]) if len(enough) else float('nan')
     return Visibility(from_s, float(np.sqrt(max(0.0, J[-1]))))
