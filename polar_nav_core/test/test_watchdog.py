@@ -162,3 +162,71 @@ def test_a_circle_above_the_limit_is_lost():
     assert far.sentence == ('lost: the vehicle is within 101 m with 95 %, lost_radius is 100 m')
     assert look(memories(), dog, P_horizontal=np.full((2, 2), np.nan)).lost
     assert look(memories(), dog, speed=11.0).lost
+
+
+def test_the_likelihood_ratios_have_the_mean_one_in_a_world_as_stated():
+    """The premise of Lorden's bound: a sum exceeds h once in exp(h) attempts at most."""
+    x = np.random.default_rng(8).standard_normal((200_000, 3))
+    limited = np.clip(x, -watch.RISE_LIMIT, watch.RISE_LIMIT)
+    calm = np.minimum(np.mean(x**2, axis=1), 2.0 * watch.RISE_LIMIT)
+    for shift, ratio in zip(watch.SHIFTS, watch.NOISES, strict=True):
+        assert np.mean(np.exp(shift * limited - 0.5 * shift**2)) < 1.0
+        more = 1.5 * (calm * (1.0 - 1.0 / ratio) - np.log(ratio))
+        assert np.mean(np.exp(more)) < 1.02
+
+
+def attempts_until_reported(innovation, most=1000):
+    """Attempts after a settled start until the first condition, of innovations by number."""
+    rng, kept, dog = np.random.default_rng(9), memories(), Watchdog(Envelope(10.0, 6000.0))
+    for _ in range(300):
+        feed(kept, FIX, SIGMA * rng.standard_normal(3))
+    for k in range(most):
+        feed(kept, FIX, SIGMA * innovation(rng.standard_normal(3), k))
+        health = look(kept, dog)
+        if health.present:
+            return k + 1, health
+    raise AssertionError('never reported')
+
+
+def test_a_step_that_the_filter_absorbs_is_reported_before_it_is_forgotten():
+    """3 sigma, absorbed by a filter with a memory of 25 fixes; its scatter hides it in means.
+
+    Within a minute at a fix every 2 s.
+    """
+    step = np.array([3.0, 0.0, 0.0])
+    count, health = attempts_until_reported(lambda z, k: z + step * np.exp(-k / 25.0))
+    assert count <= 30
+    assert health.level is Level.WARN
+    assert Culprit.FIXES in health.culprit
+
+
+def test_a_slow_drift_is_reported():
+    count, health = attempts_until_reported(lambda z, k: z + EAST * min(1.0, k / 60.0))
+    assert count <= 150
+    assert Culprit.FIXES in health.culprit
+
+
+def test_a_larger_scatter_is_reported_within_a_few_attempts():
+    count, health = attempts_until_reported(lambda z, _: 3.0 * z)
+    assert count <= 15
+    assert health.present[0].condition.key == 'position fixes noise'
+
+
+@pytest.mark.parametrize('turn_deg', [-20.0, 20.0, 60.0])
+def test_pings_refused_across_the_track_name_the_heading(turn_deg):
+    rng, kept, turn = np.random.default_rng(10), memories(), np.radians(turn_deg)
+    for _ in range(40):
+        v = 3.0 * np.array([np.cos(turn) - 1.0, np.sin(turn), 0.0])
+        feed(kept, DVL, v + 0.01 * rng.standard_normal(3), fused=False)
+    health = look(kept)
+    named = abs(turn_deg) < 45.0  # a larger turn is along track, too
+    assert (Culprit.HEADING in health.culprit) is named
+    assert Culprit.DVL in health.culprit
+    assert ('the heading is off' in health.sentence) is named
+
+
+def test_a_shift_that_has_ended_is_forgotten():
+    rng, kept = np.random.default_rng(11), memories()
+    for k in range(1500):
+        feed(kept, FIX, SIGMA * (rng.standard_normal(3) + (EAST if k < 100 else 0.0)))
+    assert not look(kept).present

@@ -4,6 +4,12 @@ Every attempt to use a measurement counts, whether the gate let it pass or not. 
 30 and of 300 attempts, with exponentially falling weights: a short one for faults that come at
 once, a long one for small errors that last. An innovation is divided, axis by axis, by the root of
 its variance, and limited, so that outliers do not stand in for a bias.
+
+Beside each memory run cumulative sums (Page 1954) of the logarithm of the likelihood ratio of a
+shift, or of a larger scatter, against none; each is held between 0 and `MOST_RISE`. They find a
+step or a drift after as few attempts as its size allows, wherever it begins. Of a filter that
+knows its sensors, such a sum exceeds h once in exp(h) attempts at most (Lorden 1971), since the
+ratio has the mean 1 then; that of limited innovations is smaller.
 """
 
 from __future__ import annotations
@@ -28,16 +34,38 @@ REFUSED = 3  # ... one if the gate refused it
 GRID = 4  # ... innovation per sigma, grid axes (3)
 TRACK = 7  # ... the same along track, across (to port) and up (3)
 SQUARE = 10  # ... its square, along, across, up (3)
-WIDTH = 13
+ACROSS = 13  # ... innovation across track per its horizontal length, from -1 to 1
+SUMS = 14  # columns of such sums; from here on cumulative log likelihood ratios
+GRID_RISE = 14  # ... of a shift along the grid axes, to either side (3 x 2)
+TRACK_RISE = 20  # ... along track, across, up (3 x 2)
+NOISE_RISE = 26  # ... of a larger scatter
+WIDTH = 27
 
 LIMIT = 4.0
 """Sigmas beyond which an innovation counts as that many."""
+SHIFTS = (0.8, 0.35)
+"""Shift [sigma] that the sums beside each memory look for."""
+NOISES = (2.0, 1.3)
+"""Ratio of variances that they look for."""
+RISE_LIMIT = 2.0
+"""Sigmas, and NIS per degree of freedom over 2, beyond which they count an innovation as that."""
+MOST_RISE = 40.0
+"""Largest sum: one that has ended is forgotten."""
 
 
 @kernel
 def limited(x: float, limit: float) -> float:
     """The number, brought into [-limit, limit]."""
     return min(max(x, -limit), limit)
+
+
+@kernel
+def rise(row: Array, at: int, x: float, shift: float) -> None:
+    """Add an innovation per sigma to the sums for a shift up (at) and down (at + 1)."""
+    gain = shift * limited(x, RISE_LIMIT)
+    half = 0.5 * shift * shift
+    row[at] = min(max(row[at] + gain - half, 0.0), MOST_RISE)
+    row[at + 1] = min(max(row[at + 1] - gain - half, 0.0), MOST_RISE)
 
 
 @kernel
@@ -65,7 +93,7 @@ def observe(
     if speed > 0.05:
         c = v_x / speed
         s = v_y / speed
-    east = north = along = across = 0.0
+    east = north = along = across = side = 0.0
     if m == 1:
         up = limited(z[0] / math.sqrt(S[0, 0]), LIMIT)
     else:
@@ -76,11 +104,13 @@ def observe(
         along = limited((c * z[0] + s * z[1]) / math.sqrt(max(variance, 1e-300)), LIMIT)
         variance = s * s * S[0, 0] - 2.0 * c * s * S[0, 1] + c * c * S[1, 1]
         across = limited((c * z[1] - s * z[0]) / math.sqrt(max(variance, 1e-300)), LIMIT)
+        side = (c * z[1] - s * z[0]) / math.sqrt(max(z[0] * z[0] + z[1] * z[1], 1e-300))
     ratio = min(nis / m, LIMIT * LIMIT)
+    calm = min(ratio, 2.0 * RISE_LIMIT)
     for k in range(MEMORIES):
         keep = math.exp(-1.0 / LENGTHS[k])
         row = memories[k]
-        for j in range(WIDTH):
+        for j in range(SUMS):
             row[j] *= keep
         row[WEIGHT_2] *= keep
         row[WEIGHT] += 1.0
@@ -97,3 +127,13 @@ def observe(
         row[SQUARE] += along * along
         row[SQUARE + 1] += across * across
         row[SQUARE + 2] += up * up
+        row[ACROSS] += side
+        if m > 1:
+            rise(row, GRID_RISE, east, SHIFTS[k])
+            rise(row, GRID_RISE + 2, north, SHIFTS[k])
+            rise(row, TRACK_RISE, along, SHIFTS[k])
+            rise(row, TRACK_RISE + 2, across, SHIFTS[k])
+        rise(row, GRID_RISE + 4, up, SHIFTS[k])
+        rise(row, TRACK_RISE + 4, up, SHIFTS[k])
+        more = 0.5 * m * (calm * (1.0 - 1.0 / NOISES[k]) - math.log(NOISES[k]))
+        row[NOISE_RISE] = min(max(row[NOISE_RISE] + more, 0.0), MOST_RISE)

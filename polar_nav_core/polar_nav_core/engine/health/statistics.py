@@ -33,6 +33,12 @@ class Statistics(NamedTuple):
         Mean innovation per sigma: grid east, north, up; along track, across, up.
     grid, track : (..., 3) arrays
         Chi-square (1) of those means.
+    across : (...) array
+        Mean share of the horizontal innovation that lies across track, signed: -1 to 1.
+    grid_rise, track_rise : (..., 3) arrays
+        Largest cumulative log likelihood ratio of a shift to either side, by axis.
+    noise_rise : (...) array
+        That of a larger scatter.
     """
 
     number: Array
@@ -43,6 +49,10 @@ class Statistics(NamedTuple):
     track_mean: Array
     grid: Array
     track: Array
+    across: Array
+    grid_rise: Array
+    track_rise: Array
+    noise_rise: Array
 
 
 def statistics(memories: Array) -> Statistics:
@@ -72,4 +82,13 @@ def statistics(memories: Array) -> Statistics:
         track_mean=track_mean,
         grid=number[..., None] * grid_mean**2 / grid_scatter,
         track=number[..., None] * track_mean**2 / scatter,
+        across=memories[..., watch.ACROSS] / safe,
+        grid_rise=_either(memories[..., watch.GRID_RISE : watch.TRACK_RISE]),
+        track_rise=_either(memories[..., watch.TRACK_RISE : watch.NOISE_RISE]),
+        noise_rise=memories[..., watch.NOISE_RISE],
     )
+
+
+def _either(rises: Array) -> Array:
+    """Larger one of the sums for both sides, (..., 6) to (..., 3)."""
+    return np.asarray(rises.reshape(*rises.shape[:-1], 3, 2).max(axis=-1))

@@ -28,6 +28,15 @@ FEWEST = 10.0
 _BIAS = (45.0, 40.0)
 """Chi-square (1) of a mean that is a WARN, per memory; four times that is an ERROR."""
 SEVERE = 4.0
+_RISE = (17.0, 17.0, 15.0)
+"""Log likelihood ratio, of DVL, depth and fixes, of a shift or a larger scatter that is a WARN.
+
+In 20 h the sums grow 1.0e7, 4.3e6 and 1.6e6 times (14, 6 and 22 at 10, 10 and 1 Hz). Of
+innovations as stated they exceed these together once in that time by Lorden's bound, once in 220 h
+by the mean run length of Siegmund (1985), 2 exp(h + 1.17 d) / d^2 for a shift d.
+"""
+_SIDEWAYS = 0.9
+"""Mean share across track from which on refused pings are turned, or the heading is."""
 _SCATTER_SIGMAS = 8.0
 _REFUSED_SHARE = 0.5
 AFTER_S = 60.0
@@ -136,7 +145,7 @@ class Watchdog:
         for stream in (DVL, DEPTH):
             found += _local_bias(s, stream)
         for stream in (DVL, DEPTH, FIX):
-            found += scatter(s, stream)
+            found += scatter(s, stream, early=True)
         return [*found, *outside(view, self._envelope)]
 
 
@@ -176,6 +185,9 @@ def _refusals(view: View, s: Statistics, stream: int) -> list[Condition]:
         sentence = (
             f'{100.0 * share:.0f} % of {name} refused: {name} and inertial navigation disagree'
         )
+        if stream == DVL and abs(s.across[stream, watch.SHORT]) > _SIDEWAYS:
+            culprit |= Culprit.HEADING
+            sentence += ' across track: the heading is off, or the DVL is turned'
         found.append(Condition(f'{name} refused', Level.ERROR, culprit, sentence))
     since_s = (view.stamp_ns - int(view.opened_ns[stream])) * 1e-9
     if view.opened_ns[stream] and since_s < AFTER_S:
@@ -187,18 +199,19 @@ def _refusals(view: View, s: Statistics, stream: int) -> list[Condition]:
     return found
 
 
-def judged(s: Statistics, values: Array, stream: int) -> tuple[float, int, int]:
-    """Largest share of a threshold that a mean reaches: share, memory, axis."""
+def judged(s: Statistics, values: Array, rises: Array, stream: int) -> tuple[float, int, int]:
+    """Largest share of a threshold that a mean or a shift reaches: share, memory, axis."""
     shares = values[stream] / np.array(_BIAS)[:, None]
     shares = np.where(s.number[stream][:, None] >= FEWEST, shares, 0.0)
+    shares = np.maximum(shares, rises[stream] / _RISE[stream])
     memory, axis = np.unravel_index(int(np.argmax(shares)), shares.shape)
     return float(shares[memory, axis]), int(memory), int(axis)
 
 
 def _fix_bias(s: Statistics) -> list[Condition]:
     """Fixes that lie to one side: of the track (the DVL's fault) or of the map (the fixes')."""
-    track, memory_t, axis_t = judged(s, s.track, FIX)
-    grid, memory_g, axis_g = judged(s, s.grid, FIX)
+    track, memory_t, axis_t = judged(s, s.track, s.track_rise, FIX)
+    grid, memory_g, axis_g = judged(s, s.grid, s.grid_rise, FIX)
     worst = max(track, grid)
     if not worst > 1.0:
         return []
@@ -231,7 +244,7 @@ def _fix_bias(s: Statistics) -> list[Condition]:
 
 def _local_bias(s: Statistics, stream: int) -> list[Condition]:
     """A local sensor whose innovations have a mean: it, or the inertial navigation, is off."""
-    worst, memory, axis = judged(s, s.track, stream)
+    worst, memory, axis = judged(s, s.track, s.track_rise, stream)
     if not worst > 1.0:
         return []
     level = Level.ERROR if worst > SEVERE else Level.WARN
@@ -244,12 +257,14 @@ def _local_bias(s: Statistics, stream: int) -> list[Condition]:
     return [Condition(f'{_NAMES[stream]} off', level, _CULPRITS[stream], sentence)]
 
 
-def scatter(s: Statistics, stream: int) -> list[Condition]:
-    """A sensor that scatters more than stated."""
+def scatter(s: Statistics, stream: int, *, early: bool = False) -> list[Condition]:
+    """A sensor that scatters more than stated; ``early`` looks at the cumulative sums, too."""
     sigmas = float(s.nis_sigmas[stream, watch.LONG])
-    nis = float(s.nis[stream, watch.LONG])
-    if s.number[stream, watch.LONG] < 5.0 * FEWEST or not (sigmas > _SCATTER_SIGMAS):
+    lasting = s.number[stream, watch.LONG] >= 5.0 * FEWEST and sigmas > _SCATTER_SIGMAS
+    rising = early and s.noise_rise[stream].max() > _RISE[stream]
+    if not lasting and not rising:
         return []
+    nis = float(s.nis[stream, watch.LONG if lasting else watch.SHORT])
     sentence = (
         f'{_NAMES[stream]} scatter {math.sqrt(nis):.1f} times as much as stated '
         f'(NIS {nis:.1f} per degree of freedom)'
