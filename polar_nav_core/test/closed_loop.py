@@ -72,6 +72,7 @@ class World:
             **NO_COMMON_ERRORS,
             **NO_RESERVE,
             'dvl_scale_sigma': 1e-4,
+            'dvl_markov_sigma': 0.005,
             'initial_latitude_deg': float(np.rad2deg(lat)),
             'initial_longitude_deg': float(np.rad2deg(lon)),
             'initial_height': float(height),

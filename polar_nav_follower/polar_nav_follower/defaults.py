@@ -185,6 +185,7 @@ _SINCE: dict[int, dict[str, Any]] = {
         'reopen_after_s': 10.0,
     },
     3: {
+        'dvl_markov_sigma': 0.02,
         'max_fix_sigma': 10.0,
         'imu_gap_s': 0.1,
         'leader_error_tau': 3600.0,

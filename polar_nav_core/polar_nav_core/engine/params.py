@@ -211,7 +211,11 @@ class EngineParams(IdentificationParams, StationParams, LimitParams):
         '1-sigma of the DVL scale error: a Workhorse 300; 0.03 with an unknown sound speed',
     )
     dvl_markov_sigma: float = param(
-        0.005, 'm/s', 1e-9, 10.0, 'Steady 1-sigma of the DVL Markov velocity'
+        0.02,
+        'm/s',
+        1e-9,
+        10.0,
+        'Steady 1-sigma of the DVL Markov velocity: as installed (data sheets: 0.001 to 0.005)',
     )
     dvl_markov_tau: float = param(300.0, 's', 0.1, 1e6, 'Its correlation time')
     dvl_sigma: float = param(

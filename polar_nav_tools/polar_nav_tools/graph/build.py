@@ -288,6 +288,7 @@ def _follower_node(mission: Mission, follower: str, options: GraphOptions) -> No
         **NO_COMMON_ERRORS,
         **NO_RESERVE,
         'dvl_scale_sigma': 1e-4,
+        'dvl_markov_sigma': 0.005,
         'configuration': options.configuration,
         'leader_id': LEADER_ID,
         'own_id': FOLLOWER_ID,
