@@ -11,7 +11,7 @@ from __future__ import annotations
 import binascii
 import math
 import struct
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeVar
 
@@ -120,6 +120,27 @@ class Layout:
         return {
             f.name: [from_integer(f, numbers.pop(0)) for _ in range(f.count)] for f in self.fields
         }
+
+    def changed(self, data: bytes, values: Mapping[str, Sequence[float]]) -> bytes:
+        """The same packet with other values in some fields, and the CRC that fits.
+
+        Raises
+        ------
+        PacketError
+            For bytes that are no packet of this layout.
+        ValueError
+            For a value outside of its field's range, with the field's name.
+        """
+        self.unpack(data)
+        numbers = list(self._struct.unpack(data[:-2]))
+        first = 0
+        for f in self.fields:
+            if f.name in values:
+                new = [to_integer(f, v) for v in values[f.name]]
+                numbers[first : first + f.count] = new
+            first += f.count
+        body = self._struct.pack(*numbers)
+        return body + struct.pack('<H', crc16(body))
 
     def documentation(self) -> str:
         """Table of the fields in Markdown."""

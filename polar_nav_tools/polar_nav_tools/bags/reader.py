@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 
 RECOVERY_RECORD = 'polar_nav_recovery'
 """Name of the metadata record of `recover`: the bag was once broken."""
+INJECTED_KEY = 'injected'
+"""Key of the run's description with what `polar inject` has changed."""
 
 
 @dataclass(frozen=True)
@@ -213,6 +215,14 @@ class Bag:
         for _, record in self._run_records():
             info |= {k: _json_or_none(v) for k, v in record.items() if k != PHASE_KEY}
         return info
+
+    @property
+    def injected(self) -> str:
+        """Faults that `polar inject` put into the bag, with its seed; empty for a recording."""
+        found = self.run_info.get(INJECTED_KEY)
+        if not isinstance(found, dict):
+            return ''
+        return f'{listed(map(str, found.get("faults", ())))}, seed {found.get("seed")}'
 
     @cached_property
     def node_infos(self) -> dict[str, dict[str, Any]]:

@@ -73,7 +73,7 @@ def recover(path: str | Path, target: str | Path, progress: Progress | None = No
     target = Path(target)
     with BagWriter(target, bag.run_info) as writer:
         for topic in bag.topics:
-            _add_topic(writer, bag, topic)
+            add_topic(writer, bag, topic)
         for m in bag.records():
             writer.write(m.topic, m.data, m.log_time_ns, m.publish_time_ns, m.sequence)
         if bag.problems:
@@ -91,7 +91,8 @@ def recover(path: str | Path, target: str | Path, progress: Progress | None = No
     )
 
 
-def _add_topic(writer: BagWriter, bag: Bag, topic: str) -> None:
+def add_topic(writer: BagWriter, bag: Bag, topic: str) -> None:
+    """Register a topic in a new bag as it is in another one."""
     channel = bag.channel(topic)
     writer.add_topic(
         topic,

@@ -269,6 +269,8 @@ def arrays_request(bag: Bag, vehicle: str | None = None, *, truth: bool = False)
     """
     name, recorded = choose_follower(bag, vehicle)
     params = from_mapping(FollowerParams, recorded)
+    if bag.injected:
+        return None  # nobody has sorted its messages or refused late ones
     mode = MODES[params.mode]
     taken = (*mode.fields, topics.RX, topics.COMMAND)
     if f'/{name}/{topics.RESTORE}' in bag.topics:

@@ -9,7 +9,7 @@ that the live node would have published, as bytes. Live and replay drive the sam
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,7 +22,14 @@ from polar_nav_follower import session
 from polar_nav_follower.params import FollowerParams
 from polar_nav_ros.navigation_session import Published
 from polar_nav_ros.stamps import to_ns
-from polar_nav_ros.topics import IDENTIFICATION, MODEL, RECEIPT, STATE
+from polar_nav_ros.topics import (
+    DECODED,
+    IDENTIFICATION,
+    MODEL,
+    RECEIPT,
+    STATE,
+    STATION_DECODED,
+)
 
 from ..bags.arrays import estimates_from_cdr, receipts_from_cdr
 from ..bags.model import model_run_from_cdr
@@ -30,6 +37,8 @@ from ..bags.reader import Bag
 from .recorded import RecordedInputs, load_inputs
 from .result import ReplayedRun
 
+_FOR_PEOPLE = (DECODED, STATION_DECODED)
+"""Contents of packets: a live run publishes them, a replay does not."""
 Progress = Callable[[float], None]
 """Called with the share of the work that is done."""
 
@@ -146,7 +155,10 @@ def replay(
     params = parameters(inputs.params, configuration, changes or {})
     run = session.Session(params, inputs.vehicle)
     collector = _Collector(inputs.vehicle, inputs.live)
-    health = _drive(run, inputs.events(run), inputs.refused, collector, progress)
+    if inputs.bag.injected:
+        health = _drive_live(run, inputs.messages, collector, progress)
+    else:
+        health = _drive(run, inputs.events(run), inputs.refused, collector, progress)
     return ReplayResult(
         vehicle=inputs.vehicle,
         params=params,
@@ -182,6 +194,28 @@ def _drive(
             progress(i / len(events))
     while waiting:
         collector.take([run.refuse(waiting.pop())])
+    collector.take(run.flush())
+    if progress is not None:
+        progress(1.0)
+    return tuple(health)
+
+
+def _drive_live(
+    run: session.Session,
+    messages: Sequence[tuple[str, Any]],
+    collector: _Collector,
+    progress: Progress | None,
+) -> tuple[Health, ...]:
+    """Process messages as they arrived, as a node does: no node has refused late ones before."""
+    health: list[Health] = []
+    every = max(1, len(messages) // 100)
+    for i, (topic, message) in enumerate(messages):
+        published = run.take(topic, message)
+        collector.take(p for p in published if p.topic not in _FOR_PEOPLE)
+        if run.engine.health is not None and (not health or run.engine.health is not health[-1]):
+            health.append(run.engine.health)
+        if progress is not None and i % every == 0:
+            progress(i / len(messages))
     collector.take(run.flush())
     if progress is not None:
         progress(1.0)

@@ -155,7 +155,7 @@ def load_inputs(
     receipt_topic = f'/{name}/{topics.RECEIPT}'
     receipts = [decoded(bag, receipt_topic, d, FixReceipt) for d in live[topics.RECEIPT]]
     refused = [receipt_from_msg(r) for r in receipts if never_an_event(r)]
-    if limits is not None:
+    if limits is not None and not bag.injected:  # it counted what came without the faults
         messages = _up_to(messages, {t: limits.get(f, _NO_LIMIT) for f, t in by_name.items()})
     return RecordedInputs(
         bag=bag,

@@ -208,6 +208,7 @@ def load_comparable(bag: Bag, vehicle: str | None = None) -> RecordedInputs:
     ConfigError
         For a bag of this engine with such parameters.
     """
+    _require_recorded(bag)
     version = choose_description(bag, vehicle)[1].engine_version
     try:
         inputs = load_inputs(bag, vehicle)
@@ -232,6 +233,7 @@ def require_comparable(inputs: RecordedInputs) -> None:
     BagError
         Naming the topic.
     """
+    _require_recorded(inputs.bag)
     inputs.bag.require([f'/{inputs.vehicle}/{topics.STATE}'])
     for topic in inputs.live:
         name = f'/{inputs.vehicle}/{topic}'
@@ -243,6 +245,15 @@ def require_comparable(inputs: RecordedInputs) -> None:
             f'{inputs.bag.path}: not comparable: {name} was recorded by a version whose'
             f' {inputs.bag.channel(name).type} has other fields than the installed one, so its'
             ' bytes cannot be compared; replay and score read it all the same'
+        )
+
+
+def _require_recorded(bag: Bag) -> None:
+    """Raise BagError for a bag of `polar inject`: no live node has received its messages."""
+    if bag.injected:
+        raise BagError(
+            f'{bag.path}: an injected bag ({bag.injected}): no live run has received these '
+            'messages, so there is nothing to compare; replay and score read it'
         )
 
 
