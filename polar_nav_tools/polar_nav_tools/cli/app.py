@@ -37,6 +37,7 @@ COMMANDS = (
     'delay_budget',
     'foreign',
     'identify',
+    'inject',
 )
 """Modules beside this one, in the order of the help."""
 
