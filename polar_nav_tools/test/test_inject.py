@@ -163,7 +163,14 @@ def test_forms():
     assert parse('imu_silent:inf@3').end_s == float('inf')
     assert parse('dvl_outage@3').text == 'dvl_outage:60@3'
     assert parse('imu_2038@3').text == 'imu_2038@3'
-    for bad in ('imu', 'imu_silent', 'imu_silent:x@3', 'imu_2038:1@3', 'imu_nan@-1', 'imu_nan@inf'):
+    for bad in (
+        'imu',
+        'imu_silent',
+        'imu_silent:x@3',
+        'imu_2038:1@3',
+        'imu_nan@-1',
+        'imu_nan@inf',
+    ):
         with pytest.raises(ConfigError, match='--fault'):
             parse(bad)
     for bad in ('file_flipped@3', 'file_truncated:2', 'file_flipped:x', 'imu_nan'):

@@ -25,6 +25,7 @@ NAMES = (
     'mems',
     'quiet',
     'aiding',
+    'faults',
     'has-table',
     'has-figures',
     'has-loss',
@@ -38,7 +39,7 @@ NAMES = (
 WITH_IMU = ('table3', 'figure11')
 """Experiments that can be run with recorded errors of an IMU."""
 
-_COMMANDS = ('run', 'ablation', 'mismatch', 'imu-errors', 'list')
+_COMMANDS = ('run', 'ablation', 'mismatch', 'faults', 'imu-errors', 'list')
 _FLAGS = ('--quick', '--json', '-h', '--help')
 _IMU = '--imu-'
 

@@ -178,6 +178,31 @@ def mismatch(
 
 
 @experiment.command(
+    epilog="Example: `./polar experiment faults --rows 'imu_*' --seeds 1 --columns default`"
+)
+def faults(
+    rows: Annotated[
+        str | None,
+        typer.Option(
+            metavar='PATTERN', help='Faults, as imu_*,station/packet_*.', show_default='all'
+        ),
+    ] = None,
+    first_seed: Annotated[int, typer.Option(metavar='K', min=0, help='Seeds K to K + N - 1.')] = 1,
+    quick: Quick = False,
+    seeds: Seeds = None,
+    columns: Columns = None,
+    settings: Settings = None,
+    jobs: Jobs = None,
+    out: Out = None,
+    as_json: Json = False,
+) -> None:
+    """Inject one fault of sensor, clock or packets per run: recovered, reported, silent, dead."""
+    request = _request('faults', quick, None, seeds, columns, settings, jobs)
+    chosen = replace(request, rows=rows, first_seed=first_seed)
+    _run('faults', chosen, _folder(out, 'faults'), as_json)
+
+
+@experiment.command(
     'imu-errors', epilog='Example: `./polar experiment imu-errors BAG --duration 3600`'
 )
 def imu_errors(

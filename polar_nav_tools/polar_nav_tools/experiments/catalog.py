@@ -15,6 +15,7 @@ from .evidence.mems import MEMS
 from .evidence.price import PRICE
 from .evidence.quiet import QUIET
 from .experiment import Experiment
+from .hold.plan import FAULTS
 from .leader_error.experiment import LEADER_ERROR
 from .mismatch.plan import MISMATCH
 from .request import Request, Size
@@ -117,6 +118,7 @@ EXPERIMENTS: dict[str, Experiment] = {
             consistency.figures,
         ),
         MISMATCH,
+        FAULTS,
         LEADER_ERROR,
         SPOOF,
         LATE,

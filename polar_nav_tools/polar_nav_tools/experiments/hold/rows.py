@@ -1,0 +1,111 @@
+"""Rows of the experiment `faults`: one injected fault each, with its scene."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+
+import numpy as np
+
+from polar_nav_core.engine.events import Array
+from polar_nav_core.errors import ConfigError
+from polar_nav_sim.offline_station import StationScenario
+
+from ...inject.faults import Injection, parse
+from ..mismatch.row import scene_of
+from ..mismatch.scenes import Scene, StationScene
+from ..station.world import NS, StationWorld
+from ..world import World
+
+START_S = 120.0
+_AFTER_S = 160.0
+"""Length of a run after its fault began: a fault of 60 s, a minute, ten fixes."""
+
+_SINS = (
+    'imu_silent:0.3', 'imu_silent:1', 'imu_silent:3', 'imu_silent:20', 'imu_silent:inf',
+    'imu_ahead:5', 'imu_several_ahead:5', 'imu_2038', 'imu_several_2038', 'imu_1970',
+    'imu_force:1e6', 'imu_force:1000', 'imu_rate:30', 'imu_rate:1e300', 'imu_nan:1', 'imu_nan:300',
+    'imu_stuck:10', 'imu_swapped', 'imu_lost:0.5', 'imu_repeated', 'imu_reordered:0.3',
+    'imu_late:5', 'imu_clock:3600', 'imu_clock:-10',
+    'dvl_indefinite', 'dvl_covariance:5e-324', 'dvl_covariance:1e300', 'dvl_velocity:1e300',
+    'dvl_velocity:100', 'dvl_nan', 'dvl_silent:30', 'dvl_silent:inf', 'dvl_outage:60',
+    'dvl_stuck:20',
+    'dvl_scale:0.05', 'dvl_turn:3', 'dvl_swapped', 'dvl_2038', 'dvl_ahead:5', 'dvl_late:5',
+    'dvl_repeated', 'dvl_lost', 'dvl_clock:10', 'dvl_clock:-10',
+    'depth_value:1e160', 'depth_value:1000', 'depth_variance:5e-324', 'depth_variance:1e308',
+    'depth_nan', 'depth_silent:30', 'depth_silent:inf', 'depth_stuck:20', 'depth_swapped',
+    'depth_2038', 'depth_clock:10',
+    'packet_flipped:20', 'packet_indefinite', 'packet_jump:5000', 'packet_displaced:500',
+    'packet_drift:0.05', 'packet_replayed:20', 'packet_burnt:600', 'packet_sigma:0.005',
+    'packet_sigma:13000', 'packet_silent:30', 'packet_silent:inf',
+    'packet_repeated', 'packet_reordered:10', 'packet_late:10', 'packet_lost', 'packet_clock:10',
+    'clock_step:3600', 'clock_step:-10',
+)  # fmt: skip
+_STATION = (
+    'imu_silent:1', 'imu_silent:20', 'imu_2038', 'imu_rate:30', 'imu_swapped', 'imu_stuck:10',
+    'thrust_absurd:1e6', 'thrust_silent:30', 'thrust_silent:inf', 'thrust_nan', 'thrust_swapped',
+    'depth_value:1e160', 'depth_silent:30', 'packet_jump:500', 'packet_flipped:30',
+    'packet_silent:60', 'packet_burnt:200', 'packet_replayed:5', 'clock_step:3600',
+    'clock_step:-10',
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Row:
+    """One injected fault in a scene.
+
+    Attributes
+    ----------
+    name : str
+        The fault with its size; ``station/`` before those of station mode.
+    injection : Injection
+    scene : SinsScene or StationScene
+    """
+
+    name: str
+    injection: Injection
+    scene: Scene
+
+    @property
+    def mode(self) -> str:
+        """Mode of the engine."""
+        return self.scene.mode
+
+
+def _rows() -> dict[str, Row]:
+    duration_s = START_S + _AFTER_S
+    sins = scene_of(duration_s=duration_s)
+    station = StationScene(replace(StationScenario(), duration_s=duration_s))
+    rows = [Row(text, parse(f'{text}@{START_S:g}'), sins) for text in _SINS]
+    rows += [Row(f'station/{t}', parse(f'{t}@{START_S:g}'), station) for t in _STATION]
+    return {row.name: row for row in rows}
+
+
+ROWS = _rows()
+
+
+def rows_named(patterns: str | None) -> list[Row]:
+    """Rows whose names match comma-separated shell patterns; all without any.
+
+    Raises
+    ------
+    ConfigError
+        For a pattern that matches none.
+    """
+    if patterns is None:
+        return list(ROWS.values())
+    wanted = [p.strip() for p in patterns.split(',')]
+    for pattern in wanted:
+        if not any(fnmatchcase(name, pattern) for name in ROWS):
+            raise ConfigError(f'--rows {pattern}: no such fault; there are {", ".join(ROWS)}')
+    return [row for name, row in ROWS.items() if any(fnmatchcase(name, p) for p in wanted)]
+
+
+def true_positions(world: World | StationWorld, time_s: Array) -> Array:
+    """True ECEF positions (n, 3) [m] at times since the start [s]."""
+    if isinstance(world, World):
+        stamps = world.truth.start_ns + np.rint(time_s * NS).astype(np.int64)
+        return np.asarray(world.truth.state(stamps).r_e)
+    run = world.run
+    row = np.clip(np.searchsorted(run.t_s, time_s - 1e-6), 0, len(run.t_s) - 1)
+    return np.asarray(world.origin_e + run.p[row] @ world.C_e_S)
