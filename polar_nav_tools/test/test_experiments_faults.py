@@ -22,7 +22,7 @@ WARNED = (Word(101.0, 1, 'DVL silent for 1 s'),)
 
 def errors(off, sigma=1.0, until=UNTIL_S):
     """Errors along x with a sigma, each a number or a function of time."""
-    t = TIMES[TIMES <= until]
+    t = TIMES[until >= TIMES]
     x = off(t) if callable(off) else np.full(len(t), off)
     s = sigma(t) if callable(sigma) else np.full(len(t), sigma)
     d = np.zeros((len(t), 3))

@@ -14,6 +14,7 @@ from .bags import JsonOption, VehicleOption, opened
 
 if TYPE_CHECKING:
     from ..inject.faults import Fault
+    from ..inject.files import FileFault
 
 
 @app.command(
@@ -81,9 +82,10 @@ def inject(
 def _list(faults: list[Fault], as_json: bool) -> None:
     from ..inject.files import FILE_FAULTS
 
+    both: list[Fault | FileFault] = [*faults, *FILE_FAULTS.values()]
     rows = [
         {'name': f.name, 'about': f.doc, 'size': f.size, 'unit': f.unit, 'modes': list(f.modes)}
-        for f in (*faults, *FILE_FAULTS.values())
+        for f in both
     ]
     if as_json:
         emit_json({'ok': True, 'faults': rows})

@@ -51,7 +51,7 @@ def events_of(readings: Readings, events: list[Event]) -> Iterator[tuple[Reading
 
 def _stream(event: Event) -> str:
     kinds = {ImuSample: IMU, DvlPing: DVL, DepthSample: DEPTH, ControlSample: THRUST, Fix: FIX}
-    return kinds[type(event)]  # type: ignore[index]
+    return kinds[type(event)]
 
 
 def _values(event: Event) -> dict[str, Any]:
@@ -73,7 +73,7 @@ def _event(reading: Reading, event: Event, number: int) -> Event:
     if isinstance(event, DvlPing):  # as dvl_from_msg
         good = bool(values['valid']) and bool(np.isfinite(values['v_m']).all())
         values = {**values, 'valid': good}
-    return replace(event, stamp_ns=reading.stamp_ns, sequence=number, **values)  # type: ignore[arg-type]
+    return replace(event, stamp_ns=reading.stamp_ns, sequence=number, **values)
 
 
 def _fix(reading: Reading, fix: Fix, number: int) -> Fix:
@@ -94,7 +94,6 @@ def _fix(reading: Reading, fix: Fix, number: int) -> Fix:
             covariance_e=np.full((3, 3), math.nan),
             refusal=Verdict.BAD_CRC,
             reason='CRC does not fit',
-            polar=None if fix.polar is None else fix.polar,
         )
     if fix.polar is not None:
         return replace(out, polar=replace(fix.polar, station=fix.polar.station + v['moved_G']))
