@@ -78,11 +78,13 @@ def test_lasting_fault_is_covered_or_reported():
 
 
 def test_only_new_words_report():
-    before, usual = Word(50.0, 1, 'no fix for 12 s'), Word(200.0, 2, 'depth off by 3 m')
+    before, usual = Word(90.0, 1, 'no fix for 12 s'), Word(200.0, 2, 'depth off by 3 m')
     words = (before, Word(101.0, 1, 'no fix for 14 s'), Word(102.0, 2, 'depth off by 9 m'))
     assert first_new(words, (usual,), START_S) is None
     new = Word(103.0, 1, 'DVL off')
     assert first_new((*words, new), (usual,), START_S) == new
+    long_ago = Word(5.0, 1, 'DVL off')
+    assert first_new((long_ago, *words, new), (usual,), START_S) == new
 
 
 def test_rows_and_columns():

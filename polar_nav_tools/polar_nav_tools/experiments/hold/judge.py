@@ -23,7 +23,8 @@ _PLUS_M = 1.0
 _BEYOND = 5.0
 _GONE_S = 10.0
 """A run without estimates for so long at its end is dead."""
-_DIRECTIONS = ('horizontal', 'up')
+_STOOD_S = 30.0
+"""Reports in this time before a fault stood before it."""
 
 DEAD, SILENT, LOST = 'DEAD', 'SILENT', 'NOT RECOVERED'
 RECOVERED, REPORTED, HONEST = 'recovered', 'reported', 'covered'
@@ -133,7 +134,8 @@ def judge(
 
 def first_new(words: tuple[Word, ...], clean: tuple[Word, ...], start_s: float) -> Word | None:
     """First report from a time on of a kind that neither stood before nor comes without fault."""
-    known = {w.kind for w in words if w.time_s < start_s} | {w.kind for w in clean}
+    known = {w.kind for w in words if start_s - _STOOD_S <= w.time_s < start_s}
+    known |= {w.kind for w in clean if w.time_s >= start_s}
     return next((w for w in words if w.time_s >= start_s and w.kind not in known), None)
 
 
