@@ -45,6 +45,27 @@ def _build_update(
     H = log.H[u]
     L = log.L[u]
     K = log.K[u]
+    if m == 1:
+        for j in range(n):
+            work[0, j] = 0.0
+        for k in range(N):
+            h = H[0, k]
+            if h != 0.0:
+                for j in range(n):
+                    work[0, j] += h * Psi[k, j]
+        s = 1.0 / L[0, 0]
+        for j in range(n):
+            work[3, j] = work[0, j] * s * s
+        s = log.z[u, 0]
+        for j in range(n):
+            mean[j] += s * work[3, j]
+        for i in range(n):
+            g = work[0, i]
+            k_0 = K[0, i]
+            for j in range(n):
+                Lambda[i, j] += g * work[3, j]
+                Psi[i, j] -= k_0 * work[0, j]
+        return
     for a in range(6):
         for j in range(n):
             work[a, j] = 0.0
@@ -77,14 +98,6 @@ def _build_update(
         s = log.z[u, a]
         for j in range(n):
             mean[j] += s * work[3 + a, j]
-    if m == 1:
-        for i in range(n):
-            g = work[0, i]
-            k_0 = K[0, i]
-            for j in range(n):
-                Lambda[i, j] += g * work[3, j]
-                Psi[i, j] -= k_0 * work[0, j]
-        return
     for i in range(n):
         g_0 = work[0, i]
         g_1 = work[1, i]
@@ -162,16 +175,15 @@ def cross_block(C: Array, P_cc: Array, z: Array, bl: Blocks, b: int) -> None:
 
 
 @kernel
-def change_prior(bl: Blocks, b: int, R: Array) -> bool:
-    """The prior of a closed block becomes what it is with the late fix fused before."""
+def change_prior(bl: Blocks, b: int) -> None:
+    """The prior of a closed block becomes what it is with the late fix fused before.
+
+    The whitened columns are those that `change_block` of the block before has left.
+    """
     B = bl.small[1]
-    if not whitener(B, bl.P_cc[b], R):
-        return False
     W = bl.scratch[0:3]
-    whiten(W, B, bl.C[b])
     add_outer(bl.Delta[b], -1.0, W, W)
     add_mean(bl.means[b, 1], 1.0, W, B, bl.z[b])
-    return True
 
 
 @kernel
@@ -181,7 +193,7 @@ def change_block(
     """Psi, Lambda and lambda of a closed block with the late fix fused.
 
     C, P_cc, z are those at its end; ``sign`` Y P = cov(c, x at the start | block) but for what
-    does not depend on the block.
+    does not depend on the block. B C stays in scratch[0:3], B in small[1].
     """
     B = bl.small[1]
     if not whitener(B, P_cc, R):

@@ -30,6 +30,7 @@ class Blocks(NamedTuple):
     first : (n,) first entry of each; the one before it is a step
     built : (n,) 1 once the arrays of a closed block hold
     head : (n,) first late fix inside, as its place in the log's updates, or NONE
+    newest : (n,) late fix that is fused but has not yet changed the entries of its closed block
     T : (n, 24, 24) transposed Psi
     Lambda, Delta : (n, 24, 24), symmetric
     means : (n, 2, 24) lambda, delta
@@ -47,6 +48,7 @@ class Blocks(NamedTuple):
     first: Ints
     built: Ints
     head: Ints
+    newest: Ints
     T: Array
     Lambda: Array
     Delta: Array
@@ -75,6 +77,7 @@ def make_blocks(log: Log, steps_per_block: int) -> Blocks:
         first=first,
         built=np.zeros(n, dtype=np.int64),
         head=np.full(n, NONE, dtype=np.int64),
+        newest=np.full(n, NONE, dtype=np.int64),
         T=np.zeros((n, N, N)),
         Lambda=np.zeros((n, N, N)),
         Delta=np.zeros((n, N, N)),
@@ -180,4 +183,5 @@ def _open(bl: Blocks, first: int, n: int) -> None:
     bl.first[b] = first
     bl.built[b] = 0
     bl.head[b] = NONE
+    bl.newest[b] = NONE
     bl.counts[STEPS] = 0

@@ -7,26 +7,16 @@ way changes by terms of rank three.
 
 from __future__ import annotations
 
-from ...arrays import Array
 from ..cache import kernel, routine
 from . import state as fs
-from .block_products import build, change_block, change_prior, correct_for_prior, cross_block
-from .blocks import (
-    NONE,
-    OPEN,
-    PER_BLOCK,
-    STEPS,
-    Blocks,
-    close_early,
-    is_stored,
-    place_of,
-    sort_in,
-)
+from .block_products import change_block, change_prior, correct_for_prior, cross_block
+from .blocks import NONE, OPEN, Blocks
 from .consider import COLUMNS, innovation_sensitivity, late_sensitivity, update_sensitivity
 from .entries import adjoint, carry, change_entries, mean_change
 from .fuse import adapt_noise, correct_and_remember, judge_wide, passes, remember
+from .late_place import begin
 from .state import Log, Past, Settings, State, Work
-from .three_rows import add_outer, inner, rows_times
+from .three_rows import add_outer
 from .update import N, cholesky, gain_of, nis_of
 
 OUT_OF_REACH = -9
@@ -42,8 +32,10 @@ def fuse_late(
     bl: Blocks,
     validity_ns: int,
     epoch: int,
+    place: int,
+    m: int,
 ) -> int:
-    """FUSED, REFUSED, S_NOT_DEFINITE or OUT_OF_REACH, of the late fix in H, R, z of the scratch.
+    """FUSED, REFUSED or S_NOT_DEFINITE, of the late fix in H, R, z of the scratch.
 
     It is judged by its innovation against all that was received so far, which w.z and w.S hold
     afterwards. The frames are left behind.
@@ -59,11 +51,10 @@ def fuse_late(
         When the fix is valid [ns].
     epoch : int
         Number of the epoch that z is of.
+    place, m : int
+        Where the fix belongs: see `find_block`.
     """
     n = bl.first.shape[0]
-    place, m = _reach(s, past, log, bl, validity_ns)
-    if place < 0:
-        return OUT_OF_REACH
     b = m % n
     # The late fix of its block that it comes after, and the next.
     before = NONE
@@ -72,7 +63,7 @@ def fuse_late(
         before = after
         after = bl.next[after]
     u = s.counters[fs.CORRECTIONS] % log.H.shape[0]
-    _begin(w, log, bl, b, u, epoch, place)
+    begin(w, log, bl, b, u, epoch, place)
     _carry_to_now(past, w, log, bl, m, place, after)
     adapt_noise(s, c, w, fs.FIX_ROW, fs.VECTOR)
     w.age[0] = (s.counters[fs.STAMP] - validity_ns) * 1e-9
@@ -100,57 +91,28 @@ def fuse_late(
         bl.head[b] = u
     else:
         bl.next[before] = u
-    good = good and _change_own(s, past, w, log, bl, m, u)
+    # Of a closed block only another fix inside it reads the entries: most never come.
+    if m == bl.counts[OPEN]:
+        good = good and _change_own(s, past, log, bl, m, u)
+    else:
+        bl.newest[b] = u
     correct_and_remember(s, past, w.x)
     return fs.FUSED if good else fs.S_NOT_DEFINITE
 
 
 @kernel
-def _reach(s: State, past: Past, log: Log, bl: Blocks, validity_ns: int) -> tuple[int, int]:
-    """Place of a fix and the number of its block, which with all behind it is built; -1, -1."""
-    n = bl.first.shape[0]
-    sort_in(log, bl)
-    count = log.counts[0]
-    place = place_of(log, max(0, count - log.kinds.shape[0]), validity_ns)
-    if place < bl.first[bl.counts[OPEN] % n] and 2 * bl.counts[STEPS] >= bl.counts[PER_BLOCK]:
-        close_early(log, bl)
-    now = bl.counts[OPEN]
-    m = now
-    while m > 0 and m > now - n + 1 and bl.first[m % n] > place:
-        m -= 1
-    first = bl.first[m % n]
-    if first > place or not is_stored(s, log, first, count):
-        return -1, -1
-    for i in range(m, now):
-        if bl.built[i % n] == 0:
-            build(past, log, bl, i % n, bl.first[(i + 1) % n])
-    return place, m
+def settle(s: State, past: Past, log: Log, bl: Blocks, m: int) -> bool:
+    """Whether block m is positive definite, its entries changed by all late fixes inside it.
 
-
-@kernel
-def _begin(w: Work, log: Log, bl: Blocks, b: int, u: int, epoch: int, place: int) -> None:
-    """C = P H^T, P_cc and z of a fix at its place, by the filter stored in block b.
-
-    Those are columns[0], small[4] and small[5, 0]; what stands there stays in K and H of
-    correction u, small[6] and small[5, 1].
+    The newest of them changes them only now that another fix shall be put among them.
     """
-    C = bl.columns[0]
-    P_cc = bl.small[4]
-    _refer(w.z, w.H, log, bl, b, epoch, place)
-    _rows_of_P(C, w, log, bl, b, place)
-    inner(P_cc, w.H, C)
-    for a in range(3):
-        bl.small[5, 0, a] = w.z[a]
-        bl.small[5, 1, a] = w.z[a]
-        for d in range(a):
-            P_cc[a, d] = 0.5 * (P_cc[a, d] + P_cc[d, a])
-            P_cc[d, a] = P_cc[a, d]
-    for a in range(3):
-        for d in range(3):
-            bl.small[6, a, d] = P_cc[a, d]
-        for k in range(N):
-            log.K[u, a, k] = C[a, k]
-            log.H[u, a, k] = w.H[a, k]
+    b = m % bl.first.shape[0]
+    u = bl.newest[b]
+    if u == NONE:
+        return True
+    bl.newest[b] = NONE
+    good: bool = _change_own(s, past, log, bl, m, u)
+    return good
 
 
 @kernel
@@ -225,7 +187,7 @@ def _change_blocks(s: State, past: Past, w: Work, log: Log, bl: Blocks, m: int) 
     for i in range(m + 1, now):
         b = i % n
         e = (i + 1) % n
-        good = good and change_prior(bl, b, w.R)
+        change_prior(bl, b)
         good = good and change_block(bl, b, bl.C[e], bl.P_cc[e], bl.z[e], w.R, bl.V[b], -1.0)
     # The open block is as filtered now: its prior, too, is that of now.
     o = now % n
@@ -252,10 +214,19 @@ def _change_blocks(s: State, past: Past, w: Work, log: Log, bl: Blocks, m: int) 
 
 
 @kernel
-def _change_own(s: State, past: Past, w: Work, log: Log, bl: Blocks, m: int, u: int) -> bool:
-    """Change what is stored behind the fix of correction u in its own block m."""
+def _change_own(s: State, past: Past, log: Log, bl: Blocks, m: int, u: int) -> bool:
+    """Change what is stored behind the fix of correction u in its own block m.
+
+    What it was at its place is stored there: C = S K^T, and S = P_cc + R, which enter as a sum.
+    """
     C = bl.columns[0]
+    S = bl.small[6]
+    z = bl.small[5, 1]
     for a in range(3):
+        z[a] = log.z[u, a]
+        for d in range(3):
+            S[a, d] = log.S[u, a, d]
+            bl.small[7, a, d] = 0.0
         for k in range(N):
             t = 0.0
             for d in range(3):
@@ -266,9 +237,9 @@ def _change_own(s: State, past: Past, w: Work, log: Log, bl: Blocks, m: int, u: 
     last_epoch = log.epochs[(end - 1) % log.kinds.shape[0]] if closed else s.counters[fs.EPOCHS]
     return change_entries(
         C,
-        bl.small[6],
-        bl.small[5, 1],
-        w.R,
+        S,
+        z,
+        bl.small[7],
         s,
         past,
         log,
@@ -281,73 +252,6 @@ def _change_own(s: State, past: Past, w: Work, log: Log, bl: Blocks, m: int, u: 
         closed,
         bl.columns[2, 0],
     )
-
-
-@kernel
-def _refer(z: Array, H: Array, log: Log, bl: Blocks, b: int, epoch: int, place: int) -> None:
-    """Take out of z what was fed back after the epoch was stored and before ``place``."""
-    length = log.kinds.shape[0]
-    entry = place - 1
-    while entry >= bl.first[b] and log.epochs[entry % length] > epoch:
-        e = entry % length
-        if log.kinds[e] == fs.UPDATE:
-            _take_out(z, H, log.x[log.numbers[e] % log.H.shape[0]])
-        entry -= 1
-    u = bl.head[b]
-    while u != NONE and bl.place[u] <= place:
-        if bl.epochs[u] > epoch:
-            _take_out(z, H, log.x[u])
-        u = bl.next[u]
-
-
-@kernel
-def _take_out(z: Array, H: Array, x: Array) -> None:
-    for a in range(3):
-        s = 0.0
-        for k in range(N):
-            s += H[a, k] * x[k]
-        z[a] -= s
-
-
-@kernel
-def _rows_of_P(C: Array, w: Work, log: Log, bl: Blocks, b: int, place: int) -> None:
-    """C = H P at a place, by the filter stored in block b."""
-    length = log.kinds.shape[0]
-    base = place - 1
-    while log.kinds[base % length] != fs.STEP:
-        base -= 1
-    rows_times(C, w.H, log.step_P[log.numbers[base % length] % log.step_P.shape[0]])
-    u = bl.head[b]
-    while u != NONE and bl.place[u] <= base:
-        u = bl.next[u]
-    for entry in range(base + 1, place + 1):
-        while u != NONE and bl.place[u] == entry:
-            _drop(C, w.H, log, bl, u, 3)
-            u = bl.next[u]
-        if entry < place:
-            e = entry % length
-            _drop(C, w.H, log, bl, log.numbers[e] % log.H.shape[0], log.rows[e])
-
-
-@kernel
-def _drop(C: Array, H: Array, log: Log, bl: Blocks, u: int, m: int) -> None:
-    """C <- C - H K S K^T: H P after an update whose gain and S are stored."""
-    X = bl.small[0]
-    K = log.K[u]
-    S = log.S[u]
-    for c in range(3):
-        for a in range(m):
-            s = 0.0
-            for k in range(N):
-                s += H[c, k] * K[a, k]
-            X[a, c] = s
-    for c in range(3):
-        for a in range(m):
-            s = 0.0
-            for d in range(m):
-                s += S[a, d] * X[d, c]
-            for k in range(C.shape[1]):
-                C[c, k] -= s * K[a, k]
 
 
 @kernel

@@ -11,7 +11,8 @@ from .consider import fix_common
 from .events import note_outcome
 from .fuse import locate
 from .late import fill_stored_fix, newest_until
-from .late_fuse import OUT_OF_REACH, fuse_late
+from .late_fuse import OUT_OF_REACH, fuse_late, settle
+from .late_place import find_block
 from .rows import DV
 from .run import advance, put_row
 from .state import Frames, Log, Past, Rows, Settings, State, Streams, Work
@@ -53,6 +54,11 @@ def take_late(
         or s.counters[fs.CORRECTIONS] - past.firsts[i] > past.corrections.shape[0]
     ):
         return OUT_OF_REACH
+    place, block = find_block(s, past, log, bl, validity_ns)
+    if place < 0:
+        return OUT_OF_REACH
+    if not settle(s, past, log, bl, block):
+        return fs.S_NOT_DEFINITE
     ahead = fill_stored_fix(
         c, past, w, i, validity_ns, r_e, covariance_e, array_heading, common_e, w.C_mean, w.C_mean
     )
@@ -60,7 +66,7 @@ def take_late(
         w.H[k, DV + k] = ahead
     if c.considers:
         fix_common(w.J, fr.C_e_G, relative_e, s.v_G)
-    code: int = fuse_late(s, c, past, w, log, bl, validity_ns, number)
+    code: int = fuse_late(s, c, past, w, log, bl, validity_ns, number, place, block)
     locate(s, fr, c)
     return code
 
