@@ -7,7 +7,7 @@ import numpy as np
 from ...kernels.sins import state as fs
 from ...kernels.sins.update import N
 
-STEPS_PER_BLOCK = 10
+STEPS_PER_BLOCK = 20
 """Covariance steps in a block of `clone`; long blocks are dear to enter, short ones to pass."""
 
 
