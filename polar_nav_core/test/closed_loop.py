@@ -19,7 +19,10 @@ IMU_NS = 10_000_000
 class World:
     """Truth at every IMU epoch and the ideal IMU samples that lead to it."""
 
-    def __init__(self, seconds, lat_deg=80.0, lon_deg=120.0, v_G=(2.0, 2.0, 0.0), height=-100.0):
+    def __init__(
+        self, seconds, lat_deg=80.0, lon_deg=120.0, v_G=(2.0, 2.0, 0.0), height=-100.0, leg_s=0.0
+    ):
+        """With ``leg_s``: legs of so many seconds, and half turns of 30 s between them."""
         n = int(seconds * 100)
         dt = 0.01
         self.n = n
@@ -45,12 +48,19 @@ class World:
                     0.01 * np.cos(0.7 * k * dt),
                 ]
             )
+            turning = leg_s > 0.0 and k * dt % (leg_s + 30.0) > leg_s
+            yaw_G = np.array([0.0, 0.0, np.pi / 30.0 if turning else 0.0])
+            if turning:
+                c, s = np.cos(yaw_G[2] * dt), np.sin(yaw_G[2] * dt)
+                v_G = np.array([c * v_G[0] - s * v_G[1], s * v_G[0] + c * v_G[1], v_G[2]])
             omega_ie_G, omega_eG_G = grid.earth_rate(r_e), grid.transport_rate(r_e, v)
             # Rate and force that keep the grid velocity: what a vehicle with a perfect autopilot
             # would feel.
-            omega_b = C_b_G.T @ (omega_ie_G + omega_eG_G) + wobble
-            f_G = np.array([0.0, 0.0, float(earth.gravity(r_e))]) + np.cross(
-                2 * omega_ie_G + omega_eG_G, v
+            omega_b = C_b_G.T @ (omega_ie_G + omega_eG_G + yaw_G) + wobble
+            f_G = (
+                np.array([0.0, 0.0, float(earth.gravity(r_e))])
+                + np.cross(2 * omega_ie_G + omega_eG_G, v)
+                + np.cross(yaw_G, v_G)
             )
             f_b = C_b_G.T @ (f_G + (v_G - v) * 2.0)
             increments = omega_b * dt, f_b * dt

@@ -64,6 +64,39 @@ def test_a_minute_after_a_gap_the_error_is_that_without_it(world, name, gap_s):
         assert (error < 5.0 * sigma).all()
 
 
+@pytest.fixture(scope='module', params=[0.0, 25.0], ids=['straight', 'racetrack'])
+def long_world(request):
+    return World(165.0, leg_s=request.param)
+
+
+REWIND = {'configuration': 'custom', 'delay_handling': 'rewind', 'gate_probability': 0.9999}
+
+
+@pytest.mark.parametrize('gap_s', [0.05, 3.0, 10.0, 30.0, 60.0])
+@pytest.mark.parametrize(
+    'chosen',
+    [{'configuration': 'default'}, {'configuration': 'modified_akf'}, REWIND],
+    ids=['default', 'modified_akf', 'rewind'],
+)
+def test_a_minute_after_a_long_gap_no_fix_is_refused(long_world, chosen, gap_s):
+    """Half a radian of heading is lost, and found again by a filter that is linear."""
+    world = long_world
+    inputs = inputs_of(world, world.fixes(2.0, 1.0, rng=np.random.default_rng(3)))
+    params = world.params(**chosen)
+    sound = engine_run.run(params, inputs)
+    broken = engine_run.run(params, without_imu(inputs, 3000, 3000 + round(100 * gap_s)))
+    (error, sigma), (error_0, sigma_0) = (
+        errors_and_sigmas(world, r.track) for r in (broken, sound)
+    )
+    assert not broken.divergence
+    since_s = (broken.track.stamps_ns - world.stamps[3000]) * 1e-9 - gap_s
+    k, k_0 = int(np.argmax(since_s > 60.0)), len(error_0) - len(error)
+    assert error[k:].max() < 3.0 * error_0[k_0 + k :].max() + 1.0
+    assert sigma[k] < 3.0 * sigma_0[k_0 + k]
+    assert (error < 5.0 * sigma).all()
+    assert all(r.verdict.name != 'GATED' for r in broken.receipts)
+
+
 @pytest.mark.parametrize('instant', ['mean', 'instant'])
 @pytest.mark.parametrize('name', DELAY_HANDLING)
 def test_same_bits_across_gaps_and_late_fixes_within(world, name, instant):

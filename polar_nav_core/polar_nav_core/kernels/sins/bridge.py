@@ -72,7 +72,7 @@ def bridge(s: State, c: Settings, past: Past, w: Work, log: Log, until_ns: int) 
         if c.aiding.on and code == fs.DONE:
             code = compare_velocities(s, c, w, step)
             if code == fs.FUSED:
-                correct_and_remember(s, past, w.x)
+                correct_and_remember(s, c, past, w.x)
             code = min(code, fs.DONE)
         if s.counters[fs.STEPS] % c.steps_per_snapshot == 0:
             take_snapshot(s, log)

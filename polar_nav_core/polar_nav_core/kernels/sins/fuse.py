@@ -13,6 +13,7 @@ from ..cache import kernel, routine
 from ..watch import observe
 from . import state as fs
 from .aiding import correct_block
+from .bend import add_bend_of_correction, add_bend_of_ping
 from .consider import COLUMNS, innovation_sensitivity, update_sensitivity, widen
 from .imu import place
 from .reopen import open_gate, opens
@@ -37,8 +38,13 @@ def locate(s: State, fr: Frames, c: Settings) -> None:
 
 
 @kernel
-def correct_and_remember(s: State, past: Past, x: Array) -> None:
-    """Correct the state by an estimated error (24,), and store it; the frames stay behind."""
+def correct_and_remember(s: State, c: Settings, past: Past, x: Array) -> None:
+    """Correct the state by an estimated error (24,), and store it; the frames stay behind.
+
+    A large turn of the attitude leaves what is nonlinear of it in the covariance.
+    """
+    if c.gap_ns > 0:
+        add_bend_of_correction(s.P, s.v_G, x)
     feed_back(
         x,
         s.C_b_G,
@@ -61,7 +67,7 @@ def correct_and_remember(s: State, past: Past, x: Array) -> None:
 @kernel
 def feed_back_and_remember(s: State, fr: Frames, c: Settings, past: Past, x: Array) -> None:
     """Correct the state by an estimated error (24,), and store it; the frames follow."""
-    correct_and_remember(s, past, x)
+    correct_and_remember(s, c, past, x)
     locate(s, fr, c)
 
 
@@ -200,6 +206,8 @@ def fuse_rows(
     First m rows; ``stream`` is their row of tally and noise, ``rank`` their place in the log. The
     frames are left behind: `fuse_filled` and `run.advance` bring them up to date.
     """
+    if c.gap_ns > 0 and stream == fs.DVL_ROW:
+        add_bend_of_ping(w.R, s.P, s.v_G)
     adapt_noise(s, c, w, stream, m)
     if not judge(s, c, w, w.R, m):
         return fs.S_NOT_DEFINITE
@@ -227,7 +235,7 @@ def fuse_rows(
         store_update(log, number, w, m)
         stamp_ns = s.counters[fs.STAMP]
         enter(log, fs.UPDATE, number, stamp_ns, rank, s.counters[fs.EPOCHS], m)
-    correct_and_remember(s, past, w.x)
+    correct_and_remember(s, c, past, w.x)
     return fs.FUSED
 
 
@@ -255,6 +263,8 @@ def ping_passes(s: State, c: Settings, w: Work) -> int:
     for a in range(3):
         for b in range(3):
             w.stated[a, b] = w.R[a, b]
+    if c.gap_ns > 0:
+        add_bend_of_ping(w.stated, s.P, s.v_G)
     if c.adaptive:
         scale_noise(w.stated, s.noise[fs.DVL_ROW], c)
     w.nis[1] = 1.0

@@ -96,7 +96,7 @@ def fuse_late(
         good = good and _change_own(s, past, log, bl, m, u)
     else:
         bl.newest[b] = u
-    correct_and_remember(s, past, w.x)
+    correct_and_remember(s, c, past, w.x)
     return fs.FUSED if good else fs.S_NOT_DEFINITE
 
 

@@ -1,0 +1,71 @@
+"""What is nonlinear of a large error of attitude, as noise: the filter itself is linear.
+
+After a gap between IMU samples the attitude may be uncertain by half a radian. A body velocity
+C_b_G^T v_G then depends on it by more than the rows of a ping say: by phi x (phi x v)/2, which is
+decimetres per second where a DVL states millimetres. Taken at its word, a ping fixes the speed
+along a wrong heading, and every later one repeats it: the covariance closes over a wrong attitude,
+and good fixes are refused. The same remainder, of the turn that was really made, stays behind a
+correction: the velocity is moved by phi x v and not round the arc.
+
+Both are below 1e-4 of the velocity where the attitude is known to LARGE, and are left out there:
+nothing changes in a filter that knows its attitude.
+"""
+
+from __future__ import annotations
+
+from ...arrays import Array
+from ..cache import kernel
+
+LARGE = 0.01
+"""Attitude error from which on the remainder counts: root of the sum of squares [rad]."""
+
+
+@kernel
+def _square(v: Array) -> float:
+    """Sum of the squares of the first three elements."""
+    return v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
+
+
+@kernel
+def add_bend_of_ping(R: Array, P: Array, v_G: Array) -> None:
+    """Add to a ping's R (3, 3) [m^2/s^2] the second-order variance by an uncertain attitude.
+
+    Half the square of the trace of P's attitude block, times v^2: an upper bound of the second
+    term of the second-order filter, tr(H'' P H'' P)/2, in every direction.
+
+    Parameters
+    ----------
+    R : (3, 3) array, in place
+    P : (24, 24) array
+    v_G : (3,) array
+        Grid axes [m/s].
+    """
+    p = P[0, 0] + P[1, 1] + P[2, 2]
+    if p > LARGE * LARGE:
+        variance = 0.5 * p * p * _square(v_G)
+        for k in range(3):
+            R[k, k] += variance
+
+
+@kernel
+def add_bend_of_correction(P: Array, v_G: Array, x: Array) -> None:
+    """Add to P (24, 24) the second-order remainder of a correction of the attitude.
+
+    |phi|^2/2 is the 1-sigma added to the attitude, and with v that of the velocity.
+
+    Parameters
+    ----------
+    P : (24, 24) array, in place
+        Covariance after the update.
+    v_G : (3,) array
+        Grid axes [m/s], before the correction.
+    x : (24,) array
+        Estimated error.
+    """
+    turn = _square(x)
+    if turn > LARGE * LARGE:
+        variance = 0.25 * turn * turn
+        pushed = variance * _square(v_G)
+        for k in range(3):
+            P[k, k] += variance
+            P[3 + k, 3 + k] += pushed
