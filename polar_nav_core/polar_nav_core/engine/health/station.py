@@ -63,7 +63,7 @@ class StationWatchdog(Watchdog):
         s = statistics(view.memories)
         found = [*_disagreement(s), *_reopened(view), *_careful(s), *scatter(s, DEPTH)]
         if isinstance(view, StationView):
-            found += [*_thrust(view), *_drag(view)]
+            found += [*_ahrs_gap(view), *_thrust(view), *_drag(view)]
         return [*found, *outside(view, self._envelope)]
 
 
@@ -125,6 +125,19 @@ def _careful(s: Statistics) -> list[Condition]:
         'errors are too large'
     )
     return [Condition('fixes noise', Level.WARN, Culprit.FIXES, sentence)]
+
+
+def _ahrs_gap(view: StationView) -> list[Condition]:
+    """A gap between AHRS samples not long ago."""
+    gaps = view.gaps
+    since_s = (view.stamp_ns - gaps.end_ns) * 1e-9
+    if not gaps.number or since_s >= AFTER_S:
+        return []
+    sentence = (
+        f'AHRS gap of {gaps.last_s:.1f} s ended {since_s:.0f} s ago: the model ran on by the mean '
+        f'attitude, with enlarged covariance ({gaps.number} so far)'
+    )
+    return [Condition('AHRS gap', Level.ERROR, Culprit.IMU, sentence)]
 
 
 def _thrust(view: StationView) -> list[Condition]:

@@ -89,6 +89,7 @@ def make_settings(p: EngineParams) -> ss.Settings:
         common=common,
         shares=bool(common.any()),
         reopen_ns=round(p.reopen_after_s * 1e9),
+        gap_ns=round(p.max_imu_gap_s * 1e9),
         thrust_ns=round(p.thrust_timeout_s * 1e9),
         snapshot_every=SNAPSHOT_EVERY,
         output_ns=round(p.output_period_s * 1e9),

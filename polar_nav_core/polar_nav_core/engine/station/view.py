@@ -9,6 +9,7 @@ import numpy as np
 from ...kernels.station import state as ss
 from ...order import DEPTH_ROW, DVL_ROW, FIX_ROW
 from ..health.station import StationView
+from ..health.watchdog import Gaps
 from .fusion import StationFusion
 
 
@@ -30,6 +31,9 @@ def view_of(fusion: StationFusion, stamp_ns: int) -> StationView:
         depth=f.settings.surface - f.bank.flat[ss.HEIGHT],
         P_horizontal=P[3:5, 3:5],
         resets=int(counters[ss.OPENINGS]),
+        gaps=Gaps(
+            int(counters[ss.GAPS]), int(counters[ss.GAP_NS]) * 1e-9, int(counters[ss.GAP_END_NS])
+        ),
         share=float(x[ss.SHARE]),
         share_sigma=math.sqrt(max(0.0, P[ss.SHARE, ss.SHARE])),
         drag_ratio=float(x[ss.DRAG]) - stated,

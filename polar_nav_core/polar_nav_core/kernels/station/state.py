@@ -37,9 +37,11 @@ DYNAMIC = 6
 
 # Indexes of Bank.counters: stamp of the newest IMU sample [ns], inputs taken; stamp of the newest
 # thrust [ns], 0 for none; refused fixes in a row and the validity of the first of them [ns]; when
-# the gate was opened last [ns], and how often.
+# the gate was opened last [ns], and how often; gaps between AHRS samples, length of the newest and
+# stamp of its end [ns].
 STAMP, IMU, CONTROL, DEPTH, FIX = 0, 1, 2, 3, 4
-THRUST_NS, RUN, RUN_NS, OPENED_NS, OPENINGS, COUNTERS = 5, 6, 7, 8, 9, 10
+THRUST_NS, RUN, RUN_NS, OPENED_NS, OPENINGS = 5, 6, 7, 8, 9
+GAPS, GAP_NS, GAP_END_NS, COUNTERS = 10, 11, 12, 13
 
 # Bank.flat: thrust (3), vertical at the vehicle (3), place where that holds (3), its height,
 # C_A_G (9), 1-sigma of the station's heading, sum of the directions of refused fixes in a row (2).
@@ -112,6 +114,7 @@ class Settings(NamedTuple):
     common: Array  # (COMMON,): 1-sigma of each common error
     shares: bool  # whether any of them is stated
     reopen_ns: int  # fixes refused for so long may open the gate; 0 for never
+    gap_ns: int  # a longer interval between AHRS samples is a gap
     thrust_ns: int  # a thrust that is older is unknown; 0: it holds for ever
     snapshot_every: int  # IMU samples
     output_ns: int

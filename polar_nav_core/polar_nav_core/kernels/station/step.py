@@ -15,6 +15,7 @@ from ..frames.grid import fill_C_e_G
 from ..vehicle.model import relative_acceleration, relative_acceleration_jacobian, surge_drag
 from . import state as ss
 from .common import transform
+from .gap import cross_gap
 from .state import Bank, Settings, Streams, Work
 
 THRUST_SHARE = 0.3
@@ -369,6 +370,7 @@ def imu_event(
                     b.S[m, ss.STATION, k] *= e
             if part + 1 < parts:
                 move(w.point, w.point, h, e, f_drag, f_share, g_x, g_y, w)
+    cross_gap(b, c, streams, i, place)
     if jumps.shape[0] > 0:
         clear(jumps[i % jumps.shape[0]])
     b.counters[ss.STAMP] = stamp
