@@ -163,7 +163,7 @@ class EngineParams(IdentificationParams, StationParams, LimitParams):
     )
     initial_latitude_deg: float = param(80.0, 'deg', -90.0, 90.0, 'Geodetic latitude')
     initial_longitude_deg: float = param(120.0, 'deg', -360.0, 360.0, 'Longitude')
-    initial_height: float = param(-100.0, 'm', -12000.0, 1000.0, 'Height above the ellipsoid')
+    initial_height: float = param(-100.0, 'm', -12000.0, 9000.0, 'Height above the ellipsoid')
     initial_v_G: tuple[float, ...] = vector(
         (0.0, 0.0, 0.0), 'm/s', -50.0, 50.0, 'Velocity, grid axes'
     )
@@ -234,7 +234,7 @@ class EngineParams(IdentificationParams, StationParams, LimitParams):
         (0.0, 0.0, 0.0), 'm', -100.0, 100.0, 'Pressure sensor from base_link'
     )
     sea_surface_height: float = param(
-        0.0, 'm', -200.0, 200.0, 'Of the sea surface above the ellipsoid'
+        0.0, 'm', -12000.0, 9000.0, 'Of the sea (or lake) surface above the ellipsoid'
     )
     transponder_lever_b: tuple[float, ...] = vector(
         (0.0, 0.0, 0.0),

@@ -39,7 +39,7 @@ _ORTHOGONALITY = 1e-3
 _INITIAL: Final = {
     'latitude': (-0.5 * math.pi, 0.5 * math.pi),
     'longitude': (-2.0 * math.pi, 2.0 * math.pi),
-    'height': (-12000.0, 1000.0),
+    'height': (-12000.0, 9000.0),
     'roll': (-math.pi, math.pi),
     'pitch': (-0.5 * math.pi, 0.5 * math.pi),
     'grid_heading': (-2.0 * math.pi, 2.0 * math.pi),

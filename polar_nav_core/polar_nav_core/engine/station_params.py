@@ -27,7 +27,7 @@ class StationParams(NodeParams):
     )
     station_longitude_deg: float = param(120.0, 'deg', -360.0, 360.0, 'The same')
     station_height: float = param(
-        -5.0, 'm', -12000.0, 1000.0, 'The same: height above the ellipsoid'
+        -5.0, 'm', -12000.0, 9000.0, 'The same: height above the ellipsoid'
     )
     station_range_error: float = param(
         0.01, '', 0.0, 0.5, 'Largest error of range per range, uniform; where the fix states none'
