@@ -96,6 +96,7 @@ _FIRST: dict[str, Any] = {
     'max_fix_sigma': 0.0,
     'max_gated_s': 300.0,
     'max_imu_gap_s': 0.5,
+    'max_imu_noise_factor': 1.0,
     'max_rate': 1e300,
     'max_specific_force': 1e300,
     'max_speed': 20.0,
@@ -195,6 +196,7 @@ _SINCE: dict[int, dict[str, Any]] = {
         'thrust_limit_n': 1000.0,
         'max_rate': 6.0,
         'max_specific_force': 60.0,
+        'max_imu_noise_factor': 1000.0,
     },
 }
 """By engine version: what changed with it. A version with new defaults counts up (version.py)."""

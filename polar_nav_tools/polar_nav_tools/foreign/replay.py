@@ -19,6 +19,7 @@ import numpy as np
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.events import Estimate, Receipt
 from polar_nav_core.engine.health.conditions import Health
+from polar_nav_core.engine.health.runaway import divergence_of
 from polar_nav_core.engine.health.span import span_of_health
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.params import to_mapping
@@ -165,7 +166,7 @@ def run(
         tuple(states),
         tuple(result.receipts),
         dict(sorted(verdicts.items())),
-        result.divergence,
+        result.divergence or divergence_of(result.health),
         (*loaded.findings, *look_back(loaded, params, statistics, result.receipts)),
         result.health,
     )

@@ -12,6 +12,7 @@ from typing import Any
 
 from polar_nav_core.engine import events as engine_events
 from polar_nav_core.engine import run as engine_run
+from polar_nav_core.engine.health.runaway import divergence_of
 from polar_nav_core.engine.inputs import Inputs
 from polar_nav_follower.params import FollowerParams
 from polar_nav_follower.session import inputs_of
@@ -59,7 +60,7 @@ def replay_arrays(
         estimates=rows.series(source.vehicle),
         receipts=receipts_of(receipts),
         verdicts={v.name: n for v, n in sorted(verdicts.items())},
-        divergence=result.divergence,
+        divergence=result.divergence or divergence_of(result.health),
         health=result.health,
     )
 

@@ -17,6 +17,7 @@ from typing import Any
 from polar_nav_core.engine.configurations import parameters_of
 from polar_nav_core.engine.events import Event, Receipt
 from polar_nav_core.engine.health.conditions import Health
+from polar_nav_core.engine.health.runaway import divergence_of
 from polar_nav_core.params import from_mapping
 from polar_nav_follower import session
 from polar_nav_follower.params import FollowerParams
@@ -166,7 +167,7 @@ def replay(
         sha256=collector.digests(),
         taken={f'/{inputs.vehicle}/{topic}': count for topic, count in run.taken.items()},
         verdicts={v.name: n for v, n in sorted(run.engine.verdicts.items())},
-        divergence=run.engine.divergence,
+        divergence=run.engine.divergence or divergence_of(health),
         health=health,
     )
 

@@ -47,7 +47,9 @@ class Condition:
     sentence: str
 
 
-LOST = ('lost', 'speed', 'depth')
+RUNAWAY = 'runaway'
+"""Key of a navigation that has diverged (engine.health.runaway)."""
+LOST = ('lost', 'speed', 'depth', RUNAWAY)
 """Keys of conditions under which the covariance is no guide to where the vehicle is."""
 
 

@@ -17,6 +17,7 @@ from ...arrays import Array, Ints
 from ...kernels import watch
 from .conditions import Chronicle, Condition, Culprit, Health, Level
 from .radius import radius_95
+from .runaway import Runaway, imu_noise
 from .statistics import Statistics, statistics
 
 DVL, DEPTH, FIX = range(watch.STREAMS)
@@ -75,6 +76,8 @@ class View:
         How often the state was inflated, restored or started anew.
     gaps : Gaps
         Between IMU samples, that were bridged.
+    imu_noise : float
+        Of the noise that is stated for the IMU, how many times it is taken to be.
     """
 
     stamp_ns: int
@@ -86,6 +89,7 @@ class View:
     P_horizontal: Array
     resets: int
     gaps: Gaps = NO_GAPS
+    imu_noise: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -122,6 +126,7 @@ class Watchdog:
     def __init__(self, envelope: Envelope) -> None:
         self._envelope = envelope
         self._chronicle = Chronicle()
+        self._runaway = Runaway()
 
     def look(self, view: View, others: list[Condition]) -> Health:
         """Judge a navigation at a stamp; ``others`` are conditions that were found elsewhere."""
@@ -139,8 +144,14 @@ class Watchdog:
     def _conditions(self, view: View) -> list[Condition]:
         s = statistics(view.memories)
         found = [*_imu_gap(view, self._envelope), *_silences(view, self._envelope)]
+        found += imu_noise(view.imu_noise)
         for stream in (DVL, DEPTH):
             found += _refusals(view, s, stream)
+        too_fast = view.speed > self._envelope.max_speed
+        contradicted = float(np.abs(s.grid_mean[DVL, watch.SHORT]).max())
+        enough = s.number[DVL, watch.SHORT] >= FEWEST
+        share = s.refused[DVL, watch.SHORT] if enough else 0.0
+        found += self._runaway.look(view.stamp_ns, too_fast, share, contradicted)
         found += _fix_bias(s)
         for stream in (DVL, DEPTH):
             found += _local_bias(s, stream)

@@ -152,7 +152,15 @@ class NavigationFilter:
             block[:] = np.diag(_ENLARGED * np.diagonal(block))
             s.model[fs.P_XE : fs.P_EE] = 0.0
             s.model[fs.THRUST] = 0.0
-        for x in (s.sensitivity, s.memories, s.increments, s.sums, s.previous, s.previous_dt):
+        for x in (
+            s.sensitivity,
+            s.memories,
+            s.runs,
+            s.increments,
+            s.sums,
+            s.previous,
+            s.previous_dt,
+        ):
             x[:] = 0.0
         self.P[X.phi_G, X.phi_G] += np.eye(3) * (_LOST_RATE * since_s) ** 2
         self.P[X.dv_G, X.dv_G] += np.eye(3) * (_LOST_ACCELERATION * since_s) ** 2

@@ -68,6 +68,7 @@ def make_settings(p: EngineParams) -> fs.Settings:
             [math.radians(p.gap_attitude_sigma_deg) ** 2, p.gap_velocity_sigma**2]
         ),
         reopen_ns=round(p.reopen_after_s * 1e9),
+        most_excess=p.max_imu_noise_factor**2 - 1.0 if p.reopen_after_s else 0.0,
         considers=bool(sigmas.any()),
         common=sigmas,
         aiding=aiding.make_aiding(p),

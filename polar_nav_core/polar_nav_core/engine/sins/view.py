@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from ... import grid
@@ -27,6 +29,7 @@ def view_of(fusion: Fusion, stamp_ns: int, resets: int) -> View:
         speed=float(np.linalg.norm(s.v_G)),
         depth=f.settings.sea_surface_height - fusion.height(),
         P_horizontal=P_G[:2, :2],
+        imu_noise=math.sqrt(1.0 + float(s.excess[0])),
         resets=resets + int(counters[fs.OPENINGS : fs.OPENINGS + 3].sum()),
         gaps=Gaps(
             int(counters[fs.GAPS]), int(counters[fs.GAP_NS]) * 1e-9, int(counters[fs.GAP_END_NS])

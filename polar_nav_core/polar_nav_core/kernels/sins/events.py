@@ -30,13 +30,14 @@ GRAVITY = 9.83
 
 
 @kernel
-def _process_noise(q: Array, c: Settings, dt: float) -> None:
+def _process_noise(q: Array, s: State, c: Settings, dt: float) -> None:
     """Variances added in a step of dt."""
+    imu = 1.0 + s.excess[0]
     markov = c.markov[0] * -math.expm1(-2.0 * dt / c.markov[1])
     usbl = c.usbl[0] * -math.expm1(-2.0 * dt / c.usbl[1])
     for k in range(3):
-        q[k] = c.densities[0] * dt
-        q[3 + k] = c.densities[1] * dt
+        q[k] = imu * c.densities[0] * dt
+        q[3 + k] = imu * c.densities[1] * dt
         q[6 + k] = 0.0
         q[9 + k] = c.densities[2] * dt
         q[12 + k] = c.densities[3] * dt
@@ -109,7 +110,7 @@ def covariance_step(
     )
     if c.aiding.on:
         predict_model(s, c, w, Phi, stamp_ns, dt)
-    _process_noise(w.q, c, dt)
+    _process_noise(w.q, s, c, dt)
     if gap > 0.0:
         add_gap_noise(w.q, s.P, c.gap_variances, gap - dt, gap)
     predict(s.P, Phi, w.q, w.M)

@@ -17,6 +17,7 @@ from .bend import add_bend_of_correction, add_bend_of_ping
 from .consider import COLUMNS, innovation_sensitivity, update_sensitivity, widen
 from .imu import place
 from .reopen import open_gate, opens
+from .runaway import follow, open_wide, runs_away
 from .state import Frames, Log, Past, Settings, State, Work
 from .update import N, cholesky, feed_back, innovation_covariance, nis_of, update
 
@@ -218,6 +219,16 @@ def fuse_rows(
         if not judge(s, c, w, w.R, m):
             return fs.S_NOT_DEFINITE
         fused = passes(s, c, w, w.z, stream, m)
+    if stream != fs.FIX_ROW and c.most_excess > 0.0:
+        follow(s, c, w, stream, m, fused)
+        tries = 2 if not fused and runs_away(s, c, stream) else 0
+        for again in range(tries):
+            if fused:
+                break
+            open_wide(s, c, w, stream, m, again)
+            if not judge(s, c, w, w.R, m):
+                return fs.S_NOT_DEFINITE
+            fused = passes(s, c, w, w.z, stream, m)
     if not fused:
         if s.counting[0]:
             s.tally[stream, fs.GATED] += 1.0

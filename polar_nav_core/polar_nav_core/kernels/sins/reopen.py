@@ -71,14 +71,14 @@ def _vouched(s: State, stream: int) -> bool:
 
     A depth knows nothing of the horizontal velocity that a DVL contradicts.
     """
-    found = _agrees(s, fs.FIX_ROW)
+    found = agrees(s, fs.FIX_ROW)
     if stream == fs.DEPTH_ROW:
-        found = found or _agrees(s, fs.DVL_ROW)
+        found = found or agrees(s, fs.DVL_ROW)
     return found
 
 
 @kernel
-def _agrees(s: State, stream: int) -> bool:
+def agrees(s: State, stream: int) -> bool:
     """Whether a sensor is heard and less than half of it refused."""
     row = s.memories[stream, watch.SHORT]
     heard: bool = row[watch.WEIGHT] > 0.0

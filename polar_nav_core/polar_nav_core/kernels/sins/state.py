@@ -63,7 +63,9 @@ IMU_NS = 30  # stamp of the newest IMU sample; STAMP is later in a gap
 GAPS = 31  # between IMU samples, that were bridged
 GAP_NS = 32  # length of the last one
 GAP_END_NS = 33  # stamp of the sample that ended it
-COUNTERS = 34
+REFUSED_NS = 34  # two: newest refused measurement of DVL, depth
+RUN_NS = 36  # two: since when those in a row that agree are refused
+COUNTERS = 38
 
 # What an event function (FUSED or REFUSED, too) or `advance` returns.
 DONE = 0
@@ -106,6 +108,8 @@ class State(NamedTuple):
     P: Array
     sensitivity: Array  # (24, COLUMNS): error per unit of each common error (consider)
     memories: Array  # (3, 2, WIDTH): innovations per stream (watch)
+    runs: Array  # (2, 4): refused in a row that agree, DVL and depth: number, newest value
+    excess: Array  # (1,): variance of the IMU's noise above the stated one, per stated one
     model: Array  # (MODEL_ROWS, 7) where the vehicle's model takes part, else without rows
 
 
@@ -141,6 +145,8 @@ _SHAPES = {
     'P': (N, N),
     'sensitivity': (N, consider.COLUMNS),
     'memories': (watch.STREAMS, watch.MEMORIES, watch.WIDTH),
+    'runs': (2, 4),
+    'excess': (1,),
 }
 FLAT = sum(int(np.prod(shape)) for shape in _SHAPES.values())
 NAVIGATION = 30
@@ -235,6 +241,7 @@ class Settings(NamedTuple):
     gap_ns: int  # a longer way from an IMU sample is bridged; 0: never
     gap_variances: Array  # (2,): see gap
     reopen_ns: int  # how long a gate stays shut at least before it opens again; 0: for good
+    most_excess: float  # largest State.excess; 0: the IMU's noise is as stated
     considers: bool  # some common error has a sigma
     common: Array  # (COLUMNS,): sigmas of the common errors (consider)
     aiding: Aiding
