@@ -71,8 +71,10 @@ def test_an_imu_far_noisier_than_stated_does_not_run_away(world, times):
     shut = run(world, inputs, max_imu_noise_factor=1.0)
     assert refused_share(shut.track) > 0.8
     found = run(world, inputs)
-    assert refused_share(found.track) < 0.15
-    assert errors(world, found.track)[0].max() < 0.02 * times
+    assert refused_share(found.track) < 0.25
+    speed, *_ = errors(world, found.track)
+    assert speed.max() < 0.2 * times
+    assert speed[-100:].max() < 0.01 * times
     factors = [
         float(p.condition.sentence.split()[4])
         for p in found.health[-1].present

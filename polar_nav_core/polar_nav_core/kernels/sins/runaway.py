@@ -92,6 +92,9 @@ def runs_away(s: State, c: Settings, stream: int) -> bool:
     # A depth knows nothing of the horizontal velocity, and a DVL that is used holds the vertical.
     if stream == fs.DEPTH_ROW and s.excess[0] == 0.0 and agrees(s, fs.DVL_ROW):
         return False
+    # No fix yet: the first ones may be under way, and no IMU noise has been raised.
+    if s.memories[fs.FIX_ROW, watch.SHORT, watch.WEIGHT] == 0.0 and s.excess[0] == 0.0:
+        return bool(s.counters[fs.STAMP] - s.counters[fs.OPENED_NS + stream] > c.reopen_ns)
     if not agrees(s, fs.FIX_ROW):
         return True
     since_ns = s.counters[fs.STAMP] - s.counters[fs.USED_NS + fs.FIX_ROW]
