@@ -14,6 +14,7 @@ EVERY = 10
 """Of the world's IMU samples of 100 Hz one mean is left: 10 Hz."""
 MEMS = {
     'configuration': 'default',
+    'max_imu_noise_factor': 1000.0,
     'gyro_noise_density': 2.4e-4,
     'accel_noise_density': 1.7e-3,
     'gyro_bias_sigma': 5e-4,

@@ -196,7 +196,6 @@ _SINCE: dict[int, dict[str, Any]] = {
         'thrust_limit_n': 1000.0,
         'max_rate': 6.0,
         'max_specific_force': 60.0,
-        'max_imu_noise_factor': 1000.0,
     },
 }
 """By engine version: what changed with it. A version with new defaults counts up (version.py)."""

@@ -48,14 +48,15 @@ class LimitParams(NodeParams):
         1e6,
         'Without a gate (gate_probability 1.0): a fix beyond this many sigma, and farther off '
         'than max_speed since the fix before, is refused; 0 for none',
+    )
     max_imu_noise_factor: float = param(
-        1000.0,
+        1.0,
         '',
         1.0,
         1e6,
         'Pings or depths that agree and are refused in a row, while no position fix vouches '
         'against them, raise the noise of the IMU (rates and forces) up to so many times the '
-        'stated one; 1 is never, and so is reopen_after_s 0',
+        'stated one; 1 is never, and so is reopen_after_s 0. `polar map` writes 1000 for MEMS',
     )
     imu_gap_s: float = param(
         0.1,

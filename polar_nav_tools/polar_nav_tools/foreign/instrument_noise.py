@@ -35,6 +35,9 @@ _UNKNOWN_SOUND_SPEED = 0.03
 _INSTALLED_MARKOV = 0.02
 """Least slow error of an installed DVL [m/s]. Data sheets state 1 to 5 mm/s; runs of real vehicles
 need 0.02 to 0.05 to be honest in turns: ours."""
+_MEMS_GYRO, _MEMS_FACTOR = 2e-5, 1000.0
+"""From this noise of the gyros on [rad/s/rt-Hz] an IMU on a vehicle may be far noisier than its data
+sheet (vibration, aliasing): the filter may raise its noise up to this factor (ours)."""
 _CURRENT, _CURRENT_TAU_S = 0.2, 1800.0
 """Velocity through the water taken for that over ground is off by the current: ours [m/s], [s]."""
 
@@ -78,6 +81,7 @@ def imu_noise(name: str) -> dict[str, float]:
             G0 * accel_cross,
         ),
         'accel_noise_density': max(e.accel_noise_density),
+        'max_imu_noise_factor': _MEMS_FACTOR if max(e.gyro_noise_density) > _MEMS_GYRO else 1.0,
         'accel_bias_walk': math.hypot(
             MICRO_G * e.accel_instability_sigma_ug * math.sqrt(2.0 / e.accel_instability_tau_s),
             MICRO_G * e.accel_temperature_sigma_ug * cooling_k,

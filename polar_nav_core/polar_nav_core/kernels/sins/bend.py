@@ -23,7 +23,8 @@ LARGE = 0.01
 @kernel
 def _square(v: Array) -> float:
     """Sum of the squares of the first three elements."""
-    return v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
+    square: float = v[0] * v[0] + v[1] * v[1] + v[2] * v[2]
+    return square
 
 
 @kernel
