@@ -36,8 +36,8 @@ _INSTALLED_MARKOV = 0.02
 """Least slow error of an installed DVL [m/s]. Data sheets state 1 to 5 mm/s; runs of real vehicles
 need 0.02 to 0.05 to be honest in turns: ours."""
 _MEMS_GYRO, _MEMS_FACTOR = 2e-5, 1000.0
-"""From this noise of the gyros on [rad/s/rt-Hz] an IMU on a vehicle may be far noisier than its data
-sheet (vibration, aliasing): the filter may raise its noise up to this factor (ours)."""
+"""From this noise of the gyros on [rad/s/rt-Hz] an IMU on a vehicle may be far noisier than its
+data sheet (vibration, aliasing): the filter may raise its noise up to this factor (ours)."""
 _CURRENT, _CURRENT_TAU_S = 0.2, 1800.0
 """Velocity through the water taken for that over ground is off by the current: ours [m/s], [s]."""
 
