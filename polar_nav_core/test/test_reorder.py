@@ -127,7 +127,7 @@ def test_packets_far_ahead_of_the_imu_do_not_wait(world, monkeypatch):
     clean = [o for o in live(world, events)[1] if isinstance(o, Estimate)]
     same([o for o in out if isinstance(o, Estimate)], clean)
     monkeypatch.setattr(reorder, '_MOST_WAITING', 30)
-    few = Reorder(Engine(world.params()), WINDOW_S)
+    few = Reorder(Engine(world.params()), WINDOW_S, 0.25)
     out = [o for k in range(50) for o in few.add(replace(fix, arrival=k))]
     assert few.pending == 30
     assert [o.verdict for o in out] == [Verdict.TOO_LATE] * 20

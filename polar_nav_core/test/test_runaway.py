@@ -70,7 +70,7 @@ def refused_share(track):
 def test_an_imu_far_noisier_than_stated_does_not_run_away(world, times):
     inputs = noisy(world, times, seed=1)
     shut = run(world, inputs, max_imu_noise_factor=1.0)
-    assert refused_share(shut.track) > 0.8
+    assert refused_share(shut.track) > 0.5
     found = run(world, inputs)
     assert refused_share(found.track) < 0.25
     speed, *_ = errors(world, found.track)

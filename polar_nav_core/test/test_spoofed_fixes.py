@@ -77,7 +77,7 @@ def test_content_under_another_number_is_no_new_fix(world, fixes, configuration)
     assert replayed[0].reason == 'fix 1000 of leader has the content of an earlier one'
     inputs = inputs_of(world, arriving(fixes + copies))
     params = world.params(configuration=configuration)
-    watched = engine_run.run(params, inputs, watch=True).health
+    watched = engine_run.run(params, inputs, look_every_s=1.0).health
     (first, *_) = [h for h in watched if 'somebody repeats them' in h.sentence]
     assert first.stamp_ns - copies[0].receive_ns <= 2 * 10**9
 

@@ -187,7 +187,7 @@ def test_recover_never_overwrites(polar, strange_bag, tmp_path):
         (['--mission', 'moon'], ['moon', 'demo']),
         (['--pace', 'warp'], ['warp', 'lockstep']),
         (['--configuration', 'best'], ['best', 'modified_akf']),
-        (['--duration', '0.5'], ['duration_s', '0.5']),
+        (['--duration', '0.5'], ['duration', '0.5']),
         (['--seed', str(2**31)], ['seed', 2**31]),
     ],
 )

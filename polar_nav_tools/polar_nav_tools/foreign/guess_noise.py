@@ -82,4 +82,10 @@ def _instrument(out: Lines, role: str, name: str | None, classes: tuple[str, ...
 def _numbers(out: Lines, values: Mapping[str, float]) -> None:
     for name, value in values.items():
         unit = unit_of(name)
-        out.put(f'{name}: {value:.3g}{f"    # {unit}" if unit else ""}', 2)
+        out.put(f'{name}: {_number(value)}{f"    # {unit}" if unit else ""}', 2)
+
+
+def _number(value: float) -> str:
+    """Three digits that YAML reads as a number: a mantissa with a point, before an exponent."""
+    mantissa, e, exponent = f'{value:.3g}'.partition('e')
+    return f'{mantissa}{"" if "." in mantissa or not e else ".0"}{e}{exponent}'
