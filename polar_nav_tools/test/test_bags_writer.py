@@ -358,5 +358,7 @@ def test_a_strict_reader_finds_nothing_to_complain_of(tmp_path):
         writer.write(TRUTH, truth(k), stamp_ns(k), stamp_ns(k))
     writer.flush()
     writer.add_topic('/silent', TYPES[IMU])  # declared behind the last message
+    writer.add_topic('/silent_too', TYPES[IMU])
+    writer.add_topic('/silent_truth', TYPES[TRUTH])  # its type stands among the data already
     writer.finish()
     assert strict_complaints(writer.path) == []

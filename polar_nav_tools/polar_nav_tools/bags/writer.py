@@ -309,11 +309,14 @@ class BagWriter:
         """
         library: Any = self._mcap
         schemas, channels = library._Writer__schemas, library._Writer__channels
+        heard = [c for c in self._channels.values() if c.count]
+        written = {0, *(channels[c.id].schema_id for c in heard)}
         for channel in self._channels.values():
             if not channel.count:
                 record = channels[channel.id]
-                if record.schema_id:
+                if record.schema_id not in written:
                     schemas[record.schema_id].write(library._Writer__record_builder)
+                    written.add(record.schema_id)
                 record.write(library._Writer__record_builder)
 
     def abandon(self) -> None:
