@@ -28,6 +28,12 @@ if TYPE_CHECKING:
 _SOURCES = Path(__file__).resolve().parents[3]
 
 
+def no_figures(results: Sequence[RunResult], size: Size, request: Request) -> dict[str, Figure]:
+    """No figures: of an experiment that is tables only."""
+    del results, size, request
+    return {}
+
+
 @dataclass(frozen=True)
 class Experiment:
     """One experiment: its sizes, filters, jobs, tables and figures.
@@ -60,7 +66,7 @@ class Experiment:
     columns: tuple[str, ...]
     plan: Callable[[Request, Size, Sequence[str]], Sequence[Any]]
     tables: Callable[[Sequence[RunResult], Size, Request], list[Table]]
-    figures: Callable[[Sequence[RunResult], Size, Request], dict[str, Figure]]
+    figures: Callable[[Sequence[RunResult], Size, Request], dict[str, Figure]] = no_figures
     paper: Callable[[str, str], Mapping[str, float]] | None = None
     suite: Suite = POLAR
     selects: bool = False

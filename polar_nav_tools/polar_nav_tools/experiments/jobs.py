@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
@@ -25,6 +25,30 @@ from .world_spec import WorldSpec
 
 _SERIES_ROWS = 1200
 """Number of points of a thinned time series: more than the pixels across one panel."""
+
+
+R = TypeVar('R')
+
+
+@dataclass(frozen=True)
+class RowJob(Generic[R]):
+    """One run to make of a table of faults: a row, a column, a seed.
+
+    Attributes
+    ----------
+    row : R
+        Fault and scene.
+    column, doc : str
+    seed : int
+    changes : mapping
+        Engine parameters of the column.
+    """
+
+    row: R
+    column: str
+    doc: str
+    seed: int
+    changes: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -35,7 +35,7 @@ from .suite import POLAR, Paper
 from .world import World
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    pass
 
 START_S = 600.0
 VISIBLE = 'visible'
@@ -294,11 +294,6 @@ def _present(names: Sequence[str]) -> list[str]:
     return [name for name in names if name in known]
 
 
-def _no_figures(results: Sequence[RunResult], size: Size, request: Request) -> dict[str, Figure]:
-    del results, size, request
-    return {}
-
-
 SPOOF = Experiment(
     'spoof',
     'Forged and repeated packets: effect, and time to the first warning',
@@ -307,7 +302,6 @@ SPOOF = Experiment(
     COLUMNS,
     _plan,
     _tables,
-    _no_figures,
     suite=replace(
         POLAR,
         present=_present,

@@ -69,6 +69,23 @@ def _describe(plan: Sequence[Job]) -> dict[str, Any]:
     }
 
 
+def engine_suite(
+    read: Callable[[Sequence[str], Sequence[str] | None], dict[str, Any]],
+    run_job: Callable[[Any], RunResult],
+    long_table: Callable[[str, Sequence[RunResult], Paper | None], Table],
+    describe: Callable[[Sequence[Any]], dict[str, Any]],
+) -> Suite:
+    """Suite of an experiment of the engine, chosen by ``engine.PARAMETER``; all filters exist."""
+    return Suite(
+        read,
+        list,
+        run_job,
+        long_table,
+        lambda request: {'engine': dict(request.choices.engine)},
+        describe,
+    )
+
+
 POLAR = Suite(
     _read, present, run_job, long_table, lambda request: asdict(request.choices), _describe
 )

@@ -14,7 +14,7 @@ from ..choices import choices_from
 from ..experiment import Experiment
 from ..jobs import RunResult
 from ..request import Request, Size
-from ..suite import Paper, Suite
+from ..suite import Paper, engine_suite
 from .case import Case
 from .runs import EvidenceJob, run_job
 
@@ -59,17 +59,8 @@ def experiment_of(
                 raise ConfigError(f'--columns: no filter {column!r}; there are {columns}')
         return {'choices': choices_from(settings)}
 
-    suite = Suite(
-        read,
-        list,
-        run_job,
-        _long_table,
-        lambda request: {'engine': dict(request.choices.engine)},
-        _describe,
-    )
-    return Experiment(
-        name, doc, *sizes, columns, plan, all_tables, _no_figures, suite=suite, selects=True
-    )
+    suite = engine_suite(read, run_job, _long_table, _describe)
+    return Experiment(name, doc, *sizes, columns, plan, all_tables, suite=suite, selects=True)
 
 
 def _chosen(cases: Sequence[Case], pattern: str | None) -> list[Case]:

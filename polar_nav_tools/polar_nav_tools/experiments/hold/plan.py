@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,13 +22,13 @@ from ...scoring.tables import Table
 from ..choices import choices_from
 from ..columns import filter_columns
 from ..experiment import Experiment
-from ..jobs import RunResult
+from ..jobs import RowJob, RunResult
 from ..mismatch.plan import as_stated
 from ..request import Request, Size
 from ..station.columns import COLUMNS as STATION_COLUMNS
 from ..station.world import StationWorld
 from ..station_choices import StationChoices
-from ..suite import Paper, Suite
+from ..suite import Paper, engine_suite
 from ..world import World
 from .drive import Trace, drive
 from .judge import Errors, judge
@@ -36,31 +36,15 @@ from .rows import Row, rows_named, true_positions
 from .table import long_table, tables
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    pass
 
 COLUMNS = ('default', 'modified_akf', 'conventional_akf')
 """Filters by default; rows of station mode run those that it has."""
 _OUTPUT_S = 0.5
 
 
-@dataclass(frozen=True)
-class FaultJob:
-    """One run to make, beside the run without the fault.
-
-    Attributes
-    ----------
-    row : Row
-    column, doc : str
-    seed : int
-    changes : mapping
-        Engine parameters of the column.
-    """
-
-    row: Row
-    column: str
-    doc: str
-    seed: int
-    changes: Mapping[str, Any] = field(default_factory=dict)
+class FaultJob(RowJob[Row]):
+    """One run to make, beside the run without the fault."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -246,11 +230,6 @@ def _tables(results: Sequence[RunResult], size: Size, request: Request) -> list[
     return tables([r for r in results if isinstance(r, FaultResult)])
 
 
-def _no_figures(results: Sequence[RunResult], size: Size, request: Request) -> dict[str, Figure]:
-    del results, size, request
-    return {}
-
-
 FAULTS = Experiment(
     'faults',
     'Injected faults of messages: recovered, reported, silent or dead? --rows PATTERN',
@@ -259,13 +238,5 @@ FAULTS = Experiment(
     COLUMNS,
     plan,
     _tables,
-    _no_figures,
-    suite=Suite(
-        _read,
-        lambda names: list(names),
-        run_job,
-        _long_table,
-        lambda request: {'engine': dict(request.choices.engine)},
-        _describe,
-    ),
+    suite=engine_suite(_read, run_job, _long_table, _describe),
 )

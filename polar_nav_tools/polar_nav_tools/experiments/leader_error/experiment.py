@@ -29,12 +29,12 @@ from ..errors import track_errors
 from ..experiment import Experiment
 from ..jobs import RunResult
 from ..request import Request, Size
-from ..suite import Paper, Suite
+from ..suite import Paper, engine_suite
 from ..world_spec import WorldSpec
 from .leader import Leader, make_leader_world
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    pass
 
 FILTERS: dict[str, dict[str, Any]] = {
     'default': {},
@@ -234,11 +234,6 @@ def _describe(jobs: Sequence[LeaderJob]) -> dict[str, Any]:
     }
 
 
-def _no_figures(results: Sequence[RunResult], size: Size, request: Request) -> dict[str, Figure]:
-    del results, size, request
-    return {}
-
-
 LEADER_ERROR = Experiment(
     'leader-error',
     'Fixes that share the position and heading error of their leader: RMS, NEES, NIS',
@@ -247,14 +242,6 @@ LEADER_ERROR = Experiment(
     tuple(FILTERS),
     plan,
     tables,
-    _no_figures,
-    suite=Suite(
-        _read,
-        lambda names: list(names),
-        run_job,
-        _long_table,
-        lambda request: {'engine': dict(request.choices.engine)},
-        _describe,
-    ),
+    suite=engine_suite(_read, run_job, _long_table, _describe),
     selects=True,
 )

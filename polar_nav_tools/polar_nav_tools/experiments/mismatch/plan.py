@@ -16,14 +16,14 @@ from ..experiment import Experiment
 from ..jobs import RunResult
 from ..request import Request, Size
 from ..station.columns import COLUMNS as STATION_COLUMNS
-from ..suite import Paper, Suite
+from ..suite import Paper, engine_suite
 from .row import Row
 from .rows import rows_named
 from .runs import BEST, VISIBLE, MismatchJob, run_job
 from .table import tables
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    pass
 
 COLUMNS = ('default', 'modified_akf', 'published', BEST)
 """Filters by default; a row runs those of its mode."""
@@ -151,11 +151,6 @@ def _length(row: Row) -> float | None:
     return None if length_s == float('inf') else float(length_s)
 
 
-def _no_figures(results: Sequence[RunResult], size: Size, request: Request) -> dict[str, Figure]:
-    del results, size, request
-    return {}
-
-
 MISMATCH = Experiment(
     'mismatch',
     'Faults that the filter does not know: wrong, visible, reported? --rows PATTERN',
@@ -164,14 +159,6 @@ MISMATCH = Experiment(
     COLUMNS,
     plan,
     tables,
-    _no_figures,
-    suite=Suite(
-        _read,
-        lambda names: list(names),
-        run_job,
-        _long_table,
-        lambda request: {'engine': dict(request.choices.engine)},
-        _describe,
-    ),
+    suite=engine_suite(_read, run_job, _long_table, _describe),
     selects=True,
 )

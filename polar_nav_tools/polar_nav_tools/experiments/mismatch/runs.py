@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
 from polar_nav_core.engine.events import Verdict
 
-from ..jobs import RunResult
+from ..jobs import RowJob, RunResult
 from ..station.world import StationWorld
 from ..world import World
 from .health import health_history
@@ -35,24 +34,8 @@ BEST = 'best'
 VISIBLE = 'visible'
 
 
-@dataclass(frozen=True)
-class MismatchJob:
-    """One run to make: of a filter, or with the column `VISIBLE` of the fault's visibility.
-
-    Attributes
-    ----------
-    row : Row
-    column, doc : str
-    seed : int
-    changes : mapping
-        Engine parameters of the column.
-    """
-
-    row: Row
-    column: str
-    doc: str
-    seed: int
-    changes: Mapping[str, Any] = field(default_factory=dict)
+class MismatchJob(RowJob[Row]):
+    """One run to make: of a filter, or with the column `VISIBLE` of the fault's visibility."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -338,9 +338,3 @@ def figures_delay(results: Sequence[RunResult], size: Size, request: Request) ->
     """Errors over delays."""
     del size, request
     return {'has_delay': _curves(results, LATER_S, 'packets later by [s]', 'has_delay')}
-
-
-def no_figures(results: Sequence[RunResult], size: Size, request: Request) -> dict[str, Figure]:
-    """No figures."""
-    del results, size, request
-    return {}

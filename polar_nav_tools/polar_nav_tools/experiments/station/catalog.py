@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, replace
 from typing import Any
 
-from ..experiment import Experiment
+from ..experiment import Experiment, no_figures
 from ..request import Size
 from ..station_choices import choices_from
 from ..suite import Suite
@@ -109,7 +109,7 @@ EXPERIMENTS = (
         columns=('published', 'published_robust', 'augmented_1e-6', 'default'),
         plan=cases.plan_excitation,
         tables=cases.tables_excitation,
-        figures=cases.no_figures,
+        figures=no_figures,
         paper=None,
     ),
     replace(
@@ -119,7 +119,7 @@ EXPERIMENTS = (
         columns=('published', 'published_robust', 'augmented_1e-6', 'default'),
         plan=cases.plan_heading,
         tables=cases.tables_heading,
-        figures=cases.no_figures,
+        figures=no_figures,
         paper=None,
     ),
     replace(
