@@ -42,7 +42,11 @@ def inputs(world, seed):
 
 def params(world, strategy, robust):
     return world.params(
-        configuration='custom', delay_handling=strategy, gate_probability=1.0, robust_fixes=robust
+        max_fix_sigma=0.0,  # the weights alone
+        configuration='custom',
+        delay_handling=strategy,
+        gate_probability=1.0,
+        robust_fixes=robust,
     )
 
 
