@@ -145,10 +145,12 @@ class NavigationPorts:
 
         def take(message: Any) -> None:  # noqa: ANN401 - the topic's message type
             self._publish(self._session.take(topic, message))
-            stamp_ns = self._session.reorder.newest_imu_ns
-            if stamp_ns is not None:
-                self._restore(store, stamp_ns)
-                store.save_if_due(self._session.engine, stamp_ns)
+            start_ns = self._session.reorder.start_ns
+            newest_ns = self._session.reorder.newest_imu_ns
+            if start_ns is not None and newest_ns is not None:
+                # At the first sample: nothing is published of the state that parameters name.
+                self._restore(store, start_ns)
+                store.save_if_due(self._session.engine, newest_ns)
 
         return take
 

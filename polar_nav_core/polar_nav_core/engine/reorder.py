@@ -40,7 +40,15 @@ class Reorder:
         self._window_ns = round(window_s * 1e9)
         self._heap: list[tuple[OrderKey, Event]] = []
         self.newest_imu_ns: int | None = None
+        self._first_imu_ns: int | None = None
         self.watermark_ns: int | None = None
+
+    @property
+    def start_ns(self) -> int | None:
+        """Stamp [ns] for an event at the first IMU sample, or as soon after it as one can be."""
+        if self._first_imu_ns is None:
+            return None
+        return max(self._first_imu_ns, (self.watermark_ns or 0) + 1)
 
     @property
     def pending(self) -> int:
@@ -85,6 +93,8 @@ class Reorder:
             self.newest_imu_ns is None or event.stamp_ns > self.newest_imu_ns
         ):
             self.newest_imu_ns = event.stamp_ns
+            if self._first_imu_ns is None:
+                self._first_imu_ns = event.stamp_ns
             self.watermark_ns = event.stamp_ns - self._window_ns
             yield from self._release(self.watermark_ns)
 
