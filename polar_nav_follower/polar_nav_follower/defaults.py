@@ -197,6 +197,7 @@ _SINCE: dict[int, dict[str, Any]] = {
         'max_rate': 6.0,
         'max_specific_force': 60.0,
     },
+    4: {},
 }
 """By engine version: what changed with it. A version with new defaults counts up (version.py)."""
 
