@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..params import NodeParams, param
+from ..params import NodeParams, param, sigma
 
 
 @dataclass(frozen=True)
@@ -66,18 +66,16 @@ class LimitParams(NodeParams):
         'A gap between IMU samples longer than this, and than three of their intervals, is '
         'bridged by the last rates and velocity, with the covariance enlarged; 0 is never',
     )
-    gap_attitude_sigma_deg: float = param(
+    gap_attitude_sigma_deg: float = sigma(
         5.7,
         'deg',
-        0.0,
         90.0,
         '1-sigma per axis by which the attitude is lost in a gap of 1 s (0.1 rad/s, about the '
         'roll, pitch and turns of a small vehicle); shorter gaps: with the square of the time',
     )
-    gap_velocity_sigma: float = param(
+    gap_velocity_sigma: float = sigma(
         0.5,
         'm/s',
-        0.0,
         100.0,
         '1-sigma per axis by which the velocity is lost in a gap of 1 s; shorter ones: with the '
         'time',

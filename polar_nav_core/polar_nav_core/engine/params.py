@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from ..errors import ConfigError
 from ..identification.params import IdentificationParams
 from ..order import ROBUST_FIXES
-from ..params import choice, param, vector
+from ..params import choice, param, sigma, vector
 from .events import InitialState
 from .limit_params import LimitParams
 from .station_params import StationParams
@@ -243,8 +243,8 @@ class EngineParams(IdentificationParams, StationParams, LimitParams):
         100.0,
         'Transponder (what position fixes locate) from base_link',
     )
-    usbl_bias_sigma: float = param(
-        0.0, 'm', 0.0, 1000.0, 'Steady 1-sigma of a slowly varying USBL error; 0: not estimated'
+    usbl_bias_sigma: float = sigma(
+        0.0, 'm', 1000.0, 'Steady 1-sigma of a slowly varying USBL error; 0: not estimated'
     )
     usbl_bias_tau: float = param(600.0, 's', 1.0, 1e6, 'Its correlation time')
     leader_error_tau: float = param(
@@ -256,29 +256,29 @@ class EngineParams(IdentificationParams, StationParams, LimitParams):
         'sigma comes with each packet); 0: each fix has its own; not used with usbl_bias_sigma',
     )
 
-    fix_range_scale_sigma: float = param(
-        0.005, '', 0.0, 0.5, '1-sigma of a scale error that all ranges share (sound speed)'
+    fix_range_scale_sigma: float = sigma(
+        0.005, '', 0.5, '1-sigma of a scale error that all ranges share (sound speed)'
     )
-    fix_heading_sigma_deg: float = param(
-        0.3, 'deg', 0.0, 90.0, "1-sigma of the leader's array being turned, constant"
+    fix_heading_sigma_deg: float = sigma(
+        0.3, 'deg', 90.0, "1-sigma of the leader's array being turned, constant"
     )
-    fix_clock_sigma: float = param(
-        0.01, 's', 0.0, 100.0, '1-sigma of the constant offset between the clocks of both vehicles'
+    fix_clock_sigma: float = sigma(
+        0.01, 's', 100.0, '1-sigma of the constant offset between the clocks of both vehicles'
     )
-    fix_offset_sigma: float = param(
-        0.3, 'm', 0.0, 1e4, '1-sigma per axis of a constant error that all position fixes share'
+    fix_offset_sigma: float = sigma(
+        0.3, 'm', 1e4, '1-sigma per axis of a constant error that all position fixes share'
     )
-    dvl_misalignment_sigma_deg: float = param(
-        0.3, 'deg', 0.0, 90.0, '1-sigma of yaw and pitch of the DVL against its stated mounting'
+    dvl_misalignment_sigma_deg: float = sigma(
+        0.3, 'deg', 90.0, '1-sigma of yaw and pitch of the DVL against its stated mounting'
     )
-    dvl_lever_sigma: float = param(
-        0.1, 'm', 0.0, 100.0, '1-sigma per horizontal axis of the error of dvl_lever_b'
+    dvl_lever_sigma: float = sigma(
+        0.1, 'm', 100.0, '1-sigma per horizontal axis of the error of dvl_lever_b'
     )
-    dvl_latency_sigma: float = param(
-        0.05, 's', 0.0, 100.0, '1-sigma of the age of a ping that its stamp does not tell'
+    dvl_latency_sigma: float = sigma(
+        0.05, 's', 100.0, '1-sigma of the age of a ping that its stamp does not tell'
     )
-    depth_offset_sigma: float = param(
-        0.5, 'm', 0.0, 1000.0, '1-sigma of the zero of depth: air pressure, tide, geoid'
+    depth_offset_sigma: float = sigma(
+        0.5, 'm', 1000.0, '1-sigma of the zero of depth: air pressure, tide, geoid'
     )
     reopen_after_s: float = param(
         10.0,

@@ -11,7 +11,7 @@ from .. import earth
 from ..arrays import Array
 from ..errors import ConfigError
 from ..identification.polar_fix import PolarFix
-from ..params import NodeParams, choice, param, vector
+from ..params import NodeParams, choice, param, sigma, vector
 
 FILTERS = ('augmented', 'published')
 MEMBERS = 4
@@ -39,33 +39,29 @@ class StationParams(NodeParams):
     station_bearing_quantum_deg: float = param(
         0.5, 'deg', 0.0, 90.0, 'Step of the bearing in its packet'
     )
-    station_heading_sigma_deg: float = param(
+    station_heading_sigma_deg: float = sigma(
         0.0,
         'deg',
-        0.0,
         90.0,
         "1-sigma of the station's heading, the same error in every fix; where the fix states "
         'none. 0: none, and none is estimated',
     )
     station_heading_tau: float = param(3600.0, 's', 1.0, 1e7, 'Its correlation time')
-    station_range_scale_sigma: float = param(
+    station_range_scale_sigma: float = sigma(
         0.005,
         '',
-        0.0,
         0.5,
         '1-sigma of a scale error that all ranges share: sound speed off by 7.5 m/s',
     )
-    station_turn_sigma_deg: float = param(
+    station_turn_sigma_deg: float = sigma(
         0.5,
         'deg',
-        0.0,
         90.0,
         "1-sigma of the station's array being turned, the same in every fix: mounting and compass",
     )
-    station_position_sigma: float = param(
+    station_position_sigma: float = sigma(
         10.0,
         'm',
-        0.0,
         1e5,
         "1-sigma per horizontal axis of the station's stated position: GNSS at the surface and a "
         'mooring that leans',
@@ -118,8 +114,8 @@ class StationParams(NodeParams):
         'Random walk of the vertical position: white noise of the attitude, which must not let '
         'depth observe surge',
     )
-    station_attitude_sigma_deg: float = param(
-        0.66, 'deg', 0.0, 90.0, "White noise of the AHRS' attitude, per axis"
+    station_attitude_sigma_deg: float = sigma(
+        0.66, 'deg', 90.0, "White noise of the AHRS' attitude, per axis"
     )
     station_attitude_smoothing_s: float = param(
         2.0,

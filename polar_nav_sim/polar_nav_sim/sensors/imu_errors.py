@@ -111,8 +111,8 @@ class ImuErrors(Spec):
     bias_steps_per_hour: float = param(
         0.0, '1/h', 0.0, 3600.0, 'Further steps at random times, all six biases at once'
     )
-    gyro_step_sigma_dph: float = param(0.0, 'deg/h', 0.0, 1e5, '1-sigma of each of them')
-    accel_step_sigma_ug: float = param(0.0, '1e-6 g0', 0.0, 1e6, '1-sigma of each of them')
+    gyro_step_sigma_dph: float = sigma(0.0, 'deg/h', 1e5, '1-sigma of each of them')
+    accel_step_sigma_ug: float = sigma(0.0, '1e-6 g0', 1e6, '1-sigma of each of them')
     vibration_rms_g: float = param(0.0, 'g0', 0.0, 100.0, 'Vibration of the vehicle, RMS')
     vibration_from_s: float = param(0.0, 's', 0.0, 1e6, 'Since when it vibrates')
     gyro_vibration_sigma_dph: float = sigma(
