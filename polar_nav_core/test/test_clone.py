@@ -35,12 +35,12 @@ class Augmented(Fusion):
         while self.waiting and self.waiting[0].validity_ns < before:
             fix, f = self.waiting.pop(0), self.filter
             self._fuse_at(fix, self._present(), fix.validity_ns)
-            H = f.H.copy()
+            H = f.work.H.copy()
             H[:, 3:6] = np.eye(3) * ((fix.validity_ns - f.stamp_ns) * 1e-9)
-            cross = f.P @ H.T
+            cross = f.state.P @ H.T
             self.Q = np.block([[self.Q, self.X.T @ H.T], [H @ self.X, H @ cross]])
             self.X = np.hstack([self.X, cross])
-            self.clones.append([fix, f.z.copy(), f.R.copy()])
+            self.clones.append([fix, f.work.z.copy(), f.work.R.copy()])
 
     def imu(self, sample):
         self.add_due(sample.stamp_ns)
@@ -52,10 +52,10 @@ class Augmented(Fusion):
 
     def local(self, event):
         f = self.filter
-        P = f.P.copy()
+        P = f.state.P.copy()
         outcome = super().local(event)
         m = outcome.dof
-        H, R, z = f.H[:m], f.R[:m, :m], f.z[:m]
+        H, R, z = f.work.H[:m], f.work.R[:m, :m], f.work.z[:m]
         S = H @ P @ H.T + R
         self._learn(P @ H.T, self.X.T @ H.T, S, z)
         return outcome
@@ -77,7 +77,7 @@ class Augmented(Fusion):
         S = self.Q[block, block] + R
         cross_x, cross_c = self.X[:, block].copy(), self.Q[:, block].copy()
         K = cross_x @ np.linalg.inv(S)
-        f.P[:] = f.P - K @ S @ K.T
+        f.state.P[:] = f.state.P - K @ S @ K.T
         f.feed_back(np.ascontiguousarray(K @ z))
         self._learn(cross_x, cross_c, S, z)
         nan = np.full(3, np.nan)

@@ -123,10 +123,10 @@ def test_going_back_ends_with_a_test_of_the_covariance(world):
     run(engine, [*world.imu(), *world.depth()])
     f = engine.fusion.filter
     # Indefinite, with a diagonal like any other, in all that can be gone back to.
-    start = (f.P.ctypes.data - f.state.flat.ctypes.data) // 8
-    size = f.P.size
+    start = (f.state.P.ctypes.data - f.state.flat.ctypes.data) // 8
+    size = f.state.P.size
     for snapshot in f.log.snapshot_flat:
-        P = snapshot[start : start + size].reshape(f.P.shape)
+        P = snapshot[start : start + size].reshape(f.state.P.shape)
         P[0, 1] = P[1, 0] = 2.0 * np.sqrt(P[0, 0] * P[1, 1])
     fix = world.fixes(1.0, lambda _: 0.2)[-1]
     late = dataclasses.replace(fix, receive_ns=f.stamp_ns + 1)
@@ -134,4 +134,4 @@ def test_going_back_ends_with_a_test_of_the_covariance(world):
     assert [r.verdict for r in receipts] == [Verdict.NOT_READY]
     assert 'covariance of the filter' in engine.restored.why
     assert engine.navigating
-    assert np.isfinite(engine.fusion.filter.P).all()
+    assert np.isfinite(engine.fusion.filter.state.P).all()

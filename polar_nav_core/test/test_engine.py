@@ -202,7 +202,7 @@ def test_lost_definiteness_restores_the_newest_sound_state(world):
     for event in sorted(sensors(world)[:3000], key=lambda e: e.key):
         out.extend(engine.process(event))
         if len(out) == 50 and not engine.restored.count:
-            engine.fusion.filter.P[7, 7] = -1.0
+            engine.fusion.filter.state.P[7, 7] = -1.0
     assert not engine.divergence
     assert engine.restored.count == 1
     assert 'no longer positive definite' in engine.restored.why

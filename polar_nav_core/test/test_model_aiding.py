@@ -89,10 +89,13 @@ def test_the_start_is_the_equation_itself(world):
     f = engine.fusion.filter
     block = f.state.model
     P = np.block(
-        [[f.P, block[fs.P_XE : fs.P_EE]], [block[fs.P_XE : fs.P_EE].T, block[fs.P_EE : fs.MEAN]]]
+        [
+            [f.state.P, block[fs.P_XE : fs.P_EE]],
+            [block[fs.P_XE : fs.P_EE].T, block[fs.P_EE : fs.MEAN]],
+        ]
     )[:29, :29]
     H = np.zeros((3, 29))
-    C, v = f.C_b_G, f.v_G
+    C, v = f.state.C_b_G, f.state.v_G
     H[:, 0:3] = [[0.0, v[2], -v[1]], [-v[2], 0.0, v[0]], [v[1], -v[0], 0.0]]
     H[:, 3:6], H[:, 24:27] = np.eye(3), -C
     H[:2, 27:29] = -np.eye(2)
@@ -117,7 +120,7 @@ def test_the_covariance_of_all_states_stays_positive_definite(world):
 def joined(f):
     """Covariance of all 31 states."""
     P_xe, P_ee = f.state.model[fs.P_XE : fs.P_EE], f.state.model[fs.P_EE : fs.MEAN]
-    return np.block([[f.P, P_xe], [P_xe.T, P_ee]])
+    return np.block([[f.state.P, P_xe], [P_xe.T, P_ee]])
 
 
 @pytest.mark.parametrize('kind', ['dvl', 'depth', 'fix'])
@@ -130,7 +133,7 @@ def test_every_measurement_corrects_the_model_by_its_covariance(world, kind):
     before, e = joined(f), f.state.model[fs.MEAN].copy()
     if kind == 'dvl':
         ping = world.dvl()[0]
-        event = dataclasses.replace(ping, stamp_ns=now, v_m=f.C_b_G.T @ f.v_G + 0.01)
+        event = dataclasses.replace(ping, stamp_ns=now, v_m=f.state.C_b_G.T @ f.state.v_G + 0.01)
     elif kind == 'depth':
         depth = world.depth(every=615)[0]
         event = dataclasses.replace(depth, depth=depth.depth + 0.1)

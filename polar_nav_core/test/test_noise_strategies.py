@@ -146,14 +146,14 @@ def test_the_first_fix_is_six_rows_of_a_plain_kalman_update(world, delay_s):
     engine = Engine(world.params(configuration='modified_akf_published'))
     run(engine, events)
     f = engine.fusion.filter
-    before, velocity = f.P.copy(), f.v_G.copy()
+    before, velocity = f.state.P.copy(), f.state.v_G.copy()
     Phi = np.eye(24)
     epoch = f.history.before(fix.validity_ns)
     for step in range(epoch.step + 1, f.history.step + 1):
         Phi = f.history.transitions[step % len(f.history.transitions)] @ Phi
     H = np.zeros((6, 24))
     H[0:3, 3:6] = np.eye(3)
-    H[3:6, 6:9] = f.C_e_G
+    H[3:6, 6:9] = f.frames.C_e_G
     H = H @ np.linalg.inv(Phi)
     R = np.diag([0.005**2] * 3 + [1.0] * 3)
     receipt = receipts(engine.process(fix))[0]
@@ -162,10 +162,10 @@ def test_the_first_fix_is_six_rows_of_a_plain_kalman_update(world, delay_s):
         np.linalg.inv(before[:21, :21]) + (H.T @ np.linalg.inv(R) @ H)[:21, :21]
     )
     sigma = np.sqrt(np.diagonal(expected))
-    assert np.abs((f.P[:21, :21] - expected) / np.outer(sigma, sigma)).max() < 1e-6
-    assert not np.array_equal(f.v_G, velocity)
-    assert not f.dvl_scale_m.any()  # no column for DVL errors: they are not estimated
-    assert not f.dvl_markov_m.any()
+    assert np.abs((f.state.P[:21, :21] - expected) / np.outer(sigma, sigma)).max() < 1e-6
+    assert not np.array_equal(f.state.v_G, velocity)
+    assert not f.state.dvl_scale_m.any()  # no column for DVL errors: they are not estimated
+    assert not f.state.dvl_markov_m.any()
 
 
 def test_dvl_waits_for_a_fix_and_counts_once(world):

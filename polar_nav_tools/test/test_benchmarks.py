@@ -205,12 +205,12 @@ def test_every_strategy_takes_the_same_fix_again_and_again(late):
     fix = late_fixes.aged(world, 2.0)
     for one in engines.values():
         first = one.take(fix)
-        moved = late_fixes.taken_over(one.engine).filter.r_e.copy()
+        moved = late_fixes.taken_over(one.engine).filter.state.r_e.copy()
         assert not one.restored
         one.restore()
         assert one.restored
         assert repr(one.take(fix)) == repr(first)
-        np.testing.assert_array_equal(late_fixes.taken_over(one.engine).filter.r_e, moved)
+        np.testing.assert_array_equal(late_fixes.taken_over(one.engine).filter.state.r_e, moved)
         one.restore()
 
 

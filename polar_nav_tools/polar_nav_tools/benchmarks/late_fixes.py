@@ -240,8 +240,8 @@ def _end(engine: Engine) -> _End:
     fusion = taken_over(engine)
     if fusion is None:
         raise Disagreement(f'the filter stopped: {engine.divergence}')
-    f = fusion.filter
-    return _End(f.r_e.copy(), f.v_G.copy(), f.C_b_G.copy(), f.P.copy())
+    s = fusion.filter.state
+    return _End(s.r_e.copy(), s.v_G.copy(), s.C_b_G.copy(), s.P.copy())
 
 
 def _distance(a: _End, b: _End, what: str) -> float:

@@ -130,10 +130,10 @@ def _stored(engine: Engine, rest: list[Event]) -> Stored:
     fusion = taken_over(engine)
     if fusion is None:
         raise PolarNavError(f'the engine has no state: {engine.divergence}')
-    f = fusion.filter
-    P0, first = f.P.copy(), int(f.log.counts[0])
+    f, w = fusion.filter, fusion.filter.work
+    P0, first = f.state.P.copy(), int(f.log.counts[0])
     drive(engine, rest[:1])
-    fix, x, P = Update(f.H.copy(), f.R.copy(), f.z.copy()), f.x.copy(), f.P.copy()
+    fix, x, P = Update(w.H.copy(), w.R.copy(), w.z.copy()), w.x.copy(), f.state.P.copy()
     if not x.any():
         raise PolarNavError('the engine did not fuse the fix that was on time')
     drive(engine, rest[1:])
@@ -153,7 +153,7 @@ def _stored(engine: Engine, rest: list[Event]) -> Stored:
         found[-1][2].append(Update(H, S - H @ P @ H.T, log.z[u, :m] + H @ x))
         x, P = x + log.x[u], P - K.T @ S @ K
     steps = tuple(Step(Phi, Q, tuple(updates)) for Phi, Q, updates in found)
-    return Stored(P0, fix, steps, f.P.copy(), x)
+    return Stored(P0, fix, steps, f.state.P.copy(), x)
 
 
 class StoneSoup:
@@ -238,7 +238,7 @@ def agreement(w: Work, peer: StoneSoup) -> dict[str, float]:
         raise Disagreement('rewind: the filter stopped')
     found = {
         'covariance: the engine, fix on time': difference(w.stored.P_end, P),
-        'covariance: rewind, fix late': difference(fusion.filter.P, P),
+        'covariance: rewind, fix late': difference(fusion.filter.state.P, P),
         'mean: the engine, fix on time': float(np.max(np.abs(w.stored.x_end - mean) / sigma)),
     }
     w.engines['rewind'].restore()

@@ -107,7 +107,6 @@ class NavigationFilter:
         self.streams = st.live_streams(kept_s, 1.0 / IMU_PERIOD_S, CORRECTIONS_PER_S)
         self.rows = fs.NO_ROWS
         self.process: ProcessNoise | None = None
-        self._name_views()
         if isinstance(initial, SavedState):
             resume(self.state, params, initial, stamp_ns)
         else:
@@ -129,7 +128,7 @@ class NavigationFilter:
         ff.locate(self.state, self.frames, self.settings)
         fe.add_epoch(self.state, self.settings, self.past)
         if len(log.step_P):
-            log.step_P[0] = self.P
+            log.step_P[0] = self.state.P
             log.stamps[0] = stamp_ns
             log.epochs[0] = 0
             log.counts[0] = 1
@@ -162,31 +161,20 @@ class NavigationFilter:
             s.previous_dt,
         ):
             x[:] = 0.0
-        self.P[X.phi_G, X.phi_G] += np.eye(3) * (_LOST_RATE * since_s) ** 2
-        self.P[X.dv_G, X.dv_G] += np.eye(3) * (_LOST_ACCELERATION * since_s) ** 2
+        s.P[X.phi_G, X.phi_G] += np.eye(3) * (_LOST_RATE * since_s) ** 2
+        s.P[X.dv_G, X.dv_G] += np.eye(3) * (_LOST_ACCELERATION * since_s) ** 2
         ff.locate(s, self.frames, self.settings)
-        self.r_e += self.velocity_e * since_s
-        speed = float(np.linalg.norm(self.v_G))
-        self.P[X.dr_e, X.dr_e] += np.eye(3) * ((speed + _LOST_ACCELERATION) * since_s) ** 2
+        s.r_e[:] += self.frames.velocity_e * since_s
+        speed = float(np.linalg.norm(s.v_G))
+        s.P[X.dr_e, X.dr_e] += np.eye(3) * ((speed + _LOST_ACCELERATION) * since_s) ** 2
         self._begin()
 
-    def _name_views(self) -> None:
-        """Bind short names to the arrays that strategies read."""
-        s, f, w = self.state, self.frames, self.work
-        self.P, self.C_b_G, self.v_G, self.r_e = s.P, s.C_b_G, s.v_G, s.r_e
-        self.b_gyro_b, self.b_accel_b = s.b_gyro_b, s.b_accel_b
-        self.dvl_scale_m, self.dvl_markov_m = s.dvl_scale_m, s.dvl_markov_m
-        self.usbl_bias_a = s.usbl_bias_a
-        self.C_e_G, self.lever_G = f.C_e_G, f.lever_G
-        self.point_e, self.velocity_e = f.point_e, f.velocity_e
-        self.H, self.R, self.z, self.x = w.H, w.R, w.z, w.x
-
     def _set_state(self, s: InitialState) -> None:
-        p = self._p
-        self.r_e[:] = earth.ecef_from_geodetic(s.latitude, s.longitude, s.height)
-        self.v_G[:] = s.v_G
+        p, own = self._p, self.state
+        own.r_e[:] = earth.ecef_from_geodetic(s.latitude, s.longitude, s.height)
+        own.v_G[:] = s.v_G
         psi = 0.5 * math.pi - s.grid_heading
-        self.C_b_G[:] = attitude.matrix_from_euler(psi, s.pitch, s.roll)
+        own.C_b_G[:] = attitude.matrix_from_euler(psi, s.pitch, s.roll)
         sigma = np.concatenate(
             [
                 [s.sigma_tilt, s.sigma_tilt, s.sigma_heading],
@@ -199,10 +187,10 @@ class NavigationFilter:
                 np.full(3, 1.0 if self.settings.shares_leader else p.usbl_bias_sigma),
             ]
         )
-        self.P[:] = np.diag(sigma**2)
-        C_e_G = grid.ecef_to_grid(self.r_e)
+        own.P[:] = np.diag(sigma**2)
+        C_e_G = grid.ecef_to_grid(own.r_e)
         position_G = np.diag([s.sigma_position_horizontal**2] * 2 + [s.sigma_position_vertical**2])
-        self.P[X.dr_e, X.dr_e] = C_e_G.T @ position_G @ C_e_G
+        own.P[X.dr_e, X.dr_e] = C_e_G.T @ position_G @ C_e_G
         aiding.start(self.state, p)
 
     @property
@@ -253,9 +241,9 @@ class NavigationFilter:
         if self.process is not None and self.history.step != step:
             Phi = self.past.transitions[self.history.step % len(self.past.transitions)]
             dt = (sample.stamp_ns - boundary_ns) * 1e-9
-            self.process.add(self.P, Phi, self.work.q, dt)
+            self.process.add(self.state.P, Phi, self.work.q, dt)
             active = kf.N if self.settings.estimates_usbl_bias else kf.USBL
-            if not kf.cholesky(self.work.LP, self.P, active):
+            if not kf.cholesky(self.work.LP, self.state.P, active):
                 raise FilterDivergence(_WHY[fs.P_NOT_DEFINITE])
 
     def dvl(self, ping: DvlPing) -> Outcome:
@@ -384,7 +372,7 @@ class NavigationFilter:
             w.L[:m, :m] *= math.sqrt(factor)
             w.nis[1] = factor
         noise.learn(w.z / math.sqrt(factor), stated, S)
-        kf.update(self.P, w.x, w.S, w.z, m, w.K, w.PHt, w.L, w.D)
+        kf.update(self.state.P, w.x, w.S, w.z, m, w.K, w.PHt, w.L, w.D)
         if self.settings.considers:
             consider.update_sensitivity(self.state.sensitivity, w.K, w.moved, m)
         if self.process is not None:
@@ -429,14 +417,14 @@ class NavigationFilter:
 
     def replace_estimate(self, P: Array, change: Array) -> None:
         """Replace the covariance, and add ``change`` (24,), an error, to the estimate."""
-        self.P[:] = P
+        self.state.P[:] = P
         self.feed_back(-change)
 
     def refer_to_now(self, first_correction: int) -> None:
         """Subtract the corrections since ``first_correction`` from ``z`` by the rows ``H``."""
         h = self.history
         since = np.arange(first_correction, h.correction) % len(h.corrections)
-        self.z -= self.H @ h.corrections[since].sum(axis=0)
+        self.work.z[:] -= self.work.H @ h.corrections[since].sum(axis=0)
 
     def fill_late_fix(self, fix: Fix) -> int:
         """Fill ``H``, ``R``, ``z`` with the rows of a late fix, referred to now.
@@ -467,8 +455,8 @@ class NavigationFilter:
         """Refer the rows ``H``, ``z`` from a stored step to now; returns the number of steps."""
         h = self.history
         filter_walk.walk_forward(
-            self.H,
-            self.z,
+            self.work.H,
+            self.work.z,
             3,
             self.past.inverses,
             first_step,

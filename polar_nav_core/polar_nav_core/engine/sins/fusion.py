@@ -131,11 +131,11 @@ class Fusion:
             return None
         ahead_e = epoch.velocity_e * ((fix.validity_ns - epoch.stamp_ns) * 1e-9)
         offset_e: Array = fix.r_e - (epoch.point_e + ahead_e)
-        S, L = f.P[X.dr_e, X.dr_e] + fix.covariance_e, np.zeros((3, 3))
+        S, L = f.state.P[X.dr_e, X.dr_e] + fix.covariance_e, np.zeros((3, 3))
         if not kf.cholesky(L, S, 3):
             return None
         nis = float(kf.nis_of(L, offset_e, np.zeros(3), 3))
-        return np.einsum('ij,j->i', f.C_e_G, offset_e), nis
+        return np.einsum('ij,j->i', f.frames.C_e_G, offset_e), nis
 
     def saved(self, fixes: tuple[int, int, int], records: tuple[bytes, bytes]) -> SavedState:
         """State as it is now, with its fixes, to go on from after a restart."""
@@ -143,7 +143,7 @@ class Fusion:
 
     def height(self) -> float:
         """Height of the vehicle above the ellipsoid [m]."""
-        return float(earth.geodetic_from_ecef(self.filter.r_e)[2])
+        return float(earth.geodetic_from_ecef(self.filter.state.r_e)[2])
 
     def adapt(self, identified: Identification) -> None:
         """Do nothing: this mode adapts no drag or current from an identification."""
@@ -160,18 +160,18 @@ class Fusion:
 
     def estimate(self, fixes: tuple[int, int, int]) -> Estimate:
         """Estimate at the newest IMU sample; ``fixes`` are received, fused, newest validity."""
-        f = self.filter
+        f, s = self.filter, self.filter.state
         return Estimate(
             stamp_ns=f.stamp_ns,
-            r_e=f.r_e.copy(),
-            v_G=f.v_G.copy(),
-            C_b_G=f.C_b_G.copy(),
+            r_e=s.r_e.copy(),
+            v_G=s.v_G.copy(),
+            C_b_G=s.C_b_G.copy(),
             P=f.published_P,
-            gyro_bias_b=f.b_gyro_b.copy(),
-            accel_bias_b=f.b_accel_b.copy(),
-            dvl_scale_m=f.dvl_scale_m.copy(),
-            dvl_markov_m=f.dvl_markov_m.copy(),
-            usbl_bias_a=np.zeros(3) if f.settings.shares_leader else f.usbl_bias_a.copy(),
+            gyro_bias_b=s.b_gyro_b.copy(),
+            accel_bias_b=s.b_accel_b.copy(),
+            dvl_scale_m=s.dvl_scale_m.copy(),
+            dvl_markov_m=s.dvl_markov_m.copy(),
+            usbl_bias_a=np.zeros(3) if f.settings.shares_leader else s.usbl_bias_a.copy(),
             fixes_received=fixes[0],
             fixes_fused=fixes[1],
             last_validity_ns=fixes[2],
@@ -183,13 +183,15 @@ class Fusion:
         """Fill ``H``, ``R``, ``z`` with the fix against the position at an epoch plus v dt."""
         f = self.filter
         split = f.leader.split(fix)
-        fe.fill_shared(f.work.C_a_G, f.settings, f.C_e_G, fix.array_heading, split.columns_e)
+        fe.fill_shared(
+            f.work.C_a_G, f.settings, f.frames.C_e_G, fix.array_heading, split.columns_e
+        )
         point_e: Array = epoch.point_e + epoch.velocity_e * ((stamp_ns - epoch.stamp_ns) * 1e-9)
         filter_rows.fix_rows(
-            f.H,
-            f.R,
-            f.z,
-            f.C_e_G,
+            f.work.H,
+            f.work.R,
+            f.work.z,
+            f.frames.C_e_G,
             epoch.lever_G,
             point_e,
             fix.r_e,
@@ -205,10 +207,10 @@ class Fusion:
         f = self.filter
         return replace(
             f.history.newest(),
-            point_e=f.point_e,
-            velocity_e=f.velocity_e,
-            lever_G=f.lever_G,
-            usbl_bias_a=f.usbl_bias_a,
+            point_e=f.frames.point_e,
+            velocity_e=f.frames.velocity_e,
+            lever_G=f.frames.lever_G,
+            usbl_bias_a=f.state.usbl_bias_a,
             correction=f.history.correction,
         )
 

@@ -82,7 +82,9 @@ class Published(Fusion):
         self._pings: deque[_Ping] = deque()
         self._history_ns = round(params.history_s * 1e9)
         # A start that is more uncertain than the limits is the user's own choice.
-        self._limits = np.maximum(LIMITS, 3.0 * np.sqrt(np.diagonal(self.filter.P)[: kf.NAV]))
+        self._limits = np.maximum(
+            LIMITS, 3.0 * np.sqrt(np.diagonal(self.filter.state.P)[: kf.NAV])
+        )
 
     def imu(self, sample: ImuSample) -> None:
         """Advance by one IMU sample; q-hat moves the state at the end of a step."""
@@ -96,40 +98,40 @@ class Published(Fusion):
             self._check_spread()
             self._check(drift, 'q-hat')
             if drift.any():
-                f.replace_estimate(f.P, -drift)
+                f.replace_estimate(f.state.P, -drift)
 
     def local(self, event: DvlPing | DepthSample) -> Outcome:
         """Fuse a depth; store a DVL ping, resolved with the present estimate, for the next fix."""
-        f = self.filter
+        f, w = self.filter, self.filter.work
         if isinstance(event, DepthSample):
             outcome = f.depth(event)
-            self._check(f.x, 'a depth')
+            self._check(w.x, 'a depth')
             return outcome
         f.fill_dvl(event)
         while self._pings and self._pings[0].stamp_ns < event.stamp_ns - self._history_ns:
             self._pings.popleft()
         self._pings.append(
-            _Ping(event.stamp_ns, f.z.copy(), f.R.copy(), f.history.step, f.history.correction)
+            _Ping(event.stamp_ns, w.z.copy(), w.R.copy(), f.history.step, f.history.correction)
         )
         return _KEPT
 
     def fix(self, fix: Fix) -> FixResult | None:
         """Fuse a fix together with the DVL velocity at its time."""
-        f = self.filter
+        f, w = self.filter, self.filter.work
         when = fix.validity_ns if self._late else fix.receive_ns
         epoch = f.history.before(when) if self._late else self._present()
         if epoch is None:
             return None
         self._fuse_at(fix, epoch, when)
-        f.H[:, : kf.NAV - 3] = 0.0
-        f.H[:, kf.NAV :] = 0.0
+        w.H[:, : kf.NAV - 3] = 0.0
+        w.H[:, kf.NAV :] = 0.0
         steps = f.walk_to_now(epoch.step, epoch.correction) if self._late else 0
-        H, z, R = f.H.copy(), f.z.copy(), f.R.copy()
+        H, z, R = w.H.copy(), w.z.copy(), w.R.copy()
         ping = self._ping(when)
         rows = _POSITION
         if ping is not None:
             rows = _SIX
-            H, z = np.vstack([self._velocity(ping), H]), np.concatenate([f.z, z])
+            H, z = np.vstack([self._velocity(ping), H]), np.concatenate([w.z, z])
             R = np.block([[ping.R, np.zeros((3, 3))], [np.zeros((3, 3)), R]])
         with np.errstate(all='ignore'):
             outcome = self._update(H, z, R, rows)
@@ -151,21 +153,21 @@ class Published(Fusion):
 
     def _velocity(self, ping: _Ping) -> Array:
         """Rows of a ping, (3, 24); its innovation, referred to now, is left in the filter's z."""
-        f = self.filter
-        f.H[:] = 0.0
-        f.H[_VELOCITY, 3 + _VELOCITY] = 1.0
-        f.z[:] = ping.z
+        f, w = self.filter, self.filter.work
+        w.H[:] = 0.0
+        w.H[_VELOCITY, 3 + _VELOCITY] = 1.0
+        w.z[:] = ping.z
         if self._late:
             f.walk_to_now(ping.step, ping.correction)
         else:
             f.refer_to_now(ping.correction)
-        return f.H
+        return w.H
 
     def _update(self, H: Array, z: Array, stated: Array, rows: Rows) -> Outcome:
         """Eqs. (31)-(34) or (58)-(61), then the adaptation; feeds the correction back."""
         f, m = self.filter, len(rows)
         v = z - self._printed.r[rows]
-        P = f.P.copy()
+        P = f.state.P.copy()
         PHt = np.einsum('ik,ak->ia', P, H)
         HPHt = np.einsum('ak,kb->ab', H, PHt)
         R = self._printed.noise(rows, stated)
@@ -202,7 +204,7 @@ class Published(Fusion):
 
     def _check_spread(self) -> None:
         """Raise FilterDivergence for a 1-sigma beyond the linear error model."""
-        variances = np.diagonal(self.filter.P)
+        variances = np.diagonal(self.filter.state.P)
         for name, i in _BLOCKS:
             largest, limit = float(variances[i].max()), float(self._limits[i].min())
             if not largest <= limit**2:
