@@ -5,8 +5,10 @@ Field names and types follow rosbag2_storage's `BagMetadata` YAML conversion.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import yaml
@@ -83,3 +85,14 @@ def bag_metadata(
 def dump(metadata: Mapping[str, Any]) -> str:
     """Return YAML text."""
     return yaml.safe_dump(dict(metadata), sort_keys=False, default_flow_style=False)
+
+
+def write(directory: Path, metadata: Mapping[str, Any]) -> None:
+    """Write metadata.yaml of a bag, whole or not at all."""
+    final = directory / FILE_NAME
+    part = final.with_suffix('.yaml.part')
+    with part.open('w', encoding='utf-8') as file:
+        file.write(dump({ROOT_KEY: metadata}))
+        file.flush()
+        os.fsync(file.fileno())
+    part.replace(final)

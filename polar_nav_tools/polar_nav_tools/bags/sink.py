@@ -6,6 +6,9 @@ import contextlib
 import os
 from io import UnsupportedOperation
 from pathlib import Path
+from typing import Self
+
+from .errors import BagError, WrongRequestError
 
 
 class Sink:
@@ -21,6 +24,28 @@ class Sink:
         self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
         self._size = 0
         self.closed = False
+
+    @classmethod
+    def of_new_bag(cls, directory: Path) -> Self:
+        """Make the directory of a bag and return the sink of the file in it.
+
+        Raises
+        ------
+        BagError
+            If the directory exists, has no name or cannot be made.
+        """
+        name = directory.name
+        if not name:
+            raise BagError(f'{directory}: a bag needs a name')
+        try:
+            directory.mkdir(parents=True)
+            return cls(directory / f'{name}_0.mcap')
+        except FileExistsError as error:
+            raise WrongRequestError(
+                f'{directory} exists already; a bag is never overwritten'
+            ) from error
+        except OSError as error:
+            raise BagError(f'{directory}: cannot make this bag ({error.strerror})') from error
 
     def write(self, data: bytes | bytearray | memoryview) -> int:
         """Append bytes; raises OSError if they do not fit, with the file unchanged."""

@@ -14,7 +14,6 @@ every `flush_s` seconds, so killing the process loses the messages of that time.
 from __future__ import annotations
 
 import json
-import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -26,7 +25,7 @@ from typing import Any, Self
 from mcap.writer import CompressionType, IndexType, Writer
 
 from . import qos, rosbag2_metadata
-from .errors import BagError, WrongRequestError
+from .errors import BagError
 from .qos import Qos
 from .rosbag2_metadata import TopicSummary
 from .schemas import Definition, definition
@@ -106,7 +105,7 @@ class BagWriter:
         self.directory = Path(directory)
         self._run_info = dict(run_info)
         start = _json_values(self._run_info, 'run_info') | {PHASE_KEY: 'start'}
-        self._sink = _create(self.directory)
+        self._sink = Sink.of_new_bag(self.directory)
         self.path = self._sink.path
         self._flush_s = flush_s
         self._sync = sync
@@ -298,7 +297,7 @@ class BagWriter:
             self._mcap.finish()
             self._sink.sync()
             self._sink.close()
-            self._write_yaml({rosbag2_metadata.ROOT_KEY: metadata})
+            rosbag2_metadata.write(self.directory, metadata)
         return self.directory
 
     def _declare_silent(self) -> None:
@@ -363,15 +362,6 @@ class BagWriter:
             for name, c in self._channels.items()
         ]
 
-    def _write_yaml(self, content: Mapping[str, object]) -> None:
-        final = self.directory / rosbag2_metadata.FILE_NAME
-        part = final.with_suffix('.yaml.part')
-        with part.open('w', encoding='utf-8') as file:
-            file.write(rosbag2_metadata.dump(content))
-            file.flush()
-            os.fsync(file.fileno())
-        part.replace(final)
-
     @contextmanager
     def _explained(self) -> Iterator[None]:
         try:
@@ -386,21 +376,6 @@ class BagWriter:
             f'{self.path}: cannot be written any more ({error.strerror or error}); '
             f'the first {self._safe_count} messages are in it and can be read'
         )
-
-
-def _create(directory: Path) -> Sink:
-    name = directory.name
-    if not name:
-        raise BagError(f'{directory}: a bag needs a name')
-    try:
-        directory.mkdir(parents=True)
-        return Sink(directory / f'{name}_0.mcap')
-    except FileExistsError as error:
-        raise WrongRequestError(
-            f'{directory} exists already; a bag is never overwritten'
-        ) from error
-    except OSError as error:
-        raise BagError(f'{directory}: cannot make this bag ({error.strerror})') from error
 
 
 def _json_values(info: Mapping[str, object], what: str) -> dict[str, str]:
