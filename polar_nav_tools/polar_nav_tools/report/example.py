@@ -23,7 +23,13 @@ from polar_nav_core.earth import ecef_from_geodetic, geodetic_from_ecef
 from polar_nav_core.grid import TRUE_HEADING_SIGMA_CAP, convergence, ecef_to_grid
 
 from ..scoring import Balance
-from ..series.vehicle import EstimateSeries, ReceiptRecord, TruthSeries
+from ..series.vehicle import (
+    SENSOR_ERRORS,
+    SENSOR_SIGMAS,
+    EstimateSeries,
+    ReceiptRecord,
+    TruthSeries,
+)
 from .graticule import angle_label
 from .input import Digest, FixPositions, ReportInput, SentPackets, TopicCount
 
@@ -227,7 +233,6 @@ def estimate_with_errors(
     true_north = np.maximum(np.hypot(r_e[:, 0], r_e[:, 1]), 1e-3)
     heading_sigma = np.hypot(sigma_phi[:, 2], sigma_r[:, 0] / true_north)
     known = heading_sigma < TRUE_HEADING_SIGMA_CAP
-    zeros = np.zeros((n, 3))
     return EstimateSeries(
         vehicle=truth.vehicle,
         configuration=configuration,
@@ -250,16 +255,7 @@ def estimate_with_errors(
         P_position_G=_diagonal(sigma_r),
         P_velocity_G=_diagonal(sigma_v),
         P_attitude_G=_diagonal(sigma_phi),
-        gyro_bias_b=zeros,
-        gyro_bias_sigma=zeros,
-        accel_bias_b=zeros,
-        accel_bias_sigma=zeros,
-        dvl_scale_m=zeros,
-        dvl_scale_sigma=zeros,
-        dvl_markov_m=zeros,
-        dvl_markov_sigma=zeros,
-        usbl_bias_a=zeros,
-        usbl_bias_sigma=zeros,
+        **dict.fromkeys((*SENSOR_ERRORS, *SENSOR_SIGMAS), np.zeros((n, 3))),
         fixes_received=np.searchsorted(received_ns, stamp_ns, side='right'),
         fixes_fused=count,
         age_of_last_fix=age,

@@ -21,10 +21,7 @@ from polar_nav_core.engine.track import Track
 from polar_nav_core.error_model import X
 from polar_nav_msgs.msg import NavState
 
-from .vehicle import EstimateSeries, ReceiptRecord
-
-_ERRORS = ('gyro_bias_b', 'accel_bias_b', 'dvl_scale_m', 'dvl_markov_m', 'usbl_bias_a')
-_SIGMAS = tuple(f'{name.rpartition("_")[0]}_sigma' for name in _ERRORS)
+from .vehicle import SENSOR_ERRORS, SENSOR_SIGMAS, EstimateSeries, ReceiptRecord
 
 _COVARIANCES = {
     'P_position_G': nav_columns.POSITION_COVARIANCE_G,
@@ -111,8 +108,8 @@ class EstimateRows:
                 name: derived[:, place].reshape(count, 3, 3)
                 for name, place in _COVARIANCES.items()
             },
-            **{name: errors[:, 3 * i : 3 * i + 3] for i, name in enumerate(_ERRORS)},
-            **{name: sigma[:, 9 + 3 * i : 12 + 3 * i] for i, name in enumerate(_SIGMAS)},
+            **{name: errors[:, 3 * i : 3 * i + 3] for i, name in enumerate(SENSOR_ERRORS)},
+            **{name: sigma[:, 9 + 3 * i : 12 + 3 * i] for i, name in enumerate(SENSOR_SIGMAS)},
             'fixes_received': fixes[:, 0],
             'fixes_fused': fixes[:, 1],
             'age_of_last_fix': age,

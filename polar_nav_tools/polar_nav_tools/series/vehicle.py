@@ -96,6 +96,12 @@ class TruthSeries(Series):
     current_G: Floats
 
 
+SENSOR_ERRORS = ('gyro_bias_b', 'accel_bias_b', 'dvl_scale_m', 'dvl_markov_m', 'usbl_bias_a')
+"""Estimated sensor errors of an `EstimateSeries`, in the order of the filter's state."""
+SENSOR_SIGMAS = tuple(f'{name.rpartition("_")[0]}_sigma' for name in SENSOR_ERRORS)
+"""Their 1-sigma."""
+
+
 @dataclass(frozen=True, eq=False)
 class EstimateSeries(Series):
     """`<vehicle>/nav/state` (polar_nav_msgs/NavState), N samples.

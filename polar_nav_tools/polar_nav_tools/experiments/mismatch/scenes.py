@@ -50,6 +50,29 @@ class Ran(NamedTuple):
     health: Sequence[Health] = ()
 
 
+def _look_every_s(watched: bool) -> float:
+    """Time between looks of the watchdog [s]; 0 for none."""
+    return 1.0 if watched else 0.0
+
+
+def _ran(
+    params: EngineParams,
+    result: engine_run.Result[engine_run.Track] | engine_run.Result[engine_run.StationTrack],
+    course: Course,
+) -> Ran:
+    """Result of a run with the errors of its course."""
+    track = result.track
+    return Ran(
+        params,
+        result.receipts,
+        track.stamps_ns,
+        track.local_statistics,
+        result.divergence,
+        course,
+        result.health,
+    )
+
+
 @dataclass(frozen=True)
 class SinsScene:
     """An inertial vehicle with DVL, depth and late fixes.
@@ -103,18 +126,8 @@ class SinsScene:
         params = world.params(
             **{'output_period_s': _OUTPUT_S, **longest, **self.changes, **changes}
         )
-        result = engine_run.run(params, world.inputs, look_every_s=1.0 if watched else 0.0)
-        course = _sins_course(world, result.track, self.duration_s)
-        track = result.track
-        return Ran(
-            params,
-            result.receipts,
-            track.stamps_ns,
-            track.local_statistics,
-            result.divergence,
-            course,
-            result.health,
-        )
+        result = engine_run.run(params, world.inputs, look_every_s=_look_every_s(watched))
+        return _ran(params, result, _sins_course(world, result.track, self.duration_s))
 
     def start_ns(self, world: World) -> int:
         """Stamp of the start of the run."""
@@ -182,18 +195,8 @@ class StationScene:
             0.0,
             **{'output_period_s': _OUTPUT_S, **self.changes, **changes},
         )
-        result = engine_run.run(params, world.inputs, look_every_s=1.0 if watched else 0.0)
-        course = _station_course(world, result.track, self.duration_s)
-        track = result.track
-        return Ran(
-            params,
-            result.receipts,
-            track.stamps_ns,
-            track.local_statistics,
-            result.divergence,
-            course,
-            result.health,
-        )
+        result = engine_run.run(params, world.inputs, look_every_s=_look_every_s(watched))
+        return _ran(params, result, _station_course(world, result.track, self.duration_s))
 
     def start_ns(self, world: StationWorld) -> int:
         """Stamp of the start of the run."""
