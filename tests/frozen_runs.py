@@ -21,14 +21,14 @@ from frozen_worlds import MAKERS, Simulated
 
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.configurations import STATION_VARIANTS
-from polar_nav_core.engine.params import (
+from polar_nav_core.engine.methods import (
     COMPILED_NOISE,
     CONFIGURATIONS,
     DELAY_HANDLING,
     NOISE_ADAPTATION,
     NOISE_OF,
-    ROBUST_FIXES,
 )
+from polar_nav_core.engine.params import ROBUST_FIXES
 from polar_nav_core.error_model import X
 from polar_nav_tools.bags import Bag, open_bag
 from polar_nav_tools.bags.arrays import estimates_from_cdr, receipts_from_cdr

@@ -46,7 +46,8 @@ def warm_filter() -> None:
     # Here, because the engine stands above the kernels.
     from .engine import run as engine_run
     from .engine.events import Fix
-    from .engine.params import DELAY_HANDLING, EngineParams
+    from .engine.methods import DELAY_HANDLING
+    from .engine.params import EngineParams
 
     base = EngineParams(configuration='custom')
     stamps = _START_NS + _IMU_NS * np.arange(30)
@@ -82,7 +83,8 @@ def warm_station() -> None:
     """Run each way to treat late fixes of station mode, live and as a whole run."""
     from .engine import run as engine_run
     from .engine.events import Fix
-    from .engine.params import DELAY_HANDLING, EngineParams
+    from .engine.methods import DELAY_HANDLING
+    from .engine.params import EngineParams
     from .identification.polar_fix import PolarFix
 
     base = EngineParams(mode='station', configuration='custom', delay_handling='tagged')

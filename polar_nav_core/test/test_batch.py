@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from polar_nav_core import nav_columns
 from polar_nav_core.engine import run as engine_run
-from polar_nav_core.engine.params import CONFIGURATIONS, DELAY_HANDLING
+from polar_nav_core.engine.methods import CONFIGURATIONS, DELAY_HANDLING
 
 
 @pytest.fixture(scope='module')

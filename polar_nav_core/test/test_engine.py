@@ -18,7 +18,8 @@ from polar_nav_core.engine.events import (
     Verdict,
 )
 from polar_nav_core.engine.health.conditions import Level
-from polar_nav_core.engine.params import CONFIGURATIONS, EngineParams
+from polar_nav_core.engine.methods import CONFIGURATIONS
+from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.errors import ConfigError
 
 SPEED = np.hypot(2.0, 2.0)

@@ -11,7 +11,7 @@ from polar_nav_core import earth
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.health.conditions import Level
 from polar_nav_core.engine.health.watchdog import DEPTH, DVL, Envelope, Gaps, View, Watchdog
-from polar_nav_core.engine.params import DELAY_HANDLING
+from polar_nav_core.engine.methods import DELAY_HANDLING
 from polar_nav_core.kernels import watch
 
 SECONDS = 90.0

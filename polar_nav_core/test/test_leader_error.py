@@ -10,7 +10,7 @@ from closed_loop import World, inputs_of
 from polar_nav_core import earth, grid
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.events import Fix
-from polar_nav_core.engine.params import DELAY_HANDLING
+from polar_nav_core.engine.methods import DELAY_HANDLING
 from polar_nav_core.engine.sins.leader import LeaderError, Smooth, columns
 from polar_nav_core.link.fields import SIGMA_RATIO
 

@@ -11,7 +11,7 @@ import pytest
 from closed_loop import World, inputs_of
 
 from polar_nav_core.engine import run as engine_run
-from polar_nav_core.engine.params import DELAY_HANDLING
+from polar_nav_core.engine.methods import DELAY_HANDLING
 
 SECONDS = 0.5
 

@@ -6,7 +6,7 @@ import pytest
 from closed_loop import World, run
 
 from polar_nav_core.engine.engine import Engine
-from polar_nav_core.engine.params import DELAY_HANDLING
+from polar_nav_core.engine.methods import DELAY_HANDLING
 from polar_nav_core.kernels.sins import events as filter_events
 from polar_nav_core.kernels.sins import late as filter_late
 from polar_nav_core.kernels.sins import late_run

@@ -2,7 +2,7 @@
 
 from dataclasses import fields
 
-from polar_nav_core.engine.params import CONFIGURATIONS, STATION_CONFIGURATIONS
+from polar_nav_core.engine.methods import CONFIGURATIONS, STATION_CONFIGURATIONS
 from polar_nav_core.engine.version import ENGINE_VERSION
 from polar_nav_follower import defaults
 from polar_nav_follower.defaults import defaults_of

@@ -10,7 +10,8 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from polar_nav_core.engine.params import CONFIGURATIONS, EngineParams
+from polar_nav_core.engine.methods import CONFIGURATIONS
+from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.params import choice, flag, param, sigma, text, vector
 

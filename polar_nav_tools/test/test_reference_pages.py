@@ -12,6 +12,7 @@ from polar_nav_tools.development import pages as reference
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / 'docs'
 PLACE = re.compile(r'`((?:core|ros|follower|leader|sim|tools)/[\w/]*(?:\.py)?)`')
+FILE = re.compile(r'`([\w/]+\.(?:py|msg|json))`')
 STEP = re.compile(r'^\| `(\w+/[\w/]+\.py)` \| ([^|]+) \|', re.MULTILINE)
 
 
@@ -43,6 +44,15 @@ def test_architecture_names_files_that_exist():
     places = set(PLACE.findall(architecture()))
     assert len(places) > 30
     assert [p for p in sorted(places) if not path_of(p).exists()] == []
+
+
+def test_architecture_names_files_by_the_ends_of_their_paths():
+    """Names without a package, as `sins/streams.py` or `test_batch.py`."""
+    short = {p for p in FILE.findall(architecture()) if not PLACE.fullmatch(f'`{p}`')}
+    assert len(short) > 15
+    packages = [p for p in ROOT.iterdir() if p.name.startswith('polar_nav_') or p.name == 'tests']
+    files = [f'/{f.relative_to(ROOT).as_posix()}' for p in packages for f in p.rglob('*.*')]
+    assert [p for p in sorted(short) if not any(f.endswith(f'/{p}') for f in files)] == []
 
 
 def test_walks_name_functions_of_their_files():

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from polar_nav_core.engine.params import CONFIGURATIONS, DELAY_HANDLING
+from polar_nav_core.engine.methods import CONFIGURATIONS, DELAY_HANDLING
 
 STATION = 'station'
 WITH_LEADER = ('conventional_akf', 'modified_akf', 'default')

@@ -1,4 +1,4 @@
-"""Parameters of what a sensor and its stream can say: beyond, a message is refused or a gap."""
+"""Limits of samples and streams: a sample beyond them is refused, a longer pause is a gap."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Parameters of the engine: sensors, filter, delay handling and the named configurations."""
+"""Parameters of the engine: configuration, initial state, errors of the sensors, filter."""
 
 from __future__ import annotations
 
@@ -11,81 +11,20 @@ from ..order import ROBUST_FIXES
 from ..params import choice, param, sigma, vector
 from .events import InitialState
 from .limit_params import LimitParams
-from .station_params import StationParams
-
-DELAY_HANDLING = ('ignore', 'tagged', 'back_propagate', 'clone', 'rewind')
-NOISE_ADAPTATION = (
-    'none',
-    'adaptive_r',
-    'sage_husa',
-    'sage_husa_unguarded',
-    'sage_husa_published',
+from .methods import (
+    COMPILED_NOISE,
+    CONFIGURATIONS,
+    DELAY_HANDLING,
+    NOISE_ADAPTATION,
+    NOISE_OF,
+    STATION_CONFIGURATIONS,
+    STATION_DELAYS,
+    Configuration,
 )
-COMPILED_NOISE = ('none', 'adaptive_r')
-"""Noise adaptations that are compiled, and that the vehicle's model goes along with."""
-NOISE_OF = {
-    'clone': ('none', 'adaptive_r'),
-    'rewind': ('none', 'adaptive_r'),
-    'tagged': ('none', 'adaptive_r', 'sage_husa'),
-}
-"""Noise adaptations that a delay handling can be joined with; all with those not named here.
-
-`clone` and `rewind` filter the past again, in compiled code whose added variances are a diagonal;
-the printed filters exist only as conventional (`ignore`) and modified (`back_propagate`).
-"""
+from .station_params import StationParams
 
 NO_CEILING = 1e300
 """An adaptive_ceiling that no variance reaches: that of engine 1."""
-
-
-@dataclass(frozen=True)
-class Configuration:
-    """How late fixes and unknown measurement noise are handled."""
-
-    delay_handling: str
-    noise_adaptation: str
-    gate_probability: float
-    doc: str
-    robust_fixes: str = 'none'
-
-
-CONFIGURATIONS: dict[str, Configuration] = {
-    'conventional_akf': Configuration(
-        'ignore', 'adaptive_r', 1.0, 'takes late fixes as current; no gate, as published'
-    ),
-    'modified_akf': Configuration(
-        'back_propagate',
-        'adaptive_r',
-        1.0,
-        'delay-aware: H Phi^-1 at the time of validity; no gate, as published',
-    ),
-    'conventional_akf_published': Configuration(
-        'ignore', 'sage_husa_unguarded', 1.0, 'equations (29)-(38); expected to diverge'
-    ),
-    'modified_akf_published': Configuration(
-        'back_propagate', 'sage_husa_published', 1.0, 'equations (56)-(65); expected to diverge'
-    ),
-    'default': Configuration(
-        'clone',
-        'none',
-        0.9999,
-        'exact delay, stated noise, chi-square gate, robust weight',
-        'mahalanobis',
-    ),
-}
-"""Named configurations; `default` takes `rewind` along with a vehicle's model."""
-
-STATION_CONFIGURATIONS: dict[str, Configuration] = {
-    'augmented': Configuration(
-        'rewind', 'none', 0.9999, 'exact delay, robust weight besides the gate', 'mahalanobis'
-    ),
-    'published': Configuration('tagged', 'none', 1.0, 'Eqs. (8)-(13); no gate, as published'),
-}
-"""What configuration default means in station mode, by its filter."""
-STATION_DELAYS = {'augmented': DELAY_HANDLING, 'published': ('ignore', 'tagged')}
-"""Delay handlings by the filter of station mode; the printed one has a gain of the present."""
-
-
 NO_RESERVE: dict[str, float] = {'gyro_bias_walk': 0.0, 'accel_bias_walk': 0.0}
 """Parameters of a world whose IMU has constant biases, and whose gravity is the normal one."""
 NO_COMMON_ERRORS: dict[str, float] = dict.fromkeys(
@@ -109,7 +48,7 @@ NO_COMMON_ERRORS: dict[str, float] = dict.fromkeys(
 
 @dataclass(frozen=True)
 class EngineParams(IdentificationParams, StationParams, LimitParams):
-    """What can be chosen of a vehicle's navigation; nodes add their own."""
+    """Parameters of a vehicle's navigation in either mode; nodes add their own."""
 
     mode: str = choice(
         'sins',
@@ -348,7 +287,7 @@ class EngineParams(IdentificationParams, StationParams, LimitParams):
             self._check_model_aiding(chosen)
 
     def _check_model_aiding(self, chosen: Configuration) -> None:
-        """Refuse what the seven states of the model cannot be joined with."""
+        """Refuse settings that the seven states of the model cannot be combined with."""
         if chosen.delay_handling == 'clone':
             raise ConfigError(
                 'parameter delay_handling: clone does not go with model_aiding, its stored steps '

@@ -11,7 +11,7 @@ import numpy as np
 from ..kernels.sins import state as fs
 from ..kernels.sins.update import Ints
 from .events import Array, Event, Fix, Receipt, Verdict
-from .params import Configuration
+from .methods import Configuration
 from .results import FixResult, Outcome, out_of_reach_reason
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from .driver import Make
-from .params import DELAY_HANDLING, EngineParams
+from .methods import DELAY_HANDLING
+from .params import EngineParams
 from .sins.adaptation import COMPILED, PRINTED
 from .sins.clone import Clone
 from .sins.fusion import BackPropagate, Ignore, Tagged
@@ -47,4 +48,4 @@ def make_fusion(params: EngineParams) -> Make:
 
 
 if tuple(STRATEGIES) != DELAY_HANDLING or tuple(STATION) != DELAY_HANDLING:
-    raise ImportError(f'params.DELAY_HANDLING names {DELAY_HANDLING}, not {tuple(STRATEGIES)}')
+    raise ImportError(f'methods.DELAY_HANDLING names {DELAY_HANDLING}, not {tuple(STRATEGIES)}')

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from polar_nav_core.engine.params import DELAY_HANDLING
+from polar_nav_core.engine.methods import DELAY_HANDLING
 
 from ..scoring import Column, Table
 from . import late_fixes, stepped

@@ -20,7 +20,8 @@ from polar_nav_core.arrays import Array
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.engine import Engine
 from polar_nav_core.engine.events import Event, Fix, Output, Receipt, Verdict
-from polar_nav_core.engine.params import DELAY_HANDLING, EngineParams
+from polar_nav_core.engine.methods import DELAY_HANDLING
+from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.engine.sins.fusion import Fusion
 from polar_nav_core.errors import PolarNavError
 

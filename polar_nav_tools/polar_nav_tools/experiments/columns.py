@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from polar_nav_core.engine.params import CONFIGURATIONS
+from polar_nav_core.engine.methods import CONFIGURATIONS
 from polar_nav_core.errors import ConfigError
 
 from .choices import Choices

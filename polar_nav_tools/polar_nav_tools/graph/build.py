@@ -11,7 +11,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from polar_nav_core.engine.params import CONFIGURATIONS, NO_COMMON_ERRORS, NO_RESERVE
+from polar_nav_core.engine.methods import CONFIGURATIONS
+from polar_nav_core.engine.params import NO_COMMON_ERRORS, NO_RESERVE
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.params import to_mapping
 from polar_nav_follower.params import FollowerParams

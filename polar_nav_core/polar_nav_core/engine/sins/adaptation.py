@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..params import COMPILED_NOISE, NOISE_ADAPTATION
+from ..methods import COMPILED_NOISE, NOISE_ADAPTATION
 from .noise import MeasurementNoise, ProcessNoise
 from .sage_husa import GuardedNoise, GuardedProcess
 

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from itertools import product
 from typing import Any
 
-from polar_nav_core.engine.params import CONFIGURATIONS
+from polar_nav_core.engine.methods import CONFIGURATIONS
 
 from ...scoring.tables import Column, Table
 from ..experiment import Experiment
