@@ -14,7 +14,7 @@ from bag_samples import make, stamp
 from polar_nav_core import attitude, earth
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.events import Estimate
-from polar_nav_core.engine.params import CONFIGURATIONS
+from polar_nav_core.engine.methods import CONFIGURATIONS
 from polar_nav_follower.params import FollowerParams
 from polar_nav_ros.cdr import to_bytes
 from polar_nav_ros.navigation_outputs import nav_to_msg
@@ -263,7 +263,7 @@ def test_each_field_of_any_estimate_is_that_of_the_message():
     rows = EstimateRows(params, 10)
     for i in range(0, count, 700):  # more than was expected, in several parts
         part = {f.name: getattr(track, f.name)[i : i + 700] for f in dataclasses.fields(track)}
-        rows.take(engine_run.Track(**part))
+        rows.append(engine_run.Track(**part))
     data = [to_bytes(nav_to_msg(estimate(track, i), params, 'follower')) for i in range(count)]
     assert_same_series(rows.series('follower'), estimates_from_cdr(data, 'follower'))
 

@@ -84,7 +84,16 @@ class Adaptation(Protocol):
 
 
 class WholeArrays(Protocol):
-    """Interface of a mode's arrays in its filter's streams (`sins.whole`, `station.whole`)."""
+    """Interface of a mode's arrays in its filter's streams (`sins.whole`, `station.whole`).
+
+    Attributes
+    ----------
+    first : ImuSample or None
+        First usable sample, at which the state starts.
+    unusable : list of Event
+        Samples that go one by one: those that are refused or ignored, and in station mode thrust
+        and depth from before the state.
+    """
 
     first: ImuSample | None
     unusable: list[Event]
@@ -106,7 +115,13 @@ class WholeArrays(Protocol):
         """Stamp of the newest IMU sample processed [ns]."""
 
     def advance(self, until_ns: int, until_rank: int) -> bool:
-        """Process all data before a stamp [ns] and rank; True if the rows were full before."""
+        """Process all data before a stamp [ns] and rank; True if the rows were full before.
+
+        Raises
+        ------
+        FilterDivergence
+            When a covariance is not positive definite or the state not finite.
+        """
 
     def put_row(self) -> None:
         """Write the present estimate to the rows."""

@@ -13,20 +13,17 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Generic, overload
 
-import numpy as np
-
 from ..errors import FilterDivergence
 from ..identification.result import Identification
-from ..link.fields import TICK_NS, WRAP
-from ..order import FIX_RANK, FUSED, NEVER_NS
+from ..order import NEVER_NS
 from .driver import WholeArrays
 from .engine import Engine
-from .events import Command, Event, Fix, ImuSample, OrderKey, Rank, Receipt, Verdict
+from .events import Command, Event, ImuSample, OrderKey, Rank, Receipt, Verdict
+from .fixes_at_once import FixesAtOnce, diverge
 from .health.conditions import Health
 from .inputs import Inputs, Stamps, StationInputs
 from .looks import Look, looks_of
 from .params import EngineParams
-from .results import FixResult
 from .sins.whole import SinsArrays
 from .station.filter import StationFilter
 from .station.fusion import StationFusion
@@ -133,10 +130,10 @@ def run(
     if one_by_one or not compiled(params):
         ordered = sorted(commands, key=_key)
         for event in heapq.merge(inputs.events(), ordered, key=_key):
-            collector.take(engine.process(event))
+            collector.collect(engine.process(event))
             if engine.health is not None and (not health or engine.health is not health[-1]):
                 health.append(engine.health)
-        collector.take(engine.finish())
+        collector.collect(engine.finish())
     else:
         arrays = _arrays_of(params, inputs, collector)
         looks = looks_of(arrays.new_seconds_ns(), look_every_s)
@@ -202,7 +199,7 @@ class _Driver:
         self._progress = progress
         self._health = health
         self._started = False
-        self._fixes: _FixesAtOnce | None = None
+        self._fixes: FixesAtOnce | None = None
 
     def run(self) -> None:
         """Drive the engine to the end of the inputs."""
@@ -225,11 +222,11 @@ class _Driver:
 
     def _start(self, first: ImuSample) -> None:
         """Start the engine's filter at the first usable sample, and hand the arrays over to it."""
-        self._collector.take(self._engine.process(first))
+        self._collector.collect(self._engine.process(first))
         self._engine.due_ns = None  # from now on the compiled loop sees to estimates
         self._started = self._arrays.start(self._engine.fusion, first)
         if self._started and isinstance(self._arrays, SinsArrays) and self._arrays.takes_fixes:
-            self._fixes = _FixesAtOnce(self._engine, self._arrays, self._collector)
+            self._fixes = FixesAtOnce(self._engine, self._arrays, self._collector)
 
     @property
     def _running(self) -> bool:
@@ -240,7 +237,7 @@ class _Driver:
         """Fuse fixes from an index on in the compiled loop; returns their number, perhaps 0."""
         if self._fixes is None or not self._engine.navigating:
             return 0
-        return self._fixes.take(self._single[number : number + _STRETCH])
+        return self._fixes.fuse(self._single[number : number + _STRETCH])
 
     def _one(self, event: Event | Look) -> int:
         """Process one event, or look, after all data before it; returns 1."""
@@ -253,7 +250,7 @@ class _Driver:
             return 1
         lost = self._engine.fusion
         cursors = self._arrays.cursors() if self._running else None
-        self._collector.take(self._engine.process(event))
+        self._collector.collect(self._engine.process(event))
         if cursors is not None and self._engine.fusion is not lost:
             self._arrays.hand_over(self._engine.fusion, cursors)
         return 1
@@ -291,122 +288,3 @@ class _Driver:
                 collector.drain()
             self._arrays.put_row()
         collector.note(self._engine)
-
-
-def diverge(engine: Engine, arrays: WholeArrays, why: FilterDivergence, stamp_ns: int) -> None:
-    """Have the engine restore a filter that was lost in the compiled loop, and go on with it."""
-    engine.last_imu_ns, cursors = arrays.stamp_ns, arrays.cursors()
-    engine.diverge(str(why), stamp_ns)
-    arrays.hand_over(engine.fusion, cursors)
-
-
-class _FixesAtOnce:
-    """Fixes that only gate or history can refuse, many at a time in the compiled loop.
-
-    It keeps the books that `Engine.process` keeps otherwise.
-    """
-
-    def __init__(self, engine: Engine, arrays: SinsArrays, collector: Collector[Any]) -> None:
-        self._engine = engine
-        self._arrays = arrays
-        self._collector = collector
-
-    def take(self, events: Sequence[Event | Look]) -> int:
-        """Fuse the leading fixes of ``events`` with all data before them; returns their number.
-
-        Returns
-        -------
-        int
-            How many fixes that were: up to the first that is refused or needs a look in Python.
-        """
-        engine, arrays = self._engine, self._arrays
-        fixes = self._plain(events)
-        if not fixes:
-            return 0
-        first, settled = arrays.fixes, 0
-        arrays.put_fixes(fixes)
-        try:
-            full = True
-            while full:
-                full = arrays.advance(fixes[-1].receive_ns, FIX_RANK + 1)
-                settled = self._settle(fixes, first, settled)
-                self._collector.note(engine)
-                if full:
-                    self._collector.drain()
-        except FilterDivergence as error:
-            settled = self._settle(fixes, first, settled)
-            self._collector.note(engine)
-            on_fix = first + settled < arrays.fixes
-            at_ns = fixes[settled].receive_ns if on_fix else arrays.stamp_ns
-            diverge(engine, arrays, error, at_ns)
-            if on_fix:
-                self._lost(fixes[settled])
-                settled += 1
-        else:
-            arrays.drop_fixes()
-            engine.last_imu_ns = arrays.stamp_ns
-        return settled
-
-    def _plain(self, events: Sequence[Event | Look]) -> list[Fix]:
-        """Leading fixes that only the filter's history or gate can refuse."""
-        found: list[Fix] = []
-        ticks: set[int] = set()
-        ledger = self._engine.ledger
-        for event in events:
-            if not isinstance(event, Fix) or not ledger.integrity.quiet:
-                break
-            tick = event.validity_ns // TICK_NS % WRAP  # another of it may be a copy
-            if tick in ticks:
-                break
-            if ledger.refusal(event, event.validity_ns):
-                break
-            ticks.add(tick)
-            found.append(event)
-        return found
-
-    def _settle(self, fixes: list[Fix], first: int, settled: int) -> int:
-        """Write receipts of the filter's decisions; returns the number of fixes with a receipt.
-
-        ``first`` is the number of the first fix in the streams.
-        """
-        engine, collector, arrays = self._engine, self._collector, self._arrays
-        outcomes, notes = arrays.decisions(first + settled)
-        # All were fused, but for the last one perhaps: the compiled loop stops there.
-        others = np.flatnonzero(outcomes[:, 0] != FUSED)
-        fused = int(others[0]) if len(others) else len(outcomes)
-        if fused:
-            done = fixes[settled : settled + fused]
-            collector.note_fused(engine, [fix.validity_ns for fix in done], notes[:fused, 2])
-            engine.admit(done[0])
-            if fused > 1:  # those between are in order
-                engine.admit(done[-1])
-            collector.receipts += engine.ledger.fused(
-                done, outcomes[:fused], notes[:fused], arrays.gate
-            )
-            settled += fused
-        if fused < len(outcomes) and outcomes[fused, 0] >= 0.0:  # else the filter was lost here
-            steps, stamp_ns, rows = notes[fused].tolist()
-            collector.note(engine, rows)
-            result = FixResult(arrays.outcome_of(outcomes[fused]), steps)
-            self._decided(fixes[settled], result, stamp_ns)
-            settled += 1
-        return settled
-
-    def _decided(self, fix: Fix, result: FixResult, stamp_ns: int) -> None:
-        """Write the receipt of a fix that the gate refused."""
-        engine = self._engine
-        engine.admit(fix)
-        engine.ledger.received += 1
-        engine.ledger.remember(fix, fix.validity_ns, fused=False)
-        receipt = engine.ledger.decided(fix, fix, result, stamp_ns)
-        engine.verdicts[receipt.verdict] += 1
-        self._collector.receipts.append(receipt)
-
-    def _lost(self, fix: Fix) -> None:
-        """Write the receipt of a fix at which the filter diverged."""
-        engine = self._engine
-        engine.admit(fix)
-        engine.ledger.received += 1
-        self._collector.receipts.append(
-            engine.refuse(fix, Verdict.NOT_READY, engine.why_lost, fix.receive_ns)
-        )

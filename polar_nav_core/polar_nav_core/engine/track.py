@@ -248,7 +248,7 @@ class Collector(Generic[T]):
         self.receipts: list[Receipt] = []
         self.identifications: list[Identification] = []
 
-    def take(self, outputs: Iterator[Output]) -> None:
+    def collect(self, outputs: Iterator[Output]) -> None:
         """Store outputs of the engine: receipts, identifications, single estimates."""
         for output in outputs:
             if isinstance(output, Receipt):

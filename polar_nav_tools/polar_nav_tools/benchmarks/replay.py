@@ -272,7 +272,7 @@ def _entries(bag: Bag, path: Path, mcap_file: Path) -> list[Entry]:
 
     def engine(inputs: Inputs) -> object:
         rows = EstimateRows(params)
-        engine_run.run(params, inputs, sink=rows.take, derived=True)
+        engine_run.run(params, inputs, sink=rows.append, derived=True)
         return rows.series(VEHICLE)
 
     def entry(key: str, title: str, call: Callable[[], object]) -> Entry:

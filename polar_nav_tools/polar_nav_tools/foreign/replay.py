@@ -144,7 +144,7 @@ def run(
     def take(chunk: engine_run.Track) -> None:
         if moved is not None:
             chunk = moved(chunk)
-        rows.take(chunk)
+        rows.append(chunk)
         if messages:
             states.extend(_states(chunk, loaded))
 

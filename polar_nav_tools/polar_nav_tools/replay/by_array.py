@@ -45,7 +45,7 @@ def replay_arrays(
         params,
         numbered.inputs,
         progress=progress,
-        sink=rows.take,
+        sink=rows.append,
         derived=True,
         look_every_s=LOOK_EVERY_S,
     )

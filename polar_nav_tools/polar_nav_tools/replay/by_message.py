@@ -186,16 +186,16 @@ def _drive(
     for i, event in enumerate(events):
         while waiting and waiting[-1].stamp_ns < event.stamp_ns:
             receipt = waiting.pop()
-            collector.take(run.advance(receipt.stamp_ns + 1))
-            collector.take([run.refuse(receipt)])
-        collector.take(run.process(event))
+            collector.collect(run.advance(receipt.stamp_ns + 1))
+            collector.collect([run.refuse(receipt)])
+        collector.collect(run.process(event))
         if run.engine.health is not None and (not health or run.engine.health is not health[-1]):
             health.append(run.engine.health)
         if progress is not None and i % every == 0:
             progress(i / len(events))
     while waiting:
-        collector.take([run.refuse(waiting.pop())])
-    collector.take(run.flush())
+        collector.collect([run.refuse(waiting.pop())])
+    collector.collect(run.flush())
     if progress is not None:
         progress(1.0)
     return tuple(health)
@@ -212,12 +212,12 @@ def _drive_live(
     every = max(1, len(messages) // 100)
     for i, (topic, message) in enumerate(messages):
         published = run.take(topic, message)
-        collector.take(p for p in published if p.topic not in _FOR_PEOPLE)
+        collector.collect(p for p in published if p.topic not in _FOR_PEOPLE)
         if run.engine.health is not None and (not health or run.engine.health is not health[-1]):
             health.append(run.engine.health)
         if progress is not None and i % every == 0:
             progress(i / len(messages))
-    collector.take(run.flush())
+    collector.collect(run.flush())
     if progress is not None:
         progress(1.0)
     return tuple(health)
@@ -231,7 +231,7 @@ class _Collector:
         self._hashes = {topic: hashlib.sha256() for topic in compared}
         self.outputs: list[Output] = []
 
-    def take(self, published: Iterable[Published]) -> None:
+    def collect(self, published: Iterable[Published]) -> None:
         for topic, message, data in published:
             stamp_ns = to_ns(message.header.stamp)
             self.outputs.append(Output(self._prefix + topic, stamp_ns, data))

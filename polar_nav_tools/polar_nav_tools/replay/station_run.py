@@ -34,7 +34,7 @@ def replay_station(source: StationArrays, params: FollowerParams) -> ReplayedRun
     track = result.track
     rows = EstimateRows(params, len(track.stamps_ns))
     for start in range(0, len(track.stamps_ns), _ROWS):
-        rows.take(_as_estimates(track, slice(start, start + _ROWS)))  # type: ignore[arg-type]
+        rows.append(_as_estimates(track, slice(start, start + _ROWS)))  # type: ignore[arg-type]
     return ReplayedRun(
         vehicle=source.vehicle,
         params=params,

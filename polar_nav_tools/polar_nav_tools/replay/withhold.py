@@ -120,7 +120,7 @@ def withhold(
     )
     picker = _Picker(wanted)
     often = replace(params, output_period_s=_ROWS_S)
-    result = engine_run.run(often, kept, sink=picker.take)
+    result = engine_run.run(often, kept, sink=picker.append)
     compare = _Compare(params, inputs, picker)
     return [
         compare.predicted(one, mask) for one, mask in zip(what, chosen, strict=True)
@@ -199,7 +199,7 @@ class _Picker:
         self._last: tuple[int, _State] | None = None
         self._found: dict[int, _State] = {}
 
-    def take(self, chunk: Track) -> None:
+    def append(self, chunk: Track) -> None:
         """Take some rows; they are overwritten after the call."""
         stamps = chunk.stamps_ns
         while self._next < len(self._wanted) and self._wanted[self._next] <= stamps[-1]:

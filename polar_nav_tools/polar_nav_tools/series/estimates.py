@@ -52,7 +52,7 @@ class EstimateRows:
         self._columns: Columns = {}
         self._count = 0
 
-    def take(self, chunk: Track) -> None:
+    def append(self, chunk: Track) -> None:
         """Append copies of some rows."""
         columns = self._columns_of(chunk)
         start, stop = self._count, self._count + len(chunk.stamps_ns)
@@ -65,7 +65,7 @@ class EstimateRows:
     def series(self, vehicle: str) -> EstimateSeries:
         """Return the series of the whole run."""
         if not self._columns:
-            self.take(_no_rows())
+            self.append(_no_rows())
         count = self._count
         configuration = self._params.configuration if count else ''
         columns: dict[str, Any] = {name: c[:count] for name, c in self._columns.items()}

@@ -108,7 +108,7 @@ class Fusion:
         """Fuse a fix; None when the stored history does not reach back to its validity."""
         raise TypeError(f'{type(self).__name__} has no way to treat fix {fix.sequence}')
 
-    def _take(self) -> Outcome:
+    def _fuse(self) -> Outcome:
         """Fuse the fix in the filter's ``H``, ``R``, ``z``; returns the outcome."""
         if self._noise_fix is None:
             return self.filter.fuse_fix()
@@ -222,7 +222,7 @@ class Ignore(Fusion):
         """Fuse a fix as if it were valid when it was received."""
         self.filter.reach(fix.receive_ns)
         self._fuse_at(fix, self._present(), fix.receive_ns)
-        return FixResult(self._take(), 0)
+        return FixResult(self._fuse(), 0)
 
 
 class Tagged(Fusion):
@@ -237,7 +237,7 @@ class Tagged(Fusion):
             return None
         self._fuse_at(fix, epoch, fix.validity_ns)
         f.refer_to_now(epoch.correction)
-        return FixResult(self._take(), f.history.step - epoch.step)
+        return FixResult(self._fuse(), f.history.step - epoch.step)
 
 
 class BackPropagate(Fusion):
@@ -247,4 +247,4 @@ class BackPropagate(Fusion):
         """Fuse a fix with its rows referred to now through the stored transitions."""
         self.filter.reach(fix.receive_ns)
         steps = self.filter.fill_late_fix(fix)
-        return None if steps < 0 else FixResult(self._take(), steps)
+        return None if steps < 0 else FixResult(self._fuse(), steps)

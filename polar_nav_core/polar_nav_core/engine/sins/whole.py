@@ -30,16 +30,7 @@ class SinsArrays:
     params : EngineParams
     inputs : Inputs
     rows : Rows
-        That the loop writes.
-
-    Attributes
-    ----------
-    first : ImuSample or None
-        The first that can be used: there the state starts.
-    unusable : list of Event
-        What gets a receipt or is passed over.
-    filter : NavigationFilter
-        After `start`.
+        Rows of output that the loop writes.
     """
 
     filter: NavigationFilter
@@ -130,13 +121,7 @@ class SinsArrays:
         return self.filter.imu_stamp_ns
 
     def advance(self, until_ns: int, until_rank: int) -> bool:
-        """Process all data before a stamp [ns] and rank; True if the rows were full before that.
-
-        Raises
-        ------
-        FilterDivergence
-            As `NavigationFilter.advance`.
-        """
+        """Process all data before a stamp [ns] and rank; True if the rows were full before."""
         return self._fusion.advance(until_ns, until_rank) == fs.FULL
 
     def put_row(self) -> None:

@@ -25,16 +25,7 @@ class StationArrays:
     params : EngineParams
     inputs : StationInputs
     rows : Rows
-        That the loop writes.
-
-    Attributes
-    ----------
-    first : ImuSample or None
-        The first that can be used: there the state starts.
-    unusable : list of Event
-        What gets a receipt, and what comes before the state.
-    filter : StationFilter
-        After `start`.
+        Rows of output that the loop writes.
     """
 
     filter: StationFilter
@@ -108,13 +99,7 @@ class StationArrays:
         return self.filter.stamp_ns
 
     def advance(self, until_ns: int, until_rank: int) -> bool:
-        """Process all data before a stamp [ns] and rank; True if the rows were full before that.
-
-        Raises
-        ------
-        FilterDivergence
-            As `StationFilter.advance`.
-        """
+        """Process all data before a stamp [ns] and rank; True if the rows were full before."""
         return self.filter.advance(until_ns, until_rank) == ss.FULL
 
     def put_row(self) -> None:

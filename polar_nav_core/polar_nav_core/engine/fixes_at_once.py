@@ -1,0 +1,146 @@
+"""Fixes of a whole run, many in one call of the compiled loop, with the receipts of each."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ..errors import FilterDivergence
+from ..link.fields import TICK_NS, WRAP
+from ..order import FIX_RANK, FUSED
+from .driver import WholeArrays
+from .engine import Engine
+from .events import Event, Fix, Verdict
+from .looks import Look
+from .results import FixResult
+from .sins.whole import SinsArrays
+from .track import Collector
+
+
+def diverge(engine: Engine, arrays: WholeArrays, why: FilterDivergence, stamp_ns: int) -> None:
+    """Restore a filter that was lost in the compiled loop, and continue with the new one."""
+    engine.last_imu_ns, cursors = arrays.stamp_ns, arrays.cursors()
+    engine.diverge(str(why), stamp_ns)
+    arrays.hand_over(engine.fusion, cursors)
+
+
+class FixesAtOnce:
+    """Fixes that only gate or history can refuse, many at a time in the compiled loop.
+
+    It counts, admits and writes receipts as `Engine.process` does for single events.
+
+    Parameters
+    ----------
+    engine : Engine
+    arrays : SinsArrays
+        Inputs of the run, in the streams of the engine's filter.
+    collector : Collector
+        Rows and receipts of the run.
+    """
+
+    def __init__(self, engine: Engine, arrays: SinsArrays, collector: Collector[Any]) -> None:
+        self._engine = engine
+        self._arrays = arrays
+        self._collector = collector
+
+    def fuse(self, events: Sequence[Event | Look]) -> int:
+        """Fuse the leading fixes of ``events`` with all data before them; returns their number.
+
+        Returns
+        -------
+        int
+            Number of fixes up to the first that is refused or has to be judged in Python.
+        """
+        engine, arrays = self._engine, self._arrays
+        fixes = self._plain(events)
+        if not fixes:
+            return 0
+        first, settled = arrays.fixes, 0
+        arrays.put_fixes(fixes)
+        try:
+            full = True
+            while full:
+                full = arrays.advance(fixes[-1].receive_ns, FIX_RANK + 1)
+                settled = self._settle(fixes, first, settled)
+                self._collector.note(engine)
+                if full:
+                    self._collector.drain()
+        except FilterDivergence as error:
+            settled = self._settle(fixes, first, settled)
+            self._collector.note(engine)
+            on_fix = first + settled < arrays.fixes
+            at_ns = fixes[settled].receive_ns if on_fix else arrays.stamp_ns
+            diverge(engine, arrays, error, at_ns)
+            if on_fix:
+                self._lost(fixes[settled])
+                settled += 1
+        else:
+            arrays.drop_fixes()
+            engine.last_imu_ns = arrays.stamp_ns
+        return settled
+
+    def _plain(self, events: Sequence[Event | Look]) -> list[Fix]:
+        """Leading fixes that only the filter's history or gate can refuse."""
+        found: list[Fix] = []
+        ticks: set[int] = set()
+        ledger = self._engine.ledger
+        for event in events:
+            if not isinstance(event, Fix) or not ledger.integrity.quiet:
+                break
+            tick = event.validity_ns // TICK_NS % WRAP  # another of it may be a copy
+            if tick in ticks:
+                break
+            if ledger.refusal(event, event.validity_ns):
+                break
+            ticks.add(tick)
+            found.append(event)
+        return found
+
+    def _settle(self, fixes: list[Fix], first: int, settled: int) -> int:
+        """Write receipts of the filter's decisions; returns the number of fixes with a receipt.
+
+        ``first`` is the number of the first fix in the streams.
+        """
+        engine, collector, arrays = self._engine, self._collector, self._arrays
+        outcomes, notes = arrays.decisions(first + settled)
+        # All were fused, but for the last one perhaps: the compiled loop stops there.
+        others = np.flatnonzero(outcomes[:, 0] != FUSED)
+        fused = int(others[0]) if len(others) else len(outcomes)
+        if fused:
+            done = fixes[settled : settled + fused]
+            collector.note_fused(engine, [fix.validity_ns for fix in done], notes[:fused, 2])
+            engine.admit(done[0])
+            if fused > 1:  # those between are in order
+                engine.admit(done[-1])
+            collector.receipts += engine.ledger.fused(
+                done, outcomes[:fused], notes[:fused], arrays.gate
+            )
+            settled += fused
+        if fused < len(outcomes) and outcomes[fused, 0] >= 0.0:  # else the filter was lost here
+            steps, stamp_ns, rows = notes[fused].tolist()
+            collector.note(engine, rows)
+            result = FixResult(arrays.outcome_of(outcomes[fused]), steps)
+            self._decided(fixes[settled], result, stamp_ns)
+            settled += 1
+        return settled
+
+    def _decided(self, fix: Fix, result: FixResult, stamp_ns: int) -> None:
+        """Write the receipt of a fix that the gate refused."""
+        engine = self._engine
+        engine.admit(fix)
+        engine.ledger.received += 1
+        engine.ledger.remember(fix, fix.validity_ns, fused=False)
+        receipt = engine.ledger.decided(fix, fix, result, stamp_ns)
+        engine.verdicts[receipt.verdict] += 1
+        self._collector.receipts.append(receipt)
+
+    def _lost(self, fix: Fix) -> None:
+        """Write the receipt of a fix at which the filter diverged."""
+        engine = self._engine
+        engine.admit(fix)
+        engine.ledger.received += 1
+        self._collector.receipts.append(
+            engine.refuse(fix, Verdict.NOT_READY, engine.why_lost, fix.receive_ns)
+        )
