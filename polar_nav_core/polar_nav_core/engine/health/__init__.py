@@ -1,1 +1,1 @@
-"""The watchdog: what innovations, refusals and silences say of each sensor."""
+"""Watchdog: conditions of a navigation by innovations, refusals and silences of its sensors."""

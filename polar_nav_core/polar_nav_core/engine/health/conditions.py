@@ -1,4 +1,4 @@
-"""What can be wrong with a navigation, as levels, culprits and sentences."""
+"""Conditions of a navigation: level, culprit and sentence of each fault that is present."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from enum import IntEnum, IntFlag
 
 
 class Level(IntEnum):
-    """How bad it is; the numbers are those of diagnostic_msgs/DiagnosticStatus."""
+    """Severity of a condition; the numbers are those of diagnostic_msgs/DiagnosticStatus."""
 
     OK = 0
     WARN = 1
@@ -15,7 +15,7 @@ class Level(IntEnum):
 
 
 class Culprit(IntFlag):
-    """What the evidence supports as the cause; several bits where it cannot tell them apart."""
+    """Possible causes of a condition, as bits; several where the evidence cannot separate them."""
 
     NONE = 0
     FIXES = 1
@@ -29,7 +29,7 @@ class Culprit(IntFlag):
 
 @dataclass(frozen=True)
 class Condition:
-    """One thing that is wrong at a stamp.
+    """One fault of a navigation at a stamp.
 
     Attributes
     ----------
@@ -101,7 +101,7 @@ class Health:
 
     @property
     def lost(self) -> bool:
-        """Whether the vehicle may be anywhere: too large a circle, or a state it cannot be in."""
+        """Whether the position is lost: the 95 % circle is too large, or the state impossible."""
         return any(p.condition.key in LOST for p in self.present)
 
     @property
@@ -120,7 +120,7 @@ class Health:
 
 
 class Chronicle:
-    """Remembers since when each kind of condition is present and how often it came."""
+    """Record of when each kind of condition began and how often it came."""
 
     def __init__(self) -> None:
         self._since: dict[str, int] = {}

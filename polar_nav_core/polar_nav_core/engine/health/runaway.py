@@ -17,7 +17,7 @@ _WARN, _ERROR = 1.5, 3.0
 
 
 def imu_noise(factor: float) -> list[Condition]:
-    """The condition that the IMU's noise is a multiple of the stated one, if it is."""
+    """List of one condition if the IMU's noise is a multiple of the stated one, else empty."""
     if factor < _WARN:
         return []
     level = Level.WARN if factor < _ERROR else Level.ERROR
@@ -29,7 +29,7 @@ def imu_noise(factor: float) -> list[Condition]:
 
 
 class Runaway:
-    """Remembers since when a navigation contradicts its vehicle or its DVL."""
+    """Stamp since which a navigation contradicts its vehicle or its DVL."""
 
     def __init__(self) -> None:
         self._since_ns: int | None = None
@@ -37,7 +37,7 @@ class Runaway:
     def look(
         self, stamp_ns: int, too_fast: bool, refused: float, innovation: float
     ) -> list[Condition]:
-        """The condition that it has diverged, if it has for AFTER_S.
+        """List of one condition if the navigation has contradicted them for AFTER_S, else empty.
 
         Parameters
         ----------

@@ -44,7 +44,7 @@ class Span:
 
     @property
     def error_share(self) -> float:
-        """Share of the looks with an ERROR; 0 for a run that nobody looked at."""
+        """Share of the looks with an ERROR; 0 for a run without looks."""
         return self.errors / self.looks if self.looks else 0.0
 
     @property

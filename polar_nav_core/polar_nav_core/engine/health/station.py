@@ -1,4 +1,4 @@
-"""Judges a navigation in station mode by its fixes, its thrust and what it finds of its drag.
+"""Conditions of a navigation in station mode, from its fixes, thrust and estimated drag.
 
 A station's fixes are the only aid in the horizontal, so what contradicts them is the model of the
 vehicle and its water, or the fixes themselves. A model that is wrong (dead thruster, a vehicle
@@ -32,7 +32,7 @@ _EITHER = Culprit.MODEL | Culprit.FIXES
 
 @dataclass(frozen=True, kw_only=True)
 class StationView(View):
-    """What the watchdog looks at in station mode, besides what every navigation has.
+    """Quantities of a navigation in station mode that the watchdog judges at one stamp.
 
     Attributes
     ----------
@@ -57,7 +57,7 @@ class StationView(View):
 
 
 class StationWatchdog(Watchdog):
-    """Follows one navigation in station mode."""
+    """Watchdog of one navigation in station mode; `look` returns its health."""
 
     def _conditions(self, view: View) -> list[Condition]:
         s = statistics(view.memories)
@@ -68,7 +68,7 @@ class StationWatchdog(Watchdog):
 
 
 def _disagreement(s: Statistics) -> list[Condition]:
-    """Fixes and model contradict one another; a mean says that it is the model, or its water."""
+    """Fixes and model contradict one another; a mean points to the model or its current."""
     number = s.number[FIX, watch.SHORT]
     nis = float(s.nis[FIX, watch.SHORT])
     refused = float(s.refused[FIX, watch.SHORT])

@@ -1,4 +1,4 @@
-"""Judges every sensor of a strapdown navigation by what its innovations and refusals show.
+"""Conditions of a strapdown navigation, from innovations and refusals of each sensor.
 
 Nothing here changes an estimate. What is compared: innovation memories (kernels.watch), refusals
 in a row, ages of the aids, speed and depth. Where the evidence fits several causes, the sentence
@@ -45,7 +45,7 @@ AFTER_S = 60.0
 
 
 class Gaps(NamedTuple):
-    """How many gaps there were, how long the last one was [s], and when it ended [ns]."""
+    """Number of gaps, length of the newest one [s] and stamp of its end [ns]."""
 
     number: int
     last_s: float
@@ -57,7 +57,7 @@ NO_GAPS = Gaps(0, 0.0, 0)
 
 @dataclass(frozen=True)
 class View:
-    """What the watchdog looks at, at one stamp.
+    """Quantities of a navigation that the watchdog judges at one stamp.
 
     Attributes
     ----------
@@ -94,7 +94,7 @@ class View:
 
 @dataclass(frozen=True)
 class Envelope:
-    """What the vehicle can do.
+    """Limits of the vehicle and of the pauses of its sensors.
 
     Attributes
     ----------
@@ -116,7 +116,7 @@ class Envelope:
 
 
 class Watchdog:
-    """Follows one navigation.
+    """Watchdog of one navigation; `look` returns its health.
 
     Parameters
     ----------
@@ -296,7 +296,7 @@ def outside(view: View, envelope: Envelope) -> list[Condition]:
 
 
 def _lost(radius: float, envelope: Envelope) -> list[Condition]:
-    """A position that may be anywhere; a radius that is no number is of no covariance."""
+    """A position whose 95 % radius is too large, or no number."""
     if radius <= envelope.lost_radius:
         return []
     sentence = (
