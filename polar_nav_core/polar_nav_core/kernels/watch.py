@@ -1,4 +1,4 @@
-"""Running statistics of innovations, per sensor: what the watchdog judges (engine.health).
+"""Running statistics of innovations per sensor, which the watchdog judges (engine.health).
 
 Every attempt to use a measurement counts, whether the gate let it pass or not. Two memories, of
 30 and of 300 attempts, with exponentially falling weights: a short one for faults that come at

@@ -1,4 +1,4 @@
-"""The fast part of the strapdown: what one IMU sample does in the body frame.
+"""The fast part of the strapdown: rotation and velocity of one IMU sample in the body frame.
 
 Two-sample coning and sculling from the previous increments, and the rotation compensation of the
 velocity increment that is exact for constant rate and force (docs/derivations/grid.md, section 4).

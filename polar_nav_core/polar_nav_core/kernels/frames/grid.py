@@ -24,7 +24,7 @@ from .earth import (
 
 @kernel
 def delta(u_x: float, u_z: float) -> float:
-    """sqrt(1 - u_y^2) without loss: how far from singular a place is."""
+    """Delta = sqrt(1 - u_y^2), without loss of digits; zero where the grid frame is singular."""
     return math.sqrt(u_x * u_x + u_z * u_z)
 
 

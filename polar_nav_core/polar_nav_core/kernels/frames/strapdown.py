@@ -91,7 +91,7 @@ def _turn_attitude(
 def surroundings(
     v_G: Array, r_e: Array, half: float
 ) -> tuple[float, float, float, float, float, float, float, float]:
-    """What the place does to the navigation state, at where it will be in ``half`` [s].
+    """Up vector, 1/Delta, curvatures and gravity at the position ``half`` [s] from now.
 
     Returns
     -------
@@ -342,7 +342,7 @@ def strapdown_step_held(
     dt_prev: float,
     held: Array,
 ) -> None:
-    """`strapdown_step_uneven` in `surroundings` (8,) that somebody holds over several steps.
+    """`strapdown_step_uneven` in given `surroundings` (8,), evaluated once for several steps.
 
     increments, (4, 3): angle and velocity increment of this step, then of the one before.
     """
@@ -388,7 +388,7 @@ def strapdown_batch(
 
 @kernel
 def hold_vertical(v_G: Array, r_e: Array, height: float, v_up: float) -> None:
-    """Put the vertical channel where depth says it is: height [m], vertical velocity [m/s].
+    """Set height [m] and vertical velocity [m/s] of a state to stated values, as of a depth.
 
     The free vertical channel of any strapdown is unstable (time constant about 570 s).
     """

@@ -1,4 +1,4 @@
-"""What is nonlinear of a large error of attitude, as noise: the filter itself is linear.
+"""Second-order terms of a large attitude error, added as noise: the filter itself is linear.
 
 After a gap between IMU samples the attitude may be uncertain by half a radian. A body velocity
 C_b_G^T v_G then depends on it by more than the rows of a ping say: by phi x (phi x v)/2, which is

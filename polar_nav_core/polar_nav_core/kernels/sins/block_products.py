@@ -1,4 +1,4 @@
-"""Closed blocks: how they are made, how a late fix passes them and what it changes of them."""
+"""Products of closed blocks of stored steps; passage of a late fix through closed blocks."""
 
 from __future__ import annotations
 
@@ -153,7 +153,7 @@ def build(past: Past, log: Log, bl: Blocks, b: int, end: int) -> None:
 
 @kernel
 def cross_block(C: Array, P_cc: Array, z: Array, bl: Blocks, b: int) -> None:
-    """Carry a late fix through a closed block, and keep how it came there."""
+    """Carry a late fix through a closed block; stores its rows and innovation at the entry."""
     for a in range(3):
         bl.z[b, a] = z[a]
         for d in range(3):
@@ -176,7 +176,7 @@ def cross_block(C: Array, P_cc: Array, z: Array, bl: Blocks, b: int) -> None:
 
 @kernel
 def change_prior(bl: Blocks, b: int) -> None:
-    """The prior of a closed block becomes what it is with the late fix fused before.
+    """Replace the prior of a closed block by that with the late fix fused before it.
 
     The whitened columns are those that `change_block` of the block before has left.
     """
@@ -190,7 +190,7 @@ def change_prior(bl: Blocks, b: int) -> None:
 def change_block(
     bl: Blocks, b: int, C: Array, P_cc: Array, z: Array, R: Array, Y: Array, sign: float
 ) -> bool:
-    """Psi, Lambda and lambda of a closed block with the late fix fused.
+    """Replace Psi, Lambda and lambda of a closed block by those with the late fix fused.
 
     C, P_cc, z are those at its end; ``sign`` Y P = cov(c, x at the start | block) but for what
     does not depend on the block. B C stays in scratch[0:3], B in small[1].

@@ -1,4 +1,4 @@
-"""The way over a gap between IMU samples: last rates, which decay, and constant velocity.
+"""Prediction over a gap between IMU samples: last rates, which decay, and constant velocity.
 
 The steps are covariance steps like others, with transitions, epochs and snapshots, so that late
 fixes find their way across a gap. Measurements that come in it are fused at their stamps.
@@ -29,7 +29,7 @@ _AT_ONCE_S = 1e-3
 
 @kernel
 def is_gap(s: State, c: Settings, stamp_ns: int) -> bool:
-    """Whether a stamp is so far from the newest IMU sample that the way there is bridged."""
+    """Whether a stamp is so far from the newest IMU sample that the gap is bridged."""
     if c.gap_ns == 0:
         return False
     usual_s = s.previous_dt[0]

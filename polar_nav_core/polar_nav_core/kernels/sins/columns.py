@@ -1,4 +1,4 @@
-"""Columns of a navigation state besides itself: angles, headings, uncertainties.
+"""Quantities derived from state and covariance for nav/state: angles, headings, sigmas.
 
 One row of numbers for each state; `polar_nav_core.nav_columns` names them. The live node calls
 this for one row, a replay for thousands: the same code, so the same bits.
@@ -92,7 +92,7 @@ def _quaternion(C: Array, row: Array) -> None:
 
 @kernel
 def _covariances(P: Array, C_e_G: Array, product: Array, row: Array) -> None:
-    """Of position, C_e_G P_e C_e_G', of velocity and attitude; all standard deviations."""
+    """Fill covariances of position (C_e_G P_e C_e_G'), velocity and attitude, and all sigmas."""
     for k in range(N):
         row[SIGMA + k] = math.sqrt(P[k, k])
     for i in range(3):
@@ -115,7 +115,7 @@ def _covariances(P: Array, C_e_G: Array, product: Array, row: Array) -> None:
 
 @kernel
 def _true_heading(x: float, y: float, u_z: float, P: Array, row: Array) -> None:
-    """True heading as far as it can be known; see `grid.true_heading`."""
+    """True heading [rad] and its sigma, NaN where it cannot be known; see `grid.true_heading`."""
     row[TRUE_HEADING] = math.nan
     row[CONVERGENCE] = math.nan
     row[TRUE_HEADING_SIGMA] = SIGMA_CAP
@@ -143,7 +143,7 @@ def _true_heading(x: float, y: float, u_z: float, P: Array, row: Array) -> None:
 
 @routine
 def describe(r_e: Array, C_b_G: Array, P: Array, row: Array, scratch: Array) -> None:
-    """Fill the row of a state.
+    """Fill the row (WIDTH,) of derived columns of one state.
 
     Parameters
     ----------

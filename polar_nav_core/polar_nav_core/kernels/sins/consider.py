@@ -1,4 +1,4 @@
-"""Common errors: how far constants that nobody estimates move the state, and what that costs.
+"""Common errors (constants that are not estimated): sensitivity and added covariance of the state.
 
 A constant error b that measurements share (the zero of depth, a turned DVL, a scale error of
 ranges) moves the estimate by S b, whatever the filter believes: with any gain K the error obeys

@@ -59,7 +59,7 @@ def _pass_update(C: Array, P_cc: Array, z: Array, log: Log, bl: Blocks, u: int, 
 def _change_update(
     C: Array, P_cc: Array, z: Array, R: Array, log: Log, bl: Blocks, u: int, m: int
 ) -> bool:
-    """`_pass_update`, and the stored update becomes what it is with the late fix fused before."""
+    """`_pass_update`; the stored update is replaced by that with the late fix fused before it."""
     B = bl.small[1]
     GB = bl.small[2]
     Q = bl.small[3]
@@ -169,7 +169,7 @@ def change_entries(
     closed: bool,
     change: Array,
 ) -> bool:
-    """`carry`, and what is stored becomes what it is with the late fix fused before.
+    """`carry`; the stored entries are replaced by those with the late fix fused before them.
 
     The last step of a closed block is the prior of the next one: it stays.
     """
@@ -286,7 +286,7 @@ def adjoint(
 
 @kernel
 def shift_epochs(past: Past, s: State, first: int, until: int, change: Array) -> None:
-    """Move what is stored of epochs first..until-1 by a change of the estimate.
+    """Move the stored positions of epochs first..until-1 by a change of the estimate.
 
     Grid axes are those of now: over the length of the history they hardly turn.
     """

@@ -48,7 +48,7 @@ def _process_noise(q: Array, s: State, c: Settings, dt: float) -> None:
 
 @kernel
 def _copy(s: State, flat: Array) -> None:
-    """Copy all that changes with time, but for the counters, to a row."""
+    """Copy the state without its counters to a row."""
     for k in range(fs.FLAT):
         flat[k] = s.flat[k]
     for r in range(s.model.shape[0]):
@@ -70,7 +70,7 @@ def take_snapshot(s: State, log: Log) -> None:
 
 @kernel
 def _keep_good(s: State, log: Log, stamp_ns: int) -> None:
-    """Store a state that is sound: what a filter that is lost later goes back to."""
+    """Store a sound state, from which a filter that is lost later is restored."""
     _copy(s, log.good_flat[0])
     log.good_ns[0] = stamp_ns
 

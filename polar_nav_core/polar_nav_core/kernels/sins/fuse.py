@@ -1,4 +1,4 @@
-"""One measurement into the estimate: noise, gate, update, feedback, and what is stored of it.
+"""Fusion of one measurement: noise, gate, update, feedback, and the stored past.
 
 Whole runs, clones and fixes that are fused again share `adapt_noise`, `judge` and `passes`.
 Derivation of the adapted noise: docs/derivations/adaptation.md.
@@ -24,7 +24,7 @@ from .update import N, cholesky, feed_back, innovation_covariance, nis_of, updat
 
 @kernel
 def locate(s: State, fr: Frames, c: Settings) -> None:
-    """Frames and the transponder's place at the state."""
+    """Fill the frames and the transponder's position of the state."""
     fr.height[0] = place(
         s.r_e,
         s.v_G,
@@ -150,7 +150,7 @@ def judge_wide(c: Settings, w: Work, z: Array, m: int) -> bool:
 
 @kernel
 def remember(s: State, w: Work, z: Array, stream: int, m: int, fused: bool) -> None:
-    """Add an attempt to the memories of its stream (watch), and what was used when."""
+    """Add a judged measurement to the memories of its stream (watch); stores when it was used."""
     if fused:
         s.counters[fs.USED_NS + stream] = s.counters[fs.STAMP]
         s.counters[fs.USES + stream] += 1
@@ -169,7 +169,7 @@ def adapt_noise(s: State, c: Settings, w: Work, stream: int, m: int) -> None:
 
 @kernel
 def passes(s: State, c: Settings, w: Work, z: Array, stream: int, m: int) -> bool:
-    """Whether a judged measurement passes the gate; then its weight, and what noise learns of it.
+    """Whether a judged measurement passes the gate; if so, its weight and the adapted noise.
 
     Of a fix far off, R and S in the scratch are enlarged; ``nis[1]`` says by how much. ``z`` is
     the innovation that belongs to S.
@@ -202,7 +202,7 @@ def _is_out_of_reach(s: State, c: Settings, w: Work, z: Array) -> bool:
 def fuse_rows(
     s: State, c: Settings, past: Past, w: Work, log: Log, m: int, stream: int, rank: int
 ) -> int:
-    """FUSED, REFUSED by the gate or S_NOT_DEFINITE, of what stands in H, R, z of the scratch.
+    """Fuse the rows H, R, z of the scratch; FUSED, REFUSED by the gate or S_NOT_DEFINITE.
 
     First m rows; ``stream`` is their row of tally and noise, ``rank`` their place in the log. The
     frames are left behind: `fuse_filled` and `run.advance` bring them up to date.
@@ -306,7 +306,7 @@ def enlarge(w: Work, c: Settings) -> float:
 
 @kernel
 def store_update(log: Log, number: int, w: Work, m: int) -> None:
-    """Rows, innovation, correction, gain, S and its factor of a fused measurement."""
+    """Store rows, innovation, correction, gain, S and its factor of a fused measurement."""
     i = number % log.H.shape[0]
     for a in range(3):
         log.z[i, a] = w.z[a] if a < m else 0.0

@@ -1,4 +1,4 @@
-"""What a gap between IMU samples adds to the covariance.
+"""Covariance added for a gap between IMU samples.
 
 Over a gap the last rates are held, and decay, and the velocity is held (`bridge`). What the
 vehicle does meanwhile is not known: the rate drifts off, so that the error of attitude grows with
@@ -67,7 +67,7 @@ def add_gap_noise(q: Array, P: Array, variances: Array, before: float, after: fl
 
 @kernel
 def add_path_not_known(P: Array, v_G: Array, before: float, after: float) -> None:
-    """Add to P (24, 24) what the vehicle may have gone from ``before`` to ``after`` in a gap [s].
+    """Add to P (24, 24) the path that is unknown from ``before`` to ``after`` in a gap [s].
 
     Both after LONG_S; a vehicle that went on at v_G [m/s] is one sigma away.
     """

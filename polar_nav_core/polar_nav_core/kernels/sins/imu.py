@@ -14,7 +14,7 @@ from ..frames.strapdown import strapdown_step_held, surroundings
 
 @kernel
 def hold_surroundings(held: Array, v_G: Array, r_e: Array, span: float) -> None:
-    """Evaluate the place once for all samples of the next ``span`` [s], in the middle of it.
+    """Fill the `surroundings` for all samples of the next ``span`` [s], taken at its middle.
 
     Over a filter step of 0.1 s at 3 m/s gravity changes by less than 1e-6 m/s^2 and the grid axes
     turn by 5e-8 rad, which the middle halves and balances: as in blocks (`frames.blocks`).

@@ -1,4 +1,4 @@
-"""Rows of a fix about the past: against the stored position, brought through the steps to now.
+"""Rows of a late fix: against the position stored at its validity, referred to now.
 
 Derivation: docs/derivations/late_fixes.md.
 """
@@ -52,7 +52,7 @@ def fill_stored_fix(
     epoch_C_e_G: Array,
     C_e_G: Array,
 ) -> float:
-    """Seconds from a stored epoch to the validity of a fix; H, R and z of the fix there are in w.
+    """Fill w with H, R, z of a fix at a stored epoch; returns the time to its validity [s].
 
     Parameters
     ----------
@@ -90,7 +90,7 @@ def fill_late_fix(
     array_heading: float,
     common_e: Array,
 ) -> int:
-    """How far back a late fix reaches; H Phi^-1, R and z of it are in the scratch.
+    """Fill the scratch with H Phi^-1, R and z of a late fix; returns its age in filter steps.
 
     The innovation is that of the position stored before the time of validity plus velocity times
     the rest; the frames are those of now.

@@ -35,7 +35,7 @@ def fuse_late(
     place: int,
     m: int,
 ) -> int:
-    """FUSED, REFUSED or S_NOT_DEFINITE, of the late fix in H, R, z of the scratch.
+    """Fuse the late fix in H, R, z of the scratch; FUSED, REFUSED or S_NOT_DEFINITE.
 
     It is judged by its innovation against all that was received so far, which w.z and w.S hold
     afterwards. The frames are left behind.
@@ -119,7 +119,7 @@ def settle(s: State, past: Past, log: Log, bl: Blocks, m: int) -> bool:
 def _carry_to_now(
     past: Past, w: Work, log: Log, bl: Blocks, m: int, place: int, after: int
 ) -> None:
-    """Carry a fix from its place in block m to the present; how it entered a block stays there."""
+    """Carry a fix from its place in block m to now; each block stores the rows that entered it."""
     n = bl.first.shape[0]
     now = bl.counts[OPEN]
     count = log.counts[0]
@@ -174,7 +174,7 @@ def _judge(s: State, c: Settings, w: Work, bl: Blocks, delay: float) -> bool:
 
 @kernel
 def _change_blocks(s: State, past: Past, w: Work, log: Log, bl: Blocks, m: int) -> bool:
-    """Change closed blocks from m on and the open one to what they are with the fix fused.
+    """Replace the blocks from m on, the open one too, by those with the fix fused.
 
     The entries of block m itself stay: they are relative to its stored prior.
     """
@@ -215,7 +215,7 @@ def _change_blocks(s: State, past: Past, w: Work, log: Log, bl: Blocks, m: int) 
 
 @kernel
 def _change_own(s: State, past: Past, log: Log, bl: Blocks, m: int, u: int) -> bool:
-    """Change what is stored behind the fix of correction u in its own block m.
+    """Replace the entries after the fix of correction u in its own block m by those with it fused.
 
     What it was at its place is stored there: C = S K^T, and S = P_cc + R, which enter as a sum.
     """

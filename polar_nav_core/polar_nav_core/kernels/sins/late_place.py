@@ -1,4 +1,4 @@
-"""Where a late fix belongs among the stored steps, and what it is there by what is stored."""
+"""Place of a late fix among the stored steps, and its rows and innovation there."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def begin(w: Work, log: Log, bl: Blocks, b: int, u: int, epoch: int, place: int)
 
 @kernel
 def _refer(z: Array, H: Array, log: Log, bl: Blocks, b: int, epoch: int, place: int) -> None:
-    """Take out of z what was fed back after the epoch was stored and before ``place``."""
+    """Subtract from z the corrections fed back after the epoch was stored and before ``place``."""
     length = log.kinds.shape[0]
     entry = place - 1
     while entry >= bl.first[b] and log.epochs[entry % length] > epoch:

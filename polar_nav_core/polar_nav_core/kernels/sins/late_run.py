@@ -36,7 +36,7 @@ def take_late(
     common_e: Array,
     note: Ints,
 ) -> int:
-    """FUSED, REFUSED, S_NOT_DEFINITE or OUT_OF_REACH of one late fix.
+    """Fuse one late fix; FUSED, REFUSED, S_NOT_DEFINITE or OUT_OF_REACH.
 
     The innovation is that of the position stored before the validity plus velocity times the rest.
     Axes and USBL bias are those stored, too; the rows have the velocity, so that what is learnt of
@@ -85,7 +85,7 @@ def advance_late(
     until_rank: int,
     rows: Rows,
 ) -> int:
-    """Code of `run.advance`, with the fixes of the streams fused as late ones.
+    """Process as `run.advance` does, with the fixes of the streams fused as late ones.
 
     Returns
     -------

@@ -1,4 +1,4 @@
-"""A gate that opens again: refused measurements that agree with one another are believed at last.
+"""Gate that opens again for refused measurements which have agreed with one another for long.
 
 A gate judges by the filter's own covariance. Where that is wrong (a bias that has jumped, a
 heading stated too well) every ping is refused, for good: the covariance grows by the stated noise,
@@ -67,7 +67,7 @@ def opens(s: State, c: Settings, stream: int) -> bool:
 
 @kernel
 def _vouched(s: State, stream: int) -> bool:
-    """Whether another sensor agrees with the navigation: fixes, and for a depth also the DVL.
+    """Whether fixes (for a depth also the DVL) agree with the navigation, against this sensor.
 
     A depth knows nothing of the horizontal velocity that a DVL contradicts.
     """

@@ -85,7 +85,7 @@ def _raise_noise(s: State, c: Settings, factor: float) -> None:
 
 @kernel
 def runs_away(s: State, c: Settings, stream: int) -> bool:
-    """Whether a row of refused measurements is believed: long enough, and nothing against it."""
+    """Whether a row of refused measurements is long enough to be used, with nothing against it."""
     length_ns = s.counters[fs.STAMP] - s.counters[fs.RUN_NS + stream]
     if s.runs[stream, NUMBER] < FEWEST or length_ns < LEAST_NS:
         return False

@@ -37,7 +37,7 @@ def turn(C: Array, x: float, y: float, z: float, D: Array) -> None:
 
 @kernel
 def square_up(C: Array) -> None:
-    """Take out what rounding has done to the rows' lengths and right angles."""
+    """Make the rows of a rotation matrix orthonormal again after rounding."""
     dot = 0.5 * (C[0, 0] * C[1, 0] + C[0, 1] * C[1, 1] + C[0, 2] * C[1, 2])
     for j in range(3):
         a = C[0, j]

@@ -1,4 +1,4 @@
-"""Common errors of station mode: sensitivities of the state to constants that nobody estimates.
+"""Common errors of station mode: sensitivities of the state to constants not estimated.
 
 As kernels.sins.consider: an error b that all fixes share moves the estimate of a member by S b
 whatever it believes. S is carried through every step and update, the gain stays that of P, and
@@ -55,7 +55,7 @@ def fix_common(J: Array, H: Array, distance: float) -> None:
 
 @kernel
 def subtract_state(J: Array, H: Array, S: Array, m: int) -> None:
-    """J <- J - H S for the first m rows: what the state has not yet taken of each error."""
+    """J <- J - H S for the first m rows: what is left of each error in the innovation."""
     for a in range(m):
         for i in range(ss.N):
             h = H[a, i]

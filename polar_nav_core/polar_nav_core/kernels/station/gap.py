@@ -34,7 +34,7 @@ def _is_gap(b: Bank, c: Settings, streams: Streams, i: int) -> bool:
 
 @kernel
 def cross_gap(b: Bank, c: Settings, streams: Streams, i: int, points: Array) -> None:
-    """Count a gap that AHRS sample i ends, and add the way that is not known to the covariance.
+    """Count a gap that AHRS sample i ends, and add the unknown path to the covariance.
 
     Meanwhile the vehicle may have turned at TURN_RATE, up to about a radian. The published filter
     keeps its covariance.

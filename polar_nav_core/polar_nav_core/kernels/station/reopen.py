@@ -1,4 +1,4 @@
-"""A gate that opens again: refused fixes that agree with one another are believed at last.
+"""Gate that opens again for refused fixes which have agreed with one another for long.
 
 A vehicle without DVL whose water turns round, whose thruster dies or that somebody holds is not
 where its model says; then the gate refuses every fix, for good, because the error grows faster
@@ -106,7 +106,7 @@ def open_gate(b: Bank, outcome: Array, stamp: int) -> None:
 
 @kernel
 def open_again(b: Bank, outcome: Array, stamp: int) -> None:
-    """What `open_gate` did for a fix that keeps its decision."""
+    """Enlarge the covariance again by the stored factor of a fix that keeps its decision."""
     enlarge(b, outcome[ss.OPENING])
     b.counters[ss.OPENED_NS] = stamp
     b.counters[ss.OPENINGS] += 1

@@ -56,7 +56,7 @@ class Water(NamedTuple):
 
 
 class Loops(NamedTuple):
-    """What the vehicle does by itself.
+    """Control loops of the vehicle: set points and gains.
 
     ``surge`` [N] and ``heading`` [rad] are laws of time: mean, then amplitude, rate, phase of two
     sines. ``gains``: heading, its rate, pitch, its rate, depth, its rate, speed. ``limits`` are
