@@ -140,7 +140,7 @@ class SinsPieces:
         self._model = aiding.make_aiding(params)
         self._derived = derived
         room = _ROWS_DERIVED if derived else _ROWS
-        self.rows = fs.make_rows(room, model=self._model.on, told=derived)
+        self.rows = fs.make_rows(room, model=self._model.on, derived=derived)
 
     def of_rows(self, n: int, fixes: Stamps) -> Track:
         """The first n rows as views, with the counts of fixes (n, 3)."""
@@ -155,7 +155,7 @@ class SinsPieces:
             rows.tally[:n, : fs.FIX_ROW],
             fixes,
             self._values(flat),
-            rows.told[:n],
+            rows.derived[:n],
         )
 
     def _values(self, flat: Array) -> Array:

@@ -1,4 +1,4 @@
-"""Which of several rings of measurements comes next in the total order, for both filters.
+"""Next measurement of several rings in the total order, for the filters of both modes.
 
 A ring holds number i at i % length; ``taken`` numbers of it have been processed, ``come`` have
 been received. Within a stamp the ranks of the streams decide (events.Rank).
@@ -7,24 +7,21 @@ been received. Within a stamp the ranks of the streams decide (events.Rank).
 from __future__ import annotations
 
 from ..arrays import Ints
-from ..order import NEVER_NS
 from .cache import kernel
 
 
 @kernel
-def next_stamp(stamps: Ints, taken: int, come: int) -> int:
-    """Stamp of the next measurement of a ring [ns]; NEVER_NS when none is waiting."""
-    if taken >= come:
-        return NEVER_NS
-    stamp: int = stamps[taken % stamps.shape[0]]
-    return stamp
+def earlier(
+    stamp: int, rank: int, stamps: Ints, taken: int, come: int, ring_rank: int
+) -> tuple[int, int]:
+    """Stamp [ns] and rank of the earlier of a measurement and the next one of a ring.
 
-
-@kernel
-def earlier(stamp: int, rank: int, other: int, other_rank: int) -> tuple[int, int]:
-    """Stamp [ns] and rank of the earlier of two measurements; of equal stamps, of the first."""
-    if other < stamp:
-        return other, other_rank
+    Of equal stamps it is the first one; NEVER_NS stands for no measurement.
+    """
+    if taken < come:
+        next_ns = stamps[taken % stamps.shape[0]]
+        if next_ns < stamp:
+            return next_ns, ring_rank
     return stamp, rank
 
 

@@ -85,7 +85,7 @@ def values_of(blocks: Array, aiding: fs.Aiding) -> Array:
     left_out = aiding.numbers[fs.DIFFERENCE, [0, 0, 1]]
     v[:, _V_R_COVARIANCE] = (P_ee[:, :3, :3] + np.diag(left_out)).reshape(-1, 9)
     c = slice(fm.CURRENT, fm.LOG_DRAG)
-    v[:, 12:14] = e[:, c]
+    v[:, _CURRENT][:, :2] = e[:, c]
     covariance = np.zeros((len(blocks), 3, 3))
     covariance[:, :2, :2] = P_ee[:, c, c]
     covariance[:, 2, 2] = aiding.numbers[fs.DIFFERENCE, 1]

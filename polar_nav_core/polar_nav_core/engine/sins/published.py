@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ...error_model import X
 from ...errors import FilterDivergence
 from ...kernels.sins import update as kf
 from ..events import Array, DepthSample, DvlPing, Fix, ImuSample, InitialState
@@ -31,14 +32,13 @@ LIMITS = np.concatenate([np.full(3, 1.0), np.full(3, 100.0), np.full(3, 1e5)])
 nothing (1 rad is no small angle, 100 km turn the grid axes by 16 mrad), nor is any vehicle here
 that fast."""
 _BLOCKS = (
-    ('attitude [rad]', slice(0, 3)),
-    ('velocity [m/s]', slice(3, 6)),
-    ('position [m]', slice(6, 9)),
+    ('attitude [rad]', X.phi_G),
+    ('velocity [m/s]', X.dv_G),
+    ('position [m]', X.dr_e),
 )
 _NONE = np.full(3, np.nan)
 _KEPT = Outcome(False, _NONE, _NONE, float('nan'), 0, float('inf'))
 """Of a ping that waits for a fix: no rows were judged."""
-_VELOCITY = np.arange(3)
 _SIX = np.arange(6)
 _POSITION = np.arange(3, 6)
 
@@ -155,7 +155,7 @@ class Published(Fusion):
         """Rows of a ping, (3, 24); its innovation, referred to now, is left in the filter's z."""
         f, w = self.filter, self.filter.work
         w.H[:] = 0.0
-        w.H[_VELOCITY, 3 + _VELOCITY] = 1.0
+        w.H[:, X.dv_G] = np.eye(3)
         w.z[:] = ping.z
         if self._late:
             f.walk_to_now(ping.step, ping.correction)

@@ -95,20 +95,20 @@ class StationFilter:
         x[ss.V_R : ss.POSITION] = np.einsum('ji,jk,k->i', R, C_G_A, np.array(s.v_G))
         x[ss.POSITION : ss.CURRENT] = np.einsum('ij,j->i', c.C_e_A, r_e - c.origin_e)
         x[ss.DRAG], x[ss.SHARE] = p.vehicle_model().logarithmic_drag(p.model_speed)
-        P = np.zeros((ss.N, ss.N))
-        P[0, 0] = P[1, 1] = P[2, 2] = s.sigma_velocity**2
-        P[6, 6] = P[7, 7] = p.current_sigma**2
+        variances = np.zeros(ss.N)
+        variances[ss.V_R : ss.POSITION] = s.sigma_velocity**2
+        variances[ss.HORIZONTAL] = s.sigma_position_horizontal**2
+        variances[ss.POSITION + 2] = s.sigma_position_vertical**2
+        variances[ss.CURRENT : ss.DRAG] = p.current_sigma**2
         if c.published:
-            x[6:8] = p.published_current
-        P[3, 3] = P[4, 4] = s.sigma_position_horizontal**2
-        P[5, 5] = s.sigma_position_vertical**2
-        P[ss.DRAG, ss.DRAG] = p.model_drag_sigma**2
-        P[ss.SHARE, ss.SHARE] = p.model_share_sigma**2
-        P[ss.HEADING, ss.HEADING] = math.radians(p.station_heading_bias_sigma_deg) ** 2
+            x[ss.CURRENT : ss.DRAG] = p.published_current
+        variances[ss.DRAG] = p.model_drag_sigma**2
+        variances[ss.SHARE] = p.model_share_sigma**2
+        variances[ss.HEADING] = math.radians(p.station_heading_bias_sigma_deg) ** 2
         if c.published:
-            P[ss.DYNAMIC :, ss.DYNAMIC :] = 0.0
+            variances[ss.DYNAMIC :] = 0.0
         self.bank.x[:] = x
-        self.bank.P[:] = P
+        self.bank.P[:] = np.diag(variances)
 
     def advance(
         self, until_ns: int = NEVER_NS, until_rank: int = 0, *, frozen: bool = False

@@ -143,7 +143,7 @@ class StationFusion:
         J = np.array([[e[0], -distance * e[1]], [e[1], distance * e[0]]])
         noise = np.diag([row[ss.RANGE_VARIANCE], row[ss.BEARING_VARIANCE]])
         noise[1, 1] += P[ss.STATION, ss.STATION]
-        S = P[3:5, 3:5] + np.einsum('ij,jk,lk->il', J, noise, J)
+        S = P[ss.HORIZONTAL, ss.HORIZONTAL] + np.einsum('ij,jk,lk->il', J, noise, J)
         return offset, float(offset[:2] @ np.linalg.solve(S, offset[:2]))
 
 

@@ -29,7 +29,7 @@ def view_of(fusion: StationFusion, stamp_ns: int) -> StationView:
         used_ns=np.zeros_like(opened_ns),
         speed=float(np.linalg.norm(x[ss.V_R : ss.POSITION])),
         depth=f.settings.surface - f.bank.flat[ss.HEIGHT],
-        P_horizontal=P[3:5, 3:5],
+        P_horizontal=P[ss.HORIZONTAL, ss.HORIZONTAL],
         resets=int(counters[ss.OPENINGS]),
         gaps=Gaps(
             int(counters[ss.GAPS]), int(counters[ss.GAP_NS]) * 1e-9, int(counters[ss.GAP_END_NS])

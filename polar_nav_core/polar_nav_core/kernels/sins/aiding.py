@@ -1,4 +1,4 @@
-"""The vehicle's model at work in the filter: prediction, pseudo-measurement, thrust, bottom lock.
+"""Vehicle model in the filter: prediction, pseudo-measurement, thrust, bottom lock.
 
 All of it stands in `State.model`; without a model that has no rows and nothing here is called.
 Derivation: docs/derivations/model_aiding.md.
@@ -41,8 +41,8 @@ _D1, _D2, _UP, _OMEGA, _FORCE, _ACCELERATION, _MIDDLE, _EARTH = 55, 56, 57, 58, 
 
 
 @kernel
-def _take_surge_drag(s: State, c: Settings, w: Work) -> None:
-    """Drag of the model with that of surge as estimated."""
+def _fill_surge_drag(s: State, c: Settings, w: Work) -> None:
+    """Fill the drag of the model, that of surge as estimated."""
     e, numbers = s.model[fs.MEAN], c.aiding.numbers
     for k in range(3):
         w.model[_D1, k] = numbers[fs.LINEAR, k]
@@ -53,8 +53,8 @@ def _take_surge_drag(s: State, c: Settings, w: Work) -> None:
 
 
 @kernel
-def _take_means(s: State, w: Work, stamp_ns: int, dt: float) -> None:
-    """Vertical, rate against the Earth and thrust as means over the filter step."""
+def _fill_means(s: State, w: Work, stamp_ns: int, dt: float) -> None:
+    """Fill vertical, rate against the Earth and thrust as means over the filter step."""
     x, y, z, _ = up_and_height(s.r_e[0], s.r_e[1], s.r_e[2])
     fill_C_e_G(x, y, z, w.C_e_G)
     thrust = s.model[fs.THRUST]
@@ -86,8 +86,8 @@ def predict_model(s: State, c: Settings, w: Work, Phi: Array, stamp_ns: int, dt:
         Transition of the step.
     stamp_ns, dt : end of the step [ns], its length [s]
     """
-    _take_surge_drag(s, c, w)
-    _take_means(s, w, stamp_ns, dt)
+    _fill_surge_drag(s, c, w)
+    _fill_means(s, w, stamp_ns, dt)
     numbers, rows = c.aiding.numbers, w.model
     buoyancy, speed = numbers[fs.OTHER, 0], numbers[fs.OTHER, 1]
     v_r_b, middle = s.model[fs.MEAN], rows[_MIDDLE]
@@ -156,7 +156,7 @@ def model_is_definite(s: State, c: Settings, w: Work, thorough: bool) -> bool:
 
 @routine
 def correct_block(s: State, w: Work, m: int) -> None:
-    """Take a measurement of x into e: after the update of P, which left K, D, L and S."""
+    """Correct e by a measurement of x, after the update of P, which left K, D, L and S."""
     rows = w.model
     P_xe, P_ee = s.model[fs.P_XE : fs.P_EE], s.model[fs.P_EE : fs.MEAN]
     G_e, K_e = rows[_G_E : _G_E + 3], rows[_K_E : _K_E + 3]
@@ -210,7 +210,7 @@ def compare_velocities(s: State, c: Settings, w: Work, dt: float) -> int:
 
 @kernel
 def control_event(s: State, stamp_ns: int, force_b: Array) -> None:
-    """Take a thrust that holds from its stamp on; the impulse so far is that of the one before."""
+    """Store a thrust that holds from its stamp on; the impulse before is of the previous one."""
     s.counters[fs.CONTROL] += 1
     thrust = s.model[fs.THRUST]
     begin_ns = max(stamp_ns, s.counters[fs.IMPULSE_NS])
@@ -224,7 +224,7 @@ def control_event(s: State, stamp_ns: int, force_b: Array) -> None:
 
 @kernel
 def has_bottom_lock(s: State, c: Settings) -> bool:
-    """Whether the last ping that was used is not too long ago."""
+    """Whether the last fused ping is recent: bottom lock."""
     age_ns: int = s.counters[fs.STAMP] - s.counters[fs.LOCK_NS]
     return age_ns <= c.aiding.lost_ns
 

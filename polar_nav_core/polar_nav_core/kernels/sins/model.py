@@ -177,6 +177,21 @@ def move_relative_velocity(
 
 
 @kernel
+def _times_lower_blocks(out: Array, X: Array, Y: Array, Phi_ee: Array, Phi_ex: Array) -> None:
+    """Out = X Phi_ex^T + Y Phi_ee^T for X (n, 24), Y (n, 7); the blocks as of `predict_block`."""
+    for i in range(out.shape[0]):
+        for a in range(MOVING):
+            s = 0.0
+            for k in range(COUPLED):
+                s += X[i, k] * Phi_ex[a, k]
+            for b in range(E):
+                s += Y[i, b] * Phi_ee[a, b]
+            out[i, a] = s
+        for a in range(MOVING, E):
+            out[i, a] = Y[i, a]
+
+
+@kernel
 def predict_block(
     P_xe: Array,
     P_ee: Array,
@@ -187,7 +202,7 @@ def predict_block(
     A: Array,
     B: Array,
 ) -> None:
-    """P_xe, P_ee of Phi P Phi^T of all 31 states, without noise; before P itself is predicted.
+    """Predict P_xe, P_ee: their blocks of Phi P Phi^T of all 31 states, before P is predicted.
 
     A = P Phi_ex^T + P_xe Phi_ee^T and B = P_ex Phi_ex^T + P_ee Phi_ee^T lead to P_xe <- Phi A and
     P_ee <- Phi_ex A + Phi_ee B.
@@ -199,26 +214,8 @@ def predict_block(
     Phi_ee, Phi_ex : (3, 7), (3, 24): below them Phi_ee is the identity and Phi_ex zero
     A, B : (24, 7), (7, 7) scratch
     """
-    for i in range(N):
-        for a in range(MOVING):
-            s = 0.0
-            for k in range(COUPLED):
-                s += P[i, k] * Phi_ex[a, k]
-            for b in range(E):
-                s += P_xe[i, b] * Phi_ee[a, b]
-            A[i, a] = s
-        for a in range(MOVING, E):
-            A[i, a] = P_xe[i, a]
-    for b in range(E):
-        for a in range(MOVING):
-            s = 0.0
-            for k in range(COUPLED):
-                s += P_xe[k, b] * Phi_ex[a, k]
-            for c in range(E):
-                s += P_ee[b, c] * Phi_ee[a, c]
-            B[b, a] = s
-        for a in range(MOVING, E):
-            B[b, a] = P_ee[b, a]
+    _times_lower_blocks(A, P, P_xe, Phi_ee, Phi_ex)
+    _times_lower_blocks(B, P_xe.T, P_ee, Phi_ee, Phi_ex)
     for i in range(NAV):
         for a in range(E):
             s = 0.0

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from ...arrays import Array
 from ..cache import kernel, routine
-from ..queues import earlier, is_before, next_stamp
+from ..queues import earlier, is_before
 from . import state as fs
 from .aiding import control_event, count_good_ping, has_bottom_lock, model_is_definite
 from .bridge import bridge, bridge_to_sample, is_gap
@@ -29,14 +29,11 @@ def _next_measurement(s: State, streams: Streams) -> tuple[int, int]:
     Within a stamp the order is control, depth, DVL, fix.
     """
     counts, taken = streams.counts, s.counters
-    stamp = next_stamp(streams.control_stamps, taken[fs.CONTROL], counts[4])
-    rank = fs.CONTROL_RANK
-    other = next_stamp(streams.depth_stamps, taken[fs.DEPTH], counts[1])
-    stamp, rank = earlier(stamp, rank, other, fs.DEPTH_RANK)
-    other = next_stamp(streams.dvl_stamps, taken[fs.DVL], counts[2])
-    stamp, rank = earlier(stamp, rank, other, fs.DVL_RANK)
-    other = next_stamp(streams.fix_stamps, taken[fs.FIX], counts[3])
-    return earlier(stamp, rank, other, fs.FIX_RANK)
+    at, rank = fs.NEVER_NS, fs.CONTROL_RANK
+    at, rank = earlier(at, rank, streams.control_stamps, taken[fs.CONTROL], counts[4], rank)
+    at, rank = earlier(at, rank, streams.depth_stamps, taken[fs.DEPTH], counts[1], fs.DEPTH_RANK)
+    at, rank = earlier(at, rank, streams.dvl_stamps, taken[fs.DVL], counts[2], fs.DVL_RANK)
+    return earlier(at, rank, streams.fix_stamps, taken[fs.FIX], counts[3], fs.FIX_RANK)
 
 
 @kernel
@@ -60,7 +57,7 @@ def _imu_until(
     last_ns: int,
     rows: Rows,
 ) -> int:
-    """DONE after all IMU samples up to a stamp; FULL, or the code below zero of a failed step."""
+    """Process all IMU samples up to a stamp; DONE, FULL, or the negative code of a failed step."""
     room = streams.imu_stamps.shape[0]
     left = streams.counts[0] - s.counters[fs.IMU]
     k = s.counters[fs.IMU] % room
@@ -84,15 +81,15 @@ def _imu_until(
 
 
 @kernel
-def _take_control(s: State, streams: Streams, stamp: int) -> None:
+def _apply_control(s: State, streams: Streams, stamp: int) -> None:
     """Change the thrust to that of the next control sample."""
     k = s.counters[fs.CONTROL] % streams.control_stamps.shape[0]
     control_event(s, stamp, streams.control_force_b[k])
 
 
 @kernel
-def _take_depth(s: State, fr: Frames, c: Settings, w: Work, streams: Streams) -> int:
-    """Rows of the next depth, filled into the scratch: how many."""
+def _fill_next_depth(s: State, fr: Frames, c: Settings, w: Work, streams: Streams) -> int:
+    """Fill the rows of the next depth into the scratch; returns their number."""
     k = s.counters[fs.DEPTH] % streams.depth_stamps.shape[0]
     s.counters[fs.DEPTH] += 1
     fill_depth(s, fr, c, w, streams.depth[k], streams.depth_variance[k])
@@ -100,8 +97,8 @@ def _take_depth(s: State, fr: Frames, c: Settings, w: Work, streams: Streams) ->
 
 
 @kernel
-def _take_ping(s: State, fr: Frames, c: Settings, w: Work, streams: Streams) -> int:
-    """Rows of the next ping, filled into the scratch: how many; a code below zero.
+def _fill_next_ping(s: State, fr: Frames, c: Settings, w: Work, streams: Streams) -> int:
+    """Fill the rows of the next ping into the scratch; returns their number, or a code below zero.
 
     With a vehicle's model, the first pings after a loss of bottom lock are only watched: then
     there are no rows to fuse.
@@ -120,7 +117,7 @@ def _take_ping(s: State, fr: Frames, c: Settings, w: Work, streams: Streams) -> 
 
 
 @kernel
-def _take_fix(
+def _fill_next_fix(
     s: State,
     fr: Frames,
     c: Settings,
@@ -130,10 +127,10 @@ def _take_fix(
     stamp: int,
     rows: Rows,
 ) -> int:
-    """Rows of the next fix, filled into the scratch: how many; STOPPED when it is out of reach.
+    """Fill the rows of the next fix into the scratch; returns their number, or STOPPED.
 
-    Late fixes of `back_propagate` are brought to now; others are valid at their place. A fix out
-    of reach stays the next one.
+    Late fixes of `back_propagate` are referred to now; others are valid at their place. STOPPED
+    is for a fix older than the stored past, which stays the next one.
     """
     k = s.counters[fs.FIX] % streams.fix_stamps.shape[0]
     r_e, covariance_e = streams.fix_r_e[k], streams.fix_covariance_e[k]
@@ -158,7 +155,7 @@ def _take_fix(
 
 @kernel
 def _note_fix(s: State, c: Settings, w: Work, streams: Streams, code: int) -> int:
-    """Code of the fix that was taken last, its outcome stored; STOPPED for a refused late one."""
+    """Store the outcome of the newest fix; returns its code, STOPPED for a refused late one."""
     k = (s.counters[fs.FIX] - 1) % streams.fix_stamps.shape[0]
     note_outcome(c, w, code, streams.fix_outcomes[k])
     if c.back_propagates and code == fs.REFUSED:
@@ -179,7 +176,7 @@ def _process(
     until_rank: int,
     rows: Rows,
 ) -> int:
-    """Code of `advance`, for the events up to there; the frames of the state are left behind."""
+    """Process the events up to a place; returns as `advance`, with the frames not up to date."""
     while True:
         stamp, rank = _next_measurement(s, streams)
         # IMU samples up to there: the first of their stamps.
@@ -192,17 +189,17 @@ def _process(
         if not _write_due(s, c, rows, stamp):
             return fs.FULL
         if rank == fs.CONTROL_RANK:
-            _take_control(s, streams, stamp)
+            _apply_control(s, streams, stamp)
             continue
         if is_gap(s, c, stamp):
             bridge(s, c, past, w, log, stamp)  # a failure shows in S, or in the step to come
         locate(s, fr, c)
         if rank == fs.DEPTH_RANK:
-            stream, m = fs.DEPTH_ROW, _take_depth(s, fr, c, w, streams)
+            stream, m = fs.DEPTH_ROW, _fill_next_depth(s, fr, c, w, streams)
         elif rank == fs.DVL_RANK:
-            stream, m = fs.DVL_ROW, _take_ping(s, fr, c, w, streams)
+            stream, m = fs.DVL_ROW, _fill_next_ping(s, fr, c, w, streams)
         else:
-            stream, m = fs.FIX_ROW, _take_fix(s, fr, c, past, w, streams, stamp, rows)
+            stream, m = fs.FIX_ROW, _fill_next_fix(s, fr, c, past, w, streams, stamp, rows)
         if m < 0:
             return m
         if m == fs.NO_MEASUREMENT:
@@ -230,7 +227,7 @@ def advance(
     until_rank: int,
     rows: Rows,
 ) -> int:
-    """Code that says why processing stopped: all before (until_ns, until_rank), or less.
+    """Process all before (until_ns, until_rank); returns a code for why processing stopped.
 
     Ranks within a stamp: IMU 0, control 1, depth 2, DVL 3, fix 4 (events.Rank).
 
@@ -262,7 +259,7 @@ def advance(
 
 @kernel
 def leave_out_leader(P: Array, flat: Array) -> None:
-    """Clear what an estimate holds of a USBL error: the leader's errors are none.
+    """Clear the last three states, the USBL error, of an estimate: the leader's are not its own.
 
     Parameters
     ----------
@@ -279,7 +276,7 @@ def leave_out_leader(P: Array, flat: Array) -> None:
 
 @routine
 def put_row(s: State, c: Settings, rows: Rows) -> None:
-    """Write the estimate that is due."""
+    """Write the estimate that is due to the next row of output."""
     k = rows.io[1]
     rows.stamps[k] = s.counters[fs.STAMP]
     for j in range(fs.NAVIGATION):
@@ -293,7 +290,7 @@ def put_row(s: State, c: Settings, rows: Rows) -> None:
     if c.shares_leader:
         leave_out_leader(total, rows.flat[k])
     if rows.P.shape[0] == 0:
-        describe(s.r_e, s.C_b_G, total, rows.told[k], rows.scratch)
+        describe(s.r_e, s.C_b_G, total, rows.derived[k], rows.scratch)
     if c.aiding.on:
         s.model[fs.THRUST, fs.LOCKED] = 1.0 if has_bottom_lock(s, c) else 0.0
         for r in range(fs.MODEL_ROWS):
@@ -321,7 +318,7 @@ def process_again(
     rows: Rows,
     snapshot: int,
 ) -> int:
-    """Code of `advance` from a snapshot on; nothing is counted a second time.
+    """Process stored inputs again from a snapshot; returns as `advance` and counts nothing twice.
 
     Parameters
     ----------
@@ -350,7 +347,7 @@ def process_again(
 
 @kernel
 def _restore(s: State, log: Log, number: int) -> None:
-    """Put a snapshot into place; those after it are forgotten."""
+    """Replace the state by a stored snapshot and forget the snapshots after it."""
     i = number % log.snapshot_flat.shape[0]
     for k in range(fs.FLAT):
         s.flat[k] = log.snapshot_flat[i, k]

@@ -84,7 +84,7 @@ in their place would have it compile a routine once for each."""
 
 
 class State(NamedTuple):
-    """Navigation state, covariance and all else that one event hands to the next."""
+    """Navigation state, covariance and everything else that changes from event to event."""
 
     flat: Array
     counters: Ints
@@ -167,7 +167,7 @@ def make_state(*, model: bool = False) -> State:
 
 
 class Frames(NamedTuple):
-    """What follows from the state: frames, earth rate, the transponder's place."""
+    """Quantities computed from the state: frames, earth rate, the transponder's position."""
 
     C_e_G: Array
     omega_ie_G: Array
@@ -190,7 +190,7 @@ def make_frames() -> Frames:
 
 
 class Aiding(NamedTuple):
-    """The vehicle's model, and how the filter uses it."""
+    """Constants of the vehicle's model and of its use in the filter."""
 
     on: bool
     numbers: Array  # (6, 3), rows below
@@ -211,7 +211,7 @@ OTHER = 5
 
 
 class Settings(NamedTuple):
-    """What stays as it is during a run."""
+    """Constants of a run: sensors, noise, gates, lever arms."""
 
     step_ns: int
     steps_per_snapshot: int
@@ -353,7 +353,7 @@ class Past(NamedTuple):
 
 
 class Streams(NamedTuple):
-    """Rings of measurements; ``counts`` says how many of each have come (order of counters)."""
+    """Rings of measurements; ``counts`` is the number of each received (order of counters)."""
 
     counts: Ints  # (5,): IMU, depth, DVL, fix, control
     imu_stamps: Ints
@@ -417,23 +417,23 @@ class Rows(NamedTuple):
     stamps: Ints
     flat: Array  # (n, 30), then State.model where there is one
     P: Array  # (n, 24, 24), or without rows
-    told: Array  # (n, nav_columns.WIDTH), or without rows
+    derived: Array  # (n, nav_columns.WIDTH), or without rows
     tally: Array
     scratch: Array
     total: Array  # (24, 24): covariance with the common errors
 
 
-def make_rows(capacity: int, *, model: bool = False, told: bool = False) -> Rows:
-    """Return room for so many rows of output; with none, outputs are not looked after.
+def make_rows(capacity: int, *, model: bool = False, derived: bool = False) -> Rows:
+    """Return empty rows for ``capacity`` outputs; with none, no output is written.
 
-    With ``told`` they hold what is told of a state in place of its covariance.
+    With ``derived`` they hold the columns of `describe` in place of the covariance.
     """
     return Rows(
         np.array([-1, 0, 0 if capacity else NEVER_NS], dtype=np.int64),
         np.zeros(capacity, dtype=np.int64),
         np.zeros((capacity, NAVIGATION + (MODEL if model else 0))),
-        np.zeros((0 if told else capacity, N, N)),
-        np.zeros((capacity if told else 0, WIDTH)),
+        np.zeros((0 if derived else capacity, N, N)),
+        np.zeros((capacity if derived else 0, WIDTH)),
         np.zeros((capacity, 3, 3)),
         np.zeros((2, 3, 3)),
         np.zeros((N, N)),
@@ -441,4 +441,4 @@ def make_rows(capacity: int, *, model: bool = False, told: bool = False) -> Rows
 
 
 NO_ROWS = make_rows(0)
-"""Outputs are not looked after."""
+"""For a filter whose outputs nobody reads."""

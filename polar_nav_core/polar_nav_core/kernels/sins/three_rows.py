@@ -29,18 +29,18 @@ def step_columns(C: Array, Phi: Array, work: Array) -> None:
 
 
 @kernel
+def leading_nine(
+    x: Array,
+) -> tuple[float, float, float, float, float, float, float, float, float]:
+    """First nine elements of a row as scalars: those of Phi's full rows, while it is changed."""
+    return x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], x[8]
+
+
+@kernel
 def step_rows(Y: Array, Phi: Array, work: Array) -> None:
     """Y <- Y Phi for three rows; work is (3, 24)."""
     for a in range(3):
-        y_0 = Y[a, 0]
-        y_1 = Y[a, 1]
-        y_2 = Y[a, 2]
-        y_3 = Y[a, 3]
-        y_4 = Y[a, 4]
-        y_5 = Y[a, 5]
-        y_6 = Y[a, 6]
-        y_7 = Y[a, 7]
-        y_8 = Y[a, 8]
+        y_0, y_1, y_2, y_3, y_4, y_5, y_6, y_7, y_8 = leading_nine(Y[a])
         for j in range(N):
             work[a, j] = (
                 y_0 * Phi[0, j] + y_1 * Phi[1, j] + y_2 * Phi[2, j]

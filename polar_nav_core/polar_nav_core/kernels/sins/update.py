@@ -24,8 +24,8 @@ NAV = 9
 """States with dynamics: attitude, velocity, position."""
 COUPLED = 15
 """States that the first nine are driven by: themselves and the inertial biases."""
-MARKOV = 18
-USBL = 21
+PHI, DV, DR, GYRO, ACCEL, SCALE, MARKOV, USBL = 0, 3, 6, 9, 12, 15, 18, 21
+"""First index of each block of the error."""
 
 
 @kernel
@@ -319,7 +319,7 @@ def feed_back(
     dvl_markov_m: Array,
     usbl_bias_a: Array,
 ) -> None:
-    """Take the estimated error x out of the navigation state, in place (closed loop).
+    """Correct the navigation state by the estimated error x, in place (closed loop).
 
     C <- exp([phi x]) C, v <- v - dv, r <- r - dr; the sensor errors are estimates of errors, so
     theirs is added. This is the retraction that all Jacobians refer to (docs/frames.md), and the
@@ -336,9 +336,9 @@ def feed_back(
     dvl_scale_m, dvl_markov_m, usbl_bias_a : (3,) arrays
         Estimated errors of DVL and USBL, instrument axes [-], [m/s], [m].
     """
-    a = x[0]
-    b = x[1]
-    c = x[2]
+    a = x[PHI]
+    b = x[PHI + 1]
+    c = x[PHI + 2]
     angle2 = a * a + b * b + c * c
     if angle2 > 1e-6:
         angle = math.sqrt(angle2)
@@ -362,13 +362,13 @@ def feed_back(
         C_b_G[1, j] = q + s * u1 + h * w1
         C_b_G[2, j] = r + s * u2 + h * w2
     for k in range(3):
-        v_G[k] -= x[3 + k]
-        r_e[k] -= x[6 + k]
-        b_gyro_b[k] += x[9 + k]
-        b_accel_b[k] += x[12 + k]
-        dvl_scale_m[k] += x[15 + k]
-        dvl_markov_m[k] += x[18 + k]
-        usbl_bias_a[k] += x[21 + k]
+        v_G[k] -= x[DV + k]
+        r_e[k] -= x[DR + k]
+        b_gyro_b[k] += x[GYRO + k]
+        b_accel_b[k] += x[ACCEL + k]
+        dvl_scale_m[k] += x[SCALE + k]
+        dvl_markov_m[k] += x[MARKOV + k]
+        usbl_bias_a[k] += x[USBL + k]
 
 
 def scratch() -> dict[str, Any]:

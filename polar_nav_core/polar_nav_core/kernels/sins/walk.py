@@ -1,9 +1,10 @@
-"""The way of a late measurement to now: H Phi^-1 (docs/derivations/late_fixes.md)."""
+"""Rows of a late measurement referred to now: H Phi^-1 (docs/derivations/late_fixes.md)."""
 
 from __future__ import annotations
 
 from ...arrays import Array
 from ..cache import kernel
+from .three_rows import leading_nine
 from .update import MARKOV, NAV, Ints, N
 
 
@@ -16,15 +17,7 @@ def rows_times(X: Array, inverse: Array, m: int) -> None:
     """
     width = inverse.shape[1]
     for a in range(m):
-        x_0 = X[a, 0]
-        x_1 = X[a, 1]
-        x_2 = X[a, 2]
-        x_3 = X[a, 3]
-        x_4 = X[a, 4]
-        x_5 = X[a, 5]
-        x_6 = X[a, 6]
-        x_7 = X[a, 7]
-        x_8 = X[a, 8]
+        x_0, x_1, x_2, x_3, x_4, x_5, x_6, x_7, x_8 = leading_nine(X[a])
         for j in range(NAV):
             X[a, j] = 0.0
         for j in range(width):

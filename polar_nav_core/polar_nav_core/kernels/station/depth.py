@@ -12,6 +12,8 @@ from . import state as ss
 from .state import Bank, Settings, Streams, Work
 from .step import lever_arm
 
+X, Y, Z = ss.POSITION, ss.POSITION + 1, ss.POSITION + 2
+
 
 @routine
 def depth_event(b: Bank, c: Settings, w: Work, streams: Streams, jumps: Array) -> None:
@@ -36,15 +38,15 @@ def depth_event(b: Bank, c: Settings, w: Work, streams: Streams, jumps: Array) -
         P = b.P[m]
         x = b.x[m]
         for j in range(ss.N):
-            w.PHt[m, 0, j] = u_x * P[3, j] + u_y * P[4, j] + u_z * P[5, j]
+            w.PHt[m, 0, j] = u_x * P[X, j] + u_y * P[Y, j] + u_z * P[Z, j]
         h = w.PHt[m, 0]
-        w.S[m, 0] = u_x * h[3] + u_y * h[4] + u_z * h[5] + streams.depth_variance[k]
-        w.z[m, 0] = known - (u_x * x[3] + u_y * x[4] + u_z * x[5])
+        w.S[m, 0] = u_x * h[X] + u_y * h[Y] + u_z * h[Z] + streams.depth_variance[k]
+        w.z[m, 0] = known - (u_x * x[X] + u_y * x[Y] + u_z * x[Z])
         w.wide[m, 0] = w.S[m, 0]
         if c.shares:
             J = w.J[m, 0]
             for j in range(ss.COMMON):
-                J[j] = -(u_x * b.S[m, 3, j] + u_y * b.S[m, 4, j] + u_z * b.S[m, 5, j])
+                J[j] = -(u_x * b.S[m, X, j] + u_y * b.S[m, Y, j] + u_z * b.S[m, Z, j])
             J[ss.DEPTH_ZERO] -= 1.0
             for j in range(ss.COMMON):
                 w.wide[m, 0] += J[j] * J[j] * c.common[j] * c.common[j]

@@ -33,9 +33,9 @@ def fix_rows(z: Array, H: Array, fix: Array, at: Array, dt: float, w: Work) -> N
     turned(w.R, w.C_A, at[ss.HEADING])
     for i in range(3):
         w.v3[i] = w.R[i, 0] * at[0] + w.R[i, 1] * at[1] + w.R[i, 2] * at[2]
-    d_x = at[3] + dt * (w.v3[0] + at[6]) + w.lever[0] - fix[ss.X]
-    d_y = at[4] + dt * (w.v3[1] + at[7]) + w.lever[1] - fix[ss.Y]
-    d_z = at[5] + dt * w.v3[2] + w.lever[2] - fix[ss.Z]
+    d_x = at[ss.POSITION] + dt * (w.v3[0] + at[ss.CURRENT]) + w.lever[0] - fix[ss.X]
+    d_y = at[ss.POSITION + 1] + dt * (w.v3[1] + at[ss.CURRENT + 1]) + w.lever[1] - fix[ss.Y]
+    d_z = at[ss.POSITION + 2] + dt * w.v3[2] + w.lever[2] - fix[ss.Z]
     across2 = d_x * d_x + d_y * d_y
     distance = math.sqrt(across2 + d_z * d_z)
     z[0] = fix[ss.RANGE] - distance
@@ -51,13 +51,13 @@ def fix_rows(z: Array, H: Array, fix: Array, at: Array, dt: float, w: Work) -> N
             w.g[2] = 0.0
         for j in range(3):
             H[a, j] = dt * (w.g[0] * w.R[0, j] + w.g[1] * w.R[1, j] + w.g[2] * w.R[2, j])
-            H[a, 3 + j] = w.g[j]
-        H[a, 6] = dt * w.g[0]
-        H[a, 7] = dt * w.g[1]
-        H[a, 8] = 0.0
-        H[a, 9] = 0.0
-        H[a, 10] = dt * (w.g[0] * w.v3[1] - w.g[1] * w.v3[0])
-        H[a, 11] = 0.0
+            H[a, ss.POSITION + j] = w.g[j]
+        H[a, ss.CURRENT] = dt * w.g[0]
+        H[a, ss.CURRENT + 1] = dt * w.g[1]
+        H[a, ss.DRAG] = 0.0
+        H[a, ss.SHARE] = 0.0
+        H[a, ss.HEADING] = dt * (w.g[0] * w.v3[1] - w.g[1] * w.v3[0])
+        H[a, ss.STATION] = 0.0
     H[1, ss.STATION] = 1.0
 
 
@@ -106,7 +106,7 @@ def nis_of(z: Array, S: Array) -> float:
 
 @routine
 def judge(b: Bank, c: Settings, w: Work, fix: Array, outcome: Array, at: Array) -> None:
-    """Gate of the whole bank on w.z, w.wide: mean innovation, spread of the members included.
+    """Decide on a fix by the gate of the whole bank, on w.z and w.wide; fills its row of outcomes.
 
     An innovation covariance that is not positive definite refuses the fix.
     """
@@ -155,7 +155,7 @@ def judge(b: Bank, c: Settings, w: Work, fix: Array, outcome: Array, at: Array) 
 
 
 @routine
-def take_in(b: Bank, c: Settings, w: Work, jumps: Array) -> None:
+def update_members(b: Bank, c: Settings, w: Work, jumps: Array) -> None:
     """Update all members with w.z, w.S, w.PHt and w.inflation; then their weights.
 
     Only the measurement can be at fault for a large innovation: R takes the inflation of S.
@@ -194,7 +194,7 @@ def take_in(b: Bank, c: Settings, w: Work, jumps: Array) -> None:
 
 @kernel
 def weigh(b: Bank) -> None:
-    """Weights of the members from their logarithms."""
+    """Fill the weights of the members from their logarithms, with sum 1."""
     members = b.x.shape[0]
     if members == 1:
         return
@@ -224,7 +224,7 @@ def know_station(b: Bank, fix: Array) -> None:
 def fix_event(
     b: Bank, c: Settings, w: Work, streams: Streams, jumps: Array, stamp: int, frozen: bool
 ) -> None:
-    """Fuse the next fix where it belongs; its row of outcomes says what became of it.
+    """Fuse the next fix at its validity and fill its row of outcomes.
 
     Where ``frozen``, a fix that was decided on before keeps its decision, its inflation and the
     point where it was linearised.
@@ -269,4 +269,4 @@ def fix_event(
             streams.fix_inflations[k, m] = w.inflation[m]
     note(b, w, outcome, w.v3[0], w.v3[1])
     if outcome[ss.DECIDED] == ss.FUSED:
-        take_in(b, c, w, jumps)
+        update_members(b, c, w, jumps)

@@ -11,7 +11,7 @@ from ...arrays import Array
 from ..cache import kernel, routine
 from . import state as ss
 from .common import fix_common, transform
-from .fix import fix_rows, judge, know_station, share, spread_of, take_in
+from .fix import fix_rows, judge, know_station, share, spread_of, update_members
 from .reopen import note, open_gate, opens
 from .state import Bank, Log, Settings, Streams, Work
 from .step import lever_arm, prepare_step, slopes
@@ -87,29 +87,29 @@ def published_fix(
     first: int,
     kind: int,
 ) -> None:
-    """Eqs. 10, 12 and 13: the fix as a position against the stored one, gain of the present.
+    """Fuse a fix as printed (Eqs. 10, 12, 13): against the stored position, gain of the present.
 
     Range becomes horizontal with the own depth; z stands apart, as a depth of its own.
     """
     n = log.points.shape[0]
-    x = b.x[0]
+    x, at = b.x[0], ss.POSITION
     lever_arm(b, w, streams, first - 1, c.lever_fix_b)
-    d_z = x[5] + w.lever[2] - fix[ss.Z]
+    d_z = x[ss.POSITION + 2] + w.lever[2] - fix[ss.Z]
     across = math.sqrt(max(fix[ss.RANGE] * fix[ss.RANGE] - d_z * d_z, 0.0))
     angle = fix[ss.BEARING] + fix[ss.PSI]
     w.z[0, 0] = fix[ss.X] + across * math.cos(angle) - w.lever[0]
     w.z[0, 1] = fix[ss.Y] + across * math.sin(angle) - w.lever[1]
     then = kind != ss.IGNORE and first < b.counters[ss.IMU]
     for a in range(2):
-        w.z[0, a] -= log.points[first % n, 0, 3 + a] if then else x[3 + a]
+        w.z[0, a] -= log.points[first % n, 0, at + a] if then else x[at + a]
         if then and c.shifted:
             for i in range(first, b.counters[ss.IMU]):
-                w.z[0, a] -= log.jumps[i % n, 0, 3 + a]
+                w.z[0, a] -= log.jumps[i % n, 0, at + a]
         for j in range(ss.N):
-            w.PHt[0, a, j] = b.P[0, 3 + a, j]
-    w.S[0, 0] = b.P[0, 3, 3] + c.fix_variance
-    w.S[0, 1] = b.P[0, 3, 4]
-    w.S[0, 2] = b.P[0, 4, 4] + c.fix_variance
+            w.PHt[0, a, j] = b.P[0, at + a, j]
+    w.S[0, 0] = b.P[0, at, at] + c.fix_variance
+    w.S[0, 1] = b.P[0, at, at + 1]
+    w.S[0, 2] = b.P[0, at + 1, at + 1] + c.fix_variance
     for k in range(3):
         w.wide[0, k] = w.S[0, k]
     judge(b, c, w, fix, outcome, b.x)
@@ -117,7 +117,7 @@ def published_fix(
     outcome[ss.AZIMUTH] = 0.0
     note(b, w, outcome, 0.0, 0.0)
     if outcome[ss.DECIDED] == ss.FUSED:
-        take_in(b, c, w, log.jumps)
+        update_members(b, c, w, log.jumps)
 
 
 @routine
@@ -158,7 +158,7 @@ def forward_fix(
         judge(b, c, w, fix, outcome, b.x)
     note(b, w, outcome, w.v3[0], w.v3[1])
     if outcome[ss.DECIDED] == ss.FUSED:
-        take_in(b, c, w, log.jumps)
+        update_members(b, c, w, log.jumps)
 
 
 @kernel
@@ -173,7 +173,7 @@ def _fill_rows(
     dt: float,
     kind: int,
 ) -> None:
-    """Innovations, rows and innovation covariances of all members, as `forward_fix` has them."""
+    """Fill innovations, rows and innovation covariances of all members for `forward_fix`."""
     now = first == b.counters[ss.IMU]
     n = log.points.shape[0]
     for m in range(b.x.shape[0]):
@@ -194,7 +194,7 @@ def _fill_rows(
 
 @routine
 def tame_since(b: Bank, c: Settings, w: Work, streams: Streams, log: Log, first: int) -> int:
-    """Number of the oldest IMU sample from ``first`` on since which Phi may be inverted.
+    """Number of the oldest IMU sample, ``first`` or later, from which on Phi can be inverted.
 
     Drag makes the velocity forget what it was; the inverse of the transition brings it back, with
     all that has happened to it since, enlarged by the exponential of the integral of the slopes.

@@ -9,7 +9,7 @@ import math
 
 from ...arrays import Array
 from ..cache import kernel, routine
-from ..queues import earlier, is_before, next_stamp
+from ..queues import earlier, is_before
 from ..sins.state import NEVER_NS
 from . import state as ss
 from .common import add_common
@@ -21,7 +21,7 @@ from .step import imu_event, lever_arm, locate, to_station, turned
 
 @kernel
 def copy_memories(out: Array, of: Array) -> None:
-    """Copy memories of innovations."""
+    """Copy memories of innovations (streams, memories, width) from ``of`` to ``out``."""
     for i in range(of.shape[0]):
         for j in range(of.shape[1]):
             for k in range(of.shape[2]):
@@ -30,7 +30,7 @@ def copy_memories(out: Array, of: Array) -> None:
 
 @kernel
 def take_snapshot(b: Bank, log: Log) -> None:
-    """Store the bank."""
+    """Store a copy of the bank as the newest snapshot."""
     n = log.x.shape[0]
     if n == 0:
         return
@@ -54,7 +54,7 @@ def take_snapshot(b: Bank, log: Log) -> None:
 
 @routine
 def restore(b: Bank, log: Log, number: int) -> None:
-    """Go back to a snapshot; those after it are forgotten."""
+    """Replace the bank by a stored snapshot and forget the snapshots after it."""
     i = number % log.x.shape[0]
     for m in range(b.x.shape[0]):
         b.log_weight[m] = log.log_weight[i, m]
@@ -90,18 +90,17 @@ def healthy(b: Bank, c: Settings) -> bool:
 def _next_measurement(b: Bank, streams: Streams) -> tuple[int, int]:
     """Stamp [ns] and rank of the next measurement, IMU samples included; NEVER_NS: none waits."""
     counts, taken = streams.counts, b.counters
-    stamp = next_stamp(streams.imu_stamps, taken[ss.IMU], counts[0])
-    rank = ss.IMU_RANK
-    other = next_stamp(streams.control_stamps, taken[ss.CONTROL], counts[1])
-    stamp, rank = earlier(stamp, rank, other, ss.CONTROL_RANK)
-    other = next_stamp(streams.depth_stamps, taken[ss.DEPTH], counts[2])
-    stamp, rank = earlier(stamp, rank, other, ss.DEPTH_RANK)
-    other = next_stamp(streams.fix_stamps, taken[ss.FIX], counts[3])
-    return earlier(stamp, rank, other, ss.FIX_RANK)
+    at, rank = NEVER_NS, ss.IMU_RANK
+    at, rank = earlier(at, rank, streams.imu_stamps, taken[ss.IMU], counts[0], rank)
+    at, rank = earlier(
+        at, rank, streams.control_stamps, taken[ss.CONTROL], counts[1], ss.CONTROL_RANK
+    )
+    at, rank = earlier(at, rank, streams.depth_stamps, taken[ss.DEPTH], counts[2], ss.DEPTH_RANK)
+    return earlier(at, rank, streams.fix_stamps, taken[ss.FIX], counts[3], ss.FIX_RANK)
 
 
 @kernel
-def _take_control(b: Bank, streams: Streams) -> None:
+def _apply_control(b: Bank, streams: Streams) -> None:
     """Change the thrust to that of the next control sample."""
     i = b.counters[ss.CONTROL]
     b.counters[ss.THRUST_NS] = streams.control_stamps[i % streams.force_b.shape[0]]
@@ -122,7 +121,7 @@ def advance(
     frozen: bool,
     rows: Rows,
 ) -> int:
-    """Code that says why processing stopped: all before (until_ns, until_rank), or less.
+    """Process all before (until_ns, until_rank); returns a code for why processing stopped.
 
     Parameters
     ----------
@@ -152,7 +151,7 @@ def advance(
             if rows.stamps.shape[0] > 0 and stamp // c.output_ns != before // c.output_ns:
                 rows.io[0] = stamp
         elif rank == ss.CONTROL_RANK:
-            _take_control(b, streams)
+            _apply_control(b, streams)
         elif rank == ss.DEPTH_RANK:
             depth_event(b, c, w, streams, log.jumps)
         else:
@@ -203,7 +202,7 @@ def put_row(b: Bank, c: Settings, w: Work, streams: Streams, rows: Rows) -> None
 
 @kernel
 def relate_to_water(b: Bank, w: Work, streams: Streams, x: Array, P: Array) -> None:
-    """Turn the published state into the other: v_r = v - R^T V; what is not estimated is NaN."""
+    """Replace v of the published state by v_r = v - R^T V; P is NaN where not estimated."""
     to_station(w.C_A, streams.C_b_G[(b.counters[ss.IMU] - 1) % streams.imu_stamps.shape[0]], b)
     for i in range(3):
         x[i] -= w.C_A[0, i] * x[ss.CURRENT] + w.C_A[1, i] * x[ss.CURRENT + 1]
@@ -226,7 +225,7 @@ def fill_navigation(
     C_b_G: Array,
     P: Array,
 ) -> None:
-    """Position, velocity and attitude as mode sins has them, and their covariance.
+    """Position (ECEF), velocity and attitude (grid axes) of the state x, with their covariance P.
 
     P (9, 9): errors of attitude, velocity (grid axes) and position (ECEF), estimate minus truth.
     """
@@ -301,7 +300,7 @@ def attitude_variance(b: Bank, c: Settings, streams: Streams) -> float:
 
 @kernel
 def add_attitude(P: Array, v_G: Array, variance: float) -> None:
-    """What the attitude's white error adds to the velocity's: variance (v^2 I - v v^T)."""
+    """Add the white attitude error to the covariance of velocity: variance (v^2 I - v v^T)."""
     square = v_G[0] * v_G[0] + v_G[1] * v_G[1] + v_G[2] * v_G[2]
     for i in range(3):
         P[3 + i, 3 + i] += variance * square
@@ -311,7 +310,7 @@ def add_attitude(P: Array, v_G: Array, variance: float) -> None:
 
 @routine
 def start(b: Bank, c: Settings, w: Work, log: Log) -> None:
-    """Make a new state ready: where it is, and the first snapshot."""
+    """Fill place and axes of a new state and store the first snapshot."""
     locate(b, b.x, c, w)
     log.counts[0] = 0
     take_snapshot(b, log)

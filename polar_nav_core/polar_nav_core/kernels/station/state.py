@@ -34,6 +34,8 @@ V_R, POSITION, CURRENT, DRAG, SHARE, HEADING, STATION = 0, 3, 6, 8, 9, 10, 11
 """First index of each block of the state."""
 DYNAMIC = 6
 """States with dynamics: velocity and position."""
+HORIZONTAL = slice(POSITION, POSITION + 2)
+"""The horizontal position; for Python, not for kernels."""
 
 # Indexes of Bank.counters: stamp of the newest IMU sample [ns], inputs taken; stamp of the newest
 # thrust [ns], 0 for none; refused fixes in a row and the validity of the first of them [ns]; when
@@ -66,7 +68,7 @@ IGNORE, TAGGED, BACK_PROPAGATE = 0, 1, 2
 
 
 class Bank(NamedTuple):
-    """All that one event hands to the next."""
+    """Members of the bank and everything else that changes from event to event."""
 
     x: Array  # (B, 12)
     P: Array  # (B, 12, 12)
@@ -81,7 +83,7 @@ class Bank(NamedTuple):
 
 
 class Settings(NamedTuple):
-    """What stays as it is during a run."""
+    """Constants of a run: model, noise, gates, lever arms."""
 
     inertia: Array  # (3,) [kg]
     drag_linear: Array  # (3,), of sway and heave [N s/m]
@@ -121,7 +123,7 @@ class Settings(NamedTuple):
 
 
 class Streams(NamedTuple):
-    """Measurements on their way in; number i stands at i % length."""
+    """Rings of measurements; number i stands at i % length."""
 
     counts: Ints  # (4,): IMU, control, depth, fix
     imu_stamps: Ints
@@ -140,7 +142,7 @@ class Streams(NamedTuple):
 
 
 class Log(NamedTuple):
-    """The past: where steps were linearised, and snapshots."""
+    """Stored past: points of linearisation, corrections and snapshots."""
 
     counts: Ints  # (1,): snapshots taken
     points: Array  # (n, B, 12): state before IMU sample number i stands at i % n
@@ -156,7 +158,7 @@ class Log(NamedTuple):
 
 
 class Rows(NamedTuple):
-    """Estimates."""
+    """Rows of output: one estimate each."""
 
     io: Ints  # (2,): stamp of the row that is due or -1, rows written
     stamps: Ints
@@ -172,7 +174,7 @@ class Rows(NamedTuple):
 
 
 class Work(NamedTuple):
-    """Scratch."""
+    """Scratch arrays."""
 
     a: Array  # (3,)
     F: Array  # (3, 3)

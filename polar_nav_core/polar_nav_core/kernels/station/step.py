@@ -75,7 +75,7 @@ def to_station(C_A: Array, C_b_G: Array, b: Bank) -> None:
 
 @kernel
 def slopes(at: Array, c: Settings, w: Work) -> tuple[float, float, float, float]:
-    """Rate of the state at a point, and its slopes.
+    """Fill the rate of the state at a point and its slopes.
 
     ``w`` holds the attitude C_A, the rate ``omega``, the vertical ``up`` and thrust ``g``, body
     axes. Into it: acceleration ``a`` and its slope ``F`` with v_r, attitude ``R`` without the
@@ -213,8 +213,8 @@ def spread(
         P[ss.STATION, ss.STATION] = e * e * P[ss.STATION, ss.STATION] + q_e
     for i in range(3):
         P[i, i] += h * c.q_v
-    P[3, 3] += h * c.q_xy
-    P[4, 4] += h * c.q_xy
+    P[ss.POSITION, ss.POSITION] += h * c.q_xy
+    P[ss.POSITION + 1, ss.POSITION + 1] += h * c.q_xy
     P[5, 5] += h * c.q_z
     P[ss.CURRENT, ss.CURRENT] += h * q_c
     P[ss.CURRENT + 1, ss.CURRENT + 1] += h * q_c
@@ -287,14 +287,14 @@ def step_published(x: Array, P: Array, h: float, c: Settings, w: Work) -> None:
             P[j, i] = P[i, j]
     for i in range(3):
         P[i, i] += h * c.q_v
-    P[3, 3] += h * c.q_xy
-    P[4, 4] += h * c.q_xy
+    P[ss.POSITION, ss.POSITION] += h * c.q_xy
+    P[ss.POSITION + 1, ss.POSITION + 1] += h * c.q_xy
     P[5, 5] += h * c.q_z
 
 
 @kernel
 def prepare_step(b: Bank, c: Settings, w: Work, streams: Streams, i: int) -> None:
-    """Attitude, rate against the Earth, vertical and thrust of IMU sample i's interval."""
+    """Fill attitude, rate against the Earth, vertical and thrust of IMU sample i's interval."""
     n = streams.imu_stamps.shape[0]
     for r in range(3):
         for k in range(3):  # attitude in the middle of the interval
@@ -315,7 +315,7 @@ def prepare_step(b: Bank, c: Settings, w: Work, streams: Streams, i: int) -> Non
 
 @kernel
 def clear(jump: Array) -> None:
-    """Zeros, (B, 12)."""
+    """Fill an array (B, 12) with zeros."""
     for m in range(jump.shape[0]):
         for k in range(ss.N):
             jump[m, k] = 0.0
@@ -379,7 +379,7 @@ def imu_event(
 
 @kernel
 def lever_arm(b: Bank, w: Work, streams: Streams, i: int, lever_b: Array) -> None:
-    """Attitude C_A at IMU sample i, and a lever arm in station axes, into ``w``."""
+    """Fill ``w`` with the attitude C_A at IMU sample i and with a lever arm in station axes."""
     to_station(w.C_A, streams.C_b_G[i % streams.imu_stamps.shape[0]], b)
     for i in range(3):
         w.lever[i] = w.C_A[i, 0] * lever_b[0] + w.C_A[i, 1] * lever_b[1] + w.C_A[i, 2] * lever_b[2]
