@@ -97,3 +97,61 @@ def test_whole_runs_open_as_nodes_do(world, inputs):
     np.testing.assert_array_equal(whole.track.r_e, single.track.r_e)
     assert whole.health == single.health
     assert len(whole.health) > 30
+
+
+@pytest.mark.parametrize('handling', ['clone', 'rewind'])
+def test_a_start_that_is_half_a_kilometre_off_moves_to_the_fixes(world, handling):
+    """Fixes 3 s late: those that were on their way when the covariance grew count no more."""
+    late = inputs_of(world, world.fixes(1.0, lambda _: 3.0, first_s=1.0))
+    start = {'initial_latitude_deg': world.params().initial_latitude_deg + 500.0 / 111e3}
+    result = run(world, late, **start, delay_handling=handling)
+    assert result.health[-1].resets == 1
+    assert np.linalg.norm(result.track.r_e[-1] - world.r_e[-1]) < 3.0
+    (start_off,) = [p for p in result.health[-1].present if p.condition.key == 'start']
+    assert 'the first fixes lay 503 m from the stated start' in start_off.condition.sentence
+
+
+def contradicting(result, world, stamp_ns):
+    """Error of the position in its published sigmas at a stamp, and the sigma [m]."""
+    k = int(np.searchsorted(result.track.stamps_ns, stamp_ns))
+    at = int(np.searchsorted(world.stamps, result.track.stamps_ns[k]))
+    error = result.track.r_e[k] - world.r_e[at]
+    P = result.track.P[k][6:9, 6:9]
+    return float(np.sqrt(error @ np.linalg.solve(P, error))), float(np.sqrt(np.trace(P)))
+
+
+def struck(inputs, start_s=20.0):
+    """A blow of 4 g for 0.2 s that the IMU feels and the vehicle does not follow."""
+    since_s = (inputs.imu_stamps_ns - inputs.imu_stamps_ns[0]) * 1e-9 - start_s
+    hit = ((since_s >= 0.0) & (since_s < 0.2))[:, None] * np.array([40.0, 20.0, 10.0])
+    return replace(inputs, f_b=inputs.f_b + hit)
+
+
+def test_fixes_are_believed_where_the_watchdog_doubts_dvl_or_imu(world, inputs):
+    result, shut = run(world, struck(inputs)), run(world, struck(inputs), reopen_after_s=0.0)
+    sentences = {p.condition.sentence for h in result.health for p in h.present}
+    assert any(s.startswith('position fixes were refused until') for s in sentences)
+    errors = [np.linalg.norm(r.track.r_e[-1] - world.r_e[-1]) for r in (result, shut)]
+    assert errors[1] > 50.0 * errors[0]
+
+
+def test_a_displaced_leader_shows_in_the_published_covariance_only(world, inputs):
+    off = moved(inputs, set(range(30, 60)), 40.0)
+    result, sound = run(world, off), run(world, inputs)
+    np.testing.assert_allclose(result.track.r_e[-1], sound.track.r_e[-1], atol=1.0)
+    refused = [r for r in result.receipts if r.verdict is Verdict.GATED]
+    size = contradicting(result, world, refused[4].stamp_ns + 10**8)[1]
+    assert 30.0 < size < 60.0
+    back = moved(inputs, set(range(30, 40)), 40.0)
+    assert contradicting(run(world, back), world, sound.track.stamps_ns[-1])[1] < 3.0
+
+
+def test_whole_runs_believe_fixes_as_nodes_do(world, inputs):
+    faulty = struck(inputs)
+    params = world.params(**CONFIGURATION)
+    whole, single = (
+        engine_run.run(params, faulty, one_by_one=k, look_every_s=1.0) for k in (False, True)
+    )
+    np.testing.assert_array_equal(whole.track.P, single.track.P)
+    np.testing.assert_array_equal(whole.track.r_e, single.track.r_e)
+    assert whole.health == single.health

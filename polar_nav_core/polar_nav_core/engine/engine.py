@@ -34,7 +34,7 @@ from .events import (
 )
 from .health.conditions import Culprit, Health, Level
 from .health.station import StationWatchdog
-from .health.watchdog import Envelope, Watchdog
+from .health.watchdog import Envelope, Watchdog, doubts_local
 from .integrity import Integrity, held, out_of_reach
 from .ledger import FixLedger
 from .params import EngineParams
@@ -43,7 +43,7 @@ from .receipts import age_s, receipt_of
 from .refusals import unusable_local
 from .restart import saved_problem
 from .restored import NOT_RESTORED, Restored
-from .results import FixResult, chi2_gate
+from .results import FixResult, Outcome, chi2_gate
 from .saved import SavedState
 from .sins.filter import NavigationFilter
 from .sins.fusion import Fusion
@@ -248,8 +248,12 @@ class Engine:
 
     def look(self) -> Health | None:
         """Health of the navigation at the newest sample, stored as `health`; None without one."""
-        found = [] if self.integrity.level is Level.OK else [self.integrity.condition]
         self.health = None
+        if self.fusion is None:
+            return None
+        # Of the state's own stamp: a node looks after the next sample came, a whole run before.
+        agreement = self.ledger.integrity.state(self.fusion.stamp_ns)
+        found = [] if agreement.level is Level.OK else [agreement.condition]
         if isinstance(self.fusion, StationFusion):
             # A station stays where it is: what its fixes contradict may be the vehicle's model.
             either = Culprit.FIXES | Culprit.MODEL
@@ -260,6 +264,7 @@ class Engine:
         elif isinstance(self.fusion, Fusion):
             found += self.ledger.conditions(self.fusion.stamp_ns)
             found += self.restored.conditions(self.fusion.stamp_ns)
+            found += self.ledger.integrity.moved
             resets = self.resets + self.restored.count
             view = view_of(self.fusion, self.fusion.stamp_ns, resets)
             self.health = self._watchdog.look(view, found)
@@ -330,8 +335,6 @@ class Engine:
                 limit or f'the stored history reaches back {reach:.2f} s'
             )
             return [self._receipt(fix, fix.receive_ns, Verdict.TOO_OLD, reason)]
-        if not result.outcome.fused and self.ledger.integrity.outnumber(self.fix_counts()[1]):
-            result = self._believe(fix, result)
         self.ledger.remember(fix, stated_ns, fused=result.outcome.fused)
         if self.adaptation is not None:
             self._identified = self.adaptation.fix(fix, result.outcome, self.fusion)
@@ -341,18 +344,32 @@ class Engine:
             self.ledger.decided(other, fix, FixResult(outcome, 0), now_ns)
             for other, outcome in result.revised
         )
+        self.reconsider(result.outcome)
         return [first, *revised]
 
-    def _believe(self, fix: Fix, refused: FixResult) -> FixResult:
-        """Fuse a fix that agrees with refused ones which outnumber all that were ever fused.
+    def reconsider(self, outcome: Outcome) -> None:
+        """After a fix was decided: let the covariance show what refused fixes contradict.
 
-        The filter has locked on to something else: its covariance is enlarged by the NIS.
+        The published covariance reaches to where they lie. Where they outweigh the estimate, the
+        filter's own is enlarged, so that the next are fused; those that are valid before this
+        moment do not count any more, for they are judged by what was stored then.
         """
         if not isinstance(self.fusion, Fusion) or not self.params.reopen_after_s:
-            return refused
-        self.fusion.filter.inflate(refused.outcome.nis / refused.outcome.dof)
-        self.resets += 1
-        return self.fusion.fix(fix) or refused
+            return
+        monitor, stamp_ns = self.ledger.integrity, self.fusion.stamp_ns
+        if not outcome.fused:
+            found = monitor.contradiction(
+                self.fix_counts()[1],
+                doubted=doubts_local(view_of(self.fusion, stamp_ns, 0)),
+                least_s=self.params.reopen_after_s,
+            )
+            if found is not None:
+                if found.constant:
+                    self.fusion.doubt_position(found.distance)
+                else:
+                    self.fusion.doubt_all(outcome.nis / outcome.dof)
+                monitor.believed(stamp_ns, found.distance if found.constant else 0.0)
+        self.fusion.contradict(*monitor.conflict())
 
     def _command(self, command: Command) -> Iterator[Output]:
         if command.kind is CommandKind.IDENTIFY and self.adaptation is not None:

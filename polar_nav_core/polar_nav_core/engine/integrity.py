@@ -4,7 +4,8 @@ A gate alone hides trouble: it refuses fix after fix, and the estimate goes on b
 if nothing had happened. This watches what the gate decides. Fixes that are refused in a row point
 either at the source of the fixes (a leader that has lost its position) or at this vehicle; which
 of the two is not observable here, so the vehicle keeps its own estimate, warns, and leaves the
-decision to its crew. Nothing here ever changes the state.
+decision to its crew. In two cases the fixes are taken to be right (`contradiction`): before ten
+were fused, and where the watchdog doubts DVL or IMU. Nothing here changes the state.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -25,6 +27,10 @@ _ALARMING = 3
 """Fixes refused in a row before anything is said: one or two are chance or outliers."""
 _BELIEVED = 10
 """Agreeing refused fixes that are believed at the least, and fused ones that settle a filter."""
+_TREND_SIGMAS = 4.0
+"""A trend of the offsets within so many of its sigmas is none."""
+_LEAST_TREND = 0.05
+"""Nor is one that changes the offset by a smaller share of it."""
 _KEPT = 256
 """Refused fixes that are remembered one by one, for their common offset."""
 _PATIENCE = 3.0
@@ -69,6 +75,22 @@ class Integrity:
         return Condition(key, self.level, Culprit.FIXES, self.sentence)
 
 
+class Contradiction(NamedTuple):
+    """Refused fixes that agree with one another and outweigh the estimate.
+
+    Attributes
+    ----------
+    distance : float
+        From the estimate to them at last [m].
+    constant : bool
+        Whether they keep their offset: the position is off, and nothing else. One that grows or
+        turns comes from velocity or attitude.
+    """
+
+    distance: float
+    constant: bool
+
+
 @dataclass(frozen=True)
 class _Refused:
     validity_ns: int
@@ -92,6 +114,8 @@ class IntegrityMonitor:
         self._first_ns = 0
         self._last_fused_ns: int | None = None
         self._newest_fused_validity_ns = 0
+        self._doubted = False
+        self._moved_m = 0.0
         self.longest_gated_s = 0.0
 
     def fused(self, validity_ns: int, receive_ns: int) -> None:
@@ -136,16 +160,62 @@ class IntegrityMonitor:
         size = float(np.linalg.norm(mean_G))
         return scatter < 0.5 * size and float(np.linalg.norm(offset_G - mean_G)) < 0.5 * size
 
-    def outnumber(self, fused: int) -> bool:
-        """Whether refused fixes agree and are twice as many as the few that were ever fused.
+    def contradiction(self, fused: int, *, doubted: bool, least_s: float) -> Contradiction | None:
+        """Return what refused fixes contradict the estimate by, if they are to be believed.
 
-        A filter that has locked on to outliers at the start is in the wrong then; one that has
-        fused ten fixes is not moved by a leader that is displaced.
+        They agree, are at least ten, and lasted for ``least_s`` [s]; and either they are twice as
+        many as the few that were ever fused (the start was wrong, or the filter locked on to
+        outliers), or DVL or IMU were ``doubted`` since the first of them was refused. A filter
+        that has fused ten and whose other sensors agree is not moved by a displaced leader.
         """
-        if fused >= _BELIEVED or self._count < max(_BELIEVED, 2 * fused):
-            return False
-        mean_G, scatter = self._cluster()
-        return scatter < 0.5 * float(np.linalg.norm(mean_G))
+        self._doubted = doubted or self._doubted
+        enough = _BELIEVED if fused >= _BELIEVED else max(_BELIEVED, 2 * fused)
+        if self._count < enough or (fused >= _BELIEVED and not self._doubted):
+            return None
+        newest = self._newest()
+        if (newest[-1].validity_ns - newest[0].validity_ns) * 1e-9 < least_s:
+            return None
+        line = _line(newest)
+        if not line.agree:
+            return None
+        distance = float(np.linalg.norm(line.offset_G))
+        return Contradiction(distance, line.steady and fused < _BELIEVED)
+
+    def conflict(self) -> tuple[Array, Array]:
+        """Offset [m] of refused fixes from the estimate and its change [m/s], grid axes.
+
+        Zero while fewer than three in a row are refused, or they scatter.
+        """
+        if self._count >= _ALARMING:
+            line = _line(self._newest())
+            if line.agree:
+                return line.offset_G, line.speed_G
+        return np.zeros(3), np.zeros(3)
+
+    def _newest(self) -> list[_Refused]:
+        return sorted(self._refused, key=lambda r: r.validity_ns)[-2 * _BELIEVED :]
+
+    def believed(self, stamp_ns: int, moved_m: float) -> None:
+        """Start anew after the covariance was enlarged at a stamp for refused fixes to be fused.
+
+        Fixes that were valid before count no more; ``moved_m`` is how far a start was off [m].
+        """
+        self.longest_gated_s = max(self.longest_gated_s, self._gated_s(stamp_ns))
+        self._refused.clear()
+        self._count, self._doubted = 0, False
+        self._moved_m = max(self._moved_m, moved_m)
+        self._newest_fused_validity_ns = max(self._newest_fused_validity_ns, stamp_ns)
+
+    @property
+    def moved(self) -> list[Condition]:
+        """A start that fixes contradicted, for the rest of the run: one of the two is wrong."""
+        if not self._moved_m:
+            return []
+        sentence = (
+            f'the first fixes lay {self._moved_m:.0f} m from the stated start, far beyond its '
+            'sigma, and were believed: one of the two is wrong'
+        )
+        return [Condition('start', Level.WARN, Culprit.FIXES, sentence)]
 
     def lasting(self, stamp_ns: int) -> bool:
         """Whether fixes have been refused for longer than `max_gated_s` at a stamp."""
@@ -199,6 +269,49 @@ class IntegrityMonitor:
         mean_G: Array = np.mean(offsets_G, axis=0)
         scatter = float(np.sqrt(np.mean(np.sum((offsets_G - mean_G) ** 2, axis=1))))
         return mean_G, scatter
+
+
+class _Line(NamedTuple):
+    """Offsets of refused fixes about a line in time.
+
+    Attributes
+    ----------
+    offset_G, speed_G : (3,) arrays
+        At the newest one [m], and its change [m/s].
+    scatter : float
+        RMS distance from the line [m].
+    steady : bool
+        Whether the change is none by its sigma.
+    """
+
+    offset_G: Array
+    speed_G: Array
+    scatter: float
+    steady: bool
+
+    @property
+    def agree(self) -> bool:
+        """Whether they lie together, compared with their distance."""
+        return self.scatter < 0.5 * float(np.linalg.norm(self.offset_G))
+
+
+def _line(refused: list[_Refused]) -> _Line:
+    """Line through the offsets of refused fixes, in the order of validity; few: their mean."""
+    first_ns = refused[0].validity_ns
+    t = np.array([(r.validity_ns - first_ns) * 1e-9 for r in refused])
+    offsets_G = np.array([r.offset_G for r in refused])
+    rows = np.ones((len(t), 1))
+    if len(t) >= _BELIEVED and t[-1] > 0.0:
+        rows = np.column_stack([rows, t - t.mean()])
+    line, *_ = np.linalg.lstsq(rows, offsets_G, rcond=None)
+    rest = offsets_G - rows @ line
+    scatter = float(np.sqrt(np.mean(np.sum(rest**2, axis=1))))
+    speed_G = line[1] if len(line) > 1 else np.zeros(3)
+    offset_G = rows[-1] @ line
+    change = float(np.linalg.norm(speed_G)) * float(t[-1])
+    none = _TREND_SIGMAS * scatter * math.sqrt(12.0 / len(t))
+    steady = change < max(none, _LEAST_TREND * float(np.linalg.norm(offset_G)))
+    return _Line(offset_G, speed_G, scatter, steady)
 
 
 def out_of_reach(

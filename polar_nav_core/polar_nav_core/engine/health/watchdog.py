@@ -152,6 +152,7 @@ class Watchdog:
         enough = s.number[DVL, watch.SHORT] >= FEWEST
         share = s.refused[DVL, watch.SHORT] if enough else 0.0
         found += self._runaway.look(view.stamp_ns, too_fast, share, contradicted)
+        found += _reopened(view, FIX)
         found += _fix_bias(s)
         for stream in (DVL, DEPTH):
             found += _local_bias(s, stream)
@@ -200,14 +201,28 @@ def _refusals(view: View, s: Statistics, stream: int) -> list[Condition]:
             culprit |= Culprit.HEADING
             sentence += ' across track: the heading is off, or the DVL is turned'
         found.append(Condition(f'{name} refused', Level.ERROR, culprit, sentence))
+    return [*found, *_reopened(view, stream, culprit)]
+
+
+def _reopened(view: View, stream: int, culprit: Culprit | None = None) -> list[Condition]:
+    """A gate that had to be opened again not long ago."""
     since_s = (view.stamp_ns - int(view.opened_ns[stream])) * 1e-9
-    if view.opened_ns[stream] and since_s < AFTER_S:
-        sentence = (
-            f'{name} was refused until {since_s:.0f} s ago and is used again with enlarged '
-            'covariance'
-        )
-        found.append(Condition(f'{name} reopened', Level.ERROR, culprit, sentence))
-    return found
+    if not view.opened_ns[stream] or since_s >= AFTER_S:
+        return []
+    name, verb = _NAMES[stream], 'were' if stream == FIX else 'was'
+    sentence = (
+        f'{name} {verb} refused until {since_s:.0f} s ago and {"are" if stream == FIX else "is"} '
+        'used again with enlarged covariance'
+    )
+    blamed = _CULPRITS[stream] if culprit is None else culprit
+    return [Condition(f'{name} reopened', Level.ERROR, blamed, sentence)]
+
+
+def doubts_local(view: View) -> bool:
+    """Whether the watchdog finds fault with DVL or IMU: these cannot vouch against fixes then."""
+    s = statistics(view.memories)
+    found = [*_refusals(view, s, DVL), *_local_bias(s, DVL), *scatter(s, DVL, early=True)]
+    return bool(found)
 
 
 def judged(s: Statistics, values: Array, rises: Array, stream: int) -> tuple[float, int, int]:

@@ -399,10 +399,11 @@ class NavigationFilter:
 
     @property
     def published_P(self) -> Array:
-        """Covariance with the common errors, (24, 24); a copy."""
+        """Covariance with common errors and the conflict with refused fixes, (24, 24); a copy."""
         P: Array = self.state.P.copy()
         if self.settings.considers:
             consider.add_common(P, self.state.sensitivity, self.settings.common)
+        consider.add_conflict(P, self.state.conflict)
         if self.settings.shares_leader:
             P[X.usbl_bias_a], P[:, X.usbl_bias_a] = 0.0, 0.0
         return P
@@ -410,6 +411,35 @@ class NavigationFilter:
     def inflate(self, factor: float) -> None:
         """Enlarge the covariance by a factor, within the limits of `kernels.sins.reopen`."""
         reopen.inflate(self.state, min(max(factor, reopen.LEAST), reopen.MOST))
+        self._opened_for_fixes()
+
+    def doubt_position(self, distance: float) -> None:
+        """Replace the position's covariance by that of an error of ``distance`` [m] per axis."""
+        self.P[X.dr_e, :] = 0.0
+        self.P[:, X.dr_e] = 0.0
+        self.P[X.dr_e, X.dr_e] = distance**2 * np.eye(3)
+        self._opened_for_fixes()
+
+    def contradict(self, offset_G: Array, speed_G: Array) -> None:
+        """Let the published covariance reach to where refused fixes say that the vehicle is.
+
+        ``offset_G`` [m] is how far off they lie, ``speed_G`` [m/s] how fast that changes; zero
+        where nothing contradicts.
+        """
+        self.state.conflict[:3] = speed_G
+        self.state.conflict[3:] = self.C_e_G.T @ offset_G
+
+    def _opened_for_fixes(self) -> None:
+        """Count an enlargement for fixes; what was remembered of them begins anew."""
+        counters = self.state.counters
+        counters[fs.OPENED_NS + fs.FIX_ROW] = counters[fs.STAMP]
+        counters[fs.OPENINGS + fs.FIX_ROW] += 1
+        self.state.memories[fs.FIX_ROW] = 0.0
+
+    def snapshot_here(self) -> None:
+        """Make the present the oldest state that can be gone back to."""
+        self.log.counts[1] = 0
+        fe.take_snapshot(self.state, self.log)
 
     def feed_back(self, x: Array) -> None:
         """Correct the state by an estimated error (24,), and store the correction."""

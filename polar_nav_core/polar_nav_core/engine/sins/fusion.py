@@ -137,6 +137,24 @@ class Fusion:
         nis = float(kf.nis_of(L, offset_e, np.zeros(3), 3))
         return np.einsum('ij,j->i', f.frames.C_e_G, offset_e), nis
 
+    def doubt_position(self, distance: float) -> None:
+        """Let the position be off by ``distance`` [m], uncorrelated with everything else."""
+        self.filter.doubt_position(distance)
+        self.forget_past()
+
+    def doubt_all(self, factor: float) -> None:
+        """Enlarge the covariance by a factor, within limits; its correlations stay."""
+        self.filter.inflate(factor)
+        self.forget_past()
+
+    def contradict(self, offset_G: Array, speed_G: Array) -> None:
+        """Let the published covariance reach to where refused fixes say that the vehicle is."""
+        if offset_G.any() or self.filter.state.conflict.any():
+            self.filter.contradict(offset_G, speed_G)
+
+    def forget_past(self) -> None:
+        """Do nothing: what is stored of the past stays usable. `Rewind` ends it here."""
+
     def saved(self, fixes: tuple[int, int, int], records: tuple[bytes, bytes]) -> SavedState:
         """State as it is now, with its fixes, to go on from after a restart."""
         return save_state(self.filter.state, fixes, records)

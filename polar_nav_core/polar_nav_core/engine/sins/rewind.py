@@ -45,6 +45,11 @@ class Rewind(Fusion):
         """Result of a fix fused at its validity; None if the stored past does not reach it."""
         return self._back.fix(fix)
 
+    def forget_past(self) -> None:
+        """End going back at the present: what was enlarged now would be undone."""
+        self.filter.snapshot_here()
+        self._back.end_here()
+
     # -- what going back asks for -----------------------------------------------------------------
 
     def stored(self) -> Stored:

@@ -118,6 +118,22 @@ def add_common(P: Array, S: Array, sigma: Array) -> None:
 
 
 @kernel
+def add_conflict(P: Array, u: Array) -> None:
+    """P <- P + u u^T: covariance that reaches to where refused fixes say that the vehicle is.
+
+    Parameters
+    ----------
+    P : (24, 24) array, in place
+    u : (6,) array
+        What velocity (grid axes) [m/s] and position (ECEF) [m] are off by if they are right.
+    """
+    for i in range(6):
+        if u[i] != 0.0:
+            for j in range(6):
+                P[DV + i, DV + j] += u[i] * u[j]
+
+
+@kernel
 def clear(J: Array) -> None:
     """J <- 0."""
     for a in range(3):

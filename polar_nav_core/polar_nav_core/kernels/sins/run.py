@@ -13,7 +13,7 @@ from . import state as fs
 from .aiding import control_event, count_good_ping, has_bottom_lock, model_is_definite
 from .bridge import bridge, bridge_to_sample, is_gap
 from .columns import describe
-from .consider import add_common, fix_common
+from .consider import add_common, add_conflict, fix_common
 from .events import fill_depth, fill_dvl, fill_fix, imu_event, note_outcome
 from .fuse import fuse_rows, locate, ping_passes
 from .late import OUT_OF_REACH, fill_late_fix
@@ -287,6 +287,7 @@ def put_row(s: State, c: Settings, rows: Rows) -> None:
             total[a, b] = s.P[a, b]
     if c.considers:
         add_common(total, s.sensitivity, c.common)
+    add_conflict(total, s.conflict)
     if c.shares_leader:
         leave_out_leader(total, rows.flat[k])
     if rows.P.shape[0] == 0:

@@ -109,6 +109,7 @@ class State(NamedTuple):
     sensitivity: Array  # (24, COLUMNS): error per unit of each common error (consider)
     memories: Array  # (3, 2, WIDTH): innovations per stream (watch)
     runs: Array  # (2, 4): refused in a row that agree, DVL and depth: number, newest value
+    conflict: Array  # (6,): where refused fixes say that velocity and position are off (consider)
     excess: Array  # (1,): variance of the IMU's noise above the stated one, per stated one
     model: Array  # (MODEL_ROWS, 7) where the vehicle's model takes part, else without rows
 
@@ -146,6 +147,7 @@ _SHAPES = {
     'sensitivity': (N, consider.COLUMNS),
     'memories': (watch.STREAMS, watch.MEMORIES, watch.WIDTH),
     'runs': (2, 4),
+    'conflict': (6,),
     'excess': (1,),
 }
 FLAT = sum(int(np.prod(shape)) for shape in _SHAPES.values())
