@@ -242,7 +242,7 @@ def test_smoothing_takes_out_white_noise_and_follows_turns():
     C = attitude.matrix_from_euler(psi + e[:, 0], theta + e[:, 1], e[:, 2])
     raw = C.copy()
     stamps = (t * 1e9).astype(np.int64)
-    station_attitude.smooth(stamps, omega, C, 1, n, 2.0, np.zeros(3))
+    station_attitude.smooth(stamps, omega, C, np.zeros(n), 1, n, 2.0, np.zeros(3))
     settled = slice(1000, None)
 
     def rms(A):
@@ -260,7 +260,7 @@ def test_smoothing_begins_anew_after_a_jump():
     C = np.tile(np.eye(3), (n, 1, 1))
     C[20:] = attitude.matrix_from_euler(3.0, 0.0, 0.0)
     stamps = np.arange(n, dtype=np.int64) * 10_000_000
-    station_attitude.smooth(stamps, np.zeros((n, 3)), C, 1, n, 2.0, np.zeros(3))
+    station_attitude.smooth(stamps, np.zeros((n, 3)), C, np.zeros(n), 1, n, 2.0, np.zeros(3))
     np.testing.assert_allclose(C[30], attitude.matrix_from_euler(3.0, 0.0, 0.0), atol=1e-12)
 
 
@@ -268,5 +268,7 @@ def test_a_gyro_bias_shifts_the_attitude_by_bias_times_time_constant():
     n, tau, bias = 3000, 2.0, 1e-3
     C = np.tile(np.eye(3), (n, 1, 1))
     stamps = np.arange(n, dtype=np.int64) * 10_000_000
-    station_attitude.smooth(stamps, np.full((n, 3), [0, 0, bias]), C, 1, n, tau, np.zeros(3))
+    station_attitude.smooth(
+        stamps, np.full((n, 3), [0, 0, bias]), C, np.zeros(n), 1, n, tau, np.zeros(3)
+    )
     assert attitude.log(C[-1])[2] == pytest.approx(bias * tau, rel=0.01)

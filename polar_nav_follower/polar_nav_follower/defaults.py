@@ -105,6 +105,7 @@ _FIRST: dict[str, Any] = {
     'model_acceleration_noise': 0.0014,
     'model_added_mass': (2.8, 65.5, 85.5),
     'model_aiding': False,
+    'model_doubt': 0.0,
     'model_drag_linear': (15.0, 90.0, 90.0),
     'model_drag_quadratic': (90.0, 90.0, 90.0),
     'model_drag_sigma': 0.8,
@@ -197,7 +198,9 @@ _SINCE: dict[int, dict[str, Any]] = {
         'max_rate': 6.0,
         'max_specific_force': 60.0,
     },
-    4: {},
+    4: {
+        'model_doubt': 10.0,
+    },
 }
 """By engine version: what changed with it. A version with new defaults counts up (version.py)."""
 

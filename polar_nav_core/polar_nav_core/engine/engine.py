@@ -259,7 +259,9 @@ class Engine:
             either = Culprit.FIXES | Culprit.MODEL
             found = [replace(condition, culprit=either) for condition in found]
             found += self.ledger.conditions(self.fusion.stamp_ns)
-            of_station = station_view_of(self.fusion, self.fusion.stamp_ns)
+            found += self.restored.conditions(self.fusion.stamp_ns)
+            resets = self.resets + self.restored.count
+            of_station = station_view_of(self.fusion, self.fusion.stamp_ns, resets)
             self.health = self._watchdog.look(of_station, found)
         elif isinstance(self.fusion, Fusion):
             found += self.ledger.conditions(self.fusion.stamp_ns)

@@ -103,6 +103,14 @@ class StationParams(NodeParams):
     station_robust_probability: float = param(
         0.99, '', 0.5, 0.9999, 'Share of good fixes that keep their full weight (robust_fixes)'
     )
+    model_doubt: float = param(
+        10.0,
+        '',
+        0.0,
+        1000.0,
+        "Log likelihood ratio from which on fixes that lie to one side of the vehicle's model "
+        'loosen it in station mode: the velocity then follows the fixes; 0 is never',
+    )
     station_position_noise: float = param(
         2e-3, 'm/sqrt(s)', 0.0, 10.0, 'Random walk of the horizontal position'
     )

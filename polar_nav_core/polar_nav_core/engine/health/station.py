@@ -46,6 +46,12 @@ class StationView(View):
         Of the newest thrust [s]; infinite before the first.
     thrust_timeout_s : float
         After which it is unknown.
+    loose : bool
+        Whether the velocity follows the fixes, because they contradicted the model.
+    loosened_ns : int
+        When they did so last; 0 for never.
+    turned_ns : int
+        When the AHRS turned last against its own rates; 0 for never.
     """
 
     share: float
@@ -54,6 +60,9 @@ class StationView(View):
     drag_sigma: float
     thrust_age_s: float
     thrust_timeout_s: float
+    loose: bool = False
+    loosened_ns: int = 0
+    turned_ns: int = 0
 
 
 class StationWatchdog(Watchdog):
@@ -63,7 +72,13 @@ class StationWatchdog(Watchdog):
         s = statistics(view.memories)
         found = [*_disagreement(s), *_reopened(view), *_careful(s), *scatter(s, DEPTH)]
         if isinstance(view, StationView):
-            found += [*_ahrs_gap(view), *_thrust(view), *_drag(view)]
+            found += [
+                *_loosened(view),
+                *_turned(view),
+                *_ahrs_gap(view),
+                *_thrust(view),
+                *_drag(view),
+            ]
         return [*found, *outside(view, self._envelope)]
 
 
@@ -112,6 +127,33 @@ def _reopened(view: View) -> list[Condition]:
         'covariance: the vehicle did not obey its model, or fixes are displaced'
     )
     return [Condition('fixes reopened', Level.ERROR, _EITHER, sentence)]
+
+
+def _loosened(view: StationView) -> list[Condition]:
+    """Fixes contradicted the model, which was loosened."""
+    since_s = (view.stamp_ns - view.loosened_ns) * 1e-9
+    recent = bool(view.loosened_ns) and since_s < AFTER_S
+    if not view.loose and not recent:
+        return []
+    sentence = (
+        f'fixes contradicted the model of the vehicle until {since_s:.0f} s ago: the velocity '
+        'follows the fixes, with enlarged covariance; thruster, current, heading, something that '
+        'holds it, or fixes that are displaced'
+    )
+    level = Level.ERROR if recent else Level.WARN
+    return [Condition('model loosened', level, _EITHER, sentence)]
+
+
+def _turned(view: StationView) -> list[Condition]:
+    """The heading of the AHRS has turned while its rates have not."""
+    since_s = (view.stamp_ns - view.turned_ns) * 1e-9
+    if not view.turned_ns or since_s >= AFTER_S:
+        return []
+    sentence = (
+        f'the heading of the AHRS turned against its own rates {since_s:.0f} s ago: it is '
+        'estimated anew, with enlarged covariance'
+    )
+    return [Condition('AHRS heading', Level.ERROR, Culprit.HEADING | Culprit.IMU, sentence)]
 
 
 def _careful(s: Statistics) -> list[Condition]:

@@ -89,6 +89,7 @@ def make_settings(p: EngineParams) -> ss.Settings:
         common=common,
         shares=bool(common.any()),
         reopen_ns=round(p.reopen_after_s * 1e9),
+        doubt=0.0 if published else p.model_doubt,
         gap_ns=round(p.max_imu_gap_s * 1e9),
         thrust_ns=round(p.thrust_timeout_s * 1e9),
         snapshot_every=SNAPSHOT_EVERY,
@@ -106,6 +107,7 @@ def make_bank(members: int) -> ss.Bank:
         S=np.zeros((members, ss.N, ss.COMMON)),
         memories=np.zeros((watch.STREAMS, watch.MEMORIES, watch.WIDTH)),
         flat=np.zeros(ss.FLAT),
+        loose=np.zeros(ss.LOOSE),
         counters=np.zeros(ss.COUNTERS, dtype=np.int64),
         tally=np.zeros((2, 3)),
         counting=np.ones(1, dtype=np.int64),
@@ -120,6 +122,7 @@ def live_streams(length_s: float, members: int) -> ss.Streams:
         imu_stamps=np.zeros(n, dtype=np.int64),
         omega_ib_b=np.zeros((n, 3)),
         C_b_G=np.zeros((n, 3, 3)),
+        unexplained=np.zeros(n),
         control_stamps=np.zeros(n, dtype=np.int64),
         force_b=np.zeros((n, 3)),
         depth_stamps=np.zeros(n, dtype=np.int64),
@@ -155,7 +158,9 @@ def make_log(length_s: float, members: int, *, snapshots: bool, jumps: bool) -> 
         S=np.zeros((kept, members, ss.N, ss.COMMON)),
         memories=np.zeros((kept, watch.STREAMS, watch.MEMORIES, watch.WIDTH)),
         flat=np.zeros((kept, ss.FLAT)),
+        loose=np.zeros((kept, ss.LOOSE)),
         counters=np.zeros((kept, ss.COUNTERS), dtype=np.int64),
+        good=make_bank(members),
     )
 
 
@@ -199,6 +204,7 @@ def make_work(members: int) -> ss.Work:
         'TP': (6, ss.N),
         'Phi': (ss.N, ss.N + 1),
         'A': (ss.N, ss.N + 2),
+        'L': (ss.N, ss.N),
         'z': (members, 2),
         'S': (members, 3),
         'wide': (members, 3),

@@ -28,12 +28,19 @@ from ..events import (
     ModelEstimate,
 )
 from ..params import EngineParams
+from ..plausibility import MOST_VARIANCE
 from ..results import Outcome
 from ..saved import SavedState
 from . import arrays
 from .resume import resume, save_state
 
 _NOT_DEFINITE = 'a variance of the filter is not positive and finite'
+_ENLARGED = 4.0
+"""Factor on the variances of a state that is restored."""
+_LOST_ACCELERATION = 0.5
+"""What the vehicle may have done since [m/s^2]; the AHRS knows how it has turned."""
+_SAMPLES = 3
+"""Of the AHRS, that the next step looks back to."""
 _IDENTIFIED = ('drag_linear', 'drag_quadratic', 'current_x', 'current_y', 'heading_bias')
 
 
@@ -70,6 +77,8 @@ class StationFilter:
         self.rows = self.no_rows = arrays.make_rows(0, members)
         self.row = arrays.make_rows(1, members)
         self.bank.counters[ss.STAMP] = stamp_ns
+        self.begun = 0
+        """Number of the first IMU sample with a stored past."""
 
     # -- events -----------------------------------------------------------------------------------
 
@@ -109,6 +118,52 @@ class StationFilter:
             variances[ss.DYNAMIC :] = 0.0
         self.bank.x[:] = x
         self.bank.P[:] = np.diag(variances)
+
+    def restore(self, lost: StationFilter) -> None:
+        """Begin at the newest IMU sample with the newest sound state of a lost filter, enlarged.
+
+        Correlations are dropped: they may be what was lost.
+        """
+        b, good = self.bank, lost.log.good
+        now_ns = self.stamp_ns
+        since_s = max(0.0, (now_ns - int(good.counters[ss.STAMP])) * 1e-9)
+        b.x[:], b.weight[:], b.log_weight[:] = good.x, good.weight, good.log_weight
+        b.flat[:] = good.flat
+        b.counters[:] = lost.bank.counters
+        C_b_A = self._continue_streams(lost, now_ns)
+        v_A = np.einsum('ij,mj->mi', C_b_A, b.x[:, ss.V_R : ss.POSITION])
+        if not self.settings.published:
+            v_A[:, :2] += b.x[:, ss.CURRENT : ss.DRAG]
+        b.x[:, ss.POSITION : ss.CURRENT] += since_s * v_A
+        variance = np.minimum(_ENLARGED * np.diagonal(good.P, axis1=1, axis2=2), MOST_VARIANCE)
+        b.P[:] = 0.0
+        for P, own, v in zip(b.P, variance, v_A, strict=True):
+            slower = _LOST_ACCELERATION * since_s
+            way = (float(np.linalg.norm(v)) + slower) * since_s
+            own[ss.V_R : ss.POSITION] += slower**2
+            own[ss.POSITION : ss.CURRENT] += way**2
+            np.fill_diagonal(P, own)
+        run.start(b, self.settings, self.work, self.log)
+
+    def _continue_streams(self, lost: StationFilter, now_ns: int) -> Array:
+        """Copy the newest samples of a lost filter under their numbers; returns C_b_A then."""
+        old, new, counters = lost.streams, self.streams, self.bank.counters
+        count = int(old.counts[0])
+        n = len(old.imu_stamps)
+        while count > 1 and old.imu_stamps[(count - 1) % n] > now_ns:  # a whole run has them all
+            count -= 1
+        self.begun = count - 1
+        for number in range(max(0, count - _SAMPLES), count):
+            i, k = number % n, number % len(new.imu_stamps)
+            new.imu_stamps[k] = old.imu_stamps[i]
+            new.omega_ib_b[k] = old.omega_ib_b[i]
+            new.C_b_G[k] = old.C_b_G[i]
+            new.unexplained[k] = old.unexplained[i]
+        new.counts[0] = counters[ss.IMU] = count
+        counters[ss.STAMP] = now_ns
+        counters[[ss.CONTROL, ss.DEPTH, ss.FIX, ss.RUN]] = 0
+        axes = self.bank.flat[ss.AXES : ss.AXES + 9].reshape(3, 3)
+        return np.asarray(axes.T @ old.C_b_G[(count - 1) % n])
 
     def advance(
         self, until_ns: int = NEVER_NS, until_rank: int = 0, *, frozen: bool = False
@@ -159,6 +214,7 @@ class StationFilter:
             s.imu_stamps,
             s.omega_ib_b,
             s.C_b_G,
+            s.unexplained,
             first,
             int(s.counts[0]),
             c.attitude_tau,

@@ -113,9 +113,12 @@ class StationFusion:
         """Replace drag and current by those of an accepted identification."""
         self.filter.adapt(identified)
 
-    def restore(self, lost: Driver) -> bool:  # noqa: ARG002 - that of `Driver`
-        """Do nothing and return False: a lost filter is not restored in this mode."""
-        return False
+    def restore(self, lost: Driver) -> bool:
+        """Begin with the newest sound state of one that was lost, enlarged; True if it is one."""
+        if not isinstance(lost, StationFusion):
+            return False
+        self.filter.restore(lost.filter)
+        return True
 
     def fix(self, fix: Fix) -> FixResult | None:
         """Fuse a fix; None when the stored history does not reach back to its validity."""
@@ -125,7 +128,7 @@ class StationFusion:
         """Oldest validity stamp [ns] at which a fix can still be fused."""
         f = self.filter
         kept = min(len(f.log.points), len(f.streams.imu_stamps) - 1)
-        first = max(0, int(f.streams.counts[0]) - kept)
+        first = max(f.begun, int(f.streams.counts[0]) - kept)
         return int(f.streams.imu_stamps[first % len(f.streams.imu_stamps)])
 
     def offset(self, fix: Fix) -> tuple[Array, float] | None:
@@ -207,7 +210,7 @@ class Forward(StationFusion):
         streams = self.filter.streams
         count = int(streams.counts[0])
         length = len(streams.imu_stamps)
-        low = max(0, count - (length - 1))
+        low = max(self.filter.begun, count - (length - 1))
         if int(streams.imu_stamps[low % length]) > stamp_ns:
             return None
 

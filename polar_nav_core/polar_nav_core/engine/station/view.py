@@ -13,8 +13,8 @@ from ..health.watchdog import Gaps
 from .fusion import StationFusion
 
 
-def view_of(fusion: StationFusion, stamp_ns: int) -> StationView:
-    """View of a navigation at a stamp."""
+def view_of(fusion: StationFusion, stamp_ns: int, resets: int) -> StationView:
+    """View of a navigation at a stamp; ``resets`` counts what the engine itself enlarged."""
     f, p = fusion.filter, fusion.params
     counters = f.bank.counters
     x, P = f.published_mixture()
@@ -30,7 +30,7 @@ def view_of(fusion: StationFusion, stamp_ns: int) -> StationView:
         speed=float(np.linalg.norm(x[ss.V_R : ss.POSITION])),
         depth=f.settings.surface - f.bank.flat[ss.HEIGHT],
         P_horizontal=P[ss.HORIZONTAL, ss.HORIZONTAL],
-        resets=int(counters[ss.OPENINGS]),
+        resets=resets + int(counters[ss.OPENINGS] + counters[ss.LOOSENED]),
         gaps=Gaps(
             int(counters[ss.GAPS]), int(counters[ss.GAP_NS]) * 1e-9, int(counters[ss.GAP_END_NS])
         ),
@@ -40,4 +40,7 @@ def view_of(fusion: StationFusion, stamp_ns: int) -> StationView:
         drag_sigma=math.sqrt(max(0.0, P[ss.DRAG, ss.DRAG])),
         thrust_age_s=(stamp_ns - thrust_ns) * 1e-9 if thrust_ns else math.inf,
         thrust_timeout_s=p.thrust_timeout_s,
+        loose=bool(f.bank.loose[ss.EXTRA] > 0.0),
+        loosened_ns=int(counters[ss.LOOSENED_NS]),
+        turned_ns=int(counters[ss.TURN_NS]),
     )

@@ -75,6 +75,7 @@ class StationArrays:
             imu_stamps=self._imu_stamps,
             omega_ib_b=self._omega_ib_b,
             C_b_G=self._C_b_G.copy(),  # they are smoothed in place
+            unexplained=np.zeros(len(self._imu_stamps)),
             control_stamps=at_least_one(stamps),
             force_b=at_least_one(force_b),
             depth_stamps=at_least_one(self._depth_stamps),
@@ -91,7 +92,17 @@ class StationArrays:
         return self.filter.bank.counters.copy()
 
     def hand_over(self, driver: Driver | None, cursors: Ints) -> None:
-        """Do nothing: a lost filter is not restored in this mode."""
+        """Go on with a filter that was restored, from where the lost one was in the streams."""
+        if not isinstance(driver, StationFusion):
+            return
+        streams, self.filter = self.filter.streams, driver.filter
+        f, counters = driver.filter, driver.filter.bank.counters
+        f.streams, f.rows = streams, self._rows
+        counters[ss.IMU], counters[ss.DEPTH] = cursors[ss.IMU], cursors[ss.DEPTH]
+        counters[ss.CONTROL] = max(0, cursors[ss.CONTROL] - 1)  # the last one still holds
+        streams.counts[ss.FIX - ss.IMU] = 0
+        f.log.counts[0] = 0
+        run_kernels.take_snapshot(f.bank, f.log)
 
     @property
     def stamp_ns(self) -> int:

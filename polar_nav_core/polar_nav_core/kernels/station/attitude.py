@@ -10,6 +10,10 @@ from ..sins.update import Ints
 
 _LOST = 0.3
 """Beyond this angle [rad] the smoothed attitude starts anew."""
+_SETTLED = 3.0
+"""The mean of the first samples draws by more than so many times the usual share."""
+_MEMORY_S = 10.0
+"""For how long a turn of the AHRS against its own rates is remembered [s]."""
 
 
 @kernel
@@ -58,6 +62,7 @@ def smooth(
     stamps: Ints,
     omega_ib_b: Array,
     C_b_G: Array,
+    unexplained: Array,
     first: int,
     last: int,
     tau: float,
@@ -72,6 +77,9 @@ def smooth(
     ----------
     stamps, omega_ib_b, C_b_G : (n,), (n, 3), (n, 3, 3) arrays
         Those before ``first`` are smoothed already.
+    unexplained : (n,) array, out
+        Angle about up by which the AHRS has drawn the attitude away from its rates, of the last
+        seconds [rad].
     omega_G : (3,) rate of the Earth, grid axes
     """
     n = stamps.shape[0]
@@ -82,8 +90,10 @@ def smooth(
         C = C_b_G[k]
         B = C_b_G[(i - 1) % n]
         dt = (stamps[k] - stamps[(i - 1) % n]) * 1e-9
+        unexplained[k] = 0.0
         if not 0.0 < dt < tau:
             continue
+        before = unexplained[(i - 1) % n] * (1.0 - dt / _MEMORY_S)
         x = B[0, 0] * omega_G[0] + B[1, 0] * omega_G[1] + B[2, 0] * omega_G[2]
         y = B[0, 1] * omega_G[0] + B[1, 1] * omega_G[1] + B[2, 1] * omega_G[2]
         z = B[0, 2] * omega_G[0] + B[1, 2] * omega_G[1] + B[2, 2] * omega_G[2]
@@ -117,7 +127,11 @@ def smooth(
             - C[0, 0] * m01 - C[1, 0] * m11 - C[2, 0] * m21
         )  # fmt: skip
         same = C[0, 0] * m00 + C[1, 0] * m10 + C[2, 0] * m20
+        up = C[2, 0] * x + C[2, 1] * y + C[2, 2] * z
         if x * x + y * y + z * z > _LOST * _LOST or same < 0.0:
+            unexplained[k] = before + (
+                math.asin(min(max(up, -1.0), 1.0)) if same > 0.0 else math.pi
+            )
             C[0, 0] = m00
             C[0, 1] = m01
             C[0, 2] = m02
@@ -129,5 +143,7 @@ def smooth(
             C[2, 2] = m22
         else:
             gain = max(1.0 - math.exp(-dt / tau), 1.0 / (i + 1.0))
+            # The first samples make the mean: they draw, but against no attitude yet.
+            unexplained[k] = before + (gain * up if gain < _SETTLED * dt / tau else 0.0)
             turn(C, gain * x, gain * y, gain * z, C)
             square_up(C)

@@ -11,6 +11,7 @@ from ...arrays import Array
 from ..cache import kernel, routine
 from . import state as ss
 from .common import fix_common, subtract_state, widen
+from .obey import obey
 from .reopen import note, open_again, open_gate, opens
 from .state import Bank, Settings, Streams, Work
 from .step import lever_arm, turned
@@ -158,9 +159,11 @@ def judge(b: Bank, c: Settings, w: Work, fix: Array, outcome: Array, at: Array) 
 def update_members(b: Bank, c: Settings, w: Work, jumps: Array) -> None:
     """Update all members with w.z, w.S, w.PHt and w.inflation; then their weights.
 
-    Only the measurement can be at fault for a large innovation: R takes the inflation of S.
+    Only the measurement can be at fault for a large innovation: R takes the inflation of S. While
+    the model is loose, drag is a Schmidt state: what a fix contradicts is not the drag.
     """
     members = b.x.shape[0]
+    loose = b.loose[ss.EXTRA] > 0.0
     for m in range(members):
         f = w.inflation[m]
         s00 = f * w.S[m, 0]
@@ -176,15 +179,20 @@ def update_members(b: Bank, c: Settings, w: Work, jumps: Array) -> None:
         P = b.P[m]
         for i in range(ss.N):
             change = h0[i] * y0 + h1[i] * y1
+            held = loose and ss.DRAG <= i <= ss.SHARE
+            if held:
+                change = 0.0
             b.x[m, i] += change
             if jumps.shape[0] > 0:
                 jumps[(b.counters[ss.IMU] - 1) % jumps.shape[0], m, i] += change
             k0 = (s11 * h0[i] - s01 * h1[i]) / det
             k1 = (s00 * h1[i] - s01 * h0[i]) / det
             for j in range(i + 1):
+                if held and j >= ss.DRAG:
+                    continue
                 P[i, j] -= k0 * h0[j] + k1 * h1[j]
                 P[j, i] = P[i, j]
-            if c.shares:
+            if c.shares and not held:
                 for j in range(ss.COMMON):
                     b.S[m, i, j] += k0 * w.J[m, 0, j] + k1 * w.J[m, 1, j]
         log_likelihood = -0.5 * (y0 * z0 + y1 * z1 + math.log(det))
@@ -270,3 +278,4 @@ def fix_event(
     note(b, w, outcome, w.v3[0], w.v3[1])
     if outcome[ss.DECIDED] == ss.FUSED:
         update_members(b, c, w, jumps)
+    obey(b, c, w, outcome, stamp, kept)

@@ -12,6 +12,7 @@ from ..cache import kernel, routine
 from . import state as ss
 from .common import fix_common, transform
 from .fix import fix_rows, judge, know_station, share, spread_of, update_members
+from .obey import obey
 from .reopen import note, open_gate, opens
 from .state import Bank, Log, Settings, Streams, Work
 from .step import lever_arm, prepare_step, slopes
@@ -159,6 +160,7 @@ def forward_fix(
     note(b, w, outcome, w.v3[0], w.v3[1])
     if outcome[ss.DECIDED] == ss.FUSED:
         update_members(b, c, w, log.jumps)
+    obey(b, c, w, outcome, b.counters[ss.STAMP], False)
 
 
 @kernel

@@ -15,6 +15,8 @@ from .state import Bank, Settings, Streams
 
 USUAL = 3
 """A gap is longer than so many of the intervals that were usual before it."""
+LEAST_TURN = 0.087
+"""5 deg: turn of the AHRS against its own rates from which on its heading is doubted [rad]."""
 TURN_RATE = 0.1
 """At which a vehicle turns while its attitude is not known [rad/s], 1-sigma."""
 
@@ -65,3 +67,26 @@ def cross_gap(b: Bank, c: Settings, streams: Streams, i: int, points: Array) -> 
         far = speed * dt * min(1.0, 0.5 * TURN_RATE * dt)
         for k in range(ss.POSITION, ss.POSITION + 2):
             b.P[m, k, k] += far * far
+
+
+@kernel
+def doubt_heading(b: Bank, c: Settings, streams: Streams, i: int) -> None:
+    """Add a turn of the AHRS against its own rates to the variance of the heading's bias.
+
+    ``i`` is the number of its sample. The turn may be the error or the end of one. Magnets, a
+    compass that sticks: gyros that are off by half a degree per second do not reach `LEAST_TURN`.
+    """
+    if c.doubt <= 0.0:
+        return
+    angle = streams.unexplained[i % streams.imu_stamps.shape[0]]
+    square = angle * angle
+    part = b.loose[ss.TURNED_2]
+    if square < 0.25 * LEAST_TURN * LEAST_TURN:
+        b.loose[ss.TURNED_2] = 0.0
+    elif square > LEAST_TURN * LEAST_TURN and square > part:
+        if part == 0.0:
+            b.counters[ss.TURNS] += 1
+            b.counters[ss.TURN_NS] = streams.imu_stamps[i % streams.imu_stamps.shape[0]]
+        for m in range(b.x.shape[0]):
+            b.P[m, ss.HEADING, ss.HEADING] += square - part
+        b.loose[ss.TURNED_2] = square

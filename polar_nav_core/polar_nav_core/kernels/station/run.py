@@ -15,8 +15,12 @@ from . import state as ss
 from .common import add_common
 from .depth import depth_event
 from .fix import fix_event
+from .obey import add_doubt
 from .state import Bank, Log, Rows, Settings, Streams, Work
 from .step import imu_event, lever_arm, locate, to_station, turned
+
+SECOND_NS = 1_000_000_000
+"""How often a state is tested in full."""
 
 
 @kernel
@@ -47,6 +51,8 @@ def take_snapshot(b: Bank, log: Log) -> None:
     copy_memories(log.memories[i], b.memories)
     for j in range(ss.FLAT):
         log.flat[i, j] = b.flat[j]
+    for j in range(ss.LOOSE):
+        log.loose[i, j] = b.loose[j]
     for j in range(ss.COUNTERS):
         log.counters[i, j] = b.counters[j]
     log.counts[0] += 1
@@ -68,9 +74,53 @@ def restore(b: Bank, log: Log, number: int) -> None:
     copy_memories(b.memories, log.memories[i])
     for j in range(ss.FLAT):
         b.flat[j] = log.flat[i, j]
+    for j in range(ss.LOOSE):
+        b.loose[j] = log.loose[i, j]
     for j in range(ss.COUNTERS):
         b.counters[j] = log.counters[i, j]
     log.counts[0] = number + 1
+
+
+@kernel
+def _is_covariance(P: Array, L: Array, published: bool) -> bool:
+    """Whether P has a Cholesky factor, left in L; states without variance are left out."""
+    n = ss.DYNAMIC if published else ss.N
+    for i in range(n):
+        unknown = i == ss.STATION and P[i, i] == 0.0
+        for j in range(i + 1):
+            s = P[i, j]
+            for k in range(j):
+                s -= L[i, k] * L[j, k]
+            if unknown:
+                L[i, j] = 0.0
+            elif i > j:
+                L[i, j] = s / L[j, j]
+            elif s > 0.0 and s < math.inf:
+                L[i, i] = math.sqrt(s)
+            else:
+                return False
+    return True
+
+
+@kernel
+def _keep(b: Bank, c: Settings, w: Work, log: Log) -> bool:
+    """Store the bank as the newest sound state if it is one; else False."""
+    good = log.good
+    for m in range(b.x.shape[0]):
+        if not _is_covariance(b.P[m], w.L, c.published):
+            return False
+    for m in range(b.x.shape[0]):
+        good.log_weight[m] = b.log_weight[m]
+        good.weight[m] = b.weight[m]
+        for j in range(ss.N):
+            good.x[m, j] = b.x[m, j]
+            for k in range(ss.N):
+                good.P[m, j, k] = b.P[m, j, k]
+    for j in range(ss.FLAT):
+        good.flat[j] = b.flat[j]
+    for j in range(ss.COUNTERS):
+        good.counters[j] = b.counters[j]
+    return True
 
 
 @routine
@@ -144,12 +194,14 @@ def advance(
         if rank == ss.IMU_RANK:
             before = b.counters[ss.STAMP]
             imu_event(b, c, w, streams, log.points, log.jumps, frozen)
+            if rows.stamps.shape[0] > 0 and stamp // c.output_ns != before // c.output_ns:
+                rows.io[0] = stamp
             if not healthy(b, c):
+                return ss.NOT_DEFINITE
+            if stamp // SECOND_NS != before // SECOND_NS and not _keep(b, c, w, log):
                 return ss.NOT_DEFINITE
             if b.counters[ss.IMU] % c.snapshot_every == 0:
                 take_snapshot(b, log)
-            if rows.stamps.shape[0] > 0 and stamp // c.output_ns != before // c.output_ns:
-                rows.io[0] = stamp
         elif rank == ss.CONTROL_RANK:
             _apply_control(b, streams)
         elif rank == ss.DEPTH_RANK:
@@ -193,8 +245,12 @@ def put_row(b: Bank, c: Settings, w: Work, streams: Streams, rows: Rows) -> None
             b.tally[a, j] = 0.0
     if c.published:
         relate_to_water(b, w, streams, x, P)
-    elif c.shares:
-        add_common(P, b, c, w)
+    else:
+        if c.shares:
+            add_common(P, b, c, w)
+        to_station(w.C_A, streams.C_b_G[(b.counters[ss.IMU] - 1) % streams.imu_stamps.shape[0]], b)
+        turned(w.R, w.C_A, x[ss.HEADING])
+        add_doubt(P, x, b, w)
     fill_navigation(b, c, w, streams, x, P, rows.r_e[k], rows.v_G[k], rows.C_b_G[k], rows.P[k])
     rows.io[0] = -1
     rows.io[1] += 1
@@ -314,3 +370,4 @@ def start(b: Bank, c: Settings, w: Work, log: Log) -> None:
     locate(b, b.x, c, w)
     log.counts[0] = 0
     take_snapshot(b, log)
+    _keep(b, c, w, log)

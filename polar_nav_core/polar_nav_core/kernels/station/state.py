@@ -40,14 +40,21 @@ HORIZONTAL = slice(POSITION, POSITION + 2)
 # Indexes of Bank.counters: stamp of the newest IMU sample [ns], inputs taken; stamp of the newest
 # thrust [ns], 0 for none; refused fixes in a row and the validity of the first of them [ns]; when
 # the gate was opened last [ns], and how often; gaps between AHRS samples, length of the newest and
-# stamp of its end [ns].
+# stamp of its end [ns]; how often the model was loosened, and when last [ns];
+# turns of the AHRS against its rates, and when the newest began [ns].
 STAMP, IMU, CONTROL, DEPTH, FIX = 0, 1, 2, 3, 4
 THRUST_NS, RUN, RUN_NS, OPENED_NS, OPENINGS = 5, 6, 7, 8, 9
-GAPS, GAP_NS, GAP_END_NS, COUNTERS = 10, 11, 12, 13
+GAPS, GAP_NS, GAP_END_NS = 10, 11, 12
+LOOSENED, LOOSENED_NS, TURNS, TURN_NS, COUNTERS = 13, 14, 15, 16, 17
 
 # Bank.flat: thrust (3), vertical at the vehicle (3), place where that holds (3), its height,
 # C_A_G (9), 1-sigma of the station's heading, sum of the directions of refused fixes in a row (2).
 FORCE, UP, PLACE, HEIGHT, AXES, SIGMA, SIDE, FLAT = 0, 3, 6, 9, 10, 19, 20, 22
+
+# Bank.loose: sum of whitened innovations (2), stamp from which on it grows [s], density by which
+# the current walks further while the model is loose [m^2/s^3], stamp of the newest fix [s], square
+# of the present turn of the AHRS against its rates, as far as it is in P [rad^2].
+SUM_X, SUM_Y, SINCE_S, EXTRA, NEWEST_S, TURNED_2, LOOSE = 0, 1, 2, 3, 4, 5, 6
 
 # Columns of Bank.S: scale of ranges, turn of the station's array, offset of the station's stated
 # position along x and y, zero of depth.
@@ -57,8 +64,11 @@ RANGE_SCALE, TURN, OFFSET, DEPTH_ZERO, COMMON = 0, 1, 2, 4, 5
 X, Y, Z, PSI, RANGE, BEARING, RANGE_VARIANCE, BEARING_VARIANCE, PSI_SIGMA, FIX_COLUMNS = range(10)
 
 # Columns of Streams.outcomes: decision, NIS, innovation (2), its covariance (3), inflation, place
-# in polar coordinates from the station (2), factor on the covariance that opened the gate for it.
-DECIDED, NIS, Z0, Z1, S00, S01, S11, INFLATION, DISTANCE, AZIMUTH, OPENING, OUTCOME = range(12)
+# in polar coordinates from the station (2), factor on the covariance that opened the gate for it,
+# unexplained way with which it loosened the model [m^2; 0: it did not] and how long that took [s],
+# Bank.loose[EXTRA] after it.
+DECIDED, NIS, Z0, Z1, S00, S01, S11, INFLATION, DISTANCE, AZIMUTH, OPENING = range(11)
+WAY, LASTED_S, FURTHER, OUTCOME = 11, 12, 13, 14
 
 # What `advance` returns.
 DONE, FULL, NOT_DEFINITE = 0, -3, -1
@@ -77,6 +87,7 @@ class Bank(NamedTuple):
     S: Array  # (B, 12, COMMON): change of the error per unit of each common error
     memories: Array  # (watch.STREAMS, watch.MEMORIES, watch.WIDTH) of innovations
     flat: Array  # (FLAT,)
+    loose: Array  # (LOOSE,)
     counters: Ints  # (COUNTERS,)
     tally: Array  # (2, 3): rows and columns of events.LOCAL_DOF
     counting: Ints  # (1,): 0 while inputs are processed again: each counts once
@@ -116,6 +127,7 @@ class Settings(NamedTuple):
     common: Array  # (COMMON,): 1-sigma of each common error
     shares: bool  # whether any of them is stated
     reopen_ns: int  # fixes refused for so long may open the gate; 0 for never
+    doubt: float  # log likelihood ratio from which on the model is loosened; 0: never
     gap_ns: int  # a longer interval between AHRS samples is a gap
     thrust_ns: int  # a thrust that is older is unknown; 0: it holds for ever
     snapshot_every: int  # IMU samples
@@ -129,6 +141,7 @@ class Streams(NamedTuple):
     imu_stamps: Ints
     omega_ib_b: Array  # (n, 3)
     C_b_G: Array  # (n, 3, 3), smoothed
+    unexplained: Array  # (n,): turn of the AHRS against its rates, about up [rad]
     control_stamps: Ints
     force_b: Array  # (n, 3)
     depth_stamps: Ints
@@ -154,7 +167,9 @@ class Log(NamedTuple):
     S: Array
     memories: Array
     flat: Array
+    loose: Array
     counters: Ints
+    good: Bank  # newest sound state, tested in full
 
 
 class Rows(NamedTuple):
@@ -196,6 +211,7 @@ class Work(NamedTuple):
     TP: Array  # (6, 12)
     Phi: Array  # (12, 13): transition since a fix's validity, and the corrections since
     A: Array  # (12, 14)
+    L: Array  # (12, 12)
     z: Array  # (B, 2)
     S: Array  # (B, 3)
     wide: Array  # (B, 3): S with the common errors

@@ -15,7 +15,7 @@ from ..frames.grid import fill_C_e_G
 from ..vehicle.model import relative_acceleration, relative_acceleration_jacobian, surge_drag
 from . import state as ss
 from .common import transform
-from .gap import cross_gap
+from .gap import cross_gap, doubt_heading
 from .state import Bank, Settings, Streams, Work
 
 THRUST_SHARE = 0.3
@@ -360,7 +360,8 @@ def imu_event(
                 continue
             f_drag, f_share, g_x, g_y = slopes(w.point, c, w)
             move(b.x[m], w.point, h, e, f_drag, f_share, g_x, g_y, w)
-            spread(b.P[m], h, c.q_current[m], e, q_e, f_drag, f_share, g_x, g_y, c, w)
+            q_c = c.q_current[m] + b.loose[ss.EXTRA]
+            spread(b.P[m], h, q_c, e, q_e, f_drag, f_share, g_x, g_y, c, w)
             if unknown:
                 a = THRUST_SHARE * math.exp(w.point[ss.DRAG]) / c.inertia[0]
                 b.P[m, 0, 0] += h * 2.0 * THRUST_TAU * a * a
@@ -371,6 +372,7 @@ def imu_event(
             if part + 1 < parts:
                 move(w.point, w.point, h, e, f_drag, f_share, g_x, g_y, w)
     cross_gap(b, c, streams, i, place)
+    doubt_heading(b, c, streams, i)
     if jumps.shape[0] > 0:
         clear(jumps[i % jumps.shape[0]])
     b.counters[ss.STAMP] = stamp
