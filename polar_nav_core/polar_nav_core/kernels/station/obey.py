@@ -75,7 +75,8 @@ def _contradicted(b: Bank, c: Settings, w: Work, outcome: Array, stamp_s: float)
     if 2.0 * ALLOWANCE * size * keep > c.doubt:
         loose[ss.SUM_X] = 0.0
         loose[ss.SUM_Y] = 0.0
-        return min(max(stamp_s - loose[ss.SINCE_S], SHORTEST_S), LONGEST_S)
+        lasted_s: float = min(max(stamp_s - loose[ss.SINCE_S], SHORTEST_S), LONGEST_S)
+        return lasted_s
     row = b.memories[ss.FIX_ROW, watch.SHORT]
     largest = 0.0
     for k in range(4):
