@@ -140,7 +140,7 @@ def memories():
 def feed(kept, z, course, *, fused=True):
     z3 = np.array([*z, 0.0]) * 3.0
     nis = float(np.sum(np.square(z)))
-    watch.observe(kept[FIX], z3, S, nis, 2, fused, np.cos(course), np.sin(course))
+    watch.observe(kept[FIX], z3, S, nis, 2, fused, np.cos(course), np.sin(course), z3, S)
 
 
 def view(kept, **changes):

@@ -29,7 +29,7 @@ def feed(kept, stream, z, course=0.0, *, m=3, fused=True, speed=2.0):
     z = np.ascontiguousarray(z, dtype=float)
     nis = float(np.sum(z[:m] ** 2 / np.diagonal(S)[:m]))
     v = speed * np.cos(course), speed * np.sin(course)
-    watch.observe(kept[stream], z, S, nis, m, fused, *v)
+    watch.observe(kept[stream], z, S, nis, m, fused, *v, z, S)
 
 
 def view(kept, stamp_ns=10**12, **changes):

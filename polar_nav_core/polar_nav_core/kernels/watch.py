@@ -9,7 +9,11 @@ Beside each memory run cumulative sums (Page 1954) of the logarithm of the likel
 shift, or of a larger scatter, against none; each is held between 0 and `MOST_RISE`. They find a
 step or a drift after as few attempts as its size allows, wherever it begins. Of a filter that
 knows its sensors, such a sum exceeds h once in exp(h) attempts at most (Lorden 1971), since the
-ratio has the mean 1 then; that of limited innovations is smaller.
+ratio has the mean 1 then; that of limited innovations is smaller. Two more such sums look for a
+smaller scatter and for neighbours that are alike, which filtered measurements show.
+
+All of this takes innovations for independent. Those that share common errors are not; of them the
+residuals come here that `kernels.sins.shared` leaves, and their covariance.
 """
 
 from __future__ import annotations
@@ -35,18 +39,27 @@ GRID = 4  # ... innovation per sigma, grid axes (3)
 TRACK = 7  # ... the same along track, across (to port) and up (3)
 SQUARE = 10  # ... its square, along, across, up (3)
 ACROSS = 13  # ... innovation across track per its horizontal length, from -1 to 1
-SUMS = 14  # columns of such sums; from here on cumulative log likelihood ratios
-GRID_RISE = 14  # ... of a shift along the grid axes, to either side (3 x 2)
-TRACK_RISE = 20  # ... along track, across, up (3 x 2)
-NOISE_RISE = 26  # ... of a larger scatter
-WIDTH = 27
+GATE = 14  # ... innovation as the gate judges it, per sigma, grid axes (3)
+GATE_SQUARE = 17  # ... the square of that along, across, up (3)
+SUMS = 20  # columns of such sums; from here on cumulative log likelihood ratios
+GRID_RISE = 20  # ... of a shift along the grid axes, to either side (3 x 2)
+TRACK_RISE = 26  # ... along track, across, up (3 x 2)
+NOISE_RISE = 32  # ... of a larger scatter
+CALM_RISE = 33  # ... of a smaller scatter
+ALIKE_RISE = 34  # ... of neighbours that are alike
+LAST = 35  # the innovation before, whitened and limited (3)
+WIDTH = 38
 
 LIMIT = 4.0
 """Sigmas beyond which an innovation counts as that many."""
-SHIFTS = (0.8, 0.35)
+SHIFTS = (0.8, 0.25)
 """Shift [sigma] that the sums beside each memory look for."""
 NOISES = (2.0, 1.3)
 """Ratio of variances that they look for."""
+CALMS = (0.35, 0.5)
+"""Ratio of variances of a smaller scatter."""
+ALIKE = (0.5, 0.2)
+"""Correlation of neighbours that they look for."""
 RISE_LIMIT = 2.0
 """Sigmas, and NIS per degree of freedom over 2, beyond which they count an innovation as that."""
 MOST_RISE = 40.0
@@ -60,17 +73,87 @@ def limited(x: float, limit: float) -> float:
 
 
 @kernel
+def limited_rise(x: float) -> float:
+    """The sum, held between 0 and `MOST_RISE`."""
+    return min(max(x, 0.0), MOST_RISE)
+
+
+@kernel
 def rise(row: Array, at: int, x: float, shift: float) -> None:
     """Add an innovation per sigma to the sums for a shift up (at) and down (at + 1)."""
     gain = shift * limited(x, RISE_LIMIT)
     half = 0.5 * shift * shift
-    row[at] = min(max(row[at] + gain - half, 0.0), MOST_RISE)
-    row[at + 1] = min(max(row[at + 1] - gain - half, 0.0), MOST_RISE)
+    row[at] = limited_rise(row[at] + gain - half)
+    row[at + 1] = limited_rise(row[at + 1] - gain - half)
+
+
+@kernel
+def per_sigma(
+    z: Array, S: Array, m: int, c: float, s: float
+) -> tuple[float, float, float, float, float]:
+    """Innovation per sigma, limited: grid east, north, up, along track, across.
+
+    The track has the direction (c, s); a depth (m = 1) has its value up only.
+    """
+    if m == 1:
+        return 0.0, 0.0, limited(z[0] / math.sqrt(S[0, 0]), LIMIT), 0.0, 0.0
+    east = limited(z[0] / math.sqrt(S[0, 0]), LIMIT)
+    north = limited(z[1] / math.sqrt(S[1, 1]), LIMIT)
+    up = limited(z[2] / math.sqrt(S[2, 2]), LIMIT)
+    variance = c * c * S[0, 0] + 2.0 * c * s * S[0, 1] + s * s * S[1, 1]
+    along = limited((c * z[0] + s * z[1]) / math.sqrt(max(variance, 1e-300)), LIMIT)
+    variance = s * s * S[0, 0] - 2.0 * c * s * S[0, 1] + c * c * S[1, 1]
+    across = limited((c * z[1] - s * z[0]) / math.sqrt(max(variance, 1e-300)), LIMIT)
+    return east, north, up, along, across
+
+
+@kernel
+def likeness(row: Array, z: Array, S: Array, m: int, rho: float) -> float:
+    """Log likelihood ratio of a correlation rho with the innovation before; keeps this one.
+
+    Of innovations whitened by the factor of S, m rows, so that their axes are independent.
+    """
+    rest = 1.0 - rho * rho
+    l00 = math.sqrt(S[0, 0])
+    l10 = l11 = l20 = l21 = l22 = 0.0
+    if m > 1:
+        l10 = S[1, 0] / l00
+        l11 = math.sqrt(max(S[1, 1] - l10 * l10, 1e-300))
+    if m > 2:
+        l20 = S[2, 0] / l00
+        l21 = (S[2, 1] - l20 * l10) / l11
+        l22 = math.sqrt(max(S[2, 2] - l20 * l20 - l21 * l21, 1e-300))
+    x = y = w = 0.0
+    total = 0.0
+    for a in range(m):
+        if a == 0:
+            x = z[0] / l00
+            value = x
+        elif a == 1:
+            y = (z[1] - l10 * x) / l11
+            value = y
+        else:
+            w = (z[2] - l20 * x - l21 * y) / l22
+            value = w
+        value = limited(value, RISE_LIMIT)
+        off = value - rho * row[LAST + a]
+        total += 0.5 * (value * value - off * off / rest - math.log(rest))
+        row[LAST + a] = value
+    return total
 
 
 @kernel
 def observe(
-    memories: Array, z: Array, S: Array, nis: float, m: int, fused: bool, v_x: float, v_y: float
+    memories: Array,
+    z: Array,
+    S: Array,
+    nis: float,
+    m: int,
+    fused: bool,
+    v_x: float,
+    v_y: float,
+    z_gate: Array,
+    S_gate: Array,
 ) -> None:
     """Add an attempt to both memories of a stream.
 
@@ -78,7 +161,8 @@ def observe(
     ----------
     memories : (MEMORIES, WIDTH) array, in place
     z, S : (3,), (3, 3)
-        Innovation (estimate minus measurement, grid axes; a depth: up in z[0]) and covariance.
+        Innovation (estimate minus measurement, grid axes; a depth: up in z[0]) and covariance:
+        of independent attempts.
     nis : float
         z^T S^-1 z of the first m rows.
     m : int
@@ -87,24 +171,20 @@ def observe(
         Whether the gate let it pass.
     v_x, v_y : float
         Velocity along grid east and north [m/s]: the track; below 0.05 m/s grid axes stand in.
+    z_gate, S_gate : (3,), (3, 3)
+        Innovation and covariance by which the gate judged it, common errors in both.
     """
     speed = math.sqrt(v_x * v_x + v_y * v_y)
     c, s = 1.0, 0.0
     if speed > 0.05:
         c = v_x / speed
         s = v_y / speed
-    east = north = along = across = side = 0.0
-    if m == 1:
-        up = limited(z[0] / math.sqrt(S[0, 0]), LIMIT)
-    else:
-        east = limited(z[0] / math.sqrt(S[0, 0]), LIMIT)
-        north = limited(z[1] / math.sqrt(S[1, 1]), LIMIT)
-        up = limited(z[2] / math.sqrt(S[2, 2]), LIMIT)
-        variance = c * c * S[0, 0] + 2.0 * c * s * S[0, 1] + s * s * S[1, 1]
-        along = limited((c * z[0] + s * z[1]) / math.sqrt(max(variance, 1e-300)), LIMIT)
-        variance = s * s * S[0, 0] - 2.0 * c * s * S[0, 1] + c * c * S[1, 1]
-        across = limited((c * z[1] - s * z[0]) / math.sqrt(max(variance, 1e-300)), LIMIT)
-        side = (c * z[1] - s * z[0]) / math.sqrt(max(z[0] * z[0] + z[1] * z[1], 1e-300))
+    east, north, up, along, across = per_sigma(z, S, m, c, s)
+    g_east, g_north, g_up, g_along, g_across = per_sigma(z_gate, S_gate, m, c, s)
+    side = 0.0
+    if m > 1:
+        length = math.sqrt(max(z_gate[0] * z_gate[0] + z_gate[1] * z_gate[1], 1e-300))
+        side = (c * z_gate[1] - s * z_gate[0]) / length
     ratio = min(nis / m, LIMIT * LIMIT)
     calm = min(ratio, 2.0 * RISE_LIMIT)
     for k in range(MEMORIES):
@@ -128,6 +208,12 @@ def observe(
         row[SQUARE + 1] += across * across
         row[SQUARE + 2] += up * up
         row[ACROSS] += side
+        row[GATE] += g_east
+        row[GATE + 1] += g_north
+        row[GATE + 2] += g_up
+        row[GATE_SQUARE] += g_along * g_along
+        row[GATE_SQUARE + 1] += g_across * g_across
+        row[GATE_SQUARE + 2] += g_up * g_up
         if m > 1:
             rise(row, GRID_RISE, east, SHIFTS[k])
             rise(row, GRID_RISE + 2, north, SHIFTS[k])
@@ -136,4 +222,8 @@ def observe(
         rise(row, GRID_RISE + 4, up, SHIFTS[k])
         rise(row, TRACK_RISE + 4, up, SHIFTS[k])
         more = 0.5 * m * (calm * (1.0 - 1.0 / NOISES[k]) - math.log(NOISES[k]))
-        row[NOISE_RISE] = min(max(row[NOISE_RISE] + more, 0.0), MOST_RISE)
+        row[NOISE_RISE] = limited_rise(row[NOISE_RISE] + more)
+        less = 0.5 * m * (ratio * (1.0 - 1.0 / CALMS[k]) - math.log(CALMS[k]))
+        row[CALM_RISE] = limited_rise(row[CALM_RISE] + less)
+        alike = likeness(row, z, S, m, ALIKE[k])
+        row[ALIKE_RISE] = limited_rise(row[ALIKE_RISE] + alike)

@@ -37,8 +37,10 @@ class Statistics(NamedTuple):
         Mean share of the horizontal innovation that lies across track, signed: -1 to 1.
     grid_rise, track_rise : (..., 3) arrays
         Largest cumulative log likelihood ratio of a shift to either side, by axis.
-    noise_rise : (...) array
-        That of a larger scatter.
+    noise_rise, calm_rise : (...) arrays
+        That of a larger, of a smaller scatter.
+    alike_rise : (...) array
+        That of neighbours that are alike.
     """
 
     number: Array
@@ -53,6 +55,8 @@ class Statistics(NamedTuple):
     grid_rise: Array
     track_rise: Array
     noise_rise: Array
+    calm_rise: Array
+    alike_rise: Array
 
 
 def statistics(memories: Array) -> Statistics:
@@ -86,6 +90,8 @@ def statistics(memories: Array) -> Statistics:
         grid_rise=_either(memories[..., watch.GRID_RISE : watch.TRACK_RISE]),
         track_rise=_either(memories[..., watch.TRACK_RISE : watch.NOISE_RISE]),
         noise_rise=memories[..., watch.NOISE_RISE],
+        calm_rise=memories[..., watch.CALM_RISE],
+        alike_rise=memories[..., watch.ALIKE_RISE],
     )
 
 

@@ -18,6 +18,7 @@ from ...kernels import watch
 from .conditions import Chronicle, Condition, Culprit, Health, Level
 from .radius import radius_95
 from .runaway import Runaway, imu_noise
+from .shared import beyond_stated
 from .statistics import Statistics, statistics
 
 DVL, DEPTH, FIX = range(watch.STREAMS)
@@ -29,12 +30,14 @@ FEWEST = 10.0
 _BIAS = (45.0, 40.0)
 """Chi-square (1) of a mean that is a WARN, per memory; four times that is an ERROR."""
 SEVERE = 4.0
-_RISE = (17.0, 17.0, 15.0)
-"""Log likelihood ratio, of DVL, depth and fixes, of a shift or a larger scatter that is a WARN.
+_RISE = (17.3, 17.3, 15.3)
+"""Log likelihood ratio, of DVL, depth and fixes, that is a WARN: of a shift, of another scatter,
+of neighbours that are alike.
 
-In 20 h the sums grow 1.0e7, 4.3e6 and 1.6e6 times (14, 6 and 22 at 10, 10 and 1 Hz). Of
-innovations as stated they exceed these together once in that time by Lorden's bound, once in 220 h
-by the mean run length of Siegmund (1985), 2 exp(h + 1.17 d) / d^2 for a shift d.
+In 20 h the sums grow 1.2e7, 4.3e6 and 1.9e6 times (16, 6 and 26 at 10, 10 and 1 Hz). Of
+innovations as stated they exceed these together 0.9 times in that time by Lorden's bound; those of
+shifts once in 400 h by the mean run length of Siegmund (1985), 2 exp(h + 1.17 d) / d^2 for a shift
+d, where Lorden's bound has 30 h.
 """
 _SIDEWAYS = 0.9
 """Mean share across track from which on refused pings are turned, or the heading is."""
@@ -78,6 +81,8 @@ class View:
         Between IMU samples, that were bridged.
     imu_noise : float
         Of the noise that is stated for the IMU, how many times it is taken to be.
+    shared : (COLUMNS + 1, COLUMNS) array or None
+        What innovations show of the common errors (kernels.sins.shared); None where nobody looks.
     """
 
     stamp_ns: int
@@ -90,6 +95,7 @@ class View:
     resets: int
     gaps: Gaps = NO_GAPS
     imu_noise: float = 1.0
+    shared: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -153,9 +159,11 @@ class Watchdog:
         share = s.refused[DVL, watch.SHORT] if enough else 0.0
         found += self._runaway.look(view.stamp_ns, too_fast, share, contradicted)
         found += _reopened(view, FIX)
-        found += _fix_bias(s)
-        for stream in (DVL, DEPTH):
-            found += _local_bias(s, stream)
+        found += beyond_stated(view.shared)
+        biases = {stream: _local_bias(s, stream) for stream in (DVL, DEPTH)}
+        biases[FIX] = _fix_bias(s)
+        for stream in (FIX, DVL, DEPTH):
+            found += biases[stream]
         for stream in (DVL, DEPTH, FIX):
             found += scatter(s, stream, early=True)
         return [*found, *outside(view, self._envelope)]

@@ -154,6 +154,7 @@ class NavigationFilter:
         for x in (
             s.sensitivity,
             s.memories,
+            s.shared,
             s.runs,
             s.increments,
             s.sums,
@@ -359,18 +360,19 @@ class NavigationFilter:
         S = w.S.copy()
         tally = self.state.tally[stream]
         fused = bool(w.nis[0] <= self.settings.gates[m])
-        ff.remember(self.state, w, w.z, stream, m, fused)
+        if fused:
+            w.nis[1] = inflation(noise.robust, float(w.nis[0]), m)
+        ff.remember(self.state, self.settings, w, w.z, stream, m, fused)
         if not fused:
             tally[fs.GATED] += 1.0
             return self.outcome(m, fused=False)
         tally[fs.UPDATES] += 1.0
         tally[fs.NIS_SUM] += w.nis[0]
-        factor = inflation(noise.robust, float(w.nis[0]), m)
+        factor = float(w.nis[1])
         if factor > 1.0:
             w.R[:m, :m] += (factor - 1.0) * w.S[:m, :m]
             w.S[:m, :m] *= factor
             w.L[:m, :m] *= math.sqrt(factor)
-            w.nis[1] = factor
         noise.learn(w.z / math.sqrt(factor), stated, S)
         kf.update(self.state.P, w.x, w.S, w.z, m, w.K, w.PHt, w.L, w.D)
         if self.settings.considers:

@@ -24,6 +24,7 @@ def view_of(fusion: Fusion, stamp_ns: int, resets: int) -> View:
     return View(
         stamp_ns=stamp_ns,
         memories=s.memories,
+        shared=s.shared,
         opened_ns=opened_ns,
         used_ns=counters[fs.USED_NS : fs.USED_NS + 3],
         speed=float(np.linalg.norm(s.v_G)),

@@ -18,6 +18,7 @@ from .consider import COLUMNS, innovation_sensitivity, update_sensitivity, widen
 from .imu import place
 from .reopen import open_gate, opens
 from .runaway import follow, open_wide, runs_away
+from .shared import forget, learn, residual, whitened
 from .state import Frames, Log, Past, Settings, State, Work
 from .update import N, cholesky, feed_back, innovation_covariance, nis_of, update
 
@@ -149,12 +150,32 @@ def judge_wide(c: Settings, w: Work, z: Array, m: int) -> bool:
 
 
 @kernel
-def remember(s: State, w: Work, z: Array, stream: int, m: int, fused: bool) -> None:
-    """Add a judged measurement to the memories of its stream (watch); stores when it was used."""
+def remember(s: State, c: Settings, w: Work, z: Array, stream: int, m: int, fused: bool) -> None:
+    """Add a judged measurement to the memories of its stream (watch); stores when it was used.
+
+    What it shows of the common errors is learned from those that are used (shared).
+    """
     if fused:
         s.counters[fs.USED_NS + stream] = s.counters[fs.STAMP]
         s.counters[fs.USES + stream] += 1
-    observe(s.memories[stream], z, w.wide, w.nis[0], m, fused, s.v_G[0], s.v_G[1])
+    memories = s.memories[stream]
+    v_x, v_y = s.v_G[0], s.v_G[1]
+    if c.considers:
+        dt = (s.counters[fs.STAMP] - s.counters[fs.SHARED_NS]) * 1e-9
+        if dt > 0.0 and s.counters[fs.SHARED_NS] > 0:
+            forget(s.shared, dt)
+        s.counters[fs.SHARED_NS] = s.counters[fs.STAMP]
+        for a in range(m):
+            for k in range(COLUMNS):
+                w.per_sigma[a, k] = w.moved[a, k]
+        residual(w.residual, w.narrow, s.shared, w.per_sigma, c.common, z, w.wide, m)
+        nis = whitened(w.narrow_L, w.narrow, w.residual, w.w, m)
+        if nis >= 0.0:
+            observe(memories, w.residual, w.narrow, nis, m, fused, v_x, v_y, z, w.wide)
+            if fused:
+                learn(s.shared, w.per_sigma, w.narrow_L, w.w, w.learned, w.nis[1], m)
+            return
+    observe(memories, z, w.wide, w.nis[0], m, fused, v_x, v_y, z, w.wide)
 
 
 @kernel
@@ -213,7 +234,7 @@ def fuse_rows(
     if not judge(s, c, w, w.R, m):
         return fs.S_NOT_DEFINITE
     fused = passes(s, c, w, w.z, stream, m)
-    remember(s, w, w.z, stream, m, fused)
+    remember(s, c, w, w.z, stream, m, fused)
     if not fused and opens(s, c, stream):
         open_gate(s, w, stream, m)
         if not judge(s, c, w, w.R, m):

@@ -70,7 +70,7 @@ def fuse_late(
     if not _judge(s, c, w, bl, w.age[0]):
         return fs.S_NOT_DEFINITE
     fused = passes(s, c, w, w.z, fs.FIX_ROW, fs.VECTOR)
-    remember(s, w, w.z, fs.FIX_ROW, fs.VECTOR, fused)
+    remember(s, c, w, w.z, fs.FIX_ROW, fs.VECTOR, fused)
     if not fused:
         return fs.REFUSED
     if c.considers:

@@ -17,6 +17,7 @@ from __future__ import annotations
 from .. import watch
 from ..cache import kernel
 from . import state as fs
+from .shared import clear_shared
 from .state import Settings, State, Work
 from .update import N
 
@@ -58,8 +59,8 @@ def opens(s: State, c: Settings, stream: int) -> bool:
     weight = row[watch.WEIGHT]
     mean, square = 0.0, 0.0
     for k in range(3):
-        mean += row[watch.GRID + k] * row[watch.GRID + k]
-        square += row[watch.SQUARE + k]
+        mean += row[watch.GATE + k] * row[watch.GATE + k]
+        square += row[watch.GATE_SQUARE + k]
     if weight < LONG_FEWEST or not mean > AGREEMENT * square * weight:
         return False
     return s.counters[fs.USES + stream] < NEVER_BELIEVED or not _vouched(s, stream)
@@ -100,5 +101,6 @@ def open_gate(s: State, w: Work, stream: int, m: int) -> None:
     for k in range(watch.MEMORIES):
         for j in range(watch.WIDTH):
             s.memories[stream, k, j] = 0.0
+    clear_shared(s.shared)
     s.counters[fs.OPENED_NS + stream] = s.counters[fs.STAMP]
     s.counters[fs.OPENINGS + stream] += 1

@@ -18,6 +18,7 @@ from ..cache import kernel
 from . import state as fs
 from .gap import MOST_HEADING, MOST_TILT
 from .reopen import LEAST, MOST, agrees
+from .shared import clear_shared
 from .state import Settings, State, Work
 from .update import N
 
@@ -142,6 +143,7 @@ def open_wide(s: State, c: Settings, w: Work, stream: int, m: int, again: int) -
     for k in range(watch.MEMORIES):
         for j in range(watch.WIDTH):
             s.memories[stream, k, j] = 0.0
+    clear_shared(s.shared)
     s.runs[stream, NUMBER] = 0.0
     s.counters[fs.OPENED_NS + stream] = s.counters[fs.STAMP]
     s.counters[fs.OPENINGS + stream] += 1

@@ -65,7 +65,8 @@ GAP_NS = 32  # length of the last one
 GAP_END_NS = 33  # stamp of the sample that ended it
 REFUSED_NS = 34  # two: newest refused measurement of DVL, depth
 RUN_NS = 36  # two: since when those in a row that agree are refused
-COUNTERS = 38
+SHARED_NS = 38  # stamp of State.shared
+COUNTERS = 39
 
 # What an event function (FUSED or REFUSED, too) or `advance` returns.
 DONE = 0
@@ -108,6 +109,7 @@ class State(NamedTuple):
     P: Array
     sensitivity: Array  # (24, COLUMNS): error per unit of each common error (consider)
     memories: Array  # (3, 2, WIDTH): innovations per stream (watch)
+    shared: Array  # (COLUMNS + 1, COLUMNS): what is known of the common errors (shared)
     runs: Array  # (2, 4): refused in a row that agree, DVL and depth: number, newest value
     conflict: Array  # (6,): where refused fixes say that velocity and position are off (consider)
     excess: Array  # (1,): variance of the IMU's noise above the stated one, per stated one
@@ -146,6 +148,7 @@ _SHAPES = {
     'P': (N, N),
     'sensitivity': (N, consider.COLUMNS),
     'memories': (watch.STREAMS, watch.MEMORIES, watch.WIDTH),
+    'shared': (consider.COLUMNS + 1, consider.COLUMNS),
     'runs': (2, 4),
     'conflict': (6,),
     'excess': (1,),
@@ -274,6 +277,11 @@ class Work(NamedTuple):
     moved: Array  # (3, COLUMNS): the same, with what the estimate has taken of it
     wide: Array  # (3, 3): S with the common errors
     wide_L: Array  # its factor
+    per_sigma: Array  # (3, COLUMNS): moved, per sigma of each common error
+    learned: Array  # (3, COLUMNS): scratch of shared.learn
+    residual: Array  # (3,): innovation less what is known of the common errors
+    narrow: Array  # (3, 3): its covariance
+    narrow_L: Array  # its factor
     D: Array  # (3, 24): G - K S/2 of the last update, transposed
     nis: Array  # (2,): NIS, and by how much S was enlarged after the gate
     age: Array  # (1,): of the fix in H, R, z [s]
@@ -320,6 +328,11 @@ def make_work() -> Work:
         moved=np.zeros((3, consider.COLUMNS)),
         wide=square(),
         wide_L=square(),
+        per_sigma=np.zeros((3, consider.COLUMNS)),
+        learned=np.zeros((3, consider.COLUMNS)),
+        residual=three(),
+        narrow=square(),
+        narrow_L=square(),
         D=np.zeros(rows),
         nis=np.array([0.0, 1.0]),
         age=np.zeros(1),

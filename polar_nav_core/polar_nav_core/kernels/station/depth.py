@@ -63,7 +63,9 @@ def depth_event(b: Bank, c: Settings, w: Work, streams: Streams, jumps: Array) -
     w.z3[0] = -mean
     w.S3[0, 0] = S
     if nis >= 0.0 and S > 0.0:
-        watch.observe(b.memories[ss.DEPTH_ROW], w.z3, w.S3, nis, 1, nis <= c.gates[1], 0.0, 0.0)
+        passed = nis <= c.gates[1]
+        memories = b.memories[ss.DEPTH_ROW]
+        watch.observe(memories, w.z3, w.S3, nis, 1, passed, 0.0, 0.0, w.z3, w.S3)
     if not nis <= c.gates[1]:
         if b.counting[0]:
             b.tally[ss.DEPTH_ROW, ss.GATED] += 1.0

@@ -123,4 +123,6 @@ def note(b: Bank, w: Work, outcome: Array, v_x: float, v_y: float) -> None:
         b.counters[ss.RUN] = 0
     metric(w.z3, w.S3, outcome)
     if w.S3[0, 0] > 0.0 and w.S3[1, 1] > 0.0 and outcome[ss.NIS] >= 0.0:
-        watch.observe(b.memories[ss.FIX_ROW], w.z3, w.S3, outcome[ss.NIS], 2, fused, v_x, v_y)
+        nis = outcome[ss.NIS]
+        memories = b.memories[ss.FIX_ROW]
+        watch.observe(memories, w.z3, w.S3, nis, 2, fused, v_x, v_y, w.z3, w.S3)
