@@ -135,6 +135,37 @@ def test_what_is_known_is_forgotten_with_the_days():
     np.testing.assert_allclose(navigation.shared[1:], before[1:] / np.e**2)
 
 
+def until(navigation, innovation, key, most):
+    """Attempts until a condition is present; the others must not be before."""
+    before = np.zeros(3)
+    for k in range(most):
+        before = innovation(navigation.rng.standard_normal(3), before)
+        navigation.attempt(FIX, before)
+        keys = [p.condition.key for p in navigation.look().present]
+        if key in keys:
+            return k + 1
+        assert not keys
+    raise AssertionError('never reported')
+
+
+def test_fixes_whose_neighbours_are_alike_are_filtered():
+    def smooth(z, before):
+        return 0.6 * before + 0.8 * z
+
+    assert until(Navigation(4), smooth, 'position fixes alike', 400) < 200
+
+
+def test_fixes_far_calmer_than_stated_are_reported():
+    assert until(Navigation(5), lambda z, _: 0.55 * z, 'fixes calm', 400) < 300
+
+
+def test_fixes_somewhat_calmer_than_stated_are_none():
+    navigation = Navigation(6)
+    for _ in range(3000):
+        navigation.attempt(FIX, 0.8 * navigation.rng.standard_normal(3))
+        assert not navigation.look().present
+
+
 def test_the_ratios_of_calm_and_alike_have_the_mean_one_in_a_world_as_stated():
     x = np.random.default_rng(7).standard_normal((300_000, 3))
     limited = np.clip(x, -watch.RISE_LIMIT, watch.RISE_LIMIT)

@@ -39,6 +39,8 @@ innovations as stated they exceed these together 0.9 times in that time by Lorde
 shifts once in 400 h by the mean run length of Siegmund (1985), 2 exp(h + 1.17 d) / d^2 for a shift
 d, where Lorden's bound has 30 h.
 """
+_CALM = 0.5
+"""Mean NIS per degree of freedom of fixes below which they scatter far less than stated."""
 _SIDEWAYS = 0.9
 """Mean share across track from which on refused pings are turned, or the heading is."""
 _SCATTER_SIGMAS = 8.0
@@ -166,6 +168,9 @@ class Watchdog:
             found += biases[stream]
         for stream in (DVL, DEPTH, FIX):
             found += scatter(s, stream, early=True)
+        for stream in (DVL, FIX):
+            found += [] if biases[stream] else _alike(s, stream)
+        found += _calm(s)
         return [*found, *outside(view, self._envelope)]
 
 
@@ -305,6 +310,32 @@ def scatter(s: Statistics, stream: int, *, early: bool = False) -> list[Conditio
     )
     culprit = _CULPRITS[stream] & ~Culprit.IMU
     return [Condition(f'{_NAMES[stream]} noise', Level.WARN, culprit, sentence)]
+
+
+def _calm(s: Statistics) -> list[Condition]:
+    """Fixes that scatter far less than stated."""
+    nis = float(s.nis[FIX, watch.LONG])
+    enough = s.number[FIX, watch.LONG] >= 5.0 * FEWEST and nis < _CALM
+    if not enough or not s.calm_rise[FIX].max() > _RISE[FIX]:
+        return []
+    sentence = (
+        f'position fixes scatter far less than stated (NIS {nis:.2f} per degree of freedom): '
+        'stated too carefully, or filtered before they came here'
+    )
+    return [Condition('fixes calm', Level.WARN, Culprit.FIXES, sentence)]
+
+
+def _alike(s: Statistics, stream: int) -> list[Condition]:
+    """A sensor whose innovations resemble the ones before, where that is no mean of them."""
+    if not s.alike_rise[stream].max() > _RISE[stream]:
+        return []
+    name = _NAMES[stream]
+    sentence = (
+        f'{name} have errors that last from one to the next: filtered before they came here, they '
+        'wander, or what is between them (IMU, DVL) is worse than stated'
+    )
+    culprit = _CULPRITS[stream] | Culprit.DVL | Culprit.IMU
+    return [Condition(f'{name} alike', Level.WARN, culprit, sentence)]
 
 
 def outside(view: View, envelope: Envelope) -> list[Condition]:
