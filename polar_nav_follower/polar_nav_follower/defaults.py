@@ -166,6 +166,7 @@ _FIRST: dict[str, Any] = {
     'transponder_lever_b': (0.0, 0.0, 0.0),
     'usbl_bias_sigma': 0.0,
     'usbl_bias_tau': 600.0,
+    'water_sound_speed': 0.0,
 }
 """Engine 1. For a parameter that is new: the value with which engine 1 gives its bits."""
 

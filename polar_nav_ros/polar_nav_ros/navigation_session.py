@@ -135,7 +135,7 @@ class NavigationSession(Generic[P]):
             IMU: imu_from_msg,
             AHRS: ahrs_from_msg,
             CONTROL: control_from_msg,
-            DVL: lambda m, n: dvl_from_msg(m, n, params.dvl_sigma),
+            DVL: lambda m, n: dvl_from_msg(m, n, params.dvl_sigma, params.water_sound_speed),
             DEPTH: lambda m, n: depth_from_msg(m, n, params.depth_sigma),
             COMMAND: command_from_msg,
             RESTORE: restore_from_msg,

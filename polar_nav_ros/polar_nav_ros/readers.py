@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import Imu
 
 from polar_nav_core import attitude
+from polar_nav_core.dvl import corrected, sound_speed_factors
 from polar_nav_core.engine.events import (
     LEAST_BEAMS,
     Array,
@@ -106,18 +107,25 @@ def control_from_msg(msg: WrenchStamped, number: int) -> ControlSample:
     )
 
 
-def dvl_from_msg(msg: Dvl, number: int, default_sigma: float) -> DvlPing:
+def dvl_from_msg(
+    msg: Dvl, number: int, default_sigma: float, water_sound_speed: float = 0.0
+) -> DvlPing:
     """polar_nav_msgs/Dvl as an event.
 
-    Pings without bottom lock are marked, an unknown covariance gets the default.
+    Pings without bottom lock are marked, an unknown covariance gets the default. Velocity and
+    covariance are corrected for the sound speed of the water [m/s], 0: unknown.
     """
     v_m = np.array([msg.velocity.x, msg.velocity.y, msg.velocity.z])
     covariance = np.array(msg.velocity_covar, dtype=np.float64).reshape(3, 3)
+    unknown = covariance[0, 0] == _UNKNOWN
+    phased = msg.dvl_type == Dvl.DVL_TYPE_PHASED_ARRAY
+    factors = sound_speed_factors(msg.sound_speed, water_sound_speed, phased)
+    v_m, covariance = corrected(v_m, covariance, factors)
     enough_beams = msg.num_good_beams >= LEAST_BEAMS
     valid = (
         msg.velocity_mode == Dvl.DVL_MODE_BOTTOM and enough_beams and bool(np.isfinite(v_m).all())
     )
-    if covariance[0, 0] == _UNKNOWN:
+    if unknown:
         covariance = default_sigma**2 * np.eye(3)
     return DvlPing(to_ns(msg.header.stamp), number, valid, v_m, covariance)
 
@@ -128,8 +136,9 @@ def dvl_pings(
     mode: NDArray[Any],
     good_beams: NDArray[Any],
     default_sigma: float,
-) -> tuple[Array, NDArray[np.bool_]]:
-    """Covariances [(m/s)^2] (n, 3, 3) and validity (n,) of n pings, equal to `dvl_from_msg`.
+    factors: Array,
+) -> tuple[Array, Array, NDArray[np.bool_]]:
+    """Velocities, covariances and validity of n pings, equal to `dvl_from_msg`.
 
     Parameters
     ----------
@@ -141,19 +150,23 @@ def dvl_pings(
         ``velocity_mode``, ``num_good_beams``.
     default_sigma : float
         For an unknown covariance [m/s].
+    factors : ndarray, shape (n, 3)
+        Of `sound_speed_factors`.
 
     Returns
     -------
+    v_m : ndarray, shape (n, 3)
     covariance_m : ndarray, shape (n, 3, 3)
     valid : ndarray of bool, shape (n,)
     """
     covariance_m = covariance.reshape(-1, 3, 3)
     unknown = covariance_m[:, 0, 0] == _UNKNOWN
+    v_m, covariance_m = corrected(v_m, covariance_m, factors)
     if unknown.any():
         covariance_m = covariance_m.copy()
         covariance_m[unknown] = default_sigma**2 * np.eye(3)
     bottom = (mode == Dvl.DVL_MODE_BOTTOM) & (good_beams >= LEAST_BEAMS)
-    return covariance_m, bottom & np.isfinite(v_m).all(axis=1)
+    return v_m, covariance_m, bottom & np.isfinite(v_m).all(axis=1)
 
 
 def depth_from_msg(msg: Depth, number: int, default_sigma: float) -> DepthSample:

@@ -10,6 +10,7 @@ pytest.importorskip('rclpy')
 from sensor_msgs.msg import Imu
 
 from polar_nav_core import attitude
+from polar_nav_core.dvl import sound_speed_factors
 from polar_nav_msgs.msg import Depth, Dvl
 from polar_nav_ros import readers
 
@@ -66,19 +67,52 @@ PING = st.tuples(
     st.tuples(COVARIANCE, *[NUMBER] * 8),
     st.integers(0, 255),
     st.integers(0, 4),
+    st.sampled_from([0.0, 900.0, 1439.0, 1500.0, np.nan]),
+    st.sampled_from([Dvl.DVL_TYPE_PISTON, Dvl.DVL_TYPE_PHASED_ARRAY]),
 )
 
 
+def ping_of(v_m, covariance, mode, beams, speed, kind):
+    message = Dvl(velocity_mode=mode, num_good_beams=beams, velocity_covar=covariance)
+    message.velocity.x, message.velocity.y, message.velocity.z = v_m
+    message.sound_speed, message.dvl_type = speed, kind
+    return message
+
+
+@pytest.mark.parametrize('kind', [Dvl.DVL_TYPE_PISTON, Dvl.DVL_TYPE_PHASED_ARRAY])
+def test_a_velocity_is_corrected_by_both_sound_speeds(kind):
+    message = ping_of(
+        (1.5, -0.2, 0.1), (4e-4, 1e-5, 2e-5) * 3, Dvl.DVL_MODE_BOTTOM, 4, 1500.0, kind
+    )
+    plain = readers.dvl_from_msg(message, 0, 0.02)
+    found = readers.dvl_from_msg(message, 0, 0.02, 1440.0)
+    level = 1.0 if kind == Dvl.DVL_TYPE_PHASED_ARRAY else 0.96
+    factors = np.array([level, level, 0.96])
+    np.testing.assert_allclose(found.v_m, factors * plain.v_m, rtol=1e-15)
+    np.testing.assert_allclose(
+        found.covariance_m, np.outer(factors, factors) * plain.covariance_m, rtol=1e-15
+    )
+    message.velocity_covar[0] = -1.0  # the parameter is of the corrected velocity
+    found = readers.dvl_from_msg(message, 0, 0.02, 1440.0)
+    np.testing.assert_array_equal(found.covariance_m, 0.02**2 * np.eye(3))
+
+
 @FEW
-@example([((1.0, 0.0, 0.0), (1e-4,) * 9, Dvl.DVL_MODE_BOTTOM, beams) for beams in range(5)])
-@given(st.lists(PING, min_size=1, max_size=12))
-def test_pings_as_columns_are_those_of_the_messages(rows):
-    v_m, covariance, mode, beams = (np.array(column) for column in zip(*rows, strict=True))
-    found, valid = readers.dvl_pings(v_m, covariance, mode, beams, 0.02)
+@example(
+    [
+        ((1.0, 0.0, 0.0), (1e-4,) * 9, Dvl.DVL_MODE_BOTTOM, beams, 1500.0, Dvl.DVL_TYPE_PISTON)
+        for beams in range(5)
+    ],
+    1440.0,
+)
+@given(st.lists(PING, min_size=1, max_size=12), st.sampled_from([0.0, 1440.0]))
+def test_pings_as_columns_are_those_of_the_messages(rows, water):
+    v_m, covariance, mode, beams, speed, kind = (np.array(c) for c in zip(*rows, strict=True))
+    factors = sound_speed_factors(speed, water, kind == Dvl.DVL_TYPE_PHASED_ARRAY)
+    v_m, found, valid = readers.dvl_pings(v_m, covariance, mode, beams, 0.02, factors)
     for k, row in enumerate(rows):
-        message = Dvl(velocity_mode=row[2], num_good_beams=row[3], velocity_covar=row[1])
-        message.velocity.x, message.velocity.y, message.velocity.z = row[0]
-        one = readers.dvl_from_msg(message, 0, 0.02)
+        message = ping_of(*row)
+        one = readers.dvl_from_msg(message, 0, 0.02, water)
         assert one.valid == valid[k]
         np.testing.assert_array_equal(one.v_m, v_m[k])
         np.testing.assert_array_equal(one.covariance_m, found[k])

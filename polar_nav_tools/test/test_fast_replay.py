@@ -156,10 +156,42 @@ def test_pings_without_lock_and_unknown_covariance(tmp_path):
                 message.velocity_mode = Dvl.DVL_MODE_WATER
             if number % 5 == 4:
                 message.velocity.x = np.nan
+            if number % 5 == 0:
+                message.dvl_type = Dvl.DVL_TYPE_PHASED_ARRAY
+                message.sound_speed = 1500.0
             record = record._replace(data=serialize_message(message))
         yield record
 
-    compare(copied(tmp_path / 'dvl', change), changes={'dvl_sigma': 0.03})
+    path = copied(tmp_path / 'dvl', change)
+    compare(path, changes={'dvl_sigma': 0.03, 'water_sound_speed': 1439.0})
+
+
+def test_a_long_dvl_with_both_sound_speeds_navigates_as_the_right_one(tmp_path):
+    from rclpy.serialization import deserialize_message, serialize_message
+
+    from polar_nav_msgs.msg import Dvl
+
+    long = 1500.0 / 1440.0  # 4.2 %
+
+    def change(record, _):
+        if record.topic.endswith('dvl/data'):
+            message = deserialize_message(record.data, Dvl)
+            for axis in 'xyz':
+                setattr(message.velocity, axis, long * getattr(message.velocity, axis))
+            if message.velocity_covar[0] != -1.0:
+                message.velocity_covar = long**2 * message.velocity_covar
+            message.sound_speed = 1500.0
+            record = record._replace(data=serialize_message(message))
+        yield record
+
+    path = copied(tmp_path / 'long', change)
+    right = compare(REFERENCE).estimates
+    found = compare(path, changes={'water_sound_speed': 1440.0}).estimates
+    sigma = np.sqrt(np.trace(right.P_position_G, axis1=1, axis2=2))
+    assert (np.linalg.norm(found.r_e - right.r_e, axis=1) / sigma).max() < 1e-6
+    np.testing.assert_allclose(found.P_position_G, right.P_position_G, rtol=1e-6)
+    wrong = compare(path).estimates
+    assert (np.linalg.norm(wrong.r_e - right.r_e, axis=1) / sigma).max() > 0.01
 
 
 def test_what_the_node_refused_and_where_it_ended(tmp_path):

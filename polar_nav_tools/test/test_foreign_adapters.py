@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -51,8 +52,8 @@ def reference() -> Source:
 
 def test_twist_is_the_dvl(reference: Source) -> None:
     """TwistWithCovarianceStamped beside Dvl, where the DVL has bottom lock."""
-    own = read_dvl(reference, dvl('/follower/dvl/data'), SIGMA)
-    twist = read_dvl(reference, dvl('/follower/dvl/twist'), SIGMA)
+    own = read_dvl(reference, dvl('/follower/dvl/data'), SIGMA, 0.0)
+    twist = read_dvl(reference, dvl('/follower/dvl/twist'), SIGMA, 0.0)
     both = own.valid & twist.valid
     assert both.sum() > 140
     assert np.array_equal(own.velocity[both], twist.velocity[both])
@@ -127,10 +128,26 @@ def test_dvl_msgs(tmp_path: Path) -> None:
         )
         for k in range(3)
     ]
-    rows = read_dvl(one_topic(tmp_path / 'b', 'dvl_msgs/msg/DVL', made, store), dvl('/t'), SIGMA)
+    source = one_topic(tmp_path / 'b', 'dvl_msgs/msg/DVL', made, store)
+    rows = read_dvl(source, dvl('/t'), SIGMA, 0.0)
     assert rows.valid.tolist() == [True, False, True]
     assert np.allclose(rows.covariance, 4e-4 * np.eye(3), rtol=1e-12)
     assert rows.velocity[2].tolist() == [3.0, 2.0, 3.0]
+    # The type does not state the sound speed that the instrument assumed: the mapping does.
+    assumed = replace(dvl('/t'), sound_speed=1500.0)
+    corrected = read_dvl(source, assumed, SIGMA, 1440.0)
+    np.testing.assert_allclose(corrected.velocity, 0.96 * rows.velocity, rtol=1e-14)
+    np.testing.assert_allclose(corrected.covariance, 0.96**2 * rows.covariance, rtol=1e-14)
+    unknown = read_dvl(source, assumed, SIGMA, 0.0)
+    np.testing.assert_array_equal(unknown.velocity, rows.velocity)
+
+
+def test_the_sound_speed_of_a_message_goes_before_that_of_the_mapping(reference: Source) -> None:
+    """The simulation states that of its water, 1440 m/s."""
+    mapping = replace(dvl('/follower/dvl/data'), sound_speed=1500.0)
+    own, corrected = (read_dvl(reference, mapping, SIGMA, c) for c in (0.0, 1404.0))
+    good = own.valid
+    np.testing.assert_allclose(corrected.velocity[good], 0.975 * own.velocity[good], rtol=1e-14)
 
 
 def test_a_twist_without_covariance_takes_the_parameter(tmp_path: Path) -> None:
@@ -141,10 +158,10 @@ def test_a_twist_without_covariance_takes_the_parameter(tmp_path: Path) -> None:
     kind = 'geometry_msgs/msg/TwistStamped'
     twist = t['geometry_msgs/msg/Twist'](linear=zero, angular=zero)
     source = one_topic(tmp_path / 'b', kind, [t[kind](header(store, 5), twist)] * 2, store)
-    rows = read_dvl(source, dvl('/t'), SIGMA)
+    rows = read_dvl(source, dvl('/t'), SIGMA, 0.0)
     assert not rows.stated.any()
     assert np.allclose(rows.covariance, SIGMA**2 * np.eye(3))
-    assert np.allclose(read_dvl(source, dvl('/t', 0.3), SIGMA).covariance, 0.09 * np.eye(3))
+    assert np.allclose(read_dvl(source, dvl('/t', 0.3), SIGMA, 0.0).covariance, 0.09 * np.eye(3))
 
 
 def test_times_and_fields_of_other_types(tmp_path: Path) -> None:

@@ -83,6 +83,8 @@ def test_noise_of_a_class_by_hand() -> None:
     assert a50['dvl_markov_sigma'] == 0.02
     water = instrument_noise.dvl_noise('a50_standard', water=True)
     assert water['dvl_markov_sigma'] == pytest.approx(np.hypot(0.02, 0.2))
+    corrected = instrument_noise.dvl_noise('a50_standard', corrected=True)
+    assert corrected['dvl_scale_sigma'] == pytest.approx(np.hypot(0.01, 0.003))
     # A better class never has the larger numbers.
     order = ('navigation', 'fog', 'stim300', 'vn100', 'bmi088', 'icm20948')
     sigmas = [instrument_noise.imu_noise(name)['gyro_bias_sigma'] for name in order]
@@ -152,6 +154,28 @@ def test_versions_of_mappings() -> None:
     assert mapping_file.from_section(Section('m', mapping() | {'version': 1})).vehicle == 'auv'
     with pytest.raises(ConfigError, match='version: 2 is of a later polar_nav'):
         mapping_file.from_section(Section('m', mapping() | {'version': 2}))
+
+
+def test_a_stated_sound_speed_narrows_the_scale_of_an_a50(
+    columns: tuple[Recorder, list[Column]], tmp_path: Path
+) -> None:
+    """Both are needed, that of the instrument and that of the water; `map` names both."""
+    top = mapping() | {'parameters': {}, 'noise': {'imu': 'fog', 'dvl': 'a50_standard'}}
+
+    def scale() -> float:
+        return float(mapping_file.from_section(Section('m', top)).params['dvl_scale_sigma'])
+
+    assert scale() == pytest.approx(np.hypot(0.01, 0.03))
+    top['parameters'] = {'water_sound_speed': 1440}
+    assert scale() == pytest.approx(np.hypot(0.01, 0.03))
+    top['dvl']['sound_speed'] = 1500
+    assert scale() == pytest.approx(np.hypot(0.01, 0.003))
+    top['dvl']['sound_speed'] = 150
+    with pytest.raises(ConfigError, match=r'sound_speed.*1300, 1700'):
+        scale()
+    a50 = guessed(tmp_path, *columns, replace(KNOWN, dvl='a50_standard'))
+    assert 'water_sound_speed' in a50
+    assert 'dvl_scale_sigma is 0.0104' in a50
 
 
 def test_velocity_through_the_water() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+from ..dvl import SOUND_SPEED_LIMITS
 from ..errors import ConfigError
 from ..identification.params import IdentificationParams
 from ..order import ROBUST_FIXES
@@ -160,6 +161,13 @@ class EngineParams(IdentificationParams, StationParams, LimitParams):
     dvl_sigma: float = param(
         0.005, 'm/s', 1e-6, 10.0, 'White noise per ping where the message states none'
     )
+    water_sound_speed: float = param(
+        0.0,
+        'm/s',
+        0.0,
+        1700.0,
+        'Of the water at the vehicle; corrects a DVL that states the one it assumed; 0: unknown',
+    )
     dvl_lever_b: tuple[float, ...] = vector(
         (0.0, 0.0, 0.0), 'm', -100.0, 100.0, 'DVL from base_link, body axes'
     )
@@ -264,6 +272,11 @@ class EngineParams(IdentificationParams, StationParams, LimitParams):
             raise ConfigError(
                 f'parameter configuration: {self.configuration} does not go with mode station; '
                 'that takes default, custom'
+            )
+        if 0.0 < self.water_sound_speed < SOUND_SPEED_LIMITS[0]:
+            raise ConfigError(
+                f'parameter water_sound_speed: {self.water_sound_speed} m/s is of no water; '
+                f'{SOUND_SPEED_LIMITS[0]:g} to {SOUND_SPEED_LIMITS[1]:g}, or 0 for unknown'
             )
         chosen = self.resolved()
         if self.mode == 'station' and chosen.noise_adaptation != 'none':

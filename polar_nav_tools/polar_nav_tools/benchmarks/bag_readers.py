@@ -76,7 +76,9 @@ def inputs_of(messages: Iterator[tuple[str, Any]], params: FollowerParams) -> In
     found: dict[str, list[Any]] = {topic: [] for topic in session.INPUTS}
     to_event: dict[str, Callable[[Any, int], Any]] = {
         topics.IMU: readers.imu_from_msg,
-        topics.DVL: lambda m, n: readers.dvl_from_msg(m, n, params.dvl_sigma),
+        topics.DVL: lambda m, n: readers.dvl_from_msg(
+            m, n, params.dvl_sigma, params.water_sound_speed
+        ),
         topics.DEPTH: lambda m, n: readers.depth_from_msg(m, n, params.depth_sigma),
         topics.RX: lambda m, n: fix_from_msg(m, n, params)[0],
     }

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from .instrument_noise import (
     DVL_CLASSES,
     IMU_CLASSES,
+    assumed_sound_speed,
     common_noise,
     dvl_noise,
     imu_noise,
@@ -56,11 +57,23 @@ def put_noise(out: Lines, choices: Choices, *, has_dvl: bool) -> None:
     if has_dvl:
         _instrument(out, 'dvl', choices.dvl, DVL_CLASSES)
         if choices.dvl is not None:
+            _sound_speed(out, choices.dvl)
             _numbers(out, dvl_noise(choices.dvl, water=choices.reference == 'water'))
     out.say('errors that all fixes, or all depths, have in common: nobody stated them, these', 2)
     out.say('are the defaults of the engine', 2)
     _numbers(out, common_noise())
     out.put()
+
+
+def _sound_speed(out: Lines, name: str) -> None:
+    """Write that a DVL which assumes a sound speed can be corrected."""
+    speed = assumed_sound_speed(name)
+    if speed > 0.0:
+        out.say(f'it assumes a sound speed ({speed:g} m/s unless set): long by 4 % in polar', 2)
+        out.say('water, 3 % of it stand in dvl_scale_sigma. To correct it state `sound_speed:`', 2)
+        out.say(f'{speed:g} in dvl and `water_sound_speed:` (1440?) in parameters; then', 2)
+        corrected = dvl_noise(name, corrected=True)['dvl_scale_sigma']
+        out.say(f'dvl_scale_sigma is {_number(corrected)}', 2)
 
 
 def _instrument(out: Lines, role: str, name: str | None, classes: tuple[str, ...]) -> None:

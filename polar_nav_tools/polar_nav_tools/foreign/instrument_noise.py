@@ -32,6 +32,8 @@ _TURN, _TURN_EVERY_S = math.pi, 600.0
 """Scale and misalignment of gyros count as if a vehicle turned round so often: ours."""
 _UNKNOWN_SOUND_SPEED = 0.03
 """1-sigma of the scale of a DVL that assumes a sound speed: 1500 m/s is 4.2 % off at -1.8 C."""
+_STATED_SOUND_SPEED = 0.003
+"""The same where the velocity is corrected by a stated sound speed of the water: 4 m/s, ours."""
 _INSTALLED_MARKOV = 0.02
 """Least slow error of an installed DVL [m/s]. Data sheets state 1 to 5 mm/s; runs of real vehicles
 need 0.02 to 0.05 to be honest in turns: ours."""
@@ -91,16 +93,32 @@ def imu_noise(name: str) -> dict[str, float]:
     }
 
 
-def dvl_noise(name: str, *, water: bool = False) -> dict[str, float]:
-    """Return the parameters of a DVL by its class, SI; of its velocity through the water, too."""
+def assumed_sound_speed(name: str) -> float:
+    """Return what a DVL of a class assumes where nobody sets it [m/s]; 0: it does not matter."""
     e = DVL[name].errors
-    assumed = e.assumed_sound_speed > 0.0 and not e.phased_array
+    return 0.0 if e.phased_array else e.assumed_sound_speed
+
+
+def dvl_noise(name: str, *, water: bool = False, corrected: bool = False) -> dict[str, float]:
+    """Return the parameters of a DVL by its class, SI.
+
+    Parameters
+    ----------
+    name : str
+        Class, one of `DVL_CLASSES`.
+    water : bool
+        Its velocity is relative to the water.
+    corrected : bool
+        Its velocity is corrected for the sound speed of the water.
+    """
+    e = DVL[name].errors
+    sound = _STATED_SOUND_SPEED if corrected else _UNKNOWN_SOUND_SPEED
     slow = max(e.markov_sigma, _INSTALLED_MARKOV)
     return {
         'dvl_scale_sigma': max(
             1e-9,
             math.hypot(
-                max(map(abs, e.scale)), e.scale_sigma, _UNKNOWN_SOUND_SPEED if assumed else 0.0
+                max(map(abs, e.scale)), e.scale_sigma, sound if assumed_sound_speed(name) else 0.0
             ),
         ),
         'dvl_markov_sigma': math.hypot(slow, _CURRENT) if water else slow,

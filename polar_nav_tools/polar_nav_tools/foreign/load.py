@@ -157,7 +157,9 @@ def _read(source: Source, mapping: Mapping) -> _Streams:
         latitude_deg = _latitude_deg(where, fixes, latitude_deg)
     return _Streams(
         imu=read_imu(source, mapping.imu),
-        dvl=None if mapping.dvl is None else read_dvl(source, mapping.dvl, number('dvl_sigma')),
+        dvl=None
+        if mapping.dvl is None
+        else read_dvl(source, mapping.dvl, number('dvl_sigma'), number('water_sound_speed')),
         depth=None
         if mapping.depth is None
         else read_depth(source, mapping.depth, number('depth_sigma'), latitude_deg),

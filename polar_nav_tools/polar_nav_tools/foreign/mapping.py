@@ -59,7 +59,8 @@ class ImuMapping:
 class DvlMapping:
     """A DVL: scale to m/s; sigma replaces what the messages state [m/s].
 
-    With ``water`` its velocities are relative to the water, not to the ground.
+    With ``water`` its velocities are relative to the water, not to the ground. ``sound_speed`` is
+    what the instrument assumed where its messages do not state that, 0: unknown [m/s].
     """
 
     stream: Stream
@@ -67,6 +68,7 @@ class DvlMapping:
     scale: float
     sigma: float | None
     water: bool = False
+    sound_speed: float = 0.0
 
 
 @dataclass(frozen=True)

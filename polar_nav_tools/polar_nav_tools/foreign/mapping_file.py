@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from polar_nav_core.depth import STANDARD_ATMOSPHERE
+from polar_nav_core.dvl import SOUND_SPEED_LIMITS
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.params import unknown_parameter
@@ -75,7 +76,7 @@ def from_section(top: Section) -> Mapping:
     )
     noise = top.section('noise')
     if noise is not None:
-        stated = _noise(noise, water=mapping.dvl is not None and mapping.dvl.water)
+        stated = _noise(noise, mapping.dvl, params)
         twice = sorted(set(stated) & set(top.texts('parameters')))
         if twice:
             raise top.fail('noise', f'{twice[0]} is stated among parameters, too')
@@ -84,14 +85,17 @@ def from_section(top: Section) -> Mapping:
     return mapping
 
 
-def _noise(s: Section, *, water: bool) -> dict[str, float]:
+def _noise(s: Section, dvl: DvlMapping | None, params: dict[str, Any]) -> dict[str, float]:
     """Noise by the classes of instruments; numbers that stand beside them win."""
     out: dict[str, float] = {}
     if 'imu' in s:
         out |= instrument_noise.imu_noise(s.choice('imu', instrument_noise.IMU_CLASSES))
     if 'dvl' in s:
         name = s.choice('dvl', instrument_noise.DVL_CLASSES)
-        out |= instrument_noise.dvl_noise(name, water=water)
+        known = dvl is not None and dvl.sound_speed > 0.0 and params.get('water_sound_speed')
+        out |= instrument_noise.dvl_noise(
+            name, water=dvl is not None and dvl.water, corrected=bool(known)
+        )
     for name in ('imu', 'dvl'):
         s.raw(name)
     for name in instrument_noise.NAMES:
@@ -165,6 +169,7 @@ def _dvl(s: Section, params: dict[str, Any]) -> DvlMapping:
         scale=SPEED_UNITS[s.choice('unit', tuple(SPEED_UNITS), 'm/s')],
         sigma=s.optional('sigma', 1e-6, 10.0, 'm/s'),
         water=s.choice('reference', REFERENCES, 'bottom') == 'water',
+        sound_speed=s.optional('sound_speed', *SOUND_SPEED_LIMITS, 'm/s') or 0.0,
     )
     s.done()
     return mapping

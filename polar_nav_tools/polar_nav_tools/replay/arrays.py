@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from polar_nav_core.dvl import sound_speed_factors
 from polar_nav_core.engine.events import Command, CommandKind, Fix, Receipt
 from polar_nav_core.engine.inputs import Inputs, Stamps, StationInputs
 from polar_nav_core.params import from_mapping
@@ -24,6 +25,7 @@ from polar_nav_follower.measurements.fix import Packet, fixes_from_packets
 from polar_nav_follower.measurements.station_fix import StationNumbers, station_fix_from_packet
 from polar_nav_follower.params import FollowerParams
 from polar_nav_msgs.msg import Command as CommandMsg
+from polar_nav_msgs.msg import Dvl
 from polar_nav_ros import topics
 from polar_nav_ros.readers import attitudes, command_from_msg, depth_variances, dvl_pings
 
@@ -96,19 +98,24 @@ class SinsArrays(RecordedArrays):
         streams = {topic: self._stream(topic, refused) for topic in self.columns}
         imu, dvl, depth = streams.values()
         ping = dvl.columns
-        covariance_m, valid = dvl_pings(
+        v_m, covariance_m, valid = dvl_pings(
             ping[_V[0]],
             ping['velocity_covar'],
             ping['velocity_mode'],
             ping['num_good_beams'],
             params.dvl_sigma,
+            sound_speed_factors(
+                ping['sound_speed'],
+                params.water_sound_speed,
+                ping['dvl_type'] == Dvl.DVL_TYPE_PHASED_ARRAY,
+            ),
         )
         inputs = Inputs(
             imu_stamps_ns=imu.stamps_ns,
             omega_ib_b=imu.columns[_OMEGA[0]],
             f_b=imu.columns[_F[0]],
             dvl_stamps_ns=dvl.stamps_ns,
-            dvl_v_m=ping[_V[0]],
+            dvl_v_m=v_m,
             dvl_covariance_m=covariance_m,
             dvl_valid=valid,
             depth_stamps_ns=depth.stamps_ns,
@@ -240,7 +247,15 @@ MODES = {
         SinsArrays,
         {
             topics.IMU: (arrays.STAMP, _OMEGA, _F),
-            topics.DVL: (arrays.STAMP, _V, 'velocity_covar', 'velocity_mode', 'num_good_beams'),
+            topics.DVL: (
+                arrays.STAMP,
+                _V,
+                'velocity_covar',
+                'velocity_mode',
+                'num_good_beams',
+                'dvl_type',
+                'sound_speed',
+            ),
             topics.DEPTH: (arrays.STAMP, 'depth', 'variance'),
         },
     ),

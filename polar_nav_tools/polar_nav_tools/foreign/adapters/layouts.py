@@ -25,6 +25,8 @@ _DVL: Layout = {
     'covariance': ('velocity_covar',),
     'mode': ('velocity_mode',),
     'beams': ('num_good_beams',),
+    'type': ('dvl_type',),
+    'sound_speed': ('sound_speed',),
 }
 _NAVSATFIX: Layout = {
     'geodetic': ('latitude', 'longitude', 'altitude'),

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polar_nav_core.depth import depth_from_pressure
+from polar_nav_core.dvl import corrected, sound_speed_factors
 from polar_nav_core.engine.events import Array
 from polar_nav_core.errors import ConfigError
 
@@ -68,15 +69,21 @@ def read_imu(source: Source, mapping: ImuMapping) -> ImuRows:
     return ImuRows(rows.topic, rows.stamps_ns, rows.log_ns, omega, force)
 
 
-def read_dvl(source: Source, mapping: DvlMapping, default_sigma: float) -> DvlRows:
-    """Read a DVL.
+def read_dvl(
+    source: Source, mapping: DvlMapping, default_sigma: float, water_sound_speed: float
+) -> DvlRows:
+    """Read a DVL, corrected for the sound speed of the water [m/s] where that is known (not 0).
 
     The default stands where neither mapping nor message says how good a ping is.
     """
     rows = read_rows(source, mapping.stream, 'velocity')
     n = len(rows)
-    v = _vectors(rows, 'velocity') * mapping.scale
     covariance, stated = _velocity_covariance(rows, n, mapping.scale)
+    v, covariance = corrected(
+        _vectors(rows, 'velocity') * mapping.scale,
+        covariance,
+        sound_speed_factors(_assumed(rows, n, mapping), water_sound_speed, _phased(rows, n)),
+    )
     if mapping.sigma is not None:
         covariance = np.broadcast_to(mapping.sigma**2 * np.eye(3), (n, 3, 3)).copy()
         stated = np.ones(n, dtype=bool)
@@ -93,6 +100,20 @@ def read_dvl(source: Source, mapping: DvlMapping, default_sigma: float) -> DvlRo
     C = mapping.C_s_b
     turned = np.einsum('ij,njk,lk->nil', C, covariance, C)
     return DvlRows(rows.topic, rows.stamps_ns, rows.log_ns, _turned(C, v), turned, stated, valid)
+
+
+def _assumed(rows: Rows, n: int, mapping: DvlMapping) -> Array:
+    """Sound speed that the instrument assumed at each ping: of its messages, or of the mapping."""
+    stated = rows.floats('sound_speed')
+    if stated is None:
+        return np.full(n, mapping.sound_speed)
+    return np.where(stated > 0.0, stated, mapping.sound_speed)
+
+
+def _phased(rows: Rows, n: int) -> NDArray[np.bool_]:
+    if 'type' not in rows.values:
+        return np.zeros(n, dtype=bool)
+    return np.asarray(rows.values['type'] == rows.constants.get('DVL_TYPE_PHASED_ARRAY', 1))
 
 
 def _velocity_covariance(rows: Rows, n: int, scale: float) -> tuple[Array, NDArray[np.bool_]]:
