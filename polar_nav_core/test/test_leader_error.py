@@ -11,7 +11,14 @@ from polar_nav_core import earth, grid
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.events import Fix
 from polar_nav_core.engine.methods import DELAY_HANDLING
-from polar_nav_core.engine.sins.leader import LeaderError, Smooth, columns
+from polar_nav_core.engine.sins.leader import (
+    FAST_S,
+    FAST_SHARE,
+    Growth,
+    LeaderError,
+    Smooth,
+    columns,
+)
 from polar_nav_core.link.fields import SIGMA_RATIO
 
 LEADER_E = np.asarray(earth.ecef_from_geodetic(math.radians(84.0), 1.0, -60.0))
@@ -76,11 +83,15 @@ def test_a_covariance_without_the_leader_s_part_stays_whole():
     assert split.columns_e.any()
 
 
-def test_the_variance_of_a_leader_s_position_stays_as_stated_where_heading_explains_it():
+def test_what_the_heading_explains_comes_on_top_of_the_stated_variance():
     turn, drift = np.array([0.0, 0.0, 0.0]), np.array([300.0, 400.0, 0.0])
     A = columns(6.0, 0.01, turn, drift)
-    np.testing.assert_allclose((A @ A.T)[:2, :2], 36.0 * np.eye(2), atol=1e-12)
-    np.testing.assert_allclose(A[:2, 2], 0.01 * drift[:2])
+    np.testing.assert_allclose(A[:, 2], 0.01 * drift)
+    # The states of position keep their scale wherever the leader turns.
+    for way in (drift, np.array([-30.0, 10.0, 0.0]), np.zeros(3)):
+        np.testing.assert_array_equal(columns(6.0, 0.01, turn, way)[:2, :2], 6.0 * np.eye(2))
+    # Not more of it than a sigma of the position.
+    np.testing.assert_allclose(np.linalg.norm(columns(4.8, 0.01, turn, drift)[:, 2]), 4.8)
 
 
 def test_a_leader_better_than_its_heading_is_not_dead_reckoned():
@@ -131,6 +142,41 @@ def test_a_packet_out_of_order_changes_no_sigma():
     now = smooth.at(90_000_000_000, 10.0 * SIGMA_RATIO)
     smooth.at(30_000_000_000, 10.0)
     assert smooth.at(90_000_000_000, 10.0 * SIGMA_RATIO) == now
+
+
+def test_an_error_that_does_not_grow_has_no_fast_part():
+    growth = Growth(3600.0)
+    assert [growth.at(int(2e9) * k, 3.0) for k in range(5)] == [0.0] * 5
+    assert growth.at(int(2e9) * 5, 1.0) == 0.0  # the leader got a fix
+
+
+def test_the_fast_part_of_a_growing_error_is_one_density_at_any_interval():
+    for apart_s in (1.0, 4.0):
+        growth = Growth(1e9)
+        growth.at(0, 3.0)
+        found = growth.at(round(apart_s * 1e9), 5.0)
+        # 16 m^2 gained, Markov: 2 T q per second.
+        assert found * apart_s == pytest.approx(2.0 * FAST_S * FAST_SHARE * 16.0, rel=3e-3)
+    growth = Growth(1e15)
+    growth.at(0, 3.0)
+    assert growth.at(10**12, 5.0) == pytest.approx(FAST_SHARE * 16.0)
+
+
+def test_the_fast_part_counts_from_the_least_sigma_of_late():
+    growth = Growth(100.0)
+    growth.at(0, 1.0)
+    found = [growth.at(int(2e9) * k, 5.0) for k in range(1, 200)]
+    assert found == sorted(found, reverse=True)
+    assert (found[0] > 20.0, found[-1]) == (True, 0.0)
+
+
+def test_a_packet_out_of_order_changes_no_fast_part():
+    a, b = Growth(3600.0), Growth(3600.0)
+    for growth in (a, b):
+        growth.at(0, 3.0)
+        growth.at(int(4e9), 4.0)
+    assert a.at(int(2e9), 3.5) > 0.0
+    assert a.at(int(8e9), 5.0) == b.at(int(8e9), 5.0)
 
 
 @pytest.fixture(scope='module')

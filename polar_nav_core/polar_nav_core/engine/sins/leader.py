@@ -24,8 +24,9 @@ JUMP = 0.2
 UNLINKED = (1.1, 1.6)
 """Heading sigma times distance, over position sigma: up to the first the position is taken for
 dead reckoned along that heading, from the second on for held by something else."""
-EXPLAINED = 0.95
-"""Of the sigma of position, at most so much is of the heading."""
+FAST_SHARE, FAST_S = 0.1, 25.0
+"""Of the variance that a leader's position has gained, what changes fast, and how fast: ours. In
+the model of two vehicles in the plane 10 s or 100 s change no RMS by more than 2 %."""
 KEPT = 4096
 """Splits that are stored, because whole runs hand a fix in again that was not reached."""
 _NOTHING = np.zeros((3, 3))
@@ -99,6 +100,42 @@ class Smooth:
         return self._from + (self._to - self._from) * min(done, 1.0)
 
 
+class Growth:
+    """White variance that stands for the fast part of a growing error, in a stream of packets.
+
+    An error that grows is not the old one grown larger: along the course, across it and by the
+    slow error of a DVL it grows by parts that come and go with the leader's way.
+
+    Parameters
+    ----------
+    hold_s : float
+        The variance gained is that above the least sigma of late, which rises to e in this [s].
+    """
+
+    def __init__(self, hold_s: float) -> None:
+        self._hold_s = hold_s
+        self._least = math.inf
+        self._stamp_ns = 0
+        self._apart_s = math.inf
+
+    def at(self, stamp_ns: int, sigma: float) -> float:
+        """Variance [m^2] of a fix at a stamp [ns] with this sigma; they may come out of order.
+
+        Of a first-order Markov error with variance q and correlation time T, samples at intervals
+        d have the same mean over long times as white ones with q coth(d / 2 T).
+        """
+        if math.isinf(self._least):
+            self._least, self._stamp_ns = sigma, stamp_ns
+        elif stamp_ns > self._stamp_ns:
+            self._apart_s = (stamp_ns - self._stamp_ns) * 1e-9
+            self._least = min(
+                sigma, self._least * math.exp(min(self._apart_s / self._hold_s, 50.0))
+            )
+            self._stamp_ns = stamp_ns
+        gained = max(0.0, sigma * sigma - self._least * self._least)
+        return FAST_SHARE * gained / math.tanh(0.5 * self._apart_s / FAST_S)
+
+
 class LeaderError:
     """Splits fixes of one leader.
 
@@ -112,6 +149,7 @@ class LeaderError:
         self._on = tau_s > 0.0
         self._start_e: Array | None = None
         self._position, self._heading = Smooth(tau_s), Smooth(tau_s)
+        self._growth = Growth(tau_s)
         self._known: OrderedDict[tuple[int, int, int], Split] = OrderedDict()
 
     def split(self, fix: Fix) -> Split:
@@ -135,17 +173,20 @@ class LeaderError:
         C_e_G = np.asarray(grid.ecef_to_grid(leader_e))
         turn_G = _across(C_e_G @ fix.relative_e)
         drift_G = _across(C_e_G @ (leader_e - self._start_e))
+        sigma = self._position.at(fix.validity_ns, fix.leader_sigma)
         columns_G = columns(
-            self._position.at(fix.validity_ns, fix.leader_sigma),
+            sigma,
             self._heading.at(fix.validity_ns, fix.leader_heading_sigma),
             turn_G,
             drift_G,
         )
         rest_G = C_e_G @ fix.covariance_e @ C_e_G.T
-        for i in range(2):
-            rest_G[i, i] -= fix.leader_sigma**2
-        left_G = _without_turn(0.5 * (rest_G + rest_G.T), fix.leader_heading_sigma * turn_G)
+        fast = self._growth.at(fix.validity_ns, sigma)
+        level = np.diag([1.0, 1.0, 0.0])
+        own_G = 0.5 * (rest_G + rest_G.T) - fix.leader_sigma**2 * level
+        left_G = _without_turn(own_G, fix.leader_heading_sigma * turn_G)
         covariance_e = fix.covariance_e if left_G is None else C_e_G.T @ left_G @ C_e_G
+        covariance_e = covariance_e + fast * (C_e_G.T @ level @ C_e_G)
         covariance_e = np.ascontiguousarray(0.5 * (covariance_e + covariance_e.T))
         return Split(np.ascontiguousarray(C_e_G.T @ columns_G), covariance_e)
 
@@ -159,7 +200,9 @@ def columns(position: float, heading: float, turn_G: Array, drift_G: Array) -> A
     """Columns of `Split` in grid axes, (3, 3) [m].
 
     Where the leader may have dead reckoned along its heading, the heading's error has turned the
-    way since the start, too, and only the rest of the position's variance is on its own.
+    way since the start, too. That comes on top of the stated variance, which is not split between
+    both: the share of the rest would go up and down with each turn of the leader, and a position
+    error that follows it shows itself to the filter within one leg.
 
     Parameters
     ----------
@@ -176,11 +219,7 @@ def columns(position: float, heading: float, turn_G: Array, drift_G: Array) -> A
     if by_heading > 0.0 and position > 0.0:
         low, high = UNLINKED
         link = min(1.0, max(0.0, (high - by_heading / position) / (high - low)))
-        explained = min(link * by_heading, EXPLAINED * position)
-        n = drift_G[:2] / distance
-        rest = math.sqrt(position * position - explained * explained)
-        A[:2, :2] += (rest - position) * np.outer(n, n)
-        A[:2, 2] += explained * n
+        A[:2, 2] += min(link * by_heading, position) * drift_G[:2] / distance
     return A
 
 

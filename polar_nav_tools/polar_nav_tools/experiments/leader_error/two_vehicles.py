@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from polar_nav_core.engine.events import Array
-from polar_nav_core.engine.sins.leader import Smooth, columns
+from polar_nav_core.engine.sins.leader import Growth, Smooth, columns
 
 from . import leader as lead
 from .experiment import SCENARIOS, Scenario
@@ -121,6 +121,7 @@ def run(scenario: Scenario, seed: int = 1) -> dict[str, Line]:
     turning = lead.HEADING if leader.array_deg is None else lead.TURN
     way = np.zeros(2)
     smooth = Smooth(_TAU_S), Smooth(_TAU_S)
+    growth = Growth(_TAU_S)
     steps = int(scenario.duration_s / _DT)
     decay = math.exp(-_DT / _TAU_S)
     for k in range(1, steps + 1):
@@ -143,9 +144,11 @@ def run(scenario: Scenario, seed: int = 1) -> dict[str, Line]:
         H[:, _OWN + turning] -= turn[:2]
         R = _FIX_SIGMA**2 * np.eye(2)
         z = truth @ H.T + _FIX_SIGMA * rng.standard_normal((_RUNS, 2))
+        stamp_ns = round(k * _DT * 1e9)
+        sigma = smooth[0].at(stamp_ns, float(position))
         A = columns(
-            smooth[0].at(round(k * _DT * 1e9), float(position)),
-            smooth[1].at(round(k * _DT * 1e9), float(heading)),
+            sigma,
+            smooth[1].at(stamp_ns, float(heading)),
             turn,
             _across(way),
         )[:2]
@@ -156,7 +159,7 @@ def run(scenario: Scenario, seed: int = 1) -> dict[str, Line]:
         filters['centralised'].predict(Phi, Q)
         filters['centralised'].update(H, R, z)
         filters['packets'].predict(markov, noise)
-        filters['packets'].update(H_packets, R, z)
+        filters['packets'].update(H_packets, R + growth.at(stamp_ns, sigma) * np.eye(2), z)
         filters['independent'].predict(Phi_own, Q_own)
         filters['independent'].update(H[:, :_OWN], whole, z)
         if 2 * k > steps:
