@@ -83,6 +83,8 @@ class View:
         Between IMU samples, that were bridged.
     imu_noise : float
         Of the noise that is stated for the IMU, how many times it is taken to be.
+    leader_stated : bool
+        Whether packets state a leader's error: it is covered amply, and fixes scatter less.
     shared : (COLUMNS + 1, COLUMNS) array or None
         What innovations show of the common errors (kernels.sins.shared); None where nobody looks.
     """
@@ -98,6 +100,7 @@ class View:
     gaps: Gaps = NO_GAPS
     imu_noise: float = 1.0
     shared: Array | None = None
+    leader_stated: bool = False
 
 
 @dataclass(frozen=True)
@@ -170,7 +173,8 @@ class Watchdog:
             found += scatter(s, stream, early=True)
         for stream in (DVL, FIX):
             found += [] if biases[stream] else _alike(s, stream)
-        found += _calm(s)
+        if not view.leader_stated:
+            found += _calm(s)
         return [*found, *outside(view, self._envelope)]
 
 

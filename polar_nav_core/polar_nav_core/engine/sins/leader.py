@@ -152,6 +152,11 @@ class LeaderError:
         self._growth = Growth(tau_s)
         self._known: OrderedDict[tuple[int, int, int], Split] = OrderedDict()
 
+    @property
+    def stated(self) -> bool:
+        """Whether any packet stated the leader's own uncertainty."""
+        return self._start_e is not None
+
     def split(self, fix: Fix) -> Split:
         """Split of the error of a fix; fixes come in the order of reception, some repeatedly.
 

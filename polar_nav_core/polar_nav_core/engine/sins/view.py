@@ -30,6 +30,7 @@ def view_of(fusion: Fusion, stamp_ns: int, resets: int) -> View:
         speed=float(np.linalg.norm(s.v_G)),
         depth=f.settings.sea_surface_height - fusion.height(),
         P_horizontal=P_G[:2, :2],
+        leader_stated=f.leader.stated,
         imu_noise=math.sqrt(1.0 + float(s.excess[0])),
         resets=resets + int(counters[fs.OPENINGS : fs.OPENINGS + 3].sum()),
         gaps=Gaps(
