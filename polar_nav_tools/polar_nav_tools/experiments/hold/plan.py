@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -34,9 +34,6 @@ from .drive import Trace, drive
 from .judge import Errors, judge
 from .rows import Row, rows_named, true_positions
 from .table import long_table, tables
-
-if TYPE_CHECKING:
-    pass
 
 COLUMNS = ('default', 'modified_akf', 'conventional_akf')
 """Filters by default; rows of station mode run those that it has."""
@@ -239,4 +236,5 @@ FAULTS = Experiment(
     plan,
     _tables,
     suite=engine_suite(_read, run_job, _long_table, _describe),
+    selects=True,
 )
