@@ -16,6 +16,7 @@ import numpy as np
 from ..errors import FilterDivergence
 from ..identification.result import Identification
 from .checks import aiding_warning, history_warning
+from .clock_record import ClockRecord
 from .driver import Adaptation, Driver
 from .events import (
     Command,
@@ -110,6 +111,7 @@ class Engine:
             )
         )
         self.imu_gaps = 0
+        self.clock = ClockRecord('imu/data' if params.mode == 'station' else 'imu/data_raw')
         self.divergence = ''
         self.restored = NOT_RESTORED
         self.ledger = FixLedger(params, self.verdicts, self.fused)
@@ -259,6 +261,7 @@ class Engine:
             either = Culprit.FIXES | Culprit.MODEL
             found = [replace(condition, culprit=either) for condition in found]
             found += self.ledger.conditions(self.fusion.stamp_ns)
+            found += self.clock.conditions(self.fusion.stamp_ns)
             found += self.restored.conditions(self.fusion.stamp_ns)
             resets = self.resets + self.restored.count
             of_station = station_view_of(self.fusion, self.fusion.stamp_ns, resets)
@@ -267,6 +270,7 @@ class Engine:
             found += self.ledger.conditions(self.fusion.stamp_ns)
             found += self.restored.conditions(self.fusion.stamp_ns)
             found += self.ledger.integrity.moved
+            found += self.clock.conditions(self.fusion.stamp_ns)
             resets = self.resets + self.restored.count
             view = view_of(self.fusion, self.fusion.stamp_ns, resets)
             self.health = self._watchdog.look(view, found)

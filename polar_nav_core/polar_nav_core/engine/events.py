@@ -8,9 +8,9 @@ damaged or repeated packets can share a sequence, so their number of arrival bre
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
-from typing import ClassVar, TypeAlias
+from typing import ClassVar, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -233,6 +233,62 @@ class Command:
 
 
 Event: TypeAlias = ImuSample | ControlSample | DvlPing | DepthSample | Fix | Command
+
+
+@dataclass(frozen=True)
+class ClockStep:
+    """Step of a clock: from a message on, the stamps of a topic have another offset.
+
+    Attributes
+    ----------
+    topic : str
+    number : int
+        Of that message on its topic.
+    stamp_ns, own_ns : int
+        Engine time of that message; its stamp by the clock of its topic.
+    was_ns : int
+        Engine time less stamp before.
+    """
+
+    topic: str
+    number: int
+    stamp_ns: int
+    own_ns: int
+    was_ns: int = 0
+
+    @property
+    def offset_ns(self) -> int:
+        """Engine time less stamp from that message on."""
+        return self.stamp_ns - self.own_ns
+
+    @property
+    def step_ns(self) -> int:
+        """By how much the clock was set forward; negative for back."""
+        return self.was_ns - self.offset_ns
+
+
+_E = TypeVar('_E', bound=Event)
+
+
+def shifted(event: _E, offset_ns: int) -> _E:
+    """The same event with its stamps moved to the engine's time.
+
+    A fix keeps its validity, which is of its sender's clock.
+    """
+    if offset_ns == 0:
+        return event
+    if isinstance(event, Fix):
+        return replace(
+            event,
+            receive_ns=event.receive_ns + offset_ns,
+            transmit_ns=event.transmit_ns + offset_ns,
+        )
+    return replace(event, stamp_ns=event.stamp_ns + offset_ns)
+
+
+def number_of(event: Event) -> int:
+    """Number of a message on its topic, as it came."""
+    return event.arrival if isinstance(event, Fix | Command) else event.sequence
 
 
 def _nan3() -> Array:

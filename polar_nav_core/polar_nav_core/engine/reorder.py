@@ -2,8 +2,8 @@
 
 The newest IMU stamp less the window is the watermark: messages up to it have come, or come too
 late. A message that comes too late is refused with a receipt (TOO_LATE); one that is stamped far
-ahead waits for a second one that agrees, or is refused (FROM_FUTURE, `ahead`). A replay reads
-these receipts and refuses the same messages.
+ahead waits for others that agree, or is refused (FROM_FUTURE). A clock that steps is followed
+(`clocks`). A replay reads these receipts and steps, and does the same.
 """
 
 from __future__ import annotations
@@ -11,9 +11,20 @@ from __future__ import annotations
 import heapq
 from collections.abc import Iterator
 
-from .ahead import Ahead
+from .clocks import Clocks
 from .engine import Engine
-from .events import Command, Event, Fix, ImuSample, OrderKey, Output, Verdict
+from .events import (
+    ClockStep,
+    Command,
+    Event,
+    Fix,
+    ImuSample,
+    OrderKey,
+    Output,
+    Receipt,
+    Verdict,
+)
+from .imu_clock import Action, Refused
 
 _AHEAD_NS = 60_000_000_000
 """A packet received farther ahead of the IMU does not wait for it."""
@@ -36,7 +47,7 @@ class Reorder:
 
     def __init__(self, engine: Engine, window_s: float, leap_s: float) -> None:
         self.engine = engine
-        self._ahead = Ahead(leap_s)
+        self._clocks = Clocks(leap_s)
         self._window_ns = round(window_s * 1e9)
         self._heap: list[tuple[OrderKey, Event]] = []
         self.newest_imu_ns: int | None = None
@@ -55,23 +66,36 @@ class Reorder:
         """Number of events that wait for the window to pass."""
         return len(self._heap)
 
-    def add(self, event: Event) -> Iterator[Output]:
-        """Queue one message; yields estimates and receipts of all events that are due now."""
-        if isinstance(event, Fix | Command):
-            yield from self._add(event)
-            return
-        taken, refused = self._ahead.take(event, self.newest_imu_ns)
-        yield from self._refuse_ahead(refused)
-        for one in taken:
-            yield from self._add(one)
+    def add(self, event: Event, arrival_ns: int | None = None) -> Iterator[Output | ClockStep]:
+        """Queue one message; yields estimates and receipts of all events that are due now.
 
-    def _refuse_ahead(self, events: list[Event]) -> Iterator[Output]:
-        """Receipts of messages stamped ahead that no other one agreed with."""
-        for event in events:
-            ahead_s = self._ahead.ahead_s(event, self.newest_imu_ns)
-            reason = f'{ahead_s:.3f} s ahead of its stream, and the next message did not agree'
-            stamp_ns = self.watermark_ns or 0
-            yield self.engine.refuse(event, Verdict.FROM_FUTURE, reason, stamp_ns)
+        Parameters
+        ----------
+        event : Event
+        arrival_ns : int or None
+            When it came, by a steady clock [ns]; None where that means nothing (a simulation).
+        """
+        if isinstance(event, Command):  # its stamp is of the engine's time
+            yield from self._add(event)
+        else:
+            yield from self._act(self._clocks.take(event, arrival_ns))
+
+    def _act(self, actions: list[Action]) -> Iterator[Output | ClockStep]:
+        for action in actions:
+            if isinstance(action, ClockStep):
+                self.engine.clock.note(action)
+                yield action
+            elif isinstance(action, Refused):
+                yield self._refuse_ahead(action.event)
+            else:
+                yield from self._add(action)
+
+    def _refuse_ahead(self, event: Event) -> Receipt:
+        """Receipt of a message stamped ahead that no other one agreed with."""
+        newest_ns = self._clocks.imu.newest_ns
+        ahead_s = 0.0 if newest_ns is None else (event.stamp_ns - newest_ns) * 1e-9
+        reason = f'{ahead_s:.3f} s ahead of its stream, and the next message did not agree'
+        return self.engine.refuse(event, Verdict.FROM_FUTURE, reason, self.watermark_ns or 0)
 
     def _add(self, event: Event) -> Iterator[Output]:
         """Queue one message whose stamp is believed."""
@@ -109,12 +133,9 @@ class Reorder:
             return f'received {ahead_ns * 1e-9:.0f} s ahead of the newest IMU sample'
         return ''
 
-    def flush(self) -> Iterator[Output]:
+    def flush(self) -> Iterator[Output | ClockStep]:
         """Process all waiting events at the end of a run; yields estimates and receipts."""
-        taken, refused = self._ahead.flush()
-        yield from self._refuse_ahead(refused)
-        for event in taken:
-            yield from self._add(event)
+        yield from self._act(self._clocks.flush())
         while self._heap:
             yield from self.engine.process(heapq.heappop(self._heap)[1])
         yield from self.engine.finish()

@@ -101,13 +101,14 @@ class _Run:
         if imu:
             self._imu_ns = arrival_ns
             self._true_ns[event.stamp_ns] = true_ns
-        for output in self._reorder.add(event):
+        for output in self._reorder.add(event, arrival_ns):
             self._put(output, arrival_ns)
 
     def _put(self, output: object, arrival_ns: int) -> None:
         if isinstance(output, Estimate):
             # An estimate that is of no sample's stamp is of the engine's own time.
-            true_ns = self._true_ns.get(output.stamp_ns, output.stamp_ns)
+            own_ns = self.engine.clock.own_ns(output.stamp_ns)
+            true_ns = self._true_ns.get(own_ns, output.stamp_ns)
             self._estimates.append((true_ns, output))
         elif isinstance(output, Receipt):
             time_s = self._since_s(arrival_ns)

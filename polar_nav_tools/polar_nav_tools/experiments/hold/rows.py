@@ -39,7 +39,7 @@ _SINS = (
     'packet_drift:0.05', 'packet_replayed:20', 'packet_burnt:600', 'packet_sigma:0.005',
     'packet_sigma:13000', 'packet_silent:30', 'packet_silent:inf',
     'packet_repeated', 'packet_reordered:10', 'packet_late:10', 'packet_lost', 'packet_clock:10',
-    'clock_step:3600', 'clock_step:-10',
+    'clock_step:3600', 'clock_step:-10', 'clock_step:2', 'clock_step:-2',
 )  # fmt: skip
 _STATION = (
     'imu_silent:1', 'imu_silent:20', 'imu_2038', 'imu_rate:30', 'imu_swapped', 'imu_stuck:10',
