@@ -9,8 +9,9 @@ import pytest
 rclpy = pytest.importorskip('rclpy')
 
 from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
+from nav_msgs.msg import Odometry  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
-from sensor_msgs.msg import Imu  # noqa: E402
+from sensor_msgs.msg import Imu, TimeReference  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
 
 from polar_nav_core import earth, grid  # noqa: E402
@@ -19,7 +20,7 @@ from polar_nav_core.link import packet  # noqa: E402
 from polar_nav_follower.follower_node import FollowerNode  # noqa: E402
 from polar_nav_msgs.msg import AcousticPacket, NavState  # noqa: E402
 from polar_nav_ros.node import DATA_QOS  # noqa: E402
-from polar_nav_ros.stamps import to_msg  # noqa: E402
+from polar_nav_ros.stamps import to_msg, to_ns  # noqa: E402
 
 START_NS = 1_772_323_200_000_000_000
 OK, WARN, ERROR = b'\x00', b'\x01', b'\x02'
@@ -35,9 +36,11 @@ class Rig:
         rclpy.init(args=args, domain_id=63)
         self.node = FollowerNode()
         self.peer = rclpy.create_node('peer', use_global_arguments=False)
-        self.states, self.health = [], []
+        self.states, self.health, self.steps, self.odometry = [], [], [], []
         listen = self.peer.create_subscription
         listen(NavState, '/follower/nav/state', self.states.append, DATA_QOS)
+        listen(TimeReference, '/follower/nav/clock', self.steps.append, DATA_QOS)
+        listen(Odometry, '/follower/odometry', self.odometry.append, DATA_QOS)
         listen(DiagnosticArray, '/diagnostics', lambda m: self.health.append(m.status[0]), 10)
         self._imu = self.peer.create_publisher(Imu, '/follower/imu/data_raw', DATA_QOS)
         self._packets = self.peer.create_publisher(AcousticPacket, '/follower/acomms/rx', DATA_QOS)
@@ -47,6 +50,7 @@ class Rig:
         self.executor.add_node(self.node)
         self.executor.add_node(self.peer)
         self.stamp_ns = START_NS
+        self._taken = 0
         self.until(lambda: self._imu.get_subscription_count() == 1)
         self.until(lambda: self._packets.get_subscription_count() == 1)
         self.until(self.reset.service_is_ready)
@@ -59,16 +63,17 @@ class Rig:
 
     def rest(self, samples, f_b=(0.0, 0.0, 9.83)):
         """Give IMU samples of a vehicle at rest, all taken when this returns."""
-        for _ in range(samples):
+        for k in range(samples):
             self.stamp_ns += 10_000_000
             message = Imu()
             message.header.stamp = to_msg(self.stamp_ns)
             a = message.linear_acceleration
             a.x, a.y, a.z = f_b
+            a.y += 1e-12 * (k % 2)  # a sensor has noise: one that repeats itself hangs
             self._imu.publish(message)
+        self._taken += samples
         topic = '/follower/imu/data_raw'
-        wanted = (self.stamp_ns - START_NS) // 10_000_000
-        self.until(lambda: self.node.taken_counts()[topic] == wanted)
+        self.until(lambda: self.node.taken_counts()[topic] == self._taken)
 
     def fix(self, away_G=(0.0, 0.0, 0.0)):
         """Give a packet that puts the vehicle where it started, or so far from there."""
@@ -187,3 +192,26 @@ def test_displaced_fixes_raise_a_warning_and_an_error_in_the_diagnostics(rig):
     values = {v.key: v.value for v in status.values}
     assert (values['FUSED'], values['GATED']) == ('4', '11')
     assert float(values['gated_offset_m']) == pytest.approx(500.0, abs=5.0)
+
+
+def test_a_clock_that_steps_is_followed_reported_and_recorded(rig):
+    r = rig('configuration:=default')
+    r.rest(200)
+    stepped_ns = r.stamp_ns + 10_000_000
+    r.stamp_ns += 3600 * 10**9
+    r.rest(200)
+    r.until(lambda: len(r.states) >= 39)
+    status = r.status()
+    assert status.level == WARN
+    assert 'the clock of imu/data_raw stepped by +3600.000 s' in status.message
+    assert {v.key: v.value for v in status.values}['clock_offset_s imu/data_raw'] == '+3600.000'
+    (step,) = r.steps
+    assert step.source == 'imu/data_raw 200'
+    assert to_ns(step.header.stamp) == stepped_ns
+    assert to_ns(step.time_ref) == stepped_ns + 3600 * 10**9
+    # Navigation time goes on; the rest of the vehicle gets the stamps of its clock.
+    stamps = np.array([to_ns(s.header.stamp) for s in r.states])
+    assert set(np.diff(stamps)[1:]) == {100_000_000}
+    r.until(lambda: len(r.odometry) == len(r.states))
+    assert to_ns(r.odometry[-1].header.stamp) == stamps[-1] + 3600 * 10**9
+    assert to_ns(r.odometry[5].header.stamp) == stamps[5]

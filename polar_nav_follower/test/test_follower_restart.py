@@ -27,7 +27,8 @@ def sample(stamp_ns):
     """An IMU at rest."""
     message = Imu()
     message.header.stamp = to_msg(stamp_ns)
-    message.linear_acceleration.z = 9.83
+    # A sensor has noise: one that repeats itself hangs.
+    message.linear_acceleration.z = 9.83 + 1e-12 * (stamp_ns // STEP_NS % 2)
     return message
 
 

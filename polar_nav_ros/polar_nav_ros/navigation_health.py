@@ -102,6 +102,8 @@ class NavigationHealth:
         counted |= {'imu_gaps': engine.imu_gaps, **_numbers(integrity)}
         if self._warnings:
             counted['parameter_warnings'] = '; '.join(self._warnings)
+        for topic, offset_s in engine.clock.offsets_s.items():
+            counted[f'clock_offset_s {topic}'] = f'{offset_s:+.3f}'
         counted |= _present(engine.health)
         waiting = values.get('waiting', 0)
         others = sum(engine.verdicts.values()) + (waiting if isinstance(waiting, int) else 0)

@@ -7,12 +7,14 @@ from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import Quaternion
+from sensor_msgs.msg import TimeReference
 
 from polar_nav_core import nav_columns
 from polar_nav_core.engine.events import (
     LOCAL_GATED,
     NIS_SUM,
     UPDATES,
+    ClockStep,
     Estimate,
     Receipt,
     Verdict,
@@ -66,6 +68,26 @@ def nav_to_msg(
     msg.depth_updates, msg.depth_gated = int(depth[UPDATES]), int(depth[LOCAL_GATED])
     msg.depth_nis_sum = float(depth[NIS_SUM])
     return msg
+
+
+def clock_step_to_msg(step: ClockStep) -> TimeReference:
+    """sensor_msgs/TimeReference of a step of a clock: two times of one message.
+
+    ``header.stamp`` is in the engine's time, ``time_ref`` its stamp by the clock of its topic;
+    ``source`` is the topic and the number of the message on it, from 0, as ``imu/data_raw 6012``.
+    """
+    msg = TimeReference(source=f'{step.topic} {step.number}')
+    msg.header.stamp = to_msg(step.stamp_ns)
+    msg.time_ref = to_msg(step.own_ns)
+    return msg
+
+
+def clock_step_from_msg(msg: TimeReference) -> ClockStep:
+    """Step of a clock of a recorded sensor_msgs/TimeReference; ValueError for any other."""
+    topic, _, number = str(msg.source).rpartition(' ')
+    if not (topic and number.isdecimal()):
+        raise ValueError(f'its source is {msg.source!r}, not a topic and a number')
+    return ClockStep(topic, int(number), to_ns(msg.header.stamp), to_ns(msg.time_ref))
 
 
 def receipt_to_msg(r: Receipt) -> FixReceipt:

@@ -8,6 +8,7 @@
 | out odometry, nav/fix | nav_msgs/Odometry, sensor_msgs/NavSatFix | estimate |
 | out nav/receipt | polar_nav_msgs/FixReceipt | decision |
 | out nav/health | polar_nav_msgs/NavHealth | estimate, 1 Hz |
+| out nav/clock | sensor_msgs/TimeReference | a clock stepped |
 | out nav/command | polar_nav_msgs/Command | place in the order of events |
 | out nav/restore | polar_nav_msgs/Restore | the same; with a `state_file` |
 | out nav/current, nav/model | polar_nav_msgs/WaterCurrent, VehicleModel | estimate, 1 Hz |
@@ -26,7 +27,7 @@ from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from nav_msgs.msg import Odometry
-from sensor_msgs.msg import NavSatFix
+from sensor_msgs.msg import NavSatFix, TimeReference
 from std_srvs.srv import Trigger
 
 from polar_nav_core.engine.events import CommandKind
@@ -51,7 +52,7 @@ from .readers import initial_from_msg, initial_to_msg
 from .stamps import to_msg, to_ns
 from .standard_outputs import fix_of
 from .state_store import StateStore
-from .topics import COMMAND, FIX, HEALTH, ODOMETRY, RECEIPT, RESTORE, STATE
+from .topics import CLOCK_STEP, COMMAND, FIX, HEALTH, ODOMETRY, RECEIPT, RESTORE, STATE
 
 
 class NavigationPorts:
@@ -79,7 +80,13 @@ class NavigationPorts:
     ) -> None:
         self._node = node
         self._session = session
-        published = {STATE: NavState, RECEIPT: FixReceipt, HEALTH: NavHealth, **outputs}
+        published = {
+            STATE: NavState,
+            RECEIPT: FixReceipt,
+            HEALTH: NavHealth,
+            CLOCK_STEP: TimeReference,
+            **outputs,
+        }
         if session.with_model:
             published |= MODEL_OUTPUTS
         self._outputs: dict[str, CountedPublisher] = {
@@ -140,11 +147,13 @@ class NavigationPorts:
 
     def _taker(self, topic: str) -> Callable[[Any], None]:
         if self._store is None or topic != self._session.sensors[0]:
-            return lambda message: self._publish(self._session.take(topic, message))
+            return lambda message: self._publish(
+                self._session.take(topic, message, self._arrival_ns())
+            )
         store = self._store
 
         def take(message: Any) -> None:  # noqa: ANN401 - the topic's message type
-            self._publish(self._session.take(topic, message))
+            self._publish(self._session.take(topic, message, self._arrival_ns()))
             start_ns = self._session.reorder.start_ns
             newest_ns = self._session.reorder.newest_imu_ns
             if start_ns is not None and newest_ns is not None:
@@ -153,6 +162,10 @@ class NavigationPorts:
                 store.save_if_due(self._session.engine, newest_ns)
 
         return take
+
+    def _arrival_ns(self) -> int | None:
+        """Present time by the steady clock; None in lockstep, where it says nothing of stamps."""
+        return None if self._session.params.lockstep else time.monotonic_ns()
 
     def _restore(self, store: StateStore, stamp_ns: int) -> None:
         """Go on from the saved state, if there is one that fits, as a stamped event."""
@@ -175,7 +188,7 @@ class NavigationPorts:
         self._odometry.publish(self._session.odometry(state))
         if state.header.stamp.sec != self._fix_second:
             self._fix_second = state.header.stamp.sec
-            self._fix.publish(fix_of(state))
+            self._fix.publish(fix_of(self._session.in_vehicle_time(state)))
 
     def _send(self, message: CommandMsg, stamp_ns: int) -> None:
         message.header.stamp = to_msg(stamp_ns)

@@ -10,6 +10,7 @@ estimated of the model and of the water.
 
 from __future__ import annotations
 
+import copy
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -19,9 +20,17 @@ import numpy as np
 from geometry_msgs.msg import WrenchStamped
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Imu
+from std_msgs.msg import Header
 
 from polar_nav_core.engine.engine import Engine
-from polar_nav_core.engine.events import Estimate, Event, Output, Receipt
+from polar_nav_core.engine.events import (
+    ClockStep,
+    Estimate,
+    Event,
+    Output,
+    Receipt,
+    shifted,
+)
 from polar_nav_core.engine.health.radius import radius_95
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.engine.reorder import Reorder
@@ -42,10 +51,11 @@ from .readers import (
     imu_from_msg,
     restore_from_msg,
 )
-from .stamps import NS
+from .stamps import NS, to_msg, to_ns
 from .standard_outputs import odometry_of
 from .topics import (
     AHRS,
+    CLOCK_STEP,
     COMMAND,
     CONTROL,
     CURRENT,
@@ -153,11 +163,25 @@ class NavigationSession(Generic[P]):
         self.taken[topic] += 1
         return self._readers[topic](message, number)
 
-    def take(self, topic: str, message: Any) -> Iterator[Published]:  # noqa: ANN401
-        """Process one live message; yields the messages to publish."""
+    def take(
+        self,
+        topic: str,
+        message: Any,  # noqa: ANN401 - the topic's message type
+        arrival_ns: int | None = None,
+    ) -> Iterator[Published]:
+        """Process one live message; yields the messages to publish.
+
+        ``arrival_ns`` is when it came by a steady clock; None where that means nothing.
+        """
         event = self.event_of(topic, message)
         yield from self._before_event()
-        yield from self._to_messages(self.reorder.add(event))
+        yield from self._to_messages(self.reorder.add(event, arrival_ns))
+
+    def recorded_event_of(self, topic: str, message: Any) -> Event:  # noqa: ANN401
+        """Event of a message in the engine's time, by the steps of its topic's clock (replay)."""
+        number = self.taken[topic]
+        event = self.event_of(topic, message)
+        return shifted(event, self.engine.clock.offset_ns(topic, number))
 
     def process(self, event: Event) -> Iterator[Published]:
         """Process the next event of the total order (replay); yields the messages to publish."""
@@ -177,14 +201,24 @@ class NavigationSession(Generic[P]):
         yield from self._to_messages(self.reorder.flush())
 
     def odometry(self, state: NavState) -> Odometry:
-        """nav_msgs/Odometry of the newest state."""
-        return odometry_of(state)
+        """nav_msgs/Odometry of the newest state, stamped by the vehicle's clock."""
+        return odometry_of(self.in_vehicle_time(state))
+
+    def in_vehicle_time(self, state: NavState) -> NavState:
+        """A state with the stamp of the IMU's clock, which the rest of the vehicle has."""
+        stamp_ns = to_ns(state.header.stamp)
+        own_ns = self.engine.clock.own_ns(stamp_ns)
+        if own_ns == stamp_ns:
+            return state
+        moved = copy.copy(state)
+        moved.header = Header(stamp=to_msg(own_ns), frame_id=state.header.frame_id)
+        return moved
 
     def _before_event(self) -> Iterator[Published]:
         """Messages of a vehicle's own readers that precede the results of the event."""
         yield from ()
 
-    def _to_messages(self, results: Iterable[Output]) -> Iterator[Published]:
+    def _to_messages(self, results: Iterable[Output | ClockStep]) -> Iterator[Published]:
         for result in results:
             if isinstance(result, Receipt):
                 yield Published.of(RECEIPT, outputs.receipt_to_msg(result))
@@ -196,6 +230,8 @@ class NavigationSession(Generic[P]):
             elif isinstance(result, Identification):
                 message = model_outputs.identification_to_msg(result)
                 yield Published.of(IDENTIFICATION, message)
+            elif isinstance(result, ClockStep):
+                yield Published.of(CLOCK_STEP, outputs.clock_step_to_msg(result))
 
     def _health(self, stamp_ns: int, state: NavState) -> Iterator[Published]:
         """Message with the health, once per second of stamp time; covariance as published."""

@@ -38,6 +38,8 @@ RESTORE = 'nav/restore'
 CURRENT = 'nav/current'
 MODEL = 'nav/model'
 IDENTIFICATION = 'nav/identification'
+CLOCK_STEP = 'nav/clock'
+"""Steps of the clocks of a vehicle's topics, each with the message from which on it holds."""
 HEALTH = 'nav/health'
 FIX = 'nav/fix'
 ODOMETRY = 'odometry'
@@ -71,6 +73,7 @@ TYPES = {
     CURRENT: 'polar_nav_msgs/msg/WaterCurrent',
     MODEL: 'polar_nav_msgs/msg/VehicleModel',
     IDENTIFICATION: 'polar_nav_msgs/msg/Identification',
+    CLOCK_STEP: 'sensor_msgs/msg/TimeReference',
     HEALTH: 'polar_nav_msgs/msg/NavHealth',
     FIX: 'sensor_msgs/msg/NavSatFix',
     ODOMETRY: 'nav_msgs/msg/Odometry',

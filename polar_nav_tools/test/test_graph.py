@@ -176,7 +176,7 @@ def test_the_follower_waits_for_the_leader_to_have_waited(graph, own):
 
 
 def test_its_own_topics_are_recorded(graph, own):
-    navigation = ('state', 'receipt', 'health', 'command', 'fix')
+    navigation = ('state', 'receipt', 'health', 'clock', 'command', 'fix')
     more = {'absolute/fix', *(f'nav/{topic}' for topic in navigation)}
     assert set(own.topics) - set(graph.topics) == {f'/leader/{topic}' for topic in more}
     assert set(graph.topics) <= set(own.topics)

@@ -89,6 +89,7 @@ _NAVIGATION_TOPICS = (
     topics.STATE,
     topics.RECEIPT,
     topics.HEALTH,
+    topics.CLOCK_STEP,
     topics.COMMAND,
     topics.FIX,
 )

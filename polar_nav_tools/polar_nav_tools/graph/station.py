@@ -63,6 +63,7 @@ _VEHICLE_TOPICS = (
     topics.STATE,
     topics.RECEIPT,
     topics.HEALTH,
+    topics.CLOCK_STEP,
     topics.COMMAND,
     topics.FIX,
 )

@@ -37,6 +37,7 @@ _TYPES: dict[str, type[Any]] = {**SENSORS, topics.RX: AcousticPacket}
 _OUTPUTS = (
     topics.STATE, topics.RECEIPT, topics.HEALTH, topics.CURRENT, topics.MODEL,
     topics.IDENTIFICATION, topics.FIX, topics.ODOMETRY, topics.DECODED, topics.STATION_DECODED,
+    topics.CLOCK_STEP,
 )  # fmt: skip
 """What a follower publishes, which an injected bag has not."""
 

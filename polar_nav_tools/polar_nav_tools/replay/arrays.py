@@ -290,6 +290,9 @@ def arrays_request(bag: Bag, vehicle: str | None = None, *, truth: bool = False)
     taken = (*mode.fields, topics.RX, topics.COMMAND)
     if f'/{name}/{topics.RESTORE}' in bag.topics:
         return None  # the start is a message
+    steps = bag.topics.get(f'/{name}/{topics.CLOCK_STEP}')
+    if steps is not None and steps.count:
+        return None  # stamps are of clocks that stepped
     if tuple(t for t in session.inputs_of(params) if t != topics.RESTORE) != taken:
         return None  # with thrust beside a DVL
     bag.require([f'/{name}/{taken[0]}'])

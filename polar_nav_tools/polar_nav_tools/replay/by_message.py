@@ -9,7 +9,7 @@ that the live node would have published, as bytes. Live and replay drive the sam
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,6 +24,7 @@ from polar_nav_follower.params import FollowerParams
 from polar_nav_ros.navigation_session import Published
 from polar_nav_ros.stamps import to_ns
 from polar_nav_ros.topics import (
+    CLOCK_STEP,
     DECODED,
     IDENTIFICATION,
     MODEL,
@@ -38,8 +39,8 @@ from ..bags.reader import Bag
 from .recorded import RecordedInputs, load_inputs
 from .result import ReplayedRun
 
-_FOR_PEOPLE = (DECODED, STATION_DECODED)
-"""Contents of packets: a live run publishes them, a replay does not."""
+_LIVE_ONLY = (DECODED, STATION_DECODED, CLOCK_STEP)
+"""Contents of packets, steps of clocks: a live run publishes them, a replay does not."""
 Progress = Callable[[float], None]
 """Called with the share of the work that is done."""
 
@@ -157,7 +158,7 @@ def replay(
     run = session.Session(params, inputs.vehicle)
     collector = _Collector(inputs.vehicle, inputs.live)
     if inputs.bag.injected:
-        health = _drive_live(run, inputs.messages, collector, progress)
+        health = _drive_live(run, inputs, collector, progress)
     else:
         health = _drive(run, inputs.events(run), inputs.refused, collector, progress)
     return ReplayResult(
@@ -203,16 +204,17 @@ def _drive(
 
 def _drive_live(
     run: session.Session,
-    messages: Sequence[tuple[str, Any]],
+    inputs: RecordedInputs,
     collector: _Collector,
     progress: Progress | None,
 ) -> tuple[Health, ...]:
     """Process messages as they arrived, as a node does: no node has refused late ones before."""
     health: list[Health] = []
+    messages, arrivals_ns = inputs.messages, inputs.arrivals_ns
     every = max(1, len(messages) // 100)
     for i, (topic, message) in enumerate(messages):
-        published = run.take(topic, message)
-        collector.collect(p for p in published if p.topic not in _FOR_PEOPLE)
+        published = run.take(topic, message, arrivals_ns[i])
+        collector.collect(p for p in published if p.topic not in _LIVE_ONLY)
         if run.engine.health is not None and (not health or run.engine.health is not health[-1]):
             health.append(run.engine.health)
         if progress is not None and i % every == 0:

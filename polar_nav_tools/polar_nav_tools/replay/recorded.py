@@ -13,15 +13,16 @@ from pathlib import Path
 from typing import Any
 
 from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import TimeReference
 
-from polar_nav_core.engine.events import CommandKind, Event, Fix, Receipt, Verdict
+from polar_nav_core.engine.events import ClockStep, CommandKind, Event, Fix, Receipt, Verdict
 from polar_nav_core.engine.version import ENGINE_VERSION
 from polar_nav_core.params import from_mapping
 from polar_nav_follower import session
 from polar_nav_follower.params import FollowerParams
 from polar_nav_msgs.msg import AcousticPacket, Command, FixReceipt, Restore
 from polar_nav_ros import topics
-from polar_nav_ros.navigation_outputs import receipt_from_msg
+from polar_nav_ros.navigation_outputs import clock_step_from_msg, receipt_from_msg
 from polar_nav_ros.navigation_session import MODEL_OUTPUTS, SENSORS
 
 from ..bags.errors import BagError, WrongRequestError
@@ -60,6 +61,10 @@ class RecordedInputs:
         What the live node refused because it came too late.
     live : mapping of str to list of bytes
         What the live node published on the compared topics.
+    steps : list of ClockStep
+        Of the clocks of its topics, as the live node found them.
+    arrivals_ns : list of int
+        When the messages were recorded, for a bag with injected faults [ns].
     imu : str
         Topic of the IMU that the node took.
     engine_version : int
@@ -74,6 +79,8 @@ class RecordedInputs:
     messages: list[tuple[str, Any]]
     refused: list[Receipt]
     live: Mapping[str, list[bytes]]
+    steps: list[ClockStep] = field(default_factory=list)
+    arrivals_ns: list[int] = field(default_factory=list)
     imu: str = topics.IMU
     engine_version: int = ENGINE_VERSION
     retired: list[str] = field(default_factory=list)
@@ -88,9 +95,11 @@ class RecordedInputs:
         """
         refused = Counter(refusal_key(r) for r in self.refused)
         events: list[Event] = []
+        for step in self.steps:
+            run.engine.clock.note(step)
         for topic, message in self.messages:
             try:
-                event = run.event_of(topic, message)
+                event = run.recorded_event_of(topic, message)
             except ValueError as error:
                 where = f'{self.bag.path}: a message on /{self.vehicle}/{topic}'
                 raise BagError(f'{where} makes no sense: {error}') from error
@@ -134,16 +143,21 @@ def load_inputs(
     inputs = session.inputs_of(from_mapping(FollowerParams, {**params, **(changes or {})}))
     bag.require([f'/{name}/{inputs[0]}'])
     compared = (*COMPARED, *(t for t in MODEL_OUTPUTS if f'/{name}/{t}' in bag.topics))
-    by_name = {f'/{name}/{topic}': topic for topic in (*inputs, *compared)}
+    by_name = {f'/{name}/{t}': t for t in (*inputs, *compared, topics.CLOCK_STEP)}
     messages: list[tuple[str, Any]] = []
+    steps: list[ClockStep] = []
+    arrivals_ns: list[int] = []
     live: dict[str, list[bytes]] = {topic: [] for topic in compared}
     limits: dict[str, int] | None = None
     require_same(bag, by_name)
     modes = mode_table(bag, f'/{name}/{topics.DVL}')
-    for full_name, _, data in bag.messages(by_name):
+    for full_name, arrival_ns, data in bag.messages(by_name):
         topic = by_name[full_name]
         if topic in live:
             live[topic].append(data)
+            continue
+        if topic == topics.CLOCK_STEP:
+            steps.append(_step(bag, full_name, data))
             continue
         message = decoded(bag, full_name, data, _TYPES[topic])
         if topic == topics.DVL and modes is not None:
@@ -152,6 +166,7 @@ def load_inputs(
             limits = taken_counts(message)
         else:
             messages.append((topic, message))
+            arrivals_ns.append(arrival_ns)
     receipt_topic = f'/{name}/{topics.RECEIPT}'
     receipts = [decoded(bag, receipt_topic, d, FixReceipt) for d in live[topics.RECEIPT]]
     refused = [receipt_from_msg(r) for r in receipts if never_an_event(r)]
@@ -164,10 +179,20 @@ def load_inputs(
         messages=messages,
         refused=refused,
         live=live,
+        steps=steps,
+        arrivals_ns=arrivals_ns,
         imu=inputs[0],
         engine_version=described.engine_version,
         retired=described.retired_texts(),
     )
+
+
+def _step(bag: Bag, topic: str, data: bytes) -> ClockStep:
+    """Step of a clock of its recorded bytes."""
+    try:
+        return clock_step_from_msg(decoded(bag, topic, data, TimeReference))
+    except ValueError as error:
+        raise BagError(f'{bag.path}: a message on {topic} is damaged: {error}') from error
 
 
 def never_an_event(receipt: Any) -> bool:  # noqa: ANN401 - a FixReceipt
