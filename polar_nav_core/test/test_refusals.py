@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from polar_nav_core.engine import refusals
 from polar_nav_core.engine.events import ControlSample, DepthSample, DvlPing, ImuSample
 from polar_nav_core.engine.params import EngineParams
+from polar_nav_core.engine.repeated import Repeated
 
 SINS = EngineParams()
 STATION = EngineParams(mode='station', configuration='default')
@@ -36,9 +37,11 @@ def matrices(draw, n):
 
 def one_by_one(params, events):
     """Scalar form, with the stamp of the last usable IMU sample as the engine keeps it."""
-    usable, last_ns = [], None
+    usable, last_ns, repeated = [], None, Repeated(params)
     for event in events:
         good = refusals.unusable_local(params, event, last_ns) is None
+        if good and isinstance(event, ImuSample):
+            good = repeated.refusal(event) is None
         usable.append(good)
         if good:
             last_ns = event.stamp_ns
@@ -47,18 +50,20 @@ def one_by_one(params, events):
 
 @given(st.data())
 def test_imu(data):
-    n = data.draw(st.integers(0, 8))
+    n = data.draw(st.integers(0, 20))
     stamps = np.cumsum([0, *data.draw(st.lists(st.integers(0, 1), min_size=n, max_size=n))])[1:]
     omega_ib_b, f_b = (columns(data.draw, n, 3) for _ in range(2))
     C_b_G = matrices(data.draw, n)
     samples = [ImuSample(int(stamps[k]), k, omega_ib_b[k], f_b[k]) for k in range(n)]
-    assert refusals.usable_imu(SINS, stamps, omega_ib_b, f_b).tolist() == one_by_one(SINS, samples)
+    usable, repeats = refusals.usable_imu(SINS, stamps, omega_ib_b, f_b)
+    assert usable.tolist() == one_by_one(SINS, samples)
+    assert not usable[repeats > 0].any()
     samples = [
         ImuSample(int(stamps[k]), k, omega_ib_b[k], np.zeros(3), C_b_G[k]) for k in range(n)
     ]
-    assert refusals.usable_imu(STATION, stamps, omega_ib_b, C_b_G).tolist() == one_by_one(
-        STATION, samples
-    )
+    usable, repeats = refusals.usable_imu(STATION, stamps, omega_ib_b, C_b_G)
+    assert usable.tolist() == one_by_one(STATION, samples)
+    assert not repeats.any()
 
 
 @given(st.data())
@@ -86,3 +91,14 @@ def test_control(data):
     assert refusals.usable_control(SINS, force_b, torque_b).tolist() == one_by_one(SINS, samples)
     samples = [ControlSample(k, k, force_b[k], np.zeros(3)) for k in range(n)]
     assert refusals.usable_control(SINS, force_b).tolist() == one_by_one(SINS, samples)
+
+
+def test_an_imu_that_hangs_is_refused_after_five_repeats():
+    values = [np.full(3, 0.1)] * 9 + [np.full(3, 0.2)] * 6
+    samples = [ImuSample(k, k, v, v) for k, v in enumerate(values)]
+    found = one_by_one(SINS, samples)
+    assert found == [True] * 6 + [False] * 3 + [True] * 6
+    _, repeats = refusals.usable_imu(SINS, np.arange(15), np.array(values), np.array(values))
+    assert repeats.tolist() == [0] * 6 + [6, 7, 8] + [0] * 6
+    never = EngineParams(max_imu_repeats=0)
+    assert all(one_by_one(never, samples))

@@ -97,6 +97,7 @@ _FIRST: dict[str, Any] = {
     'max_gated_s': 300.0,
     'max_imu_gap_s': 0.5,
     'max_imu_noise_factor': 1.0,
+    'max_imu_repeats': 0,
     'max_rate': 1e300,
     'max_specific_force': 1e300,
     'max_speed': 20.0,
@@ -201,6 +202,7 @@ _SINCE: dict[int, dict[str, Any]] = {
     },
     4: {
         'model_doubt': 10.0,
+        'max_imu_repeats': 5,
     },
 }
 """By engine version: what changed with it. A version with new defaults counts up (version.py)."""

@@ -42,6 +42,7 @@ from .params import EngineParams
 from .plausibility import initial_problem
 from .receipts import age_s, receipt_of
 from .refusals import unusable_local
+from .repeated import Repeated
 from .restart import saved_problem
 from .restored import NOT_RESTORED, Restored
 from .results import FixResult, Outcome, chi2_gate
@@ -111,6 +112,7 @@ class Engine:
             )
         )
         self.imu_gaps = 0
+        self._repeated = Repeated(params)
         self.clock = ClockRecord('imu/data' if params.mode == 'station' else 'imu/data_raw')
         self.divergence = ''
         self.restored = NOT_RESTORED
@@ -137,6 +139,8 @@ class Engine:
             yield from self._command(event)
             return
         refused = unusable_local(self.params, event, self.last_imu_ns)
+        if refused is None and isinstance(event, ImuSample):
+            refused = self._repeated.refusal(event)
         if refused is not None:
             yield self._count(self._receipt(event, event.stamp_ns, *refused))
         elif isinstance(event, ImuSample):

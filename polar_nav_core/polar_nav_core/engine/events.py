@@ -89,7 +89,8 @@ class ImuSample(_Local):
     """Rate [rad/s] and specific force [m/s^2], body axes.
 
     Both are means over the interval that ends at the stamp. ``C_b_G`` is the attitude at the stamp
-    that an AHRS measured, shape (3, 3); None without one.
+    that an AHRS measured, shape (3, 3); None without one. ``repeats`` is the number of samples
+    before it with the same values, where there are too many.
     """
 
     RANK = Rank.IMU
@@ -99,6 +100,7 @@ class ImuSample(_Local):
     f_b: Array
     C_b_G: Array | None = None
     topic: str = 'imu/data_raw'
+    repeats: int = 0
 
 
 @dataclass(frozen=True)

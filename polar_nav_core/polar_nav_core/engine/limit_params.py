@@ -95,6 +95,14 @@ class LimitParams(NodeParams):
         86400.0,
         'A DVL or depth sensor that was used, and of which nothing is for longer, is a warning',
     )
+    max_imu_repeats: int = param(
+        5,
+        '',
+        0,
+        1_000_000,
+        'An IMU sample with the rates and forces of more than so many before it, bit for bit, is '
+        'refused: the sensor hangs (mode sins); 0 is never',
+    )
     max_imu_gap_s: float = param(
         0.5, 's', 0.01, 60.0, 'A longer gap between IMU samples is an error for a minute'
     )

@@ -27,6 +27,7 @@ from .plausibility import (
     is_variance,
     within,
 )
+from .repeated import repeats_of
 
 Refusal: TypeAlias = tuple[Verdict, str]
 Bools: TypeAlias = NDArray[np.bool_]
@@ -83,8 +84,13 @@ def _unusable_rate(params: EngineParams, sample: ImuSample) -> Refusal:
     )
 
 
-def usable_imu(params: EngineParams, stamps_ns: Stamps, omega_ib_b: Array, other: Array) -> Bools:
-    """Mask (n,) of usable IMU samples: within the limits, and the first such one of its stamp.
+def usable_imu(
+    params: EngineParams, stamps_ns: Stamps, omega_ib_b: Array, other: Array
+) -> tuple[Bools, NDArray[np.int64]]:
+    """Mask (n,) of usable IMU samples, and the number (n,) of equal ones before, if too many.
+
+    Usable is a sample within the limits, the first such one of its stamp, of an IMU that does not
+    hang.
 
     Parameters
     ----------
@@ -98,11 +104,14 @@ def usable_imu(params: EngineParams, stamps_ns: Stamps, omega_ib_b: Array, other
     usable = all_within(omega_ib_b, params.max_rate)
     if params.mode == 'station':
         usable &= are_attitudes(other)
+        repeats = np.zeros(len(stamps_ns), dtype=np.int64)
     else:
         usable &= all_within(other, params.max_specific_force)
+        repeats = repeats_of(params, stamps_ns, omega_ib_b, other, usable)
+        usable &= repeats == 0
     good = np.flatnonzero(usable)
     usable[good[1:][np.diff(stamps_ns[good]) == 0]] = False
-    return usable
+    return usable, repeats
 
 
 def _unusable_control(params: EngineParams, sample: ControlSample) -> Refusal | None:

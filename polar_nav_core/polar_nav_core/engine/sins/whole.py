@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -38,13 +39,16 @@ class SinsArrays:
 
     def __init__(self, params: EngineParams, inputs: Inputs, rows: fs.Rows) -> None:
         x, self._rows = inputs, rows
-        imu = usable_imu(params, x.imu_stamps_ns, x.omega_ib_b, x.f_b)
+        imu, repeats = usable_imu(params, x.imu_stamps_ns, x.omega_ib_b, x.f_b)
         dvl = x.dvl_valid & usable_dvl(params, x.dvl_valid, x.dvl_v_m, x.dvl_covariance_m)
         depth = usable_depth(params, x.depth, x.depth_variance)
         control = usable_control(params, x.control_force_b, x.control_torque_b)
         self.first = x.imu_sample(int(np.argmax(imu))) if imu.any() else None
         self.unusable: list[Event] = [
-            *(x.imu_sample(int(k)) for k in np.flatnonzero(~imu)),
+            *(
+                replace(x.imu_sample(int(k)), repeats=int(repeats[k]))
+                for k in np.flatnonzero(~imu)
+            ),
             *(x.dvl_ping(int(k)) for k in np.flatnonzero(~dvl)),
             *(x.depth_sample(int(k)) for k in np.flatnonzero(~depth)),
             *(x.control_sample(int(k)) for k in np.flatnonzero(~control)),

@@ -35,7 +35,7 @@ class StationArrays:
         x, self._rows = inputs, rows
         self._next = 0  # sample that the identification gets next
         self._thrust = np.zeros(3)
-        imu = usable_imu(params, x.imu_stamps_ns, x.omega_ib_b, x.C_b_G)
+        imu, _ = usable_imu(params, x.imu_stamps_ns, x.omega_ib_b, x.C_b_G)
         control = usable_control(params, x.force_b)
         depth = usable_depth(params, x.depth, x.depth_variance)
         self.first = x.imu_sample(int(np.argmax(imu))) if imu.any() else None
