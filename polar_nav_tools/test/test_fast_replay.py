@@ -18,7 +18,7 @@ from polar_nav_core.engine.methods import CONFIGURATIONS
 from polar_nav_follower.params import FollowerParams
 from polar_nav_ros.cdr import to_bytes
 from polar_nav_ros.navigation_outputs import nav_to_msg
-from polar_nav_tools.bags import BagWriter, open_bag, tables
+from polar_nav_tools.bags import BagError, BagWriter, open_bag, tables
 from polar_nav_tools.bags.arrays import estimates_from_cdr, load_truth, receipts_from_cdr
 from polar_nav_tools.cli import main
 from polar_nav_tools.replay.arrays import arrays_request, load_arrays
@@ -350,3 +350,55 @@ def test_commands_read_a_bag_once(command, monkeypatch, capsys, tmp_path):
     monkeypatch.setattr(sys, 'argv', ['polar', command, str(REFERENCE), '--json', *options])
     status = main()
     assert status == 0, capsys.readouterr().err
+
+
+def test_recorded_steps_of_clocks_are_replayed_by_message(tmp_path):
+    """Stamps of all topics leap back by 10 s in the middle, as nav/clock states: nothing else."""
+    from rclpy.serialization import deserialize_message, serialize_message
+    from sensor_msgs.msg import Imu
+
+    from polar_nav_core.engine.events import ClockStep
+    from polar_nav_msgs.msg import AcousticPacket, Depth, Dvl
+    from polar_nav_ros.navigation_outputs import clock_step_to_msg
+    from polar_nav_ros.stamps import to_msg, to_ns
+
+    types = dict(zip((*INPUTS[1:], PACKET), (Imu, Dvl, Depth, AcousticPacket), strict=True))
+    by_ns, first = 10 * 10**9, {}
+    imu = [to_ns(m.header.stamp) for _, m in open_bag(REFERENCE).read(INPUTS[1])]
+    at_ns = imu[len(imu) // 2]
+
+    def change(record, number):
+        if record.topic in types:
+            message = deserialize_message(record.data, types[record.topic])
+            packet = record.topic == PACKET
+            stamp_ns = to_ns(message.receive_time if packet else message.header.stamp)
+            if stamp_ns >= at_ns:
+                first.setdefault(record.topic, (number, stamp_ns))
+                moved = to_msg(stamp_ns - by_ns)
+                if packet:
+                    message.receive_time = moved
+                    message.transmit_time = to_msg(to_ns(message.transmit_time) - by_ns)
+                else:
+                    message.header.stamp = moved
+                record = record._replace(data=serialize_message(message))
+        yield record
+
+    copied(tmp_path / 'first', change)
+    steps = [
+        ClockStep(topic.removeprefix(PREFIX), number, stamp_ns, stamp_ns - by_ns)
+        for topic, (number, stamp_ns) in first.items()
+    ]
+    assert len(steps) == 4
+    kind = 'sensor_msgs/msg/TimeReference'
+    more = [
+        (f'{PREFIX}nav/clock', kind, serialize_message(clock_step_to_msg(step))) for step in steps
+    ]
+    bag = open_bag(copied(tmp_path / 'stepped', change, more=more))
+    assert load_arrays(bag) is None
+    found = replay(load_inputs(bag))
+    usual = replay(load_inputs(open_bag(copied(tmp_path / 'usual', lambda r, _: [r]))))
+    assert len(found.of('nav/state')) > 100
+    assert found.of('nav/state') == usual.of('nav/state')
+    damaged = [(f'{PREFIX}nav/clock', kind, make(kind, source='imu/data_raw'))]
+    with pytest.raises(BagError, match='nav/clock is damaged'):
+        load_inputs(open_bag(copied(tmp_path / 'damaged', change, more=damaged)))
