@@ -122,6 +122,9 @@ def test_a_step_of_all_clocks_changes_nothing_but_the_offset(world, events, by_s
     assert not refused(out)
     now_ns = events[-1].stamp_ns
     assert engine.clock.own_ns(now_ns) == now_ns + round(by_s * NS)
+    at_ns = now_ns + round(by_s * NS)
+    assert engine.clock.nearest_offset_ns(at_ns, now_ns) == -round(by_s * NS)
+    assert engine.clock.nearest_offset_ns(now_ns, now_ns) == 0
     (imu,) = [c for c in engine.clock.conditions(now_ns) if IMU in c.sentence]
     assert f'stepped by {by_s:+.3f} s' in imu.sentence
 
@@ -228,6 +231,9 @@ def test_a_packet_keeps_the_validity_of_its_senders_clock():
     step, one = clocks.take(fix)
     assert (step.topic, step.number, step.offset_ns) == ('acomms/rx', 7, -3600 * NS)
     assert (one.validity_ns, one.receive_ns, one.transmit_ns) == (1, NS // 5, 2 - 3600 * NS)
+    absolute = replace(fix, validity_ns=3600 * NS + NS // 5, topic='absolute/fix')
+    _, one = clocks.take(absolute)
+    assert one.validity_ns == one.receive_ns == NS // 5  # of this vehicle's own clock
 
 
 def test_one_ping_ahead_is_refused_and_waiting_ones_end_with_the_run():

@@ -7,11 +7,12 @@ navigation (:class:`OwnSession`); broadcasts are made in the same way from eithe
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 from typing import Any
 
 from nav_msgs.msg import Odometry
 
-from polar_nav_core.engine.events import Estimate, Output
+from polar_nav_core.engine.events import ClockStep, Estimate, Output
 from polar_nav_msgs.msg import NavState
 from polar_nav_ros import topics
 from polar_nav_ros.broadcasts import broadcast_to_msg
@@ -20,6 +21,7 @@ from polar_nav_ros.stamps import to_ns
 from polar_nav_ros.standard_outputs import odometry_of
 
 from . import convert
+from .broadcast import ArrayMeasurement
 from .leader import Leader
 from .navigation import LeaderEngine, state_of
 from .params import LeaderParams
@@ -98,12 +100,18 @@ class OwnSession(NavigationSession[LeaderParams]):
         self._state: LeaderState | None = None
         self._restarts = 0
 
-    def take(self, topic: str, message: Any) -> Iterator[Published]:  # noqa: ANN401
+    def take(
+        self,
+        topic: str,
+        message: Any,  # noqa: ANN401 - the topic's message type
+        arrival_ns: int | None = None,
+    ) -> Iterator[Published]:
         """Process one message; yields estimates, receipts and packets to publish."""
         if topic == topics.USBL:
-            self.leader.add_measurement(convert.measurement_from_msg(message))
+            measurement = convert.measurement_from_msg(message)
+            self.leader.add_measurement(self._in_engine_time(measurement))
         else:
-            yield from super().take(topic, message)
+            yield from super().take(topic, message, arrival_ns)
         yield from self._sender.due(self.reorder.newest_imu_ns)
 
     def flush(self) -> Iterator[Published]:
@@ -111,13 +119,27 @@ class OwnSession(NavigationSession[LeaderParams]):
         yield from super().flush()
         yield from self._sender.due(self.reorder.newest_imu_ns)
 
+    def _in_engine_time(self, measurement: ArrayMeasurement) -> ArrayMeasurement:
+        """A measurement with stamps of the engine's time, after the vehicle's clock stepped."""
+        now_ns = self.reorder.newest_imu_ns
+        offset_ns = self.engine.clock.nearest_offset_ns(measurement.return_ns, now_ns)
+        if not offset_ns:
+            return measurement
+        return replace(
+            measurement,
+            ping_ns=measurement.ping_ns + offset_ns,
+            validity_ns=measurement.validity_ns + offset_ns,
+            return_ns=measurement.return_ns + offset_ns,
+        )
+
     def odometry(self, state: NavState) -> Odometry:
-        """nav_msgs/Odometry of the newest state, with its rate."""
+        """nav_msgs/Odometry of the newest state, with its rate, by the vehicle's clock."""
         newest = self._state
         current = newest is not None and newest.stamp_ns == to_ns(state.header.stamp)
+        state = self.in_vehicle_time(state)
         return odometry_of(state, newest.omega_eb_b if newest is not None and current else None)
 
-    def _to_messages(self, results: Iterable[Output]) -> Iterator[Published]:
+    def _to_messages(self, results: Iterable[Output | ClockStep]) -> Iterator[Published]:
         for result in results:
             if isinstance(result, Estimate):
                 self._keep(result)

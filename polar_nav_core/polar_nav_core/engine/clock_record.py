@@ -50,6 +50,16 @@ class ClockRecord:
                 return stamp_ns - step.offset_ns
         return stamp_ns
 
+    def nearest_offset_ns(self, own_ns: int, now_ns: int | None) -> int:
+        """Engine time less stamp [ns] of a message by the IMU's clock, before or after its steps.
+
+        ``now_ns`` is the engine's time at which it came; None where there is none yet.
+        """
+        if now_ns is None:
+            return 0
+        offsets_ns = [0, *(step.offset_ns for step in self._steps if step.topic == self._imu)]
+        return min(reversed(offsets_ns), key=lambda offset_ns: abs(own_ns + offset_ns - now_ns))
+
     def conditions(self, stamp_ns: int) -> list[Condition]:
         """One condition for each topic whose clock stepped in the last minute before a stamp."""
         found: dict[str, Condition] = {}

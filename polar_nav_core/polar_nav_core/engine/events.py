@@ -147,6 +147,10 @@ class DepthSample(_Local):
     topic: str = 'depth/data'
 
 
+PACKETS = 'acomms/rx'
+"""Topic of fixes whose validity is of another vehicle's clock."""
+
+
 @dataclass(frozen=True, slots=True)
 class Fix:
     """One acoustic packet: delayed position of the follower's transponder, or why there is none.
@@ -193,7 +197,7 @@ class Fix:
     leader_sigma: float = 0.0
     leader_heading_sigma: float = 0.0
     polar: PolarFix | None = None
-    topic: str = 'acomms/rx'
+    topic: str = PACKETS
 
     @property
     def stamp_ns(self) -> int:
@@ -275,13 +279,15 @@ _E = TypeVar('_E', bound=Event)
 def shifted(event: _E, offset_ns: int) -> _E:
     """The same event with its stamps moved to the engine's time.
 
-    A fix keeps its validity, which is of its sender's clock.
+    A packet's validity stays: it is of its sender's clock.
     """
     if offset_ns == 0:
         return event
     if isinstance(event, Fix):
+        own = event.topic != PACKETS
         return replace(
             event,
+            validity_ns=event.validity_ns + (offset_ns if own else 0),
             receive_ns=event.receive_ns + offset_ns,
             transmit_ns=event.transmit_ns + offset_ns,
         )
