@@ -9,6 +9,7 @@
 | out odometry, nav/fix | nav_msgs/Odometry, sensor_msgs/NavSatFix | estimate |
 | out nav/receipt | polar_nav_msgs/FixReceipt | decision |
 | out nav/health | polar_nav_msgs/NavHealth | estimate, 1 Hz |
+| out nav/clock | sensor_msgs/TimeReference | a clock stepped |
 | out nav/command | polar_nav_msgs/Command | place in the order of events |
 | out nav/restore | polar_nav_msgs/Restore | the same; with a `state_file` |
 | out acomms/decoded | polar_nav_msgs/LeaderBroadcast | validity |

@@ -11,7 +11,7 @@ With ``navigation: odometry``, for which another node publishes the leader's pos
 | in odometry | nav_msgs/Odometry | validity |
 
 With ``navigation: own`` those of polar_nav_ros.navigation_ports (IMU, DVL and depth in; odometry,
-nav/state, nav/fix, nav/receipt and nav/command out), and
+nav/state, nav/fix, nav/receipt, nav/clock and nav/command out), and
 
 | in absolute/fix | sensor_msgs/NavSatFix | validity |
 """
