@@ -21,6 +21,7 @@ from .gap import add_gap_noise
 from .imu import hold_surroundings, imu_step, take_means
 from .model import E
 from .rows import depth_rows, dvl_rows, fix_rows
+from .scale import NOISY, calm_scale_rows
 from .state import Frames, Log, Past, Settings, State, Work
 from .transition import fill_transition
 from .update import MARKOV, USBL, N, is_positive_definite, predict
@@ -306,6 +307,8 @@ def fill_dvl(s: State, fr: Frames, c: Settings, w: Work, v_m: Array, R_m: Array)
         c.C_m_b,
         c.lever_dvl_b,
     )
+    if c.densities[1] * (1.0 + s.excess[0]) > NOISY:
+        calm_scale_rows(w.H, w.C_m_G, s.P, s.calm)
     if c.considers and s.previous_dt[0] > 0.0:
         for k in range(3):
             w.omega[k] = s.omega_ib_b[k] - s.b_gyro_b[k]

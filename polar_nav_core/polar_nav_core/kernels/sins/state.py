@@ -113,6 +113,7 @@ class State(NamedTuple):
     runs: Array  # (2, 4): refused in a row that agree, DVL and depth: number, newest value
     conflict: Array  # (6,): where refused fixes say that velocity and position are off (consider)
     excess: Array  # (1,): variance of the IMU's noise above the stated one, per stated one
+    calm: Array  # (4,): velocity that the DVL's scale is judged by (scale)
     model: Array  # (MODEL_ROWS, 7) where the vehicle's model takes part, else without rows
 
 
@@ -152,6 +153,7 @@ _SHAPES = {
     'runs': (2, 4),
     'conflict': (6,),
     'excess': (1,),
+    'calm': (4,),
 }
 FLAT = sum(int(np.prod(shape)) for shape in _SHAPES.values())
 NAVIGATION = 30
