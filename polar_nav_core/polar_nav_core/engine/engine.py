@@ -49,6 +49,7 @@ from .results import FixResult, Outcome, chi2_gate
 from .saved import SavedState
 from .sins.filter import NavigationFilter
 from .sins.fusion import Fusion
+from .sins.turned import weigh_refused
 from .sins.view import view_of
 from .station.fixes import dated
 from .station.fusion import StationFusion
@@ -350,6 +351,9 @@ class Engine:
             self._identified = self.adaptation.fix(fix, result.outcome, self.fusion)
         now_ns = self.fusion.stamp_ns
         first = self.ledger.decided(fix, fix, result, now_ns)
+        if isinstance(self.fusion, Fusion) and self._initial is not None:
+            sigma = self._initial.sigma_heading
+            self.resets += weigh_refused(self.fusion.filter, self.ledger, self.params, sigma)
         revised = (
             self.ledger.decided(other, fix, FixResult(outcome, 0), now_ns)
             for other, outcome in result.revised

@@ -6,6 +6,7 @@ from collections import Counter, deque
 from collections.abc import Sequence
 
 from ..kernels.sins.update import Ints
+from .disagreement import RefusedRow
 from .events import Array, Fix, Receipt, Verdict
 from .fix_record import FixRecord
 from .health.conditions import Condition, Culprit, Level
@@ -57,10 +58,19 @@ class FixLedger:
         self._last_validity_ns = 0
         self.received = 0
         self.integrity = IntegrityMonitor(params.max_gated_s)
+        self.refused_row = RefusedRow()
+        self._opened_ns: int | None = None
 
     def start_anew(self) -> None:
         """Reset the agreement of fixes with the estimate, after a reset of the filter."""
         self.integrity = IntegrityMonitor(self._params.max_gated_s)
+        self.refused_row.clear()
+        self._opened_ns = None
+
+    def opened(self, stamp_ns: int) -> None:
+        """Note that fixes are believed again from a stamp [ns] on: those before count no more."""
+        self.start_anew()
+        self._opened_ns = stamp_ns
 
     def packed(self) -> tuple[bytes, bytes]:
         """Fused and refused fixes as bytes, for `restore`."""
@@ -82,7 +92,7 @@ class FixLedger:
         self.received, self._fused[_FIX], self._last_validity_ns = fixes
 
     def conditions(self, stamp_ns: int) -> list[Condition]:
-        """Packets that nobody honest sends, received within the last minute before a stamp."""
+        """Packets that nobody honest sends, and fixes believed again, in the minute before."""
         found = []
         for verdict, (times, words) in self._suspicious.items():
             while times and times[0] < stamp_ns - _SUSPICION_NS:
@@ -91,6 +101,14 @@ class FixLedger:
                 key = f'packets {verdict.name}'
                 sentence = f'{len(times)} packets in a minute {words}'
                 found.append(Condition(key, Level.WARN, Culprit.FIXES, sentence))
+        if self._opened_ns is not None and stamp_ns < self._opened_ns + _SUSPICION_NS:
+            since_s = (stamp_ns - self._opened_ns) * 1e-9
+            sentence = (
+                f'fixes were refused until {since_s:.0f} s ago, turned against dead reckoning: '
+                'heading, gyro bias and DVL scale count as known no better than at the start'
+            )
+            culprit = Culprit.HEADING | Culprit.IMU | Culprit.FIXES
+            found.append(Condition('fixes reopened', Level.ERROR, culprit, sentence))
         return found
 
     def suspect(self, verdict: Verdict, stamp_ns: int) -> None:
@@ -142,10 +160,12 @@ class FixLedger:
             self._verdicts[before] -= 1
         if outcome.fused:
             self.integrity.fused(fix.validity_ns, cause.receive_ns)
+            self.refused_row.clear()
             self._fused[_FIX] += 1
             self._last_validity_ns = max(self._last_validity_ns, fix.validity_ns)
         else:
             self.integrity.gated(fix.validity_ns, cause.receive_ns, -outcome.z)
+            self.refused_row.add(fix, -outcome.z)
             self.suspect(refused_verdict(outcome), cause.receive_ns)
             self._fused[_FIX] -= revision > 0
         return decided_receipt(fix, cause, result, now_ns, revision, self._configuration)
@@ -172,6 +192,7 @@ class FixLedger:
         self._verdicts[Verdict.FUSED] += len(fixes)
         self._last_validity_ns = max(self._last_validity_ns, newest_ns)
         self.integrity.fused(newest_ns, fixes[-1].receive_ns)
+        self.refused_row.clear()
         for fix in fixes:
             self.remember(fix, fix.validity_ns, fused=True)
         return fused_receipts(fixes, outcomes, notes, gate, self._configuration)

@@ -1,0 +1,197 @@
+"""Refused fixes that show a dead reckoning that is wrong, and not fixes that are displaced.
+
+A filter can lock on to a wrong heading, gyro bias or DVL scale, with a covariance that denies it;
+the gate then refuses true fixes for good. What such an error does to dead reckoning has a shape:
+the track is turned and stretched, and the turn grows with time. Fixes that are displaced, drift or
+scatter lack that shape, or ask for a turn that the instruments as stated at the start cannot have.
+So the last refused fixes in a row are weighed twice: against an offset alone, and against dead
+reckoning as uncertain as if nothing had been learnt yet.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .events import Array, Fix
+from .results import chi2_gate
+
+Complex: TypeAlias = NDArray[np.complex128]
+"""East + i north."""
+
+FEWEST = 10
+"""Refused fixes in a row that are weighed."""
+_CERTAIN = 0.9999
+"""Chi-square probability beyond which an explanation is none."""
+_MUCH_WORSE = 2.0
+"""An offset alone must miss that quantile by this factor: the turn is to be seen, not guessed."""
+_ENLARGED = 4.0
+"""Factor on the variances that the fit finds: it has its own linearization."""
+_STARTS = np.deg2rad([0.0, 60.0, -60.0, 120.0, -120.0, 180.0])
+"""Turns that the search begins with, as far as heading is stated to be off."""
+_STEPS = 15
+MOST_HEADING = math.pi / math.sqrt(3.0)
+"""Sigma of a heading of which nothing is known [rad]."""
+
+
+@dataclass(frozen=True)
+class Unlearnt:
+    """Sigmas of dead reckoning as stated at the start: the filter may have learnt wrongly.
+
+    Attributes
+    ----------
+    heading : float
+        [rad].
+    scale : float
+        Of the DVL.
+    gyro_bias : float
+        [rad/s].
+    """
+
+    heading: float
+    scale: float
+    gyro_bias: float
+
+
+@dataclass(frozen=True)
+class Turn:
+    """Turn of the estimated track into that of the fixes, counterclockwise from above.
+
+    Attributes
+    ----------
+    angle, rate : float
+        At the newest fix [rad], and its growth [rad/s].
+    covariance : (2, 2) array
+        Of both.
+    distance : float
+        Root mean square of the horizontal distances of the fixes from the estimate [m].
+    """
+
+    angle: float
+    rate: float
+    covariance: Array
+    distance: float
+
+
+@dataclass(frozen=True)
+class Refused:
+    """A refused fix: validity, position and covariance (ECEF), and fix minus estimate (grid)."""
+
+    validity_ns: int
+    r_e: Array
+    covariance_e: Array
+    offset_G: Array
+
+
+class RefusedRow:
+    """The newest fixes that were refused in a row."""
+
+    def __init__(self) -> None:
+        self._row: deque[Refused] = deque(maxlen=FEWEST)
+
+    def add(self, fix: Fix, offset_G: Array) -> None:
+        """Append a refused fix; ``offset_G`` (3,) is fix minus estimate at its validity [m]."""
+        self._row.append(Refused(fix.validity_ns, fix.r_e, fix.covariance_e, offset_G))
+
+    def clear(self) -> None:
+        """Begin a new row: a fix was used, or the covariance enlarged."""
+        self._row.clear()
+
+    def turn(self, C_e_G: Array, sigmas: Unlearnt) -> Turn | None:
+        """Turn of dead reckoning that explains the row; None if an offset does, or nothing."""
+        if len(self._row) < FEWEST:
+            return None
+        return turn_of(sorted(self._row, key=lambda r: r.validity_ns), C_e_G, sigmas)
+
+
+def turn_of(row: list[Refused], C_e_G: Array, sigmas: Unlearnt) -> Turn | None:
+    """Turn of dead reckoning that explains fixes; None where an offset does, or nothing.
+
+    Parameters
+    ----------
+    row : list of Refused
+        In the order of validity.
+    C_e_G : (3, 3) array
+        ECEF to grid axes.
+    sigmas : Unlearnt
+    """
+    offset_G = np.array([r.offset_G for r in row])
+    fixes_G = np.array([C_e_G @ (r.r_e - row[0].r_e) for r in row])
+    offset, fixes = _complex(offset_G), _complex(fixes_G)
+    time_s = np.array([(r.validity_ns - row[-1].validity_ns) * 1e-9 for r in row])
+    variances = [np.trace((C_e_G @ r.covariance_e @ C_e_G.T)[:2, :2]) / 2.0 for r in row]
+    sigma = np.sqrt(np.array(variances))
+    limit = chi2_gate(_CERTAIN, 2 * len(row) - 2)
+    if not np.sum(np.abs(_centred(offset, sigma) / sigma) ** 2) > _MUCH_WORSE * limit:
+        return None
+    fit = _Fit(fixes, fixes - offset, time_s, sigma, sigmas)
+    found = [fit.search(start) for start in _STARTS if abs(start) <= 3.0 * sigmas.heading]
+    chi2, x, covariance = min(found, key=lambda f: f[0])
+    if not chi2 < limit:
+        return None
+    distance = float(np.sqrt(np.mean(np.abs(offset) ** 2)))
+    return Turn(float(x[1]), float(x[2]), _ENLARGED * covariance[1:, 1:], distance)
+
+
+class _Fit:
+    """Least squares of a turned and stretched track on fixes, with stated sigmas as priors.
+
+    fixes = offset + sum of g exp(i (angle + rate t)) times the pieces of the track.
+    """
+
+    def __init__(
+        self, fixes: Complex, track: Complex, time_s: Array, sigma: Array, sigmas: Unlearnt
+    ) -> None:
+        self._fixes, self._sigma = fixes, sigma
+        self._pieces = np.diff(track)
+        self._middle_s = 0.5 * (time_s[1:] + time_s[:-1])
+        tiny = 1e-12
+        self._prior = np.maximum([sigmas.scale, sigmas.heading, sigmas.gyro_bias], tiny)
+
+    def _turned(self, x: Array) -> tuple[Array, Array]:
+        """Residuals [sigma] and their derivatives by logarithm of g, angle, rate; offset out."""
+        pieces = self._pieces * np.exp(x[0] + 1j * (x[1] + x[2] * self._middle_s))
+        track, growing = _sums(pieces), _sums(pieces * self._middle_s)
+        r = _centred(self._fixes - track, self._sigma) / self._sigma
+        slopes = [
+            _centred(d, self._sigma) / self._sigma for d in (track, 1j * track, 1j * growing)
+        ]
+        return _pair(r), np.column_stack([_pair(d) for d in slopes])
+
+    def search(self, start: float) -> tuple[float, Array, Array]:
+        """Chi-square, parameters (3,) and covariance (3, 3) from a turn [rad] to begin with."""
+        x: Array = np.array([0.0, start, 0.0])
+        weights = np.diag(self._prior**-2)
+        for _ in range(_STEPS):
+            r, J = self._turned(x)
+            x = x + np.linalg.solve(J.T @ J + weights, J.T @ r - weights @ x)
+            x[0] = min(max(x[0], -1.0), 1.0)
+        r, J = self._turned(x)
+        chi2 = float(r @ r + np.sum((x / self._prior) ** 2))
+        return chi2, x, np.asarray(np.linalg.inv(J.T @ J + weights))
+
+
+def _sums(pieces: Complex) -> Complex:
+    """Sums of the first 0, 1, 2 ... pieces."""
+    return np.concatenate([np.zeros(1, dtype=np.complex128), np.cumsum(pieces)])
+
+
+def _complex(rows: Array) -> Complex:
+    """East + i north of rows (n, 3) in grid axes."""
+    return np.asarray(rows[:, 0] + 1j * rows[:, 1])
+
+
+def _centred(z: Complex, sigma: Array) -> Complex:
+    """Complex numbers less their weighted mean."""
+    weights = sigma**-2
+    return np.asarray(z - np.sum(weights * z) / np.sum(weights))
+
+
+def _pair(z: Complex) -> Array:
+    """Real parts, then imaginary ones."""
+    return np.concatenate([np.real(z), np.imag(z)])

@@ -1,0 +1,75 @@
+"""A strapdown navigation whose heading refused fixes have shown to be wrong: turned, and unsure.
+
+See engine.disagreement for what they must show.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ...error_model import X
+from ...kernels.sins import update as kf
+from ..disagreement import MOST_HEADING, Turn, Unlearnt
+from ..ledger import FixLedger
+from ..params import EngineParams
+from .filter import NavigationFilter
+
+
+def weigh_refused(
+    f: NavigationFilter, ledger: FixLedger, p: EngineParams, sigma_heading: float
+) -> bool:
+    """Whether refused fixes show a wrong heading; the state is turned and P enlarged then.
+
+    The fixes to come are judged by that; those refused stay refused.
+
+    Parameters
+    ----------
+    f : NavigationFilter
+    ledger : FixLedger
+    p : EngineParams
+        For the sigmas of the start; nothing is done where ``reopen_after_s`` is 0.
+    sigma_heading : float
+        Of the start [rad].
+    """
+    if not p.reopen_after_s:
+        return False
+    heading = min(sigma_heading, MOST_HEADING)
+    turn = ledger.refused_row.turn(
+        f.C_e_G, Unlearnt(heading, p.dvl_scale_sigma, p.gyro_bias_sigma)
+    )
+    if turn is None:
+        return False
+    turn_state(f, turn, p.dvl_scale_sigma)
+    ledger.opened(f.stamp_ns)
+    return True
+
+
+def turn_state(f: NavigationFilter, turn: Turn, scale_sigma: float) -> None:
+    """Turn attitude and velocity about up, change the gyro bias, and enlarge the covariance.
+
+    Heading and scale become uncertain together with the velocity, as a DVL cannot show them
+    (measurements.md, 1): the pings to come reduce nothing of it.
+    """
+    P, x, up_b = f.P, np.zeros(kf.N), f.C_b_G[2].copy()
+    s, c = math.sin(turn.angle), math.cos(turn.angle)
+    v_x, v_y, _ = f.v_G
+    x[X.phi_G] = 0.0, 0.0, turn.angle
+    x[X.dv_G] = v_x - (c * v_x - s * v_y), v_y - (s * v_x + c * v_y), 0.0
+    x[X.b_gyro_b] = -turn.rate * up_b
+    before = P.copy()  # velocity goes round the arc: nothing nonlinear is left
+    f.feed_back(x)
+    P[:] = before
+    moved = np.zeros((kf.N, 2))
+    moved[X.phi_G, 0] = 0.0, 0.0, 1.0
+    moved[X.dv_G, 0] = f.v_G[1], -f.v_G[0], 0.0
+    moved[X.b_gyro_b, 1] = -up_b
+    P += moved @ turn.covariance @ moved.T
+    C_m_G = f.C_b_G @ f.settings.C_m_b
+    stretched = np.zeros((kf.N, 3))
+    stretched[X.dv_G] = C_m_G * (C_m_G.T @ f.v_G)
+    stretched[X.dvl_scale_m] = np.diag(1.0 + f.dvl_scale_m)
+    P += scale_sigma**2 * stretched @ stretched.T
+    P[X.dr_e, X.dr_e] += turn.distance**2 * f.C_e_G[:2].T @ f.C_e_G[:2]
+    P[:] = 0.5 * (P + P.T)
