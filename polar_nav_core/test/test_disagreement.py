@@ -7,6 +7,7 @@ from closed_loop import World, inputs_of
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.disagreement import Refused, Unlearnt, turn_of
 from polar_nav_core.engine.events import Verdict
+from polar_nav_core.engine.health.heading import heading_unknown
 from polar_nav_core.engine.health.watchdog import Level
 
 MEMS = Unlearnt(heading=0.6, scale=0.03, gyro_bias=0.01)
@@ -124,3 +125,10 @@ def test_whole_runs_turn_as_nodes_do(world, handling):
     np.testing.assert_array_equal(whole.track.r_e, single.track.r_e)
     assert whole.health == single.health
     assert whole.health[-1].resets >= 1
+
+
+def test_an_unknown_heading_is_an_error_until_fixes_have_shown_it():
+    assert not heading_unknown(0.5, 0.5, 0)
+    assert [c.level for c in heading_unknown(1.8, 0.01, 5)] == [Level.ERROR]
+    assert heading_unknown(1.8, 0.3, 50)
+    assert not heading_unknown(1.8, 0.01, 40)

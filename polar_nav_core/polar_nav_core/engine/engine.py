@@ -7,6 +7,7 @@ order: `reorder.py` sees to it live, `replay` sorts the bag.
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
@@ -33,7 +34,8 @@ from .events import (
     Receipt,
     Verdict,
 )
-from .health.conditions import Culprit, Health, Level
+from .health.conditions import Condition, Culprit, Health, Level
+from .health.heading import UNKNOWN, heading_unknown
 from .health.station import StationWatchdog
 from .health.watchdog import Envelope, Watchdog, doubts_local
 from .integrity import Integrity, held, out_of_reach
@@ -276,10 +278,18 @@ class Engine:
             found += self.restored.conditions(self.fusion.stamp_ns)
             found += self.ledger.integrity.moved
             found += self.clock.conditions(self.fusion.stamp_ns)
+            found += self._heading_unknown(self.fusion)
             resets = self.resets + self.restored.count
             view = view_of(self.fusion, self.fusion.stamp_ns, resets)
             self.health = self._watchdog.look(view, found)
         return self.health
+
+    def _heading_unknown(self, fusion: Fusion) -> list[Condition]:
+        at_start = 0.0 if self._initial is None else self._initial.sigma_heading
+        if at_start < UNKNOWN:
+            return []
+        now = math.sqrt(fusion.filter.published_P[2, 2])
+        return heading_unknown(at_start, now, self.fix_counts()[1])
 
     def _control(self, sample: ControlSample) -> None:
         self._thrust = sample
