@@ -362,8 +362,10 @@ class Engine:
         now_ns = self.fusion.stamp_ns
         first = self.ledger.decided(fix, fix, result, now_ns)
         if isinstance(self.fusion, Fusion) and self._initial is not None:
-            sigma = self._initial.sigma_heading
-            self.resets += weigh_refused(self.fusion.filter, self.ledger, self.params, sigma)
+            row, sigma = self.ledger.refused_row, self._initial.sigma_heading
+            if weigh_refused(self.fusion.filter, row, self.params, sigma):
+                self.ledger.opened(now_ns)
+                self.resets += 1
         revised = (
             self.ledger.decided(other, fix, FixResult(outcome, 0), now_ns)
             for other, outcome in result.revised

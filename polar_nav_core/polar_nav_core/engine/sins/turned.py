@@ -11,14 +11,13 @@ import numpy as np
 
 from ...error_model import X
 from ...kernels.sins import update as kf
-from ..disagreement import MOST_HEADING, Turn, Unlearnt
-from ..ledger import FixLedger
+from ..disagreement import MOST_HEADING, RefusedRow, Turn, Unlearnt
 from ..params import EngineParams
 from .filter import NavigationFilter
 
 
 def weigh_refused(
-    f: NavigationFilter, ledger: FixLedger, p: EngineParams, sigma_heading: float
+    f: NavigationFilter, row: RefusedRow, p: EngineParams, sigma_heading: float
 ) -> bool:
     """Whether refused fixes show a wrong heading; the state is turned and P enlarged then.
 
@@ -27,7 +26,7 @@ def weigh_refused(
     Parameters
     ----------
     f : NavigationFilter
-    ledger : FixLedger
+    row : RefusedRow
     p : EngineParams
         For the sigmas of the start; nothing is done where ``reopen_after_s`` is 0.
     sigma_heading : float
@@ -36,13 +35,10 @@ def weigh_refused(
     if not p.reopen_after_s:
         return False
     heading = min(sigma_heading, MOST_HEADING)
-    turn = ledger.refused_row.turn(
-        f.C_e_G, Unlearnt(heading, p.dvl_scale_sigma, p.gyro_bias_sigma)
-    )
+    turn = row.turn(f.C_e_G, Unlearnt(heading, p.dvl_scale_sigma, p.gyro_bias_sigma))
     if turn is None:
         return False
     turn_state(f, turn, p.dvl_scale_sigma)
-    ledger.opened(f.stamp_ns)
     return True
 
 
