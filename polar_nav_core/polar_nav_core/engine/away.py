@@ -1,28 +1,132 @@
 """Growth of a covariance over the time that a vehicle was not navigated.
 
-The velocity is held. What the vehicle may have done meanwhile is an acceleration that was constant
-over that time, so that its effects on velocity and position go together; and a turn.
+A vehicle that was turning goes on turning, and ends that some time; another one may begin to. It
+goes where it points: heading, velocity and path are off together, so that the first fixes after
+the restart correct the heading, too.
 """
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 
 from .events import Array
 
+TURN_OVER_S = 2.0
+"""The rate of turn is the mean of so long before the state was saved [s]."""
+TURN_LASTS_S = 20.0
+"""Mean time that a turn still lasts [s]: a quarter turn of 30 m at 2 m/s takes 24 s."""
 TURN_RATE = 0.02
-"""1-sigma of the mean rate of turn while away [rad/s]."""
+"""1-sigma of the mean rate of a turn that nothing announced [rad/s]. Not more: a linear filter
+with a heading that is uncertain by half a radian becomes sure of a wrong one."""
+MOST_TURN = 1.0
+"""A larger sigma of heading is none of a filter of small angles [rad]."""
 SWING_TILT, SWING_HEADING, SWING_S = 0.1, 0.05, 0.5
 """1-sigma by which a vehicle in waves swings about its mean attitude [rad], and how long it takes
-until where it was in that says nothing [s]."""
+until where it was in that is no information [s]."""
 ACCELERATION = 0.02
 """1-sigma of the mean acceleration along the way and up [m/s^2]."""
-MOST_TURN = 0.5
-"""A larger sigma of heading is none of a filter of small angles [rad]."""
+_LEAST_SPEED = 0.3
+_MOST_RATE = 0.3
+_PIECES = 100
 
 
-def grow(P: Array, v: slice, r: slice, turn_to_r: Array, speed: float, away_s: float) -> None:
-    """Add the variances of an unknown acceleration to velocity and position, in place.
+class Rows(NamedTuple):
+    """States of attitude [rad], velocity [m/s] and position [m] in a covariance."""
+
+    phi: slice
+    v: slice
+    r: slice
+
+
+def turn_rate(before_G: Array, v_G: Array, dt: float) -> float:
+    """Rate of turn of a track [rad/s] about up, from two velocities dt [s] apart; at most 0.3.
+
+    0 for a vehicle slower than 0.3 m/s, whose velocity does not show its heading.
+    """
+    if min(np.hypot(before_G[0], before_G[1]), np.hypot(v_G[0], v_G[1])) < _LEAST_SPEED:
+        return 0.0
+    sine = before_G[0] * v_G[1] - before_G[1] * v_G[0]
+    angle = np.arctan2(sine, before_G[:2] @ v_G[:2])
+    return float(np.clip(angle / dt, -_MOST_RATE, _MOST_RATE))
+
+
+def held_turn(rate: float, away_s: float) -> tuple[Array, Array]:
+    """Rotation (3, 3) about up by a turn that dies out, and its integral over the time away [s].
+
+    Parameters
+    ----------
+    rate : float
+        Rate of turn at the begin [rad/s].
+    away_s : float
+        [s].
+    """
+    rate = float(np.clip(rate, -_MOST_RATE, _MOST_RATE))
+    middles = (np.arange(_PIECES) + 0.5) / _PIECES * away_s
+    turned = -rate * TURN_LASTS_S * np.expm1(-np.append(middles, away_s) / TURN_LASTS_S)
+    cosines, sines = np.cos(turned), np.sin(turned)
+    return (
+        _about_up(cosines[-1], sines[-1], 1.0),
+        away_s * _about_up(cosines[:-1].mean(), sines[:-1].mean(), 1.0),
+    )
+
+
+def _about_up(c: float, s: float, up: float) -> Array:
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, up]])
+
+
+def turn_variance(away_s: float) -> float:
+    """Variance of heading [rad^2] by a turn that begins or ends while away."""
+    return float(min(TURN_RATE * away_s, MOST_TURN) ** 2)
+
+
+def add_turn(
+    P: Array, rows: Rows, C_G_r: Array, v_G: Array, variance: float, away_s: float
+) -> None:
+    """Add the variances of an unknown turn to attitude, velocity and position, in place.
+
+    The heading is a random walk h(t) whose variance at the end is V: the way abeam is the speed
+    times the integral of h, with variance V t^2 / 3 and covariance V t / 2 with h(t). Velocity
+    along the way is off by speed x h^2 / 2, which has the variance 3/4 V^2 speed^2.
+
+    Parameters
+    ----------
+    P : (n, n) array
+        Covariance, its position already carried on by the velocity.
+    rows : Rows
+    C_G_r : (3, 3) array
+        Grid axes to the axes of the position.
+    v_G : (3,) array
+        Velocity at the end [m/s].
+    variance : float
+        V [rad^2].
+    away_s : float
+        t [s].
+    """
+    # Attitude and velocity are estimate minus truth: a vehicle turned by h has phi = h.
+    abeam_G = np.array([v_G[1], -v_G[0], 0.0])
+    bent_G = np.sqrt(0.75 * variance) * np.array([v_G[0], v_G[1], 0.0])
+    for tilt, off_G in ((1.0, abeam_G), (0.0, bent_G)):
+        now, path = np.zeros(len(P)), np.zeros(len(P))
+        now[rows.phi.stop - 1] = tilt
+        now[rows.v] = off_G
+        path[rows.r] = C_G_r @ off_G * away_s
+        both = np.outer(now, path)
+        P += variance * (np.outer(now, now) + 0.5 * (both + both.T) + np.outer(path, path) / 3.0)
+
+
+def add_swing(P: Array, phi: slice, away_s: float) -> None:
+    """Add the variances by which a vehicle in waves swings meanwhile, in place."""
+    swung = -np.expm1(-away_s / SWING_S)
+    sigma = swung * np.array([SWING_TILT, SWING_TILT, SWING_HEADING])
+    P[phi, phi] += np.diag(sigma**2)
+
+
+def add_acceleration(
+    P: Array, v: slice, r: slice, turn_to_r: Array, sigma: float, away_s: float
+) -> None:
+    """Add the variances of an unknown constant acceleration to velocity and position, in place.
 
     Parameters
     ----------
@@ -32,22 +136,13 @@ def grow(P: Array, v: slice, r: slice, turn_to_r: Array, speed: float, away_s: f
         Three states of velocity [m/s] and three of position [m].
     turn_to_r : (3, 3) array
         Axes of the velocity to axes of the position.
-    speed : float
-        Of the vehicle over ground [m/s].
+    sigma : float
+        Of the acceleration on each axis [m/s^2].
     away_s : float
         [s].
     """
-    sigma = np.hypot(ACCELERATION, speed * TURN_RATE)
     P[v, v] += np.eye(3) * (sigma * away_s) ** 2
     P[r, r] += np.eye(3) * (0.5 * sigma * away_s**2) ** 2
     cross = 0.5 * sigma**2 * away_s**3 * turn_to_r
     P[r, v] += cross
     P[v, r] += cross.T
-
-
-def attitude_variances(away_s: float) -> Array:
-    """Variances (3,) of tilt and heading that are added [rad^2]."""
-    swung = -np.expm1(-away_s / SWING_S)
-    tilt = SWING_TILT * swung
-    turn = min(float(np.hypot(SWING_HEADING * swung, TURN_RATE * away_s)), MOST_TURN)
-    return np.array([tilt**2, tilt**2, turn**2])

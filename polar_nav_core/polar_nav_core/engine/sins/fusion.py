@@ -17,6 +17,7 @@ from ...kernels.sins import events as fe
 from ...kernels.sins import rows as filter_rows
 from ...kernels.sins import state as fs
 from ...kernels.sins import update as kf
+from ..away import TURN_OVER_S, turn_rate
 from ..driver import Driver
 from ..events import (
     Array,
@@ -157,7 +158,16 @@ class Fusion:
 
     def saved(self, fixes: tuple[int, int, int], records: tuple[bytes, bytes]) -> SavedState:
         """State as it is now, with its fixes, to go on from after a restart."""
-        return save_state(self.filter.state, fixes, records)
+        return save_state(self.filter.state, self._turn_rate(), fixes, records)
+
+    def _turn_rate(self) -> float:
+        """Mean rate at which the track turned in the last seconds [rad/s], about up."""
+        f = self.filter
+        before = f.history.before(f.stamp_ns - round(TURN_OVER_S * 1e9))
+        if before is None:
+            return 0.0
+        dt = (f.stamp_ns - before.stamp_ns) * 1e-9
+        return turn_rate(f.C_e_G @ before.velocity_e, f.v_G, dt)
 
     def height(self) -> float:
         """Height of the vehicle above the ellipsoid [m]."""

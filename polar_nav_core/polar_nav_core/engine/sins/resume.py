@@ -11,7 +11,15 @@ from ...error_model import X
 from ...kernels.sins import state as fs
 from ...kernels.sins import update as kf
 from ...order import FIX_ROW
-from ..away import attitude_variances, grow
+from ..away import (
+    ACCELERATION,
+    Rows,
+    add_acceleration,
+    add_swing,
+    add_turn,
+    held_turn,
+    turn_variance,
+)
 from ..events import Array
 from ..params import EngineParams
 from ..saved import SavedState, layout_problem
@@ -20,13 +28,14 @@ _NAMES = (
     'C_b_G', 'v_G', 'r_e', 'b_gyro_b', 'b_accel_b', 'dvl_scale_m', 'dvl_markov_m', 'usbl_bias_a',
     'P', 'sensitivity', 'model',
 )  # fmt: skip
+_TURN = 'turn'
 LAYOUT = 'sins 24'
 
 
 def save_state(
-    s: fs.State, fixes: tuple[int, int, int], records: tuple[bytes, bytes]
+    s: fs.State, turn_rate: float, fixes: tuple[int, int, int], records: tuple[bytes, bytes]
 ) -> SavedState:
-    """State of a filter as it is now, with its fixes."""
+    """State of a filter as it is now, with the rate of turn of its track [rad/s] and its fixes."""
     latitude, longitude, height = (float(x) for x in earth.geodetic_from_ecef(s.r_e))
     psi, pitch, roll = (float(x) for x in attitude.euler_from_matrix(s.C_b_G))
     C_e_G = grid.ecef_to_grid(s.r_e)
@@ -48,7 +57,10 @@ def save_state(
         sigma_heading=_sigma(tilt[2:], 1e-9, 3.0),
         stamp_ns=int(s.counters[fs.STAMP]),
         layout=LAYOUT,
-        values={name: getattr(s, name).copy() for name in _NAMES},
+        values={
+            **{name: getattr(s, name).copy() for name in _NAMES},
+            _TURN: np.array([turn_rate]),
+        },
         fixes=fixes,
         records=records,
     )
@@ -61,7 +73,8 @@ def _sigma(variances: Array, low: float, high: float) -> float:
 def problem_of(saved: SavedState, *, model: bool) -> str:
     """Sentence about a saved state that a filter cannot start from; empty if it can."""
     like = fs.make_state(model=model)
-    problem = layout_problem(saved, LAYOUT, {n: getattr(like, n).shape for n in _NAMES})
+    shapes = {n: getattr(like, n).shape for n in _NAMES}
+    problem = layout_problem(saved, LAYOUT, {**shapes, _TURN: (1,)})
     if problem:
         return problem
     C, P = saved.values['C_b_G'], saved.values['P']
@@ -83,11 +96,15 @@ def resume(s: fs.State, p: EngineParams, saved: SavedState, stamp_ns: int) -> No
     if len(s.model):
         s.model[fs.THRUST] = 0.0
     away_s = saved.away_s(stamp_ns)
-    speed = float(np.linalg.norm(s.v_G))
     C_G_e = grid.ecef_to_grid(s.r_e).T
-    s.r_e[:] += C_G_e @ s.v_G * away_s
+    turned, path = held_turn(float(saved.values[_TURN][0]), away_s)
+    s.r_e[:] += C_G_e @ path @ s.v_G
+    s.v_G[:] = turned @ s.v_G
+    s.C_b_G[:] = turned @ s.C_b_G
     F = np.eye(kf.N)
-    F[X.dr_e, X.dv_G] = C_G_e * away_s
+    F[X.phi_G, X.phi_G] = turned
+    F[X.dv_G, X.dv_G] = turned
+    F[X.dr_e, X.dv_G] = C_G_e @ path
     decay = math.exp(-away_s / p.dvl_markov_tau)
     markov = slice(kf.MARKOV, kf.MARKOV + 3)
     F[markov, markov] *= decay
@@ -96,8 +113,10 @@ def resume(s: fs.State, p: EngineParams, saved: SavedState, stamp_ns: int) -> No
     s.sensitivity[:] = F @ s.sensitivity
     if len(s.model):
         s.model[fs.P_XE : fs.P_EE] = 0.0
-    grow(s.P, X.dv_G, X.dr_e, C_G_e, speed, away_s)
-    s.P[X.phi_G, X.phi_G] += np.diag(attitude_variances(away_s))
+    rows = Rows(X.phi_G, X.dv_G, X.dr_e)
+    add_turn(s.P, rows, C_G_e, s.v_G, turn_variance(away_s), away_s)
+    add_swing(s.P, X.phi_G, away_s)
+    add_acceleration(s.P, X.dv_G, X.dr_e, C_G_e, ACCELERATION, away_s)
     s.P[markov, markov] += np.eye(3) * p.dvl_markov_sigma**2 * (1.0 - decay**2)
     for states, walk in ((X.b_gyro_b, p.gyro_bias_walk), (X.b_accel_b, p.accel_bias_walk)):
         s.P[states, states] += np.eye(3) * walk**2 * away_s

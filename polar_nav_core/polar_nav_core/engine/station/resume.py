@@ -8,7 +8,7 @@ import numpy as np
 
 from ... import attitude, earth, grid
 from ...kernels.station import state as ss
-from ..away import grow
+from ..away import ACCELERATION, TURN_RATE, add_acceleration
 from ..events import Array
 from ..saved import SavedState, layout_problem
 
@@ -101,11 +101,11 @@ def resume(b: ss.Bank, c: ss.Settings, C_b_G: Array, saved: SavedState, stamp_ns
     if not c.published:
         for k in range(2):
             F[ss.POSITION + k, ss.CURRENT + k] = away_s
-    speed = float(np.linalg.norm(v_G))
+    sigma = math.hypot(ACCELERATION, float(np.linalg.norm(v_G)) * TURN_RATE)
     walks = ((ss.DRAG, c.q_drag), (ss.SHARE, c.q_drag), (ss.HEADING, c.q_heading))
     for P in b.P:
         P[:] = F @ P @ F.T
-        grow(P, velocity, position, C_b_A, speed, away_s)
+        add_acceleration(P, velocity, position, C_b_A, sigma, away_s)
         if not c.published:
             for state, density in walks:
                 P[state, state] += density * away_s
