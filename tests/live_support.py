@@ -55,12 +55,12 @@ def processes_with(text: str) -> dict[int, str]:
 class RunningDemo:
     """A demo that goes on, with its output."""
 
-    def __init__(self, folder: Path, *arguments: str) -> None:
+    def __init__(self, folder: Path, *arguments: str, command: str = 'demo') -> None:
         self.bag = folder / 'bag'
         self.stderr_file = folder / 'stderr.txt'
         with self.stderr_file.open('wb') as stderr:
             self.process = subprocess.Popen(
-                [*TOOL, 'demo', '--bag', str(self.bag), *arguments],
+                [*TOOL, command, '--bag', str(self.bag), *arguments],
                 stdout=subprocess.PIPE,
                 stderr=stderr,
                 cwd=folder,

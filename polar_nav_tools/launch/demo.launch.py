@@ -36,7 +36,7 @@ from polar_nav_tools.graph.spec import NodeSpec, Stage
 from polar_nav_tools.live.domain import node_surroundings
 from polar_nav_tools.live.node_process import NodeEnd
 from polar_nav_tools.live.run import RunFailed, new_bag_path, prepare_graph, read_mission
-from polar_nav_tools.live.supervisor import ORDERLY
+from polar_nav_tools.live.supervisor import ORDERLY, RESPAWN_DELAY_S
 
 T = TypeVar('T')
 
@@ -106,6 +106,7 @@ def _graph(context: LaunchContext) -> list[LaunchDescriptionEntity]:
     folder = Path(bag) if bag else new_bag_path(Path('bags'), mission.name, seed, datetime.now())
     options = GraphOptions(
         pace=value('pace'),
+        respawn=value('pace') == 'realtime',
         seed=seed,
         configuration=value('configuration'),
         leader=value('leader'),
@@ -138,6 +139,8 @@ def _action(spec: NodeSpec) -> Node:
         output='screen',
         sigterm_timeout=str(ORDERLY.after_sigint_s),
         sigkill_timeout=str(ORDERLY.after_sigterm_s),
+        respawn=spec.respawns,
+        respawn_delay=RESPAWN_DELAY_S,
     )
 
 
@@ -150,8 +153,10 @@ def _order_of_the_end(
     ended: list[Node] = []
     failures: list[str] = []
 
-    def on_exit(event: ProcessExited, context: LaunchContext) -> EmitEvent:
+    def on_exit(event: ProcessExited, context: LaunchContext) -> EmitEvent | None:
         spec, status = specs[event.action], event.returncode
+        if spec.respawns and not ended and not context.is_shutdown:
+            return None  # it is started again
         how = f'node {spec.full_name} {NodeEnd(spec.full_name, status, (), "").how()}'
         if context.is_shutdown:
             if status not in (0, -signal.SIGINT):

@@ -6,10 +6,12 @@ import subprocess
 import sys
 import textwrap
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
+import polar_nav_tools.live.supervisor as supervisor_module
 from polar_nav_tools.graph.spec import NodeSpec, Stage
 from polar_nav_tools.live.supervisor import RunStatus, Supervisor
 
@@ -141,6 +143,56 @@ def test_a_node_that_dies_before_it_is_ready_fails_the_run(tmp_path, fake):
     specs = fake('truth', FIRST, Stage.TRUTH), fake('broken', broken)
     outcome = run(tmp_path, *specs, truth_last=True)
     assert 'node /vehicle/broken exited with status 4' in outcome.sentence
+
+
+AGAIN = """
+    import os, signal, time
+    from pathlib import Path
+    def main():
+        stopped = []
+        signal.signal(signal.SIGINT, lambda *_: stopped.append(1))
+        lives = Path(__file__).with_name('lives')
+        with lives.open('a') as file:
+            file.write('.')
+        if len(lives.read_text()) < 3:
+            os.kill(os.getpid(), signal.SIGKILL)
+        while not stopped:
+            time.sleep(0.01)
+        return 0
+"""
+PATIENT_TRUTH = """
+    import time
+    from pathlib import Path
+    def main():
+        lives = Path(__file__).with_name('lives')
+        while not lives.exists() or len(lives.read_text()) < 3:
+            time.sleep(0.01)
+"""
+
+
+def test_a_node_that_respawns_is_started_again_and_named(tmp_path, fake):
+    said = []
+    outcome = run(
+        tmp_path,
+        fake('truth', PATIENT_TRUTH, Stage.TRUTH),
+        replace(fake('again', AGAIN, Stage.FOLLOWER), respawns=True),
+        on_problem=said.append,
+        respawn_delay_s=0.05,
+    )
+    assert outcome.status is RunStatus.COMPLETED
+    assert said == ['node /vehicle/again was killed by SIGKILL: it is started again'] * 2
+
+
+def test_a_node_that_dies_again_and_again_fails_the_run(tmp_path, fake, monkeypatch):
+    monkeypatch.setattr(supervisor_module, 'MOST_RESPAWNS', 1)
+    outcome = run(
+        tmp_path,
+        fake('truth', ENDLESS, Stage.TRUTH),
+        replace(fake('again', AGAIN, Stage.FOLLOWER), respawns=True),
+        respawn_delay_s=0.05,
+    )
+    assert outcome.status is RunStatus.FAILED
+    assert 'node /vehicle/again was killed by SIGKILL' in outcome.sentence
 
 
 def test_parameters_are_written_for_each_node(tmp_path, fake):

@@ -160,6 +160,7 @@ def launch(
     target = None if no_record else named
     options = GraphOptions(
         pace='realtime',
+        respawn=True,
         seed=seed,
         configuration=configuration or USUAL_CONFIGURATION,
         leader=leader,
@@ -176,6 +177,7 @@ def launch(
             on_start=_tell_start,
             on_progress=on_progress,
             on_line=lambda name, line: say(f'{name}: {line}'),
+            on_problem=say,
         )
     say(f'bag: {run.bag}' if run.bag else f'logs: {run.folder}')
     run.check()

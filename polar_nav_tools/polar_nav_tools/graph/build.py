@@ -40,6 +40,8 @@ if TYPE_CHECKING:
     from polar_nav_sim.sensors.dvl import DvlErrors
     from polar_nav_sim.sensors.imu import ImuErrors
 
+_STATE_PERIOD_S = 1.0
+"""A follower that is started again has its state of one second before."""
 REALTIME_GATHER_S = 300.0
 """Longest wait for the nodes to find each other before the first sample: a follower that compiles
 its kernels for the first time takes a minute or two, on a busy machine more."""
@@ -137,6 +139,9 @@ def build_graph(mission: Mission, options: GraphOptions) -> Graph:
             _follower_node(mission, follower, options),
         ]
     nodes = [_as_the_mission_says(mission, spec) for spec in nodes]
+    if options.respawn:
+        nodes = [_respawning(spec, options) for spec in nodes]
+        recorded |= topics.of_vehicle(follower, (topics.RESTORE,))
     nodes += _recorder_node(recorded, options)
     heard = 'lockstep' if lockstep else 'presence'
     nodes = [replace(s, parameters={**s.parameters, heard: True}) for s in nodes]
@@ -314,6 +319,20 @@ def _follower_node(mission: Mission, follower: str, options: GraphOptions) -> No
         Stage.FOLLOWER,
         parameters,
     )
+
+
+_RESPAWNING = (Stage.LEADER, Stage.LINK, Stage.FOLLOWER)
+
+
+def _respawning(spec: NodeSpec, options: GraphOptions) -> NodeSpec:
+    """Node that is started again when it dies, where a run can go on: no sensor, no recorder."""
+    if spec.stage not in _RESPAWNING:
+        return spec
+    parameters = dict(spec.parameters)
+    if spec.stage is Stage.FOLLOWER and options.state_file is not None:
+        parameters['state_file'] = str(options.state_file.absolute())
+        parameters['state_period_s'] = _STATE_PERIOD_S
+    return replace(spec, parameters=parameters, respawns=True)
 
 
 def _recorder_node(recorded: Mapping[str, str], options: GraphOptions) -> list[NodeSpec]:

@@ -34,6 +34,11 @@ class GraphOptions:
         Folder of the new bag; None: nothing is recorded.
     run_info : Path or None
         JSON file with the description of the run for the bag.
+    respawn : bool
+        Whether leader, link and follower are started again when they die: only at the pace
+        ``realtime``, for in lockstep the counts of messages begin anew with a node.
+    state_file : Path or None
+        Where a follower that is started again finds its state.
 
     Raises
     ------
@@ -47,6 +52,8 @@ class GraphOptions:
     leader: str = 'perfect'
     bag: Path | None = None
     run_info: Path | None = None
+    respawn: bool = False
+    state_file: Path | None = None
 
     def __post_init__(self) -> None:
         if self.pace not in PACES:
@@ -54,6 +61,8 @@ class GraphOptions:
         if self.configuration not in NAMES:
             known = ', '.join(NAMES)
             raise ConfigError(f'configuration {self.configuration!r} is none of {known}')
+        if self.respawn and self.pace != 'realtime':
+            raise ConfigError('nodes are started again at the pace realtime only')
         if self.leader not in LEADERS:
             raise ConfigError(f'leader {self.leader!r} is none of {", ".join(LEADERS)}')
         if not 0 <= self.seed <= MAX_SEED:

@@ -39,6 +39,8 @@ class NodeSpec:
         When it is ended.
     parameters : mapping
         Values that differ from the node's defaults.
+    respawns : bool
+        Whether it is started again when it dies, instead of ending the run.
     """
 
     package: str
@@ -47,6 +49,7 @@ class NodeSpec:
     namespace: str
     stage: Stage
     parameters: Mapping[str, ParameterValue] = field(default_factory=dict)
+    respawns: bool = False
 
     @property
     def name(self) -> str:

@@ -83,7 +83,7 @@ class NodeProcess:
         parameters = run_dir / 'params' / f'{stem}.yaml'
         parameters.write_text(parameter_yaml(spec), encoding='utf-8')
         self._log = f'{stem}.log'
-        self._file = (run_dir / 'logs' / self._log).open('wb')
+        self._file = (run_dir / 'logs' / self._log).open('ab')
         self.tail: deque[str] = deque(maxlen=TAIL_LINES)
         self._partial = b''
         self.heard_at: float | None = None

@@ -120,7 +120,8 @@ def prepare_graph(mission: Mission, options: GraphOptions, run_dir: Path) -> Gra
         raise ConfigError(f'{options.bag} exists already; a bag is never overwritten')
     run_dir.mkdir(parents=True, exist_ok=True)
     info_file = run_dir / 'run_info.json'
-    graph = build_graph(mission, replace(options, run_info=info_file))
+    state_file = run_dir / 'follower.state'
+    graph = build_graph(mission, replace(options, run_info=info_file, state_file=state_file))
     info_file.write_text(json.dumps(run_info(mission, options, graph), indent=1), encoding='utf-8')
     return graph
 

@@ -13,6 +13,7 @@ import json
 import selectors
 import signal
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
@@ -25,6 +26,11 @@ from .silence import SilenceWatch
 
 _POLL_S = 0.1
 _READY_PATIENCE_S = 60.0
+
+RESPAWN_DELAY_S = 1.0
+"""The sensors go on meanwhile; a node that dies at its start shall not keep a processor busy."""
+MOST_RESPAWNS = 100
+"""Of one node: one that dies more often is not saved by another start."""
 
 
 class RunStatus(Enum):
@@ -123,6 +129,8 @@ class Supervisor:
         Called with node name and line for all other output.
     on_problem : callable, optional
         Called with a sentence on a node that does not answer.
+    respawn_delay_s : float
+        Wall time from the death of a node that respawns to its next start.
     truth_last : bool
         Start the truth node when all others have said that they are ready. At the pace realtime,
         where it waits for nobody, they would miss the beginning.
@@ -138,6 +146,7 @@ class Supervisor:
         on_line: Callable[[str, str], None] | None = None,
         on_problem: Callable[[str], None] | None = None,
         truth_last: bool = False,
+        respawn_delay_s: float = RESPAWN_DELAY_S,
     ) -> None:
         self._nodes = sorted(nodes, key=lambda spec: -spec.stage)
         self._run_dir = run_dir
@@ -146,6 +155,9 @@ class Supervisor:
         self._on_line = on_line
         self._on_problem = on_problem
         self._truth_last = truth_last
+        self._respawn_delay_s = respawn_delay_s
+        self._respawns: Counter[str] = Counter()
+        self._due: list[tuple[float, NodeSpec]] = []
         self._ready: set[str] = set()
         self._counts: dict[str, Mapping[str, Mapping[str, int]]] = {}
         self._children: list[NodeProcess] = []
@@ -204,18 +216,47 @@ class Supervisor:
                     return died
             if interrupts.count > 0:
                 return None
-            child = NodeProcess(spec, self._run_dir, self._env, self._take_line)
-            self._children.append(child)
-            self._selector.register(child.pipe, selectors.EVENT_READ, child)
-            self._pump(0.0)
+            self._start(spec)
         while interrupts.count == 0:
             self._pump(_POLL_S)
+            self._respawn()
             died = self._died() or self._hung()
             if died is not None and interrupts.count == 0:
                 return died
             if any(c.process.poll() is not None for c in self._of(Stage.TRUTH)):
                 return None
         return None
+
+    def _start(self, spec: NodeSpec) -> None:
+        child = NodeProcess(spec, self._run_dir, self._env, self._take_line)
+        self._children.append(child)
+        self._selector.register(child.pipe, selectors.EVENT_READ, child)
+        self._pump(0.0)
+
+    def _respawn(self) -> None:
+        """Bury nodes that died and are to be started again; start those whose time has come."""
+        for child in [c for c in self._children if c.spec.respawns]:
+            if child.process.poll() is None:
+                continue
+            name = child.spec.full_name
+            if self._respawns[name] >= MOST_RESPAWNS:
+                continue  # the run ends by it
+            self._respawns[name] += 1
+            self._bury(child)
+            self._tell(name, f'{child.end().how()}: it is started again')
+            self._due.append((time.monotonic() + self._respawn_delay_s, child.spec))
+        now_s = time.monotonic()
+        for due in [d for d in self._due if d[0] <= now_s]:
+            self._due.remove(due)
+            self._start(due[1])
+
+    def _bury(self, child: NodeProcess) -> None:
+        """Read the last output of a node that died, and forget it."""
+        child.read()
+        if child.pipe.fileno() in self._selector.get_map():
+            self._selector.unregister(child.pipe)
+        child.close()
+        self._children.remove(child)
 
     def _of(self, stage: Stage) -> list[NodeProcess]:
         return [child for child in self._children if child.spec.stage == stage]

@@ -1,0 +1,84 @@
+"""Nodes that are killed in a real-time run are started again, and the run goes on."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import signal
+import time
+
+import pytest
+from live_support import RunningDemo, polar
+
+pytestmark = [pytest.mark.live, pytest.mark.slow, pytest.mark.timeout(300)]
+
+FOLLOWER = '/follower/follower_node'
+PATIENCE_S = 120.0
+GOES_ON = 'navigation goes on from a state of'
+
+
+def until(true, run):
+    deadline = time.monotonic() + PATIENCE_S
+    while not true():
+        assert run.process.poll() is None, run.stderr
+        assert time.monotonic() < deadline, run.stderr
+        time.sleep(0.1)
+
+
+@pytest.fixture
+def launched(tmp_path):
+    """`./polar launch` under way."""
+    run = RunningDemo(tmp_path, '--duration', '900', command='launch')
+    try:
+        until(lambda: 'navigating' in run.stderr, run)
+        yield run
+    finally:
+        run.end()
+
+
+def kill(run, name, count):
+    """Kill a node; return when it was started again, and has its state if it is the follower."""
+    before = run.node_pid(name)
+    os.kill(before, signal.SIGKILL)
+    sentence = f'node {name} was killed by SIGKILL: it is started again'
+    until(lambda: run.stderr.count(sentence) == count, run)
+    until(lambda: any(name.rpartition('/')[2] in c for c in run.nodes().values()), run)
+    if name == FOLLOWER:
+        until(lambda: run.stderr.count(GOES_ON) == count, run)
+    assert before not in run.nodes()
+
+
+def end_well(run):
+    """End it by Ctrl-C: everything in order, nothing left, a whole bag; its /info as JSON."""
+    run.process.send_signal(signal.SIGINT)
+    run.process.communicate(timeout=60.0)
+    assert run.nodes() == {}
+    told = polar('info', run.bag, '--json')
+    assert told.returncode == 0, told.stderr
+    return json.loads(told.stdout)
+
+
+def test_killed_nodes_are_started_again(launched):
+    until(lambda: (launched.bag.with_name('bag.run') / 'follower.state').exists(), launched)
+    kill(launched, FOLLOWER, 1)
+    for name in ('/leader/leader_node', '/acoustic_link_node'):
+        kill(launched, name, 1)
+    said = end_well(launched)
+    assert said['ok'] is True
+    counts = {t['name']: t['count'] for t in said['topics']}
+    assert counts['/follower/nav/restore'] == 1
+    assert counts['/follower/nav/state'] > 50
+
+
+@pytest.mark.long
+@pytest.mark.timeout(1200)
+def test_fifty_restarts_of_the_follower(launched):
+    until(lambda: (launched.bag.with_name('bag.run') / 'follower.state').exists(), launched)
+    draw = random.Random(9971)
+    for count in range(1, 51):
+        kill(launched, FOLLOWER, count)
+        time.sleep(draw.uniform(2.0, 6.0))  # the life of a follower, in the time of the run
+    said = end_well(launched)
+    counts = {t['name']: t['count'] for t in said['topics']}
+    assert counts['/follower/nav/restore'] == 50
