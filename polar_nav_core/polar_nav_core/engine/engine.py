@@ -37,12 +37,13 @@ from .events import (
 from .health.conditions import Condition, Culprit, Health, Level
 from .health.heading import UNKNOWN, heading_unknown
 from .health.station import StationWatchdog
-from .health.watchdog import Envelope, Watchdog, doubts_local
+from .health.watchdog import Envelope, Watchdog
 from .integrity import Integrity, held, out_of_reach
 from .ledger import FixLedger
 from .params import EngineParams
 from .plausibility import initial_problem
 from .receipts import age_s, receipt_of
+from .reconsider import reconsider
 from .refusals import unusable_local
 from .repeated import Repeated
 from .restart import saved_problem
@@ -51,7 +52,6 @@ from .results import FixResult, Outcome, chi2_gate
 from .saved import SavedState
 from .sins.filter import NavigationFilter
 from .sins.fusion import Fusion
-from .sins.turned import weigh_refused
 from .sins.view import view_of
 from .station.fixes import dated
 from .station.fusion import StationFusion
@@ -361,11 +361,6 @@ class Engine:
             self._identified = self.adaptation.fix(fix, result.outcome, self.fusion)
         now_ns = self.fusion.stamp_ns
         first = self.ledger.decided(fix, fix, result, now_ns)
-        if isinstance(self.fusion, Fusion) and self._initial is not None:
-            row, sigma = self.ledger.refused_row, self._initial.sigma_heading
-            if weigh_refused(self.fusion.filter, row, self.params, sigma):
-                self.ledger.opened(now_ns)
-                self.resets += 1
         revised = (
             self.ledger.decided(other, fix, FixResult(outcome, 0), now_ns)
             for other, outcome in result.revised
@@ -374,28 +369,10 @@ class Engine:
         return [first, *revised]
 
     def reconsider(self, outcome: Outcome) -> None:
-        """After a fix was decided: let the covariance show what refused fixes contradict.
-
-        The published covariance reaches to where they lie. Where they outweigh the estimate, the
-        filter's own is enlarged, so that the next are fused; those that are valid before this
-        moment do not count any more, for they are judged by what was stored then.
-        """
-        if not isinstance(self.fusion, Fusion) or not self.params.reopen_after_s:
-            return
-        monitor, stamp_ns = self.ledger.integrity, self.fusion.stamp_ns
-        if not outcome.fused:
-            found = monitor.contradiction(
-                self.fix_counts()[1],
-                doubted=doubts_local(view_of(self.fusion, stamp_ns, 0)),
-                least_s=self.params.reopen_after_s,
-            )
-            if found is not None:
-                if found.constant:
-                    self.fusion.doubt_position(found.distance)
-                else:
-                    self.fusion.doubt_all(outcome.nis / outcome.dof)
-                monitor.believed(stamp_ns, found.distance if found.constant else 0.0)
-        self.fusion.contradict(*monitor.conflict())
+        """Judge the estimate by refused fixes, after a fix was decided (engine.reconsider)."""
+        if isinstance(self.fusion, Fusion) and self._initial is not None:
+            sigma = self._initial.sigma_heading
+            self.resets += reconsider(self.fusion, self.ledger, self.params, outcome, sigma)
 
     def _command(self, command: Command) -> Iterator[Output]:
         if command.kind is CommandKind.IDENTIFY and self.adaptation is not None:

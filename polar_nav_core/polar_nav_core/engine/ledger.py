@@ -59,18 +59,23 @@ class FixLedger:
         self.received = 0
         self.integrity = IntegrityMonitor(params.max_gated_s)
         self.refused_row = RefusedRow()
-        self._opened_ns: int | None = None
+        self._turned_ns: int | None = None
 
     def start_anew(self) -> None:
         """Reset the agreement of fixes with the estimate, after a reset of the filter."""
         self.integrity = IntegrityMonitor(self._params.max_gated_s)
         self.refused_row.clear()
-        self._opened_ns = None
+        self._turned_ns = None
 
-    def opened(self, stamp_ns: int) -> None:
-        """Note that fixes are believed again from a stamp [ns] on: those before count no more."""
-        self.start_anew()
-        self._opened_ns = stamp_ns
+    def believed(self, stamp_ns: int, moved_m: float = 0.0, *, turned: bool = False) -> None:
+        """Note that fixes are believed again from a stamp [ns] on: those before count no more.
+
+        ``moved_m`` is how far a start was off [m]; ``turned``: a wrong heading was shown.
+        """
+        self.integrity.believed(stamp_ns, moved_m)
+        self.refused_row.clear()
+        if turned:
+            self._turned_ns = stamp_ns
 
     def packed(self) -> tuple[bytes, bytes]:
         """Fused and refused fixes as bytes, for `restore`."""
@@ -101,8 +106,8 @@ class FixLedger:
                 key = f'packets {verdict.name}'
                 sentence = f'{len(times)} packets in a minute {words}'
                 found.append(Condition(key, Level.WARN, Culprit.FIXES, sentence))
-        if self._opened_ns is not None and stamp_ns < self._opened_ns + _SUSPICION_NS:
-            since_s = (stamp_ns - self._opened_ns) * 1e-9
+        if self._turned_ns is not None and stamp_ns < self._turned_ns + _SUSPICION_NS:
+            since_s = (stamp_ns - self._turned_ns) * 1e-9
             sentence = (
                 f'fixes were refused until {since_s:.0f} s ago, turned against dead reckoning: '
                 'heading, gyro bias and DVL scale count as known no better than at the start'

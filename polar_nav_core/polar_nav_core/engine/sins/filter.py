@@ -417,9 +417,10 @@ class NavigationFilter:
 
     def doubt_position(self, distance: float) -> None:
         """Replace the position's covariance by that of an error of ``distance`` [m] per axis."""
-        self.P[X.dr_e, :] = 0.0
-        self.P[:, X.dr_e] = 0.0
-        self.P[X.dr_e, X.dr_e] = distance**2 * np.eye(3)
+        P = self.state.P
+        P[X.dr_e, :] = 0.0
+        P[:, X.dr_e] = 0.0
+        P[X.dr_e, X.dr_e] = distance**2 * np.eye(3)
         self._opened_for_fixes()
 
     def contradict(self, offset_G: Array, speed_G: Array) -> None:
@@ -429,7 +430,7 @@ class NavigationFilter:
         where nothing contradicts.
         """
         self.state.conflict[:3] = speed_G
-        self.state.conflict[3:] = self.C_e_G.T @ offset_G
+        self.state.conflict[3:] = self.frames.C_e_G.T @ offset_G
 
     def _opened_for_fixes(self) -> None:
         """Count an enlargement for fixes; what was remembered of them begins anew."""

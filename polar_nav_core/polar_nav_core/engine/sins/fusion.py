@@ -167,7 +167,7 @@ class Fusion:
         if before is None:
             return 0.0
         dt = (f.stamp_ns - before.stamp_ns) * 1e-9
-        return turn_rate(f.C_e_G @ before.velocity_e, f.v_G, dt)
+        return turn_rate(f.frames.C_e_G @ before.velocity_e, f.state.v_G, dt)
 
     def height(self) -> float:
         """Height of the vehicle above the ellipsoid [m]."""

@@ -35,7 +35,7 @@ def weigh_refused(
     if not p.reopen_after_s:
         return False
     heading = min(sigma_heading, MOST_HEADING)
-    turn = row.turn(f.C_e_G, Unlearnt(heading, p.dvl_scale_sigma, p.gyro_bias_sigma))
+    turn = row.turn(f.frames.C_e_G, Unlearnt(heading, p.dvl_scale_sigma, p.gyro_bias_sigma))
     if turn is None:
         return False
     turn_state(f, turn, p.dvl_scale_sigma)
@@ -48,9 +48,10 @@ def turn_state(f: NavigationFilter, turn: Turn, scale_sigma: float) -> None:
     Heading and scale become uncertain together with the velocity, as a DVL cannot show them
     (measurements.md, 1): the pings to come reduce nothing of it.
     """
-    P, x, up_b = f.P, np.zeros(kf.N), f.C_b_G[2].copy()
+    state, C_e_G = f.state, f.frames.C_e_G
+    P, x, up_b = state.P, np.zeros(kf.N), state.C_b_G[2].copy()
     s, c = math.sin(turn.angle), math.cos(turn.angle)
-    v_x, v_y, _ = f.v_G
+    v_x, v_y, _ = state.v_G
     x[X.phi_G] = 0.0, 0.0, turn.angle
     x[X.dv_G] = v_x - (c * v_x - s * v_y), v_y - (s * v_x + c * v_y), 0.0
     x[X.b_gyro_b] = -turn.rate * up_b
@@ -59,13 +60,13 @@ def turn_state(f: NavigationFilter, turn: Turn, scale_sigma: float) -> None:
     P[:] = before
     moved = np.zeros((kf.N, 2))
     moved[X.phi_G, 0] = 0.0, 0.0, 1.0
-    moved[X.dv_G, 0] = f.v_G[1], -f.v_G[0], 0.0
+    moved[X.dv_G, 0] = state.v_G[1], -state.v_G[0], 0.0
     moved[X.b_gyro_b, 1] = -up_b
     P += moved @ turn.covariance @ moved.T
-    C_m_G = f.C_b_G @ f.settings.C_m_b
+    C_m_G = state.C_b_G @ f.settings.C_m_b
     stretched = np.zeros((kf.N, 3))
-    stretched[X.dv_G] = C_m_G * (C_m_G.T @ f.v_G)
-    stretched[X.dvl_scale_m] = np.diag(1.0 + f.dvl_scale_m)
+    stretched[X.dv_G] = C_m_G * (C_m_G.T @ state.v_G)
+    stretched[X.dvl_scale_m] = np.diag(1.0 + state.dvl_scale_m)
     P += scale_sigma**2 * stretched @ stretched.T
-    P[X.dr_e, X.dr_e] += turn.distance**2 * f.C_e_G[:2].T @ f.C_e_G[:2]
+    P[X.dr_e, X.dr_e] += turn.distance**2 * C_e_G[:2].T @ C_e_G[:2]
     P[:] = 0.5 * (P + P.T)
