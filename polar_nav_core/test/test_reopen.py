@@ -25,7 +25,8 @@ def world():
 
 @pytest.fixture(scope='module')
 def inputs(world):
-    return inputs_of(world, world.fixes(1.0, lambda _: 0.5, first_s=1.0))
+    rng = np.random.default_rng(3)
+    return inputs_of(world, world.fixes(1.0, lambda _: 0.5, rng=rng, first_s=1.0))
 
 
 def run(world, inputs, **changes):

@@ -107,7 +107,7 @@ def test_odd_inputs_get_the_same_receipts_in_a_whole_run():
     assert np.array_equal(a.track.local_statistics, b.track.local_statistics)
 
 
-def test_a_divergence_ends_a_whole_run_as_it_ends_event_by_event():
+def test_a_lost_filter_goes_on_in_a_whole_run_as_event_by_event():
     """With fixes before and after it: rows of before must not count those of after."""
     x = world()
     force = x.force_b.copy()
@@ -116,12 +116,11 @@ def test_a_divergence_ends_a_whole_run_as_it_ends_event_by_event():
     params = twin.params(**OFF, thrust_limit_n=1e300)
     a = engine_run.run(params, broken)
     b = engine_run.run(params, broken, one_by_one=True)
-    assert 'not positive and finite' in a.divergence
-    assert a.divergence == b.divergence
+    assert a.divergence == b.divergence == ''
+    assert np.isfinite(a.track.P[-1]).all()
     assert [str(r) for r in a.receipts] == [str(r) for r in b.receipts]
     for field in engine_run.StationTrack.__dataclass_fields__:
         assert np.array_equal(getattr(a.track, field), getattr(b.track, field)), field
-    assert a.track.fixes[-1, 0] < len(a.receipts)
 
 
 def test_dated_by_travel_time():

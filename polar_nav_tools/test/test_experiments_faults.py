@@ -90,7 +90,7 @@ def test_only_new_words_report():
 def test_rows_and_columns():
     assert len(ROWS) >= 40
     assert [r.name for r in rows_named('imu_2038,clock*')] == [
-        'imu_2038', 'clock_step:3600', 'clock_step:-10',
+        'imu_2038', 'clock_step:3600', 'clock_step:-10', 'clock_step:2', 'clock_step:-2',
     ]  # fmt: skip
     with pytest.raises(ConfigError, match='--rows nothing'):
         rows_named('nothing')
