@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from polar_nav_core.engine.events import Array
 from polar_nav_sim.sensors.noise import GaussMarkov
 
 from ..world import World
@@ -29,6 +30,56 @@ class DvlGain(Fault):
         C = (1.0 + scale * self.scale) * np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
         on = self._on(worlds.seconds(world, i.dvl_stamps_ns))
         return worlds.add_dvl(world, on * (i.dvl_v_m @ (C - np.eye(3)).T))
+
+
+@dataclass(frozen=True, kw_only=True)
+class DvlMirrored(Fault):
+    """Velocity to port with the wrong sign."""
+
+    def applied(self, world: World, scale: float) -> World:
+        """World whose pings are mirrored; part of a fault is a smaller number."""
+        i = world.inputs
+        error = i.dvl_v_m * np.array([0.0, -2.0, 0.0])
+        return worlds.add_dvl(
+            world, scale * self._on(worlds.seconds(world, i.dvl_stamps_ns)) * error
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class DvlWater(Fault):
+    """Pings of the water in place of the bottom: off by a current [m/s], at once or as a ramp."""
+
+    current: float
+    ramp_s: float = 0.0
+
+    def applied(self, world: World, scale: float) -> World:
+        """World whose pings are relative to water that flows north-east."""
+        stamps = world.inputs.dvl_stamps_ns
+        grown = _grown(worlds.seconds(world, stamps) - self.start_s, self.ramp_s)
+        water_G = np.tile(self.current * np.array([0.8, 0.6, 0.0]), (len(stamps), 1))
+        water_b = worlds.to_body(worlds.attitude_at(world, stamps), water_G)
+        return worlds.add_dvl(world, -scale * grown * water_b)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DvlScaleGrows(Fault):
+    """Scale error that grows to ``scale`` within a time [s]."""
+
+    scale: float
+    ramp_s: float
+
+    def applied(self, world: World, scale: float) -> World:
+        """World whose pings become longer."""
+        i = world.inputs
+        grown = _grown(worlds.seconds(world, i.dvl_stamps_ns) - self.start_s, self.ramp_s)
+        return worlds.add_dvl(world, scale * self.scale * grown * i.dvl_v_m)
+
+
+def _grown(since_s: Array, ramp_s: float) -> Array:
+    """Share of a fault that began a time ago, 0 to 1, shape (n, 1)."""
+    if not ramp_s:
+        return np.asarray(since_s >= 0.0, dtype=np.float64)[:, None]
+    return np.asarray(np.clip(since_s / ramp_s, 0.0, 1.0))[:, None]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -116,16 +167,18 @@ class DvlOut(Fault):
 
 @dataclass(frozen=True, kw_only=True)
 class DepthError(Fault):
-    """Depth off by a constant [m], or stuck at one value."""
+    """Depth off by a constant [m], by one that grows [m/s], or stuck at one value."""
 
     bias_m: float = 0.0
+    drift_mps: float = 0.0
     stuck: bool = False
 
     def applied(self, world: World, scale: float) -> World:
         """World whose barometer is off."""
         i = world.inputs
         on = self._on(worlds.seconds(world, i.depth_stamps_ns))[:, 0]
-        error = np.full(len(on), self.bias_m)
+        since_s = worlds.seconds(world, i.depth_stamps_ns) - self.start_s
+        error = self.bias_m + self.drift_mps * since_s
         if self.stuck:
             error = error + i.depth[max(0, int(np.argmax(on)) - 1)] - i.depth
         return worlds.add_depth(world, scale * on * error)

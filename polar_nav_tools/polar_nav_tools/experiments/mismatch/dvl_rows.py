@@ -5,8 +5,8 @@ from __future__ import annotations
 from polar_nav_core.engine.params import EngineParams
 
 from . import dvl_faults as f
-from .culprits import DEPTH, DVL, HEADING
-from .row import LEVEL, RACETRACK, SINS, START_S, row, scene_of
+from .culprits import DEPTH, DVL, HEADING, IMU
+from .row import LEVEL, RACETRACK, SINS, START_S, TACTICAL, row, scene_of
 
 NOT_STATED = {
     name: getattr(EngineParams(), name)
@@ -68,6 +68,30 @@ DVL_ROWS = (
         scene=LEVEL,
     ),
     row('dvl_lag_0.1s_level', f.DvlPlace(lag_s=0.1), (DVL,), invisible=True, scene=LEVEL),
+    row('dvl_mirrored', f.DvlMirrored(start_s=START_S), (DVL,)),
+    *(
+        row(
+            f'dvl_water_{name}',
+            f.DvlWater(current=0.4, ramp_s=ramp_s, start_s=START_S),
+            (DVL, IMU),
+            scene=scene,
+        )
+        for name, ramp_s, scene in (
+            ('at_once', 0.0, SINS),
+            ('slowly', 300.0, SINS),
+            ('slowly_racetrack', 300.0, RACETRACK),
+            ('slowly_tactical', 300.0, TACTICAL),
+        )
+    ),
+    *(
+        row(
+            f'dvl_scale_grows_{name}',
+            f.DvlScaleGrows(scale=0.03, ramp_s=300.0, start_s=START_S),
+            (DVL,),
+            scene=scene,
+        )
+        for name, scene in (('straight', SINS), ('racetrack', RACETRACK))
+    ),
     row('dvl_bad_pings', f.DvlBadPings(share=0.05, sigma=1.0), (DVL,)),
     row('dvl_stuck', f.DvlStuck(start_s=START_S), (DVL,), scene=RACETRACK),
     row('dvl_out_10min', f.DvlOut(length_s=600.0, start_s=START_S, obvious=True), (DVL,)),
@@ -75,6 +99,7 @@ DVL_ROWS = (
 
 DEPTH_ROWS = (
     row('depth_zero_1m', f.DepthError(bias_m=1.0), (DEPTH,), invisible=True),
+    row('depth_drift_0.01mps', f.DepthError(drift_mps=0.01, start_s=START_S), (DEPTH,)),
     row('depth_bias_0.3m', f.DepthError(bias_m=0.3, start_s=START_S), (DEPTH,)),
     row(
         'depth_stuck_dive',

@@ -17,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from polar_nav_core.attitude import exp
 from polar_nav_core.engine.events import Array
 from polar_nav_sim.sensors.imu import DPH, G0
 
@@ -27,6 +28,8 @@ MGAL = 1e-5
 """[m/s^2]."""
 UG = 1e-6 * G0
 """[m/s^2]."""
+EARTH_RADIUS = 6.4e6
+"""Of the meridian near a pole [m]."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,6 +145,48 @@ class ImuNoise(Fault):
             on * self.gyro_density * root * noise[0],
             on * self.accel_density * root * noise[1],
         )
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImuBlow(Fault):
+    """A blow [g] for a time [s] that the IMU feels and the vehicle does not follow."""
+
+    g: float
+    length_s: float
+
+    def applied(self, world: World, scale: float) -> World:
+        """World whose accelerometers feel the blow."""
+        since_s = worlds.seconds(world, world.inputs.imu_stamps_ns) - self.start_s
+        hit = ((since_s >= 0.0) & (since_s < self.length_s))[:, None]
+        return worlds.add_imu(world, d_f_b=scale * self.g * G0 * hit * np.array([1.0, 0.3, 0.2]))
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImuTurned(Fault):
+    """The IMU turns in its mount by an angle about an axis of the body [deg]."""
+
+    deg: float
+    axis: tuple[float, float, float]
+
+    def applied(self, world: World, scale: float) -> World:
+        """World whose IMU measures in turned axes."""
+        i = world.inputs
+        C = exp(math.radians(scale * self.deg) * np.array(self.axis)) - np.eye(3)
+        on = self._on(worlds.seconds(world, i.imu_stamps_ns))
+        return worlds.add_imu(world, on * (i.omega_ib_b @ C.T), on * (i.f_b @ C.T))
+
+
+@dataclass(frozen=True, kw_only=True)
+class StartOff(Fault):
+    """Initial position off to the north [m], with its sigma as it was."""
+
+    north_m: float
+
+    def applied(self, world: World, scale: float) -> World:
+        """World that starts in the wrong place."""
+        name = 'initial_latitude_deg'
+        latitude_deg = world.initial[name] + math.degrees(scale * self.north_m / EARTH_RADIUS)
+        return replace(world, initial={**world.initial, name: latitude_deg})
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -269,6 +314,39 @@ class FixOutliers(Fault):
         error_G = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(n)])
         on = self._on(worlds.seconds(world, worlds.validities(world)))
         return worlds.move_fixes(world, scale * on * (bad * size)[:, None] * error_G)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FixOneSided(Fault):
+    """A share of fixes off by the same vector for a time, as by one echo [m], [s]."""
+
+    share: float
+    offset_m: float
+    length_s: float
+
+    def applied(self, world: World, scale: float) -> World:
+        """World with one-sided outliers."""
+        t = worlds.seconds(world, worlds.validities(world)) - self.start_s
+        bad = worlds.drawn(world, 'one_sided').random(len(t)) < self.share
+        on = bad & (t >= 0.0) & (t < self.length_s)
+        return worlds.move_fixes(
+            world, scale * self.offset_m * on[:, None] * np.array([0.6, 0.8, 0.0])
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class FixTails(Fault):
+    """Further horizontal errors of fixes with heavy tails: Student's t, 2.5 degrees, scale [m]."""
+
+    sigma: float
+
+    def applied(self, world: World, scale: float) -> World:
+        """World with these errors."""
+        t = worlds.seconds(world, worlds.validities(world))
+        error = worlds.drawn(world, 'tails').standard_t(2.5, (len(t), 3))
+        return worlds.move_fixes(
+            world, scale * self.sigma * self._on(t) * error * np.array([1.0, 1.0, 0.0])
+        )
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,7 +6,7 @@ import math
 
 from . import faults as f
 from .culprits import DVL, HEADING, IMU
-from .row import RACETRACK, START_S, row, scene_of
+from .row import RACETRACK, SINS, START_S, row, scene_of
 
 IMU_ROWS = (
     *(
@@ -34,6 +34,27 @@ IMU_ROWS = (
     row('imu_scale', f.ImuGain(gyro_ppm=50.0, accel_ppm=50.0), (IMU,), scene=RACETRACK),
     row('imu_misalignment', f.ImuGain(misalignment_arcsec=20.0), (IMU,), scene=RACETRACK),
     row('imu_g_dependence', f.ImuGain(g_dependence_dph=0.1), (IMU,)),
+    *(
+        row(
+            f'imu_blow_{name}',
+            f.ImuBlow(g=3.0, length_s=0.2, start_s=START_S),
+            (IMU, DVL),
+            scene=scene,
+        )
+        for name, scene in (('straight', SINS), ('racetrack', RACETRACK))
+    ),
+    *(
+        row(
+            f'imu_turned_1deg_{name}',
+            f.ImuTurned(deg=1.0, axis=axis, start_s=START_S),
+            (IMU, DVL, HEADING),
+            scene=scene,
+        )
+        for name, axis, scene in (
+            ('yaw', (0.0, 0.0, 1.0), SINS),
+            ('roll', (1.0, 0.0, 0.0), RACETRACK),
+        )
+    ),
     row(
         'imu_vibration',
         f.ImuNoise(

@@ -111,6 +111,15 @@ def texts() -> dict[str, dict[str, str]]:
 
 LEVEL = scene_of(oscillating=False)
 RACETRACK = scene_of(mission='racetrack', duration_s=900.0)
+TACTICAL = scene_of(
+    mission='racetrack',
+    duration_s=900.0,
+    imu='tactical',
+    gyro_bias_dph=5.0,
+    accel_bias_g=750e-6,
+    initial_sigma_tilt_deg=0.1,
+    initial_sigma_heading_deg=1.0,
+)
 
 
 @lru_cache(maxsize=2)
