@@ -170,6 +170,23 @@ def test_a_displacement_that_the_covariance_would_admit_in_the_end_is_not_taken_
     assert Verdict.FUSED in {r.verdict for r in receipts(run(Engine(careless), events))}
 
 
+def test_what_is_left_to_the_gate_is_judged_as_the_gate_does(world):
+    """Fixes held back were once left to a gate that let them in: it knows the common errors."""
+    common = {'fix_clock_sigma': 1.0, 'dvl_scale_sigma': 0.02, 'dvl_misalignment_sigma_deg': 3.0}
+    engine = Engine(world.params(**common, **settings('default')))
+    fixes = world.fixes(1.0, 0.5, rng=np.random.default_rng(7))
+    off = dataclasses.replace(fixes[30], r_e=fixes[30].r_e + np.array([0.0, 15.0, 0.0]))
+    before = [e for e in [*sensors(world), *fixes[:30]] if e.key < off.key]
+    run(engine, before)
+    offset_G, held = engine.fusion.offset(off)
+    f = engine.fusion.filter
+    C = f.frames.C_e_G
+    alone = C @ (f.state.P[6:9, 6:9] + off.covariance_e) @ C.T
+    (receipt,) = receipts(run(engine, [off]))
+    assert receipt.nis == pytest.approx(held, rel=0.05)
+    assert held < 0.95 * offset_G @ np.linalg.solve(alone, offset_G)
+
+
 def test_a_reset_forgets_the_refused_fixes(world):
     fixes = world.fixes(1.0, 0.5, rng=np.random.default_rng(8))
     events = sensors(world) + jumped(fixes, world, 10.0, 99.0)

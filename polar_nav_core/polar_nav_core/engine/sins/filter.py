@@ -399,6 +399,16 @@ class NavigationFilter:
             s = self.state
             consider.fix_common(self.work.J, self.frames.C_e_G, fix.relative_e, s.v_G)
 
+    def innovation_covariance(self, fix: Fix) -> Array:
+        """Covariance of a fix's innovation now, grid axes (3, 3): with the common errors."""
+        C, state = self.frames.C_e_G, self.state
+        S: Array = C @ (state.P[X.dr_e, X.dr_e] + fix.covariance_e) @ C.T
+        if self.settings.considers:
+            self.fill_common(fix)
+            moved = (self.work.J[:3] + C @ state.sensitivity[X.dr_e]) * self.settings.common
+            S += moved @ moved.T
+        return S
+
     @property
     def published_P(self) -> Array:
         """Covariance with common errors and the conflict with refused fixes, (24, 24); a copy."""

@@ -11,7 +11,6 @@ from dataclasses import replace
 import numpy as np
 
 from ... import earth
-from ...error_model import X
 from ...identification.result import Identification
 from ...kernels.sins import events as fe
 from ...kernels.sins import rows as filter_rows
@@ -125,18 +124,21 @@ class Fusion:
         return self.filter.stamp_ns
 
     def offset(self, fix: Fix) -> tuple[Array, float] | None:
-        """Fix minus estimate at its validity, grid axes [m], and its NIS by the covariance now."""
+        """Fix minus estimate at its validity, grid axes [m], and its NIS by the covariance now.
+
+        Common errors are in it, as in that of the gate.
+        """
         f = self.filter
         epoch = f.history.before(fix.validity_ns)
         if epoch is None:
             return None
         ahead_e = epoch.velocity_e * ((fix.validity_ns - epoch.stamp_ns) * 1e-9)
         offset_e: Array = fix.r_e - (epoch.point_e + ahead_e)
-        S, L = f.state.P[X.dr_e, X.dr_e] + fix.covariance_e, np.zeros((3, 3))
+        S, L = f.innovation_covariance(fix), np.zeros((3, 3))
         if not kf.cholesky(L, S, 3):
             return None
-        nis = float(kf.nis_of(L, offset_e, np.zeros(3), 3))
-        return np.einsum('ij,j->i', f.frames.C_e_G, offset_e), nis
+        offset_G = np.einsum('ij,j->i', f.frames.C_e_G, offset_e)
+        return offset_G, float(kf.nis_of(L, offset_G, np.zeros(3), 3))
 
     def doubt_position(self, distance: float) -> None:
         """Let the position be off by ``distance`` [m], uncorrelated with everything else."""
