@@ -255,3 +255,28 @@ def test_one_ping_ahead_is_refused_and_waiting_ones_end_with_the_run():
     assert ping(60.0, 3) == []
     (last,) = clocks.flush()
     assert isinstance(last, Refused)
+
+
+@pytest.mark.parametrize('by_s', [-1000.0, 1000.0])
+def test_stamps_that_stick_are_refused_and_do_not_pile_up(world, events, by_s):
+    """A driver whose stamps stop: nothing agrees with them, and nothing waits for ever."""
+    stuck_ns = events[0].stamp_ns + round(by_s * NS)
+    half = events[len(events) // 2].stamp_ns
+    messages = [
+        (e.stamp_ns, replace(e, stamp_ns=stuck_ns) if isinstance(e, ImuSample) else e)
+        if e.stamp_ns > half
+        else (e.stamp_ns, e)
+        for e in events
+    ]
+    engine, out = live(world, messages)
+    held = [r for r in refused(out) if r.topic == IMU]
+    assert len(held) >= 256 + 200
+    assert engine.last_imu_ns <= half
+
+
+def test_a_saved_state_has_the_imus_own_time(world, events):
+    messages = stepped(events, [(4.0, 30.0, '')])
+    engine, _ = live(world, messages)
+    (newest,) = [e for _, e in messages if isinstance(e, ImuSample)][-1:]
+    assert abs(engine.saved().stamp_ns - newest.stamp_ns) <= NS // 10
+    assert abs(engine.fusion.stamp_ns - newest.stamp_ns) >= 29 * NS

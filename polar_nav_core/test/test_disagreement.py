@@ -1,14 +1,18 @@
 """Refused fixes: those that show a wrong heading are believed, displaced ones are not."""
 
+import dataclasses
+
 import numpy as np
 import pytest
-from closed_loop import World, inputs_of
+from closed_loop import World, inputs_of, run
 
 from polar_nav_core.engine import run as engine_run
-from polar_nav_core.engine.disagreement import Refused, Unlearnt, turn_of
-from polar_nav_core.engine.events import Verdict
+from polar_nav_core.engine.disagreement import Refused, Turn, Unlearnt, turn_of
+from polar_nav_core.engine.engine import Engine
+from polar_nav_core.engine.events import Command, CommandKind, Verdict
 from polar_nav_core.engine.health.heading import heading_unknown
 from polar_nav_core.engine.health.watchdog import Level
+from polar_nav_core.engine.integrity import IntegrityMonitor
 
 MEMS = Unlearnt(heading=0.6, scale=0.03, gyro_bias=0.01)
 TACTICAL = Unlearnt(heading=0.0015, scale=0.004, gyro_bias=5e-6)
@@ -132,3 +136,31 @@ def test_an_unknown_heading_is_an_error_until_fixes_have_shown_it():
     assert [c.level for c in heading_unknown(1.8, 0.01, 5)] == [Level.ERROR]
     assert heading_unknown(1.8, 0.3, 50)
     assert not heading_unknown(1.8, 0.01, 40)
+
+
+def test_a_turn_goes_on_after_the_newest_fix():
+    turn = Turn(0.1, 0.003, np.diag([1e-4, 1e-8]), 5.0).aged(30.0)
+    assert turn.angle == pytest.approx(0.19)
+    assert turn.covariance[0, 0] == pytest.approx(1e-4 + 900.0 * 1e-8)
+    assert turn.covariance[0, 1] == pytest.approx(30.0 * 1e-8)
+
+
+def test_fixes_from_before_the_newest_used_one_are_no_evidence():
+    monitor = IntegrityMonitor(300.0)
+    monitor.fused(10, 20)
+    assert not monitor.gated(5, 30, np.ones(3))
+    assert monitor.gated(15, 40, np.ones(3))
+
+
+def test_a_saved_heading_is_not_the_one_of_the_start(world):
+    """After a restart the heading is as doubtful as it was stated, whatever was learnt since."""
+    stated = {'initial_sigma_heading_deg': 180.0}
+    engine = Engine(world.params(**stated))
+    run(engine, [*world.imu()[:200]])
+    assert engine.look().present[0].condition.key == 'heading unknown'
+    saved = engine.saved()
+    saved = dataclasses.replace(saved, sigma_heading=0.01)
+    again = Engine(world.params(**stated))
+    list(again.process(Command(saved.stamp_ns, 0, CommandKind.SET_INITIAL_STATE, saved)))
+    run(again, world.imu()[201:400])
+    assert again.look().present[0].condition.key == 'heading unknown'

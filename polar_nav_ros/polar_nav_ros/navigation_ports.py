@@ -124,8 +124,8 @@ class NavigationPorts:
         return self._health.diagnose({**waiting, **self._node.taken_counts()})
 
     def _silent_s(self) -> float:
-        """Time since IMU samples stopped, by the computer's clock; 0 in lockstep, which waits."""
-        imu_ns, now_s = self._session.reorder.newest_imu_ns, time.monotonic()
+        """Time since IMU samples that are used stopped, by the computer's clock; 0 in lockstep."""
+        imu_ns, now_s = self._session.engine.last_imu_ns, time.monotonic()
         if imu_ns != self._imu_seen[0] or self._session.params.lockstep:
             self._imu_seen = imu_ns, now_s
         return now_s - self._imu_seen[1]

@@ -249,7 +249,7 @@ class NavigationSession(Generic[P]):
         silent_s : float
             Since the newest IMU sample came, by the computer's clock [s]: clocks need not agree.
         """
-        imu_ns = self.reorder.newest_imu_ns
+        imu_ns = self.engine.last_imu_ns
         if imu_ns is not None and (silent_s > SILENT_S or not self.engine.navigating):
             now_ns = imu_ns + round(silent_s * NS)
             yield Published.of(HEALTH, health_to_msg(self.engine, now_ns, math.nan, imu_ns))

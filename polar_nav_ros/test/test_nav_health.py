@@ -96,11 +96,12 @@ def test_culprits_are_the_bits_of_the_message():
 def test_the_clock_of_the_computer_gives_the_beat_while_there_is_no_estimate():
     session = NavigationSession(EngineParams(), 'auv', {})
     assert list(session.silence(5.0)) == []  # no IMU sample ever came
-    session.reorder.newest_imu_ns = NOW
+    session.engine.last_imu_ns = NOW
     (aligning,) = session.silence(0.5)
     assert aligning.topic == 'nav/health'
     assert aligning.message.status == NavHealth.STATUS_ALIGNING
     session.engine = engine()
+    session.engine.last_imu_ns = NOW
     assert list(session.silence(1.9)) == []  # estimates may still come
     (silent,) = session.silence(2.5)
     assert (silent.message.level, silent.message.culprit) == (NavHealth.ERROR, NavHealth.IMU)

@@ -144,7 +144,7 @@ class Clocks:
         out: list[Action] = []
         if topic.held and topic.held[0][0].stamp_ns == event.stamp_ns:
             topic.held.append((event, arrival_ns))  # the same again: no other one that agrees
-            return []
+            return self._release(topic) if len(topic.held) >= _MOST_HELD else []
         if topic.held and not self._agrees(topic, event, arrival_ns):
             out = self._release(topic)
         topic.held.append((event, arrival_ns))

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
@@ -77,6 +77,12 @@ class Turn:
     covariance: Array
     distance: float
 
+    def aged(self, age_s: float) -> Turn:
+        """The same a time [s] after the newest fix: the angle has grown by its rate."""
+        grown = np.array([[1.0, age_s], [0.0, 1.0]])
+        covariance = grown @ self.covariance @ grown.T
+        return replace(self, angle=self.angle + self.rate * age_s, covariance=covariance)
+
 
 @dataclass(frozen=True)
 class Refused:
@@ -97,6 +103,11 @@ class RefusedRow:
     def add(self, fix: Fix, offset_G: Array) -> None:
         """Append a refused fix; ``offset_G`` (3,) is fix minus estimate at its validity [m]."""
         self._row.append(Refused(fix.validity_ns, fix.r_e, fix.covariance_e, offset_G))
+
+    @property
+    def newest_ns(self) -> int:
+        """Newest validity in the row [ns]."""
+        return max(r.validity_ns for r in self._row)
 
     def clear(self) -> None:
         """Begin a new row: a fix was used, or the covariance enlarged."""

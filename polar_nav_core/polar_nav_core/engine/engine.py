@@ -95,6 +95,7 @@ class Engine:
         self.adaptation: Adaptation | None = make_adaptation(params)
         self._identified: Identification | None = None
         self._initial: InitialState | None = params.initial_state()
+        self._stated_heading = 0.0 if self._initial is None else self._initial.sigma_heading
         self._last_key: OrderKey | None = None
         self.last_imu_ns: int | None = None
         self.due_ns: int | None = None
@@ -285,7 +286,7 @@ class Engine:
         return self.health
 
     def _heading_unknown(self, fusion: Fusion) -> list[Condition]:
-        at_start = 0.0 if self._initial is None else self._initial.sigma_heading
+        at_start = self._stated_heading
         if at_start < UNKNOWN:
             return []
         now = math.sqrt(fusion.filter.published_P[2, 2])
@@ -361,17 +362,17 @@ class Engine:
             self._identified = self.adaptation.fix(fix, result.outcome, self.fusion)
         now_ns = self.fusion.stamp_ns
         first = self.ledger.decided(fix, fix, result, now_ns)
-        revised = (
+        revised = [
             self.ledger.decided(other, fix, FixResult(outcome, 0), now_ns)
             for other, outcome in result.revised
-        )
+        ]
         self.reconsider(result.outcome)
         return [first, *revised]
 
     def reconsider(self, outcome: Outcome) -> None:
         """Judge the estimate by refused fixes, after a fix was decided (engine.reconsider)."""
         if isinstance(self.fusion, Fusion) and self._initial is not None:
-            sigma = self._initial.sigma_heading
+            sigma = self._stated_heading
             self.resets += reconsider(self.fusion, self.ledger, self.params, outcome, sigma)
 
     def _command(self, command: Command) -> Iterator[Output]:
@@ -389,6 +390,8 @@ class Engine:
         self.due_ns = None
         self.divergence = ''
         self.ledger.start_anew()
+        if self._initial is not None and not isinstance(self._initial, SavedState):
+            self._stated_heading = self._initial.sigma_heading  # a saved one has been learnt
         if isinstance(self._initial, SavedState):
             self.ledger.restore(self._initial.fixes, self._initial.records)
         self.adaptation = make_adaptation(self.params)
@@ -405,7 +408,9 @@ class Engine:
         """State and fixes as they are now, for a restart; None without a state."""
         if self.fusion is None:
             return None
-        return self.fusion.saved(self.fix_counts(), self.ledger.packed())
+        saved = self.fusion.saved(self.fix_counts(), self.ledger.packed())
+        # Who reads it knows nothing of steps of the clock: it counts by the IMU's own.
+        return replace(saved, stamp_ns=self.clock.own_ns(saved.stamp_ns))
 
     # -- outputs ----------------------------------------------------------------------------------
 

@@ -18,6 +18,8 @@ LEAST_STEP_NS = 500_000_000
 """A clock that steps by less is not followed: that much, messages can be late."""
 STEP_SAMPLES = 5
 """Samples in a row that show a step."""
+_MOST_HELD = 256
+"""Samples that wait: a stamp that never changes lets no other one decide."""
 _FIRST_NS = 10_000_000_000
 """Between the first two messages of a run."""
 _UNSEEN_GAP_NS = 60_000_000_000
@@ -82,7 +84,7 @@ class ImuClock:
         if self._held and behind == self._behind:
             if sample.stamp_ns in (self._held[0][0].stamp_ns, self._held[-1][0].stamp_ns):
                 self._held.append((sample, arrival_ns))  # the same again agrees with nothing
-                return []
+                return self._let_go() if len(self._held) >= _MOST_HELD else []
             if self._goes_on(sample.stamp_ns):
                 self._held.append((sample, arrival_ns))
                 return self._decide()
@@ -104,7 +106,9 @@ class ImuClock:
             agrees = -self._leap_ns <= way_ns <= max(_FIRST_NS, self._leap_ns)
             if way_ns == 0 or agrees:
                 self._held.append((sample, arrival_ns))
-                return self._use(self._let_all()) if way_ns else []
+                if way_ns:
+                    return self._use(self._let_all())
+                return self._let_go() if len(self._held) >= _MOST_HELD else []
         out = self._let_go()
         self._held, self._behind = [(sample, arrival_ns)], False
         return out

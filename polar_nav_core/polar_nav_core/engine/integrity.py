@@ -137,17 +137,18 @@ class IntegrityMonitor:
         """Whether no fix has been refused since the newest that was fused."""
         return not self._count
 
-    def gated(self, validity_ns: int, receive_ns: int, offset_G: Array) -> None:
-        """Count a fix that the gate refused; ``offset_G`` is fix minus estimate (3,) [m].
+    def gated(self, validity_ns: int, receive_ns: int, offset_G: Array) -> bool:
+        """Whether a fix that the gate refused counts; ``offset_G`` is fix minus estimate (3,) [m].
 
-        One that is valid before the newest fused fix does not count.
+        One that is valid before the newest fused fix does not.
         """
         if validity_ns <= self._newest_fused_validity_ns:
-            return
+            return False
         if not self._count:
             self._first_ns = receive_ns
         self._refused.append(_Refused(validity_ns, receive_ns, offset_G))
         self._count += 1
+        return True
 
     def agrees_with_refused(self, offset_G: Array) -> bool:
         """Whether a fix lies nearer to the refused ones than to the estimate.

@@ -169,8 +169,8 @@ class FixLedger:
             self._fused[_FIX] += 1
             self._last_validity_ns = max(self._last_validity_ns, fix.validity_ns)
         else:
-            self.integrity.gated(fix.validity_ns, cause.receive_ns, -outcome.z)
-            self.refused_row.add(fix, -outcome.z)
+            if self.integrity.gated(fix.validity_ns, cause.receive_ns, -outcome.z):
+                self.refused_row.add(fix, -outcome.z)
             self.suspect(refused_verdict(outcome), cause.receive_ns)
             self._fused[_FIX] -= revision > 0
         return decided_receipt(fix, cause, result, now_ns, revision, self._configuration)

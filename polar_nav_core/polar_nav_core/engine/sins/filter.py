@@ -155,6 +155,7 @@ class NavigationFilter:
             s.sensitivity,
             s.memories,
             s.shared,
+            s.conflict,
             s.runs,
             s.increments,
             s.sums,
@@ -168,6 +169,7 @@ class NavigationFilter:
         s.r_e[:] += self.frames.velocity_e * since_s
         speed = float(np.linalg.norm(s.v_G))
         s.P[X.dr_e, X.dr_e] += np.eye(3) * ((speed + _LOST_ACCELERATION) * since_s) ** 2
+        self.leader = lost.leader  # the states are scaled by what it has heard
         self._begin()
 
     def _set_state(self, s: InitialState) -> None:
@@ -447,7 +449,12 @@ class NavigationFilter:
         counters = self.state.counters
         counters[fs.OPENED_NS + fs.FIX_ROW] = counters[fs.STAMP]
         counters[fs.OPENINGS + fs.FIX_ROW] += 1
+        self.forget_fixes()
+
+    def forget_fixes(self) -> None:
+        """Begin anew with what fixes and common errors have shown: another estimate showed it."""
         self.state.memories[fs.FIX_ROW] = 0.0
+        self.state.shared[:] = 0.0
 
     def snapshot_here(self) -> None:
         """Make the present the oldest state that can be gone back to."""

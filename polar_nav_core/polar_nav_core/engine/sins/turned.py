@@ -38,7 +38,7 @@ def weigh_refused(
     turn = row.turn(f.frames.C_e_G, Unlearnt(heading, p.dvl_scale_sigma, p.gyro_bias_sigma))
     if turn is None:
         return False
-    turn_state(f, turn, p.dvl_scale_sigma)
+    turn_state(f, turn.aged((f.stamp_ns - row.newest_ns) * 1e-9), p.dvl_scale_sigma)
     return True
 
 
@@ -70,3 +70,4 @@ def turn_state(f: NavigationFilter, turn: Turn, scale_sigma: float) -> None:
     P += scale_sigma**2 * stretched @ stretched.T
     P[X.dr_e, X.dr_e] += turn.distance**2 * C_e_G[:2].T @ C_e_G[:2]
     P[:] = 0.5 * (P + P.T)
+    f.forget_fixes()
