@@ -20,8 +20,10 @@ if numba.config.DISABLE_JIT:
         f'test_{name}.py'
         for name in [
             'batch',
+            'clocks',
             'clone',
             'delay_strategies',
+            'disagreement',
             'engine',
             'identification_published',
             'identification_robust',
@@ -42,12 +44,14 @@ if numba.config.DISABLE_JIT:
             'restart',
             'robust',
             'runaway',
+            'scale',
             'spoofed_fixes',
             'stated_common_errors',
             'station_common',
             'station_delays',
             'station_engine',
             'station_gap',
+            'station_obey',
             'station_trust',
             'warm',
         ]
