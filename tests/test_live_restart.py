@@ -11,11 +11,14 @@ import time
 import pytest
 from live_support import RunningDemo, polar
 
+from polar_nav_tools.bags import open_bag
+
 pytestmark = [pytest.mark.live, pytest.mark.slow, pytest.mark.timeout(300)]
 
 FOLLOWER = '/follower/follower_node'
 PATIENCE_S = 120.0
 GOES_ON = 'navigation goes on from a state of'
+NAVIGATES = 'follower_node]: navigating, '
 
 
 def until(true, run):
@@ -49,6 +52,11 @@ def kill(run, name, count):
     assert before not in run.nodes()
 
 
+def times_ns(bag, topic):
+    """Log times of a topic's messages."""
+    return [time_ns for _, time_ns, _ in bag.messages([topic])]
+
+
 def end_well(run):
     """End it by Ctrl-C: everything in order, nothing left, a whole bag; its /info as JSON."""
     run.process.send_signal(signal.SIGINT)
@@ -64,11 +72,13 @@ def test_killed_nodes_are_started_again(launched):
     kill(launched, FOLLOWER, 1)
     for name in ('/leader/leader_node', '/acoustic_link_node'):
         kill(launched, name, 1)
+    until(lambda: launched.stderr.count(NAVIGATES) == 2, launched)
     said = end_well(launched)
     assert said['ok'] is True
-    counts = {t['name']: t['count'] for t in said['topics']}
-    assert counts['/follower/nav/restore'] == 1
-    assert counts['/follower/nav/state'] > 50
+    bag = open_bag(launched.bag)
+    (restored,) = times_ns(bag, '/follower/nav/restore')
+    states = times_ns(bag, '/follower/nav/state')
+    assert states[0] < restored < states[-1]
 
 
 @pytest.mark.long

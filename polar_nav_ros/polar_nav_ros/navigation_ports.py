@@ -54,6 +54,9 @@ from .standard_outputs import fix_of
 from .state_store import StateStore
 from .topics import CLOCK_STEP, COMMAND, FIX, HEALTH, ODOMETRY, RECEIPT, RESTORE, STATE
 
+LISTENER_WAIT_S = 2.0
+"""Longest wait of a restarted node for a recorder of its restore [s]."""
+
 
 class NavigationPorts:
     """Connects a session to the topics and services of its node.
@@ -94,10 +97,10 @@ class NavigationPorts:
         }
         self._commands = node.advertise(CommandMsg, COMMAND)
         self._store = store
-        if store is not None:
-            self._restores = node.advertise(RestoreMsg, RESTORE)
         self._odometry = node.advertise(Odometry, ODOMETRY)
         self._fix = node.advertise(NavSatFix, FIX)
+        if store is not None:
+            self._restores = node.advertise(RestoreMsg, RESTORE)
         self._command_count = 0
         self._imu_seen: tuple[int | None, float] = (None, time.monotonic())
         self._fix_second = -1
@@ -114,6 +117,10 @@ class NavigationPorts:
             f'configuration {session.params.configuration}, {session.engine.configuration.doc}'
         )
         self._health = NavigationHealth(session.engine, node.get_logger())
+        if store is not None and store.has_state:
+            # A recorder that runs finds a restarted node within a second; without the restore
+            # its bag cannot be replayed. Sensors wait in their queues meanwhile.
+            self._restores.wait_for_subscription(LISTENER_WAIT_S)
 
     def diagnose(self) -> Diagnosis:
         """Health with verdict counts, ages and the number of waiting events."""

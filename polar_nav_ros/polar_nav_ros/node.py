@@ -58,6 +58,7 @@ LATCHED_QOS = QoSProfile(
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
 _HEARTBEAT_S = 0.5
+_POLL_S = 0.01
 _STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 
 
@@ -78,6 +79,13 @@ class CountedPublisher:
     def matched(self) -> int:
         """Number of subscriptions matched with this publisher."""
         return int(self._publisher.get_subscription_count())
+
+    def wait_for_subscription(self, timeout_s: float) -> bool:
+        """Whether a subscription was matched, now or within so many seconds."""
+        end = time.monotonic() + timeout_s
+        while not self.matched and time.monotonic() < end:
+            time.sleep(_POLL_S)
+        return self.matched > 0
 
     def flush(self, timeout_s: float) -> bool:
         """Wait until every reader has acknowledged everything."""

@@ -48,6 +48,11 @@ class StateStore:
         self.status = 'not saved yet'
         self._found = self._load()
 
+    @property
+    def has_state(self) -> bool:
+        """Whether a saved state waits for the first IMU sample."""
+        return self._found is not None
+
     def take(self, params: EngineParams, stamp_ns: int) -> SavedState | None:
         """State to go on from at the first IMU sample's stamp [ns]; None else."""
         saved, self._found = self._found, None
