@@ -13,7 +13,7 @@ from polar_nav_tools.scoring import (
     standard_windows,
     statistics,
 )
-from polar_nav_tools.scoring.consistency import effective_count
+from polar_nav_tools.scoring.consistency import consistency_along, effective_count
 
 
 def test_by_hand():
@@ -118,33 +118,56 @@ def test_shapes_are_checked():
         normalized_squared(np.ones((4, 3)), np.ones((4, 2, 2)))
 
 
+def gauss_markov(rng, n, rho):
+    """A stationary series N(0, 1) with the autocorrelation rho^|lag|, (n, 1)."""
+    x = np.empty((n, 1))
+    x[0] = rng.normal()
+    for k in range(1, n):
+        x[k] = rho * x[k - 1] + np.sqrt(1.0 - rho**2) * rng.normal()
+    return x
+
+
 def test_effective_count_of_known_processes():
     rng = np.random.default_rng(2)
     n = 20000
-    white = rng.normal(size=n)
-    assert effective_count(white) == pytest.approx(n, rel=0.1)
-    # AR(1): tau = (1 + rho) / (1 - rho).
+    assert effective_count(rng.normal(size=(n, 3))) == pytest.approx(n, rel=0.1)
+    # Squares of AR(1): tau = (1 + rho^2) / (1 - rho^2).
     rho = 0.95
-    x = np.empty(n)
-    x[0] = white[0]
-    for k in range(1, n):
-        x[k] = rho * x[k - 1] + white[k]
-    assert effective_count(x) == pytest.approx(n * (1 - rho) / (1 + rho), rel=0.25)
-    assert effective_count(np.full(100, 7.3)) == 1.0
-    assert effective_count([1.0, 2.0]) == 2.0
+    x = gauss_markov(rng, n, rho)
+    assert effective_count(x) == pytest.approx(n * (1 - rho**2) / (1 + rho**2), rel=0.25)
+    assert effective_count(np.full((100, 1), 7.3)) == pytest.approx(1.0)
+    assert effective_count(np.zeros((100, 1))) == 1.0
+    assert effective_count([[1.0], [2.0]]) == 2.0
+
+
+def test_a_constant_error_with_noise_on_it_is_one_sample():
+    """A leader's offset of 1.8 sigma under a little noise of fixes, over a whole run."""
+    rng = np.random.default_rng(5)
+    c = consistency_along(1.8 + 0.2 * rng.normal(size=(6000, 1)))
+    assert c.effective_count < 2.0
+    assert c.mean_per_dof == pytest.approx(3.28, rel=0.05)
+    assert c.judgement == 'consistent'
+    assert consistency_along(np.full((6000, 1), 3.0)).judgement == 'optimistic'
+
+
+def test_honest_correlated_errors_are_consistent_in_most_runs():
+    """Of 200 runs of some 17 correlation times 10 are expected outside their band, hardly 40."""
+    rng = np.random.default_rng(9)
+    found = [consistency_along(gauss_markov(rng, 500, 0.97)).judgement for _ in range(200)]
+    assert found.count('consistent') >= 160
 
 
 def test_an_honest_filter_is_consistent_in_most_runs():
     """The band has 95 %: of 200 runs 10 are expected outside, 22 would be beyond 3.9 sigma."""
     rng = np.random.default_rng(8)
-    found = [consistency(rng.chisquare(3, 300), 3, independent=True).judgement for _ in range(200)]
+    found = [consistency(rng.chisquare(3, 300), 3).judgement for _ in range(200)]
     assert found.count('consistent') >= 178
 
 
 @pytest.mark.parametrize(('factor', 'word'), [(2.0, 'optimistic'), (0.5, 'pessimistic')])
 def test_a_wrong_covariance_is_found(factor, word):
     values = factor * np.random.default_rng(1).chisquare(3, 300)
-    c = consistency(values, 3, independent=True)
+    c = consistency(values, 3)
     assert c.judgement == word
     assert c.mean_per_dof == pytest.approx(factor, rel=0.1)
     assert c.share_inside < 0.95
@@ -153,7 +176,7 @@ def test_a_wrong_covariance_is_found(factor, word):
 def test_mixed_degrees_of_freedom_are_weighed():
     dof = np.array([2, 3] * 500)
     values = np.random.default_rng(4).chisquare(dof)
-    c = consistency(values, dof, independent=True)
+    c = consistency(values, dof)
     assert c.dof == 2.5
     assert c.mean_per_dof == pytest.approx(values.sum() / dof.sum())
     low, high = chi2.ppf([0.025, 0.975], 2500) / 2500
@@ -162,14 +185,14 @@ def test_mixed_degrees_of_freedom_are_weighed():
 
 
 def test_correlated_samples_widen_the_band():
-    slow = np.repeat(np.random.default_rng(0).chisquare(3, 30), 100)
-    along = consistency(slow, 3, independent=False)
+    slow = np.repeat(np.random.default_rng(0).normal(size=(30, 3)), 100, axis=0)
+    along = consistency_along(slow)
     assert along.effective_count < 60
     assert along.band_high - along.band_low > 0.4
-    assert consistency(slow, 3, independent=True).band_high < 1.06
+    assert consistency(np.square(slow).sum(1), 3).band_high < 1.06
 
 
 def test_no_samples_no_judgement():
-    c = consistency([np.nan], 3, independent=True)
+    c = consistency([np.nan], 3)
     assert (c.count, c.missing, c.judgement) == (0, 1, 'unknown')
     assert c.to_dict()['mean'] is None

@@ -3,10 +3,11 @@
 NEES is e' P^-1 e of an estimate against truth, NIS is r' S^-1 r of an innovation; of an honest
 filter each is chi-square distributed with as many degrees of freedom as it has components.
 Innovations of an honest filter are white, so the mean of N of them has the band of chi2(N dof)/N.
-Errors along one run are not: 6000 states at 10 Hz are perhaps 50 independent ones. The band of a
-mean NEES therefore uses an effective number of samples, from the autocorrelation of the NEES
-itself (Geyer's initial positive sequence); it is indicative, and a Monte-Carlo run over seeds is
-the real test.
+Errors along one run are not: 6000 states at 10 Hz are perhaps 50 independent ones, and a leader's
+constant offset is one for as long as it lasts. The band of a mean NEES therefore uses an effective
+number of samples, from the autocorrelation of the whitened errors about zero, their mean when
+honest (about the mean of the run a constant error would look like noise around it). It is
+indicative, and a Monte-Carlo run over seeds is the real test.
 """
 
 from __future__ import annotations
@@ -86,18 +87,18 @@ def chi_square_band(dof: ArrayLike, probability: float = PROBABILITY) -> tuple[F
 
 
 @np.errstate(over='ignore', invalid='ignore')  # a damaged message can hold any number
-def normalized_squared(error: ArrayLike, covariance: ArrayLike) -> Floats:
-    """Squared error in units of its covariance, e' P^-1 e.
+def whitened(error: ArrayLike, covariance: ArrayLike) -> Floats:
+    """Errors divided by the root of their covariance, L^-1 e: of an honest filter N(0, I).
 
     Parameters
     ----------
     error : array_like, shape (n, k)
     covariance : array_like, shape (n, k, k)
-        Symmetric; in the square of the unit of `error`.
+        Symmetric, P = L L'; in the square of the unit of `error`.
 
     Returns
     -------
-    ndarray, shape (n,)
+    ndarray, shape (n, k)
         NaN where anything is not finite or the covariance is not positive definite.
     """
     e = np.asarray(error, dtype=np.float64)
@@ -106,7 +107,7 @@ def normalized_squared(error: ArrayLike, covariance: ArrayLike) -> Floats:
         raise ValueError(
             f'error has shape {e.shape}, covariance {P.shape}; want (n, k) and (n, k, k)'
         )
-    out = np.full(e.shape[0], np.nan)
+    out = np.full(e.shape, np.nan)
     variance = np.diagonal(P, axis1=1, axis2=2)
     usable = np.isfinite(e).all(1) & np.isfinite(P).all((1, 2)) & (variance > 0.0).all(1)
     rows = np.flatnonzero(usable)
@@ -118,8 +119,15 @@ def normalized_squared(error: ArrayLike, covariance: ArrayLike) -> Floats:
     z = e[rows] / sigma
     definite = _definite(correlation)
     rows, correlation, z = rows[definite], correlation[definite], z[definite]
-    out[rows] = np.einsum('nk,nk->n', z, np.linalg.solve(correlation, z[:, :, None])[:, :, 0])
+    out[rows] = np.linalg.solve(np.linalg.cholesky(correlation), z[:, :, None])[:, :, 0]
     return out
+
+
+@np.errstate(over='ignore')
+def normalized_squared(error: ArrayLike, covariance: ArrayLike) -> Floats:
+    """Squared errors in units of their covariance, e' P^-1 e, shape (n,); NaN as `whitened`."""
+    squared: Floats = np.square(whitened(error, covariance)).sum(1)
+    return squared
 
 
 def _definite(correlation: Floats, least: float = 1e-12) -> NDArray[np.bool_]:
@@ -135,44 +143,73 @@ def _definite(correlation: Floats, least: float = 1e-12) -> NDArray[np.bool_]:
     return np.ones(len(correlation), np.bool_)
 
 
-def effective_count(values: ArrayLike) -> float:
-    """Number of independent samples with the same variance of the mean as a correlated series.
+def effective_count(whitened_errors: ArrayLike) -> float:
+    """Number of independent samples with the same variance of the mean square as a series.
 
-    n / tau with tau = 1 + 2 sum of autocorrelations, summed over pairs of lags while the pairs
-    stay positive (Geyer 1992, initial positive sequence); at least 1, at most n.
+    The squares of Gaussian numbers of mean zero with autocorrelation rho have the autocorrelation
+    rho^2, so the mean of n of them has the variance of n / tau independent ones, with
+    tau = sum of rho^2 over all lags, summed while rho stays positive; the mean tau of the
+    components. At least 1, at most n.
+
+    Parameters
+    ----------
+    whitened_errors : array_like, shape (n, k)
+        In order of time; rows with a value that is not finite are left out.
     """
-    x = np.asarray(values, dtype=np.float64)
-    x = x[np.isfinite(x)]
-    n = x.size
+    w = np.asarray(whitened_errors, dtype=np.float64)
+    w = w[np.isfinite(w).all(1)]
+    n = len(w)
     if n < 4:
         return float(n)
-    x = x - x.mean()
+    return max(1.0, n / float(np.mean([_correlation_length(x) for x in w.T])))
+
+
+def _correlation_length(x: Floats) -> float:
+    """Tau of one component: 1 if it is white, n if it is constant."""
+    n, largest = x.size, float(np.max(np.abs(x)))
+    if largest == 0.0:
+        return float(n)
+    x = x / largest  # its square is finite, whatever a damaged message holds
     size = 1 << (2 * n - 1).bit_length()
     spectrum = np.fft.rfft(x, size)
-    acov = np.fft.irfft(spectrum * spectrum.conj(), size)[:n] / n
-    # Rounding of the mean leaves 1e-17 in a constant series: that is one sample's worth.
-    if acov[0] <= 1e-24 * max(1.0, float(np.max(np.abs(values))) ** 2):
-        return 1.0
-    rho = acov / acov[0]
+    # Sum over n - lag products by their number: of a constant x rho is 1 at every lag.
+    rho = np.fft.irfft(spectrum * spectrum.conj(), size)[:n] / np.arange(n, 0, -1)
+    rho = np.clip(rho / rho[0], -1.0, 1.0)
     pairs = rho[: n - n % 2].reshape(-1, 2).sum(1)
     negative = np.flatnonzero(pairs <= 0.0)
-    stop = negative[0] if negative.size else pairs.size
-    tau = max(1.0, 2.0 * float(pairs[:stop].sum()) - 1.0)
-    return max(1.0, n / tau)
+    stop = 2 * int(negative[0]) if negative.size else n
+    return float(min(n, max(1.0, 2.0 * np.square(rho[:stop]).sum() - 1.0)))
 
 
-def consistency(squared: ArrayLike, dof: ArrayLike, *, independent: bool) -> Consistency:
-    """Consistency of normalized squared errors with their chi-square band.
+def consistency(squared: ArrayLike, dof: ArrayLike) -> Consistency:
+    """Consistency of the normalized squares of innovations with their chi-square band.
 
     Parameters
     ----------
     squared : array_like, shape (n,)
-        NEES or NIS; values that are not finite are left out and counted.
+        NIS; values that are not finite are left out and counted. Independent of one another.
     dof : array_like, scalar or shape (n,)
         Degrees of freedom of each.
-    independent : bool
-        True for innovations, False for errors along a run.
     """
+    return _consistency(squared, dof, None)
+
+
+def consistency_along(whitened_errors: ArrayLike) -> Consistency:
+    """Consistency of errors along a run, which are not independent, with their chi-square band.
+
+    Parameters
+    ----------
+    whitened_errors : array_like, shape (n, k)
+        From `whitened`, in order of time; rows that are not finite are left out and counted.
+    """
+    w = np.asarray(whitened_errors, dtype=np.float64)
+    with np.errstate(over='ignore'):
+        squared = np.square(w).sum(1)
+    return _consistency(squared, w.shape[1], effective_count(w))
+
+
+def _consistency(squared: ArrayLike, dof: ArrayLike, independent: float | None) -> Consistency:
+    """Consistency of normalized squares of which so many are independent; None: all."""
     all_values = np.asarray(squared, dtype=np.float64)
     all_dof = np.broadcast_to(np.asarray(dof, dtype=np.float64), all_values.shape)
     good = np.isfinite(all_values) & (all_dof > 0.0)
@@ -181,7 +218,7 @@ def consistency(squared: ArrayLike, dof: ArrayLike, *, independent: bool) -> Con
     if values.size == 0:
         nan = float('nan')
         return Consistency(0, missing, nan, nan, nan, 0.0, nan, nan, nan)
-    n_eff = float(values.size) if independent else effective_count(values)
+    n_eff = float(values.size) if independent is None else max(1.0, independent)
     dof_total = n_eff * float(k.mean())
     low, high = chi_square_band(dof_total)
     each_low, each_high = chi_square_band(k)

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..series.model import ModelRun, ModelSeries
 from ..series.vehicle import Floats, TruthSeries
-from .consistency import Consistency, consistency, normalized_squared
+from .consistency import Consistency, consistency_along, whitened
 from .drift_tables import CONFIGURATION
 from .json_values import record
 from .statistics import Statistics, statistics
@@ -207,15 +207,12 @@ def _nees(rows: ModelSeries, found: Mapping[str, ModelErrors]) -> dict[str, Cons
     ab = rows.drag_correlation * a * b
     P_drag = np.stack([np.stack([a * a, ab], axis=1), np.stack([ab, b * b], axis=1)], axis=1)
     heading = found[HEADING]
-    squared = {
-        'current, 2 dof': (normalized_squared(current, rows.P_current_G[:, :2, :2]), 2),
-        'drag d1x and d2x, 2 dof': (normalized_squared(drag, P_drag), 2),
-        'heading bias, 1 dof': (
-            normalized_squared(heading.error[:, None], heading.sigma[:, None, None] ** 2),
-            1,
-        ),
+    errors = {
+        'current, 2 dof': whitened(current, rows.P_current_G[:, :2, :2]),
+        'drag d1x and d2x, 2 dof': whitened(drag, P_drag),
+        'heading bias, 1 dof': whitened(heading.error[:, None], heading.sigma[:, None, None] ** 2),
     }
-    return {k: consistency(v, dof, independent=False) for k, (v, dof) in squared.items()}
+    return {k: consistency_along(v) for k, v in errors.items()}
 
 
 def _root(variance: Floats) -> Floats:

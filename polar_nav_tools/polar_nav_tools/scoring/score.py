@@ -18,7 +18,7 @@ from polar_nav_core.engine.events import LOCAL_DOF, LOCAL_GATED
 from ..series.vehicle import EstimateSeries, ReceiptRecord, TruthSeries
 from .align import Alignment, AlignmentCounts, Mode, align
 from .by_age import AgeClass, by_age
-from .consistency import Consistency, consistency, normalized_squared
+from .consistency import Consistency, consistency_along, whitened
 from .errors import ARCMIN, ErrorSeries, distance_travelled, errors
 from .json_values import record
 from .relative import INTERVAL_S, absolute_errors, relative_errors
@@ -247,10 +247,10 @@ class _Whole:
     components: dict[str, _Component]
     speed: Floats  # true, horizontal, shape (n,) [m/s]
     age: Floats  # of information, shape (n,) [s]
-    nees_position: Floats  # shape (n,)
-    nees_horizontal: Floats  # shape (n,)
-    nees_velocity: Floats  # shape (n,)
-    nees_heading: Floats  # shape (n,)
+    position: Floats  # whitened errors, shape (n, 3)
+    horizontal: Floats  # whitened errors, shape (n, 2)
+    velocity: Floats  # whitened errors, shape (n, 3)
+    heading: Floats  # whitened errors, shape (n, 1)
     verdicts: VerdictSeries
     local_ns: Ints  # shape (m,)
     local: Floats  # EstimateSeries.local_statistics, shape (m, 2, 3)
@@ -265,12 +265,10 @@ def _whole(
         components=_components(error),
         speed=np.hypot(v_G[:, 0], v_G[:, 1]),
         age=age_of_information(error.stamp_ns, verdicts),
-        nees_position=normalized_squared(dr_G, P_G),
-        nees_horizontal=normalized_squared(dr_G[:, :2], P_G[:, :2, :2]),
-        nees_velocity=normalized_squared(error.dv_G, error.P_velocity_G),
-        nees_heading=normalized_squared(
-            error.grid_heading[:, None], error.P_attitude_G[:, 2:, 2:]
-        ),
+        position=whitened(dr_G, P_G),
+        horizontal=whitened(dr_G[:, :2], P_G[:, :2, :2]),
+        velocity=whitened(error.dv_G, error.P_velocity_G),
+        heading=whitened(error.grid_heading[:, None], error.P_attitude_G[:, 2:, 2:]),
         verdicts=verdicts,
         local_ns=estimate.stamp_ns,
         local=estimate.local_statistics,
@@ -305,10 +303,10 @@ def _window_score(window: Window, whole: _Whole) -> WindowScore:
     return WindowScore(
         window=window,
         components=components,
-        nees_position=consistency(whole.nees_position[inside], 3, independent=False),
-        nees_horizontal=consistency(whole.nees_horizontal[inside], 2, independent=False),
-        nees_velocity=consistency(whole.nees_velocity[inside], 3, independent=False),
-        nees_heading=consistency(whole.nees_heading[inside], 1, independent=False),
+        nees_position=consistency_along(whole.position[inside]),
+        nees_horizontal=consistency_along(whole.horizontal[inside]),
+        nees_velocity=consistency_along(whole.velocity[inside]),
+        nees_heading=consistency_along(whole.heading[inside]),
         nis=nis_by_source(received),
         nis_fused=nis_by_source(received, (FUSED,)),
         nis_local=nis_of_local(local),

@@ -160,7 +160,7 @@ def nis_by_source(
     found = {}
     for source in sorted(set(judged.source)):
         own = judged.rows(judged.source == source)
-        found[source] = consistency(own.nis, own.degrees_of_freedom, independent=True)
+        found[source] = consistency(own.nis, own.degrees_of_freedom)
     return found
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.stats import chi2
 
-from .consistency import CONSISTENT, Consistency, consistency, normalized_squared
+from .consistency import CONSISTENT, Consistency, consistency_along, whitened
 from .drift_tables import CONFIGURATION
 from .honesty import HONEST
 from .json_values import record
@@ -82,7 +82,8 @@ def withheld_score(
         Prediction minus measurement, and its covariance.
     """
     dof = error.shape[1]
-    squared = normalized_squared(error, covariance)
+    normal = whitened(error, covariance)
+    squared = np.square(normal).sum(1)
     known = squared[np.isfinite(squared)]
     inside = {
         p: float(np.mean(known <= chi2.ppf(p, dof))) if known.size else float('nan')
@@ -94,7 +95,7 @@ def withheld_score(
         count=len(error),
         offered=offered,
         error=statistics(np.linalg.norm(error, axis=1)),
-        nis=consistency(squared, dof, independent=False),
+        nis=consistency_along(normal),
         coverage=inside,
     )
 
