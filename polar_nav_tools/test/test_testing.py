@@ -7,7 +7,13 @@ from pathlib import Path
 import pytest
 
 from polar_nav_tools.development import suite as testing
-from polar_nav_tools.development.suite import Step, fast_ring, run_suite, source_root
+from polar_nav_tools.development.suite import (
+    Step,
+    all_rings,
+    fast_ring,
+    run_suite,
+    source_root,
+)
 
 
 def step(name, status=0):
@@ -18,10 +24,9 @@ def step(name, status=0):
 @pytest.fixture
 def suite(tmp_path, monkeypatch, capfd):
     def run(first, last, **options):
-        monkeypatch.setattr(testing, 'checks', lambda _: first)
-        monkeypatch.setattr(testing, 'without_compiler', lambda _: step('plain'))
         monkeypatch.setattr(testing, 'tests', lambda *_, **__: last)
         monkeypatch.setattr(testing, 'fast_ring', lambda _: (last, first))
+        monkeypatch.setattr(testing, 'all_rings', lambda *_, **__: (step('core'), first, last))
         asked = {'long': False, 'fast': False, 'arguments': [], **options}
         status = run_suite(tmp_path, **asked)
         return status, *capfd.readouterr()
@@ -45,7 +50,7 @@ def test_whatever_fails_is_told_and_all_run(suite, fast, broken):
         assert f'said by {name}' in out
 
 
-def test_in_order_the_tests_come_last_and_have_the_last_word(suite):
+def test_whole_graphs_come_last_and_have_the_last_word(suite):
     _, out, _ = suite([step('style')], step('tests'))
     assert out.index('style: ok') < out.index('== tests')
     assert out.strip().splitlines()[-1] == 'said by tests'
@@ -77,13 +82,19 @@ def test_of_what_went_well_on_the_other_core_only_the_last_line_is_shown(suite):
     assert 'first line' not in out
 
 
-def test_the_halves_of_the_fast_ring_are_all_of_it():
+def test_the_steps_are_all_tests_there_are():
     config = tomllib.loads((source_root(Path(__file__)) / 'pyproject.toml').read_text())
-    folders = config['tool']['pytest']['ini_options']['testpaths']
+    folders = sorted(config['tool']['pytest']['ini_options']['testpaths'])
     lower, others = fast_ring('python')
-    halves = [[c for c in s.command if c in folders] for s in (lower, others[-1])]
-    assert sorted(halves[0] + halves[1]) == sorted(folders)
-    assert all(halves)
+    assert folders_of([lower, others[-1]], folders) == folders
+    for long in (True, False):
+        lower, others, whole = all_rings('python', long=long)
+        assert folders_of([lower, others[-1], whole], folders) == folders
+
+
+def folders_of(steps, folders):
+    """Folders in which steps look for tests, in order of name."""
+    return sorted(c for s in steps for c in s.command if c in folders)
 
 
 def test_with_arguments_only_pytest_runs(suite):

@@ -1,7 +1,7 @@
 """`polar test`: style, types, import contracts, tests; all run even if an early one fails.
 
-The long part is the last one, so that the output ends with pytest's own summary of every test; the
-fast ring uses two cores instead.
+Packages are tested on one core, the tools on another, beside the checks; then, alone because they
+start graphs of processes, what stands in `tests`.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ _LOWER = (
     'polar_nav_core/test', 'polar_nav_ros/test', 'polar_nav_sim/test', 'polar_nav_leader/test',
     'polar_nav_follower/test',
 )  # fmt: skip
-_UPPER = ('polar_nav_tools/test', 'tests')
+_TOOLS, _WHOLE = 'polar_nav_tools/test', 'tests'
 
 
 @dataclass(frozen=True)
@@ -73,17 +73,30 @@ def without_compiler(python: str) -> Step:
 def tests(python: str, *, long: bool, fast: bool, arguments: Sequence[str]) -> Step:
     """Step of pytest: the fast ring, the usual rings, or all with the stated lengths."""
     marks = [] if long else ['-m', FAST if fast else USUAL]
-    name = 'tests, fast ring' if fast else 'tests, all rings at full length' if long else 'tests'
-    return Step(name, (python, '-m', 'pytest', *marks, *arguments))
+    return Step('tests', (python, '-m', 'pytest', *marks, *arguments))
 
 
 def fast_ring(python: str) -> tuple[Step, list[Step]]:
     """Steps of the fast ring for two cores: vehicles and simulation; the checks and the tools."""
-    pytest = (python, '-m', 'pytest', '-m', FAST)
+    lower, tools = _halves(python, ['-m', FAST], (_TOOLS, _WHOLE))
+    return lower, [*checks(python), tools]
+
+
+def all_rings(python: str, *, long: bool) -> tuple[Step, list[Step], Step]:
+    """Steps for two cores as those of the fast ring, and the step of whole graphs after them."""
+    marks = [] if long else ['-m', USUAL]
+    lower, tools = _halves(python, marks, (_TOOLS,))
+    whole = Step('tests of whole graphs', (python, '-m', 'pytest', *marks, _WHOLE))
+    return lower, [*checks(python), without_compiler(python), tools], whole
+
+
+def _halves(python: str, marks: Sequence[str], upper: Sequence[str]) -> tuple[Step, Step]:
+    """Step of the packages below the tools, and that of the tools in another ROS domain."""
+    pytest = (python, '-m', 'pytest', *marks)
     # Nodes of the two halves must not find each other.
     domain = {'ROS_DOMAIN_ID': str(free_domain_id(os.getpid(), busy_udp_ports()))}
     lower = Step('tests of core, nodes and simulation', (*pytest, *_LOWER))
-    return lower, [*checks(python), Step('tests of tools', (*pytest, *_UPPER), domain)]
+    return lower, Step('tests of tools', (*pytest, *upper), domain)
 
 
 @dataclass(frozen=True)
@@ -109,28 +122,24 @@ def run_suite(root: Path, *, long: bool, fast: bool, arguments: Sequence[str]) -
         For pytest; with any, only pytest runs.
     """
     out = Console(highlight=False)
-    if fast and not arguments:
-        outcomes = _side_by_side(*fast_ring(sys.executable), root, out)
+    python = sys.executable
+    if arguments:
+        outcomes = [_shown(tests(python, long=long, fast=fast, arguments=arguments), root, out)]
+    elif fast:
+        outcomes = _side_by_side(*fast_ring(python), root, out)
     else:
-        python = sys.executable
-        first = [] if arguments else [*checks(python), without_compiler(python)]
-        last = tests(python, long=long, fast=fast, arguments=arguments)
-        outcomes = _in_order(first, last, root, out)
+        lower, others, whole = all_rings(python, long=long)
+        outcomes = [*_side_by_side(lower, others, root, out), _shown(whole, root, out)]
     failed = [o.step.name for o in outcomes if o.status != 0]
     if failed:
         Console(stderr=True, highlight=False).print(f'[red]failed: {", ".join(failed)}[/red]')
     return 1 if failed else 0
 
 
-def _in_order(first: Sequence[Step], last: Step, root: Path, out: Console) -> list[Outcome]:
-    """Outcomes of the checks, then of the tests, which use the machine alone: some keep time."""
-    outcomes = []
-    for step in first:
-        _head(step, out)
-        outcomes.append(_run(step, root))
-        _tell(outcomes[-1], out)
-    _head(last, out)
-    return [*outcomes, _run(last, root)]
+def _shown(step: Step, root: Path, out: Console) -> Outcome:
+    """Outcome of a step that is shown as it runs."""
+    _head(step, out)
+    return _run(step, root)
 
 
 def _side_by_side(shown: Step, others: Sequence[Step], root: Path, out: Console) -> list[Outcome]:
@@ -138,8 +147,7 @@ def _side_by_side(shown: Step, others: Sequence[Step], root: Path, out: Console)
     other_core = ThreadPoolExecutor(max_workers=1)
     try:
         waiting = [other_core.submit(_run, step, root, captured=True) for step in others]
-        _head(shown, out)
-        outcomes = [_run(shown, root)]
+        outcomes = [_shown(shown, root, out)]
         for step, future in zip(others, waiting, strict=True):
             _head(step, out)
             outcomes.append(future.result())
