@@ -26,6 +26,8 @@ WRAP = 1 << 32
 """Ticks after which a time wraps."""
 SIGMA_RATIO = 1.06
 _SIGMA_FLOOR = 0.005
+SIGMA_MOST = _SIGMA_FLOOR * SIGMA_RATIO**254
+"""Largest standard deviation that one byte has room for, in the unit of its field."""
 ANGLE_STEP = 2 * math.pi / 65536
 
 Kind = Literal['int', 'linear', 'above', 'sigma', 'ticks', 'angle', 'correlation']

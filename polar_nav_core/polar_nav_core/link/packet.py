@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from .fields import (
     ANGLE_STEP,
+    SIGMA_MOST,
     SIGMA_RATIO,
     TICK_NS,
     WRAP,
@@ -65,15 +66,24 @@ FIELDS: tuple[Field, ...] = (
         'sigma',
         SIGMA_RATIO,
         0,
-        1.4e4,
+        SIGMA_MOST,
         'm',
         '1-sigma per horizontal axis',
     ),
-    Field('leader_sigma_vertical', 'B', 'sigma', SIGMA_RATIO, 0, 1.4e4, 'm', '1-sigma'),
+    Field('leader_sigma_vertical', 'B', 'sigma', SIGMA_RATIO, 0, SIGMA_MOST, 'm', '1-sigma'),
     Field(
         'leader_v_G', 'h', 'linear', 0.001, -32.767, 32.767, 'm/s', "leader's grid axes at t4", 3
     ),
-    Field('leader_sigma_velocity', 'B', 'sigma', SIGMA_RATIO, 0, 1.4e4, 'm/s', '1-sigma per axis'),
+    Field(
+        'leader_sigma_velocity',
+        'B',
+        'sigma',
+        SIGMA_RATIO,
+        0,
+        SIGMA_MOST,
+        'm/s',
+        '1-sigma per axis',
+    ),
     Field(
         'leader_grid_heading',
         'H',
@@ -84,7 +94,7 @@ FIELDS: tuple[Field, ...] = (
         'rad',
         'at t4, clockwise from grid north',
     ),
-    Field('leader_sigma_heading', 'B', 'sigma', SIGMA_RATIO, 0, 1.4e4, 'mrad', '1-sigma'),
+    Field('leader_sigma_heading', 'B', 'sigma', SIGMA_RATIO, 0, SIGMA_MOST, 'mrad', '1-sigma'),
     Field(
         'r_lf_G',
         'i',
@@ -96,7 +106,7 @@ FIELDS: tuple[Field, ...] = (
         "leader at t4 to follower at t3, leader's grid axes",
         3,
     ),
-    Field('r_lf_sigma_G', 'B', 'sigma', SIGMA_RATIO, 0, 1.4e4, 'm', '1-sigma of r_lf_G', 3),
+    Field('r_lf_sigma_G', 'B', 'sigma', SIGMA_RATIO, 0, SIGMA_MOST, 'm', '1-sigma of r_lf_G', 3),
     Field(
         'r_lf_correlation',
         'b',

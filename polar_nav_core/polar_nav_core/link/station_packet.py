@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from .fields import ANGLE_STEP, SIGMA_RATIO, WRAP, Field, Layout, unwrap
+from .fields import ANGLE_STEP, SIGMA_MOST, SIGMA_RATIO, WRAP, Field, Layout, unwrap
 
 VERSION = 2
 
@@ -53,7 +53,7 @@ FIELDS: tuple[Field, ...] = (
         'rad',
         'psi when the reply was back, counter-clockwise from x',
     ),
-    Field('station_heading_sigma', 'B', 'sigma', SIGMA_RATIO, 0, 1.4e4, 'mrad', '1-sigma'),
+    Field('station_heading_sigma', 'B', 'sigma', SIGMA_RATIO, 0, SIGMA_MOST, 'mrad', '1-sigma'),
     Field('range', 'H', 'linear', 0.1, 0, 6553.5, 'm', 'slant range'),
     Field(
         'bearing',

@@ -1,0 +1,385 @@
+"""The record of fixes: what it refuses, counts, revises, and says about suspicious packets."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from polar_nav_core.engine import ledger as ledger_module
+from polar_nav_core.engine.events import Fix, Verdict
+from polar_nav_core.engine.health.conditions import Culprit, Level
+from polar_nav_core.engine.ledger import FixLedger
+from polar_nav_core.engine.params import EngineParams
+from polar_nav_core.engine.results import FixResult, Outcome
+
+S = 1_000_000_000
+PLACE = np.array([-555573.7, 962281.9, 6259444.4])
+GATE = 21.1
+
+
+def fix(number, validity_s, received_s=None, off=0.0, **changes):
+    """A fix that can be used, received 1.5 s after it was valid."""
+    received_s = validity_s + 1.5 if received_s is None else received_s
+    validity_ns, receive_ns = round(validity_s * S), round(received_s * S)
+    made = Fix(
+        validity_ns, receive_ns - S // 2, receive_ns, 'leader', number, number, 0,
+        PLACE + off + number, np.diag([1.0, 2.0, 3.0]),
+    )  # fmt: skip
+    return replace(made, **changes)
+
+
+def outcome(*, fused=True, nis=3.0, gate=GATE, z=(1.0, -2.0, 0.5), inflation=1.0):
+    return Outcome(fused, np.array(z), np.array([1.0, 2.0, 3.0]), nis, 3, gate, inflation)
+
+
+def result(**of_outcome):
+    return FixResult(outcome(**of_outcome), 4)
+
+
+class Book:
+    """A ledger with the counts of an engine; `decide` counts a fix as the engine does."""
+
+    def __init__(self, **params):
+        self.verdicts, self.fused = Counter(), Counter()
+        self.ledger = FixLedger(EngineParams(**params), self.verdicts, self.fused)
+
+    def decide(self, f, cause=None, *, now_ns=0, **of_outcome):
+        receipt = self.ledger.decided(f, cause or f, result(**of_outcome), now_ns)
+        self.verdicts[receipt.verdict] += 1
+        return receipt
+
+    def keys(self, stamp_s):
+        return [c.key for c in self.ledger.conditions(round(stamp_s * S))]
+
+
+@pytest.fixture
+def book():
+    return Book()
+
+
+def verdict_of(ledger, f, stated_ns=None):
+    refusal = ledger.refusal(f, f.validity_ns if stated_ns is None else stated_ns)
+    return None if refusal is None else refusal[0]
+
+
+def test_a_fix_is_refused_only_for_what_it_is(book):
+    assert book.ledger.refusal(fix(1, 100.0), 100 * S) is None
+    not_finite = fix(1, 100.0, r_e=np.full(3, math.nan))
+    assert verdict_of(book.ledger, not_finite) is Verdict.NOT_FINITE
+
+
+@pytest.mark.parametrize(
+    ('age_s', 'verdict', 'words'),
+    [
+        (-0.25, Verdict.FROM_FUTURE, 'valid 0.250 s after'),
+        (0.0, None, ''),
+        (5.0, None, ''),
+        (5.000000001, Verdict.TOO_OLD, '5.00 s old, max_delay_s is 5.00 s'),
+        (5.004, Verdict.TOO_OLD, '5.00 s old, max_delay_s is 5.00 s'),
+        (7.25, Verdict.TOO_OLD, '7.25 s old, max_delay_s is 5.00 s'),
+    ],
+)
+def test_ages_from_nothing_to_max_delay_are_used(age_s, verdict, words):
+    refusal = Book(max_delay_s=5.0).ledger.refusal(fix(1, 100.0, 100.0 + age_s), 100 * S)
+    assert (refusal is None) == (verdict is None)
+    if refusal is not None:
+        assert refusal[0] is verdict
+        assert words in refusal[1]
+        assert '--' not in refusal[1]
+
+
+def test_copies_of_fused_fixes_are_refused_by_number_and_by_content(book):
+    first = fix(1, 100.0)
+    book.ledger.remember(first, first.validity_ns, fused=True)
+    number = book.ledger.refusal(fix(1, 100.0, off=5.0), first.validity_ns)
+    assert number == (Verdict.DUPLICATE, 'fix 1 of leader came before')
+    again = replace(first, sequence=2, order=2)
+    content = book.ledger.refusal(again, first.validity_ns)
+    assert content == (Verdict.REPLAYED, 'fix 2 of leader has the content of an earlier one')
+    assert verdict_of(book.ledger, fix(1, 101.0)) is None
+
+
+def test_the_number_of_a_refused_fix_stays_free_and_its_content_does_not(book):
+    first = fix(1, 100.0)
+    book.ledger.remember(first, first.validity_ns, fused=False)
+    assert verdict_of(book.ledger, fix(1, 100.0, off=5.0)) is None
+    assert verdict_of(book.ledger, first) is Verdict.DUPLICATE
+    assert verdict_of(book.ledger, replace(first, sequence=2)) is Verdict.REPLAYED
+
+
+def test_copies_are_known_by_the_time_that_their_packet_states(book):
+    """It wraps after five days; the engine's own time of validity is another number."""
+    first = fix(1, 100.0)
+    book.ledger.remember(first, 7 * S, fused=True)
+    assert verdict_of(book.ledger, first, 7 * S) is Verdict.DUPLICATE
+    assert verdict_of(book.ledger, first) is None
+
+
+def test_a_fused_fix_is_counted_once(book):
+    receipt = book.decide(fix(1, 100.0), now_ns=101 * S)
+    book.decide(fix(2, 99.0))  # older than the first
+    assert receipt.verdict is Verdict.FUSED
+    assert (receipt.revision, receipt.fused_ns) == (0, 101 * S)
+    assert book.ledger.counts() == (0, 2, 100 * S)
+    assert book.verdicts == {Verdict.FUSED: 2}
+    np.testing.assert_array_equal(receipt.innovation_G, [-1.0, 2.0, -0.5])
+
+
+def test_a_gated_fix_is_no_fused_one(book):
+    receipt = book.decide(fix(1, 100.0), fused=False, nis=30.0)
+    assert receipt.verdict is Verdict.GATED
+    assert receipt.reason == 'NIS 30.0 is above the gate of 21.1'
+    assert book.ledger.counts() == (0, 0, 0)
+    assert book.keys(101.5) == []
+
+
+def test_decisions_that_a_later_fix_changes_move_the_counts(book):
+    """Of a gated fix that is fused after all, and gated again."""
+    early, late, last = fix(1, 100.0), fix(2, 99.0, 103.0), fix(3, 98.0, 104.0)
+    book.decide(early, fused=False)
+    book.decide(late)
+    taken = book.decide(early, late)
+    assert (taken.verdict, taken.revision) == (Verdict.FUSED, 1)
+    assert taken.stamp_ns == late.receive_ns
+    assert 'decided anew after fix 2' in taken.reason
+    assert book.ledger.counts()[1] == 2
+    assert +book.verdicts == {Verdict.FUSED: 2}
+    back = book.decide(early, last, fused=False)
+    assert (back.verdict, back.revision) == (Verdict.GATED, 2)
+    assert book.ledger.counts()[1] == 1
+    assert +book.verdicts == {Verdict.FUSED: 1, Verdict.GATED: 1}
+
+
+def test_a_fused_fix_that_is_gated_after_all_is_no_fused_one(book):
+    first, cause = fix(1, 100.0), fix(2, 99.0, 103.0)
+    book.decide(first)
+    assert book.decide(first, cause, fused=False).revision == 1
+    assert book.ledger.counts()[1] == 0
+    assert +book.verdicts == {Verdict.GATED: 1}
+
+
+def test_revisions_are_counted_for_each_fix_by_itself(book):
+    cause = fix(9, 99.0, 110.0)
+    fixes = [fix(1, 100.0), fix(1, 101.0), fix(2, 100.0)]
+    for expected in (1, 2):
+        for f in fixes:
+            assert book.decide(f, cause).revision == expected
+
+
+def test_the_revisions_of_the_oldest_fix_are_forgotten_when_there_are_too_many(monkeypatch):
+    monkeypatch.setattr(ledger_module, '_REFUSED_KEPT', 3)
+    book, cause = Book(), fix(9, 99.0, 110.0)
+    fixes = [fix(k, 100.0 + k) for k in range(4)]
+    for f in fixes[:3]:
+        book.decide(f, cause)
+    assert book.decide(fixes[0], cause).revision == 2  # three are kept, and it is the newest now
+    book.decide(fixes[3], cause)
+    assert [book.decide(f, cause).revision for f in (fixes[0], fixes[3])] == [3, 2]
+    assert book.decide(fixes[1], cause).revision == 1
+
+
+def test_room_is_for_as_many_fixes_as_stated():
+    """Five days of fused ones at one per 1.6 s, whatever is refused meanwhile."""
+    assert ledger_module._FUSED_KEPT * 1.6 >= 4.85 * 86400
+    assert ledger_module._REFUSED_KEPT == 4096
+
+
+def test_a_flood_of_refused_fixes_drops_no_fused_one(monkeypatch):
+    monkeypatch.setattr(ledger_module, '_REFUSED_KEPT', 2)
+    book, first = Book(), fix(1, 100.0)
+    book.ledger.remember(first, first.validity_ns, fused=True)
+    for k in range(2, 1100):
+        other = fix(k, 100.0 + k)
+        book.ledger.remember(other, other.validity_ns, fused=False)
+    assert verdict_of(book.ledger, first) is Verdict.DUPLICATE
+    # The oldest refused one was dropped: more than the room and its spare came after it.
+    assert verdict_of(book.ledger, replace(fix(2, 102.0), sequence=2000)) is None
+
+
+@pytest.mark.parametrize(
+    ('verdict', 'words'),
+    [
+        (Verdict.NOT_FINITE, 'no instrument states'),
+        (Verdict.REPLAYED, 'repeats them'),
+        (Verdict.IMPLAUSIBLE, 'displaced or forged'),
+    ],
+)
+def test_suspicious_packets_are_reported_for_a_minute(book, verdict, words):
+    book.ledger.suspect(verdict, 100 * S)
+    book.ledger.suspect(verdict, 130 * S)
+    (condition,) = book.ledger.conditions(160 * S)
+    assert condition.key == f'packets {verdict.name}'
+    assert (condition.level, condition.culprit) == (Level.WARN, Culprit.FIXES)
+    assert condition.sentence.startswith('2 packets in a minute ')
+    assert words in condition.sentence
+    (condition,) = book.ledger.conditions(160 * S + 1)
+    assert condition.sentence.startswith('1 packets')
+    assert book.keys(190.0) == [condition.key]
+    assert book.keys(190.000001) == []
+
+
+@pytest.mark.parametrize('verdict', [Verdict.DUPLICATE, Verdict.GATED, Verdict.TOO_OLD])
+def test_ordinary_verdicts_are_not_suspicious(book, verdict):
+    book.ledger.suspect(verdict, 100 * S)
+    assert book.keys(100.0) == []
+
+
+def test_a_fix_out_of_reach_is_suspicious_from_its_reception_on(book):
+    receipt = book.decide(
+        fix(1, 100.0), fused=False, gate=math.inf, z=(3000.0, 4000.0, math.nan), nis=9e5
+    )
+    assert receipt.verdict is Verdict.IMPLAUSIBLE
+    assert '5000 m from the estimate' in receipt.reason
+    assert book.keys(161.5) == ['packets IMPLAUSIBLE']
+    assert book.keys(161.6) == []
+
+
+def test_a_turned_dead_reckoning_is_an_error_for_a_minute(book):
+    book.ledger.believed(100 * S)
+    assert book.keys(100.0) == []
+    book.ledger.believed(100 * S, turned=True)
+    (condition,) = book.ledger.conditions(142 * S)
+    assert (condition.key, condition.level) == ('fixes reopened', Level.ERROR)
+    assert condition.culprit == Culprit.HEADING | Culprit.IMU | Culprit.FIXES
+    assert 'until 42 s ago' in condition.sentence
+    assert book.keys(159.9) == ['fixes reopened']
+    assert book.keys(160.0) == []
+
+
+def test_starting_anew_forgets_refusals_and_turns_and_keeps_fixes_and_counts(book):
+    first = fix(1, 100.0)
+    book.decide(first)
+    book.ledger.remember(first, first.validity_ns, fused=True)
+    for k in range(2, 8):
+        book.decide(fix(k, 100.0 + k), fused=False)
+    book.ledger.believed(107 * S, turned=True)
+    book.decide(fix(9, 109.0), fused=False)
+    assert not book.ledger.integrity.quiet
+    book.ledger.start_anew()
+    assert book.ledger.integrity.quiet
+    assert book.keys(110.0) == []
+    with pytest.raises(ValueError, match='max'):
+        _ = book.ledger.refused_row.newest_ns
+    assert book.ledger.counts()[1] == 1
+    assert verdict_of(book.ledger, first) is Verdict.DUPLICATE
+
+
+def test_believed_fixes_begin_a_new_row_and_name_a_start_that_was_off(book):
+    for k in range(1, 5):
+        book.decide(fix(k, 100.0 + k), fused=False)
+    assert book.ledger.refused_row.newest_ns == 104 * S
+    assert book.ledger.integrity.moved == []
+    book.ledger.believed(110 * S, 800.0)
+    assert book.ledger.integrity.quiet
+    assert '800 m' in book.ledger.integrity.moved[0].sentence
+    with pytest.raises(ValueError, match='max'):
+        _ = book.ledger.refused_row.newest_ns
+    # One that was valid before the covariance was enlarged counts no more.
+    book.decide(fix(6, 109.0, 112.0), fused=False)
+    assert book.ledger.integrity.quiet
+    assert Book().ledger.integrity.moved == []
+
+
+def test_the_start_is_off_by_nothing_unless_stated(book):
+    book.ledger.believed(100 * S)
+    assert book.ledger.integrity.moved == []
+
+
+def test_refused_fixes_are_weighed_by_fix_minus_estimate(book):
+    for k in range(1, 4):
+        book.decide(fix(k, 100.0 + k), fused=False, z=(10.0, -20.0, 0.0))
+    np.testing.assert_allclose(book.ledger.integrity.state(104 * S).offset_G, [-10.0, 20.0, 0.0])
+    row = book.ledger.refused_row._row
+    np.testing.assert_array_equal([r.offset_G for r in row], [[-10.0, 20.0, 0.0]] * 3)
+    book.decide(fix(4, 104.0))
+    assert len(book.ledger.refused_row._row) == 0
+
+
+def test_gated_fixes_count_from_when_their_cause_was_received(book):
+    """A decision made anew happens when the later fix comes."""
+    cause = fix(9, 99.0, 150.0)
+    for k in range(1, 4):
+        book.decide(fix(k, 100.0 + k), fused=False)
+    book.decide(fix(4, 104.0), cause, fused=False)
+    assert book.ledger.integrity.state(150 * S).gated_s == pytest.approx(150.0 - 102.5)
+    book.decide(fix(5, 105.0), fix(10, 99.0, 160.0))
+    assert book.ledger.integrity.state(165 * S).since_fused_s == pytest.approx(5.0)
+
+
+def test_the_time_of_refusals_is_that_of_the_parameters():
+    book = Book(max_gated_s=20.0)
+    for k in range(1, 41):
+        book.decide(fix(k, 100.0 + k), fused=False)
+    assert book.ledger.integrity.lasting(142 * S)
+    book.ledger.start_anew()
+    for k in range(41, 81):
+        book.decide(fix(k, 100.0 + k), fused=False)
+    assert book.ledger.integrity.lasting(182 * S)
+    assert not Book(max_gated_s=60.0).ledger.integrity.lasting(182 * S)
+
+
+def test_many_fixes_at_once_are_counted_like_one_after_another():
+    fixes = [fix(1, 100.0), fix(2, 102.0), fix(3, 101.0, 104.0)]
+    one, many = Book(), Book()
+    outcomes, notes = np.zeros((3, 9)), np.zeros((3, 3), dtype=np.int64)
+    outcomes[:, 1], outcomes[:, 2:5], outcomes[:, 5:8] = 3.0, [1.0, -2.0, 0.5], [1.0, 2.0, 3.0]
+    outcomes[:, 8] = 1.0
+    notes[:, 0], notes[:, 1] = 4, 105 * S
+    singly = []
+    for f in fixes:
+        one.ledger.received += 1
+        singly.append(one.decide(f, now_ns=105 * S))
+        one.ledger.remember(f, f.validity_ns, fused=True)
+    together = many.ledger.fused(fixes, outcomes, notes, GATE)
+    assert [repr(r) for r in together] == [repr(r) for r in singly]
+    assert many.ledger.counts() == one.ledger.counts() == (3, 3, 102 * S)
+    assert many.verdicts == one.verdicts
+    assert many.ledger.packed() == one.ledger.packed()
+    states = [b.ledger.integrity.state(110 * S) for b in (one, many)]
+    assert states[0].since_fused_s == states[1].since_fused_s == pytest.approx(6.0)
+    # Older ones do not set the newest validity back, and counts add up.
+    many.ledger.fused([fix(4, 90.0, 106.0)], outcomes[:1], notes[:1], GATE)
+    assert many.ledger.counts() == (4, 4, 102 * S)
+    assert many.verdicts == {Verdict.FUSED: 4}
+    assert verdict_of(many.ledger, fix(4, 90.0, 106.0)) is Verdict.DUPLICATE
+
+
+def test_fixes_fused_at_once_end_the_row_of_refused_ones(book):
+    for k in range(1, 4):
+        book.decide(fix(k, 100.0 + k), fused=False)
+    book.ledger.fused([fix(4, 104.0)], np.zeros((1, 9)), np.zeros((1, 3), dtype=np.int64), GATE)
+    assert book.ledger.integrity.quiet
+    assert len(book.ledger.refused_row._row) == 0
+
+
+def test_a_restored_ledger_knows_fixes_and_counts(book):
+    fused, refused = fix(1, 100.0), fix(2, 101.0)
+    book.decide(fused)
+    book.ledger.received = 2
+    book.ledger.remember(fused, fused.validity_ns, fused=True)
+    book.ledger.remember(refused, refused.validity_ns, fused=False)
+    later = Book()
+    later.decide(fix(7, 50.0), fix(8, 49.0, 60.0))
+    later.ledger.restore(book.ledger.counts(), book.ledger.packed())
+    assert later.ledger.counts() == (2, 1, 100 * S)
+    assert verdict_of(later.ledger, replace(fused, r_e=PLACE + 50.0)) is Verdict.DUPLICATE
+    assert verdict_of(later.ledger, refused) is Verdict.DUPLICATE
+    assert verdict_of(later.ledger, fix(2, 101.0, off=5.0)) is None
+    assert later.decide(fix(7, 50.0), fix(8, 49.0, 60.0)).revision == 1
+
+
+@pytest.mark.parametrize('damaged', [0, 1])
+def test_records_that_are_none_change_nothing(book, damaged):
+    book.ledger.remember(fix(1, 100.0), 100 * S, fused=True)
+    book.ledger.remember(fix(2, 101.0), 101 * S, fused=False)
+    before = book.ledger.packed()
+    records = [b'', b'']
+    records[damaged] = b'x'
+    with pytest.raises(ValueError, match='wrong length'):
+        book.ledger.restore((5, 4, 3), (records[0], records[1]))
+    assert book.ledger.packed() == before
+    assert book.ledger.counts() == (0, 0, 0)
