@@ -1,6 +1,7 @@
 """What a sensor cannot say is refused with the reason, and does no harm."""
 
-from dataclasses import replace
+import math
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -20,6 +21,7 @@ from polar_nav_core.engine.events import (
     Verdict,
 )
 from polar_nav_core.engine.params import EngineParams
+from polar_nav_core.identification.polar_fix import PolarFix
 
 PARAMS = EngineParams()
 STATION = EngineParams(mode='station')
@@ -104,6 +106,149 @@ def test_definite_means_what_eigenvalues_say(r, sigmas):
     if abs(least) > 1e-6:
         assert plausibility.is_covariance(P) == (least > 0.0)
     assert plausibility.is_covariance(P) == plausibility.are_covariances(P[None])[0]
+
+
+@pytest.mark.parametrize('limit', [1.0, 6.0, 1e5])
+@pytest.mark.parametrize('place', range(3))
+def test_a_limit_holds_for_each_component_and_is_within_itself(limit, place):
+    for value, good in (
+        (limit, True),
+        (-limit, True),
+        (0.0, True),
+        (math.nextafter(limit, math.inf), False),
+        (math.nextafter(-limit, -math.inf), False),
+        (math.inf, False),
+        (-math.inf, False),
+        (math.nan, False),
+    ):
+        values = np.zeros(3)
+        values[place] = value
+        assert plausibility.within(values, limit) == good
+        rows = np.array([np.zeros(3), values, np.full(3, -limit)])
+        assert plausibility.all_within(rows, limit).tolist() == [True, good, True]
+    assert plausibility.all_within(np.zeros((0, 3)), limit).shape == (0,)
+
+
+@pytest.mark.parametrize('place', range(3))
+def test_a_variance_is_that_of_a_micrometre_to_1000_km(place):
+    for sigma, good in ((1e-6, True), (1e6, True), (0.999e-6, False), (1.001e6, False)):
+        variances = np.full(3, 4.0)
+        variances[place] = sigma * sigma
+        P = np.diag(variances)
+        assert plausibility.is_covariance(P) == good
+        assert plausibility.are_covariances(np.array([np.eye(3), P])).tolist() == [True, good]
+        assert plausibility.is_variance(sigma * sigma) == good
+
+
+@pytest.mark.parametrize(('i', 'j'), [(0, 1), (0, 2), (1, 2), (1, 0), (2, 0), (2, 1)])
+def test_a_covariance_is_symmetric_but_for_rounding(i, j):
+    sigmas = np.array([0.1, 2.0, 30.0])
+    for difference, good in ((0.9e-6, True), (-0.9e-6, True), (1.1e-6, False), (-1.1e-6, False)):
+        P = correlated(0.3, -0.2, 0.4)
+        P[i, j] += difference
+        P *= np.outer(sigmas, sigmas)
+        assert plausibility.is_covariance(P) == good
+        assert plausibility.are_covariances(P[None]).tolist() == [good]
+
+
+@pytest.mark.parametrize('pair', range(3))
+def test_a_correlation_of_one_is_none(pair):
+    """The pivots of a covariance are above rounding: 1e-12 of what they would be uncorrelated."""
+    for pivot, good in ((4e-12, True), (0.25e-12, False)):
+        r = [0.0, 0.0, 0.0]
+        r[pair] = -math.sqrt(1.0 - pivot)
+        P = correlated(*r)
+        assert plausibility.is_covariance(P) == good
+        assert plausibility.are_covariances(P[None]).tolist() == [good]
+
+
+def test_an_attitude_is_orthogonal_to_a_thousandth():
+    c, s = math.cos(0.7), math.sin(0.7)
+    turned = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    for scale, good in ((1.0, True), (1.00045, True), (0.99955, True), (1.00055, False)):
+        assert plausibility.is_attitude(scale * turned) == good
+    assert not plausibility.is_attitude(turned * (1.0 + 0.01 * np.eye(3)))
+    sheared = turned + 0.002 * np.outer(turned[:, 0], [0.0, 1.0, 0.0])
+    assert plausibility.are_attitudes(np.array([turned, sheared, turned])).tolist() == [1, 0, 1]
+    assert not plausibility.is_attitude(np.full((3, 3), np.nan))
+
+
+@pytest.mark.parametrize(
+    ('range_m', 'verdict'),
+    [(1e6, None), (1e6 + 0.5, Verdict.IMPLAUSIBLE), (0.5, None), (0.0, Verdict.NOT_FINITE)],
+)
+def test_an_acoustic_range_is_at_most_1000_km(range_m, verdict):
+    polar = PolarFix(
+        station=np.zeros(3), station_heading=0.0, range=range_m, bearing=0.1,
+        range_sigma=0.5, bearing_sigma=0.01, station_heading_sigma=0.01, sound_speed=1450.0,
+    )  # fmt: skip
+    found = refusals.unusable_fix(STATION, replace(FIX, polar=polar))
+    assert (None if found is None else found[0]) is verdict
+
+
+@pytest.mark.parametrize(
+    ('distance', 'verdict'),
+    [
+        (6.3001e6, None),
+        (6.4999e6, None),
+        (6.2999e6, Verdict.IMPLAUSIBLE),
+        (6.5001e6, Verdict.IMPLAUSIBLE),
+    ],
+)
+def test_a_fix_lies_between_the_ocean_floor_and_orbits(distance, verdict):
+    r_e = distance * np.array([0.6, 0.0, -0.8])
+    found = refusals.unusable_fix(PARAMS, replace(FIX, r_e=r_e))
+    assert (None if found is None else found[0]) is verdict
+
+
+@pytest.mark.parametrize(('value', 'good'), [(-50.0, True), (-50.01, False)])
+def test_a_depth_is_at_most_50_m_above_the_sea(value, good):
+    assert (depth(value, 1.0) is None) == good
+
+
+INITIAL = {
+    'latitude': 'initial_latitude_deg',
+    'longitude': 'initial_longitude_deg',
+    'height': 'initial_height',
+    'roll': 'initial_roll_deg',
+    'pitch': 'initial_pitch_deg',
+    'grid_heading': 'initial_grid_heading_deg',
+    'sigma_position_horizontal': 'initial_sigma_position',
+    'sigma_position_vertical': 'initial_sigma_height',
+    'sigma_velocity': 'initial_sigma_velocity',
+    'sigma_tilt': 'initial_sigma_tilt_deg',
+    'sigma_heading': 'initial_sigma_heading_deg',
+}
+"""Values of an initial state, and the parameters that would state the same."""
+LOWEST = {'sigma_tilt': 1e-9, 'sigma_heading': 1e-9}
+"""A service may state what no parameter does [rad]."""
+
+
+@pytest.mark.parametrize('name', INITIAL)
+def test_an_initial_state_has_the_limits_of_its_parameters(name):
+    declared = next(f.metadata for f in fields(EngineParams) if f.name == INITIAL[name])
+    unit = math.pi / 180.0 if declared['unit'] == 'deg' else 1.0
+    good = PARAMS.initial_state()
+    low, high = LOWEST.get(name, declared['lo'] * unit), declared['hi'] * unit
+    for value in (low, high, 0.5 * (low + high)):
+        assert plausibility.initial_problem(replace(good, **{name: value})) == ''
+    for value in (low - 1e-6 * abs(low), high + 1e-6 * high, math.nan, math.inf, -math.inf):
+        assert name in plausibility.initial_problem(replace(good, **{name: value}))
+    if name.startswith('sigma'):
+        for value in (0.0, -1.0):
+            problem = plausibility.initial_problem(replace(good, **{name: value}))
+            assert problem == f'{name} is {value}: it must be positive'
+
+
+@pytest.mark.parametrize('axis', range(3))
+def test_an_initial_velocity_is_at_most_50_m_per_second(axis):
+    for value, words in ((50.0, ''), (-50.0, ''), (50.1, 'lie in [-50, 50]'), (-50.1, 'v_G')):
+        v_G = [0.0, 0.0, 0.0]
+        v_G[axis] = value
+        problem = plausibility.initial_problem(replace(PARAMS.initial_state(), v_G=tuple(v_G)))
+        assert (problem == '') == (words == '')
+        assert words in problem
+        assert not words or f'v_G[{axis}]' in problem
 
 
 def started():
