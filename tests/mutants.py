@@ -181,7 +181,8 @@ def _essence(source: str) -> str | None:
             node.annotation = ast.Constant(None)
         elif isinstance(node, ast.arguments):  # the star in a signature is no product
             node.args = [*node.posonlyargs, *node.args, *node.kwonlyargs]
-            node.posonlyargs, node.kwonlyargs = [], []
+            node.defaults = [*node.defaults, *(d for d in node.kw_defaults if d is not None)]
+            node.posonlyargs, node.kwonlyargs, node.kw_defaults = [], [], []
         elif isinstance(node, ast.FunctionDef):
             node.returns = None
             node.decorator_list = [

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from polar_nav_core.kernels.sins import consider as co
 from polar_nav_core.kernels.sins import rows
@@ -68,20 +69,83 @@ def test_common_errors_of_the_dvl_are_changes_of_its_rows(column, change):
     """J against the difference of two innovations of the filter's own rows."""
     rng = np.random.default_rng(9)
     C_b_G, _ = np.linalg.qr(rng.standard_normal((3, 3)))
-    J = np.zeros((3, co.COLUMNS))
-    co.dvl_common(J, C_b_G, np.eye(3), V, OMEGA, np.array([0.0, 0.0, 9.8]), 9.8)
+    C_m_b, _ = np.linalg.qr(rng.standard_normal((3, 3)))
+    J = np.full((3, co.COLUMNS), 7.0)
+    co.dvl_common(J, C_b_G, C_m_b, C_m_b.T @ V, OMEGA, np.array([0.0, 0.0, 9.8]), 9.8)
 
-    def innovation(v_m):
+    def innovation(v_b):
         H, R, z, C = np.zeros((3, N)), np.zeros((3, 3)), np.zeros(3), np.zeros((3, 3))
         nothing = np.zeros(3)
         rows.dvl_rows(
-            H, R, z, C, C_b_G, V, nothing, nothing, nothing, nothing, nothing, v_m, np.eye(3),
-            np.eye(3), nothing,
+            H, R, z, C, C_b_G, V, nothing, nothing, nothing, nothing, nothing, C_m_b.T @ v_b,
+            np.eye(3), C_m_b, nothing,
         )  # fmt: skip
         return z
 
     found = (innovation(V + 1e-3 * change) - innovation(V)) / 1e-3
     np.testing.assert_allclose(found, J[:, column], rtol=1e-9, atol=1e-9)
+
+
+def test_a_dvl_has_no_other_common_errors():
+    J = np.full((3, co.COLUMNS), 7.0)
+    co.dvl_common(J, np.eye(3), np.eye(3), V, OMEGA, np.array([0.0, 0.0, 9.8]), 9.8)
+    assert not J[:, :6].any()
+    assert not J[:, 11:].any()
+
+
+def test_latency_of_the_dvl_is_acceleration_less_what_turning_the_axes_makes():
+    """Of any motion: d/dt (C^T v) by differences of a track with that rate and acceleration."""
+    rng = np.random.default_rng(11)
+    C_b_G, _ = np.linalg.qr(rng.standard_normal((3, 3)))
+    C_m_b, _ = np.linalg.qr(rng.standard_normal((3, 3)))
+    v_b, omega, f_b = (rng.standard_normal(3) for _ in range(3))
+    J = np.full((3, co.COLUMNS), 7.0)
+    co.dvl_common(J, C_b_G, C_m_b, C_m_b.T @ v_b, omega, f_b, 9.8)
+    a_G = C_b_G @ f_b - np.array([0.0, 0.0, 9.8])
+
+    def velocity_b(t):
+        angle = np.linalg.norm(omega) * t
+        axis = omega / np.linalg.norm(omega)
+        return Rotation.from_rotvec(-angle * axis).apply(C_b_G.T @ (C_b_G @ v_b + a_G * t))
+
+    rate_b = (velocity_b(1e-4) - velocity_b(-1e-4)) / 2e-4
+    np.testing.assert_allclose(C_b_G.T @ J[:, co.DVL_LATENCY], rate_b, rtol=1e-6, atol=1e-6)
+
+
+def test_the_zero_of_depth_is_in_its_one_row():
+    J = np.full((3, co.COLUMNS), 7.0)
+    co.depth_common(J)
+    expected = np.zeros((3, 12))
+    expected[0, 11] = 1.0
+    np.testing.assert_array_equal(J, expected)
+
+
+def test_a_conflict_widens_velocity_and_position_only():
+    rng = np.random.default_rng(12)
+    P, u = np.cov(rng.standard_normal((N, 100))), rng.standard_normal(6)
+    u[1] = 0.0
+    expected = P.copy()
+    expected[3:9, 3:9] += np.outer(u, u)
+    co.add_conflict(P, u)
+    np.testing.assert_allclose(P, expected, rtol=1e-14, atol=0.0)
+
+
+def test_rows_beyond_those_measured_are_left_alone():
+    rng = np.random.default_rng(13)
+    S, H = rng.standard_normal((N, co.COLUMNS)), rng.standard_normal((3, N))
+    for m in (1, 2):
+        J, wide, K = np.full((3, co.COLUMNS), 7.0), np.full((3, 3), 7.0), np.full((3, N), 7.0)
+        co.innovation_sensitivity(J, H, S, m)
+        assert (J[m:] == 7.0).all()
+        sigma = rng.uniform(0.1, 1.0, co.COLUMNS)
+        co.widen(wide, np.eye(3), J, sigma, m)
+        np.testing.assert_allclose(
+            wide[:m, :m], np.eye(m) + J[:m] @ np.diag(sigma**2) @ J[:m].T, rtol=1e-12
+        )
+        assert (wide[m:] == 7.0).all()
+        after = S.copy()
+        co.update_sensitivity(after, K, J, m)
+        np.testing.assert_allclose(after, S - K[:m].T @ J[:m], rtol=1e-12, atol=1e-12)
 
 
 def test_latency_of_the_dvl_is_the_change_of_body_velocity():
@@ -98,19 +162,22 @@ def test_latency_of_the_dvl_is_the_change_of_body_velocity():
 def test_common_errors_of_fixes():
     rng = np.random.default_rng(10)
     C_e_G, _ = np.linalg.qr(rng.standard_normal((3, 3)))
-    r_G, v_G, J = np.array([300.0, -400.0, 50.0]), np.array([1.0, 2.0, 0.1]), np.zeros((3, 12))
+    r_G, v_G = np.array([300.0, -400.0, 50.0]), np.array([1.0, 2.0, 0.1])
+    J = np.full((3, 12), 7.0)
     co.fix_common(J, C_e_G, C_e_G.T @ r_G, v_G)
     np.testing.assert_allclose(J[:, co.RANGE_SCALE], -r_G, atol=1e-9)
     np.testing.assert_allclose(J[:, co.ARRAY_TURN], -np.cross([0.0, 0.0, 1.0], r_G), atol=1e-9)
     np.testing.assert_allclose(J[:, co.CLOCK], -v_G)
     np.testing.assert_array_equal(J[:, co.OFFSET : co.OFFSET + 3], -np.eye(3))
+    assert not J[:, 6:].any()
 
 
 def test_a_late_fix_takes_off_what_the_velocity_moved_since():
     S, J = np.zeros((N, co.COLUMNS)), np.zeros((3, co.COLUMNS))
-    S[co.DV, co.DVL_YAW], S[co.DR, co.DVL_YAW] = 0.02, 1.0
+    S[3:6, co.DVL_YAW], S[6:9, co.DVL_YAW] = [0.02, -0.01, 0.03], [1.0, 2.0, 3.0]
     H = np.zeros((3, N))
-    H[:, co.DR : co.DR + 3] = np.eye(3)
+    H[:, 6:9] = np.eye(3)
     co.late_sensitivity(J, S, 10.0)
     co.innovation_sensitivity(J, H, S, 3)
-    assert J[0, co.DVL_YAW] == pytest.approx(0.8)
+    np.testing.assert_allclose(J[:, co.DVL_YAW], [0.8, 2.1, 2.7])
+    assert not np.delete(J, co.DVL_YAW, axis=1).any()

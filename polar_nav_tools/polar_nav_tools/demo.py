@@ -102,6 +102,7 @@ class DemoResult:
         }
         return {
             'ok': not self.complaints,
+            'path': str(self.run.bag),
             'complaints': self.complaints,
             'remarks': analysis.remarks(),
             'mission': graph.mission,
@@ -123,7 +124,6 @@ class DemoResult:
             },
             'counts_equal': all(c.equal for c in analysis.counts),
             'verify': {'equal': all(d.equal for d in analysis.digests()), 'sha256': digests},
-            'bag': str(self.run.bag),
             'report': str(self.report),
             'wall_s': {name: round(value, 2) for name, value in self.wall_s.items()},
         }

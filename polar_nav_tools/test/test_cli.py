@@ -164,7 +164,7 @@ def test_recover_makes_it_whole(polar, strange_bag, tmp_path):
     status, out, _ = polar('recover', strange_bag, '--json')
     assert status == 0
     target = tmp_path / 'strange_recovered'
-    assert json.loads(out)['target'] == str(target)
+    assert json.loads(out)['path'] == str(target)
     assert (target / 'metadata.yaml').is_file()
     status, out, err = polar('info', target, '--json')
     assert status == 1  # the bag says of itself that something is missing

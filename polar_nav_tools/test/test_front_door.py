@@ -104,11 +104,31 @@ def test_a_full_disk_names_the_file(tmp_path):
     assert caught.value.filename == str(file)
 
 
-@pytest.mark.parametrize('command', ['info', 'doctor', 'verify', 'replay'])
-def test_json_names_the_bag_as_path(monkeypatch, capsys, command):
+STATION = REFERENCE.with_name('station')
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'path'),
+    [
+        (('info', REFERENCE), REFERENCE),
+        (('doctor', REFERENCE), REFERENCE),
+        (('verify', REFERENCE), REFERENCE),
+        (('replay', REFERENCE), REFERENCE),
+        (('score', REFERENCE, '--configs', 'default'), REFERENCE),
+        (('why', REFERENCE, '--seq', '1'), REFERENCE),
+        (('identify', STATION), STATION),
+        (('export', REFERENCE, 'x.tum'), REFERENCE),
+        (('recover', REFERENCE, '--out', 'mended'), 'mended'),
+        (('inject', REFERENCE, '--fault', 'imu_silent:1@3', '--out', 'other'), 'other'),
+    ],
+    ids=lambda value: value[0] if isinstance(value, tuple) else '',
+)
+def test_json_names_the_bag_as_path(monkeypatch, capsys, tmp_path, arguments, path):
+    """Of the bag that the figures are of; of a command that writes a bag, that one."""
     pytest.importorskip('rclpy')
-    monkeypatch.setattr('sys.argv', ['polar', command, str(REFERENCE), '--json'])
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr('sys.argv', ['polar', *map(str, arguments), '--json'])
     main()
     said = json.loads(capsys.readouterr().out)
     assert list(said)[:2] == ['ok', 'path']
-    assert said['path'] == str(REFERENCE)
+    assert said['path'] == str(path)

@@ -44,8 +44,8 @@ class Recovery:
     def to_dict(self) -> dict[str, Any]:
         """Result as values for JSON."""
         return {
+            'path': str(self.target),
             'source': str(self.source),
-            'target': str(self.target),
             'message_count': self.message_count,
             'ignored_bytes': self.ignored_bytes,
             'problems': list(self.problems),

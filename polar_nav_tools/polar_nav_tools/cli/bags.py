@@ -139,7 +139,7 @@ def replay(
         span = span_of_health(result.health)
         if out is not None and isinstance(result, ReplayResult):
             write_replay(out, result, source)
-            summary['bag'] = str(out)
+            summary['written'] = str(out)
         if as_json:
             well = not (source.problems or result.divergence or span.complaint)
             emit_json({'ok': well, 'path': str(source.path), **summary})

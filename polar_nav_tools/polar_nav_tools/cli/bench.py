@@ -63,7 +63,7 @@ def core(
     result = run(samples=samples, rounds=rounds, report=say)
     facts = {**before, 'core': used, 'load_average_after': machine.load()}
     if as_json:
-        emit_json({'machine': facts, **result.to_dict()})
+        emit_json({'ok': True, 'machine': facts, **result.to_dict()})
         return
     _print_tables(group.table() for group in result.groups)
     worst = max(v for k, v in result.agreement_m.items() if 'horizontal' in k)
@@ -112,7 +112,7 @@ def delay(
         write_figure(result, figure)
         say(f'picture: {figure}')
     if as_json:
-        emit_json({'machine': facts, **result.to_dict()})
+        emit_json({'ok': True, 'machine': facts, **result.to_dict()})
         return
     _print_tables(result.tables())
     sigma, peer = max(result.agreement_sigma.values()), max(result.agreement_peer.values())
@@ -157,7 +157,7 @@ def replay(
     result = run(hours=hours, rounds=rounds, report=say, folder=folder)
     facts = {**before, 'core': used, 'load_average_after': machine.load()}
     if as_json:
-        emit_json({'machine': facts, **result.to_dict()})
+        emit_json({'ok': True, 'machine': facts, **result.to_dict()})
         return
     _print_tables(result.tables())
     compared = ', '.join(f'{name} {count}' for name, count in result.agreement.items())

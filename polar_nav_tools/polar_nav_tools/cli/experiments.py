@@ -324,7 +324,9 @@ def _numbers(text: str | None, option: str, low: float, high: float) -> list[flo
 
 def _print(outcome: Outcome, as_json: bool) -> None:
     if as_json:
-        emit_json({**outcome.manifest, 'tables': [t.to_dict() for t in outcome.tables]})
+        emit_json(
+            {'ok': True, **outcome.manifest, 'tables': [t.to_dict() for t in outcome.tables]}
+        )
         return
     from rich.console import Console
 

@@ -157,6 +157,7 @@ def replay_foreign(
         emit_json(
             {
                 'ok': not (source.problems or run.complaints()),
+                'path': said.pop('bag'),
                 **said,
                 'findings': [finding_values(f) for f in run.findings],
                 'score': None if compared is None else compared.to_dict(),

@@ -80,6 +80,7 @@ def identify(
             emit_json(
                 {
                     'ok': not source.problems,
+                    'path': str(source.path),
                     'accepted': accepted,
                     'identifications': [r.to_dict() for r in results],
                 }

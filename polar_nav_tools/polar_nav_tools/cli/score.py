@@ -95,7 +95,8 @@ def score(
     if mapping is not None:
         raise typer.BadParameter('--map goes with --withhold; `polar replay --map` scores too')
     analyses: dict[str, Analysis] = {}
-    for label, bag in label_bags(found).items():
+    named_bags = label_bags(found)
+    for label, bag in named_bags.items():
         source = open_for(bag, say, ahead_of(recorded, truth, vehicle))
         analyses[label] = analysed(source, chosen, recorded, truth, vehicle)
     comparison = side_by_side({label: a.comparison for label, a in analyses.items()})
@@ -105,7 +106,7 @@ def score(
     if csv is not None:
         write_csv(csv, tables)
     if as_json:
-        emit_json(_document(analyses))
+        emit_json(_document(analyses, named_bags))
     else:
         from rich.console import Console
 
@@ -132,11 +133,12 @@ def _apart(words: list[Path], configs: list[str]) -> tuple[list[Path], list[str]
     return bags, [*names, *map(str, further)]
 
 
-def _document(analyses: Mapping[str, Analysis]) -> dict[str, object]:
+def _document(analyses: Mapping[str, Analysis], paths: Mapping[str, Path]) -> dict[str, object]:
     """JSON document of the scores of one bag, or of several by name."""
     said: dict[str, dict[str, object]] = {
         label: {
             'ok': not one.complaints(),
+            'path': str(paths[label]),
             'vehicle': one.vehicle,
             'runs': one.comparison.to_dict(),
             'packets': None if one.delivery is None else one.delivery.to_dict(),

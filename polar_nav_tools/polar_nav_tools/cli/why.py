@@ -57,7 +57,8 @@ def why(
     if as_json:
         from ..why.document import document
 
-        emit_json({'ok': not source_bag.problems, **document(story)})
+        said = {'ok': not source_bag.problems, 'path': str(source_bag.path)}
+        emit_json({**said, **document(story)})
     else:
         _print(story)
         if figure is not None:

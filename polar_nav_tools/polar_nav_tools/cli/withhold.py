@@ -49,6 +49,7 @@ def score_withheld(
         emit_json(
             {
                 'ok': not (stopped or problems),
+                'path': str(bag),
                 'seed': seed,
                 'divergence': stopped,
                 'withheld': {n: [one.to_dict() for one in f] for n, f in scores.items()},

@@ -65,7 +65,7 @@ class Imported:
 
     def to_dict(self) -> dict[str, object]:
         """Return plain values for JSON."""
-        return {'bag': str(self.bag), 'mapping': str(self.mapping), 'counts': dict(self.counts)}
+        return {'path': str(self.bag), 'mapping': str(self.mapping), 'counts': dict(self.counts)}
 
 
 def import_csv(path: Path, out: Path) -> Imported:
