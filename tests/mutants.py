@@ -42,9 +42,9 @@ LEAST_KILLED = 0.9
 RING = 'not slow and not live and not long'
 MODULES = {
     'engine.ledger': ('ledger',),
-    'engine.reorder': ('reorder', 'clocks'),
+    'engine.reorder': ('reorder_queue', 'reorder'),
     'engine.plausibility': ('plausibility',),
-    'engine.integrity': ('integrity', 'disagreement'),
+    'engine.integrity': ('integrity_monitor', 'integrity'),
     'engine.clocks': ('clocks',),
     'link.packet': ('packet', 'station_packet'),
     'kernels.frames.grid': ('grid', 'strapdown'),

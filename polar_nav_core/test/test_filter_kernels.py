@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from reference.error_model import system_matrix
 from scipy.linalg import expm
+from scipy.spatial.transform import Rotation
 
 from polar_nav_core import attitude, earth, grid
 from polar_nav_core.kernels.sins import imu as filter_imu
@@ -129,6 +130,24 @@ def test_cholesky_tells_what_is_not_definite():
         assert not kf.cholesky(L, P, N)
         assert not kf.is_positive_definite(P, N, L)
         assert kf.is_positive_definite(P, 5, L)
+
+
+def test_both_tests_of_definiteness_agree_with_the_least_eigenvalue():
+    rng = np.random.default_rng(11)
+    verdicts = []
+    for k in range(40):
+        A = rng.normal(size=(N, N))
+        least = (-1.0) ** k * 10.0 ** rng.uniform(-6.0, 0.0)
+        values, vectors = np.linalg.eigh(A @ A.T)
+        values[0] = least
+        P = (vectors * values) @ vectors.T
+        P = 0.5 * (P + P.T)
+        assert kf.cholesky(np.zeros((N, N)), P, N) == (least > 0.0)
+        verdicts.append(kf.is_positive_definite(P, N, np.zeros((N, N))) == (least > 0.0))
+        L = np.zeros((N, N))
+        if kf.cholesky(L, P, N):
+            np.testing.assert_allclose(L @ L.T, P, rtol=1e-9, atol=1e-9)
+    assert all(verdicts)
 
 
 def test_surroundings_held_over_a_filter_step_move_nothing():
@@ -345,6 +364,18 @@ def test_feed_back_undoes_an_error():
     np.testing.assert_allclose(v, V_G, atol=1e-14)
     np.testing.assert_allclose(r, R_E, atol=1e-8)
     np.testing.assert_allclose(np.concatenate(biases), x[9:], atol=1e-15)
+
+
+@pytest.mark.parametrize('angle', [0.0, 1e-9, 1e-4, 9.9e-4, 1.01e-3, 1e-2, 1.0, 3.0])
+def test_feed_back_turns_by_the_rotation_of_any_size(angle):
+    """Small angles by a series, which goes over into sines without a step."""
+    phi = angle * np.array([2.0, -1.0, 2.0]) / 3.0
+    x = np.zeros(N)
+    x[:3] = phi
+    C, others = C_B_G.copy(), [np.zeros(3) for _ in range(7)]
+    kf.feed_back(x, C, *others)
+    np.testing.assert_allclose(C, Rotation.from_rotvec(phi).as_matrix() @ C_B_G, atol=1e-15)
+    assert not np.any(others)
 
 
 def test_place_gives_frames_and_the_point():
