@@ -201,6 +201,22 @@ def test_uneven_intervals():
     assert body.coning_weight(dt, 0.0) == 0.0
 
 
+@pytest.mark.parametrize('name', PLACES)
+@pytest.mark.parametrize('dt_prev', [0.01, 0.004, 0.0])
+def test_a_step_in_the_surroundings_of_its_own_middle_has_the_bits_of_a_step(name, dt_prev):
+    dtheta, dvel = (np.array([[3e-3, -2e-3, 5e-3], [1e-3, 4e-3, -2e-3]]) for _ in range(2))
+    dvel += [[0.02, -0.03, 0.098], [-0.01, 0.05, 0.099]]
+    C, v, r = start(name)
+    strapdown.strapdown_step_uneven(C, v, r, dtheta[1], dvel[1], dtheta[0], dvel[0], 0.01, dt_prev)
+    held_C, held_v, held_r = start(name)
+    held = np.array(strapdown.surroundings(held_v, held_r, 0.005))
+    rows = np.array([dtheta[1], dvel[1], dtheta[0], dvel[0]])
+    strapdown.strapdown_step_held(held_C, held_v, held_r, rows, 0.01, dt_prev, held)
+    np.testing.assert_array_equal(held_C, C)
+    np.testing.assert_array_equal(held_v, v)
+    np.testing.assert_array_equal(held_r, r)
+
+
 @pytest.mark.parametrize('angle', [1e-9, 0.0499, 0.0501, 1.0, 3.0])
 def test_rotation_coefficients_on_both_sides_of_the_series(angle):
     s, c, d = body.rotation_coefficients(angle * angle)

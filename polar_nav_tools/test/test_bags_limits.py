@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from bag_samples import TRUTH, TYPES, make, stamp, stamp_ns, write_bag
+from bag_samples import RECEIPT, TRUTH, TYPES, make, stamp, stamp_ns, write_bag
 from mcap.writer import CompressionType, Writer
 
 from polar_nav_tools.bags import BagError, BagWriter, open_bag
@@ -83,6 +83,20 @@ def test_topics_by_the_thousand_are_plain_lines(tmp_path, monkeypatch, capsys):
     lines = capsys.readouterr().out.splitlines()
     assert 'topic type messages Hz' in lines
     assert len([line for line in lines if line.endswith(' p/msg/T 1 ')]) == 1200
+
+
+def test_of_thousands_of_followers_a_sentence_names_a_few(tmp_path, monkeypatch, capsys):
+    with BagWriter(tmp_path / 'b', {}) as writer:
+        for k in range(2000):
+            topic = f'/f{k:04d}/nav/state'
+            writer.add_topic(topic, TYPES[RECEIPT])
+            writer.write(topic, make(TYPES[RECEIPT]), stamp_ns(k))
+    monkeypatch.setattr('sys.argv', ['polar', 'score', str(tmp_path / 'b')])
+    assert main() == 2
+    said = capsys.readouterr().err
+    assert 'has 2000 followers (f0000, f0001, ' in said
+    assert 'f0011, ...): name one' in said
+    assert len(said) < 1000
 
 
 @pytest.mark.parametrize('log_ns', [1 << 63, (1 << 64) - 1])

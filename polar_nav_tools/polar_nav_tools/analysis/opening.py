@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from polar_nav_ros.topics import STATE
 
 from ..bags import Bag, BagError, open_bag
-from ..bags.errors import WrongRequestError
+from ..bags.errors import WrongRequestError, some_of
 from ..terminal.progress import opening_display
 
 if TYPE_CHECKING:
@@ -39,9 +39,8 @@ def follower_of(bag: Bag) -> str:
         return found.pop()
     if not found:
         raise BagError(f'{bag.path} has no follower: no message on <vehicle>/{STATE}')
-    names = ', '.join(sorted(found))
     raise WrongRequestError(
-        f'{bag.path} has {len(found)} followers ({names}): name one with --vehicle'
+        f'{bag.path} has {len(found)} followers ({some_of(found)}): name one with --vehicle'
     )
 
 

@@ -25,7 +25,7 @@ from polar_nav_ros import topics
 from polar_nav_ros.navigation_outputs import clock_step_from_msg, receipt_from_msg
 from polar_nav_ros.navigation_session import MODEL_OUTPUTS, SENSORS
 
-from ..bags.errors import BagError, WrongRequestError
+from ..bags.errors import BagError, WrongRequestError, some_of
 from ..bags.opening import open_bag
 from ..bags.reader import Bag
 from .constants import mode_table, require_same
@@ -242,12 +242,12 @@ def choose_description(bag: Bag, vehicle: str | None) -> tuple[str, Description]
             )
         if len(found) > 1:
             raise WrongRequestError(
-                f'{bag.path} has {len(found)} followers ({", ".join(sorted(found))}): '
+                f'{bag.path} has {len(found)} followers ({some_of(found)}): '
                 'name one with --vehicle'
             )
         vehicle = next(iter(found))
     elif vehicle not in found:
-        have = ', '.join(sorted(found)) or 'none'
+        have = some_of(found) or 'none'
         raise WrongRequestError(f'{bag.path} has no follower {vehicle!r}; it has {have}')
     return vehicle, found[vehicle]
 
