@@ -67,6 +67,15 @@ def end_well(run):
     return json.loads(told.stdout)
 
 
+def lives(run):
+    """Number of the follower's lives in the bag, each of which a replay equals bit for bit."""
+    told = polar('verify', run.bag, '--json', timeout=600.0)
+    assert told.returncode == 0, told.stderr
+    said = json.loads(told.stdout)
+    assert said['equal'] is True
+    return len(said['lives_s'])
+
+
 def test_killed_nodes_are_started_again(launched):
     until(lambda: (launched.bag.with_name('bag.run') / 'follower.state').exists(), launched)
     kill(launched, FOLLOWER, 1)
@@ -79,6 +88,7 @@ def test_killed_nodes_are_started_again(launched):
     (restored,) = times_ns(bag, '/follower/nav/restore')
     states = times_ns(bag, '/follower/nav/state')
     assert states[0] < restored < states[-1]
+    assert lives(launched) == 2
 
 
 @pytest.mark.long
@@ -92,3 +102,4 @@ def test_fifty_restarts_of_the_follower(launched):
     said = end_well(launched)
     counts = {t['name']: t['count'] for t in said['topics']}
     assert counts['/follower/nav/restore'] == 50
+    assert lives(launched) == 51

@@ -8,7 +8,7 @@
 | out odometry, nav/fix | nav_msgs/Odometry, sensor_msgs/NavSatFix | estimate |
 | out nav/receipt | polar_nav_msgs/FixReceipt | decision |
 | out nav/health | polar_nav_msgs/NavHealth | estimate, 1 Hz |
-| out nav/clock | sensor_msgs/TimeReference | a clock stepped |
+| out nav/clock | sensor_msgs/TimeReference | a clock stepped; a topic began |
 | out nav/command | polar_nav_msgs/Command | place in the order of events |
 | out nav/restore | polar_nav_msgs/Restore | the same; with a `state_file` |
 | out nav/current, nav/model | polar_nav_msgs/WaterCurrent, VehicleModel | estimate, 1 Hz |
@@ -100,6 +100,7 @@ class NavigationPorts:
         self._odometry = node.advertise(Odometry, ODOMETRY)
         self._fix = node.advertise(NavSatFix, FIX)
         if store is not None:
+            session.marks_starts = True
             self._restores = node.advertise(RestoreMsg, RESTORE)
         self._command_count = 0
         self._imu_seen: tuple[int | None, float] = (None, time.monotonic())

@@ -120,6 +120,12 @@ class NavigationSession(Generic[P]):
         Of positions.
     sensors : sequence of str
         Those of `SENSORS` that it takes; the first one is the IMU.
+
+    Attributes
+    ----------
+    marks_starts : bool
+        Publish on nav/clock the first message that is taken of each topic: a node that may be
+        started again in the middle of a recording, so that a replay begins with the same ones.
     """
 
     def __init__(
@@ -137,6 +143,8 @@ class NavigationSession(Generic[P]):
         self.engine = Engine(params) if engine is None else engine
         self.reorder = Reorder(self.engine, params.reorder_window_s, params.max_stamp_leap_s)
         self.taken: Counter[str] = Counter()
+        self.marks_starts = False
+        self._starts: list[Published] = []
         self.sensors = tuple(sensors)
         self._frame_id = frame_id
         self._model_second = -1
@@ -173,9 +181,23 @@ class NavigationSession(Generic[P]):
 
         ``arrival_ns`` is when it came by a steady clock; None where that means nothing.
         """
+        if self.marks_starts and not self.taken[topic] and topic not in (COMMAND, RESTORE):
+            yield from self._start_of(topic, message)
         event = self.event_of(topic, message)
         yield from self._before_event()
         yield from self._to_messages(self.reorder.add(event, arrival_ns))
+
+    def _start_of(self, topic: str, message: Any) -> Iterator[Published]:  # noqa: ANN401
+        """Record of the first message of a topic; those of all topics follow the IMU's."""
+        stamp_ns = to_ns(message.header.stamp)
+        step = outputs.clock_step_to_msg(ClockStep(topic, 0, stamp_ns, stamp_ns))
+        self._starts.append(Published.of(CLOCK_STEP, step))
+        if topic == self.sensors[0]:
+            self._starts.insert(0, self._starts.pop())
+        elif not self.taken[self.sensors[0]]:
+            return
+        yield from self._starts
+        self._starts.clear()
 
     def recorded_event_of(self, topic: str, message: Any) -> Event:  # noqa: ANN401
         """Event of a message in the engine's time, by the steps of its topic's clock (replay)."""

@@ -232,7 +232,9 @@ def test_runs_that_cannot_be_paired_are_not_comparable(newer):
 
 def test_a_recording_that_began_late_is_not_comparable(newer):
     inputs, replayed = newer
-    late = dataclasses.replace(inputs, messages=inputs.messages[1500:])
+    (life,) = inputs.lives
+    life = dataclasses.replace(life, messages=life.messages[1500:])
+    late = dataclasses.replace(inputs, lives=(life,))
     comparison = compare(late, replayed)
     assert 'already navigating' in comparison.impossible
 

@@ -263,6 +263,11 @@ class ClockStep:
     was_ns: int = 0
 
     @property
+    def is_start(self) -> bool:
+        """Whether it is no step, but names the first message that a node took of a topic."""
+        return self.number == 0 and self.stamp_ns == self.own_ns
+
+    @property
     def offset_ns(self) -> int:
         """Engine time less stamp from that message on."""
         return self.stamp_ns - self.own_ns

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from polar_nav_core.engine.health.span import Span, span_of_health
-from polar_nav_ros.topics import RX, TX
+from polar_nav_ros.topics import RESTORE, RX, TX
 
 from ..bags import Bag
 from ..bags.arrays import load_truth
@@ -175,8 +175,7 @@ def analyse(
             series[title] = replace(run, model=model)
         verification = replays.verified(say) if verified else None
     runs = {title: (truth, run.estimates, run.receipts) for title, run in series.items()}
-    received = bag.topics.get(f'/{name}/{RX}')
-    packets = {RX: received.count} if received is not None else {}
+    packets = _packets_of(bag, name)
     return Analysis(
         bag=bag,
         vehicle=name,
@@ -197,6 +196,15 @@ def analyse(
         },
         judged=(*judged_of(configurations), *([LIVE] if judge_live else [])),
     )
+
+
+def _packets_of(bag: Bag, vehicle: str) -> dict[str, int]:
+    """Number of packets by topic that must have verdicts; empty where the follower was away."""
+    restored = bag.topics.get(f'/{vehicle}/{RESTORE}')
+    received = bag.topics.get(f'/{vehicle}/{RX}')
+    if received is None or (restored is not None and restored.count):
+        return {}
+    return {RX: received.count}
 
 
 def _part(

@@ -109,6 +109,7 @@ def _plain(result: VerifyResult) -> dict[str, object]:
         'first_difference': difference,
         'engine_version': {'recorded': result.engine_version, 'replayed': ENGINE_VERSION},
         'comparison': comparison,
+        'lives_s': result.lives_s,
         'retired_parameters': result.retired,
     }
 
@@ -125,6 +126,8 @@ def _print(result: VerifyResult, checked: Check | None) -> None:
         sys.stdout.write(f'{sentence}\n')
     if result.comparison is not None and checked is None:
         _print_comparison(result.engine_version, result.comparison)
+    if result.lives_text:
+        sys.stdout.write(f'{result.lives_text}{": equal" if result.equal else ""}\n')
     if result.equal:
         sys.stdout.write('equal, bit for bit\n')
     if checked is None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from polar_nav_ros.topics import RECEIPT, RX
+from polar_nav_ros.topics import RECEIPT, RESTORE, RX
 
 from ..analysis.counts import topic_counts
 from ..analysis.packets import delivery_of
@@ -56,6 +56,10 @@ def _verdicts(bag: Bag, vehicle: str) -> list[Finding]:
     parts = ', '.join(f'{name} {count}' for name, count in verdicts.items()) or 'none'
     text = f'{balance.received} packets received, {balance.verdicts} verdicts: {parts}'
     severity = Severity.OK if balance.balanced else Severity.SEVERE
+    restored = bag.topics.get(f'/{vehicle}/{RESTORE}')
+    if restored is not None and restored.count and not balance.balanced:
+        severity = Severity.OK
+        text += '; the follower was started again, and heard nothing meanwhile'
     what = 'verdicts'
     missing = balance.received - balance.verdicts
     return [Finding(severity, what, topic, None, missing if missing else balance.received, text)]

@@ -59,7 +59,7 @@ class RunOutcome:
         The signal that interrupted it.
     counts : mapping
         Node -> 'published' and 'taken' -> fully qualified topic -> messages, as each node counted
-        them at its end.
+        them at its end; without nodes that were started again, which count from then on only.
     """
 
     status: RunStatus
@@ -362,7 +362,8 @@ class Supervisor:
         elif line.startswith(READY):
             self._ready.add(name)
         elif line.startswith(COUNTS):
-            self._counts[name] = json.loads(line.removeprefix(COUNTS))
+            if name not in self._respawns:
+                self._counts[name] = json.loads(line.removeprefix(COUNTS))
         elif self._on_line is not None and not line.startswith(ALIVE):
             self._on_line(name, line)
 

@@ -39,7 +39,8 @@ from ..bags.tables import read_tables
 from ..series.vehicle import TruthSeries
 from .constants import mode_table, require_same
 from .fix_columns import packets_of, refusals_of
-from .recorded import choose_follower, decoded, event_key, refusal_key, taken_counts
+from .lives import event_key, refusal_key, taken_counts
+from .recorded import choose_follower, decoded
 
 Progress = Callable[[float], None]
 
@@ -292,7 +293,7 @@ def arrays_request(bag: Bag, vehicle: str | None = None, *, truth: bool = False)
         return None  # the start is a message
     steps = bag.topics.get(f'/{name}/{topics.CLOCK_STEP}')
     if steps is not None and steps.count:
-        return None  # stamps are of clocks that stepped
+        return None  # of clocks that stepped, or of a node that may have been started again
     if tuple(t for t in session.inputs_of(params) if t != topics.RESTORE) != taken:
         return None  # with thrust beside a DVL
     bag.require([f'/{name}/{taken[0]}'])

@@ -9,13 +9,14 @@ that the live node would have published, as bytes. Live and replay drive the sam
 from __future__ import annotations
 
 import hashlib
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from polar_nav_core.engine.configurations import parameters_of
-from polar_nav_core.engine.events import Event, Receipt
+from polar_nav_core.engine.events import Event
 from polar_nav_core.engine.health.conditions import Health
 from polar_nav_core.engine.health.runaway import divergence_of
 from polar_nav_core.params import from_mapping
@@ -36,6 +37,7 @@ from polar_nav_ros.topics import (
 from ..bags.arrays import estimates_from_cdr, receipts_from_cdr
 from ..bags.model import model_run_from_cdr
 from ..bags.reader import Bag
+from .lives import Life
 from .recorded import RecordedInputs, load_inputs
 from .result import ReplayedRun
 
@@ -52,6 +54,7 @@ class Output:
     topic: str
     stamp_ns: int
     data: bytes
+    life: int = 0
 
 
 @dataclass(frozen=True)
@@ -87,10 +90,13 @@ class ReplayResult:
     divergence: str = ''
     health: tuple[Health, ...] = ()
 
-    def of(self, topic: str) -> list[bytes]:
-        """Messages published on a topic (its name without the vehicle), as bytes."""
+    def of(self, topic: str, life: int | None = None) -> list[bytes]:
+        """Messages published on a topic (its name without the vehicle), as bytes.
+
+        ``life`` is the number of one process of a follower that was started again.
+        """
         name = f'/{self.vehicle}/{topic}'
-        return [o.data for o in self.outputs if o.topic == name]
+        return [o.data for o in self.outputs if o.topic == name and life in (None, o.life)]
 
     @property
     def counts(self) -> tuple[int, int]:
@@ -155,34 +161,53 @@ def replay(
         source if isinstance(source, RecordedInputs) else load_inputs(source, vehicle, changes)
     )
     params = parameters(inputs.params, configuration, changes or {})
-    run = session.Session(params, inputs.vehicle)
     collector = _Collector(inputs.vehicle, inputs.live)
-    if inputs.bag.injected:
-        health = _drive_live(run, inputs, collector, progress)
-    else:
-        health = _drive(run, inputs.events(run), inputs.refused, collector, progress)
+    taken: Counter[str] = Counter()
+    verdicts: Counter[str] = Counter()
+    health: list[Health] = []
+    divergence = ''
+    for number, life in enumerate(inputs.lives):
+        collector.life = number
+        run = session.Session(params, inputs.vehicle)
+        share = _share(progress, number, len(inputs.lives))
+        if inputs.bag.injected:
+            health += _drive_live(run, life, collector, share)
+        else:
+            events = inputs.events(run, life)
+            health += _drive(run, events, life, collector, share)
+        # What waited in a node that was killed, it took for nothing.
+        taken.update(run.taken if life.until_ns is None else life.decided(events))
+        verdicts.update({verdict.name: n for verdict, n in sorted(run.engine.verdicts.items())})
+        divergence = divergence or run.engine.divergence
+    if progress is not None:
+        progress(1.0)
     return ReplayResult(
         vehicle=inputs.vehicle,
         params=params,
         outputs=collector.outputs,
         sha256=collector.digests(),
-        taken={f'/{inputs.vehicle}/{topic}': count for topic, count in run.taken.items()},
-        verdicts={v.name: n for v, n in sorted(run.engine.verdicts.items())},
-        divergence=run.engine.divergence or divergence_of(health),
-        health=health,
+        taken={f'/{inputs.vehicle}/{topic}': count for topic, count in taken.items()},
+        verdicts=dict(verdicts),
+        divergence=divergence or divergence_of(tuple(health)),
+        health=tuple(health),
     )
+
+
+def _share(progress: Progress | None, number: int, count: int) -> Progress:
+    """Progress of one life as that of all."""
+    return lambda share: None if progress is None else progress((number + share) / count)
 
 
 def _drive(
     run: session.Session,
     events: list[Event],
-    refused: list[Receipt],
+    life: Life,
     collector: _Collector,
-    progress: Progress | None,
-) -> tuple[Health, ...]:
+    progress: Progress,
+) -> list[Health]:
     """Process all events; returns the watchdog's judgements on the way."""
     health: list[Health] = []
-    waiting = list(reversed(refused))
+    waiting = list(reversed(life.refused))
     every = max(1, len(events) // 100)
     for i, event in enumerate(events):
         while waiting and waiting[-1].stamp_ns < event.stamp_ns:
@@ -192,37 +217,31 @@ def _drive(
         collector.collect(run.process(event))
         if run.engine.health is not None and (not health or run.engine.health is not health[-1]):
             health.append(run.engine.health)
-        if progress is not None and i % every == 0:
+        if i % every == 0:
             progress(i / len(events))
     while waiting:
         collector.collect([run.refuse(waiting.pop())])
-    collector.collect(run.flush())
-    if progress is not None:
-        progress(1.0)
-    return tuple(health)
+    # A node that was killed has not processed what waited in it.
+    until_ns = life.until_ns
+    collector.collect(run.flush() if until_ns is None else run.advance(until_ns + 1))
+    return health
 
 
 def _drive_live(
-    run: session.Session,
-    inputs: RecordedInputs,
-    collector: _Collector,
-    progress: Progress | None,
-) -> tuple[Health, ...]:
+    run: session.Session, life: Life, collector: _Collector, progress: Progress
+) -> list[Health]:
     """Process messages as they arrived, as a node does: no node has refused late ones before."""
     health: list[Health] = []
-    messages, arrivals_ns = inputs.messages, inputs.arrivals_ns
-    every = max(1, len(messages) // 100)
-    for i, (topic, message) in enumerate(messages):
-        published = run.take(topic, message, arrivals_ns[i])
+    every = max(1, len(life.messages) // 100)
+    for i, (topic, message) in enumerate(life.messages):
+        published = run.take(topic, message, life.arrivals_ns[i])
         collector.collect(p for p in published if p.topic not in _LIVE_ONLY)
         if run.engine.health is not None and (not health or run.engine.health is not health[-1]):
             health.append(run.engine.health)
-        if progress is not None and i % every == 0:
-            progress(i / len(messages))
+        if i % every == 0:
+            progress(i / len(life.messages))
     collector.collect(run.flush())
-    if progress is not None:
-        progress(1.0)
-    return tuple(health)
+    return health
 
 
 class _Collector:
@@ -232,11 +251,12 @@ class _Collector:
         self._prefix = f'/{vehicle}/'
         self._hashes = {topic: hashlib.sha256() for topic in compared}
         self.outputs: list[Output] = []
+        self.life = 0
 
     def collect(self, published: Iterable[Published]) -> None:
         for topic, message, data in published:
             stamp_ns = to_ns(message.header.stamp)
-            self.outputs.append(Output(self._prefix + topic, stamp_ns, data))
+            self.outputs.append(Output(self._prefix + topic, stamp_ns, data, self.life))
             if topic in self._hashes:
                 self._hashes[topic].update(data)
 

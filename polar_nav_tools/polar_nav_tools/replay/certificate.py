@@ -182,7 +182,7 @@ def check(
     found: Closeness | None = None
     if not elsewhere:
         for topic, stated in certificate.outputs.items():
-            if replayed.sha256.get(topic) != stated['sha256']:
+            if result.replay_sha256.get(topic) != stated['sha256']:
                 failures.append(f'{topic}: the replay does not give the certified bytes')
         if result.difference is not None:
             failures.append(f'first difference: {result.difference}')

@@ -14,7 +14,8 @@ from ..bags.columns import read_columns, time_fields
 from ..bags.columns import stamps as stamps_of
 from ..bags.errors import BagError
 from ..bags.reader import Bag
-from .recorded import decoded, never_an_event
+from .lives import never_an_event
+from .recorded import decoded
 
 _PACKET_FIELDS = (
     *time_fields('transmit_time'),

@@ -17,10 +17,9 @@ from rclpy.serialization import deserialize_message
 
 from polar_nav_core.engine.version import ENGINE_VERSION
 from polar_nav_core.errors import ConfigError
-from polar_nav_msgs.msg import FixReceipt, NavState
 from polar_nav_msgs.msg import Identification as IdentificationMsg
+from polar_nav_msgs.msg import NavState
 from polar_nav_ros import topics
-from polar_nav_ros.navigation_session import MODEL_OUTPUTS
 from polar_nav_ros.stamps import to_ns
 
 from ..bags.arrays import estimates_from_cdr, load_estimates, receipts_from_cdr
@@ -31,13 +30,8 @@ from ..bags.reader import Bag
 from ..series.closeness import LIMIT_SIGMA, LIMIT_TEXT, Closeness, closeness, model_closeness
 from ..series.vehicle import EstimateSeries
 from .by_message import Progress, ReplayResult, parameters, replay
+from .lives import TYPES
 from .recorded import RecordedInputs, choose_description, load_inputs
-
-_TYPES: dict[str, type[Any]] = {
-    topics.STATE: NavState,
-    topics.RECEIPT: FixReceipt,
-    **MODEL_OUTPUTS,
-}
 
 
 @dataclass(frozen=True)
@@ -126,6 +120,9 @@ class VerifyResult:
         One sentence for each recorded parameter that was retired since.
     problems : list of str
         What is wrong with the bag itself.
+    lives_s : list of (float, float)
+        First and last estimate of each process of a follower that was started again, since the
+        first one of all [s].
     """
 
     vehicle: str
@@ -138,6 +135,15 @@ class VerifyResult:
     engine_version: int = ENGINE_VERSION
     comparison: Comparison | None = None
     retired: list[str] = field(default_factory=list)
+    lives_s: list[tuple[float, float]] = field(default_factory=list)
+
+    @property
+    def lives_text(self) -> str:
+        """Number and times of the lives of a follower; empty for one."""
+        if len(self.lives_s) < 2:
+            return ''
+        spans = ', '.join(f'{begin:.1f} to {end:.1f} s' for begin, end in self.lives_s)
+        return f'{len(self.lives_s)} lives: {spans}'
 
     @property
     def ok(self) -> bool:
@@ -174,27 +180,46 @@ def verify(
         replayed = replay(inputs, progress=progress)
     difference: Difference | None = None
     comparison: Comparison | None = None
+    live, again = inputs.live, replayed_as_live(inputs, replayed)
     if inputs.engine_version == ENGINE_VERSION:
         difference = _late_start(inputs)
-        for topic in inputs.live:
-            if inputs.live[topic] != replayed.of(topic):
-                found = _first_difference(topic, inputs.live[topic], replayed.of(topic))
-                difference = difference or found
+        for topic in live:
+            if live[topic] != again[topic]:
+                difference = difference or _first_difference(topic, live[topic], again[topic])
     else:
         comparison = compare(inputs, replayed)
     return VerifyResult(
         vehicle=inputs.vehicle,
-        equal=difference is None
-        and all(messages == replayed.of(topic) for topic, messages in inputs.live.items()),
-        live_sha256={topic: _digest(messages) for topic, messages in inputs.live.items()},
-        replay_sha256=replayed.sha256,
-        counts={t: (len(m), len(replayed.of(t))) for t, m in inputs.live.items()},
+        equal=difference is None and live == again,
+        live_sha256={topic: _digest(messages) for topic, messages in live.items()},
+        replay_sha256={topic: _digest(messages) for topic, messages in again.items()},
+        counts={topic: (len(messages), len(again[topic])) for topic, messages in live.items()},
         difference=difference,
         problems=list(inputs.bag.problems),
         engine_version=inputs.engine_version,
         comparison=comparison,
         retired=list(inputs.retired),
+        lives_s=_lives_s(inputs),
     )
+
+
+def replayed_as_live(inputs: RecordedInputs, replayed: ReplayResult) -> dict[str, list[bytes]]:
+    """Replayed messages by topic that the live node published, or would have, in all its lives."""
+    return {
+        topic: [
+            data
+            for number, life in enumerate(inputs.lives)
+            for data in life.matching(topic, replayed.of(topic, number))
+        ]
+        for topic in inputs.live
+    }
+
+
+def _lives_s(inputs: RecordedInputs) -> list[tuple[float, float]]:
+    """First and last estimate of each life, since the first one of all [s]."""
+    spans_ns = [life.span_ns for life in inputs.lives]
+    found = [span for span in spans_ns if span is not None]
+    return [((a - found[0][0]) * 1e-9, (b - found[0][0]) * 1e-9) for a, b in found]
 
 
 def load_comparable(bag: Bag, vehicle: str | None = None) -> RecordedInputs:
@@ -272,9 +297,10 @@ def compare(inputs: RecordedInputs, replayed: ReplayResult) -> Comparison:
     first_ns = _first_imu_ns(inputs)
     if len(recorded) and recorded.stamp_ns[0] < first_ns:
         return Comparison(None, f'the follower {_RUNNING}, and {_from(first_ns)}')
-    found = [closeness(recorded, estimates_from_cdr(replayed.of(topics.STATE), name))]
-    if inputs.live.get(topics.MODEL):
-        models = (inputs.live[topics.MODEL], replayed.of(topics.MODEL))
+    live, again = inputs.live, replayed_as_live(inputs, replayed)
+    found = [closeness(recorded, estimates_from_cdr(again[topics.STATE], name))]
+    if live.get(topics.MODEL):
+        models = (live[topics.MODEL], again[topics.MODEL])
         found.append(model_closeness(*map(model_from_cdr, models)))
     for one in found:
         if not one.fields:
@@ -282,9 +308,9 @@ def compare(inputs: RecordedInputs, replayed: ReplayResult) -> Comparison:
     return Comparison(
         max(found, key=lambda one: one.sigmas),
         failures=(
-            *_other_verdicts(inputs.live[topics.RECEIPT], replayed.of(topics.RECEIPT)),
+            *_other_verdicts(live[topics.RECEIPT], again[topics.RECEIPT]),
             *_other_identifications(
-                inputs.live.get(topics.IDENTIFICATION, []), replayed.of(topics.IDENTIFICATION)
+                live.get(topics.IDENTIFICATION, []), again.get(topics.IDENTIFICATION, [])
             ),
         ),
     )
@@ -331,7 +357,8 @@ def _from(first_ns: int) -> str:
 
 
 def _first_imu_ns(inputs: RecordedInputs) -> int:
-    return next(to_ns(m.header.stamp) for topic, m in inputs.messages if topic == inputs.imu)
+    messages = inputs.lives[0].messages
+    return next(to_ns(m.header.stamp) for topic, m in messages if topic == inputs.imu)
 
 
 def _late_start(inputs: RecordedInputs) -> Difference | None:
@@ -352,7 +379,7 @@ def _digest(messages: Iterable[bytes]) -> str:
 
 
 def _first_difference(topic: str, live: list[bytes], replayed: list[bytes]) -> Difference:
-    msg_type = _TYPES[topic]
+    msg_type = TYPES[topic]
     for i, (a, b) in enumerate(zip(live, replayed, strict=False)):
         if a != b:
             left, right = deserialize_message(a, msg_type), deserialize_message(b, msg_type)
