@@ -16,6 +16,9 @@ from polar_nav_tools.bags import open_bag
 pytestmark = [pytest.mark.live, pytest.mark.slow, pytest.mark.timeout(300)]
 
 FOLLOWER = '/follower/follower_node'
+RECORDER = '/recorder_node'
+GROWN = 100_000
+"""Bytes of a file that has some seconds of a run."""
 PATIENCE_S = 120.0
 GOES_ON = 'navigation goes on from a state of'
 NAVIGATES = 'follower_node]: navigating, '
@@ -57,22 +60,21 @@ def times_ns(bag, topic):
     return [time_ns for _, time_ns, _ in bag.messages([topic])]
 
 
-def end_well(run):
-    """End it by Ctrl-C: everything in order, nothing left, a whole bag; its /info as JSON."""
+def end_well(run, *, ok=True):
+    """End it by Ctrl-C: everything in order, nothing left, a whole bag; its info as JSON."""
     run.process.send_signal(signal.SIGINT)
     run.process.communicate(timeout=60.0)
     assert run.nodes() == {}
     told = polar('info', run.bag, '--json')
-    assert told.returncode == 0, told.stderr
+    assert told.returncode == (0 if ok else 1), told.stderr
     return json.loads(told.stdout)
 
 
 def lives(run):
     """Number of the follower's lives in the bag, each of which a replay equals bit for bit."""
     told = polar('verify', run.bag, '--json', timeout=600.0)
-    assert told.returncode == 0, told.stderr
     said = json.loads(told.stdout)
-    assert said['equal'] is True
+    assert said['equal'] is True, told.stderr
     return len(said['lives_s'])
 
 
@@ -82,8 +84,14 @@ def test_killed_nodes_are_started_again(launched):
     for name in ('/leader/leader_node', '/acoustic_link_node'):
         kill(launched, name, 1)
     until(lambda: launched.stderr.count(NAVIGATES) == 2, launched)
-    said = end_well(launched)
-    assert said['ok'] is True
+    kill(launched, RECORDER, 1)
+    next_file = launched.bag / 'bag_1.mcap'
+    until(lambda: next_file.is_file() and next_file.stat().st_size > GROWN, launched)
+    said = end_well(launched, ok=False)
+    assert said['files'] == ['bag_0.mcap', 'bag_1.mcap']
+    assert len(said['problems']) == 2, said['problems']
+    assert 'bag_0.mcap: the recording was not finished' in said['problems'][0]
+    assert 'bag_1.mcap: goes on' in said['problems'][1]
     bag = open_bag(launched.bag)
     (restored,) = times_ns(bag, '/follower/nav/restore')
     states = times_ns(bag, '/follower/nav/state')

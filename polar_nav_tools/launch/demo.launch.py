@@ -139,9 +139,14 @@ def _action(spec: NodeSpec) -> Node:
         output='screen',
         sigterm_timeout=str(ORDERLY.after_sigint_s),
         sigkill_timeout=str(ORDERLY.after_sigterm_s),
-        respawn=spec.respawns,
+        respawn=_respawns(spec),
         respawn_delay=RESPAWN_DELAY_S,
     )
+
+
+def _respawns(spec: NodeSpec) -> bool:
+    """Whether a node is started again: a recorder may have ended because the disk is full."""
+    return spec.respawns and spec.stage is not Stage.RECORDER
 
 
 def _order_of_the_end(
@@ -155,7 +160,7 @@ def _order_of_the_end(
 
     def on_exit(event: ProcessExited, context: LaunchContext) -> EmitEvent | None:
         spec, status = specs[event.action], event.returncode
-        if spec.respawns and not ended and not context.is_shutdown:
+        if _respawns(spec) and not ended and not context.is_shutdown:
             return None  # it is started again
         how = f'node {spec.full_name} {NodeEnd(spec.full_name, status, (), "").how()}'
         if context.is_shutdown:

@@ -233,6 +233,38 @@ def test_a_missing_message_in_either_life_is_a_difference(killed, tmp_path, life
     assert not verify(imu).equal
 
 
+def test_a_recording_with_a_hole_is_compared_up_to_it(killed, tmp_path):
+    """Its recorder was killed, and went on in a next file."""
+    source = open_bag(killed)
+    records = list(source.records())
+    cut = next(k for k, r in enumerate(records) if r.log_time_ns > records[0].log_time_ns + 20 * S)
+    whole = load_inputs(killed).lives
+    for resume, part in ((False, records[:cut]), (True, records[cut + 300 :])):
+        writer = BagWriter(tmp_path / 'torn', {}, resume=resume)
+        for topic, known in source.topics.items():
+            writer.add_topic(topic, known.type, described=source.definition(topic))
+        for record in part:
+            writer.write(record.topic, record.data, record.log_time_ns)
+        writer.flush()
+        if resume:
+            writer.finish()
+        else:
+            writer.abandon()
+    torn = open_bag(tmp_path / 'torn')
+    assert [f.path.name for f in torn.files] == ['torn_0.mcap', 'torn_1.mcap']
+    assert torn.message_count == len(records) - 300
+    said = ' '.join(torn.problems)
+    assert 'torn_0.mcap: the recording was not finished' in said
+    assert 'torn_1.mcap: goes on ' in said
+    first, second = load_inputs(torn).lives
+    assert first.live == whole[0].live
+    assert second.torn
+    assert 0 < len(second.live[topics.STATE]) < len(whole[1].live[topics.STATE]) - 50
+    result = verify(torn)
+    assert result.equal, result.difference
+    assert result.lives_text.endswith('(up to the hole in the recording)')
+
+
 def test_another_configuration_is_replayed_in_each_life(killed):
     result = replay(killed, configuration='modified_akf')
     stamps = [len(result.of(topics.STATE, life)) for life in (0, 1)]

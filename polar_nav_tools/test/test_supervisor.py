@@ -195,6 +195,23 @@ def test_a_node_that_dies_again_and_again_fails_the_run(tmp_path, fake, monkeypa
     assert 'node /vehicle/again was killed by SIGKILL' in outcome.sentence
 
 
+@pytest.mark.parametrize(('end', 'again'), [('sys.exit(1)', False), ('os.abort()', True)])
+def test_a_recorder_that_gives_up_is_not_started_again(tmp_path, fake, monkeypatch, end, again):
+    monkeypatch.setattr(supervisor_module, 'MOST_RESPAWNS', 2)
+    said = []
+    code = f'import os, sys\ndef main():\n    {end}\n'
+    outcome = run(
+        tmp_path,
+        fake('truth', ENDLESS, Stage.TRUTH),
+        replace(fake('recorder', code, Stage.RECORDER), respawns=True),
+        on_problem=said.append,
+        respawn_delay_s=0.0,
+    )
+    assert outcome.status is RunStatus.FAILED
+    assert '/vehicle/recorder' in outcome.sentence
+    assert len(said) == (supervisor_module.MOST_RESPAWNS if again else 0)
+
+
 def test_parameters_are_written_for_each_node(tmp_path, fake):
     run(tmp_path, fake('truth', TRUTH, Stage.TRUTH))
     text = (tmp_path / 'run' / 'params' / 'vehicle.truth.yaml').read_text()

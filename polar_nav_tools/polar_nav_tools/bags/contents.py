@@ -77,6 +77,11 @@ class FileScan:
         return sum(t.count for t in self.tallies.values())
 
     @property
+    def first_ns(self) -> int | None:
+        """Oldest log time [ns], None without messages."""
+        return min((t.first_ns for t in self.tallies.values() if t.count), default=None)
+
+    @property
     def last_ns(self) -> int | None:
         """Newest log time [ns], None without messages."""
         return max((t.last_ns for t in self.tallies.values() if t.count), default=None)

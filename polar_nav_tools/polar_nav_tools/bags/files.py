@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path, PurePath
 from typing import Any
@@ -73,7 +74,7 @@ def check_magic(path: Path, front: bytes) -> None:
 
 
 def _directory(path: Path) -> Listing:
-    present = sorted(path.glob('*.mcap'), key=_split_order)
+    present = in_order(path.glob('*.mcap'))
     metadata_path = path / FILE_NAME
     if not metadata_path.is_file():
         if present:
@@ -121,6 +122,11 @@ def _refuse_others(path: Path, metadata: dict[str, Any]) -> None:
             f'{path}: compression mode {mode!r} of rosbag2 is not known here; only chunks '
             'compressed by MCAP itself are'
         )
+
+
+def in_order(paths: Iterable[Path]) -> list[Path]:
+    """Files of a bag by the number at the end of their names."""
+    return sorted(paths, key=_split_order)
 
 
 def _split_order(path: Path) -> tuple[int, str]:

@@ -10,9 +10,11 @@ from __future__ import annotations
 
 import json
 import os
+from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Set
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -196,11 +198,6 @@ class Bag:
         for _, log_time_ns, data in self.messages([topic]):
             yield log_time_ns, decode(data)
 
-    def _run_records(self) -> list[tuple[str, dict[str, str]]]:
-        """Metadata records of start and end, in order; older bags have one name for both."""
-        names = (RUN_RECORD, RUN_END_RECORD)
-        return [(name, m) for f in self.files for name, m in f.metadata if name in names]
-
     def metadata(self, name: str) -> list[dict[str, str]]:
         """Return the MCAP metadata records of one name, in order."""
         return [m for f in self.files for record, m in f.metadata if record == name]
@@ -212,8 +209,9 @@ class Bag:
         Empty for bags of other recorders.
         """
         info: dict[str, Any] = {}
-        for _, record in self._run_records():
-            info |= {k: _json_or_none(v) for k, v in record.items() if k != PHASE_KEY}
+        for file in self.files:
+            for _, record in _run_records(file):
+                info |= {k: _json_or_none(v) for k, v in record.items() if k != PHASE_KEY}
         return info
 
     @property
@@ -288,9 +286,23 @@ class Bag:
                 yield f'{file.path.name}: {unfinished(file)}'
             yield from sequence_gaps(file)
             yield from self._other_types(file)
+        for last_ns, first_ns, name in self._holes():
+            gap_s = (first_ns - last_ns) * 1e-9
+            yield f'{name}: goes on {gap_s:.3f} s after the file before; nothing is between'
         yield from self._recorded_losses()
         for record in self.metadata(RECOVERY_RECORD):
             yield f'recovered from a broken bag: {record.get("problems", "")}'
+
+    @property
+    def holes_ns(self) -> list[tuple[int, int]]:
+        """Log times [ns] between which nothing was recorded: a recorder was started again."""
+        return [(last_ns, first_ns) for last_ns, first_ns, _ in self._holes()]
+
+    def _holes(self) -> Iterator[tuple[int, int, str]]:
+        for before, after in pairwise(self.files):
+            last_ns, first_ns = before.last_ns, after.first_ns
+            if not before.finished and last_ns is not None and first_ns is not None:
+                yield last_ns, first_ns, after.path.name
 
     def _other_types(self, file: FileScan) -> Iterator[str]:
         for number, channel in file.channels.items():
@@ -303,23 +315,41 @@ class Bag:
                 )
 
     def _recorded_losses(self) -> Iterator[str]:
-        """Problems by the recorder's own counts: missing messages, and losses that it reported."""
-        for name, record in self._run_records():
-            for key, value in record.items():
-                if key != PHASE_KEY and value != 'null' and _json_or_none(value) is None:
-                    yield f'{key} in a {name} record is not JSON'
-        recording = self.run_info.get('recording')
-        counted = recording.get('topics') if isinstance(recording, dict) else None
-        if not isinstance(counted, dict):
-            return
+        """Problems by the recorder's own counts: missing messages, and losses that it reported.
+
+        Each recorder counts what it wrote to its own file.
+        """
+        for file in self.files:
+            info: dict[str, Any] = {}
+            for name, record in _run_records(file):
+                for key, value in record.items():
+                    info[key] = _json_or_none(value)
+                    if key != PHASE_KEY and value != 'null' and info[key] is None:
+                        yield f'{key} in a {name} record is not JSON'
+            recording = info.get('recording')
+            counted = recording.get('topics') if isinstance(recording, dict) else None
+            if isinstance(counted, dict):
+                yield from self._losses(file, counted)
+
+    def _losses(self, file: FileScan, counted: dict[str, Any]) -> Iterator[str]:
+        there: Counter[str] = Counter()
+        for number, topic in self._numbers(file, None).items():
+            there[topic] += file.tallies[number].count if number in file.tallies else 0
         for name, facts in counted.items():
             if not isinstance(facts, dict):
                 continue
-            have = self.topics[name].count if name in self.topics else 0
-            if facts.get('count') != have:
-                yield f'{name}: the recorder wrote {facts.get("count")} messages, {have} are there'
+            if facts.get('count') != there[name]:
+                yield (
+                    f'{name}: the recorder wrote {facts.get("count")} messages, '
+                    f'{there[name]} are there'
+                )
             if facts.get('lost'):
                 yield f'{name}: {facts["lost"]} messages were lost on the way to the recorder'
+
+
+def _run_records(file: FileScan) -> list[tuple[str, dict[str, str]]]:
+    """Metadata records of start and end, in order; older bags have one name for both."""
+    return [(name, m) for name, m in file.metadata if name in (RUN_RECORD, RUN_END_RECORD)]
 
 
 def blocks_of(file: FileScan, channels: Set[int]) -> Iterator[tuple[bytes, int, int]]:

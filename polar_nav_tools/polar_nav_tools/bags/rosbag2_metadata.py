@@ -82,6 +82,27 @@ def bag_metadata(
     }
 
 
+def joined(parts: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Content of metadata.yaml of a bag of several files, from that of each."""
+    topics: dict[str, dict[str, Any]] = {}
+    for part in (parts[-1], *parts[:-1]):
+        for one in part['topics_with_message_count']:
+            known = topics.setdefault(one['topic_metadata']['name'], {**one, 'message_count': 0})
+            known['message_count'] += one['message_count']
+    files = [file for part in parts for file in part['files']]
+    begins = [f['starting_time']['nanoseconds_since_epoch'] for f in files]
+    ends = [b + f['duration']['nanoseconds'] for b, f in zip(begins, files, strict=True)]
+    return {
+        **parts[-1],
+        'starting_time': {'nanoseconds_since_epoch': min(begins)},
+        'duration': {'nanoseconds': max(ends) - min(begins)},
+        'message_count': sum(part['message_count'] for part in parts),
+        'topics_with_message_count': list(topics.values()),
+        'relative_file_paths': [name for part in parts for name in part['relative_file_paths']],
+        'files': files,
+    }
+
+
 def dump(metadata: Mapping[str, Any]) -> str:
     """Return YAML text."""
     return yaml.safe_dump(dict(metadata), sort_keys=False, default_flow_style=False)

@@ -47,6 +47,27 @@ class Sink:
         except OSError as error:
             raise BagError(f'{directory}: cannot make this bag ({error.strerror})') from error
 
+    @classmethod
+    def of_next_file(cls, directory: Path) -> Self:
+        """Return the sink of another file of a bag; the first one where there is no bag.
+
+        Raises
+        ------
+        BagError
+            If it cannot be made.
+        """
+        if not directory.is_dir():
+            return cls.of_new_bag(directory)
+        name = directory.name
+        number = 0
+        while (directory / f'{name}_{number}.mcap').exists():
+            number += 1
+        try:
+            return cls(directory / f'{name}_{number}.mcap')
+        except OSError as error:
+            why = error.strerror
+            raise BagError(f'{directory}: cannot go on with this bag ({why})') from error
+
     def write(self, data: bytes | bytearray | memoryview) -> int:
         """Append bytes; raises OSError if they do not fit, with the file unchanged."""
         view = memoryview(data)

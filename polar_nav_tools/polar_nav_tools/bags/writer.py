@@ -25,6 +25,7 @@ from typing import Any, Self
 from mcap.writer import CompressionType, IndexType, Writer
 
 from . import qos, rosbag2_metadata
+from .earlier import with_earlier_files
 from .errors import BagError
 from .qos import Qos
 from .rosbag2_metadata import TopicSummary
@@ -67,7 +68,7 @@ class BagWriter:
     Parameters
     ----------
     directory : Path
-        The bag; must not exist. Its name becomes the name of the file in it.
+        The bag; must not exist, unless it is resumed. Its name becomes the name of the file in it.
     run_info : mapping
         Description of the run: seeds, versions, git commit, mission, command line; values for
         JSON.
@@ -80,6 +81,8 @@ class BagWriter:
         when they do not.
     sync : bool
         Also wait for the disk at each flush, so that a loss of power costs no more than a kill.
+    resume : bool
+        Go on in a next file, ``<name>_1.mcap``, where the bag exists; its files stay as they are.
     clock : callable
         Seconds of a monotonic clock; another one in tests.
 
@@ -98,6 +101,7 @@ class BagWriter:
         chunk_bytes: int = 256 * 1024,
         flush_s: float = 0.5,
         sync: bool = False,
+        resume: bool = False,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         if compression not in _COMPRESSIONS:
@@ -105,7 +109,8 @@ class BagWriter:
         self.directory = Path(directory)
         self._run_info = dict(run_info)
         start = _json_values(self._run_info, 'run_info') | {PHASE_KEY: 'start'}
-        self._sink = Sink.of_new_bag(self.directory)
+        opened = Sink.of_next_file if resume else Sink.of_new_bag
+        self._sink = opened(self.directory)
         self.path = self._sink.path
         self._flush_s = flush_s
         self._sync = sync
@@ -297,7 +302,7 @@ class BagWriter:
             self._mcap.finish()
             self._sink.sync()
             self._sink.close()
-            rosbag2_metadata.write(self.directory, metadata)
+            rosbag2_metadata.write(self.directory, with_earlier_files(self.path, metadata))
         return self.directory
 
     def _declare_silent(self) -> None:

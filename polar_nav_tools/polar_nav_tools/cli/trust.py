@@ -110,6 +110,7 @@ def _plain(result: VerifyResult) -> dict[str, object]:
         'engine_version': {'recorded': result.engine_version, 'replayed': ENGINE_VERSION},
         'comparison': comparison,
         'lives_s': result.lives_s,
+        'torn': result.torn,
         'retired_parameters': result.retired,
     }
 
@@ -130,6 +131,8 @@ def _print(result: VerifyResult, checked: Check | None) -> None:
         sys.stdout.write(f'{result.lives_text}{": equal" if result.equal else ""}\n')
     if result.equal:
         sys.stdout.write('equal, bit for bit\n')
+    if result.torn:
+        sys.stdout.write('what was published after a hole in the recording is not compared\n')
     if checked is None:
         return
     for note in checked.notes:

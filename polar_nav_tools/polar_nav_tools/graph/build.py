@@ -325,7 +325,7 @@ _RESPAWNING = (Stage.LEADER, Stage.LINK, Stage.FOLLOWER)
 
 
 def _respawning(spec: NodeSpec, options: GraphOptions) -> NodeSpec:
-    """Node that is started again when it dies, where a run can go on: no sensor, no recorder."""
+    """Node that is started again when it dies, where a run can go on: no sensor."""
     if spec.stage not in _RESPAWNING:
         return spec
     parameters = dict(spec.parameters)
@@ -343,7 +343,19 @@ def _recorder_node(recorded: Mapping[str, str], options: GraphOptions) -> list[N
         'topics': [f'{name}:{kind}' for name, kind in recorded.items()],
         'log_time': 'simulation',
     }
+    if options.respawn:
+        parameters['resume'] = True
     if options.run_info is not None:
         parameters['run_info'] = str(options.run_info.absolute())
     module = 'polar_nav_tools.record.recorder_node'
-    return [NodeSpec('polar_nav_tools', 'recorder_node', module, '', Stage.RECORDER, parameters)]
+    return [
+        NodeSpec(
+            'polar_nav_tools',
+            'recorder_node',
+            module,
+            '',
+            Stage.RECORDER,
+            parameters,
+            respawns=options.respawn,
+        )
+    ]

@@ -35,8 +35,8 @@ class GraphOptions:
     run_info : Path or None
         JSON file with the description of the run for the bag.
     respawn : bool
-        Whether leader, link and follower are started again when they die: only at the pace
-        ``realtime``, for in lockstep the counts of messages begin anew with a node.
+        Whether leader, link, follower and recorder are started again when they die: only at the
+        pace ``realtime``, for in lockstep the counts of messages begin anew with a node.
     state_file : Path or None
         Where a follower that is started again finds its state.
 

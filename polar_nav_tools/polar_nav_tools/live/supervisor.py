@@ -239,7 +239,7 @@ class Supervisor:
             if child.process.poll() is None:
                 continue
             name = child.spec.full_name
-            if self._respawns[name] >= MOST_RESPAWNS:
+            if self._respawns[name] >= MOST_RESPAWNS or _gave_up(child):
                 continue  # the run ends by it
             self._respawns[name] += 1
             self._bury(child)
@@ -366,6 +366,14 @@ class Supervisor:
                 self._counts[name] = json.loads(line.removeprefix(COUNTS))
         elif self._on_line is not None and not line.startswith(ALIVE):
             self._on_line(name, line)
+
+
+def _gave_up(child: NodeProcess) -> bool:
+    """Whether a node ended by itself for a reason that its next life would find, too.
+
+    A recorder ends when it cannot write: the disk is full, or the bag was removed.
+    """
+    return child.spec.stage is Stage.RECORDER and child.process.returncode >= 0
 
 
 def _blame(returncode: int) -> int:

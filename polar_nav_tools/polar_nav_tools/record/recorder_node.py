@@ -99,6 +99,7 @@ class RecorderNode(PolarNode[RecorderParams]):
             chunk_bytes=p.chunk_bytes,
             flush_s=p.flush_period,
             sync=p.sync,
+            resume=p.resume,
         )
         self.get_logger().info(f'recording to {writer.path}')
         return Recording(writer, simulated=simulated, offered=self._offered)

@@ -44,7 +44,9 @@ _S = 1_000_000_000
 class RecorderParams(NodeParams):
     """Parameters of `recorder_node`."""
 
-    output: str = text('', 'Directory of the bag, which must not exist; empty: bags/<UTC time>')
+    output: str = text(
+        '', 'Directory of the bag, which must not exist (but `resume`); empty: bags/<UTC time>'
+    )
     topics: tuple[str, ...] = texts(
         (), 'Topics as name:package/msg/Type; empty: all that are found, except those excluded'
     )
@@ -63,6 +65,9 @@ class RecorderParams(NodeParams):
     compression: str = choice('zstd', COMPRESSIONS, 'Compression of chunks')
     chunk_bytes: int = param(256 * 1024, 'B', 1024, 64 * 1024 * 1024, 'Size of a chunk')
     flush_period: float = param(0.5, 's', 0.01, 2.0, 'Longest time a message stays in memory')
+    resume: bool = flag(
+        False, 'Go on in a next file of the bag, where it exists: for a recorder started again'
+    )
     sync: bool = flag(False, 'Wait for the disk at each flush, against loss of power')
     quiet_time: float = param(
         0.5, 's', 0.0, 10.0, 'At the end: wait for this long without messages'

@@ -46,7 +46,7 @@ class Life:
     messages : list of (str, message)
         Inputs by topic without the vehicle, each topic in its order.
     live : mapping of str to list of bytes
-        What it published on the compared topics.
+        What it published on the compared topics; up to the hole in a recording that has one.
     refused : list of Receipt
         What it refused because it came too late.
     steps : list of ClockStep
@@ -55,6 +55,9 @@ class Life:
         When the messages were recorded [ns].
     until_ns : int or None
         Stamp of the last output of a node that was killed [ns]; None where it ended in order.
+    torn : bool
+        Whether the recording has a hole in this life: what came of the messages in it, nobody can
+        replay.
     """
 
     messages: list[tuple[str, Any]]
@@ -63,6 +66,7 @@ class Life:
     steps: list[ClockStep] = field(default_factory=list)
     arrivals_ns: list[int] = field(default_factory=list)
     until_ns: int | None = None
+    torn: bool = False
 
     def events(self, run: session.Session, where: str) -> list[Event]:
         """Events in their total order, without those that the live node refused.
@@ -102,7 +106,8 @@ class Life:
 
         Messages that were published right before the end may be on their way still.
         """
-        return replayed if self.until_ns is None else replayed[: len(self.live[topic])]
+        cut = self.torn or self.until_ns is not None
+        return replayed[: len(self.live[topic])] if cut else replayed
 
     @property
     def span_ns(self) -> tuple[int, int] | None:
@@ -135,6 +140,7 @@ class Records:
         self.steps: list[tuple[int, ClockStep]] = []
         self.ends: list[tuple[int, Mapping[str, int]]] = []
         self.births: list[int] = []
+        self.holes: list[int] = []
         self._place = 0
         self._of: dict[tuple[str, int], list[int]] = {}
 
@@ -168,6 +174,10 @@ class Records:
         A recorder that is started again hears it once more.
         """
         self.births.append(self._next())
+
+    def hole(self) -> None:
+        """Add a hole in the recording."""
+        self.holes.append(self._next())
 
     def _next(self) -> int:
         self._place += 1
@@ -240,12 +250,16 @@ def _life(
     limited: bool = True,
 ) -> Life:
     begin, end = bounds
+    published: dict[str, list[bytes]] = {topic: [] for topic in records.compared}
     live: dict[str, list[bytes]] = {topic: [] for topic in records.compared}
+    hole = next((place for place in records.holes if begin <= place < end), _NO_LIMIT)
     newest = begin
     for place, topic, data in records.outputs:
         if begin <= place < end:
-            live[topic].append(data)
+            published[topic].append(data)
             newest = place
+            if place < hole:
+                live[topic].append(data)
     limits = next((t for p, t in reversed(records.ends) if begin <= p < end), None)
     killed = limits is None and not last
     messages: list[tuple[str, Any]] = []
@@ -265,14 +279,15 @@ def _life(
         if taken[topic] <= most[topic]:
             messages.append((topic, message))
             arrivals_ns.append(arrival_ns)
-    receipts = [deserialize_message(d, FixReceipt) for d in live[topics.RECEIPT]]
+    receipts = [deserialize_message(d, FixReceipt) for d in published[topics.RECEIPT]]
     return Life(
         messages=messages,
         live=live,
         refused=[receipt_from_msg(r) for r in receipts if never_an_event(r)],
         steps=[s for p, s in records.steps if begin <= p < end and not s.is_start],
         arrivals_ns=arrivals_ns,
-        until_ns=_newest_ns(live) if killed else None,
+        until_ns=_newest_ns(published) if killed else None,
+        torn=hole != _NO_LIMIT,
     )
 
 

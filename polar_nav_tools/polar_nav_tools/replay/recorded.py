@@ -122,7 +122,11 @@ def load_inputs(
     require_same(bag, by_name)
     records = Records(by_name, compared)
     modes = mode_table(bag, f'/{name}/{topics.DVL}')
+    holes_ns = [begin_ns for _, begin_ns in bag.holes_ns]
     for full_name, arrival_ns, data in bag.messages({*by_name, topics.RUN_INFO}):
+        while holes_ns and arrival_ns >= holes_ns[0]:
+            records.hole()
+            del holes_ns[0]
         topic = by_name.get(full_name)
         if topic is None:
             if _describes(data, name):

@@ -123,6 +123,8 @@ class VerifyResult:
     lives_s : list of (float, float)
         First and last estimate of each process of a follower that was started again, since the
         first one of all [s].
+    torn : bool
+        Whether the recording has a hole, after which a life cannot be compared.
     """
 
     vehicle: str
@@ -136,14 +138,17 @@ class VerifyResult:
     comparison: Comparison | None = None
     retired: list[str] = field(default_factory=list)
     lives_s: list[tuple[float, float]] = field(default_factory=list)
+    torn: bool = False
 
     @property
     def lives_text(self) -> str:
-        """Number and times of the lives of a follower; empty for one."""
-        if len(self.lives_s) < 2:
+        """Number and times of the lives of a follower; empty for a whole one."""
+        if len(self.lives_s) < 2 and not self.torn:
             return ''
         spans = ', '.join(f'{begin:.1f} to {end:.1f} s' for begin, end in self.lives_s)
-        return f'{len(self.lives_s)} lives: {spans}'
+        number = f'{len(self.lives_s)} lives' if len(self.lives_s) > 1 else '1 life'
+        hole = ' (up to the hole in the recording)' if self.torn else ''
+        return f'{number}: {spans}{hole}'
 
     @property
     def ok(self) -> bool:
@@ -200,6 +205,7 @@ def verify(
         comparison=comparison,
         retired=list(inputs.retired),
         lives_s=_lives_s(inputs),
+        torn=any(life.torn for life in inputs.lives),
     )
 
 
