@@ -15,12 +15,15 @@ from polar_nav_core.engine.events import (
     Command,
     CommandKind,
     Estimate,
+    Fix,
     ImuSample,
     Receipt,
     Verdict,
 )
 from polar_nav_core.engine.restart import age_problem, saved_problem
 from polar_nav_core.engine.saved import SavedStateError, pack, unpack
+from polar_nav_core.engine.sins.leader import LeaderError, heard_problem
+from polar_nav_core.kernels.station import state as ss
 
 CUT_S, AWAY_S = 40.0, 5.0
 
@@ -82,7 +85,7 @@ def test_bytes_give_the_same_state(saved):
     [
         (lambda d: d[:20], 'too few'),
         (lambda d: b'X' + d[1:], 'no saved state'),
-        (lambda d: d[:8] + struct.pack('<H', 2) + d[10:], 'format 2'),
+        (lambda d: d[:8] + struct.pack('<H', 3) + d[10:], 'format 3 .* up to 2'),
         (lambda d: d[:-1], 'damaged'),
         (lambda d: d[:200] + bytes([d[200] ^ 1]) + d[201:], 'damaged'),
         (lambda d: d + b'0', 'damaged'),
@@ -103,6 +106,7 @@ def test_damaged_bytes_are_refused_with_a_sentence(saved, damage, words):
         ({'P': np.full((24, 24), np.nan)}, 'not finite'),
         ({'P': np.eye(23)}, 'other shapes of P'),
         ({'C_b_G': 2.0 * np.eye(3)}, 'rotation'),
+        ({'leader': np.full(20, -1.0)}, 'leader'),
     ],
 )
 def test_what_no_filter_can_start_from_is_refused(world, events, saved, change, words):
@@ -117,6 +121,79 @@ def test_what_no_filter_can_start_from_is_refused(world, events, saved, change, 
     refused = [o for o in out if isinstance(o, Receipt)]
     assert [r.verdict for r in refused] == [Verdict.IMPLAUSIBLE]
     assert words in refused[0].reason
+
+
+def as_format_1(saved, *without):
+    """Bytes of a state as format 1 had it."""
+    values = {n: v for n, v in saved.values.items() if n not in without}
+    data = pack(dataclasses.replace(saved, values=values))
+    return data[:8] + struct.pack('<H', 1) + data[10:]
+
+
+def test_a_state_of_format_1_is_read(world, events, saved):
+    older = unpack(as_format_1(saved, 'leader'))
+    assert older.version == 1
+    params = world.params(configuration='default')
+    assert saved_problem(params, older) == ''
+    after = cut(events)[1]
+    outputs = [restarted(params, one, after)[1] for one in (older, saved)]
+    estimates = [[o for o in out if isinstance(o, Estimate)] for out in outputs]
+    assert len(estimates[0]) > 50
+    # This world's leader states nothing of its own error.
+    assert all(
+        np.array_equal(a.r_e, b.r_e) and np.array_equal(a.P, b.P)
+        for a, b in zip(*estimates, strict=True)
+    )
+
+
+def test_a_state_of_engine_3_is_refused_with_both_versions(world, saved):
+    """It has no rate of turn, which the growth of the covariance over the time away needs."""
+    oldest = unpack(as_format_1(saved, 'leader', 'turn'))
+    problem = saved_problem(world.params(configuration='default'), oldest)
+    assert 'format 1 and engine 3, this is format 2 and engine' in problem
+
+
+def leader_fixes(count, begin_ns):
+    """Fixes of a leader that goes 1 m/s north and states what it knows of itself."""
+    draw = np.random.default_rng(5)
+    start_e = np.array([0.0, 0.0, 6.357e6])
+    for k in range(count):
+        way_e = np.array([0.0, 2.0 * k, 0.0])
+        relative_e = np.array([100.0, 0.0, 0.0])
+        sigma = 1.0 + 0.06 * (k // 4)
+        yield Fix(
+            validity_ns=begin_ns + k * 2 * 10**9,
+            transmit_ns=0,
+            receive_ns=begin_ns + k * 2 * 10**9 + 10**9,
+            source='leader',
+            sequence=k,
+            order=k,
+            arrival=k,
+            r_e=start_e + way_e + relative_e + draw.normal(size=3),
+            covariance_e=np.eye(3) * (1.0 + sigma**2),
+            relative_e=relative_e,
+            leader_sigma=sigma,
+            leader_heading_sigma=0.01,
+        )
+
+
+@pytest.mark.parametrize('heard', [0, 1, 30])
+def test_what_was_heard_of_a_leader_is_known_again(heard):
+    fixes = list(leader_fixes(60, 1_772_323_200 * 10**9))
+    whole = LeaderError(600.0)
+    for fix in fixes[:heard]:
+        whole.split(fix)
+    values = whole.packed()
+    assert np.isfinite(values).all()
+    assert heard_problem(values) == ''
+    again = LeaderError(600.0)
+    again.unpack(values)
+    assert again.stated is (heard > 0)
+    for fix in fixes[heard:]:
+        expected, found = whole.split(fix), again.split(fix)
+        # A double has room for a stamp to 256 ns.
+        np.testing.assert_allclose(found.columns_e, expected.columns_e, rtol=1e-6, atol=1e-9)
+        np.testing.assert_allclose(found.covariance_e, expected.covariance_e, rtol=1e-6)
 
 
 def test_age(saved):
@@ -246,6 +323,29 @@ def test_fixes_of_before_are_still_known(world, events, saved):
     verdicts = [o.verdict for o in out if isinstance(o, Receipt) and o.receive_ns >= now_ns]
     assert verdicts.count(Verdict.DUPLICATE) == len(old)
     assert verdicts.count(Verdict.REPLAYED) == len(old)
+
+
+def test_a_model_that_was_loosened_stays_loose():
+    params = twin.params(identify_method='none')
+    events = list(twin.inputs(twin.truth(30.0), 1, depth_every=10).events())
+    before, after = cut(events, 2.0, 20.0)
+    first = Engine(params)
+    drive(first, before)
+    first.fusion.filter.bank.loose[ss.EXTRA] = 1e-3
+    loose = unpack(pack(first.saved()))
+    firm = dataclasses.replace(loose, values={**loose.values, 'loose': np.zeros(ss.LOOSE)})
+    sigma = {}
+    for name, one in (('loose', loose), ('firm', firm)):
+        engine, _ = restarted(params, one, after[:20])
+        filter_ = engine.fusion.filter
+        assert bool(filter_.bank.loose[ss.EXTRA] > 0.0) is (name == 'loose')
+        sigma[name] = filter_.bank.P[0, ss.CURRENT, ss.CURRENT]
+    assert sigma['loose'] - sigma['firm'] > 0.9 * 2.0 * 1e-3
+    wild = dataclasses.replace(loose, values={**loose.values, 'loose': np.full(ss.LOOSE, 1e6)})
+    assert 'walks' in saved_problem(params, wild)
+    older = unpack(as_format_1(loose, 'loose'))
+    assert saved_problem(params, older) == ''
+    assert not older.values['loose'].any()
 
 
 def test_a_bank_of_station_mode_goes_on():

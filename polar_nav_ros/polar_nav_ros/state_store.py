@@ -61,6 +61,8 @@ class StateStore:
         problem = age_problem(saved, stamp_ns, self._max_age_s) or saved_problem(params, saved)
         if problem:
             self._logger.warning(f'{self._path}: not restored: {problem}')
+            if not age_problem(saved, stamp_ns, self._max_age_s):
+                self._keep_aside()
             return None
         age_s = saved.away_s(stamp_ns)
         self.status = f'restored, {age_s:.1f} s old'
@@ -98,7 +100,18 @@ class StateStore:
             self._logger.info(f'{self._path}: no saved state, a first start')
         except (OSError, SavedStateError) as error:
             self._logger.warning(f'{self._path}: not restored: {error}')
+            self._keep_aside()
         return None
+
+    def _keep_aside(self) -> None:
+        """Keep a file that this program cannot use: the next save would replace it."""
+        aside = self._path.with_name(f'{self._path.name}.aside')
+        try:
+            if self._path.is_file():
+                self._path.replace(aside)
+                self._logger.warning(f'{self._path}: kept as {aside.name}, a first start')
+        except OSError as error:
+            self._logger.warning(f'{self._path}: cannot be kept aside: {error}')
 
 
 def _read(path: Path) -> bytes:

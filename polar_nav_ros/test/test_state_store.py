@@ -76,7 +76,7 @@ def test_a_state_of_another_filter_is_left(engine, tmp_path):
     again = store(path)
     params = dataclasses.replace(engine.params, mode='station', initialize='service')
     assert again.take(params, START_NS + 10**9) is None
-    assert 'of a filter sins' in again._logger.lines[-1]
+    assert 'of a filter sins' in again._logger.lines[-2]
 
 
 @pytest.mark.parametrize('content', [b'', b'rubbish' * 100, None])
@@ -86,6 +86,24 @@ def test_a_file_that_is_none_is_left(tmp_path, content):
     found = store(path)
     assert found.take(EngineParams(), 0) is None
     assert 'not restored' in found._logger.lines[0]
+    if content is not None:
+        assert path.with_name('state.aside').read_bytes() == content
+
+
+def test_a_state_of_an_older_engine_is_kept_aside_and_it_is_a_first_start(engine, tmp_path):
+    path = tmp_path / 'state'
+    saved = engine.saved()
+    values = {n: v for n, v in saved.values.items() if n not in ('turn', 'leader')}
+    data = pack(dataclasses.replace(saved, values=values))
+    data = data[:8] + (1).to_bytes(2, 'little') + data[10:]
+    path.write_bytes(data)
+    found = store(path)
+    assert found.take(engine.params, START_NS + 10**9) is None
+    assert 'format 1 and engine 3, this is format 2' in found._logger.lines[0]
+    assert 'kept as state.aside, a first start' in found._logger.lines[1]
+    found.save(engine)
+    assert path.with_name('state.aside').read_bytes() == data
+    assert store(path).take(engine.params, START_NS + 10**9) is not None
 
 
 def test_a_pipe_does_not_hang(tmp_path):

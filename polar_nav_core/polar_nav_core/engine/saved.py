@@ -21,7 +21,10 @@ from ..errors import PolarNavError
 from .events import Array, InitialState
 
 _MAGIC: Final = b'POLARNAV'
-_VERSION: Final = 1
+VERSION: Final = 2
+"""Of the format of the bytes; older ones are read, too."""
+SINCE_2: Final = {'sins 24': ('leader', (20,)), 'station 12': ('loose', (6,))}
+"""By layout: array that format 1 did not have, and its shape; zeros are nothing known."""
 _HEAD: Final = struct.Struct('<8sH32sQ')
 _JSON: Final = struct.Struct('<I')
 MOST_BYTES: Final = 32 << 20
@@ -48,6 +51,8 @@ class SavedState(InitialState):
         Fixes received, fused, and newest validity of a fused one [ns].
     records : (bytes, bytes)
         Fused and refused fixes, packed.
+    version : int
+        Of the format of the bytes that it was read from.
     """
 
     stamp_ns: int
@@ -55,6 +60,7 @@ class SavedState(InitialState):
     values: Mapping[str, Array]
     fixes: tuple[int, int, int]
     records: tuple[bytes, bytes]
+    version: int = VERSION
 
     def away_s(self, stamp_ns: int) -> float:
         """Time from the saved state to a stamp [s], at least 0."""
@@ -75,7 +81,7 @@ def pack(saved: SavedState) -> bytes:
     text = json.dumps(header).encode()
     numbers = [np.ascontiguousarray(v, dtype='<f8').tobytes() for v in saved.values.values()]
     body = b''.join([_JSON.pack(len(text)), text, *numbers, *saved.records])
-    return _HEAD.pack(_MAGIC, _VERSION, hashlib.sha256(body).digest(), len(body)) + body
+    return _HEAD.pack(_MAGIC, VERSION, hashlib.sha256(body).digest(), len(body)) + body
 
 
 def unpack(data: bytes) -> SavedState:
@@ -91,18 +97,20 @@ def unpack(data: bytes) -> SavedState:
     magic, version, digest, size = _HEAD.unpack_from(data)
     if magic != _MAGIC:
         raise SavedStateError('the bytes are no saved state of polar_nav')
-    if version != _VERSION:
-        raise SavedStateError(f'format {version} of a saved state, this program has {_VERSION}')
+    if not 1 <= version <= VERSION:
+        raise SavedStateError(
+            f'format {version} of a saved state, this program reads formats up to {VERSION}'
+        )
     body = data[_HEAD.size :]
     if len(body) != size or hashlib.sha256(body).digest() != digest:
         raise SavedStateError('the saved state is damaged: its checksum does not fit')
     try:
-        return _read(body)
+        return _read(body, version)
     except (KeyError, TypeError, ValueError, AttributeError, struct.error) as error:
         raise SavedStateError(f'the saved state makes no sense: {error}') from error
 
 
-def _read(body: bytes) -> SavedState:
+def _read(body: bytes, version: int) -> SavedState:
     (length,) = _JSON.unpack_from(body)
     at = _JSON.size + length
     header: dict[str, Any] = json.loads(body[_JSON.size : at])
@@ -111,6 +119,10 @@ def _read(body: bytes) -> SavedState:
         count = math.prod(int(n) for n in shape)
         values[name] = np.frombuffer(body, '<f8', count, at).reshape(shape).astype(np.float64)
         at += 8 * count
+    layout = str(header['layout'])
+    if version == 1 and layout in SINCE_2:
+        name, shape = SINCE_2[layout]
+        values[name] = np.zeros(shape)
     records = []
     for size in header['records']:
         records.append(body[at : at + size])
@@ -125,10 +137,11 @@ def _read(body: bytes) -> SavedState:
         v_G=(v_x, v_y, v_z),
         **{name: float(value) for name, value in plain.items()},
         stamp_ns=int(header['stamp_ns']),
-        layout=str(header['layout']),
+        layout=layout,
         values=values,
         fixes=(received, used, newest_ns),
         records=(fused, refused),
+        version=version,
     )
 
 

@@ -108,7 +108,7 @@ class NavigationFilter:
         self.rows = fs.NO_ROWS
         self.process: ProcessNoise | None = None
         if isinstance(initial, SavedState):
-            resume(self.state, params, initial, stamp_ns)
+            resume(self.state, self.leader, params, initial, stamp_ns)
         else:
             self._set_state(initial)
         weight = params.forgetting ** (1.0 / (1.0 - params.forgetting))  # b^k with k = k0

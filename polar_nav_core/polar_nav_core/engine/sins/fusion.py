@@ -160,7 +160,7 @@ class Fusion:
 
     def saved(self, fixes: tuple[int, int, int], records: tuple[bytes, bytes]) -> SavedState:
         """State as it is now, with its fixes, to go on from after a restart."""
-        return save_state(self.filter.state, self._turn_rate(), fixes, records)
+        return save_state(self.filter.state, self._turn_rate(), self.filter.leader, fixes, records)
 
     def _turn_rate(self) -> float:
         """Mean rate at which the track turned in the last seconds [rad/s], about up."""

@@ -30,6 +30,21 @@ the model of two vehicles in the plane 10 s or 100 s change no RMS by more than 
 KEPT = 4096
 """Splits that are stored, because whole runs hand a fix in again that was not reached."""
 _NOTHING = np.zeros((3, 3))
+_INFINITE = 1e300
+"""What is not finite in a saved state."""
+_SMOOTH_BOUNDS = (
+    (-_INFINITE, 20.0), (0.0, 1e19), (0.0, 1e8), (0.0, 1e19), (-_INFINITE, 20.0),
+    (-_INFINITE, 20.0), (1e-9, _INFINITE),
+)  # fmt: skip
+_BOUNDS = np.array(
+    [
+        *[(-1e8, 1e8)] * 3,
+        *_SMOOTH_BOUNDS,
+        *_SMOOTH_BOUNDS,
+        *((0.0, _INFINITE), (0.0, 1e19), (1e-9, _INFINITE)),
+    ]
+)
+"""Least and largest of each number of `LeaderError.packed`."""
 
 
 class Split(NamedTuple):
@@ -72,6 +87,16 @@ class Smooth:
         self._since_ns = 0
         self._from = self._to = 0.0  # logarithms, over the time _takes_s
         self._takes_s = 1.0
+
+    def packed(self) -> list[float]:
+        """All that it has heard, for `unpack`."""
+        heard = (self._held, self._held_ns, self._stated, self._since_ns, self._from, self._to)
+        return [float(value) for value in (*heard, self._takes_s)]
+
+    def unpack(self, values: list[float]) -> None:
+        """Replace what it has heard."""
+        self._held, held_ns, self._stated, since_ns, self._from, self._to, self._takes_s = values
+        self._held_ns, self._since_ns = int(held_ns), int(since_ns)
 
     def at(self, stamp_ns: int, stated: float) -> float:
         """Sigma at a stamp [ns] of which a packet states this; packets may come out of order."""
@@ -118,6 +143,15 @@ class Growth:
         self._stamp_ns = 0
         self._apart_s = math.inf
 
+    def packed(self) -> list[float]:
+        """All that it has heard, for `unpack`."""
+        return [self._least, float(self._stamp_ns), self._apart_s]
+
+    def unpack(self, values: list[float]) -> None:
+        """Replace what it has heard."""
+        self._least, stamp_ns, self._apart_s = values
+        self._stamp_ns = int(stamp_ns)
+
     def at(self, stamp_ns: int, sigma: float) -> float:
         """Variance [m^2] of a fix at a stamp [ns] with this sigma; they may come out of order.
 
@@ -157,6 +191,24 @@ class LeaderError:
         """Whether any packet stated the leader's own uncertainty."""
         return self._start_e is not None
 
+    def packed(self) -> Array:
+        """All that was heard of the leader, finite numbers (20,), for `unpack`; zeros: nothing."""
+        if self._start_e is None:
+            return np.zeros(len(_BOUNDS))
+        heard = [*self._position.packed(), *self._heading.packed(), *self._growth.packed()]
+        return np.clip([*self._start_e, *heard], -_INFINITE, _INFINITE)
+
+    def unpack(self, values: Array) -> None:
+        """Replace what was heard of the leader by that of an earlier run."""
+        if not values[:3].any():
+            return
+        known = values.tolist()
+        heard = [x if abs(x) < _INFINITE else math.copysign(math.inf, x) for x in known]
+        self._start_e = np.array(heard[:3])
+        self._position.unpack(heard[3:10])
+        self._heading.unpack(heard[10:17])
+        self._growth.unpack(heard[17:])
+
     def split(self, fix: Fix) -> Split:
         """Split of the error of a fix; fixes come in the order of reception, some repeatedly.
 
@@ -194,6 +246,14 @@ class LeaderError:
         covariance_e = covariance_e + fast * (C_e_G.T @ level @ C_e_G)
         covariance_e = np.ascontiguousarray(0.5 * (covariance_e + covariance_e.T))
         return Split(np.ascontiguousarray(C_e_G.T @ columns_G), covariance_e)
+
+
+def heard_problem(values: Array) -> str:
+    """Sentence about numbers that no `LeaderError.packed` has given; empty for good ones."""
+    low, high = _BOUNDS.T
+    if values.any() and not ((values >= low) & (values <= high)).all():
+        return 'what the state has of the leader makes no sense'
+    return ''
 
 
 def _across(r_G: Array) -> Array:

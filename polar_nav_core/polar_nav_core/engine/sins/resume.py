@@ -22,18 +22,24 @@ from ..away import (
 )
 from ..events import Array
 from ..params import EngineParams
-from ..saved import SavedState, layout_problem
+from ..saved import SINCE_2, VERSION, SavedState, layout_problem
+from ..version import ENGINE_VERSION
+from .leader import LeaderError, heard_problem
 
 _NAMES = (
     'C_b_G', 'v_G', 'r_e', 'b_gyro_b', 'b_accel_b', 'dvl_scale_m', 'dvl_markov_m', 'usbl_bias_a',
     'P', 'sensitivity', 'model',
 )  # fmt: skip
-_TURN = 'turn'
+_TURN, _LEADER = 'turn', 'leader'
 LAYOUT = 'sins 24'
 
 
 def save_state(
-    s: fs.State, turn_rate: float, fixes: tuple[int, int, int], records: tuple[bytes, bytes]
+    s: fs.State,
+    turn_rate: float,
+    leader: LeaderError,
+    fixes: tuple[int, int, int],
+    records: tuple[bytes, bytes],
 ) -> SavedState:
     """State of a filter as it is now, with the rate of turn of its track [rad/s] and its fixes."""
     latitude, longitude, height = (float(x) for x in earth.geodetic_from_ecef(s.r_e))
@@ -60,6 +66,7 @@ def save_state(
         values={
             **{name: getattr(s, name).copy() for name in _NAMES},
             _TURN: np.array([turn_rate]),
+            _LEADER: leader.packed(),
         },
         fixes=fixes,
         records=records,
@@ -74,7 +81,15 @@ def problem_of(saved: SavedState, *, model: bool) -> str:
     """Sentence about a saved state that a filter cannot start from; empty if it can."""
     like = fs.make_state(model=model)
     shapes = {n: getattr(like, n).shape for n in _NAMES}
-    problem = layout_problem(saved, LAYOUT, {**shapes, _TURN: (1,)})
+    if saved.layout == LAYOUT and _TURN not in saved.values:
+        return (
+            f'the state has no rate of turn: it is of format {saved.version} and engine 3, '
+            f'this is format {VERSION} and engine {ENGINE_VERSION}'
+        )
+    problem = layout_problem(saved, LAYOUT, {**shapes, _TURN: (1,), **dict([SINCE_2[LAYOUT]])})
+    if problem:
+        return problem
+    problem = heard_problem(saved.values[_LEADER])
     if problem:
         return problem
     C, P = saved.values['C_b_G'], saved.values['P']
@@ -89,8 +104,11 @@ def problem_of(saved: SavedState, *, model: bool) -> str:
     return ''
 
 
-def resume(s: fs.State, p: EngineParams, saved: SavedState, stamp_ns: int) -> None:
+def resume(
+    s: fs.State, leader: LeaderError, p: EngineParams, saved: SavedState, stamp_ns: int
+) -> None:
     """Set a state from a saved one, carried on to a stamp [ns], with its covariance grown."""
+    leader.unpack(saved.values[_LEADER])
     for name in _NAMES:
         getattr(s, name)[:] = saved.values[name]
     if len(s.model):

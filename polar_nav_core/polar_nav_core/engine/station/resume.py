@@ -8,11 +8,12 @@ import numpy as np
 
 from ... import attitude, earth, grid
 from ...kernels.station import state as ss
+from ...kernels.station.obey import MOST
 from ..away import ACCELERATION, TURN_RATE, add_acceleration
 from ..events import Array
 from ..saved import SavedState, layout_problem
 
-_NAMES = ('x', 'P', 'log_weight', 'weight', 'flat')
+_NAMES = ('x', 'P', 'log_weight', 'weight', 'flat', 'loose')
 LAYOUT = 'station 12'
 
 
@@ -77,6 +78,8 @@ def problem_of(saved: SavedState, b: ss.Bank) -> str:
         return 'the covariance of the state is not symmetric'
     if float(np.linalg.eigvalsh(P).min()) < -1e-9 * float(np.abs(P).max()):
         return 'the covariance of the state is not positive definite'
+    if not 0.0 <= saved.values['loose'][ss.EXTRA] <= MOST:
+        return 'the state has a current that walks as none does'
     if (weight < 0.0).any() or abs(float(weight.sum()) - 1.0) > 1e-6:
         return 'the weights of the state are none'
     return ''
@@ -101,6 +104,8 @@ def resume(b: ss.Bank, c: ss.Settings, C_b_G: Array, saved: SavedState, stamp_ns
     if not c.published:
         for k in range(2):
             F[ss.POSITION + k, ss.CURRENT + k] = away_s
+    b.loose[ss.TURNED_2] = 0.0  # the AHRS knows how it has turned
+    extra = float(b.loose[ss.EXTRA])
     sigma = math.hypot(ACCELERATION, float(np.linalg.norm(v_G)) * TURN_RATE)
     walks = ((ss.DRAG, c.q_drag), (ss.SHARE, c.q_drag), (ss.HEADING, c.q_heading))
     for P in b.P:
@@ -109,4 +114,6 @@ def resume(b: ss.Bank, c: ss.Settings, C_b_G: Array, saved: SavedState, stamp_ns
         if not c.published:
             for state, density in walks:
                 P[state, state] += density * away_s
+            for state in (ss.CURRENT, ss.CURRENT + 1):
+                P[state, state] += extra * away_s
         P[:] = 0.5 * (P + P.T)
