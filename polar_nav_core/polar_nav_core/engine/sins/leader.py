@@ -196,7 +196,8 @@ class LeaderError:
         if self._start_e is None:
             return np.zeros(len(_BOUNDS))
         heard = [*self._position.packed(), *self._heading.packed(), *self._growth.packed()]
-        return np.clip([*self._start_e, *heard], -_INFINITE, _INFINITE)
+        packed: Array = np.clip([*self._start_e, *heard], -_INFINITE, _INFINITE)
+        return packed
 
     def unpack(self, values: Array) -> None:
         """Replace what was heard of the leader by that of an earlier run."""
