@@ -15,7 +15,7 @@ import numpy as np
 from ... import attitude, earth, grid
 from ...error_model import X
 from ...errors import FilterDivergence
-from ...kernels.sins import bridge, consider, reopen
+from ...kernels.sins import bridge, consider, hypotheses, reopen
 from ...kernels.sins import events as fe
 from ...kernels.sins import fuse as ff
 from ...kernels.sins import late as filter_late
@@ -155,6 +155,8 @@ class NavigationFilter:
             s.sensitivity,
             s.memories,
             s.shared,
+            s.bank,
+            s.windows,
             s.conflict,
             s.runs,
             s.increments,
@@ -455,6 +457,10 @@ class NavigationFilter:
         """Begin anew with what fixes and common errors have shown: another estimate showed it."""
         self.state.memories[fs.FIX_ROW] = 0.0
         self.state.shared[:] = 0.0
+        self.state.bank[:] = 0.0
+        self.state.windows[:] = 0.0
+        self.state.counters[fs.BIRTH_NS] = 0
+        self.state.counters[fs.BORN_NS : fs.BORN_NS + hypotheses.SLOTS] = 0
 
     def snapshot_here(self) -> None:
         """Make the present the oldest state that can be gone back to."""

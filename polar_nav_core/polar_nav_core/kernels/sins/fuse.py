@@ -19,6 +19,7 @@ from .imu import place
 from .reopen import open_gate, opens
 from .runaway import follow, open_wide, runs_away
 from .shared import forget, learn, residual, whitened
+from .signatures import note
 from .state import Frames, Log, Past, Settings, State, Work
 from .update import N, cholesky, feed_back, innovation_covariance, nis_of, update
 
@@ -150,10 +151,11 @@ def judge_wide(c: Settings, w: Work, z: Array, m: int) -> bool:
 
 
 @kernel
-def remember(s: State, c: Settings, w: Work, z: Array, stream: int, m: int, fused: bool) -> None:
+def remember(s: State, c: Settings, w: Work, z: Array, stream: int, m: int, fused: bool) -> bool:
     """Add a judged measurement to the memories of its stream (watch); stores when it was used.
 
-    What it shows of the common errors is learned from those that are used (shared).
+    What it shows of the common errors is learned from those that are used (shared). Returns
+    whether its residual, which is in the scratch then, is evidence about slow faults (signatures).
     """
     if fused:
         s.counters[fs.USED_NS + stream] = s.counters[fs.STAMP]
@@ -174,8 +176,9 @@ def remember(s: State, c: Settings, w: Work, z: Array, stream: int, m: int, fuse
             observe(memories, w.residual, w.narrow, nis, m, fused, v_x, v_y, z, w.wide)
             if fused:
                 learn(s.shared, w.per_sigma, w.narrow_L, w.w, w.learned, w.nis[1], m)
-            return
+            return fused
     observe(memories, z, w.wide, w.nis[0], m, fused, v_x, v_y, z, w.wide)
+    return fused and not c.considers
 
 
 @kernel
@@ -234,7 +237,7 @@ def fuse_rows(
     if not judge(s, c, w, w.R, m):
         return fs.S_NOT_DEFINITE
     fused = passes(s, c, w, w.z, stream, m)
-    remember(s, c, w, w.z, stream, m, fused)
+    is_evidence = remember(s, c, w, w.z, stream, m, fused)
     if not fused and opens(s, c, stream):
         open_gate(s, w, stream, m)
         if not judge(s, c, w, w.R, m):
@@ -257,6 +260,8 @@ def fuse_rows(
     update(s.P, w.x, w.S, w.z, m, w.K, w.PHt, w.L, w.D)
     if c.considers:
         update_sensitivity(s.sensitivity, w.K, w.moved, m)
+    if is_evidence:
+        note(s, c, past, w, stream, m, 0.0)
     if c.aiding.on:
         correct_block(s, w, m)
     if s.counting[0]:

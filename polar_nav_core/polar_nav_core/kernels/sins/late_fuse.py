@@ -15,6 +15,7 @@ from .consider import COLUMNS, innovation_sensitivity, late_sensitivity, update_
 from .entries import adjoint, carry, change_entries, mean_change
 from .fuse import adapt_noise, correct_and_remember, judge_wide, passes, remember
 from .late_place import begin
+from .signatures import note
 from .state import Log, Past, Settings, State, Work
 from .three_rows import add_outer
 from .update import N, cholesky, gain_of, nis_of
@@ -70,12 +71,14 @@ def fuse_late(
     if not _judge(s, c, w, bl, w.age[0]):
         return fs.S_NOT_DEFINITE
     fused = passes(s, c, w, w.z, fs.FIX_ROW, fs.VECTOR)
-    remember(s, c, w, w.z, fs.FIX_ROW, fs.VECTOR, fused)
+    is_evidence = remember(s, c, w, w.z, fs.FIX_ROW, fs.VECTOR, fused)
     if not fused:
         return fs.REFUSED
+    gain_of(w.K, w.D, bl.columns[0], w.L, w.S, 3)
     if c.considers:
-        gain_of(w.K, w.D, bl.columns[0], w.L, w.S, 3)
         update_sensitivity(s.sensitivity, w.K, w.moved, 3)
+    if is_evidence:
+        note(s, c, past, w, fs.FIX_ROW, 3, w.age[0])
     change = bl.columns[2, 0]
     if not mean_change(change, bl.columns[0], bl.small[4], bl.small[5, 0], w.R, bl):
         return fs.S_NOT_DEFINITE

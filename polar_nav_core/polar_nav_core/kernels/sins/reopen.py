@@ -18,6 +18,7 @@ from .. import watch
 from ..cache import kernel
 from . import state as fs
 from .shared import clear_shared
+from .signatures import clear_evidence
 from .state import Settings, State, Work
 from .update import N
 
@@ -102,5 +103,6 @@ def open_gate(s: State, w: Work, stream: int, m: int) -> None:
         for j in range(watch.WIDTH):
             s.memories[stream, k, j] = 0.0
     clear_shared(s.shared)
+    clear_evidence(s)
     s.counters[fs.OPENED_NS + stream] = s.counters[fs.STAMP]
     s.counters[fs.OPENINGS + stream] += 1

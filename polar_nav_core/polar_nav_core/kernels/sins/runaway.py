@@ -19,6 +19,7 @@ from . import state as fs
 from .gap import MOST_HEADING, MOST_TILT
 from .reopen import LEAST, MOST, agrees
 from .shared import clear_shared
+from .signatures import clear_evidence
 from .state import Settings, State, Work
 from .update import N
 
@@ -144,6 +145,7 @@ def open_wide(s: State, c: Settings, w: Work, stream: int, m: int, again: int) -
         for j in range(watch.WIDTH):
             s.memories[stream, k, j] = 0.0
     clear_shared(s.shared)
+    clear_evidence(s)
     s.runs[stream, NUMBER] = 0.0
     s.counters[fs.OPENED_NS + stream] = s.counters[fs.STAMP]
     s.counters[fs.OPENINGS + stream] += 1

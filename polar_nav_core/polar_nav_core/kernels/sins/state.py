@@ -31,8 +31,9 @@ from ...order import ROBUST_HUBER as ROBUST_HUBER
 from ...order import ROBUST_NONE as ROBUST_NONE
 from ...order import UPDATES as UPDATES
 from .. import watch
-from . import consider
+from . import consider, hypotheses
 from .columns import WIDTH
+from .hypotheses import LEARNED as LEARNED
 from .model import E
 from .update import COUPLED, Ints, N
 
@@ -66,7 +67,11 @@ GAP_END_NS = 33  # stamp of the sample that ended it
 REFUSED_NS = 34  # two: newest refused measurement of DVL, depth
 RUN_NS = 36  # two: since when those in a row that agree are refused
 SHARED_NS = 38  # stamp of State.shared
-COUNTERS = 39
+BANK_NS = 39  # stamp of the signatures in State.bank
+BIRTH_NS = 40  # stamp from which on the next hypotheses begin
+CLOSED_NS = 41  # three: when the newest window of a stream ended
+BORN_NS = 44  # one for each slot: when its hypotheses began; 0 for an empty one
+COUNTERS = 44 + hypotheses.SLOTS
 
 # What an event function (FUSED or REFUSED, too) or `advance` returns.
 DONE = 0
@@ -114,6 +119,8 @@ class State(NamedTuple):
     conflict: Array  # (6,): where refused fixes say that velocity and position are off (consider)
     excess: Array  # (1,): variance of the IMU's noise above the stated one, per stated one
     calm: Array  # (4,): velocity that the DVL's scale is judged by (scale)
+    bank: Array  # (ROWS, SLOTS * KINDS): hypotheses about slow faults (hypotheses)
+    windows: Array  # (3, 4): residuals of each stream since its window began (signatures)
     model: Array  # (MODEL_ROWS, 7) where the vehicle's model takes part, else without rows
 
 
@@ -154,6 +161,8 @@ _SHAPES = {
     'conflict': (6,),
     'excess': (1,),
     'calm': (4,),
+    'bank': (hypotheses.ROWS, hypotheses.SLOTS * hypotheses.KINDS),
+    'windows': (watch.STREAMS, hypotheses.WINDOW),
 }
 FLAT = sum(int(np.prod(shape)) for shape in _SHAPES.values())
 NAVIGATION = 30
@@ -287,6 +296,9 @@ class Work(NamedTuple):
     D: Array  # (3, 24): G - K S/2 of the last update, transposed
     nis: Array  # (2,): NIS, and by how much S was enlarged after the gate
     age: Array  # (1,): of the fix in H, R, z [s]
+    signatures: Array  # (SCRATCH, SLOTS * KINDS): scratch of signatures
+    powers: Array  # (9, 3): scratch of the same
+    evidence: Array  # (3,): scratch of the same
     C_m_G: Array
     C_mean: Array
     C_a_G: Array
@@ -338,6 +350,9 @@ def make_work() -> Work:
         D=np.zeros(rows),
         nis=np.array([0.0, 1.0]),
         age=np.zeros(1),
+        signatures=np.zeros((hypotheses.SCRATCH, hypotheses.SLOTS * hypotheses.KINDS)),
+        powers=np.zeros((9, 3)),
+        evidence=three(),
         C_m_G=square(),
         C_mean=square(),
         C_a_G=square(),

@@ -1,0 +1,92 @@
+"""Slow faults by their signature: drift of fixes, change of the DVL's scale, steps of gyros."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from ...arrays import Array, Ints
+from ...kernels.sins import hypotheses as hy
+from .conditions import Condition, Culprit, Level
+
+_BEYOND = 28.0
+"""T that is a WARN; four times that is an ERROR (docs/derivations/signatures.md, 3)."""
+_SEVERE = 4.0
+_AS_LIKELY = 14.0
+"""Another kind whose T is less than this below the largest explains the evidence, too: the ratio
+of likelihoods is below exp(7), a thousand."""
+_CULPRITS = {
+    hy.FIX_EAST: Culprit.FIXES,
+    hy.SCALE_GROWS: Culprit.DVL,
+    hy.SCALE_STEP: Culprit.DVL,
+    hy.GYRO_X: Culprit.IMU,
+}
+_DPH = math.radians(1.0) / 3600.0
+
+
+class Evidence(NamedTuple):
+    """Evidence about slow faults (kernels.sins.hypotheses).
+
+    Attributes
+    ----------
+    bank : (ROWS, SLOTS * KINDS) array
+        State.bank.
+    born_ns : (SLOTS,) array of int
+        When the hypotheses of each slot began [ns]; 0 for an empty one.
+    """
+
+    bank: Array
+    born_ns: Ints
+
+
+def slow_faults(evidence: Evidence | None, stamp_ns: int) -> list[Condition]:
+    """The condition that residuals follow a slow fault, if they do."""
+    if evidence is None:
+        return []
+    bank, born_ns = evidence
+    worst = float(bank[hy.STATISTIC].max())
+    if not worst > _BEYOND:
+        return []
+    statistic = bank[hy.STATISTIC].reshape(hy.SLOTS, hy.KINDS)
+    kinds = [kind for kind in _CULPRITS if statistic[:, kind].max() > worst - _AS_LIKELY]
+    kinds.sort(key=lambda kind: -float(statistic[:, kind].max()))
+    culprit = Culprit.NONE
+    parts = []
+    for kind in kinds:
+        culprit |= _CULPRITS[kind]
+        slot = int(np.argmax(statistic[:, kind]))
+        minutes = (stamp_ns - int(born_ns[slot])) / 60e9
+        parts.append(f'{_words(bank[:, slot * hy.KINDS :], kind)} since about {minutes:.0f} min')
+    level = Level.ERROR if worst > _SEVERE * _BEYOND else Level.WARN
+    sentence = f'{", or ".join(parts)} ({math.sqrt(worst):.1f} sigma)'
+    return [Condition('slow fault', level, culprit, sentence)]
+
+
+def pair_of(slot: Array, kind: int) -> tuple[float, float]:
+    """Sizes of a pair of kinds that fit best together, in their unit, of a slot's columns."""
+    l_x = slot[hy.CROSS, kind]
+    (l_i, l_j), (z_i, z_j) = slot[hy.LAMBDA, kind : kind + 2], slot[hy.ZETA, kind : kind + 2]
+    det = l_i * l_j - l_x * l_x
+    return float((z_i * l_j - z_j * l_x) / det), float((z_j * l_i - z_i * l_x) / det)
+
+
+def size_of(slot: Array, kind: int) -> float:
+    """Size of a fault of one kind that fits best, in its unit, of a slot's columns."""
+    return float(slot[hy.ZETA, kind] / slot[hy.LAMBDA, kind])
+
+
+def _words(slot: Array, kind: int) -> str:
+    """The fault with its size."""
+    if kind == hy.FIX_EAST:
+        east, north = pair_of(slot, kind)
+        heading = math.degrees(math.atan2(east, north)) % 360.0
+        return f'fixes drift by {math.hypot(east, north):.3f} m/s to grid {heading:03.0f} deg'
+    if kind == hy.GYRO_X:
+        size = math.hypot(*pair_of(slot, kind)) / _DPH
+        return f'the bias of the horizontal gyros has changed by {size:.2f} deg/h'
+    size = size_of(slot, kind)
+    if kind == hy.SCALE_GROWS:
+        return f'the scale of the DVL changes by {6000.0 * size:+.2f} % per minute'
+    return f'the scale of the DVL is {100.0 * size:+.1f} % off'

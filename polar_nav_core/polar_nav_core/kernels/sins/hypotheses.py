@@ -1,0 +1,204 @@
+"""Bank of hypotheses about slow faults: their signatures in state and residuals, and the evidence.
+
+A hypothesis is a fault of one kind with unit size that began at a given time. Its signature s, the
+change of the estimated error per unit of it, obeys the equation of a common error (`consider`):
+s <- Phi s + drive, s <- s - K g with g = H s + direct, the change of the innovation. So does the
+change d of what innovations show of the common errors (`shared`). With the residual's change
+h = g - J d and covariance V,
+
+    Lambda = sum h^T V^-1 h,    zeta = sum h^T V^-1 e,    T = zeta^2 / Lambda
+
+is a generalized likelihood ratio (Willsky, Jones 1976), chi-square (1) while residuals e are white
+with V, whatever the signature. So signatures may be approximate, which costs power only: pings and
+depths are added up over a window and answered at its end, with the rows, the gain and the
+transition of then. Derivation: docs/derivations/signatures.md.
+"""
+
+from __future__ import annotations
+
+from ...arrays import Array
+from ..cache import kernel
+from .consider import COLUMNS
+from .update import COUPLED, DV, GYRO, MARKOV, NAV, SCALE, USBL, N
+
+# Kinds of faults; the unit of each.
+FIX_EAST = 0  # fixes drift to grid east, 1 m/s
+FIX_NORTH = 1  # fixes drift to grid north, 1 m/s
+SCALE_GROWS = 2  # the DVL's scale grows, 1/s
+SCALE_STEP = 3  # the DVL's scale has changed, 1
+GYRO_X = 4  # the bias of the gyro about body x has changed, 1 rad/s
+GYRO_Y = 5  # the bias of the gyro about body y has changed, 1 rad/s
+KINDS = 6
+PAIRS = (FIX_EAST, GYRO_X)
+"""Kinds of which each is one direction, the next kind the other: they have one statistic."""
+SLOTS = 6
+"""Beginnings that are kept; hypothesis of kind k that began at slot i: column i * KINDS + k."""
+
+# Rows of the bank.
+LEARNED = N  # COLUMNS rows: d, per stated sigma
+LAMBDA = N + COLUMNS
+ZETA = LAMBDA + 1
+CROSS = LAMBDA + 2  # Lambda between both of a pair, at the first of them
+STATISTIC = LAMBDA + 3  # T; of a pair together chi-square (2)
+ROWS = LAMBDA + 4
+SCRATCH = NAV
+
+WINDOW = 4
+"""Of a window: sum of V^-1 e (3), number."""
+MOST_AT_ONCE = 50
+
+
+@kernel
+def advance_signatures(bank: Array, Phi: Array, step: float, dt: float, M: Array) -> None:
+    """Signatures dt [s] later, with the transition of a step [s] in proportion.
+
+    Parameters
+    ----------
+    bank : (ROWS, n) array, in place
+    Phi : (24, 24) array
+        As in `consider.predict_sensitivity`.
+    step, dt : float
+        [s].
+    M : (SCRATCH, n) scratch
+    """
+    ratio = dt / step
+    for i in range(NAV):
+        for c in range(bank.shape[1]):
+            M[i, c] = bank[i, c]
+        for k in range(COUPLED):
+            x = ratio * (Phi[i, k] - (1.0 if i == k else 0.0))
+            for c in range(bank.shape[1]):
+                M[i, c] += x * bank[k, c]
+    for i in range(NAV):
+        for c in range(bank.shape[1]):
+            bank[i, c] = M[i, c]
+    markov = Phi[MARKOV, MARKOV] ** ratio
+    usbl = Phi[USBL, USBL] ** ratio
+    for k in range(3):
+        for c in range(bank.shape[1]):
+            bank[MARKOV + k, c] *= markov
+            bank[USBL + k, c] *= usbl
+
+
+@kernel
+def grow(bank: Array, slot: int, dt: float) -> None:
+    """Let the scale's growth of a slot act for dt [s]."""
+    for k in range(3):
+        bank[SCALE + k, slot * KINDS + SCALE_GROWS] += dt
+
+
+@kernel
+def begin_slot(bank: Array, slot: int) -> None:
+    """Begin the hypotheses of a slot now; steps are in the state at once."""
+    for kind in range(KINDS):
+        for i in range(bank.shape[0]):
+            bank[i, slot * KINDS + kind] = 0.0
+    for k in range(3):
+        bank[SCALE + k, slot * KINDS + SCALE_STEP] = 1.0
+    bank[GYRO, slot * KINDS + GYRO_X] = 1.0
+    bank[GYRO + 1, slot * KINDS + GYRO_Y] = 1.0
+
+
+@kernel
+def change_of_innovation(g: Array, bank: Array, H: Array, delay: float, m: int) -> None:
+    """Change of an innovation by state: g <- H s, m rows.
+
+    Rows that were valid ``delay`` [s] ago are treated as in `consider.late_sensitivity`.
+    """
+    for a in range(m):
+        for c in range(g.shape[1]):
+            g[a, c] = -delay * bank[DV + a, c]
+        for k in range(N):
+            h = H[a, k]
+            if h != 0.0:
+                for c in range(g.shape[1]):
+                    g[a, c] += h * bank[k, c]
+
+
+@kernel
+def change_of_residual(h: Array, g: Array, bank: Array, J: Array, L: Array, m: int) -> None:
+    """Change of the whitened residual: h <- L^-1 (g - J d); J (3, COLUMNS) per sigma."""
+    for a in range(m):
+        for c in range(h.shape[1]):
+            h[a, c] = g[a, c]
+        for k in range(COLUMNS):
+            x = J[a, k]
+            if x != 0.0:
+                for c in range(h.shape[1]):
+                    h[a, c] -= x * bank[LEARNED + k, c]
+        for b in range(a):
+            x = L[a, b]
+            for c in range(h.shape[1]):
+                h[a, c] -= x * h[b, c]
+        x = 1.0 / L[a, a]
+        for c in range(h.shape[1]):
+            h[a, c] *= x
+
+
+@kernel
+def add_evidence(bank: Array, h: Array, v: Array, number: float, m: int) -> None:
+    """Add ``number`` residuals to the evidence; v (3,) is the sum of them, whitened."""
+    for a in range(m):
+        x = v[a]
+        for c in range(h.shape[1]):
+            bank[LAMBDA, c] += number * h[a, c] * h[a, c]
+            bank[ZETA, c] += x * h[a, c]
+        for slot in range(SLOTS):
+            for kind in PAIRS:
+                i = slot * KINDS + kind
+                bank[CROSS, i] += number * h[a, i] * h[a, i + 1]
+    for c in range(h.shape[1]):
+        square = bank[ZETA, c] * bank[ZETA, c]
+        bank[STATISTIC, c] = square / bank[LAMBDA, c] if bank[LAMBDA, c] > 0.0 else 0.0
+    for slot in range(SLOTS):
+        for kind in PAIRS:
+            _add_pair(bank, slot * KINDS + kind)
+
+
+@kernel
+def _add_pair(bank: Array, i: int) -> None:
+    """Fill the statistic of columns i and i + 1 together."""
+    l_i, l_j, l_x = bank[LAMBDA, i], bank[LAMBDA, i + 1], bank[CROSS, i]
+    z_i, z_j = bank[ZETA, i], bank[ZETA, i + 1]
+    det = l_i * l_j - l_x * l_x
+    both = 0.0
+    if det > 1e-6 * l_i * l_j:
+        both = (z_i * z_i * l_j - 2.0 * z_i * z_j * l_x + z_j * z_j * l_i) / det
+    bank[STATISTIC, i] = both
+    bank[STATISTIC, i + 1] = both
+
+
+@kernel
+def repeated(X: Array, A: Array, B: Array, number: int, m: int) -> None:
+    """X <- sum of (I - A B^T)^i over i < number, (m, m); rows of A and B of one length."""
+    for a in range(m):
+        for b in range(m):
+            s = 0.0
+            for k in range(A.shape[1]):
+                s += A[a, k] * B[b, k]
+            X[3 + a, b] = s
+            X[a, b] = 1.0 if a == b else 0.0
+    for _ in range(number - 1):
+        for b in range(m):
+            for a in range(m):
+                s = 0.0
+                for k in range(m):
+                    s += X[3 + a, k] * X[k, b]
+                X[6 + a, b] = s
+        for a in range(m):
+            for b in range(m):
+                X[a, b] += (1.0 if a == b else 0.0) - X[6 + a, b]
+
+
+@kernel
+def answer(bank: Array, first: int, K: Array, X: Array, g: Array, sign: float, m: int) -> None:
+    """Rows from ``first`` on += sign K^T X g: what a gain K (m, rows) makes of a change g."""
+    for b in range(m):
+        for i in range(K.shape[1]):
+            gain = 0.0
+            for a in range(m):
+                gain += K[a, i] * X[a, b]
+            gain *= sign
+            if gain != 0.0:
+                for c in range(g.shape[1]):
+                    bank[first + i, c] += gain * g[b, c]

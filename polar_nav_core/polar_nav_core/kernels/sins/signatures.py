@@ -1,0 +1,169 @@
+"""Evidence about slow faults, gathered while the filter runs: a watchdog that changes nothing.
+
+`State.bank` holds the hypotheses (`hypotheses`), `State.windows` the residuals of each stream
+since its window began. Beginnings are recycled so that their ages stay about a factor of two
+apart.
+"""
+
+from __future__ import annotations
+
+import math
+
+from ..cache import kernel
+from . import state as fs
+from .hypotheses import (
+    FIX_EAST,
+    FIX_NORTH,
+    KINDS,
+    MOST_AT_ONCE,
+    SLOTS,
+    STATISTIC,
+    add_evidence,
+    advance_signatures,
+    answer,
+    begin_slot,
+    change_of_innovation,
+    change_of_residual,
+    grow,
+    repeated,
+)
+from .state import Past, Settings, State, Work
+from .update import DR, DV
+
+WINDOW_NS = 2_000_000_000
+"""Pings and depths are added up for so long; fixes are not."""
+LEAST_S = 0.25
+"""A shorter time between two windows is made up for by the next."""
+BIRTH_NS = 60_000_000_000
+"""A new beginning every so often."""
+OLDEST_NS = 2_400_000_000_000
+"""An older beginning is the first to make room."""
+JUDGED_NS = 30_000_000_000
+"""Younger ones have no statistic: an outlier would be as large."""
+
+
+@kernel
+def note(s: State, c: Settings, past: Past, w: Work, stream: int, m: int, delay: float) -> None:
+    """Add a residual that was used to the evidence; the update's rows and gain are in the scratch.
+
+    ``delay`` [s] is how old the rows are, where the signatures of now stand in for those of then.
+    """
+    e, L, weight = w.z, w.L, 1.0
+    if c.considers:
+        e, L, weight = w.residual, w.narrow_L, 1.0 / w.nis[1]
+    for a in range(m):
+        x = e[a]
+        for b in range(a):
+            x -= L[a, b] * w.evidence[b]
+        w.evidence[a] = x / L[a, a]
+    window = s.windows[stream]
+    for a in range(m - 1, -1, -1):
+        x = w.evidence[a]
+        for b in range(a + 1, m):
+            x -= L[b, a] * w.evidence[b]
+        w.evidence[a] = x / L[a, a]
+        window[a] += weight * w.evidence[a]
+    window[3] += weight
+    now_ns = s.counters[fs.STAMP]
+    if stream != fs.FIX_ROW and now_ns - s.counters[fs.CLOSED_NS + stream] < WINDOW_NS:
+        return
+    _advance(s, past, w, now_ns)
+    _begin(s, now_ns)
+    g, h = w.signatures[0:3], w.signatures[3:6]
+    change_of_innovation(g, s.bank, w.H, delay, m)
+    if stream == fs.FIX_ROW:
+        for slot in range(SLOTS):
+            since = (now_ns - s.counters[fs.BORN_NS + slot]) * 1e-9 - w.age[0]
+            if s.counters[fs.BORN_NS + slot] > 0 and since > 0.0:
+                g[0, slot * KINDS + FIX_EAST] -= since
+                g[1, slot * KINDS + FIX_NORTH] -= since
+    change_of_residual(h, g, s.bank, w.per_sigma, L, m)
+    for a in range(m):
+        x = 0.0
+        for b in range(a, m):
+            x += L[b, a] * window[b]
+        w.evidence[a] = x
+    add_evidence(s.bank, h, w.evidence, window[3], m)
+    for slot in range(SLOTS):
+        if now_ns - s.counters[fs.BORN_NS + slot] < JUDGED_NS:
+            for kind in range(KINDS):
+                s.bank[STATISTIC, slot * KINDS + kind] = 0.0
+    number = min(max(int(window[3] + 0.5), 1), MOST_AT_ONCE)
+    repeated(w.powers, w.H, w.K, number, m)
+    answer(s.bank, 0, w.K, w.powers, g, -1.0, m)
+    if c.considers:
+        for a in range(m):  # J whitened, as M = L^-1 J Pi is
+            for k in range(w.per_sigma.shape[1]):
+                for b in range(a):
+                    w.per_sigma[a, k] -= L[a, b] * w.per_sigma[b, k]
+                w.per_sigma[a, k] /= L[a, a]
+        repeated(w.powers, w.per_sigma, w.learned, number, m)
+        answer(s.bank, fs.LEARNED, w.learned, w.powers, h, weight, m)
+    for k in range(window.shape[0]):
+        window[k] = 0.0
+    s.counters[fs.CLOSED_NS + stream] = now_ns
+
+
+@kernel
+def _advance(s: State, past: Past, w: Work, now_ns: int) -> None:
+    """Bring the signatures to now, with the transition of the newest covariance step."""
+    dt = (now_ns - s.counters[fs.BANK_NS]) * 1e-9
+    if s.counters[fs.BANK_NS] > 0 and dt < LEAST_S:
+        return
+    Phi = past.transitions[s.counters[fs.STEPS] % past.transitions.shape[0]]
+    square = 0.0
+    for k in range(3):
+        square += Phi[DR, DV + k] * Phi[DR, DV + k]
+    step = math.sqrt(square)  # the position moves by the velocity times the length of the step
+    if s.counters[fs.BANK_NS] > 0 and step > 0.0:
+        advance_signatures(s.bank, Phi, step, dt, w.signatures)
+        for slot in range(SLOTS):
+            if s.counters[fs.BORN_NS + slot] > 0:
+                grow(s.bank, slot, dt)
+    s.counters[fs.BANK_NS] = now_ns
+
+
+@kernel
+def _begin(s: State, now_ns: int) -> None:
+    """Begin new hypotheses where it is time to, in an empty slot or one that is hardly missed."""
+    if now_ns < s.counters[fs.BIRTH_NS]:
+        return
+    chosen = -1
+    least = math.inf
+    for slot in range(SLOTS):
+        born_ns = s.counters[fs.BORN_NS + slot]
+        if born_ns == 0:
+            chosen = slot
+            break
+        # Ratio of the ages of its neighbours; the newest and the oldest have one only.
+        older_ns, younger_ns = 0, now_ns
+        for other in range(SLOTS):
+            other_ns = s.counters[fs.BORN_NS + other]
+            if other_ns < born_ns:
+                older_ns = max(older_ns, other_ns)
+            elif other_ns > born_ns:
+                younger_ns = min(younger_ns, other_ns)
+        ratio = math.inf
+        if older_ns > 0 and younger_ns < now_ns:
+            ratio = (now_ns - older_ns) / (now_ns - younger_ns)
+        elif older_ns == 0 and now_ns - born_ns > OLDEST_NS:
+            ratio = 0.0
+        if ratio < least:
+            chosen, least = slot, ratio
+    begin_slot(s.bank, chosen)
+    s.counters[fs.BORN_NS + chosen] = now_ns
+    s.counters[fs.BIRTH_NS] = now_ns + BIRTH_NS
+
+
+@kernel
+def clear_evidence(s: State) -> None:
+    """Begin anew: no hypothesis, no residual."""
+    for i in range(s.bank.shape[0]):
+        for k in range(s.bank.shape[1]):
+            s.bank[i, k] = 0.0
+    for i in range(s.windows.shape[0]):
+        for k in range(s.windows.shape[1]):
+            s.windows[i, k] = 0.0
+    for slot in range(SLOTS):
+        s.counters[fs.BORN_NS + slot] = 0
+    s.counters[fs.BIRTH_NS] = 0

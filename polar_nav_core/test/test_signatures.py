@@ -1,0 +1,181 @@
+"""Signatures of slow faults: they are what residuals do, and T is chi-square without a fault."""
+
+import numpy as np
+import pytest
+
+from polar_nav_core.engine.health.conditions import Culprit, Level
+from polar_nav_core.engine.health.slow import Evidence, pair_of, size_of, slow_faults
+from polar_nav_core.kernels.sins import consider, shared
+from polar_nav_core.kernels.sins import hypotheses as hy
+from polar_nav_core.kernels.sins.update import DR, DV, GYRO, SCALE, N
+
+STEP, BORN = 0.5, 20
+"""Time between measurements [s]; number of the step at which the hypotheses begin."""
+ALONE = (hy.SCALE_GROWS, hy.SCALE_STEP)
+
+
+class Linear:
+    """A linear filter of position, velocity, scale and a gyro's bias, and its bank of hypotheses.
+
+    A fix at every other step, a velocity at the others; fixes share an offset b.
+    """
+
+    def __init__(self, seed):
+        self.rng = np.random.default_rng(seed)
+        self.Phi = np.eye(N)
+        self.Phi[DR : DR + 3, DV : DV + 3] = STEP * np.eye(3)
+        self.Phi[DV, GYRO] = self.Phi[DV + 1, GYRO + 1] = 0.1 * STEP
+        self.P = np.diag([0.0] * 3 + [0.01] * 3 + [1.0] * 3 + [1e-4] * 3 + [0.0] * 3 + [1e-4] * 9)
+        self.q = np.array([0.0] * 3 + [1e-4] * 3 + [0.0] * 3 + [1e-7] * 3 + [0.0] * 12)
+        self.x = np.sqrt(np.diagonal(self.P)) * self.rng.standard_normal(N)
+        self.sigma = np.zeros(consider.COLUMNS)
+        self.sigma[consider.OFFSET : consider.OFFSET + 3] = 0.5
+        self.b = self.sigma * self.rng.standard_normal(consider.COLUMNS)
+        self.S = np.zeros((N, consider.COLUMNS))
+        self.shared = np.zeros((consider.COLUMNS + 1, consider.COLUMNS))
+        self.bank = np.zeros((hy.ROWS, hy.SLOTS * hy.KINDS))
+        self.step = 0
+        self.changes = []
+
+    def measure(self, fault=-1, size=0.0):
+        """One step and one measurement with a fault of one kind; returns the residual."""
+        rng, age = self.rng, (self.step - BORN) * STEP
+        self.x = self.Phi @ self.x + np.sqrt(self.q) * rng.standard_normal(N)
+        self.P = self.Phi @ self.P @ self.Phi.T + np.diag(self.q)
+        M = np.zeros((N, hy.SLOTS * hy.KINDS))
+        consider.predict_sensitivity(self.S, self.Phi, M)
+        hy.advance_signatures(self.bank, self.Phi, STEP, STEP, M)
+        if age > 0.0:
+            hy.grow(self.bank, 0, STEP)
+            self.x[SCALE : SCALE + 3] += size * STEP * (fault == hy.SCALE_GROWS)
+        if age == 0.0:
+            hy.begin_slot(self.bank, 0)
+            self.x[SCALE : SCALE + 3] += size * (fault == hy.SCALE_STEP)
+            self.x[GYRO] += size * (fault == hy.GYRO_X)
+            self.x[GYRO + 1] += size * (fault == hy.GYRO_Y)
+        self.step += 1
+        fix = self.step % 2 == 0
+        H, J = np.zeros((3, N)), np.zeros((3, consider.COLUMNS))
+        direct = np.zeros((3, hy.SLOTS * hy.KINDS))
+        if fix:
+            H[:, DR : DR + 3], R = np.eye(3), np.diag([1.0, 1.0, 0.2])
+            J[:, consider.OFFSET : consider.OFFSET + 3] = -np.eye(3)
+            direct[0, hy.FIX_EAST] = direct[1, hy.FIX_NORTH] = -max(age, 0.0)
+        else:
+            H[:, DV : DV + 3], R = np.eye(3), np.diag([4e-4, 4e-4, 1e-4])
+            turn = 0.1 * self.step
+            H[0, SCALE], H[1, SCALE + 1] = -3.0 * np.cos(turn), -3.0 * np.sin(turn)
+        z = H @ self.x + J @ self.b + np.sqrt(np.diagonal(R)) * rng.standard_normal(3)
+        z += size * direct[:, fault] if fault in (hy.FIX_EAST, hy.FIX_NORTH) else 0.0
+        S_zz = H @ self.P @ H.T + R
+        K = np.linalg.solve(S_zz, H @ self.P)
+        consider.innovation_sensitivity(J, H, self.S, 3)
+        wide, moved = np.zeros((3, 3)), J.copy()
+        consider.widen(wide, S_zz, J, self.sigma, 3)
+        e, V, L, w = np.zeros(3), np.zeros((3, 3)), np.zeros((3, 3)), np.zeros(3)
+        shared.residual(e, V, self.shared, J, self.sigma, z, wide, 3)
+        shared.whitened(L, V, e, w, 3)
+        learned = np.zeros_like(J)
+        shared.learn(self.shared, J, L, w, learned, 1.0, 3)
+        g, h, X = np.zeros((3, M.shape[1])), np.zeros((3, M.shape[1])), np.zeros((9, 3))
+        hy.change_of_innovation(g, self.bank, H, 0.0, 3)
+        g += direct
+        hy.change_of_residual(h, g, self.bank, J, L, 3)
+        hy.add_evidence(self.bank, h, w, 1.0, 3)
+        hy.repeated(X, H, K, 1, 3)
+        hy.answer(self.bank, 0, K, X, g, -1.0, 3)
+        hy.answer(self.bank, hy.LEARNED, learned, X, h, 1.0, 3)
+        consider.update_sensitivity(self.S, K, moved, 3)
+        self.x = self.x - K.T @ z
+        self.P = (np.eye(N) - K.T @ H) @ self.P
+        self.changes.append(L @ h)
+        return e
+
+
+def run(seed, steps, fault=-1, size=0.0):
+    """Filter after so many steps, and its residuals."""
+    world = Linear(seed)
+    return world, np.array([world.measure(fault, size) for _ in range(steps)])
+
+
+@pytest.mark.parametrize('kind', range(hy.KINDS))
+def test_a_fault_changes_residuals_by_its_signature(kind):
+    """Without approximations: the same noise with and without a fault."""
+    size = 0.1
+    plain, before = run(3, 300)
+    _, after = run(3, 300, kind, size)
+    changes = np.array(plain.changes)[:, :, kind]
+    assert np.abs(changes).max() > 1e-3
+    np.testing.assert_allclose(after - before, size * changes, rtol=1e-8, atol=1e-9)
+
+
+def test_without_a_fault_the_statistic_is_chi_square():
+    """Common errors drawn; one degree of freedom, two for pairs."""
+    found = np.array([run(seed, 400)[0].bank[hy.STATISTIC, : hy.KINDS] for seed in range(400)])
+    freedom = np.array([1.0 if k in ALONE else 2.0 for k in range(hy.KINDS)])
+    np.testing.assert_allclose(found.mean(axis=0), freedom, atol=4.0 * np.sqrt(2.0 * 2.0 / 400))
+    variance = found.var(axis=0) / (2.0 * freedom)
+    np.testing.assert_allclose(variance, 1.0, atol=0.6)
+
+
+@pytest.mark.parametrize(
+    ('kind', 'size', 'culprit', 'words'),
+    [
+        (hy.FIX_EAST, 0.2, Culprit.FIXES, 'fixes drift by 0.'),
+        (hy.FIX_NORTH, -0.2, Culprit.FIXES, 'fixes drift by 0.'),
+        (hy.SCALE_GROWS, 3e-4, Culprit.DVL, 'the scale of the DVL changes by +'),
+        (hy.SCALE_STEP, 0.04, Culprit.DVL, 'the scale of the DVL is +'),
+        (hy.GYRO_X, 0.06, Culprit.IMU, 'the bias of the horizontal gyros has changed by'),
+    ],
+)
+def test_a_fault_is_found_with_its_size_and_named(kind, size, culprit, words):
+    world, _ = run(4, 400, kind, size)
+    bank, slot = world.bank, world.bank[:, : hy.KINDS]
+    sigma = 1.0 / np.sqrt(slot[hy.LAMBDA, kind])
+    found = size_of(slot, kind)
+    if kind not in ALONE:
+        first = kind - kind % 2
+        found = pair_of(slot, first)[kind - first]
+    assert found == pytest.approx(size, abs=3.0 * sigma)
+    born_ns = np.array([10**9] + [0] * (hy.SLOTS - 1))
+    (condition,) = slow_faults(Evidence(bank, born_ns), 301 * 10**9)
+    assert condition.culprit & culprit
+    assert condition.sentence.startswith(words)
+    assert condition.sentence.count('since about 5 min') >= 1
+
+
+def test_levels_and_kinds_that_explain_the_same():
+    bank, born_ns = np.zeros((hy.ROWS, hy.SLOTS * hy.KINDS)), np.ones(hy.SLOTS, dtype=np.int64)
+    evidence = Evidence(bank, born_ns)
+    bank[hy.LAMBDA] = 1.0
+    bank[hy.STATISTIC, hy.KINDS + hy.SCALE_GROWS] = 27.9
+    assert slow_faults(evidence, 1) == []
+    assert slow_faults(None, 1) == []
+    bank[hy.STATISTIC, hy.KINDS + hy.SCALE_GROWS] = 28.1
+    (condition,) = slow_faults(evidence, 1)
+    assert (condition.level, condition.culprit) == (Level.WARN, Culprit.DVL)
+    bank[hy.STATISTIC, [hy.FIX_EAST, hy.FIX_NORTH]] = 113.0
+    (condition,) = slow_faults(evidence, 1)
+    assert (condition.level, condition.culprit) == (Level.ERROR, Culprit.FIXES)
+    bank[hy.STATISTIC, hy.KINDS + hy.SCALE_GROWS] = 100.0
+    (condition,) = slow_faults(evidence, 1)
+    assert condition.culprit == Culprit.FIXES | Culprit.DVL
+    assert ', or ' in condition.sentence
+
+
+def test_equal_updates_at_once_are_those_one_by_one():
+    rng = np.random.default_rng(6)
+    H, K, X = rng.standard_normal((3, N)), np.zeros((3, N)), np.zeros((9, 3))
+    K[:] = np.linalg.solve(H @ H.T + 5.0 * np.eye(3), H)
+    for m, number in ((3, 1), (3, 7), (1, 5)):
+        bank, once = np.zeros((2, hy.ROWS, 4))
+        bank[:N] = once[:N] = rng.standard_normal((N, 4))
+        g = np.zeros((3, 4))
+        for _ in range(number):
+            hy.change_of_innovation(g, bank, H, 0.0, m)
+            hy.repeated(X, H, K, 1, m)
+            hy.answer(bank, 0, K, X, g, -1.0, m)
+        hy.change_of_innovation(g, once, H, 0.0, m)
+        hy.repeated(X, H, K, number, m)
+        hy.answer(once, 0, K, X, g, -1.0, m)
+        np.testing.assert_allclose(once, bank, rtol=1e-10, atol=1e-12)
