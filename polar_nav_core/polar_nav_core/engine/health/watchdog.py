@@ -19,6 +19,7 @@ from .conditions import Chronicle, Condition, Culprit, Health, Level
 from .radius import radius_95
 from .runaway import Runaway, imu_noise
 from .shared import beyond_stated
+from .slow import Evidence, slow_faults
 from .statistics import Statistics, statistics
 
 DVL, DEPTH, FIX = range(watch.STREAMS)
@@ -87,6 +88,8 @@ class View:
         Whether packets state a leader's error: it is covered amply, and fixes scatter less.
     shared : (COLUMNS + 1, COLUMNS) array or None
         What innovations show of the common errors (kernels.sins.shared); None where nobody looks.
+    evidence : Evidence or None
+        About slow faults; None where nobody looks.
     """
 
     stamp_ns: int
@@ -101,6 +104,7 @@ class View:
     imu_noise: float = 1.0
     shared: Array | None = None
     leader_stated: bool = False
+    evidence: Evidence | None = None
 
 
 @dataclass(frozen=True)
@@ -165,6 +169,7 @@ class Watchdog:
         found += self._runaway.look(view.stamp_ns, too_fast, share, contradicted)
         found += _reopened(view, FIX)
         found += beyond_stated(view.shared)
+        found += slow_faults(view.evidence, view.stamp_ns)
         biases = {stream: _local_bias(s, stream) for stream in (DVL, DEPTH)}
         biases[FIX] = _fix_bias(s)
         for stream in (FIX, DVL, DEPTH):

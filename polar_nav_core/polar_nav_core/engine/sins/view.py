@@ -8,7 +8,9 @@ import numpy as np
 
 from ... import grid
 from ...error_model import X
+from ...kernels.sins import hypotheses
 from ...kernels.sins import state as fs
+from ..health.slow import Evidence
 from ..health.watchdog import Gaps, View
 from .fusion import Fusion
 
@@ -25,6 +27,7 @@ def view_of(fusion: Fusion, stamp_ns: int, resets: int) -> View:
         stamp_ns=stamp_ns,
         memories=s.memories,
         shared=s.shared,
+        evidence=Evidence(s.bank, counters[fs.BORN_NS : fs.BORN_NS + hypotheses.SLOTS]),
         opened_ns=opened_ns,
         used_ns=counters[fs.USED_NS : fs.USED_NS + 3],
         speed=float(np.linalg.norm(s.v_G)),

@@ -1,0 +1,65 @@
+"""Slow faults in whole runs: found by their signature, in every way to run the engine."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from closed_loop import World, inputs_of
+
+from polar_nav_core.engine import run as engine_run
+from polar_nav_core.grid import ecef_to_grid
+
+DRIFT_MPS, BEGIN_S = 0.2, 65.0
+
+
+@pytest.fixture(scope='module')
+def world():
+    return World(150.0)
+
+
+def sentences(result):
+    """Sentences on slow faults, by look."""
+    return {
+        h.stamp_ns: p.condition.sentence
+        for h in result.health
+        for p in h.present
+        if p.condition.key == 'slow fault'
+    }
+
+
+def drifting(inputs):
+    """The same inputs with fixes that drift to grid east."""
+    first_ns = int(inputs.imu_stamps_ns[0])
+    moved = []
+    for fix in inputs.fixes:
+        since_s = max(0.0, (fix.validity_ns - first_ns) * 1e-9 - BEGIN_S)
+        east_e = ecef_to_grid(fix.r_e)[0]
+        moved.append(replace(fix, r_e=fix.r_e + DRIFT_MPS * since_s * east_e))
+    return replace(inputs, fixes=tuple(moved))
+
+
+@pytest.mark.parametrize('delay_handling', ['clone', 'rewind'])
+def test_a_drift_of_fixes_is_found_with_size_and_direction(world, delay_handling):
+    inputs = inputs_of(world, world.fixes(1.0, lambda _: 0.5, first_s=1.0))
+    params = world.params(configuration='custom', delay_handling=delay_handling)
+    clean = engine_run.run(params, inputs, look_every_s=1.0)
+    assert sentences(clean) == {}
+    looked = engine_run.run(params, drifting(inputs), look_every_s=1.0)
+    found = sentences(looked)
+    assert found
+    words = found[max(found)].split()
+    at = words.index('drift')
+    assert float(words[at + 2]) == pytest.approx(DRIFT_MPS, rel=0.25)
+    assert float(words[at + 6]) == pytest.approx(90.0, abs=15.0)
+
+
+def test_single_steps_find_the_same(world):
+    inputs = drifting(inputs_of(world, world.fixes(1.0, lambda _: 0.5, first_s=1.0)))
+    params = world.params(configuration='default')
+    looked = engine_run.run(params, inputs, look_every_s=1.0)
+    single = engine_run.run(params, inputs, one_by_one=True)
+    plain = engine_run.run(params, inputs)
+    np.testing.assert_array_equal(looked.track.P, plain.track.P)
+    found, one_by_one = sentences(looked), sentences(single)
+    assert found
+    assert list(found.values()) == list(one_by_one.values())
