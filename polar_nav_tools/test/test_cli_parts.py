@@ -118,10 +118,11 @@ def test_sizes(size, text):
 @pytest.mark.parametrize(
     ('takes_s', 'unit', 'lines'),
     [
-        (9.0, '%', []),
+        (1000.0, '%', []),
+        (9.0, 'runs', []),
         (9.0, 's', [0]),
-        (30.0, '%', [3, 7]),
-        (1000.0, '%', [1, 2, 3, 4, 5, 6, 7, 8, 9, 10]),
+        (30.0, 'runs', [3, 7]),
+        (1000.0, 'runs', [1, 2, 3, 4, 5, 6, 7, 8, 9, 10]),
     ],
 )
 def test_progress_without_a_terminal_does_not_flood(capsys, monkeypatch, takes_s, unit, lines):

@@ -14,8 +14,10 @@ from polar_nav_core.errors import ConfigError
 from polar_nav_core.user_files import writing
 from polar_nav_tools.cli import choices, main
 from polar_nav_tools.export import formats
+from polar_nav_tools.foreign import instrument_noise, mapping
 from polar_nav_tools.graph import options
 from polar_nav_tools.live.run import read_mission
+from polar_nav_tools.terminal import progress
 
 REFERENCE = Path(__file__).parents[2] / 'bags' / 'reference'
 HEAVY = {'numpy', 'scipy', 'numba', 'rclpy', 'matplotlib', 'rosbags'}
@@ -64,6 +66,9 @@ def test_the_words_of_the_help_are_those_that_count():
     assert choices.FORMATS == formats.FORMATS
     assert choices.FRAMES == formats.FRAMES
     assert choices.CONFIGURATIONS == NAMES
+    assert choices.IMU_CLASSES == instrument_noise.IMU_CLASSES
+    assert choices.DVL_CLASSES == instrument_noise.DVL_CLASSES
+    assert (choices.REFERENCES, choices.STAMPS) == (mapping.REFERENCES, mapping.STAMPS)
 
 
 @pytest.mark.parametrize(
@@ -72,6 +77,8 @@ def test_the_words_of_the_help_are_those_that_count():
         ('demo', ('near_pole', 'lockstep|realtime', 'perfect|own', 'back_propagate')),
         ('launch', ('near_pole', 'perfect|own', 'back_propagate', '--network')),
         ('replay', ('back_propagate',)),
+        ('why', ('back_propagate',)),
+        ('map', ('stim300', 'workhorse_1200', 'bottom|water', 'header|log')),
         ('export', ('tum|csv', 'ecef|enu|grid', 'estimate:NAME')),
     ],
 )
@@ -90,6 +97,18 @@ def test_version(monkeypatch, capsys):
     assert (name, engine) == ('polar_nav', 'engine')
     assert number[0].isdigit()
     assert version.isdigit()
+
+
+@pytest.mark.parametrize('command', ['replay', 'score', 'verify', 'report', 'doctor'])
+def test_without_a_terminal_work_on_a_bag_writes_no_progress(
+    monkeypatch, capsys, tmp_path, command
+):
+    pytest.importorskip('rclpy')
+    monkeypatch.setattr(progress.time, 'monotonic', iter(range(0, 10**6, 100)).__next__)
+    out = ('--out', str(tmp_path / 'r.html')) if command == 'report' else ()
+    monkeypatch.setattr('sys.argv', ['polar', command, str(REFERENCE), *out])
+    assert main() == 0
+    assert capsys.readouterr().err == ''
 
 
 def test_a_duration_of_the_command_line_is_not_blamed_on_a_file():

@@ -24,6 +24,16 @@ CONFIGURATIONS = (
     'clone',
     'rewind',
 )
+IMU_CLASSES = ('bmi088', 'fog', 'icm20948', 'navigation', 'stim300', 'vn100')
+DVL_CLASSES = (
+    'a50_performance',
+    'a50_standard',
+    'pathfinder_600',
+    'workhorse_1200',
+    'workhorse_300',
+)
+REFERENCES = ('bottom', 'water')
+STAMPS = ('header', 'log')
 MISSIONS = ', '.join(mission_names())
 
 

@@ -12,6 +12,7 @@ from polar_nav_core.errors import ConfigError
 
 from .app import app, emit_json, require, say
 from .arguments import AnyBagArgument, MsgPathOption
+from .choices import DVL_CLASSES, IMU_CLASSES, REFERENCES, STAMPS, one_of
 
 JsonOption = Annotated[bool, typer.Option('--json', help='Print figures as JSON on stdout.')]
 import_app = typer.Typer(no_args_is_help=True, help='Make a bag of data that were never a bag.')
@@ -22,18 +23,28 @@ app.add_typer(import_app, name='import')
 def map_(
     bag: AnyBagArgument,
     imu: Annotated[
-        str | None, typer.Option('--imu', metavar='CLASS', help='Class of the IMU: its noise.')
+        str | None,
+        typer.Option(
+            '--imu',
+            metavar='CLASS',
+            help=f'Class of the IMU, its noise: {", ".join(IMU_CLASSES)}.',
+        ),
     ] = None,
     dvl: Annotated[
-        str | None, typer.Option('--dvl', metavar='CLASS', help='Class of the DVL: its noise.')
+        str | None,
+        typer.Option(
+            '--dvl',
+            metavar='CLASS',
+            help=f'Class of the DVL, its noise: {", ".join(DVL_CLASSES)}.',
+        ),
     ] = None,
     reference: Annotated[
         str | None,
-        typer.Option('--reference', help='Of DVL velocities: bottom or water.'),
+        typer.Option('--reference', metavar=one_of(REFERENCES), help='Of DVL velocities.'),
     ] = None,
     clock: Annotated[
         str | None,
-        typer.Option('--clock', help='Times of validity: header stamps, or those of the log.'),
+        typer.Option('--clock', metavar=one_of(STAMPS), help='Where times of validity stand.'),
     ] = None,
     msg_path: MsgPathOption = None,
 ) -> None:
@@ -45,8 +56,6 @@ def map_(
     from ..foreign.definitions import undecodable
     from ..foreign.guess import guess
     from ..foreign.guess_noise import Choices
-    from ..foreign.instrument_noise import DVL_CLASSES, IMU_CLASSES
-    from ..foreign.mapping import REFERENCES, STAMPS
     from ..foreign.sources import not_described, open_source
     from ..terminal.progress import opening_display
 

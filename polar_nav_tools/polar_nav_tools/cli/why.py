@@ -10,6 +10,7 @@ import typer
 
 from .app import app, emit_json, require, say
 from .bags import BagArgument, JsonOption, VehicleOption
+from .choices import CONFIGURATIONS
 
 if TYPE_CHECKING:
     from ..why import Story
@@ -31,7 +32,10 @@ def why(
     configuration: Annotated[
         str | None,
         typer.Option(
-            '--configuration', '-c', help='Replay with this filter instead of the recorded.'
+            '--configuration',
+            '-c',
+            metavar='NAME',
+            help=f'Replay with this filter instead of the recorded: {", ".join(CONFIGURATIONS)}.',
         ),
     ] = None,
     figure: Annotated[

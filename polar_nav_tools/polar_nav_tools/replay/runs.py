@@ -6,6 +6,7 @@ to be compared.
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
@@ -48,7 +49,8 @@ class Replays:
         """Replayed runs by the name of their configuration."""
         runs = {}
         for configuration, share in zip(configurations, progress, strict=True):
-            say(f'replaying with {configuration}')
+            if sys.stderr.isatty():
+                say(f'replaying with {configuration}')
             runs[configuration] = self._replayed(configuration, share)
         return runs
 
@@ -56,7 +58,8 @@ class Replays:
         """Comparison of a replay, with the recorded parameters, with the live outputs."""
         if not isinstance(self.source, RecordedInputs):
             raise TypeError('only a replay by message can be compared bit for bit')
-        say('comparing a replay with what was published live')
+        if sys.stderr.isatty():
+            say('comparing a replay with what was published live')
         return verify(self.source, replayed=self._as_recorded)
 
     def _replayed(self, configuration: str, progress: Progress | None) -> ReplayedRun:

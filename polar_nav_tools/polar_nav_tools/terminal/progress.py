@@ -1,4 +1,8 @@
-"""Progress of long work on stderr: a bar on a terminal, else a line now and then."""
+"""Progress of long work on stderr: a bar on a terminal.
+
+Without one, only runs of graphs and experiments, which take minutes to hours, write a line now and
+then; work on a bag writes none.
+"""
 
 from __future__ import annotations
 
@@ -29,12 +33,15 @@ def progress_display(title: str, *, total: float, unit: str) -> Iterator[Update]
     total : float
         Expected total, until the first update states a better one.
     unit : str
-        Of the total; for ``s`` the speed is shown as a multiple of real time.
+        Of the total; for ``s`` the speed is shown as a multiple of real time, ``%`` is for work
+        on a bag.
     """
     if sys.stderr.isatty():
         yield from _bar(title, total, unit)
-    else:
+    elif unit != '%':
         yield from _lines(title, unit)
+    else:
+        yield lambda _done, _total: None
 
 
 @contextmanager
