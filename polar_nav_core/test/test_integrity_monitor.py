@@ -233,16 +233,20 @@ def test_what_scatters_is_not_believed():
     assert refused(20, scattered(260.0)).contradiction(0, doubted=True, least_s=0.0) is None
 
 
-@pytest.mark.parametrize(('speed', 'constant'), [(0.0, True), (0.1, True), (0.2, False)])
+@pytest.mark.parametrize(
+    ('speed', 'constant'), [(0.0, True), (0.1, True), (0.137, True), (0.14, False), (0.2, False)]
+)
 def test_an_offset_that_grows_by_five_per_cent_is_not_constant(speed, constant):
-    """Over the 190 s of twenty fixes: 0.1 m/s is 19 m of 519 m."""
+    """Over 190 s: 0.137 m/s is 26.03 m of 526.03 m, 0.14 m/s is 26.6 m of 526.6 m."""
     monitor = refused(20, lambda t: AWAY + speed * (t - 10.0) * np.array([0.6, 0.8, 0.0]))
     found = monitor.contradiction(0, doubted=False, least_s=0.0)
     assert found.distance == pytest.approx(500.0 + speed * 190.0)
     assert found.constant == constant
 
 
-@pytest.mark.parametrize(('sigmas', 'constant'), [(3.5, True), (4.5, False)])
+@pytest.mark.parametrize(
+    ('sigmas', 'constant'), [(3.5, True), (3.95, True), (4.05, False), (4.5, False)]
+)
 def test_a_trend_within_four_sigmas_of_the_scatter_is_none(sigmas, constant):
     """The sigma of a change over n evenly spaced values is sqrt(12 / n) of their scatter."""
     rng = np.random.default_rng(5)
