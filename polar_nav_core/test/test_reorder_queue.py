@@ -118,6 +118,19 @@ def test_an_event_at_the_start_is_never_late(window_s, start_ms):
     assert not any(hasattr(o, 'verdict') for o in feed(driver, command))
 
 
+def test_the_watermark_is_the_window_behind_to_the_nanosecond():
+    driver = queue(window_s=10.0)
+    fill(driver, 1500)
+    assert driver.watermark_ns == 1500 * MS - 10 * S
+
+
+def test_stamps_that_begin_at_nothing_are_stamps():
+    driver = queue(window_s=0.01)
+    feed(driver, imu(0), imu(10))
+    assert driver.watermark_ns == 0
+    assert driver.start_ns == 1
+
+
 def test_a_command_has_the_time_of_the_engine():
     """No clock of a sensor: it is never judged as ahead."""
     driver = queue()

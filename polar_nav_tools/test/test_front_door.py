@@ -99,6 +99,19 @@ def test_version(monkeypatch, capsys):
     assert version.isdigit()
 
 
+@pytest.mark.parametrize('kind', ['tum', 'csv'])
+def test_a_full_disk_leaves_no_half_trajectory(monkeypatch, capsys, tmp_path, kind):
+    def full(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(formats, f'_{kind}', full)
+    out = tmp_path / f'x.{kind}'
+    monkeypatch.setattr('sys.argv', ['polar', 'export', str(REFERENCE), str(out)])
+    assert main() == 1
+    assert capsys.readouterr().err == f'polar: {out}: No space left on device\n'
+    assert not out.exists()
+
+
 @pytest.mark.parametrize('command', ['replay', 'score', 'verify', 'report', 'doctor'])
 def test_without_a_terminal_work_on_a_bag_writes_no_progress(
     monkeypatch, capsys, tmp_path, command

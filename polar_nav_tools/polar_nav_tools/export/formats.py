@@ -160,11 +160,17 @@ def write_trajectory(
     r_f = (track.r_e - origin) @ C_e_f.T
     q = quaternion_from_matrix(C_e_f @ track.C_b_e)
     v_f = track.v_e @ C_e_f.T
-    with writing(path), path.open('x', encoding='utf-8', newline='') as stream:
-        if kind == 'tum':
-            stream.writelines(_tum(track.stamp_ns, r_f, q))
-        else:
-            _csv(stream, track, r_f, q, v_f)
+    with writing(path):
+        stream = path.open('x', encoding='utf-8', newline='')
+        try:
+            with stream:
+                if kind == 'tum':
+                    stream.writelines(_tum(track.stamp_ns, r_f, q))
+                else:
+                    _csv(stream, track, r_f, q, v_f)
+        except OSError:
+            path.unlink(missing_ok=True)  # half a trajectory looks like a whole one
+            raise
 
 
 def _tum(stamp_ns: Ints, r_f: Floats, q: Floats) -> Iterator[str]:
