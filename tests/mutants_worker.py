@@ -95,7 +95,9 @@ def in_fork(module: str, file: str, arguments: Sequence[str], most_s: float) -> 
 
 def main(module: str, mark: str, *tests: str) -> None:
     """Answer each file on standard input by how the tests end with it."""
-    arguments = ('-q', '-x', '-p', 'no:cacheprovider', '-m', mark, *tests)
+    # Processor time is what counts: a busy machine stops nothing.
+    patient = ('--timeout', '900')
+    arguments = ('-q', '-x', *patient, '-p', 'no:cacheprovider', '-m', mark, *tests)
     warm = status_of(arguments)  # loads what the forks share
     assert warm == 0, f'{module}: its tests fail without a mutant'
     most_s = float('inf')
