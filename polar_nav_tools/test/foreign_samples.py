@@ -24,9 +24,9 @@ from polar_nav_core.earth import ecef_from_geodetic
 from polar_nav_core.engine.events import DepthSample, DvlPing, Fix, ImuSample
 from polar_nav_core.grid import ecef_to_grid
 from polar_nav_follower.session import Session
+from polar_nav_ros.adapters import rotations
 from polar_nav_tools.bags import open_bag
 from polar_nav_tools.bags.arrays import load_truth
-from polar_nav_tools.foreign import rotations
 from polar_nav_tools.foreign.definitions import BUNDLED
 from polar_nav_tools.replay.by_message import parameters
 from polar_nav_tools.replay.recorded import RecordedInputs, load_inputs

@@ -24,10 +24,10 @@ from polar_nav_core.attitude import quaternion_from_matrix
 from polar_nav_core.depth import pressure_from_depth
 from polar_nav_core.earth import ecef_from_geodetic, geodetic_from_ecef, gravity, up
 from polar_nav_core.engine.params import NO_COMMON_ERRORS, NO_RESERVE
+from polar_nav_ros.adapters import rotations
 from polar_nav_sim.mission import load_mission
 from polar_nav_sim.trajectory import Truth, TruthState
 from polar_nav_tools.bags.layout import layout_of
-from polar_nav_tools.foreign import rotations
 
 Floats = NDArray[np.float64]
 Stamps = NDArray[np.int64]

@@ -14,16 +14,15 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from polar_nav_core.errors import ConfigError
-from polar_nav_tools.foreign.adapters.position import read_positions
-from polar_nav_tools.foreign.adapters.sensors import read_depth, read_dvl
-from polar_nav_tools.foreign.definitions import BUNDLED
-from polar_nav_tools.foreign.mapping import (
+from polar_nav_ros.adapters.mapping import (
     DepthMapping,
     DvlMapping,
     Frame,
     PositionMapping,
     Stream,
 )
+from polar_nav_tools.foreign.definitions import BUNDLED
+from polar_nav_tools.foreign.read import read_depth, read_dvl, read_positions
 from polar_nav_tools.foreign.sources import Source, open_source
 
 SIGMA = 0.01

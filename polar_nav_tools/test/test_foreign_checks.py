@@ -25,14 +25,14 @@ from foreign_samples import (
     write,
 )
 
+from polar_nav_ros.adapters import mapping_file
+from polar_nav_ros.adapters.section import Section
+from polar_nav_ros.adapters.sensors import ImuRows
 from polar_nav_tools.bags.finding import Finding, Severity
-from polar_nav_tools.foreign import mapping_file
-from polar_nav_tools.foreign.adapters.sensors import ImuRows
 from polar_nav_tools.foreign.check_imu import check_imu
 from polar_nav_tools.foreign.check_stamps import Times, check_spans, check_stamps
 from polar_nav_tools.foreign.findings import NAMES, Refused
 from polar_nav_tools.foreign.load import Loaded, load
-from polar_nav_tools.foreign.section import Section
 from polar_nav_tools.foreign.sources import open_source
 
 S = 1_000_000_000

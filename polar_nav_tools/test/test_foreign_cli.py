@@ -125,7 +125,7 @@ def test_import_csv(polar: Polar, tmp_path: Path) -> None:
     assert json.loads(text)['counts'] == {'/follower/imu/data_raw': 50}
     written = yaml.safe_load(Path('auv/mapping.yaml').read_text())
     assert written['imu'] == {'topic': '/follower/imu/data_raw'}
-    assert written['version'] == 1
+    assert written['version'] == 2
     status, _, err = polar('import', 'csv', columns, '--out', 'auv')
     assert status == 2
     assert 'never overwritten' in err

@@ -15,12 +15,12 @@ from polar_nav_core.attitude import euler_from_matrix
 from polar_nav_core.earth import geodetic_from_ecef
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.grid import convergence, ecef_to_grid
+from polar_nav_ros.adapters import mapping_file
+from polar_nav_ros.adapters.section import Section
 from polar_nav_tools.bags import open_bag
-from polar_nav_tools.foreign import mapping_file
 from polar_nav_tools.foreign.findings import Refused
 from polar_nav_tools.foreign.load import load
 from polar_nav_tools.foreign.replay import replay
-from polar_nav_tools.foreign.section import Section
 from polar_nav_tools.foreign.sources import open_source
 from polar_nav_tools.foreign.table import import_csv
 

@@ -15,13 +15,13 @@ import yaml
 from polar_nav_core import attitude, grid
 from polar_nav_core.earth import ecef_from_geodetic, geodetic_from_ecef
 from polar_nav_core.errors import ConfigError
+from polar_nav_ros.adapters import mapping_file, rotations
+from polar_nav_ros.adapters.frames import to_earth
+from polar_nav_ros.adapters.mapping import Frame
+from polar_nav_ros.adapters.section import Section
+from polar_nav_ros.adapters.sensors import DvlRows, ImuRows
 from polar_nav_tools.bags.finding import Severity
-from polar_nav_tools.foreign import mapping_file, rotations
-from polar_nav_tools.foreign.adapters.sensors import DvlRows, ImuRows
-from polar_nav_tools.foreign.frames import to_earth
 from polar_nav_tools.foreign.initial import Start, find_start
-from polar_nav_tools.foreign.mapping import Frame
-from polar_nav_tools.foreign.section import Section
 
 S = 1_000_000_000
 LAT, LON = 75.0, 30.0

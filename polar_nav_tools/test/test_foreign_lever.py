@@ -31,11 +31,11 @@ from polar_nav_core.errors import ConfigError
 from polar_nav_core.grid import ecef_to_grid
 from polar_nav_core.strapdown import Strapdown
 from polar_nav_follower.params import FollowerParams
+from polar_nav_ros.adapters import mapping_file
+from polar_nav_ros.adapters.section import Section
 from polar_nav_tools.bags.arrays import estimates_from_cdr
-from polar_nav_tools.foreign import mapping_file
 from polar_nav_tools.foreign.lever import Rates, at_base_link, from_imu
 from polar_nav_tools.foreign.replay import ForeignRun, replay
-from polar_nav_tools.foreign.section import Section
 from polar_nav_tools.foreign.sources import open_source
 
 LEVER_B = (1.2, -0.2, 0.3)

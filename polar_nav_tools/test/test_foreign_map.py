@@ -28,12 +28,13 @@ from foreign_worlds import aiding_columns as aiding
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.params import default_of
+from polar_nav_ros.adapters import mapping_file, noise_classes
+from polar_nav_ros.adapters.section import Section
 from polar_nav_sim.sensors import instruments
 from polar_nav_sim.sensors.imu import DPH
-from polar_nav_tools.foreign import instrument_noise, mapping_file
+from polar_nav_tools.foreign import instrument_noise
 from polar_nav_tools.foreign.guess import guess
 from polar_nav_tools.foreign.guess_noise import Choices
-from polar_nav_tools.foreign.section import Section
 from polar_nav_tools.foreign.sources import open_source
 
 KNOWN = Choices(imu='stim300', dvl='workhorse_1200', reference='bottom')
@@ -60,17 +61,21 @@ def with_stamps(c: Column, stamps_ns: Any) -> Column:
 
 def test_every_class_has_every_parameter_within_its_limits() -> None:
     """One table for simulation and mapping: a class of the one is one of the other."""
-    assert set(instrument_noise.IMU_CLASSES) <= set(instruments.IMU)
-    assert set(instrument_noise.DVL_CLASSES) <= set(instruments.DVL)
-    for name in instrument_noise.IMU_CLASSES:
-        EngineParams(**instrument_noise.imu_noise(name))
-    for name in instrument_noise.DVL_CLASSES:
-        EngineParams(**instrument_noise.dvl_noise(name))
+    derived = {name: instrument_noise.imu_parameters(name) for name in noise_classes.IMU_CLASSES}
+    assert derived == noise_classes.IMU
+    derived = {name: instrument_noise.dvl_errors(name) for name in noise_classes.DVL_CLASSES}
+    assert derived == noise_classes.DVL
+    assert set(noise_classes.IMU_CLASSES) <= set(instruments.IMU)
+    assert set(noise_classes.DVL_CLASSES) <= set(instruments.DVL)
+    for name in noise_classes.IMU_CLASSES:
+        EngineParams(**noise_classes.imu_noise(name))
+    for name in noise_classes.DVL_CLASSES:
+        EngineParams(**noise_classes.dvl_noise(name))
 
 
 def test_noise_of_a_class_by_hand() -> None:
     """STIM300 and A50: what the table's numbers give by the rules beside the functions."""
-    imu = instrument_noise.imu_noise('stim300')
+    imu = noise_classes.imu_noise('stim300')
     assert imu['gyro_bias_sigma'] == pytest.approx(np.sqrt(5.0**2 + 0.5**2 + 1.0) * DPH)
     walk = np.hypot(0.5 * np.sqrt(2 / 1000), 0.25 * 11.8 / np.sqrt(1800)) * DPH
     assert imu['gyro_bias_walk'] == pytest.approx(np.hypot(walk, 1.5e-9))
@@ -78,16 +83,16 @@ def test_noise_of_a_class_by_hand() -> None:
     cross = np.hypot(3e-4, 1e-3)
     bias = np.sqrt(750e-6**2 + 50e-6**2 + cross**2) * 9.80665
     assert imu['accel_bias_sigma'] == pytest.approx(bias)
-    a50 = instrument_noise.dvl_noise('a50_standard')
+    a50 = noise_classes.dvl_noise('a50_standard')
     assert a50['dvl_scale_sigma'] == pytest.approx(np.hypot(0.01, 0.03))
     assert a50['dvl_markov_sigma'] == 0.02
-    water = instrument_noise.dvl_noise('a50_standard', water=True)
+    water = noise_classes.dvl_noise('a50_standard', water=True)
     assert water['dvl_markov_sigma'] == pytest.approx(np.hypot(0.02, 0.2))
-    corrected = instrument_noise.dvl_noise('a50_standard', corrected=True)
+    corrected = noise_classes.dvl_noise('a50_standard', corrected=True)
     assert corrected['dvl_scale_sigma'] == pytest.approx(np.hypot(0.01, 0.003))
     # A better class never has the larger numbers.
     order = ('navigation', 'fog', 'stim300', 'vn100', 'bmi088', 'icm20948')
-    sigmas = [instrument_noise.imu_noise(name)['gyro_bias_sigma'] for name in order]
+    sigmas = [noise_classes.imu_noise(name)['gyro_bias_sigma'] for name in order]
     assert sigmas == sorted(sigmas)
 
 
@@ -99,13 +104,13 @@ def test_classes_are_written_as_numbers(
     noise = yaml.safe_load(text)['noise']
     assert (noise.pop('imu'), noise.pop('dvl')) == ('stim300', 'workhorse_1200')
     wanted = {
-        **instrument_noise.imu_noise('stim300'),
-        **instrument_noise.dvl_noise('workhorse_1200'),
-        **instrument_noise.common_noise(),
+        **noise_classes.imu_noise('stim300'),
+        **noise_classes.dvl_noise('workhorse_1200'),
+        **noise_classes.common_noise(),
     }
     assert noise == pytest.approx(wanted, rel=5e-3)
     assert 'Sensonor data sheet TS1524' in text
-    assert yaml.safe_load(text)['version'] == 1
+    assert yaml.safe_load(text)['version'] == 2
 
 
 def test_what_nobody_said_is_to_be_filled_in(
@@ -139,9 +144,7 @@ def test_numbers_win_over_their_class_and_stand_once() -> None:
     top = mapping() | {'parameters': {}, 'noise': {'imu': 'vn100', 'gyro_noise_density': 1e-4}}
     params = mapping_file.from_section(Section('m', top)).params
     assert params['gyro_noise_density'] == 1e-4
-    assert (
-        params['accel_noise_density'] == instrument_noise.imu_noise('vn100')['accel_noise_density']
-    )
+    assert params['accel_noise_density'] == noise_classes.imu_noise('vn100')['accel_noise_density']
     top['parameters'] = {'gyro_bias_sigma': 1e-5}
     with pytest.raises(ConfigError, match='gyro_bias_sigma is stated among parameters, too'):
         mapping_file.from_section(Section('m', top))
@@ -152,8 +155,8 @@ def test_numbers_win_over_their_class_and_stand_once() -> None:
 def test_versions_of_mappings() -> None:
     """One of a later project is refused; one without is the first."""
     assert mapping_file.from_section(Section('m', mapping() | {'version': 1})).vehicle == 'auv'
-    with pytest.raises(ConfigError, match='version: 2 is of a later polar_nav'):
-        mapping_file.from_section(Section('m', mapping() | {'version': 2}))
+    with pytest.raises(ConfigError, match='version: 3 is of a later polar_nav'):
+        mapping_file.from_section(Section('m', mapping() | {'version': 3}))
 
 
 def test_a_stated_sound_speed_narrows_the_scale_of_an_a50(
@@ -199,7 +202,8 @@ def test_a_topic_on_another_clock_is_taken_by_its_log_times(
     top = yaml.safe_load(text)
     assert top['dvl']['stamp'] == 'log'
     assert '`time_offset_s: 514944.04` keeps the spacing' in text
-    assert top['fixes'] == [{'topic': FIXES, 'time_offset_s': 'FILL_IN'}]
+    navsat = {'topic': FIXES, 'type': 'sensor_msgs/msg/NavSatFix', 'dimensions': 2}
+    assert top['fixes'] == [navsat | {'time_offset_s': 'FILL_IN'}]
     assert 'recorded 514944.04 s (5.96 days) after their stamps: another' in text
     assert 'stamp' not in top['imu']
     assert 'stamp' not in top['depth']

@@ -24,16 +24,16 @@ from foreign_samples import (
 )
 
 from polar_nav_core.errors import ConfigError, PolarNavError
+from polar_nav_ros.adapters import mapping_file, rotations
+from polar_nav_ros.adapters.section import Section
 from polar_nav_tools.analysis.analyse import analyse
 from polar_nav_tools.bags import BagError, open_bag
 from polar_nav_tools.bags.arrays import estimates_from_cdr, load_truth
-from polar_nav_tools.foreign import mapping_file, rotations
 from polar_nav_tools.foreign.guess import guess
 from polar_nav_tools.foreign.guess_noise import Choices
 from polar_nav_tools.foreign.load import load
 from polar_nav_tools.foreign.replay import ForeignRun, replay, summary
 from polar_nav_tools.foreign.replay import write as write_run
-from polar_nav_tools.foreign.section import Section
 from polar_nav_tools.foreign.sources import open_source, read_table
 from polar_nav_tools.replay.by_message import replay as native_replay
 from polar_nav_tools.series.vehicle import EstimateSeries

@@ -30,8 +30,9 @@ from foreign_worlds import (
 from mcap.writer import Writer
 
 from polar_nav_core.errors import ConfigError
+from polar_nav_ros.adapters import mapping_file, rotations
+from polar_nav_ros.adapters.section import Section
 from polar_nav_tools.bags import open_bag
-from polar_nav_tools.foreign import mapping_file, rotations
 from polar_nav_tools.foreign.candidates import vehicle
 from polar_nav_tools.foreign.guess import guess
 from polar_nav_tools.foreign.guess_noise import Choices
@@ -39,7 +40,6 @@ from polar_nav_tools.foreign.hindsight import tried_axes
 from polar_nav_tools.foreign.load import load
 from polar_nav_tools.foreign.mcap_records import log_times, topic_columns, topic_records
 from polar_nav_tools.foreign.replay import ForeignRun, replay
-from polar_nav_tools.foreign.section import Section
 from polar_nav_tools.foreign.sources import open_source, read_table
 from polar_nav_tools.foreign.turns import turns
 
@@ -219,7 +219,8 @@ def test_from_a_guess_to_a_good_run(bag: Path) -> None:
         DEPTH,
         TRUTH,
     ]
-    assert top['fixes'] == [{'topic': FIXES}]
+    navsat = {'topic': FIXES, 'type': 'sensor_msgs/msg/NavSatFix', 'dimensions': 2}
+    assert top['fixes'] == [navsat]
     assert 'recorded 8 s after their stamps' in text
     with pytest.raises(ConfigError, match=r'initial: frame: is still to be filled in: geodetic, '):
         mapping_file.from_section(Section('m', top))

@@ -53,6 +53,9 @@ def map_(
     Comments in it say what was guessed from what, and what has to be filled in by hand.
     Instruments and clock that no option states are asked for on a terminal.
     """
+    from polar_nav_ros.adapters.mapping import REFERENCES, STAMPS
+    from polar_nav_ros.adapters.noise_classes import DVL_CLASSES, IMU_CLASSES
+
     from ..foreign.definitions import undecodable
     from ..foreign.guess import guess
     from ..foreign.guess_noise import Choices
@@ -131,7 +134,9 @@ def replay_foreign(
     """Run `polar replay --map`: check the bag, replay it, print and write the results."""
     from rich.console import Console
 
-    from ..foreign import mapping, mapping_file, replay
+    from polar_nav_ros.adapters import mapping, mapping_file
+
+    from ..foreign import replay
     from ..foreign.findings import to_dict as finding_values
     from ..foreign.sources import open_source
     from ..replay.output import parse_changes

@@ -84,7 +84,8 @@ def _recorded(
 def _foreign(
     bag: Path, mapping_path: Path, configuration: str
 ) -> tuple[FollowerParams, Inputs, list[str]]:
-    from ..foreign import mapping, mapping_file
+    from polar_nav_ros.adapters import mapping, mapping_file
+
     from ..foreign.load import load
     from ..foreign.replay import at_the_imu
     from ..foreign.sources import open_source

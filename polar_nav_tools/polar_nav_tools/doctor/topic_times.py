@@ -13,8 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from polar_nav_ros.adapters.arrays import unfilled
+
 from ..bags.finding import Finding, Severity
-from ..foreign.arrays import unfilled
 from ..foreign.sources import Source
 
 Ints = NDArray[np.int64]

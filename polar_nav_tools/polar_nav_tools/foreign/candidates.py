@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from polar_nav_ros.adapters.layouts import DEPTH, PACKET, POSITION, USBL, VELOCITY
 from polar_nav_ros.topics import STATE
 
 from ..bags.reader import Topic
-from .adapters.layouts import DEPTH, PACKET, POSITION, USBL, VELOCITY
 
 TRUTH_WORDS = ('truth', 'reference', 'ground', 'ppk', 'post')
 FIX_WORDS = ('usbl', 'acoustic', 'acomms', 'lbl', 'modem', 'fix', 'track')

@@ -7,10 +7,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from polar_nav_core.engine.events import Array
+from polar_nav_ros.adapters.arrays import chosen, finite_rows
+from polar_nav_ros.adapters.sensors import ImuRows
 
 from ..bags.finding import Finding, Severity
-from .adapters.sensors import ImuRows
-from .arrays import chosen, finite_rows
 from .check_values import check_finite, check_stuck
 from .findings import finding
 from .sources import Stamps

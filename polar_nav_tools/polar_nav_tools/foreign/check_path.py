@@ -6,9 +6,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from polar_nav_ros.adapters.position import PositionRows
+from polar_nav_ros.adapters.sensors import DvlRows
+
 from ..bags.finding import Finding, Severity
-from .adapters.position import PositionRows
-from .adapters.sensors import DvlRows
 from .findings import finding
 
 _FACTOR = 3.0

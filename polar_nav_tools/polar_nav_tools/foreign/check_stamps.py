@@ -7,8 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from polar_nav_ros.adapters.arrays import unfilled
+
 from ..bags.finding import Finding, Severity
-from .arrays import unfilled
 from .findings import finding, finding_at
 from .sources import Stamps
 

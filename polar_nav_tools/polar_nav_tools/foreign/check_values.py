@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polar_nav_core.engine.events import Array
+from polar_nav_ros.adapters.arrays import finite_rows
+from polar_nav_ros.adapters.position import PositionRows
+from polar_nav_ros.adapters.sensors import DepthRows, DvlRows
 
 from ..bags.finding import Finding, Severity
-from .adapters.position import PositionRows
-from .adapters.sensors import DepthRows, DvlRows
-from .arrays import finite_rows
 from .findings import finding, finding_at
 from .fixes import FixRows
 from .sources import Stamps

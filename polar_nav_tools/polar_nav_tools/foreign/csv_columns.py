@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from polar_nav_core.engine.events import Array
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.user_files import regular
+from polar_nav_ros.adapters.section import Section
 
-from .section import Section
 from .sources import Stamps
 
 TIME_UNITS = {'s': 10**9, 'ms': 10**6, 'us': 10**3, 'ns': 1, 'iso': 0}

@@ -15,13 +15,14 @@ from polar_nav_core.errors import ConfigError
 from polar_nav_core.grid import ecef_to_grid
 from polar_nav_follower.measurements.fix import fix_from_packet
 from polar_nav_follower.params import FollowerParams
+from polar_nav_ros.adapters.fixes import fixes_of, level_height, sigma_covariance
+from polar_nav_ros.adapters.layouts import PACKET, USBL
+from polar_nav_ros.adapters.mapping import FixMapping
+from polar_nav_ros.adapters.position import PositionRows
 
 from ..bags.decode import store_of
 from ..bags.errors import BagError
-from .adapters.layouts import PACKET, USBL
-from .adapters.position import PositionRows, read_positions
-from .arrays import finite_rows
-from .mapping import FixMapping
+from .read import read_positions
 from .sources import Source, Stamps, require
 
 _NS = 1_000_000_000
@@ -69,52 +70,8 @@ def read_fixes(
         return _packets(source, mapping, first_arrival)
     if kind == USBL:
         return _usbl(source, mapping, first_arrival, sea_surface_height)
-    rows = read_positions(source, mapping.position)
-    covariance = _stated(mapping, rows)
-    return _fixes(mapping, rows, covariance, first_arrival)
-
-
-def _stated(mapping: FixMapping, rows: PositionRows) -> Array:
-    if mapping.sigma is None:
-        return rows.covariance_e
-    return sigma_covariance(mapping.sigma, rows.r_e)
-
-
-def sigma_covariance(sigma: tuple[float, float], r_e: Array) -> Array:
-    """Covariance of horizontal and vertical sigma [m], ECEF. (n, 3) -> (n, 3, 3)."""
-    out = np.full((len(r_e), 3, 3), np.nan)
-    good = finite_rows(r_e)
-    if good.any():
-        C_e_G = ecef_to_grid(r_e[good])
-        P_G = np.diag([sigma[0] ** 2, sigma[0] ** 2, sigma[1] ** 2])
-        out[good] = np.einsum('nki,kl,nlj->nij', C_e_G, P_G, C_e_G)
-    return out
-
-
-def _received(mapping: FixMapping, stamps_ns: Stamps, log_ns: Stamps) -> Stamps:
-    return log_ns if mapping.delay_ns is None else stamps_ns + mapping.delay_ns
-
-
-def _fixes(
-    mapping: FixMapping, rows: PositionRows, covariance: Array, first_arrival: int
-) -> FixRows:
-    received = _received(mapping, rows.stamps_ns, rows.log_ns)
-    usable = rows.given & rows.plausible
-    fixes = tuple(
-        Fix(
-            validity_ns=int(rows.stamps_ns[k]),
-            transmit_ns=0,
-            receive_ns=int(received[k]),
-            source=mapping.source,
-            sequence=int(k),
-            order=int(k),
-            arrival=first_arrival + int(k),
-            r_e=rows.r_e[k],
-            covariance_e=covariance[k],
-            topic=rows.topic,
-        )
-        for k in np.flatnonzero(usable)
-    )
+    rows = read_positions(source, mapping.position, level_height(mapping, sea_surface_height))
+    fixes = fixes_of(mapping, rows, first_arrival)
     return FixRows(rows.topic, rows.stamps_ns, rows.log_ns, fixes, rows)
 
 

@@ -10,10 +10,10 @@ from __future__ import annotations
 import numpy as np
 
 from polar_nav_core.errors import PolarNavError
+from polar_nav_ros.adapters.layouts import IMU, PACKET, POSITION, USBL
+from polar_nav_ros.adapters.mapping import VERSION, Frame, PositionMapping, Stream
 
 from ..bags.reader import Topic
-from .adapters.layouts import IMU, PACKET, POSITION, USBL
-from .adapters.position import read_positions
 from .candidates import (
     LEADER_WORDS,
     RAW_WORDS,
@@ -33,7 +33,7 @@ from .guess_imu import put_imu
 from .guess_noise import Choices, put_noise
 from .guess_stamps import TopicTimes, put_stamp, times_of
 from .lines import Lines
-from .mapping import VERSION, Frame, PositionMapping, Stream
+from .read import read_positions
 from .sources import Source, field_paths, not_described, read_table
 
 _DOWNWARD_DVL = ('marine_acoustic_msgs/msg/Dvl',)
@@ -137,6 +137,7 @@ def _sensor(
     out.say(f'{topic.type}, {topic.count} messages')
     out.put(f'{role}:')
     out.put(f'topic: {topic.name}', 2)
+    out.put(f'type: {topic.type}', 2)
     try:
         put_stamp(out, times_of(source, topic.name), reference, choices.clock)
     except PolarNavError as error:
@@ -208,6 +209,7 @@ def _fixes(
     for topic in fixes:
         out.say(f'{topic.type}, {topic.count} messages', 2)
         out.put(f'- topic: {topic.name}', 2)
+        out.put(f'type: {topic.type}', 4)
         if topic.type == PACKET:
             out.say('numbers of the vehicles in the packets', 4)
             out.put('leader_id: 1', 4)
@@ -220,6 +222,8 @@ def _fixes(
             out.put(f'leader: {{topic: {name}}}', 4)
         else:
             _frame(out, source, topic, 4)
+            out.say('heights of fixes are not used; 3 uses them (those in ECEF always are)', 4)
+            out.put('dimensions: 2', 4)
         _delay(out, source, topic, reference, choices)
         out.say("sigma: [5.0, 5.0]   # horizontal, vertical [m], in place of the messages'", 4)
     out.put()

@@ -6,17 +6,17 @@ import numpy as np
 
 from polar_nav_core.engine.events import Array
 from polar_nav_core.errors import PolarNavError
+from polar_nav_ros.adapters import rotations
+from polar_nav_ros.adapters.arrays import finite_rows
+from polar_nav_ros.adapters.layouts import DEPTH, IMU, POSITION, VELOCITY
+from polar_nav_ros.adapters.mapping import ACCEL_UNITS, ImuMapping, Stream
 
 from ..bags.reader import Topic
-from . import rotations
-from .adapters.layouts import DEPTH, IMU, POSITION, VELOCITY
-from .adapters.sensors import read_imu
-from .arrays import finite_rows
 from .check_imu import turning_factor
 from .guess_noise import Choices
 from .guess_stamps import TopicTimes, put_stamp, times_of
 from .lines import Lines
-from .mapping import ACCEL_UNITS, ImuMapping, Stream
+from .read import read_imu
 from .sources import Source, Stamps, field_paths, not_described
 
 _GRAVITY = 9.81
@@ -38,6 +38,7 @@ def put_imu(out: Lines, source: Source, imu: Topic | None, choices: Choices) -> 
     out.say(f'{imu.type}, {imu.count} messages')
     out.put('imu:')
     out.put(f'topic: {imu.name}', 2)
+    out.put(f'type: {imu.type}', 2)
     try:
         times = times_of(source, imu.name)
         plain = read_imu(source, ImuMapping(Stream(imu.name), np.eye(3), 1.0, 1.0))

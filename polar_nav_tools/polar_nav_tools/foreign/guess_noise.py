@@ -5,16 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from .instrument_noise import (
+from polar_nav_ros.adapters.noise_classes import (
     DVL_CLASSES,
     IMU_CLASSES,
     assumed_sound_speed,
     common_noise,
     dvl_noise,
     imu_noise,
-    source_of,
     unit_of,
 )
+
+from .instrument_noise import source_of
 from .lines import Lines
 
 

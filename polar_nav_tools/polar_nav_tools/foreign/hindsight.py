@@ -18,9 +18,9 @@ from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.events import LOCAL_DOF, NIS_SUM, UPDATES, Array, Receipt, Verdict
 from polar_nav_core.engine.inputs import Inputs
 from polar_nav_follower.params import FollowerParams
+from polar_nav_ros.adapters import rotations
 
 from ..bags.finding import Finding, Severity
-from . import rotations
 from .findings import finding
 from .load import Loaded
 from .turns import Turns, turns

@@ -19,23 +19,16 @@ from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.grid import convergence, earth_rate, ecef_to_grid
 from polar_nav_core.params import default_of
+from polar_nav_ros.adapters.arrays import finite_rows
+from polar_nav_ros.adapters.mapping import InitialMapping
+from polar_nav_ros.adapters.position import PositionRows
+from polar_nav_ros.adapters.sensors import DvlRows, ImuRows
+from polar_nav_ros.adapters.stated import START_SIGMAS
 
 from ..bags.finding import Finding, Severity
-from .adapters.position import PositionRows
-from .adapters.sensors import DvlRows, ImuRows
-from .arrays import finite_rows
 from .findings import finding
 from .levelling import gravity_at_start
-from .mapping import InitialMapping
 
-_SIGMAS = {
-    'initial_sigma_position': 10.0,
-    'initial_sigma_height': 10.0,
-    'initial_sigma_velocity': 0.1,
-    'initial_sigma_tilt_deg': 1.0,
-    'initial_sigma_heading_deg': 5.0,
-}
-"""1-sigma where nothing is stated: those of someone else's vehicle, not of a simulated start."""
 _LEVEL = ('initial_roll_deg', 'initial_pitch_deg')
 _REST_RATE, _REST_FORCE = 0.02, 0.3
 """Largest RMS about the mean at rest [rad/s], [m/s^2]."""
@@ -85,7 +78,7 @@ def find_start(
         When position or heading come from nowhere.
     """
     first_ns = int(imu.stamps_ns[0])
-    values: dict[str, Any] = dict(_SIGMAS)
+    values: dict[str, Any] = dict(START_SIGMAS)
     C_b_G = np.full((3, 3), np.nan)
     v_G = np.full(3, np.nan)
     notes = []
@@ -192,7 +185,7 @@ def _levelled(
     if not known:
         spread = float(np.sqrt(np.mean(np.sum((f - f.mean(axis=0)) ** 2, axis=1))))
         tilt = math.degrees(spread / float(np.linalg.norm(mean)))
-        values['initial_sigma_tilt_deg'] = max(_SIGMAS['initial_sigma_tilt_deg'], tilt)
+        values['initial_sigma_tilt_deg'] = max(START_SIGMAS['initial_sigma_tilt_deg'], tilt)
     findings = list(_motion(imu, first_ns, f, omega)) if aligned else []
     if mapping.heading_from == 'gyrocompass':
         found, heading = _gyrocompass(mapping, where, imu, first_ns, omega, roll, pitch)

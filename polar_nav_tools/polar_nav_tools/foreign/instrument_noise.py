@@ -1,50 +1,28 @@
-"""Noise parameters of the engine for instruments by name, out of the simulation's own table.
+"""How the classes of instruments in mapping files follow from the simulation's table.
 
 An IMU or a DVL that can be bought has one error model here, with a source beside each number:
 :mod:`polar_nav_sim.sensors.instruments`. What a filter of 24 states has no state for (scale,
-misalignment, temperature) becomes noise or a larger bias, by the rules beside the functions.
+misalignment, temperature) becomes noise or a larger bias, by the rules beside the functions. The
+results stand in `polar_nav_ros.adapters.noise_classes`, which a vehicle's node can import.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import fields
 
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.params import default_of
 from polar_nav_sim.sensors.imu import DPH, G0, MICRO_G
 from polar_nav_sim.sensors.instruments import DVL, IMU
 
-_OF_PAPERS = ('paper', 'leader', 'small')
-"""Beginnings of names that are no class to choose from for a recording."""
-IMU_CLASSES = tuple(sorted(n for n in IMU if not n.startswith((*_OF_PAPERS, 'tactical'))))
-DVL_CLASSES = tuple(sorted(n for n in DVL if not n.startswith(_OF_PAPERS)))
-COMMON = (
-    'fix_range_scale_sigma',
-    'fix_heading_sigma_deg',
-    'fix_clock_sigma',
-    'fix_offset_sigma',
-    'depth_offset_sigma',
-)
-"""Parameters of errors that fixes, or depths, have in common; no class of instrument has them."""
-
 _TURN, _TURN_EVERY_S = math.pi, 600.0
 """Scale and misalignment of gyros count as if a vehicle turned round so often: ours."""
-_UNKNOWN_SOUND_SPEED = 0.03
-"""1-sigma of the scale of a DVL that assumes a sound speed: 1500 m/s is 4.2 % off at -1.8 C."""
-_STATED_SOUND_SPEED = 0.003
-"""The same where the velocity is corrected by a stated sound speed of the water: 4 m/s, ours."""
-_INSTALLED_MARKOV = 0.02
-"""Least slow error of an installed DVL [m/s]. Data sheets state 1 to 5 mm/s; runs of real vehicles
-need 0.02 to 0.05 to be honest in turns: ours."""
 _MEMS_GYRO, _MEMS_FACTOR = 2e-5, 1000.0
 """From this noise of the gyros on [rad/s/rt-Hz] an IMU on a vehicle may be far noisier than its
 data sheet (vibration, aliasing): the filter may raise its noise up to this factor (ours)."""
-_CURRENT, _CURRENT_TAU_S = 0.2, 1800.0
-"""Velocity through the water taken for that over ground is off by the current: ours [m/s], [s]."""
 
 
-def imu_noise(name: str) -> dict[str, float]:
+def imu_parameters(name: str) -> dict[str, float]:
     """Return the parameters of an IMU by its class, SI.
 
     Scale and misalignment times gravity are a bias of the accelerometers; of the gyros, a turn of
@@ -93,48 +71,18 @@ def imu_noise(name: str) -> dict[str, float]:
     }
 
 
-def assumed_sound_speed(name: str) -> float:
-    """Return what a DVL of a class assumes where nobody sets it [m/s]; 0: it does not matter."""
+def dvl_errors(name: str) -> dict[str, float]:
+    """Return the errors of a DVL by its class, as `noise_classes.DVL` lists them."""
     e = DVL[name].errors
-    return 0.0 if e.phased_array else e.assumed_sound_speed
-
-
-def dvl_noise(name: str, *, water: bool = False, corrected: bool = False) -> dict[str, float]:
-    """Return the parameters of a DVL by its class, SI.
-
-    Parameters
-    ----------
-    name : str
-        Class, one of `DVL_CLASSES`.
-    water : bool
-        Its velocity is relative to the water.
-    corrected : bool
-        Its velocity is corrected for the sound speed of the water.
-    """
-    e = DVL[name].errors
-    sound = _STATED_SOUND_SPEED if corrected else _UNKNOWN_SOUND_SPEED
-    slow = max(e.markov_sigma, _INSTALLED_MARKOV)
     return {
-        'dvl_scale_sigma': max(
-            1e-9,
-            math.hypot(
-                max(map(abs, e.scale)), e.scale_sigma, sound if assumed_sound_speed(name) else 0.0
-            ),
-        ),
-        'dvl_markov_sigma': math.hypot(slow, _CURRENT) if water else slow,
-        'dvl_markov_tau': _CURRENT_TAU_S if water else e.markov_tau_s,
-        'dvl_sigma': e.noise_sigma,
-        'dvl_misalignment_sigma_deg': max(
-            e.misalignment_sigma_deg, _default('dvl_misalignment_sigma_deg')
-        ),
-        'dvl_lever_sigma': max(e.lever_sigma_m, _default('dvl_lever_sigma')),
-        'dvl_latency_sigma': _default('dvl_latency_sigma'),
+        'scale': math.hypot(max(map(abs, e.scale)), e.scale_sigma),
+        'markov_sigma': e.markov_sigma,
+        'markov_tau': e.markov_tau_s,
+        'sigma': e.noise_sigma,
+        'misalignment_sigma_deg': e.misalignment_sigma_deg,
+        'lever_sigma': e.lever_sigma_m,
+        'assumed_sound_speed': 0.0 if e.phased_array else e.assumed_sound_speed,
     }
-
-
-def common_noise() -> dict[str, float]:
-    """Return the sigmas of common errors that the engine takes where nothing is stated."""
-    return {name: _default(name) for name in COMMON}
 
 
 def source_of(role: str, name: str) -> str:
@@ -142,15 +90,5 @@ def source_of(role: str, name: str) -> str:
     return IMU[name].source if role == 'imu' else DVL[name].source
 
 
-def unit_of(name: str) -> str:
-    """Return the unit of a parameter of the engine."""
-    units = {f.name: str(f.metadata.get('unit', '')) for f in fields(EngineParams)}
-    return units[name]
-
-
 def _default(name: str) -> float:
     return float(default_of(EngineParams, name))
-
-
-NAMES = (*imu_noise('stim300'), *dvl_noise('a50_standard'), *COMMON, 'depth_sigma')
-"""Parameters that stand under ``noise`` in a mapping."""

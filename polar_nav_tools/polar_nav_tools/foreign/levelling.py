@@ -6,8 +6,8 @@ import numpy as np
 
 from polar_nav_core.attitude import exp
 from polar_nav_core.engine.events import Array
+from polar_nav_ros.adapters.sensors import DvlRows
 
-from .adapters.sensors import DvlRows
 from .sources import Stamps
 
 _FEWEST_PINGS = 2

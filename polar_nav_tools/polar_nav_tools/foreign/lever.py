@@ -28,8 +28,8 @@ from polar_nav_core.error_model import X
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.grid import earth_rate, ecef_to_grid
 from polar_nav_follower.params import FollowerParams
+from polar_nav_ros.adapters.arrays import finite_rows
 
-from .arrays import finite_rows
 from .sources import Stamps
 
 _LEVERS = ('dvl_lever_b', 'depth_lever_b', 'transponder_lever_b')

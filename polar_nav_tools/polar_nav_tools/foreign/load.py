@@ -16,12 +16,13 @@ from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.params import default_of, from_mapping
 from polar_nav_follower.params import FollowerParams
+from polar_nav_ros.adapters.arrays import unfilled
+from polar_nav_ros.adapters.mapping import Mapping, PositionMapping, Stream
+from polar_nav_ros.adapters.position import PositionRows
+from polar_nav_ros.adapters.sensors import DepthRows, DvlRows, ImuRows
 
 from ..bags.finding import Finding, Severity
 from ..series.vehicle import TruthSeries
-from .adapters.position import PositionRows, read_positions
-from .adapters.sensors import DepthRows, DvlRows, ImuRows, read_depth, read_dvl, read_imu
-from .arrays import unfilled
 from .check_imu import check_imu
 from .check_path import check_path
 from .check_stamps import Times, check_spans, check_stamps
@@ -29,7 +30,7 @@ from .check_values import check_depth, check_dvl, check_fixes, check_positions
 from .findings import NAMES, Refused, finding, refusals
 from .fixes import FixRows, read_fixes
 from .initial import Start, find_start
-from .mapping import Mapping, PositionMapping, Stream
+from .read import read_depth, read_dvl, read_imu, read_positions
 from .reference import truth_of
 from .sources import Source
 

@@ -26,6 +26,7 @@ from polar_nav_core.params import to_mapping
 from polar_nav_follower.params import FollowerParams
 from polar_nav_msgs.msg import VehicleTruth
 from polar_nav_ros import topics
+from polar_nav_ros.adapters.mapping import Mapping
 from polar_nav_ros.cdr import to_bytes
 from polar_nav_ros.navigation_outputs import nav_to_msg, receipt_to_msg
 from polar_nav_ros.stamps import to_msg
@@ -41,7 +42,6 @@ from . import lever
 from .findings import to_dict as finding_values
 from .hindsight import BEYOND, is_misfit, look_back
 from .load import Loaded, load
-from .mapping import Mapping
 from .sources import Source
 
 Row = tuple[int, str, bytes]

@@ -24,18 +24,11 @@ from polar_nav_core.engine.events import Array
 from polar_nav_core.grid import convergence, ecef_to_grid
 from polar_nav_msgs.msg import Depth, Dvl
 from polar_nav_ros import topics
-from polar_nav_ros.cdr import to_bytes
-from polar_nav_ros.stamps import to_msg
-
-from ..bags import BagWriter
-from ..series.vehicle import TruthSeries
-from . import csv_columns as columns
-from . import section as sections
-from .adapters.position import PositionRows
-from .arrays import finite_rows
-from .fixes import sigma_covariance
-from .frames import to_earth
-from .mapping import (
+from polar_nav_ros.adapters import section as sections
+from polar_nav_ros.adapters.arrays import finite_rows
+from polar_nav_ros.adapters.fixes import sigma_covariance
+from polar_nav_ros.adapters.frames import to_earth
+from polar_nav_ros.adapters.mapping import (
     ACCEL_UNITS,
     ANGLE_UNITS,
     GYRO_UNITS,
@@ -45,10 +38,17 @@ from .mapping import (
     VERSION,
     Frame,
 )
-from .mapping_file import frame_of
+from polar_nav_ros.adapters.mapping_file import frame_of
+from polar_nav_ros.adapters.position import PositionRows
+from polar_nav_ros.adapters.section import Section
+from polar_nav_ros.cdr import to_bytes
+from polar_nav_ros.stamps import to_msg
+
+from ..bags import BagWriter
+from ..series.vehicle import TruthSeries
+from . import csv_columns as columns
 from .reference import truth_of
 from .replay import truth_messages
-from .section import Section
 from .sources import Stamps
 
 Row = tuple[int, str, bytes]
@@ -110,7 +110,7 @@ def import_csv(path: Path, out: Path) -> Imported:
     for i, given in enumerate(top.sections('fixes')):
         name = given.text('source', f'source{i}')
         fixes.append(add(f'fixes/{name}', _FIX_TYPE, _fixes(given, folder)))
-        fixes[-1] |= {'source': name, 'frame': 'earth'}
+        fixes[-1] |= {'source': name, 'frame': 'earth', 'dimensions': 3}
         given.done()
     if fixes:
         mapping['fixes'] = fixes

@@ -31,8 +31,7 @@ import numpy as np
 from polar_nav_core.attitude import exp, skew
 from polar_nav_core.engine.events import Array
 from polar_nav_core.engine.inputs import Inputs
-
-from .arrays import finite_rows
+from polar_nav_ros.adapters.arrays import finite_rows
 
 _WINDOW_S = 20.0
 _MOST_WINDOWS, _FEWEST_WINDOWS = 24, 6

@@ -1,6 +1,6 @@
 """A low-cost vehicle: a MEMS IMU at 10 Hz, a small DVL, a small USBL, and the vices of real ones.
 
-Its classes are stated as `polar map` writes them (foreign/instrument_noise.py): BMI088, DVL A50.
+Its classes are stated as `polar map` writes them (`adapters.noise_classes`): BMI088, DVL A50.
 Each vice stands alone and all together; those of `BEYOND` are outside of what the classes state.
 """
 
@@ -13,10 +13,10 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from polar_nav_ros.adapters.noise_classes import dvl_noise, imu_noise
 from polar_nav_sim.sensors.imu import DPH, MICRO_G
 from polar_nav_sim.sensors.instruments import DVL
 
-from ...foreign.instrument_noise import dvl_noise, imu_noise
 from ...scoring.tables import Column, Table
 from ..experiment import Experiment
 from ..jobs import RunResult

@@ -9,9 +9,9 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 
+from polar_nav_ros.adapters.noise_classes import dvl_noise, imu_noise
 from polar_nav_sim.offline_station import StationScenario
 
-from ...foreign.instrument_noise import dvl_noise, imu_noise
 from ...scoring.tables import Column, Table
 from ..experiment import Experiment
 from ..jobs import RunResult

@@ -17,10 +17,12 @@ ANGLE_UNITS = {'deg': np.pi / 180.0, 'rad': 1.0}
 LENGTH_UNITS = {'m': 1.0, 'cm': 1e-2, 'mm': 1e-3}
 PRESSURE_UNITS = {'Pa': 1.0, 'hPa': 1e2, 'kPa': 1e3, 'dbar': 1e4, 'bar': 1e5}
 POSITION_FRAMES = ('geodetic', 'earth', 'enu', 'ned', 'epsg')
-VERSION = 1
-"""Of mapping files; it counts up when a key comes to mean something else."""
+VERSION = 2
+"""Of mapping files; it counts up when a key comes to mean something else. Since 2, fixes without
+`dimensions` are two-dimensional unless `sigma` states a vertical one."""
 REFERENCES = ('bottom', 'water')
 STAMPS = ('header', 'log')
+CLOCKS = ('host', 'sensor', 'log')
 
 
 @dataclass(frozen=True)
@@ -36,12 +38,18 @@ class Stream:
         Added to every stamp [ns].
     fields : dict of str to str or list of str
         Paths in the message, for types without an adapter.
+    type : str
+        Message type, which a node must know at its start; of a bag it may be left out.
+    clock : str
+        Whose time the stamps are of: ``host``, or ``sensor``, which is mapped to the host's.
     """
 
     topic: str
     stamp: str = 'header'
     offset_ns: int = 0
     fields: Names[str, Any] = field(default_factory=dict)
+    type: str = ''
+    clock: str = 'host'
 
 
 @dataclass(frozen=True)
@@ -124,6 +132,8 @@ class FixMapping:
         Mounting of the array on its vehicle.
     leader_id, own_id : int
         Numbers in acoustic packets.
+    dimensions : int
+        2: its heights are not used.
     """
 
     position: PositionMapping
@@ -135,6 +145,7 @@ class FixMapping:
     lever_b: tuple[float, float, float]
     leader_id: int
     own_id: int
+    dimensions: int = 3
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from polar_nav_core.earth import ecef_from_geodetic
 from polar_nav_core.engine.events import Array
 from polar_nav_core.errors import ConfigError
 
+from .arrays import turned
 from .mapping import Frame
 
 _STEP = 1.0
@@ -76,7 +77,7 @@ def _local(frame: Frame, values: Array) -> Placed:
     if frame.kind == 'ned':
         axes = np.column_stack([axes[:, 1], axes[:, 0], -axes[:, 2]])
     origin = np.asarray(ecef_from_geodetic(lat, lon, frame.origin[2]))
-    return Placed(origin + values @ axes.T, np.broadcast_to(axes, (len(values), 3, 3)))
+    return Placed(origin + turned(axes, values), np.broadcast_to(axes, (len(values), 3, 3)))
 
 
 def _projected(frame: Frame, values: Array) -> Placed:

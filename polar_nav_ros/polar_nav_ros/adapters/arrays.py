@@ -20,6 +20,22 @@ def finite_rows(values: NDArray[Any]) -> NDArray[np.bool_]:
     return np.asarray(finite.all(axis=1))
 
 
+def turned(C: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Vectors of a matrix times rows. (3, 3), (n, 3) -> (n, 3).
+
+    Sums are written out here and below: a row does not depend on how many there are, so that one
+    message has the bits of a whole recording, and zeros and ones give the very numbers.
+    """
+    x, y, z = values[:, 0:1], values[:, 1:2], values[:, 2:3]
+    return np.ascontiguousarray(x * C[:, 0] + y * C[:, 1] + z * C[:, 2])
+
+
+def congruent(C: NDArray[np.float64], P: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Covariances C P C^T. (3, 3) or (n, 3, 3), (n, 3, 3) -> (n, 3, 3)."""
+    half = sum(C[..., :, j, None] * P[:, j, None, :] for j in range(3))
+    return np.asarray(sum(half[:, :, k, None] * C[..., None, :, k] for k in range(3)))
+
+
 def chosen(values: NDArray[Any], mask: NDArray[np.bool_]) -> NDArray[Any]:
     """Rows of a mask; the array itself, not a copy, where that is all of them."""
     return values if mask.all() else values[mask]

@@ -63,6 +63,11 @@ DEPTH: dict[str, Layout] = {
     'polar_nav_msgs/msg/Depth': {'depth': ('depth',), 'variance': ('variance',)},
     'sensor_msgs/msg/FluidPressure': {'pressure': ('fluid_pressure',), 'variance': ('variance',)},
     'geometry_msgs/msg/PointStamped': {'depth': ('point.z',)},
+    'sensor_msgs/msg/Range': {
+        'depth': ('range',),
+        'least': ('min_range',),
+        'most': ('max_range',),
+    },
     'std_msgs/msg/Float32': {'depth': ('data',)},
     'std_msgs/msg/Float64': {'depth': ('data',)},
 }
@@ -90,6 +95,7 @@ POSITION: dict[str, Layout] = {
         'position': _xyz('point'),
         'frame_id': ('header.frame_id',),
     },
+    'dvl_msgs/msg/DVLDR': {'position': _xyz('position'), 'sigma': ('pos_std',)},
     'polar_nav_msgs/msg/VehicleTruth': {
         'position': ('r_e',),
         'velocity_grid': ('v_g',),

@@ -12,13 +12,9 @@ from polar_nav_core.dvl import corrected, sound_speed_factors
 from polar_nav_core.engine.events import Array
 from polar_nav_core.errors import ConfigError
 
-from ..arrays import finite_rows
-from ..mapping import LENGTH_UNITS, PRESSURE_UNITS, DepthMapping, DvlMapping, ImuMapping
-from ..sources import Source, Stamps
-from .layouts import USBL
-from .rows import Rows, read_rows
-
-__all__ = ['USBL', 'DepthRows', 'DvlRows', 'ImuRows', 'read_depth', 'read_dvl', 'read_imu']
+from .arrays import congruent, finite_rows, turned
+from .mapping import LENGTH_UNITS, PRESSURE_UNITS, DepthMapping, DvlMapping, ImuMapping
+from .rows import Rows, Stamps
 
 _FEWEST_BEAMS = 3
 
@@ -60,23 +56,21 @@ class DepthRows:
     pressure: Array | None
 
 
-def read_imu(source: Source, mapping: ImuMapping) -> ImuRows:
-    """Read an IMU; the covariances in its messages are no error model and are not used."""
-    rows = read_rows(source, mapping.stream, 'imu')
+def imu_of(rows: Rows, mapping: ImuMapping) -> ImuRows:
+    """Samples of an IMU; the covariances in its messages are no error model and are not used."""
     C_s_b = mapping.C_s_b
-    omega = _turned(C_s_b, _scaled(_vectors(rows, 'rate'), mapping.gyro_scale))
-    force = _turned(C_s_b, _scaled(_vectors(rows, 'force'), mapping.accel_scale))
+    omega = turned(C_s_b, _scaled(_vectors(rows, 'rate'), mapping.gyro_scale))
+    force = turned(C_s_b, _scaled(_vectors(rows, 'force'), mapping.accel_scale))
     return ImuRows(rows.topic, rows.stamps_ns, rows.log_ns, omega, force)
 
 
-def read_dvl(
-    source: Source, mapping: DvlMapping, default_sigma: float, water_sound_speed: float
+def pings_of(
+    rows: Rows, mapping: DvlMapping, default_sigma: float, water_sound_speed: float
 ) -> DvlRows:
-    """Read a DVL, corrected for the sound speed of the water [m/s] where that is known (not 0).
+    """Pings of a DVL, corrected for the sound speed of the water [m/s] where it is known (not 0).
 
     The default stands where neither mapping nor message says how good a ping is.
     """
-    rows = read_rows(source, mapping.stream, 'velocity')
     n = len(rows)
     covariance, stated = _velocity_covariance(rows, n, mapping.scale)
     v, covariance = corrected(
@@ -98,8 +92,8 @@ def read_dvl(
     if 'beams' in rows.values:
         valid &= rows.values['beams'] >= _FEWEST_BEAMS
     C = mapping.C_s_b
-    turned = np.einsum('ij,njk,lk->nil', C, covariance, C)
-    return DvlRows(rows.topic, rows.stamps_ns, rows.log_ns, _turned(C, v), turned, stated, valid)
+    in_body = congruent(C, covariance)
+    return DvlRows(rows.topic, rows.stamps_ns, rows.log_ns, turned(C, v), in_body, stated, valid)
 
 
 def _assumed(rows: Rows, n: int, mapping: DvlMapping) -> Array:
@@ -135,19 +129,21 @@ def _position_block(flat: Array) -> Array:
     return flat.reshape(-1, 3, 3).copy()
 
 
-def read_depth(
-    source: Source, mapping: DepthMapping, default_sigma: float, latitude_deg: float
+def depths_of(
+    rows: Rows, mapping: DepthMapping, default_sigma: float, latitude_deg: float
 ) -> DepthRows:
-    """Read depth, or pressure through the equation of state of sea water (TEOS-10).
+    """Depths, or pressures through the equation of state of sea water (TEOS-10).
 
     The latitude [deg] is that of the start, unless the mapping states one; over the whole range of
     latitudes it changes depth by half a per cent.
     """
-    rows = read_rows(source, mapping.stream, 'depth')
     name = 'pressure' if 'pressure' in rows.values else 'depth'
     raw = rows.floats(name)
     if raw is None or raw.ndim != 1:
         raise ConfigError(f'{mapping.stream.topic}: {name} is not one number per message')
+    least, most = rows.floats('least'), rows.floats('most')
+    if least is not None and most is not None:  # a sounder says so where it heard no echo
+        raw = np.where((raw >= least) & (raw <= most), raw, np.nan)
     unit = mapping.unit or ('Pa' if name == 'pressure' else 'm')
     pressure = None
     if unit in PRESSURE_UNITS:
@@ -190,8 +186,3 @@ def _vectors(rows: Rows, name: str) -> Array:
 def _scaled(values: Array, scale: float) -> Array:
     """Without a copy where nothing changes: half a day of an IMU is 100 MB each."""
     return values if scale == 1.0 else values * scale
-
-
-def _turned(C_s_b: Array, values: Array) -> Array:
-    # Not einsum: rows of zeros and ones must give the very numbers of the message.
-    return np.ascontiguousarray(values @ C_s_b.T)

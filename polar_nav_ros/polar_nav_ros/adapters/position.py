@@ -12,14 +12,15 @@ from polar_nav_core.errors import ConfigError
 from polar_nav_core.grid import ecef_to_grid
 from polar_nav_core.nav_columns import rotations
 
-from ..arrays import finite_rows, unfilled
-from ..frames import Placed, to_earth
-from ..mapping import Frame, PositionMapping
-from ..sources import Source, Stamps
-from .rows import Rows, read_rows
+from .arrays import congruent, finite_rows, unfilled
+from .frames import Placed, to_earth
+from .mapping import Frame, PositionMapping
+from .rows import Rows, Stamps
 
 _UNKNOWN = 0
 """NavSatFix.COVARIANCE_TYPE_UNKNOWN."""
+LEVEL_SIGMA = 1e4
+"""1-sigma of the height of a 2-D fix [m]: it weighs nothing against any depth sensor."""
 _EARTH = (6.3e6, 6.4e6)
 """Distances from the centre of the earth at which a vehicle can be [m]."""
 
@@ -71,21 +72,33 @@ class PositionRows:
         return replace(self, **chosen)
 
 
-def read_positions(source: Source, mapping: PositionMapping) -> PositionRows:
-    """Read a topic of positions; errors as `rows.read_rows`.
+def positions_of(rows: Rows, mapping: PositionMapping, level: float | None = None) -> PositionRows:
+    """Positions of a topic.
+
+    Parameters
+    ----------
+    rows : Rows
+    mapping : PositionMapping
+    level : float, optional
+        Positions are two-dimensional: their vertical sigma is `LEVEL_SIGMA`, and this stands in
+        place of a height that is not finite [m, above the ellipsoid]. In ECEF it has no meaning.
 
     Raises
     ------
     ConfigError
         When the frame of the positions is stated neither by mapping nor by message.
     """
-    rows = read_rows(source, mapping.stream, 'position')
-    n = len(rows)
     frame = _frame_of(rows, mapping)
     name = 'geodetic' if 'geodetic' in rows.values else 'position'
     values = rows.floats(name)
     if values is None or values.ndim != 2 or values.shape[1] != 3:
         raise ConfigError(f'{rows.topic}: {name} is not 3 numbers per message')
+    if frame.kind == 'earth':
+        level = None
+    if level is not None:
+        values = values.copy()
+        height = level if frame.kind in ('geodetic', 'epsg') else 0.0
+        values[:, 2] = np.where(np.isfinite(values[:, 2]), values[:, 2], height)
     given = finite_rows(values)
     if 'status' in rows.values:
         given &= rows.values['status'] >= 0  # STATUS_NO_FIX is -1
@@ -98,12 +111,12 @@ def read_positions(source: Source, mapping: PositionMapping) -> PositionRows:
         stamps_ns=rows.stamps_ns,
         log_ns=rows.log_ns,
         r_e=placed.r_e,
-        covariance_e=_covariance(rows, axes, placed.r_e, n),
+        covariance_e=_covariance(rows, axes, placed.r_e, level is not None),
         v_G=_velocity(rows, mapping, C_b_G),
         C_b_G=C_b_G,
         given=given,
         plausible=plausible | ~given,
-        stated='covariance' in rows.values or 'covariance_grid' in rows.values,
+        stated=bool({'covariance', 'covariance_grid', 'sigma'} & rows.values.keys()),
     )
 
 
@@ -140,24 +153,32 @@ def _placed(
     return Placed(r_e, axes), plausible
 
 
-def _covariance(rows: Rows, axes: Array, r_e: Array, n: int) -> Array:
+def _covariance(rows: Rows, axes: Array, r_e: Array, level: bool) -> Array:
+    n = len(rows)
     out = np.full((n, 3, 3), np.nan)
     name = 'covariance' if 'covariance' in rows.values else 'covariance_grid'
     flat = rows.floats(name)
-    if flat is None:
-        return out
-    size = 6 if flat.shape[1] == 36 else 3
-    P = flat.reshape(n, size, size)[:, :3, :3]
+    sigma = rows.floats('sigma')
     known = np.ones(n, dtype=bool)
+    if flat is not None:
+        size = 6 if flat.shape[1] == 36 else 3
+        P = flat.reshape(n, size, size)[:, :3, :3]
+    elif sigma is not None:
+        P = np.square(sigma)[:, None, None] * np.eye(3)
+    else:
+        return out
     if 'covariance_type' in rows.values:
         known = rows.values['covariance_type'] != _UNKNOWN
     known &= P[:, 0, 0] != -1.0
-    if name == 'covariance_grid':
+    if level:
+        P = P.copy()
+        P[:, 2, :] = P[:, :, 2] = 0.0
+        P[:, 2, 2] = LEVEL_SIGMA**2
+    if name == 'covariance_grid' and sigma is None:
         known &= finite_rows(r_e)
         axes = np.full((n, 3, 3), np.nan)
         axes[known] = np.swapaxes(ecef_to_grid(r_e[known]), 1, 2)
-    turned = np.einsum('nij,njk,nlk->nil', axes, P, axes)
-    out[known] = turned[known]
+    out[known] = congruent(axes, P)[known]
     return out
 
 

@@ -13,10 +13,12 @@ from polar_nav_core.dvl import SOUND_SPEED_LIMITS
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.params import unknown_parameter
+from polar_nav_core.user_files import parse_yaml, read_text
 
-from . import instrument_noise, section
+from . import noise_classes, section
 from .mapping import (
     ACCEL_UNITS,
+    CLOCKS,
     GYRO_UNITS,
     LENGTH_UNITS,
     POSITION_FRAMES,
@@ -49,11 +51,24 @@ def load(path: Path | str) -> Mapping:
     return from_section(section.load(Path(path)))
 
 
+def read(path: Path) -> tuple[str, Mapping]:
+    """Text of a mapping file, and what it says; errors as `load`."""
+    text = read_text(path)
+    return text, parse(text, str(path))
+
+
+def parse(text: str, where: str) -> Mapping:
+    """Read the text of a mapping file; errors as `load`, naming where it is from."""
+    return from_section(Section(where, parse_yaml(text, where)))
+
+
 def from_section(top: Section) -> Mapping:
     """Build a mapping of the top section of a file; errors as `load`."""
-    version = top.number('version', VERSION, 1.0, 1e9, '')
-    if version != VERSION:
-        raise top.fail('version', f'{version:g} is of a later polar_nav; this one reads {VERSION}')
+    version = top.number('version', 1.0, 1.0, 1e9, '')
+    if version not in range(1, VERSION + 1):
+        raise top.fail(
+            'version', f'{version:g} is of a later polar_nav; this one reads 1 to {VERSION}'
+        )
     imu = top.section('imu')
     if imu is None:
         raise top.fail('imu', 'is missing: without an IMU nothing can be integrated')
@@ -68,7 +83,7 @@ def from_section(top: Section) -> Mapping:
         imu=_imu(imu, params),
         dvl=None if dvl is None else _dvl(dvl, params),
         depth=None if depth is None else _depth(depth, params),
-        fixes=_all_fixes(top, params),
+        fixes=_all_fixes(top, params, level=version > 1),
         initial=_initial(top.section('initial') or Section(f'{top.place}: initial', {})),
         truth=None if truth is None else _position(truth),
         accept=tuple(accept),
@@ -89,17 +104,17 @@ def _noise(s: Section, dvl: DvlMapping | None, params: dict[str, Any]) -> dict[s
     """Noise by the classes of instruments; numbers that stand beside them win."""
     out: dict[str, float] = {}
     if 'imu' in s:
-        out |= instrument_noise.imu_noise(s.choice('imu', instrument_noise.IMU_CLASSES))
+        out |= noise_classes.imu_noise(s.choice('imu', noise_classes.IMU_CLASSES))
     if 'dvl' in s:
-        name = s.choice('dvl', instrument_noise.DVL_CLASSES)
+        name = s.choice('dvl', noise_classes.DVL_CLASSES)
         known = dvl is not None and dvl.sound_speed > 0.0 and params.get('water_sound_speed')
-        out |= instrument_noise.dvl_noise(
+        out |= noise_classes.dvl_noise(
             name, water=dvl is not None and dvl.water, corrected=bool(known)
         )
     for name in ('imu', 'dvl'):
         s.raw(name)
-    for name in instrument_noise.NAMES:
-        value = s.optional(name, 0.0, 1e6, instrument_noise.unit_of(name))
+    for name in noise_classes.NAMES:
+        value = s.optional(name, 0.0, 1e6, noise_classes.unit_of(name))
         if value is not None:
             out[name] = value
     s.done()
@@ -131,12 +146,30 @@ def _typed(value: Any, kind: str | None) -> Any:  # noqa: ANN401 - a value of YA
 
 def _stream(s: Section) -> Stream:
     offset_s = s.number('time_offset_s', 0.0, -1e9, 1e9, 's')
+    stamp = s.choice('stamp', STAMPS, 'header')
+    clock = s.choice('clock', CLOCKS, 'log' if stamp == 'log' else 'host')
+    if stamp == 'log' and clock != 'log':
+        raise s.fail('clock', f'{clock} does not go with `stamp: log`, which leaves stamps unread')
     return Stream(
         topic=s.text('topic'),
-        stamp=s.choice('stamp', STAMPS, 'header'),
+        stamp='log' if clock == 'log' else stamp,
         offset_ns=round(offset_s * 1e9),
         fields=s.texts('fields'),
+        type=_type(s),
+        clock=clock,
     )
+
+
+def _type(s: Section) -> str:
+    """Message type, as ``sensor_msgs/msg/Imu`` or ``sensor_msgs/Imu``."""
+    name = s.text('type', '') if 'type' in s else ''
+    s.raw('type')
+    parts = name.split('/')
+    if name and not (
+        len(parts) in (2, 3) and all(parts) and (len(parts) == 2 or parts[1] == 'msg')
+    ):
+        raise s.fail('type', f'{name!r} is no message type, as in sensor_msgs/msg/Imu')
+    return f'{parts[0]}/msg/{parts[-1]}' if name else ''
 
 
 def _imu(s: Section, params: dict[str, Any]) -> ImuMapping:
@@ -225,10 +258,10 @@ def frame_of(s: Section) -> Frame:
     return Frame(kind, place, None if code is None else int(code))
 
 
-def _all_fixes(top: Section, params: dict[str, Any]) -> tuple[FixMapping, ...]:
-    """All sources of fixes; the engine knows one transponder."""
+def _all_fixes(top: Section, params: dict[str, Any], *, level: bool) -> tuple[FixMapping, ...]:
+    """All sources of fixes, 2-D unless stated if level; the engine knows one transponder."""
     sections = top.sections('fixes')
-    fixes = tuple(_fix(s) for s in sections)
+    fixes = tuple(_fix(s, level=level) for s in sections)
     levers = [lever for _, lever in fixes if lever is not None]
     if levers and (len(set(levers)) > 1 or len(levers) < len(fixes)):
         raise top.fail(
@@ -241,13 +274,15 @@ def _all_fixes(top: Section, params: dict[str, Any]) -> tuple[FixMapping, ...]:
     return tuple(fix for fix, _ in fixes)
 
 
-def _fix(s: Section) -> tuple[FixMapping, tuple[float, float, float] | None]:
+def _fix(s: Section, *, level: bool) -> tuple[FixMapping, tuple[float, float, float] | None]:
     """One source of fixes, and the lever arm of its transponder where one is stated."""
     lever = None
     if 'transponder_lever_b' in s:
         lever = s.numbers('transponder_lever_b', None, -100.0, 100.0, 'm')
     s.raw('transponder_lever_b')
     sigma = s.raw('sigma')
+    usual = 2 if level and not isinstance(sigma, list) else 3
+    dimensions = int(s.number('dimensions', usual, 2.0, 3.0, ''))
     if sigma is not None:
         pair = sigma if isinstance(sigma, list) else [sigma, sigma]
         if len(pair) != 2 or not all(isinstance(v, int | float) and v > 0.0 for v in pair):
@@ -268,6 +303,7 @@ def _fix(s: Section) -> tuple[FixMapping, tuple[float, float, float] | None]:
         else array.numbers('lever_b', (0.0, 0.0, 0.0), -100.0, 100.0, 'm'),
         leader_id=int(s.number('leader_id', 1.0, 0.0, 255.0, '')),
         own_id=int(s.number('own_id', 2.0, 0.0, 255.0, '')),
+        dimensions=dimensions,
     )
     if array is not None:
         array.done()
@@ -291,6 +327,8 @@ def _initial(s: Section) -> InitialMapping:
         raise ConfigError(f'{s.place}: heading_deg and grid_heading_deg are both given: name one')
     for key in (
         'topic',
+        'type',
+        'clock',
         'stamp',
         'time_offset_s',
         'fields',

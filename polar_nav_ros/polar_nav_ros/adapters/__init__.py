@@ -1,0 +1,1 @@
+"""Adapters: foreign messages of any origin to canonical quantities, live and offline."""

@@ -1,0 +1,64 @@
+"""Parameters of a vehicle's node that its mapping file states."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from polar_nav_core.grid import convergence
+
+from .mapping import Mapping
+
+START_SIGMAS = {
+    'initial_sigma_position': 10.0,
+    'initial_sigma_height': 10.0,
+    'initial_sigma_velocity': 0.1,
+    'initial_sigma_tilt_deg': 1.0,
+    'initial_sigma_heading_deg': 5.0,
+}
+"""1-sigma where nothing is stated: those of someone else's vehicle, not of a simulated start."""
+_NOT_LEVELLED_DEG = 5.0
+"""1-sigma of tilt where neither roll nor pitch is stated, and nobody levelled."""
+_PLACE = ('initial_latitude_deg', 'initial_longitude_deg')
+
+
+def parameters_of(mapping: Mapping, given: set[str]) -> dict[str, Any]:
+    """Values that a mapping states for the parameters of a running node.
+
+    Without a place to start from, or without a heading, the node waits for
+    ``~/set_initial_state``.
+
+    Parameters
+    ----------
+    mapping : Mapping
+    given : set of str
+        Parameters that the node was started with, which win.
+    """
+    values: dict[str, Any] = dict(mapping.params)
+    packets = [
+        fix for fix in mapping.fixes if fix.position.stream.type.endswith('/AcousticPacket')
+    ]
+    if packets:
+        values |= {'leader_id': packets[0].leader_id, 'own_id': packets[0].own_id}
+    heading = _grid_heading_deg(mapping, values)
+    if heading is not None:
+        values.setdefault('initial_grid_heading_deg', heading)
+    known = set(values) | given
+    sigmas = dict(START_SIGMAS)
+    if not {'initial_roll_deg', 'initial_pitch_deg'} <= known:
+        sigmas['initial_sigma_tilt_deg'] = _NOT_LEVELLED_DEG
+    values = sigmas | values
+    if not {*_PLACE, 'initial_grid_heading_deg'} <= known:
+        values.setdefault('initialize', 'service')
+    return values
+
+
+def _grid_heading_deg(mapping: Mapping, values: dict[str, Any]) -> float | None:
+    """Grid heading at the start [deg] by the file; None where it states none, or no place."""
+    initial = mapping.initial
+    if initial.grid_heading_deg is not None:
+        return initial.grid_heading_deg
+    if initial.heading_deg is None or not set(_PLACE) <= set(values):
+        return None
+    lat, lon = (math.radians(float(values[name])) for name in _PLACE)
+    return math.remainder(initial.heading_deg - math.degrees(float(convergence(lat, lon))), 360.0)
