@@ -132,6 +132,7 @@ _FIRST: dict[str, Any] = {
     'robust_fixes': 'none',
     'sea_surface_height': 0.0,
     'sensor_silent_s': 30.0,
+    'sources': '',
     'state_file': '',
     'state_max_age_s': 60.0,
     'state_period_s': 5.0,

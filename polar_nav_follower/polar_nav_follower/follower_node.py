@@ -14,11 +14,13 @@
 | out nav/restore | polar_nav_msgs/Restore | the same; with a `state_file` |
 | out acomms/decoded | polar_nav_msgs/LeaderBroadcast | validity |
 | out acomms/station_decoded | polar_nav_msgs/StationFix | validity |
+| out nav/inputs | polar_nav_msgs/Inputs | newest arrival; with `sources` |
 | out nav/current, nav/model | polar_nav_msgs/WaterCurrent, VehicleModel | estimate, 1 Hz |
 | out nav/identification | polar_nav_msgs/Identification | place in the order of events |
 
 With a SINS (`mode` sins) it takes imu/data_raw and dvl/data and hears a leader; in `mode` station
-imu/data, which has the attitude of an AHRS, and control/thrust, and it hears a station.
+imu/data, which has the attitude of an AHRS, and control/thrust, and it hears a station. With
+`sources` sensors and fixes are those of a mapping file, of any type it has an adapter for.
 """
 
 from __future__ import annotations
@@ -31,9 +33,14 @@ from typing import Any
 from polar_nav_core.warm import telling, warm_filter, warm_others
 from polar_nav_msgs.msg import AcousticPacket, LeaderBroadcast, StationFix
 from polar_nav_ros import topics
+from polar_nav_ros.adapters import mapping_file
+from polar_nav_ros.adapters.live import Sources
+from polar_nav_ros.adapters.mapping import Mapping
+from polar_nav_ros.adapters.stated import parameters_of
 from polar_nav_ros.diagnostics import Diagnosis
 from polar_nav_ros.navigation_ports import NavigationPorts
 from polar_nav_ros.node import PolarNode, run
+from polar_nav_ros.source_ports import SourcePorts
 from polar_nav_ros.state_store import StateStore
 
 from . import session
@@ -43,6 +50,9 @@ from .params import FollowerParams
 class FollowerNode(PolarNode[FollowerParams]):
     """Node around a `Session`, which navigates, and `NavigationPorts`, which publish."""
 
+    _text: str
+    _mapping: Mapping | None
+
     def __init__(self) -> None:
         super().__init__('follower_node', FollowerParams)
         # Before anything is subscribed to: a cold compile takes long, and sensors do not wait.
@@ -50,15 +60,33 @@ class FollowerNode(PolarNode[FollowerParams]):
         decoded: dict[str, type[Any]] = (
             {topics.STATION_DECODED: StationFix} if station else {topics.DECODED: LeaderBroadcast}
         )
+        mapping = self._mapping
+        sources = None if mapping is None else Sources(mapping, self.params)
+        ports = None if sources is None else SourcePorts(self, sources)
         with telling(lambda text: self.get_logger().info(f'first start: {text}')):
             (warm_others if station else warm_filter)()
         self._ports = NavigationPorts(
             self,
-            session.Session(self.params, self.vehicle),
+            session.Session(self.params, self.vehicle, sources),
             {topics.RX: AcousticPacket},
             decoded,
             self._store() if self.params.state_file else None,
+            ports,
         )
+
+    def stated(self) -> dict[str, Any]:
+        """Parameters that the mapping file states, before the node's own are declared."""
+        self._text, self._mapping = '', None
+        path = self._parameter_overrides.get('sources')
+        if path is None or not path.value:
+            return {}
+        self._text, self._mapping = mapping_file.read(Path(str(path.value)).expanduser())
+        given = {name: p.value for name, p in self._parameter_overrides.items()}
+        return parameters_of(self._mapping, given)
+
+    def about(self) -> dict[str, Any]:
+        """The mapping file as it stands, which a replay needs."""
+        return {'sources': self._text} if self._text else {}
 
     def _store(self) -> StateStore:
         p = self.params

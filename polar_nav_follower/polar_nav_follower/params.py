@@ -14,6 +14,9 @@ class FollowerParams(EngineParams):
 
     leader_id: int = param(1, '', 0, 255, 'Number of the leader or the station in its packets')
     own_id: int = param(2, '', 0, 255, 'Number of this vehicle in the packets')
+    sources: str = text(
+        '', 'Mapping file of the sensors and fixes (docs/live.md); empty: topics of this project'
+    )
     state_file: str = text(
         '', 'File that the state is saved to, and restored from after a restart; empty: none'
     )

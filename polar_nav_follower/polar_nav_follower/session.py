@@ -10,8 +10,9 @@ from collections.abc import Iterator
 from typing import Any
 
 from polar_nav_core.engine.events import Fix
+from polar_nav_ros.adapters.live import Source, Sources
 from polar_nav_ros.broadcasts import broadcast_to_msg
-from polar_nav_ros.navigation_session import NavigationSession, Published
+from polar_nav_ros.navigation_session import NavigationSession, Published, Reader
 from polar_nav_ros.topics import (
     AHRS,
     COMMAND,
@@ -38,19 +39,18 @@ def in_station_mode(params: FollowerParams) -> bool:
     return params.mode == 'station'
 
 
-def sensors_of(params: FollowerParams) -> tuple[str, ...]:
+def sensors_of(params: FollowerParams, sources: Sources | None = None) -> tuple[str, ...]:
     """Topics of the vehicle's own sensors that a follower subscribes to; the first is the IMU."""
     if in_station_mode(params):
         return (AHRS, CONTROL, DEPTH)
-    if params.model_aiding:
-        return (IMU, DVL, DEPTH, CONTROL)
-    return (IMU, DVL, DEPTH)
+    found = (IMU, DVL, DEPTH, CONTROL) if params.model_aiding else (IMU, DVL, DEPTH)
+    return found if sources is None else sources.sensors(found)
 
 
-def inputs_of(params: FollowerParams) -> tuple[str, ...]:
+def inputs_of(params: FollowerParams, sources: Sources | None = None) -> tuple[str, ...]:
     """All topics that a follower takes: those it subscribes to, and its own commands."""
     own = (COMMAND, RESTORE) if params.state_file else (COMMAND,)
-    return (*sensors_of(params), RX, *own)
+    return (*sensors_of(params, sources), RX, *own)
 
 
 class Session(NavigationSession[FollowerParams]):
@@ -62,16 +62,25 @@ class Session(NavigationSession[FollowerParams]):
         Everything that can be chosen.
     vehicle : str
         Name of the vehicle, for frame ids.
+    sources : Sources, optional
+        Those of a mapping file, in place of this project's own topics; bound to their types.
     """
 
-    def __init__(self, params: FollowerParams, vehicle: str) -> None:
+    def __init__(
+        self, params: FollowerParams, vehicle: str, sources: Sources | None = None
+    ) -> None:
         station = in_station_mode(params)
+        readers: dict[str, Reader] = {
+            RX: self._station_fix_from_msg if station else self._fix_from_msg
+        }
+        for source in sources or ():
+            readers[source.topic] = self._packet_reader(source) or source.event
         super().__init__(
             params,
             vehicle,
-            {RX: self._station_fix_from_msg if station else self._fix_from_msg},
+            readers,
             frame_id=params.frame_id,
-            sensors=sensors_of(params),
+            sensors=sensors_of(params, sources),
         )
         self._decoded: list[Published] = []
         self._numbers = StationNumbers()
@@ -83,6 +92,12 @@ class Session(NavigationSession[FollowerParams]):
         """Readable contents of the packets received since the last call."""
         yield from self._decoded
         self._decoded.clear()
+
+    def _packet_reader(self, source: Source) -> Reader | None:
+        """Reader of a mapped topic of packets; None for another one."""
+        if source.role != 'packet':
+            return None
+        return lambda taken, n: self._fix_from_msg(taken.message, source.arrival(n))
 
     def _fix_from_msg(self, message: Any, number: int) -> Fix:  # noqa: ANN401
         fix, broadcast = convert.fix_from_msg(message, number, self.params)

@@ -11,6 +11,7 @@
 | out nav/clock | sensor_msgs/TimeReference | a clock stepped; a topic began |
 | out nav/command | polar_nav_msgs/Command | place in the order of events |
 | out nav/restore | polar_nav_msgs/Restore | the same; with a `state_file` |
+| out nav/inputs | polar_nav_msgs/Inputs | newest arrival; with `sources` |
 | out nav/current, nav/model | polar_nav_msgs/WaterCurrent, VehicleModel | estimate, 1 Hz |
 | out nav/identification | polar_nav_msgs/Identification | place in the order of events |
 
@@ -49,6 +50,7 @@ from .navigation_session import (
 )
 from .node import CountedPublisher, PolarNode
 from .readers import initial_from_msg, initial_to_msg
+from .source_ports import SourcePorts
 from .stamps import to_msg, to_ns
 from .standard_outputs import fix_of
 from .state_store import StateStore
@@ -71,6 +73,8 @@ class NavigationPorts:
         Topics of the vehicle's own.
     store : StateStore, optional
         Saves the state, and has that of before a restart.
+    sources : SourcePorts, optional
+        Subscriptions of a mapping file, in place of topics of the same name.
     """
 
     def __init__(
@@ -80,9 +84,11 @@ class NavigationPorts:
         inputs: Mapping[str, type[Any]],
         outputs: Mapping[str, type[Any]],
         store: StateStore | None = None,
+        sources: SourcePorts | None = None,
     ) -> None:
         self._node = node
         self._session = session
+        self._sources = sources
         published = {
             STATE: NavState,
             RECEIPT: FixReceipt,
@@ -107,9 +113,11 @@ class NavigationPorts:
         self._fix_second = -1
         imu, *others = session.sensors
         for topic, kind in {**{t: SENSORS[t] for t in others}, **inputs}.items():
-            node.subscribe(kind, topic, self._taker(topic))
+            self._subscribe(kind, topic)
+        for topic in () if sources is None else sources.fixes:
+            self._subscribe(None, topic)
         # IMU samples move time on: what else has come is taken before.
-        node.subscribe(SENSORS[imu], imu, self._taker(imu), after_others=True)
+        self._subscribe(SENSORS[imu], imu, after_others=True)
         node.create_service(Trigger, '~/reset', self._on_reset)
         node.create_service(SetInitialState, '~/set_initial_state', self._on_set_initial_state)
         if session.with_model:
@@ -123,13 +131,25 @@ class NavigationPorts:
             # its bag cannot be replayed. Sensors wait in their queues meanwhile.
             self._restores.wait_for_subscription(LISTENER_WAIT_S)
 
+    def _subscribe(self, kind: Any, topic: str, *, after_others: bool = False) -> None:  # noqa: ANN401 - a message type
+        """Subscribe to a topic of the session, or to the source that stands for it."""
+        take = self._taker(topic)
+        if self._sources is not None and self._sources.has(topic):
+            self._sources.subscribe(topic, take, after_others=after_others)
+        else:
+            self._node.subscribe(kind, topic, take, after_others=after_others)
+
     def diagnose(self) -> Diagnosis:
         """Health with verdict counts, ages and the number of waiting events."""
         self._publish(self._session.silence(self._silent_s()))
         waiting: dict[str, object] = {'waiting': self._session.reorder.pending}
         if self._store is not None:
             waiting['saved_state'] = self._store.status
-        return self._health.diagnose({**waiting, **self._node.taken_counts()})
+        if self._sources is None:
+            return self._health.diagnose({**waiting, **self._node.taken_counts()})
+        self._sources.flush()
+        found = self._health.diagnose({**waiting, **self._node.taken_counts()})
+        return self._sources.diagnosed(found)
 
     def _silent_s(self) -> float:
         """Time since IMU samples that are used stopped, by the computer's clock; 0 in lockstep."""
@@ -141,6 +161,8 @@ class NavigationPorts:
     def close(self) -> None:
         """Process waiting events, and publish the end of the run as a SHUTDOWN command."""
         self._publish(self._session.flush())
+        if self._sources is not None:
+            self._sources.flush()
         if self._store is not None:
             self._store.save(self._session.engine)
         stamp_ns = self._session.reorder.newest_imu_ns

@@ -29,6 +29,7 @@ from polar_nav_core.engine.events import (
     Event,
     Output,
     Receipt,
+    number_of,
     shifted,
 )
 from polar_nav_core.engine.health.radius import radius_95
@@ -40,6 +41,7 @@ from polar_nav_msgs.msg import Identification as IdentificationMsg
 
 from . import model_outputs
 from . import navigation_outputs as outputs
+from .adapters.live import Taken
 from .cdr import to_bytes
 from .health_message import SILENT_S, health_to_msg
 from .readers import (
@@ -86,8 +88,8 @@ MODEL_OUTPUTS: dict[str, type[Any]] = {
 """Topics published in addition where the vehicle's model is used."""
 
 P = TypeVar('P', bound=EngineParams)
-Reader: TypeAlias = Callable[[Any, int], Event]
-"""Converts a message and its number on its topic to an event."""
+Reader: TypeAlias = Callable[[Any, int], Event | None]
+"""Converts a message and its number on its topic to an event; None where it holds nothing."""
 
 
 class Published(NamedTuple):
@@ -165,8 +167,8 @@ class NavigationSession(Generic[P]):
         """Whether the vehicle's model is used, which needs the thrust."""
         return CONTROL in self.sensors
 
-    def event_of(self, topic: str, message: Any) -> Event:  # noqa: ANN401 - the topic's message type
-        """Event of a message, numbered on its topic."""
+    def event_of(self, topic: str, message: Any) -> Event | None:  # noqa: ANN401 - of the topic
+        """Event of a message, numbered on its topic; None where it holds nothing."""
         number = self.taken[topic]
         self.taken[topic] += 1
         return self._readers[topic](message, number)
@@ -185,11 +187,13 @@ class NavigationSession(Generic[P]):
             yield from self._start_of(topic, message)
         event = self.event_of(topic, message)
         yield from self._before_event()
-        yield from self._to_messages(self.reorder.add(event, arrival_ns))
+        if event is not None:
+            yield from self._to_messages(self.reorder.add(event, arrival_ns))
 
     def _start_of(self, topic: str, message: Any) -> Iterator[Published]:  # noqa: ANN401
         """Record of the first message of a topic; those of all topics follow the IMU's."""
-        stamp_ns = to_ns(message.header.stamp)
+        taken = isinstance(message, Taken)
+        stamp_ns = message.stamp_ns if taken else to_ns(message.header.stamp)
         step = outputs.clock_step_to_msg(ClockStep(topic, 0, stamp_ns, stamp_ns))
         self._starts.append(Published.of(CLOCK_STEP, step))
         if topic == self.sensors[0]:
@@ -199,11 +203,12 @@ class NavigationSession(Generic[P]):
         yield from self._starts
         self._starts.clear()
 
-    def recorded_event_of(self, topic: str, message: Any) -> Event:  # noqa: ANN401
+    def recorded_event_of(self, topic: str, message: Any) -> Event | None:  # noqa: ANN401
         """Event of a message in the engine's time, by the steps of its topic's clock (replay)."""
-        number = self.taken[topic]
         event = self.event_of(topic, message)
-        return shifted(event, self.engine.clock.offset_ns(topic, number))
+        if event is None:
+            return None
+        return shifted(event, self.engine.clock.offset_ns(topic, number_of(event)))
 
     def process(self, event: Event) -> Iterator[Published]:
         """Process the next event of the total order (replay); yields the messages to publish."""

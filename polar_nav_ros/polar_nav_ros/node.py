@@ -110,8 +110,9 @@ class Input(Protocol):
 class _Drained:
     """A drained subscription with its count."""
 
-    def __init__(self, subscription: Subscription) -> None:
+    def __init__(self, subscription: Subscription, drain: Callable[[], None]) -> None:
         self.subscription = subscription
+        self.drain = drain
         self.topic: str = subscription.topic_name
         self.count = 0
 
@@ -140,7 +141,7 @@ class PolarNode(Node, Generic[P]):  # type: ignore[misc]
 
     def __init__(self, name: str, params_cls: type[P], **kwargs: Any) -> None:  # noqa: ANN401 - passed on to rclpy
         super().__init__(name, **kwargs)
-        self.params: P = load(self, params_cls)
+        self.params: P = load(self, params_cls, self.stated())
         self.vehicle: str = self.get_namespace().strip('/')
         self._outputs: list[CountedPublisher] = []
         self._inputs: list[Input] = []
@@ -157,6 +158,14 @@ class PolarNode(Node, Generic[P]):  # type: ignore[misc]
         self.create_timer(1.0, self._publish_diagnosis, clock=_STEADY)
         if self._acks is not None:
             self.create_timer(_HEARTBEAT_S, self._tell_counts, clock=_STEADY)
+
+    def stated(self) -> dict[str, Any]:
+        """Values in place of the defaults of parameters, before those are declared; overridden."""
+        return {}
+
+    def about(self) -> dict[str, Any]:
+        """What the node's description on /run_info says besides its parameters; overridden."""
+        return {}
 
     def advertise(
         self, msg_type: type[Any], topic: str, qos: QoSProfile = DATA_QOS
@@ -175,6 +184,7 @@ class PolarNode(Node, Generic[P]):  # type: ignore[misc]
         raw: bool = False,
         qos: QoSProfile = DATA_QOS,
         after_others: bool = False,
+        **options: Any,  # noqa: ANN401 - of rclpy's create_subscription
     ) -> Subscription:
         """Subscription that drains all waiting messages in one turn of the executor.
 
@@ -202,11 +212,21 @@ class PolarNode(Node, Generic[P]):  # type: ignore[misc]
             self.acknowledge()
 
         self._drains.append(drain)
-        subscription = self.create_subscription(msg_type, topic, drained, qos, raw=raw)
+        subscription = self.create_subscription(msg_type, topic, drained, qos, raw=raw, **options)
         handle = subscription.handle
-        entry = _Drained(subscription)
+        entry = _Drained(subscription, drain)
         self.count_input(entry)
         return subscription
+
+    def renew(self, old: Subscription, subscribe: Callable[[], Subscription]) -> Subscription:
+        """Subscription in place of another one of the same topic, whose count goes on."""
+        known = (i for i in self._inputs if isinstance(i, _Drained))
+        entry = next(i for i in known if i.subscription is old)
+        self._drains.remove(entry.drain)
+        new = subscribe()
+        self._inputs[-1].count += entry.count
+        self.destroy_subscription(old)
+        return new
 
     def count_input(self, entry: Input) -> None:
         """Add a subscription to the acknowledgements, in place of an older one of its topic."""
@@ -285,6 +305,7 @@ class PolarNode(Node, Generic[P]):  # type: ignore[misc]
                 'version': version,
                 'engine_version': ENGINE_VERSION,
                 'params': to_mapping(self.params),
+                **self.about(),
             },
             sort_keys=True,
         )

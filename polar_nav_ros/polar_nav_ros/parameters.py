@@ -19,8 +19,16 @@ T = TypeVar('T', bound=NodeParams)
 _RCLPY_OWN = ('use_sim_time', 'start_type_description_service')
 
 
-def load(node: Node, cls: type[T]) -> T:
+def load(node: Node, cls: type[T], stated: Mapping[str, Any] | None = None) -> T:
     """Values of the fields of ``cls``, declared on ``node`` read-only with range and text.
+
+    Parameters
+    ----------
+    node : Node
+    cls : type
+        Dataclass of parameters.
+    stated : mapping, optional
+        Defaults other than those of the class; what the node was started with wins.
 
     Raises
     ------
@@ -40,7 +48,8 @@ def load(node: Node, cls: type[T]) -> T:
         raise ConfigError(unknown_parameter(unknown[0], node.get_name(), known))
     values: dict[str, Any] = {}
     for f in fields(cls):
-        default = list(f.default) if isinstance(f.default, tuple) else f.default
+        default = (stated or {}).get(f.name, f.default)
+        default = list(default) if isinstance(default, tuple) else default
         if f.metadata['kind'] == 'strs' and not default:
             default = ['']  # rclpy cannot tell the type of an empty list
         try:

@@ -41,6 +41,8 @@ IDENTIFICATION = 'nav/identification'
 CLOCK_STEP = 'nav/clock'
 """Steps of the clocks of a vehicle's topics, each with the message from which on it holds."""
 HEALTH = 'nav/health'
+INPUTS = 'nav/inputs'
+"""Which messages of mapped sources a follower used, in blocks."""
 FIX = 'nav/fix'
 ODOMETRY = 'odometry'
 
@@ -75,6 +77,7 @@ TYPES = {
     IDENTIFICATION: 'polar_nav_msgs/msg/Identification',
     CLOCK_STEP: 'sensor_msgs/msg/TimeReference',
     HEALTH: 'polar_nav_msgs/msg/NavHealth',
+    INPUTS: 'polar_nav_msgs/msg/Inputs',
     FIX: 'sensor_msgs/msg/NavSatFix',
     ODOMETRY: 'nav_msgs/msg/Odometry',
     CLOCK: 'rosgraph_msgs/msg/Clock',

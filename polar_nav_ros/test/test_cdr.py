@@ -29,7 +29,7 @@ def filled(message_type):
             message.header.frame_id = 'odd'
         elif kind == 'sequence<string>':
             setattr(message, name, ['a', 'bcd', 'ef'])
-        elif kind == 'sequence<uint64>':
+        elif kind in ('sequence<uint64>', 'sequence<int64>', 'sequence<uint16>'):
             setattr(message, name, [1, 2, 3])
         elif kind == 'sequence<uint8>':
             setattr(message, name, b'12345')

@@ -32,8 +32,10 @@ def turned(C: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.fl
 
 def congruent(C: NDArray[np.float64], P: NDArray[np.float64]) -> NDArray[np.float64]:
     """Covariances C P C^T. (3, 3) or (n, 3, 3), (n, 3, 3) -> (n, 3, 3)."""
-    half = sum(C[..., :, j, None] * P[:, j, None, :] for j in range(3))
-    return np.asarray(sum(half[:, :, k, None] * C[..., None, :, k] for k in range(3)))
+    x, y, z = (C[..., :, j, None] * P[:, j, None, :] for j in range(3))
+    half = x + y + z
+    x, y, z = (half[:, :, k, None] * C[..., None, :, k] for k in range(3))
+    return np.asarray(x + y + z)
 
 
 def chosen(values: NDArray[Any], mask: NDArray[np.bool_]) -> NDArray[Any]:

@@ -170,15 +170,27 @@ def _covariance(rows: Rows, axes: Array, r_e: Array, level: bool) -> Array:
     if 'covariance_type' in rows.values:
         known = rows.values['covariance_type'] != _UNKNOWN
     known &= P[:, 0, 0] != -1.0
-    if level:
+    if level:  # what is stated of the height may be of any size, or no number
         P = P.copy()
         P[:, 2, :] = P[:, :, 2] = 0.0
-        P[:, 2, 2] = LEVEL_SIGMA**2
     if name == 'covariance_grid' and sigma is None:
         known &= finite_rows(r_e)
         axes = np.full((n, 3, 3), np.nan)
         axes[known] = np.swapaxes(ecef_to_grid(r_e[known]), 1, 2)
     out[known] = congruent(axes, P)[known]
+    return _levelled(out, r_e) if level else out
+
+
+def _levelled(P_e: Array, r_e: Array) -> Array:
+    """Covariances with `LEVEL_SIGMA` along the vertical there, which no map's axis is far away."""
+    out = np.full_like(P_e, np.nan)
+    good = finite_rows(r_e)
+    if good.any():
+        C_e_G = ecef_to_grid(r_e[good])
+        P_G = congruent(C_e_G, P_e[good])
+        P_G[:, 2, :] = P_G[:, :, 2] = 0.0
+        P_G[:, 2, 2] = LEVEL_SIGMA**2
+        out[good] = congruent(np.swapaxes(C_e_G, 1, 2), P_G)
     return out
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping as Names
 from typing import Any
 
 from polar_nav_core.grid import convergence
@@ -22,7 +23,7 @@ _NOT_LEVELLED_DEG = 5.0
 _PLACE = ('initial_latitude_deg', 'initial_longitude_deg')
 
 
-def parameters_of(mapping: Mapping, given: set[str]) -> dict[str, Any]:
+def parameters_of(mapping: Mapping, given: Names[str, Any]) -> dict[str, Any]:
     """Values that a mapping states for the parameters of a running node.
 
     Without a place to start from, or without a heading, the node waits for
@@ -31,7 +32,7 @@ def parameters_of(mapping: Mapping, given: set[str]) -> dict[str, Any]:
     Parameters
     ----------
     mapping : Mapping
-    given : set of str
+    given : mapping
         Parameters that the node was started with, which win.
     """
     values: dict[str, Any] = dict(mapping.params)
@@ -40,10 +41,10 @@ def parameters_of(mapping: Mapping, given: set[str]) -> dict[str, Any]:
     ]
     if packets:
         values |= {'leader_id': packets[0].leader_id, 'own_id': packets[0].own_id}
-    heading = _grid_heading_deg(mapping, values)
+    heading = _grid_heading_deg(mapping, {**values, **given})
     if heading is not None:
         values.setdefault('initial_grid_heading_deg', heading)
-    known = set(values) | given
+    known = {*values, *given}
     sigmas = dict(START_SIGMAS)
     if not {'initial_roll_deg', 'initial_pitch_deg'} <= known:
         sigmas['initial_sigma_tilt_deg'] = _NOT_LEVELLED_DEG
@@ -53,7 +54,7 @@ def parameters_of(mapping: Mapping, given: set[str]) -> dict[str, Any]:
     return values
 
 
-def _grid_heading_deg(mapping: Mapping, values: dict[str, Any]) -> float | None:
+def _grid_heading_deg(mapping: Mapping, values: Names[str, Any]) -> float | None:
     """Grid heading at the start [deg] by the file; None where it states none, or no place."""
     initial = mapping.initial
     if initial.grid_heading_deg is not None:

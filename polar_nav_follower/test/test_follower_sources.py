@@ -1,0 +1,237 @@
+"""The follower node with a mapping file: foreign types, best effort, what is recorded. Ring 2."""
+
+import math
+import os
+import time
+from typing import ClassVar
+
+import numpy as np
+import pytest
+
+rclpy = pytest.importorskip('rclpy')
+
+from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
+from geometry_msgs.msg import TwistWithCovarianceStamped  # noqa: E402
+from rclpy.executors import SingleThreadedExecutor  # noqa: E402
+from rclpy.qos import QoSProfile, ReliabilityPolicy  # noqa: E402
+from rclpy.serialization import serialize_message  # noqa: E402
+from sensor_msgs.msg import FluidPressure, Imu, NavSatFix  # noqa: E402
+
+from polar_nav_core.errors import ConfigError  # noqa: E402
+from polar_nav_follower.follower_node import FollowerNode  # noqa: E402
+from polar_nav_msgs.msg import FixReceipt, Inputs, NavState  # noqa: E402
+from polar_nav_ros.node import DATA_QOS, QUEUE_DEPTH  # noqa: E402
+from polar_nav_ros.source_ports import digest_of  # noqa: E402
+from polar_nav_ros.stamps import to_msg  # noqa: E402
+
+pytestmark = pytest.mark.slow
+
+BEST_EFFORT = QoSProfile(depth=QUEUE_DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
+DOMAIN = 81 + os.getpid() % 18
+LATITUDE, LONGITUDE = 63.4, 10.4
+MAPPING = f"""
+version: 2
+vehicle: auv
+imu: {{topic: /xsens/imu, type: sensor_msgs/msg/Imu, rotation: frd}}
+dvl:
+  topic: dvl/twist
+  type: geometry_msgs/msg/TwistWithCovarianceStamped
+  reference: bottom
+  sigma: 0.02
+depth: {{topic: /bar30/pressure, type: sensor_msgs/msg/FluidPressure, sigma: 0.1}}
+fixes:
+  - {{topic: /ugps/fix, type: sensor_msgs/msg/NavSatFix, source: ugps, sigma: 2.0, delay_s: 0.3}}
+initial: {{from: values, heading_deg: 30.0}}
+noise: {{imu: vn100, dvl: a50_standard}}
+parameters:
+  initial_latitude_deg: {LATITUDE}
+  initial_longitude_deg: {LONGITUDE}
+  initial_height: 0.0
+  reorder_window_s: 0.05
+"""
+
+
+class Rig:
+    """A follower with a mapping file, drivers that publish best effort, and a listener."""
+
+    running: ClassVar = []
+
+    def __init__(self, path, *arguments, qos=BEST_EFFORT):
+        self.running.append(self)
+        args = ['--ros-args', '-r', '__ns:=/auv', '-p', f'sources:={path}', *arguments]
+        rclpy.init(args=args, domain_id=DOMAIN)
+        self.node = FollowerNode()
+        self.peer = rclpy.create_node('peer', use_global_arguments=False)
+        self.states, self.health, self.blocks, self.receipts = [], [], [], []
+        listen = self.peer.create_subscription
+        listen(NavState, '/auv/nav/state', self.states.append, DATA_QOS)
+        listen(Inputs, '/auv/nav/inputs', self.blocks.append, DATA_QOS)
+        listen(FixReceipt, '/auv/nav/receipt', self.receipts.append, DATA_QOS)
+        listen(DiagnosticArray, '/diagnostics', lambda m: self.health.append(m.status[0]), 10)
+        kinds = {
+            '/xsens/imu': Imu,
+            '/auv/dvl/twist': TwistWithCovarianceStamped,
+            '/bar30/pressure': FluidPressure,
+            '/ugps/fix': NavSatFix,
+        }
+        self.out = {
+            name: self.peer.create_publisher(kind, name, qos) for name, kind in kinds.items()
+        }
+        self.sent = {name: [] for name in kinds}
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(self.node)
+        self.executor.add_node(self.peer)
+
+    def until(self, done, seconds=30.0):
+        end = time.monotonic() + seconds
+        while not done() and time.monotonic() < end:
+            self.executor.spin_once(timeout_sec=0.05)
+        assert done()
+
+    def matched(self):
+        return all(p.get_subscription_count() == 1 for p in self.out.values())
+
+    def publish(self, name, message):
+        data = bytes(serialize_message(message))  # padding has any value
+        self.out[name].publish(data)
+        self.sent[name].append(data)
+        count = len(self.sent[name])
+        self.until(lambda: self.node.taken_counts()[name] == count)
+
+    def sail(self, stamp_ns, samples):
+        """A vehicle at rest at 10 m depth, axes of the IMU forward, right, down."""
+        for k in range(samples):
+            now = to_msg(stamp_ns + k * 10_000_000)
+            imu = Imu()
+            imu.header.stamp = now
+            a = imu.linear_acceleration
+            a.x, a.y, a.z = 0.0, 1e-9 * (k % 2), -9.823
+            self.publish('/xsens/imu', imu)
+            if k % 20 == 10:
+                twist = TwistWithCovarianceStamped()
+                twist.header.stamp = now
+                self.publish('/auv/dvl/twist', twist)
+                pressure = FluidPressure(fluid_pressure=101325.0 + 1.01e5)
+                pressure.header.stamp = now
+                self.publish('/bar30/pressure', pressure)
+            if k % 50 == 30:
+                fix = NavSatFix(latitude=LATITUDE, longitude=LONGITUDE, altitude=math.nan)
+                fix.header.stamp = now
+                fix.status.status = 0 if k % 100 == 30 else -1
+                self.publish('/ugps/fix', fix)
+
+    def status(self):
+        """Next status of the node."""
+        self.health.clear()
+        self.until(lambda: any(s.name == '/auv/follower_node' for s in self.health))
+        return next(s for s in self.health if s.name == '/auv/follower_node')
+
+    def end(self):
+        self.node.destroy_node()
+        self.peer.destroy_node()
+        rclpy.try_shutdown()
+
+
+@pytest.fixture
+def mapped(tmp_path):
+    path = tmp_path / 'mapping.yaml'
+    path.write_text(MAPPING, encoding='utf-8')
+    return path
+
+
+@pytest.fixture(autouse=True)
+def _shut_down():
+    yield
+    for rig in Rig.running:
+        rig.end()
+    Rig.running.clear()
+    rclpy.try_shutdown()
+
+
+def test_a_vehicle_of_foreign_best_effort_drivers(mapped):
+    rig = Rig(mapped)
+    rig.until(rig.matched)
+    params = rig.node.params
+    assert params.initial_latitude_deg == LATITUDE
+    assert params.initialize == 'parameters'
+    # True heading of the file, less the convergence of a transverse grid: tan = sin lat tan lon.
+    lat, lon = math.radians(LATITUDE), math.radians(LONGITUDE)
+    convergence_deg = math.degrees(math.atan(math.sin(lat) * math.tan(lon)))
+    assert params.initial_grid_heading_deg == pytest.approx(30.0 - convergence_deg, abs=1e-9)
+    assert params.gyro_noise_density > 1e-6  # of the class, not of a navigation-grade IMU
+    now = rig.node.get_clock().now().nanoseconds
+    rig.sail(now, 200)
+    rig.node.close()
+    total = sum(len(m) for m in rig.sent.values())
+    rig.until(lambda: sum(len(b.digest) for b in rig.blocks) == total and len(rig.receipts) > 1)
+    # Flipped by `frd`: gravity points up, so the vehicle stays where it is.
+    last = rig.states[-1]
+    assert abs(last.latitude - math.radians(LATITUDE)) < 1e-6
+    assert np.linalg.norm(last.v_g) < 0.5
+    # Two fixes with a position, without a height; those of no fix are not counted.
+    fused = [r for r in rig.receipts if r.source == 'ugps']
+    assert [r.verdict for r in fused] == [FixReceipt.FUSED] * 2
+    assert last.height == pytest.approx(-10.0, abs=1.0)
+    # What was used, in its order.
+    names = list(rig.blocks[0].topics)
+    assert names == ['/xsens/imu', '/auv/dvl/twist', '/bar30/pressure', '/ugps/fix']
+    for i, name in enumerate(names):
+        found = [d for b in rig.blocks for s, d in zip(b.source, b.digest, strict=True) if s == i]
+        assert found == [digest_of(data) for data in rig.sent[name]]
+    assert [b.sequence for b in rig.blocks] == list(range(len(rig.blocks)))
+
+
+def test_a_reliable_publisher_is_heard_reliably_and_an_absent_one_is_named(mapped):
+    rig = Rig(mapped, '-r', '/ugps/fix:=/topside/fix', qos=DATA_QOS)
+    heard = ('/xsens/imu', '/auv/dvl/twist', '/bar30/pressure')
+    rig.until(lambda: all(rig.out[n].get_subscription_count() == 1 for n in heard))
+    status = rig.status()
+    assert status.level >= b'\x01'
+    assert 'nobody publishes /topside/fix' in status.message
+    values = {v.key: v.value for v in status.values}
+    assert values['source /xsens/imu'] == 'sensor_msgs/msg/Imu, reliable'
+
+
+def test_a_source_that_never_has_a_position_is_named(mapped):
+    rig = Rig(mapped)
+    rig.until(rig.matched)
+    for _ in range(10):
+        rig.publish('/ugps/fix', NavSatFix())  # a driver that leaves the status as it is: unknown
+    assert 'none of 10 messages of /ugps/fix holds a position' in rig.status().message
+    assert not rig.receipts
+
+
+def test_qos_overrides_are_obeyed_and_what_does_not_match_is_named(mapped):
+    override = 'qos_overrides./xsens/imu.subscription.reliability:=reliable'
+    rig = Rig(mapped, '-p', override)
+    others = [name for name in rig.out if name != '/xsens/imu']
+    rig.until(lambda: all(rig.out[n].get_subscription_count() == 1 for n in others))
+    text = rig.status().message
+    assert 'the QoS of /xsens/imu is incompatible: its publisher offers best effort' in text
+    assert rig.out['/xsens/imu'].get_subscription_count() == 0
+
+
+@pytest.mark.parametrize(
+    ('old', 'new', 'says'),
+    [
+        ('type: sensor_msgs/msg/Imu, ', '', '/xsens/imu: type is missing'),
+        ('sensor_msgs/msg/Imu', 'acme_msgs/msg/Imu', 'needs the package acme_msgs'),
+        ('sensor_msgs/msg/Imu', 'sensor_msgs/msg/Imo', 'package sensor_msgs has no message Imo'),
+        ('sensor_msgs/msg/Imu', 'sensor_msgs/msg/Range', 'has no adapter for imu'),
+        ('rotation: frd', 'lever_b: [1.0, 0.0, 0.0]', 'imu: lever_b: not for a running vehicle'),
+        ('sigma: 2.0', 'sigmas: 2.0', 'unknown key sigmas'),
+    ],
+)
+def test_what_cannot_be_run_is_named_at_the_start(mapped, old, new, says):
+    mapped.write_text(MAPPING.replace(old, new), encoding='utf-8')
+    rclpy.init(args=['--ros-args', '-p', f'sources:={mapped}'], domain_id=DOMAIN)
+    with pytest.raises(ConfigError, match=says):
+        FollowerNode()
+
+
+def test_without_a_place_to_start_from_the_node_waits(mapped):
+    mapped.write_text(MAPPING.replace(f'initial_latitude_deg: {LATITUDE}', ''), encoding='utf-8')
+    rclpy.init(args=['--ros-args', '-p', f'sources:={mapped}'], domain_id=DOMAIN)
+    node = FollowerNode()
+    assert node.params.initialize == 'service'
+    node.destroy_node()

@@ -1,0 +1,296 @@
+"""Sources of a vehicle by a mapping file: each message to the engine's event, live and in replay.
+
+The rules are those that read whole recordings (`sensors`, `position`, `fixes`), on rows of one
+message. Messages need their fields as attributes only: a node gives ROS messages, a replay what
+the definitions in its bag make of the recorded bytes.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from polar_nav_core.engine.events import DepthSample, DvlPing, Event, Fix, ImuSample
+from polar_nav_core.engine.params import EngineParams
+from polar_nav_core.errors import ConfigError
+
+from ..stamps import to_ns
+from ..topics import DEPTH, DVL, IMU, RX
+from . import mapping as m
+from .fixes import fixes_of, level_height
+from .layouts import PACKET, USBL
+from .position import positions_of
+from .rows import Places, Rows, places_of
+from .sensor_clock import SensorClock
+from .sensors import depths_of, imu_of, pings_of
+
+CONSTANTS = ('DVL_MODE_BOTTOM', 'DVL_MODE_WATER', 'DVL_TYPE_PHASED_ARRAY')
+"""Constants of message types that adapters ask for."""
+_SOURCE_BITS = 32
+"""Messages of one source are numbered below this; fixes of several differ by it."""
+_STEP = re.compile(r'\.?(\w+)|\[(\d+)\]')
+
+Read = Callable[[Rows], Event | None]
+
+
+class Taken(NamedTuple):
+    """Message that a source took.
+
+    Attributes
+    ----------
+    message : object
+    arrival_ns : int
+        When it came, by the node's clock [ns].
+    stamp_ns : int
+        Time of validity with which it counts [ns].
+    """
+
+    message: Any
+    arrival_ns: int
+    stamp_ns: int
+
+
+class Source:
+    """One topic of a mapping file.
+
+    Parameters
+    ----------
+    index : int
+        Its number among the fixes of the file; 0 for a sensor.
+    topic : str
+        Topic of the session that it stands for; of a fix its own.
+    stream : Stream
+    role : str
+        Role of the adapter, ``packet`` for an acoustic packet.
+    read : callable or None
+        Converts rows of one message to an event; None for a packet.
+    """
+
+    def __init__(
+        self, index: int, topic: str, stream: m.Stream, role: str, read: Read | None
+    ) -> None:
+        self.index = index
+        self.topic = topic
+        self.stream = stream
+        self.role = role
+        self.unreadable = 0
+        """Messages whose numbers are not as their type says."""
+        self.read = 0
+        """Messages that could be read."""
+        self.empty = 0
+        """Those of them that hold no position: NaN, or a status of no fix."""
+        self.clock = SensorClock() if stream.clock == 'sensor' else None
+        self._read = read
+        self._places: Places | None = None
+        self._constants: Mapping[str, Any] = {}
+
+    def bind(self, sample: object, constants: Mapping[str, Any]) -> None:
+        """Find the fields in a message of the topic.
+
+        Raises
+        ------
+        ConfigError
+            When its type has no adapter for the role, or lacks a field that the mapping names.
+        """
+        self._constants = constants
+        if self.role != 'packet':
+            where = 'sources'
+            kind = self.stream.type
+            self._places = places_of(self.stream, self.role, kind, _Fields(sample), where)
+
+    @property
+    def bound(self) -> bool:
+        """Whether the fields were found."""
+        return self.role == 'packet' or self._places is not None
+
+    def own_stamp_ns(self, message: Any, arrival_ns: int) -> int:  # noqa: ANN401 - any type
+        """Stamp that a message has, by the clock of its sender [ns]; arrival if it has none."""
+        if self.role == 'packet':
+            return to_ns(message.receive_time)
+        stamp = () if self._places is None else self._places.stamp
+        if not stamp:
+            return arrival_ns
+        values = [get(message, path) for path in stamp]
+        if len(values) == 2:
+            return int(values[0]) * 1_000_000_000 + int(values[1])
+        if isinstance(values[0], float):
+            if not math.isfinite(values[0]):
+                raise ValueError(f'field {stamp[0]} is not a time')
+            return round(values[0] * 1e9)
+        return int(values[0])
+
+    def validity_ns(self, stamp_ns: int, arrival_ns: int) -> int:
+        """Time of validity [ns] of a message, by the host's clock, from its own stamp.
+
+        With ``clock: sensor`` it depends on the messages before it: each is asked about once.
+        """
+        if self.clock is not None:
+            stamp_ns = self.clock.host_ns(stamp_ns, arrival_ns)
+        return stamp_ns + self.stream.offset_ns
+
+    def arrival(self, number: int) -> int:
+        """Number of a fix, different from those of all other sources."""
+        return (self.index << _SOURCE_BITS) + number
+
+    def event(self, taken: Taken, number: int) -> Event | None:
+        """Event of a message; None for one that holds no position, or cannot be read."""
+        if self._read is None or self._places is None:
+            raise TypeError(f'{self.stream.topic} is not read by an adapter')
+        places = self._places.quantities
+        try:
+            rows = Rows(
+                self.stream.topic,
+                self.stream.type,
+                np.array([taken.stamp_ns], dtype=np.int64),
+                np.array([taken.arrival_ns], dtype=np.int64),
+                {name: _row(taken.message, paths) for name, paths in places.items()},
+                self._constants,
+            )
+            with np.errstate(over='ignore', invalid='ignore'):  # numbers of any size
+                found = self._read(rows)
+        except (ConfigError, ValueError, IndexError, TypeError):
+            self.unreadable += 1
+            return None
+        self.read += 1
+        self.empty += found is None
+        if isinstance(found, Fix):
+            arrival = self.arrival(number)
+            return replace(found, sequence=number, order=number, arrival=arrival)
+        return None if found is None else replace(found, sequence=number)
+
+
+class Sources:
+    """All sources of a mapping file, for one set of parameters.
+
+    Parameters
+    ----------
+    mapping : Mapping
+    params : EngineParams
+        Of the vehicle's navigation.
+
+    Raises
+    ------
+    ConfigError
+        For what a mapping can state of a recording and not of a running vehicle.
+    """
+
+    def __init__(self, mapping: m.Mapping, params: EngineParams) -> None:
+        if getattr(params, 'mode', 'sins') != 'sins':
+            raise _not_live(mapping, 'parameter mode', 'sources are of a SINS, mode sins')
+        if any(mapping.imu.lever_b):
+            raise _not_live(mapping, 'imu: lever_b', 'the IMU must be at base_link')
+        self._all: list[Source] = []
+        self._add(IMU, mapping.imu.stream, 'imu', lambda rows: _sample(rows, mapping.imu))
+        dvl, depth = mapping.dvl, mapping.depth
+        if dvl is not None:
+            self._add(DVL, dvl.stream, 'velocity', lambda rows: _ping(rows, dvl, params))
+        if depth is not None:
+            self._add(DEPTH, depth.stream, 'depth', lambda rows: _depth(rows, depth, params))
+        for fix in mapping.fixes:
+            self._add_fix(mapping, fix, params)
+        topics = [s.topic for s in self._all]
+        twice = next((t for t in topics if topics.count(t) > 1), None)
+        if twice is not None:
+            raise _not_live(mapping, 'fixes', f'{twice} stands in it twice')
+
+    def __iter__(self) -> Iterator[Source]:
+        """Sources in the order of the file."""
+        return iter(self._all)
+
+    def of(self, topic: str) -> Source | None:
+        """Source that stands for a topic of the session."""
+        return next((s for s in self._all if s.topic == topic), None)
+
+    def sensors(self, topics: tuple[str, ...]) -> tuple[str, ...]:
+        """Those of a session's sensor topics that come from here or are not of these roles."""
+        return tuple(t for t in topics if t not in (DVL, DEPTH) or self.of(t) is not None)
+
+    def _add(self, topic: str, stream: m.Stream, role: str, read: Read | None) -> None:
+        fixes = sum(s.role in ('position', 'packet') for s in self._all)
+        index = fixes if role in ('position', 'packet') else 0
+        self._all.append(Source(index, topic, stream, role, read))
+
+    def _add_fix(self, mapping: m.Mapping, fix: m.FixMapping, params: EngineParams) -> None:
+        stream = fix.position.stream
+        if stream.type == USBL:
+            raise _not_live(mapping, stream.topic, 'a UsblFix needs the track of its leader')
+        if stream.type == PACKET:
+            if stream.offset_ns or stream.clock != 'host':
+                raise _not_live(mapping, stream.topic, 'time_offset_s or clock of packets')
+            self._add(RX, stream, 'packet', None)
+            return
+        level = level_height(fix, params.sea_surface_height)
+        self._add(stream.topic, stream, 'position', lambda rows: _fix(rows, fix, level))
+
+
+def _not_live(mapping: m.Mapping, what: str, why: str) -> ConfigError:
+    return ConfigError(f'{mapping.place}: {what}: not for a running vehicle: {why}')
+
+
+def get(message: Any, path: str) -> Any:  # noqa: ANN401 - whatever a message holds
+    """Field of a message by its path, as ``twist.linear.x`` or ``beams[0].range``."""
+    value = message
+    for name, index in _STEP.findall(path):
+        value = getattr(value, name) if name else value[int(index)]
+    return value
+
+
+class _Fields:
+    """Paths of a message, as a collection: whether one is there, and the outermost names."""
+
+    def __init__(self, sample: object) -> None:
+        self._sample = sample
+
+    def __contains__(self, path: object) -> bool:
+        try:
+            get(self._sample, str(path))
+        except IndexError:  # of a list that is empty in this message
+            return True
+        except (AttributeError, TypeError):
+            return False
+        return True
+
+    def __iter__(self) -> Iterator[str]:
+        fields = getattr(self._sample, 'get_fields_and_field_types', None)
+        names = fields() if fields is not None else vars(self._sample)
+        return iter([str(name) for name in names])
+
+    def __len__(self) -> int:
+        return len(list(iter(self)))
+
+
+def _row(message: Any, paths: tuple[str, ...]) -> NDArray[Any]:  # noqa: ANN401
+    """Quantity of one message as a row: shape (1,) or (1, k)."""
+    if len(paths) > 1:
+        return np.array([[get(message, path) for path in paths]], dtype=np.float64)
+    value = get(message, paths[0])
+    if isinstance(value, str):
+        return np.array([value], dtype=object)
+    return np.asarray(value)[None]
+
+
+def _sample(rows: Rows, mapping: m.ImuMapping) -> ImuSample:
+    imu = imu_of(rows, mapping)
+    return ImuSample(int(rows.stamps_ns[0]), 0, imu.omega_ib_b[0], imu.f_b[0])
+
+
+def _ping(rows: Rows, mapping: m.DvlMapping, params: EngineParams) -> DvlPing:
+    p = pings_of(rows, mapping, params.dvl_sigma, params.water_sound_speed)
+    stamp_ns = int(rows.stamps_ns[0])
+    return DvlPing(stamp_ns, 0, bool(p.valid[0]), p.velocity[0], p.covariance[0])
+
+
+def _depth(rows: Rows, mapping: m.DepthMapping, params: EngineParams) -> DepthSample:
+    d = depths_of(rows, mapping, params.depth_sigma, params.initial_latitude_deg)
+    return DepthSample(int(rows.stamps_ns[0]), 0, float(d.depth[0]), float(d.variance[0]))
+
+
+def _fix(rows: Rows, mapping: m.FixMapping, level: float | None) -> Fix | None:
+    found = fixes_of(mapping, positions_of(rows, mapping.position, level))
+    return found[0] if found else None

@@ -1,0 +1,244 @@
+"""Subscriptions of the sources of a mapping file, and the record of what was used of them.
+
+A source asks for reliable messages and, when a publisher offers best effort only, for those. What
+is used is published in blocks on `nav/inputs`, reliably: with best effort a recorder and this node
+lose different messages, and a replay uses what this node used.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from array import array
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+from importlib import import_module
+from typing import Any
+
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.qos import QoSPolicyKind, QoSProfile, ReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.serialization import deserialize_message
+from rclpy.subscription import Subscription
+
+from polar_nav_core.errors import ConfigError
+from polar_nav_msgs.msg import Inputs
+
+from .adapters.live import CONSTANTS, Source, Sources, Taken
+from .diagnostics import Diagnosis, Level
+from .node import DATA_QOS, QUEUE_DEPTH, PolarNode
+from .stamps import to_msg
+from .topics import INPUTS
+
+_BLOCK_NS = 1_000_000_000
+_MOST = 2000
+_MANY = 10
+"""Messages without a position, all of a source, that are a WARN."""
+_QUEUE = (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH)
+_BEST_EFFORT = QoSProfile(
+    history=DATA_QOS.history,
+    depth=QUEUE_DEPTH,
+    reliability=ReliabilityPolicy.BEST_EFFORT,
+    durability=DATA_QOS.durability,
+)
+
+
+def digest_of(data: bytes) -> int:
+    """Digest of a message's serialized bytes, as nav/inputs states it."""
+    return int.from_bytes(hashlib.blake2b(data, digest_size=8).digest(), 'little')
+
+
+def bound(sources: Sources) -> dict[str, type[Any]]:
+    """Message classes of sources, found by the names of their types, to which they are bound.
+
+    Raises
+    ------
+    ConfigError
+        For a type that the mapping does not state, or that is not installed.
+    """
+    found: dict[str, type[Any]] = {}
+    for source in sources:
+        kind = _class_of(source)
+        source.bind(kind(), {n: getattr(kind, n) for n in CONSTANTS if hasattr(kind, n)})
+        found[source.topic] = kind
+    return found
+
+
+def _class_of(source: Source) -> type[Any]:
+    topic, name = source.stream.topic, source.stream.type
+    if not name:
+        raise ConfigError(
+            f'sources: {topic}: type is missing; a running vehicle needs it, as in '
+            '`type: sensor_msgs/msg/Imu`'
+        )
+    package, _, short = name.split('/')
+    try:
+        return getattr(import_module(f'{package}.msg'), short)  # type: ignore[no-any-return]
+    except ImportError as error:
+        raise ConfigError(
+            f'sources: {topic}: {name} needs the package {package}, which is not installed here '
+            f'({error})'
+        ) from error
+    except AttributeError as error:
+        raise ConfigError(f'sources: {topic}: package {package} has no message {short}') from error
+
+
+class SourcePorts:
+    """Subscriptions of a node to the sources of a mapping file.
+
+    Parameters
+    ----------
+    node : PolarNode
+    sources : Sources
+    """
+
+    def __init__(self, node: PolarNode[Any], sources: Sources) -> None:
+        self._node = node
+        self._sources = sources
+        self._kinds = bound(sources)
+        self._subscribed: dict[str, Subscription] = {}
+        self._relaxed: set[str] = set()
+        self._inputs = node.advertise(Inputs, INPUTS)
+        self._blocks = 0
+        self._rows: list[tuple[int, int, int, int, int]] = []
+
+    @property
+    def fixes(self) -> tuple[str, ...]:
+        """Topics of positions."""
+        return tuple(s.topic for s in self._sources if s.role == 'position')
+
+    def has(self, topic: str) -> bool:
+        """Whether a source stands for a topic of the session."""
+        return self._sources.of(topic) is not None
+
+    def subscribe(
+        self, topic: str, take: Callable[[Any], None], *, after_others: bool = False
+    ) -> None:
+        """Subscribe to the source that stands for a topic of the session.
+
+        Parameters
+        ----------
+        topic : str
+        take : callable
+            Gets each message as `Taken`.
+        after_others : bool
+            As of `PolarNode.subscribe`.
+        """
+        source = self._sources.of(topic)
+        if source is None:
+            raise ValueError(f'no source stands for {topic}')
+        number = next(i for i, s in enumerate(self._sources) if s is source)
+        kind = self._kinds[topic]
+
+        def on_bytes(data: bytes) -> None:
+            arrival_ns = self._node.get_clock().now().nanoseconds
+            try:
+                message = deserialize_message(data, kind)
+                stamp_ns = source.own_stamp_ns(message, arrival_ns)
+            except (RuntimeError, ValueError, MemoryError):  # bytes of anybody on the network
+                source.unreadable += 1
+                return
+            mapped_ns = source.validity_ns(stamp_ns, arrival_ns)
+            self._note((number, stamp_ns, arrival_ns, mapped_ns, digest_of(data)))
+            take(Taken(message, arrival_ns, mapped_ns))
+
+        def subscribed(qos: QoSProfile, overridable: Iterable[QoSPolicyKind]) -> Subscription:
+            return self._node.subscribe(
+                kind,
+                source.stream.topic,
+                on_bytes,
+                raw=True,
+                qos=qos,
+                after_others=after_others,
+                event_callbacks=SubscriptionEventCallbacks(incompatible_qos=relax),
+                qos_overriding_options=QoSOverridingOptions(overridable),
+            )
+
+        def relax(_event: object) -> None:
+            if topic not in self._relaxed and not self._is_overridden(topic):
+                self._relaxed.add(topic)
+                self._subscribed[topic] = self._node.renew(
+                    self._subscribed[topic], lambda: subscribed(_BEST_EFFORT, _QUEUE)
+                )
+
+        self._subscribed[topic] = subscribed(DATA_QOS, (*_QUEUE, QoSPolicyKind.RELIABILITY))
+
+    def _is_overridden(self, topic: str) -> bool:
+        """Whether the user states the reliability."""
+        name = self._subscribed[topic].topic_name
+        return f'qos_overrides.{name}.subscription.reliability' in self._node._parameter_overrides
+
+    def _note(self, row: tuple[int, int, int, int, int]) -> None:
+        if (self._rows and row[2] - self._rows[0][2] >= _BLOCK_NS) or len(self._rows) >= _MOST:
+            self.flush()
+        self._rows.append(row)
+
+    def flush(self) -> None:
+        """Publish what was used since the last block."""
+        if not self._rows:
+            return
+        source, stamp, arrival, mapped, digest = zip(*self._rows, strict=True)
+        message = Inputs(
+            sequence=self._blocks,
+            topics=[self._name(s) for s in self._sources],
+            source=array('H', source),
+            stamp=array('q', stamp),
+            arrival=array('q', arrival),
+            mapped=array('q', mapped),
+            digest=array('Q', digest),
+        )
+        message.header.stamp = to_msg(arrival[-1])
+        self._inputs.publish(message)
+        self._blocks += 1
+        self._rows.clear()
+
+    def _name(self, source: Source) -> str:
+        """Full name of a source's topic, after remapping."""
+        subscription = self._subscribed.get(source.topic)
+        return source.stream.topic if subscription is None else str(subscription.topic_name)
+
+    def diagnosed(self, found: Diagnosis) -> Diagnosis:
+        """Add what is wrong with the sources to a diagnosis; a WARN where nothing is worse."""
+        problems = [p for p in (self._problem(s) for s in self._sources) if p]
+        counts = {f'unreadable {self._name(s)}': s.unreadable for s in self._sources}
+        counts |= {f'without a position {self._name(s)}': s.empty for s in self._sources}
+        values = {**found.values, **{name: n for name, n in counts.items() if n}}
+        values |= {f'source {self._name(s)}': self._offer(s) for s in self._sources}
+        if not problems:
+            return replace(found, values=values)
+        message = f'{found.message}; {"; ".join(problems)}'
+        return Diagnosis(max(found.level, Level.WARN), message, values)
+
+    def _problem(self, source: Source) -> str:
+        """Sentence on a source whose publisher is absent or cannot be heard; else empty."""
+        subscription = self._subscribed[source.topic]
+        name = subscription.topic_name
+        if subscription.get_publisher_count():
+            if source.read < _MANY or source.empty < source.read:
+                return ''
+            return (
+                f'none of {source.read} messages of {name} holds a position: NaN, or a status of '
+                'no fix'
+            )
+        offered = self._node.get_publishers_info_by_topic(name)
+        others = {str(i.topic_type) for i in offered} - {source.stream.type}
+        if not offered:
+            return f'nobody publishes {name}'
+        if others:
+            return f'{name} is published as {", ".join(sorted(others))}, not {source.stream.type}'
+        return f'the QoS of {name} is incompatible: its publisher offers {_qos_text(offered)}'
+
+    def _offer(self, source: Source) -> str:
+        kind = 'best effort' if source.topic in self._relaxed else 'reliable'
+        text = f'{source.stream.type}, {kind}'
+        clock = source.clock
+        if clock is None:
+            return text
+        return f'{text}, clock drifts by {clock.drift * 1e6:.1f} ppm, stepped {clock.steps} times'
+
+
+def _qos_text(offered: Iterable[Any]) -> str:
+    profiles: list[Any] = [info.qos_profile for info in offered]
+    words: Mapping[str, None] = dict.fromkeys(
+        f'{p.reliability.name}, {p.durability.name}'.lower().replace('_', ' ') for p in profiles
+    )
+    return ' and '.join(words)
