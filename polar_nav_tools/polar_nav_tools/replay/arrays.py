@@ -285,6 +285,9 @@ def arrays_request(bag: Bag, vehicle: str | None = None, *, truth: bool = False)
     """
     name, recorded = choose_follower(bag, vehicle)
     params = from_mapping(FollowerParams, recorded)
+    inputs = bag.topics.get(f'/{name}/{topics.INPUTS}')
+    if inputs is not None and inputs.count:
+        return None  # of mapped sources, which are adapted one by one
     if bag.injected:
         return None  # nobody has sorted its messages or refused late ones
     mode = MODES[params.mode]

@@ -168,7 +168,7 @@ def replay(
     divergence = ''
     for number, life in enumerate(inputs.lives):
         collector.life = number
-        run = session.Session(params, inputs.vehicle)
+        run = inputs.new_session(params)
         share = _share(progress, number, len(inputs.lives))
         if inputs.bag.injected:
             health += _drive_live(run, life, collector, share)

@@ -7,7 +7,7 @@ bag does not state has the value that reproduces the engine of that bag, never t
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from polar_nav_core.engine.version import ENGINE_VERSION
@@ -39,12 +39,15 @@ class Description:
         Those of `params` that the bag states.
     retired : dict
         Recorded parameters that were retired since, by name, with their recorded values.
+    sources : str
+        The mapping file of its sources; empty without one.
     """
 
     engine_version: int
     params: dict[str, Any]
     stated: frozenset[str]
     retired: dict[str, Any]
+    sources: str = ''
 
     def require_known(self) -> None:
         """Raise an error for parameters that are neither declared nor retired.
@@ -83,7 +86,9 @@ def descriptions_of(bag: Bag) -> dict[str, Description]:
 def describe(info: Mapping[str, Any]) -> Description:
     """Description in one message of /run_info."""
     params = info.get('params')
-    return read_parameters(params if isinstance(params, dict) else {}, engine_version_of(info))
+    found = read_parameters(params if isinstance(params, dict) else {}, engine_version_of(info))
+    sources = info.get('sources')
+    return replace(found, sources=sources) if isinstance(sources, str) else found
 
 
 def engine_version_of(info: Mapping[str, Any]) -> int:

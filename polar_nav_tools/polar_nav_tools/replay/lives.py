@@ -20,6 +20,7 @@ from polar_nav_core.engine.events import ClockStep, Event, Fix, Receipt, Verdict
 from polar_nav_follower import session
 from polar_nav_msgs.msg import Command, FixReceipt, NavState
 from polar_nav_ros import topics
+from polar_nav_ros.adapters.live import Taken
 from polar_nav_ros.navigation_outputs import receipt_from_msg
 from polar_nav_ros.navigation_session import MODEL_OUTPUTS
 from polar_nav_ros.stamps import to_ns
@@ -86,6 +87,8 @@ class Life:
                 event = run.recorded_event_of(topic, message)
             except ValueError as error:
                 raise BagError(f'{where}/{topic} makes no sense: {error}') from error
+            if event is None:
+                continue
             key = event_key(event)
             if refused[key]:
                 refused[key] -= 1
@@ -148,7 +151,7 @@ class Records:
         """Places of the messages on the topic of a start that have its stamp."""
         if not self._of:
             for place, topic, message, _ in self.inputs:
-                key = topic, to_ns(message.header.stamp)
+                key = topic, stamp_of(message)
                 self._of.setdefault(key, []).append(place)
         return self._of.get((start.topic, start.own_ns), [])
 
@@ -276,7 +279,7 @@ def _life(
         if place < first or (killed and place > newest):
             continue
         taken[topic] += 1
-        if taken[topic] <= most[topic]:
+        if taken[topic] <= most.get(topic, _NO_LIMIT):
             messages.append((topic, message))
             arrivals_ns.append(arrival_ns)
     receipts = [deserialize_message(d, FixReceipt) for d in published[topics.RECEIPT]]
@@ -289,6 +292,11 @@ def _life(
         until_ns=_newest_ns(published) if killed else None,
         torn=hole != _NO_LIMIT,
     )
+
+
+def stamp_of(message: Any) -> int:  # noqa: ANN401 - of any topic
+    """Stamp of an input [ns], of a mapped source that with which it counted."""
+    return message.stamp_ns if isinstance(message, Taken) else to_ns(message.header.stamp)
 
 
 def _newest_ns(live: Mapping[str, list[bytes]]) -> int:

@@ -32,6 +32,7 @@ from ..bags.reader import Bag
 from .constants import mode_table, require_same
 from .described import FOLLOWER_PACKAGE, Description, descriptions_of
 from .lives import Life, Records, lives_of, taken_counts
+from .used import Used, used_of
 
 COMPARED = (topics.STATE, topics.RECEIPT)
 """Topics that a replay reproduces bit for bit; and those of `MODEL_OUTPUTS` that the bag has."""
@@ -64,6 +65,8 @@ class RecordedInputs:
         Engine that recorded the run.
     retired : list of str
         One sentence for each recorded parameter that was retired since.
+    used : Used or None
+        What the node used of the sources of its mapping file; it is among the messages.
     """
 
     bag: Bag
@@ -73,6 +76,12 @@ class RecordedInputs:
     imu: str = topics.IMU
     engine_version: int = ENGINE_VERSION
     retired: list[str] = field(default_factory=list)
+    used: Used | None = None
+
+    def new_session(self, params: FollowerParams) -> session.Session:
+        """Session that takes these messages, with other parameters perhaps."""
+        sources = None if self.used is None else self.used.sources(params)
+        return session.Session(params, self.vehicle, sources)
 
     @property
     def live(self) -> dict[str, list[bytes]]:
@@ -115,20 +124,27 @@ def load_inputs(
     name, described = choose_description(bag, vehicle)
     described.require_known()
     params = described.params
-    inputs = session.inputs_of(from_mapping(FollowerParams, {**params, **(changes or {})}))
-    bag.require([f'/{name}/{inputs[0]}'])
+    changed = from_mapping(FollowerParams, {**params, **(changes or {})})
+    used = used_of(bag, name, described.sources, changed) if described.sources else None
+    blocks = iter(() if used is None else used.blocks)
+    inputs = _recorded_topics(bag, name, changed, used)
     compared = (*COMPARED, *(t for t in MODEL_OUTPUTS if f'/{name}/{t}' in bag.topics))
     by_name = {f'/{name}/{t}': t for t in (*inputs, *compared, topics.CLOCK_STEP)}
     require_same(bag, by_name)
+    imu = session.sensors_of(changed)[0]
     records = Records(by_name, compared)
     modes = mode_table(bag, f'/{name}/{topics.DVL}')
     holes_ns = [begin_ns for _, begin_ns in bag.holes_ns]
-    for full_name, arrival_ns, data in bag.messages({*by_name, topics.RUN_INFO}):
+    used_names = set() if used is None else {f'/{name}/{topics.INPUTS}'}
+    for full_name, arrival_ns, data in bag.messages({*by_name, *used_names, topics.RUN_INFO}):
         while holes_ns and arrival_ns >= holes_ns[0]:
             records.hole()
             del holes_ns[0]
         topic = by_name.get(full_name)
-        if topic is None:
+        if full_name in used_names:
+            for source, taken in next(blocks):
+                records.input(source, taken, taken.arrival_ns)
+        elif topic is None:
             if _describes(data, name):
                 records.born()
         elif topic in compared:
@@ -144,7 +160,7 @@ def load_inputs(
             else:
                 records.input(topic, message, arrival_ns)
     try:
-        lives = lives_of(records, inputs[0], injected=bool(bag.injected))
+        lives = lives_of(records, imu, injected=bool(bag.injected))
     except (RuntimeError, ValueError, MemoryError) as error:
         raise BagError(f'{bag.path}: a receipt of /{name} is damaged: {error}') from error
     return RecordedInputs(
@@ -152,10 +168,29 @@ def load_inputs(
         vehicle=name,
         params=params,
         lives=tuple(lives),
-        imu=inputs[0],
+        imu=imu,
         engine_version=described.engine_version,
         retired=described.retired_texts(),
+        used=used,
     )
+
+
+def _recorded_topics(
+    bag: Bag, name: str, params: FollowerParams, used: Used | None
+) -> tuple[str, ...]:
+    """Topics of the vehicle that a follower took, without those that sources stand for.
+
+    Raises
+    ------
+    BagError
+        When the bag has no IMU data.
+    """
+    if used is None:
+        inputs = session.inputs_of(params)
+        bag.require([f'/{name}/{inputs[0]}'])
+        return inputs
+    mapped = used.sources(params)
+    return tuple(t for t in session.inputs_of(params, mapped) if mapped.of(t) is None)
 
 
 def _step(bag: Bag, topic: str, data: bytes) -> ClockStep:

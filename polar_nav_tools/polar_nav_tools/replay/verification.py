@@ -30,7 +30,7 @@ from ..bags.reader import Bag
 from ..series.closeness import LIMIT_SIGMA, LIMIT_TEXT, Closeness, closeness, model_closeness
 from ..series.vehicle import EstimateSeries
 from .by_message import Progress, ReplayResult, parameters, replay
-from .lives import TYPES
+from .lives import TYPES, stamp_of
 from .recorded import RecordedInputs, choose_description, load_inputs
 
 
@@ -200,7 +200,7 @@ def verify(
         replay_sha256={topic: _digest(messages) for topic, messages in again.items()},
         counts={topic: (len(messages), len(again[topic])) for topic, messages in live.items()},
         difference=difference,
-        problems=list(inputs.bag.problems),
+        problems=[*inputs.bag.problems, *([] if inputs.used is None else inputs.used.lacks)],
         engine_version=inputs.engine_version,
         comparison=comparison,
         retired=list(inputs.retired),
@@ -364,7 +364,7 @@ def _from(first_ns: int) -> str:
 
 def _first_imu_ns(inputs: RecordedInputs) -> int:
     messages = inputs.lives[0].messages
-    return next(to_ns(m.header.stamp) for topic, m in messages if topic == inputs.imu)
+    return next(stamp_of(message) for topic, message in messages if topic == inputs.imu)
 
 
 def _late_start(inputs: RecordedInputs) -> Difference | None:
