@@ -19,10 +19,11 @@ from typing import Any, Generic, Protocol, TypeVar
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock, ClockType
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 from std_msgs.msg import String
@@ -36,27 +37,16 @@ from . import topics
 from .diagnostics import Diagnosis
 from .launcher import watch_launcher
 from .parameters import load
+from .qos import BEST_EFFORT, overridden, overriding
+from .qos import DATA_QOS as DATA_QOS
+from .qos import LATCHED_QOS as LATCHED_QOS
+from .qos import QUEUE_DEPTH as QUEUE_DEPTH
 
 P = TypeVar('P', bound=NodeParams)
 
 ACK_TOPIC = '/lockstep/ack'
 SUPERVISED = 'POLAR_NAV_SUPERVISED'
 """Set in the environment by who reads lines for machines from stdout: ready, progress, counts."""
-QUEUE_DEPTH = 2000
-"""Deeper than the longest window of the lockstep pace has messages on any topic."""
-
-DATA_QOS = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST,
-    depth=QUEUE_DEPTH,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.VOLATILE,
-)
-LATCHED_QOS = QoSProfile(
-    history=HistoryPolicy.KEEP_LAST,
-    depth=100,
-    reliability=ReliabilityPolicy.RELIABLE,
-    durability=DurabilityPolicy.TRANSIENT_LOCAL,
-)
 _HEARTBEAT_S = 0.5
 _POLL_S = 0.01
 _STEADY = Clock(clock_type=ClockType.STEADY_TIME)
@@ -110,9 +100,8 @@ class Input(Protocol):
 class _Drained:
     """A drained subscription with its count."""
 
-    def __init__(self, subscription: Subscription, drain: Callable[[], None]) -> None:
+    def __init__(self, subscription: Subscription) -> None:
         self.subscription = subscription
-        self.drain = drain
         self.topic: str = subscription.topic_name
         self.count = 0
 
@@ -146,6 +135,8 @@ class PolarNode(Node, Generic[P]):  # type: ignore[misc]
         self._outputs: list[CountedPublisher] = []
         self._inputs: list[Input] = []
         self._drains: list[Callable[[], None]] = []
+        self.relaxed: set[str] = set()
+        """Full names of the topics that a publisher offers best effort only."""
         self._ack_sequence = 0
         self._acks: Publisher | None = None
         if self.params.lockstep or self.params.presence:
@@ -184,7 +175,6 @@ class PolarNode(Node, Generic[P]):  # type: ignore[misc]
         raw: bool = False,
         qos: QoSProfile = DATA_QOS,
         after_others: bool = False,
-        **options: Any,  # noqa: ANN401 - of rclpy's create_subscription
     ) -> Subscription:
         """Subscription that drains all waiting messages in one turn of the executor.
 
@@ -192,6 +182,9 @@ class PolarNode(Node, Generic[P]):  # type: ignore[misc]
         of a burst brings the rest with it. With `after_others` it comes after what waits on all
         other subscriptions: a node that was held up then finds its inputs side by side, and
         not one of them seconds ahead of the others.
+
+        Where a publisher offers best effort only, another subscription that asks for no more takes
+        its place, unless ``qos_overrides`` state the reliability, or in the lockstep pace.
         """
 
         def drain() -> None:
@@ -211,22 +204,35 @@ class PolarNode(Node, Generic[P]):  # type: ignore[misc]
             drain()
             self.acknowledge()
 
+        def relax(_event: object) -> None:
+            name = subscription.topic_name
+            if not (self.params.lockstep or name in self.relaxed or overridden(self, name)):
+                self.get_logger().info(f'{name} is offered best effort only: taken as that')
+                self.relaxed.add(name)
+                drain()
+                self._drains.remove(drain)
+                self.destroy_subscription(subscription)
+                self.subscribe(
+                    msg_type, topic, callback, raw=raw, qos=BEST_EFFORT, after_others=after_others
+                )
+                self._inputs[-1].count += entry.count
+
         self._drains.append(drain)
-        subscription = self.create_subscription(msg_type, topic, drained, qos, raw=raw, **options)
+        reliable = qos.reliability == ReliabilityPolicy.RELIABLE
+        events = SubscriptionEventCallbacks(incompatible_qos=relax) if reliable else None
+        subscription = self.create_subscription(
+            msg_type,
+            topic,
+            drained,
+            qos,
+            raw=raw,
+            event_callbacks=events,
+            qos_overriding_options=overriding(self, topic, reliable=reliable),
+        )
         handle = subscription.handle
-        entry = _Drained(subscription, drain)
+        entry = _Drained(subscription)
         self.count_input(entry)
         return subscription
-
-    def renew(self, old: Subscription, subscribe: Callable[[], Subscription]) -> Subscription:
-        """Subscription in place of another one of the same topic, whose count goes on."""
-        known = (i for i in self._inputs if isinstance(i, _Drained))
-        entry = next(i for i in known if i.subscription is old)
-        self._drains.remove(entry.drain)
-        new = subscribe()
-        self._inputs[-1].count += entry.count
-        self.destroy_subscription(old)
-        return new
 
     def count_input(self, entry: Input) -> None:
         """Add a subscription to the acknowledgements, in place of an older one of its topic."""
@@ -258,6 +264,10 @@ class PolarNode(Node, Generic[P]):  # type: ignore[misc]
     def taken_counts(self) -> dict[str, int]:
         """Number of messages received so far per fully qualified topic."""
         return {i.topic: i.count for i in self._inputs}
+
+    def publishers_of(self, topic: str) -> int:
+        """Publishers that the subscription to a topic, by its full name, has found."""
+        return next(i.matched for i in self._inputs if i.topic == topic)
 
     def published_counts(self) -> dict[str, int]:
         """Number of messages published so far per fully qualified topic."""

@@ -14,18 +14,14 @@ from dataclasses import replace
 from importlib import import_module
 from typing import Any
 
-from rclpy.event_handler import SubscriptionEventCallbacks
-from rclpy.qos import QoSPolicyKind, QoSProfile, ReliabilityPolicy
-from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.serialization import deserialize_message
-from rclpy.subscription import Subscription
 
 from polar_nav_core.errors import ConfigError
 from polar_nav_msgs.msg import Inputs
 
 from .adapters.live import CONSTANTS, Source, Sources, Taken
 from .diagnostics import Diagnosis, Level
-from .node import DATA_QOS, QUEUE_DEPTH, PolarNode
+from .node import PolarNode
 from .stamps import to_msg
 from .topics import INPUTS
 
@@ -33,13 +29,6 @@ _BLOCK_NS = 1_000_000_000
 _MOST = 2000
 _MANY = 10
 """Messages without a position, all of a source, that are a WARN."""
-_QUEUE = (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH)
-_BEST_EFFORT = QoSProfile(
-    history=DATA_QOS.history,
-    depth=QUEUE_DEPTH,
-    reliability=ReliabilityPolicy.BEST_EFFORT,
-    durability=DATA_QOS.durability,
-)
 
 
 def digest_of(data: bytes) -> int:
@@ -95,8 +84,7 @@ class SourcePorts:
         self._node = node
         self._sources = sources
         self._kinds = bound(sources)
-        self._subscribed: dict[str, Subscription] = {}
-        self._relaxed: set[str] = set()
+        self._names: dict[str, str] = {}
         self._inputs = node.advertise(Inputs, INPUTS)
         self._blocks = 0
         self._rows: list[tuple[int, int, int, int, int]] = []
@@ -141,31 +129,10 @@ class SourcePorts:
             self._note((number, stamp_ns, arrival_ns, mapped_ns, digest_of(data)))
             take(Taken(message, arrival_ns, mapped_ns))
 
-        def subscribed(qos: QoSProfile, overridable: Iterable[QoSPolicyKind]) -> Subscription:
-            return self._node.subscribe(
-                kind,
-                source.stream.topic,
-                on_bytes,
-                raw=True,
-                qos=qos,
-                after_others=after_others,
-                event_callbacks=SubscriptionEventCallbacks(incompatible_qos=relax),
-                qos_overriding_options=QoSOverridingOptions(overridable),
-            )
-
-        def relax(_event: object) -> None:
-            if topic not in self._relaxed and not self._is_overridden(topic):
-                self._relaxed.add(topic)
-                self._subscribed[topic] = self._node.renew(
-                    self._subscribed[topic], lambda: subscribed(_BEST_EFFORT, _QUEUE)
-                )
-
-        self._subscribed[topic] = subscribed(DATA_QOS, (*_QUEUE, QoSPolicyKind.RELIABILITY))
-
-    def _is_overridden(self, topic: str) -> bool:
-        """Whether the user states the reliability."""
-        name = self._subscribed[topic].topic_name
-        return f'qos_overrides.{name}.subscription.reliability' in self._node._parameter_overrides
+        subscription = self._node.subscribe(
+            kind, source.stream.topic, on_bytes, raw=True, after_others=after_others
+        )
+        self._names[topic] = str(subscription.topic_name)
 
     def _note(self, row: tuple[int, int, int, int, int]) -> None:
         if (self._rows and row[2] - self._rows[0][2] >= _BLOCK_NS) or len(self._rows) >= _MOST:
@@ -193,8 +160,7 @@ class SourcePorts:
 
     def _name(self, source: Source) -> str:
         """Full name of a source's topic, after remapping."""
-        subscription = self._subscribed.get(source.topic)
-        return source.stream.topic if subscription is None else str(subscription.topic_name)
+        return self._names.get(source.topic, source.stream.topic)
 
     def diagnosed(self, found: Diagnosis) -> Diagnosis:
         """Add what is wrong with the sources to a diagnosis; a WARN where nothing is worse."""
@@ -210,9 +176,8 @@ class SourcePorts:
 
     def _problem(self, source: Source) -> str:
         """Sentence on a source whose publisher is absent or cannot be heard; else empty."""
-        subscription = self._subscribed[source.topic]
-        name = subscription.topic_name
-        if subscription.get_publisher_count():
+        name = self._name(source)
+        if self._node.publishers_of(name):
             if source.read < _MANY or source.empty < source.read:
                 return ''
             return (
@@ -228,7 +193,7 @@ class SourcePorts:
         return f'the QoS of {name} is incompatible: its publisher offers {_qos_text(offered)}'
 
     def _offer(self, source: Source) -> str:
-        kind = 'best effort' if source.topic in self._relaxed else 'reliable'
+        kind = 'best effort' if self._name(source) in self._node.relaxed else 'reliable'
         text = f'{source.stream.type}, {kind}'
         clock = source.clock
         if clock is None:

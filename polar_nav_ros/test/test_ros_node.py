@@ -22,6 +22,7 @@ from polar_nav_msgs.msg import Depth, LockstepAck  # noqa: E402
 from polar_nav_ros import node as ros_node  # noqa: E402
 from polar_nav_ros import topics  # noqa: E402
 from polar_nav_ros.node import DATA_QOS, LATCHED_QOS, PolarNode  # noqa: E402
+from polar_nav_ros.qos import BEST_EFFORT  # noqa: E402
 from polar_nav_ros.stamps import stamp_ns_of_cdr, to_msg, to_ns  # noqa: E402
 
 
@@ -109,6 +110,33 @@ def test_what_moves_time_on_is_taken_last():
     assert got == [(t, float(k)) for t in ('slow', 'clock') for k in range(3)]
     assert node.taken_counts() == {'/slow': 3, '/clock': 3}
     node.destroy_node()
+    peer.destroy_node()
+
+
+@pytest.mark.parametrize('lockstep', [False, True])
+def test_a_best_effort_publisher_is_heard_but_in_lockstep(lockstep):
+    echo = Echo(parameter_overrides=[Parameter('lockstep', value=lockstep)])
+    peer = rclpy.create_node('peer')
+    executor = SingleThreadedExecutor()
+    executor.add_node(echo)
+    executor.add_node(peer)
+    source = peer.create_publisher(Depth, 'in', DATA_QOS)
+    spin_until(executor, lambda: source.get_subscription_count() == 1)
+    source.publish(Depth(depth=1.0))
+    spin_until(executor, lambda: echo.taken_counts() == {'/in': 1})
+    weak = peer.create_publisher(Depth, 'in', BEST_EFFORT)
+    if lockstep:
+        found = []
+        peer.create_timer(1.0, lambda: found.append(weak.get_subscription_count()))
+        spin_until(executor, lambda: bool(found))
+        assert found == [0]
+    else:
+        spin_until(executor, lambda: weak.get_subscription_count() == 1)
+        spin_until(executor, lambda: source.get_subscription_count() == 1)
+        weak.publish(Depth(depth=2.0))
+        source.publish(Depth(depth=3.0))
+        spin_until(executor, lambda: echo.taken_counts() == {'/in': 3})  # the count goes on
+    echo.destroy_node()
     peer.destroy_node()
 
 
