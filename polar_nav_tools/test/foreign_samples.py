@@ -89,7 +89,8 @@ class Recording:
 def recording() -> Recording:
     """Load the reference bag once."""
     inputs = load_inputs(REFERENCE)
-    events = inputs.events(Session(parameters(inputs.params, None, {}), inputs.vehicle))
+    run = Session(parameters(inputs.params, None, {}), inputs.vehicle)
+    events = inputs.events(run, inputs.lives[0])
     bag = open_bag(REFERENCE)
     return Recording(
         inputs,
