@@ -152,6 +152,39 @@ def test_numbers_win_over_their_class_and_stand_once() -> None:
         mapping_file.from_section(Section('m', mapping() | {'noise': {'max_speed': 1.0}}))
 
 
+@pytest.mark.parametrize(
+    ('version', 'stated', 'dimensions'),
+    [
+        (1, {}, 3),
+        (2, {}, 2),
+        (2, {'sigma': 5.0}, 2),
+        (2, {'sigma': [5.0, 2.0]}, 3),
+        (2, {'sigma': [5.0, 2.0], 'dimensions': 2}, 2),
+        (1, {'dimensions': 2}, 2),
+    ],
+)
+def test_fixes_are_2_d_from_version_2_on(version: int, stated: Any, dimensions: int) -> None:
+    top = mapping() | {'version': version, 'fixes': {'topic': '/fix'} | stated}
+    (fix,) = mapping_file.from_section(Section('m', top)).fixes
+    assert fix.dimensions == dimensions
+
+
+@pytest.mark.parametrize(
+    ('stated', 'says'),
+    [
+        ({'type': 'Imu'}, "'Imu' is no message type"),
+        ({'clock': 'gps'}, "clock: 'gps' is none of host, sensor, log"),
+        ({'clock': 'sensor', 'stamp': 'log'}, 'clock: sensor does not go with `stamp: log`'),
+        ({'dimensions': 1}, 'unknown key dimensions'),
+    ],
+)
+def test_keys_of_sources_are_checked(stated: Any, says: str) -> None:
+    top = mapping()
+    top['imu'] |= stated
+    with pytest.raises(ConfigError, match=says):
+        mapping_file.from_section(Section('m', top))
+
+
 def test_versions_of_mappings() -> None:
     """One of a later project is refused; one without is the first."""
     assert mapping_file.from_section(Section('m', mapping() | {'version': 1})).vehicle == 'auv'
