@@ -17,6 +17,7 @@ COMMANDS = (
     'test',
     'launch',
     'record',
+    'play',
     'replay',
     'score',
     'verify',
@@ -30,7 +31,7 @@ COMMANDS = (
     'identify',
 )
 WITHOUT_FIGURES = ('test', 'launch', 'record')
-ON_A_BAG = ('replay', 'score', 'verify', 'report', 'info', 'recover', 'doctor', 'identify')
+ON_A_BAG = ('play', 'replay', 'score', 'verify', 'report', 'info', 'recover', 'doctor', 'identify')
 
 
 @pytest.fixture

@@ -26,6 +26,7 @@ os.environ.setdefault('NUMPY_MADVISE_HUGEPAGE', '0')
 
 COMMANDS = (
     'live',
+    'play',
     'bags',
     'score',
     'trust',
