@@ -257,12 +257,15 @@ def _perform(
             f'{options.wait_s:g} s; nothing was played'
         )
     publish = player.publish if shown is None else _showing(player.publish, result, shown)
-    begun_ns = start_ns = time.monotonic_ns()
+    begun_ns = start_ns = 0
     round_ns = max(round((result.last_ns - result.first_ns) / options.rate), _SHORTEST_ROUND_NS)
     for messages in rounds_of(source, options, result):
+        first = next(messages, None)  # opens the bag, which is no lag
+        if not result.rounds:
+            begun_ns = start_ns = time.monotonic_ns()
         result.rounds += 1
         whole = publish_all(
-            messages,
+            messages if first is None else itertools.chain((first,), messages),
             Timeline(result.first_ns, options.rate, start_ns),
             publish,
             lag=result.lag,
