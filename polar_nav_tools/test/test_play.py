@@ -148,6 +148,11 @@ def test_several_publishers_become_one_that_serves_the_subscribers_of_each():
     assert not offer_of('/t', to_yaml([best, best])).reliable
 
 
+@pytest.mark.parametrize('word', ['system_default', 'unknown', 'best_available', 0, 7])
+def test_what_is_not_best_effort_is_reliable(word):
+    assert offer_of('/t', [{'reliability': word, 'depth': 3}]).reliable
+
+
 @pytest.mark.parametrize('profiles', [None, '', [], '[1, 2]', '{', 'x' * 200_000, 3])
 def test_without_a_profile_it_is_reliable(profiles):
     assert offer_of('/t', profiles) == Offer()
