@@ -10,11 +10,13 @@ import sys
 import time
 
 import pytest
-from live_support import polar
+from live_support import RunningDemo, polar
 
 pytestmark = [pytest.mark.live, pytest.mark.timeout(240)]
 
 LIMIT_S = 10.0
+RUNNING = 200_000
+"""Bytes of a bag in which all nodes are at work."""
 USUAL_VICTIMS = ('/follower/follower_node', '/recorder_node', '/leader/usbl_node')
 OTHER_VICTIMS = (
     '/truth_node',
@@ -144,16 +146,63 @@ def test_a_value_out_of_range_stops_a_node_with_one_sentence(
     assert len(done.stderr.strip().splitlines()) == 1
 
 
-def test_a_frozen_node_is_named(running_demo):
-    """At the lockstep pace all others wait for it: without a name the run only stands still."""
-    pid = running_demo.node_pid('/follower/dvl_node')
-    os.kill(pid, signal.SIGSTOP)
-    sentence = 'node /follower/dvl_node has not answered for 10 s: it is stopped (SIGSTOP)'
-    deadline = time.monotonic() + 60.0
-    while sentence not in running_demo.stderr and time.monotonic() < deadline:
-        time.sleep(0.2)
-    assert sentence in running_demo.stderr
-    os.kill(pid, signal.SIGCONT)
-    while 'answers again' not in running_demo.stderr and time.monotonic() < deadline:
-        time.sleep(0.2)
-    assert 'node /follower/dvl_node answers again' in running_demo.stderr
+def freeze(run, names):
+    """Stop nodes until all are named, and let them go on until all answer again."""
+    pids = {name: run.node_pid(name) for name in names}
+    seen = run.stderr.count('\n')
+    for pid in pids.values():
+        os.kill(pid, signal.SIGSTOP)
+    for number, sentence in (
+        (signal.SIGCONT, 'node {} has not answered for 10 s: it is stopped (SIGSTOP)'),
+        (0, 'node {} answers again'),
+    ):
+        wanted = {sentence.format(name) for name in names}
+        deadline = time.monotonic() + 60.0
+        while (missing := wanted - said_since(run, seen)) and time.monotonic() < deadline:
+            assert run.process.poll() is None, run.stderr
+            time.sleep(0.2)
+        assert not missing, run.stderr
+        for pid in pids.values():
+            os.kill(pid, number)
+
+
+def said_since(run, line):
+    """Sentences on stderr from a line on, without the name of the program."""
+    return {text.partition(': ')[2] for text in run.stderr.splitlines()[line:]}
+
+
+def end_in_order(run):
+    """Interrupt a run; nothing is left of it, and its bag can be read: what info found."""
+    run.process.send_signal(signal.SIGINT)
+    run.process.communicate(timeout=60.0)
+    assert run.nodes() == {}
+    said = json.loads(polar('info', run.bag, '--json').stdout)
+    assert said['message_count'] > 1000
+    return said
+
+
+def test_frozen_nodes_are_named(running_demo):
+    """At the lockstep pace all others wait for them: without names the run only stands still."""
+    freeze(running_demo, ['/follower/dvl_node', '/recorder_node'])
+    assert end_in_order(running_demo)['ok'] is True
+
+
+@pytest.mark.long
+@pytest.mark.timeout(1200)
+@pytest.mark.parametrize('arguments', [(), ('--pace', 'realtime'), None])
+def test_every_frozen_node_is_named(arguments, tmp_path):
+    """One by one, in one run of each command and pace."""
+    command = 'launch' if arguments is None else 'demo'
+    run = RunningDemo(tmp_path, '--duration', '5000', *(arguments or ()), command=command)
+    try:
+        recorded = run.bag / 'bag_0.mcap'
+        deadline = time.monotonic() + 120.0
+        while not (recorded.is_file() and recorded.stat().st_size > RUNNING):
+            assert time.monotonic() < deadline, run.stderr
+            time.sleep(0.2)
+        for name in (*USUAL_VICTIMS, *OTHER_VICTIMS):
+            freeze(run, [name])
+        said = end_in_order(run)
+        assert said['ok'] is True, said['problems']
+    finally:
+        run.end()
