@@ -3,7 +3,7 @@
 | level | when |
 | --- | --- |
 | ERROR | the filter was lost; the IMU is silent or steps back; an ERROR of watchdog or integrity |
-| WARN | no state yet; sensors outrun the history; a WARN of those two; messages were refused |
+| WARN | no state yet; sensors outrun the history; a WARN of those two; refused messages; flood |
 | OK | navigating, with the age of the last fix |
 """
 
@@ -87,11 +87,21 @@ class NavigationHealth:
             logger.warning(warning)
         self._last = Level.WARN  # there is no state yet
         self._refused = dict.fromkeys(_REFUSED, 0)
+        self._lost = 0
 
-    def diagnose(self, values: dict[str, object]) -> Diagnosis:
-        """Present status; ``values`` are the node's own numbers.
+    def diagnose(
+        self, values: dict[str, object], *, behind_s: float = 0.0, lost: int = 0
+    ) -> Diagnosis:
+        """Present status.
 
-        The engine's come first.
+        Parameters
+        ----------
+        values : dict
+            The node's own numbers; the engine's come first.
+        behind_s : float
+            How long its newest input had waited [s]; 0 where that is no time.
+        lost : int
+            Inputs that were dropped before the node took them.
         """
         engine, integrity = self._engine, self._engine.integrity
         counted: dict[str, object] = {
@@ -109,9 +119,27 @@ class NavigationHealth:
         others = sum(engine.verdicts.values()) + (waiting if isinstance(waiting, int) else 0)
         silent_s = self._silence.look(self._clock(), engine.last_imu_ns, others)
         level, message = self._worst(integrity, silent_s)
+        flood = self._flood(behind_s, lost)
+        if flood:
+            counted['flood'] = flood
+            if level is Level.OK:
+                level, message = Level.WARN, flood
         self._refused = {v: engine.verdicts[v] for v in _REFUSED}
         self._tell(level, message)
         return Diagnosis(level, message, {**counted, **values})
+
+    def _flood(self, behind_s: float, lost: int) -> str:
+        """Sentence about inputs that come faster than they are taken; empty if they do not."""
+        new, self._lost = lost - self._lost, lost
+        said = []
+        if behind_s:
+            said.append(f'falls behind by {behind_s:.1f} s: inputs come faster than it takes them')
+        if new:
+            said.append(
+                f'{new} messages were dropped before it took them ({lost} so far), and a replay '
+                'has those that are recorded'
+            )
+        return '; '.join(said)
 
     def _worst(self, integrity: Integrity, silent_s: float) -> tuple[Level, str]:
         engine = self._engine

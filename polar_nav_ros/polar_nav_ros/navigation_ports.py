@@ -145,11 +145,13 @@ class NavigationPorts:
         waiting: dict[str, object] = {'waiting': self._session.reorder.pending}
         if self._store is not None:
             waiting['saved_state'] = self._store.status
-        if self._sources is None:
-            return self._health.diagnose({**waiting, **self._node.taken_counts()})
-        self._sources.flush()
-        found = self._health.diagnose({**waiting, **self._node.taken_counts()})
-        return self._sources.diagnosed(found)
+        lost, behind_s = self._node.lost_counts(), self._node.backlog.behind_s
+        values = {**waiting, **self._node.taken_counts()}
+        values |= {f'lost {topic}': count for topic, count in lost.items()}
+        if self._sources is not None:
+            self._sources.flush()
+        found = self._health.diagnose(values, behind_s=behind_s, lost=sum(lost.values()))
+        return found if self._sources is None else self._sources.diagnosed(found)
 
     def _silent_s(self) -> float:
         """Time since IMU samples that are used stopped, by the computer's clock; 0 in lockstep."""

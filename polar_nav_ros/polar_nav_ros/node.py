@@ -34,6 +34,7 @@ from polar_nav_core.params import NodeParams, to_mapping
 from polar_nav_msgs.msg import LockstepAck
 
 from . import topics
+from .backlog import Backlog, Drain
 from .diagnostics import Diagnosis
 from .launcher import watch_launcher
 from .parameters import load
@@ -47,6 +48,8 @@ P = TypeVar('P', bound=NodeParams)
 ACK_TOPIC = '/lockstep/ack'
 SUPERVISED = 'POLAR_NAV_SUPERVISED'
 """Set in the environment by who reads lines for machines from stdout: ready, progress, counts."""
+_TURN = 500
+"""Messages of one subscription that are taken at a time; then timers and signals have a turn."""
 _HEARTBEAT_S = 0.5
 _POLL_S = 0.01
 _STEADY = Clock(clock_type=ClockType.STEADY_TIME)
@@ -90,7 +93,10 @@ class Input(Protocol):
     """A subscription that is counted."""
 
     topic: str
-    count: int
+
+    @property
+    def count(self) -> int:
+        """Messages taken so far."""
 
     @property
     def matched(self) -> int:
@@ -100,10 +106,14 @@ class Input(Protocol):
 class _Drained:
     """A drained subscription with its count."""
 
-    def __init__(self, subscription: Subscription) -> None:
+    def __init__(self, subscription: Subscription, drain: Drain) -> None:
         self.subscription = subscription
+        self.drain = drain
         self.topic: str = subscription.topic_name
-        self.count = 0
+
+    @property
+    def count(self) -> int:
+        return self.drain.count
 
     @property
     def matched(self) -> int:
@@ -137,6 +147,7 @@ class PolarNode(Node, Generic[P]):  # type: ignore[misc]
         self._drains: list[Callable[[], None]] = []
         self.relaxed: set[str] = set()
         """Full names of the topics that a publisher offers best effort only."""
+        self.backlog = Backlog()
         self._ack_sequence = 0
         self._acks: Publisher | None = None
         if self.params.lockstep or self.params.presence:
@@ -179,28 +190,27 @@ class PolarNode(Node, Generic[P]):  # type: ignore[misc]
         """Subscription that drains all waiting messages in one turn of the executor.
 
         The executor's turn costs several times what taking a message costs, so the first message
-        of a burst brings the rest with it. With `after_others` it comes after what waits on all
-        other subscriptions: a node that was held up then finds its inputs side by side, and
-        not one of them seconds ahead of the others.
+        of a burst brings the rest with it, some hundred at most. With `after_others` it
+        comes after what waits on all other subscriptions: a node that was held up then finds its
+        inputs side by side, and not one of them seconds ahead of the others.
 
         Where a publisher offers best effort only, another subscription that asks for no more takes
         its place, unless ``qos_overrides`` state the reliability, or in the lockstep pace.
         """
+        waiting = Drain(_TURN, self.backlog)
 
         def drain() -> None:
-            count = 0
             with handle:
-                while (taken := handle.take_message(msg_type, raw)) is not None:
-                    callback(taken[0])
-                    count += 1
-            entry.count += count
+                single = entry.matched <= 1
+                waiting.take(handle, msg_type, callback, raw=raw, single=single)
 
-        def drained(first: Any) -> None:  # noqa: ANN401 - a message of msg_type, or its bytes
+        # The first one is a message of msg_type, or its bytes.
+        def drained(first: Any, about: dict[str, Any]) -> None:  # noqa: ANN401
             for other in self._drains if after_others else ():
                 if other is not drain:
                     other()
             callback(first)
-            entry.count += 1
+            waiting.note(about, single=entry.matched <= 1)
             drain()
             self.acknowledge()
 
@@ -215,7 +225,9 @@ class PolarNode(Node, Generic[P]):  # type: ignore[misc]
                 self.subscribe(
                     msg_type, topic, callback, raw=raw, qos=BEST_EFFORT, after_others=after_others
                 )
-                self._inputs[-1].count += entry.count
+                newest = self._inputs[-1]
+                if isinstance(newest, _Drained):
+                    newest.drain.count += entry.count
 
         self._drains.append(drain)
         reliable = qos.reliability == ReliabilityPolicy.RELIABLE
@@ -230,7 +242,7 @@ class PolarNode(Node, Generic[P]):  # type: ignore[misc]
             qos_overriding_options=overriding(self, topic, reliable=reliable),
         )
         handle = subscription.handle
-        entry = _Drained(subscription)
+        entry = _Drained(subscription, waiting)
         self.count_input(entry)
         return subscription
 
@@ -268,6 +280,11 @@ class PolarNode(Node, Generic[P]):  # type: ignore[misc]
     def publishers_of(self, topic: str) -> int:
         """Publishers that the subscription to a topic, by its full name, has found."""
         return next(i.matched for i in self._inputs if i.topic == topic)
+
+    def lost_counts(self) -> dict[str, int]:
+        """Messages dropped before they were taken, per fully qualified topic that lost any."""
+        drained = [i for i in self._inputs if isinstance(i, _Drained)]
+        return {i.topic: i.drain.lost for i in drained if i.drain.lost}
 
     def published_counts(self) -> dict[str, int]:
         """Number of messages published so far per fully qualified topic."""

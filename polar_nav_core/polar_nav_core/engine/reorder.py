@@ -29,7 +29,7 @@ from .imu_clock import Action, Refused
 _AHEAD_NS = 60_000_000_000
 """A packet received farther ahead of the IMU does not wait for it."""
 _MOST_WAITING = 65_536
-"""Messages that packets may wait with."""
+"""Messages that others may wait with, in a flood or while the IMU is silent."""
 
 
 class Reorder:
@@ -123,11 +123,13 @@ class Reorder:
             yield from self._release(self.watermark_ns)
 
     def _no_room(self, event: Event) -> str:
-        """Reason not to let a packet wait; empty if there is room for it."""
-        if not isinstance(event, Fix):
+        """Reason not to let a message wait for the IMU; empty if there is room for it."""
+        if isinstance(event, ImuSample | Command):  # time goes on by it; a person sent it
             return ''
         if len(self._heap) >= _MOST_WAITING:
             return f'{_MOST_WAITING} messages wait for the IMU already'
+        if not isinstance(event, Fix):
+            return ''
         ahead_ns = 0 if self.newest_imu_ns is None else event.stamp_ns - self.newest_imu_ns
         if ahead_ns > _AHEAD_NS:
             return f'received {ahead_ns * 1e-9:.0f} s ahead of the newest IMU sample'

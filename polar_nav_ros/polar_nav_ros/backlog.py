@@ -1,0 +1,113 @@
+"""Inputs of a node that come faster than it takes them: how far it is behind, and what it lost.
+
+Queues are bounded everywhere: that of a subscription by its depth, after which the middleware
+drops the oldest message, and the turns in which one is emptied by a number of messages, so that
+timers and signals have theirs. Clocks are read for diagnostics only.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping
+from typing import Any, Protocol
+
+BEHIND_S = 1.0
+"""A message that waited for longer shows that a node falls behind."""
+_NS = 1_000_000_000
+
+
+class Handle(Protocol):
+    """The part of rclpy's handle of a subscription that is used here."""
+
+    def take_message(self, msg_type: type[Any], raw: bool, /) -> tuple[Any, Any] | None:
+        """Return the next message with what the middleware knows of it; None if none waits."""
+
+
+class Backlog:
+    """How long messages wait for a node.
+
+    Parameters
+    ----------
+    steady : callable
+        Steady time [s].
+    system : callable
+        System time [ns], by which the middleware notes receptions.
+    """
+
+    def __init__(
+        self,
+        steady: Callable[[], float] = time.monotonic,
+        system: Callable[[], int] = time.time_ns,
+    ) -> None:
+        self._steady, self._system = steady, system
+        self._empty_s = steady()
+        self._waited_s = 0.0
+
+    def taken(self, received_ns: int) -> None:
+        """Note a message by its time of reception [ns], 0 where that is not known."""
+        if received_ns:
+            waited_s = (self._system() - received_ns) / _NS
+            # The system's clock may have been set meanwhile; the steady one bounds that.
+            self._waited_s = min(max(waited_s, 0.0), self._steady() - self._empty_s)
+
+    def emptied(self) -> None:
+        """Note that nothing waits on a subscription."""
+        self._empty_s = self._steady()
+
+    @property
+    def behind_s(self) -> float:
+        """How long the message taken last had waited [s]; 0 where that is no time."""
+        return self._waited_s if self._waited_s > BEHIND_S else 0.0
+
+
+class Drain:
+    """Takes what waits on one subscription, some messages at a time.
+
+    Parameters
+    ----------
+    most : int
+        Messages taken in one turn.
+    backlog : Backlog
+
+    Attributes
+    ----------
+    count, lost : int
+        Messages taken, and messages that the middleware has dropped before.
+    """
+
+    def __init__(self, most: int, backlog: Backlog) -> None:
+        self._most = most
+        self._backlog = backlog
+        self._number: int | None = None
+        self.count = 0
+        self.lost = 0
+
+    def note(self, about: Mapping[str, Any], *, single: bool) -> None:
+        """Note one message; ``single``: its topic has one publisher, who numbers what it sends."""
+        self.count += 1
+        self._backlog.taken(int(about['received_timestamp'] or 0))
+        number = about['publication_sequence_number']
+        if not single or number is None:
+            self._number = None
+            return
+        if self._number is not None and number > self._number + 1:
+            self.lost += number - self._number - 1
+        self._number = number  # smaller than before: the publisher was started again
+
+    def take(
+        self,
+        handle: Handle,
+        msg_type: type[Any],
+        callback: Callable[[Any], None],
+        *,
+        raw: bool,
+        single: bool,
+    ) -> None:
+        """Take messages until none waits, or as many as one turn has."""
+        for _ in range(self._most):
+            taken = handle.take_message(msg_type, raw)
+            if taken is None:
+                self._backlog.emptied()
+                return
+            callback(taken[0])
+            self.note(taken[1], single=single)
