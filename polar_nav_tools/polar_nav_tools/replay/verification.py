@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -30,24 +29,9 @@ from ..bags.reader import Bag
 from ..series.closeness import LIMIT_SIGMA, LIMIT_TEXT, Closeness, closeness, model_closeness
 from ..series.vehicle import EstimateSeries
 from .by_message import Progress, ReplayResult, parameters, replay
-from .lives import TYPES, stamp_of
+from .difference import Difference, first_difference
+from .lives import stamp_of
 from .recorded import RecordedInputs, choose_description, load_inputs
-
-
-@dataclass(frozen=True)
-class Difference:
-    """First message at which live run and replay differ."""
-
-    topic: str
-    index: int
-    stamp_ns: int
-    field: str
-    live: str
-    replayed: str
-
-    def __str__(self) -> str:
-        at = f'{self.topic}, message {self.index}, stamp {self.stamp_ns * 1e-9:.6f} s'
-        return f'{at}, {self.field}: live {self.live}, replayed {self.replayed}'
 
 
 @dataclass(frozen=True)
@@ -190,7 +174,7 @@ def verify(
         difference = _late_start(inputs)
         for topic in live:
             if live[topic] != again[topic]:
-                difference = difference or _first_difference(topic, live[topic], again[topic])
+                difference = difference or first_difference(topic, live[topic], again[topic])
     else:
         comparison = compare(inputs, replayed)
     return VerifyResult(
@@ -382,45 +366,3 @@ def _digest(messages: Iterable[bytes]) -> str:
     for data in messages:
         h.update(data)
     return h.hexdigest()
-
-
-def _first_difference(topic: str, live: list[bytes], replayed: list[bytes]) -> Difference:
-    msg_type = TYPES[topic]
-    for i, (a, b) in enumerate(zip(live, replayed, strict=False)):
-        if a != b:
-            left, right = deserialize_message(a, msg_type), deserialize_message(b, msg_type)
-            stamp_ns = to_ns(left.header.stamp)
-            found = _first_field(left, right, '')
-            if found is not None:
-                return Difference(topic, i, stamp_ns, *found)
-            at = next(k for k, (x, y) in enumerate(zip_longest(a, b)) if x != y)
-            return Difference(
-                topic, i, stamp_ns, f'byte {at}', a[at:].hex()[:16], b[at:].hex()[:16]
-            )
-    longer = live if len(live) > len(replayed) else replayed
-    i = min(len(live), len(replayed))
-    stamp_ns = to_ns(deserialize_message(longer[i], msg_type).header.stamp)
-    present, absent = 'a message', 'none'
-    values = (present, absent) if longer is live else (absent, present)
-    return Difference(topic, i, stamp_ns, 'count', *values)
-
-
-def _first_field(left: Any, right: Any, name: str) -> tuple[str, str, str] | None:  # noqa: ANN401
-    """Name and both values, with all digits, of the first number or text that differs."""
-    if hasattr(left, 'get_fields_and_field_types'):
-        for part in left.get_fields_and_field_types():
-            inner = f'{name}.{part}' if name else part
-            found = _first_field(getattr(left, part), getattr(right, part), inner)
-            if found is not None:
-                return found
-        return None
-    if not isinstance(left, str) and hasattr(left, '__len__'):
-        if len(left) != len(right):
-            return f'{name}, length', str(len(left)), str(len(right))
-        for i, (x, y) in enumerate(zip(left, right, strict=True)):
-            found = _first_field(x, y, f'{name}[{i}]')
-            if found is not None:
-                return found
-        return None
-    x, y = (repr(v.item() if hasattr(v, 'item') else v) for v in (left, right))
-    return (name, x, y) if x != y else None
