@@ -221,6 +221,18 @@ def test_messages_that_were_lost_in_the_kill_are_no_difference(killed, tmp_path)
     assert verify(found).equal
 
 
+def test_a_last_life_that_was_killed_is_followed_to_its_last_output(killed, tmp_path):
+    inputs = load_inputs(killed)
+    last = len(inputs.live[topics.STATE]) - 12
+    found = without(
+        killed,
+        tmp_path / 'dead',
+        lambda t, n: t == topics.COMMAND or (t == topics.STATE and n > last),
+    )
+    assert load_inputs(found).lives[1].until_ns is not None
+    assert verify(found).equal
+
+
 @pytest.mark.parametrize('life', [0, 1])
 def test_a_missing_message_in_either_life_is_a_difference(killed, tmp_path, life):
     lives = load_inputs(killed).lives

@@ -264,7 +264,8 @@ def _life(
             if place < hole:
                 live[topic].append(data)
     limits = next((t for p, t in reversed(records.ends) if begin <= p < end), None)
-    killed = limits is None and not last
+    # The last one, too, where it names its starts: it was not started again, or runs still.
+    killed = limits is None and limited and (not last or bool(starts))
     messages: list[tuple[str, Any]] = []
     arrivals_ns: list[int] = []
     taken: Counter[str] = Counter()
