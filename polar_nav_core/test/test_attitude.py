@@ -105,3 +105,13 @@ def test_errors():
         attitude.matrix_from_quaternion([1.0, 0.0, 0.0])
     with pytest.raises(ValueError, match='C must have shape'):
         attitude.log(np.eye(2))
+
+
+def test_one_matrix_gives_the_bits_of_many():
+    rng = np.random.default_rng(7)
+    vectors = rng.normal(0.0, 2.0, (400, 3)) * np.repeat([1.0, 1e-6, 1e-12, 0.0], 100)[:, None]
+    halves = [np.diag(d) for d in ([1.0, -1, -1], [-1.0, 1, -1], [-1.0, -1, 1])]
+    many = np.concatenate([attitude.exp(vectors), halves])
+    for function in (attitude.quaternion_from_matrix, attitude.log):
+        one_by_one = np.array([function(C) for C in many])
+        np.testing.assert_array_equal(one_by_one, function(many))
