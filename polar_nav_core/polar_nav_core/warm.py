@@ -44,11 +44,13 @@ def telling(say: Callable[[str], None], every_s: float = 10.0) -> Iterator[None]
 def warm_filter() -> None:
     """Run each way to treat late fixes over a third of a second, live and as a whole run."""
     # Here, because the engine stands above the kernels.
+    from .engine import now
     from .engine import run as engine_run
     from .engine.events import Fix
     from .engine.methods import DELAY_HANDLING
     from .engine.params import EngineParams
 
+    now.warm_up()
     base = EngineParams(configuration='custom')
     stamps = _START_NS + _IMU_NS * np.arange(30)
     pings, depths = stamps[5::10].copy(), stamps[4::10].copy()

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Iterator
+from operator import itemgetter
 
 from .clocks import Clocks
 from .engine import Engine
@@ -65,6 +66,11 @@ class Reorder:
     def pending(self) -> int:
         """Number of events that wait for the window to pass."""
         return len(self._heap)
+
+    def waiting_imu(self) -> list[ImuSample]:
+        """IMU samples that wait for the window to pass, in order."""
+        events = (event for _, event in sorted(self._heap, key=itemgetter(0)))
+        return [event for event in events if isinstance(event, ImuSample)]
 
     def add(self, event: Event, arrival_ns: int | None = None) -> Iterator[Output | ClockStep]:
         """Queue one message; yields estimates and receipts of all events that are due now.
