@@ -145,7 +145,7 @@ install_requirements() {
 
 build_messages() {
   PATH=$venv/bin:$PATH "$venv/bin/python" -m pip install --no-deps --no-build-isolation \
-    --no-input --force-reinstall "$root/polar_nav_msgs"
+    --no-input --force-reinstall "$root/polar_nav_msgs/tf2_msgs" "$root/polar_nav_msgs"
 }
 
 link_packages() { "$venv/bin/python" "$tools/development/environment.py" link; }
