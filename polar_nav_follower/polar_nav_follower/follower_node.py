@@ -17,6 +17,7 @@
 | out nav/inputs | polar_nav_msgs/Inputs | newest arrival; with `sources` |
 | out nav/current, nav/model | polar_nav_msgs/WaterCurrent, VehicleModel | estimate, 1 Hz |
 | out nav/identification | polar_nav_msgs/Identification | place in the order of events |
+| out odometry/now, odometry/local | nav_msgs/Odometry | newest IMU sample (`LiveOutputs`) |
 
 With a SINS (`mode` sins) it takes imu/data_raw and dvl/data and hears a leader; in `mode` station
 imu/data, which has the attitude of an AHRS, and control/thrust, and it hears a station. With
@@ -26,7 +27,7 @@ imu/data, which has the attitude of an AHRS, and control/thrust, and it hears a 
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +39,7 @@ from polar_nav_ros.adapters.live import Sources
 from polar_nav_ros.adapters.mapping import Mapping
 from polar_nav_ros.adapters.stated import parameters_of
 from polar_nav_ros.diagnostics import Diagnosis
+from polar_nav_ros.live_outputs import LiveOutputs
 from polar_nav_ros.navigation_ports import NavigationPorts
 from polar_nav_ros.node import PolarNode, run
 from polar_nav_ros.source_ports import SourcePorts
@@ -65,13 +67,15 @@ class FollowerNode(PolarNode[FollowerParams]):
         ports = None if sources is None else SourcePorts(self, sources)
         with telling(lambda text: self.get_logger().info(f'first start: {text}')):
             (warm_others if station else warm_filter)()
+        navigation = session.Session(self.params, self.vehicle, sources)
         self._ports = NavigationPorts(
             self,
-            session.Session(self.params, self.vehicle, sources),
+            navigation,
             {topics.RX: AcousticPacket},
             decoded,
             self._store() if self.params.state_file else None,
             ports,
+            self._live(navigation),
         )
 
     def stated(self) -> dict[str, Any]:
@@ -87,6 +91,13 @@ class FollowerNode(PolarNode[FollowerParams]):
     def about(self) -> dict[str, Any]:
         """The mapping file as it stands, which a replay needs."""
         return {'sources': self._text} if self._text else {}
+
+    def _live(self, navigation: session.Session) -> LiveOutputs | None:
+        """Outputs at each IMU sample: not in lockstep, whose time is no present time."""
+        p = self.params
+        if p.now_every == 0 or p.lockstep or session.in_station_mode(p):
+            return None
+        return LiveOutputs(self, navigation, p)
 
     def _store(self) -> StateStore:
         p = self.params

@@ -5,11 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from polar_nav_core.engine.params import EngineParams
+from polar_nav_core.output_params import OutputParams
 from polar_nav_core.params import param, text
 
 
 @dataclass(frozen=True)
-class FollowerParams(EngineParams):
+class FollowerParams(EngineParams, OutputParams):
     """Parameters of follower_node and of an offline replay."""
 
     leader_id: int = param(1, '', 0, 255, 'Number of the leader or the station in its packets')

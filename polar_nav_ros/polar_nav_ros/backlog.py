@@ -13,6 +13,8 @@ from typing import Any, Protocol
 
 BEHIND_S = 1.0
 """A message that waited for longer shows that a node falls behind."""
+BETWEEN = 10
+"""Messages of a long burst after which what waits on other topics is taken."""
 _NS = 1_000_000_000
 
 
@@ -102,9 +104,15 @@ class Drain:
         *,
         raw: bool,
         single: bool,
+        between: Callable[[], None] | None = None,
     ) -> None:
-        """Take messages until none waits, or as many as one turn has."""
-        for _ in range(self._most):
+        """Take messages until none waits, or as many as one turn has.
+
+        ``between`` is called within a long burst, for what waits on other subscriptions.
+        """
+        for number in range(self._most):
+            if between is not None and number and number % BETWEEN == 0:
+                between()
             taken = handle.take_message(msg_type, raw)
             if taken is None:
                 self._backlog.emptied()

@@ -41,6 +41,7 @@ from polar_nav_msgs.msg import Restore as RestoreMsg
 from polar_nav_msgs.srv import SetInitialState
 
 from .diagnostics import Diagnosis
+from .live_outputs import LiveOutputs
 from .navigation_health import NavigationHealth
 from .navigation_session import (
     MODEL_OUTPUTS,
@@ -75,6 +76,8 @@ class NavigationPorts:
         Saves the state, and has that of before a restart.
     sources : SourcePorts, optional
         Subscriptions of a mapping file, in place of topics of the same name.
+    live : LiveOutputs, optional
+        Outputs at the newest IMU sample.
     """
 
     def __init__(
@@ -85,6 +88,7 @@ class NavigationPorts:
         outputs: Mapping[str, type[Any]],
         store: StateStore | None = None,
         sources: SourcePorts | None = None,
+        live: LiveOutputs | None = None,
     ) -> None:
         self._node = node
         self._session = session
@@ -117,7 +121,7 @@ class NavigationPorts:
         for topic in () if sources is None else sources.fixes:
             self._subscribe(None, topic)
         # IMU samples move time on: what else has come is taken before.
-        self._subscribe(SENSORS[imu], imu, after_others=True)
+        self._subscribe(SENSORS[imu], imu, after_others=True, live=live)
         node.create_service(Trigger, '~/reset', self._on_reset)
         node.create_service(SetInitialState, '~/set_initial_state', self._on_set_initial_state)
         if session.with_model:
@@ -131,13 +135,22 @@ class NavigationPorts:
             # its bag cannot be replayed. Sensors wait in their queues meanwhile.
             self._restores.wait_for_subscription(LISTENER_WAIT_S)
 
-    def _subscribe(self, kind: Any, topic: str, *, after_others: bool = False) -> None:  # noqa: ANN401 - a message type
+    def _subscribe(
+        self,
+        kind: Any,  # noqa: ANN401 - a message type
+        topic: str,
+        *,
+        after_others: bool = False,
+        live: LiveOutputs | None = None,
+    ) -> None:
         """Subscribe to a topic of the session, or to the source that stands for it."""
-        take = self._taker(topic)
+        take, then = self._taker(topic), None
+        if live is not None:
+            take, then = live.following(take), live.publish
         if self._sources is not None and self._sources.has(topic):
-            self._sources.subscribe(topic, take, after_others=after_others)
+            self._sources.subscribe(topic, take, after_others=after_others, then=then)
         else:
-            self._node.subscribe(kind, topic, take, after_others=after_others)
+            self._node.subscribe(kind, topic, take, after_others=after_others, then=then)
 
     def diagnose(self) -> Diagnosis:
         """Health with verdict counts, ages and the number of waiting events."""

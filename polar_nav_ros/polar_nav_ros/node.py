@@ -186,13 +186,15 @@ class PolarNode(Node, Generic[P]):  # type: ignore[misc]
         raw: bool = False,
         qos: QoSProfile = DATA_QOS,
         after_others: bool = False,
+        then: Callable[[], None] | None = None,
     ) -> Subscription:
         """Subscription that drains all waiting messages in one turn of the executor.
 
         The executor's turn costs several times what taking a message costs, so the first message
         of a burst brings the rest with it, some hundred at most. With `after_others` it
-        comes after what waits on all other subscriptions: a node that was held up then finds its
-        inputs side by side, and not one of them seconds ahead of the others.
+        comes after what waits on all other subscriptions, also within a long burst: a node that
+        was held up then finds its inputs side by side, and not one of them seconds ahead of the
+        others. `then` is called after each burst.
 
         Where a publisher offers best effort only, another subscription that asks for no more takes
         its place, unless ``qos_overrides`` state the reliability, or in the lockstep pace.
@@ -202,16 +204,24 @@ class PolarNode(Node, Generic[P]):  # type: ignore[misc]
         def drain() -> None:
             with handle:
                 single = entry.matched <= 1
-                waiting.take(handle, msg_type, callback, raw=raw, single=single)
+                waiting.take(handle, msg_type, callback, raw=raw, single=single, between=others)
+
+        def drain_others() -> None:
+            for other in self._drains:
+                if other is not drain:
+                    other()
+
+        others = drain_others if after_others else None
 
         # The first one is a message of msg_type, or its bytes.
         def drained(first: Any, about: dict[str, Any]) -> None:  # noqa: ANN401
-            for other in self._drains if after_others else ():
-                if other is not drain:
-                    other()
+            if others is not None:
+                others()
             callback(first)
             waiting.note(about, single=entry.matched <= 1)
             drain()
+            if then is not None:
+                then()
             self.acknowledge()
 
         def relax(_event: object) -> None:
@@ -223,7 +233,13 @@ class PolarNode(Node, Generic[P]):  # type: ignore[misc]
                 self._drains.remove(drain)
                 self.destroy_subscription(subscription)
                 self.subscribe(
-                    msg_type, topic, callback, raw=raw, qos=BEST_EFFORT, after_others=after_others
+                    msg_type,
+                    topic,
+                    callback,
+                    raw=raw,
+                    qos=BEST_EFFORT,
+                    after_others=after_others,
+                    then=then,
                 )
                 newest = self._inputs[-1]
                 if isinstance(newest, _Drained):

@@ -99,7 +99,12 @@ class SourcePorts:
         return self._sources.of(topic) is not None
 
     def subscribe(
-        self, topic: str, take: Callable[[Any], None], *, after_others: bool = False
+        self,
+        topic: str,
+        take: Callable[[Any], None],
+        *,
+        after_others: bool = False,
+        then: Callable[[], None] | None = None,
     ) -> None:
         """Subscribe to the source that stands for a topic of the session.
 
@@ -108,7 +113,7 @@ class SourcePorts:
         topic : str
         take : callable
             Gets each message as `Taken`.
-        after_others : bool
+        after_others, then
             As of `PolarNode.subscribe`.
         """
         source = self._sources.of(topic)
@@ -130,7 +135,7 @@ class SourcePorts:
             take(Taken(message, arrival_ns, mapped_ns))
 
         subscription = self._node.subscribe(
-            kind, source.stream.topic, on_bytes, raw=True, after_others=after_others
+            kind, source.stream.topic, on_bytes, raw=True, after_others=after_others, then=then
         )
         self._names[topic] = str(subscription.topic_name)
 

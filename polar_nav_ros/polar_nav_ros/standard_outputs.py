@@ -12,12 +12,16 @@ from polar_nav_core import attitude, grid
 from polar_nav_core.engine.events import Array
 from polar_nav_msgs.msg import NavState
 
+NOT_ESTIMATED = 1e6
+"""Variance of a rate [rad^2/s^2] of which nothing is known."""
+
 
 def odometry_of(state: NavState, omega_eb_b: Array | None = None) -> Odometry:
     """nav_msgs/Odometry: pose of base_link in `earth` (C_b_e), twist in base_link.
 
-    Covariances are in the axes that nav_msgs/Odometry asks for. The rate against the earth, body
-    axes [rad/s], is NaN where it is unknown; its covariance is not estimated: NaN.
+    Covariances are in the axes that nav_msgs/Odometry asks for, and finite: readers invert them.
+    The rate against the earth, body axes [rad/s], is not estimated: where it is unknown it is
+    zero, and its variance is `NOT_ESTIMATED` in any case.
     """
     C_e_G = grid.ecef_to_grid(state.r_e)
     q = state.orientation
@@ -36,15 +40,15 @@ def odometry_of(state: NavState, omega_eb_b: Array | None = None) -> Odometry:
     )
     linear, angular = odometry.twist.twist.linear, odometry.twist.twist.angular
     linear.x, linear.y, linear.z = (float(v) for v in v_b)
-    rate = np.full(3, math.nan) if omega_eb_b is None else omega_eb_b
+    rate = np.zeros(3) if omega_eb_b is None else omega_eb_b
     angular.x, angular.y, angular.z = (float(w) for w in rate)
     pose = np.zeros((6, 6))
     pose[:3, :3] = C_e_G.T @ np.reshape(state.position_covariance_g, (3, 3)) @ C_e_G
     pose[3:, 3:] = C_e_G.T @ np.reshape(state.attitude_covariance_g, (3, 3)) @ C_e_G
     odometry.pose.covariance = pose.reshape(36)
-    twist = np.full((6, 6), 0.0)
+    twist = np.zeros((6, 6))
     twist[:3, :3] = C_b_G.T @ np.reshape(state.velocity_covariance_g, (3, 3)) @ C_b_G
-    twist[3:, 3:] = np.diag([math.nan] * 3)
+    twist[3:, 3:] = NOT_ESTIMATED * np.eye(3)
     odometry.twist.covariance = twist.reshape(36)
     return odometry
 

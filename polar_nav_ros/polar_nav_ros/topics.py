@@ -45,10 +45,20 @@ INPUTS = 'nav/inputs'
 """Which messages of mapped sources a follower used, in blocks."""
 FIX = 'nav/fix'
 ODOMETRY = 'odometry'
+ODOMETRY_NOW = 'odometry/now'
+"""State at the newest IMU sample, in the map frame; no part of a replay, as those below."""
+ODOMETRY_LOCAL = 'odometry/local'
+ODOMETRY_DEPTH = 'odometry/depth'
+RESET_COUNTER = 'odometry/reset_counter'
+"""How often the pose of `ODOMETRY_NOW` has jumped."""
+ORIGIN = 'nav/origin'
+"""Origin and axes of the map frame, as YAML."""
 
 CLOCK = '/clock'
 DIAGNOSTICS = '/diagnostics'
 RUN_INFO = '/run_info'
+TF = '/tf'
+TF_STATIC = '/tf_static'
 
 TYPES = {
     IMU: 'sensor_msgs/msg/Imu',
@@ -80,9 +90,16 @@ TYPES = {
     INPUTS: 'polar_nav_msgs/msg/Inputs',
     FIX: 'sensor_msgs/msg/NavSatFix',
     ODOMETRY: 'nav_msgs/msg/Odometry',
+    ODOMETRY_NOW: 'nav_msgs/msg/Odometry',
+    ODOMETRY_LOCAL: 'nav_msgs/msg/Odometry',
+    ODOMETRY_DEPTH: 'polar_nav_msgs/msg/Depth',
+    RESET_COUNTER: 'std_msgs/msg/UInt32',
+    ORIGIN: 'std_msgs/msg/String',
     CLOCK: 'rosgraph_msgs/msg/Clock',
     DIAGNOSTICS: 'diagnostic_msgs/msg/DiagnosticArray',
     RUN_INFO: 'std_msgs/msg/String',
+    TF: 'tf2_msgs/msg/TFMessage',
+    TF_STATIC: 'tf2_msgs/msg/TFMessage',
 }
 """Message type of every topic."""
 

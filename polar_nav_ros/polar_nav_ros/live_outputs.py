@@ -1,0 +1,256 @@
+"""Outputs of a live vehicle beside its estimates: odometry now, local frames, transforms.
+
+They are made at each IMU sample, after the engine has processed what is due; of a burst of samples
+that had to wait, the newest one is published. They are no part of a replay.
+
+| topic | type | stamp |
+| --- | --- | --- |
+| out odometry/now | nav_msgs/Odometry | newest IMU sample |
+| out odometry/local | nav_msgs/Odometry | the same |
+| out odometry/depth | polar_nav_msgs/Depth | the same |
+| out odometry/reset_counter | std_msgs/UInt32, latched | |
+| out nav/origin | std_msgs/String (YAML), latched | |
+| out /tf, /tf_static | tf2_msgs/TFMessage | newest IMU sample |
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from builtin_interfaces.msg import Time
+from geometry_msgs.msg import TransformStamped
+from nav_msgs.msg import Odometry
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from std_msgs.msg import Header, String, UInt32
+
+from polar_nav_core import attitude, earth
+from polar_nav_core.arrays import Array
+from polar_nav_core.engine.now import Now, Predictor
+from polar_nav_core.engine.params import EngineParams
+from polar_nav_core.error_model import X
+from polar_nav_core.errors import ConfigError
+from polar_nav_core.local_frame import DeadReckoning, LocalFrame, frame_of_file
+from polar_nav_core.output_params import OutputParams
+from polar_nav_msgs.msg import Depth
+
+from .navigation_session import NavigationSession
+from .node import LATCHED_QOS
+from .stamps import to_msg
+from .topics import ODOMETRY_DEPTH, ODOMETRY_LOCAL, ODOMETRY_NOW, ORIGIN, RESET_COUNTER
+from .transforms import C_FRD_FLU, C_NED_ENU, HAS_TF, NO_TF, Broadcaster, place, transform
+
+_QUEUE = 10
+"""Who steers by the newest message has no use for a long queue of old ones."""
+
+
+class LiveOutputs:
+    """Publishes the state at the newest IMU sample.
+
+    Parameters
+    ----------
+    node : Node
+    session : NavigationSession
+        What navigates.
+    params : OutputParams
+        Frames and limits.
+
+    Raises
+    ------
+    ConfigError
+        For an origin file that has none, or axes that are refused at the stated place.
+    """
+
+    def __init__(self, node: Node, session: NavigationSession[Any], params: OutputParams) -> None:
+        self._session, self._p, self._logger = session, params, node.get_logger()
+        self._engine_params: EngineParams = session.params
+        self._predictor = Predictor(self._engine_params, params)
+        self._odom = DeadReckoning()
+        vehicle = session.vehicle
+        self.map = params.map_frame or _of(vehicle, 'map')
+        self.odom = params.odom_frame or _of(vehicle, 'odom')
+        self.base = params.base_frame or _of(vehicle, 'base_link')
+        qos = QoSProfile(depth=_QUEUE)
+        self._now = node.create_publisher(Odometry, ODOMETRY_NOW, qos)
+        self._local = node.create_publisher(Odometry, ODOMETRY_LOCAL, qos)
+        self._depth = node.create_publisher(Depth, ODOMETRY_DEPTH, qos)
+        self._resets = node.create_publisher(UInt32, RESET_COUNTER, LATCHED_QOS)
+        self._origin = node.create_publisher(String, ORIGIN, LATCHED_QOS)
+        self._messages = [_empty(frame, self.base) for frame in (self.map, self.odom)]
+        self._moving = [
+            transform(parent, child, np.zeros(3), np.eye(3))
+            for parent, child in ((self.map, self.odom), (self.odom, self.base))
+        ]
+        self._tf = self._broadcaster(node)
+        self._newest: tuple[LocalFrame, Now, tuple[Array, Array]] | None = None
+        self._samples = self._jumps = 0
+        self._resets.publish(UInt32(data=0))
+        self._frame: LocalFrame | None = None
+        self._refused = False
+        initial = self._engine_params.initial_state()
+        if params.origin_file:
+            self._begin(frame_of_file(Path(params.origin_file).expanduser()))
+        elif initial is not None:
+            self._frame_at(initial.latitude, initial.longitude)  # refused at once if at all
+
+    def _broadcaster(self, node: Node) -> Broadcaster | None:
+        if not self._p.publish_tf:
+            return None
+        if not HAS_TF:
+            self._logger.warning(NO_TF)
+            return None
+        broadcaster = Broadcaster(node)
+        broadcaster.fix(self._mounted())
+        return broadcaster
+
+    def _mounted(self) -> list[TransformStamped]:
+        """Transforms of the sensors on the vehicle, and of axes pointing down (MAVROS)."""
+        p = self._engine_params
+        roll, pitch, yaw = np.radians(p.dvl_rpy_deg)
+        C_m_b = attitude.matrix_from_euler(yaw, pitch, roll)
+        vehicle, zero, level = self._session.vehicle, np.zeros(3), np.eye(3)
+        places = [
+            ('imu', zero, level),
+            ('dvl', np.array(p.dvl_lever_b), C_m_b),
+            ('depth', np.array(p.depth_lever_b), level),
+            ('transponder', np.array(p.transponder_lever_b), level),
+        ]
+        return [
+            *(transform(self.base, _of(vehicle, name), r, C) for name, r, C in places),
+            transform(self.base, f'{self.base}_frd', zero, C_FRD_FLU),
+            transform(self.odom, f'{self.odom}_ned', zero, C_NED_ENU),
+            transform(self.map, f'{self.map}_ned', zero, C_NED_ENU),
+        ]
+
+    def _begin(self, frame: LocalFrame) -> None:
+        """Fix the map frame, once."""
+        self._frame = frame
+        self._origin.publish(String(data=frame.as_yaml()))
+        if self._tf is not None:
+            self._tf.fix([transform('earth', self.map, frame.r_e, frame.C_e_m.T)])
+
+    def following(self, take: Callable[[Any], None]) -> Callable[[Any], None]:
+        """Callback of the IMU's topic, with a prediction after it."""
+
+        def take_and_predict(message: Any) -> None:  # noqa: ANN401 - sensor_msgs/Imu
+            take(message)
+            self._predict()
+
+        return take_and_predict
+
+    def _predict(self) -> None:
+        """Predict to the newest IMU sample."""
+        engine = self._session.engine
+        now = self._predictor.update(engine, self._session.reorder.waiting_imu())
+        if now is None:
+            return
+        frame = self._frame or self._first_frame(now)
+        if frame is None:
+            return
+        r_m, C_b_m = frame.position(now.r_e), frame.C_e_m @ (now.C_e_G.T @ now.C_b_G)
+        self._odom.move(r_m, C_b_m, frame.C_e_m @ now.moved_e, now.C_turn_b)
+        self._samples += 1
+        self._newest = frame, now, (r_m, C_b_m)
+
+    def publish(self) -> None:
+        """Publish the newest prediction, if `now_every` samples came since the one before."""
+        if self._newest is None or self._samples < self._p.now_every:
+            return
+        (frame, now, pose), self._newest, self._samples = self._newest, None, 0
+        if now.jumps != self._jumps:
+            self._jumps = now.jumps
+            self._resets.publish(UInt32(data=now.jumps))
+        self._publish(frame, now, self._session.engine.clock.own_ns(now.stamp_ns), pose)
+
+    def _first_frame(self, now: Now) -> LocalFrame | None:
+        """Map frame on the surface above the first state; None where its axes are refused."""
+        if self._refused:
+            return None
+        lat, lon, _ = earth.geodetic_from_ecef(now.r_e)
+        try:
+            frame = self._frame_at(float(lat), float(lon))
+        except ConfigError as error:
+            self._refused = True
+            self._logger.error(f'no odometry/now, odometry/local, /tf: {error}')
+            return None
+        self._begin(frame)
+        return frame
+
+    def _frame_at(self, lat: float, lon: float) -> LocalFrame:
+        """Map frame on the sea surface at a place [rad]."""
+        height = self._engine_params.sea_surface_height
+        return LocalFrame(earth.ecef_from_geodetic(lat, lon, height), self._p.map_axes)
+
+    def _publish(
+        self, frame: LocalFrame, now: Now, stamp_ns: int, pose: tuple[Array, Array]
+    ) -> None:
+        """Publish at a stamp; ``pose`` is position and attitude in the map."""
+        odom, P = self._odom, self._predictor.covariance(self._session.engine)
+        errors_m = np.zeros((6, len(P)))
+        errors_m[:3, X.dr_e] = frame.C_e_m
+        errors_m[3:, X.phi_G] = -pose[1] @ now.C_b_G.T  # estimate minus truth, as of the position
+        P_m = errors_m @ P @ errors_m.T
+        twist = np.zeros((6, 6))
+        twist[:3, :3] = now.C_b_G.T @ P[X.dv_G, X.dv_G] @ now.C_b_G
+        noise = self._engine_params.gyro_noise_density**2 / max(now.interval_s, 1e-3)
+        twist[3:, 3:] = P[X.b_gyro_b, X.b_gyro_b] + noise * np.eye(3)
+        rates = np.array([now.C_b_G.T @ now.v_G, now.omega_eb_b])
+        turn = np.zeros((6, 6))
+        turn[:3, :3] = turn[3:, 3:] = odom.C_o_m.T
+        stamp, placed = to_msg(stamp_ns), (odom.position, odom.C_b_o)
+        _fill(self._messages[0], stamp, (*pose, P_m), (rates, twist))
+        _fill(self._messages[1], stamp, (*placed, turn @ P_m @ turn.T), (rates, twist))
+        for publisher, message in zip((self._now, self._local), self._messages, strict=True):
+            publisher.publish(message)
+        depth = self._engine_params.sea_surface_height - now.height
+        header = Header(stamp=stamp, frame_id=self.base)
+        self._depth.publish(Depth(header=header, depth=depth, variance=float(P_m[2, 2])))
+        if self._tf is not None:
+            poses = (odom.origin, odom.C_o_m), placed
+            for moving, (r, C) in zip(self._moving, poses, strict=True):
+                moving.header.stamp = stamp
+                place(moving.transform, r, C)
+            self._tf.send(self._moving)
+
+
+def _of(vehicle: str, name: str) -> str:
+    """Name of a frame of a vehicle."""
+    return f'{vehicle}/{name}' if vehicle else name
+
+
+def _empty(frame: str, body: str) -> Odometry:
+    """nav_msgs/Odometry between two frames, to be filled again and again."""
+    message = Odometry(child_frame_id=body)
+    message.header.frame_id = frame
+    return message
+
+
+def _fill(
+    message: Odometry,
+    stamp: Time,
+    pose: tuple[Array, Array, Array],
+    twist: tuple[Array, Array],
+) -> None:
+    """Fill a nav_msgs/Odometry.
+
+    Parameters
+    ----------
+    message : Odometry
+    stamp : Time
+    pose : tuple
+        Position (3,) [m], C_b (3, 3) into the frame, covariance (6, 6) in its axes.
+    twist : tuple
+        Velocity [m/s] and rate [rad/s] (2, 3), covariance (6, 6), body axes.
+    """
+    message.header.stamp = stamp
+    (r, C, P), (rates, P_rates) = pose, twist
+    at, q = message.pose.pose.position, message.pose.pose.orientation
+    at.x, at.y, at.z = r.tolist()
+    q.x, q.y, q.z, q.w = attitude.quaternion_from_matrix(C).tolist()
+    message.pose.covariance = P.reshape(36)
+    linear, angular = message.twist.twist.linear, message.twist.twist.angular
+    (linear.x, linear.y, linear.z), (angular.x, angular.y, angular.z) = rates.tolist()
+    message.twist.covariance = P_rates.reshape(36)
