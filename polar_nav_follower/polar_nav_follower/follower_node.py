@@ -27,7 +27,7 @@ imu/data, which has the attitude of an AHRS, and control/thrust, and it hears a 
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 

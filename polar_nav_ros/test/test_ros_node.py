@@ -10,6 +10,7 @@ import pytest
 
 rclpy = pytest.importorskip('rclpy')
 
+from rclpy.duration import Duration  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from rclpy.parameter import Parameter  # noqa: E402
 from rclpy.serialization import serialize_message  # noqa: E402
@@ -205,3 +206,38 @@ def test_run_gives_exit_codes():
     _, err = good.communicate(timeout=30)
     assert good.returncode == 0, err
     assert 'Traceback' not in err
+
+
+def test_a_long_burst_does_not_keep_other_topics_waiting():
+    """What comes on another topic within the burst is taken within it."""
+    order = []
+
+    class Two(PolarNode[EchoParams]):
+        def __init__(self):
+            super().__init__('two', EchoParams)
+            self.out = self.create_publisher(String, 'other', DATA_QOS)
+            self.subscribe(String, 'other', lambda _: order.append('other'))
+            self.subscribe(Depth, 'burst', self.on_burst, after_others=True, then=self.at_end)
+
+        def on_burst(self, _):
+            order.append('burst')
+            if len(order) == 1:
+                self.out.publish(String())
+                assert self.out.wait_for_all_acked(Duration(seconds=10))
+
+        def at_end(self):
+            order.append('end')
+
+    two, peer = Two(), rclpy.create_node('peer')
+    burst = peer.create_publisher(Depth, 'burst', DATA_QOS)
+    executor = SingleThreadedExecutor()
+    executor.add_node(two)
+    executor.add_node(peer)
+    spin_until(executor, lambda: burst.get_subscription_count() == 1)
+    spin_until(executor, lambda: two.out.get_subscription_count() == 1)
+    for _ in range(50):
+        burst.publish(Depth())
+    assert burst.wait_for_all_acked(Duration(seconds=10))
+    spin_until(executor, lambda: order.count('burst') == 50)
+    assert order.index('other') <= 12
+    assert order.index('end') == 51
