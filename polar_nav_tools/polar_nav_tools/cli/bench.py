@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterable, Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -166,6 +167,40 @@ def replay(
         f'{result.real_time:.0f} times real time; others scaled from {result.part_minutes:g} min;'
         f' peak memory {result.peak_mb:.0f} MB.\n'
         + _machine(facts, rounds, machine.versions(DISTRIBUTIONS))
+    )
+
+
+@bench.command(
+    epilog='Example: `./polar bench live`\n\n'
+    'Quick look: `./polar bench live --rate 100 --seconds 5`'
+)
+def live(
+    rate: Annotated[
+        list[int] | None,
+        typer.Option(
+            min=10, max=2000, help='IMU samples per second.', show_default='100, 200 and 400'
+        ),
+    ] = None,
+    seconds: Annotated[float, typer.Option(min=1.0, help='Length of each run.')] = 20.0,
+    as_json: JsonOption = False,
+) -> None:
+    """Time a live follower: from an IMU sample to odometry/now of it, and its processor time.
+
+    Both ways through the middleware are in it. Only an idle machine shows what the follower does.
+    """
+    from ..benchmarks import machine
+    from ..benchmarks.live import RATES, run, table
+
+    facts = machine.describe(())
+    found = run(rate or RATES, seconds, report=say)
+    facts['load_average_after'] = machine.load()
+    if as_json:
+        emit_json({'machine': facts, 'rates': [asdict(one) for one in found]})
+        return
+    _print_tables([table(found)])
+    sys.stdout.write(
+        f'{facts["cpu"]}, {facts["cores"]} cores, load {facts["load_average"]:.1f} to'
+        f' {facts["load_average_after"]:.1f}, Python {facts["python"]}.\n'
     )
 
 
