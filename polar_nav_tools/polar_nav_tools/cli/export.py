@@ -42,7 +42,7 @@ def export(
         typer.Option(
             '--frame',
             metavar=one_of(FRAMES),
-            help='enu and grid at the first true position.',
+            help='enu and grid at the first true position; epsg: map coordinates and height.',
         ),
     ] = 'ecef',
     vehicle: VehicleOption = None,
@@ -63,7 +63,7 @@ def export(
     with opened(bag) as source:
         track = from_topic(source, topic) if topic else exported(source, what or 'truth', vehicle)
         # Without a follower's truth the origin is the trajectory's first pose.
-        origin = None if frame == 'ecef' else origin_of(source, vehicle)
+        origin = origin_of(source, vehicle) if frame in ('enu', 'grid') else None
         write_trajectory(out, track, kind=chosen, frame=frame, origin_r_e=origin)
         if track.left_out:
             say(f'{track.left_out} samples have no pose and are left out')

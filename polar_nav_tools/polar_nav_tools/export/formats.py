@@ -11,6 +11,7 @@ base_link in the chosen frame. Frames:
   is given: x grid east, y grid north, z up, fixed to the earth.
 - ``enu``: true east, north, up at the origin, fixed to the earth. At a pole itself there is no
   east; near it the axes depend on where exactly the origin is.
+- ``epsg:3413``, ``epsg:3995``, ``epsg:3031``: polar stereographic maps (`projection`).
 """
 
 from __future__ import annotations
@@ -29,8 +30,9 @@ from polar_nav_core.grid import ecef_to_grid
 from polar_nav_core.user_files import writing
 
 from ..series.vehicle import EstimateSeries, Floats, Ints, TruthSeries
+from .projection import PROJECTIONS, projected
 
-FRAMES = ('ecef', 'enu', 'grid')
+FRAMES = ('ecef', 'enu', 'grid', *PROJECTIONS)
 FORMATS = ('tum', 'csv')
 _NS = 1_000_000_000
 
@@ -143,7 +145,8 @@ def write_trajectory(
         Must not exist.
     track : Trajectory
     kind : {'tum', 'csv'}
-    frame : {'ecef', 'enu', 'grid'}
+    frame : str
+        One of `FRAMES`.
     origin_r_e : ndarray, shape (3,), optional
         Origin of a local frame, so that several files share one; first position by default.
 
@@ -156,10 +159,13 @@ def write_trajectory(
         raise ConfigError(f'format {kind!r} is none of {", ".join(FORMATS)}')
     if not len(track):
         raise ConfigError(f'{path}: there is no pose to write')
-    origin, C_e_f = axes(frame, track.r_e[0] if origin_r_e is None else origin_r_e)
-    r_f = (track.r_e - origin) @ C_e_f.T
+    if frame in PROJECTIONS:
+        r_f, C_e_f = projected(frame, track.r_e)
+        v_f = np.einsum('nij,nj->ni', C_e_f, track.v_e)
+    else:
+        origin, C_e_f = axes(frame, track.r_e[0] if origin_r_e is None else origin_r_e)
+        r_f, v_f = (track.r_e - origin) @ C_e_f.T, track.v_e @ C_e_f.T
     q = quaternion_from_matrix(C_e_f @ track.C_b_e)
-    v_f = track.v_e @ C_e_f.T
     with writing(path):
         stream = path.open('x', encoding='utf-8', newline='')
         try:
