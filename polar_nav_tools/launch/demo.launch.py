@@ -31,7 +31,13 @@ from launch_ros.actions import Node
 from polar_nav_core.engine.configurations import NAMES
 from polar_nav_core.errors import ConfigError
 from polar_nav_ros.launcher import LAUNCHER
-from polar_nav_tools.graph.options import LEADERS, PACES, USUAL_CONFIGURATION, GraphOptions
+from polar_nav_tools.graph.options import (
+    LEADERS,
+    PACES,
+    USUAL_CONFIGURATION,
+    WATCHED_REORDER_S,
+    GraphOptions,
+)
 from polar_nav_tools.graph.spec import NodeSpec, Stage
 from polar_nav_tools.live.domain import node_surroundings
 from polar_nav_tools.live.node_process import NodeEnd
@@ -111,6 +117,7 @@ def _graph(context: LaunchContext) -> list[LaunchDescriptionEntity]:
         configuration=value('configuration'),
         leader=value('leader'),
         bag=None if bag == NO_BAG else folder,
+        reorder_s=WATCHED_REORDER_S,
     )
     run_dir = Path(launch_config.log_dir)
     graph = prepare_graph(mission, options, run_dir)

@@ -91,8 +91,15 @@ def test_in_real_time_truth_waits_for_the_graph_and_then_for_nobody(mission):
         n.full_name for n in graph.nodes if n is not truth
     }
     assert params_of(truth).pace == 'realtime'
-    assert 0.1 <= params_of(node(graph, '/follower/follower_node')).reorder_window_s <= 0.5
+    assert params_of(node(graph, '/follower/follower_node')).reorder_window_s >= 1.0
     assert '/recorder_node' not in {n.full_name for n in graph.nodes}
+
+
+@pytest.mark.parametrize('pace', ['realtime', 'lockstep'])
+def test_a_graph_to_be_looked_at_waits_for_a_shorter_time(mission, pace):
+    options = GraphOptions(pace=pace, reorder_s=0.25)
+    follower = node(build_graph(mission, options), '/follower/follower_node')
+    assert follower.parameters['reorder_window_s'] == (0.25 if pace == 'realtime' else 2.0)
 
 
 def test_the_reorder_window_is_at_least_twice_the_window_of_the_truth(graph):

@@ -151,7 +151,7 @@ def launch(
     Uses the ROS domain of the shell (ROS_DOMAIN_ID, 0 when it is not set). Only this host sees it,
     unless --network is given.
     """
-    from ..graph.options import USUAL_CONFIGURATION, GraphOptions
+    from ..graph.options import USUAL_CONFIGURATION, WATCHED_REORDER_S, GraphOptions
     from ..live.run import new_bag_path, read_mission, run_live
     from ..terminal.progress import progress_display
 
@@ -165,6 +165,7 @@ def launch(
         configuration=configuration or USUAL_CONFIGURATION,
         leader=leader,
         bag=target,
+        reorder_s=WATCHED_REORDER_S,
     )
     folder = Path(mkdtemp(prefix='polar_nav_')) if target is None else target
     with progress_display(chosen.name, total=chosen.duration_s, unit='s') as on_progress:

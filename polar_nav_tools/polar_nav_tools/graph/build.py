@@ -26,7 +26,6 @@ from .parts import (
     LEADER_ID,
     LOCKSTEP_REORDER_S,
     LOCKSTEP_WINDOW_S,
-    REALTIME_REORDER_S,
     initial_state_parameters,
     link_node,
     sim_node,
@@ -310,7 +309,7 @@ def _follower_node(mission: Mission, follower: str, options: GraphOptions) -> No
             # The leader's packets come as much later as the leader itself waits.
             parameters['reorder_window_s'] = 2.0 * LOCKSTEP_REORDER_S
     elif options.leader == 'perfect':
-        parameters['reorder_window_s'] = REALTIME_REORDER_S
+        parameters['reorder_window_s'] = options.reorder_s
     return NodeSpec(
         'polar_nav_follower',
         'follower_node',

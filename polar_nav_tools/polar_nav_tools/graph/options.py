@@ -13,6 +13,12 @@ USUAL_CONFIGURATION = 'default'
 """Of the follower, where nobody names another."""
 LEADERS = ('perfect', 'own')
 """Navigation of the leader: perfect, from the simulation as the papers assume, or its own."""
+REALTIME_REORDER_S = 2.0
+"""For a bag that is to equal the one of lockstep. Truth that was held up comes in bursts of up to
+half a second, its topics in any order, and a packet goes through four processes: on a busy machine
+they were 1.2 s behind the IMU."""
+WATCHED_REORDER_S = 0.25
+"""For a graph that is looked at: how old its estimates are. What comes later is refused."""
 MAX_SEED = 2**31 - 1
 
 
@@ -39,6 +45,8 @@ class GraphOptions:
         pace ``realtime``, for in lockstep the counts of messages begin anew with a node.
     state_file : Path or None
         Where a follower that is started again finds its state.
+    reorder_s : float
+        Reorder window of the follower at the pace ``realtime`` [s]; lockstep has its own.
 
     Raises
     ------
@@ -54,6 +62,7 @@ class GraphOptions:
     run_info: Path | None = None
     respawn: bool = False
     state_file: Path | None = None
+    reorder_s: float = REALTIME_REORDER_S
 
     def __post_init__(self) -> None:
         if self.pace not in PACES:

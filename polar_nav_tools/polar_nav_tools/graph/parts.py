@@ -21,9 +21,6 @@ LOCKSTEP_WINDOW_S = 1.0
 samples are far fewer than a queue holds."""
 LOCKSTEP_REORDER_S = 2.0 * LOCKSTEP_WINDOW_S
 """Within a window the topics come in any order, and so do those of the window after it."""
-REALTIME_REORDER_S = 0.25
-"""How old estimates are. Truth comes in bursts, its topics in any order, and a packet goes through
-four processes: on a machine too busy for real time some come later, and are refused."""
 LEADER_ID, FOLLOWER_ID = 1, 2
 """Numbers of the vehicles in acoustic packets; a station has that of the leader."""
 LINK: dict[str, ParameterValue] = {

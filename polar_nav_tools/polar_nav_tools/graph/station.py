@@ -22,7 +22,6 @@ from .parts import (
     FOLLOWER_ID,
     LEADER_ID,
     LOCKSTEP_REORDER_S,
-    REALTIME_REORDER_S,
     initial_state_parameters,
     link_node,
     sim_node,
@@ -132,7 +131,7 @@ def _follower_node(mission: Mission, vehicle: str, options: GraphOptions) -> Nod
         'leader_id': LEADER_ID,
         'own_id': FOLLOWER_ID,
         'sea_surface_height': mission.numbers.sea_surface_height_m,
-        'reorder_window_s': LOCKSTEP_REORDER_S if lockstep else REALTIME_REORDER_S,
+        'reorder_window_s': LOCKSTEP_REORDER_S if lockstep else options.reorder_s,
         **_place_of(mission, mission.leader),
         **initial_state_parameters(mission, vehicle, _START, options.seed, through_water=True),
     }
