@@ -170,12 +170,15 @@ def test_equal_updates_at_once_are_those_one_by_one():
     for m, number in ((3, 1), (3, 7), (1, 5)):
         bank, once = np.zeros((2, hy.ROWS, 4))
         bank[:N] = once[:N] = rng.standard_normal((N, 4))
-        g = np.zeros((3, 4))
+        g, total, mean = np.zeros((3, 3, 4))
         for _ in range(number):
             hy.change_of_innovation(g, bank, H, 0.0, m)
+            total += g
             hy.repeated(X, H, K, 1, m)
             hy.answer(bank, 0, K, X, g, -1.0, m)
         hy.change_of_innovation(g, once, H, 0.0, m)
         hy.repeated(X, H, K, number, m)
+        hy.mean_change(mean, X, g, number, m)
+        np.testing.assert_allclose(mean[:m], total[:m] / number, rtol=1e-10, atol=1e-12)
         hy.answer(once, 0, K, X, g, -1.0, m)
         np.testing.assert_allclose(once, bank, rtol=1e-10, atol=1e-12)

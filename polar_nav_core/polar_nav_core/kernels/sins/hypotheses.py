@@ -191,6 +191,21 @@ def repeated(X: Array, A: Array, B: Array, number: int, m: int) -> None:
 
 
 @kernel
+def mean_change(mean: Array, X: Array, g: Array, number: int, m: int) -> None:
+    """Change of an innovation on average over so many equal updates: mean <- X g / number.
+
+    Each of them takes a part of the change out of the next.
+    """
+    for a in range(m):
+        for c in range(g.shape[1]):
+            mean[a, c] = 0.0
+        for b in range(m):
+            x = X[a, b] / number
+            for c in range(g.shape[1]):
+                mean[a, c] += x * g[b, c]
+
+
+@kernel
 def answer(bank: Array, first: int, K: Array, X: Array, g: Array, sign: float, m: int) -> None:
     """Rows from ``first`` on += sign K^T X g: what a gain K (m, rows) makes of a change g."""
     for b in range(m):

@@ -25,12 +25,13 @@ from .hypotheses import (
     change_of_innovation,
     change_of_residual,
     grow,
+    mean_change,
     repeated,
 )
 from .state import Past, Settings, State, Work
 from .update import DR, DV
 
-WINDOW_NS = 2_000_000_000
+WINDOW_NS = 1_000_000_000
 """Pings and depths are added up for so long; fixes are not."""
 LEAST_S = 0.25
 """A shorter time between two windows is made up for by the next."""
@@ -77,7 +78,11 @@ def note(s: State, c: Settings, past: Past, w: Work, stream: int, m: int, delay:
             if s.counters[fs.BORN_NS + slot] > 0 and since > 0.0:
                 g[0, slot * KINDS + FIX_EAST] -= since
                 g[1, slot * KINDS + FIX_NORTH] -= since
-    change_of_residual(h, g, s.bank, w.per_sigma, L, m)
+    number = min(max(int(window[3] + 0.5), 1), MOST_AT_ONCE)
+    repeated(w.powers, w.H, w.K, number, m)
+    mean = w.signatures[6:9]
+    mean_change(mean, w.powers, g, number, m)
+    change_of_residual(h, mean, s.bank, w.per_sigma, L, m)
     for a in range(m):
         x = 0.0
         for b in range(a, m):
@@ -88,8 +93,6 @@ def note(s: State, c: Settings, past: Past, w: Work, stream: int, m: int, delay:
         if now_ns - s.counters[fs.BORN_NS + slot] < JUDGED_NS:
             for kind in range(KINDS):
                 s.bank[STATISTIC, slot * KINDS + kind] = 0.0
-    number = min(max(int(window[3] + 0.5), 1), MOST_AT_ONCE)
-    repeated(w.powers, w.H, w.K, number, m)
     answer(s.bank, 0, w.K, w.powers, g, -1.0, m)
     if c.considers:
         for a in range(m):  # J whitened, as M = L^-1 J Pi is
