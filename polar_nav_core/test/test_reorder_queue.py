@@ -155,16 +155,18 @@ def test_a_packet_waits_for_the_imu_for_a_minute(ahead_s, waits):
     assert refused.reason == f'received {ahead_s:.0f} s ahead of the newest IMU sample'
 
 
-def test_packets_before_the_first_sample_wait_as_far_as_there_is_room(monkeypatch):
+def test_messages_before_the_first_sample_wait_as_far_as_there_is_room(monkeypatch):
     monkeypatch.setattr(reorder, '_MOST_WAITING', 3)
     driver = queue()
     out = feed(driver, *(fix(k, 200.0 + k) for k in range(5)))
     assert driver.pending == 3
     assert [(o.verdict, o.stamp_ns) for o in out] == [(Verdict.TOO_LATE, 0)] * 2
     assert out[0].reason == '3 messages wait for the IMU already'
-    # Only packets are many enough to be refused for it.
+    # Other sensors are refused for it, too; the IMU, by which time goes on, never is.
+    (refused,) = feed(driver, depth(150))
+    assert refused.reason == out[0].reason
     fill(driver, 1200)
-    assert len(feed(driver, depth(1250))) == 0
+    assert driver.newest_imu_ns == 1200 * MS
 
 
 def test_there_is_room_for_a_mission_of_packets():
