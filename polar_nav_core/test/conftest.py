@@ -45,6 +45,8 @@ if numba.config.DISABLE_JIT:
             'robust',
             'runaway',
             'scale',
+            'signatures',
+            'slow_faults',
             'spoofed_fixes',
             'stated_common_errors',
             'station_common',

@@ -12,9 +12,10 @@ import pytest
 from polar_nav_core.engine.configurations import NAMES
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.user_files import writing
+from polar_nav_ros.adapters import mapping
 from polar_nav_tools.cli import choices, main
 from polar_nav_tools.export import formats
-from polar_nav_tools.foreign import instrument_noise, mapping
+from polar_nav_tools.foreign import instrument_noise
 from polar_nav_tools.graph import options
 from polar_nav_tools.live.run import read_mission
 from polar_nav_tools.terminal import progress
