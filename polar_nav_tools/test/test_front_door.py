@@ -12,10 +12,9 @@ import pytest
 from polar_nav_core.engine.configurations import NAMES
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.user_files import writing
-from polar_nav_ros.adapters import mapping
+from polar_nav_ros.adapters import mapping, noise_classes
 from polar_nav_tools.cli import choices, main
 from polar_nav_tools.export import formats
-from polar_nav_tools.foreign import instrument_noise
 from polar_nav_tools.graph import options
 from polar_nav_tools.live.run import read_mission
 from polar_nav_tools.terminal import progress
@@ -67,8 +66,8 @@ def test_the_words_of_the_help_are_those_that_count():
     assert choices.FORMATS == formats.FORMATS
     assert choices.FRAMES == formats.FRAMES
     assert choices.CONFIGURATIONS == NAMES
-    assert choices.IMU_CLASSES == instrument_noise.IMU_CLASSES
-    assert choices.DVL_CLASSES == instrument_noise.DVL_CLASSES
+    assert choices.IMU_CLASSES == noise_classes.IMU_CLASSES
+    assert choices.DVL_CLASSES == noise_classes.DVL_CLASSES
     assert (choices.REFERENCES, choices.STAMPS) == (mapping.REFERENCES, mapping.STAMPS)
 
 
