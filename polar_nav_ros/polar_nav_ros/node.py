@@ -37,6 +37,7 @@ from . import topics
 from .backlog import Backlog, Drain
 from .diagnostics import Diagnosis
 from .launcher import watch_launcher
+from .leaving import PATIENCE_S, leave_within
 from .parameters import load
 from .qos import BEST_EFFORT, overridden, overriding
 from .qos import DATA_QOS as DATA_QOS
@@ -403,6 +404,9 @@ def run(node_cls: Callable[[], PolarNode[Any]], args: Sequence[str] | None = Non
     finally:
         if node is not None:
             node.tell_counts()
+        leaving = leave_within(PATIENCE_S, status)
+        if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()
+        leaving.cancel()
     return status

@@ -2,9 +2,13 @@
 
 import json
 import os
+import signal
+import subprocess
 import sys
+import threading
 import time
 from dataclasses import dataclass
+from pathlib import Path
 
 import pytest
 
@@ -179,10 +183,6 @@ def test_run_gives_exit_codes():
         'from polar_nav_ros.node import run\n'
         'sys.exit(run(Echo, sys.argv[2:]))'
     )
-    import signal
-    import subprocess
-    from pathlib import Path
-
     here = str(Path(__file__).parent)
     bad = subprocess.run(
         [sys.executable, '-c', code, here, '--ros-args', '-p', 'gain:=99.0'],
@@ -206,6 +206,35 @@ def test_run_gives_exit_codes():
     _, err = good.communicate(timeout=30)
     assert good.returncode == 0, err
     assert 'Traceback' not in err
+
+
+class Stuck(Echo):
+    """Its middleware never shuts down."""
+
+    def destroy_node(self):
+        threading.Event().wait()
+
+
+def test_a_middleware_that_does_not_shut_down_is_left_behind():
+    code = (
+        'import sys; sys.path.insert(0, sys.argv[1])\n'
+        'from test_ros_node import Stuck\n'
+        'from polar_nav_ros import node\n'
+        'node.PATIENCE_S = 0.1\n'
+        'sys.exit(node.run(Stuck, sys.argv[2:]))'
+    )
+    stuck = subprocess.Popen(
+        [sys.executable, '-c', code, str(Path(__file__).parent)],
+        env={**os.environ, ros_node.SUPERVISED: '1'},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert stuck.stdout.readline().startswith('ready ')
+    stuck.send_signal(signal.SIGINT)
+    _, err = stuck.communicate(timeout=60)
+    assert stuck.returncode == 0, err
+    assert 'the middleware did not shut down within 0.1 s' in err
 
 
 def test_a_long_burst_does_not_keep_other_topics_waiting():
