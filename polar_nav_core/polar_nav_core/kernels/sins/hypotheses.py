@@ -9,9 +9,11 @@ h = g - J d and covariance V,
     Lambda = sum h^T V^-1 h,    zeta = sum h^T V^-1 e,    T = zeta^2 / Lambda
 
 is a generalized likelihood ratio (Willsky, Jones 1976), chi-square (1) while residuals e are white
-with V, whatever the signature. So signatures may be approximate, which costs power only: pings and
-depths are added up over a window and answered at its end, with the rows, the gain and the
-transition of then. Derivation: docs/derivations/signatures.md.
+with V, whatever the signature, as long as h depends on residuals before only. So signatures may be
+approximate, which costs power only: pings and depths are added up over a window and answered at
+its end, with the gain and the transition of then. The rows are those of its first residual: those
+of the DVL's scale are the estimated velocity, which each ping moves, so that rows of the end would
+be correlated with the residuals of the window. Derivation: docs/derivations/signatures.md.
 """
 
 from __future__ import annotations
@@ -43,8 +45,10 @@ STATISTIC = LAMBDA + 3  # T; of a pair together chi-square (2)
 ROWS = LAMBDA + 4
 SCRATCH = NAV
 
-WINDOW = 4
-"""Of a window: sum of V^-1 e (3), number."""
+FIRST_H = 4
+FIRST_J = FIRST_H + 3 * N
+WINDOW = FIRST_J + 3 * COLUMNS
+"""Of a window: sum of V^-1 e (3), number, rows H and J (per sigma) of its first residual."""
 MOST_AT_ONCE = 50
 
 

@@ -12,6 +12,8 @@ import math
 from ..cache import kernel
 from . import state as fs
 from .hypotheses import (
+    FIRST_H,
+    FIRST_J,
     FIX_EAST,
     FIX_NORTH,
     KINDS,
@@ -58,6 +60,14 @@ def note(s: State, c: Settings, past: Past, w: Work, stream: int, m: int, delay:
             x -= L[a, b] * w.evidence[b]
         w.evidence[a] = x / L[a, a]
     window = s.windows[stream]
+    first_H = window[FIRST_H:FIRST_J].reshape(3, w.H.shape[1])
+    first_J = window[FIRST_J:].reshape(3, w.per_sigma.shape[1])
+    if window[3] == 0.0:
+        for a in range(m):
+            for k in range(first_H.shape[1]):
+                first_H[a, k] = w.H[a, k]
+            for k in range(first_J.shape[1]):
+                first_J[a, k] = w.per_sigma[a, k]
     for a in range(m - 1, -1, -1):
         x = w.evidence[a]
         for b in range(a + 1, m):
@@ -71,7 +81,7 @@ def note(s: State, c: Settings, past: Past, w: Work, stream: int, m: int, delay:
     _advance(s, past, w, now_ns)
     _begin(s, now_ns)
     g, h = w.signatures[0:3], w.signatures[3:6]
-    change_of_innovation(g, s.bank, w.H, delay, m)
+    change_of_innovation(g, s.bank, first_H, delay, m)
     if stream == fs.FIX_ROW:
         for slot in range(SLOTS):
             since = (now_ns - s.counters[fs.BORN_NS + slot]) * 1e-9 - w.age[0]
@@ -82,7 +92,7 @@ def note(s: State, c: Settings, past: Past, w: Work, stream: int, m: int, delay:
     repeated(w.powers, w.H, w.K, number, m)
     mean = w.signatures[6:9]
     mean_change(mean, w.powers, g, number, m)
-    change_of_residual(h, mean, s.bank, w.per_sigma, L, m)
+    change_of_residual(h, mean, s.bank, first_J, L, m)
     for a in range(m):
         x = 0.0
         for b in range(a, m):
@@ -102,7 +112,7 @@ def note(s: State, c: Settings, past: Past, w: Work, stream: int, m: int, delay:
                 w.per_sigma[a, k] /= L[a, a]
         repeated(w.powers, w.per_sigma, w.learned, number, m)
         answer(s.bank, fs.LEARNED, w.learned, w.powers, h, weight, m)
-    for k in range(window.shape[0]):
+    for k in range(FIRST_H):
         window[k] = 0.0
     s.counters[fs.CLOSED_NS + stream] = now_ns
 
