@@ -5,8 +5,12 @@ import pytest
 
 from polar_nav_core.engine.health.conditions import Culprit, Level
 from polar_nav_core.engine.health.slow import Evidence, pair_of, size_of, slow_faults
-from polar_nav_core.kernels.sins import consider, shared
+from polar_nav_core.engine.params import EngineParams
+from polar_nav_core.engine.sins.history import make_past
+from polar_nav_core.engine.sins.settings import make_settings
+from polar_nav_core.kernels.sins import consider, shared, signatures
 from polar_nav_core.kernels.sins import hypotheses as hy
+from polar_nav_core.kernels.sins import state as fs
 from polar_nav_core.kernels.sins.update import DR, DV, GYRO, SCALE, N
 
 STEP, BORN = 0.5, 20
@@ -182,3 +186,26 @@ def test_equal_updates_at_once_are_those_one_by_one():
         np.testing.assert_allclose(mean[:m], total[:m] / number, rtol=1e-10, atol=1e-12)
         hy.answer(once, 0, K, X, g, -1.0, m)
         np.testing.assert_allclose(once, bank, rtol=1e-10, atol=1e-12)
+
+
+def evidence_of_window(last_rows):
+    """Evidence of one window of two pings, the last of which has these rows."""
+    s, w = fs.make_state(), fs.make_work()
+    past = make_past(2.0, 0.1)
+    settings = make_settings(EngineParams())
+    s.bank[SCALE, 0] = 1.0
+    s.counters[fs.BIRTH_NS] = 10**18
+    w.narrow_L[:], w.L[:] = np.eye(3), np.eye(3)
+    w.nis[1] = 1.0
+    w.residual[:] = w.z[:] = 0.7, 0.2, -0.1
+    for stamp_ns, rows in ((500_000_000, np.ones((3, N))), (1_500_000_000, last_rows)):
+        w.H[:] = rows
+        s.counters[fs.STAMP] = stamp_ns
+        signatures.note(s, settings, past, w, fs.DVL_ROW, 3, 0.0)
+    assert s.bank[hy.LAMBDA, 0] > 0.0
+    return s.bank[hy.LAMBDA : hy.ZETA + 1, 0].tolist()
+
+
+def test_a_window_is_rated_by_rows_that_know_none_of_it():
+    """The estimated velocity, in the rows of the scale, has moved with the window's pings."""
+    assert evidence_of_window(np.full((3, N), 1.3)) == evidence_of_window(np.ones((3, N)))
