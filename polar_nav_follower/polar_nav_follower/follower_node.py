@@ -41,7 +41,8 @@ from polar_nav_ros.adapters.stated import parameters_of
 from polar_nav_ros.diagnostics import Diagnosis
 from polar_nav_ros.live_outputs import LiveOutputs
 from polar_nav_ros.navigation_ports import NavigationPorts
-from polar_nav_ros.node import PolarNode, run
+from polar_nav_ros.node import PolarNode
+from polar_nav_ros.process import run
 from polar_nav_ros.source_ports import SourcePorts
 from polar_nav_ros.state_store import StateStore
 

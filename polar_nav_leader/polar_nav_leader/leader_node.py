@@ -30,7 +30,8 @@ from polar_nav_msgs.msg import AcousticPacket, LeaderBroadcast, UsblFix
 from polar_nav_ros import topics
 from polar_nav_ros.diagnostics import Diagnosis, Level
 from polar_nav_ros.navigation_ports import NavigationPorts
-from polar_nav_ros.node import CountedPublisher, PolarNode, run
+from polar_nav_ros.node import CountedPublisher, PolarNode
+from polar_nav_ros.process import run
 
 from . import session
 from .leader import Leader

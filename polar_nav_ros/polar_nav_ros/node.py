@@ -1,43 +1,35 @@
 """Base class of all nodes.
 
-Parameters, counted publishers, drained subscriptions, acknowledgements, diagnostics and an
-orderly end.
+Parameters, counted publishers, drained subscriptions, acknowledgements and diagnostics; its
+process is in `process`.
 """
 
 from __future__ import annotations
 
 import json
 import os
-import signal
-import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from importlib import metadata
-from types import FrameType
 from typing import Any, Generic, Protocol, TypeVar
 
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rclpy.signals import SignalHandlerOptions
 from rclpy.subscription import Subscription
 from std_msgs.msg import String
 
 from polar_nav_core.engine.version import ENGINE_VERSION
-from polar_nav_core.errors import ConfigError, PolarNavError
 from polar_nav_core.params import NodeParams, to_mapping
 from polar_nav_msgs.msg import LockstepAck
 
 from . import topics
 from .backlog import Backlog, Drain
 from .diagnostics import Diagnosis
-from .launcher import watch_launcher
-from .leaving import PATIENCE_S, leave_within
 from .parameters import load
 from .qos import BEST_EFFORT, overridden, overriding
 from .qos import DATA_QOS as DATA_QOS
@@ -353,60 +345,3 @@ class PolarNode(Node, Generic[P]):  # type: ignore[misc]
             },
             sort_keys=True,
         )
-
-
-class Stop:
-    """Set by SIGINT or SIGTERM.
-
-    The spin loop looks at it between turns, so a node can still publish its last words.
-    """
-
-    def __init__(self) -> None:
-        self.signal: int | None = None
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._on_signal)
-
-    def _on_signal(self, number: int, _frame: FrameType | None) -> None:
-        self.signal = number
-
-
-def run(node_cls: Callable[[], PolarNode[Any]], args: Sequence[str] | None = None) -> int:
-    """Exit status of one node, run until a signal or until it raises SystemExit.
-
-    rclpy's own signal handlers end the context at once, before a node can flush what it holds; so
-    signals only set a flag here.
-    """
-    stop = Stop()
-    watch_launcher()
-    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-    node: PolarNode[Any] | None = None
-    status = 0
-    try:
-        node = node_cls()
-        executor = SingleThreadedExecutor()
-        executor.add_node(node)
-        node.tell_supervisor('ready', node.get_fully_qualified_name())
-        while stop.signal is None and rclpy.ok():
-            executor.spin_once(timeout_sec=0.2)
-        node.close()
-        node.flush()
-    except SystemExit as end:
-        status = int(end.code or 0)
-        if node is not None:
-            node.close()
-            node.flush()
-    except ConfigError as error:
-        print(f'{node_cls.__name__}: {error}', file=sys.stderr)  # noqa: T201 - before there is a logger
-        status = 2
-    except PolarNavError as error:
-        print(f'{node_cls.__name__}: {error}', file=sys.stderr)  # noqa: T201
-        status = 1
-    finally:
-        if node is not None:
-            node.tell_counts()
-        leaving = leave_within(PATIENCE_S, status)
-        if node is not None:
-            node.destroy_node()
-        rclpy.try_shutdown()
-        leaving.cancel()
-    return status

@@ -180,7 +180,7 @@ def test_run_gives_exit_codes():
     code = (
         'import sys; sys.path.insert(0, sys.argv[1])\n'
         'from test_ros_node import Echo\n'
-        'from polar_nav_ros.node import run\n'
+        'from polar_nav_ros.process import run\n'
         'sys.exit(run(Echo, sys.argv[2:]))'
     )
     here = str(Path(__file__).parent)
@@ -219,9 +219,9 @@ def test_a_middleware_that_does_not_shut_down_is_left_behind():
     code = (
         'import sys; sys.path.insert(0, sys.argv[1])\n'
         'from test_ros_node import Stuck\n'
-        'from polar_nav_ros import node\n'
-        'node.PATIENCE_S = 0.1\n'
-        'sys.exit(node.run(Stuck, sys.argv[2:]))'
+        'from polar_nav_ros import process\n'
+        'process.PATIENCE_S = 0.1\n'
+        'sys.exit(process.run(Stuck, sys.argv[2:]))'
     )
     stuck = subprocess.Popen(
         [sys.executable, '-c', code, str(Path(__file__).parent)],

@@ -10,7 +10,7 @@ from sensor_msgs.msg import NavSatFix
 
 from polar_nav_core.grid import ecef_to_grid
 from polar_nav_ros import topics
-from polar_nav_ros.node import run
+from polar_nav_ros.process import run
 
 from ..convert import absolute_fix_to_msg, frame_id
 from ..params import AbsoluteFixParams

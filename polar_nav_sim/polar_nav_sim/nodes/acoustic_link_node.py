@@ -13,7 +13,8 @@ from typing import Any
 from polar_nav_core.errors import ConfigError
 from polar_nav_msgs.msg import AcousticPacket, VehicleTruth
 from polar_nav_ros.diagnostics import Diagnosis, Level
-from polar_nav_ros.node import PolarNode, run
+from polar_nav_ros.node import PolarNode
+from polar_nav_ros.process import run
 from polar_nav_ros.stamps import stamp_ns_of_cdr, to_msg
 
 from ..acoustics import Channel, Packet

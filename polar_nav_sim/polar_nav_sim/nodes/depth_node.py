@@ -11,7 +11,7 @@ from sensor_msgs.msg import FluidPressure
 from polar_nav_core.depth import pressure_from_depth
 from polar_nav_msgs.msg import Depth
 from polar_nav_ros import topics
-from polar_nav_ros.node import run
+from polar_nav_ros.process import run
 
 from ..convert import depth_to_msg, frame_id, pressure_to_msg
 from ..params import DepthParams

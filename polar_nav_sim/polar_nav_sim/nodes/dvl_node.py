@@ -10,7 +10,7 @@ from geometry_msgs.msg import TwistWithCovarianceStamped
 from polar_nav_core.grid import earth_rate
 from polar_nav_msgs.msg import Dvl
 from polar_nav_ros import topics
-from polar_nav_ros.node import run
+from polar_nav_ros.process import run
 
 from ..convert import dvl_to_msg, frame_id, twist_to_msg
 from ..params import DvlParams

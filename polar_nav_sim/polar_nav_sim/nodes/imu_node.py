@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import Imu
 
 from polar_nav_ros import topics
-from polar_nav_ros.node import run
+from polar_nav_ros.process import run
 
 from ..convert import AhrsMessage, ImuMessage, frame_id
 from ..params import ImuParams

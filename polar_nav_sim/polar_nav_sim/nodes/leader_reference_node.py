@@ -10,7 +10,7 @@ from nav_msgs.msg import Odometry
 
 from polar_nav_core.grid import earth_rate, ecef_to_grid
 from polar_nav_ros import topics
-from polar_nav_ros.node import run
+from polar_nav_ros.process import run
 
 from ..convert import frame_id, odometry_to_msg
 from ..params import LeaderReferenceParams

@@ -15,7 +15,8 @@ from polar_nav_core.link.station_packet import encode
 from polar_nav_msgs.msg import AcousticPacket, StationFix, VehicleTruth
 from polar_nav_ros import topics
 from polar_nav_ros.diagnostics import Diagnosis, Level
-from polar_nav_ros.node import PolarNode, run
+from polar_nav_ros.node import PolarNode
+from polar_nav_ros.process import run
 from polar_nav_ros.stamps import stamp_ns_of_cdr
 
 from ..acoustics import Packet

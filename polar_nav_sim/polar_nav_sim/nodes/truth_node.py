@@ -19,7 +19,8 @@ from polar_nav_msgs.msg import LockstepAck, VehicleTruth
 from polar_nav_ros import topics
 from polar_nav_ros.diagnostics import Diagnosis, Level
 from polar_nav_ros.flow import Flow
-from polar_nav_ros.node import ACK_TOPIC, PolarNode, run
+from polar_nav_ros.node import ACK_TOPIC, PolarNode
+from polar_nav_ros.process import run
 from polar_nav_ros.stamps import to_msg
 
 from ..mission import Mission, load_mission, overrides_from

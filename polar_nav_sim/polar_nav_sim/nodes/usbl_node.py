@@ -11,7 +11,8 @@ from polar_nav_core.errors import ConfigError
 from polar_nav_msgs.msg import UsblFix, VehicleTruth
 from polar_nav_ros import topics
 from polar_nav_ros.diagnostics import Diagnosis, Level
-from polar_nav_ros.node import PolarNode, run
+from polar_nav_ros.node import PolarNode
+from polar_nav_ros.process import run
 from polar_nav_ros.stamps import stamp_ns_of_cdr
 
 from ..convert import frame_id, usbl_to_msg

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from polar_nav_core.errors import ConfigError
-from polar_nav_ros.node import run
+from polar_nav_ros.process import run
 
 from ..params import VehicleParams
 from .truth_node import TruthNode

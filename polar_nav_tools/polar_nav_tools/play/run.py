@@ -172,7 +172,7 @@ def play(
         import rclpy
         from rclpy.signals import SignalHandlerOptions
 
-        from polar_nav_ros.node import Stop
+        from polar_nav_ros.process import Stop
 
         from .player import Player
 

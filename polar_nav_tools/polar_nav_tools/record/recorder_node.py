@@ -22,7 +22,8 @@ from rclpy.subscription import Subscription
 
 from polar_nav_core.errors import ConfigError
 from polar_nav_ros.diagnostics import Diagnosis, Level
-from polar_nav_ros.node import DATA_QOS, QUEUE_DEPTH, PolarNode, run
+from polar_nav_ros.node import DATA_QOS, QUEUE_DEPTH, PolarNode
+from polar_nav_ros.process import run
 from polar_nav_ros.topics import DIAGNOSTICS, RUN_INFO
 
 from ..bags.errors import BagError
