@@ -46,6 +46,8 @@ KEYS = {
 }
 # What a package starts or reads without importing it.
 STARTED = {
+    'polar_nav_follower': {'ros2launch'},
+    'polar_nav_leader': {'ros2launch'},
     'polar_nav_tools': {'polar_nav_follower', 'polar_nav_leader', 'polar_nav_sim', 'ros2launch'},
 }
 # gsw has no rosdep key (README says how to get it), isal makes checksums faster where it is there;
