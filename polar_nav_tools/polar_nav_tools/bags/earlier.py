@@ -1,4 +1,4 @@
-"""metadata.yaml of a bag that a recorder went on with in a next file, after it was killed."""
+"""metadata.yaml of a bag of several files: split, or gone on with after a recorder was killed."""
 
 from __future__ import annotations
 
@@ -14,15 +14,19 @@ from .rosbag2_metadata import TopicSummary
 from .scan import scan_file
 
 
-def with_earlier_files(path: Path, metadata: Mapping[str, Any]) -> dict[str, Any]:
+def with_earlier_files(
+    path: Path, metadata: Mapping[str, Any], known: Mapping[Path, Mapping[str, Any]]
+) -> dict[str, Any]:
     """Metadata of a whole bag, from those of its newest file.
 
-    Earlier files are read to their last whole chunk; one that cannot be read is left out.
+    Earlier files that are not among the known ones are read to their last whole chunk; one that
+    cannot be read is left out.
     """
     all_files = in_order(path.parent.glob('*.mcap'))
-    found = [_metadata(other) for other in all_files[: all_files.index(path)]]
-    known = [one for one in found if one is not None]
-    return rosbag2_metadata.joined([*known, metadata]) if known else dict(metadata)
+    earlier = all_files[: all_files.index(path)]
+    found = [known[other] if other in known else _metadata(other) for other in earlier]
+    parts = [one for one in found if one is not None]
+    return rosbag2_metadata.joined([*parts, metadata]) if parts else dict(metadata)
 
 
 def _metadata(path: Path) -> dict[str, Any] | None:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Self
 
 from .errors import BagError, WrongRequestError
+from .rosbag2_metadata import FILE_NAME
 
 
 class Sink:
@@ -51,6 +52,9 @@ class Sink:
     def of_next_file(cls, directory: Path) -> Self:
         """Return the sink of another file of a bag; the first one where there is no bag.
 
+        A metadata.yaml that does not name this file is removed: who reads the bag before it is
+        finished again finds all files.
+
         Raises
         ------
         BagError
@@ -63,7 +67,9 @@ class Sink:
         while (directory / f'{name}_{number}.mcap').exists():
             number += 1
         try:
-            return cls(directory / f'{name}_{number}.mcap')
+            sink = cls(directory / f'{name}_{number}.mcap')
+            (directory / FILE_NAME).unlink(missing_ok=True)
+            return sink
         except OSError as error:
             why = error.strerror
             raise BagError(f'{directory}: cannot go on with this bag ({why})') from error

@@ -123,6 +123,8 @@ class BagWriter:
         self._start_ns = 0
         self._stop_ns = 0
         self._unflushed = False
+        self.metadata: dict[str, Any] = {}
+        """What metadata.yaml says of this file, once it is finished."""
         self._mcap = Writer(
             self._sink,
             chunk_size=chunk_bytes,
@@ -277,14 +279,28 @@ class BagWriter:
                 self._sink.sync()
         self._note_safe()
 
-    def finish(self, end_info: Mapping[str, object] | None = None) -> Path:
+    def finish(
+        self,
+        end_info: Mapping[str, object] | None = None,
+        earlier: Mapping[Path, Mapping[str, Any]] | None = None,
+    ) -> Path:
         """Write the final description, the index and metadata.yaml; returns the bag's directory.
 
         Parameters
         ----------
         end_info : mapping
             Items known only at the end (counts, losses); joined to the description of the start.
+        earlier : mapping of Path to mapping, optional
+            `metadata` of files of this bag before; others are read.
         """
+        self.finish_file(end_info)
+        with self._explained():
+            whole = with_earlier_files(self.path, self.metadata, earlier or {})
+            rosbag2_metadata.write(self.directory, whole)
+        return self.directory
+
+    def finish_file(self, end_info: Mapping[str, object] | None = None) -> None:
+        """Write the final description and the index; the bag goes on in a next file."""
         info = self._run_info | dict(end_info or {})
         end = _json_values(info, 'end_info') | {PHASE_KEY: 'end'}
         metadata = rosbag2_metadata.bag_metadata(
@@ -302,8 +318,7 @@ class BagWriter:
             self._mcap.finish()
             self._sink.sync()
             self._sink.close()
-            rosbag2_metadata.write(self.directory, with_earlier_files(self.path, metadata))
-        return self.directory
+        self.metadata = metadata
 
     def _declare_silent(self) -> None:
         """Put topics without a message among the data.

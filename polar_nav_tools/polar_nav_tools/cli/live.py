@@ -190,6 +190,12 @@ def launch(
 @app.command(epilog='Example: `./polar record --out bags/my_run`')
 def record(
     out: Annotated[Path | None, typer.Option('--out', '-o', help='Folder of the new bag.')] = None,
+    max_bag_size: Annotated[
+        int, typer.Option(min=0, help='Bytes of a file, then comes a next one; 0: one file.')
+    ] = 0,
+    max_bag_duration: Annotated[
+        float, typer.Option(min=0.0, help='Seconds in a file, then comes a next one; 0: any.')
+    ] = 0.0,
 ) -> None:
     """Record every topic of the running graph into an MCAP bag until Ctrl-C.
 
@@ -201,7 +207,13 @@ def record(
     target = out or new_bag_path(BAGS, 'recording', 0, datetime.now())
     say(f'recording to {target}; Ctrl-C ends it')
     # In quotes: a parameter on the command line is YAML, where 2026 would be a number.
-    end(recorder_main(['--ros-args', '-p', f'output:={json.dumps(str(target))}']))
+    values = {
+        'output': json.dumps(str(target)),
+        'max_bag_size': max_bag_size,
+        'max_bag_duration': max_bag_duration,
+    }
+    given = [part for name, value in values.items() for part in ('-p', f'{name}:={value}')]
+    end(recorder_main(['--ros-args', *given]))
 
 
 def _tell_start(graph: Graph, domain_id: str) -> None:

@@ -29,7 +29,7 @@ from polar_nav_ros.topics import DIAGNOSTICS, RUN_INFO
 from ..bags.errors import BagError
 from ..bags.qos import Qos, request_for
 from ..bags.writer import BagWriter
-from .recording import RecorderParams, Recording, parse_run_info, parse_topics
+from .recording import RecorderParams, Recording, Rotation, parse_run_info, parse_topics
 
 # Published by every node beside what it counts, so a count of them would never be met.
 UNCOUNTED = (DIAGNOSTICS, RUN_INFO, '/rosout', '/parameter_events')
@@ -93,17 +93,25 @@ class RecorderNode(PolarNode[RecorderParams]):
             'log_time': 'simulation' if simulated else 'reception',
             'lockstep': p.lockstep,
         }
-        writer = BagWriter(
-            self._path,
-            info,
-            compression=p.compression,
-            chunk_bytes=p.chunk_bytes,
-            flush_s=p.flush_period,
-            sync=p.sync,
-            resume=p.resume,
+
+        def opened(resume: bool) -> BagWriter:
+            writer = BagWriter(
+                self._path,
+                info,
+                compression=p.compression,
+                chunk_bytes=p.chunk_bytes,
+                flush_s=p.flush_period,
+                sync=p.sync,
+                resume=resume,
+            )
+            self.get_logger().info(f'recording to {writer.path}')
+            return writer
+
+        rotation = Rotation(
+            lambda: opened(resume=True), p.max_bag_size, round(p.max_bag_duration * 1e9)
         )
-        self.get_logger().info(f'recording to {writer.path}')
-        return Recording(writer, simulated=simulated, offered=self._offered)
+        writer = opened(p.resume)
+        return Recording(writer, simulated=simulated, offered=self._offered, rotation=rotation)
 
     # -- subscriptions
 

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import json
 import struct
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -67,6 +68,16 @@ class RecorderParams(NodeParams):
     flush_period: float = param(0.5, 's', 0.01, 2.0, 'Longest time a message stays in memory')
     resume: bool = flag(
         False, 'Go on in a next file of the bag, where it exists: for a recorder started again'
+    )
+    max_bag_size: int = param(
+        0,
+        'B',
+        0,
+        2**53,
+        'A file of about this size is ended, the bag goes on in a next one; 0: never',
+    )
+    max_bag_duration: float = param(
+        0.0, 's', 0.0, 1e7, 'The same for a file with so much log time in it; 0: never'
     )
     sync: bool = flag(False, 'Wait for the disk at each flush, against loss of power')
     quiet_time: float = param(
@@ -134,7 +145,8 @@ class TopicCount:
     """Number and bytes of the messages recorded of one topic.
 
     `lost` counts holes in the publisher's own numbers; None when several publishers share the
-    topic, whose numbers then say nothing.
+    topic, whose numbers then say nothing. `recorded` is whether the present file has the topic,
+    `before` what was lost before that file.
     """
 
     type: str
@@ -145,6 +157,31 @@ class TopicCount:
     last_publication: int | None = None
     last_key: int = 0
     recorded: bool = False
+    before: int = 0
+    offered: Sequence[Qos] = ()
+
+
+@dataclass(frozen=True)
+class Rotation:
+    """When a bag goes on in a next file.
+
+    Attributes
+    ----------
+    open_next : callable
+        Makes the writer of that file.
+    max_bytes : int
+        Of a file [bytes]; 0: any.
+    max_ns : int
+        Log time in a file [ns]; 0: any.
+    """
+
+    open_next: Callable[[], BagWriter]
+    max_bytes: int = 0
+    max_ns: int = 0
+
+    def is_due(self, size: int, span_ns: int) -> bool:
+        """Whether a file of a size [bytes] and a span of log time [ns] is full."""
+        return 0 < self.max_bytes <= size or 0 < self.max_ns <= span_ns
 
 
 @dataclass(order=True)
@@ -169,6 +206,8 @@ class Recording:
         Log time is simulated time, not that of reception.
     offered : callable
         From a topic to the profiles that its publishers offer, asked at its first message.
+    rotation : Rotation, optional
+        When the bag goes on in a next file.
     """
 
     def __init__(
@@ -177,8 +216,13 @@ class Recording:
         *,
         simulated: bool,
         offered: Callable[[str], Sequence[Qos]] = lambda _: (),
+        rotation: Rotation | None = None,
     ) -> None:
         self._writer = writer
+        self._rotation = rotation
+        self._bytes: Counter[str] = Counter()  # in the present file
+        self._file_ns: int | None = None
+        self._finished: dict[Path, dict[str, Any]] = {}
         self._simulated = simulated
         self._offered = offered
         self._topics: dict[str, TopicCount] = {}
@@ -276,16 +320,31 @@ class Recording:
         self._write_burst()
         for name in self._topics:
             self._declare(name)
-        recording = {
-            'state': 'finished',
-            'message_count': self.message_count,
-            'topics': {
-                name: {'count': t.count, 'bytes': t.bytes, 'lost': t.lost}
-                for name, t in sorted(self._topics.items())
-            },
-            **facts,
+        return self._writer.finish({'recording': {**self._of_file(), **facts}}, self._finished)
+
+    def _of_file(self) -> dict[str, object]:
+        """Counts of the present file, for its end."""
+        counts = self._writer.counts
+        topics = {
+            name: {
+                'count': counts[name],
+                'bytes': self._bytes[name],
+                'lost': None if t.lost is None else t.lost - t.before,
+            }
+            for name, t in sorted(self._topics.items())
+            if t.recorded
         }
-        return self._writer.finish({'recording': recording})
+        return {'state': 'finished', 'message_count': sum(counts.values()), 'topics': topics}
+
+    def _rotate(self, rotation: Rotation) -> None:
+        """End the present file, and go on in a next one."""
+        self._writer.finish_file({'recording': self._of_file()})
+        self._finished[self._writer.path] = self._writer.metadata
+        self._writer = rotation.open_next()
+        self._bytes.clear()
+        self._file_ns = None
+        for entry in self._topics.values():
+            entry.recorded, entry.before = False, entry.lost or 0
 
     def abandon(self) -> None:
         """Close the file without finishing the bag."""
@@ -309,7 +368,15 @@ class Recording:
         for w in burst:
             time_ns = w.key if not self._simulated else min(w.key, self._now_ns)
             self._last_ns = time_ns = max(time_ns, self._last_ns)
+            if self._file_ns is None:
+                self._file_ns = time_ns
+            elif self._rotation is not None and self._rotation.is_due(
+                self._writer.size, time_ns - self._file_ns
+            ):
+                self._rotate(self._rotation)
+                self._file_ns = time_ns
             self._declare(w.topic)
+            self._bytes[w.topic] += len(w.data)
             # A stamp may lie ahead of the clock that messages are filed by; a publication cannot.
             publish_ns = min(w.stamp_ns, time_ns) if w.stamp_ns else time_ns
             self._writer.write(w.topic, w.data, time_ns, publish_ns)
@@ -318,7 +385,8 @@ class Recording:
         entry = self._topics[topic]
         if not entry.recorded:
             entry.recorded = True
-            self._writer.add_topic(topic, entry.type, offered=self._offered(topic))
+            entry.offered = entry.offered or tuple(self._offered(topic))
+            self._writer.add_topic(topic, entry.type, offered=entry.offered)
 
 
 def _count_losses(entry: TopicCount, publication: int | None) -> None:
