@@ -165,7 +165,7 @@ def test_colcon_installs_all_that_belongs_to_a_package(workspace, package):
     (site,) = install.glob('lib/python3.*/site-packages')
     for file in files(ROOT / package / package):
         assert (site / package / file).is_file(), f'{file} of {package} is not installed'
-    for folder in ('config', 'launch', 'missions'):
+    for folder in ('config', 'launch', 'missions', 'systemd'):
         for file in files(ROOT / package / folder):
             assert (share / folder / file).is_file(), f'{folder}/{file} is not installed'
 

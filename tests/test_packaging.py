@@ -4,9 +4,12 @@ import configparser
 import re
 import tomllib
 import xml.etree.ElementTree as ElementTree
+from dataclasses import fields
 from pathlib import Path
 
 import pytest
+
+from polar_nav_follower.params import FollowerParams
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = [p.parent for p in sorted(ROOT.glob('polar_nav_*/package.xml'))]
@@ -82,6 +85,24 @@ def test_a_mapping_file_states_its_version():
     assert len(files) == 3
     for file in files:
         assert re.search(rf'^version: {VERSION}$', file.read_text(), re.MULTILINE), file
+
+
+def test_the_page_on_security_shows_the_unit_that_is_installed():
+    unit = ROOT / 'polar_nav_follower' / 'systemd' / 'polar_nav_follower@.service'
+    lines = [text for text in unit.read_text().splitlines() if not text.startswith('#')]
+    shown = '\n'.join(f'    {text}' if text else '' for text in lines)
+    page = (ROOT / 'docs' / 'security.md').read_text(encoding='utf-8')
+    assert f'\n{shown}\n' in page
+    parser = configparser.RawConfigParser(strict=False)
+    parser.optionxform = str
+    parser.read_string(unit.read_text())
+    assert set(parser.sections()) == {'Unit', 'Service', 'Install'}
+    start = parser['Service']['ExecStart']
+    stated = set(re.findall(r'-p (\w+):=', start))
+    assert stated <= {f.name for f in fields(FollowerParams)}
+    assert 'exec ros2 run polar_nav_follower follower_node ' in start
+    # A status that stands for a refused parameter, as of process.run.
+    assert parser['Service']['RestartPreventExitStatus'] == '2'
 
 
 def test_the_page_on_upgrades_names_each_default_that_has_changed():

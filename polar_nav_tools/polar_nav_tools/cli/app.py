@@ -27,6 +27,7 @@ os.environ.setdefault('NUMPY_MADVISE_HUGEPAGE', '0')
 COMMANDS = (
     'live',
     'play',
+    'ros2',
     'bags',
     'score',
     'trust',
