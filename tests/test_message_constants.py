@@ -6,7 +6,14 @@ from pathlib import Path
 MESSAGES = Path(__file__).parents[1] / 'polar_nav_msgs'
 CONSTANT = re.compile(r'^\s*(?:u?int\d+|byte)\s+([A-Z][A-Z0-9_]*)\s*=\s*(-?\d+)', re.MULTILINE)
 FROZEN = {
-    'Command': {'RESET': 0, 'SET_INITIAL_STATE': 1, 'SHUTDOWN': 2, 'IDENTIFY': 3},
+    'Command': {
+        'RESET': 0,
+        'SET_INITIAL_STATE': 1,
+        'SHUTDOWN': 2,
+        'IDENTIFY': 3,
+        'SENSOR_OFF': 5,
+        'SENSOR_ON': 6,
+    },
     'Dvl': {
         'DVL_MODE_BOTTOM': 1,
         'DVL_MODE_WATER': 2,
@@ -29,6 +36,7 @@ FROZEN = {
         'BAD_FORMAT': 12,
         'IMPLAUSIBLE': 13,
         'REPLAYED': 14,
+        'SWITCHED_OFF': 15,
     },
     'Identification': {
         'ACCEPTED': 0,

@@ -17,6 +17,7 @@ _FIRST: dict[str, Any] = {
     'accel_noise_density': 3.101e-07,
     'adaptive_ceiling': 1e300,
     'adaptive_floor': 0.5,
+    'autostart': True,
     'base_frame': '',
     'bottom_lock_pings': 3,
     'bottom_lock_timeout_s': 1.5,

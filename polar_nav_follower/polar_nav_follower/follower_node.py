@@ -19,6 +19,8 @@
 | out nav/identification | polar_nav_msgs/Identification | place in the order of events |
 | out odometry/now, odometry/local | nav_msgs/Odometry | newest IMU sample (`LiveOutputs`) |
 
+A managed node (`ManagedNode`): inactive, it navigates and is silent on odometry, nav/fix and /tf.
+
 With a SINS (`mode` sins) it takes imu/data_raw and dvl/data and hears a leader; in `mode` station
 imu/data, which has the attitude of an AHRS, and control/thrust, and it hears a station. With
 `sources` sensors and fixes are those of a mapping file, of any type it has an adapter for.
@@ -28,6 +30,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -38,10 +41,10 @@ from polar_nav_ros.adapters import mapping_file
 from polar_nav_ros.adapters.live import Sources
 from polar_nav_ros.adapters.mapping import Mapping
 from polar_nav_ros.adapters.stated import parameters_of
-from polar_nav_ros.diagnostics import Diagnosis
+from polar_nav_ros.diagnostics import Diagnosis, Level
 from polar_nav_ros.live_outputs import LiveOutputs
+from polar_nav_ros.managed import ManagedNode
 from polar_nav_ros.navigation_ports import NavigationPorts
-from polar_nav_ros.node import PolarNode
 from polar_nav_ros.process import run
 from polar_nav_ros.source_ports import SourcePorts
 from polar_nav_ros.state_store import StateStore
@@ -50,7 +53,7 @@ from . import session
 from .params import FollowerParams
 
 
-class FollowerNode(PolarNode[FollowerParams]):
+class FollowerNode(ManagedNode[FollowerParams]):
     """Node around a `Session`, which navigates, and `NavigationPorts`, which publish."""
 
     _text: str
@@ -58,6 +61,11 @@ class FollowerNode(PolarNode[FollowerParams]):
 
     def __init__(self) -> None:
         super().__init__('follower_node', FollowerParams)
+        self._ports: NavigationPorts | None = None
+        self.start(active=self.params.autostart)
+
+    def begin(self) -> None:
+        """Subscribe and navigate, with outputs silent."""
         # Before anything is subscribed to: a cold compile takes long, and sensors do not wait.
         station = session.in_station_mode(self.params)
         decoded: dict[str, type[Any]] = (
@@ -78,6 +86,12 @@ class FollowerNode(PolarNode[FollowerParams]):
             ports,
             self._live(navigation),
         )
+        self._ports.silence(True)
+
+    def silence(self, silent: bool) -> None:
+        """Silence the outputs that others steer by, or let them be heard."""
+        if self._ports is not None:
+            self._ports.silence(silent)
 
     def stated(self) -> dict[str, Any]:
         """Parameters that the mapping file states, before the node's own are declared."""
@@ -107,11 +121,18 @@ class FollowerNode(PolarNode[FollowerParams]):
 
     def diagnose(self) -> Diagnosis:
         """Health with verdict counts, ages and the number of waiting events."""
-        return self._ports.diagnose()
+        if self._ports is None:
+            return Diagnosis(Level.WARN, f'{self.lifecycle}: not navigating', {})
+        found = self._ports.diagnose()
+        values = {**found.values, 'lifecycle': self.lifecycle}
+        if self.lifecycle == 'active':
+            return replace(found, values=values)
+        return replace(found, message=f'{found.message}; outputs are silent', values=values)
 
     def close(self) -> None:
         """Process waiting events, and publish the end of the run as a SHUTDOWN command."""
-        self._ports.close()
+        if self._ports is not None:
+            self._ports.close()
 
 
 def main(args: Sequence[str] | None = None) -> int:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.output_params import OutputParams
-from polar_nav_core.params import param, text
+from polar_nav_core.params import flag, param, text
 
 
 @dataclass(frozen=True)
@@ -24,5 +24,8 @@ class FollowerParams(EngineParams, OutputParams):
     state_period_s: float = param(5.0, 's', 0.1, 3600.0, 'Stamp time between two saved states')
     state_max_age_s: float = param(
         60.0, 's', 0.0, 3600.0, 'Oldest saved state from which navigation goes on'
+    )
+    autostart: bool = flag(
+        True, 'Navigate and publish at once; false: wait for the lifecycle transitions'
     )
     frame_id: str = text('earth', 'frame_id of positions')

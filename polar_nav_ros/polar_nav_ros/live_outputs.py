@@ -58,6 +58,13 @@ class LiveOutputs:
     params : OutputParams
         Frames and limits.
 
+    Attributes
+    ----------
+    frame : LocalFrame or None
+        The map; None before the first state.
+    silent : bool
+        Whether only what is latched is published.
+
     Raises
     ------
     ConfigError
@@ -88,7 +95,8 @@ class LiveOutputs:
         self._newest: tuple[LocalFrame, Now, tuple[Array, Array]] | None = None
         self._samples = self._jumps = 0
         self._resets.publish(UInt32(data=0))
-        self._frame: LocalFrame | None = None
+        self.frame: LocalFrame | None = None
+        self.silent = False
         self._refused = False
         initial = self._engine_params.initial_state()
         if params.origin_file:
@@ -127,7 +135,7 @@ class LiveOutputs:
 
     def _begin(self, frame: LocalFrame) -> None:
         """Fix the map frame, once."""
-        self._frame = frame
+        self.frame = frame
         self._origin.publish(String(data=frame.as_yaml()))
         if self._tf is not None:
             self._tf.fix([transform('earth', self.map, frame.r_e, frame.C_e_m.T)])
@@ -147,7 +155,7 @@ class LiveOutputs:
         now = self._predictor.update(engine, self._session.reorder.waiting_imu())
         if now is None:
             return
-        frame = self._frame or self._first_frame(now)
+        frame = self.frame or self._first_frame(now)
         if frame is None:
             return
         r_m, C_b_m = frame.position(now.r_e), frame.C_e_m @ (now.C_e_G.T @ now.C_b_G)
@@ -163,7 +171,8 @@ class LiveOutputs:
         if now.jumps != self._jumps:
             self._jumps = now.jumps
             self._resets.publish(UInt32(data=now.jumps))
-        self._publish(frame, now, self._session.engine.clock.own_ns(now.stamp_ns), pose)
+        if not self.silent:
+            self._publish(frame, now, self._session.engine.clock.own_ns(now.stamp_ns), pose)
 
     def _first_frame(self, now: Now) -> LocalFrame | None:
         """Map frame on the surface above the first state; None where its axes are refused."""

@@ -16,8 +16,8 @@
 | out nav/identification | polar_nav_msgs/Identification | place in the order of events |
 
 The session determines the sensors; the last three rows are there when the vehicle's model is
-used. Services ``~/reset``, ``~/set_initial_state`` and, with a model, ``~/identify`` become
-stamped commands.
+used. Services ``~/reset``, ``~/set_initial_state``, ``~/use/<topic>`` and, with a model,
+``~/identify`` become stamped commands.
 """
 
 from __future__ import annotations
@@ -51,6 +51,7 @@ from .navigation_session import (
 )
 from .node import CountedPublisher, PolarNode
 from .readers import initial_from_msg, initial_to_msg
+from .services import add_map_services, add_switches
 from .source_ports import SourcePorts
 from .stamps import to_msg, to_ns
 from .standard_outputs import fix_of
@@ -93,6 +94,8 @@ class NavigationPorts:
         self._node = node
         self._session = session
         self._sources = sources
+        self._live = live
+        self._silent = False
         published = {
             STATE: NavState,
             RECEIPT: FixReceipt,
@@ -126,6 +129,9 @@ class NavigationPorts:
         node.create_service(SetInitialState, '~/set_initial_state', self._on_set_initial_state)
         if session.with_model:
             node.create_service(Trigger, '~/identify', self._on_identify)
+        add_switches(node, (*others, *inputs, *(sources.fixes if sources else ())), self._switch)
+        if live is not None:
+            add_map_services(node, lambda: live.frame, live.map)
         node.get_logger().info(
             f'configuration {session.params.configuration}, {session.engine.configuration.doc}'
         )
@@ -151,6 +157,15 @@ class NavigationPorts:
             self._sources.subscribe(topic, take, after_others=after_others, then=then)
         else:
             self._node.subscribe(kind, topic, take, after_others=after_others, then=then)
+
+    def silence(self, silent: bool) -> None:
+        """Silence what others steer by, or let it be heard: odometry, nav/fix and `LiveOutputs`.
+
+        The record (nav/state, receipts, commands, health) goes on, so that it can be verified.
+        """
+        self._silent = silent
+        if self._live is not None:
+            self._live.silent = silent
 
     def diagnose(self) -> Diagnosis:
         """Health with verdict counts, ages and the number of waiting events."""
@@ -230,6 +245,8 @@ class NavigationPorts:
 
     def _publish_standard(self, state: NavState) -> None:
         """Publish the estimate as standard messages too: odometry, and a NavSatFix at 1 Hz."""
+        if self._silent:
+            return
         self._odometry.publish(self._session.odometry(state))
         if state.header.stamp.sec != self._fix_second:
             self._fix_second = state.header.stamp.sec
@@ -241,7 +258,12 @@ class NavigationPorts:
         self._command_count += 1
         self._commands.publish(message)
 
-    def _command(self, kind: CommandKind, initial: InitialStateMsg) -> str:
+    def _switch(self, topic: str, on: bool) -> str:
+        """Switch a sensor off or on as a stamped event; returns an error sentence or nothing."""
+        kind = CommandKind.SENSOR_ON if on else CommandKind.SENSOR_OFF
+        return self._command(kind, InitialStateMsg(), topic)
+
+    def _command(self, kind: CommandKind, initial: InitialStateMsg, sensor: str = '') -> str:
         """Process a service call as a stamped event; returns an error sentence or nothing."""
         stamp_ns = self._session.reorder.newest_imu_ns
         if stamp_ns is None:
@@ -249,6 +271,9 @@ class NavigationPorts:
                 'there was no IMU sample yet, so the command has no place in the order of events'
             )
         message = CommandMsg(kind=int(kind), initial_state=initial)
+        if sensor:
+            message.taken_topics = [sensor]
+            message.taken_counts = [self._session.taken[sensor]]
         self._send(message, stamp_ns)
         self._publish(self._session.take(COMMAND, message))
         return ''

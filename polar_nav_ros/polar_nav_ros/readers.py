@@ -187,7 +187,13 @@ def command_from_msg(msg: CommandMsg, number: int) -> Command:
         raise ValueError('a command of kind RESTORE has no state')
     starts = kind in (CommandKind.RESET, CommandKind.SET_INITIAL_STATE)
     initial = initial_from_msg(msg.initial_state) if starts else None
-    return Command(to_ns(msg.header.stamp), msg.sequence, kind, initial, arrival=number)
+    sensor = ''
+    if kind in (CommandKind.SENSOR_OFF, CommandKind.SENSOR_ON):
+        if len(msg.taken_topics) != 1:
+            raise ValueError(f'a command of kind {kind.name} names one topic')
+        sensor = str(msg.taken_topics[0])
+    stamp_ns = to_ns(msg.header.stamp)
+    return Command(stamp_ns, msg.sequence, kind, initial, arrival=number, sensor=sensor)
 
 
 def restore_from_msg(msg: RestoreMsg, number: int) -> Command:

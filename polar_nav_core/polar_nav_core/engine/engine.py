@@ -58,6 +58,7 @@ from .station.fusion import StationFusion
 from .station.identify import make_adaptation
 from .station.view import view_of as station_view_of
 from .strategies import make_fusion
+from .switches import Switches
 
 _SECOND_NS = 1_000_000_000
 _STEPPED_BACK = 5
@@ -117,6 +118,7 @@ class Engine:
         )
         self.imu_gaps = 0
         self._repeated = Repeated(params)
+        self.switches = Switches()
         self.clock = ClockRecord('imu/data' if params.mode == 'station' else 'imu/data_raw')
         self.divergence = ''
         self.restored = NOT_RESTORED
@@ -135,14 +137,18 @@ class Engine:
         """
         self.admit(event)
         yield from self.advance(event.stamp_ns)
-        if isinstance(event, Fix):
-            self.ledger.received += 1
-            yield from self._guarded_fix(event)
-            return
         if isinstance(event, Command):
             yield from self._command(event)
             return
-        refused = unusable_local(self.params, event, self.last_imu_ns)
+        refused = self.switches.refusal(event)
+        if isinstance(event, Fix):
+            self.ledger.received += 1
+            if refused is None:
+                yield from self._guarded_fix(event)
+            else:
+                yield self._count(self._receipt(event, event.stamp_ns, *refused))
+            return
+        refused = refused or unusable_local(self.params, event, self.last_imu_ns)
         if refused is None and isinstance(event, ImuSample):
             refused = self._repeated.refusal(event)
         if refused is not None:
@@ -264,6 +270,7 @@ class Engine:
         # Of the state's own stamp: a node looks after the next sample came, a whole run before.
         agreement = self.ledger.integrity.state(self.fusion.stamp_ns)
         found = [] if agreement.level is Level.OK else [agreement.condition]
+        found += self.switches.conditions()
         if isinstance(self.fusion, StationFusion):
             # A station stays where it is: what its fixes contradict may be the vehicle's model.
             either = Culprit.FIXES | Culprit.MODEL
@@ -379,6 +386,8 @@ class Engine:
         if command.kind is CommandKind.IDENTIFY and self.adaptation is not None:
             yield self.adaptation.identify(command.stamp_ns, 'command', self.fusion)
         if command.kind in (CommandKind.SHUTDOWN, CommandKind.IDENTIFY):
+            return
+        if self.switches.turn(command):
             return
         problem = self._start_problem(command.initial_state)
         if problem:

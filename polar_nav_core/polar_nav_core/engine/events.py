@@ -51,6 +51,7 @@ class Verdict(IntEnum):
     BAD_FORMAT = 12
     IMPLAUSIBLE = 13
     REPLAYED = 14
+    SWITCHED_OFF = 15
 
 
 @dataclass(frozen=True)
@@ -219,11 +220,13 @@ class CommandKind(IntEnum):
     IDENTIFY = 3
     RESTORE = 4
     """Of a message of its own (`saved.SavedState`), which no service sends."""
+    SENSOR_OFF = 5
+    SENSOR_ON = 6
 
 
 @dataclass(frozen=True)
 class Command:
-    """A service call as a stamped event."""
+    """A service call as a stamped event; `sensor` is the topic that it switches off or on."""
 
     stamp_ns: int
     sequence: int
@@ -231,6 +234,7 @@ class Command:
     initial_state: InitialState | None = None
     topic: str = 'nav/command'
     arrival: int = 0
+    sensor: str = ''
 
     @property
     def key(self) -> OrderKey:

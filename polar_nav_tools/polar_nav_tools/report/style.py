@@ -84,6 +84,7 @@ _LOOKS = {
     'REPLAYED': VerdictLook('aside', 'd', filled=False),
     'UNKNOWN_SOURCE': VerdictLook('aside', 'h'),
     'IN_FLIGHT': VerdictLook('aside', 'o', filled=False),
+    'SWITCHED_OFF': VerdictLook('aside', 's', filled=False),
     'NOT_READY': VerdictLook('aside', '^', filled=False),
 }
 

@@ -33,6 +33,7 @@ _MEANING = {
     'NOT_READY': 'not used: the filter had no state',
     'BAD_FORMAT': 'refused: not a packet that can be read',
     'REPLAYED': 'refused: content of an earlier fix under another number',
+    'SWITCHED_OFF': 'not used: a service call had switched its sensor off',
 }
 _HANDLING = {
     'ignore': 'fused as if valid at its reception',
