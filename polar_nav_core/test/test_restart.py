@@ -270,12 +270,53 @@ def test_a_turn_while_away_heals(turning_world, configuration, at_s, away_s, fir
     assert abs(turned[2]) < np.deg2rad(2.0)
 
 
+def track(rate, speed=2.0, jump=0.0):
+    """Times and velocities of 2 s of a turn, whose estimate is corrected by an angle after 1 s."""
+    time_s = 0.01 * np.arange(201)
+    angle = 1.0 + rate * time_s + jump * (time_s >= 1.0)
+    rise = np.full(201, 0.1)
+    return time_s, np.stack([speed * np.cos(angle), speed * np.sin(angle), rise], axis=1)
+
+
 def test_the_rate_of_turn_is_that_of_the_track():
-    north, west = np.array([0.0, 2.0, 0.0]), np.array([-2.0, 0.0, 0.1])
-    assert away.turn_rate(north, west, 10.0) == pytest.approx(0.1 * np.pi / 2.0)
-    assert away.turn_rate(west, north, 10.0) == pytest.approx(-0.1 * np.pi / 2.0)
-    assert away.turn_rate(0.1 * north, west, 10.0) == 0.0
-    assert away.turn_rate(north, west, 1.0) == 0.3
+    assert away.turn_rate(*track(0.05)) == pytest.approx(0.05)
+    assert away.turn_rate(*track(-0.05)) == pytest.approx(-0.05)
+    assert away.turn_rate(*track(0.05, speed=0.29)) == 0.0
+    assert away.turn_rate(*track(0.4)) == 0.3
+    time_s, v_G = track(0.05)
+    assert away.turn_rate(time_s[:1], v_G[:1]) == 0.0
+    assert away.turn_rate(time_s[:0], v_G[:0]) == 0.0
+
+
+@pytest.mark.parametrize('jump', [0.05, -3.0])
+def test_a_correction_of_the_heading_is_no_turn(jump):
+    assert away.turn_rate(*track(0.05, jump=jump)) == pytest.approx(0.05)
+
+
+@pytest.mark.parametrize('configuration', ['default', 'modified_akf'])
+def test_a_fix_that_finds_the_heading_leaves_no_turn(world, events, configuration):
+    """Saved after each fix that turns the track, whichever epochs it corrects."""
+    right = world.params()
+    engine = Engine(
+        dataclasses.replace(
+            right,
+            configuration=configuration,
+            initial_grid_heading_deg=right.initial_grid_heading_deg + 10.0,
+            initial_sigma_heading_deg=10.0,
+            initial_sigma_velocity=1.0,
+        )
+    )
+    rates, turned = [], []
+    for event in events:
+        if event.stamp_ns > events[0].stamp_ns + 15 * 10**9:
+            break
+        outputs = list(engine.process(event))
+        if any(isinstance(o, Receipt) for o in outputs):
+            values = engine.saved().values
+            rates.append(values['turn'][0])
+            turned.append(np.arctan2(values['v_G'][1], values['v_G'][0]))
+    assert np.abs(np.diff(turned)).max() > 0.05
+    assert np.abs(rates).max() < 0.01
 
 
 def test_a_held_turn_is_an_arc_that_dies_out():

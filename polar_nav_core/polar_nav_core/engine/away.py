@@ -29,6 +29,8 @@ ACCELERATION = 0.02
 """1-sigma of the mean acceleration along the way and up [m/s^2]."""
 _LEAST_SPEED = 0.3
 _MOST_RATE = 0.3
+_JUMP_RATE = 0.5
+"""No track turns faster [rad/s]: a step of the estimate that does is a correction."""
 _PIECES = 100
 
 
@@ -40,16 +42,29 @@ class Rows(NamedTuple):
     r: slice
 
 
-def turn_rate(before_G: Array, v_G: Array, dt: float) -> float:
-    """Rate of turn of a track [rad/s] about up, from two velocities dt [s] apart; at most 0.3.
+def turn_rate(time_s: Array, v_G: Array) -> float:
+    """Mean rate of turn of a track [rad/s] about up; at most 0.3.
 
-    0 for a vehicle slower than 0.3 m/s, whose velocity does not show its heading.
+    A fix that corrects the heading turns the estimated track, too, but at once: such steps are
+    left out. 0 for a vehicle slower than 0.3 m/s, whose velocity does not show its heading.
+
+    Parameters
+    ----------
+    time_s : (n,) array
+        Of the velocities [s].
+    v_G : (n, 3) array
+        Estimated velocities, grid axes [m/s].
     """
-    if min(np.hypot(before_G[0], before_G[1]), np.hypot(v_G[0], v_G[1])) < _LEAST_SPEED:
+    if len(v_G) < 2 or np.hypot(v_G[:, 0], v_G[:, 1]).min() < _LEAST_SPEED:
         return 0.0
-    sine = before_G[0] * v_G[1] - before_G[1] * v_G[0]
-    angle = np.arctan2(sine, before_G[:2] @ v_G[:2])
-    return float(np.clip(angle / dt, -_MOST_RATE, _MOST_RATE))
+    x, y = v_G[:, 0], v_G[:, 1]
+    turned = np.arctan2(x[:-1] * y[1:] - y[:-1] * x[1:], x[:-1] * x[1:] + y[:-1] * y[1:])
+    dt = np.diff(time_s)
+    kept = np.abs(turned) <= _JUMP_RATE * dt
+    total_s = float(dt[kept].sum())
+    if total_s <= 0.0:
+        return 0.0
+    return float(np.clip(turned[kept].sum() / total_s, -_MOST_RATE, _MOST_RATE))
 
 
 def held_turn(rate: float, away_s: float) -> tuple[Array, Array]:

@@ -165,11 +165,8 @@ class Fusion:
     def _turn_rate(self) -> float:
         """Mean rate at which the track turned in the last seconds [rad/s], about up."""
         f = self.filter
-        before = f.history.before(f.stamp_ns - round(TURN_OVER_S * 1e9))
-        if before is None:
-            return 0.0
-        dt = (f.stamp_ns - before.stamp_ns) * 1e-9
-        return turn_rate(f.frames.C_e_G @ before.velocity_e, f.state.v_G, dt)
+        stamps, v_G = f.history.velocities_since(f.stamp_ns - round(TURN_OVER_S * 1e9))
+        return turn_rate(stamps * 1e-9, v_G)
 
     def height(self) -> float:
         """Height of the vehicle above the ellipsoid [m]."""

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...arrays import Ints
 from ...kernels.sins import state as fs
 from ...kernels.sins.events import epoch_place
 from ...kernels.sins.late import newest_until
@@ -117,6 +118,17 @@ class History:
         """Newest epoch at or before a stamp [ns]; None if none is stored."""
         number = int(newest_until(self._past.stamps, self.count, stamp_ns))
         return self._epoch(number) if number >= 0 and self._usable(number) else None
+
+    def velocities_since(self, stamp_ns: int) -> tuple[Ints, Array]:
+        """Stamps (n,) [ns] and velocities (n, 3), grid axes [m/s], from an epoch on.
+
+        It is the newest one at or before `stamp_ns`; empty if none is stored.
+        """
+        length = len(self._past.stamps)
+        first = int(newest_until(self._past.stamps, self.count, stamp_ns))
+        begin = self.count if first < 0 else first
+        rows = np.arange(begin, self.count) % length
+        return self._past.stamps[rows], self._past.velocities[rows]
 
     def reaches_ns(self) -> int:
         """Stamp [ns] of the oldest epoch that a fix can be referred to; 0 without one.
