@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections import Counter
 from dataclasses import replace
 
@@ -371,3 +372,44 @@ def test_records_that_are_none_change_nothing(book, damaged):
         book.ledger.restore((5, 4, 3), (records[0], records[1]))
     assert book.ledger.packed() == before
     assert book.ledger.counts() == (0, 0, 0)
+
+
+def refuse(book, number, received_s, age_s):
+    """A fix of an age, refused as the engine does; verdict."""
+    f = fix(number, received_s - age_s, receive_ns=round(received_s * S))
+    verdict = verdict_of(book.ledger, f)
+    book.ledger.refused(f, verdict)
+    return verdict
+
+
+@pytest.mark.parametrize(
+    ('age_s', 'verdict', 'words'),
+    [
+        (62.0, Verdict.TOO_OLD, '3 packets in a row are 62.1 s old, .* off by some -60 s'),
+        (-58.0, Verdict.FROM_FUTURE, '57.9 s ahead of their reception, .* off by some \\+60 s'),
+    ],
+)
+def test_a_sender_whose_clock_stepped_is_named(book, age_s, verdict, words):
+    usable = fix(1, 98.0, receive_ns=100 * S)
+    assert verdict_of(book.ledger, usable) is None
+    book.decide(usable)
+    for number in (2, 3, 4):
+        assert 'sender clock' not in book.keys(100.0 + number)
+        received_s = 100.0 + number
+        assert refuse(book, number, received_s, age_s + 0.1 * (number - 2)) is verdict
+    (found,) = (c for c in book.ledger.conditions(105 * S) if c.key == 'sender clock')
+    assert re.search(words, found.sentence)
+    assert found.level is Level.WARN
+    assert found.culprit is Culprit.FIXES
+    # It ends with the next that can be used, or when nothing comes for a minute.
+    assert 'sender clock' in book.keys(163.9)
+    assert 'sender clock' not in book.keys(164.1)
+    book.decide(fix(5, 108.0, receive_ns=110 * S))
+    assert 'sender clock' not in book.keys(111.0)
+
+
+def test_packets_of_different_ages_are_held_up(book):
+    for number, age_s in enumerate((70.0, 90.0, 120.0)):
+        refuse(book, number, 200.0 + number, age_s)
+    (found,) = book.ledger.conditions(203 * S)
+    assert 'held up on their way' in found.sentence

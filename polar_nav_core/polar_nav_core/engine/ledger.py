@@ -15,6 +15,7 @@ from .params import EngineParams
 from .receipts import age_s, decided_receipt, fused_receipts, refused_verdict
 from .refusals import Refusal, unusable_fix
 from .results import FixResult
+from .sender_clock import SenderClock
 
 _FUSED_KEPT = 1 << 18
 """Fixes that were fused: those of the 4.97 days after which times in packets wrap, at one per
@@ -59,6 +60,7 @@ class FixLedger:
         self.received = 0
         self.integrity = IntegrityMonitor(params.max_gated_s)
         self.refused_row = RefusedRow()
+        self._clock = SenderClock()
         self._turned_ns: int | None = None
 
     def start_anew(self) -> None:
@@ -98,7 +100,7 @@ class FixLedger:
 
     def conditions(self, stamp_ns: int) -> list[Condition]:
         """Packets that nobody honest sends, and fixes believed again, in the minute before."""
-        found = []
+        found = self._clock.conditions(stamp_ns)
         for verdict, (times, words) in self._suspicious.items():
             while times and times[0] < stamp_ns - _SUSPICION_NS:
                 times.popleft()
@@ -115,6 +117,11 @@ class FixLedger:
             culprit = Culprit.HEADING | Culprit.IMU | Culprit.FIXES
             found.append(Condition('fixes reopened', Level.ERROR, culprit, sentence))
         return found
+
+    def refused(self, fix: Fix, verdict: Verdict) -> None:
+        """Note the verdict on a fix that no state can use."""
+        self.suspect(verdict, fix.receive_ns)
+        self._clock.refused(verdict, age_s(fix), fix.receive_ns)
 
     def suspect(self, verdict: Verdict, stamp_ns: int) -> None:
         """Note the verdict on a fix that was refused at a stamp [ns], where it is suspicious."""
@@ -159,6 +166,7 @@ class FixLedger:
     def decided(self, fix: Fix, cause: Fix, result: FixResult, now_ns: int) -> Receipt:
         """Receipt of a fix after the gate's decision; ``cause`` is the fix that led to it."""
         outcome, revision = result.outcome, 0
+        self._clock.usable(age_s(cause))
         if fix is not cause:
             revision = self._revised(fix)
             before = refused_verdict(outcome) if outcome.fused else Verdict.FUSED
@@ -196,6 +204,7 @@ class FixLedger:
         self._fused[_FIX] += len(fixes)
         self._verdicts[Verdict.FUSED] += len(fixes)
         self._last_validity_ns = max(self._last_validity_ns, newest_ns)
+        self._clock.usable(age_s(fixes[-1]))
         self.integrity.fused(newest_ns, fixes[-1].receive_ns)
         self.refused_row.clear()
         for fix in fixes:
