@@ -9,7 +9,7 @@
 | out odometry, nav/fix | nav_msgs/Odometry, sensor_msgs/NavSatFix | estimate |
 | out nav/receipt | polar_nav_msgs/FixReceipt | decision |
 | out nav/health | polar_nav_msgs/NavHealth | estimate, 1 Hz |
-| out nav/clock | sensor_msgs/TimeReference | a clock stepped |
+| out nav/clock | sensor_msgs/TimeReference | a clock stepped; a topic began |
 | out nav/command | polar_nav_msgs/Command | place in the order of events |
 | out nav/restore | polar_nav_msgs/Restore | the same; with a `state_file` |
 | out acomms/decoded | polar_nav_msgs/LeaderBroadcast | validity |
@@ -76,6 +76,8 @@ class FollowerNode(ManagedNode[FollowerParams]):
         ports = None if sources is None else SourcePorts(self, sources)
         with telling(lambda text: self.get_logger().info(f'first start: {text}')):
             (warm_others if station else warm_filter)()
+        if not (self.params.state_file or self.params.lockstep):
+            self.get_logger().info('no state_file: every start is from the initial_* parameters')
         navigation = session.Session(self.params, self.vehicle, sources)
         self._ports = NavigationPorts(
             self,

@@ -14,7 +14,7 @@ from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
 from geometry_msgs.msg import TwistWithCovarianceStamped  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from rclpy.qos import QoSProfile, ReliabilityPolicy  # noqa: E402
-from rclpy.serialization import serialize_message  # noqa: E402
+from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
 from sensor_msgs.msg import FluidPressure, Imu, NavSatFix  # noqa: E402
 
 from polar_nav_core.errors import ConfigError  # noqa: E402
@@ -22,7 +22,8 @@ from polar_nav_follower.follower_node import FollowerNode  # noqa: E402
 from polar_nav_msgs.msg import FixReceipt, Inputs, NavState  # noqa: E402
 from polar_nav_ros.node import DATA_QOS, QUEUE_DEPTH  # noqa: E402
 from polar_nav_ros.source_ports import digest_of  # noqa: E402
-from polar_nav_ros.stamps import to_msg  # noqa: E402
+from polar_nav_ros.stamps import to_msg, to_ns  # noqa: E402
+from polar_nav_ros.topics import STATE  # noqa: E402
 
 pytestmark = pytest.mark.slow
 
@@ -179,6 +180,31 @@ def test_a_vehicle_of_foreign_best_effort_drivers(mapped):
         found = [d for b in rig.blocks for s, d in zip(b.source, b.digest, strict=True) if s == i]
         assert found == [digest_of(data) for data in rig.sent[name]]
     assert [b.sequence for b in rig.blocks] == list(range(len(rig.blocks)))
+
+
+def test_what_led_to_an_output_is_published_before_it(mapped):
+    """A node that is killed has published what it used for all that it published."""
+    rig = Rig(mapped)
+    rig.until(rig.matched)
+    now = rig.node.get_clock().now().nanoseconds
+    order, publish = [], rig.node._ports._outputs[STATE].publish
+    rig.node._ports._outputs[STATE].publish = lambda data: (order.append(data), publish(data))
+    ports = rig.node._ports._sources
+    record = ports._inputs.publish
+    ports._inputs.publish = lambda block: (order.append(block), record(block))
+    rig.sail(now, 60)  # less than the second after which a block is published in any case
+    known = set()
+    states = 0
+    for one in order:
+        if isinstance(one, Inputs):
+            known.update(zip(one.source, one.mapped, strict=True))
+            continue
+        states += 1
+        stamp_ns = to_ns(deserialize_message(one, NavState).header.stamp)
+        first_ns = min(stamp for source, stamp in known if source == 0)
+        used = {stamp for source, stamp in known if source == 0 and stamp <= stamp_ns}
+        assert len(used) == (stamp_ns - first_ns) // 10_000_000 + 1
+    assert states >= 5
 
 
 def test_a_reliable_publisher_is_heard_reliably_and_an_absent_one_is_named(mapped):

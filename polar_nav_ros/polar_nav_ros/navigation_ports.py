@@ -112,8 +112,9 @@ class NavigationPorts:
         self._store = store
         self._odometry = node.advertise(Odometry, ODOMETRY)
         self._fix = node.advertise(NavSatFix, FIX)
+        # In lockstep a node that dies ends the run.
+        session.marks_starts = store is not None or not session.params.lockstep
         if store is not None:
-            session.marks_starts = True
             self._restores = node.advertise(RestoreMsg, RESTORE)
         self._command_count = 0
         self._imu_seen: tuple[int | None, float] = (None, time.monotonic())
@@ -239,6 +240,10 @@ class NavigationPorts:
 
     def _publish(self, published: Iterable[Published]) -> None:
         for topic, message, data in published:
+            if self._sources is not None:
+                # What an output is made of is published before it: of a node that is killed,
+                # everything that it published can be reproduced.
+                self._sources.flush()
             self._outputs[topic].publish(data)
             if topic == STATE:
                 self._publish_standard(message)

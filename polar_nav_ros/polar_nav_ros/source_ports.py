@@ -1,8 +1,8 @@
 """Subscriptions of the sources of a mapping file, and the record of what was used of them.
 
 A source asks for reliable messages and, when a publisher offers best effort only, for those. What
-is used is published in blocks on `nav/inputs`, reliably: with best effort a recorder and this node
-lose different messages, and a replay uses what this node used.
+is used is published in blocks on `nav/inputs`, reliably, before what it leads to: with best effort
+a recorder and this node lose different messages, and a replay uses what this node used.
 """
 
 from __future__ import annotations

@@ -3,6 +3,7 @@
 import json
 import struct
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -24,6 +25,7 @@ from foreign_worlds import (
     truth_of,
     write_columns,
 )
+from rclpy.serialization import deserialize_message
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import get_types_from_msg
 from std_msgs.msg import String
@@ -31,12 +33,13 @@ from std_msgs.msg import String
 from polar_nav_core.attitude import euler_from_matrix
 from polar_nav_core.earth import geodetic_from_ecef
 from polar_nav_core.engine.events import DepthSample, DvlPing, Event, Fix, ImuSample
+from polar_nav_core.engine.saved import SavedState, pack
 from polar_nav_core.engine.version import ENGINE_VERSION
 from polar_nav_core.grid import ecef_to_grid
 from polar_nav_core.params import from_mapping, to_mapping
 from polar_nav_follower.params import FollowerParams
 from polar_nav_follower.session import Session
-from polar_nav_msgs.msg import Command
+from polar_nav_msgs.msg import Command, NavState, Restore
 from polar_nav_ros.adapters import mapping_file
 from polar_nav_ros.adapters.live import Sources, Taken
 from polar_nav_ros.adapters.section import Section
@@ -44,7 +47,16 @@ from polar_nav_ros.adapters.stated import parameters_of
 from polar_nav_ros.cdr import to_bytes
 from polar_nav_ros.source_ports import SourcePorts
 from polar_nav_ros.stamps import stamp_ns_of_cdr, to_msg
-from polar_nav_ros.topics import COMMAND, INPUTS, RECEIPT, RUN_INFO, STATE, TYPES
+from polar_nav_ros.topics import (
+    CLOCK_STEP,
+    COMMAND,
+    INPUTS,
+    RECEIPT,
+    RESTORE,
+    RUN_INFO,
+    STATE,
+    TYPES,
+)
 from polar_nav_ros.topics import DVL as DVL_TOPIC
 from polar_nav_ros.topics import IMU as IMU_TOPIC
 from polar_nav_tools.bags import BagWriter, open_bag
@@ -139,54 +151,93 @@ def params_of(top: dict[str, Any]) -> FollowerParams:
     return from_mapping(FollowerParams, stated)
 
 
+OUTPUTS = (STATE, RECEIPT, CLOCK_STEP, COMMAND, RESTORE)
+
+
+class Voyage:
+    """Followers with a mapping file, one after another, and what a recorder has of them."""
+
+    def __init__(self, top: dict[str, Any], state_file: str = '') -> None:
+        self.text = yaml.safe_dump(top)
+        self.params = replace(params_of(top), state_file=state_file)
+        self.wire = Wire()
+        self.out: list[tuple[str, int, bytes]] = []
+
+    def start(self, log_ns: int, saved: SavedState | None = None) -> None:
+        """Start a node, as NavigationPorts do; it goes on from a saved state if there is one."""
+        sources = Sources(mapping_file.parse(self.text, 'mapping'), self.params)
+        self.ports = SourcePorts(self.wire, sources)
+        self.session = Session(self.params, 'auv', sources)
+        self.session.marks_starts = True
+        self._saved = saved
+        info = {
+            'node': '/auv/follower_node',
+            'package': 'polar_nav_follower',
+            'engine_version': ENGINE_VERSION,
+            'params': to_mapping(self.params),
+            'sources': self.text,
+        }
+        self.out.append((RUN_INFO, log_ns, to_bytes(String(data=json.dumps(info)))))
+        for source in sources:
+
+            def take(taken: Taken, topic: str = source.topic) -> None:
+                self._publish(self.session.take(topic, taken))
+                if self.session.reorder.start_ns is not None and self._saved is not None:
+                    self._restore(self._saved)
+
+            self.ports.subscribe(source.topic, take)
+
+    def feed(self, rows: Rows) -> None:
+        """Pass messages as they arrive."""
+        for topic, log_ns, data in rows:
+            self.wire.now_ns = log_ns + 3_000_000
+            self.wire.callbacks[topic](data)
+
+    def end(self) -> None:
+        """End the node in order."""
+        self._publish(self.session.flush())
+        self.ports.flush()
+        end = Command(kind=Command.SHUTDOWN)
+        end.header.stamp = to_msg(self.wire.now_ns)
+        self.out.append((PREFIX + COMMAND, self.wire.now_ns, to_bytes(end)))
+
+    def _restore(self, saved: SavedState) -> None:
+        self._saved = None
+        message = Restore(data=pack(saved))
+        message.header.stamp = to_msg(self.session.reorder.start_ns)
+        message.saved_time = to_msg(saved.stamp_ns)
+        self.out.append((PREFIX + RESTORE, self.wire.now_ns, to_bytes(message)))
+        self._publish(self.session.take(RESTORE, message))
+
+    def _publish(self, published: Iterator[Any]) -> None:
+        for p in published:
+            self.ports.flush()
+            if p.topic in OUTPUTS:
+                self.out.append((PREFIX + p.topic, self.wire.now_ns, p.data))
+
+    def write(self, path: Path, rows: Rows) -> Path:
+        """Write the bag of a recorder that got the messages `rows` of the drivers."""
+        out = [*self.out, *((PREFIX + INPUTS, at_ns, data) for at_ns, data in self.wire.blocks)]
+        mapped = Sources(mapping_file.parse(self.text, 'mapping'), self.params)
+        kinds = {source.stream.topic: source.stream.type for source in mapped}
+        kinds |= {PREFIX + topic: TYPES[topic] for topic in (*OUTPUTS, INPUTS)}
+        kinds[RUN_INFO] = TYPES[RUN_INFO]
+        with BagWriter(path, {}) as writer:
+            for topic, kind in kinds.items():
+                writer.add_topic(topic, kind)
+            for topic, log_ns, data in sorted([*rows, *out], key=lambda row: row[1]):
+                if topic in kinds:
+                    writer.write(topic, data, log_ns)
+        return path
+
+
 def sail(path: Path, rows: Rows, top: dict[str, Any], recorded: Rows | None = None) -> Path:
     """Drive a session live with the messages; write what a recorder would have of it."""
-    text, params = yaml.safe_dump(top), params_of(top)
-    sources = Sources(mapping_file.parse(text, 'mapping'), params)
-    wire = Wire()
-    ports = SourcePorts(wire, sources)
-    session = Session(params, 'auv', sources)
-    out: list[tuple[str, int, bytes]] = []
-
-    def publish(published: Iterator[Any]) -> None:
-        out.extend((PREFIX + p.topic, wire.now_ns, p.data) for p in published)
-
-    for source in sources:
-
-        def take(taken: Taken, topic: str = source.topic) -> None:
-            publish(session.take(topic, taken))
-
-        ports.subscribe(source.topic, take)
-    for topic, log_ns, data in rows:
-        wire.now_ns = log_ns + 3_000_000
-        wire.callbacks[topic](data)
-    publish(session.flush())
-    ports.flush()
-    end = Command(kind=Command.SHUTDOWN)
-    end.header.stamp = to_msg(wire.now_ns)
-    out.append((PREFIX + COMMAND, wire.now_ns, to_bytes(end)))
-    out += [(PREFIX + INPUTS, at_ns, data) for at_ns, data in wire.blocks]
-    info = {
-        'node': '/auv/follower_node',
-        'package': 'polar_nav_follower',
-        'engine_version': ENGINE_VERSION,
-        'params': to_mapping(params),
-        'sources': text,
-    }
-    out.append((RUN_INFO, rows[0][1], to_bytes(String(data=json.dumps(info)))))
-    kinds = {source.stream.topic: source.stream.type for source in sources}
-    with BagWriter(path, {}) as writer:
-        for topic, kind in kinds.items():
-            writer.add_topic(topic, kind)
-        for topic in (STATE, RECEIPT, COMMAND, INPUTS):
-            writer.add_topic(PREFIX + topic, TYPES[topic])
-        writer.add_topic(RUN_INFO, TYPES[RUN_INFO])
-        known = {*kinds, *(PREFIX + t for t in (STATE, RECEIPT, COMMAND, INPUTS)), RUN_INFO}
-        both = [*(rows if recorded is None else recorded), *out]
-        for topic, log_ns, data in sorted(both, key=lambda row: row[1]):
-            if topic in known:
-                writer.write(topic, data, log_ns)
-    return path
+    voyage = Voyage(top)
+    voyage.start(rows[0][1])
+    voyage.feed(rows)
+    voyage.end()
+    return voyage.write(path, rows if recorded is None else recorded)
 
 
 @pytest.fixture(scope='module')
@@ -390,6 +441,45 @@ def test_what_the_recorder_has_in_excess_is_not_used(
     result = verify(sail(tmp_path / 'bag', got, top, recorded=rows))
     assert result.ok, result.difference
     assert not result.problems
+
+
+def state_of(data: bytes) -> NavState:
+    message: NavState = deserialize_message(data, NavState)
+    return message
+
+
+@pytest.mark.parametrize('state_file', ['', 'follower.state'])
+def test_a_follower_that_is_killed_and_started_again(tmp_path: Path, state_file: str) -> None:
+    """Killed at 17 s and, for good, at 33 s; away for 4 s. Each estimate is reproduced."""
+    rows, top = world()
+    begin_ns = rows[0][1]
+
+    def between(begin_s: float, end_s: float) -> Rows:
+        return [row for row in rows if begin_s <= 1e-9 * (row[1] - begin_ns) < end_s]
+
+    voyage = Voyage(top, state_file)
+    voyage.start(begin_ns)
+    voyage.feed(between(0.0, 17.0))
+    saved = voyage.session.engine.saved() if state_file else None
+    voyage.start(between(20.0, 21.0)[0][1], saved)
+    voyage.feed(between(21.0, 33.0))
+    path = voyage.write(tmp_path / 'bag', between(0.0, 40.0))
+    result = verify(path)
+    assert result.ok, result.difference
+    assert not result.problems
+    first, second = load_inputs(path).lives
+    # The reorder window of 0.05 s waited in the node.
+    spans = [[1e-9 * (ns - begin_ns) for ns in life.span_ns] for life in (first, second)]
+    assert np.allclose(spans, [[0.0, 16.9], [21.0, 32.9]], atol=0.11)
+    # The last ones led to no output.
+    assert 1190 <= sum(topic == IMU_TOPIC for topic, _ in second.messages) <= 1200
+    # From its state it is where it was; from its parameters where the run began.
+    start = state_of(second.live[STATE][0])
+    before = state_of(first.live[STATE][-1])
+    away_m = float(np.linalg.norm(start.r_e - before.r_e))
+    begun_m = float(np.linalg.norm(start.r_e - state_of(first.live[STATE][0]).r_e))
+    assert (away_m < begun_m) == bool(state_file)
+    assert begun_m < 1.0 or state_file
 
 
 def test_verify_names_what_the_bag_lacks(

@@ -274,11 +274,14 @@ def _life(
         for full, topic in records.by_name.items()
     }
     for place, topic, message, arrival_ns in records.inputs:
-        first = starts.get(topic, _NO_LIMIT) if starts and topic not in _OWN else 0
-        if topic in _OWN and not begin <= place < end:
-            continue
-        if place < first or (killed and place > newest):
-            continue
+        if topic in _OWN or isinstance(message, Taken):
+            # The node itself has published it, or that it used it.
+            if not begin <= place < end:
+                continue
+        else:
+            first = starts.get(topic, _NO_LIMIT) if starts else 0
+            if place < first or (killed and place > newest):
+                continue
         taken[topic] += 1
         if taken[topic] <= most.get(topic, _NO_LIMIT):
             messages.append((topic, message))
