@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -55,7 +56,13 @@ def processes_with(text: str) -> dict[int, str]:
 class RunningDemo:
     """A demo that goes on, with its output."""
 
-    def __init__(self, folder: Path, *arguments: str, command: str = 'demo') -> None:
+    def __init__(
+        self,
+        folder: Path,
+        *arguments: str,
+        command: str = 'demo',
+        env: Mapping[str, str] | None = None,
+    ) -> None:
         self.bag = folder / 'bag'
         self.stderr_file = folder / 'stderr.txt'
         with self.stderr_file.open('wb') as stderr:
@@ -64,6 +71,7 @@ class RunningDemo:
                 stdout=subprocess.PIPE,
                 stderr=stderr,
                 cwd=folder,
+                env=env,
             )
 
     @property

@@ -37,9 +37,10 @@ def until(true, run):
 
 
 @contextmanager
-def launched(folder, *arguments):
-    """`./polar launch` under way."""
-    run = RunningDemo(folder, *arguments, command='launch')
+def launched(folder, domain, *arguments):
+    """`./polar launch` under way, in a domain where no other graph is."""
+    env = {**os.environ, 'ROS_DOMAIN_ID': domain['ROS_DOMAIN_ID']}
+    run = RunningDemo(folder, *arguments, command='launch', env=env)
     try:
         until(lambda: NAVIGATES in run.stderr, run)
         yield run
@@ -103,8 +104,9 @@ def restart(run, number, fixes):
     live_on(run, seen, fixes)
 
 
-def test_killed_nodes_are_started_again(tmp_path):
-    with launched(tmp_path, '--duration', '900') as run:
+@pytest.mark.timeout(900)
+def test_killed_nodes_are_started_again(tmp_path, own_domain):
+    with launched(tmp_path, own_domain, '--duration', '900') as run:
         for number in (1, 2):
             restart(run, number, fixes=3)
         for name in ('/leader/leader_node', '/acoustic_link_node'):
@@ -128,10 +130,10 @@ def test_killed_nodes_are_started_again(tmp_path):
 
 @pytest.mark.long
 @pytest.mark.timeout(14400)
-def test_fifty_restarts_of_the_follower(tmp_path):
+def test_fifty_restarts_of_the_follower(tmp_path, own_domain):
     """Each first estimate within 5 s and 1 m + 2 % of the way; no mean NEES above its band."""
     draw = random.Random(9971)
-    with launched(tmp_path, '--duration', '20000') as run:
+    with launched(tmp_path, own_domain, '--duration', '20000') as run:
         for number in range(1, 51):
             restart(run, number, fixes=draw.randint(30, 60))
         end_well(run)
