@@ -214,6 +214,28 @@ def without(source, target, drop):
     return target
 
 
+def test_packets_that_only_the_recorder_got_are_not_taken(killed, tmp_path):
+    """A flood: the middleware dropped packets for the node, of which it has told nothing."""
+    source, target = open_bag(killed), tmp_path / 'flood'
+    name, packets = f'/follower/{topics.RX}', 0
+    with BagWriter(target, {}) as writer:
+        for topic, known in source.topics.items():
+            writer.add_topic(topic, known.type)
+        for record in source.records():
+            packets += record.topic == name
+            if record.topic == name and packets > 8:
+                earlier = deserialize_message(record.data, AcousticPacket)
+                earlier.receive_time = to_msg(to_ns(earlier.receive_time) - 2_000_000)
+                for _ in range(3):
+                    writer.write(name, to_bytes(earlier), record.log_time_ns)
+                    writer.write(name, record.data, record.log_time_ns)
+            writer.write(record.topic, record.data, record.log_time_ns)
+    assert packets > 10
+    before, after = (load_inputs(bag).lives[1].messages for bag in (killed, target))
+    assert [t for t, _ in after].count(topics.RX) == [t for t, _ in before].count(topics.RX)
+    assert verify(target).equal
+
+
 def test_messages_that_were_lost_in_the_kill_are_no_difference(killed, tmp_path):
     first = load_inputs(killed).lives[0]
     last = len(first.live[topics.STATE]) - 1

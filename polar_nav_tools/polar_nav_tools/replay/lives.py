@@ -266,13 +266,11 @@ def _life(
     limits = next((t for p, t in reversed(records.ends) if begin <= p < end), None)
     # The last one, too, where it names its starts: it was not started again, or runs still.
     killed = limits is None and limited and (not last or bool(starts))
-    messages: list[tuple[str, Any]] = []
-    arrivals_ns: list[int] = []
-    taken: Counter[str] = Counter()
     most = {
         topic: _NO_LIMIT if limits is None or not limited else limits.get(full, _NO_LIMIT)
         for full, topic in records.by_name.items()
     }
+    heard: list[tuple[str, Any, int]] = []
     for place, topic, message, arrival_ns in records.inputs:
         if topic in _OWN or isinstance(message, Taken):
             # The node itself has published it, or that it used it.
@@ -282,11 +280,17 @@ def _life(
             first = starts.get(topic, _NO_LIMIT) if starts else 0
             if place < first or (killed and place > newest):
                 continue
+        heard.append((topic, message, arrival_ns))
+    receipts = [deserialize_message(d, FixReceipt) for d in published[topics.RECEIPT]]
+    heard = _with_a_receipt(heard, receipts, most.get(topics.RX, _NO_LIMIT))
+    messages: list[tuple[str, Any]] = []
+    arrivals_ns: list[int] = []
+    taken: Counter[str] = Counter()
+    for topic, message, arrival_ns in heard:
         taken[topic] += 1
         if taken[topic] <= most.get(topic, _NO_LIMIT):
             messages.append((topic, message))
             arrivals_ns.append(arrival_ns)
-    receipts = [deserialize_message(d, FixReceipt) for d in published[topics.RECEIPT]]
     return Life(
         messages=messages,
         live=live,
@@ -296,6 +300,31 @@ def _life(
         until_ns=_newest_ns(published) if killed else None,
         torn=hole != _NO_LIMIT,
     )
+
+
+def _with_a_receipt(
+    heard: list[tuple[str, Any, int]], receipts: list[FixReceipt], most: int
+) -> list[tuple[str, Any, int]]:
+    """Messages without the packets that a node never took of more than its queue holds.
+
+    In a flood the middleware drops packets for the node that the recorder gets. The node gives
+    every packet that it takes a receipt with its time of reception, and has counted them.
+    """
+    packets = sum(topic == topics.RX for topic, _, _ in heard)
+    times = Counter(
+        to_ns(r.receive_time) for r in receipts if r.topic == topics.RX and not r.revision
+    )
+    if packets <= most or times.total() != most:
+        return heard
+    kept = []
+    for topic, message, arrival_ns in heard:
+        if topic == topics.RX:
+            time_ns = to_ns(message.receive_time)
+            if not times[time_ns]:
+                continue
+            times[time_ns] -= 1
+        kept.append((topic, message, arrival_ns))
+    return kept
 
 
 def stamp_of(message: Any) -> int:  # noqa: ANN401 - of any topic
