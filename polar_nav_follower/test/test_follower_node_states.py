@@ -205,7 +205,9 @@ def test_a_clock_that_steps_is_followed_reported_and_recorded(rig):
     assert status.level == WARN
     assert 'the clock of imu/data_raw stepped by +3600.000 s' in status.message
     assert {v.key: v.value for v in status.values}['clock_offset_s imu/data_raw'] == '+3600.000'
-    (step,) = r.steps
+    start, step = r.steps
+    assert start.source == 'imu/data_raw 0'  # the first message that it took
+    assert start.time_ref == start.header.stamp
     assert step.source == 'imu/data_raw 200'
     assert to_ns(step.header.stamp) == stepped_ns
     assert to_ns(step.time_ref) == stepped_ns + 3600 * 10**9
