@@ -166,7 +166,7 @@ class Fusion:
         """Mean rate at which the track turned in the last seconds [rad/s], about up."""
         f = self.filter
         stamps, v_G = f.history.velocities_since(f.stamp_ns - round(TURN_OVER_S * 1e9))
-        return turn_rate(stamps * 1e-9, v_G)
+        return turn_rate(np.asarray(stamps * 1e-9, dtype=np.float64), v_G)
 
     def height(self) -> float:
         """Height of the vehicle above the ellipsoid [m]."""
