@@ -9,13 +9,13 @@ from __future__ import annotations
 import multiprocessing
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
 
-from . import earth, nav_columns, strapdown
+from . import earth, lean, nav_columns, strapdown
 from .kernels import cache
 
 _START_NS = 1_000_000_000
@@ -41,8 +41,25 @@ def telling(say: Callable[[str], None], every_s: float = 10.0) -> Iterator[None]
         thread.join()
 
 
-def warm_filter() -> None:
-    """Run each way to treat late fixes over a third of a second, live and as a whole run."""
+def warm_node(handling: str) -> None:
+    """Load the kernels of a live SINS node that treats late fixes in one way.
+
+    While not all kernels are compiled it compiles all of them. What the node does not need of the
+    compiler's memory is freed.
+    """
+    done, total = cache.compiled()
+    if done < total:
+        warm_filter()
+    else:
+        warm_filter((handling,), whole=False)
+    lean.drop_intermediate_code()
+
+
+def warm_filter(handling: Sequence[str] = (), *, whole: bool = True) -> None:
+    """Run ways to treat late fixes over a third of a second, live and as a whole run.
+
+    All ways by default; without ``whole`` only live.
+    """
     # Here, because the engine stands above the kernels.
     from .engine import now
     from .engine import run as engine_run
@@ -75,9 +92,10 @@ def warm_filter() -> None:
             )
         ),
     )
-    for name in DELAY_HANDLING:
+    for name in handling or DELAY_HANDLING:
         params = replace(base, delay_handling=name)
-        engine_run.run(params, inputs)
+        if whole:
+            engine_run.run(params, inputs)
         engine_run.run(params, inputs, one_by_one=True)
 
 

@@ -34,7 +34,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from polar_nav_core.warm import telling, warm_filter, warm_others
+from polar_nav_core.warm import telling, warm_node, warm_others
 from polar_nav_msgs.msg import AcousticPacket, LeaderBroadcast, StationFix
 from polar_nav_ros import topics
 from polar_nav_ros.adapters import mapping_file
@@ -75,7 +75,10 @@ class FollowerNode(ManagedNode[FollowerParams]):
         sources = None if mapping is None else Sources(mapping, self.params)
         ports = None if sources is None else SourcePorts(self, sources)
         with telling(lambda text: self.get_logger().info(f'first start: {text}')):
-            (warm_others if station else warm_filter)()
+            if station:
+                warm_others()
+            else:
+                warm_node(self.params.resolved().delay_handling)
         if not (self.params.state_file or self.params.lockstep):
             self.get_logger().info('no state_file: every start is from the initial_* parameters')
         navigation = session.Session(self.params, self.vehicle, sources)

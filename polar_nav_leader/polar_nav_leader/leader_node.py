@@ -25,7 +25,7 @@ from typing import Any
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import NavSatFix
 
-from polar_nav_core.warm import telling, warm_filter
+from polar_nav_core.warm import telling, warm_node
 from polar_nav_msgs.msg import AcousticPacket, LeaderBroadcast, UsblFix
 from polar_nav_ros import topics
 from polar_nav_ros.diagnostics import Diagnosis, Level
@@ -74,7 +74,7 @@ class LeaderNode(PolarNode[LeaderParams]):
     def _navigate(self) -> None:
         # Before any subscription: a cold compile is slow, and sensors do not wait.
         with telling(lambda text: self.get_logger().info(f'first start: {text}')):
-            warm_filter()
+            warm_node(self.params.resolved().delay_handling)
         own = session.OwnSession(self.params, self.vehicle)
         self._leader = own.leader
         inputs = {topics.ABSOLUTE: NavSatFix, topics.USBL: UsblFix}
