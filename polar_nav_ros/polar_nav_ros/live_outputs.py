@@ -24,6 +24,7 @@ from builtin_interfaces.msg import Time
 from geometry_msgs.msg import TransformStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from std_msgs.msg import Header, String, UInt32
 
@@ -207,22 +208,31 @@ class LiveOutputs:
         noise = self._engine_params.gyro_noise_density**2 / max(now.interval_s, 1e-3)
         twist[3:, 3:] = P[X.b_gyro_b, X.b_gyro_b] + noise * np.eye(3)
         rates = np.array([now.C_b_G.T @ now.v_G, now.omega_eb_b])
-        turn = np.zeros((6, 6))
-        turn[:3, :3] = turn[3:, 3:] = odom.C_o_m.T
         stamp, placed = to_msg(stamp_ns), (odom.position, odom.C_b_o)
-        _fill(self._messages[0], stamp, (*pose, P_m), (rates, twist))
-        _fill(self._messages[1], stamp, (*placed, turn @ P_m @ turn.T), (rates, twist))
-        for publisher, message in zip((self._now, self._local), self._messages, strict=True):
-            publisher.publish(message)
-        depth = self._engine_params.sea_surface_height - now.height
-        header = Header(stamp=stamp, frame_id=self.base)
-        self._depth.publish(Depth(header=header, depth=depth, variance=float(P_m[2, 2])))
-        if self._tf is not None:
+        now_message, local_message = self._messages
+        if _is_heard(self._now):
+            _fill(now_message, stamp, (*pose, P_m), (rates, twist))
+            self._now.publish(now_message)
+        if _is_heard(self._local):
+            turn = np.zeros((6, 6))
+            turn[:3, :3] = turn[3:, 3:] = odom.C_o_m.T
+            _fill(local_message, stamp, (*placed, turn @ P_m @ turn.T), (rates, twist))
+            self._local.publish(local_message)
+        if _is_heard(self._depth):
+            depth = self._engine_params.sea_surface_height - now.height
+            header = Header(stamp=stamp, frame_id=self.base)
+            self._depth.publish(Depth(header=header, depth=depth, variance=float(P_m[2, 2])))
+        if self._tf is not None and self._tf.heard:
             poses = (odom.origin, odom.C_o_m), placed
             for moving, (r, C) in zip(self._moving, poses, strict=True):
                 moving.header.stamp = stamp
                 place(moving.transform, r, C)
             self._tf.send(self._moving)
+
+
+def _is_heard(publisher: Publisher) -> bool:
+    """Whether anybody subscribes; to make a message costs more than to publish it."""
+    return bool(publisher.get_subscription_count() > 0)
 
 
 def _of(vehicle: str, name: str) -> str:

@@ -16,7 +16,7 @@ from typing import Any, Generic, Protocol, TypeVar
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock, ClockType
-from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -153,6 +153,16 @@ class PolarNode(Node, Generic[P]):  # type: ignore[misc]
         self.create_timer(1.0, self._publish_diagnosis, clock=_STEADY)
         if self._acks is not None:
             self.create_timer(_HEARTBEAT_S, self._tell_counts, clock=_STEADY)
+
+    def create_publisher(self, *args: Any, **kwargs: Any) -> Publisher:  # noqa: ANN401 - as rclpy's
+        """Publisher without rclpy's handlers of events, unless some are stated.
+
+        Those are two for each publisher, and the executor waits for each in every turn: more than
+        half of its time. All they do is to warn of a subscription with an incompatible quality
+        of service, of which the subscriber warns, too.
+        """
+        kwargs.setdefault('event_callbacks', PublisherEventCallbacks(use_default_callbacks=False))
+        return super().create_publisher(*args, **kwargs)
 
     def stated(self) -> dict[str, Any]:
         """Values in place of the defaults of parameters, before those are declared; overridden."""

@@ -77,6 +77,11 @@ class Broadcaster:
         self._message = TFMessage()
         self._fixed: dict[str, TransformStamped] = {}
 
+    @property
+    def heard(self) -> bool:
+        """Whether anybody subscribes to the transforms that move."""
+        return bool(self._moving.get_subscription_count() > 0)
+
     def send(self, transforms: Sequence[Any]) -> None:
         """Publish transforms that move."""
         self._message.transforms = list(transforms)
