@@ -9,16 +9,15 @@ import pytest
 CHILD = """
 import numpy as np
 from numba import njit
-from polar_nav_core import lean
 from polar_nav_core.kernels.sins import late
-from polar_nav_core.warm import warm_filter
+from polar_nav_core.warm import drop_intermediate_code, warm_filter
 
 warm_filter(('tagged',), whole=False)
 library = next(iter(late.newest_until.overloads.values())).library
 assert library._shared_module is not None
-assert lean.drop_intermediate_code() > 5
+assert drop_intermediate_code() > 5
 assert library._shared_module is None
-assert lean.drop_intermediate_code() == 0
+assert drop_intermediate_code() == 0
 
 @njit(error_model='numpy')
 def find(stamps, count, stamp_ns):
