@@ -67,7 +67,7 @@ def warm_filter(handling: Sequence[str] = (), *, whole: bool = True) -> None:
     All ways by default; without ``whole`` only live.
     """
     # Here, because the engine stands above the kernels.
-    from .engine import now
+    from .engine import now, smoothing
     from .engine import run as engine_run
     from .engine.events import Fix
     from .engine.methods import DELAY_HANDLING
@@ -103,6 +103,7 @@ def warm_filter(handling: Sequence[str] = (), *, whole: bool = True) -> None:
         if whole:
             engine_run.run(params, inputs)
         engine_run.run(params, inputs, one_by_one=True)
+    smoothing.smooth(replace(base, configuration='default'), inputs, every_s=0.1)
 
 
 def warm_station() -> None:

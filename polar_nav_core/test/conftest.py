@@ -47,6 +47,7 @@ if numba.config.DISABLE_JIT:
             'scale',
             'signatures',
             'slow_faults',
+            'smoothing',
             'spoofed_fixes',
             'stated_common_errors',
             'station_common',

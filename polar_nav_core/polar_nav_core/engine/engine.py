@@ -18,7 +18,7 @@ from ..errors import FilterDivergence
 from ..identification.result import Identification
 from .checks import aiding_warning, history_warning
 from .clock_record import ClockRecord
-from .driver import Adaptation, Driver
+from .driver import Adaptation, Driver, Make
 from .events import (
     Command,
     CommandKind,
@@ -72,6 +72,8 @@ class Engine:
     ----------
     params : EngineParams
         Everything that can be chosen.
+    make : callable, optional
+        Makes the filter, where it is not that of the configuration.
 
     Attributes
     ----------
@@ -86,10 +88,10 @@ class Engine:
         How far the IMU's stamps are behind the newest one since its clock stepped back [s].
     """
 
-    def __init__(self, params: EngineParams) -> None:
+    def __init__(self, params: EngineParams, make: Make | None = None) -> None:
         self.params = params
         self.configuration = params.resolved()
-        self._make_fusion = make_fusion(params)
+        self._make_fusion = make or make_fusion(params)
         self._output_ns = round(params.output_period_s * 1e9)
         self.fusion: Driver | None = None
         self._thrust: ControlSample | None = None

@@ -24,6 +24,7 @@ from .health.conditions import Health
 from .inputs import Inputs, Stamps, StationInputs
 from .looks import Look, looks_of
 from .params import EngineParams
+from .sins.tape import Tape
 from .sins.whole import SinsArrays
 from .station.filter import StationFilter
 from .station.fusion import StationFusion
@@ -73,6 +74,7 @@ def run(
     sink: RowSink | None = None,
     derived: bool = False,
     look_every_s: float = 0.0,
+    tape: Tape | None = None,
 ) -> Result[Track]: ...
 
 
@@ -99,6 +101,7 @@ def run(
     sink: Callable[[Any], None] | None = None,
     derived: bool = False,
     look_every_s: float = 0.0,
+    tape: Tape | None = None,
 ) -> Result[Any]:
     """Track and receipts of a run over the inputs; an estimate every ``params.output_period_s``.
 
@@ -119,8 +122,10 @@ def run(
         state and covariance (`nav_columns`); not in station mode.
     look_every_s : float
         How often the watchdog looks at a compiled run (whole seconds); 0 for never.
+    tape : Tape, optional
+        Records the filter of a compiled run at each look.
     """
-    engine = Engine(params)
+    engine = Engine(params, tape.make if tape is not None else None)
     health: list[Health] = []
     collector: Collector[Any]
     if isinstance(inputs, StationInputs):
@@ -138,7 +143,8 @@ def run(
         arrays = _arrays_of(params, inputs, collector)
         looks = looks_of(arrays.new_seconds_ns(), look_every_s)
         events = [*inputs.fixes, *commands, *arrays.unusable, *looks]
-        _Driver(engine, arrays, sorted(events, key=_key), collector, progress, health).run()
+        single = sorted(events, key=_key)
+        _Driver(engine, arrays, single, collector, progress, health, tape).run()
     collector.drain()
     return Result(
         collector.track(),
@@ -181,6 +187,8 @@ class _Driver:
     progress : callable or None
     health : list of Health
         Gets the results of the looks.
+    tape : Tape or None
+        Takes what was logged at each look.
     """
 
     def __init__(
@@ -191,8 +199,10 @@ class _Driver:
         collector: Collector[Any],
         progress: Progress | None,
         health: list[Health],
+        tape: Tape | None,
     ) -> None:
         self._engine = engine
+        self._tape = tape
         self._arrays = arrays
         self._single = single
         self._collector = collector
@@ -217,6 +227,7 @@ class _Driver:
             self._start(first)
         self._advance(_END_NS, int(Rank.IMU))
         self._flush(_END_NS)
+        self._take()
         if self._progress is not None:
             self._progress(1.0)
 
@@ -227,6 +238,10 @@ class _Driver:
         self._started = self._arrays.start(self._engine.fusion, first)
         if self._started and isinstance(self._arrays, SinsArrays) and self._arrays.takes_fixes:
             self._fixes = FixesAtOnce(self._engine, self._arrays, self._collector)
+
+    def _take(self) -> None:
+        if self._tape is not None:
+            self._tape.take()
 
     @property
     def _running(self) -> bool:
@@ -247,6 +262,7 @@ class _Driver:
         if isinstance(event, Look):
             found = self._engine.look()
             self._health += [] if found is None else [found]
+            self._take()
             return 1
         lost = self._engine.fusion
         cursors = self._arrays.cursors() if self._running else None

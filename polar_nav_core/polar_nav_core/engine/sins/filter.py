@@ -46,7 +46,7 @@ from .log import STEPS_PER_BLOCK, make_log
 from .noise import MeasurementNoise, ProcessNoise
 from .resume import resume
 from .robust import inflation
-from .settings import make_settings, steps_per_snapshot
+from .settings import make_settings
 
 _WHY = {
     fs.P_NOT_DEFINITE: 'the covariance of the filter is no longer positive definite',
@@ -73,6 +73,8 @@ class NavigationFilter:
         When that holds.
     steps, snapshots : bool
         Whether to log linear steps (for `clone`) and to take snapshots (for `rewind`).
+    states_every : int
+        Steps from one snapshot to the next (for a tape), where they are not those of `rewind`.
     """
 
     def __init__(
@@ -83,6 +85,7 @@ class NavigationFilter:
         *,
         steps: bool = False,
         snapshots: bool = False,
+        states_every: int = 0,
     ) -> None:
         self._p = params
         model = params.model_aiding
@@ -90,6 +93,8 @@ class NavigationFilter:
         self.frames = fs.make_frames()
         self.work = fs.make_work()
         self.settings = make_settings(params)
+        if states_every:
+            self.settings = self.settings._replace(steps_per_snapshot=states_every)
         shares = self.settings.shares_leader
         self.leader = LeaderError(params.leader_error_tau if shares else 0.0)
         # The block that the oldest fix belongs to begins before it, after a step.
@@ -99,7 +104,7 @@ class NavigationFilter:
         self.log = make_log(
             self.past,
             steps=steps,
-            snapshots=steps_per_snapshot(params.filter_period_s) if snapshots else 0,
+            snapshots=self.settings.steps_per_snapshot if snapshots or states_every else 0,
             model=model,
         )
         self.history = History(self.past, self.state)

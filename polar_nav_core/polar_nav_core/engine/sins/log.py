@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...kernels.sins import state as fs
+from ...kernels.sins.consider import COLUMNS
 from ...kernels.sins.update import N
 
 STEPS_PER_BLOCK = 20
@@ -34,6 +35,7 @@ def make_log(
         K=np.zeros((updates, 3, N)),
         S=np.zeros((updates, 3, 3)),
         L=np.zeros((updates, 3, 3)),
+        moved=np.zeros((updates, 3, COLUMNS)),
         snapshot_flat=np.zeros((kept, fs.FLAT + (fs.MODEL if model else 0))),
         snapshot_counters=np.zeros((kept, fs.COUNTERS), dtype=np.int64),
         good_flat=np.zeros((1, fs.FLAT + (fs.MODEL if model else 0))),

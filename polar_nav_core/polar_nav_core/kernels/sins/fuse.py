@@ -332,9 +332,14 @@ def enlarge(w: Work, c: Settings) -> float:
 
 @kernel
 def store_update(log: Log, number: int, w: Work, m: int) -> None:
-    """Store rows, innovation, correction, gain, S and its factor of a fused measurement."""
+    """Store rows, innovation, correction, gain, S and its factor of a fused measurement.
+
+    And what a common error does to the innovation, which is zero where there is none.
+    """
     i = number % log.H.shape[0]
     for a in range(3):
+        for k in range(COLUMNS):
+            log.moved[i, a, k] = w.moved[a, k] if a < m else 0.0
         log.z[i, a] = w.z[a] if a < m else 0.0
         for k in range(N):
             log.H[i, a, k] = w.H[a, k] if a < m else 0.0

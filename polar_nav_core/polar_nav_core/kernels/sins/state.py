@@ -431,6 +431,7 @@ class Log(NamedTuple):
     K: Array
     S: Array
     L: Array
+    moved: Array  # innovation per unit of each common error, of updates at the present
     snapshot_flat: Array  # State.flat, and State.model after it
     snapshot_counters: Ints
     good_flat: Array  # (1, ...): as above, when the covariance was last tested in full

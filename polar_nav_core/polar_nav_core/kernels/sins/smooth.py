@@ -1,0 +1,330 @@
+"""Backward pass of a fixed-interval smoother over the linear steps and updates of a filter.
+
+Modified Bryson-Frazier form (Bierman 1973): an adjoint lambda (24,) with its covariance Lambda
+gathers, from the end backwards, what later innovations say of the error at a time. At a row with
+the filter's covariance P the smoothed error is -P lambda, its covariance P - P Lambda P. No
+covariance is inverted, so states without any uncertainty need no care; noise that was added to P
+between two entries (a gate that opened, a gap) does not enter at all.
+
+Common errors b shift innovations by J b (`consider`). The adjoint is linear in the innovations, so
+a third part, (24, COLUMNS), is its change per unit of b. Equations: docs/derivations/smoother.md.
+"""
+
+from __future__ import annotations
+
+from ...arrays import Array, Ints
+from ..cache import kernel, routine
+from .consider import COLUMNS, add_common
+from .run import leave_out_leader
+from .state import NAVIGATION, STEP
+from .update import COUPLED, NAV, N, feed_back
+
+PHI = NAV * COUPLED + COUPLED
+"""Numbers of a transition that are kept: its first nine rows, then its diagonal below them."""
+
+
+@kernel
+def _apply_step(phi: Array, x: Array, out: Array) -> None:
+    """Write Phi^T x for each row of x (n, 24) into ``out``; Phi as `PHI` numbers."""
+    for r in range(x.shape[0]):
+        for j in range(COUPLED):
+            s = 0.0
+            for i in range(NAV):
+                s += phi[i * COUPLED + j] * x[r, i]
+            out[r, j] = s
+        for j in range(COUPLED, N):
+            out[r, j] = 0.0
+        for j in range(NAV, N):
+            out[r, j] += phi[NAV * COUPLED + j - NAV] * x[r, j]
+
+
+@kernel
+def _copy(x: Array, out: Array) -> None:
+    for i in range(x.shape[0]):
+        for j in range(x.shape[1]):
+            out[i, j] = x[i, j]
+
+
+@kernel
+def _transpose(x: Array, out: Array) -> None:
+    for i in range(N):
+        for j in range(N):
+            out[j, i] = x[i, j]
+
+
+@kernel
+def step_back(adjoint: Array, information: Array, phi: Array, w: Array) -> None:
+    """Carry adjoint (1 + COLUMNS, 24) and Lambda (24, 24) to before a step; w (2, 24, 24) scratch.
+
+    lambda <- Phi^T lambda, Lambda <- Phi^T Lambda Phi.
+    """
+    n = adjoint.shape[0]
+    _apply_step(phi, adjoint, w[0, :n])
+    _copy(w[0, :n], adjoint)
+    _apply_step(phi, information, w[0])
+    _transpose(w[0], w[1])
+    _apply_step(phi, w[1], w[0])
+    for i in range(N):
+        for j in range(i + 1):
+            s = 0.5 * (w[0, i, j] + w[0, j, i])
+            information[i, j] = s
+            information[j, i] = s
+
+
+@kernel
+def _inverse(L: Array, m: int, out: Array) -> None:
+    """Write (L L^T)^-1, first m rows and columns, into ``out``."""
+    for c in range(m):
+        for a in range(m):
+            s = 1.0 if a == c else 0.0
+            for b in range(a):
+                s -= L[a, b] * out[b, c]
+            out[a, c] = s / L[a, a]
+        for r in range(m):
+            a = m - 1 - r
+            s = out[a, c]
+            for b in range(a + 1, m):
+                s -= L[b, a] * out[b, c]
+            out[a, c] = s / L[a, a]
+
+
+@kernel
+def update_back(
+    adjoint: Array,
+    information: Array,
+    H: Array,
+    K: Array,
+    L: Array,
+    z: Array,
+    moved: Array,
+    m: int,
+    w: Array,
+) -> None:
+    """Carry adjoint and Lambda to before a fused measurement of m rows.
+
+    lambda <- (I - K H)^T lambda - H^T S^-1 z, Lambda <- (I - K H)^T Lambda (I - K H) + H^T S^-1 H.
+
+    Parameters
+    ----------
+    adjoint : (1 + COLUMNS, 24) array, in place
+        lambda, and below it its change per unit of each common error.
+    information : (24, 24) array, in place
+    H, K : (3, 24) arrays
+        Rows and transposed gain.
+    L : (3, 3) array
+        Cholesky factor of S.
+    z, moved : (3,), (3, COLUMNS) arrays
+        Innovation, and its change per unit of each common error.
+    m : int
+    w : (2, 24, 24) array
+        Scratch.
+    """
+    weight = w[1, :3, :3]
+    _inverse(L, m, weight)
+    for r in range(1 + COLUMNS):
+        for a in range(m):  # what of lambda the gain takes, and the innovation
+            s = 0.0
+            for i in range(N):
+                s += K[a, i] * adjoint[r, i]
+            for b in range(m):
+                s += weight[a, b] * (z[b] if r == 0 else moved[b, r - 1])
+            w[0, 0, a] = s
+        for a in range(m):
+            for i in range(N):
+                if H[a, i] != 0.0:
+                    adjoint[r, i] -= H[a, i] * w[0, 0, a]
+    # With Y = Lambda K: Lambda - Y H - H^T Y^T + H^T (K^T Y + S^-1) H
+    Y = w[0, :3]
+    for a in range(m):
+        for i in range(N):
+            s = 0.0
+            for j in range(N):
+                s += information[i, j] * K[a, j]
+            Y[a, i] = s
+    for a in range(m):
+        for b in range(m):
+            s = 0.0
+            for i in range(N):
+                s += K[a, i] * Y[b, i]
+            weight[a, b] += s
+    for a in range(m):
+        for i in range(N):
+            # Half of the last term on either side keeps Lambda symmetric.
+            for b in range(m):
+                Y[a, i] -= 0.5 * weight[a, b] * H[b, i]
+    for a in range(m):
+        for i in range(N):
+            h = H[a, i]
+            if h != 0.0:
+                for j in range(N):
+                    information[i, j] -= h * Y[a, j]
+                for j in range(N):
+                    information[j, i] -= h * Y[a, j]
+
+
+@kernel
+def learn_common(J: Array, h: Array, L: Array, z: Array, moved: Array, m: int, w: Array) -> None:
+    """J <- J + M^T S^-1 M, h <- h + M^T S^-1 z, M = ``moved``: what a measurement says of b."""
+    weight = w[1, :3, :3]
+    _inverse(L, m, weight)
+    for a in range(m):
+        for c in range(COLUMNS):
+            s = 0.0
+            for b in range(m):
+                s += weight[a, b] * moved[b, c]
+            w[0, a, c] = s
+    for c in range(COLUMNS):
+        for a in range(m):
+            x = w[0, a, c]
+            h[c] += x * z[a]
+            for d in range(COLUMNS):
+                J[c, d] += x * moved[a, d]
+
+
+@kernel
+def smooth_row(
+    x: Array, P: Array, sensitivity: Array, adjoint: Array, information: Array, w: Array
+) -> None:
+    """Smoothed error x (24,) of a row; its covariance P and sensitivity change to the smoothed.
+
+    x <- -P lambda, P <- P - P Lambda P, sensitivity <- sensitivity + P (change of lambda).
+
+    Parameters
+    ----------
+    x : (24,) array, out
+    P : (24, 24) array, in place
+        The filter's, without common errors.
+    sensitivity : (24, COLUMNS) array, in place
+    adjoint, information : (1 + COLUMNS, 24), (24, 24) arrays
+    w : (2, 24, 24) array
+        Scratch.
+    """
+    for i in range(N):
+        s = 0.0
+        for j in range(N):
+            s -= P[i, j] * adjoint[0, j]
+        x[i] = s
+        for c in range(COLUMNS):
+            s = 0.0
+            for j in range(N):
+                s += P[i, j] * adjoint[1 + c, j]
+            sensitivity[i, c] += s
+        for k in range(N):
+            s = 0.0
+            for j in range(N):
+                s += P[i, j] * information[j, k]
+            w[0, i, k] = s
+    for i in range(N):
+        for k in range(N):
+            s = 0.0
+            for j in range(N):
+                s += w[0, i, j] * P[j, k]
+            w[1, i, k] = s
+    for i in range(N):
+        for k in range(i + 1):
+            s = P[i, k] - 0.5 * (w[1, i, k] + w[1, k, i])
+            P[i, k] = s
+            P[k, i] = s
+
+
+@kernel
+def correct_row(row: Array, x: Array, C: Array) -> None:
+    """Correct the leading values of a state, (30,) in place, by a smoothed error; C is scratch."""
+    for i in range(3):
+        for j in range(3):
+            C[i, j] = row[3 * i + j]
+    feed_back(
+        x,
+        C,
+        row[9:12],
+        row[12:15],
+        row[15:18],
+        row[18:21],
+        row[21:24],
+        row[24:27],
+        row[27:NAVIGATION],
+    )
+    for i in range(3):
+        for j in range(3):
+            row[3 * i + j] = C[i, j]
+
+
+@routine
+def publish_rows(
+    P: Array, sensitivity: Array, navigation: Array, sigma: Array, shares_leader: bool
+) -> None:
+    """Add the common errors to the covariances of rows; clear the leader's states in them.
+
+    Parameters
+    ----------
+    P, sensitivity, navigation : (k, 24, 24), (k, 24, COLUMNS), (k, 30) arrays
+        In place, read, in place.
+    sigma : (COLUMNS,) array
+        Of the common errors.
+    shares_leader : bool
+        Whether the last three states are the leader's.
+    """
+    for k in range(P.shape[0]):
+        add_common(P[k], sensitivity[k], sigma)
+        if shares_leader:
+            leave_out_leader(P[k], navigation[k])
+
+
+@routine
+def smooth_back(
+    kinds: Ints,
+    indices: Ints,
+    phi: Array,
+    H: Array,
+    K: Array,
+    L: Array,
+    z: Array,
+    moved: Array,
+    sizes: Ints,
+    places: Ints,
+    navigation: Array,
+    x: Array,
+    P: Array,
+    sensitivity: Array,
+    adjoint: Array,
+    information: Array,
+    common: Array,
+    w: Array,
+) -> None:
+    """Run backwards over entries, and smooth the rows that lie between them.
+
+    Parameters
+    ----------
+    kinds, indices : (n,) arrays
+        STEP or UPDATE, and the place of its numbers in ``phi``, or in ``H`` to ``sizes``.
+    phi : (steps, PHI) array
+    H, K, L, z, moved, sizes : (updates, ...) arrays
+        Rows, gain, factor of S, innovation, its change per common error, number of rows.
+    places : (k,) array
+        Number of entries before each row, ascending.
+    navigation : (k, 30) array, in place
+        Leading values of the states, which become the smoothed ones.
+    x, P, sensitivity : (k, 24), (k, 24, 24), (k, 24, COLUMNS) arrays
+        Out, in place, in place: see `smooth_row`.
+    adjoint, information : (1 + COLUMNS, 24), (24, 24) arrays, in place
+        At the end of the entries; afterwards before the first.
+    common : (COLUMNS, COLUMNS + 1) array, in place
+        What the innovations say of the common errors: information matrix, and vector behind it.
+    w : (2, 24, 24) array
+        Scratch.
+    """
+    row = places.shape[0] - 1
+    for number in range(kinds.shape[0], -1, -1):
+        while row >= 0 and places[row] >= number:
+            smooth_row(x[row], P[row], sensitivity[row], adjoint, information, w)
+            correct_row(navigation[row], x[row], w[1])
+            row -= 1
+        if number == 0:
+            return
+        i = indices[number - 1]
+        if kinds[number - 1] == STEP:
+            step_back(adjoint, information, phi[i], w)
+        else:
+            m = sizes[i]
+            learn_common(common[:, :COLUMNS], common[:, COLUMNS], L[i], z[i], moved[i], m, w)
+            update_back(adjoint, information, H[i], K[i], L[i], z[i], moved[i], m, w)

@@ -1,0 +1,106 @@
+"""Smoothing of whole runs: arrival does not matter, the end is the filter's, errors as stated."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from closed_loop import World, inputs_of
+from scipy import stats
+
+from polar_nav_core.engine import run as engine_run
+from polar_nav_core.engine import smoothing
+from polar_nav_core.engine.sins import tape
+from polar_nav_core.errors import ConfigError
+
+X = slice(6, 9)
+
+
+@pytest.fixture(scope='module')
+def world():
+    return World(150.0, leg_s=40.0)
+
+
+def late(world, delay, seed=3, **changes):
+    return inputs_of(world, world.fixes(2.0, delay, rng=np.random.default_rng(seed), **changes))
+
+
+def same(a, b):
+    for name in engine_run.Track.__dataclass_fields__:
+        np.testing.assert_array_equal(getattr(a, name), getattr(b, name), name)
+
+
+def test_how_late_fixes_came_does_not_matter(world):
+    params, inputs = world.params(configuration='default'), late(world, 0.0)
+    soon = smoothing.smooth(params, inputs).track
+    rng = np.random.default_rng(8)
+    for delays in (np.full(len(inputs.fixes), 5_000_000_000), rng.integers(0, 60, 200) * 10**9):
+        fixes = [
+            replace(f, transmit_ns=f.validity_ns + int(d), receive_ns=f.validity_ns + int(d))
+            for f, d in zip(inputs.fixes, delays, strict=False)
+        ]
+        rng.shuffle(fixes)
+        same(smoothing.smooth(params, replace(inputs, fixes=tuple(fixes))).track, soon)
+
+
+def test_a_run_in_many_stretches_is_that_in_one(world, monkeypatch):
+    params, inputs = world.params(configuration='default'), late(world, 3.0)
+    stretches = []
+    took = tape.Tape.take
+    monkeypatch.setattr(tape.Tape, 'take', lambda self: (took(self), stretches.append(1))[0])
+    whole = smoothing.smooth(params, inputs, covariances=True)
+    few = len(stretches)
+    monkeypatch.setattr(smoothing, '_LOOK_S', 7.0)
+    parts = smoothing.smooth(params, inputs, covariances=True)
+    assert len(stretches) - few > 4 * few
+    same(parts.track, whole.track)
+    np.testing.assert_array_equal(parts.information, whole.information)
+
+
+def test_it_is_the_filter_at_the_end_and_surer_before(world):
+    params, inputs = world.params(configuration='default', output_period_s=1.0), late(world, 0.0)
+    found = smoothing.smooth(params, inputs, covariances=True).track
+    filtered = engine_run.run(params, inputs).track
+    _, mine, its = np.intersect1d(found.stamps_ns, filtered.stamps_ns, return_indices=True)
+    assert len(mine) > 140
+    smooth_P = np.einsum('nii->ni', found.P[mine])
+    filter_P = np.einsum('nii->ni', filtered.P[its])
+    # At its own stamp a row of the filter has what was measured there, the smoothed one all of it.
+    assert (smooth_P[:, :18] <= filter_P[:, :18] * (1.0 + 1e-6)).all()
+    # In the middle the future says about as much as the past, which has the start besides.
+    assert smooth_P[75, X].sum() < 0.6 * filter_P[75, X].sum()
+    last = found.r_e[mine[-1]] - filtered.r_e[its[-1]]
+    sigma = np.sqrt(filter_P[-1, X].sum())
+    assert np.linalg.norm(last) < 0.1 * sigma
+
+
+def test_smoothed_errors_are_no_larger_than_stated(world):
+    params = world.params(configuration='default', output_period_s=1.0)
+    nees, after, before = [], 0.0, 0.0
+    for seed in range(12):
+        inputs = inputs_of(world, world.fixes(2.0, 2.0, rng=np.random.default_rng(seed)), seed)
+        found = smoothing.smooth(params, inputs, covariances=True).track
+        filtered = engine_run.run(params, inputs).track
+        k = 75
+        truth = world.r_e[int(np.searchsorted(world.stamps, found.stamps_ns[k]))]
+        e = found.r_e[k] - truth
+        nees.append(e @ np.linalg.solve(found.P[k][X, X], e))
+        j = int(np.searchsorted(filtered.stamps_ns, found.stamps_ns[k]))
+        after += e @ e
+        before += np.sum((filtered.r_e[j] - truth) ** 2)
+    # Its start and IMU are better than stated; what fixes and DVL err is as stated.
+    assert sum(nees) < stats.chi2.ppf(0.9995, 3 * len(nees))
+    assert after < 0.7 * before
+
+
+@pytest.mark.parametrize(
+    ('changes', 'words'),
+    [
+        ({'configuration': 'modified_akf'}, 'adaptive_r'),
+        ({'model_aiding': True}, 'model_aiding'),
+        ({'mode': 'station'}, 'mode'),
+    ],
+)
+def test_what_it_cannot_smooth_is_named(world, changes, words):
+    params = replace(world.params(), **changes)
+    with pytest.raises(ConfigError, match=words):
+        smoothing.smooth(params, late(world, 1.0))
