@@ -32,6 +32,7 @@ COMMANDS = (
     'score',
     'trust',
     'export',
+    'smooth',
     'bench',
     'experiments',
     'development',

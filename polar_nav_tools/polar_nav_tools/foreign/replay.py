@@ -146,7 +146,7 @@ def run(
             chunk = moved(chunk)
         rows.append(chunk)
         if messages:
-            states.extend(_states(chunk, loaded))
+            states.extend(states_of(chunk, loaded.params, loaded.mapping.vehicle))
 
     derived = moved is None and not messages  # else covariances are wanted as they are
     result = engine_run.run(
@@ -196,7 +196,8 @@ def at_the_imu(
     return params, lambda track: lever.at_base_link(track, lever_b, rates, noise)
 
 
-def _states(track: engine_run.Track, loaded: Loaded) -> Iterator[Row]:
+def states_of(track: engine_run.Track, params: FollowerParams, vehicle: str) -> Iterator[Row]:
+    """Return the rows of a track with covariances as messages of nav/state."""
     for k in range(len(track.stamps_ns)):
         errors = track.sensor_errors[k]
         estimate = Estimate(
@@ -215,7 +216,7 @@ def _states(track: engine_run.Track, loaded: Loaded) -> Iterator[Row]:
             last_validity_ns=int(track.fixes[k, 2]),
             local_statistics=track.local_statistics[k],
         )
-        message = nav_to_msg(estimate, loaded.params, loaded.mapping.vehicle)
+        message = nav_to_msg(estimate, params, vehicle)
         yield estimate.stamp_ns, topics.STATE, to_bytes(message)
 
 

@@ -1,0 +1,173 @@
+"""`polar smooth`: the best track that a recording holds."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from polar_nav_core.errors import ConfigError
+
+from .app import app, emit_json, require, say
+from .bags import BagArgument, JsonOption, MsgPathOption, VehicleOption, opened, percent
+from .choices import FRAMES, one_of
+
+if TYPE_CHECKING:
+    from ..smoothing.bag import SmoothedRun
+
+
+@app.command(
+    epilog='Example: `./polar smooth bags/my_run --out bags/my_run_smoothed`'
+    '\n\nFor a map: `./polar smooth cruise.mcap --map mapping.yaml --csv track.csv --every 0.1`'
+)
+def smooth(
+    bag: BagArgument,
+    out: Annotated[
+        Path | None, typer.Option('--out', '-o', help='Folder of a new bag with nav/state.')
+    ] = None,
+    tum: Annotated[Path | None, typer.Option('--tum', help='New file: TUM.')] = None,
+    csv: Annotated[Path | None, typer.Option('--csv', help='New file: CSV.')] = None,
+    frame: Annotated[
+        str, typer.Option('--frame', metavar=one_of(FRAMES), help='Of --tum and --csv.')
+    ] = 'ecef',
+    every: Annotated[
+        float,
+        typer.Option('--every', metavar='S', min=0.01, help='From one estimate to the next.'),
+    ] = 1.0,
+    configuration: Annotated[
+        str,
+        typer.Option('--configuration', '-c', metavar='NAME', help='Whose gate and weights.'),
+    ] = 'default',
+    change: Annotated[
+        list[str] | None,
+        typer.Option('--set', metavar='NAME=VALUE', help='Change a follower parameter.'),
+    ] = None,
+    vehicle: VehicleOption = None,
+    mapping: Annotated[
+        Path | None,
+        typer.Option('--map', help="What is what in someone else's bag: YAML, see `polar map`."),
+    ] = None,
+    accept: Annotated[
+        list[str] | None,
+        typer.Option('--accept', metavar='FINDING', help='With --map: take such data as is.'),
+    ] = None,
+    msg_path: MsgPathOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Estimate a whole track anew, each place by everything measured before and after it.
+
+    How late the fixes came does not matter: each counts when it was valid.
+    """
+    from ..export.formats import trajectory, write_trajectory
+    from ..smoothing.bag import write
+
+    for path in (out, tum, csv):
+        if path is not None and path.exists():
+            raise ConfigError(f'{path} exists already; nothing is overwritten')
+    if mapping is None and (accept or msg_path is not None):
+        raise typer.BadParameter('goes with --map', param_hint='--accept, --msg-path')
+    chosen = (configuration, change or [], every, out is not None)
+    if mapping is None:
+        run = _own(bag, vehicle, *chosen)
+    else:
+        run = _mapped(bag, mapping, accept or [], msg_path, *chosen)
+    track = trajectory(run.smoothed)
+    for path, kind in ((tum, 'tum'), (csv, 'csv')):
+        if path is not None:
+            write_trajectory(path, track, kind=kind, frame=frame)
+    if out is not None:
+        write(out, run)
+    _print(run, as_json=as_json)
+    if run.found.divergence:
+        say(f'the filter diverged: {run.found.divergence}')
+    require(not run.found.divergence)
+
+
+def _own(
+    bag: Path,
+    vehicle: str | None,
+    configuration: str,
+    change: list[str],
+    every_s: float,
+    covariances: bool,
+) -> SmoothedRun:
+    from ..replay.output import parse_changes
+    from ..replay.recorded import choose_follower
+    from ..smoothing.bag import smooth_bag
+
+    with opened(bag) as source, percent('smooth') as progress:
+        return smooth_bag(
+            source,
+            choose_follower(source, vehicle)[0],
+            configuration=configuration,
+            changes=parse_changes(change),
+            every_s=every_s,
+            covariances=covariances,
+            progress=progress,
+        )
+
+
+def _mapped(
+    bag: Path,
+    mapping_path: Path,
+    accept: list[str],
+    msg_path: Path | None,
+    configuration: str,
+    change: list[str],
+    every_s: float,
+    covariances: bool,
+) -> SmoothedRun:
+    from polar_nav_ros.adapters import mapping, mapping_file
+
+    from ..foreign.sources import open_source
+    from ..replay.output import parse_changes
+    from ..smoothing.bag import smooth_mapped
+    from ..terminal.progress import opening_display
+
+    with opening_display(bag) as reading:
+        source = open_source(bag, reading, msg_path=msg_path)
+    changes = {**parse_changes(change), 'configuration': configuration}
+    what = mapping.with_parameters(mapping_file.load(mapping_path), changes)
+    with percent('smooth') as progress:
+        return smooth_mapped(
+            source,
+            what,
+            accept=accept,
+            every_s=every_s,
+            covariances=covariances,
+            progress=progress,
+        )
+
+
+def _print(run: SmoothedRun, *, as_json: bool) -> None:
+    comparison = run.comparison
+    stated = {
+        'filter': run.said(run.filtered),
+        'smoother': run.said(run.smoothed),
+    }
+    if as_json:
+        emit_json(
+            {
+                'ok': not run.found.divergence,
+                'path': str(run.path),
+                'vehicle': run.vehicle,
+                'configuration': run.params.configuration,
+                'estimates': len(run.smoothed),
+                'stated_horizontal_m': stated,
+                'score': None if comparison is None else comparison.to_dict(),
+            }
+        )
+        return
+    if comparison is not None:
+        from rich.console import Console
+
+        from ..terminal.tables import print_table
+
+        print_table(Console(highlight=False), comparison.table())
+    sys.stdout.write(
+        f'{len(run.smoothed)} smoothed estimates of {run.vehicle}; stated 1-sigma of the '
+        f'horizontal position, median: filter {stated["filter"]:.3g} m, '
+        f'smoother {stated["smoother"]:.3g} m\n'
+    )

@@ -1,0 +1,200 @@
+"""Smooths the follower of a bag, of this project or mapped; the result as series and as a bag."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from polar_nav_core.engine import run as engine_run
+from polar_nav_core.engine import smoothing
+from polar_nav_core.engine.inputs import Inputs
+from polar_nav_core.engine.version import ENGINE_VERSION
+from polar_nav_core.errors import ConfigError
+from polar_nav_core.params import to_mapping
+from polar_nav_follower.params import FollowerParams
+from polar_nav_ros import topics
+from polar_nav_ros.adapters.mapping import Mapping as Sources
+from polar_nav_ros.cdr import to_bytes
+from polar_nav_ros.navigation_outputs import receipt_to_msg
+
+from ..bags import Bag, BagWriter
+from ..foreign.load import load
+from ..foreign.replay import Row, at_the_imu, states_of, truth_messages
+from ..foreign.sources import Source
+from ..replay.arrays import SinsArrays, load_arrays
+from ..replay.by_message import parameters
+from ..scoring import Comparison, compare
+from ..series.estimates import EstimateRows, receipts_of
+from ..series.vehicle import EstimateSeries, TruthSeries
+
+Progress = Callable[[float], None]
+FILTER, SMOOTHER = 'filter', 'smoother'
+
+
+@dataclass(frozen=True, eq=False)
+class SmoothedRun:
+    """Filtered and smoothed estimates of one vehicle.
+
+    Attributes
+    ----------
+    path : Path
+        Of the bag.
+    vehicle : str
+    params : FollowerParams
+        Of both.
+    filtered, smoothed : EstimateSeries
+    track : Track
+        The smoothed one, with covariances where they were asked for.
+    found : Smoothed
+        With what the innovations say of common errors.
+    filter_receipts : tuple of Receipt
+        Of the filter, fixes as they came.
+    truth : TruthSeries or None
+    """
+
+    path: Path
+    vehicle: str
+    params: FollowerParams
+    filtered: EstimateSeries
+    smoothed: EstimateSeries
+    track: engine_run.Track
+    found: smoothing.Smoothed
+    filter_receipts: tuple[Any, ...]
+    truth: TruthSeries | None
+
+    @property
+    def comparison(self) -> Comparison | None:
+        """Scores of filter and smoother; None without a truth."""
+        if self.truth is None:
+            return None
+        return compare(
+            {
+                FILTER: (self.truth, self.filtered, receipts_of(self.filter_receipts)),
+                SMOOTHER: (self.truth, self.smoothed, receipts_of(self.found.receipts)),
+            }
+        )
+
+    def said(self, series: EstimateSeries) -> float:
+        """Median stated 1-sigma of the horizontal position [m]."""
+        import numpy as np
+
+        variance = series.P_position_G[:, 0, 0] + series.P_position_G[:, 1, 1]
+        return float(np.sqrt(np.median(variance))) if len(variance) else float('nan')
+
+
+def smooth_bag(
+    bag: Bag,
+    vehicle: str,
+    *,
+    configuration: str | None,
+    changes: Mapping[str, Any],
+    every_s: float,
+    covariances: bool,
+    progress: Progress,
+) -> SmoothedRun:
+    """Smoothed run of a follower's own recording.
+
+    Raises
+    ------
+    ConfigError
+        For a recording that has to be replayed by message: with services called on the way,
+        restarts, sources, or of station mode.
+    """
+    arrays = load_arrays(bag, vehicle, truth=True, progress=lambda share: progress(0.3 * share))
+    if not isinstance(arrays, SinsArrays):
+        raise ConfigError(
+            f'{bag.path}: only recordings of mode sins whose inputs are plain streams can be '
+            'smoothed: not those of station mode, with `sources`, or in which the filter was '
+            'started again; `--map` reads them as any bag'
+        )
+    params = parameters(arrays.params, configuration, changes)
+    inputs = arrays.inputs(params).inputs
+    found = _both(params, inputs, vehicle, every_s, covariances, _later(progress, 0.3))
+    return SmoothedRun(bag.path, vehicle, params, *found, arrays.truth)
+
+
+def smooth_mapped(
+    source: Source,
+    mapping: Sources,
+    *,
+    accept: Iterable[str],
+    every_s: float,
+    covariances: bool,
+    progress: Progress,
+) -> SmoothedRun:
+    """Smoothed run of a bag of any origin."""
+    loaded = load(source, mapping, accept)
+    params, moved = at_the_imu(loaded)
+    if moved is not None:
+        raise ConfigError(f'{mapping.place}: smoothing does not know imu: lever_b yet')
+    if not len(loaded.inputs.imu_stamps_ns):
+        raise ConfigError(f'{source.path}: no IMU sample after the start')
+    vehicle = mapping.vehicle
+    found = _both(params, loaded.inputs, vehicle, every_s, covariances, progress)
+    return SmoothedRun(Path(source.path), vehicle, params, *found, loaded.truth)
+
+
+def _later(progress: Progress, start: float) -> Progress:
+    return lambda share: progress(start + (1.0 - start) * share)
+
+
+def _both(
+    params: FollowerParams,
+    inputs: Inputs,
+    vehicle: str,
+    every_s: float,
+    covariances: bool,
+    progress: Progress,
+) -> tuple[EstimateSeries, EstimateSeries, engine_run.Track, smoothing.Smoothed, tuple[Any, ...]]:
+    smoothing.in_order(params)  # refuses before a long run
+    rows = EstimateRows(params)
+    result = engine_run.run(
+        params,
+        inputs,
+        sink=rows.append,
+        derived=True,
+        progress=lambda share: progress(0.4 * share),
+    )
+    found = smoothing.smooth(
+        params,
+        inputs,
+        every_s=every_s,
+        covariances=covariances,
+        progress=lambda share: progress(0.4 + 0.6 * share),
+    )
+    smoothed = EstimateRows(params, len(found.track.stamps_ns))
+    smoothed.append(found.track)
+    return rows.series(vehicle), smoothed.series(vehicle), found.track, found, result.receipts
+
+
+def write(path: Path, run: SmoothedRun) -> Path:
+    """Write the smoothed track as nav/state, its fixes' receipts and the truth to a new bag.
+
+    Raises
+    ------
+    BagError
+        When the bag exists or cannot be written.
+    """
+    receipts: list[Row] = [
+        (r.stamp_ns, topics.RECEIPT, to_bytes(receipt_to_msg(r))) for r in run.found.receipts
+    ]
+    streams: list[Iterable[Row]] = [states_of(run.track, run.params, run.vehicle), receipts]
+    written = [topics.STATE, topics.RECEIPT]
+    if run.truth is not None:
+        streams.append(truth_messages(run.truth))
+        written.append(topics.TRUTH)
+    info: dict[str, object] = {
+        'smoothing_of': str(run.path),
+        'engine_version': ENGINE_VERSION,
+        'configuration': run.params.configuration,
+        'parameters': to_mapping(run.params),
+    }
+    with BagWriter(path, info) as writer:
+        for topic in written:
+            writer.add_topic(f'/{run.vehicle}/{topic}', topics.TYPES[topic])
+        for stamp_ns, topic, data in heapq.merge(*streams, key=lambda row: row[0]):
+            writer.write(f'/{run.vehicle}/{topic}', data, stamp_ns)
+    return path
