@@ -1,0 +1,95 @@
+"""`polar smooth`: nearer to the truth, honest about it, into files that others read; refusals."""
+
+import csv
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from polar_nav_tools.bags import open_bag
+from polar_nav_tools.bags.arrays import load_estimates
+from polar_nav_tools.cli import main
+from polar_nav_tools.smoothing.bag import smooth_bag
+
+BAGS = Path(__file__).parents[2] / 'bags'
+
+
+def polar(*words):
+    """Exit status of the command."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, 'argv', ['polar', *map(str, words)])
+        return main()
+
+
+def smoothed(every_s):
+    return smooth_bag(
+        open_bag(BAGS / 'reference_4'),
+        'follower',
+        configuration='default',
+        changes={},
+        every_s=every_s,
+        covariances=True,
+        progress=lambda _: None,
+    )
+
+
+def test_it_is_nearer_to_the_truth_and_surer():
+    run = smoothed(0.5)
+    scores = run.comparison.scores
+    filtered, smooth = (scores[name].whole.rms('horizontal') for name in ('filter', 'smoother'))
+    assert smooth < 0.5 * filtered
+    assert run.said(run.smoothed) < 0.8 * run.said(run.filtered)
+    assert scores['smoother'].whole.nees_position.judgement != 'optimistic'
+
+
+@pytest.fixture(scope='module')
+def written(tmp_path_factory):
+    folder = tmp_path_factory.mktemp('smooth')
+    files = [folder / 'bag', folder / 'track.tum', folder / 'track.csv']
+    words = ['smooth', BAGS / 'reference_4', '--out', files[0], '--tum', files[1]]
+    assert polar(*words, '--csv', files[2], '--every', '0.5') == 0
+    return files
+
+
+def test_the_bag_holds_the_smoothed_track(written):
+    run = smoothed(0.5)
+    bag = open_bag(written[0])
+    recorded = load_estimates(bag, 'follower')
+    assert bag.run_info['smoothing_of'].endswith('reference_4')
+    for name in ('stamp_ns', 'r_e', 'v_G', 'P_position_G'):
+        np.testing.assert_array_equal(getattr(recorded, name), getattr(run.smoothed, name), name)
+
+
+def test_files_for_others(written):
+    poses = [line.split() for line in written[1].read_text().splitlines()]
+    with written[2].open() as stream:
+        rows = list(csv.DictReader(stream))
+    assert len(poses) == len(rows) == 60
+    assert float(poses[7][1]) == float(rows[7]['x_m'])
+    assert 0.0 < float(rows[7]['sigma_grid_east_m']) < 1.0
+
+
+def test_json(capsys):
+    assert polar('smooth', BAGS / 'reference_4', '--json') == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said['ok']
+    assert said['estimates'] == 30
+    assert said['stated_horizontal_m']['smoother'] < said['stated_horizontal_m']['filter']
+    assert set(said['score']) == {'filter', 'smoother'}
+
+
+@pytest.mark.parametrize(
+    ('words', 'text'),
+    [
+        (['station'], 'mode sins'),
+        (['reference_4', '-c', 'modified_akf'], 'stated noise'),
+        (['reference_4', '--accept', 'x'], '--map'),
+        (['reference_4', '--csv', 'station/metadata.yaml'], 'exists'),
+    ],
+)
+def test_what_cannot_be_smoothed_is_named(words, text, capsys, monkeypatch):
+    monkeypatch.chdir(BAGS)
+    assert polar('smooth', *words) == 2
+    assert text in capsys.readouterr().err
