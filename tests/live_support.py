@@ -25,6 +25,7 @@ NODES = {
         'absolute_fix_node',
         'acoustic_link_node',
     },
+    'polar_nav_ros': {'modem_bridge'},
     'polar_nav_leader': {'leader_node'},
     'polar_nav_follower': {'follower_node'},
     'polar_nav_tools': {'recorder_node'},

@@ -10,7 +10,8 @@ from collections.abc import Iterator
 from typing import Any
 
 from polar_nav_core.engine.events import Fix
-from polar_nav_ros.adapters.live import Source, Sources
+from polar_nav_core.link.packet import Broadcast
+from polar_nav_ros.adapters.live import Source, Sources, Taken
 from polar_nav_ros.broadcasts import broadcast_to_msg
 from polar_nav_ros.navigation_session import NavigationSession, Published, Reader
 from polar_nav_ros.topics import (
@@ -27,6 +28,7 @@ from polar_nav_ros.topics import (
 )
 
 from . import convert
+from .measurements.fix import fix_from_packet
 from .measurements.station_fix import StationNumbers
 from .params import FollowerParams
 
@@ -97,10 +99,21 @@ class Session(NavigationSession[FollowerParams]):
         """Reader of a mapped topic of packets; None for another one."""
         if source.role != 'packet':
             return None
-        return lambda taken, n: self._fix_from_msg(taken.message, source.arrival(n))
+
+        def read(taken: Taken, number: int) -> Fix | None:
+            row = source.packet(taken, number)
+            if row is None:
+                return None
+            arrival = source.arrival(number)
+            return self._with_content(*fix_from_packet(*row[:3], arrival, *row[3:], self.params))
+
+        return read
 
     def _fix_from_msg(self, message: Any, number: int) -> Fix:  # noqa: ANN401
-        fix, broadcast = convert.fix_from_msg(message, number, self.params)
+        return self._with_content(*convert.fix_from_msg(message, number, self.params))
+
+    def _with_content(self, fix: Fix, broadcast: Broadcast | None) -> Fix:
+        """Return the fix of a packet, after its content is kept for `decoded`."""
         if broadcast is not None:
             target = self._name(broadcast.target)
             readable = broadcast_to_msg(broadcast, fix.source, target, self.params.frame_id)

@@ -20,6 +20,7 @@ from polar_nav_core.errors import ConfigError
 from polar_nav_msgs.msg import Inputs
 
 from .adapters.live import CONSTANTS, Source, Sources, Taken
+from .adapters.mapping import Stream
 from .diagnostics import Diagnosis, Level
 from .node import PolarNode
 from .stamps import to_msg
@@ -46,17 +47,24 @@ def bound(sources: Sources) -> dict[str, type[Any]]:
     """
     found: dict[str, type[Any]] = {}
     for source in sources:
-        kind = _class_of(source)
+        kind = class_of(source.stream, 'sources')
         source.bind(kind(), {n: getattr(kind, n) for n in CONSTANTS if hasattr(kind, n)})
         found[source.topic] = kind
     return found
 
 
-def _class_of(source: Source) -> type[Any]:
-    topic, name = source.stream.topic, source.stream.type
+def class_of(stream: Stream, where: str) -> type[Any]:
+    """Message class of a topic, by the name of its type.
+
+    Raises
+    ------
+    ConfigError
+        As `bound`, beginning with ``where``.
+    """
+    topic, name = stream.topic, stream.type
     if not name:
         raise ConfigError(
-            f'sources: {topic}: type is missing; a running vehicle needs it, as in '
+            f'{where}: {topic}: type is missing; a running vehicle needs it, as in '
             '`type: sensor_msgs/msg/Imu`'
         )
     package, _, short = name.split('/')
@@ -64,11 +72,11 @@ def _class_of(source: Source) -> type[Any]:
         return getattr(import_module(f'{package}.msg'), short)  # type: ignore[no-any-return]
     except ImportError as error:
         raise ConfigError(
-            f'sources: {topic}: {name} needs the package {package}, which is not installed here '
+            f'{where}: {topic}: {name} needs the package {package}, which is not installed here '
             f'({error})'
         ) from error
     except AttributeError as error:
-        raise ConfigError(f'sources: {topic}: package {package} has no message {short}') from error
+        raise ConfigError(f'{where}: {topic}: package {package} has no message {short}') from error
 
 
 class SourcePorts:

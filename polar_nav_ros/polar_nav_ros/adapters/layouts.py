@@ -110,13 +110,56 @@ POSITION: dict[str, Layout] = {
         'frame_id': ('header.frame_id',),
     },
 }
+PACKETS: dict[str, Layout] = {
+    'polar_nav_msgs/msg/AcousticPacket': {
+        'payload': ('data',),
+        'receive_time': ('receive_time',),
+        'transmit_time': ('transmit_time',),
+        'source': ('source',),
+        'sequence': ('sequence',),
+    },
+    'ros_acomms_msgs/msg/ReceivedPacket': {'payload': ('packet.dataframe_bytes',)},
+    'acomms_msgs/msg/AcommsRxByteArray': {'payload': ('msg.data',)},
+    'seatrac_interfaces/msg/ModemRec': {'payload': ('packet_data',), 'length': ('packet_len',)},
+    'seatrac_driver/msg/DataReceiveStatus': {
+        'payload': ('packet_data',),
+        'length': ('packet_length',),
+    },
+    'std_msgs/msg/UInt8MultiArray': {'payload': ('data',)},
+    'std_msgs/msg/ByteMultiArray': {'payload': ('data',)},
+}
+"""Of acoustic packets: `receive_time` is that of the stamp where it is left out."""
+TRANSMIT: dict[str, Layout] = {
+    'acomms_msgs/msg/AcommsTxByteArray': {'payload': ('msg.data',)},
+    'seatrac_interfaces/msg/ModemSend': {'payload': ('packet_data',), 'length': ('packet_len',)},
+    'seatrac_driver/msg/DataSendCommand': {'payload': ('packet_data',)},
+    'std_msgs/msg/UInt8MultiArray': {'payload': ('data',)},
+    'std_msgs/msg/ByteMultiArray': {'payload': ('data',)},
+}
+"""Of messages that a modem sends."""
+PAYLOAD_LIMITS = {
+    'seatrac_interfaces/msg/ModemRec': 30,
+    'seatrac_interfaces/msg/ModemSend': 30,
+    'seatrac_driver/msg/DataReceiveStatus': 31,
+    'seatrac_driver/msg/DataSendCommand': 31,
+}
+"""Most bytes that a message of the type carries."""
 REQUIRED: dict[str, tuple[tuple[str, ...], ...]] = {
     'imu': (('rate', 'force'),),
     'velocity': (('velocity',),),
     'depth': (('depth',), ('pressure',)),
     'position': (('position',), ('geodetic',)),
+    'packet': (('payload',),),
+    'transmit': (('payload',),),
 }
 """Quantities without which a role cannot be filled: one of the groups."""
-LAYOUTS = {'imu': IMU, 'velocity': VELOCITY, 'depth': DEPTH, 'position': POSITION}
+LAYOUTS = {
+    'imu': IMU,
+    'velocity': VELOCITY,
+    'depth': DEPTH,
+    'position': POSITION,
+    'packet': PACKETS,
+    'transmit': TRANSMIT,
+}
 PACKET = 'polar_nav_msgs/msg/AcousticPacket'
 USBL = 'polar_nav_msgs/msg/UsblFix'

@@ -7,8 +7,6 @@ the definitions in its bag make of the recorded bytes.
 
 from __future__ import annotations
 
-import math
-import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -20,11 +18,12 @@ from polar_nav_core.engine.events import DepthSample, DvlPing, Event, Fix, ImuSa
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.errors import ConfigError
 
-from ..stamps import to_ns
 from ..topics import DEPTH, DVL, IMU, RX
 from . import mapping as m
 from .fixes import fixes_of, level_height
-from .layouts import PACKET, USBL
+from .layouts import USBL
+from .messages import Fields, get, stamp_ns_of
+from .packets import PacketRow, carries_packets, packet_of, require_room
 from .position import positions_of
 from .rows import Places, Rows, places_of
 from .sensor_clock import SensorClock
@@ -34,7 +33,6 @@ CONSTANTS = ('DVL_MODE_BOTTOM', 'DVL_MODE_WATER', 'DVL_TYPE_PHASED_ARRAY')
 """Constants of message types that adapters ask for."""
 _SOURCE_BITS = 32
 """Messages of one source are numbered below this; fixes of several differ by it."""
-_STEP = re.compile(r'\.?(\w+)|\[(\d+)\]')
 
 Read = Callable[[Rows], Event | None]
 
@@ -70,10 +68,18 @@ class Source:
         Role of the adapter, ``packet`` for an acoustic packet.
     read : callable or None
         Converts rows of one message to an event; None for a packet.
+    fix : FixMapping, optional
+        Of packets.
     """
 
     def __init__(
-        self, index: int, topic: str, stream: m.Stream, role: str, read: Read | None
+        self,
+        index: int,
+        topic: str,
+        stream: m.Stream,
+        role: str,
+        read: Read | None,
+        fix: m.FixMapping | None = None,
     ) -> None:
         self.index = index
         self.topic = topic
@@ -87,6 +93,7 @@ class Source:
         """Those of them that hold no position: NaN, or a status of no fix."""
         self.clock = SensorClock() if stream.clock == 'sensor' else None
         self._read = read
+        self._fix = fix
         self._places: Places | None = None
         self._constants: Mapping[str, Any] = {}
 
@@ -99,31 +106,18 @@ class Source:
             When its type has no adapter for the role, or lacks a field that the mapping names.
         """
         self._constants = constants
-        if self.role != 'packet':
-            where = 'sources'
-            kind = self.stream.type
-            self._places = places_of(self.stream, self.role, kind, _Fields(sample), where)
+        kind = self.stream.type
+        self._places = places_of(self.stream, self.role, kind, Fields(sample), 'sources')
 
     @property
     def bound(self) -> bool:
         """Whether the fields were found."""
-        return self.role == 'packet' or self._places is not None
+        return self._places is not None
 
     def own_stamp_ns(self, message: Any, arrival_ns: int) -> int:  # noqa: ANN401 - any type
         """Stamp that a message has, by the clock of its sender [ns]; arrival if it has none."""
-        if self.role == 'packet':
-            return to_ns(message.receive_time)
         stamp = () if self._places is None else self._places.stamp
-        if not stamp:
-            return arrival_ns
-        values = [get(message, path) for path in stamp]
-        if len(values) == 2:
-            return int(values[0]) * 1_000_000_000 + int(values[1])
-        if isinstance(values[0], float):
-            if not math.isfinite(values[0]):
-                raise ValueError(f'field {stamp[0]} is not a time')
-            return round(values[0] * 1e9)
-        return int(values[0])
+        return stamp_ns_of(message, stamp, arrival_ns)
 
     def validity_ns(self, stamp_ns: int, arrival_ns: int) -> int:
         """Time of validity [ns] of a message, by the host's clock, from its own stamp.
@@ -137,6 +131,19 @@ class Source:
     def arrival(self, number: int) -> int:
         """Number of a fix, different from those of all other sources."""
         return (self.index << _SOURCE_BITS) + number
+
+    def packet(self, taken: Taken, number: int) -> PacketRow | None:
+        """Acoustic packet in a message of a modem; None for one that cannot be read."""
+        if self._fix is None or self._places is None:
+            raise TypeError(f'{self.stream.topic} carries no packets')
+        places = self._places.quantities
+        try:
+            row = packet_of(taken.message, places, self._fix, taken.stamp_ns, number)
+        except (ValueError, IndexError, TypeError):
+            self.unreadable += 1
+            return None
+        self.read += 1
+        return row
 
     def event(self, taken: Taken, number: int) -> Event | None:
         """Event of a message; None for one that holds no position, or cannot be read."""
@@ -211,19 +218,25 @@ class Sources:
         """Those of a session's sensor topics that come from here or are not of these roles."""
         return tuple(t for t in topics if t not in (DVL, DEPTH) or self.of(t) is not None)
 
-    def _add(self, topic: str, stream: m.Stream, role: str, read: Read | None) -> None:
+    def _add(
+        self,
+        topic: str,
+        stream: m.Stream,
+        role: str,
+        read: Read | None,
+        fix: m.FixMapping | None = None,
+    ) -> None:
         fixes = sum(s.role in ('position', 'packet') for s in self._all)
         index = fixes if role in ('position', 'packet') else 0
-        self._all.append(Source(index, topic, stream, role, read))
+        self._all.append(Source(index, topic, stream, role, read, fix))
 
     def _add_fix(self, mapping: m.Mapping, fix: m.FixMapping, params: EngineParams) -> None:
         stream = fix.position.stream
         if stream.type == USBL:
             raise _not_live(mapping, stream.topic, 'a UsblFix needs the track of its leader')
-        if stream.type == PACKET:
-            if stream.offset_ns or stream.clock != 'host':
-                raise _not_live(mapping, stream.topic, 'time_offset_s or clock of packets')
-            self._add(RX, stream, 'packet', None)
+        if carries_packets(stream):
+            require_room(stream, stream.type, mapping.place)
+            self._add(RX, stream, 'packet', None, fix)
             return
         level = level_height(fix, params.sea_surface_height)
         self._add(stream.topic, stream, 'position', lambda rows: _fix(rows, fix, level))
@@ -231,38 +244,6 @@ class Sources:
 
 def _not_live(mapping: m.Mapping, what: str, why: str) -> ConfigError:
     return ConfigError(f'{mapping.place}: {what}: not for a running vehicle: {why}')
-
-
-def get(message: Any, path: str) -> Any:  # noqa: ANN401 - whatever a message holds
-    """Field of a message by its path, as ``twist.linear.x`` or ``beams[0].range``."""
-    value = message
-    for name, index in _STEP.findall(path):
-        value = getattr(value, name) if name else value[int(index)]
-    return value
-
-
-class _Fields:
-    """Paths of a message, as a collection: whether one is there, and the outermost names."""
-
-    def __init__(self, sample: object) -> None:
-        self._sample = sample
-
-    def __contains__(self, path: object) -> bool:
-        try:
-            get(self._sample, str(path))
-        except IndexError:  # of a list that is empty in this message
-            return True
-        except (AttributeError, TypeError):
-            return False
-        return True
-
-    def __iter__(self) -> Iterator[str]:
-        fields = getattr(self._sample, 'get_fields_and_field_types', None)
-        names = fields() if fields is not None else vars(self._sample)
-        return iter([str(name) for name in names])
-
-    def __len__(self) -> int:
-        return len(list(iter(self)))
 
 
 def _row(message: Any, paths: tuple[str, ...]) -> NDArray[Any]:  # noqa: ANN401

@@ -23,6 +23,7 @@ VERSION = 2
 REFERENCES = ('bottom', 'water')
 STAMPS = ('header', 'log')
 CLOCKS = ('host', 'sensor', 'log')
+ENCODINGS = ('hex', 'base64')
 
 
 @dataclass(frozen=True)
@@ -134,6 +135,8 @@ class FixMapping:
         Numbers in acoustic packets.
     dimensions : int
         2: its heights are not used.
+    encoding : str
+        Of a payload that is a text: ``hex`` or ``base64``.
     """
 
     position: PositionMapping
@@ -146,6 +149,23 @@ class FixMapping:
     leader_id: int
     own_id: int
     dimensions: int = 3
+    encoding: str = ''
+
+    @classmethod
+    def of_packets(cls, stream: Stream, source: str = 'modem', encoding: str = '') -> FixMapping:
+        """Mapping of a topic of packets, whoever sent them."""
+        return cls(
+            position=PositionMapping(stream, Frame(None), np.eye(3)),
+            source=source,
+            delay_ns=None,
+            sigma=None,
+            leader=None,
+            C_a_b=np.eye(3),
+            lever_b=(0.0, 0.0, 0.0),
+            leader_id=0,
+            own_id=0,
+            encoding=encoding,
+        )
 
 
 @dataclass(frozen=True)

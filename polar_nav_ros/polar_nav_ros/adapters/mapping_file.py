@@ -19,6 +19,7 @@ from . import noise_classes, section
 from .mapping import (
     ACCEL_UNITS,
     CLOCKS,
+    ENCODINGS,
     GYRO_UNITS,
     LENGTH_UNITS,
     POSITION_FRAMES,
@@ -144,7 +145,8 @@ def _typed(value: Any, kind: str | None) -> Any:  # noqa: ANN401 - a value of YA
     return value
 
 
-def _stream(s: Section) -> Stream:
+def stream_of(s: Section) -> Stream:
+    """Topic of a section, with its type, stamps and fields; errors as `load`."""
     offset_s = s.number('time_offset_s', 0.0, -1e9, 1e9, 's')
     stamp = s.choice('stamp', STAMPS, 'header')
     clock = s.choice('clock', CLOCKS, 'log' if stamp == 'log' else 'host')
@@ -177,7 +179,7 @@ def _imu(s: Section, params: dict[str, Any]) -> ImuMapping:
         params['imu_sample'] = s.choice('sample', ('mean', 'instant'))
     s.raw('sample')
     mapping = ImuMapping(
-        stream=_stream(s),
+        stream=stream_of(s),
         C_s_b=s.rotation(),
         gyro_scale=GYRO_UNITS[s.choice('gyro_unit', tuple(GYRO_UNITS), 'rad/s')],
         accel_scale=ACCEL_UNITS[s.choice('accel_unit', tuple(ACCEL_UNITS), 'm/s^2')],
@@ -197,7 +199,7 @@ def _lever(s: Section, params: dict[str, Any], name: str) -> None:
 def _dvl(s: Section, params: dict[str, Any]) -> DvlMapping:
     _lever(s, params, 'dvl_lever_b')
     mapping = DvlMapping(
-        stream=_stream(s),
+        stream=stream_of(s),
         C_s_b=s.rotation(),
         scale=SPEED_UNITS[s.choice('unit', tuple(SPEED_UNITS), 'm/s')],
         sigma=s.optional('sigma', 1e-6, 10.0, 'm/s'),
@@ -215,7 +217,7 @@ def _depth(s: Section, params: dict[str, Any]) -> DepthMapping:
         unit = s.choice('unit', (*LENGTH_UNITS, *PRESSURE_UNITS))
     s.raw('unit')
     mapping = DepthMapping(
-        stream=_stream(s),
+        stream=stream_of(s),
         unit=unit,
         sign=1.0 if s.choice('positive', ('down', 'up'), 'down') == 'down' else -1.0,
         sigma=s.optional('sigma', 1e-6, 100.0, 'm'),
@@ -229,7 +231,7 @@ def _depth(s: Section, params: dict[str, Any]) -> DepthMapping:
 
 
 def _position(s: Section, *, finished: bool = True) -> PositionMapping:
-    mapping = PositionMapping(_stream(s), frame_of(s), s.rotation())
+    mapping = PositionMapping(stream_of(s), frame_of(s), s.rotation())
     if finished:
         s.done()
     return mapping
@@ -304,7 +306,9 @@ def _fix(s: Section, *, level: bool) -> tuple[FixMapping, tuple[float, float, fl
         leader_id=int(s.number('leader_id', 1.0, 0.0, 255.0, '')),
         own_id=int(s.number('own_id', 2.0, 0.0, 255.0, '')),
         dimensions=dimensions,
+        encoding=s.choice('encoding', ENCODINGS) if 'encoding' in s else '',
     )
+    s.raw('encoding')
     if array is not None:
         array.done()
     s.done()

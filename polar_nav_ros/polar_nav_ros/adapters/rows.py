@@ -108,7 +108,8 @@ def places_of(stream: Stream, role: str, kind: str, there: Collection[str], wher
             f'with {" or ".join(" and ".join(g) for g in REQUIRED[role])}. '
             f'It has {_listed(there)}'
         )
-    own = layout.pop('stamp', None)
+    own = layout.pop('receive_time', None)  # of a packet
+    own = layout.pop('stamp', None) or own
     return Places(layout, _stamp_paths(stream, kind, own, there))
 
 

@@ -9,6 +9,7 @@ from typing import Any
 from polar_nav_core.grid import convergence
 
 from .mapping import Mapping
+from .packets import carries_packets
 
 START_SIGMAS = {
     'initial_sigma_position': 10.0,
@@ -36,9 +37,7 @@ def parameters_of(mapping: Mapping, given: Names[str, Any]) -> dict[str, Any]:
         Parameters that the node was started with, which win.
     """
     values: dict[str, Any] = dict(mapping.params)
-    packets = [
-        fix for fix in mapping.fixes if fix.position.stream.type.endswith('/AcousticPacket')
-    ]
+    packets = [fix for fix in mapping.fixes if carries_packets(fix.position.stream)]
     if packets:
         values |= {'leader_id': packets[0].leader_id, 'own_id': packets[0].own_id}
     heading = _grid_heading_deg(mapping, {**values, **given})

@@ -14,6 +14,7 @@ from typing import Any
 from polar_nav_core.link import packet, station_packet
 from polar_nav_follower.params import FollowerParams
 from polar_nav_leader.params import LeaderParams
+from polar_nav_ros.modem_bridge import BridgeParams
 from polar_nav_sim import params as sim
 
 from ..record.recording import RecorderParams
@@ -32,6 +33,7 @@ NODES: dict[str, type[Any]] = {
     'acoustic_link_node': sim.AcousticLinkParams,
     'leader_node': LeaderParams,
     'follower_node': FollowerParams,
+    'modem_bridge': BridgeParams,
     'recorder_node': RecorderParams,
 }
 

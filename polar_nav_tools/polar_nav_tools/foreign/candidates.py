@@ -64,9 +64,14 @@ def depth_of(topics: list[Topic]) -> Topic | None:
     return best(typed or found or other, named)
 
 
-def fixes_of(mine: list[Topic], truth: Topic | None, topics: list[Topic]) -> list[Topic]:
-    """Return the topics of position fixes: acoustic packets, else USBL, else one by its name."""
-    packets = [t for t in mine if t.type == PACKET and t.name.endswith('rx')]
+def fixes_of(
+    mine: list[Topic], truth: Topic | None, topics: list[Topic], packets: list[Topic]
+) -> list[Topic]:
+    """Return the topics of position fixes: acoustic packets, else USBL, else one by its name.
+
+    ``packets`` are those of other types whose bytes are packets.
+    """
+    packets = [t for t in mine if t.type == PACKET and t.name.endswith('rx')] or packets
     if packets:
         return packets
     usbl = [t for t in topics if t.type == USBL]

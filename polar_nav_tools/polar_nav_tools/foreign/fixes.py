@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,19 +13,27 @@ from polar_nav_core.earth import geodetic_from_ecef
 from polar_nav_core.engine.events import Array, Fix
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.grid import ecef_to_grid
+from polar_nav_core.link.packet import Broadcast, PacketError, decode
 from polar_nav_follower.measurements.fix import fix_from_packet
 from polar_nav_follower.params import FollowerParams
 from polar_nav_ros.adapters.fixes import fixes_of, level_height, sigma_covariance
-from polar_nav_ros.adapters.layouts import PACKET, USBL
-from polar_nav_ros.adapters.mapping import FixMapping
+from polar_nav_ros.adapters.layouts import PACKET, PACKETS, USBL
+from polar_nav_ros.adapters.mapping import FixMapping, Stream
+from polar_nav_ros.adapters.messages import Fields, stamp_ns_of
+from polar_nav_ros.adapters.packets import carries_packets, packet_of, require_room
 from polar_nav_ros.adapters.position import PositionRows
+from polar_nav_ros.adapters.rows import places_of
+from polar_nav_ros.adapters.sensor_clock import SensorClock
 
 from ..bags.decode import store_of
 from ..bags.errors import BagError
+from ..bags.reader import Topic
 from .read import read_positions
 from .sources import Source, Stamps, require
 
 _NS = 1_000_000_000
+_LOOKED_AT = 20
+"""Messages of a modem among which a packet is looked for."""
 
 
 @dataclass(frozen=True)
@@ -66,8 +74,8 @@ def read_fixes(
         As the adapters.
     """
     kind = require(source, mapping.position.stream.topic).type
-    if kind == PACKET:
-        return _packets(source, mapping, first_arrival)
+    if carries_packets(mapping.position.stream, kind):
+        return _packets(source, mapping, kind, first_arrival)
     if kind == USBL:
         return _usbl(source, mapping, first_arrival, sea_surface_height)
     rows = read_positions(source, mapping.position, level_height(mapping, sea_surface_height))
@@ -91,26 +99,46 @@ def _ns(time: Any) -> int:  # noqa: ANN401 - builtin_interfaces/Time of any stor
     return int(time.sec) * _NS + int(time.nanosec)
 
 
-def _packets(source: Source, mapping: FixMapping, first_arrival: int) -> FixRows:
-    stream = mapping.position.stream
+def _packets(source: Source, mapping: FixMapping, kind: str, first_arrival: int) -> FixRows:
+    """Fixes of packets; what holds no bytes is left out."""
+    stream = replace(mapping.position.stream, type=kind)
+    mapping = replace(mapping, position=replace(mapping.position, stream=stream))
+    require_room(stream, kind, str(source.path))
     params = FollowerParams(leader_id=mapping.leader_id, own_id=mapping.own_id)
+    messages = _messages(source, stream.topic)
+    places = places_of(stream, 'packet', kind, Fields(messages[0][1]), str(source.path))
+    clock = SensorClock() if stream.clock == 'sensor' else None
     fixes, logged = [], []
-    for k, (log_ns, m) in enumerate(_messages(source, stream.topic)):
-        transmit_ns = _ns(m.transmit_time) + stream.offset_ns
-        receive_ns = _ns(m.receive_time) + stream.offset_ns
-        fix, _ = fix_from_packet(
-            bytes(m.data),
-            str(m.source),
-            int(m.sequence),
-            first_arrival + k,
-            transmit_ns,
-            receive_ns,
-            params,
-        )
+    for k, (log_ns, m) in enumerate(messages):
+        try:
+            stamp_ns = stamp_ns_of(m, places.stamp, log_ns)
+            if clock is not None:
+                stamp_ns = clock.host_ns(stamp_ns, log_ns)
+            row = packet_of(m, places.quantities, mapping, stamp_ns + stream.offset_ns, k)
+        except (ValueError, TypeError):
+            continue
+        fix, _ = fix_from_packet(*row[:3], first_arrival + k, *row[3:], params)
         fixes.append(fix)
         logged.append(log_ns)
     stamps = np.array([f.receive_ns for f in fixes], dtype=np.int64)
     return FixRows(stream.topic, stamps, np.array(logged, dtype=np.int64), tuple(fixes), None)
+
+
+def packets_in(source: Source, topics: list[Topic]) -> dict[Topic, Broadcast]:
+    """Topics of modems whose bytes are a leader's packets, with the content of the first one."""
+    out = {}
+    for topic in topics:
+        if topic.type in PACKETS and topic.type != PACKET:
+            stream = Stream(topic.name, stamp='log', type=topic.type)
+            mapping = FixMapping.of_packets(stream)
+            for log_ns, m in _messages(source, topic.name)[:_LOOKED_AT]:
+                quantities = places_of(stream, 'packet', topic.type, Fields(m), '').quantities
+                try:
+                    out[topic] = decode(packet_of(m, quantities, mapping, log_ns, 0).data, log_ns)
+                except (ValueError, TypeError, PacketError):
+                    continue
+                break
+    return out
 
 
 def _usbl(

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from polar_nav_core.errors import PolarNavError
+from polar_nav_core.link.packet import Broadcast
 from polar_nav_ros.adapters.layouts import IMU, PACKET, POSITION, USBL
 from polar_nav_ros.adapters.mapping import VERSION, Frame, PositionMapping, Stream
 
@@ -29,6 +30,7 @@ from .candidates import (
     words,
 )
 from .definitions import undecodable
+from .fixes import packets_in
 from .guess_imu import put_imu
 from .guess_noise import Choices, put_noise
 from .guess_stamps import TopicTimes, put_stamp, times_of
@@ -70,8 +72,9 @@ def guess(source: Source, choices: Choices | None = None) -> str:
     _sensor(out, source, 'depth', depth_of(mine), topics, times, choices)
     mine = _with_positions(out, source, mine)
     truth = best_position(mine, TRUTH_WORDS, require=True)
-    fixes = fixes_of(mine, truth, topics)
-    _fixes(out, source, fixes, topics, times, choices)
+    heard = packets_in(source, mine)
+    fixes = fixes_of(mine, truth, topics, list(heard))
+    _fixes(out, source, fixes, topics, times, choices, heard)
     start = truth or best_position([t for t in mine if t not in fixes], STATE_WORDS)
     if start is None:
         start = next((t for t in fixes if t.type in POSITION), None)
@@ -199,6 +202,7 @@ def _fixes(
     topics: list[Topic],
     reference: TopicTimes | None,
     choices: Choices,
+    heard: dict[Topic, Broadcast],
 ) -> None:
     if not fixes:
         out.say('No topic looks like position fixes. FILL IN, or leave it out: the run drifts.')
@@ -215,6 +219,9 @@ def _fixes(
             out.put('leader_id: 1', 4)
             out.put('own_id: 2', 4)
             continue
+        if topic in heard:
+            _packets(out, source, topic, heard[topic])
+            continue
         if topic.type == USBL:
             leader = best_position([t for t in topics if words(t, LEADER_WORDS)], STATE_WORDS)
             name = '/FILL/IN' if leader is None else leader.name
@@ -227,6 +234,15 @@ def _fixes(
         _delay(out, source, topic, reference, choices)
         out.say("sigma: [5.0, 5.0]   # horizontal, vertical [m], in place of the messages'", 4)
     out.put()
+
+
+def _packets(out: Lines, source: Source, topic: Topic, first: Broadcast) -> None:
+    out.say('its bytes are packets of a leader, by their checksum; numbers as in the first', 4)
+    out.put(f'leader_id: {first.source}', 4)
+    out.put(f'own_id: {first.target}', 4)
+    if 'header.stamp.sec' not in field_paths(source, topic.name):
+        out.say('no header: received when it was recorded', 4)
+        out.put('clock: log', 4)
 
 
 def _delay(
