@@ -37,10 +37,8 @@ from typing import Any
 from polar_nav_core.warm import telling, warm_node, warm_others
 from polar_nav_msgs.msg import AcousticPacket, LeaderBroadcast, StationFix
 from polar_nav_ros import topics
-from polar_nav_ros.adapters import mapping_file
 from polar_nav_ros.adapters.live import Sources
-from polar_nav_ros.adapters.mapping import Mapping
-from polar_nav_ros.adapters.stated import parameters_of
+from polar_nav_ros.adapters.stated import SourceFile
 from polar_nav_ros.diagnostics import Diagnosis, Level
 from polar_nav_ros.live_outputs import LiveOutputs
 from polar_nav_ros.managed import ManagedNode
@@ -56,8 +54,7 @@ from .params import FollowerParams
 class FollowerNode(ManagedNode[FollowerParams]):
     """Node around a `Session`, which navigates, and `NavigationPorts`, which publish."""
 
-    _text: str
-    _mapping: Mapping | None
+    _file: SourceFile
 
     def __init__(self) -> None:
         super().__init__('follower_node', FollowerParams)
@@ -71,7 +68,7 @@ class FollowerNode(ManagedNode[FollowerParams]):
         decoded: dict[str, type[Any]] = (
             {topics.STATION_DECODED: StationFix} if station else {topics.DECODED: LeaderBroadcast}
         )
-        mapping = self._mapping
+        mapping = self._file.mapping
         sources = None if mapping is None else Sources(mapping, self.params)
         ports = None if sources is None else SourcePorts(self, sources)
         with telling(lambda text: self.get_logger().info(f'first start: {text}')):
@@ -100,17 +97,13 @@ class FollowerNode(ManagedNode[FollowerParams]):
 
     def stated(self) -> dict[str, Any]:
         """Parameters that the mapping file states, before the node's own are declared."""
-        self._text, self._mapping = '', None
-        path = self._parameter_overrides.get('sources')
-        if path is None or not path.value:
-            return {}
-        self._text, self._mapping = mapping_file.read(Path(str(path.value)).expanduser())
         given = {name: p.value for name, p in self._parameter_overrides.items()}
-        return parameters_of(self._mapping, given)
+        self._file = SourceFile.given(given)
+        return self._file.parameters
 
     def about(self) -> dict[str, Any]:
         """The mapping file as it stands, which a replay needs."""
-        return {'sources': self._text} if self._text else {}
+        return self._file.about()
 
     def _live(self, navigation: session.Session) -> LiveOutputs | None:
         """Outputs at each IMU sample: not in lockstep, whose time is no present time."""

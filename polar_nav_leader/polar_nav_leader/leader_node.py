@@ -14,6 +14,8 @@ With ``navigation: own`` those of polar_nav_ros.navigation_ports (IMU, DVL and d
 nav/state, nav/fix, nav/receipt, nav/clock and nav/command out), and
 
 | in absolute/fix | sensor_msgs/NavSatFix | validity |
+
+and with `sources` sensors and positions of a mapping file, of any type it has an adapter for.
 """
 
 from __future__ import annotations
@@ -25,13 +27,17 @@ from typing import Any
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import NavSatFix
 
+from polar_nav_core.errors import ConfigError
 from polar_nav_core.warm import telling, warm_node
 from polar_nav_msgs.msg import AcousticPacket, LeaderBroadcast, UsblFix
 from polar_nav_ros import topics
+from polar_nav_ros.adapters.live import Sources
+from polar_nav_ros.adapters.stated import SourceFile
 from polar_nav_ros.diagnostics import Diagnosis, Level
 from polar_nav_ros.navigation_ports import NavigationPorts
 from polar_nav_ros.node import CountedPublisher, PolarNode
 from polar_nav_ros.process import run
+from polar_nav_ros.source_ports import SourcePorts
 
 from . import session
 from .leader import Leader
@@ -42,6 +48,8 @@ _OUTPUTS = {topics.BROADCAST: LeaderBroadcast, topics.TX: AcousticPacket}
 
 class LeaderNode(PolarNode[LeaderParams]):
     """Node of the leader: publishes the results of its session."""
+
+    _file: SourceFile
 
     def __init__(self) -> None:
         super().__init__('leader_node', LeaderParams)
@@ -71,14 +79,33 @@ class LeaderNode(PolarNode[LeaderParams]):
         if self._ports is not None:
             self._ports.close()
 
+    def stated(self) -> dict[str, Any]:
+        """Parameters that the mapping file states, before the node's own are declared."""
+        given = {name: p.value for name, p in self._parameter_overrides.items()}
+        self._file = SourceFile.given(given)
+        return self._file.parameters
+
+    def about(self) -> dict[str, Any]:
+        """The mapping file as it stands."""
+        return self._file.about()
+
     def _navigate(self) -> None:
+        mapping = self._file.mapping
+        sources = None if mapping is None else Sources(mapping, self.params)
+        if sources is not None and sources.of(topics.RX) is not None:
+            raise ConfigError(
+                f'{self.params.sources}: fixes: a leader takes positions, no packets'
+            )
+        ports = None if sources is None else SourcePorts(self, sources)
         # Before any subscription: a cold compile is slow, and sensors do not wait.
         with telling(lambda text: self.get_logger().info(f'first start: {text}')):
             warm_node(self.params.resolved().delay_handling)
-        own = session.OwnSession(self.params, self.vehicle)
+        own = session.OwnSession(self.params, self.vehicle, sources)
         self._leader = own.leader
-        inputs = {topics.ABSOLUTE: NavSatFix, topics.USBL: UsblFix}
-        self._ports = NavigationPorts(self, own, inputs, _OUTPUTS)
+        inputs: dict[str, type[Any]] = {topics.USBL: UsblFix}
+        if sources is None:
+            inputs[topics.ABSOLUTE] = NavSatFix
+        self._ports = NavigationPorts(self, own, inputs, _OUTPUTS, sources=ports)
 
     def _follow_odometry(self) -> None:
         odometry = session.OdometrySession(self.params, self.vehicle)

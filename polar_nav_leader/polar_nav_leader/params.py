@@ -28,6 +28,11 @@ class LeaderParams(EngineParams):
         'odometry: another node publishes odometry, this one reads it; own: this node navigates '
         'with its own sensors and publishes odometry',
     )
+    sources: str = text(
+        '',
+        'Mapping file of its sensors and position fixes (docs/live.md; navigation own); empty: '
+        'topics of this project',
+    )
     own_id: int = param(1, '', 0, 255, 'Number of this vehicle in its packets')
     follower: str = text('follower', 'Name of the follower that fixes are sent to')
     follower_id: int = param(2, '', 0, 255, 'Number of that follower in the packets')
@@ -102,6 +107,11 @@ class LeaderParams(EngineParams):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if self.sources and self.navigation != 'own':
+            raise ConfigError(
+                'parameter sources: a leader takes a mapping file with `navigation: own`; with '
+                '`odometry` another node navigates'
+            )
         needed = self.reorder_window_s + self.output_period_s
         # In lockstep the packet's stamp counts and not when it is handed over.
         late = self.processing_delay_s < needed and not math.isclose(

@@ -15,8 +15,9 @@ from nav_msgs.msg import Odometry
 from polar_nav_core.engine.events import ClockStep, Estimate, Output
 from polar_nav_msgs.msg import NavState
 from polar_nav_ros import topics
+from polar_nav_ros.adapters.live import Sources
 from polar_nav_ros.broadcasts import broadcast_to_msg
-from polar_nav_ros.navigation_session import NavigationSession, Published
+from polar_nav_ros.navigation_session import NavigationSession, Published, Reader
 from polar_nav_ros.stamps import to_ns
 from polar_nav_ros.standard_outputs import odometry_of
 
@@ -88,13 +89,18 @@ class OwnSession(NavigationSession[LeaderParams]):
         Parameters of leader_node.
     vehicle : str
         Name of the vehicle.
+    sources : Sources, optional
+        Those of a mapping file, in place of this project's own topics; bound to their types.
     """
 
-    def __init__(self, params: LeaderParams, vehicle: str) -> None:
+    def __init__(self, params: LeaderParams, vehicle: str, sources: Sources | None = None) -> None:
         self._rates = LeaderEngine(params)
-        super().__init__(
-            params, vehicle, {topics.ABSOLUTE: convert.absolute_fix_from_msg}, engine=self._rates
-        )
+        readers: dict[str, Reader] = {topics.ABSOLUTE: convert.absolute_fix_from_msg}
+        sensors = (topics.IMU, topics.DVL, topics.DEPTH)
+        if sources is not None:
+            readers |= {source.topic: source.event for source in sources}
+            sensors = sources.sensors(sensors)
+        super().__init__(params, vehicle, readers, engine=self._rates, sensors=sensors)
         self.leader = Leader(params)
         self._sender = _Sender(self.leader, params, vehicle)
         self._state: LeaderState | None = None

@@ -2,6 +2,7 @@
 
 import os
 import time
+from dataclasses import replace
 
 import pytest
 
@@ -12,8 +13,9 @@ from closed_loop import World  # noqa: E402
 from diagnostic_msgs.msg import DiagnosticArray  # noqa: E402
 from nav_msgs.msg import Odometry  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
-from sensor_msgs.msg import Imu  # noqa: E402
+from sensor_msgs.msg import Imu, NavSatFix  # noqa: E402
 
+from polar_nav_core.errors import ConfigError  # noqa: E402
 from polar_nav_core.params import to_mapping  # noqa: E402
 from polar_nav_leader.leader_node import LeaderNode  # noqa: E402
 from polar_nav_leader.params import LeaderParams  # noqa: E402
@@ -66,6 +68,15 @@ class Rig:
         assert done()
 
 
+MAPPING = """
+version: 2
+imu: {topic: /ship/imu, type: sensor_msgs/msg/Imu}
+dvl: {topic: /ship/dvl, type: polar_nav_msgs/msg/Dvl}
+depth: {topic: /ship/depth, type: polar_nav_msgs/msg/Depth}
+fixes: {topic: /ship/gnss, type: sensor_msgs/msg/NavSatFix, source: gnss, sigma: 1.0}
+"""
+
+
 @pytest.fixture(scope='module')
 def world():
     return World(4)
@@ -113,3 +124,36 @@ def test_navigating_it_reads_none(world):
     rig = Rig(world.params(LeaderParams, navigation='own'))
     assert '/leader/odometry' not in rig.node.taken_counts()
     assert '/leader/odometry' in rig.node.published_counts()
+
+
+def test_navigates_by_its_own_drivers(world, tmp_path):
+    path = tmp_path / 'mapping.yaml'
+    path.write_text(MAPPING, encoding='utf-8')
+    rig = Rig(replace(world.params(LeaderParams, navigation='own'), sources=str(path)))
+    names = dict(zip(KINDS, ('/ship/imu', '/ship/dvl', '/ship/depth', 'usbl/fix'), strict=True))
+    kinds = {names[t]: kind for t, kind in KINDS.items()} | {'/ship/gnss': NavSatFix}
+    pubs = {t: rig.peer.create_publisher(kind, t, DATA_QOS) for t, kind in kinds.items()}
+    rig.until(lambda: all(p.get_subscription_count() > 0 for p in pubs.values()))
+    stamp_ns = int(world.stamps[200])
+    pubs['usbl/fix'].publish(messages.usbl(stamp_ns))
+    counts = dict.fromkeys(('/ship/imu', '/ship/dvl', '/ship/depth'), 0)
+    for topic, message in messages.stream(world, 4.0):
+        pubs[names[topic]].publish(message)
+        counts[names[topic]] += 1
+    rig.until(lambda: all(rig.node.taken_counts()[t] == n for t, n in counts.items()))
+    rig.until(lambda: len(rig.got['acomms/tx']) == 1)
+    rig.node.close()
+    rig.until(lambda: len(rig.got['nav/state']) == 40 and len(rig.got['odometry']) == 40)
+    assert rig.node.diagnose().values['source /ship/gnss'] == 'sensor_msgs/msg/NavSatFix, reliable'
+
+
+def test_a_leader_that_follows_odometry_takes_no_mapping(tmp_path):
+    with pytest.raises(ConfigError, match='with `navigation: own`'):
+        LeaderParams(sources=str(tmp_path / 'mapping.yaml'))
+
+
+def test_a_leader_takes_no_packets(world, tmp_path):
+    path = tmp_path / 'mapping.yaml'
+    path.write_text(MAPPING.replace('sensor_msgs/msg/NavSatFix', 'std_msgs/msg/UInt8MultiArray'))
+    with pytest.raises(ConfigError, match='a leader takes positions, no packets'):
+        Rig(replace(world.params(LeaderParams, navigation='own'), sources=str(path)))

@@ -122,7 +122,7 @@ class NavigationPorts:
         imu, *others = session.sensors
         for topic, kind in {**{t: SENSORS[t] for t in others}, **inputs}.items():
             self._subscribe(kind, topic)
-        for topic in () if sources is None else sources.fixes:
+        for topic in () if sources is None else sources.beside:
             self._subscribe(None, topic)
         # IMU samples move time on: what else has come is taken before.
         self._subscribe(SENSORS[imu], imu, after_others=True, live=live)

@@ -98,9 +98,9 @@ class SourcePorts:
         self._rows: list[tuple[int, int, int, int, int]] = []
 
     @property
-    def fixes(self) -> tuple[str, ...]:
-        """Topics of positions."""
-        return tuple(s.topic for s in self._sources if s.role == 'position')
+    def beside(self) -> tuple[str, ...]:
+        """Topics of the session that only a mapping brings."""
+        return self._sources.beside
 
     def has(self, topic: str) -> bool:
         """Whether a source stands for a topic of the session."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from polar_nav_core.engine.events import Array, Fix
@@ -12,13 +14,21 @@ from .mapping import FixMapping
 from .position import LEVEL_SIGMA, PositionRows
 from .rows import Stamps
 
+_LEAST_STEP_S = 1e-3
+"""Between two positions of a source: closer ones are one and the same."""
+
 
 def level_height(mapping: FixMapping, sea_surface_height: float) -> float | None:
     """Return the height [m] for fixes without one; None where their heights are measured."""
     return None if mapping.dimensions == 3 else sea_surface_height
 
 
-def fixes_of(mapping: FixMapping, rows: PositionRows, first_arrival: int = 0) -> tuple[Fix, ...]:
+def fixes_of(
+    mapping: FixMapping,
+    rows: PositionRows,
+    first_arrival: int = 0,
+    before_ns: int | None = None,
+) -> tuple[Fix, ...]:
     """Fixes of the rows that hold a position, in their order.
 
     Parameters
@@ -27,10 +37,16 @@ def fixes_of(mapping: FixMapping, rows: PositionRows, first_arrival: int = 0) ->
     rows : PositionRows
     first_arrival : int
         Number of the first row among those of all sources: places equal stamps in order.
+    before_ns : int, optional
+        Validity of the source's last position before these rows [ns].
     """
     received = _received(mapping, rows.stamps_ns, rows.log_ns)
     covariance = _stated(mapping, rows)
     usable = rows.given & rows.plausible
+    if mapping.correlation_s > 0.0:
+        factors = shares(rows.stamps_ns[usable], mapping.correlation_s, before_ns)
+        covariance = covariance.copy()
+        covariance[usable] *= factors[:, None, None]
     return tuple(
         Fix(
             validity_ns=int(rows.stamps_ns[k]),
@@ -46,6 +62,33 @@ def fixes_of(mapping: FixMapping, rows: PositionRows, first_arrival: int = 0) ->
         )
         for k in np.flatnonzero(usable)
     )
+
+
+def shares(stamps_ns: Stamps, correlation_s: float, before_ns: int | None = None) -> Array:
+    """Factors of the covariances of positions whose errors resemble one another. (n,) -> (n,).
+
+    An error e with the correlation ``rho = exp(-dt/T)`` to the one before tells of a position that
+    stays what is not known yet through ``e - rho e_before`` alone: variance ``(1 - rho^2)
+    sigma^2``, share ``1 - rho`` of the position. A white error that tells as much has the variance
+    ``sigma^2 (1 + rho)/(1 - rho) = sigma^2 coth(dt/2T)``; for steps much shorter than T the
+    spectral density is that of the process, ``2 T sigma^2``.
+
+    Parameters
+    ----------
+    stamps_ns : (n,) array
+        Validities in the order of arrival [ns].
+    correlation_s : float
+        T [s].
+    before_ns : int, optional
+        Validity before the first one; without it that one is the first of all, with factor 1.
+    """
+    out, last_ns = np.ones(len(stamps_ns)), before_ns
+    for k, stamp_ns in enumerate(stamps_ns.tolist()):
+        if last_ns is not None:
+            dt = max(abs(stamp_ns - last_ns) * 1e-9, _LEAST_STEP_S)
+            out[k] = 1.0 / math.tanh(0.5 * dt / correlation_s)
+        last_ns = stamp_ns
+    return out
 
 
 def sigma_covariance(sigma: tuple[float, float], r_e: Array) -> Array:

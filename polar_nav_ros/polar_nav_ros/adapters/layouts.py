@@ -161,5 +161,12 @@ LAYOUTS = {
     'packet': PACKETS,
     'transmit': TRANSMIT,
 }
+FILTERED = (
+    'nav_msgs/msg/Odometry',
+    'geometry_msgs/msg/PoseWithCovarianceStamped',
+    'geometry_msgs/msg/PoseStamped',
+    'dvl_msgs/msg/DVLDR',
+)
+"""Types of positions that mostly come out of a filter: their errors are no new ones each time."""
 PACKET = 'polar_nav_msgs/msg/AcousticPacket'
 USBL = 'polar_nav_msgs/msg/UsblFix'

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from polar_nav_core.engine.events import DepthSample, DvlPing, Event, Fix, ImuSample
+from polar_nav_core.engine.events import Command, DepthSample, DvlPing, Event, Fix, ImuSample
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.errors import ConfigError
 
@@ -60,7 +61,7 @@ class Source:
     Parameters
     ----------
     index : int
-        Its number among the fixes of the file; 0 for a sensor.
+        Its number among the fixes of the file, or among the sensors of its role.
     topic : str
         Topic of the session that it stands for; of a fix its own.
     stream : Stream
@@ -82,6 +83,8 @@ class Source:
         fix: m.FixMapping | None = None,
     ) -> None:
         self.index = index
+        self.alike = 1
+        """Sensors of its role."""
         self.topic = topic
         self.stream = stream
         self.role = role
@@ -169,7 +172,12 @@ class Source:
         if isinstance(found, Fix):
             arrival = self.arrival(number)
             return replace(found, sequence=number, order=number, arrival=arrival)
-        return None if found is None else replace(found, sequence=number)
+        if found is None or isinstance(found, Command):
+            return found
+        # Several of a role: each message has a number of its own, and the topic of its sensor.
+        number = number * self.alike + self.index
+        topic = {'topic': self.topic} if self.index else {}
+        return replace(found, sequence=number, **topic)
 
 
 class Sources:
@@ -194,11 +202,14 @@ class Sources:
             raise _not_live(mapping, 'imu: lever_b', 'the IMU must be at base_link')
         self._all: list[Source] = []
         self._add(IMU, mapping.imu.stream, 'imu', lambda rows: _sample(rows, mapping.imu))
-        dvl, depth = mapping.dvl, mapping.depth
-        if dvl is not None:
-            self._add(DVL, dvl.stream, 'velocity', lambda rows: _ping(rows, dvl, params))
-        if depth is not None:
-            self._add(DEPTH, depth.stream, 'depth', lambda rows: _depth(rows, depth, params))
+        for dvl in mapping.dvls:
+            self._add_one_of(
+                DVL, dvl.stream, 'velocity', partial(_ping, mapping=dvl, params=params)
+            )
+        for depth in mapping.depths:
+            read = partial(_depth, mapping=depth, params=params)
+            self._add_one_of(DEPTH, depth.stream, 'depth', read)
+        self._count_alike()
         for fix in mapping.fixes:
             self._add_fix(mapping, fix, params)
         topics = [s.topic for s in self._all]
@@ -214,9 +225,24 @@ class Sources:
         """Source that stands for a topic of the session."""
         return next((s for s in self._all if s.topic == topic), None)
 
+    @property
+    def beside(self) -> tuple[str, ...]:
+        """Topics of the session that only a mapping brings: positions, second sensors."""
+        return tuple(s.topic for s in self._all if s.topic not in (IMU, DVL, DEPTH, RX))
+
     def sensors(self, topics: tuple[str, ...]) -> tuple[str, ...]:
         """Those of a session's sensor topics that come from here or are not of these roles."""
         return tuple(t for t in topics if t not in (DVL, DEPTH) or self.of(t) is not None)
+
+    def _add_one_of(self, topic: str, stream: m.Stream, role: str, read: Read) -> None:
+        """Add a sensor; the first of its role stands for the topic, others for their own."""
+        first = all(s.role != role for s in self._all)
+        self._add(topic if first else stream.topic, stream, role, read)
+
+    def _count_alike(self) -> None:
+        for source in self._all:
+            alike = [s for s in self._all if s.role == source.role]
+            source.index, source.alike = alike.index(source), len(alike)
 
     def _add(
         self,
@@ -239,7 +265,7 @@ class Sources:
             self._add(RX, stream, 'packet', None, fix)
             return
         level = level_height(fix, params.sea_surface_height)
-        self._add(stream.topic, stream, 'position', lambda rows: _fix(rows, fix, level))
+        self._add(stream.topic, stream, 'position', _Fixes(fix, level))
 
 
 def _not_live(mapping: m.Mapping, what: str, why: str) -> ConfigError:
@@ -272,6 +298,17 @@ def _depth(rows: Rows, mapping: m.DepthMapping, params: EngineParams) -> DepthSa
     return DepthSample(int(rows.stamps_ns[0]), 0, float(d.depth[0]), float(d.variance[0]))
 
 
-def _fix(rows: Rows, mapping: m.FixMapping, level: float | None) -> Fix | None:
-    found = fixes_of(mapping, positions_of(rows, mapping.position, level))
-    return found[0] if found else None
+class _Fixes:
+    """Fixes of a source, one after the other."""
+
+    def __init__(self, mapping: m.FixMapping, level: float | None) -> None:
+        self._mapping, self._level = mapping, level
+        self._before_ns: int | None = None
+
+    def __call__(self, rows: Rows) -> Fix | None:
+        positions = positions_of(rows, self._mapping.position, self._level)
+        found = fixes_of(self._mapping, positions, before_ns=self._before_ns)
+        if not found:
+            return None
+        self._before_ns = found[0].validity_ns
+        return found[0]

@@ -137,6 +137,9 @@ class FixMapping:
         2: its heights are not used.
     encoding : str
         Of a payload that is a text: ``hex`` or ``base64``.
+    correlation_s : float
+        Time over which errors of positions resemble one another, those of a filter [s]; 0: each
+        is measured anew.
     """
 
     position: PositionMapping
@@ -150,6 +153,7 @@ class FixMapping:
     own_id: int
     dimensions: int = 3
     encoding: str = ''
+    correlation_s: float = 0.0
 
     @classmethod
     def of_packets(cls, stream: Stream, source: str = 'modem', encoding: str = '') -> FixMapping:
@@ -191,13 +195,23 @@ class Mapping:
     place: str
     vehicle: str
     imu: ImuMapping
-    dvl: DvlMapping | None
-    depth: DepthMapping | None
+    dvls: tuple[DvlMapping, ...]
+    depths: tuple[DepthMapping, ...]
     fixes: tuple[FixMapping, ...]
     initial: InitialMapping
     truth: PositionMapping | None
     accept: tuple[str, ...]
     params: Names[str, Any]
+
+    @property
+    def dvl(self) -> DvlMapping | None:
+        """The first DVL, whose place and reference all of them share; None without one."""
+        return self.dvls[0] if self.dvls else None
+
+    @property
+    def depth(self) -> DepthMapping | None:
+        """The first depth sensor, whose place all of them share; None without one."""
+        return self.depths[0] if self.depths else None
 
 
 def with_parameters(mapping: Mapping, changes: Names[str, Any]) -> Mapping:

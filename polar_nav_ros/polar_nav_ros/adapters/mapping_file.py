@@ -74,7 +74,9 @@ def from_section(top: Section) -> Mapping:
     if imu is None:
         raise top.fail('imu', 'is missing: without an IMU nothing can be integrated')
     params = _parameters(top)
-    dvl, depth, truth = top.section('dvl'), top.section('depth'), top.section('truth')
+    dvls, depths, truth = _several(top, 'dvl'), _several(top, 'depth'), top.section('truth')
+    _lever(top, 'dvl', dvls, params)
+    _lever(top, 'depth', depths, params)
     accept = top.raw('accept') or []
     if not isinstance(accept, list) or not all(isinstance(a, str) for a in accept):
         raise top.fail('accept', f'{accept!r} is not a list of names of findings')
@@ -82,17 +84,23 @@ def from_section(top: Section) -> Mapping:
         place=top.place,
         vehicle=top.text('vehicle', 'follower'),
         imu=_imu(imu, params),
-        dvl=None if dvl is None else _dvl(dvl, params),
-        depth=None if depth is None else _depth(depth, params),
+        dvls=tuple(_dvl(s) for s in dvls),
+        depths=tuple(_depth(s) for s in depths),
         fixes=_all_fixes(top, params, level=version > 1),
         initial=_initial(top.section('initial') or Section(f'{top.place}: initial', {})),
         truth=None if truth is None else _position(truth),
         accept=tuple(accept),
         params=params,
     )
+    if len({dvl.water for dvl in mapping.dvls}) > 1:
+        raise top.fail(
+            'dvl',
+            'reference is not the same in all of them: a velocity through the water has the '
+            'current in it, and the filter knows one noise of a DVL: map those of one reference',
+        )
     noise = top.section('noise')
     if noise is not None:
-        stated = _noise(noise, mapping.dvl, params)
+        stated = _noise(noise, mapping.dvls, params)
         twice = sorted(set(stated) & set(top.texts('parameters')))
         if twice:
             raise top.fail('noise', f'{twice[0]} is stated among parameters, too')
@@ -101,16 +109,18 @@ def from_section(top: Section) -> Mapping:
     return mapping
 
 
-def _noise(s: Section, dvl: DvlMapping | None, params: dict[str, Any]) -> dict[str, float]:
+def _noise(s: Section, dvls: tuple[DvlMapping, ...], params: dict[str, Any]) -> dict[str, float]:
     """Noise by the classes of instruments; numbers that stand beside them win."""
     out: dict[str, float] = {}
     if 'imu' in s:
         out |= noise_classes.imu_noise(s.choice('imu', noise_classes.IMU_CLASSES))
     if 'dvl' in s:
         name = s.choice('dvl', noise_classes.DVL_CLASSES)
-        known = dvl is not None and dvl.sound_speed > 0.0 and params.get('water_sound_speed')
+        known = bool(dvls) and all(dvl.sound_speed > 0.0 for dvl in dvls)
         out |= noise_classes.dvl_noise(
-            name, water=dvl is not None and dvl.water, corrected=bool(known)
+            name,
+            water=any(dvl.water for dvl in dvls),
+            corrected=known and bool(params.get('water_sound_speed')),
         )
     for name in ('imu', 'dvl'):
         s.raw(name)
@@ -189,15 +199,33 @@ def _imu(s: Section, params: dict[str, Any]) -> ImuMapping:
     return mapping
 
 
-def _lever(s: Section, params: dict[str, Any], name: str) -> None:
-    """Take a lever arm of a section for the engine's parameter."""
-    if 'lever_b' in s:
-        params[name] = list(s.numbers('lever_b', None, -100.0, 100.0, 'm'))
-    s.raw('lever_b')
+def _several(top: Section, key: str) -> list[Section]:
+    """Sections of one sensor, or of a list of those that measure the same."""
+    if isinstance(top.raw(key), list):
+        return top.sections(key)
+    one = top.section(key)
+    return [] if one is None else [one]
 
 
-def _dvl(s: Section, params: dict[str, Any]) -> DvlMapping:
-    _lever(s, params, 'dvl_lever_b')
+def _lever(top: Section, key: str, sections: list[Section], params: dict[str, Any]) -> None:
+    """Take the lever arm of a kind of sensor for the engine's parameter."""
+    levers = [
+        s.numbers('lever_b', None, -100.0, 100.0, 'm') if 'lever_b' in s else None
+        for s in sections
+    ]
+    for s in sections:
+        s.raw('lever_b')
+    if len(set(levers)) > 1:
+        raise top.fail(
+            key,
+            'lever_b is not the same in all of them; the filter knows one place of this sensor: '
+            'state one for all where they sit together, or map one of them',
+        )
+    if levers and levers[0] is not None:
+        params[f'{key}_lever_b'] = list(levers[0])
+
+
+def _dvl(s: Section) -> DvlMapping:
     mapping = DvlMapping(
         stream=stream_of(s),
         C_s_b=s.rotation(),
@@ -210,8 +238,7 @@ def _dvl(s: Section, params: dict[str, Any]) -> DvlMapping:
     return mapping
 
 
-def _depth(s: Section, params: dict[str, Any]) -> DepthMapping:
-    _lever(s, params, 'depth_lever_b')
+def _depth(s: Section) -> DepthMapping:
     unit = None
     if 'unit' in s:
         unit = s.choice('unit', (*LENGTH_UNITS, *PRESSURE_UNITS))
@@ -307,6 +334,7 @@ def _fix(s: Section, *, level: bool) -> tuple[FixMapping, tuple[float, float, fl
         own_id=int(s.number('own_id', 2.0, 0.0, 255.0, '')),
         dimensions=dimensions,
         encoding=s.choice('encoding', ENCODINGS) if 'encoding' in s else '',
+        correlation_s=s.number('correlation_s', 0.0, 0.0, 3600.0, 's'),
     )
     s.raw('encoding')
     if array is not None:

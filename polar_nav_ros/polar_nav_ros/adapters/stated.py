@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping as Names
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
 
 from polar_nav_core.grid import convergence
 
+from . import mapping_file
 from .mapping import Mapping
 from .packets import carries_packets
 
@@ -22,6 +24,41 @@ START_SIGMAS = {
 _NOT_LEVELLED_DEG = 5.0
 """1-sigma of tilt where neither roll nor pitch is stated, and nobody levelled."""
 _PLACE = ('initial_latitude_deg', 'initial_longitude_deg')
+
+
+class SourceFile(NamedTuple):
+    """The mapping file that a node was started with.
+
+    Attributes
+    ----------
+    text : str
+        As it stands; empty without one.
+    mapping : Mapping or None
+    parameters : dict
+        That it states, see `parameters_of`.
+    """
+
+    text: str = ''
+    mapping: Mapping | None = None
+    parameters: dict[str, Any] = {}  # noqa: RUF012 - nobody writes into it
+
+    @classmethod
+    def given(cls, given: Names[str, Any]) -> SourceFile:
+        """Read the file that a node's parameter ``sources`` names; errors as `mapping_file.load`.
+
+        Parameters
+        ----------
+        given : mapping
+            Parameters that the node was started with.
+        """
+        if not given.get('sources'):
+            return cls()
+        text, mapping = mapping_file.read(Path(str(given['sources'])).expanduser())
+        return cls(text, mapping, parameters_of(mapping, given))
+
+    def about(self) -> dict[str, Any]:
+        """Return what the node's description says of it: the text, which a replay needs."""
+        return {'sources': self.text} if self.text else {}
 
 
 def parameters_of(mapping: Mapping, given: Names[str, Any]) -> dict[str, Any]:

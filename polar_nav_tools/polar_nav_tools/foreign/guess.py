@@ -11,7 +11,7 @@ import numpy as np
 
 from polar_nav_core.errors import PolarNavError
 from polar_nav_core.link.packet import Broadcast
-from polar_nav_ros.adapters.layouts import IMU, PACKET, POSITION, USBL
+from polar_nav_ros.adapters.layouts import FILTERED, IMU, PACKET, POSITION, USBL
 from polar_nav_ros.adapters.mapping import VERSION, Frame, PositionMapping, Stream
 
 from ..bags.reader import Topic
@@ -231,9 +231,19 @@ def _fixes(
             _frame(out, source, topic, 4)
             out.say('heights of fixes are not used; 3 uses them (those in ECEF always are)', 4)
             out.put('dimensions: 2', 4)
+            _filtered(out, topic)
         _delay(out, source, topic, reference, choices)
         out.say("sigma: [5.0, 5.0]   # horizontal, vertical [m], in place of the messages'", 4)
     out.put()
+
+
+def _filtered(out: Lines, topic: Topic) -> None:
+    if topic.type in FILTERED:
+        out.say(
+            'FILL IN over how long its errors resemble one another [s]: the time constant of', 4
+        )
+        out.say('the filter that made these positions; 0 where each is measured anew', 4)
+        out.put('correlation_s: FILL_IN', 4)
 
 
 def _packets(out: Lines, source: Source, topic: Topic, first: Broadcast) -> None:

@@ -67,11 +67,21 @@ class Loaded:
 @dataclass(frozen=True)
 class _Streams:
     imu: ImuRows
-    dvl: DvlRows | None
-    depth: DepthRows | None
+    dvls: tuple[DvlRows, ...]
+    depths: tuple[DepthRows, ...]
     fixes: tuple[FixRows, ...]
     initial: PositionRows | None
     truth: PositionRows | None
+
+    @property
+    def dvl(self) -> DvlRows | None:
+        """The only ones, or those of all after `_in_order`."""
+        return self.dvls[0] if self.dvls else None
+
+    @property
+    def depth(self) -> DepthRows | None:
+        """The only ones, or those of all after `_in_order`."""
+        return self.depths[0] if self.depths else None
 
 
 def load(source: Source, mapping: Mapping, accept: Iterable[str] = ()) -> Loaded:
@@ -158,12 +168,14 @@ def _read(source: Source, mapping: Mapping) -> _Streams:
         latitude_deg = _latitude_deg(where, fixes, latitude_deg)
     return _Streams(
         imu=read_imu(source, mapping.imu),
-        dvl=None
-        if mapping.dvl is None
-        else read_dvl(source, mapping.dvl, number('dvl_sigma'), number('water_sound_speed')),
-        depth=None
-        if mapping.depth is None
-        else read_depth(source, mapping.depth, number('depth_sigma'), latitude_deg),
+        dvls=tuple(
+            read_dvl(source, dvl, number('dvl_sigma'), number('water_sound_speed'))
+            for dvl in mapping.dvls
+        ),
+        depths=tuple(
+            read_depth(source, depth, number('depth_sigma'), latitude_deg)
+            for depth in mapping.depths
+        ),
         fixes=tuple(fixes),
         initial=where,
         truth=_truth(source, mapping, where),
@@ -196,8 +208,7 @@ def _latitude_deg(where: PositionRows | None, fixes: Sequence[FixRows], otherwis
 def check(streams: _Streams, mapping: Mapping) -> list[Finding]:
     """Look at everything that was read."""
     out: list[Finding] = []
-    sensors = [s for s in (streams.imu, streams.dvl, streams.depth) if s is not None]
-    for rows in sensors:
+    for rows in (streams.imu, *streams.dvls, *streams.depths):
         out += check_stamps(rows.topic, rows.stamps_ns, rows.log_ns)
     for one in streams.fixes:
         out += check_stamps(one.topic, one.stamps_ns, one.log_ns, delayed=True)
@@ -205,10 +216,10 @@ def check(streams: _Streams, mapping: Mapping) -> list[Finding]:
         out += check_stamps(streams.truth.topic, streams.truth.stamps_ns, streams.truth.log_ns)
     out += check_spans(*_times(streams, mapping))
     out += check_imu(streams.imu)
-    if streams.dvl is not None:
-        out += check_dvl(streams.dvl)
-    if streams.depth is not None:
-        out += check_depth(streams.depth)
+    for dvl in streams.dvls:
+        out += check_dvl(dvl)
+    for depth in streams.depths:
+        out += check_depth(depth)
     limit = mapping.params.get('max_delay_s', default_of(EngineParams, 'max_delay_s'))
     for one in streams.fixes:
         out += check_fixes(one, float(limit))
@@ -230,11 +241,8 @@ def _times(s: _Streams, mapping: Mapping) -> tuple[Times, list[Times]]:
     ) -> Times:
         return Times(rows.topic, rows.stamps_ns, rows.log_ns, stream.offset_ns, delayed)
 
-    others = []
-    if s.dvl is not None and mapping.dvl is not None:
-        others.append(times(s.dvl, mapping.dvl.stream))
-    if s.depth is not None and mapping.depth is not None:
-        others.append(times(s.depth, mapping.depth.stream))
+    sensors = zip((*s.dvls, *s.depths), (*mapping.dvls, *mapping.depths), strict=True)
+    others = [times(rows, one.stream) for rows, one in sensors]
     for rows, fix in zip(s.fixes, mapping.fixes, strict=True):
         others.append(times(rows, fix.position.stream, delayed=True))
     if s.truth is not None and mapping.truth is not None:
@@ -278,12 +286,29 @@ def _unstated(mapping: Mapping) -> list[Finding]:
 def _in_order(s: _Streams) -> _Streams:
     return _Streams(
         imu=_sorted(s.imu),
-        dvl=None if s.dvl is None else _sorted(s.dvl),
-        depth=None if s.depth is None else _sorted(s.depth),
+        dvls=_together(s.dvls),
+        depths=_together(s.depths),
         fixes=s.fixes,
         initial=None if s.initial is None else s.initial.sorted(),
         truth=None if s.truth is None else s.truth.sorted(),
     )
+
+
+def _together(several: tuple[_T, ...]) -> tuple[_T, ...]:
+    """All rows of sensors of one kind, by stamp; equal stamps in the order that a node counts."""
+    if len(several) < 2:
+        return tuple(_sorted(rows) for rows in several)
+    count = len(several)
+    numbers = [np.arange(len(rows.stamps_ns)) * count + i for i, rows in enumerate(several)]
+    order = np.argsort(np.concatenate(numbers))
+    changes: dict[str, Any] = {}
+    for name in vars(several[0]):
+        values = [getattr(rows, name) for rows in several]
+        if all(isinstance(value, np.ndarray) for value in values):
+            changes[name] = np.concatenate(values)[order]
+        elif name != 'topic':  # pressures, where not all have them
+            changes[name] = None
+    return (_sorted(replace(several[0], **changes)),)
 
 
 def _sorted(rows: _T) -> _T:
