@@ -30,6 +30,15 @@ AnyBagArgument = Annotated[
         callback=existing,
     ),
 ]
+MaybeBagArgument = Annotated[
+    Path | None,
+    typer.Argument(
+        metavar='[BAG]',
+        help='Folder of a bag, .mcap, .db3 or .bag file.',
+        show_default=False,
+        callback=lambda bag: None if bag is None else existing(bag),
+    ),
+]
 MsgPathOption = Annotated[
     Path | None,
     typer.Option(

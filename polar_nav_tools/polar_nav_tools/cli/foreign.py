@@ -4,24 +4,30 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from polar_nav_core.errors import ConfigError
 
 from .app import app, emit_json, require, say
-from .arguments import AnyBagArgument, MsgPathOption
+from .arguments import MaybeBagArgument, MsgPathOption
 from .choices import DVL_CLASSES, IMU_CLASSES, REFERENCES, STAMPS, one_of
+
+if TYPE_CHECKING:
+    from ..foreign.guess_noise import Choices
 
 JsonOption = Annotated[bool, typer.Option('--json', help='Print figures as JSON on stdout.')]
 import_app = typer.Typer(no_args_is_help=True, help='Make a bag of data that were never a bag.')
 app.add_typer(import_app, name='import')
 
 
-@app.command(name='map', epilog='Example: `./polar map cruise.bag > mapping.yaml`')
+@app.command(
+    name='map',
+    epilog='Example: `./polar map cruise.bag > mapping.yaml`, or `./polar map --live > ...`',
+)
 def map_(
-    bag: AnyBagArgument,
+    bag: MaybeBagArgument = None,
     imu: Annotated[
         str | None,
         typer.Option(
@@ -47,12 +53,21 @@ def map_(
         typer.Option('--clock', metavar=one_of(STAMPS), help='Where times of validity stand.'),
     ] = None,
     msg_path: MsgPathOption = None,
+    live: Annotated[
+        bool, typer.Option('--live', help='Listen to the running graph instead of a bag.')
+    ] = False,
+    seconds: Annotated[
+        float, typer.Option('--seconds', min=1.0, max=3600.0, help='How long --live listens.')
+    ] = 10.0,
 ) -> None:
-    """Guess which topic of a bag is what, and print a mapping for `polar replay --map`.
+    """Guess which topic is what, and print a mapping for `polar replay --map` and the nodes.
 
     Comments in it say what was guessed from what, and what has to be filled in by hand.
-    Instruments and clock that no option states are asked for on a terminal.
+    Instruments and clock that no option states are asked for on a terminal. With --live the topics
+    are those of the running graph, in the ROS domain of the shell.
     """
+    if live == (bag is not None):
+        raise typer.BadParameter('give a bag, or --live', param_hint='BAG')
     from polar_nav_ros.adapters.mapping import REFERENCES, STAMPS
     from polar_nav_ros.adapters.noise_classes import DVL_CLASSES, IMU_CLASSES
 
@@ -62,6 +77,15 @@ def map_(
     from ..foreign.sources import not_described, open_source
     from ..terminal.progress import opening_display
 
+    chosen = Choices(
+        imu=_chosen('--imu', imu, IMU_CLASSES),
+        dvl=_chosen('--dvl', dvl, DVL_CLASSES),
+        reference=_chosen('--reference', reference, REFERENCES),
+        clock=_chosen('--clock', clock, STAMPS),
+    )
+    if bag is None:
+        _map_live(chosen, seconds, msg_path)
+        return
     with opening_display(bag) as progress:
         source = open_source(bag, progress, msg_path=msg_path)
     for problem in source.problems:
@@ -69,13 +93,22 @@ def map_(
     missing = undecodable(not_described(source))
     if missing is not None:
         say(f'{bag}: {missing}')
-    chosen = Choices(
-        imu=_chosen('--imu', imu, IMU_CLASSES),
-        dvl=_chosen('--dvl', dvl, DVL_CLASSES),
-        reference=_chosen('--reference', reference, REFERENCES),
-        clock=_chosen('--clock', clock, STAMPS),
-    )
     sys.stdout.write(guess(source, chosen))
+
+
+def _map_live(chosen: Choices, seconds: float, msg_path: Path | None) -> None:
+    """Print a mapping of the running graph."""
+    from ..foreign.guess import guess
+    from ..foreign.listen import Listening
+    from ..terminal.progress import progress_display
+
+    with Listening() as listening:
+        with progress_display('listening', total=seconds, unit='s') as update:
+            heard = listening.hear(seconds, update, msg_path)
+        for note in heard.notes:
+            if 'not heard' in note or 'nothing came' in note:
+                say(note)
+        sys.stdout.write(guess(heard.source, chosen, heard.notes))
 
 
 def _chosen(option: str, given: str | None, options: tuple[str, ...]) -> str | None:

@@ -7,6 +7,8 @@ in degrees. What the data cannot tell is left to fill in, marked with ``FILL IN`
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from polar_nav_core.errors import PolarNavError
@@ -41,7 +43,9 @@ from .sources import Source, field_paths, not_described, read_table
 _DOWNWARD_DVL = ('marine_acoustic_msgs/msg/Dvl',)
 
 
-def guess(source: Source, choices: Choices | None = None) -> str:
+def guess(
+    source: Source, choices: Choices | None = None, heard: Sequence[str] | None = None
+) -> str:
     """Return a mapping of a bag as YAML with comments.
 
     Parameters
@@ -49,16 +53,22 @@ def guess(source: Source, choices: Choices | None = None) -> str:
     source : Source
     choices : Choices, optional
         What a person knows of the recording; what nobody said is marked FILL IN.
+    heard : sequence of str, optional
+        Of a running graph: sentences on its topics.
     """
     out = Lines()
     choices = choices or Choices()
-    out.say(
-        f'A mapping for `polar replay {source.path} --map THIS_FILE`, guessed from {source.kind}.'
-    )
+    use = f'polar replay {source.path} --map THIS_FILE'
+    kind = f'{source.kind}'
+    if heard is not None:
+        use, kind = 'follower_node ... -p sources:=THIS_FILE', 'a running graph'
+    out.say(f'A mapping for `{use}`, guessed from {kind}.')
     out.say('Every comment says what a guess rests on; what could not be found is marked FILL IN.')
     missing = undecodable(not_described(source))
     if missing is not None:
         out.say(missing)
+    for note in heard or ():
+        out.say(note)
     out.put()
     out.put(f'version: {VERSION}')
     topics = [t for t in source.topics.values() if t.count]
@@ -72,9 +82,9 @@ def guess(source: Source, choices: Choices | None = None) -> str:
     _sensor(out, source, 'depth', depth_of(mine), topics, times, choices)
     mine = _with_positions(out, source, mine)
     truth = best_position(mine, TRUTH_WORDS, require=True)
-    heard = packets_in(source, mine)
-    fixes = fixes_of(mine, truth, topics, list(heard))
-    _fixes(out, source, fixes, topics, times, choices, heard)
+    packets = packets_in(source, mine)
+    fixes = fixes_of(mine, truth, topics, list(packets))
+    _fixes(out, source, fixes, topics, times, choices, packets)
     start = truth or best_position([t for t in mine if t not in fixes], STATE_WORDS)
     if start is None:
         start = next((t for t in fixes if t.type in POSITION), None)
@@ -202,7 +212,7 @@ def _fixes(
     topics: list[Topic],
     reference: TopicTimes | None,
     choices: Choices,
-    heard: dict[Topic, Broadcast],
+    packets: dict[Topic, Broadcast],
 ) -> None:
     if not fixes:
         out.say('No topic looks like position fixes. FILL IN, or leave it out: the run drifts.')
@@ -219,8 +229,8 @@ def _fixes(
             out.put('leader_id: 1', 4)
             out.put('own_id: 2', 4)
             continue
-        if topic in heard:
-            _packets(out, source, topic, heard[topic])
+        if topic in packets:
+            _packets(out, source, topic, packets[topic])
             continue
         if topic.type == USBL:
             leader = best_position([t for t in topics if words(t, LEADER_WORDS)], STATE_WORDS)

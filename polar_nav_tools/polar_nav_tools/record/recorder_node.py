@@ -79,6 +79,11 @@ class RecorderNode(PolarNode[RecorderParams]):
         """Directory of the bag."""
         return self._path
 
+    @property
+    def skipped(self) -> dict[str, str]:
+        """Topics that are not recorded though nobody excluded them, each with the reason."""
+        return {name: why for name, why in self._skipped.items() if why != 'excluded'}
+
     def _open(self) -> Recording:
         p = self.params
         now = datetime.now(UTC)
