@@ -96,7 +96,7 @@ class OwnSession(NavigationSession[LeaderParams]):
     def __init__(self, params: LeaderParams, vehicle: str, sources: Sources | None = None) -> None:
         self._rates = LeaderEngine(params)
         readers: dict[str, Reader] = {topics.ABSOLUTE: convert.absolute_fix_from_msg}
-        sensors = (topics.IMU, topics.DVL, topics.DEPTH)
+        sensors: tuple[str, ...] = (topics.IMU, topics.DVL, topics.DEPTH)
         if sources is not None:
             readers |= {source.topic: source.event for source in sources}
             sensors = sources.sensors(sensors)

@@ -348,14 +348,17 @@ class Engine:
             reason = self.divergence or 'the filter has no state yet'
             return [self._receipt(fix, fix.receive_ns, Verdict.NOT_READY, reason)]
         gate = chi2_gate(self.configuration.gate_probability, 3 if fix.polar is None else 2)
+        stated = fix
+        if isinstance(self.fusion, Fusion):
+            fix = self.fusion.widened(fix)
         why = held(self.ledger.integrity, fix, self.fusion, gate)
         if why:
-            self.ledger.remember(fix, stated_ns, fused=False)
+            self.ledger.remember(stated, stated_ns, fused=False)
             return [self._receipt(fix, fix.receive_ns, Verdict.GATED, why)]
         since_ns = max(self._start_ns, self.fix_counts()[2])
         why = out_of_reach(self.params, fix, self.fusion, gate, since_ns)
         if why:
-            self.ledger.remember(fix, stated_ns, fused=False)
+            self.ledger.remember(stated, stated_ns, fused=False)
             self.ledger.suspect(Verdict.IMPLAUSIBLE, fix.receive_ns)
             return [self._receipt(fix, fix.receive_ns, Verdict.IMPLAUSIBLE, why)]
         result = self.fusion.fix(fix)
@@ -366,7 +369,7 @@ class Engine:
                 limit or f'the stored history reaches back {reach:.2f} s'
             )
             return [self._receipt(fix, fix.receive_ns, Verdict.TOO_OLD, reason)]
-        self.ledger.remember(fix, stated_ns, fused=result.outcome.fused)
+        self.ledger.remember(stated, stated_ns, fused=result.outcome.fused)
         if self.adaptation is not None:
             self._identified = self.adaptation.fix(fix, result.outcome, self.fusion)
         now_ns = self.fusion.stamp_ns

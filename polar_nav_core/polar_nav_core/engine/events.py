@@ -180,6 +180,8 @@ class Fix:
         ``covariance_e``; zero where they are not known or nothing is shared with other fixes.
     polar : PolarFix or None
         What a station measured, where the fix comes from one; then ``r_e`` is NaN.
+    delay_sigma : float
+        1-sigma of a time of validity that nobody states and that is another one each time [s].
     """
 
     validity_ns: int
@@ -199,6 +201,7 @@ class Fix:
     leader_heading_sigma: float = 0.0
     polar: PolarFix | None = None
     topic: str = PACKETS
+    delay_sigma: float = 0.0
 
     @property
     def stamp_ns(self) -> int:

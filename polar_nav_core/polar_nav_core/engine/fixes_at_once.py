@@ -89,6 +89,8 @@ class FixesAtOnce:
         for event in events:
             if not isinstance(event, Fix) or not ledger.integrity.quiet:
                 break
+            if event.delay_sigma > 0.0:  # widened by the velocity of then
+                break
             tick = event.validity_ns // TICK_NS % WRAP  # another of it may be a copy
             if tick in ticks:
                 break

@@ -59,6 +59,7 @@ def fixes_of(
             r_e=rows.r_e[k],
             covariance_e=covariance[k],
             topic=rows.topic,
+            delay_sigma=mapping.delay_sigma_s,
         )
         for k in np.flatnonzero(usable)
     )

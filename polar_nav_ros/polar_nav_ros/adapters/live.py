@@ -176,8 +176,9 @@ class Source:
             return found
         # Several of a role: each message has a number of its own, and the topic of its sensor.
         number = number * self.alike + self.index
-        topic = {'topic': self.topic} if self.index else {}
-        return replace(found, sequence=number, **topic)
+        if self.index:
+            return replace(found, sequence=number, topic=self.topic)
+        return replace(found, sequence=number)
 
 
 class Sources:

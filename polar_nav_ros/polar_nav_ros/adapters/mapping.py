@@ -140,6 +140,8 @@ class FixMapping:
     correlation_s : float
         Time over which errors of positions resemble one another, those of a filter [s]; 0: each
         is measured anew.
+    delay_sigma_s : float
+        1-sigma of a delay that varies and that nobody states [s].
     """
 
     position: PositionMapping
@@ -154,6 +156,7 @@ class FixMapping:
     dimensions: int = 3
     encoding: str = ''
     correlation_s: float = 0.0
+    delay_sigma_s: float = 0.0
 
     @classmethod
     def of_packets(cls, stream: Stream, source: str = 'modem', encoding: str = '') -> FixMapping:

@@ -335,6 +335,7 @@ def _fix(s: Section, *, level: bool) -> tuple[FixMapping, tuple[float, float, fl
         dimensions=dimensions,
         encoding=s.choice('encoding', ENCODINGS) if 'encoding' in s else '',
         correlation_s=s.number('correlation_s', 0.0, 0.0, 3600.0, 's'),
+        delay_sigma_s=s.number('delay_sigma_s', 0.0, 0.0, 60.0, 's'),
     )
     s.raw('encoding')
     if array is not None:

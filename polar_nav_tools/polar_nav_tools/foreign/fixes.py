@@ -182,6 +182,7 @@ def _usbl(
                 r_e=relative.vector,
                 covariance_e=covariance,
                 topic=stream.topic,
+                delay_sigma=mapping.delay_sigma_s,
             )
         )
     return FixRows(

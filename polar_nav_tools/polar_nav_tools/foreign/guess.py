@@ -287,7 +287,8 @@ def _delay(
     median = float(np.median(lag))
     if abs(median) < 0.05:
         out.say(f'recorded {median:.3g} s after their stamps: either the stamps are those of', 4)
-        out.say('arrival (then FILL IN time_offset_s: -DELAY), or there is no delay', 4)
+        out.say('arrival (then FILL IN time_offset_s: -DELAY, and delay_sigma_s where it', 4)
+        out.say('varies), or there is no delay', 4)
         return
     out.say(
         f'recorded {median:.3g} s after their stamps ({lag.min():.3g} to {lag.max():.3g} s):', 4

@@ -208,7 +208,8 @@ def _latitude_deg(where: PositionRows | None, fixes: Sequence[FixRows], otherwis
 def check(streams: _Streams, mapping: Mapping) -> list[Finding]:
     """Look at everything that was read."""
     out: list[Finding] = []
-    for rows in (streams.imu, *streams.dvls, *streams.depths):
+    sensors: list[ImuRows | DvlRows | DepthRows] = [streams.imu, *streams.dvls, *streams.depths]
+    for rows in sensors:
         out += check_stamps(rows.topic, rows.stamps_ns, rows.log_ns)
     for one in streams.fixes:
         out += check_stamps(one.topic, one.stamps_ns, one.log_ns, delayed=True)
@@ -241,8 +242,10 @@ def _times(s: _Streams, mapping: Mapping) -> tuple[Times, list[Times]]:
     ) -> Times:
         return Times(rows.topic, rows.stamps_ns, rows.log_ns, stream.offset_ns, delayed)
 
-    sensors = zip((*s.dvls, *s.depths), (*mapping.dvls, *mapping.depths), strict=True)
-    others = [times(rows, one.stream) for rows, one in sensors]
+    pings = zip(s.dvls, mapping.dvls, strict=True)
+    depths = zip(s.depths, mapping.depths, strict=True)
+    others = [times(rows, one.stream) for rows, one in pings]
+    others += [times(rows, one.stream) for rows, one in depths]
     for rows, fix in zip(s.fixes, mapping.fixes, strict=True):
         others.append(times(rows, fix.position.stream, delayed=True))
     if s.truth is not None and mapping.truth is not None:

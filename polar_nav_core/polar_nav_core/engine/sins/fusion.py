@@ -140,6 +140,18 @@ class Fusion:
         offset_G = np.einsum('ij,j->i', f.frames.C_e_G, offset_e)
         return offset_G, float(kf.nis_of(L, offset_G, np.zeros(3), 3))
 
+    def widened(self, fix: Fix) -> Fix:
+        """Fix whose covariance has what the vehicle moves in the 1-sigma of its delay.
+
+        An error dt of the time of validity displaces it by v dt, with the velocity v of then.
+        """
+        if fix.delay_sigma <= 0.0:
+            return fix
+        epoch = self.filter.history.before(fix.validity_ns)
+        v_e = self.filter.frames.velocity_e if epoch is None else epoch.velocity_e
+        moved = fix.delay_sigma * v_e
+        return replace(fix, covariance_e=fix.covariance_e + np.outer(moved, moved))
+
     def doubt_position(self, distance: float) -> None:
         """Let the position be off by ``distance`` [m], uncorrelated with everything else."""
         self.filter.doubt_position(distance)
