@@ -17,6 +17,8 @@ _FIRST: dict[str, Any] = {
     'accel_noise_density': 3.101e-07,
     'adaptive_ceiling': 1e300,
     'adaptive_floor': 0.5,
+    'align_heading': 'auto',
+    'align_window_s': 10.0,
     'autostart': True,
     'base_frame': '',
     'bottom_lock_pings': 3,
@@ -215,6 +217,7 @@ _SINCE: dict[int, dict[str, Any]] = {
         'max_specific_force': 60.0,
     },
     4: {
+        'initialize': 'auto',
         'model_doubt': 10.0,
         'max_imu_repeats': 5,
     },

@@ -106,7 +106,7 @@ def _without_process_noise(p: EngineParams) -> list[str]:
 
 
 def _large_angles(p: EngineParams) -> list[str]:
-    if p.initialize == 'service':
+    if p.initialize in ('service', 'alignment'):
         return []
     return [
         f'parameter {name}: {getattr(p, name)} deg is beyond the small-angle error model '

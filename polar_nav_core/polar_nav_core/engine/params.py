@@ -99,7 +99,18 @@ class EngineParams(IdentificationParams, StationParams, LimitParams):
     history_s: float = param(65.0, 's', 0.2, 130.0, 'Length of the stored history')
 
     initialize: str = choice(
-        'parameters', ('parameters', 'service'), 'Where the initial state comes from'
+        'auto',
+        ('auto', 'parameters', 'alignment', 'service'),
+        'Where the initial state comes from; auto: from parameters where latitude, longitude and '
+        'heading are stated, else from an alignment (docs/start.md)',
+    )
+    align_window_s: float = param(
+        10.0, 's', 1.0, 600.0, 'Alignment: time that gravity and measured headings are averaged'
+    )
+    align_heading: str = choice(
+        'auto',
+        ('auto', 'measured', 'gyrocompass', 'course'),
+        'Alignment: the only method whose heading counts; auto: the most certain one',
     )
     initial_latitude_deg: float = param(80.0, 'deg', -90.0, 90.0, 'Geodetic latitude')
     initial_longitude_deg: float = param(120.0, 'deg', -360.0, 360.0, 'Longitude')
@@ -339,8 +350,8 @@ class EngineParams(IdentificationParams, StationParams, LimitParams):
         return named
 
     def initial_state(self) -> InitialState | None:
-        """State to start from, or None when it comes by service."""
-        if self.initialize == 'service':
+        """State to start from, or None when it comes by service or from an alignment."""
+        if self.initialize in ('service', 'alignment'):
             return None
         return InitialState(
             latitude=math.radians(self.initial_latitude_deg),
