@@ -164,7 +164,7 @@ def test_a_gyrocompass_that_turns_is_refused():
     good = gyrocompass(omega, Tilt(0.0, 0.0), latitude, **kinds)
     assert not good.refusal
     assert good.heading == pytest.approx(0.0, abs=1e-12)
-    turning = gyrocompass(omega + [0.0, 0.0, 1e-4], Tilt(0.0, 0.0), latitude, **kinds)
+    turning = gyrocompass(omega + 1e-4, Tilt(0.0, 0.0), latitude, **kinds)
     assert 'not at rest' in turning.refusal
 
 

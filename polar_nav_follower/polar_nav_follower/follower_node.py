@@ -14,6 +14,8 @@
 | out nav/restore | polar_nav_msgs/Restore | the same; with a `state_file` |
 | out acomms/decoded | polar_nav_msgs/LeaderBroadcast | validity |
 | out acomms/station_decoded | polar_nav_msgs/StationFix | validity |
+| in set_pose, initialpose | geometry_msgs/PoseWithCovarianceStamped | not used |
+| out nav/start | diagnostic_msgs/DiagnosticArray | newest IMU sample; latched |
 | out nav/inputs | polar_nav_msgs/Inputs | newest arrival; with `sources` |
 | out nav/current, nav/model | polar_nav_msgs/WaterCurrent, VehicleModel | estimate, 1 Hz |
 | out nav/identification | polar_nav_msgs/Identification | place in the order of events |
@@ -38,7 +40,7 @@ from polar_nav_core.warm import telling, warm_node, warm_others
 from polar_nav_msgs.msg import AcousticPacket, LeaderBroadcast, StationFix
 from polar_nav_ros import topics
 from polar_nav_ros.adapters.live import Sources
-from polar_nav_ros.adapters.stated import SourceFile
+from polar_nav_ros.adapters.stated import SourceFile, settled, stated_of
 from polar_nav_ros.diagnostics import Diagnosis, Level
 from polar_nav_ros.live_outputs import LiveOutputs
 from polar_nav_ros.managed import ManagedNode
@@ -87,6 +89,8 @@ class FollowerNode(ManagedNode[FollowerParams]):
             self._store() if self.params.state_file else None,
             ports,
             self._live(navigation),
+            stated_of(self.params, self._stated_names(), mapping),
+            headings=sources is not None and any(s.has_heading for s in sources),
         )
         self._ports.silence(True)
 
@@ -100,6 +104,15 @@ class FollowerNode(ManagedNode[FollowerParams]):
         given = {name: p.value for name, p in self._parameter_overrides.items()}
         self._file = SourceFile.given(given)
         return self._file.parameters
+
+    def settled(self, params: FollowerParams) -> FollowerParams:
+        """Parameters with the origin of the initial state settled by what is stated of it."""
+        return settled(params, self._stated_names(), self._file.mapping)
+
+    def _stated_names(self) -> frozenset[str]:
+        """Parameters that the user stated, in the mapping file or at the start."""
+        mapping = self._file.mapping
+        return self.given() if mapping is None else self.given() | set(mapping.params)
 
     def about(self) -> dict[str, Any]:
         """The mapping file as it stands, which a replay needs."""

@@ -30,7 +30,7 @@ class Rig:
     """A follower node, someone who feeds it, and someone who listens."""
 
     def __init__(self, *parameters):
-        args = ['--ros-args', '-r', '__ns:=/follower']
+        args = ['--ros-args', '-r', '__ns:=/follower', '-p', 'initialize:=parameters']
         for parameter in parameters:
             args += ['-p', parameter]
         rclpy.init(args=args, domain_id=63)

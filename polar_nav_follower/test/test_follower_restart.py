@@ -37,7 +37,8 @@ class Life:
 
     def __init__(self, state_file):
         args = ['--ros-args', '-r', '__ns:=/follower', '-p', f'state_file:={state_file}']
-        rclpy.init(args=[*args, '-p', 'state_period_s:=1.0'], domain_id=64)
+        args += ['-p', 'initialize:=parameters', '-p', 'state_period_s:=1.0']
+        rclpy.init(args=args, domain_id=64)
         self.node = FollowerNode()
         self.peer = rclpy.create_node('peer', use_global_arguments=False)
         self.states, self.restored = [], []

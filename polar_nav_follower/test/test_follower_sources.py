@@ -255,9 +255,9 @@ def test_what_cannot_be_run_is_named_at_the_start(mapped, old, new, says):
         FollowerNode()
 
 
-def test_without_a_place_to_start_from_the_node_waits(mapped):
+def test_without_a_place_to_start_from_the_node_aligns(mapped):
     mapped.write_text(MAPPING.replace(f'initial_latitude_deg: {LATITUDE}', ''), encoding='utf-8')
     rclpy.init(args=['--ros-args', '-p', f'sources:={mapped}'], domain_id=DOMAIN)
     node = FollowerNode()
-    assert node.params.initialize == 'service'
+    assert node.params.initialize == 'alignment'
     node.destroy_node()

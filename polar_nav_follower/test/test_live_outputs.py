@@ -35,7 +35,7 @@ def ros(monkeypatch):
     nodes = []
 
     def start(*parameters):
-        args = ['--ros-args', '-r', '__ns:=/auv']
+        args = ['--ros-args', '-r', '__ns:=/auv', '-p', 'initialize:=parameters']
         for parameter in parameters:
             args += ['-p', parameter]
         rclpy.init(args=args, domain_id=20 + os.getpid() % 20)

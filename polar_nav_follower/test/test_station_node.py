@@ -31,6 +31,8 @@ def node(monkeypatch):
         'mode:=station',
         '-p',
         'configuration:=default',
+        '-p',
+        'initialize:=parameters',
     ]
     rclpy.init(args=args, domain_id=64)
     node = FollowerNode()

@@ -32,7 +32,7 @@ from polar_nav_core.warm import telling, warm_node
 from polar_nav_msgs.msg import AcousticPacket, LeaderBroadcast, UsblFix
 from polar_nav_ros import topics
 from polar_nav_ros.adapters.live import Sources
-from polar_nav_ros.adapters.stated import SourceFile
+from polar_nav_ros.adapters.stated import SourceFile, settled, stated_of
 from polar_nav_ros.diagnostics import Diagnosis, Level
 from polar_nav_ros.navigation_ports import NavigationPorts
 from polar_nav_ros.node import CountedPublisher, PolarNode
@@ -59,6 +59,15 @@ class LeaderNode(PolarNode[LeaderParams]):
             self._navigate()
         else:
             self._follow_odometry()
+
+    def settled(self, params: LeaderParams) -> LeaderParams:
+        """Parameters with the origin of the initial state settled by what is stated of it."""
+        return settled(params, self._stated_names(), self._file.mapping)
+
+    def _stated_names(self) -> frozenset[str]:
+        """Parameters that the user stated, in the mapping file or at the start."""
+        mapping = self._file.mapping
+        return self.given() if mapping is None else self.given() | set(mapping.params)
 
     def diagnose(self) -> Diagnosis:
         """Health with the numbers of packets and readings, and of the navigation."""
@@ -105,7 +114,8 @@ class LeaderNode(PolarNode[LeaderParams]):
         inputs: dict[str, type[Any]] = {topics.USBL: UsblFix}
         if sources is None:
             inputs[topics.ABSOLUTE] = NavSatFix
-        self._ports = NavigationPorts(self, own, inputs, _OUTPUTS, sources=ports)
+        stated = stated_of(self.params, self._stated_names(), mapping)
+        self._ports = NavigationPorts(self, own, inputs, _OUTPUTS, sources=ports, stated=stated)
 
     def _follow_odometry(self) -> None:
         odometry = session.OdometrySession(self.params, self.vehicle)

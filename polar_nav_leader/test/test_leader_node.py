@@ -44,7 +44,7 @@ class Rig:
     def __init__(self, params):
         usual = to_mapping(LeaderParams())
         changed = {k: v for k, v in to_mapping(params).items() if v != usual[k]}
-        args = ['--ros-args', '-r', '__ns:=/leader']
+        args = ['--ros-args', '-r', '__ns:=/leader', '-p', 'initialize:=parameters']
         for name, value in changed.items():
             args += ['-p', f'{name}:={value}']
         rclpy.init(args=args, domain_id=60 + os.getpid() % 20)

@@ -8,13 +8,34 @@ from polar_nav_core.engine.engine import Engine
 from polar_nav_core.engine.health.conditions import Condition, Culprit, Health, Level
 from polar_nav_msgs.msg import NavHealth
 
+from .diagnostics import Level as Worst
 from .stamps import to_msg
 
 SILENT_S = 2.0
 """An IMU that was silent for longer is an ERROR: nothing is estimated without it."""
 
 
-def health_to_msg(engine: Engine, stamp_ns: int, radius: float, imu_ns: int | None) -> NavHealth:
+_NAMES = {
+    NavHealth.STATUS_ALIGNING: 'waiting',
+    NavHealth.STATUS_NAVIGATING: 'navigating',
+    NavHealth.STATUS_DIVERGED: 'diverged',
+    NavHealth.STATUS_DEGRADED: 'degraded',
+    NavHealth.STATUS_LOST: 'lost',
+}
+
+
+def status_of(engine: Engine) -> tuple[str, Worst]:
+    """Name of an engine's status as of polar_nav_msgs/NavHealth, and its level."""
+    health = engine.health
+    level = Level.OK if health is None else health.level
+    status = _status(engine, health, level)
+    worst = Level.ERROR if status == NavHealth.STATUS_DIVERGED else level
+    return _NAMES[status], Worst(int(worst))
+
+
+def health_to_msg(
+    engine: Engine, stamp_ns: int, radius: float, imu_ns: int | None, waits_for: str = ''
+) -> NavHealth:
     """polar_nav_msgs/NavHealth of an engine at a stamp.
 
     Parameters
@@ -26,11 +47,13 @@ def health_to_msg(engine: Engine, stamp_ns: int, radius: float, imu_ns: int | No
         Horizontal 95 % radius of the published covariance [m]; NaN without an estimate.
     imu_ns : int or None
         Newest IMU sample; None before the first [ns].
+    waits_for : str
+        Sentence of a start that is not complete.
     """
     health = engine.health
     imu_age_s = math.nan if imu_ns is None else (stamp_ns - imu_ns) * 1e-9
     present = [p.condition for p in health.present] if health is not None else []
-    found = sorted([*_of_engine(engine, imu_age_s), *present], key=lambda c: -c.level)
+    found = sorted([*_of_engine(engine, imu_age_s, waits_for), *present], key=lambda c: -c.level)
     level = max((c.level for c in found), default=Level.OK)
     culprit = Culprit.NONE
     for condition in found:
@@ -51,12 +74,13 @@ def health_to_msg(engine: Engine, stamp_ns: int, radius: float, imu_ns: int | No
     return msg
 
 
-def _of_engine(engine: Engine, imu_age_s: float) -> list[Condition]:
+def _of_engine(engine: Engine, imu_age_s: float, waits_for: str) -> list[Condition]:
     """Conditions of the whole engine that the watchdog has no part in."""
     if engine.divergence:
         return [Condition('diverged', Level.ERROR, Culprit.UNEXPLAINED, engine.divergence)]
     if not engine.navigating:
-        return [Condition('no state', Level.WARN, Culprit.NONE, 'no state yet')]
+        sentence = f'no state yet{": " if waits_for else ""}{waits_for}'
+        return [Condition('no state', Level.WARN, Culprit.NONE, sentence)]
     found = []
     if imu_age_s > SILENT_S:
         sentence = f'no IMU sample for {imu_age_s:.0f} s: nothing is estimated'

@@ -90,7 +90,12 @@ class NavigationHealth:
         self._lost = 0
 
     def diagnose(
-        self, values: dict[str, object], *, behind_s: float = 0.0, lost: int = 0
+        self,
+        values: dict[str, object],
+        *,
+        behind_s: float = 0.0,
+        lost: int = 0,
+        waits_for: str = '',
     ) -> Diagnosis:
         """Present status.
 
@@ -102,6 +107,8 @@ class NavigationHealth:
             How long its newest input had waited [s]; 0 where that is no time.
         lost : int
             Inputs that were dropped before the node took them.
+        waits_for : str
+            What a start that is not complete waits for.
         """
         engine, integrity = self._engine, self._engine.integrity
         counted: dict[str, object] = {
@@ -118,7 +125,7 @@ class NavigationHealth:
         waiting = values.get('waiting', 0)
         others = sum(engine.verdicts.values()) + (waiting if isinstance(waiting, int) else 0)
         silent_s = self._silence.look(self._clock(), engine.last_imu_ns, others)
-        level, message = self._worst(integrity, silent_s)
+        level, message = self._worst(integrity, silent_s, waits_for)
         flood = self._flood(behind_s, lost)
         if flood:
             counted['flood'] = flood
@@ -141,12 +148,12 @@ class NavigationHealth:
             )
         return '; '.join(said)
 
-    def _worst(self, integrity: Integrity, silent_s: float) -> tuple[Level, str]:
+    def _worst(self, integrity: Integrity, silent_s: float, waits_for: str) -> tuple[Level, str]:
         engine = self._engine
         if engine.divergence:
             return Level.ERROR, engine.divergence
         if not engine.navigating:
-            return Level.WARN, _waiting(engine)
+            return Level.WARN, _waiting(engine, waits_for)
         if engine.behind_s:
             return Level.ERROR, (
                 f'IMU stamps are {engine.behind_s:.1f} s behind the newest: the clock stepped '
@@ -203,7 +210,7 @@ def _present(health: Health | None) -> dict[str, object]:
     return found
 
 
-def _waiting(engine: Engine) -> str:
+def _waiting(engine: Engine, waits_for: str) -> str:
     """Sentence about the missing input of a filter without a state."""
     refused = engine.verdicts[Verdict.NOT_FINITE]
     if refused and engine.params.mode == 'station':
@@ -211,7 +218,7 @@ def _waiting(engine: Engine) -> str:
             f'no state yet: {refused} messages were not finite, or had no attitude '
             '(orientation_covariance[0] of imu/data is -1); nav/receipt says which'
         )
-    return 'no state yet: waits for IMU data or ~/set_initial_state'
+    return f'no state yet: {waits_for}'
 
 
 def _numbers(integrity: Integrity) -> dict[str, object]:

@@ -11,6 +11,7 @@
 | out nav/clock | sensor_msgs/TimeReference | a clock stepped; a topic began |
 | out nav/command | polar_nav_msgs/Command | place in the order of events |
 | out nav/restore | polar_nav_msgs/Restore | the same; with a `state_file` |
+| out nav/start | diagnostic_msgs/DiagnosticArray | newest IMU sample; latched |
 | out nav/inputs | polar_nav_msgs/Inputs | newest arrival; with `sources` |
 | out nav/current, nav/model | polar_nav_msgs/WaterCurrent, VehicleModel | estimate, 1 Hz |
 | out nav/identification | polar_nav_msgs/Identification | place in the order of events |
@@ -34,6 +35,7 @@ from std_srvs.srv import Trigger
 from polar_nav_core.engine.events import CommandKind
 from polar_nav_core.engine.plausibility import initial_problem
 from polar_nav_core.engine.saved import pack
+from polar_nav_core.engine.start.model import Stated
 from polar_nav_msgs.msg import Command as CommandMsg
 from polar_nav_msgs.msg import FixReceipt, NavHealth, NavState
 from polar_nav_msgs.msg import InitialState as InitialStateMsg
@@ -55,8 +57,9 @@ from .services import add_map_services, add_switches
 from .source_ports import SourcePorts
 from .stamps import to_msg, to_ns
 from .standard_outputs import fix_of
+from .start_ports import StartPorts, inputs_of
 from .state_store import StateStore
-from .topics import CLOCK_STEP, COMMAND, FIX, HEALTH, ODOMETRY, RECEIPT, RESTORE, STATE
+from .topics import CLOCK_STEP, COMMAND, FIX, HEALTH, ODOMETRY, RECEIPT, RESTORE, RX, STATE
 
 LISTENER_WAIT_S = 2.0
 """Longest wait of a restarted node for a recorder of its restore [s]."""
@@ -79,6 +82,10 @@ class NavigationPorts:
         Subscriptions of a mapping file, in place of topics of the same name.
     live : LiveOutputs, optional
         Outputs at the newest IMU sample.
+    stated : Stated, optional
+        What the user stated of the initial state.
+    headings : bool
+        Whether a source measures the heading.
     """
 
     def __init__(
@@ -90,6 +97,8 @@ class NavigationPorts:
         store: StateStore | None = None,
         sources: SourcePorts | None = None,
         live: LiveOutputs | None = None,
+        stated: Stated | None = None,
+        headings: bool = False,
     ) -> None:
         self._node = node
         self._session = session
@@ -119,6 +128,15 @@ class NavigationPorts:
         self._command_count = 0
         self._imu_seen: tuple[int | None, float] = (None, time.monotonic())
         self._fix_second = -1
+        fixes = bool(sources.fixes or sources.has(RX)) if sources is not None else True
+        self._start = StartPorts(
+            node,
+            session,
+            stated or Stated(),
+            inputs_of(session, fixes=fixes, headings=headings),
+            lambda state: self._command(CommandKind.SET_INITIAL_STATE, initial_to_msg(state)),
+            lambda: ('', None) if live is None else (live.map, live.frame),
+        )
         imu, *others = session.sensors
         for topic, kind in {**{t: SENSORS[t] for t in others}, **inputs}.items():
             self._subscribe(kind, topic)
@@ -170,7 +188,9 @@ class NavigationPorts:
 
     def diagnose(self) -> Diagnosis:
         """Health with verdict counts, ages and the number of waiting events."""
-        self._publish(self._session.silence(self._silent_s()))
+        waits_for = self._start.waits_for
+        self._publish(self._session.silence(self._silent_s(), waits_for))
+        self._start.publish()
         waiting: dict[str, object] = {'waiting': self._session.reorder.pending}
         if self._store is not None:
             waiting['saved_state'] = self._store.status
@@ -179,7 +199,9 @@ class NavigationPorts:
         values |= {f'lost {topic}': count for topic, count in lost.items()}
         if self._sources is not None:
             self._sources.flush()
-        found = self._health.diagnose(values, behind_s=behind_s, lost=sum(lost.values()))
+        found = self._health.diagnose(
+            values, behind_s=behind_s, lost=sum(lost.values()), waits_for=waits_for
+        )
         return found if self._sources is None else self._sources.diagnosed(found)
 
     def _silent_s(self) -> float:
@@ -207,7 +229,7 @@ class NavigationPorts:
             self._send(message, stamp_ns)
 
     def _taker(self, topic: str) -> Callable[[Any], None]:
-        if self._store is None or topic != self._session.sensors[0]:
+        if topic != self._session.sensors[0]:
             return lambda message: self._publish(
                 self._session.take(topic, message, self._arrival_ns())
             )
@@ -215,6 +237,9 @@ class NavigationPorts:
 
         def take(message: Any) -> None:  # noqa: ANN401 - the topic's message type
             self._publish(self._session.take(topic, message, self._arrival_ns()))
+            self._start.follow()
+            if store is None:
+                return
             start_ns = self._session.reorder.start_ns
             newest_ns = self._session.reorder.newest_imu_ns
             if start_ns is not None and newest_ns is not None:
@@ -237,6 +262,7 @@ class NavigationPorts:
             message.saved_time = to_msg(saved.stamp_ns)
             self._restores.publish(message)
             self._publish(self._session.take(RESTORE, message))
+            self._start.over('saved state', f'{saved.away_s(stamp_ns):.1f} s old')
 
     def _publish(self, published: Iterable[Published]) -> None:
         for topic, message, data in published:
@@ -287,6 +313,8 @@ class NavigationPorts:
         initial = self._session.params.initial_state()
         message = InitialStateMsg() if initial is None else initial_to_msg(initial)
         response.message = self._command(CommandKind.RESET, message)
+        if not response.message:
+            self._start.again()
         response.success = not response.message
         return response
 
@@ -313,5 +341,7 @@ class NavigationPorts:
             response.message = initial_problem(initial) or self._command(
                 CommandKind.SET_INITIAL_STATE, request.initial_state
             )
+            if not response.message:
+                self._start.over('service')
         response.success = not response.message
         return response

@@ -35,6 +35,7 @@ from polar_nav_core.engine.events import (
 from polar_nav_core.engine.health.radius import radius_95
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.engine.reorder import Reorder
+from polar_nav_core.engine.start.model import Heading
 from polar_nav_core.identification.result import Identification
 from polar_nav_msgs.msg import Depth, Dvl, NavState, VehicleModel, WaterCurrent
 from polar_nav_msgs.msg import Identification as IdentificationMsg
@@ -128,6 +129,8 @@ class NavigationSession(Generic[P]):
     marks_starts : bool
         Publish on nav/clock the first message that is taken of each topic: a node that may be
         started again in the middle of a recording, so that a replay begins with the same ones.
+    hear : callable or None
+        Gets each event of a live message, and headings: an alignment listens. No replay has one.
     """
 
     def __init__(
@@ -146,6 +149,7 @@ class NavigationSession(Generic[P]):
         self.reorder = Reorder(self.engine, params.reorder_window_s, params.max_stamp_leap_s)
         self.taken: Counter[str] = Counter()
         self.marks_starts = False
+        self.hear: Callable[[Event | Heading], None] | None = None
         self._starts: list[Published] = []
         self.sensors = tuple(sensors)
         self._frame_id = frame_id
@@ -188,6 +192,8 @@ class NavigationSession(Generic[P]):
         event = self.event_of(topic, message)
         yield from self._before_event()
         if event is not None:
+            if self.hear is not None:
+                self.hear(event)
             yield from self._to_messages(self.reorder.add(event, arrival_ns))
 
     def _start_of(self, topic: str, message: Any) -> Iterator[Published]:  # noqa: ANN401
@@ -268,18 +274,21 @@ class NavigationSession(Generic[P]):
         radius = radius_95(np.reshape(state.position_covariance_g, (3, 3))[:2, :2])
         yield Published.of(HEALTH, health_to_msg(self.engine, stamp_ns, radius, stamp_ns))
 
-    def silence(self, silent_s: float) -> Iterator[Published]:
+    def silence(self, silent_s: float, waits_for: str = '') -> Iterator[Published]:
         """Message with the health at a time without estimates, once there was an IMU sample.
 
         Parameters
         ----------
         silent_s : float
             Since the newest IMU sample came, by the computer's clock [s]: clocks need not agree.
+        waits_for : str
+            What a start that is not complete waits for.
         """
         imu_ns = self.engine.last_imu_ns
         if imu_ns is not None and (silent_s > SILENT_S or not self.engine.navigating):
             now_ns = imu_ns + round(silent_s * NS)
-            yield Published.of(HEALTH, health_to_msg(self.engine, now_ns, math.nan, imu_ns))
+            message = health_to_msg(self.engine, now_ns, math.nan, imu_ns, waits_for)
+            yield Published.of(HEALTH, message)
 
     def _model(self, e: Estimate) -> Iterator[Published]:
         """Messages with model and current, once per second of stamp time."""

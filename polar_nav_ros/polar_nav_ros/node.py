@@ -133,7 +133,7 @@ class PolarNode(Node, Generic[P]):  # type: ignore[misc]
 
     def __init__(self, name: str, params_cls: type[P], **kwargs: Any) -> None:  # noqa: ANN401 - passed on to rclpy
         super().__init__(name, **kwargs)
-        self.params: P = load(self, params_cls, self.stated())
+        self.params: P = self.settled(load(self, params_cls, self.stated()))
         self.vehicle: str = self.get_namespace().strip('/')
         self._outputs: list[CountedPublisher] = []
         self._inputs: list[Input] = []
@@ -167,6 +167,14 @@ class PolarNode(Node, Generic[P]):  # type: ignore[misc]
     def stated(self) -> dict[str, Any]:
         """Values in place of the defaults of parameters, before those are declared; overridden."""
         return {}
+
+    def settled(self, params: P) -> P:
+        """Parameters as they are used and recorded; overridden by nodes that settle a choice."""
+        return params
+
+    def given(self) -> frozenset[str]:
+        """Names of the parameters that the node was started with."""
+        return frozenset(self._parameter_overrides)
 
     def about(self) -> dict[str, Any]:
         """What the node's description on /run_info says besides its parameters; overridden."""

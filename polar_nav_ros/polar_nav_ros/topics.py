@@ -41,6 +41,8 @@ IDENTIFICATION = 'nav/identification'
 CLOCK_STEP = 'nav/clock'
 """Steps of the clocks of a vehicle's topics, each with the message from which on it holds."""
 HEALTH = 'nav/health'
+START = 'nav/start'
+"""State of a node's start: what it waits for, and where its state is from; latched."""
 INPUTS = 'nav/inputs'
 """Which messages of mapped sources a follower used, in blocks."""
 FIX = 'nav/fix'
@@ -87,6 +89,7 @@ TYPES = {
     IDENTIFICATION: 'polar_nav_msgs/msg/Identification',
     CLOCK_STEP: 'sensor_msgs/msg/TimeReference',
     HEALTH: 'polar_nav_msgs/msg/NavHealth',
+    START: 'diagnostic_msgs/msg/DiagnosticArray',
     INPUTS: 'polar_nav_msgs/msg/Inputs',
     FIX: 'sensor_msgs/msg/NavSatFix',
     ODOMETRY: 'nav_msgs/msg/Odometry',

@@ -101,8 +101,8 @@ class EngineParams(IdentificationParams, StationParams, LimitParams):
     initialize: str = choice(
         'auto',
         ('auto', 'parameters', 'alignment', 'service'),
-        'Where the initial state comes from; auto: from parameters where latitude, longitude and '
-        'heading are stated, else from an alignment (docs/start.md)',
+        'Where the initial state comes from; auto: from parameters where latitude, longitude, '
+        'height and heading are stated, else from an alignment (docs/start.md)',
     )
     align_window_s: float = param(
         10.0, 's', 1.0, 600.0, 'Alignment: time that gravity and measured headings are averaged'

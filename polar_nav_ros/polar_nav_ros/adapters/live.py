@@ -17,11 +17,13 @@ from numpy.typing import NDArray
 
 from polar_nav_core.engine.events import Command, DepthSample, DvlPing, Event, Fix, ImuSample
 from polar_nav_core.engine.params import EngineParams
+from polar_nav_core.engine.start.model import Heading
 from polar_nav_core.errors import ConfigError
 
 from ..topics import DEPTH, DVL, IMU, RX
 from . import mapping as m
 from .fixes import fixes_of, level_height
+from .heading import heading_of
 from .layouts import USBL
 from .messages import Fields, get, stamp_ns_of
 from .packets import PacketRow, carries_packets, packet_of, require_room
@@ -71,6 +73,8 @@ class Source:
         Converts rows of one message to an event; None for a packet.
     fix : FixMapping, optional
         Of packets.
+    heading : HeadingMapping, optional
+        Of an IMU whose orientation is a heading.
     """
 
     def __init__(
@@ -81,6 +85,7 @@ class Source:
         role: str,
         read: Read | None,
         fix: m.FixMapping | None = None,
+        heading: m.HeadingMapping | None = None,
     ) -> None:
         self.index = index
         self.alike = 1
@@ -97,6 +102,7 @@ class Source:
         self.clock = SensorClock() if stream.clock == 'sensor' else None
         self._read = read
         self._fix = fix
+        self._heading = heading
         self._places: Places | None = None
         self._constants: Mapping[str, Any] = {}
 
@@ -147,6 +153,17 @@ class Source:
             return None
         self.read += 1
         return row
+
+    @property
+    def has_heading(self) -> bool:
+        """Whether its messages hold a heading that an alignment may use."""
+        return self._heading is not None
+
+    def heading(self, taken: Taken) -> Heading | None:
+        """Heading in a message; None where it holds none."""
+        if self._heading is None:
+            return None
+        return heading_of(taken.message, taken.stamp_ns, self._heading, self.stream.topic)
 
     def event(self, taken: Taken, number: int) -> Event | None:
         """Event of a message; None for one that holds no position, or cannot be read."""
@@ -202,7 +219,8 @@ class Sources:
         if any(mapping.imu.lever_b):
             raise _not_live(mapping, 'imu: lever_b', 'the IMU must be at base_link')
         self._all: list[Source] = []
-        self._add(IMU, mapping.imu.stream, 'imu', lambda rows: _sample(rows, mapping.imu))
+        imu = mapping.imu
+        self._add(IMU, imu.stream, 'imu', lambda rows: _sample(rows, imu), heading=imu.heading)
         for dvl in mapping.dvls:
             self._add_one_of(
                 DVL, dvl.stream, 'velocity', partial(_ping, mapping=dvl, params=params)
@@ -252,10 +270,11 @@ class Sources:
         role: str,
         read: Read | None,
         fix: m.FixMapping | None = None,
+        heading: m.HeadingMapping | None = None,
     ) -> None:
         fixes = sum(s.role in ('position', 'packet') for s in self._all)
         index = fixes if role in ('position', 'packet') else 0
-        self._all.append(Source(index, topic, stream, role, read, fix))
+        self._all.append(Source(index, topic, stream, role, read, fix, heading))
 
     def _add_fix(self, mapping: m.Mapping, fix: m.FixMapping, params: EngineParams) -> None:
         stream = fix.position.stream

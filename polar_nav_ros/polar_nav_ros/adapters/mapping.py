@@ -21,6 +21,7 @@ VERSION = 2
 """Of mapping files; it counts up when a key comes to mean something else. Since 2, fixes without
 `dimensions` are two-dimensional unless `sigma` states a vertical one."""
 REFERENCES = ('bottom', 'water')
+HEADING_REFERENCES = ('true', 'grid')
 STAMPS = ('header', 'log')
 CLOCKS = ('host', 'sensor', 'log')
 ENCODINGS = ('hex', 'base64')
@@ -54,6 +55,28 @@ class Stream:
 
 
 @dataclass(frozen=True)
+class HeadingMapping:
+    """The orientation of an AHRS as a heading.
+
+    Attributes
+    ----------
+    reference : str
+        ``true`` or ``grid`` north.
+    frame : str
+        Axes that the orientation is in: ``enu`` (REP-103) or ``ned``.
+    sigma_deg : float or None
+        In place of what the messages state, slow errors included.
+    C_s_b : (3, 3) array
+        From the axes that the orientation speaks of to the body's.
+    """
+
+    reference: str
+    frame: str
+    sigma_deg: float | None
+    C_s_b: Array
+
+
+@dataclass(frozen=True)
 class ImuMapping:
     """An IMU: C_s_b takes its axes to the body's; lever_b is from base_link to it [m]."""
 
@@ -62,6 +85,7 @@ class ImuMapping:
     gyro_scale: float
     accel_scale: float
     lever_b: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    heading: HeadingMapping | None = None
 
 
 @dataclass(frozen=True)

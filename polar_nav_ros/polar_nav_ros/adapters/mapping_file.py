@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from polar_nav_core.arrays import Array
 from polar_nav_core.depth import STANDARD_ATMOSPHERE
 from polar_nav_core.dvl import SOUND_SPEED_LIMITS
 from polar_nav_core.engine.params import EngineParams
@@ -21,6 +22,7 @@ from .mapping import (
     CLOCKS,
     ENCODINGS,
     GYRO_UNITS,
+    HEADING_REFERENCES,
     LENGTH_UNITS,
     POSITION_FRAMES,
     PRESSURE_UNITS,
@@ -32,6 +34,7 @@ from .mapping import (
     DvlMapping,
     FixMapping,
     Frame,
+    HeadingMapping,
     ImuMapping,
     InitialMapping,
     Mapping,
@@ -188,12 +191,14 @@ def _imu(s: Section, params: dict[str, Any]) -> ImuMapping:
     if 'sample' in s:
         params['imu_sample'] = s.choice('sample', ('mean', 'instant'))
     s.raw('sample')
+    stream, C_s_b = stream_of(s), s.rotation()
     mapping = ImuMapping(
-        stream=stream_of(s),
-        C_s_b=s.rotation(),
+        stream=stream,
+        C_s_b=C_s_b,
         gyro_scale=GYRO_UNITS[s.choice('gyro_unit', tuple(GYRO_UNITS), 'rad/s')],
         accel_scale=ACCEL_UNITS[s.choice('accel_unit', tuple(ACCEL_UNITS), 'm/s^2')],
         lever_b=s.numbers('lever_b', (0.0, 0.0, 0.0), -100.0, 100.0, 'm'),
+        heading=_heading(s, C_s_b),
     )
     s.done()
     return mapping
@@ -205,6 +210,20 @@ def _several(top: Section, key: str) -> list[Section]:
         return top.sections(key)
     one = top.section(key)
     return [] if one is None else [one]
+
+
+def _heading(s: Section, C_s_b: Array) -> HeadingMapping | None:
+    """Orientation of the IMU's messages as a heading, if its reference is stated."""
+    if 'heading_reference' not in s:
+        return None
+    # The word is a truth value to YAML.
+    true = s.raw('heading_reference') is True
+    return HeadingMapping(
+        reference='true' if true else s.choice('heading_reference', HEADING_REFERENCES),
+        frame=s.choice('heading_frame', ('enu', 'ned'), 'enu'),
+        sigma_deg=s.optional('heading_sigma_deg', 1e-3, 180.0, 'deg'),
+        C_s_b=C_s_b,
+    )
 
 
 def _lever(top: Section, key: str, sections: list[Section], params: dict[str, Any]) -> None:

@@ -141,6 +141,8 @@ def build_graph(mission: Mission, options: GraphOptions) -> Graph:
     if options.respawn:
         nodes = [_respawning(spec, options) for spec in nodes]
         recorded |= topics.of_vehicle(follower, (topics.RESTORE,))
+    if not lockstep:  # its times are those of the computer
+        recorded |= topics.of_vehicle(follower, (topics.START,))
     nodes += _recorder_node(recorded, options)
     heard = 'lockstep' if lockstep else 'presence'
     nodes = [replace(s, parameters={**s.parameters, heard: True}) for s in nodes]

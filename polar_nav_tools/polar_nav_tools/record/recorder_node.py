@@ -24,7 +24,7 @@ from polar_nav_core.errors import ConfigError
 from polar_nav_ros.diagnostics import Diagnosis, Level
 from polar_nav_ros.node import DATA_QOS, QUEUE_DEPTH, PolarNode
 from polar_nav_ros.process import run
-from polar_nav_ros.topics import DIAGNOSTICS, RUN_INFO
+from polar_nav_ros.topics import DIAGNOSTICS, RUN_INFO, START
 
 from ..bags.errors import BagError
 from ..bags.qos import Qos, request_for
@@ -139,7 +139,7 @@ class RecorderNode(PolarNode[RecorderParams]):
         if previous is not None:
             source.count = previous.count
             self.destroy_subscription(previous.subscription)
-        if topic not in UNCOUNTED:
+        if topic not in UNCOUNTED and not topic.endswith(f'/{START}'):  # nor is what is latched
             self.count_input(source)
 
     def _look_around(self) -> None:
