@@ -13,11 +13,20 @@ from typing import Any
 import numpy as np
 
 from polar_nav_core.attitude import euler_from_matrix, exp, grid_heading, log, matrix_from_euler
-from polar_nav_core.earth import ecef_from_geodetic, geodetic_from_ecef
+from polar_nav_core.earth import geodetic_from_ecef
 from polar_nav_core.engine.events import Array
 from polar_nav_core.engine.params import EngineParams
+from polar_nav_core.engine.start.gyrocompass import gyrocompass
+from polar_nav_core.engine.start.level import (
+    REST_FORCE,
+    REST_RATE,
+    Tilt,
+    at_rest,
+    spread,
+    tilt_of,
+)
 from polar_nav_core.errors import ConfigError
-from polar_nav_core.grid import convergence, earth_rate, ecef_to_grid
+from polar_nav_core.grid import convergence, ecef_to_grid
 from polar_nav_core.params import default_of
 from polar_nav_ros.adapters.arrays import finite_rows
 from polar_nav_ros.adapters.mapping import InitialMapping
@@ -30,9 +39,7 @@ from .findings import finding
 from .levelling import gravity_at_start
 
 _LEVEL = ('initial_roll_deg', 'initial_pitch_deg')
-_REST_RATE, _REST_FORCE = 0.02, 0.3
-"""Largest RMS about the mean at rest [rad/s], [m/s^2]."""
-_WORST_GYROCOMPASS_DEG = 10.0
+_G = 9.81
 _NEAR_NS = 5_000_000_000
 """A ping further from the start says nothing of the velocity there."""
 _NOWHERE = np.zeros(3)
@@ -179,12 +186,10 @@ def _levelled(
     mean, known = f.mean(axis=0), True
     if not aligned:
         mean, known = gravity_at_start(imu.stamps_ns[rest], omega, f, dvl, dvl_from_imu_b)
-    pitch = math.atan2(-mean[0], math.hypot(mean[1], mean[2]))
-    roll = math.atan2(mean[1], mean[2])
+    roll, pitch = tilt_of(mean)
     values = {'initial_roll_deg': math.degrees(roll), 'initial_pitch_deg': math.degrees(pitch)}
     if not known:
-        spread = float(np.sqrt(np.mean(np.sum((f - f.mean(axis=0)) ** 2, axis=1))))
-        tilt = math.degrees(spread / float(np.linalg.norm(mean)))
+        tilt = math.degrees(spread(f) / float(np.linalg.norm(mean)))
         values['initial_sigma_tilt_deg'] = max(START_SIGMAS['initial_sigma_tilt_deg'], tilt)
     findings = list(_motion(imu, first_ns, f, omega)) if aligned else []
     if mapping.heading_from == 'gyrocompass':
@@ -196,9 +201,8 @@ def _levelled(
 
 
 def _motion(imu: ImuRows, first_ns: int, f: Array, omega: Array) -> list[Finding]:
-    rate = float(np.sqrt(np.mean(np.sum((omega - omega.mean(axis=0)) ** 2, axis=1))))
-    force = float(np.sqrt(np.mean(np.sum((f - f.mean(axis=0)) ** 2, axis=1))))
-    if rate <= _REST_RATE and force <= _REST_FORCE:
+    rate, force = spread(omega), spread(f)
+    if at_rest(rate, force):
         return []
     return [
         finding(
@@ -208,8 +212,8 @@ def _motion(imu: ImuRows, first_ns: int, f: Array, omega: Array) -> list[Finding
             first_ns,
             len(f),
             rate,
-            f'RMS about the mean is {rate:.3g} rad/s and {force:.3g} m/s^2 (limits {_REST_RATE} '
-            f'and {_REST_FORCE}): the vehicle is not at rest during rest_s',
+            f'RMS about the mean is {rate:.3g} rad/s and {force:.3g} m/s^2 (limits {REST_RATE} '
+            f'and {REST_FORCE}): the vehicle is not at rest during rest_s',
         )
     ]
 
@@ -223,37 +227,32 @@ def _gyrocompass(
     roll: float,
     pitch: float,
 ) -> tuple[list[Finding], dict[str, Any]]:
-    """Heading from the direction of the earth's rate, with its sigma.
-
-    ``sigma = hypot(bias, N / sqrt(T)) / (Omega cos(lat))``: near a pole little of the earth's rate
-    is horizontal, and a low-cost gyro's bias hides it.
-    """
+    """Heading from the direction of the Earth's rate, with its sigma, as of a live start."""
     lat = math.radians(float(where['initial_latitude_deg']))
     lon = math.radians(float(where['initial_longitude_deg']))
     bias = float(where.get('gyro_bias_sigma', default_of(EngineParams, 'gyro_bias_sigma')))
     noise = float(where.get('gyro_noise_density', default_of(EngineParams, 'gyro_noise_density')))
-    C_b_level = matrix_from_euler(0.0, pitch, roll)
-    level = C_b_level @ omega.mean(axis=0)
-    total = np.linalg.norm(earth_rate(ecef_from_geodetic(lat, lon, 0.0)))
-    horizontal = float(total) * math.cos(lat)
-    sigma = math.degrees(math.hypot(bias, noise / math.sqrt(mapping.rest_s)) / horizontal)
-    heading = math.degrees(math.atan2(level[1], level[0]) - float(convergence(lat, lon)))
+    accel = float(where.get('accel_bias_sigma', default_of(EngineParams, 'accel_bias_sigma')))
+    found = gyrocompass(
+        omega.mean(axis=0),
+        Tilt(roll, pitch),
+        lat,
+        bias=bias,
+        noise=noise / math.sqrt(mapping.rest_s),
+        tilt_sigma=accel / _G,
+        v_sigma=0.0,  # the mapping states that it rests
+    )
+    heading = math.degrees(found.heading - float(convergence(lat, lon)))
+    sigma = math.degrees(found.sigma)
     values = {
         'initial_grid_heading_deg': math.remainder(heading, 360.0),
         'initial_sigma_heading_deg': min(max(sigma, 1e-7), 180.0),
     }
-    if sigma <= _WORST_GYROCOMPASS_DEG:
+    if not found.refusal:
         return [], values
+    said = f'{found.refusal}: state heading_deg'
     uncertain = finding(
-        'gyrocompass',
-        Severity.SEVERE,
-        imu.topic,
-        first_ns,
-        len(omega),
-        sigma,
-        f'at latitude {math.degrees(lat):.2f} deg {horizontal:.3g} rad/s of the earth rate are '
-        f'horizontal; with gyro_bias_sigma {bias:.3g} rad/s heading is good to {sigma:.3g} deg '
-        f'(limit {_WORST_GYROCOMPASS_DEG:g} deg): state heading_deg',
+        'gyrocompass', Severity.SEVERE, imu.topic, first_ns, len(omega), sigma, said
     )
     return [uncertain], values
 
