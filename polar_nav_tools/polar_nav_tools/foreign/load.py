@@ -23,6 +23,7 @@ from polar_nav_ros.adapters.sensors import DepthRows, DvlRows, ImuRows
 
 from ..bags.finding import Finding, Severity
 from ..series.vehicle import TruthSeries
+from .aligned import align, must_align
 from .check_imu import check_imu
 from .check_path import check_path
 from .check_stamps import Times, check_spans, check_stamps
@@ -113,24 +114,30 @@ def load(source: Source, mapping: Mapping, accept: Iterable[str] = ()) -> Loaded
         findings += check_path(ordered.truth, ordered.dvl)
         _refuse(source, findings, accepted)
     stated = dict(mapping.params)
-    start = find_start(
-        mapping.initial,
-        mapping.place,
-        stated,
-        ordered.imu,
-        ordered.dvl,
-        ordered.initial,
-        dvl_from_imu_b=_dvl_from_imu(mapping),
-    )
+    aligned = must_align(mapping)
+    if aligned:
+        start = align(mapping, _inputs(ordered, int(ordered.imu.stamps_ns[0]), None))
+    else:
+        start = find_start(
+            mapping.initial,
+            mapping.place,
+            stated,
+            ordered.imu,
+            ordered.dvl,
+            ordered.initial,
+            dvl_from_imu_b=_dvl_from_imu(mapping),
+        )
     findings += start.findings
     _refuse(source, findings, accepted)
     for fix in mapping.fixes:
         stated.setdefault('leader_id', fix.leader_id)
         stated.setdefault('own_id', fix.own_id)
+    # What is stated of the start wins; an alignment has heeded it already, each with its sigma.
+    values = {**stated, **start.values} if aligned else {**start.values, **stated}
     return Loaded(
         source=source,
         mapping=mapping,
-        params=from_mapping(FollowerParams, {**start.values, **stated}),
+        params=from_mapping(FollowerParams, values),
         inputs=_inputs(ordered, start.stamp_ns, mapping.initial.position),
         truth=truth_of(ordered.truth, mapping.vehicle),
         findings=tuple(findings),
