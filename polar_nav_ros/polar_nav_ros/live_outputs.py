@@ -105,11 +105,6 @@ class LiveOutputs:
         elif initial is not None:
             self._frame_at(initial.latitude, initial.longitude)  # refused at once if at all
 
-    @property
-    def frame(self) -> LocalFrame | None:
-        """Map frame; None before it has an origin."""
-        return self._frame
-
     def _broadcaster(self, node: Node) -> Broadcaster | None:
         if not self._p.publish_tf:
             return None

@@ -128,7 +128,7 @@ class NavigationPorts:
         self._command_count = 0
         self._imu_seen: tuple[int | None, float] = (None, time.monotonic())
         self._fix_second = -1
-        fixes = bool(sources.fixes or sources.has(RX)) if sources is not None else True
+        fixes = sources is None or sources.fixes
         self._start = StartPorts(
             node,
             session,
@@ -148,7 +148,7 @@ class NavigationPorts:
         node.create_service(SetInitialState, '~/set_initial_state', self._on_set_initial_state)
         if session.with_model:
             node.create_service(Trigger, '~/identify', self._on_identify)
-        add_switches(node, (*others, *inputs, *(sources.fixes if sources else ())), self._switch)
+        add_switches(node, (*others, *inputs, *(sources.beside if sources else ())), self._switch)
         if live is not None:
             add_map_services(node, lambda: live.frame, live.map)
         node.get_logger().info(

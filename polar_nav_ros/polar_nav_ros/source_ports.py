@@ -102,6 +102,11 @@ class SourcePorts:
         """Topics of the session that only a mapping brings."""
         return self._sources.beside
 
+    @property
+    def fixes(self) -> bool:
+        """Whether a source brings positions or packets."""
+        return any(s.role in ('position', 'packet') for s in self._sources)
+
     def has(self, topic: str) -> bool:
         """Whether a source stands for a topic of the session."""
         return self._sources.of(topic) is not None

@@ -11,7 +11,8 @@ import typer
 from polar_nav_core.errors import ConfigError
 
 from .app import app, emit_json, require, say
-from .bags import BagArgument, JsonOption, MsgPathOption, VehicleOption, opened, percent
+from .arguments import MsgPathOption
+from .bags import BagArgument, JsonOption, VehicleOption, opened, percent
 from .choices import FRAMES, one_of
 
 if TYPE_CHECKING:
