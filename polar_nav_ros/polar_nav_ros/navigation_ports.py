@@ -59,7 +59,7 @@ from .stamps import to_msg, to_ns
 from .standard_outputs import fix_of
 from .start_ports import StartPorts, inputs_of
 from .state_store import StateStore
-from .topics import CLOCK_STEP, COMMAND, FIX, HEALTH, ODOMETRY, RECEIPT, RESTORE, RX, STATE
+from .topics import CLOCK_STEP, COMMAND, FIX, HEALTH, ODOMETRY, RECEIPT, RESTORE, STATE
 
 LISTENER_WAIT_S = 2.0
 """Longest wait of a restarted node for a recorder of its restore [s]."""

@@ -26,9 +26,12 @@ from foreign_worlds import (
 from foreign_worlds import aiding_columns as aiding
 
 from polar_nav_core.engine.params import EngineParams
+from polar_nav_core.engine.sins.leader import LeaderError
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.params import default_of
 from polar_nav_ros.adapters import mapping_file, noise_classes
+from polar_nav_ros.adapters.fixes import fixes_of, sigma_covariance
+from polar_nav_ros.adapters.position import PositionRows
 from polar_nav_ros.adapters.section import Section
 from polar_nav_sim.sensors import instruments
 from polar_nav_sim.sensors.imu import DPH
@@ -167,6 +170,57 @@ def test_fixes_are_2_d_from_version_2_on(version: int, stated: Any, dimensions: 
     top = mapping() | {'version': version, 'fixes': {'topic': '/fix'} | stated}
     (fix,) = mapping_file.from_section(Section('m', top)).fixes
     assert fix.dimensions == dimensions
+
+
+def test_a_slow_error_of_fixes_is_one_that_they_share() -> None:
+    slow = {'topic': '/fix', 'slow_sigma': 2.0, 'correlation_s': 60}
+    parsed = mapping_file.from_section(Section('m', mapping() | {'fixes': slow}))
+    assert parsed.fixes[0].slow_sigma == 2.0
+    assert parsed.params['leader_error_tau'] == 60.0
+    r_e = np.array([[6378137.0, 0.0, 0.0]])
+    rows = PositionRows(
+        topic='/fix',
+        type='',
+        stamps_ns=np.array([10**9]),
+        log_ns=np.array([10**9]),
+        r_e=r_e,
+        C_b_G=np.full((1, 3, 3), np.nan),
+        v_G=np.full((1, 3), np.nan),
+        covariance_e=sigma_covariance((1.0, 3.0), r_e),
+        given=np.array([True]),
+        plausible=np.array([True]),
+        stated=True,
+    )
+    (fix,) = fixes_of(parsed.fixes[0], rows)
+    assert fix.leader_sigma == 2.0
+    np.testing.assert_allclose(fix.covariance_e, np.diag([9.0, 5.0, 5.0]), atol=1e-9)
+    split = LeaderError(60.0).split(fix)
+    np.testing.assert_allclose(split.covariance_e, np.diag([9.0, 1.0, 1.0]), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ('fixes', 'parameters', 'says'),
+    [
+        ([{'slow_sigma': 2.0}], {}, 'slow_sigma: goes with correlation_s'),
+        ([{'correlation_s': 60.0}], {}, 'slow_sigma: goes with correlation_s'),
+        ([{'slow_sigma': 2.0, 'correlation_s': 60.0}, {}], {}, 'goes with one source of fixes'),
+        (
+            [{'slow_sigma': 2.0, 'correlation_s': 60.0}],
+            {'leader_error_tau': 60.0},
+            'stated among parameters, too',
+        ),
+        (
+            [{'slow_sigma': 2.0, 'correlation_s': 60.0}],
+            {'usbl_bias_sigma': 1.0},
+            'does not go with usbl_bias_sigma',
+        ),
+    ],
+)
+def test_a_slow_error_is_stated_once_and_whole(fixes: Any, parameters: Any, says: str) -> None:
+    sections = [{'topic': f'/fix{k}'} | one for k, one in enumerate(fixes)]
+    top = mapping() | {'fixes': sections, 'parameters': parameters}
+    with pytest.raises(ConfigError, match=says):
+        mapping_file.from_section(Section('m', top))
 
 
 @pytest.mark.parametrize(

@@ -264,7 +264,7 @@ def test_live_events_are_those_of_the_recording_read_offline(tmp_path: Path, rot
     for role in ('imu', 'dvl'):
         top[role]['rotation'] = rotation
     top['dvl']['clock'] = 'sensor'
-    top['fixes'][0]['delay_s'] = 8.0
+    top['fixes'][0] |= {'delay_s': 8.0, 'slow_sigma': 1.5, 'correlation_s': 60.0}
     top['accept'] = ['gravity_sign', 'gravity_direction', 'gyro_units', 'gyro_sign', 'gap']
     parsed = mapping_file.parse(yaml.safe_dump(top), 'mapping')
     inputs = load(open_source(path), parsed).inputs

@@ -60,6 +60,7 @@ def fixes_of(
             covariance_e=covariance[k],
             topic=rows.topic,
             delay_sigma=mapping.delay_sigma_s,
+            leader_sigma=mapping.slow_sigma,
         )
         for k in np.flatnonzero(usable)
     )
@@ -105,11 +106,15 @@ def sigma_covariance(sigma: tuple[float, float], r_e: Array) -> Array:
 
 def _stated(mapping: FixMapping, rows: PositionRows) -> Array:
     if mapping.sigma is None:
-        return rows.covariance_e
-    horizontal, vertical = mapping.sigma
-    return sigma_covariance(
-        (horizontal, vertical if mapping.dimensions == 3 else LEVEL_SIGMA), rows.r_e
-    )
+        own: Array = rows.covariance_e
+    else:
+        horizontal, vertical = mapping.sigma
+        level = mapping.dimensions == 2
+        own = sigma_covariance((horizontal, LEVEL_SIGMA if level else vertical), rows.r_e)
+    if mapping.slow_sigma == 0.0:
+        return own
+    # The engine takes what is shared out of the whole again.
+    return own + sigma_covariance((mapping.slow_sigma, 0.0), rows.r_e)
 
 
 def _received(mapping: FixMapping, stamps_ns: Stamps, log_ns: Stamps) -> Stamps:

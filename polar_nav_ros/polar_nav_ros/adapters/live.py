@@ -281,6 +281,8 @@ class Sources:
         if stream.type == USBL:
             raise _not_live(mapping, stream.topic, 'a UsblFix needs the track of its leader')
         if carries_packets(stream):
+            if fix.slow_sigma:
+                raise _not_live(mapping, stream.topic, 'slow_sigma: packets come with their own')
             require_room(stream, stream.type, mapping.place)
             self._add(RX, stream, 'packet', None, fix)
             return

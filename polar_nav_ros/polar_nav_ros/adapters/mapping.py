@@ -166,6 +166,9 @@ class FixMapping:
         is measured anew.
     delay_sigma_s : float
         1-sigma of a delay that varies and that nobody states [s].
+    slow_sigma : float
+        1-sigma per horizontal axis of an error that fixes share with those before, besides
+        ``sigma`` [m]; how long they do is the engine's ``leader_error_tau``.
     """
 
     position: PositionMapping
@@ -181,6 +184,7 @@ class FixMapping:
     encoding: str = ''
     correlation_s: float = 0.0
     delay_sigma_s: float = 0.0
+    slow_sigma: float = 0.0
 
     @classmethod
     def of_packets(cls, stream: Stream, source: str = 'modem', encoding: str = '') -> FixMapping:

@@ -309,7 +309,7 @@ def frame_of(s: Section) -> Frame:
 def _all_fixes(top: Section, params: dict[str, Any], *, level: bool) -> tuple[FixMapping, ...]:
     """All sources of fixes, 2-D unless stated if level; the engine knows one transponder."""
     sections = top.sections('fixes')
-    fixes = tuple(_fix(s, level=level) for s in sections)
+    fixes = tuple(_fix(s, params, level=level) for s in sections)
     levers = [lever for _, lever in fixes if lever is not None]
     if levers and (len(set(levers)) > 1 or len(levers) < len(fixes)):
         raise top.fail(
@@ -319,10 +319,44 @@ def _all_fixes(top: Section, params: dict[str, Any], *, level: bool) -> tuple[Fi
         )
     if levers:
         params['transponder_lever_b'] = list(levers[0])
-    return tuple(fix for fix, _ in fixes)
+    found = tuple(fix for fix, _ in fixes)
+    _check_slow(top, found, params)
+    return found
 
 
-def _fix(s: Section, *, level: bool) -> tuple[FixMapping, tuple[float, float, float] | None]:
+def _check_slow(top: Section, fixes: tuple[FixMapping, ...], params: dict[str, Any]) -> None:
+    """Refuse a slow error beside another one: the engine estimates one, of fixes or a leader."""
+    if not any(fix.slow_sigma > 0.0 for fix in fixes):
+        return
+    if len(fixes) > 1:
+        raise top.fail(
+            'fixes',
+            'slow_sigma goes with one source of fixes: the filter estimates one slow error',
+        )
+    if params.get('usbl_bias_sigma'):
+        raise top.fail('fixes', 'slow_sigma does not go with usbl_bias_sigma: state one of them')
+
+
+def _slow(s: Section, params: dict[str, Any]) -> tuple[float, float]:
+    """Return the slow error of a source [m], and for how long whole errors are alike [s].
+
+    With a slow error the correlation time is its own, and the engine's parameter.
+    """
+    sigma = s.optional('slow_sigma', 1e-3, 1000.0, 'm')
+    tau_s = s.number('correlation_s', 0.0, 0.0, 1e6, 's')
+    if sigma is None:
+        return 0.0, tau_s
+    if tau_s < 1.0:
+        raise s.fail('slow_sigma', 'goes with correlation_s: how large, and alike for how long')
+    if 'leader_error_tau' in params:
+        raise s.fail('correlation_s', 'is stated among parameters, too, as leader_error_tau')
+    params['leader_error_tau'] = tau_s
+    return sigma, 0.0
+
+
+def _fix(
+    s: Section, params: dict[str, Any], *, level: bool
+) -> tuple[FixMapping, tuple[float, float, float] | None]:
     """One source of fixes, and the lever arm of its transponder where one is stated."""
     lever = None
     if 'transponder_lever_b' in s:
@@ -337,6 +371,7 @@ def _fix(s: Section, *, level: bool) -> tuple[FixMapping, tuple[float, float, fl
             raise s.fail('sigma', f'{sigma!r} is not [horizontal, vertical] [m]')
         sigma = (float(pair[0]), float(pair[1]))
     delay_s = s.optional('delay_s', 0.0, 3600.0, 's')
+    slow_sigma, correlation_s = _slow(s, params)
     leader, array = s.section('leader'), s.section('array')
     position = _position(s, finished=False)
     mapping = FixMapping(
@@ -353,8 +388,9 @@ def _fix(s: Section, *, level: bool) -> tuple[FixMapping, tuple[float, float, fl
         own_id=int(s.number('own_id', 2.0, 0.0, 255.0, '')),
         dimensions=dimensions,
         encoding=s.choice('encoding', ENCODINGS) if 'encoding' in s else '',
-        correlation_s=s.number('correlation_s', 0.0, 0.0, 3600.0, 's'),
+        correlation_s=correlation_s,
         delay_sigma_s=s.number('delay_sigma_s', 0.0, 0.0, 60.0, 's'),
+        slow_sigma=slow_sigma,
     )
     s.raw('encoding')
     if array is not None:

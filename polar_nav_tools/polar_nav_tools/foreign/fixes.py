@@ -74,7 +74,13 @@ def read_fixes(
         As the adapters.
     """
     kind = require(source, mapping.position.stream.topic).type
-    if carries_packets(mapping.position.stream, kind):
+    packets = carries_packets(mapping.position.stream, kind)
+    if mapping.slow_sigma and (packets or kind == USBL):
+        raise ConfigError(
+            f'{mapping.position.stream.topic}: slow_sigma: fixes of {kind} come with the error '
+            'that they share'
+        )
+    if packets:
         return _packets(source, mapping, kind, first_arrival)
     if kind == USBL:
         return _usbl(source, mapping, first_arrival, sea_surface_height)
