@@ -26,6 +26,7 @@ NAMES = (
     'mems',
     'quiet',
     'aiding',
+    'bluerov2',
     'has-table',
     'has-figures',
     'has-loss',

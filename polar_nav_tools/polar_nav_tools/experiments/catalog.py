@@ -9,6 +9,7 @@ from typing import Any
 from polar_nav_core.errors import ConfigError
 
 from . import ablation, consistency, tables
+from .cheap.experiment import BLUEROV2
 from .evidence.aiding import AIDING
 from .evidence.late import LATE
 from .evidence.mems import MEMS
@@ -126,6 +127,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         MEMS,
         QUIET,
         AIDING,
+        BLUEROV2,
         *station.EXPERIMENTS,
     )
 }
