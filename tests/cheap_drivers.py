@@ -1,0 +1,43 @@
+"""Drivers of a cheap vehicle as one process: argv: seed, seconds.
+
+Publishes its readings in real time, best effort, on the drivers' own types, once somebody listens
+to all of them; stamps are the host's. Of this project it uses the vehicle alone.
+"""
+
+import sys
+import time
+
+import rclpy
+from dvl_msgs.msg import DVL
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import FluidPressure, Imu, NavSatFix
+
+from polar_nav_tools.experiments.cheap import recording
+
+TYPES = {
+    recording.IMU: Imu,
+    recording.DVL: DVL,
+    recording.PRESSURE: FluidPressure,
+    recording.FIX: NavSatFix,
+}
+
+
+def main(seed: int, seconds: float) -> None:
+    """Wait for listeners, then publish."""
+    rclpy.init()
+    node = rclpy.create_node('drivers')
+    qos = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
+    out = {topic: node.create_publisher(kind, topic, qos) for topic, kind in TYPES.items()}
+    run = recording.readings(seed, seconds)
+    while any(p.get_subscription_count() < 2 for p in out.values()):  # follower and recorder
+        time.sleep(0.1)
+    time.sleep(1.0)
+    for topic, log_ns, message in recording.messages(run, time.time_ns() + 1_000_000_000):
+        time.sleep(max(0.0, (log_ns - time.time_ns()) * 1e-9))
+        out[topic].publish(message)
+    node.destroy_node()
+    rclpy.shutdown()
+
+
+if __name__ == '__main__':
+    main(int(sys.argv[1]), float(sys.argv[2]))

@@ -1,0 +1,137 @@
+"""A cheap vehicle's drivers, a follower with its mapping file, and who listens from outside."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from live_support import TOOL, polar
+
+from polar_nav_core.engine.events import Verdict
+from polar_nav_tools.bags import open_bag
+from polar_nav_tools.experiments.cheap import experiment, recording, vehicle
+from polar_nav_tools.foreign.definitions import BUNDLED
+from polar_nav_tools.play import generate, schemas
+
+pytestmark = [pytest.mark.live, pytest.mark.slow, pytest.mark.timeout(900)]
+
+HERE = Path(__file__).parent
+SEED, SECONDS = 3, 25.0
+FOLLOWER = (
+    sys.executable,
+    '-c',
+    'import sys; from polar_nav_follower.follower_node import main; sys.exit(main())',
+)
+
+
+@pytest.fixture(scope='module')
+def driver_types(tmp_path_factory) -> Path:
+    """Prefix of dvl_msgs, which is in no wheel: built from its definitions, as `play` does."""
+    if generate.has_package('dvl_msgs'):
+        pytest.skip('dvl_msgs is installed; this test is of a computer without')
+    texts = {recording.DVL_TYPE: BUNDLED[recording.DVL_TYPE]}
+    recipes = schemas.plan(texts, generate.has_package).recipes
+    prefixes, failed = generate.provide(
+        recipes, tmp_path_factory.mktemp('messages'), lambda _: None
+    )
+    if failed:
+        pytest.skip(failed['dvl_msgs'])
+    return prefixes['dvl_msgs']
+
+
+@pytest.fixture
+def start(tmp_path, own_domain, driver_types):
+    """Start a process that knows the driver's types; it is ended with the test."""
+    started = []
+
+    def run(name, *command):
+        log = (tmp_path / f'{name}.log').open('w')
+        source = f'. "{driver_types}/environment.sh" && exec "$@"'
+        process = subprocess.Popen(
+            ['bash', '-c', source, 'bash', *map(str, command)],
+            env=own_domain,
+            stdout=log,
+            stderr=subprocess.STDOUT,
+        )
+        started.append((process, log))
+        return process
+
+    yield run
+    for process, log in started:
+        if process.poll() is None:
+            process.kill()
+            process.wait()
+        log.close()
+
+
+def interrupt(process):
+    process.send_signal(signal.SIGINT)
+    assert process.wait(60.0) == 0
+
+
+def test_drivers_to_odometry_and_tf_over_another_middleware(tmp_path, start, own_domain):
+    """Best effort in; Odometry and /tf out, which CycloneDDS hears where it is; live is replay."""
+    mapping = tmp_path / 'mapping.yaml'
+    run = recording.readings(SEED, SECONDS)
+    mapping.write_text(experiment.mapping_text(run, live=True), encoding='utf-8')
+    bag = tmp_path / 'bag'
+    recorder = start('recorder', *TOOL, 'record', '--out', bag)
+    ros = ('--ros-args', '-r', '__ns:=/auv', '-p', f'sources:={mapping}')
+    follower = start('follower', *FOLLOWER, *ros)
+    listener = None
+    if importlib.util.find_spec('cyclonedds') is not None:
+        listener = subprocess.Popen(
+            [sys.executable, HERE / 'cyclone_listener.py', '/auv', '200'],
+            env=own_domain,
+            stdout=subprocess.PIPE,
+            text=True,
+        )
+    drivers = start('drivers', sys.executable, HERE / 'cheap_drivers.py', SEED, SECONDS)
+    try:
+        assert drivers.wait(300.0) == 0, (tmp_path / 'drivers.log').read_text()
+    finally:
+        heard = None if listener is None else _heard(listener)
+    interrupt(follower)
+    interrupt(recorder)
+
+    verified = polar('verify', bag, timeout=120.0)
+    assert verified.returncode == 0, verified.stdout + verified.stderr
+    recorded = open_bag(bag)
+    states = [m for _, m in recorded.read('/auv/nav/state')]
+    assert len(states) > 8.0 * (SECONDS - 5.0)
+    receipts = [m for _, m in recorded.read('/auv/nav/receipt') if m.source == 'ugps']
+    assert sum(m.verdict == Verdict.FUSED for m in receipts) > 5
+    latitude, longitude = (np.array([getattr(states[-1], n)]) for n in ('latitude', 'longitude'))
+    where = vehicle.level_of(latitude, longitude)[0]
+    assert abs(where - run.motion.position_n[-1, :2]).max() < 10.0
+    frames = {
+        (t.header.frame_id, t.child_frame_id)
+        for _, m in recorded.read('/tf')
+        for t in m.transforms
+    }
+    assert frames == {('auv/map', 'auv/odom'), ('auv/odom', 'auv/base_link')}
+    if heard is None:
+        pytest.skip('all but the last held; cyclonedds (requirements of the tests) is not here')
+    assert heard['frame'] == 'auv/map'
+    assert heard['child'] == 'auv/base_link'
+    assert {tuple(f) for f in heard['frames']} == frames
+    assert 0.0 < heard['variance'] < 1e4
+
+
+def _heard(listener: subprocess.Popen[str]) -> dict:
+    """What the subscriber of another middleware printed; it ends by itself."""
+    deadline = time.monotonic() + 30.0
+    while listener.poll() is None and time.monotonic() < deadline:
+        time.sleep(0.1)
+    if listener.poll() is None:
+        os.kill(listener.pid, signal.SIGKILL)
+    out, _ = listener.communicate()
+    return json.loads(out)
