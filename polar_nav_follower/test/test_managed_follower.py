@@ -35,7 +35,7 @@ class Rig:
     """A follower node, someone who feeds it, calls its services and listens."""
 
     def __init__(self, *parameters):
-        args = ['--ros-args', '-r', '__ns:=/auv']
+        args = ['--ros-args', '-r', '__ns:=/auv', '-p', 'initialize:=parameters']
         for parameter in parameters:
             args += ['-p', parameter]
         rclpy.init(args=args, domain_id=40 + os.getpid() % 20)

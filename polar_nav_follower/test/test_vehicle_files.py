@@ -11,7 +11,7 @@ from polar_nav_follower.session import inputs_of
 from polar_nav_ros.adapters import mapping_file
 from polar_nav_ros.adapters.live import Sources
 from polar_nav_ros.adapters.mapping import VERSION
-from polar_nav_ros.adapters.stated import parameters_of
+from polar_nav_ros.adapters.stated import parameters_of, settled
 from polar_nav_ros.topics import DEPTH, DVL, IMU
 
 CONFIG = Path(__file__).parents[1] / 'config'
@@ -36,6 +36,7 @@ def test_a_follower_starts_with_the_files_of_a_vehicle(vehicle):
     assert f'version: {VERSION}\n' in text
     given = stated(vehicle)
     params = from_mapping(FollowerParams, {**parameters_of(mapping, given), **given})
+    params = settled(params, {*given, *mapping.params}, mapping)
     assert params.initialize == 'parameters', 'place and heading are stated'
     sources = Sources(mapping, params)
     assert {s.topic for s in sources} == {IMU, DVL, DEPTH, FIXES[vehicle]}
