@@ -202,7 +202,7 @@ def test_a_slow_error_of_fixes_is_one_that_they_share() -> None:
     ('fixes', 'parameters', 'says'),
     [
         ([{'slow_sigma': 2.0}], {}, 'slow_sigma: goes with correlation_s'),
-        ([{'correlation_s': 60.0}], {}, 'slow_sigma: goes with correlation_s'),
+        ([{'slow_sigma': 2.0, 'correlation_s': 0.5}], {}, 'slow_sigma: goes with correlation_s'),
         ([{'slow_sigma': 2.0, 'correlation_s': 60.0}, {}], {}, 'goes with one source of fixes'),
         (
             [{'slow_sigma': 2.0, 'correlation_s': 60.0}],

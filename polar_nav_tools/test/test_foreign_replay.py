@@ -209,6 +209,9 @@ def test_a_guessed_mapping_has_axes_and_units(bags: dict[str, Path]) -> None:
     with pytest.raises(ConfigError, match=r'imu: topic: is still to be filled in'):
         mapping_file.from_section(Section('m', top))
     top['imu']['topic'] = IMU
+    with pytest.raises(ConfigError, match=r'fixes\[0\]: correlation_s: is still to be filled in'):
+        mapping_file.from_section(Section('m', top))
+    top['fixes'][0]['correlation_s'] = 0.0
     with pytest.raises(ConfigError, match=r'fixes\[0\]: frame: is still to be filled in'):
         mapping_file.from_section(Section('m', top))
     known = Choices(imu='stim300', dvl='workhorse_1200')
