@@ -48,3 +48,15 @@ MsgPathOption = Annotated[
         show_default=False,
     ),
 ]
+ChangeOption = Annotated[
+    list[str] | None,
+    typer.Option('--set', metavar='NAME=VALUE', help='Change a follower parameter.'),
+]
+MapOption = Annotated[
+    Path | None,
+    typer.Option('--map', help="What is what in someone else's bag: YAML, see `polar map`."),
+]
+AcceptOption = Annotated[
+    list[str] | None,
+    typer.Option('--accept', metavar='FINDING', help='With --map: take such data as is.'),
+]

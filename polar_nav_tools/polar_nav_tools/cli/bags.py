@@ -15,7 +15,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from .app import app, emit_json, require, say
-from .arguments import AnyBagArgument, MsgPathOption, existing
+from .arguments import (
+    AcceptOption,
+    AnyBagArgument,
+    ChangeOption,
+    MapOption,
+    MsgPathOption,
+    existing,
+)
 from .choices import CONFIGURATIONS
 
 if TYPE_CHECKING:
@@ -71,22 +78,13 @@ def replay(
             help=f'Instead of the recorded one: {", ".join(CONFIGURATIONS)}.',
         ),
     ] = None,
-    change: Annotated[
-        list[str] | None,
-        typer.Option('--set', metavar='NAME=VALUE', help='Change a follower parameter.'),
-    ] = None,
+    change: ChangeOption = None,
     out: Annotated[
         Path | None, typer.Option('--out', '-o', help='Folder of a new bag for the estimates.')
     ] = None,
     vehicle: VehicleOption = None,
-    mapping: Annotated[
-        Path | None,
-        typer.Option('--map', help="What is what in someone else's bag: YAML, see `polar map`."),
-    ] = None,
-    accept: Annotated[
-        list[str] | None,
-        typer.Option('--accept', metavar='FINDING', help='With --map: take such data as is.'),
-    ] = None,
+    mapping: MapOption = None,
+    accept: AcceptOption = None,
     msg_path: MsgPathOption = None,
     as_json: JsonOption = False,
 ) -> None:

@@ -11,7 +11,7 @@ import typer
 from polar_nav_core.errors import ConfigError
 
 from .app import app, emit_json, require, say
-from .arguments import MsgPathOption
+from .arguments import AcceptOption, ChangeOption, MapOption, MsgPathOption
 from .bags import BagArgument, JsonOption, VehicleOption, opened, percent
 from .choices import FRAMES, one_of
 
@@ -41,19 +41,10 @@ def smooth(
         str,
         typer.Option('--configuration', '-c', metavar='NAME', help='Whose gate and weights.'),
     ] = 'default',
-    change: Annotated[
-        list[str] | None,
-        typer.Option('--set', metavar='NAME=VALUE', help='Change a follower parameter.'),
-    ] = None,
+    change: ChangeOption = None,
     vehicle: VehicleOption = None,
-    mapping: Annotated[
-        Path | None,
-        typer.Option('--map', help="What is what in someone else's bag: YAML, see `polar map`."),
-    ] = None,
-    accept: Annotated[
-        list[str] | None,
-        typer.Option('--accept', metavar='FINDING', help='With --map: take such data as is.'),
-    ] = None,
+    mapping: MapOption = None,
+    accept: AcceptOption = None,
     msg_path: MsgPathOption = None,
     as_json: JsonOption = False,
 ) -> None:

@@ -17,6 +17,7 @@ from ..cache import kernel, routine
 from .consider import COLUMNS, add_common
 from .run import leave_out_leader
 from .state import NAVIGATION, STEP
+from .three_rows import solve_rows
 from .update import COUPLED, NAV, N, feed_back
 
 PHI = NAV * COUPLED + COUPLED
@@ -73,19 +74,11 @@ def step_back(adjoint: Array, information: Array, phi: Array, w: Array) -> None:
 
 @kernel
 def _inverse(L: Array, m: int, out: Array) -> None:
-    """Write (L L^T)^-1, first m rows and columns, into ``out``."""
-    for c in range(m):
-        for a in range(m):
-            s = 1.0 if a == c else 0.0
-            for b in range(a):
-                s -= L[a, b] * out[b, c]
-            out[a, c] = s / L[a, a]
-        for r in range(m):
-            a = m - 1 - r
-            s = out[a, c]
-            for b in range(a + 1, m):
-                s -= L[b, a] * out[b, c]
-            out[a, c] = s / L[a, a]
+    """Write (L L^T)^-1, first m rows and columns, into ``out`` (3, 3)."""
+    for a in range(3):
+        for b in range(3):
+            out[a, b] = 1.0 if a == b else 0.0
+    solve_rows(out, L, m)
 
 
 @kernel
