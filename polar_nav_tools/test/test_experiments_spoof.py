@@ -33,6 +33,17 @@ def test_packets_come_in_order_and_begin_in_time(world, spoof):
             assert (f.r_e == genuine[f.sequence].r_e).all()
 
 
+def test_drifts_come_with_each_class_of_imu():
+    scenes = {s.name.rsplit('_', 1)[1]: s.scene for s in SPOOFS if s.scene is not SINS}
+    assert {name: scene.world.imu for name, scene in scenes.items()} == {
+        'navigation': 'navigation',
+        'fog': 'fog',
+        'stim300': 'stim300',
+        'mems': 'bmi088',
+    }
+    assert sum(s.scene is not SINS for s in SPOOFS) == 16
+
+
 @pytest.mark.slow
 def test_a_few_of_its_runs():
     stated = as_stated('sins')
@@ -52,4 +63,6 @@ def test_a_few_of_its_runs():
     assert verdicts == [{'IMPLAUSIBLE'}, {'GATED'}, {'REPLAYED'}, {'NOT_FINITE'}]
     (table,) = _tables(results, SPOOF.quick, Request())
     assert [row['warned'] for row in table.rows] == ['1/1'] * 4
+    assert all(0.0 < float(str(row['warned_m'])) < 1.0 for row in table.rows)
+    assert all(row['latest_s'] == row['warned_s'] for row in table.rows)
     assert experiment_named('spoof') is SPOOF

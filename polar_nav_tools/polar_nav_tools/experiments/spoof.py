@@ -2,6 +2,7 @@
 
 A packet has a CRC, which anybody can compute. The world is that of the experiment `mismatch`
 (6.1 IMU, 3 m/s, a fix of 1 m per 2 s, 1.5 to 4 s late); the spoof begins after ten minutes.
+Drifts come again with the other classes of IMU, which decide how long they stay hidden.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -21,21 +22,20 @@ from polar_nav_core.errors import ConfigError
 from ..scoring.tables import Column, Table
 from .choices import Choices
 from .columns import filter_columns
+from .evidence.late import CLASSES
 from .experiment import Experiment
 from .jobs import RunResult
 from .mismatch.faults import FixOffset
 from .mismatch.health import health_history
 from .mismatch.judge import WARN
 from .mismatch.plan import as_stated
-from .mismatch.row import SINS
+from .mismatch.row import SINS, scene_of
 from .mismatch.scenes import SinsScene
 from .mismatch.visible import visibility
 from .request import Request, Size
 from .suite import POLAR, Paper
 from .world import World
-
-if TYPE_CHECKING:
-    pass
+from .world_spec import WorldSpec
 
 START_S = 600.0
 VISIBLE = 'visible'
@@ -52,11 +52,22 @@ class Spoof:
     applied: Callable[[World], World]
     shape: FixOffset | None = None
     """The same as a fault, where a test that knows its shape can be made."""
+    scene: SinsScene = SINS
 
 
 def _offset(name: str, doc: str, **size: Any) -> Spoof:  # noqa: ANN401 - of FixOffset
     shape = FixOffset(start_s=START_S, **size)
     return Spoof(name, doc, lambda world: shape.applied(world, 1.0), shape)
+
+
+def _drifts_of(imu: str) -> list[Spoof]:
+    """Drifts for a follower with an IMU of this class."""
+    scene = scene_of(imu_vices=False, **CLASSES[imu])
+    found = [
+        _offset(f'drift_{mps:g}mps_{imu}', f'drift of {mps:g} m/s, IMU {imu}', drift_mps=mps)
+        for mps in (0.02, 0.05, 0.1, 0.3)
+    ]
+    return [replace(spoof, scene=scene) for spoof in found]
 
 
 def _late(world: World) -> list[Fix]:
@@ -137,6 +148,7 @@ SPOOFS = (
     Spoof('sigma_5mm', 'true position with a sigma of 5 mm', _restated(0.005, 0.0)),
     Spoof('sigma_13km', '1 km off with a sigma of 13 km', _restated(13_000.0, 1000.0)),
     Spoof('indefinite', 'one packet with an indefinite covariance', _indefinite),
+    *(spoof for imu in CLASSES for spoof in _drifts_of(imu)),
 )
 
 
@@ -167,15 +179,14 @@ def _plan(request: Request, size: Size, columns: Sequence[str]) -> list[SpoofJob
     return jobs
 
 
-_worlds: dict[int, World] = {}
+_newest: list[tuple[WorldSpec, int, World]] = []
 
 
 def _world(scene: SinsScene, seed: int) -> World:
-    """World of a seed without a spoof; the newest is kept."""
-    if seed not in _worlds:
-        _worlds.clear()
-        _worlds[seed] = scene.make(seed)
-    return _worlds[seed]
+    """World of a scene and a seed without a spoof; the newest is kept."""
+    if not _newest or _newest[0][:2] != (scene.world, seed):
+        _newest[:] = [(scene.world, seed, scene.make(seed))]
+    return _newest[0][2]
 
 
 def run_job(job: SpoofJob) -> RunResult:
@@ -184,13 +195,13 @@ def run_job(job: SpoofJob) -> RunResult:
     begin = time.process_time()
     if job.column == VISIBLE:
         assert spoof.shape is not None
-        seen = visibility(SINS, spoof.shape, job.seed)
+        seen = visibility(spoof.scene, spoof.shape, job.seed)
         metrics = {'visible_s': seen.from_s - START_S}
         seconds = time.process_time() - begin
         return RunResult(job.spoof, VISIBLE, job.seed, metrics, math.nan, '', {}, seconds)
-    world = spoof.applied(_world(SINS, job.seed))
-    ran = SINS.run(world, job.changes)
-    start_ns = SINS.start_ns(world)
+    world = spoof.applied(_world(spoof.scene, job.seed))
+    ran = spoof.scene.run(world, job.changes)
+    start_ns = spoof.scene.start_ns(world)
     end_ns = int(ran.stamps_ns[-1])
     history = health_history(ran.health, end_ns, ran.divergence)
     spoofed_ns = start_ns + round(START_S * _NS)
@@ -198,12 +209,15 @@ def run_job(job: SpoofJob) -> RunResult:
     before = [r for r in history if r.stamp_ns < spoofed_ns]
     late = ran.course.time_s >= START_S
     error = np.hypot(*ran.course.position.error[late, :2].T)
+    warned_s = (warned[0].stamp_ns - spoofed_ns) * 1e-9 if warned else math.nan
+    reported = ran.course.time_s[late] >= START_S + warned_s
     metrics = {
         'rms_m': float(np.sqrt(np.mean(error**2))),
         'most_m': float(error.max()),
         'end_m': float(error[-1]),
         'ratio': float(ran.course.position.ratio()[late].max()),
-        'warned_s': (warned[0].stamp_ns - spoofed_ns) * 1e-9 if warned else math.nan,
+        'warned_s': warned_s,
+        'warned_m': float(error[reported][0]) if reported.any() else math.nan,
         'warned_before': float(bool(before) and before[-1].level >= WARN),
     }
     verdicts = Counter(
@@ -230,6 +244,8 @@ _COLUMNS = (
     Column('ratio', 'in σ', doc='largest error in its own sigma'),
     Column('warned', 'warned', doc='seeds with a WARN or ERROR after the spoof began'),
     Column('warned_s', 'after', 's', doc='median of them'),
+    Column('latest_s', 'latest', 's', doc='of them'),
+    Column('warned_m', 'error then', 'm', doc='median of them'),
     Column('visible_s', 'best test', 's', doc='until the innovations show it by 5 sigma'),
     Column('verdicts', 'verdicts', doc='of all packets since, all seeds'),
 )
@@ -271,6 +287,8 @@ def _line(spoof: Spoof, column: str, runs: Sequence[RunResult]) -> dict[str, obj
     }
     if warned:
         line['warned_s'] = float(np.median(warned))
+        line['latest_s'] = max(warned)
+        line['warned_m'] = float(np.nanmedian(all_of('warned_m')))
     return line
 
 
