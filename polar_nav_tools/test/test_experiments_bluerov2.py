@@ -86,7 +86,7 @@ def test_the_filter_beside_ours_follows_good_data_and_refuses_jumps() -> None:
     true = np.column_stack(
         [np.interp(track.time_s, m.time_s, m.position_n[:, i]) for i in range(2)]
     )
-    # It turns a ping by the next sample of the attitude, and holds it where pings are lost: 0.15 m.
+    # A ping is turned by the next attitude, and held where pings are lost: 0.15 m.
     assert np.hypot(*(track.position_n - true).T)[80:].max() < 0.2
     bad = recording.readings(2, 600.0, NO_ERRORS, dataclasses.replace(GOOD_FIXES, jump_share=0.05))
     refused = baseline.run(bad.imu, bad.dvl, bad.fixes, tuning).refused
