@@ -103,7 +103,8 @@ def warm_filter(handling: Sequence[str] = (), *, whole: bool = True) -> None:
         if whole:
             engine_run.run(params, inputs)
         engine_run.run(params, inputs, one_by_one=True)
-    smoothing.smooth(replace(base, configuration='default'), inputs, every_s=0.1)
+    if whole:
+        smoothing.smooth(replace(base, configuration='default'), inputs, every_s=0.1)
 
 
 def warm_station() -> None:

@@ -79,7 +79,7 @@ class FollowerNode(ManagedNode[FollowerParams]):
             else:
                 warm_node(self.params.resolved().delay_handling)
         if not (self.params.state_file or self.params.lockstep):
-            self.get_logger().info('no state_file: every start is from the initial_* parameters')
+            self.get_logger().info('no state_file: a restart begins anew, without what was known')
         navigation = session.Session(self.params, self.vehicle, sources)
         self._ports = NavigationPorts(
             self,

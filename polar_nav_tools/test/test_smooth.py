@@ -11,7 +11,7 @@ import pytest
 from polar_nav_tools.bags import open_bag
 from polar_nav_tools.bags.arrays import load_estimates
 from polar_nav_tools.cli import main
-from polar_nav_tools.smoothing.bag import smooth_bag
+from polar_nav_tools.smoothing.bag import smooth_bag, stated_sigma
 
 BAGS = Path(__file__).parents[2] / 'bags'
 
@@ -40,7 +40,7 @@ def test_it_is_nearer_to_the_truth_and_surer():
     scores = run.comparison.scores
     filtered, smooth = (scores[name].whole.rms('horizontal') for name in ('filter', 'smoother'))
     assert smooth < 0.5 * filtered
-    assert run.said(run.smoothed) < 0.8 * run.said(run.filtered)
+    assert stated_sigma(run.smoothed) < 0.8 * stated_sigma(run.filtered)
     assert scores['smoother'].whole.nees_position.judgement != 'optimistic'
 
 

@@ -98,7 +98,7 @@ def smooth(
             look_every_s=_LOOK_S,
             tape=tape,
         )
-        return _backwards(stated, tape, result.receipts, result.divergence, covariances)
+        return _backwards(tape, result.receipts, result.divergence, covariances)
 
 
 def in_order(params: EngineParams) -> EngineParams:
@@ -129,13 +129,11 @@ def _at_validity(fix: Fix) -> Fix:
 
 
 def _backwards(
-    params: EngineParams,
     tape: Tape,
     receipts: tuple[Receipt, ...],
     divergence: str,
     covariances: bool,
 ) -> Smoothed:
-    shares_leader = params.leader_error_tau > 0.0 and not params.usbl_bias_sigma > 0.0
     adjoint, information = np.zeros((1 + COLUMNS, N)), np.zeros((N, N))
     common = np.zeros((COLUMNS, COLUMNS + 1))
     scratch = np.zeros((2, N, N))
@@ -166,7 +164,7 @@ def _backwards(
             scratch,
         )
         kernels.publish_rows(
-            stretch.P, stretch.sensitivity, stretch.navigation, tape.common, shares_leader
+            stretch.P, stretch.sensitivity, stretch.navigation, tape.common, tape.shares_leader
         )
         turn = max(turn, float(np.abs(x[:, :3]).max(initial=0.0)))
         pieces.append(_track_of(stretch, len(stretch.P) if covariances else 0))

@@ -134,11 +134,10 @@ def _mapped(
 
 
 def _print(run: SmoothedRun, *, as_json: bool) -> None:
+    from ..smoothing.bag import stated_sigma
+
     comparison = run.comparison
-    stated = {
-        'filter': run.said(run.filtered),
-        'smoother': run.said(run.smoothed),
-    }
+    stated = {'filter': stated_sigma(run.filtered), 'smoother': stated_sigma(run.smoothed)}
     if as_json:
         emit_json(
             {

@@ -8,8 +8,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine import smoothing
+from polar_nav_core.engine.events import Receipt
 from polar_nav_core.engine.inputs import Inputs
 from polar_nav_core.engine.version import ENGINE_VERSION
 from polar_nav_core.errors import ConfigError
@@ -62,7 +65,7 @@ class SmoothedRun:
     smoothed: EstimateSeries
     track: engine_run.Track
     found: smoothing.Smoothed
-    filter_receipts: tuple[Any, ...]
+    filter_receipts: tuple[Receipt, ...]
     truth: TruthSeries | None
 
     @property
@@ -77,12 +80,11 @@ class SmoothedRun:
             }
         )
 
-    def said(self, series: EstimateSeries) -> float:
-        """Median stated 1-sigma of the horizontal position [m]."""
-        import numpy as np
 
-        variance = series.P_position_G[:, 0, 0] + series.P_position_G[:, 1, 1]
-        return float(np.sqrt(np.median(variance))) if len(variance) else float('nan')
+def stated_sigma(series: EstimateSeries) -> float:
+    """Median stated 1-sigma of the horizontal position [m]; NaN without an estimate."""
+    variance = series.P_position_G[:, 0, 0] + series.P_position_G[:, 1, 1]
+    return float(np.sqrt(np.median(variance))) if len(variance) else float('nan')
 
 
 def smooth_bag(
@@ -148,7 +150,9 @@ def _both(
     every_s: float,
     covariances: bool,
     progress: Progress,
-) -> tuple[EstimateSeries, EstimateSeries, engine_run.Track, smoothing.Smoothed, tuple[Any, ...]]:
+) -> tuple[
+    EstimateSeries, EstimateSeries, engine_run.Track, smoothing.Smoothed, tuple[Receipt, ...]
+]:
     smoothing.in_order(params)  # refuses before a long run
     rows = EstimateRows(params)
     result = engine_run.run(

@@ -72,13 +72,17 @@ class Recorded(Ignore):
         Covariance steps from one stored state to the next.
     """
 
-    every = 1
+    def __init__(
+        self, params: EngineParams, initial: InitialState, stamp_ns: int, every: int
+    ) -> None:
+        self._every = every
+        super().__init__(params, initial, stamp_ns)
 
     def make_filter(
         self, params: EngineParams, initial: InitialState, stamp_ns: int
     ) -> NavigationFilter:
         """Filter with a log and states at every so many steps."""
-        return NavigationFilter(params, initial, stamp_ns, steps=True, states_every=self.every)
+        return NavigationFilter(params, initial, stamp_ns, steps=True, states_every=self._every)
 
 
 class Tape:
@@ -88,6 +92,15 @@ class Tape:
     ----------
     every : int
         Covariance steps from one stored state to the next.
+
+    Attributes
+    ----------
+    parts : list of int
+        Stretches before each filter that was recorded: one, and one more for each that was lost.
+    common : (COLUMNS,) array
+        1-sigma of the common errors of the newest filter.
+    shares_leader : bool
+        Whether its last three states are the leader's error.
     """
 
     def __init__(self, every: int) -> None:
@@ -99,22 +112,19 @@ class Tape:
         self._states = 0
         self.parts: list[int] = []
         self.common = np.zeros(COLUMNS)
+        self.shares_leader = False
 
     def make(self, params: EngineParams, initial: InitialState, stamp_ns: int) -> Recorded:
         """Fusion of an engine whose filter is recorded; the first, or after one that was lost."""
-        every = self._every
-
-        class _Recorded(Recorded):
-            pass
-
-        _Recorded.every = every
         self.take()
-        fusion = _Recorded(params, initial, stamp_ns)
+        fusion = Recorded(params, initial, stamp_ns, self._every)
         self._filter = fusion.filter
         self._taken = 1  # the first entry is the start
         self._states = int(fusion.filter.log.counts[1])
         self.parts.append(len(self._offsets))
-        self.common = np.asarray(fusion.filter.settings.common, dtype=np.float64).copy()
+        settings = fusion.filter.settings
+        self.common = np.asarray(settings.common, dtype=np.float64).copy()
+        self.shares_leader = settings.shares_leader
         return fusion
 
     def take(self) -> None:

@@ -122,7 +122,7 @@ def too_weak(latitude: float, bias: float, sigma: float) -> str:
     cosine = bias / (MOST_HEADING * OMEGA_IE)
     lower = (
         f'; below {math.degrees(math.acos(cosine)):.1f} deg these would do'
-        if cosine < math.cos(latitude) or cosine < 1.0
+        if cosine < 1.0
         else '; at no latitude would these do'
     )
     return (
