@@ -11,6 +11,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 TOOL = (sys.executable, '-P', '-m', 'polar_nav_tools.cli')
+FOLLOWER = (
+    sys.executable,
+    '-c',
+    'import sys; from polar_nav_follower.follower_node import main; sys.exit(main())',
+)
 DEMO_SECONDS = 40.0
 NODES = {
     'polar_nav_sim': {
@@ -52,6 +57,41 @@ def processes_with(text: str) -> dict[int, str]:
         if text in command and 'polar_nav_tools.live.child' in command:
             found[int(entry.name)] = command
     return found
+
+
+class Processes:
+    """Processes of one test with a log each; what still runs at its end is killed."""
+
+    def __init__(self, folder: Path, env: Mapping[str, str], setup: Path | None = None) -> None:
+        self._folder, self._env = folder, env
+        source = [] if setup is None else [f'. "{setup}" && exec "$@"', 'bash']
+        self._prefix = ['bash', '-c', *source] if source else []
+        self._started: list[subprocess.Popen[bytes]] = []
+
+    def __call__(self, name: str, *command: object) -> subprocess.Popen[bytes]:
+        """Start one; its output goes to NAME.log."""
+        with (self._folder / f'{name}.log').open('wb') as log:
+            process = subprocess.Popen(
+                [*self._prefix, *map(str, command)],
+                env=self._env,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+            )
+        self._started.append(process)
+        return process
+
+    def end(self) -> None:
+        """Kill what still runs."""
+        for process in self._started:
+            if process.poll() is None:
+                process.kill()
+                process.wait()
+
+
+def interrupt(process: subprocess.Popen[bytes]) -> None:
+    """End a node as Ctrl-C does; it has to end well."""
+    process.send_signal(signal.SIGINT)
+    assert process.wait(60.0) == 0
 
 
 class RunningDemo:

@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import signal
-import subprocess
-import sys
 import time
 from pathlib import Path
 
 import pytest
 import yaml
-from live_support import TOOL, polar
+from live_support import FOLLOWER, TOOL, Processes, interrupt, polar
 
 from polar_nav_core.engine.events import Verdict
 from polar_nav_tools.bags import open_bag
@@ -21,11 +18,6 @@ pytestmark = [pytest.mark.live, pytest.mark.slow, pytest.mark.timeout(300)]
 REFERENCE = Path(__file__).parents[1] / 'bags' / 'reference_4'
 NODE = '/follower/follower_node'
 STATE, RECEIPT = '/follower/nav/state', '/follower/nav/receipt'
-FOLLOWER = (
-    sys.executable,
-    '-c',
-    'import sys; from polar_nav_follower.follower_node import main; sys.exit(main())',
-)
 SECONDS = 12.0
 OUTPUT_PERIODS_OF_THE_END = 10
 """Estimates of the last second: what was recorded after it is missing in the live run."""
@@ -33,28 +25,10 @@ OUTPUT_PERIODS_OF_THE_END = 10
 
 @pytest.fixture
 def start(tmp_path, own_domain):
-    """Start a process; it is interrupted at the end of the test."""
-    started = []
-
-    def run(name, *command):
-        log = (tmp_path / f'{name}.log').open('w')
-        process = subprocess.Popen(
-            [*map(str, command)], env=own_domain, stdout=log, stderr=subprocess.STDOUT
-        )
-        started.append((process, log))
-        return process
-
-    yield run
-    for process, log in started:
-        if process.poll() is None:
-            process.kill()
-            process.wait()
-        log.close()
-
-
-def interrupt(process):
-    process.send_signal(signal.SIGINT)
-    assert process.wait(60.0) == 0
+    """Start a process; it is ended with the test."""
+    processes = Processes(tmp_path, own_domain)
+    yield processes
+    processes.end()
 
 
 def until(true, seconds=90.0):

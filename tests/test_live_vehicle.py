@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from live_support import TOOL, polar
+from live_support import FOLLOWER, TOOL, Processes, interrupt, polar
 
 from polar_nav_core.engine.events import Verdict
 from polar_nav_tools.bags import open_bag
@@ -25,11 +25,6 @@ pytestmark = [pytest.mark.live, pytest.mark.slow, pytest.mark.timeout(900)]
 
 HERE = Path(__file__).parent
 SEED, SECONDS = 3, 25.0
-FOLLOWER = (
-    sys.executable,
-    '-c',
-    'import sys; from polar_nav_follower.follower_node import main; sys.exit(main())',
-)
 
 
 @pytest.fixture(scope='module')
@@ -50,31 +45,9 @@ def driver_types(tmp_path_factory) -> Path:
 @pytest.fixture
 def start(tmp_path, own_domain, driver_types):
     """Start a process that knows the driver's types; it is ended with the test."""
-    started = []
-
-    def run(name, *command):
-        log = (tmp_path / f'{name}.log').open('w')
-        source = f'. "{driver_types}/environment.sh" && exec "$@"'
-        process = subprocess.Popen(
-            ['bash', '-c', source, 'bash', *map(str, command)],
-            env=own_domain,
-            stdout=log,
-            stderr=subprocess.STDOUT,
-        )
-        started.append((process, log))
-        return process
-
-    yield run
-    for process, log in started:
-        if process.poll() is None:
-            process.kill()
-            process.wait()
-        log.close()
-
-
-def interrupt(process):
-    process.send_signal(signal.SIGINT)
-    assert process.wait(60.0) == 0
+    processes = Processes(tmp_path, own_domain, driver_types / 'environment.sh')
+    yield processes
+    processes.end()
 
 
 def test_drivers_to_odometry_and_tf_over_another_middleware(tmp_path, start, own_domain):
