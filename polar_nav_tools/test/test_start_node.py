@@ -102,6 +102,11 @@ class Rig:
             self.executor.spin_once(timeout_sec=0.05)
         assert done()
 
+    def hear_all(self):
+        """Topics keep no order among each other: wait for the last message of each."""
+        sent = self.node.published_counts()
+        self.until(lambda: all(len(self.got[n]) == sent[f'/auv/{n}'] for n in HEARD))
+
     def publish(self, name, message):
         if name not in self.out:
             return
@@ -197,9 +202,9 @@ def test_it_starts_by_itself_from_gnss_and_ahrs_and_the_bag_replays(rig, tmp_pat
     assert 'heading measured by /imu (true north) (1-sigma 2 deg)' in sentence
     assert 'height by depth' in sentence
     one.node.close()
-    one.until(lambda: one.got['nav/command'][-1].kind == Command.SHUTDOWN)
-    total = sum(one.sent.values())
-    one.until(lambda: sum(len(b.digest) for b in one.got['nav/inputs']) == total)
+    one.hear_all()
+    assert one.got['nav/command'][-1].kind == Command.SHUTDOWN
+    assert sum(len(b.digest) for b in one.got['nav/inputs']) == sum(one.sent.values())
     states = len(one.got['nav/state'])
     result = verify(one.bag(tmp_path / 'bag'))
     assert result.ok, result.difference
