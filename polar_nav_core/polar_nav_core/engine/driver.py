@@ -10,13 +10,12 @@ from ..identification.result import Identification
 from .events import (
     Array,
     ControlSample,
-    DepthSample,
-    DvlPing,
     Estimate,
     Event,
     Fix,
     ImuSample,
     InitialState,
+    Local,
 )
 from .params import EngineParams
 from .results import FixResult, Outcome
@@ -39,8 +38,8 @@ class Driver(Protocol):
     def control(self, sample: ControlSample) -> None:
         """Store the thrust that holds from its stamp on."""
 
-    def local(self, event: DvlPing | DepthSample) -> Outcome:
-        """Fuse a DVL ping or depth as valid now; returns the outcome of the update."""
+    def local(self, event: Local) -> Outcome:
+        """Fuse a ping, depth or heading as valid now; returns the outcome of the update."""
 
     def fix(self, fix: Fix) -> FixResult | None:
         """Fuse a fix; None when the stored history does not reach back to its validity."""

@@ -27,8 +27,10 @@ from .events import (
     DvlPing,
     Event,
     Fix,
+    HeadingSample,
     ImuSample,
     InitialState,
+    Local,
     OrderKey,
     Output,
     Receipt,
@@ -38,7 +40,7 @@ from .health.conditions import Condition, Culprit, Health, Level
 from .health.heading import UNKNOWN, heading_unknown
 from .health.station import StationWatchdog
 from .health.watchdog import Envelope, Watchdog
-from .integrity import Integrity, held, out_of_reach
+from .integrity import Integrity, held, out_of_reach, submerged
 from .ledger import FixLedger
 from .params import EngineParams
 from .plausibility import initial_problem
@@ -61,6 +63,7 @@ from .strategies import make_fusion
 from .switches import Switches
 
 _SECOND_NS = 1_000_000_000
+_LOCAL_NAMES = {DvlPing: 'dvl', DepthSample: 'depth', HeadingSample: 'heading'}
 _STEPPED_BACK = 5
 """So many IMU samples in a row, and none between them in time, are a clock that stepped back."""
 
@@ -306,13 +309,14 @@ class Engine:
         if self.fusion is not None:
             self.fusion.control(sample)
 
-    def _local(self, event: DvlPing | DepthSample) -> None:
-        """Fuse a DVL ping or depth, which are never treated as delayed."""
-        name = 'dvl' if isinstance(event, DvlPing) else 'depth'
+    def _local(self, event: Local) -> None:
+        """Fuse a ping, depth or heading, which are never treated as delayed."""
+        name = _LOCAL_NAMES[type(event)]
         if isinstance(event, DvlPing) and not event.valid:
             self.gated['dvl_invalid'] += 1
             return
-        if self.fusion is None:
+        unused = isinstance(event, HeadingSample) and not self.params.uses_heading
+        if self.fusion is None or unused:
             return
         try:
             outcome = self.fusion.local(event)
@@ -347,6 +351,10 @@ class Engine:
         if self.fusion is None:
             reason = self.divergence or 'the filter has no state yet'
             return [self._receipt(fix, fix.receive_ns, Verdict.NOT_READY, reason)]
+        why = submerged(self.params, fix, self.fusion)
+        if why:
+            self.ledger.remember(fix, stated_ns, fused=False)
+            return [self._receipt(fix, fix.receive_ns, Verdict.IMPLAUSIBLE, why)]
         gate = chi2_gate(self.configuration.gate_probability, 3 if fix.polar is None else 2)
         stated = fix
         if isinstance(self.fusion, Fusion):

@@ -8,6 +8,7 @@ damaged or repeated packets can share a sequence, so their number of arrival bre
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from typing import ClassVar, TypeAlias, TypeVar
@@ -29,6 +30,7 @@ class Rank(IntEnum):
     CONTROL = order.CONTROL_RANK
     DEPTH = order.DEPTH_RANK
     DVL = order.DVL_RANK
+    HEADING = order.HEADING_RANK
     FIX = order.FIX_RANK
     COMMAND = order.COMMAND_RANK
 
@@ -124,7 +126,8 @@ LEAST_BEAMS = 3
 class DvlPing(_Local):
     """Velocity over ground and covariance, instrument axes.
 
-    ``valid`` is False for a ping without bottom lock.
+    ``valid`` is False for a ping without bottom lock, ``water`` True for one whose velocity is
+    relative to the water.
     """
 
     RANK = Rank.DVL
@@ -134,6 +137,7 @@ class DvlPing(_Local):
     v_m: Array
     covariance_m: Array
     topic: str = 'dvl/data'
+    water: bool = False
 
 
 @dataclass(frozen=True)
@@ -146,6 +150,22 @@ class DepthSample(_Local):
     depth: float
     variance: float
     topic: str = 'depth/data'
+
+
+@dataclass(frozen=True)
+class HeadingSample(_Local):
+    """Heading of the body's x axis [rad], clockwise from its reference, and the vertical.
+
+    ``up_b``, shape (3,), is up by the roll and pitch that an AHRS measured, body axes; NaN of a
+    compass that has none.
+    """
+
+    RANK = Rank.HEADING
+    stamp_ns: int
+    sequence: int
+    heading: float
+    up_b: Array = field(default_factory=lambda: np.full(3, np.nan))
+    topic: str = 'heading/data'
 
 
 PACKETS = 'acomms/rx'
@@ -182,6 +202,8 @@ class Fix:
         What a station measured, where the fix comes from one; then ``r_e`` is NaN.
     delay_sigma : float
         1-sigma of a time of validity that nobody states and that is another one each time [s].
+    surface_depth : float
+        Of an antenna: none of its fixes can come from deeper [m]; infinite for a transponder.
     """
 
     validity_ns: int
@@ -202,6 +224,7 @@ class Fix:
     polar: PolarFix | None = None
     topic: str = PACKETS
     delay_sigma: float = 0.0
+    surface_depth: float = math.inf
 
     @property
     def stamp_ns(self) -> int:
@@ -245,7 +268,9 @@ class Command:
         return (self.stamp_ns, Rank.COMMAND, self.sequence, self.arrival)
 
 
-Event: TypeAlias = ImuSample | ControlSample | DvlPing | DepthSample | Fix | Command
+Local: TypeAlias = DvlPing | DepthSample | HeadingSample
+"""Measurement of a sensor of the vehicle itself, valid at its stamp."""
+Event: TypeAlias = ImuSample | ControlSample | Local | Fix | Command
 
 
 @dataclass(frozen=True)

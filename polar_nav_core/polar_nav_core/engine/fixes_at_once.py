@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -90,6 +91,8 @@ class FixesAtOnce:
             if not isinstance(event, Fix) or not ledger.integrity.quiet:
                 break
             if event.delay_sigma > 0.0:  # widened by the velocity of then
+                break
+            if math.isfinite(event.surface_depth):  # the depth of then decides
                 break
             tick = event.validity_ns // TICK_NS % WRAP  # another of it may be a copy
             if tick in ticks:

@@ -10,7 +10,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .events import Array, ControlSample, DepthSample, DvlPing, Event, Fix, ImuSample, OrderKey
+from .events import (
+    Array,
+    ControlSample,
+    DepthSample,
+    DvlPing,
+    Event,
+    Fix,
+    HeadingSample,
+    ImuSample,
+    OrderKey,
+)
 
 Stamps = NDArray[np.int64]
 
@@ -33,12 +43,16 @@ class Inputs:
         Ends of the intervals; rate [rad/s] and specific force [m/s^2].
     dvl_stamps_ns, dvl_v_m, dvl_covariance_m, dvl_valid : (d,), (d, 3), (d, 3, 3), (d,) arrays
         Pings: velocity over ground [m/s], instrument axes; whether there was bottom lock.
+    dvl_water : (d,) array of bool, or empty for none
+        Whether a ping's velocity is relative to the water.
     depth_stamps_ns, depth, depth_variance : (e,) arrays
         Depth below the sea surface [m], positive down, and variance [m^2].
     fixes : tuple of Fix
         In any order: the engine takes them as they are received.
     control_stamps_ns, control_force_b, control_torque_b : (u,), (u, 3), (u, 3) arrays
         Stamps from which thrust holds: force [N] and torque [N m], body axes.
+    heading_stamps_ns, headings, heading_up_b : (h,), (h,), (h, 3) arrays
+        Headings [rad], clockwise from their reference; up in body axes, NaN where not measured.
     """
 
     imu_stamps_ns: Stamps
@@ -55,6 +69,10 @@ class Inputs:
     control_stamps_ns: Stamps = field(default_factory=_stamps)
     control_force_b: Array = field(default_factory=_empty(3))
     control_torque_b: Array = field(default_factory=_empty(3))
+    dvl_water: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    heading_stamps_ns: Stamps = field(default_factory=_stamps)
+    headings: Array = field(default_factory=_empty())
+    heading_up_b: Array = field(default_factory=_empty(3))
 
     def imu_sample(self, k: int) -> ImuSample:
         """Sample number k as an event."""
@@ -68,6 +86,7 @@ class Inputs:
             bool(self.dvl_valid[k]),
             self.dvl_v_m[k],
             self.dvl_covariance_m[k],
+            water=bool(len(self.dvl_water) and self.dvl_water[k]),
         )
 
     def depth_sample(self, k: int) -> DepthSample:
@@ -82,6 +101,11 @@ class Inputs:
             int(self.control_stamps_ns[k]), k, self.control_force_b[k], self.control_torque_b[k]
         )
 
+    def heading_sample(self, k: int) -> HeadingSample:
+        """Heading number k as an event."""
+        stamp_ns = int(self.heading_stamps_ns[k])
+        return HeadingSample(stamp_ns, k, float(self.headings[k]), self.heading_up_b[k])
+
     def events(self) -> Iterator[Event]:
         """All events, in the total order."""
         return heapq.merge(
@@ -89,6 +113,7 @@ class Inputs:
             (self.control_sample(k) for k in range(len(self.control_stamps_ns))),
             (self.depth_sample(k) for k in range(len(self.depth_stamps_ns))),
             (self.dvl_ping(k) for k in range(len(self.dvl_stamps_ns))),
+            (self.heading_sample(k) for k in range(len(self.heading_stamps_ns))),
             sorted(self.fixes, key=lambda fix: fix.key),
             key=_key,
         )

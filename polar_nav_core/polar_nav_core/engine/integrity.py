@@ -334,6 +334,19 @@ def out_of_reach(
     return out_of_reach_reason(distance, off[1])
 
 
+def submerged(params: EngineParams, fix: Fix, fusion: Driver) -> str:
+    """Reason to refuse the fix of an antenna that is under water; empty at the surface."""
+    if math.isinf(fix.surface_depth):
+        return ''
+    depth = params.sea_surface_height - fusion.height()
+    if depth <= fix.surface_depth:
+        return ''
+    return (
+        f'the vehicle is at a depth of {depth:.1f} m: the antenna works above '
+        f'{fix.surface_depth:g} m only'
+    )
+
+
 def held(monitor: IntegrityMonitor, fix: Fix, fusion: Driver, gate: float) -> str:
     """Reason to refuse a fix that the gate might pass; empty to leave the fix to the gate.
 

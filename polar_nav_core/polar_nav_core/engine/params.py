@@ -11,6 +11,7 @@ from ..identification.params import IdentificationParams
 from ..order import ROBUST_FIXES
 from ..params import choice, param, sigma, vector
 from .events import InitialState
+from .heading_params import HeadingParams
 from .limit_params import LimitParams
 from .methods import (
     COMPILED_NOISE,
@@ -48,7 +49,7 @@ NO_COMMON_ERRORS: dict[str, float] = dict.fromkeys(
 
 
 @dataclass(frozen=True)
-class EngineParams(IdentificationParams, StationParams, LimitParams):
+class EngineParams(IdentificationParams, StationParams, LimitParams, HeadingParams):
     """Parameters of a vehicle's navigation in either mode; nodes add their own."""
 
     mode: str = choice(
@@ -309,6 +310,11 @@ class EngineParams(IdentificationParams, StationParams, LimitParams):
             )
         if self.model_aiding and self.mode == 'sins':
             self._check_model_aiding(chosen)
+        if self.uses_heading and self.usbl_bias_sigma > 0.0:
+            raise ConfigError(
+                'parameter heading_reference: headings do not go with usbl_bias_sigma, both are '
+                'estimated in the same three states'
+            )
 
     def _check_model_aiding(self, chosen: Configuration) -> None:
         """Refuse settings that the seven states of the model cannot be combined with."""
@@ -331,6 +337,11 @@ class EngineParams(IdentificationParams, StationParams, LimitParams):
                 f'parameter filter_period_s: {self.filter_period_s} s is longer than the '
                 f'{shortest_s:.3f} s in which drag stops the vehicle of parameters model_*'
             )
+
+    @property
+    def uses_heading(self) -> bool:
+        """Whether measured headings are used."""
+        return self.mode == 'sins' and self.heading_reference != 'none'
 
     def resolved(self) -> Configuration:
         """Return the configuration in force."""

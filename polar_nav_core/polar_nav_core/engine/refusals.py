@@ -10,7 +10,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Array
-from .events import ControlSample, DepthSample, DvlPing, Fix, ImuSample, Verdict
+from .events import (
+    ControlSample,
+    DepthSample,
+    DvlPing,
+    Fix,
+    HeadingSample,
+    ImuSample,
+    Local,
+    Verdict,
+)
 from .inputs import Stamps
 from .params import EngineParams
 from .plausibility import (
@@ -32,13 +41,17 @@ from .repeated import repeats_of
 Refusal: TypeAlias = tuple[Verdict, str]
 Bools: TypeAlias = NDArray[np.bool_]
 
+MOST_HEADING = 4.0 * math.pi
+"""Largest size of a heading [rad]: two turns either way."""
+_LENGTH = 1e-2
+"""Largest departure of a direction's length from 1."""
 # Each rule stands here twice, for one event and for the columns of a whole run; a test compares
 # the two.
 
 
 def unusable_local(
     params: EngineParams,
-    event: ImuSample | ControlSample | DvlPing | DepthSample,
+    event: ImuSample | ControlSample | Local,
     last_imu_ns: int | None,
 ) -> Refusal | None:
     """Verdict and reason if a local message cannot be used; None if it can.
@@ -51,6 +64,8 @@ def unusable_local(
         return _unusable_control(params, event)
     if isinstance(event, DvlPing):
         return _unusable_dvl(params, event)
+    if isinstance(event, HeadingSample):
+        return _unusable_heading(event)
     return _unusable_depth(params, event)
 
 
@@ -131,6 +146,11 @@ def usable_control(params: EngineParams, force_b: Array, torque_b: Array | None 
 
 
 def _unusable_dvl(params: EngineParams, ping: DvlPing) -> Refusal | None:
+    if ping.water:
+        return Verdict.NOT_READY, (
+            'the velocity is relative to the water: no current is estimated to take it off, and '
+            'it is no bottom lock'
+        )
     if not ping.valid or (within(ping.v_m, params.max_speed) and is_covariance(ping.covariance_m)):
         return None
     if not (np.isfinite(ping.v_m).all() and np.isfinite(ping.covariance_m).all()):
@@ -179,6 +199,24 @@ def usable_depth(params: EngineParams, depth: Array, variance: Array) -> Bools:
         & (variance >= LEAST_VARIANCE)
         & (variance <= MOST_VARIANCE)
     )
+
+
+def _unusable_heading(sample: HeadingSample) -> Refusal | None:
+    if bool(usable_heading(np.array([sample.heading]), sample.up_b[None])[0]):
+        return None
+    if not math.isfinite(sample.heading):
+        return Verdict.NOT_FINITE, 'the heading is not finite'
+    if abs(sample.heading) > MOST_HEADING:
+        return Verdict.IMPLAUSIBLE, f'a heading of {sample.heading:.4g} rad'
+    return Verdict.IMPLAUSIBLE, 'the vertical of the AHRS is no direction'
+
+
+def usable_heading(headings: Array, up_b: Array) -> Bools:
+    """Mask (n,) of usable headings [rad], with up (n, 3) a direction or NaN where not measured."""
+    with np.errstate(all='ignore'):
+        length = np.sqrt((up_b * up_b).sum(axis=1))
+        up = np.isnan(up_b).all(axis=1) | (np.abs(length - 1.0) <= _LENGTH)
+        return np.asarray((np.abs(headings) <= MOST_HEADING) & up)
 
 
 def _finite(values: Array) -> Bools:

@@ -15,6 +15,7 @@ import numpy as np
 
 from ...arrays import Array, Ints
 from ...kernels import watch
+from .compass import Compass, heading_conditions
 from .conditions import Chronicle, Condition, Culprit, Health, Level
 from .radius import radius_95
 from .runaway import Runaway, imu_noise
@@ -90,6 +91,8 @@ class View:
         What innovations show of the common errors (kernels.sins.shared); None where nobody looks.
     evidence : Evidence or None
         About slow faults; None where nobody looks.
+    compass : Compass or None
+        Measured headings; None where they are not used.
     """
 
     stamp_ns: int
@@ -105,6 +108,7 @@ class View:
     shared: Array | None = None
     leader_stated: bool = False
     evidence: Evidence | None = None
+    compass: Compass | None = None
 
 
 @dataclass(frozen=True)
@@ -160,6 +164,7 @@ class Watchdog:
         s = statistics(view.memories)
         found = [*_imu_gap(view, self._envelope), *_silences(view, self._envelope)]
         found += imu_noise(view.imu_noise)
+        found += heading_conditions(view.compass, view.stamp_ns, self._envelope.silent_after_s)
         for stream in (DVL, DEPTH):
             found += _refusals(view, s, stream)
         too_fast = view.speed > self._envelope.max_speed

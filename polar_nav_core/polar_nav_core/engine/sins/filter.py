@@ -15,7 +15,7 @@ import numpy as np
 from ... import attitude, earth, grid
 from ...error_model import X
 from ...errors import FilterDivergence
-from ...kernels.sins import bridge, consider, hypotheses, reopen
+from ...kernels.sins import bridge, compass, consider, hypotheses, reopen
 from ...kernels.sins import events as fe
 from ...kernels.sins import fuse as ff
 from ...kernels.sins import late as filter_late
@@ -30,6 +30,7 @@ from ..events import (
     DepthSample,
     DvlPing,
     Fix,
+    HeadingSample,
     ImuSample,
     InitialState,
     ModelEstimate,
@@ -92,7 +93,7 @@ class NavigationFilter:
         self.state = fs.make_state(model=model)
         self.frames = fs.make_frames()
         self.work = fs.make_work()
-        self.settings = make_settings(params)
+        self.settings = make_settings(params, initial, stamp_ns)
         if states_every:
             self.settings = self.settings._replace(steps_per_snapshot=states_every)
         shares = self.settings.shares_leader
@@ -113,7 +114,8 @@ class NavigationFilter:
         self.rows = fs.NO_ROWS
         self.process: ProcessNoise | None = None
         if isinstance(initial, SavedState):
-            resume(self.state, self.leader, params, initial, stamp_ns)
+            sigmas = self.heading_sigmas if self.settings.heading.on else None
+            resume(self.state, self.leader, params, initial, stamp_ns, sigmas)
         else:
             self._set_state(initial)
         weight = params.forgetting ** (1.0 / (1.0 - params.forgetting))  # b^k with k = k0
@@ -127,7 +129,14 @@ class NavigationFilter:
         counters[:] = 0
         log.counts[:] = 0
         opened = range(fs.OPENED_NS, fs.OPENED_NS + 3)
-        for k in (fs.STAMP, fs.IMU_NS, fs.IMPULSE_NS, fs.LOCK_NS, *opened):
+        for k in (
+            fs.STAMP,
+            fs.IMU_NS,
+            fs.IMPULSE_NS,
+            fs.LOCK_NS,
+            *opened,
+            fs.HEADING_OPENED_NS,
+        ):
             counters[k] = stamp_ns
         fe.begin_step(self.state, self.settings, stamp_ns)
         ff.locate(self.state, self.frames, self.settings)
@@ -164,6 +173,7 @@ class NavigationFilter:
             s.windows,
             s.conflict,
             s.runs,
+            s.heading_memories,
             s.increments,
             s.sums,
             s.previous,
@@ -197,11 +207,21 @@ class NavigationFilter:
                 np.full(3, 1.0 if self.settings.shares_leader else p.usbl_bias_sigma),
             ]
         )
+        if self.settings.heading.on:
+            sigma[kf.USBL :] = self.heading_sigmas
         own.P[:] = np.diag(sigma**2)
         C_e_G = grid.ecef_to_grid(own.r_e)
         position_G = np.diag([s.sigma_position_horizontal**2] * 2 + [s.sigma_position_vertical**2])
         own.P[X.dr_e, X.dr_e] = C_e_G.T @ position_G @ C_e_G
         aiding.start(self.state, p)
+
+    @property
+    def heading_sigmas(self) -> Array:
+        """Sigmas at the start of the last three states where headings are used [rad], (3,)."""
+        c = self.settings
+        coloured = math.sqrt(c.heading.noise[compass.MARKOV_VARIANCE])
+        bias = c.heading.noise[compass.START]
+        return np.array([bias, coloured, bias])
 
     @property
     def stamp_ns(self) -> int:
@@ -252,7 +272,8 @@ class NavigationFilter:
             Phi = self.past.transitions[self.history.step % len(self.past.transitions)]
             dt = (sample.stamp_ns - boundary_ns) * 1e-9
             self.process.add(self.state.P, Phi, self.work.q, dt)
-            active = kf.N if self.settings.estimates_usbl_bias else kf.USBL
+            all_states = self.settings.estimates_usbl_bias or self.settings.heading.on
+            active = kf.N if all_states else kf.USBL
             if not kf.cholesky(self.work.LP, self.state.P, active):
                 raise FilterDivergence(_WHY[fs.P_NOT_DEFINITE])
 
@@ -286,6 +307,14 @@ class NavigationFilter:
         st.put_depth(self.streams, sample)
         self.advance()
         return self.outcome(1, fused=bool(self.state.tally[fs.DEPTH_ROW, fs.GATED] == gated))
+
+    def heading(self, sample: HeadingSample) -> Outcome:
+        """Fuse one heading if one is due; returns the outcome, of 0 values if none was used."""
+        before = self.state.heading.copy()
+        st.put_heading(self.streams, sample)
+        self.advance()
+        used, gated = (self.state.heading - before)[:2] > 0.0
+        return self.outcome(1 if used or gated else 0, fused=bool(used))
 
     def control(self, sample: ControlSample) -> None:
         """Append a thrust for the vehicle's model."""
@@ -425,7 +454,7 @@ class NavigationFilter:
         if self.settings.considers:
             consider.add_common(P, self.state.sensitivity, self.settings.common)
         consider.add_conflict(P, self.state.conflict)
-        if self.settings.shares_leader:
+        if self.settings.shares_leader or self.settings.heading.on:
             P[X.usbl_bias_a], P[:, X.usbl_bias_a] = 0.0, 0.0
         return P
 

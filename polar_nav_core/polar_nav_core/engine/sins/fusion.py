@@ -22,11 +22,12 @@ from ..events import (
     Array,
     ControlSample,
     DepthSample,
-    DvlPing,
     Estimate,
     Fix,
+    HeadingSample,
     ImuSample,
     InitialState,
+    Local,
     ModelEstimate,
 )
 from ..params import EngineParams
@@ -82,10 +83,12 @@ class Fusion:
         """Advance by one IMU sample."""
         self.filter.imu(sample)
 
-    def local(self, event: DvlPing | DepthSample) -> Outcome:
-        """Fuse a DVL ping or depth as valid now; returns the outcome of the update."""
+    def local(self, event: Local) -> Outcome:
+        """Fuse a ping, depth or heading as valid now; returns the outcome of the update."""
         if isinstance(event, DepthSample):
             return self.filter.depth(event)
+        if isinstance(event, HeadingSample):
+            return self.filter.heading(event)
         if self._noise_dvl is None:
             return self.filter.dvl(event)
         self.filter.reach(event.stamp_ns)
@@ -172,7 +175,14 @@ class Fusion:
 
     def saved(self, fixes: tuple[int, int, int], records: tuple[bytes, bytes]) -> SavedState:
         """State as it is now, with its fixes, to go on from after a restart."""
-        return save_state(self.filter.state, self._turn_rate(), self.filter.leader, fixes, records)
+        return save_state(
+            self.filter.state,
+            self._turn_rate(),
+            self.filter.leader,
+            fixes,
+            records,
+            heading=self.filter.settings.heading.on,
+        )
 
     def _turn_rate(self) -> float:
         """Mean rate at which the track turned in the last seconds [rad/s], about up."""
@@ -200,6 +210,7 @@ class Fusion:
     def estimate(self, fixes: tuple[int, int, int]) -> Estimate:
         """Estimate at the newest IMU sample; ``fixes`` are received, fused, newest validity."""
         f, s = self.filter, self.filter.state
+        hidden = f.settings.shares_leader or f.settings.heading.on
         return Estimate(
             stamp_ns=f.stamp_ns,
             r_e=s.r_e.copy(),
@@ -210,7 +221,7 @@ class Fusion:
             accel_bias_b=s.b_accel_b.copy(),
             dvl_scale_m=s.dvl_scale_m.copy(),
             dvl_markov_m=s.dvl_markov_m.copy(),
-            usbl_bias_a=np.zeros(3) if f.settings.shares_leader else s.usbl_bias_a.copy(),
+            usbl_bias_a=np.zeros(3) if hidden else s.usbl_bias_a.copy(),
             fixes_received=fixes[0],
             fixes_fused=fixes[1],
             last_validity_ns=fixes[2],

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ...error_model import X
 from ...errors import FilterDivergence
 from ...kernels.sins import update as kf
-from ..events import Array, DepthSample, DvlPing, Fix, ImuSample, InitialState
+from ..events import Array, DepthSample, Fix, HeadingSample, ImuSample, InitialState, Local
 from ..params import EngineParams
 from ..results import FixResult, Outcome, chi2_gate
 from .fusion import Fusion
@@ -100,13 +100,15 @@ class Published(Fusion):
             if drift.any():
                 f.replace_estimate(f.state.P, -drift)
 
-    def local(self, event: DvlPing | DepthSample) -> Outcome:
+    def local(self, event: Local) -> Outcome:
         """Fuse a depth; store a DVL ping, resolved with the present estimate, for the next fix."""
         f, w = self.filter, self.filter.work
         if isinstance(event, DepthSample):
             outcome = f.depth(event)
             self._check(w.x, 'a depth')
             return outcome
+        if isinstance(event, HeadingSample):  # the paper has none
+            return _KEPT
         f.fill_dvl(event)
         while self._pings and self._pings[0].stamp_ns < event.stamp_ns - self._history_ns:
             self._pings.popleft()

@@ -40,8 +40,17 @@ def save_state(
     leader: LeaderError,
     fixes: tuple[int, int, int],
     records: tuple[bytes, bytes],
+    *,
+    heading: bool = False,
 ) -> SavedState:
-    """State of a filter as it is now, with the rate of turn of its track [rad/s] and its fixes."""
+    """State of a filter as it is now, with the rate of turn of its track [rad/s] and its fixes.
+
+    Of measured headings (``heading``) no error is saved: what reads the state may use none.
+    """
+    values = {name: getattr(s, name).copy() for name in _NAMES}
+    if heading:
+        values['usbl_bias_a'][:] = 0.0
+        _forget_last(values['P'], np.ones(3))
     latitude, longitude, height = (float(x) for x in earth.geodetic_from_ecef(s.r_e))
     psi, pitch, roll = (float(x) for x in attitude.euler_from_matrix(s.C_b_G))
     C_e_G = grid.ecef_to_grid(s.r_e)
@@ -64,13 +73,20 @@ def save_state(
         stamp_ns=int(s.counters[fs.STAMP]),
         layout=LAYOUT,
         values={
-            **{name: getattr(s, name).copy() for name in _NAMES},
+            **values,
             _TURN: np.array([turn_rate]),
             _LEADER: leader.packed(),
         },
         fixes=fixes,
         records=records,
     )
+
+
+def _forget_last(P: Array, variances: Array) -> None:
+    """Let the last three states have these variances (3,) and no correlation, in place."""
+    P[kf.USBL :, :] = 0.0
+    P[:, kf.USBL :] = 0.0
+    P[kf.USBL :, kf.USBL :] = np.diag(variances)
 
 
 def _sigma(variances: Array, low: float, high: float) -> float:
@@ -105,9 +121,17 @@ def problem_of(saved: SavedState, *, model: bool) -> str:
 
 
 def resume(
-    s: fs.State, leader: LeaderError, p: EngineParams, saved: SavedState, stamp_ns: int
+    s: fs.State,
+    leader: LeaderError,
+    p: EngineParams,
+    saved: SavedState,
+    stamp_ns: int,
+    heading_sigmas: Array | None = None,
 ) -> None:
-    """Set a state from a saved one, carried on to a stamp [ns], with its covariance grown."""
+    """Set a state from a saved one, carried on to a stamp [ns], with its covariance grown.
+
+    ``heading_sigmas`` (3,) are those of the last three states where headings are used [rad].
+    """
     leader.unpack(saved.values[_LEADER])
     for name in _NAMES:
         getattr(s, name)[:] = saved.values[name]
@@ -138,5 +162,8 @@ def resume(
     s.P[markov, markov] += np.eye(3) * p.dvl_markov_sigma**2 * (1.0 - decay**2)
     for states, walk in ((X.b_gyro_b, p.gyro_bias_walk), (X.b_accel_b, p.accel_bias_walk)):
         s.P[states, states] += np.eye(3) * walk**2 * away_s
+    if heading_sigmas is not None:
+        s.usbl_bias_a[:] = 0.0
+        _forget_last(s.P, heading_sigmas**2)
     s.P[:] = 0.5 * (s.P + s.P.T)
     s.counters[fs.USED_NS + FIX_ROW] = 0

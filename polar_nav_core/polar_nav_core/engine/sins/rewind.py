@@ -64,6 +64,7 @@ class Rewind(Fusion):
                 Cursor(fs.IMU, len(s.imu_stamps), None, Rank.IMU),
                 Cursor(fs.DEPTH, len(s.depth_stamps), s.depth_stamps, Rank.DEPTH),
                 Cursor(fs.DVL, len(s.dvl_stamps), s.dvl_stamps, Rank.DVL),
+                Cursor(fs.HEADING, len(s.heading_stamps), s.heading_stamps, Rank.HEADING),
                 # A thrust only sets what the next step integrates: it commutes with a fix.
                 Cursor(fs.CONTROL, len(s.control_stamps), None, Rank.CONTROL),
                 Cursor(fs.FIX, len(s.fix_stamps) - 1, None, Rank.FIX),

@@ -12,19 +12,32 @@ from ...kernels.sins import consider
 from ...kernels.sins import state as fs
 from ...kernels.sins import update as kf
 from ...order import ROBUST_FIXES
+from ..events import InitialState
 from ..params import EngineParams
 from ..results import chi2_gate
 from . import aiding
+from .compass import bias_walk, make_heading
 from .robust import THRESHOLDS
 
 
-def make_settings(p: EngineParams) -> fs.Settings:
-    """Settings of the compiled filter from the parameters."""
+def make_settings(
+    p: EngineParams, initial: InitialState | None = None, stamp_ns: int = 0
+) -> fs.Settings:
+    """Settings of the compiled filter from the parameters.
+
+    ``initial`` and ``stamp_ns`` [ns] are where and when it begins: the magnetic field is of there.
+    """
     c = p.resolved()
+    heading = make_heading(p, initial, stamp_ns)
     roll, pitch, yaw = (math.radians(a) for a in p.dvl_rpy_deg)
     # Three states hold one of both.
-    shares_leader = p.leader_error_tau > 0.0 and not p.usbl_bias_sigma > 0.0
+    shares_leader = p.leader_error_tau > 0.0 and not (p.usbl_bias_sigma > 0.0 or heading.on)
     estimated = shares_leader or p.usbl_bias_sigma > 0.0
+    last = [p.usbl_bias_sigma**2, p.usbl_bias_tau]  # variance and time of the last three states
+    if heading.on:
+        last = bias_walk(p, heading)
+    elif shares_leader:
+        last = [1.0, p.leader_error_tau]
     sigmas = common_sigmas(p)
     adapts_Q = c.noise_adaptation not in ('none', 'adaptive_r')
     densities = (
@@ -39,7 +52,7 @@ def make_settings(p: EngineParams) -> fs.Settings:
         output_ns=round(p.output_period_s * 1e9),
         instant=p.imu_sample == 'instant',
         # Where Q is adapted it is added in Python, which then checks.
-        active=0 if adapts_Q else kf.N if estimated else kf.USBL,
+        active=0 if adapts_Q else kf.N if estimated or heading.on else kf.USBL,
         estimates_usbl_bias=estimated,
         shares_leader=shares_leader,
         adaptive=c.noise_adaptation == 'adaptive_r',
@@ -54,9 +67,7 @@ def make_settings(p: EngineParams) -> fs.Settings:
         max_speed=p.max_speed,
         densities=np.array([d**2 for d in densities]),
         markov=np.array([p.dvl_markov_sigma**2, p.dvl_markov_tau]),
-        usbl=np.array(
-            [1.0, p.leader_error_tau] if shares_leader else [p.usbl_bias_sigma**2, p.usbl_bias_tau]
-        ),
+        usbl=np.array(last),
         sea_surface_height=p.sea_surface_height,
         C_m_b=np.ascontiguousarray(attitude.matrix_from_euler(yaw, pitch, roll), dtype=np.float64),
         lever_point_b=np.array(p.transponder_lever_b),
@@ -72,6 +83,7 @@ def make_settings(p: EngineParams) -> fs.Settings:
         considers=bool(sigmas.any()),
         common=sigmas,
         aiding=aiding.make_aiding(p),
+        heading=heading,
     )
 
 

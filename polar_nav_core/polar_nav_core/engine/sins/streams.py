@@ -12,7 +12,7 @@ import numpy as np
 
 from ...arrays import Ints
 from ...kernels.sins import state as fs
-from ..events import ControlSample, DepthSample, DvlPing, Fix, ImuSample
+from ..events import ControlSample, DepthSample, DvlPing, Fix, HeadingSample, ImuSample
 from ..results import FIXES
 from .leader import Split
 
@@ -20,11 +20,11 @@ from .leader import Split
 def live_streams(length_s: float, imu_rate: float, local_rate: float) -> fs.Streams:
     """Empty rings for ``seconds``; ``local_rate`` is that of DVL and depth each [Hz].
 
-    Thrust may come as often as IMU samples.
+    Thrust and headings may come as often as IMU samples.
     """
     imu, local = int(length_s * imu_rate) + 16, int(length_s * local_rate) + 16
     return fs.Streams(
-        counts=np.zeros(5, dtype=np.int64),
+        counts=np.zeros(6, dtype=np.int64),
         imu_stamps=np.zeros(imu, dtype=np.int64),
         omega_ib_b=np.zeros((imu, 3)),
         f_b=np.zeros((imu, 3)),
@@ -37,6 +37,9 @@ def live_streams(length_s: float, imu_rate: float, local_rate: float) -> fs.Stre
         **room_for_fixes(),
         control_stamps=np.zeros(imu, dtype=np.int64),
         control_force_b=np.zeros((imu, 3)),
+        heading_stamps=np.zeros(imu, dtype=np.int64),
+        headings=np.zeros(imu),
+        heading_up_b=np.zeros((imu, 3)),
     )
 
 
@@ -80,6 +83,13 @@ def put_control(streams: fs.Streams, sample: ControlSample) -> None:
     """Append a thrust to its ring."""
     i = _append(streams.counts, 4, streams.control_stamps, sample.stamp_ns)
     streams.control_force_b[i] = sample.force_b
+
+
+def put_heading(streams: fs.Streams, sample: HeadingSample) -> None:
+    """Append a heading to its ring."""
+    i = _append(streams.counts, 5, streams.heading_stamps, sample.stamp_ns)
+    streams.headings[i] = sample.heading
+    streams.heading_up_b[i] = sample.up_b
 
 
 def _append(counts: Ints, stream: int, stamps: Ints, stamp_ns: int) -> int:

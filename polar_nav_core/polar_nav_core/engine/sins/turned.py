@@ -10,6 +10,7 @@ import math
 import numpy as np
 
 from ...error_model import X
+from ...kernels.sins import heading
 from ...kernels.sins import update as kf
 from ..disagreement import MOST_HEADING, RefusedRow, Turn, Unlearnt
 from ..params import EngineParams
@@ -55,6 +56,8 @@ def turn_state(f: NavigationFilter, turn: Turn, scale_sigma: float) -> None:
     x[X.phi_G] = 0.0, 0.0, turn.angle
     x[X.dv_G] = v_x - (c * v_x - s * v_y), v_y - (s * v_x + c * v_y), 0.0
     x[X.b_gyro_b] = -turn.rate * up_b
+    if f.settings.heading.on:  # a compass that agreed is off by as much
+        x[heading.BIAS] = turn.angle
     before = P.copy()  # velocity goes round the arc: nothing nonlinear is left
     f.feed_back(x)
     P[:] = before
@@ -62,6 +65,8 @@ def turn_state(f: NavigationFilter, turn: Turn, scale_sigma: float) -> None:
     moved[X.phi_G, 0] = 0.0, 0.0, 1.0
     moved[X.dv_G, 0] = state.v_G[1], -state.v_G[0], 0.0
     moved[X.b_gyro_b, 1] = -up_b
+    if f.settings.heading.on:
+        moved[heading.BIAS, 0] = 1.0
     P += moved @ turn.covariance @ moved.T
     C_m_G = state.C_b_G @ f.settings.C_m_b
     stretched = np.zeros((kf.N, 3))

@@ -8,10 +8,15 @@ import numpy as np
 
 from ... import grid
 from ...error_model import X
-from ...kernels.sins import hypotheses
+from ...kernels import watch
+from ...kernels.sins import compass, heading, hypotheses
 from ...kernels.sins import state as fs
+from ..events import Array
+from ..heading_params import REFERENCES
+from ..health.compass import Compass
 from ..health.slow import Evidence
 from ..health.watchdog import Gaps, View
+from .filter import NavigationFilter
 from .fusion import Fusion
 
 
@@ -39,4 +44,32 @@ def view_of(fusion: Fusion, stamp_ns: int, resets: int) -> View:
         gaps=Gaps(
             int(counters[fs.GAPS]), int(counters[fs.GAP_NS]) * 1e-9, int(counters[fs.GAP_END_NS])
         ),
+        compass=_compass_of(f),
     )
+
+
+def _compass_of(f: NavigationFilter) -> Compass | None:
+    """Measured headings as the watchdog judges them; None where they are not used."""
+    s, c = f.state, f.settings.heading
+    if not c.on:
+        return None
+    opened = s.counters[fs.HEADING_OPENINGS] > 0
+    return Compass(
+        memories=s.heading_memories,
+        reference=REFERENCES[c.reference],
+        used=float(s.heading[heading.USED]),
+        gated=float(s.heading[heading.GATED]),
+        weak=float(s.heading[heading.WEAK]),
+        horizontal=float(s.heading[heading.HORIZONTAL]),
+        bias=float(s.usbl_bias_a[0]),
+        bias_sigma=math.sqrt(float(s.P[heading.BIAS, heading.BIAS])),
+        stated_sigma=float(c.noise[compass.START]),
+        used_ns=int(s.counters[fs.HEADING_USED_NS]),
+        opened_ns=int(s.counters[fs.HEADING_OPENED_NS]) if opened else 0,
+        vouched=_agree(s.memories[fs.FIX_ROW, watch.SHORT]),
+    )
+
+
+def _agree(row: Array) -> bool:
+    """Whether most measurements of a short memory were used; as `kernels.sins.reopen.agrees`."""
+    return bool(row[watch.WEIGHT] > 0.0 and row[watch.REFUSED] < 0.5 * row[watch.WEIGHT])

@@ -16,7 +16,7 @@ from ..driver import Adaptation, Driver
 from ..events import Event, Fix, ImuSample
 from ..inputs import Inputs, at_least_one, new_seconds, rows_of
 from ..params import EngineParams
-from ..refusals import usable_control, usable_depth, usable_dvl, usable_imu
+from ..refusals import usable_control, usable_depth, usable_dvl, usable_heading, usable_imu
 from ..results import Outcome
 from .filter import NavigationFilter
 from .fusion import Fusion
@@ -41,8 +41,11 @@ class SinsArrays:
         x, self._rows = inputs, rows
         imu, repeats = usable_imu(params, x.imu_stamps_ns, x.omega_ib_b, x.f_b)
         dvl = x.dvl_valid & usable_dvl(params, x.dvl_valid, x.dvl_v_m, x.dvl_covariance_m)
+        if len(x.dvl_water):
+            dvl &= ~x.dvl_water
         depth = usable_depth(params, x.depth, x.depth_variance)
         control = usable_control(params, x.control_force_b, x.control_torque_b)
+        heading = usable_heading(x.headings, x.heading_up_b)
         self.first = x.imu_sample(int(np.argmax(imu))) if imu.any() else None
         self.unusable: list[Event] = [
             *(
@@ -52,6 +55,7 @@ class SinsArrays:
             *(x.dvl_ping(int(k)) for k in np.flatnonzero(~dvl)),
             *(x.depth_sample(int(k)) for k in np.flatnonzero(~depth)),
             *(x.control_sample(int(k)) for k in np.flatnonzero(~control)),
+            *(x.heading_sample(int(k)) for k in np.flatnonzero(~heading)),
         ]
         imu_stamps, depth_stamps = rows_of(x.imu_stamps_ns, imu), rows_of(x.depth_stamps_ns, depth)
         dvl_stamps = rows_of(x.dvl_stamps_ns, dvl)
@@ -59,7 +63,10 @@ class SinsArrays:
         self._depths, self._pings = len(depth_stamps), len(dvl_stamps)
         self._controls = len(control_stamps)
         controls = self._controls if params.model_aiding else 0
-        counts = [len(imu_stamps), self._depths, self._pings, 0, controls]
+        heading_stamps = rows_of(x.heading_stamps_ns, heading)
+        self._headings = len(heading_stamps)
+        headings = self._headings if params.uses_heading else 0
+        counts = [len(imu_stamps), self._depths, self._pings, 0, controls, headings]
         self._streams = fs.Streams(
             counts=np.array(counts, dtype=np.int64),
             imu_stamps=at_least_one(imu_stamps),
@@ -74,6 +81,9 @@ class SinsArrays:
             **room_for_fixes(),
             control_stamps=at_least_one(control_stamps),
             control_force_b=at_least_one(rows_of(x.control_force_b, control)),
+            heading_stamps=at_least_one(heading_stamps),
+            headings=at_least_one(rows_of(x.headings, heading)),
+            heading_up_b=at_least_one(rows_of(x.heading_up_b, heading)),
         )
 
     def new_seconds_ns(self) -> list[int]:
@@ -91,6 +101,7 @@ class SinsArrays:
         counters[fs.IMU] = 1
         counters[fs.DEPTH] = int(np.searchsorted(x.depth_stamps[: self._depths], now_ns))
         counters[fs.DVL] = int(np.searchsorted(x.dvl_stamps[: self._pings], now_ns))
+        counters[fs.HEADING] = int(np.searchsorted(x.heading_stamps[: self._headings], now_ns))
         # The thrust of before the start still holds.
         before = int(np.searchsorted(x.control_stamps[: self._controls], now_ns))
         counters[fs.CONTROL] = max(0, before - 1)
@@ -112,7 +123,7 @@ class SinsArrays:
         self._fusion = driver
         self.filter = f = driver.filter
         f.streams, f.rows, counters = self._streams, self._rows, f.state.counters
-        for k in (fs.IMU, fs.DEPTH, fs.DVL):
+        for k in (fs.IMU, fs.DEPTH, fs.DVL, fs.HEADING):
             counters[k] = cursors[k]
         counters[fs.CONTROL] = max(0, cursors[fs.CONTROL] - 1)  # the last one still holds
         f.streams.counts[fs.FIX - fs.IMU] = 0

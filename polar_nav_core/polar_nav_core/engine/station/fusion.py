@@ -22,11 +22,11 @@ from ..events import (
     Array,
     ControlSample,
     DepthSample,
-    DvlPing,
     Estimate,
     Fix,
     ImuSample,
     InitialState,
+    Local,
     Rank,
 )
 from ..params import EngineParams
@@ -93,7 +93,7 @@ class StationFusion:
         """Store the thrust that holds from its stamp on."""
         self.filter.control(sample)
 
-    def local(self, event: DvlPing | DepthSample) -> Outcome:
+    def local(self, event: Local) -> Outcome:
         """Fuse a depth and return the outcome; this mode has no DVL."""
         return self.filter.depth(event) if isinstance(event, DepthSample) else _NOT_USED
 

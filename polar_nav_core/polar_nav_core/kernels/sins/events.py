@@ -18,6 +18,7 @@ from .aiding import compare_velocities, model_is_definite, predict_model
 from .consider import depth_common, dvl_common, fix_common, predict_sensitivity
 from .fuse import correct_and_remember, enter
 from .gap import add_gap_noise
+from .heading import add_heading_dynamics
 from .imu import hold_surroundings, imu_step, take_means
 from .model import E
 from .rows import depth_rows, dvl_rows, fix_rows
@@ -96,22 +97,14 @@ def covariance_step(
             for j in range(3):
                 C_mean[i, j] = 0.0
                 w.C_mean[i, j] = s.C_b_G[i, j]
-    tau_usbl = c.usbl[1] if c.estimates_usbl_bias else 0.0
-    fill_transition(
-        Phi,
-        past.inverses[number % past.inverses.shape[0]],
-        w.F15,
-        s.r_e,
-        s.v_G,
-        C_mean,
-        w.f_mean,
-        dt,
-        c.markov[1],
-        tau_usbl,
-    )
+    tau_usbl = c.usbl[1] if c.estimates_usbl_bias or c.heading.on else 0.0
+    inverse = past.inverses[number % past.inverses.shape[0]]
+    fill_transition(Phi, inverse, w.F15, s.r_e, s.v_G, C_mean, w.f_mean, dt, c.markov[1], tau_usbl)
     if c.aiding.on:
         predict_model(s, c, w, Phi, stamp_ns, dt)
     _process_noise(w.q, s, c, dt)
+    if c.heading.on:
+        add_heading_dynamics(c, Phi, inverse, w.q, dt)
     if gap > 0.0:
         add_gap_noise(w.q, s.P, c.gap_variances, gap - dt, gap)
     predict(s.P, Phi, w.q, w.M)
@@ -120,7 +113,7 @@ def covariance_step(
     # The mean of a Markov error decays as its transition says.
     for k in range(3):
         s.dvl_markov_m[k] *= Phi[MARKOV, MARKOV]
-        s.usbl_bias_a[k] *= Phi[USBL, USBL]
+        s.usbl_bias_a[k] *= Phi[USBL + k, USBL + k]
     total = 0.0
     for k in range(3):
         total += s.r_e[k] + s.v_G[k]

@@ -16,6 +16,7 @@ from .columns import describe
 from .consider import add_common, add_conflict, fix_common
 from .events import fill_depth, fill_dvl, fill_fix, imu_event, note_outcome
 from .fuse import fuse_rows, locate, ping_passes
+from .heading import heading_event
 from .late import OUT_OF_REACH, fill_late_fix
 from .model import E
 from .state import Frames, Log, Past, Rows, Settings, State, Streams, Work
@@ -26,13 +27,16 @@ from .update import USBL, N, is_positive_definite
 def _next_measurement(s: State, streams: Streams) -> tuple[int, int]:
     """Stamp [ns] and rank of the next measurement but IMU samples; NEVER_NS when none waits.
 
-    Within a stamp the order is control, depth, DVL, fix.
+    Within a stamp the order is control, depth, DVL, heading, fix.
     """
     counts, taken = streams.counts, s.counters
     at, rank = fs.NEVER_NS, fs.CONTROL_RANK
     at, rank = earlier(at, rank, streams.control_stamps, taken[fs.CONTROL], counts[4], rank)
     at, rank = earlier(at, rank, streams.depth_stamps, taken[fs.DEPTH], counts[1], fs.DEPTH_RANK)
     at, rank = earlier(at, rank, streams.dvl_stamps, taken[fs.DVL], counts[2], fs.DVL_RANK)
+    at, rank = earlier(
+        at, rank, streams.heading_stamps, taken[fs.HEADING], counts[5], fs.HEADING_RANK
+    )
     return earlier(at, rank, streams.fix_stamps, taken[fs.FIX], counts[3], fs.FIX_RANK)
 
 
@@ -85,6 +89,18 @@ def _apply_control(s: State, streams: Streams, stamp: int) -> None:
     """Change the thrust to that of the next control sample."""
     k = s.counters[fs.CONTROL] % streams.control_stamps.shape[0]
     control_event(s, stamp, streams.control_force_b[k])
+
+
+@kernel
+def _fuse_next_heading(
+    s: State, c: Settings, past: Past, w: Work, log: Log, streams: Streams
+) -> int:
+    """Fuse the next heading; returns the code of its update."""
+    k = s.counters[fs.HEADING] % streams.heading_stamps.shape[0]
+    s.counters[fs.HEADING] += 1
+    heading, up_b = streams.headings[k], streams.heading_up_b[k]
+    code: int = heading_event(s, c, past, w, log, streams.heading_stamps[k], heading, up_b)
+    return code
 
 
 @kernel
@@ -193,6 +209,11 @@ def _process(
             continue
         if is_gap(s, c, stamp):
             bridge(s, c, past, w, log, stamp)  # a failure shows in S, or in the step to come
+        if rank == fs.HEADING_RANK:
+            code = _fuse_next_heading(s, c, past, w, log, streams)
+            if code < 0:
+                return code
+            continue
         locate(s, fr, c)
         if rank == fs.DEPTH_RANK:
             stream, m = fs.DEPTH_ROW, _fill_next_depth(s, fr, c, w, streams)
@@ -229,7 +250,7 @@ def advance(
 ) -> int:
     """Process all before (until_ns, until_rank); returns a code for why processing stopped.
 
-    Ranks within a stamp: IMU 0, control 1, depth 2, DVL 3, fix 4 (events.Rank).
+    Ranks within a stamp: events.Rank.
 
     Parameters
     ----------
@@ -288,7 +309,7 @@ def put_row(s: State, c: Settings, rows: Rows) -> None:
     if c.considers:
         add_common(total, s.sensitivity, c.common)
     add_conflict(total, s.conflict)
-    if c.shares_leader:
+    if c.shares_leader or c.heading.on:
         leave_out_leader(total, rows.flat[k])
     if rows.P.shape[0] == 0:
         describe(s.r_e, s.C_b_G, total, rows.derived[k], rows.scratch)

@@ -23,6 +23,7 @@ from ...order import FIX_RANK as FIX_RANK
 from ...order import FIX_ROW as FIX_ROW
 from ...order import FUSED as FUSED
 from ...order import GATED as GATED
+from ...order import HEADING_RANK as HEADING_RANK
 from ...order import IMU_RANK as IMU_RANK
 from ...order import NEVER_NS as NEVER_NS
 from ...order import NIS_SUM as NIS_SUM
@@ -33,6 +34,7 @@ from ...order import UPDATES as UPDATES
 from .. import watch
 from . import consider, hypotheses
 from .columns import WIDTH
+from .compass import Heading
 from .hypotheses import LEARNED as LEARNED
 from .model import E
 from .update import COUPLED, Ints, N
@@ -71,7 +73,12 @@ BANK_NS = 39  # stamp of the signatures in State.bank
 BIRTH_NS = 40  # stamp from which on the next hypotheses begin
 CLOSED_NS = 41  # three: when the newest window of a stream ended
 BORN_NS = 44  # one for each slot: when its hypotheses began; 0 for an empty one
-COUNTERS = 44 + hypotheses.SLOTS
+HEADING = BORN_NS + hypotheses.SLOTS
+HEADING_TRY_NS = HEADING + 1  # stamp of the newest heading that was tried
+HEADING_USED_NS = HEADING + 2
+HEADING_OPENED_NS = HEADING + 3  # when its gate was last opened again; the start at first
+HEADING_OPENINGS = HEADING + 4
+COUNTERS = HEADING + 5
 
 # What an event function (FUSED or REFUSED, too) or `advance` returns.
 DONE = 0
@@ -121,6 +128,8 @@ class State(NamedTuple):
     calm: Array  # (4,): velocity that the DVL's scale is judged by (scale)
     bank: Array  # (ROWS, SLOTS * KINDS): hypotheses about slow faults (hypotheses)
     windows: Array  # (3, 4): residuals of each stream since its window began (signatures)
+    heading_memories: Array  # (2, WIDTH): innovations of a measured heading (watch)
+    heading: Array  # (4,): counts and reference of a measured heading (heading)
     model: Array  # (MODEL_ROWS, 7) where the vehicle's model takes part, else without rows
 
 
@@ -163,6 +172,8 @@ _SHAPES = {
     'calm': (4,),
     'bank': (hypotheses.ROWS, hypotheses.SLOTS * hypotheses.KINDS),
     'windows': (watch.STREAMS, hypotheses.WINDOW),
+    'heading_memories': (watch.MEMORIES, watch.WIDTH),
+    'heading': (4,),
 }
 FLAT = sum(int(np.prod(shape)) for shape in _SHAPES.values())
 NAVIGATION = 30
@@ -261,6 +272,7 @@ class Settings(NamedTuple):
     considers: bool  # some common error has a sigma
     common: Array  # (COLUMNS,): sigmas of the common errors (consider)
     aiding: Aiding
+    heading: Heading
 
 
 MODEL_WORK = 63
@@ -387,7 +399,7 @@ class Past(NamedTuple):
 class Streams(NamedTuple):
     """Rings of measurements; ``counts`` is the number of each received (order of counters)."""
 
-    counts: Ints  # (5,): IMU, depth, DVL, fix, control
+    counts: Ints  # (6,): IMU, depth, DVL, fix, control, heading
     imu_stamps: Ints
     omega_ib_b: Array
     f_b: Array
@@ -408,6 +420,9 @@ class Streams(NamedTuple):
     fix_notes: Ints  # (n, 3): steps gone back over, stamp of the state, rows of output so far
     control_stamps: Ints  # nothing comes here without a vehicle's model
     control_force_b: Array
+    heading_stamps: Ints  # nothing comes here without a reference of headings
+    headings: Array  # clockwise from it [rad]
+    heading_up_b: Array  # (n, 3): the vertical of the AHRS, or NaN
 
 
 class Log(NamedTuple):
