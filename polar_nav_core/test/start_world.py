@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from polar_nav_core import magnetic
 from polar_nav_core.attitude import log, matrix_from_euler
 from polar_nav_core.earth import ecef_from_geodetic, gravity
-from polar_nav_core.engine.events import DepthSample, DvlPing, Fix, ImuSample
+from polar_nav_core.engine.events import DepthSample, DvlPing, Fix, HeadingSample, ImuSample
 from polar_nav_core.engine.params import EngineParams
-from polar_nav_core.engine.start.model import Heading
 from polar_nav_core.grid import convergence, earth_rate, ecef_to_grid, transport_rate
 
-HZ = 50
+HZ, YEAR = 50, 2026.9
 MEMS = {
     'gyro_bias_sigma': 3e-4,
     'gyro_noise_density': 6e-5,
@@ -100,6 +100,28 @@ def params_of(noise: dict[str, float], **changes) -> EngineParams:
     return replace(EngineParams(**noise), initialize='alignment', **changes)
 
 
+def with_heading(params: EngineParams, sensors: Sensors) -> EngineParams:
+    """Parameters that state the heading of the sensors, where there is one."""
+    if not sensors.heading_sigma_deg:
+        return params
+    return replace(
+        params,
+        heading_reference=sensors.heading_reference,
+        heading_bias_sigma_deg=sensors.heading_sigma_deg,
+        heading_markov_sigma_deg=1e-3,
+        heading_tilt_sigma_deg=1e-3,
+        magnetic_year=YEAR,
+    )
+
+
+def declination(lat: float, lon: float) -> float:
+    """Of the magnetic field at `YEAR`, clockwise from true north [rad]."""
+    field = magnetic.field_near(lat, lon, 0.0, YEAR)
+    s, c, sl, cl = math.sin(lat), math.cos(lat), math.sin(lon), math.cos(lon)
+    east, north = np.array([-sl, cl, 0.0]), np.array([-s * cl, -s * sl, c])
+    return math.atan2(east @ field.field_e, north @ field.field_e)
+
+
 def events(vehicle: Vehicle, sensors: Sensors, params: EngineParams, seed: int, seconds: float):
     """Events in the order of their coming, of errors as the parameters state them."""
     rng = np.random.default_rng(seed)
@@ -133,10 +155,11 @@ def events(vehicle: Vehicle, sensors: Sensors, params: EngineParams, seed: int, 
         if sensors.heading_sigma_deg:
             lat, lon = np.radians([vehicle.latitude_deg, vehicle.longitude_deg])
             heading = 0.5 * math.pi - vehicle.psi(t) + heading_bias
-            if sensors.heading_reference == 'true':
+            if sensors.heading_reference in ('true', 'magnetic'):
                 heading += float(convergence(lat, lon))
-            sigma = math.radians(sensors.heading_sigma_deg)
-            yield Heading(ns, heading, sigma, sensors.heading_reference, 'ahrs')
+            if sensors.heading_reference == 'magnetic':
+                heading -= declination(lat, lon)
+            yield HeadingSample(ns, k, heading, topic='ahrs')
         if sensors.dvl and k % (HZ // 5) == 0:
             v_m = C_error @ now.T @ vehicle.v_G(t) + slow + 0.01 * rng.standard_normal(3)
             yield DvlPing(ns, k, valid=True, v_m=v_m, covariance_m=1e-4 * np.eye(3))

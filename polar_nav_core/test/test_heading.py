@@ -13,9 +13,11 @@ from polar_nav_core.engine.engine import Engine
 from polar_nav_core.engine.health.conditions import Culprit
 from polar_nav_core.engine.methods import DELAY_HANDLING
 from polar_nav_core.engine.sins.filter import NavigationFilter
+from polar_nav_core.engine.start.model import SAME_AGAIN
 from polar_nav_core.error_model import X
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.kernels.sins import heading as kh
+from polar_nav_core.kernels.sins import state as fs
 
 DEG = np.pi / 180.0
 
@@ -92,6 +94,29 @@ def test_rows_of_the_vertical_are_its_slopes(axis):
         assert float(f.work.z[0]) / 1e-5 == pytest.approx(f.work.H[0, k], abs=1e-4)
 
 
+@pytest.mark.parametrize('tilts', [False, True])
+def test_common_errors_reach_a_heading_through_the_state_only(tilts):
+    """What a smoother reads of its updates: rows of the measurement before are not in them."""
+    world = World(0.1, lat_deg=60.0)
+    params = world.params(
+        heading_reference='grid', heading_tilts=tilts, dvl_misalignment_sigma_deg=0.3
+    )
+    f = NavigationFilter(params, params.initial_state(), int(world.stamps[1]), steps=True)
+    s, w = f.state, f.work
+    assert f.settings.considers
+    before = 1e-6 * np.random.default_rng(1).normal(size=s.sensitivity.shape)
+    s.sensitivity[:] = before
+    w.J[:], w.moved[:] = 1.0, 1.0
+    heading = grid_heading(s.C_b_G)
+    args = (s, f.settings, f.past, w, f.log, f.stamp_ns, heading, s.C_b_G[2].copy())
+    assert kh.heading_event(*args) == fs.FUSED
+    numbers = f.log.numbers[f.log.ranks == fs.HEADING_RANK]
+    assert len(numbers) == (3 if tilts else 1)
+    first = int(numbers[0])
+    np.testing.assert_allclose(f.log.moved[first, 0], f.log.H[first, 0] @ before, atol=1e-15)
+    assert not f.log.moved[numbers, 1:].any()
+
+
 def test_a_true_heading_corrects_a_wrong_one_at_any_longitude(world):
     """The sign of convergence and of the row: the heading goes to where the measurement is."""
     stamps, headings, up_b = true_headings(world)
@@ -141,6 +166,25 @@ def test_a_constant_bias_is_that_of_least_squares():
     error = heading_of(result) - grid_heading(world.C_b_G[-1])
     assert error == pytest.approx(x[0], rel=0.02)
     assert result.track.P[-1][2, 2] == pytest.approx(P[0, 0], rel=0.02)
+
+
+def test_a_start_from_the_same_compass_counts_its_heading_once(world):
+    """An exact agreement of both says nothing: the heading stays as uncertain as the bias."""
+    stamps, headings, up_b = true_headings(world, every=100)
+    params = world.params(
+        heading_reference='true',
+        initial_sigma_heading_deg=SAME_AGAIN * 3.0,
+        heading_bias_sigma_deg=3.0,
+        heading_bias_tau=1e6,
+        heading_markov_sigma_deg=1e-3,
+        heading_sigma_deg=1e-3,
+        heading_turn_factor=0.0,
+        dvl_sigma=10.0,
+    )
+    inputs = replace(inputs_of(world, []), dvl_valid=np.zeros(60, dtype=bool))
+    result = engine_run.run(params, with_headings(inputs, stamps, headings, up_b))
+    sigma = np.sqrt(result.track.P[-1][2, 2])
+    assert sigma == pytest.approx(0.97 * 3.0 * DEG, rel=0.01)
 
 
 @pytest.mark.parametrize('name', DELAY_HANDLING)
@@ -222,7 +266,7 @@ def test_a_state_saved_with_headings_resumes_without_and_with_them(world):
     assert engine.fusion.filter.state.usbl_bias_a[0] != 0.0
     after_ns = int(world.stamps[-1]) + 1_000_000_000
     with_them = NavigationFilter(params, saved, after_ns).state
-    assert with_them.P[kh.BIAS, kh.BIAS] == pytest.approx((5.0 * DEG) ** 2)
+    assert with_them.P[kh.BIAS, kh.BIAS] == pytest.approx((4.5 * DEG) ** 2)
     without = NavigationFilter(world.params(), saved, after_ns).state
     np.testing.assert_array_equal(without.P[21:, 21:], np.eye(3))
     assert not with_them.usbl_bias_a.any()

@@ -7,6 +7,7 @@ import pytest
 from closed_loop import World, inputs_of
 from scipy import stats
 
+from polar_nav_core import attitude, earth, grid
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine import smoothing
 from polar_nav_core.engine.sins import tape
@@ -90,6 +91,38 @@ def test_smoothed_errors_are_no_larger_than_stated(world):
     # Its start and IMU are better than stated; what fixes and DVL err is as stated.
     assert sum(nees) < stats.chi2.ppf(0.9995, 3 * len(nees))
     assert after < 0.7 * before
+
+
+def test_measured_headings_are_smoothed_with_their_bias(world):
+    """A compass that is off, and a start that is: fixes under way show both, also backwards."""
+    rng = np.random.default_rng(4)
+    ks = np.arange(100, world.n + 1, 100)
+    lat, lon, _ = earth.geodetic_from_ecef(np.array(world.r_e)[ks])
+    own = np.array([np.arctan2(world.C_b_G[k][0, 0], world.C_b_G[k][1, 0]) for k in ks])
+    measured = own + grid.convergence(lat, lon) + np.radians(3.0 + rng.normal(0.0, 0.3, len(ks)))
+    inputs = replace(
+        late(world, 0.0),
+        heading_stamps_ns=world.stamps[ks],
+        headings=measured,
+        heading_up_b=np.full((len(ks), 3), np.nan),
+    )
+    params = world.params(
+        configuration='default',
+        output_period_s=1.0,
+        heading_reference='true',
+        heading_markov_sigma_deg=0.1,
+        initial_sigma_heading_deg=3.0,
+    )
+    off = replace(params, initial_grid_heading_deg=params.initial_grid_heading_deg + 2.0)
+    found = smoothing.smooth(off, inputs, covariances=True).track
+    filtered = engine_run.run(off, inputs).track
+    assert found.P[:, 2, 2].max() < filtered.P[0, 2, 2]
+    for k in range(len(found.stamps_ns)):
+        j = int(np.searchsorted(world.stamps, found.stamps_ns[k]))
+        turn = attitude.log(found.C_b_G[k] @ world.C_b_G[j].T)[2]
+        assert abs(turn) < 4.0 * np.sqrt(found.P[k, 2, 2])
+    assert not found.P[:, 21:].any()
+    assert not found.sensor_errors[:, 12:].any()
 
 
 @pytest.mark.parametrize(

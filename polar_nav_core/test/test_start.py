@@ -7,13 +7,25 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from start_world import FOG, MEMS, Sensors, Vehicle, errors, events, params_of
+from start_world import (
+    FOG,
+    MEMS,
+    YEAR,
+    Sensors,
+    Vehicle,
+    declination,
+    errors,
+    events,
+    params_of,
+    with_heading,
+)
 
-from polar_nav_core.engine.events import DepthSample, ImuSample
+from polar_nav_core import magnetic
+from polar_nav_core.engine.events import DepthSample, DvlPing, Fix, HeadingSample, ImuSample
 from polar_nav_core.engine.start.gyrocompass import gyrocompass, sigma_of, too_weak
 from polar_nav_core.engine.start.level import Tilt
 from polar_nav_core.engine.start.machine import Start
-from polar_nav_core.engine.start.model import MOST_HEADING, Phase, Stated
+from polar_nav_core.engine.start.model import MOST_HEADING, SAME_AGAIN, Phase, Stated
 
 REST, WAY = Vehicle(), Vehicle(speed=1.2, waves=0.03)
 GNSS = Sensors(fix_s=1.0)
@@ -24,6 +36,7 @@ PLACE = Stated(latitude=math.radians(70.0), longitude=math.radians(20.0))
 
 def run(vehicle, sensors, params, stated=None, *, seed=0, seconds=15.0, change=None):
     """State that a start finds, or None, and the start."""
+    params = with_heading(params, sensors)
     start = Start(params, Stated() if stated is None else stated, sensors.inputs)
     for event in events(vehicle, sensors, params, seed, seconds):
         changed = event if change is None else change(event)
@@ -50,7 +63,8 @@ def test_situations_that_align(vehicle, sensors, noise, stated, method):
     assert found is not None, start.progress
     assert start.progress.phase is Phase.DONE
     assert method in found.how['heading']
-    assert found.state.sigma_heading <= MOST_HEADING
+    again = SAME_AGAIN if 'measured' in found.how['heading'] else 1.0  # it is measured on
+    assert found.state.sigma_heading <= again * MOST_HEADING
     for part, (error, sigma) in errors(vehicle, found).items():
         assert abs(error) < 4.0 * sigma, part
 
@@ -84,6 +98,66 @@ def test_it_waits_for_a_depth_that_there_is_a_source_of():
     found, _ = run(replace(REST, depth=30.0), replace(AHRS, depth=True), params_of(MEMS))
     assert found.state.height == pytest.approx(-30.0, abs=0.5)
     assert found.how['height'] == 'by depth'
+
+
+def test_a_magnetic_heading_is_without_its_declination_once_a_place_is_known():
+    pytest.importorskip('pygeomag')
+    compass = replace(AHRS, heading_reference='magnetic')
+    found, _ = run(REST, compass, params_of(MEMS, heading_declination_deg=0.0))
+    assert 'measured by ahrs (magnetic north)' in found.how['heading']
+    error, sigma = errors(REST, found)['heading']
+    assert abs(error) < sigma / SAME_AGAIN
+    lat, lon = math.radians(REST.latitude_deg), math.radians(REST.longitude_deg)
+    horizontal = magnetic.field_near(lat, lon, 0.0, YEAR).horizontal
+    known = math.hypot(0.26, 5417.0 / horizontal, math.degrees(300.0 / horizontal))
+    assert sigma == pytest.approx(SAME_AGAIN * math.radians(math.hypot(2.0, known)), rel=0.01)
+    assert abs(declination(lat, lon)) > sigma / SAME_AGAIN
+    added = params_of(MEMS, heading_declination_deg=4.0)
+    other, _ = run(REST, compass, added)
+    turned = other.state.grid_heading - found.state.grid_heading
+    assert turned == pytest.approx(math.radians(-4.0), abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ('place', 'changes', 'says'),
+    [
+        ((80.0, 120.0), {}, 'the horizontal magnetic field is 1788 nT here: too weak'),
+        ((70.0, 20.0), {'magnetic_year': 1970.5}, 'no model is of the date, see magnetic_year'),
+    ],
+)
+def test_a_magnetic_heading_that_means_nothing_starts_nothing(place, changes, says):
+    pytest.importorskip('pygeomag')
+    vehicle = replace(REST, latitude_deg=place[0], longitude_deg=place[1])
+    sensors = replace(AHRS, heading_reference='magnetic')
+    start = Start(
+        replace(with_heading(params_of(MEMS), sensors), **changes), Stated(), sensors.inputs
+    )
+    plain = replace(sensors, heading_reference='grid')
+    assert all(start.take(e) is None for e in events(vehicle, plain, start._p, 0, 13.0))
+    assert says in start.progress.sentence
+
+
+def test_a_heading_from_a_direction_of_its_own_or_a_silent_one_is_named():
+    for reference, says in (
+        ('arbitrary', 'heading/data counts from a direction of its own'),
+        ('true', 'its source heading/data (true north) is silent'),
+    ):
+        sensors = replace(AHRS, heading_reference=reference)
+        none = lambda e: None if isinstance(e, HeadingSample) else e  # noqa: E731
+        _, start = run(REST, sensors, params_of(MEMS), change=none)
+        assert says in start.progress.sentence
+
+
+def test_fixes_of_an_antenna_under_water_and_pings_through_the_water_do_not_start_it():
+    deep = replace(REST, depth=30.0)
+    sensors = replace(AHRS, depth=True)
+    antenna = lambda e: replace(e, surface_depth=1.0) if isinstance(e, Fix) else e  # noqa: E731
+    found, start = run(deep, sensors, params_of(MEMS), change=antenna)
+    assert found is None
+    assert 'waiting for: a fix' in start.progress.sentence
+    water = lambda e: replace(e, water=True) if isinstance(e, DvlPing) else e  # noqa: E731
+    found, _ = run(WAY, replace(AHRS, dvl=True), params_of(MEMS), change=water)
+    assert 'by the DVL' not in found.how['velocity']
 
 
 def test_before_the_window_is_full_it_aligns():
@@ -195,7 +269,8 @@ def test_errors_are_as_stated_over_seeds(vehicle, sensors, noise, seconds):
         found, start = run(vehicle, sensors, params, seed=seed, seconds=seconds)
         assert found is not None, start.progress
         for part, (error, sigma) in errors(vehicle, found).items():
-            ratios.setdefault(part, []).append(error / sigma)
+            again = SAME_AGAIN if part == 'heading' and 'measured' in found.how[part] else 1.0
+            ratios.setdefault(part, []).append(again * error / sigma)
     rms = {part: float(np.sqrt(np.mean(np.square(r)))) for part, r in ratios.items()}
     assert all(value < 1.5 for value in rms.values()), rms
     assert rms['heading'] > 0.4, rms

@@ -5,7 +5,14 @@ import pytest
 from closed_loop import START_NS, World, run
 
 from polar_nav_core.engine.engine import Engine
-from polar_nav_core.engine.events import Command, CommandKind, Estimate, Receipt, Verdict
+from polar_nav_core.engine.events import (
+    Command,
+    CommandKind,
+    Estimate,
+    HeadingSample,
+    Receipt,
+    Verdict,
+)
 from polar_nav_core.engine.health.conditions import Culprit, Level
 
 OFF_NS, ON_NS = START_NS + 4_000_000_000, START_NS + 8_000_000_000
@@ -19,7 +26,12 @@ def world():
 def events_of(world):
     rng = np.random.default_rng(2)
     aiding = [*world.dvl(rng=rng), *world.depth(rng=rng)]
-    return [*world.imu(), *aiding, *world.fixes(1.0, 0.5, rng=rng)]
+    headings = [
+        HeadingSample(int(world.stamps[k]), i, float(np.arctan2(C[0, 0], C[1, 0])))
+        for i, k in enumerate(range(50, world.n + 1, 50))
+        for C in [world.C_b_G[k]]
+    ]
+    return [*world.imu(), *aiding, *headings, *world.fixes(1.0, 0.5, rng=rng)]
 
 
 def switched(topic):
@@ -29,14 +41,15 @@ def switched(topic):
     ]
 
 
-@pytest.mark.parametrize('topic', ['dvl/data', 'depth/data', 'acomms/rx'])
+@pytest.mark.parametrize('topic', ['dvl/data', 'depth/data', 'heading/data', 'acomms/rx'])
 def test_what_is_switched_off_might_not_have_come(world, topic):
     events = events_of(world)
     unused = [e for e in events if e.topic == topic and OFF_NS < e.stamp_ns <= ON_NS]
     assert len(unused) >= 4
-    engine = Engine(world.params())
+    params = world.params(heading_reference='grid')
+    engine = Engine(params)
     with_switch = run(engine, [*events, *switched(topic)])
-    without = run(Engine(world.params()), [e for e in events if all(e is not u for u in unused)])
+    without = run(Engine(params), [e for e in events if all(e is not u for u in unused)])
 
     refused = [r for r in with_switch if isinstance(r, Receipt) and r.topic == topic]
     refused = [r for r in refused if r.verdict is Verdict.SWITCHED_OFF]
@@ -53,7 +66,12 @@ def test_what_is_switched_off_might_not_have_come(world, topic):
 
 
 @pytest.mark.parametrize(
-    ('topic', 'culprit'), [('dvl/data', Culprit.DVL), ('/ugps/fix', Culprit.FIXES)]
+    ('topic', 'culprit'),
+    [
+        ('dvl/data', Culprit.DVL),
+        ('heading/data', Culprit.HEADING),
+        ('/ugps/fix', Culprit.FIXES),
+    ],
 )
 def test_a_warning_names_it_also_after_a_reset(world, topic, culprit):
     engine = Engine(world.params())

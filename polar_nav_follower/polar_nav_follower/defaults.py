@@ -54,7 +54,7 @@ _FIRST: dict[str, Any] = {
     'gyro_noise_density': 1.533e-09,
     'gap_attitude_sigma_deg': 5.7,
     'gap_velocity_sigma': 0.5,
-    'heading_bias_sigma_deg': 5.0,
+    'heading_bias_sigma_deg': 4.5,
     'heading_bias_tau': 3600.0,
     'heading_declination_deg': 0.0,
     'heading_markov_sigma_deg': 2.0,

@@ -90,7 +90,6 @@ class FollowerNode(ManagedNode[FollowerParams]):
             ports,
             self._live(navigation),
             stated_of(self.params, self._stated_names(), mapping),
-            headings=sources is not None and any(s.has_heading for s in sources),
         )
         self._ports.silence(True)
 

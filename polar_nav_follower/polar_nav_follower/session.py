@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from polar_nav_core.engine.events import Event, Fix
+from polar_nav_core.engine.events import Fix
 from polar_nav_core.link.packet import Broadcast
 from polar_nav_ros.adapters.live import Source, Sources, Taken
 from polar_nav_ros.broadcasts import broadcast_to_msg
@@ -76,9 +76,7 @@ class Session(NavigationSession[FollowerParams]):
             RX: self._station_fix_from_msg if station else self._fix_from_msg
         }
         for source in sources or ():
-            readers[source.topic] = (
-                self._packet_reader(source) or self._heading_reader(source) or source.event
-            )
+            readers[source.topic] = self._packet_reader(source) or source.event
         super().__init__(
             params,
             vehicle,
@@ -108,19 +106,6 @@ class Session(NavigationSession[FollowerParams]):
                 return None
             arrival = source.arrival(number)
             return self._with_content(*fix_from_packet(*row[:3], arrival, *row[3:], self.params))
-
-        return read
-
-    def _heading_reader(self, source: Source) -> Reader | None:
-        """Reader of a source whose messages hold a heading, too, which an alignment hears."""
-        if not source.has_heading:
-            return None
-
-        def read(taken: Any, number: int) -> Event | None:  # noqa: ANN401 - Taken
-            heading = None if self.hear is None else source.heading(taken)
-            if heading is not None and self.hear is not None:
-                self.hear(heading)
-            return source.event(taken, number)
 
         return read
 

@@ -84,8 +84,6 @@ class NavigationPorts:
         Outputs at the newest IMU sample.
     stated : Stated, optional
         What the user stated of the initial state.
-    headings : bool
-        Whether a source measures the heading.
     """
 
     def __init__(
@@ -98,7 +96,6 @@ class NavigationPorts:
         sources: SourcePorts | None = None,
         live: LiveOutputs | None = None,
         stated: Stated | None = None,
-        headings: bool = False,
     ) -> None:
         self._node = node
         self._session = session
@@ -129,6 +126,7 @@ class NavigationPorts:
         self._imu_seen: tuple[int | None, float] = (None, time.monotonic())
         self._fix_second = -1
         fixes = sources is None or sources.fixes
+        headings = sources is not None and sources.headings
         self._start = StartPorts(
             node,
             session,

@@ -35,7 +35,6 @@ from polar_nav_core.engine.events import (
 from polar_nav_core.engine.health.radius import radius_95
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.engine.reorder import Reorder
-from polar_nav_core.engine.start.model import Heading
 from polar_nav_core.identification.result import Identification
 from polar_nav_msgs.msg import Depth, Dvl, NavState, VehicleModel, WaterCurrent
 from polar_nav_msgs.msg import Identification as IdentificationMsg
@@ -130,7 +129,7 @@ class NavigationSession(Generic[P]):
         Publish on nav/clock the first message that is taken of each topic: a node that may be
         started again in the middle of a recording, so that a replay begins with the same ones.
     hear : callable or None
-        Gets each event of a live message, and headings: an alignment listens. No replay has one.
+        Gets each event of a live message: an alignment listens. No replay has one.
     """
 
     def __init__(
@@ -149,7 +148,7 @@ class NavigationSession(Generic[P]):
         self.reorder = Reorder(self.engine, params.reorder_window_s, params.max_stamp_leap_s)
         self.taken: Counter[str] = Counter()
         self.marks_starts = False
-        self.hear: Callable[[Event | Heading], None] | None = None
+        self.hear: Callable[[Event], None] | None = None
         self._starts: list[Published] = []
         self.sensors = tuple(sensors)
         self._frame_id = frame_id

@@ -223,6 +223,7 @@ class PolarNode(Node, Generic[P]):  # type: ignore[misc]
                     other()
 
         others = drain_others if after_others else None
+        replaced: list[str] = []  # not by name: two sources may be of one topic
 
         # The first one is a message of msg_type, or its bytes.
         def drained(first: Any, about: dict[str, Any]) -> None:  # noqa: ANN401
@@ -237,7 +238,8 @@ class PolarNode(Node, Generic[P]):  # type: ignore[misc]
 
         def relax(_event: object) -> None:
             name = subscription.topic_name
-            if not (self.params.lockstep or name in self.relaxed or overridden(self, name)):
+            if not (self.params.lockstep or replaced or overridden(self, name)):
+                replaced.append(name)
                 self.get_logger().info(f'{name} is offered best effort only: taken as that')
                 self.relaxed.add(name)
                 drain()

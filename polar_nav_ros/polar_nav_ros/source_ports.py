@@ -24,12 +24,13 @@ from .adapters.mapping import Stream
 from .diagnostics import Diagnosis, Level
 from .node import PolarNode
 from .stamps import to_msg
-from .topics import INPUTS
+from .topics import HEADING, INPUTS
 
 _BLOCK_NS = 1_000_000_000
 _MOST = 2000
 _MANY = 10
-"""Messages without a position, all of a source, that are a WARN."""
+"""Messages without a position or heading, all of a source, that are a WARN."""
+_WHY = 'NaN, a status of no fix, or an orientation that its sender calls unknown'
 
 
 def digest_of(data: bytes) -> int:
@@ -106,6 +107,11 @@ class SourcePorts:
     def fixes(self) -> bool:
         """Whether a source brings positions or packets."""
         return any(s.role in ('position', 'packet') for s in self._sources)
+
+    @property
+    def headings(self) -> bool:
+        """Whether a source measures the heading."""
+        return self._sources.of(HEADING) is not None
 
     def has(self, topic: str) -> bool:
         """Whether a source stands for a topic of the session."""
@@ -184,7 +190,7 @@ class SourcePorts:
         """Add what is wrong with the sources to a diagnosis; a WARN where nothing is worse."""
         problems = [p for p in (self._problem(s) for s in self._sources) if p]
         counts = {f'unreadable {self._name(s)}': s.unreadable for s in self._sources}
-        counts |= {f'without a position {self._name(s)}': s.empty for s in self._sources}
+        counts |= {f'without {_content(s)} {self._name(s)}': s.empty for s in self._sources}
         values = {**found.values, **{name: n for name, n in counts.items() if n}}
         values |= {f'source {self._name(s)}': self._offer(s) for s in self._sources}
         if not problems:
@@ -198,10 +204,7 @@ class SourcePorts:
         if self._node.publishers_of(name):
             if source.read < _MANY or source.empty < source.read:
                 return ''
-            return (
-                f'none of {source.read} messages of {name} holds a position: NaN, or a status of '
-                'no fix'
-            )
+            return f'none of {source.read} messages of {name} holds {_content(source)}: {_WHY}'
         offered = self._node.get_publishers_info_by_topic(name)
         others = {str(i.topic_type) for i in offered} - {source.stream.type}
         if not offered:
@@ -217,6 +220,11 @@ class SourcePorts:
         if clock is None:
             return text
         return f'{text}, clock drifts by {clock.drift * 1e6:.1f} ppm, stepped {clock.steps} times'
+
+
+def _content(source: Source) -> str:
+    """What a message of a source that is empty lacks."""
+    return 'a heading' if source.role == 'heading' else 'a position'
 
 
 def _qos_text(offered: Iterable[Any]) -> str:

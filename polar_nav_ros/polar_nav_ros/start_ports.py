@@ -22,7 +22,7 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 
 from polar_nav_core.engine.events import Event, InitialState
 from polar_nav_core.engine.start.machine import Start
-from polar_nav_core.engine.start.model import Aligned, Heading, Phase, Stated
+from polar_nav_core.engine.start.model import Aligned, Phase, Stated
 from polar_nav_core.local_frame import LocalFrame
 
 from .adapters.pose import Pose, PoseError, pose_in_earth
@@ -103,7 +103,7 @@ class StartPorts:
         self._node.get_logger().info(f'start: {_ORIGINS[origin]}{": " if how else ""}{how}')
         self.publish()
 
-    def _hear(self, event: Event | Heading) -> None:
+    def _hear(self, event: Event) -> None:
         if self._start is not None and self._found is None:
             self._found = self._start.take(event)
 

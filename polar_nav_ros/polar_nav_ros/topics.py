@@ -14,6 +14,8 @@ DVL = 'dvl/data'
 DVL_TWIST = 'dvl/twist'
 PRESSURE = 'depth/pressure'
 DEPTH = 'depth/data'
+HEADING = 'heading/data'
+"""Only of a mapping file: it names the topic of an AHRS or compass, of any type."""
 CONTROL = 'control/thrust'
 USBL = 'usbl/fix'
 STATION = 'station/fix'
@@ -69,6 +71,7 @@ TYPES = {
     DVL_TWIST: 'geometry_msgs/msg/TwistWithCovarianceStamped',
     PRESSURE: 'sensor_msgs/msg/FluidPressure',
     DEPTH: 'polar_nav_msgs/msg/Depth',
+    HEADING: 'sensor_msgs/msg/Imu',
     CONTROL: 'geometry_msgs/msg/WrenchStamped',
     USBL: 'polar_nav_msgs/msg/UsblFix',
     STATION: 'polar_nav_msgs/msg/StationFix',

@@ -145,6 +145,23 @@ def test_a_best_effort_publisher_is_heard_but_in_lockstep(lockstep):
     peer.destroy_node()
 
 
+def test_both_subscriptions_of_one_topic_hear_a_best_effort_publisher():
+    """An IMU whose orientation is a heading, too."""
+    node, peer, got = ros_node.PolarNode('twice', NodeParams), rclpy.create_node('peer'), []
+    for name in ('rates', 'heading'):
+        node.subscribe(Depth, 'in', lambda _, n=name: got.append(n))
+    weak = peer.create_publisher(Depth, 'in', BEST_EFFORT)
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    executor.add_node(peer)
+    spin_until(executor, lambda: weak.get_subscription_count() == 2)
+    weak.publish(Depth(depth=1.0))
+    spin_until(executor, lambda: len(got) == 2)
+    assert sorted(got) == ['heading', 'rates']
+    node.destroy_node()
+    peer.destroy_node()
+
+
 @pytest.mark.parametrize(
     ('name', 'value', 'says'),
     [

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from foreign_worlds import (
+    IMU,
     Recorder,
     aiding_columns,
     imu_column,
@@ -16,6 +17,7 @@ from foreign_worlds import (
     truth_of,
     write_columns,
 )
+from test_live_headings import HEADING, with_orientation
 
 from polar_nav_core.attitude import log, matrix_from_euler
 from polar_nav_core.earth import ecef_from_geodetic
@@ -60,6 +62,24 @@ def test_it_is_aligned_under_way_and_the_errors_are_as_stated(tmp_path: Path) ->
     assert np.abs(np.array(state.v_G) - truth.v_G[0]).max() < 4.0 * state.sigma_velocity
     comparison = run(loaded).comparison()
     assert comparison is not None
+
+
+def test_a_measured_heading_starts_it_without_a_dvl(tmp_path: Path) -> None:
+    truth, make = truth_of(SECONDS), Recorder()
+    imu = imu_column(make, truth, stamps_of(truth, 0.0, 60.0, 0.01))
+    columns = [with_orientation(imu, truth, 'enu'), *aiding_columns(make, truth, 0.0, 60.0)]
+    top = mapping()
+    del top['initial'], top['dvl']
+    top['heading'] = HEADING | {'topic': IMU, 'coloured_sigma_deg': 1.0}
+    path = write_columns(tmp_path / 'bag', make, columns)
+    loaded = load(open_source(path), mapping_file.from_section(Section('m', top)))
+    assert 'heading measured by heading/data (true north)' in loaded.start.how
+    state = loaded.params.initial_state()
+    assert state is not None
+    true = truth.state(np.array([loaded.start.stamp_ns])).C_b_G[0]
+    turned = state.grid_heading - np.arctan2(true[0, 0], true[1, 0])
+    assert abs(np.angle(np.exp(1j * turned))) < np.radians(0.5)
+    assert len(loaded.inputs.headings) > 1000
 
 
 def test_without_a_dvl_it_is_refused_with_what_is_missing(tmp_path: Path) -> None:

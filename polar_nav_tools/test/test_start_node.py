@@ -49,7 +49,9 @@ HEARD = {
 MAPPING = """
 version: 2
 vehicle: auv
-imu: {topic: /imu, type: sensor_msgs/msg/Imu, heading_reference: true, heading_sigma_deg: 2.0}
+imu: {topic: /imu, type: sensor_msgs/msg/Imu}
+heading: {topic: /imu, type: sensor_msgs/msg/Imu, reference: true, bias_sigma_deg: 2.0,
+  coloured_sigma_deg: 0.1}
 dvl: {topic: /dvl, type: geometry_msgs/msg/TwistWithCovarianceStamped, sigma: 0.02}
 depth: {topic: /pressure, type: sensor_msgs/msg/FluidPressure, sigma: 0.1}
 fixes: {topic: /gnss, type: sensor_msgs/msg/NavSatFix, sigma: 2.0, delay_s: 0.1}
@@ -87,7 +89,11 @@ class Rig:
         self.executor.add_node(self.peer)
         self.ns = self.node.get_clock().now().nanoseconds
         self.rng = np.random.default_rng(1)
-        self.until(lambda: all(p.get_subscription_count() == 1 for p in self.out.values()))
+        # Of the IMU its heading is another source.
+        wanted = {n: 2 if n == '/imu' and 'heading' in mapping else 1 for n in self.out}
+        self.until(
+            lambda: all(p.get_subscription_count() == wanted[n] for n, p in self.out.items())
+        )
 
     def keep(self, topic, message):
         self.rows.append((topic, time.time_ns(), to_bytes(message)))
@@ -199,12 +205,13 @@ def test_it_starts_by_itself_from_gnss_and_ahrs_and_the_bag_replays(rig, tmp_pat
     one.until(lambda: one.said()[1]['state'] == 'navigating')
     sentence, values = one.said()
     assert values['origin'] == 'alignment'
-    assert 'heading measured by /imu (true north) (1-sigma 2 deg)' in sentence
+    assert 'heading measured by heading/data (true north) (1-sigma 2 deg)' in sentence
     assert 'height by depth' in sentence
     one.node.close()
     one.hear_all()
     assert one.got['nav/command'][-1].kind == Command.SHUTDOWN
-    assert sum(len(b.digest) for b in one.got['nav/inputs']) == sum(one.sent.values())
+    total = sum(one.sent.values()) + one.sent['/imu']  # of which the heading is, too
+    assert sum(len(b.digest) for b in one.got['nav/inputs']) == total
     states = len(one.got['nav/state'])
     result = verify(one.bag(tmp_path / 'bag'))
     assert result.ok, result.difference
@@ -217,7 +224,7 @@ def test_without_a_heading_it_publishes_no_state_and_names_what_it_waits_for(rig
     one.rest(13.0, without=('heading',))
     status = one.diagnosis()
     assert status.level == b'\x01'
-    assert 'no state yet: waiting for: a heading (its source is silent' in status.message
+    assert 'no state yet: waiting for: a heading (its source heading/data (true' in status.message
     assert '~/set_initial_state' in status.message
     assert one.said()[1] == {'state': 'waiting', 'origin': 'none'}
     assert not one.got['nav/state']

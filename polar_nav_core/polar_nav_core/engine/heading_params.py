@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
+from .. import magnetic
+from ..kernels.sins import compass
 from ..params import NodeParams, choice, flag, param, sigma
 
 REFERENCES = ('none', 'true', 'magnetic', 'grid', 'arbitrary')
 """What a heading counts from; kernels know them by index (kernels.sins.compass)."""
+LEAST_FIELD = 2000.0
+"""Horizontal field below which a magnetic heading is refused [nT]: WMM's blackout zone."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +34,7 @@ class HeadingParams(NodeParams):
     )
     heading_sigma_deg: float = param(0.5, 'deg', 1e-3, 90.0, 'White noise of a measured heading')
     heading_bias_sigma_deg: float = param(
-        5.0,
+        4.5,
         'deg',
         1e-3,
         180.0,
@@ -74,3 +79,28 @@ class HeadingParams(NodeParams):
         2030.0,
         'Year and fraction for which the magnetic field is computed; 0: that of the stamps',
     )
+
+    def field_near(
+        self, latitude: float, longitude: float, height: float, stamp_ns: int
+    ) -> magnetic.Field | None:
+        """Magnetic field around a place [rad, rad, m] at a stamp [ns]; None without a model."""
+        year = self.magnetic_year or magnetic.year_of(stamp_ns)
+        return magnetic.field_near(latitude, longitude, height, year)
+
+    def heading_sigmas(self, field: magnetic.Field | None) -> tuple[float, float]:
+        """1-sigma of the bias of headings, and of their coloured error [rad].
+
+        Parameters
+        ----------
+        field : Field or None
+            That a magnetic heading counts from: its declination adds to the bias, and a tilt of
+            the AHRS times its dip to the coloured error.
+        """
+        bias = math.radians(self.heading_bias_sigma_deg)
+        coloured = math.radians(self.heading_markov_sigma_deg)
+        if field is None:
+            return bias, coloured
+        horizontal = max(field.horizontal, LEAST_FIELD)
+        tilt = math.radians(self.heading_tilt_sigma_deg) * abs(field.vertical) / horizontal
+        declination = compass.declination_variance(horizontal)
+        return math.sqrt(bias**2 + declination), math.hypot(coloured, tilt)

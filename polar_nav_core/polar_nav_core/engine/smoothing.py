@@ -164,7 +164,7 @@ def _backwards(
             scratch,
         )
         kernels.publish_rows(
-            stretch.P, stretch.sensitivity, stretch.navigation, tape.common, tape.shares_leader
+            stretch.P, stretch.sensitivity, stretch.navigation, tape.common, tape.hidden
         )
         turn = max(turn, float(np.abs(x[:, :3]).max(initial=0.0)))
         pieces.append(_track_of(stretch, len(stretch.P) if covariances else 0))

@@ -5,7 +5,11 @@ from __future__ import annotations
 from .events import Command, CommandKind, Event, Verdict
 from .health.conditions import Condition, Culprit, Level
 
-_CULPRITS = {'dvl/data': Culprit.DVL, 'depth/data': Culprit.DEPTH}
+_CULPRITS = {
+    'dvl/data': Culprit.DVL,
+    'depth/data': Culprit.DEPTH,
+    'heading/data': Culprit.HEADING,
+}
 
 
 class Switches:

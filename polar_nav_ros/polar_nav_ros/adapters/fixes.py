@@ -43,6 +43,7 @@ def fixes_of(
     received = _received(mapping, rows.stamps_ns, rows.log_ns)
     covariance = _stated(mapping, rows)
     usable = rows.given & rows.plausible
+    r_e, covariance = _from_antenna(mapping, rows.r_e, covariance)
     if mapping.correlation_s > 0.0:
         factors = shares(rows.stamps_ns[usable], mapping.correlation_s, before_ns)
         covariance = covariance.copy()
@@ -56,11 +57,12 @@ def fixes_of(
             sequence=int(k),
             order=int(k),
             arrival=first_arrival + int(k),
-            r_e=rows.r_e[k],
+            r_e=r_e[k],
             covariance_e=covariance[k],
             topic=rows.topic,
             delay_sigma=mapping.delay_sigma_s,
             leader_sigma=mapping.slow_sigma,
+            surface_depth=mapping.surface_depth,
         )
         for k in np.flatnonzero(usable)
     )
@@ -102,6 +104,29 @@ def sigma_covariance(sigma: tuple[float, float], r_e: Array) -> Array:
         P_G = np.diag([sigma[0] ** 2, sigma[0] ** 2, sigma[1] ** 2])
         out[good] = congruent(C_G_e, P_G[None])
     return out
+
+
+def _from_antenna(mapping: FixMapping, r_e: Array, covariance_e: Array) -> tuple[Array, Array]:
+    """Fixes of an antenna, of the point that the filter knows. (n, 3), (n, 3, 3).
+
+    Its height over that point is known for a level vehicle; its horizontal part has any
+    direction, and `_LEANING` of it is vertical.
+    """
+    x, y, z = mapping.offset_b
+    if not any(mapping.offset_b):
+        return r_e, covariance_e
+    apart = x * x + y * y
+    good = finite_rows(r_e)
+    C_G_e = np.swapaxes(ecef_to_grid(r_e[good]), 1, 2)
+    variances = [0.5 * apart, 0.5 * apart, _LEANING**2 * (apart + z * z)]
+    moved, wider = r_e.copy(), covariance_e.copy()
+    moved[good] -= z * C_G_e[:, :, 2]
+    wider[good] += congruent(C_G_e, np.diag(variances)[None])
+    return moved, wider
+
+
+_LEANING = 0.1
+"""Sine of the roll or pitch that a vehicle has at the surface: ours."""
 
 
 def _stated(mapping: FixMapping, rows: PositionRows) -> Array:

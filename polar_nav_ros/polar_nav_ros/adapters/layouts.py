@@ -71,6 +71,19 @@ DEPTH: dict[str, Layout] = {
     'std_msgs/msg/Float32': {'depth': ('data',)},
     'std_msgs/msg/Float64': {'depth': ('data',)},
 }
+_ORIENTATION: Layout = {
+    'attitude': _xyzw('orientation'),
+    'covariance': ('orientation_covariance',),
+}
+HEADING: dict[str, Layout] = {
+    'sensor_msgs/msg/Imu': _ORIENTATION,
+    'geometry_msgs/msg/QuaternionStamped': {'attitude': _xyzw('quaternion')},
+    'geometry_msgs/msg/PoseStamped': {'attitude': _xyzw('pose.orientation')},
+    'geometry_msgs/msg/PoseWithCovarianceStamped': {'attitude': _xyzw('pose.pose.orientation')},
+    'nav_msgs/msg/Odometry': {'attitude': _xyzw('pose.pose.orientation')},
+    'std_msgs/msg/Float32': {'heading': ('data',)},
+    'std_msgs/msg/Float64': {'heading': ('data',)},
+}
 POSITION: dict[str, Layout] = {
     'sensor_msgs/msg/NavSatFix': _NAVSATFIX,
     'nav_msgs/msg/Odometry': {
@@ -151,6 +164,7 @@ REQUIRED: dict[str, tuple[tuple[str, ...], ...]] = {
     'position': (('position',), ('geodetic',)),
     'packet': (('payload',),),
     'transmit': (('payload',),),
+    'heading': (('attitude',), ('heading',)),
 }
 """Quantities without which a role cannot be filled: one of the groups."""
 LAYOUTS = {
@@ -158,6 +172,7 @@ LAYOUTS = {
     'velocity': VELOCITY,
     'depth': DEPTH,
     'position': POSITION,
+    'heading': HEADING,
     'packet': PACKETS,
     'transmit': TRANSMIT,
 }

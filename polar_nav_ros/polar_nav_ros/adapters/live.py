@@ -7,6 +7,7 @@ the definitions in its bag make of the recorded bytes.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
@@ -15,15 +16,22 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polar_nav_core.engine.events import Command, DepthSample, DvlPing, Event, Fix, ImuSample
+from polar_nav_core.engine.events import (
+    Command,
+    DepthSample,
+    DvlPing,
+    Event,
+    Fix,
+    HeadingSample,
+    ImuSample,
+)
 from polar_nav_core.engine.params import EngineParams
-from polar_nav_core.engine.start.model import Heading
 from polar_nav_core.errors import ConfigError
 
-from ..topics import DEPTH, DVL, IMU, RX
+from ..topics import DEPTH, DVL, HEADING, IMU, RX
 from . import mapping as m
 from .fixes import fixes_of, level_height
-from .heading import heading_of
+from .headings import headings_of
 from .layouts import USBL
 from .messages import Fields, get, stamp_ns_of
 from .packets import PacketRow, carries_packets, packet_of, require_room
@@ -73,8 +81,6 @@ class Source:
         Converts rows of one message to an event; None for a packet.
     fix : FixMapping, optional
         Of packets.
-    heading : HeadingMapping, optional
-        Of an IMU whose orientation is a heading.
     """
 
     def __init__(
@@ -85,7 +91,6 @@ class Source:
         role: str,
         read: Read | None,
         fix: m.FixMapping | None = None,
-        heading: m.HeadingMapping | None = None,
     ) -> None:
         self.index = index
         self.alike = 1
@@ -98,11 +103,10 @@ class Source:
         self.read = 0
         """Messages that could be read."""
         self.empty = 0
-        """Those of them that hold no position: NaN, or a status of no fix."""
+        """Those of them that hold no position or orientation: NaN, or a status of no fix."""
         self.clock = SensorClock() if stream.clock == 'sensor' else None
         self._read = read
         self._fix = fix
-        self._heading = heading
         self._places: Places | None = None
         self._constants: Mapping[str, Any] = {}
 
@@ -153,17 +157,6 @@ class Source:
             return None
         self.read += 1
         return row
-
-    @property
-    def has_heading(self) -> bool:
-        """Whether its messages hold a heading that an alignment may use."""
-        return self._heading is not None
-
-    def heading(self, taken: Taken) -> Heading | None:
-        """Heading in a message; None where it holds none."""
-        if self._heading is None:
-            return None
-        return heading_of(taken.message, taken.stamp_ns, self._heading, self.stream.topic)
 
     def event(self, taken: Taken, number: int) -> Event | None:
         """Event of a message; None for one that holds no position, or cannot be read."""
@@ -219,8 +212,7 @@ class Sources:
         if any(mapping.imu.lever_b):
             raise _not_live(mapping, 'imu: lever_b', 'the IMU must be at base_link')
         self._all: list[Source] = []
-        imu = mapping.imu
-        self._add(IMU, imu.stream, 'imu', lambda rows: _sample(rows, imu), heading=imu.heading)
+        self._add(IMU, mapping.imu.stream, 'imu', partial(_sample, mapping=mapping.imu))
         for dvl in mapping.dvls:
             self._add_one_of(
                 DVL, dvl.stream, 'velocity', partial(_ping, mapping=dvl, params=params)
@@ -229,6 +221,9 @@ class Sources:
             read = partial(_depth, mapping=depth, params=params)
             self._add_one_of(DEPTH, depth.stream, 'depth', read)
         self._count_alike()
+        heading = mapping.heading
+        if heading is not None:
+            self._add(HEADING, heading.stream, 'heading', partial(_heading, mapping=heading))
         for fix in mapping.fixes:
             self._add_fix(mapping, fix, params)
         topics = [s.topic for s in self._all]
@@ -246,7 +241,7 @@ class Sources:
 
     @property
     def beside(self) -> tuple[str, ...]:
-        """Topics of the session that only a mapping brings: positions, second sensors."""
+        """Topics of the session that only a mapping brings: heading, positions, second sensors."""
         return tuple(s.topic for s in self._all if s.topic not in (IMU, DVL, DEPTH, RX))
 
     def sensors(self, topics: tuple[str, ...]) -> tuple[str, ...]:
@@ -270,11 +265,10 @@ class Sources:
         role: str,
         read: Read | None,
         fix: m.FixMapping | None = None,
-        heading: m.HeadingMapping | None = None,
     ) -> None:
         fixes = sum(s.role in ('position', 'packet') for s in self._all)
         index = fixes if role in ('position', 'packet') else 0
-        self._all.append(Source(index, topic, stream, role, read, fix, heading))
+        self._all.append(Source(index, topic, stream, role, read, fix))
 
     def _add_fix(self, mapping: m.Mapping, fix: m.FixMapping, params: EngineParams) -> None:
         stream = fix.position.stream
@@ -312,12 +306,20 @@ def _sample(rows: Rows, mapping: m.ImuMapping) -> ImuSample:
 def _ping(rows: Rows, mapping: m.DvlMapping, params: EngineParams) -> DvlPing:
     p = pings_of(rows, mapping, params.dvl_sigma, params.water_sound_speed)
     stamp_ns = int(rows.stamps_ns[0])
-    return DvlPing(stamp_ns, 0, bool(p.valid[0]), p.velocity[0], p.covariance[0])
+    water = bool(p.water[0])
+    return DvlPing(stamp_ns, 0, bool(p.valid[0]), p.velocity[0], p.covariance[0], water=water)
 
 
 def _depth(rows: Rows, mapping: m.DepthMapping, params: EngineParams) -> DepthSample:
     d = depths_of(rows, mapping, params.depth_sigma, params.initial_latitude_deg)
     return DepthSample(int(rows.stamps_ns[0]), 0, float(d.depth[0]), float(d.variance[0]))
+
+
+def _heading(rows: Rows, mapping: m.HeadingMapping) -> HeadingSample | None:
+    h = headings_of(rows, mapping)
+    if not math.isfinite(h.heading[0]):
+        return None
+    return HeadingSample(int(rows.stamps_ns[0]), 0, float(h.heading[0]), h.up_b[0])
 
 
 class _Fixes:

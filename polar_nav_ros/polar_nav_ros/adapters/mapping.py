@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping as Names
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -21,8 +22,8 @@ VERSION = 2
 """Of mapping files; it counts up when a key comes to mean something else. Since 2, fixes without
 `dimensions` are two-dimensional unless `sigma` states a vertical one."""
 REFERENCES = ('bottom', 'water')
-HEADING_REFERENCES = ('true', 'grid')
 STAMPS = ('header', 'log')
+WORLDS = ('enu', 'ned')
 CLOCKS = ('host', 'sensor', 'log')
 ENCODINGS = ('hex', 'base64')
 
@@ -55,28 +56,6 @@ class Stream:
 
 
 @dataclass(frozen=True)
-class HeadingMapping:
-    """The orientation of an AHRS as a heading.
-
-    Attributes
-    ----------
-    reference : str
-        ``true`` or ``grid`` north.
-    frame : str
-        Axes that the orientation is in: ``enu`` (REP-103) or ``ned``.
-    sigma_deg : float or None
-        In place of what the messages state, slow errors included.
-    C_s_b : (3, 3) array
-        From the axes that the orientation speaks of to the body's.
-    """
-
-    reference: str
-    frame: str
-    sigma_deg: float | None
-    C_s_b: Array
-
-
-@dataclass(frozen=True)
 class ImuMapping:
     """An IMU: C_s_b takes its axes to the body's; lever_b is from base_link to it [m]."""
 
@@ -85,7 +64,6 @@ class ImuMapping:
     gyro_scale: float
     accel_scale: float
     lever_b: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    heading: HeadingMapping | None = None
 
 
 @dataclass(frozen=True)
@@ -114,6 +92,27 @@ class DepthMapping:
     sigma: float | None
     atmospheric_pressure: float
     latitude_deg: float | None
+
+
+@dataclass(frozen=True)
+class HeadingMapping:
+    """An AHRS or compass: what its headings count from is a parameter of the engine.
+
+    Attributes
+    ----------
+    stream : Stream
+    C_s_b : (3, 3) array
+        Axes of the vehicle that an orientation speaks of, to the body's.
+    world : str
+        Axes of the world that an orientation speaks of: ``enu`` or ``ned``.
+    scale : float
+        Of a plain heading to radians, negative where it counts counterclockwise.
+    """
+
+    stream: Stream
+    C_s_b: Array
+    world: str = 'enu'
+    scale: float = np.pi / 180.0
 
 
 @dataclass(frozen=True)
@@ -169,6 +168,10 @@ class FixMapping:
     slow_sigma : float
         1-sigma per horizontal axis of an error that fixes share with those before, besides
         ``sigma`` [m]; how long they do is the engine's ``leader_error_tau``.
+    offset_b : (3,) tuple
+        Of the antenna from the one point that the filter knows fixes to locate, body axes [m].
+    surface_depth : float
+        An antenna works above this depth of the vehicle only [m]; infinite for a transponder.
     """
 
     position: PositionMapping
@@ -185,6 +188,8 @@ class FixMapping:
     correlation_s: float = 0.0
     delay_sigma_s: float = 0.0
     slow_sigma: float = 0.0
+    offset_b: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    surface_depth: float = math.inf
 
     @classmethod
     def of_packets(cls, stream: Stream, source: str = 'modem', encoding: str = '') -> FixMapping:
@@ -233,6 +238,7 @@ class Mapping:
     truth: PositionMapping | None
     accept: tuple[str, ...]
     params: Names[str, Any]
+    heading: HeadingMapping | None = None
 
     @property
     def dvl(self) -> DvlMapping | None:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+import math
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from polar_nav_core.arrays import Array
 from polar_nav_core.depth import STANDARD_ATMOSPHERE
 from polar_nav_core.dvl import SOUND_SPEED_LIMITS
 from polar_nav_core.engine.params import EngineParams
@@ -17,12 +17,12 @@ from polar_nav_core.params import unknown_parameter
 from polar_nav_core.user_files import parse_yaml, read_text
 
 from . import noise_classes, section
+from .heading_section import check_slow_errors, heading_of
 from .mapping import (
     ACCEL_UNITS,
     CLOCKS,
     ENCODINGS,
     GYRO_UNITS,
-    HEADING_REFERENCES,
     LENGTH_UNITS,
     POSITION_FRAMES,
     PRESSURE_UNITS,
@@ -34,7 +34,6 @@ from .mapping import (
     DvlMapping,
     FixMapping,
     Frame,
-    HeadingMapping,
     ImuMapping,
     InitialMapping,
     Mapping,
@@ -78,6 +77,7 @@ def from_section(top: Section) -> Mapping:
         raise top.fail('imu', 'is missing: without an IMU nothing can be integrated')
     params = _parameters(top)
     dvls, depths, truth = _several(top, 'dvl'), _several(top, 'depth'), top.section('truth')
+    heading = top.section('heading')
     _lever(top, 'dvl', dvls, params)
     _lever(top, 'depth', depths, params)
     accept = top.raw('accept') or []
@@ -94,6 +94,7 @@ def from_section(top: Section) -> Mapping:
         truth=None if truth is None else _position(truth),
         accept=tuple(accept),
         params=params,
+        heading=None if heading is None else heading_of(heading, params, stream_of(heading)),
     )
     if len({dvl.water for dvl in mapping.dvls}) > 1:
         raise top.fail(
@@ -101,6 +102,8 @@ def from_section(top: Section) -> Mapping:
             'reference is not the same in all of them: a velocity through the water has the '
             'current in it, and the filter knows one noise of a DVL: map those of one reference',
         )
+    if heading is not None:
+        check_slow_errors(heading, mapping.fixes)
     noise = top.section('noise')
     if noise is not None:
         stated = _noise(noise, mapping.dvls, params)
@@ -116,7 +119,10 @@ def _noise(s: Section, dvls: tuple[DvlMapping, ...], params: dict[str, Any]) -> 
     """Noise by the classes of instruments; numbers that stand beside them win."""
     out: dict[str, float] = {}
     if 'imu' in s:
-        out |= noise_classes.imu_noise(s.choice('imu', noise_classes.IMU_CLASSES))
+        name = s.choice('imu', noise_classes.IMU_CLASSES)
+        out |= noise_classes.imu_noise(name)
+        if params.get('heading_reference', 'none') != 'none':
+            params.setdefault('heading_tilts', name in noise_classes.POOR_GYROS)
     if 'dvl' in s:
         name = s.choice('dvl', noise_classes.DVL_CLASSES)
         known = bool(dvls) and all(dvl.sound_speed > 0.0 for dvl in dvls)
@@ -191,14 +197,12 @@ def _imu(s: Section, params: dict[str, Any]) -> ImuMapping:
     if 'sample' in s:
         params['imu_sample'] = s.choice('sample', ('mean', 'instant'))
     s.raw('sample')
-    stream, C_s_b = stream_of(s), s.rotation()
     mapping = ImuMapping(
-        stream=stream,
-        C_s_b=C_s_b,
+        stream=stream_of(s),
+        C_s_b=s.rotation(),
         gyro_scale=GYRO_UNITS[s.choice('gyro_unit', tuple(GYRO_UNITS), 'rad/s')],
         accel_scale=ACCEL_UNITS[s.choice('accel_unit', tuple(ACCEL_UNITS), 'm/s^2')],
         lever_b=s.numbers('lever_b', (0.0, 0.0, 0.0), -100.0, 100.0, 'm'),
-        heading=_heading(s, C_s_b),
     )
     s.done()
     return mapping
@@ -210,20 +214,6 @@ def _several(top: Section, key: str) -> list[Section]:
         return top.sections(key)
     one = top.section(key)
     return [] if one is None else [one]
-
-
-def _heading(s: Section, C_s_b: Array) -> HeadingMapping | None:
-    """Orientation of the IMU's messages as a heading, if its reference is stated."""
-    if 'heading_reference' not in s:
-        return None
-    # The word is a truth value to YAML.
-    true = s.raw('heading_reference') is True
-    return HeadingMapping(
-        reference='true' if true else s.choice('heading_reference', HEADING_REFERENCES),
-        frame=s.choice('heading_frame', ('enu', 'ned'), 'enu'),
-        sigma_deg=s.optional('heading_sigma_deg', 1e-3, 180.0, 'deg'),
-        C_s_b=C_s_b,
-    )
 
 
 def _lever(top: Section, key: str, sections: list[Section], params: dict[str, Any]) -> None:
@@ -309,18 +299,37 @@ def frame_of(s: Section) -> Frame:
 def _all_fixes(top: Section, params: dict[str, Any], *, level: bool) -> tuple[FixMapping, ...]:
     """All sources of fixes, 2-D unless stated if level; the engine knows one transponder."""
     sections = top.sections('fixes')
+    antennas = [_antenna(s) for s in sections]
     fixes = tuple(_fix(s, params, level=level) for s in sections)
-    levers = [lever for _, lever in fixes if lever is not None]
-    if levers and (len(set(levers)) > 1 or len(levers) < len(fixes)):
+    others = [lever for (_, lever), a in zip(fixes, antennas, strict=True) if a is None]
+    levers = [lever for lever in others if lever is not None]
+    if levers and (len(set(levers)) > 1 or len(levers) < len(others)):
         raise top.fail(
             'fixes',
             'transponder_lever_b is not the same in all of them; the filter knows one point of '
             'the vehicle that fixes locate: state one, or replay with one source at a time',
         )
+    if not others:  # the first antenna is the point that the filter knows
+        levers = [a for a in antennas if a is not None][:1]
     if levers:
         params['transponder_lever_b'] = list(levers[0])
-    found = tuple(fix for fix, _ in fixes)
+    x, y, z = params.get('transponder_lever_b', (0.0, 0.0, 0.0))
+    found = tuple(
+        fix if a is None else replace(fix, offset_b=(a[0] - x, a[1] - y, a[2] - z))
+        for (fix, _), a in zip(fixes, antennas, strict=True)
+    )
     _check_slow(top, found, params)
+    return found
+
+
+def _antenna(s: Section) -> tuple[float, float, float] | None:
+    """Lever arm of an antenna of its own, where one is stated."""
+    found = None
+    if 'antenna_lever_b' in s:
+        if 'transponder_lever_b' in s:
+            raise s.fail('antenna_lever_b', 'and transponder_lever_b are both given: name one')
+        found = s.numbers('antenna_lever_b', None, -100.0, 100.0, 'm')
+    s.raw('antenna_lever_b')
     return found
 
 
@@ -391,6 +400,7 @@ def _fix(
         correlation_s=correlation_s,
         delay_sigma_s=s.number('delay_sigma_s', 0.0, 0.0, 60.0, 's'),
         slow_sigma=slow_sigma,
+        surface_depth=s.number('surface_depth', math.inf, 0.0, 100.0, 'm'),
     )
     s.raw('encoding')
     if array is not None:

@@ -80,6 +80,9 @@ IMU: dict[str, dict[str, float]] = {
     },
 }
 """Parameters by class, as `polar_nav_tools.foreign.instrument_noise` derives them, SI."""
+POOR_GYROS = ('bmi088', 'icm20948')
+"""Gyros too poor to navigate by (1 deg/s at the start): with an AHRS its roll and pitch are
+measurements, too, unless the mapping says otherwise."""
 DVL: dict[str, dict[str, float]] = {
     'a50_performance': {
         'scale': 0.001,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +32,10 @@ class ImuRows:
 
 @dataclass(frozen=True)
 class DvlRows:
-    """Velocities [m/s] with covariance, body axes; ``stated`` where the message had one."""
+    """Velocities [m/s] with covariance, body axes; ``stated`` where the message had one.
+
+    ``water`` are those through the water where the mapping says that velocities are over ground.
+    """
 
     topic: str
     stamps_ns: Stamps
@@ -41,6 +44,7 @@ class DvlRows:
     covariance: Array
     stated: NDArray[np.bool_]
     valid: NDArray[np.bool_]
+    water: NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, dtype=bool))
 
 
 @dataclass(frozen=True)
@@ -85,15 +89,20 @@ def pings_of(
     valid = finite_rows(v)
     if 'valid' in rows.values:
         valid &= rows.values['valid'].astype(bool)
+    water = np.zeros(n, dtype=bool)
     if 'mode' in rows.values:
         # Types with these fields differ in the number that stands for bottom lock.
-        name, usual = ('DVL_MODE_WATER', 2) if mapping.water else ('DVL_MODE_BOTTOM', 0)
-        valid &= rows.values['mode'] == rows.constants.get(name, usual)
+        bottom = rows.values['mode'] == rows.constants.get('DVL_MODE_BOTTOM', 0)
+        through = np.asarray(rows.values['mode'] == rows.constants.get('DVL_MODE_WATER', 2))
+        water = valid & through & (not mapping.water)
+        valid &= through if mapping.water else bottom
     if 'beams' in rows.values:
         valid &= rows.values['beams'] >= _FEWEST_BEAMS
     C = mapping.C_s_b
     in_body = congruent(C, covariance)
-    return DvlRows(rows.topic, rows.stamps_ns, rows.log_ns, turned(C, v), in_body, stated, valid)
+    return DvlRows(
+        rows.topic, rows.stamps_ns, rows.log_ns, turned(C, v), in_body, stated, valid, water
+    )
 
 
 def _assumed(rows: Rows, n: int, mapping: DvlMapping) -> Array:

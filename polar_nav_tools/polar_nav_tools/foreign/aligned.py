@@ -53,7 +53,12 @@ def align(mapping: Mapping, inputs: Inputs) -> Start:
         When the recording ends before it has found them, with what it waits for.
     """
     params = from_mapping(FollowerParams, parameters_of(mapping, {}))
-    sources = {'fix': mapping.fixes, 'dvl': mapping.dvl, 'depth': mapping.depth}
+    sources = {
+        'fix': mapping.fixes,
+        'dvl': mapping.dvl,
+        'depth': mapping.depth,
+        'heading': mapping.heading,
+    }
     there = frozenset(name for name, source in sources.items() if source)
     alignment = Alignment(params, stated_of(params, mapping.params, mapping), there)
     for event in inputs.events():

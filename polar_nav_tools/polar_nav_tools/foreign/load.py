@@ -17,6 +17,7 @@ from polar_nav_core.errors import ConfigError
 from polar_nav_core.params import default_of, from_mapping
 from polar_nav_follower.params import FollowerParams
 from polar_nav_ros.adapters.arrays import unfilled
+from polar_nav_ros.adapters.headings import HeadingRows
 from polar_nav_ros.adapters.mapping import Mapping, PositionMapping, Stream
 from polar_nav_ros.adapters.position import PositionRows
 from polar_nav_ros.adapters.sensors import DepthRows, DvlRows, ImuRows
@@ -31,11 +32,11 @@ from .check_values import check_depth, check_dvl, check_fixes, check_positions
 from .findings import NAMES, Refused, finding, refusals
 from .fixes import FixRows, read_fixes
 from .initial import Start, find_start
-from .read import read_depth, read_dvl, read_imu, read_positions
+from .read import read_depth, read_dvl, read_headings, read_imu, read_positions
 from .reference import truth_of
 from .sources import Source
 
-_T = TypeVar('_T', ImuRows, DvlRows, DepthRows)
+_T = TypeVar('_T', ImuRows, DvlRows, DepthRows, HeadingRows)
 _DVL_NOISE = ('dvl_scale_sigma', 'dvl_markov_sigma')
 _NOISE = ('gyro_bias_sigma', 'gyro_noise_density', 'accel_bias_sigma', 'accel_noise_density')
 
@@ -73,6 +74,7 @@ class _Streams:
     fixes: tuple[FixRows, ...]
     initial: PositionRows | None
     truth: PositionRows | None
+    heading: HeadingRows | None = None
 
     @property
     def dvl(self) -> DvlRows | None:
@@ -186,6 +188,7 @@ def _read(source: Source, mapping: Mapping) -> _Streams:
         fixes=tuple(fixes),
         initial=where,
         truth=_truth(source, mapping, where),
+        heading=None if mapping.heading is None else read_headings(source, mapping.heading),
     )
 
 
@@ -215,7 +218,8 @@ def _latitude_deg(where: PositionRows | None, fixes: Sequence[FixRows], otherwis
 def check(streams: _Streams, mapping: Mapping) -> list[Finding]:
     """Look at everything that was read."""
     out: list[Finding] = []
-    sensors: list[ImuRows | DvlRows | DepthRows] = [streams.imu, *streams.dvls, *streams.depths]
+    every = (streams.imu, *streams.dvls, *streams.depths, streams.heading)
+    sensors = [s for s in every if s is not None]
     for rows in sensors:
         out += check_stamps(rows.topic, rows.stamps_ns, rows.log_ns)
     for one in streams.fixes:
@@ -242,7 +246,7 @@ def _times(s: _Streams, mapping: Mapping) -> tuple[Times, list[Times]]:
     """Times of the IMU, and of everything else."""
 
     def times(
-        rows: ImuRows | DvlRows | DepthRows | PositionRows | FixRows,
+        rows: ImuRows | DvlRows | DepthRows | PositionRows | FixRows | HeadingRows,
         stream: Stream,
         *,
         delayed: bool = False,
@@ -253,6 +257,8 @@ def _times(s: _Streams, mapping: Mapping) -> tuple[Times, list[Times]]:
     depths = zip(s.depths, mapping.depths, strict=True)
     others = [times(rows, one.stream) for rows, one in pings]
     others += [times(rows, one.stream) for rows, one in depths]
+    if s.heading is not None and mapping.heading is not None:
+        others.append(times(s.heading, mapping.heading.stream))
     for rows, fix in zip(s.fixes, mapping.fixes, strict=True):
         others.append(times(rows, fix.position.stream, delayed=True))
     if s.truth is not None and mapping.truth is not None:
@@ -301,6 +307,7 @@ def _in_order(s: _Streams) -> _Streams:
         fixes=s.fixes,
         initial=None if s.initial is None else s.initial.sorted(),
         truth=None if s.truth is None else s.truth.sorted(),
+        heading=None if s.heading is None else _sorted(s.heading),
     )
 
 
@@ -353,12 +360,20 @@ def _inputs(s: _Streams, start_ns: int, started_from: PositionMapping | None) ->
             'dvl_v_m': dvl.velocity[d],
             'dvl_covariance_m': dvl.covariance[d],
             'dvl_valid': dvl.valid[d],
+            'dvl_water': dvl.water[d],
         }
     if depth is not None:
         given |= {
             'depth_stamps_ns': depth.stamps_ns[e],
             'depth': depth.depth[e],
             'depth_variance': depth.variance[e],
+        }
+    if s.heading is not None:
+        h = (s.heading.stamps_ns >= start_ns) & np.isfinite(s.heading.heading)
+        given |= {
+            'heading_stamps_ns': s.heading.stamps_ns[h],
+            'headings': s.heading.heading[h],
+            'heading_up_b': _c(s.heading.up_b[h]),
         }
     fixes: tuple[Fix, ...] = tuple(f for one in s.fixes for f in one.fixes)
     topic = None if started_from is None else started_from.stream.topic

@@ -9,9 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polar_nav_core.errors import ConfigError
+from polar_nav_ros.adapters.headings import HeadingRows, headings_of
 from polar_nav_ros.adapters.mapping import (
     DepthMapping,
     DvlMapping,
+    HeadingMapping,
     ImuMapping,
     PositionMapping,
     Stream,
@@ -82,6 +84,11 @@ def read_depth(
     """Read depth or pressure; errors as `read_rows`, parameters as `depths_of`."""
     rows = read_rows(source, mapping.stream, 'depth')
     return depths_of(rows, mapping, default_sigma, latitude_deg)
+
+
+def read_headings(source: Source, mapping: HeadingMapping) -> HeadingRows:
+    """Read an AHRS or compass; errors as `read_rows`."""
+    return headings_of(read_rows(source, mapping.stream, 'heading'), mapping)
 
 
 def read_positions(

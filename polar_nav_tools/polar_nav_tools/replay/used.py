@@ -6,7 +6,7 @@ never got. The former are counted by topic, the latter are left out.
 
 from __future__ import annotations
 
-from collections import Counter, deque
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
@@ -90,17 +90,20 @@ def used_of(bag: Bag, vehicle: str, text: str, params: EngineParams) -> Used:
     decoder = Decoder(str(bag.path))
     decode = {name: decoder.for_channel(bag.channel(name)) for name in pool}
     used, missing = Counter[str](), Counter[str]()
+    places = Counter[tuple[int, int]]()  # two sources may read one topic
     found: list[list[tuple[str, Taken]]] = []
     for block in blocks:
         found.append([])
         for number, arrival_ns, stamp_ns, digest in _rows(block):
             name = names[number]
             used[name] += 1
-            waiting = pool.get(name, {}).get(digest)
-            if not waiting:
+            waiting = pool.get(name, {}).get(digest, [])
+            place = places[number, digest]
+            if place >= len(waiting):
                 missing[name] += 1
                 continue
-            message = decode[name](waiting.popleft())
+            places[number, digest] += 1
+            message = decode[name](waiting[place])
             found[-1].append((sources[number].topic, Taken(message, arrival_ns, stamp_ns)))
     lacks += [
         f'{missing[name]:,} of {used[name]:,} messages of {name} that the follower used are not in'
@@ -132,11 +135,11 @@ def _rows(block: Inputs) -> list[tuple[int, int, int, int]]:
     return list(zip(*([int(v) for v in column] for column in columns), strict=True))
 
 
-def _pool(bag: Bag, names: set[str]) -> dict[str, dict[int, deque[bytes]]]:
+def _pool(bag: Bag, names: set[str]) -> dict[str, dict[int, list[bytes]]]:
     """Recorded bytes by topic and digest, equal ones in their order."""
-    pool: dict[str, dict[int, deque[bytes]]] = {name: {} for name in names}
+    pool: dict[str, dict[int, list[bytes]]] = {name: {} for name in names}
     for name, _, data in bag.messages(names) if names else ():
-        pool[name].setdefault(digest_of(data), deque()).append(data)
+        pool[name].setdefault(digest_of(data), []).append(data)
     return pool
 
 

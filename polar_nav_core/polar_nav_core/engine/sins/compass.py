@@ -6,14 +6,11 @@ import math
 
 import numpy as np
 
-from ... import magnetic
 from ...kernels.sins import compass
 from ..events import InitialState
-from ..heading_params import REFERENCES
+from ..heading_params import LEAST_FIELD, REFERENCES
 from ..params import EngineParams
 
-LEAST_FIELD = 2000.0
-"""Horizontal field below which a magnetic heading is refused [nT]: WMM's blackout zone."""
 _FOREVER_S = 1e9
 
 
@@ -26,33 +23,24 @@ def make_heading(p: EngineParams, initial: InitialState | None, stamp_ns: int) -
     reference = REFERENCES.index(p.heading_reference) if p.uses_heading else compass.NONE
     noise = np.zeros(compass.NOISE)
     field = np.zeros((compass.FIELD_ROWS, 3))
-    tilt = math.radians(p.heading_tilt_sigma_deg)
-    coloured = math.radians(p.heading_markov_sigma_deg)
+    near = None
     noise[compass.LEAST_FIELD] = LEAST_FIELD
     if reference == compass.MAGNETIC and initial is not None:
-        near = magnetic.field_near(
-            initial.latitude,
-            initial.longitude,
-            initial.height,
-            p.magnetic_year or magnetic.year_of(stamp_ns),
-        )
+        near = p.field_near(initial.latitude, initial.longitude, initial.height, stamp_ns)
         if near is not None:
             field[compass.PLACE] = near.r_e
             field[compass.FIELD] = near.field_e
             field[compass.GRADIENT :] = near.gradient_e
             horizontal = max(near.horizontal, LEAST_FIELD)
             noise[compass.STATED] = compass.declination_variance(horizontal)
-            coloured = math.hypot(coloured, tilt * abs(near.vertical) / horizontal)
         noise[compass.DECLINATION] = math.radians(p.heading_declination_deg)
+    bias, coloured = p.heading_sigmas(near)
     # A reference of its own has any direction: a uniform angle has a sigma of 104 deg.
-    start = math.pi / math.sqrt(3.0)
-    if reference != compass.ARBITRARY:
-        start = math.sqrt(math.radians(p.heading_bias_sigma_deg) ** 2 + noise[compass.STATED])
-    noise[compass.START] = start
+    noise[compass.START] = bias if reference != compass.ARBITRARY else math.pi / math.sqrt(3.0)
     noise[compass.WHITE] = math.radians(p.heading_sigma_deg) ** 2
     noise[compass.MARKOV_VARIANCE] = coloured**2
     noise[compass.MARKOV_TAU] = p.heading_markov_tau
-    noise[compass.TILT] = tilt**2
+    noise[compass.TILT] = math.radians(p.heading_tilt_sigma_deg) ** 2
     noise[compass.TURN] = p.heading_turn_factor
     return compass.Heading(
         on=p.uses_heading,

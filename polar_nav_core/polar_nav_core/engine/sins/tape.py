@@ -99,8 +99,8 @@ class Tape:
         Stretches before each filter that was recorded: one, and one more for each that was lost.
     common : (COLUMNS,) array
         1-sigma of the common errors of the newest filter.
-    shares_leader : bool
-        Whether its last three states are the leader's error.
+    hidden : bool
+        Whether its last three states are not published: errors of a leader or of headings.
     """
 
     def __init__(self, every: int) -> None:
@@ -112,7 +112,7 @@ class Tape:
         self._states = 0
         self.parts: list[int] = []
         self.common = np.zeros(COLUMNS)
-        self.shares_leader = False
+        self.hidden = False
 
     def make(self, params: EngineParams, initial: InitialState, stamp_ns: int) -> Recorded:
         """Fusion of an engine whose filter is recorded; the first, or after one that was lost."""
@@ -124,7 +124,7 @@ class Tape:
         self.parts.append(len(self._offsets))
         settings = fusion.filter.settings
         self.common = np.asarray(settings.common, dtype=np.float64).copy()
-        self.shares_leader = settings.shares_leader
+        self.hidden = settings.shares_leader or settings.heading.on
         return fusion
 
     def take(self) -> None:

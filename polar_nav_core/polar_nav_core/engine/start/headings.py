@@ -8,16 +8,17 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from collections.abc import Sequence
 
 import numpy as np
 
-from ...earth import SEMI_MAJOR
-from ...grid import convergence
+from ..events import HeadingSample
 from .level import LevelFrame
-from .model import MOST_HEADING, Candidate, Heading
+from .model import MOST_HEADING, Candidate
+from .north import North
 
 _FRESH_S = 0.5
+_STEEP = math.radians(75.0)
+"""Pitch beyond which body x has no heading to speak of [rad]."""
 _FEWEST = 3
 _LEAST_SPAN_S = 1.0
 
@@ -48,7 +49,7 @@ class Headings:
         self._window_ns = round(window_s * 1e9)
         self._bias, self._noise = bias, noise
         self._allowed = allowed
-        self._measured: deque[tuple[int, float, Heading]] = deque()
+        self._measured: deque[tuple[int, float, str]] = deque()
         self._best: dict[str, Candidate] = {}
         self.stated: Candidate | None = None
 
@@ -61,17 +62,19 @@ class Headings:
         """Whether headings of a method count."""
         return self._allowed in ('auto', method)
 
-    def take(self, heading: Heading) -> None:
+    def take(self, sample: HeadingSample) -> None:
         """Store a measured heading that is of now."""
         now_ns = self._frame.stamp_ns
         if now_ns is None or not self.allows('measured'):
             return
-        age_s = (now_ns - heading.stamp_ns) * 1e-9
-        if abs(age_s) > _FRESH_S or not math.isfinite(heading.heading) or not heading.sigma > 0.0:
+        age_s = (now_ns - sample.stamp_ns) * 1e-9
+        if abs(age_s) > _FRESH_S or not math.isfinite(sample.heading):
             return
-        yaw = 0.5 * math.pi - heading.heading + float(self._frame.omega_b[2]) * age_s
-        self._measured.append((heading.stamp_ns, yaw - self._frame.yaw, heading))
-        while heading.stamp_ns - self._measured[0][0] > self._window_ns:
+        if abs(self._frame.tilt.pitch) > _STEEP:
+            return
+        yaw = 0.5 * math.pi - sample.heading + float(self._frame.omega_b[2]) * age_s
+        self._measured.append((sample.stamp_ns, yaw - self._frame.yaw, sample.topic))
+        while sample.stamp_ns - self._measured[0][0] > self._window_ns:
             self._measured.popleft()
 
     def offer(self, candidate: Candidate) -> None:
@@ -82,10 +85,8 @@ class Headings:
         if older is None or candidate.sigma <= self._aged(older, candidate.stamp_ns):
             self._best[candidate.method] = candidate
 
-    def measured(
-        self, latitude: float, longitude: float, sigma_position: float
-    ) -> Candidate | None:
-        """Mean of what sources measured lately; None while there is too little of it."""
+    def measured(self, north: North) -> Candidate | None:
+        """Mean of what was measured lately; None while there is too little of it."""
         rows = list(self._measured)
         now_ns = self._frame.stamp_ns
         if len(rows) < _FEWEST or now_ns is None:
@@ -96,14 +97,9 @@ class Headings:
         turns = np.exp(1j * np.array([turn for _, turn, _ in rows]))
         mean = complex(turns.mean())
         scatter = float(np.sqrt(np.mean(np.angle(turns / mean) ** 2)))
-        newest = rows[-1][2]
-        sigma = math.hypot(max(h.sigma for _, _, h in rows), scatter)
-        turn = math.atan2(mean.imag, mean.real)
-        how = f'measured by {newest.topic} ({newest.reference} north)'
-        if newest.reference == 'true':
-            turn += float(convergence(latitude, longitude))
-            sigma = math.hypot(sigma, convergence_sigma(latitude, sigma_position))
-        return Candidate('measured', turn, sigma, last, how)
+        turn = math.atan2(mean.imag, mean.real) - north.azimuth
+        how = f'measured by {rows[-1][2]} ({north.name})'
+        return Candidate('measured', turn, math.hypot(north.sigma, scatter), last, how)
 
     def best(self) -> Candidate | None:
         """The most certain candidate now, its sigma aged; None without one within the limit."""
@@ -123,17 +119,6 @@ class Headings:
     def _aged(self, candidate: Candidate, now_ns: int) -> float:
         age_s = max(0.0, (now_ns - candidate.stamp_ns) * 1e-9)
         return math.sqrt(candidate.sigma**2 + (self._bias * age_s) ** 2 + self._noise**2 * age_s)
-
-    @property
-    def topics(self) -> Sequence[str]:
-        """Topics that measured headings came from lately."""
-        return sorted({h.topic for _, _, h in self._measured})
-
-
-def convergence_sigma(latitude: float, sigma_position: float) -> float:
-    """1-sigma of true north against grid north [rad] from the error of the place [m]."""
-    distance = SEMI_MAJOR * math.cos(latitude)
-    return sigma_position / distance if distance > 0.0 else math.inf
 
 
 def _sigma(candidate: Candidate) -> float:

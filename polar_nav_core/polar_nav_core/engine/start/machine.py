@@ -15,14 +15,15 @@ from ...arrays import Array
 from ...attitude import matrix_from_euler
 from ...earth import OMEGA_IE, ecef_from_geodetic
 from ...grid import convergence, ecef_to_grid
-from ..events import DepthSample, DvlPing, Event, Fix, ImuSample, InitialState
+from ..events import DepthSample, DvlPing, Event, Fix, HeadingSample, ImuSample, InitialState
 from ..params import EngineParams
 from ..plausibility import initial_problem, is_covariance, is_variance, within
 from .course import course
 from .gyrocompass import UNKNOWN_SPEED, gyrocompass
-from .headings import Headings, convergence_sigma
+from .headings import Headings
 from .level import GRAVITY, LevelFrame
-from .model import MOST_HEADING, Aligned, Candidate, Heading, Phase, Progress, Stated
+from .model import MOST_HEADING, SAME_AGAIN, Aligned, Candidate, Phase, Progress, Stated
+from .north import North, convergence_sigma, north_of
 from .place import UNKNOWN_VELOCITY, Fixes, Place, geodetic, has_height
 
 _SECOND_NS = 1_000_000_000
@@ -71,7 +72,7 @@ class Start:
         self._lever_b = np.asarray(params.transponder_lever_b)
         self.progress = Progress(Phase.WAITING, ('IMU samples',))
 
-    def take(self, event: Event | Heading) -> Aligned | None:
+    def take(self, event: Event) -> Aligned | None:
         """Take the next event; the initial state once it is known, with the sample it holds at."""
         if isinstance(event, ImuSample):
             return self._imu(event)
@@ -81,8 +82,9 @@ class Start:
             if is_variance(event.variance) and math.isfinite(event.depth):
                 self._depth = (event.stamp_ns, event.depth, math.sqrt(event.variance))
         elif isinstance(event, Fix):
-            self._fixes.take(event)
-        elif isinstance(event, Heading):
+            if self._depth is None or self._depth[1] <= event.surface_depth:
+                self._fixes.take(event)
+        elif isinstance(event, HeadingSample) and self._p.uses_heading:
             self._headings.take(event)
         return None
 
@@ -114,7 +116,7 @@ class Start:
         )
 
     def _velocity(self, ping: DvlPing) -> None:
-        if not ping.valid or not is_covariance(ping.covariance_m):
+        if not ping.valid or ping.water or not is_covariance(ping.covariance_m):
             return
         if not within(ping.v_m, self._p.max_speed):
             return
@@ -173,7 +175,7 @@ class Start:
         return self._fixes.at(fix, now_ns, turn, speed)
 
     def _find_heading(self, place: Place, now_ns: int) -> None:
-        lat, lon, _ = geodetic(place.r_e)
+        lat, lon, height = geodetic(place.r_e)
         s = self._stated
         if s.heading is not None:
             psi, sigma = 0.5 * math.pi - s.heading, s.sigma_heading
@@ -183,13 +185,23 @@ class Start:
             turn = psi - self._frame.yaw
             self._headings.stated = Candidate('stated', turn, sigma, now_ns, 'as stated')
             return
-        measured = self._headings.measured(lat, lon, place.sigma)
-        if measured is not None:
-            self._headings.offer(measured)
-            if measured.sigma > MOST_HEADING:
-                self._why['measured'] = f'{measured.how}: {_good_to(measured.sigma)}'
+        if self._p.uses_heading and 'heading' in self._inputs:
+            self._measured(north_of(self._p, lat, lon, height, place.sigma, now_ns))
         self._gyrocompass(lat, lon, place, now_ns)
         self._course(now_ns)
+
+    def _measured(self, north: North) -> None:
+        found = self._headings.measured(north)
+        if north.refusal:
+            self._why['measured'] = north.refusal
+        elif found is None:
+            self._why['measured'] = (
+                f'its source {HeadingSample.topic} ({north.name}) is silent, or not of now'
+            )
+        else:
+            self._headings.offer(found)
+            too_poor = found.sigma > MOST_HEADING
+            self._why['measured'] = f'{found.how}: {_good_to(found.sigma)}' if too_poor else ''
 
     def _gyrocompass(self, lat: float, lon: float, place: Place, now_ns: int) -> None:
         if not self._headings.allows('gyrocompass') or self._attitude_known:
@@ -330,6 +342,7 @@ class Start:
             r_e = r_e - ecef_to_grid(r_e).T @ np.array([lever_G[0], lever_G[1], 0.0])
         lat, lon, _ = geodetic(r_e)
         v_G, sigma_v, how_v = self._start_velocity(now_ns, C_b_G, heading.sigma)
+        again = self._p.uses_heading and heading.method == 'measured'
         state = InitialState(
             latitude=lat if s.latitude is None else s.latitude,
             longitude=lon if s.longitude is None else s.longitude,
@@ -342,7 +355,7 @@ class Start:
             sigma_position_vertical=height[1],
             sigma_velocity=sigma_v,
             sigma_tilt=sigma_tilt,
-            sigma_heading=heading.sigma,
+            sigma_heading=heading.sigma * (SAME_AGAIN if again else 1.0),
         )
         how = {
             'place': place.how,

@@ -11,6 +11,11 @@ from ..events import InitialState
 
 MOST_HEADING = math.radians(5.0)
 """A heading that is less certain starts no filter: 1-sigma of the linear error model [rad]."""
+SAME_AGAIN = 4.0
+"""Factor of the sigma that a filter begins with of a heading that it measures itself from then on.
+
+What it knows then is its own first measurement, to 3 %, and the bias of the source stays unknown.
+"""
 
 
 @dataclass(frozen=True)
@@ -48,30 +53,6 @@ class Stated:
     sigma_velocity: float = 1.0
     sigma_tilt: float = math.radians(1.0)
     sigma_heading: float = MOST_HEADING
-
-
-@dataclass(frozen=True)
-class Heading:
-    """Heading that an AHRS, a compass or a GNSS with two antennas measured.
-
-    Attributes
-    ----------
-    stamp_ns : int
-    heading : float
-        Of body x, clockwise from ``reference`` [rad].
-    sigma : float
-        1-sigma, slow errors included [rad].
-    reference : str
-        ``grid`` or ``true`` north.
-    topic : str
-        Named in sentences.
-    """
-
-    stamp_ns: int
-    heading: float
-    sigma: float
-    reference: str
-    topic: str
 
 
 @dataclass(frozen=True)

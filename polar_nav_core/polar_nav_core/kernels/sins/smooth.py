@@ -244,9 +244,9 @@ def correct_row(row: Array, x: Array, C: Array) -> None:
 
 @routine
 def publish_rows(
-    P: Array, sensitivity: Array, navigation: Array, sigma: Array, shares_leader: bool
+    P: Array, sensitivity: Array, navigation: Array, sigma: Array, hidden: bool
 ) -> None:
-    """Add the common errors to the covariances of rows; clear the leader's states in them.
+    """Add the common errors to the covariances of rows; clear what is not published in them.
 
     Parameters
     ----------
@@ -254,12 +254,12 @@ def publish_rows(
         In place, read, in place.
     sigma : (COLUMNS,) array
         Of the common errors.
-    shares_leader : bool
-        Whether the last three states are the leader's.
+    hidden : bool
+        Whether the last three states are not published: errors of a leader, or of headings.
     """
     for k in range(P.shape[0]):
         add_common(P[k], sensitivity[k], sigma)
-        if shares_leader:
+        if hidden:
             leave_out_leader(P[k], navigation[k])
 
 
