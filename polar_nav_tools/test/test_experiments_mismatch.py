@@ -116,6 +116,7 @@ def first_change_s(row, same, other):
         ('dvl_stamps_ns', ('dvl_v_m', 'dvl_valid')),
         ('depth_stamps_ns', ('depth',)),
         ('control_stamps_ns', ('force_b',)),
+        ('heading_stamps_ns', ('headings',)),
     )
     for stamps, names in pairs:
         a, b = same.inputs, other.inputs

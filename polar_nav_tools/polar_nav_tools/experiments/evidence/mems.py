@@ -14,10 +14,12 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from polar_nav_ros.adapters.noise_classes import dvl_noise, imu_noise
+from polar_nav_sim.sensors.compass import CompassErrors
 from polar_nav_sim.sensors.imu import DPH, MICRO_G
 from polar_nav_sim.sensors.instruments import DVL
 
 from ...scoring.tables import Column, Table
+from .. import compass
 from ..experiment import Experiment
 from ..jobs import RunResult
 from ..mismatch import worlds
@@ -38,6 +40,8 @@ HOUSING_DEG = (180.0, 0.0, -45.0)
 """Roll, pitch, yaw of the DVL's housing frame: upside down, and turned against the bow."""
 RESTED_DPH = 72.0
 """Sigma of what is left of the gyro bias after a minute at rest, 0.02 deg/s: ours."""
+AHRS_BIAS_DEG, HARD_IRON_NT, SOFT_IRON = 3.0, 300.0, 0.01
+"""Of a consumer AHRS after its calibration: bias, and what is left of the iron: ours."""
 VIBRATION = 2000.0 * MICRO_G
 """White noise that vibration of a thruster folds into 10 Hz [m/s^2/sqrt(Hz)]: ours."""
 _FIX = FixSpec(
@@ -63,6 +67,8 @@ class Vices:
         Share of pings off by 1 m/s on each axis.
     stuck_s : float
         Time for which the barometer repeats a value, once in 200 s.
+    ahrs : str
+        What the headings of an AHRS count from; empty without one.
     """
 
     rested: bool = True
@@ -70,6 +76,7 @@ class Vices:
     housing: bool = False
     bad_pings: float = 0.0
     stuck_s: float = 0.0
+    ahrs: str = ''
 
     def __call__(self, world: World) -> World:
         """World with the vices."""
@@ -88,6 +95,9 @@ class Vices:
             world = DvlBadPings(share=self.bad_pings, sigma=1.0).applied(world, 1.0)
         if self.housing:
             world = _in_housing(world)
+        if self.ahrs:
+            errors = CompassErrors(hard_iron_nt=HARD_IRON_NT, soft_iron=SOFT_IRON)
+            world = compass.with_headings(world, self.ahrs, errors, AHRS_BIAS_DEG)
         return _stuck(world, self.stuck_s) if self.stuck_s else world
 
 
@@ -125,6 +135,18 @@ BEYOND: dict[str, tuple[Vices, dict[str, Any]]] = {
     'heading_unknown': (_SAIL, {'initial_sigma_heading_deg': float(_UNKNOWN_DEG)}),
     'not_rested': (replace(_SAIL, rested=False), {}),
     'all_unknown': (replace(_ALL, rested=False), {'initial_sigma_heading_deg': 100.0}),
+    'ahrs_unknown': (
+        replace(_SAIL, ahrs='true'),
+        {'initial_sigma_heading_deg': float(_UNKNOWN_DEG)},
+    ),
+    'ahrs_not_rested': (
+        replace(_SAIL, rested=False, ahrs='true'),
+        {'initial_sigma_heading_deg': float(_UNKNOWN_DEG)},
+    ),
+    'ahrs_magnetic': (
+        replace(_SAIL, ahrs='magnetic'),
+        {'initial_sigma_heading_deg': float(_UNKNOWN_DEG), 'mission': 'south_pole'},
+    ),
 }
 """Those that a linear filter cannot be expected to cope with."""
 
@@ -171,6 +193,7 @@ def stated(vices: Vices) -> dict[str, Any]:
         **imu,
         **dvl_noise('a50_standard'),
         **mounting,
+        **(compass.stated(vices.ahrs, AHRS_BIAS_DEG, heading_tilts=True) if vices.ahrs else {}),
     }
 
 

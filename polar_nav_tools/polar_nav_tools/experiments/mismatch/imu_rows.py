@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 
 from . import faults as f
+from . import heading_faults as h
 from .culprits import DVL, HEADING, IMU
-from .row import RACETRACK, SINS, START_S, row, scene_of
+from .row import RACETRACK, SINS, START_S, TACTICAL, Row, row, scene_of
 
 IMU_ROWS = (
     *(
@@ -102,4 +103,22 @@ HEADING_ROWS = tuple(
         (5.0, 5.0, '5deg'),
         (20.0, 5.0 / 60.0, '5arcmin'),
     )
+)
+
+
+def _compass(name: str, fault: h.HeadingOff, *, right: bool = False) -> Row:
+    """Row of a wrong AHRS on a tactical vehicle; ``right``: the control, without an error."""
+    return row(name, fault, () if right else (HEADING,), scene=TACTICAL)
+
+
+COMPASS_ROWS = (
+    _compass('compass_control', h.HeadingOff(error_deg=0.0, for_all=h.STATED), right=True),
+    _compass('compass_declination_20deg', h.HeadingOff(error_deg=20.0, for_all=h.STATED)),
+    _compass(
+        'compass_step_10deg', h.HeadingOff(error_deg=10.0, start_s=START_S, for_all=h.STATED)
+    ),
+    _compass(
+        'compass_disturbed_30deg',
+        h.HeadingOff(error_deg=30.0, length_s=60.0, start_s=START_S, for_all=h.STATED),
+    ),
 )

@@ -12,7 +12,7 @@ from polar_nav_core.errors import ConfigError
 from .dvl_rows import DEPTH_ROWS, DVL_ROWS
 from .faults import Fault
 from .fix_rows import DELAY_ROWS, FIX_ROWS
-from .imu_rows import HEADING_ROWS, IMU_ROWS
+from .imu_rows import COMPASS_ROWS, HEADING_ROWS, IMU_ROWS
 from .row import CONTROL, Row, row, scene_of
 from .station_rows import STATION_ROWS
 
@@ -42,6 +42,7 @@ ROWS: dict[str, Row] = {
         *DVL_ROWS,
         *DEPTH_ROWS,
         *HEADING_ROWS,
+        *COMPASS_ROWS,
         *FIX_ROWS,
         *DELAY_ROWS,
         *STATION_ROWS,
