@@ -23,5 +23,5 @@ def test_robust_methods_have_the_index_that_kernels_know():
 
 def test_every_rank_is_a_place_of_its_own_in_one_order():
     assert [rank.name for rank in sorted(Rank)] == [
-        'IMU', 'CONTROL', 'DEPTH', 'DVL', 'FIX', 'COMMAND',
+        'IMU', 'CONTROL', 'DEPTH', 'DVL', 'HEADING', 'FIX', 'COMMAND',
     ]  # fmt: skip

@@ -90,7 +90,7 @@ def used_of(bag: Bag, vehicle: str, text: str, params: EngineParams) -> Used:
     decoder = Decoder(str(bag.path))
     decode = {name: decoder.for_channel(bag.channel(name)) for name in pool}
     used, missing = Counter[str](), Counter[str]()
-    places = Counter[tuple[int, int]]()  # two sources may read one topic
+    taken = Counter[tuple[int, int]]()  # two sources may read one topic
     found: list[list[tuple[str, Taken]]] = []
     for block in blocks:
         found.append([])
@@ -98,12 +98,12 @@ def used_of(bag: Bag, vehicle: str, text: str, params: EngineParams) -> Used:
             name = names[number]
             used[name] += 1
             waiting = pool.get(name, {}).get(digest, [])
-            place = places[number, digest]
-            if place >= len(waiting):
+            at = taken[number, digest]
+            if at >= len(waiting):
                 missing[name] += 1
                 continue
-            places[number, digest] += 1
-            message = decode[name](waiting[place])
+            taken[number, digest] += 1
+            message = decode[name](waiting[at])
             found[-1].append((sources[number].topic, Taken(message, arrival_ns, stamp_ns)))
     lacks += [
         f'{missing[name]:,} of {used[name]:,} messages of {name} that the follower used are not in'

@@ -74,7 +74,8 @@ def turn_rate(s: State) -> float:
 def turn_error(s: State, c: Settings) -> float:
     """Tilt [rad] by which an AHRS is off in a turn, which it cannot tell from gravity: v w / g."""
     speed = math.sqrt(s.v_G[0] * s.v_G[0] + s.v_G[1] * s.v_G[1])
-    return c.heading.noise[compass.TURN] * speed * abs(turn_rate(s)) / GRAVITY
+    error: float = c.heading.noise[compass.TURN] * speed * abs(turn_rate(s)) / GRAVITY
+    return error
 
 
 @kernel
