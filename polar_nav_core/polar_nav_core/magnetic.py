@@ -15,6 +15,7 @@ import numpy as np
 
 from . import earth
 from .arrays import Array
+from .errors import ConfigError
 
 _STEP = 5000.0
 """Of the differences that give the gradient [m]: well below the 3,000 km of degree 12."""
@@ -63,6 +64,11 @@ def field_near(lat: float, lon: float, height: float, year: float) -> Field | No
         Above the ellipsoid [m].
     year : float
         Year and fraction.
+
+    Raises
+    ------
+    ConfigError
+        When pygeomag is not installed.
     """
     r_e = np.asarray(earth.ecef_from_geodetic(lat, lon, height))
     here = _field_at(r_e, year)
@@ -102,8 +108,12 @@ def _field_at(r_e: Array, year: float) -> Array | None:
 def _model(year: float):  # type: ignore[no-untyped-def]  # noqa: ANN202 - untyped library
     """World Magnetic Model of a year; None where there is none."""
     # Here, because only a magnetic compass needs it.
-    from pygeomag import GeoMag
-
+    try:
+        from pygeomag import GeoMag
+    except ImportError:
+        raise ConfigError(
+            'a magnetic heading needs pygeomag, which is not installed here (pip install pygeomag)'
+        ) from None
     epoch = 5 * math.floor(year / 5.0)
     if not 2020 <= epoch <= 2025:
         return None
