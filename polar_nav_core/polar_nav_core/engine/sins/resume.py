@@ -23,6 +23,7 @@ from ..away import (
 from ..events import Array
 from ..params import EngineParams
 from ..saved import SINCE_2, VERSION, SavedState, layout_problem
+from ..start.model import SAME_AGAIN
 from ..version import ENGINE_VERSION
 from .leader import LeaderError, heard_problem
 
@@ -87,6 +88,18 @@ def _forget_last(P: Array, variances: Array) -> None:
     P[kf.USBL :, :] = 0.0
     P[:, kf.USBL :] = 0.0
     P[kf.USBL :, kf.USBL :] = np.diag(variances)
+
+
+def _beside_saved(variances: Array, heading: float) -> Array:
+    """Variances (3,) of the errors of headings beside a saved heading that may be from them.
+
+    That one may be off by as much as the same compass is, and nothing correlates the two: the
+    bias is less certain, so that the first heading changes a variance ``heading`` [rad^2] little.
+    One that others measured better than the compass costs the compass nothing.
+    """
+    out = variances.copy()
+    out[0] += SAME_AGAIN**2 * min(heading, float(variances[:2].sum()))
+    return out
 
 
 def _sigma(variances: Array, low: float, high: float) -> float:
@@ -164,6 +177,6 @@ def resume(
         s.P[states, states] += np.eye(3) * walk**2 * away_s
     if heading_sigmas is not None:
         s.usbl_bias_a[:] = 0.0
-        _forget_last(s.P, heading_sigmas**2)
+        _forget_last(s.P, _beside_saved(heading_sigmas**2, float(s.P[2, 2])))
     s.P[:] = 0.5 * (s.P + s.P.T)
     s.counters[fs.USED_NS + FIX_ROW] = 0
