@@ -50,11 +50,13 @@ STARTED = {
     'polar_nav_leader': {'ros2launch'},
     'polar_nav_tools': {'polar_nav_follower', 'polar_nav_leader', 'polar_nav_sim', 'ros2launch'},
 }
-# gsw has no rosdep key (README says how to get it), isal makes checksums faster where it is there;
-# the others come with numba, typer, jinja2.
 # What benchmarks and tests compare with: imported where it is used, and not needed to run.
 COMPARED = {'avar', 'evo', 'filterpy', 'pandas', 'pyins', 'stonesoup'}
-WITHOUT_KEY = {'gsw', 'isal', 'llvmlite', 'click', 'markupsafe', 'setuptools', 'distutils'}
+# gsw and pygeomag have no rosdep key (the README says how to get them), isal makes checksums faster
+# where it is there; the others come with numba, typer, jinja2.
+WITHOUT_KEY = {
+    'click', 'distutils', 'gsw', 'isal', 'llvmlite', 'markupsafe', 'pygeomag', 'setuptools',
+}  # fmt: skip
 
 
 def imported(folder: Path) -> set[str]:
