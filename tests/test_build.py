@@ -52,8 +52,8 @@ STARTED = {
 }
 # What benchmarks and tests compare with: imported where it is used, and not needed to run.
 COMPARED = {'avar', 'evo', 'filterpy', 'pandas', 'pyins', 'stonesoup'}
-# gsw and pygeomag have no rosdep key (the README says how to get them), isal makes checksums faster
-# where it is there; the others come with numba, typer, jinja2.
+# gsw and pygeomag have no rosdep key (the README says how to get them), isal is used where it is
+# there; the others come with numba, typer, jinja2.
 WITHOUT_KEY = {
     'click', 'distutils', 'gsw', 'isal', 'llvmlite', 'markupsafe', 'pygeomag', 'setuptools',
 }  # fmt: skip

@@ -182,8 +182,8 @@ def fake_suite(monkeypatch, *statuses):
 def test_the_suite_runs_everything_and_fails_when_one_step_did(monkeypatch, capsys, tmp_path):
     ran = fake_suite(monkeypatch, 0, 1)
     assert testing.run_suite(tmp_path, long=False, fast=False, arguments=[]) == 1
-    assert len(ran) == 8
-    assert ran[-1][1:] == ['-m', 'pytest', '-m', 'not long', 'tests']
+    assert len(ran) == 9
+    assert ran[-1][1:] == ['-m', 'pytest', '-m', 'live and not long', 'tests']
     assert capsys.readouterr().err.startswith('failed: ')
 
 
@@ -199,7 +199,9 @@ def test_the_fast_ring_leaves_out_what_takes_long(monkeypatch, tmp_path):
 def test_the_long_suite_leaves_out_nothing(monkeypatch, tmp_path):
     ran = fake_suite(monkeypatch)
     testing.run_suite(tmp_path, long=True, fast=False, arguments=[])
-    assert '-m' not in ran[-1][3:]
+    marks = {c[c.index('-m', 2) + 1] for c in ran if 'pytest' in c and '-m' in c[3:]}
+    fast = 'not slow and not live and not long'  # of the core without compiled kernels
+    assert marks == {'live', 'not live', fast}
 
 
 def test_arguments_go_to_pytest_alone(monkeypatch, tmp_path):

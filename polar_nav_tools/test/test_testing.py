@@ -25,8 +25,8 @@ def step(name, status=0):
 def suite(tmp_path, monkeypatch, capfd):
     def run(first, last, **options):
         monkeypatch.setattr(testing, 'tests', lambda *_, **__: last)
-        monkeypatch.setattr(testing, 'fast_ring', lambda _: (last, first))
-        monkeypatch.setattr(testing, 'all_rings', lambda *_, **__: (step('core'), first, last))
+        monkeypatch.setattr(testing, 'fast_ring', lambda _: ([last], first))
+        monkeypatch.setattr(testing, 'all_rings', lambda *_, **__: ([step('core')], first, last))
         asked = {'long': False, 'fast': False, 'arguments': [], **options}
         status = run_suite(tmp_path, **asked)
         return status, *capfd.readouterr()
@@ -85,11 +85,16 @@ def test_of_what_went_well_on_the_other_core_only_the_last_line_is_shown(suite):
 def test_the_steps_are_all_tests_there_are():
     config = tomllib.loads((source_root(Path(__file__)) / 'pyproject.toml').read_text())
     folders = sorted(config['tool']['pytest']['ini_options']['testpaths'])
-    lower, others = fast_ring('python')
+    (lower,), others = fast_ring('python')
     assert folders_of([lower, others[-1]], folders) == folders
     for long in (True, False):
-        lower, others, whole = all_rings('python', long=long)
-        assert folders_of([lower, others[-1], whole], folders) == folders
+        (lower, offline), others, live = all_rings('python', long=long)
+        assert folders_of([lower, others[-1], live], folders) == folders
+        # One folder in two steps: each of its tests is in one of them.
+        assert offline.command[-1] == live.command[-1]
+        mark = offline.command[-2]
+        assert mark == f'not {live.command[-2]}'
+        assert ('not long' in mark) != long
 
 
 def folders_of(steps, folders):

@@ -1,7 +1,7 @@
 """`polar test`: style, types, import contracts, tests; all run even if an early one fails.
 
-Packages are tested on one core, the tools on another, beside the checks; then, alone because they
-start graphs of processes, what stands in `tests`.
+Packages and builds are tested on one core, the tools on another, beside the checks; then, alone
+because they start graphs of processes, the live tests in `tests`.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from ..live.domain import busy_udp_ports, free_domain_id
 
 FAST = 'not slow and not live and not long'
 USUAL = 'not long'
+_LIVE, _OFFLINE = 'live', 'not live'
 _LOWER = (
     'polar_nav_core/test', 'polar_nav_ros/test', 'polar_nav_sim/test', 'polar_nav_leader/test',
     'polar_nav_follower/test',
@@ -76,18 +77,23 @@ def tests(python: str, *, long: bool, fast: bool, arguments: Sequence[str]) -> S
     return Step('tests', (python, '-m', 'pytest', *marks, *arguments))
 
 
-def fast_ring(python: str) -> tuple[Step, list[Step]]:
+def fast_ring(python: str) -> tuple[list[Step], list[Step]]:
     """Steps of the fast ring for two cores: vehicles and simulation; the checks and the tools."""
     lower, tools = _halves(python, ['-m', FAST], (_TOOLS, _WHOLE))
-    return lower, [*checks(python), tools]
+    return [lower], [*checks(python), tools]
 
 
-def all_rings(python: str, *, long: bool) -> tuple[Step, list[Step], Step]:
+def all_rings(python: str, *, long: bool) -> tuple[list[Step], list[Step], Step]:
     """Steps for two cores as those of the fast ring, and the step of whole graphs after them."""
     marks = [] if long else ['-m', USUAL]
     lower, tools = _halves(python, marks, (_TOOLS,))
-    whole = Step('tests of whole graphs', (python, '-m', 'pytest', *marks, _WHOLE))
-    return lower, [*checks(python), without_compiler(python), tools], whole
+    offline, live = (
+        (python, '-m', 'pytest', '-m', ring if long else f'{ring} and {USUAL}', _WHOLE)
+        for ring in (_OFFLINE, _LIVE)
+    )
+    first = [lower, Step('tests of builds and files', offline)]
+    others = [*checks(python), without_compiler(python), tools]
+    return first, others, Step('tests of whole graphs', live)
 
 
 def _halves(python: str, marks: Sequence[str], upper: Sequence[str]) -> tuple[Step, Step]:
@@ -128,8 +134,8 @@ def run_suite(root: Path, *, long: bool, fast: bool, arguments: Sequence[str]) -
     elif fast:
         outcomes = _side_by_side(*fast_ring(python), root, out)
     else:
-        lower, others, whole = all_rings(python, long=long)
-        outcomes = [*_side_by_side(lower, others, root, out), _shown(whole, root, out)]
+        first, others, whole = all_rings(python, long=long)
+        outcomes = [*_side_by_side(first, others, root, out), _shown(whole, root, out)]
     failed = [o.step.name for o in outcomes if o.status != 0]
     if failed:
         Console(stderr=True, highlight=False).print(f'[red]failed: {", ".join(failed)}[/red]')
@@ -142,12 +148,14 @@ def _shown(step: Step, root: Path, out: Console) -> Outcome:
     return _run(step, root)
 
 
-def _side_by_side(shown: Step, others: Sequence[Step], root: Path, out: Console) -> list[Outcome]:
-    """Outcomes of a step shown as it runs, and of others on another core, shown at the end."""
+def _side_by_side(
+    shown: Sequence[Step], others: Sequence[Step], root: Path, out: Console
+) -> list[Outcome]:
+    """Outcomes of steps shown as they run, and of others on another core, shown at the end."""
     other_core = ThreadPoolExecutor(max_workers=1)
     try:
         waiting = [other_core.submit(_run, step, root, captured=True) for step in others]
-        outcomes = [_shown(shown, root, out)]
+        outcomes = [_shown(step, root, out) for step in shown]
         for step, future in zip(others, waiting, strict=True):
             _head(step, out)
             outcomes.append(future.result())
