@@ -166,8 +166,39 @@ def test_somebody_elses_temporary_directory_is_not_trusted(tmp_path, monkeypatch
 @jit_only
 def test_kernels_are_cached_there_and_numbas_own_setting_is_left_alone():
     path = Path(strapdown.strapdown_step._cache.cache_path)
-    assert cache.cache_directory(Path(strapdown.__file__)) in path.parents
+    assert cache.cache_directory(Path(strapdown.__file__)) == path
     assert os.environ.get('NUMBA_CACHE_DIR', '') == numba.config.CACHE_DIR
+    assert os.environ.get('NUMBA_CACHE_LOCATOR_CLASSES', '') == numba.config.CACHE_LOCATOR_CLASSES
+
+
+@jit_only
+def test_a_copy_of_the_sources_loads_what_another_compiled(tmp_path, monkeypatch):
+    """Another place, another time of the file: a build, an install, a second checkout."""
+    code = 'from .cache import kernel\n\n\n@kernel\ndef twice(x):\n    return 2.0 * x\n'
+    monkeypatch.setenv('POLAR_NAV_CACHE_DIR', str(tmp_path / 'cache'))
+    hits = []
+    for k, name in enumerate(('first', 'second')):
+        package = tmp_path / name / 'polar_nav_core' / 'kernels'
+        package.mkdir(parents=True)
+        for file in (KERNELS / 'cache.py', KERNELS.parent / 'order.py'):
+            shutil.copy(file, package / file.relative_to(KERNELS.parent).name)
+        shutil.move(package / 'order.py', package.parent / 'order.py')
+        for folder in (package, package.parent):
+            (folder / '__init__.py').touch()
+        (package / 'twice.py').write_text(code)
+        os.utime(package / 'twice.py', (k, k))
+        show = 'from polar_nav_core.kernels.twice import twice as f\n'
+        show += 'print(f(2.0), len(f.stats.cache_hits))'
+        run = subprocess.run(
+            [sys.executable, '-c', show],
+            env={**os.environ, 'PYTHONPATH': str(tmp_path / name)},
+            cwd=tmp_path,
+            capture_output=True,
+            text=True,
+            check=True,
+        )
+        hits.append(run.stdout.split())
+    assert hits == [['4.0', '0'], ['4.0', '1']]
 
 
 def test_a_folder_of_kernels_elsewhere_has_a_directory_of_its_own(tmp_path):

@@ -7,7 +7,8 @@ polar_nav_tools), and each source file has a cache directory whose name carries 
 file, of every file of the folder that it imports (and those import), of the numba version and of
 the CPU: an edit of any of them, another numba or another processor means another directory, while
 kernels that do not stand on the edited file stay compiled. Kernels of one folder do not call those
-of another.
+of another. Neither path nor time of a source file counts (numba's own caches go by both): a build,
+a second checkout and an install share what one of them compiled.
 
 The parent directory is ``$POLAR_NAV_CACHE_DIR``, or ``kernels/`` in the environment that
 ``./polar`` made (``.venv``, one for all homes of a checkout), or
@@ -24,13 +25,15 @@ import os
 import re
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import llvmlite.binding as llvm
 import numba
+from numba.core.caching import _CacheLocator
 
 F = TypeVar('F', bound=Callable[..., Any])
 
@@ -174,15 +177,51 @@ def routine(function: F) -> F:
     return _compile(function, forceinline=False)
 
 
+class ByContent(_CacheLocator):  # type: ignore[misc]  # numba has no types
+    """Where numba keeps a kernel: in the directory of its sources' content."""
+
+    def __init__(self, source: Path, line: int) -> None:
+        self._directory, self._line = cache_directory(source), line
+
+    @classmethod
+    def from_function(cls, py_func: Callable[..., Any], py_file: str) -> ByContent:
+        """Locator of a function in a file."""
+        return cls(Path(py_file), py_func.__code__.co_firstlineno)
+
+    def get_cache_path(self) -> str:
+        """Directory of the kernel."""
+        return str(self._directory)
+
+    def get_source_stamp(self) -> str:
+        """What has to be the same for a kernel to be loaded: the directory's name says it."""
+        return self._directory.name
+
+    def get_disambiguator(self) -> str:
+        """What tells functions of one name in a file apart."""
+        return str(self._line)
+
+
+@contextmanager
+def _kept_by_content(source: Path) -> Iterator[None]:
+    """Have numba keep there what is decorated meanwhile; an older numba adds the path."""
+    mine = {
+        'CACHE_LOCATOR_CLASSES': f'{ByContent.__module__}.{ByContent.__qualname__}',
+        'CACHE_DIR': str(cache_directory(source)),
+    }
+    before = {name: getattr(numba.config, name, '') for name in mine}
+    try:
+        for name, value in mine.items():
+            setattr(numba.config, name, value)
+        yield
+    finally:
+        for name, value in before.items():
+            setattr(numba.config, name, value)
+
+
 def _compile(function: F, *, forceinline: bool) -> F:
     if numba.config.DISABLE_JIT:
         return function
-    before = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(cache_directory(Path(function.__code__.co_filename)))
-    try:
-        compiled = numba.njit(
-            cache=True, fastmath=False, error_model='numpy', forceinline=forceinline, _nrt=False
-        )(function)
-    finally:
-        numba.config.CACHE_DIR = before
+    options = {'cache': True, 'fastmath': False, 'error_model': 'numpy', '_nrt': False}
+    with _kept_by_content(Path(function.__code__.co_filename)):
+        compiled = numba.njit(forceinline=forceinline, **options)(function)
     return cast(F, compiled)
