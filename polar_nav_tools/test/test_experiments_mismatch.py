@@ -127,7 +127,7 @@ def first_change_s(row, same, other):
         differs = getattr(a, stamps)[:n] != getattr(b, stamps)[:n]
         for name in (x for x in names if hasattr(a, x)):
             x, y = getattr(a, name)[:n], getattr(b, name)[:n]
-            differs = differs | (x != y).reshape(n, -1).any(axis=1)
+            differs = differs | (x != y).any(axis=tuple(range(1, x.ndim)))
         if differs.any():
             found.append(float(t[:n][differs][0]))
         elif len(t) != len(getattr(b, stamps)):
