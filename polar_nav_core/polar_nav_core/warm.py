@@ -15,13 +15,17 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numba.core.registry import CPUDispatcher
 
 from . import earth, nav_columns, strapdown
 from .kernels import cache
+
+if TYPE_CHECKING:
+    from .engine.params import EngineParams
+    from .engine.run import Inputs
 
 _START_NS = 1_000_000_000
 _IMU_NS = 10_000_000
@@ -56,6 +60,7 @@ def warm_node(handling: str) -> None:
     done, total = cache.compiled()
     if done < total:
         warm_filter()
+        warm_smoother()
     else:
         warm_filter((handling,), whole=False)
     drop_intermediate_code()
@@ -67,19 +72,40 @@ def warm_filter(handling: Sequence[str] = (), *, whole: bool = True) -> None:
     All ways by default; without ``whole`` only live.
     """
     # Here, because the engine stands above the kernels.
-    from .engine import now, smoothing
+    from .engine import now
     from .engine import run as engine_run
-    from .engine.events import Fix
     from .engine.methods import DELAY_HANDLING
     from .engine.params import EngineParams
 
     now.warm_up()
     base = EngineParams(configuration='custom')
+    inputs = _third_of_a_second(base)
+    for name in handling or DELAY_HANDLING:
+        params = replace(base, delay_handling=name)
+        if whole:
+            engine_run.run(params, inputs)
+        engine_run.run(params, inputs, one_by_one=True)
+
+
+def warm_smoother() -> None:
+    """Smooth a third of a second."""
+    from .engine import smoothing
+    from .engine.params import EngineParams
+
+    params = EngineParams(configuration='default')
+    smoothing.smooth(params, _third_of_a_second(params), every_s=0.1)
+
+
+def _third_of_a_second(base: EngineParams) -> Inputs:
+    """Samples at rest and late fixes of a vehicle."""
+    from .engine import run as engine_run
+    from .engine.events import Fix
+
     stamps = _START_NS + _IMU_NS * np.arange(30)
     pings, depths = stamps[5::10].copy(), stamps[4::10].copy()
     angles = np.radians([base.initial_latitude_deg, base.initial_longitude_deg])
     r_e = np.asarray(earth.ecef_from_geodetic(angles[0], angles[1], base.initial_height))
-    inputs = engine_run.Inputs(
+    return engine_run.Inputs(
         imu_stamps_ns=stamps,
         omega_ib_b=np.zeros((len(stamps), 3)),
         f_b=np.tile([0.0, 0.0, 9.83], (len(stamps), 1)),
@@ -98,13 +124,6 @@ def warm_filter(handling: Sequence[str] = (), *, whole: bool = True) -> None:
             )
         ),
     )
-    for name in handling or DELAY_HANDLING:
-        params = replace(base, delay_handling=name)
-        if whole:
-            engine_run.run(params, inputs)
-        engine_run.run(params, inputs, one_by_one=True)
-    if whole:
-        smoothing.smooth(replace(base, configuration='default'), inputs, every_s=0.1)
 
 
 def warm_station() -> None:
@@ -201,12 +220,24 @@ def _print_line(text: str) -> None:
     sys.stdout.flush()
 
 
+def _warm_others_and_smoother() -> None:
+    """Compile all but the filter, and then what smooths its track.
+
+    By then the other process has compiled what that stands on.
+    """
+    warm_others()
+    warm_smoother()
+
+
 def _compile_in_parallel() -> None:
     """Fill the cache by two processes: the filter takes two thirds of the time."""
-    others = multiprocessing.get_context('spawn').Process(target=warm_others)
+    from .engine.methods import DELAY_HANDLING
+
+    others = multiprocessing.get_context('spawn').Process(target=_warm_others_and_smoother)
     others.start()
+    first = 'clone'  # the smoother stands on it
     with telling(_print_line, every_s=2.0):
-        warm_filter()
+        warm_filter((first, *(name for name in DELAY_HANDLING if name != first)))
         others.join()
     if others.exitcode:
         sys.exit(others.exitcode)
