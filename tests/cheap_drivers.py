@@ -1,7 +1,7 @@
-"""Drivers of a cheap vehicle as one process: argv: seed, seconds.
+"""Drivers of a cheap vehicle as one process: argv: seed, seconds, listeners to wait for (1).
 
-Publishes its readings in real time, best effort, on the drivers' own types, once somebody listens
-to all of them; stamps are the host's. Of this project it uses the vehicle alone.
+Publishes its readings in real time, best effort, on the drivers' own types, once so many listen to
+each of them; stamps are the host's. Of this project it uses the vehicle alone.
 """
 
 import sys
@@ -22,14 +22,14 @@ TYPES = {
 }
 
 
-def main(seed: int, seconds: float) -> None:
+def main(seed: int, seconds: float, listeners: int = 1) -> None:
     """Wait for listeners, then publish."""
     rclpy.init()
     node = rclpy.create_node('drivers')
     qos = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
     out = {topic: node.create_publisher(kind, topic, qos) for topic, kind in TYPES.items()}
     run = recording.readings(seed, seconds)
-    while any(p.get_subscription_count() < 2 for p in out.values()):  # follower and recorder
+    while any(p.get_subscription_count() < listeners for p in out.values()):
         time.sleep(0.1)
     time.sleep(1.0)
     for topic, log_ns, message in recording.messages(run, time.time_ns() + 1_000_000_000):
@@ -40,4 +40,4 @@ def main(seed: int, seconds: float) -> None:
 
 
 if __name__ == '__main__':
-    main(int(sys.argv[1]), float(sys.argv[2]))
+    main(int(sys.argv[1]), float(sys.argv[2]), *map(int, sys.argv[3:]))

@@ -1,4 +1,4 @@
-"""A cheap vehicle's drivers, a follower with its mapping file, and who listens from outside."""
+"""A cheap vehicle's drivers: mapped as they run, two lines filled in, a follower, who hears it."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from live_support import FOLLOWER, TOOL, Processes, interrupt, polar
 
 from polar_nav_core.engine.events import Verdict
 from polar_nav_tools.bags import open_bag
-from polar_nav_tools.experiments.cheap import experiment, recording, vehicle
+from polar_nav_tools.experiments.cheap import recording, vehicle
 from polar_nav_tools.foreign.definitions import BUNDLED
 from polar_nav_tools.play import generate, schemas
 
 pytestmark = [pytest.mark.live, pytest.mark.slow, pytest.mark.timeout(900)]
 
 HERE = Path(__file__).parent
-SEED, SECONDS = 3, 25.0
+SEED, SECONDS = 3, 50.0
 
 
 @pytest.fixture(scope='module')
@@ -50,11 +50,28 @@ def start(tmp_path, own_domain, driver_types):
     processes.end()
 
 
+def filled_in(text: str) -> str:
+    """The mapping of `polar map --live` with the two lines that only a person knows."""
+    for key, value in (('sigma', '2.5'), ('reference', 'true')):
+        assert text.count(f' {key}: FILL_IN\n') == 1, text
+        text = text.replace(f' {key}: FILL_IN\n', f' {key}: {value}\n')
+    assert 'FILL_IN' not in text
+    return text
+
+
 def test_drivers_to_odometry_and_tf_over_another_middleware(tmp_path, start, own_domain):
-    """Best effort in; Odometry and /tf out, which CycloneDDS hears where it is; live is replay."""
-    mapping = tmp_path / 'mapping.yaml'
+    """Best effort in, mapped live; Odometry and /tf out, also heard by CycloneDDS; live is replay.
+
+    Place, height, tilt and heading of the start are found by the node: nobody states them.
+    """
     run = recording.readings(SEED, SECONDS)
-    mapping.write_text(experiment.mapping_text(run, live=True), encoding='utf-8')
+    drivers = start('drivers', sys.executable, HERE / 'cheap_drivers.py', SEED, SECONDS)
+    mapping = tmp_path / 'mapping.yaml'
+    known = ('--imu', 'vn100', '--dvl', 'a50_standard', '--reference', 'bottom')
+    into_file = ('bash', '-c', f'"$@" > {mapping}', 'bash')
+    mapped = start('map', *into_file, *TOOL, 'map', '--live', '--seconds', '6', *known)
+    assert mapped.wait(60.0) == 0, (tmp_path / 'map.log').read_text()
+    mapping.write_text(filled_in(mapping.read_text(encoding='utf-8')), encoding='utf-8')
     bag = tmp_path / 'bag'
     recorder = start('recorder', *TOOL, 'record', '--out', bag)
     ros = ('--ros-args', '-r', '__ns:=/auv', '-p', f'sources:={mapping}')
@@ -67,7 +84,6 @@ def test_drivers_to_odometry_and_tf_over_another_middleware(tmp_path, start, own
             stdout=subprocess.PIPE,
             text=True,
         )
-    drivers = start('drivers', sys.executable, HERE / 'cheap_drivers.py', SEED, SECONDS)
     try:
         assert drivers.wait(300.0) == 0, (tmp_path / 'drivers.log').read_text()
     finally:
@@ -79,8 +95,10 @@ def test_drivers_to_odometry_and_tf_over_another_middleware(tmp_path, start, own
     assert verified.returncode == 0, verified.stdout + verified.stderr
     recorded = open_bag(bag)
     states = [m for _, m in recorded.read('/auv/nav/state')]
-    assert len(states) > 8.0 * (SECONDS - 5.0)
-    receipts = [m for _, m in recorded.read('/auv/nav/receipt') if m.source == 'ugps']
+    assert len(states) > 80
+    started = [m for _, m in recorded.read('/auv/nav/start')][-1].status[0].message
+    assert 'heading measured by heading/data' in started
+    receipts = [m for _, m in recorded.read('/auv/nav/receipt') if m.source == 'ugps/fix']
     assert sum(m.verdict == Verdict.FUSED for m in receipts) > 5
     latitude, longitude = (np.array([getattr(states[-1], n)]) for n in ('latitude', 'longitude'))
     where = vehicle.level_of(latitude, longitude)[0]

@@ -58,12 +58,12 @@ def headings_of(rows: Rows, mapping: HeadingMapping) -> HeadingRows:
     else:
         if attitude.ndim != 2 or attitude.shape[1] != 4:
             raise ConfigError(f'{rows.topic}: attitude is not 4 numbers per message')
-        heading, up_b = _of_orientations(attitude, _known(rows, attitude), mapping)
+        heading, up_b = _of_orientations(attitude, with_orientation(rows, attitude), mapping)
     return HeadingRows(rows.topic, rows.stamps_ns, rows.log_ns, heading, up_b)
 
 
-def _known(rows: Rows, xyzw: Array) -> Array:
-    """Mask (n,) of messages that hold an orientation."""
+def with_orientation(rows: Rows, xyzw: Array) -> Array:
+    """Return a mask (n,) of messages that hold an orientation, of their quaternions (n, 4)."""
     with np.errstate(over='ignore', invalid='ignore'):
         length = np.sqrt((xyzw * xyzw).sum(axis=1))
         known = np.asarray(np.abs(length - 1.0) <= _UNIT)

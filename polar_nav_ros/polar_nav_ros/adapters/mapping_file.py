@@ -40,7 +40,7 @@ from .mapping import (
     PositionMapping,
     Stream,
 )
-from .section import Section
+from .section import TO_FILL, Section, is_to_fill
 
 
 def load(path: Path | str) -> Mapping:
@@ -377,7 +377,8 @@ def _fix(
     if sigma is not None:
         pair = sigma if isinstance(sigma, list) else [sigma, sigma]
         if len(pair) != 2 or not all(isinstance(v, int | float) and v > 0.0 for v in pair):
-            raise s.fail('sigma', f'{sigma!r} is not [horizontal, vertical] [m]')
+            said = TO_FILL if is_to_fill(sigma) else f'{sigma!r} is not'
+            raise s.fail('sigma', f'{said} [horizontal, vertical], or one number [m]')
         sigma = (float(pair[0]), float(pair[1]))
     delay_s = s.optional('delay_s', 0.0, 3600.0, 's')
     slow_sigma, correlation_s = _slow(s, params)

@@ -21,7 +21,8 @@ _SHORT.maxstring = _SHORT.maxother = _SHORT.maxlong = 100
 shown = _SHORT.repr
 """A value as a sentence may quote it, cut where it is long or deep."""
 
-_TO_FILL = 'is still to be filled in:'
+TO_FILL = 'is still to be filled in:'
+"""What errors say of a mark that `polar map` left."""
 
 
 class Section:
@@ -69,15 +70,15 @@ class Section:
             return default
         if not isinstance(value, str) or not value:
             raise self.fail(key, f'{shown(value)} is not a text')
-        if key == 'topic' and _is_to_fill(value):
-            raise self.fail(key, f'{_TO_FILL} the name of a topic')
+        if key == 'topic' and is_to_fill(value):
+            raise self.fail(key, f'{TO_FILL} the name of a topic')
         return value
 
     def choice(self, key: str, options: Sequence[str], default: str | None = None) -> str:
         """Return one of a few words."""
         value = self.text(key, default)
         if value not in options:
-            said = _TO_FILL if _is_to_fill(value) else f'{shown(value)} is none of'
+            said = TO_FILL if is_to_fill(value) else f'{shown(value)} is none of'
             raise self.fail(key, f'{said} {", ".join(options)}')
         return value
 
@@ -96,8 +97,8 @@ class Section:
         return None if value is None else self._number(key, value, lo, hi, unit)
 
     def _number(self, key: str, value: object, lo: float, hi: float, unit: str) -> float:
-        if _is_to_fill(value):
-            raise self.fail(key, f'{_TO_FILL} a number [{unit}]')
+        if is_to_fill(value):
+            raise self.fail(key, f'{TO_FILL} a number [{unit}]')
         if isinstance(value, str):  # YAML takes 1e-3 for a text
             try:
                 value = float(value)
@@ -183,8 +184,8 @@ class Section:
             raise ConfigError(f'{self.place}: unknown key {unknown[0]}; known here: {known}')
 
 
-def _is_to_fill(value: object) -> bool:
-    """Whether it is one of the marks that `polar map` leaves."""
+def is_to_fill(value: object) -> bool:
+    """Return whether a value is one of the marks that `polar map` leaves."""
     return isinstance(value, str) and value.replace('/', '_').strip('_') == 'FILL_IN'
 
 

@@ -77,7 +77,10 @@ def _recorded(
     inputs = None if arrays is None or params is None else arrays.inputs(params)
     numbered = getattr(inputs, 'inputs', None)
     if params is None or not isinstance(numbered, Inputs):
-        raise ConfigError(f'{bag}: --withhold takes runs of a SINS without a vehicle model')
+        raise ConfigError(
+            f'{bag}: --withhold takes runs of a SINS without a vehicle model, on topics of this '
+            'project; of a run with sources state its mapping: --map FILE'
+        )
     return params, numbered, list(source.problems)
 
 

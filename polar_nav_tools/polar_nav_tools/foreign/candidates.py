@@ -12,7 +12,7 @@ FIX_WORDS = ('usbl', 'acoustic', 'acomms', 'lbl', 'modem', 'fix', 'track')
 STATE_WORDS = ('odom', 'nav', 'state', 'estimate', 'ins', 'pose', 'gps', 'gnss')
 LEADER_WORDS = ('leader', 'ship', 'vessel', 'surface', 'master')
 RAW_WORDS = ('raw',)
-SENSOR_WORDS = ('imu', 'ins', 'sensor', 'sensors', 'data', 'driver', 'device', 'mavros')
+SENSOR_WORDS = ('imu', 'ahrs', 'ins', 'sensor', 'sensors', 'data', 'driver', 'device', 'mavros')
 """First parts of topics that are no vehicle's name."""
 
 

@@ -33,6 +33,7 @@ from .candidates import (
 )
 from .definitions import undecodable
 from .fixes import packets_in
+from .guess_heading import attitude_of, put_heading
 from .guess_imu import put_imu
 from .guess_noise import Choices, put_noise
 from .guess_stamps import TopicTimes, put_stamp, times_of
@@ -41,6 +42,7 @@ from .read import read_positions
 from .sources import Source, field_paths, not_described, read_table
 
 _DOWNWARD_DVL = ('marine_acoustic_msgs/msg/Dvl',)
+_WATER_LINKED = ('dvl_msgs/msg/DVL',)
 
 
 def guess(
@@ -88,10 +90,7 @@ def guess(
     start = truth or best_position([t for t in mine if t not in fixes], STATE_WORDS)
     if start is None:
         start = next((t for t in fixes if t.type in POSITION), None)
-    _initial(out, source, start)
-    if start is not None and start in fixes:
-        out.say('The start is where the first fix was; that fix is not used a second time.')
-        out.put()
+    _start(out, source, start, fixes, imu)
     if start is not None and start is truth:
         out.say(
             'The start is taken from the reference: fine for a trial, not for a test of the start.'
@@ -195,6 +194,8 @@ def _dvl_axes(source: Source, topic: Topic) -> tuple[str, str]:
     """Name of the axes, and what says so."""
     if topic.type in _DOWNWARD_DVL:
         return 'frd', 'z of this type points where the DVL looks, down'
+    if topic.type in _WATER_LINKED:
+        return 'frd', "the A50's own, its arrow forward; FILL IN if the driver turns them"
     if 'header.frame_id' in field_paths(source, topic.name):
         frame = str(
             read_table(source, topic.name, ['header.frame_id']).columns['header.frame_id'][0]
@@ -243,8 +244,24 @@ def _fixes(
             out.put('dimensions: 2', 4)
             _filtered(out, topic)
         _delay(out, source, topic, reference, choices)
-        out.say("sigma: [5.0, 5.0]   # horizontal, vertical [m], in place of the messages'", 4)
+        _sigma(out, source, topic)
     out.put()
+
+
+def _sigma(out: Lines, source: Source, topic: Topic) -> None:
+    """Write the 1-sigma of a source's fixes: to fill in where no message states one."""
+    if topic.type != USBL:
+        try:
+            rows = read_positions(
+                source, PositionMapping(Stream(topic.name), Frame(None), np.eye(3))
+            )
+        except PolarNavError:
+            rows = None  # its frame is still to fill in
+        if rows is not None and not (rows.covariance_e[:, 0, 0] > 0.0).any():
+            out.say('no message states a covariance: FILL IN the 1-sigma of a fix [m]', 4)
+            out.put('sigma: FILL_IN', 4)
+            return
+    out.say("sigma: [5.0, 5.0]   # horizontal, vertical [m], in place of the messages'", 4)
 
 
 def _filtered(out: Lines, topic: Topic) -> None:
@@ -329,6 +346,32 @@ def _position(out: Lines, source: Source, topic: Topic, indent: int) -> None:
     _frame(out, source, topic, indent)
 
 
+def _start(
+    out: Lines, source: Source, start: Topic | None, fixes: list[Topic], imu: Topic | None
+) -> None:
+    """Write what the start is from: an AHRS and the fixes, else section ``initial``."""
+    only = [start] == fixes
+    attitude = attitude_of(source, imu) if only and not _has_attitude(source, start) else None
+    if imu is None or attitude is None:
+        _initial(out, source, start)
+        if start in fixes:
+            out.say('The start is where the first fix was; that fix is not used a second time.')
+            out.put()
+        return
+    put_heading(out, imu, attitude)
+    out.say('No section initial: the start is aligned, its place by the fixes, its heading by the')
+    out.say('one above, its tilt by gravity (docs/start.md). Stated instead: `initial:')
+    out.say('{from: values, heading_deg: ..}` with initial_latitude_deg, initial_longitude_deg')
+    out.say('and initial_height among parameters.')
+    out.put()
+
+
+def _has_attitude(source: Source, topic: Topic | None) -> bool:
+    """Whether messages of a topic hold an orientation, by their fields."""
+    paths = () if topic is None else field_paths(source, topic.name)
+    return any('orientation' in p or 'c_b_g' in p for p in paths)
+
+
 def _initial(out: Lines, source: Source, start: Topic | None) -> None:
     if start is None:
         out.say('No topic tells where the vehicle is at the start. FILL IN:')
@@ -340,8 +383,7 @@ def _initial(out: Lines, source: Source, start: Topic | None) -> None:
     out.put('initial:')
     out.put('from: topic', 2)
     _position(out, source, start, 2)
-    paths = field_paths(source, start.name)
-    if not any('orientation' in p or 'c_b_g' in p for p in paths):
+    if not _has_attitude(source, start):
         out.say('no attitude in it: FILL IN the true heading at the start [deg]', 2)
         out.put('heading_deg: FILL_IN', 2)
     out.put()

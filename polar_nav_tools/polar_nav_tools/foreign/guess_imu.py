@@ -93,7 +93,14 @@ def _accel_unit(out: Lines, f: Array) -> None:
         out.put('accel_unit: m/s^2', 2)
 
 
-def _axes(out: Lines, f: Array) -> None:
+def axes_of(f: Array) -> tuple[str, str, float]:
+    """Return a name of axes by gravity, which of them points up, and its share of the force.
+
+    Parameters
+    ----------
+    f : (n, 3) array
+        Specific force, axes of the sensor, any unit.
+    """
     mean = np.median(f, axis=0)
     unit = mean / max(float(np.linalg.norm(mean)), 1e-12)
     axis = int(np.argmax(np.abs(unit)))
@@ -104,10 +111,12 @@ def _axes(out: Lines, f: Array) -> None:
     if name is None:
         wanted = 'u' if sign == '+' else 'd'
         name = next(n for n in rotations.all_named() if n[axis] == wanted)
-    share = abs(float(unit[axis]))
-    out.say(
-        f'gravity shows that up is {sign}{up} ({share:.2f} of it); where forward is, the data', 2
-    )
+    return name, f'{sign}{up}', abs(float(unit[axis]))
+
+
+def _axes(out: Lines, f: Array) -> None:
+    name, up, share = axes_of(f)
+    out.say(f'gravity shows that up is {up} ({share:.2f} of it); where forward is, the data', 2)
     out.say('of gravity cannot tell: FILL IN another name if x does not point forward', 2)
     out.put(f'rotation: {name}', 2)
 

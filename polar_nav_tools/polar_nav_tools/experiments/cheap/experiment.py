@@ -73,7 +73,7 @@ def _readings(seed: int, duration_s: float) -> recording.Readings:
     return recording.readings(seed, duration_s)
 
 
-def mapping_text(r: recording.Readings, fixes: str = _SLOW, *, live: bool = False) -> str:
+def mapping_text(r: recording.Readings, fixes: str = _SLOW) -> str:
     """Mapping file of the vehicle; it starts at the first fix with the heading of its AHRS.
 
     Parameters
@@ -81,18 +81,10 @@ def mapping_text(r: recording.Readings, fixes: str = _SLOW, *, live: bool = Fals
     r : Readings
     fixes : str
         What it states of the errors of its fixes.
-    live : bool
-        State the place of the start as numbers, as a running vehicle's file does.
     """
     yaw_deg = Rotation.from_quat(r.imu.quaternion_xyzw[0]).as_euler('ZYX', degrees=True)[0]
     heading = f'heading_deg: {90.0 - yaw_deg:.3f}'
     initial = f'{{from: topic, topic: {recording.FIX}, {heading}}}'
-    if live:
-        place = (
-            f'initial_latitude_deg: {r.fixes.latitude_deg[0]:.7f}, '
-            f'initial_longitude_deg: {r.fixes.longitude_deg[0]:.7f}, initial_height: -3.0'
-        )
-        initial = f'{{from: values, {heading}}}\nparameters: {{{place}}}'
     return _MAPPING.format(
         imu=recording.IMU,
         dvl=recording.DVL,
