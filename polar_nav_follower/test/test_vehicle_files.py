@@ -12,10 +12,12 @@ from polar_nav_ros.adapters import mapping_file
 from polar_nav_ros.adapters.live import Sources
 from polar_nav_ros.adapters.mapping import VERSION
 from polar_nav_ros.adapters.stated import parameters_of, settled
-from polar_nav_ros.topics import DEPTH, DVL, IMU
+from polar_nav_ros.topics import DEPTH, DVL, HEADING, IMU
 
 CONFIG = Path(__file__).parents[1] / 'config'
 FIXES = {'bluerov2': '/ugps/fix', 'survey_auv': '/modem/usbl_fix', 'polar_pair': 'acomms/rx'}
+ALIGNED = ('bluerov2',)
+"""Those that state no place and no heading: fixes and a compass find them."""
 
 
 def stated(vehicle):
@@ -37,9 +39,11 @@ def test_a_follower_starts_with_the_files_of_a_vehicle(vehicle):
     given = stated(vehicle)
     params = from_mapping(FollowerParams, {**parameters_of(mapping, given), **given})
     params = settled(params, {*given, *mapping.params}, mapping)
-    assert params.initialize == 'parameters', 'place and heading are stated'
+    aligned = vehicle in ALIGNED
+    assert params.initialize == ('alignment' if aligned else 'parameters')
     sources = Sources(mapping, params)
-    assert {s.topic for s in sources} == {IMU, DVL, DEPTH, FIXES[vehicle]}
+    measured = {IMU, DVL, DEPTH, HEADING} if aligned else {IMU, DVL, DEPTH}
+    assert {s.topic for s in sources} == {*measured, FIXES[vehicle]}
     assert all(s.stream.type for s in sources), 'a running vehicle needs the types'
     assert {IMU, DVL, DEPTH} <= set(inputs_of(params, sources))
 
