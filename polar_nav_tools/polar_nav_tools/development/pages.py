@@ -7,7 +7,8 @@ code.
 from __future__ import annotations
 
 import sys
-from dataclasses import fields
+from collections.abc import Iterable
+from dataclasses import Field, fields
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from polar_nav_sim import params as sim
 
 from ..record.recording import RecorderParams
 from . import house
+from .follower_groups import FIRST, groups
 
 NODES: dict[str, type[Any]] = {
     'truth_node': sim.TruthParams,
@@ -37,6 +39,7 @@ NODES: dict[str, type[Any]] = {
     'recorder_node': RecorderParams,
 }
 
+_FOLLOWER = 'follower_node'
 _WARNING = (
     '<!-- Made by `python -m polar_nav_tools.development.pages docs`; edit the code instead. -->'
 )
@@ -49,9 +52,12 @@ def parameters_page() -> str:
         _WARNING,
         'All are read-only: a node is started with them. An unknown name, a wrong type or a value '
         'out of range stops the node at the start with a sentence that names it.',
+        f'For a vehicle of yours: [the {len(FIRST)} that matter first]'
+        f'(#the-{len(FIRST)}-that-matter-first), the others of the follower behind them by group.',
     ]
     for node, cls in NODES.items():
-        parts += [f'## {node}', _table(cls)]
+        parts.append(f'## {node}')
+        parts += _follower() if node == _FOLLOWER else [_table(fields(cls))]
     return '\n\n'.join(parts) + '\n'
 
 
@@ -83,17 +89,37 @@ def write(folder: Path) -> None:
     (folder / 'figures' / 'house.svg').write_text(house_figure(), encoding='utf-8')
 
 
-def _table(cls: type[Any]) -> str:
+def _follower() -> list[str]:
+    """Parts of the follower's section: the parameters that matter first, the others by group."""
+    every = {f.name: f for f in fields(FollowerParams)}
+    rows = ['| name | default | unit | range | meaning | what hangs on it |']
+    rows.append('| --- | --- | --- | --- | --- | --- |')
+    rows += [f'{_row(every[name])} {why} |' for name, why in FIRST.items()]
+    parts = [
+        f'### The {len(FIRST)} that matter first',
+        'Most are stated by the mapping file, by class of instrument or from the data sheet '
+        '([your-vehicle.md](your-vehicle.md#4-from-the-data-sheet-to-the-file)). The defaults are '
+        'those of the published vehicle.',
+        '\n'.join(rows),
+    ]
+    for title, some in groups(every.values()).items():
+        parts += [f'### {title}', _table(some)]
+    return parts
+
+
+def _table(parameters: Iterable[Field[Any]]) -> str:
     rows = ['| name | default | unit | range | meaning |', '| --- | --- | --- | --- | --- |']
-    for f in fields(cls):
-        meta = f.metadata
-        default = list(f.default) if isinstance(f.default, tuple) else f.default
-        span = ', '.join(meta['options']) if 'options' in meta else ''
-        if 'lo' in meta:
-            span = f'{meta["lo"]:g} to {meta["hi"]:g}'
-        text = f'`{default}`' if default != '' else ''
-        rows.append(f'| `{f.name}` | {text} | {meta["unit"]} | {span} | {meta["doc"]} |')
-    return '\n'.join(rows)
+    return '\n'.join([*rows, *map(_row, parameters)])
+
+
+def _row(f: Field[Any]) -> str:
+    meta = f.metadata
+    default = list(f.default) if isinstance(f.default, tuple) else f.default
+    span = ', '.join(meta['options']) if 'options' in meta else ''
+    if 'lo' in meta:
+        span = f'{meta["lo"]:g} to {meta["hi"]:g}'
+    text = f'`{default}`' if default != '' else ''
+    return f'| `{f.name}` | {text} | {meta["unit"]} | {span} | {meta["doc"]} |'
 
 
 if __name__ == '__main__':
