@@ -8,6 +8,7 @@ killed, and a complete run counted as failed.
 from __future__ import annotations
 
 import faulthandler
+import inspect
 import os
 import signal
 import sys
@@ -50,6 +51,11 @@ def run(node_cls: Callable[[], PolarNode[Any]], args: Sequence[str] | None = Non
     rclpy's own signal handlers end the context at once, before a node can flush what it holds; so
     signals only set a flag here.
     """
+    given = list(sys.argv[1:] if args is None else args)
+    before_ros = given[: given.index('--ros-args')] if '--ros-args' in given else given
+    if {'-h', '--help'} & set(before_ros):
+        print(_help(node_cls))  # noqa: T201 - asked for
+        return 0
     stop = Stop()
     watch_launcher()
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
@@ -85,6 +91,14 @@ def run(node_cls: Callable[[], PolarNode[Any]], args: Sequence[str] | None = Non
         rclpy.try_shutdown()
         leaving.cancel()
     return status
+
+
+def _help(node_cls: Callable[[], PolarNode[Any]]) -> str:
+    """What a node is, by the text of its module, and where its parameters stand."""
+    name = sys.modules[node_cls.__module__].__name__.rpartition('.')[2]
+    usage = f'{name} --ros-args -r __ns:=/VEHICLE -p NAME:=VALUE --params-file FILE'
+    text = inspect.getdoc(sys.modules[node_cls.__module__]) or ''
+    return f'Usage: {usage}\n\n{text}\n\nParameters, those that matter first: docs/parameters.md'
 
 
 def _leave_within(patience_s: float, status: int) -> threading.Timer:

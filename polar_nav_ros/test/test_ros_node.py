@@ -25,7 +25,7 @@ from polar_nav_core.errors import ConfigError  # noqa: E402
 from polar_nav_core.params import NodeParams, param  # noqa: E402
 from polar_nav_msgs.msg import Depth, LockstepAck  # noqa: E402
 from polar_nav_ros import node as ros_node  # noqa: E402
-from polar_nav_ros import topics  # noqa: E402
+from polar_nav_ros import process, topics  # noqa: E402
 from polar_nav_ros.node import DATA_QOS, LATCHED_QOS, PolarNode  # noqa: E402
 from polar_nav_ros.qos import BEST_EFFORT  # noqa: E402
 from polar_nav_ros.stamps import stamp_ns_of_cdr, to_msg, to_ns  # noqa: E402
@@ -287,3 +287,12 @@ def test_a_long_burst_does_not_keep_other_topics_waiting():
     spin_until(executor, lambda: order.count('burst') == 50)
     assert order.index('other') <= 12
     assert order.index('end') == 51
+
+
+@pytest.mark.parametrize('args', [['--help'], ['-h', '--ros-args', '-p', 'x:=1']])
+def test_a_node_says_what_it_is_and_does_not_start(args, capsys):
+    def unwanted():
+        raise AssertionError('started')
+
+    assert process.run(unwanted, args) == 0
+    assert 'docs/parameters.md' in capsys.readouterr().out

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import Field
+from inspect import get_annotations
 from typing import Any
 
 from polar_nav_core.engine.heading_params import HeadingParams
@@ -18,11 +19,11 @@ from polar_nav_core.params import NodeParams
 FIRST = {
     'sources': 'topics, types, axes, instruments: it states most of what follows',
     'imu_sample': '`instant` for filtered rates of an AHRS, `mean` for increments',
-    'gyro_bias_sigma': 'of the data sheet; with the default, a navigation-grade IMU, a MEMS one diverges',
+    'gyro_bias_sigma': 'of the data sheet; with the default, navigation grade, a MEMS diverges',
     'gyro_noise_density': 'angle random walk of the data sheet',
     'accel_bias_sigma': 'of the data sheet; also how well gravity levels',
     'dvl_scale_sigma': 'per cent of velocity; 0.03 where the instrument assumes a sound speed',
-    'dvl_markov_sigma': 'slow error of the DVL as installed; how fast dead reckoning becomes unsure',
+    'dvl_markov_sigma': 'slow error as installed; how fast dead reckoning becomes unsure',
     'dvl_lever_b': 'measured from the IMU; 0.3 m wrong at 10 deg/s are 5 cm/s',
     'transponder_lever_b': 'where on the vehicle fixes are: antenna, locator or transponder',
     'initialize': 'state place, height and heading, or let fixes and a heading align it',
@@ -80,9 +81,9 @@ def groups(parameters: Iterable[Field[Any]]) -> dict[str, list[Field[Any]]]:
 
 def _title(name: str) -> str:
     for cls, title in _CLASSES.items():
-        if name in cls.__dict__['__annotations__']:
+        if name in get_annotations(cls):
             return title
     for prefixes, title in _PREFIXES.items():
         if name.startswith(prefixes):
             return title
-    return _FILTER if name in EngineParams.__dict__['__annotations__'] else _NODE
+    return _FILTER if name in get_annotations(EngineParams) else _NODE
