@@ -1,5 +1,7 @@
 """Set-up compiles every kernel that the engine calls: none is compiled while sensors wait."""
 
+import ast
+
 import numba
 import numpy as np
 import pytest
@@ -7,6 +9,7 @@ from closed_loop import World, run
 
 from polar_nav_core.engine.engine import Engine
 from polar_nav_core.engine.methods import DELAY_HANDLING
+from polar_nav_core.kernels import cache
 from polar_nav_core.kernels.sins import events as filter_events
 from polar_nav_core.kernels.sins import late as filter_late
 from polar_nav_core.kernels.sins import late_run
@@ -60,3 +63,22 @@ def test_the_engine_needs_no_kernel_that_set_up_has_not_compiled():
         run(Engine(world.params(configuration='custom', delay_handling=name)), events)
     run(Engine(world.params(configuration='default', model_aiding=True)), events)
     assert signatures() == before
+
+
+def test_every_kernel_is_called_by_the_package():
+    """One that only tests call is not compiled by set-up, and a node then loads all there are."""
+    package = cache.KERNELS.parent
+    trees = [ast.parse(p.read_text(encoding='utf-8')) for p in sorted(package.rglob('*.py'))]
+    nodes = [node for tree in trees for node in ast.walk(tree)]
+    used = {n.id for n in nodes if isinstance(n, ast.Name)}
+    used |= {n.attr for n in nodes if isinstance(n, ast.Attribute)}
+    compiled = {
+        n.name
+        for n in nodes
+        if isinstance(n, ast.FunctionDef)
+        and any(
+            isinstance(d, ast.Name) and d.id in ('kernel', 'routine') for d in n.decorator_list
+        )
+    }
+    assert len(compiled) > 300
+    assert compiled - used == set()
