@@ -72,3 +72,10 @@ def test_record_finds_the_topics_of_a_running_graph(own_domain, tmp_path):
     assert counts['/follower/nav/state'] > 10
     # Published once, before this recorder was there, and kept for those who come late.
     assert counts['/run_info'] >= 13
+
+
+def test_bench_live_is_answered():
+    """No figure is judged: they are of whatever else this computer does."""
+    done = polar('bench', 'live', '--rate', '100', '--seconds', '1', '--json', timeout=300.0)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)['rates'][0]['answered'] > 0.0

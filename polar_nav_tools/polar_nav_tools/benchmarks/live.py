@@ -162,7 +162,7 @@ def _measure(rate: int, seconds: float) -> LiveRate:
         os.environ |= {k: v for k, v in env.items() if k.startswith(('ROS_', 'RMW_', 'FASTRTPS'))}
         command = [sys.executable, '-P', '-m', 'polar_nav_follower.follower_node', '--ros-args']
         with subprocess.Popen(
-            [*command, '-r', f'__ns:=/{_VEHICLE}'],
+            [*command, '-r', f'__ns:=/{_VEHICLE}', '-p', 'initialize:=parameters'],
             env=env,
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
