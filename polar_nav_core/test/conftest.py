@@ -29,6 +29,7 @@ if numba.config.DISABLE_JIT:
             'identification_robust',
             'identification_triggers',
             'imu_gap',
+            'innovations',
             'integrity',
             'leader_error',
             'local_statistics',

@@ -50,7 +50,7 @@ def test_a_run_in_many_stretches_is_that_in_one(world, monkeypatch):
     monkeypatch.setattr(tape.Tape, 'take', lambda self: (took(self), stretches.append(1))[0])
     whole = smoothing.smooth(params, inputs, covariances=True)
     few = len(stretches)
-    monkeypatch.setattr(smoothing, '_LOOK_S', 7.0)
+    monkeypatch.setattr(smoothing, 'LOOK_S', 7.0)
     parts = smoothing.smooth(params, inputs, covariances=True)
     assert len(stretches) - few > 4 * few
     same(parts.track, whole.track)

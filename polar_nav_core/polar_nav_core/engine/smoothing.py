@@ -26,7 +26,7 @@ from .params import EngineParams
 from .sins.tape import Stretch, Tape
 from .track import Track
 
-_LOOK_S = 60.0
+LOOK_S = 60.0
 """How often the log is copied; the filter's rings hold more than twice that."""
 _HISTORY_S = 130.0
 
@@ -87,7 +87,7 @@ def smooth(
     """
     stated = in_order(params)
     every = max(1, round(every_s / stated.filter_period_s))
-    fixes = tuple(_at_validity(f) for f in inputs.fixes if f.refusal is None and f.validity_ns > 0)
+    fixes = tuple(at_validity(f) for f in inputs.fixes if f.refusal is None and f.validity_ns > 0)
     with Tape(every) as tape:
         result = engine_run.run(
             stated,
@@ -95,7 +95,7 @@ def smooth(
             sink=lambda _: None,
             derived=True,
             progress=progress,
-            look_every_s=_LOOK_S,
+            look_every_s=LOOK_S,
             tape=tape,
         )
         return _backwards(tape, result.receipts, result.divergence, covariances)
@@ -124,7 +124,8 @@ def in_order(params: EngineParams) -> EngineParams:
     )
 
 
-def _at_validity(fix: Fix) -> Fix:
+def at_validity(fix: Fix) -> Fix:
+    """Fix that is received when it is valid."""
     return replace(fix, transmit_ns=fix.validity_ns, receive_ns=fix.validity_ns)
 
 

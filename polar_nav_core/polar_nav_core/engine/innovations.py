@@ -1,0 +1,98 @@
+"""Whitened innovations of a whole run, and how they move with each common error.
+
+Of a strapdown run with every fix at its validity, as `smoothing` processes it. They hold all that
+a recording says of constants that the filter does not estimate (docs/derivations/calibration.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..arrays import Array, Ints
+from ..errors import ConfigError
+from . import run as engine_run
+from .events import Receipt
+from .inputs import Inputs
+from .params import EngineParams
+from .sins.innovation_tape import InnovationTape
+from .smoothing import LOOK_S, at_validity, in_order
+
+
+@dataclass(frozen=True)
+class Innovations:
+    """Innovations of the measurements of a run in the order in which they were fused.
+
+    Attributes
+    ----------
+    stamps_ns, ranks : (n,) arrays
+        Of the measurement; its sensor as `events.Rank`.
+    sizes : (n,) array
+        Number of its rows.
+    white : (n, 3) array
+        L^-1 z with S = L L^T: unit variance, rows beyond the size zero.
+    moved : (n, 3, COLUMNS) array
+        L^-1 M: change of ``white`` per unit of each common error (`kernels.sins.consider`).
+    state : (30,) array
+        At the end: C_b_G, v_G [m/s], r_e [m], sensor errors.
+    P, sensitivity : (24, 24), (24, COLUMNS) arrays
+        At the end: covariance without common errors, change of the error per unit of each.
+    filters : int
+        Number of filters: more than one where one was lost and began anew.
+    receipts : tuple of Receipt
+    divergence : str
+    """
+
+    stamps_ns: Ints
+    ranks: Ints
+    sizes: Ints
+    white: Array
+    moved: Array
+    state: Array
+    P: Array
+    sensitivity: Array
+    filters: int
+    receipts: tuple[Receipt, ...]
+    divergence: str
+
+
+def innovations(
+    params: EngineParams, inputs: Inputs, *, progress: Callable[[float], None] | None = None
+) -> Innovations:
+    """Whitened innovations of a run of the strapdown mode.
+
+    Raises
+    ------
+    ConfigError
+        For parameters that have no linear steps, and for a run in which nothing was measured.
+    """
+    stated = in_order(params)
+    stamps = inputs.imu_stamps_ns
+    first_ns, last_ns = (int(stamps[0]), int(stamps[-1])) if len(stamps) else (0, 0)
+    fixes = tuple(
+        at_validity(f)
+        for f in inputs.fixes
+        # After the last sample there is no state to compare with.
+        if f.refusal is None and first_ns <= f.validity_ns <= last_ns
+    )
+    with InnovationTape() as tape:
+        result = engine_run.run(
+            stated,
+            replace(inputs, fixes=fixes),
+            sink=lambda _: None,
+            progress=progress,
+            look_every_s=LOOK_S,
+            tape=tape,
+        )
+        if not tape.pieces:
+            raise ConfigError('nothing was measured: the filter did not start, or fused nothing')
+        columns = [np.concatenate(column) for column in zip(*tape.pieces, strict=True)]
+        return Innovations(
+            *columns,
+            *tape.end(),
+            filters=len(tape.parts),
+            receipts=result.receipts,
+            divergence=result.divergence,
+        )
