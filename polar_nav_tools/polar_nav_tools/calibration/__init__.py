@@ -1,0 +1,1 @@
+"""Constants of instruments and clocks out of a recording: misalignments, lever arms, delays."""

@@ -1,0 +1,73 @@
+"""Mathematics of calibration: least squares, sums of constants, mountings that are turned."""
+
+import math
+
+import numpy as np
+import pytest
+
+from polar_nav_core.attitude import matrix_from_euler
+from polar_nav_tools.calibration import move
+from polar_nav_tools.calibration.solve import (
+    Normal,
+    alike,
+    excited,
+    least_squares,
+    sums,
+    with_states,
+)
+
+
+def test_least_squares_is_that_of_all_equations():
+    rng = np.random.default_rng(2)
+    M, white, prior = rng.normal(size=(40, 3)), rng.normal(size=40), np.array([1.0, 5.0, 0.2])
+    at = np.array([0.3, -1.0, 0.1])
+    A = np.vstack([M, np.diag(1.0 / prior)])
+    whole, *_ = np.linalg.lstsq(A, np.concatenate([white, -at / prior]), rcond=None)
+    found = least_squares(M, white, at, prior)
+    np.testing.assert_allclose(found.mean, whole, rtol=1e-9)
+    np.testing.assert_allclose(found.covariance, np.linalg.inv(A.T @ A), rtol=1e-9)
+
+
+def test_rows_that_are_alike_but_for_rounding_show_a_sum_only():
+    rng = np.random.default_rng(3)
+    row = rng.normal(size=500)
+    M = np.column_stack([row, row + 0.01 * rng.normal(size=500)])
+    prior = np.array([10.0, 10.0])
+    found = least_squares(M, M @ np.array([1.0, 2.0]), np.zeros(2), prior)
+    assert found.sigma.min() > 6.0
+    (tied,) = sums(found, prior)
+    assert tied.weight == pytest.approx(1.0, abs=0.05)
+    assert tied.value == pytest.approx(3.0, abs=0.1)
+    assert tied.sigma < 0.1
+    np.testing.assert_allclose(excited(found, prior), [1.5, 1.5], atol=0.1)
+
+
+def test_axes_that_are_alike_are_one():
+    P = np.diag([4.0, 1.0, 1.0, 2.0])
+    found = alike(Normal(np.array([9.0, 1.0, 2.0, 6.0]), P), [[1, 2, 3]])
+    weights = np.array([1.0, 1.0, 0.5])
+    mean = weights @ np.array([1.0, 2.0, 6.0]) / weights.sum()
+    np.testing.assert_allclose(found.mean, [9.0, mean])
+    np.testing.assert_allclose(found.covariance, np.diag([4.0, 1.0 / weights.sum()]), atol=1e-12)
+
+
+def test_a_mounting_is_turned_about_the_axes_of_the_body():
+    rpy = move.turned((180.0, 0.0, 45.0), 2, math.radians(2.0))
+    np.testing.assert_allclose(np.abs(rpy), [180.0, 0.0, 47.0], atol=1e-9)
+    roll, pitch, yaw = np.radians(move.turned((10.0, 20.0, 30.0), 0, math.radians(5.0)))
+    before = matrix_from_euler(*np.radians([30.0, 20.0, 10.0]))
+    by = matrix_from_euler(yaw, pitch, roll) @ before.T
+    np.testing.assert_allclose(by, matrix_from_euler(0.0, 0.0, np.radians(5.0)), atol=1e-12)
+
+
+def test_states_move_with_the_constants():
+    """A state and a constant of one linear problem, solved at once."""
+    rng = np.random.default_rng(5)
+    root = rng.normal(size=(2, 2))
+    b = Normal(np.array([0.5, -2.0]), root @ root.T)
+    S, P = np.array([[0.3, 0.1]]), np.array([[0.04]])
+    found = with_states(b, np.array([1.0]), P, S)
+    A = np.vstack([np.eye(2), S])
+    np.testing.assert_allclose(found.mean, A @ b.mean + np.array([0.0, 0.0, 1.0]))
+    whole = A @ b.covariance @ A.T + np.diag([0.0, 0.0, 0.04])
+    np.testing.assert_allclose(found.covariance, whole)
