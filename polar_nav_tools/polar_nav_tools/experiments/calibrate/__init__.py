@@ -1,0 +1,1 @@
+"""Experiment `calibrate`: constants that are off, and what is found of them."""
