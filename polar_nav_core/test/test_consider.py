@@ -115,7 +115,7 @@ def test_latency_of_the_dvl_is_acceleration_less_what_turning_the_axes_makes():
 def test_the_zero_of_depth_is_in_its_one_row():
     J = np.full((3, co.COLUMNS), 7.0)
     co.depth_common(J)
-    expected = np.zeros((3, 12))
+    expected = np.zeros((3, co.COLUMNS))
     expected[0, 11] = 1.0
     np.testing.assert_array_equal(J, expected)
 
@@ -163,8 +163,8 @@ def test_common_errors_of_fixes():
     rng = np.random.default_rng(10)
     C_e_G, _ = np.linalg.qr(rng.standard_normal((3, 3)))
     r_G, v_G = np.array([300.0, -400.0, 50.0]), np.array([1.0, 2.0, 0.1])
-    J = np.full((3, 12), 7.0)
-    co.fix_common(J, C_e_G, C_e_G.T @ r_G, v_G)
+    J = np.full((3, co.COLUMNS), 7.0)
+    co.fix_common(J, C_e_G, C_e_G.T @ r_G, v_G, np.zeros((3, 7)))
     np.testing.assert_allclose(J[:, co.RANGE_SCALE], -r_G, atol=1e-9)
     np.testing.assert_allclose(J[:, co.ARRAY_TURN], -np.cross([0.0, 0.0, 1.0], r_G), atol=1e-9)
     np.testing.assert_allclose(J[:, co.CLOCK], -v_G)

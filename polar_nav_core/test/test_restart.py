@@ -85,7 +85,7 @@ def test_bytes_give_the_same_state(saved):
     [
         (lambda d: d[:20], 'too few'),
         (lambda d: b'X' + d[1:], 'no saved state'),
-        (lambda d: d[:8] + struct.pack('<H', 3) + d[10:], 'format 3 .* up to 2'),
+        (lambda d: d[:8] + struct.pack('<H', 4) + d[10:], 'format 4 .* up to 3'),
         (lambda d: d[:-1], 'damaged'),
         (lambda d: d[:200] + bytes([d[200] ^ 1]) + d[201:], 'damaged'),
         (lambda d: d + b'0', 'damaged'),
@@ -106,7 +106,7 @@ def test_damaged_bytes_are_refused_with_a_sentence(saved, damage, words):
         ({'P': np.full((24, 24), np.nan)}, 'not finite'),
         ({'P': np.eye(23)}, 'other shapes of P'),
         ({'C_b_G': 2.0 * np.eye(3)}, 'rotation'),
-        ({'leader': np.full(20, -1.0)}, 'leader'),
+        ({'leader': np.full(27, -1.0)}, 'leader'),
     ],
 )
 def test_what_no_filter_can_start_from_is_refused(world, events, saved, change, words):
@@ -123,16 +123,22 @@ def test_what_no_filter_can_start_from_is_refused(world, events, saved, change, 
     assert words in refused[0].reason
 
 
-def as_format_1(saved, *without):
-    """Bytes of a state as format 1 had it."""
-    values = {n: v for n, v in saved.values.items() if n not in without}
+def as_format(version, saved, *without):
+    """Bytes of a state as an older format had it."""
+    shorter = {'sensitivity': (slice(None), slice(12)), 'leader': slice(20)}
+    values = {
+        n: v[shorter[n]] if n in shorter else v
+        for n, v in saved.values.items()
+        if n not in without
+    }
     data = pack(dataclasses.replace(saved, values=values))
-    return data[:8] + struct.pack('<H', 1) + data[10:]
+    return data[:8] + struct.pack('<H', version) + data[10:]
 
 
-def test_a_state_of_format_1_is_read(world, events, saved):
-    older = unpack(as_format_1(saved, 'leader'))
-    assert older.version == 1
+@pytest.mark.parametrize(('version', 'without'), [(1, ['leader']), (2, [])])
+def test_a_state_of_an_older_format_is_read(world, events, saved, version, without):
+    older = unpack(as_format(version, saved, *without))
+    assert older.version == version
     params = world.params(configuration='default')
     assert saved_problem(params, older) == ''
     after = cut(events)[1]
@@ -148,9 +154,9 @@ def test_a_state_of_format_1_is_read(world, events, saved):
 
 def test_a_state_of_engine_3_is_refused_with_both_versions(world, saved):
     """It has no rate of turn, which the growth of the covariance over the time away needs."""
-    oldest = unpack(as_format_1(saved, 'leader', 'turn'))
+    oldest = unpack(as_format(1, saved, 'leader', 'turn'))
     problem = saved_problem(world.params(configuration='default'), oldest)
-    assert 'format 1 and engine 3, this is format 2 and engine' in problem
+    assert 'format 1 and engine 3, this is format 3 and engine' in problem
 
 
 def leader_fixes(count, begin_ns):
@@ -192,7 +198,7 @@ def test_what_was_heard_of_a_leader_is_known_again(heard):
     for fix in fixes[heard:]:
         expected, found = whole.split(fix), again.split(fix)
         # A double has room for a stamp to 256 ns.
-        np.testing.assert_allclose(found.columns_e, expected.columns_e, rtol=1e-6, atol=1e-9)
+        np.testing.assert_allclose(found.common_e, expected.common_e, rtol=1e-6, atol=1e-9)
         np.testing.assert_allclose(found.covariance_e, expected.covariance_e, rtol=1e-6)
 
 
@@ -384,7 +390,7 @@ def test_a_model_that_was_loosened_stays_loose():
     assert sigma['loose'] - sigma['firm'] > 0.9 * 2.0 * 1e-3
     wild = dataclasses.replace(loose, values={**loose.values, 'loose': np.full(ss.LOOSE, 1e6)})
     assert 'walks' in saved_problem(params, wild)
-    older = unpack(as_format_1(loose, 'loose'))
+    older = unpack(as_format(1, loose, 'loose'))
     assert saved_problem(params, older) == ''
     assert not older.values['loose'].any()
 

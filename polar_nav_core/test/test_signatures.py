@@ -5,9 +5,7 @@ import pytest
 
 from polar_nav_core.engine.health.conditions import Culprit, Level
 from polar_nav_core.engine.health.slow import Evidence, pair_of, size_of, slow_faults
-from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.engine.sins.history import make_past
-from polar_nav_core.engine.sins.settings import make_settings
 from polar_nav_core.kernels.sins import consider, shared, signatures
 from polar_nav_core.kernels.sins import hypotheses as hy
 from polar_nav_core.kernels.sins import state as fs
@@ -34,7 +32,9 @@ class Linear:
         self.x = np.sqrt(np.diagonal(self.P)) * self.rng.standard_normal(N)
         self.sigma = np.zeros(consider.COLUMNS)
         self.sigma[consider.OFFSET : consider.OFFSET + 3] = 0.5
-        self.b = self.sigma * self.rng.standard_normal(consider.COLUMNS)
+        self.b = np.zeros(consider.COLUMNS)
+        own = slice(consider.LEADER)  # a leader that drifts is not in this world
+        self.b[own] = self.sigma[own] * self.rng.standard_normal(consider.LEADER)
         self.S = np.zeros((N, consider.COLUMNS))
         self.shared = np.zeros((consider.COLUMNS + 1, consider.COLUMNS))
         self.bank = np.zeros((hy.ROWS, hy.SLOTS * hy.KINDS))
@@ -192,7 +192,7 @@ def evidence_of_window(last_rows):
     """Evidence of one window of two pings, the last of which has these rows."""
     s, w = fs.make_state(), fs.make_work()
     past = make_past(2.0, 0.1)
-    settings = make_settings(EngineParams())
+    s.counters[fs.CONSIDERS] = 1
     s.bank[SCALE, 0] = 1.0
     s.counters[fs.BIRTH_NS] = 10**18
     w.narrow_L[:], w.L[:] = np.eye(3), np.eye(3)
@@ -201,7 +201,7 @@ def evidence_of_window(last_rows):
     for stamp_ns, rows in ((500_000_000, np.ones((3, N))), (1_500_000_000, last_rows)):
         w.H[:] = rows
         s.counters[fs.STAMP] = stamp_ns
-        signatures.note(s, settings, past, w, fs.DVL_ROW, 3, 0.0)
+        signatures.note(s, past, w, fs.DVL_ROW, 3, 0.0)
     assert s.bank[hy.LAMBDA, 0] > 0.0
     return s.bank[hy.LAMBDA : hy.ZETA + 1, 0].tolist()
 

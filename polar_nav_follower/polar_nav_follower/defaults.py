@@ -102,6 +102,7 @@ _FIRST: dict[str, Any] = {
     'initial_sigma_velocity': 0.01,
     'initial_v_G': (0.0, 0.0, 0.0),
     'initialize': 'parameters',
+    'leader_drift_sigma': 0.0,
     'leader_error_tau': 0.0,
     'leader_id': 1,
     'lockstep': False,
@@ -230,6 +231,7 @@ _SINCE: dict[int, dict[str, Any]] = {
     },
     4: {
         'initialize': 'auto',
+        'leader_drift_sigma': 1.0,
         'model_doubt': 10.0,
         'max_imu_repeats': 5,
     },

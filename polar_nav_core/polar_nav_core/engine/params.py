@@ -215,6 +215,13 @@ class EngineParams(IdentificationParams, StationParams, LimitParams, HeadingPara
         'sigma comes with each packet); 0: each fix has its own; not used with usbl_bias_sigma',
     )
 
+    leader_drift_sigma: float = sigma(
+        1.0,
+        '',
+        10.0,
+        'Of what the position error of a leader has grown by, in its stated sigmas: 1-sigma of '
+        'constant errors (turn and scale of its way, start) that enlarge what is published',
+    )
     fix_range_scale_sigma: float = sigma(
         0.005, '', 0.5, '1-sigma of a scale error that all ranges share (sound speed)'
     )

@@ -21,10 +21,12 @@ from ..errors import PolarNavError
 from .events import Array, InitialState
 
 _MAGIC: Final = b'POLARNAV'
-VERSION: Final = 2
+VERSION: Final = 3
 """Of the format of the bytes; older ones are read, too."""
 SINCE_2: Final = {'sins 24': ('leader', (20,)), 'station 12': ('loose', (6,))}
 """By layout: array that format 1 did not have, and its shape; zeros are nothing known."""
+SINCE_3: Final = {'sins 24': {'leader': (27,), 'sensitivity': (24, 16)}}
+"""By layout: arrays that were shorter before format 3, and their shapes; zeros as above."""
 _HEAD: Final = struct.Struct('<8sH32sQ')
 _JSON: Final = struct.Struct('<I')
 MOST_BYTES: Final = 32 << 20
@@ -123,6 +125,9 @@ def _read(body: bytes, version: int) -> SavedState:
     if version == 1 and layout in SINCE_2:
         name, shape = SINCE_2[layout]
         values[name] = np.zeros(shape)
+    if version < 3:
+        for name, shape in SINCE_3.get(layout, {}).items():
+            values[name] = _padded(values[name], shape)
     records = []
     for size in header['records']:
         records.append(body[at : at + size])
@@ -143,6 +148,14 @@ def _read(body: bytes, version: int) -> SavedState:
         records=(fused, refused),
         version=version,
     )
+
+
+def _padded(value: Array, shape: tuple[int, ...]) -> Array:
+    """Value with zeros at the end of its last axis; itself if it is none that was shorter."""
+    missing = shape[-1] - value.shape[-1] if value.ndim == len(shape) else 0
+    if missing <= 0:
+        return value
+    return np.pad(value, [(0, 0)] * (value.ndim - 1) + [(0, missing)])
 
 
 def layout_problem(saved: SavedState, layout: str, shapes: Mapping[str, tuple[int, ...]]) -> str:

@@ -20,6 +20,10 @@ _NAMES = (
     ('lever arm of the DVL along y', Culprit.DVL),
     ('latency of the DVL', Culprit.DVL),
     ('zero of depth', Culprit.DEPTH),
+    ('turn of the way of the leader', Culprit.FIXES),
+    ('scale of the way of the leader', Culprit.FIXES),
+    ('start of the leader to grid east', Culprit.FIXES),
+    ('start of the leader to grid north', Culprit.FIXES),
 )
 """By column of the sensitivity (kernels.sins.consider)."""
 _KNOWN = 0.2
@@ -29,7 +33,7 @@ _BEYOND = 20.0
 
 b / sqrt(E) of a world as stated is a stationary Gaussian process of ln E with the correlation
 exp(-|d ln E| / 2), so that it exceeds t = sqrt(20) on the way from E = 0.2 to 1 with a probability
-of ln(5) t phi(t) + 2 Q(t) = 1.4e-4; twelve in 40 runs of half an hour: 0.07 in 20 h.
+of ln(5) t phi(t) + 2 Q(t) = 1.4e-4; sixteen in 40 runs of half an hour: 0.09 in 20 h.
 """
 _SEVERE = 4.0
 _ALIKE = 0.8

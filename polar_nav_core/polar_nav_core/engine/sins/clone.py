@@ -53,7 +53,7 @@ class Clone(Fusion):
             split.covariance_e,
             fix.array_heading,
             fix.relative_e,
-            split.columns_e,
+            split.common_e,
             self._note,
         )
         if code == late_fuse.OUT_OF_REACH:

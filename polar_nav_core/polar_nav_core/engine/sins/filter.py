@@ -42,7 +42,7 @@ from ..saved import SavedState
 from . import aiding
 from . import streams as st
 from .history import History, make_past
-from .leader import LeaderError
+from .leader import NO_LEADER, LeaderError
 from .log import STEPS_PER_BLOCK, make_log
 from .noise import MeasurementNoise, ProcessNoise
 from .resume import resume
@@ -138,6 +138,8 @@ class NavigationFilter:
             fs.HEADING_OPENED_NS,
         ):
             counters[k] = stamp_ns
+        drifts = self.state.sensitivity[:, consider.LEADER :].any()
+        counters[fs.CONSIDERS] = self.settings.considers or drifts
         fe.begin_step(self.state, self.settings, stamp_ns)
         ff.locate(self.state, self.frames, self.settings)
         fe.add_epoch(self.state, self.settings, self.past)
@@ -227,6 +229,11 @@ class NavigationFilter:
     def stamp_ns(self) -> int:
         """Stamp of the state."""
         return int(self.state.counters[fs.STAMP])
+
+    @property
+    def considers(self) -> bool:
+        """Whether common errors are considered."""
+        return bool(self.state.counters[fs.CONSIDERS])
 
     @property
     def estimates_usbl_bias(self) -> bool:
@@ -413,7 +420,7 @@ class NavigationFilter:
             w.L[:m, :m] *= math.sqrt(factor)
         noise.learn(w.z / math.sqrt(factor), stated, S)
         kf.update(self.state.P, w.x, w.S, w.z, m, w.K, w.PHt, w.L, w.D)
-        if self.settings.considers:
+        if self.considers:
             consider.update_sensitivity(self.state.sensitivity, w.K, w.moved, m)
         if self.process is not None:
             self.process.learn(w.K[:m], w.z[:m], w.S[:m, :m])
@@ -431,18 +438,24 @@ class NavigationFilter:
             ping.covariance_m,
         )
 
-    def fill_common(self, fix: Fix) -> None:
-        """Change of a fix's innovation per unit of each common error into the scratch."""
-        if self.settings.considers:
-            s = self.state
-            consider.fix_common(self.work.J, self.frames.C_e_G, fix.relative_e, s.v_G)
+    def fill_common(self, fix: Fix, common_e: Array) -> None:
+        """Change of a fix's innovation per unit of each common error into the scratch.
+
+        ``common_e`` (3, 7) is that of the fix per sigma of its leader's errors.
+        """
+        constants = common_e[:, 3:].any() and self.settings.common[consider.LEADER] > 0.0
+        if constants:
+            self.state.counters[fs.CONSIDERS] = 1
+        if self.considers:
+            v_G, C_e_G = self.state.v_G, self.frames.C_e_G
+            consider.fix_common(self.work.J, C_e_G, fix.relative_e, v_G, common_e)
 
     def innovation_covariance(self, fix: Fix) -> Array:
         """Covariance of a fix's innovation now, grid axes (3, 3): with the common errors."""
         C, state = self.frames.C_e_G, self.state
         S: Array = C @ (state.P[X.dr_e, X.dr_e] + fix.covariance_e) @ C.T
-        if self.settings.considers:
-            self.fill_common(fix)
+        if self.considers:
+            self.fill_common(fix, NO_LEADER)  # the fix's covariance has its leader's error
             moved = (self.work.J[:3] + C @ state.sensitivity[X.dr_e]) * self.settings.common
             S += moved @ moved.T
         return S
@@ -451,7 +464,7 @@ class NavigationFilter:
     def published_P(self) -> Array:
         """Covariance with common errors and the conflict with refused fixes, (24, 24); a copy."""
         P: Array = self.state.P.copy()
-        if self.settings.considers:
+        if self.considers:
             consider.add_common(P, self.state.sensitivity, self.settings.common)
         consider.add_conflict(P, self.state.conflict)
         if self.settings.shares_leader or self.settings.heading.on:
@@ -524,8 +537,8 @@ class NavigationFilter:
         int
             Covariance steps since its validity; below zero when the history does not reach there.
         """
-        self.fill_common(fix)
         split = self.leader.split(fix)
+        self.fill_common(fix, split.common_e)
         return int(
             filter_late.fill_late_fix(
                 self.state,
@@ -537,7 +550,7 @@ class NavigationFilter:
                 fix.r_e,
                 split.covariance_e,
                 fix.array_heading,
-                split.columns_e,
+                split.common_e,
             )
         )
 

@@ -233,9 +233,7 @@ class Fusion:
         """Fill ``H``, ``R``, ``z`` with the fix against the position at an epoch plus v dt."""
         f = self.filter
         split = f.leader.split(fix)
-        fe.fill_shared(
-            f.work.C_a_G, f.settings, f.frames.C_e_G, fix.array_heading, split.columns_e
-        )
+        fe.fill_shared(f.work.C_a_G, f.settings, f.frames.C_e_G, fix.array_heading, split.common_e)
         point_e: Array = epoch.point_e + epoch.velocity_e * ((stamp_ns - epoch.stamp_ns) * 1e-9)
         filter_rows.fix_rows(
             f.work.H,
@@ -249,7 +247,7 @@ class Fusion:
             f.work.C_a_G,
             epoch.usbl_bias_a,
         )
-        f.fill_common(fix)
+        f.fill_common(fix, split.common_e)
         f.work.age[0] = (f.stamp_ns - fix.validity_ns) * 1e-9
 
     def _present(self) -> Epoch:

@@ -14,6 +14,7 @@ import numpy as np
 from ... import grid
 from ...link.fields import SIGMA_RATIO
 from ..events import Array, Fix
+from .leader_drift import COLUMNS, Drift, link
 
 ROUNDING = 1.0 / 1.13
 """Share of a stated variance that is sure to be there: a packet rounds sigmas up by 6 %."""
@@ -21,15 +22,12 @@ WHITE_SHARE = 0.1
 """Of the white noise that a fix states, in the direction of the turn, at least so much stays."""
 JUMP = 0.2
 """A logarithm of sigma that changes by more has changed at once: the leader got a fix itself."""
-UNLINKED = (1.1, 1.6)
-"""Heading sigma times distance, over position sigma: up to the first the position is taken for
-dead reckoned along that heading, from the second on for held by something else."""
 FAST_SHARE, FAST_S = 0.1, 25.0
 """Of the variance that a leader's position has gained, what changes fast, and how fast: ours. In
 the model of two vehicles in the plane 10 s or 100 s change no RMS by more than 2 %."""
 KEPT = 4096
 """Splits that are stored, because whole runs hand a fix in again that was not reached."""
-_NOTHING = np.zeros((3, 3))
+NO_LEADER = np.zeros((3, 3 + COLUMNS))
 _INFINITE = 1e300
 """What is not finite in a saved state."""
 _SMOOTH_BOUNDS = (
@@ -42,25 +40,39 @@ _BOUNDS = np.array(
         *_SMOOTH_BOUNDS,
         *_SMOOTH_BOUNDS,
         *((0.0, _INFINITE), (0.0, 1e19), (1e-9, _INFINITE)),
+        *[(-1e8, 1e8)] * 3,
+        *((0.0, 1e9), (0.0, 1e9), (0.0, 1e19), (0.0, 1e8)),
     ]
 )
 """Least and largest of each number of `LeaderError.packed`."""
+HEARD = len(_BOUNDS)
 
 
 class Split(NamedTuple):
-    """A fix's error in two parts.
+    """A fix's error in parts.
 
     Attributes
     ----------
-    columns_e : (3, 3) array
-        Change of the fix per unit of each of the three shared errors, which have unit variance:
-        position along the leader's grid east and north, heading; columns in ECEF [m].
+    common_e : (3, 7) array
+        Change of the fix per unit of errors of unit variance; columns in ECEF [m]. Three are
+        estimated: position along the leader's grid east and north, heading. Four constant ones
+        are considered: those of `Drift`.
     covariance_e : (3, 3) array
         Of what it shares with no other fix, ECEF [m^2].
     """
 
-    columns_e: Array
+    common_e: Array
     covariance_e: Array
+
+    @property
+    def columns_e(self) -> Array:
+        """Columns of the three that are estimated, (3, 3)."""
+        return self.common_e[:, :3]
+
+    @property
+    def constants_e(self) -> Array:
+        """Columns of the four that are considered, (3, 4)."""
+        return self.common_e[:, 3:]
 
 
 class Smooth:
@@ -184,6 +196,7 @@ class LeaderError:
         self._start_e: Array | None = None
         self._position, self._heading = Smooth(tau_s), Smooth(tau_s)
         self._growth = Growth(tau_s)
+        self._drift = Drift()
         self._known: OrderedDict[tuple[int, int, int], Split] = OrderedDict()
 
     @property
@@ -192,10 +205,11 @@ class LeaderError:
         return self._start_e is not None
 
     def packed(self) -> Array:
-        """All that was heard of the leader, finite numbers (20,), for `unpack`; zeros: nothing."""
+        """All that was heard of the leader, finite numbers (27,), for `unpack`; zeros: nothing."""
         if self._start_e is None:
-            return np.zeros(len(_BOUNDS))
+            return np.zeros(HEARD)
         heard = [*self._position.packed(), *self._heading.packed(), *self._growth.packed()]
+        heard += self._drift.packed()
         packed: Array = np.clip([*self._start_e, *heard], -_INFINITE, _INFINITE)
         return packed
 
@@ -208,7 +222,8 @@ class LeaderError:
         self._start_e = np.array(heard[:3])
         self._position.unpack(heard[3:10])
         self._heading.unpack(heard[10:17])
-        self._growth.unpack(heard[17:])
+        self._growth.unpack(heard[17:20])
+        self._drift.unpack(heard[20:])
 
     def split(self, fix: Fix) -> Split:
         """Split of the error of a fix; fixes come in the order of reception, some repeatedly.
@@ -216,7 +231,7 @@ class LeaderError:
         The first one that has a leader fixes where it began.
         """
         if not self._on or not (fix.leader_sigma > 0.0 or fix.leader_heading_sigma > 0.0):
-            return Split(_NOTHING, fix.covariance_e)
+            return Split(NO_LEADER, fix.covariance_e)
         key = (fix.validity_ns, fix.order, fix.arrival)
         if key not in self._known:
             self._known[key] = self._split(fix)
@@ -232,12 +247,9 @@ class LeaderError:
         turn_G = _across(C_e_G @ fix.relative_e)
         drift_G = _across(C_e_G @ (leader_e - self._start_e))
         sigma = self._position.at(fix.validity_ns, fix.leader_sigma)
-        columns_G = columns(
-            sigma,
-            self._heading.at(fix.validity_ns, fix.leader_heading_sigma),
-            turn_G,
-            drift_G,
-        )
+        heading = self._heading.at(fix.validity_ns, fix.leader_heading_sigma)
+        columns_G = columns(sigma, heading, turn_G, drift_G)
+        constants_G = self._drift.columns(fix.validity_ns, leader_e, C_e_G, sigma, heading)
         rest_G = C_e_G @ fix.covariance_e @ C_e_G.T
         fast = self._growth.at(fix.validity_ns, sigma)
         level = np.diag([1.0, 1.0, 0.0])
@@ -246,7 +258,8 @@ class LeaderError:
         covariance_e = fix.covariance_e if left_G is None else C_e_G.T @ left_G @ C_e_G
         covariance_e = covariance_e + fast * (C_e_G.T @ level @ C_e_G)
         covariance_e = np.ascontiguousarray(0.5 * (covariance_e + covariance_e.T))
-        return Split(np.ascontiguousarray(C_e_G.T @ columns_G), covariance_e)
+        common_G = np.hstack([columns_G, constants_G])
+        return Split(np.ascontiguousarray(C_e_G.T @ common_G), covariance_e)
 
 
 def heard_problem(values: Array) -> str:
@@ -283,9 +296,8 @@ def columns(position: float, heading: float, turn_G: Array, drift_G: Array) -> A
     distance = math.hypot(drift_G[0], drift_G[1])
     by_heading = heading * distance
     if by_heading > 0.0 and position > 0.0:
-        low, high = UNLINKED
-        link = min(1.0, max(0.0, (high - by_heading / position) / (high - low)))
-        A[:2, 2] += min(link * by_heading, position) * drift_G[:2] / distance
+        linked = link(by_heading, position) * by_heading
+        A[:2, 2] += min(linked, position) * drift_G[:2] / distance
     return A
 
 

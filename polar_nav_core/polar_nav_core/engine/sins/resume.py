@@ -22,10 +22,10 @@ from ..away import (
 )
 from ..events import Array
 from ..params import EngineParams
-from ..saved import SINCE_2, VERSION, SavedState, layout_problem
+from ..saved import VERSION, SavedState, layout_problem
 from ..start.model import SAME_AGAIN
 from ..version import ENGINE_VERSION
-from .leader import LeaderError, heard_problem
+from .leader import HEARD, LeaderError, heard_problem
 
 _NAMES = (
     'C_b_G', 'v_G', 'r_e', 'b_gyro_b', 'b_accel_b', 'dvl_scale_m', 'dvl_markov_m', 'usbl_bias_a',
@@ -115,7 +115,7 @@ def problem_of(saved: SavedState, *, model: bool) -> str:
             f'the state has no rate of turn: it is of format {saved.version} and engine 3, '
             f'this is format {VERSION} and engine {ENGINE_VERSION}'
         )
-    problem = layout_problem(saved, LAYOUT, {**shapes, _TURN: (1,), **dict([SINCE_2[LAYOUT]])})
+    problem = layout_problem(saved, LAYOUT, {**shapes, _TURN: (1,), _LEADER: (HEARD,)})
     if problem:
         return problem
     problem = heard_problem(saved.values[_LEADER])

@@ -39,6 +39,9 @@ def make_settings(
     elif shares_leader:
         last = [1.0, p.leader_error_tau]
     sigmas = common_sigmas(p)
+    considers = bool(sigmas.any())
+    if shares_leader:
+        sigmas[consider.LEADER :] = p.leader_drift_sigma
     adapts_Q = c.noise_adaptation not in ('none', 'adaptive_r')
     densities = (
         p.gyro_noise_density,
@@ -80,7 +83,7 @@ def make_settings(
         ),
         reopen_ns=round(p.reopen_after_s * 1e9),
         most_excess=p.max_imu_noise_factor**2 - 1.0 if p.reopen_after_s else 0.0,
-        considers=bool(sigmas.any()),
+        considers=considers,
         common=sigmas,
         aiding=aiding.make_aiding(p),
         heading=heading,

@@ -15,6 +15,7 @@ from ...kernels.sins import state as fs
 from ..events import ControlSample, DepthSample, DvlPing, Fix, HeadingSample, ImuSample
 from ..results import FIXES
 from .leader import Split
+from .leader_drift import COLUMNS as LEADER_COLUMNS
 
 
 def live_streams(length_s: float, imu_rate: float, local_rate: float) -> fs.Streams:
@@ -52,7 +53,7 @@ def room_for_fixes() -> dict[str, Any]:
         'fix_covariance_e': np.zeros((FIXES, 3, 3)),
         'fix_array_heading': np.zeros(FIXES),
         'fix_relative_e': np.zeros((FIXES, 3)),
-        'fix_common_e': np.zeros((FIXES, 3, 3)),
+        'fix_common_e': np.zeros((FIXES, 3, 3 + LEADER_COLUMNS)),
         'fix_outcomes': np.zeros((FIXES, 9)),
         'fix_notes': np.zeros((FIXES, 3), dtype=np.int64),
     }
@@ -132,6 +133,6 @@ def _put_fix(streams: fs.Streams, fix: Fix, split: Split, number: int, stamp_ns:
     streams.fix_covariance_e[i] = split.covariance_e
     streams.fix_array_heading[i] = fix.array_heading
     streams.fix_relative_e[i] = fix.relative_e
-    streams.fix_common_e[i] = split.columns_e
+    streams.fix_common_e[i] = split.common_e
     streams.fix_outcomes[i] = 0.0
     streams.counts[3] += 1

@@ -24,7 +24,8 @@ DVL_LEVER_X = 8
 DVL_LEVER_Y = 9
 DVL_LATENCY = 10
 DEPTH_ZERO = 11
-COLUMNS = 12
+LEADER = 12  # four: turn and scale of the leader's way, its error at the start east and north
+COLUMNS = 16
 
 DV = 3
 DR = 6
@@ -194,19 +195,21 @@ def depth_common(J: Array) -> None:
 
 
 @kernel
-def fix_common(J: Array, C_e_G: Array, relative_e: Array, v_G: Array) -> None:
+def fix_common(J: Array, C_e_G: Array, relative_e: Array, v_G: Array, common_e: Array) -> None:
     """Innovation of a position fix per unit of each common error of fixes.
 
     Parameters
     ----------
     J : (3, COLUMNS) out, grid axes
         Per unit of range scale, per radian of turn of the array, per second of clock, per metre of
-        offset.
+        offset, per sigma of the leader's constant errors.
     C_e_G : (3, 3)
     relative_e : (3,)
         From the leader's array to the follower's transponder, ECEF [m]; zero for an absolute fix.
     v_G : (3,)
         Velocity, grid axes [m/s].
+    common_e : (3, 7)
+        Change of the fix per sigma of its leader's errors, ECEF [m]; the last four are constant.
     """
     clear(J)
     for i in range(3):
@@ -216,5 +219,8 @@ def fix_common(J: Array, C_e_G: Array, relative_e: Array, v_G: Array) -> None:
         J[i, RANGE_SCALE] = -r
         J[i, CLOCK] = -v_G[i]
         J[i, OFFSET + i] = -1.0
+        for c in range(LEADER, COLUMNS):
+            for k in range(3):
+                J[i, c] -= C_e_G[i, k] * common_e[k, 3 + c - LEADER]
     J[0, ARRAY_TURN] = -J[1, RANGE_SCALE]  # -(up x r)
     J[1, ARRAY_TURN] = J[0, RANGE_SCALE]

@@ -15,7 +15,14 @@ from ..frames.earth import up_and_height
 from ..frames.grid import fill_C_e_G
 from . import state as fs
 from .aiding import compare_velocities, model_is_definite, predict_model
-from .consider import depth_common, dvl_common, fix_common, predict_sensitivity
+from .consider import (
+    COLUMNS,
+    LEADER,
+    depth_common,
+    dvl_common,
+    fix_common,
+    predict_sensitivity,
+)
 from .fuse import correct_and_remember, enter
 from .gap import add_gap_noise
 from .heading import add_heading_dynamics
@@ -108,7 +115,7 @@ def covariance_step(
     if gap > 0.0:
         add_gap_noise(w.q, s.P, c.gap_variances, gap - dt, gap)
     predict(s.P, Phi, w.q, w.M)
-    if c.considers:
+    if s.counters[fs.CONSIDERS] == 1:
         predict_sensitivity(s.sensitivity, Phi, w.M)
     # The mean of a Markov error decays as its transition says.
     for k in range(3):
@@ -276,7 +283,7 @@ def fill_depth(s: State, fr: Frames, c: Settings, w: Work, depth: float, varianc
         variance,
         c.lever_depth_b,
     )
-    if c.considers:
+    if s.counters[fs.CONSIDERS] == 1:
         depth_common(w.J)
 
 
@@ -302,7 +309,7 @@ def fill_dvl(s: State, fr: Frames, c: Settings, w: Work, v_m: Array, R_m: Array)
     )
     if c.densities[1] * (1.0 + s.excess[0]) > NOISY:
         calm_scale_rows(w.H, w.C_m_G, s.P, s.calm)
-    if c.considers and s.previous_dt[0] > 0.0:
+    if s.counters[fs.CONSIDERS] == 1 and s.previous_dt[0] > 0.0:
         for k in range(3):
             w.omega[k] = s.omega_ib_b[k] - s.b_gyro_b[k]
             w.f[k] = s.increments[1, k] / s.previous_dt[0]
@@ -339,18 +346,32 @@ def fill_fix(
         w.C_a_G,
         s.usbl_bias_a,
     )
-    if c.considers:
-        fix_common(w.J, fr.C_e_G, relative_e, s.v_G)
+    consider_leader(s, c, common_e)
+    if s.counters[fs.CONSIDERS] == 1:
+        fix_common(w.J, fr.C_e_G, relative_e, s.v_G, common_e)
 
 
 @kernel
-def note_outcome(c: Settings, w: Work, code: int, outcome: Array) -> None:
+def consider_leader(s: State, c: Settings, common_e: Array) -> None:
+    """Consider common errors from the first fix on whose leader drifts.
+
+    Without them an update has fewer operations, and other last bits.
+    """
+    if c.common[LEADER] > 0.0:
+        for i in range(common_e.shape[0]):
+            for k in range(common_e.shape[1] - COLUMNS + LEADER, common_e.shape[1]):
+                if common_e[i, k] != 0.0:
+                    s.counters[fs.CONSIDERS] = 1
+
+
+@kernel
+def note_outcome(s: State, w: Work, code: int, outcome: Array) -> None:
     """Outcome of a fix, into (9,): fused, NIS, innovation, its variances [m^2], enlargement."""
     outcome[0] = float(code)
     outcome[1] = w.nis[0]
     for a in range(3):
         outcome[2 + a] = w.z[a]
-        outcome[5 + a] = w.wide[a, a] if c.considers else w.S[a, a] / w.nis[1]
+        outcome[5 + a] = w.wide[a, a] if s.counters[fs.CONSIDERS] == 1 else w.S[a, a] / w.nis[1]
     outcome[8] = w.nis[1]
 
 

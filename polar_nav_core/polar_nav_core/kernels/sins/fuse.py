@@ -125,7 +125,7 @@ def judge(s: State, c: Settings, w: Work, R: Array, m: int) -> bool:
     """
     if not judge_rows(w, s.P, w.H, R, w.z, m):
         return False
-    if c.considers:
+    if s.counters[fs.CONSIDERS] == 1:
         for a in range(m):
             for k in range(COLUMNS):
                 w.moved[a, k] = w.J[a, k]
@@ -162,7 +162,7 @@ def remember(s: State, c: Settings, w: Work, z: Array, stream: int, m: int, fuse
         s.counters[fs.USES + stream] += 1
     memories = s.memories[stream]
     v_x, v_y = s.v_G[0], s.v_G[1]
-    if c.considers:
+    if s.counters[fs.CONSIDERS] == 1:
         dt = (s.counters[fs.STAMP] - s.counters[fs.SHARED_NS]) * 1e-9
         if dt > 0.0 and s.counters[fs.SHARED_NS] > 0:
             forget(s.shared, dt)
@@ -178,7 +178,7 @@ def remember(s: State, c: Settings, w: Work, z: Array, stream: int, m: int, fuse
                 learn(s.shared, w.per_sigma, w.narrow_L, w.w, w.learned, w.nis[1], m)
             return fused
     observe(memories, z, w.wide, w.nis[0], m, fused, v_x, v_y, z, w.wide)
-    return fused and not c.considers
+    return fused and s.counters[fs.CONSIDERS] == 0
 
 
 @kernel
@@ -258,10 +258,10 @@ def fuse_rows(
             s.tally[stream, fs.GATED] += 1.0
         return fs.REFUSED
     update(s.P, w.x, w.S, w.z, m, w.K, w.PHt, w.L, w.D)
-    if c.considers:
+    if s.counters[fs.CONSIDERS] == 1:
         update_sensitivity(s.sensitivity, w.K, w.moved, m)
     if is_evidence:
-        note(s, c, past, w, stream, m, 0.0)
+        note(s, past, w, stream, m, 0.0)
     if c.aiding.on:
         correct_block(s, w, m)
     if s.counting[0]:

@@ -213,7 +213,7 @@ def _fuse_row(s: State, c: Settings, past: Past, w: Work, log: Log, watched: boo
     if not fused:
         return fs.REFUSED
     update(s.P, w.x, w.S, w.z, fs.SCALAR, w.K, w.PHt, w.L, w.D)
-    if c.considers:
+    if s.counters[fs.CONSIDERS] == 1:
         update_sensitivity(s.sensitivity, w.K, w.moved, fs.SCALAR)
     if c.aiding.on:
         correct_block(s, w, fs.SCALAR)

@@ -106,7 +106,7 @@ def fill_late_fix(
         The fix and its covariance, ECEF [m], [m^2].
     array_heading : float
         Of the leader's USBL array, clockwise from its grid north [rad].
-    common_e : (3, 3) array
+    common_e : (3, 7) array
         Change of the fix per unit of each of the leader's errors, ECEF [m].
 
     Returns

@@ -75,10 +75,10 @@ def fuse_late(
     if not fused:
         return fs.REFUSED
     gain_of(w.K, w.D, bl.columns[0], w.L, w.S, 3)
-    if c.considers:
+    if s.counters[fs.CONSIDERS] == 1:
         update_sensitivity(s.sensitivity, w.K, w.moved, 3)
     if is_evidence:
-        note(s, c, past, w, fs.FIX_ROW, 3, w.age[0])
+        note(s, past, w, fs.FIX_ROW, 3, w.age[0])
     change = bl.columns[2, 0]
     if not mean_change(change, bl.columns[0], bl.small[4], bl.small[5, 0], w.R, bl):
         return fs.S_NOT_DEFINITE
@@ -162,7 +162,7 @@ def _judge(s: State, c: Settings, w: Work, bl: Blocks, delay: float) -> bool:
     if not cholesky(w.L, w.S, 3):
         return False
     w.nis[0] = nis_of(w.L, w.z, w.w, 3)
-    if c.considers:
+    if s.counters[fs.CONSIDERS] == 1:
         for a in range(3):
             for k in range(COLUMNS):
                 w.moved[a, k] = w.J[a, k]

@@ -8,7 +8,7 @@ from . import state as fs
 from .blocks import Blocks
 from .bridge import reach
 from .consider import fix_common
-from .events import note_outcome
+from .events import consider_leader, note_outcome
 from .fuse import locate
 from .late import fill_stored_fix, newest_until
 from .late_fuse import OUT_OF_REACH, fuse_late, settle
@@ -64,8 +64,9 @@ def take_late(
     )
     for k in range(3):
         w.H[k, DV + k] = ahead
-    if c.considers:
-        fix_common(w.J, fr.C_e_G, relative_e, s.v_G)
+    consider_leader(s, c, common_e)
+    if s.counters[fs.CONSIDERS] == 1:
+        fix_common(w.J, fr.C_e_G, relative_e, s.v_G, common_e)
     code: int = fuse_late(s, c, past, w, log, bl, validity_ns, number, place, block)
     locate(s, fr, c)
     return code
@@ -130,7 +131,7 @@ def advance_late(
         s.counters[fs.FIX] += 1
         note[1] = s.counters[fs.STAMP]
         note[2] = rows.io[1]
-        note_outcome(c, w, code, streams.fix_outcomes[k])
+        note_outcome(s, w, code, streams.fix_outcomes[k])
         if code == fs.REFUSED:
             return fs.STOPPED
         if code < 0:

@@ -14,7 +14,7 @@ from .aiding import control_event, count_good_ping, has_bottom_lock, model_is_de
 from .bridge import bridge, bridge_to_sample, is_gap
 from .columns import describe
 from .consider import add_common, add_conflict, fix_common
-from .events import fill_depth, fill_dvl, fill_fix, imu_event, note_outcome
+from .events import consider_leader, fill_depth, fill_dvl, fill_fix, imu_event, note_outcome
 from .fuse import fuse_rows, locate, ping_passes
 from .heading import heading_event
 from .late import OUT_OF_REACH, fill_late_fix
@@ -156,8 +156,9 @@ def _fill_next_fix(
     if c.back_propagates:
         validity_ns = streams.fix_validities[k]
         steps = fill_late_fix(s, fr, c, past, w, validity_ns, r_e, covariance_e, heading, common_e)
-        if c.considers:
-            fix_common(w.J, fr.C_e_G, relative_e, s.v_G)
+        consider_leader(s, c, common_e)
+        if s.counters[fs.CONSIDERS] == 1:
+            fix_common(w.J, fr.C_e_G, relative_e, s.v_G, common_e)
         if steps == OUT_OF_REACH:
             return fs.STOPPED
     else:
@@ -173,7 +174,7 @@ def _fill_next_fix(
 def _note_fix(s: State, c: Settings, w: Work, streams: Streams, code: int) -> int:
     """Store the outcome of the newest fix; returns its code, STOPPED for a refused late one."""
     k = (s.counters[fs.FIX] - 1) % streams.fix_stamps.shape[0]
-    note_outcome(c, w, code, streams.fix_outcomes[k])
+    note_outcome(s, w, code, streams.fix_outcomes[k])
     if c.back_propagates and code == fs.REFUSED:
         return fs.STOPPED
     return code
@@ -306,7 +307,7 @@ def put_row(s: State, c: Settings, rows: Rows) -> None:
     for a in range(N):
         for b in range(N):
             total[a, b] = s.P[a, b]
-    if c.considers:
+    if s.counters[fs.CONSIDERS] == 1:
         add_common(total, s.sensitivity, c.common)
     add_conflict(total, s.conflict)
     if c.shares_leader or c.heading.on:

@@ -30,7 +30,7 @@ from .hypotheses import (
     mean_change,
     repeated,
 )
-from .state import Past, Settings, State, Work
+from .state import Past, State, Work
 from .update import DR, DV
 
 WINDOW_NS = 1_000_000_000
@@ -46,13 +46,13 @@ JUDGED_NS = 30_000_000_000
 
 
 @kernel
-def note(s: State, c: Settings, past: Past, w: Work, stream: int, m: int, delay: float) -> None:
+def note(s: State, past: Past, w: Work, stream: int, m: int, delay: float) -> None:
     """Add a residual that was used to the evidence; the update's rows and gain are in the scratch.
 
     ``delay`` [s] is how old the rows are, where the signatures of now stand in for those of then.
     """
     e, L, weight = w.z, w.L, 1.0
-    if c.considers:
+    if s.counters[fs.CONSIDERS] == 1:
         e, L, weight = w.residual, w.narrow_L, 1.0 / w.nis[1]
     for a in range(m):
         x = e[a]
@@ -104,7 +104,7 @@ def note(s: State, c: Settings, past: Past, w: Work, stream: int, m: int, delay:
             for kind in range(KINDS):
                 s.bank[STATISTIC, slot * KINDS + kind] = 0.0
     answer(s.bank, 0, w.K, w.powers, g, -1.0, m)
-    if c.considers:
+    if s.counters[fs.CONSIDERS] == 1:
         for a in range(m):  # J whitened, as M = L^-1 J Pi is
             for k in range(w.per_sigma.shape[1]):
                 for b in range(a):

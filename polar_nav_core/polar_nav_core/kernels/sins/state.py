@@ -78,7 +78,8 @@ HEADING_TRY_NS = HEADING + 1  # stamp of the newest heading that was tried
 HEADING_USED_NS = HEADING + 2
 HEADING_OPENED_NS = HEADING + 3  # when its gate was last opened again; the start at first
 HEADING_OPENINGS = HEADING + 4
-COUNTERS = HEADING + 5
+CONSIDERS = HEADING + 5  # 1 where a common error has a sigma, or the leader drifts
+COUNTERS = HEADING + 6
 
 # What an event function (FUSED or REFUSED, too) or `advance` returns.
 DONE = 0
@@ -269,7 +270,7 @@ class Settings(NamedTuple):
     gap_variances: Array  # (2,): see gap
     reopen_ns: int  # how long a gate stays shut at least before it opens again; 0: for good
     most_excess: float  # largest State.excess; 0: the IMU's noise is as stated
-    considers: bool  # some common error has a sigma
+    considers: bool  # some common error has a sigma, even of a leader that does not drift
     common: Array  # (COLUMNS,): sigmas of the common errors (consider)
     aiding: Aiding
     heading: Heading
@@ -415,7 +416,7 @@ class Streams(NamedTuple):
     fix_covariance_e: Array
     fix_array_heading: Array
     fix_relative_e: Array  # (n, 3): from the leader's array to the transponder, ECEF [m]
-    fix_common_e: Array  # (n, 3, 3): change per unit of the leader's errors, ECEF [m]
+    fix_common_e: Array  # (n, 3, 7): change per unit of the leader's errors, ECEF [m]
     fix_outcomes: Array  # (n, 9): fused, NIS, innovation, its variances, enlargement
     fix_notes: Ints  # (n, 3): steps gone back over, stamp of the state, rows of output so far
     control_stamps: Ints  # nothing comes here without a vehicle's model
