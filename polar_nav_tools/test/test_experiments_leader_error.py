@@ -45,6 +45,18 @@ def test_packets_are_honest_and_near_the_filter_of_both_vehicles(name):
     assert independent.position > 5.0
 
 
+def test_the_turn_of_the_way_of_a_leader_is_in_what_is_published():
+    """A follower that knows the errors of its own DVL reads its heading off the leader's way."""
+    scenario = next(s for s in experiment.SCENARIOS if s.name == 'gyrocompass, 2 km')
+    scenario = dataclasses.replace(scenario, duration_s=2400.0)
+    found = two_vehicles.run(scenario, own_sigmas=two_vehicles.CALM)
+    packets, published = found['packets'], found['published']
+    assert packets.heading > 1.6
+    assert 0.4 < published.heading < 1.0
+    assert 0.6 < published.position < 1.3
+    assert published.rms == packets.rms
+
+
 def test_a_follower_of_a_leader_that_drifts_is_not_too_sure():
     scenario = next(s for s in experiment.SCENARIOS if s.name == '0.5 %, 30 min')
     results = {

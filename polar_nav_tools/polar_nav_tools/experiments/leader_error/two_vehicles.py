@@ -1,9 +1,11 @@
-"""The linear model of leader and follower in the plane, and three filters of the follower.
+"""The linear model of leader and follower in the plane, and filters of the follower.
 
-``python -m polar_nav_tools.experiments.leader_error.two_vehicles`` prints a table. It shares no
-code with the engine but the columns of the leader's error. `centralised` is the Kalman filter of
+``python -m polar_nav_tools.experiments.leader_error.two_vehicles`` prints two tables: of a
+follower whose DVL has a slow error, and of one that knows its own (`CALM`). They share no code
+with the engine but the columns of the leader's error. `centralised` is the Kalman filter of
 both vehicles, which knows the errors of both; no filter of the same fixes can be better. `packets`
-knows of the leader what its packets state, `independent` takes each fix's error for its own.
+knows of the leader what its packets state, and `published` has the constant errors of the leader
+in the covariance besides; `independent` takes each fix's error for its own.
 """
 
 from __future__ import annotations
@@ -15,6 +17,7 @@ import numpy as np
 
 from polar_nav_core.engine.events import Array
 from polar_nav_core.engine.sins.leader import Growth, Smooth, columns
+from polar_nav_core.engine.sins.leader_drift import COLUMNS, Drift
 
 from . import leader as lead
 from .experiment import SCENARIOS, Scenario
@@ -29,6 +32,8 @@ _TAU_S = 3600.0
 _OWN = 7
 """The follower's errors: position (2), heading, gyro bias, DVL scale, slow velocity (2)."""
 _SIGMAS = np.array([5.0, 5.0, math.radians(5.0 / 60.0), 1.45e-7, 0.004, 0.005, 0.005])
+CALM = np.array([*_SIGMAS[:3], 1e-8, 5e-4, 3e-4, 3e-4])
+"""Of a follower whose attitude oscillates: its IMU shows the errors of its DVL."""
 _SLOW_S = 300.0
 _FIX_SIGMA = 1.0
 
@@ -51,22 +56,26 @@ class Line(NamedTuple):
 
 
 class _Filter:
-    """Means (runs, n) and the covariance of a filter."""
+    """Means (runs, n) and the covariance of a filter; what constant errors make of its means."""
 
     def __init__(self, P: Array) -> None:
         self.P = P
         self.x = np.zeros((_RUNS, len(P)))
+        self.moved = np.zeros((len(P), COLUMNS))
 
     def predict(self, Phi: Array, Q: Array) -> None:
         self.x = self.x @ Phi.T
         self.P = Phi @ self.P @ Phi.T + np.diag(Q)
+        self.moved = Phi @ self.moved
 
-    def update(self, H: Array, R: Array, z: Array) -> None:
+    def update(self, H: Array, R: Array, z: Array, constants: Array | None = None) -> None:
         S = H @ self.P @ H.T + R
         K = np.linalg.solve(S, H @ self.P).T
         self.x = self.x + (z - self.x @ H.T) @ K.T
         A = np.eye(len(self.P)) - K @ H
         self.P = A @ self.P @ A.T + K @ R @ K.T
+        if constants is not None:
+            self.moved = A @ self.moved + K @ constants
 
 
 def _velocity(scenario: Scenario, now: float) -> Array:
@@ -81,7 +90,7 @@ def _line(leader: Leader, now: float) -> Array:
     )
 
 
-def _own_step(v: Array) -> tuple[Array, Array]:
+def _own_step(v: Array, sigmas: Array) -> tuple[Array, Array]:
     Phi = np.eye(_OWN)
     Phi[0, 2], Phi[1, 2] = -v[1] * _DT, v[0] * _DT
     Phi[:2, 4] = v * _DT
@@ -90,7 +99,7 @@ def _own_step(v: Array) -> tuple[Array, Array]:
     decay = math.exp(-_DT / _SLOW_S)
     Phi[5, 5] = Phi[6, 6] = decay
     Q = np.zeros(_OWN)
-    Q[5:] = _SIGMAS[5:] ** 2 * (1.0 - decay**2)
+    Q[5:] = sigmas[5:] ** 2 * (1.0 - decay**2)
     return Phi, Q
 
 
@@ -104,24 +113,24 @@ def _across(r: Array) -> Array:
     return np.array([-r[1], r[0], 0.0])
 
 
-def run(scenario: Scenario, seed: int = 1) -> dict[str, Line]:
-    """Results of the filters, by name."""
+def run(scenario: Scenario, seed: int = 1, own_sigmas: Array = _SIGMAS) -> dict[str, Line]:
+    """Results of the filters, by name; ``own_sigmas`` (7,) are those of the follower's errors."""
     rng = np.random.default_rng(seed)
     leader, sigmas = scenario.leader, sigmas_of(scenario.leader)
     n = _OWN + lead.SIZE
-    truth = rng.standard_normal((_RUNS, n)) * np.concatenate([_SIGMAS, sigmas])
+    truth = rng.standard_normal((_RUNS, n)) * np.concatenate([own_sigmas, sigmas])
     stated = np.diag(sigmas**2)
-    own = np.diag(_SIGMAS**2)
+    own = np.diag(own_sigmas**2)
     filters = {
         'centralised': _Filter(_joined(own, stated)),
         'packets': _Filter(_joined(own, np.eye(3))),
         'independent': _Filter(own),
     }
-    found: dict[str, list[Line]] = {name: [] for name in filters}
+    found: dict[str, list[Line]] = {name: [] for name in (*filters, 'published')}
     turning = lead.HEADING if leader.array_deg is None else lead.TURN
     way = np.zeros(2)
     smooth = Smooth(_TAU_S), Smooth(_TAU_S)
-    growth = Growth(_TAU_S)
+    growth, drift = Growth(_TAU_S), Drift()
     steps = int(scenario.duration_s / _DT)
     decay = math.exp(-_DT / _TAU_S)
     for k in range(1, steps + 1):
@@ -130,7 +139,7 @@ def run(scenario: Scenario, seed: int = 1) -> dict[str, Line]:
         moved = _line(leader, k * _DT) - _line(leader, (k - 1) * _DT)
         v_leader = v - moved / _DT
         way = way + v_leader * _DT
-        Phi_own, Q_own = _own_step(v)
+        Phi_own, Q_own = _own_step(v, own_sigmas)
         Phi_leader, Q_leader = step(leader, sigmas, v_leader, _DT)
         Phi, Q = _joined(Phi_own, Phi_leader), np.concatenate([Q_own, Q_leader])
         truth = truth @ Phi.T + rng.standard_normal(truth.shape) * np.sqrt(Q)
@@ -146,12 +155,10 @@ def run(scenario: Scenario, seed: int = 1) -> dict[str, Line]:
         z = truth @ H.T + _FIX_SIGMA * rng.standard_normal((_RUNS, 2))
         stamp_ns = round(k * _DT * 1e9)
         sigma = smooth[0].at(stamp_ns, float(position))
-        A = columns(
-            sigma,
-            smooth[1].at(stamp_ns, float(heading)),
-            turn,
-            _across(way),
-        )[:2]
+        stated_heading = smooth[1].at(stamp_ns, float(heading))
+        A = columns(sigma, stated_heading, turn, _across(way))[:2]
+        place = np.array([*way, 0.0])
+        constants = drift.columns(stamp_ns, place, np.eye(3), sigma, stated_heading)[:2]
         H_packets = np.hstack([H[:, :_OWN], -A])
         whole = R + position**2 * np.eye(2) + heading**2 * np.outer(turn[:2], turn[:2])
         markov = _joined(Phi_own, decay * np.eye(3))
@@ -159,24 +166,28 @@ def run(scenario: Scenario, seed: int = 1) -> dict[str, Line]:
         filters['centralised'].predict(Phi, Q)
         filters['centralised'].update(H, R, z)
         filters['packets'].predict(markov, noise)
-        filters['packets'].update(H_packets, R + growth.at(stamp_ns, sigma) * np.eye(2), z)
+        white = R + growth.at(stamp_ns, sigma) * np.eye(2)
+        filters['packets'].update(H_packets, white, z, constants)
         filters['independent'].predict(Phi_own, Q_own)
         filters['independent'].update(H[:, :_OWN], whole, z)
         if 2 * k > steps:
             for name, f in filters.items():
-                found[name].append(_measured(f, truth))
+                found[name].append(_measured(f, truth, f.P))
+            packets = filters['packets']
+            total = packets.P + packets.moved @ packets.moved.T
+            found['published'].append(_measured(packets, truth, total))
     return {name: _mean(lines) for name, lines in found.items()}
 
 
-def _measured(f: _Filter, truth: Array) -> Line:
+def _measured(f: _Filter, truth: Array, P: Array) -> Line:
     e = f.x[:, :2] - truth[:, :2]
     psi = f.x[:, 2] - truth[:, 2]
-    nees = np.einsum('ni,ni->n', e, np.linalg.solve(f.P[:2, :2], e.T).T)
+    nees = np.einsum('ni,ni->n', e, np.linalg.solve(P[:2, :2], e.T).T)
     return Line(
         float(np.mean(np.sum(e**2, axis=1))),
-        float(np.trace(f.P[:2, :2])),
+        float(np.trace(P[:2, :2])),
         float(nees.mean()) / 2.0,
-        float(np.mean(psi**2)) / float(f.P[2, 2]),
+        float(np.mean(psi**2)) / float(P[2, 2]),
     )
 
 
@@ -186,16 +197,19 @@ def _mean(lines: list[Line]) -> Line:
 
 
 def main() -> None:
-    """Print the table."""
-    rows = ['leader                   filter        RMS m  x best  said m  NEES position  heading']
-    for scenario in SCENARIOS:
-        found = run(scenario)
-        for name, x in found.items():
-            ratio = x.rms / found['centralised'].rms
-            rows.append(
-                f'{scenario.name:24s} {name:12s} {x.rms:6.2f} {ratio:7.3f} {x.said:7.2f} '
-                f'{x.position:14.2f} {x.heading:8.2f}'
-            )
+    """Print both tables."""
+    head = 'leader                   filter        RMS m  x best  said m  NEES position  heading'
+    rows = []
+    for sigmas in (_SIGMAS, CALM):
+        rows.append(head)
+        for scenario in SCENARIOS:
+            found = run(scenario, own_sigmas=sigmas)
+            for name, x in found.items():
+                ratio = x.rms / found['centralised'].rms
+                rows.append(
+                    f'{scenario.name:24s} {name:12s} {x.rms:6.2f} {ratio:7.3f} {x.said:7.2f} '
+                    f'{x.position:14.2f} {x.heading:8.2f}'
+                )
     print('\n'.join(rows))  # noqa: T201 - the output of a command
 
 
