@@ -231,9 +231,11 @@ _SINCE: dict[int, dict[str, Any]] = {
     },
     4: {
         'initialize': 'auto',
-        'leader_drift_sigma': 1.0,
         'model_doubt': 10.0,
         'max_imu_repeats': 5,
+    },
+    5: {
+        'leader_drift_sigma': 1.0,
     },
 }
 """By engine version: what changed with it. A version with new defaults counts up (version.py)."""
