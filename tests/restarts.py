@@ -59,7 +59,8 @@ class Restart:
     Attributes
     ----------
     away_s, way_m : float
-        From the last estimate before it: time [s], and the true way in it [m].
+        From the last estimate before it to the first IMU sample that the follower took: time [s],
+        and the true way in it [m].
     stamps_s, published_s : float
         From the first IMU sample that the follower took: by stamps, and as the recorder got both
         messages [s].
@@ -103,11 +104,10 @@ class _Found:
     P_velocity_G: NDArray[np.float64]
     P_attitude_G: NDArray[np.float64]
 
-    def at(self, first: int, track: Track) -> tuple[float, dict[str, float]]:
-        """True way to a row from the one before [m], and normalized squared errors there."""
-        begin_ns, end_ns = self.stamp_ns[first - 1 : first + 1]
-        on_the_way = (track.stamp_ns > begin_ns) & (track.stamp_ns < end_ns)
-        way = np.vstack([self.r_e[first - 1], track.r_e[on_the_way], self.r_e[first]])
+    def at(self, first: int, track: Track, again_ns: int) -> tuple[float, dict[str, float]]:
+        """True way from the row before to a stamp [m], and normalized squared errors at a row."""
+        on_the_way = (track.stamp_ns > self.stamp_ns[first - 1]) & (track.stamp_ns <= again_ns)
+        way = np.vstack([self.r_e[first - 1], track.r_e[on_the_way]])
         one, heading = slice(first, first + 1), slice(2, 3)
         squared = {
             'position': normalized_squared(self.dr_G[one], self.P_position_G[one]),
@@ -144,10 +144,10 @@ def _restarts(found: _Found, track: Track, begins: list[int], waits: list[float]
     out = []
     for begin_ns, wait_s in zip(begins, waits, strict=True):
         first = int(np.searchsorted(found.stamp_ns, begin_ns))
-        way_m, nees = found.at(first, track)
+        way_m, nees = found.at(first, track, begin_ns)
         out.append(
             Restart(
-                away_s=(int(found.stamp_ns[first]) - int(found.stamp_ns[first - 1])) / NS,
+                away_s=(begin_ns - int(found.stamp_ns[first - 1])) / NS,
                 way_m=way_m,
                 stamps_s=(int(found.stamp_ns[first]) - begin_ns) / NS,
                 published_s=wait_s,
@@ -233,8 +233,8 @@ def late_or_off(found: Sequence[Restart]) -> list[str]:
 def optimistic(found: Sequence[Restart]) -> list[str]:
     """One sentence for each of `STATES` whose mean NEES is above its band.
 
-    Below it is no fault: the covariance has room for a manoeuvre that nobody saw, and on most
-    ways there is none.
+    Below it is no fault: the covariance has room for a turn that began and ended unseen, and on
+    most ways there is none.
     """
     said = []
     for name, dof in STATES.items():

@@ -93,7 +93,8 @@ def test_a_killed_follower_goes_on_from_its_file(tmp_path):
         (restore,) = second.restored
         assert to_ns(restore.header.stamp) == again_ns
         assert 3.0 < 1e-9 * (again_ns - to_ns(restore.saved_time)) < 5.0
-        assert to_ns(second.states[0].header.stamp) - again_ns <= 200_000_000
+        # Without a DVL it waits for one for a second.
+        assert to_ns(second.states[0].header.stamp) - again_ns <= 1_200_000_000
         # It is where it was, and less sure of it: it may have moved meanwhile.
         state = second.states[0]
         assert float(np.linalg.norm(state.r_e - before.r_e)) < 1.0
@@ -114,7 +115,7 @@ def test_live_equals_replay_across_a_restart():
     again_ns = START_NS + 8 * 10**9
     restore = Restore(data=pack(saved))
     restore.header.stamp = to_msg(again_ns)
-    messages = [(IMU, sample(again_ns + k * STEP_NS)) for k in range(300)]
+    messages = [(IMU, sample(again_ns + k * STEP_NS)) for k in range(400)]
 
     live = Session(params, 'follower')
     published = list(live.take(*messages[0]))

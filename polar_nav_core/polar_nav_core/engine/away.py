@@ -1,12 +1,16 @@
 """Growth of a covariance over the time that a vehicle was not navigated.
 
-A vehicle that was turning goes on turning, and ends that some time; another one may begin to. It
-goes where it points: heading, velocity and path are off together, so that the first fixes after
-the restart correct the heading, too.
+Where pings after it show how the vehicle turns then (`first_seconds`), its rate of turn went from
+that before to that after, and the covariance grows by what is not known of it. Else a vehicle that
+was turning goes on turning, and ends that some time; another one may begin to. It goes where it
+points: heading, velocity and path are off together, so that the first fixes after the restart
+correct the heading, too.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -22,16 +26,65 @@ TURN_RATE = 0.02
 with a heading that is uncertain by half a radian becomes sure of a wrong one."""
 MOST_TURN = 1.0
 """A larger sigma of heading is none of a filter of small angles [rad]."""
+HIDDEN_TURN = 2e-4
+"""1-sigma of a turn that began and ended unseen, by the square of the time away [rad/s^2].
+
+Turns at 0.07 rad/s that begin once in ten minutes and last 20 s, as those of a survey.
+"""
+WANDER_OVER_S = 60.0
+"""How restless a track is, is found from so long before the state was saved [s]."""
 SWING_TILT, SWING_HEADING, SWING_S = 0.1, 0.05, 0.5
 """1-sigma by which a vehicle in waves swings about its mean attitude [rad], and how long it takes
 until where it was in that is no information [s]."""
 ACCELERATION = 0.02
 """1-sigma of the mean acceleration along the way and up [m/s^2]."""
 _LEAST_SPEED = 0.3
+_LEAST_WINDOWS = 4
 _MOST_RATE = 0.3
 _JUMP_RATE = 0.5
 """No track turns faster [rad/s]: a step of the estimate that does is a correction."""
 _PIECES = 100
+
+
+@dataclass(frozen=True)
+class Seen:
+    """Motion of a vehicle from a stamp on, in level axes with x along its course.
+
+    Attributes
+    ----------
+    begin_ns : int
+        First sample of the restarted node [ns].
+    rate : float
+        Rate of turn of the track at `begin_ns`, about up [rad/s].
+    turned : float
+        What it turned since [rad].
+    sigma_rate : float
+        1-sigma of `rate` where that changes: a turn that begins is no parabola [rad/s].
+    watched_s : float
+        Time from `begin_ns` to now [s].
+    path : (2,) array
+        Way since `begin_ns`, along the course that the vehicle had then and to port of it [m].
+    speed, up : float
+        Over ground, horizontal and upwards, now [m/s].
+    C_b_c : (3, 3) array
+        Attitude: body axes to the level axes of the course, now.
+    sigma_tilt : float
+        1-sigma of what was level [rad].
+    sigma_speed : float
+        1-sigma of `speed` and `up`, slow errors of the DVL included [m/s].
+    """
+
+    begin_ns: int
+    rate: float
+    turned: float
+    sigma_rate: float
+    watched_s: float
+    path: Array
+    speed: float
+    up: float
+    C_b_c: Array
+    sigma_tilt: float
+    sigma_speed: float
 
 
 class Rows(NamedTuple):
@@ -67,6 +120,31 @@ def turn_rate(time_s: Array, v_G: Array) -> float:
     return float(np.clip(turned[kept].sum() / total_s, -_MOST_RATE, _MOST_RATE))
 
 
+def wander(time_s: Array, v_G: Array, before: Array) -> Array:
+    """Restlessness of a track (2,): 1-sigma of its rate of turn [rad/s] and acceleration [m/s^2].
+
+    The RMS change from one window of 2 s to the next.
+
+    Parameters
+    ----------
+    time_s : (n,) array
+        Of the velocities [s].
+    v_G : (n, 3) array
+        Estimated velocities, grid axes [m/s].
+    before : (2,) array
+        What was found before, for a track that is too short or slow; zeros are nothing.
+    """
+    count = int((time_s[-1] - time_s[0]) / TURN_OVER_S) if len(time_s) else 0
+    if count < _LEAST_WINDOWS or np.hypot(v_G[:, 0], v_G[:, 1]).min() < _LEAST_SPEED:
+        return before
+    ends = np.searchsorted(time_s, time_s[-1] - TURN_OVER_S * np.arange(count, -1, -1) - 1e-6)
+    rates = [turn_rate(time_s[i : j + 1], v_G[i : j + 1]) for i, j in pairwise(ends)]
+    speeds = np.stack([np.hypot(v_G[ends, 0], v_G[ends, 1]), v_G[ends, 2]])
+    turned = float(np.mean(np.diff(rates) ** 2))
+    pushed = np.mean((np.diff(speeds) / TURN_OVER_S) ** 2, axis=1)
+    return np.sqrt([turned, float(pushed.max())])
+
+
 def held_turn(rate: float, away_s: float) -> tuple[Array, Array]:
     """Rotation (3, 3) about up by a turn that dies out, and its integral over the time away [s].
 
@@ -78,13 +156,42 @@ def held_turn(rate: float, away_s: float) -> tuple[Array, Array]:
         [s].
     """
     rate = float(np.clip(rate, -_MOST_RATE, _MOST_RATE))
-    middles = (np.arange(_PIECES) + 0.5) / _PIECES * away_s
-    turned = -rate * TURN_LASTS_S * np.expm1(-np.append(middles, away_s) / TURN_LASTS_S)
+    return _turn_and_path(-rate * TURN_LASTS_S * np.expm1(-_times(away_s) / TURN_LASTS_S), away_s)
+
+
+def bridged_turn(before: float, after: float, away_s: float) -> tuple[Array, Array]:
+    """Rotation and its integral as in `held_turn`, of a rate that changes evenly [rad/s]."""
+    before, after = np.clip((before, after), -_MOST_RATE, _MOST_RATE)
+    time_s = _times(away_s)
+    return _turn_and_path((before + 0.5 * (after - before) * time_s / away_s) * time_s, away_s)
+
+
+def bridged_variance(before: float, after: float, restless: float, away_s: float) -> float:
+    """Variance of heading [rad^2] of a `bridged_turn` whose rates are known to ``restless``.
+
+    A turn began or ended at any time between, and others did both.
+    """
+    rates = 6.0 * restless**2 + (after - before) ** 2
+    sigma = min(HIDDEN_TURN * away_s**2, TURN_RATE * away_s)
+    return float(min(rates * away_s**2 / 12.0 + sigma**2, MOST_TURN**2))
+
+
+def _times(away_s: float) -> Array:
+    """Middles of pieces of the time away, and its end [s]."""
+    return np.append((np.arange(_PIECES) + 0.5) / _PIECES * away_s, away_s)
+
+
+def _turn_and_path(turned: Array, away_s: float) -> tuple[Array, Array]:
     cosines, sines = np.cos(turned), np.sin(turned)
     return (
         _about_up(cosines[-1], sines[-1], 1.0),
         away_s * _about_up(cosines[:-1].mean(), sines[:-1].mean(), 1.0),
     )
+
+
+def about_up(angle: float) -> Array:
+    """Rotation (3, 3) by an angle about up [rad]."""
+    return _about_up(np.cos(angle), np.sin(angle), 1.0)
 
 
 def _about_up(c: float, s: float, up: float) -> Array:

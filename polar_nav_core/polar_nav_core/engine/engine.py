@@ -36,6 +36,7 @@ from .events import (
     Receipt,
     Verdict,
 )
+from .first_seconds import WATCHED_SINCE, FirstSeconds
 from .health.conditions import Condition, Culprit, Health, Level
 from .health.heading import UNKNOWN, heading_unknown
 from .health.station import StationWatchdog
@@ -101,6 +102,7 @@ class Engine:
         self.adaptation: Adaptation | None = make_adaptation(params)
         self._identified: Identification | None = None
         self._initial: InitialState | None = params.initial_state()
+        self._first_seconds: FirstSeconds | None = None
         self._stated_heading = 0.0 if self._initial is None else self._initial.sigma_heading
         self._last_key: OrderKey | None = None
         self.last_imu_ns: int | None = None
@@ -249,12 +251,16 @@ class Engine:
             force_b = np.zeros(3) if self._thrust is None else self._thrust.force_b
             self.adaptation.log(sample.stamp_ns, sample.C_b_G, sample.omega_ib_b, force_b)
         if self.fusion is None:
-            if self._initial is not None and not self.divergence:
-                self.fusion = self._make_fusion(self.params, self._initial, sample.stamp_ns)
+            first = self._first_seconds
+            initial = self._begins_from(sample)
+            if initial is not None:
+                self.fusion = self._make_fusion(self.params, initial, sample.stamp_ns)
                 self.fusion.begin(sample)
                 if self._thrust is not None:  # it still holds
                     self.fusion.control(self._thrust)
                 self.due_ns = self._start_ns = sample.stamp_ns
+                if first is not None and first.fresh is not None:
+                    self._local(first.fresh)
             return
         if sample.stamp_ns // _SECOND_NS != before_ns // _SECOND_NS:
             self.look()
@@ -266,6 +272,16 @@ class Engine:
                 return
         if sample.stamp_ns // self._output_ns != before_ns // self._output_ns:
             self.due_ns = sample.stamp_ns
+
+    def _begins_from(self, sample: ImuSample) -> InitialState | None:
+        """State that a filter begins from at this sample; None while it waits for one."""
+        first = self._first_seconds
+        if self._initial is None or self.divergence or (first and not first.imu(sample)):
+            return None
+        if first is None or not isinstance(self._initial, SavedState):
+            return self._initial
+        self._first_seconds = None
+        return replace(self._initial, seen=first.seen(sample.stamp_ns))
 
     def look(self) -> Health | None:
         """Health of the navigation at the newest sample, stored as `health`; None without one."""
@@ -315,6 +331,8 @@ class Engine:
         if isinstance(event, DvlPing) and not event.valid:
             self.gated['dvl_invalid'] += 1
             return
+        if self._first_seconds is not None and isinstance(event, DvlPing):
+            self._first_seconds.ping(event)
         unused = isinstance(event, HeadingSample) and not self.params.uses_heading
         if self.fusion is None or unused:
             return
@@ -407,6 +425,7 @@ class Engine:
             yield self.refuse(command, Verdict.IMPLAUSIBLE, problem, command.stamp_ns)
             return
         self._initial = command.initial_state or self.params.initial_state()
+        self._first_seconds = None
         self._leave()
         self.resets += 1
         self.due_ns = None
@@ -416,6 +435,8 @@ class Engine:
             self._stated_heading = self._initial.sigma_heading  # a saved one has been learnt
         if isinstance(self._initial, SavedState):
             self.ledger.restore(self._initial.fixes, self._initial.records)
+            if self.params.mode != 'station' and self._initial.version >= WATCHED_SINCE:
+                self._first_seconds = FirstSeconds(self.params, self._initial)
         self.adaptation = make_adaptation(self.params)
 
     def _start_problem(self, initial: InitialState | None) -> str:

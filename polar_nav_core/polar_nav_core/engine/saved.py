@@ -18,15 +18,21 @@ from typing import Any, Final
 import numpy as np
 
 from ..errors import PolarNavError
+from .away import Seen
 from .events import Array, InitialState
 
 _MAGIC: Final = b'POLARNAV'
 VERSION: Final = 3
 """Of the format of the bytes; older ones are read, too."""
-SINCE_2: Final = {'sins 24': ('leader', (20,)), 'station 12': ('loose', (6,))}
-"""By layout: array that format 1 did not have, and its shape; zeros are nothing known."""
-SINCE_3: Final = {'sins 24': {'leader': (27,), 'sensitivity': (24, 16)}}
-"""By layout: arrays that were shorter before format 3, and their shapes; zeros as above."""
+SINCE: Final[dict[int, dict[str, tuple[str, tuple[int, ...]]]]] = {
+    2: {'sins 24': ('leader', (20,)), 'station 12': ('loose', (6,))},
+    3: {'sins 24': ('wander', (2,))},
+}
+"""By format and layout: array that older ones did not have, its shape; zeros: nothing known."""
+GROWN: Final[dict[int, dict[str, dict[str, tuple[int, ...]]]]] = {
+    3: {'sins 24': {'leader': (27,), 'sensitivity': (24, 16)}},
+}
+"""By format and layout: arrays that were shorter in older ones, their shapes; zeros as above."""
 _HEAD: Final = struct.Struct('<8sH32sQ')
 _JSON: Final = struct.Struct('<I')
 MOST_BYTES: Final = 32 << 20
@@ -55,6 +61,8 @@ class SavedState(InitialState):
         Fused and refused fixes, packed.
     version : int
         Of the format of the bytes that it was read from.
+    seen : Seen or None
+        What its new owner saw of the vehicle before it goes on from it; not part of the bytes.
     """
 
     stamp_ns: int
@@ -63,6 +71,7 @@ class SavedState(InitialState):
     fixes: tuple[int, int, int]
     records: tuple[bytes, bytes]
     version: int = VERSION
+    seen: Seen | None = None
 
     def away_s(self, stamp_ns: int) -> float:
         """Time from the saved state to a stamp [s], at least 0."""
@@ -122,11 +131,12 @@ def _read(body: bytes, version: int) -> SavedState:
         values[name] = np.frombuffer(body, '<f8', count, at).reshape(shape).astype(np.float64)
         at += 8 * count
     layout = str(header['layout'])
-    if version == 1 and layout in SINCE_2:
-        name, shape = SINCE_2[layout]
-        values[name] = np.zeros(shape)
-    if version < 3:
-        for name, shape in SINCE_3.get(layout, {}).items():
+    for since, added in SINCE.items():
+        if version < since and layout in added:
+            name, shape = added[layout]
+            values[name] = np.zeros(shape)
+    for since, grown in GROWN.items():
+        for name, shape in grown.get(layout, {}).items() if version < since else ():
             values[name] = _padded(values[name], shape)
     records = []
     for size in header['records']:

@@ -16,7 +16,7 @@ from ...kernels.sins import events as fe
 from ...kernels.sins import rows as filter_rows
 from ...kernels.sins import state as fs
 from ...kernels.sins import update as kf
-from ..away import TURN_OVER_S, turn_rate
+from ..away import TURN_OVER_S, WANDER_OVER_S, turn_rate, wander
 from ..driver import Driver
 from ..events import (
     Array,
@@ -36,7 +36,7 @@ from ..saved import SavedState
 from .adaptation import make_noise, make_process
 from .filter import NavigationFilter
 from .history import Epoch
-from .resume import save_state
+from .resume import WANDER, save_state
 
 
 class Fusion:
@@ -56,6 +56,8 @@ class Fusion:
         configuration = params.resolved()
         adaptation = configuration.noise_adaptation
         self.filter = self.make_filter(params, initial, stamp_ns)
+        known = isinstance(initial, SavedState)
+        self._wander = initial.values[WANDER] if known else np.zeros(2)
         bounds = (params.adaptive_floor, params.adaptive_ceiling)
         self._as_printed = adaptation in ('sage_husa_unguarded', 'sage_husa_published')
         self._noise_fix = make_noise(adaptation, params.forgetting, *bounds)
@@ -177,18 +179,20 @@ class Fusion:
         """State as it is now, with its fixes, to go on from after a restart."""
         return save_state(
             self.filter.state,
-            self._turn_rate(),
+            turn_rate(*self._velocities(TURN_OVER_S)),
+            wander(*self._velocities(WANDER_OVER_S), self._wander),
             self.filter.leader,
             fixes,
             records,
             heading=self.filter.settings.heading.on,
         )
 
-    def _turn_rate(self) -> float:
-        """Mean rate at which the track turned in the last seconds [rad/s], about up."""
+    def _velocities(self, length_s: float) -> tuple[Array, Array]:
+        """Times (n,) [s] and velocities (n, 3) of the last seconds, grid axes [m/s]."""
         f = self.filter
-        stamps, v_G = f.history.velocities_since(f.stamp_ns - round(TURN_OVER_S * 1e9))
-        return turn_rate(np.asarray(stamps * 1e-9, dtype=np.float64), v_G)
+        since_ns = max(f.stamp_ns - round(length_s * 1e9), f.start_ns)
+        stamps, v_G = f.history.velocities_since(since_ns)
+        return np.asarray(stamps * 1e-9, dtype=np.float64), v_G
 
     def height(self) -> float:
         """Height of the vehicle above the ellipsoid [m]."""

@@ -11,18 +11,11 @@ from ...error_model import X
 from ...kernels.sins import state as fs
 from ...kernels.sins import update as kf
 from ...order import FIX_ROW
-from ..away import (
-    ACCELERATION,
-    Rows,
-    add_acceleration,
-    add_swing,
-    add_turn,
-    held_turn,
-    turn_variance,
-)
+from .. import away
+from ..away import Seen
 from ..events import Array
 from ..params import EngineParams
-from ..saved import VERSION, SavedState, layout_problem
+from ..saved import SINCE, VERSION, SavedState, layout_problem
 from ..start.model import SAME_AGAIN
 from ..version import ENGINE_VERSION
 from .leader import HEARD, LeaderError, heard_problem
@@ -31,20 +24,22 @@ _NAMES = (
     'C_b_G', 'v_G', 'r_e', 'b_gyro_b', 'b_accel_b', 'dvl_scale_m', 'dvl_markov_m', 'usbl_bias_a',
     'P', 'sensitivity', 'model',
 )  # fmt: skip
-_TURN, _LEADER = 'turn', 'leader'
+_TURN, WANDER, _LEADER = 'turn', 'wander', 'leader'
 LAYOUT = 'sins 24'
+_LEAST_GAP_S = 0.01
 
 
 def save_state(
     s: fs.State,
     turn_rate: float,
+    wander: Array,
     leader: LeaderError,
     fixes: tuple[int, int, int],
     records: tuple[bytes, bytes],
     *,
     heading: bool = False,
 ) -> SavedState:
-    """State of a filter as it is now, with the rate of turn of its track [rad/s] and its fixes.
+    """State of a filter as it is now, with how its track turned and wandered, and its fixes.
 
     Of measured headings (``heading``) no error is saved: what reads the state may use none.
     """
@@ -76,6 +71,7 @@ def save_state(
         values={
             **values,
             _TURN: np.array([turn_rate]),
+            WANDER: wander,
             _LEADER: leader.packed(),
         },
         fixes=fixes,
@@ -115,7 +111,9 @@ def problem_of(saved: SavedState, *, model: bool) -> str:
             f'the state has no rate of turn: it is of format {saved.version} and engine 3, '
             f'this is format {VERSION} and engine {ENGINE_VERSION}'
         )
-    problem = layout_problem(saved, LAYOUT, {**shapes, _TURN: (1,), _LEADER: (HEARD,)})
+    added = dict(since[LAYOUT] for since in SINCE.values() if LAYOUT in since)
+    known = {**shapes, _TURN: (1,), **added, _LEADER: (HEARD,)}
+    problem = layout_problem(saved, LAYOUT, known)
     if problem:
         return problem
     problem = heard_problem(saved.values[_LEADER])
@@ -151,27 +149,18 @@ def resume(
     if len(s.model):
         s.model[fs.THRUST] = 0.0
     away_s = saved.away_s(stamp_ns)
-    C_G_e = grid.ecef_to_grid(s.r_e).T
-    turned, path = held_turn(float(saved.values[_TURN][0]), away_s)
-    s.r_e[:] += C_G_e @ path @ s.v_G
-    s.v_G[:] = turned @ s.v_G
-    s.C_b_G[:] = turned @ s.C_b_G
-    F = np.eye(kf.N)
-    F[X.phi_G, X.phi_G] = turned
-    F[X.dv_G, X.dv_G] = turned
-    F[X.dr_e, X.dv_G] = C_G_e @ path
     decay = math.exp(-away_s / p.dvl_markov_tau)
     markov = slice(kf.MARKOV, kf.MARKOV + 3)
+    F = np.eye(kf.N)
     F[markov, markov] *= decay
     s.dvl_markov_m[:] *= decay
-    s.P[:] = F @ s.P @ F.T
-    s.sensitivity[:] = F @ s.sensitivity
+    _carry(s, F)
     if len(s.model):
         s.model[fs.P_XE : fs.P_EE] = 0.0
-    rows = Rows(X.phi_G, X.dv_G, X.dr_e)
-    add_turn(s.P, rows, C_G_e, s.v_G, turn_variance(away_s), away_s)
-    add_swing(s.P, X.phi_G, away_s)
-    add_acceleration(s.P, X.dv_G, X.dr_e, C_G_e, ACCELERATION, away_s)
+    if saved.seen is None:
+        _unseen(s, saved, away_s)
+    else:
+        _seen(s, saved, saved.seen)
     s.P[markov, markov] += np.eye(3) * p.dvl_markov_sigma**2 * (1.0 - decay**2)
     for states, walk in ((X.b_gyro_b, p.gyro_bias_walk), (X.b_accel_b, p.accel_bias_walk)):
         s.P[states, states] += np.eye(3) * walk**2 * away_s
@@ -180,3 +169,69 @@ def resume(
         _forget_last(s.P, _beside_saved(heading_sigmas**2, float(s.P[2, 2])))
     s.P[:] = 0.5 * (s.P + s.P.T)
     s.counters[fs.USED_NS + FIX_ROW] = 0
+
+
+def _carry(s: fs.State, F: Array) -> None:
+    s.P[:] = F @ s.P @ F.T
+    s.sensitivity[:] = F @ s.sensitivity
+
+
+def _move(s: fs.State, turned: Array, path: Array) -> Array:
+    """Move the state by a turn and its integral [s]; returns grid axes to ECEF (3, 3)."""
+    C_G_e = grid.ecef_to_grid(s.r_e).T
+    s.r_e[:] += C_G_e @ path @ s.v_G
+    s.v_G[:] = turned @ s.v_G
+    s.C_b_G[:] = turned @ s.C_b_G
+    F = np.eye(kf.N)
+    F[X.phi_G, X.phi_G] = turned
+    F[X.dv_G, X.dv_G] = turned
+    F[X.dr_e, X.dv_G] = C_G_e @ path
+    _carry(s, F)
+    return C_G_e
+
+
+_ROWS = away.Rows(X.phi_G, X.dv_G, X.dr_e)
+
+
+def _unseen(s: fs.State, saved: SavedState, away_s: float) -> None:
+    """Go on turning as before, with a turn that may have begun, and the swing of waves."""
+    C_G_e = _move(s, *away.held_turn(float(saved.values[_TURN][0]), away_s))
+    away.add_turn(s.P, _ROWS, C_G_e, s.v_G, away.turn_variance(away_s), away_s)
+    away.add_swing(s.P, X.phi_G, away_s)
+    away.add_acceleration(s.P, X.dv_G, X.dr_e, C_G_e, away.ACCELERATION, away_s)
+
+
+def _seen(s: fs.State, saved: SavedState, seen: Seen) -> None:
+    """Bridge the gap by the rates of turn before and after, and go the way that was seen."""
+    gap_s = max(saved.away_s(seen.begin_ns), _LEAST_GAP_S)
+    before, restless = float(saved.values[_TURN][0]), _restless(saved.values[WANDER])
+    pushed = math.hypot(restless[1], _change(s.v_G, seen) / gap_s)
+    C_G_e = _move(s, *away.bridged_turn(before, seen.rate, gap_s))
+    unknown = math.hypot(restless[0], seen.sigma_rate)
+    variance = away.bridged_variance(before, seen.rate, unknown, gap_s)
+    away.add_turn(s.P, _ROWS, C_G_e, s.v_G, variance, gap_s)
+    away.add_acceleration(s.P, X.dv_G, X.dr_e, C_G_e, pushed, gap_s)
+    began_r_e, x, y = s.r_e.copy(), float(s.v_G[0]), float(s.v_G[1])
+    halfway = seen.watched_s * away.about_up(0.5 * seen.turned)
+    _move(s, away.about_up(seen.turned), halfway)
+    path_c = np.append(seen.path, s.v_G[2] * seen.watched_s)
+    s.r_e[:] = began_r_e + C_G_e @ away.about_up(math.atan2(y, x)) @ path_c
+    s.C_b_G[:] = away.about_up(math.atan2(s.v_G[1], s.v_G[0])) @ seen.C_b_c
+    # The ping that the heading is from is fused next: it counts once, with the DVL's slow errors.
+    # Of the tilt's error a part is the accelerometers', which the filter knows besides.
+    tilt = 2.0 * seen.sigma_tilt
+    s.P[X.phi_G, X.phi_G] += np.diag([tilt**2, tilt**2, away.SWING_HEADING**2])
+
+
+def _restless(wander: Array) -> tuple[float, float]:
+    """Rate of turn [rad/s] and acceleration [m/s^2] of a saved track, where they are known."""
+    if not (wander > 0.0).all():
+        return away.TURN_RATE, away.ACCELERATION
+    return min(float(wander[0]), away.MOST_TURN), min(float(wander[1]), 1.0)
+
+
+def _change(v_G: Array, seen: Seen) -> float:
+    """Change of speed or climb beyond what the DVL's own errors may be [m/s]."""
+    off = max(abs(seen.speed - math.hypot(v_G[0], v_G[1])), abs(seen.up - float(v_G[2])))
+    allowed = 2.0 * math.hypot(seen.sigma_speed, seen.sigma_tilt * seen.speed)
+    return off if off > allowed else 0.0
