@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import re
 import sys
 from pathlib import Path
 
@@ -234,6 +235,29 @@ def test_packets_that_only_the_recorder_got_are_not_taken(killed, tmp_path):
     before, after = (load_inputs(bag).lives[1].messages for bag in (killed, target))
     assert [t for t, _ in after].count(topics.RX) == [t for t, _ in before].count(topics.RX)
     assert verify(target).equal
+
+
+def test_sensor_messages_that_only_the_recorder_got_are_named(killed, tmp_path):
+    """The middleware dropped them for the node; no receipt states which."""
+    source, target = open_bag(killed), tmp_path / 'dropped'
+    name, number = f'/follower/{topics.DEPTH}', 0
+    with BagWriter(target, {}) as writer:
+        for topic, known in source.topics.items():
+            writer.add_topic(topic, known.type)
+        for record in source.records():
+            writer.write(record.topic, record.data, record.log_time_ns)
+            number += record.topic == name
+            if record.topic == name and number % 50 == 40:
+                other = deserialize_message(record.data, Depth)
+                other.header.stamp = to_msg(to_ns(other.header.stamp) + 7_000_000)
+                other.depth += 1.0
+                writer.write(name, to_bytes(other), record.log_time_ns)
+    assert not any(life.dropped for life in load_inputs(killed).lives)
+    result = verify(target)
+    assert not result.equal
+    (sentence,) = result.problems
+    assert re.match('[2-4] of ', sentence)
+    assert f'{name} in the bag never reached the follower' in sentence
 
 
 def test_messages_that_were_lost_in_the_kill_are_no_difference(killed, tmp_path):

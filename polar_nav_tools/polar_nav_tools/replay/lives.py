@@ -59,6 +59,9 @@ class Life:
     torn : bool
         Whether the recording has a hole in this life: what came of the messages in it, nobody can
         replay.
+    dropped : mapping of str to (int, int)
+        By topic, messages in the recording that the node never took although they came before its
+        last output: at least how many, of how many. Empty for a node that did not end in order.
     """
 
     messages: list[tuple[str, Any]]
@@ -68,6 +71,7 @@ class Life:
     arrivals_ns: list[int] = field(default_factory=list)
     until_ns: int | None = None
     torn: bool = False
+    dropped: Mapping[str, tuple[int, int]] = field(default_factory=dict)
 
     def events(self, run: session.Session, where: str) -> list[Event]:
         """Events in their total order, without those that the live node refused.
@@ -283,6 +287,8 @@ def _life(
         heard.append((topic, message, arrival_ns))
     receipts = [deserialize_message(d, FixReceipt) for d in published[topics.RECEIPT]]
     heard = _with_a_receipt(heard, receipts, most.get(topics.RX, _NO_LIMIT))
+    newest_ns = _newest_ns(published)
+    came = Counter(t for t, m, _ in heard if t not in _OWN and stamp_of(m) <= newest_ns)
     messages: list[tuple[str, Any]] = []
     arrivals_ns: list[int] = []
     taken: Counter[str] = Counter()
@@ -297,8 +303,9 @@ def _life(
         refused=[receipt_from_msg(r) for r in receipts if never_an_event(r)],
         steps=[s for p, s in records.steps if begin <= p < end and not s.is_start],
         arrivals_ns=arrivals_ns,
-        until_ns=_newest_ns(published) if killed else None,
+        until_ns=newest_ns if killed else None,
         torn=hole != _NO_LIMIT,
+        dropped={t: (n - most[t], n) for t, n in came.items() if n > most.get(t, _NO_LIMIT)},
     )
 
 

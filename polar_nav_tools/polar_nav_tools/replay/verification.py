@@ -184,7 +184,11 @@ def verify(
         replay_sha256={topic: _digest(messages) for topic, messages in again.items()},
         counts={topic: (len(messages), len(again[topic])) for topic, messages in live.items()},
         difference=difference,
-        problems=[*inputs.bag.problems, *([] if inputs.used is None else inputs.used.lacks)],
+        problems=[
+            *inputs.bag.problems,
+            *([] if inputs.used is None else inputs.used.lacks),
+            *([] if live == again else _never_taken(inputs)),
+        ],
         engine_version=inputs.engine_version,
         comparison=comparison,
         retired=list(inputs.retired),
@@ -203,6 +207,17 @@ def replayed_as_live(inputs: RecordedInputs, replayed: ReplayResult) -> dict[str
         ]
         for topic in inputs.live
     }
+
+
+def _never_taken(inputs: RecordedInputs) -> list[str]:
+    """One sentence for each topic of which the recorder got messages that the follower did not."""
+    return [
+        f'{count} of {in_all} messages of /{inputs.vehicle}/{topic} in the bag never reached the '
+        'follower (the middleware dropped them); which ones is not recorded, so no replay can '
+        'equal it'
+        for life in inputs.lives
+        for topic, (count, in_all) in life.dropped.items()
+    ]
 
 
 def _lives_s(inputs: RecordedInputs) -> list[tuple[float, float]]:
