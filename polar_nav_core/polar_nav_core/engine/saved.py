@@ -146,11 +146,12 @@ def _read(body: bytes, version: int) -> SavedState:
         raise ValueError(f'{len(body) - at} bytes are left over')
     fused, refused = records
     received, used, newest_ns = map(int, header['fixes'])
-    plain = dict(header['initial'])
+    plain: dict[str, Any] = dict(header['initial'])
     v_x, v_y, v_z = map(float, plain.pop('v_G'))
+    numbers: dict[str, Any] = {name: float(value) for name, value in plain.items()}
     return SavedState(
         v_G=(v_x, v_y, v_z),
-        **{name: float(value) for name, value in plain.items()},
+        **numbers,
         stamp_ns=int(header['stamp_ns']),
         layout=layout,
         values=values,

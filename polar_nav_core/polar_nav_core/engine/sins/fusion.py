@@ -56,8 +56,9 @@ class Fusion:
         configuration = params.resolved()
         adaptation = configuration.noise_adaptation
         self.filter = self.make_filter(params, initial, stamp_ns)
-        known = isinstance(initial, SavedState)
-        self._wander = initial.values[WANDER] if known else np.zeros(2)
+        self._wander: Array = np.zeros(2)
+        if isinstance(initial, SavedState):
+            self._wander = initial.values[WANDER]
         bounds = (params.adaptive_floor, params.adaptive_ceiling)
         self._as_printed = adaptation in ('sage_husa_unguarded', 'sage_husa_published')
         self._noise_fix = make_noise(adaptation, params.forgetting, *bounds)
