@@ -40,6 +40,7 @@ from polar_nav_core.warm import telling, warm_node, warm_others
 from polar_nav_msgs.msg import AcousticPacket, LeaderBroadcast, StationFix
 from polar_nav_ros import topics
 from polar_nav_ros.adapters.live import Sources
+from polar_nav_ros.adapters.start_topic import start_topic_of
 from polar_nav_ros.adapters.stated import SourceFile, settled, stated_of
 from polar_nav_ros.diagnostics import Diagnosis, Level
 from polar_nav_ros.live_outputs import LiveOutputs
@@ -72,7 +73,9 @@ class FollowerNode(ManagedNode[FollowerParams]):
         )
         mapping = self._file.mapping
         sources = None if mapping is None else Sources(mapping, self.params)
-        ports = None if sources is None else SourcePorts(self, sources)
+        ports = None
+        if mapping is not None and sources is not None:
+            ports = SourcePorts(self, sources, start_topic_of(mapping))
         with telling(lambda text: self.get_logger().info(f'first start: {text}')):
             if station:
                 warm_others()

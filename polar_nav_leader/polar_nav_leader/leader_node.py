@@ -32,6 +32,7 @@ from polar_nav_core.warm import telling, warm_node
 from polar_nav_msgs.msg import AcousticPacket, LeaderBroadcast, UsblFix
 from polar_nav_ros import topics
 from polar_nav_ros.adapters.live import Sources
+from polar_nav_ros.adapters.start_topic import start_topic_of
 from polar_nav_ros.adapters.stated import SourceFile, settled, stated_of
 from polar_nav_ros.diagnostics import Diagnosis, Level
 from polar_nav_ros.navigation_ports import NavigationPorts
@@ -105,7 +106,9 @@ class LeaderNode(PolarNode[LeaderParams]):
             raise ConfigError(
                 f'{self.params.sources}: fixes: a leader takes positions, no packets'
             )
-        ports = None if sources is None else SourcePorts(self, sources)
+        ports = None
+        if mapping is not None and sources is not None:
+            ports = SourcePorts(self, sources, start_topic_of(mapping))
         # Before any subscription: a cold compile is slow, and sensors do not wait.
         with telling(lambda text: self.get_logger().info(f'first start: {text}')):
             warm_node(self.params.resolved().delay_handling)

@@ -134,6 +134,7 @@ class NavigationPorts:
             inputs_of(session, fixes=fixes, headings=headings),
             lambda state: self._command(CommandKind.SET_INITIAL_STATE, initial_to_msg(state)),
             lambda: ('', None) if live is None else (live.map, live.frame),
+            None if sources is None else sources.start,
         )
         imu, *others = session.sensors
         for topic, kind in {**{t: SENSORS[t] for t in others}, **inputs}.items():

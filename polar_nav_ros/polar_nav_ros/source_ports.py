@@ -21,6 +21,7 @@ from polar_nav_msgs.msg import Inputs
 
 from .adapters.live import CONSTANTS, Source, Sources, Taken
 from .adapters.mapping import Stream
+from .adapters.start_topic import StartTopic
 from .diagnostics import Diagnosis, Level
 from .node import PolarNode
 from .stamps import to_msg
@@ -87,12 +88,21 @@ class SourcePorts:
     ----------
     node : PolarNode
     sources : Sources
+    start : StartTopic, optional
+        Topic that the start is from.
     """
 
-    def __init__(self, node: PolarNode[Any], sources: Sources) -> None:
+    def __init__(
+        self, node: PolarNode[Any], sources: Sources, start: StartTopic | None = None
+    ) -> None:
         self._node = node
         self._sources = sources
         self._kinds = bound(sources)
+        self._start_kind: type[Any] | None = None
+        if start is not None:
+            self._start_kind = class_of(start.stream, 'sources: initial')
+            start.bind(self._start_kind(), {})
+        self._start = start
         self._names: dict[str, str] = {}
         self._inputs = node.advertise(Inputs, INPUTS)
         self._blocks = 0
@@ -112,6 +122,13 @@ class SourcePorts:
     def headings(self) -> bool:
         """Whether a source measures the heading."""
         return self._sources.of(HEADING) is not None
+
+    @property
+    def start(self) -> tuple[StartTopic, type[Any]] | None:
+        """Topic that the start is from, and its message class."""
+        if self._start is None or self._start_kind is None:
+            return None
+        return self._start, self._start_kind
 
     def has(self, topic: str) -> bool:
         """Whether a source stands for a topic of the session."""

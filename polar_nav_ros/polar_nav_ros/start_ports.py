@@ -23,13 +23,16 @@ from geometry_msgs.msg import PoseWithCovarianceStamped
 from polar_nav_core.engine.events import Event, InitialState
 from polar_nav_core.engine.start.machine import Start
 from polar_nav_core.engine.start.model import Aligned, Phase, Stated
+from polar_nav_core.errors import ConfigError
 from polar_nav_core.local_frame import LocalFrame
 
 from .adapters.pose import Pose, PoseError, pose_in_earth
+from .adapters.start_topic import StartTopic
 from .diagnostics import Diagnosis, Level
 from .health_message import status_of
 from .navigation_session import NavigationSession
 from .node import LATCHED_QOS, PolarNode
+from .qos import BEST_EFFORT
 from .stamps import to_msg
 from .topics import AHRS, DEPTH, DVL, START
 
@@ -59,6 +62,8 @@ class StartPorts:
         Sends a state as a command; returns an error sentence or nothing.
     local : callable
         The map frame with its name; None of a frame that has no origin yet.
+    topic : StartTopic and its message class, optional
+        Its newest message states the start while it is aligned.
     """
 
     def __init__(
@@ -69,10 +74,14 @@ class StartPorts:
         inputs: frozenset[str],
         send: Callable[[InitialState], str],
         local: Callable[[], tuple[str, LocalFrame | None]],
+        topic: tuple[StartTopic, type[Any]] | None = None,
     ) -> None:
         self._node, self._session = node, session
         self._stated, self._inputs = stated, inputs
         self._send, self._local = send, local
+        self._from, self._listening = topic, None
+        if topic is not None:
+            self._inputs = inputs | {'position'}
         self._found: Aligned | None = None
         self._start: Start | None = None
         self._how = ''
@@ -92,6 +101,25 @@ class StartPorts:
         self._start = self._machine(self._stated) if kind == 'alignment' else None
         self._origin = 'parameters' if kind in ('auto', 'parameters') else ''
         self._session.hear = self._hear if self._start is not None else None
+        if self._start is not None and self._from is not None and self._listening is None:
+            start, kind = self._from
+            # Best effort hears every publisher, reliable ones too.
+            self._listening = self._node.create_subscription(
+                kind, start.stream.topic, self._on_position, BEST_EFFORT
+            )
+
+    def _on_position(self, message: Any) -> None:  # noqa: ANN401 - of the mapping's type
+        """State the start as the newest message of the topic has it."""
+        if self._start is None or self._from is None:
+            return
+        arrival_ns = self._node.get_clock().now().nanoseconds
+        try:
+            found = self._from[0].stated(message, arrival_ns, self._stated)
+        except ConfigError as error:
+            self._refused = str(error)
+            return
+        if found is not None:
+            self._start.restate(found)
 
     def _machine(self, stated: Stated) -> Start:
         return Start(self._session.params, stated, self._inputs)
@@ -99,6 +127,9 @@ class StartPorts:
     def over(self, origin: str, how: str = '') -> None:
         """Note where the state comes from, and end an alignment."""
         self._start = self._session.hear = None
+        if self._listening is not None:
+            self._node.destroy_subscription(self._listening)
+            self._listening = None
         self._origin, self._how = origin, how
         self._node.get_logger().info(f'start: {_ORIGINS[origin]}{": " if how else ""}{how}')
         self.publish()

@@ -18,11 +18,13 @@ from std_srvs.srv import Trigger  # noqa: E402
 
 from polar_nav_core.attitude import quaternion_from_matrix  # noqa: E402
 from polar_nav_core.earth import ecef_from_geodetic  # noqa: E402
+from polar_nav_core.errors import ConfigError  # noqa: E402
 from polar_nav_core.grid import convergence, ecef_to_grid  # noqa: E402
 from polar_nav_follower.follower_node import FollowerNode  # noqa: E402
 from polar_nav_msgs.msg import Command, FixReceipt, Inputs, NavHealth, NavState  # noqa: E402
 from polar_nav_ros.cdr import to_bytes  # noqa: E402
 from polar_nav_ros.node import DATA_QOS, LATCHED_QOS  # noqa: E402
+from polar_nav_ros.qos import BEST_EFFORT  # noqa: E402
 from polar_nav_ros.stamps import to_msg  # noqa: E402
 from polar_nav_ros.topics import DIAGNOSTICS, RUN_INFO, TYPES  # noqa: E402
 from polar_nav_tools.bags import BagWriter  # noqa: E402
@@ -80,7 +82,8 @@ class Rig:
         listen(DiagnosticArray, DIAGNOSTICS, lambda m: self.health.append(m.status[0]), 10)
         listen(String, RUN_INFO, lambda m: self.keep(RUN_INFO, m), LATCHED_QOS)
         create = self.peer.create_publisher
-        self.out = {n: create(kind, n, DATA_QOS) for n, (_, kind) in DRIVERS.items()}
+        there = {n: kind for n, (_, kind) in DRIVERS.items() if f'topic: {n},' in mapping}
+        self.out = {n: create(kind, n, DATA_QOS) for n, kind in there.items()}
         self.pose = create(PoseWithCovarianceStamped, '/auv/set_pose', 10)
         self.reset = self.peer.create_client(Trigger, '/auv/follower_node/reset')
         self.sent = dict.fromkeys(DRIVERS, 0)
@@ -288,6 +291,48 @@ def test_a_pose_states_place_and_heading_and_the_rest_is_found(rig):
     )
     assert state.height == pytest.approx(-10.0, abs=0.5)
     one.until(lambda: one.said()[1] == {'state': 'navigating', 'origin': 'pose'})
+
+
+POSE = 'geometry_msgs/msg/PoseWithCovarianceStamped'
+FROM_TOPIC = f"""
+version: 2
+vehicle: auv
+imu: {{topic: /imu, type: sensor_msgs/msg/Imu}}
+dvl: {{topic: /dvl, type: geometry_msgs/msg/TwistWithCovarianceStamped, sigma: 0.02}}
+depth: {{topic: /pressure, type: sensor_msgs/msg/FluidPressure, sigma: 0.1}}
+initial: {{from: topic, topic: /start, type: {POSE}, frame: earth}}
+noise: {{imu: vn100, dvl: a50_standard}}
+"""
+
+
+def test_a_topic_states_the_start_and_the_bag_replays_without_it(rig, tmp_path):
+    one = rig(FROM_TOPIC)
+    start = one.peer.create_publisher(PoseWithCovarianceStamped, '/start', BEST_EFFORT)
+    one.rest(2.0)
+    assert 'a position of the topic of section initial' in one.diagnosis().message
+    one.until(lambda: start.get_subscription_count() == 1)
+    start.publish(pose_of())
+    start.publish(pose_of())
+    one.rest(3.0)
+    one.until(lambda: one.got['nav/state'])
+    state = one.got['nav/state'][0]
+    assert math.degrees(state.latitude) == pytest.approx(LATITUDE, abs=1e-6)
+    assert math.remainder(state.grid_heading - grid_heading(), math.tau) == pytest.approx(
+        0.0, abs=1e-2
+    )
+    assert state.height == pytest.approx(-10.0, abs=0.5), 'by depth: its variance leaves it open'
+    one.until(lambda: start.get_subscription_count() == 0)
+    assert [c.kind for c in one.got['nav/command']] == [Command.SET_INITIAL_STATE]
+    one.node.close()
+    one.hear_all()
+    result = verify(one.bag(tmp_path / 'bag'))
+    assert result.ok, result.difference
+    assert not result.problems
+
+
+def test_a_start_from_a_topic_needs_its_type(rig):
+    with pytest.raises(ConfigError, match='initial: /start: type is missing'):
+        rig(FROM_TOPIC.replace(f' type: {POSE},', ''))
 
 
 def test_a_follower_without_anything_stated_never_starts_at_a_default(monkeypatch):

@@ -158,20 +158,24 @@ class Source:
         self.read += 1
         return row
 
+    def rows(self, taken: Taken) -> Rows:
+        """Quantities of one message; ValueError, IndexError, TypeError where it has others."""
+        places = {} if self._places is None else self._places.quantities
+        return Rows(
+            self.stream.topic,
+            self.stream.type,
+            np.array([taken.stamp_ns], dtype=np.int64),
+            np.array([taken.arrival_ns], dtype=np.int64),
+            {name: _row(taken.message, paths) for name, paths in places.items()},
+            self._constants,
+        )
+
     def event(self, taken: Taken, number: int) -> Event | None:
         """Event of a message; None for one that holds no position, or cannot be read."""
         if self._read is None or self._places is None:
             raise TypeError(f'{self.stream.topic} is not read by an adapter')
-        places = self._places.quantities
         try:
-            rows = Rows(
-                self.stream.topic,
-                self.stream.type,
-                np.array([taken.stamp_ns], dtype=np.int64),
-                np.array([taken.arrival_ns], dtype=np.int64),
-                {name: _row(taken.message, paths) for name, paths in places.items()},
-                self._constants,
-            )
+            rows = self.rows(taken)
             with np.errstate(over='ignore', invalid='ignore'):  # numbers of any size
                 found = self._read(rows)
         except (ConfigError, ValueError, IndexError, TypeError):

@@ -43,7 +43,8 @@ class Start:
     stated : Stated
         Parts that need not be found.
     inputs : frozenset of str
-        Of ``fix``, ``dvl``, ``depth``, ``heading``: what the vehicle has sources of.
+        Of ``fix``, ``dvl``, ``depth``, ``heading``: what the vehicle has sources of; ``position``
+        where the place is stated by and by (`restate`).
     """
 
     def __init__(self, params: EngineParams, stated: Stated, inputs: frozenset[str]) -> None:
@@ -87,6 +88,10 @@ class Start:
         elif isinstance(event, HeadingSample) and self._p.uses_heading:
             self._headings.take(event)
         return None
+
+    def restate(self, stated: Stated) -> None:
+        """Take these parts as stated from now on: the vehicle moves while it is aligned."""
+        self._stated = stated
 
     def _imu(self, sample: ImuSample) -> Aligned | None:
         frame, before_ns = self._frame, self._frame.stamp_ns
@@ -304,6 +309,8 @@ class Start:
         return Progress(phase, tuple(missing), tuple(under_way))
 
     def _place_missing(self) -> str:
+        if 'position' in self._inputs:
+            return 'a position of the topic of section initial'
         if 'fix' not in self._inputs:
             return (
                 'a place (no source of fixes; state initial_latitude_deg, initial_longitude_deg)'
