@@ -214,7 +214,8 @@ class Sources:
         if getattr(params, 'mode', 'sins') != 'sins':
             raise _not_live(mapping, 'parameter mode', 'sources are of a SINS, mode sins')
         if any(mapping.imu.lever_b):
-            raise _not_live(mapping, 'imu: lever_b', 'the IMU must be at base_link')
+            why = 'it navigates the point of its IMU: state all lever arms from there'
+            raise _not_live(mapping, 'imu: lever_b', f'{why} (docs/limitations.md)')
         self._all: list[Source] = []
         self._add(IMU, mapping.imu.stream, 'imu', partial(_sample, mapping=mapping.imu))
         for dvl in mapping.dvls:
