@@ -16,6 +16,9 @@ nav/state, nav/fix, nav/receipt, nav/clock and nav/command out), and
 | in absolute/fix | sensor_msgs/NavSatFix | validity |
 
 and with `sources` sensors and positions of a mapping file, of any type it has an adapter for.
+
+A managed node (`ManagedNode`): inactive, it navigates and is silent on odometry, nav/fix,
+acomms/tx and broadcast.
 """
 
 from __future__ import annotations
@@ -35,8 +38,9 @@ from polar_nav_ros.adapters.live import Sources
 from polar_nav_ros.adapters.start_topic import start_topic_of
 from polar_nav_ros.adapters.stated import SourceFile, settled, stated_of
 from polar_nav_ros.diagnostics import Diagnosis, Level
+from polar_nav_ros.managed import ManagedNode
 from polar_nav_ros.navigation_ports import NavigationPorts
-from polar_nav_ros.node import CountedPublisher, PolarNode
+from polar_nav_ros.node import CountedPublisher
 from polar_nav_ros.process import run
 from polar_nav_ros.source_ports import SourcePorts
 
@@ -47,7 +51,7 @@ from .params import LeaderParams
 _OUTPUTS = {topics.BROADCAST: LeaderBroadcast, topics.TX: AcousticPacket}
 
 
-class LeaderNode(PolarNode[LeaderParams]):
+class LeaderNode(ManagedNode[LeaderParams]):
     """Node of the leader: publishes the results of its session."""
 
     _file: SourceFile
@@ -55,11 +59,23 @@ class LeaderNode(PolarNode[LeaderParams]):
     def __init__(self) -> None:
         super().__init__('leader_node', LeaderParams)
         self._ports: NavigationPorts | None = None
-        self._leader: Leader
+        self._leader: Leader | None = None
+        self._silent = False
+        self.start(active=self.params.autostart)
+
+    def begin(self) -> None:
+        """Subscribe, and navigate where it does, with outputs silent."""
+        self.silence(True)
         if self.params.navigation == 'own':
             self._navigate()
         else:
             self._follow_odometry()
+
+    def silence(self, silent: bool) -> None:
+        """Silence odometry and packets, or let them be heard."""
+        self._silent = silent
+        if self._ports is not None:
+            self._ports.silence(silent)
 
     def settled(self, params: LeaderParams) -> LeaderParams:
         """Parameters with the origin of the initial state settled by what is stated of it."""
@@ -72,8 +88,10 @@ class LeaderNode(PolarNode[LeaderParams]):
 
     def diagnose(self) -> Diagnosis:
         """Health with the numbers of packets and readings, and of the navigation."""
+        if self._leader is None:
+            return Diagnosis(Level.WARN, f'{self.lifecycle}: not navigating', {})
         counts = dict(self._leader.counts)
-        values = {**counts, 'waiting_fixes': self._leader.waiting}
+        values = {**counts, 'waiting_fixes': self._leader.waiting, 'lifecycle': self.lifecycle}
         refused = sum(n for name, n in counts.items() if name != 'sent')
         sending = Diagnosis(Level.OK, f'{counts.get("sent", 0)} fixes sent', values)
         if refused:
@@ -82,7 +100,8 @@ class LeaderNode(PolarNode[LeaderParams]):
         if self._ports is not None:
             own = self._navigation()
         worse = own if own.level > sending.level else sending
-        return Diagnosis(worse.level, worse.message, {**own.values, **values})
+        silent = '; outputs are silent' if self._silent else ''
+        return Diagnosis(worse.level, f'{worse.message}{silent}', {**own.values, **values})
 
     def close(self) -> None:
         """Process the waiting messages."""
@@ -119,13 +138,24 @@ class LeaderNode(PolarNode[LeaderParams]):
             inputs[topics.ABSOLUTE] = NavSatFix
         stated = stated_of(self.params, self._stated_names(), mapping)
         self._ports = NavigationPorts(self, own, inputs, _OUTPUTS, sources=ports, stated=stated)
+        self._ports.silence(self._silent)
 
     def _follow_odometry(self) -> None:
         odometry = session.OdometrySession(self.params, self.vehicle)
         self._leader = odometry.leader
         outputs = {topic: self.advertise(kind, topic) for topic, kind in _OUTPUTS.items()}
         for topic, kind in {topics.ODOMETRY: Odometry, topics.USBL: UsblFix}.items():
-            self.subscribe(kind, topic, _taker(odometry, topic, outputs))
+            self.subscribe(kind, topic, self._taker(odometry, topic, outputs))
+
+    def _taker(
+        self, odometry: session.OdometrySession, topic: str, outputs: dict[str, CountedPublisher]
+    ) -> Callable[[Any], None]:
+        def take(message: Any) -> None:  # noqa: ANN401 - the topic's message type
+            for published in odometry.take(topic, message):
+                if not self._silent:
+                    outputs[published.topic].publish(published.data)
+
+        return take
 
     def _navigation(self) -> Diagnosis:
         """Health of the own navigation, with a warning about other publishers of odometry."""
@@ -141,16 +171,6 @@ class LeaderNode(PolarNode[LeaderParams]):
             why = f'odometry is also published by {", ".join(sorted(others))}; end one of the two'
             return Diagnosis(Level.ERROR, why, own.values)
         return own
-
-
-def _taker(
-    odometry: session.OdometrySession, topic: str, outputs: dict[str, CountedPublisher]
-) -> Callable[[Any], None]:
-    def take(message: Any) -> None:  # noqa: ANN401 - the topic's message type
-        for published in odometry.take(topic, message):
-            outputs[published.topic].publish(published.data)
-
-    return take
 
 
 def main(args: Sequence[str] | None = None) -> int:

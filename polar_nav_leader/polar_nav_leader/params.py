@@ -33,6 +33,9 @@ class LeaderParams(EngineParams):
         'Mapping file of its sensors and position fixes (docs/live.md; navigation own); empty: '
         'topics of this project',
     )
+    autostart: bool = flag(
+        True, 'Navigate and publish at once; false: wait for the lifecycle transitions'
+    )
     own_id: int = param(1, '', 0, 255, 'Number of this vehicle in its packets')
     follower: str = text('follower', 'Name of the follower that fixes are sent to')
     follower_id: int = param(2, '', 0, 255, 'Number of that follower in the packets')

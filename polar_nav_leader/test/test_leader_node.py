@@ -105,6 +105,26 @@ def test_navigates_publishes_and_broadcasts(world):
     assert rig.node.diagnose().values['sent'] == 1
 
 
+def test_inactive_it_navigates_and_is_silent_to_others(world):
+    rig = Rig(world.params(LeaderParams, navigation='own', autostart=False))
+    assert not rig.node.taken_counts()
+    assert 'unconfigured: not navigating' in rig.node.diagnose().message
+    rig.node.trigger_configure()
+    pubs = {t: rig.peer.create_publisher(kind, t, DATA_QOS) for t, kind in KINDS.items()}
+    rig.until(lambda: all(p.get_subscription_count() == 1 for p in pubs.values()))
+    pubs['usbl/fix'].publish(messages.usbl(int(world.stamps[200])))
+    for topic, message in messages.stream(world, 4.0):
+        pubs[topic].publish(message)
+    rig.until(lambda: rig.node.diagnose().values.get('sent') == 1)
+    rig.until(lambda: len(rig.got['nav/state']) > 20)
+    assert 'outputs are silent' in rig.node.diagnose().message
+    published = rig.node.published_counts()
+    assert not any(published[f'/leader/{t}'] for t in ('odometry', 'acomms/tx', 'broadcast'))
+    rig.node.trigger_activate()
+    rig.node.close()
+    rig.until(lambda: rig.got['odometry'])
+
+
 def test_a_second_source_of_odometry_is_an_error(world):
     rig = Rig(world.params(LeaderParams, navigation='own'))
     rig.peer.create_publisher(Odometry, 'odometry', DATA_QOS)

@@ -59,8 +59,21 @@ from .stamps import to_msg, to_ns
 from .standard_outputs import fix_of
 from .start_ports import StartPorts, inputs_of
 from .state_store import StateStore
-from .topics import CLOCK_STEP, COMMAND, FIX, HEALTH, ODOMETRY, RECEIPT, RESTORE, STATE
+from .topics import (
+    BROADCAST,
+    CLOCK_STEP,
+    COMMAND,
+    FIX,
+    HEALTH,
+    ODOMETRY,
+    RECEIPT,
+    RESTORE,
+    STATE,
+    TX,
+)
 
+_PACKETS = (BROADCAST, TX)
+"""Of a leader: what its followers steer by."""
 LISTENER_WAIT_S = 2.0
 """Longest wait of a restarted node for a recorder of its restore [s]."""
 
@@ -177,7 +190,7 @@ class NavigationPorts:
             self._node.subscribe(kind, topic, take, after_others=after_others, then=then)
 
     def silence(self, silent: bool) -> None:
-        """Silence what others steer by, or let it be heard: odometry, nav/fix and `LiveOutputs`.
+        """Silence what others steer by, or let it be heard: odometry, packets, `LiveOutputs`.
 
         The record (nav/state, receipts, commands, health) goes on, so that it can be verified.
         """
@@ -265,6 +278,8 @@ class NavigationPorts:
 
     def _publish(self, published: Iterable[Published]) -> None:
         for topic, message, data in published:
+            if self._silent and topic in _PACKETS:
+                continue
             if self._sources is not None:
                 # What an output is made of is published before it: of a node that is killed,
                 # everything that it published can be reproduced.

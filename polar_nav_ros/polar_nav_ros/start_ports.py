@@ -19,6 +19,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped
+from rclpy.subscription import Subscription
 
 from polar_nav_core.engine.events import Event, InitialState
 from polar_nav_core.engine.start.machine import Start
@@ -79,7 +80,8 @@ class StartPorts:
         self._node, self._session = node, session
         self._stated, self._inputs = stated, inputs
         self._send, self._local = send, local
-        self._from, self._listening = topic, None
+        self._position = topic
+        self._listening: Subscription[Any] | None = None
         if topic is not None:
             self._inputs = inputs | {'position'}
         self._found: Aligned | None = None
@@ -90,8 +92,8 @@ class StartPorts:
         self._published: tuple[str, str, str] | None = None
         # Not counted: in lockstep nobody waits for readers of what is latched.
         self._topic = node.create_publisher(DiagnosticArray, START, LATCHED_QOS)
-        for topic in POSE_TOPICS:
-            node.create_subscription(PoseWithCovarianceStamped, topic, self._on_pose, _QUEUE)
+        for name in POSE_TOPICS:
+            node.create_subscription(PoseWithCovarianceStamped, name, self._on_pose, _QUEUE)
         self.again()
 
     def again(self) -> None:
@@ -101,8 +103,8 @@ class StartPorts:
         self._start = self._machine(self._stated) if kind == 'alignment' else None
         self._origin = 'parameters' if kind in ('auto', 'parameters') else ''
         self._session.hear = self._hear if self._start is not None else None
-        if self._start is not None and self._from is not None and self._listening is None:
-            start, kind = self._from
+        if self._start is not None and self._position is not None and self._listening is None:
+            start, kind = self._position
             # Best effort hears every publisher, reliable ones too.
             self._listening = self._node.create_subscription(
                 kind, start.stream.topic, self._on_position, BEST_EFFORT
@@ -110,11 +112,11 @@ class StartPorts:
 
     def _on_position(self, message: Any) -> None:  # noqa: ANN401 - of the mapping's type
         """State the start as the newest message of the topic has it."""
-        if self._start is None or self._from is None:
+        if self._start is None or self._position is None:
             return
         arrival_ns = self._node.get_clock().now().nanoseconds
         try:
-            found = self._from[0].stated(message, arrival_ns, self._stated)
+            found = self._position[0].stated(message, arrival_ns, self._stated)
         except ConfigError as error:
             self._refused = str(error)
             return

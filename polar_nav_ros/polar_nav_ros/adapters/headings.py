@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from polar_nav_core.engine.events import Array
 from polar_nav_core.errors import ConfigError
@@ -62,7 +63,7 @@ def headings_of(rows: Rows, mapping: HeadingMapping) -> HeadingRows:
     return HeadingRows(rows.topic, rows.stamps_ns, rows.log_ns, heading, up_b)
 
 
-def with_orientation(rows: Rows, xyzw: Array) -> Array:
+def with_orientation(rows: Rows, xyzw: Array) -> NDArray[np.bool_]:
     """Return a mask (n,) of messages that hold an orientation, of their quaternions (n, 4)."""
     with np.errstate(over='ignore', invalid='ignore'):
         length = np.sqrt((xyzw * xyzw).sum(axis=1))
@@ -73,7 +74,9 @@ def with_orientation(rows: Rows, xyzw: Array) -> Array:
     return known
 
 
-def _of_orientations(xyzw: Array, known: Array, mapping: HeadingMapping) -> tuple[Array, Array]:
+def _of_orientations(
+    xyzw: Array, known: NDArray[np.bool_], mapping: HeadingMapping
+) -> tuple[Array, Array]:
     """Headings (n,) and verticals (n, 3) of orientations (n, 4), sensor axes to the world's."""
     heading, up_b = np.full(len(xyzw), np.nan), np.full((len(xyzw), 3), np.nan)
     C_s_w = rotations(xyzw[known])
