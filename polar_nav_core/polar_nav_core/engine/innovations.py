@@ -88,10 +88,19 @@ def innovations(
         )
         if not tape.pieces:
             raise ConfigError('nothing was measured: the filter did not start, or fused nothing')
-        columns = [np.concatenate(column) for column in zip(*tape.pieces, strict=True)]
+        stamps_ns, ranks, sizes, white, moved = (
+            np.concatenate(column) for column in zip(*tape.pieces, strict=True)
+        )
+        state, P, sensitivity = tape.end()
         return Innovations(
-            *columns,
-            *tape.end(),
+            stamps_ns=stamps_ns,
+            ranks=ranks,
+            sizes=sizes,
+            white=white,
+            moved=moved,
+            state=state,
+            P=P,
+            sensitivity=sensitivity,
             filters=len(tape.parts),
             receipts=result.receipts,
             divergence=result.divergence,

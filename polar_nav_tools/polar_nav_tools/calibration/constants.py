@@ -17,6 +17,7 @@ from . import move
 from .move import Move
 
 _DEG = math.degrees(1.0)
+_ERRORS = tuple(range(X.size))
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,9 @@ class Constant:
     column : int
         Column of the common error whose rows are its own times ``sign``; -1 without one.
     sign : float
-    states : slice or None
+    rough : bool
+        Whether those rows are too rough to estimate by: differences of runs take their place.
+    states : tuple of int
         Error states of the filter that hold it, in place of a common error.
     twin : str
         Constant of another instrument that no data on board separate from this one.
@@ -57,7 +60,8 @@ class Constant:
     move: Move | None = None
     column: int = -1
     sign: float = 1.0
-    states: slice | None = None
+    rough: bool = False
+    states: tuple[int, ...] = ()
     twin: str = ''
     also: bool = False
 
@@ -87,7 +91,7 @@ CONSTANTS = (
     Constant(
         'dvl_scale', '%', 'scale error of the DVL: it shows too much by', 100.0, 0.05, 'dvl',
         'long legs with position fixes: metres by the DVL against metres between fixes',
-        states=X.dvl_scale_m,
+        states=_ERRORS[X.dvl_scale_m],
     ),
     Constant(
         'dvl_lever_x', 'm', 'DVL further forward', 1.0, 3.0, 'dvl', _TURNING,
@@ -105,7 +109,7 @@ CONSTANTS = (
     Constant(
         'dvl_latency', 's', 'age of a DVL ping at its stamp', 1.0, 1.0, 'dvl',
         'changes of speed, and turns that begin and end within seconds',
-        move.dvl_latency, consider.DVL_LATENCY,
+        move.dvl_latency, consider.DVL_LATENCY, rough=True,
     ),
     Constant(
         'range_scale', '%', 'scale error of acoustic ranges: they are too long by', 100.0, 0.05,
@@ -138,7 +142,7 @@ CONSTANTS = (
         'heading_bias', 'deg', 'bias of measured headings, clockwise: they are too large by', _DEG,
         math.radians(10.0), 'headings',
         'position fixes along legs, with a DVL whose yaw is known',
-        states=slice(X.usbl_bias_a.start, X.usbl_bias_a.start + 1),
+        states=_ERRORS[X.usbl_bias_a][:1],
     ),
     *(
         Constant(

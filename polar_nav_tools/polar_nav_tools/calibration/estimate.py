@@ -29,7 +29,7 @@ from .problem import (
     larger_noise,
     mean_square,
 )
-from .solve import EXCITED, Normal, excited
+from .solve import EXCITED, Normal, excited, sums
 
 _ENOUGH = 0.1
 """Another run is made until no constant moves by more than this share of its sigma."""
@@ -106,13 +106,11 @@ def estimate(
     while not settled and rounds < MOST_ROUNDS:
         last, level = found, noise
         noise = larger_noise(after, level)
-        at = problem.reachable(excited(last, problem.prior)[: len(at)])
+        at = problem.reachable(excited(last, problem.prior)[: len(at)], at)
         after, rounds = problem.run(at, noise), rounds + 1
         found = problem.solved(after, at)
-        shown = found.sigma < EXCITED * problem.prior
-        change = np.abs(found.mean - last.mean)[shown]
         same = all(abs(noise.get(r, 1.0) / level.get(r, 1.0) - 1.0) < _SAME for r in SENSORS)
-        settled = same and bool((change <= _ENOUGH * found.sigma[shown]).all())
+        settled = same and _stays(last, found, problem.prior)
     progress(1.0)
     rows = [problem.place(c) for c in constants]
     return Estimated(
@@ -125,3 +123,14 @@ def estimate(
         after,
         noise,
     )
+
+
+def _stays(last: Normal, found: Normal, prior: Array) -> bool:
+    """Whether constants that the data show, alone or as a sum, have not moved but for noise."""
+    by = found.mean - last.mean
+    shown = found.sigma < EXCITED * prior
+    for s in sums(found, prior):
+        shown[[s.first, s.second]] = False
+        if abs(by[s.first] + s.weight * by[s.second]) > _ENOUGH * s.sigma:
+            return False
+    return bool((np.abs(by) <= _ENOUGH * found.sigma)[shown].all())

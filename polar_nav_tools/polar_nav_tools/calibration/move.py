@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -96,7 +97,8 @@ def lever(name: str, axis: int) -> Move:
     def move(params: EngineParams, inputs: Inputs, value: float) -> tuple[EngineParams, Inputs]:
         arm = list(getattr(params, name))
         arm[axis] += value
-        return replace(params, **{name: tuple(arm)}), inputs
+        changes: dict[str, Any] = {name: tuple(arm)}
+        return replace(params, **changes), inputs
 
     return move
 

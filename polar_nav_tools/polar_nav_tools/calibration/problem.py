@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,6 +40,8 @@ _SHIFT_S = 0.5
 """Of the last fix, in the differences of a drift."""
 _ERRORS, _STATE = X.b_gyro_b.start, 15
 """Where sensor errors begin among the 24 errors, and among a state's leading values."""
+_NEAR = 0.75
+"""Share of an IMU interval within which a ping is moved no further."""
 _HEADING_TAU = 1e6
 _SIGMAS = {
     consider.RANGE_SCALE: ('fix_range_scale_sigma', 1.0),
@@ -64,8 +67,8 @@ class Problem:
         constants: Sequence[Constant],
         progress: Progress,
     ) -> None:
-        self.moved = [c for c in constants if c.states is None]
-        self._held = [c for c in constants if c.states is not None]
+        self.moved = [c for c in constants if not c.states]
+        self._held = [c for c in constants if c.states]
         self._params, self._inputs = prepared(params, constants), inputs
         sigmas = common_sigmas(params)
         free = {c.column for c in self.moved}
@@ -73,27 +76,30 @@ class Problem:
         known = [*(c.prior for c in self.moved), *sigmas[self._nuisance].tolist()]
         self.prior = np.array([*known, *(c.prior for c in self._held)])
         self._known = len(known)
+        periods_ns = np.diff(inputs.imu_stamps_ns)
+        self._period_s = 1e-9 * max(1.0, float(np.median(periods_ns))) if len(periods_ns) else 1.0
         self._progress, self._runs = progress, 0
         self._noise: Noise = {}
-        self._most = MOST_ROUNDS * (1 + 2 * sum(c.column < 0 for c in self.moved))
+        self._most = MOST_ROUNDS * (1 + 2 * sum(map(_by_differences, self.moved)))
 
     def place(self, c: Constant) -> int:
         """Place of a constant in what `solved` returns."""
-        if c.states is None:
+        if not c.states:
             return self.moved.index(c)
         return self._known + self._held.index(c)
 
-    def reachable(self, at: Array) -> Array:
-        """Values (k,) to move constants to, near to an estimate.
+    def reachable(self, estimated: Array, at: Array) -> Array:
+        """Values (k,) to move constants to, near to an estimate, from where they are.
 
-        Of combinations that nothing excites an estimate is noise: they stay as stated. A ping is
-        fused with the IMU sample before it, and moved by whole intervals.
+        A ping is fused with the IMU sample before it: it is moved by whole intervals, and stays
+        where the estimate is as near to that place as to the next.
         """
-        out = at.copy()
-        period = float(np.median(np.diff(self._inputs.imu_stamps_ns))) * 1e-9
+        out = estimated.copy()
         for k, c in enumerate(self.moved):
-            if c.column == consider.DVL_LATENCY and period > 0.0:
-                out[k] = round(out[k] / period) * period
+            if c.column == consider.DVL_LATENCY:
+                out[k] = round(out[k] / self._period_s) * self._period_s
+                if abs(estimated[k] - at[k]) < _NEAR * self._period_s:
+                    out[k] = at[k]
         return out
 
     def run(self, at: Array, noise: Noise | None = None) -> Innovations:
@@ -116,7 +122,7 @@ class Problem:
         offset = np.concatenate([at, np.zeros(len(self._nuisance))])
         step = least_squares(M, run.white.ravel(), offset, self.prior[: self._known])
         found = Normal(offset + step.mean, step.covariance)
-        states = [k for c in self._held for k in range(24)[c.states]]
+        states = [k for c in self._held for k in c.states]
         at_state = [k - _ERRORS + _STATE for k in states]
         estimate_now = run.state[at_state]
         # Innovations are linear about where the constants are now, and so are the states.
@@ -124,7 +130,7 @@ class Problem:
         u = Normal(np.concatenate([found.mean, u.mean[len(offset) :]]), u.covariance)
         groups, k = [], len(offset)
         for c in self._held:
-            count = len(range(24)[c.states])
+            count = len(c.states)
             groups.append(list(range(k, k + count)))
             k += count
         return alike(u, groups)
@@ -134,7 +140,7 @@ class Problem:
         columns = run.moved.reshape(-1, run.moved.shape[2])
         M, S = [], []
         for k, c in enumerate(self.moved):
-            if c.column >= 0:
+            if not _by_differences(c):
                 M.append(c.sign * columns[:, c.column])
                 S.append(c.sign * run.sensitivity[:, c.column])
             else:
@@ -154,15 +160,22 @@ class Problem:
         same, up, down = _common(run, more, less)
         white = np.zeros_like(run.white)
         white[same] = (less.white[down] - more.white[up]) / (2.0 * step[k])
-        state = np.zeros(24)
+        state = np.zeros(X.size)
         state[_ERRORS:] = (more.state - less.state)[_STATE:] / (2.0 * step[k])
         return white.ravel(), state
 
     def _step(self, c: Constant) -> float:
         """Size of a difference [SI]; of stamps large against a step of the filter."""
-        if c.name != 'clock_drift':
-            return _STEP * c.prior
-        return _SHIFT_S * 1e9 / float(np.ptp(self._inputs.imu_stamps_ns))
+        if c.column == consider.DVL_LATENCY:
+            return max(1, round(_STEP * c.prior / self._period_s)) * self._period_s
+        if c.name == 'clock_drift':
+            return _SHIFT_S * 1e9 / float(np.ptp(self._inputs.imu_stamps_ns))
+        return _STEP * c.prior
+
+
+def _by_differences(c: Constant) -> bool:
+    """Whether differences of runs give the rows of a constant that is moved."""
+    return c.column < 0 or c.rough
 
 
 def larger_noise(run: Innovations, noise: Noise) -> Noise:
@@ -222,7 +235,7 @@ def prepared(params: EngineParams, constants: Sequence[Constant]) -> EngineParam
     Sigmas of common errors move no estimate, they widen the gate; those of states that hold a
     constant are its prior, and the start is one that nobody measured.
     """
-    changes: dict[str, float] = {
+    changes: dict[str, Any] = {
         'initial_sigma_position': max(params.initial_sigma_position, _START_SIGMA)
     }
     for c in constants:

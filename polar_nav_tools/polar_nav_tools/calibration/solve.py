@@ -16,9 +16,10 @@ EXCITED = 0.3
 """A constant is estimated where the data leave less than this share of its prior sigma."""
 RESOLVED = 1e-3
 """Least eigenvalue of information, all constants scaled to one, that is more than rounding."""
-TIED, TIED_SHARE = 0.95, 0.05
-"""Correlation from which on two constants are a sum, and share of its prior sigma that the data
-leave of one of them at least."""
+TIED = 0.98
+"""Correlation from which on two constants are one sum."""
+LOOSE, LOOSE_SHARE = 0.95, 0.05
+"""The same where the data leave this share of its prior sigma of one of them."""
 
 
 @dataclass(frozen=True)
@@ -149,8 +150,8 @@ def sums(u: Normal, prior: Array) -> list[Sum]:
     sigma = np.sqrt(np.diag(scaled))
     out = []
     for i, j in combinations(range(len(sigma)), 2):
-        tied = abs(scaled[i, j]) >= TIED * sigma[i] * sigma[j]
-        if not tied or max(sigma[i], sigma[j]) < TIED_SHARE:
+        limit = LOOSE if max(sigma[i], sigma[j]) >= LOOSE_SHARE else TIED
+        if abs(scaled[i, j]) < limit * sigma[i] * sigma[j]:
             continue
         least = np.linalg.eigh(scaled[np.ix_([i, j], [i, j])])[1][:, 0]
         weight = float(least[1] / least[0] * prior[i] / prior[j])
