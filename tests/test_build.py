@@ -40,6 +40,7 @@ KEYS = {
     'pytest': 'python3-pytest',
     'rich': 'python3-rich',
     'rosbags': 'python3-rosbags-pip',
+    'ruamel': 'python3-ruamel.yaml',
     'scipy': 'python3-scipy',
     'typer': 'python3-typer',
     'yaml': 'python3-yaml',
