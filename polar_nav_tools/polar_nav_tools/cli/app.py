@@ -33,6 +33,7 @@ COMMANDS = (
     'trust',
     'export',
     'smooth',
+    'calibrate',
     'bench',
     'experiments',
     'development',

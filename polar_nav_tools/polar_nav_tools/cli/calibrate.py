@@ -1,0 +1,189 @@
+"""`polar calibrate`: mountings, lever arms, delays and scales out of a recording."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from polar_nav_core.errors import ConfigError
+
+from .app import app, emit_json, require, say
+from .arguments import AcceptOption, ChangeOption, MapOption, MsgPathOption
+from .bags import BagArgument, JsonOption, VehicleOption, opened, percent
+
+if TYPE_CHECKING:
+    from ..calibration.bag import Calibration, Wanted
+    from ..calibration.write import Written
+
+
+@app.command(
+    epilog='Example: `./polar calibrate cruise.mcap --map mapping.yaml --write`'
+    '\n\nHow late are my fixes? `./polar calibrate bags/my_run --only delay`'
+)
+def calibrate(
+    bag: BagArgument,
+    only: Annotated[
+        list[str] | None,
+        typer.Option('--only', metavar='NAME', help='These constants; may be repeated.'),
+    ] = None,
+    also: Annotated[
+        list[str] | None,
+        typer.Option('--also', metavar='NAME', help='Besides the usual ones; may be repeated.'),
+    ] = None,
+    write: Annotated[
+        bool,
+        typer.Option(
+            '--write',
+            help='Write what was estimated to a copy of the mapping, MAPPING_calibrated.yaml; '
+            'without --map print it as parameters.',
+        ),
+    ] = False,
+    assign: Annotated[
+        list[str] | None,
+        typer.Option(
+            '--assign', metavar='NAME', help='With --write: all of a sum belongs to this constant.'
+        ),
+    ] = None,
+    change: ChangeOption = None,
+    vehicle: VehicleOption = None,
+    mapping: MapOption = None,
+    accept: AcceptOption = None,
+    msg_path: MsgPathOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Estimate misalignment, lever arm, delay and scale of sensors from a whole recording.
+
+    With sigma, correlations, and a verdict: NOT_EXCITED with the manoeuvre that would show it, or
+    INSEPARABLE for what appears only as a sum. docs/calibrate.md says what can be seen.
+    """
+    from ..calibration.bag import Wanted
+
+    if mapping is None and (accept or msg_path is not None):
+        raise typer.BadParameter('goes with --map', param_hint='--accept, --msg-path')
+    if assign and not write:
+        raise typer.BadParameter('goes with --write', param_hint='--assign')
+    target = None
+    if write and mapping is not None:
+        target = mapping.with_name(f'{mapping.stem}_calibrated{mapping.suffix}')
+        if target.exists():
+            raise ConfigError(f'{target} exists already; nothing is overwritten')
+    wanted = Wanted(tuple(only or ()), tuple(also or ()))
+    if mapping is None:
+        found = _own(bag, vehicle, wanted, change or [])
+    else:
+        found = _mapped(bag, mapping, wanted, change or [], accept or [], msg_path)
+    written = _written(found, mapping, assign or []) if write else None
+    if as_json:
+        emit_json({**found.to_dict(), **_written_values(written, target)})
+    else:
+        _print(found)
+    if written is not None:
+        _write(written, target, quiet=as_json)
+    for problem in found.problems:
+        say(problem)
+    require(not found.problems)
+
+
+def _own(bag: Path, vehicle: str | None, wanted: Wanted, change: list[str]) -> Calibration:
+    from ..calibration.bag import calibrate_bag
+    from ..replay.output import parse_changes
+    from ..replay.recorded import choose_follower
+
+    with opened(bag) as source, percent('calibrate') as progress:
+        return calibrate_bag(
+            source,
+            choose_follower(source, vehicle)[0],
+            wanted,
+            changes=parse_changes(change),
+            progress=progress,
+        )
+
+
+def _mapped(
+    bag: Path,
+    mapping_path: Path,
+    wanted: Wanted,
+    change: list[str],
+    accept: list[str],
+    msg_path: Path | None,
+) -> Calibration:
+    from polar_nav_ros.adapters import mapping, mapping_file
+
+    from ..calibration.bag import calibrate_mapped
+    from ..foreign.sources import open_source
+    from ..replay.output import parse_changes
+    from ..terminal.progress import opening_display
+
+    with opening_display(bag) as reading:
+        source = open_source(bag, reading, msg_path=msg_path)
+    changes = {**parse_changes(change), 'configuration': 'default'}
+    what = mapping.with_parameters(mapping_file.load(mapping_path), changes)
+    with percent('calibrate') as progress:
+        return calibrate_mapped(source, what, wanted, accept=accept, progress=progress)
+
+
+def _written(found: Calibration, mapping: Path | None, assign: list[str]) -> Written:
+    from polar_nav_ros.adapters import mapping_file as files
+
+    from ..calibration import write
+
+    if mapping is None:
+        return write.parameter_lines(found, assign)
+    written = write.mapping_file(mapping, found, files.load(mapping), assign)
+    files.parse(written.text, f'calibrated {mapping}')  # refuses before anything is written
+    return written
+
+
+def _written_values(written: Written | None, target: Path | None) -> dict[str, object]:
+    if written is None:
+        return {}
+    return {
+        'written': {
+            'path': None if target is None or not written.names else str(target),
+            'text': written.text,
+            'constants': list(written.names),
+            'left': written.left,
+        }
+    }
+
+
+def _write(written: Written, target: Path | None, *, quiet: bool) -> None:
+    for name, why in written.left.items():
+        say(f'{name} is not written: {why}')
+    if not written.names:
+        say('nothing was written: no constant is estimated that a file could state')
+    elif target is not None:
+        target.write_text(written.text, encoding='utf-8')
+        say(f'{target}: {", ".join(written.names)}')
+    elif not quiet:
+        sys.stdout.write(written.text)
+
+
+def _print(found: Calibration) -> None:
+    from rich.console import Console
+    from rich.text import Text
+
+    from ..calibration.verdicts import Verdict, correlations, notes, table
+    from ..terminal.tables import print_table
+
+    console = Console(highlight=False)
+    whole = not console.is_terminal  # a file has no edge
+    title = f'{found.vehicle}, {found.recorded:%Y-%m-%d}: what has to be added to what is stated'
+    print_table(console, table(title, found.lines))
+    out = []
+    if len(found.lines) == 1 and found.lines[0].verdict is Verdict.ESTIMATED:
+        line = found.lines[0]
+        out.append(f'{line.constant.doc}: {line.value:+.3g} {line.constant.unit}')
+    out += [f'{line.constant.name}: {line.why}' for line in found.lines if line.why]
+    pairs = correlations(found.found)
+    if pairs:
+        named = ', '.join(f'{a} and {b} {rho:+.2f}' for a, b, rho in pairs)
+        out.append(f'correlated: {named}')
+    misfits = found.found.misfits().items()
+    fits = ', '.join(f'{name} {before:.3g} -> {after:.3g}' for name, (before, after) in misfits)
+    out.append(f'mean squared innovation, as stated -> calibrated: {fits}')
+    for text in [*out, *notes(found.found)]:
+        console.print(Text(text), soft_wrap=whole)
