@@ -57,6 +57,7 @@ def vehicle(tmp_path_factory):
     return bag, path
 
 
+@pytest.mark.slow
 def test_a_mapping_is_put_right(vehicle, capsys):
     bag, path = vehicle
     assert polar('calibrate', bag, '--map', path, '--write', '--json') == 0
@@ -95,6 +96,7 @@ def test_a_straight_run_says_what_would_show_it(capsys):
     assert 'lawnmower' in out
 
 
+@pytest.mark.slow
 def test_json_of_the_usual_constants(capsys):
     assert polar('calibrate', BAGS / 'reference_4', '--json', '--also', 'dvl_lever_z') == 0
     said = json.loads(capsys.readouterr().out)

@@ -50,6 +50,7 @@ def test_a_constant_that_is_off_is_found(row, seed):
     assert not problems(found)
 
 
+@pytest.mark.slow
 def test_all_at_once_are_found_and_the_innovations_are_white_again():
     found = calibrated('all')
     for line in lines_of(found):
@@ -71,6 +72,7 @@ def test_a_straight_run_shows_no_delay():
     assert found.found.sigma[0] > 5.0
 
 
+@pytest.mark.slow
 def test_what_is_wrong_by_ten_sigmas_is_put_right():
     """A lever arm of a metre on a rolling vehicle, and a course that shows no delay."""
     found = calibrated('all', 'straight', 600.0, seed=3)
@@ -84,6 +86,7 @@ def test_what_is_wrong_by_ten_sigmas_is_put_right():
     assert not found.noise
 
 
+@pytest.mark.slow
 def test_noise_that_is_larger_than_stated_makes_sigmas_larger():
     world = BY_NAME['delay'].world('lawnmower', 300.0, 1)
     params, inputs = params_of(world), world.inputs
@@ -135,6 +138,7 @@ def test_dvl_yaw_and_heading_bias_of_one_course_are_a_sum():
     assert sum_text(found.constants, tied) in line.why
 
 
+@pytest.mark.slow
 def test_rows_of_common_errors_are_differences_of_runs():
     """Sign and unit of each column, and of what it does to the states of the filter."""
     world = BY_NAME['dvl_yaw'].world('lawnmower', 300.0, 1)

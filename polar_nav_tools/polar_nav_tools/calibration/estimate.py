@@ -104,13 +104,11 @@ def estimate(
         after, rounds = problem.run(at, noise), 2
     found, settled = problem.solved(after, at), not (noise or len(at))
     while not settled and rounds < MOST_ROUNDS:
-        last, level = found, noise
-        noise = larger_noise(after, level)
+        last, noise = found, larger_noise(after, noise)
         at = problem.reachable(excited(last, problem.prior)[: len(at)], at)
         after, rounds = problem.run(at, noise), rounds + 1
         found = problem.solved(after, at)
-        same = all(abs(noise.get(r, 1.0) / level.get(r, 1.0) - 1.0) < _SAME for r in SENSORS)
-        settled = same and _stays(last, found, problem.prior)
+        settled = _alike(larger_noise(after, noise), noise) and _stays(last, found, problem.prior)
     progress(1.0)
     rows = [problem.place(c) for c in constants]
     return Estimated(
@@ -123,6 +121,11 @@ def estimate(
         after,
         noise,
     )
+
+
+def _alike(one: Noise, other: Noise) -> bool:
+    """Whether factors on noise are the same, but for noise of their own."""
+    return all(abs(one.get(r, 1.0) / other.get(r, 1.0) - 1.0) < _SAME for r in SENSORS)
 
 
 def _stays(last: Normal, found: Normal, prior: Array) -> bool:

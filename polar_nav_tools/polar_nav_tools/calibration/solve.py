@@ -20,6 +20,8 @@ TIED = 0.98
 """Correlation from which on two constants are one sum."""
 LOOSE, LOOSE_SHARE = 0.95, 0.05
 """The same where the data leave this share of its prior sigma of one of them."""
+KNOWN_SHARE = 0.005
+"""A constant of which no more is left is known, whatever it correlates with."""
 
 
 @dataclass(frozen=True)
@@ -150,6 +152,8 @@ def sums(u: Normal, prior: Array) -> list[Sum]:
     sigma = np.sqrt(np.diag(scaled))
     out = []
     for i, j in combinations(range(len(sigma)), 2):
+        if min(sigma[i], sigma[j]) < KNOWN_SHARE:
+            continue
         limit = LOOSE if max(sigma[i], sigma[j]) >= LOOSE_SHARE else TIED
         if abs(scaled[i, j]) < limit * sigma[i] * sigma[j]:
             continue
