@@ -157,7 +157,7 @@ class Problem:
         step = np.zeros(len(at))
         step[k] = self._step(self.moved[k])
         more, less = (self.run(at + s) for s in (step, -step))
-        same, up, down = _common(run, more, less)
+        same, up, down = in_common(run, more, less)
         white = np.zeros_like(run.white)
         white[same] = (less.white[down] - more.white[up]) / (2.0 * step[k])
         state = np.zeros(X.size)
@@ -208,7 +208,7 @@ def _noisier(inputs: Inputs, noise: Noise) -> Inputs:
     )
 
 
-def _common(*runs: Innovations) -> list[NDArray[np.intp]]:
+def in_common(*runs: Innovations) -> list[NDArray[np.intp]]:
     """Places of the measurements that all of several runs have fused, in each of them.
 
     A measurement is known by its sensor and number where they fused equally many of it, by its

@@ -9,6 +9,7 @@ from typing import Any
 from polar_nav_core.errors import ConfigError
 
 from . import ablation, consistency, tables
+from .calibrate.experiment import CALIBRATE
 from .cheap.experiment import BLUEROV2
 from .evidence.aiding import AIDING
 from .evidence.late import LATE
@@ -122,6 +123,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         FAULTS,
         LEADER_ERROR,
         SPOOF,
+        CALIBRATE,
         LATE,
         PRICE,
         MEMS,

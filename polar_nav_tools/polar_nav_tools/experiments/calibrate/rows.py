@@ -38,12 +38,16 @@ class Row:
 
     def world(self, scene: str, duration_s: float, seed: int) -> World:
         """World of a scene in which the constants are off."""
-        world = make_world(_spec(scene, duration_s), _FIXES, seed)
-        # A leader that stays: vectors from its array, before anything is wrong.
-        world = LeaderFrame(distance_m=_DISTANCE_M, formation=False).applied(world, 1.0)
+        world = world_of(scene, duration_s, seed)
         for fault in self.faults:
             world = fault.applied(world, 1.0)
         return world
+
+
+def world_of(scene: str, duration_s: float, seed: int) -> World:
+    """World of a scene in which nothing is off, with a leader that stays where it is."""
+    world = make_world(_spec(scene, duration_s), _FIXES, seed)
+    return LeaderFrame(distance_m=_DISTANCE_M, formation=False).applied(world, 1.0)
 
 
 def params_of(world: World) -> EngineParams:
