@@ -2,6 +2,7 @@
 
 import json
 import sys
+from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
@@ -19,8 +20,12 @@ from foreign_worlds import (
 )
 
 from polar_nav_core.attitude import log
+from polar_nav_follower.params import FollowerParams
 from polar_nav_ros.adapters import mapping_file, rotations
-from polar_nav_tools.calibration.constants import NAMES
+from polar_nav_tools.calibration import write
+from polar_nav_tools.calibration.bag import Calibration
+from polar_nav_tools.calibration.constants import CONSTANTS, NAMES
+from polar_nav_tools.calibration.verdicts import Line, Verdict
 from polar_nav_tools.cli import main
 
 BAGS = Path(__file__).parents[2] / 'bags'
@@ -80,6 +85,10 @@ def test_a_mapping_is_put_right(vehicle, capsys):
     np.testing.assert_allclose(turned, 0.0, atol=0.5)
     assert right.params['dvl_lever_b'][0] == pytest.approx(DVL_LEVER_B[0], abs=0.1)
     assert abs(right.fixes[0].position.stream.offset_ns) < 1e9
+    left = {c['name']: c['sigma'] for c in said['constants']}
+    assert right.params['fix_clock_sigma'] == pytest.approx(left['delay'], rel=1e-3)
+    yaw_or_pitch = max(left['dvl_yaw'], left['dvl_pitch'])
+    assert right.params['dvl_misalignment_sigma_deg'] == pytest.approx(yaw_or_pitch, rel=1e-3)
     # What was put right is not off any more.
     assert polar('calibrate', bag, '--map', new, '--json') == 0
     for line in json.loads(capsys.readouterr().out)['constants']:
@@ -87,6 +96,42 @@ def test_a_mapping_is_put_right(vehicle, capsys):
             assert abs(line['add']) < 0.5 * line['sigma']
     assert polar('calibrate', bag, '--map', path, '--write') == 2
     assert 'exists' in capsys.readouterr().err
+
+
+ONE_LINE_EACH = """\
+version: 2
+imu: {topic: /imu/data}
+dvl: {topic: /dvl, rotation: frd, sound_speed: 1500.0}  # ours
+fixes:
+  - {topic: /usbl, delay_s: 5.0}   # of the ship
+noise: {imu: stim300, dvl: workhorse_1200, fix_clock_sigma: 0.02}
+"""
+
+
+def test_values_and_what_is_left_of_them_go_where_they_belong(tmp_path):
+    path = tmp_path / 'm.yaml'
+    path.write_text(ONE_LINE_EACH)
+    off = {'delay': 0.5, 'dvl_latency': 0.1, 'dvl_scale': 1.0, 'dvl_lever_x': 2.0}
+    by_name = {c.name: c for c in CONSTANTS}
+    lines = tuple(Line(by_name[n], v, 0.05, Verdict.ESTIMATED, '') for n, v in off.items())
+    day = datetime(2026, 3, 1, tzinfo=UTC)
+    what = mapping_file.load(path)
+    found = Calibration(path, 'auv', FollowerParams(), day, None, lines)
+    written = write.mapping_file(path, found, what, ())
+    assert set(written.names) == set(off)
+    assert not written.left
+    new = mapping_file.parse(written.text, 'new')
+    assert new.fixes[0].position.stream.offset_ns == -500_000_000
+    assert new.fixes[0].delay_ns == 5_500_000_000
+    assert new.dvl.stream.offset_ns == -100_000_000
+    assert new.params['dvl_lever_b'] == [2.0, 0.0, 0.0]
+    assert new.params['water_sound_speed'] == pytest.approx(1500.0 / 1.01)
+    assert new.params['fix_clock_sigma'] == 0.05
+    assert '# ours' in written.text
+    assert '# of the ship' in written.text
+    path.write_text(written.text)  # in which the water is stated already
+    again = write.mapping_file(path, found, new, ())
+    assert 'water_sound_speed: 1470.' in again.text
 
 
 def test_a_straight_run_says_what_would_show_it(capsys):

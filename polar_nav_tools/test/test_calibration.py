@@ -7,7 +7,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from polar_nav_core.engine import run as engine_run
+from polar_nav_core.error_model import X
 from polar_nav_core.errors import ConfigError
+from polar_nav_core.grid import ecef_to_grid
 from polar_nav_sim.sensors.compass import CompassErrors
 from polar_nav_tools.calibration.constants import CONSTANTS, chosen
 from polar_nav_tools.calibration.estimate import estimate
@@ -24,6 +27,7 @@ from polar_nav_tools.calibration.verdicts import (
 )
 from polar_nav_tools.experiments.calibrate.rows import ROWS, params_of
 from polar_nav_tools.experiments.compass import stated, with_headings
+from polar_nav_tools.experiments.errors import track_errors
 from polar_nav_tools.experiments.schedule import FixSpec
 from polar_nav_tools.experiments.world import make_world
 from polar_nav_tools.experiments.world_spec import WorldSpec
@@ -189,3 +193,40 @@ def test_constants_are_those_that_the_data_are_about():
     assert 'delay' not in alone
     for first, second in pairwise(sorted(c.name for c in CONSTANTS)):
         assert first != second
+
+
+def nees_of_position(world, params, inputs):
+    """Mean horizontal NEES per axis after two minutes."""
+    track = engine_run.run(replace(params, output_period_s=1.0), inputs).track
+    e = track_errors(world, track)
+    late = e.time_s > 120.0
+    C_e_G = ecef_to_grid(world.truth.state(track.stamps_ns).r_e)
+    P = np.einsum('nij,njk,nlk->nil', C_e_G, e.P[:, X.dr_e, X.dr_e], C_e_G)[late, :2, :2]
+    d = e.dr_G[late, :2]
+    return float(np.mean(np.einsum('ni,nij,nj->n', d, np.linalg.inv(P), d)) / 2.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('seed', [1, 3])
+def test_after_calibration_a_run_is_honest(seed):
+    row = BY_NAME['all']
+    world = row.world('lawnmower', 600.0, seed)
+    params, inputs = params_of(world), world.inputs
+    found = estimate(params, inputs, chosen(params, inputs, tuple(row.off)))
+    assert nees_of_position(world, params, inputs) > 50.0
+    values = {c.name: v for c, v in zip(found.constants, found.found.mean, strict=True)}
+    left = {c.name: s for c, s in zip(found.constants, found.found.sigma, strict=True)}
+    for c in found.constants:
+        if c.move is not None:
+            params, inputs = c.move(params, inputs, float(values[c.name]))
+    inputs = replace(inputs, dvl_v_m=inputs.dvl_v_m / (1.0 + values['dvl_scale']))
+    params = replace(
+        params,
+        dvl_scale_sigma=left['dvl_scale'],
+        dvl_lever_sigma=left['dvl_lever_x'],
+        dvl_misalignment_sigma_deg=math.degrees(left['dvl_yaw']),
+        fix_clock_sigma=left['delay'],
+        fix_range_scale_sigma=left['range_scale'],
+        fix_heading_sigma_deg=math.degrees(left['array_yaw']),
+    )
+    assert nees_of_position(world, params, inputs) < 3.0

@@ -43,7 +43,7 @@ _ERRORS, _STATE = X.b_gyro_b.start, 15
 _NEAR = 0.75
 """Share of an IMU interval within which a ping is moved no further."""
 _HEADING_TAU = 1e6
-_SIGMAS = {
+SIGMAS = {
     consider.RANGE_SCALE: ('fix_range_scale_sigma', 1.0),
     consider.ARRAY_TURN: ('fix_heading_sigma_deg', math.degrees(1.0)),
     consider.CLOCK: ('fix_clock_sigma', 1.0),
@@ -239,8 +239,8 @@ def prepared(params: EngineParams, constants: Sequence[Constant]) -> EngineParam
         'initial_sigma_position': max(params.initial_sigma_position, _START_SIGMA)
     }
     for c in constants:
-        if c.column in _SIGMAS:
-            name, unit = _SIGMAS[c.column]
+        if c.column in SIGMAS:
+            name, unit = SIGMAS[c.column]
             changes[name] = max(getattr(params, name), c.prior * unit)
         if c.name == 'dvl_scale':
             # Three axes that turn out to be alike are surer than each.

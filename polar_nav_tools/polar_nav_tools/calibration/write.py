@@ -22,11 +22,14 @@ from polar_nav_ros.adapters.mapping import Mapping as Sources
 
 from . import move
 from .bag import Calibration
+from .problem import SIGMAS
 from .verdicts import Line, Verdict
 
 _TURNS = {'dvl_roll': 0, 'dvl_pitch': 1, 'dvl_yaw': 2}
 _AXES = {'x': 0, 'y': 1, 'z': 2}
 _DECIMALS = 6
+_INDENTS = (2, 4)
+"""Of sections, and of those in a list."""
 _SOUND_SPEED = 1500.0
 """That a DVL assumes unless it is told another one [m/s]."""
 NO_KEY = {
@@ -101,6 +104,7 @@ def parameter_lines(found: Calibration, assign: Sequence[str]) -> Written:
             left[name] = 'no parameter holds it'
             continue
         _put(section, key, new, _origin(found, line))
+        _raise_sigma(top, found, line)
         names.append(name)
     return Written(_text(top) if names else '', tuple(names), left)
 
@@ -148,8 +152,23 @@ def mapping_file(
         if why:
             left[name] = why
         else:
+            _raise_sigma(top, found, line)
             names.append(name)
     return Written(_text(top), tuple(names), left)
+
+
+def _raise_sigma(top: CommentedMap, found: Calibration, line: Line) -> None:
+    """State what a calibration leaves of a constant, where less is stated; never less."""
+    c = line.constant
+    key, unit = SIGMAS.get(c.column, ('dvl_scale_sigma', 1.0))
+    if c.column < 0 and c.name != 'dvl_scale':
+        return
+    section = _parameters(top)
+    if top.get('noise') is not None and key not in section:
+        section = top['noise']  # where a number beside the class of an instrument wins
+    sigma = line.sigma / c.factor * unit
+    if sigma > float(section.get(key, getattr(found.params, key))):
+        _put(section, key, sigma, f'what is left of {c.name}')
 
 
 def _enter(
@@ -247,9 +266,11 @@ def _parameters(top: CommentedMap) -> CommentedMap:
 
 def _put(section: CommentedMap, key: str, value: Any, origin: str) -> None:  # noqa: ANN401
     """Set a key, with a line above it that says where the value is from."""
+    section.fa.set_block_style()  # a line of its own for the comment
     section[key] = _plain(value)
+    column = section.lc.col
     section.yaml_set_comment_before_after_key(
-        key, before=origin, indent=section.lc.col if section.lc.col is not None else 2
+        key, before=origin, indent=column if column in _INDENTS else _INDENTS[0]
     )
 
 
