@@ -134,8 +134,11 @@ def test_values_and_what_is_left_of_them_go_where_they_belong(tmp_path):
     assert 'water_sound_speed: 1470.' in again.text
 
 
-def test_a_straight_run_says_what_would_show_it(capsys):
-    assert polar('calibrate', BAGS / 'reference_4', '--only', 'delay') == 0
+def test_a_straight_run_says_what_would_show_it(capsys, tmp_path):
+    figure = tmp_path / 'innovations.svg'
+    words = ['--only', 'delay', '--plot', figure]
+    assert polar('calibrate', BAGS / 'reference_4', *words) == 0
+    assert '<svg' in figure.read_text()
     out = capsys.readouterr().out
     assert 'NOT_EXCITED' in out
     assert 'lawnmower' in out
@@ -173,6 +176,8 @@ def test_without_a_mapping_parameters_are_printed(capsys):
         (['reference_4', '--only', 'heading_bias'], 'measured headings'),
         (['reference_4', '--accept', 'x'], '--map'),
         (['reference_4', '--assign', 'array_yaw'], '--write'),
+        (['reference_4', '--plot', 'README.md'], 'exists'),
+        (['reference_4', '--plot', 'figure.pdf'], '.png'),
         (['reference_4', '--write', '--only', 'delay', '--assign', 'delay'], 'no sum'),
     ],
 )

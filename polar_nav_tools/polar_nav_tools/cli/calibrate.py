@@ -47,6 +47,10 @@ def calibrate(
             '--assign', metavar='NAME', help='With --write: all of a sum belongs to this constant.'
         ),
     ] = None,
+    plot: Annotated[
+        Path | None,
+        typer.Option('--plot', help='New .png or .svg: innovations as stated and calibrated.'),
+    ] = None,
     change: ChangeOption = None,
     vehicle: VehicleOption = None,
     mapping: MapOption = None,
@@ -70,12 +74,20 @@ def calibrate(
         target = mapping.with_name(f'{mapping.stem}_calibrated{mapping.suffix}')
         if target.exists():
             raise ConfigError(f'{target} exists already; nothing is overwritten')
+    if plot is not None and plot.exists():
+        raise ConfigError(f'{plot} exists already; nothing is overwritten')
+    if plot is not None and plot.suffix not in ('.png', '.svg'):
+        raise typer.BadParameter('ends with .png or .svg', param_hint='--plot')
     wanted = Wanted(tuple(only or ()), tuple(also or ()))
     if mapping is None:
         found = _own(bag, vehicle, wanted, change or [])
     else:
         found = _mapped(bag, mapping, wanted, change or [], accept or [], msg_path)
     written = _written(found, mapping, assign or []) if write else None
+    if plot is not None:
+        from ..calibration.plot import innovations_figure
+
+        innovations_figure(plot, found.found)
     if as_json:
         emit_json({**found.to_dict(), **_written_values(written, target)})
     else:
