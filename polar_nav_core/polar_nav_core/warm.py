@@ -76,10 +76,14 @@ def warm_filter(handling: Sequence[str] = (), *, whole: bool = True) -> None:
     from .engine import run as engine_run
     from .engine.methods import DELAY_HANDLING
     from .engine.params import EngineParams
+    from .engine.sins.filter import NavigationFilter
 
     now.warm_up()
     base = EngineParams(configuration='custom')
     inputs = _third_of_a_second(base)
+    initial = base.initial_state()
+    if initial is not None:  # what a restart, a turned track and model aiding correct it by
+        NavigationFilter(base, initial, _START_NS).feed_back(np.zeros(24))
     for name in handling or DELAY_HANDLING:
         params = replace(base, delay_handling=name)
         if whole:
