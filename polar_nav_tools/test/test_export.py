@@ -2,10 +2,13 @@
 
 import csv
 import sys
+from datetime import datetime
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from polar_nav_core.attitude import matrix_from_quaternion
 from polar_nav_core.earth import ecef_from_geodetic
@@ -13,7 +16,14 @@ from polar_nav_core.errors import ConfigError
 from polar_nav_core.grid import ecef_to_grid
 from polar_nav_tools.bags import BagError, open_bag
 from polar_nav_tools.cli import main
-from polar_nav_tools.export.formats import axes, seconds_text, trajectory, write_trajectory
+from polar_nav_tools.export.at_stamps import at_stamps
+from polar_nav_tools.export.formats import (
+    Trajectory,
+    axes,
+    seconds_text,
+    trajectory,
+    write_trajectory,
+)
 from polar_nav_tools.export.source import exported, from_topic, origin_of
 from polar_nav_tools.report.example import example_input
 
@@ -67,6 +77,53 @@ def test_csv_has_names_units_and_sigma(tmp_path):
     assert float(rows[3]['latitude_deg']) == np.rad2deg(ESTIMATE.latitude[3])
     write_trajectory(tmp_path / 't.csv', trajectory(TRUTH), kind='csv')
     assert 'sigma' not in (tmp_path / 't.csv').read_text()
+
+
+def test_kml_has_a_time_and_a_place_for_each_pose(tmp_path):
+    track = trajectory(ESTIMATE)
+    path = tmp_path / 'a & b.kml'
+    write_trajectory(path, track, kind='kml')
+    root = ElementTree.parse(path).getroot()
+    assert [e.text for e in root.iter('{http://www.opengis.net/kml/2.2}name')] == ['a & b']
+    times = [e.text for e in root.iter('{http://www.opengis.net/kml/2.2}when')]
+    places = [e.text for e in root.iter('{http://www.google.com/kml/ext/2.2}coord')]
+    assert len(times) == len(places) == len(track)
+    at = datetime.fromisoformat(times[2].replace('Z', '+00:00'))
+    assert at.timestamp() == pytest.approx(track.stamp_ns[2] * 1e-9, abs=1e-3)
+    expected = [np.rad2deg(track.longitude[2]), np.rad2deg(track.latitude[2]), track.height[2]]
+    assert [float(x) for x in places[2].split()] == expected
+    with pytest.raises(ConfigError, match='no frame enu'):
+        write_trajectory(tmp_path / 'b.kml', track, kind='kml', frame='enu')
+
+
+def circle(t):
+    """Pose of a vehicle on a circle of 15 m at 2 m/s, its bow ahead, near a pole."""
+    a, w = 2.0 / 15.0 * t, 2.0 / 15.0
+    n = len(t)
+    flat = np.column_stack([np.cos(a), np.sin(a)])
+    r_e = np.column_stack([100.0 + 15.0 * flat, np.full(n, 6.3567e6)])
+    v_e = 15.0 * w * np.column_stack([-flat[:, 1], flat[:, 0], np.zeros(n)])
+    C = Rotation.from_euler('z', (a + 0.5 * np.pi)[:, None]).as_matrix()
+    return r_e, v_e, C
+
+
+def test_poses_between_those_that_are_known_are_on_the_way():
+    own = np.arange(0, 20_000_000_000, 100_000_000)
+    r_e, v_e, C = circle(own * 1e-9)
+    nothing = np.zeros(len(own))
+    sigma = np.column_stack([own * 1e-9] * 3)
+    track = Trajectory(own, r_e, C, v_e, sigma, nothing, nothing, nothing, 0)
+    wanted = np.array([30_000_000_000, 7_350_000_000, 1_234_567_890, -5])
+    found = at_stamps(track, wanted)
+    assert found.stamp_ns.tolist() == [1_234_567_890, 7_350_000_000]
+    assert found.left_out == 2
+    there, speed, turned = circle(found.stamp_ns * 1e-9)
+    np.testing.assert_allclose(found.r_e, there, atol=1e-6)
+    np.testing.assert_allclose(found.v_e, speed, atol=1e-4)
+    np.testing.assert_allclose(found.C_b_e, turned, atol=1e-9)
+    np.testing.assert_allclose(found.sigma_G[:, 1], found.stamp_ns * 1e-9)
+    with pytest.raises(ConfigError, match='none of the times'):
+        at_stamps(track, wanted[:1])
 
 
 def test_samples_without_a_pose_are_left_out_and_counted(tmp_path):

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from polar_nav_ros.stamps import to_ns
 from polar_nav_tools.bags import open_bag
 from polar_nav_tools.bags.arrays import load_estimates
 from polar_nav_tools.cli import main
@@ -53,6 +54,33 @@ def written(tmp_path_factory):
     return files
 
 
+def test_poses_at_the_stamps_of_a_topic(tmp_path):
+    files = [tmp_path / 'at.csv', tmp_path / 'at.kml']
+    words = ['smooth', BAGS / 'reference_4', '--at', '/follower/dvl/data', '--csv', files[0]]
+    assert polar(*words, '--kml', files[1]) == 0
+    pings = [to_ns(m.header.stamp) for _, m in open_bag(BAGS / 'reference_4').read(words[3])]
+    with files[0].open() as stream:
+        rows = {int(row['stamp_ns']): row for row in csv.DictReader(stream)}
+    assert len(rows) > 0.9 * len(pings)
+    assert set(rows) <= set(pings)
+    close = smoothed(0.01).smoothed
+    places = dict(zip(close.stamp_ns.tolist(), close.r_e, strict=True))
+    off = [
+        np.linalg.norm([float(row[f'{x}_m']) for x in 'xyz'] - places[stamp])
+        for stamp, row in rows.items()
+        if stamp in places
+    ]
+    assert len(off) > 100
+    assert max(off) < 2e-3
+    assert files[1].read_text().count('<when>') == len(rows)
+
+
+def test_a_topic_that_is_not_there_is_named(tmp_path, capsys):
+    words = ['smooth', BAGS / 'reference_4', '--at', '/nothing', '--kml', tmp_path / 'x.kml']
+    assert polar(*words) == 1
+    assert 'no message on /nothing' in capsys.readouterr().err
+
+
 def test_the_bag_holds_the_smoothed_track(written):
     run = smoothed(0.5)
     bag = open_bag(written[0])
@@ -86,6 +114,7 @@ def test_json(capsys):
         (['station'], 'mode sins'),
         (['reference_4', '-c', 'modified_akf'], 'stated noise'),
         (['reference_4', '--accept', 'x'], '--map'),
+        (['reference_4', '--at', '/follower/dvl/data'], 'goes with --tum'),
         (['reference_4', '--csv', 'station/metadata.yaml'], 'exists'),
     ],
 )

@@ -9,7 +9,7 @@ from polar_nav_sim.resources import mission_names
 
 PACES = ('lockstep', 'realtime')
 LEADERS = ('perfect', 'own')
-FORMATS = ('tum', 'csv')
+FORMATS = ('tum', 'csv', 'kml')
 FRAMES = ('ecef', 'enu', 'grid', 'epsg:3413', 'epsg:3995', 'epsg:3031')
 CONFIGURATIONS = (
     'conventional_akf',

@@ -48,7 +48,7 @@ def export(
     vehicle: VehicleOption = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Write a trajectory as TUM (`time x y z qx qy qz qw`) or CSV, pose of base_link.
+    """Write a trajectory as TUM (`time x y z qx qy qz qw`), CSV or KML, pose of base_link.
 
     Every number is written so that it reads back as the same float64.
     """
@@ -59,7 +59,7 @@ def export(
         raise typer.BadParameter('--what and --topic exclude each other')
     if out.exists():
         raise typer.BadParameter(f'{out} exists already')
-    chosen = kind or ('csv' if out.suffix == '.csv' else 'tum')
+    chosen = kind or (out.suffix[1:] if out.suffix[1:] in FORMATS else 'tum')
     with opened(bag) as source:
         track = from_topic(source, topic) if topic else exported(source, what or 'truth', vehicle)
         # Without a follower's truth the origin is the trajectory's first pose.

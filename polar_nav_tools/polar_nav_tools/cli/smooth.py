@@ -16,12 +16,18 @@ from .bags import BagArgument, JsonOption, VehicleOption, opened, percent
 from .choices import FRAMES, one_of
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from ..smoothing.bag import SmoothedRun
+
+_CLOSE_S = 0.05
+"""From one estimate to the next, between which those at other times lie [s]."""
 
 
 @app.command(
     epilog='Example: `./polar smooth bags/my_run --out bags/my_run_smoothed`'
-    '\n\nFor a map: `./polar smooth cruise.mcap --map mapping.yaml --csv track.csv --every 0.1`'
+    '\n\nFor a map: `./polar smooth cruise.mcap --map mapping.yaml --csv track.csv --at /sonar`'
 )
 def smooth(
     bag: BagArgument,
@@ -30,6 +36,7 @@ def smooth(
     ] = None,
     tum: Annotated[Path | None, typer.Option('--tum', help='New file: TUM.')] = None,
     csv: Annotated[Path | None, typer.Option('--csv', help='New file: CSV.')] = None,
+    kml: Annotated[Path | None, typer.Option('--kml', help='New file: KML.')] = None,
     frame: Annotated[
         str, typer.Option('--frame', metavar=one_of(FRAMES), help='Of --tum and --csv.')
     ] = 'ecef',
@@ -37,6 +44,14 @@ def smooth(
         float,
         typer.Option('--every', metavar='S', min=0.01, help='From one estimate to the next.'),
     ] = 1.0,
+    at: Annotated[
+        str | None,
+        typer.Option(
+            '--at',
+            metavar='TOPIC',
+            help='Files have the times of its messages (a camera, a sonar).',
+        ),
+    ] = None,
     configuration: Annotated[
         str,
         typer.Option('--configuration', '-c', metavar='NAME', help='Whose gate and weights.'),
@@ -55,26 +70,48 @@ def smooth(
     from ..export.formats import trajectory, write_trajectory
     from ..smoothing.bag import write
 
-    for path in (out, tum, csv):
+    files = {'tum': tum, 'csv': csv, 'kml': kml}
+    for path in (out, *files.values()):
         if path is not None and path.exists():
             raise ConfigError(f'{path} exists already; nothing is overwritten')
     if mapping is None and (accept or msg_path is not None):
         raise typer.BadParameter('goes with --map', param_hint='--accept, --msg-path')
-    chosen = (configuration, change or [], every, out is not None)
+    if at is not None and not any(files.values()):
+        raise typer.BadParameter('goes with --tum, --csv or --kml', param_hint='--at')
+    stamps_ns = None if at is None else _stamps(bag, at, msg_path)
+    step_s = every if at is None else min(every, _CLOSE_S)
+    chosen = (configuration, change or [], step_s, out is not None)
     if mapping is None:
         run = _own(bag, vehicle, *chosen)
     else:
         run = _mapped(bag, mapping, accept or [], msg_path, *chosen)
     track = trajectory(run.smoothed)
-    for path, kind in ((tum, 'tum'), (csv, 'csv')):
+    if stamps_ns is not None:
+        from ..export.at_stamps import at_stamps
+
+        track = at_stamps(track, stamps_ns)
+        if track.left_out:
+            say(f'{track.left_out} messages of {at} are outside the track and left out')
+    for kind, path in files.items():
         if path is not None:
-            write_trajectory(path, track, kind=kind, frame=frame)
+            write_trajectory(path, track, kind=kind, frame=frame if kind != 'kml' else 'ecef')
     if out is not None:
         write(out, run)
     _print(run, as_json=as_json)
     if run.found.divergence:
         say(f'the filter diverged: {run.found.divergence}')
     require(not run.found.divergence)
+
+
+def _stamps(bag: Path, topic: str, msg_path: Path | None) -> NDArray[np.int64]:
+    """Stamps of a topic's messages; times of the recording where nobody stamped."""
+    from ..foreign.guess_stamps import times_of
+    from ..foreign.sources import open_source
+    from ..terminal.progress import opening_display
+
+    with opening_display(bag) as reading:
+        times = times_of(open_source(bag, reading, msg_path=msg_path), topic)
+    return times.log_ns if times.stamps_ns is None or not times.stamped else times.stamps_ns
 
 
 def _own(

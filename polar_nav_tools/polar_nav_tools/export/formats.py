@@ -1,4 +1,4 @@
-"""Files of trajectories for other tools: TUM (evo, rpg_trajectory_evaluation) and CSV.
+"""Files of trajectories for other tools: TUM (evo, rpg_trajectory_evaluation), CSV and KML.
 
 In: truth or estimates as series. Out: one line per sample, in order of stamps, numbers so that
 reading them back gives the same float64.
@@ -12,6 +12,8 @@ base_link in the chosen frame. Frames:
 - ``enu``: true east, north, up at the origin, fixed to the earth. At a pole itself there is no
   east; near it the axes depend on where exactly the origin is.
 - ``epsg:3413``, ``epsg:3995``, ``epsg:3031``: polar stereographic maps (`projection`).
+
+KML (`kml`) has longitude, latitude and height, and no frame.
 """
 
 from __future__ import annotations
@@ -30,10 +32,11 @@ from polar_nav_core.grid import ecef_to_grid
 from polar_nav_core.user_files import writing
 
 from ..series.vehicle import EstimateSeries, Floats, Ints, TruthSeries
+from .kml import kml_lines
 from .projection import PROJECTIONS, projected
 
 FRAMES = ('ecef', 'enu', 'grid', *PROJECTIONS)
-FORMATS = ('tum', 'csv')
+FORMATS = ('tum', 'csv', 'kml')
 _NS = 1_000_000_000
 
 
@@ -144,9 +147,9 @@ def write_trajectory(
     path : Path
         Must not exist.
     track : Trajectory
-    kind : {'tum', 'csv'}
+    kind : {'tum', 'csv', 'kml'}
     frame : str
-        One of `FRAMES`.
+        One of `FRAMES`; KML has none.
     origin_r_e : ndarray, shape (3,), optional
         Origin of a local frame, so that several files share one; first position by default.
 
@@ -159,6 +162,8 @@ def write_trajectory(
         raise ConfigError(f'format {kind!r} is none of {", ".join(FORMATS)}')
     if not len(track):
         raise ConfigError(f'{path}: there is no pose to write')
+    if kind == 'kml' and frame != 'ecef':
+        raise ConfigError(f'{path}: KML has longitudes and latitudes, no frame {frame}')
     if frame in PROJECTIONS:
         r_f, C_e_f = projected(frame, track.r_e)
         v_f = np.einsum('nij,nj->ni', C_e_f, track.v_e)
@@ -170,7 +175,10 @@ def write_trajectory(
         stream = path.open('x', encoding='utf-8', newline='')
         try:
             with stream:
-                if kind == 'tum':
+                if kind == 'kml':
+                    place = (track.longitude, track.latitude, track.height)
+                    stream.writelines(kml_lines(path.stem, track.stamp_ns, *place))
+                elif kind == 'tum':
                     stream.writelines(_tum(track.stamp_ns, r_f, q))
                 else:
                     _csv(stream, track, r_f, q, v_f)
