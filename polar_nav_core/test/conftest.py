@@ -39,6 +39,7 @@ if numba.config.DISABLE_JIT:
             'never_dead',
             'noise_formulas',
             'noise_strategies',
+            'now',
             'plain_engine',
             'reopen',
             'reorder',

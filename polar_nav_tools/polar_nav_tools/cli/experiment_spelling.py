@@ -21,6 +21,7 @@ NAMES = (
     'faults',
     'leader-error',
     'spoof',
+    'calibrate',
     'late',
     'price',
     'mems',

@@ -1,6 +1,6 @@
 """`polar test`: style, types, import contracts, tests; all run even if an early one fails.
 
-Packages and builds are tested on one core, the tools on another, beside the checks; then, alone
+Packages are tested on one core, builds and tools on another, beside the checks; then, alone
 because they start graphs of processes, the live tests in `tests`.
 """
 
@@ -91,8 +91,9 @@ def all_rings(python: str, *, long: bool) -> tuple[list[Step], list[Step], Step]
         (python, '-m', 'pytest', '-m', ring if long else f'{ring} and {USUAL}', _WHOLE)
         for ring in (_OFFLINE, _LIVE)
     )
-    first = [lower, Step('tests of builds and files', offline)]
-    others = [*checks(python), without_compiler(python), tools]
+    # About the same time for each core.
+    first = [lower, without_compiler(python)]
+    others = [*checks(python), Step('tests of builds and files', offline), tools]
     return first, others, Step('tests of whole graphs', live)
 
 

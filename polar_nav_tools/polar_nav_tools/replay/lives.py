@@ -23,7 +23,7 @@ from polar_nav_ros import topics
 from polar_nav_ros.adapters.live import Taken
 from polar_nav_ros.navigation_outputs import receipt_from_msg
 from polar_nav_ros.navigation_session import MODEL_OUTPUTS
-from polar_nav_ros.stamps import to_ns
+from polar_nav_ros.stamps import stamp_ns_of_cdr, to_ns
 
 from ..bags.errors import BagError
 
@@ -340,9 +340,8 @@ def stamp_of(message: Any) -> int:  # noqa: ANN401 - of any topic
 
 
 def _newest_ns(live: Mapping[str, list[bytes]]) -> int:
-    """Stamp of the newest output [ns]; 0 without one."""
-    last = [deserialize_message(d[-1], TYPES[topic]) for topic, d in live.items() if d]
-    return max((to_ns(message.header.stamp) for message in last), default=0)
+    """Stamp of the newest output [ns], of whatever version; 0 without one."""
+    return max((stamp_ns_of_cdr(d[-1]) for d in live.values() if d), default=0)
 
 
 def never_an_event(receipt: Any) -> bool:  # noqa: ANN401 - a FixReceipt
