@@ -75,6 +75,16 @@ def test_poses_at_the_stamps_of_a_topic(tmp_path):
     assert files[1].read_text().count('<when>') == len(rows)
 
 
+@pytest.mark.parametrize('command', ['smooth', 'calibrate'])
+def test_of_a_recording_that_was_cut_off_the_figures_are_given(tmp_path, capsys, command):
+    whole = (BAGS / 'reference_4' / 'reference_4_0.mcap').read_bytes()
+    (tmp_path / 'cut.mcap').write_bytes(whole[:1_500_000])
+    assert polar(command, tmp_path / 'cut.mcap', '--json') == 1
+    out, err = capsys.readouterr()
+    assert json.loads(out)['ok'] is False
+    assert 'the file ends within a record' in err
+
+
 def test_a_topic_that_is_not_there_is_named(tmp_path, capsys):
     words = ['smooth', BAGS / 'reference_4', '--at', '/nothing', '--kml', tmp_path / 'x.kml']
     assert polar(*words) == 1

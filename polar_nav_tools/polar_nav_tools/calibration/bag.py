@@ -17,8 +17,8 @@ from ..bags import Bag
 from ..foreign.load import load
 from ..foreign.replay import at_the_imu
 from ..foreign.sources import Source
-from ..replay.arrays import SinsArrays, load_arrays
 from ..replay.by_message import parameters
+from ..replay.plain import plain_arrays
 from .constants import chosen
 from .estimate import Estimated, estimate
 from .problem import Progress
@@ -101,16 +101,9 @@ def calibrate_bag(
     Raises
     ------
     ConfigError
-        For a recording that has to be replayed by message, and for constants that it has no data
-        about.
+        As `plain_arrays`, and for constants that it has no data about.
     """
-    arrays = load_arrays(bag, vehicle, progress=lambda share: progress(0.2 * share))
-    if not isinstance(arrays, SinsArrays):
-        raise ConfigError(
-            f'{bag.path}: only recordings of mode sins whose inputs are plain streams can be '
-            'calibrated: not those of station mode, with `sources`, or in which the filter was '
-            'started again; `--map` reads them as any bag'
-        )
+    arrays = plain_arrays(bag, vehicle, 'calibrated', progress=lambda share: progress(0.2 * share))
     params = parameters(arrays.params, 'default', changes)
     inputs = arrays.inputs(params).inputs
     return _calibrated(

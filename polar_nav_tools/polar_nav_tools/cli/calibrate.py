@@ -12,9 +12,12 @@ from polar_nav_core.errors import ConfigError
 
 from .app import app, emit_json, require, say
 from .arguments import AcceptOption, ChangeOption, MapOption, MsgPathOption
-from .bags import BagArgument, JsonOption, VehicleOption, opened, percent
+from .bags import BagArgument, JsonOption, VehicleOption, percent
+from .mapped import open_mapped
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from ..calibration.bag import Calibration, Wanted
     from ..calibration.write import Written
 
@@ -80,61 +83,58 @@ def calibrate(
         raise typer.BadParameter('ends with .png or .svg', param_hint='--plot')
     wanted = Wanted(tuple(only or ()), tuple(also or ()))
     if mapping is None:
-        found = _own(bag, vehicle, wanted, change or [])
+        found, missing = _own(bag, vehicle, wanted, change or [])
     else:
-        found = _mapped(bag, mapping, wanted, change or [], accept or [], msg_path)
+        words = (change or [], accept or [], msg_path)
+        found, missing = _mapped(bag, mapping, wanted, *words)
+    well = not (missing or found.problems)
     written = _written(found, mapping, assign or []) if write else None
     if plot is not None:
         from ..calibration.plot import innovations_figure
 
         innovations_figure(plot, found.found)
     if as_json:
-        emit_json({**found.to_dict(), **_written_values(written, target)})
+        emit_json({**found.to_dict(), **_written_values(written, target), 'ok': well})
     else:
         _print(found)
     if written is not None:
         _write(written, target, quiet=as_json)
     for problem in found.problems:
         say(problem)
-    require(not found.problems)
+    require(well)
 
 
-def _own(bag: Path, vehicle: str | None, wanted: Wanted, change: list[str]) -> Calibration:
+def _own(
+    bag: Path, vehicle: str | None, wanted: Wanted, change: list[str]
+) -> tuple[Calibration, Sequence[object]]:
+    from ..analysis.opening import open_for
     from ..calibration.bag import calibrate_bag
     from ..replay.output import parse_changes
     from ..replay.recorded import choose_follower
 
-    with opened(bag) as source, percent('calibrate') as progress:
-        return calibrate_bag(
-            source,
-            choose_follower(source, vehicle)[0],
-            wanted,
-            changes=parse_changes(change),
-            progress=progress,
-        )
+    source, changes = open_for(bag, say), parse_changes(change)
+    name = choose_follower(source, vehicle)[0]
+    with percent('calibrate') as progress:
+        found = calibrate_bag(source, name, wanted, changes=changes, progress=progress)
+    return found, source.problems
 
 
 def _mapped(
     bag: Path,
-    mapping_path: Path,
+    mapping: Path,
     wanted: Wanted,
     change: list[str],
     accept: list[str],
     msg_path: Path | None,
-) -> Calibration:
-    from polar_nav_ros.adapters import mapping, mapping_file
-
+) -> tuple[Calibration, Sequence[object]]:
     from ..calibration.bag import calibrate_mapped
-    from ..foreign.sources import open_source
     from ..replay.output import parse_changes
-    from ..terminal.progress import opening_display
 
-    with opening_display(bag) as reading:
-        source = open_source(bag, reading, msg_path=msg_path)
     changes = {**parse_changes(change), 'configuration': 'default'}
-    what = mapping.with_parameters(mapping_file.load(mapping_path), changes)
+    source, what = open_mapped(bag, mapping, changes, msg_path)
     with percent('calibrate') as progress:
-        return calibrate_mapped(source, what, wanted, accept=accept, progress=progress)
+        found = calibrate_mapped(source, what, wanted, accept=accept, progress=progress)
+    return found, source.problems
 
 
 def _written(found: Calibration, mapping: Path | None, assign: list[str]) -> Written:

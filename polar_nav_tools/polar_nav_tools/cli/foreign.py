@@ -13,6 +13,7 @@ from polar_nav_core.errors import ConfigError
 from .app import app, emit_json, require, say
 from .arguments import MaybeBagArgument, MsgPathOption
 from .choices import DVL_CLASSES, IMU_CLASSES, REFERENCES, STAMPS, one_of
+from .mapped import open_mapped
 
 if TYPE_CHECKING:
     from ..foreign.guess_noise import Choices
@@ -167,13 +168,10 @@ def replay_foreign(
     """Run `polar replay --map`: check the bag, replay it, print and write the results."""
     from rich.console import Console
 
-    from polar_nav_ros.adapters import mapping, mapping_file
-
     from ..foreign import replay
     from ..foreign.findings import to_dict as finding_values
-    from ..foreign.sources import open_source
     from ..replay.output import parse_changes
-    from ..terminal.progress import opening_display, progress_display
+    from ..terminal.progress import progress_display
     from ..terminal.tables import print_table
 
     if out is not None and out.exists():
@@ -181,11 +179,7 @@ def replay_foreign(
     chosen = dict(parse_changes(changes))
     if configuration is not None:
         chosen['configuration'] = configuration
-    with opening_display(bag) as progress:
-        source = open_source(bag, progress, msg_path=msg_path)
-    for problem in source.problems:
-        say(f'{bag}: {problem}')
-    what = mapping.with_parameters(mapping_file.load(mapping_path), chosen)
+    source, what = open_mapped(bag, mapping_path, chosen, msg_path)
     with progress_display('replay', total=100.0, unit='%') as update:
         run = replay.replay(
             source,

@@ -12,10 +12,13 @@ from polar_nav_core.errors import ConfigError
 
 from .app import app, emit_json, require, say
 from .arguments import AcceptOption, ChangeOption, MapOption, MsgPathOption
-from .bags import BagArgument, JsonOption, VehicleOption, opened, percent
+from .bags import BagArgument, JsonOption, VehicleOption, percent
 from .choices import FRAMES, one_of
+from .mapped import open_mapped
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     import numpy as np
     from numpy.typing import NDArray
 
@@ -80,11 +83,12 @@ def smooth(
         raise typer.BadParameter('goes with --tum, --csv or --kml', param_hint='--at')
     stamps_ns = None if at is None else _stamps(bag, at, msg_path)
     step_s = every if at is None else min(every, _CLOSE_S)
-    chosen = (configuration, change or [], step_s, out is not None)
+    how = (step_s, out is not None)
     if mapping is None:
-        run = _own(bag, vehicle, *chosen)
+        run, missing = _own(bag, vehicle, configuration, change or [], *how)
     else:
-        run = _mapped(bag, mapping, accept or [], msg_path, *chosen)
+        words = (accept or [], msg_path, configuration, change or [])
+        run, missing = _mapped(bag, mapping, *words, *how)
     track = trajectory(run.smoothed)
     if stamps_ns is not None:
         from ..export.at_stamps import at_stamps
@@ -97,10 +101,11 @@ def smooth(
             write_trajectory(path, track, kind=kind, frame=frame if kind != 'kml' else 'ecef')
     if out is not None:
         write(out, run)
-    _print(run, as_json=as_json)
+    well = not (missing or run.found.divergence)
+    _print(run, well=well, as_json=as_json)
     if run.found.divergence:
         say(f'the filter diverged: {run.found.divergence}')
-    require(not run.found.divergence)
+    require(well)
 
 
 def _stamps(bag: Path, topic: str, msg_path: Path | None) -> NDArray[np.int64]:
@@ -121,13 +126,15 @@ def _own(
     change: list[str],
     every_s: float,
     covariances: bool,
-) -> SmoothedRun:
+) -> tuple[SmoothedRun, Sequence[object]]:
+    from ..analysis.opening import open_for
     from ..replay.output import parse_changes
     from ..replay.recorded import choose_follower
     from ..smoothing.bag import smooth_bag
 
-    with opened(bag) as source, percent('smooth') as progress:
-        return smooth_bag(
+    source = open_for(bag, say)
+    with percent('smooth') as progress:
+        run = smooth_bag(
             source,
             choose_follower(source, vehicle)[0],
             configuration=configuration,
@@ -136,31 +143,26 @@ def _own(
             covariances=covariances,
             progress=progress,
         )
+    return run, source.problems
 
 
 def _mapped(
     bag: Path,
-    mapping_path: Path,
+    mapping: Path,
     accept: list[str],
     msg_path: Path | None,
     configuration: str,
     change: list[str],
     every_s: float,
     covariances: bool,
-) -> SmoothedRun:
-    from polar_nav_ros.adapters import mapping, mapping_file
-
-    from ..foreign.sources import open_source
+) -> tuple[SmoothedRun, Sequence[object]]:
     from ..replay.output import parse_changes
     from ..smoothing.bag import smooth_mapped
-    from ..terminal.progress import opening_display
 
-    with opening_display(bag) as reading:
-        source = open_source(bag, reading, msg_path=msg_path)
     changes = {**parse_changes(change), 'configuration': configuration}
-    what = mapping.with_parameters(mapping_file.load(mapping_path), changes)
+    source, what = open_mapped(bag, mapping, changes, msg_path)
     with percent('smooth') as progress:
-        return smooth_mapped(
+        run = smooth_mapped(
             source,
             what,
             accept=accept,
@@ -168,9 +170,10 @@ def _mapped(
             covariances=covariances,
             progress=progress,
         )
+    return run, source.problems
 
 
-def _print(run: SmoothedRun, *, as_json: bool) -> None:
+def _print(run: SmoothedRun, *, well: bool, as_json: bool) -> None:
     from ..smoothing.bag import stated_sigma
 
     comparison = run.comparison
@@ -178,7 +181,7 @@ def _print(run: SmoothedRun, *, as_json: bool) -> None:
     if as_json:
         emit_json(
             {
-                'ok': not run.found.divergence,
+                'ok': well,
                 'path': str(run.path),
                 'vehicle': run.vehicle,
                 'configuration': run.params.configuration,

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from polar_nav_core.errors import ConfigError
 
 from .app import emit_json, require, say
+from .mapped import open_mapped
 
 if TYPE_CHECKING:
     from polar_nav_core.engine.inputs import Inputs
@@ -87,19 +88,11 @@ def _recorded(
 def _foreign(
     bag: Path, mapping_path: Path, configuration: str
 ) -> tuple[FollowerParams, Inputs, list[str]]:
-    from polar_nav_ros.adapters import mapping, mapping_file
-
     from ..foreign.load import load
     from ..foreign.replay import at_the_imu
-    from ..foreign.sources import open_source
-    from ..terminal.progress import opening_display
 
-    with opening_display(bag) as progress:
-        source = open_source(bag, progress)
-    for problem in source.problems:
-        say(f'{bag}: {problem}')
-    stated = mapping_file.load(mapping_path)
-    loaded = load(source, mapping.with_parameters(stated, {'configuration': configuration}), ())
+    source, what = open_mapped(bag, mapping_path, {'configuration': configuration})
+    loaded = load(source, what, ())
     return at_the_imu(loaded)[0], loaded.inputs, list(source.problems)
 
 

@@ -27,8 +27,8 @@ from ..bags import Bag, BagWriter
 from ..foreign.load import load
 from ..foreign.replay import Row, at_the_imu, states_of, truth_messages
 from ..foreign.sources import Source
-from ..replay.arrays import SinsArrays, load_arrays
 from ..replay.by_message import parameters
+from ..replay.plain import plain_arrays
 from ..scoring import Comparison, compare
 from ..series.estimates import EstimateRows, receipts_of
 from ..series.vehicle import EstimateSeries, TruthSeries
@@ -102,16 +102,11 @@ def smooth_bag(
     Raises
     ------
     ConfigError
-        For a recording that has to be replayed by message: with services called on the way,
-        restarts, sources, or of station mode.
+        As `plain_arrays`.
     """
-    arrays = load_arrays(bag, vehicle, truth=True, progress=lambda share: progress(0.3 * share))
-    if not isinstance(arrays, SinsArrays):
-        raise ConfigError(
-            f'{bag.path}: only recordings of mode sins whose inputs are plain streams can be '
-            'smoothed: not those of station mode, with `sources`, or in which the filter was '
-            'started again; `--map` reads them as any bag'
-        )
+    arrays = plain_arrays(
+        bag, vehicle, 'smoothed', truth=True, progress=lambda share: progress(0.3 * share)
+    )
     params = parameters(arrays.params, configuration, changes)
     inputs = arrays.inputs(params).inputs
     found = _both(params, inputs, vehicle, every_s, covariances, _later(progress, 0.3))
