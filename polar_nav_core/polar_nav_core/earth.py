@@ -21,6 +21,7 @@ __all__ = [
     'SEMI_MAJOR',
     'SEMI_MINOR',
     'ecef_from_geodetic',
+    'ecef_to_enu',
     'geodetic_from_ecef',
     'gravity',
     'up',
@@ -127,3 +128,22 @@ def gravity(r_e: ArrayLike) -> Array:
     result = np.empty(flat.shape[0])
     _kernels.gravity_many(flat, result)
     return scalar_or_array(result.reshape(positions.shape[:-1]))
+
+
+def ecef_to_enu(lat: ArrayLike, lon: ArrayLike) -> Array:
+    """Rotation from ECEF to true east, north, up; at a pole along the given meridian.
+
+    Parameters
+    ----------
+    lat, lon : array_like, shape (...)
+        Geodetic [rad].
+
+    Returns
+    -------
+    ndarray, shape (..., 3, 3)
+        C_e_n; its rows are east, north and up, ECEF.
+    """
+    s, c, sl, cl = np.sin(lat), np.cos(lat), np.sin(lon), np.cos(lon)
+    zero = np.zeros_like(s)
+    rows = ([-sl, cl, zero], [-s * cl, -s * sl, c], [c * cl, c * sl, s])
+    return np.stack([np.stack(np.broadcast_arrays(*row), axis=-1) for row in rows], axis=-2)

@@ -82,8 +82,7 @@ def field_near(lat: float, lon: float, height: float, year: float) -> Field | No
         if ahead is None or behind is None:
             return None
         gradient[:, k] = (ahead - behind) / (2.0 * _STEP)
-    lat = min(max(lat, -_MOST_LATITUDE), _MOST_LATITUDE)
-    up = np.array([math.cos(lat) * math.cos(lon), math.cos(lat) * math.sin(lon), math.sin(lat)])
+    up = earth.ecef_to_enu(_beside_a_pole(lat), lon)[2]
     down = -float(up @ here)
     horizontal = float(np.linalg.norm(here + down * up))
     return Field(r_e, here, gradient, horizontal, down)
@@ -92,16 +91,18 @@ def field_near(lat: float, lon: float, height: float, year: float) -> Field | No
 def _field_at(r_e: Array, year: float) -> Array | None:
     """Field at a place, ECEF [nT]; None where no model is of that year."""
     lat, lon, height = (float(x) for x in earth.geodetic_from_ecef(r_e))
-    lat = min(max(lat, -_MOST_LATITUDE), _MOST_LATITUDE)
+    lat = _beside_a_pole(lat)
     model = _model(year)
     if model is None:
         return None
     found = model.calculate(math.degrees(lat), math.degrees(lon), height * 1e-3, year)
-    s, c, sl, cl = math.sin(lat), math.cos(lat), math.sin(lon), math.cos(lon)
-    north, east = np.array([-s * cl, -s * sl, c]), np.array([-sl, cl, 0.0])
-    up = np.array([c * cl, c * sl, s])
+    east, north, up = earth.ecef_to_enu(lat, lon)
     field: Array = found.x * north + found.y * east - found.z * up
     return field
+
+
+def _beside_a_pole(lat: float) -> float:
+    return min(max(lat, -_MOST_LATITUDE), _MOST_LATITUDE)
 
 
 @lru_cache(maxsize=4)

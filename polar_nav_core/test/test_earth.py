@@ -111,3 +111,27 @@ def test_a_filter_that_has_gone_astray_can_still_be_told():
     assert not abs(height) < 1e9
     assert not abs(lat) > np.pi
     assert not abs(lon) > np.pi
+
+
+@pytest.mark.parametrize('lat', [-90.0, -80.0, 0.0, 47.0, 89.999, 90.0])
+@pytest.mark.parametrize('lon', [-170.0, 0.0, 25.0])
+def test_east_north_up_is_a_rotation_towards_growing_longitude_and_latitude(lat, lon):
+    phi, lam = np.radians(lat), np.radians(lon)
+    C_e_n = earth.ecef_to_enu(phi, lam)
+    np.testing.assert_allclose(C_e_n @ C_e_n.T, np.eye(3), rtol=0.0, atol=1e-15)
+    r_e = earth.ecef_from_geodetic(phi, lam, 0.0)
+    np.testing.assert_allclose(C_e_n[2], earth.up(r_e), rtol=0.0, atol=2e-15)
+    step = 1e-6 if lat < 90.0 else -1e-6  # there is no latitude beyond a pole
+    northward = (earth.ecef_from_geodetic(phi + step, lam, 0.0) - r_e) * np.sign(step)
+    np.testing.assert_allclose(
+        C_e_n @ northward / np.linalg.norm(northward), [0.0, 1.0, 0.0], rtol=0.0, atol=1e-6
+    )
+    np.testing.assert_allclose(C_e_n[0], np.cross(C_e_n[1], C_e_n[2]), rtol=0.0, atol=1e-15)
+
+
+def test_east_north_up_of_many_places_is_each_one_by_one():
+    lat, lon = np.array([0.1, -1.2]), np.array([2.0, -0.5])
+    together = earth.ecef_to_enu(lat, lon)
+    assert together.shape == (2, 3, 3)
+    for k in range(2):
+        np.testing.assert_array_equal(together[k], earth.ecef_to_enu(lat[k], lon[k]))

@@ -74,8 +74,7 @@ def absolute_fix_from_msg(msg: NavSatFix, number: int) -> Fix:
     r_e, covariance_e = np.full(3, np.nan), np.full((3, 3), np.nan)
     if not reason:
         r_e = earth.ecef_from_geodetic(lat, lon, msg.altitude)
-        (sf, cf), (sl, cl) = (math.sin(lat), math.cos(lat)), (math.sin(lon), math.cos(lon))
-        C_g_e = np.array([[-sl, -sf * cl, cf * cl], [cl, -sf * sl, cf * sl], [0.0, cf, sf]])
+        C_g_e = earth.ecef_to_enu(lat, lon).T
         covariance_g = np.array(msg.position_covariance, dtype=np.float64).reshape(3, 3)
         covariance_e = C_g_e @ covariance_g @ C_g_e.T
     return Fix(

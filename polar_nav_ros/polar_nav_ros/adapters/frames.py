@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polar_nav_core.earth import ecef_from_geodetic
+from polar_nav_core.earth import ecef_from_geodetic, ecef_to_enu
 from polar_nav_core.engine.events import Array
 from polar_nav_core.errors import ConfigError
 
@@ -61,12 +61,7 @@ def to_earth(frame: Frame, values: Array) -> Placed:
 
 def _enu_axes(lat: Array, lon: Array) -> Array:
     """East, north and up as columns, ECEF; at a pole along the given meridian. -> (n, 3, 3)."""
-    s, c, sl, cl = np.sin(lat), np.cos(lat), np.sin(lon), np.cos(lon)
-    zero = np.zeros_like(s)
-    east = np.stack([-sl, cl, zero], axis=-1)
-    north = np.stack([-s * cl, -s * sl, c], axis=-1)
-    up = np.stack([c * cl, c * sl, s], axis=-1)
-    return np.stack([east, north, up], axis=-1)
+    return np.swapaxes(ecef_to_enu(lat, lon), -1, -2)
 
 
 def _local(frame: Frame, values: Array) -> Placed:

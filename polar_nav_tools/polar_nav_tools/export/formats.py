@@ -27,6 +27,7 @@ from typing import TextIO
 import numpy as np
 
 from polar_nav_core.attitude import quaternion_from_matrix
+from polar_nav_core.earth import ecef_to_enu, geodetic_from_ecef
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.grid import ecef_to_grid
 from polar_nav_core.user_files import writing
@@ -110,26 +111,11 @@ def axes(frame: str, origin_r_e: Floats) -> tuple[Floats, Floats]:
     if frame == 'grid':
         return origin_r_e, ecef_to_grid(origin_r_e)
     if frame == 'enu':
-        from polar_nav_core.earth import geodetic_from_ecef
-
         if np.hypot(origin_r_e[0], origin_r_e[1]) < 1.0:
             raise ConfigError('frame enu: within 1 m of the pole there is no east; use grid')
         latitude, longitude, _ = geodetic_from_ecef(origin_r_e)
-        return origin_r_e, _enu(float(latitude), float(longitude))
+        return origin_r_e, ecef_to_enu(latitude, longitude)
     raise ConfigError(f'frame {frame!r} is none of {", ".join(FRAMES)}')
-
-
-def _enu(latitude: float, longitude: float) -> Floats:
-    """C_e_g: rows are east, north, up."""
-    sin_lat, cos_lat = np.sin(latitude), np.cos(latitude)
-    sin_lon, cos_lon = np.sin(longitude), np.cos(longitude)
-    return np.array(
-        [
-            [-sin_lon, cos_lon, 0.0],
-            [-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat],
-            [cos_lat * cos_lon, cos_lat * sin_lon, sin_lat],
-        ]
-    )
 
 
 def write_trajectory(
