@@ -31,6 +31,7 @@ def main(seed: int, seconds: float, listeners: int = 1) -> None:
     run = recording.readings(seed, seconds)
     while any(p.get_subscription_count() < listeners for p in out.values()):
         time.sleep(0.1)
+    node.get_logger().info('publishing')
     time.sleep(1.0)
     for topic, log_ns, message in recording.messages(run, time.time_ns() + 1_000_000_000):
         time.sleep(max(0.0, (log_ns - time.time_ns()) * 1e-9))

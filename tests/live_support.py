@@ -80,6 +80,13 @@ class Processes:
         self._started.append(process)
         return process
 
+    def wait_for(self, name: str, text: str, timeout: float = 60.0) -> None:
+        """Wait until a process has written a text."""
+        log, deadline = self._folder / f'{name}.log', time.monotonic() + timeout
+        while text not in (said := log.read_text(errors='replace')):
+            assert time.monotonic() < deadline, f'{name} did not say {text!r}: {said}'
+            time.sleep(0.05)
+
     def end(self) -> None:
         """Kill what still runs."""
         for process in self._started:

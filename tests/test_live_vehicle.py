@@ -66,14 +66,15 @@ def test_drivers_to_odometry_and_tf_over_another_middleware(tmp_path, start, own
     """
     run = recording.readings(SEED, SECONDS)
     drivers = start('drivers', sys.executable, HERE / 'cheap_drivers.py', SEED, SECONDS)
+    bag = tmp_path / 'bag'
+    recorder = start('recorder', *TOOL, 'record', '--out', bag)
+    start.wait_for('drivers', 'publishing')  # the recorder hears them before a follower can
     mapping = tmp_path / 'mapping.yaml'
     known = ('--imu', 'vn100', '--dvl', 'a50_standard', '--reference', 'bottom')
     into_file = ('bash', '-c', f'"$@" > {mapping}', 'bash')
     mapped = start('map', *into_file, *TOOL, 'map', '--live', '--seconds', '6', *known)
     assert mapped.wait(60.0) == 0, (tmp_path / 'map.log').read_text()
     mapping.write_text(filled_in(mapping.read_text(encoding='utf-8')), encoding='utf-8')
-    bag = tmp_path / 'bag'
-    recorder = start('recorder', *TOOL, 'record', '--out', bag)
     ros = ('--ros-args', '-r', '__ns:=/auv', '-p', f'sources:={mapping}')
     follower = start('follower', *FOLLOWER, *ros)
     listener = None

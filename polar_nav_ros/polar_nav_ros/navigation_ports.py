@@ -51,7 +51,8 @@ from .navigation_session import (
     NavigationSession,
     Published,
 )
-from .node import CountedPublisher, PolarNode
+from .node import DATA_QOS, CountedPublisher, PolarNode
+from .qos import RECORD_QOS
 from .readers import initial_from_msg, initial_to_msg
 from .services import add_map_services, add_switches
 from .source_ports import SourcePorts
@@ -125,16 +126,17 @@ class NavigationPorts:
         if session.with_model:
             published |= MODEL_OUTPUTS
         self._outputs: dict[str, CountedPublisher] = {
-            topic: node.advertise(kind, topic) for topic, kind in published.items()
+            topic: node.advertise(kind, topic, RECORD_QOS if topic == CLOCK_STEP else DATA_QOS)
+            for topic, kind in published.items()
         }
-        self._commands = node.advertise(CommandMsg, COMMAND)
+        self._commands = node.advertise(CommandMsg, COMMAND, RECORD_QOS)
         self._store = store
         self._odometry = node.advertise(Odometry, ODOMETRY)
         self._fix = node.advertise(NavSatFix, FIX)
         # In lockstep a node that dies ends the run.
         session.marks_starts = store is not None or not session.params.lockstep
         if store is not None:
-            self._restores = node.advertise(RestoreMsg, RESTORE)
+            self._restores = node.advertise(RestoreMsg, RESTORE, RECORD_QOS)
         self._command_count = 0
         self._imu_seen: tuple[int | None, float] = (None, time.monotonic())
         self._fix_second = -1

@@ -33,6 +33,13 @@ LATCHED_QOS = QoSProfile(
     reliability=ReliabilityPolicy.RELIABLE,
     durability=DurabilityPolicy.TRANSIENT_LOCAL,
 )
+RECORD_QOS = QoSProfile(
+    history=HistoryPolicy.KEEP_LAST,
+    depth=600,
+    reliability=ReliabilityPolicy.RELIABLE,
+    durability=DurabilityPolicy.TRANSIENT_LOCAL,
+)
+"""For what a replay cannot do without: a recorder that finds it late gets a minute of it."""
 _QUEUE = (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH)
 
 

@@ -24,6 +24,7 @@ from .adapters.mapping import Stream
 from .adapters.start_topic import StartTopic
 from .diagnostics import Diagnosis, Level
 from .node import PolarNode
+from .qos import RECORD_QOS
 from .stamps import to_msg
 from .topics import HEADING, INPUTS
 
@@ -104,7 +105,7 @@ class SourcePorts:
             start.bind(self._start_kind(), {})
         self._start = start
         self._names: dict[str, str] = {}
-        self._inputs = node.advertise(Inputs, INPUTS)
+        self._inputs = node.advertise(Inputs, INPUTS, RECORD_QOS)
         self._blocks = 0
         self._rows: list[tuple[int, int, int, int, int]] = []
 

@@ -2,6 +2,7 @@
 
 import json
 import struct
+import sys
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -61,6 +62,7 @@ from polar_nav_ros.topics import DVL as DVL_TOPIC
 from polar_nav_ros.topics import IMU as IMU_TOPIC
 from polar_nav_tools.bags import BagWriter, open_bag
 from polar_nav_tools.bags.errors import BagError
+from polar_nav_tools.cli import main
 from polar_nav_tools.foreign.definitions import BUNDLED
 from polar_nav_tools.foreign.load import load
 from polar_nav_tools.foreign.sources import open_source
@@ -136,7 +138,7 @@ class Wire:
         self.callbacks[topic] = callback
         return SimpleNamespace(topic_name=topic, get_publisher_count=lambda: 1)
 
-    def advertise(self, _kind: Any, _topic: str) -> Any:
+    def advertise(self, _kind: Any, _topic: str, _qos: Any) -> Any:
         def publish(message: Any) -> None:
             self.blocks.append((self.now_ns, to_bytes(message)))
 
@@ -500,6 +502,47 @@ def test_verify_names_what_the_bag_lacks(
         f'12 of {n:,} messages of {IMU} that the follower used are not in the bag',
         f'1 of 2 messages of {FIXES} that the follower used are not in the bag',
     ]
+
+
+def test_blocks_that_a_recorder_heard_twice_count_once(
+    sailed: tuple[Path, Rows, dict[str, Any]], tmp_path: Path
+) -> None:
+    _, rows, top = sailed
+    voyage = Voyage(top)
+    voyage.start(rows[0][1])
+    voyage.feed(rows)
+    voyage.end()
+    blocks = voyage.wire.blocks
+    # A recorder that is started again hears what the follower still holds.
+    again = [(blocks[20][0] + 1, data) for _, data in blocks[:20]]
+    voyage.wire.blocks = sorted([*blocks, *again], key=lambda block: block[0])
+    result = verify(voyage.write(tmp_path / 'bag', rows))
+    assert result.ok, result.difference
+    assert not result.problems
+
+
+def test_verify_names_blocks_from_before_the_recording(
+    sailed: tuple[Path, Rows, dict[str, Any]],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    _, rows, top = sailed
+    voyage = Voyage(top)
+    voyage.start(rows[0][1])
+    voyage.feed(rows)
+    voyage.end()
+    blocks = voyage.wire.blocks
+    voyage.wire.blocks = blocks[3:30] + blocks[31:]
+    result = verify(voyage.write(tmp_path / 'bag', rows))
+    assert not result.ok
+    assert result.problems == [
+        f'4 of {len(blocks)} messages of {PREFIX}{INPUTS} are not in the bag; 3 of them are from'
+        ' before the recording began'
+    ]
+    monkeypatch.setattr(sys, 'argv', ['polar', 'verify', str(tmp_path / 'bag')])
+    assert main() == 1
+    assert '3 of them are from before the recording began' in capsys.readouterr().err
 
 
 def test_a_bag_without_the_record_is_refused(

@@ -210,8 +210,13 @@ def test_it_starts_by_itself_from_gnss_and_ahrs_and_the_bag_replays(rig, tmp_pat
     assert values['origin'] == 'alignment'
     assert 'heading measured by heading/data (true north) (1-sigma 2 deg)' in sentence
     assert 'height by depth' in sentence
+    late = []  # as a recorder that finds the topic after the first blocks
+    kept = one.peer.create_subscription(Inputs, '/auv/nav/inputs', late.append, LATCHED_QOS)
     one.node.close()
     one.hear_all()
+    one.until(lambda: len(late) == len(one.got['nav/inputs']))
+    assert [b.sequence for b in late] == list(range(len(late)))
+    assert kept.get_publisher_count() == 1
     assert one.got['nav/command'][-1].kind == Command.SHUTDOWN
     total = sum(one.sent.values()) + one.sent['/imu']  # of which the heading is, too
     assert sum(len(b.digest) for b in one.got['nav/inputs']) == total

@@ -84,6 +84,8 @@ def verify(
             for problem in result.comparison.problems():
                 say(f'recorded with engine {result.engine_version}: {problem}')
         elif not result.equal:
+            for problem in result.problems[len(source.problems) :]:  # those of the bag are said
+                say(problem)
             say(f'live and replay differ: {result.difference}')
         require(well)
 
@@ -112,6 +114,7 @@ def _plain(result: VerifyResult) -> dict[str, object]:
         'lives_s': result.lives_s,
         'torn': result.torn,
         'retired_parameters': result.retired,
+        'problems': result.problems,
     }
 
 

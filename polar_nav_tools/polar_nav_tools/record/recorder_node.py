@@ -34,7 +34,8 @@ from .recording import RecorderParams, Recording, Rotation, parse_run_info, pars
 # Published by every node beside what it counts, so a count of them would never be met.
 UNCOUNTED = (DIAGNOSTICS, RUN_INFO, '/rosout', '/parameter_events')
 _LATCHED = (RUN_INFO, '/tf_static', '/robot_description')
-_LOOK_PERIOD_S = 0.5
+_LOOK_PERIOD_S = 0.1
+_ADAPT_PERIOD_S = 0.5
 _TICK_PERIOD_S = 0.1
 _PAUSE_S = 0.01
 
@@ -71,7 +72,9 @@ class RecorderNode(PolarNode[RecorderParams]):
         for name, type_name in wanted.items():
             self._record(name, type_name, types[name], [])
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(_LOOK_PERIOD_S, self._look_around, clock=steady)
+        if not self.params.topics:
+            self.create_timer(_LOOK_PERIOD_S, self._look_around, clock=steady)
+        self.create_timer(_ADAPT_PERIOD_S, self._adapt, clock=steady)
         self.create_timer(_TICK_PERIOD_S, self._tick, clock=steady)
 
     @property
@@ -143,11 +146,13 @@ class RecorderNode(PolarNode[RecorderParams]):
             self.count_input(source)
 
     def _look_around(self) -> None:
-        """Subscribe to new topics, and adapt the QoS of subscriptions to the publishers."""
-        if not self.params.topics:
-            for topic, types in self.get_topic_names_and_types():
-                if topic not in self._sources and topic not in self._skipped:
-                    self._discover(topic, types)
+        """Subscribe to new topics."""
+        for topic, types in self.get_topic_names_and_types():
+            if topic not in self._sources and topic not in self._skipped:
+                self._discover(topic, types)
+
+    def _adapt(self) -> None:
+        """Subscribe again with the QoS that the publishers offer, where they have come since."""
         for source in list(self._sources.values()):
             offered = self._offered(source.topic)
             if offered and self._must_ask_less(source, offered):

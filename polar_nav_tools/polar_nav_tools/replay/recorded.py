@@ -36,6 +36,8 @@ from .used import Used, used_of
 
 COMPARED = (topics.STATE, topics.RECEIPT)
 """Topics that a replay reproduces bit for bit; and those of `MODEL_OUTPUTS` that the bag has."""
+_KEPT = (topics.CLOCK_STEP, topics.COMMAND, topics.RESTORE)
+"""Topics of which a recorder that is started again hears the last minute's messages again."""
 
 _TYPES: dict[str, type[Any]] = {
     **SENSORS,
@@ -134,6 +136,7 @@ def load_inputs(
     imu = session.sensors_of(changed)[0]
     records = Records(by_name, compared)
     modes = mode_table(bag, f'/{name}/{topics.DVL}')
+    kept = set[tuple[str, bytes]]()
     holes_ns = [begin_ns for _, begin_ns in bag.holes_ns]
     used_names = set() if used is None else {f'/{name}/{topics.INPUTS}'}
     for full_name, arrival_ns, data in bag.messages({*by_name, *used_names, topics.RUN_INFO}):
@@ -141,6 +144,10 @@ def load_inputs(
             records.hole()
             del holes_ns[0]
         topic = by_name.get(full_name)
+        if topic in _KEPT:
+            if (topic, data) in kept:
+                continue
+            kept.add((topic, data))
         if full_name in used_names:
             for source, taken in next(blocks):
                 records.input(source, taken, taken.arrival_ns)

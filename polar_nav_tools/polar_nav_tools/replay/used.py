@@ -7,7 +7,7 @@ never got. The former are counted by topic, the latter are left out.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -16,6 +16,7 @@ from polar_nav_msgs.msg import Inputs
 from polar_nav_ros.adapters import mapping_file
 from polar_nav_ros.adapters.live import Source, Sources, Taken
 from polar_nav_ros.source_ports import digest_of
+from polar_nav_ros.stamps import to_ns
 from polar_nav_ros.topics import INPUTS
 
 from ..bags.decode import Decoder, constants_of
@@ -83,8 +84,8 @@ def used_of(bag: Bag, vehicle: str, text: str, params: EngineParams) -> Used:
     if bag.injected:
         raise BagError(f'{bag.path}: faults do not go with mapped sources yet: nothing to replay')
     sources = list(Sources(mapping_file.parse(text, place), params))
-    blocks = [message for _, message in bag.read(record)]
-    lacks = _missing_blocks(record, blocks)
+    blocks = _once(message for _, message in bag.read(record))
+    lacks = _missing_blocks(record, [block for block in blocks if block is not None])
     names = _names(bag, sources, blocks)
     pool = _pool(bag, {name for name in names if name in bag.topics})
     decoder = Decoder(str(bag.path))
@@ -94,6 +95,8 @@ def used_of(bag: Bag, vehicle: str, text: str, params: EngineParams) -> Used:
     found: list[list[tuple[str, Taken]]] = []
     for block in blocks:
         found.append([])
+        if block is None:
+            continue
         for number, arrival_ns, stamp_ns, digest in _rows(block):
             name = names[number]
             used[name] += 1
@@ -118,10 +121,22 @@ def used_of(bag: Bag, vehicle: str, text: str, params: EngineParams) -> Used:
     return Used(text, place, found, constants, lacks)
 
 
-def _names(bag: Bag, sources: list[Source], blocks: list[Inputs]) -> list[str]:
+def _once(messages: Iterable[Inputs]) -> list[Inputs | None]:
+    """Blocks in their order; None for one that a recorder that was started again heard twice."""
+    seen = set[tuple[int, int]]()
+    found: list[Inputs | None] = []
+    for block in messages:
+        key = block.sequence, to_ns(block.header.stamp)
+        found.append(None if key in seen else block)
+        seen.add(key)
+    return found
+
+
+def _names(bag: Bag, sources: list[Source], blocks: list[Inputs | None]) -> list[str]:
     """Full names of the topics of the sources."""
-    names = list(blocks[0].topics)
-    if any(list(block.topics) != names for block in blocks) or len(names) != len(sources):
+    there = [list(block.topics) for block in blocks if block is not None]
+    names = there[0]
+    if any(others != names for others in there) or len(names) != len(sources):
         raise BagError(f'{bag.path}: nav/inputs names other topics than the mapping file')
     return names
 
@@ -154,4 +169,7 @@ def _missing_blocks(record: str, blocks: list[Inputs]) -> list[str]:
         due = number + 1
     if not lost:
         return []
-    return [f'{lost:,} of {len(blocks) + lost:,} messages of {record} are not in the bag']
+    said = f'{lost:,} of {len(blocks) + lost:,} messages of {record} are not in the bag'
+    if blocks[0].sequence:
+        said += f'; {blocks[0].sequence:,} of them are from before the recording began'
+    return [said]

@@ -103,7 +103,7 @@ class VerifyResult:
     retired : list of str
         One sentence for each recorded parameter that was retired since.
     problems : list of str
-        What is wrong with the bag itself.
+        What is wrong with the bag itself, then what it lacks of the follower's inputs.
     lives_s : list of (float, float)
         First and last estimate of each process of a follower that was started again, since the
         first one of all [s].
