@@ -17,56 +17,42 @@ import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
-from mcap.writer import CompressionType, Writer
+sys.path.insert(0, str(Path(__file__).parents[1] / 'polar_nav_tools' / 'test'))
+
+from crafted import TEXT, crafted
 
 MOST_S, MOST_MB = 10.0, 1000.0
 BAG_COMMANDS = ('info', 'doctor', 'score', 'verify', 'replay', 'map', 'recover')
 _DATA = b'\0\1\0\0abcd'
-_TEXT = 'uint32 a\n'
-
-
-def _bag(
-    path: Path, messages: Iterator[tuple[int, int, bytes]], channels: int = 1, text: str = _TEXT
-) -> Path:
-    """An MCAP file of one type with messages (channel, log time, bytes)."""
-    with path.open('wb') as file:
-        writer = Writer(file, compression=CompressionType.ZSTD, chunk_size=16 << 20)
-        writer.start('ros2', 'test')
-        schema = writer.register_schema('p/msg/T', 'ros2msg', text.encode())
-        numbers = [writer.register_channel(f'/t{k}', 'cdr', schema) for k in range(channels)]
-        for channel, log_ns, data in messages:
-            writer.add_message(numbers[channel], log_ns, data, log_ns)
-        writer.finish()
-    return path
 
 
 def zeros(path: Path) -> Path:
     """A few hundred kilobytes that decompress to 1.5 GB."""
-    return _bag(path, ((0, k, bytes(15_000_000)) for k in range(100)))
+    return crafted(path, ((0, k, bytes(15_000_000)) for k in range(100)))
 
 
 def channels(path: Path) -> Path:
     """60,000 channels with a message each."""
-    return _bag(path, ((k, k, _DATA) for k in range(60_000)), 60_000)
+    return crafted(path, ((k, k, _DATA) for k in range(60_000)), 60_000)
 
 
 def definition(path: Path) -> Path:
     """A definition of 100,000 lines."""
-    return _bag(path, iter([(0, 0, _DATA)]), text='uint8 A=1\n' * 100_000 + _TEXT)
+    return crafted(path, iter([(0, 0, _DATA)]), text='uint8 A=1\n' * 100_000 + TEXT)
 
 
 def nested(path: Path) -> Path:
     """A definition of types that nest 2,000 deep."""
     line = '=' * 80
     parts = [f'{line}\nMSG: p/T{k}\np/T{k + 1} a\n' for k in range(2000)]
-    end = f'{line}\nMSG: p/T2000\n{_TEXT}'
-    return _bag(path, iter([(0, 0, _DATA)]), text=f'p/T0 a\n{"".join(parts)}{end}')
+    end = f'{line}\nMSG: p/T2000\n{TEXT}'
+    return crafted(path, iter([(0, 0, _DATA)]), text=f'p/T0 a\n{"".join(parts)}{end}')
 
 
 def times(path: Path) -> Path:
     """Log times beyond 2^63, and the same stamp a hundred thousand times."""
     messages = [(0, 1, _DATA)] * 100_000 + [(0, (1 << 64) - 1, _DATA)]
-    return _bag(path, iter(messages))
+    return crafted(path, iter(messages))
 
 
 def rubbish(path: Path) -> Path:

@@ -52,7 +52,7 @@ def heading_of(result, row=-1):
 @pytest.mark.parametrize('lat_deg', [60.0, -89.9])
 def test_rows_are_the_slopes_of_the_innovation(reference, lat_deg):
     """H against differences of the kernel's own innovation by each error of the estimate."""
-    pytest.importorskip('pygeomag')
+    pytest.importorskip('pygeomag', reason='the field model is not installed')
     world = World(0.1, lat_deg=lat_deg, lon_deg=10.0)
     params = world.params(heading_reference=reference, initial_pitch_deg=20.0)
     f = NavigationFilter(params, params.initial_state(), int(world.stamps[1]))
@@ -245,7 +245,7 @@ def test_usbl_bias_and_headings_exclude_one_another(world):
 
 def test_a_magnetic_heading_without_a_field_is_refused():
     """80 N 120 E has 1,788 nT: no heading is used there, and the health says so."""
-    pytest.importorskip('pygeomag')
+    pytest.importorskip('pygeomag', reason='the field model is not installed')
     for lat_deg, used in ((80.0, False), (-89.9, True)):
         place = World(12.0, lat_deg=lat_deg, lon_deg=120.0)
         stamps, headings, up_b = true_headings(place)

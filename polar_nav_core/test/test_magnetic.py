@@ -7,7 +7,7 @@ import pytest
 
 from polar_nav_core import earth, magnetic
 
-pytest.importorskip('pygeomag')
+pytest.importorskip('pygeomag', reason='the field model is not installed')
 
 PUBLISHED = (
     (2025.0, 0.0, 80.0, 0.0, 1.28),

@@ -101,7 +101,7 @@ def test_it_waits_for_a_depth_that_there_is_a_source_of():
 
 
 def test_a_magnetic_heading_is_without_its_declination_once_a_place_is_known():
-    pytest.importorskip('pygeomag')
+    pytest.importorskip('pygeomag', reason='the field model is not installed')
     compass = replace(AHRS, heading_reference='magnetic')
     found, _ = run(REST, compass, params_of(MEMS, heading_declination_deg=0.0))
     assert 'measured by ahrs (magnetic north)' in found.how['heading']
@@ -126,7 +126,7 @@ def test_a_magnetic_heading_is_without_its_declination_once_a_place_is_known():
     ],
 )
 def test_a_magnetic_heading_that_means_nothing_starts_nothing(place, changes, says):
-    pytest.importorskip('pygeomag')
+    pytest.importorskip('pygeomag', reason='the field model is not installed')
     vehicle = replace(REST, latitude_deg=place[0], longitude_deg=place[1])
     sensors = replace(AHRS, heading_reference='magnetic')
     start = Start(

@@ -41,7 +41,7 @@ def test_without_errors_it_is_the_heading(reference):
 
 def test_a_magnetic_one_is_off_by_the_published_declination():
     """WMM2025 at 80 S 120 W and 2027.5: 68.49 deg; here three quarters of a year before."""
-    pytest.importorskip('pygeomag')
+    pytest.importorskip('pygeomag', reason='the field model is not installed')
     error, _ = circle(EXACT, 'magnetic', -80.0, 240.0)
     assert error.mean() == pytest.approx(-68.5, abs=0.3)
     assert np.ptp(error) < 1e-6
@@ -49,7 +49,7 @@ def test_a_magnetic_one_is_off_by_the_published_declination():
 
 def test_iron_does_more_where_the_field_is_weak():
     """Hard iron has the period of the course; 300 nT are 1 deg at the South Pole, 14 at 80 N."""
-    pytest.importorskip('pygeomag')
+    pytest.importorskip('pygeomag', reason='the field model is not installed')
     iron = CompassErrors(**{**vars(EXACT), 'hard_iron_nt': 300.0})
     sizes = [np.ptp(circle(iron, 'magnetic', lat)[0]) / 2.0 for lat in (-89.9, 80.0)]
     assert sizes[0] == pytest.approx(math.degrees(300.0 * 2**0.5 / 16_820.0), rel=0.05)
@@ -58,7 +58,7 @@ def test_iron_does_more_where_the_field_is_weak():
 
 def test_a_turn_tilts_the_vertical_and_by_the_dip_the_heading():
     """v x rate / g at 2 m/s in a circle of 100 s: 0.73 deg of tilt."""
-    pytest.importorskip('pygeomag')
+    pytest.importorskip('pygeomag', reason='the field model is not installed')
     turning = CompassErrors(**{**vars(EXACT), 'turn_factor': 1.0})
     off, up_b = circle(turning, 'magnetic', -89.9, speed=2.0)
     level, _ = circle(EXACT, 'magnetic', -89.9, speed=2.0)

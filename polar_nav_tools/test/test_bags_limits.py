@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from bag_samples import RECEIPT, TRUTH, TYPES, make, stamp, stamp_ns, write_bag
-from mcap.writer import CompressionType, Writer
+from crafted import TEXT, crafted
 
 from polar_nav_tools.bags import BagError, BagWriter, open_bag
 from polar_nav_tools.bags.arrays import load_truth, places
@@ -15,21 +15,6 @@ from polar_nav_tools.bags.limits import check_definition, check_size
 from polar_nav_tools.bags.reader import Bag
 from polar_nav_tools.cli import main
 from polar_nav_tools.doctor.examine import examine
-
-_TEXT = 'uint32 a\n'
-
-
-def crafted(path, messages, channels=1, text=_TEXT):
-    """An MCAP file of one type with messages (channel, log time, bytes)."""
-    with path.open('wb') as file:
-        writer = Writer(file, compression=CompressionType.ZSTD, chunk_size=16 << 20)
-        writer.start('ros2', 'test')
-        schema = writer.register_schema('p/msg/T', 'ros2msg', text.encode())
-        numbers = [writer.register_channel(f'/t{k}', 'cdr', schema) for k in range(channels)]
-        for channel, log_ns, data in messages:
-            writer.add_message(numbers[channel], log_ns, data, log_ns)
-        writer.finish()
-    return path
 
 
 @pytest.fixture(autouse=True)
@@ -57,10 +42,10 @@ def test_what_recordings_are_like_is_read():
 
 
 def test_a_definition_of_a_hundred_thousand_lines():
-    constants = ''.join(f'uint8 A{k}=1\n' for k in range(100_000)) + _TEXT
+    constants = ''.join(f'uint8 A{k}=1\n' for k in range(100_000)) + TEXT
     with pytest.raises(BagError, match='the definition of p/msg/T has 100001 lines'):
         store_of(constants, 'p/msg/T')
-    check_definition('# a comment\n' * 100_000 + _TEXT, 'p/msg/T')
+    check_definition('# a comment\n' * 100_000 + TEXT, 'p/msg/T')
 
 
 def test_every_channel_is_looked_at_once(tmp_path, monkeypatch):

@@ -47,6 +47,12 @@ HEADING = {
     'reference': 'true',
     'bias_sigma_deg': 2.0,
 }
+GNSS = {
+    'topic': '/gnss/fix',
+    'type': 'sensor_msgs/msg/NavSatFix',
+    'sigma': [2.0, 3.0],
+    'antenna_lever_b': [1.0, 0.0, 0.5],
+}
 
 
 def true_heading(state: Any) -> Any:
@@ -207,14 +213,7 @@ def test_the_word_true_may_stand_without_quotes() -> None:
 def test_all_errors_of_a_fix_of_an_antenna_apply() -> None:
     """Sigma, slow error, antenna; coth of all of it where the whole error is alike."""
     _, top = live.world()
-    gnss = {
-        'topic': '/gnss/fix',
-        'type': 'sensor_msgs/msg/NavSatFix',
-        'sigma': [2.0, 3.0],
-        'antenna_lever_b': [1.0, 0.0, 0.5],
-        'delay_sigma_s': 0.2,
-        'correlation_s': 10.0,
-    }
+    gnss = GNSS | {'delay_sigma_s': 0.2, 'correlation_s': 10.0}
     top['fixes'] = [{**top['fixes'][0], 'transponder_lever_b': [0.0, 0.0, -0.5]}]
     stamps = np.array([1_000_000_000, 2_000_000_000])
     values = {'geodetic': np.array([[80.0, 120.0, 10.0]] * 2), 'status': np.array([0, 0])}
@@ -250,14 +249,7 @@ def test_a_gyro_too_poor_to_navigate_uses_roll_and_pitch() -> None:
 def test_an_antenna_beside_a_transponder_widens_its_fixes() -> None:
     """The filter knows one point: the antenna's offset of any direction is covariance."""
     _, top = live.world()
-    gnss = {
-        'topic': '/gnss/fix',
-        'type': 'sensor_msgs/msg/NavSatFix',
-        'sigma': [2.0, 3.0],
-        'antenna_lever_b': [1.0, 0.0, 0.5],
-        'surface_depth': 1.0,
-        'delay_s': 0.1,
-    }
+    gnss = GNSS | {'surface_depth': 1.0, 'delay_s': 0.1}
     top['fixes'][0]['transponder_lever_b'] = [0.0, 0.0, -0.5]
     both = mapping_file.parse(yaml.safe_dump(top | {'fixes': [*top['fixes'], gnss]}), 'mapping')
     assert both.params['transponder_lever_b'] == [0.0, 0.0, -0.5]
