@@ -10,10 +10,11 @@ import pytest
 
 from polar_nav_core.errors import ConfigError
 from polar_nav_tools.cli import main
+from polar_nav_tools.cli.withhold import _scored
 from polar_nav_tools.experiments.schedule import FixSpec
 from polar_nav_tools.experiments.world import make_world
 from polar_nav_tools.experiments.world_spec import WorldSpec
-from polar_nav_tools.replay.withhold import Withhold, parse, withhold
+from polar_nav_tools.replay.withhold import Predicted, Withhold, parse, withhold
 from polar_nav_tools.scoring.withheld import withheld_score
 
 REFERENCE = Path(__file__).parents[2] / 'bags' / 'reference'
@@ -157,3 +158,17 @@ def test_the_command_on_the_reference_bag(polar, tmp_path):
     assert 'Withheld measurements, predicted' in text
     assert polar(REFERENCE, '--withhold', 'imu:1s')[0] == 2
     assert polar(REFERENCE, '--map', tmp_path / 'm.yaml')[0] == 2
+
+
+def test_fixes_without_a_height_are_scored_in_the_plane_only():
+    errors = np.ones((3, 3))
+    level = np.tile(np.diag([4.0, 4.0, 1e8 + 1.0]), (3, 1, 1))
+    what = parse('fixes:50%')
+    stamps = np.arange(3)
+    (only,) = _scored(Predicted(what, 3, stamps, errors, level))
+    assert only.what == 'fixes:50%, horizontal'
+    one_of_them = level.copy()
+    one_of_them[1, 2, 2] = 9.0
+    both = _scored(Predicted(what, 3, stamps, errors, one_of_them))
+    assert [score.what for score in both] == ['fixes:50%, horizontal', 'fixes:50%, up']
+    assert [score.count for score in both] == [3, 1]

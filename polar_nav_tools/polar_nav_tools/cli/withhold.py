@@ -97,15 +97,19 @@ def _foreign(
 
 
 def _scored(one: Predicted) -> list[WithheldScore]:
-    """Scores of one kind; of fixes the horizontal and the vertical part apart."""
+    """Scores of one kind; of fixes the horizontal part, and apart the heights that they have."""
+    from polar_nav_ros.adapters.position import LEVEL_SIGMA
+
     from ..replay.withhold import DVL, FIXES
     from ..scoring.withheld import withheld_score
 
     what, e, S = one.withheld.text, one.error, one.covariance
     if one.withheld.kind == FIXES:
-        return [
-            withheld_score(f'{what}, horizontal', 'm', one.offered, e[:, :2], S[:, :2, :2]),
-            withheld_score(f'{what}, up', 'm', one.offered, e[:, 2:], S[:, 2:, 2:]),
-        ]
+        level = withheld_score(f'{what}, horizontal', 'm', one.offered, e[:, :2], S[:, :2, :2])
+        high = S[:, 2, 2] < LEVEL_SIGMA**2  # a 2-D fix says nothing of the height
+        if not high.any():
+            return [level]
+        up = withheld_score(f'{what}, up', 'm', one.offered, e[high, 2:], S[high, 2:, 2:])
+        return [level, up]
     unit = 'm/s' if one.withheld.kind == DVL else 'm'
     return [withheld_score(what, unit, one.offered, e, S)]
