@@ -184,11 +184,18 @@ def world():
     return World(40.0)
 
 
-def with_leader(world, offset_G=(0.0, 0.0, 0.0), growth=0.2):
-    """Fixes of a leader 600 m off, 0.5 to 5 s late, out of order, and what its packets state."""
+def with_leader(world, offset_G=(0.0, 0.0, 0.0), growth=0.2, late=1.0):
+    """Fixes of a leader 600 m off, 0.5 to 5 s late, out of order, and what its packets state.
+
+    `late` scales the delays.
+    """
     rng = np.random.default_rng(3)
     out = []
-    for k, fix in enumerate(world.fixes(1.0, lambda i: 0.5 + 4.5 * ((7 * i) % 10) / 9.0, rng=rng)):
+
+    def delay_s(i):
+        return late * (0.5 + 4.5 * ((7 * i) % 10) / 9.0)
+
+    for k, fix in enumerate(world.fixes(1.0, delay_s, rng=rng)):
         C = np.asarray(grid.ecef_to_grid(fix.r_e))
         line_G = np.array([600.0, 300.0 - 20.0 * k, 10.0])
         turn = 0.002 * np.array([-line_G[1], line_G[0], 0.0])
@@ -229,16 +236,29 @@ def test_arrays_and_messages_have_the_same_bits(world, name):
 
 
 def test_clone_is_rewind_but_for_the_linearization(world):
-    fixes = with_leader(world)
-    # What is considered is carried over the delay of a fix to first order (common_errors.md, 3).
-    for drift, limit in ((0.0, 1e-3), (1.0, 5e-3)):
-        a, b = (
-            track_of(world, fixes, name, gate_probability=1.0, leader_drift_sigma=drift)
-            for name in ('clone', 'rewind')
-        )
-        sigma = np.sqrt(np.diagonal(b.P[:, 6:9, 6:9], axis1=1, axis2=2))
-        assert np.abs((a.r_e - b.r_e) / sigma).max() < 1e-3
-        np.testing.assert_allclose(a.P[-1, 6:9, 6:9], b.P[-1, 6:9, 6:9], rtol=limit)
+    clone, rewind = both_ways(world, with_leader(world), 0.0)
+    np.testing.assert_allclose(clone.P[-1, 6:9, 6:9], rewind.P[-1, 6:9, 6:9], rtol=1e-3)
+
+
+def test_what_is_considered_differs_between_clone_and_rewind_as_the_delay(world):
+    """It is carried over the delay of a fix to first order (common_errors.md, 3)."""
+    off = []
+    for late in (0.5, 0.25, 0.125):
+        clone, rewind = both_ways(world, with_leader(world, late=late), 1.0)
+        off.append(np.abs(clone.P[-1, 6:9, 6:9] / rewind.P[-1, 6:9, 6:9] - 1.0).max())
+    assert 0.4 < off[1] / off[0] < 0.6
+    assert 0.4 < off[2] / off[1] < 0.6
+
+
+def both_ways(world, fixes, drift_sigma):
+    """Tracks of `clone` and `rewind`, whose estimates are the same."""
+    clone, rewind = (
+        track_of(world, fixes, name, gate_probability=1.0, leader_drift_sigma=drift_sigma)
+        for name in ('clone', 'rewind')
+    )
+    sigma = np.sqrt(np.diagonal(rewind.P[:, 6:9, 6:9], axis1=1, axis2=2))
+    assert np.abs((clone.r_e - rewind.r_e) / sigma).max() < 1e-3
+    return clone, rewind
 
 
 @pytest.mark.parametrize('name', ['tagged', 'back_propagate', 'clone', 'rewind'])
