@@ -1,12 +1,15 @@
 """Mathematics of calibration: least squares, sums of constants, mountings that are turned."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from polar_nav_core.attitude import matrix_from_euler
+from polar_nav_core.engine.events import Rank
 from polar_nav_tools.calibration import move
+from polar_nav_tools.calibration.problem import in_common
 from polar_nav_tools.calibration.solve import (
     Normal,
     alike,
@@ -71,3 +74,20 @@ def test_states_move_with_the_constants():
     np.testing.assert_allclose(found.mean, A @ b.mean + np.array([0.0, 0.0, 1.0]))
     whole = A @ b.covariance @ A.T + np.diag([0.0, 0.0, 0.04])
     np.testing.assert_allclose(found.covariance, whole)
+
+
+def test_measurements_are_found_again_where_one_run_refused_some_and_stamps_moved():
+    depths, pings = np.arange(0, 1000, 100), np.arange(7, 1000, 50)
+
+    def run(pings_ns):
+        stamps = np.concatenate([depths, pings_ns])
+        ranks = np.repeat([Rank.DEPTH, Rank.DVL], [len(depths), len(pings_ns)])
+        return SimpleNamespace(stamps_ns=stamps, ranks=ranks)
+
+    less, more = run(np.delete(pings, 4) - 20), run(np.delete(pings, [0, 9]) + 20)
+    own, in_less, in_more = in_common(run(pings), less, more)
+    n = len(depths)
+    kept = [k for k in range(len(pings)) if k not in (0, 4, 9)]
+    np.testing.assert_array_equal(own, [*range(n), *(n + k for k in kept)])
+    np.testing.assert_array_equal(less.stamps_ns[in_less[n:]], pings[kept] - 20)
+    np.testing.assert_array_equal(more.stamps_ns[in_more[n:]], pings[kept] + 20)

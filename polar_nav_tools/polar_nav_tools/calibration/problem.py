@@ -219,8 +219,9 @@ def _noisier(inputs: Inputs, noise: Noise) -> Inputs:
 def in_common(*runs: Innovations) -> list[NDArray[np.intp]]:
     """Places of the measurements that all of several runs have fused, in each of them.
 
-    A measurement is known by its sensor and number where they fused equally many of it, by its
-    stamp otherwise.
+    A measurement is known by its sensor and number where they fused equally many of it; otherwise
+    by the number of the one in the first run whose stamp is nearest: stamps may be moved, by less
+    than half of what is between two measurements.
     """
     keys = []
     equal = {rank: len({int((r.ranks == rank).sum()) for r in runs}) == 1 for rank in SENSORS}
@@ -229,12 +230,28 @@ def in_common(*runs: Innovations) -> list[NDArray[np.intp]]:
         key[:, 0] = r.ranks
         for rank in SENSORS:
             of = r.ranks == rank
-            key[of, 1] = np.arange(int(of.sum())) if equal[rank] else r.stamps_ns[of]
+            key[of, 1] = (
+                np.arange(int(of.sum()))
+                if equal[rank]
+                else _numbers(r.stamps_ns[of], runs[0].stamps_ns[runs[0].ranks == rank])
+            )
         keys.append([tuple(row) for row in key.tolist()])
     shared = set(keys[0]).intersection(*keys[1:])
     places = [{row: i for i, row in enumerate(key)} for key in keys]
     ordered = sorted(shared, key=places[0].__getitem__)
     return [np.array([p[row] for row in ordered], dtype=np.intp) for p in places]
+
+
+def _numbers(stamps_ns: NDArray[np.int64], first_ns: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Number of the nearest of the first run's stamps, below 0 where none is near."""
+    none = -1 - np.arange(len(stamps_ns))
+    if len(first_ns) < 2:
+        return none
+    after = np.clip(np.searchsorted(first_ns, stamps_ns), 1, len(first_ns) - 1)
+    nearer = stamps_ns - first_ns[after - 1] < first_ns[after] - stamps_ns
+    number = np.where(nearer, after - 1, after)
+    near = np.abs(first_ns[number] - stamps_ns) < 0.5 * float(np.median(np.diff(first_ns)))
+    return np.where(near, number, none)
 
 
 def prepared(params: EngineParams, constants: Sequence[Constant]) -> EngineParams:
