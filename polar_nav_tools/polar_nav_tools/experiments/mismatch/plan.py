@@ -58,7 +58,8 @@ def plan(request: Request, size: Size, columns: Sequence[str]) -> list[MismatchJ
     for row in rows_named(request.rows):
         if not row.is_control:
             visible = 'when the fault is visible'
-            jobs.append(MismatchJob(row, VISIBLE, visible, first, reserve(row.mode)))
+            stated = {**reserve(row.mode), **row.scene.changes}
+            jobs.append(MismatchJob(row, VISIBLE, visible, first, stated))
         for seed in range(first, first + size.seeds):
             jobs += _row_jobs(row, seed, columns, request.choices)
     # Rows of one scene have the world of a seed in common, which takes longer to make than to run.
@@ -94,7 +95,7 @@ def _row_jobs(row: Row, seed: int, columns: Sequence[str], choices: Choices) -> 
             # The filter that knows the fault is a reference: it keeps its settings in all engines.
             known[name][1]
             if name == BEST
-            else {**as_stated(row.mode), **known[name][1], **engine},
+            else {**as_stated(row.mode), **row.scene.changes, **known[name][1], **engine},
         )
         for name in columns
         if name in known

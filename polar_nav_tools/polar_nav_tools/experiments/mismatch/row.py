@@ -15,6 +15,7 @@ from typing import Any
 
 import yaml
 
+from polar_nav_ros.adapters.noise_classes import imu_noise
 from polar_nav_sim.offline_station import StationScenario
 
 from ..schedule import FixSpec
@@ -111,7 +112,10 @@ def texts() -> dict[str, dict[str, str]]:
 
 LEVEL = scene_of(oscillating=False)
 RACETRACK = scene_of(mission='racetrack', duration_s=900.0)
+# Its biases wander as those of its class; a user states the class.
+_WALKS = {name: imu_noise('stim300')[name] for name in ('gyro_bias_walk', 'accel_bias_walk')}
 TACTICAL = scene_of(
+    _WALKS,
     mission='racetrack',
     duration_s=900.0,
     imu='tactical',
