@@ -72,13 +72,15 @@ def warm_filter(handling: Sequence[str] = (), *, whole: bool = True) -> None:
     All ways by default; without ``whole`` only live.
     """
     # Here, because the engine stands above the kernels.
-    from .engine import now
+    from .engine import lever, now
     from .engine import run as engine_run
     from .engine.methods import DELAY_HANDLING
     from .engine.params import EngineParams
     from .engine.sins.filter import NavigationFilter
 
     now.warm_up()
+    if whole:
+        lever.warm_up()
     base = EngineParams(configuration='custom')
     inputs = _third_of_a_second(base)
     initial = base.initial_state()

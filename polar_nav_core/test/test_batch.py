@@ -108,3 +108,27 @@ def test_a_lost_filter_is_restored_alike(world, name):
 def test_no_measurements_at_all(world):
     x = engine_run.Inputs(np.zeros(0, dtype=np.int64), np.zeros((0, 3)), np.zeros((0, 3)))
     assert len(both(world.params(), x).track.stamps_ns) == 0
+
+
+LEVER_B = (1.2, -0.2, 0.3)
+
+
+@pytest.mark.parametrize('imu_sample', ['mean', 'instant'])
+@pytest.mark.parametrize('name', ['back_propagate', 'clone', 'rewind'])
+def test_same_bits_of_an_imu_away_from_base_link(world, name, imu_sample):
+    changes = {'configuration': 'custom', 'delay_handling': name, 'imu_sample': imu_sample}
+    params, inputs = world.params(**changes), inputs_of(world, world.fixes(1.0, 1.5), 3)
+    inputs.omega_ib_b[[300, 517], 1] = np.nan  # passed over
+    fast, slow = (
+        engine_run.run(params, inputs, one_by_one=one, imu_lever_b=LEVER_B)
+        for one in (False, True)
+    )
+    assert_same(fast, slow)
+    assert len(fast.track.stamps_ns) == 121
+    for one in (False, True):
+        slim = engine_run.run(
+            params, inputs, one_by_one=one, derived=True, imu_lever_b=LEVER_B
+        ).track
+        full = fast.track
+        derived = nav_columns.describe(full.r_e, full.C_b_G, full.P)
+        np.testing.assert_array_equal(slim.derived, derived)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from closed_loop import World
 
-from polar_nav_core import grid
+from polar_nav_core import earth, grid
 from polar_nav_core.engine.engine import Engine
 from polar_nav_core.engine.events import Command, CommandKind, ImuSample, InitialState
 from polar_nav_core.engine.now import Predictor
@@ -24,9 +24,10 @@ def world():
 class Rig:
     """A live engine with its predictor; every sample is followed by a prediction."""
 
-    def __init__(self, world, window_s=WINDOW_S, shape=None, **changes):
+    def __init__(self, world, window_s=WINDOW_S, shape=None, lever_b=(0.0, 0.0, 0.0), **changes):
         self.params = world.params(reorder_window_s=window_s, **changes)
-        self.reorder = Reorder(Engine(self.params), window_s, 0.25)
+        engine = Engine(self.params, imu_lever_b=lever_b)
+        self.reorder = Reorder(engine, window_s, 0.25)
         self.predictor = Predictor(self.params, OutputParams(**(shape or {})))
         self.found = []
         self.later = {}
@@ -65,6 +66,34 @@ def test_without_a_correction_it_is_what_the_engine_has_later(world, window_s, i
     assert compared > 1000
     assert found[-1].stamp_ns == world.stamps[-1]
     assert found[-1].jumps == 0
+
+
+@pytest.mark.parametrize('window_s', [0.0, 0.05])
+def test_of_an_imu_in_the_bow_it_is_the_state_of_base_link(world, window_s):
+    lever_b = np.array([1.2, -0.2, 0.3])
+    sigmas = {'initial_sigma_position': 0.02, 'initial_sigma_heading_deg': 5.0}
+    rig = Rig(world, window_s, lever_b=lever_b, **sigmas)
+    found = rig.feed(world.imu())
+    compared = 0
+    for now in found:
+        if now.stamp_ns in rig.later:
+            r_e, v_G, C_b_G = rig.later[now.stamp_ns]
+            there = r_e - grid.ecef_to_grid(r_e).T @ C_b_G @ lever_b
+            np.testing.assert_allclose(now.r_e, there, rtol=0, atol=2e-9)
+            v_base = v_G - C_b_G @ np.cross(now.omega_eb_b, lever_b)
+            np.testing.assert_allclose(now.v_G, v_base, rtol=0, atol=1e-12)
+            assert now.height == pytest.approx(earth.geodetic_from_ecef(there)[2], abs=1e-6)
+            compared += 1
+    assert compared > 1000
+    # Without corrections, what it moves by is what it has moved by.
+    way = np.sum([now.moved_e for now in found[1:]], axis=0)
+    np.testing.assert_allclose(way, found[-1].r_e - found[0].r_e, rtol=0, atol=1e-7)
+    # Its covariance is that of base_link: of another point's by far more than the time ahead.
+    engine = rig.reorder.engine
+    P, own = rig.predictor.covariance(engine), engine.fusion.filter.published_P
+    moved = engine.arm.moved(engine.fusion.estimate((0, 0, 0))).P
+    sigma, of_imu, of_base = (np.sqrt(np.diagonal(x)[6:9]) for x in (P, own, moved))
+    assert np.abs(sigma - of_base).max() < 0.2 * np.abs(of_imu - of_base).max()
 
 
 def test_it_stands_at_the_newest_sample_and_near_the_truth(world):

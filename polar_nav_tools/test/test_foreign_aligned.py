@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -31,20 +32,26 @@ from polar_nav_tools.foreign.sources import open_source
 SECONDS = 160.0
 
 
-def recorded(path: Path, *, dvl: bool = True) -> tuple[Path, dict[str, Any]]:
+def recorded(
+    path: Path, *, dvl: bool = True, lever_b: Sequence[float] = (0.0, 0.0, 0.0)
+) -> tuple[Path, dict[str, Any]]:
     """A bag of a vehicle under way, and a mapping that does not state where it starts."""
     truth, make = truth_of(SECONDS), Recorder()
-    columns = [imu_column(make, truth, stamps_of(truth, 0.0, SECONDS, 0.01))]
+    stamps = stamps_of(truth, 0.0, SECONDS, 0.01)
+    columns = [imu_column(make, truth, stamps, lever_b=lever_b)]
     columns += aiding_columns(make, truth, 0.0, SECONDS)
-    top = mapping()
+    top = mapping({'lever_b': list(lever_b)})
     del top['initial']
     if not dvl:
         del top['dvl']
     return write_columns(path, make, columns), top
 
 
-def test_it_is_aligned_under_way_and_the_errors_are_as_stated(tmp_path: Path) -> None:
-    path, top = recorded(tmp_path / 'bag')
+@pytest.mark.parametrize('lever_b', [(0.0, 0.0, 0.0), (1.2, -0.2, 0.3)])
+def test_it_is_aligned_under_way_and_the_errors_are_as_stated(
+    tmp_path: Path, lever_b: tuple[float, ...]
+) -> None:
+    path, top = recorded(tmp_path / 'bag', lever_b=lever_b)
     loaded = load(open_source(path), mapping_file.from_section(Section('m', top)))
     assert loaded.start.how.startswith('aligned: place from fixes of')
     assert 'by the course over' in loaded.start.how

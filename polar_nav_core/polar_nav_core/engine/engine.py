@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -20,6 +20,7 @@ from .checks import aiding_warning, history_warning
 from .clock_record import ClockRecord
 from .driver import Adaptation, Driver, Make
 from .events import (
+    Array,
     Command,
     CommandKind,
     ControlSample,
@@ -43,6 +44,7 @@ from .health.station import StationWatchdog
 from .health.watchdog import Envelope, Watchdog
 from .integrity import Integrity, held, out_of_reach, submerged
 from .ledger import FixLedger
+from .lever import Arm, params_at_imu
 from .params import EngineParams
 from .plausibility import initial_problem
 from .receipts import age_s, receipt_of
@@ -75,14 +77,19 @@ class Engine:
     Parameters
     ----------
     params : EngineParams
-        Everything that can be chosen.
+        Everything that can be chosen; lever arms from base_link.
     make : callable, optional
         Makes the filter, where it is not that of the configuration.
+    imu_lever_b : (3,) array_like, optional
+        IMU from base_link, body axes [m]. Parameters, commands, estimates and `state` are of
+        base_link; the filter, and a state for a restart, of the IMU's point.
 
     Attributes
     ----------
     fusion : Driver or None
         The filter with its measurements; None before there is a state.
+    arm : Arm or None
+        Moves between base_link and the IMU; None where they are one point.
     adaptation : Adaptation or None
         What identifies; None in a mode without.
     ledger : FixLedger
@@ -92,7 +99,16 @@ class Engine:
         How far the IMU's stamps are behind the newest one since its clock stepped back [s].
     """
 
-    def __init__(self, params: EngineParams, make: Make | None = None) -> None:
+    def __init__(
+        self,
+        params: EngineParams,
+        make: Make | None = None,
+        *,
+        imu_lever_b: Sequence[float] | Array = (0.0, 0.0, 0.0),
+    ) -> None:
+        lever_b = np.asarray(imu_lever_b, dtype=np.float64)
+        self.arm = Arm(params, lever_b) if lever_b.any() else None
+        params = params if self.arm is None else params_at_imu(params, lever_b)
         self.params = params
         self.configuration = params.resolved()
         self._make_fusion = make or make_fusion(params)
@@ -183,7 +199,8 @@ class Engine:
         if self.due_ns is not None and stamp_ns > self.due_ns:
             self.due_ns = None
             if self.fusion is not None:
-                yield self.fusion.estimate(self.fix_counts())
+                estimate = self.fusion.estimate(self.fix_counts())
+                yield estimate if self.arm is None else self.arm.moved(estimate)
 
     def finish(self) -> Iterator[Output]:
         """Yield the estimate that is still due at the end of the events."""
@@ -247,6 +264,8 @@ class Engine:
         self.imu_gaps += sample.stamp_ns - before_ns > self.params.max_imu_gap_s * 1e9
         self.last_imu_ns = sample.stamp_ns
         self._imu_late, self.behind_s = 0, 0.0
+        if self.arm is not None:
+            self.arm.imu(sample.stamp_ns, sample.omega_ib_b)
         if self.adaptation is not None and sample.C_b_G is not None:
             force_b = np.zeros(3) if self._thrust is None else self._thrust.force_b
             self.adaptation.log(sample.stamp_ns, sample.C_b_G, sample.omega_ib_b, force_b)
@@ -278,7 +297,9 @@ class Engine:
         first = self._first_seconds
         if self._initial is None or self.divergence or (first and not first.imu(sample)):
             return None
-        if first is None or not isinstance(self._initial, SavedState):
+        if not isinstance(self._initial, SavedState):
+            return self._initial if self.arm is None else self.arm.to_imu(self._initial)
+        if first is None:
             return self._initial
         self._first_seconds = None
         return replace(self._initial, seen=first.seen(sample.stamp_ns))
@@ -454,6 +475,11 @@ class Engine:
         saved = self.fusion.saved(self.fix_counts(), self.ledger.packed())
         # Who reads it knows nothing of steps of the clock: it counts by the IMU's own.
         return replace(saved, stamp_ns=self.clock.own_ns(saved.stamp_ns))
+
+    def state(self) -> InitialState | None:
+        """State of base_link as it is now, as one to start from; None without a state."""
+        saved = self.saved()
+        return saved if saved is None or self.arm is None else self.arm.to_base_link(saved)
 
     # -- outputs ----------------------------------------------------------------------------------
 

@@ -26,6 +26,7 @@ from ..output_params import OutputParams
 from .bleed import Bleed
 from .engine import Engine
 from .events import ImuSample
+from .lever import Rows
 from .params import EngineParams
 from .plausibility import all_within
 from .sins.filter import NavigationFilter
@@ -39,7 +40,7 @@ _STATES = 15
 
 @dataclass(frozen=True)
 class Now:
-    """Navigation state at the newest IMU sample, with what changed since the one before.
+    """Navigation state of base_link at the newest IMU sample, with what changed since the last.
 
     Attributes
     ----------
@@ -152,6 +153,7 @@ class Predictor:
 
     def __init__(self, engine_params: EngineParams, params: OutputParams) -> None:
         self._p = engine_params
+        self._lever_b: Array | None = None
         blend_s, angle = params.now_blend_s, math.radians(params.now_jump_angle_deg)
         self._offset_e = Bleed(params.now_acceleration, blend_s, params.now_jump)
         self._turn_e = Bleed(params.now_turn_acceleration, blend_s, angle)
@@ -172,6 +174,7 @@ class Predictor:
         if not isinstance(fusion, Fusion):
             self._lost = self._track is not None
             return None
+        self._lever_b = None if engine.arm is None else engine.arm.lever_b
         track, before = _Track(fusion.filter), self._track
         stamps_ns, samples_b = self._columns(waiting)
         track.advance(stamps_ns, samples_b)
@@ -190,7 +193,10 @@ class Predictor:
             before.advance_as(track)
         self._track = track
         self._follow(before, track)
-        return self._now(track, before.r_e - r_e, C_b_e.T @ before.C_b_e)
+        moved_e = before.r_e - r_e
+        if self._lever_b is not None:
+            moved_e -= (before.C_b_e - C_b_e) @ self._lever_b
+        return self._now(track, moved_e, C_b_e.T @ before.C_b_e)
 
     def _columns(self, waiting: Sequence[ImuSample]) -> tuple[Ints, Array]:
         """Stamps (n,) and values (n, 2, 3) of the samples within the limits of the sensor."""
@@ -233,6 +239,10 @@ class Predictor:
             C_b_G = C_e_G @ (attitude.exp(c) @ track.C_b_e)
         omega_ie_b = OMEGA_IE * (C_b_G.T @ C_e_G[:, 2])
         omega_eb_b = track.last_sample_b[0] - omega_ie_b
+        if self._lever_b is not None:
+            lever_G = C_b_G @ self._lever_b
+            r_e, height = r_e - C_e_G.T @ lever_G, height - float(lever_G[2])
+            v_G = v_G - C_b_G @ np.cross(omega_eb_b, self._lever_b)
         return Now(
             track.stamp_ns,
             r_e.copy(),
@@ -269,7 +279,18 @@ class Predictor:
         P[X.dr_e, X.dr_e] += np.outer(b, b)
         P[X.dv_G, X.dv_G] += np.outer(track.C_e_G @ rate, track.C_e_G @ rate)
         P[X.phi_G, X.phi_G] += np.outer(track.C_e_G @ c, track.C_e_G @ c)
-        return P
+        return P if self._lever_b is None else self._at_base_link(P, track)
+
+    def _at_base_link(self, P: Array, track: _Track) -> Array:
+        """Covariance of base_link from that of the IMU's point."""
+        assert self._lever_b is not None
+        rows = Rows.of(track.r_e[None], track.v_G[None], P[None])
+        interval_s = float(track.previous_dt[0]) or 1.0
+        rate = track.last_sample_b[:1], np.array([1.0 / interval_s])
+        bias_b = np.zeros((1, 3))  # taken off already
+        rows.move(self._lever_b, self._p.gyro_noise_density, rate, bias_b, track.C_b_G[None])
+        moved: Array = rows.P[0]
+        return moved
 
 
 def warm_up() -> None:

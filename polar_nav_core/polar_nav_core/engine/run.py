@@ -22,8 +22,10 @@ from .events import Command, Event, ImuSample, OrderKey, Rank, Receipt, Verdict
 from .fixes_at_once import FixesAtOnce, diverge
 from .health.conditions import Health
 from .inputs import Inputs, Stamps, StationInputs
+from .lever import Rates
 from .looks import Look, looks_of
 from .params import EngineParams
+from .refusals import usable_imu
 from .sins.tape import Tape
 from .sins.whole import SinsArrays
 from .station.filter import StationFilter
@@ -75,6 +77,7 @@ def run(
     derived: bool = False,
     look_every_s: float = 0.0,
     tape: Tape | None = None,
+    imu_lever_b: Sequence[float] = ...,
 ) -> Result[Track]: ...
 
 
@@ -102,6 +105,7 @@ def run(
     derived: bool = False,
     look_every_s: float = 0.0,
     tape: Tape | None = None,
+    imu_lever_b: Sequence[float] = (0.0, 0.0, 0.0),
 ) -> Result[Any]:
     """Track and receipts of a run over the inputs; an estimate every ``params.output_period_s``.
 
@@ -124,14 +128,20 @@ def run(
         How often the watchdog looks at a compiled run (whole seconds); 0 for never.
     tape : Tape, optional
         Records the filter of a compiled run at each look.
+    imu_lever_b : sequence of float, optional
+        IMU from base_link, body axes [m]: parameters and track are of base_link.
     """
-    engine = Engine(params, tape.make if tape is not None else None)
+    make = tape.make if tape is not None else None
+    engine = Engine(params, make, imu_lever_b=imu_lever_b)
     health: list[Health] = []
     collector: Collector[Any]
     if isinstance(inputs, StationInputs):
         collector = Collector(StationPieces(params, lambda: _station_filter(engine)), sink)
     else:
-        collector = Collector(SinsPieces(params, derived=derived), sink)
+        pieces = SinsPieces(params, derived=derived)
+        if engine.arm is not None:
+            pieces.moved_by(engine.arm.lever_b, _used_rates(params, inputs))
+        collector = Collector(pieces, sink)
     if one_by_one or not compiled(params):
         ordered = sorted(commands, key=_key)
         for event in heapq.merge(inputs.events(), ordered, key=_key):
@@ -154,6 +164,12 @@ def run(
         tuple(collector.identifications),
         tuple(health),
     )
+
+
+def _used_rates(params: EngineParams, x: Inputs) -> Rates:
+    """Rates at the stamps of the IMU samples that the engine uses."""
+    used, _ = usable_imu(params, x.imu_stamps_ns, x.omega_ib_b, x.f_b)
+    return Rates(x.imu_stamps_ns[used], x.omega_ib_b[used], params.imu_sample == 'mean')
 
 
 def _key(event: Event | Look) -> OrderKey:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
@@ -17,6 +17,7 @@ from ..kernels.station import state as ss
 from .engine import Engine
 from .events import Estimate, ModelEstimate, Output, Receipt
 from .inputs import Stamps
+from .lever import Rates, Rows
 from .params import EngineParams
 from .sins import aiding
 from .station import arrays
@@ -65,6 +66,23 @@ class Track:
     fixes: Stamps
     model: Array = field(default_factory=lambda: np.zeros((0, 0)))
     derived: Array = field(default_factory=lambda: np.zeros((0, nav_columns.WIDTH)))
+
+    def at_base_link(self, lever_b: Array, rates: Rates, gyro_noise_density: float) -> Track:
+        """Estimates of base_link from those of the IMU's point, with their covariance.
+
+        Parameters
+        ----------
+        lever_b : (3,) array
+            IMU from base_link [m].
+        rates : Rates
+            With the estimates' stamps among its own.
+        gyro_noise_density : float
+            [rad/s/sqrt(Hz)]
+        """
+        rows = Rows.of(self.r_e, self.v_G, self.P)
+        rate, bias_b = rates.at(self.stamps_ns), self.sensor_errors[:, 0:3]
+        rows.move(lever_b, gyro_noise_density, rate, bias_b, self.C_b_G)
+        return replace(self, r_e=rows.r_e, v_G=rows.v_G, P=rows.P)
 
 
 @dataclass(frozen=True)
@@ -139,13 +157,20 @@ class SinsPieces:
     def __init__(self, params: EngineParams, *, derived: bool = False) -> None:
         self._model = aiding.make_aiding(params)
         self._derived = derived
+        self._noise = params.gyro_noise_density
+        self._moved: tuple[Array, Rates] | None = None
         room = _ROWS_DERIVED if derived else _ROWS
         self.rows = fs.make_rows(room, model=self._model.on, derived=derived)
+
+    def moved_by(self, lever_b: Array, rates: Rates) -> None:
+        """Have rows of the IMU's point moved to base_link; ``lever_b`` is from there to it."""
+        self._moved = lever_b, rates
+        self.rows = fs.make_rows(_ROWS, model=self._model.on, derived=False)
 
     def of_rows(self, n: int, fixes: Stamps) -> Track:
         """The first n rows as views, with the counts of fixes (n, 3)."""
         rows, flat = self.rows, self.rows.flat[:n]
-        return Track(
+        track = Track(
             rows.stamps[:n],
             flat[:, 12:15],
             flat[:, 9:12],
@@ -157,6 +182,14 @@ class SinsPieces:
             self._values(flat),
             rows.derived[:n],
         )
+        return track if self._moved is None else self._at_base_link(track, *self._moved)
+
+    def _at_base_link(self, track: Track, lever_b: Array, rates: Rates) -> Track:
+        track = track.at_base_link(lever_b, rates, self._noise)
+        if not self._derived:
+            return track
+        derived = nav_columns.describe(track.r_e, track.C_b_G, track.P)
+        return replace(track, P=track.P[:0], derived=derived)
 
     def _values(self, flat: Array) -> Array:
         if not self._model.on:

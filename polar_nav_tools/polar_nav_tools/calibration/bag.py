@@ -14,8 +14,8 @@ from polar_nav_follower.params import FollowerParams
 from polar_nav_ros.adapters.mapping import Mapping as Sources
 
 from ..bags import Bag
+from ..foreign.lever import at_the_imu
 from ..foreign.load import load
-from ..foreign.replay import at_the_imu
 from ..foreign.sources import Source
 from ..replay.by_message import parameters
 from ..replay.plain import plain_arrays
@@ -121,7 +121,7 @@ def calibrate_mapped(
 ) -> Calibration:
     """Calibration of a bag of any origin."""
     loaded = load(source, mapping, accept)
-    params, _ = at_the_imu(loaded)  # what is added to a lever arm is the same from anywhere
+    params = at_the_imu(loaded)  # what is added to a lever arm is the same from anywhere
     if not len(loaded.inputs.imu_stamps_ns):
         raise ConfigError(f'{source.path}: no IMU sample after the start')
     path = Path(source.path)

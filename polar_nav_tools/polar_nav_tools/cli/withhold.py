@@ -88,12 +88,12 @@ def _recorded(
 def _foreign(
     bag: Path, mapping_path: Path, configuration: str
 ) -> tuple[FollowerParams, Inputs, list[str]]:
+    from ..foreign.lever import at_the_imu
     from ..foreign.load import load
-    from ..foreign.replay import at_the_imu
 
     source, what = open_mapped(bag, mapping_path, {'configuration': configuration})
     loaded = load(source, what, ())
-    return at_the_imu(loaded)[0], loaded.inputs, list(source.problems)
+    return at_the_imu(loaded), loaded.inputs, list(source.problems)
 
 
 def _scored(one: Predicted) -> list[WithheldScore]:

@@ -22,11 +22,10 @@ from .initial import Start
 def must_align(mapping: Mapping) -> bool:
     """Whether a mapping states too little to start, and an alignment may find the rest.
 
-    A vehicle that the mapping states to rest has its own way (`initial.find_start`), and so has an
-    IMU that is not at base_link.
+    A vehicle that the mapping states to rest has its own way (`initial.find_start`).
     """
     initial, params = mapping.initial, mapping.params
-    if initial.position is not None or any(mapping.imu.lever_b):
+    if initial.position is not None:
         return False
     place = {'initial_latitude_deg', 'initial_longitude_deg'} <= set(params)
     headings = (

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import heapq
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -38,9 +38,9 @@ from ..scoring import Comparison, compare
 from ..scoring.consistency import OPTIMISTIC, PESSIMISTIC
 from ..series.estimates import EstimateRows, receipts_of
 from ..series.vehicle import EstimateSeries, TruthSeries
-from . import lever
 from .findings import to_dict as finding_values
 from .hindsight import BEYOND, is_misfit, look_back
+from .lever import at_the_imu
 from .load import Loaded, load
 from .sources import Source
 
@@ -139,23 +139,20 @@ def run(
         )
     rows = EstimateRows(loaded.params, _expected(loaded))
     states: list[Row] = []
-    params, moved = at_the_imu(loaded)
 
     def take(chunk: engine_run.Track) -> None:
-        if moved is not None:
-            chunk = moved(chunk)
         rows.append(chunk)
         if messages:
             states.extend(states_of(chunk, loaded.params, loaded.mapping.vehicle))
 
-    derived = moved is None and not messages  # else covariances are wanted as they are
     result = engine_run.run(
-        params,
+        loaded.params,
         loaded.inputs,
         progress=progress,
         sink=take,
-        derived=derived,
+        derived=not messages,  # for messages covariances are wanted as they are
         look_every_s=LOOK_EVERY_S,
+        imu_lever_b=loaded.mapping.imu.lever_b,
     )
     verdicts = Counter(r.verdict.name for r in result.receipts)
     estimates = rows.series(loaded.mapping.vehicle)
@@ -167,7 +164,7 @@ def run(
         tuple(result.receipts),
         dict(sorted(verdicts.items())),
         result.divergence or divergence_of(result.health),
-        (*loaded.findings, *look_back(loaded, params, statistics, result.receipts)),
+        (*loaded.findings, *look_back(loaded, at_the_imu(loaded), statistics, result.receipts)),
         result.health,
     )
 
@@ -177,23 +174,6 @@ def _expected(loaded: Loaded) -> int:
     stamps_ns = loaded.inputs.imu_stamps_ns
     periods = float(stamps_ns[-1] - stamps_ns[0]) * 1e-9 / loaded.params.output_period_s
     return min(int(periods) + 2, len(stamps_ns))
-
-
-def at_the_imu(
-    loaded: Loaded,
-) -> tuple[FollowerParams, Callable[[engine_run.Track], engine_run.Track] | None]:
-    """Parameters for the point that the IMU is at, and what takes estimates to base_link.
-
-    None where that is the same point.
-    """
-    lever_b = np.asarray(loaded.mapping.imu.lever_b)
-    if not lever_b.any():
-        return loaded.params, None
-    noise = loaded.params.gyro_noise_density
-    rates = lever.Rates.of(loaded.inputs, mean=loaded.params.imu_sample == 'mean')
-    first, _ = rates.at(loaded.inputs.imu_stamps_ns[:1])
-    params = lever.from_imu(loaded.params, lever_b, first[0])
-    return params, lambda track: lever.at_base_link(track, lever_b, rates, noise)
 
 
 def states_of(track: engine_run.Track, params: FollowerParams, vehicle: str) -> Iterator[Row]:

@@ -25,7 +25,7 @@ from polar_nav_ros.navigation_outputs import receipt_to_msg
 
 from ..bags import Bag, BagWriter
 from ..foreign.load import load
-from ..foreign.replay import Row, at_the_imu, states_of, truth_messages
+from ..foreign.replay import Row, states_of, truth_messages
 from ..foreign.sources import Source
 from ..replay.by_message import parameters
 from ..replay.plain import plain_arrays
@@ -124,12 +124,12 @@ def smooth_mapped(
 ) -> SmoothedRun:
     """Smoothed run of a bag of any origin."""
     loaded = load(source, mapping, accept)
-    params, moved = at_the_imu(loaded)
-    if moved is not None:
+    if any(mapping.imu.lever_b):
         raise ConfigError(f'{mapping.place}: smoothing does not know imu: lever_b yet')
     if not len(loaded.inputs.imu_stamps_ns):
         raise ConfigError(f'{source.path}: no IMU sample after the start')
     vehicle = mapping.vehicle
+    params = loaded.params
     found = _both(params, loaded.inputs, vehicle, every_s, covariances, progress)
     return SmoothedRun(Path(source.path), vehicle, params, *found, loaded.truth)
 
