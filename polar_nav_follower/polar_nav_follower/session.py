@@ -81,6 +81,7 @@ class Session(NavigationSession[FollowerParams]):
             params,
             vehicle,
             readers,
+            imu_lever_b=sources.imu_lever_b if sources else (0.0, 0.0, 0.0),
             frame_id=params.frame_id,
             sensors=sensors_of(params, sources),
         )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -19,10 +19,18 @@ class LeaderEngine(Engine):
     """Engine with the angular rate at its newest epoch, which no estimate contains.
 
     States between estimates are interpolated with their rates (`states.py`).
+
+    Parameters
+    ----------
+    params : LeaderParams
+    imu_lever_b : sequence of float
+        IMU from base_link, body axes [m].
     """
 
-    def __init__(self, params: LeaderParams) -> None:
-        super().__init__(params)
+    def __init__(
+        self, params: LeaderParams, imu_lever_b: Sequence[float] = (0.0, 0.0, 0.0)
+    ) -> None:
+        super().__init__(params, imu_lever_b=imu_lever_b)
         self._means = params.imu_sample == 'mean'
         self._before: ImuSample | None = None
         self._newest: ImuSample | None = None

@@ -94,7 +94,8 @@ class OwnSession(NavigationSession[LeaderParams]):
     """
 
     def __init__(self, params: LeaderParams, vehicle: str, sources: Sources | None = None) -> None:
-        self._rates = LeaderEngine(params)
+        lever_b = sources.imu_lever_b if sources else (0.0, 0.0, 0.0)
+        self._rates = LeaderEngine(params, lever_b)
         readers: dict[str, Reader] = {topics.ABSOLUTE: convert.absolute_fix_from_msg}
         sensors: tuple[str, ...] = (topics.IMU, topics.DVL, topics.DEPTH)
         if sources is not None:

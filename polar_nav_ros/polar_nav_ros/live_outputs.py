@@ -121,8 +121,9 @@ class LiveOutputs:
         roll, pitch, yaw = np.radians(p.dvl_rpy_deg)
         C_m_b = attitude.matrix_from_euler(yaw, pitch, roll)
         vehicle, zero, level = self._session.vehicle, np.zeros(3), np.eye(3)
+        arm = self._session.engine.arm
         places = [
-            ('imu', zero, level),
+            ('imu', zero if arm is None else arm.lever_b, level),
             ('dvl', np.array(p.dvl_lever_b), C_m_b),
             ('depth', np.array(p.depth_lever_b), level),
             ('transponder', np.array(p.transponder_lever_b), level),

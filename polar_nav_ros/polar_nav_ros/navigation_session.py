@@ -118,6 +118,8 @@ class NavigationSession(Generic[P]):
         Topics of the vehicle's own, beside `SENSORS` and commands.
     engine : Engine, optional
         One made already.
+    imu_lever_b : sequence of float
+        IMU from base_link, body axes [m]; not with ``engine``.
     frame_id : str
         Of positions.
     sensors : sequence of str
@@ -139,12 +141,13 @@ class NavigationSession(Generic[P]):
         readers: Mapping[str, Reader],
         *,
         engine: Engine | None = None,
+        imu_lever_b: Sequence[float] = (0.0, 0.0, 0.0),
         frame_id: str = 'earth',
         sensors: Sequence[str] = (IMU, DVL, DEPTH),
     ) -> None:
         self.params = params
         self.vehicle = vehicle
-        self.engine = Engine(params) if engine is None else engine
+        self.engine = engine or Engine(params, imu_lever_b=imu_lever_b)
         self.reorder = Reorder(self.engine, params.reorder_window_s, params.max_stamp_leap_s)
         self.taken: Counter[str] = Counter()
         self.marks_starts = False

@@ -203,7 +203,7 @@ class StartPorts:
             self.publish()
             return
         self._refused = ''
-        now = self._session.engine.saved()
+        now = self._session.engine.state()
         if now is None:
             self._origin = 'pose'
             self._start = self._machine(_with_pose(self._stated, pose))

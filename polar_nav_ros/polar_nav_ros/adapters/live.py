@@ -204,6 +204,11 @@ class Sources:
     params : EngineParams
         Of the vehicle's navigation.
 
+    Attributes
+    ----------
+    imu_lever_b : tuple of float
+        IMU from base_link, body axes [m].
+
     Raises
     ------
     ConfigError
@@ -213,9 +218,7 @@ class Sources:
     def __init__(self, mapping: m.Mapping, params: EngineParams) -> None:
         if getattr(params, 'mode', 'sins') != 'sins':
             raise _not_live(mapping, 'parameter mode', 'sources are of a SINS, mode sins')
-        if any(mapping.imu.lever_b):
-            why = 'it navigates the point of its IMU: state all lever arms from there'
-            raise _not_live(mapping, 'imu: lever_b', f'{why} (docs/limitations.md)')
+        self.imu_lever_b = mapping.imu.lever_b
         self._all: list[Source] = []
         self._add(IMU, mapping.imu.stream, 'imu', partial(_sample, mapping=mapping.imu))
         for dvl in mapping.dvls:

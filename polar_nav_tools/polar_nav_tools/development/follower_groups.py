@@ -24,7 +24,7 @@ FIRST = {
     'accel_bias_sigma': 'of the data sheet; also how well gravity levels',
     'dvl_scale_sigma': 'per cent of velocity; 0.03 where the instrument assumes a sound speed',
     'dvl_markov_sigma': 'slow error as installed; how fast dead reckoning becomes unsure',
-    'dvl_lever_b': 'measured from the IMU; 0.3 m wrong at 10 deg/s are 5 cm/s',
+    'dvl_lever_b': 'from base_link, as all lever arms; 0.3 m wrong at 10 deg/s are 5 cm/s',
     'transponder_lever_b': 'where on the vehicle fixes are: antenna, locator or transponder',
     'initialize': 'state place, height and heading, or let fixes and a heading align it',
     'reorder_window_s': 'how old `nav/state` is; where it is too short, messages are TOO_LATE',
