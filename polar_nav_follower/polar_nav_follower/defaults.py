@@ -197,6 +197,8 @@ _FIRST: dict[str, Any] = {
     'usbl_bias_sigma': 0.0,
     'usbl_bias_tau': 600.0,
     'water_sound_speed': 0.0,
+    'water_track_sigma': 0.0,
+    'water_track_tau': 60.0,
 }
 """Engine 1. For a parameter that is new: the value with which engine 1 gives its bits."""
 
@@ -236,6 +238,7 @@ _SINCE: dict[int, dict[str, Any]] = {
     },
     5: {
         'leader_drift_sigma': 1.0,
+        'water_track_sigma': 0.02,
     },
 }
 """By engine version: what changed with it. A version with new defaults counts up (version.py)."""

@@ -56,6 +56,11 @@ def aiding_warning(f: NavigationFilter) -> str:
     """
     if not f.knows_thrust:
         return 'no thrust on control/thrust: the model of the vehicle says nothing by itself'
+    if not f.has_bottom_lock and f.has_water_track:
+        return (
+            f'no bottom lock for {f.since_bottom_lock_s:.0f} s: velocity through the water and '
+            'the estimated current stand in for it'
+        )
     if not f.has_bottom_lock:
         return (
             f'no bottom lock for {f.since_bottom_lock_s:.0f} s: the model of the vehicle stands '

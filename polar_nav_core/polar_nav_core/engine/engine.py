@@ -349,10 +349,12 @@ class Engine:
     def _local(self, event: Local) -> None:
         """Fuse a ping, depth or heading, which are never treated as delayed."""
         name = _LOCAL_NAMES[type(event)]
-        if isinstance(event, DvlPing) and not event.valid:
+        if isinstance(event, DvlPing) and event.water:
+            name = 'dvl_water'
+        elif isinstance(event, DvlPing) and not event.valid:
             self.gated['dvl_invalid'] += 1
             return
-        if self._first_seconds is not None and isinstance(event, DvlPing):
+        elif self._first_seconds is not None and isinstance(event, DvlPing):
             self._first_seconds.ping(event)
         unused = isinstance(event, HeadingSample) and not self.params.uses_heading
         if self.fusion is None or unused:

@@ -350,6 +350,11 @@ class EngineParams(IdentificationParams, StationParams, LimitParams, HeadingPara
         """Whether measured headings are used."""
         return self.mode == 'sins' and self.heading_reference != 'none'
 
+    @property
+    def uses_water_track(self) -> bool:
+        """Whether velocities through the water are used, while there is no bottom lock."""
+        return self.mode == 'sins' and self.model_aiding and self.water_track_sigma > 0.0
+
     def resolved(self) -> Configuration:
         """Return the configuration in force."""
         if self.configuration == 'custom':

@@ -146,12 +146,14 @@ def usable_control(params: EngineParams, force_b: Array, torque_b: Array | None 
 
 
 def _unusable_dvl(params: EngineParams, ping: DvlPing) -> Refusal | None:
-    if ping.water:
+    if ping.water and not params.uses_water_track:
         return Verdict.NOT_READY, (
-            'the velocity is relative to the water: no current is estimated to take it off, and '
-            'it is no bottom lock'
+            'the velocity is relative to the water: no current is estimated to take it off '
+            '(model_aiding, water_track_sigma), and it is no bottom lock'
         )
-    if not ping.valid or (within(ping.v_m, params.max_speed) and is_covariance(ping.covariance_m)):
+    if not (ping.valid or ping.water) or (
+        within(ping.v_m, params.max_speed) and is_covariance(ping.covariance_m)
+    ):
         return None
     if not (np.isfinite(ping.v_m).all() and np.isfinite(ping.covariance_m).all()):
         return Verdict.NOT_FINITE, 'velocity or its covariance is not finite'

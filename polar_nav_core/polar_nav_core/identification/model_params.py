@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..errors import ConfigError
-from ..params import NodeParams, flag, param, vector
+from ..params import NodeParams, flag, param, sigma, vector
 from ..vehicle_model import VehicleModel
 
 
@@ -55,6 +55,16 @@ class ModelParams(NodeParams):
     )
     model_velocity_tau: float = param(
         15.0, 's', 0.0, 3600.0, 'How long such an error lasts (correlation time)'
+    )
+    water_track_sigma: float = sigma(
+        0.02,
+        'm/s',
+        10.0,
+        '1-sigma of what lasts in a DVL velocity through the water beside the current (layer, '
+        'wake), per axis; used with model_aiding and without bottom lock; 0: not used',
+    )
+    water_track_tau: float = param(
+        60.0, 's', 0.0, 3600.0, 'How long such an error lasts (correlation time)'
     )
     thrust_limit_n: float = param(
         1000.0,

@@ -39,6 +39,7 @@ def make_aiding(p: EngineParams) -> fs.Aiding:
                 [p.model_acceleration_noise**2, p.current_walk, p.model_drag_walk**2],
                 [p.model_velocity_sigma**2, p.model_vertical_sigma**2, p.model_velocity_tau],
                 [model.net_buoyancy, p.model_speed, 2.0 * _THRUST_UNKNOWN_S * strongest**2],
+                [p.water_track_sigma**2, p.water_track_tau, 0.0],
             ]
         ),
         thrust_ns=round(p.thrust_timeout_s * 1e9),

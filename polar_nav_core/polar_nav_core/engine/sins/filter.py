@@ -291,6 +291,14 @@ class NavigationFilter:
         self.advance()
         return self.outcome(3, fused=bool(self.state.tally[fs.DVL_ROW, fs.GATED] == gated))
 
+    def water_ping(self, ping: DvlPing) -> Outcome:
+        """Fuse one velocity through the water; without degrees of freedom beside bottom lock."""
+        counters, before_ns = self.state.counters, int(self.state.counters[fs.WATER_NS])
+        st.put_dvl(self.streams, ping)
+        self.advance()
+        fused = bool(counters[fs.WATER_NS] != before_ns)
+        return self.outcome(3 if fused or not self.has_bottom_lock else 0, fused=fused)
+
     def reach(self, stamp_ns: int) -> None:
         """Advance to a stamp [ns] of a measurement that lies in a gap between IMU samples."""
         bridge.reach(
@@ -347,6 +355,12 @@ class NavigationFilter:
     def since_bottom_lock_s(self) -> float:
         """Time since the last fused ping [s]."""
         return float(self.state.counters[fs.STAMP] - self.state.counters[fs.LOCK_NS]) * 1e-9
+
+    @property
+    def has_water_track(self) -> bool:
+        """Whether a recent velocity through the water was used; for a vehicle's model only."""
+        age_ns = self.state.counters[fs.STAMP] - self.state.counters[fs.WATER_NS]
+        return bool(age_ns <= self.settings.aiding.lost_ns)
 
     @property
     def knows_thrust(self) -> bool:

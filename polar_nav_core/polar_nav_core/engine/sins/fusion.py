@@ -92,6 +92,8 @@ class Fusion:
             return self.filter.depth(event)
         if isinstance(event, HeadingSample):
             return self.filter.heading(event)
+        if event.water:
+            return self.filter.water_ping(event)
         if self._noise_dvl is None:
             return self.filter.dvl(event)
         self.filter.reach(event.stamp_ns)

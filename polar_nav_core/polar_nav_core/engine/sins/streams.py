@@ -35,6 +35,7 @@ def live_streams(length_s: float, imu_rate: float, local_rate: float) -> fs.Stre
         dvl_stamps=np.zeros(local, dtype=np.int64),
         dvl_v_m=np.zeros((local, 3)),
         dvl_covariance_m=np.zeros((local, 3, 3)),
+        dvl_water=np.zeros(local, dtype=np.int64),
         **room_for_fixes(),
         control_stamps=np.zeros(imu, dtype=np.int64),
         control_force_b=np.zeros((imu, 3)),
@@ -74,10 +75,11 @@ def put_depth(streams: fs.Streams, sample: DepthSample) -> None:
 
 
 def put_dvl(streams: fs.Streams, ping: DvlPing) -> None:
-    """Append a valid DVL ping to its ring."""
+    """Append a usable DVL ping to its ring."""
     i = _append(streams.counts, 2, streams.dvl_stamps, ping.stamp_ns)
     streams.dvl_v_m[i] = ping.v_m
     streams.dvl_covariance_m[i] = ping.covariance_m
+    streams.dvl_water[i] = ping.water
 
 
 def put_control(streams: fs.Streams, sample: ControlSample) -> None:

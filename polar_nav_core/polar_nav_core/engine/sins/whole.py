@@ -41,8 +41,13 @@ class SinsArrays:
         x, self._rows = inputs, rows
         imu, repeats = usable_imu(params, x.imu_stamps_ns, x.omega_ib_b, x.f_b)
         dvl = x.dvl_valid & usable_dvl(params, x.dvl_valid, x.dvl_v_m, x.dvl_covariance_m)
+        water = np.zeros(len(dvl), dtype=bool)
         if len(x.dvl_water):
             dvl &= ~x.dvl_water
+            if params.uses_water_track:
+                every = np.ones(len(dvl), dtype=bool)
+                water = x.dvl_water & usable_dvl(params, every, x.dvl_v_m, x.dvl_covariance_m)
+        dvl |= water
         depth = usable_depth(params, x.depth, x.depth_variance)
         control = usable_control(params, x.control_force_b, x.control_torque_b)
         heading = usable_heading(x.headings, x.heading_up_b)
@@ -78,6 +83,7 @@ class SinsArrays:
             dvl_stamps=at_least_one(dvl_stamps),
             dvl_v_m=at_least_one(rows_of(x.dvl_v_m, dvl)),
             dvl_covariance_m=at_least_one(rows_of(x.dvl_covariance_m, dvl)),
+            dvl_water=at_least_one(rows_of(water.astype(np.int64), dvl)),
             **room_for_fixes(),
             control_stamps=at_least_one(control_stamps),
             control_force_b=at_least_one(rows_of(x.control_force_b, control)),

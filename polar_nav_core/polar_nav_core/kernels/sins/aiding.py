@@ -27,7 +27,8 @@ from .model import (
     move_relative_velocity,
     predict_block,
 )
-from .state import Settings, State, Work
+from .rows import dvl_rows
+from .state import Frames, Settings, State, Work
 from .update import cholesky, gain_of, nis_of, subtract
 
 LONGEST_STEP = 0.05
@@ -182,11 +183,7 @@ def compare_velocities(s: State, c: Settings, w: Work, dt: float) -> int:
     Its error lasts for tau: white noise once per step must have a variance 2 tau/dt times as large
     for the sum over many steps to be as uncertain as it is.
     """
-    rows = w.model
-    P_xe, P_ee = s.model[fs.P_XE : fs.P_EE], s.model[fs.P_EE : fs.MEAN]
-    e = s.model[fs.MEAN]
-    H_e, G_e = rows[_H_E : _H_E + 3], rows[_G_E : _G_E + 3]
-    K_e, D_e = rows[_K_E : _K_E + 3], rows[_D_E : _D_E + 3]
+    e, H_e = s.model[fs.MEAN], w.model[_H_E : _H_E + 3]
     model_rows(w.H, H_e, w.z, s.C_b_G, s.v_G, e, e[CURRENT:LOG_DRAG])
     stated = c.aiding.numbers[fs.DIFFERENCE]
     times = max(1.0, 2.0 * stated[2] / dt)
@@ -194,6 +191,17 @@ def compare_velocities(s: State, c: Settings, w: Work, dt: float) -> int:
         for b in range(3):
             w.R[a, b] = 0.0
         w.R[a, a] = (stated[0] if a < 2 else stated[1]) * times
+    code: int = _fuse_jointly(s, c, w)
+    return code
+
+
+@kernel
+def _fuse_jointly(s: State, c: Settings, w: Work) -> int:
+    """Fuse three rows H, H_e of x and e with R and z, all in the scratch; the code, as there."""
+    rows = w.model
+    P_xe, P_ee = s.model[fs.P_XE : fs.P_EE], s.model[fs.P_EE : fs.MEAN]
+    H_e, G_e = rows[_H_E : _H_E + 3], rows[_G_E : _G_E + 3]
+    K_e, D_e = rows[_K_E : _K_E + 3], rows[_D_E : _D_E + 3]
     joint_innovation(w.S, w.PHt, G_e, s.P, P_xe, P_ee, w.H, H_e, w.R)
     if not cholesky(w.L, w.S, 3):
         return fs.S_NOT_DEFINITE
@@ -206,6 +214,54 @@ def compare_velocities(s: State, c: Settings, w: Work, dt: float) -> int:
     for i in range(w.x.shape[0]):
         w.x[i] = w.K[0, i] * w.z[0] + w.K[1, i] * w.z[1] + w.K[2, i] * w.z[2]
     return fs.FUSED
+
+
+@routine
+def fuse_water_ping(s: State, fr: Frames, c: Settings, w: Work, v_m: Array, R_m: Array) -> int:
+    """Fuse a velocity through the water into x and e, that over ground being it plus V_c.
+
+    Its rows are those of a ping over ground at the velocity v_G - V_c, less V_c. What lasts in it
+    beside the current (the layer that it is of, the wake) is taken as in `compare_velocities`; a
+    vertical current too. Returns FUSED, REFUSED or S_NOT_DEFINITE; of x the correction is in w.x.
+    """
+    e, H_e = s.model[fs.MEAN], w.model[_H_E : _H_E + 3]
+    for k in range(3):
+        w.f[k] = s.v_G[k]
+    for k in range(2):
+        w.f[k] -= e[CURRENT + k]
+    dvl_rows(
+        w.H,
+        w.R,
+        w.z,
+        w.C_m_G,
+        s.C_b_G,
+        w.f,
+        s.omega_ib_b,
+        fr.omega_ie_G,
+        s.b_gyro_b,
+        s.dvl_scale_m,
+        s.dvl_markov_m,
+        v_m,
+        R_m,
+        c.C_m_b,
+        c.lever_dvl_b,
+    )
+    dt = (s.counters[fs.STAMP] - s.counters[fs.WATER_NS]) * 1e-9
+    lasting, vertical = c.aiding.numbers[fs.WATER], c.aiding.numbers[fs.DIFFERENCE]
+    for a in range(3):
+        for k in range(E):
+            H_e[a, k] = 0.0
+        if a < 2:
+            H_e[a, CURRENT + a] = -1.0
+        w.R[a, a] += lasting[0] * max(1.0, 2.0 * lasting[1] / max(dt, 1e-3))
+    w.R[2, 2] += vertical[1] * max(1.0, 2.0 * vertical[2] / max(dt, 1e-3))
+    code: int = _fuse_jointly(s, c, w)
+    if code >= 0:
+        w.nis[0] = nis_of(w.L, w.z, w.w, 3)
+        w.nis[1] = 1.0
+    if code == fs.FUSED:
+        s.counters[fs.WATER_NS] = s.counters[fs.STAMP]
+    return code
 
 
 @kernel

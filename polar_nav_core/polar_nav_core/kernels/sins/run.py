@@ -10,12 +10,18 @@ from ...arrays import Array
 from ..cache import kernel, routine
 from ..queues import earlier, is_before
 from . import state as fs
-from .aiding import control_event, count_good_ping, has_bottom_lock, model_is_definite
+from .aiding import (
+    control_event,
+    count_good_ping,
+    fuse_water_ping,
+    has_bottom_lock,
+    model_is_definite,
+)
 from .bridge import bridge, bridge_to_sample, is_gap
 from .columns import describe
 from .consider import add_common, add_conflict, fix_common
 from .events import consider_leader, fill_depth, fill_dvl, fill_fix, imu_event, note_outcome
-from .fuse import fuse_rows, locate, ping_passes
+from .fuse import correct_and_remember, fuse_rows, locate, ping_passes
 from .heading import heading_event
 from .late import OUT_OF_REACH, fill_late_fix
 from .model import E
@@ -113,14 +119,25 @@ def _fill_next_depth(s: State, fr: Frames, c: Settings, w: Work, streams: Stream
 
 
 @kernel
-def _fill_next_ping(s: State, fr: Frames, c: Settings, w: Work, streams: Streams) -> int:
+def _fill_next_ping(
+    s: State, fr: Frames, c: Settings, past: Past, w: Work, streams: Streams
+) -> int:
     """Fill the rows of the next ping into the scratch; returns their number, or a code below zero.
 
     With a vehicle's model, the first pings after a loss of bottom lock are only watched: then
-    there are no rows to fuse.
+    there are no rows to fuse. Nor are there of a velocity through the water: it is fused here, and
+    only without lock.
     """
     k = s.counters[fs.DVL] % streams.dvl_stamps.shape[0]
     s.counters[fs.DVL] += 1
+    if streams.dvl_water[k] == 1:
+        if c.aiding.on and not has_bottom_lock(s, c):
+            code = fuse_water_ping(s, fr, c, w, streams.dvl_v_m[k], streams.dvl_covariance_m[k])
+            if code < 0:
+                return code
+            if code == fs.FUSED:
+                correct_and_remember(s, c, past, w.x)
+        return fs.NO_MEASUREMENT
     fill_dvl(s, fr, c, w, streams.dvl_v_m[k], streams.dvl_covariance_m[k])
     if c.aiding.on and not has_bottom_lock(s, c):
         code = ping_passes(s, c, w)
@@ -219,7 +236,7 @@ def _process(
         if rank == fs.DEPTH_RANK:
             stream, m = fs.DEPTH_ROW, _fill_next_depth(s, fr, c, w, streams)
         elif rank == fs.DVL_RANK:
-            stream, m = fs.DVL_ROW, _fill_next_ping(s, fr, c, w, streams)
+            stream, m = fs.DVL_ROW, _fill_next_ping(s, fr, c, past, w, streams)
         else:
             stream, m = fs.FIX_ROW, _fill_next_fix(s, fr, c, past, w, streams, stamp, rows)
         if m < 0:

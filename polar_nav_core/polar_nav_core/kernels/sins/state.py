@@ -79,7 +79,8 @@ HEADING_USED_NS = HEADING + 2
 HEADING_OPENED_NS = HEADING + 3  # when its gate was last opened again; the start at first
 HEADING_OPENINGS = HEADING + 4
 CONSIDERS = HEADING + 5  # 1 where a common error has a sigma, or the leader drifts
-COUNTERS = HEADING + 6
+WATER_NS = HEADING + 6  # stamp of the newest velocity through the water that was used
+COUNTERS = HEADING + 7
 
 # What an event function (FUSED or REFUSED, too) or `advance` returns.
 DONE = 0
@@ -221,7 +222,7 @@ class Aiding(NamedTuple):
     """Constants of the vehicle's model and of its use in the filter."""
 
     on: bool
-    numbers: Array  # (6, 3), rows below
+    numbers: Array  # (7, 3), rows below
     thrust_ns: int  # how long a thrust holds that no newer one follows
     lost_ns: int  # without a good ping for longer: bottom lock is lost
     pings: int  # good ones in a row until the DVL is used again
@@ -230,12 +231,14 @@ class Aiding(NamedTuple):
 # Rows of Aiding.numbers. WALKS: variances per second of v_r, V_c and both of the drag's.
 # DIFFERENCE: variance of v_G - C_b_G v_r - V_c, horizontal and vertical, and its time. OTHER: net
 # buoyancy, speed at which ln Dt and f are stated, variance per second of v_r without a thrust.
+# WATER: variance and time of the slow error of a velocity through the water.
 INERTIA = 0
 LINEAR = 1
 QUADRATIC = 2
 WALKS = 3
 DIFFERENCE = 4
 OTHER = 5
+WATER = 6
 
 
 class Settings(NamedTuple):
@@ -410,6 +413,7 @@ class Streams(NamedTuple):
     dvl_stamps: Ints
     dvl_v_m: Array
     dvl_covariance_m: Array
+    dvl_water: Ints  # 1 where the velocity is relative to the water
     fix_stamps: Ints  # of their place in the order: validity for `rewind`, else reception
     fix_validities: Ints
     fix_r_e: Array
