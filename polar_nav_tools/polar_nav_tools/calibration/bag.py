@@ -4,21 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from polar_nav_core.engine.inputs import Inputs
-from polar_nav_core.errors import ConfigError
 from polar_nav_follower.params import FollowerParams
 from polar_nav_ros.adapters.mapping import Mapping as Sources
 
 from ..bags import Bag
-from ..foreign.lever import at_the_imu
-from ..foreign.load import load
+from ..foreign.recording import Recording, mapped_recording, own_recording
 from ..foreign.sources import Source
-from ..replay.by_message import parameters
-from ..replay.plain import plain_arrays
 from .constants import chosen
 from .estimate import Estimated, estimate
 from .problem import Progress
@@ -101,14 +96,12 @@ def calibrate_bag(
     Raises
     ------
     ConfigError
-        As `plain_arrays`, and for constants that it has no data about.
+        As `own_recording`, and for constants that it has no data about.
     """
-    arrays = plain_arrays(bag, vehicle, 'calibrated', progress=lambda share: progress(0.2 * share))
-    params = parameters(arrays.params, 'default', changes)
-    inputs = arrays.inputs(params).inputs
-    return _calibrated(
-        bag.path, vehicle, params, inputs, wanted, lambda share: progress(0.2 + 0.8 * share)
+    run = own_recording(
+        bag, vehicle, 'calibrated', changes, progress=lambda share: progress(0.2 * share)
     )
+    return _calibrated(run, wanted, lambda share: progress(0.2 + 0.8 * share))
 
 
 def calibrate_mapped(
@@ -119,24 +112,11 @@ def calibrate_mapped(
     accept: Iterable[str],
     progress: Progress,
 ) -> Calibration:
-    """Calibration of a bag of any origin."""
-    loaded = load(source, mapping, accept)
-    params = at_the_imu(loaded)  # what is added to a lever arm is the same from anywhere
-    if not len(loaded.inputs.imu_stamps_ns):
-        raise ConfigError(f'{source.path}: no IMU sample after the start')
-    path = Path(source.path)
-    return _calibrated(path, mapping.vehicle, params, loaded.inputs, wanted, progress)
+    """Calibration of a bag of any origin; what is added to a lever arm is the same anywhere."""
+    return _calibrated(mapped_recording(source, mapping, accept), wanted, progress)
 
 
-def _calibrated(
-    path: Path,
-    vehicle: str,
-    params: FollowerParams,
-    inputs: Inputs,
-    wanted: Wanted,
-    progress: Progress,
-) -> Calibration:
-    constants = chosen(params, inputs, wanted.only, wanted.also)
-    found = estimate(params, inputs, constants, progress=progress)
-    recorded = datetime.fromtimestamp(int(inputs.imu_stamps_ns[0]) // 1_000_000_000, UTC)
-    return Calibration(path, vehicle, params, recorded, found, lines_of(found))
+def _calibrated(run: Recording, wanted: Wanted, progress: Progress) -> Calibration:
+    constants = chosen(run.params, run.inputs, wanted.only, wanted.also)
+    found = estimate(run.params, run.inputs, constants, progress=progress)
+    return Calibration(run.path, run.vehicle, run.params, run.recorded, found, lines_of(found))

@@ -70,7 +70,7 @@ class Problem:
         self.moved = [c for c in constants if not c.states]
         self._held = [c for c in constants if c.states]
         self._params, self._inputs = prepared(params, constants), inputs
-        sigmas = _stated_sigmas(params)
+        sigmas = stated_sigmas(params)
         free = {c.column for c in self.moved}
         self._nuisance = [k for k in np.flatnonzero(sigmas).tolist() if k not in free]
         known = [*(c.prior for c in self.moved), *sigmas[self._nuisance].tolist()]
@@ -173,7 +173,7 @@ class Problem:
         return _STEP * c.prior
 
 
-def _stated_sigmas(params: EngineParams) -> Array:
+def stated_sigmas(params: EngineParams) -> Array:
     """Sigmas of the common errors, (COLUMNS,), with those of a leader that drifts."""
     sigmas = common_sigmas(params)
     if params.leader_error_tau > 0.0 and not (params.usbl_bias_sigma or params.uses_heading):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,8 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from ruamel.yaml import YAML
-from ruamel.yaml.comments import CommentedMap, CommentedSeq
+from ruamel.yaml.comments import CommentedMap
 
 from polar_nav_core.attitude import exp, matrix_from_euler
 from polar_nav_core.dvl import SOUND_SPEED_LIMITS
@@ -20,6 +18,7 @@ from polar_nav_core.errors import ConfigError
 from polar_nav_core.user_files import read_text
 from polar_nav_ros.adapters.mapping import Mapping as Sources
 
+from ..foreign.mapping_text import load_text, parameters_of, put, sections, text_of
 from . import move
 from .bag import Calibration
 from .problem import SIGMAS
@@ -27,9 +26,6 @@ from .verdicts import Line, Verdict
 
 _TURNS = {'dvl_roll': 0, 'dvl_pitch': 1, 'dvl_yaw': 2}
 _AXES = {'x': 0, 'y': 1, 'z': 2}
-_DECIMALS = 6
-_INDENTS = (2, 4)
-"""Of sections, and of those in a list."""
 _SOUND_SPEED = 1500.0
 """That a DVL assumes unless it is told another one [m/s]."""
 NO_KEY = {
@@ -103,10 +99,10 @@ def parameter_lines(found: Calibration, assign: Sequence[str]) -> Written:
         if not key:
             left[name] = 'no parameter holds it'
             continue
-        _put(section, key, new, _origin(found, line))
+        put(section, key, new, _origin(found, line))
         _raise_sigma(top, found, line)
         names.append(name)
-    return Written(_text(top) if names else '', tuple(names), left)
+    return Written(text_of(top) if names else '', tuple(names), left)
 
 
 def _parameter(
@@ -144,7 +140,7 @@ def mapping_file(
         Sums that belong to these constants.
     """
     lines, left = chosen_lines(found.lines, assign)
-    top = _yaml().load(read_text(path))
+    top = load_text(read_text(path))
     names = []
     for line in lines:
         name, value = line.constant.name, line.value / line.constant.factor
@@ -154,7 +150,7 @@ def mapping_file(
         else:
             _raise_sigma(top, found, line)
             names.append(name)
-    return Written(_text(top), tuple(names), left)
+    return Written(text_of(top), tuple(names), left)
 
 
 def _raise_sigma(top: CommentedMap, found: Calibration, line: Line) -> None:
@@ -163,12 +159,12 @@ def _raise_sigma(top: CommentedMap, found: Calibration, line: Line) -> None:
     key, unit = SIGMAS.get(c.column, ('dvl_scale_sigma', 1.0))
     if c.column < 0 and c.name != 'dvl_scale':
         return
-    section = _parameters(top)
+    section = parameters_of(top)
     if top.get('noise') is not None and key not in section:
         section = top['noise']  # where a number beside the class of an instrument wins
     sigma = line.sigma / c.factor * unit
     if sigma > float(section.get(key, getattr(found.params, key))):
-        _put(section, key, sigma, f'what is left of {c.name}')
+        put(section, key, sigma, f'what is left of {c.name}')
 
 
 def _enter(
@@ -177,31 +173,34 @@ def _enter(
     """Enter a value into a mapping; returns why it could not be, or nothing."""
     name, origin = line.constant.name, _origin(found, line)
     if name == 'delay':
-        for section in _sections(top, 'fixes'):
+        for section in sections(top, 'fixes'):
             _shift(section, -value, origin)
             if 'delay_s' in section:
-                _put(section, 'delay_s', max(0.0, float(section['delay_s']) + value), origin)
+                put(section, 'delay_s', max(0.0, float(section['delay_s']) + value), origin)
     elif name == 'dvl_latency':
-        for section in _sections(top, 'dvl'):
+        for section in sections(top, 'dvl'):
             _shift(section, -value, origin)
     elif name in _TURNS:
-        for section, dvl in zip(_sections(top, 'dvl'), mapping.dvls, strict=True):
+        for section, dvl in zip(sections(top, 'dvl'), mapping.dvls, strict=True):
             C = _turned(_mounting(section, dvl.C_s_b), found, _TURNS[name], value)
-            _put(section, 'rotation', {'rpy_deg': list(move.rpy_of(C))}, origin)
+            put(section, 'rotation', {'rpy_deg': list(move.rpy_of(C))}, origin)
     elif name.startswith('dvl_lever_'):
-        for section in _sections(top, 'dvl'):
+        for section in sections(top, 'dvl'):
             lever = section.get('lever_b', mapping.params.get('dvl_lever_b', (0.0, 0.0, 0.0)))
-            _put(section, 'lever_b', _longer(lever, name, value), origin)
+            put(section, 'lever_b', _longer(lever, name, value), origin)
     elif name.startswith('transponder_lever_'):
-        for section in _sections(top, 'fixes'):
+        for section in sections(top, 'fixes'):
             key = 'antenna_lever_b' if 'antenna_lever_b' in section else 'transponder_lever_b'
             lever = section.get(key, mapping.params.get('transponder_lever_b', (0.0, 0.0, 0.0)))
-            _put(section, key, _longer(lever, name, value), origin)
+            put(section, key, _longer(lever, name, value), origin)
     elif name == 'dvl_scale':
         return _sound_speed(top, mapping, value, origin)
     else:
-        _put(
-            _parameters(top), 'sea_surface_height', found.params.sea_surface_height + value, origin
+        put(
+            parameters_of(top),
+            'sea_surface_height',
+            found.params.sea_surface_height + value,
+            origin,
         )
     return ''
 
@@ -220,7 +219,7 @@ def _sound_speed(top: CommentedMap, mapping: Sources, value: float, origin: str)
     new = (water or assumed.pop() or _SOUND_SPEED) / (1.0 + value)
     if not SOUND_SPEED_LIMITS[0] <= new <= SOUND_SPEED_LIMITS[1]:
         return f'{new:.0f} m/s is the sound speed of no water'
-    _put(_parameters(top), 'water_sound_speed', new, origin)
+    put(parameters_of(top), 'water_sound_speed', new, origin)
     return ''
 
 
@@ -249,44 +248,7 @@ def _longer(lever: Sequence[float], name: str, value: float) -> list[float]:
 
 
 def _shift(section: CommentedMap, by: float, origin: str) -> None:
-    _put(section, 'time_offset_s', float(section.get('time_offset_s', 0.0)) + by, origin)
-
-
-def _sections(top: CommentedMap, key: str) -> list[CommentedMap]:
-    found = top[key]
-    return list(found) if isinstance(found, CommentedSeq | list) else [found]
-
-
-def _parameters(top: CommentedMap) -> CommentedMap:
-    if top.get('parameters') is None:
-        top['parameters'] = CommentedMap()
-    section: CommentedMap = top['parameters']
-    return section
-
-
-def _put(section: CommentedMap, key: str, value: Any, origin: str) -> None:  # noqa: ANN401
-    """Set a key, with a line above it that says where the value is from."""
-    section.fa.set_block_style()  # a line of its own for the comment
-    section[key] = _plain(value)
-    column = section.lc.col
-    section.yaml_set_comment_before_after_key(
-        key, before=origin, indent=column if column in _INDENTS else _INDENTS[0]
-    )
-
-
-def _plain(value: Any) -> Any:  # noqa: ANN401
-    """Value rounded, lists and maps on one line."""
-    if isinstance(value, float):
-        return round(value, _DECIMALS) + 0.0
-    if isinstance(value, list):
-        row = CommentedSeq([_plain(v) for v in value])
-        row.fa.set_flow_style()
-        return row
-    if isinstance(value, dict):
-        table = CommentedMap({k: _plain(v) for k, v in value.items()})
-        table.fa.set_flow_style()
-        return table
-    return value
+    put(section, 'time_offset_s', float(section.get('time_offset_s', 0.0)) + by, origin)
 
 
 def _origin(found: Calibration, line: Line) -> str:
@@ -295,17 +257,3 @@ def _origin(found: Calibration, line: Line) -> str:
         f'polar calibrate {found.path.name} of {found.recorded:%Y-%m-%d}: '
         f'{c.name} {line.value:+.4g} {c.unit}, 1-sigma {line.sigma:.2g} {c.unit}'
     )
-
-
-def _yaml() -> YAML:
-    yaml = YAML()
-    yaml.preserve_quotes = True
-    yaml.width = 4096
-    yaml.indent(mapping=2, sequence=4, offset=2)
-    return yaml
-
-
-def _text(top: CommentedMap) -> str:
-    out = io.StringIO()
-    _yaml().dump(top, out)
-    return out.getvalue()
