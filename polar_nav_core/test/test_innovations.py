@@ -1,10 +1,14 @@
 """Whitened innovations of whole runs: white, and the smoother's information of common errors."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from closed_loop import World, inputs_of
+from scipy.stats import multivariate_normal
 
 from polar_nav_core.engine import innovations, smoothing
+from polar_nav_core.engine.events import Rank
 from polar_nav_core.engine.sins.innovation_tape import whitened
 from polar_nav_core.errors import ConfigError
 
@@ -34,6 +38,46 @@ def test_they_are_white_with_unit_variance(run):
     rows = found.sizes.sum()
     assert rows > 2000
     assert np.sum(found.white**2) / rows == pytest.approx(1.0, abs=0.15)
+
+
+def test_their_density_is_that_of_all_rows_at_once():
+    """White rows with common errors b: the dense normal distribution of cov I + W B W^T."""
+    rng = np.random.default_rng(7)
+    n, c = 7, 4
+    sizes = np.array([1, 3, 3, 1, 2, 3, 1])
+    beyond = np.arange(3) >= sizes[:, None]
+    white = np.where(beyond, 0.0, 2.0 * rng.normal(size=(n, 3)))
+    moved = np.where(beyond[:, :, None], 0.0, rng.normal(size=(n, 3, c)))
+    log_sigma = np.where(beyond, 0.0, rng.normal(size=(n, 3)))
+    sigmas = np.array([0.5, 0.0, 2.0, 30.0])
+    nothing = np.zeros(0)
+    found = innovations.Innovations(
+        sizes, sizes, sizes, white, moved, log_sigma, nothing, nothing, nothing, 1, (), ''
+    )
+    u, logs = innovations.independent(found, sigmas)
+    rows = int(sizes.sum())
+    got = -logs.sum() - 0.5 * np.sum(u**2) - 0.5 * rows * np.log(2.0 * np.pi)
+    W = moved[~beyond]
+    dense = multivariate_normal(np.zeros(rows), np.eye(rows) + W * sigmas**2 @ W.T)
+    assert got == pytest.approx(dense.logpdf(white[~beyond]) - log_sigma.sum(), rel=1e-10)
+    assert not u[beyond].any()
+    assert not logs[beyond].any()
+
+
+def test_density_of_a_run_is_that_of_its_measurements(run):
+    """Of a run without common errors: rows z ~ N(0, S) with S = L L^T, as the filter has them."""
+    params, inputs, found = run
+    u, logs = innovations.independent(found, np.zeros(found.moved.shape[2]))
+    np.testing.assert_array_equal(u, found.white)
+    np.testing.assert_array_equal(logs, found.log_sigma)
+    louder = replace(inputs, depth_variance=4.0 * inputs.depth_variance)
+    other = innovations.innovations(params, louder)
+    depth = found.ranks == Rank.DEPTH
+    assert found.log_sigma[depth, 0].mean() < other.log_sigma[depth, 0].mean()
+    # z of a depth is the same in the first measurement: the product of both.
+    first = int(np.flatnonzero(depth)[0])
+    z = [r.white[first, 0] * np.exp(r.log_sigma[first, 0]) for r in (found, other)]
+    assert z[0] == pytest.approx(z[1], rel=1e-9)
 
 
 def test_they_hold_what_the_smoother_says_of_common_errors(run):

@@ -13,6 +13,7 @@ import numpy as np
 
 from ..arrays import Array, Ints
 from ..errors import ConfigError
+from ..kernels.sins import marginal
 from . import run as engine_run
 from .events import Receipt
 from .inputs import Inputs
@@ -35,6 +36,9 @@ class Innovations:
         L^-1 z with S = L L^T: unit variance, rows beyond the size zero.
     moved : (n, 3, COLUMNS) array
         L^-1 M: change of ``white`` per unit of each common error (`kernels.sins.consider`).
+    log_sigma : (n, 3) array
+        Logarithms of the diagonal of L: of the sigma of each row given those before, without
+        common errors; rows beyond the size zero.
     state : (30,) array
         At the end: C_b_G, v_G [m/s], r_e [m], sensor errors.
     P, sensitivity : (24, 24), (24, COLUMNS) arrays
@@ -50,6 +54,7 @@ class Innovations:
     sizes: Ints
     white: Array
     moved: Array
+    log_sigma: Array
     state: Array
     P: Array
     sensitivity: Array
@@ -88,7 +93,7 @@ def innovations(
         )
         if not tape.pieces:
             raise ConfigError('nothing was measured: the filter did not start, or fused nothing')
-        stamps_ns, ranks, sizes, white, moved = (
+        stamps_ns, ranks, sizes, white, moved, log_sigma = (
             np.concatenate(column) for column in zip(*tape.pieces, strict=True)
         )
         state, P, sensitivity = tape.end()
@@ -98,6 +103,7 @@ def innovations(
             sizes=sizes,
             white=white,
             moved=moved,
+            log_sigma=log_sigma,
             state=state,
             P=P,
             sensitivity=sensitivity,
@@ -105,3 +111,28 @@ def innovations(
             receipts=result.receipts,
             divergence=result.divergence,
         )
+
+
+def independent(run: Innovations, sigmas: Array) -> tuple[Array, Array]:
+    """Innovations of a run as independent numbers, with common errors of so many sigmas unknown.
+
+    The density of all that was measured is the product of normal densities over the rows:
+    ``ln p = -sum(log_sigma) - sum(white**2) / 2 - rows ln(2 pi) / 2``.
+
+    Parameters
+    ----------
+    run : Innovations
+    sigmas : (COLUMNS,) array
+        Of the common errors, in the units of `kernels.sins.consider`; zero for none.
+
+    Returns
+    -------
+    white, log_sigma : (n, 3) arrays
+        Numbers of unit variance, and the logarithm of the sigma that each was divided by; rows
+        beyond a measurement's size are zero.
+    """
+    white, log_sigma = np.empty_like(run.white), np.empty_like(run.white)
+    c = len(sigmas)
+    scratch = (np.empty(c), np.empty((c, c)), np.empty(c))
+    marginal.independent_rows(run.white, run.moved, run.sizes, sigmas, *scratch, white, log_sigma)
+    return white, run.log_sigma + log_sigma

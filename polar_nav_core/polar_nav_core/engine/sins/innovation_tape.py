@@ -25,13 +25,13 @@ class InnovationTape(Tape):
     Attributes
     ----------
     pieces : list of tuple of arrays
-        Per look: stamps [ns], ranks, sizes, whitened innovations (n, 3) and sensitivities
-        (n, 3, COLUMNS); rows beyond the size are zero.
+        Per look: stamps [ns], ranks, sizes, whitened innovations (n, 3), sensitivities
+        (n, 3, COLUMNS) and logarithms of the diagonal of L (n, 3); rows beyond the size are zero.
     """
 
     def __init__(self) -> None:
         super().__init__(_STATES_EVERY)
-        self.pieces: list[tuple[Ints, Ints, Ints, Array, Array]] = []
+        self.pieces: list[tuple[Ints, Ints, Ints, Array, Array, Array]] = []
 
     def take(self) -> None:
         """Copy what was logged since the last call.
@@ -53,10 +53,12 @@ class InnovationTape(Tape):
         rows = log.numbers[order] % len(log.H)
         sizes = log.rows[order]
         stacked = np.concatenate([log.z[rows][:, :, None], log.moved[rows]], axis=2)
-        white = whitened(log.L[rows], stacked, sizes)
-        self.pieces.append(
-            (log.stamps[order], log.ranks[order], sizes, white[:, :, 0], white[:, :, 1:])
-        )
+        L = log.L[rows]
+        white = whitened(L, stacked, sizes)
+        beyond = np.arange(ROWS) >= sizes[:, None]
+        log_sigma = np.log(np.where(beyond, 1.0, L[:, range(ROWS), range(ROWS)]))
+        measured = (log.stamps[order], log.ranks[order], sizes)
+        self.pieces.append((*measured, white[:, :, 0], white[:, :, 1:], log_sigma))
         self._taken = count
 
     def end(self) -> tuple[Array, Array, Array]:
