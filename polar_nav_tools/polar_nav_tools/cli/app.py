@@ -34,6 +34,7 @@ COMMANDS = (
     'export',
     'smooth',
     'calibrate',
+    'tune',
     'bench',
     'experiments',
     'development',

@@ -1,0 +1,154 @@
+"""`polar tune`: noise of the instruments out of a recording."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from polar_nav_core.errors import ConfigError
+
+from .app import app, emit_json, require, say
+from .arguments import AcceptOption, ChangeOption, MapOption, MsgPathOption
+from .bags import BagArgument, JsonOption, VehicleOption, percent
+from .mapped import open_mapped
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from ..tuning.bag import Tuning
+    from ..tuning.write import Written
+
+
+@app.command(
+    epilog='Example: `./polar tune cruise.mcap --map mapping.yaml --write`'
+    '\n\nA recording of this project: `./polar tune bags/my_run`'
+)
+def tune(
+    bag: BagArgument,
+    write: Annotated[
+        bool,
+        typer.Option(
+            '--write',
+            help='Write what is suggested to a copy of the mapping, MAPPING_tuned.yaml; '
+            'without --map print it as parameters.',
+        ),
+    ] = False,
+    change: ChangeOption = None,
+    vehicle: VehicleOption = None,
+    mapping: MapOption = None,
+    accept: AcceptOption = None,
+    msg_path: MsgPathOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Estimate the noise of IMU, DVL, depth and fixes, and judge it by a part held out.
+
+    Suggests numbers and applies none. NOT_EXCITED is what the recording cannot tell, INSEPARABLE
+    what it shows only together with another. docs/tune.md says what can be seen.
+    """
+    if mapping is None and (accept or msg_path is not None):
+        raise typer.BadParameter('goes with --map', param_hint='--accept, --msg-path')
+    target = None
+    if write and mapping is not None:
+        target = mapping.with_name(f'{mapping.stem}_tuned{mapping.suffix}')
+        if target.exists():
+            raise ConfigError(f'{target} exists already; nothing is overwritten')
+    if mapping is None:
+        found, missing = _own(bag, vehicle, change or [])
+    else:
+        found, missing = _mapped(bag, mapping, change or [], accept or [], msg_path)
+    well = not (missing or found.problems)
+    written = _written(found, mapping) if write else None
+    if as_json:
+        emit_json({**found.to_dict(), **_written_values(written, target), 'ok': well})
+    else:
+        _print(found)
+    if written is not None:
+        _write(written, target, quiet=as_json)
+    for problem in found.problems:
+        say(problem)
+    require(well)
+
+
+def _own(bag: Path, vehicle: str | None, change: list[str]) -> tuple[Tuning, Sequence[object]]:
+    from ..analysis.opening import open_for
+    from ..replay.output import parse_changes
+    from ..replay.recorded import choose_follower
+    from ..tuning.bag import tune_bag
+
+    source, changes = open_for(bag, say), parse_changes(change)
+    name = choose_follower(source, vehicle)[0]
+    with percent('tune') as progress:
+        found = tune_bag(source, name, changes=changes, progress=progress)
+    return found, source.problems
+
+
+def _mapped(
+    bag: Path, mapping: Path, change: list[str], accept: list[str], msg_path: Path | None
+) -> tuple[Tuning, Sequence[object]]:
+    from ..replay.output import parse_changes
+    from ..tuning.bag import tune_mapped
+
+    changes = {**parse_changes(change), 'configuration': 'default'}
+    source, what = open_mapped(bag, mapping, changes, msg_path)
+    with percent('tune') as progress:
+        found = tune_mapped(source, what, accept=accept, progress=progress)
+    return found, source.problems
+
+
+def _written(found: Tuning, mapping: Path | None) -> Written:
+    from polar_nav_ros.adapters import mapping_file as files
+
+    from ..tuning import write
+
+    if mapping is None:
+        return write.parameter_lines(found)
+    written = write.mapping_file(mapping, found, files.load(mapping))
+    files.parse(written.text, f'tuned {mapping}')  # refuses before anything is written
+    return written
+
+
+def _written_values(written: Written | None, target: Path | None) -> dict[str, object]:
+    if written is None:
+        return {}
+    return {
+        'written': {
+            'path': None if target is None or not written.names else str(target),
+            'text': written.text,
+            'names': list(written.names),
+            'left': dict(written.left),
+        }
+    }
+
+
+def _write(written: Written, target: Path | None, *, quiet: bool) -> None:
+    for name, why in written.left.items():
+        say(f'{name} is not written: {why}')
+    if not written.names:
+        say('nothing was written: nothing is suggested that a file could state')
+    elif target is not None:
+        target.write_text(written.text, encoding='utf-8')
+        say(f'{target}: {", ".join(written.names)}')
+    elif not quiet:
+        sys.stdout.write(written.text)
+
+
+def _print(found: Tuning) -> None:
+    from rich.console import Console
+    from rich.text import Text
+
+    from ..terminal.tables import print_table
+    from ..tuning.verdicts import judgement, nees_words, nis_table, notes, sentence, table
+
+    console = Console(highlight=False)
+    whole = not console.is_terminal  # a file has no edge
+    title = f'{found.run.vehicle}, {found.run.recorded:%Y-%m-%d}: noise as the data show it'
+    print_table(console, table(title, found.lines))
+    print_table(console, nis_table(found.found.judged))
+    out = [f'{line.parameter.label}: {line.why}' for line in found.lines if line.why]
+    out += [judgement(found.found.judged), *nees_words(found.found.nees), *notes(found.found)]
+    out += [sentence(found.found, found.lines), 'nothing was changed: `--write` writes a copy']
+    for text in out:
+        console.print(Text(text), soft_wrap=whole)
