@@ -129,7 +129,7 @@ def ungated(params: EngineParams) -> EngineParams:
         For parameters that have no linear steps.
     """
     return replace(
-        gated(params),
+        each_at_its_validity(params),
         gate_probability=1.0,
         robust_fixes='none',
         max_fix_sigma=0.0,
@@ -137,8 +137,8 @@ def ungated(params: EngineParams) -> EngineParams:
     )
 
 
-def gated(params: EngineParams) -> EngineParams:
-    """The same with the gates of its configuration."""
+def each_at_its_validity(params: EngineParams) -> EngineParams:
+    """Parameters with which each fix is fused at its validity; gates are as stated."""
     return replace(
         in_order(params),
         initial_sigma_position=max(params.initial_sigma_position, _START_SIGMA),
@@ -187,6 +187,8 @@ def until(inputs: Inputs, last_ns: int) -> Inputs:
 _MEDIAN = {1: 0.4549, 2: 1.3863, 3: 2.3660}
 """Median of chi-square."""
 _ROUNDS = 5
+_GROSS = 1.0 - 1e-6
+"""Share of good measurements that the gate keeps: to cut noise off would make it look smaller."""
 _ALIKE = 1.2
 
 
@@ -240,11 +242,12 @@ def plausible(params: EngineParams, inputs: Inputs) -> Kept:
     """Measurements of a recording without what is grossly wrong.
 
     The noise of each sensor is enlarged until the median of its NIS is that of a right model,
-    whatever single measurements say; what the filter's own gate then refuses is left out. First
+    whatever single measurements say; what a wide gate then refuses is left out. First
     without a gate, where gross errors spoil what comes after them, then with it, as often as the
     noise changes.
     """
-    stated, calm = stated_sigmas(params), replace(gated(params), max_imu_noise_factor=1.0)
+    stated = stated_sigmas(params)
+    calm = replace(each_at_its_validity(params), gate_probability=_GROSS, max_imu_noise_factor=1.0)
     larger = dict.fromkeys(SENSORS, 1.0)
     run = innovations(ungated(params), inputs)
     for _ in range(_ROUNDS):

@@ -64,7 +64,8 @@ class Line:
 def lines_of(found: Tuned) -> tuple[Line, ...]:
     """Lines of all noises, in their order."""
     sigma, estimated = found.sigma, found.estimated
-    twins = inseparable(found.fit.covariance, found.fit.prior, estimated)
+    least = np.array([p.least_sigma for p in found.parameters])
+    twins = inseparable(found.fit.covariance, found.fit.prior, estimated, least)
     out = []
     for k, parameter in enumerate(found.parameters):
         verdict, why = Verdict.ESTIMATED, ''
@@ -90,7 +91,9 @@ def lines_of(found: Tuned) -> tuple[Line, ...]:
     return tuple(out)
 
 
-def inseparable(covariance: Array, prior: Array, estimated: Array) -> dict[int, int]:
+def inseparable(
+    covariance: Array, prior: Array, estimated: Array, least_sigma: Array
+) -> dict[int, int]:
     """Noises that are not estimated but would be if another one was known, and which that is.
 
     Parameters
@@ -100,6 +103,8 @@ def inseparable(covariance: Array, prior: Array, estimated: Array) -> dict[int, 
     prior : (k,) array
         1-sigma before the data.
     estimated : (k,) array of bool
+    least_sigma : (k,) array
+        That no recording goes below.
     """
     out: dict[int, int] = {}
     for k in np.flatnonzero(~estimated).tolist():
@@ -110,7 +115,8 @@ def inseparable(covariance: Array, prior: Array, estimated: Array) -> dict[int, 
             P = covariance[np.ix_([k, other], [k, other])]
             left = P[0, 0] - P[0, 1] ** 2 / P[1, 1]
             data = 1.0 / left - 1.0 / prior[k] ** 2
-            share = 1.0 / math.sqrt(data) / prior[k] if data > 0.0 else math.inf
+            sigma = max(1.0 / math.sqrt(data), least_sigma[k]) if data > 0.0 else math.inf
+            share = sigma / prior[k]
             if share < least:
                 best, least = other, share
         if best >= 0:
@@ -137,11 +143,11 @@ def sentence(found: Tuned, lines: tuple[Line, ...]) -> str:
         for line in known
         if abs(math.log(line.value / line.parameter.stated)) > _CHANGED
     ]
-    what = f' ({", ".join(words)})' if words else ''
-    gain = f'{by:.0f}' if math.isfinite(by) else 'infinitely'
+    shown = f'the data show {", ".join(words)}; ' if words else ''
+    gain = f'ln likelihood {by:.0f} more' if math.isfinite(by) else 'what is stated diverges'
     return (
-        f'{stated}; the data are like `{best.name}`, {GRADES[best.name]}{what}: '
-        f'ln likelihood {gain} more'
+        f'{stated}; {shown}of all classes `{best.name}`, {GRADES[best.name]}, explains the data '
+        f'best ({gain})'
     )
 
 
