@@ -11,15 +11,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from polar_nav_core.engine.events import Array
+from polar_nav_core.engine.events import Array, Rank
 from polar_nav_core.errors import ConfigError
 
 from ..calibration.solve import EXCITED
 from ..foreign.recording import Progress, Recording
 from ..scoring.consistency import Consistency
 from .classes import DECISIVE, ClassFit, at_class, judge_classes, preferred
+from .classes import STATED as STATED_CLASS
 from .judge import STATED, SUGGESTED, HeldOut, held_out, nees
-from .likelihood import Problem, Rows, noisier, plausible, until
+from .likelihood import Kept, Problem, Rows, noisier, plausible, until
 from .parameters import PRIOR, Parameter, parameters_of
 from .solve import MOST_STEPS, Fit, fit
 
@@ -130,7 +131,7 @@ def tune(run: Recording, progress: Progress = lambda _: None) -> Tuned:
     split_ns = first_ns + round(TRAINED * length_s * 1e9)
     counted = _Counted(progress, len(parameters))
     train = Problem(params, kept.of(whole), parameters, begin_ns, split_ns, counted)
-    found, classes, prior_class = _most_probable(train)
+    found, classes, prior_class = _most_probable(train, kept)
     for _ in range(_REDECIDED):
         # What the stated noise refuses may fit the one that was found.
         again = plausible(*noisier(params, whole, parameters, found.at))
@@ -190,20 +191,36 @@ class _Counted:
         self._progress(min(0.99, self._runs / self._most))
 
 
-def _most_probable(train: Problem) -> tuple[Fit, tuple[ClassFit, ...], str]:
+def _most_probable(train: Problem, kept: Kept) -> tuple[Fit, tuple[ClassFit, ...], str]:
     """Most probable noise, the classes of IMUs there, and the class that its prior is about."""
     nothing = np.zeros(len(train.parameters))
     prior = nothing + PRIOR
-    name = preferred(judge_classes(train, nothing))
+    start, name, best = nothing, STATED_CLASS, -math.inf
+    for sensors in (nothing, _as_they_scatter(train.parameters, kept)):
+        classes = judge_classes(train, sensors)
+        chosen = preferred(classes)
+        value = next(c.ln_likelihood for c in classes if c.name == chosen)
+        if value > best:
+            start, name, best = at_class(train.parameters, sensors, chosen), chosen, value
     for _ in range(_CHANGES):
-        start = at_class(train.parameters, nothing, name)
-        found = fit(train, start, start, prior)
+        found = fit(train, start, at_class(train.parameters, nothing, name), prior)
         classes = judge_classes(train, found.at)
         mine = next(c for c in classes if c.name == name)
         if classes[0].ln_likelihood <= mine.ln_likelihood + DECISIVE:
             break
-        name = classes[0].name
+        name, start = classes[0].name, found.at
     return found, classes, name
+
+
+def _as_they_scatter(parameters: Sequence[Parameter], kept: Kept) -> Array:
+    """Logarithms of factors (k,) with the noise of sensors as large as their innovations are."""
+    ranks = {'dvl_sigma': Rank.DVL, 'depth_sigma': Rank.DEPTH, 'fix_sigma': Rank.FIX}
+    return np.array(
+        [
+            0.5 * math.log(kept.larger[ranks[p.name]]) if p.name in ranks else 0.0
+            for p in parameters
+        ]
+    )
 
 
 def _likelihood(rows: Rows | None) -> float:

@@ -8,7 +8,7 @@ innovations of a run are its likelihood. Derivation: docs/derivations/tuning.md.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -201,12 +201,15 @@ class Kept:
     dvl, depth, fixes : (n,) arrays of bool
     first_ns : int
         Stamp of the first that was fused [ns].
+    larger : mapping of Rank to float
+        Factors on the variances of sensors with which they were judged.
     """
 
     dvl: Array
     depth: Array
     fixes: Array
     first_ns: int
+    larger: Mapping[Rank, float]
 
     def of(self, inputs: Inputs) -> Inputs:
         """Inputs of the recording without the others; all headings stay."""
@@ -261,6 +264,7 @@ def plausible(params: EngineParams, inputs: Inputs) -> Kept:
         _fused(run, Rank.DEPTH, inputs.depth_stamps_ns, inputs),
         _fused(run, Rank.FIX, valid_ns, inputs),
         int(run.stamps_ns[0]),
+        larger,
     )
 
 

@@ -23,10 +23,8 @@ _LARGEST = math.log(5.0)
 _LEAST = 0.04
 """Of a variance, in one step, as a share."""
 _HALVES = 4
-_ENOUGH = 0.1
-"""Another step is made until no parameter moves by more than this share of its sigma."""
-_AT_LAST = 1.0
-"""The same after the last one, whose slopes are from both sides."""
+_ENOUGH, _AT_LAST = 0.1, 1.0
+"""Another step is made until its square, in sigmas, is below this; the last one's below that."""
 _NOTHING = 1e-4
 """Share of the prior's information below which a parameter has none where it is now."""
 
@@ -101,11 +99,11 @@ def fit(problem: Problem, start: Array, prior_mean: Array, prior: Array) -> Fit:
             idle[:] = False
         gradient, information = _slopes(problem, at, rows, idle, both_sides=last)
         J = information + np.diag(prior**-2)
-        step = np.linalg.solve(J, gradient - (at - prior_mean) / prior**2)
-        sigma = np.sqrt(np.diag(np.linalg.inv(J)))
+        slope = gradient - (at - prior_mean) / prior**2
+        step = np.linalg.solve(J, slope)
         idle = np.diag(information) < _NOTHING / prior**2
-        small = bool(np.all(np.abs(step) <= (_AT_LAST if last else _ENOUGH) * sigma))
-        moved = _moved(problem, at, rows, step, prior_mean, prior)
+        small = float(slope @ step) < (_AT_LAST if last else _ENOUGH)
+        moved = _moved(problem, at, rows, step, slope, prior_mean, prior)
         if moved is not None:
             at, rows = moved
         if last and (small or moved is None):
@@ -117,19 +115,29 @@ def fit(problem: Problem, start: Array, prior_mean: Array, prior: Array) -> Fit:
 
 
 def _moved(
-    problem: Problem, at: Array, rows: Rows, step: Array, mean: Array, prior: Array
+    problem: Problem, at: Array, rows: Rows, step: Array, slope: Array, mean: Array, prior: Array
 ) -> tuple[Array, Rows] | None:
-    """Place with a greater posterior density in the direction of a step; None without."""
+    """Place with a greater posterior density in the direction of a step; None without.
+
+    Where a whole step gains less than half of what it should, half of it is tried, too.
+    """
+    expected = 0.25 * float(slope @ step)
     # Of one variance alone ln(1 + 2 step) / 2 is the whole way, however far.
     step = 0.5 * np.log(np.maximum(1.0 + 2.0 * step, _LEAST))
     step = np.clip(step, -_LARGEST, _LARGEST)
     here = _posterior(at, rows, mean, prior)
+    best, greatest = None, here
     for half in range(_HALVES):
         there = at + step * 0.5**half
         found = problem.rows(there)
-        if found is not None and _posterior(there, found, mean, prior) > here:
-            return there, found
-    return None
+        value = -math.inf if found is None else _posterior(there, found, mean, prior)
+        if found is not None and value > greatest:
+            best, greatest = (there, found), value
+            if value > here + expected:
+                break
+        elif best is not None:
+            break
+    return best
 
 
 def _posterior(at: Array, rows: Rows, mean: Array, prior: Array) -> float:
