@@ -113,7 +113,7 @@ def test_two_that_are_known_together_only_are_named():
 
 
 def recording(params, inputs):
-    return Recording(PATH, 'follower', params, inputs)
+    return Recording(PATH, 'follower', params, params, inputs)
 
 
 def row_named(name) -> Row:

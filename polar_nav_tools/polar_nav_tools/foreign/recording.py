@@ -32,8 +32,10 @@ class Recording:
     ----------
     path : Path
     vehicle : str
+    stated : FollowerParams
+        Of base_link.
     params : FollowerParams
-        As stated, for the point that the IMU is at.
+        The same for the point that the IMU is at.
     inputs : Inputs
         At least one IMU sample.
     truth : TruthSeries or None
@@ -44,6 +46,7 @@ class Recording:
 
     path: Path
     vehicle: str
+    stated: FollowerParams
     params: FollowerParams
     inputs: Inputs
     truth: TruthSeries | None = None
@@ -76,7 +79,7 @@ def own_recording(
     inputs = arrays.inputs(params).inputs
     if not len(inputs.imu_stamps_ns):
         raise ConfigError(f'{bag.path}: {vehicle} has no IMU sample')
-    return Recording(bag.path, vehicle, params, inputs, arrays.truth)
+    return Recording(bag.path, vehicle, params, params, inputs, arrays.truth)
 
 
 def mapped_recording(source: Source, mapping: Sources, accept: Iterable[str]) -> Recording:
@@ -91,6 +94,12 @@ def mapped_recording(source: Source, mapping: Sources, accept: Iterable[str]) ->
     params = at_the_imu(loaded)
     if not len(loaded.inputs.imu_stamps_ns):
         raise ConfigError(f'{source.path}: no IMU sample after the start')
-    path = Path(source.path)
-    lever_b = mapping.imu.lever_b
-    return Recording(path, mapping.vehicle, params, loaded.inputs, loaded.truth, lever_b)
+    return Recording(
+        Path(source.path),
+        mapping.vehicle,
+        loaded.params,
+        params,
+        loaded.inputs,
+        loaded.truth,
+        mapping.imu.lever_b,
+    )

@@ -140,13 +140,9 @@ def nees(
     """
     if run.truth is None:
         return {}
-    params, inputs = noisier(run.params, run.inputs, parameters, at)
-    rows = EstimateRows(run.params)
-
-    def take(chunk: engine_run.Track) -> None:
-        rows.append(chunk if run.moved is None else run.moved(chunk))
-
-    result = engine_run.run(params, inputs, sink=take, derived=run.moved is None)
+    params, inputs = noisier(run.stated, run.inputs, parameters, at)
+    rows = EstimateRows(run.stated)
+    result = engine_run.run(params, inputs, sink=rows.append, imu_lever_b=run.imu_lever_b)
     estimates = rows.series(run.vehicle)
     end_ns = int(run.inputs.imu_stamps_ns[-1])
     part = Window('held out', start_ns, max(start_ns, end_ns))
