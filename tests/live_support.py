@@ -22,6 +22,7 @@ NODES = {
         'truth_node',
         'vehicle_node',
         'station_node',
+        'ahrs_node',
         'imu_node',
         'dvl_node',
         'depth_node',

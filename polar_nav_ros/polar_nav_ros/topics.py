@@ -10,6 +10,9 @@ from collections.abc import Iterable
 IMU = 'imu/data_raw'
 """IMU data without an attitude; `AHRS` is with one."""
 AHRS = 'imu/data'
+COMPASS = 'ahrs/imu'
+"""Orientation of a simulated AHRS with a magnetometer, against its own north."""
+MAGNETIC = 'ahrs/mag'
 DVL = 'dvl/data'
 DVL_TWIST = 'dvl/twist'
 PRESSURE = 'depth/pressure'
@@ -67,6 +70,8 @@ TF_STATIC = '/tf_static'
 TYPES = {
     IMU: 'sensor_msgs/msg/Imu',
     AHRS: 'sensor_msgs/msg/Imu',
+    COMPASS: 'sensor_msgs/msg/Imu',
+    MAGNETIC: 'sensor_msgs/msg/MagneticField',
     DVL: 'polar_nav_msgs/msg/Dvl',
     DVL_TWIST: 'geometry_msgs/msg/TwistWithCovarianceStamped',
     PRESSURE: 'sensor_msgs/msg/FluidPressure',

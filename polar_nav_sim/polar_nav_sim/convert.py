@@ -17,7 +17,7 @@ from geometry_msgs.msg import (
 )
 from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
-from sensor_msgs.msg import FluidPressure, Imu, NavSatFix, NavSatStatus
+from sensor_msgs.msg import FluidPressure, Imu, MagneticField, NavSatFix, NavSatStatus
 
 from polar_nav_core.attitude import quaternion_from_matrix
 from polar_nav_core.earth import geodetic_from_ecef
@@ -26,6 +26,7 @@ from polar_nav_ros.stamps import to_msg, to_ns
 from polar_nav_ros.station_outputs import station_fix_to_msg
 
 from .acoustics import Packet
+from .sensors.compass import CompassErrors, CompassReading
 from .sensors.dvl import Ping
 from .sensors.janus import BeamData
 from .sensors.station import StationReading
@@ -35,6 +36,8 @@ Floats = NDArray[np.float64]
 
 UNKNOWN = -1.0
 """First element of an unknown covariance."""
+_TESLA = 1e-9
+"""In a nanotesla."""
 
 
 def frame_id(vehicle: str, part: str) -> str:
@@ -77,6 +80,33 @@ class AhrsMessage(ImuMessage):
         q = msg.orientation
         q.x, q.y, q.z, q.w = quaternion_from_matrix(C_b_G).tolist()
         return msg
+
+
+def compass_to_msg(
+    reading: CompassReading, errors: CompassErrors, stamp_ns: int, frame: str
+) -> Imu:
+    """sensor_msgs/Imu with an orientation only: in east and north of its reference, up."""
+    msg = Imu()
+    msg.header.stamp = to_msg(stamp_ns)
+    msg.header.frame_id = frame
+    q = msg.orientation
+    q.x, q.y, q.z, q.w = quaternion_from_matrix(reading.attitude()).tolist()
+    tilt, heading = math.radians(errors.tilt_deg) ** 2, np.radians(errors.heading_sigma_deg) ** 2
+    msg.orientation_covariance[[0, 4, 8]] = tilt, tilt, heading
+    msg.angular_velocity_covariance[0] = msg.linear_acceleration_covariance[0] = UNKNOWN
+    return msg
+
+
+def magnetic_to_msg(
+    reading: CompassReading, errors: CompassErrors, stamp_ns: int, frame: str
+) -> MagneticField:
+    """sensor_msgs/MagneticField [T], body axes."""
+    msg = MagneticField()
+    msg.header.stamp = to_msg(stamp_ns)
+    msg.header.frame_id = frame
+    msg.magnetic_field = _vector3(reading.field_b * _TESLA)
+    msg.magnetic_field_covariance[[0, 4, 8]] = (errors.noise_nt * _TESLA) ** 2
+    return msg
 
 
 def dvl_to_msg(

@@ -11,6 +11,7 @@ from polar_nav_core.params import names_near, to_mapping
 
 from .section import Spec, parse
 from .sensors import instruments
+from .sensors.compass import CompassErrors
 from .sensors.depth import DepthErrors
 from .sensors.dvl import DvlErrors
 from .sensors.imu import ImuErrors
@@ -22,6 +23,7 @@ _KINDS: Mapping[str, tuple[type[Spec], Mapping[str, Preset[Any]]]] = {
     'imu': (ImuErrors, instruments.IMU),
     'dvl': (DvlErrors, instruments.DVL),
     'depth': (DepthErrors, instruments.DEPTH),
+    'ahrs': (CompassErrors, instruments.AHRS),
     'usbl': (UsblErrors, instruments.USBL),
     'heading': (ReferenceErrors, instruments.HEADING),
 }
@@ -92,7 +94,7 @@ def _installed(kind: str, chosen: object, latitude: float, where: str) -> Instal
 
 
 def _rate(kind: str, value: object, where: str) -> float:
-    if kind not in ('dvl', 'depth', 'heading'):
+    if kind not in ('dvl', 'depth', 'ahrs', 'heading'):
         raise ConfigError(f'{where}: rate_hz: the {kind} has none of its own')
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0.1 <= value <= 50.0:
         raise ConfigError(f'{where}: rate_hz: {value!r} is outside of [0.1, 50] Hz')

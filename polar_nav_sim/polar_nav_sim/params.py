@@ -9,6 +9,7 @@ from polar_nav_core.params import NodeParams, choice, flag, param, text, texts, 
 from .acoustics import ChannelSpec
 from .sensors.ahrs import AhrsErrors
 from .sensors.clock import ClockErrors
+from .sensors.compass import REFERENCES, CompassErrors
 from .sensors.depth import DepthErrors
 from .sensors.dvl import DvlErrors
 from .sensors.imu import ImuErrors
@@ -91,6 +92,15 @@ class DepthParams(DepthErrors, ClockErrors, NodeParams):
 
     seed: int = param(1, '', 0, 2**31 - 1, _SEED)
     rate_hz: float = param(10.0, 'Hz', 0.01, 100.0, 'Samples per second')
+
+
+@dataclass(frozen=True)
+class AhrsParams(CompassErrors, ClockErrors, NodeParams):
+    """Parameters of ahrs_node."""
+
+    seed: int = param(1, '', 0, 2**31 - 1, _SEED)
+    rate_hz: float = param(10.0, 'Hz', 0.01, 100.0, 'Samples per second')
+    reference: str = choice('magnetic', REFERENCES, 'What its headings count from')
 
 
 @dataclass(frozen=True)

@@ -30,6 +30,7 @@ from polar_nav_ros.stamps import to_msg, to_ns
 from polar_nav_sim.mission import load_mission
 from polar_nav_sim.nodes.absolute_fix_node import AbsoluteFixNode
 from polar_nav_sim.nodes.acoustic_link_node import AcousticLinkNode
+from polar_nav_sim.nodes.ahrs_node import AhrsNode
 from polar_nav_sim.nodes.depth_node import DepthNode
 from polar_nav_sim.nodes.dvl_node import DvlNode
 from polar_nav_sim.nodes.imu_node import ImuNode
@@ -37,6 +38,7 @@ from polar_nav_sim.nodes.leader_reference_node import LeaderReferenceNode
 from polar_nav_sim.nodes.truth_node import TruthNode
 from polar_nav_sim.nodes.usbl_node import UsblNode
 from polar_nav_sim.randomness import stream
+from polar_nav_sim.sensors.compass import CompassErrors, CompassSensor
 from polar_nav_sim.sensors.dvl import DvlErrors, DvlSensor
 from polar_nav_sim.sensors.imu import ImuErrors, ImuSensor
 from polar_nav_sim.sensors.noise import CHUNK
@@ -67,6 +69,7 @@ TOPICS = {
     '/follower/dvl/twist': TwistWithCovarianceStamped,
     '/follower/depth/data': Depth,
     '/follower/depth/pressure': FluidPressure,
+    '/follower/ahrs/imu': Imu,
     '/leader/usbl/fix': UsblFix,
     '/leader/odometry': Odometry,
     '/leader/absolute/fix': NavSatFix,
@@ -96,6 +99,7 @@ def run():
         make(ImuNode, 'follower', lockstep=True, seed=7),
         make(DvlNode, 'follower', lockstep=True, seed=7),
         make(DepthNode, 'follower', lockstep=True, seed=7, noise_sigma_m=0.0),
+        make(AhrsNode, 'follower', lockstep=True, seed=7, reference='grid'),
         make(UsblNode, 'leader', lockstep=True, seed=7, first_ping_s=0.5, period_s=1.0),
         make(LeaderReferenceNode, 'leader', lockstep=True, seed=7),
         make(AbsoluteFixNode, 'leader', lockstep=True, seed=7, **ABSOLUTE),
@@ -155,6 +159,7 @@ def test_nothing_is_lost_and_counts_are_right(run):
         '/follower/dvl/twist': 21,
         '/follower/depth/data': 41,
         '/follower/depth/pressure': 41,
+        '/follower/ahrs/imu': 41,
         '/leader/odometry': 41,
         '/leader/usbl/fix': 3,  # the reply to the ping at 3.5 s is not back in time
         '/leader/absolute/fix': 4,  # two in each of two windows
@@ -178,6 +183,20 @@ def test_imu_is_the_model_bit_for_bit(run):
     assert last.orientation_covariance[0] == -1.0
     density = ImuErrors().gyro_noise_density[0]
     assert last.angular_velocity_covariance[0] == pytest.approx(density**2 / 0.01)
+
+
+def test_the_ahrs_is_the_model_bit_for_bit(run):
+    trajectory = MISSION.truth('follower')
+    sensor = CompassSensor(CompassErrors(), 'grid', 0.1, stream(7, 'follower/compass'))
+    for k, m in enumerate(run['/follower/ahrs/imu']):
+        s = trajectory.state(to_ns(m.header.stamp))
+        reading = sensor.measure(k, to_ns(m.header.stamp), s.r_e, s.C_b_G, s.v_G)
+        q = m.orientation
+        got = matrix_from_quaternion([q.x, q.y, q.z, q.w])
+        np.testing.assert_allclose(got, reading.attitude(), atol=1e-9)
+        # In grid axes it is base_link's own attitude, to a few degrees.
+        assert np.degrees(np.arccos(0.5 * (np.trace(got @ s.C_b_G.T) - 1.0))) < 8.0
+    assert m.header.frame_id == 'follower/ahrs'
 
 
 def test_absolute_fixes_come_in_their_windows_with_the_noise_they_state(run):

@@ -19,6 +19,7 @@ CLASSES = {
     'imu_node': params.ImuParams,
     'dvl_node': params.DvlParams,
     'depth_node': params.DepthParams,
+    'ahrs_node': params.AhrsParams,
     'usbl_node': params.UsblParams,
     'absolute_fix_node': params.AbsoluteFixParams,
     'leader_reference_node': params.LeaderReferenceParams,

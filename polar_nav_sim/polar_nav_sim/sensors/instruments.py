@@ -15,6 +15,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from . import presets
+from .compass import CompassErrors
 from .depth import DepthErrors
 from .dvl import DvlErrors
 from .imu import MICRO_G, ImuErrors
@@ -265,6 +266,20 @@ DEPTH: dict[str, Preset[DepthErrors]] = {
     ),
 }
 """Models of depth sensors, by name."""
+
+AHRS: dict[str, Preset[CompassErrors]] = {
+    'consumer': Preset(
+        CompassErrors(drift_deg=2.0),
+        'ours: a calibrated MEMS AHRS; 1.5 deg coloured, 2 deg over an hour',
+        rate_hz=10.0,
+    ),
+    'uncalibrated': Preset(
+        CompassErrors(drift_deg=2.0, hard_iron_nt=1000.0, soft_iron=0.02),
+        'ours: the same with the iron of its vehicle left in',
+        rate_hz=10.0,
+    ),
+}
+"""Models of AHRSs with a magnetometer, by name."""
 
 
 @dataclass(frozen=True)

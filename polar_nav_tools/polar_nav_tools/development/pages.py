@@ -28,6 +28,7 @@ NODES: dict[str, type[Any]] = {
     'imu_node': sim.ImuParams,
     'dvl_node': sim.DvlParams,
     'depth_node': sim.DepthParams,
+    'ahrs_node': sim.AhrsParams,
     'usbl_node': sim.UsblParams,
     'station_node': sim.StationParams,
     'leader_reference_node': sim.LeaderReferenceParams,

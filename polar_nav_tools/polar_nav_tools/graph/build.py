@@ -131,9 +131,12 @@ def build_graph(mission: Mission, options: GraphOptions) -> Graph:
         recorded = recorded_topics(leader, follower, options.leader)
         for vehicle in mission.dynamic:
             recorded |= topics.of_vehicle(vehicle, MODEL_TOPICS)
+        for vehicle in _with_ahrs(mission):
+            recorded |= topics.of_vehicle(vehicle, (topics.COMPASS, topics.MAGNETIC))
         nodes = [
             *_vehicle_nodes(leader, options, _leader_instruments(options)),
             *_vehicle_nodes(follower, options, {}),
+            *_ahrs_nodes(mission, options),
             *_acoustic_nodes(mission, leader, follower, options),
             _follower_node(mission, follower, options),
         ]
@@ -191,6 +194,7 @@ _INSTRUMENTS = {
     'imu_node': 'imu',
     'dvl_node': 'dvl',
     'depth_node': 'depth',
+    'ahrs_node': 'ahrs',
     'usbl_node': 'usbl',
     'leader_reference_node': 'heading',
 }
@@ -227,6 +231,16 @@ def _vehicle_nodes(
         sim_node(name, vehicle, Stage.SENSOR, {'seed': options.seed, **instruments.get(name, {})})
         for name in names
     ]
+
+
+def _with_ahrs(mission: Mission) -> list[str]:
+    """Vehicles to which the mission gives an AHRS with a magnetometer."""
+    return [name for name, v in mission.formation.items() if 'ahrs' in v.instruments]
+
+
+def _ahrs_nodes(mission: Mission, options: GraphOptions) -> list[NodeSpec]:
+    seed: dict[str, ParameterValue] = {'seed': options.seed}
+    return [sim_node('ahrs_node', name, Stage.SENSOR, seed) for name in _with_ahrs(mission)]
 
 
 def _leader_instruments(options: GraphOptions) -> dict[str, dict[str, ParameterValue]]:
