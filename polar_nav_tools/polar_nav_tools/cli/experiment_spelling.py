@@ -22,6 +22,7 @@ NAMES = (
     'leader-error',
     'spoof',
     'calibrate',
+    'tune',
     'late',
     'price',
     'mems',

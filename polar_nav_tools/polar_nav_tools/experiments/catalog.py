@@ -23,6 +23,7 @@ from .mismatch.plan import MISMATCH
 from .request import Request, Size
 from .spoof import SPOOF
 from .station import catalog as station
+from .tune.experiment import TUNE
 
 _HOUR = 3600.0
 
@@ -124,6 +125,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         LEADER_ERROR,
         SPOOF,
         CALIBRATE,
+        TUNE,
         LATE,
         PRICE,
         MEMS,

@@ -1,0 +1,235 @@
+"""Experiment `tune`: noise that is stated wrong, found by `./polar tune`, against the truth."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from polar_nav_core.errors import ConfigError
+
+from ...foreign.recording import Recording
+from ...scoring.tables import Column, Table
+from ...tuning.classes import STATED
+from ...tuning.estimate import Tuned, tune
+from ...tuning.verdicts import Verdict, lines_of, problems
+from ..choices import Choices, choices_from
+from ..experiment import Experiment
+from ..jobs import RunResult
+from ..request import Request, Size
+from ..suite import Paper, engine_suite
+from .rows import ROWS, Row
+
+COLUMN = 'tuned'
+CLOSE, SURE, SIGMAS = 0.2, 0.07, 3.0
+"""A noise is back within this share of the truth, or, where the data leave more than the second,
+within so many of the sigmas that they leave."""
+_VERDICTS = tuple(Verdict)
+
+
+@dataclass(frozen=True)
+class TuneJob:
+    """One run to make."""
+
+    row: str
+    duration_s: float
+    seed: int
+    column: str = COLUMN
+
+    @property
+    def group(self) -> str:
+        """Name in tables."""
+        return self.row
+
+
+def plan(request: Request, size: Size, columns: Sequence[str]) -> list[TuneJob]:
+    """Jobs of all rows and seeds.
+
+    Raises
+    ------
+    ConfigError
+        When no row has such a name.
+    """
+    del columns
+    patterns = [p.strip() for p in (request.rows or '*').split(',')]
+    jobs = [
+        TuneJob(row.name, size.duration_s, seed)
+        for row in ROWS
+        if any(fnmatchcase(row.name, p) for p in patterns)
+        for seed in range(request.first_seed, request.first_seed + size.seeds)
+    ]
+    if not jobs:
+        names = ', '.join(row.name for row in ROWS)
+        raise ConfigError(f'--rows {request.rows}: no such row; there are {names}')
+    return jobs
+
+
+def run_job(job: TuneJob) -> RunResult:
+    """Result of one job: found over true, sigma and verdict of each noise, and the judgement."""
+    begin = time.process_time()
+    row = next(r for r in ROWS if r.name == job.row)
+    params, inputs, true = row.stated(job.duration_s, job.seed)
+    found = tune(Recording(Path(job.row), 'follower', params, inputs))
+    metrics = _judgement(found)
+    for line in lines_of(found):
+        name = line.parameter.name
+        if name in true:
+            metrics[f'{name}.ratio'] = line.value / true[name]
+            metrics[f'{name}.sigma'] = line.sigma_share
+            metrics[f'{name}.verdict'] = float(_VERDICTS.index(line.verdict))
+    reason = '; '.join(problems(found))
+    stopped_s = job.duration_s if reason else math.nan
+    seconds = time.process_time() - begin
+    return RunResult(job.group, job.column, job.seed, metrics, stopped_s, reason, {}, seconds)
+
+
+def _judgement(found: Tuned) -> dict[str, float]:
+    judged = found.judged
+    stated = next(c.ln_likelihood for c in found.classes if c.name == STATED)
+    out = {
+        'held_out.gain': judged.gain,
+        'held_out.better': float(judged.verdict == 'better'),
+        'held_out.worse': float(judged.verdict == 'worse'),
+        'class.mems': float(found.classes[0].name in ('vn100', 'bmi088', 'icm20948')),
+        'class.gain': found.classes[0].ln_likelihood - stated,
+    }
+    for nis in judged.nis:
+        out[f'nis.{nis.sensor}'] = nis.suggested
+        out[f'nis.{nis.sensor}.inside'] = float(nis.inside)
+    return out
+
+
+def is_back(ratio: float, sigma: float) -> bool:
+    """Whether a noise that was estimated came back (`CLOSE`, `SURE`, `SIGMAS`)."""
+    if abs(ratio - 1.0) <= CLOSE:
+        return True
+    return sigma > SURE and abs(math.log(ratio)) <= SIGMAS * sigma
+
+
+_NOISES = (
+    Column('group', 'stated wrong'),
+    Column('name', 'noise'),
+    Column('factor', 'stated / true'),
+    Column('ratio', 'found / true', doc='geometric mean of those that are ESTIMATED'),
+    Column('rms', 'RMS', '%', doc='of its logarithm, of those that are ESTIMATED'),
+    Column('sigma', '1-sigma', '%', digits=2, doc='Cramér-Rao, root mean square'),
+    Column('back', 'back', doc='within 20 %, or 3 sigma where the sigma is above 7 %'),
+    Column('verdicts', 'verdicts'),
+)
+_HELD_OUT = (
+    Column('group', 'stated wrong'),
+    Column('better', 'better', doc='predicted better than with what was stated'),
+    Column('worse', 'worse'),
+    Column('gain', 'gain', doc='of ln likelihood per number, mean'),
+    Column('nis', 'NIS', doc='mean over sensors and seeds'),
+    Column('inside', 'in band', doc='99.9 % band, of sensors and seeds'),
+    Column('mems', 'said MEMS'),
+    Column('well', 'settled'),
+)
+
+
+def tables(results: Sequence[RunResult], size: Size, request: Request) -> list[Table]:
+    """Table of the noises, a row for each that was stated wrong, and of the parts held out."""
+    first = request.first_seed
+    what = f'{size.duration_s:g} s, seeds {first} to {first + size.seeds - 1}'
+    noises, judged = [], []
+    for group in dict.fromkeys(r.group for r in results):
+        runs = [r for r in results if r.group == group]
+        row = next(r for r in ROWS if r.name == group)
+        noises += [{'group': group, **line} for line in _lines(row, runs)]
+        judged.append({'group': group, **_part(runs)})
+    return [
+        Table(f'Noise found, {what}', _NOISES, tuple(noises)),
+        Table(f'Held out, {what}', _HELD_OUT, tuple(judged)),
+    ]
+
+
+def _lines(row: Row, runs: Sequence[RunResult]) -> list[dict[str, object]]:
+    """Lines of the noises that were stated wrong; of all where none was."""
+    known = [k.removesuffix('.ratio') for k in runs[0].metrics if k.endswith('.ratio')]
+    out = []
+    for name in [n for n in known if n in row.factors or not row.factors]:
+        seen = [r for r in runs if f'{name}.ratio' in r.metrics]
+        verdicts = [_VERDICTS[int(r.metrics[f'{name}.verdict'])] for r in seen]
+        sure = [r for r, v in zip(seen, verdicts, strict=True) if v is Verdict.ESTIMATED]
+        line: dict[str, object] = {
+            'name': name,
+            'factor': row.factors.get(name, 1.0),
+            'verdicts': ', '.join(f'{k} {v}' for v, k in Counter(verdicts).items()),
+        }
+        if sure:
+            ratio = np.array([r.metrics[f'{name}.ratio'] for r in sure])
+            sigma = np.array([r.metrics[f'{name}.sigma'] for r in sure])
+            back = sum(map(is_back, ratio.tolist(), sigma.tolist()))
+            line |= {
+                'ratio': float(np.exp(np.mean(np.log(ratio)))),
+                'rms': 100.0 * float(np.sqrt(np.mean(np.log(ratio) ** 2))),
+                'sigma': 100.0 * float(np.sqrt(np.mean(sigma**2))),
+                'back': f'{back} of {len(sure)}',
+            }
+        out.append(line)
+    return out
+
+
+def _part(runs: Sequence[RunResult]) -> dict[str, object]:
+    def count(key: str) -> str:
+        return f'{sum(r.metrics[key] for r in runs):.0f} of {len(runs)}'
+
+    nis = [k for k in runs[0].metrics if k.startswith('nis.') and not k.endswith('.inside')]
+    inside = [r.metrics[f'{k}.inside'] for r in runs for k in nis]
+    return {
+        'better': count('held_out.better'),
+        'worse': count('held_out.worse'),
+        'gain': float(np.mean([r.metrics['held_out.gain'] for r in runs])),
+        'nis': float(np.mean([r.metrics[k] for r in runs for k in nis])),
+        'inside': f'{sum(inside):.0f} of {len(inside)}',
+        'mems': count('class.mems'),
+        'well': f'{sum(not r.reason for r in runs)} of {len(runs)}',
+    }
+
+
+def _long_table(title: str, results: Sequence[RunResult], paper: Paper | None) -> Table:
+    del paper
+    keys = list(dict.fromkeys(k for r in results for k in r.metrics))
+    columns = (Column('row', 'row'), Column('what', 'what'), Column('seed', 'seed'))
+    rows = [{'row': r.group, 'what': r.column, 'seed': r.seed, **r.metrics} for r in results]
+    return Table(title, (*columns, *(Column(k, k) for k in keys)), tuple(rows))
+
+
+def _describe(jobs: Sequence[TuneJob]) -> dict[str, Any]:
+    named = {job.row for job in jobs}
+    return {
+        'filters': {COLUMN: {'engine': {'configuration': 'default'}}},
+        'groups': {
+            row.name: {'factors': dict(row.factors), 'imu_class': row.imu_class}
+            for row in ROWS
+            if row.name in named
+        },
+    }
+
+
+def _read(settings: Sequence[str], columns: Sequence[str] | None) -> dict[str, Any]:
+    if settings or columns:
+        raise ConfigError('tune has one filter and takes no --set, no --columns')
+    choices: Choices = choices_from([])
+    return {'choices': choices}
+
+
+TUNE = Experiment(
+    'tune',
+    'Noise that is stated wrong, found by `./polar tune`: against the truth, and held out',
+    Size(600.0, 20),
+    Size(300.0, 2),
+    (COLUMN,),
+    plan,
+    tables,
+    suite=engine_suite(_read, run_job, _long_table, _describe),
+    selects=True,
+)
