@@ -97,8 +97,14 @@ def warm_smoother() -> None:
     """Smooth a third of a second."""
     from .engine import smoothing
     from .engine.params import EngineParams
+    from .engine.sins.filter import NavigationFilter
+    from .kernels.sins import hindsight
 
     params = EngineParams(configuration='default')
+    initial = params.initial_state()
+    if initial is not None:  # a third of a second needs no second pass
+        f = NavigationFilter(params, initial, _START_NS)
+        hindsight.hold(f.state, f.log, f.work.x)
     smoothing.smooth(params, _third_of_a_second(params), every_s=0.1)
 
 

@@ -5,59 +5,67 @@ import pytest
 
 from polar_nav_core.kernels.sins import smooth
 from polar_nav_core.kernels.sins.consider import COLUMNS
-from polar_nav_core.kernels.sins.state import STEP, UPDATE
+from polar_nav_core.kernels.sins.model import MOVING, E
+from polar_nav_core.kernels.sins.state import KEPT, STEP, UPDATE
 from polar_nav_core.kernels.sins.update import COUPLED, NAV, N
 
 STEPS = 12
 
 
-def _transition(rng):
-    Phi = np.eye(N)
+def _transition(rng, n):
+    Phi = np.eye(n)
     Phi[:NAV, :COUPLED] += 0.2 * rng.standard_normal((NAV, COUPLED))
     Phi[range(18, N), range(18, N)] = rng.uniform(0.5, 1.0, 6)
+    if n > N:  # a vehicle's model: driven by all, drives nothing of the others
+        Phi[N : N + MOVING] += 0.2 * rng.standard_normal((MOVING, n))
     return Phi
 
 
 def _phi(Phi):
-    return np.concatenate([Phi[:NAV, :COUPLED].ravel(), np.diagonal(Phi)[NAV:]])
+    return np.concatenate([Phi[:NAV, :COUPLED].ravel(), np.diagonal(Phi)[NAV:N]])
 
 
-@pytest.fixture(scope='module')
-def problem():
+@pytest.fixture(scope='module', params=[N, N + E], ids=['', 'with a model'])
+def problem(request):
     """A linear filter in which nothing is simplified, and the same problem as one matrix."""
+    return _problem(n=request.param)
+
+
+def _problem(refused=-1, n=N):
+    """The problem; of the measurement ``refused`` only the gain is logged."""
     rng = np.random.default_rng(1)
-    P = np.diag(rng.uniform(0.5, 2.0, N) ** 2)
+    P = np.diag(rng.uniform(0.5, 2.0, n) ** 2)
     P[20, 20] = 0.0  # known for sure
     b_sigma = np.zeros(COLUMNS)
     b_sigma[:4] = 0.7
-    x, S_b = np.zeros(N), np.zeros((N, COLUMNS))
+    x, S_b = np.zeros(n), np.zeros((n, COLUMNS))
     entries, states = [], []
     # Unknowns: start, noise of each step, noise of each measurement, common errors.
-    size = N + STEPS * N + 3 * STEPS + COLUMNS
+    size = n + STEPS * n + 3 * STEPS + COLUMNS
     prior = np.zeros(size)
-    prior[:N] = np.diagonal(P)
+    prior[:n] = np.diagonal(P)
     prior[-COLUMNS:] = b_sigma**2
-    E = np.zeros((N, size))  # error as a function of the unknowns
-    E[:, :N] = np.eye(N)
+    G = np.zeros((n, size))  # error as a function of the unknowns
+    G[:, :n] = np.eye(n)
     rows, values = [], []
     for k in range(STEPS):
-        Phi, q = _transition(rng), rng.uniform(0.0, 0.3, N)
+        Phi, q = _transition(rng, n), rng.uniform(0.0, 0.3, n)
         q[20] = 0.0
-        E = Phi @ E
-        E[:, N + k * N : N + (k + 1) * N] += np.eye(N)
-        prior[N + k * N : N + (k + 1) * N] = q
+        G = Phi @ G
+        G[:, n + k * n : n + (k + 1) * n] += np.eye(n)
+        prior[n + k * n : n + (k + 1) * n] = q
         P, x, S_b = Phi @ P @ Phi.T + np.diag(q), Phi @ x, Phi @ S_b
-        entries.append((STEP, _phi(Phi)))
-        states.append((len(entries), x.copy(), P.copy(), S_b.copy(), E.copy()))
+        entries.append((STEP, (_phi(Phi), Phi[N : N + MOVING])))
+        states.append((len(entries), x.copy(), P.copy(), S_b.copy(), G.copy()))
         m = 1 + 2 * (k % 2)
-        H = np.zeros((3, N))
-        H[:m] = rng.standard_normal((m, N)) * (rng.random((m, N)) < 0.4)
+        H = np.zeros((3, n))
+        H[:m] = rng.standard_normal((m, n)) * (rng.random((m, n)) < 0.4)
         R = np.diag(rng.uniform(0.5, 1.0, m))
         J_b = np.zeros((3, COLUMNS))
         J_b[:m, :4] = rng.standard_normal((m, 4))
-        at = N + STEPS * N + 3 * k
+        at = n + STEPS * n + 3 * k
         prior[at : at + m] = np.diagonal(R)
-        row = H[:m] @ E
+        row = H[:m] @ G
         row[:, at : at + m] += np.eye(m)
         row[:, -COLUMNS:] += J_b[:m]
         y = rng.standard_normal(m) * 2.0
@@ -66,35 +74,42 @@ def problem():
         z = np.zeros(3)
         z[:m] = y - H[:m] @ x
         S = H[:m] @ P @ H[:m].T + R
-        K = np.zeros((3, N))
+        K = np.zeros((3, n))
         K[:m] = np.linalg.solve(S, H[:m] @ P)
         L = np.zeros((3, 3))
         L[:m, :m] = np.linalg.cholesky(S)
         moved = J_b + H @ S_b
-        entries.append((UPDATE, (H, K, L, z, moved, m)))
+        entries.append((KEPT if k == refused else UPDATE, (H, K, L, z, moved, m)))
+        if k == refused:
+            continue
         x = x + K[:m].T @ z[:m]
-        A = np.eye(N) - K[:m].T @ H[:m]
+        A = np.eye(n) - K[:m].T @ H[:m]
         P, S_b = A @ P @ A.T + K[:m].T @ R @ K[:m], S_b - K[:m].T @ moved[:m]
     return entries, states, prior, np.vstack(rows), np.concatenate(values), b_sigma
 
 
-def _smoothed(problem):
+def _smoothed(problem, b_sigma=np.zeros(COLUMNS)):  # noqa: B008 - not changed
     entries, states, *_ = problem
     kinds = np.array([kind for kind, _ in entries])
     steps = [v for kind, v in entries if kind == STEP]
-    updates = [v for kind, v in entries if kind == UPDATE]
-    indices = np.array([int(np.sum(kinds[:k] == kind)) for k, kind in enumerate(kinds)])
+    updates = [v for kind, v in entries if kind != STEP]
+    indices = np.array(
+        [int(np.sum((kinds[:k] == STEP) == (kind == STEP))) for k, kind in enumerate(kinds)]
+    )
     H, K, L, z, moved = (np.array([u[i] for u in updates]) for i in range(5))
-    n = len(states)
-    x, P = np.empty((n, N)), np.array([s[2] for s in states])
+    P = np.array([s[2] for s in states])
+    count, n = P.shape[:2]
+    x = np.empty((count, n))
     sensitivity = np.array([s[3] for s in states])
-    navigation = np.zeros((n, 30))
+    navigation = np.zeros((count, 30))
     navigation[:, [0, 4, 8]] = 1.0
     common = np.zeros((COLUMNS, COLUMNS + 1))
+    residuals, V = np.empty((len(updates), 3)), np.empty((len(updates), 3, 3))
     smooth.smooth_back(
         kinds,
         indices,
-        np.array(steps),
+        np.array([phi for phi, _ in steps]),
+        np.array([model for _, model in steps]) if n > N else np.zeros((0, 3, 31)),
         H,
         K,
         L,
@@ -103,16 +118,20 @@ def _smoothed(problem):
         np.array([u[5] for u in updates]),
         np.array([s[0] for s in states]),
         navigation,
+        np.zeros((count, n)),
         x,
         P,
         sensitivity,
-        np.zeros((1 + COLUMNS, N)),
-        np.zeros((N, N)),
+        np.zeros((1 + COLUMNS, n)),
+        np.zeros((n, n)),
         common,
-        np.zeros((2, N, N)),
+        b_sigma,
+        residuals,
+        V,
+        np.zeros((2, n, n)),
     )
     x += np.array([s[1] for s in states])
-    return x, P, sensitivity, common
+    return x, P, sensitivity, common, residuals, V
 
 
 def _conditioned(prior, A, y, row):
@@ -124,15 +143,15 @@ def _conditioned(prior, A, y, row):
 
 def test_it_is_least_squares_over_everything(problem):
     _, states, prior, A, y, _ = problem
-    x, P, sensitivity, _ = _smoothed(problem)
+    x, P, sensitivity, *_ = _smoothed(problem)
     known = prior.copy()
     known[-COLUMNS:] = 0.0
-    for k, (_, _, _, _, E) in enumerate(states):
-        mean, covariance = _conditioned(known, A, y, E)
+    for k, (_, _, _, _, G) in enumerate(states):
+        mean, covariance = _conditioned(known, A, y, G)
         np.testing.assert_allclose(x[k], mean, rtol=0.0, atol=1e-9)
         np.testing.assert_allclose(P[k], covariance, rtol=0.0, atol=1e-9)
         for c in range(4):  # one unit of a common error moves the innovations, and so the mean
-            moved, _ = _conditioned(known, A, A[:, len(prior) - COLUMNS + c], E)
+            moved, _ = _conditioned(known, A, A[:, len(prior) - COLUMNS + c], G)
             np.testing.assert_allclose(sensitivity[k][:, c], -moved, rtol=0.0, atol=1e-9)
 
 
@@ -145,3 +164,26 @@ def test_what_innovations_say_of_common_errors_is_least_squares(problem):
     posterior = np.linalg.inv(common[:4, :4] + np.diag(b_sigma[:4] ** -2.0))
     np.testing.assert_allclose(posterior, covariance, rtol=0.0, atol=1e-9)
     np.testing.assert_allclose(posterior @ common[:4, COLUMNS], mean, rtol=0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize('refused', [-1, 5])
+def test_what_all_others_say_of_a_measurement_is_least_squares_without_it(refused):
+    problem = _problem(refused)
+    *_, prior, A, y, b_sigma = problem
+    residuals, V = _smoothed(problem, b_sigma)[4:]
+    known = prior.copy()
+    known[-COLUMNS:] = 0.0
+    sizes = [1 + 2 * (k % 2) for k in range(STEPS)]
+    ends = np.cumsum(sizes)
+    of_refused = slice(ends[refused] - sizes[refused], ends[refused]) if refused >= 0 else []
+    for k, m in enumerate(sizes):
+        own = np.arange(ends[k] - m, ends[k])
+        others = np.delete(np.arange(len(y)), np.concatenate([own, np.r_[of_refused]]).astype(int))
+        mean, covariance = _conditioned(known, A[others], y[others], A[own])
+        np.testing.assert_allclose(residuals[k, :m], y[own] - mean, rtol=0.0, atol=1e-9)
+        for c in range(4):  # common errors are stated, not estimated
+            column = A[:, len(prior) - COLUMNS + c]
+            moved, _ = _conditioned(known, A[others], column[others], A[own])
+            d = b_sigma[c] * (column[own] - moved)
+            covariance = covariance + np.outer(d, d)
+        np.testing.assert_allclose(V[k, :m, :m], covariance, rtol=0.0, atol=1e-9)

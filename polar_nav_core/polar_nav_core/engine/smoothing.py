@@ -2,7 +2,9 @@
 
 A filter processes the run with every fix at its validity, and its steps and updates are recorded
 (`sins.tape`); the backward pass over them is compiled (`kernels.sins.smooth`). How late a fix came
-does not matter here. Equations: docs/derivations/smoother.md.
+does not matter here. What the gate decided is judged anew by the track that all others give
+(`hindsight`), and the filter runs once more, linearized at that track, until nothing moves.
+Equations: docs/derivations/smoother.md.
 """
 
 from __future__ import annotations
@@ -11,24 +13,38 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-import numpy as np
-
-from .. import nav_columns
-from ..arrays import Array
+from ..arrays import Array, Ints
 from ..errors import ConfigError
-from ..kernels.sins import smooth as kernels
 from ..kernels.sins.consider import COLUMNS
-from ..kernels.sins.update import N
 from . import run as engine_run
-from .events import Fix, Receipt
+from .backwards import Back, backwards
+from .events import Fix, Rank, Receipt, Verdict
+from .hindsight import (
+    Decisions,
+    Judged,
+    Revision,
+    added_by_plan,
+    added_by_weights,
+    decide,
+    plan_of,
+    revisions_of,
+)
 from .inputs import Inputs
 from .params import EngineParams
-from .sins.tape import Stretch, Tape
+from .sins.recorded import FixLog, Plan
+from .sins.tape import Tape
 from .track import Track
 
 LOOK_S = 60.0
 """How often the log is copied; the filter's rings hold more than twice that."""
 _HISTORY_S = 130.0
+MOST_PASSES = 3
+_MOVED = 0.1
+"""Movement of the track that a further pass is made for, of its sigma."""
+_TURN = 0.01
+"""A correction that turns the attitude by less is linear to 1e-4 of the velocity [rad] (bend)."""
+_TRACK_S = 1.0
+"""From one state of the track that a filter is held to, to the next, at most."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +56,8 @@ class Smoothed:
     track : Track
         With covariances that contain the common errors, as published ones do.
     receipts : tuple of Receipt
-        Of fixes, as the filter decided that had each at its validity.
+        Of fixes, as the filter decided that had each at its validity; behind them those of fixes
+        of which hindsight decided otherwise, as revisions.
     divergence : str
         Why the filter stopped; empty where it did not.
     information : (COLUMNS, COLUMNS) array
@@ -49,6 +66,13 @@ class Smoothed:
         ``information`` times their least-squares estimate.
     largest_turn : float
         Largest smoothed correction of the attitude [rad]: what the linear model has to bear.
+    passes : int
+    moved : float
+        Largest movement of the track in the last pass, of its sigma; infinite after one.
+    revisions : tuple of Revision
+        In the order of their stamps.
+    unsettled : str
+        Why there should be another pass; empty where there need not.
     """
 
     track: Track
@@ -57,6 +81,10 @@ class Smoothed:
     information: Array
     vector: Array
     largest_turn: float
+    passes: int = 1
+    moved: float = math.inf
+    revisions: tuple[Revision, ...] = ()
+    unsettled: str = ''
 
 
 def smooth(
@@ -65,6 +93,8 @@ def smooth(
     *,
     every_s: float = 1.0,
     covariances: bool = False,
+    passes: int = MOST_PASSES,
+    at_least: int = 1,
     progress: Callable[[float], None] | None = None,
 ) -> Smoothed:
     """Smoothed track of a run of the strapdown mode, an estimate every so many seconds.
@@ -75,9 +105,11 @@ def smooth(
         Gate and weights are those of its configuration; how it treats late fixes does not count.
     inputs : Inputs
     every_s : float
-        [s]; rounded to whole covariance steps.
+        [s]; rounded to whole covariance steps, above a second to whole seconds.
     covariances : bool
         Whether the track keeps them, besides the columns derived from them.
+    passes, at_least : int
+        Most passes, and those that are made though nothing moves.
     progress : callable, optional
 
     Raises
@@ -85,20 +117,185 @@ def smooth(
     ConfigError
         For parameters that have no linear steps to go back over.
     """
-    stated = in_order(params)
-    every = max(1, round(every_s / stated.filter_period_s))
-    fixes = tuple(at_validity(f) for f in inputs.fixes if f.refusal is None and f.validity_ns > 0)
-    with Tape(every) as tape:
-        result = engine_run.run(
-            stated,
-            replace(inputs, fixes=fixes),
-            sink=lambda _: None,
-            derived=True,
-            progress=progress,
-            look_every_s=LOOK_S,
-            tape=tape,
+    return _Passes(params, inputs, every_s, covariances).run(passes, at_least, progress)
+
+
+class _Passes:
+    """Passes over one run, each with what the one before has shown."""
+
+    def __init__(
+        self, params: EngineParams, inputs: Inputs, every_s: float, covariances: bool
+    ) -> None:
+        self._stated = in_order(params)
+        fixes = (f for f in inputs.fixes if f.refusal is None and f.validity_ns > 0)
+        self._inputs = replace(inputs, fixes=tuple(map(at_validity, fixes)))
+        period_s = self._stated.filter_period_s
+        self._every = max(1, round(min(every_s, _TRACK_S) / period_s))
+        self._published = self._every * max(1, round(every_s / (self._every * period_s)))
+        self._covariances = covariances
+
+    def run(self, most: int, least: int, progress: Callable[[float], None] | None) -> Smoothed:
+        """Result of the last pass that changed something."""
+
+        def part(number: int) -> Callable[[float], None] | None:
+            if progress is None:
+                return None
+            return lambda share: progress((number + share) / most)
+
+        first = found = self._pass(self._stated, None, part(0))
+        stated = replace(self._stated, reopen_after_s=0.0)
+        number, why = 1, found.why_again
+        while (why or number < least) and not found.why_not and number < most:
+            again = self._pass(stated, found.plan(self._inputs), part(number), found.moved)
+            if again.why_not:
+                found = replace(found, why_not=f'pass {number + 1}: {again.why_not}')
+                break
+            found, number = again, number + 1
+            why = found.why_again
+        if first.enlarged and found.fused < first.fused:
+            # Not the start was in doubt, as of a filter that has too sure a one, but the model.
+            found, number = first, 1
+            why = 'the filter enlarged its covariance; without that fewer measurements fit'
+        if progress is not None:
+            progress(1.0)
+        unsettled = '' if not why else found.why_not or why
+        return _result(first, found, number, unsettled, self._stated.gate_probability)
+
+    def _pass(
+        self,
+        params: EngineParams,
+        plan: Plan | None,
+        progress: Callable[[float], None] | None,
+        before: float = math.inf,
+    ) -> _Pass:
+        log = FixLog()
+        with Tape(self._every, log, plan) as tape:
+            result = engine_run.run(
+                params,
+                self._inputs,
+                sink=lambda _: None,
+                derived=True,
+                progress=progress,
+                look_every_s=LOOK_S,
+                tape=tape,
+            )
+            back = backwards(params, tape, self._published, self._covariances)
+            why_not = ''
+            if result.divergence or len(tape.parts) > 1:
+                why_not = 'the filter was lost and began anew'
+            elif params.model_aiding:
+                why_not = 'a vehicle with model_aiding is smoothed in one pass'
+            judged = Judged.joined(back.judged)
+            if plan is None:
+                added = added_by_weights(judged, log.enlargements)
+            else:
+                added = added_by_plan(judged, plan, log.fixes)
+            configuration = params.resolved()
+            return _Pass(
+                back,
+                log,
+                decide(judged, configuration.gate_probability, configuration.robust_fixes, added),
+                {Rank.DVL: tape.dvl_stamps_ns, Rank.DEPTH: tape.depth_stamps_ns},
+                result.receipts,
+                result.divergence,
+                why_not,
+                tape.enlarged,
+                math.inf if plan is None else back.moved,
+                before,
+            )
+
+
+@dataclass(frozen=True)
+class _Pass:
+    """Result of one pass, and what is decided by it."""
+
+    back: Back
+    fixes: FixLog
+    decisions: Decisions
+    stamps_ns: dict[Rank, Ints]
+    receipts: tuple[Receipt, ...]
+    divergence: str
+    why_not: str
+    """Why no filter can be held to this track."""
+    enlarged: bool
+    moved: float
+    moved_before: float
+    """Largest movement of the track in this pass and in the one before, of its sigma."""
+
+    @property
+    def fused(self) -> int:
+        """Number of measurements that were fused."""
+        return int(self.decisions.judged.fused.sum())
+
+    @property
+    def why_again(self) -> str:
+        """Why another pass would give another track; empty where it would not."""
+        if self.decisions.changed:
+            return f'{self.decisions.changed} verdicts change with hindsight'
+        if math.isinf(self.moved):
+            if self.enlarged:
+                return (
+                    'the filter enlarged its covariance: what came before bears on nothing after'
+                )
+            if self._held_back:
+                return f'{self._held_back} fixes were refused unseen'
+            if self.decisions.reweighted:
+                return f'{self.decisions.reweighted} fixes have another weight with hindsight'
+            if self.back.largest_turn > _TURN:
+                return f'the attitude is corrected by {self.back.largest_turn:.3f} rad'
+        elif self._still_to_come > _MOVED:
+            return f'the track moved by {self.moved:.2f} of its sigma'
+        return ''
+
+    @property
+    def _still_to_come(self) -> float:
+        """Movement of a further pass: it shrinks from pass to pass at least as it did."""
+        if math.isinf(self.moved_before):
+            return self.moved
+        return self.moved * min(1.0, self.moved / self.moved_before)
+
+    @property
+    def _held_back(self) -> int:
+        """Fixes that were refused before the filter saw them: like a long row before them."""
+        return sum(r.verdict is Verdict.GATED for r in self.receipts) - int(
+            (~self.decisions.judged.fused & (self.decisions.judged.ranks == Rank.FIX)).sum()
         )
-        return _backwards(tape, result.receipts, result.divergence, covariances)
+
+    def plan(self, inputs: Inputs) -> Plan:
+        """Plan of the next pass."""
+        return plan_of(
+            self.decisions,
+            self.fixes.fixes,
+            (self.back.stamps_ns, self.back.states),
+            len(inputs.dvl_stamps_ns),
+            len(inputs.depth_stamps_ns),
+        )
+
+
+def _result(
+    first: _Pass, last: _Pass, passes: int, unsettled: str, gate_probability: float
+) -> Smoothed:
+    revisions, receipts = revisions_of(
+        first.decisions.judged,
+        last.decisions,
+        (first.fixes.fixes, last.fixes.fixes),
+        last.stamps_ns,
+        gate_probability,
+        first.receipts,
+    )
+    common = last.back.common
+    return Smoothed(
+        track=last.back.track,
+        receipts=(*first.receipts, *receipts),
+        divergence=last.divergence,
+        information=common[:, :COLUMNS].copy(),
+        vector=common[:, COLUMNS].copy(),
+        largest_turn=last.back.largest_turn,
+        passes=passes,
+        moved=last.moved,
+        revisions=tuple(sorted(revisions, key=lambda r: (r.stamp_ns, r.topic, r.number))),
+        unsettled=unsettled,
+    )
 
 
 def in_order(params: EngineParams) -> EngineParams:
@@ -106,8 +303,6 @@ def in_order(params: EngineParams) -> EngineParams:
     configuration = params.resolved()
     if params.mode != 'sins':
         raise ConfigError('smoothing knows mode sins only; station mode has no smoother yet')
-    if params.model_aiding:
-        raise ConfigError('smoothing does not know model_aiding yet')
     if configuration.noise_adaptation != 'none':
         raise ConfigError(
             f'noise_adaptation {configuration.noise_adaptation}: smoothing needs stated noise; '
@@ -121,85 +316,11 @@ def in_order(params: EngineParams) -> EngineParams:
         gate_probability=configuration.gate_probability,
         robust_fixes=configuration.robust_fixes,
         history_s=_HISTORY_S,
+        # The tape has no rows of a velocity through the water: such pings are left aside.
+        water_track_sigma=0.0,
     )
 
 
 def at_validity(fix: Fix) -> Fix:
     """Fix that is received when it is valid."""
     return replace(fix, transmit_ns=fix.validity_ns, receive_ns=fix.validity_ns)
-
-
-def _backwards(
-    tape: Tape,
-    receipts: tuple[Receipt, ...],
-    divergence: str,
-    covariances: bool,
-) -> Smoothed:
-    adjoint, information = np.zeros((1 + COLUMNS, N)), np.zeros((N, N))
-    common = np.zeros((COLUMNS, COLUMNS + 1))
-    scratch = np.zeros((2, N, N))
-    pieces: list[Track] = []
-    turn = 0.0
-    for stretch, ends in tape.backwards():
-        if ends:
-            adjoint[:], information[:] = 0.0, 0.0
-        x = np.empty((len(stretch.stamps_ns), N))
-        kernels.smooth_back(
-            stretch.kinds,
-            stretch.indices,
-            stretch.phi,
-            stretch.H,
-            stretch.K,
-            stretch.L,
-            stretch.z,
-            stretch.moved,
-            stretch.sizes,
-            stretch.places,
-            stretch.navigation,
-            x,
-            stretch.P,
-            stretch.sensitivity,
-            adjoint,
-            information,
-            common,
-            scratch,
-        )
-        kernels.publish_rows(
-            stretch.P, stretch.sensitivity, stretch.navigation, tape.common, tape.hidden
-        )
-        turn = max(turn, float(np.abs(x[:, :3]).max(initial=0.0)))
-        pieces.append(_track_of(stretch, len(stretch.P) if covariances else 0))
-    return Smoothed(
-        _joined(pieces[::-1]),
-        receipts,
-        divergence,
-        common[:, :COLUMNS].copy(),
-        common[:, COLUMNS].copy(),
-        turn if math.isfinite(turn) else math.inf,
-    )
-
-
-def _track_of(stretch: Stretch, kept: int) -> Track:
-    n, rows = len(stretch.stamps_ns), stretch.navigation
-    r_e, C_b_G = rows[:, 12:15].copy(), rows[:, :9].reshape(n, 3, 3)
-    return Track(
-        stretch.stamps_ns,
-        r_e,
-        rows[:, 9:12],
-        C_b_G,
-        stretch.P[:kept],
-        rows[:, 15:30],
-        np.zeros((n, 2, 3)),
-        np.zeros((n, 3), dtype=np.int64),
-        derived=nav_columns.describe(r_e, C_b_G, stretch.P),
-    )
-
-
-def _joined(pieces: list[Track]) -> Track:
-    names = (
-        'stamps_ns', 'r_e', 'v_G', 'C_b_G', 'P', 'sensor_errors', 'local_statistics', 'fixes',
-        'derived',
-    )  # fmt: skip
-    if not pieces:
-        raise ConfigError('there is nothing to smooth: the filter did not start')
-    return Track(**{n: np.concatenate([getattr(p, n) for p in pieces]) for n in names})

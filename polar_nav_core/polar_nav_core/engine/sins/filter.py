@@ -121,9 +121,9 @@ class NavigationFilter:
         weight = params.forgetting ** (1.0 / (1.0 - params.forgetting))  # b^k with k = k0
         self.state.noise[:] = [weight, 1.0, 1.0, 1.0]
         self.start_ns = stamp_ns
-        self._begin()
+        self.begin()
 
-    def _begin(self) -> None:
+    def begin(self) -> None:
         """Begin at the state as it is: no past, one epoch, one snapshot."""
         stamp_ns, counters, log = self.start_ns, self.state.counters, self.log
         counters[:] = 0
@@ -189,7 +189,7 @@ class NavigationFilter:
         speed = float(np.linalg.norm(s.v_G))
         s.P[X.dr_e, X.dr_e] += np.eye(3) * ((speed + _LOST_ACCELERATION) * since_s) ** 2
         self.leader = lost.leader  # the states are scaled by what it has heard
-        self._begin()
+        self.begin()
 
     def _set_state(self, s: InitialState) -> None:
         p, own = self._p, self.state

@@ -6,6 +6,7 @@ import numpy as np
 
 from ...kernels.sins import state as fs
 from ...kernels.sins.consider import COLUMNS
+from ...kernels.sins.model import E
 from ...kernels.sins.update import N
 
 STEPS_PER_BLOCK = 20
@@ -27,6 +28,7 @@ def make_log(
         stamps=np.zeros(order, dtype=np.int64),
         ranks=np.zeros(order, dtype=np.int64),
         epochs=np.zeros(order, dtype=np.int64),
+        samples=np.zeros(order, dtype=np.int64),
         step_P=np.zeros((stored, N, N)),
         rows=np.zeros(order, dtype=np.int64),
         H=np.zeros((updates, 3, N)),
@@ -36,8 +38,11 @@ def make_log(
         S=np.zeros((updates, 3, 3)),
         L=np.zeros((updates, 3, 3)),
         moved=np.zeros((updates, 3, COLUMNS)),
+        model_steps=np.zeros((stored if model else 0, 3, N + E)),
+        model_rows=np.zeros((updates if model else 0, 2, 3, E)),
         snapshot_flat=np.zeros((kept, fs.FLAT + (fs.MODEL if model else 0))),
         snapshot_counters=np.zeros((kept, fs.COUNTERS), dtype=np.int64),
         good_flat=np.zeros((1, fs.FLAT + (fs.MODEL if model else 0))),
         good_ns=np.zeros(1, dtype=np.int64),
+        hindsight=fs.make_hindsight(),
     )

@@ -29,7 +29,7 @@ from .model import (
 )
 from .rows import dvl_rows
 from .state import Frames, Settings, State, Work
-from .update import cholesky, gain_of, nis_of, subtract
+from .update import N, cholesky, gain_of, nis_of, subtract
 
 LONGEST_STEP = 0.05
 """Of the integration of v_r [s]."""
@@ -160,11 +160,39 @@ def correct_block(s: State, w: Work, m: int) -> None:
     """Correct e by a measurement of x, after the update of P, which left K, D, L and S."""
     rows = w.model
     P_xe, P_ee = s.model[fs.P_XE : fs.P_EE], s.model[fs.P_EE : fs.MEAN]
-    G_e, K_e = rows[_G_E : _G_E + 3], rows[_K_E : _K_E + 3]
-    D_e = rows[_D_E : _D_E + 3]
-    rows_of_block(G_e, w.H, P_xe, m)
-    gain_of(K_e, D_e, G_e, w.L, w.S, m)
-    _correct(s, w, P_xe, P_ee, K_e, D_e)
+    fill_block_gain(s, w, m)
+    _correct(s, w, P_xe, P_ee, rows[_K_E : _K_E + 3], rows[_D_E : _D_E + 3])
+
+
+@kernel
+def fill_block_gain(s: State, w: Work, m: int) -> None:
+    """Gain of e by a measurement of x into the scratch; L and S of it stand there."""
+    rows = w.model
+    G_e, H_e = rows[_G_E : _G_E + 3], rows[_H_E : _H_E + 3]
+    rows_of_block(G_e, w.H, s.model[fs.P_XE : fs.P_EE], m)
+    gain_of(rows[_K_E : _K_E + 3], rows[_D_E : _D_E + 3], G_e, w.L, w.S, m)
+    for a in range(3):
+        for k in range(E):
+            H_e[a, k] = 0.0
+
+
+@kernel
+def store_block_rows(out: Array, w: Work) -> None:
+    """Rows and gain of e of the last update, from the scratch into (2, 3, 7)."""
+    for a in range(3):
+        for k in range(E):
+            out[0, a, k] = w.model[_H_E + a, k]
+            out[1, a, k] = w.model[_K_E + a, k]
+
+
+@kernel
+def store_block_step(out: Array, w: Work) -> None:
+    """Transition of e over the last step, from the scratch into (3, 31)."""
+    for i in range(3):
+        for k in range(N):
+            out[i, k] = w.model_slopes[3 + i, k]
+        for k in range(E):
+            out[i, N + k] = w.model[_PHI_EE + i, k]
 
 
 @kernel

@@ -13,10 +13,16 @@ from ..frames.body import rotation_coefficients
 from ..frames.earth import up_and_height
 from ..frames.grid import fill_C_e_G
 from . import state as fs
-from .aiding import compare_velocities
-from .events import add_epoch, begin_step, covariance_step, take_snapshot
-from .fuse import correct_and_remember, locate
+from .events import (
+    add_epoch,
+    begin_step,
+    compare_with_model,
+    covariance_step,
+    take_snapshot,
+)
+from .fuse import locate
 from .gap import HELD_S, LONG_NS, add_path_not_known
+from .hindsight import hold, is_held
 from .state import Frames, Log, Past, Settings, State, Work
 
 USUAL = 3.0
@@ -67,13 +73,12 @@ def bridge(s: State, c: Settings, past: Past, w: Work, log: Log, until_ns: int) 
                 s.sums[5, 0] = step
             s.counters[fs.STAMP] = stamp_ns
         code = covariance_step(s, c, past, w, log, stamp_ns, step, gap)
+        if is_held(log):
+            hold(s, log, w.x)
         begin_step(s, c, stamp_ns)
         add_epoch(s, c, past)
         if c.aiding.on and code == fs.DONE:
-            code = compare_velocities(s, c, w, step)
-            if code == fs.FUSED:
-                correct_and_remember(s, c, past, w.x)
-            code = min(code, fs.DONE)
+            code = compare_with_model(s, c, past, w, log, step)
         if s.counters[fs.STEPS] % c.steps_per_snapshot == 0:
             take_snapshot(s, log)
 

@@ -14,18 +14,20 @@ from ..cache import kernel, routine
 from ..frames.earth import up_and_height
 from ..frames.grid import fill_C_e_G
 from . import state as fs
-from .aiding import compare_velocities, model_is_definite, predict_model
+from .aiding import compare_velocities, model_is_definite, predict_model, store_block_step
 from .consider import (
     COLUMNS,
     LEADER,
+    clear,
     depth_common,
     dvl_common,
     fix_common,
     predict_sensitivity,
 )
-from .fuse import correct_and_remember, enter
+from .fuse import correct_and_remember, enter, enter_update
 from .gap import add_gap_noise
 from .heading import add_heading_dynamics
+from .hindsight import carry_deviation, hold, is_held
 from .imu import hold_surroundings, imu_step, take_means
 from .model import E
 from .rows import depth_rows, dvl_rows, fix_rows
@@ -71,6 +73,9 @@ def take_snapshot(s: State, log: Log) -> None:
     if log.snapshot_flat.shape[0] == 0:
         return
     i = log.counts[1] % log.snapshot_flat.shape[0]
+    if log.hindsight.deviations.shape[0] > 0:
+        for k in range(N):
+            log.hindsight.deviations[i, k] = log.hindsight.deviation[k]
     _copy(s, log.snapshot_flat[i])
     for k in range(fs.COUNTERS):
         log.snapshot_counters[i, k] = s.counters[k]
@@ -117,6 +122,8 @@ def covariance_step(
     predict(s.P, Phi, w.q, w.M)
     if s.counters[fs.CONSIDERS] == 1:
         predict_sensitivity(s.sensitivity, Phi, w.M)
+    if is_held(log):
+        carry_deviation(log, Phi, w.x)
     # The mean of a Markov error decays as its transition says.
     for k in range(3):
         s.dvl_markov_m[k] *= Phi[MARKOV, MARKOV]
@@ -142,6 +149,8 @@ def covariance_step(
         for i in range(N):
             for j in range(N):
                 log.step_P[slot, i, j] = s.P[i, j]
+        if c.aiding.on and log.model_steps.shape[0] > 0:
+            store_block_step(log.model_steps[slot], w)
         enter(
             log,
             fs.STEP,
@@ -217,17 +226,28 @@ def imu_event(
     if stepped:
         step = (stamp_ns - s.counters[fs.BOUNDARY]) * 1e-9
         code = covariance_step(s, c, past, w, log, stamp_ns, step, 0.0)
+        if is_held(log):
+            hold(s, log, w.x)
         begin_step(s, c, stamp_ns)
     add_epoch(s, c, past)
     # A measurement like others, after the epoch; inside this event, so that a snapshot has it.
     if stepped and c.aiding.on and code == fs.DONE:
-        code = compare_velocities(s, c, w, step)
-        if code == fs.FUSED:
-            correct_and_remember(s, c, past, w.x)
-        code = min(code, fs.DONE)
+        code = compare_with_model(s, c, past, w, log, step)
     if stepped and s.counters[fs.STEPS] % c.steps_per_snapshot == 0:
         take_snapshot(s, log)
     return code
+
+
+@kernel
+def compare_with_model(s: State, c: Settings, past: Past, w: Work, log: Log, dt: float) -> int:
+    """Fuse the velocity of the vehicle's model after a step of dt [s]; DONE, or a failure."""
+    code: int = compare_velocities(s, c, w, dt)
+    if code == fs.FUSED:
+        if log.model_rows.shape[0] > 0:
+            clear(w.moved)  # the filter knows no common error of the model
+            enter_update(s, w, log, fs.UPDATE, fs.VECTOR, fs.IMU_RANK)
+        correct_and_remember(s, c, past, w.x)
+    return min(code, fs.DONE)
 
 
 @kernel

@@ -12,9 +12,18 @@ from ...arrays import Array
 from ..cache import kernel, routine
 from ..watch import observe
 from . import state as fs
-from .aiding import correct_block
+from .aiding import correct_block, fill_block_gain, store_block_rows
 from .bend import add_bend_of_correction, add_bend_of_ping
 from .consider import COLUMNS, innovation_sensitivity, update_sensitivity, widen
+from .hindsight import (
+    add_to_deviation,
+    decision,
+    gain_of_refused,
+    is_held,
+    pass_over,
+    sample_of,
+    subtract_deviation,
+)
 from .imu import place
 from .reopen import open_gate, opens
 from .runaway import follow, open_wide, runs_away
@@ -231,12 +240,19 @@ def fuse_rows(
     First m rows; ``stream`` is their row of tally and noise, ``rank`` their place in the log. The
     frames are left behind: `fuse_filled` and `run.advance` bring them up to date.
     """
-    if c.gap_ns > 0 and stream == fs.DVL_ROW:
+    if is_held(log):
+        subtract_deviation(log, w, m)
+    elif c.gap_ns > 0 and stream == fs.DVL_ROW:
         add_bend_of_ping(w.R, s.P, s.v_G)
     adapt_noise(s, c, w, stream, m)
     if not judge(s, c, w, w.R, m):
         return fs.S_NOT_DEFINITE
-    fused = passes(s, c, w, w.z, stream, m)
+    imposed = decision(s, log, stream)
+    if imposed == fs.BY_GATE:
+        fused = passes(s, c, w, w.z, stream, m)
+    else:
+        w.nis[1] = 1.0
+        fused = imposed == fs.TO_FUSE
     is_evidence = remember(s, c, w, w.z, stream, m, fused)
     if not fused and opens(s, c, stream):
         open_gate(s, w, stream, m)
@@ -256,6 +272,12 @@ def fuse_rows(
     if not fused:
         if s.counting[0]:
             s.tally[stream, fs.GATED] += 1.0
+        if log.hindsight.keeps[0] == 1:
+            gain_of_refused(w, m)
+            if c.aiding.on:
+                fill_block_gain(s, w, m)
+            enter_update(s, w, log, fs.KEPT, m, rank)
+            pass_over(s, past)
         return fs.REFUSED
     update(s.P, w.x, w.S, w.z, m, w.K, w.PHt, w.L, w.D)
     if s.counters[fs.CONSIDERS] == 1:
@@ -268,12 +290,30 @@ def fuse_rows(
         s.tally[stream, fs.UPDATES] += 1.0
         s.tally[stream, fs.NIS_SUM] += w.nis[0]
     if log.H.shape[0] > 0:
-        number = s.counters[fs.CORRECTIONS]
-        store_update(log, number, w, m)
-        stamp_ns = s.counters[fs.STAMP]
-        enter(log, fs.UPDATE, number, stamp_ns, rank, s.counters[fs.EPOCHS], m)
-    correct_and_remember(s, c, past, w.x)
+        enter_update(s, w, log, fs.UPDATE, m, rank)
+    apply_correction(s, c, past, w, log)
     return fs.FUSED
+
+
+@kernel
+def enter_update(s: State, w: Work, log: Log, kind: int, m: int, rank: int) -> None:
+    """Append the update in the scratch to the order of linear steps, under the next number."""
+    number = s.counters[fs.CORRECTIONS]
+    store_update(log, number, w, m)
+    if log.model_rows.shape[0] > 0:
+        store_block_rows(log.model_rows[number % log.model_rows.shape[0]], w)
+    log.samples[log.counts[0] % log.kinds.shape[0]] = sample_of(s, log, rank)
+    enter(log, kind, number, s.counters[fs.STAMP], rank, s.counters[fs.EPOCHS], m)
+
+
+@kernel
+def apply_correction(s: State, c: Settings, past: Past, w: Work, log: Log) -> None:
+    """Correct the state by the last update, or, where it is held to a track, its deviation."""
+    if is_held(log):
+        add_to_deviation(log, w)
+        pass_over(s, past)
+    else:
+        correct_and_remember(s, c, past, w.x)
 
 
 @routine

@@ -16,7 +16,8 @@ from . import compass
 from . import state as fs
 from .aiding import correct_block
 from .consider import clear, update_sensitivity
-from .fuse import correct_and_remember, enter, judge, store_update
+from .fuse import apply_correction, enter_update, judge
+from .hindsight import is_held, subtract_deviation
 from .reopen import (
     AGREEMENT,
     CHANCES,
@@ -189,6 +190,8 @@ def _open_gate(s: State, w: Work) -> None:
 def _fuse_row(s: State, c: Settings, past: Past, w: Work, log: Log, watched: bool) -> int:
     """Gate the row in the scratch and fuse it; FUSED, REFUSED or S_NOT_DEFINITE."""
     w.nis[1] = 1.0
+    if is_held(log):
+        subtract_deviation(log, w, fs.SCALAR)
     if not judge(s, c, w, w.R, fs.SCALAR):
         return fs.S_NOT_DEFINITE
     fused = bool(w.nis[0] <= c.gates[fs.SCALAR])
@@ -218,12 +221,8 @@ def _fuse_row(s: State, c: Settings, past: Past, w: Work, log: Log, watched: boo
     if c.aiding.on:
         correct_block(s, w, fs.SCALAR)
     if log.H.shape[0] > 0:
-        number = s.counters[fs.CORRECTIONS]
-        store_update(log, number, w, fs.SCALAR)
-        stamp_ns = s.counters[fs.STAMP]
-        epochs = s.counters[fs.EPOCHS]
-        enter(log, fs.UPDATE, number, stamp_ns, fs.HEADING_RANK, epochs, fs.SCALAR)
-    correct_and_remember(s, c, past, w.x)
+        enter_update(s, w, log, fs.UPDATE, fs.SCALAR, fs.HEADING_RANK)
+    apply_correction(s, c, past, w, log)
     return fs.FUSED
 
 

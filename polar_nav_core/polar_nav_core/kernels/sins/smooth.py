@@ -15,18 +15,24 @@ from __future__ import annotations
 from ...arrays import Array, Ints
 from ..cache import kernel, routine
 from .consider import COLUMNS, add_common
+from .model import MOVING
 from .run import leave_out_leader
-from .state import NAVIGATION, STEP
+from .state import KEPT, NAVIGATION, STEP
 from .three_rows import solve_rows
-from .update import COUPLED, NAV, N, feed_back
+from .update import COUPLED, NAV, N, cholesky, feed_back
 
 PHI = NAV * COUPLED + COUPLED
 """Numbers of a transition that are kept: its first nine rows, then its diagonal below them."""
 
 
 @kernel
-def _apply_step(phi: Array, x: Array, out: Array) -> None:
-    """Write Phi^T x for each row of x (n, 24) into ``out``; Phi as `PHI` numbers."""
+def _apply_step(phi: Array, model: Array, x: Array, out: Array) -> None:
+    """Write Phi^T x for each row of x (k, n) into ``out``; Phi as `PHI` numbers, and ``model``.
+
+    ``model``, (3, 31), has the first rows of the states of a vehicle's model, which are n - 24;
+    those below them are constant.
+    """
+    n = x.shape[1]
     for r in range(x.shape[0]):
         for j in range(COUPLED):
             s = 0.0
@@ -37,6 +43,12 @@ def _apply_step(phi: Array, x: Array, out: Array) -> None:
             out[r, j] = 0.0
         for j in range(NAV, N):
             out[r, j] += phi[NAV * COUPLED + j - NAV] * x[r, j]
+        if n > N:
+            for j in range(N, n):
+                out[r, j] = x[r, j] if j >= N + MOVING else 0.0
+            for i in range(MOVING):
+                for j in range(n):
+                    out[r, j] += model[i, j] * x[r, N + i]
 
 
 @kernel
@@ -48,24 +60,24 @@ def _copy(x: Array, out: Array) -> None:
 
 @kernel
 def _transpose(x: Array, out: Array) -> None:
-    for i in range(N):
-        for j in range(N):
+    for i in range(x.shape[0]):
+        for j in range(x.shape[1]):
             out[j, i] = x[i, j]
 
 
 @kernel
-def step_back(adjoint: Array, information: Array, phi: Array, w: Array) -> None:
-    """Carry adjoint (1 + COLUMNS, 24) and Lambda (24, 24) to before a step; w (2, 24, 24) scratch.
+def step_back(adjoint: Array, information: Array, phi: Array, model: Array, w: Array) -> None:
+    """Carry adjoint (1 + COLUMNS, n) and Lambda (n, n) to before a step; w (2, n, n) scratch.
 
     lambda <- Phi^T lambda, Lambda <- Phi^T Lambda Phi.
     """
-    n = adjoint.shape[0]
-    _apply_step(phi, adjoint, w[0, :n])
-    _copy(w[0, :n], adjoint)
-    _apply_step(phi, information, w[0])
+    rows = adjoint.shape[0]
+    _apply_step(phi, model, adjoint, w[0, :rows])
+    _copy(w[0, :rows], adjoint)
+    _apply_step(phi, model, information, w[0])
     _transpose(w[0], w[1])
-    _apply_step(phi, w[1], w[0])
-    for i in range(N):
+    _apply_step(phi, model, w[1], w[0])
+    for i in range(information.shape[0]):
         for j in range(i + 1):
             s = 0.5 * (w[0, i, j] + w[0, j, i])
             information[i, j] = s
@@ -99,60 +111,155 @@ def update_back(
 
     Parameters
     ----------
-    adjoint : (1 + COLUMNS, 24) array, in place
+    adjoint : (1 + COLUMNS, n) array, in place
         lambda, and below it its change per unit of each common error.
-    information : (24, 24) array, in place
-    H, K : (3, 24) arrays
+    information : (24, n) array, in place
+    H, K : (3, n) arrays
         Rows and transposed gain.
     L : (3, 3) array
         Cholesky factor of S.
     z, moved : (3,), (3, COLUMNS) arrays
         Innovation, and its change per unit of each common error.
     m : int
-    w : (2, 24, 24) array
+    w : (2, 24, n) array
         Scratch.
     """
+    n = adjoint.shape[1]
     weight = w[1, :3, :3]
     _inverse(L, m, weight)
     for r in range(1 + COLUMNS):
         for a in range(m):  # what of lambda the gain takes, and the innovation
             s = 0.0
-            for i in range(N):
+            for i in range(n):
                 s += K[a, i] * adjoint[r, i]
             for b in range(m):
                 s += weight[a, b] * (z[b] if r == 0 else moved[b, r - 1])
             w[0, 0, a] = s
         for a in range(m):
-            for i in range(N):
+            for i in range(n):
                 if H[a, i] != 0.0:
                     adjoint[r, i] -= H[a, i] * w[0, 0, a]
     # With Y = Lambda K: Lambda - Y H - H^T Y^T + H^T (K^T Y + S^-1) H
     Y = w[0, :3]
     for a in range(m):
-        for i in range(N):
+        for i in range(n):
             s = 0.0
-            for j in range(N):
+            for j in range(n):
                 s += information[i, j] * K[a, j]
             Y[a, i] = s
     for a in range(m):
         for b in range(m):
             s = 0.0
-            for i in range(N):
+            for i in range(n):
                 s += K[a, i] * Y[b, i]
             weight[a, b] += s
     for a in range(m):
-        for i in range(N):
+        for i in range(n):
             # Half of the last term on either side keeps Lambda symmetric.
             for b in range(m):
                 Y[a, i] -= 0.5 * weight[a, b] * H[b, i]
     for a in range(m):
-        for i in range(N):
+        for i in range(n):
             h = H[a, i]
             if h != 0.0:
-                for j in range(N):
+                for j in range(n):
                     information[i, j] -= h * Y[a, j]
-                for j in range(N):
+                for j in range(n):
                     information[j, i] -= h * Y[a, j]
+
+
+@kernel
+def leave_out(
+    adjoint: Array,
+    information: Array,
+    K: Array,
+    L: Array,
+    z: Array,
+    moved: Array,
+    m: int,
+    fused: bool,
+    sigma: Array,
+    residual: Array,
+    V: Array,
+    w: Array,
+) -> None:
+    """Residual (3,) of a measurement to the track by all others, and its covariance V (3, 3).
+
+    With u = S^-1 z + K lambda and A = K Lambda K^T, all after the measurement: e = V u with
+    V = (S^-1 + A)^-1 if it was fused, e = S u with V = S - S A S if not. Common errors, of
+    1-sigma ``sigma``, are added to V; it is zero where it could not be computed.
+
+    Parameters
+    ----------
+    adjoint, information, K, L, z, moved, m, w : as in `update_back`
+        The gain of one that was refused is that which it would have had.
+    fused : bool
+    sigma : (COLUMNS,) array
+    residual, V : (3,), (3, 3) arrays, out
+    """
+    n = adjoint.shape[1]
+    weight, S, by = w[1, :3, :3], w[1, 3:6, :3], w[1, 6:9, :3]
+    _inverse(L, m, weight)
+    for a in range(m):
+        for i in range(n):
+            s = 0.0
+            for j in range(n):
+                s += information[i, j] * K[a, j]
+            w[0, a, i] = s
+    for a in range(m):
+        for b in range(m):
+            s = 0.0
+            for i in range(n):
+                s += K[a, i] * w[0, b, i]
+            by[a, b] = s
+            s = 0.0
+            for k in range(min(a, b) + 1):
+                s += L[a, k] * L[b, k]
+            S[a, b] = s
+    for a in range(3):
+        residual[a] = 0.0
+        for b in range(3):
+            V[a, b] = 0.0
+    G = w[1, 9:12, :3]
+    if fused:
+        for a in range(m):
+            for b in range(m):
+                by[a, b] += weight[a, b]
+        if not cholesky(G, by, m):
+            return
+        _inverse(G, m, S)  # now (S^-1 + A)^-1
+        for a in range(m):
+            for b in range(m):
+                V[a, b] = S[a, b]
+    else:
+        for a in range(m):
+            for b in range(m):
+                s = S[a, b]
+                for c in range(m):
+                    for d in range(m):
+                        s -= S[a, c] * by[c, d] * S[d, b]
+                V[a, b] = s
+    u, e = w[0, 3], w[0, 4]
+    for r in range(1 + COLUMNS):
+        if r > 0 and sigma[r - 1] == 0.0:
+            continue
+        for a in range(m):
+            s = 0.0
+            for i in range(n):
+                s += K[a, i] * adjoint[r, i]
+            for b in range(m):
+                s += weight[a, b] * (z[b] if r == 0 else moved[b, r - 1])
+            u[a] = s
+        for a in range(m):
+            e[a] = 0.0
+            for b in range(m):
+                e[a] += S[a, b] * u[b]
+        for a in range(m):
+            if r == 0:
+                residual[a] = e[a]
+            else:
+                for b in range(m):
+                    V[a, b] += sigma[r - 1] * sigma[r - 1] * e[a] * e[b]
 
 
 @kernel
@@ -178,42 +285,43 @@ def learn_common(J: Array, h: Array, L: Array, z: Array, moved: Array, m: int, w
 def smooth_row(
     x: Array, P: Array, sensitivity: Array, adjoint: Array, information: Array, w: Array
 ) -> None:
-    """Smoothed error x (24,) of a row; its covariance P and sensitivity change to the smoothed.
+    """Smoothed error x (n,) of a row; its covariance P and sensitivity change to the smoothed.
 
     x <- -P lambda, P <- P - P Lambda P, sensitivity <- sensitivity + P (change of lambda).
 
     Parameters
     ----------
-    x : (24,) array, out
-    P : (24, 24) array, in place
+    x : (n,) array, out
+    P : (24, n) array, in place
         The filter's, without common errors.
     sensitivity : (24, COLUMNS) array, in place
-    adjoint, information : (1 + COLUMNS, 24), (24, 24) arrays
-    w : (2, 24, 24) array
+    adjoint, information : (1 + COLUMNS, n), (24, n) arrays
+    w : (2, 24, n) array
         Scratch.
     """
-    for i in range(N):
+    n = adjoint.shape[1]
+    for i in range(n):
         s = 0.0
-        for j in range(N):
+        for j in range(n):
             s -= P[i, j] * adjoint[0, j]
         x[i] = s
         for c in range(COLUMNS):
             s = 0.0
-            for j in range(N):
+            for j in range(n):
                 s += P[i, j] * adjoint[1 + c, j]
             sensitivity[i, c] += s
-        for k in range(N):
+        for k in range(n):
             s = 0.0
-            for j in range(N):
+            for j in range(n):
                 s += P[i, j] * information[j, k]
             w[0, i, k] = s
-    for i in range(N):
-        for k in range(N):
+    for i in range(n):
+        for k in range(n):
             s = 0.0
-            for j in range(N):
+            for j in range(n):
                 s += w[0, i, j] * P[j, k]
             w[1, i, k] = s
-    for i in range(N):
+    for i in range(n):
         for k in range(i + 1):
             s = P[i, k] - 0.5 * (w[1, i, k] + w[1, k, i])
             P[i, k] = s
@@ -268,6 +376,7 @@ def smooth_back(
     kinds: Ints,
     indices: Ints,
     phi: Array,
+    model: Array,
     H: Array,
     K: Array,
     L: Array,
@@ -276,12 +385,16 @@ def smooth_back(
     sizes: Ints,
     places: Ints,
     navigation: Array,
+    deviations: Array,
     x: Array,
     P: Array,
     sensitivity: Array,
     adjoint: Array,
     information: Array,
     common: Array,
+    sigma: Array,
+    residuals: Array,
+    V: Array,
     w: Array,
 ) -> None:
     """Run backwards over entries, and smooth the rows that lie between them.
@@ -289,35 +402,62 @@ def smooth_back(
     Parameters
     ----------
     kinds, indices : (n,) arrays
-        STEP or UPDATE, and the place of its numbers in ``phi``, or in ``H`` to ``sizes``.
-    phi : (steps, PHI) array
+        STEP, UPDATE or KEPT, and the place of its numbers in ``phi``, or in ``H`` to ``sizes``.
+    phi, model : (steps, PHI), (steps, 3, 31) arrays
+        Transitions; n is 31 with a vehicle's model, else 24, and ``model`` has no rows.
     H, K, L, z, moved, sizes : (updates, ...) arrays
         Rows, gain, factor of S, innovation, its change per common error, number of rows.
     places : (k,) array
         Number of entries before each row, ascending.
     navigation : (k, 30) array, in place
         Leading values of the states, which become the smoothed ones.
-    x, P, sensitivity : (k, 24), (k, 24, 24), (k, 24, COLUMNS) arrays
-        Out, in place, in place: see `smooth_row`.
-    adjoint, information : (1 + COLUMNS, 24), (24, 24) arrays, in place
+    deviations : (k, n) array
+        Estimated error of each row; not zero where the filter was held to a track.
+    x, P, sensitivity : (k, n), (k, n, n), (k, n, COLUMNS) arrays
+        Out, in place, in place: see `smooth_row`; x with the deviation, all that a row is off by.
+    adjoint, information : (1 + COLUMNS, n), (n, n) arrays, in place
         At the end of the entries; afterwards before the first.
     common : (COLUMNS, COLUMNS + 1) array, in place
         What the innovations say of the common errors: information matrix, and vector behind it.
-    w : (2, 24, 24) array
+    sigma : (COLUMNS,) array
+        1-sigma of the common errors.
+    residuals, V : (updates, 3), (updates, 3, 3) arrays, out
+        Of each measurement, to the track by all others, and its covariance: see `leave_out`.
+    w : (2, n, n) array
         Scratch.
     """
     row = places.shape[0] - 1
     for number in range(kinds.shape[0], -1, -1):
         while row >= 0 and places[row] >= number:
             smooth_row(x[row], P[row], sensitivity[row], adjoint, information, w)
+            for i in range(x.shape[1]):
+                x[row, i] += deviations[row, i]
             correct_row(navigation[row], x[row], w[1])
             row -= 1
         if number == 0:
             return
         i = indices[number - 1]
         if kinds[number - 1] == STEP:
-            step_back(adjoint, information, phi[i], w)
+            of_model = model[i] if model.shape[0] > 0 else w[0]
+            step_back(adjoint, information, phi[i], of_model, w)
         else:
             m = sizes[i]
+            kept = kinds[number - 1] == KEPT
+            leave_out(
+                adjoint,
+                information,
+                K[i],
+                L[i],
+                z[i],
+                moved[i],
+                m,
+                not kept,
+                sigma,
+                residuals[i],
+                V[i],
+                w,
+            )
+            if kept:
+                continue
             learn_common(common[:, :COLUMNS], common[:, COLUMNS], L[i], z[i], moved[i], m, w)
             update_back(adjoint, information, H[i], K[i], L[i], z[i], moved[i], m, w)

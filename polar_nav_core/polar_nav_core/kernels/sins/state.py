@@ -430,6 +430,48 @@ class Streams(NamedTuple):
     heading_up_b: Array  # (n, 3): the vertical of the AHRS, or NaN
 
 
+class Hindsight(NamedTuple):
+    """What a filter that is run for a smoother knows besides (`hindsight`); empty for others."""
+
+    keeps: Ints  # (1,): 1 where refused measurements are logged, too
+    stamps: Ints  # of the states that the filter is linearized at; none: it corrects its own
+    states: Array  # (n, 30): their leading values
+    place: Ints  # (1,): the next of them
+    deviation: Array  # (24,): estimated error of a state that is held to them
+    deviations: Array  # (snapshots, 24): the same at each snapshot
+    dvl: Ints  # BY_GATE, TO_FUSE or TO_REFUSE, of each ping; none: all by the gate
+    depth: Ints
+    fix: Ints  # (2,): the same of the fix at hand, and its number
+
+
+BY_GATE = 0
+TO_FUSE = 1
+TO_REFUSE = 2
+"""Who decides on a measurement: the gate, or what was found with hindsight."""
+
+
+def make_hindsight() -> Hindsight:
+    """Return what a filter by itself knows: nothing."""
+
+    def none() -> Ints:
+        return np.zeros(0, dtype=np.int64)
+
+    def one() -> Ints:
+        return np.zeros(1, dtype=np.int64)
+
+    return Hindsight(
+        keeps=one(),
+        stamps=none(),
+        states=np.zeros((0, NAVIGATION)),
+        place=one(),
+        deviation=np.zeros(N),
+        deviations=np.zeros((0, N)),
+        dvl=none(),
+        depth=none(),
+        fix=np.zeros(2, dtype=np.int64),
+    )
+
+
 class Log(NamedTuple):
     """Linear steps and updates in order, for `clone`; snapshots, for `rewind`.
 
@@ -443,6 +485,7 @@ class Log(NamedTuple):
     stamps: Ints
     ranks: Ints
     epochs: Ints
+    samples: Ints  # number of a measurement in its stream
     step_P: Array
     rows: Ints
     H: Array
@@ -452,15 +495,19 @@ class Log(NamedTuple):
     S: Array
     L: Array
     moved: Array  # innovation per unit of each common error, of updates at the present
+    model_steps: Array  # (steps, 3, 31): Phi_ex, Phi_ee of a vehicle's model; without: no rows
+    model_rows: Array  # (updates, 2, 3, 7): H_e and gain of it
     snapshot_flat: Array  # State.flat, and State.model after it
     snapshot_counters: Ints
     good_flat: Array  # (1, ...): as above, when the covariance was last tested in full
     good_ns: Ints  # (1,): its stamp
+    hindsight: Hindsight
 
 
 STEP = 0
 UPDATE = 1
-"""Kinds of entries."""
+KEPT = 2
+"""Kinds of entries: step, update, and, for a smoother only, a measurement that was refused."""
 
 
 class Rows(NamedTuple):

@@ -1,0 +1,164 @@
+"""Backward pass over the tape of a filter: smoothed states, and the residual of each measurement.
+
+Compiled in `kernels.sins.smooth`. Equations: docs/derivations/smoother.md.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import nav_columns
+from ..arrays import Array, Ints
+from ..errors import ConfigError
+from ..kernels.sins import smooth as kernels
+from ..kernels.sins import state as fs
+from ..kernels.sins.consider import COLUMNS
+from ..kernels.sins.model import E
+from ..kernels.sins.update import NAV, N
+from .hindsight import Judged
+from .params import EngineParams
+from .sins import aiding
+from .sins.stretch import Stretch
+from .sins.tape import Tape
+from .track import Track
+
+_NOTHING = 'there is nothing to smooth: the filter did not start'
+
+
+@dataclass(frozen=True)
+class Back:
+    """Result of a backward pass.
+
+    Attributes
+    ----------
+    track : Track
+        Of the estimates that are published.
+    stamps_ns, states : (n,), (n, 30) arrays
+        All that were smoothed: leading values of the filter's state.
+    judged : list of Judged
+        Of each stretch, in order.
+    common : (COLUMNS, COLUMNS + 1) array
+        Information of the common errors, and its vector behind it.
+    largest_turn : float
+        Largest correction of an attitude [rad].
+    moved : float
+        Largest correction of attitude, velocity or position, of its sigma.
+    """
+
+    track: Track
+    stamps_ns: Ints
+    states: Array
+    judged: list[Judged]
+    common: Array
+    largest_turn: float
+    moved: float
+
+
+def backwards(params: EngineParams, tape: Tape, published: int, covariances: bool) -> Back:
+    """Smoothed states of a tape; in the track those of every so many covariance steps."""
+    n = N + E if params.model_aiding else N
+    adjoint, information = np.zeros((1 + COLUMNS, n)), np.zeros((n, n))
+    common = np.zeros((COLUMNS, COLUMNS + 1))
+    scratch = np.zeros((2, n, n))
+    model = aiding.make_aiding(params)
+    pieces: list[Track] = []
+    states: list[tuple[Ints, Array]] = []
+    judged: list[Judged] = []
+    turn = moved = 0.0
+    for stretch, ends in tape.backwards():
+        if ends:
+            adjoint[:], information[:] = 0.0, 0.0
+        x = np.empty((len(stretch.stamps_ns), n))
+        residuals = np.empty((len(stretch.sizes), 3))
+        V = np.empty((len(stretch.sizes), 3, 3))
+        kernels.smooth_back(
+            stretch.kinds,
+            stretch.indices,
+            stretch.phi,
+            stretch.model,
+            stretch.H,
+            stretch.K,
+            stretch.L,
+            stretch.z,
+            stretch.moved,
+            stretch.sizes,
+            stretch.places,
+            stretch.navigation,
+            stretch.deviations,
+            x,
+            stretch.P,
+            stretch.sensitivity,
+            adjoint,
+            information,
+            common,
+            tape.common,
+            residuals,
+            V,
+            scratch,
+        )
+        judged.append(Judged.of(stretch, residuals, V))
+        states.append((stretch.stamps_ns, stretch.navigation.copy()))
+        P, sensitivity = stretch.P[:, :N, :N].copy(), stretch.sensitivity[:, :N].copy()
+        kernels.publish_rows(P, sensitivity, stretch.navigation, tape.common, tape.hidden)
+        turn = max(turn, float(np.abs(x[:, :3]).max(initial=0.0)))
+        sigma = np.sqrt(np.einsum('nii->ni', P)[:, :NAV])
+        moved = max(moved, float((np.abs(x[:, :NAV]) / sigma).max(initial=0.0)))
+        shown = (stretch.steps > 0) & (stretch.steps % published == 0)
+        pieces.append(_track_of(stretch, P, shown, covariances))
+        if params.model_aiding:
+            of_model = aiding.values_of(_blocks(stretch, x), model)
+            pieces[-1] = replace(pieces[-1], model=of_model[shown])
+    if not states:
+        raise ConfigError(_NOTHING)
+    stamps_ns, track = (np.concatenate(column) for column in zip(*reversed(states), strict=True))
+    return Back(
+        _joined(pieces[::-1]),
+        stamps_ns,
+        track,
+        judged[::-1],
+        common,
+        turn if math.isfinite(turn) else math.inf,
+        moved if math.isfinite(moved) else math.inf,
+    )
+
+
+def _blocks(stretch: Stretch, x: Array) -> Array:
+    """Smoothed estimates of the vehicle's model, as the filter has them (k, MODEL_ROWS, 7)."""
+    out = np.zeros((len(x), fs.MODEL_ROWS, E))
+    out[:, fs.P_EE : fs.MEAN] = stretch.P[:, N:, N:]
+    out[:, fs.MEAN] = stretch.block[:, :E] - x[:, N:]
+    out[:, fs.THRUST] = stretch.block[:, E:]
+    return out
+
+
+def _track_of(
+    stretch: Stretch, P_of_all: Array, shown: NDArray[np.bool_], covariances: bool
+) -> Track:
+    rows, P = stretch.navigation[shown], P_of_all[shown]
+    n = len(rows)
+    r_e, C_b_G = rows[:, 12:15].copy(), rows[:, :9].reshape(n, 3, 3)
+    return Track(
+        stretch.stamps_ns[shown],
+        r_e,
+        rows[:, 9:12],
+        C_b_G,
+        P if covariances else np.zeros((0, N, N)),
+        rows[:, 15:30],
+        np.zeros((n, 2, 3)),
+        np.zeros((n, 3), dtype=np.int64),
+        derived=nav_columns.describe(r_e, C_b_G, P),
+    )
+
+
+def _joined(pieces: list[Track]) -> Track:
+    names = (
+        'stamps_ns', 'r_e', 'v_G', 'C_b_G', 'P', 'sensor_errors', 'local_statistics', 'fixes',
+        'derived', 'model',
+    )  # fmt: skip
+    if not sum(len(p.stamps_ns) for p in pieces):
+        raise ConfigError(_NOTHING)
+    return Track(**{n: np.concatenate([getattr(p, n) for p in pieces]) for n in names})

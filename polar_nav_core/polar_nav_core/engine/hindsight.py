@@ -1,0 +1,325 @@
+"""Measurements judged by the track that all others give; what a filter that runs once more does.
+
+A filter judges a measurement by what came before it, a smoother by what came after it, too. The
+residual to the track without the measurement, with the covariance of both, is compared with the
+same gate. Equations: docs/derivations/smoother.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays import Array, Ints
+from ..kernels.sins import state as fs
+from ..kernels.sins.smooth import KEPT
+from .events import Fix, Rank, Receipt, Verdict
+from .results import chi2_gate
+from .sins.recorded import FixName, FixPlan, Plan, fix_name
+from .sins.robust import inflation
+from .sins.stretch import Stretch
+
+Bools = NDArray[np.bool_]
+_JUDGED = [Rank.DEPTH, Rank.DVL, Rank.FIX]
+_WEIGHTED = 1.1
+"""A fix whose weight changes by a smaller factor is as before."""
+
+
+@dataclass(frozen=True)
+class Judged:
+    """Measurements of one pass and their residuals to the track by all others.
+
+    Of pings and depths, of which a day has a million, the normalized square is kept only.
+
+    Attributes
+    ----------
+    ranks, samples, sizes : (n,) arrays
+        Sensor as `events.Rank`, number in its stream, rows.
+    fused : (n,) bool array
+    nis : (n,) array
+        Normalized squares of the residuals with the noise in force; NaN where the covariance is
+        not positive definite.
+    residuals, covariances, S : (fixes, 3), (fixes, 3, 3), (fixes, 3, 3) arrays
+        Of fixes, estimate minus measurement, grid axes [m]; covariance with common errors and the
+        noise in force; innovation covariance in force, without common errors.
+    """
+
+    ranks: Ints
+    samples: Ints
+    sizes: Ints
+    fused: Bools
+    nis: Array
+    residuals: Array
+    covariances: Array
+    S: Array
+
+    @classmethod
+    def of(cls, stretch: Stretch, residuals: Array, covariances: Array) -> Judged:
+        """Measurements of a stretch but headings (and a model), which their gate judges."""
+        kinds = stretch.kinds[stretch.kinds != fs.STEP]
+        own = np.isin(stretch.ranks, _JUDGED)
+        of_fix = stretch.ranks == Rank.FIX
+        L = stretch.L[of_fix]
+        sizes = stretch.sizes[own]
+        return cls(
+            stretch.ranks[own].astype(np.int8),
+            stretch.samples[own].astype(np.int32),
+            sizes.astype(np.int8),
+            kinds[own] != KEPT,
+            _normalized(residuals[own], covariances[own], sizes),
+            residuals[of_fix],
+            covariances[of_fix],
+            np.einsum('nij,nkj->nik', L, L),
+        )
+
+    @classmethod
+    def joined(cls, pieces: Sequence[Judged]) -> Judged:
+        """Those of several stretches as one."""
+        names = cls.__dataclass_fields__
+        return cls(**{n: np.concatenate([getattr(p, n) for p in pieces]) for n in names})
+
+    @property
+    def of_fixes(self) -> Ints:
+        """Places of the fixes, in the order of ``residuals``."""
+        return np.flatnonzero(self.ranks == Rank.FIX)
+
+
+def _normalized(e: Array, V: Array, sizes: Ints) -> Array:
+    """e^T V^-1 e of each of n, of its first rows; NaN where V is not positive definite."""
+    beyond = np.arange(3) >= sizes[:, None]
+    V = np.where(beyond[:, :, None] | beyond[:, None, :], np.eye(3), V)
+    good = np.linalg.eigvalsh(V)[:, 0] > 0.0
+    out = np.full(len(V), np.nan)
+    e = np.where(beyond, 0.0, e)[good]
+    out[good] = np.einsum('ni,ni->n', e, np.linalg.solve(V[good], e[:, :, None])[:, :, 0])
+    return out
+
+
+@dataclass(frozen=True)
+class Decisions:
+    """What is decided about the measurements of a pass with hindsight.
+
+    Attributes
+    ----------
+    judged : Judged
+    nis : (n,) array
+        By their stated noise.
+    fused : (n,) bool array
+    added_G : (fixes, 3, 3) array
+        What is added to the covariance of a fix far off, grid axes [m^2].
+    reweighted : int
+        Fixes whose weight is another one than in that pass.
+    """
+
+    judged: Judged
+    nis: Array
+    fused: Bools
+    added_G: Array
+    reweighted: int
+
+    @property
+    def changed(self) -> int:
+        """Number of measurements of which that pass decided otherwise."""
+        return int((self.fused != self.judged.fused).sum())
+
+
+def decide(judged: Judged, gate_probability: float, robust: str, added_G: Array) -> Decisions:
+    """Decisions by the residuals of a pass.
+
+    Parameters
+    ----------
+    judged : Judged
+    gate_probability : float
+    robust : str
+        Name of the weights of fixes far off (`sins.robust`).
+    added_G : (fixes, 3, 3) array
+        What the noise of that pass had besides the stated one.
+    """
+    stated = judged.covariances - added_G
+    nis, at = judged.nis.copy(), judged.of_fixes
+    nis[at] = _normalized(judged.residuals, stated, judged.sizes[at])
+    gates = np.array([np.inf, *(chi2_gate(gate_probability, m) for m in (1, 2, 3))])
+    fused = np.where(np.isfinite(nis), nis <= gates[judged.sizes], judged.fused)
+    more = np.zeros_like(added_G)
+    reweighted = 0
+    for k in np.flatnonzero(fused[at] & np.isfinite(nis[at])).tolist():
+        more[k] = (inflation(robust, float(nis[at[k]]), 3) - 1.0) * stated[k]
+        before, now = (np.trace(stated[k] + x) for x in (added_G[k], more[k]))
+        reweighted += not 1.0 / _WEIGHTED < before / now < _WEIGHTED
+    return Decisions(judged, nis, fused, more, reweighted)
+
+
+def added_by_weights(judged: Judged, enlargements: Sequence[float]) -> Array:
+    """What weights added to the noise of fixes, (fixes, 3, 3); S is lambda times the stated."""
+    factors = np.asarray(enlargements, dtype=np.float64)[judged.samples[judged.of_fixes]]
+    return np.asarray((1.0 - 1.0 / factors)[:, None, None] * judged.S)
+
+
+def added_by_plan(judged: Judged, plan: Plan, fixes: Sequence[Fix]) -> Array:
+    """What a plan added to the noise of fixes, (fixes, 3, 3)."""
+    out = np.zeros_like(judged.covariances)
+    for k, sample in enumerate(judged.samples[judged.of_fixes].tolist()):
+        planned = plan.fixes.get(fix_name(fixes[sample]))
+        if planned is not None:
+            out[k] = planned.added_G
+    return out
+
+
+def plan_of(
+    decisions: Decisions,
+    fixes: Sequence[Fix],
+    track: tuple[Ints, Array],
+    pings: int,
+    depths: int,
+) -> Plan:
+    """Plan of the next pass: decisions, and the track (stamps, states) that it is held to.
+
+    ``pings`` and ``depths`` are the numbers of samples.
+    """
+    judged = decisions.judged
+    code = np.where(decisions.fused, fs.TO_FUSE, fs.TO_REFUSE)
+    local = {rank: np.full(n, fs.BY_GATE) for rank, n in ((Rank.DVL, pings), (Rank.DEPTH, depths))}
+    for rank, imposed in local.items():
+        of = judged.ranks == rank
+        imposed[judged.samples[of]] = code[of]
+    planned: dict[FixName, FixPlan] = {}
+    for k, place in enumerate(judged.of_fixes.tolist()):
+        name = fix_name(fixes[judged.samples[place]])
+        planned[name] = FixPlan(bool(decisions.fused[place]), decisions.added_G[k])
+    return Plan(*track, dvl=local[Rank.DVL], depth=local[Rank.DEPTH], fixes=planned)
+
+
+@dataclass(frozen=True)
+class Revision:
+    """Measurement of which hindsight decided otherwise than the filter.
+
+    Attributes
+    ----------
+    stamp_ns : int
+        Of the measurement; of a fix its validity.
+    topic : str
+    before, after : Verdict
+    nis, gate : float
+        Of its residual to the track by all others.
+    number : int
+        In its stream; of a fix that of its source.
+    """
+
+    stamp_ns: int
+    topic: str
+    before: Verdict
+    after: Verdict
+    nis: float
+    gate: float
+    number: int
+
+    def to_dict(self) -> dict[str, object]:
+        """Values for JSON."""
+        return {
+            'stamp_ns': self.stamp_ns,
+            'topic': self.topic,
+            'number': self.number,
+            'from': self.before.name,
+            'to': self.after.name,
+            'nis': self.nis,
+            'gate': self.gate,
+        }
+
+
+_TOPICS = {Rank.DVL: 'dvl/data', Rank.DEPTH: 'depth/data'}
+
+
+def revisions_of(
+    first: Judged,
+    last: Decisions,
+    fixes: tuple[Sequence[Fix], Sequence[Fix]],
+    stamps_ns: Mapping[Rank, Ints],
+    gate_probability: float,
+    receipts: Sequence[Receipt],
+) -> tuple[tuple[Revision, ...], tuple[Receipt, ...]]:
+    """Revisions between the first pass and the last, and the receipts of those of fixes.
+
+    Parameters
+    ----------
+    first : Judged
+        Of the filter.
+    last : Decisions
+        Judgement of the last pass about its own measurements.
+    fixes : two sequences of Fix
+        By numbers, of the first pass and of the last.
+    stamps_ns : mapping of Rank to array
+        Of usable pings and depths.
+    gate_probability : float
+    receipts : sequence of Receipt
+        Of the first pass.
+    """
+    judged, out, revised = last.judged, [], []
+    for k in _changed(first, judged, stamps_ns):
+        rank, sample = Rank(int(judged.ranks[k])), int(judged.samples[k])
+        gate = chi2_gate(gate_probability, int(judged.sizes[k]))
+        stamp_ns, nis = int(stamps_ns[rank][sample]), float(last.nis[k])
+        now = bool(judged.fused[k])
+        out.append(Revision(stamp_ns, _TOPICS[rank], *_verdicts(now), nis, gate, sample))
+    was = {
+        fix_name(fixes[0][first.samples[k]]): bool(first.fused[k]) for k in first.of_fixes.tolist()
+    }
+    decided = {_receipt_name(r): r for r in reversed(receipts) if r.verdict in _DECIDED}
+    gate = chi2_gate(gate_probability, 3)
+    for row, k in enumerate(judged.of_fixes.tolist()):
+        fix, now = fixes[1][judged.samples[k]], bool(judged.fused[k])
+        if was.get(fix_name(fix), False) == now:
+            continue
+        before, after = _verdicts(now)
+        receipt = decided.get((fix.topic, fix.source, fix.sequence, fix.validity_ns))
+        if receipt is not None:
+            before = receipt.verdict
+            revised.append(_revised(receipt, judged, row, float(last.nis[k]), gate, after))
+        nis = float(last.nis[k])
+        out.append(Revision(fix.validity_ns, fix.topic, before, after, nis, gate, fix.sequence))
+    return tuple(out), tuple(revised)
+
+
+def _changed(first: Judged, last: Judged, stamps_ns: Mapping[Rank, Ints]) -> list[int]:
+    """Places in ``last`` of pings and depths of which ``first`` has another verdict."""
+    out: list[int] = []
+    for rank, stamps in stamps_ns.items():
+        was = np.zeros(len(stamps), dtype=bool)
+        was[first.samples[first.ranks == rank]] = first.fused[first.ranks == rank]
+        at = np.flatnonzero(last.ranks == rank)
+        out += at[last.fused[at] != was[last.samples[at]]].tolist()
+    return out
+
+
+def _verdicts(now: bool) -> tuple[Verdict, Verdict]:
+    """Verdicts before and after of a measurement that is fused now, or not."""
+    return (Verdict.GATED, Verdict.FUSED) if now else (Verdict.FUSED, Verdict.GATED)
+
+
+_DECIDED = (Verdict.FUSED, Verdict.GATED, Verdict.IMPLAUSIBLE)
+
+
+def _receipt_name(r: Receipt) -> tuple[str, str, int, int]:
+    return (r.topic, r.source, r.sequence, r.validity_ns)
+
+
+def _revised(
+    receipt: Receipt, judged: Judged, row: int, nis: float, gate: float, after: Verdict
+) -> Receipt:
+    """Receipt of a fix with what hindsight decided."""
+    side = 'below' if nis <= gate else 'above'
+    return replace(
+        receipt,
+        verdict=after,
+        reason=f'with hindsight: NIS {nis:.1f} against the track without it, {side} the gate of '
+        f'{gate:.1f}',
+        revision=receipt.revision + 1,
+        fused_ns=receipt.validity_ns if after is Verdict.FUSED else 0,
+        innovation_G=-judged.residuals[row],
+        innovation_variance_G=np.diagonal(judged.covariances[row]).copy(),
+        nis=nis,
+        dof=3,
+        gate=gate,
+    )

@@ -1,0 +1,138 @@
+"""Gates with hindsight, and passes that are linearized at the track of the one before."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from closed_loop import World, inputs_of
+
+from polar_nav_core import attitude, grid
+from polar_nav_core.engine import smoothing
+from polar_nav_core.engine.events import Verdict
+
+
+@pytest.fixture(scope='module')
+def world():
+    return World(150.0, leg_s=40.0)
+
+
+def displaced(fixes, numbers, east):
+    """Fixes of which some lie so much [m] farther grid east."""
+    C_e_G = grid.ecef_to_grid(fixes[0].r_e)
+    by = C_e_G.T @ [east, 0.0, 0.0]
+    return [replace(f, r_e=f.r_e + by) if f.sequence in numbers else f for f in fixes]
+
+
+def position_errors(found, world):
+    k = np.searchsorted(world.stamps, found.track.stamps_ns)
+    return np.linalg.norm(found.track.r_e - np.array(world.r_e)[k], axis=1)
+
+
+def fixes_of(world, seed=3):
+    return world.fixes(5.0, 2.0, rng=np.random.default_rng(seed))
+
+
+def test_a_run_in_which_all_fits_needs_one_pass(world):
+    params = world.params(configuration='default', robust_fixes='none')
+    custom = replace(params, configuration='custom', robust_fixes='none', gate_probability=0.9999)
+    found = smoothing.smooth(custom, inputs_of(world, fixes_of(world)))
+    assert found.passes == 1
+    assert not found.revisions
+    assert not found.unsettled
+    assert all(r.revision == 0 for r in found.receipts)
+
+
+def test_a_fix_that_misled_the_start_goes_and_those_that_it_kept_out_come_back(world):
+    """The start is not known: the first fix is believed, and the good ones after it are not."""
+    params = world.params(configuration='default', initial_sigma_position=50.0)
+    inputs = inputs_of(world, displaced(fixes_of(world), [0], 60.0))
+    once = smoothing.smooth(params, inputs, passes=1)
+    verdicts = {r.sequence: r.verdict for r in once.receipts if r.topic == 'acomms/rx'}
+    assert verdicts[0] is Verdict.FUSED
+    assert verdicts[1] is Verdict.GATED
+    found = smoothing.smooth(params, inputs)
+    last = {r.sequence: r for r in found.receipts}  # a revision stands behind its first receipt
+    assert last[0].verdict is Verdict.GATED
+    assert last[0].revision == 1
+    assert 'hindsight' in last[0].reason
+    assert last[1].verdict is Verdict.FUSED
+    assert {(r.number, r.before, r.after) for r in found.revisions} >= {
+        (0, Verdict.FUSED, Verdict.GATED),
+        (1, Verdict.GATED, Verdict.FUSED),
+    }
+    assert position_errors(found, world).max() < 2.0
+    assert position_errors(once, world).max() > 10.0
+
+
+def test_a_ping_and_a_depth_that_misled_the_start_go(world):
+    params = world.params(
+        configuration='default', initial_sigma_velocity=0.2, initial_sigma_height=5.0
+    )
+    inputs = inputs_of(world, fixes_of(world))
+    v_m, depth = inputs.dvl_v_m.copy(), inputs.depth.copy()
+    v_m[0] += [0.2, 0.0, 0.0]
+    depth[0] += 4.0
+    found = smoothing.smooth(params, replace(inputs, dvl_v_m=v_m, depth=depth))
+    went = {(r.topic, r.stamp_ns) for r in found.revisions if r.after is Verdict.GATED}
+    came = [r.topic for r in found.revisions if r.after is Verdict.FUSED]
+    assert ('dvl/data', int(inputs.dvl_stamps_ns[0])) in went
+    assert ('depth/data', int(inputs.depth_stamps_ns[0])) in went
+    assert len(went) <= 4
+    assert came.count('depth/data') > 20  # which the first one had kept out
+    right = smoothing.smooth(params, inputs)
+    np.testing.assert_allclose(found.track.r_e, right.track.r_e, atol=0.05)
+
+
+def test_a_heading_that_was_unknown_is_linearized_anew(world):
+    """Off by half a radian until fixes come: the way until then is turned, and not by a line."""
+    params = world.params(
+        configuration='default', initial_sigma_heading_deg=40.0, initial_sigma_velocity=3.0
+    )
+    off = replace(params, initial_grid_heading_deg=params.initial_grid_heading_deg + 30.0)
+    fixes = world.fixes(2.0, 2.0, rng=np.random.default_rng(5), first_s=41.0)
+    inputs = inputs_of(world, fixes)
+    once, found = (smoothing.smooth(off, inputs, covariances=True, passes=n) for n in (1, 3))
+    assert once.largest_turn > 0.3
+    assert found.largest_turn < 1e-3
+    assert not found.unsettled
+    assert position_errors(found, world).max() < 0.2 * position_errors(once, world).max()
+    k = np.searchsorted(world.stamps, found.track.stamps_ns)
+    sigma = np.sqrt(np.einsum('nii->ni', found.track.P))
+    off_m = (found.track.r_e - np.array(world.r_e)[k]) / sigma[:, 6:9]
+    assert np.abs(off_m).max() < 4.0
+    turns = [
+        attitude.log(C @ world.C_b_G[j].T)[2] for C, j in zip(found.track.C_b_G, k, strict=True)
+    ]
+    assert np.abs(turns / sigma[:, 2]).max() < 4.0
+
+
+def test_what_a_second_pass_is_held_to_is_where_it_ends_up(world):
+    """Nothing is nonlinear or revised here: another pass changes nothing of note."""
+    params = world.params(configuration='custom', robust_fixes='none')
+    inputs = inputs_of(world, fixes_of(world))
+    passes = smoothing._Passes(params, inputs, 1.0, True)
+    first = passes._pass(passes._stated, None, None)
+    again = passes._pass(passes._stated, first.plan(inputs), None)
+    P = np.einsum('nii->ni', first.back.track.P)
+    assert again.moved < 0.05
+    off = again.back.track.r_e - first.back.track.r_e
+    assert np.abs(off / np.sqrt(P[:, 6:9])).max() < 0.05
+    np.testing.assert_allclose(
+        np.einsum('nii->ni', again.back.track.P)[:, :18], P[:, :18], rtol=0.02
+    )
+
+
+def test_where_fixes_arrived_does_not_matter_for_revisions(world):
+    params = world.params(configuration='default', initial_sigma_position=50.0)
+    fixes = displaced(fixes_of(world), [0, 9], 60.0)
+    soon = smoothing.smooth(params, inputs_of(world, fixes))
+    rng = np.random.default_rng(1)
+    late = [
+        replace(f, receive_ns=f.validity_ns + int(d) * 10**9)
+        for f, d in zip(fixes, rng.integers(0, 60, len(fixes)), strict=True)
+    ]
+    rng.shuffle(late)
+    found = smoothing.smooth(params, inputs_of(world, late))
+    assert found.passes == soon.passes
+    assert found.revisions == soon.revisions
+    np.testing.assert_array_equal(found.track.r_e, soon.track.r_e)
