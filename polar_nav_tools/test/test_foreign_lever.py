@@ -36,6 +36,7 @@ from polar_nav_tools.bags.arrays import estimates_from_cdr
 from polar_nav_tools.foreign.lever import from_imu
 from polar_nav_tools.foreign.replay import ForeignRun, replay
 from polar_nav_tools.foreign.sources import open_source
+from polar_nav_tools.smoothing.bag import How, SmoothedRun, smooth_mapped, stated_sigma
 
 LEVER_B = (1.2, -0.2, 0.3)
 BOW = f'{ROOT}/bow/imu'
@@ -117,6 +118,23 @@ def test_an_imu_in_the_bow_is_as_good_as_one_at_base_link(bag: Path) -> None:
     assert np.array_equal(messages.P_velocity_G, b.P_velocity_G)
     # Parameters are told as they were stated, from base_link.
     assert bow.loaded.params.dvl_lever_b == DVL_LEVER_B
+
+
+@pytest.mark.slow
+def test_a_smoothed_imu_in_the_bow_is_as_good_as_one_at_base_link(bag: Path) -> None:
+    def smoothed(imu: dict[str, Any]) -> SmoothedRun:
+        what = mapping_file.from_section(Section('m', mapping(imu)))
+        return smooth_mapped(open_source(bag), what, accept=(), how=How(), progress=lambda _: None)
+
+    base, bow = smoothed({}), smoothed({'topic': BOW, 'lever_b': list(LEVER_B)})
+    a, b = base.smoothed, bow.smoothed
+    assert np.array_equal(a.stamp_ns, b.stamp_ns)
+    sigma = np.sqrt(np.diagonal(a.P_position_G, axis1=1, axis2=2))
+    assert np.linalg.norm(a.r_e - b.r_e, axis=1).max() < 0.1 * sigma.max(axis=1).min()
+    assert np.abs(a.v_G - b.v_G).max() < 3e-3
+    ours, theirs = (np.diagonal(x.P_position_G, axis1=1, axis2=2) for x in (b, a))
+    assert np.abs(np.sqrt(ours / theirs) - 1.0).max() < 0.03
+    assert stated_sigma(b) < stated_sigma(bow.filtered)
 
 
 @pytest.mark.slow

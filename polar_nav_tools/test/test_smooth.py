@@ -10,9 +10,9 @@ import pytest
 
 from polar_nav_ros.stamps import to_ns
 from polar_nav_tools.bags import open_bag
-from polar_nav_tools.bags.arrays import load_estimates
+from polar_nav_tools.bags.arrays import load_estimates, load_receipts
 from polar_nav_tools.cli import main
-from polar_nav_tools.smoothing.bag import smooth_bag, stated_sigma
+from polar_nav_tools.smoothing.bag import How, smooth_bag, stated_sigma
 
 BAGS = Path(__file__).parents[2] / 'bags'
 
@@ -30,8 +30,7 @@ def smoothed(every_s):
         'follower',
         configuration='default',
         changes={},
-        every_s=every_s,
-        covariances=True,
+        how=How(every_s, covariances=True),
         progress=lambda _: None,
     )
 
@@ -116,6 +115,31 @@ def test_json(capsys):
     assert said['estimates'] == 30
     assert said['stated_horizontal_m']['smoother'] < said['stated_horizontal_m']['filter']
     assert set(said['score']) == {'filter', 'smoother'}
+
+
+def test_revisions_are_reported_and_written(tmp_path, capsys):
+    """A gate that is too narrow decides much, and otherwise with hindsight."""
+    words = ['smooth', BAGS / 'reference_4', '-c', 'custom', '--set', 'gate_probability=0.7']
+    assert polar(*words, '--out', tmp_path / 'bag', '--json') == 0
+    found = json.loads(capsys.readouterr().out)['smoothing']
+    assert found['passes'] == 3
+    fixes = [r for r in found['revisions'] if r['topic'] == 'acomms/rx']
+    assert fixes
+    assert {(r['from'], r['to']) for r in found['revisions']} == {
+        ('FUSED', 'GATED'),
+        ('GATED', 'FUSED'),
+    }
+    bag = open_bag(tmp_path / 'bag')
+    receipts = load_receipts(bag, 'follower')
+    revised = {r.sequence: r for r in receipts if r.revision}
+    assert set(revised) == {r['number'] for r in fixes}
+    assert all('hindsight' in r.reason for r in revised.values())
+    assert bag.run_info['smoothing']['revisions'] == found['revisions']
+    assert polar(*words) == 0
+    said = capsys.readouterr().out
+    assert 'with hindsight GATED -> FUSED' in said
+    assert polar(*words, '--passes', '1') == 0
+    assert 'hindsight' not in capsys.readouterr().out.split('not settled')[0]
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from ..arrays import Array, Ints
 from ..kernels.sins import state as fs
-from ..kernels.sins.smooth import KEPT
 from .events import Fix, Rank, Receipt, Verdict
 from .results import chi2_gate
 from .sins.recorded import FixName, FixPlan, Plan, fix_name
@@ -68,7 +67,7 @@ class Judged:
             stretch.ranks[own].astype(np.int8),
             stretch.samples[own].astype(np.int32),
             sizes.astype(np.int8),
-            kinds[own] != KEPT,
+            kinds[own] != fs.KEPT,
             _normalized(residuals[own], covariances[own], sizes),
             residuals[of_fix],
             covariances[of_fix],

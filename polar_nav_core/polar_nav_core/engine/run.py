@@ -140,7 +140,7 @@ def run(
     else:
         pieces = SinsPieces(params, derived=derived)
         if engine.arm is not None:
-            pieces.moved_by(engine.arm.lever_b, _used_rates(params, inputs))
+            pieces.moved_by(engine.arm.lever_b, used_rates(params, inputs))
         collector = Collector(pieces, sink)
     if one_by_one or not compiled(params):
         ordered = sorted(commands, key=_key)
@@ -166,7 +166,7 @@ def run(
     )
 
 
-def _used_rates(params: EngineParams, x: Inputs) -> Rates:
+def used_rates(params: EngineParams, x: Inputs) -> Rates:
     """Rates at the stamps of the IMU samples that the engine uses."""
     used, _ = usable_imu(params, x.imu_stamps_ns, x.omega_ib_b, x.f_b)
     return Rates(x.imu_stamps_ns[used], x.omega_ib_b[used], params.imu_sample == 'mean')

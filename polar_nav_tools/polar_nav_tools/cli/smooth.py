@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections import Counter
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -22,7 +23,9 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from ..smoothing.bag import SmoothedRun
+    from polar_nav_core.engine.smoothing import Smoothed
+
+    from ..smoothing.bag import How, SmoothedRun
 
 _CLOSE_S = 0.05
 """From one estimate to the next, between which those at other times lie [s]."""
@@ -60,6 +63,16 @@ def smooth(
         typer.Option('--configuration', '-c', metavar='NAME', help='Whose gate and weights.'),
     ] = 'default',
     change: ChangeOption = None,
+    passes: Annotated[
+        int,
+        typer.Option(
+            '--passes',
+            metavar='N',
+            min=1,
+            max=3,
+            help='Most passes; with 1 the gates are those of the filter.',
+        ),
+    ] = 3,
     vehicle: VehicleOption = None,
     mapping: MapOption = None,
     accept: AcceptOption = None,
@@ -71,7 +84,7 @@ def smooth(
     How late the fixes came does not matter: each counts when it was valid.
     """
     from ..export.formats import trajectory, write_trajectory
-    from ..smoothing.bag import write
+    from ..smoothing.bag import How, write
 
     files = {'tum': tum, 'csv': csv, 'kml': kml}
     for path in (out, *files.values()):
@@ -83,12 +96,12 @@ def smooth(
         raise typer.BadParameter('goes with --tum, --csv or --kml', param_hint='--at')
     stamps_ns = None if at is None else _stamps(bag, at, msg_path)
     step_s = every if at is None else min(every, _CLOSE_S)
-    how = (step_s, out is not None)
+    how = How(step_s, out is not None, passes)
     if mapping is None:
-        run, missing = _own(bag, vehicle, configuration, change or [], *how)
+        run, missing = _own(bag, vehicle, configuration, change or [], how)
     else:
         words = (accept or [], msg_path, configuration, change or [])
-        run, missing = _mapped(bag, mapping, *words, *how)
+        run, missing = _mapped(bag, mapping, *words, how)
     track = trajectory(run.smoothed)
     if stamps_ns is not None:
         from ..export.at_stamps import at_stamps
@@ -124,8 +137,7 @@ def _own(
     vehicle: str | None,
     configuration: str,
     change: list[str],
-    every_s: float,
-    covariances: bool,
+    how: How,
 ) -> tuple[SmoothedRun, Sequence[object]]:
     from ..analysis.opening import open_for
     from ..replay.output import parse_changes
@@ -139,8 +151,7 @@ def _own(
             choose_follower(source, vehicle)[0],
             configuration=configuration,
             changes=parse_changes(change),
-            every_s=every_s,
-            covariances=covariances,
+            how=how,
             progress=progress,
         )
     return run, source.problems
@@ -153,8 +164,7 @@ def _mapped(
     msg_path: Path | None,
     configuration: str,
     change: list[str],
-    every_s: float,
-    covariances: bool,
+    how: How,
 ) -> tuple[SmoothedRun, Sequence[object]]:
     from ..replay.output import parse_changes
     from ..smoothing.bag import smooth_mapped
@@ -166,15 +176,14 @@ def _mapped(
             source,
             what,
             accept=accept,
-            every_s=every_s,
-            covariances=covariances,
+            how=how,
             progress=progress,
         )
     return run, source.problems
 
 
 def _print(run: SmoothedRun, *, well: bool, as_json: bool) -> None:
-    from ..smoothing.bag import stated_sigma
+    from ..smoothing.bag import stated_sigma, summary
 
     comparison = run.comparison
     stated = {'filter': stated_sigma(run.filtered), 'smoother': stated_sigma(run.smoothed)}
@@ -187,6 +196,7 @@ def _print(run: SmoothedRun, *, well: bool, as_json: bool) -> None:
                 'configuration': run.params.configuration,
                 'estimates': len(run.smoothed),
                 'stated_horizontal_m': stated,
+                'smoothing': summary(run.found),
                 'score': None if comparison is None else comparison.to_dict(),
             }
         )
@@ -200,5 +210,29 @@ def _print(run: SmoothedRun, *, well: bool, as_json: bool) -> None:
     sys.stdout.write(
         f'{len(run.smoothed)} smoothed estimates of {run.vehicle}; stated 1-sigma of the '
         f'horizontal position, median: filter {stated["filter"]:.3g} m, '
-        f'smoother {stated["smoother"]:.3g} m\n'
+        f'smoother {stated["smoother"]:.3g} m\n' + _revisions(run.found)
     )
+
+
+_LISTED = 10
+"""Revisions that are printed one by one; JSON and the new bag have all."""
+
+
+def _revisions(found: Smoothed) -> str:
+    """Sentences on passes, and on what hindsight decided otherwise than the filter."""
+    passes = 'one pass' if found.passes == 1 else f'{found.passes} passes'
+    moved = '' if found.passes == 1 else f', the last moved the track by {found.moved:.2g} sigma'
+    out = [f'{passes}{moved}']
+    counts = Counter((r.topic, r.before.name, r.after.name) for r in found.revisions)
+    for (topic, before, after), count in sorted(counts.items()):
+        out.append(f'with hindsight {before} -> {after}: {count} of {topic}')
+    for r in found.revisions[:_LISTED]:
+        out.append(
+            f'  {r.stamp_ns * 1e-9:.3f} s {r.topic} {r.number}: {r.before.name} -> '
+            f'{r.after.name}, NIS {r.nis:.1f}, gate {r.gate:.1f}'
+        )
+    if len(found.revisions) > _LISTED:
+        out.append(f'  and {len(found.revisions) - _LISTED} more')
+    if found.unsettled:
+        out.append(f'not settled: {found.unsettled}')
+    return ''.join(f'{line}\n' for line in out)

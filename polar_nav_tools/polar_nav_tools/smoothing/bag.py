@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import heapq
+import math
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from polar_nav_core import nav_columns
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine import smoothing
 from polar_nav_core.engine.events import Receipt
@@ -24,6 +27,7 @@ from polar_nav_ros.cdr import to_bytes
 from polar_nav_ros.navigation_outputs import receipt_to_msg
 
 from ..bags import Bag, BagWriter
+from ..foreign.lever import at_the_imu
 from ..foreign.load import load
 from ..foreign.replay import Row, states_of, truth_messages
 from ..foreign.sources import Source
@@ -35,6 +39,34 @@ from ..series.vehicle import EstimateSeries, TruthSeries
 
 Progress = Callable[[float], None]
 FILTER, SMOOTHER = 'filter', 'smoother'
+
+
+def _between_gaps(track: engine_run.Track, imu_stamps_ns: NDArray[np.int64]) -> engine_run.Track:
+    """Estimates at IMU samples, with covariances only: a rate is needed to move them."""
+    at = np.isin(track.stamps_ns, imu_stamps_ns)
+    columns = {
+        name: value[at] if len(value) == len(at) else value for name, value in vars(track).items()
+    }
+    return engine_run.Track(**{**columns, 'derived': np.zeros((0, nav_columns.WIDTH))})
+
+
+@dataclass(frozen=True)
+class How:
+    """How to smooth.
+
+    Attributes
+    ----------
+    every_s : float
+        From one estimate to the next [s].
+    covariances : bool
+        Whether the track keeps them, for `write`.
+    passes : int
+        Most passes.
+    """
+
+    every_s: float = 1.0
+    covariances: bool = False
+    passes: int = smoothing.MOST_PASSES
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,8 +125,7 @@ def smooth_bag(
     *,
     configuration: str | None,
     changes: Mapping[str, Any],
-    every_s: float,
-    covariances: bool,
+    how: How,
     progress: Progress,
 ) -> SmoothedRun:
     """Smoothed run of a follower's own recording.
@@ -109,7 +140,7 @@ def smooth_bag(
     )
     params = parameters(arrays.params, configuration, changes)
     inputs = arrays.inputs(params).inputs
-    found = _both(params, inputs, vehicle, every_s, covariances, _later(progress, 0.3))
+    found = _both(params, params, inputs, vehicle, how, (0.0, 0.0, 0.0), _later(progress, 0.3))
     return SmoothedRun(bag.path, vehicle, params, *found, arrays.truth)
 
 
@@ -118,19 +149,16 @@ def smooth_mapped(
     mapping: Sources,
     *,
     accept: Iterable[str],
-    every_s: float,
-    covariances: bool,
+    how: How,
     progress: Progress,
 ) -> SmoothedRun:
     """Smoothed run of a bag of any origin."""
     loaded = load(source, mapping, accept)
-    if any(mapping.imu.lever_b):
-        raise ConfigError(f'{mapping.place}: smoothing does not know imu: lever_b yet')
+    params = at_the_imu(loaded)
     if not len(loaded.inputs.imu_stamps_ns):
         raise ConfigError(f'{source.path}: no IMU sample after the start')
-    vehicle = mapping.vehicle
-    params = loaded.params
-    found = _both(params, loaded.inputs, vehicle, every_s, covariances, progress)
+    vehicle, lever_b = mapping.vehicle, mapping.imu.lever_b
+    found = _both(loaded.params, params, loaded.inputs, vehicle, how, lever_b, progress)
     return SmoothedRun(Path(source.path), vehicle, params, *found, loaded.truth)
 
 
@@ -139,34 +167,54 @@ def _later(progress: Progress, start: float) -> Progress:
 
 
 def _both(
+    stated: FollowerParams,
     params: FollowerParams,
     inputs: Inputs,
     vehicle: str,
-    every_s: float,
-    covariances: bool,
+    how: How,
+    imu_lever_b: tuple[float, float, float],
     progress: Progress,
 ) -> tuple[
     EstimateSeries, EstimateSeries, engine_run.Track, smoothing.Smoothed, tuple[Receipt, ...]
 ]:
+    """Filtered and smoothed estimates of base_link; ``params`` are ``stated`` from the IMU."""
     smoothing.in_order(params)  # refuses before a long run
     rows = EstimateRows(params)
     result = engine_run.run(
-        params,
+        stated,
         inputs,
         sink=rows.append,
-        derived=True,
-        progress=lambda share: progress(0.4 * share),
+        imu_lever_b=imu_lever_b,
+        progress=lambda share: progress(0.2 * share),
     )
     found = smoothing.smooth(
         params,
         inputs,
-        every_s=every_s,
-        covariances=covariances,
-        progress=lambda share: progress(0.4 + 0.6 * share),
+        every_s=how.every_s,
+        covariances=how.covariances or any(imu_lever_b),
+        passes=how.passes,
+        progress=lambda share: progress(0.2 + 0.8 * share),
     )
-    smoothed = EstimateRows(params, len(found.track.stamps_ns))
-    smoothed.append(found.track)
-    return rows.series(vehicle), smoothed.series(vehicle), found.track, found, result.receipts
+    track = found.track
+    if any(imu_lever_b):
+        rates = engine_run.used_rates(params, inputs)
+        track = _between_gaps(track, rates.stamps_ns).at_base_link(
+            np.asarray(imu_lever_b), rates, params.gyro_noise_density
+        )
+    smoothed = EstimateRows(params, len(track.stamps_ns))
+    smoothed.append(track)
+    return rows.series(vehicle), smoothed.series(vehicle), track, found, result.receipts
+
+
+def summary(found: smoothing.Smoothed) -> dict[str, object]:
+    """Passes and revisions for JSON."""
+    return {
+        'passes': found.passes,
+        'moved_sigma': None if math.isinf(found.moved) else found.moved,
+        'largest_turn_rad': found.largest_turn,
+        'unsettled': found.unsettled,
+        'revisions': [r.to_dict() for r in found.revisions],
+    }
 
 
 def write(path: Path, run: SmoothedRun) -> Path:
@@ -178,7 +226,8 @@ def write(path: Path, run: SmoothedRun) -> Path:
         When the bag exists or cannot be written.
     """
     receipts: list[Row] = [
-        (r.stamp_ns, topics.RECEIPT, to_bytes(receipt_to_msg(r))) for r in run.found.receipts
+        (r.stamp_ns, topics.RECEIPT, to_bytes(receipt_to_msg(r)))
+        for r in sorted(run.found.receipts, key=lambda r: r.stamp_ns)
     ]
     streams: list[Iterable[Row]] = [states_of(run.track, run.params, run.vehicle), receipts]
     written = [topics.STATE, topics.RECEIPT]
@@ -190,6 +239,7 @@ def write(path: Path, run: SmoothedRun) -> Path:
         'engine_version': ENGINE_VERSION,
         'configuration': run.params.configuration,
         'parameters': to_mapping(run.params),
+        'smoothing': summary(run.found),
     }
     with BagWriter(path, info) as writer:
         for topic in written:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Iterator
 from dataclasses import fields
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 
@@ -49,6 +49,7 @@ class Tape:
         self._every, self._fixes, self._plan = every, fixes, plan
         self._file = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as the tape
         self._offsets: list[int] = []
+        self._shapes: list[dict[str, tuple[np.dtype[Any], tuple[int, ...]]]] = []
         self._filter: NavigationFilter | None = None
         self._taken = 0
         self._states = 0
@@ -87,8 +88,11 @@ class Tape:
         self.dvl_stamps_ns, self.depth_stamps_ns = f.streams.dvl_stamps, f.streams.depth_stamps
         stretch = stretch_of(f, self._taken, self._states)
         self._offsets.append(self._file.seek(0, 2))
+        self._shapes.append({})
         for x in fields(stretch):
-            np.save(self._file, getattr(stretch, x.name))
+            array = np.ascontiguousarray(getattr(stretch, x.name))
+            self._shapes[-1][x.name] = array.dtype, array.shape
+            self._file.write(array.reshape(-1).view(np.uint8).data)
         self._taken, self._states = int(f.log.counts[0]), int(f.log.counts[1])
 
     def backwards(self) -> Iterator[tuple[Stretch, bool]]:
@@ -96,7 +100,10 @@ class Tape:
         ends = {first - 1 for first in self.parts} | {len(self._offsets) - 1}
         for number in range(len(self._offsets) - 1, -1, -1):
             self._file.seek(self._offsets[number])
-            arrays = {x.name: np.load(self._file) for x in fields(Stretch)}
+            arrays = {}
+            for name, (dtype, shape) in self._shapes[number].items():
+                arrays[name] = np.empty(shape, dtype)
+                self._file.readinto(arrays[name].reshape(-1).view(np.uint8).data)
             yield Stretch(**arrays), number in ends
 
     def __enter__(self) -> Self:

@@ -94,10 +94,9 @@ def _inverse(L: Array, m: int, out: Array) -> None:
 
 
 @kernel
-def update_back(
+def measure_back(
     adjoint: Array,
     information: Array,
-    H: Array,
     K: Array,
     L: Array,
     z: Array,
@@ -105,48 +104,69 @@ def update_back(
     m: int,
     w: Array,
 ) -> None:
-    """Carry adjoint and Lambda to before a fused measurement of m rows.
+    """Fill what both kernels below need of a measurement of m rows into the scratch.
 
-    lambda <- (I - K H)^T lambda - H^T S^-1 z, Lambda <- (I - K H)^T Lambda (I - K H) + H^T S^-1 H.
+    S^-1 into w[1, :3], Lambda K into w[1, 12:15], and u = S^-1 z + K^T lambda into w[0], a row of
+    it for lambda and for its change per unit of each common error.
 
     Parameters
     ----------
-    adjoint : (1 + COLUMNS, n) array, in place
-        lambda, and below it its change per unit of each common error.
-    information : (24, n) array, in place
-    H, K : (3, n) arrays
-        Rows and transposed gain.
+    adjoint : (1 + COLUMNS, n) array
+        lambda after the measurement, and below it its change per unit of each common error.
+    information : (n, n) array
+        Lambda.
+    K : (3, n) array
+        Transposed gain; of a measurement that was refused that which it would have had.
     L : (3, 3) array
         Cholesky factor of S.
     z, moved : (3,), (3, COLUMNS) arrays
         Innovation, and its change per unit of each common error.
     m : int
-    w : (2, 24, n) array
+    w : (2, n, n) array
         Scratch.
     """
     n = adjoint.shape[1]
-    weight = w[1, :3, :3]
+    weight, Y, u = w[1, :3, :3], w[1, 12:15], w[0, : 1 + COLUMNS, :3]
     _inverse(L, m, weight)
-    for r in range(1 + COLUMNS):
-        for a in range(m):  # what of lambda the gain takes, and the innovation
-            s = 0.0
-            for i in range(n):
-                s += K[a, i] * adjoint[r, i]
-            for b in range(m):
-                s += weight[a, b] * (z[b] if r == 0 else moved[b, r - 1])
-            w[0, 0, a] = s
-        for a in range(m):
-            for i in range(n):
-                if H[a, i] != 0.0:
-                    adjoint[r, i] -= H[a, i] * w[0, 0, a]
-    # With Y = Lambda K: Lambda - Y H - H^T Y^T + H^T (K^T Y + S^-1) H
-    Y = w[0, :3]
     for a in range(m):
         for i in range(n):
             s = 0.0
             for j in range(n):
                 s += information[i, j] * K[a, j]
             Y[a, i] = s
+    for r in range(1 + COLUMNS):
+        for a in range(m):
+            s = 0.0
+            for i in range(n):
+                s += K[a, i] * adjoint[r, i]
+            for b in range(m):
+                s += weight[a, b] * (z[b] if r == 0 else moved[b, r - 1])
+            u[r, a] = s
+
+
+@kernel
+def update_back(adjoint: Array, information: Array, H: Array, K: Array, m: int, w: Array) -> None:
+    """Carry adjoint and Lambda to before a fused measurement of m rows, after `measure_back`.
+
+    lambda <- (I - K H)^T lambda - H^T S^-1 z, Lambda <- (I - K H)^T Lambda (I - K H) + H^T S^-1 H.
+
+    Parameters
+    ----------
+    adjoint, information : (1 + COLUMNS, n), (n, n) arrays, in place
+    H, K : (3, n) arrays
+        Rows and transposed gain.
+    m : int
+    w : (2, n, n) array
+        Scratch.
+    """
+    n = adjoint.shape[1]
+    weight, Y, u = w[1, :3, :3], w[1, 12:15], w[0, : 1 + COLUMNS, :3]
+    for r in range(1 + COLUMNS):
+        for a in range(m):
+            for i in range(n):
+                if H[a, i] != 0.0:
+                    adjoint[r, i] -= H[a, i] * u[r, a]
+    # With Y = Lambda K: Lambda - Y H - H^T Y^T + H^T (K^T Y + S^-1) H
     for a in range(m):
         for b in range(m):
             s = 0.0
@@ -170,62 +190,43 @@ def update_back(
 
 @kernel
 def leave_out(
-    adjoint: Array,
-    information: Array,
-    K: Array,
-    L: Array,
-    z: Array,
-    moved: Array,
-    m: int,
-    fused: bool,
-    sigma: Array,
-    residual: Array,
-    V: Array,
-    w: Array,
+    K: Array, L: Array, m: int, fused: bool, sigma: Array, residual: Array, V: Array, w: Array
 ) -> None:
     """Residual (3,) of a measurement to the track by all others, and its covariance V (3, 3).
 
-    With u = S^-1 z + K lambda and A = K Lambda K^T, all after the measurement: e = V u with
-    V = (S^-1 + A)^-1 if it was fused, e = S u with V = S - S A S if not. Common errors, of
-    1-sigma ``sigma``, are added to V; it is zero where it could not be computed.
+    After `measure_back`. With A = K^T Lambda K: e = V u with V = (S^-1 + A)^-1 if it was fused,
+    e = S u with V = S - S A S if not. Common errors, of 1-sigma ``sigma``, are added to V; it is
+    zero where it could not be computed.
 
     Parameters
     ----------
-    adjoint, information, K, L, z, moved, m, w : as in `update_back`
-        The gain of one that was refused is that which it would have had.
+    K, L, m, w : as in `measure_back`
     fused : bool
     sigma : (COLUMNS,) array
     residual, V : (3,), (3, 3) arrays, out
     """
-    n = adjoint.shape[1]
-    weight, S, by = w[1, :3, :3], w[1, 3:6, :3], w[1, 6:9, :3]
-    _inverse(L, m, weight)
-    for a in range(m):
-        for i in range(n):
-            s = 0.0
-            for j in range(n):
-                s += information[i, j] * K[a, j]
-            w[0, a, i] = s
-    for a in range(m):
-        for b in range(m):
-            s = 0.0
-            for i in range(n):
-                s += K[a, i] * w[0, b, i]
-            by[a, b] = s
-            s = 0.0
-            for k in range(min(a, b) + 1):
-                s += L[a, k] * L[b, k]
-            S[a, b] = s
+    n = K.shape[1]
+    weight, S, A, G = w[1, :3, :3], w[1, 3:6, :3], w[1, 6:9, :3], w[1, 9:12, :3]
+    Y, u, e = w[1, 12:15], w[0, : 1 + COLUMNS, :3], w[1, 15]
     for a in range(3):
         residual[a] = 0.0
         for b in range(3):
             V[a, b] = 0.0
-    G = w[1, 9:12, :3]
+    for a in range(m):
+        for b in range(m):
+            s = 0.0
+            for i in range(n):
+                s += K[a, i] * Y[b, i]
+            A[a, b] = s
+            s = 0.0
+            for k in range(min(a, b) + 1):
+                s += L[a, k] * L[b, k]
+            S[a, b] = s
     if fused:
         for a in range(m):
             for b in range(m):
-                by[a, b] += weight[a, b]
-        if not cholesky(G, by, m):
+                A[a, b] += weight[a, b]
+        if not cholesky(G, A, m):
             return
         _inverse(G, m, S)  # now (S^-1 + A)^-1
         for a in range(m):
@@ -237,23 +238,15 @@ def leave_out(
                 s = S[a, b]
                 for c in range(m):
                     for d in range(m):
-                        s -= S[a, c] * by[c, d] * S[d, b]
+                        s -= S[a, c] * A[c, d] * S[d, b]
                 V[a, b] = s
-    u, e = w[0, 3], w[0, 4]
     for r in range(1 + COLUMNS):
         if r > 0 and sigma[r - 1] == 0.0:
             continue
         for a in range(m):
-            s = 0.0
-            for i in range(n):
-                s += K[a, i] * adjoint[r, i]
-            for b in range(m):
-                s += weight[a, b] * (z[b] if r == 0 else moved[b, r - 1])
-            u[a] = s
-        for a in range(m):
             e[a] = 0.0
             for b in range(m):
-                e[a] += S[a, b] * u[b]
+                e[a] += S[a, b] * u[r, b]
         for a in range(m):
             if r == 0:
                 residual[a] = e[a]
@@ -443,21 +436,9 @@ def smooth_back(
         else:
             m = sizes[i]
             kept = kinds[number - 1] == KEPT
-            leave_out(
-                adjoint,
-                information,
-                K[i],
-                L[i],
-                z[i],
-                moved[i],
-                m,
-                not kept,
-                sigma,
-                residuals[i],
-                V[i],
-                w,
-            )
-            if kept:
-                continue
-            learn_common(common[:, :COLUMNS], common[:, COLUMNS], L[i], z[i], moved[i], m, w)
-            update_back(adjoint, information, H[i], K[i], L[i], z[i], moved[i], m, w)
+            if not kept:
+                learn_common(common[:, :COLUMNS], common[:, COLUMNS], L[i], z[i], moved[i], m, w)
+            measure_back(adjoint, information, K[i], L[i], z[i], moved[i], m, w)
+            leave_out(K[i], L[i], m, not kept, sigma, residuals[i], V[i], w)
+            if not kept:
+                update_back(adjoint, information, H[i], K[i], m, w)
