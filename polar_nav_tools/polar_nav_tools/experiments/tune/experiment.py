@@ -76,7 +76,7 @@ def run_job(job: TuneJob) -> RunResult:
     begin = time.process_time()
     row = next(r for r in ROWS if r.name == job.row)
     params, inputs, true = row.stated(job.duration_s, job.seed)
-    found = tune(Recording(Path(job.row), 'follower', params, inputs))
+    found = tune(Recording(Path(job.row), 'follower', params, params, inputs))
     metrics = _judgement(found)
     for line in lines_of(found):
         name = line.parameter.name
