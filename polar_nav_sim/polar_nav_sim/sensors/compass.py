@@ -102,7 +102,7 @@ def measured_headings(
     tilt_G += errors.turn_factor * _by_turning(v_G, dt)
     field_G = _field(reference, stamps_ns, r_e, C_e_G)
     white = rng.standard_normal((n, 4))
-    slowly = coloured[:, 2]
+    slowly: Array = coloured[:, 2]
     if errors.drift_deg > 0.0:
         drift = GaussMarkov(
             np.array([errors.drift_deg * deg]), errors.drift_s, dt, rng.standard_normal(1)

@@ -8,7 +8,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from polar_nav_follower.params import FollowerParams
+from polar_nav_core.engine.params import EngineParams
 from polar_nav_ros.adapters.mapping import Mapping as Sources
 
 from ..bags import Bag
@@ -36,7 +36,7 @@ class Calibration:
     ----------
     path : Path
     vehicle : str
-    params : FollowerParams
+    params : EngineParams
         As stated.
     recorded : datetime
         Of the first IMU sample, UTC.
@@ -46,7 +46,7 @@ class Calibration:
 
     path: Path
     vehicle: str
-    params: FollowerParams
+    params: EngineParams
     recorded: datetime
     found: Estimated
     lines: tuple[Line, ...]

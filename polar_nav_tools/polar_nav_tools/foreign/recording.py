@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from polar_nav_core.engine.inputs import Inputs
+from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.errors import ConfigError
-from polar_nav_follower.params import FollowerParams
 from polar_nav_ros.adapters.mapping import Mapping as Sources
 
 from ..bags import Bag
@@ -32,9 +32,9 @@ class Recording:
     ----------
     path : Path
     vehicle : str
-    stated : FollowerParams
+    stated : EngineParams
         Of base_link.
-    params : FollowerParams
+    params : EngineParams
         The same for the point that the IMU is at.
     inputs : Inputs
         At least one IMU sample.
@@ -46,8 +46,8 @@ class Recording:
 
     path: Path
     vehicle: str
-    stated: FollowerParams
-    params: FollowerParams
+    stated: EngineParams
+    params: EngineParams
     inputs: Inputs
     truth: TruthSeries | None = None
     imu_lever_b: tuple[float, float, float] = (0.0, 0.0, 0.0)

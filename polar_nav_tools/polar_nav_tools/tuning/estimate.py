@@ -20,7 +20,7 @@ from ..scoring.consistency import Consistency
 from .classes import DECISIVE, ClassFit, at_class, judge_classes, preferred
 from .classes import STATED as STATED_CLASS
 from .judge import STATED, SUGGESTED, HeldOut, held_out, nees
-from .likelihood import Kept, Problem, Rows, noisier, plausible, until
+from .likelihood import Kept, Mask, Problem, Rows, noisier, plausible, until
 from .parameters import PRIOR, Parameter, parameters_of
 from .solve import MOST_STEPS, Fit, fit
 
@@ -76,7 +76,7 @@ class Tuned:
 
     parameters: tuple[Parameter, ...]
     fit: Fit
-    refuted: Array
+    refuted: Mask
     at_most: Array
     suggested: Array
     classes: tuple[ClassFit, ...]
@@ -93,7 +93,7 @@ class Tuned:
         return sigma_of(self.parameters, self.fit)
 
     @property
-    def estimated(self) -> Array:
+    def estimated(self) -> Mask:
         """Whether that is less than a share of the prior, shape (k,)."""
         return np.asarray(self.sigma < EXCITED * self.fit.prior)
 

@@ -18,7 +18,7 @@ from ..scoring.consistency import Consistency, chi_square_band
 from ..scoring.score import score
 from ..scoring.windows import Window
 from ..series.estimates import EstimateRows, receipts_of
-from .likelihood import Rows, noisier
+from .likelihood import Mask, Rows, noisier
 from .parameters import Parameter
 
 BAND = 0.999
@@ -98,8 +98,9 @@ def held_out(stated: Rows | None, suggested: Rows | None, seconds: float) -> Hel
         count = int(some.sizes[of].sum())
         if count:
             low, high = chi_square_band(float(count), BAND)
-            mean = [_mean_square(rows, of, count) for rows in (stated, suggested)]
-            nis.append(Nis(name, count, *mean, (float(low) / count, float(high) / count)))
+            mean, other = (_mean_square(rows, of, count) for rows in (stated, suggested))
+            band = (float(low) / count, float(high) / count)
+            nis.append(Nis(name, count, mean, other, band))
     count = int(some.sizes.sum())
     if stated is None or suggested is None or not stated.same_measurements(suggested):
         gain = math.inf if suggested is not None else -math.inf
@@ -109,7 +110,7 @@ def held_out(stated: Rows | None, suggested: Rows | None, seconds: float) -> Hel
     return HeldOut(seconds, count, float(gains.sum()) / count, sigma / count, tuple(nis))
 
 
-def _mean_square(rows: Rows | None, of: Array, count: int) -> float:
+def _mean_square(rows: Rows | None, of: Mask, count: int) -> float:
     if rows is None or len(rows.ranks) != len(of):
         return math.nan
     return float(np.sum(rows.white[of] ** 2) / count)

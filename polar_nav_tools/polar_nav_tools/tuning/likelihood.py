@@ -10,10 +10,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from polar_nav_core.engine.events import Array, Rank
+from polar_nav_core.arrays import Array, Ints
+from polar_nav_core.engine.events import Rank
 from polar_nav_core.engine.innovations import Innovations, independent, innovations
 from polar_nav_core.engine.inputs import Inputs
 from polar_nav_core.engine.params import EngineParams
@@ -23,7 +26,7 @@ from polar_nav_core.errors import FilterDivergence
 from ..calibration.problem import SENSORS, stated_sigmas
 from .parameters import Parameter
 
-Stamps = np.ndarray[tuple[int], np.dtype[np.int64]]
+Mask = NDArray[np.bool_]
 _START_SIGMA = 100.0
 """The start often is a fix, and then as good as that: at least so little is known of it [m]."""
 _OUTPUT_S = 10.0
@@ -41,9 +44,9 @@ class Rows:
         Numbers of unit variance in a world as stated, and logarithms of what they were divided by.
     """
 
-    stamps_ns: Array
-    ranks: Array
-    sizes: Array
+    stamps_ns: Ints
+    ranks: Ints
+    sizes: Ints
     white: Array
     log_sigma: Array
 
@@ -54,8 +57,8 @@ class Rows:
             -self.log_sigma.sum(axis=1) - 0.5 * np.sum(self.white**2, axis=1) - constant
         )
 
-    def part(self, chosen: Array) -> Rows:
-        """Rows of some measurements, by index or mask."""
+    def part(self, chosen: Mask) -> Rows:
+        """Rows of some measurements, by mask."""
         return Rows(*(getattr(self, name)[chosen] for name in vars(self)))
 
     def same_measurements(self, other: Rows) -> bool:
@@ -155,33 +158,26 @@ def noisier(
     return params, inputs
 
 
+_STREAMS = {
+    'imu_stamps_ns': ('omega_ib_b', 'f_b'),
+    'dvl_stamps_ns': ('dvl_v_m', 'dvl_covariance_m', 'dvl_valid', 'dvl_water'),
+    'depth_stamps_ns': ('depth', 'depth_variance'),
+    'control_stamps_ns': ('control_force_b', 'control_torque_b'),
+    'heading_stamps_ns': ('headings', 'heading_up_b'),
+}
+"""Columns beside the stamps of each stream; empty ones are left so."""
+
+
 def until(inputs: Inputs, last_ns: int) -> Inputs:
     """Inputs up to a stamp, which is left out."""
-
-    def cut(stamps: Stamps, *columns: Array) -> list[Array]:
-        rows = slice(0, int(np.searchsorted(stamps, last_ns)))
-        return [c[rows] if len(c) else c for c in (stamps, *columns)]
-
-    imu = cut(inputs.imu_stamps_ns, inputs.omega_ib_b, inputs.f_b)
-    dvl = cut(
-        inputs.dvl_stamps_ns,
-        inputs.dvl_v_m,
-        inputs.dvl_covariance_m,
-        inputs.dvl_valid,
-        inputs.dvl_water,
-    )
-    depth = cut(inputs.depth_stamps_ns, inputs.depth, inputs.depth_variance)
-    control = cut(inputs.control_stamps_ns, inputs.control_force_b, inputs.control_torque_b)
-    heading = cut(inputs.heading_stamps_ns, inputs.headings, inputs.heading_up_b)
-    return Inputs(
-        *imu,
-        *dvl[:4],
-        *depth,
-        tuple(f for f in inputs.fixes if f.validity_ns < last_ns),
-        *control,
-        dvl[4],
-        *heading,
-    )
+    changes: dict[str, Any] = {
+        'fixes': tuple(f for f in inputs.fixes if f.validity_ns < last_ns),
+    }
+    for stamps, others in _STREAMS.items():
+        count = int(np.searchsorted(getattr(inputs, stamps), last_ns))
+        for name in (stamps, *others):
+            changes[name] = getattr(inputs, name)[:count]
+    return replace(inputs, **changes)
 
 
 _MEDIAN = {1: 0.4549, 2: 1.3863, 3: 2.3660}
@@ -205,9 +201,9 @@ class Kept:
         Factors on the variances of sensors with which they were judged.
     """
 
-    dvl: Array
-    depth: Array
-    fixes: Array
+    dvl: Mask
+    depth: Mask
+    fixes: Mask
     first_ns: int
     larger: Mapping[Rank, float]
 
@@ -293,7 +289,7 @@ def _enlarged(inputs: Inputs, by: dict[Rank, float]) -> Inputs:
     )
 
 
-def _fused(run: Innovations, rank: Rank, stamps_ns: Stamps, inputs: Inputs) -> Array:
+def _fused(run: Innovations, rank: Rank, stamps_ns: Ints, inputs: Inputs) -> Mask:
     """Whether a run has fused the measurements of these stamps (m,), or was not there to do so.
 
     A measurement stands in the log with the stamp of the IMU sample that it was fused after.

@@ -100,7 +100,7 @@ def fit(problem: Problem, start: Array, prior_mean: Array, prior: Array) -> Fit:
         gradient, information = _slopes(problem, at, rows, idle, both_sides=last)
         J = information + np.diag(prior**-2)
         slope = gradient - (at - prior_mean) / prior**2
-        step = np.linalg.solve(J, slope)
+        step = np.asarray(np.linalg.solve(J, slope), dtype=np.float64)
         idle = np.diag(information) < _NOTHING / prior**2
         small = float(slope @ step) < (_AT_LAST if last else _ENOUGH)
         moved = _moved(problem, at, rows, step, slope, prior_mean, prior)

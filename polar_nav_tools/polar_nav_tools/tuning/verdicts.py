@@ -17,6 +17,7 @@ from ..scoring.consistency import Consistency
 from .classes import DECISIVE, GRADES, STATED, nearest
 from .estimate import Tuned
 from .judge import BAND, HeldOut
+from .likelihood import Mask
 from .parameters import IMU, Parameter
 
 _CHANGED = 0.2
@@ -92,7 +93,7 @@ def lines_of(found: Tuned) -> tuple[Line, ...]:
 
 
 def inseparable(
-    covariance: Array, prior: Array, estimated: Array, least_sigma: Array
+    covariance: Array, prior: Array, estimated: Mask, least_sigma: Array
 ) -> dict[int, int]:
     """Noises that are not estimated but would be if another one was known, and which that is.
 
@@ -151,7 +152,7 @@ def sentence(found: Tuned, lines: tuple[Line, ...]) -> str:
     )
 
 
-def _is_imu(found: Tuned) -> Array:
+def _is_imu(found: Tuned) -> Mask:
     return np.array([p.name in IMU for p in found.parameters])
 
 

@@ -13,9 +13,10 @@ from polar_nav_core.user_files import read_text
 from polar_nav_ros.adapters.mapping import Mapping as Sources
 from polar_nav_ros.adapters.noise_classes import NAMES as NOISE_KEYS
 
+from ..calibration.verdicts import Verdict
 from ..foreign.mapping_text import load_text, parameters_of, put, sections, text_of
 from .bag import Tuning
-from .verdicts import Line, Verdict
+from .verdicts import Line
 
 _HEADING = {'heading_sigma_deg': 'sigma_deg', 'heading_markov_sigma_deg': 'coloured_sigma_deg'}
 _OF_A_LEADER = 'state it where the fixes are made: packets come with their own'

@@ -15,11 +15,12 @@ import numpy as np
 
 from polar_nav_core.errors import ConfigError
 
+from ...calibration.verdicts import Verdict
 from ...foreign.recording import Recording
 from ...scoring.tables import Column, Table
 from ...tuning.classes import STATED
 from ...tuning.estimate import Tuned, tune
-from ...tuning.verdicts import Verdict, lines_of, problems
+from ...tuning.verdicts import lines_of, problems
 from ..choices import Choices, choices_from
 from ..experiment import Experiment
 from ..jobs import RunResult
