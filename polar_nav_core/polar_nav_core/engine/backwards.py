@@ -61,7 +61,8 @@ class Back:
 def backwards(params: EngineParams, tape: Tape, published: int, covariances: bool) -> Back:
     """Smoothed states of a tape; in the track those of every so many covariance steps."""
     n = N + E if params.model_aiding else N
-    adjoint, information = np.zeros((1 + COLUMNS, n)), np.zeros((n, n))
+    adjoint = np.zeros((1 + (COLUMNS if tape.considers else 0), n))
+    information = np.zeros((n, n))
     common = np.zeros((COLUMNS, COLUMNS + 1))
     scratch = np.zeros((2, n, n))
     model = aiding.make_aiding(params)
@@ -95,7 +96,7 @@ def backwards(params: EngineParams, tape: Tape, published: int, covariances: boo
             adjoint,
             information,
             common,
-            tape.common,
+            tape.common if tape.considers else np.zeros(COLUMNS),
             residuals,
             V,
             scratch,

@@ -204,6 +204,40 @@ def live(
     )
 
 
+@bench.command(
+    epilog='Example: `./polar bench smooth`\n\n'
+    'Quick look: `./polar bench smooth --seconds 60 --rounds 1`'
+)
+def smooth(
+    rounds: Annotated[int, typer.Option(min=1, help='Rounds; ratios are their medians.')] = 5,
+    seconds: Annotated[
+        float, typer.Option(min=30.0, max=3600.0, help='Length of the run.')
+    ] = 600.0,
+    processor: CoreOption = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Time the passes of the smoother beside the filter, and beside GTSAM where it is installed.
+
+    GTSAM solves the same linear problem, and has to find the same means and sigmas first. Times
+    are processor times on one core.
+    """
+    from ..benchmarks import machine
+
+    used = machine.pin(processor)  # before anything numerical is loaded
+    from ..benchmarks.smooth import DISTRIBUTIONS, run
+
+    before = machine.describe(DISTRIBUTIONS)
+    result = run(rounds=rounds, duration_s=seconds, report=say)
+    facts = {**before, 'core': used, 'load_average_after': machine.load()}
+    if as_json:
+        emit_json({'ok': True, 'machine': facts, **result.to_dict()})
+        return
+    _print_tables(result.tables())
+    if result.peer is not None:
+        sys.stdout.write(f'Same results: GTSAM within {result.agreement:.1g} sigma.\n')
+    sys.stdout.write(_machine(facts, rounds, machine.versions(DISTRIBUTIONS)))
+
+
 def _print_tables(tables: Iterable[Table]) -> None:
     from rich.console import Console
 

@@ -43,6 +43,8 @@ class Tape:
         Whether its last three states are not published: errors of a leader or of headings.
     enlarged : bool
         Whether a filter enlarged its covariance on the way, for a gate to open again.
+    considers : bool
+        Whether common errors were considered.
     """
 
     def __init__(self, every: int, fixes: FixLog | None = None, plan: Plan | None = None) -> None:
@@ -56,7 +58,7 @@ class Tape:
         self.parts: list[int] = []
         self.common = np.zeros(COLUMNS)
         self.hidden = False
-        self.enlarged = False
+        self.enlarged = self.considers = False
         self.dvl_stamps_ns = self.depth_stamps_ns = np.zeros(0, dtype=np.int64)
 
     def make(self, params: EngineParams, initial: InitialState, stamp_ns: int) -> Recorded:
@@ -85,6 +87,7 @@ class Tape:
             return
         openings = f.state.counters[[*range(fs.OPENINGS, fs.OPENINGS + 3), fs.HEADING_OPENINGS]]
         self.enlarged |= bool(openings.any())
+        self.considers |= f.considers
         self.dvl_stamps_ns, self.depth_stamps_ns = f.streams.dvl_stamps, f.streams.depth_stamps
         stretch = stretch_of(f, self._taken, self._states)
         self._offsets.append(self._file.seek(0, 2))

@@ -111,8 +111,9 @@ def measure_back(
 
     Parameters
     ----------
-    adjoint : (1 + COLUMNS, n) array
-        lambda after the measurement, and below it its change per unit of each common error.
+    adjoint : (1 + COLUMNS, n) or (1, n) array
+        lambda after the measurement, and below it its change per unit of each common error, where
+        there are any.
     information : (n, n) array
         Lambda.
     K : (3, n) array
@@ -134,7 +135,7 @@ def measure_back(
             for j in range(n):
                 s += information[i, j] * K[a, j]
             Y[a, i] = s
-    for r in range(1 + COLUMNS):
+    for r in range(adjoint.shape[0]):
         for a in range(m):
             s = 0.0
             for i in range(n):
@@ -161,7 +162,7 @@ def update_back(adjoint: Array, information: Array, H: Array, K: Array, m: int, 
     """
     n = adjoint.shape[1]
     weight, Y, u = w[1, :3, :3], w[1, 12:15], w[0, : 1 + COLUMNS, :3]
-    for r in range(1 + COLUMNS):
+    for r in range(adjoint.shape[0]):
         for a in range(m):
             for i in range(n):
                 if H[a, i] != 0.0:
@@ -298,7 +299,7 @@ def smooth_row(
         for j in range(n):
             s -= P[i, j] * adjoint[0, j]
         x[i] = s
-        for c in range(COLUMNS):
+        for c in range(adjoint.shape[0] - 1):
             s = 0.0
             for j in range(n):
                 s += P[i, j] * adjoint[1 + c, j]
@@ -409,7 +410,7 @@ def smooth_back(
     x, P, sensitivity : (k, n), (k, n, n), (k, n, COLUMNS) arrays
         Out, in place, in place: see `smooth_row`; x with the deviation, all that a row is off by.
     adjoint, information : (1 + COLUMNS, n), (n, n) arrays, in place
-        At the end of the entries; afterwards before the first.
+        At the end of the entries; afterwards before the first. Without common errors, (1, n).
     common : (COLUMNS, COLUMNS + 1) array, in place
         What the innovations say of the common errors: information matrix, and vector behind it.
     sigma : (COLUMNS,) array
@@ -436,7 +437,7 @@ def smooth_back(
         else:
             m = sizes[i]
             kept = kinds[number - 1] == KEPT
-            if not kept:
+            if not kept and adjoint.shape[0] > 1:
                 learn_common(common[:, :COLUMNS], common[:, COLUMNS], L[i], z[i], moved[i], m, w)
             measure_back(adjoint, information, K[i], L[i], z[i], moved[i], m, w)
             leave_out(K[i], L[i], m, not kept, sigma, residuals[i], V[i], w)
