@@ -60,7 +60,7 @@ def test_mean_and_sigma_are_those_of_gtsam(case):
 def test_the_benchmark_stands_alone_without_gtsam(monkeypatch):
     """What is timed and how it is counted, not how fast it is."""
     said = []
-    monkeypatch.setattr(smooth, 'find_spec', lambda name: None)
+    monkeypatch.setattr(smooth, 'find_spec', lambda _: None)
     found = smooth.run(rounds=1, duration_s=40.0, report=said.append)
     assert set(found.timings) == {'filter', 'one', 'two'}
     assert found.peer is None
