@@ -102,13 +102,13 @@ def measured_headings(
     tilt_G += errors.turn_factor * _by_turning(v_G, dt)
     field_G = _field(reference, stamps_ns, r_e, C_e_G)
     white = rng.standard_normal((n, 4))
-    slowly: Floats = np.array(coloured[:, 2], dtype=np.float64)
+    slowly = coloured[:, 2]
     if errors.drift_deg > 0.0:
         drift = GaussMarkov(
             np.array([errors.drift_deg * deg]), errors.drift_s, dt, rng.standard_normal(1)
         )
-        slowly += drift.advance(rng.standard_normal((n, 1)))[:, 0]
-    since_s = (stamps_ns - stamps_ns[:1]) * 1e-9
+        slowly = slowly + drift.advance(rng.standard_normal((n, 1)))[:, 0]
+    since_s = np.asarray((stamps_ns - stamps_ns[:1]) * 1e-9, dtype=np.float64)
     headings, up_b, _ = _readings(
         errors, reference, since_s, field_G, C_b_G, tilt_G, slowly, white
     )
