@@ -25,6 +25,8 @@ _LEAST = 0.04
 _HALVES = 4
 _ENOUGH, _AT_LAST = 0.1, 1.0
 """Another step is made until its square, in sigmas, is below this; the last one's below that."""
+_JUMP = 5.0
+"""Difference of slopes to both sides, in what curvature makes of it, from which on one jumps."""
 _NOTHING = 1e-4
 """Share of the prior's information below which a parameter has none where it is now."""
 
@@ -109,7 +111,7 @@ def fit(problem: Problem, start: Array, prior_mean: Array, prior: Array) -> Fit:
         if last and (small or moved is None):
             settled = small
             break
-        last = small or moved is None
+        last = last or small or moved is None
     value = float(rows.ln_density().sum())
     return Fit(at, prior_mean, prior, information, value, rows, settled)
 
@@ -155,21 +157,42 @@ def _slopes(
     """
     U, D = [], []
     for k in range(len(at)):
-        if idle[k]:
-            U.append(np.zeros(rows.white.size))
-            D.append(np.zeros(rows.white.size))
-            continue
-        by = np.zeros(len(at))
-        by[k] = _STEP
-        less = problem.rows(at - by) if both_sides else rows
-        more = problem.rows(at + by)
-        one_sided = not both_sides
-        if more is None or not more.same_measurements(rows):
-            more, one_sided = rows, True
-        if less is None or not less.same_measurements(rows):
-            less, one_sided = rows, True
-        length = _STEP if one_sided else 2.0 * _STEP
-        U.append((more.white - less.white).ravel() / length)
-        D.append((more.log_sigma - less.log_sigma).ravel() / length)
+        u, d = np.zeros(rows.white.size), np.zeros(rows.white.size)
+        if not idle[k]:
+            by = np.zeros(len(at))
+            by[k] = _STEP
+            sides = [_side(problem, at, rows, by)]
+            if both_sides or sides[0] is None:
+                sides.append(_side(problem, at, rows, -by))
+            u, d = _together([s for s in sides if s is not None], rows, (u, d))
+        U.append(u)
+        D.append(d)
     u, d = np.array(U), np.array(D)
     return -(d.sum(axis=1) + u @ rows.white.ravel()), u @ u.T + d @ d.T
+
+
+def _side(problem: Problem, at: Array, rows: Rows, by: Array) -> tuple[Array, Array] | None:
+    """Slopes of whitened rows and of logarithms of their sigmas by a difference to one side."""
+    there = problem.rows(at + by)
+    if there is None or not there.same_measurements(rows):
+        return None
+    length = by.sum()
+    white = (there.white - rows.white).ravel() / length
+    return white, (there.log_sigma - rows.log_sigma).ravel() / length
+
+
+def _together(
+    sides: list[tuple[Array, Array]], rows: Rows, nothing: tuple[Array, Array]
+) -> tuple[Array, Array]:
+    """Mean of slopes to both sides, or the smaller one where the likelihood jumps on one side.
+
+    The filter has terms that begin at a threshold (`kernels.sins.bend`).
+    """
+    if len(sides) < 2:
+        return sides[0] if sides else nothing
+    slopes = [float(d.sum() + u @ rows.white.ravel()) for u, d in sides]
+    information = min(float(u @ u + d @ d) for u, d in sides)
+    if abs(slopes[0] - slopes[1]) > _JUMP * (1.0 + information * _STEP):
+        return sides[int(np.argmin(np.abs(slopes)))]
+    (u, d), (v, e) = sides
+    return 0.5 * (u + v), 0.5 * (d + e)
