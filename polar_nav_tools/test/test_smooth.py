@@ -117,6 +117,19 @@ def test_json(capsys):
     assert set(said['score']) == {'filter', 'smoother'}
 
 
+def test_score_and_report_show_filter_and_smoother_side_by_side(tmp_path, capsys):
+    words = [BAGS / 'reference_4', '-c', 'default', '--smooth']
+    assert polar('score', *words, '--json') == 0
+    runs = json.loads(capsys.readouterr().out)['runs']
+    assert set(runs) >= {'default', 'smoother'}
+    rms = {name: run['summary']['r_x'] for name, run in runs.items()}
+    assert rms['smoother'] < 0.5 * rms['default']
+    assert polar('report', *words, '--out', tmp_path / 'report.html') == 0
+    assert 'smoother' in (tmp_path / 'report.html').read_text()
+    assert polar('score', BAGS / 'station', '--smooth') == 2
+    assert 'mode sins' in capsys.readouterr().err
+
+
 def test_revisions_are_reported_and_written(tmp_path, capsys):
     """A gate that is too narrow decides much, and otherwise with hindsight."""
     words = ['smooth', BAGS / 'reference_4', '-c', 'custom', '--set', 'gate_probability=0.7']

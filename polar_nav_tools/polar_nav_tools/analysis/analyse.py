@@ -23,6 +23,7 @@ from ..scoring import Balance, Comparison, balances, compare, mission_phases
 from ..scoring.compare import Run
 from ..scoring.delivery import Delivery
 from ..series.run import RunSeries
+from ..smoothing.bag import SMOOTHER, smoothed_series
 from .counts import topic_counts
 from .judged import LIVE, judged_of, live_span
 from .opening import Say, follower_of
@@ -118,6 +119,7 @@ def analyse(
     vehicle: str | None = None,
     live: bool = False,
     verified: bool = False,
+    smooth: bool = False,
     judge_live: bool = True,
     truth_from: Bag | None = None,
     say: Say = lambda _: None,
@@ -137,6 +139,8 @@ def analyse(
         Score the recorded estimates too.
     verified : bool
         Also compare live with replay, bit for bit.
+    smooth : bool
+        Score the smoother too, as `SMOOTHER`: beside the judged runs.
     judge_live : bool
         Let the run that went live decide, too, whether all is well.
     truth_from : Bag, optional
@@ -152,8 +156,8 @@ def analyse(
         When the bag lacks what is needed.
     """
     name = vehicle or follower_of(bag)
-    step = 1.0 / (1 + len(configurations))
-    parts = [_part(progress, k * step, step) for k in range(1 + len(configurations))]
+    count = 1 + len(configurations) + smooth
+    parts = [_part(progress, k / count, 1.0 / count) for k in range(count)]
     replays = None
     if configurations or verified:
         replays = load_replays(
@@ -168,12 +172,17 @@ def analyse(
         series[f'{run.estimates.configuration} (recorded)'] = run
     verification = None
     if replays is not None:
-        for title, run in replays.replayed(configurations, say, parts[1:]).items():
+        for title, run in replays.replayed(
+            configurations, say, parts[1 : 1 + len(configurations)]
+        ).items():
             model = run.model
             if model is not None:
                 model = replace(model, truth=load_true_model(bag, name))
             series[title] = replace(run, model=model)
         verification = replays.verified(say) if verified else None
+    if smooth:
+        say('smoothing')
+        series[SMOOTHER] = smoothed_series(bag, name, parts[-1])
     runs = {title: (truth, run.estimates, run.receipts) for title, run in series.items()}
     packets = _packets_of(bag, name)
     return Analysis(
@@ -185,7 +194,11 @@ def analyse(
             models={t: run.model for t, run in series.items() if run.model is not None},
             phases=mission_phases(truth),
         ),
-        balances={n: balances(receipts, packets) for n, (_, _, receipts) in runs.items()},
+        balances={
+            n: balances(receipts, packets)
+            for n, (_, _, receipts) in runs.items()
+            if n != SMOOTHER  # it leaves aside what holds no fix
+        },
         counts=topic_counts(bag, read_outcome(bag.path).get('counts', {})),
         verification=verification,
         divergence={title: run.divergence for title, run in series.items()},

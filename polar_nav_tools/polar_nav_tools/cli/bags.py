@@ -50,6 +50,10 @@ ConfigurationsOption = Annotated[
         help=f'May be repeated: {", ".join(CONFIGURATIONS)}.',
     ),
 ]
+SmoothOption = Annotated[
+    bool,
+    typer.Option('--smooth', help='Show the smoother beside: each place by all measurements.'),
+]
 VehicleOption = Annotated[
     str | None, typer.Option('--vehicle', help='Which follower, when the bag has several.')
 ]
@@ -163,6 +167,7 @@ def report(
     recorded: Annotated[
         bool, typer.Option('--recorded', help='Show the recorded estimates and replay nothing.')
     ] = False,
+    smooth: SmoothOption = False,
     truth: TruthOption = None,
     vehicle: VehicleOption = None,
     open_report: Annotated[bool, typer.Option('--open', help='Open it in a browser.')] = False,
@@ -172,7 +177,7 @@ def report(
     from ..analysis.html_report import write_analysis
 
     with opened(bag, ahead_of(recorded, truth, vehicle)) as source:
-        analysis = analysed(source, configuration, recorded, truth, vehicle)
+        analysis = analysed(source, configuration, recorded, truth, vehicle, smooth)
         folder = bag if bag.is_dir() else bag.parent
         path = write_analysis(analysis, out or folder / 'report.html')
         if as_json:
@@ -275,19 +280,21 @@ def analysed(
     recorded: bool,
     truth: Path | None,
     vehicle: str | None,
+    smooth: bool = False,
 ) -> Analysis:
     """Replay and score a bag as the options of `score` and `report` say."""
     from ..analysis.analyse import analyse
     from ..analysis.opening import open_for
 
     chosen = () if recorded else tuple(configurations or _usual_filters(bag, vehicle))
-    long = bool(chosen) and bag.message_count >= _LONG
+    long = (bool(chosen) or smooth) and bag.message_count >= _LONG
     with percent('replay') if long else nullcontext(None) as progress:
         return analyse(
             bag,
             chosen,
             vehicle=vehicle,
             live=recorded,
+            smooth=smooth,
             judge_live=recorded or not configurations,
             truth_from=None if truth is None else open_for(truth, say),
             say=say,

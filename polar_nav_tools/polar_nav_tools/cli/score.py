@@ -12,6 +12,7 @@ from .app import app, emit_json, require, say
 from .bags import (
     ConfigurationsOption,
     JsonOption,
+    SmoothOption,
     TruthOption,
     VehicleOption,
     ahead_of,
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 @app.command(
     epilog='Example: `./polar score bags/my_run`'
     '\n\nOnly what was recorded live: `./polar score bags/my_run --recorded`'
+    '\n\nFilter and smoother: `./polar score bags/my_run --configs default --smooth`'
     '\n\nWithout a truth: `./polar score bags/my_run --withhold fixes:50% --withhold dvl:60s`'
     '\n\nSide by side: `./polar score bags/a bags/b --configs conventional_akf modified_akf '
     'default --markdown scores.md --csv scores.csv`'
@@ -43,6 +45,7 @@ def score(
     recorded: Annotated[
         bool, typer.Option('--recorded', help='Score the recorded estimates and replay nothing.')
     ] = False,
+    smooth: SmoothOption = False,
     truth: TruthOption = None,
     vehicle: VehicleOption = None,
     markdown: Annotated[
@@ -98,7 +101,7 @@ def score(
     named_bags = label_bags(found)
     for label, bag in named_bags.items():
         source = open_for(bag, say, ahead_of(recorded, truth, vehicle))
-        analyses[label] = analysed(source, chosen, recorded, truth, vehicle)
+        analyses[label] = analysed(source, chosen, recorded, truth, vehicle, smooth)
     comparison = side_by_side({label: a.comparison for label, a in analyses.items()})
     tables = tables_of(comparison, analyses)
     if markdown is not None:

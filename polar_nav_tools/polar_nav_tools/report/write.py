@@ -105,7 +105,10 @@ def sections(data: ReportInput, scores: Comparison) -> tuple[Section, ...]:
     truth = next(iter(data.runs.values()))[0]
     clock = Clock(int(truth.stamp_ns.min()), int(truth.stamp_ns.max()))
     runs = list(enumerate(scores.scores.values()))
-    reference, (_, _, receipts) = list(data.runs.items())[-1]
+    # Fixes of the last run that had them late: a smoother has each at its validity.
+    shown = list(data.runs.items())
+    late = [r for r in shown if any(receipt.age_s > 0.0 for receipt in r[1][2])]
+    reference, (_, _, receipts) = (late or shown)[-1]
     return (
         Section(
             'where',

@@ -35,6 +35,7 @@ from ..replay.by_message import parameters
 from ..replay.plain import plain_arrays
 from ..scoring import Comparison, compare
 from ..series.estimates import EstimateRows, receipts_of
+from ..series.run import RunSeries
 from ..series.vehicle import EstimateSeries, TruthSeries
 
 Progress = Callable[[float], None]
@@ -142,6 +143,29 @@ def smooth_bag(
     inputs = arrays.inputs(params).inputs
     found = _both(params, params, inputs, vehicle, how, (0.0, 0.0, 0.0), _later(progress, 0.3))
     return SmoothedRun(bag.path, vehicle, params, *found, arrays.truth)
+
+
+def smoothed_series(bag: Bag, vehicle: str, progress: Progress | None = None) -> RunSeries:
+    """Smoothed estimates of a follower's own recording, by its default configuration.
+
+    Raises
+    ------
+    ConfigError
+        As `smooth_bag`.
+    """
+    run = smooth_bag(
+        bag,
+        vehicle,
+        configuration='default',
+        changes={},
+        how=How(),
+        progress=progress or (lambda _: None),
+    )
+    return RunSeries(
+        estimates=run.smoothed,
+        receipts=receipts_of(run.found.receipts),
+        divergence=run.found.divergence,
+    )
 
 
 def smooth_mapped(

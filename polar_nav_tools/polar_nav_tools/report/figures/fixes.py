@@ -55,7 +55,7 @@ def fix_delays(
             y = np.array([f.delay for f in some])
             texts = [_tip(f.receipt) for f in some]
             _marks(ax, x, y, verdict, 30, tips, f'delay-{verdict}', texts)
-        top = 1.14 * float(ages.max()) if ages.size else 1.0
+        top = 1.14 * float(ages.max(initial=0.0)) or 1.0
         floor = _bottom_lane(ax, clock, lost, unread, top, tips)
         if ages.size:
             for one in (ax, side):
