@@ -21,6 +21,7 @@ from .hold.plan import FAULTS
 from .leader_error.experiment import LEADER_ERROR
 from .mismatch.plan import MISMATCH
 from .request import Request, Size
+from .smooth import SMOOTH
 from .spoof import SPOOF
 from .station import catalog as station
 from .tune.experiment import TUNE
@@ -126,6 +127,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         SPOOF,
         CALIBRATE,
         TUNE,
+        SMOOTH,
         LATE,
         PRICE,
         MEMS,

@@ -1,0 +1,49 @@
+"""The experiment `smooth`: its jobs, its table, and what it counts of correlated samples."""
+
+import numpy as np
+import pytest
+
+from polar_nav_core.errors import ConfigError
+from polar_nav_tools.experiments.catalog import experiment_named
+from polar_nav_tools.experiments.request import Request, Size
+from polar_nav_tools.experiments.smooth import (
+    SMOOTH,
+    SMOOTHER,
+    SmoothJob,
+    correlation_time,
+    plan,
+    run_job,
+    tables,
+)
+
+SIZE = Size(120.0, 2)
+
+
+def test_it_has_a_job_for_each_world_and_seed():
+    assert experiment_named('smooth') is SMOOTH
+    jobs = plan(Request(rows='6_*', first_seed=5), SIZE, ())
+    assert {(j.row, j.seed) for j in jobs} == {('6_1', 5), ('6_1', 6), ('6_2', 5), ('6_2', 6)}
+    with pytest.raises(ConfigError, match='no such row'):
+        plan(Request(rows='nothing'), SIZE, ())
+
+
+@pytest.mark.parametrize(('keep', 'expected'), [(0.0, 1.0), (0.9, 19.0)])
+def test_samples_count_once_per_correlation_time(keep, expected):
+    """An autoregression x <- a x + noise has 1 + 2 sum a^k = (1 + a)/(1 - a)."""
+    rng = np.random.default_rng(1)
+    x = np.zeros((20_000, 3))
+    noise = rng.standard_normal(x.shape) * np.sqrt(1.0 - keep**2)
+    for k in range(1, len(x)):
+        x[k] = keep * x[k - 1] + noise[k]
+    assert correlation_time(x) == pytest.approx(expected, rel=0.15)
+
+
+@pytest.mark.slow
+def test_the_smoother_is_nearer_and_its_table_judges_it():
+    results = [run_job(SmoothJob('6_2', 120.0, SMOOTHER, seed)) for seed in (1, 2)]
+    (table,) = tables(results, SIZE, Request())
+    rows = {row['track']: row for row in table.rows}
+    assert rows['smoother']['rms'] < rows['filter']['rms']
+    assert rows['smoother']['sigma'] < rows['filter']['sigma']
+    assert 2.0 <= rows['smoother']['samples'] < 180.0
+    assert {row['well'] for row in table.rows} <= {'yes', 'no'}
