@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
+from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -49,6 +50,22 @@ def telling(say: Callable[[str], None], every_s: float = 10.0) -> Iterator[None]
     finally:
         over.set()
         thread.join()
+
+
+def forgo_blas() -> None:
+    """Have numba begin without a BLAS, which no kernel here uses: scipy's takes 8 MB.
+
+    For a process of its own, before the first kernel is loaded: other compiled functions in it
+    cannot multiply matrices by ``@``. scipy itself stays as it is.
+    """
+    name = 'scipy.linalg'
+    if name in sys.modules or 'numba.np.arraymath' in sys.modules:
+        return
+    sys.modules[name] = None  # type: ignore[assignment]  # importing it is an ImportError
+    try:
+        import_module('numba.np.arraymath')
+    finally:
+        del sys.modules[name]
 
 
 def warm_node(handling: str) -> None:

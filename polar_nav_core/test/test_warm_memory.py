@@ -33,3 +33,24 @@ def test_a_kernel_compiles_after_the_intermediate_code_of_others_was_dropped():
         [sys.executable, '-c', CHILD], capture_output=True, text=True, check=True
     )
     assert done.stdout == '5\n'
+
+
+WITHOUT_BLAS = """
+import sys
+import numpy as np
+from polar_nav_core.warm import forgo_blas, warm_filter
+
+forgo_blas()
+warm_filter(('tagged',), whole=False)
+assert not [name for name in sys.modules if name.startswith('scipy.linalg')]
+import scipy.linalg
+print(round(float(scipy.linalg.inv(np.array([[4.0]]))[0, 0]), 2))
+"""
+
+
+@pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason='nothing is compiled')
+def test_a_node_loads_no_blas_and_scipy_is_whole():
+    done = subprocess.run(
+        [sys.executable, '-c', WITHOUT_BLAS], capture_output=True, text=True, check=True
+    )
+    assert done.stdout == '0.25\n'

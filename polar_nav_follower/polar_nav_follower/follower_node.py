@@ -36,7 +36,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from polar_nav_core.warm import telling, warm_node, warm_others
+from polar_nav_core.warm import forgo_blas, telling, warm_node, warm_others
 from polar_nav_msgs.msg import AcousticPacket, LeaderBroadcast, StationFix
 from polar_nav_ros import topics
 from polar_nav_ros.adapters.live import Sources
@@ -150,6 +150,7 @@ class FollowerNode(ManagedNode[FollowerParams]):
 
 def main(args: Sequence[str] | None = None) -> int:
     """Exit status of the node."""
+    forgo_blas()
     return run(FollowerNode, args)
 
 

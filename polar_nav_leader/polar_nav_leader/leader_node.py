@@ -31,7 +31,7 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import NavSatFix
 
 from polar_nav_core.errors import ConfigError
-from polar_nav_core.warm import telling, warm_node
+from polar_nav_core.warm import forgo_blas, telling, warm_node
 from polar_nav_msgs.msg import AcousticPacket, LeaderBroadcast, UsblFix
 from polar_nav_ros import topics
 from polar_nav_ros.adapters.live import Sources
@@ -175,6 +175,7 @@ class LeaderNode(ManagedNode[LeaderParams]):
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the node."""
+    forgo_blas()
     return run(LeaderNode, args)
 
 
