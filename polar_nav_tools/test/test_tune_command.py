@@ -90,11 +90,20 @@ def test_a_mapping_is_suggested_and_the_old_one_stays(vehicle, capsys):
 
 
 def test_a_recording_of_this_project(capsys):
-    assert polar('tune', BAGS / 'reference_4', '--write') == 0
+    assert polar('tune', BAGS / 'reference_4') == 0
     said = capsys.readouterr()
     for word in ('gyro_noise_density', 'NOT_EXCITED', 'ESTIMATED', 'held out', 'NEES', 'IMU:'):
         assert word in said.out
     assert 'nothing was changed' in said.out
+
+
+def test_without_a_mapping_parameters_are_printed(capsys):
+    words = ['--set', 'dvl_markov_sigma=0.2', '--write']
+    assert polar('tune', BAGS / 'reference_4', *words) == 0
+    said = capsys.readouterr()
+    values = yaml.safe_load(said.out[said.out.index('parameters:') :])
+    assert 0.0 < values['parameters']['dvl_markov_sigma'] < 0.1
+    assert 'nothing was changed' not in said.out
 
 
 @pytest.mark.parametrize('kind', ['mcap', 'ros1'])

@@ -64,7 +64,7 @@ def tune(
     if as_json:
         emit_json({**found.to_dict(), **_written_values(written, target), 'ok': well})
     else:
-        _print(found)
+        _print(found, written=write)
     if written is not None:
         _write(written, target, quiet=as_json)
     for problem in found.problems:
@@ -135,7 +135,7 @@ def _write(written: Written, target: Path | None, *, quiet: bool) -> None:
         sys.stdout.write(written.text)
 
 
-def _print(found: Tuning) -> None:
+def _print(found: Tuning, *, written: bool) -> None:
     from rich.console import Console
     from rich.text import Text
 
@@ -149,6 +149,8 @@ def _print(found: Tuning) -> None:
     print_table(console, nis_table(found.found.judged))
     out = [f'{line.parameter.label}: {line.why}' for line in found.lines if line.why]
     out += [judgement(found.found.judged), *nees_words(found.found.nees), *notes(found.found)]
-    out += [sentence(found.found, found.lines), 'nothing was changed: `--write` writes a copy']
+    out.append(sentence(found.found, found.lines))
+    if not written:
+        out.append('nothing was changed: `--write` writes a copy')
     for text in out:
         console.print(Text(text), soft_wrap=whole)

