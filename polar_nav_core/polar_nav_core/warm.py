@@ -111,18 +111,21 @@ def warm_filter(handling: Sequence[str] = (), *, whole: bool = True) -> None:
 
 
 def warm_smoother() -> None:
-    """Smooth a third of a second."""
-    from .engine import smoothing
+    """Smooth a third of a second, and whiten its innovations."""
+    from .engine import innovations, smoothing
     from .engine.params import EngineParams
     from .engine.sins.filter import NavigationFilter
-    from .kernels.sins import hindsight
+    from .kernels.sins import consider, hindsight
 
     params = EngineParams(configuration='default')
     initial = params.initial_state()
     if initial is not None:  # a third of a second needs no second pass
         f = NavigationFilter(params, initial, _START_NS)
         hindsight.hold(f.state, f.log, f.work.x)
-    smoothing.smooth(params, _third_of_a_second(params), every_s=0.1)
+    inputs = _third_of_a_second(params)
+    smoothing.smooth(params, inputs, every_s=0.1)
+    run = innovations.innovations(params, inputs)
+    innovations.independent(run, np.zeros(consider.COLUMNS))
 
 
 def _third_of_a_second(base: EngineParams) -> Inputs:

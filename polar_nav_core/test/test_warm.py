@@ -15,7 +15,7 @@ from polar_nav_core.kernels.sins import late as filter_late
 from polar_nav_core.kernels.sins import late_run
 from polar_nav_core.kernels.sins import run as filter_run
 from polar_nav_core.kernels.sins import update as kf
-from polar_nav_core.warm import warm_filter
+from polar_nav_core.warm import warm_filter, warm_others, warm_smoother
 
 MODULES = (kf, filter_events, filter_late, filter_run, late_run)
 ENTRIES = [
@@ -48,6 +48,15 @@ def signatures():
         for n, k in vars(m).items()
         if hasattr(k, 'signatures') and n in ENTRIES
     }
+
+
+@pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason='nothing is compiled')
+def test_the_set_up_compiles_every_kernel_that_there_is():
+    """A node that finds one missing compiles, or loads, all of them at its start."""
+    for warm in (warm_filter, warm_others, warm_smoother):
+        warm()
+    done, total = cache.compiled()
+    assert done == total
 
 
 @pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason='nothing is compiled')
