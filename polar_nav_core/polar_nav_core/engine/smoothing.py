@@ -302,7 +302,10 @@ def in_order(params: EngineParams) -> EngineParams:
     """The same filter for fixes that come when they are valid."""
     configuration = params.resolved()
     if params.mode != 'sins':
-        raise ConfigError('smoothing knows mode sins only; station mode has no smoother yet')
+        raise ConfigError(
+            'smoothing knows mode sins only: station mode is a bank of filters with a heading '
+            'that is given, and has no linear steps of one filter to go back over'
+        )
     if configuration.noise_adaptation != 'none':
         raise ConfigError(
             f'noise_adaptation {configuration.noise_adaptation}: smoothing needs stated noise; '
