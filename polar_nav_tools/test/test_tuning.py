@@ -10,6 +10,7 @@ from scipy.optimize import minimize
 from scipy.stats import multivariate_normal
 
 from polar_nav_core.engine.events import Rank
+from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.errors import ConfigError
 from polar_nav_ros.adapters.noise_classes import IMU_CLASSES, imu_noise
 from polar_nav_tools.calibration.verdicts import Verdict
@@ -17,10 +18,11 @@ from polar_nav_tools.experiments.calibrate.rows import world_of
 from polar_nav_tools.experiments.tune.rows import ROWS, Row
 from polar_nav_tools.foreign.recording import Recording
 from polar_nav_tools.tuning.classes import GRADES
-from polar_nav_tools.tuning.estimate import tune
+from polar_nav_tools.tuning.estimate import tune, with_reserve
 from polar_nav_tools.tuning.judge import held_out
 from polar_nav_tools.tuning.likelihood import Problem, Rows, noisier, plausible
 from polar_nav_tools.tuning.parameters import (
+    Parameter,
     horizontal_variance,
     own_covariance,
     parameters_of,
@@ -292,3 +294,16 @@ def test_a_recording_with_nothing_to_tune_by_is_refused(straight):
         tune(recording(world.params(configuration='default'), world.inputs))
     with pytest.raises(ConfigError, match='stated noise'):
         tune(recording(replace(params, configuration='modified_akf'), inputs))
+
+
+def test_no_walk_of_a_bias_is_suggested_below_the_reserve():
+    usual = EngineParams().accel_bias_walk
+
+    def least(name, stated):
+        parameter = Parameter(name, '', '', stated, lambda p, x, _: (p, x))
+        at = with_reserve([parameter], np.array([math.log(1e-3)]))
+        return stated * math.exp(at[0])
+
+    assert least('accel_bias_walk', 10.0 * usual) == pytest.approx(usual)
+    assert least('accel_bias_walk', 0.5 * usual) == pytest.approx(0.5 * usual)
+    assert least('accel_noise_density', 1.0) == pytest.approx(1e-3)

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from polar_nav_core.engine.events import Array, Rank
+from polar_nav_core.engine.params import NO_RESERVE, EngineParams
 from polar_nav_core.errors import ConfigError
 
 from ..calibration.solve import EXCITED
@@ -154,6 +155,7 @@ def tune(run: Recording, progress: Progress = lambda _: None) -> Tuned:
     # Of a number that is too large only so much is known: it is at most this.
     instead = np.where((found.at < 0.0) & np.isfinite(at_most), np.minimum(at_most, 0.0), found.at)
     suggested = np.where(estimated, np.where(off, found.at, 0.0), np.where(refuted, instead, 0.0))
+    suggested = with_reserve(parameters, suggested)
     test = Problem(params, kept.of(whole), parameters, split_ns, end_ns, counted)
     nothing = np.zeros(len(parameters))
     judged = held_out(test.rows(nothing), test.rows(suggested), (end_ns - split_ns) * 1e-9)
@@ -177,6 +179,22 @@ def tune(run: Recording, progress: Progress = lambda _: None) -> Tuned:
         seconds=(split_ns - begin_ns) * 1e-9,
         cut_s=(stop_ns - end_ns) * 1e-9,
     )
+
+
+def with_reserve(parameters: Sequence[Parameter], at: Array) -> Array:
+    """Logarithms of factors (k,) that take no random walk of a bias below the engine's default.
+
+    That is a reserve for what a calm recording does not show: warmth, and the gravity of other
+    places. A number that is stated smaller is left.
+    """
+    usual = EngineParams()
+    least = [
+        min(0.0, math.log(getattr(usual, p.name) / p.stated))
+        if p.name in NO_RESERVE
+        else -math.inf
+        for p in parameters
+    ]
+    return np.maximum(at, np.minimum(least, 0.0))
 
 
 class _Counted:
