@@ -24,13 +24,12 @@ from polar_nav_core.errors import ConfigError
 from polar_nav_core.grid import ecef_to_grid
 
 from ..scoring.tables import Column, Table
-from .choices import Choices, choices_from
 from .errors import TrackErrors, track_errors
 from .experiment import Experiment
 from .jobs import RunResult
 from .request import Request, Size
 from .schedule import FixSpec
-from .suite import Paper, engine_suite
+from .suite import one_filter_suite
 from .world import make_world
 from .world_spec import WorldSpec
 
@@ -189,26 +188,11 @@ def _line(runs: Sequence[RunResult], track: str) -> dict[str, object]:
     }
 
 
-def _long_table(title: str, results: Sequence[RunResult], paper: Paper | None) -> Table:
-    del paper
-    keys = list(dict.fromkeys(k for r in results for k in r.metrics))
-    columns = (Column('row', 'row'), Column('seed', 'seed'))
-    rows = [{'row': r.group, 'seed': r.seed, **r.metrics} for r in results]
-    return Table(title, (*columns, *(Column(k, k) for k in keys)), tuple(rows))
-
-
 def _describe(jobs: Sequence[SmoothJob]) -> dict[str, Any]:
     return {
         'filters': {SMOOTHER: {'engine': {'configuration': 'default'}}},
         'groups': {job.group: dict(_ROWS[job.row]) for job in jobs},
     }
-
-
-def _read(settings: Sequence[str], columns: Sequence[str] | None) -> dict[str, Any]:
-    if settings or columns:
-        raise ConfigError('smooth has one filter and takes no --set, no --columns')
-    choices: Choices = choices_from([])
-    return {'choices': choices}
 
 
 SMOOTH = Experiment(
@@ -219,6 +203,6 @@ SMOOTH = Experiment(
     (SMOOTHER,),
     plan,
     tables,
-    suite=engine_suite(_read, run_job, _long_table, _describe),
+    suite=one_filter_suite('smooth', run_job, _describe),
     selects=True,
 )

@@ -6,7 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-from ..scoring.tables import Table
+from polar_nav_core.errors import ConfigError
+
+from ..scoring.tables import Column, Table
 from .choices import choices_from
 from .columns import pick, present
 from .jobs import Job, RunResult, run_job
@@ -84,6 +86,29 @@ def engine_suite(
         lambda request: {'engine': dict(request.choices.engine)},
         describe,
     )
+
+
+def one_filter_suite(
+    name: str,
+    run_job: Callable[[Any], RunResult],
+    describe: Callable[[Sequence[Any]], dict[str, Any]],
+) -> Suite:
+    """Suite of an experiment of one filter, which takes no settings; its CSV has every number."""
+
+    def read(settings: Sequence[str], columns: Sequence[str] | None) -> dict[str, Any]:
+        if settings or columns:
+            raise ConfigError(f'{name} has one filter and takes no --set, no --columns')
+        return {'choices': choices_from([])}
+
+    return engine_suite(read, run_job, _every_number, describe)
+
+
+def _every_number(title: str, results: Sequence[RunResult], paper: Paper | None) -> Table:
+    del paper
+    keys = list(dict.fromkeys(k for r in results for k in r.metrics))
+    columns = (Column('row', 'row'), Column('what', 'what'), Column('seed', 'seed'))
+    rows = [{'row': r.group, 'what': r.column, 'seed': r.seed, **r.metrics} for r in results]
+    return Table(title, (*columns, *(Column(k, k) for k in keys)), tuple(rows))
 
 
 POLAR = Suite(

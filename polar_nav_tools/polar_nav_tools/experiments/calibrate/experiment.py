@@ -25,12 +25,11 @@ from ...calibration.estimate import estimate
 from ...calibration.problem import in_common, prepared
 from ...calibration.verdicts import Verdict, lines_of, problems
 from ...scoring.tables import Column, Table
-from ..choices import Choices, choices_from
 from ..experiment import Experiment
 from ..jobs import RunResult
 from ..mismatch.faults import FixClock
 from ..request import Request, Size
-from ..suite import Paper, engine_suite
+from ..suite import one_filter_suite
 from .rows import ROWS, SCENES, Row, params_of, world_of
 
 CALIBRATED, BOUND = 'calibrated', 'bound'
@@ -189,14 +188,6 @@ def _line(row: Row, name: str, runs: Sequence[RunResult], least_sigma: float) ->
     return line
 
 
-def _long_table(title: str, results: Sequence[RunResult], paper: Paper | None) -> Table:
-    del paper
-    keys = list(dict.fromkeys(k for r in results for k in r.metrics))
-    columns = (Column('row', 'row'), Column('what', 'what'), Column('seed', 'seed'))
-    rows = [{'row': r.group, 'what': r.column, 'seed': r.seed, **r.metrics} for r in results]
-    return Table(title, (*columns, *(Column(k, k) for k in keys)), tuple(rows))
-
-
 def _describe(jobs: Sequence[CalibrateJob]) -> dict[str, Any]:
     return {
         'filters': {CALIBRATED: {'engine': {'configuration': 'default'}}},
@@ -209,13 +200,6 @@ def _describe(jobs: Sequence[CalibrateJob]) -> dict[str, Any]:
     }
 
 
-def _read(settings: Sequence[str], columns: Sequence[str] | None) -> dict[str, Any]:
-    if settings or columns:
-        raise ConfigError('calibrate has one filter and takes no --set, no --columns')
-    choices: Choices = choices_from([])
-    return {'choices': choices}
-
-
 CALIBRATE = Experiment(
     'calibrate',
     'Constants that are off, found by `./polar calibrate`: error against sigma and bound',
@@ -224,6 +208,6 @@ CALIBRATE = Experiment(
     (CALIBRATED,),
     plan,
     tables,
-    suite=engine_suite(_read, run_job, _long_table, _describe),
+    suite=one_filter_suite('calibrate', run_job, _describe),
     selects=True,
 )

@@ -21,11 +21,10 @@ from ...scoring.tables import Column, Table
 from ...tuning.classes import STATED
 from ...tuning.estimate import Tuned, tune
 from ...tuning.verdicts import lines_of, problems
-from ..choices import Choices, choices_from
 from ..experiment import Experiment
 from ..jobs import RunResult
 from ..request import Request, Size
-from ..suite import Paper, engine_suite
+from ..suite import one_filter_suite
 from .rows import ROWS, Row
 
 COLUMN = 'tuned'
@@ -196,14 +195,6 @@ def _part(runs: Sequence[RunResult]) -> dict[str, object]:
     }
 
 
-def _long_table(title: str, results: Sequence[RunResult], paper: Paper | None) -> Table:
-    del paper
-    keys = list(dict.fromkeys(k for r in results for k in r.metrics))
-    columns = (Column('row', 'row'), Column('what', 'what'), Column('seed', 'seed'))
-    rows = [{'row': r.group, 'what': r.column, 'seed': r.seed, **r.metrics} for r in results]
-    return Table(title, (*columns, *(Column(k, k) for k in keys)), tuple(rows))
-
-
 def _describe(jobs: Sequence[TuneJob]) -> dict[str, Any]:
     named = {job.row for job in jobs}
     return {
@@ -216,13 +207,6 @@ def _describe(jobs: Sequence[TuneJob]) -> dict[str, Any]:
     }
 
 
-def _read(settings: Sequence[str], columns: Sequence[str] | None) -> dict[str, Any]:
-    if settings or columns:
-        raise ConfigError('tune has one filter and takes no --set, no --columns')
-    choices: Choices = choices_from([])
-    return {'choices': choices}
-
-
 TUNE = Experiment(
     'tune',
     'Noise that is stated wrong, found by `./polar tune`: against the truth, and held out',
@@ -231,6 +215,6 @@ TUNE = Experiment(
     (COLUMN,),
     plan,
     tables,
-    suite=engine_suite(_read, run_job, _long_table, _describe),
+    suite=one_filter_suite('tune', run_job, _describe),
     selects=True,
 )
