@@ -25,6 +25,7 @@ if numba.config.DISABLE_JIT:
             'delay_strategies',
             'disagreement',
             'engine',
+            'hindsight',
             'identification_published',
             'identification_robust',
             'identification_triggers',
@@ -59,5 +60,6 @@ if numba.config.DISABLE_JIT:
             'station_obey',
             'station_trust',
             'warm',
+            'water_track',
         ]
     ]

@@ -23,6 +23,7 @@ NAMES = (
     'spoof',
     'calibrate',
     'tune',
+    'smooth',
     'late',
     'price',
     'mems',
