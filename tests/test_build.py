@@ -52,7 +52,7 @@ STARTED = {
     'polar_nav_tools': {'polar_nav_follower', 'polar_nav_leader', 'polar_nav_sim', 'ros2launch'},
 }
 # What benchmarks and tests compare with: imported where it is used, and not needed to run.
-COMPARED = {'avar', 'evo', 'filterpy', 'pandas', 'pyins', 'stonesoup'}
+COMPARED = {'avar', 'evo', 'filterpy', 'gtsam', 'pandas', 'pyins', 'stonesoup'}
 # gsw and pygeomag have no rosdep key (the README says how to get them), isal is used where it is
 # there; the others come with numba, typer, jinja2.
 WITHOUT_KEY = {
