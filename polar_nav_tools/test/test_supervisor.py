@@ -183,6 +183,29 @@ def test_a_node_that_respawns_is_started_again_and_named(tmp_path, fake):
     assert said == ['node /vehicle/again was killed by SIGKILL: it is started again'] * 2
 
 
+def test_a_node_that_dies_between_two_looks_is_started_again(tmp_path, fake, monkeypatch):
+    """Of those who look for the dead, the one who ends the run is here the first to see each."""
+    respawn, seen = supervisor_module.Supervisor._respawn, []
+
+    def a_look_later(self):
+        if not seen and any(
+            c.spec.respawns and c.process.poll() is not None for c in self._children
+        ):
+            seen.append(0)
+            return
+        seen.clear()
+        respawn(self)
+
+    monkeypatch.setattr(supervisor_module.Supervisor, '_respawn', a_look_later)
+    outcome = run(
+        tmp_path,
+        fake('truth', PATIENT_TRUTH, Stage.TRUTH),
+        replace(fake('again', AGAIN, Stage.FOLLOWER), respawns=True),
+        respawn_delay_s=0.05,
+    )
+    assert outcome.status is RunStatus.COMPLETED
+
+
 def test_a_node_that_dies_again_and_again_fails_the_run(tmp_path, fake, monkeypatch):
     monkeypatch.setattr(supervisor_module, 'MOST_RESPAWNS', 1)
     outcome = run(

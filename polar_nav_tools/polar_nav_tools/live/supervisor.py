@@ -220,7 +220,7 @@ class Supervisor:
         while interrupts.count == 0:
             self._pump(_POLL_S)
             self._respawn()
-            died = self._died() or self._hung()
+            died = self._died(for_good=True) or self._hung()
             if died is not None and interrupts.count == 0:
                 return died
             if any(c.process.poll() is not None for c in self._of(Stage.TRUTH)):
@@ -236,11 +236,9 @@ class Supervisor:
     def _respawn(self) -> None:
         """Bury nodes that died and are to be started again; start those whose time has come."""
         for child in [c for c in self._children if c.spec.respawns]:
-            if child.process.poll() is None:
+            if child.process.poll() is None or not self._comes_back(child):
                 continue
             name = child.spec.full_name
-            if self._respawns[name] >= MOST_RESPAWNS or _gave_up(child):
-                continue  # the run ends by it
             self._respawns[name] += 1
             self._bury(child)
             self._tell(name, f'{child.end().how()}: it is started again')
@@ -249,6 +247,11 @@ class Supervisor:
         for due in [d for d in self._due if d[0] <= now_s]:
             self._due.remove(due)
             self._start(due[1])
+
+    def _comes_back(self, child: NodeProcess) -> bool:
+        """Whether a node that died is started again; else the run ends by it."""
+        lives = self._respawns[child.spec.full_name]
+        return child.spec.respawns and lives < MOST_RESPAWNS and not _gave_up(child)
 
     def _bury(self, child: NodeProcess) -> None:
         """Read the last output of a node that died, and forget it."""
@@ -285,10 +288,12 @@ class Supervisor:
         if self._on_problem is not None:
             self._on_problem(f'node {name} {sentence}')
 
-    def _died(self) -> NodeEnd | None:
-        """Node that ended too early, or None."""
+    def _died(self, *, for_good: bool = False) -> NodeEnd | None:
+        """Node that ended too early, or None; ``for_good``: and is not started again."""
         ended = [child for child in self._children if child.process.poll() is not None]
         dead = [c for c in ended if c.spec.stage != Stage.TRUTH or c.process.returncode != 0]
+        if for_good:
+            dead = [c for c in dead if not self._comes_back(c)]
         if not dead:
             return None
         self._pump(0.0)
