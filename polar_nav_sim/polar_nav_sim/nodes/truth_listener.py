@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import replace
 from typing import Any, TypeVar
 
@@ -17,7 +18,7 @@ from ..truth_cdr import TruthSample, decode, since_start_ns
 P = TypeVar('P', bound=NodeParams)
 
 
-class TruthListener(PolarNode[P]):
+class TruthListener(PolarNode[P], ABC):
     """Subscribes to ``truth``; a subclass selects samples and measures them.
 
     Messages that cannot be read or run backwards are counted and left out.
@@ -34,13 +35,13 @@ class TruthListener(PolarNode[P]):
         """Subscribe; called when the subclass is complete."""
         self.subscribe(VehicleTruth, topics.TRUTH, self._on_truth, raw=True)
 
+    @abstractmethod
     def wanted(self, since_start_ns: int) -> int | None:
         """Return the number of the measurement that is due at a sample, or None."""
-        raise NotImplementedError
 
+    @abstractmethod
     def measure(self, k: int, sample: TruthSample) -> None:
         """Make measurement ``k`` of a sample and publish it."""
-        raise NotImplementedError
 
     def facts(self) -> dict[str, object]:
         """Numbers for diagnostics beside the counts."""

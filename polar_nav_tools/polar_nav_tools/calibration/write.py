@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,7 @@ from polar_nav_core.errors import ConfigError
 from polar_nav_core.user_files import read_text
 from polar_nav_ros.adapters.mapping import Mapping as Sources
 
-from ..foreign.mapping_text import load_text, parameters_of, put, sections, text_of
+from ..foreign.mapping_text import Written, load_text, parameters_of, put, sections, text_of
 from . import move
 from .bag import Calibration
 from .problem import SIGMAS
@@ -37,25 +36,6 @@ NO_KEY = {
     'heading_cos': 'calibrate the compass',
 }
 """Constants that no key of a mapping and no parameter holds, and what to do about them."""
-
-
-@dataclass(frozen=True)
-class Written:
-    """What was written.
-
-    Attributes
-    ----------
-    text : str
-        The new mapping file, or lines of ``parameters:``.
-    names : tuple of str
-        Constants in it.
-    left : mapping of str to str
-        Constants that are not in it, and why.
-    """
-
-    text: str
-    names: tuple[str, ...]
-    left: dict[str, str]
 
 
 def chosen_lines(

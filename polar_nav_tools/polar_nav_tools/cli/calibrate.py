@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -14,12 +13,13 @@ from .app import app, emit_json, require, say
 from .arguments import AcceptOption, ChangeOption, MapOption, MsgPathOption
 from .bags import BagArgument, JsonOption, VehicleOption, percent
 from .mapped import open_mapped
+from .written import copy_of, write_copy, written_values
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from ..calibration.bag import Calibration, Wanted
-    from ..calibration.write import Written
+    from ..foreign.mapping_text import Written
 
 
 @app.command(
@@ -72,11 +72,7 @@ def calibrate(
         raise typer.BadParameter('goes with --map', param_hint='--accept, --msg-path')
     if assign and not write:
         raise typer.BadParameter('goes with --write', param_hint='--assign')
-    target = None
-    if write and mapping is not None:
-        target = mapping.with_name(f'{mapping.stem}_calibrated{mapping.suffix}')
-        if target.exists():
-            raise ConfigError(f'{target} exists already; nothing is overwritten')
+    target = copy_of(mapping, 'calibrated') if write else None
     if plot is not None and plot.exists():
         raise ConfigError(f'{plot} exists already; nothing is overwritten')
     if plot is not None and plot.suffix not in ('.png', '.svg'):
@@ -94,11 +90,12 @@ def calibrate(
 
         innovations_figure(plot, found.found)
     if as_json:
-        emit_json({**found.to_dict(), **_written_values(written, target), 'ok': well})
+        emit_json({**found.to_dict(), **written_values(written, target, 'constants'), 'ok': well})
     else:
         _print(found)
     if written is not None:
-        _write(written, target, quiet=as_json)
+        nothing = 'no constant is estimated that a file could state'
+        write_copy(written, target, nothing, quiet=as_json)
     for problem in found.problems:
         say(problem)
     require(well)
@@ -147,31 +144,6 @@ def _written(found: Calibration, mapping: Path | None, assign: list[str]) -> Wri
     written = write.mapping_file(mapping, found, files.load(mapping), assign)
     files.parse(written.text, f'calibrated {mapping}')  # refuses before anything is written
     return written
-
-
-def _written_values(written: Written | None, target: Path | None) -> dict[str, object]:
-    if written is None:
-        return {}
-    return {
-        'written': {
-            'path': None if target is None or not written.names else str(target),
-            'text': written.text,
-            'constants': list(written.names),
-            'left': written.left,
-        }
-    }
-
-
-def _write(written: Written, target: Path | None, *, quiet: bool) -> None:
-    for name, why in written.left.items():
-        say(f'{name} is not written: {why}')
-    if not written.names:
-        say('nothing was written: no constant is estimated that a file could state')
-    elif target is not None:
-        target.write_text(written.text, encoding='utf-8')
-        say(f'{target}: {", ".join(written.names)}')
-    elif not quiet:
-        sys.stdout.write(written.text)
 
 
 def _print(found: Calibration) -> None:

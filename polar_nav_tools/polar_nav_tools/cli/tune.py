@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from polar_nav_core.errors import ConfigError
-
 from .app import app, emit_json, require, say
 from .arguments import AcceptOption, ChangeOption, MapOption, MsgPathOption
 from .bags import BagArgument, JsonOption, VehicleOption, percent
 from .mapped import open_mapped
+from .written import copy_of, write_copy, written_values
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from ..foreign.mapping_text import Written
     from ..tuning.bag import Tuning
-    from ..tuning.write import Written
 
 
 @app.command(
@@ -50,11 +48,7 @@ def tune(
     """
     if mapping is None and (accept or msg_path is not None):
         raise typer.BadParameter('goes with --map', param_hint='--accept, --msg-path')
-    target = None
-    if write and mapping is not None:
-        target = mapping.with_name(f'{mapping.stem}_tuned{mapping.suffix}')
-        if target.exists():
-            raise ConfigError(f'{target} exists already; nothing is overwritten')
+    target = copy_of(mapping, 'tuned') if write else None
     if mapping is None:
         found, missing = _own(bag, vehicle, change or [])
     else:
@@ -62,11 +56,12 @@ def tune(
     well = not (missing or found.problems)
     written = _written(found, mapping) if write else None
     if as_json:
-        emit_json({**found.to_dict(), **_written_values(written, target), 'ok': well})
+        emit_json({**found.to_dict(), **written_values(written, target, 'names'), 'ok': well})
     else:
         _print(found, written=write)
     if written is not None:
-        _write(written, target, quiet=as_json)
+        nothing = 'nothing is suggested that a file could state'
+        write_copy(written, target, nothing, quiet=as_json)
     for problem in found.problems:
         say(problem)
     require(well)
@@ -108,31 +103,6 @@ def _written(found: Tuning, mapping: Path | None) -> Written:
     written = write.mapping_file(mapping, found, files.load(mapping))
     files.parse(written.text, f'tuned {mapping}')  # refuses before anything is written
     return written
-
-
-def _written_values(written: Written | None, target: Path | None) -> dict[str, object]:
-    if written is None:
-        return {}
-    return {
-        'written': {
-            'path': None if target is None or not written.names else str(target),
-            'text': written.text,
-            'names': list(written.names),
-            'left': dict(written.left),
-        }
-    }
-
-
-def _write(written: Written, target: Path | None, *, quiet: bool) -> None:
-    for name, why in written.left.items():
-        say(f'{name} is not written: {why}')
-    if not written.names:
-        say('nothing was written: nothing is suggested that a file could state')
-    elif target is not None:
-        target.write_text(written.text, encoding='utf-8')
-        say(f'{target}: {", ".join(written.names)}')
-    elif not quiet:
-        sys.stdout.write(written.text)
 
 
 def _print(found: Tuning, *, written: bool) -> None:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from ruamel.yaml import YAML
@@ -12,6 +14,25 @@ _DECIMALS, _DIGITS = 6, 4
 """Of a number: so many decimals, but digits of a small one, as noise densities are."""
 _INDENTS = (2, 4)
 """Of sections, and of those in a list."""
+
+
+@dataclass(frozen=True)
+class Written:
+    """What a command found, as text.
+
+    Attributes
+    ----------
+    text : str
+        The new mapping file, or lines of ``parameters:``.
+    names : tuple of str
+        What is in it.
+    left : mapping of str to str
+        What was found and is not in it, and why.
+    """
+
+    text: str
+    names: tuple[str, ...]
+    left: Mapping[str, str]
 
 
 def sections(top: CommentedMap, key: str) -> list[CommentedMap]:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping as Names
-from dataclasses import dataclass
 from pathlib import Path
 
 from ruamel.yaml.comments import CommentedMap
@@ -14,32 +12,13 @@ from polar_nav_ros.adapters.mapping import Mapping as Sources
 from polar_nav_ros.adapters.noise_classes import NAMES as NOISE_KEYS
 
 from ..calibration.verdicts import Verdict
-from ..foreign.mapping_text import load_text, parameters_of, put, sections, text_of
+from ..foreign.mapping_text import Written, load_text, parameters_of, put, sections, text_of
 from .bag import Tuning
 from .verdicts import Line
 
 _HEADING = {'heading_sigma_deg': 'sigma_deg', 'heading_markov_sigma_deg': 'coloured_sigma_deg'}
 _OF_A_LEADER = 'state it where the fixes are made: packets come with their own'
 _AT_THE_SENSOR = 'its messages state their own noise: correct it in the driver'
-
-
-@dataclass(frozen=True)
-class Written:
-    """What was written.
-
-    Attributes
-    ----------
-    text : str
-        The new mapping file, or lines of ``parameters:``.
-    names : tuple of str
-        Noises in it.
-    left : mapping of str to str
-        Suggested noises that are not in it, and why.
-    """
-
-    text: str
-    names: tuple[str, ...]
-    left: Names[str, str]
 
 
 def parameter_lines(found: Tuning) -> Written:
