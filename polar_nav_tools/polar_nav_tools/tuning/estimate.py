@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from polar_nav_core.engine.events import Array, Rank
-from polar_nav_core.engine.params import NO_RESERVE, EngineParams
 from polar_nav_core.errors import ConfigError
 
 from ..calibration.solve import EXCITED
@@ -22,7 +21,7 @@ from .classes import DECISIVE, ClassFit, at_class, judge_classes, preferred
 from .classes import STATED as STATED_CLASS
 from .judge import STATED, SUGGESTED, HeldOut, held_out, nees
 from .likelihood import Kept, Mask, Problem, Rows, noisier, plausible, until
-from .parameters import PRIOR, Parameter, parameters_of
+from .parameters import PRIOR, Parameter, parameters_of, reserve_of
 from .solve import MOST_STEPS, Fit, fit
 
 TRAINED = 0.7
@@ -187,13 +186,7 @@ def with_reserve(parameters: Sequence[Parameter], at: Array) -> Array:
     That is a reserve for what a calm recording does not show: warmth, and the gravity of other
     places. A number that is stated smaller is left.
     """
-    usual = EngineParams()
-    least = [
-        min(0.0, math.log(getattr(usual, p.name) / p.stated))
-        if p.name in NO_RESERVE
-        else -math.inf
-        for p in parameters
-    ]
+    least = [math.log(r / p.stated) if (r := reserve_of(p)) else -math.inf for p in parameters]
     return np.maximum(at, np.minimum(least, 0.0))
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from polar_nav_core.engine.events import Array, Fix
 from polar_nav_core.engine.inputs import Inputs
-from polar_nav_core.engine.params import EngineParams
+from polar_nav_core.engine.params import NO_RESERVE, EngineParams
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.grid import ecef_to_grid
 from polar_nav_core.params import default_of
@@ -86,6 +86,11 @@ class Parameter:
     def show(self) -> str:
         """What would show it."""
         return _SHOW[self.name]
+
+
+def reserve_of(parameter: Parameter) -> float:
+    """Random walk of a bias below which none is suggested, the engine's default; else 0."""
+    return float(getattr(EngineParams(), parameter.name)) if parameter.name in NO_RESERVE else 0.0
 
 
 def parameters_of(params: EngineParams, inputs: Inputs) -> tuple[Parameter, ...]:

@@ -14,6 +14,7 @@ from polar_nav_ros.adapters.noise_classes import NAMES as NOISE_KEYS
 from ..calibration.verdicts import Verdict
 from ..foreign.mapping_text import Written, load_text, parameters_of, put, sections, text_of
 from .bag import Tuning
+from .parameters import reserve_of
 from .verdicts import Line
 
 _HEADING = {'heading_sigma_deg': 'sigma_deg', 'heading_markov_sigma_deg': 'coloured_sigma_deg'}
@@ -124,7 +125,9 @@ def _ratio(found: Tuning, source: str) -> float:
 
 def _origin(found: Tuning, line: Line) -> str:
     how = 'at most, as the data show'
-    if line.verdict is Verdict.ESTIMATED:
+    if math.isclose(line.suggested, reserve_of(line.parameter)):
+        how = 'no less: a reserve for warmth and for the gravity of other places'
+    elif line.verdict is Verdict.ESTIMATED:
         how = f'1-sigma {100.0 * line.sigma_share:.2g} %'
     elif line.suggested > line.parameter.stated:
         how = 'most probable, not well known'
