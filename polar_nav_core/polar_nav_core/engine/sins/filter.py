@@ -12,10 +12,9 @@ import math
 
 import numpy as np
 
-from ... import attitude, earth, grid
 from ...error_model import X
 from ...errors import FilterDivergence
-from ...kernels.sins import bridge, compass, consider, hypotheses, reopen
+from ...kernels.sins import bridge, consider, hypotheses, reopen
 from ...kernels.sins import events as fe
 from ...kernels.sins import fuse as ff
 from ...kernels.sins import late as filter_late
@@ -36,11 +35,11 @@ from ..events import (
     ModelEstimate,
 )
 from ..params import EngineParams
-from ..plausibility import MOST_VARIANCE
 from ..results import CORRECTIONS_PER_S, IMU_PERIOD_S, Outcome
 from ..saved import SavedState
 from . import aiding
 from . import streams as st
+from .first_state import heading_sigmas, restore, set_out
 from .history import History, make_past
 from .leader import NO_LEADER, LeaderError
 from .log import STEPS_PER_BLOCK, make_log
@@ -53,12 +52,6 @@ _WHY = {
     fs.P_NOT_DEFINITE: 'the covariance of the filter is no longer positive definite',
     fs.S_NOT_DEFINITE: 'an innovation covariance is not positive definite',
 }
-
-
-_ENLARGED = 4.0
-"""Factor on the variances of a state that is restored."""
-_LOST_RATE, _LOST_ACCELERATION = 0.1, 0.5
-"""What the vehicle may have done since [rad/s], [m/s^2], as in a gap between IMU samples."""
 
 
 class NavigationFilter:
@@ -114,10 +107,10 @@ class NavigationFilter:
         self.rows = fs.NO_ROWS
         self.process: ProcessNoise | None = None
         if isinstance(initial, SavedState):
-            sigmas = self.heading_sigmas if self.settings.heading.on else None
+            sigmas = heading_sigmas(self.settings) if self.settings.heading.on else None
             resume(self.state, self.leader, params, initial, stamp_ns, sigmas)
         else:
-            self._set_state(initial)
+            set_out(self.state, self.settings, params, initial)
         weight = params.forgetting ** (1.0 / (1.0 - params.forgetting))  # b^k with k = k0
         self.state.noise[:] = [weight, 1.0, 1.0, 1.0]
         self.start_ns = stamp_ns
@@ -157,73 +150,10 @@ class NavigationFilter:
 
         Correlations are dropped: they may be what was lost.
         """
-        s, good = self.state, lost.log.good_flat[0]
         since_s = max(0.0, (self.start_ns - int(lost.log.good_ns[0])) * 1e-9)
-        s.flat[:] = good[: fs.FLAT]
-        s.model[:] = good[fs.FLAT :].reshape(s.model.shape)
-        s.P[:] = np.diag(np.minimum(_ENLARGED * np.diagonal(s.P), MOST_VARIANCE))
-        if self.settings.aiding.on:
-            block = s.model[fs.P_EE : fs.MEAN]
-            block[:] = np.diag(_ENLARGED * np.diagonal(block))
-            s.model[fs.P_XE : fs.P_EE] = 0.0
-            s.model[fs.THRUST] = 0.0
-        for x in (
-            s.sensitivity,
-            s.memories,
-            s.shared,
-            s.bank,
-            s.windows,
-            s.conflict,
-            s.runs,
-            s.heading_memories,
-            s.increments,
-            s.sums,
-            s.previous,
-            s.previous_dt,
-        ):
-            x[:] = 0.0
-        s.P[X.phi_G, X.phi_G] += np.eye(3) * (_LOST_RATE * since_s) ** 2
-        s.P[X.dv_G, X.dv_G] += np.eye(3) * (_LOST_ACCELERATION * since_s) ** 2
-        ff.locate(s, self.frames, self.settings)
-        s.r_e[:] += self.frames.velocity_e * since_s
-        speed = float(np.linalg.norm(s.v_G))
-        s.P[X.dr_e, X.dr_e] += np.eye(3) * ((speed + _LOST_ACCELERATION) * since_s) ** 2
+        restore(self.state, self.frames, self.settings, lost.log.good_flat[0], since_s)
         self.leader = lost.leader  # the states are scaled by what it has heard
         self.begin()
-
-    def _set_state(self, s: InitialState) -> None:
-        p, own = self._p, self.state
-        own.r_e[:] = earth.ecef_from_geodetic(s.latitude, s.longitude, s.height)
-        own.v_G[:] = s.v_G
-        psi = 0.5 * math.pi - s.grid_heading
-        own.C_b_G[:] = attitude.matrix_from_euler(psi, s.pitch, s.roll)
-        sigma = np.concatenate(
-            [
-                [s.sigma_tilt, s.sigma_tilt, s.sigma_heading],
-                np.full(3, s.sigma_velocity),
-                np.zeros(3),
-                np.full(3, p.gyro_bias_sigma),
-                np.full(3, p.accel_bias_sigma),
-                np.full(3, p.dvl_scale_sigma),
-                np.full(3, p.dvl_markov_sigma),
-                np.full(3, 1.0 if self.settings.shares_leader else p.usbl_bias_sigma),
-            ]
-        )
-        if self.settings.heading.on:
-            sigma[kf.USBL :] = self.heading_sigmas
-        own.P[:] = np.diag(sigma**2)
-        C_e_G = grid.ecef_to_grid(own.r_e)
-        position_G = np.diag([s.sigma_position_horizontal**2] * 2 + [s.sigma_position_vertical**2])
-        own.P[X.dr_e, X.dr_e] = C_e_G.T @ position_G @ C_e_G
-        aiding.start(self.state, p)
-
-    @property
-    def heading_sigmas(self) -> Array:
-        """Sigmas at the start of the last three states where headings are used [rad], (3,)."""
-        c = self.settings
-        coloured = math.sqrt(c.heading.noise[compass.MARKOV_VARIANCE])
-        bias = c.heading.noise[compass.START]
-        return np.array([bias, coloured, bias])
 
     @property
     def stamp_ns(self) -> int:
