@@ -181,7 +181,6 @@ def analyse(
             series[title] = replace(run, model=model)
         verification = replays.verified(say) if verified else None
     if smooth:
-        say('smoothing')
         series[SMOOTHER] = smoothed_series(bag, name, parts[-1])
     runs = {title: (truth, run.estimates, run.receipts) for title, run in series.items()}
     packets = _packets_of(bag, name)
