@@ -5,8 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
+from polar_nav_core.errors import ConfigError
 from polar_nav_tools.experiments.leader_error import experiment, two_vehicles
 from polar_nav_tools.experiments.leader_error.leader import Leader, make_leader_world, rounded
+from polar_nav_tools.experiments.request import Request, Size
 from polar_nav_tools.experiments.world_spec import WorldSpec
 
 
@@ -65,3 +67,17 @@ def test_a_follower_of_a_leader_that_drifts_is_not_too_sure():
     }
     assert results['default'].metrics['half_position'] < 4.0
     assert results['independent'].metrics['half_position'] > 20.0
+
+
+def test_rows_choose_leaders():
+    """Their names have commas: a pattern stands for what is before one."""
+    size = Size(300.0, 2)
+    jobs = experiment.plan(Request(rows='gyrocompass*, perfect'), size, ['default'])
+    names = dict.fromkeys(job.scenario.name for job in jobs)
+    assert list(names) == [
+        *(n for n in (s.name for s in experiment.SCENARIOS) if 'gyro' in n),
+        'perfect',
+    ]
+    assert len(jobs) == 2 * len(names)
+    with pytest.raises(ConfigError, match='no such row'):
+        experiment.plan(Request(rows='gyro'), size, ['default'])

@@ -12,6 +12,7 @@ import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -110,9 +111,14 @@ class LeaderJob:
 
 def plan(request: Request, size: Size, columns: Sequence[str]) -> list[LeaderJob]:
     """All filters of a scenario at one seed after another; `size` cuts longer runs."""
+    patterns = [p.strip() for p in (request.rows or '*').split(',')]
+    chosen = [s for s in SCENARIOS if any(fnmatchcase(s.name, p) for p in patterns)]
+    if not chosen:
+        names = '; '.join(s.name for s in SCENARIOS)
+        raise ConfigError(f'--rows {request.rows}: no such row; there are {names}')
     return [
         LeaderJob(s, name, seed, min(s.duration_s, size.duration_s), dict(request.choices.engine))
-        for s in SCENARIOS
+        for s in chosen
         for seed in range(request.first_seed, request.first_seed + size.seeds)
         for name in columns
     ]
