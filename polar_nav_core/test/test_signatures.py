@@ -14,6 +14,8 @@ from polar_nav_core.kernels.sins.update import DR, DV, GYRO, SCALE, N
 STEP, BORN = 0.5, 20
 """Time between measurements [s]; number of the step at which the hypotheses begin."""
 ALONE = (hy.SCALE_GROWS, hy.SCALE_STEP)
+WIDE = 1e12 * np.eye(2)
+"""Covariance of a position that nothing has moved beyond what is stated [m^2]."""
 
 
 class Linear:
@@ -134,37 +136,87 @@ def test_without_a_fault_the_statistic_is_chi_square():
 )
 def test_a_fault_is_found_with_its_size_and_named(kind, size, culprit, words):
     world, _ = run(4, 400, kind, size)
-    bank, slot = world.bank, world.bank[:, : hy.KINDS]
+    slot = world.bank[:, : hy.KINDS]
     sigma = 1.0 / np.sqrt(slot[hy.LAMBDA, kind])
     found = size_of(slot, kind)
     if kind not in ALONE:
         first = kind - kind % 2
         found = pair_of(slot, first)[kind - first]
     assert found == pytest.approx(size, abs=3.0 * sigma)
-    born_ns = np.array([10**9] + [0] * (hy.SLOTS - 1))
-    (condition,) = slow_faults(Evidence(bank, born_ns), 301 * 10**9)
+    (condition,) = judged(world)
     assert condition.culprit & culprit
     assert condition.sentence.startswith(words)
     assert condition.sentence.count('since about 5 min') >= 1
 
 
+@pytest.mark.parametrize(
+    ('kind', 'size'),
+    [(hy.FIX_EAST, 0.1), (hy.FIX_NORTH, -0.3), (hy.SCALE_STEP, 0.05), (hy.GYRO_X, 0.1)],
+)
+def test_a_fault_that_has_moved_the_position_is_an_error(kind, size):
+    """By how much is the difference of two runs with the same noise, to the size's own sigma."""
+    plain, _ = run(4, 400)
+    world, _ = run(4, 400, kind, size)
+    d = (world.x - plain.x)[DR : DR + 2]
+    P = (world.P + world.S * world.sigma**2 @ world.S.T)[DR : DR + 2, DR : DR + 2]
+    moved = np.sqrt(d @ np.linalg.solve(P, d))
+    (condition,) = judged(world, P)
+    statistic = world.bank[hy.STATISTIC, kind]
+    assert statistic > 45.0
+    assert (condition.level is Level.ERROR) == (moved > 3.0 or statistic > 112.0)
+    (condition,) = judged(world, P * (moved / 12.0) ** 2)
+    assert condition.level is Level.ERROR
+    words = condition.sentence.split(', which has moved the position by ')[1].split()
+    assert float(words[0]) == pytest.approx(12.0, rel=3.0 / np.sqrt(statistic))
+
+
+def judged(world, P=None):
+    """Conditions by the evidence of a world whose position is known to 1000 km, or to P."""
+    born_ns = np.array([10**9] + [0] * (hy.SLOTS - 1))
+    evidence = Evidence(world.bank, born_ns, world.bank[DR : DR + 2])
+    return slow_faults(evidence, 301 * 10**9, WIDE if P is None else P)
+
+
 def test_levels_and_kinds_that_explain_the_same():
     bank, born_ns = np.zeros((hy.ROWS, hy.SLOTS * hy.KINDS)), np.ones(hy.SLOTS, dtype=np.int64)
-    evidence = Evidence(bank, born_ns)
+    evidence = Evidence(bank, born_ns, bank[DR : DR + 2])
     bank[hy.LAMBDA] = 1.0
     bank[hy.STATISTIC, hy.KINDS + hy.SCALE_GROWS] = 27.9
-    assert slow_faults(evidence, 1) == []
-    assert slow_faults(None, 1) == []
+    assert slow_faults(evidence, 1, WIDE) == []
+    assert slow_faults(None, 1, WIDE) == []
     bank[hy.STATISTIC, hy.KINDS + hy.SCALE_GROWS] = 28.1
-    (condition,) = slow_faults(evidence, 1)
+    (condition,) = slow_faults(evidence, 1, WIDE)
     assert (condition.level, condition.culprit) == (Level.WARN, Culprit.DVL)
     bank[hy.STATISTIC, [hy.FIX_EAST, hy.FIX_NORTH]] = 113.0
-    (condition,) = slow_faults(evidence, 1)
+    (condition,) = slow_faults(evidence, 1, WIDE)
     assert (condition.level, condition.culprit) == (Level.ERROR, Culprit.FIXES)
     bank[hy.STATISTIC, hy.KINDS + hy.SCALE_GROWS] = 100.0
-    (condition,) = slow_faults(evidence, 1)
+    (condition,) = slow_faults(evidence, 1, WIDE)
     assert condition.culprit == Culprit.FIXES | Culprit.DVL
     assert ', or ' in condition.sentence
+
+
+@pytest.mark.parametrize(
+    ('statistic', 'sigma', 'level'),
+    [
+        (39.0, 0.1, Level.WARN),
+        (41.0, 0.1, Level.ERROR),
+        (41.0, 1.0, Level.WARN),
+        (41.0, 0.0, Level.WARN),
+        (41.0, np.nan, Level.WARN),
+    ],
+)
+def test_an_error_needs_a_size_that_is_known_and_three_sigmas(statistic, sigma, level):
+    """Fixes drift by 1 m/s to the north-east, which has moved the position by 1 m there."""
+    bank, born_ns = np.zeros((hy.ROWS, hy.SLOTS * hy.KINDS)), np.ones(hy.SLOTS, dtype=np.int64)
+    both = [hy.FIX_EAST, hy.FIX_NORTH]
+    bank[hy.LAMBDA] = bank[hy.ZETA, both] = 1.0
+    bank[hy.STATISTIC, both] = statistic
+    bank[DR, both[0]] = bank[DR + 1, both[1]] = 1.0
+    P = sigma**2 * np.array([[2.0, -1.0], [-1.0, 2.0]])  # variance along the north-east: 1
+    (condition,) = slow_faults(Evidence(bank, born_ns, bank[DR : DR + 2]), 1, P)
+    assert condition.level is level
+    assert ('moved the position by 14.1 of' in condition.sentence) == (level is Level.ERROR)
 
 
 def test_equal_updates_at_once_are_those_one_by_one():

@@ -7,6 +7,8 @@ import pytest
 from closed_loop import World, inputs_of
 
 from polar_nav_core.engine import run as engine_run
+from polar_nav_core.engine.health.conditions import Level
+from polar_nav_core.error_model import X
 from polar_nav_core.grid import ecef_to_grid
 
 DRIFT_MPS, BEGIN_S = 0.2, 65.0
@@ -51,6 +53,20 @@ def test_a_drift_of_fixes_is_found_with_size_and_direction(world, delay_handling
     at = words.index('drift')
     assert float(words[at + 2]) == pytest.approx(DRIFT_MPS, rel=0.25)
     assert float(words[at + 6]) == pytest.approx(90.0, abs=15.0)
+    last_ns = max(found)
+    (level,) = {
+        p.condition.level
+        for h in looked.health
+        for p in h.present
+        if h.stamp_ns == last_ns and p.condition.key == 'slow fault'
+    }
+    assert level is Level.ERROR
+    moved = float(found[last_ns].split('moved the position by ')[1].split()[0])
+    k = int(np.searchsorted(looked.track.stamps_ns, last_ns, side='right')) - 1
+    C_e_G = np.asarray(ecef_to_grid(clean.track.r_e[k]))[:2]
+    d = C_e_G @ (looked.track.r_e[k] - clean.track.r_e[k])
+    P = C_e_G @ looked.track.P[k, X.dr_e, X.dr_e] @ C_e_G.T
+    assert moved == pytest.approx(np.sqrt(d @ np.linalg.solve(P, d)), rel=0.35)
 
 
 def test_single_steps_find_the_same(world):

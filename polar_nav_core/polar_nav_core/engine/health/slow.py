@@ -14,6 +14,11 @@ from .conditions import Condition, Culprit, Level
 _BEYOND = 28.0
 """T that is a WARN; four times that is an ERROR (docs/derivations/signatures.md, 3)."""
 _SEVERE = 4.0
+_CERTAIN = 40.0
+"""T from which on what a fault has done to the estimate is an ERROR, if it is enough: its size is
+6.3 of its own sigmas. In a world as stated once in 20,000 h (signatures.md, 4)."""
+_MOVED = 3.0
+"""Published sigmas of the horizontal position by which that is: what is covered lies inside."""
 _AS_LIKELY = 14.0
 """Another kind whose T is less than this below the largest explains the evidence, too: the ratio
 of likelihoods is below exp(7), a thousand."""
@@ -35,17 +40,28 @@ class Evidence(NamedTuple):
         State.bank.
     born_ns : (SLOTS,) array of int
         When the hypotheses of each slot began [ns]; 0 for an empty one.
+    per_unit_G : (2, SLOTS * KINDS) array
+        Change of the horizontal position by a fault of unit size, grid axes [m].
     """
 
     bank: Array
     born_ns: Ints
+    per_unit_G: Array
 
 
-def slow_faults(evidence: Evidence | None, stamp_ns: int) -> list[Condition]:
-    """The condition that residuals follow a slow fault, if they do."""
+def slow_faults(evidence: Evidence | None, stamp_ns: int, P_horizontal: Array) -> list[Condition]:
+    """The condition that residuals follow a slow fault, if they do.
+
+    Parameters
+    ----------
+    evidence : Evidence or None
+    stamp_ns : int
+    P_horizontal : (2, 2) array
+        Published covariance of the horizontal position, grid axes [m^2].
+    """
     if evidence is None:
         return []
-    bank, born_ns = evidence
+    bank, born_ns, per_unit_G = evidence
     worst = float(bank[hy.STATISTIC].max())
     if not worst > _BEYOND:
         return []
@@ -59,9 +75,30 @@ def slow_faults(evidence: Evidence | None, stamp_ns: int) -> list[Condition]:
         slot = int(np.argmax(statistic[:, kind]))
         minutes = (stamp_ns - int(born_ns[slot])) / 60e9
         parts.append(f'{_words(bank[:, slot * hy.KINDS :], kind)} since about {minutes:.0f} min')
-    level = Level.ERROR if worst > _SEVERE * _BEYOND else Level.WARN
     sentence = f'{", or ".join(parts)} ({math.sqrt(worst):.1f} sigma)'
+    first = int(np.argmax(statistic[:, kinds[0]])) * hy.KINDS
+    columns = slice(first, first + hy.KINDS)
+    moved = _moved(bank[:, columns], kinds[0], per_unit_G[:, columns], P_horizontal)
+    misled = worst > _CERTAIN and moved > _MOVED
+    if misled:
+        sentence += f', which has moved the position by {moved:.1f} of its stated sigmas'
+    level = Level.ERROR if misled or worst > _SEVERE * _BEYOND else Level.WARN
     return [Condition('slow fault', level, culprit, sentence)]
+
+
+def _moved(slot: Array, kind: int, per_unit_G: Array, P: Array) -> float:
+    """How far a fault of the size that fits best has moved the horizontal position.
+
+    In sigmas of the direction in which that is most; 0 where P is no covariance.
+    """
+    d = per_unit_G[:, kind] * size_of(slot, kind)
+    if kind in hy.PAIRS:
+        d = per_unit_G[:, kind : kind + 2] @ pair_of(slot, kind)
+    det = P[0, 0] * P[1, 1] - P[0, 1] * P[1, 0]
+    if not (det > 0.0 and P[0, 0] > 0.0):
+        return 0.0
+    square = P[1, 1] * d[0] ** 2 - (P[0, 1] + P[1, 0]) * d[0] * d[1] + P[0, 0] * d[1] ** 2
+    return math.sqrt(max(0.0, float(square / det)))
 
 
 def pair_of(slot: Array, kind: int) -> tuple[float, float]:

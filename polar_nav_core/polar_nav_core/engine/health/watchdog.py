@@ -174,7 +174,7 @@ class Watchdog:
         found += self._runaway.look(view.stamp_ns, too_fast, share, contradicted)
         found += _reopened(view, FIX)
         found += beyond_stated(view.shared)
-        found += slow_faults(view.evidence, view.stamp_ns)
+        found += slow_faults(view.evidence, view.stamp_ns, view.P_horizontal)
         biases = {stream: _local_bias(s, stream) for stream in (DVL, DEPTH)}
         biases[FIX] = _fix_bias(s)
         for stream in (FIX, DVL, DEPTH):

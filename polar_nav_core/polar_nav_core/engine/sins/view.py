@@ -32,7 +32,11 @@ def view_of(fusion: Fusion, stamp_ns: int, resets: int) -> View:
         stamp_ns=stamp_ns,
         memories=s.memories,
         shared=s.shared,
-        evidence=Evidence(s.bank, counters[fs.BORN_NS : fs.BORN_NS + hypotheses.SLOTS]),
+        evidence=Evidence(
+            s.bank,
+            counters[fs.BORN_NS : fs.BORN_NS + hypotheses.SLOTS],
+            C_e_G[:2] @ s.bank[X.dr_e],
+        ),
         opened_ns=opened_ns,
         used_ns=counters[fs.USED_NS : fs.USED_NS + 3],
         speed=float(np.linalg.norm(s.v_G)),
