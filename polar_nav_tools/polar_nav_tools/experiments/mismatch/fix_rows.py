@@ -54,7 +54,14 @@ FIX_ROWS = (
         row(f'array_turned_{name}formation', f.LeaderFrame(turn_deg=deg), (FIXES,), invisible=True)
         for name, deg in (('', 0.5), ('0.6deg_', 0.6))
     ),
-    row('leader_own', f.LeaderOwn(), (FIXES,), invisible=True, scene=scene_of(duration_s=1800.0)),
+    row(
+        'leader_own',
+        f.LeaderOwn(),  # metres, and not in `leader_sigma` of its packets
+        (FIXES,),
+        invisible=True,
+        beyond_stated=True,
+        scene=scene_of(duration_s=1800.0),
+    ),
     *(
         row(
             f'clock_{name}_{where}',
