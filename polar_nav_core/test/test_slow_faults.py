@@ -6,10 +6,13 @@ import numpy as np
 import pytest
 from closed_loop import World, inputs_of
 
+from polar_nav_core.engine import engine
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.health.conditions import Level
+from polar_nav_core.engine.sins.view import view_of
 from polar_nav_core.error_model import X
 from polar_nav_core.grid import ecef_to_grid
+from polar_nav_core.kernels.sins import hypotheses as hy
 
 DRIFT_MPS, BEGIN_S = 0.2, 65.0
 
@@ -79,3 +82,23 @@ def test_single_steps_find_the_same(world):
     found, one_by_one = sentences(looked), sentences(single)
     assert found
     assert list(found.values()) == list(one_by_one.values())
+
+
+def test_the_shift_of_the_position_is_along_the_grid_axes(world, monkeypatch):
+    """Fixes that drift to grid east take the estimate to grid east."""
+    views = []
+
+    def seen(*args):
+        views.append(view_of(*args))
+        return views[-1]
+
+    monkeypatch.setattr(engine, 'view_of', seen)
+    inputs = inputs_of(world, world.fixes(1.0, lambda _: 0.5, first_s=1.0))
+    engine_run.run(world.params(configuration='default'), inputs, look_every_s=10.0)
+    bank, _, per_unit_G = views[-1].evidence
+    slot = int(np.argmax(bank[hy.STATISTIC].reshape(hy.SLOTS, hy.KINDS)[:, hy.FIX_EAST]))
+    east, north = (per_unit_G[:, slot * hy.KINDS + k] for k in (hy.FIX_EAST, hy.FIX_NORTH))
+    assert east[0] > 1.0
+    assert north[1] > 1.0
+    assert abs(east[1]) < 0.3 * east[0]
+    assert abs(north[0]) < 0.3 * north[1]
