@@ -174,7 +174,9 @@ def test_kernels_are_cached_there_and_numbas_own_setting_is_left_alone():
 @jit_only
 def test_a_copy_of_the_sources_loads_what_another_compiled(tmp_path, monkeypatch):
     """Another place, another time of the file: a build, an install, a second checkout."""
-    code = 'from .cache import kernel\n\n\n@kernel\ndef twice(x):\n    return 2.0 * x\n'
+    code = (
+        'from .cache import entry, kernel\n\n\n@entry\n@kernel\ndef twice(x):\n    return 2 * x\n'
+    )
     monkeypatch.setenv('POLAR_NAV_CACHE_DIR', str(tmp_path / 'cache'))
     hits = []
     for k, name in enumerate(('first', 'second')):
@@ -199,6 +201,33 @@ def test_a_copy_of_the_sources_loads_what_another_compiled(tmp_path, monkeypatch
         )
         hits.append(run.stdout.split())
     assert hits == [['4.0', '0'], ['4.0', '1']]
+
+
+@jit_only
+def test_python_calls_a_kernel_that_is_no_entry_by_a_copy_of_its_own(monkeypatch, tmp_path):
+    """Without what numba would call it by, that would end the process."""
+    monkeypatch.setenv('POLAR_NAV_CACHE_DIR', str(tmp_path))
+    cache.cache_directory.cache_clear()
+    inner = cache.kernel(_twice)
+    outer = cache.entry(cache.kernel(_outer_of(inner)))
+    assert outer(2.0) == 5.0
+    assert inner(2.0) == 4.0
+    assert inner(3.0) == 6.0
+    assert not list(inner.stats.cache_hits)
+    kept = {path.parent.name.endswith('-entries') for path in tmp_path.rglob('*_twice*.nbi')}
+    assert kept == {False, True}
+    cache.cache_directory.cache_clear()
+
+
+def _twice(x):
+    return 2.0 * x
+
+
+def _outer_of(inner):
+    def outer(x):
+        return inner(x) + 1.0
+
+    return outer
 
 
 def test_a_folder_of_kernels_elsewhere_has_a_directory_of_its_own(tmp_path):

@@ -1,4 +1,4 @@
-"""Where compiled kernels are kept, and the two decorators that compile them.
+"""Where compiled kernels are kept, and the decorators that compile them.
 
 Numba notices a change of the file that holds a function, but not of a callee in another file: a
 kernel compiled against yesterday's callee would be loaded and would silently return yesterday's
@@ -34,6 +34,7 @@ from typing import Any, TypeVar, cast
 import llvmlite.binding as llvm
 import numba
 from numba.core.caching import _CacheLocator
+from numba.core.registry import CPUDispatcher
 
 F = TypeVar('F', bound=Callable[..., Any])
 
@@ -130,10 +131,10 @@ def _own_temporary_directory() -> Path:
 
 
 @cache
-def cache_directory(source: Path) -> Path:
+def cache_directory(source: Path, suffix: str = '') -> Path:
     """Directory for compiled kernels of *source*: created, writable, the same at every call."""
     relative = source.relative_to(folder_of(source)).with_suffix('')
-    name = f'{".".join(relative.parts)}-{cache_key(source)[:32]}'
+    name = f'{".".join(relative.parts)}-{cache_key(source)[:32]}{suffix}'
     for base in _bases():
         directory = base / name
         if _writable(directory):
@@ -164,7 +165,8 @@ def kernel(function: F) -> F:
     ``error_model='numpy'``: a division by zero gives inf or NaN, which the callers check, and not
     an exception from the middle of a step. ``_nrt=False`` takes numba's runtime away, so that a
     kernel that would allocate does not compile; ``forceinline`` saves the calls between kernels.
-    With ``NUMBA_DISABLE_JIT=1`` the Python function itself comes back.
+    Other kernels call it; what Python calls, too, is an `entry`. With ``NUMBA_DISABLE_JIT=1`` the
+    Python function itself comes back.
     """
     return _compile(function, forceinline=True)
 
@@ -177,11 +179,42 @@ def routine(function: F) -> F:
     return _compile(function, forceinline=False)
 
 
+def entry(function: F) -> F:
+    """Let Python call what `kernel` or `routine` has made, too.
+
+    Numba then adds what turns Python's objects into arguments, name by name. Of kernels whose
+    arguments are whole groups of arrays, that takes as long to compile as all the rest of them.
+    """
+    if numba.config.DISABLE_JIT:
+        return function
+    inner = cast(Any, function)
+    inlined = inner.targetoptions['forceinline']
+    return cast(F, _compile(inner.py_func, forceinline=inlined, called=BY_PYTHON))
+
+
+class Inner(CPUDispatcher):  # type: ignore[misc]  # numba has no types
+    """A kernel that only kernels call.
+
+    Python may call it as well, as tests do: it is then compiled a second time, as an entry.
+    """
+
+    _entry: Callable[..., Any] | None = None
+
+    def __call__(self, *args: Any) -> Any:  # noqa: ANN401 - whatever the kernel takes
+        """Return what the kernel returns."""
+        if self._entry is None:
+            inlined = self.targetoptions['forceinline']
+            self._entry = _compile(self.py_func, forceinline=inlined, called=BY_TESTS)
+        return self._entry(*args)
+
+
 class ByContent(_CacheLocator):  # type: ignore[misc]  # numba has no types
     """Where numba keeps a kernel: in the directory of its sources' content."""
 
+    _suffix = ''
+
     def __init__(self, source: Path, line: int) -> None:
-        self._directory, self._line = cache_directory(source), line
+        self._directory, self._line = cache_directory(source, self._suffix), line
 
     @classmethod
     def from_function(cls, py_func: Callable[..., Any], py_file: str) -> ByContent:
@@ -201,12 +234,18 @@ class ByContent(_CacheLocator):  # type: ignore[misc]  # numba has no types
         return str(self._line)
 
 
+class ByContentForTests(ByContent):
+    """The same for an `Inner` that Python called: apart from the kernel itself."""
+
+    _suffix = '-entries'
+
+
 @contextmanager
-def _kept_by_content(source: Path) -> Iterator[None]:
+def _kept_by_content(source: Path, locator: type[ByContent]) -> Iterator[None]:
     """Have numba keep there what is decorated meanwhile; an older numba adds the path."""
     mine = {
-        'CACHE_LOCATOR_CLASSES': f'{ByContent.__module__}.{ByContent.__qualname__}',
-        'CACHE_DIR': str(cache_directory(source)),
+        'CACHE_LOCATOR_CLASSES': f'{locator.__module__}.{locator.__qualname__}',
+        'CACHE_DIR': str(cache_directory(source, locator._suffix)),
     }
     before = {name: getattr(numba.config, name, '') for name in mine}
     try:
@@ -218,10 +257,25 @@ def _kept_by_content(source: Path) -> Iterator[None]:
             setattr(numba.config, name, value)
 
 
-def _compile(function: F, *, forceinline: bool) -> F:
+BY_KERNELS, BY_PYTHON, BY_TESTS = range(3)
+"""Who calls a compiled function."""
+
+
+def _compile(function: F, *, forceinline: bool, called: int = BY_KERNELS) -> F:
     if numba.config.DISABLE_JIT:
         return function
-    options = {'cache': True, 'fastmath': False, 'error_model': 'numpy', '_nrt': False}
-    with _kept_by_content(Path(function.__code__.co_filename)):
-        compiled = numba.njit(forceinline=forceinline, **options)(function)
+    options = {
+        'nopython': True,
+        'fastmath': False,
+        'error_model': 'numpy',
+        '_nrt': False,
+        'forceinline': forceinline,
+        'no_cfunc_wrapper': True,
+        'no_cpython_wrapper': called == BY_KERNELS,
+    }
+    kind = Inner if called == BY_KERNELS else CPUDispatcher
+    locator = ByContentForTests if called == BY_TESTS else ByContent
+    with _kept_by_content(Path(function.__code__.co_filename), locator):
+        compiled = kind(py_func=function, targetoptions=options)
+        compiled.enable_caching()
     return cast(F, compiled)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ...arrays import Array
-from ..cache import kernel
+from ..cache import entry, kernel
 from .body import EQUAL_INTERVALS, body_sample
 from .strapdown import navigate
 
@@ -98,6 +98,7 @@ def strapdown_block(
     )  # fmt: skip
 
 
+@entry
 @kernel
 def strapdown_blocks(
     C_b_G: Array,

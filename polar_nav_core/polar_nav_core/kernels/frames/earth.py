@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 
 from ...arrays import Array
-from ..cache import kernel
+from ..cache import entry, kernel
 
 SEMI_MAJOR = 6378137.0  # m
 FLATTENING = 1.0 / 298.257223563
@@ -92,6 +92,7 @@ def gravity_slopes(sin_lat: float, height: float) -> tuple[float, float]:
     return by_height, 2.0 * sin_lat * by_s2
 
 
+@entry
 @kernel
 def up_and_height_many(r_e: Array, u_e: Array, height: Array) -> None:
     """`up_and_height` of each row of r_e, shape (n, 3), into u_e (n, 3) and height (n,)."""
@@ -103,6 +104,7 @@ def up_and_height_many(r_e: Array, u_e: Array, height: Array) -> None:
         height[i] = h
 
 
+@entry
 @kernel
 def gravity_many(r_e: Array, out: Array) -> None:
     """`gravity` at each row of r_e, shape (n, 3), into out (n,)."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 
 from ...arrays import Array
-from ..cache import kernel
+from ..cache import entry, kernel
 from .earth import (
     ECCENTRICITY_2,
     OMEGA_IE,
@@ -114,6 +114,7 @@ def fill_rates(r_e: Array, v_G: Array, omega_ie_G: Array, omega_eG_G: Array) -> 
     omega_eG_G[2] = u_y * i * w_x
 
 
+@entry
 @kernel
 def fill_C_e_G_many(r_e: Array, C_e_G: Array) -> None:
     """`fill_C_e_G` at each row of r_e, shape (n, 3), into C_e_G (n, 3, 3)."""
@@ -122,6 +123,7 @@ def fill_C_e_G_many(r_e: Array, C_e_G: Array) -> None:
         fill_C_e_G(u_x, u_y, u_z, C_e_G[i])
 
 
+@entry
 @kernel
 def fill_rates_many(r_e: Array, v_G: Array, omega_ie_G: Array, omega_eG_G: Array) -> None:
     """`fill_rates` at each row; all of shape (n, 3)."""

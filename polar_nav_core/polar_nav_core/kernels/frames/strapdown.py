@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 
 from ...arrays import Array
-from ..cache import kernel
+from ..cache import entry, kernel
 from .body import EQUAL_INTERVALS, body_sample, coning_weight
 from .earth import OMEGA_IE, SEMI_MAJOR, SEMI_MINOR, gravity, up_and_height
 from .grid import curvatures, frame_near
@@ -282,6 +282,7 @@ def _one(
     navigate(C_b_G, v_G, r_e, q_x, q_y, q_z, q_w, d_x, d_y, d_z, h * d_x, h * d_y, h * d_z, dt)
 
 
+@entry
 @kernel
 def strapdown_step(
     C_b_G: Array,
@@ -309,6 +310,7 @@ def strapdown_step(
     )  # fmt: skip
 
 
+@entry
 @kernel
 def strapdown_step_uneven(
     C_b_G: Array,
@@ -363,6 +365,7 @@ def strapdown_step_held(
     )  # fmt: skip
 
 
+@entry
 @kernel
 def strapdown_batch(
     C_b_G: Array,
@@ -386,6 +389,7 @@ def strapdown_batch(
             dvel_prev_b[j] = dvel_b[k, j]
 
 
+@entry
 @kernel
 def hold_vertical(v_G: Array, r_e: Array, height: float, v_up: float) -> None:
     """Set height [m] and vertical velocity [m/s] of a state to stated values, as of a depth.
@@ -399,6 +403,7 @@ def hold_vertical(v_G: Array, r_e: Array, height: float, v_up: float) -> None:
     v_G[2] = v_up
 
 
+@entry
 @kernel
 def strapdown_batch_held(
     C_b_G: Array,

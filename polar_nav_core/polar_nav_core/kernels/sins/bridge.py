@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from ..cache import kernel, routine
+from ..cache import entry, kernel, routine
 from ..frames.body import rotation_coefficients
 from ..frames.earth import up_and_height
 from ..frames.grid import fill_C_e_G
@@ -131,6 +131,7 @@ def bridge_to_sample(s: State, c: Settings, past: Past, w: Work, log: Log, stamp
     s.counters[fs.GAP_END_NS] = stamp_ns
 
 
+@entry
 @routine
 def reach(s: State, fr: Frames, c: Settings, past: Past, w: Work, log: Log, stamp_ns: int) -> None:
     """Move the state to a measurement's stamp if that lies in a gap."""

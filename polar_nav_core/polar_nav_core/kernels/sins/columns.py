@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 from ...arrays import Array
-from ..cache import kernel, routine
+from ..cache import entry, kernel, routine
 from ..frames.earth import up_and_height
 from ..frames.grid import delta, fill_C_e_G
 from .update import N
@@ -170,6 +170,7 @@ def describe(r_e: Array, C_b_G: Array, P: Array, row: Array, scratch: Array) -> 
     _true_heading(x, y, u_z, P, row)
 
 
+@entry
 @routine
 def describe_many(r_e: Array, C_b_G: Array, P: Array, rows: Array, scratch: Array) -> None:
     """`describe` of each state: (n, 3), (n, 3, 3) and (n, 24, 24) into (n, WIDTH)."""
@@ -177,6 +178,7 @@ def describe_many(r_e: Array, C_b_G: Array, P: Array, rows: Array, scratch: Arra
         describe(r_e[n], C_b_G[n], P[n], rows[n], scratch)
 
 
+@entry
 @routine
 def rotations_many(xyzw: Array, C: Array) -> None:
     """Rotation matrices (n, 3, 3) of quaternions (n, 4) of about unit length; of zero ones, NaN.

@@ -10,7 +10,7 @@ import math
 from typing import NamedTuple
 
 from ...arrays import Array
-from ..cache import kernel
+from ..cache import entry, kernel
 from ..frames.earth import up_and_height
 from ..frames.grid import fill_C_e_G
 
@@ -99,6 +99,7 @@ def is_weak(h: Heading, east: float, north: float) -> bool:
     return bool(h.reference == MAGNETIC and horizontal < h.noise[LEAST_FIELD])
 
 
+@entry
 @kernel
 def declination_variance(horizontal: float) -> float:
     """Variance of a declination by WMM2025 where the field has a horizontal part [nT], [rad^2]."""

@@ -10,7 +10,7 @@ P + S B S^T with B = diag(sigma^2) (docs/derivations/common_errors.md).
 from __future__ import annotations
 
 from ...arrays import Array
-from ..cache import kernel
+from ..cache import entry, kernel
 from .update import COUPLED, MARKOV, NAV, N
 
 # Columns of S and J, and places of their sigmas.
@@ -93,6 +93,7 @@ def widen(wide: Array, S_zz: Array, J: Array, sigma: Array, m: int) -> None:
             wide[b, a] = s
 
 
+@entry
 @kernel
 def update_sensitivity(S: Array, K: Array, J: Array, m: int) -> None:
     """S <- S - K J, with J as `innovation_sensitivity` leaves it and K (3, 24) transposed."""
@@ -103,6 +104,7 @@ def update_sensitivity(S: Array, K: Array, J: Array, m: int) -> None:
                 S[i, c] -= gain * J[a, c]
 
 
+@entry
 @kernel
 def add_common(P: Array, S: Array, sigma: Array) -> None:
     """P <- P + S B S^T: covariance with the common errors, (24, 24) in place."""
@@ -118,6 +120,7 @@ def add_common(P: Array, S: Array, sigma: Array) -> None:
             P[j, i] = P[i, j]
 
 
+@entry
 @kernel
 def add_conflict(P: Array, u: Array) -> None:
     """P <- P + u u^T: covariance that reaches to where refused fixes say that the vehicle is.
@@ -194,6 +197,7 @@ def depth_common(J: Array) -> None:
     J[0, DEPTH_ZERO] = 1.0
 
 
+@entry
 @kernel
 def fix_common(J: Array, C_e_G: Array, relative_e: Array, v_G: Array, common_e: Array) -> None:
     """Innovation of a position fix per unit of each common error of fixes.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from ...arrays import Array
-from ..cache import kernel
+from ..cache import entry, kernel
 from ..frames.earth import (
     ECCENTRICITY_2,
     OMEGA_IE,
@@ -154,6 +154,7 @@ def _position_columns(
         )
 
 
+@entry
 @kernel
 def fill_system_matrix(F15: Array, r_e: Array, v_G: Array, C_b_G: Array, f_b: Array) -> None:
     """d(error rate)/d(error), into F15: phi_G, dv_G, dr_e, gyro bias, accelerometer bias.

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 
 from ...arrays import Array
-from ..cache import kernel, routine
+from ..cache import entry, kernel, routine
 from ..frames.earth import up_and_height
 from ..frames.grid import fill_C_e_G
 from . import state as fs
@@ -67,6 +67,7 @@ def _copy(s: State, flat: Array) -> None:
             flat[fs.FLAT + r * E + k] = s.model[r, k]
 
 
+@entry
 @kernel
 def take_snapshot(s: State, log: Log) -> None:
     """Store the state, if there is room for snapshots at all."""
@@ -163,6 +164,7 @@ def covariance_step(
     return fs.DONE
 
 
+@entry
 @kernel
 def begin_step(s: State, c: Settings, stamp_ns: int) -> None:
     """Begin a covariance step at a stamp; the first sample of another period ends it."""
@@ -250,6 +252,7 @@ def compare_with_model(s: State, c: Settings, past: Past, w: Work, log: Log, dt:
     return min(code, fs.DONE)
 
 
+@entry
 @kernel
 def add_epoch(s: State, c: Settings, past: Past) -> None:
     """Store the IMU epoch: after a covariance step that ends at it, before its measurements."""
@@ -283,6 +286,7 @@ def place_of_epoch(past: Past, i: int, point_e: Array, velocity_e: Array, C_e_G:
             velocity_e[k] += C_e_G[n, k] * past.velocities[i, n]
 
 
+@entry
 @routine
 def epoch_place(past: Past, i: int, point_e: Array, velocity_e: Array, C_e_G: Array) -> None:
     """`place_of_epoch`, for Python."""
@@ -307,6 +311,7 @@ def fill_depth(s: State, fr: Frames, c: Settings, w: Work, depth: float, varianc
         depth_common(w.J)
 
 
+@entry
 @kernel
 def fill_dvl(s: State, fr: Frames, c: Settings, w: Work, v_m: Array, R_m: Array) -> None:
     """Rows of a DVL ping at the present estimate into the scratch."""
@@ -395,6 +400,7 @@ def note_outcome(s: State, w: Work, code: int, outcome: Array) -> None:
     outcome[8] = w.nis[1]
 
 
+@entry
 @kernel
 def fill_shared(
     A: Array, c: Settings, C_e_G: Array, array_heading: float, common_e: Array

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 from ...arrays import Array
-from ..cache import kernel, routine
+from ..cache import entry, kernel, routine
 from ..watch import observe
 from . import state as fs
 from .aiding import correct_block, fill_block_gain, store_block_rows
@@ -33,6 +33,7 @@ from .state import Frames, Log, Past, Settings, State, Work
 from .update import N, cholesky, feed_back, innovation_covariance, nis_of, update
 
 
+@entry
 @kernel
 def locate(s: State, fr: Frames, c: Settings) -> None:
     """Fill the frames and the transponder's position of the state."""
@@ -76,6 +77,7 @@ def correct_and_remember(s: State, c: Settings, past: Past, x: Array) -> None:
     s.counters[fs.HELD] = 0
 
 
+@entry
 @kernel
 def feed_back_and_remember(s: State, fr: Frames, c: Settings, past: Past, x: Array) -> None:
     """Correct the state by an estimated error (24,), and store it; the frames follow."""
@@ -126,6 +128,7 @@ def judge_rows(w: Work, P: Array, H: Array, R: Array, z: Array, m: int) -> bool:
     return True
 
 
+@entry
 @kernel
 def judge(s: State, c: Settings, w: Work, R: Array, m: int) -> bool:
     """Whether S is positive definite; PHt, S, its factor and NIS are in the scratch.
@@ -159,6 +162,7 @@ def judge_wide(c: Settings, w: Work, z: Array, m: int) -> bool:
     return True
 
 
+@entry
 @kernel
 def remember(s: State, c: Settings, w: Work, z: Array, stream: int, m: int, fused: bool) -> bool:
     """Add a judged measurement to the memories of its stream (watch); stores when it was used.
@@ -316,6 +320,7 @@ def apply_correction(s: State, c: Settings, past: Past, w: Work, log: Log) -> No
         correct_and_remember(s, c, past, w.x)
 
 
+@entry
 @routine
 def fuse_filled(
     s: State,

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 
 from ...arrays import Array
-from ..cache import kernel, routine
+from ..cache import entry, kernel, routine
 from . import state as fs
 from .state import Log, Past, State, Work
 from .update import (
@@ -135,6 +135,7 @@ def _turn_between(C: Array, onto: Array, x: Array) -> None:
             x[i] *= times
 
 
+@entry
 @routine
 def hold(s: State, log: Log, x: Array) -> None:
     """Set the state to the track if that has its stamp; the deviation follows. x is scratch (24,).

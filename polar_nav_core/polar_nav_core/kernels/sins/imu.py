@@ -6,12 +6,13 @@ Derivation: docs/derivations/grid.md, section 4.
 from __future__ import annotations
 
 from ...arrays import Array
-from ..cache import kernel
+from ..cache import entry, kernel
 from ..frames.earth import OMEGA_IE, up_and_height
 from ..frames.grid import fill_C_e_G
 from ..frames.strapdown import strapdown_step_held, surroundings
 
 
+@entry
 @kernel
 def hold_surroundings(held: Array, v_G: Array, r_e: Array, span: float) -> None:
     """Fill the `surroundings` for all samples of the next ``span`` [s], taken at its middle.
@@ -30,6 +31,7 @@ def hold_surroundings(held: Array, v_G: Array, r_e: Array, span: float) -> None:
     held[7] = g
 
 
+@entry
 @kernel
 def imu_step(
     C_b_G: Array,

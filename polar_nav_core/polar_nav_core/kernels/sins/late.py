@@ -6,7 +6,7 @@ Derivation: docs/derivations/late_fixes.md.
 from __future__ import annotations
 
 from ...arrays import Array
-from ..cache import kernel, routine
+from ..cache import entry, kernel, routine
 from . import state as fs
 from .events import fill_shared, place_of_epoch
 from .rows import fix_rows
@@ -17,6 +17,7 @@ from .walk import walk_forward
 OUT_OF_REACH = -1
 
 
+@entry
 @kernel
 def newest_until(stamps: Ints, count: int, stamp_ns: int) -> int:
     """Number of the newest of ``count`` stamps in a ring that is not after ``stamp_ns``.
@@ -77,6 +78,7 @@ def fill_stored_fix(
     return ahead
 
 
+@entry
 @routine
 def fill_late_fix(
     s: State,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ...arrays import Array
-from ..cache import routine
+from ..cache import entry, routine
 from . import state as fs
 from .blocks import Blocks
 from .bridge import reach
@@ -19,6 +19,7 @@ from .state import Frames, Log, Past, Rows, Settings, State, Streams, Work
 from .update import Ints
 
 
+@entry
 @routine
 def take_late(
     s: State,
@@ -72,6 +73,7 @@ def take_late(
     return code
 
 
+@entry
 @routine
 def advance_late(
     s: State,

@@ -13,7 +13,7 @@ run for hundreds: the same code, so the same bits.
 from __future__ import annotations
 
 from ...arrays import Array
-from ..cache import kernel, routine
+from ..cache import entry, kernel, routine
 from ..frames.earth import OMEGA_IE, up_and_height
 from ..frames.grid import fill_C_e_G
 from .update import DR, DV, GYRO, PHI
@@ -48,6 +48,7 @@ def _product(A: Array, B: Array, sign: float, out: Array) -> None:
             out[i, j] += sign * (A[i, 0] * B[0, j] + A[i, 1] * B[1, j] + A[i, 2] * B[2, j])
 
 
+@entry
 @routine
 def move_to_base_link(
     lever_b: Array,

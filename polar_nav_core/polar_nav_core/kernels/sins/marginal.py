@@ -11,9 +11,10 @@ from __future__ import annotations
 import math
 
 from ...arrays import Array, Ints
-from ..cache import routine
+from ..cache import entry, routine
 
 
+@entry
 @routine
 def independent_rows(
     white: Array,

@@ -15,7 +15,7 @@ wrong; its gate stays shut. Position fixes are not treated here (engine.engine).
 from __future__ import annotations
 
 from .. import watch
-from ..cache import kernel
+from ..cache import entry, kernel
 from . import state as fs
 from .shared import clear_shared
 from .signatures import clear_evidence
@@ -87,6 +87,7 @@ def agrees(s: State, stream: int) -> bool:
     return heard and row[watch.REFUSED] < VOUCHING * row[watch.WEIGHT]
 
 
+@entry
 @kernel
 def inflate(s: State, factor: float) -> None:
     """P <- factor P."""

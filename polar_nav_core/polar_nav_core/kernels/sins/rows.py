@@ -9,7 +9,7 @@ sensor errors it is the part of the error that the estimate does not know yet. z
 from __future__ import annotations
 
 from ...arrays import Array
-from ..cache import kernel
+from ..cache import entry, kernel
 
 PHI = 0
 DV = 3
@@ -39,6 +39,7 @@ def _rotate_covariance(R: Array, C: Array, Rm: Array) -> None:
             R[j, i] = R[i, j]
 
 
+@entry
 @kernel
 def dvl_rows(
     H: Array,
@@ -132,6 +133,7 @@ def dvl_rows(
     _rotate_covariance(R, C_m_G, R_m)
 
 
+@entry
 @kernel
 def depth_rows(
     H: Array,
@@ -166,6 +168,7 @@ def depth_rows(
     R[0, 0] = variance
 
 
+@entry
 @kernel
 def fix_rows(
     H: Array,

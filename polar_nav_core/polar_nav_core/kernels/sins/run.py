@@ -7,7 +7,7 @@ call of `fuse_rows` takes them all.
 from __future__ import annotations
 
 from ...arrays import Array
-from ..cache import kernel, routine
+from ..cache import entry, kernel, routine
 from ..queues import earlier, is_before
 from . import state as fs
 from .aiding import (
@@ -253,6 +253,7 @@ def _process(
             return code
 
 
+@entry
 @routine
 def advance(
     s: State,
@@ -313,6 +314,7 @@ def leave_out_leader(P: Array, flat: Array) -> None:
             P[j, k] = 0.0
 
 
+@entry
 @routine
 def put_row(s: State, c: Settings, rows: Rows) -> None:
     """Write the estimate that is due to the next row of output."""
@@ -344,6 +346,7 @@ def put_row(s: State, c: Settings, rows: Rows) -> None:
     rows.io[1] += 1
 
 
+@entry
 @routine
 def process_again(
     s: State,

@@ -13,7 +13,7 @@ a third part, (24, COLUMNS), is its change per unit of b. Equations: docs/deriva
 from __future__ import annotations
 
 from ...arrays import Array, Ints
-from ..cache import kernel, routine
+from ..cache import entry, kernel, routine
 from .consider import COLUMNS, add_common
 from .model import MOVING
 from .run import leave_out_leader
@@ -344,6 +344,7 @@ def correct_row(row: Array, x: Array, C: Array) -> None:
             row[3 * i + j] = C[i, j]
 
 
+@entry
 @routine
 def publish_rows(
     P: Array, sensitivity: Array, navigation: Array, sigma: Array, hidden: bool
@@ -365,6 +366,7 @@ def publish_rows(
             leave_out_leader(P[k], navigation[k])
 
 
+@entry
 @routine
 def smooth_back(
     kinds: Ints,

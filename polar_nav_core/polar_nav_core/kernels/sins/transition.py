@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 
 from ...arrays import Array
-from ..cache import kernel
+from ..cache import entry, kernel
 from .error_model import fill_system_matrix
 from .update import COUPLED, MARKOV, NAV, USBL, N
 
@@ -16,6 +16,7 @@ INVERSE = (NAV + 1, COUPLED + 1)
 """Shape of what is kept of an inverted transition: see `fill_transition`."""
 
 
+@entry
 @kernel
 def fill_transition(
     Phi: Array,

@@ -17,7 +17,7 @@ import numpy as np
 
 from ...arrays import Array
 from ...arrays import Ints as Ints
-from ..cache import kernel
+from ..cache import entry, kernel
 
 N = 24
 NAV = 9
@@ -28,6 +28,7 @@ PHI, DV, DR, GYRO, ACCEL, SCALE, MARKOV, USBL = 0, 3, 6, 9, 12, 15, 18, 21
 """First index of each block of the error."""
 
 
+@entry
 @kernel
 def predict(P: Array, Phi: Array, q: Array, M: Array) -> None:
     """P <- Phi P Phi^T + diag(q), symmetric to the bit.
@@ -80,6 +81,7 @@ def predict(P: Array, Phi: Array, q: Array, M: Array) -> None:
         P[i, i] += q[i]
 
 
+@entry
 @kernel
 def innovation_covariance(S: Array, PHt: Array, P: Array, H: Array, R: Array, m: int) -> None:
     """PHt = (P H^T)^T, shape (3, 24), and S = H P H^T + R for the first m rows.
@@ -138,6 +140,7 @@ def innovation_covariance(S: Array, PHt: Array, P: Array, H: Array, R: Array, m:
             S[b, a] = S[a, b]
 
 
+@entry
 @kernel
 def cholesky(L: Array, A: Array, n: int) -> bool:
     """Lower Cholesky factor of A[:n, :n]; False when it is not positive definite or not finite."""
@@ -155,6 +158,7 @@ def cholesky(L: Array, A: Array, n: int) -> bool:
     return True
 
 
+@entry
 @kernel
 def is_positive_definite(A: Array, n: int, U: Array) -> bool:
     """Whether A[:n, :n], symmetric, is positive definite and finite.
@@ -177,6 +181,7 @@ def is_positive_definite(A: Array, n: int, U: Array) -> bool:
     return True
 
 
+@entry
 @kernel
 def nis_of(L: Array, z: Array, w: Array, m: int) -> float:
     """z^T S^-1 z from the Cholesky factor L of S; w is scratch of length m."""
@@ -260,6 +265,7 @@ def subtract(P: Array, K_i: Array, D_i: Array, K_j: Array, D_j: Array) -> None:
             )
 
 
+@entry
 @kernel
 def update(
     P: Array,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ...arrays import Array
-from ..cache import kernel
+from ..cache import entry, kernel
 from .three_rows import leading_nine
 from .update import MARKOV, NAV, Ints, N
 
@@ -30,6 +30,7 @@ def rows_times(X: Array, inverse: Array, m: int) -> None:
             X[a, k] *= inverse[NAV, k - MARKOV]
 
 
+@entry
 @kernel
 def walk_forward(
     X: Array,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from ...arrays import Array
-from ..cache import kernel, routine
+from ..cache import entry, kernel, routine
 from ..sins.update import Ints
 
 _LOST = 0.3
@@ -57,6 +57,7 @@ def square_up(C: Array) -> None:
     C[2, 2] = C[0, 0] * C[1, 1] - C[0, 1] * C[1, 0]
 
 
+@entry
 @routine
 def smooth(
     stamps: Ints,

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 
 from ...arrays import Array
-from ..cache import kernel, routine
+from ..cache import entry, kernel, routine
 from . import state as ss
 from .common import fix_common, transform
 from .fix import fix_rows, judge, know_station, share, spread_of, update_members
@@ -121,6 +121,7 @@ def published_fix(
         update_members(b, c, w, log.jumps)
 
 
+@entry
 @routine
 def forward_fix(
     b: Bank,
@@ -194,6 +195,7 @@ def _fill_rows(
         share(b, c, w, m)
 
 
+@entry
 @routine
 def tame_since(b: Bank, c: Settings, w: Work, streams: Streams, log: Log, first: int) -> int:
     """Number of the oldest IMU sample, ``first`` or later, from which on Phi can be inverted.

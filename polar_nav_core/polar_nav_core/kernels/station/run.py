@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 
 from ...arrays import Array
-from ..cache import kernel, routine
+from ..cache import entry, kernel, routine
 from ..queues import earlier, is_before
 from ..sins.state import NEVER_NS
 from . import state as ss
@@ -32,6 +32,7 @@ def copy_memories(out: Array, of: Array) -> None:
                 out[i, j, k] = of[i, j, k]
 
 
+@entry
 @kernel
 def take_snapshot(b: Bank, log: Log) -> None:
     """Store a copy of the bank as the newest snapshot."""
@@ -58,6 +59,7 @@ def take_snapshot(b: Bank, log: Log) -> None:
     log.counts[0] += 1
 
 
+@entry
 @routine
 def restore(b: Bank, log: Log, number: int) -> None:
     """Replace the bank by a stored snapshot and forget the snapshots after it."""
@@ -123,6 +125,7 @@ def _keep(b: Bank, c: Settings, w: Work, log: Log) -> bool:
     return True
 
 
+@entry
 @routine
 def healthy(b: Bank, c: Settings) -> bool:
     """Whether all variances are positive and finite, and the weights of the members finite."""
@@ -159,6 +162,7 @@ def _apply_control(b: Bank, streams: Streams) -> None:
     b.counters[ss.CONTROL] = i + 1
 
 
+@entry
 @routine
 def advance(
     b: Bank,
@@ -212,6 +216,7 @@ def advance(
                 return ss.NOT_DEFINITE
 
 
+@entry
 @routine
 def put_row(b: Bank, c: Settings, w: Work, streams: Streams, rows: Rows) -> None:
     """Write the estimate that is due: the bank's mixture, matched in mean and covariance.
@@ -364,6 +369,7 @@ def add_attitude(P: Array, v_G: Array, variance: float) -> None:
             P[3 + i, 3 + j] -= variance * v_G[i] * v_G[j]
 
 
+@entry
 @routine
 def start(b: Bank, c: Settings, w: Work, log: Log) -> None:
     """Fill place and axes of a new state and store the first snapshot."""

@@ -14,7 +14,7 @@ import math
 from typing import NamedTuple
 
 from ...arrays import Array
-from ..cache import kernel, routine
+from ..cache import entry, kernel, routine
 
 STATES = 12
 """Numbers of a state: position, phi, theta, psi, velocity, rate."""
@@ -73,6 +73,7 @@ class Loops(NamedTuple):
     half_curvature: float
 
 
+@entry
 @kernel
 def law(coefficients: Array, t: float) -> float:
     """Mean and two sines of time."""
@@ -226,6 +227,7 @@ def thrust(
         tau[i] = min(max(tau[i], -loops.limits[i]), loops.limits[i])
 
 
+@entry
 @routine
 def run(
     x: Array,

@@ -10,9 +10,10 @@ from __future__ import annotations
 import math
 
 from ...arrays import Array
-from ..cache import kernel
+from ..cache import entry, kernel
 
 
+@entry
 @kernel
 def relative_acceleration(
     a_b: Array,
@@ -88,6 +89,7 @@ def rate_jacobian(G: Array, v_r_b: Array, inertia: Array) -> None:
     G[2, 2] = 0.0
 
 
+@entry
 @kernel
 def surge_drag(log_total: float, share: float, speed: float) -> tuple[float, float]:
     """(d1x, d2x) of ln Dt and f: d1 = (1 - f) Dt / U, d2 = f Dt / U^2 at the speed U."""

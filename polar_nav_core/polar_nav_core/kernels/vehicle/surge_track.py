@@ -9,9 +9,10 @@ from __future__ import annotations
 import math
 
 from ...arrays import Array
-from ..cache import routine
+from ..cache import entry, routine
 
 
+@entry
 @routine
 def surge_track(
     seconds: Array,

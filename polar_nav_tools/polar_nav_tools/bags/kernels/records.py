@@ -12,7 +12,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from polar_nav_core.kernels.cache import kernel, routine
+from polar_nav_core.kernels.cache import entry, kernel, routine
 
 Bytes: TypeAlias = NDArray[np.uint8]
 Ints: TypeAlias = NDArray[np.int64]
@@ -99,6 +99,7 @@ def _end(block: Bytes, at: Int, size: Int) -> np.int64:
     return end
 
 
+@entry
 @routine
 def tally(
     block: Bytes,
@@ -148,6 +149,7 @@ def tally(
     return at
 
 
+@entry
 @routine
 def take(
     block: Bytes,
