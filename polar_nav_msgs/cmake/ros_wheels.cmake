@@ -32,3 +32,11 @@ function(_ros_wheels_drop_missing_includes)
   endforeach()
 endfunction()
 cmake_language(DEFER CALL _ros_wheels_drop_missing_includes)
+
+# A wheel is for Python, which needs the type support of C only. That of C++ is three fifths of what
+# there is to compile.
+macro(ros_wheels_leave_out_cpp)
+  if(FOR_PYTHON_ONLY)
+    list(FILTER AMENT_EXTENSIONS_rosidl_generate_idl_interfaces EXCLUDE REGEX "cpp:")
+  endif()
+endmacro()
