@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from polar_nav_tools.experiments.catalog import experiment_named
-from polar_nav_tools.experiments.cheap import baseline, recording, vehicle
+from polar_nav_tools.experiments.cheap import baseline, pings, recording, vehicle
 from polar_nav_tools.experiments.experiment import Request, run
 
 NO_ERRORS = vehicle.Sensors(
@@ -105,3 +105,12 @@ def test_the_stated_radius_covers_and_no_jump_passes_unseen(tmp_path) -> None:
     assert rows['white']['covered'] < 80.0  # one sigma for white hides what fixes share
     assert rows['default']['jumps_silent'] == 0
     assert rows['default']['stopped'] == 0
+
+
+@pytest.mark.slow
+def test_noise_of_pings_shows_a_heading_by_rows_of_the_measured_velocity_only() -> None:
+    found = {kind: pings.run(kind, duration_s=600.0) for kind in (pings.MEASURED, pings.BLENDED)}
+    assert found[pings.MEASURED].heading > 2.0
+    assert found[pings.BLENDED].heading < 1.5
+    assert found[pings.BLENDED].position < 1.5
+    assert found[pings.BLENDED].heading_deg < found[pings.MEASURED].heading_deg
