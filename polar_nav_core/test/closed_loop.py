@@ -20,9 +20,16 @@ class World:
     """Truth at every IMU epoch and the ideal IMU samples that lead to it."""
 
     def __init__(
-        self, seconds, lat_deg=80.0, lon_deg=120.0, v_G=(2.0, 2.0, 0.0), height=-100.0, leg_s=0.0
+        self,
+        seconds,
+        lat_deg=80.0,
+        lon_deg=120.0,
+        v_G=(2.0, 2.0, 0.0),
+        height=-100.0,
+        leg_s=0.0,
+        turn_s=30.0,
     ):
-        """With ``leg_s``: legs of so many seconds, and half turns of 30 s between them."""
+        """With ``leg_s``: legs of so many seconds, and turns at 6 deg/s between them."""
         n = int(seconds * 100)
         dt = 0.01
         self.n = n
@@ -48,7 +55,7 @@ class World:
                     0.01 * np.cos(0.7 * k * dt),
                 ]
             )
-            turning = leg_s > 0.0 and k * dt % (leg_s + 30.0) > leg_s
+            turning = leg_s > 0.0 and k * dt % (leg_s + turn_s) > leg_s
             yaw_G = np.array([0.0, 0.0, np.pi / 30.0 if turning else 0.0])
             if turning:
                 c, s = np.cos(yaw_G[2] * dt), np.sin(yaw_G[2] * dt)

@@ -88,7 +88,7 @@ def test_bytes_give_the_same_state(saved):
     [
         (lambda d: d[:20], 'too few'),
         (lambda d: b'X' + d[1:], 'no saved state'),
-        (lambda d: d[:8] + struct.pack('<H', 4) + d[10:], 'format 4 .* up to 3'),
+        (lambda d: d[:8] + struct.pack('<H', 5) + d[10:], 'format 5 .* up to 4'),
         (lambda d: d[:-1], 'damaged'),
         (lambda d: d[:200] + bytes([d[200] ^ 1]) + d[201:], 'damaged'),
         (lambda d: d + b'0', 'damaged'),
@@ -138,7 +138,9 @@ def as_format(version, saved, *without):
     return data[:8] + struct.pack('<H', version) + data[10:]
 
 
-@pytest.mark.parametrize(('version', 'without'), [(1, ['leader', 'wander']), (2, ['wander'])])
+@pytest.mark.parametrize(
+    ('version', 'without'), [(1, ['leader', 'wander', 'used']), (2, ['wander', 'used'])]
+)
 def test_a_state_of_an_older_format_is_read(world, events, saved, version, without):
     older = unpack(as_format(version, saved, *without))
     assert older.version == version
@@ -161,9 +163,9 @@ def test_a_state_of_an_older_format_is_read(world, events, saved, version, witho
 
 def test_a_state_of_engine_3_is_refused_with_both_versions(world, saved):
     """It has no rate of turn, which the growth of the covariance over the time away needs."""
-    oldest = unpack(as_format(1, saved, 'leader', 'wander', 'turn'))
+    oldest = unpack(as_format(1, saved, 'leader', 'wander', 'turn', 'used'))
     problem = saved_problem(world.params(configuration='default'), oldest)
-    assert 'format 1 and engine 3, this is format 3 and engine' in problem
+    assert 'format 1 and engine 3, this is format 4 and engine' in problem
 
 
 def leader_fixes(count, begin_ns):
@@ -240,6 +242,24 @@ def test_navigation_goes_on(world, events, configuration, away_s):
     assert engine.fix_counts()[0] > first.fix_counts()[0]
 
 
+def test_a_sensor_that_is_silent_since_a_restart_is_missed(world, events, saved):
+    """A node that was started again, and that only the IMU reaches."""
+    params = world.params(configuration='default', sensor_silent_s=5.0, max_gated_s=10.0)
+    imu = [e for e in cut(events)[1] if isinstance(e, ImuSample)]
+    engine, _ = restarted(params, saved, imu)
+    said = [p.condition.sentence for p in engine.health.present]
+    away_s = (engine.last_imu_ns - saved.stamp_ns) * 1e-9
+    assert away_s > 15.0
+    assert f'no DVL used for {away_s:.0f} s' in said
+    assert f'no depth used for {away_s:.0f} s' in said
+    assert engine.integrity.level is engine.integrity.level.WARN
+    assert 'dead reckoning' in engine.integrity.sentence
+    # Of an older state nobody knows.
+    older = unpack(as_format(3, saved, 'used'))
+    said = [p.condition.sentence for p in restarted(params, older, imu)[0].health.present]
+    assert not any('used for' in sentence for sentence in said)
+
+
 @pytest.fixture(scope='module')
 def turning_world():
     """A leg of 25 s, a half turn of 30 s at 6 deg/s, and the next leg."""
@@ -284,6 +304,28 @@ def test_a_turn_while_away_heals(turning_world, configuration, at_s, away_s, fir
     off = [attitude.log(world.C_b_G[index[e.stamp_ns]] @ e.C_b_G.T)[2] for e in (begun, ended)]
     assert abs(off[0]) < 3.3 * np.sqrt(begun.P[2, 2])
     assert abs(off[1]) < np.deg2rad(2.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('configuration', ['default', 'modified_akf'])
+def test_a_turn_that_began_and_ended_unseen_heals(configuration):
+    """Of 6 deg in 8 s: without the room for it the filter is sure of a wrong heading for good."""
+    world = World(82.0, leg_s=41.0, turn_s=1.0)
+    params = world.params(configuration=configuration)
+    fixes = world.fixes(1.0, 1.5, rng=np.random.default_rng(9972))
+    before, after = cut(list(inputs_of(world, fixes, 9972).events()), 8.0, 40.0)
+    first = Engine(params)
+    drive(first, before)
+    _, out = restarted(params, first.saved(), after)
+    index = {int(s): k for k, s in enumerate(world.stamps)}
+    late_ns = after[0].stamp_ns + 28_000_000_000
+    late = [o for o in out if isinstance(o, Estimate) and o.stamp_ns > late_ns]
+    off = [float(np.linalg.norm(e.r_e - world.r_e[index[e.stamp_ns]])) for e in late]
+    assert len(off) > 50
+    assert max(off) < 1.5
+    last = late[-1]
+    turned = attitude.log(world.C_b_G[index[last.stamp_ns]] @ last.C_b_G.T)[2]
+    assert abs(turned) < np.deg2rad(2.0)
 
 
 @pytest.mark.parametrize('change', [0.0, 0.5])

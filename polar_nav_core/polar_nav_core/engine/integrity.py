@@ -118,6 +118,10 @@ class IntegrityMonitor:
         self._moved_m = 0.0
         self.longest_gated_s = 0.0
 
+    def known(self, validity_ns: int) -> None:
+        """Count the time without a fix from that of a fix that was fused before a restart."""
+        self._last_fused_ns = validity_ns
+
     def fused(self, validity_ns: int, receive_ns: int) -> None:
         """Count a fused fix: it ends a run of refused ones that were valid before it."""
         if self._last_fused_ns is None or receive_ns > self._last_fused_ns:

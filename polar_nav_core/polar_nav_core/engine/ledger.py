@@ -97,6 +97,8 @@ class FixLedger:
         self._of_fused, self._of_refused = fused, refused
         self._revisions.clear()
         self.received, self._fused[_FIX], self._last_validity_ns = fixes
+        if self._fused[_FIX]:
+            self.integrity.known(self._last_validity_ns)
 
     def conditions(self, stamp_ns: int) -> list[Condition]:
         """Packets that nobody honest sends, and fixes believed again, in the minute before."""

@@ -22,11 +22,12 @@ from .away import Seen
 from .events import Array, InitialState
 
 _MAGIC: Final = b'POLARNAV'
-VERSION: Final = 3
+VERSION: Final = 4
 """Of the format of the bytes; older ones are read, too."""
 SINCE: Final[dict[int, dict[str, tuple[str, tuple[int, ...]]]]] = {
     2: {'sins 24': ('leader', (20,)), 'station 12': ('loose', (6,))},
     3: {'sins 24': ('wander', (2,))},
+    4: {'sins 24': ('used', (2,))},
 }
 """By format and layout: array that older ones did not have, its shape; zeros: nothing known."""
 GROWN: Final[dict[int, dict[str, dict[str, tuple[int, ...]]]]] = {

@@ -44,7 +44,7 @@ from .history import History, make_past
 from .leader import NO_LEADER, LeaderError
 from .log import STEPS_PER_BLOCK, make_log
 from .noise import MeasurementNoise, ProcessNoise
-from .resume import resume
+from .resume import note_used, resume
 from .robust import inflation
 from .settings import make_settings
 
@@ -115,6 +115,8 @@ class NavigationFilter:
         self.state.noise[:] = [weight, 1.0, 1.0, 1.0]
         self.start_ns = stamp_ns
         self.begin()
+        if isinstance(initial, SavedState):
+            note_used(self.state, initial)
 
     def begin(self) -> None:
         """Begin at the state as it is: no past, one epoch, one snapshot."""

@@ -24,9 +24,11 @@ _NAMES = (
     'C_b_G', 'v_G', 'r_e', 'b_gyro_b', 'b_accel_b', 'dvl_scale_m', 'dvl_markov_m', 'usbl_bias_a',
     'P', 'sensitivity', 'model',
 )  # fmt: skip
-_TURN, WANDER, _LEADER = 'turn', 'wander', 'leader'
+_TURN, WANDER, _LEADER, _USED = 'turn', 'wander', 'leader', 'used'
 LAYOUT = 'sins 24'
 _LEAST_GAP_S = 0.01
+_LOCAL = slice(fs.USED_NS, fs.USED_NS + FIX_ROW)
+"""Counters of the newest ping and depth that were used."""
 
 
 def save_state(
@@ -73,6 +75,7 @@ def save_state(
             _TURN: np.array([turn_rate]),
             WANDER: wander,
             _LEADER: leader.packed(),
+            _USED: (s.counters[_LOCAL] > 0).astype(np.float64),
         },
         fixes=fixes,
         records=records,
@@ -112,7 +115,7 @@ def problem_of(saved: SavedState, *, model: bool) -> str:
             f'this is format {VERSION} and engine {ENGINE_VERSION}'
         )
     added = dict(since[LAYOUT] for since in SINCE.values() if LAYOUT in since)
-    known = {**shapes, _TURN: (1,), **added, _LEADER: (HEARD,)}
+    known = {**shapes, _TURN: (1,), **added, _LEADER: (HEARD,), _USED: (FIX_ROW,)}
     problem = layout_problem(saved, LAYOUT, known)
     if problem:
         return problem
@@ -168,7 +171,14 @@ def resume(
         s.usbl_bias_a[:] = 0.0
         _forget_last(s.P, _beside_saved(heading_sigmas**2, float(s.P[2, 2])))
     s.P[:] = 0.5 * (s.P + s.P.T)
-    s.counters[fs.USED_NS + FIX_ROW] = 0
+
+
+def note_used(s: fs.State, saved: SavedState) -> None:
+    """Let sensors that were used before count as used when the state was saved, and no later.
+
+    So one that is silent since the restart is missed.
+    """
+    s.counters[_LOCAL] = np.where(saved.values[_USED] > 0.0, saved.stamp_ns, 0)
 
 
 def _carry(s: fs.State, F: Array) -> None:
