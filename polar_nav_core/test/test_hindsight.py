@@ -9,6 +9,7 @@ from closed_loop import World, inputs_of
 from polar_nav_core import attitude, grid
 from polar_nav_core.engine import smoothing
 from polar_nav_core.engine.events import Verdict
+from polar_nav_core.engine.sins.recorded import Recorded
 
 
 @pytest.fixture(scope='module')
@@ -136,3 +137,20 @@ def test_where_fixes_arrived_does_not_matter_for_revisions(world):
     assert found.passes == soon.passes
     assert found.revisions == soon.revisions
     np.testing.assert_array_equal(found.track.r_e, soon.track.r_e)
+
+
+def test_fixes_in_the_compiled_loop_are_those_one_by_one(world, monkeypatch):
+    """Gated ones, those that come back and go with hindsight, and their weights, to the bit."""
+    params = world.params(configuration='default', initial_sigma_position=50.0)
+    inputs = inputs_of(world, displaced(fixes_of(world), [0], 60.0))
+    at_once = smoothing.smooth(params, inputs, covariances=True)
+    assert at_once.passes > 1
+    taken = []
+    monkeypatch.setattr(Recorded, 'takes_fixes', property(lambda _: bool(taken.append(1))))
+    by_one = smoothing.smooth(params, inputs, covariances=True)
+    assert taken
+    said, alone = ([str(r) for r in found.receipts] for found in (at_once, by_one))
+    assert said == alone
+    assert at_once.revisions == by_one.revisions
+    for name in ('r_e', 'C_b_G', 'P', 'sensor_errors'):
+        np.testing.assert_array_equal(getattr(at_once.track, name), getattr(by_one.track, name))

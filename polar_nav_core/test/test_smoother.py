@@ -122,7 +122,7 @@ def _smoothed(problem, b_sigma=np.zeros(COLUMNS)):  # noqa: B008 - not changed
         x,
         P,
         sensitivity,
-        np.zeros((1 + COLUMNS, n)),
+        np.zeros((n, 1 + COLUMNS)),
         np.zeros((n, n)),
         common,
         b_sigma,

@@ -6,6 +6,7 @@ Compiled in `kernels.sins.smooth`. Equations: docs/derivations/smoother.md.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -57,11 +58,30 @@ class Back:
     largest_turn: float
     moved: float
 
+    def without_track(self) -> Back:
+        """The same without the track and the states."""
+        nothing = {n: getattr(self.track, n)[:0].copy() for n in Track.__dataclass_fields__}
+        none = self.stamps_ns[:0].copy(), self.states[:0].copy()
+        return replace(self, track=Track(**nothing), stamps_ns=none[0], states=none[1])
 
-def backwards(params: EngineParams, tape: Tape, published: int, covariances: bool) -> Back:
-    """Smoothed states of a tape; in the track those of every so many covariance steps."""
+
+Move = Callable[[Track], Track]
+"""Moves estimates with covariances to another point of the vehicle."""
+
+
+def backwards(
+    params: EngineParams,
+    tape: Tape,
+    published: int,
+    covariances: bool,
+    move: Move | None = None,
+) -> Back:
+    """Smoothed states of a tape; in the track those of every so many covariance steps.
+
+    ``move`` gets the track piece by piece.
+    """
     n = N + E if params.model_aiding else N
-    adjoint = np.zeros((1 + (COLUMNS if tape.considers else 0), n))
+    adjoint = np.zeros((n, 1 + COLUMNS if tape.considers else 1))
     information = np.zeros((n, n))
     common = np.zeros((COLUMNS, COLUMNS + 1))
     scratch = np.zeros((2, n, n))
@@ -109,15 +129,17 @@ def backwards(params: EngineParams, tape: Tape, published: int, covariances: boo
         sigma = np.sqrt(np.einsum('nii->ni', P)[:, :NAV])
         moved = max(moved, float((np.abs(x[:, :NAV]) / sigma).max(initial=0.0)))
         shown = (stretch.steps > 0) & (stretch.steps % published == 0)
-        pieces.append(_track_of(stretch, P, shown, covariances))
+        piece = _track_of(stretch, P, shown)
         if params.model_aiding:
             of_model = aiding.values_of(_blocks(stretch, x), model)
-            pieces[-1] = replace(pieces[-1], model=of_model[shown])
+            piece = replace(piece, model=of_model[shown])
+        pieces.append(_published(piece, covariances, move))
     if not states:
         raise ConfigError(_NOTHING)
     stamps_ns, track = (np.concatenate(column) for column in zip(*reversed(states), strict=True))
+    pieces.reverse()
     return Back(
-        _joined(pieces[::-1]),
+        _joined(pieces),
         stamps_ns,
         track,
         judged[::-1],
@@ -136,30 +158,34 @@ def _blocks(stretch: Stretch, x: Array) -> Array:
     return out
 
 
-def _track_of(
-    stretch: Stretch, P_of_all: Array, shown: NDArray[np.bool_], covariances: bool
-) -> Track:
-    rows, P = stretch.navigation[shown], P_of_all[shown]
+def _track_of(stretch: Stretch, P: Array, shown: NDArray[np.bool_]) -> Track:
+    rows = stretch.navigation[shown]
     n = len(rows)
-    r_e, C_b_G = rows[:, 12:15].copy(), rows[:, :9].reshape(n, 3, 3)
     return Track(
         stretch.stamps_ns[shown],
-        r_e,
-        rows[:, 9:12],
-        C_b_G,
-        P if covariances else np.zeros((0, N, N)),
-        rows[:, 15:30],
+        rows[:, 12:15].copy(),
+        rows[:, 9:12].copy(),
+        rows[:, :9].reshape(n, 3, 3).copy(),
+        P[shown],
+        rows[:, 15:30].copy(),
         np.zeros((n, 2, 3)),
         np.zeros((n, 3), dtype=np.int64),
-        derived=nav_columns.describe(r_e, C_b_G, P),
     )
 
 
+def _published(piece: Track, covariances: bool, move: Move | None) -> Track:
+    """Piece of a track with what is derived from its covariances, which are dropped or not."""
+    if move is not None:
+        piece = move(piece)
+    derived = nav_columns.describe(piece.r_e, piece.C_b_G, piece.P)
+    P = piece.P if covariances else np.zeros((0, N, N))
+    return replace(piece, P=P, derived=derived)
+
+
 def _joined(pieces: list[Track]) -> Track:
-    names = (
-        'stamps_ns', 'r_e', 'v_G', 'C_b_G', 'P', 'sensor_errors', 'local_statistics', 'fixes',
-        'derived', 'model',
-    )  # fmt: skip
+    """Pieces as one track; they are given up, column by column: a day is not kept twice."""
     if not sum(len(p.stamps_ns) for p in pieces):
         raise ConfigError(_NOTHING)
-    return Track(**{n: np.concatenate([getattr(p, n) for p in pieces]) for n in names})
+    columns = {n: [getattr(p, n) for p in pieces] for n in Track.__dataclass_fields__}
+    pieces.clear()
+    return Track(**{n: np.concatenate(columns.pop(n)) for n in list(columns)})

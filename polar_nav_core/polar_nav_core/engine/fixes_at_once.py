@@ -122,11 +122,13 @@ class FixesAtOnce:
             collector.receipts += engine.ledger.fused(
                 done, outcomes[:fused], notes[:fused], arrays.gate
             )
+            arrays.settled(done, outcomes[:fused])
             settled += fused
         if fused < len(outcomes) and outcomes[fused, 0] >= 0.0:  # else the filter was lost here
             steps, stamp_ns, rows = notes[fused].tolist()
             collector.note(engine, rows)
             result = FixResult(arrays.outcome_of(outcomes[fused]), steps)
+            arrays.settled([fixes[settled]], outcomes[fused : fused + 1])
             self._decided(fixes[settled], result, stamp_ns)
             settled += 1
         return settled

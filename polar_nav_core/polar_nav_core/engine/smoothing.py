@@ -17,7 +17,7 @@ from ..arrays import Array, Ints
 from ..errors import ConfigError
 from ..kernels.sins.consider import COLUMNS
 from . import run as engine_run
-from .backwards import Back, backwards
+from .backwards import Back, Move, backwards
 from .events import Fix, Rank, Receipt, Verdict
 from .hindsight import (
     Decisions,
@@ -38,6 +38,7 @@ from .track import Track
 LOOK_S = 60.0
 """How often the log is copied; the filter's rings hold more than twice that."""
 _HISTORY_S = 130.0
+_OUTPUT_S = 10.0
 MOST_PASSES = 3
 _MOVED = 0.1
 """Movement of the track that a further pass is made for, of its sigma."""
@@ -95,6 +96,7 @@ def smooth(
     covariances: bool = False,
     passes: int = MOST_PASSES,
     at_least: int = 1,
+    move: Move | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> Smoothed:
     """Smoothed track of a run of the strapdown mode, an estimate every so many seconds.
@@ -110,6 +112,9 @@ def smooth(
         Whether the track keeps them, besides the columns derived from them.
     passes, at_least : int
         Most passes, and those that are made though nothing moves.
+    move : callable, optional
+        Moves the estimates of the track, with their covariances, to another point of the vehicle.
+        It gets some at a time, the last ones first.
     progress : callable, optional
 
     Raises
@@ -117,14 +122,19 @@ def smooth(
     ConfigError
         For parameters that have no linear steps to go back over.
     """
-    return _Passes(params, inputs, every_s, covariances).run(passes, at_least, progress)
+    return _Passes(params, inputs, every_s, covariances, move).run(passes, at_least, progress)
 
 
 class _Passes:
     """Passes over one run, each with what the one before has shown."""
 
     def __init__(
-        self, params: EngineParams, inputs: Inputs, every_s: float, covariances: bool
+        self,
+        params: EngineParams,
+        inputs: Inputs,
+        every_s: float,
+        covariances: bool,
+        move: Move | None = None,
     ) -> None:
         self._stated = in_order(params)
         fixes = (f for f in inputs.fixes if f.refusal is None and f.validity_ns > 0)
@@ -132,7 +142,7 @@ class _Passes:
         period_s = self._stated.filter_period_s
         self._every = max(1, round(min(every_s, _TRACK_S) / period_s))
         self._published = self._every * max(1, round(every_s / (self._every * period_s)))
-        self._covariances = covariances
+        self._covariances, self._move = covariances, move
 
     def run(self, most: int, least: int, progress: Callable[[float], None] | None) -> Smoothed:
         """Result of the last pass that changed something."""
@@ -150,6 +160,8 @@ class _Passes:
             if again.why_not:
                 found = replace(found, why_not=f'pass {number + 1}: {again.why_not}')
                 break
+            if found is first and not first.enlarged:  # never the result: its track may go
+                first = replace(first, back=first.back.without_track())
             found, number = again, number + 1
             why = found.why_again
         if first.enlarged and found.fused < first.fused:
@@ -179,7 +191,7 @@ class _Passes:
                 look_every_s=LOOK_S,
                 tape=tape,
             )
-            back = backwards(params, tape, self._published, self._covariances)
+            back = backwards(params, tape, self._published, self._covariances, self._move)
             why_not = ''
             if result.divergence or len(tape.parts) > 1:
                 why_not = 'the filter was lost and began anew'
@@ -319,6 +331,8 @@ def in_order(params: EngineParams) -> EngineParams:
         gate_probability=configuration.gate_probability,
         robust_fixes=configuration.robust_fixes,
         history_s=_HISTORY_S,
+        # Nobody reads what the filter puts out by itself.
+        output_period_s=_OUTPUT_S,
         # The tape has no rows of a velocity through the water: such pings are left aside.
         water_track_sigma=0.0,
     )

@@ -6,6 +6,7 @@ goes back to the state before the fix, takes it, and processes the stored inputs
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -37,6 +38,7 @@ from .adaptation import make_noise, make_process
 from .filter import NavigationFilter
 from .history import Epoch
 from .resume import WANDER, save_state
+from .streams import put_late_fix
 
 
 class Fusion:
@@ -81,6 +83,13 @@ class Fusion:
     def advance(self, until_ns: int, until_rank: int) -> int:
         """Process what stands in the streams before a place; FULL, STOPPED or DONE."""
         return self.filter.advance(until_ns, until_rank)
+
+    def put(self, fix: Fix) -> None:
+        """Append a fix to the streams, at its stamp of reception."""
+        put_late_fix(self.filter.streams, fix, self.filter.leader.split(fix))
+
+    def settled(self, fixes: Sequence[Fix], outcomes: Array) -> None:
+        """Do nothing about fixes in the streams that were decided; rows of ``fix_outcomes``."""
 
     def imu(self, sample: ImuSample) -> None:
         """Advance by one IMU sample."""

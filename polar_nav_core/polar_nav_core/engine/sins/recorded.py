@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -48,6 +48,11 @@ class FixPlan(NamedTuple):
 
     fused: bool
     added_G: Array
+
+
+_REFUSED = FixPlan(False, np.zeros((3, 3)))
+_ENLARGEMENT = 8
+"""Column of a row of ``fix_outcomes``."""
 
 
 def fix_name(fix: Fix) -> FixName:
@@ -112,16 +117,44 @@ class Recorded(Ignore):
         if self._fixes is None:
             return super().fix(fix)
         decision = self.filter.log.hindsight.fix
+        fix, decision[0] = self._planned(fix)
         decision[1] = len(self._fixes.fixes)
         self._fixes.fixes.append(fix)
-        if self._plan is not None:
-            planned = self._plan.fixes.get(fix_name(fix), FixPlan(False, np.zeros((3, 3))))
-            decision[0] = fs.TO_FUSE if planned.fused else fs.TO_REFUSE
-            C_e_G = np.asarray(grid.ecef_to_grid(fix.r_e))
-            fix = replace(fix, covariance_e=fix.covariance_e + C_e_G.T @ planned.added_G @ C_e_G)
         result = super().fix(fix)
         self._fixes.enlargements.append(1.0 if result is None else result.outcome.inflation)
         return result
+
+    def _planned(self, fix: Fix) -> tuple[Fix, int]:
+        """Fix with the covariance that is planned, and who decides on it."""
+        if self._plan is None:
+            return fix, fs.BY_GATE
+        planned = self._plan.fixes.get(fix_name(fix), _REFUSED)
+        if planned.added_G.any():
+            C_e_G = np.asarray(grid.ecef_to_grid(fix.r_e))
+            added_e = C_e_G.T @ planned.added_G @ C_e_G
+            fix = replace(fix, covariance_e=fix.covariance_e + added_e)
+        return fix, fs.TO_FUSE if planned.fused else fs.TO_REFUSE
+
+    @property
+    def takes_fixes(self) -> bool:
+        """Whether fixes can stand in the streams: where they are logged."""
+        return self._fixes is not None
+
+    def put(self, fix: Fix) -> None:
+        """Append a fix to the streams, with what is decided of it and its number as notes."""
+        f, log = self.filter, self._fixes
+        k = int(f.streams.counts[fs.FIX - fs.IMU])
+        fix, decision = self._planned(fix)
+        super().put(fix)
+        waiting = k - int(f.state.counters[fs.FIX])
+        number = waiting + (0 if log is None else len(log.fixes))
+        f.streams.fix_notes[k % len(f.streams.fix_notes), :2] = decision, number
+
+    def settled(self, fixes: Sequence[Fix], outcomes: Array) -> None:
+        """Log fixes that were decided in the streams."""
+        if self._fixes is not None:
+            self._fixes.fixes += fixes
+            self._fixes.enlargements += outcomes[:, _ENLARGEMENT].tolist()
 
     def offset(self, fix: Fix) -> tuple[Array, float] | None:
         """As `Fusion.offset`; None where fixes are decided on already: nobody else judges them."""

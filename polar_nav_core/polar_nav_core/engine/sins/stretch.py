@@ -9,10 +9,11 @@ import numpy as np
 from ...arrays import Array, Ints
 from ...errors import PolarNavError
 from ...kernels.sins import state as fs
+from ...kernels.sins import stretch as kernels
+from ...kernels.sins.adjoint import PHI
 from ...kernels.sins.consider import COLUMNS
 from ...kernels.sins.model import MOVING, E
-from ...kernels.sins.smooth import PHI
-from ...kernels.sins.update import COUPLED, NAV, N
+from ...kernels.sins.update import N
 from .filter import NavigationFilter
 
 
@@ -29,8 +30,8 @@ class Stretch:
     model : (steps, 3, 31) array
         Of the states of a vehicle's model; without one, no rows, and n below is 24, not 31.
     H, K, L, z, moved, sizes : (updates, ...) arrays
-        Rows, transposed gain, factor of S, innovation, its change per unit of each common error,
-        number of rows.
+        Rows, transposed gain, factor of S, innovation, its change per unit of each common error
+        (without rows until one is considered), number of rows.
     ranks, samples : (updates,) arrays
         Sensor as `events.Rank`, number in its stream.
     stamps_ns, places, steps : (k,) arrays
@@ -40,7 +41,8 @@ class Stretch:
     block : (k, 14) array
         Estimates of the vehicle's model, its thrust; without one, no columns.
     P, sensitivity : (k, n, n), (k, n, COLUMNS) arrays
-        Covariance without common errors, and what one unit of each does to the error.
+        Covariance without common errors, and what one unit of each does to the error; without
+        rows as ``moved``.
     deviations : (k, n) array
         Estimated error of each state: zero where the filter corrects it at once.
     """
@@ -67,6 +69,15 @@ class Stretch:
     deviations: Array
 
 
+def _place(part: Array, state: fs.State) -> int:
+    """Place of a part of a state in its flat array."""
+    return (part.ctypes.data - state.flat.ctypes.data) // state.flat.itemsize
+
+
+_STATE = fs.make_state()
+_P, _SENSITIVITY = _place(_STATE.P, _STATE), _place(_STATE.sensitivity, _STATE)
+
+
 def stretch_of(f: NavigationFilter, taken: int, states: int) -> Stretch:
     """What a filter has logged since so many entries and states.
 
@@ -86,14 +97,15 @@ def stretch_of(f: NavigationFilter, taken: int, states: int) -> Stretch:
     if snapshots - states > len(log.snapshot_flat):
         raise PolarNavError('the states of the filter went round before they were copied')
     steps, updates = numbers[step] % len(past.transitions), numbers[update] % len(log.H)
-    Phi = past.transitions[steps]
     phi = np.empty((len(steps), PHI))
-    phi[:, : NAV * COUPLED] = Phi[:, :NAV, :COUPLED].reshape(len(steps), -1)
-    phi[:, NAV * COUPLED :] = np.einsum('nii->ni', Phi)[:, NAV:]
+    kernels.pack_steps(past.transitions, steps, phi)
     indices = np.empty(len(kinds), dtype=np.int64)
     indices[step] = np.arange(len(steps))
     indices[update] = np.arange(len(updates))
-    H, K = log.H[updates], log.K[updates]
+    H, K, L = (np.empty((len(updates), 3, n)) for n in (N, N, 3))
+    z, moved = np.empty((len(updates), 3)), np.empty((len(updates), 3, COLUMNS))
+    moved = moved if f.considers else moved[:0]
+    kernels.pack_updates(log, updates, H, K, L, z, moved)
     model = np.zeros((0, MOVING, N + E))
     if len(log.model_steps):
         of_model = log.model_rows[updates]
@@ -110,9 +122,9 @@ def stretch_of(f: NavigationFilter, taken: int, states: int) -> Stretch:
         model=model,
         H=H,
         K=K,
-        L=log.L[updates],
-        z=log.z[updates],
-        moved=log.moved[updates],
+        L=L,
+        z=z,
+        moved=moved,
         sizes=log.rows[order][update],
         ranks=log.ranks[order][update],
         samples=log.samples[order][update],
@@ -122,7 +134,7 @@ def stretch_of(f: NavigationFilter, taken: int, states: int) -> Stretch:
         navigation=flat[:, : fs.NAVIGATION],
         block=block,
         P=P,
-        sensitivity=sensitivity,
+        sensitivity=sensitivity if f.considers else sensitivity[:0],
         deviations=held[rows] if len(held) else np.zeros((len(rows), P.shape[1])),
     )
 
@@ -144,10 +156,8 @@ def _covariances(flat: Array) -> tuple[Array, Array, Array]:
     aided = flat.shape[1] > fs.FLAT
     n = N + E if aided else N
     P, sensitivity = np.zeros((len(flat), n, n)), np.zeros((len(flat), n, COLUMNS))
-    state = fs.make_state()
-    for k, row in enumerate(flat):
-        state.flat[:] = row[: fs.FLAT]
-        P[k, :N, :N], sensitivity[k, :N] = state.P, state.sensitivity
+    P[:, :N, :N] = flat[:, _P : _P + N * N].reshape(-1, N, N)
+    sensitivity[:, :N] = flat[:, _SENSITIVITY : _SENSITIVITY + N * COLUMNS].reshape(-1, N, COLUMNS)
     if not aided:
         return P, sensitivity, np.zeros((len(flat), 0))
     blocks = flat[:, fs.FLAT :].reshape(len(flat), fs.MODEL_ROWS, E)

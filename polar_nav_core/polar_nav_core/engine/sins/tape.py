@@ -107,6 +107,9 @@ class Tape:
             for name, (dtype, shape) in self._shapes[number].items():
                 arrays[name] = np.empty(shape, dtype)
                 self._file.readinto(arrays[name].reshape(-1).view(np.uint8).data)
+            if not len(arrays['sensitivity']):  # until then nothing was considered
+                for name, like in (('sensitivity', 'P'), ('moved', 'H')):
+                    arrays[name] = np.zeros((*arrays[like].shape[:2], COLUMNS))
             yield Stretch(**arrays), number in ends
 
     def __enter__(self) -> Self:

@@ -20,7 +20,7 @@ from ..refusals import usable_control, usable_depth, usable_dvl, usable_heading,
 from ..results import Outcome
 from .filter import NavigationFilter
 from .fusion import Fusion
-from .streams import put_late_fix, room_for_fixes
+from .streams import room_for_fixes
 
 
 class SinsArrays:
@@ -172,7 +172,11 @@ class SinsArrays:
     def put_fixes(self, fixes: Sequence[Fix]) -> None:
         """Append fixes to their stream, each at its stamp of reception."""
         for fix in fixes:
-            put_late_fix(self.filter.streams, fix, self.filter.leader.split(fix))
+            self._fusion.put(fix)
+
+    def settled(self, fixes: Sequence[Fix], outcomes: Array) -> None:
+        """Tell the fusion of fixes that the loop has decided, with their rows of `decisions`."""
+        self._fusion.settled(fixes, outcomes)
 
     def drop_fixes(self) -> None:
         """Remove the fixes from the stream that the loop has not processed."""

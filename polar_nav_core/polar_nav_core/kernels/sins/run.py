@@ -6,7 +6,6 @@ call of `fuse_rows` takes them all.
 
 from __future__ import annotations
 
-from ...arrays import Array
 from ..cache import entry, kernel, routine
 from ..queues import earlier, is_before
 from . import state as fs
@@ -23,10 +22,12 @@ from .consider import add_common, add_conflict, fix_common
 from .events import consider_leader, fill_depth, fill_dvl, fill_fix, imu_event, note_outcome
 from .fuse import correct_and_remember, fuse_rows, locate, ping_passes
 from .heading import heading_event
+from .hidden import leave_out_leader
 from .late import OUT_OF_REACH, fill_late_fix
 from .model import E
+from .planned import refusal_stops, take_decision
 from .state import Frames, Log, Past, Rows, Settings, State, Streams, Work
-from .update import USBL, N, is_positive_definite
+from .update import N, is_positive_definite
 
 
 @kernel
@@ -188,11 +189,11 @@ def _fill_next_fix(
 
 
 @kernel
-def _note_fix(s: State, c: Settings, w: Work, streams: Streams, code: int) -> int:
-    """Store the outcome of the newest fix; returns its code, STOPPED for a refused late one."""
+def _note_fix(s: State, c: Settings, w: Work, log: Log, streams: Streams, code: int) -> int:
+    """Store the outcome of the newest fix; returns its code, STOPPED where a refusal stops."""
     k = (s.counters[fs.FIX] - 1) % streams.fix_stamps.shape[0]
     note_outcome(s, w, code, streams.fix_outcomes[k])
-    if c.back_propagates and code == fs.REFUSED:
+    if code == fs.REFUSED and refusal_stops(c, log):
         return fs.STOPPED
     return code
 
@@ -238,6 +239,7 @@ def _process(
         elif rank == fs.DVL_RANK:
             stream, m = fs.DVL_ROW, _fill_next_ping(s, fr, c, past, w, streams)
         else:
+            take_decision(s, log, streams)
             stream, m = fs.FIX_ROW, _fill_next_fix(s, fr, c, past, w, streams, stamp, rows)
         if m < 0:
             return m
@@ -248,7 +250,7 @@ def _process(
         if rank == fs.DVL_RANK and code == fs.FUSED:
             s.counters[fs.LOCK_NS] = s.counters[fs.STAMP]
         elif rank == fs.FIX_RANK:
-            code = _note_fix(s, c, w, streams, code)
+            code = _note_fix(s, c, w, log, streams, code)
         if code < 0:
             return code
 
@@ -295,23 +297,6 @@ def advance(
     code = _process(s, fr, c, past, w, log, streams, until_ns, until_rank, rows)
     locate(s, fr, c)
     return code
-
-
-@kernel
-def leave_out_leader(P: Array, flat: Array) -> None:
-    """Clear the last three states, the USBL error, of an estimate: the leader's are not its own.
-
-    Parameters
-    ----------
-    P : (24, 24) array, in place
-    flat : (30,) array or longer, in place
-        Leading values of the state.
-    """
-    for k in range(USBL, N):
-        flat[fs.NAVIGATION - N + k] = 0.0
-        for j in range(N):
-            P[k, j] = 0.0
-            P[j, k] = 0.0
 
 
 @entry

@@ -1,0 +1,269 @@
+"""Adjoint of a smoother and its covariance, carried backwards over a filter's steps and updates.
+
+The adjoint stands in columns, (n, 1 + COLUMNS): lambda, and beside it its change per unit of each
+common error; (n, 1) where there are none. Inner loops run along rows, as in `update`, so that the
+compiler uses vectors without changing the order of any sum. Equations:
+docs/derivations/smoother.md.
+"""
+
+from __future__ import annotations
+
+from ...arrays import Array
+from ..cache import kernel
+from .model import MOVING
+from .three_rows import solve_rows
+from .update import COUPLED, NAV, N, subtract
+
+PHI = NAV * COUPLED + COUPLED
+"""Numbers of a transition that are kept: its first nine rows, then its diagonal below them."""
+_DIAGONAL = NAV * COUPLED - NAV
+"""Place of the diagonal's first value, were it kept from the first state on."""
+
+
+@kernel
+def _step_adjoint(phi: Array, adjoint: Array, M: Array) -> None:
+    """Adjoint <- Phi^T adjoint; M is scratch (n, n)."""
+    A = phi[: NAV * COUPLED].reshape((NAV, COUPLED))
+    columns = adjoint.shape[1]
+    for j in range(COUPLED):
+        for r in range(columns):
+            M[j, r] = (
+                A[0, j] * adjoint[0, r] + A[1, j] * adjoint[1, r] + A[2, j] * adjoint[2, r]
+                + A[3, j] * adjoint[3, r] + A[4, j] * adjoint[4, r] + A[5, j] * adjoint[5, r]
+                + A[6, j] * adjoint[6, r] + A[7, j] * adjoint[7, r] + A[8, j] * adjoint[8, r]
+            )  # fmt: skip
+    for j in range(NAV):
+        for r in range(columns):
+            adjoint[j, r] = M[j, r]
+    for j in range(NAV, COUPLED):
+        d = phi[_DIAGONAL + j]
+        for r in range(columns):
+            adjoint[j, r] = M[j, r] + d * adjoint[j, r]
+    for j in range(COUPLED, N):
+        d = phi[_DIAGONAL + j]
+        for r in range(columns):
+            adjoint[j, r] *= d
+
+
+@kernel
+def _step_information(phi: Array, information: Array, M: Array) -> None:
+    """Lambda <- Phi^T Lambda Phi, symmetric to the bit; M is scratch (24, 24).
+
+    What couples the states from COUPLED on with the others is rows of Lambda Phi, scaled.
+    """
+    A = phi[: NAV * COUPLED].reshape((NAV, COUPLED))
+    n = information.shape[0]
+    for i in range(COUPLED):  # Lambda Phi
+        for j in range(A.shape[1]):
+            M[i, j] = (
+                information[i, 0] * A[0, j] + information[i, 1] * A[1, j]
+                + information[i, 2] * A[2, j] + information[i, 3] * A[3, j]
+                + information[i, 4] * A[4, j] + information[i, 5] * A[5, j]
+                + information[i, 6] * A[6, j] + information[i, 7] * A[7, j]
+                + information[i, 8] * A[8, j]
+            )  # fmt: skip
+        for j in range(NAV, COUPLED):
+            M[i, j] += information[i, j] * phi[_DIAGONAL + j]
+        for j in range(COUPLED, n):
+            M[i, j] = information[i, j] * phi[_DIAGONAL + j]
+    for i in range(COUPLED):
+        for j in range(i, n):
+            information[i, j] = (
+                A[0, i] * M[0, j] + A[1, i] * M[1, j] + A[2, i] * M[2, j]
+                + A[3, i] * M[3, j] + A[4, i] * M[4, j] + A[5, i] * M[5, j]
+                + A[6, i] * M[6, j] + A[7, i] * M[7, j] + A[8, i] * M[8, j]
+            )  # fmt: skip
+        if i >= NAV:
+            d = phi[_DIAGONAL + i]
+            for j in range(i, n):
+                information[i, j] += d * M[i, j]
+        for j in range(i + 1, n):
+            information[j, i] = information[i, j]
+    for i in range(COUPLED, n):
+        d = phi[_DIAGONAL + i]
+        for j in range(i, n):
+            information[i, j] *= d * phi[_DIAGONAL + j]
+            information[j, i] = information[i, j]
+
+
+@kernel
+def _apply_step(phi: Array, model: Array, x: Array, out: Array) -> None:
+    """Write Phi^T x for each column of x (n, k) into ``out``, with the states of a model.
+
+    ``model``, (3, 31), has the first rows of the states of a vehicle's model, which are n - 24;
+    those below them are constant.
+    """
+    n, columns = x.shape
+    for j in range(n):
+        for r in range(columns):
+            s = 0.0
+            if j < COUPLED:
+                for i in range(NAV):
+                    s += phi[i * COUPLED + j] * x[i, r]
+            if NAV <= j < N:
+                s += phi[_DIAGONAL + j] * x[j, r]
+            elif j >= N + MOVING:
+                s += x[j, r]
+            for i in range(MOVING):
+                s += model[i, j] * x[N + i, r]
+            out[j, r] = s
+
+
+@kernel
+def step_back(adjoint: Array, information: Array, phi: Array, model: Array, w: Array) -> None:
+    """Carry adjoint (n, columns) and Lambda (n, n) to before a step; w (2, n, n) scratch.
+
+    lambda <- Phi^T lambda, Lambda <- Phi^T Lambda Phi. Phi as `PHI` numbers, and ``model``, which
+    is read where n is more than 24.
+    """
+    n, columns = adjoint.shape
+    if n == N:
+        _step_adjoint(phi, adjoint, w[0])
+        _step_information(phi, information, w[0])
+        return
+    _apply_step(phi, model, adjoint, w[0, :, :columns])
+    for i in range(n):
+        for r in range(columns):
+            adjoint[i, r] = w[0, i, r]
+    _apply_step(phi, model, information, w[0])
+    for i in range(n):
+        for j in range(n):
+            w[1, j, i] = w[0, i, j]
+    _apply_step(phi, model, w[1], w[0])
+    for i in range(n):
+        for j in range(i + 1):
+            s = 0.5 * (w[0, i, j] + w[0, j, i])
+            information[i, j] = s
+            information[j, i] = s
+
+
+@kernel
+def inverse(L: Array, m: int, out: Array) -> None:
+    """Write (L L^T)^-1, first m rows and columns, into ``out`` (3, 3)."""
+    for a in range(3):
+        for b in range(3):
+            out[a, b] = 1.0 if a == b else 0.0
+    solve_rows(out, L, m)
+
+
+@kernel
+def measure_back(
+    adjoint: Array,
+    information: Array,
+    K: Array,
+    L: Array,
+    z: Array,
+    moved: Array,
+    m: int,
+    w: Array,
+) -> None:
+    """Fill what both `update_back` and `smooth.leave_out` need of a measurement of m rows.
+
+    Into the scratch: S^-1 into w[1, :3], K^T Lambda K into w[1, 6:9], Lambda K into w[1, 12:15],
+    and u = S^-1 z + K^T lambda into w[0, :3], a column of it for lambda and for its change per
+    unit of each common error.
+
+    Parameters
+    ----------
+    adjoint : (n, 1 + COLUMNS) or (n, 1) array
+        lambda after the measurement, and beside it its change per unit of each common error, where
+        there are any.
+    information : (n, n) array
+        Lambda.
+    K : (3, n) array
+        Transposed gain; of a measurement that was refused that which it would have had.
+    L : (3, 3) array
+        Cholesky factor of S.
+    z, moved : (3,), (3, COLUMNS) arrays
+        Innovation, and its change per unit of each common error; read where there are any.
+    m : int
+    w : (2, n, n) array
+        Scratch.
+    """
+    n, columns = adjoint.shape
+    weight, A, Y, u = w[1, :3], w[1, 6:9], w[1, 12:15], w[0, :3]
+    inverse(L, m, weight[:, :3])
+    for a in range(3):
+        for i in range(n):
+            Y[a, i] = 0.0
+    if m == 3:
+        for j in range(n):
+            k_0 = K[0, j]
+            k_1 = K[1, j]
+            k_2 = K[2, j]
+            for i in range(n):
+                Y[0, i] += k_0 * information[j, i]
+                Y[1, i] += k_1 * information[j, i]
+                Y[2, i] += k_2 * information[j, i]
+    else:
+        for a in range(m):
+            for j in range(n):
+                k = K[a, j]
+                for i in range(n):
+                    Y[a, i] += k * information[j, i]
+    for a in range(m):
+        for b in range(a + 1):
+            s = 0.0
+            for i in range(n):
+                s += K[a, i] * Y[b, i]
+            A[a, b] = s
+            A[b, a] = s
+    for a in range(m):
+        s = 0.0
+        for i in range(n):
+            s += K[a, i] * adjoint[i, 0]
+        for b in range(m):
+            s += weight[a, b] * z[b]
+        u[a, 0] = s
+        if columns == 1:
+            continue
+        for r in range(1, columns):
+            u[a, r] = 0.0
+        for i in range(n):
+            k = K[a, i]
+            for r in range(1, columns):
+                u[a, r] += k * adjoint[i, r]
+        for b in range(m):
+            k = weight[a, b]
+            for r in range(1, columns):
+                u[a, r] += k * moved[b, r - 1]
+
+
+@kernel
+def update_back(adjoint: Array, information: Array, H: Array, m: int, w: Array) -> None:
+    """Carry adjoint and Lambda to before a fused measurement of m rows, after `measure_back`.
+
+    lambda <- (I - K H)^T lambda - H^T S^-1 z, Lambda <- (I - K H)^T Lambda (I - K H) + H^T S^-1 H.
+
+    Parameters
+    ----------
+    adjoint, information : (n, columns), (n, n) arrays, in place
+    H : (3, n) array
+        Rows; zero from m on.
+    m : int
+    w : (2, n, n) array
+        Scratch.
+    """
+    n, columns = adjoint.shape
+    weight, A, Y, u = w[1, :3], w[1, 6:9], w[1, 12:15], w[0, :3]
+    for i in range(n):
+        for a in range(m):
+            h = H[a, i]
+            if h != 0.0:
+                for r in range(columns):
+                    adjoint[i, r] -= h * u[a, r]
+    # With Y = Lambda K: Lambda - Y H - H^T Y^T + H^T (K^T Y + S^-1) H; half of the last term on
+    # either side keeps Lambda symmetric.
+    for a in range(m):
+        for b in range(m):
+            s = 0.5 * (A[a, b] + weight[a, b])
+            for i in range(n):
+                Y[a, i] -= s * H[b, i]
+    if m == 1:
+        for i in range(n):
+            h = H[0, i]
+            y = Y[0, i]
+            for j in range(n):
+                information[i, j] -= h * Y[0, j] + y * H[0, j]
+        return
+    subtract(information, H, Y, H, Y)

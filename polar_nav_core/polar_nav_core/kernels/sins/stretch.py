@@ -1,0 +1,40 @@
+"""Steps and updates out of a filter's rings, packed for a smoother's tape."""
+
+from __future__ import annotations
+
+from ...arrays import Array, Ints
+from ..cache import routine
+from .adjoint import PHI
+from .state import Log
+from .update import COUPLED, NAV, N
+
+
+@routine
+def pack_steps(transitions: Array, steps: Ints, phi: Array) -> None:
+    """Write the transitions of steps, places in their ring, into ``phi`` (n, PHI)."""
+    for k in range(steps.shape[0]):
+        Phi, out = transitions[steps[k]], phi[k]
+        for i in range(NAV):
+            for j in range(COUPLED):
+                out[i * COUPLED + j] = Phi[i, j]
+        for i in range(NAV, N):
+            out[PHI - N + i] = Phi[i, i]
+
+
+@routine
+def pack_updates(
+    log: Log, updates: Ints, H: Array, K: Array, L: Array, z: Array, moved: Array
+) -> None:
+    """Write updates, places in their ring, into arrays (n, ...); ``moved`` may be without rows."""
+    for k in range(updates.shape[0]):
+        u = updates[k]
+        for a in range(3):
+            z[k, a] = log.z[u, a]
+            for b in range(3):
+                L[k, a, b] = log.L[u, a, b]
+            for i in range(N):
+                H[k, a, i] = log.H[u, a, i]
+                K[k, a, i] = log.K[u, a, i]
+            if moved.shape[0] > 0:
+                for c in range(moved.shape[2]):
+                    moved[k, a, c] = log.moved[u, a, c]
