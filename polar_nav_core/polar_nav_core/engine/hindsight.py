@@ -7,6 +7,7 @@ same gate. Equations: docs/derivations/smoother.md.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -18,7 +19,7 @@ from ..kernels.sins import state as fs
 from .events import Fix, Rank, Receipt, Verdict
 from .results import chi2_gate
 from .sins.recorded import FixName, FixPlan, Plan, fix_name
-from .sins.robust import inflation
+from .sins.robust import THRESHOLDS, inflation
 from .sins.stretch import Stretch
 
 Bools = NDArray[np.bool_]
@@ -142,12 +143,13 @@ def decide(judged: Judged, gate_probability: float, robust: str, added_G: Array)
     nis[at] = _normalized(judged.residuals, stated, judged.sizes[at])
     gates = np.array([np.inf, *(chi2_gate(gate_probability, m) for m in (1, 2, 3))])
     fused = np.where(np.isfinite(nis), nis <= gates[judged.sizes], judged.fused)
-    more = np.zeros_like(added_G)
-    reweighted = 0
-    for k in np.flatnonzero(fused[at] & np.isfinite(nis[at])).tolist():
-        more[k] = (inflation(robust, float(nis[at[k]]), 3) - 1.0) * stated[k]
-        before, now = (np.trace(stated[k] + x) for x in (added_G[k], more[k]))
-        reweighted += not 1.0 / _WEIGHTED < before / now < _WEIGHTED
+    weighed = fused[at] & np.isfinite(nis[at])
+    factors = np.ones(len(at))
+    far = weighed & (nis[at] > THRESHOLDS[3])
+    factors[far] = [inflation(robust, x, 3) for x in nis[at[far]].tolist()]
+    more = np.where((factors > 1.0)[:, None, None], (factors - 1.0)[:, None, None] * stated, 0.0)
+    before, now = (np.trace(stated + x, axis1=1, axis2=2)[weighed] for x in (added_G, more))
+    reweighted = int((np.abs(np.log(before / now)) >= math.log(_WEIGHTED)).sum())
     return Decisions(judged, nis, fused, more, reweighted)
 
 
