@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from ...arrays import Array, Ints
-from ..cache import routine
+from ..cache import entry, routine
 from .adjoint import PHI
 from .state import Log
 from .update import COUPLED, NAV, N
 
 
+@entry
 @routine
 def pack_steps(transitions: Array, steps: Ints, phi: Array) -> None:
     """Write the transitions of steps, places in their ring, into ``phi`` (n, PHI)."""
@@ -21,6 +22,7 @@ def pack_steps(transitions: Array, steps: Ints, phi: Array) -> None:
             out[PHI - N + i] = Phi[i, i]
 
 
+@entry
 @routine
 def pack_updates(
     log: Log, updates: Ints, H: Array, K: Array, L: Array, z: Array, moved: Array
