@@ -1,18 +1,32 @@
 """Verdicts of the experiment `faults` on made-up runs, and a few real ones."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from polar_nav_core.engine.events import DepthSample, Fix, ImuSample
 from polar_nav_core.errors import ConfigError
+from polar_nav_core.params import to_mapping
+from polar_nav_follower.params import FollowerParams
+from polar_nav_follower.session import Session
+from polar_nav_ros.topics import STATE
+from polar_nav_tools.bags import open_bag
 from polar_nav_tools.experiments.catalog import experiment_named
-from polar_nav_tools.experiments.hold.drive import Trace, Word
+from polar_nav_tools.experiments.hold.drive import drive
 from polar_nav_tools.experiments.hold.judge import Errors, first_new, judge
-from polar_nav_tools.experiments.hold.plan import COLUMNS, FAULTS, plan, run_job
+from polar_nav_tools.experiments.hold.offline import write
+from polar_nav_tools.experiments.hold.plan import COLUMNS, FAULTS, _world_of, plan, run_job
 from polar_nav_tools.experiments.hold.rows import ROWS, rows_named
 from polar_nav_tools.experiments.hold.table import tables
+from polar_nav_tools.experiments.hold.trace import Listener, Trace, Word
+from polar_nav_tools.experiments.received import message_of
 from polar_nav_tools.experiments.request import Request, Size
+from polar_nav_tools.experiments.station_choices import StationChoices
+from polar_nav_tools.inject.bag import inject_bag
+from polar_nav_tools.inject.readings import NS
+from polar_nav_tools.replay.by_message import replay
 
 START_S, END_S, UNTIL_S = 100.0, 110.0, 300.0
 TIMES = np.arange(1.0, UNTIL_S + 1.0)
@@ -102,19 +116,103 @@ def test_rows_and_columns():
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(600)
 def test_a_few_of_its_runs():
-    rows = 'imu_silent:1,imu_2038,imu_force:1e6,dvl_indefinite,packet_indefinite'
+    rows = 'imu_2038,packet_indefinite'
     jobs = plan(Request(rows=rows), Size(280.0, 2), ('default', 'modified_akf'))
     results = [run_job(job) for job in jobs]
     assert {r.verdict for r in results} == {'recovered'}
     assert all(r.sentence for r in results)
     assert all(r.metrics['reported_s'] < 5.0 for r in results)
-    table, counts = tables(results)
-    assert len(table.rows) == 10
-    assert counts.rows[0] == {'verdict': 'recovered', 'default': 5, 'modified_akf': 5}
+    replayed = [r for r in results if r.offline]
+    assert {(r.seed, r.offline, r.equal) for r in replayed} == {(1, 'recovered', True)}
+    assert len(replayed) == 4
+    assert all(r.offline_sentence for r in replayed)
+    table, counts, differ = tables(results)
+    assert len(table.rows) == 4
+    assert counts.rows[0] == {'verdict': 'recovered', 'default': 2, 'modified_akf': 2}
+    assert differ.rows == ()
+    assert '4 of them equal' in differ.note
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(300)
+def test_what_a_replay_cannot_know():
+    """An IMU that is silent for good: only the node's steady clock says so, within seconds."""
+    (job,) = plan(Request(rows='imu_silent:inf'), Size(280.0, 1), ('default',))
+    result = run_job(job)
+    assert (result.verdict, result.offline, result.equal) == ('reported', 'reported', True)
+    assert 'no IMU sample for 3 s' in result.sentence
+    # Packets that came a minute after the last sample.
+    assert 'acomms/rx TOO_LATE' in result.offline_sentence
+    assert tables([result])[2].rows == ()
+    other = replace(result, offline='covered', equal=False)
+    (line,) = tables([other])[2].rows
+    assert (line['verdict'], line['offline'], line['equal']) == ('reported', 'covered', 'NO')
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(300)
+@pytest.mark.parametrize('row', ['imu_late:5', 'packet_burnt:600', 'clock_step:-10'])
+def test_a_run_is_what_a_replay_of_an_injected_bag_gives(tmp_path, row):
+    """`inject` on the recording of the run without the fault, then `replay`, bit for bit."""
+    (job,) = plan(Request(rows=row), Size(280.0, 1), ('default',))
+    made = _world_of(job.row, job.seed)
+    params = FollowerParams(**to_mapping(made.world.params(output_period_s=0.5, **job.changes)))
+    end_ns = made.start_ns + 160 * NS
+    clean = drive(params, made.messages, made.start_ns, end_ns)
+    bag = write(tmp_path / 'clean', params, clean.record, made.start_ns)
+    injection = replace(job.row.injection, at_s=120.0 - 0.02)  # from the first sample on
+    inject_bag(open_bag(bag), [injection], tmp_path / 'faulty', job.seed)
+    found = replay(open_bag(tmp_path / 'faulty'))
+    messages = [m for m in made.injected(injection, job.seed) if m.reading.true_ns <= end_ns]
+    live = drive(params, messages, made.start_ns, end_ns + 60 * NS)
+    states = [one.data for one in live.record if one.topic == STATE]
+    assert len(states) > 200
+    assert found.of(STATE) == states
+
+
+@pytest.mark.parametrize('mode', ['imu_2038', 'station/imu_2038'])
+def test_messages_are_read_as_the_events_that_they_are_of(mode):
+    world = ROWS[mode].scene.make(3)
+    made = _world_of(ROWS[mode], 3)
+    engine = world.params() if mode == 'imu_2038' else world.params(StationChoices(), 0.0)
+    session = Session(FollowerParams(**to_mapping(engine)), 'follower')
+    events = [e for e in world.inputs.events() if e.stamp_ns < made.start_ns + 12 * NS]
+    assert {type(e) for e in events} >= {ImuSample, DepthSample, Fix}
+    for event, taken in zip(events, made.messages, strict=False):
+        read = session.event_of(taken.received.topic, message_of(event))
+        assert read.stamp_ns == event.stamp_ns == taken.received.arrival_ns
+        if isinstance(event, Fix):
+            assert (read.validity_ns, read.sequence) == (event.validity_ns, event.sequence)
+            if event.polar is None:
+                np.testing.assert_allclose(read.r_e, event.r_e, atol=0.02)
+                np.testing.assert_allclose(read.covariance_e, event.covariance_e, atol=0.1)
+            else:
+                np.testing.assert_allclose(read.polar.station, event.polar.station, atol=1e-9)
+                assert read.polar.range == event.polar.range
+            continue
+        for name in ('omega_ib_b', 'f_b', 'v_m', 'covariance_m', 'depth', 'variance', 'force_b'):
+            if hasattr(event, name):
+                np.testing.assert_array_equal(getattr(read, name), getattr(event, name))
+        if getattr(event, 'C_b_G', None) is not None:
+            np.testing.assert_allclose(read.C_b_G, event.C_b_G, atol=1e-14)
+
+
+def test_levels_stand_in_the_second_that_they_report():
+    listener = Listener(0)
+    listener.word(2 * NS, 2, 'IMU silent')  # said at the end of the second
+    listener.word(3 * NS + 1, 1, 'no DVL')
+    listener.word(4 * NS, 0, 'navigating')
+    trace = listener.trace(6 * NS, '')
+    assert trace.level.tolist() == [0, 2, 0, 1, 0, 0]
+    assert [w.sentence for w in trace.words] == ['IMU silent', 'no DVL']
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(300)
 def test_a_run_in_station_mode():
     (job,) = plan(Request(rows='station/imu_silent:1'), Size(280.0, 1), ('default',))
-    assert run_job(job).verdict in ('recovered', 'reported', 'covered')
+    result = run_job(job)
+    assert result.verdict in ('recovered', 'reported', 'covered')
+    assert (result.offline, result.equal) == (result.verdict, True)

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from inject_events import events_of
 from rclpy.serialization import deserialize_message
 
 from polar_nav_core.engine.events import Fix
@@ -19,7 +20,6 @@ from polar_nav_tools.bags import open_bag
 from polar_nav_tools.bags.errors import BagError
 from polar_nav_tools.cli import main
 from polar_nav_tools.inject.bag import _OUTPUTS, inject_bag
-from polar_nav_tools.inject.events import events_of
 from polar_nav_tools.inject.faults import FAULTS, STATION, inject, parse
 from polar_nav_tools.inject.files import FILE_FAULTS, parse_file
 from polar_nav_tools.inject.messages import STREAM_OF, change, reading_of

@@ -22,7 +22,7 @@ from polar_nav_ros import readers, topics
 
 from ..bags import Bag
 from ..bags.reader import blocks_of
-from .long_bag import VEHICLE
+from ..experiments.received import VEHICLE
 
 _TYPES = {
     topics.IMU: Imu,

@@ -19,13 +19,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from sensor_msgs.msg import Imu
-from std_msgs.msg import String
 
-from polar_nav_core.engine.version import ENGINE_VERSION
-from polar_nav_core.link.packet import Broadcast, encode
 from polar_nav_core.params import to_mapping
 from polar_nav_follower.params import FollowerParams
-from polar_nav_msgs.msg import AcousticPacket, Depth, Dvl, VehicleTruth
+from polar_nav_msgs.msg import Depth, Dvl, VehicleTruth
 from polar_nav_ros import topics
 from polar_nav_ros.cdr import to_bytes
 from polar_nav_sim.trajectory import Truth
@@ -34,11 +31,11 @@ from ..bags import BagWriter
 from ..bags.decode import store_of
 from ..bags.layout import layout_of
 from ..bags.schemas import definition
+from ..experiments.received import VEHICLE, description_of, packet_of
 from ..experiments.schedule import FixSpec
 from ..experiments.world import World, make_world
 from ..experiments.world_spec import WorldSpec
 
-VEHICLE = 'follower'
 RATES_HZ = {topics.IMU: 100.0, topics.DVL: 5.0, topics.DEPTH: 1.0, topics.TRUTH: 1.0}
 PACKETS_HZ = 0.5
 CONFIGURATION = 'modified_akf'
@@ -167,14 +164,7 @@ def _world(hours: float) -> World:
 
 def _run_info(world: World) -> bytes:
     params = FollowerParams(**to_mapping(world.params(configuration=CONFIGURATION)))
-    described = {
-        'node': f'/{VEHICLE}/follower_node',
-        'package': 'polar_nav_follower',
-        'version': '',
-        'engine_version': ENGINE_VERSION,
-        'params': to_mapping(params),
-    }
-    return to_bytes(String(data=json.dumps(described)))
+    return to_bytes(description_of(params))
 
 
 Blocks = Iterator[tuple[NDArray[np.int64], Iterator[bytes]]]
@@ -269,33 +259,7 @@ def _truth_numbers(
 
 
 def _packets(order: int, world: World) -> Stream:
-    params = FollowerParams()
     for number, fix in enumerate(sorted(world.inputs.fixes, key=lambda f: f.key)):
-        message = AcousticPacket(source='leader', destination=VEHICLE, sequence=number)
-        _set(message.transmit_time, fix.transmit_ns)
-        _set(message.receive_time, fix.receive_ns)
-        message.header.stamp = message.transmit_time
-        message.data = encode(
-            Broadcast(
-                source=params.leader_id,
-                target=params.own_id,
-                sequence=fix.sequence,
-                validity_ns=fix.validity_ns,
-                return_ns=fix.validity_ns,
-                leader_r_e=fix.r_e,
-                leader_sigma_horizontal=0.0,
-                leader_sigma_vertical=0.0,
-                leader_v_G=np.zeros(3),
-                leader_sigma_velocity=0.0,
-                leader_grid_heading=0.0,
-                leader_sigma_heading=0.0,
-                r_lf_G=np.zeros(3),
-                r_lf_covariance_G=np.diag(np.diagonal(fix.covariance_e)),
-                sound_speed=1450.0,
-            )
-        )
+        message = packet_of(fix, np.diag(np.diagonal(fix.covariance_e)))
+        message.sequence = number
         yield fix.receive_ns, order, topics.RX, to_bytes(message)
-
-
-def _set(time: Any, stamp_ns: int) -> None:  # noqa: ANN401 - builtin_interfaces/Time
-    time.sec, time.nanosec = divmod(stamp_ns, 1_000_000_000)

@@ -20,13 +20,14 @@ from polar_nav_ros import topics
 
 from ..bags import Bag, open_bag
 from ..bags.arrays import estimates_from_cdr
+from ..experiments.received import VEHICLE
 from ..replay.by_array import replay_arrays
 from ..replay.by_message import parameters, replay
 from ..replay.recorded import load_inputs
 from ..scoring.tables import Column, Table
 from ..series.estimates import EstimateRows
 from .bag_readers import bare, exhausted, inputs_of, mcap_raw, mcap_rclpy, mcap_ros2
-from .long_bag import RATES_HZ, VEHICLE, long_bag
+from .long_bag import RATES_HZ, long_bag
 from .navigation import Disagreement
 from .rounds import Entry, Ratio, Timing, interleave, ratio
 from .whole_bag import WholeBag, arrays_of, opened, scored, take_whole_bag, whole

@@ -14,13 +14,14 @@ from pathlib import Path
 from polar_nav_core.errors import PolarNavError
 
 from ..bags import Bag, open_bag
+from ..experiments.received import VEHICLE
 from ..replay.arrays import SinsArrays, arrays_request, load_arrays
 from ..replay.by_array import replay_arrays
 from ..replay.result import ReplayedRun
 from ..scoring import compare, mission_phases
 from ..terminal.garbage_collection import collect_rarely
 from .bag_readers import bare
-from .long_bag import CONFIGURATION, VEHICLE
+from .long_bag import CONFIGURATION
 
 DECODE = 'open and decode'
 _MODULE = 'polar_nav_tools.benchmarks.whole_bag'

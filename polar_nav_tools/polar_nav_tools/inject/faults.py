@@ -1,7 +1,7 @@
 """The one table of faults: name, meaning, default size with its unit, and what it does.
 
-Faults of messages change readings (`readings`): in a bag, or in a run of the engine. Faults of
-files change bytes (`files`).
+Faults of messages change readings (`readings`): in a bag, or in a simulated run. Faults of files
+change bytes (`files`).
 """
 
 from __future__ import annotations

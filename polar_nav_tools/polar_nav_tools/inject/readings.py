@@ -1,8 +1,7 @@
 """Readings: what a follower receives, in the form that all faults change, bag or not.
 
-A bag's messages (`messages`) and the events of a simulated run (`events`) both become readings,
-pass through the same faults, and become messages or events again. What no fault has changed is
-passed on as it was.
+The messages of a bag, or of a simulated run, become readings (`messages`), pass through the
+faults, and become messages again. What no fault has changed is passed on as it was.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ import numpy as np
 
 from polar_nav_core.engine.events import Array
 
-from .drive import Trace, Word
+from .trace import Trace, Word
 
 RECOVER_S = 60.0
 RECOVER_FIXES = 10

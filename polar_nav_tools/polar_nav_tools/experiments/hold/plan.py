@@ -9,14 +9,17 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+from rclpy.serialization import deserialize_message
 
-from polar_nav_core.engine.events import Event
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.grid import ecef_to_grid
+from polar_nav_core.params import to_mapping
+from polar_nav_follower.params import FollowerParams
+from polar_nav_ros.cdr import to_bytes
 
-from ...inject.events import readings_of
-from ...inject.faults import inject
+from ...inject.faults import Injection, inject
+from ...inject.messages import STREAM_OF, change, reading_of
 from ...inject.readings import Reading
 from ...scoring.tables import Table
 from ..choices import choices_from
@@ -24,51 +27,105 @@ from ..columns import filter_columns
 from ..experiment import Experiment
 from ..jobs import RowJob, RunResult
 from ..mismatch.plan import as_stated
+from ..received import Received, received
 from ..request import Request, Size
 from ..station.columns import COLUMNS as STATION_COLUMNS
 from ..station.world import StationWorld
 from ..station_choices import StationChoices
 from ..suite import Paper, engine_suite
 from ..world import World
-from .drive import Trace, drive
-from .judge import Errors, judge
+from .drive import Taken, drive
+from .judge import Errors, Judged, judge
+from .offline import equals, replayed, trace_of
 from .rows import Row, rows_named, true_positions
 from .table import long_table, tables
+from .trace import Trace
 
 COLUMNS = ('default', 'modified_akf', 'conventional_akf')
 """Filters by default; rows of station mode run those that it has."""
 _OUTPUT_S = 0.5
 
 
+@dataclass(frozen=True)
 class FaultJob(RowJob[Row]):
-    """One run to make, beside the run without the fault."""
+    """One run to make, beside the run without the fault.
+
+    Attributes
+    ----------
+    offline : bool
+        Whether its recording is replayed, too. What a replay knows is no matter of chance: at the
+        first seed only, as it takes longer than the run.
+    """
+
+    offline: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
 class FaultResult(RunResult):
-    """Result of a run: judgement in words, and its numbers as metrics."""
+    """Result of a run: judgement in words, and its numbers as metrics.
+
+    Attributes
+    ----------
+    verdict, sentence : str
+        Of the live run.
+    offline, offline_sentence : str
+        Of its recording, replayed; empty where it was not. Its numbers are metrics named
+        ``offline_...``.
+    equal : bool
+        Whether the replay's estimates and receipts are those of the live run, bit for bit.
+    """
 
     verdict: str = ''
     sentence: str = ''
+    offline: str = ''
+    offline_sentence: str = ''
+    equal: bool = False
 
 
 @dataclass(frozen=True)
-class _Clean:
-    """Run of a filter without a fault."""
+class _Published:
+    """What a follower published in a run, and its errors."""
 
-    params: EngineParams
     trace: Trace
     errors: Errors
 
 
 @dataclass(frozen=True)
+class _Ran:
+    """A run as published live and, if it was replayed, in a replay, which may be equal."""
+
+    live: _Published
+    offline: _Published | None = None
+    equal: bool = False
+
+
+@dataclass(frozen=True)
 class _Made:
-    """World of a seed as readings, and runs in it without faults by filter."""
+    """World of a seed as messages, and runs in it without faults by filter."""
 
     world: World | StationWorld
-    readings: list[Reading]
-    events: list[Event]
-    clean: dict[str, _Clean]
+    messages: list[Taken]
+    clean: dict[str, _Ran]
+
+    @property
+    def start_ns(self) -> int:
+        """True time of the start [ns]."""
+        world = self.world
+        return world.truth.start_ns if isinstance(world, World) else world.run.start_ns
+
+    def injected(self, injection: Injection, seed: int) -> list[Taken]:
+        """Messages with a fault, as they arrive; those that it leaves alone keep their bytes."""
+        before = [one.reading for one in self.messages]
+        return [self._with(r) for r in inject(before, [injection], seed)]
+
+    def _with(self, reading: Reading) -> Taken:
+        old = self.messages[reading.number]
+        if reading is old.reading:
+            return old
+        topic, message, _ = old.received
+        changed = deserialize_message(old.data, type(message))
+        change(changed, old.reading, reading)
+        return Taken(Received(topic, changed, reading.arrival_ns), to_bytes(changed), reading)
 
 
 _made: dict[tuple[str, int], _Made] = {}
@@ -80,8 +137,19 @@ def _world_of(row: Row, seed: int) -> _Made:
     if key not in _made:
         _made.clear()
         world: Any = row.scene.make(seed)
-        _made[key] = _Made(world, *readings_of(world.inputs), {})
+        _made[key] = _Made(world, _taken(received(world.inputs)), {})
     return _made[key]
+
+
+def _taken(messages: Sequence[Received]) -> list[Taken]:
+    return [
+        Taken(
+            one,
+            to_bytes(one.message),
+            reading_of(STREAM_OF[one.topic], number, one.message, one.arrival_ns),
+        )
+        for number, one in enumerate(messages)
+    ]
 
 
 def _params(world: World | StationWorld, changes: Mapping[str, Any]) -> EngineParams:
@@ -89,17 +157,6 @@ def _params(world: World | StationWorld, changes: Mapping[str, Any]) -> EnginePa
     if isinstance(world, World):
         return world.params(**usual)
     return world.params(StationChoices(), 0.0, **usual)
-
-
-def _start_ns(world: World | StationWorld) -> int:
-    return world.truth.start_ns if isinstance(world, World) else world.run.start_ns
-
-
-def _drive(
-    made: _Made, params: EngineParams, readings: Sequence[Reading], length_s: float
-) -> Trace:
-    start_ns = _start_ns(made.world)
-    return drive(params, readings, made.events, start_ns, start_ns + round(length_s * 1e9))
 
 
 def _errors(world: World | StationWorld, trace: Trace, length_s: float) -> Errors:
@@ -112,49 +169,79 @@ def _errors(world: World | StationWorld, trace: Trace, length_s: float) -> Error
     return Errors(trace.time_s[rows], np.einsum('nij,nj->ni', C_e_G, d_r_e), trace.sigma_G[rows])
 
 
-def run_job(job: FaultJob) -> FaultResult:
-    """Result of a run of one filter with one fault."""
-    row, made = job.row, _world_of(job.row, job.seed)
-    length_s = row.scene.duration_s
-    start = time.process_time()
-    clean = made.clean.get(job.column)
-    if clean is None:
-        params = _params(made.world, job.changes)
-        trace = _drive(made, params, made.readings, length_s)
-        clean = _Clean(params, trace, _errors(made.world, trace, length_s))
-        made.clean[job.column] = clean
-    readings = inject(made.readings, [row.injection], job.seed)
-    stopped = ''
-    try:
-        trace = _drive(made, clean.params, readings, length_s)
-    except Exception as error:  # noqa: BLE001 - the node would end: the worst of all results
-        stopped = f'{type(error).__name__}: {error}'
-        trace = Trace(
-            np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3)), (), np.zeros(0), np.zeros(0), stopped
-        )
-    judged = judge(
+def _run(made: _Made, job: FaultJob, messages: Sequence[Taken]) -> _Ran:
+    """Run of a job's filter over messages."""
+    length_s = job.row.scene.duration_s
+    start_ns = made.start_ns
+    until_ns = start_ns + round(length_s * 1e9)
+    params = FollowerParams(**to_mapping(_params(made.world, job.changes)))
+
+    def published(trace: Trace) -> _Published:
+        return _Published(trace, _errors(made.world, trace, length_s))
+
+    live = drive(params, messages, start_ns, until_ns)
+    one = published(live.trace(until_ns))
+    if not job.offline:
+        return _Ran(one)
+    result = replayed(params, live.record, start_ns)
+    other = published(trace_of(result, live, start_ns, until_ns))
+    return _Ran(one, other, equals(result, live.record))
+
+
+def _judged(job: FaultJob, clean: _Published, found: _Published) -> Judged:
+    injection, until_s = job.row.injection, job.row.scene.duration_s
+    return judge(
         clean.errors,
         clean.trace.words,
-        _errors(made.world, trace, length_s),
-        trace,
-        row.injection.at_s,
-        row.injection.end_s,
-        length_s,
+        found.errors,
+        found.trace,
+        injection.at_s,
+        injection.end_s,
+        until_s,
     )
-    metrics = {k: v for k, v in asdict(judged).items() if isinstance(v, float)}
-    stopped_s = float(trace.time_s.max()) if trace.ended and len(trace.time_s) else math.nan
+
+
+def run_job(job: FaultJob) -> FaultResult:
+    """Result of a run of one filter with one fault, live and perhaps replayed."""
+    made = _world_of(job.row, job.seed)
+    start = time.process_time()
+    key = f'{job.column} {job.offline}'
+    if key not in made.clean:
+        made.clean[key] = _run(made, job, made.messages)
+    clean = made.clean[key]
+    stopped = ''
+    try:
+        ran = _run(made, job, made.injected(job.row.injection, job.seed))
+    except Exception as error:  # noqa: BLE001 - the node would end: the worst of all results
+        stopped = f'{type(error).__name__}: {error}'
+        nothing = Trace.nothing(stopped)
+        none = _Published(nothing, _errors(made.world, nothing, job.row.scene.duration_s))
+        ran = _Ran(none, none if job.offline else None)
+    live = _judged(job, clean.live, ran.live)
+    metrics, offline = _numbers(live), None
+    if clean.offline is not None and ran.offline is not None:
+        offline = _judged(job, clean.offline, ran.offline)
+        metrics |= {f'offline_{name}': value for name, value in _numbers(offline).items()}
+    trace = ran.live.trace
     return FaultResult(
-        row.name,
+        job.row.name,
         job.column,
         job.seed,
         metrics,
-        stopped_s,
+        float(trace.time_s.max()) if trace.ended and len(trace.time_s) else math.nan,
         trace.ended,
         {},
         time.process_time() - start,
-        verdict=judged.verdict,
-        sentence=stopped or judged.sentence,
+        verdict=live.verdict,
+        sentence=stopped or live.sentence,
+        offline='' if offline is None else offline.verdict,
+        offline_sentence='' if offline is None else stopped or offline.sentence,
+        equal=ran.equal,
     )
+
+
+def _numbers(judged: Judged) -> dict[str, float]:
+    return {k: v for k, v in asdict(judged).items() if isinstance(v, float)}
 
 
 def plan(request: Request, size: Size, columns: Sequence[str]) -> list[FaultJob]:
@@ -170,7 +257,7 @@ def plan(request: Request, size: Size, columns: Sequence[str]) -> list[FaultJob]
     first = request.first_seed
     engine = dict(request.choices.engine)
     jobs = [
-        FaultJob(row, name, doc, seed, {**as_stated(row.mode), **changes, **engine})
+        FaultJob(row, name, doc, seed, {**as_stated(row.mode), **changes, **engine}, seed == first)
         for row in rows_named(request.rows)
         for seed in range(first, first + size.seeds)
         for name, (doc, changes) in _known(row.mode).items()

@@ -1,72 +1,27 @@
-"""Readings of a run's inputs as arrays, and events of readings, for runs of the engine."""
-
-from __future__ import annotations
+"""Events of readings with faults: what messages with the same faults are compared with."""
 
 import math
 from collections import Counter
-from collections.abc import Iterator
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from polar_nav_core import grid
-from polar_nav_core.engine.events import (
-    ControlSample,
-    DepthSample,
-    DvlPing,
-    Event,
-    Fix,
-    ImuSample,
-    Verdict,
-)
-from polar_nav_core.engine.inputs import Inputs, StationInputs
-
-from .readings import DEPTH, DVL, FIX, IMU, PACKET, THRUST, Reading, Readings, in_order
+from polar_nav_core.engine.events import DvlPing, Fix, Verdict
 
 _INDEFINITE = np.array([[1.0, 1.0, 1.0], [1.0, 1.0, -1.0], [1.0, -1.0, 1.0]])
 
 
-def readings_of(inputs: Inputs | StationInputs) -> tuple[list[Reading], list[Event]]:
-    """Readings in the order of arrival, and the events that they are of, by their numbers.
-
-    Local measurements arrive at their stamps, packets at their reception.
-    """
-    events = list(inputs.events())
-    readings = [
-        Reading(_stream(e), n, e.stamp_ns, e.stamp_ns, e.stamp_ns, _values(e))
-        for n, e in enumerate(events)
-    ]
-    return in_order(readings), events
-
-
-def events_of(readings: Readings, events: list[Event]) -> Iterator[tuple[Reading, Event]]:
+def events_of(readings, events):
     """Readings with their events, numbered on their topics as they come."""
-    counts: Counter[str] = Counter()
+    counts = Counter()
     for reading in readings:
         number = counts[reading.stream]
         counts[reading.stream] += 1
         yield reading, _event(reading, events[reading.number], number)
 
 
-def _stream(event: Event) -> str:
-    kinds = {ImuSample: IMU, DvlPing: DVL, DepthSample: DEPTH, ControlSample: THRUST, Fix: FIX}
-    return kinds[type(event)]
-
-
-def _values(event: Event) -> dict[str, Any]:
-    if isinstance(event, ImuSample):
-        return {'omega_ib_b': event.omega_ib_b, 'f_b': event.f_b}
-    if isinstance(event, DvlPing):
-        return {'v_m': event.v_m, 'covariance_m': event.covariance_m, 'valid': event.valid}
-    if isinstance(event, DepthSample):
-        return {'depth': event.depth, 'variance': event.variance}
-    if isinstance(event, ControlSample):
-        return {'force_b': event.force_b}
-    return dict(PACKET)
-
-
-def _event(reading: Reading, event: Event, number: int) -> Event:
+def _event(reading, event, number):
     values = reading.values
     if isinstance(event, Fix):
         return _fix(reading, event, number)
@@ -76,7 +31,7 @@ def _event(reading: Reading, event: Event, number: int) -> Event:
     return replace(event, stamp_ns=reading.stamp_ns, sequence=number, **values)
 
 
-def _fix(reading: Reading, fix: Fix, number: int) -> Fix:
+def _fix(reading, fix, number):
     v, shift_ns = reading.values, reading.stamp_ns - fix.receive_ns
     out = replace(
         fix,
