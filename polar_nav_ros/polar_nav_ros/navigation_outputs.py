@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import Quaternion
+from numpy.typing import NDArray
 from sensor_msgs.msg import TimeReference
 
 from polar_nav_core import nav_columns
@@ -27,10 +28,18 @@ from .stamps import to_msg, to_ns
 
 
 def nav_to_msg(
-    e: Estimate, params: EngineParams, vehicle: str, frame_id: str = 'earth'
+    e: Estimate,
+    params: EngineParams,
+    vehicle: str,
+    frame_id: str = 'earth',
+    row: NDArray[np.float64] | None = None,
 ) -> NavState:
-    """polar_nav_msgs/NavState of an estimate; ``frame_id`` is the frame of positions."""
-    row = nav_columns.describe(e.r_e[None], e.C_b_G[None], e.P[None])[0]
+    """polar_nav_msgs/NavState of an estimate; ``frame_id`` is the frame of positions.
+
+    ``row`` are the columns of `nav_columns` where they are known: the covariance is not read then.
+    """
+    if row is None:
+        row = nav_columns.describe(e.r_e[None], e.C_b_G[None], e.P[None])[0]
     derived = {name: float(row[k]) for name, k in nav_columns.COLUMNS.items()}
     x, y, z, w = row[nav_columns.QUATERNION].tolist()
     sigma = row[nav_columns.SIGMA]

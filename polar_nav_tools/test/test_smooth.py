@@ -30,7 +30,7 @@ def smoothed(every_s):
         'follower',
         configuration='default',
         changes={},
-        how=How(every_s, covariances=True),
+        how=How(every_s),
         progress=lambda _: None,
     )
 

@@ -96,7 +96,7 @@ def smooth(
         raise typer.BadParameter('goes with --tum, --csv or --kml', param_hint='--at')
     stamps_ns = None if at is None else _stamps(bag, at, msg_path)
     step_s = every if at is None else min(every, _CLOSE_S)
-    how = How(step_s, out is not None, passes)
+    how = How(step_s, passes)
     if mapping is None:
         run, missing = _own(bag, vehicle, configuration, change or [], how)
     else:

@@ -44,6 +44,8 @@ from .lever import at_the_imu
 from .load import Loaded, load
 from .sources import Source
 
+_NOT_KEPT = np.zeros((0, 0))
+"""Covariance of an estimate of which only the derived columns are known."""
 Row = tuple[int, str, bytes]
 """Stamp [ns], topic without the vehicle, CDR bytes."""
 
@@ -177,7 +179,8 @@ def _expected(loaded: Loaded) -> int:
 
 
 def states_of(track: engine_run.Track, params: FollowerParams, vehicle: str) -> Iterator[Row]:
-    """Return the rows of a track with covariances as messages of nav/state."""
+    """Return the rows of a track as messages of nav/state: with covariances or derived columns."""
+    known = len(track.derived) == len(track.stamps_ns)
     for k in range(len(track.stamps_ns)):
         errors = track.sensor_errors[k]
         estimate = Estimate(
@@ -185,7 +188,7 @@ def states_of(track: engine_run.Track, params: FollowerParams, vehicle: str) -> 
             r_e=track.r_e[k],
             v_G=track.v_G[k],
             C_b_G=track.C_b_G[k],
-            P=track.P[k],
+            P=_NOT_KEPT if known else track.P[k],
             gyro_bias_b=errors[0:3],
             accel_bias_b=errors[3:6],
             dvl_scale_m=errors[6:9],
@@ -196,7 +199,8 @@ def states_of(track: engine_run.Track, params: FollowerParams, vehicle: str) -> 
             last_validity_ns=int(track.fixes[k, 2]),
             local_statistics=track.local_statistics[k],
         )
-        message = nav_to_msg(estimate, params, vehicle)
+        row = track.derived[k] if known else None
+        message = nav_to_msg(estimate, params, vehicle, row=row)
         yield estimate.stamp_ns, topics.STATE, to_bytes(message)
 
 

@@ -10,9 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from polar_nav_core import nav_columns
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine import smoothing
 from polar_nav_core.engine.events import Receipt
@@ -42,13 +40,30 @@ Progress = Callable[[float], None]
 FILTER, SMOOTHER = 'filter', 'smoother'
 
 
-def _between_gaps(track: engine_run.Track, imu_stamps_ns: NDArray[np.int64]) -> engine_run.Track:
-    """Estimates at IMU samples, with covariances only: a rate is needed to move them."""
-    at = np.isin(track.stamps_ns, imu_stamps_ns)
-    columns = {
-        name: value[at] if len(value) == len(at) else value for name, value in vars(track).items()
-    }
-    return engine_run.Track(**{**columns, 'derived': np.zeros((0, nav_columns.WIDTH))})
+def _to_base_link(
+    params: FollowerParams, inputs: Inputs, imu_lever_b: tuple[float, float, float]
+) -> Callable[[engine_run.Track], engine_run.Track] | None:
+    """Function that moves estimates of the IMU's point to base_link; None where they are one.
+
+    It leaves out estimates between IMU samples, in a gap: a rate is needed to move them.
+    """
+    if not any(imu_lever_b):
+        return None
+    rates = engine_run.used_rates(params, inputs)
+
+    def moved(piece: engine_run.Track) -> engine_run.Track:
+        stamps = rates.stamps_ns
+        place = np.searchsorted(stamps, piece.stamps_ns).clip(max=len(stamps) - 1)
+        at = stamps[place] == piece.stamps_ns
+        columns = {
+            name: value[at] if len(value) == len(at) else value
+            for name, value in vars(piece).items()
+        }
+        return engine_run.Track(**columns).at_base_link(
+            np.asarray(imu_lever_b), rates, params.gyro_noise_density
+        )
+
+    return moved
 
 
 @dataclass(frozen=True)
@@ -59,14 +74,11 @@ class How:
     ----------
     every_s : float
         From one estimate to the next [s].
-    covariances : bool
-        Whether the track keeps them, for `write`.
     passes : int
         Most passes.
     """
 
     every_s: float = 1.0
-    covariances: bool = False
     passes: int = smoothing.MOST_PASSES
 
 
@@ -83,7 +95,7 @@ class SmoothedRun:
         Of both.
     filtered, smoothed : EstimateSeries
     track : Track
-        The smoothed one, with covariances where they were asked for.
+        The smoothed one, with derived columns.
     found : Smoothed
         With what the innovations say of common errors.
     filter_receipts : tuple of Receipt
@@ -203,28 +215,27 @@ def _both(
 ]:
     """Filtered and smoothed estimates of base_link; ``params`` are ``stated`` from the IMU."""
     smoothing.in_order(params)  # refuses before a long run
-    rows = EstimateRows(params)
+    stamps = inputs.imu_stamps_ns
+    span_s = float(stamps[-1] - stamps[0]) * 1e-9 if len(stamps) else 0.0
+    expected = min(int(span_s / params.output_period_s), len(stamps)) + 2
+    rows = EstimateRows(params, expected)
     result = engine_run.run(
         stated,
         inputs,
         sink=rows.append,
         imu_lever_b=imu_lever_b,
         progress=lambda share: progress(0.2 * share),
+        derived=True,
     )
     found = smoothing.smooth(
         params,
         inputs,
         every_s=how.every_s,
-        covariances=how.covariances or any(imu_lever_b),
         passes=how.passes,
+        move=_to_base_link(params, inputs, imu_lever_b),
         progress=lambda share: progress(0.2 + 0.8 * share),
     )
     track = found.track
-    if any(imu_lever_b):
-        rates = engine_run.used_rates(params, inputs)
-        track = _between_gaps(track, rates.stamps_ns).at_base_link(
-            np.asarray(imu_lever_b), rates, params.gyro_noise_density
-        )
     smoothed = EstimateRows(params, len(track.stamps_ns))
     smoothed.append(track)
     return rows.series(vehicle), smoothed.series(vehicle), track, found, result.receipts
