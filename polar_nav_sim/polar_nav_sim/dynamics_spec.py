@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polar_nav_core.errors import ConfigError
-from polar_nav_core.kernels.vehicle import dynamics as kernels
 from polar_nav_core.params import param, vector
 
+from .kernels import dynamics as kernels
 from .section import Spec, parse
 
 Floats = NDArray[np.float64]

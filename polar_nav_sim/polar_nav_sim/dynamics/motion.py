@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from polar_nav_core.attitude import matrix_from_euler
 from polar_nav_core.errors import PolarNavError
-from polar_nav_core.kernels.vehicle import dynamics as kernels
 from polar_nav_core.vehicle_model import steady_speed
 
 from ..dynamics_spec import DynamicsSpec
+from ..kernels import dynamics as kernels
 
 Floats = NDArray[np.float64]
 

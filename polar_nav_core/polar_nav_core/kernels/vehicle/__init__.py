@@ -1,1 +1,1 @@
-"""Compiled model of the vehicle: dynamics, slopes, surge along a track."""
+"""Compiled model of the vehicle: slopes, surge along a track."""

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from polar_nav_core.attitude import matrix_from_euler, skew
-from polar_nav_core.kernels.vehicle import dynamics as kernels
 from polar_nav_core.vehicle_model import VehicleModel
+from polar_nav_sim.kernels import dynamics as kernels
 
 VECTORS = json.loads((Path(__file__).parent / 'data' / 'has_dynamics.json').read_text())
 VEHICLE = VECTORS['dynamics'][0]['vehicle']

@@ -13,8 +13,8 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from ...arrays import Array
-from ..cache import entry, kernel, routine
+from polar_nav_core.arrays import Array
+from polar_nav_core.kernels.cache import entry, kernel, routine
 
 STATES = 12
 """Numbers of a state: position, phi, theta, psi, velocity, rate."""
