@@ -45,7 +45,7 @@ def test_launch_ends_well_on_ctrl_c_and_its_bag_verifies(launch):
     assert processes_with(f'{bag}.run/') == {}
     done = polar('verify', bag, '--json')
     assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout)['topics']['nav/state']['live_messages'] > 10
+    assert json.loads(done.stdout)['topics']['nav/state']['live_messages'] > 0
 
 
 @pytest.mark.usefixtures('launch')
