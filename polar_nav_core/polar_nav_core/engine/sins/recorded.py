@@ -51,8 +51,6 @@ class FixPlan(NamedTuple):
 
 
 _REFUSED = FixPlan(False, np.zeros((3, 3)))
-_ENLARGEMENT = 8
-"""Column of a row of ``fix_outcomes``."""
 
 
 def fix_name(fix: Fix) -> FixName:
@@ -154,7 +152,7 @@ class Recorded(Ignore):
         """Log fixes that were decided in the streams."""
         if self._fixes is not None:
             self._fixes.fixes += fixes
-            self._fixes.enlargements += outcomes[:, _ENLARGEMENT].tolist()
+            self._fixes.enlargements += [self.filter.outcome_of(r).inflation for r in outcomes]
 
     def offset(self, fix: Fix) -> tuple[Array, float] | None:
         """As `Fusion.offset`; None where fixes are decided on already: nobody else judges them."""
