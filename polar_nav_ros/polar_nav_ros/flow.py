@@ -1,4 +1,4 @@
-"""State of the `lockstep` pace: whether the truth may go on, and which nodes lag behind.
+"""Whether the truth may go on, and which nodes lag behind, from what nodes acknowledge.
 
 Every node acknowledges how many messages it has taken and published on each topic (LockstepAck). A
 node acknowledges after a callback took its messages and published all they led to, so once a node
@@ -109,6 +109,26 @@ class Flow:
                 if count != expected:
                     behind.setdefault(node, {})[topic] = (count, expected)
         return behind
+
+    def lag_s(self, elapsed_s: float) -> float:
+        """Time that the slowest subscriber is behind [s], from counts and mean rates of topics.
+
+        One message counts as under way: of a rare topic it would be seconds.
+
+        Parameters
+        ----------
+        elapsed_s : float
+            Time in which the published messages were [s].
+        """
+        return max(
+            (
+                (sent - taken - 1) / sent * elapsed_s
+                for topics in self.laggards().values()
+                for taken, sent in topics.values()
+                if sent > taken
+            ),
+            default=0.0,
+        )
 
     def settled(self) -> bool:
         """Whether all subscribers have received all published messages."""

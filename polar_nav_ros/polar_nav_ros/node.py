@@ -43,7 +43,7 @@ SUPERVISED = 'POLAR_NAV_SUPERVISED'
 """Set in the environment by who reads lines for machines from stdout: ready, progress, counts."""
 _TURN = 500
 """Messages of one subscription that are taken at a time; then timers and signals have a turn."""
-_HEARTBEAT_S = 0.5
+_HEARTBEAT_S = 0.2
 _POLL_S = 0.01
 _STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 

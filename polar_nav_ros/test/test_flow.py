@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass, field
 
+import pytest
+
 from polar_nav_ros.flow import Flow
 
 
@@ -84,3 +86,26 @@ def test_strangers_are_not_waited_for():
         Ack('/stranger', taken_topics=['/f/truth'], taken_counts=[0], taken_matched=[1])
     )
     assert flow.settled()
+
+
+def test_lag_is_the_time_that_the_slowest_subscriber_has_not_taken():
+    flow = ready_flow()
+    assert flow.lag_s(0.0) == 0.0
+    flow.own({'/f/truth': 1001})
+    flow.update(imu(taken=1001, published=1001))
+    flow.update(follower(taken=800))
+    # 201 of 1001 messages in 10.01 s have not been taken, one of them is under way.
+    assert flow.lag_s(10.01) == pytest.approx(2.0)
+    flow.update(follower(taken=1000))
+    assert flow.lag_s(10.01) == 0.0
+    # The truth's own reader, too.
+    flow.update(imu(taken=500, published=1001))
+    assert flow.lag_s(10.01) == pytest.approx(5.0)
+
+
+def test_a_rare_message_under_way_is_no_lag():
+    flow = ready_flow()
+    flow.own({'/f/truth': 10})
+    flow.update(imu(taken=10, published=3))
+    flow.update(follower(taken=2))
+    assert flow.lag_s(30.0) == 0.0

@@ -47,8 +47,15 @@ class TruthParams(NodeParams):
         600.0,
         'Longest wait for the expected nodes before the first sample (realtime)',
     )
+    max_behind_s: float = param(
+        0.0,
+        's',
+        0.0,
+        60.0,
+        'The clock waits for expected nodes that are behind by more (realtime); 0: for none',
+    )
     stall_s: float = param(
-        10.0, 's', 0.5, 3600.0, 'Log nodes that delay the truth after this wall time (lockstep)'
+        10.0, 's', 0.5, 3600.0, 'Log nodes that delay the truth after this wall time'
     )
     exit_at_end: bool = flag(False, 'End with status 0 after the mission, when all is received')
     commands: bool = flag(

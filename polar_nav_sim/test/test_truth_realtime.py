@@ -111,3 +111,29 @@ def test_presence_acknowledges_seldom():
     executor.shutdown()
     for node in (truth, listener):
         node.destroy_node()
+
+
+def test_the_clock_waits_for_a_node_that_is_behind():
+    truth = truth_node(expected_nodes=['/listener'], max_behind_s=0.1)
+    listener = Listener(presence=True)
+    together = SingleThreadedExecutor()
+    for node in (truth, listener):
+        together.add_node(node)
+    spin(together, 30.0, until=lambda: truth._next > 20)
+    together.remove_node(listener)  # it takes nothing any more
+    alone = SingleThreadedExecutor()
+    alone.add_node(listener)
+    spin(together, 30.0, until=truth._some_node_is_behind)
+    held = truth._next
+    assert held < SAMPLES
+    spin(together, 0.5)
+    assert truth._next == held
+    together.add_node(listener)
+    took = spin(together, 30.0)
+    assert truth._next == len(listener.stamps) == SAMPLES
+    # What was waited is not made up for in a burst.
+    assert took > (SAMPLES - held) / 100.0 - 0.6
+    for executor in (together, alone):
+        executor.shutdown()
+    for node in (truth, listener):
+        node.destroy_node()

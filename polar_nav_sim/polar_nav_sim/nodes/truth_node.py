@@ -2,13 +2,14 @@
 
 At the pace ``realtime`` it follows the wall clock: before the first sample it waits, for a limited
 time, until the expected nodes have found one another, and after the last one until they have
-received everything. At ``lockstep`` it publishes a window of truth only when all messages that
-follow from the windows before have been received by all nodes (polar_nav_ros.flow).
+received everything. On the way it waits for nodes that are behind, if it is told to. At
+``lockstep`` it publishes a window of truth only when all messages that follow from the windows
+before have been received by all nodes (polar_nav_ros.flow).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from rclpy.clock import Clock as RosClock
@@ -129,6 +130,7 @@ class TruthNode(PolarNode[TruthParams]):
 
     def _run_by_the_clock(self) -> None:
         self._moved_ns = self._wall.now().nanoseconds
+        self._turned_ns = self._moved_ns
         self._began_ns = self._moved_ns + round(self.params.start_delay_s * NS)
         self.create_timer(_TURN_S, self._realtime, clock=self._wall)
 
@@ -147,7 +149,15 @@ class TruthNode(PolarNode[TruthParams]):
 
     def _realtime(self) -> None:
         period_ns = self._mission.imu_period_ns
-        passed_ns = (self._wall.now().nanoseconds - self._began_ns) * self.params.realtime_factor
+        now_ns = self._wall.now().nanoseconds
+        if self._some_node_is_behind():
+            # Time that the graph was waited for has not passed: no burst makes up for it.
+            self._began_ns += now_ns - self._turned_ns
+            self._turned_ns = now_ns
+            self._complain(self._behind)
+            return
+        self._turned_ns = now_ns
+        passed_ns = (now_ns - self._began_ns) * self.params.realtime_factor
         due = int(passed_ns // period_ns) + 1
         burst = max(1, round(_BURST_S * NS / period_ns))
         k1 = min(due, self._next + burst, self._stream.count)
@@ -156,6 +166,13 @@ class TruthNode(PolarNode[TruthParams]):
             self._prepare()
         elif self._next == self._stream.count and self._all_taken():
             self._end()
+
+    def _some_node_is_behind(self) -> bool:
+        limit_s = self.params.max_behind_s * max(1.0, self.params.realtime_factor)
+        if limit_s == 0.0:
+            return False
+        self._flow.own(self.published_counts())
+        return self._flow.lag_s(self._next * self._mission.imu_period_ns / NS) > limit_s
 
     def _all_taken(self) -> bool:
         """Whether all nodes have acknowledged everything, or the time for it is over."""
@@ -190,14 +207,15 @@ class TruthNode(PolarNode[TruthParams]):
                 self.get_logger().info('the graph is complete')
                 self._moved_ns = self._wall.now().nanoseconds
                 return
+        if not (self._next == self._stream.count and self._settled()):
+            self._complain(self._behind if self._ready else self._absent)
+
+    def _complain(self, of: Callable[[], str]) -> None:
+        """Log what the truth waits for, once it has waited for long."""
         waited_s = (self._wall.now().nanoseconds - self._moved_ns) / NS
-        if waited_s < self.params.stall_s or (
-            self._next == self._stream.count and self._settled()
-        ):
-            return
-        complaint = '; '.join(self._flow.missing()) if not self._ready else self._behind()
-        self._complaint = f'waiting for {waited_s:.0f} s: {complaint}'
-        self.get_logger().warning(self._complaint, throttle_duration_sec=self.params.stall_s)
+        if waited_s >= self.params.stall_s:
+            self._complaint = f'waiting for {waited_s:.0f} s: {of()}'
+            self.get_logger().warning(self._complaint, throttle_duration_sec=self.params.stall_s)
 
     def _tell_progress(self) -> None:
         period_s = self._mission.imu_period_ns / NS
@@ -209,6 +227,9 @@ class TruthNode(PolarNode[TruthParams]):
         return self._flow.settled() and (
             self._vehicles is None or self._vehicles.taken(self._flow.published())
         )
+
+    def _absent(self) -> str:
+        return '; '.join(self._flow.missing())
 
     def _behind(self) -> str:
         return '; '.join(

@@ -44,6 +44,9 @@ _STATE_PERIOD_S = 1.0
 REALTIME_GATHER_S = 300.0
 """Longest wait for the nodes to find each other before the first sample: a follower that compiles
 its kernels for the first time takes a minute or two, on a busy machine more."""
+REALTIME_BEHIND_S = 0.5
+"""What a busy machine may be behind the clock. Sensors, link and follower follow one another, so
+that a message is late by a few times this at most, which the reorder window has room for."""
 
 
 @dataclass(frozen=True)
@@ -186,6 +189,9 @@ def _truth_node(mission: Mission, options: GraphOptions, others: list[str]) -> N
         parameters['window_s'] = LOCKSTEP_WINDOW_S
     else:
         parameters['gather_s'] = REALTIME_GATHER_S
+        if not options.respawn:
+            # Nobody waits for a node that is away; without such nodes, nothing need come late.
+            parameters['max_behind_s'] = REALTIME_BEHIND_S
     executable = 'vehicle_node' if mission.dynamic else 'truth_node'
     return sim_node(executable, '', Stage.TRUTH, parameters)
 
