@@ -10,7 +10,10 @@ import time
 import pytest
 from live_support import TOOL, polar, processes_with
 
-pytestmark = [pytest.mark.live, pytest.mark.timeout(240)]
+pytestmark = [pytest.mark.live, pytest.mark.timeout(400)]
+
+SOME_SECONDS = 600_000
+"""Bytes of a bag after five seconds of the mission or more, with a state ten times a second."""
 
 
 @pytest.fixture
@@ -38,14 +41,19 @@ def launch(own_domain, tmp_path):
 
 def test_launch_ends_well_on_ctrl_c_and_its_bag_verifies(launch):
     process, bag, log = launch
-    time.sleep(5.0)
+    file = bag / 'launched_0.mcap'
+    deadline = time.monotonic() + 120.0
+    while file.stat().st_size < SOME_SECONDS:
+        assert process.poll() is None, log.read_text()
+        assert time.monotonic() < deadline, log.read_text()
+        time.sleep(0.1)
     process.send_signal(signal.SIGINT)
     process.communicate(timeout=60.0)
     assert process.returncode == 0, log.read_text()
     assert processes_with(f'{bag}.run/') == {}
     done = polar('verify', bag, '--json')
     assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout)['topics']['nav/state']['live_messages'] > 0
+    assert json.loads(done.stdout)['topics']['nav/state']['live_messages'] > 10
 
 
 @pytest.mark.usefixtures('launch')

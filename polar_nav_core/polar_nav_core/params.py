@@ -77,7 +77,7 @@ class NodeParams:
         False, 'Acknowledge every message to truth_node, which then loses nothing'
     )
     presence: bool = flag(
-        False, 'Acknowledge twice a second, so that truth_node can wait for the whole graph'
+        False, 'Acknowledge five times a second, so that truth_node can wait for the whole graph'
     )
 
     def __post_init__(self) -> None:
