@@ -7,6 +7,7 @@ timers and signals have theirs. Clocks are read for diagnostics only.
 
 from __future__ import annotations
 
+import inspect
 import time
 from collections.abc import Callable, Mapping
 from typing import Any, Protocol
@@ -16,6 +17,24 @@ BEHIND_S = 1.0
 BETWEEN = 10
 """Messages of a long burst after which what waits on other topics is taken."""
 _NS = 1_000_000_000
+
+
+Informed = Callable[[Any, dict[str, Any]], None]
+
+
+def informed(callback: Informed) -> Callable[..., None]:
+    """Callback of a message and of what the middleware knows of it, for any executor.
+
+    rclpy looks at the signature whether a callback wants both; then its executors that ask for
+    messages pass two arguments, the one of events (as of 7.1.11) one pair.
+    """
+
+    def call(*given: Any) -> None:  # noqa: ANN401 - a message and a dict
+        message, about = given if len(given) == 2 else given[0]
+        callback(message, about)
+
+    call.__signature__ = inspect.signature(callback)  # type: ignore[attr-defined]
+    return call
 
 
 class Handle(Protocol):

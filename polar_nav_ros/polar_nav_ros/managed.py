@@ -107,6 +107,6 @@ class ManagedNode(LifecycleNodeMixin, PolarNode[P]):  # type: ignore[misc]
 
     def _end(self, status: int) -> None:
         def leave() -> None:
-            raise SystemExit(status)
+            self.ended = status
 
         self.create_timer(_LAST_WORDS_S, leave, clock=_STEADY)

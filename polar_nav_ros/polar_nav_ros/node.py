@@ -28,7 +28,7 @@ from polar_nav_core.params import NodeParams, to_mapping
 from polar_nav_msgs.msg import LockstepAck
 
 from . import topics
-from .backlog import Backlog, Drain
+from .backlog import Backlog, Drain, informed
 from .diagnostics import Diagnosis
 from .parameters import load
 from .qos import BEST_EFFORT, overridden, overriding
@@ -44,6 +44,8 @@ SUPERVISED = 'POLAR_NAV_SUPERVISED'
 _TURN = 500
 """Messages of one subscription that are taken at a time; then timers and signals have a turn."""
 _HEARTBEAT_S = 0.2
+_OFFERS_S = 0.2
+"""Between looks at what publishers offer [s]."""
 _POLL_S = 0.01
 _STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 
@@ -138,8 +140,11 @@ class PolarNode(Node, Generic[P]):  # type: ignore[misc]
         self._outputs: list[CountedPublisher] = []
         self._inputs: list[Input] = []
         self._drains: list[Callable[[], None]] = []
+        self._strict: list[Callable[[], None]] = []
         self.relaxed: set[str] = set()
         """Full names of the topics that a publisher offers best effort only."""
+        self.ended: int | None = None
+        """Exit status of a node whose work is done."""
         self.backlog = Backlog()
         self._ack_sequence = 0
         self._acks: Publisher | None = None
@@ -151,6 +156,7 @@ class PolarNode(Node, Generic[P]):  # type: ignore[misc]
         self._run_info = self.create_publisher(String, topics.RUN_INFO, LATCHED_QOS)
         self._run_info.publish(String(data=self._describe()))
         self.create_timer(1.0, self._publish_diagnosis, clock=_STEADY)
+        self.create_timer(_OFFERS_S, self._ask_no_more_than_is_offered, clock=_STEADY)
         if self._acks is not None:
             self.create_timer(_HEARTBEAT_S, self._tell_counts, clock=_STEADY)
 
@@ -223,9 +229,9 @@ class PolarNode(Node, Generic[P]):  # type: ignore[misc]
                     other()
 
         others = drain_others if after_others else None
-        replaced: list[str] = []  # not by name: two sources may be of one topic
 
         # The first one is a message of msg_type, or its bytes.
+        @informed
         def drained(first: Any, about: dict[str, Any]) -> None:  # noqa: ANN401
             if others is not None:
                 others()
@@ -236,31 +242,36 @@ class PolarNode(Node, Generic[P]):  # type: ignore[misc]
                 then()
             self.acknowledge()
 
-        def relax(_event: object) -> None:
-            name = subscription.topic_name
-            if not (self.params.lockstep or replaced or overridden(self, name)):
-                replaced.append(name)
-                self.get_logger().info(f'{name} is offered best effort only: taken as that')
-                self.relaxed.add(name)
-                drain()
-                self._drains.remove(drain)
-                self.destroy_subscription(subscription)
-                self.subscribe(
-                    msg_type,
-                    topic,
-                    callback,
-                    raw=raw,
-                    qos=BEST_EFFORT,
-                    after_others=after_others,
-                    then=then,
-                )
-                newest = self._inputs[-1]
-                if isinstance(newest, _Drained):
-                    newest.drain.count += entry.count
+        def relax() -> None:
+            if not self._is_offered_less(entry):
+                return
+            name = entry.topic
+            self.get_logger().info(f'{name} is offered best effort only: taken as that')
+            self.relaxed.add(name)
+            drain()
+            self._drains.remove(drain)
+            self._strict.remove(relax)
+            self.destroy_subscription(subscription)
+            self.subscribe(
+                msg_type,
+                topic,
+                callback,
+                raw=raw,
+                qos=BEST_EFFORT,
+                after_others=after_others,
+                then=then,
+            )
+            newest = self._inputs[-1]
+            if isinstance(newest, _Drained):
+                newest.drain.count += entry.count
 
         self._drains.append(drain)
         reliable = qos.reliability == ReliabilityPolicy.RELIABLE
-        events = SubscriptionEventCallbacks(incompatible_qos=relax) if reliable else None
+        events = None
+        full_name = self.resolve_topic_name(topic)
+        if reliable and not (self.params.lockstep or overridden(self, full_name)):
+            self._strict.append(relax)
+            events = SubscriptionEventCallbacks(use_default_callbacks=False)
         subscription = self.create_subscription(
             msg_type,
             topic,
@@ -274,6 +285,21 @@ class PolarNode(Node, Generic[P]):  # type: ignore[misc]
         entry = _Drained(subscription, waiting)
         self.count_input(entry)
         return subscription
+
+    def _is_offered_less(self, entry: Input) -> bool:
+        """Whether a publisher that a reliable subscription has not found offers best effort.
+
+        Asked, not told: the middleware's event of it is lost where it comes before an executor
+        listens.
+        """
+        if entry.matched >= self.count_publishers(entry.topic):
+            return False
+        offered = self.get_publishers_info_by_topic(entry.topic)
+        return any(i.qos_profile.reliability == ReliabilityPolicy.BEST_EFFORT for i in offered)
+
+    def _ask_no_more_than_is_offered(self) -> None:
+        for relax in list(self._strict):
+            relax()
 
     def count_input(self, entry: Input) -> None:
         """Add a subscription to the acknowledgements, in place of an older one of its topic."""

@@ -1,13 +1,15 @@
 """A node that gets more than it can take: turns end, losses are counted, lateness is reported."""
 
+import inspect
 import logging
 
 import numpy as np
+import pytest
 
 from polar_nav_core.engine.engine import Engine
 from polar_nav_core.engine.events import ImuSample
 from polar_nav_core.engine.params import EngineParams
-from polar_nav_ros.backlog import Backlog, Drain
+from polar_nav_ros.backlog import Backlog, Drain, informed
 from polar_nav_ros.diagnostics import Level
 from polar_nav_ros.navigation_health import NavigationHealth
 
@@ -100,3 +102,19 @@ def test_a_flood_is_a_warning_and_changes_nothing_else():
     assert '2 messages were dropped before it took them (9 so far)' in (
         health.diagnose({}, lost=9).message
     )
+
+
+def test_a_callback_that_is_informed_takes_two_arguments_or_a_pair():
+    taken = []
+
+    def callback(message, about):
+        taken.append((message, about))
+
+    call = informed(callback)
+    call('one', {'received_timestamp': 1})
+    call(('two', {'received_timestamp': 2}))
+    assert taken == [('one', {'received_timestamp': 1}), ('two', {'received_timestamp': 2})]
+    # By its signature rclpy knows that it wants both.
+    with pytest.raises(TypeError):
+        inspect.signature(call).bind('one')
+    inspect.signature(call).bind('one', {})

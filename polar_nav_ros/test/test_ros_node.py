@@ -54,6 +54,17 @@ def _ros(monkeypatch):
     rclpy.try_shutdown()
 
 
+@pytest.fixture(params=[SingleThreadedExecutor, process._executor], ids=['asks', 'is told'])
+def executor(request):
+    """Executor of rclpy, and the one of processes, whose signal handlers are taken back."""
+    handlers = {n: signal.getsignal(n) for n in (signal.SIGINT, signal.SIGTERM)}
+    executor = request.param()
+    yield executor
+    executor.shutdown()
+    for number, handler in handlers.items():
+        signal.signal(number, handler)
+
+
 def spin_until(executor, done, seconds=15.0):
     end = time.monotonic() + seconds
     while not done() and time.monotonic() < end:
@@ -61,7 +72,7 @@ def spin_until(executor, done, seconds=15.0):
     assert done()
 
 
-def test_takes_everything_publishes_and_acknowledges():
+def test_takes_everything_publishes_and_acknowledges(executor):
     echo = Echo(parameter_overrides=[Parameter('lockstep', value=True)])
     peer = rclpy.create_node('peer')
     acks, got, infos = [], [], []
@@ -69,7 +80,6 @@ def test_takes_everything_publishes_and_acknowledges():
     peer.create_subscription(Depth, 'out', got.append, DATA_QOS)
     peer.create_subscription(String, topics.RUN_INFO, infos.append, LATCHED_QOS)
     source = peer.create_publisher(Depth, 'in', DATA_QOS)
-    executor = SingleThreadedExecutor()
     executor.add_node(echo)
     executor.add_node(peer)
     spin_until(
@@ -93,7 +103,7 @@ def test_takes_everything_publishes_and_acknowledges():
     peer.destroy_node()
 
 
-def test_what_moves_time_on_is_taken_last():
+def test_what_moves_time_on_is_taken_last(executor):
     """A node that was held up does not find one of its inputs seconds ahead of the others."""
     node = ros_node.PolarNode('late', NodeParams)
     got = []
@@ -102,7 +112,6 @@ def test_what_moves_time_on_is_taken_last():
     node.subscribe(Depth, 'slow', lambda m: got.append(('slow', m.depth)))
     peer = rclpy.create_node('peer')
     clock, slow = (peer.create_publisher(Depth, t, DATA_QOS) for t in ('clock', 'slow'))
-    executor = SingleThreadedExecutor()
     executor.add_node(node)
     spin_until(
         executor, lambda: clock.get_subscription_count() == slow.get_subscription_count() == 1
@@ -119,10 +128,9 @@ def test_what_moves_time_on_is_taken_last():
 
 
 @pytest.mark.parametrize('lockstep', [False, True])
-def test_a_best_effort_publisher_is_heard_but_in_lockstep(lockstep):
+def test_a_best_effort_publisher_is_heard_but_in_lockstep(lockstep, executor):
     echo = Echo(parameter_overrides=[Parameter('lockstep', value=lockstep)])
     peer = rclpy.create_node('peer')
-    executor = SingleThreadedExecutor()
     executor.add_node(echo)
     executor.add_node(peer)
     source = peer.create_publisher(Depth, 'in', DATA_QOS)
@@ -145,13 +153,12 @@ def test_a_best_effort_publisher_is_heard_but_in_lockstep(lockstep):
     peer.destroy_node()
 
 
-def test_both_subscriptions_of_one_topic_hear_a_best_effort_publisher():
+def test_both_subscriptions_of_one_topic_hear_a_best_effort_publisher(executor):
     """An IMU whose orientation is a heading, too."""
     node, peer, got = ros_node.PolarNode('twice', NodeParams), rclpy.create_node('peer'), []
     for name in ('rates', 'heading'):
         node.subscribe(Depth, 'in', lambda _, n=name: got.append(n))
     weak = peer.create_publisher(Depth, 'in', BEST_EFFORT)
-    executor = SingleThreadedExecutor()
     executor.add_node(node)
     executor.add_node(peer)
     spin_until(executor, lambda: weak.get_subscription_count() == 2)
@@ -254,7 +261,7 @@ def test_a_middleware_that_does_not_shut_down_is_left_behind():
     assert 'the middleware did not shut down within 0.1 s' in err
 
 
-def test_a_long_burst_does_not_keep_other_topics_waiting():
+def test_a_long_burst_does_not_keep_other_topics_waiting(executor):
     """What comes on another topic within the burst is taken within it."""
     order = []
 
@@ -276,7 +283,6 @@ def test_a_long_burst_does_not_keep_other_topics_waiting():
 
     two, peer = Two(), rclpy.create_node('peer')
     burst = peer.create_publisher(Depth, 'burst', DATA_QOS)
-    executor = SingleThreadedExecutor()
     executor.add_node(two)
     executor.add_node(peer)
     spin_until(executor, lambda: burst.get_subscription_count() == 1)

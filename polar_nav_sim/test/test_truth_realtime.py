@@ -45,14 +45,11 @@ def truth_node(**params):
     return TruthNode(parameter_overrides=[Parameter(k, value=v) for k, v in values.items()])
 
 
-def spin(executor, seconds, until=lambda: False):
+def spin(executor, truth, seconds, until=lambda: False):
     """Spin until the mission is over, a condition holds, or the time is up; how long it took."""
     begin = time.monotonic()
-    while time.monotonic() - begin < seconds and not until():
-        try:
-            executor.spin_once(timeout_sec=0.02)
-        except SystemExit:
-            break
+    while truth.ended is None and time.monotonic() - begin < seconds and not until():
+        executor.spin_once(timeout_sec=0.02)
     return time.monotonic() - begin
 
 
@@ -60,11 +57,11 @@ def test_nothing_is_published_before_everybody_is_there():
     truth = truth_node(expected_nodes=['/listener'], gather_s=60.0)
     executor = SingleThreadedExecutor()
     executor.add_node(truth)
-    spin(executor, 1.5)
+    spin(executor, truth, 1.5)
     assert truth._next == 0
     listener = Listener(presence=True)
     executor.add_node(listener)
-    spin(executor, 30.0)
+    spin(executor, truth, 30.0)
     # From the first sample to the last, although it came late.
     assert truth._next == len(listener.stamps) == SAMPLES
     assert listener.stamps[0] == truth._mission.start_ns
@@ -78,7 +75,7 @@ def test_the_wait_is_bounded_and_who_is_missing_is_named(capfd):
     truth = truth_node(expected_nodes=['/nobody'], gather_s=0.5)
     executor = SingleThreadedExecutor()
     executor.add_node(truth)
-    took = spin(executor, 20.0)
+    took = spin(executor, truth, 20.0)
     assert truth._next == SAMPLES
     assert 0.5 + SECONDS < took < 10.0
     assert '/nobody has not been heard' in capfd.readouterr().err
@@ -90,9 +87,9 @@ def test_without_anybody_to_expect_it_begins_at_once():
     truth = truth_node()
     executor = SingleThreadedExecutor()
     executor.add_node(truth)
-    spin(executor, 10.0, until=lambda: truth._next > 10)
+    spin(executor, truth, 10.0, until=lambda: truth._next > 10)
     assert truth._next > 10
-    spin(executor, 10.0)
+    spin(executor, truth, 10.0)
     assert truth._next == SAMPLES
     executor.shutdown()
     truth.destroy_node()
@@ -105,7 +102,7 @@ def test_presence_acknowledges_seldom():
     executor = SingleThreadedExecutor()
     for node in (truth, listener):
         executor.add_node(node)
-    spin(executor, 30.0)
+    spin(executor, truth, 30.0)
     assert len(listener.stamps) == SAMPLES
     assert 2 <= listener._ack_sequence < 30
     executor.shutdown()
@@ -119,17 +116,17 @@ def test_the_clock_waits_for_a_node_that_is_behind():
     together = SingleThreadedExecutor()
     for node in (truth, listener):
         together.add_node(node)
-    spin(together, 30.0, until=lambda: truth._next > 20)
+    spin(together, truth, 30.0, until=lambda: truth._next > 20)
     together.remove_node(listener)  # it takes nothing any more
     alone = SingleThreadedExecutor()
     alone.add_node(listener)
-    spin(together, 30.0, until=truth._some_node_is_behind)
+    spin(together, truth, 30.0, until=truth._some_node_is_behind)
     held = truth._next
     assert held < SAMPLES
-    spin(together, 0.5)
+    spin(together, truth, 0.5)
     assert truth._next == held
     together.add_node(listener)
-    took = spin(together, 30.0)
+    took = spin(together, truth, 30.0)
     assert truth._next == len(listener.stamps) == SAMPLES
     # What was waited is not made up for in a burst.
     assert took > (SAMPLES - held) / 100.0 - 0.6

@@ -239,10 +239,10 @@ class TruthNode(PolarNode[TruthParams]):
         )
 
     def _end(self) -> None:
-        if self.params.exit_at_end:
+        if self.params.exit_at_end and self.ended is None:
             self._tell_progress()
             self.get_logger().info('the mission is over')
-            raise SystemExit(0)
+            self.ended = 0
 
 
 def _mission(p: TruthParams) -> Mission:

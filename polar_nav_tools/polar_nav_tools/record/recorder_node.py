@@ -21,6 +21,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 
 from polar_nav_core.errors import ConfigError
+from polar_nav_ros.backlog import informed
 from polar_nav_ros.diagnostics import Diagnosis, Level
 from polar_nav_ros.node import DATA_QOS, QUEUE_DEPTH, PolarNode
 from polar_nav_ros.process import run
@@ -129,6 +130,7 @@ class RecorderNode(PolarNode[RecorderParams]):
         self._recording.add_topic(topic, type_name)
         reliable, latched = request_for(offered) if offered else (True, topic in _LATCHED)
 
+        @informed
         def on_first(data: bytes, about: dict[str, Any]) -> None:
             self._take(source, data, about, single=source.matched <= 1)
             self._drain()
