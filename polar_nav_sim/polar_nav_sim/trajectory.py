@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from polar_nav_core import attitude, earth, grid
 
+from . import splines
 from .environment import CALM, Environment
 from .paths.knots import DEGREE, Knots
 from .specs import OscillationSpec
@@ -256,12 +257,9 @@ class Trajectory(Truth):
         super().__init__(start_ns, period_ns, surroundings)
         self._origin_e = knots.origin_e
         self._first_s, self._last_s = float(knots.t_s[0]), float(knots.t_s[-1])
-        # Here: loading it takes longer than a command that needs no trajectory.
-        from scipy.interpolate import make_interp_spline
-
-        position = make_interp_spline(knots.t_s, knots.d_e, k=DEGREE)
+        position = splines.make_interp_spline(knots.t_s, knots.d_e, k=DEGREE)
         self._d_e = (position, position.derivative(1), position.derivative(2))
-        angles = make_interp_spline(knots.t_s, knots.angles, k=DEGREE)
+        angles = splines.make_interp_spline(knots.t_s, knots.angles, k=DEGREE)
         self._angles = (angles, angles.derivative(1))
         # Order psi, theta, phi, as in Knots.angles.
         sines = (oscillation.yaw, oscillation.pitch, oscillation.roll)

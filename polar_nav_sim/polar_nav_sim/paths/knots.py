@@ -12,11 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import make_interp_spline
 
 from polar_nav_core import earth, grid
 from polar_nav_core.errors import ConfigError
 
+from .. import splines
 from ..specs import PathSpec, TrackSpec, VehicleSpec
 from .profile import Profile
 from .recorded import RecordedPath
@@ -118,7 +118,7 @@ def knots_of_profile(profile: Profile, start_e: Floats, psi_start: float, t_s: F
     for _ in range(_PICARD_TURNS):
         C_e_G = np.asarray(grid.ecef_to_grid(start_e + d_e))
         v_e = np.einsum('nji,nj->ni', C_e_G, v_G)
-        moved = make_interp_spline(t_s, v_e, k=DEGREE).antiderivative()
+        moved = splines.make_interp_spline(t_s, v_e, k=DEGREE).antiderivative()
         new = moved(t_s) - moved(0.0)
         change = float(np.max(np.abs(new - d_e)))
         d_e = new
@@ -172,13 +172,13 @@ def _check_turn(psi: Floats, t_s: Floats, spec: TrackSpec) -> None:
 
 def _course(r_e: Floats, t_s: Floats) -> Floats:
     """Course angle from grid east along positions, counter-clockwise, continuous [rad]."""
-    v_e = make_interp_spline(t_s, r_e - r_e[0], k=DEGREE).derivative()(t_s)
+    v_e = splines.make_interp_spline(t_s, r_e - r_e[0], k=DEGREE).derivative()(t_s)
     v_G = np.einsum('nij,nj->ni', np.asarray(grid.ecef_to_grid(r_e)), v_e)
     return np.unwrap(np.arctan2(v_G[:, 1], v_G[:, 0]))
 
 
 def _largest_lateral_acceleration(d_e: Floats, t_s: Floats) -> float:
-    path = make_interp_spline(t_s, d_e, k=DEGREE)
+    path = splines.make_interp_spline(t_s, d_e, k=DEGREE)
     v_e, a_e = path.derivative(1)(t_s), path.derivative(2)(t_s)
     speed = np.linalg.norm(v_e, axis=1)
     return float(np.max(np.linalg.norm(np.cross(v_e, a_e), axis=1) / speed))

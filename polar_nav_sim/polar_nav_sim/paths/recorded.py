@@ -13,11 +13,11 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import splev, splprep
 
 from polar_nav_core import earth
 from polar_nav_core.errors import ConfigError
 
+from .. import splines
 from ..specs import TrackSpec
 from .track import Fixes, chosen_fixes, from_plane, to_plane
 
@@ -66,11 +66,11 @@ class RecordedPath:
         xy = to_plane(fixes.lat, fixes.lon, self._south)
         hours = (fixes.utc_s - self._origin_s) / _HOUR_S
         smoothing = len(xy) * spec.smoothing_m**2
-        self._curve, _ = splprep(xy.T, u=hours, s=smoothing, k=_DEGREE)
+        self._curve, _ = splines.splprep(xy.T, u=hours, s=smoothing, k=_DEGREE)
 
     def sail(self, height: float, t_s: Floats) -> Floats:
         """Positions at times since the start of the mission, ECEF, shape (n, 3) [m]."""
-        xy = np.stack(splev((self._start_s + t_s) / _HOUR_S, self._curve), axis=-1)
+        xy = np.stack(splines.splev((self._start_s + t_s) / _HOUR_S, self._curve), axis=-1)
         lat, lon = from_plane(xy, self._south)
         return np.asarray(earth.ecef_from_geodetic(lat, lon, np.full_like(lat, height)))
 

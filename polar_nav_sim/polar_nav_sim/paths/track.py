@@ -17,12 +17,12 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import make_interp_spline, splev, splprep
 
 from polar_nav_core import earth
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.user_files import read_text
 
+from .. import splines
 from ..specs import TrackSpec
 
 Floats = NDArray[np.float64]
@@ -136,9 +136,9 @@ class TrackPath:
                 f' {_DEGREE + 1}'
             )
         chord = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(xy, axis=0), axis=1))])
-        curve, _ = splprep(xy.T, u=chord, s=len(xy) * smoothing_m**2, k=_DEGREE)
+        curve, _ = splines.splprep(xy.T, u=chord, s=len(xy) * smoothing_m**2, k=_DEGREE)
         count = int(min(max(chord[-1] / _SAMPLE_M, 100.0), _MOST_SAMPLES))
-        return np.stack(splev(np.linspace(0.0, chord[-1], count), curve), axis=-1)
+        return np.stack(splines.splev(np.linspace(0.0, chord[-1], count), curve), axis=-1)
 
     def sail(self, height: float, t_s: Floats) -> Floats:
         """Positions at constant speed over ground along the curve.
@@ -178,7 +178,7 @@ class TrackPath:
             start_m = min(max(0.0, closest_m - 0.5 * self._need_m), spare_m)
         s = start_m + self._margin_m + self._speed * t_s
         # The plane, not ECEF, is interpolated: the result is then exactly at the stated height.
-        xy = make_interp_spline(along, self._curve, k=3)(np.clip(s, 0.0, along[-1]))
+        xy = splines.make_interp_spline(along, self._curve, k=3)(np.clip(s, 0.0, along[-1]))
         lat, lon = from_plane(xy, self._south)
         return np.asarray(earth.ecef_from_geodetic(lat, lon, np.full_like(lat, height)))
 
