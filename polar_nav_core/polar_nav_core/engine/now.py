@@ -232,7 +232,7 @@ class Predictor:
         C_e_G, height = track.C_e_G, track.height
         b, rate = self._offset_e.at(track.stamp_ns)
         c, _ = self._turn_e.at(track.stamp_ns)
-        if self._offset_e.active or self._turn_e.active:
+        if b.any() or rate.any() or c.any():
             r_e = r_e + b
             C_e_G, height = _frame_at(r_e)
             v_G = C_e_G @ (track.C_e_G.T @ v_G + rate)
