@@ -135,12 +135,25 @@ make_environment() {
 
 # One source archive is among the requirements (empy); --no-build-isolation builds it with the pinned
 # setuptools instead of the newest.
-install_requirements() {
+pip_install() {
   local pip=("$venv/bin/python" -m pip install --no-deps --no-input --progress-bar off)
   pip+=(--only-binary ':all:' --no-binary empy)
   pip+=(--require-hashes)
-  "${pip[@]}" -r <(sed -n '/^setuptools==/,/[^\\]$/p' "$root/requirements.lock")
-  "${pip[@]}" --no-build-isolation --use-pep517 -r "$root/requirements.lock"
+  "${pip[@]}" "$@"
+}
+
+# Pins of the lock file with their hashes.
+pins_of() {
+  local name
+  for name in "$@"; do sed -n "/^$name==/,/[^\\\\]\$/p" "$root/requirements.lock"; done
+}
+
+# What kernels are compiled with comes before all others: compile_early waits for it.
+install_requirements() {
+  pip_install -r <(pins_of numba llvmlite numpy scipy gsw pygeomag pyyaml)
+  echo 'the compiler is there' >"$early_file"
+  pip_install -r <(pins_of setuptools)
+  pip_install --no-build-isolation --use-pep517 -r "$root/requirements.lock"
 }
 
 build_messages() {
@@ -150,9 +163,42 @@ build_messages() {
 
 link_packages() { "$venv/bin/python" "$tools/development/environment.py" link; }
 
-compile_kernels() {
+warm() {
   [[ ! -e $root/polar_nav_core/polar_nav_core/warm.py ]] ||
     "$venv/bin/python" -P -m polar_nav_core.warm
+}
+
+# Compile kernels as soon as the compiler is installed, beside the other steps: those leave a core
+# idle for most of the time. The step for kernels waits for it, and does it all where this failed.
+early=
+early_file=$venv/early
+compile_early() {
+  rm -f -- "$early_file"
+  set -m
+  {
+    until [[ -e $early_file ]]; do
+      kill -0 $$ 2>/dev/null || exit 1
+      sleep 0.2
+    done
+    PYTHONPATH=$root/polar_nav_core warm && echo 'kernels are compiled' >"$early_file"
+  } >>"$log" 2>&1 </dev/null &
+  early=$!
+  set +m
+}
+
+end_early() {
+  [[ -n $early ]] || return 0
+  kill -TERM -- "-$early" 2>/dev/null || true
+  wait "$early" 2>/dev/null || true
+  early=
+}
+
+compile_kernels() {
+  if [[ -n $early ]]; then
+    while kill -0 "$early" 2>/dev/null; do sleep 0.1; done
+    ! grep -q '^kernels are compiled$' "$early_file" || return 0
+  fi
+  warm
 }
 
 # How far a step is: kernels compiled; packages looked up, later packages unpacked.
@@ -165,7 +211,7 @@ progress() {
   total=$(grep -c "==" "$root/requirements.lock")
   looked_up=$(grep '^Collecting' "$log" | sort -u | wc -l)
   unpacked=$(find "$venv"/lib/python3*/site-packages -maxdepth 1 -name '*.dist-info' ! -name 'pip-*' | wc -l)
-  if grep -q '^Installing collected packages: .*,' "$log"; then
+  if [[ $(grep '^Collecting\|^Installing collected packages: .*,' "$log" | tail -n 1) == I* ]]; then
     echo ", $unpacked of $total unpacked"
   else
     echo ", $looked_up of $total fetched"
@@ -244,12 +290,14 @@ set_up() {
   trap stop INT TERM HUP
   mkdir -p "$venv" && touch "$stamp" && : >"$log"
   run_step environment "making .venv with $("$python" --version)" make_environment
+  trap end_early EXIT
+  is_done requirements || compile_early
   run_step requirements "installing $(grep -c == "$root/requirements.lock") packages" \
     install_requirements
   run_step messages 'building the messages' build_messages
   run_step packages 'linking our packages' link_packages
   run_step kernels 'compiling the numerical kernels' compile_kernels
-  trap - INT TERM HUP
+  trap - INT TERM HUP EXIT
   exec {lock}<&-
 }
 

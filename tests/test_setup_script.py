@@ -1,11 +1,13 @@
 """The script `polar`: what it sets up, when, and what it survives.
 
 A stand-in plays Python and notes what it is called for, so that a set-up takes a second. The real
-thing is run by .ci/run on a fresh machine.
+thing is run by .ci/run on a fresh machine. Compiling early, beside the other steps, has its own
+tests; in all others it fails, and the step for kernels does it.
 """
 
 import contextlib
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -22,7 +24,7 @@ STAND_IN = r"""#!/bin/bash
 note() {
   echo "begin $1" >>"$STAND_IN_LOG"
   [[ ${STAND_IN_SLOW:-} != "$1" ]] || sleep 2
-  [[ ${STAND_IN_BROKEN:-} != "$1" ]] || { echo "the $1 step broke here"; exit 1; }
+  [[ " ${STAND_IN_BROKEN-early} " != *" $1 "* ]] || { echo "the $1 step broke here"; exit 1; }
   echo "$1" >>"$STAND_IN_LOG"
 }
 case "$*" in
@@ -34,9 +36,9 @@ case "$*" in
   '-m venv '*) mkdir -p "$3/bin" && cp "$0" "$3/bin/python" && note venv ;;
   '-m pip '*requirements.lock) note requirements ;;
   '-m pip '*polar_nav_msgs) note messages ;;
-  '-m pip '*) ;;
+  '-m pip '*) note compiler ;;
   *environment.py\ link) note link ;;
-  *core.warm) note warm ;;
+  *core.warm) if [[ -n ${PYTHONPATH:-} ]]; then note early; else note warm; fi ;;
   '-P -m polar_nav_tools.cli'*) shift 3; echo "tool"; printf '<%s>\n' "$@"; env; exit 7 ;;
   *) echo "stand-in: $*" >&2; exit 99 ;;
 esac
@@ -74,7 +76,7 @@ class Tree:
         """What was finished since the last question."""
         lines = self.log.read_text().splitlines() if self.log.exists() else []
         self.log.unlink(missing_ok=True)
-        return [line for line in lines if not line.startswith('begin')]
+        return [line for line in lines if not line.startswith(('begin', 'compiler'))]
 
     def wait_for(self, line: str) -> None:
         limit = time.monotonic() + 20.0
@@ -204,6 +206,56 @@ def test_interrupt_ends_the_step_at_once(tree):
     assert 'the next call completes it' in err
     time.sleep(2.2)
     assert tree.done() == ['venv']
+
+
+def test_kernels_are_compiled_beside_the_other_steps(tree):
+    """From when their compiler is installed; then the last step has nothing to do."""
+    process = tree.start(STAND_IN_SLOW='messages', STAND_IN_BROKEN='')
+    tree.wait_for('begin messages')
+    tree.wait_for('early')
+    process.communicate(timeout=20)
+    assert process.returncode == 7
+    done = tree.done()
+    assert done.index('early') < done.index('messages')
+    assert sorted(done) == sorted(('early', *STEPS[:-1]))
+    tree.run(STAND_IN_BROKEN='')
+    assert tree.done() == []
+
+
+def test_what_kernels_are_compiled_with_is_pinned():
+    """A name that is not would be left out, and all kernels wait for the last step."""
+    (names,) = re.findall(r'\(pins_of (numba .*)\)', (ROOT / 'polar').read_text())
+    lock = (ROOT / 'requirements.lock').read_text()
+    assert [n for n in names.split() if f'\n{n}==' not in lock] == []
+
+
+def test_the_step_for_kernels_waits_for_those_compiled_early(tree):
+    result = tree.run(STAND_IN_SLOW='early', STAND_IN_BROKEN='')
+    assert result.returncode == 7
+    assert sorted(tree.done()) == sorted(('early', *STEPS[:-1]))
+
+
+@pytest.mark.parametrize('how', ['INT', 'a step fails'])
+def test_what_compiles_early_ends_with_the_set_up(tree, how):
+    broken = 'messages' if how == 'a step fails' else ''
+    process = tree.start(STAND_IN_SLOW='early', STAND_IN_BROKEN=broken)
+    tree.wait_for('begin early')
+    if how == 'INT':
+        process.send_signal(signal.SIGINT)
+    process.communicate(timeout=20)
+    assert process.returncode == (130 if how == 'INT' else 1)
+    time.sleep(2.2)
+    assert 'early' not in tree.done()
+    assert tree.run(STAND_IN_BROKEN='').returncode == 7
+
+
+def test_a_killed_set_up_leaves_nothing_that_waits_for_a_compiler(tree):
+    """It would hold the lock, and the next call would wait for ever."""
+    process = tree.start(STAND_IN_SLOW='compiler', STAND_IN_BROKEN='compiler')
+    tree.wait_for('begin compiler')
+    process.kill()
+    process.communicate(timeout=20)
+    assert tree.run().returncode == 7
 
 
 def test_two_first_calls_at_once_share_one_set_up(tree):
