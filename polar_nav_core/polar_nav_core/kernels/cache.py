@@ -35,6 +35,8 @@ import numba
 from numba.core.caching import _CacheLocator
 from numba.core.registry import CPUDispatcher
 
+from . import inner
+
 F = TypeVar('F', bound=Callable[..., Any])
 
 ENVIRONMENT_VARIABLE = 'POLAR_NAV_CACHE_DIR'
@@ -193,9 +195,9 @@ def entry(function: F) -> F:
     """
     if numba.config.DISABLE_JIT:
         return function
-    inner = cast(Any, function)
-    inlined = inner.targetoptions['forceinline']
-    return cast(F, _compile(inner.py_func, forceinline=inlined, called=BY_PYTHON))
+    made = cast(Any, function)
+    inlined = made.targetoptions['forceinline']
+    return cast(F, _compile(made.py_func, forceinline=inlined, called=BY_PYTHON))
 
 
 class Inner(CPUDispatcher):  # type: ignore[misc]  # numba has no types
@@ -279,9 +281,11 @@ def _compile(function: F, *, forceinline: bool, called: int = BY_KERNELS) -> F:
         'no_cfunc_wrapper': True,
         'no_cpython_wrapper': called == BY_KERNELS,
     }
-    kind = Inner if called == BY_KERNELS else CPUDispatcher
     locator = ByContentForTests if called == BY_TESTS else ByContent
     with _kept_by_content(Path(function.__code__.co_filename), locator):
-        compiled = kind(py_func=function, targetoptions=options)
+        if called == BY_KERNELS:
+            compiled = Inner(function, targetoptions=options, pipeline_class=inner.COMPILER)
+        else:
+            compiled = CPUDispatcher(function, targetoptions=options)
         compiled.enable_caching()
     return cast(F, compiled)

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from ...kernels.sins import run as filter_run
 from ...kernels.sins import state as fs
+from ...kernels.sins.aiding import model_is_definite
+from ...kernels.sins.update import is_positive_definite
 from ..events import Array, Fix, InitialState, Rank
 from ..params import EngineParams
 from ..results import FixResult, Outcome
@@ -82,15 +84,24 @@ class Rewind(Fusion):
     def process_again(self, fix: Fix, snapshot: int | None) -> None:
         """Process all inputs received before the fix again, then the fix; without output rows."""
         f = self.filter
-        code = filter_run.process_again(
-            *f.parts,
-            f.streams,
-            fix.receive_ns,
-            fs.FIX_RANK + 1,
-            fs.NO_ROWS,
-            -1 if snapshot is None else snapshot,
-        )
+        if snapshot is not None:
+            filter_run.restore(f.state, f.log, snapshot)
+        f.state.counting[0] = 0
+        until = fix.receive_ns, fs.FIX_RANK + 1
+        try:
+            code = filter_run.advance(*f.parts, f.streams, *until, fs.NO_ROWS)
+        finally:
+            f.state.counting[0] = 1
+        if code == fs.DONE and not self._is_definite():
+            code = fs.P_NOT_DEFINITE
         f.check(code)
+
+    def _is_definite(self) -> bool:
+        """Whether the covariance that results is positive definite, that of the model too."""
+        s, c, w = self.filter.state, self.filter.settings, self.filter.work
+        if not is_positive_definite(s.P, c.active, w.LP):
+            return False
+        return not c.aiding.on or bool(model_is_definite(s, c, w, True))
 
     def outcome_of(self, row: Array) -> Outcome:
         """Outcome of a fix from its row of outcomes."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 from ...arrays import Array
-from ..cache import kernel, routine
+from ..cache import entry, kernel, routine
 from ..frames.earth import OMEGA_IE, up_and_height
 from ..frames.grid import fill_C_e_G
 from ..vehicle.model import surge_drag
@@ -140,6 +140,7 @@ def predict_model(s: State, c: Settings, w: Work, Phi: Array, stamp_ns: int, dt:
     add_model_noise(P_xe, P_ee, w.z, w.C_mean, G, c.densities[0], dt)
 
 
+@entry
 @routine
 def model_is_definite(s: State, c: Settings, w: Work, thorough: bool) -> bool:
     """Whether the 31 states' covariance is positive definite; its diagonal, if not thorough."""

@@ -11,7 +11,7 @@ import math
 
 from ...arrays import Array
 from .. import watch
-from ..cache import kernel
+from ..cache import kernel, routine
 from . import compass
 from . import state as fs
 from .aiding import correct_block
@@ -226,7 +226,7 @@ def _fuse_row(s: State, c: Settings, past: Past, w: Work, log: Log, watched: boo
     return fs.FUSED
 
 
-@kernel
+@routine
 def heading_event(
     s: State,
     c: Settings,

@@ -14,7 +14,7 @@ from .late import fill_stored_fix, newest_until
 from .late_fuse import OUT_OF_REACH, fuse_late, settle
 from .late_place import find_block
 from .rows import DV
-from .run import advance, put_row
+from .run import put_row, run_until
 from .state import Frames, Log, Past, Rows, Settings, State, Streams, Work
 from .update import Ints
 
@@ -45,6 +45,43 @@ def take_late(
 
     ``note`` (3,), whole numbers: its first becomes the covariance steps since the validity.
     """
+    code: int = fuse_stored_fix(
+        s,
+        fr,
+        c,
+        past,
+        w,
+        log,
+        bl,
+        validity_ns,
+        r_e,
+        covariance_e,
+        array_heading,
+        relative_e,
+        common_e,
+        note,
+    )
+    return code
+
+
+@routine
+def fuse_stored_fix(
+    s: State,
+    fr: Frames,
+    c: Settings,
+    past: Past,
+    w: Work,
+    log: Log,
+    bl: Blocks,
+    validity_ns: int,
+    r_e: Array,
+    covariance_e: Array,
+    array_heading: float,
+    relative_e: Array,
+    common_e: Array,
+    note: Ints,
+) -> int:
+    """`take_late`, for kernels: those that call it are compiled beside it and not after it."""
     number = newest_until(past.stamps, s.counters[fs.EPOCHS], validity_ns)
     if number < 0:
         return OUT_OF_REACH
@@ -103,7 +140,7 @@ def advance_late(
             break
         if stamp == until_ns and until_rank <= fs.FIX_RANK:
             break
-        code = advance(s, fr, c, past, w, log, streams, stamp, fs.FIX_RANK, rows)
+        code = run_until(s, fr, c, past, w, log, streams, stamp, fs.FIX_RANK, rows)
         if code != fs.DONE:
             return code
         if 0 <= rows.io[0] < stamp:
@@ -112,7 +149,7 @@ def advance_late(
             put_row(s, c, rows)
         reach(s, fr, c, past, w, log, stamp)
         note = streams.fix_notes[k]
-        code = take_late(
+        code = fuse_stored_fix(
             s,
             fr,
             c,
@@ -138,4 +175,4 @@ def advance_late(
             return fs.STOPPED
         if code < 0:
             return code
-    return advance(s, fr, c, past, w, log, streams, until_ns, until_rank, rows)
+    return run_until(s, fr, c, past, w, log, streams, until_ns, until_rank, rows)

@@ -14,7 +14,6 @@ from .aiding import (
     count_good_ping,
     fuse_water_ping,
     has_bottom_lock,
-    model_is_definite,
 )
 from .bridge import bridge, bridge_to_sample, is_gap
 from .columns import describe
@@ -27,7 +26,7 @@ from .late import OUT_OF_REACH, fill_late_fix
 from .model import E
 from .planned import refusal_stops, take_decision
 from .state import Frames, Log, Past, Rows, Settings, State, Streams, Work
-from .update import N, is_positive_definite
+from .update import N
 
 
 @kernel
@@ -294,6 +293,24 @@ def advance(
         late fix that the gate refused, and before one that is out of reach, which the caller has
         to answer; P_NOT_DEFINITE or S_NOT_DEFINITE, with the state as it was then.
     """
+    code: int = run_until(s, fr, c, past, w, log, streams, until_ns, until_rank, rows)
+    return code
+
+
+@routine
+def run_until(
+    s: State,
+    fr: Frames,
+    c: Settings,
+    past: Past,
+    w: Work,
+    log: Log,
+    streams: Streams,
+    until_ns: int,
+    until_rank: int,
+    rows: Rows,
+) -> int:
+    """`advance`, for kernels: those that call it are compiled beside it and not after it."""
     code = _process(s, fr, c, past, w, log, streams, until_ns, until_rank, rows)
     locate(s, fr, c)
     return code
@@ -333,48 +350,7 @@ def put_row(s: State, c: Settings, rows: Rows) -> None:
 
 @entry
 @routine
-def process_again(
-    s: State,
-    fr: Frames,
-    c: Settings,
-    past: Past,
-    w: Work,
-    log: Log,
-    streams: Streams,
-    until_ns: int,
-    until_rank: int,
-    rows: Rows,
-    snapshot: int,
-) -> int:
-    """Process stored inputs again from a snapshot; returns as `advance` and counts nothing twice.
-
-    Parameters
-    ----------
-    s, fr, c, past, w, log, streams, until_ns, until_rank, rows : as of `advance`
-    snapshot : int
-        Number of the snapshot to go back to; -1 for the state as it is.
-
-    Returns
-    -------
-    int
-        As `advance`; P_NOT_DEFINITE when the covariance that results is not positive definite.
-    """
-    if snapshot >= 0:
-        _restore(s, log, snapshot)
-    s.counting[0] = 0
-    code = advance(s, fr, c, past, w, log, streams, until_ns, until_rank, rows)
-    s.counting[0] = 1
-    if code == fs.DONE:
-        good = is_positive_definite(s.P, c.active, w.LP)
-        if good and c.aiding.on:
-            good = model_is_definite(s, c, w, True)
-        if not good:
-            return fs.P_NOT_DEFINITE
-    return code
-
-
-@kernel
-def _restore(s: State, log: Log, number: int) -> None:
+def restore(s: State, log: Log, number: int) -> None:
     """Replace the state by a stored snapshot and forget the snapshots after it."""
     i = number % log.snapshot_flat.shape[0]
     for k in range(fs.FLAT):
