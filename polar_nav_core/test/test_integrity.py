@@ -5,8 +5,9 @@ import math
 
 import numpy as np
 import pytest
-from closed_loop import World, run
+from closed_loop import World, inputs_of, run
 
+from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.checks import warnings_of
 from polar_nav_core.engine.engine import Engine
 from polar_nav_core.engine.events import Command, CommandKind, ImuSample, Receipt, Verdict
@@ -185,6 +186,26 @@ def test_what_is_left_to_the_gate_is_judged_as_the_gate_does(world):
     (receipt,) = receipts(run(engine, [off]))
     assert receipt.nis == pytest.approx(held, rel=0.05)
     assert held < 0.95 * offset_G @ np.linalg.solve(alone, offset_G)
+
+
+@pytest.mark.parametrize('whole', [False, True])
+@pytest.mark.parametrize(
+    ('delay_s', 'levels'),
+    [(5.0, [Level.OK, Level.WARN, Level.ERROR]), (None, [Level.OK, Level.WARN])],
+)
+def test_a_navigation_that_never_fused_a_fix_says_so(world, delay_s, levels, whole):
+    """Fixes older than max_delay_s, and none at all: it said OK for ever."""
+    fixes = [] if delay_s is None else world.fixes(1.0, delay_s)
+    changes = {'max_delay_s': 4.0, 'history_s': 9.0, 'max_gated_s': 20.0}
+    params = world.params(**changes, **settings('default'))
+    inputs = inputs_of(world, fixes)
+    result = engine_run.run(params, inputs, one_by_one=not whole, look_every_s=1.0)
+    seen = [
+        next((p.condition.level for p in h.present if p.condition.key == 'no fixes'), Level.OK)
+        for h in result.health
+    ]
+    assert list(dict.fromkeys(seen)) == levels
+    assert seen == sorted(seen)
 
 
 def test_a_reset_forgets_the_refused_fixes(world):

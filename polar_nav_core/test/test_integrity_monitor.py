@@ -119,6 +119,44 @@ def test_dead_reckoning_is_a_warning_after_the_same_limit(since_s, level):
     assert f'{since_s:.0f} s' in state.sentence
 
 
+@pytest.mark.parametrize(('since_s', 'level'), [(300.0, Level.OK), (301.0, Level.WARN)])
+def test_a_start_that_no_fix_confirms_is_a_warning_after_the_same_limit(since_s, level):
+    monitor = IntegrityMonitor(300.0, 60.0)
+    monitor.unused.began(7 * S)
+    state = monitor.state(round((7.0 + since_s) * S))
+    assert state.level is level
+    assert ('301 s since the start: dead reckoning' in state.sentence) == (level is Level.WARN)
+    monitor.fused(300 * S, 301 * S)
+    assert monitor.state(400 * S).level is Level.OK
+
+
+@pytest.mark.parametrize(
+    ('now_s', 'level'), [(69.0, Level.OK), (75.0, Level.WARN), (309.0, Level.WARN), (315.0, 2)]
+)
+def test_fixes_that_come_and_are_not_used_are_an_error_after_it(now_s, level):
+    monitor = IntegrityMonitor(300.0, 60.0)
+    monitor.unused.came(1 * S)  # before the start
+    monitor.unused.began(5 * S)
+    for t in range(10, round(now_s) + 1, 8):
+        monitor.unused.came(t * S)
+    state = monitor.state(round(now_s * S))
+    assert state.level == level
+    number = len(range(10, round(now_s) + 1, 8))
+    if level != Level.OK:
+        said = f'{number} fixes came over {now_s - 10.0:.0f} s and none was ever fused'
+        assert state.sentence.startswith(said)
+
+
+def test_unused_fixes_that_stop_coming_are_no_error_and_believed_ones_begin_anew():
+    monitor = IntegrityMonitor(300.0, 60.0)
+    monitor.unused.began(5 * S)
+    for t in range(10, 90, 8):
+        monitor.unused.came(t * S)
+    assert monitor.state(3600 * S).level is Level.WARN
+    monitor.believed(3600 * S, 0.0)
+    assert monitor.state(3700 * S).level is Level.OK
+
+
 # -- runs that end --------------------------------------------------------------------------------
 
 

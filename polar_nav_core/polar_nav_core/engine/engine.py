@@ -165,7 +165,7 @@ class Engine:
             return
         refused = self.switches.refusal(event)
         if isinstance(event, Fix):
-            self.ledger.received += 1
+            self.ledger.came(event, wanted=refused is None)
             if refused is None:
                 yield from self._guarded_fix(event)
             else:
@@ -278,6 +278,7 @@ class Engine:
                 if self._thrust is not None:  # it still holds
                     self.fusion.control(self._thrust)
                 self.due_ns = self._start_ns = sample.stamp_ns
+                self.ledger.integrity.unused.began(sample.stamp_ns)
                 if first is not None and first.fresh is not None:
                     self._local(first.fresh)
             return

@@ -137,7 +137,7 @@ class FixesAtOnce:
         """Write the receipt of a fix that the gate refused."""
         engine = self._engine
         engine.admit(fix)
-        engine.ledger.received += 1
+        engine.ledger.came(fix)
         engine.ledger.remember(fix, fix.validity_ns, fused=False)
         receipt = engine.ledger.decided(fix, fix, result, stamp_ns)
         engine.verdicts[receipt.verdict] += 1
@@ -148,7 +148,7 @@ class FixesAtOnce:
         """Write the receipt of a fix at which the filter diverged."""
         engine = self._engine
         engine.admit(fix)
-        engine.ledger.received += 1
+        engine.ledger.came(fix)
         self._collector.receipts.append(
             engine.refuse(fix, Verdict.NOT_READY, engine.why_lost, fix.receive_ns)
         )

@@ -22,9 +22,8 @@ from .events import Array, Fix
 from .health.conditions import Condition, Culprit, Level
 from .params import EngineParams
 from .results import out_of_reach_reason
+from .unused import ALARMING, Unused, lasted_s
 
-_ALARMING = 3
-"""Fixes refused in a row before anything is said: one or two are chance or outliers."""
 _BELIEVED = 10
 """Agreeing refused fixes that are believed at the least, and fused ones that settle a filter."""
 _TREND_SIGMAS = 4.0
@@ -33,8 +32,6 @@ _LEAST_TREND = 0.05
 """Nor is one that changes the offset by a smaller share of it."""
 _KEPT = 256
 """Refused fixes that are remembered one by one, for their common offset."""
-_PATIENCE = 3.0
-"""Fixes count as still being refused for this many of their mean intervals after the last."""
 _CERTAIN_REJECTION = 4.0
 """A fix whose NIS exceeds the gate by this factor is left to the gate, which surely refuses it."""
 
@@ -105,10 +102,13 @@ class IntegrityMonitor:
     ----------
     max_gated_s : float
         Fixes that are refused for longer than this are an error.
+    max_delay_s : float
+        Of the oldest fix that is used: until so long after the start one may be from before it.
     """
 
-    def __init__(self, max_gated_s: float) -> None:
+    def __init__(self, max_gated_s: float, max_delay_s: float = 0.0) -> None:
         self._max_gated_s = max_gated_s
+        self.unused = Unused(max_gated_s, max_delay_s)
         self._refused: deque[_Refused] = deque(maxlen=_KEPT)
         self._count = 0
         self._first_ns = 0
@@ -159,7 +159,7 @@ class IntegrityMonitor:
 
         False unless several were refused and they have one offset in common.
         """
-        if self._count < _ALARMING:
+        if self._count < ALARMING:
             return False
         mean_G, scatter = self._cluster()
         size = float(np.linalg.norm(mean_G))
@@ -191,7 +191,7 @@ class IntegrityMonitor:
 
         Zero while fewer than three in a row are refused, or they scatter.
         """
-        if self._count >= _ALARMING:
+        if self._count >= ALARMING:
             line = _line(self._newest())
             if line.agree:
                 return line.offset_G, line.speed_G
@@ -207,6 +207,7 @@ class IntegrityMonitor:
         """
         self.longest_gated_s = max(self.longest_gated_s, self._gated_s(stamp_ns))
         self._refused.clear()
+        self.unused.began(stamp_ns)
         self._count, self._doubted = 0, False
         self._moved_m = max(self._moved_m, moved_m)
         self._newest_fused_validity_ns = max(self._newest_fused_validity_ns, stamp_ns)
@@ -224,7 +225,7 @@ class IntegrityMonitor:
 
     def lasting(self, stamp_ns: int) -> bool:
         """Whether fixes have been refused for longer than `max_gated_s` at a stamp."""
-        return self._count >= _ALARMING and self._gated_s(stamp_ns) > self._max_gated_s
+        return self._count >= ALARMING and self._gated_s(stamp_ns) > self._max_gated_s
 
     def state(self, stamp_ns: int) -> Integrity:
         """Agreement of fixes with the estimate at a stamp."""
@@ -233,13 +234,13 @@ class IntegrityMonitor:
         )
         mean_G, scatter = self._cluster()
         gated_s = self._gated_s(stamp_ns)
-        level, sentence = self._verdict(since, gated_s, mean_G, scatter)
+        level, sentence = self._verdict(stamp_ns, since, gated_s, mean_G, scatter)
         return Integrity(level, sentence, since, self._count, gated_s, mean_G, scatter)
 
     def _verdict(
-        self, since: float, gated_s: float, mean_G: Array, scatter: float
+        self, stamp_ns: int, since: float, gated_s: float, mean_G: Array, scatter: float
     ) -> tuple[Level, str]:
-        if self._count >= _ALARMING:
+        if self._count >= ALARMING:
             size = float(np.linalg.norm(mean_G))
             where = f'with no offset in common (mean {size:.0f} m, scatter {scatter:.0f} m)'
             if scatter < 0.5 * size:
@@ -254,17 +255,13 @@ class IntegrityMonitor:
         if since > self._max_gated_s:
             return Level.WARN, f'no fix was fused for {since:.0f} s: dead reckoning'
         if math.isnan(since):
-            return Level.OK, 'no fix was fused yet'
+            return self.unused.verdict(stamp_ns)
         return Level.OK, f'last fix fused {since:.0f} s ago'
 
     def _gated_s(self, stamp_ns: int) -> float:
         """Time from the first refused fix of the run to now, or to when the run went silent."""
-        if self._count < 2:
-            return 0.0
-        last_ns = max(r.receive_ns for r in self._refused)
-        interval_ns = (last_ns - self._first_ns) / (self._count - 1)
-        until_ns = min(stamp_ns, last_ns + round(_PATIENCE * interval_ns))
-        return max(0.0, (until_ns - self._first_ns) * 1e-9)
+        last_ns = max((r.receive_ns for r in self._refused), default=0)
+        return lasted_s(self._first_ns, last_ns, self._count, stamp_ns)
 
     def _cluster(self) -> tuple[Array, float]:
         """Mean of the offsets [m] and RMS distance from it."""

@@ -58,14 +58,14 @@ class FixLedger:
         self._revisions: dict[tuple[int, int], int] = {}
         self._last_validity_ns = 0
         self.received = 0
-        self.integrity = IntegrityMonitor(params.max_gated_s)
+        self.integrity = IntegrityMonitor(params.max_gated_s, params.max_delay_s)
         self.refused_row = RefusedRow()
         self._clock = SenderClock()
         self._turned_ns: int | None = None
 
     def start_anew(self) -> None:
         """Reset the agreement of fixes with the estimate, after a reset of the filter."""
-        self.integrity = IntegrityMonitor(self._params.max_gated_s)
+        self.integrity = IntegrityMonitor(self._params.max_gated_s, self._params.max_delay_s)
         self.refused_row.clear()
         self._turned_ns = None
 
@@ -119,6 +119,12 @@ class FixLedger:
             culprit = Culprit.HEADING | Culprit.IMU | Culprit.FIXES
             found.append(Condition('fixes reopened', Level.ERROR, culprit, sentence))
         return found
+
+    def came(self, fix: Fix, *, wanted: bool = True) -> None:
+        """Count a fix that was received; one that is not ``wanted`` was switched off."""
+        self.received += 1
+        if wanted:
+            self.integrity.unused.came(fix.receive_ns)
 
     def refused(self, fix: Fix, verdict: Verdict) -> None:
         """Note the verdict on a fix that no state can use."""
