@@ -38,8 +38,10 @@ AMPLIFIES = {
 
 Measured with kernels compiled for a processor without AVX and FMA (``NUMBA_CPU_NAME=generic``):
 the inverse of the transition of a model with drag grows with the age of a fix, and the noise
-filters as printed lose their conditioning. Largest: 2.8e-4 and 6.1e-6 sigma. On a processor of
-another maker (znver4), with all of its instructions: 2.9e-6 sigma of 'station odd / published'.
+filters as printed lose their conditioning. Largest: 2.8e-4 and 6.1e-6 sigma. 'station odd /
+published' keeps its bits there; it amplifies the rounding of NumPy's matrix products. With those
+for other processors (``OPENBLAS_CORETYPE``: Prescott, Nehalem, Sandybridge, Haswell, Zen) it is up
+to 2.7e-5 sigma apart (Nehalem): 1e-4 is 3.6 times that, as the first limit is of its own.
 """
 
 
