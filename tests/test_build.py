@@ -36,6 +36,7 @@ KEYS = {
     'zstandard': 'mcap-ros2-support',
     'numba': 'python3-numba',
     'numpy': 'python3-numpy',
+    'psutil': 'python3-psutil',
     'pyproj': 'python3-pyproj',
     'pytest': 'python3-pytest',
     'rich': 'python3-rich',
@@ -53,10 +54,11 @@ STARTED = {
 }
 # What benchmarks and tests compare with: imported where it is used, and not needed to run.
 COMPARED = {'avar', 'evo', 'filterpy', 'gtsam', 'pandas', 'pyins', 'stonesoup'}
-# gsw and pygeomag have no rosdep key (the README says how to get them), isal is used where it is
-# there; the others come with numba, typer, jinja2.
+# The README says how to get gsw, pygeomag and what experiments and campaigns run on, which have no
+# rosdep key; isal is used where it is there; the others come with numba, typer, jinja2.
 WITHOUT_KEY = {
-    'click', 'distutils', 'gsw', 'isal', 'llvmlite', 'markupsafe', 'pygeomag', 'setuptools',
+    'click', 'dask', 'distributed', 'distutils', 'gsw', 'isal', 'llvmlite', 'markupsafe',
+    'msgspec', 'pyarrow', 'pygeomag', 'setuptools',
 }  # fmt: skip
 
 

@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+import psutil
 import pytest
 
 from polar_nav_core.engine.params import EngineParams
@@ -23,10 +24,13 @@ from polar_nav_tools.experiments.columns import filter_columns, pick
 from polar_nav_tools.experiments.jobs import Job, RunResult, run_job
 from polar_nav_tools.experiments.paper import PAPER, QUANTITIES
 from polar_nav_tools.experiments.request import Request, Size
-from polar_nav_tools.experiments.runner import run_jobs
+from polar_nav_tools.experiments.runner import run_jobs, tasks_of
 from polar_nav_tools.experiments.schedule import FixSpec
 from polar_nav_tools.experiments.summary import spread
 from polar_nav_tools.experiments.tables import COMPARED
+from polar_nav_tools.tasks import execution
+from polar_nav_tools.tasks.execution import Workers
+from polar_nav_tools.tasks.store import opened
 
 PAIR = 'conventional_akf,modified_akf,clairvoyant'
 
@@ -59,7 +63,9 @@ def test_table2_writes_tables_figure_and_a_complete_manifest(polar, tmp_path):
     said = json.loads(out)
     manifest = json.loads((folder / 'manifest.json').read_text())
     assert {f.name for f in folder.iterdir()} == {*manifest['files'], 'manifest.json'}
-    assert {'table2.md', 'table2.csv', 'figure9.png', 'figure9.svg'} == set(manifest['files'])
+    assert set(manifest['files']) == {
+        'table2.md', 'table2.csv', 'figure9.png', 'figure9.svg', 'rows.parquet',
+    }  # fmt: skip
     assert said['runs'] == manifest['runs']
     assert manifest['seeds'] == [1]
     assert manifest['duration_s'] == 40.0
@@ -185,46 +191,95 @@ def test_spread_is_over_the_runs_that_lasted():
     assert s.text() == '2.00 (1.00 to 4.00); 1 of 4 stopped'
 
 
-def test_a_failing_job_ends_the_parallel_run():
+@pytest.mark.slow
+def test_a_failing_job_ends_the_parallel_run(tmp_path):
     choices = Choices()
     column = pick(choices, ['ignore'])[0]
-    broken = Job('D', column, 1, choices.world(10.0, dvl_rate_hz=7.0), FixSpec())
-    with pytest.raises(ConfigError, match='dvl_rate_hz'):
-        run_jobs([broken, broken], 2, lambda *_: None)
+    broken = [
+        Job('D', column, seed, choices.world(10.0, dvl_rate_hz=7.0), FixSpec()) for seed in (1, 2)
+    ]
+    with opened(tmp_path) as store, pytest.raises(ConfigError, match='dvl_rate_hz'):
+        run_jobs(tasks_of(broken, run_job), Workers(2), store, lambda *_: None)
+
+
+def interrupted(polar, monkeypatch, arguments, after):
+    """Run that somebody interrupts after so many runs, and how many of the next one were made."""
+    real, made = execution.attempt, []
+
+    def counting(*task):
+        if len(made) == after:
+            raise KeyboardInterrupt
+        made.append(task)
+        return real(*task)
+
+    monkeypatch.setattr(execution, 'attempt', counting)
+    status, _, err = polar(*arguments)
+    assert status == 130
+    assert '--resume' in err
+    made[:], after = [], None
+    return made
+
+
+def test_an_interrupted_experiment_goes_on(polar, monkeypatch, tmp_path):
+    arguments = ('experiment', 'run', 'consistency', '--duration', 30, '--seeds', 3, '--jobs', 1)
+    assert polar(*arguments, '--out', tmp_path / 'whole')[0] == 0
+    made = interrupted(polar, monkeypatch, (*arguments, '--out', tmp_path / 'other'), 4)
+    status, _, err = polar(*arguments, '--out', tmp_path / 'other')
+    assert status == 2
+    assert '4 runs' in err
+    assert '--resume' in err
+    assert made == []
+    status, _, err = polar(*arguments, '--resume', '--out', tmp_path / 'other')
+    assert status == 0
+    assert '4 of 6 runs were there already' in err
+    assert len(made) == 2
+    for name in ('consistency.csv', 'consistency.md', 'consistency.svg'):
+        assert (tmp_path / 'other' / name).read_bytes() == (tmp_path / 'whole' / name).read_bytes()
+
+
+def test_more_seeds_make_the_missing_runs_only(polar, monkeypatch, tmp_path):
+    arguments = ('experiment', 'run', 'consistency', '--duration', 30, '--jobs', 1)
+    arguments = (*arguments, '--columns', 'rewind', '--out', tmp_path, '--seeds')
+    assert polar(*arguments, 1)[0] == 0
+    made = []
+    real = execution.attempt
+    monkeypatch.setattr(execution, 'attempt', lambda *x: made.append(x) or real(*x))
+    assert polar(*arguments, 3, '--resume')[0] == 0
+    assert len(made) == 2
+    assert polar(*arguments, 3, '--resume')[0] == 0
+    assert len(made) == 2
+    assert polar(*arguments, 3)[0] == 0  # without it a finished experiment begins anew
+    assert len(made) == 5
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(300)
 def test_an_interrupt_ends_all_processes(tmp_path):
     command = [sys.executable, '-m', 'polar_nav_tools.cli', 'experiment', 'run', 'figure8']
-    command += ['--duration', '3000', '--jobs', '2', '--out', str(tmp_path)]
+    command += ['--duration', '3000', '--seeds', '50', '--jobs', '2', '--out', str(tmp_path)]
     parent = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
     try:
-        assert ' of 4 runs' in parent.stderr.readline()
-        workers = wait_for_workers(parent.pid, 2)
+        wait_until(lambda: len(workers_of(parent.pid)) == 2, 100.0)
+        workers = workers_of(parent.pid)
         parent.send_signal(signal.SIGINT)  # to the parent alone, as a supervisor would
         assert parent.wait(30.0) == 130
-        assert 'Traceback' not in parent.stderr.read()
+        said = parent.stderr.read()
+        assert 'Traceback' not in said
+        assert '--resume goes on' in said
     finally:
         parent.kill()
         parent.wait()
         parent.stderr.close()
-    wait_until(lambda: not any(Path(f'/proc/{pid}').exists() for pid in workers))
+    wait_until(lambda: not any(worker.is_running() for worker in workers))
 
 
-def wait_for_workers(parent_pid, count):
-    """Process ids of the spawned workers once there are as many."""
-    found = []
-
-    def there():
-        found[:] = [
-            pid
-            for pid in Path(f'/proc/{parent_pid}/task/{parent_pid}/children').read_text().split()
-            if b'spawn_main' in Path(f'/proc/{pid}/cmdline').read_bytes()
-        ]
-        return len(found) >= count
-
-    wait_until(there)
-    return found
+def workers_of(parent):
+    """Spawned workers of a process."""
+    return [
+        child
+        for child in psutil.Process(parent).children()
+        if any('spawn_main' in word for word in child.cmdline())
+    ]
 
 
 def wait_until(condition, seconds=30.0):

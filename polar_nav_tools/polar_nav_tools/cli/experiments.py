@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -76,6 +77,17 @@ FirstSeed = Annotated[
 Jobs = Annotated[
     int | None, typer.Option(metavar='N', help='Processes.', show_default='all cores')
 ]
+Resume = Annotated[
+    bool, typer.Option('--resume', help='Go on with the runs that are there; make the others.')
+]
+Scheduler = Annotated[
+    str | None,
+    typer.Option(
+        metavar='ADDRESS',
+        help='Dask scheduler that has the runs made, as tcp://host:8786.',
+        show_default='processes of this machine',
+    ),
+]
 Out = Annotated[
     Path | None, typer.Option(metavar='DIR', help='Where files go.', show_default='reports/NAME')
 ]
@@ -110,11 +122,13 @@ def run_one(
     columns: Columns = None,
     settings: Settings = None,
     jobs: Jobs = None,
+    scheduler: Scheduler = None,
+    resume: Resume = False,
     out: Out = None,
     as_json: Json = False,
 ) -> None:
     """Run one experiment by its name."""
-    request = _request(name, quick, duration, seeds, columns, settings, jobs)
+    request = _request(name, quick, duration, seeds, columns, settings, (jobs, scheduler, resume))
     chosen = replace(request, rows=rows, first_seed=first_seed)
     _run(name, chosen, _folder(out, name), as_json)
 
@@ -144,12 +158,14 @@ def ablation(
     columns: Columns = None,
     settings: Settings = None,
     jobs: Jobs = None,
+    scheduler: Scheduler = None,
+    resume: Resume = False,
     out: Out = None,
     as_json: Json = False,
 ) -> None:
     """Run each delay strategy over sensors, times between fixes and delays."""
     request = replace(
-        _request('ablation', quick, duration, seeds, columns, settings, jobs),
+        _request('ablation', quick, duration, seeds, columns, settings, (jobs, scheduler, resume)),
         sensors=_words(sensors),
         periods_s=_numbers(periods, '--periods', 0.1, 600.0),
         delays_s=_numbers(delays, '--delays', 0.0, 119.0),
@@ -168,11 +184,15 @@ def mismatch(
     columns: Columns = None,
     settings: Settings = None,
     jobs: Jobs = None,
+    scheduler: Scheduler = None,
+    resume: Resume = False,
     out: Out = None,
     as_json: Json = False,
 ) -> None:
     """Run filters in worlds with faults unknown to them: wrong, visible, reported."""
-    request = _request('mismatch', quick, None, seeds, columns, settings, jobs)
+    request = _request(
+        'mismatch', quick, None, seeds, columns, settings, (jobs, scheduler, resume)
+    )
     chosen = replace(request, rows=rows, first_seed=first_seed)
     _run('mismatch', chosen, _folder(out, 'mismatch'), as_json)
 
@@ -193,11 +213,13 @@ def faults(
     columns: Columns = None,
     settings: Settings = None,
     jobs: Jobs = None,
+    scheduler: Scheduler = None,
+    resume: Resume = False,
     out: Out = None,
     as_json: Json = False,
 ) -> None:
     """Inject one fault of sensor, clock or packets per run: recovered, reported, silent, dead."""
-    request = _request('faults', quick, None, seeds, columns, settings, jobs)
+    request = _request('faults', quick, None, seeds, columns, settings, (jobs, scheduler, resume))
     chosen = replace(request, rows=rows, first_seed=first_seed)
     _run('faults', chosen, _folder(out, 'faults'), as_json)
 
@@ -229,6 +251,8 @@ def imu_errors(
     columns: Columns = None,
     settings: Settings = None,
     jobs: Jobs = None,
+    scheduler: Scheduler = None,
+    resume: Resume = False,
     out: Out = None,
     as_json: Json = False,
 ) -> None:
@@ -240,7 +264,7 @@ def imu_errors(
     if name not in experiment_spelling.WITH_IMU:
         names = ' and '.join(experiment_spelling.WITH_IMU)
         raise ConfigError(f'imu-errors: {name} does not use them; {names} do')
-    request = _request(name, quick, duration, seeds, columns, settings, jobs)
+    request = _request(name, quick, duration, seeds, columns, settings, (jobs, scheduler, resume))
     spec = RestSpec(
         topic=topic,
         mean=mean,
@@ -263,17 +287,18 @@ def _request(
     seeds: int | None,
     columns: str | None,
     settings: list[str] | None,
-    jobs: int | None,
+    who: tuple[int | None, str | None, bool],
 ) -> Request:
     """Options of every experiment."""
     from polar_nav_core.errors import ConfigError
 
     from ..experiments.catalog import experiment_named
     from ..experiments.request import Request
-    from ..experiments.runner import default_workers
+    from ..tasks.cluster import default_workers
 
     names = _words(columns)
     choices = experiment_named(name).suite.read(settings or [], names)
+    jobs, scheduler, resume = who
     if jobs is not None and jobs < 1:
         raise ConfigError(f'--jobs: {jobs} is less than 1')
     return Request(
@@ -283,6 +308,8 @@ def _request(
         seeds=seeds,
         columns=names,
         jobs=default_workers() if jobs is None else jobs,
+        scheduler=scheduler,
+        resume=resume,
     )
 
 
@@ -296,9 +323,25 @@ def _run(name: str, request: Request, folder: Path, as_json: bool) -> None:
     from ..experiments.experiment import run
     from ..terminal.progress import progress_display
 
-    with progress_display(name, total=1.0, unit='runs') as update:
-        outcome = run(experiment_named(name), request, folder, update)
+    try:
+        with progress_display(name, total=1.0, unit='runs') as update:
+            outcome = run(experiment_named(name), request, folder, update)
+    except KeyboardInterrupt:
+        say(f'finished runs are kept in {folder}; --resume goes on with them')
+        raise
+    if outcome.manifest['rows']['kept']:
+        say(_kept(outcome.manifest))
     _print(outcome, as_json)
+
+
+def _kept(manifest: Mapping[str, Any]) -> str:
+    """Sentence on runs that were there before, and which sources made all of them."""
+    rows = manifest['rows']
+    text = f'{rows["kept"]} of {len(manifest["runs"])} runs were there already'
+    if len(rows['sources']) > 1:
+        made = ', '.join(f'{count} by {name}' for name, count in rows['sources'].items())
+        text += f'; not all by the same sources: {made}'
+    return text
 
 
 def _words(text: str | None) -> list[str] | None:

@@ -6,6 +6,7 @@ import json
 import platform
 import sys
 import time
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -17,9 +18,11 @@ from polar_nav_core.errors import ConfigError
 from ..live import run_info
 from ..scoring.json_values import record
 from ..scoring.tables import Table
+from ..tasks.execution import Workers
+from ..tasks.store import Store, opened
 from .jobs import RunResult
 from .request import Request, Size
-from .runner import Update, run_jobs
+from .runner import Update, begin, run_jobs, tasks_of
 from .suite import POLAR, Suite
 
 if TYPE_CHECKING:
@@ -115,18 +118,33 @@ def run(experiment: Experiment, request: Request, out: Path, update: Update) -> 
     size = experiment.size(request)
     columns = list(request.columns or experiment.suite.present(experiment.columns))
     plan = experiment.plan(request, size, columns)
-    out.mkdir(parents=True, exist_ok=True)
     start = time.monotonic()
-    results = run_jobs(plan, request.jobs, update, experiment.suite.run_job)
-    tables = experiment.tables(results, size, request)
-    long = experiment.suite.long_table(experiment.name, results, experiment.paper)
-    files = _write_tables(experiment.name, tables, long, out)
-    files += _write_figures(experiment.figures(results, size, request), out)
-    manifest = _manifest(experiment, request, size, plan, results, time.monotonic() - start)
+    with opened(out) as store:
+        begin(store, resume=request.resume)
+        tasks = tasks_of(plan, experiment.suite.run_job)
+        kept = sum(task.key in store.rows for task in tasks)
+        workers = Workers(request.jobs, request.scheduler)
+        results = run_jobs(tasks, workers, store, update, experiment.suite.run_job)
+        tables = experiment.tables(results, size, request)
+        long = experiment.suite.long_table(experiment.name, results, experiment.paper)
+        files = _write_tables(experiment.name, tables, long, out)
+        files += _write_figures(experiment.figures(results, size, request), out)
+        manifest = _manifest(experiment, request, size, plan, results, time.monotonic() - start)
+        files.append(store.finish([task.key for task in tasks]))
+        manifest['rows'] = {'kept': kept, **_made_by(store)}
     manifest['files'] = [f.name for f in files]
     path = out / 'manifest.json'
     path.write_text(json.dumps(manifest, indent=1, allow_nan=False) + '\n', encoding='utf-8')
     return Outcome(experiment.name, tables, manifest, [*files, path])
+
+
+def _made_by(store: Store) -> dict[str, dict[str, int]]:
+    """Sources and processors that made the rows, each with how many."""
+    rows = store.rows.values()
+    return {
+        'sources': dict(Counter(row.made_by for row in rows)),
+        'cpus': dict(Counter(row.cpu for row in rows)),
+    }
 
 
 def _write_tables(name: str, tables: Sequence[Table], long: Table, out: Path) -> list[Path]:

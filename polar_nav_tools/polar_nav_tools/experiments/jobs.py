@@ -114,6 +114,11 @@ class RunResult:
     series: dict[str, Array] = field(default_factory=dict)
 
     @property
+    def names(self) -> dict[str, str | int | float]:
+        """Group, filter and seed, as columns of a row."""
+        return {'group': self.group, 'filter': self.column, 'seed': self.seed}
+
+    @property
     def stopped(self) -> bool:
         """Whether the filter stopped before the end."""
         return bool(self.reason)

@@ -34,7 +34,11 @@ class Request:
     columns : sequence of str or None
         Filters by name.
     jobs : int
-        Processes.
+        Processes of this machine.
+    scheduler : str or None
+        Address of a Dask scheduler that has the runs made instead.
+    resume : bool
+        Whether rows that are there already are used.
     recorded : Path or None
         Errors of a real IMU, as `recorded.save_recorded` writes them.
     sensors, periods_s, delays_s : sequences or None
@@ -52,6 +56,8 @@ class Request:
     seeds: int | None = None
     columns: Sequence[str] | None = None
     jobs: int = 1
+    scheduler: str | None = None
+    resume: bool = False
     recorded: Path | None = None
     sensors: Sequence[str] | None = None
     periods_s: Sequence[float] | None = None

@@ -80,6 +80,10 @@ class Injection:
         size = f':{self.size:g}' if self.fault.unit else ''
         return f'{self.fault.name}{size}@{self.at_s:g}'
 
+    def key_content(self) -> tuple[str, float, float]:
+        """What it is, for the key of a task (tasks/keys.py): its functions follow from it."""
+        return self.fault.name, self.size, self.at_s
+
     @property
     def end_s(self) -> float:
         """When it ends; infinite if it lasts [s]."""
