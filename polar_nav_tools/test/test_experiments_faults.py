@@ -16,6 +16,7 @@ from polar_nav_tools.bags import open_bag
 from polar_nav_tools.experiments.catalog import experiment_named
 from polar_nav_tools.experiments.hold.drive import drive
 from polar_nav_tools.experiments.hold.judge import Errors, first_new, judge
+from polar_nav_tools.experiments.hold.messages import start_ns_of, with_fault
 from polar_nav_tools.experiments.hold.offline import write
 from polar_nav_tools.experiments.hold.plan import COLUMNS, FAULTS, _world_of, plan, run_job
 from polar_nav_tools.experiments.hold.rows import ROWS, rows_named
@@ -159,14 +160,16 @@ def test_a_run_is_what_a_replay_of_an_injected_bag_gives(tmp_path, row):
     (job,) = plan(Request(rows=row), Size(280.0, 1), ('default',))
     made = _world_of(job.row, job.seed)
     params = FollowerParams(**to_mapping(made.world.params(output_period_s=0.5, **job.changes)))
-    end_ns = made.start_ns + 160 * NS
-    clean = drive(params, made.messages, made.start_ns, end_ns)
-    bag = write(tmp_path / 'clean', params, clean.record, made.start_ns)
+    end_ns = start_ns_of(made.world) + 160 * NS
+    clean = drive(params, made.messages, start_ns_of(made.world), end_ns)
+    bag = write(tmp_path / 'clean', params, clean.record, start_ns_of(made.world))
     injection = replace(job.row.injection, at_s=120.0 - 0.02)  # from the first sample on
     inject_bag(open_bag(bag), [injection], tmp_path / 'faulty', job.seed)
     found = replay(open_bag(tmp_path / 'faulty'))
-    messages = [m for m in made.injected(injection, job.seed) if m.reading.true_ns <= end_ns]
-    live = drive(params, messages, made.start_ns, end_ns + 60 * NS)
+    messages = [
+        m for m in with_fault(made.messages, injection, job.seed) if m.reading.true_ns <= end_ns
+    ]
+    live = drive(params, messages, start_ns_of(made.world), end_ns + 60 * NS)
     states = [one.data for one in live.record if one.topic == STATE]
     assert len(states) > 200
     assert found.of(STATE) == states
@@ -178,7 +181,7 @@ def test_messages_are_read_as_the_events_that_they_are_of(mode):
     made = _world_of(ROWS[mode], 3)
     engine = world.params() if mode == 'imu_2038' else world.params(StationChoices(), 0.0)
     session = Session(FollowerParams(**to_mapping(engine)), 'follower')
-    events = [e for e in world.inputs.events() if e.stamp_ns < made.start_ns + 12 * NS]
+    events = [e for e in world.inputs.events() if e.stamp_ns < start_ns_of(made.world) + 12 * NS]
     assert {type(e) for e in events} >= {ImuSample, DepthSample, Fix}
     for event, taken in zip(events, made.messages, strict=False):
         read = session.event_of(taken.received.topic, message_of(event))

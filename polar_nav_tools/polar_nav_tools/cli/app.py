@@ -37,6 +37,7 @@ COMMANDS = (
     'tune',
     'bench',
     'experiments',
+    'campaign',
     'development',
     'why',
     'delay_budget',

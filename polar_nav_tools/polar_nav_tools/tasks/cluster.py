@@ -45,6 +45,10 @@ def local(workers: int) -> Iterator[Client]:
                 'distributed.scheduler.http.routes': [],
                 'distributed.worker.http.routes': [],
                 'distributed.admin.log-length': 0,
+                'distributed.worker.profile.enabled': False,
+                # Dask's own gives every freed array back to the system, which the next one asks
+                # for again.
+                'distributed.nanny.pre-spawn-environ': {'OPENBLAS_NUM_THREADS': 1},
             }
         ),
     ):

@@ -11,6 +11,7 @@ import hashlib
 import json
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
+from datetime import date
 from enum import Enum
 from functools import lru_cache, partial
 from pathlib import Path
@@ -51,6 +52,8 @@ def canonical(value: Any) -> Any:  # noqa: ANN401 - any value of a specification
         return ['int', str(value)]
     if isinstance(value, float):
         return ['float', value.hex()]
+    if isinstance(value, date):  # and datetime, as YAML reads them
+        return ['date', value.isoformat()]
     if isinstance(value, bytes):
         return ['bytes', value.hex()]
     if isinstance(value, Path):

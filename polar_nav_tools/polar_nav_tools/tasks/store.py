@@ -42,7 +42,7 @@ class Store:
     folder: Path
     rows: dict[str, Row] = field(default_factory=dict)
     damaged: list[Path] = field(default_factory=list)
-    _next: int = 1
+    _parts: list[Path] = field(default_factory=list)
 
     def add(self, rows: Sequence[Row]) -> None:
         """Add rows; they are on disk when this returns."""
@@ -51,51 +51,49 @@ class Store:
         self._write_part(table_of(rows))
         for row in rows:
             self.rows[row.key] = row
-        if len(self._parts()) >= _MOST_PARTS:
+        if len(self._parts) >= _MOST_PARTS:
             self._merge_parts()
 
     def finish(self, order: Sequence[str]) -> Path:
         """Write ``rows.parquet``: rows of these keys in this order, then all others by key."""
         path = self.folder / ROWS
-        files = [path, *self._parts()]
+        files = [path, *self._parts]
         table = _newest(joined([t for _, t in self._read(files)]))
         rank = {key: i for i, key in enumerate(order)}
         keys = table['key'].to_pylist()
         rows = sorted(range(len(keys)), key=lambda i: (rank.get(keys[i], len(rank)), keys[i]))
         _write(table.take(rows), path)
-        self._forget(self._parts())
+        self._forget(self._parts)
         return path
 
     def empty(self) -> None:
         """Forget all rows."""
-        self._forget([self.folder / ROWS, *self._parts()])
+        self._forget([self.folder / ROWS, *self._parts])
         self.rows.clear()
 
     def load(self) -> None:
         """Read the rows that are there."""
-        for _, table in self._read([self.folder / ROWS, *self._parts()]):
+        self._parts = sorted((self.folder / PARTS).glob('*.parquet'))
+        for _, table in self._read([self.folder / ROWS, *self._parts]):
             for row in rows_of(table):
                 self.rows[row.key] = row
 
     @property
     def is_unfinished(self) -> bool:
         """Whether there are rows of a run that did not come to its end."""
-        return bool(self._parts())
-
-    def _parts(self) -> list[Path]:
-        return sorted((self.folder / PARTS).glob('*.parquet'))
+        return bool(self._parts)
 
     def _write_part(self, table: pa.Table) -> None:
         parts = self.folder / PARTS
         parts.mkdir(exist_ok=True)
-        held = self._parts()
-        self._next = max(self._next, int(held[-1].stem) + 1 if held else 1)
-        _write(table, parts / f'{self._next:09d}.parquet')
-        self._next += 1
+        number = int(self._parts[-1].stem) + 1 if self._parts else 1
+        path = parts / f'{number:09d}.parquet'
+        _write(table, path)
+        self._parts.append(path)
 
     def _merge_parts(self) -> None:
         """Make the parts one; a kill on the way leaves rows twice, of which the newest counts."""
-        held = self._parts()
+        held = list(self._parts)
         self._write_part(_newest(joined([t for _, t in self._read(held)])))
         self._forget([p for p in held if p not in self.damaged])
 
@@ -110,8 +108,10 @@ class Store:
                     self.damaged.append(path)
 
     def _forget(self, files: Iterable[Path]) -> None:
-        for path in files:
+        gone = set(files)
+        for path in gone:
             path.unlink(missing_ok=True)
+        self._parts = [path for path in self._parts if path not in gone]
         parts = self.folder / PARTS
         if parts.is_dir() and not any(parts.iterdir()):
             parts.rmdir()

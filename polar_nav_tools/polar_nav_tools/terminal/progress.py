@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Protocol
 
 _LARGE_BYTES = 100_000_000
 """Size of a bag from which the progress of its opening is shown [bytes]."""
@@ -18,8 +19,12 @@ _LARGE_BYTES = 100_000_000
 _QUIET_S = 10.0
 """Without a terminal nothing is written of work shorter than this, and lines no more often."""
 
-Update = Callable[[float, float], None]
-"""Called with the finished amount and the total."""
+
+class Update(Protocol):
+    """Called with the finished amount, the total, and perhaps a remark."""
+
+    def __call__(self, done: float, end: float, note: str = '', /) -> None:
+        """Show it."""
 
 
 @contextmanager
@@ -41,7 +46,7 @@ def progress_display(title: str, *, total: float, unit: str) -> Iterator[Update]
     elif unit != '%':
         yield from _lines(title, unit)
     else:
-        yield lambda _done, _total: None
+        yield lambda _done, _total, _note='': None
 
 
 @contextmanager
@@ -65,21 +70,30 @@ def _size(path: Path) -> int:
 
 def _bar(title: str, total: float, unit: str) -> Iterator[Update]:
     from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+    from rich.progress import (
+        BarColumn,
+        Progress,
+        ProgressColumn,
+        TextColumn,
+        TimeElapsedColumn,
+        TimeRemainingColumn,
+    )
 
-    columns = (
+    columns: list[ProgressColumn] = [
         TextColumn('{task.description}', markup=False),
         BarColumn(),
         TextColumn('{task.completed:.0f} of {task.total:.0f} ' + unit),
         TextColumn('{task.fields[speed]}'),
         TimeElapsedColumn(),
-    )
+    ]
+    if unit == 'runs':
+        columns += [TextColumn('left'), TimeRemainingColumn()]
     with Progress(*columns, console=Console(stderr=True), transient=True) as progress:
         task = progress.add_task(title, total=total, speed='')
 
-        def update(done: float, end: float) -> None:
+        def update(done: float, end: float, note: str = '', /) -> None:
             speed = progress.tasks[0].speed
-            text = f'{speed:.0f} x real time' if speed and unit == 's' else ''
+            text = f'{speed:.0f} x real time' if speed and unit == 's' else note
             progress.update(task, completed=done, total=end, speed=text)
 
         yield update
@@ -90,13 +104,14 @@ def _lines(title: str, unit: str) -> Iterator[Update]:
     if unit == 's':  # a simulated run: that it began is worth a line
         printed, since_s = -1, since_s - _QUIET_S
 
-    def update(done: float, end: float) -> None:
+    def update(done: float, end: float, note: str = '', /) -> None:
         nonlocal printed, since_s
         tenth = int(10.0 * done / end) if end > 0.0 else 10
         now_s = time.monotonic()
         if tenth > printed and now_s - since_s >= _QUIET_S:
             printed, since_s = tenth, now_s
-            sys.stderr.write(f'polar: {title}: {done:.0f} of {end:.0f} {unit}\n')
+            said = f', {note}' if note else ''
+            sys.stderr.write(f'polar: {title}: {done:.0f} of {end:.0f} {unit}{said}\n')
             sys.stderr.flush()
 
     yield update

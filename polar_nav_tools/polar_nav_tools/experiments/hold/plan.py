@@ -4,46 +4,36 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
-import numpy as np
-from rclpy.serialization import deserialize_message
-
-from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.errors import ConfigError
-from polar_nav_core.grid import ecef_to_grid
 from polar_nav_core.params import to_mapping
 from polar_nav_follower.params import FollowerParams
-from polar_nav_ros.cdr import to_bytes
 
-from ...inject.faults import Injection, inject
-from ...inject.messages import STREAM_OF, change, reading_of
-from ...inject.readings import Reading
 from ...scoring.tables import Table
 from ..choices import choices_from
 from ..columns import filter_columns
 from ..experiment import Experiment
 from ..jobs import RowJob, RunResult
 from ..mismatch.plan import as_stated
-from ..received import Received, received
+from ..received import received
 from ..request import Request, Size
 from ..station.columns import COLUMNS as STATION_COLUMNS
 from ..station.world import StationWorld
-from ..station_choices import StationChoices
 from ..suite import Paper, engine_suite
 from ..world import World
 from .drive import Taken, drive
 from .judge import Errors, Judged, judge
+from .messages import errors_of, params_of, start_ns_of, taken, with_fault
 from .offline import equals, replayed, trace_of
-from .rows import Row, rows_named, true_positions
+from .rows import Row, rows_named
 from .table import long_table, tables
 from .trace import Trace
 
 COLUMNS = ('default', 'modified_akf', 'conventional_akf')
 """Filters by default; rows of station mode run those that it has."""
-_OUTPUT_S = 0.5
 
 
 @dataclass(frozen=True)
@@ -107,26 +97,6 @@ class _Made:
     messages: list[Taken]
     clean: dict[str, _Ran]
 
-    @property
-    def start_ns(self) -> int:
-        """True time of the start [ns]."""
-        world = self.world
-        return world.truth.start_ns if isinstance(world, World) else world.run.start_ns
-
-    def injected(self, injection: Injection, seed: int) -> list[Taken]:
-        """Messages with a fault, as they arrive; those that it leaves alone keep their bytes."""
-        before = [one.reading for one in self.messages]
-        return [self._with(r) for r in inject(before, [injection], seed)]
-
-    def _with(self, reading: Reading) -> Taken:
-        old = self.messages[reading.number]
-        if reading is old.reading:
-            return old
-        topic, message, _ = old.received
-        changed = deserialize_message(old.data, type(message))
-        change(changed, old.reading, reading)
-        return Taken(Received(topic, changed, reading.arrival_ns), to_bytes(changed), reading)
-
 
 _made: dict[tuple[str, int], _Made] = {}
 
@@ -137,47 +107,19 @@ def _world_of(row: Row, seed: int) -> _Made:
     if key not in _made:
         _made.clear()
         world: Any = row.scene.make(seed)
-        _made[key] = _Made(world, _taken(received(world.inputs)), {})
+        _made[key] = _Made(world, taken(received(world.inputs)), {})
     return _made[key]
-
-
-def _taken(messages: Sequence[Received]) -> list[Taken]:
-    return [
-        Taken(
-            one,
-            to_bytes(one.message),
-            reading_of(STREAM_OF[one.topic], number, one.message, one.arrival_ns),
-        )
-        for number, one in enumerate(messages)
-    ]
-
-
-def _params(world: World | StationWorld, changes: Mapping[str, Any]) -> EngineParams:
-    usual = {'output_period_s': _OUTPUT_S, **changes}
-    if isinstance(world, World):
-        return world.params(**usual)
-    return world.params(StationChoices(), 0.0, **usual)
-
-
-def _errors(world: World | StationWorld, trace: Trace, length_s: float) -> Errors:
-    """Errors of the estimates within the run, in the order of their true times."""
-    inside = np.flatnonzero((trace.time_s >= 0.0) & (trace.time_s <= length_s))
-    rows = inside[np.argsort(trace.time_s[inside], kind='stable')]
-    true_e = true_positions(world, trace.time_s[rows])
-    d_r_e = trace.r_e[rows] - true_e
-    C_e_G = np.asarray(ecef_to_grid(true_e)) if len(rows) else np.zeros((0, 3, 3))
-    return Errors(trace.time_s[rows], np.einsum('nij,nj->ni', C_e_G, d_r_e), trace.sigma_G[rows])
 
 
 def _run(made: _Made, job: FaultJob, messages: Sequence[Taken]) -> _Ran:
     """Run of a job's filter over messages."""
     length_s = job.row.scene.duration_s
-    start_ns = made.start_ns
+    start_ns = start_ns_of(made.world)
     until_ns = start_ns + round(length_s * 1e9)
-    params = FollowerParams(**to_mapping(_params(made.world, job.changes)))
+    params = FollowerParams(**to_mapping(params_of(made.world, job.changes)))
 
     def published(trace: Trace) -> _Published:
-        return _Published(trace, _errors(made.world, trace, length_s))
+        return _Published(trace, errors_of(made.world, trace, length_s))
 
     live = drive(params, messages, start_ns, until_ns)
     one = published(live.trace(until_ns))
@@ -211,11 +153,11 @@ def run_job(job: FaultJob) -> FaultResult:
     clean = made.clean[key]
     stopped = ''
     try:
-        ran = _run(made, job, made.injected(job.row.injection, job.seed))
+        ran = _run(made, job, with_fault(made.messages, job.row.injection, job.seed))
     except Exception as error:  # noqa: BLE001 - the node would end: the worst of all results
         stopped = f'{type(error).__name__}: {error}'
         nothing = Trace.nothing(stopped)
-        none = _Published(nothing, _errors(made.world, nothing, job.row.scene.duration_s))
+        none = _Published(nothing, errors_of(made.world, nothing, job.row.scene.duration_s))
         ran = _Ran(none, none if job.offline else None)
     live = _judged(job, clean.live, ran.live)
     metrics, offline = _numbers(live), None
