@@ -115,7 +115,8 @@ def test_station_has_its_own_numbers(tmp_path):
 
 def test_every_combination_has_the_same_draw_of_a_seed(tmp_path):
     draw = {**SPEC['draw'], 'fixes.sigma': {'log_uniform': [0.5, 5.0]}}
-    draw['world.speed_mps'] = {'normal': [3.0, 0.1]}
+    draw['fixes.first_s'] = {'normal': [3.0, 0.1]}
+    draw['world.speed_mps'] = {'uniform': [2.0, 4.0]}
     draw['mission'] = {'choice': ['', 'demo']}
     spec = read(written(tmp_path, draw=draw))
     tasks = tasks_of(spec, 20, 5)
