@@ -59,7 +59,6 @@ if numba.config.DISABLE_JIT:
             'station_gap',
             'station_obey',
             'station_trust',
-            'turn_rows',
             'warm',
             'water_track',
         ]

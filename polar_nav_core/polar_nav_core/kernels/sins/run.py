@@ -22,12 +22,10 @@ from .events import consider_leader, fill_depth, fill_dvl, fill_fix, imu_event, 
 from .fuse import correct_and_remember, fuse_rows, locate, ping_passes
 from .heading import heading_event
 from .hidden import leave_out_leader
-from .hindsight import is_held
 from .late import OUT_OF_REACH, fill_late_fix
 from .model import E
 from .planned import refusal_stops, take_decision
 from .state import Frames, Log, Past, Rows, Settings, State, Streams, Work
-from .turn import known_turn_rows, own_share
 from .update import N
 
 
@@ -122,15 +120,13 @@ def _fill_next_depth(s: State, fr: Frames, c: Settings, w: Work, streams: Stream
 
 @kernel
 def _fill_next_ping(
-    s: State, fr: Frames, c: Settings, past: Past, w: Work, log: Log, streams: Streams
+    s: State, fr: Frames, c: Settings, past: Past, w: Work, streams: Streams
 ) -> int:
     """Fill the rows of the next ping into the scratch; returns their number, or a code below zero.
 
     With a vehicle's model, the first pings after a loss of bottom lock are only watched: then
     there are no rows to fuse. Nor are there of a velocity through the water: it is fused here, and
     only without lock.
-
-    A state that is held to a track is linearized at the velocity of that track.
     """
     k = s.counters[fs.DVL] % streams.dvl_stamps.shape[0]
     s.counters[fs.DVL] += 1
@@ -143,9 +139,6 @@ def _fill_next_ping(
                 correct_and_remember(s, c, past, w.x)
         return fs.NO_MEASUREMENT
     fill_dvl(s, fr, c, w, streams.dvl_v_m[k], streams.dvl_covariance_m[k])
-    if c.knows_turn:
-        share = 0.0 if is_held(log) else own_share(w.H, w.R, s.P)
-        known_turn_rows(w.H, w.z, s.v_G, share)
     if c.aiding.on and not has_bottom_lock(s, c):
         code = ping_passes(s, c, w)
         if code < 0:
@@ -243,7 +236,7 @@ def _process(
         if rank == fs.DEPTH_RANK:
             stream, m = fs.DEPTH_ROW, _fill_next_depth(s, fr, c, w, streams)
         elif rank == fs.DVL_RANK:
-            stream, m = fs.DVL_ROW, _fill_next_ping(s, fr, c, past, w, log, streams)
+            stream, m = fs.DVL_ROW, _fill_next_ping(s, fr, c, past, w, streams)
         else:
             take_decision(s, log, streams)
             stream, m = fs.FIX_ROW, _fill_next_fix(s, fr, c, past, w, streams, stamp, rows)
