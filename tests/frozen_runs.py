@@ -112,6 +112,17 @@ def _custom(delay: str, noise: str, robust: str) -> tuple[str, dict[str, Any]]:
 
 _ALL_NOISE = ('late', 'dense', 'outliers', 'unusable', 'over the pole')
 """Worlds with the noise adaptations that are not compiled: they take longer than all others."""
+_COMMON = {
+    'fix_range_scale_sigma': 0.003,
+    'fix_heading_sigma_deg': 0.3,
+    'fix_clock_sigma': 0.05,
+    'fix_offset_sigma': 0.5,
+    'dvl_misalignment_sigma_deg': 0.5,
+    'dvl_lever_sigma': 0.1,
+    'dvl_latency_sigma': 0.05,
+    'depth_offset_sigma': 0.5,
+}
+"""Errors in common that the worlds themselves state as zero."""
 
 
 def _sins_variants(world: str) -> dict[str, dict[str, Any]]:
@@ -123,6 +134,7 @@ def _sins_variants(world: str) -> dict[str, dict[str, Any]]:
         for name, c in CONFIGURATIONS.items()
         if c.noise_adaptation in noises
     }
+    out['default common'] = {'configuration': 'default', **_COMMON}
     for delay in DELAY_HANDLING:
         if aided and delay == 'clone':
             continue

@@ -59,6 +59,7 @@ if numba.config.DISABLE_JIT:
             'station_gap',
             'station_obey',
             'station_trust',
+            'turn_rows',
             'warm',
             'water_track',
         ]

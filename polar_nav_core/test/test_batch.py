@@ -53,6 +53,30 @@ def test_same_bits_for_each_configuration(world, name):
     both(world.params(configuration=name), inputs_of(world, world.fixes(1.0, 1.5)))
 
 
+COMMON = {
+    'fix_range_scale_sigma': 0.003,
+    'fix_offset_sigma': 2.0,
+    'dvl_misalignment_sigma_deg': 0.3,
+    'depth_offset_sigma': 0.2,
+}
+
+
+@pytest.mark.parametrize('robust', ['none', 'mahalanobis'])
+@pytest.mark.parametrize('name', DELAY_HANDLING)
+def test_same_receipts_with_common_errors(world, name, robust):
+    """Their variances are what NIS is by, with the common errors: no axis alone exceeds it."""
+    rng = np.random.default_rng(6)
+    fixes = world.fixes(0.7, lambda _: rng.uniform(0.0, 3.0), rng=rng)
+    chosen = {'delay_handling': name, 'robust_fixes': robust, 'gate_probability': 0.99}
+    result = both(
+        world.params(configuration='custom', **chosen, **COMMON), inputs_of(world, fixes)
+    )
+    judged = [r for r in result.receipts if np.isfinite(r.nis)]
+    assert len(judged) > 5
+    for r in judged:
+        assert r.nis >= np.max(r.innovation_G**2 / r.innovation_variance_G) * (1.0 - 1e-12)
+
+
 @pytest.mark.parametrize('one_by_one', [False, True])
 def test_rows_with_derived_columns_in_place_of_covariances(world, one_by_one):
     params, inputs = world.params(), inputs_of(world, world.fixes(1.0, 1.5))

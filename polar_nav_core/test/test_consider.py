@@ -9,6 +9,14 @@ from polar_nav_core.kernels.sins import rows
 from polar_nav_core.kernels.sins.update import COUPLED, MARKOV, NAV, N
 
 V, OMEGA = np.array([2.0, 0.3, -0.1]), np.array([0.02, -0.01, 0.1])
+LEVER, NOWHERE = np.array([1.5, -0.4, 0.8]), np.zeros(3)
+
+
+def attitude_rows(v_G):
+    """Rows of a ping with that velocity [m/s] in its block of attitude: -[v x]."""
+    H = np.zeros((3, N))
+    H[:, :3] = np.cross(v_G, np.eye(3))
+    return H
 
 
 def transition(rng):
@@ -71,7 +79,8 @@ def test_common_errors_of_the_dvl_are_changes_of_its_rows(column, change):
     C_b_G, _ = np.linalg.qr(rng.standard_normal((3, 3)))
     C_m_b, _ = np.linalg.qr(rng.standard_normal((3, 3)))
     J = np.full((3, co.COLUMNS), 7.0)
-    co.dvl_common(J, C_b_G, C_m_b, C_m_b.T @ V, OMEGA, np.array([0.0, 0.0, 9.8]), 9.8)
+    H = attitude_rows(C_b_G @ (V - np.cross(OMEGA, LEVER)))
+    co.dvl_common(J, C_b_G, H, OMEGA, np.array([0.0, 0.0, 9.8]), LEVER, 9.8)
 
     def innovation(v_b):
         H, R, z, C = np.zeros((3, N)), np.zeros((3, 3)), np.zeros(3), np.zeros((3, 3))
@@ -88,7 +97,7 @@ def test_common_errors_of_the_dvl_are_changes_of_its_rows(column, change):
 
 def test_a_dvl_has_no_other_common_errors():
     J = np.full((3, co.COLUMNS), 7.0)
-    co.dvl_common(J, np.eye(3), np.eye(3), V, OMEGA, np.array([0.0, 0.0, 9.8]), 9.8)
+    co.dvl_common(J, np.eye(3), attitude_rows(V), OMEGA, np.array([0.0, 0.0, 9.8]), NOWHERE, 9.8)
     assert not J[:, :6].any()
     assert not J[:, 11:].any()
 
@@ -97,10 +106,9 @@ def test_latency_of_the_dvl_is_acceleration_less_what_turning_the_axes_makes():
     """Of any motion: d/dt (C^T v) by differences of a track with that rate and acceleration."""
     rng = np.random.default_rng(11)
     C_b_G, _ = np.linalg.qr(rng.standard_normal((3, 3)))
-    C_m_b, _ = np.linalg.qr(rng.standard_normal((3, 3)))
     v_b, omega, f_b = (rng.standard_normal(3) for _ in range(3))
     J = np.full((3, co.COLUMNS), 7.0)
-    co.dvl_common(J, C_b_G, C_m_b, C_m_b.T @ v_b, omega, f_b, 9.8)
+    co.dvl_common(J, C_b_G, attitude_rows(C_b_G @ v_b), omega, f_b, NOWHERE, 9.8)
     a_G = C_b_G @ f_b - np.array([0.0, 0.0, 9.8])
 
     def velocity_b(t):
@@ -152,10 +160,10 @@ def test_latency_of_the_dvl_is_the_change_of_body_velocity():
     """Steady turn: body velocity is constant, nothing is late; speeding up: the acceleration."""
     speed, rate, C_b_G, J = 2.0, 0.2, np.eye(3), np.zeros((3, co.COLUMNS))
     v, omega = np.array([speed, 0.0, 0.0]), np.array([0.0, 0.0, rate])
-    centripetal = np.array([0.0, speed * rate, 9.8])
-    co.dvl_common(J, C_b_G, np.eye(3), v, omega, centripetal, 9.8)
+    H, centripetal = attitude_rows(v), np.array([0.0, speed * rate, 9.8])
+    co.dvl_common(J, C_b_G, H, omega, centripetal, NOWHERE, 9.8)
     np.testing.assert_allclose(J[:, co.DVL_LATENCY], 0.0, atol=1e-12)
-    co.dvl_common(J, C_b_G, np.eye(3), v, omega, centripetal + np.array([0.5, 0.0, 0.0]), 9.8)
+    co.dvl_common(J, C_b_G, H, omega, centripetal + np.array([0.5, 0.0, 0.0]), NOWHERE, 9.8)
     np.testing.assert_allclose(J[:, co.DVL_LATENCY], [0.5, 0.0, 0.0], atol=1e-12)
 
 

@@ -41,6 +41,7 @@ _FIRST: dict[str, Any] = {
     'dvl_rpy_deg': (0.0, 0.0, 0.0),
     'dvl_scale_sigma': 0.0001,
     'dvl_sigma': 0.005,
+    'dvl_turn_velocity': 'measured',
     'filter_period_s': 0.1,
     'fix_clock_sigma': 0.0,
     'fix_heading_sigma_deg': 0.0,
@@ -239,6 +240,9 @@ _SINCE: dict[int, dict[str, Any]] = {
     5: {
         'leader_drift_sigma': 1.0,
         'water_track_sigma': 0.02,
+    },
+    6: {
+        'dvl_turn_velocity': 'known',
     },
 }
 """By engine version: what changed with it. A version with new defaults counts up (version.py)."""

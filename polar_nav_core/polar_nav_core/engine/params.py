@@ -186,6 +186,12 @@ class EngineParams(IdentificationParams, StationParams, LimitParams, HeadingPara
     dvl_rpy_deg: tuple[float, ...] = vector(
         (0.0, 0.0, 0.0), 'deg', -360.0, 360.0, 'Mounting of the DVL: roll, pitch, yaw'
     )
+    dvl_turn_velocity: str = choice(
+        'known',
+        ('known', 'measured'),
+        'Velocity that an error of attitude turns, in the rows of a DVL ping: as known with the '
+        'ping, or as measured, noise and all (up to engine 5)',
+    )
     depth_sigma: float = param(
         0.05, 'm', 1e-6, 100.0, 'Noise of depth where the message states none'
     )

@@ -229,7 +229,8 @@ class NavigationFilter:
         st.put_dvl(self.streams, ping)
         self.advance()
         fused = bool(counters[fs.WATER_NS] != before_ns)
-        return self.outcome(3 if fused or not self.has_bottom_lock else 0, fused=fused)
+        m = 3 if fused or not self.has_bottom_lock else 0
+        return self.outcome(m, fused=fused, joint=True)
 
     def reach(self, stamp_ns: int) -> None:
         """Advance to a stamp [ns] of a measurement that lies in a gap between IMU samples."""
@@ -301,11 +302,16 @@ class NavigationFilter:
         age_ns = counters[fs.STAMP] - counters[fs.THRUST_NS]
         return bool(counters[fs.THRUST_NS] > 0 and age_ns <= self.settings.aiding.thrust_ns)
 
-    def outcome(self, m: int, *, fused: bool) -> Outcome:
-        """Outcome of the last update, read from the scratch."""
+    def outcome(self, m: int, *, fused: bool, joint: bool = False) -> Outcome:
+        """Outcome of the last update, read from the scratch.
+
+        Its variances are what it was judged by, as in `kernels.sins.events.note_outcome`: with the
+        common errors, but for a measurement that was fused jointly with the vehicle's model.
+        """
         w = self.work
         variance, innovation = np.full(3, np.nan), np.full(3, np.nan)
-        variance[:m] = np.diagonal(w.S)[:m] / w.nis[1]
+        wide = self.considers and not joint
+        variance[:m] = np.diagonal(w.wide)[:m] if wide else np.diagonal(w.S)[:m] / w.nis[1]
         innovation[:m] = w.z[:m]
         gate = float(self.settings.gates[m])
         return Outcome(fused, innovation, variance, float(w.nis[0]), m, gate, float(w.nis[1]))
@@ -382,6 +388,7 @@ class NavigationFilter:
             self.work,
             ping.v_m,
             ping.covariance_m,
+            False,
         )
 
     def fill_common(self, fix: Fix, common_e: Array) -> None:

@@ -59,6 +59,9 @@ def make_settings(
         estimates_usbl_bias=estimated,
         shares_leader=shares_leader,
         adaptive=c.noise_adaptation == 'adaptive_r',
+        # Where the noise is adapted, a share by the stated one means nothing: those filters, the
+        # readings of the papers, have the measured velocity.
+        knows_turn=p.dvl_turn_velocity == 'known' and c.noise_adaptation == 'none',
         back_propagates=c.delay_handling == 'back_propagate',
         forgetting=p.forgetting,
         floor=p.adaptive_floor,

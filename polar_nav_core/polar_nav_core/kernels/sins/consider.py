@@ -27,6 +27,7 @@ DEPTH_ZERO = 11
 LEADER = 12  # four: turn and scale of the leader's way, its error at the start east and north
 COLUMNS = 16
 
+PHI = 0
 DV = 3
 DR = 6
 
@@ -149,32 +150,43 @@ def clear(J: Array) -> None:
 def dvl_common(
     J: Array,
     C_b_G: Array,
-    C_m_b: Array,
-    v_m: Array,
+    H: Array,
     omega_b: Array,
     f_b: Array,
+    lever_b: Array,
     gravity: float,
 ) -> None:
     """Innovation of a DVL ping per unit of each common error of the DVL.
+
+    A turn of the DVL and one of the vehicle differ by the lever arm alone. Both therefore take
+    the velocity that the ping's rows of attitude hold: were they to take two, the noise between
+    them would pass for a difference that shows one and the other.
 
     Parameters
     ----------
     J : (3, COLUMNS) out, grid axes
         Per radian of yaw and pitch of the mounting, per metre of lever arm along x and y, per
         second of latency.
-    C_b_G, C_m_b : (3, 3)
-        Attitude; mounting of the instrument.
-    v_m : (3,)
-        Measured velocity, instrument axes [m/s].
+    C_b_G : (3, 3)
+        Attitude.
+    H : (3, N), grid axes
+        Rows of the ping.
     omega_b, f_b : (3,)
         Rate [rad/s] and specific force [m/s^2], body axes.
+    lever_b : (3,)
+        Place of the instrument, body axes [m].
     gravity : float
         [m/s^2].
     """
     clear(J)
-    x = C_m_b[0, 0] * v_m[0] + C_m_b[0, 1] * v_m[1] + C_m_b[0, 2] * v_m[2]
-    y = C_m_b[1, 0] * v_m[0] + C_m_b[1, 1] * v_m[1] + C_m_b[1, 2] * v_m[2]
-    z = C_m_b[2, 0] * v_m[0] + C_m_b[2, 1] * v_m[1] + C_m_b[2, 2] * v_m[2]
+    V_x, V_y, V_z = H[1, PHI + 2], -H[0, PHI + 2], H[0, PHI + 1]  # those rows are -[V x]
+    # Velocity of the instrument, body axes.
+    x = C_b_G[0, 0] * V_x + C_b_G[1, 0] * V_y + C_b_G[2, 0] * V_z
+    y = C_b_G[0, 1] * V_x + C_b_G[1, 1] * V_y + C_b_G[2, 1] * V_z
+    z = C_b_G[0, 2] * V_x + C_b_G[1, 2] * V_y + C_b_G[2, 2] * V_z
+    x += omega_b[1] * lever_b[2] - omega_b[2] * lever_b[1]
+    y += omega_b[2] * lever_b[0] - omega_b[0] * lever_b[2]
+    z += omega_b[0] * lever_b[1] - omega_b[1] * lever_b[0]
     # Change of the velocity in body axes: acceleration over ground less omega x v.
     a_x = f_b[0] - gravity * C_b_G[2, 0] - (omega_b[1] * z - omega_b[2] * y)
     a_y = f_b[1] - gravity * C_b_G[2, 1] - (omega_b[2] * x - omega_b[0] * z)

@@ -34,6 +34,7 @@ from .rows import depth_rows, dvl_rows, fix_rows
 from .scale import NOISY, calm_scale_rows
 from .state import Frames, Log, Past, Settings, State, Work
 from .transition import fill_transition
+from .turn import known_turn_rows, own_share
 from .update import MARKOV, USBL, N, is_positive_definite, predict
 
 GRAVITY = 9.83
@@ -313,8 +314,13 @@ def fill_depth(s: State, fr: Frames, c: Settings, w: Work, depth: float, varianc
 
 @entry
 @kernel
-def fill_dvl(s: State, fr: Frames, c: Settings, w: Work, v_m: Array, R_m: Array) -> None:
-    """Rows of a DVL ping at the present estimate into the scratch."""
+def fill_dvl(
+    s: State, fr: Frames, c: Settings, w: Work, v_m: Array, R_m: Array, held: bool
+) -> None:
+    """Rows of a DVL ping at the present estimate into the scratch.
+
+    A state that is ``held`` to a track is linearized at the velocity of that track.
+    """
     dvl_rows(
         w.H,
         w.R,
@@ -334,11 +340,13 @@ def fill_dvl(s: State, fr: Frames, c: Settings, w: Work, v_m: Array, R_m: Array)
     )
     if c.densities[1] * (1.0 + s.excess[0]) > NOISY:
         calm_scale_rows(w.H, w.C_m_G, s.P, s.calm)
+    if c.knows_turn:
+        known_turn_rows(w.H, w.z, s.v_G, 0.0 if held else own_share(w.H, w.R, s.P))
     if s.counters[fs.CONSIDERS] == 1 and s.previous_dt[0] > 0.0:
         for k in range(3):
             w.omega[k] = s.omega_ib_b[k] - s.b_gyro_b[k]
             w.f[k] = s.increments[1, k] / s.previous_dt[0]
-        dvl_common(w.J, s.C_b_G, c.C_m_b, v_m, w.omega, w.f, GRAVITY)
+        dvl_common(w.J, s.C_b_G, w.H, w.omega, w.f, c.lever_dvl_b, GRAVITY)
 
 
 @kernel

@@ -22,6 +22,7 @@ from .events import consider_leader, fill_depth, fill_dvl, fill_fix, imu_event, 
 from .fuse import correct_and_remember, fuse_rows, locate, ping_passes
 from .heading import heading_event
 from .hidden import leave_out_leader
+from .hindsight import is_held
 from .late import OUT_OF_REACH, fill_late_fix
 from .model import E
 from .planned import refusal_stops, take_decision
@@ -120,13 +121,15 @@ def _fill_next_depth(s: State, fr: Frames, c: Settings, w: Work, streams: Stream
 
 @kernel
 def _fill_next_ping(
-    s: State, fr: Frames, c: Settings, past: Past, w: Work, streams: Streams
+    s: State, fr: Frames, c: Settings, past: Past, w: Work, log: Log, streams: Streams
 ) -> int:
     """Fill the rows of the next ping into the scratch; returns their number, or a code below zero.
 
     With a vehicle's model, the first pings after a loss of bottom lock are only watched: then
     there are no rows to fuse. Nor are there of a velocity through the water: it is fused here, and
     only without lock.
+
+    A state that is held to a track is linearized at the velocity of that track.
     """
     k = s.counters[fs.DVL] % streams.dvl_stamps.shape[0]
     s.counters[fs.DVL] += 1
@@ -138,7 +141,7 @@ def _fill_next_ping(
             if code == fs.FUSED:
                 correct_and_remember(s, c, past, w.x)
         return fs.NO_MEASUREMENT
-    fill_dvl(s, fr, c, w, streams.dvl_v_m[k], streams.dvl_covariance_m[k])
+    fill_dvl(s, fr, c, w, streams.dvl_v_m[k], streams.dvl_covariance_m[k], is_held(log))
     if c.aiding.on and not has_bottom_lock(s, c):
         code = ping_passes(s, c, w)
         if code < 0:
@@ -236,7 +239,7 @@ def _process(
         if rank == fs.DEPTH_RANK:
             stream, m = fs.DEPTH_ROW, _fill_next_depth(s, fr, c, w, streams)
         elif rank == fs.DVL_RANK:
-            stream, m = fs.DVL_ROW, _fill_next_ping(s, fr, c, past, w, streams)
+            stream, m = fs.DVL_ROW, _fill_next_ping(s, fr, c, past, w, log, streams)
         else:
             take_decision(s, log, streams)
             stream, m = fs.FIX_ROW, _fill_next_fix(s, fr, c, past, w, streams, stamp, rows)

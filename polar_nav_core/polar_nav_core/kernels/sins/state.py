@@ -252,6 +252,7 @@ class Settings(NamedTuple):
     estimates_usbl_bias: bool
     shares_leader: bool  # the last three states are the leader's errors, per sigma
     adaptive: bool
+    knows_turn: bool  # rows of a ping: the velocity that a turn moves is that known with it (turn)
     back_propagates: bool  # fixes of the streams are late: they stand where they were received
     forgetting: float
     floor: float

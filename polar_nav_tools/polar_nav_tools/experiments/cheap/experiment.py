@@ -43,13 +43,17 @@ COVERAGE_GOAL, ERROR_GOAL = 0.9, 1.0
 """Share of the time within the stated 95 % radius; RMS over that of the simple filter."""
 _WHITE = 'sigma: 2.5'
 _SLOW = 'sigma: 1.2, slow_sigma: 2.0, correlation_s: 60'
-COLUMNS: dict[str, str] = {'default': _SLOW, 'white': _WHITE}
+COLUMNS: dict[str, str] = {'default': _SLOW, 'white': _WHITE, 'own_pings': _SLOW}
 """What the mapping states of the fixes, by column."""
+_PING_SIGMA, _OWN_SIGMA = 0.03, 0.005
+"""Sigma per ping that the mapping states, and that which the pings have [m/s]."""
+PINGS: dict[str, float] = {'own_pings': _OWN_SIGMA}
+"""What it states of the pings, where that is another sigma."""
 _MAPPING = """
 version: 2
 vehicle: auv
 imu: {{topic: {imu}, type: sensor_msgs/msg/Imu}}
-dvl: {{topic: {dvl}, type: {dvl_type}, rotation: frd, lever_b: [-0.1, 0.0, -0.15], sigma: 0.03}}
+dvl: {{topic: {dvl}, type: {dvl_type}, rotation: frd, lever_b: [-0.1, 0.0, -0.15], sigma: {pings}}}
 depth: {{topic: {pressure}, type: sensor_msgs/msg/FluidPressure}}
 fixes:
   - {{topic: {fix}, type: sensor_msgs/msg/NavSatFix, source: ugps, {fixes}}}
@@ -73,7 +77,9 @@ def _readings(seed: int, duration_s: float) -> recording.Readings:
     return recording.readings(seed, duration_s)
 
 
-def mapping_text(r: recording.Readings, fixes: str = _SLOW) -> str:
+def mapping_text(
+    r: recording.Readings, fixes: str = _SLOW, ping_sigma: float = _PING_SIGMA
+) -> str:
     """Mapping file of the vehicle; it starts at the first fix with the heading of its AHRS.
 
     Parameters
@@ -81,6 +87,8 @@ def mapping_text(r: recording.Readings, fixes: str = _SLOW) -> str:
     r : Readings
     fixes : str
         What it states of the errors of its fixes.
+    ping_sigma : float
+        And of its pings [m/s].
     """
     yaw_deg = Rotation.from_quat(r.imu.quaternion_xyzw[0]).as_euler('ZYX', degrees=True)[0]
     heading = f'heading_deg: {90.0 - yaw_deg:.3f}'
@@ -92,6 +100,7 @@ def mapping_text(r: recording.Readings, fixes: str = _SLOW) -> str:
         pressure=recording.PRESSURE,
         fix=recording.FIX,
         fixes=fixes,
+        pings=ping_sigma,
         initial=initial,
     )
 
@@ -108,7 +117,8 @@ def run_job(job: CheapJob) -> RunResult:
         return _result(job, metrics, '', verdicts, start)
     with tempfile.TemporaryDirectory() as folder:
         path = recording.write(Path(folder) / 'bag', r)
-        mapping = mapping_file.parse(mapping_text(r, COLUMNS[job.column]), 'bluerov2')
+        text = mapping_text(r, COLUMNS[job.column], PINGS.get(job.column, _PING_SIGMA))
+        mapping = mapping_file.parse(text, 'bluerov2')
         ran = replay(open_source(path), with_parameters(mapping, job.engine))
     return _result(job, _measured(r, ran), ran.divergence, Counter(ran.verdicts), start)
 

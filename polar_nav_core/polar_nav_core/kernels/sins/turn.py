@@ -1,0 +1,67 @@
+"""Rows of a ping by an attitude error: a velocity whose own error says nothing to the innovation.
+
+Those rows are a velocity. The measured one has the noise of its own ping in it, the predicted one
+the error of the estimate: each goes along with the innovation that the row stands beside, and the
+filter takes that for a heading which the ping shows. Between both, by the share of the innovation
+that is the estimate's own error, it does not (docs/derivations/measurements.md, 1).
+"""
+
+from __future__ import annotations
+
+from ...arrays import Array
+from ..cache import kernel
+from .rows import PHI
+
+_HORIZONTAL = 2
+
+
+@kernel
+def own_share(H: Array, R: Array, P: Array) -> float:
+    """Return the part of a ping's innovation that is the estimate's own error, 0 to 1.
+
+    tr(H P H^T) over tr(H P H^T + R), of the two horizontal rows.
+
+    Parameters
+    ----------
+    H, R : (3, 24), (3, 3) arrays
+        Of a ping, as `rows.dvl_rows` leaves them.
+    P : (24, 24) array
+    """
+    own = 0.0
+    noise = 0.0
+    for a in range(_HORIZONTAL):
+        noise += R[a, a]
+        for i in range(P.shape[0]):
+            h = H[a, i]
+            if h != 0.0:
+                row = 0.0
+                for k in range(P.shape[0]):
+                    row += P[i, k] * H[a, k]
+                own += h * row
+    return own / (own + noise) if own > 0.0 else 0.0
+
+
+@kernel
+def known_turn_rows(H: Array, z: Array, v_G: Array, share: float) -> None:
+    """Replace the measured velocity in the attitude's rows of a ping by v_G - share z.
+
+    Parameters
+    ----------
+    H : (3, 24) array, in place
+        Of a ping, as `rows.dvl_rows` leaves it.
+    z : (3,) array
+        Its innovation [m/s].
+    v_G : (3,) array
+        Estimated velocity, grid axes [m/s].
+    share : float
+        1 is the measured velocity, 0 the predicted one; `own_share` is between.
+    """
+    V0 = v_G[0] - share * z[0]
+    V1 = v_G[1] - share * z[1]
+    V2 = v_G[2] - share * z[2]
+    H[0, PHI + 1] = V2
+    H[0, PHI + 2] = -V1
+    H[1, PHI] = -V2
+    H[1, PHI + 2] = V0
+    H[2, PHI] = V1
+    H[2, PHI + 1] = -V0
