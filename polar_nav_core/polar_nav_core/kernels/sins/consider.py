@@ -152,9 +152,8 @@ def dvl_common(
     C_b_G: Array,
     H: Array,
     omega_b: Array,
-    f_b: Array,
+    a_b: Array,
     lever_b: Array,
-    gravity: float,
 ) -> None:
     """Innovation of a DVL ping per unit of each common error of the DVL.
 
@@ -171,12 +170,10 @@ def dvl_common(
         Attitude.
     H : (3, N), grid axes
         Rows of the ping.
-    omega_b, f_b : (3,)
-        Rate [rad/s] and specific force [m/s^2], body axes.
+    omega_b, a_b : (3,)
+        Rate [rad/s], and the change of the velocity in body axes [m/s^2] (swing).
     lever_b : (3,)
         Place of the instrument, body axes [m].
-    gravity : float
-        [m/s^2].
     """
     clear(J)
     V_x, V_y, V_z = H[1, PHI + 2], -H[0, PHI + 2], H[0, PHI + 1]  # those rows are -[V x]
@@ -187,10 +184,6 @@ def dvl_common(
     x += omega_b[1] * lever_b[2] - omega_b[2] * lever_b[1]
     y += omega_b[2] * lever_b[0] - omega_b[0] * lever_b[2]
     z += omega_b[0] * lever_b[1] - omega_b[1] * lever_b[0]
-    # Change of the velocity in body axes: acceleration over ground less omega x v.
-    a_x = f_b[0] - gravity * C_b_G[2, 0] - (omega_b[1] * z - omega_b[2] * y)
-    a_y = f_b[1] - gravity * C_b_G[2, 1] - (omega_b[2] * x - omega_b[0] * z)
-    a_z = f_b[2] - gravity * C_b_G[2, 2] - (omega_b[0] * y - omega_b[1] * x)
     for i in range(3):
         b_x = C_b_G[i, 0]
         b_y = C_b_G[i, 1]
@@ -199,7 +192,7 @@ def dvl_common(
         J[i, DVL_PITCH] = b_z * x - b_x * z  # -C (e_y x v)
         J[i, DVL_LEVER_X] = -(b_y * omega_b[2] - b_z * omega_b[1])  # -C (omega x e_x)
         J[i, DVL_LEVER_Y] = b_x * omega_b[2] - b_z * omega_b[0]  # -C (omega x e_y)
-        J[i, DVL_LATENCY] = b_x * a_x + b_y * a_y + b_z * a_z
+        J[i, DVL_LATENCY] = b_x * a_b[0] + b_y * a_b[1] + b_z * a_b[2]
 
 
 @kernel

@@ -17,6 +17,7 @@ from . import state as fs
 from .aiding import compare_velocities, model_is_definite, predict_model, store_block_step
 from .consider import (
     COLUMNS,
+    DVL_LATENCY,
     LEADER,
     clear,
     depth_common,
@@ -33,12 +34,13 @@ from .model import E
 from .rows import depth_rows, dvl_rows, fix_rows
 from .scale import NOISY, calm_scale_rows
 from .state import Frames, Log, Past, Settings, State, Work
+from .swing import body_acceleration, follow
 from .transition import fill_transition
 from .turn import known_turn_rows, own_share
 from .update import MARKOV, USBL, N, is_positive_definite, predict
 
-GRAVITY = 9.83
-"""Near a pole [m/s^2]; the latency of a DVL needs it to a per cent."""
+GRAVITY = 7
+"""Place of gravity in State.held."""
 
 
 @kernel
@@ -218,9 +220,11 @@ def imu_event(
         s.sums,
         s.held,
     )
-    s.previous_dt[0] = dt
     for k in range(3):
         s.omega_ib_b[k] = w.omega[k]
+    if c.common[DVL_LATENCY] > 0.0:
+        _follow_swing(s, c, w, dt)
+    s.previous_dt[0] = dt
     s.counters[fs.STAMP] = stamp_ns
     s.counters[fs.IMU_NS] = stamp_ns
     s.counters[fs.IMU] += 1
@@ -239,6 +243,16 @@ def imu_event(
     if stepped and s.counters[fs.STEPS] % c.steps_per_snapshot == 0:
         take_snapshot(s, log)
     return code
+
+
+@kernel
+def _follow_swing(s: State, c: Settings, w: Work, dt: float) -> None:
+    """Take a sample of dt [s] into the acceleration that late pings have missed."""
+    for k in range(3):
+        w.omega[k] = s.increments[0, k] / dt
+        w.f[k] = s.increments[1, k] / dt
+    body_acceleration(w.acceleration, s.C_b_G, s.v_G, w.omega, w.f, s.held[GRAVITY])
+    follow(s.swing, w.acceleration, c.common[DVL_LATENCY], dt, s.previous_dt[0] == 0.0)
 
 
 @kernel
@@ -342,11 +356,10 @@ def fill_dvl(
         calm_scale_rows(w.H, w.C_m_G, s.P, s.calm)
     if c.knows_turn:
         known_turn_rows(w.H, w.z, s.v_G, 0.0 if held else own_share(w.H, w.R, s.P))
-    if s.counters[fs.CONSIDERS] == 1 and s.previous_dt[0] > 0.0:
+    if s.counters[fs.CONSIDERS] == 1:
         for k in range(3):
             w.omega[k] = s.omega_ib_b[k] - s.b_gyro_b[k]
-            w.f[k] = s.increments[1, k] / s.previous_dt[0]
-        dvl_common(w.J, s.C_b_G, w.H, w.omega, w.f, c.lever_dvl_b, GRAVITY)
+        dvl_common(w.J, s.C_b_G, w.H, w.omega, s.swing, c.lever_dvl_b)
 
 
 @kernel

@@ -120,6 +120,7 @@ class State(NamedTuple):
     previous: Array  # (2, 3): the last sample as it came, rate and specific force
     noise: Array  # (3, 4): per stream b^k and the ratio of adapted to stated variance per axis
     previous_dt: Array  # (1,)
+    swing: Array  # (3,): acceleration in body axes that late pings have missed (swing)
     P: Array
     sensitivity: Array  # (24, COLUMNS): error per unit of each common error (consider)
     memories: Array  # (3, 2, WIDTH): innovations per stream (watch)
@@ -164,6 +165,7 @@ _SHAPES = {
     'previous': (2, 3),
     'noise': (3, 4),
     'previous_dt': (1,),
+    'swing': (3,),
     'P': (N, N),
     'sensitivity': (N, consider.COLUMNS),
     'memories': (watch.STREAMS, watch.MEMORIES, watch.WIDTH),
@@ -324,6 +326,7 @@ class Work(NamedTuple):
     omega_mean: Array
     omega: Array
     f: Array
+    acceleration: Array  # (3,): in body axes
     point_e: Array
     velocity_e: Array
     model: Array  # (MODEL_WORK, 7) of the vehicle's model, rows as in aiding
@@ -376,6 +379,7 @@ def make_work() -> Work:
         C_e_G=square(),
         f_mean=three(),
         omega_mean=three(),
+        acceleration=three(),
         omega=three(),
         f=three(),
         point_e=three(),
