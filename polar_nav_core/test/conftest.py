@@ -15,13 +15,15 @@ settings.load_profile('core')
 
 if numba.config.DISABLE_JIT:
     # In plain Python the engine takes a thousand times as long; test_plain_engine.py, in a process
-    # of its own, sees to it that its numbers are the same. Identifications take minutes.
+    # of its own, sees to it that its numbers are the same. Identifications take minutes. Where a
+    # few tests of a file are slow, those are marked as `compiled.jit_only`.
     collect_ignore = [
         f'test_{name}.py'
         for name in [
             'batch',
             'clocks',
             'clone',
+            'delay_sigma',
             'delay_strategies',
             'disagreement',
             'engine',

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from closed_loop import World, inputs_of, run
+from compiled import jit_only
 
 from polar_nav_core import earth, grid
 from polar_nav_core.attitude import exp
@@ -187,6 +188,7 @@ def test_a_start_from_the_same_compass_counts_its_heading_once(world):
     assert sigma == pytest.approx(0.97 * 3.0 * DEG, rel=0.01)
 
 
+@jit_only
 @pytest.mark.parametrize('name', DELAY_HANDLING)
 @pytest.mark.parametrize('tilts', [False, True])
 def test_whole_runs_are_those_of_single_events(world, name, tilts):

@@ -9,12 +9,11 @@ from pathlib import Path
 import numba
 import numpy as np
 import pytest
+from compiled import jit_only
 from numba.core.codegen import CPUCodeLibrary
 from numba.core.compiler import Compiler
 
 from polar_nav_core.kernels import cache, inner
-
-jit_only = pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason='needs compiled kernels')
 
 
 @pytest.fixture

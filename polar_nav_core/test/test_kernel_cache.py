@@ -9,13 +9,13 @@ from pathlib import Path
 import numba
 import numpy as np
 import pytest
+from compiled import jit_only
 
 from polar_nav_core.kernels import cache
 from polar_nav_core.kernels.frames import strapdown
 
 KERNELS = Path(cache.__file__).parent
 RUN = 'sins/run.py'
-jit_only = pytest.mark.skipif(numba.config.DISABLE_JIT, reason='needs compiled kernels')
 
 
 @pytest.fixture

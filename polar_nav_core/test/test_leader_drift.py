@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 from closed_loop import World, inputs_of
+from compiled import jit_only
 
 from polar_nav_core import earth, grid
 from polar_nav_core.engine import run as engine_run
@@ -137,6 +138,7 @@ def fixes_of(world):
     return out
 
 
+@jit_only
 @pytest.mark.parametrize('name', ['tagged', 'back_propagate', 'clone', 'rewind'])
 def test_what_is_published_has_what_such_errors_do_to_a_track(name):
     """Independent of the sensitivities: whole runs with fixes moved by each error."""

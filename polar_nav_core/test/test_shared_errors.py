@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from compiled import jit_only
 
 from polar_nav_core.engine.health import shared as beyond
 from polar_nav_core.engine.health.conditions import Culprit, Level
@@ -56,6 +57,7 @@ def test_a_culprit_is_named_for_every_common_error():
     assert len(beyond._NAMES) == consider.COLUMNS
 
 
+@jit_only
 @pytest.mark.parametrize('seed', range(20))
 def test_common_errors_drawn_from_their_sigmas_are_no_alarm(seed):
     navigation = Navigation(seed)
@@ -66,6 +68,7 @@ def test_common_errors_drawn_from_their_sigmas_are_no_alarm(seed):
             assert not navigation.look().present
 
 
+@jit_only
 def test_residuals_are_independent_and_of_the_stated_size():
     """Means of them are chi-square (1) over worlds, as those of white innovations are."""
     means, sizes = [], []
@@ -78,6 +81,7 @@ def test_residuals_are_independent_and_of_the_stated_size():
     assert np.mean(sizes) == pytest.approx(1.0, abs=0.01)
 
 
+@jit_only
 def test_what_is_known_has_the_covariance_that_it_states():
     values = []
     for seed in range(2000):

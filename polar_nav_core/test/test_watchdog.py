@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from compiled import jit_only
 
 from polar_nav_core.engine.health.conditions import Culprit, Level
 from polar_nav_core.engine.health.statistics import statistics
@@ -49,6 +50,7 @@ def look(kept, dog=None, **changes):
     return dog.look(view(kept, **changes), [])
 
 
+@jit_only
 def test_statistics_of_white_innovations_are_chi_square():
     rng, found = np.random.default_rng(1), []
     for _ in range(300):
