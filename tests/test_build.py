@@ -148,7 +148,7 @@ def outside() -> dict[str, str]:
     return {
         **keep,
         'PATH': f'{sys.prefix}/bin:/usr/local/bin:/usr/bin:/bin',
-        'ROS_DOMAIN_ID': '41',
+        'ROS_DOMAIN_ID': '37',
         'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
     }
 

@@ -25,8 +25,8 @@ def step(name, status=0):
 def suite(tmp_path, monkeypatch, capfd):
     def run(first, last, **options):
         monkeypatch.setattr(testing, 'tests', lambda *_, **__: last)
-        monkeypatch.setattr(testing, 'fast_ring', lambda _: ([last], first))
-        monkeypatch.setattr(testing, 'all_rings', lambda *_, **__: ([step('core')], first, last))
+        monkeypatch.setattr(testing, 'fast_ring', lambda _: [last, *first])
+        monkeypatch.setattr(testing, 'all_rings', lambda *_, **__: ([step('core'), *first], last))
         asked = {'long': False, 'fast': False, 'arguments': [], **options}
         status = run_suite(tmp_path, **asked)
         return status, *capfd.readouterr()
@@ -82,19 +82,59 @@ def test_of_what_went_well_on_the_other_core_only_the_last_line_is_shown(suite):
     assert 'first line' not in out
 
 
+def test_a_core_that_is_free_takes_the_next_step(suite, tmp_path):
+    """The last step comes to its end although the step before it waits for it."""
+    here = str(tmp_path / 'here')
+    waits = """
+import pathlib, sys, time
+end = time.monotonic() + 30
+while not pathlib.Path(sys.argv[1]).exists():
+    time.sleep(0.02)
+    if time.monotonic() > end:
+        sys.exit(1)
+"""
+    makes = 'import pathlib, sys; pathlib.Path(sys.argv[1]).touch()'
+    waiting = Step('waiting', (sys.executable, '-c', waits, here))
+    making = Step('making', (sys.executable, '-c', makes, here))
+    for first in ([waiting, step('short'), making], [step('short'), waiting, making]):
+        status, out, _ = suite(first, step('tests'), fast=True)
+        assert status == 0
+        assert out.count('making: ok') == 1
+        Path(here).unlink()
+
+
 def test_the_steps_are_all_tests_there_are():
     config = tomllib.loads((source_root(Path(__file__)) / 'pyproject.toml').read_text())
     folders = sorted(config['tool']['pytest']['ini_options']['testpaths'])
-    (lower,), others = fast_ring('python')
-    assert folders_of([lower, others[-1]], folders) == folders
+    lower, tools, *_ = fast_ring('python')
+    assert folders_of([lower, tools], folders) == folders
     for long in (True, False):
-        (lower, _), (*_, offline, tools), live = all_rings('python', long=long)
+        steps, live = all_rings('python', long=long)
+        lower, tools, experiments, files, builds, *_ = steps
         assert folders_of([lower, tools, live], folders) == folders
         # One folder in two steps: each of its tests is in one of them.
-        assert offline.command[-1] == live.command[-1]
-        mark = offline.command[-2]
+        assert tools.command[-1] == experiments.command[-1]
+        assert after('-k', tools) == f'not {after("-k", experiments)}'
+        assert files.command[-1] == live.command[-1]
+        mark = files.command[-2]
         assert mark == f'not {live.command[-2]}'
         assert ('not long' in mark) != long
+        # Or without a file that is a step of its own.
+        for one in (files, live):
+            assert f'--ignore={builds.command[-1]}' in one.command
+        for one in (lower, tools, experiments, builds):
+            assert ('not long' in one.command) != long
+
+
+def test_steps_of_tools_beside_one_another_have_domains_of_their_own():
+    steps, _ = all_rings('python', long=False)
+    domains = [s.env['ROS_DOMAIN_ID'] for s in steps if 'polar_nav_tools/test' in s.command]
+    assert len(set(domains)) == len(domains) == 2
+
+
+def after(option, step):
+    """Value of an option of a step's command."""
+    return step.command[len(step.command) - 1 - step.command[::-1].index(option) + 1]
 
 
 def folders_of(steps, folders):

@@ -1,7 +1,7 @@
 """`polar test`: style, types, import contracts, tests; all run even if an early one fails.
 
-Packages are tested on one core, builds and tools on another, beside the checks; then, alone
-because they start graphs of processes, the live tests in `tests`.
+Two cores take one step after the other, the longest first; then, alone because they start graphs
+of processes, the live tests in `tests`.
 """
 
 from __future__ import annotations
@@ -10,7 +10,8 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections import deque
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -28,7 +29,9 @@ _LOWER = (
     'polar_nav_core/test', 'polar_nav_ros/test', 'polar_nav_sim/test', 'polar_nav_leader/test',
     'polar_nav_follower/test',
 )  # fmt: skip
-_TOOLS, _WHOLE = 'polar_nav_tools/test', 'tests'
+_TOOLS, _WHOLE, _BUILD = 'polar_nav_tools/test', 'tests', 'tests/test_build.py'
+_EXPERIMENTS = 'test_experiments'
+"""What the names of the files begin with that a step of their own tests."""
 
 
 @dataclass(frozen=True)
@@ -77,33 +80,49 @@ def tests(python: str, *, long: bool, fast: bool, arguments: Sequence[str]) -> S
     return Step('tests', (python, '-m', 'pytest', *marks, *arguments))
 
 
-def fast_ring(python: str) -> tuple[list[Step], list[Step]]:
-    """Steps of the fast ring for two cores: vehicles and simulation; the checks and the tools."""
-    lower, tools = _halves(python, ['-m', FAST], (_TOOLS, _WHOLE))
-    return [lower], [*checks(python), tools]
+def fast_ring(python: str) -> list[Step]:
+    """Steps of the fast ring for two cores: vehicles and simulation; the tools; the checks."""
+    pytest = (python, '-m', 'pytest', '-m', FAST)
+    (domain,) = _own_domains(1)
+    return [
+        Step('tests of core, nodes and simulation', (*pytest, *_LOWER)),
+        Step('tests of tools', (*pytest, _TOOLS, _WHOLE), domain),
+        *checks(python),
+    ]
 
 
-def all_rings(python: str, *, long: bool) -> tuple[list[Step], list[Step], Step]:
-    """Steps for two cores as those of the fast ring, and the step of whole graphs after them."""
-    marks = [] if long else ['-m', USUAL]
-    lower, tools = _halves(python, marks, (_TOOLS,))
+def all_rings(python: str, *, long: bool) -> tuple[list[Step], Step]:
+    """Steps for two cores, about the longest first, and the step of whole graphs after them."""
+    pytest = (python, '-m', 'pytest', *([] if long else ['-m', USUAL]))
     offline, live = (
-        (python, '-m', 'pytest', '-m', ring if long else f'{ring} and {USUAL}', _WHOLE)
+        (
+            python,
+            '-m',
+            'pytest',
+            f'--ignore={_BUILD}',
+            '-m',
+            ring if long else f'{ring} and {USUAL}',
+        )
         for ring in (_OFFLINE, _LIVE)
     )
-    # About the same time for each core.
-    first = [lower, without_compiler(python)]
-    others = [*checks(python), Step('tests of builds and files', offline), tools]
-    return first, others, Step('tests of whole graphs', live)
+    one, other = _own_domains(2)
+    side_by_side = [
+        Step('tests of core, nodes and simulation', (*pytest, *_LOWER)),
+        Step('tests of tools', (*pytest, '-k', f'not {_EXPERIMENTS}', _TOOLS), one),
+        Step('tests of experiments', (*pytest, '-k', _EXPERIMENTS, _TOOLS), other),
+        Step('tests of files', (*offline, _WHOLE)),
+        # With its nodes, each alone in a domain of the file: one build serves all its tests.
+        Step('tests of builds', (*pytest, _BUILD)),
+        without_compiler(python),
+        *checks(python),
+    ]
+    return side_by_side, Step('tests of whole graphs', (*live, _WHOLE))
 
 
-def _halves(python: str, marks: Sequence[str], upper: Sequence[str]) -> tuple[Step, Step]:
-    """Step of the packages below the tools, and that of the tools in another ROS domain."""
-    pytest = (python, '-m', 'pytest', *marks)
-    # Nodes of the two halves must not find each other.
-    domain = {'ROS_DOMAIN_ID': str(free_domain_id(os.getpid(), busy_udp_ports()))}
-    lower = Step('tests of core, nodes and simulation', (*pytest, *_LOWER))
-    return lower, Step('tests of tools', (*pytest, *upper), domain)
+def _own_domains(count: int) -> list[dict[str, str]]:
+    """Environments of ROS domains of their own: nodes of two steps must not find each other."""
+    busy = busy_udp_ports()
+    return [{'ROS_DOMAIN_ID': str(free_domain_id(os.getpid() + k, busy))} for k in range(count)]
 
 
 @dataclass(frozen=True)
@@ -133,10 +152,10 @@ def run_suite(root: Path, *, long: bool, fast: bool, arguments: Sequence[str]) -
     if arguments:
         outcomes = [_shown(tests(python, long=long, fast=fast, arguments=arguments), root, out)]
     elif fast:
-        outcomes = _side_by_side(*fast_ring(python), root, out)
+        outcomes = _on_two_cores(fast_ring(python), root, out)
     else:
-        first, others, whole = all_rings(python, long=long)
-        outcomes = [*_side_by_side(first, others, root, out), _shown(whole, root, out)]
+        steps, whole = all_rings(python, long=long)
+        outcomes = [*_on_two_cores(steps, root, out), _shown(whole, root, out)]
     failed = [o.step.name for o in outcomes if o.status != 0]
     if failed:
         Console(stderr=True, highlight=False).print(f'[red]failed: {", ".join(failed)}[/red]')
@@ -149,26 +168,42 @@ def _shown(step: Step, root: Path, out: Console) -> Outcome:
     return _run(step, root)
 
 
-def _side_by_side(
-    shown: Sequence[Step], others: Sequence[Step], root: Path, out: Console
-) -> list[Outcome]:
-    """Outcomes of steps shown as they run, and of others on another core, shown at the end."""
+def _on_two_cores(steps: Sequence[Step], root: Path, out: Console) -> list[Outcome]:
+    """Outcomes of steps: some shown as they run; those of the other core are shown at the end."""
+    left = deque(steps)
     other_core = ThreadPoolExecutor(max_workers=1)
     try:
-        waiting = [other_core.submit(_run, step, root, captured=True) for step in others]
-        outcomes = [_shown(step, root, out) for step in shown]
-        for step, future in zip(others, waiting, strict=True):
-            _head(step, out)
-            outcomes.append(future.result())
-            output = outcomes[-1].output.rstrip()
+        first, second = left.popleft(), left.popleft()
+        beside = other_core.submit(
+            lambda: [_run(step, root, captured=True) for step in _taken(second, left)]
+        )
+        outcomes = []
+        for step in _taken(first, left):
+            outcomes.append(_shown(step, root, out))
+            _tell(outcomes[-1], out)
+        for outcome in beside.result():
+            _head(outcome.step, out)
+            output = outcome.output.rstrip()
             if output:
                 last_line = output.rpartition('\n')[2]
-                shown_text = output if outcomes[-1].status else last_line
-                out.print(shown_text, markup=False, soft_wrap=True)
-            _tell(outcomes[-1], out)
+                out.print(output if outcome.status else last_line, markup=False, soft_wrap=True)
+            _tell(outcome, out)
+            outcomes.append(outcome)
     finally:
-        other_core.shutdown(cancel_futures=True)
+        left.clear()
+        other_core.shutdown()
     return outcomes
+
+
+def _taken(first: Step, left: deque[Step]) -> Iterator[Step]:
+    """Yield a step, and then one after the other of those that no core has taken yet."""
+    yield first
+    while True:
+        try:
+            step = left.popleft()
+        except IndexError:
+            return
+        yield step
 
 
 def _run(step: Step, root: Path, *, captured: bool = False) -> Outcome:
