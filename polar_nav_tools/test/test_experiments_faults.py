@@ -116,12 +116,20 @@ def test_rows_and_columns():
         plan(Request(duration_s=100.0), Size(100.0, 1), COLUMNS)
 
 
+def shortened(job, seconds):
+    """The job in a world that ends sooner; faults begin at 120 s, recovery has a minute."""
+    scene = job.row.scene
+    name = 'scenario' if job.row.scene.mode == 'station' else 'world'
+    scene = replace(scene, **{name: replace(getattr(scene, name), duration_s=seconds)})
+    return replace(job, row=replace(job.row, scene=scene))
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(600)
 def test_a_few_of_its_runs():
     rows = 'imu_2038,packet_indefinite'
     jobs = plan(Request(rows=rows), Size(280.0, 2), ('default', 'modified_akf'))
-    results = [run_job(job) for job in jobs]
+    results = [run_job(shortened(job, 200.0)) for job in jobs]
     assert {r.verdict for r in results} == {'recovered'}
     assert all(r.sentence for r in results)
     assert all(r.metrics['reported_s'] < 5.0 for r in results)
@@ -216,6 +224,6 @@ def test_levels_stand_in_the_second_that_they_report():
 @pytest.mark.timeout(300)
 def test_a_run_in_station_mode():
     (job,) = plan(Request(rows='station/imu_silent:1'), Size(280.0, 1), ('default',))
-    result = run_job(job)
+    result = run_job(shortened(job, 150.0))
     assert result.verdict in ('recovered', 'reported', 'covered')
     assert (result.offline, result.equal) == (result.verdict, True)
