@@ -10,13 +10,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
+from polar_nav_tools.bags import open_bag
+
 TOOL = (sys.executable, '-P', '-m', 'polar_nav_tools.cli')
 FOLLOWER = (
     sys.executable,
     '-c',
     'import sys; from polar_nav_follower.follower_node import main; sys.exit(main())',
 )
-DEMO_SECONDS = 40.0
+DEMO_SECONDS = 30.0
 NODES = {
     'polar_nav_sim': {
         'truth_node',
@@ -57,6 +59,16 @@ def processes_with(text: str) -> dict[int, str]:
             continue  # ended meanwhile
         if text in command and 'polar_nav_tools.live.child' in command:
             found[int(entry.name)] = command
+    return found
+
+
+def same_beginning(short: Path, whole: Path) -> dict[str, bool]:
+    """By topic, whether all that a short run published is what a longer one began with."""
+    found = {}
+    for topic, least in (('nav/state', 100), ('nav/receipt', 5)):
+        one, other = (list(open_bag(bag).payloads(f'/follower/{topic}')) for bag in (short, whole))
+        assert least <= len(one) < len(other), topic
+        found[topic] = one == other[: len(one)]
     return found
 
 
