@@ -1,4 +1,4 @@
-"""The recorder under load: 25 topics, 2,000 messages/s, a minute or ten; nothing is lost."""
+"""The recorder under load: 25 topics, 2,000 messages/s, half a minute or ten; nothing is lost."""
 
 import os
 import signal
@@ -16,7 +16,7 @@ pytest.importorskip('rclpy')
 from polar_nav_tools.bags import open_bag
 
 TOPICS, RATE_HZ = 25, 2000
-MOST_GROWTH_KB = 20_000
+MOST_GROWTH_KB = {30.0: 10_000, 600.0: 20_000}
 DOMAIN = '44'
 # Waits for the recorder on every topic, publishes at a steady rate, says how many, and waits until
 # the recorder has acknowledged all: what is lost then is the recorder's loss.
@@ -59,7 +59,7 @@ def resident_kb(pid):
 @pytest.mark.parametrize(
     'seconds',
     [
-        pytest.param(60.0, marks=pytest.mark.slow, id='60 s'),
+        pytest.param(30.0, marks=pytest.mark.slow, id='30 s'),
         pytest.param(600.0, marks=[pytest.mark.slow, pytest.mark.long], id='10 min'),
     ],
 )
@@ -101,4 +101,4 @@ def test_nothing_is_lost_and_memory_is_flat(tmp_path, seconds):
     # From a quarter of the time on, when all buffers have been filled once, nothing grows.
     early = np.array(memory[len(memory) // 4 : len(memory) // 2])
     late = np.array(memory[3 * len(memory) // 4 :])
-    assert late.max() - early.max() < MOST_GROWTH_KB, (early.max(), late.max())
+    assert late.max() - early.max() < MOST_GROWTH_KB[seconds], (early.max(), late.max())
