@@ -4,6 +4,8 @@ Independent of polar_nav_sim: the truth is what the core's strapdown makes of no
 increments, so a filter fed with them and with exact measurements must stay where the truth is.
 """
 
+from functools import cached_property
+
 import numpy as np
 
 from polar_nav_core import attitude, earth, grid
@@ -102,9 +104,13 @@ class World:
 
     def imu(self):
         """All IMU samples, as events."""
-        return [
+        return list(self._imu)
+
+    @cached_property
+    def _imu(self):
+        return tuple(
             ImuSample(int(self.stamps[k + 1]), k, self.omega[k], self.f[k]) for k in range(self.n)
-        ]
+        )
 
     def dvl(self, every=20, sigma=0.005, rng=None):
         """DVL pings at every n-th IMU epoch."""
@@ -156,7 +162,15 @@ class World:
 def inputs_of(world, fixes, seed=1):
     """Measurements of a world as arrays, with the noise of a seed."""
     rng = np.random.default_rng(seed)
-    imu, dvl, depth = world.imu(), world.dvl(rng=rng), world.depth(rng=rng)
+    return gathered([*world.imu(), *world.dvl(rng=rng), *world.depth(rng=rng), *fixes])
+
+
+def gathered(events):
+    """Events as arrays, from which the same is computed in a fraction of the time."""
+    imu, dvl, depth, fixes = (
+        [e for e in events if isinstance(e, kind)]
+        for kind in (ImuSample, DvlPing, DepthSample, Fix)
+    )
     return engine_run.Inputs(
         np.array([s.stamp_ns for s in imu]),
         np.array([s.omega_ib_b for s in imu]),

@@ -4,9 +4,10 @@ import dataclasses
 
 import numpy as np
 import pytest
-from closed_loop import START_NS, World, run
+from closed_loop import START_NS, World, gathered, inputs_of, run
 
 from polar_nav_core import grid
+from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.engine import Engine
 from polar_nav_core.engine.events import (
     Command,
@@ -38,12 +39,12 @@ def receipts(out):
     return [o for o in out if isinstance(o, Receipt)]
 
 
-def position_errors(world, out):
+def position_errors(world, track):
     index = {int(s): k for k, s in enumerate(world.stamps)}
     rows = []
-    for e in estimates(out):
-        k = index[e.stamp_ns]
-        rows.append(grid.ecef_to_grid(world.r_e[k]) @ (e.r_e - world.r_e[k]))
+    for stamp_ns, r_e in zip(track.stamps_ns, track.r_e, strict=True):
+        k = index[int(stamp_ns)]
+        rows.append(grid.ecef_to_grid(world.r_e[k]) @ (r_e - world.r_e[k]))
     return np.array(rows)
 
 
@@ -63,8 +64,8 @@ def test_ignored_delay_costs_speed_times_delay_and_the_aware_filter_does_not_pay
     fixes = world.fixes(1.0, delay_s, rng=rng)
     late = {}
     for name in ('conventional_akf', 'modified_akf'):
-        out = run(Engine(world.params(configuration=name)), sensors(world) + fixes)
-        late[name] = second_half_rms(position_errors(world, out))
+        ran = engine_run.run(world.params(configuration=name), inputs_of(world, fixes))
+        late[name] = second_half_rms(position_errors(world, ran.track))
     assert late['conventional_akf'] == pytest.approx(SPEED * delay_s, rel=0.1, abs=0.3)
     assert late['modified_akf'] < 0.5
 
@@ -83,9 +84,9 @@ def test_ignored_delay_costs_speed_times_delay_and_the_aware_filter_does_not_pay
 def test_the_pole_and_the_date_line_are_ordinary_places(lat_deg, lon_deg):
     world = World(60.0, lat_deg, lon_deg)
     fixes = world.fixes(1.0, 3.0, rng=np.random.default_rng(3))
-    out = run(Engine(world.params(configuration='default')), sensors(world) + fixes)
-    assert second_half_rms(position_errors(world, out)) < 0.6
-    assert {r.verdict for r in receipts(out)} == {Verdict.FUSED}
+    ran = engine_run.run(world.params(configuration='default'), inputs_of(world, fixes))
+    assert second_half_rms(position_errors(world, ran.track)) < 0.6
+    assert {r.verdict for r in ran.receipts} == {Verdict.FUSED}
 
 
 @pytest.mark.slow
@@ -110,9 +111,9 @@ def test_estimates_stay_inside_their_own_band(world):
         )
         events = [*world.imu()[:6000], *world.dvl(rng=rng)[:300], *world.depth(rng=rng)[:600]]
         events += [f for f in world.fixes(2.0, 3.0, rng=rng) if f.receive_ns <= world.stamps[6000]]
-        last = estimates(run(Engine(params), events))[-1]
-        error = last.r_e - world.r_e[6000]
-        total += error @ np.linalg.solve(last.P[6:9, 6:9], error)
+        track = engine_run.run(params, gathered(events)).track
+        error = track.r_e[-1] - world.r_e[6000]
+        total += error @ np.linalg.solve(track.P[-1, 6:9, 6:9], error)
     lo, hi = chi2.ppf([0.0005, 0.9995], 3 * runs)
     assert lo < total < hi
 

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from closed_loop import World, run
+from closed_loop import World, gathered, run
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from noise_runs import CONFIGURATIONS as PRINTED
@@ -12,6 +12,7 @@ from noise_runs import measure, restated, sensors
 from scipy.stats import chi2
 
 from polar_nav_core import earth, grid
+from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.engine import Engine
 from polar_nav_core.engine.events import Command, CommandKind, DvlPing, Estimate, Receipt, Verdict
 from polar_nav_core.engine.methods import CONFIGURATIONS, NOISE_ADAPTATION
@@ -89,9 +90,9 @@ def test_sage_husa_stays_inside_its_own_band_when_the_noise_is_right():
         )
         events = [*world.imu(), *world.dvl(rng=rng), *world.depth(rng=rng)]
         events += world.fixes(1.0, 3.0, rng=rng)
-        last = estimates(run(Engine(params), events))[-1]
-        error = last.r_e - world.r_e[-1]
-        total += error @ np.linalg.solve(last.P[6:9, 6:9], error)
+        track = engine_run.run(params, gathered(events)).track
+        error = track.r_e[-1] - world.r_e[-1]
+        total += error @ np.linalg.solve(track.P[-1, 6:9, 6:9], error)
     lo, hi = chi2.ppf([0.0005, 0.9995], 3 * runs)
     assert lo < total < hi
 

@@ -4,9 +4,10 @@ import dataclasses
 
 import numpy as np
 import pytest
-from closed_loop import World, run
+from closed_loop import World, gathered, run
 
 from polar_nav_core import grid
+from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.engine import Engine
 from polar_nav_core.engine.events import Estimate, Receipt, Verdict
 from polar_nav_core.engine.sins.robust import inflation
@@ -50,15 +51,14 @@ def params(world, strategy, robust):
     )
 
 
-def squared_errors(world, out):
+def squared_errors(world, track):
     """Horizontal, after the first quarter."""
     index = {int(s): k for k, s in enumerate(world.stamps)}
-    found = [o for o in out if isinstance(o, Estimate)]
-    rows = [index[e.stamp_ns] for e in found]
+    rows = [index[int(s)] for s in track.stamps_ns]
     errors = np.array(
         [
-            grid.ecef_to_grid(world.r_e[k]) @ (e.r_e - world.r_e[k])
-            for k, e in zip(rows, found, strict=True)
+            grid.ecef_to_grid(world.r_e[k]) @ (r_e - world.r_e[k])
+            for k, r_e in zip(rows, track.r_e, strict=True)
         ]
     )
     return np.sum(errors[len(errors) // 4 :, :2] ** 2, axis=1)
@@ -75,10 +75,9 @@ def rms(world):
             squares = []
             for seed in SEEDS:
                 sensors, clean, soiled = inputs(world, seed)
-                engine = Engine(params(world, strategy, robust))
-                squares.append(
-                    squared_errors(world, run(engine, sensors + (soiled if dirty else clean)))
-                )
+                given = gathered(sensors + (soiled if dirty else clean))
+                ran = engine_run.run(params(world, strategy, robust), given)
+                squares.append(squared_errors(world, ran.track))
             made[key] = float(np.sqrt(np.mean(squares)))
         return made[key]
 
