@@ -39,6 +39,24 @@ def _rotate_covariance(R: Array, C: Array, Rm: Array) -> None:
             R[j, i] = R[i, j]
 
 
+@kernel
+def turn_rows(H: Array, V0: float, V1: float, V2: float) -> None:
+    """Write what an attitude error does to a velocity into a ping's rows: -[V x] on phi.
+
+    Parameters
+    ----------
+    H : (3, 24) array, in place
+    V0, V1, V2 : float
+        Velocity that turns with the attitude, grid axes [m/s].
+    """
+    H[0, PHI + 1] = V2
+    H[0, PHI + 2] = -V1
+    H[1, PHI] = -V2
+    H[1, PHI + 2] = V0
+    H[2, PHI] = V1
+    H[2, PHI + 1] = -V0
+
+
 @entry
 @kernel
 def dvl_rows(
@@ -121,15 +139,7 @@ def dvl_rows(
         H[i, GYRO] = -(C_b_G[i, 1] * l2 - C_b_G[i, 2] * l1)
         H[i, GYRO + 1] = -(C_b_G[i, 2] * l0 - C_b_G[i, 0] * l2)
         H[i, GYRO + 2] = -(C_b_G[i, 0] * l1 - C_b_G[i, 1] * l0)
-    V0 = v_G[0] - z[0]
-    V1 = v_G[1] - z[1]
-    V2 = v_G[2] - z[2]
-    H[0, PHI + 1] = V2
-    H[0, PHI + 2] = -V1
-    H[1, PHI] = -V2
-    H[1, PHI + 2] = V0
-    H[2, PHI] = V1
-    H[2, PHI + 1] = -V0
+    turn_rows(H, v_G[0] - z[0], v_G[1] - z[1], v_G[2] - z[2])
     _rotate_covariance(R, C_m_G, R_m)
 
 

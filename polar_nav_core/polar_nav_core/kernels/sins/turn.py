@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from ...arrays import Array
 from ..cache import kernel
-from .rows import PHI
+from .rows import turn_rows
 
 _HORIZONTAL = 2
 
@@ -56,12 +56,4 @@ def known_turn_rows(H: Array, z: Array, v_G: Array, share: float) -> None:
     share : float
         1 is the measured velocity, 0 the predicted one; `own_share` is between.
     """
-    V0 = v_G[0] - share * z[0]
-    V1 = v_G[1] - share * z[1]
-    V2 = v_G[2] - share * z[2]
-    H[0, PHI + 1] = V2
-    H[0, PHI + 2] = -V1
-    H[1, PHI] = -V2
-    H[1, PHI + 2] = V0
-    H[2, PHI] = V1
-    H[2, PHI + 1] = -V0
+    turn_rows(H, v_G[0] - share * z[0], v_G[1] - share * z[1], v_G[2] - share * z[2])
