@@ -78,6 +78,8 @@ def test_rows_are_chosen_by_patterns():
         'gravity_1mgal',
         'gravity_3mgal',
         'gravity_30mgal',
+        'gravity_3mgal_no_dvl',
+        'gravity_30mgal_no_dvl',
     ]
     assert len(rows_named(None)) == len(ROWS)
     with pytest.raises(ConfigError, match="no row matches 'gravy'"):

@@ -27,6 +27,21 @@ IMU_ROWS = (
         )
         for mgal in (1.0, 3.0, 10.0, 30.0)
     ),
+    *(
+        row(
+            f'gravity_{mgal:g}mgal_no_dvl',
+            f.GravitySwell(mgal=mgal, period_s=3600.0),
+            (IMU,),
+            scene=scene_of(duration_s=1800.0, dvl_rate_hz=0.0),
+        )
+        for mgal in (3.0, 10.0, 30.0)
+    ),
+    row(
+        'accel_step_5ug_no_dvl',
+        f.ImuStep(accel_ug=5.0, start_s=START_S),
+        (IMU,),
+        scene=scene_of(dvl_rate_hz=0.0),
+    ),
     row(
         'imu_temperature',
         f.ImuStep(gyro_dph=0.05, accel_ug=50.0, ramp_s=600.0, start_s=START_S),
