@@ -96,10 +96,10 @@ def test_only_engine_parameters_can_be_set():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('row', ROWS.values(), ids=lambda row: row.name)
+@pytest.mark.parametrize(
+    'row', [row for row in ROWS.values() if not row.is_control], ids=lambda row: row.name
+)
 def test_every_fault_changes_its_world_and_nothing_before_it_begins(row):
-    if row.is_control:
-        pytest.skip('no fault')
     same, other = (row.fault.applied(row.scene.make(1), scale) for scale in (0.0, 1.0))
     changed = first_change_s(row, same, other)
     assert row.fault.start_s - 5.0 <= changed < row.scene.duration_s

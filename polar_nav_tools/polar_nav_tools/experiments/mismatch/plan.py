@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from polar_nav_core.engine.params import NO_COMMON_ERRORS, NO_RESERVE, EngineParams
 from polar_nav_core.errors import ConfigError
@@ -21,9 +21,6 @@ from .row import Row
 from .rows import rows_named
 from .runs import BEST, VISIBLE, MismatchJob, run_job
 from .table import tables
-
-if TYPE_CHECKING:
-    pass
 
 COLUMNS = ('default', 'modified_akf', 'published', BEST)
 """Filters by default; a row runs those of its mode."""
