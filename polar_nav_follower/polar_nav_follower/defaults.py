@@ -244,6 +244,10 @@ _SINCE: dict[int, dict[str, Any]] = {
     6: {
         'dvl_turn_velocity': 'known',
     },
+    7: {
+        'accel_bias_walk': 2e-06,
+        'gyro_bias_walk': 7e-10,
+    },
 }
 """By engine version: what changed with it. A version with new defaults counts up (version.py)."""
 

@@ -81,7 +81,7 @@ def test_noise_of_a_class_by_hand() -> None:
     imu = noise_classes.imu_noise('stim300')
     assert imu['gyro_bias_sigma'] == pytest.approx(np.sqrt(5.0**2 + 0.5**2 + 1.0) * DPH)
     walk = np.hypot(0.5 * np.sqrt(2 / 1000), 0.25 * 11.8 / np.sqrt(1800)) * DPH
-    assert imu['gyro_bias_walk'] == pytest.approx(np.hypot(walk, 1.5e-9))
+    assert imu['gyro_bias_walk'] == pytest.approx(np.hypot(walk, 7e-10))
     assert imu['accel_noise_density'] == pytest.approx(0.001)
     cross = np.hypot(3e-4, 1e-3)
     bias = np.sqrt(750e-6**2 + 50e-6**2 + cross**2) * 9.80665

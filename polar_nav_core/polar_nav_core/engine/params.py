@@ -135,11 +135,11 @@ class EngineParams(IdentificationParams, StationParams, LimitParams, HeadingPara
     )
     gyro_noise_density: float = param(1.533e-9, 'rad/s/sqrt(Hz)', 0.0, 1.0, 'Angle random walk')
     gyro_bias_walk: float = param(
-        1.5e-9,
+        7e-10,
         'rad/s/sqrt(s)',
         0.0,
         1.0,
-        'Random walk of the gyro bias: an instability of 0.01 deg/h in 1000 s',
+        'Random walk of the gyro bias: an instability of 0.01 deg/h in 80 min',
     )
     accel_bias_sigma: float = param(
         9.80665e-6, 'm/s^2', 1e-12, 10.0, '1-sigma of the constant accelerometer bias (1e-6 g)'
@@ -148,7 +148,7 @@ class EngineParams(IdentificationParams, StationParams, LimitParams, HeadingPara
         3.101e-7, 'm/s^2/sqrt(Hz)', 0.0, 10.0, 'Velocity random walk'
     )
     accel_bias_walk: float = param(
-        3e-6,
+        2e-6,
         'm/s^2/sqrt(s)',
         0.0,
         10.0,
