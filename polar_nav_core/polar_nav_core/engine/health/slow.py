@@ -11,13 +11,13 @@ from ...arrays import Array, Ints
 from ...kernels.sins import hypotheses as hy
 from .conditions import Condition, Culprit, Level
 
-_BEYOND = 28.0
+BEYOND = 28.0
 """T that is a WARN; four times that is an ERROR (docs/derivations/signatures.md, 3)."""
-_SEVERE = 4.0
-_CERTAIN = 40.0
+SEVERE = 4.0
+CERTAIN = 40.0
 """T from which on what a fault has done to the estimate is an ERROR, if it is enough: its size is
 6.3 of its own sigmas. In a world as stated once in 20,000 h (signatures.md, 4)."""
-_MOVED = 3.0
+MOVED = 3.0
 """Published sigmas of the horizontal position by which that is: what is covered lies inside."""
 _AS_LIKELY = 14.0
 """Another kind whose T is less than this below the largest explains the evidence, too: the ratio
@@ -63,7 +63,7 @@ def slow_faults(evidence: Evidence | None, stamp_ns: int, P_horizontal: Array) -
         return []
     bank, born_ns, per_unit_G = evidence
     worst = float(bank[hy.STATISTIC].max())
-    if not worst > _BEYOND:
+    if not worst > BEYOND:
         return []
     statistic = bank[hy.STATISTIC].reshape(hy.SLOTS, hy.KINDS)
     kinds = [kind for kind in _CULPRITS if statistic[:, kind].max() > worst - _AS_LIKELY]
@@ -79,21 +79,26 @@ def slow_faults(evidence: Evidence | None, stamp_ns: int, P_horizontal: Array) -
     first = int(np.argmax(statistic[:, kinds[0]])) * hy.KINDS
     columns = slice(first, first + hy.KINDS)
     moved = _moved(bank[:, columns], kinds[0], per_unit_G[:, columns], P_horizontal)
-    misled = worst > _CERTAIN and moved > _MOVED
+    misled = worst > CERTAIN and moved > MOVED
     if misled:
         sentence += f', which has moved the position by {moved:.1f} of its stated sigmas'
-    level = Level.ERROR if misled or worst > _SEVERE * _BEYOND else Level.WARN
+    level = Level.ERROR if misled or worst > SEVERE * BEYOND else Level.WARN
     return [Condition('slow fault', level, culprit, sentence)]
 
 
 def _moved(slot: Array, kind: int, per_unit_G: Array, P: Array) -> float:
-    """How far a fault of the size that fits best has moved the horizontal position.
-
-    In sigmas of the direction in which that is most; 0 where P is no covariance.
-    """
+    """How far a fault of the size that fits best has moved the horizontal position."""
     d = per_unit_G[:, kind] * size_of(slot, kind)
     if kind in hy.PAIRS:
         d = per_unit_G[:, kind : kind + 2] @ pair_of(slot, kind)
+    return shift_in_sigmas(d, P)
+
+
+def shift_in_sigmas(d: Array, P: Array) -> float:
+    """Length of a horizontal shift d (2,) in sigmas of P (2, 2), in its worst direction.
+
+    0 where P is no covariance.
+    """
     det = P[0, 0] * P[1, 1] - P[0, 1] * P[1, 0]
     if not (det > 0.0 and P[0, 0] > 0.0):
         return 0.0
@@ -103,10 +108,15 @@ def _moved(slot: Array, kind: int, per_unit_G: Array, P: Array) -> float:
 
 def pair_of(slot: Array, kind: int) -> tuple[float, float]:
     """Sizes of a pair of kinds that fit best together, in their unit, of a slot's columns."""
-    l_x = slot[hy.CROSS, kind]
-    (l_i, l_j), (z_i, z_j) = slot[hy.LAMBDA, kind : kind + 2], slot[hy.ZETA, kind : kind + 2]
-    det = l_i * l_j - l_x * l_x
-    return float((z_i * l_j - z_j * l_x) / det), float((z_j * l_i - z_i * l_x) / det)
+    pair = slice(kind, kind + 2)
+    return sizes_of(slot[hy.LAMBDA, pair], float(slot[hy.CROSS, kind]), slot[hy.ZETA, pair])
+
+
+def sizes_of(own: Array, both: float, zeta: Array) -> tuple[float, float]:
+    """Sizes of two hypotheses that fit best together, from Lambda of each, of both, and zeta."""
+    (l_i, l_j), (z_i, z_j) = own, zeta
+    det = l_i * l_j - both * both
+    return float((z_i * l_j - z_j * both) / det), float((z_j * l_i - z_i * both) / det)
 
 
 def size_of(slot: Array, kind: int) -> float:

@@ -11,8 +11,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
+from ...arrays import Array, Ints
 from ...kernels import watch
+from ...kernels.station import state as ss
 from .conditions import Condition, Culprit, Level
+from .slow import BEYOND, CERTAIN, MOVED, SEVERE, shift_in_sigmas, sizes_of
 from .statistics import Statistics, statistics
 from .watchdog import AFTER_S, DEPTH, FEWEST, FIX, View, Watchdog, outside, scatter
 
@@ -52,6 +57,10 @@ class StationView(View):
         When they did so last; 0 for never.
     turned_ns : int
         When the AHRS turned last against its own rates; 0 for never.
+    signatures : (SIGNATURE_ROWS, 2 SLOTS) array or None
+        Hypotheses about the current (kernels.station.signatures).
+    born_ns : (SLOTS,) array of int or None
+        When those of each slot began; 0 for an empty one.
     """
 
     share: float
@@ -63,6 +72,8 @@ class StationView(View):
     loose: bool = False
     loosened_ns: int = 0
     turned_ns: int = 0
+    signatures: Array | None = None
+    born_ns: Ints | None = None
 
 
 class StationWatchdog(Watchdog):
@@ -74,6 +85,7 @@ class StationWatchdog(Watchdog):
         if isinstance(view, StationView):
             found += [
                 *_loosened(view),
+                *_current(view),
                 *_turned(view),
                 *_ahrs_gap(view),
                 *_thrust(view),
@@ -142,6 +154,30 @@ def _loosened(view: StationView) -> list[Condition]:
     )
     level = Level.ERROR if recent else Level.WARN
     return [Condition('model loosened', level, _EITHER, sentence)]
+
+
+def _current(view: StationView) -> list[Condition]:
+    """Fixes show the signature of a current that changes faster than it walks."""
+    if view.signatures is None or view.born_ns is None:
+        return []
+    statistic = view.signatures[ss.STATISTIC]
+    first = int(np.argmax(statistic))  # both directions of a slot have the same
+    worst = float(statistic[first])
+    if not worst > BEYOND:
+        return []
+    slot = view.signatures[:, first : first + 2]
+    x, y = sizes_of(slot[ss.LAMBDA], float(slot[ss.CROSS, 0]), slot[ss.ZETA])
+    minutes = (view.stamp_ns - int(view.born_ns[first // 2])) / 60e9
+    sentence = (
+        f'the current changes by {60.0 * math.hypot(x, y):.2f} m/s a minute since about '
+        f'{minutes:.0f} min, or fixes drift ({math.sqrt(worst):.1f} sigma)'
+    )
+    moved = shift_in_sigmas(slot[ss.HORIZONTAL] @ np.array([x, y]), view.P_horizontal)
+    misled = worst > CERTAIN and moved > MOVED
+    if misled:
+        sentence += f', which has moved the position by {moved:.1f} of its stated sigmas'
+    level = Level.ERROR if misled or worst > SEVERE * BEYOND else Level.WARN
+    return [Condition('current', level, _EITHER, sentence)]
 
 
 def _turned(view: StationView) -> list[Condition]:

@@ -106,6 +106,7 @@ def make_bank(members: int) -> ss.Bank:
         weight=np.full(members, 1.0 / members),
         S=np.zeros((members, ss.N, ss.COMMON)),
         memories=np.zeros((watch.STREAMS, watch.MEMORIES, watch.WIDTH)),
+        signatures=np.zeros((ss.SIGNATURE_ROWS, 2 * ss.SLOTS)),
         flat=np.zeros(ss.FLAT),
         loose=np.zeros(ss.LOOSE),
         counters=np.zeros(ss.COUNTERS, dtype=np.int64),
@@ -157,6 +158,7 @@ def make_log(length_s: float, members: int, *, snapshots: bool, jumps: bool) -> 
         weight=np.zeros((kept, members)),
         S=np.zeros((kept, members, ss.N, ss.COMMON)),
         memories=np.zeros((kept, watch.STREAMS, watch.MEMORIES, watch.WIDTH)),
+        signatures=np.zeros((kept, ss.SIGNATURE_ROWS, 2 * ss.SLOTS)),
         flat=np.zeros((kept, ss.FLAT)),
         loose=np.zeros((kept, ss.LOOSE)),
         counters=np.zeros((kept, ss.COUNTERS), dtype=np.int64),
@@ -214,6 +216,7 @@ def make_work(members: int) -> ss.Work:
         'S3': (3, 3),
         'PHt': (members, 2, ss.N),
         'inflation': (members,),
+        'change': (2, 2 * ss.SLOTS),
         'nis': (4,),
     }
     return ss.Work(**{name: np.zeros(shape) for name, shape in shapes.items()})

@@ -43,4 +43,6 @@ def view_of(fusion: StationFusion, stamp_ns: int, resets: int) -> StationView:
         loose=bool(f.bank.loose[ss.EXTRA] > 0.0),
         loosened_ns=int(counters[ss.LOOSENED_NS]),
         turned_ns=int(counters[ss.TURN_NS]),
+        signatures=f.bank.signatures,
+        born_ns=counters[ss.BORN_NS : ss.BIRTH_NS],
     )

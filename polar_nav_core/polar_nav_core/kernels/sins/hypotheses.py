@@ -20,6 +20,7 @@ from __future__ import annotations
 
 from ...arrays import Array
 from ..cache import kernel
+from ..evidence import pair_statistic
 from .consider import COLUMNS
 from .update import COUPLED, DV, GYRO, MARKOV, NAV, SCALE, USBL, N
 
@@ -162,12 +163,9 @@ def add_evidence(bank: Array, h: Array, v: Array, number: float, m: int) -> None
 @kernel
 def _add_pair(bank: Array, i: int) -> None:
     """Fill the statistic of columns i and i + 1 together."""
-    l_i, l_j, l_x = bank[LAMBDA, i], bank[LAMBDA, i + 1], bank[CROSS, i]
-    z_i, z_j = bank[ZETA, i], bank[ZETA, i + 1]
-    det = l_i * l_j - l_x * l_x
-    both = 0.0
-    if det > 1e-6 * l_i * l_j:
-        both = (z_i * z_i * l_j - 2.0 * z_i * z_j * l_x + z_j * z_j * l_i) / det
+    both = pair_statistic(
+        bank[LAMBDA, i], bank[LAMBDA, i + 1], bank[CROSS, i], bank[ZETA, i], bank[ZETA, i + 1]
+    )
     bank[STATISTIC, i] = both
     bank[STATISTIC, i + 1] = both
 

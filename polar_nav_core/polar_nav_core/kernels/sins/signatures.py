@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 
 from ..cache import kernel
+from ..evidence import slot_to_begin
 from . import state as fs
 from .hypotheses import (
     FIRST_H,
@@ -141,30 +142,10 @@ def _begin(s: State, now_ns: int) -> None:
     """Begin new hypotheses where it is time to, in an empty slot or one that is hardly missed."""
     if now_ns < s.counters[fs.BIRTH_NS]:
         return
-    chosen = -1
-    least = math.inf
-    for slot in range(SLOTS):
-        born_ns = s.counters[fs.BORN_NS + slot]
-        if born_ns == 0:
-            chosen = slot
-            break
-        # Ratio of the ages of its neighbours; the newest and the oldest have one only.
-        older_ns, younger_ns = 0, now_ns
-        for other in range(SLOTS):
-            other_ns = s.counters[fs.BORN_NS + other]
-            if other_ns < born_ns:
-                older_ns = max(older_ns, other_ns)
-            elif other_ns > born_ns:
-                younger_ns = min(younger_ns, other_ns)
-        ratio = math.inf
-        if older_ns > 0 and younger_ns < now_ns:
-            ratio = (now_ns - older_ns) / (now_ns - younger_ns)
-        elif older_ns == 0 and now_ns - born_ns > OLDEST_NS:
-            ratio = 0.0
-        if ratio < least:
-            chosen, least = slot, ratio
+    born_ns = s.counters[fs.BORN_NS : fs.BORN_NS + SLOTS]
+    chosen = slot_to_begin(born_ns, now_ns, OLDEST_NS)
     begin_slot(s.bank, chosen)
-    s.counters[fs.BORN_NS + chosen] = now_ns
+    born_ns[chosen] = now_ns
     s.counters[fs.BIRTH_NS] = now_ns + BIRTH_NS
 
 

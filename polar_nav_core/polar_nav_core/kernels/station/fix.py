@@ -13,6 +13,7 @@ from . import state as ss
 from .common import fix_common, subtract_state, widen
 from .obey import obey
 from .reopen import note, open_again, open_gate, opens
+from .signatures import note_signatures
 from .state import Bank, Settings, Streams, Work
 from .step import lever_arm, turned
 
@@ -276,6 +277,7 @@ def fix_event(
         for m in range(b.x.shape[0]):
             streams.fix_inflations[k, m] = w.inflation[m]
     note(b, w, outcome, w.v3[0], w.v3[1])
+    note_signatures(b, c, w, outcome, stamp)
     if outcome[ss.DECIDED] == ss.FUSED:
         update_members(b, c, w, jumps)
     obey(b, c, w, outcome, stamp, kept)

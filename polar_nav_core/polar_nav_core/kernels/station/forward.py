@@ -14,6 +14,7 @@ from .common import fix_common, transform
 from .fix import fix_rows, judge, know_station, share, spread_of, update_members
 from .obey import obey
 from .reopen import note, open_gate, opens
+from .signatures import note_signatures
 from .state import Bank, Log, Settings, Streams, Work
 from .step import lever_arm, prepare_step, slopes
 
@@ -159,6 +160,7 @@ def forward_fix(
         _fill_rows(b, c, w, streams, log, fix, first, dt, kind)
         judge(b, c, w, fix, outcome, b.x)
     note(b, w, outcome, w.v3[0], w.v3[1])
+    note_signatures(b, c, w, outcome, b.counters[ss.STAMP])
     if outcome[ss.DECIDED] == ss.FUSED:
         update_members(b, c, w, log.jumps)
     obey(b, c, w, outcome, b.counters[ss.STAMP], False)

@@ -18,6 +18,7 @@ from ...arrays import Array
 from .. import watch
 from ..cache import kernel
 from . import state as ss
+from .signatures import clear_signatures
 from .state import Bank, Settings, Work
 
 FEWEST = 8
@@ -99,6 +100,7 @@ def open_gate(b: Bank, outcome: Array, stamp: int) -> None:
     """
     factor = min(max(0.5 * outcome[ss.NIS], LEAST), MOST)
     enlarge(b, factor)
+    clear_signatures(b)
     outcome[ss.OPENING] = factor
     b.counters[ss.OPENED_NS] = stamp
     b.counters[ss.OPENINGS] += 1
@@ -108,6 +110,7 @@ def open_gate(b: Bank, outcome: Array, stamp: int) -> None:
 def open_again(b: Bank, outcome: Array, stamp: int) -> None:
     """Enlarge the covariance again by the stored factor of a fix that keeps its decision."""
     enlarge(b, outcome[ss.OPENING])
+    clear_signatures(b)
     b.counters[ss.OPENED_NS] = stamp
     b.counters[ss.OPENINGS] += 1
 

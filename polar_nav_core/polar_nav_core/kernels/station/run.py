@@ -16,6 +16,7 @@ from .common import add_common
 from .depth import depth_event
 from .fix import fix_event
 from .obey import add_doubt
+from .signatures import advance_signatures, clear_signatures
 from .state import Bank, Log, Rows, Settings, Streams, Work
 from .step import imu_event, lever_arm, locate, to_station, turned
 
@@ -30,6 +31,14 @@ def copy_memories(out: Array, of: Array) -> None:
         for j in range(of.shape[1]):
             for k in range(of.shape[2]):
                 out[i, j, k] = of[i, j, k]
+
+
+@kernel
+def copy_signatures(out: Array, of: Array) -> None:
+    """Copy hypotheses (rows, columns) from ``of`` to ``out``."""
+    for i in range(of.shape[0]):
+        for j in range(of.shape[1]):
+            out[i, j] = of[i, j]
 
 
 @entry
@@ -50,6 +59,7 @@ def take_snapshot(b: Bank, log: Log) -> None:
             for k in range(ss.COMMON):
                 log.S[i, m, j, k] = b.S[m, j, k]
     copy_memories(log.memories[i], b.memories)
+    copy_signatures(log.signatures[i], b.signatures)
     for j in range(ss.FLAT):
         log.flat[i, j] = b.flat[j]
     for j in range(ss.LOOSE):
@@ -74,6 +84,7 @@ def restore(b: Bank, log: Log, number: int) -> None:
             for k in range(ss.COMMON):
                 b.S[m, j, k] = log.S[i, m, j, k]
     copy_memories(b.memories, log.memories[i])
+    copy_signatures(b.signatures, log.signatures[i])
     for j in range(ss.FLAT):
         b.flat[j] = log.flat[i, j]
     for j in range(ss.LOOSE):
@@ -197,7 +208,9 @@ def advance(
             put_row(b, c, w, streams, rows)
         if rank == ss.IMU_RANK:
             before = b.counters[ss.STAMP]
+            place = log.points[b.counters[ss.IMU] % log.points.shape[0]]
             imu_event(b, c, w, streams, log.points, log.jumps, frozen)
+            advance_signatures(b, c, w, place, stamp)
             if rows.stamps.shape[0] > 0 and stamp // c.output_ns != before // c.output_ns:
                 rows.io[0] = stamp
             if not healthy(b, c):
@@ -374,6 +387,7 @@ def add_attitude(P: Array, v_G: Array, variance: float) -> None:
 def start(b: Bank, c: Settings, w: Work, log: Log) -> None:
     """Fill place and axes of a new state and store the first snapshot."""
     locate(b, b.x, c, w)
+    clear_signatures(b)
     log.counts[0] = 0
     take_snapshot(b, log)
     _keep(b, c, w, log)

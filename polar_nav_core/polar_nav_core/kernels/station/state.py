@@ -41,11 +41,15 @@ HORIZONTAL = slice(POSITION, POSITION + 2)
 # thrust [ns], 0 for none; refused fixes in a row and the validity of the first of them [ns]; when
 # the gate was opened last [ns], and how often; gaps between AHRS samples, length of the newest and
 # stamp of its end [ns]; how often the model was loosened, and when last [ns];
-# turns of the AHRS against its rates, and when the newest began [ns].
+# turns of the AHRS against its rates, and when the newest began [ns]; when each slot of
+# hypotheses began [ns], 0 for an empty one, when the next begin, and of which stamp they are.
 STAMP, IMU, CONTROL, DEPTH, FIX = 0, 1, 2, 3, 4
 THRUST_NS, RUN, RUN_NS, OPENED_NS, OPENINGS = 5, 6, 7, 8, 9
 GAPS, GAP_NS, GAP_END_NS = 10, 11, 12
-LOOSENED, LOOSENED_NS, TURNS, TURN_NS, COUNTERS = 13, 14, 15, 16, 17
+LOOSENED, LOOSENED_NS, TURNS, TURN_NS = 13, 14, 15, 16
+SLOTS = 5
+BORN_NS = 17
+BIRTH_NS, SIGNATURES_NS, COUNTERS = BORN_NS + SLOTS, BORN_NS + SLOTS + 1, BORN_NS + SLOTS + 2
 
 # Bank.flat: thrust (3), vertical at the vehicle (3), place where that holds (3), its height,
 # C_A_G (9), 1-sigma of the station's heading, sum of the directions of refused fixes in a row (2).
@@ -59,6 +63,10 @@ SUM_X, SUM_Y, SINCE_S, EXTRA, NEWEST_S, TURNED_2, LOOSE = 0, 1, 2, 3, 4, 5, 6
 # Columns of Bank.S: scale of ranges, turn of the station's array, offset of the station's stated
 # position along x and y, zero of depth.
 RANGE_SCALE, TURN, OFFSET, DEPTH_ZERO, COMMON = 0, 1, 2, 4, 5
+
+# Rows of Bank.signatures after the state: Lambda and zeta, Lambda between both directions (at the
+# first of them), their statistic. Hypothesis along k (0 x, 1 y) of slot i: column 2 i + k.
+LAMBDA, ZETA, CROSS, STATISTIC, SIGNATURE_ROWS = N, N + 1, N + 2, N + 3, N + 4
 
 # Columns of Streams.fixes.
 X, Y, Z, PSI, RANGE, BEARING, RANGE_VARIANCE, BEARING_VARIANCE, PSI_SIGMA, FIX_COLUMNS = range(10)
@@ -86,6 +94,7 @@ class Bank(NamedTuple):
     weight: Array  # (B,), sum 1
     S: Array  # (B, 12, COMMON): change of the error per unit of each common error
     memories: Array  # (watch.STREAMS, watch.MEMORIES, watch.WIDTH) of innovations
+    signatures: Array  # (SIGNATURE_ROWS, 2 SLOTS): hypotheses about the current
     flat: Array  # (FLAT,)
     loose: Array  # (LOOSE,)
     counters: Ints  # (COUNTERS,)
@@ -166,6 +175,7 @@ class Log(NamedTuple):
     weight: Array
     S: Array
     memories: Array
+    signatures: Array
     flat: Array
     loose: Array
     counters: Ints
@@ -221,4 +231,5 @@ class Work(NamedTuple):
     S3: Array  # (3, 3)
     PHt: Array  # (B, 2, 12)
     inflation: Array  # (B,)
+    change: Array  # (2, 2 SLOTS): of an innovation, by the hypotheses
     nis: Array  # (4,): of the last depth: NIS, innovation, its variance, 1 where fused
