@@ -13,11 +13,11 @@ from .conditions import Condition, Culprit, Level
 
 BEYOND = 28.0
 """T that is a WARN; four times that is an ERROR (docs/derivations/signatures.md, 3)."""
-SEVERE = 4.0
-CERTAIN = 40.0
+_SEVERE = 4.0
+_CERTAIN = 40.0
 """T from which on what a fault has done to the estimate is an ERROR, if it is enough: its size is
 6.3 of its own sigmas. In a world as stated once in 20,000 h (signatures.md, 4)."""
-MOVED = 3.0
+_MOVED = 3.0
 """Published sigmas of the horizontal position by which that is: what is covered lies inside."""
 _AS_LIKELY = 14.0
 """Another kind whose T is less than this below the largest explains the evidence, too: the ratio
@@ -79,11 +79,19 @@ def slow_faults(evidence: Evidence | None, stamp_ns: int, P_horizontal: Array) -
     first = int(np.argmax(statistic[:, kinds[0]])) * hy.KINDS
     columns = slice(first, first + hy.KINDS)
     moved = _moved(bank[:, columns], kinds[0], per_unit_G[:, columns], P_horizontal)
-    misled = worst > CERTAIN and moved > MOVED
+    return [judged('slow fault', culprit, sentence, worst, moved)]
+
+
+def judged(key: str, culprit: Culprit, sentence: str, worst: float, moved: float) -> Condition:
+    """The condition of a slow fault by its statistic T beyond `BEYOND`, and what it has moved.
+
+    ``moved`` is the shift of the horizontal position in sigmas.
+    """
+    misled = worst > _CERTAIN and moved > _MOVED
     if misled:
         sentence += f', which has moved the position by {moved:.1f} of its stated sigmas'
-    level = Level.ERROR if misled or worst > SEVERE * BEYOND else Level.WARN
-    return [Condition('slow fault', level, culprit, sentence)]
+    level = Level.ERROR if misled or worst > _SEVERE * BEYOND else Level.WARN
+    return Condition(key, level, culprit, sentence)
 
 
 def _moved(slot: Array, kind: int, per_unit_G: Array, P: Array) -> float:

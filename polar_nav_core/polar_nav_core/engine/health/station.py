@@ -17,7 +17,7 @@ from ...arrays import Array, Ints
 from ...kernels import watch
 from ...kernels.station import state as ss
 from .conditions import Condition, Culprit, Level
-from .slow import BEYOND, CERTAIN, MOVED, SEVERE, shift_in_sigmas, sizes_of
+from .slow import BEYOND, judged, shift_in_sigmas, sizes_of
 from .statistics import Statistics, statistics
 from .watchdog import AFTER_S, DEPTH, FEWEST, FIX, View, Watchdog, outside, scatter
 
@@ -173,11 +173,7 @@ def _current(view: StationView) -> list[Condition]:
         f'{minutes:.0f} min, or fixes drift ({math.sqrt(worst):.1f} sigma)'
     )
     moved = shift_in_sigmas(slot[ss.HORIZONTAL] @ np.array([x, y]), view.P_horizontal)
-    misled = worst > CERTAIN and moved > MOVED
-    if misled:
-        sentence += f', which has moved the position by {moved:.1f} of its stated sigmas'
-    level = Level.ERROR if misled or worst > SEVERE * BEYOND else Level.WARN
-    return [Condition('current', level, _EITHER, sentence)]
+    return [judged('current', _EITHER, sentence, worst, moved)]
 
 
 def _turned(view: StationView) -> list[Condition]:

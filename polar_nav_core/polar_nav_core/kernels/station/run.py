@@ -25,20 +25,18 @@ SECOND_NS = 1_000_000_000
 
 
 @kernel
-def copy_memories(out: Array, of: Array) -> None:
-    """Copy memories of innovations (streams, memories, width) from ``of`` to ``out``."""
-    for i in range(of.shape[0]):
-        for j in range(of.shape[1]):
-            for k in range(of.shape[2]):
-                out[i, j, k] = of[i, j, k]
-
-
-@kernel
-def copy_signatures(out: Array, of: Array) -> None:
-    """Copy hypotheses (rows, columns) from ``of`` to ``out``."""
+def copy_rows(out: Array, of: Array) -> None:
+    """Copy an array (rows, columns) from ``of`` to ``out``."""
     for i in range(of.shape[0]):
         for j in range(of.shape[1]):
             out[i, j] = of[i, j]
+
+
+@kernel
+def copy_memories(out: Array, of: Array) -> None:
+    """Copy memories of innovations (streams, memories, width) from ``of`` to ``out``."""
+    for i in range(of.shape[0]):
+        copy_rows(out[i], of[i])
 
 
 @entry
@@ -59,7 +57,7 @@ def take_snapshot(b: Bank, log: Log) -> None:
             for k in range(ss.COMMON):
                 log.S[i, m, j, k] = b.S[m, j, k]
     copy_memories(log.memories[i], b.memories)
-    copy_signatures(log.signatures[i], b.signatures)
+    copy_rows(log.signatures[i], b.signatures)
     for j in range(ss.FLAT):
         log.flat[i, j] = b.flat[j]
     for j in range(ss.LOOSE):
@@ -84,7 +82,7 @@ def restore(b: Bank, log: Log, number: int) -> None:
             for k in range(ss.COMMON):
                 b.S[m, j, k] = log.S[i, m, j, k]
     copy_memories(b.memories, log.memories[i])
-    copy_signatures(b.signatures, log.signatures[i])
+    copy_rows(b.signatures, log.signatures[i])
     for j in range(ss.FLAT):
         b.flat[j] = log.flat[i, j]
     for j in range(ss.LOOSE):
