@@ -40,7 +40,10 @@ def parse_changes(texts: Sequence[str]) -> dict[str, Any]:
             raise ConfigError(f'--set {text!r}: expected name=value')
         if name not in kinds:
             raise ConfigError(unknown_parameter(name, 'follower_node', kinds))
-        changes[name] = _typed(parse_yaml(value, f'--set {name}'), kinds[name])
+        found = parse_yaml(value, f'--set {name}')
+        # The word `true` is one of the references of a heading.
+        of_text = kinds[name] == 'str' and isinstance(found, bool)
+        changes[name] = value.strip() if of_text else _typed(found, kinds[name])
     return changes
 
 
