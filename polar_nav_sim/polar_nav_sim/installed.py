@@ -11,6 +11,7 @@ from polar_nav_core.params import names_near, to_mapping
 
 from .section import Spec, parse
 from .sensors import instruments
+from .sensors.absolute import AbsoluteErrors
 from .sensors.compass import CompassErrors
 from .sensors.depth import DepthErrors
 from .sensors.dvl import DvlErrors
@@ -24,6 +25,7 @@ _KINDS: Mapping[str, tuple[type[Spec], Mapping[str, Preset[Any]]]] = {
     'dvl': (DvlErrors, instruments.DVL),
     'depth': (DepthErrors, instruments.DEPTH),
     'ahrs': (CompassErrors, instruments.AHRS),
+    'absolute': (AbsoluteErrors, instruments.ABSOLUTE),
     'usbl': (UsblErrors, instruments.USBL),
     'heading': (ReferenceErrors, instruments.HEADING),
 }

@@ -102,12 +102,29 @@ class Mission:
     @property
     def vehicles(self) -> tuple[str, ...]:
         """Names of all vehicles, leader first."""
-        return (self.leader, *self.followers)
+        return (*self._leaders, *self.followers)
 
     @property
     def leader(self) -> str:
-        """Name of the vehicle that carries the USBL array."""
-        return next(name for name, v in self.formation.items() if v.role == 'leader')
+        """Name of the vehicle that carries the USBL array.
+
+        Raises
+        ------
+        ConfigError
+            When the mission has none.
+        """
+        if not self._leaders:
+            raise ConfigError(f'mission {self.name} has no leader')
+        return self._leaders[0]
+
+    @property
+    def led(self) -> bool:
+        """Whether there is a leader; without one, vehicles navigate by their own `sources`."""
+        return bool(self._leaders)
+
+    @property
+    def _leaders(self) -> tuple[str, ...]:
+        return tuple(name for name, v in self.formation.items() if v.role == 'leader')
 
     @property
     def followers(self) -> tuple[str, ...]:
@@ -163,8 +180,19 @@ class Mission:
             self._truth[vehicle] = self._make(self.formation[vehicle])
         return self._truth[vehicle]
 
+    def sources(self, vehicle: str) -> Path | None:
+        """Mapping file that a vehicle navigates by; None if the mission names none.
+
+        Raises
+        ------
+        ConfigError
+            When there is no such file.
+        """
+        name = self.formation[vehicle].sources
+        return find_data(name, self.file).resolve() if name else None
+
     def instruments(self, vehicle: str) -> Mapping[str, Installed]:
-        """Instruments of a vehicle in the file, by kind: imu, dvl, depth, usbl, heading.
+        """Instruments of a vehicle in the file, by kind, as imu, dvl, ahrs.
 
         Raises
         ------
@@ -369,6 +397,8 @@ def mission_from(document: object, file: Path) -> Mission:
         geoid=parse(GeoidSpec, document.get('geoid') or {}, f'{file}: geoid'),
     )
     _check_water(mission)
+    for name in mission.vehicles:
+        mission.sources(name)  # for its refusal
     return mission
 
 

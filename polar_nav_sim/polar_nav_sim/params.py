@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from polar_nav_core.params import NodeParams, choice, flag, param, text, texts, vector
+from polar_nav_core.params import NodeParams, choice, flag, param, text, texts
 
 from .acoustics import ChannelSpec
+from .sensors.absolute import AbsoluteErrors
 from .sensors.ahrs import AhrsErrors
 from .sensors.clock import ClockErrors
 from .sensors.compass import REFERENCES, CompassErrors
@@ -139,19 +140,10 @@ class LeaderReferenceParams(ReferenceErrors, ClockErrors, NodeParams):
 
 
 @dataclass(frozen=True)
-class AbsoluteFixParams(ClockErrors, NodeParams):
+class AbsoluteFixParams(AbsoluteErrors, ClockErrors, NodeParams):
     """Parameters of absolute_fix_node: GNSS at the surface, or a beacon under the ice."""
 
     seed: int = param(1, '', 0, 2**31 - 1, _SEED)
-    period_s: float = param(10.0, 's', 0.1, 3600.0, 'Between fixes')
-    horizontal_sigma_m: float = param(2.0, 'm', 0.0, 1e4, '1-sigma per horizontal axis')
-    vertical_sigma_m: float = param(4.0, 'm', 0.0, 1e4, '1-sigma of height')
-    lever_b: tuple[float, ...] = vector(
-        (0.0, 0.0, 0.0), 'm', -100.0, 100.0, 'Located point, from base_link, body axes'
-    )
-    first_s: float = param(0.0, 's', 0.0, 1e6, 'Start of the first window of availability')
-    available_s: float = param(60.0, 's', 0.1, 1e6, 'Length of a window')
-    repeat_s: float = param(0.0, 's', 0.0, 1e6, 'From window to window; 0: there is only one')
 
 
 @dataclass(frozen=True)

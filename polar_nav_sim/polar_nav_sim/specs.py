@@ -151,6 +151,11 @@ class VehicleSpec(Spec):
     clock_drift_ppm: float = param(
         0.0, '1e-6', -1000.0, 1000.0, 'And by so many microseconds more every second'
     )
+    sources: str = text(
+        '',
+        'Mapping file that its follower navigates by, beside the mission; empty: the topics of '
+        'this project, and the packets of the leader',
+    )
     dynamics: DynamicsSpec | None = field(default=None)
     instruments: Mapping[str, Any] = field(default_factory=dict)
 
@@ -185,7 +190,7 @@ class MissionSpec(Spec):
 
 
 def check_vehicles(vehicles: Mapping[str, VehicleSpec], where: str) -> None:
-    """Names must make ROS namespaces, and exactly one vehicle leads.
+    """Names must make ROS namespaces, and one vehicle leads who does not navigate by `sources`.
 
     Raises
     ------
@@ -198,5 +203,9 @@ def check_vehicles(vehicles: Mapping[str, VehicleSpec], where: str) -> None:
                 f'{where}: vehicle name {name!r} cannot be a namespace; use a-z, 0-9 and _'
             )
     leaders = [name for name, v in vehicles.items() if v.role == 'leader']
-    if len(leaders) != 1:
-        raise ConfigError(f'{where}: one vehicle must have role leader, found {leaders}')
+    alone = not leaders and all(v.sources for v in vehicles.values())
+    if len(leaders) != 1 and not alone:
+        raise ConfigError(
+            f'{where}: one vehicle must have role leader, found {leaders}; only vehicles with '
+            'sources need none'
+        )

@@ -23,6 +23,7 @@ LOCKED = {
     'antimeridian': False,
     'meridian_180': False,
     'station': False,
+    'ahrs': True,
 }
 
 

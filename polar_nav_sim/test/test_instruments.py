@@ -14,7 +14,8 @@ from polar_nav_sim.sensors.imu import DPH, MICRO_G, ImuSensor
 
 NEW_IMU = sorted(set(instruments.IMU) - set(presets.IMU))
 TABLES = (
-    instruments.IMU, instruments.DVL, instruments.USBL, instruments.DEPTH, instruments.HEADING
+    instruments.IMU, instruments.DVL, instruments.USBL, instruments.DEPTH, instruments.HEADING,
+    instruments.AHRS, instruments.ABSOLUTE,
 )  # fmt: skip
 
 

@@ -38,6 +38,8 @@ def test_missions_sail_at_their_speed_depth_and_distance(name):
         assert np.abs(speed - mission.path.speed_mps).max() < 2e-5
         if name != 'dive':
             assert np.abs(s.depth - mission.formation[vehicle].depth_m).max() < 1e-6
+    if not mission.led:
+        return
     leader, follower = (states[v].r_e for v in mission.vehicles)
     distance = np.linalg.norm(leader - follower, axis=1)
     assert 400.0 < distance.min() <= distance.max() < 650.0
@@ -119,6 +121,21 @@ def test_mistakes_are_named(change, words):
         assert word in str(error.value)
 
 
+def test_a_vehicle_with_sources_needs_no_leader():
+    mission = load_mission('ahrs')
+    assert not mission.led
+    assert mission.vehicles == mission.followers == ('auv',)
+    assert mission.sources('auv').name == 'ahrs.yaml'
+    assert load_mission('demo').led
+    assert load_mission('demo').sources('follower') is None
+    with pytest.raises(ConfigError, match='mission ahrs has no leader'):
+        mission.leader  # noqa: B018 - it raises
+    with pytest.raises(ConfigError, match=r'role leader, found .*only vehicles with sources'):
+        mission.with_overrides({'vehicles.auv.sources': ''})
+    with pytest.raises(ConfigError, match=r"file 'nowhere\.yaml' is neither beside it nor in"):
+        mission.with_overrides({'vehicles.auv.sources': 'nowhere.yaml'})
+
+
 def test_turns_and_dives_that_do_not_fit_are_named():
     lawnmower = load_mission('lawnmower').with_overrides({'path.spacing_m': 50.0})
     with pytest.raises(ConfigError, match=r'spacing_m: 50.0 is less than the 110'):
@@ -129,7 +146,7 @@ def test_turns_and_dives_that_do_not_fit_are_named():
 
 
 def test_unknown_names(tmp_path):
-    with pytest.raises(ConfigError, match='neither a file nor one of antimeridian, demo'):
+    with pytest.raises(ConfigError, match='neither a file nor one of ahrs, antimeridian, demo'):
         load_mission('nowhere')
     with pytest.raises(ConfigError, match="no vehicle 'third'"):
         load_mission('demo').truth('third')

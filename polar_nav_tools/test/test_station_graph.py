@@ -112,7 +112,7 @@ def test_a_station_does_not_navigate_by_itself(mission):
 def test_filters_of_the_other_mode_are_refused_with_those_of_this_one(mission):
     with pytest.raises(ConfigError, match="'modified_akf' is for a leader; with a station there"):
         build_graph(mission, GraphOptions(configuration='modified_akf'))
-    with pytest.raises(ConfigError, match="'published' is for a station; with a leader there are"):
+    with pytest.raises(ConfigError, match="'published' is for a station; without one there are"):
         build_graph(load_mission('demo'), GraphOptions(configuration='published'))
 
 

@@ -15,6 +15,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 from . import presets
+from .absolute import AbsoluteErrors
 from .compass import CompassErrors
 from .depth import DepthErrors
 from .dvl import DvlErrors
@@ -280,6 +281,16 @@ AHRS: dict[str, Preset[CompassErrors]] = {
     ),
 }
 """Models of AHRSs with a magnetometer, by name."""
+
+ABSOLUTE: dict[str, Preset[AbsoluteErrors]] = {
+    'ugps': Preset(
+        AbsoluteErrors(
+            period_s=2.0, horizontal_sigma_m=1.5, vertical_sigma_m=3.0, available_s=1e6
+        ),
+        'ours: a short-baseline system in calm water, all the time, errors white',
+    ),
+}
+"""Models of absolute positions, by name."""
 
 
 @dataclass(frozen=True)

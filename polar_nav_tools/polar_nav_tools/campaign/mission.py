@@ -18,7 +18,7 @@ from polar_nav_core.user_files import read_yaml
 from polar_nav_sim.mission import mission_from
 from polar_nav_sim.resources import find_mission
 
-_FILES = ('csv', 'sound_speed_profile')
+_FILES = ('csv', 'sound_speed_profile', 'sources')
 """Keys whose value names a file."""
 
 

@@ -120,26 +120,39 @@ def build_graph(mission: Mission, options: GraphOptions) -> Graph:
     if len(mission.followers) != 1:
         names = ', '.join(mission.followers) or 'none'
         raise ConfigError(f'mission {mission.name}: one follower is needed, it has {names}')
-    leader, follower = mission.leader, mission.followers[0]
+    follower = mission.followers[0]
     lockstep = options.pace == 'lockstep'
-    if has_station(mission):
+    station = mission.led and has_station(mission)
+    if not station and options.configuration not in CONFIGURATIONS:
+        raise ConfigError(
+            f'mission {mission.name}: configuration {options.configuration!r} is for a station; '
+            f'without one there are {", ".join(CONFIGURATIONS)}'
+        )
+    if options.leader == 'own' and not mission.led:
+        raise ConfigError(f'mission {mission.name} has no leader that could navigate by itself')
+    if not mission.led:
+        recorded = {**_of_the_root(), **_topics_alone(mission, follower)}
+        nodes = [
+            *_vehicle_nodes(follower, options, {}),
+            *_own_aiding(mission, options),
+            _follower_node(mission, follower, options),
+        ]
+    elif station:
+        leader = mission.leader
         recorded = {**_of_the_root(), **station_topics(leader, follower)}
         nodes = station_nodes(mission, follower, options)
     else:
-        if options.configuration not in CONFIGURATIONS:
-            raise ConfigError(
-                f'mission {mission.name}: configuration {options.configuration!r} is for a '
-                f'station; with a leader there are {", ".join(CONFIGURATIONS)}'
-            )
+        leader = mission.leader
         recorded = recorded_topics(leader, follower, options.leader)
         for vehicle in mission.dynamic:
             recorded |= topics.of_vehicle(vehicle, MODEL_TOPICS)
-        for vehicle in _with_ahrs(mission):
-            recorded |= topics.of_vehicle(vehicle, (topics.COMPASS, topics.MAGNETIC))
+        recorded |= _own_aiding_topics(mission)
+        if mission.sources(follower) is not None:
+            recorded |= topics.of_vehicle(follower, (topics.INPUTS,))
         nodes = [
             *_vehicle_nodes(leader, options, _leader_instruments(options)),
             *_vehicle_nodes(follower, options, {}),
-            *_ahrs_nodes(mission, options),
+            *_own_aiding(mission, options),
             *_acoustic_nodes(mission, leader, follower, options),
             _follower_node(mission, follower, options),
         ]
@@ -175,6 +188,14 @@ def _of_the_root() -> dict[str, str]:
     return {topic: topics.TYPES[topic] for topic in _ROOT_TOPICS}
 
 
+def _topics_alone(mission: Mission, follower: str) -> dict[str, str]:
+    """Recorded topics of a vehicle without a leader, each with its message type."""
+    return {
+        **topics.of_vehicle(follower, (*_SENSOR_TOPICS, *_NAVIGATION_TOPICS, topics.INPUTS)),
+        **_own_aiding_topics(mission),
+    }
+
+
 def _truth_node(mission: Mission, options: GraphOptions, others: list[str]) -> NodeSpec:
     parameters: dict[str, ParameterValue] = {
         'mission': str(mission.file),
@@ -201,6 +222,7 @@ _INSTRUMENTS = {
     'dvl_node': 'dvl',
     'depth_node': 'depth',
     'ahrs_node': 'ahrs',
+    'absolute_fix_node': 'absolute',
     'usbl_node': 'usbl',
     'leader_reference_node': 'heading',
 }
@@ -239,14 +261,30 @@ def _vehicle_nodes(
     ]
 
 
-def _with_ahrs(mission: Mission) -> list[str]:
-    """Vehicles to which the mission gives an AHRS with a magnetometer."""
-    return [name for name, v in mission.formation.items() if 'ahrs' in v.instruments]
+_OWN_AIDING = {
+    'ahrs': ('ahrs_node', (topics.COMPASS, topics.MAGNETIC)),
+    'absolute': ('absolute_fix_node', (topics.ABSOLUTE,)),
+}
+"""Node and topics of the instruments that a vehicle has only where its mission names them."""
 
 
-def _ahrs_nodes(mission: Mission, options: GraphOptions) -> list[NodeSpec]:
+def _own_aiding(mission: Mission, options: GraphOptions) -> list[NodeSpec]:
     seed: dict[str, ParameterValue] = {'seed': options.seed}
-    return [sim_node('ahrs_node', name, Stage.SENSOR, seed) for name in _with_ahrs(mission)]
+    return [
+        sim_node(node, name, Stage.SENSOR, seed)
+        for name, vehicle in mission.formation.items()
+        for kind, (node, _) in _OWN_AIDING.items()
+        if kind in vehicle.instruments
+    ]
+
+
+def _own_aiding_topics(mission: Mission) -> dict[str, str]:
+    recorded: dict[str, str] = {}
+    for name, vehicle in mission.formation.items():
+        for kind, (_, published) in _OWN_AIDING.items():
+            if kind in vehicle.instruments:
+                recorded |= topics.of_vehicle(name, published)
+    return recorded
 
 
 def _leader_instruments(options: GraphOptions) -> dict[str, dict[str, ParameterValue]]:
@@ -312,19 +350,24 @@ def _leader_node(mission: Mission, leader: str, follower: str, options: GraphOpt
 
 def _follower_node(mission: Mission, follower: str, options: GraphOptions) -> NodeSpec:
     parameters: dict[str, ParameterValue] = {
-        # The instruments of section 6.1, which the simulation draws its errors from.
-        **NO_COMMON_ERRORS,
-        **NO_RESERVE,
-        'dvl_scale_sigma': 1e-4,
-        'dvl_markov_sigma': 0.005,
         'configuration': options.configuration,
-        'leader_id': LEADER_ID,
-        'own_id': FOLLOWER_ID,
         'sea_surface_height': mission.numbers.sea_surface_height_m,
-        **initial_state_parameters(mission, follower, usual_sigma(FollowerParams), options.seed),
     }
-    if follower in mission.dynamic:
-        parameters['model_aiding'] = True
+    if mission.led:
+        parameters |= {'leader_id': LEADER_ID, 'own_id': FOLLOWER_ID}
+    sources = mission.sources(follower)
+    if sources is not None:
+        # What its instruments are worth, and where it is, is up to that file.
+        parameters['sources'] = str(sources)
+    else:
+        # The instruments of section 6.1, which the simulation draws its errors from.
+        parameters |= NO_COMMON_ERRORS | NO_RESERVE
+        parameters |= {'dvl_scale_sigma': 1e-4, 'dvl_markov_sigma': 0.005}
+        parameters |= initial_state_parameters(
+            mission, follower, usual_sigma(FollowerParams), options.seed
+        )
+        if follower in mission.dynamic:
+            parameters['model_aiding'] = True
     if options.pace == 'lockstep':
         parameters['reorder_window_s'] = LOCKSTEP_REORDER_S
         if options.leader == 'own':
