@@ -30,6 +30,7 @@ from polar_nav_tools.terminal.tables import print_table, size_text
         ('leader_id=3', 'leader_id', 3),
         ('model_aiding=false', 'model_aiding', False),
         ('configuration=default', 'configuration', 'default'),
+        ('heading_reference=true', 'heading_reference', 'true'),
         ('dvl_lever_b=[1, 0, -0.5]', 'dvl_lever_b', [1.0, 0.0, -0.5]),
     ],
 )
