@@ -6,11 +6,13 @@ import time
 
 import numpy as np
 import pytest
+import test_live_views
 
 rclpy = pytest.importorskip('rclpy')
 
 from nav_msgs.msg import Odometry  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
+from rclpy.qos import QoSProfile, ReliabilityPolicy  # noqa: E402
 from sensor_msgs.msg import Imu  # noqa: E402
 from std_msgs.msg import String, UInt32  # noqa: E402
 from std_srvs.srv import Trigger  # noqa: E402
@@ -23,6 +25,7 @@ from polar_nav_msgs.msg import Depth, NavState  # noqa: E402
 from polar_nav_ros import transforms  # noqa: E402
 from polar_nav_ros.node import DATA_QOS, LATCHED_QOS  # noqa: E402
 from polar_nav_ros.stamps import to_msg, to_ns  # noqa: E402
+from polar_nav_ros.topics import TYPES  # noqa: E402
 
 START_NS = 1_772_323_200_000_000_000
 needs_tf2 = pytest.mark.skipif(transforms.TFMessage is None, reason=transforms.NO_TF)
@@ -185,6 +188,112 @@ def test_the_transforms_compose_to_the_published_pose(ros):
     np.testing.assert_allclose(dvl[:3, 0], [math.sqrt(0.5), math.sqrt(0.5), 0.0], atol=1e-12)
     ned = parts[('auv/map', 'auv/map_ned')]
     np.testing.assert_allclose(ned[:3, 0], [0.0, 1.0, 0.0], atol=1e-12)
+
+
+def test_all_that_the_shipped_views_name_is_published_in_its_type(ros):
+    """RViz and Foxglove ask for reliable messages, of what the node publishes."""
+    node, _peer = ros()
+    rviz, _ = test_live_views.named(test_live_views.rviz())
+    layout, _ = test_live_views.named(test_live_views.foxglove())
+    heard = {'/follower/initialpose'}
+    shown = {t for t in rviz | layout if not t.startswith('/studio_script/')} - heard
+    assert len(shown) == 8
+    for topic in shown:
+        name = topic.replace('/follower/', '/auv/')
+        [publisher] = [
+            i for i in node.get_publishers_info_by_topic(name) if i.node_name == node.get_name()
+        ]
+        assert publisher.topic_type == test_live_views.type_of(topic), name
+        assert publisher.qos_profile.reliability == ReliabilityPolicy.RELIABLE
+    [subscription] = node.get_subscriptions_info_by_topic('/auv/initialpose')
+    assert subscription.topic_type == 'geometry_msgs/msg/PoseWithCovarianceStamped'
+    for topic in ('/tf', '/tf_static'):
+        if transforms.TFMessage is not None:
+            [publisher] = node.get_publishers_info_by_topic(topic)
+            assert publisher.topic_type == TYPES[topic]
+
+
+def ned_frd(message, static):
+    """What MAVROS' plugin odometry makes of a message: position, quaternion, velocities, rows.
+
+    Read in its source (mavros_extras 2.12, plugins/odom.cpp): rotations alone, looked up as
+    frame_id + `_ned` and child_frame_id + `_frd`; covariances as upper triangles, row by row.
+    """
+    parent, child = message.header.frame_id, message.child_frame_id
+    C_ned = static[(parent, f'{parent}_ned')][:3, :3].T
+    C_frd = static[(child, f'{child}_frd')][:3, :3].T
+    T, twist = pose_of(message), message.twist.twist
+    linear = [twist.linear.x, twist.linear.y, twist.linear.z]
+    angular = [twist.angular.x, twist.angular.y, twist.angular.z]
+    triangles = []
+    for C, stated in ((C_ned, message.pose.covariance), (C_frd, message.twist.covariance)):
+        both = np.kron(np.eye(2), C)
+        P = both @ np.reshape(stated, (6, 6)) @ both.T
+        triangles.append(P.astype(np.float32)[np.triu_indices(6)])
+    attitude_ned = C_ned @ T[:3, :3] @ C_frd.T
+    return C_ned @ T[:3, 3], attitude_ned, C_frd @ linear, C_frd @ angular, *triangles
+
+
+@needs_tf2
+@pytest.mark.parametrize('map_frame', ['', 'map'])
+def test_mavros_gets_north_east_down_and_forward_right_down(ros, map_frame, tmp_path):
+    """An autopilot's external odometry, by the plugin's arithmetic, against nav/state."""
+    static = transforms._qos(1, transforms.DurabilityPolicy.TRANSIENT_LOCAL)
+    origin = tmp_path / 'origin.yaml'
+    place = earth.ecef_from_geodetic(*np.radians([69.99, 9.98]), 0.0)
+    origin.write_text(LocalFrame(place, 'enu').as_yaml())
+    stated = (
+        'initial_latitude_deg:=70.0', 'initial_longitude_deg:=10.0', 'initial_height:=-20.0',
+        'initial_grid_heading_deg:=40.0', 'initial_roll_deg:=3.0', 'initial_pitch_deg:=-2.0',
+        'initial_v_G:=[0.6, 0.8, 0.1]', 'initial_sigma_position:=5.0',
+        'initial_sigma_height:=2.0', 'initial_sigma_tilt_deg:=0.5',
+        'initial_sigma_heading_deg:=3.0', 'accel_bias_sigma:=1e-5', 'gyro_bias_sigma:=1e-7',
+        f'origin_file:={origin}', 'reorder_window_s:=0.05',
+    )  # fmt: skip
+    named = (f'map_frame:={map_frame}', 'base_frame:=base_link') if map_frame else ()
+    rig = Rig(ros(*stated, *named), latched=[(transforms.TFMessage, '/tf_static', static)])
+    # As the plugin subscribes: reliable, the newest message only.
+    rig._listen(Odometry, 'odometry/now', QoSProfile(depth=1))
+    rig.sail(40)
+    rig.until(lambda: rig.heard['nav/state'] and rig.heard['/tf_static'])
+    found = {
+        (t.header.frame_id, t.child_frame_id): matrix_of(t)
+        for t in rig.heard['/tf_static'][-1].transforms
+    }
+    state = rig.heard['nav/state'][-1]
+    stamp_ns = to_ns(state.header.stamp)
+    [now, *_] = [m for m in rig.heard['odometry/now'] if to_ns(m.header.stamp) == stamp_ns]
+    p_ned, C_b_ned, v_frd, omega_frd, pose, twist = ned_frd(now, found)
+
+    # The same from nav/state: geodetic place, true heading, grid velocity.
+    up = earth.ecef_to_enu(*np.radians([69.99, 9.98]))
+    assert p_ned == pytest.approx((up @ (state.r_e - place))[[1, 0, 2]] * [1, 1, -1], abs=1e-4)
+    assert p_ned[2] > 19.9  # down, and the plane falls away
+    yaw = math.atan2(C_b_ned[1, 0], C_b_ned[0, 0])
+    assert math.remainder(yaw - state.true_heading, math.tau) == pytest.approx(0.0, abs=6e-4)
+    roll, pitch = math.atan2(C_b_ned[2, 1], C_b_ned[2, 2]), -math.asin(C_b_ned[2, 0])
+    assert roll == pytest.approx(state.roll, abs=6e-4)
+    # Nose up is positive in forward-right-down and negative in forward-left-up axes.
+    assert pitch == pytest.approx(-state.pitch, abs=6e-4)
+    speed = float(np.linalg.norm(state.v_g))
+    assert float(np.linalg.norm(v_frd)) == pytest.approx(speed, abs=1e-6)
+    north_east = (C_b_ned @ v_frd)[:2]
+    turn = state.true_heading - state.grid_heading
+    v_E, v_N = state.v_g[:2]
+    c, s = math.cos(turn), math.sin(turn)
+    assert north_east == pytest.approx([v_N * c - v_E * s, v_E * c + v_N * s], abs=1e-3)
+    assert omega_frd == pytest.approx([0.0, 0.0, -0.05], abs=1e-3)
+
+    # Row-major upper triangle of x, y, z, roll, pitch, yaw: the diagonal stands at these places.
+    diagonal = [0, 6, 11, 15, 18, 20]
+    assert len(pose) == len(twist) == 21
+    assert np.isfinite([*pose, *twist]).all()
+    assert pose[diagonal[0]] == pytest.approx(25.0, rel=0.1)
+    assert pose[diagonal[2]] == pytest.approx(4.0, rel=0.1)
+    assert pose[diagonal[3]] == pytest.approx(math.radians(0.5) ** 2, rel=0.1)
+    assert pose[diagonal[5]] == pytest.approx(math.radians(3.0) ** 2, rel=0.1)
+    assert min(pose[diagonal]) > 0.0
+    assert min(twist[diagonal]) > 0.0
 
 
 def test_the_origin_is_latched_and_a_reset_counts(ros, tmp_path):
