@@ -7,6 +7,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
 import rclpy
 from geometry_msgs.msg import PoseWithCovarianceStamped
@@ -14,6 +15,7 @@ from rclpy.context import Context
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import FluidPressure, Imu
 
+from polar_nav_ros import transforms
 from polar_nav_ros.adapters import mapping_file
 from polar_nav_ros.stamps import to_msg
 from polar_nav_tools.bags.errors import BagError
@@ -39,6 +41,10 @@ class Drivers(threading.Thread):
         self.pressure = offer(FluidPressure, '/auv/pressure', BEST_EFFORT)
         self.pose = offer(PoseWithCovarianceStamped, '/auv/usbl/pose', 10)
         offer(Imu, '/auv/imu_spare', 10)
+        self.mounted = transforms.Broadcaster(self.node) if transforms.HAS_TF else None
+        if self.mounted is not None:  # once, before anybody listens
+            lever = np.array([0.2, 0.0, 0.4])
+            self.mounted.fix([transforms.transform('base_link', 'bar30', lever, np.eye(3))])
         self.done = threading.Event()
 
     def run(self) -> None:
@@ -53,6 +59,7 @@ class Drivers(threading.Thread):
             if k % 10 == 0:
                 pressure = FluidPressure(fluid_pressure=2.0e5 + k)
                 pressure.header.stamp = stamp
+                pressure.header.frame_id = 'bar30'
                 self.pressure.publish(pressure)
                 pose = PoseWithCovarianceStamped()
                 pose.header.stamp = stamp
@@ -93,6 +100,8 @@ def test_a_running_graph_is_mapped() -> None:
     assert 'topic: /auv/imu\n  type: sensor_msgs/msg/Imu\n' in text
     assert 'rotation: frd' in text
     assert 'topic: /auv/pressure\n  type: sensor_msgs/msg/FluidPressure' in text
+    if transforms.HAS_TF:
+        assert '# by /tf_static: bar30 in base_link\n  lever_b: [0.2, 0.0, 0.4]' in text
     assert '- topic: /auv/usbl/pose' in text
     assert 'correlation_s: FILL_IN' in text  # a pose comes out of somebody's filter
     assert '# /auv/imu_spare: sensor_msgs/msg/Imu, nothing came' in text

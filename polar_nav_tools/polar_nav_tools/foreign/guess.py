@@ -38,6 +38,7 @@ from .guess_imu import put_imu
 from .guess_noise import Choices, put_noise
 from .guess_stamps import TopicTimes, put_stamp, times_of
 from .lines import Lines
+from .mounting import Mount, Mounts, mounts_of, put_lever
 from .read import read_positions
 from .sources import Source, field_paths, not_described, read_table
 
@@ -77,20 +78,22 @@ def guess(
     imu = best([t for t in topics if t.type in IMU], RAW_WORDS)
     out.put(f'vehicle: {vehicle(imu)}')
     out.put()
-    times = put_imu(out, source, imu, choices)
+    mounts = mounts_of(source)
+    times = put_imu(out, source, imu, choices, mounts.of_topic(source, imu))
     mine = [t for t in topics if imu is None or near(t, imu)]
     dvl = dvl_of(mine)
-    _sensor(out, source, 'dvl', dvl, topics, times, choices)
-    _sensor(out, source, 'depth', depth_of(mine), topics, times, choices)
+    for role, topic in (('dvl', dvl), ('depth', depth_of(mine))):
+        mount = mounts.of_topic(source, topic)
+        _sensor(out, source, role, topic, topics, times, choices, mount)
     mine = _with_positions(out, source, mine)
     truth = best_position(mine, TRUTH_WORDS, require=True)
     packets = packets_in(source, mine)
     fixes = fixes_of(mine, truth, topics, list(packets))
-    _fixes(out, source, fixes, topics, times, choices, packets)
+    _fixes(out, source, fixes, topics, times, choices, packets, mounts)
     start = truth or best_position([t for t in mine if t not in fixes], STATE_WORDS)
     if start is None:
         start = next((t for t in fixes if t.type in POSITION), None)
-    _start(out, source, start, fixes, imu)
+    _start(out, source, start, fixes, imu, mounts)
     if start is not None and start is truth:
         out.say(
             'The start is taken from the reference: fine for a trial, not for a test of the start.'
@@ -140,6 +143,7 @@ def _sensor(
     topics: list[Topic],
     reference: TopicTimes | None,
     choices: Choices,
+    mount: Mount | None,
 ) -> None:
     if topic is None:
         out.say(f'{role}: none of {len(topics)} topics looks like one. FILL IN, or leave it out.')
@@ -156,12 +160,11 @@ def _sensor(
         out.say(f'not read: {error}', 2)
     if role == 'dvl':
         _reference(out, source, topic, choices)
-        name, why = _dvl_axes(source, topic)
+        name, why = _dvl_axes(source, topic, mount)
         out.say(f'axes of the instrument: {why}', 2)
         out.say('turned by any angle: {rpy_deg: [180, 0, 45]}; `replay` tells if others fit', 2)
         out.put(f'rotation: {name}', 2)
-        out.say('where it sits from base_link, x forward, y left, z up [m]: FILL IN', 2)
-        out.put('lever_b: [0.0, 0.0, 0.0]', 2)
+        put_lever(out, mount)
         out.say('sigma: 0.01   # [m/s], in place of what the messages state', 2)
     else:
         if topic.type == 'sensor_msgs/msg/FluidPressure':
@@ -171,8 +174,7 @@ def _sensor(
             median = float(np.median(read_table(source, topic.name, ['data']).columns['data']))
             out.say(f'FILL IN the unit: not in the type, the median is {median:.5g}', 2)
             out.put('unit: FILL_IN', 2)
-        out.say('where it sits from base_link, x forward, y left, z up [m]: FILL IN', 2)
-        out.put('lever_b: [0.0, 0.0, 0.0]', 2)
+        put_lever(out, mount)
         out.say('sigma: 0.1    # [m], in place of what the messages state', 2)
     out.put()
 
@@ -190,8 +192,14 @@ def _reference(out: Lines, source: Source, topic: Topic, choices: Choices) -> No
         out.put('reference: FILL_IN', 2)
 
 
-def _dvl_axes(source: Source, topic: Topic) -> tuple[str, str]:
-    """Name of the axes, and what says so."""
+def _dvl_axes(source: Source, topic: Topic, mount: Mount | None) -> tuple[str, str]:
+    """Axes as a mapping states them, and what says so."""
+    looks_down = topic.type in (*_DOWNWARD_DVL, *_WATER_LINKED)
+    if mount is not None and (mount.C_s_b[2, 2] < 0.0 or not looks_down):
+        return mount.rotation_text, mount.source_text
+    if mount is not None:
+        # A description of a vehicle often has no turn of an instrument that it draws as a box.
+        return 'frd', f"{mount.source_text} z would be up; this type's is down. FILL IN"
     if topic.type in _DOWNWARD_DVL:
         return 'frd', 'z of this type points where the DVL looks, down'
     if topic.type in _WATER_LINKED:
@@ -214,6 +222,7 @@ def _fixes(
     reference: TopicTimes | None,
     choices: Choices,
     packets: dict[Topic, Broadcast],
+    mounts: Mounts,
 ) -> None:
     if not fixes:
         out.say('No topic looks like position fixes. FILL IN, or leave it out: the run drifts.')
@@ -243,9 +252,17 @@ def _fixes(
             out.say('heights of fixes are not used; 3 uses them (those in ECEF always are)', 4)
             out.put('dimensions: 2', 4)
             _filtered(out, topic)
+            _antenna(out, mounts.of_topic(source, topic))
         _delay(out, source, topic, reference, choices)
         _sigma(out, source, topic)
     out.put()
+
+
+def _antenna(out: Lines, mount: Mount | None) -> None:
+    """Write the located point, where the messages name a frame of the vehicle."""
+    if mount is not None:
+        out.say(f'the located point, {mount.source_text}', 4)
+        out.put(f'transponder_lever_b: {mount.lever_text}', 4)
 
 
 def _sigma(out: Lines, source: Source, topic: Topic) -> None:
@@ -347,11 +364,18 @@ def _position(out: Lines, source: Source, topic: Topic, indent: int) -> None:
 
 
 def _start(
-    out: Lines, source: Source, start: Topic | None, fixes: list[Topic], imu: Topic | None
+    out: Lines,
+    source: Source,
+    start: Topic | None,
+    fixes: list[Topic],
+    imu: Topic | None,
+    mounts: Mounts,
 ) -> None:
     """Write what the start is from: an AHRS and the fixes, else section ``initial``."""
     only = [start] == fixes
-    attitude = attitude_of(source, imu) if only and not _has_attitude(source, start) else None
+    attitude = None
+    if only and not _has_attitude(source, start):
+        attitude = attitude_of(source, imu, mounts.of_topic(source, imu))
     if imu is None or attitude is None:
         _initial(out, source, start)
         if start in fixes:

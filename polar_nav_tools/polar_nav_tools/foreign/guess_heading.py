@@ -14,8 +14,9 @@ from polar_nav_ros.adapters.layouts import HEADING
 from polar_nav_ros.adapters.mapping import ImuMapping, Stream
 
 from ..bags.reader import Topic
-from .guess_imu import axes_of
+from .guess_imu import axes_of, rotation_by
 from .lines import Lines
+from .mounting import Mount
 from .read import read_imu, read_rows
 from .sources import Source
 
@@ -32,14 +33,15 @@ class Attitude(NamedTuple):
     world : str
         ``enu`` or ``ned``.
     axes : str
-        Of the vehicle, by name, as gravity shows them in the IMU's forces.
+        Of the vehicle, as a mapping states them: by the transforms, or as gravity shows them in
+        the IMU's forces.
     """
 
     world: str
     axes: str
 
 
-def attitude_of(source: Source, imu: Topic | None) -> Attitude | None:
+def attitude_of(source: Source, imu: Topic | None, mount: Mount | None = None) -> Attitude | None:
     """Return the axes of an IMU's orientation; None where it is no attitude.
 
     The specific force, turned by an attitude, points up: along +z of ``enu``, -z of ``ned``. A
@@ -49,6 +51,8 @@ def attitude_of(source: Source, imu: Topic | None) -> Attitude | None:
     ----------
     source : Source
     imu : Topic or None
+    mount : Mount, optional
+        Of the IMU.
     """
     if imu is None or imu.type not in HEADING:
         return None
@@ -68,7 +72,8 @@ def attitude_of(source: Source, imu: Topic | None) -> Attitude | None:
     share = float(mean[2] / max(float(np.linalg.norm(mean)), 1e-12))
     if abs(share) < _LEVEL:
         return None
-    return Attitude('enu' if share > 0.0 else 'ned', axes_of(f_s[good])[0])
+    axes = rotation_by(mount, f_s[good]) or axes_of(f_s[good])[0]
+    return Attitude('enu' if share > 0.0 else 'ned', axes)
 
 
 def put_heading(out: Lines, imu: Topic, found: Attitude) -> None:

@@ -16,13 +16,18 @@ from .check_imu import turning_factor
 from .guess_noise import Choices
 from .guess_stamps import TopicTimes, put_stamp, times_of
 from .lines import Lines
+from .mounting import Mount, put_lever
 from .read import read_imu
 from .sources import Source, Stamps, field_paths, not_described
 
 _GRAVITY = 9.81
+_LEVEL = 0.9
+"""Share of the specific force along base_link's vertical, of axes that are right (25 degrees)."""
 
 
-def put_imu(out: Lines, source: Source, imu: Topic | None, choices: Choices) -> TopicTimes | None:
+def put_imu(
+    out: Lines, source: Source, imu: Topic | None, choices: Choices, mount: Mount | None = None
+) -> TopicTimes | None:
     """Write the IMU; its times, where there are any."""
     if imu is None:
         out.say(
@@ -57,11 +62,9 @@ def put_imu(out: Lines, source: Source, imu: Topic | None, choices: Choices) -> 
         out.put('rotation: FILL_IN', 2)
     elif len(f) > 1:
         _accel_unit(out, f)
-        _axes(out, f)
+        _axes(out, f, mount)
         _gyro_unit(out, stamps, omega, f)
-    out.say('where it sits from base_link, x forward, y left, z up [m]: FILL IN; zeros where', 2)
-    out.say('base_link is the IMU', 2)
-    out.put('lever_b: [0.0, 0.0, 0.0]', 2)
+    put_lever(out, mount, '; zeros where base_link is the IMU')
     out.say('whether samples are means over the interval before the stamp, or instant: not in', 2)
     out.say('the data; `mean` is what IMUs with increments give', 2)
     out.put('sample: mean', 2)
@@ -114,8 +117,32 @@ def axes_of(f: Array) -> tuple[str, str, float]:
     return name, f'{sign}{up}', abs(float(unit[axis]))
 
 
-def _axes(out: Lines, f: Array) -> None:
+def rotation_by(mount: Mount | None, f: Array) -> str | None:
+    """Axes of an IMU by the transforms, for a mapping; None where gravity contradicts them.
+
+    Parameters
+    ----------
+    mount : Mount or None
+    f : (n, 3) array
+        Specific force, axes of the sensor, any unit.
+    """
+    if mount is None:
+        return None
+    mean = np.median(f, axis=0)
+    up_b = mount.C_s_b @ mean / max(float(np.linalg.norm(mean)), 1e-12)
+    return mount.rotation_text if up_b[2] > _LEVEL else None
+
+
+def _axes(out: Lines, f: Array, mount: Mount | None) -> None:
     name, up, share = axes_of(f)
+    stated = rotation_by(mount, f)
+    if mount is not None and stated is not None:
+        out.say(f'{mount.source_text}; gravity agrees, up is {up} ({share:.2f} of it)', 2)
+        out.put(f'rotation: {stated}', 2)
+        return
+    if mount is not None:
+        out.say(f'{mount.source_text} it would be {mount.rotation_text}, which gravity', 2)
+        out.say('contradicts:', 2)
     out.say(f'gravity shows that up is {up} ({share:.2f} of it); where forward is, the data', 2)
     out.say('of gravity cannot tell: FILL IN another name if x does not point forward', 2)
     out.put(f'rotation: {name}', 2)
