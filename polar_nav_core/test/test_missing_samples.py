@@ -10,10 +10,14 @@ from test_imu_gap import view
 
 from polar_nav_core import attitude
 from polar_nav_core.engine import run as engine_run
+from polar_nav_core.engine.events import ImuSample
 from polar_nav_core.engine.health.conditions import Level
 from polar_nav_core.engine.health.watchdog import Envelope, Gaps, Watchdog
 from polar_nav_core.engine.methods import DELAY_HANDLING
+from polar_nav_core.engine.sins.filter import NavigationFilter
 from polar_nav_core.error_model import X
+from polar_nav_core.kernels.sins import fill
+from polar_nav_core.kernels.sins import state as fs
 
 
 @pytest.fixture(scope='module')
@@ -73,10 +77,10 @@ def test_missing_samples_hardly_turn_the_vehicle(world, instant):
             ('held', lossy(inputs)),
         )
     )
-    assert turned(filled, sound) < 3e-6
-    assert np.linalg.norm(filled.v_G[-1] - sound.v_G[-1]) < 3e-3
+    assert turned(filled, sound) < 2e-5
+    assert np.linalg.norm(filled.v_G[-1] - sound.v_G[-1]) < 1e-3
     if instant == 'mean':
-        assert turned(held, sound) > 20.0 * turned(filled, sound)
+        assert turned(held, sound) > 100.0 * turned(filled, sound)
 
 
 def test_the_variance_is_that_of_the_noise_of_rates(world):
@@ -152,14 +156,17 @@ def test_rewind_gives_the_bits_of_fixes_in_order(world):
 
 
 def test_an_imu_that_becomes_slower_is_followed(world):
-    """After a while its interval is the usual one."""
-    inputs = without_aid(inputs_of(world, []))
-    kept = np.arange(len(inputs.imu_stamps_ns))
-    slow = only(inputs, (kept < 200) | (kept % 3 == 2))
-    found = engine_run.run(world.params(imu_gap_s=0.5), slow, look_every_s=1.0).health
-    missing = [any('missing' in p.condition.name for p in h.present) for h in found]
-    assert missing[3]
-    assert not missing[-1]
+    """After a while its interval is the usual one, and nothing is missing."""
+    params = world.params(imu_gap_s=0.5)
+    now_ns = int(world.stamps[1])
+    f = NavigationFilter(params, params.initial_state(), now_ns)
+    for k in range(4000):
+        now_ns += 10_000_000 if k < 200 else 30_000_000
+        f.imu(ImuSample(now_ns, k, np.zeros(3), np.array([0.0, 0.0, 9.8])))
+        if k == 300:
+            assert f.state.counters[fs.MISSING_NS] > 1_000_000_000
+    assert f.state.counters[fs.USUAL_NS] == 30_000_000
+    assert f.state.counters[fs.MISSING_NS] < 0.05 * fill.FADE_NS
 
 
 def test_irregular_stamps_are_not_taken_for_missing_samples(world):
@@ -167,7 +174,7 @@ def test_irregular_stamps_are_not_taken_for_missing_samples(world):
     shift_ns = np.random.default_rng(2).integers(-4_500_000, 4_500_000, len(inputs.imu_stamps_ns))
     odd = replace(inputs, imu_stamps_ns=np.sort(inputs.imu_stamps_ns + shift_ns))
     found = engine_run.run(world.params(), odd, look_every_s=1.0).health[-1]
-    assert not any('missing' in p.condition.name for p in found.present)
+    assert not any('missing' in p.condition.key for p in found.present)
 
 
 @pytest.mark.parametrize(('share', 'said'), [(0.04, False), (0.06, True)])
@@ -183,6 +190,6 @@ def test_missing_samples_are_a_condition(share, said):
 def test_missing_samples_are_counted(world):
     inputs = lossy(inputs_of(world, []), longest=2)
     found = engine_run.run(world.params(), inputs, look_every_s=1.0).health
-    names = [{p.condition.name for p in h.present} for h in found]
+    names = [{p.condition.key for p in h.present} for h in found]
     assert 'IMU samples missing' not in names[2]
     assert 'IMU samples missing' in names[9]
