@@ -89,6 +89,7 @@ _FIRST: dict[str, Any] = {
     'identify_share_sigma': 0.15,
     'identify_window_s': 3600.0,
     'imu_gap_s': 0.0,
+    'imu_missing': 'held',
     'imu_sample': 'mean',
     'initial_grid_heading_deg': 0.0,
     'initial_height': -100.0,
@@ -247,6 +248,9 @@ _SINCE: dict[int, dict[str, Any]] = {
     7: {
         'accel_bias_walk': 2e-06,
         'gyro_bias_walk': 7e-10,
+    },
+    8: {
+        'imu_missing': 'interpolated',
     },
 }
 """By engine version: what changed with it. A version with new defaults counts up (version.py)."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..params import NodeParams, param, sigma
+from ..params import NodeParams, choice, param, sigma
 
 
 @dataclass(frozen=True)
@@ -65,6 +65,12 @@ class LimitParams(NodeParams):
         60.0,
         'A gap between IMU samples longer than this, and than three of their intervals, is '
         'bridged by the last rates and velocity, with the covariance enlarged; 0 is never',
+    )
+    imu_missing: str = choice(
+        'interpolated',
+        ('interpolated', 'held'),
+        'Samples missing from a regular IMU, up to a gap that is bridged: interpolated, with the '
+        'variance of that, or the next sample held over their time (up to engine 7)',
     )
     gap_attitude_sigma_deg: float = sigma(
         5.7,

@@ -47,16 +47,19 @@ _SIDEWAYS = 0.9
 """Mean share across track from which on refused pings are turned, or the heading is."""
 _SCATTER_SIGMAS = 8.0
 _REFUSED_SHARE = 0.5
+_MISSING_SHARE = 0.05
+"""Of the IMU samples, from which on it is said that some are missing."""
 AFTER_S = 60.0
 """A gate that was opened again stays a condition for so long."""
 
 
 class Gaps(NamedTuple):
-    """Number of gaps, length of the newest one [s] and stamp of its end [ns]."""
+    """Number of gaps, length of the newest one [s], stamp of its end [ns], samples missing [1]."""
 
     number: int
     last_s: float
     end_ns: int
+    missing: float = 0.0
 
 
 NO_GAPS = Gaps(0, 0.0, 0)
@@ -162,7 +165,8 @@ class Watchdog:
 
     def _conditions(self, view: View) -> list[Condition]:
         s = statistics(view.memories)
-        found = [*_imu_gap(view, self._envelope), *_silences(view, self._envelope)]
+        found = [*_imu_gap(view, self._envelope), *_imu_missing(view)]
+        found += _silences(view, self._envelope)
         found += imu_noise(view.imu_noise)
         found += heading_conditions(view.compass, view.stamp_ns, self._envelope.silent_after_s)
         for stream in (DVL, DEPTH):
@@ -200,6 +204,15 @@ def _imu_gap(view: View, envelope: Envelope) -> list[Condition]:
         f'covariance ({gaps.number} so far)'
     )
     return [Condition('IMU gap', level, Culprit.IMU, sentence)]
+
+
+def _imu_missing(view: View) -> list[Condition]:
+    """A regular IMU that lacks samples, none of whose gaps need be long enough to be bridged."""
+    share = view.gaps.missing
+    if share <= _MISSING_SHARE:
+        return []
+    sentence = f'{100.0 * share:.0f} % of the IMU samples of the last 20 s are missing'
+    return [Condition('IMU samples missing', Level.WARN, Culprit.IMU, sentence)]
 
 
 def _silences(view: View, envelope: Envelope) -> list[Condition]:

@@ -9,7 +9,7 @@ import numpy as np
 from ... import grid
 from ...error_model import X
 from ...kernels import watch
-from ...kernels.sins import compass, heading, hypotheses
+from ...kernels.sins import compass, fill, heading, hypotheses
 from ...kernels.sins import state as fs
 from ..events import Array
 from ..heading_params import REFERENCES
@@ -46,7 +46,10 @@ def view_of(fusion: Fusion, stamp_ns: int, resets: int) -> View:
         imu_noise=math.sqrt(1.0 + float(s.excess[0])),
         resets=resets + int(counters[fs.OPENINGS : fs.OPENINGS + 3].sum()),
         gaps=Gaps(
-            int(counters[fs.GAPS]), int(counters[fs.GAP_NS]) * 1e-9, int(counters[fs.GAP_END_NS])
+            int(counters[fs.GAPS]),
+            int(counters[fs.GAP_NS]) * 1e-9,
+            int(counters[fs.GAP_END_NS]),
+            int(counters[fs.MISSING_NS]) / fill.FADE_NS,
         ),
         compass=_compass_of(f),
     )

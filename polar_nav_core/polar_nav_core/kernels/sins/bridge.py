@@ -21,7 +21,7 @@ from .events import (
     take_snapshot,
 )
 from .fuse import locate
-from .gap import HELD_S, LONG_NS, add_path_not_known
+from .gap import HELD_S, LONG_NS, add_gap_noise, add_path_not_known
 from .hindsight import hold, is_held
 from .state import Frames, Log, Past, Settings, State, Work
 
@@ -38,11 +38,22 @@ def is_gap(s: State, c: Settings, stamp_ns: int) -> bool:
     """Whether a stamp is so far from the newest IMU sample that the gap is bridged."""
     if c.gap_ns == 0:
         return False
-    usual_s = s.previous_dt[0]
+    usual_s = usual_interval(s, c)
     least_ns = FIRST_NS
     if usual_s > 0.0:
         least_ns = max(c.gap_ns, int(USUAL * usual_s * 1e9))
     return bool(stamp_ns - s.counters[fs.IMU_NS] > least_ns)
+
+
+@kernel
+def usual_interval(s: State, c: Settings) -> float:
+    """Interval of the IMU before a gap [s]: that of the last sample, if it is whole."""
+    usual_s = float(s.previous_dt[0])
+    if c.fills and s.counters[fs.HELD_NS] > 0:
+        usual_s = s.counters[fs.USUAL_NS] * 1e-9
+    elif c.fills:
+        usual_s = max(usual_s, s.counters[fs.USUAL_NS] * 1e-9)
+    return usual_s
 
 
 @routine
@@ -53,6 +64,14 @@ def bridge(s: State, c: Settings, past: Past, w: Work, log: Log, until_ns: int) 
     """
     imu_ns = s.counters[fs.IMU_NS]
     code = fs.DONE
+    if s.counters[fs.HELD_NS] > 0:  # of a gap that is too long to be filled
+        held = (s.counters[fs.HELD_NS] - imu_ns) * 1e-9
+        s.counters[fs.HELD_NS] = 0
+        for k in range(6):
+            w.q[k] = 0.0
+        add_gap_noise(w.q, s.P, c.gap_variances, 0.0, held)
+        for k in range(6):
+            s.P[k, k] += w.q[k]
     while s.counters[fs.STAMP] < until_ns and code == fs.DONE:
         before_ns, gap = s.counters[fs.STAMP], 0.0
         stamp_ns = before_ns  # a step that runs ends at the gap
@@ -121,11 +140,12 @@ def _hold(s: State, w: Work, before: float, after: float) -> None:
 @kernel
 def bridge_to_sample(s: State, c: Settings, past: Past, w: Work, log: Log, stamp_ns: int) -> None:
     """`bridge` up to the beginning of a sample's interval, and note the gap."""
-    usual_ns = int(s.previous_dt[0] * 1e9)
+    usual_ns = int(usual_interval(s, c) * 1e9)
     length_ns = stamp_ns - s.counters[fs.IMU_NS]
     until_ns = max(s.counters[fs.STAMP], stamp_ns - max(usual_ns, 1_000_000))
     bridge(s, c, past, w, log, until_ns)
     s.counters[fs.HAS_PREVIOUS] = 0
+    s.span[0] = 0.0
     s.counters[fs.GAPS] += 1
     s.counters[fs.GAP_NS] = length_ns
     s.counters[fs.GAP_END_NS] = stamp_ns

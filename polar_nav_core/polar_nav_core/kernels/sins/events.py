@@ -25,6 +25,7 @@ from .consider import (
     fix_common,
     predict_sensitivity,
 )
+from .fill import begin_sample, end_missing, is_overdue, next_missing, until_own_ns
 from .fuse import correct_and_remember, enter, enter_update
 from .gap import add_gap_noise
 from .heading import add_heading_dynamics
@@ -176,32 +177,17 @@ def begin_step(s: State, c: Settings, stamp_ns: int) -> None:
     s.counters[fs.HELD] = 0
 
 
-@kernel
-def imu_event(
-    s: State,
-    c: Settings,
-    past: Past,
-    w: Work,
-    log: Log,
-    stamp_ns: int,
-    omega_ib_b: Array,
-    f_b: Array,
+@routine
+def advance_to(
+    s: State, c: Settings, past: Past, w: Work, log: Log, stamp_ns: int, own: int
 ) -> int:
-    """Advance to the end of a sample's interval; a covariance step where it ends one."""
+    """Advance to a stamp by the mean rate and force in the scratch; a step where it ends one.
+
+    ``own`` is SAMPLE, or STAND_IN for what is interpolated or held in place of one. A snapshot
+    then waits: it would know of a sample that comes later.
+    """
     before_ns = s.counters[fs.STAMP]
     dt = (stamp_ns - before_ns) * 1e-9
-    for k in range(3):
-        w.omega[k] = omega_ib_b[k]
-        w.f[k] = f_b[k]
-    if c.instant:
-        if s.counters[fs.HAS_PREVIOUS] == 1:
-            for k in range(3):
-                w.omega[k] = 0.5 * (omega_ib_b[k] + s.previous[0, k])
-                w.f[k] = 0.5 * (f_b[k] + s.previous[1, k])
-        for k in range(3):
-            s.previous[0, k] = omega_ib_b[k]
-            s.previous[1, k] = f_b[k]
-        s.counters[fs.HAS_PREVIOUS] = 1
     if s.counters[fs.HELD] == 0:
         until_ns = max(stamp_ns, s.counters[fs.NEXT])
         hold_surroundings(s.held, s.v_G, s.r_e, (until_ns - before_ns) * 1e-9)
@@ -226,8 +212,9 @@ def imu_event(
         _follow_swing(s, c, w, dt)
     s.previous_dt[0] = dt
     s.counters[fs.STAMP] = stamp_ns
-    s.counters[fs.IMU_NS] = stamp_ns
-    s.counters[fs.IMU] += 1
+    if own == fs.SAMPLE:
+        s.counters[fs.IMU_NS] = stamp_ns
+        s.counters[fs.IMU] += 1
     code = fs.DONE
     stepped = stamp_ns >= s.counters[fs.NEXT]
     if stepped:
@@ -240,9 +227,66 @@ def imu_event(
     # A measurement like others, after the epoch; inside this event, so that a snapshot has it.
     if stepped and c.aiding.on and code == fs.DONE:
         code = compare_with_model(s, c, past, w, log, step)
-    if stepped and s.counters[fs.STEPS] % c.steps_per_snapshot == 0:
-        take_snapshot(s, log)
+    due = s.counters[fs.WAITS] == 1 or s.counters[fs.STEPS] % c.steps_per_snapshot == 0
+    if stepped and due:
+        s.counters[fs.WAITS] = 0 if own == fs.SAMPLE else 1
+        if own == fs.SAMPLE:
+            take_snapshot(s, log)
     return code
+
+
+@kernel
+def imu_event(
+    s: State,
+    c: Settings,
+    past: Past,
+    w: Work,
+    log: Log,
+    stamp_ns: int,
+    omega_ib_b: Array,
+    f_b: Array,
+) -> int:
+    """Advance to the end of a sample's interval; a covariance step where it ends one."""
+    filled, owes = fs.DONE, False
+    if c.fills:
+        owes = begin_sample(s, c, w, stamp_ns, omega_ib_b, f_b)
+        while filled == fs.DONE and s.counters[fs.STAMP] < until_own_ns(s, w):
+            to_ns = next_missing(s, w, omega_ib_b, f_b)
+            filled = advance_to(s, c, past, w, log, to_ns, fs.STAND_IN)
+        end_missing(s, c, w, omega_ib_b, f_b)
+    for k in range(3):
+        w.omega[k] = omega_ib_b[k]
+        w.f[k] = f_b[k]
+    if c.instant and s.counters[fs.HAS_PREVIOUS] == 1:
+        for k in range(3):
+            w.omega[k] = 0.5 * (omega_ib_b[k] + s.previous[0, k])
+            w.f[k] = 0.5 * (f_b[k] + s.previous[1, k])
+    for k in range(3):
+        s.previous[0, k] = omega_ib_b[k]
+        s.previous[1, k] = f_b[k]
+    s.counters[fs.HAS_PREVIOUS] = 1
+    if owes:
+        dt = (stamp_ns - s.counters[fs.STAMP]) * 1e-9
+        for k in range(3):
+            w.omega[k] += w.owed[0, k] / dt
+            w.f[k] += w.owed[1, k] / dt
+    code = advance_to(s, c, past, w, log, stamp_ns, fs.SAMPLE)
+    if owes:  # that is no rate of the vehicle
+        for k in range(3):
+            s.omega_ib_b[k] = omega_ib_b[k]
+    return min(code, filled)
+
+
+@kernel
+def hold_to_ping(s: State, c: Settings, past: Past, w: Work, log: Log, stamp_ns: int) -> int:
+    """Advance to a ping's stamp by the last sample where the next one is missing (fill)."""
+    if not is_overdue(s, c, stamp_ns):
+        return fs.DONE
+    for k in range(3):
+        w.omega[k] = s.previous[0, k]
+        w.f[k] = s.previous[1, k]
+    s.counters[fs.HELD_NS] = stamp_ns
+    return advance_to(s, c, past, w, log, stamp_ns, fs.STAND_IN)
 
 
 @kernel

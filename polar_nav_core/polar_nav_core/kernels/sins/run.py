@@ -18,7 +18,16 @@ from .aiding import (
 from .bridge import bridge, bridge_to_sample, is_gap
 from .columns import describe
 from .consider import add_common, add_conflict, fix_common
-from .events import consider_leader, fill_depth, fill_dvl, fill_fix, imu_event, note_outcome
+from .events import (
+    consider_leader,
+    fill_depth,
+    fill_dvl,
+    fill_fix,
+    hold_to_ping,
+    imu_event,
+    note_outcome,
+)
+from .fill import add_held_to_ping
 from .fuse import correct_and_remember, fuse_rows, locate, ping_passes
 from .heading import heading_event
 from .hidden import leave_out_leader
@@ -142,6 +151,7 @@ def _fill_next_ping(
                 correct_and_remember(s, c, past, w.x)
         return fs.NO_MEASUREMENT
     fill_dvl(s, fr, c, w, streams.dvl_v_m[k], streams.dvl_covariance_m[k], is_held(log))
+    add_held_to_ping(s, w.R)
     if c.aiding.on and not has_bottom_lock(s, c):
         code = ping_passes(s, c, w)
         if code < 0:
@@ -230,6 +240,10 @@ def _process(
             continue
         if is_gap(s, c, stamp):
             bridge(s, c, past, w, log, stamp)  # a failure shows in S, or in the step to come
+        elif rank == fs.DVL_RANK:
+            code = hold_to_ping(s, c, past, w, log, stamp)
+            if code < 0:
+                return code
         if rank == fs.HEADING_RANK:
             code = _fuse_next_heading(s, c, past, w, log, streams)
             if code < 0:

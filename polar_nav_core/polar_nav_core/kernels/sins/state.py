@@ -80,7 +80,12 @@ HEADING_OPENED_NS = HEADING + 3  # when its gate was last opened again; the star
 HEADING_OPENINGS = HEADING + 4
 CONSIDERS = HEADING + 5  # 1 where a common error has a sigma, or the leader drifts
 WATER_NS = HEADING + 6  # stamp of the newest velocity through the water that was used
-COUNTERS = HEADING + 7
+USUAL_NS = HEADING + 7  # shortest of the newest intervals between IMU samples (fill)
+ODD = HEADING + 8  # how irregular they are (fill)
+HELD_NS = HEADING + 9  # stamp up to which a ping had the last rates held (fill); 0: none
+WAITS = HEADING + 10  # 1 while a snapshot waits for the next step that a sample ends
+MISSING_NS = HEADING + 11  # time of samples that were missing, of the last FADE_NS (fill)
+COUNTERS = HEADING + 12
 
 # What an event function (FUSED or REFUSED, too) or `advance` returns.
 DONE = 0
@@ -88,6 +93,10 @@ P_NOT_DEFINITE = -1
 S_NOT_DEFINITE = -2
 FULL = -3
 STOPPED = -4
+
+STAND_IN = 0
+SAMPLE = 1
+"""Whether a sample moves the state, or what stands for one that is missing (fill)."""
 
 STEPS_PER_TEST = 10
 """The covariance is tested for definiteness at every tenth step; its diagonal at every one."""
@@ -133,6 +142,8 @@ class State(NamedTuple):
     windows: Array  # (3, 4): residuals of each stream since its window began (signatures)
     heading_memories: Array  # (2, WIDTH): innovations of a measured heading (watch)
     heading: Array  # (4,): counts and reference of a measured heading (heading)
+    slope: Array  # (2, 3): change of rate and force between the last two samples (fill)
+    span: Array  # (1,): time between those [s]
     model: Array  # (MODEL_ROWS, 7) where the vehicle's model takes part, else without rows
 
 
@@ -178,6 +189,8 @@ _SHAPES = {
     'windows': (watch.STREAMS, hypotheses.WINDOW),
     'heading_memories': (watch.MEMORIES, watch.WIDTH),
     'heading': (4,),
+    'slope': (2, 3),
+    'span': (1,),
 }
 FLAT = sum(int(np.prod(shape)) for shape in _SHAPES.values())
 NAVIGATION = 30
@@ -273,6 +286,7 @@ class Settings(NamedTuple):
     lever_dvl_b: Array
     lever_depth_b: Array
     gap_ns: int  # a longer way from an IMU sample is bridged; 0: never
+    fills: bool  # IMU samples missing on a shorter way are interpolated (fill)
     gap_variances: Array  # (2,): see gap
     reopen_ns: int  # how long a gate stays shut at least before it opens again; 0: for good
     most_excess: float  # largest State.excess; 0: the IMU's noise is as stated
@@ -326,6 +340,9 @@ class Work(NamedTuple):
     omega_mean: Array
     omega: Array
     f: Array
+    owed: Array  # (2, 3): angle and velocity that a sample has to make up for (fill)
+    line: Array  # (4,): of the course between two samples (fill.begin_sample)
+    bend: Array  # (2, 3): second derivative of rate and force on it
     acceleration: Array  # (3,): in body axes
     point_e: Array
     velocity_e: Array
@@ -382,6 +399,9 @@ def make_work() -> Work:
         acceleration=three(),
         omega=three(),
         f=three(),
+        owed=np.zeros((2, 3)),
+        line=np.zeros(4),
+        bend=np.zeros((2, 3)),
         point_e=three(),
         velocity_e=three(),
         model=np.zeros((MODEL_WORK, E)),
