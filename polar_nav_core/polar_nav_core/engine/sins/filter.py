@@ -9,6 +9,8 @@ the arrays, and does the part that is not compiled.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -22,6 +24,7 @@ from ...kernels.sins import run as filter_run
 from ...kernels.sins import state as fs
 from ...kernels.sins import update as kf
 from ...kernels.sins import walk as filter_walk
+from ...machine_code import machine_code
 from ...order import NEVER_NS
 from ..events import (
     Array,
@@ -105,6 +108,8 @@ class NavigationFilter:
         kept_s = params.history_s if snapshots else 0.0
         self.streams = st.live_streams(kept_s, 1.0 / IMU_PERIOD_S, CORRECTIONS_PER_S)
         self.rows = fs.NO_ROWS
+        self._run: Callable[..., int] | None = None
+        self._run_on: tuple[Any, ...] = ()
         self.process: ProcessNoise | None = None
         if isinstance(initial, SavedState):
             sigmas = heading_sigmas(self.settings) if self.settings.heading.on else None
@@ -192,7 +197,13 @@ class NavigationFilter:
         FilterDivergence
             When a covariance is not positive definite or the state not finite.
         """
-        code = filter_run.advance(*self.parts, self.streams, until_ns, until_rank, self.rows)
+        log, streams, rows = self.log, self.streams, self.rows
+        held = self._run_on
+        if self._run is None or not (log is held[0] and streams is held[1] and rows is held[2]):
+            like = *self.parts, streams, NEVER_NS, 0, rows
+            self._run = machine_code(filter_run.advance, *like)
+            self._run_on = log, streams, rows  # a whole run has others than a live one
+        code = self._run(*self.parts, streams, until_ns, until_rank, rows)
         self.check(code)
         return int(code)
 

@@ -1,0 +1,28 @@
+"""Kernels that are called for every IMU sample, without numba's look at each of their arguments.
+
+In each call numba finds out the types of all arguments, array by array: of a filter's two hundred
+arrays that takes several times as long as the work on a sample.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numba
+from numba.core.registry import CPUDispatcher
+
+
+def machine_code(kernel: Callable[..., Any], *like: Any) -> Callable[..., Any]:  # noqa: ANN401 - as the kernel takes
+    """Return the machine code of an `entry` for arguments of the types of these.
+
+    It takes positional arguments of exactly those types, and does not look: who holds it sees to
+    that. A kernel that is not compiled is returned as it is.
+    """
+    if not isinstance(kernel, CPUDispatcher):
+        return kernel
+    types = tuple(numba.typeof(argument) for argument in like)
+    if types not in kernel.overloads:
+        kernel.compile(types)
+    found: Callable[..., Any] = kernel.overloads[types].entry_point
+    return found
