@@ -16,6 +16,7 @@ import numpy as np
 from . import earth, grid
 from .arrays import Array
 from .errors import ConfigError
+from .kernels.sins import odometry, present
 from .user_files import parse_yaml, read_text
 
 AXES = ('grid', 'enu')
@@ -43,7 +44,7 @@ class LocalFrame:
     def __init__(self, r_e: Array, axes: str) -> None:
         self.r_e = np.array(r_e, dtype=np.float64)
         self.axes = axes
-        self.C_e_m = np.asarray(grid.ecef_to_grid(self.r_e))
+        self.C_e_m = np.ascontiguousarray(grid.ecef_to_grid(self.r_e))
         if axes == 'enu':
             away = math.hypot(self.r_e[0], self.r_e[1])
             if away < NEAREST_POLE_M:
@@ -60,6 +61,15 @@ class LocalFrame:
         """Map coordinates (3,) of an ECEF position [m]."""
         moved: Array = self.C_e_m @ (r_e - self.r_e)
         return moved
+
+    def pose(self, values: Array) -> tuple[Array, Array, Array]:
+        """Position (3,) [m], attitude C_b_m (3, 3) and way (3,) [m] in the map.
+
+        ``values`` are those of an `engine.now.Now`.
+        """
+        r_m, C_b_m, moved_m = np.empty(3), np.empty((3, 3)), np.empty(3)
+        odometry.to_map(self.C_e_m, self.r_e, values, r_m, C_b_m, moved_m)
+        return r_m, C_b_m, moved_m
 
     def as_yaml(self) -> str:
         """Text of a file that `frame_of_yaml` reads."""
@@ -120,11 +130,12 @@ class DeadReckoning:
         self.C_b_o = np.eye(3)
         self.C_o_m = np.eye(3)
         self.origin = np.zeros(3)
-        self._C_b_m: Array | None = None
-        self._turn = 0.0
+        self._last = np.eye(3)
+        self._turn = np.zeros(1)
+        self._begun = False
 
     def move(self, r_m: Array, C_b_m: Array, moved_m: Array, C_turn_b: Array) -> None:
-        """Move the vehicle on.
+        """Move the vehicle on; the arrays here change in place.
 
         Parameters
         ----------
@@ -135,14 +146,17 @@ class DeadReckoning:
         C_turn_b : (3, 3) array
             Rotation since then without corrections, body axes of now to those of then.
         """
-        if self._C_b_m is None:
-            self.position = r_m.copy()
-        else:
-            R = C_b_m @ (self._C_b_m @ C_turn_b).T
-            self.position = self.position + self.C_o_m.T @ moved_m
-            self._turn += math.atan2(R[1, 0] - R[0, 1], R[0, 0] + R[1, 1])
-        c, s = math.cos(self._turn), math.sin(self._turn)
-        self.C_o_m = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-        self._C_b_m = C_b_m
-        self.C_b_o = self.C_o_m.T @ C_b_m
-        self.origin = r_m - self.C_o_m @ self.position
+        to, of = (self.position, self.C_b_o), (self.origin, self.C_o_m)
+        turned = self._last, self._turn
+        odometry.move_on(r_m, C_b_m, moved_m, C_turn_b, self._begun, *to, *of, *turned)
+        self._begun = True
+
+
+def warm_up() -> None:
+    """Compile or load the kernels of local frames."""
+    frame = LocalFrame(np.array([0.0, 0.0, 6356752.0]), 'grid')
+    now, w = np.zeros(present.VALUES), present.make_scratch()
+    r_m, C_b_m, moved_m = frame.pose(now)
+    DeadReckoning().move(r_m, C_b_m, moved_m, np.eye(3))
+    numbers = np.empty(odometry.NUMBERS)
+    odometry.pose_and_twist(r_m, C_b_m, frame.C_e_m, now, np.eye(present.STATES), 0.0, numbers, w)

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numba.core.registry import CPUDispatcher
 
-from . import earth, nav_columns, strapdown
+from . import earth, local_frame, nav_columns, strapdown
 from .kernels import cache
 
 if TYPE_CHECKING:
@@ -95,14 +95,16 @@ def warm_filter(handling: Sequence[str] = (), *, whole: bool = True) -> None:
     from .engine.params import EngineParams
     from .engine.sins.filter import NavigationFilter
 
-    now.warm_up()
     if whole:
         lever.warm_up()
     base = EngineParams(configuration='custom')
     inputs = _third_of_a_second(base)
     initial = base.initial_state()
     if initial is not None:  # what a restart, a turned track and model aiding correct it by
-        NavigationFilter(base, initial, _START_NS).feed_back(np.zeros(24))
+        f = NavigationFilter(base, initial, _START_NS)
+        f.feed_back(np.zeros(24))
+        now.warm_up(f)
+        local_frame.warm_up()
     for name in handling or DELAY_HANDLING:
         params = replace(base, delay_handling=name)
         if whole:

@@ -60,7 +60,7 @@ def test_how_long_a_step_lasts(size, gone_s):
 
 def test_the_end_is_reached_smoothly():
     bleed, _ = one([1.0, -2.0, 0.5], [0.05, 0.0, -0.1])
-    end_ns = round(bleed._duration_s * 1e9)
+    end_ns = round(bleed.profile.duration_s[0] * 1e9)
     offset, rate = bleed.at(end_ns - 1)
     assert np.abs(offset).max() < 1e-9
     assert np.abs(rate).max() < 1e-9

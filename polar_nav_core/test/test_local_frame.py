@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from polar_nav_core import attitude, earth
+from polar_nav_core.error_model import X
 from polar_nav_core.errors import ConfigError
+from polar_nav_core.kernels.sins import odometry, present
 from polar_nav_core.local_frame import DeadReckoning, LocalFrame, frame_of_file
 
 
@@ -79,7 +81,8 @@ def walk(corrections):
         composed = odom.origin + odom.C_o_m @ odom.position, odom.C_o_m @ odom.C_b_o
         np.testing.assert_allclose(composed[0], r_m, atol=1e-9)
         np.testing.assert_allclose(composed[1], C_b_m, atol=1e-12)
-        rows.append((odom.position.copy(), odom.C_b_o, odom.origin, odom.C_o_m))
+        pose = odom.position, odom.C_b_o, odom.origin, odom.C_o_m
+        rows.append([part.copy() for part in pose])
     return rows
 
 
@@ -101,3 +104,46 @@ def test_the_way_in_odom_has_no_step_but_that_of_the_vehicle():
     rows = walk([(rng.normal(0, 1.0, 3), rng.normal(0, 0.1, 3)) for _ in range(200)])
     steps = np.linalg.norm(np.diff([r[0] for r in rows], axis=0), axis=1)
     np.testing.assert_allclose(steps, 0.02, atol=1e-9)
+
+
+def test_the_numbers_of_an_odometry_are_those_of_matrices():
+    rng = np.random.default_rng(3)
+    A = rng.normal(size=(present.STATES, present.STATES))
+    P = A @ A.T
+    C_b_G, C_e_G, C_e_m = (attitude.matrix_from_euler(*rng.normal(size=3)) for _ in range(3))
+    r_e, v_G, omega = rng.normal(size=3), rng.normal(size=3), rng.normal(size=3)
+    values = np.zeros(present.VALUES)
+    for k, part in (
+        (present.R_E, r_e),
+        (present.V_G, v_G),
+        (present.C_B_G, C_b_G),
+        (present.C_E_G, C_e_G),
+        (present.RATE, omega),
+        (present.MOVED, [1.0, 2.0, 3.0]),
+    ):
+        values[k : k + np.size(part)] = np.ravel(part)
+    frame = LocalFrame(at(80.0, 120.0), 'grid')
+    frame.r_e, frame.C_e_m = np.array([1.0, 0.0, 2.0]), C_e_m
+    r_m, C_b_m, moved_m = frame.pose(values)
+    np.testing.assert_allclose(r_m, C_e_m @ (r_e - frame.r_e), atol=1e-12)
+    np.testing.assert_allclose(C_b_m, C_e_m @ C_e_G.T @ C_b_G, atol=1e-12)
+    np.testing.assert_allclose(moved_m, C_e_m @ [1.0, 2.0, 3.0], atol=1e-12)
+    numbers = np.empty(odometry.NUMBERS)
+    odometry.pose_and_twist(r_m, C_b_m, C_e_m, values, P, 0.25, numbers, present.make_scratch())
+    to_pose, to_twist = np.zeros((6, 15)), np.zeros((6, 15))
+    to_pose[:3, X.dr_e], to_pose[3:, X.phi_G] = C_e_m, -C_b_m @ C_b_G.T
+    to_twist[:3, X.dv_G], to_twist[3:, X.b_gyro_b] = C_b_G.T, np.eye(3)
+    twist = to_twist @ P @ to_twist.T
+    twist[:3, 3:] = twist[3:, :3] = 0.0
+    twist[3:, 3:] += 0.25 * np.eye(3)
+    expected = [
+        r_m,
+        attitude.quaternion_from_matrix(C_b_m),
+        to_pose @ P @ to_pose.T,
+        C_b_G.T @ v_G,
+        omega,
+        twist,
+    ]
+    np.testing.assert_allclose(
+        numbers, np.concatenate([np.ravel(e) for e in expected]), atol=1e-12
+    )

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from closed_loop import World
 
-from polar_nav_core import earth, grid
+from polar_nav_core import attitude, earth, grid
 from polar_nav_core.engine.engine import Engine
 from polar_nav_core.engine.events import Command, CommandKind, ImuSample, InitialState
 from polar_nav_core.engine.now import Predictor
 from polar_nav_core.engine.reorder import Reorder
+from polar_nav_core.error_model import X
 from polar_nav_core.output_params import OutputParams
 
 WINDOW_S = 0.05
@@ -173,3 +174,32 @@ def test_samples_beyond_the_sensor_are_left_out(world):
     assert np.isfinite([now.r_e for now in found]).all()
     assert found[-1].stamp_ns == samples[-1].stamp_ns
     assert np.linalg.norm(found[-1].r_e - world.r_e[-1]) < 0.1
+
+
+def test_the_covariance_is_that_of_the_state_carried_on(world):
+    rig = Rig(world, 2.0, initial_sigma_position=10.0)
+    rig.feed(as_they_come([*world.imu(), *world.dvl(), with_fix_off(world, 3.0)]))
+    fusion, predictor = rig.reorder.engine.fusion, rig.predictor
+    f, track = fusion.filter, predictor._track
+    dt = (rig.found[-1].stamp_ns - f.stamp_ns) * 1e-9
+    force_b = track.increments[1] / track.previous_dt[0]
+    F = np.eye(15)
+    F[X.phi_G, X.b_gyro_b] = -track.C_b_G * dt
+    F[X.dv_G, X.phi_G] = attitude.skew(track.C_b_G @ force_b) * dt
+    F[X.dv_G, X.b_accel_b] = track.C_b_G * dt
+    F[X.dr_e, X.dv_G] = track.C_e_G.T * dt
+    P = F @ f.published_P[:15, :15] @ F.T
+    noise = f.settings.densities[:2] * dt * (1.0 + float(f.state.excess[0]))
+    P[np.arange(6), np.arange(6)] += np.repeat(noise, 3)
+    b, rate = predictor._offset_e.at(rig.found[-1].stamp_ns)
+    c, _ = predictor._turn_e.at(rig.found[-1].stamp_ns)
+    for part, u in (
+        (X.dr_e, b),
+        (X.dv_G, track.C_e_G @ rate),
+        (X.phi_G, track.C_e_G @ c),
+    ):
+        assert np.any(u)
+        P[part, part] += np.outer(u, u)
+    found = predictor.covariance(rig.reorder.engine)
+    scale = np.sqrt(np.outer(np.diagonal(P), np.diagonal(P)))
+    assert np.abs((found - P) / scale).max() < 1e-9

@@ -20,7 +20,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from builtin_interfaces.msg import Time
 from geometry_msgs.msg import TransformStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
@@ -34,12 +33,15 @@ from polar_nav_core.engine.now import Now, Predictor
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.error_model import X
 from polar_nav_core.errors import ConfigError
+from polar_nav_core.kernels.sins.odometry import NUMBERS, pose_and_twist
+from polar_nav_core.kernels.sins.present import make_scratch
 from polar_nav_core.local_frame import DeadReckoning, LocalFrame, frame_of_file
 from polar_nav_core.output_params import OutputParams
 from polar_nav_msgs.msg import Depth
 
 from .navigation_session import NavigationSession
 from .node import LATCHED_QOS
+from .odometry_bytes import OdometryBytes
 from .stamps import to_msg
 from .topics import ODOMETRY_DEPTH, ODOMETRY_LOCAL, ODOMETRY_NOW, ORIGIN, RESET_COUNTER
 from .transforms import C_FRD_FLU, C_NED_ENU, HAS_TF, NO_TF, Broadcaster, place, transform
@@ -87,7 +89,9 @@ class LiveOutputs:
         self._depth = node.create_publisher(Depth, ODOMETRY_DEPTH, qos)
         self._resets = node.create_publisher(UInt32, RESET_COUNTER, LATCHED_QOS)
         self._origin = node.create_publisher(String, ORIGIN, LATCHED_QOS)
-        self._messages = [_empty(frame, self.base) for frame in (self.map, self.odom)]
+        self._now_bytes = OdometryBytes(self.map, self.base)
+        self._local_bytes = OdometryBytes(self.odom, self.base)
+        self._numbers, self._scratch = np.empty(NUMBERS), make_scratch()
         self._moving = [
             transform(parent, child, np.zeros(3), np.eye(3))
             for parent, child in ((self.map, self.odom), (self.odom, self.base))
@@ -160,8 +164,8 @@ class LiveOutputs:
         frame = self.frame or self._first_frame(now)
         if frame is None:
             return
-        r_m, C_b_m = frame.position(now.r_e), frame.C_e_m @ (now.C_e_G.T @ now.C_b_G)
-        self._odom.move(r_m, C_b_m, frame.C_e_m @ now.moved_e, now.C_turn_b)
+        r_m, C_b_m, moved_m = frame.pose(now.values)
+        self._odom.move(r_m, C_b_m, moved_m, now.C_turn_b)
         self._samples += 1
         self._newest = frame, now, (r_m, C_b_m)
 
@@ -200,35 +204,31 @@ class LiveOutputs:
     ) -> None:
         """Publish at a stamp; ``pose`` is position and attitude in the map."""
         odom, P = self._odom, self._predictor.covariance(self._session.engine)
-        errors_m = np.zeros((6, len(P)))
-        errors_m[:3, X.dr_e] = frame.C_e_m
-        errors_m[3:, X.phi_G] = -pose[1] @ now.C_b_G.T  # estimate minus truth, as of the position
-        P_m = errors_m @ P @ errors_m.T
-        twist = np.zeros((6, 6))
-        twist[:3, :3] = now.C_b_G.T @ P[X.dv_G, X.dv_G] @ now.C_b_G
-        noise = self._engine_params.gyro_noise_density**2 / max(now.interval_s, 1e-3)
-        twist[3:, 3:] = P[X.b_gyro_b, X.b_gyro_b] + noise * np.eye(3)
-        rates = np.array([now.C_b_G.T @ now.v_G, now.omega_eb_b])
-        stamp, placed = to_msg(stamp_ns), (odom.position, odom.C_b_o)
-        now_message, local_message = self._messages
+        placed = odom.position, odom.C_b_o
         if _is_heard(self._now):
-            _fill(now_message, stamp, (*pose, P_m), (rates, twist))
-            self._now.publish(now_message)
+            self._fill(pose, frame.C_e_m, now, P)
+            self._now.publish(self._now_bytes.of(stamp_ns, self._numbers))
         if _is_heard(self._local):
-            turn = np.zeros((6, 6))
-            turn[:3, :3] = turn[3:, 3:] = odom.C_o_m.T
-            _fill(local_message, stamp, (*placed, turn @ P_m @ turn.T), (rates, twist))
-            self._local.publish(local_message)
+            self._fill(placed, odom.C_o_m.T @ frame.C_e_m, now, P)
+            self._local.publish(self._local_bytes.of(stamp_ns, self._numbers))
         if _is_heard(self._depth):
             depth = self._engine_params.sea_surface_height - now.height
-            header = Header(stamp=stamp, frame_id=self.base)
-            self._depth.publish(Depth(header=header, depth=depth, variance=float(P_m[2, 2])))
+            header = Header(stamp=to_msg(stamp_ns), frame_id=self.base)
+            up_e = frame.C_e_m[2]
+            variance = float(up_e @ P[X.dr_e, X.dr_e] @ up_e)
+            self._depth.publish(Depth(header=header, depth=depth, variance=variance))
         if self._tf is not None and self._tf.heard:
-            poses = (odom.origin, odom.C_o_m), placed
+            poses, stamp = ((odom.origin, odom.C_o_m), placed), to_msg(stamp_ns)
             for moving, (r, C) in zip(self._moving, poses, strict=True):
                 moving.header.stamp = stamp
                 place(moving.transform, r, C)
             self._tf.send(self._moving)
+
+    def _fill(self, pose: tuple[Array, Array], C_e: Array, now: Now, P: Array) -> None:
+        """Fill the numbers of an odometry; ``pose`` and ``C_e`` (3, 3) are of its frame."""
+        variance = self._engine_params.gyro_noise_density**2 / max(now.interval_s, 1e-3)
+        values, numbers, scratch = now.values, self._numbers, self._scratch
+        pose_and_twist(*pose, C_e, values, P, variance, numbers, scratch)
 
 
 def _is_heard(publisher: Publisher) -> bool:
@@ -239,38 +239,3 @@ def _is_heard(publisher: Publisher) -> bool:
 def _of(vehicle: str, name: str) -> str:
     """Name of a frame of a vehicle."""
     return f'{vehicle}/{name}' if vehicle else name
-
-
-def _empty(frame: str, body: str) -> Odometry:
-    """nav_msgs/Odometry between two frames, to be filled again and again."""
-    message = Odometry(child_frame_id=body)
-    message.header.frame_id = frame
-    return message
-
-
-def _fill(
-    message: Odometry,
-    stamp: Time,
-    pose: tuple[Array, Array, Array],
-    twist: tuple[Array, Array],
-) -> None:
-    """Fill a nav_msgs/Odometry.
-
-    Parameters
-    ----------
-    message : Odometry
-    stamp : Time
-    pose : tuple
-        Position (3,) [m], C_b (3, 3) into the frame, covariance (6, 6) in its axes.
-    twist : tuple
-        Velocity [m/s] and rate [rad/s] (2, 3), covariance (6, 6), body axes.
-    """
-    message.header.stamp = stamp
-    (r, C, P), (rates, P_rates) = pose, twist
-    at, q = message.pose.pose.position, message.pose.pose.orientation
-    at.x, at.y, at.z = r.tolist()
-    q.x, q.y, q.z, q.w = attitude.quaternion_from_matrix(C).tolist()
-    message.pose.covariance = P.reshape(36)
-    linear, angular = message.twist.twist.linear, message.twist.twist.angular
-    (linear.x, linear.y, linear.z), (angular.x, angular.y, angular.z) = rates.tolist()
-    message.twist.covariance = P_rates.reshape(36)

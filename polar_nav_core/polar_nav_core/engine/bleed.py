@@ -14,6 +14,7 @@ import math
 import numpy as np
 
 from ..arrays import Array
+from ..kernels.sins.present import make_profile, offset_at
 
 _SHARE = 0.8
 """Of the limit, for a first profile: corrections that come meanwhile need the rest."""
@@ -34,38 +35,31 @@ class Bleed:
         Duration of a profile that stays under the limit anyway [s].
     largest : float
         Most offset [unit]; more is not taken away slowly.
+
+    Attributes
+    ----------
+    profile : Profile
+        Its course, as kernels read it.
     """
 
     def __init__(self, limit: float, shortest_s: float, largest: float) -> None:
         self._limit, self._shortest_s, self._largest = limit, shortest_s, largest
-        self.clear()
+        self.profile = make_profile()
 
     def clear(self) -> None:
         """Drop the offset."""
-        self._since_ns, self._duration_s = 0, 0.0
-        self._offset, self._rate = np.zeros(3), np.zeros(3)
-        self._accelerations = np.zeros(3), np.zeros(3)
+        self.profile.duration_s[0] = 0.0
 
     @property
     def active(self) -> bool:
         """Whether a profile was begun and has not been dropped."""
-        return self._duration_s > 0.0
+        return bool(self.profile.duration_s[0] > 0.0)
 
     def at(self, stamp_ns: int) -> tuple[Array, Array]:
         """Offset (3,) and its rate (3,) at a stamp [ns], not before the last `add`."""
-        t = (stamp_ns - self._since_ns) * 1e-9
-        if t >= self._duration_s:
-            return np.zeros(3), np.zeros(3)
-        first, second = self._accelerations
-        half = 0.5 * self._duration_s
-        a = min(t, half)
-        offset = self._offset + a * self._rate + 0.5 * a * a * first
-        rate = self._rate + a * first
-        if t > half:
-            b = t - half
-            offset = offset + b * rate + 0.5 * b * b * second
-            rate = rate + b * second
-        return offset, rate
+        out = np.empty((2, 3))
+        offset_at(self.profile, stamp_ns, out)
+        return out[0], out[1]
 
     def add(self, stamp_ns: int, offset: Array, rate: Array) -> bool:
         """Add a step of the offset and of its rate; False, and nothing is added, if it must jump.
@@ -83,9 +77,8 @@ class Bleed:
         duration_s = self._duration(b, v)
         if duration_s is None:
             return False
-        self._since_ns, self._duration_s = stamp_ns, duration_s
-        self._offset, self._rate = b, v
-        self._accelerations = _accelerations(b, v, duration_s)
+        self.profile.since_ns[0], self.profile.duration_s[0] = stamp_ns, duration_s
+        self.profile.parts[:] = b, v, *_accelerations(b, v, duration_s)
         return True
 
     def _duration(self, b: Array, v: Array) -> float | None:

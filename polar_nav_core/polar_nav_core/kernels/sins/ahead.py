@@ -7,7 +7,7 @@ so that without a correction the filter arrives at the same bits.
 from __future__ import annotations
 
 from ...arrays import Array, Ints
-from ..cache import entry, kernel, routine
+from ..cache import kernel, routine
 from ..frames.earth import up_and_height
 from ..frames.grid import fill_C_e_G
 from .imu import hold_surroundings, imu_step
@@ -28,7 +28,6 @@ def _move_straight(v_G: Array, r_e: Array, C_e_G: Array, dt: float) -> None:
         r_e[k] += (C_e_G[0, k] * v_G[0] + C_e_G[1, k] * v_G[1] + C_e_G[2, k] * v_G[2]) * dt
 
 
-@entry
 @routine
 def advance_strapdown(
     C_b_G: Array,
