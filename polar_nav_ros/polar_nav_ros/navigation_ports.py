@@ -53,7 +53,7 @@ from .navigation_session import (
 )
 from .node import DATA_QOS, CountedPublisher, PolarNode
 from .qos import RECORD_QOS
-from .readers import initial_from_msg, initial_to_msg
+from .readers import ImuRow, initial_from_msg, initial_to_msg
 from .services import add_map_services, add_switches
 from .source_ports import SourcePorts
 from .stamps import to_msg, to_ns
@@ -66,6 +66,7 @@ from .topics import (
     COMMAND,
     FIX,
     HEALTH,
+    IMU,
     ODOMETRY,
     RECEIPT,
     RESTORE,
@@ -188,6 +189,19 @@ class NavigationPorts:
             take, then = live.following(take), live.publish
         if self._sources is not None and self._sources.has(topic):
             self._sources.subscribe(topic, take, after_others=after_others, then=then)
+        elif topic == IMU:
+
+            def take_bytes(data: bytes) -> None:
+                try:
+                    row = ImuRow.of(data)
+                except ValueError as error:  # of anybody on the network
+                    self._node.get_logger().error(f'{topic}: {error}', throttle_duration_sec=10.0)
+                    return
+                take(row)
+
+            self._node.subscribe(
+                kind, topic, take_bytes, raw=True, after_others=after_others, then=then
+            )
         else:
             self._node.subscribe(kind, topic, take, after_others=after_others, then=then)
 

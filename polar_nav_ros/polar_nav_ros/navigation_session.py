@@ -45,6 +45,7 @@ from .adapters.live import Taken
 from .cdr import to_bytes
 from .health_message import SILENT_S, health_to_msg
 from .readers import (
+    ImuRow,
     ahrs_from_msg,
     command_from_msg,
     control_from_msg,
@@ -200,8 +201,8 @@ class NavigationSession(Generic[P]):
 
     def _start_of(self, topic: str, message: Any) -> Iterator[Published]:  # noqa: ANN401
         """Record of the first message of a topic; those of all topics follow the IMU's."""
-        taken = isinstance(message, Taken)
-        stamp_ns = message.stamp_ns if taken else to_ns(message.header.stamp)
+        stamped = isinstance(message, Taken | ImuRow)
+        stamp_ns = message.stamp_ns if stamped else to_ns(message.header.stamp)
         step = outputs.clock_step_to_msg(ClockStep(topic, 0, stamp_ns, stamp_ns))
         self._starts.append(Published.of(CLOCK_STEP, step))
         if topic == self.sensors[0]:

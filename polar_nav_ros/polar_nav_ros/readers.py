@@ -6,7 +6,8 @@ columns of many messages (replay by arrays, identification). Both forms give the
 
 from __future__ import annotations
 
-from typing import Any
+import struct
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from geometry_msgs.msg import WrenchStamped
@@ -32,7 +33,7 @@ from polar_nav_msgs.msg import Depth, Dvl
 from polar_nav_msgs.msg import InitialState as InitialStateMsg
 from polar_nav_msgs.msg import Restore as RestoreMsg
 
-from .stamps import to_ns
+from .stamps import stamp_ns_of_cdr, to_ns
 from .topics import AHRS, RESTORE
 
 _UNIT = 1e-3
@@ -41,8 +42,54 @@ _UNKNOWN = -1.0
 """First element of a covariance that its sender does not know (REP-145 and our messages)."""
 
 
-def imu_from_msg(msg: Imu, number: int) -> ImuSample:
+class ImuRow(NamedTuple):
+    """Of a sensor_msgs/Imu what `imu_from_msg` reads: rate and specific force, body axes.
+
+    A node takes the bytes of its IMU, and reads these where they stand: to make the whole message
+    takes longer than to use it.
+    """
+
+    stamp_ns: int
+    omega_ib_b: tuple[float, float, float]
+    f_b: tuple[float, float, float]
+
+    @classmethod
+    def of(cls, data: bytes) -> ImuRow:
+        """Row of a serialized message.
+
+        Raises
+        ------
+        ValueError
+            For bytes that are none.
+        """
+        try:
+            order = _ORDER[data[1]]
+            at = _FRAME + int.from_bytes(data[_LENGTH : _LENGTH + 4], order.name)
+            at += -(at - _ENCODING) % 8 + _ORIENTATION
+            x, y, z, a, b, c = order.rates.unpack_from(data, at)
+            return cls(stamp_ns_of_cdr(data), (x, y, z), (a, b, c))
+        except (struct.error, LookupError) as error:
+            raise ValueError(f'{len(data)} bytes that are no sensor_msgs/Imu') from error
+
+
+class _ByteOrder(NamedTuple):
+    name: Literal['little', 'big']
+    rates: struct.Struct
+
+
+_ORDER = {
+    0: _ByteOrder('big', struct.Struct('>3d72x3d72x')),
+    1: _ByteOrder('little', struct.Struct('<3d72x3d72x')),
+}
+_ENCODING, _LENGTH, _FRAME = 4, 12, 16
+"""Where the message begins, the length of its frame's name, and that name."""
+_ORIENTATION = 8 * (4 + 9)
+
+
+def imu_from_msg(msg: Imu | ImuRow, number: int) -> ImuSample:
     """sensor_msgs/Imu as an event; orientation is not used."""
+    if isinstance(msg, ImuRow):
+        return ImuSample(msg.stamp_ns, number, np.array(msg.omega_ib_b), np.array(msg.f_b))
     w, f = msg.angular_velocity, msg.linear_acceleration
     return ImuSample(
         to_ns(msg.header.stamp), number, np.array([w.x, w.y, w.z]), np.array([f.x, f.y, f.z])

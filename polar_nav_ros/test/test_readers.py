@@ -1,5 +1,7 @@
 """Messages of sensors as events: one by one, and as columns, with the same bits."""
 
+import contextlib
+
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
@@ -7,6 +9,7 @@ from hypothesis import strategies as st
 
 pytest.importorskip('rclpy')
 
+from rclpy.serialization import serialize_message
 from sensor_msgs.msg import Imu
 
 from polar_nav_core import attitude
@@ -124,3 +127,28 @@ def test_variances_of_depth_as_columns_are_those_of_the_messages(variances):
     found = readers.depth_variances(np.array(variances), 0.3)
     ones = [readers.depth_from_msg(Depth(variance=v), 0, 0.3).variance for v in variances]
     np.testing.assert_array_equal(found, ones)
+
+
+@FEW
+@given(st.text('auv/_imü', max_size=20), st.tuples(*[NUMBER] * 6), st.integers(0, 2**31 - 1))
+def test_the_bytes_of_an_imu_are_read_as_the_message_is(frame, values, second):
+    message = Imu()
+    message.header.frame_id = frame
+    message.header.stamp.sec, message.header.stamp.nanosec = second, 999_999_999
+    w, f = message.angular_velocity, message.linear_acceleration
+    w.x, w.y, w.z, f.x, f.y, f.z = values
+    message.orientation.x, message.linear_acceleration_covariance[8] = 0.5, 7.0
+    row = readers.imu_from_msg(readers.ImuRow.of(serialize_message(message)), 3)
+    whole = readers.imu_from_msg(message, 3)
+    assert row.key == whole.key
+    np.testing.assert_array_equal(row.omega_ib_b, whole.omega_ib_b)
+    np.testing.assert_array_equal(row.f_b, whole.f_b)
+
+
+@given(st.binary(max_size=400))
+def test_bytes_that_are_no_imu_message_are_refused(data):
+    whole = serialize_message(Imu())
+    with pytest.raises(ValueError, match='no sensor_msgs/Imu'):
+        readers.ImuRow.of(whole[: len(data) % len(whole)])
+    with contextlib.suppress(ValueError):
+        readers.ImuRow.of(data)
