@@ -14,6 +14,8 @@ from typing import Any, Protocol
 
 BEHIND_S = 1.0
 """A message that waited for longer shows that a node falls behind."""
+FRESH_S = 0.005
+"""What waits on other topics when a message has waited for less came after it, or with it."""
 BETWEEN = 10
 """Messages of a long burst after which what waits on other topics is taken."""
 _NS = 1_000_000_000
@@ -67,9 +69,13 @@ class Backlog:
     def taken(self, received_ns: int) -> None:
         """Note a message by its time of reception [ns], 0 where that is not known."""
         if received_ns:
-            waited_s = (self._system() - received_ns) / _NS
-            # The system's clock may have been set meanwhile; the steady one bounds that.
-            self._waited_s = min(max(waited_s, 0.0), self._steady() - self._empty_s)
+            self._waited_s = self.waited_s(received_ns)
+
+    def waited_s(self, received_ns: int) -> float:
+        """How long a message received then [ns] has waited [s]."""
+        waited_s = (self._system() - received_ns) / _NS
+        # The system's clock may have been set meanwhile; the steady one bounds that.
+        return min(max(waited_s, 0.0), self._steady() - self._empty_s)
 
     def emptied(self) -> None:
         """Note that nothing waits on a subscription."""
@@ -89,6 +95,8 @@ class Drain:
     most : int
         Messages taken in one turn.
     backlog : Backlog
+    single : callable
+        Whether the topic has one publisher, who numbers what it sends; asked where numbers leap.
 
     Attributes
     ----------
@@ -96,24 +104,33 @@ class Drain:
         Messages taken, and messages that the middleware has dropped before.
     """
 
-    def __init__(self, most: int, backlog: Backlog) -> None:
+    def __init__(self, most: int, backlog: Backlog, single: Callable[[], bool]) -> None:
         self._most = most
         self._backlog = backlog
+        self._single = single
         self._number: int | None = None
+        self._several = False
         self.count = 0
         self.lost = 0
 
-    def note(self, about: Mapping[str, Any], *, single: bool) -> None:
-        """Note one message; ``single``: its topic has one publisher, who numbers what it sends."""
+    def is_fresh(self, about: Mapping[str, Any]) -> bool:
+        """Whether a message has not waited, so that nothing came on other topics before it."""
+        received_ns = int(about['received_timestamp'] or 0)
+        return received_ns > 0 and self._backlog.waited_s(received_ns) < FRESH_S
+
+    def note(self, about: Mapping[str, Any]) -> None:
+        """Note one message."""
         self.count += 1
         self._backlog.taken(int(about['received_timestamp'] or 0))
-        number = about['publication_sequence_number']
-        if not single or number is None:
-            self._number = None
+        before, number = self._number, about['publication_sequence_number']
+        self._number = number
+        if not self._several and (before is None or number is None or number == before + 1):
             return
-        if self._number is not None and number > self._number + 1:
-            self.lost += number - self._number - 1
-        self._number = number  # smaller than before: the publisher was started again
+        was_several, self._several = self._several, not self._single()
+        if self._several:
+            self._number = None
+        elif not was_several and number > before:  # less: the publisher was started again
+            self.lost += number - before - 1
 
     def take(
         self,
@@ -122,7 +139,6 @@ class Drain:
         callback: Callable[[Any], None],
         *,
         raw: bool,
-        single: bool,
         between: Callable[[], None] | None = None,
     ) -> None:
         """Take messages until none waits, or as many as one turn has.
@@ -137,4 +153,4 @@ class Drain:
                 self._backlog.emptied()
                 return
             callback(taken[0])
-            self.note(taken[1], single=single)
+            self.note(taken[1])

@@ -208,20 +208,19 @@ class PolarNode(Node, Generic[P]):  # type: ignore[misc]
         """Subscription that drains all waiting messages in one turn of the executor.
 
         The executor's turn costs several times what taking a message costs, so the first message
-        of a burst brings the rest with it, some hundred at most. With `after_others` it
-        comes after what waits on all other subscriptions, also within a long burst: a node that
-        was held up then finds its inputs side by side, and not one of them seconds ahead of the
-        others. `then` is called after each burst.
+        of a burst brings the rest with it, some hundred at most. With `after_others` one that had
+        to wait comes after what waits on all other subscriptions, also within a long burst: a node
+        that was held up then finds its inputs side by side, and not one of them seconds ahead of
+        the others. `then` is called after each burst.
 
         Where a publisher offers best effort only, another subscription that asks for no more takes
         its place, unless ``qos_overrides`` state the reliability, or in the lockstep pace.
         """
-        waiting = Drain(_TURN, self.backlog)
+        waiting = Drain(_TURN, self.backlog, lambda: entry.matched <= 1)
 
         def drain() -> None:
             with handle:
-                single = entry.matched <= 1
-                waiting.take(handle, msg_type, callback, raw=raw, single=single, between=others)
+                waiting.take(handle, msg_type, callback, raw=raw, between=others)
 
         def drain_others() -> None:
             for other in self._drains:
@@ -233,10 +232,10 @@ class PolarNode(Node, Generic[P]):  # type: ignore[misc]
         # The first one is a message of msg_type, or its bytes.
         @informed
         def drained(first: Any, about: dict[str, Any]) -> None:  # noqa: ANN401
-            if others is not None:
+            if others is not None and not waiting.is_fresh(about):
                 others()
             callback(first)
-            waiting.note(about, single=entry.matched <= 1)
+            waiting.note(about)
             drain()
             if then is not None:
                 then()

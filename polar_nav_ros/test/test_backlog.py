@@ -41,29 +41,43 @@ class Clocks:
         return Backlog(lambda: self.now_s, lambda: round((self.now_s + self.ahead_s) * S))
 
 
-def taken(drain, queue, *, single=True):
+def taken(drain, queue):
     got = []
-    drain.take(queue, bytes, got.append, raw=True, single=single)
+    drain.take(queue, bytes, got.append, raw=True)
     return len(got)
 
 
 def test_a_turn_ends_in_a_flood():
-    drain = Drain(2000, Backlog())
+    drain = Drain(2000, Backlog(), lambda: True)
     assert taken(drain, Flood()) == 2000
     assert taken(drain, Flood(7, 2001)) == 7
     assert (drain.count, drain.lost) == (2007, 0)
 
 
 def test_messages_that_the_queue_dropped_are_counted():
-    drain = Drain(10, Backlog())
+    single = True
+    drain = Drain(10, Backlog(), lambda: single)
     taken(drain, Flood(5))
     taken(drain, Flood(5, 9))
     assert drain.lost == 3
     taken(drain, Flood(5, 1))  # another publisher's life
     assert drain.lost == 3
-    taken(drain, Flood(5, 100), single=False)  # two publishers have numbers of their own
+    single = False
+    taken(drain, Flood(5, 100))  # two publishers have numbers of their own
+    single = True
     taken(drain, Flood(5, 300))
     assert drain.lost == 3
+    taken(drain, Flood(5, 307))
+    assert drain.lost == 5
+
+
+def test_a_message_is_fresh_that_has_not_waited():
+    clocks = Clocks()
+    drain = Drain(10, clocks.backlog(), lambda: True)
+    clocks.now_s = 10.0
+    assert drain.is_fresh({'received_timestamp': round(109.996 * S)})
+    assert not drain.is_fresh({'received_timestamp': round(109.994 * S)})
+    assert not drain.is_fresh({'received_timestamp': 0})  # a middleware that does not note it
 
 
 def test_a_node_is_behind_by_what_its_newest_message_waited():
