@@ -8,6 +8,7 @@ killed, and a complete run counted as failed.
 from __future__ import annotations
 
 import faulthandler
+import gc
 import inspect
 import os
 import signal
@@ -70,6 +71,8 @@ def run(node_cls: Callable[[], PolarNode[Any]], args: Sequence[str] | None = Non
         executor = _executor()
         stop.listen()  # an executor of events has handlers of its own
         executor.add_node(node)
+        gc.collect()
+        gc.freeze()  # what a node is made of stays: to look through it takes longer than a sample
         node.tell_supervisor('ready', node.get_fully_qualified_name())
         while stop.signal is None and node.ended is None and rclpy.ok():
             executor.spin_once(timeout_sec=0.2)
