@@ -203,3 +203,27 @@ def test_the_covariance_is_that_of_the_state_carried_on(world):
     found = predictor.covariance(rig.reorder.engine)
     scale = np.sqrt(np.outer(np.diagonal(P), np.diagonal(P)))
     assert np.abs((found - P) / scale).max() < 1e-9
+
+
+@pytest.mark.parametrize('window_s', [0.0, 0.3])
+@pytest.mark.parametrize(('imu_hz', 'lost'), [(100, range(20, 25)), (10, range(2, 4))])
+def test_missing_samples_move_it_by_little(world, window_s, imu_hz, lost):
+    """The filter interpolates them later; a ping among them, for which it does not wait."""
+    every = 100 // imu_hz
+    samples = world.imu()
+    if every > 1:
+        samples = [_mean(samples[k : k + every]) for k in range(0, len(samples) - every, every)]
+    kept = [s for k, s in enumerate(samples) if k % (imu_hz // 2) not in lost]
+    rig = Rig(world, window_s)
+    found = rig.feed(as_they_come([*kept, *world.dvl(every=7), *world.depth()]))
+    both = [(now, rig.later[now.stamp_ns]) for now in found if now.stamp_ns in rig.later]
+    assert len(both) > 20
+    for now, (r_e, _, _) in both:
+        assert np.linalg.norm(now.r_e - r_e) < 0.05  # as to the truth, above
+    assert found[-1].stamp_ns == kept[-1].stamp_ns
+    assert found[-1].jumps == 0
+
+
+def _mean(samples):
+    omega_ib_b = np.mean([s.omega_ib_b for s in samples], axis=0)
+    return replace(samples[-1], omega_ib_b=omega_ib_b, f_b=np.mean([s.f_b for s in samples], 0))

@@ -1,7 +1,8 @@
 """Strapdown through IMU samples ahead of the filter: what the filter does with them, without P.
 
 The arithmetic is that of `events.imu_event`, of whose state this holds what the strapdown needs,
-so that without a correction the filter arrives at the same bits.
+so that without a correction, and without samples that are missing, the filter arrives at the same
+bits. Missing ones the filter interpolates (`fill`); here the next one is held over their time.
 """
 
 from __future__ import annotations
