@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ctypes
 import gc
+import mmap
 import multiprocessing
 import sys
 import threading
@@ -16,6 +17,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import partial
 from importlib import import_module
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -213,7 +215,8 @@ def drop_intermediate_code() -> int:
     Beside the machine code of each kernel that it loads, numba holds its intermediate code, with
     which it compiles others that call it: more than a hundred megabytes in a follower.
     A kernel that is compiled later, against all expectation, reads that of its callees again from
-    the cache. Kernels that this process compiled itself keep theirs.
+    the cache. Kernels that this process compiled itself keep theirs. The code of the compiler
+    leaves this process's memory as well, until it is called.
     """
     dropped = 0
     for dispatcher, signature, library in _loaded():
@@ -223,6 +226,7 @@ def drop_intermediate_code() -> int:
             dropped += 1
     gc.collect()
     _return_free_memory()
+    _let_go_of_code('libllvmlite')
     return dropped
 
 
@@ -247,6 +251,23 @@ def _return_free_memory() -> None:
     trim = getattr(ctypes.CDLL(None), 'malloc_trim', None)
     if trim is not None:  # glibc
         trim(0)
+
+
+def _let_go_of_code(library: str) -> None:
+    """Take the machine code of a library out of this process's memory. Linux only.
+
+    No one writes to it, so that the system reads it again from its file where it is called.
+    """
+    maps = Path('/proc/self/maps')
+    advise = getattr(ctypes.CDLL(None), 'madvise', None)
+    if advise is None or not maps.exists():
+        return
+    advise.argtypes = [ctypes.c_void_p, ctypes.c_size_t, ctypes.c_int]
+    for line in maps.read_text(encoding='utf-8').splitlines():
+        limits, access, *_, path = line.split(maxsplit=5)
+        if access == 'r-xp' and library in path:
+            begin, end = (int(x, 16) for x in limits.split('-'))
+            advise(begin, end - begin, mmap.MADV_DONTNEED)
 
 
 def _print_line(text: str) -> None:

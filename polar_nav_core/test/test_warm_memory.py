@@ -54,3 +54,29 @@ def test_a_node_loads_no_blas_and_scipy_is_whole():
         [sys.executable, '-c', WITHOUT_BLAS], capture_output=True, text=True, check=True
     )
     assert done.stdout == '0.25\n'
+
+
+RESIDENT = """
+import re
+from pathlib import Path
+from polar_nav_core.warm import drop_intermediate_code, warm_filter
+
+def resident_kb():
+    parts = re.split(r'^(?=[0-9a-f]+-)', Path('/proc/self/smaps').read_text(), flags=re.MULTILINE)
+    of_it = [p for p in parts if 'libllvmlite' in p.partition('\\n')[0]]
+    return sum(int(re.search(r'^Rss: +(\\d+)', p, re.MULTILINE)[1]) for p in of_it)
+
+warm_filter(('tagged',), whole=False)
+before = resident_kb()
+drop_intermediate_code()
+print(before > 20_000, resident_kb() < 0.5 * before)
+"""
+
+
+@pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason='nothing is compiled')
+@pytest.mark.skipif(not sys.platform.startswith('linux'), reason='of Linux only')
+def test_the_compiler_leaves_the_memory():
+    done = subprocess.run(
+        [sys.executable, '-c', RESIDENT], capture_output=True, text=True, check=True
+    )
+    assert done.stdout == 'True True\n'
