@@ -169,6 +169,21 @@ def test_an_imu_that_becomes_slower_is_followed(world):
     assert f.state.counters[fs.MISSING_NS] < 0.05 * fill.FADE_NS
 
 
+@pytest.mark.parametrize('apart_ns', [1, 1_000, 200_000, 3_000_000])
+@pytest.mark.parametrize('at', [1, 300])
+def test_two_stamps_close_by_chance_are_no_interval(world, at, apart_ns):
+    """A nanosecond would make a thousand million missing samples of all that come later."""
+    f = NavigationFilter(world.params(), world.params().initial_state(), int(world.stamps[1]))
+    for k in range(1, 600):
+        stamp_ns = int(world.stamps[1]) + 10_000_000 * k
+        if k == at + 1:
+            early_ns = stamp_ns - 10_000_000 + apart_ns
+            f.imu(ImuSample(early_ns, 1000, np.zeros(3), np.array([0.0, 0.0, 9.8])))
+        f.imu(ImuSample(stamp_ns, k, np.zeros(3), np.array([0.0, 0.0, 9.8])))
+    assert f.state.counters[fs.USUAL_NS] == 10_000_000
+    assert f.state.counters[fs.MISSING_NS] == 0
+
+
 def test_irregular_stamps_are_not_taken_for_missing_samples(world):
     inputs = inputs_of(world, world.fixes(2.0, 1.0))
     shift_ns = np.random.default_rng(2).integers(-4_500_000, 4_500_000, len(inputs.imu_stamps_ns))

@@ -24,6 +24,10 @@ _SLOWER = 64
 """The usual interval grows by one part in so many with each longer one, to follow a slower IMU."""
 _SELDOM = 16
 """It grows by as much in so many where a whole number of samples seems to be missing."""
+_LEAST_NS = 50_000
+"""Stamps that are closer are no interval of an IMU (20 kHz)."""
+_MOST_MISSING = 1000
+"""More are not interpolated: the time for it has a bound, whatever the stamps are."""
 
 
 @kernel
@@ -42,16 +46,26 @@ def _is_regular(s: State) -> bool:
 
 @kernel
 def _note_interval(s: State, interval_ns: int) -> None:
-    """Note the interval before a sample, and how much of it was missing."""
-    usual_ns = s.counters[fs.USUAL_NS]
+    """Note the interval before a sample, and how much of it was missing.
+
+    A shorter one than is usual is believed with a second one: of two stamps that are close by
+    chance all others would be multiples.
+    """
+    usual_ns, before_ns = s.counters[fs.USUAL_NS], s.counters[fs.INTERVAL_NS]
+    s.counters[fs.INTERVAL_NS] = interval_ns
     if usual_ns == 0:
-        s.counters[fs.USUAL_NS] = interval_ns
+        if _LEAST_NS <= min(interval_ns, before_ns) and _multiple(interval_ns, before_ns) == 1:
+            s.counters[fs.USUAL_NS] = min(interval_ns, before_ns)
         return
     n = _multiple(interval_ns, usual_ns)
     odd = s.counters[fs.ODD]
     s.counters[fs.ODD] = min(odd + _ODD, 4 * _MOST_ODD) if n == 0 else max(odd - 1, 0)
     slower = _SLOWER if n < 2 else _SELDOM * _SLOWER
-    s.counters[fs.USUAL_NS] = min(interval_ns, usual_ns + usual_ns // slower)
+    shorter = n == 0 and interval_ns < usual_ns
+    if not shorter:
+        s.counters[fs.USUAL_NS] = min(interval_ns, usual_ns + usual_ns // slower)
+    elif _LEAST_NS <= interval_ns and _multiple(interval_ns, max(before_ns, 1)) == 1:
+        s.counters[fs.USUAL_NS] = interval_ns
     missing_ns = s.counters[fs.MISSING_NS]
     if missing_ns > 0:
         left = 1.0 - min(1.0, interval_ns / FADE_NS)
@@ -105,6 +119,8 @@ def begin_sample(
     missing = 0
     if _is_regular(s):
         missing = max(0, _multiple(interval_ns, usual_ns) - 1)
+        if missing > _MOST_MISSING:
+            missing = 0
         if missing > 0:  # the usual interval has grown a little since the last shortest one
             usual_ns = interval_ns // (missing + 1)
     own_ns = usual_ns if missing > 0 else interval_ns
