@@ -54,7 +54,7 @@ def _note_interval(s: State, interval_ns: int) -> None:
     usual_ns, before_ns = s.counters[fs.USUAL_NS], s.counters[fs.INTERVAL_NS]
     s.counters[fs.INTERVAL_NS] = interval_ns
     if usual_ns == 0:
-        if _LEAST_NS <= min(interval_ns, before_ns) and _multiple(interval_ns, before_ns) == 1:
+        if min(interval_ns, before_ns) >= _LEAST_NS and _multiple(interval_ns, before_ns) == 1:
             s.counters[fs.USUAL_NS] = min(interval_ns, before_ns)
         return
     n = _multiple(interval_ns, usual_ns)
@@ -64,7 +64,7 @@ def _note_interval(s: State, interval_ns: int) -> None:
     shorter = n == 0 and interval_ns < usual_ns
     if not shorter:
         s.counters[fs.USUAL_NS] = min(interval_ns, usual_ns + usual_ns // slower)
-    elif _LEAST_NS <= interval_ns and _multiple(interval_ns, max(before_ns, 1)) == 1:
+    elif interval_ns >= _LEAST_NS and _multiple(interval_ns, max(before_ns, 1)) == 1:
         s.counters[fs.USUAL_NS] = interval_ns
     missing_ns = s.counters[fs.MISSING_NS]
     if missing_ns > 0:
