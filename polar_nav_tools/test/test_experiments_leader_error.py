@@ -1,12 +1,13 @@
 """The experiment `leader-error`: its leaders, and the linear model beside the engine."""
 
 import dataclasses
+import math
 
 import numpy as np
 import pytest
 
 from polar_nav_core.errors import ConfigError
-from polar_nav_tools.experiments.leader_error import experiment, two_vehicles
+from polar_nav_tools.experiments.leader_error import experiment, nearer, two_vehicles
 from polar_nav_tools.experiments.leader_error.leader import Leader, make_leader_world, rounded
 from polar_nav_tools.experiments.request import Request, Size
 from polar_nav_tools.experiments.world_spec import WorldSpec
@@ -38,18 +39,23 @@ def test_rounding_is_upwards_and_at_most_a_step():
 
 @pytest.mark.parametrize('name', ['0.07 %, 30 min', '0.5 %, 30 min'])
 def test_packets_are_honest_and_near_the_filter_of_both_vehicles(name):
-    scenario = next(s for s in experiment.SCENARIOS if s.name == name)
+    scenario = _scenario(name)
     found = two_vehicles.run(dataclasses.replace(scenario, duration_s=1200.0))
-    best, packets, independent = (found[key] for key in ('centralised', 'packets', 'independent'))
-    assert 0.8 < packets.position < 1.3
+    best, given, packets, independent = (
+        found[key] for key in ('centralised', 'structured', 'packets', 'independent')
+    )
+    assert 0.7 < packets.position < 1.3
     assert 0.8 < packets.heading < 1.4
     assert packets.rms < 1.1 * best.rms
+    assert best.rms <= given.rms < packets.rms
+    assert best.position == pytest.approx(1.0)
+    assert best.said == pytest.approx(best.rms)
     assert independent.position > 5.0
 
 
 def test_the_turn_of_the_way_of_a_leader_is_in_what_is_published():
     """A follower that knows the errors of its own DVL reads its heading off the leader's way."""
-    scenario = next(s for s in experiment.SCENARIOS if s.name == 'gyrocompass, 2 km')
+    scenario = _scenario('gyrocompass, 2 km')
     scenario = dataclasses.replace(scenario, duration_s=2400.0)
     found = two_vehicles.run(scenario, own_sigmas=two_vehicles.CALM)
     packets, published = found['packets'], found['published']
@@ -59,8 +65,68 @@ def test_the_turn_of_the_way_of_a_leader_is_in_what_is_published():
     assert published.rms == packets.rms
 
 
+def test_what_is_expected_is_what_draws_show():
+    """Errors drawn from the true model, and the filter's own arithmetic on their fixes."""
+    scenario = dataclasses.replace(_scenario('0.5 %, racetrack'), duration_s=1200.0)
+    sigmas = two_vehicles.CALM
+    fixes = two_vehicles.moments(scenario, sigmas)
+    true = two_vehicles.both(scenario.leader, fixes)
+    f = two_vehicles.three_states(fixes)
+    rng = np.random.default_rng(5)
+    x = rng.standard_normal((400, 14)) * np.concatenate([sigmas, true.sigmas])
+    P = np.diag(np.concatenate([sigmas, f.sigmas]) ** 2)
+    found = np.zeros((len(x), len(P)))
+    squares = []
+    for k, (t, r) in enumerate(zip(true.rows, f.rows, strict=True), 1):
+        x = x @ t.Phi.T + rng.standard_normal(x.shape) * np.sqrt(t.Q)
+        z = x @ t.H.T + rng.standard_normal((len(x), 2))
+        found, P = found @ r.Phi.T, r.Phi @ P @ r.Phi.T + np.diag(r.Q)
+        K = P @ r.H.T @ np.linalg.inv(r.H @ P @ r.H.T + r.R)
+        found, P = found + (z - found @ r.H.T) @ K.T, P - K @ r.H @ P
+        if 2 * k > len(fixes):
+            squares.append(np.sum((found - x[:, : len(P)])[:, :2] ** 2, axis=1))
+    each = np.mean(squares, axis=0)
+    expected = two_vehicles.run(scenario, sigmas)['packets'].rms ** 2
+    assert abs(each.mean() - expected) < 3.5 * each.std() / math.sqrt(len(each))
+
+
+def test_packets_tell_what_kind_of_leader_sent_them():
+    def stated(name):
+        fixes = two_vehicles.moments(_scenario(name), two_vehicles.SIGMAS)
+        return two_vehicles.stated_leader(fixes)
+
+    own = stated('0.5 %, racetrack')
+    assert own.array_deg is None
+    assert own.heading_deg == pytest.approx(math.degrees(0.005 * math.sqrt(0.7)), rel=0.06)
+    compass = stated('gyrocompass, circling')
+    assert compass.array_deg == pytest.approx(experiment.SCENARIOS[7].leader.array_deg, rel=0.06)
+    assert 4e-4 < compass.scale < math.radians(0.034)  # scale and wandering heading of its way
+    assert compass.scale == pytest.approx(math.radians(compass.heading_deg))
+    still = stated('3 m, constant')
+    assert 3.0 <= still.start_m < 3.2
+    assert (still.heading_deg, still.scale, still.slow_mps, still.array_deg) == (0.0,) * 4
+
+
+@pytest.mark.slow
+def test_where_a_leader_turns_back_its_heading_of_now_has_not_turned_its_whole_way():
+    """What the three states cannot hold; neither along and across nor finer sigmas replace it."""
+    found = nearer.run(_scenario('0.5 %, racetrack'))
+    best = found['centralised'][0].rms
+    ratio = {name: own.rms / best for name, (own, _) in found.items()}
+    assert ratio['structured'] < 1.05
+    assert ratio['structured, scale'] < ratio['structured']
+    assert ratio['present heading'] > 1.2
+    assert ratio['packets'] > 1.2
+    assert ratio['packets, finer'] == pytest.approx(ratio['packets'], rel=0.01)
+    assert ratio['packets, correlated'] < ratio['packets, covariance'] < ratio['packets']
+
+
+def _scenario(name):
+    return next(s for s in experiment.SCENARIOS if s.name == name)
+
+
 def test_a_follower_of_a_leader_that_drifts_is_not_too_sure():
-    scenario = next(s for s in experiment.SCENARIOS if s.name == '0.5 %, 30 min')
+    scenario = _scenario('0.5 %, 30 min')
     results = {
         name: experiment.run_job(experiment.LeaderJob(scenario, name, 1, 300.0))
         for name in ('default', 'independent')
