@@ -63,12 +63,16 @@ def processes_with(text: str) -> dict[int, str]:
 
 
 def same_beginning(short: Path, whole: Path) -> dict[str, bool]:
-    """By topic, whether all that a short run published is what a longer one began with."""
+    """By topic, whether two thirds of what a short run published begin a longer one.
+
+    The splines of the truth know in their last bits, some seconds before, where they end.
+    """
     found = {}
-    for topic, least in (('nav/state', 100), ('nav/receipt', 5)):
+    for topic, least in (('nav/state', 150), ('nav/receipt', 5)):
         one, other = (list(open_bag(bag).payloads(f'/follower/{topic}')) for bag in (short, whole))
         assert least <= len(one) < len(other), topic
-        found[topic] = one == other[: len(one)]
+        count = 2 * len(one) // 3
+        found[topic] = one[:count] == other[:count]
     return found
 
 

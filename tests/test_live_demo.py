@@ -158,7 +158,7 @@ def test_a_parameter_out_of_range_is_refused_with_one_sentence(finished_demo):
 
 
 def test_another_seed_is_another_run_and_the_same_seed_the_same(finished_demo, tmp_path):
-    """Runs of half the length: the first half of what the run of that seed publishes."""
+    """Runs of half the length: what they publish first, the run of that seed publishes first."""
 
     def equal(seed):
         bag = tmp_path / f'seed{seed}'
