@@ -293,6 +293,8 @@ def test_a_long_burst_does_not_keep_other_topics_waiting(executor):
     spin_until(executor, lambda: order.count('burst') == 50)
     assert order.index('other') <= 12
     assert order.index('end') == 51
+    two.destroy_node()
+    peer.destroy_node()
 
 
 @pytest.mark.parametrize('args', [['--help'], ['-h', '--ros-args', '-p', 'x:=1']])
