@@ -1,6 +1,7 @@
 #!/usr/bin/env bash
 # The one door to polar_nav. On first use it makes .venv beside this file and installs everything
-# into it; after that it only compares a stamp and runs the command line tool.
+# into it; after that it only compares a stamp and runs the command line tool. Numerical kernels are
+# compiled in the background, beside the set-up and the first commands.
 #
 #   ./polar --help     what there is to do
 #   ./polar lock       write requirements.lock anew from requirements.in
@@ -12,11 +13,16 @@ root=$(dirname -- "$(readlink -f -- "${BASH_SOURCE[0]}")")
 venv=$root/.venv
 stamp=$venv/.polar_setup # one line "step key" for each step that is done
 log=$venv/setup.log
+compiling=$venv/.polar_compiling # locked while kernels are compiled; process group and key of that
+compiling_log=$venv/kernels.log
+early=$venv/early # marks of what is in place before its step is done
 tools=$root/polar_nav_tools/polar_nav_tools
 PATH=${PATH//"$venv/bin:"/} # an activated .venv is not the Python that makes .venv
 
 say() { printf 'polar: %s\n' "$*" >&2; }
 die() { say "$@"; exit 1; }
+# Say it from within a step, whose output goes to the log.
+tell() { say "$@"; [[ ! -t 3 ]] || printf '\r\033[K' >&3; say "$@" 2>&3; }
 
 # A ROS 2 that is sourced (apt, a workspace, another environment) stays outside: its Python packages
 # and libraries have other versions than ours. Domain and discovery settings are left as they are.
@@ -74,9 +80,8 @@ have() {
   [[ $lines == *$'\n'"$1 ${2-}"* ]]
 }
 is_done() { have "$1" "${want[$1]}"$'\n'; }
-all_done() {
-  is_done environment && is_done requirements && is_done messages && is_done packages &&
-    is_done kernels
+ready() {
+  is_done environment && is_done requirements && is_done messages && is_done packages
 }
 
 # Replace the line of one step; without a key only remove it.
@@ -133,88 +138,173 @@ make_environment() {
   "$python" -m venv "$venv"
 }
 
-# One source archive is among the requirements (empy); --no-build-isolation builds it with the pinned
-# setuptools instead of the newest.
-pip_install() {
-  local pip=("$venv/bin/python" -m pip install --no-deps --no-input --progress-bar off)
-  pip+=(--only-binary ':all:' --no-binary empy)
-  pip+=(--require-hashes)
-  "${pip[@]}" "$@"
-}
-
-# Pins of the lock file with their hashes.
-pins_of() {
+# Pins of the lock file with their hashes: of some, or of all but uv itself.
+chosen() {
   local name
+  (($# > 0)) || sed '/^uv==/,/[^\\]$/d' "$root/requirements.lock"
   for name in "$@"; do sed -n "/^$name==/,/[^\\\\]\$/p" "$root/requirements.lock"; done
 }
 
-# What kernels are compiled with comes before all others: compile_early waits for it.
+# One source archive is among the requirements (empy); --no-build-isolation builds it with the pinned
+# setuptools instead of the newest. What is imported is compiled then, all else in the background.
+pip_install() {
+  local pip=("$venv/bin/python" -m pip install --no-deps --no-input --progress-bar off)
+  pip+=(--only-binary ':all:' --no-binary empy --no-build-isolation --use-pep517)
+  pip+=(--no-compile --require-hashes)
+  "${pip[@]}" -r <(chosen "$@")
+}
+
+# uv takes files and unpacks them side by side, pip one after the other.
+install() {
+  if [[ -e $early/uv ]]; then
+    "$venv/bin/python" "$tools/development/environment.py" install -r <(chosen "$@") && return
+    rm -f -- "$early/uv"
+    tell 'uv has not installed it (setup.log); pip tries, which takes longer'
+  fi
+  pip_install "$@"
+}
+
+# What kernels are compiled with comes first, then what builds the messages: both wait for it.
 install_requirements() {
-  pip_install -r <(pins_of numba llvmlite numpy scipy gsw pygeomag pyyaml)
-  echo 'the compiler is there' >"$early_file"
-  pip_install -r <(pins_of setuptools)
-  pip_install --no-build-isolation --use-pep517 -r "$root/requirements.lock"
+  if pip_install uv; then
+    : >"$early/uv"
+  else
+    tell 'uv is not to be had here; pip installs, which takes longer'
+  fi
+  install numba llvmlite numpy scipy gsw pygeomag pyyaml setuptools
+  : >"$early/compiler"
+  install 'ros-[a-z0-9-]*' scikit-build-core cmake ninja packaging pathspec empy lark-parser \
+    catkin-pkg pyparsing docutils python-dateutil tzdata
+  : >"$early/generators"
+  install
+}
+
+make_wheels() {
+  local pip=("$venv/bin/python" -m pip wheel --no-deps --no-build-isolation --no-input) other
+  pip+=(--wheel-dir "$early/wheels")
+  export PATH=$venv/bin:$PATH
+  rm -rf -- "$early/wheels" && mkdir -p "$early/wheels"
+  "${pip[@]}" "$root/polar_nav_msgs/tf2_msgs" &
+  other=$!
+  "${pip[@]}" "$root/polar_nav_msgs" || { wait "$other" || true; return 1; }
+  wait "$other"
+}
+
+# Build the messages beside the packages. The step for messages waits for it, and does it all where
+# this failed.
+beside=
+build_early() {
+  set -m
+  {
+    await generators
+    make_wheels
+    : >"$early/messages"
+  } >>"$log" 2>&1 </dev/null &
+  beside=$!
+  set +m
+}
+
+# Wait for a mark, as long as the set-up goes on.
+await() {
+  until [[ -e $early/$1 ]]; do
+    kill -0 $$ 2>/dev/null || exit 1
+    sleep 0.2
+  done
 }
 
 build_messages() {
-  PATH=$venv/bin:$PATH "$venv/bin/python" -m pip install --no-deps --no-build-isolation \
-    --no-input --force-reinstall "$root/polar_nav_msgs/tf2_msgs" "$root/polar_nav_msgs"
+  while [[ -n $beside ]] && kill -0 "$beside" 2>/dev/null; do sleep 0.1; done
+  [[ -e $early/messages ]] || make_wheels
+  rm -f -- "$early/messages"
+  "$venv/bin/python" -m pip install --no-deps --no-input --no-index --force-reinstall \
+    "$early/wheels/"*.whl
+  rm -rf -- "$early/wheels"
 }
 
 link_packages() { "$venv/bin/python" "$tools/development/environment.py" link; }
 
-warm() {
-  [[ ! -e $root/polar_nav_core/polar_nav_core/warm.py ]] ||
-    "$venv/bin/python" -P -m polar_nav_core.warm
-}
-
-# Compile kernels as soon as the compiler is installed, beside the other steps: those leave a core
-# idle for most of the time. The step for kernels waits for it, and does it all where this failed.
-early=
-early_file=$venv/early
-compile_early() {
-  rm -f -- "$early_file"
-  set -m
-  {
-    until [[ -e $early_file ]]; do
-      kill -0 $$ 2>/dev/null || exit 1
+# Compile kernels in the background, in a process group of its own that outlives this call, unless
+# another call does already. What needs a kernel meanwhile waits for it (polar_nav_core.background).
+lock=
+compile_in_background() {
+  local held made_for
+  [[ -w $venv ]] || return 0 # of another user: nodes compile into a folder of their own
+  exec {held}>>"$compiling"
+  if ! flock -n "$held"; then
+    for _ in 1 2; do # the second time, what has just begun has said what it compiles
+      read -r _ made_for <"$compiling" || true
+      if [[ $made_for == "${want[kernels]}" ]]; then
+        exec {held}>&-
+        return
+      fi
       sleep 0.2
     done
-    PYTHONPATH=$root/polar_nav_core warm && echo 'kernels are compiled' >"$early_file"
-  } >>"$log" 2>&1 </dev/null &
-  early=$!
-  set +m
+    end_background
+    flock "$held"
+  fi
+  echo "- ${want[kernels]}" >"$compiling"
+  say "the numerical kernels are compiled in the background; what needs one waits for it"
+  mkdir -p "$early"
+  ! is_done requirements || : >"$early/compiler"
+  # From a subshell, so that it is no child of the command that takes the place of this script.
+  (
+    set -m
+    compile_kernels "${want[kernels]}" >"$compiling_log" 2>&1 </dev/null &
+    echo "$! ${want[kernels]}" >"$compiling"
+  )
+  exec {held}>&-
+}
+
+compile_kernels() { # key; the lock on $compiling is inherited, and held as long as any of this runs
+  local own
+  trap '' HUP
+  [[ -z $lock ]] || exec {lock}<&-
+  await compiler
+  export POLAR_NAV_COMPILES=1 PYTHONPATH=$root/polar_nav_core
+  # Behind what somebody looks at, but not for ever on a machine that others load: commands wait.
+  nice -n 5 "$venv/bin/python" -P -m polar_nav_core.warm
+  exec {own}<"$root" # whoever sets up writes the same file
+  flock "$own"
+  mark kernels "$1"
+  exec {own}<&-
+  # Users who may not write here would compile what they import at every start. Some packages hold
+  # files of other Pythons, which do not compile.
+  nice -n 5 "$venv/bin/python" -m compileall -qq "$venv"/lib/python3*/site-packages || true
+}
+
+end_background() {
+  local held group=
+  [[ -e $compiling ]] || return 0
+  exec {held}<"$compiling"
+  if ! flock -n "$held"; then
+    read -r group _ <"$compiling" || true
+    [[ $group != [1-9]* ]] || kill -TERM -- "-$group" 2>/dev/null || true
+    flock "$held"
+  fi
+  exec {held}<&-
 }
 
 end_early() {
-  [[ -n $early ]] || return 0
-  kill -TERM -- "-$early" 2>/dev/null || true
-  wait "$early" 2>/dev/null || true
-  early=
-}
-
-compile_kernels() {
-  if [[ -n $early ]]; then
-    while kill -0 "$early" 2>/dev/null; do sleep 0.1; done
-    ! grep -q '^kernels are compiled$' "$early_file" || return 0
+  if [[ -n $beside ]]; then
+    kill -TERM -- "-$beside" 2>/dev/null || true
+    wait "$beside" 2>/dev/null || true
+    beside=
   fi
-  warm
+  end_background
 }
 
-# How far a step is: kernels compiled; packages looked up, later packages unpacked.
+# How far the packages are: with pip first all are looked up, then unpacked.
 progress() {
   local total looked_up unpacked
-  if [[ $1 == kernels ]]; then
-    sed -n 's/^\([0-9]* of [0-9]*\) kernels are compiled$/, \1 kernels/p' "$log" | tail -n 1
-  fi
   [[ $1 == requirements ]] || return 0
   total=$(grep -c "==" "$root/requirements.lock")
-  looked_up=$(grep '^Collecting' "$log" | sort -u | wc -l)
-  unpacked=$(find "$venv"/lib/python3*/site-packages -maxdepth 1 -name '*.dist-info' ! -name 'pip-*' | wc -l)
-  if [[ $(grep '^Collecting\|^Installing collected packages: .*,' "$log" | tail -n 1) == I* ]]; then
-    echo ", $unpacked of $total unpacked"
-  else
+  if [[ ! -e $early/uv ]] &&
+    [[ $(grep '^Collecting\|^Installing collected packages: .*,' "$log" | tail -n 1) == C* ]]; then
+    looked_up=$(grep '^Collecting' "$log" | sort -u | wc -l)
     echo ", $looked_up of $total fetched"
+  else
+    unpacked=$(find "$venv"/lib/python3*/site-packages -maxdepth 1 -name '*.dist-info' ! -name 'pip-*' | wc -l)
+    echo ", $unpacked of $total unpacked"
   fi
 }
 
@@ -236,12 +326,12 @@ run_step() { # name, title, command
   local name=$1 title=$2 command=$3 start=$SECONDS line told=0
   number=$((number + 1))
   ! is_done "$name" || return 0
-  line="polar: [$number/5] $title"
+  line="polar: [$number/4] $title"
   printf '%s' "$line" >&2
   [[ -t 2 ]] || echo >&2
   mark "$name"
   set -m
-  "$command" >>"$log" 2>&1 </dev/null &
+  "$command" 3>&2 >>"$log" 2>&1 </dev/null &
   child=$!
   set +m
   while sleep 0.1 && kill -0 "$child" 2>/dev/null; do
@@ -256,17 +346,16 @@ run_step() { # name, title, command
     child=
     printf '\n' >&2
     tail -n 25 -- "$log" >&2
-    die "[$number/5] $title failed after $((SECONDS - start)) s; all of it stands in $log"
+    die "[$number/4] $title failed after $((SECONDS - start)) s; all of it stands in $log"
   fi
   child=
   [[ ! -t 2 ]] || printf '\r\033[K' >&2
   printf '%s: %d s\n' "$line" $((SECONDS - start)) >&2
-  read_want
+  [[ $name != environment ]] || read_want # the Python of .venv is in it
   mark "$name" "${want[$name]}"
 }
 
 set_up() {
-  local lock
   [[ -w $root && (! -e $venv || -w $venv) ]] ||
     die "$venv has to be set up, and $(id -un) may not write there: its owner calls ./polar" \
       'once (with a Python that all may run), or make a clone of your own'
@@ -275,7 +364,7 @@ set_up() {
     say 'another call is setting up .venv: waiting for it'
     flock "$lock"
     read_want
-    ! all_done || { exec {lock}<&-; return 0; }
+    ! ready || { exec {lock}<&-; lock=; return 0; }
   fi
   if [[ -e $venv && ! -e $stamp ]]; then
     die "$venv was not made by this script: move it away, then call again"
@@ -289,16 +378,22 @@ set_up() {
   [[ -z $sourced ]] || say "the sourced ROS 2 $sourced is not used; .venv brings its own"
   trap stop INT TERM HUP
   mkdir -p "$venv" && touch "$stamp" && : >"$log"
+  rm -f -- "$early/messages" # of sources as they were
+  is_done environment && is_done requirements || end_background
   run_step environment "making .venv with $("$python" --version)" make_environment
   trap end_early EXIT
-  is_done requirements || compile_early
+  if ! is_done requirements; then
+    rm -rf -- "$early" && mkdir "$early"
+    build_early
+    compile_in_background
+  fi
   run_step requirements "installing $(grep -c == "$root/requirements.lock") packages" \
     install_requirements
   run_step messages 'building the messages' build_messages
   run_step packages 'linking our packages' link_packages
-  run_step kernels 'compiling the numerical kernels' compile_kernels
   trap - INT TERM HUP EXIT
   exec {lock}<&-
+  lock=
 }
 
 write_lock() {
@@ -317,6 +412,7 @@ if [[ ${1-} == lock ]]; then
   exit
 fi
 read_want
-all_done || set_up
+ready || set_up
+is_done kernels || compile_in_background
 enter_environment
 exec "$venv/bin/python" -P -m polar_nav_tools.cli "$@"

@@ -1,11 +1,12 @@
 """The script `polar`: what it sets up, when, and what it survives.
 
-A stand-in plays Python and notes what it is called for, so that a set-up takes a second. The real
-thing is run by .ci/run on a fresh machine. Compiling early, beside the other steps, has its own
-tests; in all others it fails, and the step for kernels does it.
+A stand-in plays Python and uv and notes what it is called for, so that a set-up takes a second.
+The real thing is run by .ci/run on a fresh machine. Kernels are compiled in the background and
+have tests of their own; the others leave them out of what they look at.
 """
 
 import contextlib
+import fcntl
 import os
 import re
 import shutil
@@ -17,16 +18,29 @@ from pathlib import Path
 
 import pytest
 
+from polar_nav_core import background
+
 ROOT = Path(__file__).resolve().parents[1]
-STEPS = ('venv', 'requirements', 'messages', 'link', 'warm')
+LOCK = f'.venv/{background.LOCK}'
+STEPS = ('venv', 'requirements', 'wheels', 'messages', 'link')
 
 STAND_IN = r"""#!/bin/bash
 note() {
   echo "begin $1" >>"$STAND_IN_LOG"
   [[ ${STAND_IN_SLOW:-} != "$1" ]] || sleep 2
-  [[ " ${STAND_IN_BROKEN-early} " != *" $1 "* ]] || { echo "the $1 step broke here"; exit 1; }
+  if [[ " ${STAND_IN_BROKEN:-} " == *" $1 "* ]]; then echo "the $1 step broke here"; exit 1; fi
   echo "$1" >>"$STAND_IN_LOG"
 }
+if [[ $* == *' -r '* ]]; then # what is to be installed
+  pins=$(cat "${@: -1}")
+  case $pins in
+    uv==*) what=uv ;;
+    ros-*) what=generators ;;
+    numba==*) what=compiler ;;
+    *) what=requirements ;;
+  esac
+  case $pins in *uv==*) [[ $what == uv ]] || what='uv with all others' ;; esac
+fi
 case "$*" in
   *'"python%d'*) echo "python${STAND_IN_VERSION:-3.11}" ;;
   *'"%d.%d'*) echo "${STAND_IN_VERSION:-3.11}" ;;
@@ -34,11 +48,14 @@ case "$*" in
   *ensurepip*) exit "${STAND_IN_NO_VENV:-0}" ;;
   -) exit "${STAND_IN_NO_HEADERS:-0}" ;;
   '-m venv '*) mkdir -p "$3/bin" && cp "$0" "$3/bin/python" && note venv ;;
-  '-m pip '*requirements.lock) note requirements ;;
-  '-m pip '*polar_nav_msgs) note messages ;;
-  '-m pip '*) note compiler ;;
+  '-m pip wheel '*polar_nav_msgs) touch "$(dirname "$0")/../early/wheels/msgs.whl"; note wheels ;;
+  '-m pip wheel '*) ;;
+  '-m pip '*msgs.whl) note messages ;;
+  '-m pip '*) note "$what" && [[ $what == uv ]] || echo 'by pip' >>"$STAND_IN_LOG" ;;
+  *environment.py\ install*) note uv-works && note "$what" ;;
   *environment.py\ link) note link ;;
-  *core.warm) if [[ -n ${PYTHONPATH:-} ]]; then note early; else note warm; fi ;;
+  *core.warm) note warm ;;
+  *compileall*) note bytes ;;
   '-P -m polar_nav_tools.cli'*) shift 3; echo "tool"; printf '<%s>\n' "$@"; env; exit 7 ;;
   *) echo "stand-in: $*" >&2; exit 99 ;;
 esac
@@ -72,15 +89,30 @@ class Tree:
         out, err = process.communicate(timeout=60)
         return subprocess.CompletedProcess(process.args, process.returncode, out, err)
 
+    def lines(self) -> list[str]:
+        return self.log.read_text().splitlines() if self.log.exists() else []
+
     def done(self) -> list[str]:
-        """What was finished since the last question."""
-        lines = self.log.read_text().splitlines() if self.log.exists() else []
+        """Steps that were finished since the last question, in the order of a set-up."""
+        self.wait_for_kernels()
+        lines = self.lines()
         self.log.unlink(missing_ok=True)
-        return [line for line in lines if not line.startswith(('begin', 'compiler'))]
+        return sorted((line for line in lines if line in STEPS), key=STEPS.index)
+
+    def compiled(self) -> int:
+        """How often the kernels were compiled since the last question."""
+        self.wait_for_kernels()
+        lines = self.lines()
+        self.log.unlink(missing_ok=True)
+        return lines.count('warm')
+
+    def wait_for_kernels(self) -> None:
+        with contextlib.suppress(FileNotFoundError), (self.root / LOCK).open() as file:
+            fcntl.flock(file, fcntl.LOCK_EX)
 
     def wait_for(self, line: str) -> None:
         limit = time.monotonic() + 20.0
-        while not (self.log.exists() and line in self.log.read_text().splitlines()):
+        while line not in self.lines():
             assert time.monotonic() < limit, f'{line} did not come'
             time.sleep(0.02)
 
@@ -114,13 +146,14 @@ def test_first_call_does_every_step_and_runs_the_tool(tree):
     assert result.returncode == 7, result.stderr
     assert result.stdout.startswith('tool\n<score>\n<a bag>\n<--json>\n')
     assert tree.done() == list(STEPS)
-    for number in range(1, 6):
-        assert f'[{number}/5]' in result.stderr
+    for number in range(1, 5):
+        assert f'[{number}/4]' in result.stderr
 
 
 def test_later_calls_touch_nothing_and_say_nothing(tree):
     tree.run()
     tree.done()
+    tree.run()
     before = {p: p.stat().st_mtime_ns for p in tree.root.rglob('*')}
     result = tree.run('info')
     assert (result.returncode, result.stderr) == (7, '')
@@ -128,24 +161,52 @@ def test_later_calls_touch_nothing_and_say_nothing(tree):
     assert {p: p.stat().st_mtime_ns for p in tree.root.rglob('*')} == before
 
 
+def test_what_others_wait_for_is_installed_first(tree):
+    tree.run()
+    tree.wait_for_kernels()
+    lines = [line for line in tree.lines() if not line.startswith('begin')]
+    assert tuple(line for line in lines if line in INSTALLED) == INSTALLED
+    assert lines.index('generators') < lines.index('wheels') < lines.index('messages')
+    assert lines.index('compiler') < lines.index('warm') < lines.index('bytes')
+    assert 'by pip' not in lines
+
+
+INSTALLED = ('venv', 'uv', 'compiler', 'generators', 'requirements', 'messages', 'link')
+
+
 @pytest.mark.parametrize(
-    ('changed', 'steps'),
+    ('broken', 'said'),
+    [('uv', 'uv is not to be had here'), ('uv-works', 'uv has not installed it')],
+)
+def test_pip_installs_what_uv_cannot(tree, broken, said):
+    result = tree.run(STAND_IN_BROKEN=broken)
+    assert result.returncode == 7
+    assert result.stderr.count(said) == 1
+    tree.wait_for_kernels()
+    assert tree.lines().count('by pip') == 3
+    assert tree.done() == list(STEPS)
+
+
+@pytest.mark.parametrize(
+    ('changed', 'steps', 'kernels'),
     [
-        ('polar_nav_msgs/msg/Fix.msg', ['messages']),
-        ('polar_nav_msgs/msg/New.msg', ['messages']),
-        ('polar_nav_sim/setup.py', ['link']),
-        ('polar_nav_sim/setup.cfg', ['link']),
-        ('polar_nav_core/polar_nav_core/kernels/frames/earth.py', ['warm']),
-        ('polar_nav_core/polar_nav_core/warm.py', ['warm']),
-        ('requirements.lock', ['requirements', 'messages', 'warm']),
+        ('polar_nav_msgs/msg/Fix.msg', ['wheels', 'messages'], 0),
+        ('polar_nav_msgs/msg/New.msg', ['wheels', 'messages'], 0),
+        ('polar_nav_sim/setup.py', ['link'], 0),
+        ('polar_nav_sim/setup.cfg', ['link'], 0),
+        ('polar_nav_core/polar_nav_core/kernels/frames/earth.py', [], 1),
+        ('polar_nav_core/polar_nav_core/warm.py', [], 1),
+        ('requirements.lock', ['requirements', 'wheels', 'messages'], 1),
     ],
 )
-def test_a_change_redoes_only_what_depends_on_it(tree, changed, steps):
+def test_a_change_redoes_only_what_depends_on_it(tree, changed, steps, kernels):
     tree.run()
     tree.done()
     with (tree.root / changed).open('a') as file:
         file.write('# changed\n')
     assert tree.run().returncode == 7
+    tree.wait_for_kernels()
+    assert tree.lines().count('warm') == kernels
     assert tree.done() == steps
     tree.run()
     assert tree.done() == []
@@ -159,16 +220,16 @@ def test_a_failed_step_shows_its_last_words_and_is_tried_again(tree):
     assert 'tool' not in result.stdout
     tree.done()
     assert tree.run().returncode == 7
-    assert tree.done() == ['messages', 'link', 'warm']
+    assert tree.done() == ['wheels', 'messages', 'link']
 
 
 # Half-installed requirements are thrown away; every other step is done again by itself.
 AFTER = {
-    'venv': list(STEPS),
-    'requirements': list(STEPS),
-    'messages': ['messages', 'link', 'warm'],
-    'link': ['link', 'warm'],
-    'warm': ['warm'],
+    'venv': STEPS,
+    'requirements': STEPS,
+    'wheels': ('wheels', 'messages', 'link'),
+    'messages': ('wheels', 'messages', 'link'),
+    'link': ('link',),
 }
 
 
@@ -187,66 +248,111 @@ def test_an_interrupted_set_up_is_completed(tree, step, how):
         process.send_signal(signal.Signals[f'SIG{how}'])
     process.communicate(timeout=20)
     assert process.returncode == (130 if how in ('INT', 'TERM') else -9)
-    tree.wait_for(f'begin {step}')
+    tree.log.unlink()
     assert tree.run().returncode == 7
-    done = tree.done()
     # After a kill the orphaned step may still have come to its end, before the next call began.
-    expected = AFTER[step]
-    assert done[-len(expected) :] == expected
+    assert set(tree.done()) >= set(AFTER[step])
+    assert (tree.root / '.venv/.polar_setup').read_text().count('\nkernels ') == 1
     tree.run()
     assert tree.done() == []
 
 
-def test_interrupt_ends_the_step_at_once(tree):
-    process = tree.start(STAND_IN_SLOW='requirements')
-    tree.wait_for('begin requirements')
+@pytest.mark.parametrize('step', ['requirements', 'wheels'])
+def test_interrupt_ends_the_step_at_once(tree, step):
+    process = tree.start(STAND_IN_SLOW=step)
+    tree.wait_for(f'begin {step}')
     process.send_signal(signal.SIGINT)
     _, err = process.communicate(timeout=20)
     assert process.returncode == 130
     assert 'the next call completes it' in err
     time.sleep(2.2)
-    assert tree.done() == ['venv']
+    assert step not in tree.done()
 
 
-def test_kernels_are_compiled_beside_the_other_steps(tree):
-    """From when their compiler is installed; then the last step has nothing to do."""
-    process = tree.start(STAND_IN_SLOW='messages', STAND_IN_BROKEN='')
-    tree.wait_for('begin messages')
-    tree.wait_for('early')
+def test_messages_are_built_beside_the_packages(tree):
+    process = tree.start(STAND_IN_SLOW='requirements')
+    tree.wait_for('begin requirements')
+    tree.wait_for('wheels')
+    assert 'requirements' not in tree.lines()
     process.communicate(timeout=20)
     assert process.returncode == 7
-    done = tree.done()
-    assert done.index('early') < done.index('messages')
-    assert sorted(done) == sorted(('early', *STEPS[:-1]))
-    tree.run(STAND_IN_BROKEN='')
-    assert tree.done() == []
+    assert tree.done() == list(STEPS)
 
 
-def test_what_kernels_are_compiled_with_is_pinned():
-    """A name that is not would be left out, and all kernels wait for the last step."""
-    (names,) = re.findall(r'\(pins_of (numba .*)\)', (ROOT / 'polar').read_text())
-    lock = (ROOT / 'requirements.lock').read_text()
-    assert [n for n in names.split() if f'\n{n}==' not in lock] == []
+def test_messages_that_failed_beside_the_packages_are_built_in_their_step(tree):
+    process = tree.start(STAND_IN_SLOW='requirements', STAND_IN_BROKEN='wheels')
+    tree.wait_for('begin wheels')
+    _, err = process.communicate(timeout=20)
+    assert process.returncode == 1
+    assert 'the wheels step broke here' in err
+    assert tree.lines().count('begin wheels') == 2
 
 
-def test_the_step_for_kernels_waits_for_those_compiled_early(tree):
-    result = tree.run(STAND_IN_SLOW='early', STAND_IN_BROKEN='')
-    assert result.returncode == 7
-    assert sorted(tree.done()) == sorted(('early', *STEPS[:-1]))
+def test_the_first_command_does_not_wait_for_kernels(tree):
+    process = tree.run(STAND_IN_SLOW='warm')
+    assert process.returncode == 7
+    assert 'in the background' in process.stderr
+    assert 'begin warm' in tree.lines()
+    assert 'warm' not in tree.lines()
+    assert tree.compiled() == 1
+    result = tree.run()
+    assert (tree.compiled(), result.stderr) == (0, '')
+
+
+@pytest.mark.parametrize('changed', [False, True])
+def test_a_second_call_shares_what_compiles_of_the_same_sources(tree, changed):
+    tree.run(STAND_IN_SLOW='warm')
+    tree.wait_for('begin warm')
+    if changed:
+        with (tree.root / 'polar_nav_core/polar_nav_core/warm.py').open('a') as file:
+            file.write('# changed\n')
+    tree.run()
+    tree.wait_for_kernels()
+    assert tree.lines().count('begin warm') == 1 + changed
+    assert tree.compiled() == 1
+    tree.run()
+    assert tree.compiled() == 0
+
+
+def test_kernels_that_failed_are_tried_again(tree):
+    tree.run(STAND_IN_BROKEN='warm')
+    assert tree.compiled() == 0
+    assert 'the warm step broke' in (tree.root / '.venv' / background.LOG).read_text()
+    tree.run()
+    assert tree.compiled() == 1
+
+
+def test_what_compiles_outlives_the_command_and_its_terminal(tree):
+    tree.run(STAND_IN_SLOW='warm')
+    tree.wait_for('begin warm')
+    group, _ = (tree.root / LOCK).read_text().split()
+    assert int(group) != os.getpgrp()
+    os.killpg(int(group), signal.SIGHUP)
+    assert tree.compiled() == 1
 
 
 @pytest.mark.parametrize('how', ['INT', 'a step fails'])
-def test_what_compiles_early_ends_with_the_set_up(tree, how):
-    broken = 'messages' if how == 'a step fails' else ''
-    process = tree.start(STAND_IN_SLOW='early', STAND_IN_BROKEN=broken)
-    tree.wait_for('begin early')
+def test_what_compiles_ends_with_a_set_up_that_does_not_end_well(tree, how):
+    broken = 'link' if how == 'a step fails' else ''
+    slow = 'warm' if broken else 'messages'
+    process = tree.start(STAND_IN_SLOW=slow, STAND_IN_BROKEN=broken)
+    tree.wait_for(f'begin {slow}')
     if how == 'INT':
         process.send_signal(signal.SIGINT)
     process.communicate(timeout=20)
     assert process.returncode == (130 if how == 'INT' else 1)
-    time.sleep(2.2)
-    assert 'early' not in tree.done()
-    assert tree.run(STAND_IN_BROKEN='').returncode == 7
+    tree.wait_for_kernels()
+    assert tree.run().returncode == 7
+
+
+def test_kernels_and_messages_come_from_pinned_names():
+    """A name that is not in the lock file would be left out, and what needs it would fail."""
+    script = (ROOT / 'polar').read_text().replace('\\\n', '')
+    lock = (ROOT / 'requirements.lock').read_text()
+    lists = re.findall(r'^  install ((?:\S+ *)+)$', script, re.MULTILINE)
+    names = [n.strip("'") for names in lists for n in names.split()]
+    assert len(names) > 15
+    assert [n for n in names if not re.search(f'^{n}==', lock, re.MULTILINE)] == []
 
 
 def test_a_killed_set_up_leaves_nothing_that_waits_for_a_compiler(tree):

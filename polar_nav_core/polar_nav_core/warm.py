@@ -1,7 +1,7 @@
 """Compiles all kernels of nodes and replays into the cache.
 
-``python -m polar_nav_core.warm`` is part of the set-up: a cold compile takes long, and a
-live node would fall behind its sensors meanwhile.
+``python -m polar_nav_core.warm`` is part of the set-up, which goes on with it in the background: a
+cold compile takes long, and a live node would fall behind its sensors meanwhile.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numba.core.registry import CPUDispatcher
 
-from . import earth, local_frame, nav_columns, strapdown
+from . import background, earth, local_frame, nav_columns, strapdown
 from .kernels import cache
 
 if TYPE_CHECKING:
@@ -47,9 +47,11 @@ def telling(say: Callable[[str], None], every_s: float = 10.0) -> Iterator[None]
 
     thread = threading.Thread(target=tell, name='compiling', daemon=True)
     thread.start()
+    before, background.say = background.say, None
     try:
         yield
     finally:
+        background.say = before
         over.set()
         thread.join()
 
@@ -73,11 +75,11 @@ def forgo_blas() -> None:
 def warm_node(handling: str) -> None:
     """Load the kernels of a live SINS node that treats late fixes in one way.
 
-    While not all kernels are compiled it compiles all of them. What the node does not need of the
-    compiler's memory is freed.
+    While not all kernels are compiled it compiles all of them, unless `background` does: then it
+    waits for those it needs. What the node does not need of the compiler's memory is freed.
     """
     done, total = cache.compiled()
-    if done < total:
+    if done < total and not background.compiles():
         warm_filter()
         warm_smoother()
     else:
@@ -276,24 +278,27 @@ def _print_line(text: str) -> None:
 
 
 def _warm_all_but_late_runs() -> None:
-    """Compile station mode and what else there is, the loop without late fixes, and live ones.
+    """Compile station mode and what else there is, and the loop without late fixes.
 
-    By then the other process has compiled most of the kernels that those link.
+    By then the other process has compiled most of the kernels that it links.
     """
     warm_others()
     warm_filter(('tagged',))
-    warm_filter(('clone',), whole=False)
     warm_smoother()
 
 
 def _compile_in_parallel() -> None:
-    """Fill the cache by two processes: the loop with late fixes takes a quarter of the time."""
+    """Fill the cache by two processes: the loop with late fixes takes a quarter of the time.
+
+    First what live nodes need, which may wait for it.
+    """
     from .engine.methods import DELAY_HANDLING
 
     others = multiprocessing.get_context('spawn').Process(target=_warm_all_but_late_runs)
     others.start()
     first = 'clone'  # the loop with late fixes
     with telling(_print_line, every_s=2.0):
+        warm_filter((first,), whole=False)
         warm_filter((first, *(name for name in DELAY_HANDLING if name != first)))
         others.join()
     if others.exitcode:

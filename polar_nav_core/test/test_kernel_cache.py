@@ -182,9 +182,8 @@ def test_a_copy_of_the_sources_loads_what_another_compiled(tmp_path, monkeypatch
     for k, name in enumerate(('first', 'second')):
         package = tmp_path / name / 'polar_nav_core' / 'kernels'
         package.mkdir(parents=True)
-        for file in (KERNELS / 'cache.py', KERNELS / 'inner.py', KERNELS.parent / 'order.py'):
-            shutil.copy(file, package / file.relative_to(KERNELS.parent).name)
-        shutil.move(package / 'order.py', package.parent / 'order.py')
+        for file in ('kernels/cache.py', 'kernels/inner.py', 'order.py', 'background.py'):
+            shutil.copy(KERNELS.parent / file, package.parent / file)
         for folder in (package, package.parent):
             (folder / '__init__.py').touch()
         (package / 'twice.py').write_text(code)

@@ -40,3 +40,15 @@ macro(ros_wheels_leave_out_cpp)
     list(FILTER AMENT_EXTENSIONS_rosidl_generate_idl_interfaces EXCLUDE REGEX "cpp:")
   endif()
 endmacro()
+
+# What most files of the wheel spend their time on is the same headers: a dozen files are compiled as
+# one. Not those of rosidl_generator_c, which name static variables alike.
+function(ros_wheels_compile_together)
+  if(FOR_PYTHON_ONLY)
+    foreach(_part rosidl_typesupport_fastrtps_c rosidl_typesupport_introspection_c
+                  rosidl_typesupport_c rosidl_generator_py)
+      set_target_properties(${PROJECT_NAME}__${_part} PROPERTIES
+        UNITY_BUILD ON UNITY_BUILD_BATCH_SIZE 12)
+    endforeach()
+  endif()
+endfunction()

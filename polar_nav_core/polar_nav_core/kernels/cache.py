@@ -15,6 +15,9 @@ The parent directory is ``$POLAR_NAV_CACHE_DIR``, or ``kernels/`` in the environ
 ``$XDG_CACHE_HOME/polar_nav/kernels``, or ``~/.cache/polar_nav/kernels``. Where none can be
 written, a directory of this user under the system's temporary directory takes its place. Nothing
 but these kernels goes there: numba's own setting is left as the rest of the process wants it.
+
+While ``./polar`` compiles all kernels in the background, a process that misses one waits for it
+(`background`).
 """
 
 from __future__ import annotations
@@ -26,15 +29,16 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
 import llvmlite.binding as llvm
 import numba
-from numba.core.caching import _CacheLocator
+from numba.core.caching import FunctionCache, _CacheLocator
 from numba.core.registry import CPUDispatcher
 
+from .. import background
 from . import inner
 
 F = TypeVar('F', bound=Callable[..., Any])
@@ -106,7 +110,7 @@ def _bases() -> list[Path]:
         return [Path(chosen)]
     prefix = Path(sys.prefix)
     # Code is loaded from there anyway; who may write there may compile for all.
-    bases = [prefix / 'kernels'] if (prefix / OWN_ENVIRONMENT).exists() else []
+    bases = [_of_this_environment()] if (prefix / OWN_ENVIRONMENT).exists() else []
     xdg = os.environ.get('XDG_CACHE_HOME')
     bases += [Path(xdg) / 'polar_nav' / 'kernels'] if xdg else []
     home = os.environ.get('HOME')
@@ -248,6 +252,21 @@ class ByContentForTests(ByContent):
     _suffix = '-entries'
 
 
+class Awaited(FunctionCache):  # type: ignore[misc]  # numba has no types
+    """Cache of a kernel that may be on its way."""
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:  # noqa: ANN401 - numba's
+        """Return the compiled kernel, or None: it has to be compiled here."""
+        found = super().load_overload(sig, target_context)
+        if found is not None or Path(self.cache_path).parent != _of_this_environment():
+            return found
+        return background.awaited(partial(super().load_overload, sig, target_context))
+
+
+def _of_this_environment() -> Path:
+    return Path(sys.prefix) / 'kernels'
+
+
 @contextmanager
 def _kept_by_content(source: Path, locator: type[ByContent]) -> Iterator[None]:
     """Have numba keep there what is decorated meanwhile; an older numba adds the path."""
@@ -282,10 +301,14 @@ def _compile(function: F, *, forceinline: bool, called: int = BY_KERNELS) -> F:
         'no_cpython_wrapper': called == BY_KERNELS,
     }
     locator = ByContentForTests if called == BY_TESTS else ByContent
-    with _kept_by_content(Path(function.__code__.co_filename), locator):
+    source = Path(function.__code__.co_filename)
+    with _kept_by_content(source, locator):
         if called == BY_KERNELS:
             compiled = Inner(function, targetoptions=options, pipeline_class=inner.COMPILER)
         else:
             compiled = CPUDispatcher(function, targetoptions=options)
-        compiled.enable_caching()
+        if called != BY_TESTS and KERNELS in source.parents:  # what the set-up compiles
+            compiled._cache = Awaited(function)
+        else:
+            compiled.enable_caching()
     return cast(F, compiled)

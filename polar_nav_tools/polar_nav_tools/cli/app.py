@@ -12,6 +12,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
+from polar_nav_core import background
 from polar_nav_core.errors import PolarNavError
 from polar_nav_tools.terminal.garbage_collection import collect_rarely
 
@@ -97,6 +98,11 @@ def say(text: str) -> None:
     """Print a message to stderr; stdout is for results."""
     sys.stderr.write(f'polar: {text}\n')
     sys.stderr.flush()
+
+
+def have_the_machine(what: str) -> None:
+    """Wait until no kernels are compiled in the background; `what` begins the line about it."""
+    background.wait(what)
 
 
 def end(exit_status: int) -> NoReturn:

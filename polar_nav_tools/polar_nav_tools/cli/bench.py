@@ -12,7 +12,7 @@ import typer
 
 from polar_nav_core.errors import ConfigError
 
-from .app import app, emit_json, say
+from .app import app, emit_json, have_the_machine, say
 
 if TYPE_CHECKING:
     from ..scoring import Table
@@ -57,6 +57,7 @@ def core(
     """
     from ..benchmarks import machine
 
+    have_the_machine('measurements wait')
     used = machine.pin(processor)  # before anything numerical is loaded
     from ..benchmarks.core import DISTRIBUTIONS, run
 
@@ -101,6 +102,7 @@ def delay(
         raise ConfigError(f'--figure {figure}: the name must end in {", ".join(_PICTURES)}')
     from ..benchmarks import machine
 
+    have_the_machine('measurements wait')
     used = machine.pin(processor)  # before anything numerical is loaded
     from ..benchmarks.delay import DISTRIBUTIONS, run
 
@@ -151,6 +153,7 @@ def replay(
     """
     from ..benchmarks import machine
 
+    have_the_machine('measurements wait')
     used = machine.pin(processor)  # before anything numerical is loaded
     from ..benchmarks.replay import DISTRIBUTIONS, run
 
@@ -188,6 +191,7 @@ def live(
 
     Both ways through the middleware are in it. Only an idle machine shows what the follower does.
     """
+    have_the_machine('measurements wait')
     from ..benchmarks import machine
     from ..benchmarks.live import RATES, run, table
 
@@ -223,6 +227,7 @@ def smooth(
     """
     from ..benchmarks import machine
 
+    have_the_machine('measurements wait')
     used = machine.pin(processor)  # before anything numerical is loaded
     from ..benchmarks.smooth import DISTRIBUTIONS, run
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from .app import app, end
+from .app import app, end, have_the_machine
 
 
 @app.command(
@@ -31,4 +31,5 @@ def run_tests(
     if long and fast:
         raise typer.BadParameter('--long and --fast exclude each other')
     root = source_root(Path.cwd())
+    have_the_machine('tests wait')  # one that waits by itself may come to the end of its time
     end(run_suite(root, long=long, fast=fast, arguments=context.args))

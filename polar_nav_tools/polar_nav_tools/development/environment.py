@@ -8,11 +8,14 @@ under lib/<package> (where ``ros2 run`` looks for them), the marker of the ament
 share/<package> as a link to the sources. Nothing is copied: an edited module, launch file or
 parameter file takes effect at once.
 
+``install``: install by uv what its arguments name, from where and how pip's own settings say.
+
 ``lock``: resolve requirements.in with the running Python and write name==version of all it brings,
 with the sha256 of the files that Python 3.11 and 3.12 take.
 Not ``pip freeze``: the ROS wheels leave metadata of names that pip did not install.
 """
 
+import ast
 import importlib
 import json
 import os
@@ -25,7 +28,7 @@ import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 ROOT = Path(__file__).resolve().parents[3]
 PACKAGES = tuple(
@@ -34,6 +37,29 @@ PACKAGES = tuple(
 PYTHONS = ('3.11', '3.12')
 # The only requirement without a wheel; it is pure Python.
 SDISTS = ('empy',)
+
+UV_OPTIONS = (
+    '--no-deps', '--require-hashes', '--only-binary', ':all:', '--no-binary', *SDISTS,
+    '--no-build-isolation', '--system-certs',
+    # As pip: the best file of all places. Which that is, the hashes decide.
+    '--index-strategy', 'unsafe-best-match',
+)  # fmt: skip
+PIP_SECTIONS = ('global', 'install', ':env:')
+PIP_PLACES = {
+    'index-url': '--default-index',
+    'extra-index-url': '--index',
+    'find-links': '--find-links',
+    'trusted-host': '--allow-insecure-host',
+}
+PIP_SWITCHES = {'no-index': '--no-index', 'no-cache-dir': '--no-cache'}
+PIP_VARIABLES = {
+    'client-cert': ('SSL_CLIENT_CERT',),
+    'proxy': ('HTTP_PROXY', 'HTTPS_PROXY', 'ALL_PROXY'),
+    'default-timeout': ('UV_HTTP_TIMEOUT',),
+    'timeout': ('UV_HTTP_TIMEOUT',),
+    'retries': ('UV_HTTP_RETRIES',),
+}
+"""Settings of pip, and what uv calls them."""
 
 LOCK_HEADER = (
     '# Written by `./polar lock` from requirements.in; the same pins serve Python 3.11 and 3.12.\n'
@@ -140,6 +166,69 @@ def shebang_of(python: str) -> str:
 ' '''"""
 
 
+def install(arguments: Sequence[str]) -> NoReturn:
+    """Become uv, which installs into this environment with the settings that pip has here."""
+    pip = [sys.executable, '-m', 'pip', 'config', 'list']
+    listed = subprocess.run(pip, check=True, stdout=subprocess.PIPE, text=True).stdout
+    options, variables = as_uv_takes_it(pip_settings(listed))
+    uv = str(Path(sys.executable).parent / 'uv')
+    command = [uv, 'pip', 'install', '--python', sys.executable, *UV_OPTIONS, *options]
+    if '--no-cache' not in options and not _writable(_uv_cache()):
+        command.append('--no-cache')
+    os.execve(uv, [*command, *arguments], {**os.environ, **variables})
+
+
+def _uv_cache() -> Path:
+    """Folder where uv keeps what it has fetched."""
+    own = os.environ.get('UV_CACHE_DIR')
+    xdg = os.environ.get('XDG_CACHE_HOME')
+    home = Path(os.environ.get('HOME') or '/')
+    return Path(own) if own else (Path(xdg) if xdg else home / '.cache') / 'uv'
+
+
+def _writable(folder: Path) -> bool:
+    """Whether this folder, or the nearest one above it that exists, can be written."""
+    nearest = next(f for f in (folder, *folder.absolute().parents) if f.exists())
+    return os.access(nearest, os.W_OK)
+
+
+def pip_settings(listed: str) -> dict[str, str]:
+    """Settings of ``pip install`` by name, from what ``pip config list`` prints.
+
+    Sections in the order in which pip reads them: those of a command override those of all, and
+    environment variables override both.
+    """
+    found: dict[str, dict[str, str]] = {section: {} for section in PIP_SECTIONS}
+    for line in listed.splitlines():
+        name, _, value = line.partition('=')
+        section, _, key = name.rpartition('.')
+        if section in found:
+            found[section][key] = str(ast.literal_eval(value))
+    return {key: value for section in found.values() for key, value in section.items()}
+
+
+def as_uv_takes_it(settings: Mapping[str, str]) -> tuple[list[str], dict[str, str]]:
+    """Options and environment variables for uv that say what these settings say to pip."""
+    options = [
+        text
+        for name, option in PIP_PLACES.items()
+        for value in settings.get(name, '').split()
+        for text in (option, value)
+    ]
+    for name, option in PIP_SWITCHES.items():
+        if settings.get(name, '').lower() in ('1', 'true', 'yes', 'on', 'y', 't'):
+            options.append(option)
+    if 'cert' in settings:
+        options += ['--cert', settings['cert']]
+    variables = {
+        variable: settings[name]
+        for name, names in PIP_VARIABLES.items()
+        if name in settings
+        for variable in names
+    }
+    return options, variables
+
+
 def lock() -> None:
     """Write requirements.lock: pins that exist for all supported Pythons, with their hashes."""
     pins = sorted(_reported('-r', str(ROOT / 'requirements.in')))
@@ -188,7 +277,9 @@ if __name__ == '__main__':
     match sys.argv[1:]:
         case ['link']:
             link(Path(sys.prefix))
+        case ['install', *arguments]:
+            install(arguments)
         case ['lock']:
             lock()
         case _:
-            sys.exit(f'usage: {sys.argv[0]} link|lock')
+            sys.exit(f'usage: {sys.argv[0]} link|install|lock')

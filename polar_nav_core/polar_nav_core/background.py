@@ -1,0 +1,87 @@
+"""Whether ``./polar`` compiles all kernels in the background, and how others wait for it.
+
+After the first set-up it does for a minute or two, on both cores. Who needs a kernel meanwhile
+waits until that one is there, in place of compiling it once more.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import re
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+LOCK = '.polar_compiling'
+"""File in an environment that ``./polar`` made: locked while it compiles kernels there."""
+LOG = 'kernels.log'
+"""Log of that beside it."""
+COMPILES = 'POLAR_NAV_COMPILES'
+"""Environment variable of the processes that do."""
+_PROGRESS = re.compile(r'\d+ of \d+ kernels are compiled')
+_LOOK_EVERY_S = 0.2
+_TELL_EVERY_S = 15.0
+
+
+def to_stderr(text: str) -> None:
+    """Write a line."""
+    sys.stderr.write(f'polar: {text}\n')
+    sys.stderr.flush()
+
+
+say: Callable[[str], None] | None = to_stderr
+"""What tells that this process waits; None where something else does."""
+
+
+def compiles() -> bool:
+    """Whether another process compiles all kernels into the cache of this environment."""
+    if os.environ.get(COMPILES):
+        return False
+    try:
+        with (Path(sys.prefix) / LOCK).open('rb') as file:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:  # no such environment, or a file system without locks
+        pass
+    return False
+
+
+def progress() -> str:
+    """Last line of the compilers' log that says how far they are; where there is none, nothing."""
+    try:
+        text = (Path(sys.prefix) / LOG).read_text(encoding='utf-8', errors='replace')
+    except OSError:
+        return ''
+    return next((line for line in reversed(text.splitlines()) if _PROGRESS.fullmatch(line)), '')
+
+
+def awaited(look: Callable[[], Any], what: str = 'waiting') -> Any:  # noqa: ANN401 - what is awaited
+    """Return what *look* finds: at once, or as long as kernels are compiled in the background.
+
+    Parameters
+    ----------
+    look : callable
+        Returns None until there is something.
+    what : str
+        Begin of the line that says so.
+    """
+    found = look()
+    told = None
+    while found is None and compiles():
+        now = time.monotonic()
+        if say is not None and (told is None or now - told >= _TELL_EVERY_S):
+            told = now
+            say(f'{what}: {progress() or "kernels are compiled"} in the background')
+        time.sleep(_LOOK_EVERY_S)
+        found = look()
+    # It may have ended between the last look and the question whether it goes on.
+    return look() if found is None else found
+
+
+def wait(what: str) -> None:
+    """Wait until no kernels are compiled in the background any more."""
+    awaited(lambda: None if compiles() else True, what)
