@@ -7,7 +7,10 @@ import pytest
 from closed_loop import World, inputs_of
 
 from polar_nav_core.engine import run as engine_run
-from polar_nav_core.engine.events import Verdict
+from polar_nav_core.engine.engine import Engine
+from polar_nav_core.engine.events import DvlPing, Verdict
+from polar_nav_core.kernels import watch
+from polar_nav_core.kernels.sins import state as fs
 
 CONFIGURATION = {
     'configuration': 'custom',
@@ -156,3 +159,36 @@ def test_whole_runs_believe_fixes_as_nodes_do(world, inputs):
     np.testing.assert_array_equal(whole.track.P, single.track.P)
     np.testing.assert_array_equal(whole.track.r_e, single.track.r_e)
     assert whole.health == single.health
+
+
+def after_a_ping(world, memory, times):
+    """Covariance after the eleventh ping, whose R is ``times`` the stated one.
+
+    ``memory`` is what is remembered of thirty pings before it, by column; None: what there was.
+    """
+    engine = Engine(world.params(**CONFIGURATION))
+    events = sorted([*world.imu(), *world.dvl()], key=lambda e: e.key)
+    ping = [e for e in events if isinstance(e, DvlPing)][10]
+    end_ns = ping.stamp_ns
+    for event in events:
+        if event.stamp_ns < end_ns:
+            list(engine.process(event))
+    list(engine.advance(end_ns - 1))
+    state = engine.fusion.filter.state
+    for column, value in (memory or {}).items():
+        state.memories[fs.DVL_ROW, watch.SHORT, column] = value
+    list(engine.process(replace(ping, covariance_m=times * ping.covariance_m)))
+    list(engine.advance(end_ns + 1))
+    assert state.tally[fs.DVL_ROW, fs.GATED] == 0.0
+    return state.P.copy()
+
+
+def test_a_ping_that_passes_among_refused_ones_has_the_noise_of_all(world):
+    mostly = {watch.WEIGHT: 30.0, watch.REFUSED: 28.0, watch.NIS: 8.0 * 31.0 - 1.0}
+    seldom = {**mostly, watch.REFUSED: 10.0}
+    full, weak, kept = (after_a_ping(world, m, 1.0) for m in (None, mostly, seldom))
+    np.testing.assert_array_equal(kept, full)
+    assert weak[3, 3] > 1.01 * full[3, 3]
+    keep = np.exp(-1.0 / 30.0)  # the ping itself is remembered before it is weighed
+    mean = (keep * mostly[watch.NIS]) / (keep * 30.0 + 1.0)
+    np.testing.assert_allclose(np.diag(weak), np.diag(after_a_ping(world, None, mean)), rtol=1e-4)

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 
 from ...arrays import Array
+from .. import watch
 from ..cache import entry, kernel, routine
 from ..watch import observe
 from . import state as fs
@@ -25,7 +26,7 @@ from .hindsight import (
     subtract_deviation,
 )
 from .imu import place
-from .reopen import open_gate, opens
+from .reopen import FEWEST, agrees, open_gate, opens
 from .runaway import follow, open_wide, runs_away
 from .shared import forget, learn, residual, whitened
 from .signatures import note
@@ -236,6 +237,26 @@ def _is_out_of_reach(s: State, c: Settings, w: Work, z: Array) -> bool:
 
 
 @kernel
+def _doubt(s: State, c: Settings, w: Work, stream: int, m: int) -> bool:
+    """Enlarge the noise of a local sensor of which most is refused; whether S is definite then.
+
+    What passes the gate does so by chance, at whatever phase of the error it comes, and its stated
+    noise is not that of its stream: R <- R mean(NIS per row) of what came lately, refused or not.
+    """
+    row = s.memories[stream, watch.SHORT]
+    weight = row[watch.WEIGHT]
+    if weight < FEWEST or agrees(s, stream) or not row[watch.NIS] > weight:
+        return True
+    for a in range(m):
+        for b in range(m):
+            w.R[a, b] *= row[watch.NIS] / weight
+    nis = w.nis[0]
+    definite = judge(s, c, w, w.R, m)
+    w.nis[0] = nis
+    return definite
+
+
+@kernel
 def fuse_rows(
     s: State, c: Settings, past: Past, w: Work, log: Log, m: int, stream: int, rank: int
 ) -> int:
@@ -273,6 +294,8 @@ def fuse_rows(
             if not judge(s, c, w, w.R, m):
                 return fs.S_NOT_DEFINITE
             fused = passes(s, c, w, w.z, stream, m)
+    if fused and c.reopen_ns > 0 and stream != fs.FIX_ROW and not _doubt(s, c, w, stream, m):
+        return fs.S_NOT_DEFINITE
     if not fused:
         if s.counting[0]:
             s.tally[stream, fs.GATED] += 1.0
