@@ -379,7 +379,7 @@ set_up() {
   trap stop INT TERM HUP
   mkdir -p "$venv" && touch "$stamp" && : >"$log"
   rm -f -- "$early/messages" # of sources as they were
-  is_done environment && is_done requirements || end_background
+  if ! is_done environment || ! is_done requirements; then end_background; fi
   run_step environment "making .venv with $("$python" --version)" make_environment
   trap end_early EXIT
   if ! is_done requirements; then
