@@ -25,11 +25,11 @@ class Leader:
     def __init__(self, heading=0.0):
         self.drift, self.heading, self.second = Drift(), heading, 0
 
-    def at(self, place, sigma):
+    def at(self, place, sigma, most=1.0):
         self.second += 10
         leader_e = START_E + C_e_G.T @ np.array([*place, 0.0])
         stamp_ns = self.second * 10**9
-        return self.drift.columns(stamp_ns, leader_e, C_e_G, sigma, self.heading)
+        return self.drift.columns(stamp_ns, leader_e, C_e_G, sigma, self.heading, most)
 
 
 def test_columns_are_changes_of_a_way_that_is_turned_and_scaled():
@@ -75,6 +75,18 @@ def test_a_leader_that_does_not_drift_has_no_constant_errors():
     for k in range(5):
         assert not leader.at((100.0 * k, 0.0), 3.0).any()
     assert not leader.at((0.0, 0.0), 0.0).any()
+
+
+def test_the_turn_of_a_leader_that_is_kept_as_unlinked_is_all_constant():
+    """Its heading of now, among the states, has turned nothing of its way."""
+    turns = []
+    for most in (1.0, 0.0):
+        leader = Leader(heading=0.005)
+        leader.at((0.0, 0.0), 1.0)
+        found = leader.at((600.0, 800.0), 6.0, most)
+        turns.append(np.hypot(*found[:2, TURN]))
+    assert turns[1] == pytest.approx(math.sqrt(35.0))
+    assert turns[0] == pytest.approx(math.sqrt(35.0 - 25.0))
 
 
 def test_a_fix_of_the_leader_begins_a_new_drift():

@@ -19,6 +19,7 @@ from polar_nav_core.engine.sins.leader import (
     Smooth,
     columns,
 )
+from polar_nav_core.engine.sins.leader_drift import Link
 from polar_nav_core.link.fields import SIGMA_RATIO
 
 LEADER_E = np.asarray(earth.ecef_from_geodetic(math.radians(84.0), 1.0, -60.0))
@@ -85,19 +86,72 @@ def test_a_covariance_without_the_leader_s_part_stays_whole():
 
 def test_what_the_heading_explains_comes_on_top_of_the_stated_variance():
     turn, drift = np.array([0.0, 0.0, 0.0]), np.array([300.0, 400.0, 0.0])
-    A = columns(6.0, 0.01, turn, drift)
+    A = columns(6.0, 0.01, turn, drift, 1.0)
     np.testing.assert_allclose(A[:, 2], 0.01 * drift)
+    half = columns(6.0, 0.01, turn, drift, 0.5)
+    np.testing.assert_allclose(half[:, 2], 0.005 * drift)
     # The states of position keep their scale wherever the leader turns.
     for way in (drift, np.array([-30.0, 10.0, 0.0]), np.zeros(3)):
-        np.testing.assert_array_equal(columns(6.0, 0.01, turn, way)[:2, :2], 6.0 * np.eye(2))
+        np.testing.assert_array_equal(columns(6.0, 0.01, turn, way, 1.0)[:2, :2], 6.0 * np.eye(2))
     # Not more of it than a sigma of the position.
-    np.testing.assert_allclose(np.linalg.norm(columns(4.8, 0.01, turn, drift)[:, 2]), 4.8)
+    np.testing.assert_allclose(np.linalg.norm(columns(4.8, 0.01, turn, drift, 1.0)[:, 2]), 4.8)
 
 
 def test_a_leader_better_than_its_heading_is_not_dead_reckoned():
     turn, drift = np.array([0.0, 1000.0, 0.0]), np.array([3000.0, 4000.0, 0.0])
-    A = columns(6.0, 0.01, turn, drift)
+    A = columns(6.0, 0.01, turn, drift, Link(keeps=False).at(50.0, 6.0))
     np.testing.assert_array_equal(A, [[6.0, 0.0, 0.0], [0.0, 6.0, 10.0], [0.0, 0.0, 0.0]])
+
+
+def turned_way(places, sigmas, *, keeps=True, saved_after=None):
+    """How far one sigma of heading moves fixes by the leader's way [m], one number per place.
+
+    The leader is that many metres ahead of where it began, with a heading sigma of 0.01 rad.
+    """
+    leader = LeaderError(3600.0, keeps=keeps)
+    ahead_e = C_e_G.T @ np.array([0.0, 1.0, 0.0])
+    found = []
+    for number, (place, sigma) in enumerate(zip(places, sigmas, strict=True), 1):
+        leader_e = LEADER_E + place * ahead_e
+        fix = fix_of(np.array([800.0, 0.0, 0.0]), leader_e, sigma, number=number)
+        turn_e = 0.01 * np.cross(grid.ecef_to_grid(leader_e)[2], fix.relative_e)
+        found.append(np.linalg.norm(leader.split(fix).columns_e[:, 2] - turn_e))
+        if number == saved_after:
+            values = leader.packed()
+            leader = LeaderError(3600.0, keeps=keeps)
+            leader.unpack(values)
+    return np.array(found)
+
+
+OUT_AND_BACK = (0.0, 30.0, 1000.0, 1002.0, 100.0, 0.0, 120.0), (1.0, 1.0, *[2.0] * 5)
+
+
+def test_a_leader_that_something_else_holds_stays_so_when_it_is_back():
+    """Far out its packets show it; near its start they cannot, nor has its heading changed."""
+    found = turned_way(*OUT_AND_BACK)
+    assert found[1] == pytest.approx(0.3, rel=1e-3)
+    np.testing.assert_allclose(found[2:], 0.0, atol=1e-6)
+    np.testing.assert_array_equal(turned_way(*OUT_AND_BACK, saved_after=4), found)
+
+
+def test_up_to_engine_8_present_packets_alone_tell():
+    found = turned_way(*OUT_AND_BACK, keeps=False)
+    np.testing.assert_allclose(found[2:], [0.0, 0.0, 1.0, 0.0, 1.2], rtol=1e-3, atol=1e-6)
+
+
+def test_one_packet_is_no_proof_that_something_else_holds_a_leader():
+    places = 0.0, 100.0, 1000.0, 102.0, 1000.0, 104.0, 1000.0, 1000.0, 106.0
+    found = turned_way(places, [2.0] * len(places))
+    expected = [0.0, 1.0, 0.0, 1.02, 0.0, 1.04, 0.0, 0.0, 0.0]
+    np.testing.assert_allclose(found, expected, rtol=1e-3, atol=1e-6)
+
+
+def test_of_a_leader_that_may_be_linked_in_part_nothing_is_kept():
+    """A heading that wanders, and smoothed sigmas: as with a leader that dead reckons by it."""
+    link = Link(keeps=True)
+    degrees = [link.at(by_heading, 10.0) for by_heading in (10.0, 15.0, 15.9, 15.0, 10.0)]
+    np.testing.assert_allclose(degrees, [1.0, 0.2, 0.02, 0.2, 1.0])
+    assert link.most == 1.0
 
 
 def rounded(sigma):

@@ -107,6 +107,7 @@ _FIRST: dict[str, Any] = {
     'leader_drift_sigma': 0.0,
     'leader_error_tau': 0.0,
     'leader_id': 1,
+    'leader_link': 'present',
     'lockstep': False,
     'lost_radius': 1000.0,
     'magnetic_year': 0.0,
@@ -251,6 +252,9 @@ _SINCE: dict[int, dict[str, Any]] = {
     },
     8: {
         'imu_missing': 'interpolated',
+    },
+    9: {
+        'leader_link': 'kept',
     },
 }
 """By engine version: what changed with it. A version with new defaults counts up (version.py)."""

@@ -99,12 +99,38 @@ def test_packets_tell_what_kind_of_leader_sent_them():
     assert own.array_deg is None
     assert own.heading_deg == pytest.approx(math.degrees(0.005 * math.sqrt(0.7)), rel=0.06)
     compass = stated('gyrocompass, circling')
-    assert compass.array_deg == pytest.approx(experiment.SCENARIOS[7].leader.array_deg, rel=0.06)
+    assert compass.array_deg == pytest.approx(experiment._OCTANS_DEG, rel=0.06)
     assert 4e-4 < compass.scale < math.radians(0.034)  # scale and wandering heading of its way
     assert compass.scale == pytest.approx(math.radians(compass.heading_deg))
     still = stated('3 m, constant')
     assert 3.0 <= still.start_m < 3.2
     assert (still.heading_deg, still.scale, still.slow_mps, still.array_deg) == (0.0,) * 4
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('own_sigmas', [two_vehicles.SIGMAS, two_vehicles.CALM])
+def test_what_holds_a_leader_far_out_holds_it_back_at_its_start(own_sigmas):
+    """Taken for dead reckoned along its array's heading there, it makes a follower too sure."""
+    scenario = _scenario('gyrocompass, racetrack')
+    fixes = two_vehicles.moments(scenario, own_sigmas)
+    kept, present = (
+        two_vehicles.expected(
+            scenario.leader, fixes, own_sigmas, two_vehicles.three_states(fixes, keeps=keeps)
+        )[1]
+        for keeps in (True, False)
+    )
+    assert kept.rms < 0.9 * present.rms
+    assert kept.position < 0.45 * present.position
+    assert present.position > 2.5
+
+
+def test_nothing_is_kept_of_a_leader_that_dead_reckons_along_its_heading():
+    scenario = dataclasses.replace(_scenario('0.5 %, racetrack'), duration_s=2400.0)
+    fixes = two_vehicles.moments(scenario, two_vehicles.CALM)
+    kept, present = (two_vehicles.three_states(fixes, keeps=keeps).rows for keeps in (True, False))
+    for a, b in zip(kept, present, strict=True):
+        np.testing.assert_array_equal(a.H, b.H)
+        np.testing.assert_array_equal(a.constants, b.constants)
 
 
 @pytest.mark.slow

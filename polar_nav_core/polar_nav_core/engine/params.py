@@ -228,6 +228,12 @@ class EngineParams(IdentificationParams, StationParams, LimitParams, HeadingPara
         'Of what the position error of a leader has grown by, in its stated sigmas: 1-sigma of '
         'constant errors (turn and scale of its way, start) that enlarge what is published',
     )
+    leader_link: str = choice(
+        'kept',
+        ('kept', 'present'),
+        'A leader whose packets show once that something else than dead reckoning along its '
+        'stated heading holds it: kept for good, or present packets alone tell (up to engine 8)',
+    )
     fix_range_scale_sigma: float = sigma(
         0.005, '', 0.5, '1-sigma of a scale error that all ranges share (sound speed)'
     )

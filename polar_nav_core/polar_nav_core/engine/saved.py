@@ -22,7 +22,7 @@ from .away import Seen
 from .events import Array, InitialState
 
 _MAGIC: Final = b'POLARNAV'
-VERSION: Final = 4
+VERSION: Final = 5
 """Of the format of the bytes; older ones are read, too."""
 SINCE: Final[dict[int, dict[str, tuple[str, tuple[int, ...]]]]] = {
     2: {'sins 24': ('leader', (20,)), 'station 12': ('loose', (6,))},
@@ -32,6 +32,7 @@ SINCE: Final[dict[int, dict[str, tuple[str, tuple[int, ...]]]]] = {
 """By format and layout: array that older ones did not have, its shape; zeros: nothing known."""
 GROWN: Final[dict[int, dict[str, dict[str, tuple[int, ...]]]]] = {
     3: {'sins 24': {'leader': (27,), 'sensitivity': (24, 16)}},
+    5: {'sins 24': {'leader': (28,)}},
 }
 """By format and layout: arrays that were shorter in older ones, their shapes; zeros as above."""
 _HEAD: Final = struct.Struct('<8sH32sQ')

@@ -14,7 +14,7 @@ import numpy as np
 from ... import grid
 from ...link.fields import SIGMA_RATIO
 from ..events import Array, Fix
-from .leader_drift import COLUMNS, Drift, link
+from .leader_drift import COLUMNS, Drift, Link
 
 ROUNDING = 1.0 / 1.13
 """Share of a stated variance that is sure to be there: a packet rounds sigmas up by 6 %."""
@@ -42,6 +42,7 @@ _BOUNDS = np.array(
         *((0.0, _INFINITE), (0.0, 1e19), (1e-9, _INFINITE)),
         *[(-1e8, 1e8)] * 3,
         *((0.0, 1e9), (0.0, 1e9), (0.0, 1e19), (0.0, 1e8)),
+        (0.0, 2.0),
     ]
 )
 """Least and largest of each number of `LeaderError.packed`."""
@@ -189,14 +190,17 @@ class LeaderError:
     ----------
     tau_s : float
         Correlation time of the leader's errors [s]; 0: all of a fix's error is its own.
+    keeps : bool
+        As of `Link`.
     """
 
-    def __init__(self, tau_s: float) -> None:
+    def __init__(self, tau_s: float, *, keeps: bool = True) -> None:
         self._on = tau_s > 0.0
         self._start_e: Array | None = None
         self._position, self._heading = Smooth(tau_s), Smooth(tau_s)
         self._growth = Growth(tau_s)
         self._drift = Drift()
+        self._link = Link(keeps=keeps)
         self._known: OrderedDict[tuple[int, int, int], Split] = OrderedDict()
 
     @property
@@ -205,11 +209,11 @@ class LeaderError:
         return self._start_e is not None
 
     def packed(self) -> Array:
-        """All that was heard of the leader, finite numbers (27,), for `unpack`; zeros: nothing."""
+        """All that was heard of the leader, finite numbers (28,), for `unpack`; zeros: nothing."""
         if self._start_e is None:
             return np.zeros(HEARD)
         heard = [*self._position.packed(), *self._heading.packed(), *self._growth.packed()]
-        heard += self._drift.packed()
+        heard += [*self._drift.packed(), *self._link.packed()]
         packed: Array = np.clip([*self._start_e, *heard], -_INFINITE, _INFINITE)
         return packed
 
@@ -223,7 +227,8 @@ class LeaderError:
         self._position.unpack(heard[3:10])
         self._heading.unpack(heard[10:17])
         self._growth.unpack(heard[17:20])
-        self._drift.unpack(heard[20:])
+        self._drift.unpack(heard[20:27])
+        self._link.unpack(heard[27:])
 
     def split(self, fix: Fix) -> Split:
         """Split of the error of a fix; fixes come in the order of reception, some repeatedly.
@@ -248,8 +253,12 @@ class LeaderError:
         drift_G = _across(C_e_G @ (leader_e - self._start_e))
         sigma = self._position.at(fix.validity_ns, fix.leader_sigma)
         heading = self._heading.at(fix.validity_ns, fix.leader_heading_sigma)
-        columns_G = columns(sigma, heading, turn_G, drift_G)
-        constants_G = self._drift.columns(fix.validity_ns, leader_e, C_e_G, sigma, heading)
+        by_heading = heading * math.hypot(drift_G[0], drift_G[1])
+        linked = self._link.at(by_heading, sigma) if sigma > 0.0 else 0.0
+        columns_G = columns(sigma, heading, turn_G, drift_G, linked)
+        constants_G = self._drift.columns(
+            fix.validity_ns, leader_e, C_e_G, sigma, heading, self._link.most
+        )
         rest_G = C_e_G @ fix.covariance_e @ C_e_G.T
         fast = self._growth.at(fix.validity_ns, sigma)
         level = np.diag([1.0, 1.0, 0.0])
@@ -275,7 +284,9 @@ def _across(r_G: Array) -> Array:
     return np.array([-r_G[1], r_G[0], 0.0])
 
 
-def columns(position: float, heading: float, turn_G: Array, drift_G: Array) -> Array:
+def columns(
+    position: float, heading: float, turn_G: Array, drift_G: Array, linked: float
+) -> Array:
     """Columns of `Split` in grid axes, (3, 3) [m].
 
     Where the leader may have dead reckoned along its heading, the heading's error has turned the
@@ -289,6 +300,8 @@ def columns(position: float, heading: float, turn_G: Array, drift_G: Array) -> A
         1-sigma of the leader's position per horizontal axis [m], of its heading [rad].
     turn_G, drift_G : (3,) arrays
         Change of the fix per radian of turn: of the array, of the leader's way so far [m].
+    linked : float
+        Degree, 0 to 1, to which its position is dead reckoned along that heading (`Link`).
     """
     A = np.zeros((3, 3))
     A[0, 0] = A[1, 1] = position
@@ -296,8 +309,7 @@ def columns(position: float, heading: float, turn_G: Array, drift_G: Array) -> A
     distance = math.hypot(drift_G[0], drift_G[1])
     by_heading = heading * distance
     if by_heading > 0.0 and position > 0.0:
-        linked = link(by_heading, position) * by_heading
-        A[:2, 2] += min(linked, position) * drift_G[:2] / distance
+        A[:2, 2] += min(linked * by_heading, position) * drift_G[:2] / distance
     return A
 
 

@@ -18,6 +18,8 @@ FALL = 0.2
 UNLINKED = (1.1, 1.6)
 """Heading sigma times distance, over position sigma: up to the first the position is taken for
 dead reckoned along that heading, from the second on for held by something else."""
+SHOWN = 2.0
+"""So many packets in a row have to show the latter for it to be kept (`Link`)."""
 
 
 def link(by_heading: float, position: float) -> float:
@@ -30,6 +32,44 @@ def link(by_heading: float, position: float) -> float:
     """
     low, high = UNLINKED
     return min(1.0, max(0.0, (high - by_heading / position) / (high - low)))
+
+
+class Link:
+    """Degree to which a leader's position is dead reckoned along its stated heading, so far.
+
+    A leader that was far enough for its packets to show that something else holds it stays so when
+    it comes back to where it began, where `link` could not tell. One packet that is off is no
+    proof: it takes two in a row, and of a leader that may be linked in part nothing is kept.
+
+    Parameters
+    ----------
+    keeps : bool
+        False: present packets alone tell, as up to engine 8.
+    """
+
+    def __init__(self, *, keeps: bool) -> None:
+        self._keeps = keeps
+        self._shown = 0.0  # packets in a row that showed it, up to those it takes
+
+    @property
+    def most(self) -> float:
+        """Largest degree that the packets so far allow: 1, or 0 for good."""
+        return float(self._shown < SHOWN)
+
+    def packed(self) -> list[float]:
+        """What it has heard, one number, for `unpack`."""
+        return [self._shown]
+
+    def unpack(self, values: list[float]) -> None:
+        """Replace what it has heard; zero is nothing."""
+        (self._shown,) = values
+
+    def at(self, by_heading: float, position: float) -> float:
+        """Degree at a packet, with arguments as of `link` (position > 0)."""
+        degree = link(by_heading, position)
+        if self._keeps and self._shown < SHOWN:
+            self._shown = self._shown + 1.0 if degree == 0.0 else 0.0
+        return min(self.most, degree)
 
 
 class Drift:
@@ -57,7 +97,13 @@ class Drift:
         self._start_e, self._newest_ns = np.array(start_e), int(newest_ns)
 
     def columns(
-        self, stamp_ns: int, leader_e: Array, C_e_G: Array, sigma: float, heading: float
+        self,
+        stamp_ns: int,
+        leader_e: Array,
+        C_e_G: Array,
+        sigma: float,
+        heading: float,
+        most: float = 1.0,
     ) -> Array:
         """Change of a fix per sigma of each constant error, (3, COLUMNS), grid axes [m].
 
@@ -71,6 +117,8 @@ class Drift:
             Grid axes there.
         sigma, heading : float
             1-sigma of its position per horizontal axis [m], of its heading [rad].
+        most : float
+            `Link.most`.
         """
         columns = np.zeros((3, COLUMNS))
         if not sigma > 0.0:
@@ -88,7 +136,7 @@ class Drift:
             return columns
         rate = math.sqrt(grown) / self._farthest
         # Of a linked leader the filter has the turn of the way among its states (leader.columns).
-        by_states = link(heading * self._farthest, sigma) * heading
+        by_states = min(most, link(heading * self._farthest, sigma)) * heading
         turn = math.sqrt(max(0.0, rate * rate - by_states * by_states))
         columns[:2, 0] = -turn * way_G[1], turn * way_G[0]
         columns[:2, 1] = rate * way_G[:2]

@@ -23,7 +23,7 @@ import numpy as np
 
 from polar_nav_core.engine.events import Array
 from polar_nav_core.engine.sins.leader import Growth, Smooth, columns
-from polar_nav_core.engine.sins.leader_drift import COLUMNS, Drift, link
+from polar_nav_core.engine.sins.leader_drift import COLUMNS, Drift, Link, link
 
 from . import leader as lead
 from .experiment import SCENARIOS, Scenario
@@ -172,10 +172,12 @@ def stated_leader(fixes: Sequence[Moment]) -> Leader:
     return replace(drifting, heading_deg=math.degrees(heading), array_deg=None)
 
 
-def three_states(fixes: Sequence[Moment], shape: Shape | None = None) -> Filter:
-    """Filter with the engine's three states; ``shape`` gives other columns."""
+def three_states(
+    fixes: Sequence[Moment], shape: Shape | None = None, *, keeps: bool = True
+) -> Filter:
+    """Filter with the engine's three states; ``shape``: other columns, ``keeps``: as of `Link`."""
     smooth = Smooth(TAU_S), Smooth(TAU_S)
-    growth, drift = Growth(TAU_S), Drift()
+    growth, drift, held = Growth(TAU_S), Drift(), Link(keeps=keeps)
     decay = math.exp(-_DT / TAU_S)
 
     def rows() -> Iterator[Rows]:
@@ -183,10 +185,12 @@ def three_states(fixes: Sequence[Moment], shape: Shape | None = None) -> Filter:
             sigma = smooth[0].at(m.stamp_ns, m.sigma)
             heading = smooth[1].at(m.stamp_ns, m.heading)
             turn, turned_way = _level(across(m.line)), _level(across(m.way))
-            A = columns(sigma, heading, turn, turned_way)[:2]
+            linked = held.at(heading * math.hypot(*m.way), sigma) if sigma > 0.0 else 0.0
+            A = columns(sigma, heading, turn, turned_way, linked)[:2]
             if shape is not None:
                 A = shape(m, sigma, heading, A)
-            constants = drift.columns(m.stamp_ns, _level(m.way), np.eye(3), sigma, heading)[:2]
+            place = m.stamp_ns, _level(m.way), np.eye(3)
+            constants = drift.columns(*place, sigma, heading, held.most)[:2]
             H = np.hstack([np.eye(2, OWN), -A])
             Q = np.concatenate([m.own[1], np.full(3, 1.0 - decay**2)])
             R = WHITE + growth.at(m.stamp_ns, sigma) * np.eye(2)
