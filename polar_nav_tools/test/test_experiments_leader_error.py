@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from polar_nav_core.errors import ConfigError
+from polar_nav_core.grid import ecef_to_grid
 from polar_nav_tools.experiments.leader_error import experiment, nearer, two_vehicles
 from polar_nav_tools.experiments.leader_error.leader import Leader, make_leader_world, rounded
 from polar_nav_tools.experiments.request import Request, Size
@@ -27,6 +28,18 @@ def test_fixes_of_leaders_are_off_by_what_their_packets_state():
         line = np.linalg.norm([f.relative_e for f in fixes], axis=1)
         np.testing.assert_allclose(line, 1500.0)
     assert 0.4 < np.mean(squares) < 1.7  # 60 degrees of freedom, sigmas rounded up
+
+
+def test_a_leader_at_one_side_sails_the_follower_s_way():
+    spec = WorldSpec(duration_s=900.0, mission='racetrack')
+    world = make_leader_world(spec, Leader(place='east'), 1)
+    fixes = world.inputs.fixes
+    truth = world.truth.state(np.array([f.validity_ns for f in fixes]))
+    courses = np.degrees(np.arctan2(truth.v_G[:, 0], truth.v_G[:, 1]))
+    assert np.ptp(courses) > 150.0
+    C_e_G = np.asarray(ecef_to_grid(truth.r_e))
+    line_G = np.einsum('nij,nj->ni', C_e_G, np.array([f.relative_e for f in fixes]))
+    np.testing.assert_allclose(line_G, np.tile([-1000.0, 0.0, 0.0], (len(fixes), 1)), atol=1e-6)
 
 
 def test_rounding_is_upwards_and_at_most_a_step():

@@ -51,7 +51,8 @@ class Leader:
     range_m : float
         From the leader to the follower.
     place : str
-        Where the leader is: 'abeam' to starboard, 'ahead', or 'circling' once in 30 min.
+        Where the leader is: 'abeam' to starboard, 'ahead', 'circling' once in 30 min, or to grid
+        'east' on every course.
     """
 
     heading_deg: float = 0.034
@@ -94,10 +95,11 @@ class Broadcasts:
 def lines(leader: Leader, time_s: Array, truth: TruthState) -> Array:
     """Leader to follower at times, (k, 3), grid axes [m]."""
     ahead = truth.v_G[:, :2] / np.linalg.norm(truth.v_G[:, :2], axis=1)[:, None]
-    angle = {'abeam': 90.0, 'ahead': 180.0, 'circling': 0.0}[leader.place]
+    angle = {'abeam': 90.0, 'ahead': 180.0, 'circling': 0.0, 'east': 90.0}[leader.place]
     turn = np.full(len(time_s), math.radians(angle))
     if leader.place == 'circling':
         turn = turn + 2.0 * math.pi * time_s / 1800.0
+    if leader.place in ('circling', 'east'):
         ahead = np.tile([0.0, 1.0], (len(time_s), 1))  # as seen from outside
     c, s = np.cos(turn), np.sin(turn)
     flat = np.column_stack(

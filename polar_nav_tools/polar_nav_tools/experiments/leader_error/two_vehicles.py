@@ -280,10 +280,13 @@ def _velocity(scenario: Scenario, now: float) -> Array:
 
 
 def _line(leader: Leader, now: float) -> Array:
-    angle = {'abeam': math.pi, 'ahead': 1.5 * math.pi, 'circling': 2.0 * math.pi * now / 1800.0}
-    return leader.range_m * np.array(
-        [math.cos(angle[leader.place]), math.sin(angle[leader.place])]
-    )
+    angle = {
+        'abeam': math.pi,
+        'ahead': 1.5 * math.pi,
+        'circling': 2.0 * math.pi * now / 1800.0,
+        'east': math.pi,
+    }[leader.place]
+    return leader.range_m * np.array([math.cos(angle), math.sin(angle)])
 
 
 def _own_step(v: Array, sigmas: Array) -> tuple[Array, Array]:
