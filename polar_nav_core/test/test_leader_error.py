@@ -99,7 +99,7 @@ def test_what_the_heading_explains_comes_on_top_of_the_stated_variance():
 
 def test_a_leader_better_than_its_heading_is_not_dead_reckoned():
     turn, drift = np.array([0.0, 1000.0, 0.0]), np.array([3000.0, 4000.0, 0.0])
-    A = columns(6.0, 0.01, turn, drift, Link(keeps=False).at(50.0, 6.0))
+    A = columns(6.0, 0.01, turn, drift, Link(keeps=False).at(50.0, 6.0, 0.0))
     np.testing.assert_array_equal(A, [[6.0, 0.0, 0.0], [0.0, 6.0, 10.0], [0.0, 0.0, 0.0]])
 
 
@@ -129,7 +129,7 @@ OUT_AND_BACK = (0.0, 30.0, 1000.0, 1002.0, 100.0, 0.0, 120.0), (1.0, 1.0, *[2.0]
 def test_a_leader_that_something_else_holds_stays_so_when_it_is_back():
     """Far out its packets show it; near its start they cannot, nor has its heading changed."""
     found = turned_way(*OUT_AND_BACK)
-    assert found[1] == pytest.approx(0.3, rel=1e-3)
+    assert found[1] == pytest.approx(math.sqrt(SIGMA_RATIO - 1.0), rel=1e-3)
     np.testing.assert_allclose(found[2:], 0.0, atol=1e-6)
     np.testing.assert_array_equal(turned_way(*OUT_AND_BACK, saved_after=4), found)
 
@@ -141,15 +141,24 @@ def test_up_to_engine_8_present_packets_alone_tell():
 
 def test_one_packet_is_no_proof_that_something_else_holds_a_leader():
     places = 0.0, 100.0, 1000.0, 102.0, 1000.0, 104.0, 1000.0, 1000.0, 106.0
-    found = turned_way(places, [2.0] * len(places))
+    found = turned_way(places, [1.0, *[2.0] * (len(places) - 1)])
     expected = [0.0, 1.0, 0.0, 1.02, 0.0, 1.04, 0.0, 0.0, 0.0]
     np.testing.assert_allclose(found, expected, rtol=1e-3, atol=1e-6)
+
+
+def test_a_heading_has_brought_about_no_more_than_sigma_has_grown_by():
+    places, sigmas = (0.0, 100.0, 150.0, 300.0), (1.0, 1.0, 1.5, 3.4)
+    most = [math.sqrt(SIGMA_RATIO * sigma**2 - 1.0) for sigma in sigmas]
+    found = turned_way(places, sigmas)
+    np.testing.assert_allclose(found, [0.0, most[1], most[2], 3.0], rtol=1e-3, atol=1e-9)
+    before = turned_way(places, sigmas, keeps=False)
+    np.testing.assert_allclose(before, [0.0, 1.0, 1.5, 3.0], rtol=1e-3, atol=1e-9)
 
 
 def test_of_a_leader_that_may_be_linked_in_part_nothing_is_kept():
     """A heading that wanders, and smoothed sigmas: as with a leader that dead reckons by it."""
     link = Link(keeps=True)
-    degrees = [link.at(by_heading, 10.0) for by_heading in (10.0, 15.0, 15.9, 15.0, 10.0)]
+    degrees = [link.at(by_heading, 10.0, 10.0) for by_heading in (10.0, 15.0, 15.9, 15.0, 10.0)]
     np.testing.assert_allclose(degrees, [1.0, 0.2, 0.02, 0.2, 1.0])
     assert link.most == 1.0
 

@@ -132,18 +132,22 @@ def test_what_holds_a_leader_far_out_holds_it_back_at_its_start(own_sigmas):
         )[1]
         for keeps in (True, False)
     )
-    assert kept.rms < 0.9 * present.rms
-    assert kept.position < 0.45 * present.position
+    assert kept.rms < 0.85 * present.rms
+    assert 0.7 < kept.position < 1.1
     assert present.position > 2.5
 
 
 def test_nothing_is_kept_of_a_leader_that_dead_reckons_along_its_heading():
     scenario = dataclasses.replace(_scenario('0.5 %, racetrack'), duration_s=2400.0)
     fixes = two_vehicles.moments(scenario, two_vehicles.CALM)
-    kept, present = (two_vehicles.three_states(fixes, keeps=keeps).rows for keeps in (True, False))
-    for a, b in zip(kept, present, strict=True):
-        np.testing.assert_array_equal(a.H, b.H)
+    kept, present = (
+        list(two_vehicles.three_states(fixes, keeps=keeps).rows) for keeps in (True, False)
+    )
+    for m, a, b in zip(fixes, kept, present, strict=True):
         np.testing.assert_array_equal(a.constants, b.constants)
+        if m.stamp_ns > 400 * 10**9:  # its sigma has grown to four times that of the start
+            np.testing.assert_array_equal(a.H, b.H)
+        np.testing.assert_allclose(a.H, b.H, atol=0.15)
 
 
 @pytest.mark.slow

@@ -231,8 +231,9 @@ class EngineParams(IdentificationParams, StationParams, LimitParams, HeadingPara
     leader_link: str = choice(
         'kept',
         ('kept', 'present'),
-        'A leader whose packets show once that something else than dead reckoning along its '
-        'stated heading holds it: kept for good, or present packets alone tell (up to engine 8)',
+        'What the stated heading of a leader may have turned of its way. kept: what its sigma has '
+        'grown by, and nothing for good once packets show that something else holds it; present: '
+        'what the present packet allows (up to engine 8)',
     )
     fix_range_scale_sigma: float = sigma(
         0.005, '', 0.5, '1-sigma of a scale error that all ranges share (sound speed)'

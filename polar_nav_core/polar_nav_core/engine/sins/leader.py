@@ -254,7 +254,8 @@ class LeaderError:
         sigma = self._position.at(fix.validity_ns, fix.leader_sigma)
         heading = self._heading.at(fix.validity_ns, fix.leader_heading_sigma)
         by_heading = heading * math.hypot(drift_G[0], drift_G[1])
-        linked = self._link.at(by_heading, sigma) if sigma > 0.0 else 0.0
+        grown = self._drift.grown(sigma)
+        linked = self._link.at(by_heading, sigma, grown) if sigma > 0.0 else 0.0
         columns_G = columns(sigma, heading, turn_G, drift_G, linked)
         constants_G = self._drift.columns(
             fix.validity_ns, leader_e, C_e_G, sigma, heading, self._link.most

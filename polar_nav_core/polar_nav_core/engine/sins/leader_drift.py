@@ -9,6 +9,7 @@ import math
 
 import numpy as np
 
+from ...link.fields import SIGMA_RATIO
 from ..events import Array
 
 COLUMNS = 4
@@ -39,7 +40,8 @@ class Link:
 
     A leader that was far enough for its packets to show that something else holds it stays so when
     it comes back to where it began, where `link` could not tell. One packet that is off is no
-    proof: it takes two in a row, and of a leader that may be linked in part nothing is kept.
+    proof: it takes two in a row, and of a leader that may be linked in part nothing is kept. Nor
+    has a heading brought about more than the position's sigma has grown by.
 
     Parameters
     ----------
@@ -64,12 +66,14 @@ class Link:
         """Replace what it has heard; zero is nothing."""
         (self._shown,) = values
 
-    def at(self, by_heading: float, position: float) -> float:
-        """Degree at a packet, with arguments as of `link` (position > 0)."""
+    def at(self, by_heading: float, position: float, grown: float) -> float:
+        """Degree at a packet, with arguments as of `link` (position > 0) and `Drift.grown`."""
         degree = link(by_heading, position)
-        if self._keeps and self._shown < SHOWN:
+        if not self._keeps:
+            return degree
+        if self._shown < SHOWN:
             self._shown = self._shown + 1.0 if degree == 0.0 else 0.0
-        return min(self.most, degree)
+        return min(self.most, degree, grown / by_heading) if by_heading > 0.0 else self.most
 
 
 class Drift:
@@ -95,6 +99,11 @@ class Drift:
         """Replace what it has heard; zeros are nothing."""
         *start_e, self._start, self._newest, newest_ns, self._farthest = values
         self._start_e, self._newest_ns = np.array(start_e), int(newest_ns)
+
+    def grown(self, sigma: float) -> float:
+        """Most by which a sigma has grown since the drift began [m]; both were rounded."""
+        least = self._start if self._start > 0.0 else sigma
+        return math.sqrt(max(0.0, SIGMA_RATIO * sigma * sigma - least * least))
 
     def columns(
         self,

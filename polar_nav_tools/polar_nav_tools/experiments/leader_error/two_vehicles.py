@@ -185,7 +185,8 @@ def three_states(
             sigma = smooth[0].at(m.stamp_ns, m.sigma)
             heading = smooth[1].at(m.stamp_ns, m.heading)
             turn, turned_way = _level(across(m.line)), _level(across(m.way))
-            linked = held.at(heading * math.hypot(*m.way), sigma) if sigma > 0.0 else 0.0
+            by_heading = heading * math.hypot(*m.way)
+            linked = held.at(by_heading, sigma, drift.grown(sigma)) if sigma > 0.0 else 0.0
             A = columns(sigma, heading, turn, turned_way, linked)[:2]
             if shape is not None:
                 A = shape(m, sigma, heading, A)
