@@ -131,8 +131,16 @@ def struck(inputs, start_s=20.0):
     return replace(inputs, f_b=inputs.f_b + hit)
 
 
+def without_depths(inputs):
+    """The same measurements, of depths only those of the first second."""
+    k = int(np.searchsorted(inputs.depth_stamps_ns, inputs.depth_stamps_ns[0] + 10**9))
+    names = ('depth_stamps_ns', 'depth', 'depth_variance')
+    return replace(inputs, **{name: getattr(inputs, name)[:k] for name in names})
+
+
 def test_fixes_are_believed_where_the_watchdog_doubts_dvl_or_imu(world, inputs):
-    result, shut = run(world, struck(inputs)), run(world, struck(inputs), reopen_after_s=0.0)
+    off = without_depths(struck(inputs))
+    result, shut = run(world, off), run(world, off, reopen_after_s=0.0)
     sentences = {p.condition.sentence for h in result.health for p in h.present}
     assert any(s.startswith('position fixes were refused until') for s in sentences)
     errors = [np.linalg.norm(r.track.r_e[-1] - world.r_e[-1]) for r in (result, shut)]
@@ -192,3 +200,22 @@ def test_a_ping_that_passes_among_refused_ones_has_the_noise_of_all(world):
     keep = np.exp(-1.0 / 30.0)  # the ping itself is remembered before it is weighed
     mean = (keep * mostly[watch.NIS]) / (keep * 30.0 + 1.0)
     np.testing.assert_allclose(np.diag(weak), np.diag(after_a_ping(world, None, mean)), rtol=1e-4)
+
+
+def first_opening_s(result, start_s=20.0):
+    """Time from a blow to the first look that finds the DVL's gate opened again [s]."""
+    for h in result.health:
+        if any(p.condition.key == 'DVL reopened' for p in h.present):
+            return (h.stamp_ns - result.track.stamps_ns[0]) * 1e-9 - start_s
+    return np.inf
+
+
+def test_pings_that_depths_back_are_believed_at_once(world, inputs):
+    """Both contradict the IMU after a blow; a DVL alone waits for fixes to be refused, too."""
+    backed = run(world, struck(inputs))
+    assert 2.0 < first_opening_s(backed) < 12.0
+    alone = run(world, without_depths(struck(inputs)))
+    assert first_opening_s(alone) > first_opening_s(backed) + 3.0
+    error = np.linalg.norm(backed.track.r_e[-1] - world.r_e[-1])
+    assert error < 2.0
+    assert contradicting(backed, world, backed.track.stamps_ns[-1])[0] < 4.0

@@ -26,7 +26,7 @@ from .hindsight import (
     subtract_deviation,
 )
 from .imu import place
-from .reopen import FEWEST, agrees, open_gate, opens
+from .reopen import FEWEST, add_jump, agrees, is_backed, open_gate, opens
 from .runaway import follow, open_wide, runs_away
 from .shared import forget, learn, residual, whitened
 from .signatures import note
@@ -281,9 +281,14 @@ def fuse_rows(
     is_evidence = remember(s, c, w, w.z, stream, m, fused)
     if not fused and opens(s, c, stream):
         open_gate(s, w, stream, m)
-        if not judge(s, c, w, w.R, m):
-            return fs.S_NOT_DEFINITE
-        fused = passes(s, c, w, w.z, stream, m)
+        for again in range(2 if is_backed(s, stream) else 1):
+            if fused:
+                break
+            if again == 1:
+                add_jump(s, w, s.counters[fs.USED_NS + stream])
+            if not judge(s, c, w, w.R, m):
+                return fs.S_NOT_DEFINITE
+            fused = passes(s, c, w, w.z, stream, m)
     if stream != fs.FIX_ROW and c.most_excess > 0.0:
         follow(s, c, w, stream, m, fused)
         tries = 2 if not fused and runs_away(s, c, stream) else 0

@@ -10,6 +10,12 @@ so that the next measurements correct tilt and biases as they would have at the 
 
 A sensor that agreed for long and now contradicts others that still agree is the one that is
 wrong; its gate stays shut. Position fixes are not treated here (engine.engine).
+
+DVL and depth know nothing of each other's errors: where most of both are refused, the inertial
+navigation is what is wrong, and the DVL's gate opens as soon as the last thirty pings lie on one
+side. Fixes need not be refused first, which come seldom and show a velocity late. If P is not
+enough then, the velocity has jumped, or run away: it and the way since the last ping get the
+variance of the innovation itself.
 """
 
 from __future__ import annotations
@@ -38,6 +44,8 @@ CHANCES = 3
 """Times that a gate opens in a run: what they do not mend is no matter of the covariance."""
 LEAST, MOST = 2.0, 100.0
 """Limits of the factor on P."""
+VELOCITY, POSITION = 3, 6
+"""First states of a kind."""
 
 
 @kernel
@@ -56,15 +64,24 @@ def opens(s: State, c: Settings, stream: int) -> bool:
     weight = row[watch.WEIGHT]
     if weight < FEWEST or row[watch.REFUSED] < SHARE * weight:
         return False
-    row = s.memories[stream, watch.LONG]
+    two = is_backed(s, stream)
+    row = s.memories[stream, watch.SHORT if two else watch.LONG]
     weight = row[watch.WEIGHT]
     mean, square = 0.0, 0.0
     for k in range(3):
         mean += row[watch.GATE + k] * row[watch.GATE + k]
         square += row[watch.GATE_SQUARE + k]
-    if weight < LONG_FEWEST or not mean > AGREEMENT * square * weight:
+    if weight < (FEWEST if two else LONG_FEWEST) or not mean > AGREEMENT * square * weight:
         return False
-    return s.counters[fs.USES + stream] < NEVER_BELIEVED or not _vouched(s, stream)
+    return two or s.counters[fs.USES + stream] < NEVER_BELIEVED or not _vouched(s, stream)
+
+
+@kernel
+def is_backed(s: State, stream: int) -> bool:
+    """Whether depths, which know nothing of a DVL's errors, contradict the navigation with it."""
+    row = s.memories[fs.DEPTH_ROW, watch.SHORT]
+    weight = row[watch.WEIGHT]
+    return stream == fs.DVL_ROW and weight >= FEWEST and row[watch.REFUSED] >= SHARE * weight
 
 
 @kernel
@@ -94,6 +111,18 @@ def inflate(s: State, factor: float) -> None:
     for i in range(N):
         for j in range(N):
             s.P[i, j] *= factor
+
+
+@kernel
+def add_jump(s: State, w: Work, since_ns: int) -> None:
+    """Add to P the velocity that the judged ping shows, and its way since then."""
+    square = 0.0
+    for k in range(3):
+        square += w.z[k] * w.z[k]
+    since_s = (s.counters[fs.STAMP] - since_ns) * 1e-9
+    for k in range(3):
+        s.P[VELOCITY + k, VELOCITY + k] += square
+        s.P[POSITION + k, POSITION + k] += square * since_s * since_s
 
 
 @kernel
