@@ -22,6 +22,7 @@ from polar_nav_core.engine.health.conditions import Level
 from polar_nav_core.engine.methods import CONFIGURATIONS
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.errors import ConfigError
+from polar_nav_core.kernels.limits import EARTH
 
 SPEED = np.hypot(2.0, 2.0)
 
@@ -215,6 +216,27 @@ def test_lost_definiteness_restores_the_newest_sound_state(world):
     assert off < 5.0 * np.sqrt(np.trace(last.P[6:9, 6:9]))
     assert engine.health.level is Level.ERROR
     assert 'restored from the newest sound state' in engine.health.sentence
+
+
+@pytest.mark.parametrize('even_the_newest_sound_one', [False, True])
+def test_a_state_that_leaves_the_earth_is_restored_and_stays_on_it(
+    world, even_the_newest_sound_one
+):
+    engine = Engine(world.params())
+    out = []
+    for event in sorted(sensors(world)[:3000], key=lambda e: e.key):
+        out.extend(engine.process(event))
+        own = engine.fusion.filter if len(out) == 50 else None
+        if own is not None and np.linalg.norm(own.state.v_G) < 1e3 and not engine.restored.count:
+            own.state.v_G[:] = 1e9
+            if even_the_newest_sound_one:
+                own.log.good_flat[0][: len(own.state.flat)] = own.state.flat
+        engine.look()
+    assert engine.navigating
+    assert engine.restored.count == 1
+    distances = [np.linalg.norm(e.r_e) for e in estimates(out)]
+    assert all(EARTH[0] < distance < EARTH[1] for distance in distances[-50:])
+    assert engine.health.level is Level.ERROR
 
 
 def test_a_configuration_is_what_its_name_says():
