@@ -66,6 +66,30 @@ def test_fixes_refused_to_one_side_are_believed_at_last(name):
     assert abs(x[ss.DRAG] - x_shut[ss.DRAG]) < 1.0
 
 
+def test_a_jump_of_the_fixes_moves_the_position_and_no_velocity():
+    usual, found = run(world()), run(moved(lambda _: 300.0), one_by_one=True)
+    x, x_usual = found.track.x[-1], usual.track.x[-1]
+    assert x[3] - x_usual[3] == pytest.approx(300.0, abs=15.0)
+    sigma = np.sqrt(np.diagonal(usual.track.P_x[-1]))
+    of_velocity = [*range(3), *range(ss.CURRENT, ss.CURRENT + 2)]
+    assert (np.abs(x - x_usual) < 2.0 * sigma)[of_velocity].all()
+    last = {p.condition.key: p.condition for p in found.health[-1].present}
+    assert last['fixes jumped'].culprit is Culprit.FIXES
+    assert 'fixes have jumped by' in last['fixes jumped'].sentence
+
+
+def test_a_jump_that_ends_is_no_condition_any_more():
+    back_ns = twin.START_NS + round(60e9)
+    there_and_back = tuple(
+        now if now.validity_ns >= back_ns else far
+        for far, now in zip(moved(lambda _: 300.0).fixes, world().fixes, strict=True)
+    )
+    found = run(replace(world(), fixes=there_and_back), one_by_one=True)
+    said = [any(p.condition.key == 'fixes jumped' for p in h.present) for h in found.health]
+    assert any(said)
+    assert not said[-1]
+
+
 def test_the_gate_opens_alike_event_by_event_and_says_so():
     inputs = moved(lambda _: 300.0)
     a, b = run(inputs), run(inputs, one_by_one=True)

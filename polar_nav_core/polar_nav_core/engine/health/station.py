@@ -17,7 +17,7 @@ from ...arrays import Array, Ints
 from ...kernels import watch
 from ...kernels.station import state as ss
 from .conditions import Condition, Culprit, Level
-from .slow import BEYOND, judged, shift_in_sigmas, sizes_of
+from .slow import BEYOND, MOVED, judged, shift_in_sigmas, sizes_of
 from .statistics import Statistics, statistics
 from .watchdog import AFTER_S, DEPTH, FEWEST, FIX, View, Watchdog, outside, scatter
 
@@ -61,6 +61,8 @@ class StationView(View):
         Hypotheses about the current (kernels.station.signatures).
     born_ns : (SLOTS,) array of int or None
         When those of each slot began; 0 for an empty one.
+    jumped : (2,) array or None
+        Sum of the jumps of fixes that the estimate has followed, station axes [m].
     """
 
     share: float
@@ -74,6 +76,7 @@ class StationView(View):
     turned_ns: int = 0
     signatures: Array | None = None
     born_ns: Ints | None = None
+    jumped: Array | None = None
 
 
 class StationWatchdog(Watchdog):
@@ -86,6 +89,7 @@ class StationWatchdog(Watchdog):
             found += [
                 *_loosened(view),
                 *_current(view),
+                *_jumped(view),
                 *_turned(view),
                 *_ahrs_gap(view),
                 *_thrust(view),
@@ -174,6 +178,17 @@ def _current(view: StationView) -> list[Condition]:
     )
     moved = shift_in_sigmas(slot[ss.HORIZONTAL] @ np.array([x, y]), view.P_horizontal)
     return [judged('current', _EITHER, sentence, worst, moved)]
+
+
+def _jumped(view: StationView) -> list[Condition]:
+    """Fixes have jumped, which no vehicle can, and the estimate has followed them."""
+    if view.jumped is None or not shift_in_sigmas(view.jumped, view.P_horizontal) > MOVED:
+        return []
+    sentence = (
+        f'fixes have jumped by {float(np.hypot(*view.jumped)):.0f} m, farther than the vehicle '
+        'can have come, and the estimate has followed: they are wrong, or were before'
+    )
+    return [Condition('fixes jumped', Level.WARN, Culprit.FIXES, sentence)]
 
 
 def _turned(view: StationView) -> list[Condition]:

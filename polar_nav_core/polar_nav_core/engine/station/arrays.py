@@ -89,6 +89,7 @@ def make_settings(p: EngineParams) -> ss.Settings:
         common=common,
         shares=bool(common.any()),
         reopen_ns=round(p.reopen_after_s * 1e9),
+        max_speed=p.max_speed,
         doubt=0.0 if published else p.model_doubt,
         gap_ns=round(p.max_imu_gap_s * 1e9),
         thrust_ns=round(p.thrust_timeout_s * 1e9),

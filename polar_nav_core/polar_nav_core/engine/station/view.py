@@ -45,4 +45,5 @@ def view_of(fusion: StationFusion, stamp_ns: int, resets: int) -> StationView:
         turned_ns=int(counters[ss.TURN_NS]),
         signatures=f.bank.signatures,
         born_ns=counters[ss.BORN_NS : ss.BIRTH_NS],
+        jumped=1e-3 * counters[ss.JUMPED_MM : ss.COUNTERS].astype(np.float64),
     )

@@ -156,7 +156,7 @@ def forward_fix(
     _fill_rows(b, c, w, streams, log, fix, first, dt, kind)
     judge(b, c, w, fix, outcome, b.x)
     if outcome[ss.DECIDED] == ss.REFUSED and opens(b, c, w, outcome, b.counters[ss.STAMP]):
-        open_gate(b, outcome, b.counters[ss.STAMP])
+        open_gate(b, w, outcome, b.counters[ss.STAMP])
         _fill_rows(b, c, w, streams, log, fix, first, dt, kind)
         judge(b, c, w, fix, outcome, b.x)
     note(b, w, outcome, w.v3[0], w.v3[1])
