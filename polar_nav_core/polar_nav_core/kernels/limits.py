@@ -8,4 +8,4 @@ EARTH: Final = (6.3e6, 6.5e6)
 """Least and largest distance from the Earth's centre of a vehicle or fix [m]."""
 
 AXIS: Final = 0.1
-"""Least distance from the Earth's y axis [m]: on it there is no grid north (0 N, 90 E and 90 W)."""
+"""Least distance from the Earth's y axis [m]: on it (0 N, 90 E or W) there is no grid north."""

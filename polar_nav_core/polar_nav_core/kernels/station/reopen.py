@@ -8,9 +8,10 @@ same side, are believed. The covariance of velocity, position and current grows 
 row; what is known of drag and heading is kept, for a fault of the moment says little of them.
 
 A first refused fix that lies farther off than the vehicle can have come since the one before, and
-farther than noise reaches, is no matter of its model: fixes have jumped (a mirrored bearing, a slot of the range), or the stated
-place of the station has. Then the position alone gets the variance of the offset. A velocity that
-took its share of such a jump would carry the vehicle away, for long after the fixes are back.
+farther than noise reaches, is no matter of its model: fixes have jumped (a mirrored bearing, a
+slot of the range), or the stated place of the station has. Then the position alone gets the
+variance of the offset. A velocity that took its share of such a jump would carry the vehicle
+away, for long after the fixes are back.
 
 Fixes refused to changing sides never open it: those are outliers.
 """
