@@ -107,7 +107,7 @@ def make_bank(members: int) -> ss.Bank:
         weight=np.full(members, 1.0 / members),
         S=np.zeros((members, ss.N, ss.COMMON)),
         memories=np.zeros((watch.STREAMS, watch.MEMORIES, watch.WIDTH)),
-        signatures=np.zeros((ss.SIGNATURE_ROWS, 2 * ss.SLOTS)),
+        signatures=np.zeros((ss.SIGNATURE_ROWS, ss.KINDS * ss.SLOTS)),
         flat=np.zeros(ss.FLAT),
         loose=np.zeros(ss.LOOSE),
         counters=np.zeros(ss.COUNTERS, dtype=np.int64),
@@ -159,7 +159,7 @@ def make_log(length_s: float, members: int, *, snapshots: bool, jumps: bool) -> 
         weight=np.zeros((kept, members)),
         S=np.zeros((kept, members, ss.N, ss.COMMON)),
         memories=np.zeros((kept, watch.STREAMS, watch.MEMORIES, watch.WIDTH)),
-        signatures=np.zeros((kept, ss.SIGNATURE_ROWS, 2 * ss.SLOTS)),
+        signatures=np.zeros((kept, ss.SIGNATURE_ROWS, ss.KINDS * ss.SLOTS)),
         flat=np.zeros((kept, ss.FLAT)),
         loose=np.zeros((kept, ss.LOOSE)),
         counters=np.zeros((kept, ss.COUNTERS), dtype=np.int64),
@@ -217,7 +217,7 @@ def make_work(members: int) -> ss.Work:
         'S3': (3, 3),
         'PHt': (members, 2, ss.N),
         'inflation': (members,),
-        'change': (2, 2 * ss.SLOTS),
+        'change': (2, ss.KINDS * ss.SLOTS),
         'nis': (4,),
     }
     return ss.Work(**{name: np.zeros(shape) for name, shape in shapes.items()})

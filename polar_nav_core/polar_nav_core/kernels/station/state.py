@@ -67,9 +67,12 @@ SUM_X, SUM_Y, SINCE_S, EXTRA, NEWEST_S, TURNED_2, LOOSE = 0, 1, 2, 3, 4, 5, 6
 # position along x and y, zero of depth.
 RANGE_SCALE, TURN, OFFSET, DEPTH_ZERO, COMMON = 0, 1, 2, 4, 5
 
-# Rows of Bank.signatures after the state: Lambda and zeta, Lambda between both directions (at the
-# first of them), their statistic. Hypothesis along k (0 x, 1 y) of slot i: column 2 i + k.
+# Rows of Bank.signatures after the state: Lambda and zeta, Lambda between both of a pair (at the
+# first of them), their statistic. Hypothesis of kind k in slot i: column KINDS i + k. Kinds: a
+# current that grows and one that has begun, along x and y; a deviation of the AHRS as the sine and
+# cosine of the heading; drag that has changed; a heading of the AHRS that drifts.
 LAMBDA, ZETA, CROSS, STATISTIC, SIGNATURE_ROWS = N, N + 1, N + 2, N + 3, N + 4
+GROWS, BEGINS, DEVIATES, DRAGS, TURNS, KINDS = 0, 2, 4, 6, 7, 8
 
 # Columns of Streams.fixes.
 X, Y, Z, PSI, RANGE, BEARING, RANGE_VARIANCE, BEARING_VARIANCE, PSI_SIGMA, FIX_COLUMNS = range(10)
@@ -98,7 +101,7 @@ class Bank(NamedTuple):
     weight: Array  # (B,), sum 1
     S: Array  # (B, 12, COMMON): change of the error per unit of each common error
     memories: Array  # (watch.STREAMS, watch.MEMORIES, watch.WIDTH) of innovations
-    signatures: Array  # (SIGNATURE_ROWS, 2 SLOTS): hypotheses about the current
+    signatures: Array  # (SIGNATURE_ROWS, KINDS SLOTS): hypotheses about slow faults
     flat: Array  # (FLAT,)
     loose: Array  # (LOOSE,)
     counters: Ints  # (COUNTERS,)
@@ -236,5 +239,5 @@ class Work(NamedTuple):
     S3: Array  # (3, 3)
     PHt: Array  # (B, 2, 12)
     inflation: Array  # (B,)
-    change: Array  # (2, 2 SLOTS): of an innovation, by the hypotheses
+    change: Array  # (2, KINDS SLOTS): of an innovation, by the hypotheses
     nis: Array  # (4,): of the last depth: NIS, innovation, its variance, 1 where fused
