@@ -18,9 +18,10 @@ from ...arrays import Array, Ints
 from ...kernels import watch
 from ...kernels.station import state as ss
 from .conditions import Condition, Culprit, Level
+from .deviation import Deviation
 from .slow import AS_LIKELY, BEYOND, MOVED, judged, shift_in_sigmas, sizes_of
 from .statistics import Statistics, statistics
-from .watchdog import AFTER_S, DEPTH, FEWEST, FIX, View, Watchdog, outside, scatter
+from .watchdog import AFTER_S, DEPTH, FEWEST, FIX, Envelope, View, Watchdog, outside, scatter
 
 _RATIO = (1.6, 2.5)
 """Mean NIS per degree of freedom of the short memory that is a WARN, an ERROR."""
@@ -100,6 +101,10 @@ class StationView(View):
         When those of each slot began; 0 for an empty one.
     jumped : (2,) array or None
         Sum of the jumps of fixes that the estimate has followed, station axes [m].
+    psi, turn : float or None
+        Heading of the AHRS, and its newest turn that its own rates do not explain [rad].
+    heading_sigma : float
+        Published 1-sigma of the heading [rad].
     """
 
     share: float
@@ -114,10 +119,17 @@ class StationView(View):
     signatures: Array | None = None
     born_ns: Ints | None = None
     jumped: Array | None = None
+    psi: float | None = None
+    turn: float = 0.0
+    heading_sigma: float = math.inf
 
 
 class StationWatchdog(Watchdog):
     """Watchdog of one navigation in station mode; `look` returns its health."""
+
+    def __init__(self, envelope: Envelope) -> None:
+        super().__init__(envelope)
+        self._deviation = Deviation()
 
     def _conditions(self, view: View) -> list[Condition]:
         s = statistics(view.memories)
@@ -132,6 +144,9 @@ class StationWatchdog(Watchdog):
                 *_thrust(view),
                 *_drag(view),
             ]
+            if view.psi is not None:
+                sigma = view.heading_sigma
+                found += self._deviation.look(view.stamp_ns, view.psi, view.turn, sigma)
         return [*found, *outside(view, self._envelope)]
 
 
