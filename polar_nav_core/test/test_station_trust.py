@@ -1,5 +1,6 @@
 """Station mode: gate that opens again, limits of thrust, back_propagate's reach, the watchdog."""
 
+import math
 from dataclasses import replace
 from functools import cache
 
@@ -88,6 +89,24 @@ def test_a_jump_that_ends_is_no_condition_any_more():
     said = [any(p.condition.key == 'fixes jumped' for p in h.present) for h in found.health]
     assert any(said)
     assert not said[-1]
+
+
+def test_bearings_of_the_other_side_do_not_lead_off_for_good():
+    """A jump by a large angle: rows of range and bearing at the old place do not reach it."""
+    since_ns, until_ns = (twin.START_NS + round(s * 1e9) for s in (JUMP_S, 60.0))
+    fixes = tuple(
+        replace(f, polar=replace(f.polar, bearing=math.remainder(f.polar.bearing + 2.0, math.tau)))
+        if since_ns <= f.validity_ns < until_ns
+        else f
+        for f in world().fixes
+    )
+    usual = run(world()).track.x
+    for delay_handling in ('clone', 'rewind'):
+        custom = {'configuration': 'custom', 'delay_handling': delay_handling}
+        found = run(replace(world(), fixes=fixes), **custom).track.x
+        off = np.linalg.norm((found - usual)[:, ss.HORIZONTAL], axis=1)
+        assert 1000.0 < off.max() < 2500.0
+        assert off[-1] < 30.0
 
 
 def test_the_gate_opens_alike_event_by_event_and_says_so():

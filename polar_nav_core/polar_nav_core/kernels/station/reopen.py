@@ -9,9 +9,9 @@ row; what is known of drag and heading is kept, for a fault of the moment says l
 
 A first refused fix that lies farther off than the vehicle can have come since the one before, and
 farther than noise reaches, is no matter of its model: fixes have jumped (a mirrored bearing, a
-slot of the range), or the stated place of the station has. Then the position alone gets the
-variance of the offset. A velocity that took its share of such a jump would carry the vehicle
-away, for long after the fixes are back.
+slot of the range), or the stated place of the station has. Then the position alone moves there,
+with the variance of the offset. A velocity that took its share of such a jump would carry the
+vehicle away, for long after the fixes are back.
 
 Fixes refused to changing sides never open it: those are outliers.
 """
@@ -127,16 +127,22 @@ def enlarge(b: Bank, factor: float) -> None:
 
 
 @kernel
-def _jump(b: Bank, outcome: Array) -> None:
-    """Add the variance of a jump to the horizontal position, and the jump to their sum.
+def _jump(b: Bank, outcome: Array, jumps: Array) -> None:
+    """Move the position by a jump, with the variance of its length, and add it to their sum.
 
-    One that leads back ends them: what is left is the noise of both and the model's drift.
+    Moved, for rows of range and bearing at the old place say little of one so far away. A jump
+    that leads back ends them all: what is left is noise and the model's drift. ``jumps`` is a log
+    of corrections, or empty.
     """
-    x = 1e3 * outcome[ss.FOLLOWED]
-    y = 1e3 * outcome[ss.FOLLOWED + 1]
     for m in range(b.x.shape[0]):
         for k in range(2):
+            shift = outcome[ss.FOLLOWED + k]
+            b.x[m, ss.POSITION + k] += shift
             b.P[m, ss.POSITION + k, ss.POSITION + k] -= outcome[ss.OPENING]
+            if jumps.shape[0] > 0:
+                jumps[(b.counters[ss.IMU] - 1) % jumps.shape[0], m, ss.POSITION + k] += shift
+    x = 1e3 * outcome[ss.FOLLOWED]
+    y = 1e3 * outcome[ss.FOLLOWED + 1]
     sum_x = b.counters[ss.JUMPED_MM] + x
     sum_y = b.counters[ss.JUMPED_MM + 1] + y
     back = sum_x * sum_x + sum_y * sum_y < BACK * BACK * (x * x + y * y)
@@ -145,30 +151,37 @@ def _jump(b: Bank, outcome: Array) -> None:
 
 
 @kernel
-def open_gate(b: Bank, w: Work, outcome: Array, stamp: int) -> None:
-    """Enlarge the covariance by the NIS per row of a fix; that of the position if fixes jumped.
+def open_gate(b: Bank, w: Work, outcome: Array, jumps: Array, stamp: int, may_jump: bool) -> None:
+    """Enlarge the covariance by the NIS per row of a fix, or follow a jump where one may.
 
     The count of refused ones goes on: where that was not enough, the next fix opens it again.
-    ``w.z3`` is as `opens` left it.
+    ``w.z3`` is as `opens` left it, ``jumps`` as for `_jump`.
     """
-    square = w.z3[0] * w.z3[0] + w.z3[1] * w.z3[1]
-    leap = 0.0
+    d, a = outcome[ss.DISTANCE], outcome[ss.AZIMUTH]
+    further, turned = d + outcome[ss.Z0], a + outcome[ss.Z1]
+    x = further * math.cos(turned) - d * math.cos(a)
+    y = further * math.sin(turned) - d * math.sin(a)
+    leap, now = 0.0, 0.0
     for k in range(2):
-        outcome[ss.FOLLOWED + k] = 1e-3 * b.counters[ss.LEAP_MM + k]
-        leap += outcome[ss.FOLLOWED + k] * outcome[ss.FOLLOWED + k]
+        first = 1e-3 * b.counters[ss.LEAP_MM + k]
+        leap += first * first
+        now += w.z3[k] * w.z3[k]
         b.counters[ss.LEAP_MM + k] = 0
-    if leap > 0.0 and SAME * SAME * leap < square <= MOST_LEAP * MOST_LEAP:
-        outcome[ss.OPENING] = -square
+    far = may_jump and leap > 0.0 and now > SAME * SAME * leap
+    if far and math.hypot(x, y) <= MOST_LEAP:
+        outcome[ss.FOLLOWED] = x
+        outcome[ss.FOLLOWED + 1] = y
+        outcome[ss.OPENING] = -(x * x + y * y)
     else:
         outcome[ss.OPENING] = min(max(0.5 * outcome[ss.NIS], LEAST), MOST)
-    open_again(b, outcome, stamp)
+    open_again(b, outcome, jumps, stamp)
 
 
 @kernel
-def open_again(b: Bank, outcome: Array, stamp: int) -> None:
-    """Enlarge the covariance as stored with a fix that keeps its decision."""
+def open_again(b: Bank, outcome: Array, jumps: Array, stamp: int) -> None:
+    """Enlarge the covariance, or follow a jump, as stored with a fix that keeps its decision."""
     if outcome[ss.OPENING] < 0.0:
-        _jump(b, outcome)
+        _jump(b, outcome, jumps)
     else:
         enlarge(b, outcome[ss.OPENING])
     clear_signatures(b)
