@@ -7,6 +7,7 @@ import pytest
 from closed_loop import START_NS, World, gathered, inputs_of, run
 
 from polar_nav_core import grid
+from polar_nav_core.earth import geodetic_from_ecef
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.engine import Engine
 from polar_nav_core.engine.events import (
@@ -22,6 +23,7 @@ from polar_nav_core.engine.health.conditions import Level
 from polar_nav_core.engine.methods import CONFIGURATIONS
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.errors import ConfigError
+from polar_nav_core.kernels.limits import EARTH
 
 SPEED = np.hypot(2.0, 2.0)
 
@@ -215,6 +217,55 @@ def test_lost_definiteness_restores_the_newest_sound_state(world):
     assert off < 5.0 * np.sqrt(np.trace(last.P[6:9, 6:9]))
     assert engine.health.level is Level.ERROR
     assert 'restored from the newest sound state' in engine.health.sentence
+
+
+@pytest.mark.parametrize('even_the_newest_sound_one', [False, True])
+def test_a_state_that_leaves_the_earth_is_restored_and_stays_on_it(
+    world, even_the_newest_sound_one
+):
+    engine = Engine(world.params())
+    out = []
+    for event in sorted(sensors(world)[:3000], key=lambda e: e.key):
+        out.extend(engine.process(event))
+        own = engine.fusion.filter if len(out) == 50 else None
+        if own is not None and np.linalg.norm(own.state.v_G) < 1e3 and not engine.restored.count:
+            own.state.v_G[:] = 1e9
+            if even_the_newest_sound_one:
+                own.log.good_flat[0][: len(own.state.flat)] = own.state.flat
+        engine.look()
+    assert engine.navigating
+    assert engine.restored.count == 1
+    distances = [np.linalg.norm(e.r_e) for e in estimates(out)]
+    assert all(EARTH[0] < distance < EARTH[1] for distance in distances[-50:])
+    assert engine.health.level is Level.ERROR
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(('lat_deg', 'lon_deg'), [(30.0, -80.0), (1e-6, 90.0), (0.0, -90.000002)])
+def test_an_absurd_start_raises_nothing_and_a_sane_one_later_navigates(world, lat_deg, lon_deg):
+    """Elsewhere on the Earth, and half a metre from where grid north is undefined."""
+    params = world.params(configuration='default')
+    absurd = dataclasses.replace(
+        params, initial_latitude_deg=lat_deg, initial_longitude_deg=lon_deg
+    )
+    fixes = world.fixes(1.0, 1.0, rng=np.random.default_rng(2))
+    engine, out = Engine(absurd), []
+    k = len(world.stamps) // 2
+    lat, lon, height = geodetic_from_ecef(world.r_e[k])
+    good = dataclasses.replace(
+        params.initial_state(), latitude=float(lat), longitude=float(lon), height=float(height),
+        v_G=tuple(world.v_G[k]), sigma_heading=0.1, sigma_position_horizontal=5.0,
+    )  # fmt: skip
+    command = Command(int(world.stamps[k]), 0, CommandKind.SET_INITIAL_STATE, good)
+    for event in sorted([*sensors(world), *fixes, command], key=lambda e: e.key):
+        out.extend(engine.process(event))
+        if event is command:
+            out.clear()
+    found = estimates(out)
+    index = {int(stamp_ns): k for k, stamp_ns in enumerate(world.stamps)}
+    off = [float(np.linalg.norm(e.r_e - world.r_e[index[e.stamp_ns]])) for e in found]
+    assert len(off) > 400
+    assert max(off[len(off) // 2 :]) < 3.0
 
 
 def test_a_configuration_is_what_its_name_says():

@@ -157,6 +157,43 @@ def test_unused_fixes_that_stop_coming_are_no_error_and_believed_ones_begin_anew
     assert monitor.state(3700 * S).level is Level.OK
 
 
+# -- refused fixes that pass the gate later -------------------------------------------------------
+
+
+def follow(monitor, offset_G, at_s):
+    monitor.fused(round(at_s * S), round((at_s + 1.0) * S), np.asarray(offset_G))
+
+
+def test_an_estimate_that_followed_refused_fixes_is_doubted_until_they_lead_it_back():
+    monitor = refused(6)
+    assert monitor.moved == []
+    follow(monitor, AWAY, 70.0)
+    (condition,) = monitor.moved
+    assert (condition.key, condition.level) == ('fixes followed', Level.WARN)
+    assert '500 m off' in condition.sentence
+    follow(monitor, np.array([2.0, 1.0, 0.0]), 600.0)
+    assert monitor.moved == [condition]
+    for k in range(6):
+        monitor.gated((700 + k) * S, (701 + k) * S, -0.9 * AWAY)
+    assert monitor.moved == [condition]
+    follow(monitor, -0.9 * AWAY, 710.0)
+    assert monitor.moved == []
+
+
+def test_a_fix_that_lies_with_the_estimate_or_ends_no_run_follows_none():
+    back = refused(6)
+    follow(back, np.array([10.0, 0.0, 0.0]), 70.0)
+    assert back.moved == []
+    late = refused(6)  # valid at 10, 20, ... 60 s
+    follow(late, AWAY, 30.0)
+    assert late.moved == []
+    follow(late, AWAY, 70.0)
+    assert len(late.moved) == 1
+    unasked = refused(6)
+    unasked.fused(70 * S, 71 * S)
+    assert unasked.moved == []
+
+
 # -- runs that end --------------------------------------------------------------------------------
 
 

@@ -21,6 +21,7 @@ from polar_nav_core.engine.events import (
     Verdict,
 )
 from polar_nav_core.engine.params import EngineParams
+from polar_nav_core.errors import ConfigError
 from polar_nav_core.identification.polar_fix import PolarFix
 
 PARAMS = EngineParams()
@@ -251,6 +252,17 @@ def test_an_initial_velocity_is_at_most_50_m_per_second(axis):
         assert not words or f'v_G[{axis}]' in problem
 
 
+@pytest.mark.parametrize('side', [-1.0, 1.0])
+def test_nothing_starts_where_there_is_no_grid_north(side):
+    there = {'initial_latitude_deg': 0.0, 'initial_longitude_deg': 90.0 * side}
+    with pytest.raises(ConfigError, match='grid north is undefined'):
+        EngineParams(**there)
+    EngineParams(initialize='service', **there)  # nobody reads them
+    near = EngineParams(**(there | {'initial_latitude_deg': 1e-5})).initial_state()
+    assert plausibility.initial_problem(near) == ''
+    assert 'grid north' in plausibility.initial_problem(replace(near, latitude=0.0))
+
+
 def started():
     engine = Engine(PARAMS)
     list(engine.process(ImuSample(10**9, 0, NO_RATE, GRAVITY_B)))
@@ -270,6 +282,8 @@ FIX = Fix(
         ({'covariance_e': 1e-320 * np.eye(3)}, Verdict.IMPLAUSIBLE),
         ({'r_e': np.array([1e300, 0.0, 0.0])}, Verdict.IMPLAUSIBLE),
         ({'r_e': np.zeros(3)}, Verdict.IMPLAUSIBLE),
+        ({'r_e': np.array([0.0, -6.378137e6, 0.0])}, Verdict.IMPLAUSIBLE),
+        ({'r_e': np.array([0.09, 6.378137e6, 0.0])}, Verdict.IMPLAUSIBLE),
         ({'relative_e': np.full(3, np.nan)}, Verdict.NOT_FINITE),
     ],
 )
@@ -293,13 +307,14 @@ def test_an_absurd_initial_state_is_refused_and_navigation_goes_on():
             {'sigma_position_horizontal': 1e300},
             {'sigma_velocity': 0.0},
             {'roll': float('nan')},
+            {'latitude': 0.0, 'longitude': -0.5 * math.pi},
         ]
     ):
         state = replace(good, **change)
         command = Command(2 * 10**9, number, CommandKind.SET_INITIAL_STATE, state)
         (receipt,) = (r for r in engine.process(command) if isinstance(r, Receipt))
         assert receipt.verdict is Verdict.IMPLAUSIBLE
-        assert next(iter(change)) in receipt.reason
+        assert next(iter(change)) in receipt.reason or 'grid north' in receipt.reason
         assert engine.navigating
     list(engine.process(Command(2 * 10**9, 99, CommandKind.SET_INITIAL_STATE, good)))
     assert not engine.navigating

@@ -10,6 +10,7 @@ import station_twin as twin
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.health.conditions import Culprit, Level
 from polar_nav_core.engine.health.slow import BEYOND, sizes_of
+from polar_nav_core.engine.health.station import _size
 from polar_nav_core.engine.station import arrays
 from polar_nav_core.kernels.station import signatures
 from polar_nav_core.kernels.station import state as ss
@@ -29,19 +30,22 @@ class Linear:
         self.work = w = arrays.make_work(1)
         w.C_A[:], w.up[:] = np.eye(3), [0.0, 0.0, 1.0]
         self.at = np.zeros((1, ss.N))
-        self.at[0, ss.DRAG] = 4.0
+        self.at[0, [0, ss.DRAG]] = 1.2, 4.0
         second = np.eye(ss.N)
         transform(second, 1.0, *slopes(self.at[0], self.settings, w), w)
         Phi = np.linalg.matrix_power(second, SECONDS)
-        drive = np.zeros(ss.N)
+        rate = np.zeros((ss.N, ss.KINDS))  # what each fault does in a second
+        rate[ss.CURRENT, ss.GROWS] = rate[ss.CURRENT + 1, ss.GROWS + 1] = -1.0
+        rate[ss.HEADING, ss.TURNS] = -1.0
+        drive = np.zeros((ss.N, ss.KINDS))
         for _ in range(SECONDS):
-            drive = second @ drive
-            drive[ss.CURRENT] -= 1.0
+            drive = second @ drive + rate
         self.H, R = np.zeros((2, ss.N)), np.diag([4.0, 9.0])
         self.H[:, ss.POSITION : ss.POSITION + 2] = [[1.0, 0.2], [0.0, 1.0]]
         P = np.diag([0.01] * 3 + [1.0] * 3 + [0.01] * 2 + [1e-4] * 4)
         Q = np.diag([1e-4] * 3 + [1e-2] * 3 + [1e-5] * 2 + [0.0] * 4)
-        self.steps, u = [], np.zeros(ss.N)
+        self.steps, u = [], np.zeros((ss.N, ss.KINDS))
+        u[ss.CURRENT, ss.BEGINS] = u[ss.CURRENT + 1, ss.BEGINS + 1] = u[ss.DRAG, ss.DRAGS] = -1.0
         for k in range(FIXES):
             if k > 0:
                 P, u = Phi @ P @ Phi.T + Q, Phi @ u + drive
@@ -52,13 +56,17 @@ class Linear:
             P = P - P @ self.H.T @ np.linalg.solve(S, self.H @ P)
             P = 0.5 * (P + P.T)
 
-    def run(self, rng, size=0.0):
-        """Bank after a run whose current grows along x by ``size`` [m/s^2] from the first fix."""
+    def information(self, kind):
+        """J of a fault of unit size from the first fix on."""
+        return sum(g[:, kind] @ np.linalg.solve(S, g[:, kind]) for S, _, g in self.steps)
+
+    def run(self, rng, size=0.0, kind=ss.GROWS):
+        """Bank after a run with a fault of ``size`` from the first fix on."""
         b, w = arrays.make_bank(1), self.work
         b.counters[ss.SIGNATURES_NS] = NS
         now = NS
         for S, HP, g in self.steps:
-            z = np.linalg.cholesky(S) @ rng.standard_normal(2) + size * g
+            z = np.linalg.cholesky(S) @ rng.standard_normal(2) + size * g[:, kind]
             outcome = np.zeros(ss.OUTCOME)
             outcome[[ss.DECIDED, ss.Z0, ss.Z1, ss.INFLATION]] = [ss.FUSED, *z, 1.0]
             outcome[[ss.S00, ss.S01, ss.S11]] = w.S[0] = S[0, 0], S[0, 1], S[1, 1]
@@ -85,7 +93,7 @@ def test_the_statistic_is_chi_square_where_nothing_changes():
 
 def test_a_growing_current_is_found_with_its_size():
     rng, size = np.random.default_rng(8), 0.003
-    J = size**2 * sum(g @ np.linalg.solve(S, g) for S, _, g in linear().steps)
+    J = size**2 * linear().information(ss.GROWS)
     assert J > 25.0
     banks = [linear().run(rng, size).signatures[:, :2] for _ in range(RUNS)]
     statistics = np.array([u[ss.STATISTIC, 0] for u in banks])
@@ -95,6 +103,19 @@ def test_a_growing_current_is_found_with_its_size():
     sigmas = np.sqrt(np.diagonal(np.linalg.inv([[own[0], both], [both, own[1]]])))
     assert np.all(np.abs(sizes.mean(axis=0) - [size, 0.0]) < 4.0 * sigmas / np.sqrt(RUNS))
     assert sizes.std(axis=0) == pytest.approx(sigmas, rel=0.2)
+
+
+@pytest.mark.parametrize(('kind', 'dof'), [(ss.BEGINS + 1, 2), (ss.DRAGS, 1), (ss.TURNS, 1)])
+def test_each_kind_is_chi_square_without_a_fault_and_found_with_its_size(kind, dof):
+    rng, J = np.random.default_rng(10 + kind), 60.0
+    quiet = [linear().run(rng).signatures[ss.STATISTIC, kind] for _ in range(RUNS)]
+    assert np.mean(quiet) == pytest.approx(dof, abs=4.0 * np.sqrt(2.0 * dof / RUNS))
+    size = np.sqrt(J / linear().information(kind))
+    banks = [linear().run(rng, size, kind).signatures for _ in range(RUNS)]
+    found = np.array([u[ss.STATISTIC, kind] for u in banks])
+    assert found.mean() == pytest.approx(J + dof, rel=0.05)
+    sizes = np.array([_size(u, kind - (kind == ss.BEGINS + 1))[0][-1] for u in banks])
+    assert sizes.mean() == pytest.approx(size, abs=4.0 * sizes.std() / np.sqrt(RUNS))
 
 
 SPAN_S, FROM_S, GROWS = 300.0, 60.0, 0.2 / 60.0
@@ -147,6 +168,35 @@ def test_a_younger_hypothesis_has_no_statistic():
     b = linear().run(np.random.default_rng(9), 10.0)
     newest = int(np.argmax(b.counters[ss.BORN_NS : ss.BIRTH_NS]))
     age_ns = NS * (1 + SECONDS * FIXES) - b.counters[ss.BORN_NS + newest]
-    assert (b.signatures[ss.STATISTIC, 2 * newest] > BEYOND) == (
+    assert (b.signatures[ss.STATISTIC, ss.KINDS * newest] > BEYOND) == (
         age_ns - SECONDS * NS >= signatures.JUDGED_NS
     )
+
+
+def turned(inputs, angle):
+    """The same AHRS with its heading off by an angle of its time [s] and heading [rad]."""
+    t = (inputs.imu_stamps_ns - twin.START_NS) / NS
+    a = angle(t, np.arctan2(inputs.C_b_G[:, 1, 0], inputs.C_b_G[:, 0, 0]))
+    turn = np.zeros((len(a), 3, 3))
+    turn[:, 0, 0] = turn[:, 1, 1] = np.cos(a)
+    turn[:, 1, 0], turn[:, 0, 1] = np.sin(a), -np.sin(a)
+    turn[:, 2, 2] = 1.0
+    return replace(inputs, C_b_G=turn @ inputs.C_b_G)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ('angle', 'words'),
+    [
+        (lambda _, psi: np.radians(20.0) * np.sin(psi), 'has a deviation of'),
+        (lambda t, _: np.radians(0.06) * np.maximum(t - 300.0, 0.0), 'AHRS drifts by'),
+    ],
+)
+def test_an_ahrs_that_goes_wrong_slowly_is_named(angle, words):
+    inputs = twin.inputs(twin.truth(900.0), 4, depth_every=10)
+    params = twin.params(identify_method='none')
+    found = engine_run.run(params, turned(inputs, angle), look_every_s=1.0)
+    slow = [c for h in found.health for c in h.present if c.condition.key == 'slow fault']
+    assert slow
+    assert words in slow[-1].condition.sentence
+    assert slow[-1].condition.culprit & Culprit.HEADING

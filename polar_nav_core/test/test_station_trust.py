@@ -1,5 +1,6 @@
 """Station mode: gate that opens again, limits of thrust, back_propagate's reach, the watchdog."""
 
+import math
 from dataclasses import replace
 from functools import cache
 
@@ -64,6 +65,48 @@ def test_fixes_refused_to_one_side_are_believed_at_last(name):
     x, x_shut = found.track.x[-1], shut.track.x[-1]
     assert x[3] - x_shut[3] == pytest.approx(300.0, abs=40.0)
     assert abs(x[ss.DRAG] - x_shut[ss.DRAG]) < 1.0
+
+
+def test_a_jump_of_the_fixes_moves_the_position_and_no_velocity():
+    usual, found = run(world()), run(moved(lambda _: 300.0), one_by_one=True)
+    x, x_usual = found.track.x[-1], usual.track.x[-1]
+    assert x[3] - x_usual[3] == pytest.approx(300.0, abs=15.0)
+    sigma = np.sqrt(np.diagonal(usual.track.P_x[-1]))
+    of_velocity = [*range(3), *range(ss.CURRENT, ss.CURRENT + 2)]
+    assert (np.abs(x - x_usual) < 2.0 * sigma)[of_velocity].all()
+    last = {p.condition.key: p.condition for p in found.health[-1].present}
+    assert last['fixes jumped'].culprit is Culprit.FIXES
+    assert 'fixes have jumped by' in last['fixes jumped'].sentence
+
+
+def test_a_jump_that_ends_is_no_condition_any_more():
+    back_ns = twin.START_NS + round(60e9)
+    there_and_back = tuple(
+        now if now.validity_ns >= back_ns else far
+        for far, now in zip(moved(lambda _: 300.0).fixes, world().fixes, strict=True)
+    )
+    found = run(replace(world(), fixes=there_and_back), one_by_one=True)
+    said = [any(p.condition.key == 'fixes jumped' for p in h.present) for h in found.health]
+    assert any(said)
+    assert not said[-1]
+
+
+def test_bearings_of_the_other_side_do_not_lead_off_for_good():
+    """A jump by a large angle: rows of range and bearing at the old place do not reach it."""
+    since_ns, until_ns = (twin.START_NS + round(s * 1e9) for s in (JUMP_S, 60.0))
+    fixes = tuple(
+        replace(f, polar=replace(f.polar, bearing=math.remainder(f.polar.bearing + 2.0, math.tau)))
+        if since_ns <= f.validity_ns < until_ns
+        else f
+        for f in world().fixes
+    )
+    usual = run(world()).track.x
+    for delay_handling in ('clone', 'rewind'):
+        custom = {'configuration': 'custom', 'delay_handling': delay_handling}
+        found = run(replace(world(), fixes=fixes), **custom).track.x
+        off = np.linalg.norm((found - usual)[:, ss.HORIZONTAL], axis=1)
+        assert 1000.0 < off.max() < 2500.0
+        assert off[-1] < 30.0
 
 
 def test_the_gate_opens_alike_event_by_event_and_says_so():

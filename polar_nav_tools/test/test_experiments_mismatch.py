@@ -81,9 +81,23 @@ def test_rows_are_chosen_by_patterns():
         'gravity_3mgal_no_dvl',
         'gravity_30mgal_no_dvl',
     ]
-    assert len(rows_named(None)) == len(ROWS)
     with pytest.raises(ConfigError, match="no row matches 'gravy'"):
         rows_named('gravy')
+
+
+def test_further_faults_are_found_by_their_prefix_or_their_whole_name():
+    table, further = rows_named(None), rows_named('more:*')
+    assert len(table) + len(further) == len(ROWS)
+    assert len(further) > 100
+    assert not any(row.more for row in (*table, *rows_named('*'), *rows_named('station_*')))
+    assert [row.name for row in rows_named('more:imu_bursts_80ms_*, start_swapped')] == [
+        'imu_bursts_80ms_racetrack',
+        'imu_bursts_80ms_tactical',
+        'start_swapped',
+    ]
+    assert all(not row.is_control for row in further)
+    with pytest.raises(ConfigError, match="no row matches 'more:control_demo'"):
+        rows_named('more:control_demo')
 
 
 def test_only_engine_parameters_can_be_set():
@@ -97,7 +111,13 @@ def test_only_engine_parameters_can_be_set():
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    'row', [row for row in ROWS.values() if not row.is_control], ids=lambda row: row.name
+    'row',
+    [
+        # Further faults on request: they would take as long again.
+        pytest.param(row, id=row.name, marks=[pytest.mark.long] if row.more else [])
+        for row in ROWS.values()
+        if not row.is_control
+    ],
 )
 def test_every_fault_changes_its_world_and_nothing_before_it_begins(row):
     same, other = (row.fault.applied(row.scene.make(1), scale) for scale in (0.0, 1.0))

@@ -163,3 +163,12 @@ def test_a_fault_beyond_twice_its_stated_sigma_says_so_while_it_is_invisible(giv
 
 def test_unreported_verdicts_are_the_wrong_ones_without_a_report_in_time():
     assert judge.UNREPORTED == ('WRONG+LATE', 'WRONG+MISNAMED', 'WRONG+SILENT')
+
+
+def test_what_is_silent_is_beyond_while_health_is_ok():
+    c = course(position=beyond(121, 160), heading=beyond(151, 170))  # 50 of 100 s
+    said = [report(0, OK), report(130, WARN), report(140, OK), report(165, ERROR)]
+    # 121 to 129 and 140 to 164, the level of a stamp being that from it on.
+    assert judge.silent_share(c, said, 0) == pytest.approx(0.34)
+    assert judge.silent_share(c, [], 0) == pytest.approx(0.5)
+    assert judge.silent_share(c, [report(0, WARN)], 0) == 0.0

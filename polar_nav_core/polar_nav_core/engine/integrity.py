@@ -32,6 +32,8 @@ _LEAST_TREND = 0.05
 """Nor is one that changes the offset by a smaller share of it."""
 _KEPT = 256
 """Refused fixes that are remembered one by one, for their common offset."""
+_BACK = 0.5
+"""Share of the farthest way that fixes have led the estimate below which they have led it back."""
 _CERTAIN_REJECTION = 4.0
 """A fix whose NIS exceeds the gate by this factor is left to the gate, which surely refuses it."""
 
@@ -116,14 +118,22 @@ class IntegrityMonitor:
         self._newest_fused_validity_ns = 0
         self._doubted = False
         self._moved_m = 0.0
+        self._followed_G = np.zeros(3)
+        self._farthest_m = 0.0
         self.longest_gated_s = 0.0
 
     def known(self, validity_ns: int) -> None:
         """Count the time without a fix from that of a fix that was fused before a restart."""
         self._last_fused_ns = validity_ns
 
-    def fused(self, validity_ns: int, receive_ns: int) -> None:
-        """Count a fused fix: it ends a run of refused ones that were valid before it."""
+    def fused(self, validity_ns: int, receive_ns: int, offset_G: Array | None = None) -> None:
+        """Count a fused fix: it ends a run of refused ones that were valid before it.
+
+        ``offset_G`` is the fix minus the estimate before it was used (3,) [m]; without it, nobody
+        asks whether the estimate has followed refused ones.
+        """
+        follows = offset_G is not None and self.agrees_with_refused(offset_G)
+        refused_G = self._cluster()[0]
         if self._last_fused_ns is None or receive_ns > self._last_fused_ns:
             self._last_fused_ns = receive_ns
         self._newest_fused_validity_ns = max(self._newest_fused_validity_ns, validity_ns)
@@ -135,6 +145,9 @@ class IntegrityMonitor:
             self._refused = deque(later, maxlen=_KEPT)
             self._count = len(later)
             self._first_ns = min((r.receive_ns for r in later), default=0)
+            if follows and not later:
+                self._followed_G += refused_G
+                self._farthest_m = max(self._farthest_m, self._followed())
 
     @property
     def quiet(self) -> bool:
@@ -214,14 +227,28 @@ class IntegrityMonitor:
 
     @property
     def moved(self) -> list[Condition]:
-        """A start that fixes contradicted, for the rest of the run: one of the two is wrong."""
-        if not self._moved_m:
-            return []
-        sentence = (
-            f'the first fixes lay {self._moved_m:.0f} m from the stated start, far beyond its '
-            'sigma, and were believed: one of the two is wrong'
-        )
-        return [Condition('start', Level.WARN, Culprit.FIXES, sentence)]
+        """A start or an estimate that fixes contradicted and then moved, until a reset.
+
+        One of the two is wrong, and nothing that comes later shows which.
+        """
+        found = []
+        if self._moved_m:
+            sentence = (
+                f'the first fixes lay {self._moved_m:.0f} m from the stated start, far beyond its '
+                'sigma, and were believed: one of the two is wrong'
+            )
+            found.append(Condition('start', Level.WARN, Culprit.FIXES, sentence))
+        if self._followed() > _BACK * self._farthest_m:
+            sentence = (
+                f'fixes that were refused in a row, {self._followed():.0f} m off, passed the gate '
+                'later and moved the estimate: they are wrong, or it was before'
+            )
+            found.append(Condition('fixes followed', Level.WARN, Culprit.FIXES, sentence))
+        return found
+
+    def _followed(self) -> float:
+        """How far fixes that had been refused have moved the estimate [m]; back counts off."""
+        return float(np.linalg.norm(self._followed_G))
 
     def lasting(self, stamp_ns: int) -> bool:
         """Whether fixes have been refused for longer than `max_gated_s` at a stamp."""

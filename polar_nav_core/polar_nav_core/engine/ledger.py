@@ -180,7 +180,9 @@ class FixLedger:
             before = refused_verdict(outcome) if outcome.fused else Verdict.FUSED
             self._verdicts[before] -= 1
         if outcome.fused:
-            self.integrity.fused(fix.validity_ns, cause.receive_ns)
+            # A station's fixes are meant to be believed at last: its watchdog says so.
+            offset_G = None if self._params.mode == 'station' else -outcome.z
+            self.integrity.fused(fix.validity_ns, cause.receive_ns, offset_G)
             self.refused_row.clear()
             self._fused[_FIX] += 1
             self._last_validity_ns = max(self._last_validity_ns, fix.validity_ns)

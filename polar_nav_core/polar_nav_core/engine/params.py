@@ -23,6 +23,7 @@ from .methods import (
     STATION_DELAYS,
     Configuration,
 )
+from .plausibility import initial_problem
 from .station_params import StationParams
 
 NO_CEILING = 1e300
@@ -330,6 +331,9 @@ class EngineParams(IdentificationParams, StationParams, LimitParams, HeadingPara
             )
         if self.model_aiding and self.mode == 'sins':
             self._check_model_aiding(chosen)
+        initial = self.initial_state()
+        if initial is not None and initial_problem(initial):
+            raise ConfigError(f'parameters initial_*: {initial_problem(initial)}')
         if self.uses_heading and self.usbl_bias_sigma > 0.0:
             raise ConfigError(
                 'parameter heading_reference: headings do not go with usbl_bias_sigma, both are '

@@ -15,6 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Array
+from ..earth import ecef_from_geodetic
+from ..kernels.limits import AXIS
 from .events import InitialState
 
 Bools: TypeAlias = NDArray[np.bool_]
@@ -25,8 +27,7 @@ MOST_VARIANCE: Final = 1e12
 of 1,000 km says nothing."""
 LEAST_DEPTH: Final = -50.0
 """A depth above it is none: air pressure, tide, geoid and heave are tens of metres at most [m]."""
-EARTH: Final = (6.3e6, 6.5e6)
-"""Distances from the Earth's centre that a fix can have [m]: the ocean floor, and orbits."""
+NO_GRID_NORTH: Final = 'grid north is undefined on the equator at longitude +-90 deg'
 MOST_RANGE: Final = 1e6
 """Farthest that an acoustic range can be [m]."""
 _LEAST_PIVOT = 1e-12
@@ -139,4 +140,5 @@ def initial_problem(s: InitialState) -> str:
         slack = _SLACK if low <= 0.0 else 1.0 / _SLACK
         if not low * slack <= value <= high * _SLACK:
             return f'{name} is {value:g}: it must lie in [{low:g}, {high:g}]'
-    return ''
+    x, _, z = ecef_from_geodetic(s.latitude, s.longitude, s.height).tolist()
+    return NO_GRID_NORTH if math.hypot(x, z) < AXIS else ''

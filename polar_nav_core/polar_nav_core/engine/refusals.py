@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Array
+from ..kernels.limits import AXIS, EARTH
 from .events import (
     ControlSample,
     DepthSample,
@@ -23,11 +24,11 @@ from .events import (
 from .inputs import Stamps
 from .params import EngineParams
 from .plausibility import (
-    EARTH,
     LEAST_DEPTH,
     LEAST_VARIANCE,
     MOST_RANGE,
     MOST_VARIANCE,
+    NO_GRID_NORTH,
     all_within,
     are_attitudes,
     are_covariances,
@@ -242,9 +243,12 @@ def unusable_fix(params: EngineParams, fix: Fix) -> Refusal | None:
         return Verdict.NOT_FINITE, 'position or covariance is not finite'
     if not is_covariance(fix.covariance_e):
         return _unusable_covariance('position', fix.covariance_e)
-    distance = math.hypot(*fix.r_e.tolist())
+    x, y, z = fix.r_e.tolist()
+    distance = math.hypot(x, y, z)
     if not EARTH[0] < distance < EARTH[1]:
         return Verdict.IMPLAUSIBLE, f"{distance:.4g} m from the Earth's centre"
+    if math.hypot(x, z) < AXIS:
+        return Verdict.IMPLAUSIBLE, NO_GRID_NORTH
     if params.usbl_bias_sigma > 0.0 and not np.isfinite(fix.array_heading):
         return Verdict.NOT_FINITE, 'no heading of the array, which usbl_bias_sigma needs'
     return None

@@ -9,9 +9,9 @@ import numpy as np
 
 from polar_nav_core.attitude import euler_from_matrix, matrix_from_quaternion
 from polar_nav_core.earth import geodetic_from_ecef
-from polar_nav_core.engine.plausibility import EARTH
 from polar_nav_core.errors import PolarNavError
 from polar_nav_core.grid import ecef_to_grid
+from polar_nav_core.kernels.limits import EARTH
 from polar_nav_core.local_frame import LocalFrame
 
 EARTH_FRAMES = ('earth', 'ecef')

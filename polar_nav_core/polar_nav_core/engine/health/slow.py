@@ -17,9 +17,9 @@ _SEVERE = 4.0
 _CERTAIN = 40.0
 """T from which on what a fault has done to the estimate is an ERROR, if it is enough: its size is
 6.3 of its own sigmas. In a world as stated once in 20,000 h (signatures.md, 4)."""
-_MOVED = 3.0
+MOVED = 3.0
 """Published sigmas of the horizontal position by which that is: what is covered lies inside."""
-_AS_LIKELY = 14.0
+AS_LIKELY = 14.0
 """Another kind whose T is less than this below the largest explains the evidence, too: the ratio
 of likelihoods is below exp(7), a thousand."""
 _CULPRITS = {
@@ -66,7 +66,7 @@ def slow_faults(evidence: Evidence | None, stamp_ns: int, P_horizontal: Array) -
     if not worst > BEYOND:
         return []
     statistic = bank[hy.STATISTIC].reshape(hy.SLOTS, hy.KINDS)
-    kinds = [kind for kind in _CULPRITS if statistic[:, kind].max() > worst - _AS_LIKELY]
+    kinds = [kind for kind in _CULPRITS if statistic[:, kind].max() > worst - AS_LIKELY]
     kinds.sort(key=lambda kind: -float(statistic[:, kind].max()))
     culprit = Culprit.NONE
     parts = []
@@ -87,7 +87,7 @@ def judged(key: str, culprit: Culprit, sentence: str, worst: float, moved: float
 
     ``moved`` is the shift of the horizontal position in sigmas.
     """
-    misled = worst > _CERTAIN and moved > _MOVED
+    misled = worst > _CERTAIN and moved > MOVED
     if misled:
         sentence += f', which has moved the position by {moved:.1f} of its stated sigmas'
     level = Level.ERROR if misled or worst > _SEVERE * BEYOND else Level.WARN

@@ -9,6 +9,7 @@ while; outliers leave none. Thresholds: docs/trust-and-hold.md.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,9 +18,10 @@ from ...arrays import Array, Ints
 from ...kernels import watch
 from ...kernels.station import state as ss
 from .conditions import Condition, Culprit, Level
-from .slow import BEYOND, judged, shift_in_sigmas, sizes_of
+from .deviation import Deviation
+from .slow import AS_LIKELY, BEYOND, MOVED, judged, shift_in_sigmas, sizes_of
 from .statistics import Statistics, statistics
-from .watchdog import AFTER_S, DEPTH, FEWEST, FIX, View, Watchdog, outside, scatter
+from .watchdog import AFTER_S, DEPTH, FEWEST, FIX, Envelope, View, Watchdog, outside, scatter
 
 _RATIO = (1.6, 2.5)
 """Mean NIS per degree of freedom of the short memory that is a WARN, an ERROR."""
@@ -33,6 +35,42 @@ _DRAG_SIGMAS = 3.0
 _DRAG_FACTOR = 4.0
 """Estimated drag beyond the stated one by this factor is implausible."""
 _EITHER = Culprit.MODEL | Culprit.FIXES
+_BEYOND = 30.0
+"""T that is a WARN; with it, and 28 for a current that grows, all kinds together are as rare as
+those of the strapdown mode (signatures.md, 6)."""
+_LIMITS = np.full(ss.KINDS, _BEYOND)
+_LIMITS[ss.GROWS : ss.GROWS + 2] = BEYOND
+
+
+def _growing(x: float, y: float) -> str:
+    return f'the current changes by {60.0 * math.hypot(x, y):.2f} m/s a minute, or fixes drift,'
+
+
+def _begun(x: float, y: float) -> str:
+    return f'the current has changed by {math.hypot(x, y):.2f} m/s, or fixes drift,'
+
+
+def _deviation(x: float, y: float) -> str:
+    degrees = math.degrees(math.hypot(x, y))
+    return f'the heading of the AHRS has a deviation of {degrees:.1f} deg'
+
+
+def _changed_drag(x: float) -> str:
+    return f'drag is {100.0 * math.expm1(min(x, 5.0)):+.0f} % off, or thrust,'
+
+
+def _turning(x: float) -> str:
+    return f'the heading of the AHRS drifts by {math.degrees(x) * 3600.0:.0f} deg/h'
+
+
+_KINDS: dict[int, tuple[Culprit, Callable[..., str]]] = {
+    ss.GROWS: (_EITHER, _growing),
+    ss.BEGINS: (_EITHER, _begun),
+    ss.DEVIATES: (Culprit.HEADING, _deviation),
+    ss.DRAGS: (Culprit.MODEL, _changed_drag),
+    ss.TURNS: (Culprit.HEADING, _turning),
+}
+"""Culprits and words of a slow fault by its kind."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,10 +95,16 @@ class StationView(View):
         When they did so last; 0 for never.
     turned_ns : int
         When the AHRS turned last against its own rates; 0 for never.
-    signatures : (SIGNATURE_ROWS, 2 SLOTS) array or None
-        Hypotheses about the current (kernels.station.signatures).
+    signatures : (SIGNATURE_ROWS, KINDS SLOTS) array or None
+        Hypotheses about slow faults (kernels.station.signatures).
     born_ns : (SLOTS,) array of int or None
         When those of each slot began; 0 for an empty one.
+    jumped : (2,) array or None
+        Sum of the jumps of fixes that the estimate has followed, station axes [m].
+    psi, turn : float or None
+        Heading of the AHRS, and its newest turn that its own rates do not explain [rad].
+    heading_sigma : float
+        Published 1-sigma of the heading [rad].
     """
 
     share: float
@@ -74,10 +118,18 @@ class StationView(View):
     turned_ns: int = 0
     signatures: Array | None = None
     born_ns: Ints | None = None
+    jumped: Array | None = None
+    psi: float | None = None
+    turn: float = 0.0
+    heading_sigma: float = math.inf
 
 
 class StationWatchdog(Watchdog):
     """Watchdog of one navigation in station mode; `look` returns its health."""
+
+    def __init__(self, envelope: Envelope) -> None:
+        super().__init__(envelope)
+        self._deviation = Deviation()
 
     def _conditions(self, view: View) -> list[Condition]:
         s = statistics(view.memories)
@@ -85,12 +137,16 @@ class StationWatchdog(Watchdog):
         if isinstance(view, StationView):
             found += [
                 *_loosened(view),
-                *_current(view),
+                *_slow(view),
+                *_jumped(view),
                 *_turned(view),
                 *_ahrs_gap(view),
                 *_thrust(view),
                 *_drag(view),
             ]
+            if view.psi is not None:
+                sigma = view.heading_sigma
+                found += self._deviation.look(view.stamp_ns, view.psi, view.turn, sigma)
         return [*found, *outside(view, self._envelope)]
 
 
@@ -156,24 +212,49 @@ def _loosened(view: StationView) -> list[Condition]:
     return [Condition('model loosened', level, _EITHER, sentence)]
 
 
-def _current(view: StationView) -> list[Condition]:
-    """Fixes show the signature of a current that changes faster than it walks."""
+def _slow(view: StationView) -> list[Condition]:
+    """Fixes show the signature of a slow fault; every kind that is as likely is named."""
     if view.signatures is None or view.born_ns is None:
         return []
-    statistic = view.signatures[ss.STATISTIC]
-    first = int(np.argmax(statistic))  # both directions of a slot have the same
-    worst = float(statistic[first])
-    if not worst > BEYOND:
+    by_slot = view.signatures[ss.STATISTIC].reshape(ss.SLOTS, ss.KINDS)
+    if not (by_slot > _LIMITS).any():
         return []
-    slot = view.signatures[:, first : first + 2]
-    x, y = sizes_of(slot[ss.LAMBDA], float(slot[ss.CROSS, 0]), slot[ss.ZETA])
-    minutes = (view.stamp_ns - int(view.born_ns[first // 2])) / 60e9
+    worst = float(by_slot.max())
+    likely = [kind for kind in _KINDS if by_slot[:, kind].max() > worst - AS_LIKELY]
+    likely.sort(key=lambda kind: -float(by_slot[:, kind].max()))
+    culprit = Culprit.NONE
+    parts, moved = [], 0.0
+    for kind in likely:
+        culprit |= _KINDS[kind][0]
+        slot = int(np.argmax(by_slot[:, kind]))
+        sizes, shift = _size(view.signatures[:, slot * ss.KINDS :], kind)
+        minutes = (view.stamp_ns - int(view.born_ns[slot])) / 60e9
+        parts.append(f'{_KINDS[kind][1](*sizes)} since about {minutes:.0f} min')
+        if kind == likely[0]:
+            moved = shift_in_sigmas(shift, view.P_horizontal)
+    sentence = f'{", or ".join(parts)} ({math.sqrt(worst):.1f} sigma)'
+    return [judged('slow fault', culprit, sentence, worst, moved)]
+
+
+def _size(slot: Array, kind: int) -> tuple[tuple[float, ...], Array]:
+    """Size of a fault that fits best, of a slot's columns, and the way it has moved x and y."""
+    if kind < ss.DRAGS:
+        pair = slot[:, kind : kind + 2]
+        size = sizes_of(pair[ss.LAMBDA], float(pair[ss.CROSS, 0]), pair[ss.ZETA])
+        return size, pair[ss.HORIZONTAL] @ np.array(size)
+    one = float(slot[ss.ZETA, kind] / slot[ss.LAMBDA, kind])
+    return (one,), slot[ss.HORIZONTAL, kind] * one
+
+
+def _jumped(view: StationView) -> list[Condition]:
+    """Fixes have jumped, which no vehicle can, and the estimate has followed them."""
+    if view.jumped is None or not shift_in_sigmas(view.jumped, view.P_horizontal) > MOVED:
+        return []
     sentence = (
-        f'the current changes by {60.0 * math.hypot(x, y):.2f} m/s a minute since about '
-        f'{minutes:.0f} min, or fixes drift ({math.sqrt(worst):.1f} sigma)'
+        f'fixes have jumped by {float(np.hypot(*view.jumped)):.0f} m, farther than the vehicle '
+        'can have come, and the estimate has followed: they are wrong, or were before'
     )
-    moved = shift_in_sigmas(slot[ss.HORIZONTAL] @ np.array([x, y]), view.P_horizontal)
-    return [judged('current', _EITHER, sentence, worst, moved)]
+    return [Condition('fixes jumped', Level.WARN, Culprit.FIXES, sentence)]
 
 
 def _turned(view: StationView) -> list[Condition]:

@@ -11,6 +11,7 @@ import numpy as np
 
 from ... import attitude, earth, grid
 from ...error_model import X
+from ...kernels.limits import EARTH
 from ...kernels.sins import compass
 from ...kernels.sins import fuse as ff
 from ...kernels.sins import state as fs
@@ -100,6 +101,13 @@ def restore(s: fs.State, frames: fs.Frames, c: fs.Settings, good: Array, since_s
     s.P[X.phi_G, X.phi_G] += np.eye(3) * (_LOST_RATE * since_s) ** 2
     s.P[X.dv_G, X.dv_G] += np.eye(3) * (_LOST_ACCELERATION * since_s) ** 2
     ff.locate(s, frames, c)
-    s.r_e[:] += frames.velocity_e * since_s
+    moved_e = s.r_e + frames.velocity_e * since_s
     speed = float(np.linalg.norm(s.v_G))
+    if EARTH[0] < float(np.linalg.norm(moved_e)) < EARTH[1]:
+        s.r_e[:] = moved_e
+    else:  # with this velocity it would be lost again at once
+        s.v_G[:] = 0.0
+        ff.locate(s, frames, c)
+        speed = c.max_speed
+        s.P[X.dv_G, X.dv_G] += np.eye(3) * speed**2
     s.P[X.dr_e, X.dr_e] += np.eye(3) * ((speed + _LOST_ACCELERATION) * since_s) ** 2

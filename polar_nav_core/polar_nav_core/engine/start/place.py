@@ -12,8 +12,9 @@ import numpy as np
 from ...arrays import Array
 from ...earth import geodetic_from_ecef
 from ...grid import ecef_to_grid
+from ...kernels.limits import EARTH
 from ..events import Fix
-from ..plausibility import EARTH, is_covariance, within
+from ..plausibility import is_covariance, within
 from .course import Passed
 
 UNKNOWN_VELOCITY = 2.0

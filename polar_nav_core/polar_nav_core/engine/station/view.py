@@ -22,6 +22,9 @@ def view_of(fusion: StationFusion, stamp_ns: int, resets: int) -> StationView:
     opened_ns[FIX_ROW] = counters[ss.OPENED_NS]
     stated, _ = p.vehicle_model().logarithmic_drag(p.model_speed)
     thrust_ns = int(counters[ss.THRUST_NS])
+    sample = (int(counters[ss.IMU]) - 1) % len(f.streams.imu_stamps)
+    C_b_G = f.streams.C_b_G[sample]
+    smoothed = f.settings.attitude_tau > 0.0
     return StationView(
         stamp_ns=stamp_ns,
         memories=f.bank.memories,
@@ -45,4 +48,8 @@ def view_of(fusion: StationFusion, stamp_ns: int, resets: int) -> StationView:
         turned_ns=int(counters[ss.TURN_NS]),
         signatures=f.bank.signatures,
         born_ns=counters[ss.BORN_NS : ss.BIRTH_NS],
+        psi=math.atan2(C_b_G[1, 0], C_b_G[0, 0]) if smoothed else None,
+        turn=float(f.streams.unexplained[sample]),
+        heading_sigma=math.sqrt(max(0.0, P[ss.HEADING, ss.HEADING])),
+        jumped=1e-3 * counters[ss.JUMPED_MM : ss.COUNTERS].astype(np.float64),
     )

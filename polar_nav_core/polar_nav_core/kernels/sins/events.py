@@ -13,6 +13,7 @@ from ...arrays import Array
 from ..cache import entry, kernel, routine
 from ..frames.earth import up_and_height
 from ..frames.grid import fill_C_e_G
+from ..limits import AXIS, EARTH
 from . import state as fs
 from .aiding import compare_velocities, model_is_definite, predict_model, store_block_step
 from .consider import (
@@ -133,10 +134,12 @@ def covariance_step(
     for k in range(3):
         s.dvl_markov_m[k] *= Phi[MARKOV, MARKOV]
         s.usbl_bias_a[k] *= Phi[USBL + k, USBL + k]
-    total = 0.0
+    total, square = 0.0, 0.0
     for k in range(3):
         total += s.r_e[k] + s.v_G[k]
-    good = math.isfinite(total)
+        square += s.r_e[k] * s.r_e[k]
+    good = math.isfinite(total) and EARTH[0] ** 2 <= square <= EARTH[1] ** 2
+    good = good and math.hypot(s.r_e[0], s.r_e[2]) >= AXIS
     for k in range(c.active):
         good = good and s.P[k, k] > 0.0
     # The whole test costs as much as the step; after going back it is made once, at the end.

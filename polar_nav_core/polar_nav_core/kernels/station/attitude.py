@@ -12,7 +12,7 @@ _LOST = 0.3
 """Beyond this angle [rad] the smoothed attitude starts anew."""
 _SETTLED = 3.0
 """The mean of the first samples draws by more than so many times the usual share."""
-_MEMORY_S = 10.0
+MEMORY_S = 10.0
 """For how long a turn of the AHRS against its own rates is remembered [s]."""
 
 
@@ -94,7 +94,7 @@ def smooth(
         unexplained[k] = 0.0
         if not 0.0 < dt < tau:
             continue
-        before = unexplained[(i - 1) % n] * (1.0 - dt / _MEMORY_S)
+        before = unexplained[(i - 1) % n] * (1.0 - dt / MEMORY_S)
         x = B[0, 0] * omega_G[0] + B[1, 0] * omega_G[1] + B[2, 0] * omega_G[2]
         y = B[0, 1] * omega_G[0] + B[1, 1] * omega_G[1] + B[2, 1] * omega_G[2]
         z = B[0, 2] * omega_G[0] + B[1, 2] * omega_G[1] + B[2, 2] * omega_G[2]

@@ -248,8 +248,8 @@ def fix_event(
     know_station(b, fix)
     lever_arm(b, w, streams, b.counters[ss.IMU] - 1, c.lever_fix_b)
     kept = frozen and outcome[ss.DECIDED] != ss.UNDECIDED
-    if kept and outcome[ss.OPENING] > 0.0:
-        open_again(b, outcome, stamp)
+    if kept and outcome[ss.OPENING] != 0.0:
+        open_again(b, outcome, jumps, stamp)
     for m in range(b.x.shape[0]):
         if not kept:
             for j in range(ss.N):
@@ -267,8 +267,10 @@ def fix_event(
         outcome[ss.OPENING] = 0.0
         judge(b, c, w, fix, outcome, points)
         if outcome[ss.DECIDED] == ss.REFUSED and opens(b, c, w, outcome, stamp):
-            open_gate(b, outcome, stamp)
+            open_gate(b, w, outcome, jumps, stamp, True)
             for m in range(b.x.shape[0]):
+                for j in range(ss.N):
+                    points[m, j] = b.x[m, j]
                 fix_rows(w.z[m], w.H, fix, points[m], dt, w)
                 fix_common(w.J[m], w.H, fix[ss.RANGE])
                 spread_of(w.PHt[m], w.S[m], w.H, b.P[m], fix)

@@ -156,7 +156,8 @@ def forward_fix(
     _fill_rows(b, c, w, streams, log, fix, first, dt, kind)
     judge(b, c, w, fix, outcome, b.x)
     if outcome[ss.DECIDED] == ss.REFUSED and opens(b, c, w, outcome, b.counters[ss.STAMP]):
-        open_gate(b, outcome, b.counters[ss.STAMP])
+        # A fix whose rows are of the past cannot follow a jump that is of now.
+        open_gate(b, w, outcome, log.jumps, b.counters[ss.STAMP], False)
         _fill_rows(b, c, w, streams, log, fix, first, dt, kind)
         judge(b, c, w, fix, outcome, b.x)
     note(b, w, outcome, w.v3[0], w.v3[1])

@@ -7,6 +7,12 @@ vouch for the model against them: fixes that were refused in a row, for long eno
 same side, are believed. The covariance of velocity, position and current grows by the NIS per
 row; what is known of drag and heading is kept, for a fault of the moment says little of them.
 
+A first refused fix that lies farther off than the vehicle can have come since the one before, and
+farther than noise reaches, is no matter of its model: fixes have jumped (a mirrored bearing, a
+slot of the range), or the stated place of the station has. Then the position alone moves there,
+with the variance of the offset. A velocity that took its share of such a jump would carry the
+vehicle away, for long after the fixes are back.
+
 Fixes refused to changing sides never open it: those are outliers.
 """
 
@@ -27,6 +33,14 @@ AGREEMENT = 0.7
 """Length of the mean of their directions."""
 LEAST, MOST = 2.0, 100.0
 """Limits of the factor on the covariance."""
+NOISE = 4.0
+"""A jump is longer than the farthest way by so many sigma of the innovation."""
+MOST_LEAP = 1e6
+"""Longest jump [m]: the longest acoustic range."""
+SAME = 0.5
+"""Share of the first offset that must be left at the opening: a jump stays."""
+BACK = 0.5
+"""Share of a jump that may be left of all of them where it leads back."""
 ENLARGED = ss.DRAG
 """States before this one are enlarged: velocity, position, current."""
 
@@ -57,6 +71,22 @@ def metric(z: Array, S: Array, outcome: Array) -> None:
 
 
 @kernel
+def _leaps(b: Bank, c: Settings, w: Work, length: float, since_s: float) -> bool:
+    """Whether an offset ``w.z3`` of a length [m] is no matter of the model: see above.
+
+    ``since_s``: time since the fix before, which was used.
+    """
+    if not (b.loose[ss.NEWEST_S] > 0.0 and since_s > 0.0 and length > 0.0):
+        return False
+    x = w.z3[0] / length
+    y = w.z3[1] / length
+    square = x * x * w.S3[0, 0] + 2.0 * x * y * w.S3[0, 1] + y * y * w.S3[1, 1]
+    reach = c.max_speed * since_s + NOISE * math.sqrt(max(square, 0.0))
+    far: bool = reach < length <= MOST_LEAP
+    return far
+
+
+@kernel
 def opens(b: Bank, c: Settings, w: Work, outcome: Array, stamp: int) -> bool:
     """Whether this refused fix is the one that opens the gate; counts it."""
     if b.counters[ss.RUN] == 0:
@@ -66,6 +96,10 @@ def opens(b: Bank, c: Settings, w: Work, outcome: Array, stamp: int) -> bool:
     b.counters[ss.RUN] += 1
     metric(w.z3, w.S3, outcome)
     length = math.sqrt(w.z3[0] * w.z3[0] + w.z3[1] * w.z3[1])
+    if b.counters[ss.RUN] == 1:
+        leaps = _leaps(b, c, w, length, stamp * 1e-9 - b.loose[ss.NEWEST_S])
+        for k in range(2):  # measured less expected
+            b.counters[ss.LEAP_MM + k] = -int(1e3 * w.z3[k]) if leaps else 0
     if length > 0.0:
         b.flat[ss.SIDE] += w.z3[0] / length
         b.flat[ss.SIDE + 1] += w.z3[1] / length
@@ -93,23 +127,63 @@ def enlarge(b: Bank, factor: float) -> None:
 
 
 @kernel
-def open_gate(b: Bank, outcome: Array, stamp: int) -> None:
-    """Enlarge the covariance by the NIS per row of a fix.
+def _jump(b: Bank, outcome: Array, jumps: Array) -> None:
+    """Move the position by a jump, with the variance of its length, and add it to their sum.
 
-    The count of refused ones goes on: where that was not enough, the next fix opens it again.
+    Moved, for rows of range and bearing at the old place say little of one so far away. A jump
+    that leads back ends them all: what is left is noise and the model's drift. ``jumps`` is a log
+    of corrections, or empty.
     """
-    factor = min(max(0.5 * outcome[ss.NIS], LEAST), MOST)
-    enlarge(b, factor)
-    clear_signatures(b)
-    outcome[ss.OPENING] = factor
-    b.counters[ss.OPENED_NS] = stamp
-    b.counters[ss.OPENINGS] += 1
+    for m in range(b.x.shape[0]):
+        for k in range(2):
+            shift = outcome[ss.FOLLOWED + k]
+            b.x[m, ss.POSITION + k] += shift
+            b.P[m, ss.POSITION + k, ss.POSITION + k] -= outcome[ss.OPENING]
+            if jumps.shape[0] > 0:
+                jumps[(b.counters[ss.IMU] - 1) % jumps.shape[0], m, ss.POSITION + k] += shift
+    x = 1e3 * outcome[ss.FOLLOWED]
+    y = 1e3 * outcome[ss.FOLLOWED + 1]
+    sum_x = b.counters[ss.JUMPED_MM] + x
+    sum_y = b.counters[ss.JUMPED_MM + 1] + y
+    back = sum_x * sum_x + sum_y * sum_y < BACK * BACK * (x * x + y * y)
+    b.counters[ss.JUMPED_MM] = 0 if back else int(sum_x)
+    b.counters[ss.JUMPED_MM + 1] = 0 if back else int(sum_y)
 
 
 @kernel
-def open_again(b: Bank, outcome: Array, stamp: int) -> None:
-    """Enlarge the covariance again by the stored factor of a fix that keeps its decision."""
-    enlarge(b, outcome[ss.OPENING])
+def open_gate(b: Bank, w: Work, outcome: Array, jumps: Array, stamp: int, may_jump: bool) -> None:
+    """Enlarge the covariance by the NIS per row of a fix, or follow a jump where one may.
+
+    The count of refused ones goes on: where that was not enough, the next fix opens it again.
+    ``w.z3`` is as `opens` left it, ``jumps`` as for `_jump`.
+    """
+    d, a = outcome[ss.DISTANCE], outcome[ss.AZIMUTH]
+    further, turned = d + outcome[ss.Z0], a + outcome[ss.Z1]
+    x = further * math.cos(turned) - d * math.cos(a)
+    y = further * math.sin(turned) - d * math.sin(a)
+    leap, now = 0.0, 0.0
+    for k in range(2):
+        first = 1e-3 * b.counters[ss.LEAP_MM + k]
+        leap += first * first
+        now += w.z3[k] * w.z3[k]
+        b.counters[ss.LEAP_MM + k] = 0
+    far = may_jump and leap > 0.0 and now > SAME * SAME * leap
+    if far and math.hypot(x, y) <= MOST_LEAP:
+        outcome[ss.FOLLOWED] = x
+        outcome[ss.FOLLOWED + 1] = y
+        outcome[ss.OPENING] = -(x * x + y * y)
+    else:
+        outcome[ss.OPENING] = min(max(0.5 * outcome[ss.NIS], LEAST), MOST)
+    open_again(b, outcome, jumps, stamp)
+
+
+@kernel
+def open_again(b: Bank, outcome: Array, jumps: Array, stamp: int) -> None:
+    """Enlarge the covariance, or follow a jump, as stored with a fix that keeps its decision."""
+    if outcome[ss.OPENING] < 0.0:
+        _jump(b, outcome, jumps)
+    else:
+        enlarge(b, outcome[ss.OPENING])
     clear_signatures(b)
     b.counters[ss.OPENED_NS] = stamp
     b.counters[ss.OPENINGS] += 1

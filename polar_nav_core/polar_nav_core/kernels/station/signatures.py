@@ -1,18 +1,27 @@
-"""Evidence that the water changes: the signature of a current that grows, in state and fixes.
+"""Evidence of slow faults: their signatures in state and fixes.
 
-As `kernels.sins.hypotheses`: a hypothesis is a current that has grown by 1 m/s^2 along x or y
-since a given time. Its signature u, estimated less true state per unit of it, obeys the equation
-of a common error: u <- F u with -dt in the current, u <- u + K g, and the innovation of a fix
-changes by g = -H u. With the fix's innovation z and its covariance S,
+As `kernels.sins.hypotheses`: a hypothesis is a fault of unit size that began at a given time, of
+one of these kinds:
+
+- the current grows (1 m/s^2), or has begun (1 m/s), along x or y;
+- the AHRS deviates by the sine or cosine of its heading (1 rad);
+- ln of the drag has changed by 1: so has thrust against what is stated;
+- the heading of the AHRS drifts (1 rad/s).
+
+Its signature u, estimated less true state per unit of it, obeys the equation of a common error:
+u <- F u and what the fault does meanwhile, u <- u + K g, and the innovation of a fix changes by
+g = -H u. With the fix's innovation z and its covariance S,
 
     Lambda = sum g^T S^-1 g,    zeta = sum g^T S^-1 z,    T = zeta^2 / Lambda,
 
-both directions together, is chi-square (2) while innovations are white, whatever the signature:
-it goes by the heaviest member's slopes, once a second. Nothing of it is read by the filter.
-Derivation: docs/derivations/signatures.md.
+of a pair both together, is chi-square (1 or 2) while innovations are white, whatever the
+signature: it goes by the heaviest member's slopes, once a second. Nothing of it is read by the
+filter. Derivation: docs/derivations/signatures.md.
 """
 
 from __future__ import annotations
+
+import math
 
 from ...arrays import Array
 from ..cache import kernel
@@ -65,10 +74,19 @@ def advance_signatures(b: Bank, c: Settings, w: Work, at: Array, stamp: int) -> 
     h = since_ns * 1e-9
     f_drag, f_share, g_x, g_y = slopes(at[best], c, w)
     transform(b.signatures, h, f_drag, f_share, g_x, g_y, w)
+    level = math.hypot(w.C_A[0, 0], w.C_A[1, 0])
+    s_psi = w.C_A[1, 0] / level if level > 0.0 else 0.0
+    c_psi = w.C_A[0, 0] / level if level > 0.0 else 0.0
+    u = b.signatures
     for slot in range(ss.SLOTS):
         if b.counters[ss.BORN_NS + slot] > 0:
+            first = ss.KINDS * slot
             for k in range(2):
-                b.signatures[ss.CURRENT + k, 2 * slot + k] -= h
+                u[ss.CURRENT + k, first + ss.GROWS + k] -= h
+                turn = h * (s_psi if k == 0 else c_psi)
+                u[ss.POSITION, first + ss.DEVIATES + k] -= turn * g_x
+                u[ss.POSITION + 1, first + ss.DEVIATES + k] -= turn * g_y
+            u[ss.HEADING, first + ss.TURNS] -= h
 
 
 @kernel
@@ -85,9 +103,13 @@ def note_signatures(b: Bank, c: Settings, w: Work, outcome: Array, stamp: int) -
     if stamp >= b.counters[ss.BIRTH_NS]:
         born_ns = b.counters[ss.BORN_NS : ss.BORN_NS + ss.SLOTS]
         slot = slot_to_begin(born_ns, stamp, OLDEST_NS)
+        first = ss.KINDS * slot
         for i in range(b.signatures.shape[0]):
-            for k in range(2):
-                b.signatures[i, 2 * slot + k] = 0.0
+            for k in range(ss.KINDS):
+                b.signatures[i, first + k] = 0.0
+        for k in range(2):
+            b.signatures[ss.CURRENT + k, first + ss.BEGINS + k] = -1.0
+        b.signatures[ss.DRAG, first + ss.DRAGS] = -1.0
         born_ns[slot] = stamp
         b.counters[ss.BIRTH_NS] = stamp + BIRTH_NS
     s00, s01, s11 = outcome[ss.S00], outcome[ss.S01], outcome[ss.S11]
@@ -103,21 +125,27 @@ def note_signatures(b: Bank, c: Settings, w: Work, outcome: Array, stamp: int) -
             g[a, j] = 0.0
             for k in range(ss.N):
                 g[a, j] -= w.H[a, k] * u[k, j]
+    for k in range(u.shape[1]):
+        square = s11 * g[0, k] * g[0, k] - 2.0 * s01 * g[0, k] * g[1, k]
+        u[ss.LAMBDA, k] += counts * (square + s00 * g[1, k] * g[1, k]) / det
+        u[ss.ZETA, k] += counts * (g[0, k] * x0 + g[1, k] * x1)
     for slot in range(ss.SLOTS):
-        i, j = 2 * slot, 2 * slot + 1
-        for k in range(i, j + 1):
-            square = s11 * g[0, k] * g[0, k] - 2.0 * s01 * g[0, k] * g[1, k]
-            u[ss.LAMBDA, k] += counts * (square + s00 * g[1, k] * g[1, k]) / det
-            u[ss.ZETA, k] += counts * (g[0, k] * x0 + g[1, k] * x1)
-        both = s11 * g[0, i] * g[0, j] - s01 * (g[0, i] * g[1, j] + g[1, i] * g[0, j])
-        u[ss.CROSS, i] += counts * (both + s00 * g[1, i] * g[1, j]) / det
-        statistic = 0.0
-        if stamp - b.counters[ss.BORN_NS + slot] >= JUDGED_NS:
-            statistic = pair_statistic(
-                u[ss.LAMBDA, i], u[ss.LAMBDA, j], u[ss.CROSS, i], u[ss.ZETA, i], u[ss.ZETA, j]
-            )
-        u[ss.STATISTIC, i] = statistic
-        u[ss.STATISTIC, j] = statistic
+        first = ss.KINDS * slot
+        judged = stamp - b.counters[ss.BORN_NS + slot] >= JUDGED_NS
+        for i in range(first, first + ss.DRAGS, 2):
+            j = i + 1
+            both = s11 * g[0, i] * g[0, j] - s01 * (g[0, i] * g[1, j] + g[1, i] * g[0, j])
+            u[ss.CROSS, i] += counts * (both + s00 * g[1, i] * g[1, j]) / det
+            statistic = 0.0
+            if judged:
+                statistic = pair_statistic(
+                    u[ss.LAMBDA, i], u[ss.LAMBDA, j], u[ss.CROSS, i], u[ss.ZETA, i], u[ss.ZETA, j]
+                )
+            u[ss.STATISTIC, i] = statistic
+            u[ss.STATISTIC, j] = statistic
+        for k in range(first + ss.DRAGS, first + ss.KINDS):
+            known = judged and u[ss.LAMBDA, k] > 0.0
+            u[ss.STATISTIC, k] = u[ss.ZETA, k] ** 2 / u[ss.LAMBDA, k] if known else 0.0
     _answer(b, w)
 
 

@@ -42,14 +42,17 @@ HORIZONTAL = slice(POSITION, POSITION + 2)
 # the gate was opened last [ns], and how often; gaps between AHRS samples, length of the newest and
 # stamp of its end [ns]; how often the model was loosened, and when last [ns];
 # turns of the AHRS against its rates, and when the newest began [ns]; when each slot of
-# hypotheses began [ns], 0 for an empty one, when the next begin, and of which stamp they are.
+# hypotheses began [ns], 0 for an empty one, when the next begin, and of which stamp they are; how
+# far off the first of the refused fixes in a row is, if farther than a vehicle can have come (2),
+# and the sum of such jumps that were followed (2), along x and y [mm].
 STAMP, IMU, CONTROL, DEPTH, FIX = 0, 1, 2, 3, 4
 THRUST_NS, RUN, RUN_NS, OPENED_NS, OPENINGS = 5, 6, 7, 8, 9
 GAPS, GAP_NS, GAP_END_NS = 10, 11, 12
 LOOSENED, LOOSENED_NS, TURNS, TURN_NS = 13, 14, 15, 16
 SLOTS = 5
 BORN_NS = 17
-BIRTH_NS, SIGNATURES_NS, COUNTERS = BORN_NS + SLOTS, BORN_NS + SLOTS + 1, BORN_NS + SLOTS + 2
+BIRTH_NS, SIGNATURES_NS, LEAP_MM = BORN_NS + SLOTS, BORN_NS + SLOTS + 1, BORN_NS + SLOTS + 2
+JUMPED_MM, COUNTERS = LEAP_MM + 2, LEAP_MM + 4
 
 # Bank.flat: thrust (3), vertical at the vehicle (3), place where that holds (3), its height,
 # C_A_G (9), 1-sigma of the station's heading, sum of the directions of refused fixes in a row (2).
@@ -64,19 +67,23 @@ SUM_X, SUM_Y, SINCE_S, EXTRA, NEWEST_S, TURNED_2, LOOSE = 0, 1, 2, 3, 4, 5, 6
 # position along x and y, zero of depth.
 RANGE_SCALE, TURN, OFFSET, DEPTH_ZERO, COMMON = 0, 1, 2, 4, 5
 
-# Rows of Bank.signatures after the state: Lambda and zeta, Lambda between both directions (at the
-# first of them), their statistic. Hypothesis along k (0 x, 1 y) of slot i: column 2 i + k.
+# Rows of Bank.signatures after the state: Lambda and zeta, Lambda between both of a pair (at the
+# first of them), their statistic. Hypothesis of kind k in slot i: column KINDS i + k. Kinds: a
+# current that grows and one that has begun, along x and y; a deviation of the AHRS as the sine and
+# cosine of the heading; drag that has changed; a heading of the AHRS that drifts.
 LAMBDA, ZETA, CROSS, STATISTIC, SIGNATURE_ROWS = N, N + 1, N + 2, N + 3, N + 4
+GROWS, BEGINS, DEVIATES, DRAGS, TURNS, KINDS = 0, 2, 4, 6, 7, 8
 
 # Columns of Streams.fixes.
 X, Y, Z, PSI, RANGE, BEARING, RANGE_VARIANCE, BEARING_VARIANCE, PSI_SIGMA, FIX_COLUMNS = range(10)
 
 # Columns of Streams.outcomes: decision, NIS, innovation (2), its covariance (3), inflation, place
-# in polar coordinates from the station (2), factor on the covariance that opened the gate for it,
-# unexplained way with which it loosened the model [m^2; 0: it did not] and how long that took [s],
-# Bank.loose[EXTRA] after it.
+# in polar coordinates from the station (2), factor on the covariance that opened the gate for it
+# (negative: less the variance that the position got [m^2]), unexplained way with which it loosened
+# the model [m^2; 0: it did not] and how long that took [s], Bank.loose[EXTRA] after it, the jump
+# for which it opened the gate (2) [m].
 DECIDED, NIS, Z0, Z1, S00, S01, S11, INFLATION, DISTANCE, AZIMUTH, OPENING = range(11)
-WAY, LASTED_S, FURTHER, OUTCOME = 11, 12, 13, 14
+WAY, LASTED_S, FURTHER, FOLLOWED, OUTCOME = 11, 12, 13, 14, 16
 
 # What `advance` returns.
 DONE, FULL, NOT_DEFINITE = 0, -3, -1
@@ -94,7 +101,7 @@ class Bank(NamedTuple):
     weight: Array  # (B,), sum 1
     S: Array  # (B, 12, COMMON): change of the error per unit of each common error
     memories: Array  # (watch.STREAMS, watch.MEMORIES, watch.WIDTH) of innovations
-    signatures: Array  # (SIGNATURE_ROWS, 2 SLOTS): hypotheses about the current
+    signatures: Array  # (SIGNATURE_ROWS, KINDS SLOTS): hypotheses about slow faults
     flat: Array  # (FLAT,)
     loose: Array  # (LOOSE,)
     counters: Ints  # (COUNTERS,)
@@ -136,6 +143,7 @@ class Settings(NamedTuple):
     common: Array  # (COMMON,): 1-sigma of each common error
     shares: bool  # whether any of them is stated
     reopen_ns: int  # fixes refused for so long may open the gate; 0 for never
+    max_speed: float  # that the vehicle can have [m/s]
     doubt: float  # log likelihood ratio from which on the model is loosened; 0: never
     gap_ns: int  # a longer interval between AHRS samples is a gap
     thrust_ns: int  # a thrust that is older is unknown; 0: it holds for ever
@@ -231,5 +239,5 @@ class Work(NamedTuple):
     S3: Array  # (3, 3)
     PHt: Array  # (B, 2, 12)
     inflation: Array  # (B,)
-    change: Array  # (2, 2 SLOTS): of an innovation, by the hypotheses
+    change: Array  # (2, KINDS SLOTS): of an innovation, by the hypotheses
     nis: Array  # (4,): of the last depth: NIS, innovation, its variance, 1 where fused

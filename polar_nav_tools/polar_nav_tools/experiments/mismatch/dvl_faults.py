@@ -182,3 +182,159 @@ class DepthError(Fault):
         if self.stuck:
             error = error + i.depth[max(0, int(np.argmax(on)) - 1)] - i.depth
         return worlds.add_depth(world, scale * on * error)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DvlBias(Fault):
+    """Velocity off by a constant in the instrument's axes [m/s], whatever the speed."""
+
+    bias_m: tuple[float, float, float]
+
+    def applied(self, world: World, scale: float) -> World:
+        """World whose pings are off."""
+        on = self._on(worlds.seconds(world, world.inputs.dvl_stamps_ns))
+        return worlds.add_dvl(world, scale * on * np.array(self.bias_m))
+
+
+@dataclass(frozen=True, kw_only=True)
+class DvlOneSided(Fault):
+    """A share of pings that are too fast along x by ``size`` [m/s], as of a wrong beam."""
+
+    share: float
+    size: float
+
+    def applied(self, world: World, scale: float) -> World:
+        """World with one-sided outliers."""
+        n = len(world.inputs.dvl_stamps_ns)
+        bad = worlds.drawn(world, 'dvl_one_sided').random(n) < self.share
+        on = self._on(worlds.seconds(world, world.inputs.dvl_stamps_ns))
+        error = on * bad[:, None] * np.array([self.size, 0.0, 0.0])
+        return worlds.add_dvl(world, scale * error)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DvlFreezes(Fault):
+    """The DVL repeats one ping for ``length_s``, each ``every_s``."""
+
+    length_s: float
+    every_s: float
+
+    def applied(self, world: World, scale: float) -> World:
+        """World whose pings stand still again and again."""
+        i = world.inputs
+        since_s = worlds.seconds(world, i.dvl_stamps_ns) - self.start_s
+        frozen = (since_s >= 0.0) & (np.mod(since_s, self.every_s) < self.length_s)
+        rows = np.arange(len(frozen))
+        last = np.maximum.accumulate(np.where(frozen, 0, rows))
+        return worlds.add_dvl(world, scale * (i.dvl_v_m[last] - i.dvl_v_m))
+
+
+@dataclass(frozen=True, kw_only=True)
+class DvlLate(Fault):
+    """Pings late by a time that differs from ping to ping, or that grows [s]."""
+
+    most_s: float
+    ramp_s: float = 0.0
+
+    def applied(self, world: World, scale: float) -> World:
+        """World whose pings are of other times."""
+        stamps = world.inputs.dvl_stamps_ns
+        since_s = worlds.seconds(world, stamps) - self.start_s
+        if self.ramp_s:
+            late_s = self.most_s * np.clip(since_s / self.ramp_s, 0.0, 1.0)
+        else:
+            drawn = worlds.drawn(world, 'dvl_late').uniform(0.0, self.most_s, len(stamps))
+            late_s = drawn * (since_s >= 0.0)
+        then_ns = stamps - np.round(1e9 * late_s).astype(np.int64)
+        then = world.truth.state(np.maximum(then_ns, world.truth.start_ns))
+        now = world.truth.state(stamps)
+        error = worlds.to_body(then.C_b_G, then.v_G) - worlds.to_body(now.C_b_G, now.v_G)
+        return worlds.add_dvl(world, scale * error)
+
+
+@dataclass(frozen=True, kw_only=True)
+class DvlMixes(Fault):
+    """Velocity through a matrix: error M v of instrument axes, as of a beam that is lost."""
+
+    matrix: tuple[tuple[float, float, float], ...]
+    noise: float = 0.0
+
+    def applied(self, world: World, scale: float) -> World:
+        """World whose pings are mixed, with further white noise [m/s]."""
+        i = world.inputs
+        on = scale * self._on(worlds.seconds(world, i.dvl_stamps_ns))
+        noise = worlds.drawn(world, 'dvl_mixes').standard_normal(i.dvl_v_m.shape)
+        return worlds.add_dvl(
+            world, on * (i.dvl_v_m @ np.array(self.matrix).T + self.noise * noise)
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class DvlFish(Fault):
+    """For ``length_s`` each ``every_s`` pings are of something that moves at ``speed`` [m/s]."""
+
+    speed: float
+    length_s: float
+    every_s: float
+
+    def applied(self, world: World, scale: float) -> World:
+        """World whose pings are of fish or ice, of another direction each time."""
+        stamps = world.inputs.dvl_stamps_ns
+        since_s = worlds.seconds(world, stamps) - self.start_s
+        on = (since_s >= 0.0) & (np.mod(since_s, self.every_s) < self.length_s)
+        number = np.maximum(since_s // self.every_s, 0.0).astype(np.int64)
+        angles = worlds.drawn(world, 'dvl_fish').uniform(0.0, 2.0 * np.pi, int(number.max()) + 1)
+        a = angles[number]
+        v_G = self.speed * on[:, None] * np.column_stack([np.cos(a), np.sin(a), 0.0 * a])
+        return worlds.add_dvl(
+            world, -scale * worlds.to_body(worlds.attitude_at(world, stamps), v_G)
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class DvlRounded(Fault):
+    """Velocities rounded to ``step`` [m/s] on each axis."""
+
+    step: float
+
+    def applied(self, world: World, scale: float) -> World:
+        """World with rounded velocities."""
+        v = world.inputs.dvl_v_m
+        on = self._on(worlds.seconds(world, world.inputs.dvl_stamps_ns))
+        return worlds.add_dvl(world, scale * on * (self.step * np.round(v / self.step) - v))
+
+
+@dataclass(frozen=True, kw_only=True)
+class DepthGain(Fault):
+    """Depth too large by a share, above its ``limit_m`` cut off, trailing by ``tau_s``."""
+
+    scale: float = 0.0
+    limit_m: float = math.inf
+    tau_s: float = 0.0
+
+    def applied(self, world: World, scale: float) -> World:
+        """World whose barometer is so."""
+        i = world.inputs
+        t = worlds.seconds(world, i.depth_stamps_ns)
+        seen = np.minimum(i.depth, self.limit_m) * (1.0 + self.scale)
+        if self.tau_s:
+            kept = np.exp(-np.diff(t, prepend=t[0]) / self.tau_s)
+            last = float(seen[0])
+            for k, x in enumerate(seen.tolist()):
+                last = x + float(kept[k]) * (last - x)
+                seen[k] = last
+        return worlds.add_depth(world, scale * self._on(t)[:, 0] * (seen - i.depth))
+
+
+@dataclass(frozen=True, kw_only=True)
+class DepthSpikes(Fault):
+    """A share of depths that are too large by ``size_m``."""
+
+    share: float
+    size_m: float
+
+    def applied(self, world: World, scale: float) -> World:
+        """World whose depth has spikes."""
+        t = worlds.seconds(world, world.inputs.depth_stamps_ns)
+        bad = worlds.drawn(world, 'depth_spikes').random(len(t)) < self.share
+        return worlds.add_depth(world, scale * self.size_m * self._on(t)[:, 0] * bad)

@@ -6,11 +6,13 @@ import math
 from dataclasses import replace
 
 from ..schedule import FixSpec
+from . import dvl_faults as d
 from . import faults as f
-from .culprits import FIXES
-from .row import LEVEL, RACETRACK, SINS, START_S, Row, row, scene_of
+from . import fix_faults as g
+from .culprits import DEPTH, DVL, FIXES, IMU
+from .row import LEVEL, RACETRACK, SINS, START_S, TACTICAL, Row, row, scene_of
 
-FIX_ROWS = (
+FIX_ROWS: tuple[Row, ...] = (
     *(
         row(
             f'fix_offset_{m:g}m_start',
@@ -96,6 +98,131 @@ FIX_ROWS = (
         for share in (0.1, 0.3)
     ),
     row('fix_out_15min', f.FixOut(start_s=300.0, obvious=True), (FIXES,)),
+)
+
+_NO_DVL = scene_of(dvl_rate_hz=0.0)
+
+FIX_ROWS += (
+    row(
+        'fix_switches_8m',
+        g.FixSwitches(offset_m=8.0, period_s=240.0, start_s=START_S),
+        (FIXES,),
+    ),
+    row(
+        'fix_switches_3m',
+        g.FixSwitches(offset_m=3.0, period_s=240.0, start_s=START_S),
+        (FIXES,),
+    ),
+    row(
+        'fix_other_vehicle_60s',
+        f.FixOffset(offset_m=300.0, start_s=700.0, length_s=60.0),
+        (FIXES,),
+    ),
+    row(
+        'fix_other_vehicle_half',
+        f.FixOneSided(share=0.5, offset_m=300.0, length_s=1e4, start_s=START_S),
+        (FIXES,),
+    ),
+    row('fix_two_senders_4m', g.FixTwoSenders(offset_m=4.0, start_s=START_S), (FIXES,)),
+    row(
+        'fix_mirrored_30s',
+        g.FixMirrored(distance_m=100.0, length_s=30.0, start_s=START_S),
+        (FIXES,),
+    ),
+    row(
+        'fix_mirrored_30pc',
+        g.FixMirrored(distance_m=100.0, share=0.3, start_s=START_S),
+        (FIXES,),
+    ),
+    *(
+        row(
+            f'clock_{name}_mid_{where}',
+            f.FixClock(offset_s=offset_s, rate_ppm=ppm, start_s=START_S),
+            (FIXES,),
+            scene=scene,
+        )
+        for name, offset_s, ppm, where, scene in (
+            ('2s', 2.0, 0.0, 'straight', SINS),
+            ('2s', 2.0, 0.0, 'racetrack', RACETRACK),
+            ('-2s', -2.0, 0.0, 'racetrack', RACETRACK),
+            ('500ppm', 0.0, 500.0, 'racetrack', RACETRACK),
+        )
+    ),
+    *(
+        row(f'fix_times_2s_{name}', g.FixTimes(most_s=2.0, start_s=START_S), (FIXES,), scene=scene)
+        for name, scene in (('straight', SINS), ('racetrack', RACETRACK))
+    ),
+    row('fix_rounded_11m', g.FixRounded(step_m=11.0, start_s=START_S), (FIXES,)),
+    row('fix_rounded_11m_start', g.FixRounded(step_m=11.0), (FIXES,)),
+    *(
+        row(
+            f'fix_waves_{metres:g}m_{period_s:g}s{end}',
+            g.FixWaves(amplitude_m=metres, period_s=period_s, start_s=START_S),
+            (FIXES,),
+            scene=scene,
+        )
+        for metres, period_s, end, scene in (
+            (3.0, 60.0, '', SINS),
+            (3.0, 300.0, '', SINS),
+            (3.0, 300.0, '_tactical', TACTICAL),
+            (3.0, 300.0, '_no_dvl', _NO_DVL),
+        )
+    ),
+    *(
+        row(f'fix_walks{end}', g.FixWalks(density=0.2, start_s=START_S), (FIXES,), scene=scene)
+        for end, scene in (('', SINS), ('_tactical', TACTICAL))
+    ),
+    row(
+        'fix_off_on_course_5m',
+        g.FixOffOnCourse(offset_m=5.0, start_s=START_S),
+        (FIXES,),
+        scene=RACETRACK,
+    ),
+    row('fix_smoothed_3s', g.FixSmoothed(tau_s=3.0, start_s=START_S), (FIXES,), scene=RACETRACK),
+    row('fix_height_5m', g.FixHeight(up_m=5.0, start_s=START_S), (FIXES,)),
+    row(
+        'range_grows_1pc',
+        g.FrameDrifts(scale=0.01, ramp_s=300.0, start_s=START_S),
+        (FIXES,),
+    ),
+    row('array_drifts_5dph', g.FrameDrifts(turn_dph=5.0, start_s=START_S), (FIXES,)),
+    *(
+        row(
+            f'fix_drift_0.05mps_{name}',
+            f.FixOffset(drift_mps=0.05, start_s=START_S),
+            (FIXES,),
+            scene=scene,
+        )
+        for name, scene in (('tactical', TACTICAL), ('no_dvl', _NO_DVL))
+    ),
+    row(
+        'both_fixes_and_dvl_drift',
+        g.both(
+            f.FixOffset(drift_mps=0.03, start_s=START_S),
+            d.DvlBias(bias_m=(0.0, -0.03, 0.0), start_s=START_S),
+        ),
+        (FIXES, DVL),
+    ),
+    row(
+        'both_gyro_and_fixes',
+        g.both(
+            f.ImuStep(gyro_dph=0.3, start_s=START_S),
+            f.FixOffset(offset_m=3.0, start_s=START_S),
+        ),
+        (FIXES, IMU),
+        scene=RACETRACK,
+    ),
+    row(
+        'both_scale_and_outliers',
+        g.both(d.DvlGain(scale=0.005, start_s=START_S), f.FixOutliers(share=0.2)),
+        (FIXES, DVL),
+        scene=RACETRACK,
+    ),
+    row(
+        'both_depth_and_height',
+        g.both(d.DepthError(bias_m=3.0, start_s=START_S), g.FixHeight(up_m=-3.0, start_s=START_S)),
+        (FIXES, DEPTH),
+    ),
 )
 
 

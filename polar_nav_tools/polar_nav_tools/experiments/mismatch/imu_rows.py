@@ -6,10 +6,11 @@ import math
 
 from . import faults as f
 from . import heading_faults as h
-from .culprits import DVL, HEADING, IMU
-from .row import RACETRACK, SINS, START_S, TACTICAL, Row, row, scene_of
+from . import imu_faults as g
+from .culprits import DVL, FIXES, HEADING, IMU
+from .row import LEVEL, RACETRACK, SINS, START_S, TACTICAL, Row, row, scene_of
 
-IMU_ROWS = (
+IMU_ROWS: tuple[Row, ...] = (
     *(
         row(f'accel_step_{ug:g}ug', f.ImuStep(accel_ug=ug, start_s=START_S), (IMU,))
         for ug in (2.0, 5.0, 50.0, 1000.0)
@@ -103,6 +104,92 @@ IMU_ROWS = (
     ),
 )
 
+IMU_ROWS += (
+    row('imu_skew_0.2deg', g.ImuSkew(deg=0.2), (IMU, DVL), scene=RACETRACK),
+    row('imu_skew_0.2deg_tactical', g.ImuSkew(deg=0.2), (IMU, DVL), scene=TACTICAL),
+    row('gyro_scale_500ppm', f.ImuGain(gyro_ppm=500.0), (IMU, HEADING), scene=RACETRACK),
+    row('gyro_scale_5000ppm_tactical', f.ImuGain(gyro_ppm=5e3), (IMU, HEADING), scene=TACTICAL),
+    row(
+        'gyro_g_dependence_1dph',
+        f.ImuGain(g_dependence_dph=1.0),
+        (IMU, HEADING),
+        scene=RACETRACK,
+    ),
+    *(
+        row(
+            f'imu_warms_{name}',
+            g.ImuWarms(gyro_dph=dph, accel_ug=ug, tau_s=300.0, start_s=start_s),
+            (IMU,),
+            scene=scene,
+        )
+        for name, dph, ug, start_s, scene in (
+            ('straight', 0.2, 50.0, START_S, SINS),
+            ('dive', 0.2, 50.0, 100.0, scene_of(mission='dive', duration_s=900.0)),
+            ('tactical', 20.0, 1000.0, START_S, TACTICAL),
+        )
+    ),
+    row('imu_clock_1000ppm', f.ImuGain(gyro_ppm=1e3, accel_ppm=1e3), (IMU,), scene=RACETRACK),
+    *(
+        row(f'imu_stamps_{name}', stamps, (IMU, DVL), scene=scene)
+        for name, stamps, scene in (
+            ('late_50ms', g.ImuStamps(late_s=0.05, start_s=START_S), SINS),
+            ('late_50ms_racetrack', g.ImuStamps(late_s=0.05, start_s=START_S), RACETRACK),
+            ('jitter_5ms', g.ImuStamps(jitter_s=0.005, start_s=START_S), SINS),
+            ('tick_16ms', g.ImuStamps(tick_s=1.0 / 64.0, start_s=START_S), SINS),
+            ('tick_16ms_tactical', g.ImuStamps(tick_s=1.0 / 64.0, start_s=START_S), TACTICAL),
+        )
+    ),
+    row(
+        'imu_bursts_0.3s',
+        g.ImuBursts(every_s=10.0, length_s=0.3, start_s=START_S, obvious=True),
+        (IMU,),
+        scene=RACETRACK,
+    ),
+    *(
+        row(
+            f'imu_bursts_80ms_{name}',
+            g.ImuBursts(every_s=2.0, length_s=0.08, start_s=START_S, obvious=True),
+            (IMU,),
+            scene=scene,
+        )
+        for name, scene in (('racetrack', RACETRACK), ('tactical', TACTICAL))
+    ),
+    *(
+        row(
+            f'{name}_stuck',
+            g.ImuAxisStuck(axis=axis, gyro=gyro, start_s=START_S),
+            (IMU, DVL, HEADING),
+            scene=scene,
+        )
+        for name, axis, gyro, scene in (
+            ('gyro_z', 2, True, RACETRACK),
+            ('gyro_z_level', 2, True, LEVEL),
+            ('gyro_z_tactical', 2, True, TACTICAL),
+            ('accel_x_level', 0, False, LEVEL),
+            ('accel_z_tactical', 2, False, TACTICAL),
+        )
+    ),
+    row(
+        'imu_spikes',
+        g.ImuSpikes(every_s=10.0, rate=0.5, force=20.0, start_s=START_S),
+        (IMU, DVL),
+        scene=RACETRACK,
+    ),
+    row('imu_upside_down', g.ImuAxesMistaken(signs=(1.0, -1.0, -1.0)), (IMU, DVL, HEADING)),
+    row(
+        'imu_backwards',
+        g.ImuAxesMistaken(signs=(-1.0, -1.0, 1.0)),
+        (IMU, DVL, HEADING),
+        scene=TACTICAL,
+    ),
+    row(
+        'start_swapped',
+        g.StartSwapped(),
+        (FIXES,),
+        scene=scene_of(latitude_deg=45.0, longitude_deg=70.0),
+    ),
+)
+
 HEADING_ROWS = tuple(
     row(
         f'heading_{error:g}deg_sigma_{label}',
@@ -117,6 +204,7 @@ HEADING_ROWS = tuple(
         (5.0, 5.0 / 60.0, '5arcmin'),
         (5.0, 5.0, '5deg'),
         (20.0, 5.0 / 60.0, '5arcmin'),
+        (180.0, 5.0, '5deg'),
     )
 )
 

@@ -203,6 +203,27 @@ def share_at(history: Sequence[HealthReport], level: int, start_ns: int, end_ns:
     return total / (end_ns - start_ns)
 
 
+def silent_share(course: Course, history: Sequence[HealthReport], start_ns: int) -> float:
+    """Share of the second half beyond `BEYOND_SIGMAS` in any quantity while health is OK.
+
+    Parameters
+    ----------
+    course : Course
+    history : sequence of HealthReport
+        In the order of stamps; each holds until the next.
+    start_ns : int
+        Stamp of the course's time 0.
+    """
+    rows = course.second_half
+    if not rows.any():
+        return 1.0
+    since_s = np.array([(r.stamp_ns - start_ns) * 1e-9 for r in history])
+    levels = np.array([OK, *(r.level for r in history)])
+    level = levels[np.searchsorted(since_s, course.time_s[rows], side='right')]
+    worst = np.max([getattr(course, kind).ratio()[rows] for kind in KINDS], axis=0)
+    return float(np.mean((worst > BEYOND_SIGMAS) & (level == OK)))
+
+
 def verdict_of(
     *,
     wrong: bool,

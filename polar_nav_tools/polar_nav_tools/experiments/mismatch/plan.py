@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any
 
@@ -133,7 +134,7 @@ def _describe(jobs: Sequence[MismatchJob]) -> dict[str, Any]:
                 'mode': row.mode,
                 'size': row.size,
                 'kind': type(row.fault).__name__,
-                'fault': {**asdict(row.fault), 'length_s': _length(row)},
+                'fault': _finite(asdict(row.fault)),
                 'culprits': list(row.culprits),
                 'invisible': row.invisible,
                 'duration_s': row.scene.duration_s,
@@ -143,10 +144,16 @@ def _describe(jobs: Sequence[MismatchJob]) -> dict[str, Any]:
     }
 
 
-def _length(row: Row) -> float | None:
-    """Length of a fault that ends [s]: JSON has no infinity."""
-    length_s = getattr(row.fault, 'length_s', float('inf'))
-    return None if length_s == float('inf') else float(length_s)
+def _finite(fields: Mapping[str, Any]) -> dict[str, Any]:
+    """Fields of a fault, None for one that never ends: JSON has no infinity."""
+    return {
+        name: _finite(value)
+        if isinstance(value, Mapping)
+        else None
+        if isinstance(value, float) and math.isinf(value)
+        else value
+        for name, value in fields.items()
+    }
 
 
 MISMATCH = Experiment(

@@ -58,6 +58,8 @@ class Row:
     beyond_stated : bool
         Whether it is larger than twice the sigma that the engine's defaults state for it.
     scene : SinsScene or StationScene
+    more : bool
+        Whether it is of the table of further faults.
     """
 
     name: str
@@ -68,6 +70,7 @@ class Row:
     invisible: bool = False
     beyond_stated: bool = False
     scene: Scene = field(default_factory=lambda: SINS)
+    more: bool = False
 
     @property
     def is_control(self) -> bool:
@@ -97,14 +100,22 @@ def row(
     """Return a row whose sentence and size stand in rows.yaml under its name."""
     words = texts()[name]
     return Row(
-        name, words['about'], words['size'], fault, culprits, invisible, beyond_stated, scene
+        name,
+        words['about'],
+        words['size'],
+        fault,
+        culprits,
+        invisible,
+        beyond_stated,
+        scene,
+        more=bool(words.get('more')),
     )
 
 
 @lru_cache(maxsize=1)
-def texts() -> dict[str, dict[str, str]]:
-    """Return sentence (``about``) and ``size`` of each row by its name."""
-    loaded: dict[str, dict[str, str]] = yaml.safe_load(
+def texts() -> dict[str, dict[str, Any]]:
+    """Return sentence (``about``), ``size`` and perhaps ``more`` of each row by its name."""
+    loaded: dict[str, dict[str, Any]] = yaml.safe_load(
         files(__package__).joinpath('rows.yaml').read_text(encoding='utf-8')
     )
     return loaded

@@ -50,8 +50,15 @@ ROWS: dict[str, Row] = {
 }
 
 
+MORE = 'more:'
+"""Before a pattern: it is for rows of further faults only."""
+
+
 def rows_named(pattern: str | None) -> list[Row]:
-    """Rows whose names match a comma-separated list of shell patterns; all for None.
+    """Rows whose names match a comma-separated list of shell patterns; for None the table's.
+
+    A pattern after `MORE` is for further faults, which no other one finds: they are as many again.
+    A whole name finds its row in both.
 
     Raises
     ------
@@ -59,11 +66,22 @@ def rows_named(pattern: str | None) -> list[Row]:
         If a pattern matches no row.
     """
     if not pattern:
-        return list(ROWS.values())
+        return [r for r in ROWS.values() if not r.more]
     chosen: dict[str, Row] = {}
     for word in (w.strip() for w in pattern.split(',')):
-        found = {n: r for n, r in ROWS.items() if fnmatchcase(n, word)}
+        more = word.startswith(MORE)
+        sought = word.removeprefix(MORE)
+        found = {n: r for n, r in ROWS.items() if r.more is more and fnmatchcase(n, sought)}
+        if not more and word in ROWS:
+            found = {word: ROWS[word]}
         if not found:
-            raise ConfigError(f'--rows: no row matches {word!r}; there are {", ".join(ROWS)}')
+            raise ConfigError(
+                f'--rows: no row matches {word!r}; there are {", ".join(rows_by_table(more=more))}'
+            )
         chosen |= found
     return list(chosen.values())
+
+
+def rows_by_table(*, more: bool) -> list[str]:
+    """Names of the rows of the table, or of further faults."""
+    return [n for n, r in ROWS.items() if r.more is more]

@@ -25,6 +25,7 @@ from .judge import (
     onsets,
     reported,
     share_at,
+    silent_share,
 )
 from .row import Row, warm_scene
 from .scenes import Ran, Scene, refused_shares
@@ -106,6 +107,7 @@ def _judged(job: MismatchJob, ran: Ran, start_ns: int, seconds: float) -> Mismat
         **refused_shares(ran),
         'wrong': float(wrong),
         'covered': float(is_covered(ran.course)),
+        'silent': silent_share(ran.course, history, start_ns),
         'wrong_s': first_wrong_s(ran.course, row.fault.start_s),
         'warnings': float(onsets(history, WARN)),
         'errors': float(onsets(history, ERROR)),

@@ -257,11 +257,145 @@ class CurrentReverses(StationFault):
         return displaced(world, wanted - run.current[:, :2], current=True)
 
 
-def water_velocity(run: StationRun, first: int, v_b: Array, thrust: float) -> Array:
+@dataclass(frozen=True, kw_only=True)
+class DragGrows(StationFault):
+    """Drag of the vehicle that grows by a share within a time [s], as by weed or a torn cover."""
+
+    share: float
+    ramp_s: float
+
+    def applied(self, world: StationWorld, scale: float) -> StationWorld:  # type: ignore[override]
+        """World whose vehicle becomes slower."""
+        run = world.run
+        k = int(np.searchsorted(run.t_s, self.start_s))
+        grown = np.clip((run.t_s - self.start_s) / self.ramp_s, 0.0, 1.0)
+        v = run.v_r_b[k, :2]
+        usual = water_velocity(run, k, v, 1.0)
+        slower = water_velocity(run, k, v, 1.0, drag=1.0 + scale * self.share * grown)
+        return displaced(world, _to_station(run, slower - usual))
+
+
+@dataclass(frozen=True, kw_only=True)
+class CurrentBegins(StationFault):
+    """Further current across the one that is there [m/s], within a time [s], as at a front."""
+
+    speed_mps: float
+    ramp_s: float
+
+    def applied(self, world: StationWorld, scale: float) -> StationWorld:  # type: ignore[override]
+        """World with the current."""
+        run = world.run
+        grown = np.clip((run.t_s - self.start_s) / self.ramp_s, 0.0, 1.0)
+        unit = run.current[:, :2] / np.linalg.norm(run.current[:, :2], axis=1)[:, None]
+        across = np.column_stack([-unit[:, 1], unit[:, 0]])
+        return displaced(world, scale * self.speed_mps * grown[:, None] * across, current=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FixesOff(StationFault):
+    """Ranges off by a constant [m] or more and more [m/s], bearings too [deg], [deg/h].
+
+    ``mirrored``: bearings with the other sign, against the station's x axis. For ``length_s``.
+    """
+
+    range_m: float = 0.0
+    range_mps: float = 0.0
+    bearing_deg: float = 0.0
+    bearing_dph: float = 0.0
+    mirrored: bool = False
+    length_s: float = math.inf
+
+    def applied(self, world: StationWorld, scale: float) -> StationWorld:  # type: ignore[override]
+        """World whose station is off."""
+
+        def off(fix: Fix) -> Fix:
+            since_s = _time_s(world, fix.validity_ns) - self.start_s
+            if not 0.0 <= since_s < self.length_s:
+                return fix
+            p = _polar(fix)
+            turn = math.radians(self.bearing_deg + self.bearing_dph * since_s / 3600.0)
+            turn -= 2.0 * p.bearing if self.mirrored else 0.0
+            longer = self.range_m + self.range_mps * since_s
+            bad = replace(
+                p, range=p.range + scale * longer, bearing=_wrapped(p.bearing + scale * turn)
+            )
+            return replace(fix, polar=bad)
+
+        return _with_fixes(world, tuple(map(off, world.inputs.fixes)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class AhrsDeviation(StationFault):
+    """Heading off by a sine of the heading [deg], as of iron in the vehicle."""
+
+    deg: float
+
+    def applied(self, world: StationWorld, scale: float) -> StationWorld:  # type: ignore[override]
+        """World whose compass has a deviation."""
+        on = world.run.t_s >= self.start_s
+        a = scale * math.radians(self.deg) * on * np.sin(world.run.psi)
+        turn = np.zeros((len(a), 3, 3))
+        turn[:, 0, 0] = turn[:, 1, 1] = np.cos(a)
+        turn[:, 1, 0], turn[:, 0, 1] = np.sin(a), -np.sin(a)
+        turn[:, 2, 2] = 1.0
+        i = world.inputs
+        return replace(world, inputs=replace(i, C_b_G=turn @ i.C_b_G))
+
+
+@dataclass(frozen=True, kw_only=True)
+class DepthOff(StationFault):
+    """Depth off by a constant [m], or stuck at one value."""
+
+    bias_m: float = 0.0
+    stuck: bool = False
+
+    def applied(self, world: StationWorld, scale: float) -> StationWorld:  # type: ignore[override]
+        """World whose depth sensor is off."""
+        i = world.inputs
+        t = (i.depth_stamps_ns - world.run.start_ns) / NS
+        on = t >= self.start_s
+        error = np.full(len(t), self.bias_m)
+        if self.stuck:
+            error += i.depth[max(0, int(np.argmax(on)) - 1)] - i.depth
+        return replace(world, inputs=replace(i, depth=i.depth + scale * on * error))
+
+
+@dataclass(frozen=True, kw_only=True)
+class ThrustLate(StationFault):
+    """Thrust messages that are late by a time [s]."""
+
+    late_s: float
+
+    def applied(self, world: StationWorld, scale: float) -> StationWorld:  # type: ignore[override]
+        """World whose thrust trails behind; part of a delay is a part of its error."""
+        i = world.inputs
+        rows = round(self.late_s / float(np.median(np.diff(world.run.t_s))))
+        late = np.concatenate([np.repeat(i.force_b[:1], rows, axis=0), i.force_b[:-rows]])
+        on = (world.run.t_s >= self.start_s)[:, None]
+        return replace(
+            world, inputs=replace(i, force_b=i.force_b + scale * on * (late - i.force_b))
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class StationBoth(StationFault):
+    """Two faults at once."""
+
+    one: StationFault
+    other: StationFault
+
+    def applied(self, world: StationWorld, scale: float) -> StationWorld:  # type: ignore[override]
+        """World with both."""
+        return self.other.applied(self.one.applied(world, scale), scale)
+
+
+def water_velocity(
+    run: StationRun, first: int, v_b: Array, thrust: float, drag: Array | None = None
+) -> Array:
     """Velocity through the water in surge and sway from sample ``first`` on [m/s], shape (n, 2).
 
-    Fossen's plane model without yaw dynamics, M v' = thrust F - D(v) v - C(r) v with the added
-    mass in C, explicit steps of 0.1 s; zero before ``first``.
+    Fossen's plane model without yaw dynamics, M v' = thrust F - drag D(v) v - C(r) v with the
+    added mass in C, explicit steps of 0.1 s; zero before ``first``. ``drag`` (n,) is 1 by default.
     """
     b = run.body
     mass = b.mass_kg + np.array(b.added_mass[:2])
@@ -274,7 +408,8 @@ def water_velocity(run: StationRun, first: int, v_b: Array, thrust: float) -> Ar
         force = np.array([thrust * run.force_b[k, 0], 0.0])
         coriolis = rate[k] * np.array([-mass[1] * v[1], mass[0] * v[0]])
         step_s = float(run.t_s[min(k + _STEP, len(out) - 1)] - run.t_s[k])
-        v = v + step_s * (force - (linear + quadratic * np.abs(v)) * v - coriolis) / mass
+        more = 1.0 if drag is None else float(drag[k])
+        v = v + step_s * (force - more * (linear + quadratic * np.abs(v)) * v - coriolis) / mass
     return out
 
 

@@ -7,7 +7,7 @@ from typing import Any
 from polar_nav_sim.offline_station import StationScenario
 
 from . import station_faults as s
-from .culprits import FIXES, HEADING, IMU, MODEL
+from .culprits import DEPTH, FIXES, HEADING, IMU, MODEL
 from .row import STATION, Row, row
 from .scenes import StationScene
 
@@ -84,6 +84,57 @@ STATION_ROWS = (
     *(
         _station_row(f'validity_{name}_1s', s.Validity(late_s=late_s), (FIXES,))
         for name, late_s in (('late', 1.0), ('early', -1.0))
+    ),
+    _station_row('thrust_20pc_more', s.ThrustStated(factor=0.8, start_s=800.0), (MODEL,)),
+    _station_row('thrust_20pc_more_start', s.ThrustStated(factor=0.8), (MODEL,)),
+    _station_row('thrust_reversed', s.ThrustStated(factor=-1.0, start_s=800.0), (MODEL,)),
+    _station_row('thrust_late_5s', s.ThrustLate(late_s=5.0, start_s=800.0), (MODEL,)),
+    *(
+        _station_row(
+            f'drag_grows_{100 * share:g}pc',
+            s.DragGrows(share=share, ramp_s=300.0, start_s=600.0),
+            (MODEL,),
+        )
+        for share in (0.3, 1.0)
+    ),
+    *(
+        _station_row(
+            f'current_begins_{speed:g}mps',
+            s.CurrentBegins(speed_mps=speed, ramp_s=20.0, start_s=800.0),
+            (MODEL,),
+        )
+        for speed in (0.2, 0.5)
+    ),
+    _station_row(
+        'bearing_mirrored_30s', s.FixesOff(mirrored=True, start_s=900.0, length_s=30.0), (FIXES,)
+    ),
+    _station_row('bearing_mirrored', s.FixesOff(mirrored=True, start_s=900.0), (FIXES,)),
+    *(
+        _station_row(
+            f'range_slot_{name}',
+            s.FixesOff(range_m=75.0, start_s=900.0, length_s=length_s),
+            (FIXES,),
+        )
+        for name, length_s in (('30s', 30.0), ('300s', 300.0), ('for_good', 1e4))
+    ),
+    _station_row('range_step_15m', s.FixesOff(range_m=15.0, start_s=800.0), (FIXES,)),
+    _station_row('range_drifts', s.FixesOff(range_mps=0.05, start_s=800.0), (FIXES,)),
+    _station_row('bearing_drifts', s.FixesOff(bearing_dph=20.0, start_s=800.0), (FIXES,)),
+    _station_row('bearing_step_3deg', s.FixesOff(bearing_deg=3.0, start_s=800.0), (FIXES,)),
+    _station_row('heading_deviation_8deg', s.AhrsDeviation(deg=8.0), (HEADING, MODEL)),
+    _station_row(
+        'heading_drifts_60dph', s.AhrsHeading(drift_deg_h=60.0, start_s=600.0), (HEADING,)
+    ),
+    _station_row('depth_off_10m', s.DepthOff(bias_m=10.0, start_s=800.0), (DEPTH,)),
+    _station_row('depth_stuck', s.DepthOff(stuck=True, start_s=400.0), (DEPTH,)),
+    _station_row(
+        'both_thrust_and_range',
+        s.StationBoth(
+            one=s.ThrustStated(factor=1.15, start_s=800.0),
+            other=s.FixesOff(range_mps=0.03, start_s=800.0),
+            start_s=800.0,
+        ),
+        (MODEL, FIXES),
     ),
     _station_row('control', s.StationFault(), ()),
     _station_row('control_loss', s.StationFault(), (), loss=0.5),

@@ -27,6 +27,7 @@ _COLUMNS = (
     Column('nees', 'NEES p/h/v', doc='per degree of freedom: position, heading, velocity'),
     Column('beyond', 'beyond 4σ p/h/v', '%', doc='share of the second half'),
     Column('wrong', 'wrong', doc='seeds that are wrong'),
+    Column('silent', 'beyond 4σ while OK', '%', doc='share of the second half, worst seed'),
     Column('wrong_s', 'wrong from', 's', doc='first seed, since the start of the run'),
     Column('refused', 'refused fix/DVL/depth', '%'),
     Column('visible_s', 'visible at', 's', doc='since the start of the run'),
@@ -110,6 +111,7 @@ def _line(
     }
     if column == BEST:  # it has no watchdog
         return out
+    out['silent'] = 100.0 * max(r.metrics.get('silent', 0.0) for r in runs)
     verdicts = [verdict_of_run(r, visible_s, row.beyond_stated) for r in runs]
     out['verdict'] = max(verdicts, key=SEVERITY.index)
     if not row.is_control and not math.isnan(visible_s):
