@@ -149,6 +149,21 @@ def _unusable() -> Simulated:
     return _sins(70.0, FixSpec(delay_kind='uniform', delay_s=3.0, period_s=0.9), change)
 
 
+def _refused() -> Simulated:
+    """Pings that swing far beyond their sigma from 10 s on; at 50 s a blow that the IMU feels."""
+
+    def change(world: World) -> Any:
+        x = world.inputs
+        t = (x.dvl_stamps_ns - x.imu_stamps_ns[0]) / NS
+        swing = 0.15 * np.sin(0.4 * np.pi * t) * ((t > 10.0) & (t < 45.0))
+        x.dvl_v_m[:, 1:] += swing[:, None]
+        t = (x.imu_stamps_ns - x.imu_stamps_ns[0]) / NS
+        x.f_b[(t > 50.0) & (t < 50.2)] += (30.0, 15.0, 10.0)
+        return x
+
+    return _sins(80.0, FixSpec(delay_kind='uniform', delay_s=3.0, period_s=0.9), change)
+
+
 def _diverging() -> Simulated:
     """One sample of the IMU that no filter survives, at 20 s."""
 
@@ -269,6 +284,7 @@ MAKERS = {
     'dvl lost': _dvl_lost,
     'imu gap': _imu_gap,
     'unusable': _unusable,
+    'refused': _refused,
     'diverging': _diverging,
     'over the pole': _over_pole,
     'model aided': _model_aided,
