@@ -23,7 +23,8 @@ COMPILES = 'POLAR_NAV_COMPILES'
 """Environment variable of the processes that do."""
 _PROGRESS = re.compile(r'\d+ of \d+ kernels are compiled')
 _LOOK_EVERY_S = 0.2
-_TELL_EVERY_S = 15.0
+_TELL_EVERY = 75
+"""Looks from one line to the next: 15 s."""
 
 
 def to_stderr(text: str) -> None:
@@ -70,12 +71,11 @@ def awaited(look: Callable[[], Any], what: str = 'waiting') -> Any:  # noqa: ANN
         Begin of the line that says so.
     """
     found = look()
-    told = None
+    looks = 0
     while found is None and compiles():
-        now = time.monotonic()
-        if say is not None and (told is None or now - told >= _TELL_EVERY_S):
-            told = now
+        if say is not None and looks % _TELL_EVERY == 0:
             say(f'{what}: {progress() or "kernels are compiled"} in the background')
+        looks += 1
         time.sleep(_LOOK_EVERY_S)
         found = look()
     # It may have ended between the last look and the question whether it goes on.
