@@ -114,11 +114,18 @@ def inflate(s: State, factor: float) -> None:
 
 
 @kernel
+def square_of(w: Work, m: int) -> float:
+    """Squared length of the innovation in the scratch, m rows."""
+    square = 0.0
+    for k in range(m):
+        square += w.z[k] * w.z[k]
+    return square
+
+
+@kernel
 def add_jump(s: State, w: Work, since_ns: int) -> None:
     """Add to P the velocity that the judged ping shows, and its way since then."""
-    square = 0.0
-    for k in range(3):
-        square += w.z[k] * w.z[k]
+    square = square_of(w, fs.VECTOR)
     since_s = (s.counters[fs.STAMP] - since_ns) * 1e-9
     for k in range(3):
         s.P[VELOCITY + k, VELOCITY + k] += square
@@ -129,6 +136,12 @@ def add_jump(s: State, w: Work, since_ns: int) -> None:
 def open_gate(s: State, w: Work, stream: int, m: int) -> None:
     """Enlarge P by the NIS per row of the judged measurement; the stream's memories begin anew."""
     inflate(s, min(max(w.nis[0] / m, LEAST), MOST))
+    note_opening(s, stream)
+
+
+@kernel
+def note_opening(s: State, stream: int) -> None:
+    """Count an opening of a gate; the stream's memories, and evidence of faults, begin anew."""
     for k in range(watch.MEMORIES):
         for j in range(watch.WIDTH):
             s.memories[stream, k, j] = 0.0

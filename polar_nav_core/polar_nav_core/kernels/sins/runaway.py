@@ -17,9 +17,7 @@ from .. import watch
 from ..cache import kernel
 from . import state as fs
 from .gap import MOST_HEADING, MOST_TILT
-from .reopen import LEAST, MOST, agrees
-from .shared import clear_shared
-from .signatures import clear_evidence
+from .reopen import LEAST, MOST, POSITION, VELOCITY, agrees, note_opening, square_of
 from .state import Settings, State, Work
 from .update import N
 
@@ -47,7 +45,7 @@ MOST_GYRO, MOST_ACCEL = 0.02, 0.5
 """Sigmas [rad/s], [m/s^2] up to which biases are made uncertain; gap: the attitude's."""
 NUMBER, VALUE = 0, 1
 """Columns of State.runs."""
-VELOCITY, POSITION, GYRO, ACCEL, OTHERS = 3, 6, 9, 12, 15
+GYRO, ACCEL, OTHERS = 9, 12, 15
 """First states of a kind."""
 
 
@@ -111,9 +109,7 @@ def open_wide(s: State, c: Settings, w: Work, stream: int, m: int, again: int) -
     At first P <- D P D: correlations stay, so that the next pings correct tilt and biases. What
     the position may have lost in the row is added to it. Then the innovation itself is.
     """
-    square = 0.0
-    for k in range(m):
-        square += w.z[k] * w.z[k]
+    square = square_of(w, m)
     if again == 1:
         first = VELOCITY if m == fs.VECTOR else POSITION
         for k in range(first, first + 3):
@@ -141,11 +137,5 @@ def open_wide(s: State, c: Settings, w: Work, stream: int, m: int, again: int) -
         for k in range(POSITION, GYRO):
             s.P[k, k] += square * length * length / 3.0
     _raise_noise(s, c, STEP)
-    for k in range(watch.MEMORIES):
-        for j in range(watch.WIDTH):
-            s.memories[stream, k, j] = 0.0
-    clear_shared(s.shared)
-    clear_evidence(s)
     s.runs[stream, NUMBER] = 0.0
-    s.counters[fs.OPENED_NS + stream] = s.counters[fs.STAMP]
-    s.counters[fs.OPENINGS + stream] += 1
+    note_opening(s, stream)
