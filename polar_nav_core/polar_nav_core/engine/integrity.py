@@ -19,7 +19,7 @@ import numpy as np
 
 from .driver import Driver
 from .events import Array, Fix
-from .health.conditions import Condition, Culprit, Level
+from .health.conditions import Condition, Culprit, Level, fixes_followed
 from .params import EngineParams
 from .results import out_of_reach_reason
 from .unused import ALARMING, Unused, lasted_s
@@ -239,11 +239,7 @@ class IntegrityMonitor:
             )
             found.append(Condition('start', Level.WARN, Culprit.FIXES, sentence))
         if self._followed() > _BACK * self._farthest_m:
-            sentence = (
-                f'fixes that were refused in a row, {self._followed():.0f} m off, passed the gate '
-                'later and moved the estimate: they are wrong, or it was before'
-            )
-            found.append(Condition('fixes followed', Level.WARN, Culprit.FIXES, sentence))
+            found.append(fixes_followed(self._followed(), Culprit.FIXES))
         return found
 
     def _followed(self) -> float:

@@ -47,6 +47,15 @@ class Condition:
     sentence: str
 
 
+def fixes_followed(metres: float, culprit: Culprit) -> Condition:
+    """The condition that the estimate has followed fixes so far off [m] that it had refused."""
+    sentence = (
+        f'fixes that were refused in a row, {metres:.0f} m off, passed the gate later and moved '
+        'the estimate: they are wrong, or it was before'
+    )
+    return Condition('fixes followed', Level.WARN, culprit, sentence)
+
+
 RUNAWAY = 'runaway'
 """Key of a navigation that has diverged (engine.health.runaway)."""
 LOST = ('lost', 'speed', 'depth', RUNAWAY)

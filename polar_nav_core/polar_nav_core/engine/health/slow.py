@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +20,7 @@ _CERTAIN = 40.0
 6.3 of its own sigmas. In a world as stated once in 20,000 h (signatures.md, 4)."""
 MOVED = 3.0
 """Published sigmas of the horizontal position by which that is: what is covered lies inside."""
-AS_LIKELY = 14.0
+_AS_LIKELY = 14.0
 """Another kind whose T is less than this below the largest explains the evidence, too: the ratio
 of likelihoods is below exp(7), a thousand."""
 _CULPRITS = {
@@ -62,44 +63,67 @@ def slow_faults(evidence: Evidence | None, stamp_ns: int, P_horizontal: Array) -
     if evidence is None:
         return []
     bank, born_ns, per_unit_G = evidence
-    worst = float(bank[hy.STATISTIC].max())
-    if not worst > BEYOND:
-        return []
     statistic = bank[hy.STATISTIC].reshape(hy.SLOTS, hy.KINDS)
-    kinds = [kind for kind in _CULPRITS if statistic[:, kind].max() > worst - AS_LIKELY]
+    if not statistic.max() > BEYOND:
+        return []
+
+    def described(slot: int, kind: int) -> tuple[str, Array]:
+        columns = slice(slot * hy.KINDS, (slot + 1) * hy.KINDS)
+        own = bank[:, columns]
+        return _words(own, kind), _shift(own, kind, per_unit_G[:, columns])
+
+    return [most_likely(statistic, _CULPRITS, described, stamp_ns - born_ns, P_horizontal)]
+
+
+def most_likely(
+    statistic: Array,
+    culprits: Mapping[int, Culprit],
+    described: Callable[[int, int], tuple[str, Array]],
+    ages_ns: Ints,
+    P_horizontal: Array,
+) -> Condition:
+    """The condition of the slow fault that explains the evidence best, and of all as likely.
+
+    Parameters
+    ----------
+    statistic : (SLOTS, KINDS) array
+        T of each hypothesis; one is beyond its limit.
+    culprits : mapping of int to Culprit
+        By kind; of a pair, the first.
+    described : callable
+        Of a slot and a kind: the fault in words, with its size; the way (2,) that it has moved the
+        horizontal position [m].
+    ages_ns : (SLOTS,) array of int
+        Since the hypotheses of each slot began [ns].
+    P_horizontal : (2, 2) array
+        Published covariance of the horizontal position, axes of that way [m^2].
+    """
+    worst = float(statistic.max())
+    kinds = [kind for kind in culprits if statistic[:, kind].max() > worst - _AS_LIKELY]
     kinds.sort(key=lambda kind: -float(statistic[:, kind].max()))
     culprit = Culprit.NONE
-    parts = []
+    parts, ways = [], []
     for kind in kinds:
-        culprit |= _CULPRITS[kind]
+        culprit |= culprits[kind]
         slot = int(np.argmax(statistic[:, kind]))
-        minutes = (stamp_ns - int(born_ns[slot])) / 60e9
-        parts.append(f'{_words(bank[:, slot * hy.KINDS :], kind)} since about {minutes:.0f} min')
+        words, way = described(slot, kind)
+        parts.append(f'{words} since about {int(ages_ns[slot]) / 60e9:.0f} min')
+        ways.append(way)
     sentence = f'{", or ".join(parts)} ({math.sqrt(worst):.1f} sigma)'
-    first = int(np.argmax(statistic[:, kinds[0]])) * hy.KINDS
-    columns = slice(first, first + hy.KINDS)
-    moved = _moved(bank[:, columns], kinds[0], per_unit_G[:, columns], P_horizontal)
-    return [judged('slow fault', culprit, sentence, worst, moved)]
-
-
-def judged(key: str, culprit: Culprit, sentence: str, worst: float, moved: float) -> Condition:
-    """The condition of a slow fault by its statistic T beyond `BEYOND`, and what it has moved.
-
-    ``moved`` is the shift of the horizontal position in sigmas.
-    """
+    moved = shift_in_sigmas(ways[0], P_horizontal)
     misled = worst > _CERTAIN and moved > MOVED
     if misled:
         sentence += f', which has moved the position by {moved:.1f} of its stated sigmas'
     level = Level.ERROR if misled or worst > _SEVERE * BEYOND else Level.WARN
-    return Condition(key, level, culprit, sentence)
+    return Condition('slow fault', level, culprit, sentence)
 
 
-def _moved(slot: Array, kind: int, per_unit_G: Array, P: Array) -> float:
-    """How far a fault of the size that fits best has moved the horizontal position."""
-    d = per_unit_G[:, kind] * size_of(slot, kind)
+def _shift(slot: Array, kind: int, per_unit_G: Array) -> Array:
+    """How far a fault of the size that fits best has moved the horizontal position (2,) [m]."""
+    shift: Array = per_unit_G[:, kind] * size_of(slot, kind)
     if kind in hy.PAIRS:
-        d = per_unit_G[:, kind : kind + 2] @ pair_of(slot, kind)
-    return shift_in_sigmas(d, P)
+        shift = per_unit_G[:, kind : kind + 2] @ pair_of(slot, kind)
+    return shift
 
 
 def shift_in_sigmas(d: Array, P: Array) -> float:

@@ -17,9 +17,9 @@ import numpy as np
 from ...arrays import Array, Ints
 from ...kernels import watch
 from ...kernels.station import state as ss
-from .conditions import Condition, Culprit, Level
+from .conditions import Condition, Culprit, Level, fixes_followed
 from .deviation import Deviation
-from .slow import AS_LIKELY, BEYOND, MOVED, judged, shift_in_sigmas, sizes_of
+from .slow import BEYOND, MOVED, most_likely, shift_in_sigmas, sizes_of
 from .statistics import Statistics, statistics
 from .watchdog import AFTER_S, DEPTH, FEWEST, FIX, Envelope, View, Watchdog, outside, scatter
 
@@ -63,14 +63,21 @@ def _turning(x: float) -> str:
     return f'the heading of the AHRS drifts by {math.degrees(x) * 3600.0:.0f} deg/h'
 
 
-_KINDS: dict[int, tuple[Culprit, Callable[..., str]]] = {
-    ss.GROWS: (_EITHER, _growing),
-    ss.BEGINS: (_EITHER, _begun),
-    ss.DEVIATES: (Culprit.HEADING, _deviation),
-    ss.DRAGS: (Culprit.MODEL, _changed_drag),
-    ss.TURNS: (Culprit.HEADING, _turning),
+_CULPRITS = {
+    ss.GROWS: _EITHER,
+    ss.BEGINS: _EITHER,
+    ss.DEVIATES: Culprit.HEADING,
+    ss.DRAGS: Culprit.MODEL,
+    ss.TURNS: Culprit.HEADING,
 }
-"""Culprits and words of a slow fault by its kind."""
+_WORDS: dict[int, Callable[..., str]] = {
+    ss.GROWS: _growing,
+    ss.BEGINS: _begun,
+    ss.DEVIATES: _deviation,
+    ss.DRAGS: _changed_drag,
+    ss.TURNS: _turning,
+}
+"""Of a slow fault of a kind and its size."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,8 +106,8 @@ class StationView(View):
         Hypotheses about slow faults (kernels.station.signatures).
     born_ns : (SLOTS,) array of int or None
         When those of each slot began; 0 for an empty one.
-    jumped : (2,) array or None
-        Sum of the jumps of fixes that the estimate has followed, station axes [m].
+    followed : (2,) array or None
+        Way to fixes that were refused at first and followed at last, station axes [m].
     psi, turn : float or None
         Heading of the AHRS, and its newest turn that its own rates do not explain [rad].
     heading_sigma : float
@@ -118,7 +125,7 @@ class StationView(View):
     turned_ns: int = 0
     signatures: Array | None = None
     born_ns: Ints | None = None
-    jumped: Array | None = None
+    followed: Array | None = None
     psi: float | None = None
     turn: float = 0.0
     heading_sigma: float = math.inf
@@ -138,7 +145,7 @@ class StationWatchdog(Watchdog):
             found += [
                 *_loosened(view),
                 *_slow(view),
-                *_jumped(view),
+                *_followed(view),
                 *_turned(view),
                 *_ahrs_gap(view),
                 *_thrust(view),
@@ -216,24 +223,17 @@ def _slow(view: StationView) -> list[Condition]:
     """Fixes show the signature of a slow fault; every kind that is as likely is named."""
     if view.signatures is None or view.born_ns is None:
         return []
-    by_slot = view.signatures[ss.STATISTIC].reshape(ss.SLOTS, ss.KINDS)
-    if not (by_slot > _LIMITS).any():
+    signatures = view.signatures
+    statistic = signatures[ss.STATISTIC].reshape(ss.SLOTS, ss.KINDS)
+    if not (statistic > _LIMITS).any():
         return []
-    worst = float(by_slot.max())
-    likely = [kind for kind in _KINDS if by_slot[:, kind].max() > worst - AS_LIKELY]
-    likely.sort(key=lambda kind: -float(by_slot[:, kind].max()))
-    culprit = Culprit.NONE
-    parts, moved = [], 0.0
-    for kind in likely:
-        culprit |= _KINDS[kind][0]
-        slot = int(np.argmax(by_slot[:, kind]))
-        sizes, shift = _size(view.signatures[:, slot * ss.KINDS :], kind)
-        minutes = (view.stamp_ns - int(view.born_ns[slot])) / 60e9
-        parts.append(f'{_KINDS[kind][1](*sizes)} since about {minutes:.0f} min')
-        if kind == likely[0]:
-            moved = shift_in_sigmas(shift, view.P_horizontal)
-    sentence = f'{", or ".join(parts)} ({math.sqrt(worst):.1f} sigma)'
-    return [judged('slow fault', culprit, sentence, worst, moved)]
+
+    def described(slot: int, kind: int) -> tuple[str, Array]:
+        sizes, way = _size(signatures[:, slot * ss.KINDS :], kind)
+        return _WORDS[kind](*sizes), way
+
+    ages_ns = view.stamp_ns - view.born_ns
+    return [most_likely(statistic, _CULPRITS, described, ages_ns, view.P_horizontal)]
 
 
 def _size(slot: Array, kind: int) -> tuple[tuple[float, ...], Array]:
@@ -246,15 +246,11 @@ def _size(slot: Array, kind: int) -> tuple[tuple[float, ...], Array]:
     return (one,), slot[ss.HORIZONTAL, kind] * one
 
 
-def _jumped(view: StationView) -> list[Condition]:
-    """Fixes have jumped, which no vehicle can, and the estimate has followed them."""
-    if view.jumped is None or not shift_in_sigmas(view.jumped, view.P_horizontal) > MOVED:
+def _followed(view: StationView) -> list[Condition]:
+    """The estimate has followed fixes that it refused at first: one of the two is wrong."""
+    if view.followed is None or not shift_in_sigmas(view.followed, view.P_horizontal) > MOVED:
         return []
-    sentence = (
-        f'fixes have jumped by {float(np.hypot(*view.jumped)):.0f} m, farther than the vehicle '
-        'can have come, and the estimate has followed: they are wrong, or were before'
-    )
-    return [Condition('fixes jumped', Level.WARN, Culprit.FIXES, sentence)]
+    return [fixes_followed(float(np.hypot(*view.followed)), _EITHER)]
 
 
 def _turned(view: StationView) -> list[Condition]:

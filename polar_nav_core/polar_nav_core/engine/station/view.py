@@ -51,5 +51,5 @@ def view_of(fusion: StationFusion, stamp_ns: int, resets: int) -> StationView:
         psi=math.atan2(C_b_G[1, 0], C_b_G[0, 0]) if smoothed else None,
         turn=float(f.streams.unexplained[sample]),
         heading_sigma=math.sqrt(max(0.0, P[ss.HEADING, ss.HEADING])),
-        jumped=1e-3 * counters[ss.JUMPED_MM : ss.COUNTERS].astype(np.float64),
+        followed=1e-3 * counters[ss.FOLLOWED_MM : ss.FOLLOWED_MM + 2].astype(np.float64),
     )

@@ -36,11 +36,11 @@ LEAST, MOST = 2.0, 100.0
 NOISE = 4.0
 """A jump is longer than the farthest way by so many sigma of the innovation."""
 MOST_LEAP = 1e6
-"""Longest jump [m]: the longest acoustic range."""
+"""Longest way to a fix [m]: the longest acoustic range."""
 SAME = 0.5
 """Share of the first offset that must be left at the opening: a jump stays."""
 BACK = 0.5
-"""Share of a jump that may be left of all of them where it leads back."""
+"""Share of a way that may be left of all of them where it leads back."""
 ENLARGED = ss.DRAG
 """States before this one are enlarged: velocity, position, current."""
 
@@ -128,11 +128,10 @@ def enlarge(b: Bank, factor: float) -> None:
 
 @kernel
 def _jump(b: Bank, outcome: Array, jumps: Array) -> None:
-    """Move the position by a jump, with the variance of its length, and add it to their sum.
+    """Move the position by a jump, with the variance of its length.
 
-    Moved, for rows of range and bearing at the old place say little of one so far away. A jump
-    that leads back ends them all: what is left is noise and the model's drift. ``jumps`` is a log
-    of corrections, or empty.
+    Moved, for rows of range and bearing at the old place say little of one so far away. ``jumps``
+    is a log of corrections, or empty.
     """
     for m in range(b.x.shape[0]):
         for k in range(2):
@@ -141,13 +140,30 @@ def _jump(b: Bank, outcome: Array, jumps: Array) -> None:
             b.P[m, ss.POSITION + k, ss.POSITION + k] -= outcome[ss.OPENING]
             if jumps.shape[0] > 0:
                 jumps[(b.counters[ss.IMU] - 1) % jumps.shape[0], m, ss.POSITION + k] += shift
-    x = 1e3 * outcome[ss.FOLLOWED]
-    y = 1e3 * outcome[ss.FOLLOWED + 1]
-    sum_x = b.counters[ss.JUMPED_MM] + x
-    sum_y = b.counters[ss.JUMPED_MM + 1] + y
-    back = sum_x * sum_x + sum_y * sum_y < BACK * BACK * (x * x + y * y)
-    b.counters[ss.JUMPED_MM] = 0 if back else int(sum_x)
-    b.counters[ss.JUMPED_MM + 1] = 0 if back else int(sum_y)
+
+
+@kernel
+def _follow(b: Bank, x: float, y: float) -> None:
+    """Add a way [m] to fixes to the sum of those that the estimate has followed.
+
+    One that leads back ends them all: what is left is noise and the model's drift.
+    """
+    sum_x = b.counters[ss.FOLLOWED_MM] + 1e3 * x
+    sum_y = b.counters[ss.FOLLOWED_MM + 1] + 1e3 * y
+    back = sum_x * sum_x + sum_y * sum_y < BACK * BACK * 1e6 * (x * x + y * y)
+    b.counters[ss.FOLLOWED_MM] = 0 if back else int(sum_x)
+    b.counters[ss.FOLLOWED_MM + 1] = 0 if back else int(sum_y)
+
+
+@kernel
+def _follow_opened(b: Bank, w: Work) -> None:
+    """Count a fused fix that leads to where the gate was opened; ``w.z3``: its innovation [m]."""
+    x, y = 1e-3 * b.counters[ss.OPENED_MM], 1e-3 * b.counters[ss.OPENED_MM + 1]
+    along = -(x * w.z3[0] + y * w.z3[1])  # measured less expected
+    if along > SAME * (x * x + y * y):
+        _follow(b, x, y)
+    b.counters[ss.OPENED_MM] = 0
+    b.counters[ss.OPENED_MM + 1] = 0
 
 
 @kernel
@@ -168,9 +184,11 @@ def open_gate(b: Bank, w: Work, outcome: Array, jumps: Array, stamp: int, may_ju
         now += w.z3[k] * w.z3[k]
         b.counters[ss.LEAP_MM + k] = 0
     far = may_jump and leap > 0.0 and now > SAME * SAME * leap
-    if far and math.hypot(x, y) <= MOST_LEAP:
-        outcome[ss.FOLLOWED] = x
-        outcome[ss.FOLLOWED + 1] = y
+    length = math.hypot(x, y)
+    short = min(1.0, MOST_LEAP / length) if length > 0.0 else 1.0
+    outcome[ss.FOLLOWED] = short * x
+    outcome[ss.FOLLOWED + 1] = short * y
+    if far and length <= MOST_LEAP:
         outcome[ss.OPENING] = -(x * x + y * y)
     else:
         outcome[ss.OPENING] = min(max(0.5 * outcome[ss.NIS], LEAST), MOST)
@@ -180,10 +198,14 @@ def open_gate(b: Bank, w: Work, outcome: Array, jumps: Array, stamp: int, may_ju
 @kernel
 def open_again(b: Bank, outcome: Array, jumps: Array, stamp: int) -> None:
     """Enlarge the covariance, or follow a jump, as stored with a fix that keeps its decision."""
+    x, y = outcome[ss.FOLLOWED], outcome[ss.FOLLOWED + 1]
     if outcome[ss.OPENING] < 0.0:
         _jump(b, outcome, jumps)
+        _follow(b, x, y)
     else:
         enlarge(b, outcome[ss.OPENING])
+        b.counters[ss.OPENED_MM] = int(1e3 * x)
+        b.counters[ss.OPENED_MM + 1] = int(1e3 * y)
     clear_signatures(b)
     b.counters[ss.OPENED_NS] = stamp
     b.counters[ss.OPENINGS] += 1
@@ -199,6 +221,8 @@ def note(b: Bank, w: Work, outcome: Array, v_x: float, v_y: float) -> None:
     if fused:
         b.counters[ss.RUN] = 0
     metric(w.z3, w.S3, outcome)
+    if fused and (b.counters[ss.OPENED_MM] != 0 or b.counters[ss.OPENED_MM + 1] != 0):
+        _follow_opened(b, w)
     if w.S3[0, 0] > 0.0 and w.S3[1, 1] > 0.0 and outcome[ss.NIS] >= 0.0:
         nis = outcome[ss.NIS]
         memories = b.memories[ss.FIX_ROW]

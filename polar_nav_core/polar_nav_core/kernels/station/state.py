@@ -44,7 +44,8 @@ HORIZONTAL = slice(POSITION, POSITION + 2)
 # turns of the AHRS against its rates, and when the newest began [ns]; when each slot of
 # hypotheses began [ns], 0 for an empty one, when the next begin, and of which stamp they are; how
 # far off the first of the refused fixes in a row is, if farther than a vehicle can have come (2),
-# and the sum of such jumps that were followed (2), along x and y [mm].
+# the way to fixes that were refused at first and followed at last (2), and that to the fix for
+# which the gate was opened, until one is fused (2), along x and y [mm].
 STAMP, IMU, CONTROL, DEPTH, FIX = 0, 1, 2, 3, 4
 THRUST_NS, RUN, RUN_NS, OPENED_NS, OPENINGS = 5, 6, 7, 8, 9
 GAPS, GAP_NS, GAP_END_NS = 10, 11, 12
@@ -52,7 +53,7 @@ LOOSENED, LOOSENED_NS, TURNS, TURN_NS = 13, 14, 15, 16
 SLOTS = 5
 BORN_NS = 17
 BIRTH_NS, SIGNATURES_NS, LEAP_MM = BORN_NS + SLOTS, BORN_NS + SLOTS + 1, BORN_NS + SLOTS + 2
-JUMPED_MM, COUNTERS = LEAP_MM + 2, LEAP_MM + 4
+FOLLOWED_MM, OPENED_MM, COUNTERS = LEAP_MM + 2, LEAP_MM + 4, LEAP_MM + 6
 
 # Bank.flat: thrust (3), vertical at the vehicle (3), place where that holds (3), its height,
 # C_A_G (9), 1-sigma of the station's heading, sum of the directions of refused fixes in a row (2).
@@ -80,8 +81,8 @@ X, Y, Z, PSI, RANGE, BEARING, RANGE_VARIANCE, BEARING_VARIANCE, PSI_SIGMA, FIX_C
 # Columns of Streams.outcomes: decision, NIS, innovation (2), its covariance (3), inflation, place
 # in polar coordinates from the station (2), factor on the covariance that opened the gate for it
 # (negative: less the variance that the position got [m^2]), unexplained way with which it loosened
-# the model [m^2; 0: it did not] and how long that took [s], Bank.loose[EXTRA] after it, the jump
-# for which it opened the gate (2) [m].
+# the model [m^2; 0: it did not] and how long that took [s], Bank.loose[EXTRA] after it, how far
+# off it was when it opened the gate (2) [m].
 DECIDED, NIS, Z0, Z1, S00, S01, S11, INFLATION, DISTANCE, AZIMUTH, OPENING = range(11)
 WAY, LASTED_S, FURTHER, FOLLOWED, OUTCOME = 11, 12, 13, 14, 16
 
