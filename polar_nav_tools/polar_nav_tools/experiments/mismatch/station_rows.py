@@ -7,6 +7,7 @@ from typing import Any
 from polar_nav_sim.offline_station import StationScenario
 
 from . import station_faults as s
+from . import station_motion as m
 from .culprits import DEPTH, FIXES, HEADING, IMU, MODEL
 from .row import STATION, Row, row
 from .scenes import StationScene
@@ -25,7 +26,7 @@ def _station_row(
 
 
 STATION_ROWS = (
-    _station_row('thruster_dead', s.ThrusterDead(start_s=800.0), (MODEL,)),
+    _station_row('thruster_dead', m.ThrusterDead(start_s=800.0), (MODEL,)),
     _station_row('thrust_20pc_less', s.ThrustStated(factor=1.25), (MODEL,)),
     _station_row('heading_3deg', s.AhrsHeading(offset_deg=3.0), (HEADING,)),
     _station_row('heading_drift', s.AhrsHeading(drift_deg_h=5.0), (HEADING,)),
@@ -42,21 +43,21 @@ STATION_ROWS = (
     *(
         _station_row(
             f'current_{speed:g}_reverses',
-            s.CurrentReverses(speed_mps=speed, length_s=270.0, start_s=800.0),
+            m.CurrentReverses(speed_mps=speed, length_s=270.0, start_s=800.0),
             (MODEL,),
         )
         for speed in (0.47, 1.2)
     ),
     _station_row(
         'current_1.2_swings',
-        s.CurrentReverses(speed_mps=1.2, length_s=270.0, start_s=400.0, again=True),
+        m.CurrentReverses(speed_mps=1.2, length_s=270.0, start_s=400.0, again=True),
         (MODEL,),
     ),
     _station_row('outliers_30pc', s.RangeOutliers(share=0.3, size_m=30.0), (FIXES,)),
     _station_row(
         'outliers_30pc_long', s.RangeOutliers(share=0.3, size_m=30.0, one_sided=True), (FIXES,)
     ),
-    _station_row('held_120s', s.Held(start_s=900.0, length_s=120.0), (MODEL,)),
+    _station_row('held_120s', m.Held(start_s=900.0, length_s=120.0), (MODEL,)),
     *(
         _station_row(
             f'thrust_absurd_{ms:g}ms',
@@ -92,7 +93,7 @@ STATION_ROWS = (
     *(
         _station_row(
             f'drag_grows_{100 * share:g}pc',
-            s.DragGrows(share=share, ramp_s=300.0, start_s=600.0),
+            m.DragGrows(share=share, ramp_s=300.0, start_s=600.0),
             (MODEL,),
         )
         for share in (0.3, 1.0)
@@ -100,7 +101,7 @@ STATION_ROWS = (
     *(
         _station_row(
             f'current_begins_{speed:g}mps',
-            s.CurrentBegins(speed_mps=speed, ramp_s=20.0, start_s=800.0),
+            m.CurrentBegins(speed_mps=speed, ramp_s=20.0, start_s=800.0),
             (MODEL,),
         )
         for speed in (0.2, 0.5)
