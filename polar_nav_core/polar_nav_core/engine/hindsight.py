@@ -153,6 +153,14 @@ def decide(judged: Judged, gate_probability: float, robust: str, added_G: Array)
     return Decisions(judged, nis, fused, more, reweighted)
 
 
+def decided(judged: Judged, gate_probability: float) -> Decisions:
+    """Decisions by the gate alone, of residuals whose covariance is by the stated noise."""
+    nis = _normalized(judged.residuals, judged.covariances, judged.sizes[judged.of_fixes])
+    gates = np.array([np.inf, *(chi2_gate(gate_probability, m) for m in (1, 2, 3))])
+    fused = np.where(np.isfinite(nis), nis <= gates[judged.sizes], judged.fused)
+    return Decisions(judged, nis, fused, np.zeros_like(judged.covariances), 0)
+
+
 def added_by_weights(judged: Judged, enlargements: Sequence[float]) -> Array:
     """What weights added to the noise of fixes, (fixes, 3, 3); S is lambda times the stated."""
     factors = np.asarray(enlargements, dtype=np.float64)[judged.samples[judged.of_fixes]]
@@ -268,9 +276,9 @@ def revisions_of(
         fix_name(fixes[0][first.samples[k]]): bool(first.fused[k]) for k in first.of_fixes.tolist()
     }
     decided = {_receipt_name(r): r for r in reversed(receipts) if r.verdict in _DECIDED}
-    gate = chi2_gate(gate_probability, 3)
     for row, k in enumerate(judged.of_fixes.tolist()):
         fix, now = fixes[1][judged.samples[k]], bool(judged.fused[k])
+        gate = chi2_gate(gate_probability, int(judged.sizes[k]))
         if was.get(fix_name(fix), False) == now:
             continue
         before, after = _verdicts(now)
@@ -321,6 +329,6 @@ def _revised(
         innovation_G=-judged.residuals[row],
         innovation_variance_G=np.diagonal(judged.covariances[row]).copy(),
         nis=nis,
-        dof=3,
+        dof=int(judged.sizes[judged.of_fixes[row]]),
         gate=gate,
     )

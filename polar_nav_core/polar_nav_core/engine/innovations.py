@@ -19,7 +19,8 @@ from .events import Receipt
 from .inputs import Inputs
 from .params import EngineParams
 from .sins.innovation_tape import InnovationTape
-from .smoothing import LOOK_S, at_validity, in_order
+from .smoothed import at_validity
+from .smoothing import LOOK_S, in_order
 
 
 @dataclass(frozen=True)

@@ -11,14 +11,14 @@ from __future__ import annotations
 import heapq
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Generic, overload
+from typing import Any, Generic, Protocol, overload
 
 from ..errors import FilterDivergence
 from ..identification.result import Identification
 from ..order import NEVER_NS
-from .driver import WholeArrays
+from .driver import Driver, WholeArrays
 from .engine import Engine
-from .events import Command, Event, ImuSample, OrderKey, Rank, Receipt, Verdict
+from .events import Command, Event, ImuSample, InitialState, OrderKey, Rank, Receipt, Verdict
 from .fixes_at_once import FixesAtOnce, diverge
 from .health.conditions import Health
 from .inputs import Inputs, Stamps, StationInputs
@@ -26,7 +26,6 @@ from .lever import Rates
 from .looks import Look, looks_of
 from .params import EngineParams
 from .refusals import usable_imu
-from .sins.tape import Tape
 from .sins.whole import SinsArrays
 from .station.filter import StationFilter
 from .station.fusion import StationFusion
@@ -38,6 +37,17 @@ __all__ = [
     'Inputs', 'Progress', 'Result', 'RowSink', 'Stamps', 'StationInputs', 'StationTrack', 'Track',
     'run',
 ]  # fmt: skip
+
+
+class Record(Protocol):
+    """Interface of what records a filter for a smoother (`sins.tape`, `station.recorded`)."""
+
+    def make(self, params: EngineParams, initial: InitialState, stamp_ns: int) -> Driver:
+        """Filter that is recorded, as of `driver.Make`."""
+
+    def take(self) -> None:
+        """Copy what was logged since the last call."""
+
 
 Progress = Callable[[float], None]
 """Called with the share of the run that is done."""
@@ -76,7 +86,7 @@ def run(
     sink: RowSink | None = None,
     derived: bool = False,
     look_every_s: float = 0.0,
-    tape: Tape | None = None,
+    tape: Record | None = None,
     imu_lever_b: Sequence[float] = ...,
 ) -> Result[Track]: ...
 
@@ -91,6 +101,7 @@ def run(
     one_by_one: bool = False,
     sink: Callable[[StationTrack], None] | None = None,
     look_every_s: float = 0.0,
+    tape: Record | None = None,
 ) -> Result[StationTrack]: ...
 
 
@@ -104,7 +115,7 @@ def run(
     sink: Callable[[Any], None] | None = None,
     derived: bool = False,
     look_every_s: float = 0.0,
-    tape: Tape | None = None,
+    tape: Record | None = None,
     imu_lever_b: Sequence[float] = (0.0, 0.0, 0.0),
 ) -> Result[Any]:
     """Track and receipts of a run over the inputs; an estimate every ``params.output_period_s``.
@@ -126,13 +137,16 @@ def run(
         state and covariance (`nav_columns`); not in station mode.
     look_every_s : float
         How often the watchdog looks at a compiled run (whole seconds); 0 for never.
-    tape : Tape, optional
-        Records the filter of a compiled run at each look, which finds no health then.
+    tape : Record, optional
+        Records the filter of a compiled run, also at each look, which finds no health then.
+        Nothing is identified.
     imu_lever_b : sequence of float, optional
         IMU from base_link, body axes [m]: parameters and track are of base_link.
     """
     make = tape.make if tape is not None else None
     engine = Engine(params, make, imu_lever_b=imu_lever_b)
+    if tape is not None:
+        engine.adaptation = None
     health: list[Health] = []
     collector: Collector[Any]
     if isinstance(inputs, StationInputs):
@@ -203,7 +217,7 @@ class _Driver:
     progress : callable or None
     health : list of Health
         Gets the results of the looks.
-    tape : Tape or None
+    tape : Record or None
         Takes what was logged at each look.
     """
 
@@ -215,7 +229,7 @@ class _Driver:
         collector: Collector[Any],
         progress: Progress | None,
         health: list[Health],
-        tape: Tape | None,
+        tape: Record | None,
     ) -> None:
         self._engine = engine
         self._tape = tape

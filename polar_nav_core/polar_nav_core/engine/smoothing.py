@@ -12,85 +12,69 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import overload
 
-from ..arrays import Array, Ints
+from ..arrays import Ints
 from ..errors import ConfigError
 from ..kernels.sins.consider import COLUMNS
 from . import run as engine_run
+from . import station_smoothing as of_station
 from .backwards import Back, Move, backwards
-from .events import Fix, Rank, Receipt, Verdict
+from .events import Rank, Receipt, Verdict
 from .hindsight import (
     Decisions,
     Judged,
-    Revision,
     added_by_plan,
     added_by_weights,
     decide,
     plan_of,
     revisions_of,
 )
-from .inputs import Inputs
+from .inputs import Inputs, StationInputs
 from .params import EngineParams
 from .sins.recorded import FixLog, Plan
 from .sins.tape import Tape
-from .track import Track
+from .smoothed import MOST_PASSES, MOVED, Smoothed, at_validity, still_to_come
+from .track import StationTrack, Track
 
 LOOK_S = 60.0
 """How often the log is copied; the filter's rings hold more than twice that."""
 _HISTORY_S = 130.0
 _OUTPUT_S = 10.0
-MOST_PASSES = 3
-_MOVED = 0.1
-"""Movement of the track that a further pass is made for, of its sigma."""
 _TURN = 0.01
 """A correction that turns the attitude by less is linear to 1e-4 of the velocity [rad] (bend)."""
 _TRACK_S = 1.0
 """From one state of the track that a filter is held to, to the next, at most."""
 
 
-@dataclass(frozen=True)
-class Smoothed:
-    """Smoothed track of a run.
+@overload
+def smooth(
+    params: EngineParams,
+    inputs: Inputs,
+    *,
+    every_s: float = ...,
+    covariances: bool = ...,
+    passes: int = ...,
+    at_least: int = ...,
+    move: Move | None = ...,
+    progress: Callable[[float], None] | None = ...,
+) -> Smoothed[Track]: ...
 
-    Attributes
-    ----------
-    track : Track
-        With covariances that contain the common errors, as published ones do.
-    receipts : tuple of Receipt
-        Of fixes, as the filter decided that had each at its validity; behind them those of fixes
-        of which hindsight decided otherwise, as revisions.
-    divergence : str
-        Why the filter stopped; empty where it did not.
-    information : (COLUMNS, COLUMNS) array
-        Fisher information of the common errors, with navigation and sensor states as nuisance.
-    vector : (COLUMNS,) array
-        ``information`` times their least-squares estimate.
-    largest_turn : float
-        Largest smoothed correction of the attitude [rad]: what the linear model has to bear.
-    passes : int
-    moved : float
-        Largest movement of the track in the last pass, of its sigma; infinite after one.
-    revisions : tuple of Revision
-        In the order of their stamps.
-    unsettled : str
-        Why there should be another pass; empty where there need not.
-    """
 
-    track: Track
-    receipts: tuple[Receipt, ...]
-    divergence: str
-    information: Array
-    vector: Array
-    largest_turn: float
-    passes: int = 1
-    moved: float = math.inf
-    revisions: tuple[Revision, ...] = ()
-    unsettled: str = ''
+@overload
+def smooth(
+    params: EngineParams,
+    inputs: StationInputs,
+    *,
+    every_s: float = ...,
+    passes: int = ...,
+    progress: Callable[[float], None] | None = ...,
+) -> Smoothed[StationTrack]: ...
 
 
 def smooth(
     params: EngineParams,
-    inputs: Inputs,
+    inputs: Inputs | StationInputs,
     *,
     every_s: float = 1.0,
     covariances: bool = False,
@@ -98,14 +82,15 @@ def smooth(
     at_least: int = 1,
     move: Move | None = None,
     progress: Callable[[float], None] | None = None,
-) -> Smoothed:
-    """Smoothed track of a run of the strapdown mode, an estimate every so many seconds.
+) -> Smoothed[Track] | Smoothed[StationTrack]:
+    """Smoothed track of a run of either mode, an estimate every so many seconds.
 
     Parameters
     ----------
     params : EngineParams
         Gate and weights are those of its configuration; how it treats late fixes does not count.
-    inputs : Inputs
+    inputs : Inputs or StationInputs
+        Of station mode; of ``at_least``, ``covariances`` and ``move`` it knows nothing.
     every_s : float
         [s]; rounded to whole covariance steps, above a second to whole seconds.
     covariances : bool
@@ -122,6 +107,8 @@ def smooth(
     ConfigError
         For parameters that have no linear steps to go back over.
     """
+    if isinstance(inputs, StationInputs):
+        return of_station.smooth(params, inputs, every_s=every_s, passes=passes, progress=progress)
     return _Passes(params, inputs, every_s, covariances, move).run(passes, at_least, progress)
 
 
@@ -144,7 +131,9 @@ class _Passes:
         self._published = self._every * max(1, round(every_s / (self._every * period_s)))
         self._covariances, self._move = covariances, move
 
-    def run(self, most: int, least: int, progress: Callable[[float], None] | None) -> Smoothed:
+    def run(
+        self, most: int, least: int, progress: Callable[[float], None] | None
+    ) -> Smoothed[Track]:
         """Result of the last pass that changed something."""
 
         def part(number: int) -> Callable[[float], None] | None:
@@ -255,16 +244,9 @@ class _Pass:
                 return f'{self.decisions.reweighted} fixes have another weight with hindsight'
             if self.back.largest_turn > _TURN:
                 return f'the attitude is corrected by {self.back.largest_turn:.3f} rad'
-        elif self._still_to_come > _MOVED:
+        elif still_to_come(self.moved, self.moved_before) > MOVED:
             return f'the track moved by {self.moved:.2f} of its sigma'
         return ''
-
-    @property
-    def _still_to_come(self) -> float:
-        """Movement of a further pass: it shrinks from pass to pass at least as it did."""
-        if math.isinf(self.moved_before):
-            return self.moved
-        return self.moved * min(1.0, self.moved / self.moved_before)
 
     @property
     def _held_back(self) -> int:
@@ -286,7 +268,7 @@ class _Pass:
 
 def _result(
     first: _Pass, last: _Pass, passes: int, unsettled: str, gate_probability: float
-) -> Smoothed:
+) -> Smoothed[Track]:
     revisions, receipts = revisions_of(
         first.decisions.judged,
         last.decisions,
@@ -313,11 +295,6 @@ def _result(
 def in_order(params: EngineParams) -> EngineParams:
     """The same filter for fixes that come when they are valid."""
     configuration = params.resolved()
-    if params.mode != 'sins':
-        raise ConfigError(
-            'smoothing knows mode sins only: station mode is a bank of filters with a heading '
-            'that is given, and has no linear steps of one filter to go back over'
-        )
     if configuration.noise_adaptation != 'none':
         raise ConfigError(
             f'noise_adaptation {configuration.noise_adaptation}: smoothing needs stated noise; '
@@ -336,8 +313,3 @@ def in_order(params: EngineParams) -> EngineParams:
         # The tape has no rows of a velocity through the water: such pings are left aside.
         water_track_sigma=0.0,
     )
-
-
-def at_validity(fix: Fix) -> Fix:
-    """Fix that is received when it is valid."""
-    return replace(fix, transmit_ns=fix.validity_ns, receive_ns=fix.validity_ns)

@@ -22,6 +22,8 @@ from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.engine.sins.settings import make_settings
 from polar_nav_core.engine.sins.stretch import Stretch
 from polar_nav_core.engine.sins.tape import Tape
+from polar_nav_core.engine.smoothed import Smoothed, at_validity
+from polar_nav_core.engine.track import Track
 from polar_nav_core.kernels.sins import state as fs
 from polar_nav_core.kernels.sins.update import COUPLED, MARKOV, NAV, USBL, N
 
@@ -149,7 +151,7 @@ def recorded(params: EngineParams, inputs: Inputs, every_s: float) -> list[Stret
     with Tape(max(1, round(every_s / stated.filter_period_s))) as tape:
         engine_run.run(
             stated,
-            replace(inputs, fixes=tuple(map(smoothing.at_validity, fixes))),
+            replace(inputs, fixes=tuple(map(at_validity, fixes))),
             sink=lambda _: None,
             derived=True,
             look_every_s=smoothing.LOOK_S,
@@ -158,7 +160,7 @@ def recorded(params: EngineParams, inputs: Inputs, every_s: float) -> list[Stret
         return [stretch for stretch, _ in tape.backwards()][::-1]
 
 
-def _error(s: Stretch, k: int, found: smoothing.Smoothed, fed_back: Array) -> Array:
+def _error(s: Stretch, k: int, found: Smoothed[Track], fed_back: Array) -> Array:
     """Smoothed error of the reference at a row: to the filter's state, and what it fed back."""
     track = found.track
     j = int(np.searchsorted(track.stamps_ns, s.stamps_ns[k]))

@@ -23,9 +23,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from polar_nav_core.engine.smoothing import Smoothed
-
-    from ..smoothing.bag import How, SmoothedRun
+    from ..smoothing.bag import AnySmoothed, How, SmoothedRun
 
 _CLOSE_S = 0.05
 """From one estimate to the next, between which those at other times lie [s]."""
@@ -218,7 +216,7 @@ _LISTED = 10
 """Revisions that are printed one by one; JSON and the new bag have all."""
 
 
-def _revisions(found: Smoothed) -> str:
+def _revisions(found: AnySmoothed) -> str:
     """Sentences on passes, and on what hindsight decided otherwise than the filter."""
     passes = 'one pass' if found.passes == 1 else f'{found.passes} passes'
     moved = '' if found.passes == 1 else f', the last moved the track by {found.moved:.2g} sigma'

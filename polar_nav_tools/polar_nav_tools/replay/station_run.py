@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
 from polar_nav_core import nav_columns
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.events import Array, ModelEstimate
-from polar_nav_core.engine.inputs import Stamps
-from polar_nav_core.engine.track import StationTrack
+from polar_nav_core.engine.track import StationTrack, Track
 from polar_nav_core.error_model import X
 from polar_nav_core.identification.result import Identification
 from polar_nav_follower.params import FollowerParams
@@ -33,8 +30,7 @@ def replay_station(source: StationArrays, params: FollowerParams) -> ReplayedRun
     )
     track = result.track
     rows = EstimateRows(params, len(track.stamps_ns))
-    for start in range(0, len(track.stamps_ns), _ROWS):
-        rows.append(_as_estimates(track, slice(start, start + _ROWS)))  # type: ignore[arg-type]
+    rows.append(as_track(track))
     return ReplayedRun(
         vehicle=source.vehicle,
         params=params,
@@ -44,41 +40,39 @@ def replay_station(source: StationArrays, params: FollowerParams) -> ReplayedRun
         verdicts={v.name: n for v, n in sorted(result.verdicts.items()) if n},
         divergence=result.divergence,
         health=result.health,
-        model=_model(track, result.identifications, params),
+        model=model_run(track, result.identifications, params),
     )
 
 
-class _Rows(NamedTuple):
-    """Rows in the form that `EstimateRows` stores; NaN where this mode has no estimate."""
+def as_track(track: StationTrack) -> Track:
+    """Track in the form of the other mode, with derived columns.
 
-    stamps_ns: Stamps
-    r_e: Array
-    v_G: Array
-    C_b_G: Array
-    P: Array
-    sensor_errors: Array
-    local_statistics: Array
-    fixes: Stamps
-    derived: Array = np.zeros((0, nav_columns.WIDTH))
+    NaN where this mode estimates nothing.
+    """
+    n = len(track.stamps_ns)
+    parts = [slice(k, k + _ROWS) for k in range(0, n, _ROWS)]
+    derived = [_derived(track, part) for part in parts]
+    return Track(
+        stamps_ns=track.stamps_ns,
+        r_e=track.r_e,
+        v_G=track.v_G,
+        C_b_G=track.C_b_G,
+        P=np.zeros((0, X.size, X.size)),
+        sensor_errors=np.full((n, 15), np.nan),
+        local_statistics=track.local_statistics,
+        fixes=track.fixes,
+        derived=np.concatenate(derived) if derived else np.zeros((0, nav_columns.WIDTH)),
+    )
 
 
-def _as_estimates(track: StationTrack, part: slice) -> _Rows:
+def _derived(track: StationTrack, part: slice) -> Array:
     own = track.P[part]
     P = np.full((len(own), X.size, X.size), np.nan)
     P[:, : own.shape[1], : own.shape[2]] = own
-    return _Rows(
-        track.stamps_ns[part],
-        track.r_e[part],
-        track.v_G[part],
-        track.C_b_G[part],
-        P,
-        np.full((len(own), 15), np.nan),
-        track.local_statistics[part],
-        track.fixes[part],
-    )
+    return nav_columns.describe(track.r_e[part], track.C_b_G[part], P)
 
 
-def _model(
+def model_run(
     track: StationTrack, identifications: tuple[Identification, ...], params: FollowerParams
 ) -> ModelRun | None:
     """Model estimates at the first row of each second, as a session publishes them."""

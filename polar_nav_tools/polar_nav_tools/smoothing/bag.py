@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import heapq
 import math
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine import smoothing
-from polar_nav_core.engine.events import Receipt
+from polar_nav_core.engine import station_smoothing as of_station
 from polar_nav_core.engine.inputs import Inputs
+from polar_nav_core.engine.smoothed import MOST_PASSES, Smoothed
 from polar_nav_core.engine.version import ENGINE_VERSION
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.params import to_mapping
@@ -22,6 +23,7 @@ from polar_nav_follower.params import FollowerParams
 from polar_nav_ros import topics
 from polar_nav_ros.adapters.mapping import Mapping as Sources
 from polar_nav_ros.cdr import to_bytes
+from polar_nav_ros.model_outputs import current_to_msg, model_to_msg
 from polar_nav_ros.navigation_outputs import receipt_to_msg
 
 from ..bags import Bag, BagWriter
@@ -29,14 +31,18 @@ from ..foreign.lever import at_the_imu
 from ..foreign.load import load
 from ..foreign.replay import Row, states_of, truth_messages
 from ..foreign.sources import Source
+from ..replay.arrays import StationArrays
 from ..replay.by_message import parameters
-from ..replay.plain import plain_arrays
+from ..replay.plain import whole_arrays
+from ..replay.station_run import as_track, model_run, replay_station
 from ..scoring import Comparison, compare
 from ..series.estimates import EstimateRows, receipts_of
+from ..series.model import ModelRun
 from ..series.run import RunSeries
-from ..series.vehicle import EstimateSeries, TruthSeries
+from ..series.vehicle import EstimateSeries, ReceiptRecord, TruthSeries
 
 Progress = Callable[[float], None]
+AnySmoothed: TypeAlias = Smoothed[engine_run.Track] | Smoothed[engine_run.StationTrack]
 FILTER, SMOOTHER = 'filter', 'smoother'
 
 
@@ -79,7 +85,7 @@ class How:
     """
 
     every_s: float = 1.0
-    passes: int = smoothing.MOST_PASSES
+    passes: int = MOST_PASSES
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,9 +104,11 @@ class SmoothedRun:
         The smoothed one, with derived columns.
     found : Smoothed
         With what the innovations say of common errors.
-    filter_receipts : tuple of Receipt
+    filter_receipts : list of ReceiptRecord
         Of the filter, fixes as they came.
     truth : TruthSeries or None
+    models : mapping of str to ModelRun
+        Current and drag in station mode, of filter and smoother.
     """
 
     path: Path
@@ -109,9 +117,10 @@ class SmoothedRun:
     filtered: EstimateSeries
     smoothed: EstimateSeries
     track: engine_run.Track
-    found: smoothing.Smoothed
-    filter_receipts: tuple[Receipt, ...]
+    found: AnySmoothed
+    filter_receipts: Sequence[ReceiptRecord]
     truth: TruthSeries | None
+    models: Mapping[str, ModelRun] = field(default_factory=dict)
 
     @property
     def comparison(self) -> Comparison | None:
@@ -120,9 +129,10 @@ class SmoothedRun:
             return None
         return compare(
             {
-                FILTER: (self.truth, self.filtered, receipts_of(self.filter_receipts)),
+                FILTER: (self.truth, self.filtered, self.filter_receipts),
                 SMOOTHER: (self.truth, self.smoothed, receipts_of(self.found.receipts)),
-            }
+            },
+            models=self.models,
         )
 
 
@@ -148,10 +158,12 @@ def smooth_bag(
     ConfigError
         As `plain_arrays`.
     """
-    arrays = plain_arrays(
+    arrays = whole_arrays(
         bag, vehicle, 'smoothed', truth=True, progress=lambda share: progress(0.3 * share)
     )
     params = parameters(arrays.params, configuration, changes)
+    if isinstance(arrays, StationArrays):
+        return _of_station(arrays, params, how, _later(progress, 0.3))
     inputs = arrays.inputs(params).inputs
     found = _both(params, params, inputs, vehicle, how, (0.0, 0.0, 0.0), _later(progress, 0.3))
     return SmoothedRun(bag.path, vehicle, params, *found, arrays.truth)
@@ -177,6 +189,7 @@ def smoothed_series(bag: Bag, vehicle: str, progress: Progress | None = None) ->
         estimates=run.smoothed,
         receipts=receipts_of(run.found.receipts),
         divergence=run.found.divergence,
+        model=run.models.get(SMOOTHER),
     )
 
 
@@ -198,6 +211,38 @@ def smooth_mapped(
     return SmoothedRun(Path(source.path), vehicle, params, *found, loaded.truth)
 
 
+def _of_station(
+    arrays: StationArrays, params: FollowerParams, how: How, progress: Progress
+) -> SmoothedRun:
+    """Filtered and smoothed estimates of a vehicle located by a station."""
+    of_station.in_order(params)  # refuses before a long run
+    filtered = replay_station(arrays, params)
+    progress(0.2)
+    found = smoothing.smooth(
+        params,
+        arrays.inputs(params),
+        every_s=how.every_s,
+        passes=how.passes,
+        progress=_later(progress, 0.2),
+    )
+    track = as_track(found.track)
+    smoothed = EstimateRows(params, len(track.stamps_ns))
+    smoothed.append(track)
+    models = {FILTER: filtered.model, SMOOTHER: model_run(found.track, (), params)}
+    return SmoothedRun(
+        arrays.bag.path,
+        arrays.vehicle,
+        params,
+        filtered.estimates,
+        smoothed.series(arrays.vehicle),
+        track,
+        found,
+        filtered.receipts,
+        arrays.truth,
+        {name: model for name, model in models.items() if model is not None},
+    )
+
+
 def _later(progress: Progress, start: float) -> Progress:
     return lambda share: progress(start + (1.0 - start) * share)
 
@@ -211,7 +256,11 @@ def _both(
     imu_lever_b: tuple[float, float, float],
     progress: Progress,
 ) -> tuple[
-    EstimateSeries, EstimateSeries, engine_run.Track, smoothing.Smoothed, tuple[Receipt, ...]
+    EstimateSeries,
+    EstimateSeries,
+    engine_run.Track,
+    Smoothed[engine_run.Track],
+    Sequence[ReceiptRecord],
 ]:
     """Filtered and smoothed estimates of base_link; ``params`` are ``stated`` from the IMU."""
     smoothing.in_order(params)  # refuses before a long run
@@ -238,10 +287,11 @@ def _both(
     track = found.track
     smoothed = EstimateRows(params, len(track.stamps_ns))
     smoothed.append(track)
-    return rows.series(vehicle), smoothed.series(vehicle), track, found, result.receipts
+    receipts = receipts_of(result.receipts)
+    return rows.series(vehicle), smoothed.series(vehicle), track, found, receipts
 
 
-def summary(found: smoothing.Smoothed) -> dict[str, object]:
+def summary(found: AnySmoothed) -> dict[str, object]:
     """Passes and revisions for JSON."""
     return {
         'passes': found.passes,
@@ -250,6 +300,14 @@ def summary(found: smoothing.Smoothed) -> dict[str, object]:
         'unsettled': found.unsettled,
         'revisions': [r.to_dict() for r in found.revisions],
     }
+
+
+def _model_messages(track: engine_run.StationTrack, params: FollowerParams) -> Iterator[Row]:
+    """Smoothed drag and current at each estimate, as a follower publishes them."""
+    for k, stamp_ns in enumerate(track.stamps_ns.tolist()):
+        model = track.model(k, params)
+        yield stamp_ns, topics.MODEL, to_bytes(model_to_msg(model, stamp_ns))
+        yield stamp_ns, topics.CURRENT, to_bytes(current_to_msg(model, stamp_ns))
 
 
 def write(path: Path, run: SmoothedRun) -> Path:
@@ -266,6 +324,9 @@ def write(path: Path, run: SmoothedRun) -> Path:
     ]
     streams: list[Iterable[Row]] = [states_of(run.track, run.params, run.vehicle), receipts]
     written = [topics.STATE, topics.RECEIPT]
+    if isinstance(run.found.track, engine_run.StationTrack):
+        streams.append(_model_messages(run.found.track, run.params))
+        written += [topics.MODEL, topics.CURRENT]
     if run.truth is not None:
         streams.append(truth_messages(run.truth))
         written.append(topics.TRUTH)

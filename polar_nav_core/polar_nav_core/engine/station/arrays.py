@@ -145,6 +145,16 @@ def fix_columns(members: int) -> dict[str, np.ndarray]:
     }
 
 
+def make_tape(members: int) -> ss.Tape:
+    """Empty record for a smoother, at a node; without members nothing is recorded."""
+    return ss.Tape(
+        Psi=np.tile(np.eye(ss.N), (members, 1, 1)),
+        vector=np.zeros((members, ss.N, 1 + ss.COMMON)),
+        information=np.zeros((members, ss.N, ss.N)),
+        H=np.zeros((members, 2, ss.N)),
+    )
+
+
 def make_log(length_s: float, members: int, *, snapshots: bool, jumps: bool) -> ss.Log:
     """Empty log of ``seconds``: snapshots for `rewind`, jumps for the forward strategies."""
     n = int(length_s / IMU_PERIOD_S) + 16
@@ -164,6 +174,7 @@ def make_log(length_s: float, members: int, *, snapshots: bool, jumps: bool) -> 
         loose=np.zeros((kept, ss.LOOSE)),
         counters=np.zeros((kept, ss.COUNTERS), dtype=np.int64),
         good=make_bank(members),
+        tape=make_tape(0),
     )
 
 

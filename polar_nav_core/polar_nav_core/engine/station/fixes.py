@@ -24,6 +24,13 @@ def dated(p: StationParams, fix: Fix) -> Fix:
     return replace(fix, validity_ns=fix.receive_ns - ago_ns)
 
 
+def polar_of(fix: Fix) -> PolarFix:
+    """Range and bearing of a fix; ValueError where it has none."""
+    if fix.polar is None:
+        raise ValueError(f'fix {fix.sequence} of {fix.source} has no range and bearing')
+    return fix.polar
+
+
 def fix_row(p: StationParams, polar: PolarFix) -> Array:
     """Row of `Streams.fixes` for a fix."""
     row = [*polar.station, polar.station_heading, polar.range, polar.bearing]

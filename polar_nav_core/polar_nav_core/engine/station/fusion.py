@@ -12,7 +12,6 @@ from bisect import bisect_right
 
 import numpy as np
 
-from ...identification.polar_fix import PolarFix
 from ...identification.result import Identification
 from ...kernels.station import forward as station_forward
 from ...kernels.station import run
@@ -34,7 +33,7 @@ from ..results import FixResult, Outcome
 from ..rewind import Cursor, GoingBack, Stored
 from ..saved import SavedState
 from .filter import StationFilter
-from .fixes import fix_row
+from .fixes import fix_row, polar_of
 
 _NOT_USED = Outcome(False, np.full(3, np.nan), np.full(3, np.nan), math.nan, 0, math.inf)
 
@@ -71,10 +70,14 @@ class StationFusion:
 
     def __init__(self, params: EngineParams, initial: InitialState, stamp_ns: int) -> None:
         self.params = params
-        self.filter = StationFilter(
-            params, initial, stamp_ns, snapshots=self.snapshots, jumps=self.jumps
-        )
+        self.filter = self.make_filter(params, initial, stamp_ns)
         self._start_ns = stamp_ns
+
+    def make_filter(
+        self, params: EngineParams, initial: InitialState, stamp_ns: int
+    ) -> StationFilter:
+        """Filter with what this strategy stores."""
+        return StationFilter(params, initial, stamp_ns, snapshots=self.snapshots, jumps=self.jumps)
 
     @property
     def stamp_ns(self) -> int:
@@ -133,7 +136,7 @@ class StationFusion:
 
     def offset(self, fix: Fix) -> tuple[Array, float] | None:
         """Fix minus present estimate, grid axes [m], and its NIS by the covariance now."""
-        polar = _polar(fix)
+        polar = polar_of(fix)
         x, P = self.filter.mixture()
         d = x[ss.POSITION : ss.CURRENT] - polar.station
         distance = math.hypot(d[0], d[1])
@@ -148,12 +151,6 @@ class StationFusion:
         noise[1, 1] += P[ss.STATION, ss.STATION]
         S = P[ss.HORIZONTAL, ss.HORIZONTAL] + np.einsum('ij,jk,lk->il', J, noise, J)
         return offset, float(offset[:2] @ np.linalg.solve(S, offset[:2]))
-
-
-def _polar(fix: Fix) -> PolarFix:
-    if fix.polar is None:
-        raise ValueError(f'fix {fix.sequence} of {fix.source} has no range and bearing')
-    return fix.polar
 
 
 class Forward(StationFusion):
@@ -173,7 +170,7 @@ class Forward(StationFusion):
         before_ns = int(streams.imu_stamps[(first - 1) % len(streams.imu_stamps)])
         if self.kind == ss.BACK_PROPAGATE and not self._invertible(first):
             return None
-        row, outcome = fix_row(self.params, _polar(fix)), np.zeros(ss.OUTCOME)
+        row, outcome = fix_row(self.params, polar_of(fix)), np.zeros(ss.OUTCOME)
         station_forward.forward_fix(
             f.bank,
             f.settings,
@@ -292,7 +289,7 @@ class Rewind(StationFusion):
                 column[k % length] = column[(k - 1) % length]
         i = number % length
         s.fix_stamps[i] = fix.validity_ns
-        s.fixes[i] = fix_row(self.params, _polar(fix))
+        s.fixes[i] = fix_row(self.params, polar_of(fix))
         s.outcomes[i] = 0.0
         s.outcomes[i, ss.DECIDED] = ss.UNDECIDED
         s.counts[3] += 1

@@ -9,14 +9,15 @@ from ...arrays import Array
 from .. import watch
 from ..cache import routine
 from . import state as ss
-from .state import Bank, Settings, Streams, Work
+from .state import Bank, Settings, Streams, Tape, Work
 from .step import lever_arm
+from .tape import tape_depth
 
 X, Y, Z = ss.POSITION, ss.POSITION + 1, ss.POSITION + 2
 
 
 @routine
-def depth_event(b: Bank, c: Settings, w: Work, streams: Streams, jumps: Array) -> None:
+def depth_event(b: Bank, c: Settings, w: Work, streams: Streams, jumps: Array, tape: Tape) -> None:
     """Fuse the next depth: height = surface - depth, along the vertical at the vehicle.
 
     The gate is of the whole bank: mean innovation, spread of the members and common errors
@@ -91,3 +92,4 @@ def depth_event(b: Bank, c: Settings, w: Work, streams: Streams, jumps: Array) -
             for i in range(ss.N):
                 for j in range(ss.COMMON):
                     b.S[m, i, j] += weight * h[i] * w.J[m, 0, j]
+        tape_depth(tape, m, b.flat[ss.UP : ss.UP + 3], w, c.shares)

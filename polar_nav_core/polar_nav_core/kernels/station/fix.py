@@ -14,8 +14,9 @@ from .common import fix_common, subtract_state, widen
 from .obey import obey
 from .reopen import note, open_again, open_gate, opens
 from .signatures import note_signatures
-from .state import Bank, Settings, Streams, Work
+from .state import Bank, Settings, Streams, Tape, Work
 from .step import lever_arm, turned
+from .tape import tape_rows
 
 
 @kernel
@@ -231,7 +232,14 @@ def know_station(b: Bank, fix: Array) -> None:
 
 @routine
 def fix_event(
-    b: Bank, c: Settings, w: Work, streams: Streams, jumps: Array, stamp: int, frozen: bool
+    b: Bank,
+    c: Settings,
+    w: Work,
+    streams: Streams,
+    jumps: Array,
+    tape: Tape,
+    stamp: int,
+    frozen: bool,
 ) -> None:
     """Fuse the next fix at its validity and fill its row of outcomes.
 
@@ -258,6 +266,7 @@ def fix_event(
         fix_common(w.J[m], w.H, fix[ss.RANGE])
         spread_of(w.PHt[m], w.S[m], w.H, b.P[m], fix)
         share(b, c, w, m)
+        tape_rows(tape, m, w.H)
         if kept:
             for a in range(2):
                 for j in range(ss.N):
@@ -275,6 +284,7 @@ def fix_event(
                 fix_common(w.J[m], w.H, fix[ss.RANGE])
                 spread_of(w.PHt[m], w.S[m], w.H, b.P[m], fix)
                 share(b, c, w, m)
+                tape_rows(tape, m, w.H)
             judge(b, c, w, fix, outcome, points)
         for m in range(b.x.shape[0]):
             streams.fix_inflations[k, m] = w.inflation[m]

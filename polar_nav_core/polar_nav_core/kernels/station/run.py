@@ -207,7 +207,7 @@ def advance(
         if rank == ss.IMU_RANK:
             before = b.counters[ss.STAMP]
             place = log.points[b.counters[ss.IMU] % log.points.shape[0]]
-            imu_event(b, c, w, streams, log.points, log.jumps, frozen)
+            imu_event(b, c, w, streams, log.points, log.jumps, log.tape, frozen)
             advance_signatures(b, c, w, place, stamp)
             if rows.stamps.shape[0] > 0 and stamp // c.output_ns != before // c.output_ns:
                 rows.io[0] = stamp
@@ -220,9 +220,9 @@ def advance(
         elif rank == ss.CONTROL_RANK:
             _apply_control(b, streams)
         elif rank == ss.DEPTH_RANK:
-            depth_event(b, c, w, streams, log.jumps)
+            depth_event(b, c, w, streams, log.jumps, log.tape)
         else:
-            fix_event(b, c, w, streams, log.jumps, stamp, frozen)
+            fix_event(b, c, w, streams, log.jumps, log.tape, stamp, frozen)
             if not healthy(b, c):
                 return ss.NOT_DEFINITE
 

@@ -172,6 +172,18 @@ class Streams(NamedTuple):
     fix_inflations: Array  # (n, B)
 
 
+class Tape(NamedTuple):
+    """What a smoother needs, gathered since its newest node (kernels.station.tape).
+
+    Without members (B = 0) nothing is gathered.
+    """
+
+    Psi: Array  # (B, 12, 12): transition of the error
+    vector: Array  # (B, 12, 1 + COMMON)
+    information: Array  # (B, 12, 12)
+    H: Array  # (B, 2, 12): rows of the newest fix
+
+
 class Log(NamedTuple):
     """Stored past: points of linearisation, corrections and snapshots."""
 
@@ -189,6 +201,7 @@ class Log(NamedTuple):
     loose: Array
     counters: Ints
     good: Bank  # newest sound state, tested in full
+    tape: Tape  # for a smoother
 
 
 class Rows(NamedTuple):

@@ -16,7 +16,8 @@ from ..vehicle.model import relative_acceleration, relative_acceleration_jacobia
 from . import state as ss
 from .common import transform
 from .gap import cross_gap, doubt_heading
-from .state import Bank, Settings, Streams, Work
+from .state import Bank, Settings, Streams, Tape, Work
+from .tape import tape_step
 
 THRUST_SHARE = 0.3
 """1-sigma of a thrust that nobody states, in shares of the drag at the stated speed."""
@@ -323,7 +324,14 @@ def clear(jump: Array) -> None:
 
 @routine
 def imu_event(
-    b: Bank, c: Settings, w: Work, streams: Streams, points: Array, jumps: Array, frozen: bool
+    b: Bank,
+    c: Settings,
+    w: Work,
+    streams: Streams,
+    points: Array,
+    jumps: Array,
+    tape: Tape,
+    frozen: bool,
 ) -> None:
     """Advance all members to the stamp of the next IMU sample.
 
@@ -362,6 +370,7 @@ def imu_event(
             move(b.x[m], w.point, h, e, f_drag, f_share, g_x, g_y, w)
             q_c = c.q_current[m] + b.loose[ss.EXTRA]
             spread(b.P[m], h, q_c, e, q_e, f_drag, f_share, g_x, g_y, c, w)
+            tape_step(tape, m, h, e, f_drag, f_share, g_x, g_y, w)
             if unknown:
                 a = THRUST_SHARE * math.exp(w.point[ss.DRAG]) / c.inertia[0]
                 b.P[m, 0, 0] += h * 2.0 * THRUST_TAU * a * a
