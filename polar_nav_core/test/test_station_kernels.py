@@ -99,7 +99,7 @@ def predicted(case):
 @pytest.mark.parametrize('case', CASES)
 def test_depth_update(case):
     b, c, w, s = predicted(case)
-    station_depth.depth_event(b, c, w, s, np.zeros((0, 1, ss.N)))
+    station_depth.depth_event(b, c, w, s, np.zeros((0, 1, ss.N)), arrays.make_tape(0))
     np.testing.assert_allclose(b.x[0, :6], case['depth']['X'], rtol=1e-9)
     P = np.diagonal(b.P[0])[:6]
     np.testing.assert_allclose(P, case['depth']['P_diag'], rtol=1e-9)
@@ -112,7 +112,7 @@ def test_published_fix_after_depth_is_the_joint_update(case):
     """Eq. 13 has depth as its third row; R is diagonal, so one after the other is the same."""
     b, c, w, s = predicted(case)
     before = b.x[0].copy()
-    station_depth.depth_event(b, c, w, s, np.zeros((0, 1, ss.N)))
+    station_depth.depth_event(b, c, w, s, np.zeros((0, 1, ss.N)), arrays.make_tape(0))
     dx, dy, _ = case['has']['innovation_xg_minus_buffered_x_y_and_depth']
     fix = np.zeros(ss.FIX_COLUMNS)
     fix[:6] = before[3] + dx - 100.0, before[4] + dy, b.x[0, 5], 0.0, 100.0, 0.0

@@ -277,6 +277,23 @@ def test_velocity_in_grid_axes_is_that_of_the_state():
     assert np.sqrt(np.mean((track.v_G - v)[60:, :2] ** 2)) < 0.03
 
 
+def test_the_model_is_loose_from_when_it_began_to_fail():
+    """The filter finds that a minute late; a pass with hindsight is right before that, too."""
+    x, _ = smoothed(1)
+    failed = (x.imu_stamps_ns - x.imu_stamps_ns[0]) * 1e-9 > 200.0
+    force_b = x.force_b.copy()
+    force_b[failed, 0] += 80.0  # what is stated more than there is
+    wrong = []
+    for passes in (1, 3):
+        found = smoothing.smooth(twin.params(), replace(x, force_b=force_b), passes=passes)
+        t, e, _ = twin.errors(found.track, truth())
+        P = np.einsum('ij,njk,lk->nil', twin.C_E_A, found.track.P[:, 6:9, 6:9], twin.C_E_A)
+        sigmas = np.abs(e[:, :2]) / np.sqrt(np.einsum('nii->ni', P)[:, :2])
+        wrong.append(np.mean(sigmas[t > 30.0].max(axis=1) > 4.0))
+    assert wrong[0] > 0.05
+    assert wrong[1] < 0.01
+
+
 def test_the_published_filter_is_refused():
     params = twin.params(station_filter='published', configuration='default')
     with pytest.raises(ConfigError, match='station_filter published'):

@@ -23,6 +23,10 @@ def test_it_has_a_job_for_each_world_and_seed():
     assert experiment_named('smooth') is SMOOTH
     jobs = plan(Request(rows='6_*', first_seed=5), SIZE, ())
     assert {(j.row, j.seed) for j in jobs} == {('6_1', 5), ('6_1', 6), ('6_2', 5), ('6_2', 6)}
+    assert {j.row for j in plan(Request(rows='station*'), SIZE, ())} == {
+        'station',
+        'station_changing',
+    }
     with pytest.raises(ConfigError, match='no such row'):
         plan(Request(rows='nothing'), SIZE, ())
 
@@ -39,8 +43,9 @@ def test_samples_count_once_per_correlation_time(keep, expected):
 
 
 @pytest.mark.slow
-def test_the_smoother_is_nearer_and_its_table_judges_it():
-    results = [run_job(SmoothJob('6_2', 120.0, SMOOTHER, seed)) for seed in (1, 2)]
+@pytest.mark.parametrize('world', ['6_2', 'station_changing'])
+def test_the_smoother_is_nearer_and_its_table_judges_it(world):
+    results = [run_job(SmoothJob(world, 120.0, SMOOTHER, seed)) for seed in (1, 2)]
     (table,) = tables(results, SIZE, Request())
     rows = {row['track']: row for row in table.rows}
     assert rows['smoother']['rms'] < rows['filter']['rms']

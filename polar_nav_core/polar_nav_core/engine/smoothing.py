@@ -295,6 +295,11 @@ def _result(
 def in_order(params: EngineParams) -> EngineParams:
     """The same filter for fixes that come when they are valid."""
     configuration = params.resolved()
+    if params.mode != 'sins':
+        raise ConfigError(
+            'mode station: these are inputs of mode sins; recordings of a follower in station '
+            'mode have a smoother of their own'
+        )
     if configuration.noise_adaptation != 'none':
         raise ConfigError(
             f'noise_adaptation {configuration.noise_adaptation}: smoothing needs stated noise; '

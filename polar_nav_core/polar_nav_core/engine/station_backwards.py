@@ -24,6 +24,7 @@ from .station.recorded import Tape
 from .track import StationTrack
 
 _ROWS = 512
+_PUBLISHED = [*range(ss.POSITION, ss.CURRENT), ss.HEADING]
 _WEIGHS = 1e-3
 """A member of less weight moves nothing."""
 
@@ -256,8 +257,11 @@ def _weights(node: np.ndarray, adjoint: Adjoint) -> Array:
 
 
 def _movement(d: Array, P: Array, weight: Array) -> float:
-    """Largest change of a state of the members that count, in its sigmas."""
-    variance = np.einsum('mii->mi', P)
+    """Largest change of position or heading of the members that count, in its sigmas.
+
+    Drag and the velocity through the water may move as they like where the model does not hold.
+    """
+    d, variance = d[:, _PUBLISHED], np.einsum('mii->mi', P)[:, _PUBLISHED]
     with np.errstate(all='ignore'):
         sigmas = np.where(variance > 0.0, np.abs(d) / np.sqrt(variance), 0.0)
     return float(sigmas[weight > _WEIGHS].max(initial=0.0))

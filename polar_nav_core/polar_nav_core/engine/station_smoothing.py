@@ -31,6 +31,10 @@ from .track import StationTrack
 _NODE_S = 1.0
 """From one node to the next, at most."""
 _OUTPUT_S = 10.0
+_FAR = 14.0
+"""Square of a residual that counts at most: about the usual gate."""
+_WORSE = 1.1
+"""Factor on the mean square of the residuals beyond which a pass is given up."""
 _REWEIGHTED = math.log(1.1)
 """A fix whose weight changes by a smaller factor is as before."""
 
@@ -49,9 +53,20 @@ class _Pass:
     moved_before: float
     """Largest movement of the track in this pass and in the one before, of its sigma."""
 
+    ended: str = ''
+    """Why the pass after this one is none."""
+
+    @property
+    def misfit(self) -> float:
+        """Mean square of the residuals of the fixes, an outlier counted as at its gate."""
+        nis = self.decisions.nis[np.isfinite(self.decisions.nis)]
+        return float(np.minimum(nis, _FAR).mean()) if len(nis) else 0.0
+
     @property
     def why_not(self) -> str:
         """Why no filter can be held to this track; empty where one can."""
+        if self.ended:
+            return self.ended
         if self.divergence or self.back.parts > 1:
             return 'the filter was lost and began anew'
         return ''
@@ -71,12 +86,32 @@ class _Pass:
         """Plan of the next pass."""
         planned: dict[OrderKey, FixPlan] = {}
         judged = self.decisions.judged
+        outcomes = self._loosened() if math.isinf(self.moved) else self.back.outcomes.copy()
         for k, number in enumerate(judged.samples.tolist()):
-            outcome = self.back.outcomes[k].copy()
+            outcome = outcomes[k]
             outcome[ss.DECIDED] = ss.FUSED if self.decisions.fused[k] else ss.REFUSED
             outcome[ss.INFLATION] = self.inflations[k]
             planned[self.fixes[number].key] = FixPlan(outcome, self.inflations[k])
         return Plan(self.back.states, planned)
+
+    def _loosened(self) -> Array:
+        """Rows of outcomes (n, OUTCOME), with the model loose from when it began to fail.
+
+        A filter finds that some time after it began; with hindsight it is loosened then, with
+        the unexplained way and the further walk of the current that were found.
+        """
+        out = self.back.outcomes.copy()
+        stamps_ns = np.array(
+            [self.fixes[n].validity_ns for n in self.decisions.judged.samples], dtype=np.int64
+        )
+        for k in np.flatnonzero(self.back.outcomes[:, ss.WAY] > 0.0).tolist():
+            way, lasted_s = self.back.outcomes[k, ss.WAY], self.back.outcomes[k, ss.LASTED_S]
+            since_ns = stamps_ns[k] - round(lasted_s * 1e9)
+            first = max(0, int(np.searchsorted(stamps_ns, since_ns)) - 1)
+            out[k, ss.WAY] = 0.0
+            out[first, ss.WAY], out[first, ss.LASTED_S] = way, lasted_s
+            out[first:k, ss.FURTHER] = np.maximum(out[first:k, ss.FURTHER], out[k, ss.FURTHER])
+        return out
 
 
 def smooth(
@@ -121,8 +156,12 @@ def smooth(
     number, why = 1, found.why_again
     while why and not found.why_not and number < passes:
         nodes_ns, plan = (every_ns, shown_ns), found.plan()
-        found = _pass(stated, inputs, nodes_ns, plan, part(number), found.moved)
-        number, why = number + 1, found.why_again
+        again = _pass(stated, inputs, nodes_ns, plan, part(number), found.moved)
+        worse = again.why_not or _worse(again, found)
+        if worse:
+            found = replace(found, ended=f'pass {number + 1}: {worse}')
+            break
+        found, number, why = again, number + 1, again.why_again
     if progress is not None:
         progress(1.0)
     revisions, receipts = revisions_of(
@@ -145,6 +184,16 @@ def smooth(
         revisions=tuple(sorted(revisions, key=lambda r: (r.stamp_ns, r.topic, r.number))),
         unsettled=(found.why_not or why) if why and passes > 1 else '',
     )
+
+
+def _worse(again: _Pass, before: _Pass) -> str:
+    """Why a pass is no better than the one before; empty where it is one."""
+    if again.misfit > _WORSE * before.misfit:
+        return (
+            f'fixes fit worse at its track (mean square {again.misfit:.2f} after '
+            f'{before.misfit:.2f})'
+        )
+    return ''
 
 
 def _pass(

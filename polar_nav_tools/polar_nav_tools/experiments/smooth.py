@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from typing import Any
 
@@ -19,16 +19,21 @@ from scipy.stats import chi2
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine import smoothing
 from polar_nav_core.engine.events import Array
+from polar_nav_core.engine.smoothed import Smoothed
+from polar_nav_core.engine.track import StationTrack, Track
 from polar_nav_core.error_model import X
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.grid import ecef_to_grid
+from polar_nav_sim.offline_station import StationScenario
 
 from ..scoring.tables import Column, Table
-from .errors import TrackErrors, track_errors
+from .errors import track_errors
 from .experiment import Experiment
 from .jobs import RunResult
 from .request import Request, Size
 from .schedule import FixSpec
+from .station.world import make_world as make_station_world
+from .station_choices import StationChoices
 from .suite import one_filter_suite
 from .world import make_world
 from .world_spec import WorldSpec
@@ -46,6 +51,11 @@ _ROWS: Mapping[str, Mapping[str, Any]] = {
     'tactical': {'imu': 'tactical', 'gyro_bias_dph': 1.0, 'accel_bias_g': 5e-4},
     'no_dvl': {'imu': 'paper_6_1', 'dvl_rate_hz': 0.0},
 }
+_STATIONS: Mapping[str, Mapping[str, Any]] = {
+    'station': {},
+    'station_changing': {'current_change': 0.3, 'current_turn': 0.6},
+}
+"""Vehicles without DVL that a station locates, in a current that stays and in one that turns."""
 
 
 @dataclass(frozen=True)
@@ -76,18 +86,28 @@ def plan(request: Request, size: Size, columns: Sequence[str]) -> list[SmoothJob
     seeds = range(request.first_seed, request.first_seed + size.seeds)
     jobs = [
         SmoothJob(row, size.duration_s, SMOOTHER, seed)
-        for row in _ROWS
+        for row in (*_ROWS, *_STATIONS)
         if any(fnmatchcase(row, p) for p in patterns)
         for seed in seeds
     ]
     if not jobs:
-        raise ConfigError(f'--rows {request.rows}: no such row; there are {", ".join(_ROWS)}')
+        names = ', '.join((*_ROWS, *_STATIONS))
+        raise ConfigError(f'--rows {request.rows}: no such row; there are {names}')
     return jobs
 
 
 def run_job(job: SmoothJob) -> RunResult:
     """Result of one job: errors and sigmas of both tracks."""
     begin = time.process_time()
+    found, metrics = (_station if job.row in _STATIONS else _strapdown)(job)
+    metrics |= {'passes': float(found.passes), 'revisions': float(len(found.revisions))}
+    reason = found.divergence
+    stopped_s = job.duration_s if reason else math.nan
+    seconds = time.process_time() - begin
+    return RunResult(job.group, job.column, job.seed, metrics, stopped_s, reason, {}, seconds)
+
+
+def _strapdown(job: SmoothJob) -> tuple[Smoothed[Track], dict[str, float]]:
     spec = WorldSpec(
         **{
             'duration_s': job.duration_s,
@@ -103,23 +123,42 @@ def run_job(job: SmoothJob) -> RunResult:
     params = world.params(configuration='default', output_period_s=1.0)
     found = smoothing.smooth(params, world.inputs, covariances=True)
     filtered = engine_run.run(params, world.inputs).track
-    metrics = {'passes': float(found.passes), 'revisions': float(len(found.revisions))}
+    metrics: dict[str, float] = {}
     for name, track in ((FILTER, filtered), (SMOOTHER, found.track)):
         errors = track_errors(world, track)
         rows = errors.time_s > _SETTLED * job.duration_s
         C_e_G = np.asarray(ecef_to_grid(track.r_e[rows]))
-        measured = _measured(errors.rows(rows), C_e_G)
-        metrics |= {f'{name}.{key}': value for key, value in measured.items()}
-    reason = found.divergence
-    stopped_s = job.duration_s if reason else math.nan
-    seconds = time.process_time() - begin
-    return RunResult(job.group, job.column, job.seed, metrics, stopped_s, reason, {}, seconds)
+        own = errors.rows(rows)
+        P = C_e_G @ own.P[:, X.dr_e, X.dr_e] @ np.swapaxes(C_e_G, 1, 2)
+        metrics |= {f'{name}.{key}': value for key, value in _measured(own.dr_G, P).items()}
+    return found, metrics
 
 
-def _measured(errors: TrackErrors, C_e_G: Array) -> dict[str, float]:
-    """RMS and stated 1-sigma of the horizontal position [m], NEES, and samples that count."""
-    P = C_e_G @ errors.P[:, X.dr_e, X.dr_e] @ np.swapaxes(C_e_G, 1, 2)
-    e = errors.dr_G
+def _station(job: SmoothJob) -> tuple[Smoothed[StationTrack], dict[str, float]]:
+    scenario = StationScenario(duration_s=job.duration_s, **_STATIONS[job.row])
+    choices = StationChoices()
+    world = make_station_world(scenario, job.seed, choices.depth_sigma, 0.0)
+    params = replace(world.params(choices, 0.0), output_period_s=1.0)
+    found = smoothing.smooth(params, world.inputs)
+    filtered = engine_run.run(params, world.inputs).track
+    run = world.run
+    metrics: dict[str, float] = {}
+    for name, track in ((FILTER, filtered), (SMOOTHER, found.track)):
+        time_s = (track.stamps_ns - run.start_ns) * 1e-9
+        at = np.searchsorted(run.t_s, time_s - 1e-6).clip(max=len(run.t_s) - 1)
+        rows = time_s > _SETTLED * job.duration_s
+        e = ((track.r_e - world.origin_e) @ world.C_e_S.T - run.p[at])[rows]
+        P = world.C_e_S @ track.P[rows, X.dr_e, X.dr_e] @ world.C_e_S.T
+        metrics |= {f'{name}.{key}': value for key, value in _measured(e, P).items()}
+    return found, metrics
+
+
+def _measured(e: Array, P: Array) -> dict[str, float]:
+    """RMS and stated 1-sigma of the horizontal position [m], NEES, and samples that count.
+
+    ``e`` (k, 3) and ``P`` (k, 3, 3) are position errors and their covariances, the horizontal
+    axes first.
+    """
     white = np.linalg.solve(np.linalg.cholesky(P), e[:, :, None])[:, :, 0]
     return {
         'rms': float(np.sqrt(np.mean(np.sum(e[:, :2] ** 2, axis=1)))),
@@ -191,7 +230,7 @@ def _line(runs: Sequence[RunResult], track: str) -> dict[str, object]:
 def _describe(jobs: Sequence[SmoothJob]) -> dict[str, Any]:
     return {
         'filters': {SMOOTHER: {'engine': {'configuration': 'default'}}},
-        'groups': {job.group: dict(_ROWS[job.row]) for job in jobs},
+        'groups': {job.group: dict({**_ROWS, **_STATIONS}[job.row]) for job in jobs},
     }
 
 

@@ -21,9 +21,6 @@ from .fixes import fix_row, polar_of
 from .fusion import StationFusion, outcome_of
 from .nodes import Nodes
 
-_NOT_HELD = slice(ss.DRAG, ss.SHARE + 1)
-"""Schmidt states while the model is loose: no gain (kernels.station.fix)."""
-
 
 class FixPlan(NamedTuple):
     """What is decided about a fix: its row of outcomes, and the inflations (B,) of S."""
@@ -160,9 +157,8 @@ class RecordedFilter(StationFilter):
         record = self._node()
         k = int(self.streams.counts[3]) % len(self.streams.fix_stamps)
         self._put(fix, k)
-        held = bool(self.bank.loose[ss.EXTRA] > 0.0)
         super().advance(fix.validity_ns, int(Rank.FIX) + 1, frozen=self._plan is not None)
-        self._note(self._with_fix(record, k, held=held))
+        self._note(self._with_fix(record, k))
         self._tape.fixes.append(fix)
         row: Array = self.streams.outcomes[k]
         return row
@@ -197,7 +193,7 @@ class RecordedFilter(StationFilter):
             record[name] = getattr(tape, name)
         return record
 
-    def _with_fix(self, record: np.ndarray, k: int, *, held: bool) -> np.ndarray:
+    def _with_fix(self, record: np.ndarray, k: int) -> np.ndarray:
         """The record with the fix that was just decided, at place k of the streams."""
         w, s = self.work, self.streams
         record['fix'], record['outcome'] = len(self._tape.fixes), s.outcomes[k]
@@ -208,10 +204,7 @@ class RecordedFilter(StationFilter):
         S = w.S[:, [0, 1, 1, 2]].reshape(-1, 2, 2) * s.fix_inflations[k][:, None, None]
         record['S_z'] = S
         with np.errstate(all='ignore'):
-            K = np.swapaxes(np.linalg.solve(S, w.PHt), 1, 2)
-        if held:
-            K[:, _NOT_HELD] = 0.0
-        record['K'] = K
+            record['K'] = np.swapaxes(np.linalg.solve(S, w.PHt), 1, 2)
         return record
 
     def _note(self, record: np.ndarray) -> None:

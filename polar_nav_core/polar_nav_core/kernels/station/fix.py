@@ -158,14 +158,15 @@ def judge(b: Bank, c: Settings, w: Work, fix: Array, outcome: Array, at: Array) 
 
 
 @routine
-def update_members(b: Bank, c: Settings, w: Work, jumps: Array) -> None:
+def update_members(b: Bank, c: Settings, w: Work, jumps: Array, holds: bool) -> None:
     """Update all members with w.z, w.S, w.PHt and w.inflation; then their weights.
 
     Only the measurement can be at fault for a large innovation: R takes the inflation of S. While
-    the model is loose, drag is a Schmidt state: what a fix contradicts is not the drag.
+    the model is loose, drag is a Schmidt state where it ``holds``: what a fix contradicts is not
+    the drag. A filter that is to be smoothed has gains that are optimal.
     """
     members = b.x.shape[0]
-    loose = b.loose[ss.EXTRA] > 0.0
+    loose = holds and b.loose[ss.EXTRA] > 0.0
     for m in range(members):
         f = w.inflation[m]
         s00 = f * w.S[m, 0]
@@ -291,5 +292,5 @@ def fix_event(
     note(b, w, outcome, w.v3[0], w.v3[1])
     note_signatures(b, c, w, outcome, stamp)
     if outcome[ss.DECIDED] == ss.FUSED:
-        update_members(b, c, w, jumps)
+        update_members(b, c, w, jumps, tape.Psi.shape[0] == 0)
     obey(b, c, w, outcome, stamp, kept)

@@ -119,7 +119,7 @@ def published_fix(
     outcome[ss.AZIMUTH] = 0.0
     note(b, w, outcome, 0.0, 0.0)
     if outcome[ss.DECIDED] == ss.FUSED:
-        update_members(b, c, w, log.jumps)
+        update_members(b, c, w, log.jumps, True)
 
 
 @entry
@@ -163,7 +163,7 @@ def forward_fix(
     note(b, w, outcome, w.v3[0], w.v3[1])
     note_signatures(b, c, w, outcome, b.counters[ss.STAMP])
     if outcome[ss.DECIDED] == ss.FUSED:
-        update_members(b, c, w, log.jumps)
+        update_members(b, c, w, log.jumps, True)
     obey(b, c, w, outcome, b.counters[ss.STAMP], False)
 
 
