@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from polar_nav_core.errors import ConfigError
+from polar_nav_tools.experiments import smooth_mismatch
 from polar_nav_tools.experiments.catalog import experiment_named
 from polar_nav_tools.experiments.request import Request, Size
 from polar_nav_tools.experiments.smooth import (
@@ -52,3 +53,17 @@ def test_the_smoother_is_nearer_and_its_table_judges_it(world):
     assert rows['smoother']['sigma'] < rows['filter']['sigma']
     assert 2.0 <= rows['smoother']['samples'] < 180.0
     assert {row['well'] for row in table.rows} <= {'yes', 'no'}
+
+
+@pytest.mark.slow
+def test_a_world_that_differs_is_judged_for_filter_and_smoother():
+    """With a dead thruster the filter is late; the smoother knows better from when it died."""
+    jobs = smooth_mismatch.plan(
+        Request(rows='station_thruster_dead', first_seed=3001), Size(1200.0, 1), ()
+    )
+    (table,) = smooth_mismatch.tables(
+        [smooth_mismatch.run_job(job) for job in jobs], SIZE, Request()
+    )
+    (row,) = table.rows
+    assert row['smoother_wrong'] == '0 of 1'
+    assert row['smoother_rms'] < 0.5 * row['filter_rms']

@@ -22,6 +22,7 @@ from .leader_error.experiment import LEADER_ERROR
 from .mismatch.plan import MISMATCH
 from .request import Request, Size
 from .smooth import SMOOTH
+from .smooth_mismatch import SMOOTH_MISMATCH
 from .spoof import SPOOF
 from .station import catalog as station
 from .tune.experiment import TUNE
@@ -128,6 +129,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         CALIBRATE,
         TUNE,
         SMOOTH,
+        SMOOTH_MISMATCH,
         LATE,
         PRICE,
         MEMS,

@@ -14,6 +14,7 @@ import numpy as np
 
 from polar_nav_core.attitude import log
 from polar_nav_core.engine import run as engine_run
+from polar_nav_core.engine import smoothing
 from polar_nav_core.engine.events import Array, Receipt
 from polar_nav_core.engine.health.conditions import Health
 from polar_nav_core.engine.params import EngineParams
@@ -120,14 +121,22 @@ class SinsScene:
 
     def run(self, world: World, changes: Mapping[str, Any], *, watched: bool = True) -> Ran:
         """Run a filter; ``changes`` are engine parameters. Health is looked at where watched."""
+        params = self.params(world, changes)
+        result = engine_run.run(params, world.inputs, look_every_s=_look_every_s(watched))
+        return _ran(params, result, _sins_course(world, result.track, self.duration_s))
+
+    def params(self, world: World, changes: Mapping[str, Any]) -> EngineParams:
+        """Engine parameters of a filter in this scene."""
         longest = (
             {'max_delay_s': 61.0, 'history_s': 66.0} if self.fixes.longest_delay_s > 55 else {}
         )
-        params = world.params(
-            **{'output_period_s': _OUTPUT_S, **longest, **self.changes, **changes}
-        )
-        result = engine_run.run(params, world.inputs, look_every_s=_look_every_s(watched))
-        return _ran(params, result, _sins_course(world, result.track, self.duration_s))
+        return world.params(**{'output_period_s': _OUTPUT_S, **longest, **self.changes, **changes})
+
+    def smoothed(self, world: World, changes: Mapping[str, Any]) -> tuple[Course, str]:
+        """Errors of the smoothed track, and why it is not settled; empty where it is."""
+        params = self.params(world, changes)
+        found = smoothing.smooth(params, world.inputs, covariances=True)
+        return _sins_course(world, found.track, self.duration_s), found.unsettled
 
     def start_ns(self, world: World) -> int:
         """Stamp of the start of the run."""
@@ -190,13 +199,19 @@ class StationScene:
 
     def run(self, world: StationWorld, changes: Mapping[str, Any], *, watched: bool = True) -> Ran:
         """Run a filter; ``changes`` are engine parameters. Health is looked at where watched."""
-        params = world.params(
-            StationChoices(),
-            0.0,
-            **{'output_period_s': _OUTPUT_S, **self.changes, **changes},
-        )
+        params = self.params(world, changes)
         result = engine_run.run(params, world.inputs, look_every_s=_look_every_s(watched))
         return _ran(params, result, _station_course(world, result.track, self.duration_s))
+
+    def params(self, world: StationWorld, changes: Mapping[str, Any]) -> EngineParams:
+        """Engine parameters of a filter in this scene."""
+        values = {'output_period_s': _OUTPUT_S, **self.changes, **changes}
+        return world.params(StationChoices(), 0.0, **values)
+
+    def smoothed(self, world: StationWorld, changes: Mapping[str, Any]) -> tuple[Course, str]:
+        """Errors of the smoothed track, and why it is not settled; empty where it is."""
+        found = smoothing.smooth(self.params(world, changes), world.inputs)
+        return _station_course(world, found.track, self.duration_s), found.unsettled
 
     def start_ns(self, world: StationWorld) -> int:
         """Stamp of the start of the run."""
