@@ -23,7 +23,11 @@ from live_support import NODES
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = tuple(sorted(p.parent.name for p in ROOT.glob('polar_nav_*/setup.py')))
-PROGRAMS = {**NODES, 'polar_nav_tools': NODES['polar_nav_tools'] | {'polar'}}
+PROGRAMS = {
+    **NODES,
+    'polar_nav_ros': NODES['polar_nav_ros'] | {'composed'},
+    'polar_nav_tools': NODES['polar_nav_tools'] | {'polar'},
+}
 
 # rosdep keys of what has another name in Python; ROS packages have the same.
 KEYS = {

@@ -17,7 +17,6 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
-from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
@@ -29,6 +28,7 @@ from polar_nav_msgs.msg import LockstepAck
 
 from . import topics
 from .backlog import Backlog, Drain, informed
+from .blame import BlamedNode
 from .diagnostics import Diagnosis
 from .parameters import load
 from .qos import BEST_EFFORT, overridden, overriding
@@ -115,7 +115,7 @@ class _Drained:
         return int(self.subscription.get_publisher_count())
 
 
-class PolarNode(Node, Generic[P]):  # type: ignore[misc]
+class PolarNode(BlamedNode, Generic[P]):
     """A node with parameters from one dataclass and, as an option, the lockstep pace.
 
     Subclasses name their dataclass: ``class MyNode(PolarNode[MyParams])``.
@@ -365,7 +365,7 @@ class PolarNode(Node, Generic[P]):  # type: ignore[misc]
     def tell_counts(self) -> None:
         """Print the counts of published and received messages for a supervisor."""
         counts = {'published': self.published_counts(), 'taken': self.taken_counts()}
-        self.tell_supervisor('counts', json.dumps(counts))
+        self.tell_supervisor('counts', f'{self.get_fully_qualified_name()} {json.dumps(counts)}')
 
     def _publish_diagnosis(self) -> None:
         self.tell_supervisor('alive', self.get_fully_qualified_name())

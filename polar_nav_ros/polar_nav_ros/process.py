@@ -1,4 +1,4 @@
-"""A node as a process: runs until a signal, publishes its last words, ends with a status.
+"""Nodes as a process: run until a signal, publish their last words, end with a status.
 
 A middleware that does not shut down is left behind: seen once in some hundred runs of thirteen
 nodes on a busy machine, where a node that had flushed its messages hung on its way out, was
@@ -25,8 +25,10 @@ from rclpy.signals import SignalHandlerOptions
 from polar_nav_core.errors import ConfigError, PolarNavError
 
 from .launcher import watch_launcher
-from .node import PolarNode
+from .node import SUPERVISED, PolarNode
 
+Kind = Callable[[], PolarNode[Any]]
+"""Class of a node, which takes its name and parameters from the command line."""
 PATIENCE_S = 5.0
 """Time for a middleware to shut down [s]."""
 
@@ -50,50 +52,89 @@ class Stop:
         self.signal = number
 
 
-def run(node_cls: Callable[[], PolarNode[Any]], args: Sequence[str] | None = None) -> int:
-    """Exit status of one node, run until a signal or until it has ended by itself.
-
-    rclpy's own signal handlers end the context at once, before a node can flush what it holds; so
-    signals only set a flag here.
-    """
+def run(node_cls: Kind, args: Sequence[str] | None = None) -> int:
+    """Exit status of one node, run until a signal or until it has ended by itself."""
     given = list(sys.argv[1:] if args is None else args)
     before_ros = given[: given.index('--ros-args')] if '--ros-args' in given else given
     if {'-h', '--help'} & set(before_ros):
         print(_help(node_cls))  # noqa: T201 - asked for
         return 0
+    return run_together([node_cls], args)
+
+
+def run_together(kinds: Sequence[Kind], args: Sequence[str] | None = None) -> int:
+    """Exit status of nodes that share a process and an executor.
+
+    They run until a signal, or until one of them has ended or failed. They are made and closed in
+    the order given.
+
+    rclpy's own signal handlers end the context at once, before a node can flush what it holds; so
+    signals only set a flag here.
+    """
     stop = Stop()
     watch_launcher()
     rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-    node: PolarNode[Any] | None = None
+    nodes: list[PolarNode[Any]] = []
     status = 1  # of an error that nobody expected
     try:
-        node = node_cls()
-        executor = _executor()
-        stop.listen()  # an executor of events has handlers of its own
-        executor.add_node(node)
-        gc.collect()
-        gc.freeze()  # what a node is made of stays: to look through it takes longer than a sample
-        node.tell_supervisor('ready', node.get_fully_qualified_name())
-        while stop.signal is None and node.ended is None and rclpy.ok():
-            executor.spin_once(timeout_sec=0.2)
-        node.close()
-        node.flush()
-        status = node.ended or 0
-    except ConfigError as error:
-        print(f'{node_cls.__name__}: {error}', file=sys.stderr)  # noqa: T201 - before there is a logger
-        status = 2
+        status = _live(kinds, nodes, stop)
     except PolarNavError as error:
-        print(f'{node_cls.__name__}: {error}', file=sys.stderr)  # noqa: T201
-        status = 1
+        # On stderr, for there may be no logger yet.
+        print(f'{_who(kinds, nodes).__name__}: {error}', file=sys.stderr)  # noqa: T201
+        status = 2 if isinstance(error, ConfigError) else 1
     finally:
-        if node is not None:
-            node.tell_counts()
-        leaving = _leave_within(PATIENCE_S, status)
-        if node is not None:
-            node.destroy_node()
-        rclpy.try_shutdown()
-        leaving.cancel()
+        if status:
+            _tell_who_failed(kinds, nodes)
+        _part(nodes, status)
     return status
+
+
+def _live(kinds: Sequence[Kind], nodes: list[PolarNode[Any]], stop: Stop) -> int:
+    """Exit status of the work of nodes, which are added to a list as they are made."""
+    for kind in kinds:
+        nodes.append(kind())
+    executor = _executor()
+    stop.listen()  # an executor of events has handlers of its own
+    for node in nodes:
+        executor.add_node(node)
+    gc.collect()
+    gc.freeze()  # what a node is made of stays: to look through it takes longer than a sample
+    for node in nodes:
+        node.tell_supervisor('ready', node.get_fully_qualified_name())
+    try:
+        while stop.signal is None and all(n.ended is None for n in nodes) and rclpy.ok():
+            executor.spin_once(timeout_sec=0.2)
+    finally:  # also those beside a node that failed
+        for node in nodes:
+            if not node.failed:
+                node.blamed(node.close)()
+                node.flush()
+    return max(n.ended or 0 for n in nodes)
+
+
+def _who(kinds: Sequence[Kind], nodes: Sequence[PolarNode[Any]]) -> Kind:
+    """Class of the node that failed: at work, or while it was made."""
+    for kind, node in zip(kinds, nodes, strict=False):
+        if node.failed or node.ended:
+            return kind
+    return kinds[min(len(nodes), len(kinds) - 1)]
+
+
+def _tell_who_failed(kinds: Sequence[Kind], nodes: Sequence[PolarNode[Any]]) -> None:
+    """Print for a supervisor, by the name of its program, which of several nodes failed."""
+    if SUPERVISED in os.environ and len(kinds) > 1:
+        print(f'failed {program(_who(kinds, nodes))}', flush=True)  # noqa: T201
+
+
+def _part(nodes: Sequence[PolarNode[Any]], status: int) -> None:
+    """Tell what was counted, and leave the middleware."""
+    for node in nodes:
+        node.tell_counts()
+    leaving = _leave_within(PATIENCE_S, status)
+    for node in nodes:
+        node.destroy_node()
+    rclpy.try_shutdown()
+    leaving.cancel()
 
 
 def _executor() -> Executor:
@@ -109,10 +150,14 @@ def _executor() -> Executor:
     return EventsExecutor()
 
 
-def _help(node_cls: Callable[[], PolarNode[Any]]) -> str:
+def program(node_cls: Kind) -> str:
+    """Name of a node's program, which is that of its module."""
+    return node_cls.__module__.rpartition('.')[2]
+
+
+def _help(node_cls: Kind) -> str:
     """What a node is, by the text of its module, and where its parameters stand."""
-    name = sys.modules[node_cls.__module__].__name__.rpartition('.')[2]
-    usage = f'{name} --ros-args -r __ns:=/VEHICLE -p NAME:=VALUE --params-file FILE'
+    usage = f'{program(node_cls)} --ros-args -r __ns:=/VEHICLE -p NAME:=VALUE --params-file FILE'
     text = inspect.getdoc(sys.modules[node_cls.__module__]) or ''
     return f'Usage: {usage}\n\n{text}\n\nParameters, those that matter first: docs/parameters.md'
 
