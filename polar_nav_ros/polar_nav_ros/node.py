@@ -44,8 +44,9 @@ SUPERVISED = 'POLAR_NAV_SUPERVISED'
 _TURN = 500
 """Messages of one subscription that are taken at a time; then timers and signals have a turn."""
 _HEARTBEAT_S = 0.2
-_OFFERS_S = 0.2
-"""Between looks at what publishers offer [s]."""
+"""Between looks at what publishers offer, and between counts that are told in any case [s]."""
+_BEATS = 5
+"""Heartbeats of one diagnosis."""
 _POLL_S = 0.01
 _STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 
@@ -155,10 +156,9 @@ class PolarNode(BlamedNode, Generic[P]):
         )
         self._run_info = self.create_publisher(String, topics.RUN_INFO, LATCHED_QOS)
         self._run_info.publish(String(data=self._describe()))
-        self.create_timer(1.0, self._publish_diagnosis, clock=_STEADY)
-        self.create_timer(_OFFERS_S, self._ask_no_more_than_is_offered, clock=_STEADY)
-        if self._acks is not None:
-            self.create_timer(_HEARTBEAT_S, self._tell_counts, clock=_STEADY)
+        self._beats = 0
+        # One timer for all: an executor looks through all timers of its nodes when one is due.
+        self.create_timer(_HEARTBEAT_S, self._beat, clock=_STEADY)
 
     def create_publisher(self, *args: Any, **kwargs: Any) -> Publisher:  # noqa: ANN401 - as rclpy's
         """Publisher without rclpy's handlers of events, unless some are stated.
@@ -366,6 +366,13 @@ class PolarNode(BlamedNode, Generic[P]):
         """Print the counts of published and received messages for a supervisor."""
         counts = {'published': self.published_counts(), 'taken': self.taken_counts()}
         self.tell_supervisor('counts', f'{self.get_fully_qualified_name()} {json.dumps(counts)}')
+
+    def _beat(self) -> None:
+        self._beats += 1
+        self._ask_no_more_than_is_offered()
+        self._tell_counts()
+        if self._beats % _BEATS == 0:
+            self._publish_diagnosis()
 
     def _publish_diagnosis(self) -> None:
         self.tell_supervisor('alive', self.get_fully_qualified_name())
