@@ -8,10 +8,10 @@ the rest. The exit status is 0 only if no node failed.
 
 import os
 import signal
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from datetime import datetime
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from launch import LaunchContext, LaunchDescription, LaunchDescriptionEntity
 from launch.actions import (
@@ -38,9 +38,10 @@ from polar_nav_tools.graph.options import (
     WATCHED_REORDER_S,
     GraphOptions,
 )
-from polar_nav_tools.graph.spec import NodeSpec, Stage
+from polar_nav_tools.graph.processes import ProcessSpec, processes_of
+from polar_nav_tools.graph.spec import Stage
 from polar_nav_tools.live.domain import node_surroundings
-from polar_nav_tools.live.node_process import NodeEnd
+from polar_nav_tools.live.node_process import NodeEnd, write_parameters
 from polar_nav_tools.live.run import RunFailed, new_bag_path, prepare_graph, read_mission
 from polar_nav_tools.live.supervisor import ORDERLY, RESPAWN_DELAY_S
 
@@ -97,6 +98,12 @@ def generate_launch_description() -> LaunchDescription:
                 choices=['false', 'true'],
                 description='true: other hosts may see the graph; false: this host only',
             ),
+            DeclareLaunchArgument(
+                'composed',
+                default_value='false',
+                choices=['false', 'true'],
+                description='true: the nodes of a vehicle in one process; false: one each',
+            ),
             OpaqueFunction(function=_graph),
         ]
     )
@@ -118,6 +125,7 @@ def _graph(context: LaunchContext) -> list[LaunchDescriptionEntity]:
         leader=value('leader'),
         bag=None if bag == NO_BAG else folder,
         reorder_s=WATCHED_REORDER_S,
+        composed=value('composed') == 'true',
     )
     run_dir = Path(launch_config.log_dir)
     graph = prepare_graph(mission, options, run_dir)
@@ -125,8 +133,9 @@ def _graph(context: LaunchContext) -> list[LaunchDescriptionEntity]:
     surroundings = node_surroundings(run_dir, os.environ, network=network)
     surroundings[LAUNCHER] = str(os.getpid())  # nodes end by themselves when it is gone
     variables = [SetEnvironmentVariable(name, text) for name, text in surroundings.items()]
-    actions = {spec.full_name: _action(spec) for spec in graph.nodes}
-    return [*variables, _order_of_the_end(graph.nodes, actions), *actions.values()]
+    (run_dir / 'params').mkdir(exist_ok=True)
+    actions = {_action(spec, run_dir): spec for spec in processes_of(graph)}
+    return [*variables, _order_of_the_end(actions), *actions]
 
 
 def _read(name: str, text: str, kind: Callable[[str], T]) -> T:
@@ -136,13 +145,10 @@ def _read(name: str, text: str, kind: Callable[[str], T]) -> T:
         raise ConfigError(f'argument {name}: {text!r} is not a number') from None
 
 
-def _action(spec: NodeSpec) -> Node:
+def _action(spec: ProcessSpec, run_dir: Path) -> Node:
     return Node(
-        package=spec.package,
-        executable=spec.executable,
-        name=spec.name,
+        **_what(spec, run_dir),
         namespace=spec.namespace or '/',
-        parameters=[dict(spec.parameters)],
         output='screen',
         sigterm_timeout=str(ORDERLY.after_sigint_s),
         sigkill_timeout=str(ORDERLY.after_sigterm_s),
@@ -151,16 +157,31 @@ def _action(spec: NodeSpec) -> Node:
     )
 
 
-def _respawns(spec: NodeSpec) -> bool:
+def _what(spec: ProcessSpec, run_dir: Path) -> dict[str, Any]:
+    """Program, name and parameters of one node, or of several in one process."""
+    if spec.alone:
+        (node,) = spec.nodes
+        return {
+            'package': node.package,
+            'executable': node.executable,
+            'name': node.name,
+            'parameters': [dict(node.parameters)],
+        }
+    return {
+        'package': 'polar_nav_ros',
+        'executable': 'composed',
+        'arguments': [node.module for node in spec.nodes],
+        'parameters': [str(path) for path in write_parameters(spec, run_dir)],
+    }
+
+
+def _respawns(spec: ProcessSpec) -> bool:
     """Whether a node is started again: a recorder may have ended because the disk is full."""
     return spec.respawns and spec.stage is not Stage.RECORDER
 
 
-def _order_of_the_end(
-    nodes: Sequence[NodeSpec], actions: Mapping[str, Node]
-) -> RegisterEventHandler:
+def _order_of_the_end(specs: Mapping[Node, ProcessSpec]) -> RegisterEventHandler:
     """Handlers that end the graph in order after a node's end, and fail if any node failed."""
-    specs = {actions[spec.full_name]: spec for spec in nodes}
     last = [action for action, spec in specs.items() if spec.stage >= Stage.FOLLOWER]
     ended: list[Node] = []
     failures: list[str] = []
@@ -169,7 +190,7 @@ def _order_of_the_end(
         spec, status = specs[event.action], event.returncode
         if _respawns(spec) and not ended and not context.is_shutdown:
             return None  # it is started again
-        how = f'node {spec.full_name} {NodeEnd(spec.full_name, status, (), "").how()}'
+        how = f'{spec.title} {NodeEnd(spec.name, status, (), "").how()}'
         if context.is_shutdown:
             if status not in (0, -signal.SIGINT):
                 failures.append(f'{how} while it was ended')

@@ -58,6 +58,10 @@ class DemoOptions:
         Sail a recorded track with its own stamps.
     leader : str
         As in :class:`GraphOptions`.
+    network : bool
+        Let other hosts see the graph.
+    composed : bool
+        As in :class:`GraphOptions`.
     """
 
     mission: str
@@ -70,6 +74,7 @@ class DemoOptions:
     as_recorded: bool = False
     leader: str = 'perfect'
     network: bool = False
+    composed: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,6 +199,7 @@ def run_demo(options: DemoOptions, *, say: Callable[[str], None]) -> DemoResult:
         configuration=options.configuration or USUAL_CONFIGURATION,
         leader=options.leader,
         bag=bag,
+        composed=options.composed,
     )
     with progress_display(mission.name, total=mission.duration_s, unit='s') as on_progress:
         run = run_live(

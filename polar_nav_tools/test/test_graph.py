@@ -19,6 +19,7 @@ from polar_nav_sim.randomness import stream
 from polar_nav_sim.sensors import presets
 from polar_nav_tools.graph.build import build_graph, recorded_topics
 from polar_nav_tools.graph.options import GraphOptions
+from polar_nav_tools.graph.processes import composed, separate
 from polar_nav_tools.graph.spec import NodeSpec, Stage, parameter_yaml
 from polar_nav_tools.live.run import read_mission
 from polar_nav_tools.record.recording import RecorderParams
@@ -243,6 +244,43 @@ def test_parameter_file_keeps_types(graph):
     for name, value in read['/follower/follower_node']['ros__parameters'].items():
         if kinds[name] == 'float':
             assert isinstance(value, float), name
+
+
+def test_separate_nodes_have_a_process_each(graph):
+    processes = separate(graph.nodes)
+    assert [process.name for process in processes] == [n.full_name for n in graph.nodes]
+    assert [process.module for process in processes] == [n.module for n in graph.nodes]
+
+
+def test_nodes_of_a_vehicle_can_share_a_process_and_those_of_the_root_do_not(graph):
+    found = {process.name: process for process in composed(graph.nodes)}
+    assert set(found) == {
+        '/truth_node',
+        '/acoustic_link_node',
+        '/recorder_node',
+        '/leader (imu_node, dvl_node, depth_node, leader_reference_node, usbl_node, leader_node)',
+        '/follower (imu_node, dvl_node, depth_node, follower_node)',
+    }
+    assert sorted(n.full_name for p in found.values() for n in p.nodes) == sorted(EXPECTED)
+    # It is ended with the last of its nodes, and they are closed from upstream to downstream.
+    assert (
+        found['/follower (imu_node, dvl_node, depth_node, follower_node)'].stage is Stage.FOLLOWER
+    )
+    assert list(found)[-1] == '/recorder_node'
+    for process in found.values():
+        assert [n.stage for n in process.nodes] == sorted(n.stage for n in process.nodes)
+
+
+def test_nodes_that_are_started_again_keep_processes_of_their_own(mission, tmp_path):
+    options = GraphOptions(pace='realtime', respawn=True, bag=tmp_path / 'bag')
+    processes = composed(build_graph(mission, options).nodes)
+    assert [p.name for p in processes if p.respawns] == [
+        '/leader/leader_node',
+        '/acoustic_link_node',
+        '/follower/follower_node',
+        '/recorder_node',
+    ]
+    assert '/follower (imu_node, dvl_node, depth_node)' in [p.name for p in processes]
 
 
 def test_recorded_topics_have_full_names_and_types():

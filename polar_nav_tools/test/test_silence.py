@@ -16,7 +16,7 @@ class Fake:
     """A node as far as the watch knows it."""
 
     def __init__(self, name, heard_at):
-        self.spec = SimpleNamespace(full_name=name)
+        self.spec = SimpleNamespace(title=name)
         self.process = SimpleNamespace(poll=lambda: None)
         self.heard_at = heard_at
         self.stopped = False

@@ -12,6 +12,8 @@ from pathlib import Path
 import pytest
 
 import polar_nav_tools.live.supervisor as supervisor_module
+from polar_nav_tools.graph import processes
+from polar_nav_tools.graph.processes import composed, separate
 from polar_nav_tools.graph.spec import NodeSpec, Stage
 from polar_nav_tools.live.supervisor import RunStatus, Supervisor
 
@@ -78,8 +80,8 @@ def fake(tmp_path, monkeypatch):
     return make
 
 
-def run(tmp_path, *specs, **kwargs):
-    supervisor = Supervisor(specs, tmp_path / 'run', dict(os.environ), **kwargs)
+def run(tmp_path, *specs, processes=separate, **kwargs):
+    supervisor = Supervisor(processes(specs), tmp_path / 'run', dict(os.environ), **kwargs)
     outcome = supervisor.run()
     for pid in supervisor.pids().values():
         with pytest.raises(ProcessLookupError):
@@ -287,14 +289,74 @@ def test_a_node_that_fails_while_it_is_ended_fails_the_run(tmp_path, fake):
     assert outcome.sentence == 'node /vehicle/sour exited with status 3 while it was ended'
 
 
+TOGETHER = """
+    import os, signal, sys
+    def main():
+        print('arguments', *sys.argv[1:], flush=True)
+        {end}
+"""
+
+
+@pytest.mark.parametrize(
+    ('end', 'sentence'),
+    [
+        ("print('failed sensor'); return 1", 'node /vehicle/sensor exited with status 1'),
+        ("print('failed other'); return 1", 'process /vehicle (sensor, follower) exited with'),
+        (
+            'os.kill(os.getpid(), signal.SIGKILL)',
+            'process /vehicle (sensor, follower) was killed by SIGKILL',
+        ),
+    ],
+)
+def test_of_nodes_in_one_process_the_one_that_failed_is_named(
+    tmp_path, fake, monkeypatch, end, sentence
+):
+    monkeypatch.setattr(processes, 'COMPOSED', 'fake_together')
+    fake('together', TOGETHER.replace('{end}', end))
+    truth = NodeSpec('fakes', 'truth', fake('truth', ENDLESS).module, '', Stage.TRUTH)
+    outcome = run(
+        tmp_path,
+        truth,
+        fake('follower', PATIENT, Stage.FOLLOWER),
+        fake('sensor', PATIENT, Stage.SENSOR),
+        processes=composed,
+    )
+    assert outcome.status is RunStatus.FAILED
+    assert outcome.sentence.startswith(sentence)
+    assert outcome.culprit.log == 'vehicle.log'
+    log = (tmp_path / 'run' / 'logs' / 'vehicle.log').read_text()
+    files = [tmp_path / 'run' / 'params' / f'vehicle.{n}.yaml' for n in ('sensor', 'follower')]
+    options = ' '.join(f'--params-file {file}' for file in files)
+    expected = f'arguments fake_sensor fake_follower --ros-args -r __ns:=/vehicle {options}'
+    assert log.splitlines() == [expected]
+    assert all('rate: 1.0' in file.read_text() for file in files)
+
+
+def test_counts_of_nodes_in_one_process_are_those_of_each(tmp_path, fake, monkeypatch):
+    monkeypatch.setattr(processes, 'COMPOSED', 'fake_together')
+    counting = """print('counts /vehicle/sensor {"taken": 1}', flush=True); print('up'"""
+    fake('together', PATIENT.replace("print('up'", counting))
+    truth = NodeSpec('fakes', 'truth', fake('truth', TRUTH).module, '', Stage.TRUTH)
+    outcome = run(
+        tmp_path,
+        truth,
+        fake('sensor', PATIENT),
+        fake('follower', PATIENT, Stage.FOLLOWER),
+        processes=composed,
+    )
+    assert outcome.status is RunStatus.COMPLETED
+    assert outcome.counts == {'/vehicle/sensor': {'taken': 1}}
+
+
 HOST = """
     import os, sys
     from pathlib import Path
+    from polar_nav_tools.graph.processes import separate
     from polar_nav_tools.graph.spec import NodeSpec, Stage
     from polar_nav_tools.live.supervisor import RunStatus, Supervisor
     specs = [NodeSpec('fakes', n, f'fake_{n}', 'vehicle', s) for n, s in
              (('truth', Stage.TRUTH), ('sensor', Stage.SENSOR), ('recorder', Stage.RECORDER))]
-    supervisor = Supervisor(specs, Path(sys.argv[1]), dict(os.environ),
+    supervisor = Supervisor(separate(specs), Path(sys.argv[1]), dict(os.environ),
                             on_line=lambda name, line: print(name, line, flush=True))
     outcome = supervisor.run()
     print(outcome.status.value, outcome.sentence, flush=True)

@@ -65,6 +65,13 @@ NetworkOption = Annotated[
         '--network', help='Let other hosts see the graph; docs/security.md has the risks.'
     ),
 ]
+ComposedOption = Annotated[
+    bool,
+    typer.Option(
+        '--composed',
+        help='Run the nodes of a vehicle in one process: less memory, a faster start.',
+    ),
+]
 JsonOption = Annotated[bool, typer.Option('--json', help='Print figures as JSON on stdout.')]
 
 
@@ -88,6 +95,7 @@ def demo(
     as_recorded: AsRecordedOption = False,
     leader: LeaderOption = 'perfect',
     network: NetworkOption = False,
+    composed: ComposedOption = False,
     open_report: Annotated[
         bool, typer.Option('--open', help='Open the report in a browser at the end.')
     ] = False,
@@ -114,6 +122,7 @@ def demo(
         as_recorded=as_recorded,
         leader=leader,
         network=network,
+        composed=composed,
     )
     have_the_machine('demo waits')  # nodes that compile or wait do not answer meanwhile
     result = run_demo(options, say=say)
@@ -143,6 +152,7 @@ def launch(
     as_recorded: AsRecordedOption = False,
     leader: LeaderOption = 'perfect',
     network: NetworkOption = False,
+    composed: ComposedOption = False,
     no_record: Annotated[
         bool, typer.Option('--no-record', help='Run without a recorder.')
     ] = False,
@@ -167,6 +177,7 @@ def launch(
         leader=leader,
         bag=target,
         reorder_s=WATCHED_REORDER_S,
+        composed=composed,
     )
     have_the_machine('launch waits')
     folder = Path(mkdtemp(prefix='polar_nav_')) if target is None else target
@@ -185,7 +196,7 @@ def launch(
     say(f'bag: {run.bag}' if run.bag else f'logs: {run.folder}')
     run.check()
     if run.outcome.culprit is not None:
-        say(f'{run.outcome.culprit.name} {run.outcome.culprit.how()} while it was ended')
+        say(f'{run.outcome.culprit.title} {run.outcome.culprit.how()} while it was ended')
         end(status.NOT_WELL)
 
 

@@ -47,6 +47,8 @@ class GraphOptions:
         Where a follower that is started again finds its state.
     reorder_s : float
         Reorder window of the follower at the pace ``realtime`` [s]; lockstep has its own.
+    composed : bool
+        Whether the nodes of a vehicle share a process.
 
     Raises
     ------
@@ -63,6 +65,7 @@ class GraphOptions:
     respawn: bool = False
     state_file: Path | None = None
     reorder_s: float = REALTIME_REORDER_S
+    composed: bool = False
 
     def __post_init__(self) -> None:
         if self.pace not in PACES:

@@ -1,4 +1,4 @@
-"""One node as a child process: its parameter file, its output, its end."""
+"""One node, or those of a vehicle, as a child process: parameter files, output, end."""
 
 from __future__ import annotations
 
@@ -12,24 +12,26 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..graph.spec import NodeSpec, parameter_yaml
+from ..graph.processes import ProcessSpec, file_stem
+from ..graph.spec import parameter_yaml
 
 TAIL_LINES = 30
 READY = 'ready '
 PROGRESS = 'progress '
 COUNTS = 'counts '
 ALIVE = 'alive '
+FAILED = 'failed '
 """First words of the lines that a node prints for the supervisor, not for people."""
 
 
 @dataclass(frozen=True)
 class NodeEnd:
-    """How one node ended.
+    """How one node ended, or a process of several.
 
     Attributes
     ----------
     name : str
-        Fully qualified node name.
+        Fully qualified node name, or that of the process.
     returncode : int
         Exit status; minus the signal number when a signal ended it.
     last_lines : tuple of str
@@ -38,6 +40,8 @@ class NodeEnd:
         File name of all its output in ``logs/``.
     hung : str
         What it did instead of ending, in words; empty when it ended.
+    kind : str
+        node or process.
     """
 
     name: str
@@ -45,6 +49,12 @@ class NodeEnd:
     last_lines: tuple[str, ...]
     log: str
     hung: str = ''
+    kind: str = 'node'
+
+    @property
+    def title(self) -> str:
+        """What ended, and its name."""
+        return f'{self.kind} {self.name}'
 
     def how(self) -> str:
         """Exit status or signal, in words."""
@@ -55,12 +65,20 @@ class NodeEnd:
         return f'was killed by {signal.Signals(-self.returncode).name}'
 
 
+def write_parameters(spec: ProcessSpec, run_dir: Path) -> list[Path]:
+    """Parameter file of each node of a process, written into ``params/`` of a run's folder."""
+    files = {run_dir / 'params' / f'{file_stem(n.full_name)}.yaml': n for n in spec.nodes}
+    for path, node in files.items():
+        path.write_text(parameter_yaml(node), encoding='utf-8')
+    return list(files)
+
+
 class NodeProcess:
-    """A running node and its output so far.
+    """A running process and its output so far.
 
     Parameters
     ----------
-    spec : NodeSpec
+    spec : ProcessSpec
         What to run.
     run_dir : Path
         Has ``params/`` and ``logs/``.
@@ -72,18 +90,17 @@ class NodeProcess:
 
     def __init__(
         self,
-        spec: NodeSpec,
+        spec: ProcessSpec,
         run_dir: Path,
         env: Mapping[str, str],
         on_line: Callable[[str, str], None],
     ) -> None:
         self.spec = spec
         self._on_line = on_line
-        stem = spec.full_name.strip('/').replace('/', '.')
-        parameters = run_dir / 'params' / f'{stem}.yaml'
-        parameters.write_text(parameter_yaml(spec), encoding='utf-8')
-        self._log = f'{stem}.log'
+        parameters = write_parameters(spec, run_dir)
+        self._log = f'{spec.stem}.log'
         self._file = (run_dir / 'logs' / self._log).open('ab')
+        self._failed = ''
         self.tail: deque[str] = deque(maxlen=TAIL_LINES)
         self._partial = b''
         self.heard_at: float | None = None
@@ -95,7 +112,7 @@ class NodeProcess:
             spec.module,
         ]
         self.process = subprocess.Popen(
-            [*command, *spec.ros_args(parameters)],
+            [*command, *spec.arguments(parameters)],
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
@@ -105,7 +122,7 @@ class NodeProcess:
         )
         stdout = self.process.stdout
         if stdout is None:
-            raise RuntimeError(f'no output pipe of {spec.full_name}')
+            raise RuntimeError(f'no output pipe of {spec.name}')
         self.pipe = stdout
         os.set_blocking(self.pipe.fileno(), False)
 
@@ -129,11 +146,14 @@ class NodeProcess:
         line = raw.decode('utf-8', 'replace').rstrip('\r')
         if self.heard_at is not None or line.startswith(ALIVE):
             self.heard_at = time.monotonic()
+        if line.startswith(FAILED):
+            self._failed = line.removeprefix(FAILED)
+            return
         if not line.startswith((READY, PROGRESS, COUNTS, ALIVE)):
             self._file.write(raw + b'\n')
             self._file.flush()
             self.tail.append(line)
-        self._on_line(self.spec.full_name, line)
+        self._on_line(self.spec.name, line)
 
     def is_stopped(self) -> bool:
         """Whether the process is stopped (SIGSTOP), as the kernel says."""
@@ -154,11 +174,20 @@ class NodeProcess:
 
     def hung(self, how: str) -> NodeEnd:
         """What there is to say of a process that does not end."""
-        return NodeEnd(self.spec.full_name, 0, tuple(self.tail), self._log, how)
+        return self._end(0, how)
 
     def end(self) -> NodeEnd:
-        """End of the process: exit status or signal."""
-        return NodeEnd(self.spec.full_name, self.process.wait(), tuple(self.tail), self._log)
+        """End of the process: exit status or signal; of the node that it says has failed."""
+        return self._end(self.process.wait())
+
+    def _end(self, returncode: int, hung: str = '') -> NodeEnd:
+        for node in self.spec.nodes:
+            if self.spec.alone or node.name == self._failed:
+                name, kind = node.full_name, 'node'
+                break
+        else:
+            name, kind = self.spec.name, 'process'
+        return NodeEnd(name, returncode, tuple(self.tail), self._log, hung, kind)
 
     def close(self) -> None:
         """Close pipe and log."""

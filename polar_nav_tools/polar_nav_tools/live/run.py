@@ -18,6 +18,7 @@ from polar_nav_core.errors import ConfigError, PolarNavError
 from ..bags.run_folder import OUTCOME_NAME, RUN_FOLDER
 from ..graph.build import Graph, build_graph
 from ..graph.options import GraphOptions
+from ..graph.processes import processes_of
 from .domain import graph_environment
 from .run_info import run_info
 from .supervisor import RunOutcome, RunStatus, Supervisor
@@ -171,7 +172,7 @@ def run_live(
     if on_start is not None:
         on_start(graph, domain_id)
     supervisor = Supervisor(
-        graph.nodes,
+        processes_of(graph),
         run_dir,
         env,
         on_progress=on_progress,

@@ -64,15 +64,15 @@ class SilenceWatch:
             if node.heard_at is not None and node.process.poll() is None
         ]
         for one in sorted(silent, key=lambda s: -s.seconds):
-            name = one.node.spec.full_name
+            title = one.node.spec.title
             if one.seconds < SILENT_S:
-                if name in self._named:
-                    self._named.discard(name)
-                    said.append((name, 'answers again'))
+                if title in self._named:
+                    self._named.discard(title)
+                    said.append((title, 'answers again'))
                 continue
-            if name not in self._named:
-                self._named.add(name)
-                said.append((name, one.how()))
+            if title not in self._named:
+                self._named.add(title)
+                said.append((title, one.how()))
             if one.seconds >= LOST_S and lost is None:
                 lost = one
         return said, lost

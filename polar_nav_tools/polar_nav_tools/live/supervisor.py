@@ -1,10 +1,10 @@
-"""Runs the nodes of a graph as processes, watches them, and ends all of them in order.
+"""Runs the processes of a graph, watches them, and ends all of them in order.
 
-In: node specifications and a run directory. Out: a :class:`RunOutcome`; per node a parameter file
-and a log file in the run directory. The run is complete when the truth node exits with status 0;
-any node that ends before that ends the run. Each node is the leader of a session of its own, so a
-Ctrl-C at the terminal reaches the supervisor only, which then stops the nodes from upstream to
-downstream and the recorder last.
+In: what each process runs, and a run directory. Out: a :class:`RunOutcome`; in the run directory a
+parameter file per node and a log file per process. The run is complete when the truth node exits
+with status 0; any process that ends before that ends the run. Each is the leader of a session of
+its own, so a Ctrl-C at the terminal reaches the supervisor only, which then stops them from
+upstream to downstream and the recorder last.
 """
 
 from __future__ import annotations
@@ -20,7 +20,8 @@ from enum import Enum
 from pathlib import Path
 from types import FrameType, TracebackType
 
-from ..graph.spec import NodeSpec, Stage
+from ..graph.processes import ProcessSpec
+from ..graph.spec import Stage
 from .node_process import ALIVE, COUNTS, PROGRESS, READY, NodeEnd, NodeProcess
 from .silence import SilenceWatch
 
@@ -117,7 +118,7 @@ class Supervisor:
 
     Parameters
     ----------
-    nodes : sequence of NodeSpec
+    processes : sequence of ProcessSpec
         What to run.
     run_dir : Path
         Where ``params/`` and ``logs/`` go.
@@ -138,7 +139,7 @@ class Supervisor:
 
     def __init__(
         self,
-        nodes: Sequence[NodeSpec],
+        processes: Sequence[ProcessSpec],
         run_dir: Path,
         env: Mapping[str, str],
         *,
@@ -148,7 +149,7 @@ class Supervisor:
         truth_last: bool = False,
         respawn_delay_s: float = RESPAWN_DELAY_S,
     ) -> None:
-        self._nodes = sorted(nodes, key=lambda spec: -spec.stage)
+        self._processes = sorted(processes, key=lambda spec: -spec.stage)
         self._run_dir = run_dir
         self._env = env
         self._on_progress = on_progress
@@ -157,7 +158,7 @@ class Supervisor:
         self._truth_last = truth_last
         self._respawn_delay_s = respawn_delay_s
         self._respawns: Counter[str] = Counter()
-        self._due: list[tuple[float, NodeSpec]] = []
+        self._due: list[tuple[float, ProcessSpec]] = []
         self._ready: set[str] = set()
         self._counts: dict[str, Mapping[str, Mapping[str, int]]] = {}
         self._children: list[NodeProcess] = []
@@ -165,8 +166,8 @@ class Supervisor:
         self._silence = SilenceWatch()
 
     def pids(self) -> dict[str, int]:
-        """Process id of each node that was started."""
-        return {child.spec.full_name: child.process.pid for child in self._children}
+        """Process id of each process that was started."""
+        return {child.spec.name: child.process.pid for child in self._children}
 
     def run(self) -> RunOutcome:
         """Result of a run until the end of the mission, a signal, or the death of a node."""
@@ -204,12 +205,12 @@ class Supervisor:
                 self._sweep()
 
     def _failed(self, culprit: NodeEnd, how: str, started: float) -> RunOutcome:
-        sentence = f'node {culprit.name} {how}'
+        sentence = f'{culprit.title} {how}'
         return RunOutcome(RunStatus.FAILED, culprit, sentence, time.monotonic() - started)
 
     def _start_and_watch(self, interrupts: _Interrupts) -> NodeEnd | None:
         """Node that died, or None at the end of the mission or after a signal."""
-        for spec in self._nodes:
+        for spec in self._processes:
             if self._truth_last and spec.stage == Stage.TRUTH:
                 died = self._wait_until_ready(interrupts)
                 if died is not None:
@@ -227,7 +228,7 @@ class Supervisor:
                 return None
         return None
 
-    def _start(self, spec: NodeSpec) -> None:
+    def _start(self, spec: ProcessSpec) -> None:
         child = NodeProcess(spec, self._run_dir, self._env, self._take_line)
         self._children.append(child)
         self._selector.register(child.pipe, selectors.EVENT_READ, child)
@@ -238,10 +239,10 @@ class Supervisor:
         for child in [c for c in self._children if c.spec.respawns]:
             if child.process.poll() is None or not self._comes_back(child):
                 continue
-            name = child.spec.full_name
+            name = child.spec.name
             self._respawns[name] += 1
             self._bury(child)
-            self._tell(name, f'{child.end().how()}: it is started again')
+            self._tell(child.spec.title, f'{child.end().how()}: it is started again')
             self._due.append((time.monotonic() + self._respawn_delay_s, child.spec))
         now_s = time.monotonic()
         for due in [d for d in self._due if d[0] <= now_s]:
@@ -250,7 +251,7 @@ class Supervisor:
 
     def _comes_back(self, child: NodeProcess) -> bool:
         """Whether a node that died is started again; else the run ends by it."""
-        lives = self._respawns[child.spec.full_name]
+        lives = self._respawns[child.spec.name]
         return child.spec.respawns and lives < MOST_RESPAWNS and not _gave_up(child)
 
     def _bury(self, child: NodeProcess) -> None:
@@ -267,26 +268,30 @@ class Supervisor:
     def _wait_until_ready(self, interrupts: _Interrupts) -> NodeEnd | None:
         """Node that died while nodes got ready, or None."""
         deadline = time.monotonic() + _READY_PATIENCE_S
-        waiting = {child.spec.full_name for child in self._children}
-        while interrupts.count == 0 and time.monotonic() < deadline and waiting - self._ready:
+        waiting = {child.spec.name: child.spec.title for child in self._children}
+        while (
+            interrupts.count == 0 and time.monotonic() < deadline and waiting.keys() - self._ready
+        ):
             self._pump(_POLL_S)
             died = self._died() or self._hung()
             if died is not None:
                 return died
-        for name in sorted(waiting - self._ready if interrupts.count == 0 else ()):
-            self._tell(name, f'is not ready after {_READY_PATIENCE_S:.0f} s; not waiting for it')
+        for name in sorted(waiting.keys() - self._ready if interrupts.count == 0 else ()):
+            self._tell(
+                waiting[name], f'is not ready after {_READY_PATIENCE_S:.0f} s; not waiting for it'
+            )
         return None
 
     def _hung(self) -> NodeEnd | None:
         """Node that has not answered for too long, or None; names those on the way there."""
         said, lost = self._silence.look(time.monotonic(), self._children)
-        for name, sentence in said:
-            self._tell(name, sentence)
+        for title, sentence in said:
+            self._tell(title, sentence)
         return None if lost is None else lost.node.hung(lost.how())
 
-    def _tell(self, name: str, sentence: str) -> None:
+    def _tell(self, title: str, sentence: str) -> None:
         if self._on_problem is not None:
-            self._on_problem(f'node {name} {sentence}')
+            self._on_problem(f'{title} {sentence}')
 
     def _died(self, *, for_good: bool = False) -> NodeEnd | None:
         """Node that ended too early, or None; ``for_good``: and is not started again."""
@@ -368,7 +373,8 @@ class Supervisor:
             self._ready.add(name)
         elif line.startswith(COUNTS):
             if name not in self._respawns:
-                self._counts[name] = json.loads(line.removeprefix(COUNTS))
+                node, _, counts = line.removeprefix(COUNTS).partition(' ')
+                self._counts[node] = json.loads(counts)
         elif self._on_line is not None and not line.startswith(ALIVE):
             self._on_line(name, line)
 
