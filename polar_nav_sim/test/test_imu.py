@@ -1,15 +1,18 @@
 """IMU errors, term by term, against their stated statistics."""
 
 import dataclasses
+import subprocess
+import sys
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy.signal import lfilter
 
 from polar_nav_core.attitude import exp
 from polar_nav_sim.randomness import stream
 from polar_nav_sim.sensors.imu import DPH, MICRO_G, ImuErrors, ImuSensor
-from polar_nav_sim.sensors.noise import CHUNK
+from polar_nav_sim.sensors.noise import CHUNK, GaussMarkov
 
 NONE = ImuErrors(
     gyro_bias_dph=(0.0,) * 3,
@@ -65,6 +68,29 @@ def test_instability_is_gauss_markov():
     for lag_s in (1.0, 5.0):
         lag = round(lag_s / DT)
         assert_allclose((x[lag:] * x[:-lag]).mean(), np.exp(-lag_s / tau), atol=0.1)
+
+
+@pytest.mark.parametrize('columns', [1, 3])
+def test_gauss_markov_has_the_bits_of_a_linear_filter(columns):
+    rng = np.random.default_rng(columns)
+    first = rng.standard_normal(columns)
+    process = GaussMarkov(np.full(columns, 2.0), 60.0, 0.01, first)
+    a, b, x = process._a, process._b, process._x[None, :]
+    for _ in range(3):
+        w = rng.standard_normal((CHUNK, columns))
+        expected, x = lfilter([0.0, 1.0], [1.0, -a], b * w, axis=0, zi=x)
+        assert_array_equal(process.advance(w), expected)
+
+
+def test_a_sensor_does_not_load_what_takes_as_long_as_itself():
+    program = """
+import sys
+import numpy as np
+from polar_nav_sim.sensors.imu import ImuErrors, ImuSensor
+ImuSensor(ImuErrors(), 0.01, np.random.default_rng(1)).measure(0, np.ones((1, 3)), np.ones((1, 3)))
+sys.exit('scipy.signal' in sys.modules)
+"""
+    subprocess.run([sys.executable, '-c', program], check=True)
 
 
 def test_random_walk_grows_with_the_root_of_time():

@@ -8,6 +8,7 @@ changes another.
 from __future__ import annotations
 
 import math
+from itertools import accumulate
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,12 +63,15 @@ class GaussMarkov:
 
     def advance(self, w: Floats) -> Floats:
         """Values for one chunk of standard normal rows (n, c); the first is the present one."""
-        # Here: loading it takes longer than most commands, which only look at parameters.
-        from scipy.signal import lfilter
-
-        x, last = lfilter([0.0, 1.0], [1.0, -self._a], self._b * w, axis=0, zi=self._x[None, :])
-        self._x = last[0]
-        return np.asarray(x)
+        # Column by column, with the rounding of scipy.signal's lfilter. To load that takes as much
+        # time and memory as all else that a sensor is made of.
+        a = self._a
+        columns = zip(self._x.tolist(), (self._b * w).T.tolist(), strict=True)
+        x = np.array(
+            [list(accumulate(c, lambda x, u: u + a * x, initial=first)) for first, c in columns]
+        ).T
+        self._x = x[-1]
+        return np.asarray(x[:-1])
 
 
 class RandomWalk:
