@@ -21,6 +21,7 @@ from typing import Any
 import rclpy
 from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
 
 from polar_nav_core.errors import ConfigError, PolarNavError
 
@@ -103,7 +104,7 @@ def _live(kinds: Sequence[Kind], nodes: list[PolarNode[Any]], stop: Stop) -> int
         node.tell_supervisor('ready', node.get_fully_qualified_name())
     try:
         while stop.signal is None and all(n.ended is None for n in nodes) and rclpy.ok():
-            executor.spin_once(timeout_sec=0.2)
+            executor.spin_until_future_complete(Future(), timeout_sec=0.2)
     finally:  # also those beside a node that failed
         for node in nodes:
             if not node.failed:
