@@ -19,6 +19,7 @@ from collections.abc import Sequence
 from importlib import import_module
 
 from polar_nav_core.errors import ConfigError
+from polar_nav_core.warm import forgo_blas
 
 from .node import PolarNode
 from .process import Kind, run_together
@@ -63,6 +64,7 @@ def main(args: Sequence[str] | None = None) -> int:
     except ConfigError as error:
         print(f'composed: {error}', file=sys.stderr)  # noqa: T201 - before there is a logger
         return 2
+    forgo_blas()
     return run_together(kinds, args)
 
 

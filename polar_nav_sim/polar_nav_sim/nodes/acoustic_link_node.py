@@ -11,6 +11,7 @@ from functools import partial
 from typing import Any
 
 from polar_nav_core.errors import ConfigError
+from polar_nav_core.warm import forgo_blas
 from polar_nav_msgs.msg import AcousticPacket, VehicleTruth
 from polar_nav_ros.diagnostics import Diagnosis, Level
 from polar_nav_ros.node import PolarNode
@@ -123,4 +124,5 @@ class AcousticLinkNode(PolarNode[AcousticLinkParams]):
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the node."""
+    forgo_blas()
     return run(AcousticLinkNode, args)

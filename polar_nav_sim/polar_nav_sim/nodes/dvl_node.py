@@ -8,6 +8,7 @@ from typing import Any
 from geometry_msgs.msg import TwistWithCovarianceStamped
 
 from polar_nav_core.grid import earth_rate
+from polar_nav_core.warm import forgo_blas
 from polar_nav_msgs.msg import Dvl
 from polar_nav_ros import topics
 from polar_nav_ros.process import run
@@ -76,4 +77,5 @@ class DvlNode(TruthListener[DvlParams]):
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the node."""
+    forgo_blas()
     return run(DvlNode, args)

@@ -9,6 +9,7 @@ import numpy as np
 from nav_msgs.msg import Odometry
 
 from polar_nav_core.grid import earth_rate, ecef_to_grid
+from polar_nav_core.warm import forgo_blas
 from polar_nav_ros import topics
 from polar_nav_ros.process import run
 
@@ -73,4 +74,5 @@ class LeaderReferenceNode(TruthListener[LeaderReferenceParams]):
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the node."""
+    forgo_blas()
     return run(LeaderReferenceNode, args)

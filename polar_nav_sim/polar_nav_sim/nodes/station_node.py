@@ -12,6 +12,7 @@ from typing import Any
 
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.link.station_packet import encode
+from polar_nav_core.warm import forgo_blas
 from polar_nav_msgs.msg import AcousticPacket, StationFix, VehicleTruth
 from polar_nav_ros import topics
 from polar_nav_ros.diagnostics import Diagnosis, Level
@@ -136,4 +137,5 @@ class StationNode(PolarNode[StationParams]):
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the node."""
+    forgo_blas()
     return run(StationNode, args)

@@ -8,6 +8,7 @@ from functools import partial
 from typing import Any
 
 from polar_nav_core.errors import ConfigError
+from polar_nav_core.warm import forgo_blas
 from polar_nav_msgs.msg import UsblFix, VehicleTruth
 from polar_nav_ros import topics
 from polar_nav_ros.diagnostics import Diagnosis, Level
@@ -102,4 +103,5 @@ class UsblNode(PolarNode[UsblParams]):
 
 def main(args: Sequence[str] | None = None) -> int:
     """Run the node."""
+    forgo_blas()
     return run(UsblNode, args)
