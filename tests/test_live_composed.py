@@ -117,3 +117,14 @@ def test_nothing_is_left_when_the_tool_itself_is_killed(running):
     while running.nodes() and time.monotonic() < deadline:
         time.sleep(0.1)
     assert running.nodes() == {}
+
+
+def test_the_benchmark_compares_bytes_and_counts_processes():
+    options = ('--seconds', '60', '--rounds', '1', '--json')
+    done = polar('bench', 'graph', *options, timeout=200.0)
+    assert done.returncode == 0, done.stderr
+    said = json.loads(done.stdout)
+    rounds = {way: runs[0] for way, runs in said['rounds'].items()}
+    assert (rounds['separate']['processes'], rounds['composed']['processes']) == (13, 5)
+    assert said['ratios']['memory_mb']['median'] > 1.5
+    assert all(value > 0.0 for run in rounds.values() for value in run.values())

@@ -32,6 +32,7 @@ from polar_nav_ros.stamps import NS, to_msg, to_ns
 
 from ..live.domain import graph_environment
 from ..scoring import Column, Table
+from . import processes
 
 RATES = (100, 200, 400)
 _VEHICLE = 'bench'
@@ -184,11 +185,11 @@ def _feed(sensors: _Sensors, follower: subprocess.Popen[Any], seconds: float) ->
         if follower.poll() is not None or time.perf_counter() > end:
             raise PolarNavError('the follower did not start')
     _pace(sensors, executor, _WARM_S)
-    cpu_s, begin = _cpu_s(follower.pid), time.perf_counter()
+    cpu_s, begin = processes.cpu_s(follower.pid), time.perf_counter()
     sensors.latency_s.clear()
     sensors.sent_at.clear()
     _pace(sensors, executor, seconds)
-    cpu_s, wall_s = _cpu_s(follower.pid) - cpu_s, time.perf_counter() - begin
+    cpu_s, wall_s = processes.cpu_s(follower.pid) - cpu_s, time.perf_counter() - begin
     end = time.perf_counter() + _LAST_S
     while time.perf_counter() < end:
         executor.spin_once(timeout_sec=0.1)
@@ -202,7 +203,7 @@ def _feed(sensors: _Sensors, follower: subprocess.Popen[Any], seconds: float) ->
         most_ms=float(latencies_ms.max()),
         answered=len(latencies_ms) / len(sensors.sent_at),
         cpu=cpu_s / wall_s,
-        memory_mb=_memory_mb(follower.pid),
+        memory_mb=processes.resident_mb(follower.pid),
     )
 
 
@@ -214,15 +215,3 @@ def _pace(sensors: _Sensors, executor: SingleThreadedExecutor, seconds: float) -
         while (left := due - time.perf_counter()) > 0.0:
             executor.spin_once(timeout_sec=left)
         sensors.send()
-
-
-def _cpu_s(pid: int) -> float:
-    """Processor time of a process so far [s]."""
-    fields = Path(f'/proc/{pid}/stat').read_text(encoding='ascii').rpartition(')')[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
-
-
-def _memory_mb(pid: int) -> float:
-    """Resident memory of a process [MB]."""
-    pages = int(Path(f'/proc/{pid}/statm').read_text(encoding='ascii').split()[1])
-    return pages * os.sysconf('SC_PAGE_SIZE') / 1e6

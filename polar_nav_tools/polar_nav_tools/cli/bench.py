@@ -202,10 +202,7 @@ def live(
         emit_json({'machine': facts, 'rates': [asdict(one) for one in found]})
         return
     _print_tables([table(found)])
-    sys.stdout.write(
-        f'{facts["cpu"]}, {facts["cores"]} cores, load {facts["load_average"]:.1f} to'
-        f' {facts["load_average_after"]:.1f}, Python {facts["python"]}.\n'
-    )
+    sys.stdout.write(_cores(facts))
 
 
 @bench.command(
@@ -243,6 +240,38 @@ def smooth(
     sys.stdout.write(_machine(facts, rounds, machine.versions(DISTRIBUTIONS)))
 
 
+@bench.command(
+    epilog='Example: `./polar bench graph`\n\n'
+    'Quick look: `./polar bench graph --seconds 60 --rounds 1`'
+)
+def graph(
+    rounds: Annotated[int, typer.Option(min=1, help='Rounds; ratios are their medians.')] = 3,
+    seconds: Annotated[
+        float, typer.Option(min=60.0, max=600.0, help='Simulated length of each run.')
+    ] = 120.0,
+    as_json: JsonOption = False,
+) -> None:
+    """Time the whole graph of the demo: a process per node, and one per vehicle (--composed).
+
+    Processor time, wall time and memory of all processes. The followers have to publish the same
+    bytes. On a shared machine only the ratios mean something, each taken within a round.
+    """
+    have_the_machine('measurements wait')
+    from ..benchmarks import machine
+    from ..benchmarks.graph import run
+
+    facts = machine.describe(())
+    result = run(rounds, seconds, report=say)
+    facts['load_average_after'] = machine.load()
+    if as_json:
+        emit_json({'ok': True, 'machine': facts, **result.to_dict()})
+        return
+    _print_tables([result.table()])
+    sys.stdout.write(
+        'Same bytes of nav/state and nav/receipt in each round.\n' + _cores(facts, rounds)
+    )
+
+
 def _print_tables(tables: Iterable[Table]) -> None:
     from rich.console import Console
 
@@ -261,4 +290,13 @@ def _machine(facts: Mapping[str, Any], rounds: int, versions: Mapping[str, str])
         f' {facts["python"]}, '
         + ', '.join(f'{k} {v}' for k, v in versions.items())
         + f'; medians of {rounds} rounds.\n'
+    )
+
+
+def _cores(facts: Mapping[str, Any], rounds: int | None = None) -> str:
+    """Return the line about the machine of a measurement on all its cores."""
+    medians = '' if rounds is None else f'; medians of {rounds} rounds'
+    return (
+        f'{facts["cpu"]}, {facts["cores"]} cores, load {facts["load_average"]:.1f} to'
+        f' {facts["load_average_after"]:.1f}, Python {facts["python"]}{medians}.\n'
     )
