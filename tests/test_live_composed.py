@@ -75,6 +75,14 @@ def test_nodes_parameters_and_logs_are_all_there(composed_demo):
     assert len(list((bag / 'run' / 'params').glob('*.yaml'))) == 13
 
 
+def test_a_vehicle_of_mapped_sources_verifies(tmp_path):
+    """What nav/inputs says of bytes that never left the process is true of those recorded."""
+    options = ('--mission', 'ahrs', '--composed', '--duration', '20', '--json')
+    done = polar('demo', *options, '--bag', tmp_path / 'bag', timeout=200.0)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)['verify']['equal'] is True
+
+
 def test_a_killed_vehicle_is_named_in_time_and_the_bag_is_readable(running):
     assert len(running.nodes()) == 5
     os.kill(of_the_follower(running), signal.SIGKILL)

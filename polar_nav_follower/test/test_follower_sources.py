@@ -182,6 +182,12 @@ def test_a_vehicle_of_foreign_best_effort_drivers(mapped):
     assert [b.sequence for b in rig.blocks] == list(range(len(rig.blocks)))
 
 
+def test_a_digest_is_that_of_a_recorder_in_another_process():
+    """Between processes bytes are filled up to four; within one they are not."""
+    assert digest_of(b'\x00\x01\x00\x00\x07') == digest_of(b'\x00\x01\x00\x00\x07\x00\x00\x00')
+    assert digest_of(b'\x00\x01\x00\x00') != digest_of(b'\x00\x01\x00\x00\x00\x00\x00\x00')
+
+
 def test_an_imu_above_base_link(mapped):
     """All that is published is of base_link, at which depth and fixes are; /tf has the IMU."""
     high = 'rotation: frd, lever_b: [0.0, 0.0, 5.0]'

@@ -36,8 +36,14 @@ _WHY = 'NaN, a status of no fix, or an orientation that its sender calls unknown
 
 
 def digest_of(data: bytes) -> int:
-    """Digest of a message's serialized bytes, as nav/inputs states it."""
-    return int.from_bytes(hashlib.blake2b(data, digest_size=8).digest(), 'little')
+    """Digest of a message's serialized bytes, as nav/inputs states it.
+
+    Filled up with zeros to a multiple of four bytes, as they are on the way between processes: a
+    node in the publisher's process gets them as they were, and a recorder in another does not.
+    """
+    digest = hashlib.blake2b(data, digest_size=8)
+    digest.update(bytes(-len(data) % 4))
+    return int.from_bytes(digest.digest(), 'little')
 
 
 def bound(sources: Sources) -> dict[str, type[Any]]:
