@@ -15,6 +15,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from types import FrameType
 from typing import Any
 
@@ -80,12 +81,13 @@ def run_together(kinds: Sequence[Kind], args: Sequence[str] | None = None) -> in
     try:
         status = _live(kinds, nodes, stop)
     except PolarNavError as error:
-        # On stderr, for there may be no logger yet.
-        print(f'{_who(kinds, nodes).__name__}: {error}', file=sys.stderr)  # noqa: T201
+        who = _who(kinds, nodes)
+        text = str(error) if who is None else f'{who.__name__}: {error}'
+        print(text, file=sys.stderr)  # noqa: T201 - there may be no logger yet
         status = 2 if isinstance(error, ConfigError) else 1
     finally:
-        if status:
-            _tell_who_failed(kinds, nodes)
+        if status and len(kinds) > 1:
+            _tell_who_failed(_who(kinds, nodes))
         _part(nodes, status)
     return status
 
@@ -102,29 +104,35 @@ def _live(kinds: Sequence[Kind], nodes: list[PolarNode[Any]], stop: Stop) -> int
     gc.freeze()  # what a node is made of stays: to look through it takes longer than a sample
     for node in nodes:
         node.tell_supervisor('ready', node.get_fully_qualified_name())
-    try:
+    with ExitStack() as ends:  # also of those beside a node that failed
+        for node in reversed(nodes):
+            ends.callback(_close, node)
         while stop.signal is None and all(n.ended is None for n in nodes) and rclpy.ok():
             executor.spin_until_future_complete(Future(), timeout_sec=0.2)
-    finally:  # also those beside a node that failed
-        for node in nodes:
-            if not node.failed:
-                node.blamed(node.close)()
-                node.flush()
     return max(n.ended or 0 for n in nodes)
 
 
-def _who(kinds: Sequence[Kind], nodes: Sequence[PolarNode[Any]]) -> Kind:
-    """Class of the node that failed: at work, or while it was made."""
+def _close(node: PolarNode[Any]) -> None:
+    """Have a node publish its last words, unless it has failed."""
+    if not node.failed:
+        node.blamed(node.close)()
+        node.flush()
+
+
+def _who(kinds: Sequence[Kind], nodes: Sequence[PolarNode[Any]]) -> Kind | None:
+    """Class of the node that failed, at work or while it was made; None if that is not known."""
     for kind, node in zip(kinds, nodes, strict=False):
         if node.failed or node.ended:
             return kind
-    return kinds[min(len(nodes), len(kinds) - 1)]
+    if len(kinds) == 1:
+        return kinds[0]
+    return kinds[len(nodes)] if len(nodes) < len(kinds) else None
 
 
-def _tell_who_failed(kinds: Sequence[Kind], nodes: Sequence[PolarNode[Any]]) -> None:
-    """Print for a supervisor, by the name of its program, which of several nodes failed."""
-    if SUPERVISED in os.environ and len(kinds) > 1:
-        print(f'failed {program(_who(kinds, nodes))}', flush=True)  # noqa: T201
+def _tell_who_failed(kind: Kind | None) -> None:
+    """Print for a supervisor which of several nodes failed, by the name of its program."""
+    if SUPERVISED in os.environ and kind is not None:
+        print(f'failed {program(kind)}', flush=True)  # noqa: T201
 
 
 def _part(nodes: Sequence[PolarNode[Any]], status: int) -> None:

@@ -138,6 +138,18 @@ def test_a_node_that_fails_is_named_and_those_beside_it_are_closed(start, error)
     assert ('Traceback' in err) is error.startswith('KeyError')
 
 
+def test_a_node_that_fails_as_it_is_closed_leaves_the_closing_of_others_to_them(start):
+    sour = FAILING.replace('raise {error}', 'self.ended = 0').replace(
+        "print('a node that failed is not closed', flush=True)", "raise PolarNavError('sour')"
+    )
+    process = start(failing_node=sour, b_node=saying('b'))
+    out, err = process.communicate(timeout=30.0)
+    assert process.returncode == 1
+    assert err.splitlines() == ['Failing: sour']
+    assert 'failed failing_node' in out.splitlines()
+    assert 'b_node closes' in out
+
+
 def test_a_parameter_that_is_refused_ends_all_with_the_name_of_its_node(start):
     process = start('-p', 'b_node:gain:=-1.0', a_node=saying('a'), b_node=saying('b'))
     out, err = process.communicate(timeout=30.0)
