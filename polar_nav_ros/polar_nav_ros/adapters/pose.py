@@ -15,6 +15,11 @@ from polar_nav_core.kernels.limits import EARTH
 from polar_nav_core.local_frame import LocalFrame
 
 EARTH_FRAMES = ('earth', 'ecef')
+_LEAST_HEIGHT = 1e-6
+"""Variance of a height that says something: of a millimetre [m^2]."""
+_LEAST_TILT = 1e-12
+_LEANING = 2.5e-6
+"""Share of a variance that comes into the vertical by axes 10 km away: (d / R)^2."""
 
 
 class PoseError(PolarNavError, ValueError):
@@ -98,11 +103,29 @@ def pose_in_earth(message: Any, map_name: str, frame: LocalFrame | None) -> Pose
         pitch,
         math.remainder(0.5 * math.pi - psi, math.tau),
         math.sqrt(across),
-        _sigma(float(position[2, 2])),
-        _sigma(max(float(turn[0, 0]), float(turn[1, 1]))),
+        sigma_height(float(position[2, 2]), across),
+        _sigma(
+            max(float(turn[0, 0]), float(turn[1, 1])), _LEAST_TILT + _LEANING * float(turn[2, 2])
+        ),
         min(math.sqrt(float(turn[2, 2])), math.pi),
     )
 
 
-def _sigma(variance: float) -> float | None:
-    return math.sqrt(variance) if variance > 1e-12 else None
+def sigma_height(variance: float, across: float) -> float | None:
+    """Return the 1-sigma of a height [m]; None where the sender left it open.
+
+    A variance of zero in a map is none in grid axes some way off: the map's vertical leans, and
+    brings a little of the horizontal variance in.
+
+    Parameters
+    ----------
+    variance : float
+        Along the vertical, grid axes [m^2].
+    across : float
+        The larger one of the horizontal axes [m^2]; NaN where it is not known.
+    """
+    return _sigma(variance, _LEAST_HEIGHT + (_LEANING * across if across > 0.0 else 0.0))
+
+
+def _sigma(variance: float, least: float) -> float | None:
+    return math.sqrt(variance) if variance > least else None

@@ -20,10 +20,8 @@ from polar_nav_core.grid import ecef_to_grid
 
 from .live import Source, Taken
 from .mapping import Mapping, PositionMapping
+from .pose import sigma_height
 from .position import PositionRows, positions_of
-
-_OPEN = 1e-12
-"""A variance of zero: the sender leaves the height open, as RViz does [m^2]."""
 
 
 class StartTopic:
@@ -78,17 +76,19 @@ def _with_place(known: Stated, rows: PositionRows, *, level: bool) -> Stated:
     lat, lon, height = (float(v) for v in geodetic_from_ecef(r_e))
     C_e_G = ecef_to_grid(r_e)
     P_G = C_e_G @ rows.covariance_e[0] @ C_e_G.T
+    across = max(float(P_G[0, 0]), float(P_G[1, 1]))
     out = known
     if known.latitude is None:
         out = replace(out, latitude=lat, longitude=lon)
-        across = max(float(P_G[0, 0]), float(P_G[1, 1]))
         if across > 0.0:  # not of NaN
             out = replace(out, sigma_position=math.sqrt(across))
     vertical = float(P_G[2, 2])
-    if known.height is None and not (level or vertical <= _OPEN):
+    sigma = sigma_height(vertical, across)
+    left_open = sigma is None and not math.isnan(vertical)
+    if known.height is None and not (level or left_open):
         out = replace(out, height=height)
-        if vertical > 0.0:
-            out = replace(out, sigma_height=math.sqrt(vertical))
+        if sigma is not None:
+            out = replace(out, sigma_height=sigma)
     return out
 
 
