@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import os
+import sys
 import time
 from collections.abc import Callable
 from importlib import metadata
@@ -381,7 +382,7 @@ class PolarNode(BlamedNode, Generic[P]):
         self._diagnostics.publish(message)
 
     def _describe(self) -> str:
-        package = type(self).__module__.split('.')[0]
+        package = _package_of(type(self).__module__)
         try:
             version = metadata.version(package)
         except metadata.PackageNotFoundError:
@@ -397,3 +398,9 @@ class PolarNode(BlamedNode, Generic[P]):
             },
             sort_keys=True,
         )
+
+
+def _package_of(module: str) -> str:
+    """Return the package of a node's module, also where that is what was started (`-m`)."""
+    spec = getattr(sys.modules[module], '__spec__', None)
+    return (module if spec is None else str(spec.name)).split('.')[0]

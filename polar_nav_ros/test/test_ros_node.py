@@ -9,6 +9,7 @@ import threading
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -304,3 +305,12 @@ def test_a_node_says_what_it_is_and_does_not_start(args, capsys):
 
     assert process.run(unwanted, args) == 0
     assert 'docs/parameters.md' in capsys.readouterr().out
+
+
+def test_a_module_that_was_started_is_still_of_its_package(monkeypatch):
+    """`python -m` calls it __main__; a replay looks for the node's package in /run_info."""
+    monkeypatch.setitem(sys.modules, 'started', SimpleNamespace(__spec__=None))
+    assert ros_node._package_of('started') == 'started'
+    spec = SimpleNamespace(name='polar_nav_follower.follower_node')
+    monkeypatch.setitem(sys.modules, '__main__', SimpleNamespace(__spec__=spec))
+    assert ros_node._package_of('__main__') == 'polar_nav_follower'

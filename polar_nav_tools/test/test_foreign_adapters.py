@@ -107,6 +107,29 @@ def header(store: Any, stamp_s: int) -> Any:
     return store.types['std_msgs/msg/Header'](stamp=stamp, frame_id='')
 
 
+def test_a_position_that_nobody_filled_in_is_none(tmp_path: Path) -> None:
+    """0 N 0 E to the last digit is an empty message, whatever its status says."""
+    store = jazzy()
+    kind = 'sensor_msgs/msg/NavSatFix'
+    status = store.types['sensor_msgs/msg/NavSatStatus'](status=0, service=1)
+
+    def fix(latitude: float, longitude: float) -> Any:
+        return store.types[kind](
+            header=header(store, 1),
+            status=status,
+            latitude=latitude,
+            longitude=longitude,
+            altitude=0.0,
+            position_covariance=np.zeros(9),
+            position_covariance_type=0,
+        )
+
+    source = one_topic(
+        tmp_path / 'b', kind, [fix(0.0, 0.0), fix(0.0, 10.0), fix(-1e-9, 0.0)], store
+    )
+    assert read_positions(source, positions('/t')).given.tolist() == [False, True, True]
+
+
 def test_dvl_msgs(tmp_path: Path) -> None:
     """Validity is a flag, and the figure of merit is the sigma."""
     body, _, beams = BUNDLED['dvl_msgs/msg/DVL'].partition('=' * 80)

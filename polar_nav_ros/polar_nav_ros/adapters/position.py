@@ -102,6 +102,8 @@ def positions_of(rows: Rows, mapping: PositionMapping, level: float | None = Non
     given = finite_rows(values)
     if 'status' in rows.values:
         given &= rows.values['status'] >= 0  # STATUS_NO_FIX is -1
+    if name == 'geodetic':
+        given &= values[:, :2].any(axis=1)  # 0 N 0 E, to the last digit: nobody filled it in
     placed, plausible = _placed(frame, values, given)
     axes = placed.axes_e
     C_b_G = _attitude(rows, mapping, placed)

@@ -9,6 +9,10 @@ from ..bags.reader import Topic
 
 TRUTH_WORDS = ('truth', 'reference', 'ground', 'ppk', 'post')
 FIX_WORDS = ('usbl', 'acoustic', 'acomms', 'lbl', 'modem', 'fix', 'track')
+FIX_TYPES = ('sensor_msgs/msg/NavSatFix',)
+"""Types that are fixes whatever their topic is called."""
+DVL_WORDS = ('dvl', 'a50', 'a125', 'nucleus', 'pathfinder', 'wayfinder', 'workhorse')
+"""The instrument, and makes of it."""
 STATE_WORDS = ('odom', 'nav', 'state', 'estimate', 'ins', 'pose', 'gps', 'gnss')
 LEADER_WORDS = ('leader', 'ship', 'vessel', 'surface', 'master')
 RAW_WORDS = ('raw',)
@@ -50,9 +54,9 @@ def near(topic: Topic, imu: Topic) -> bool:
 
 def dvl_of(topics: list[Topic]) -> Topic | None:
     """Return the topic that looks most like a DVL."""
-    own = [t for t in topics if t.type in VELOCITY and 'dvl' in (t.name + t.type).lower()]
-    typed = [t for t in own if 'dvl' in t.type.lower()]
-    return best(typed or own, ('dvl',))
+    typed = [t for t in topics if t.type in VELOCITY and 'dvl' in t.type.lower()]
+    named = [t for t in topics if t.type in VELOCITY and words(t, DVL_WORDS)]
+    return best(typed or named, DVL_WORDS)
 
 
 def depth_of(topics: list[Topic]) -> Topic | None:
@@ -69,7 +73,8 @@ def fixes_of(
 ) -> list[Topic]:
     """Return the topics of position fixes: acoustic packets, else USBL, else one by its name.
 
-    ``packets`` are those of other types whose bytes are packets.
+    Without one of such a name it is one of a type that is always a fix. ``packets``
+    are those of other types whose bytes are packets.
     """
     packets = [t for t in mine if t.type == PACKET and t.name.endswith('rx')] or packets
     if packets:
@@ -77,7 +82,8 @@ def fixes_of(
     usbl = [t for t in topics if t.type == USBL]
     if usbl:
         return usbl
-    found = [t for t in mine if t.type in POSITION and words(t, FIX_WORDS) and t != truth]
-    found = [t for t in found if not t.name.endswith(STATE)]
+    other = [t for t in mine if t.type in POSITION and t != truth and not t.name.endswith(STATE)]
+    found = [t for t in other if words(t, FIX_WORDS)]
+    found = found or [t for t in other if t.type in FIX_TYPES]
     one = best(found, FIX_WORDS[:-2])
     return [] if one is None else [one]

@@ -13,7 +13,7 @@ import numpy as np
 
 from polar_nav_core.errors import PolarNavError
 from polar_nav_core.link.packet import Broadcast
-from polar_nav_ros.adapters.layouts import FILTERED, IMU, PACKET, POSITION, USBL
+from polar_nav_ros.adapters.layouts import FILTERED, IMU, PACKET, POSITION, USBL, VELOCITY
 from polar_nav_ros.adapters.mapping import VERSION, Frame, PositionMapping, Stream
 
 from ..bags.reader import Topic
@@ -33,6 +33,7 @@ from .candidates import (
 )
 from .definitions import undecodable
 from .fixes import packets_in
+from .guess_depth import put_depth_unit
 from .guess_heading import attitude_of, put_heading
 from .guess_imu import put_imu
 from .guess_noise import Choices, put_noise
@@ -82,7 +83,8 @@ def guess(
     times = put_imu(out, source, imu, choices, mounts.of_topic(source, imu))
     mine = [t for t in topics if imu is None or near(t, imu)]
     dvl = dvl_of(mine)
-    for role, topic in (('dvl', dvl), ('depth', depth_of(mine))):
+    depth = depth_of(mine)
+    for role, topic in (('dvl', dvl), ('depth', depth)):
         mount = mounts.of_topic(source, topic)
         _sensor(out, source, role, topic, topics, times, choices, mount)
     mine = _with_positions(out, source, mine)
@@ -90,9 +92,7 @@ def guess(
     packets = packets_in(source, mine)
     fixes = fixes_of(mine, truth, topics, list(packets))
     _fixes(out, source, fixes, topics, times, choices, packets, mounts)
-    start = truth or best_position([t for t in mine if t not in fixes], STATE_WORDS)
-    if start is None:
-        start = next((t for t in fixes if t.type in POSITION), None)
+    start = truth or _start_of(source, mine, fixes)
     _start(out, source, start, fixes, imu, mounts)
     if start is not None and start is truth:
         out.say(
@@ -110,13 +110,42 @@ def guess(
     put_noise(out, choices, has_dvl=dvl is not None)
     out.put('parameters:')
     out.put('configuration: default', 2)
-    unused = [t for t in topics if t.type in POSITION and t not in (*fixes, truth, start)]
-    if unused:
-        out.put()
-        out.say('Topics with positions that are not used above:')
-        for topic in unused:
-            out.say(f'  {topic.name} ({topic.type}, {topic.count})')
+    used = (*fixes, truth, start, dvl, depth)
+    _unused(out, 'positions', [t for t in topics if t.type in POSITION and t not in used])
+    others = [t for t in topics if t.type in VELOCITY and t.type not in POSITION]
+    _unused(out, 'velocities', [t for t in others if t not in used])
     return '\n'.join(out.lines) + '\n'
+
+
+def _unused(out: Lines, what: str, topics: list[Topic]) -> None:
+    """List topics that could have a role and were given none."""
+    if topics:
+        out.put()
+        out.say(f'Topics with {what} that are not used above:')
+        for topic in topics:
+            out.say(f'  {topic.name} ({topic.type}, {topic.count})')
+
+
+def _start_of(source: Source, mine: list[Topic], fixes: list[Topic]) -> Topic | None:
+    """Return the topic that the start is from, where no reference is recorded.
+
+    A state whose frame its messages do not tell is passed over where there are fixes: nobody
+    else knows where the origin of an odometry is.
+    """
+    own = next((t for t in fixes if t.type in POSITION), None)
+    state = best_position([t for t in mine if t not in fixes], STATE_WORDS)
+    if state is None or (own is not None and not _placed(source, state)):
+        return own
+    return state
+
+
+def _placed(source: Source, topic: Topic) -> bool:
+    """Whether messages tell where on the earth their positions are."""
+    try:
+        read_positions(source, PositionMapping(Stream(topic.name), Frame(None), np.eye(3)))
+    except PolarNavError:
+        return False
+    return True
 
 
 def _with_positions(out: Lines, source: Source, topics: list[Topic]) -> list[Topic]:
@@ -167,13 +196,7 @@ def _sensor(
         put_lever(out, mount)
         out.say('sigma: 0.01   # [m/s], in place of what the messages state', 2)
     else:
-        if topic.type == 'sensor_msgs/msg/FluidPressure':
-            out.say('absolute pressure in Pa, as the type says', 2)
-            out.put('unit: Pa', 2)
-        elif topic.type.startswith('std_msgs/msg/Float'):
-            median = float(np.median(read_table(source, topic.name, ['data']).columns['data']))
-            out.say(f'FILL IN the unit: not in the type, the median is {median:.5g}', 2)
-            out.put('unit: FILL_IN', 2)
+        put_depth_unit(out, source, topic)
         put_lever(out, mount)
         out.say('sigma: 0.1    # [m], in place of what the messages state', 2)
     out.put()
@@ -312,7 +335,10 @@ def _delay(
         out.say(f'not read: {error}', 4)
         return
     before = len(out.lines)
-    put_stamp(out, times, reference, choices.clock, delayed=True, indent=4)
+    logged = put_stamp(out, times, reference, choices.clock, delayed=True, indent=4)
+    if logged:
+        out.say('so a delay is not known: FILL IN time_offset_s: -DELAY, where there is one', 4)
+        return
     if times.stamps_ns is None or any('FILL_IN' in line for line in out.lines[before:]):
         return
     lag = (times.log_ns - times.stamps_ns) * 1e-9
@@ -371,23 +397,24 @@ def _start(
     imu: Topic | None,
     mounts: Mounts,
 ) -> None:
-    """Write what the start is from: an AHRS and the fixes, else section ``initial``."""
-    only = [start] == fixes
+    """Write the AHRS, and what the start is from: it and the fixes, else section ``initial``."""
     attitude = None
-    if only and not _has_attitude(source, start):
+    if all(t.type in POSITION for t in fixes):  # a leader's packets exclude headings
         attitude = attitude_of(source, imu, mounts.of_topic(source, imu))
-    if imu is None or attitude is None:
-        _initial(out, source, start)
-        if start in fixes:
-            out.say('The start is where the first fix was; that fix is not used a second time.')
+    if imu is not None and attitude is not None:
+        put_heading(out, imu, attitude)
+        if [start] == fixes and not _has_attitude(source, start):
+            out.say('No section initial: the start is aligned, its place by the fixes, its')
+            out.say('heading by the one above, its tilt by gravity (docs/start.md). Stated')
+            out.say('instead: `initial: {from: values, heading_deg: ..}` with')
+            out.say('initial_latitude_deg, initial_longitude_deg and initial_height among')
+            out.say('parameters.')
             out.put()
-        return
-    put_heading(out, imu, attitude)
-    out.say('No section initial: the start is aligned, its place by the fixes, its heading by the')
-    out.say('one above, its tilt by gravity (docs/start.md). Stated instead: `initial:')
-    out.say('{from: values, heading_deg: ..}` with initial_latitude_deg, initial_longitude_deg')
-    out.say('and initial_height among parameters.')
-    out.put()
+            return
+    _initial(out, source, start)
+    if start in fixes:
+        out.say('The start is where the first fix was; that fix is not used a second time.')
+        out.put()
 
 
 def _has_attitude(source: Source, topic: Topic | None) -> bool:

@@ -60,6 +60,15 @@ def put_imu(
         out.say(f'FILL IN: the {what} is zero in all {len(f)} messages, this IMU measured', 2)
         out.say('nothing; name another topic, or the axes if they are known', 2)
         out.put('rotation: FILL_IN', 2)
+    elif len(f) > 1 and _without_gravity(f):
+        size = float(np.median(np.linalg.norm(f, axis=1)))
+        out.say(
+            f'FILL IN: the median of the specific force is {size:.3g}: gravity was taken out', 2
+        )
+        out.say('of it, and nobody can navigate by that. Drivers with such a topic mostly have', 2)
+        out.say('another one of raw data: name that', 2)
+        out.put('rotation: FILL_IN', 2)
+        _gyro_unit(out, stamps, omega, f)
     elif len(f) > 1:
         _accel_unit(out, f)
         _axes(out, f, mount)
@@ -70,6 +79,13 @@ def put_imu(
     out.put('sample: mean', 2)
     out.put()
     return TopicTimes(imu.name, None, plain.log_ns) if logged else times
+
+
+def _without_gravity(f: Array) -> bool:
+    """Whether forces are too small for gravity in any unit, and point nowhere in particular."""
+    size = np.linalg.norm(f, axis=1)
+    steady = float(np.linalg.norm(np.median(f, axis=0)))
+    return float(np.median(size)) < 0.5 or steady < 0.5 * float(np.median(size))
 
 
 def _unknown(out: Lines, source: Source) -> None:

@@ -1,0 +1,50 @@
+"""The depth sensor of a guessed mapping: unit and sign by the size of its numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from polar_nav_core.engine.events import Array
+from polar_nav_ros.adapters.layouts import DEPTH
+from polar_nav_ros.adapters.mapping import PRESSURE_UNITS
+
+from ..bags.reader import Topic
+from .lines import Lines
+from .sources import Source, read_table
+
+_PRESSURE = 'sensor_msgs/msg/FluidPressure'
+_ATMOSPHERE = 101325.0
+"""[Pa]."""
+_PRESSURES = (0.3e5, 1.3e8)
+"""Absolute pressures at which a vehicle can be, as `check_values` has them [Pa]."""
+
+
+def put_depth_unit(out: Lines, source: Source, topic: Topic) -> None:
+    """Write unit and sign of a depth sensor: what its numbers show, else what is to fill in."""
+    path = DEPTH[topic.type].get('pressure', DEPTH[topic.type].get('depth', ('',)))[0]
+    values = read_table(source, topic.name, [path]).columns[path].astype(np.float64)
+    values = values[np.isfinite(values)]
+    if topic.type == _PRESSURE:
+        _put_pressure_unit(out, values)
+    elif topic.type.startswith('std_msgs/msg/Float'):
+        said = f'{np.median(values):.5g}' if len(values) else 'no number'
+        out.say(f'FILL IN the unit: not in the type, the median is {said}', 2)
+        out.put('unit: FILL_IN', 2)
+    if len(values) and np.median(values) < 0.0:
+        out.say(f'the median is {np.median(values):.4g}: heights, for a depth is positive', 2)
+        out.put('positive: up', 2)
+
+
+def _put_pressure_unit(out: Lines, values: Array) -> None:
+    """Write the unit in which the least pressure is nearest to that of the air, unless Pa fits."""
+    median = float(np.median(values)) if len(values) else _ATMOSPHERE
+    fits = [u for u, s in PRESSURE_UNITS.items() if _PRESSURES[0] < median * s < _PRESSURES[1]]
+    if 'Pa' in fits or not fits:
+        out.say('absolute pressure in Pa, as the type says', 2)
+        out.put('unit: Pa', 2)
+        return
+    least = max(float(values.min()), 1e-9)
+    unit = min(fits, key=lambda u: abs(np.log(least * PRESSURE_UNITS[u] / _ATMOSPHERE)))
+    out.say(f'no absolute pressure in Pa, as the type says: the median is {median:.4g},', 2)
+    out.say(f'the least is {least:.4g}, which in {unit} is nearest to the air: FILL IN another', 2)
+    out.put(f'unit: {unit}', 2)

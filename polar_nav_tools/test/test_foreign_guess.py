@@ -1,0 +1,129 @@
+"""What a guessed mapping makes of topics that are not named, signed or scaled as ours."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from foreign_worlds import (
+    DEPTH,
+    FIXES,
+    IMU,
+    TRUTH,
+    Column,
+    Recorder,
+    imu_column,
+    stamped,
+    stamps_of,
+    truth_of,
+)
+from foreign_worlds import aiding_columns as aiding
+from test_foreign_map import guessed, with_stamps
+
+POINT = 'geometry_msgs/msg/PointStamped'
+Columns = tuple[Recorder, list[Column]]
+
+
+@pytest.fixture(scope='module')
+def columns() -> Columns:
+    """Twenty seconds of everything."""
+    truth, make = truth_of(20.0), Recorder()
+    imu = imu_column(make, truth, stamps_of(truth, 0.0, 20.0, 0.01))
+    return make, [imu, *aiding(make, truth, 0.0, 20.0)]
+
+
+def test_heights_are_told_by_their_sign(columns: Columns, tmp_path: Path) -> None:
+    """Minus eight metres is no depth: taken as one, the vehicle would be in the air."""
+    make, (imu, _, depth, *_) = columns
+    z = -8.0 - np.linspace(0.0, 1.0, len(depth.log_ns))
+    template = make.make(POINT, header=make.header('odom'), point=make.vector('Point'))
+    values = stamped(depth.log_ns) | {'point.z': z}
+    heights = Column('/depth', POINT, depth.log_ns, template, values)
+    top = yaml.safe_load(guessed(tmp_path / 'up', make, [imu, heights]))
+    assert top['depth']['positive'] == 'up'
+    depths = replace(heights, values=heights.values | {'point.z': -z})
+    text = guessed(tmp_path / 'down', make, [imu, depths])
+    assert 'positive' not in yaml.safe_load(text)['depth']
+    assert 'positions that are not used' not in text
+
+
+@pytest.mark.parametrize(('unit', 'pascals'), [('hPa', 100.0), ('kPa', 1e3), ('bar', 1e5)])
+def test_the_unit_of_a_pressure_that_is_no_pascal(
+    columns: Columns, tmp_path: Path, unit: str, pascals: float
+) -> None:
+    """The type says Pa, drivers write what the sensor's library gives."""
+    make, (imu, _, depth, *_) = columns
+    surface = 101325.0 + 1e4 * np.linspace(0.1, 3.0, len(depth.log_ns))
+    wrong = replace(depth, values=depth.values | {'fluid_pressure': surface / pascals})
+    text = guessed(tmp_path, make, [imu, wrong])
+    assert (
+        yaml.safe_load(text)['depth'] | {'topic': DEPTH, 'unit': unit}
+        == (yaml.safe_load(text)['depth'])
+    )
+    assert 'no absolute pressure in Pa' in text
+
+
+def test_a_navsatfix_is_a_fix_whatever_its_name(columns: Columns, tmp_path: Path) -> None:
+    """Without such a name in the graph, and without stamps: no delay of half a century."""
+    make, (imu, dvl, depth, fixes, _) = columns
+    named = replace(fixes, topic='/gnss/position')
+    text = guessed(tmp_path / 'named', make, [imu, dvl, depth, named])
+    assert [f['topic'] for f in yaml.safe_load(text)['fixes']] == ['/gnss/position']
+    zero = with_stamps(named, np.zeros(len(named.log_ns), dtype=np.int64))
+    text = guessed(tmp_path / 'zero', make, [imu, dvl, depth, zero])
+    assert yaml.safe_load(text)['fixes'][0]['stamp'] == 'log'
+    assert 'FILL IN time_offset_s: -DELAY' in text
+    assert 'taken as the delay' not in text
+
+
+def test_an_imu_without_gravity_is_none(columns: Columns, tmp_path: Path) -> None:
+    """Linear acceleration in place of specific force: no axes are guessed from its noise."""
+    make, (imu, *_) = columns
+    noise = np.random.default_rng(1).normal(0.0, 0.05, (len(imu.log_ns), 3))
+    names = [f'linear_acceleration.{axis}' for axis in 'xyz']
+    values = imu.values | dict(zip(names, noise.T, strict=True))
+    text = guessed(tmp_path, make, [replace(imu, values=values)])
+    top = yaml.safe_load(text)
+    assert top['imu'] | {'topic': IMU, 'rotation': 'FILL_IN'} == top['imu']
+    assert 'gravity was taken out' in text
+
+
+def test_an_odometry_of_an_unknown_origin_is_no_start(columns: Columns, tmp_path: Path) -> None:
+    """Fixes say where the vehicle is, an odometry in a frame of its own does not."""
+    make, (imu, dvl, depth, fixes, truth) = columns
+    odometry = replace(truth, topic='/odometry/filtered')
+    text = guessed(tmp_path / 'both', make, [imu, dvl, depth, fixes, odometry])
+    assert yaml.safe_load(text)['initial']['topic'] == FIXES
+    assert '/odometry/filtered (nav_msgs/msg/Odometry, ' in text
+    text = guessed(tmp_path / 'alone', make, [imu, dvl, depth, odometry])
+    assert yaml.safe_load(text)['initial']['topic'] == '/odometry/filtered'
+
+
+def test_an_ahrs_is_a_heading_beside_a_reference(columns: Columns, tmp_path: Path) -> None:
+    """The reference gives the start; the orientation of the IMU goes on to be measured."""
+    make, (imu, dvl, depth, fixes, truth) = columns
+    turn = 0.5 * np.linspace(0.0, 1.0, len(imu.log_ns))  # about the vertical, of a level vehicle
+    zero = np.zeros_like(turn)
+    level = {f'linear_acceleration.{axis}': zero for axis in 'xy'}
+    level |= {'linear_acceleration.z': zero - 9.81}
+    quaternion = zip('xyzw', (zero, zero, np.sin(turn), np.cos(turn)), strict=True)
+    values = imu.values | level | {f'orientation.{axis}': v for axis, v in quaternion}
+    known = replace(imu.template, orientation_covariance=np.zeros(9))
+    ahrs = replace(imu, values=values, template=known)
+    top = yaml.safe_load(guessed(tmp_path, make, [ahrs, dvl, depth, fixes, truth]))
+    heading = top['heading']
+    assert (heading['topic'], heading['world'], heading['reference']) == (IMU, 'ned', 'FILL_IN')
+    assert top['initial']['topic'] == TRUTH
+
+
+def test_a_dvl_by_the_name_of_its_make(columns: Columns, tmp_path: Path) -> None:
+    """A twist of /a50 is its velocity; one of a command is listed, and not taken."""
+    make, (imu, dvl, *_) = columns
+    named, other = replace(dvl, topic='/a50/velocity'), replace(dvl, topic='/cmd_vel')
+    text = guessed(tmp_path / 'make', make, [imu, named, other])
+    assert yaml.safe_load(text)['dvl']['topic'] == '/a50/velocity'
+    assert '# Topics with velocities that are not used above:' in text
+    assert 'dvl' not in yaml.safe_load(guessed(tmp_path / 'none', make, [imu, other]))
