@@ -252,6 +252,29 @@ def test_a_source_that_never_has_a_position_is_named(mapped):
     assert not rig.receipts
 
 
+def test_a_dvl_that_never_states_how_good_it_is_is_named(mapped):
+    """Zeros as covariance: each ping has a receipt, and nobody reads receipts on deck."""
+    mapped.write_text(MAPPING.replace('  sigma: 0.02\n', ''), encoding='utf-8')
+    rig = Rig(mapped)
+    rig.until(rig.matched)
+    now = rig.node.get_clock().now().nanoseconds
+    rig.sail(now, 220)
+    text = rig.status().message
+    assert 'messages of /auv/dvl/twist states a variance above zero' in text
+    assert '`sigma`' in text
+    assert 'ugps' not in text
+
+
+def test_a_dvl_that_never_holds_a_velocity_is_named(mapped):
+    rig = Rig(mapped)
+    rig.until(rig.matched)
+    for _ in range(10):
+        twist = TwistWithCovarianceStamped()
+        twist.twist.twist.linear.x = math.nan
+        rig.publish('/auv/dvl/twist', twist)
+    assert 'none of 10 messages of /auv/dvl/twist holds a velocity' in rig.status().message
+
+
 def test_qos_overrides_are_obeyed_and_what_does_not_match_is_named(mapped):
     override = 'qos_overrides./xsens/imu.subscription.reliability:=reliable'
     rig = Rig(mapped, '-p', override)

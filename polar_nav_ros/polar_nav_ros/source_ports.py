@@ -31,8 +31,14 @@ from .topics import HEADING, INPUTS
 _BLOCK_NS = 1_000_000_000
 _MOST = 2000
 _MANY = 10
-"""Messages without a position or heading, all of a source, that are a WARN."""
-_WHY = 'NaN, a status of no fix, or an orientation that its sender calls unknown'
+"""Messages that cannot be used, all of a source, that are a WARN."""
+_CONTENT = {
+    'velocity': ('a velocity', 'NaN, marked as not valid, or not of the stated reference'),
+    'depth': ('a depth', 'NaN, or no echo in range'),
+    'heading': ('a heading', 'NaN, or an orientation that its sender calls unknown'),
+}
+"""By role: what an empty message lacks, and how."""
+_POSITION = ('a position', 'NaN, zeros, or a status of no fix (of NavSatFix any below 0)')
 
 
 def digest_of(data: bytes) -> int:
@@ -226,9 +232,7 @@ class SourcePorts:
         """Sentence on a source whose publisher is absent or cannot be heard; else empty."""
         name = self._name(source)
         if self._node.publishers_of(name):
-            if source.read < _MANY or source.empty < source.read:
-                return ''
-            return f'none of {source.read} messages of {name} holds {_content(source)}: {_WHY}'
+            return _unusable(source, name)
         offered = self._node.get_publishers_info_by_topic(name)
         others = {str(i.topic_type) for i in offered} - {source.stream.type}
         if not offered:
@@ -248,7 +252,26 @@ class SourcePorts:
 
 def _content(source: Source) -> str:
     """What a message of a source that is empty lacks."""
-    return 'a heading' if source.role == 'heading' else 'a position'
+    return _CONTENT.get(source.role, _POSITION)[0]
+
+
+def _unusable(source: Source, name: str) -> str:
+    """Sentence on a source of which every message so far was of no use; else empty."""
+    if source.unreadable >= _MANY and not source.read:
+        return (
+            f'none of {source.unreadable} messages of {name} can be read as {source.stream.type}'
+        )
+    if source.read < _MANY:
+        return ''
+    if source.empty == source.read:
+        what, why = _CONTENT.get(source.role, _POSITION)
+        return f'none of {source.read} messages of {name} holds {what}: {why}'
+    if source.unsure == source.read:
+        return (
+            f'none of {source.read} messages of {name} states a variance above zero, and all are '
+            'refused: state `sigma` in the mapping file'
+        )
+    return ''
 
 
 def _qos_text(offered: Iterable[Any]) -> str:

@@ -103,7 +103,9 @@ class Source:
         self.read = 0
         """Messages that could be read."""
         self.empty = 0
-        """Those of them that hold no position or orientation: NaN, or a status of no fix."""
+        """Those of them that hold nothing: NaN, a status of no fix, no lock of a DVL."""
+        self.unsure = 0
+        """Those of them without a variance above zero: the engine refuses them."""
         self.clock = SensorClock() if stream.clock == 'sensor' else None
         self._read = read
         self._fix = fix
@@ -182,7 +184,8 @@ class Source:
             self.unreadable += 1
             return None
         self.read += 1
-        self.empty += found is None
+        self.empty += _is_empty(found)
+        self.unsure += _is_unsure(found)
         if isinstance(found, Fix):
             arrival = self.arrival(number)
             return replace(found, sequence=number, order=number, arrival=arrival)
@@ -193,6 +196,26 @@ class Source:
         if self.index:
             return replace(found, sequence=number, topic=self.topic)
         return replace(found, sequence=number)
+
+
+def _is_empty(found: Event | None) -> bool:
+    """Whether there is nothing in an event that could be used."""
+    if isinstance(found, DvlPing):
+        return not (found.valid or found.water)
+    if isinstance(found, DepthSample):
+        return not math.isfinite(found.depth)
+    return found is None
+
+
+def _is_unsure(found: Event | None) -> bool:
+    """Whether a measurement says with its variances that it is no measurement."""
+    if isinstance(found, DepthSample):
+        return not found.variance > 0.0
+    if isinstance(found, DvlPing):
+        return not (np.diagonal(found.covariance_m) > 0.0).all()
+    if isinstance(found, Fix):
+        return not (np.diagonal(found.covariance_e) > 0.0).all()
+    return False
 
 
 class Sources:
