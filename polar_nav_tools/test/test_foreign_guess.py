@@ -113,10 +113,14 @@ def test_an_ahrs_is_a_heading_beside_a_reference(columns: Columns, tmp_path: Pat
     values = imu.values | level | {f'orientation.{axis}': v for axis, v in quaternion}
     known = replace(imu.template, orientation_covariance=np.zeros(9))
     ahrs = replace(imu, values=values, template=known)
-    top = yaml.safe_load(guessed(tmp_path, make, [ahrs, dvl, depth, fixes, truth]))
+    top = yaml.safe_load(guessed(tmp_path / 'one', make, [ahrs, dvl, depth, fixes, truth]))
     heading = top['heading']
     assert (heading['topic'], heading['world'], heading['reference']) == (IMU, 'ned', 'FILL_IN')
+    assert 'stamp' not in heading
     assert top['initial']['topic'] == TRUTH
+    unstamped = with_stamps(ahrs, np.zeros(len(ahrs.log_ns), dtype=np.int64))
+    top = yaml.safe_load(guessed(tmp_path / 'zero', make, [unstamped, dvl, depth, fixes, truth]))
+    assert top['imu']['stamp'] == top['heading']['stamp'] == 'log'
 
 
 def test_a_dvl_by_the_name_of_its_make(columns: Columns, tmp_path: Path) -> None:

@@ -93,7 +93,8 @@ def guess(
     fixes = fixes_of(mine, truth, topics, list(packets))
     _fixes(out, source, fixes, topics, times, choices, packets, mounts)
     start = truth or _start_of(source, mine, fixes)
-    _start(out, source, start, fixes, imu, mounts)
+    logged = times is not None and times.stamps_ns is None
+    _start(out, source, start, fixes, imu, mounts, logged=logged)
     if start is not None and start is truth:
         out.say(
             'The start is taken from the reference: fine for a trial, not for a test of the start.'
@@ -396,13 +397,15 @@ def _start(
     fixes: list[Topic],
     imu: Topic | None,
     mounts: Mounts,
+    *,
+    logged: bool,
 ) -> None:
     """Write the AHRS, and what the start is from: it and the fixes, else section ``initial``."""
     attitude = None
     if all(t.type in POSITION for t in fixes):  # a leader's packets exclude headings
         attitude = attitude_of(source, imu, mounts.of_topic(source, imu))
     if imu is not None and attitude is not None:
-        put_heading(out, imu, attitude)
+        put_heading(out, imu, attitude, logged=logged)
         if [start] == fixes and not _has_attitude(source, start):
             out.say('No section initial: the start is aligned, its place by the fixes, its')
             out.say('heading by the one above, its tilt by gravity (docs/start.md). Stated')
