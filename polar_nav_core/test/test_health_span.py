@@ -47,6 +47,11 @@ def test_warnings_are_well():
     assert (span.warnings, span.last, span.complaint) == (10, Level.WARN, '')
     assert span_of([]) == Span()
     assert not span_of([]).complaint
+    assert not span_of([]).remark
+    assert span.remark == 'WARN at the end: drifts by 3 m'
+    assert span_of([*[WARN] * 3, OK]).remark == 'WARN for 75 % of the time: drifts by 3 m'
+    assert not span_of([WARN, *[OK] * 9]).remark
+    assert not span_of([WARN, error(1)]).remark  # the worse one is said
 
 
 def test_an_error_at_the_end_is_not_well():

@@ -152,8 +152,8 @@ def replay(
                 sys.stdout.writelines(f'{"":>20}{other}\n' for other in others)
         if result.divergence:
             say(f'the filter diverged: {result.divergence}')
-        if span.complaint:
-            say(span.complaint)
+        if span.complaint or span.remark:
+            say(span.complaint or span.remark)
         require(not (result.divergence or span.complaint))
 
 

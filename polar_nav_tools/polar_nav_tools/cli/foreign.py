@@ -221,6 +221,6 @@ def replay_foreign(
             )
         if compared is not None:
             print_table(console, compared.table())
-    for complaint in run.complaints():
+    for complaint in [*run.complaints(), *([run.remark] if run.remark else [])]:
         say(complaint)
     require(not (run.complaints() or source.problems))

@@ -301,8 +301,19 @@ def _sigma(out: Lines, source: Source, topic: Topic) -> None:
         if rows is not None and not (rows.covariance_e[:, 0, 0] > 0.0).any():
             out.say('no message states a covariance: FILL IN the 1-sigma of a fix [m]', 4)
             out.put('sigma: FILL_IN', 4)
+            _alike(out, topic)
             return
     out.say("sigma: [5.0, 5.0]   # horizontal, vertical [m], in place of the messages'", 4)
+    _alike(out, topic)
+
+
+def _alike(out: Lines, topic: Topic) -> None:
+    """Write how to say that errors are alike, of fixes that are not asked about it."""
+    if topic.type not in (*FILTERED, USBL):
+        out.say(
+            'correlation_s: 60.0   # for how long an error lasts (multipath, sound speed, a', 4
+        )
+        out.say('receiver that smooths); without it, a hundred fixes count ten times as much', 4)
 
 
 def _filtered(out: Lines, topic: Topic) -> None:

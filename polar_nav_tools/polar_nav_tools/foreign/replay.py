@@ -92,6 +92,11 @@ class ForeignRun:
         complaint = span_of_health(self.health).complaint
         return [*out, *misfits, *([complaint] if complaint else [])]
 
+    @property
+    def remark(self) -> str:
+        """Sentence on a WARN at the end, or for long; empty without one."""
+        return span_of_health(self.health).remark
+
     def comparison(self) -> Comparison | None:
         """Score against the reference; None where none was mapped or nothing was estimated."""
         truth = self.loaded.truth

@@ -10,7 +10,7 @@ from typing import NamedTuple
 from .conditions import Health, Level
 
 MOST_ERROR = 0.1
-"""Share of the looks of a run that may be an ERROR."""
+"""Share of the looks of a run that may be an ERROR; of WARNs, that need no word."""
 
 
 class Look(NamedTuple):
@@ -34,6 +34,8 @@ class Span:
         At the end.
     sentence : str
         Of the end if that is an ERROR, else the most frequent of all ERRORs; empty without any.
+    warning : str
+        The same of WARNs.
     """
 
     looks: int = 0
@@ -41,6 +43,7 @@ class Span:
     errors: int = 0
     last: Level = Level.OK
     sentence: str = ''
+    warning: str = ''
 
     @property
     def error_share(self) -> float:
@@ -56,6 +59,18 @@ class Span:
             return f'ERROR for {100.0 * self.error_share:.0f} % of the time: {self.sentence}'
         return ''
 
+    @property
+    def remark(self) -> str:
+        """Sentence on a WARN at the end, or for long; empty with a complaint, too."""
+        if self.complaint or not self.looks:
+            return ''
+        if self.last is Level.WARN:
+            return f'WARN at the end: {self.warning}'
+        share = self.warnings / self.looks
+        if share > MOST_ERROR:
+            return f'WARN for {100.0 * share:.0f} % of the time: {self.warning}'
+        return ''
+
     def to_dict(self) -> dict[str, object]:
         """Plain values for JSON."""
         return {
@@ -64,6 +79,7 @@ class Span:
             'errors': self.errors,
             'level_at_end': self.last.name,
             'complaint': self.complaint or None,
+            'remark': self.remark or None,
         }
 
 
@@ -72,25 +88,25 @@ def span_of(looks: Iterable[Look]) -> Span:
     found = list(looks)
     if not found:
         return Span()
-    last = found[-1]
-    errors = Counter(_kind(look.sentence) for look in found if look.level is Level.ERROR)
-    sentence = ''
-    if last.level is Level.ERROR:
-        sentence = last.sentence
-    elif errors:
-        most = errors.most_common(1)[0][0]
-        sentence = next(
-            look.sentence
-            for look in reversed(found)
-            if look.level is Level.ERROR and _kind(look.sentence) == most
-        )
     return Span(
         looks=len(found),
         warnings=sum(look.level is Level.WARN for look in found),
-        errors=sum(errors.values()),
-        last=last.level,
-        sentence=sentence,
+        errors=sum(look.level is Level.ERROR for look in found),
+        last=found[-1].level,
+        sentence=_sentence(found, Level.ERROR),
+        warning=_sentence(found, Level.WARN),
     )
+
+
+def _sentence(looks: list[Look], level: Level) -> str:
+    """Sentence of the last look if that has the level, else the one that most such looks have."""
+    if looks[-1].level is level:
+        return looks[-1].sentence
+    such = [look.sentence for look in looks if look.level is level]
+    if not such:
+        return ''
+    most = Counter(map(_kind, such)).most_common(1)[0][0]
+    return next(sentence for sentence in reversed(such) if _kind(sentence) == most)
 
 
 def span_of_health(health: Iterable[Health]) -> Span:
