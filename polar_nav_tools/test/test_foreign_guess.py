@@ -15,6 +15,7 @@ from foreign_worlds import (
     TRUTH,
     Column,
     Recorder,
+    S,
     imu_column,
     stamped,
     stamps_of,
@@ -23,7 +24,11 @@ from foreign_worlds import (
 from foreign_worlds import aiding_columns as aiding
 from test_foreign_map import guessed, with_stamps
 
+from polar_nav_tools.bags.reader import Topic
+from polar_nav_tools.foreign.candidates import outputs_of
+
 POINT = 'geometry_msgs/msg/PointStamped'
+DAY = 86_400 * 1_000_000_000
 Columns = tuple[Recorder, list[Column]]
 
 
@@ -123,6 +128,20 @@ def test_an_ahrs_is_a_heading_beside_a_reference(columns: Columns, tmp_path: Pat
     assert top['imu']['stamp'] == top['heading']['stamp'] == 'log'
 
 
+def test_an_imu_with_a_clock_of_its_own(columns: Columns, tmp_path: Path) -> None:
+    """Counted from its power-up: the others are not put on that clock, it is fitted to theirs."""
+    make, (imu, dvl, depth, fixes, truth) = columns
+    booted = with_stamps(imu, imu.log_ns - imu.log_ns[0] + 300 * S)
+    later = [replace(c, log_ns=c.log_ns + DAY) for c in (booted, dvl, depth, fixes, truth)]
+    now = [later[0], *(with_stamps(c, c.log_ns) for c in later[1:])]
+    top = yaml.safe_load(guessed(tmp_path / 'own', make, now))
+    assert top['imu']['clock'] == 'sensor'
+    assert 'stamp' not in top['dvl']
+    assert 'stamp' not in top['depth']
+    top = yaml.safe_load(guessed(tmp_path / 'all', make, later))  # played and recorded again
+    assert 'clock' not in top['imu']
+
+
 def test_a_dvl_by_the_name_of_its_make(columns: Columns, tmp_path: Path) -> None:
     """A twist of /a50 is its velocity; one of a command is listed, and not taken."""
     make, (imu, dvl, *_) = columns
@@ -131,3 +150,16 @@ def test_a_dvl_by_the_name_of_its_make(columns: Columns, tmp_path: Path) -> None
     assert yaml.safe_load(text)['dvl']['topic'] == '/a50/velocity'
     assert '# Topics with velocities that are not used above:' in text
     assert 'dvl' not in yaml.safe_load(guessed(tmp_path / 'none', make, [imu, other]))
+
+
+def test_estimates_of_a_follower_are_no_measurements() -> None:
+    """With its own depth as the depth sensor, a filter would only ever agree with itself."""
+    kinds = {
+        '/auv/nav/state': 'polar_nav_msgs/msg/NavState',
+        '/auv/odometry/depth': 'polar_nav_msgs/msg/Depth',
+        '/auv/odometry/now': 'nav_msgs/msg/Odometry',
+        '/auv/depth/data': 'polar_nav_msgs/msg/Depth',
+        '/ship/odometry': 'nav_msgs/msg/Odometry',
+    }
+    found = outputs_of([Topic(name, kind, 9) for name, kind in kinds.items()])
+    assert found & kinds.keys() == {'/auv/nav/state', '/auv/odometry/depth', '/auv/odometry/now'}

@@ -3,7 +3,15 @@
 from __future__ import annotations
 
 from polar_nav_ros.adapters.layouts import DEPTH, PACKET, POSITION, USBL, VELOCITY
-from polar_nav_ros.topics import STATE
+from polar_nav_ros.topics import (
+    FIX,
+    ODOMETRY,
+    ODOMETRY_DEPTH,
+    ODOMETRY_LOCAL,
+    ODOMETRY_NOW,
+    STATE,
+    TYPES,
+)
 
 from ..bags.reader import Topic
 
@@ -18,6 +26,15 @@ LEADER_WORDS = ('leader', 'ship', 'vessel', 'surface', 'master')
 RAW_WORDS = ('raw',)
 SENSOR_WORDS = ('imu', 'ahrs', 'ins', 'sensor', 'sensors', 'data', 'driver', 'device', 'mavros')
 """First parts of topics that are no vehicle's name."""
+
+
+_OUTPUTS = (STATE, FIX, ODOMETRY, ODOMETRY_NOW, ODOMETRY_LOCAL, ODOMETRY_DEPTH)
+
+
+def outputs_of(topics: list[Topic]) -> set[str]:
+    """Return topics that a navigation of this project made: estimates, and no measurements."""
+    states = [t.name for t in topics if t.name.endswith(f'/{STATE}') and t.type == TYPES[STATE]]
+    return {name.removesuffix(STATE) + output for name in states for output in _OUTPUTS}
 
 
 def words(topic: Topic, some: tuple[str, ...]) -> int:

@@ -28,6 +28,7 @@ from .candidates import (
     dvl_of,
     fixes_of,
     near,
+    outputs_of,
     vehicle,
     words,
 )
@@ -80,10 +81,11 @@ def guess(
     out.put(f'vehicle: {vehicle(imu)}')
     out.put()
     mounts = mounts_of(source)
-    times = put_imu(out, source, imu, choices, mounts.of_topic(source, imu))
-    mine = [t for t in topics if imu is None or near(t, imu)]
-    dvl = dvl_of(mine)
-    depth = depth_of(mine)
+    outputs = outputs_of(topics)
+    mine = [t for t in topics if (imu is None or near(t, imu)) and t.name not in outputs]
+    dvl, depth = dvl_of(mine), depth_of(mine)
+    others = [t for t in (dvl, depth) if t is not None]
+    times = put_imu(out, source, imu, choices, mounts.of_topic(source, imu), others)
     for role, topic in (('dvl', dvl), ('depth', depth)):
         mount = mounts.of_topic(source, topic)
         _sensor(out, source, role, topic, topics, times, choices, mount)
@@ -93,8 +95,7 @@ def guess(
     fixes = fixes_of(mine, truth, topics, list(packets))
     _fixes(out, source, fixes, topics, times, choices, packets, mounts)
     start = truth or _start_of(source, mine, fixes)
-    logged = times is not None and times.stamps_ns is None
-    _start(out, source, start, fixes, imu, mounts, logged=logged)
+    _start(out, source, start, fixes, imu, mounts, '' if times is None else times.stated)
     if start is not None and start is truth:
         out.say(
             'The start is taken from the reference: fine for a trial, not for a test of the start.'
@@ -112,9 +113,12 @@ def guess(
     out.put('parameters:')
     out.put('configuration: default', 2)
     used = (*fixes, truth, start, dvl, depth)
-    _unused(out, 'positions', [t for t in topics if t.type in POSITION and t not in used])
-    others = [t for t in topics if t.type in VELOCITY and t.type not in POSITION]
-    _unused(out, 'velocities', [t for t in others if t not in used])
+    rest = [t for t in topics if t not in used and t.name not in outputs]
+    _unused(out, 'positions', [t for t in rest if t.type in POSITION])
+    _unused(out, 'velocities', [t for t in rest if t.type in VELOCITY and t.type not in POSITION])
+    if outputs:
+        out.put()
+        out.say('Estimates of a navigation that ran are no measurements, and are left out.')
     return '\n'.join(out.lines) + '\n'
 
 
@@ -408,15 +412,14 @@ def _start(
     fixes: list[Topic],
     imu: Topic | None,
     mounts: Mounts,
-    *,
-    logged: bool,
+    times: str,
 ) -> None:
     """Write the AHRS, and what the start is from: it and the fixes, else section ``initial``."""
     attitude = None
     if all(t.type in POSITION for t in fixes):  # a leader's packets exclude headings
         attitude = attitude_of(source, imu, mounts.of_topic(source, imu))
     if imu is not None and attitude is not None:
-        put_heading(out, imu, attitude, logged=logged)
+        put_heading(out, imu, attitude, times)
         if [start] == fixes and not _has_attitude(source, start):
             out.say('No section initial: the start is aligned, its place by the fixes, its')
             out.say('heading by the one above, its tilt by gravity (docs/start.md). Stated')

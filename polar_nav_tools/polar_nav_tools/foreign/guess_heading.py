@@ -76,7 +76,7 @@ def attitude_of(source: Source, imu: Topic | None, mount: Mount | None = None) -
     return Attitude('enu' if share > 0.0 else 'ned', axes)
 
 
-def put_heading(out: Lines, imu: Topic, found: Attitude, *, logged: bool) -> None:
+def put_heading(out: Lines, imu: Topic, found: Attitude, times: str) -> None:
     """Write the section ``heading`` of an IMU's own orientation.
 
     Parameters
@@ -84,15 +84,15 @@ def put_heading(out: Lines, imu: Topic, found: Attitude, *, logged: bool) -> Non
     out : Lines
     imu : Topic
     found : Attitude
-    logged : bool
-        Whether the times of the IMU are those of the recording: the heading's then are, too.
+    times : str
+        Line that says which times the IMU has: the heading has the same; empty for its stamps.
     """
     out.say(f'orientation of {imu.name}: by gravity, z of its world is {_UP[found.world]}')
     out.put('heading:')
     out.put(f'topic: {imu.name}', 2)
     out.put(f'type: {imu.type}', 2)
-    if logged:
-        out.put('stamp: log', 2)
+    if times:
+        out.put(times, 2)
     out.say('axes of the vehicle, as of imu', 2)
     out.put(f'rotation: {found.axes}', 2)
     out.put(f'world: {found.world}', 2)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from contextlib import suppress
+
 import numpy as np
 
 from polar_nav_core.engine.events import Array
@@ -13,8 +16,9 @@ from polar_nav_ros.adapters.mapping import ACCEL_UNITS, ImuMapping, Stream
 
 from ..bags.reader import Topic
 from .check_imu import turning_factor
+from .check_stamps import seconds_text
 from .guess_noise import Choices
-from .guess_stamps import TopicTimes, put_stamp, times_of
+from .guess_stamps import TopicTimes, is_alone, put_stamp, times_of
 from .lines import Lines
 from .mounting import Mount, put_lever
 from .read import read_imu
@@ -26,9 +30,26 @@ _LEVEL = 0.9
 
 
 def put_imu(
-    out: Lines, source: Source, imu: Topic | None, choices: Choices, mount: Mount | None = None
+    out: Lines,
+    source: Source,
+    imu: Topic | None,
+    choices: Choices,
+    mount: Mount | None = None,
+    others: Sequence[Topic] = (),
 ) -> TopicTimes | None:
-    """Write the IMU; its times, where there are any."""
+    """Write the IMU; its times, where there are any.
+
+    Parameters
+    ----------
+    out : Lines
+    source : Source
+    imu : Topic or None
+    choices : Choices
+    mount : Mount, optional
+        Of the IMU.
+    others : sequence of Topic
+        Other sensors of the vehicle, whose stamps show what the clock of the vehicle is.
+    """
     if imu is None:
         out.say(
             'No topic is a sensor_msgs/msg/Imu. FILL IN the topic and where the numbers stand.'
@@ -52,6 +73,16 @@ def put_imu(
         out.put()
         return None
     logged = put_stamp(out, times, None, choices.clock)
+    if logged:
+        times = TopicTimes(imu.name, None, plain.log_ns, 'stamp: log')
+    elif choices.clock is None and is_alone(times, _times_of_others(source, others)):
+        behind = seconds_text(times.behind_log_ns)
+        out.say(f'stamps are {behind} s behind the recording, and those of the other sensors', 2)
+        out.say(
+            'are not: the clock of this sensor, fitted to that of the others (docs/live.md)', 2
+        )
+        out.put('clock: sensor', 2)
+        times = TopicTimes(imu.name, None, plain.log_ns, 'clock: sensor')
     good = finite_rows(plain.f_b) & finite_rows(plain.omega_ib_b)
     f, omega = plain.f_b[good], plain.omega_ib_b[good]
     stamps = (plain.log_ns if logged else plain.stamps_ns)[good]
@@ -78,7 +109,15 @@ def put_imu(
     out.say('the data; `mean` is what IMUs with increments give', 2)
     out.put('sample: mean', 2)
     out.put()
-    return TopicTimes(imu.name, None, plain.log_ns) if logged else times
+    return times
+
+
+def _times_of_others(source: Source, topics: Sequence[Topic]) -> list[TopicTimes]:
+    found = []
+    for topic in topics:
+        with suppress(PolarNavError):  # what cannot be read is named where it is mapped
+            found.append(times_of(source, topic.name))
+    return found
 
 
 def _without_gravity(f: Array) -> bool:

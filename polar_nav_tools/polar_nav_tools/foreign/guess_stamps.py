@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,11 +19,15 @@ _OTHER_CLOCK_NS = 3_600_000_000_000
 
 @dataclass(frozen=True)
 class TopicTimes:
-    """Times of a topic: header stamps, None where there is no header, and log times [ns]."""
+    """Times of a topic: header stamps, None where there is no header, and log times [ns].
+
+    ``stated`` is the line of a mapping that says which they are; empty for the stamps as they are.
+    """
 
     topic: str
     stamps_ns: Stamps | None
     log_ns: Stamps
+    stated: str = ''
 
     @property
     def stamped(self) -> bool:
@@ -47,6 +52,13 @@ def times_of(source: Source, topic: str) -> TopicTimes:
         sec, nanosec = (table.columns[p].astype(np.int64) for p in _STAMP)
         stamps_ns = sec * 10**9 + nanosec
     return TopicTimes(topic, stamps_ns, table.log_ns)
+
+
+def is_alone(times: TopicTimes, others: Sequence[TopicTimes]) -> bool:
+    """Whether stamps are of a clock of their own, while others have that of the recorder."""
+    stamped = [o for o in others if o.stamped]
+    near = sum(abs(o.behind_log_ns) <= _OTHER_CLOCK_NS for o in stamped)
+    return abs(times.behind_log_ns) > _OTHER_CLOCK_NS and 2 * near > len(stamped)
 
 
 def put_stamp(
@@ -100,6 +112,7 @@ def put_stamp(
         f'stamps are {offset} s behind the clock of the IMU: another clock. Instead of', indent
     )
     out.say(f'the log times, `time_offset_s: {offset}` keeps the spacing of the stamps', indent)
+    out.say('and `clock: sensor` fits their clock to that of the recorder (docs/live.md)', indent)
     out.put('stamp: log', indent)
     return True
 
