@@ -12,6 +12,7 @@ from foreign_worlds import (
     DEPTH,
     FIXES,
     IMU,
+    ORIGIN,
     TRUTH,
     Column,
     Recorder,
@@ -24,8 +25,11 @@ from foreign_worlds import (
 from foreign_worlds import aiding_columns as aiding
 from test_foreign_map import guessed, with_stamps
 
+from polar_nav_ros.adapters.mapping import Frame, PositionMapping, Stream
 from polar_nav_tools.bags.reader import Topic
 from polar_nav_tools.foreign.candidates import outputs_of
+from polar_nav_tools.foreign.read import read_positions
+from polar_nav_tools.foreign.sources import open_source
 
 POINT = 'geometry_msgs/msg/PointStamped'
 DAY = 86_400 * 1_000_000_000
@@ -140,6 +144,30 @@ def test_an_imu_with_a_clock_of_its_own(columns: Columns, tmp_path: Path) -> Non
     assert 'stamp' not in top['depth']
     top = yaml.safe_load(guessed(tmp_path / 'all', make, later))  # played and recorded again
     assert 'clock' not in top['imu']
+
+
+def test_poses_that_nobody_turned_have_no_attitude(columns: Columns, tmp_path: Path) -> None:
+    """A USBL's PoseStamped is level and ahead for ever: that is no heading to start with."""
+    make, (imu, dvl, depth, _, truth) = columns
+    level = {f'pose.pose.orientation.{axis}': np.zeros(len(truth.log_ns)) for axis in 'xyz'}
+    level['pose.pose.orientation.w'] = np.ones(len(truth.log_ns))
+    poses = replace(truth, topic='/usbl/pose', values=truth.values | level)
+    text = guessed(tmp_path / 'level', make, [imu, dvl, depth, poses])
+    assert (
+        yaml.safe_load(text)['initial'] | {'heading_deg': 'FILL_IN'}
+        == (yaml.safe_load(text)['initial'])
+    )
+    found = read_positions(open_source(tmp_path / 'level' / 'bag'), placed('/usbl/pose'))
+    assert np.isnan(found.C_b_G).all()
+    assert np.isfinite(found.r_e).all()
+    turned = replace(truth, topic='/usbl/pose')
+    text = guessed(tmp_path / 'turned', make, [imu, dvl, depth, turned])
+    assert 'heading_deg' not in yaml.safe_load(text)['initial']
+
+
+def placed(topic: str) -> PositionMapping:
+    """Positions in east, north, up of the worlds' origin."""
+    return PositionMapping(Stream(topic), Frame('enu', ORIGIN), np.eye(3))
 
 
 def test_a_dvl_by_the_name_of_its_make(columns: Columns, tmp_path: Path) -> None:

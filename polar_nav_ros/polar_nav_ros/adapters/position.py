@@ -21,6 +21,8 @@ _UNKNOWN = 0
 """NavSatFix.COVARIANCE_TYPE_UNKNOWN."""
 LEVEL_SIGMA = 1e4
 """1-sigma of the height of a 2-D fix [m]: it weighs nothing against any depth sensor."""
+_NO_TURN = (0.0, 0.0, 0.0, 1.0)
+"""Quaternion of a message whose sender fills in no orientation."""
 _EARTH = (6.3e6, 6.4e6)
 """Distances from the centre of the earth at which a vehicle can be [m]."""
 
@@ -197,7 +199,10 @@ def _levelled(P_e: Array, r_e: Array) -> Array:
 
 
 def _attitude(rows: Rows, mapping: PositionMapping, placed: Placed) -> Array:
-    """C_b_G, NaN where the message has no attitude or no position to refer it to."""
+    """C_b_G, NaN where the message has no attitude or no position to refer it to.
+
+    Orientations that are all level and ahead to the last digit were filled in by nobody.
+    """
     n = len(rows)
     out = np.full((n, 3, 3), np.nan)
     usable = finite_rows(placed.r_e)
@@ -208,7 +213,7 @@ def _attitude(rows: Rows, mapping: PositionMapping, placed: Placed) -> Array:
         out = grid.reshape(n, 3, 3) @ C_b_s
     elif xyzw is not None:
         out = rotations(xyzw) @ C_b_s
-    elif (stated := rows.floats('attitude')) is not None and usable.any():
+    elif (stated := _stated_attitude(rows)) is not None and usable.any():
         # A map's axes carry its scale; what turns is the rotation in them.
         axes = placed.axes_e[usable]
         axes = axes / np.sqrt(np.einsum('nij,nij->nj', axes, axes))[:, None, :]
@@ -216,6 +221,11 @@ def _attitude(rows: Rows, mapping: PositionMapping, placed: Placed) -> Array:
         out[usable] = ecef_to_grid(placed.r_e[usable]) @ axes @ C_s_p @ C_b_s
     out[~usable] = np.nan
     return np.asarray(out)
+
+
+def _stated_attitude(rows: Rows) -> Array | None:
+    stated = rows.floats('attitude')
+    return None if stated is None or (stated == _NO_TURN).all() else stated
 
 
 def _velocity(rows: Rows, mapping: PositionMapping, C_b_G: Array) -> Array:

@@ -435,9 +435,15 @@ def _start(
 
 
 def _has_attitude(source: Source, topic: Topic | None) -> bool:
-    """Whether messages of a topic hold an orientation, by their fields."""
-    paths = () if topic is None else field_paths(source, topic.name)
-    return any('orientation' in p or 'c_b_g' in p for p in paths)
+    """Whether messages of a topic hold an orientation: not one that never changes."""
+    if topic is None or topic.type not in POSITION:
+        return False
+    layout = POSITION[topic.type]
+    paths = layout.get('attitude') or layout.get('attitude_grid_xyzw')
+    if paths is None:
+        return 'attitude_grid' in layout
+    columns = read_table(source, topic.name, list(paths)).columns
+    return any(np.ptp(columns[path]) > 0.0 for path in paths)
 
 
 def _initial(out: Lines, source: Source, start: Topic | None) -> None:
