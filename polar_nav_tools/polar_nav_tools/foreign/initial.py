@@ -135,8 +135,8 @@ def find_start(
     if 'initial_grid_heading_deg' not in {**values, **stated}:
         raise ConfigError(
             f'{place}: initial: heading comes from nowhere: give heading_deg (true), '
-            'grid_heading_deg, a topic with attitude, or `heading: gyrocompass`; without a section '
-            'initial the start is aligned, by a measured heading too (docs/start.md)'
+            'grid_heading_deg, a topic with attitude, or `heading: gyrocompass`; without '
+            'section initial the start is aligned, by a measured heading too (docs/start.md)'
         )
     if 'initial_v_G' not in stated:
         velocity, said = _velocity(mapping, v_G, {**values, **stated}, imu, dvl, first_ns)
