@@ -27,10 +27,11 @@ from foreign_samples import (
 
 from polar_nav_ros.adapters import mapping_file
 from polar_nav_ros.adapters.section import Section
-from polar_nav_ros.adapters.sensors import ImuRows
+from polar_nav_ros.adapters.sensors import DepthRows, ImuRows
 from polar_nav_tools.bags.finding import Finding, Severity
 from polar_nav_tools.foreign.check_imu import check_imu
 from polar_nav_tools.foreign.check_stamps import Times, check_spans, check_stamps
+from polar_nav_tools.foreign.check_values import check_depth
 from polar_nav_tools.foreign.findings import NAMES, Refused
 from polar_nav_tools.foreign.load import Loaded, load
 from polar_nav_tools.foreign.sources import open_source
@@ -397,6 +398,21 @@ def test_depth_and_pressure(whole: Path) -> None:
     assert 'positive: up' in finding.text
     assert finding.value == pytest.approx(-99.3, abs=1.0)
     assert found(whole, 'pressure_size', {'depth': depth | {'unit': 'Pa'}}).topic == DEPTH
+
+
+def test_a_vehicle_in_the_air() -> None:
+    """Heights of some metres taken for depths, and gauge pressures for absolute ones."""
+    stamps_ns = np.arange(300, dtype=np.int64)
+    zero, ones = np.zeros(300), np.ones(300)
+
+    def told(depth: Any, pressure: Any = None) -> list[str]:
+        rows = DepthRows('/d', stamps_ns, stamps_ns, depth, ones, ones > 0.0, pressure)
+        return [f.text for f in check_depth(rows) if f.name == 'depth_in_air']
+
+    dive = np.linspace(0.0, 8.0, 300)
+    assert told(dive) == told(zero - 0.5) == []
+    assert '`positive: up`' in told(-dive)[0]
+    assert 'atmospheric_pressure: 0' in told(dive - 10.06, 1e4 * dive)[0]
 
 
 def test_positions(tmp_path: Path, whole: Path) -> None:

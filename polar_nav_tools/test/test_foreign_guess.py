@@ -75,6 +75,20 @@ def test_the_unit_of_a_pressure_that_is_no_pascal(
     assert 'no absolute pressure in Pa' in text
 
 
+def test_gauge_pressures_are_told_by_the_surface(columns: Columns, tmp_path: Path) -> None:
+    """Zero at the surface: taken as absolute, the vehicle would be ten metres up in the air."""
+    make, (imu, _, depth, *_) = columns
+    gauge = 1e4 * np.linspace(0.1, 9.0, len(depth.log_ns))
+    text = guessed(
+        tmp_path, make, [imu, replace(depth, values=depth.values | {'fluid_pressure': gauge})]
+    )
+    top = yaml.safe_load(text)['depth']
+    assert (top['unit'], top['atmospheric_pressure']) == ('Pa', 0.0)
+    shallow = depth.values | {'fluid_pressure': gauge / 50.0}
+    text = guessed(tmp_path / 'shallow', make, [imu, replace(depth, values=shallow)])
+    assert yaml.safe_load(text)['depth']['unit'] == 'FILL_IN'
+
+
 def test_a_navsatfix_is_a_fix_whatever_its_name(columns: Columns, tmp_path: Path) -> None:
     """Without such a name in the graph, and without stamps: no delay of half a century."""
     make, (imu, dvl, depth, fixes, _) = columns

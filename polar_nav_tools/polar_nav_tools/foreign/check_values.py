@@ -25,6 +25,8 @@ _WHOLE_S, _WHOLE_FEWEST = 10.0, 20
 _LONGEST_DELAY_S = 3600.0
 """Fixes that are older on reception were stamped by another clock [s]."""
 _DEEPEST, _HIGHEST = 11500.0, -20.0
+_IN_THE_AIR = -1.0
+"""Median depth above which a vehicle flies [m]; a low barometer makes a tenth of it."""
 _LOWEST_PRESSURE, _HIGHEST_PRESSURE = 3e4, 1.3e8
 _UNIT_OF_PRESSURE = {'hPa': 1e2, 'kPa': 1e3, 'dbar': 1e4, 'bar': 1e5}
 
@@ -165,6 +167,8 @@ def check_depth(depth: DepthRows) -> Iterator[Finding]:
             median,
             f'the median depth is {median:.4g} m (limits {_HIGHEST:g} to {_DEEPEST:g} m){why}',
         )
+    else:
+        yield from _in_the_air(topic, stamps_ns, depth.depth[good], depth.pressure)
     # A resting vehicle and a coarse sensor give equal numbers for a while; a driver that repeats
     # gives them for long, or from the first message to the last.
     whole = bool((depth.depth[good] == depth.depth[good][0]).all())
@@ -195,6 +199,28 @@ def check_depth(depth: DepthRows) -> Iterator[Finding]:
                 f'{int(where.sum())} of {len(where)} variances are {what}; `sigma` in the mapping '
                 'states one',
             )
+
+
+def _in_the_air(
+    topic: str, stamps_ns: Stamps, depth: Array, pressure: Array | None
+) -> Iterator[Finding]:
+    """Look for a vehicle above the surface; its shallowest hundredth counts, for it may dive."""
+    least = float(np.quantile(depth, 0.01))
+    if pressure is None:
+        least, share, why = float(np.median(depth)), 'median', 'heights are `positive: up`'
+    else:
+        share = 'shallowest hundredth of the depths'
+        why = 'of gauge pressures, `atmospheric_pressure: 0`; else state that of the place'
+    if least < _IN_THE_AIR:
+        yield finding(
+            'depth_in_air',
+            Severity.WARNING,
+            topic,
+            int(stamps_ns[0]),
+            len(depth),
+            least,
+            f'the {share} is {least:.4g} m, above the surface: {why}',
+        )
 
 
 def _pressure(topic: str, stamps_ns: Stamps, pressure: Array) -> Iterator[Finding]:

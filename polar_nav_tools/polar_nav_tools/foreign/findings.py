@@ -38,6 +38,7 @@ NAMES: dict[str, str] = {
     'velocity_size': 'velocities no underwater vehicle has',
     'velocity_invalid': 'pings without bottom lock',
     'depth_size': 'depths that cannot be',
+    'depth_in_air': 'depths above the surface',
     'pressure_size': 'pressures that cannot be',
     'position_size': 'positions that are not near the surface of the earth',
     'position_invalid': 'messages that say they hold no position',
