@@ -38,10 +38,10 @@ Columns = tuple[Recorder, list[Column]]
 
 @pytest.fixture(scope='module')
 def columns() -> Columns:
-    """Twenty seconds of everything."""
-    truth, make = truth_of(20.0), Recorder()
-    imu = imu_column(make, truth, stamps_of(truth, 0.0, 20.0, 0.01))
-    return make, [imu, *aiding(make, truth, 0.0, 20.0)]
+    """Forty seconds of everything: two fixes."""
+    truth, make = truth_of(40.0), Recorder()
+    imu = imu_column(make, truth, stamps_of(truth, 0.0, 40.0, 0.01))
+    return make, [imu, *aiding(make, truth, 0.0, 40.0)]
 
 
 def test_heights_are_told_by_their_sign(columns: Columns, tmp_path: Path) -> None:
@@ -100,6 +100,21 @@ def test_a_navsatfix_is_a_fix_whatever_its_name(columns: Columns, tmp_path: Path
     assert yaml.safe_load(text)['fixes'][0]['stamp'] == 'log'
     assert 'FILL IN time_offset_s: -DELAY' in text
     assert 'taken as the delay' not in text
+
+
+def test_heights_of_fixes_where_nothing_else_measures_them(
+    columns: Columns, tmp_path: Path
+) -> None:
+    """An IMU alone holds no height: without those of the fixes it is lost within minutes."""
+    make, (imu, dvl, depth, fixes, _) = columns
+    rising = fixes.values | {'altitude': np.arange(float(len(fixes.log_ns)))}
+    varying = replace(fixes, values=rising)
+    zero = replace(fixes, values=fixes.values | {'altitude': np.zeros(len(fixes.log_ns))})
+    cases = {'both': ([depth, varying], 2), 'alone': ([varying], 3), 'none': ([zero], 2)}
+    for name, (some, dimensions) in cases.items():
+        text = guessed(tmp_path / name, make, [imu, dvl, *some])
+        assert yaml.safe_load(text)['fixes'][0]['dimensions'] == dimensions
+        assert ('nothing measures the height' in text) is (name == 'none')
 
 
 def test_an_imu_without_gravity_is_none(columns: Columns, tmp_path: Path) -> None:

@@ -127,6 +127,8 @@ class Section:
     def rotation(self, key: str = 'rotation', default: str = 'flu') -> Array:
         """C_s_b, shape (3, 3): a name of axes, ``{rpy_deg: [..]}`` or ``{quaternion: [..]}``."""
         value = self.raw(key)
+        if is_to_fill(value):
+            raise self.fail(key, f'{TO_FILL} where its axes x, y and z point, as in flu or frd')
         try:
             if value is None:
                 return rotations.named(default)

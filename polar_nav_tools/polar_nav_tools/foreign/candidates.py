@@ -19,7 +19,7 @@ TRUTH_WORDS = ('truth', 'reference', 'ground', 'ppk', 'post')
 FIX_WORDS = ('usbl', 'acoustic', 'acomms', 'lbl', 'modem', 'fix', 'track')
 FIX_TYPES = ('sensor_msgs/msg/NavSatFix',)
 """Types that are fixes whatever their topic is called."""
-DVL_WORDS = ('dvl', 'a50', 'a125', 'nucleus', 'pathfinder', 'wayfinder', 'workhorse')
+DVL_WORDS = ('dvl', 'a50', 'a125', 'nortek', 'nucleus', 'pathfinder', 'wayfinder', 'workhorse')
 """The instrument, and makes of it."""
 STATE_WORDS = ('odom', 'nav', 'state', 'estimate', 'ins', 'pose', 'gps', 'gnss')
 LEADER_WORDS = ('leader', 'ship', 'vessel', 'surface', 'master')

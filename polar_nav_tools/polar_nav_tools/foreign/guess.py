@@ -93,7 +93,7 @@ def guess(
     truth = best_position(mine, TRUTH_WORDS, require=True)
     packets = packets_in(source, mine)
     fixes = fixes_of(mine, truth, topics, list(packets))
-    _fixes(out, source, fixes, topics, times, choices, packets, mounts)
+    _fixes(out, source, fixes, topics, times, choices, packets, mounts, deep=depth is not None)
     start = truth or _start_of(source, mine, fixes)
     _start(out, source, start, fixes, imu, mounts, '' if times is None else times.stated)
     if start is not None and start is truth:
@@ -251,7 +251,10 @@ def _fixes(
     choices: Choices,
     packets: dict[Topic, Broadcast],
     mounts: Mounts,
+    *,
+    deep: bool,
 ) -> None:
+    """Write the fixes; ``deep`` is whether a sensor measures the depth."""
     if not fixes:
         out.say('No topic looks like position fixes. FILL IN, or leave it out: the run drifts.')
         out.say('fixes: [{topic: /FILL/IN, delay_s: 5.0}]')
@@ -277,13 +280,28 @@ def _fixes(
             out.put(f'leader: {{topic: {name}}}', 4)
         else:
             _frame(out, source, topic, 4)
-            out.say('heights of fixes are not used; 3 uses them (those in ECEF always are)', 4)
-            out.put('dimensions: 2', 4)
+            _dimensions(out, source, topic, deep=deep)
             _filtered(out, topic)
             _antenna(out, mounts.of_topic(source, topic))
         _delay(out, source, topic, reference, choices)
         _sigma(out, source, topic)
     out.put()
+
+
+def _dimensions(out: Lines, source: Source, topic: Topic, *, deep: bool) -> None:
+    """Write whether the heights of fixes are used: where nothing else measures them."""
+    layout = POSITION[topic.type]
+    path = (layout.get('geodetic') or layout.get('position', ('', '', '')))[-1]
+    heights = read_table(source, topic.name, [path]).columns[path] if path else np.zeros(1)
+    heights = heights[np.isfinite(heights)]
+    if not deep and len(heights) and np.ptp(heights) > 0.0:
+        out.say('nothing else measures the height; 2 leaves the heights of fixes out', 4)
+        out.put('dimensions: 3', 4)
+        return
+    out.say('heights of fixes are not used; 3 uses them (those in ECEF always are)', 4)
+    if not deep:
+        out.say('CHECK: nothing measures the height or depth, and it drifts away', 4)
+    out.put('dimensions: 2', 4)
 
 
 def _antenna(out: Lines, mount: Mount | None) -> None:
