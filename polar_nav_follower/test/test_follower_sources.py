@@ -275,6 +275,15 @@ def test_a_dvl_that_never_holds_a_velocity_is_named(mapped):
     assert 'none of 10 messages of /auv/dvl/twist holds a velocity' in rig.status().message
 
 
+def test_depths_above_the_surface_are_named(mapped):
+    rig = Rig(mapped)
+    rig.until(rig.matched)
+    for k in range(10):  # gauge pressures
+        rig.publish('/bar30/pressure', FluidPressure(fluid_pressure=1000.0 + k))
+    text = rig.status().message
+    assert '10 of 10 depths of /bar30/pressure are above the surface' in text
+
+
 def test_qos_overrides_are_obeyed_and_what_does_not_match_is_named(mapped):
     override = 'qos_overrides./xsens/imu.subscription.reliability:=reliable'
     rig = Rig(mapped, '-p', override)

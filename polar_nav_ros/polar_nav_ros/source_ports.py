@@ -256,7 +256,7 @@ def _content(source: Source) -> str:
 
 
 def _unusable(source: Source, name: str) -> str:
-    """Sentence on a source of which every message so far was of no use; else empty."""
+    """Sentence on a source whose messages so far were of no use, or cannot be; else empty."""
     if source.unreadable >= _MANY and not source.read:
         return (
             f'none of {source.unreadable} messages of {name} can be read as {source.stream.type}'
@@ -270,6 +270,12 @@ def _unusable(source: Source, name: str) -> str:
         return (
             f'none of {source.read} messages of {name} states a variance above zero, and all are '
             'refused: state `sigma` in the mapping file'
+        )
+    if 2 * source.aloft > source.read:
+        return (
+            f'{source.aloft} of {source.read} depths of {name} are above the surface: heights '
+            '(`positive: up`), gauge pressures (`atmospheric_pressure: 0`) or another pressure of '
+            'the air'
         )
     return ''
 

@@ -38,7 +38,7 @@ from .packets import PacketRow, carries_packets, packet_of, require_room
 from .position import positions_of
 from .rows import Places, Rows, places_of
 from .sensor_clock import SensorClock
-from .sensors import depths_of, imu_of, pings_of
+from .sensors import IN_THE_AIR, depths_of, imu_of, pings_of
 
 CONSTANTS = ('DVL_MODE_BOTTOM', 'DVL_MODE_WATER', 'DVL_TYPE_PHASED_ARRAY')
 """Constants of message types that adapters ask for."""
@@ -106,6 +106,8 @@ class Source:
         """Those of them that hold nothing: NaN, a status of no fix, no lock of a DVL."""
         self.unsure = 0
         """Those of them without a variance above zero: the engine refuses them."""
+        self.aloft = 0
+        """Depths that are above the surface by more than any weather makes."""
         self.clock = SensorClock() if stream.clock == 'sensor' else None
         self._read = read
         self._fix = fix
@@ -186,6 +188,7 @@ class Source:
         self.read += 1
         self.empty += _is_empty(found)
         self.unsure += _is_unsure(found)
+        self.aloft += isinstance(found, DepthSample) and found.depth < IN_THE_AIR
         if isinstance(found, Fix):
             arrival = self.arrival(number)
             return replace(found, sequence=number, order=number, arrival=arrival)

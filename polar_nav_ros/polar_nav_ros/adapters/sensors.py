@@ -16,6 +16,8 @@ from .arrays import congruent, finite_rows, turned
 from .mapping import LENGTH_UNITS, PRESSURE_UNITS, DepthMapping, DvlMapping, ImuMapping
 from .rows import Rows, Stamps
 
+IN_THE_AIR = -1.0
+"""Depth above which a vehicle flies [m]; a low barometer makes a tenth of it."""
 _FEWEST_BEAMS = 3
 
 

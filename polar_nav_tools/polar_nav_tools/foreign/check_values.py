@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from polar_nav_core.engine.events import Array
 from polar_nav_ros.adapters.arrays import finite_rows
 from polar_nav_ros.adapters.position import PositionRows
-from polar_nav_ros.adapters.sensors import DepthRows, DvlRows
+from polar_nav_ros.adapters.sensors import IN_THE_AIR, DepthRows, DvlRows
 
 from ..bags.finding import Finding, Severity
 from .findings import finding, finding_at
@@ -25,8 +25,6 @@ _WHOLE_S, _WHOLE_FEWEST = 10.0, 20
 _LONGEST_DELAY_S = 3600.0
 """Fixes that are older on reception were stamped by another clock [s]."""
 _DEEPEST, _HIGHEST = 11500.0, -20.0
-_IN_THE_AIR = -1.0
-"""Median depth above which a vehicle flies [m]; a low barometer makes a tenth of it."""
 _LOWEST_PRESSURE, _HIGHEST_PRESSURE = 3e4, 1.3e8
 _UNIT_OF_PRESSURE = {'hPa': 1e2, 'kPa': 1e3, 'dbar': 1e4, 'bar': 1e5}
 
@@ -211,7 +209,7 @@ def _in_the_air(
     else:
         share = 'shallowest hundredth of the depths'
         why = 'of gauge pressures, `atmospheric_pressure: 0`; else state that of the place'
-    if least < _IN_THE_AIR:
+    if least < IN_THE_AIR:
         yield finding(
             'depth_in_air',
             Severity.WARNING,
