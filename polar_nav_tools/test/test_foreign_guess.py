@@ -23,7 +23,7 @@ from foreign_worlds import (
     truth_of,
 )
 from foreign_worlds import aiding_columns as aiding
-from test_foreign_map import guessed, with_stamps
+from test_foreign_map import KNOWN, guessed, with_stamps
 
 from polar_nav_ros.adapters.mapping import Frame, PositionMapping, Stream
 from polar_nav_tools.bags.reader import Topic
@@ -197,6 +197,28 @@ def test_poses_that_nobody_turned_have_no_attitude(columns: Columns, tmp_path: P
 def placed(topic: str) -> PositionMapping:
     """Positions in east, north, up of the worlds' origin."""
     return PositionMapping(Stream(topic), Frame('enu', ORIGIN), np.eye(3))
+
+
+@pytest.mark.parametrize(
+    ('imu_class', 'claimed', 'sigma'),
+    [
+        ('vn100', 0.005, 0.03),
+        ('vn100', 0.05, None),
+        ('vn100', 0.0, 0.03),
+        ('stim300', 0.005, None),
+    ],
+)
+def test_pings_that_claim_too_much_for_the_gyros(
+    columns: Columns, tmp_path: Path, imu_class: str, claimed: float, sigma: float | None
+) -> None:
+    """A file with nothing but its two lines filled in must not be too sure of the heading."""
+    make, (imu, dvl, *_) = columns
+    covariance = np.diag([claimed**2] * 3 + [0.0] * 3).ravel()
+    inner = replace(dvl.template.twist, covariance=covariance)
+    pings = replace(dvl, template=replace(dvl.template, twist=inner))
+    choices = replace(KNOWN, imu=imu_class)
+    top = yaml.safe_load(guessed(tmp_path, make, [imu, pings], choices))
+    assert top['dvl'].get('sigma') == sigma
 
 
 def test_a_dvl_by_the_name_of_its_make(columns: Columns, tmp_path: Path) -> None:

@@ -35,6 +35,7 @@ from .candidates import (
 from .definitions import undecodable
 from .fixes import packets_in
 from .guess_depth import put_depth_unit
+from .guess_dvl import put_ping_sigma
 from .guess_heading import attitude_of, put_heading
 from .guess_imu import put_imu
 from .guess_noise import Choices, put_noise
@@ -199,7 +200,7 @@ def _sensor(
         out.say('turned by any angle: {rpy_deg: [180, 0, 45]}; `replay` tells if others fit', 2)
         out.put(f'rotation: {name}', 2)
         put_lever(out, mount)
-        out.say('sigma: 0.01   # [m/s], in place of what the messages state', 2)
+        put_ping_sigma(out, source, topic, choices)
     else:
         put_depth_unit(out, source, topic)
         put_lever(out, mount)
