@@ -7,6 +7,10 @@ everything. The run is described twice, right at the start and at the end, in me
 named ``polar_nav_run`` and ``polar_nav_run_end`` (a key per item, its value as JSON): two names,
 since viewers join records of one name to one record.
 
+A topic with large messages (`LARGE_BYTES`: images, sonar) has chunks of its own from its first
+large message on, in the order of recording all the same: whoever wants the others, by requests
+for parts of a file far away, need not fetch it.
+
 Nothing waits long in memory: a chunk goes to the operating system when it is full and at least
 every `flush_s` seconds, so killing the process loses the messages of that time.
 """
@@ -40,6 +44,9 @@ PHASE_KEY = 'written'
 SEQUENCE_KEY = 'polar_nav_sequence'
 """Channel metadata: message sequence numbers count the recorded messages from 1 without gaps."""
 
+LARGE_BYTES = 64 * 1024
+"""Size of a message from which its topic is kept apart [bytes]."""
+
 _LIBRARY = 'polar_nav_tools'
 _COMPRESSIONS = {
     'zstd': CompressionType.ZSTD,
@@ -57,6 +64,7 @@ class _Channel:
     qos: tuple[Qos, ...]
     encoding: str
     count: int = 0
+    is_large: bool = False
 
 
 class BagWriter:
@@ -123,6 +131,9 @@ class BagWriter:
         self._start_ns = 0
         self._stop_ns = 0
         self._unflushed = False
+        self._apart = (
+            0  # channel that has the present chunk for itself; 0: the chunk is of all others
+        )
         self.metadata: dict[str, Any] = {}
         """What metadata.yaml says of this file, once it is finished."""
         self._mcap = Writer(
@@ -233,6 +244,10 @@ class BagWriter:
             stay readable; the writer can only be abandoned.
         """
         channel = self._channels[topic]
+        if len(data) >= LARGE_BYTES:
+            channel.is_large = True
+        if (channel.id if channel.is_large else 0) != self._apart:
+            self._turn_to(channel)
         channel.count += 1
         if self._count == 0:
             self._start_ns = self._stop_ns = log_time_ns
@@ -255,6 +270,14 @@ class BagWriter:
             self._note_safe()
         if self._clock() >= self._next_flush:
             self.flush()
+
+    def _turn_to(self, channel: _Channel) -> None:
+        """End the present chunk, where it is not for this channel."""
+        if self._unflushed:
+            with self._explained():
+                self._mcap.flush()
+            self._note_safe()
+        self._apart = channel.id if channel.is_large else 0
 
     def add_metadata(self, name: str, values: Mapping[str, str]) -> None:
         """Write a metadata record at once."""
