@@ -61,7 +61,7 @@ COMPARED = {'avar', 'evo', 'filterpy', 'gtsam', 'pandas', 'pyins', 'stonesoup'}
 # The README says how to get gsw, pygeomag and what experiments and campaigns run on, which have no
 # rosdep key; isal is used where it is there; the others come with numba, typer, jinja2.
 WITHOUT_KEY = {
-    'click', 'dask', 'distributed', 'distutils', 'gsw', 'isal', 'llvmlite', 'markupsafe',
+    'click', 'dask', 'distributed', 'distutils', 'fsspec', 'gsw', 'isal', 'llvmlite', 'markupsafe',
     'msgspec', 'pyarrow', 'pygeomag', 'setuptools',
 }  # fmt: skip
 

@@ -34,7 +34,7 @@ from polar_nav_tools.bags.tables import read_tables
 @pytest.mark.parametrize('chunk_bytes', [500, 8 * 1024, 1 << 20])
 @pytest.mark.parametrize('compiled', [True, False])
 def test_whole_bags(tmp_path, monkeypatch, compression, chunk_bytes, compiled):
-    monkeypatch.setattr(scan, '_COMPILED_FROM', 0 if compiled else 1 << 40)
+    monkeypatch.setattr(scan, 'COMPILED_FROM', 0 if compiled else 1 << 40)
     assert both(write_bag(tmp_path / 'bag', compression=compression, chunk_bytes=chunk_bytes))
     assert both(tmp_path / 'bag')
 

@@ -320,5 +320,5 @@ def test_channels_are_told_in_the_order_of_the_file(tmp_path, monkeypatch):
             writer.add_message(channels[2 - k // 30], k, bytes(40), k)
         writer.finish()
     for least in (0, 1 << 40):
-        monkeypatch.setattr(scan, '_COMPILED_FROM', least)
+        monkeypatch.setattr(scan, 'COMPILED_FROM', least)
         assert list(open_bag(path).files[0].tallies) == channels[::-1]

@@ -180,7 +180,7 @@ def test_counted_by_compiled_code(tmp_path, monkeypatch, finish):
     for end in (len(content), len(content) - 2000, len(content) // 2):
         path.write_bytes(content[:end])
         slow = open_bag(path)
-        monkeypatch.setattr(scan, '_COMPILED_FROM', 0)
+        monkeypatch.setattr(scan, 'COMPILED_FROM', 0)
         fast = open_bag(path)
         monkeypatch.undo()
         assert fast.problems == slow.problems

@@ -59,10 +59,15 @@ def wanted_of(vehicle: str | None, *, truth: bool) -> Wants:
     return wants
 
 
-def open_for(path: Path, say: Say, ahead: Wants | None = None) -> Bag:
-    """Bag opened for a command; its problems are reported first."""
+def open_for(path: Path, say: Say, ahead: Wants | None = None, *, whole: bool = False) -> Bag:
+    """Bag opened for a command; its problems are reported first.
+
+    With `whole` one at an address is fetched and verified to its last byte.
+    """
     with opening_display(path) as progress:
-        bag = open_bag(path, progress, ahead=ahead)
+        bag = open_bag(path, progress, ahead=ahead, whole=whole)
+    for remark in bag.remarks:
+        say(remark)
     for problem in bag.problems:
         say(f'{path}: {problem}')
     return bag

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import os
 import struct
+from collections.abc import Callable
 from pathlib import Path
 from typing import BinaryIO
 
@@ -27,6 +28,7 @@ _SIZES = struct.Struct('<QQ')
 _COUNT = struct.Struct('<HQ')
 _BEFORE_COUNTS = 42  # bytes of statistics
 _MOST_BYTES = 256 << 20
+NOT_WHOLE = 'a chunk has records that are not whole'
 _CRC = Block._fields.index('crc')  # the last field
 
 
@@ -37,7 +39,19 @@ class ClaimedBlock(Block):
 
     def load(self, file: BinaryIO, *, checked: bool = True) -> bytes:  # noqa: ARG002 - always
         """Return the uncompressed records, after a check that they are whole."""
-        chunk_at = self.offset - HEADER.size - chunks.front_size(self.compression)
+        records = self.inflated(file)
+        if chunks.walk(records, lambda *_: None, lambda *_: None) < self.size:
+            raise Damage(NOT_WHOLE)
+        return records
+
+    @property
+    def begin(self) -> int:
+        """Offset of the chunk's record."""
+        return self.offset - HEADER.size - chunks.front_size(self.compression)
+
+    def inflated(self, file: BinaryIO) -> bytes:
+        """Return the uncompressed bytes, after their checksum was compared."""
+        chunk_at = self.begin
         file.seek(chunk_at)
         front = file.read(HEADER.size + chunks.CHUNK_FRONT)
         if len(front) < HEADER.size:
@@ -49,10 +63,7 @@ class ClaimedBlock(Block):
         if opcode != chunks.OP_CHUNK or head.compression != self.compression or not same:
             raise Damage('a chunk differs from its entry in the index')
         file.seek(self.offset)
-        records = chunks.inflate(head.compression, file.read(head.data_size), head.size, head.crc)
-        if chunks.walk(records, lambda *_: None, lambda *_: None) < head.size:
-            raise Damage('a chunk has records that are not whole')
-        return records
+        return chunks.inflate(head.compression, file.read(head.data_size), head.size, head.crc)
 
 
 def claimed_by_index(path: Path) -> FileScan | None:
@@ -67,11 +78,11 @@ def claimed_by_index(path: Path) -> FileScan | None:
     try:
         with path.open('rb') as file:
             status = os.fstat(file.fileno())
-            summary = _summary(file, status.st_size)
+            summary = read_summary(file, status.st_size)
         if summary is None:
             return None
         found = FileScan(path, status.st_size, status.st_mtime_ns, finished=True)
-        return found if _fill(found, summary) else None
+        return found if fill(found, summary) else None
     except (OSError, Damage):
         return None
 
@@ -92,8 +103,8 @@ def _counts(file: FileScan) -> dict[int, int]:
     return {number: t.count for number, t in file.tallies.items()}
 
 
-def _summary(file: BinaryIO, size: int) -> bytes | None:
-    """Return the records between the end of the data and the footer."""
+def read_summary(file: BinaryIO, size: int) -> bytes | None:
+    """Return the records between the end of the data and the footer; None without an index."""
     end = size - _FOOTER.size - len(MAGIC)
     if end < 0:
         return None
@@ -113,8 +124,16 @@ def _summary(file: BinaryIO, size: int) -> bytes | None:
     return summary
 
 
-def _fill(found: FileScan, summary: bytes) -> bool:
-    """Read the records of an index; False if it is not complete."""
+def fill(
+    found: FileScan, summary: bytes, entry: Callable[[int, bytes], None] = lambda *_: None
+) -> bool:
+    """Read the records of an index, each also passed to `entry`; False if it is not complete.
+
+    Raises
+    ------
+    Damage
+        If a record is damaged.
+    """
     problems: list[str] = []
     declared = Declarations(problems.append)
     sets: dict[bytes, frozenset[int]] = {}
@@ -128,6 +147,7 @@ def _fill(found: FileScan, summary: bytes) -> bool:
         if at > size:
             return False
         body = summary[body_at:at]
+        entry(opcode, body)
         if opcode == chunks.OP_CHUNK_INDEX:
             found.blocks.append(_block(body, sets))
         elif opcode == _OP_STATISTICS:

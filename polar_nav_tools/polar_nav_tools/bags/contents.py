@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence, Set
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
@@ -70,6 +71,23 @@ class FileScan:
     data_ended: bool = False  # the record behind all messages was seen
     finished: bool = False
     problems: list[str] = field(default_factory=list)
+    held: object = field(default=None, compare=False, repr=False)
+    """What must live as long as the file is read."""
+
+    @property
+    def is_verified(self) -> bool:
+        """Whether every byte was read and its checksum compared."""
+        return True
+
+    def announce(self, blocks: Sequence[Block]) -> None:
+        """Be told which blocks are going to be read; nothing follows from it on a disk."""
+
+    def load(self, block: Block, stream: BinaryIO, *, checked: bool) -> bytes:
+        """Return the records of a block; unchecked if the file is unchanged since the scan."""
+        return block.load(stream, checked=checked)
+
+    def check_read(self, channels: Set[int]) -> None:
+        """Be told that all blocks of some channels were read."""
 
     @property
     def message_count(self) -> int:

@@ -12,6 +12,7 @@ from polar_nav_core.errors import ConfigError
 from polar_nav_core.user_files import read_yaml, regular
 
 from .errors import BagError, WrongRequestError
+from .remote.address import RemotePath
 from .rosbag2_metadata import FILE_NAME, ROOT_KEY
 
 MAGIC = b'\x89MCAP0\r\n'
@@ -37,6 +38,8 @@ def find(path: Path) -> Listing:
     BagError
         If the file does not exist, or a directory has no bag or one of another storage.
     """
+    if isinstance(path, RemotePath):
+        path.found(again=True)
     try:
         if path.is_dir():
             return _directory(path)

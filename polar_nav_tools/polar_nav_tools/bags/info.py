@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+from .indexed import IndexedScan, read_times
 from .opening import open_bag
 from .reader import Bag
 
@@ -68,6 +69,9 @@ class BagInfo:
         Nothing is known to be missing.
     problems : tuple of str
         Missing or damaged parts, one sentence each.
+    is_verified : bool
+        Every byte was read and compared; False for a bag at an address, which is known by its
+        index.
     """
 
     path: str
@@ -86,6 +90,7 @@ class BagInfo:
     run_info: dict[str, Any]
     is_complete: bool
     problems: tuple[str, ...]
+    is_verified: bool = True
 
     def to_dict(self) -> dict[str, Any]:
         """Facts as values for JSON."""
@@ -101,6 +106,9 @@ def bag_info(source: str | Path | Bag) -> BagInfo:
         If there is nothing to read (see `open_bag`).
     """
     bag = source if isinstance(source, Bag) else open_bag(source)
+    for file in bag.files:
+        if isinstance(file, IndexedScan):
+            read_times(file)
     topics = tuple(_topic(bag, name) for name in bag.topics)
     start_ns = min(t.first_ns for t in topics if t.first_ns is not None)
     stop_ns = max(t.last_ns for t in topics if t.last_ns is not None)
@@ -125,6 +133,7 @@ def bag_info(source: str | Path | Bag) -> BagInfo:
         run_info=bag.run_info,
         is_complete=bag.is_complete,
         problems=tuple(bag.problems),
+        is_verified=bag.is_verified,
     )
 
 

@@ -9,10 +9,14 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from polar_nav_core.errors import PolarNavError
+
 from . import files
 from .contents import FileScan
 from .errors import BagError
+from .indexed import indexed_file
 from .reader import Bag, listed
+from .remote.address import RemotePath, bag_path
 from .scan import scan_file
 
 if TYPE_CHECKING:
@@ -23,9 +27,16 @@ Progress = Callable[[float], None]
 
 
 def open_bag(
-    path: str | Path, progress: Progress | None = None, *, ahead: Wants | None = None
+    path: str | Path,
+    progress: Progress | None = None,
+    *,
+    ahead: Wants | None = None,
+    whole: bool = False,
 ) -> Bag:
     """Bag of a directory or an .mcap file, opened and verified.
+
+    One at an address (``s3://``, ``https://``) is opened by its index, and what is read of it
+    later is verified then; without an index it is fetched and verified whole.
 
     Parameters
     ----------
@@ -35,7 +46,10 @@ def open_bag(
         bag of gigabytes takes seconds.
     ahead : callable, optional
         Returns the request for the later reading of the bag (see `ahead`). It is read in the same
-        pass if possible, and `read_tables` then returns it at once for the same request.
+        pass if possible, and `read_tables` then returns it at once for the same request. At an
+        address its topics are fetched together.
+    whole : bool
+        Fetch and verify all of a bag at an address.
 
     Raises
     ------
@@ -43,10 +57,14 @@ def open_bag(
         If nothing can be read: no such file, a directory without a bag, not an MCAP file,
         empty, no message in it, compressed in an unknown way.
     """
-    path = Path(path)
+    path = bag_path(path)
     listing = files.find(path)
-    reading = None if ahead is None else _begin(path, listing, ahead)
-    bag = Bag(path, _scanned(listing, progress, reading), listing.problems)
+    if isinstance(path, RemotePath):
+        reading = None
+        bag = _at_address(path, listing, progress, whole=whole)
+    else:
+        reading = None if ahead is None else _begin(path, listing, ahead)
+        bag = Bag(path, _scanned(listing, progress, reading), listing.problems)
     if bag.message_count == 0:
         unknown = sorted({c for s in bag.files for c in s.unknown_compressions})
         if unknown:
@@ -63,7 +81,43 @@ def open_bag(
         )
     if reading is not None:
         bag.read_ahead = reading.of(bag)
+    elif ahead is not None and not bag.is_verified:
+        _announce(bag, ahead)
     return bag
+
+
+def _at_address(
+    path: Path, listing: files.Listing, progress: Progress | None, *, whole: bool
+) -> Bag:
+    """Bag at an address, by the index of each file that has one unless all is wanted."""
+    scans: list[FileScan] = []
+    remarks = []
+    for one in listing.paths:
+        assert isinstance(one, RemotePath)
+        copy = one.copy_here()
+        found = None if whole else indexed_file(one, copy)
+        if found is not None:
+            scans.append(found)
+            continue
+        if not whole:
+            remarks.append(f'{one}: has no whole index; all its {copy.found.size} bytes are read')
+        copy.plan_all()
+        (scan,) = _scanned(files.Listing([one]), progress, None)
+        scan.held = copy
+        scans.append(scan)
+    bag = Bag(path, scans, listing.problems)
+    bag.remarks = tuple(remarks)
+    return bag
+
+
+def _announce(bag: Bag, wants: Wants) -> None:
+    """Tell a bag at an address which topics are going to be read."""
+    try:
+        request = wants(bag)
+    except PolarNavError:
+        return  # reported, or not met again, when the bag is read
+    if request is not None:
+        bag.announce([*request.wanted, *request.raw])
 
 
 def _begin(path: Path, listing: files.Listing, wants: Wants) -> Ahead | None:

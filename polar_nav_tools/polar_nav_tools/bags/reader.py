@@ -67,11 +67,14 @@ class Bag:
         The MCAP files in it, in order.
     problems : list of str
         Sentences about missing or damaged parts; empty if the bag is whole.
+    remarks : tuple of str
+        Sentences about how it was read, where that is worth knowing.
     read_ahead : ReadAhead or None
         Arrays read during the opening; `read_tables` returns them, once.
     """
 
     read_ahead: ReadAhead | None = None
+    remarks: tuple[str, ...] = ()
 
     def __init__(self, path: Path, scans: Iterable[FileScan], problems: Iterable[str]) -> None:
         self.path = path
@@ -87,6 +90,11 @@ class Bag:
     def is_complete(self) -> bool:
         """Whether nothing is known to be missing."""
         return not self.problems
+
+    @property
+    def is_verified(self) -> bool:
+        """Whether every byte was read and compared; at an address only what is used is."""
+        return all(f.is_verified for f in self.files)
 
     @property
     def message_count(self) -> int:
@@ -260,6 +268,12 @@ class Bag:
             )
         return dict(params)
 
+    def announce(self, topics: Collection[str]) -> None:
+        """Tell which topics are going to be read: at an address they are then fetched together."""
+        for file in self.files:
+            numbers = self._numbers(file, topics)
+            file.announce([b for b in file.blocks if not b.channels.isdisjoint(numbers)])
+
     def channels_of(self, file: FileScan, topics: Collection[str]) -> dict[int, str]:
         """Return the channel numbers of topics in a file, after checking that they are CDR."""
         for topic in topics:
@@ -362,9 +376,11 @@ def blocks_of(file: FileScan, channels: Set[int]) -> Iterator[tuple[bytes, int, 
         with file.path.open('rb') as stream:
             now = os.fstat(stream.fileno())
             same = (now.st_size, now.st_mtime_ns) == (file.size, file.modified_ns)
-            for block in file.blocks:
-                if not channels.isdisjoint(block.channels):
-                    yield block.load(stream, checked=not same), block.usable, block.offset
+            wanted = [b for b in file.blocks if not channels.isdisjoint(b.channels)]
+            file.announce(wanted)
+            for block in wanted:
+                yield file.load(block, stream, checked=not same), block.usable, block.offset
+            file.check_read(channels)
     except (OSError, chunks.Damage) as error:
         raise BagError(f'{file.path} was changed while it was read: {error}') from error
 

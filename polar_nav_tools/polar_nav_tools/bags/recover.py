@@ -69,7 +69,7 @@ def recover(path: str | Path, target: str | Path, progress: Progress | None = No
     BagError
         If there is nothing to read, or the new bag cannot be written.
     """
-    bag = open_bag(path, progress)
+    bag = open_bag(path, progress, whole=True)
     target = Path(target)
     with BagWriter(target, bag.run_info) as writer:
         for topic in bag.topics:
@@ -86,9 +86,7 @@ def recover(path: str | Path, target: str | Path, progress: Progress | None = No
                 },
             )
         writer.finish()
-    return Recovery(
-        Path(path), target, writer.message_count, bag.ignored_bytes, tuple(bag.problems)
-    )
+    return Recovery(bag.path, target, writer.message_count, bag.ignored_bytes, tuple(bag.problems))
 
 
 def add_topic(writer: BagWriter, bag: Bag, topic: str) -> None:

@@ -14,7 +14,7 @@ RUN_FOLDER, OUTCOME_NAME = 'run', 'outcome.json'
 def read_outcome(bag: Path) -> dict[str, Any]:
     """Outcome of a live run, from the folder of its bag; empty for bags of other origin."""
     path = bag / RUN_FOLDER / OUTCOME_NAME
-    if not path.is_file():
+    if not bag.is_dir() or not path.is_file():
         return {}
     try:
         content = json.loads(path.read_text(encoding='utf-8'))

@@ -36,7 +36,7 @@ MAX_RECORD_BYTES = 64 * 1024 * 1024
 _RAW_BLOCK_BYTES = 1 << 20
 _PIECE = 1 << 20
 _REPORT_EVERY_BYTES = 4 << 20
-_COMPILED_FROM = 4 << 20
+COMPILED_FROM = 4 << 20
 """Size of a file from which its records are counted by compiled code [bytes]."""
 
 _OP_HEADER, _OP_FOOTER = 0x01, 0x02
@@ -96,7 +96,7 @@ class _Scanner:
         self._search = Search(window)
         self._indexed: int | None = None
         self._claimed = 0  # uncompressed bytes that chunks state
-        self._compiled = _compiled_walk() if self._size >= _COMPILED_FROM else None
+        self._compiled = compiled_walk() if self._size >= COMPILED_FROM else None
 
     def run(self, progress: Progress | None) -> FileScan:
         reported = 0
@@ -347,7 +347,9 @@ class _Scanner:
             self._problem(f'the index counts {indexed} messages, {out.message_count} can be read')
 
 
-def _compiled_walk() -> CompiledWalk:
+def compiled_walk() -> CompiledWalk:
+    """Return a counter of records for large files."""
+    """Return a counter of records for large files."""
     # Imported here: the compiler loads for a third of a second, longer than a small bag.
     from .walk import CompiledWalk
 

@@ -11,7 +11,16 @@ from polar_nav_core.errors import ConfigError
 
 
 def existing(bag: Path) -> Path:
-    """Path of a bag that exists; checked before a command loads what reads it."""
+    """Path of a bag that exists; checked before a command loads what reads it.
+
+    One at an address is asked for once, when it is opened.
+    """
+    if ':/' in str(bag):  # what reads bags loads slowly, and most are here
+        from ..bags.remote.address import bag_path, is_remote
+
+        bag = bag_path(bag)
+        if is_remote(bag):
+            return bag
     try:
         there = bag.exists()
     except OSError as error:

@@ -178,6 +178,7 @@ def report(
 
     with opened(bag, ahead_of(recorded, truth, vehicle)) as source:
         analysis = analysed(source, configuration, recorded, truth, vehicle, smooth)
+        _require_out(bag, out)
         folder = bag if bag.is_dir() else bag.parent
         path = write_analysis(analysis, out or folder / 'report.html')
         if as_json:
@@ -229,6 +230,7 @@ def recover(
     from ..bags.recover import recover as run_recover
     from ..terminal.progress import opening_display
 
+    _require_out(bag, out)
     stem = bag.parent if bag.is_file() and (bag.parent / 'metadata.yaml').exists() else bag
     target = out or stem.with_name(f'{stem.name.removesuffix(".mcap")}_recovered')
     with opening_display(bag) as progress:
@@ -241,12 +243,20 @@ def recover(
     sys.stdout.write(f'{result.target}: {result.message_count} messages\n')
 
 
+def _require_out(bag: Path, out: Path | None) -> None:
+    """Raise BadParameter where nothing can be written beside a bag, which is at an address."""
+    from ..bags.remote.address import is_remote
+
+    if out is None and is_remote(bag):
+        raise typer.BadParameter(f'{bag} cannot be written to: say where', param_hint='--out')
+
+
 @contextmanager
-def opened(path: Path, ahead: Wants | None = None) -> Iterator[Bag]:
+def opened(path: Path, ahead: Wants | None = None, *, whole: bool = False) -> Iterator[Bag]:
     """Open a bag for one command; status 1 at its end when something is missing in the bag."""
     from ..analysis.opening import open_for
 
-    bag = open_for(path, say, ahead)
+    bag = open_for(path, say, ahead, whole=whole)
     yield bag
     require(not bag.problems)
 

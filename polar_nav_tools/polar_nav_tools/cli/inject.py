@@ -51,7 +51,7 @@ def inject(
         return
     if bag is None or out is None or not fault:
         raise typer.BadParameter('expected BAG, --fault and --out, or --list')
-    existing(bag)
+    bag = existing(bag)
     of_file = [text for text in fault if text.split(':')[0].split('@')[0] in FILE_FAULTS]
     if of_file:
         if len(of_file) < len(fault):
@@ -65,7 +65,7 @@ def inject(
     injections = [parse(text) for text in fault]
     from ..inject.bag import inject_bag
 
-    with opened(bag) as source:
+    with opened(bag, whole=True) as source:
         done = inject_bag(source, injections, out, seed, vehicle)
         if as_json:
             emit_json({'ok': not source.problems, **done.to_dict()})

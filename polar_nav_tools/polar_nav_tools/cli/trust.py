@@ -52,7 +52,7 @@ def verify(
     stated = None if certificate is None else read_certificate(certificate)
     if write_certificate is not None and write_certificate.exists():
         raise typer.BadParameter(f'{write_certificate} exists already')
-    with opened(bag) as source:
+    with opened(bag, whole=True) as source:
         inputs = load_comparable(source, vehicle)
         with percent('replay') as progress:
             replayed = replay(inputs, progress=progress)
@@ -179,7 +179,7 @@ def doctor(
     from ..terminal.progress import opening_display
 
     with opening_display(bag) as opening:
-        source = open_source(bag, opening, msg_path=msg_path)
+        source = open_source(bag, opening, msg_path=msg_path, whole=True)
     with percent('examine') as progress:
         examination = examine(source, progress=progress)
     if as_json:

@@ -61,6 +61,10 @@ def opening_display(path: Path) -> Iterator[Callable[[float], None] | None]:
 
 def _size(path: Path) -> int:
     """Bytes of a bag; 0 without one, which its opening reports."""
+    from ..bags.remote.address import is_remote
+
+    if is_remote(path):
+        return 0
     try:
         files = path.iterdir() if path.is_dir() else [path]
         return sum(file.stat().st_size for file in files)

@@ -63,7 +63,7 @@ def print_info(facts: BagInfo) -> None:
         'to': stamp_text(facts.stop_ns),
         'duration': f'{facts.duration_s:.1f} s',
         'messages': f'{facts.message_count}',
-        'complete': 'yes' if facts.is_complete else 'no',
+        'complete': _complete_text(facts),
     }
     for key in ('mission', 'seed', 'pace', 'configuration', 'git_commit', 'replay_of'):
         value = facts.run_info.get(key)
@@ -87,6 +87,12 @@ def print_info(facts: BagInfo) -> None:
     for row in rows:
         table.add_row(*map(escape, row))
     console.print(table)
+
+
+def _complete_text(facts: BagInfo) -> str:
+    if not facts.is_complete:
+        return 'no'
+    return 'yes' if facts.is_verified else 'yes, by its index; `polar doctor` reads it all'
 
 
 def size_text(count: int) -> str:

@@ -8,7 +8,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ...bags.errors import BagError
 from ...bags.opening import Progress, open_bag
+from ...bags.remote.address import bag_path, is_remote
 from ..definitions import Definitions
 from .base import Source, Stamps, Table, field_paths, not_described, read_table, require
 from .mcap import McapSource
@@ -28,7 +30,11 @@ __all__ = [
 
 
 def open_source(
-    path: str | Path, progress: Progress | None = None, *, msg_path: Path | None = None
+    path: str | Path,
+    progress: Progress | None = None,
+    *,
+    msg_path: Path | None = None,
+    whole: bool = False,
 ) -> Source:
     """Open a bag: an MCAP file, a rosbag2 folder (MCAP or sqlite3), a .db3 file or a ROS 1 bag.
 
@@ -38,14 +44,20 @@ def open_source(
     progress : callable, optional
     msg_path : Path, optional
         Folder with .msg files of types that the bag does not describe.
+    whole : bool
+        Fetch and verify all of a bag at an address; only MCAP is read there.
 
     Raises
     ------
     BagError
         When there is no bag, or it cannot be read.
     """
-    path = Path(path)
+    path = bag_path(path)
     definitions = Definitions(msg_path)
+    if is_remote(path):
+        if path.suffix in ('.bag', '.db3'):
+            raise BagError(f'{path}: only MCAP is read at an address; copy the bag here')
+        return McapSource(open_bag(path, progress, whole=whole), definitions)
     if path.suffix == '.bag':
         return Ros1Source(path, definitions)
     if path.suffix == '.db3':
