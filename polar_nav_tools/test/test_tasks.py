@@ -23,7 +23,7 @@ from polar_nav_tools.tasks.feed import Feed
 from polar_nav_tools.tasks.keys import canonical, key_of
 from polar_nav_tools.tasks.packing import pack, unpack
 from polar_nav_tools.tasks.rows import DONE, FAILED, STOPPED, VARYING, Row
-from polar_nav_tools.tasks.store import PARTS, ROWS, opened
+from polar_nav_tools.tasks.store import opened
 
 HERE = Workers(1)
 
@@ -42,7 +42,7 @@ def done(folder, jobs, workers=HERE, **options):
 
 def table(folder):
     """Rows of a folder without what may differ between equal tasks."""
-    return pq.read_table(folder / ROWS).drop_columns(list(VARYING))
+    return pq.read_table(folder / 'rows.parquet').drop_columns(list(VARYING))
 
 
 # -- keys -----------------------------------------------------------------------------------------
@@ -177,13 +177,13 @@ def test_half_a_file_counts_for_nothing(tmp_path):
     with opened(tmp_path) as store:
         store.add([Row('a', DONE), Row('b', DONE)])
         store.add([Row('c', DONE)])
-    whole = sorted((tmp_path / PARTS).iterdir())[1]
-    (tmp_path / PARTS / '000000009.tmp').write_bytes(whole.read_bytes()[:50])
+    whole = sorted((tmp_path / 'rows.parts').iterdir())[1]
+    (tmp_path / 'rows.parts' / '000000009.tmp').write_bytes(whole.read_bytes()[:50])
     whole.write_bytes(whole.read_bytes()[:-20])
     with opened(tmp_path) as store:
         assert set(store.rows) == {'a', 'b'}
         assert store.damaged == [whole]
-        assert not list((tmp_path / PARTS).glob('*.tmp'))
+        assert not list((tmp_path / 'rows.parts').glob('*.tmp'))
 
 
 def test_parts_are_merged_and_finished_in_the_order_of_the_plan(tmp_path, monkeypatch):
@@ -191,10 +191,10 @@ def test_parts_are_merged_and_finished_in_the_order_of_the_plan(tmp_path, monkey
     with opened(tmp_path) as store:
         for key in 'hgfedcba':
             store.add([Row(key, DONE, {'name': key}, {'size': float(ord(key))})])
-            assert len(list((tmp_path / PARTS).iterdir())) < 4
+            assert len(list((tmp_path / 'rows.parts').iterdir())) < 4
         path = store.finish('bdacefg')
         assert pq.read_table(path)['name'].to_pylist() == list('bdacefgh')
-        assert not (tmp_path / PARTS).exists()
+        assert not (tmp_path / 'rows.parts').exists()
     with opened(tmp_path) as store:
         assert set(store.rows) == set('abcdefgh')
 
@@ -204,7 +204,7 @@ def test_a_failure_does_not_replace_a_result_and_is_replaced_by_one(tmp_path):
         store.add([Row('a', FAILED), Row('b', DONE)])
         store.add([Row('a', DONE), Row('b', FAILED)])
         store.finish(['a', 'b'])
-        assert pq.read_table(tmp_path / ROWS)['status'].to_pylist() == [DONE, DONE]
+        assert pq.read_table(tmp_path / 'rows.parquet')['status'].to_pylist() == [DONE, DONE]
 
 
 def test_two_runs_do_not_write_to_one_folder(tmp_path):
@@ -218,7 +218,7 @@ def test_two_runs_do_not_write_to_one_folder(tmp_path):
 
 def test_columns_are_names_numbers_and_why(tmp_path):
     done(tmp_path, [Sum(1), Sum(2, fails=True)], failures=True)
-    table = pq.read_table(tmp_path / ROWS).to_pylist()
+    table = pq.read_table(tmp_path / 'rows.parquet').to_pylist()
     assert table[0]['seed'] == 1
     assert table[0]['scale'] == 1.0
     assert table[0]['most'] >= abs(table[0]['end'])

@@ -21,7 +21,7 @@ from polar_nav_tools.tasks.attempt import DifferentWorker, attempt
 from polar_nav_tools.tasks.distribution import Distribution, Unreachable
 from polar_nav_tools.tasks.execution import Workers, execute
 from polar_nav_tools.tasks.rows import FAILED, VARYING
-from polar_nav_tools.tasks.store import PARTS, ROWS, opened
+from polar_nav_tools.tasks.store import opened
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(300)]
 
@@ -47,7 +47,7 @@ def by(client, folder, tasks, *, failures=False):
 
 def table(folder):
     """Rows of a folder without what may differ between equal tasks."""
-    return pq.read_table(folder / ROWS).drop_columns(list(VARYING))
+    return pq.read_table(folder / 'rows.parquet').drop_columns(list(VARYING))
 
 
 @pytest.fixture(scope='module')
@@ -148,7 +148,7 @@ def test_a_killed_client_loses_nothing_and_leaves_nobody(tmp_path, undisturbed):
     command = [sys.executable, tmp_path / 'client.py', rows, log, '100000']
     with subprocess.Popen(command, env=environment()) as ran:
         try:
-            wait_until(lambda: len(list((rows / PARTS).glob('*.parquet'))) >= 5)
+            wait_until(lambda: len(list((rows / 'rows.parts').glob('*.parquet'))) >= 5)
             family = psutil.Process(ran.pid).children(recursive=True)
         finally:
             ran.send_signal(signal.SIGKILL)

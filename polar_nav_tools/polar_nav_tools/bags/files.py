@@ -30,8 +30,14 @@ class Listing:
     problems: list[str] = field(default_factory=list)
 
 
-def find(path: Path) -> Listing:
+def find(path: Path, *, again: bool = True) -> Listing:
     """Files of a bag, in order.
+
+    Parameters
+    ----------
+    path : Path
+    again : bool
+        Ask the storage even where it was asked before.
 
     Raises
     ------
@@ -39,7 +45,7 @@ def find(path: Path) -> Listing:
         If the file does not exist, or a directory has no bag or one of another storage.
     """
     if isinstance(path, RemotePath):
-        path.found(again=True)
+        path.found(again=again)
     try:
         if path.is_dir():
             return _directory(path)

@@ -13,7 +13,7 @@ from polar_nav_core.engine.version import ENGINE_VERSION
 from polar_nav_core.errors import ConfigError
 
 from ..experiments.jobs import RunResult
-from ..experiments.runner import begin, result_of
+from ..experiments.runner import result_of
 from ..live import run_info
 from ..scoring.json_values import record
 from ..scoring.tables import Table
@@ -21,7 +21,7 @@ from ..tasks.attempt import Task, attempt
 from ..tasks.execution import Update, Workers, execute, missing
 from ..tasks.keys import key_of
 from ..tasks.rows import FAILED, Row
-from ..tasks.store import Store, opened
+from ..tasks.store import Store, begin, opened
 from . import report
 from .runs import CampaignJob, run_job
 from .spec import Spec

@@ -19,6 +19,7 @@ from .bags import (
     analysed,
     print_complaints,
 )
+from .experiments import Scheduler
 
 if TYPE_CHECKING:
     from ..analysis.analyse import Analysis
@@ -31,11 +32,17 @@ if TYPE_CHECKING:
     '\n\nWithout a truth: `./polar score bags/my_run --withhold fixes:50% --withhold dvl:60s`'
     '\n\nSide by side: `./polar score bags/a bags/b --configs conventional_akf modified_akf '
     'default --markdown scores.md --csv scores.csv`'
+    "\n\nA fleet: `./polar score 's3://fleet/**/*.mcap' --configs default --out scores.parquet "
+    '--resume`, docs/scale.md'
 )
 def score(
     bags: Annotated[
         list[Path],
-        typer.Argument(metavar='BAG...', help='Bags: folders or .mcap files.', show_default=False),
+        typer.Argument(
+            metavar='BAG...',
+            help='Bags: folders, .mcap files, addresses (s3://, https://), patterns of these.',
+            show_default=False,
+        ),
     ],
     configuration: ConfigurationsOption = None,
     configs: Annotated[
@@ -71,6 +78,28 @@ def score(
         Path | None,
         typer.Option('--map', help="With --withhold: what is what in someone else's bag."),
     ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            '--out',
+            '-o',
+            metavar='FILE.parquet',
+            help='Keep a row for each bag and configuration, made by tasks.',
+        ),
+    ] = None,
+    resume: Annotated[
+        bool, typer.Option('--resume', help='With --out: make only the rows that are missing.')
+    ] = False,
+    failed: Annotated[
+        bool, typer.Option('--failed', help='With --out: make those again, too, that failed.')
+    ] = False,
+    jobs: Annotated[
+        int | None,
+        typer.Option(
+            metavar='N', help='With --out: processes of this machine.', show_default='all cores'
+        ),
+    ] = None,
+    scheduler: Scheduler = None,
     as_json: JsonOption = False,
 ) -> None:
     """Compare estimates with the truth: errors, what the delay costs, honesty of the covariance.
@@ -85,9 +114,24 @@ def score(
         write_csv,
         write_markdown,
     )
+    from ..fleet.named import expanded
 
-    found, named = _apart(bags, configs or [])
+    words, named = _apart(bags, configs or [])
     chosen = [*(configuration or []), *named]
+    if out is not None:
+        if recorded or smooth or truth or withhold or mapping:
+            raise typer.BadParameter(
+                'goes without --recorded, --smooth, --truth, --withhold and --map',
+                param_hint='--out',
+            )
+        from .fleet import order_of, score_fleet
+
+        order = order_of(words, chosen, out, vehicle, (jobs, scheduler), (resume, failed))
+        score_fleet(order, markdown, csv, as_json)
+        return
+    if resume or failed or jobs is not None or scheduler is not None:
+        raise typer.BadParameter('--resume, --failed, --jobs and --scheduler go with --out')
+    found = expanded(words)
     if withhold:
         from .withhold import score_withheld
 

@@ -19,10 +19,10 @@ from ..live import run_info
 from ..scoring.json_values import record
 from ..scoring.tables import Table
 from ..tasks.execution import Workers
-from ..tasks.store import Store, opened
+from ..tasks.store import Store, begin, opened
 from .jobs import RunResult
 from .request import Request, Size
-from .runner import Update, begin, run_jobs, tasks_of
+from .runner import Update, run_jobs, tasks_of
 from .suite import POLAR, Suite
 
 if TYPE_CHECKING:

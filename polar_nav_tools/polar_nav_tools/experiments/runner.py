@@ -6,14 +6,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, get_type_hints
 
-from polar_nav_core.errors import ConfigError
-
 from ..tasks.attempt import Task
 from ..tasks.execution import Workers, execute
 from ..tasks.keys import key_of
 from ..tasks.packing import unpack
 from ..tasks.rows import Row
-from ..tasks.store import PARTS, Store
+from ..tasks.store import Store
 from .jobs import RunResult, run_job
 
 Update = Callable[[float, float], None]
@@ -65,21 +63,3 @@ def run_jobs(
         lambda done, total, _: update(float(done), float(total)),
     )
     return [result_of(row, run) for row in rows]
-
-
-def begin(store: Store, *, resume: bool) -> None:
-    """Keep the rows of a folder to go on with them, or begin without any.
-
-    Raises
-    ------
-    ConfigError
-        If rows of an interrupted run would be lost.
-    """
-    if resume:
-        return
-    if store.is_unfinished:
-        raise ConfigError(
-            f'{store.folder} has {len(store.rows)} runs of one that was interrupted: go on with'
-            f' --resume, or delete {store.folder / PARTS}'
-        )
-    store.empty()

@@ -103,4 +103,5 @@ def _state(path: Path) -> tuple[int, int]:
 def _digest_of(path: Path, modified_ns: int, size: int) -> str:
     """Digest of a file's bytes; read again when it was modified."""
     del modified_ns, size
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    with path.open('rb') as file:
+        return hashlib.file_digest(file, 'sha256').hexdigest()

@@ -2,7 +2,7 @@
 
 ``rows.parquet`` holds the rows of a finished run; until then each row, or the few that came
 together, stands in a file of its own in ``rows.parts``. A file appears under its name only once it
-is complete.
+is complete. Whoever wants it otherwise says so: ``scores`` has ``scores.parquet``.
 """
 
 from __future__ import annotations
@@ -21,7 +21,8 @@ from polar_nav_core.errors import ConfigError
 
 from .rows import FAILED, Row, joined, rows_of, table_of
 
-ROWS, PARTS = 'rows.parquet', 'rows.parts'
+NAME = 'rows'
+"""Name of the file of rows, without its ending."""
 _MOST_PARTS = 500
 """Files of parts from which on they are made one: opening a million would take hours."""
 
@@ -33,6 +34,8 @@ class Store:
     Attributes
     ----------
     folder : Path
+    name : str
+        Of the file of rows, without its ending.
     rows : dict
         By key.
     damaged : list of Path
@@ -40,9 +43,20 @@ class Store:
     """
 
     folder: Path
+    name: str = NAME
     rows: dict[str, Row] = field(default_factory=dict)
     damaged: list[Path] = field(default_factory=list)
     _parts: list[Path] = field(default_factory=list)
+
+    @property
+    def path(self) -> Path:
+        """File of the rows of a finished run."""
+        return self.folder / f'{self.name}.parquet'
+
+    @property
+    def parts(self) -> Path:
+        """Folder of the rows until then."""
+        return self.folder / f'{self.name}.parts'
 
     def add(self, rows: Sequence[Row]) -> None:
         """Add rows; they are on disk when this returns."""
@@ -56,7 +70,7 @@ class Store:
 
     def finish(self, order: Sequence[str]) -> Path:
         """Write ``rows.parquet``: rows of these keys in this order, then all others by key."""
-        path = self.folder / ROWS
+        path = self.path
         files = [path, *self._parts]
         table = _newest(joined([t for _, t in self._read(files)]))
         rank = {key: i for i, key in enumerate(order)}
@@ -68,13 +82,13 @@ class Store:
 
     def empty(self) -> None:
         """Forget all rows."""
-        self._forget([self.folder / ROWS, *self._parts])
+        self._forget([self.path, *self._parts])
         self.rows.clear()
 
     def load(self) -> None:
         """Read the rows that are there."""
-        self._parts = sorted((self.folder / PARTS).glob('*.parquet'))
-        for _, table in self._read([self.folder / ROWS, *self._parts]):
+        self._parts = sorted(self.parts.glob('*.parquet'))
+        for _, table in self._read([self.path, *self._parts]):
             for row in rows_of(table):
                 self.rows[row.key] = row
 
@@ -84,10 +98,9 @@ class Store:
         return bool(self._parts)
 
     def _write_part(self, table: pa.Table) -> None:
-        parts = self.folder / PARTS
-        parts.mkdir(exist_ok=True)
+        self.parts.mkdir(exist_ok=True)
         number = int(self._parts[-1].stem) + 1 if self._parts else 1
-        path = parts / f'{number:09d}.parquet'
+        path = self.parts / f'{number:09d}.parquet'
         _write(table, path)
         self._parts.append(path)
 
@@ -112,13 +125,12 @@ class Store:
         for path in gone:
             path.unlink(missing_ok=True)
         self._parts = [path for path in self._parts if path not in gone]
-        parts = self.folder / PARTS
-        if parts.is_dir() and not any(parts.iterdir()):
-            parts.rmdir()
+        if self.parts.is_dir() and not any(self.parts.iterdir()):
+            self.parts.rmdir()
 
 
 @contextmanager
-def opened(folder: Path) -> Iterator[Store]:
+def opened(folder: Path, name: str = NAME) -> Iterator[Store]:
     """Rows of a folder, which is made if need be; no other process may write there meanwhile.
 
     Raises
@@ -133,13 +145,31 @@ def opened(folder: Path) -> Iterator[Store]:
             fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError as error:
             raise ConfigError(f'{folder}: another run writes its rows there') from error
-        for half in (folder / PARTS).glob('*.tmp'):
+        store = Store(folder, name)
+        for half in store.parts.glob('*.tmp'):
             half.unlink()
-        store = Store(folder)
         store.load()
         yield store
     finally:
         os.close(held)
+
+
+def begin(store: Store, *, resume: bool) -> None:
+    """Keep the rows of a folder to go on with them, or begin without any.
+
+    Raises
+    ------
+    ConfigError
+        If rows of an interrupted run would be lost.
+    """
+    if resume:
+        return
+    if store.is_unfinished:
+        raise ConfigError(
+            f'{store.folder} has {len(store.rows)} runs of one that was interrupted: go on with'
+            f' --resume, or delete {store.parts}'
+        )
+    store.empty()
 
 
 def _write(table: pa.Table, path: Path) -> None:

@@ -9,6 +9,7 @@ import asyncio
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from datetime import datetime
 from typing import Any
 
 from ..errors import BagError, WrongRequestError
@@ -151,8 +152,13 @@ def _found(url: str, info: Mapping[str, Any]) -> Found:
         raise BagError(f'{url}: the server does not say how large it is')
     if info.get('partial') is False:
         raise BagError(f'{url}: {_NO_PARTS}')
-    state = next((f'{name} {info[name]}' for name in _STATES if info.get(name)), '')
+    state = next((f'{name} {_plain(info[name])}' for name in _STATES if info.get(name)), '')
     return Found(url, int(size or 0), is_folder, '' if is_folder else state)
+
+
+def _plain(value: object) -> object:
+    """State in one form: a listing may have the seconds of what a look has as a date."""
+    return value.timestamp() if isinstance(value, datetime) else value
 
 
 @contextmanager
