@@ -57,7 +57,9 @@ STARTED = {
     'polar_nav_tools': {'polar_nav_follower', 'polar_nav_leader', 'polar_nav_sim', 'ros2launch'},
 }
 # What benchmarks and tests compare with: imported where it is used, and not needed to run.
-COMPARED = {'avar', 'evo', 'filterpy', 'gtsam', 'pandas', 'pyins', 'stonesoup'}
+COMPARED = {
+    'avar', 'boto3', 'evo', 'filterpy', 'gtsam', 'moto', 'pandas', 'pyins', 's3fs', 'stonesoup',
+}  # fmt: skip
 # The README says how to get gsw, pygeomag and what experiments and campaigns run on, which have no
 # rosdep key; isal is used where it is there; the others come with numba, typer, jinja2.
 WITHOUT_KEY = {

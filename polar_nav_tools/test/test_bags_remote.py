@@ -299,7 +299,7 @@ def test_recover_and_doctor_read_it_all(tmp_path, memory):
         ('nothing://fleet/none.mcap', 'nothing:// is no storage that is known'),
         (
             'abfs://fleet/none.mcap',
-            r'to read abfs:// needs the package adlfs \(pip install adlfs\)',
+            r'abfs:// needs the package adlfs \(pip install adlfs\)',
         ),
     ],
 )
@@ -322,6 +322,18 @@ def test_what_is_no_bag(memory, data, said):
     url = memory.put(data)
     with pytest.raises(BagError, match=f'^{url}.*{said}'):
         open_bag(url)
+
+
+def test_a_missing_package_is_named_with_the_version_that_fits(monkeypatch):
+    def missing(*_):
+        raise ImportError('Install s3fs to access S3')
+
+    monkeypatch.setattr(fsspec.core, 'url_to_fs', missing)
+    with pytest.raises(WrongRequestError) as found:
+        open_bag('s3://fleet/a.mcap')
+    assert str(found.value) == (
+        f's3://fleet/a.mcap: s3:// needs the package s3fs (pip install s3fs=={fsspec.__version__})'
+    )
 
 
 def test_other_kinds_of_bags_are_not_read_at_an_address():

@@ -25,6 +25,8 @@ _PACKAGES = {
     'az': 'adlfs',
 }
 """Packages with which fsspec reads an address that it does not read by itself."""
+_WITH_FSSPEC = ('s3fs', 'gcsfs')
+"""Those of them that come in the versions of fsspec, and go with their own only."""
 _STATES = (
     'ETag', 'etag', 'Content-MD5', 'md5Hash', 'Last-Modified', 'LastModified', 'mtime', 'created',
 )  # fmt: skip
@@ -169,10 +171,7 @@ def _explained(url: str) -> Iterator[None]:
     except (BagError, KeyboardInterrupt):
         raise
     except ImportError as error:
-        scheme = url.partition('://')[0]
-        package = _PACKAGES.get(scheme)
-        what = f'the package {package} (pip install {package})' if package else f'more ({error})'
-        raise WrongRequestError(f'{url}: to read {scheme}:// needs {what}') from error
+        raise WrongRequestError(f'{url}: {_what_is_missing(url, error)}') from error
     except ValueError as error:
         if 'rotocol not known' in str(error):
             scheme = url.partition('://')[0]
@@ -181,18 +180,27 @@ def _explained(url: str) -> Iterator[None]:
             raise BagError(f'{url}: {_NO_PARTS}') from error
         raise BagError(f'{url}: cannot be read ({_reason(error)})') from error
     except FileNotFoundError as error:
-        cause = error.__cause__
-        if _is_no_answer(cause):
-            raise BagError(f'{url}: cannot be read ({_reason(cause)})') from error
-        raise WrongRequestError(f'{url} does not exist') from error
+        if url.startswith(('http://', 'https://')) and _is_no_answer(error.__cause__):
+            raise BagError(f'{url}: cannot be read ({_reason(error.__cause__)})') from error
+        bucket = ': there is no such bucket' if 'bucket' in str(error) else ''
+        raise WrongRequestError(f'{url} does not exist{bucket}') from error
     except Exception as error:
-        if 'NoSuchBucket' in str(error):
-            raise WrongRequestError(f'{url} does not exist: there is no such bucket') from error
         raise BagError(f'{url}: cannot be read ({_reason(error)})') from error
 
 
+def _what_is_missing(url: str, error: ImportError) -> str:
+    from fsspec import __version__
+
+    scheme = url.partition('://')[0]
+    package = _PACKAGES.get(scheme)
+    if package is None:
+        return f'{scheme}:// needs a package that is not installed ({_line(error)})'
+    exact = f'{package}=={__version__}' if package in _WITH_FSSPEC else package
+    return f'{scheme}:// needs the package {package} (pip install {exact})'
+
+
 def _is_no_answer(cause: BaseException | None) -> bool:
-    """Whether fsspec calls a file missing because of something else than the server's 404."""
+    """Whether fsspec calls a page missing because of something else than the server's 404."""
     return cause is not None and getattr(cause, 'status', None) not in (404, 410)
 
 
