@@ -48,6 +48,10 @@ class S3:
         self._server.stop()
 
 
+class Server(ThreadingHTTPServer):
+    request_queue_size = 128  # of the usual five connections the kernel drops some and waits
+
+
 class Web:
     """HTTP server of some files; can do without ranges, sizes, and everything."""
 
@@ -95,7 +99,7 @@ class Web:
                     except OSError:  # who asked has seen enough
                         self.close_connection = True
 
-        self._server = ThreadingHTTPServer(('127.0.0.1', 0), Handler)
+        self._server = Server(('127.0.0.1', 0), Handler)
         self._thread = threading.Thread(target=self._server.serve_forever, daemon=True)
         self._thread.start()
         self.url = f'http://127.0.0.1:{self._server.server_address[1]}'

@@ -34,7 +34,7 @@ AnyBagArgument = Annotated[
     Path,
     typer.Argument(
         metavar='BAG',
-        help='Folder of a bag, .mcap, .db3 or .bag file.',
+        help='Folder of a bag, .mcap, .db3 or .bag file; s3:// or https:// (MCAP).',
         show_default=False,
         callback=existing,
     ),
@@ -43,7 +43,7 @@ MaybeBagArgument = Annotated[
     Path | None,
     typer.Argument(
         metavar='[BAG]',
-        help='Folder of a bag, .mcap, .db3 or .bag file.',
+        help='Folder of a bag, .mcap, .db3 or .bag file; s3:// or https:// (MCAP).',
         show_default=False,
         callback=lambda bag: None if bag is None else existing(bag),
     ),

@@ -36,7 +36,7 @@ BagArgument = Annotated[
     Path,
     typer.Argument(
         metavar='BAG',
-        help='Folder of a bag, or an .mcap file.',
+        help='Folder of a bag, or an .mcap file; also s3:// or https://.',
         show_default=False,
         callback=existing,
     ),

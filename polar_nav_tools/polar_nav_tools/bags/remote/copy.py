@@ -26,7 +26,7 @@ PIECE_BYTES = 16 << 20
 GAP_BYTES = 512 << 10
 """Unwanted bytes that cost less than another request for what follows them."""
 _RANGES = 64
-"""Most requests at the same time."""
+"""Most requests for one piece."""
 TAIL_BYTES = 128 << 10
 """Bytes read first, at the end: a bag's index, or the place of a longer one."""
 _BLOCK = 1 << 12

@@ -31,6 +31,8 @@ _STATES = (
     'ETag', 'etag', 'Content-MD5', 'md5Hash', 'Last-Modified', 'LastModified', 'mtime', 'created',
 )  # fmt: skip
 """What a storage says of the state of an object, best first, by its names in fsspec."""
+_AT_ONCE = 8
+"""Most requests at the same time."""
 _NO_PARTS = (
     'the server sends a file as a whole only (it answers no request for a range), '
     'which a bag is not read from; copy the bag here'
@@ -102,7 +104,9 @@ def fetched(url: str, ranges: Sequence[tuple[int, int]]) -> list[bytes]:
     with _explained(url):
         fs, path = _of(url)
         starts, ends = [a for a, _ in ranges], [b for _, b in ranges]
-        got = fs.cat_ranges([path] * len(ranges), starts, ends, on_error='raise')
+        # Servers with short queues drop connections that come at once, and seconds pass.
+        more = {'batch_size': _AT_ONCE} if fs.async_impl else {}
+        got = fs.cat_ranges([path] * len(ranges), starts, ends, on_error='raise', **more)
     for (start, end), data in zip(ranges, got, strict=True):
         if len(data) > end - start:
             raise BagError(f'{url}: {_NO_PARTS}')
