@@ -77,6 +77,13 @@ def test_a_page_says_how_far_a_bag_is_verified(polar, storage):
     assert 'yes, by its index; `polar doctor` reads it all' in polar('info', url)[1]
 
 
+@pytest.mark.parametrize('command', ['report', 'recover'])
+def test_nothing_is_written_to_an_address(polar, web, command):  # noqa: F811
+    status, _, err = polar(command, web.put(FILE, 'a.mcap'))
+    assert (status, list(web.log)) == (2, [])
+    assert 'cannot be written to' in ' '.join(err.replace('│', ' ').split())
+
+
 def test_large_topics_are_left_where_they_are(tmp_path, storage):
     path, said = write_with_images(tmp_path / 'b', 100, 1 << 20, every=25)
     bag = open_bag(storage.put(path, 'a.mcap'))

@@ -174,11 +174,11 @@ def report(
     as_json: JsonOption = False,
 ) -> None:
     """Draw a bag: track on a polar map, errors with 3-sigma bands, delay and fate of each fix."""
+    _require_out(bag, out)
     from ..analysis.html_report import write_analysis
 
     with opened(bag, ahead_of(recorded, truth, vehicle)) as source:
         analysis = analysed(source, configuration, recorded, truth, vehicle, smooth)
-        _require_out(bag, out)
         folder = bag if bag.is_dir() else bag.parent
         path = write_analysis(analysis, out or folder / 'report.html')
         if as_json:
