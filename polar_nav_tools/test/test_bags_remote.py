@@ -180,9 +180,12 @@ def test_what_is_announced_is_fetched_together(tmp_path, memory, monkeypatch):
     file = write_bag(tmp_path / 'b', 3000)
     url = memory.put(file)
     bag = open_bag(url, ahead=lambda _: Request(FIELDS, [TRUTH]))
+    planned = list(bag.files[0].copy._pieces)
     memory.ranges.clear()
     read_tables(bag, FIELDS, [TRUTH])
     pieces = -(-file.stat().st_size // (64 << 10))
+    assert bag.files[0].copy._pieces == planned  # in the one plan of both topics
+    assert all(piece.coming is not None for piece in planned)
     assert len(memory.ranges) <= pieces + 1
     assert memory.bytes <= file.stat().st_size + 8192 * pieces
 

@@ -11,14 +11,16 @@ import pytest
 from fleet_samples import REFERENCE, STATION, fleet
 
 from polar_nav_core.errors import ConfigError
+from polar_nav_tools.analysis.judged import judged_of
 from polar_nav_tools.bags import open_bag
 from polar_nav_tools.bags.remote.address import bag_path
 from polar_nav_tools.cli import main
 from polar_nav_tools.fleet import score as fleet_score
 from polar_nav_tools.fleet import task as fleet_task
 from polar_nav_tools.fleet.named import expanded, has_pattern, named
-from polar_nav_tools.fleet.score import tasks_of
-from polar_nav_tools.tasks.rows import VARYING
+from polar_nav_tools.fleet.score import Outcome, Scored, tasks_of
+from polar_nav_tools.fleet.task import BagScore
+from polar_nav_tools.tasks.rows import DONE, VARYING, Row
 
 
 @pytest.fixture(scope='module')
@@ -198,6 +200,22 @@ def test_what_is_not_well_is_status_1(polar, bags, tmp_path):
     assert (said['ok'], said['failed'], said['rows']) == (False, 0, 1)
     assert 'bytes are ignored (and' in said['complaints'][0]
     assert 'bytes are ignored (and' in err
+
+
+def scores(**complaints):
+    rows = []
+    for name, said in complaints.items():
+        score = BagScore('follower', '{"summary": {}}', (), said, True, '', 1.0)
+        rows.append(Scored('a.mcap', name, Row('key', DONE), score))
+    return rows
+
+
+def test_the_configuration_that_decides_is_that_of_one_bag():
+    unwell = scores(default=(), modified_akf=('diverged', 'and more'))
+    both = Outcome(unwell, 0, Path('x.parquet'), judged_of(['default', 'modified_akf']))
+    assert both.complaints() == []
+    alone = Outcome(unwell[1:], 0, Path('x.parquet'), judged_of(['modified_akf']))
+    assert alone.complaints() == ['a.mcap: diverged (and 1 more)']
 
 
 def test_both_modes_in_one_fleet(polar, bags):
