@@ -378,3 +378,15 @@ def test_a_copy_goes_with_its_bag(tmp_path, memory):
     gc.collect()
     open_bag(url)
     assert len(memory.ranges) == 2 * before
+
+
+def test_progress_goes_from_file_to_file(tmp_path, memory):
+    data = write_bag(tmp_path / 'b', 50).read_bytes()
+    for number in range(2):
+        memory.put(data, f'run/run_{number}.mcap')
+    for whole, most in ((False, 2), (True, 10)):
+        shares = []
+        open_bag('memory://fleet/run', shares.append, whole=whole)
+        assert shares == sorted(shares)
+        assert {0.5, 1.0} <= set(shares)
+        assert len(shares) <= most

@@ -7,7 +7,6 @@ import sys
 import pyarrow.parquet as pq
 import pytest
 from fleet_samples import REFERENCE, fleet
-from loopback_storage import s3, web  # noqa: F401 - fixtures
 from test_bags_large_topics import CAMERA, write_with_images
 
 from polar_nav_tools.bags import open_bag
@@ -77,8 +76,18 @@ def test_a_page_says_how_far_a_bag_is_verified(polar, storage):
     assert 'yes, by its index; `polar doctor` reads it all' in polar('info', url)[1]
 
 
+@pytest.mark.parametrize('command', [['info'], ['score', '--configs', 'default']])
+def test_a_bag_without_an_index_is_read_whole_and_says_so(polar, web, command):
+    data = FILE.read_bytes()[:1_500_000]
+    url = web.put(data, 'cut.mcap')
+    status, _, err = polar(command[0], url, *command[1:])
+    assert status == 1
+    assert f'{url}: has no whole index; all its 1500000 bytes are read' in err
+    assert 'bytes are ignored' in err
+
+
 @pytest.mark.parametrize('command', ['report', 'recover'])
-def test_nothing_is_written_to_an_address(polar, web, command):  # noqa: F811
+def test_nothing_is_written_to_an_address(polar, web, command):
     status, _, err = polar(command, web.put(FILE, 'a.mcap'))
     assert (status, list(web.log)) == (2, [])
     assert 'cannot be written to' in ' '.join(err.replace('│', ' ').split())
@@ -94,7 +103,7 @@ def test_large_topics_are_left_where_they_are(tmp_path, storage):
     assert bag.files[0].copy.bytes < path.stat().st_size / 10
 
 
-def test_a_fleet_in_a_bucket(polar, s3, tmp_path):  # noqa: F811 - a fixture
+def test_a_fleet_in_a_bucket(polar, s3, tmp_path):
     folder = fleet(tmp_path / 'here')
     for path in folder.rglob('*.mcap'):
         s3.put(path, f'2026/{path.relative_to(folder)}')
@@ -123,7 +132,7 @@ def test_a_fleet_in_a_bucket(polar, s3, tmp_path):  # noqa: F811 - a fixture
 
 
 @pytest.mark.slow
-def test_processes_read_the_bucket_themselves(polar, s3, monkeypatch):  # noqa: F811
+def test_processes_read_the_bucket_themselves(polar, s3, monkeypatch):
     monkeypatch.setenv('PYTHONPATH', ':'.join(p for p in sys.path if p))
     for name in 'abc':
         s3.put(FILE, f'{name}/{name}.mcap')
@@ -144,7 +153,7 @@ def test_what_is_not_there(polar, storage):
     assert (status, out, err) == (2, '', f'polar: {url} does not exist\n')
 
 
-def test_a_bucket_that_is_not_there(polar, s3):  # noqa: F811
+def test_a_bucket_that_is_not_there(polar, s3):
     assert s3.endpoint
     status, _, err = polar('info', 's3://other/a.mcap')
     assert (status, err) == (
@@ -153,7 +162,7 @@ def test_a_bucket_that_is_not_there(polar, s3):  # noqa: F811
     )
 
 
-def test_no_credentials(polar, s3, monkeypatch):  # noqa: F811
+def test_no_credentials(polar, s3, monkeypatch):
     url = s3.put(FILE, 'a.mcap')
     for name in ('AWS_ACCESS_KEY_ID', 'AWS_SECRET_ACCESS_KEY'):
         monkeypatch.delenv(name)
@@ -167,7 +176,7 @@ def test_no_credentials(polar, s3, monkeypatch):  # noqa: F811
     assert err.count('\n') == 1
 
 
-def test_nobody_listens(polar, web):  # noqa: F811
+def test_nobody_listens(polar, web):
     url = web.put(FILE, 'a.mcap')
     web.stop()
     status, _, err = polar('info', url)
@@ -177,7 +186,7 @@ def test_nobody_listens(polar, web):  # noqa: F811
 
 
 @pytest.mark.slow
-def test_no_bucket_server_listens(polar, s3, monkeypatch):  # noqa: F811
+def test_no_bucket_server_listens(polar, s3, monkeypatch):
     url = s3.put(FILE, 'a.mcap')
     monkeypatch.setenv('AWS_ENDPOINT_URL', 'http://127.0.0.1:1')
     import s3fs
@@ -190,7 +199,7 @@ def test_no_bucket_server_listens(polar, s3, monkeypatch):  # noqa: F811
 
 
 @pytest.mark.parametrize('status', [401, 403])
-def test_access_denied(polar, web, status):  # noqa: F811
+def test_access_denied(polar, web, status):
     url = web.put(FILE, 'a.mcap')
     web.status = status
     found, _, err = polar('info', url)
@@ -198,7 +207,7 @@ def test_access_denied(polar, web, status):  # noqa: F811
     assert f'{url}: cannot be read (access denied: {status}' in err
 
 
-def test_a_server_that_breaks(polar, web):  # noqa: F811
+def test_a_server_that_breaks(polar, web):
     url = web.put(FILE, 'a.mcap')
     web.status = 500
     found, _, err = polar('info', url)
@@ -206,7 +215,7 @@ def test_a_server_that_breaks(polar, web):  # noqa: F811
     assert f'{url}: cannot be read (500' in err
 
 
-def test_a_server_without_ranges_is_not_asked_for_a_whole_bag(polar, web):  # noqa: F811
+def test_a_server_without_ranges_is_not_asked_for_a_whole_bag(polar, web):
     url = web.put(FILE.read_bytes() * 20, 'a.mcap')
     web.ranges = False
     found, _, err = polar('info', url)
@@ -215,7 +224,7 @@ def test_a_server_without_ranges_is_not_asked_for_a_whole_bag(polar, web):  # no
     assert web.log.count('GET') == 1
 
 
-def test_a_server_that_tells_no_size(polar, web):  # noqa: F811
+def test_a_server_that_tells_no_size(polar, web):
     url = web.put(FILE, 'a.mcap')
     web.sizes = False
     found, _, err = polar('info', url)

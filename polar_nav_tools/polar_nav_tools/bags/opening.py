@@ -92,22 +92,31 @@ def _at_address(
     """Bag at an address, by the index of each file that has one unless all is wanted."""
     scans: list[FileScan] = []
     remarks = []
-    for one in listing.paths:
+    for number, one in enumerate(listing.paths):
         assert isinstance(one, RemotePath)
         copy = one.copy_here()
-        found = None if whole else indexed_file(one, copy)
-        if found is not None:
-            scans.append(found)
-            continue
-        if not whole:
-            remarks.append(f'{one}: has no whole index; all its {copy.found.size} bytes are read')
-        copy.plan_all()
-        (scan,) = _scanned(files.Listing([one]), progress, None)
-        scan.held = copy
-        scans.append(scan)
+        found: FileScan | None = None if whole else indexed_file(one, copy)
+        if found is None:
+            if not whole:
+                size = copy.found.size
+                remarks.append(f'{one}: has no whole index; all its {size} bytes are read')
+            copy.plan_all()
+            part = _part(progress, number, len(listing.paths))
+            (found,) = _scanned(files.Listing([one]), part, None)
+            found.held = copy
+        scans.append(found)
+        if progress is not None:
+            progress((number + 1) / len(listing.paths))
     bag = Bag(path, scans, listing.problems)
     bag.remarks = tuple(remarks)
     return bag
+
+
+def _part(progress: Progress | None, number: int, count: int) -> Progress | None:
+    """Progress of one of several files as that of all."""
+    if progress is None:
+        return None
+    return lambda share: progress((number + share) / count)
 
 
 def _announce(bag: Bag, wants: Wants) -> None:

@@ -265,10 +265,14 @@ def opened(path: Path, ahead: Wants | None = None, *, whole: bool = False) -> It
 def opened_source(path: Path, msg_path: Path | None) -> Iterator[Source]:
     """Open a bag of any kind for one command, as `opened`."""
     from ..foreign.sources import open_source
+    from ..foreign.sources.mcap import McapSource
     from ..terminal.progress import opening_display
 
     with opening_display(path) as progress:
         source = open_source(path, progress, msg_path=msg_path)
+    if isinstance(source, McapSource):
+        for remark in source.bag.remarks:
+            say(remark)
     for problem in source.problems:
         say(f'{path}: {problem}')
     yield source

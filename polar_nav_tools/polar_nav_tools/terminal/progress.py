@@ -64,7 +64,7 @@ def _size(path: Path) -> int:
     from ..bags.remote.address import is_remote
 
     if is_remote(path):
-        return 0
+        return _LARGE_BYTES  # whatever it is, it takes a while
     try:
         files = path.iterdir() if path.is_dir() else [path]
         return sum(file.stat().st_size for file in files)
