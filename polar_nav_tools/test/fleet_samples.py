@@ -1,10 +1,15 @@
 """Bags of a fleet for tests: few, short, and not equal."""
 
+import gc
 import shutil
+import sys
 from pathlib import Path
 
 from polar_nav_tools.bags import BagWriter, open_bag
 from polar_nav_tools.bags.recover import add_topic
+from polar_nav_tools.bags.remote.address import _looked
+from polar_nav_tools.cli import main
+from polar_nav_tools.fleet import task as fleet_task
 
 BAGS = Path(__file__).resolve().parents[2] / 'bags'
 REFERENCE, STATION = BAGS / 'reference', BAGS / 'station'
@@ -34,3 +39,20 @@ def fleet(folder):
     shutil.rmtree(folder / 'short')
     (folder / 'c' / 'text.mcap').write_text('this is no bag')
     return folder
+
+
+def as_a_new_process(monkeypatch, capsys, tmp_path):
+    """Fixture: the command, which knows of no bag; returns its status and what it said."""
+    monkeypatch.setenv('COLUMNS', '200')
+    monkeypatch.chdir(tmp_path)
+
+    def run(*arguments):
+        monkeypatch.setattr(sys, 'argv', ['polar', *map(str, arguments)])
+        fleet_task._newest.clear()
+        _looked.clear()
+        gc.collect()
+        status = main()
+        out = capsys.readouterr()
+        return status, out.out, out.err
+
+    return run

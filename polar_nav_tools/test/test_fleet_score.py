@@ -2,19 +2,17 @@
 
 import json
 import shutil
-import sys
 from pathlib import Path
 
 import fsspec
 import pyarrow.parquet as pq
 import pytest
-from fleet_samples import REFERENCE, STATION, fleet
+from fleet_samples import REFERENCE, STATION, as_a_new_process, fleet
 
 from polar_nav_core.errors import ConfigError
 from polar_nav_tools.analysis.judged import judged_of
 from polar_nav_tools.bags import open_bag
 from polar_nav_tools.bags.remote.address import bag_path
-from polar_nav_tools.cli import main
 from polar_nav_tools.fleet import score as fleet_score
 from polar_nav_tools.fleet import task as fleet_task
 from polar_nav_tools.fleet.named import expanded, has_pattern, named
@@ -22,25 +20,12 @@ from polar_nav_tools.fleet.score import Outcome, Scored, tasks_of
 from polar_nav_tools.fleet.task import BagScore
 from polar_nav_tools.tasks.rows import DONE, VARYING, Row
 
+polar = pytest.fixture(as_a_new_process)
+
 
 @pytest.fixture(scope='module')
 def bags(tmp_path_factory):
     return fleet(tmp_path_factory.mktemp('fleet'))
-
-
-@pytest.fixture
-def polar(monkeypatch, capsys, tmp_path):
-    monkeypatch.setenv('COLUMNS', '200')
-    monkeypatch.chdir(tmp_path)
-
-    def run(*arguments):
-        monkeypatch.setattr(sys, 'argv', ['polar', *map(str, arguments)])
-        fleet_task._newest.clear()
-        status = main()
-        out = capsys.readouterr()
-        return status, out.out, out.err
-
-    return run
 
 
 @pytest.fixture

@@ -1,38 +1,19 @@
 """Bags in an S3 bucket and on a web server, both on loopback: figures, requests, sentences."""
 
-import gc
 import json
 import sys
 
 import pyarrow.parquet as pq
 import pytest
-from fleet_samples import REFERENCE, fleet
+from fleet_samples import REFERENCE, as_a_new_process, fleet
 from test_bags_large_topics import CAMERA, write_with_images
 
 from polar_nav_tools.bags import open_bag
-from polar_nav_tools.bags.remote.address import _looked
-from polar_nav_tools.cli import main
-from polar_nav_tools.fleet import task as fleet_task
 from polar_nav_tools.tasks.rows import VARYING
 
 FILE = REFERENCE / 'reference_0.mcap'
 
-
-@pytest.fixture
-def polar(monkeypatch, capsys, tmp_path):
-    monkeypatch.setenv('COLUMNS', '200')
-    monkeypatch.chdir(tmp_path)
-
-    def run(*arguments):
-        monkeypatch.setattr(sys, 'argv', ['polar', *map(str, arguments)])
-        fleet_task._newest.clear()
-        _looked.clear()
-        gc.collect()  # as a new process: nothing is known
-        status = main()
-        out = capsys.readouterr()
-        return status, out.out, out.err
-
-    return run
+polar = pytest.fixture(as_a_new_process)
 
 
 @pytest.fixture(params=['s3', 'web'])

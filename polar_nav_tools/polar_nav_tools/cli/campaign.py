@@ -11,6 +11,7 @@ import typer
 from .app import app, emit_json, require, say
 from .arguments import existing
 from .experiments import Scheduler
+from .progress_of_tasks import shown
 
 if TYPE_CHECKING:
     from ..campaign.campaign import Outcome
@@ -64,7 +65,6 @@ def campaign(
     from ..campaign.spec import read
     from ..tasks.cluster import default_workers
     from ..tasks.execution import Workers
-    from ..terminal.progress import progress_display
 
     if jobs is not None and jobs < 1:
         raise ConfigError(f'--jobs: {jobs} is less than 1')
@@ -75,25 +75,13 @@ def campaign(
         return
     workers = Workers(default_workers() if jobs is None else jobs, scheduler)
     order = Order(stated, runs, first_seed, folder, workers, resume, failed)
-    told: list[None] = []
-
-    def waiting() -> None:
-        if not told:
-            say(f'{scheduler}: has no workers yet; waiting for some')
-            told.append(None)
-
-    try:
-        with progress_display(spec.stem, total=1.0, unit='runs') as update:
-            outcome = run(
-                order,
-                lambda done, total, bad: update(
-                    float(done), float(total), f'{bad} failed' if bad else ''
-                ),
-                waiting,
-            )
-    except KeyboardInterrupt:
-        say(f'finished runs are kept in {folder}; --resume goes on with them')
-        raise
+    outcome = shown(
+        run,
+        order,
+        title=spec.stem,
+        scheduler=scheduler,
+        kept=f'finished runs are kept in {folder}',
+    )
     _print(outcome, as_json)
     require(outcome.failures == 0)
 

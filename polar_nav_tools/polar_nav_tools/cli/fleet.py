@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from polar_nav_core.errors import ConfigError
 
 from .app import emit_json, require, say
+from .progress_of_tasks import shown
 
 if TYPE_CHECKING:
     from ..fleet.score import Order, Outcome
@@ -71,27 +72,14 @@ def score_fleet(order: Order, markdown: Path | None, csv: Path | None, as_json: 
     """Score bags, keep their rows, and print tables; status 1 unless all is well."""
     from ..analysis.score_files import write_csv, write_markdown
     from ..fleet.score import run, tables
-    from ..terminal.progress import progress_display
 
-    told: list[None] = []
-
-    def waiting() -> None:
-        if not told:
-            say(f'{order.workers.scheduler}: has no workers yet; waiting for some')
-            told.append(None)
-
-    try:
-        with progress_display(order.out.stem, total=1.0, unit='runs') as update:
-            outcome = run(
-                order,
-                lambda done, total, bad: update(
-                    float(done), float(total), f'{bad} failed' if bad else ''
-                ),
-                waiting,
-            )
-    except KeyboardInterrupt:
-        say(f'finished rows are kept beside {order.out}; --resume goes on with them')
-        raise
+    outcome = shown(
+        run,
+        order,
+        title=order.out.stem,
+        scheduler=order.workers.scheduler,
+        kept=f'finished rows are kept beside {order.out}',
+    )
     found = tables(outcome)
     if markdown is not None:
         write_markdown(markdown, found)
