@@ -24,6 +24,7 @@ NAMES = (
     'calibrate',
     'tune',
     'smooth',
+    'smooth-mismatch',
     'late',
     'price',
     'mems',
