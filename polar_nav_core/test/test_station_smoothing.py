@@ -215,6 +215,7 @@ def nees(track):
     return math.sqrt(np.mean(np.sum(e[k, :2] ** 2, axis=1))), float(np.mean(white**2))
 
 
+@pytest.mark.slow
 def test_it_is_nearer_to_the_truth_and_honest():
     seeds = [nees(smoothed(seed)[1].track) for seed in (1, 2, 3)]
     before = [nees(run.run(twin.params(), smoothed(seed)[0]).track) for seed in (1, 2, 3)]
@@ -223,6 +224,7 @@ def test_it_is_nearer_to_the_truth_and_honest():
     assert 0.2 < np.mean([s[1] for s in seeds]) < 2.0
 
 
+@pytest.mark.slow
 def test_at_the_end_the_first_pass_is_the_filter():
     x = twin.inputs(truth(), 1)
     params = twin.params(gate_probability=1.0, robust_fixes='none', configuration='custom')
@@ -235,6 +237,7 @@ def test_at_the_end_the_first_pass_is_the_filter():
     np.testing.assert_allclose(one.r_e[-1], filtered.r_e[at], rtol=0.0, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_any_arrival_gives_the_same_bits():
     x, found = smoothed(1)
     late = tuple(replace(f, receive_ns=f.receive_ns + 15_000_000_000) for f in x.fixes)
@@ -243,6 +246,7 @@ def test_any_arrival_gives_the_same_bits():
     np.testing.assert_array_equal(again.track.P_x, found.track.P_x)
 
 
+@pytest.mark.slow
 def test_a_fix_that_the_filter_believed_goes_with_hindsight():
     x, _ = smoothed(1)
     first = x.fixes[0]
@@ -261,6 +265,7 @@ def test_a_fix_that_the_filter_believed_goes_with_hindsight():
     assert np.linalg.norm(e[5, :2] - e_clean[5, :2]) < 2.0
 
 
+@pytest.mark.slow
 def test_common_errors_enlarge_what_is_stated_and_move_nothing_but_the_gate():
     x, found = smoothed(1)
     shared = smoothing.smooth(twin.params(**COMMON_ERRORS), x)
@@ -268,6 +273,7 @@ def test_common_errors_enlarge_what_is_stated_and_move_nothing_but_the_gate():
     np.testing.assert_allclose(shared.track.r_e, found.track.r_e, rtol=0.0, atol=0.5)
 
 
+@pytest.mark.slow
 def test_velocity_in_grid_axes_is_that_of_the_state():
     _, found = smoothed(1)
     track = found.track
@@ -277,6 +283,7 @@ def test_velocity_in_grid_axes_is_that_of_the_state():
     assert np.sqrt(np.mean((track.v_G - v)[60:, :2] ** 2)) < 0.03
 
 
+@pytest.mark.slow
 def test_the_model_is_loose_from_when_it_began_to_fail():
     """The filter finds that a minute late; a pass with hindsight is right before that, too."""
     x, _ = smoothed(1)
@@ -294,6 +301,7 @@ def test_the_model_is_loose_from_when_it_began_to_fail():
     assert wrong[1] < 0.01
 
 
+@pytest.mark.slow
 def test_the_published_filter_is_refused():
     params = twin.params(station_filter='published', configuration='default')
     with pytest.raises(ConfigError, match='station_filter published'):
