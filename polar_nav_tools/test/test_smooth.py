@@ -3,15 +3,18 @@
 import csv
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from polar_nav_core.engine.health.conditions import Condition, Culprit, Health, Level, Present
 from polar_nav_ros.stamps import to_ns
 from polar_nav_tools.bags import open_bag
 from polar_nav_tools.bags.arrays import load_estimates, load_receipts
 from polar_nav_tools.cli import main
+from polar_nav_tools.smoothing import bag as bag_module
 from polar_nav_tools.smoothing.bag import How, smooth_bag, stated_sigma
 
 BAGS = Path(__file__).parents[2] / 'bags'
@@ -196,3 +199,20 @@ def test_scores_of_both_stand_side_by_side_in_station_mode(capsys):
     assert polar('score', BAGS / 'station', '-c', 'default', '--smooth', '--json') == 0
     runs = json.loads(capsys.readouterr().out)['runs']
     assert runs['smoother']['summary']['r_x'] < 0.7 * runs['default']['summary']['r_x']
+
+
+@pytest.mark.parametrize(('level', 'status'), [(Level.WARN, 0), (Level.ERROR, 1)])
+def test_what_the_filter_was_warned_of_is_said(level, status, monkeypatch, capsys):
+    """What contradicts the filter's model contradicts that of the smoother, too."""
+    condition = Condition('slow fault', level, Culprit.FIXES, 'fixes drift')
+    health = (Health(1, (Present(condition, 1, 1),), 1.0, 0),)
+    real = bag_module.smooth_bag
+
+    def warned(*args, **kwargs):
+        return replace(real(*args, **kwargs), health=health)
+
+    monkeypatch.setattr(bag_module, 'smooth_bag', warned)
+    assert polar('smooth', BAGS / 'reference_4', '--passes', '1', '--json') == status
+    said = capsys.readouterr()
+    assert f'the filter was not well: {level.name} at the end: fixes drift' in said.err
+    assert json.loads(said.out)['filter_health']['level_at_end'] == level.name

@@ -81,6 +81,8 @@ def smooth(
 
     How late the fixes came does not matter: each counts when it was valid.
     """
+    from polar_nav_core.engine.health.span import span_of_health
+
     from ..export.formats import trajectory, write_trajectory
     from ..smoothing.bag import How, write
 
@@ -112,10 +114,13 @@ def smooth(
             write_trajectory(path, track, kind=kind, frame=frame if kind != 'kml' else 'ecef')
     if out is not None:
         write(out, run)
-    well = not (missing or run.found.divergence)
+    span = span_of_health(run.health)
+    well = not (missing or run.found.divergence or span.complaint)
     _print(run, well=well, as_json=as_json)
     if run.found.divergence:
         say(f'the filter diverged: {run.found.divergence}')
+    if span.complaint or span.remark:
+        say(f'the filter was not well: {span.complaint or span.remark}')
     require(well)
 
 
@@ -181,6 +186,8 @@ def _mapped(
 
 
 def _print(run: SmoothedRun, *, well: bool, as_json: bool) -> None:
+    from polar_nav_core.engine.health.span import span_of_health
+
     from ..smoothing.bag import stated_sigma, summary
 
     comparison = run.comparison
@@ -194,6 +201,7 @@ def _print(run: SmoothedRun, *, well: bool, as_json: bool) -> None:
                 'configuration': run.params.configuration,
                 'estimates': len(run.smoothed),
                 'stated_horizontal_m': stated,
+                'filter_health': span_of_health(run.health).to_dict(),
                 'smoothing': summary(run.found),
                 'score': None if comparison is None else comparison.to_dict(),
             }

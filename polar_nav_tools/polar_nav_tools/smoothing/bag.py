@@ -14,6 +14,7 @@ import numpy as np
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine import smoothing
 from polar_nav_core.engine import station_smoothing as of_station
+from polar_nav_core.engine.health.conditions import Health
 from polar_nav_core.engine.inputs import Inputs
 from polar_nav_core.engine.smoothed import MOST_PASSES, Smoothed
 from polar_nav_core.engine.version import ENGINE_VERSION
@@ -34,6 +35,7 @@ from ..foreign.sources import Source
 from ..replay.arrays import StationArrays
 from ..replay.by_message import parameters
 from ..replay.plain import whole_arrays
+from ..replay.result import LOOK_EVERY_S
 from ..replay.station_run import as_track, model_run, replay_station
 from ..scoring import Comparison, compare
 from ..series.estimates import EstimateRows, receipts_of
@@ -107,6 +109,8 @@ class SmoothedRun:
     filter_receipts : list of ReceiptRecord
         Of the filter, fixes as they came.
     truth : TruthSeries or None
+    health : sequence of Health
+        Of the filter: what contradicts its model contradicts the smoother's, which is surer.
     models : mapping of str to ModelRun
         Current and drag in station mode, of filter and smoother.
     """
@@ -120,6 +124,7 @@ class SmoothedRun:
     found: AnySmoothed
     filter_receipts: Sequence[ReceiptRecord]
     truth: TruthSeries | None
+    health: Sequence[Health] = ()
     models: Mapping[str, ModelRun] = field(default_factory=dict)
 
     @property
@@ -166,7 +171,7 @@ def smooth_bag(
         return _of_station(arrays, params, how, _later(progress, 0.3))
     inputs = arrays.inputs(params).inputs
     found = _both(params, params, inputs, vehicle, how, (0.0, 0.0, 0.0), _later(progress, 0.3))
-    return SmoothedRun(bag.path, vehicle, params, *found, arrays.truth)
+    return _run(bag.path, vehicle, params, found, arrays.truth)
 
 
 def smoothed_series(bag: Bag, vehicle: str, progress: Progress | None = None) -> RunSeries:
@@ -208,7 +213,26 @@ def smooth_mapped(
         raise ConfigError(f'{source.path}: no IMU sample after the start')
     vehicle, lever_b = mapping.vehicle, mapping.imu.lever_b
     found = _both(loaded.params, params, loaded.inputs, vehicle, how, lever_b, progress)
-    return SmoothedRun(Path(source.path), vehicle, params, *found, loaded.truth)
+    return _run(Path(source.path), vehicle, params, found, loaded.truth)
+
+
+_Both: TypeAlias = tuple[
+    EstimateSeries,
+    EstimateSeries,
+    engine_run.Track,
+    Smoothed[engine_run.Track],
+    Sequence[ReceiptRecord],
+    Sequence[Health],
+]
+
+
+def _run(
+    path: Path, vehicle: str, params: FollowerParams, both: _Both, truth: TruthSeries | None
+) -> SmoothedRun:
+    filtered, smoothed, track, found, receipts, health = both
+    return SmoothedRun(
+        path, vehicle, params, filtered, smoothed, track, found, receipts, truth, health
+    )
 
 
 def _of_station(
@@ -239,6 +263,7 @@ def _of_station(
         found,
         filtered.receipts,
         arrays.truth,
+        filtered.health,
         {name: model for name, model in models.items() if model is not None},
     )
 
@@ -255,13 +280,7 @@ def _both(
     how: How,
     imu_lever_b: tuple[float, float, float],
     progress: Progress,
-) -> tuple[
-    EstimateSeries,
-    EstimateSeries,
-    engine_run.Track,
-    Smoothed[engine_run.Track],
-    Sequence[ReceiptRecord],
-]:
+) -> _Both:
     """Filtered and smoothed estimates of base_link; ``params`` are ``stated`` from the IMU."""
     smoothing.in_order(params)  # refuses before a long run
     stamps = inputs.imu_stamps_ns
@@ -275,6 +294,7 @@ def _both(
         imu_lever_b=imu_lever_b,
         progress=lambda share: progress(0.2 * share),
         derived=True,
+        look_every_s=LOOK_EVERY_S,
     )
     found = smoothing.smooth(
         params,
@@ -288,7 +308,7 @@ def _both(
     smoothed = EstimateRows(params, len(track.stamps_ns))
     smoothed.append(track)
     receipts = receipts_of(result.receipts)
-    return rows.series(vehicle), smoothed.series(vehicle), track, found, receipts
+    return rows.series(vehicle), smoothed.series(vehicle), track, found, receipts, result.health
 
 
 def summary(found: AnySmoothed) -> dict[str, object]:
