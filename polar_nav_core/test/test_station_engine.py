@@ -107,6 +107,8 @@ def test_odd_inputs_get_the_same_receipts_in_a_whole_run():
     assert np.array_equal(a.track.local_statistics, b.track.local_statistics)
 
 
+# Plain Python says that a number overflows, compiled code does not.
+@pytest.mark.filterwarnings('ignore::RuntimeWarning')
 def test_a_lost_filter_goes_on_in_a_whole_run_as_event_by_event():
     """With fixes before and after it: rows of before must not count those of after."""
     x = world()
