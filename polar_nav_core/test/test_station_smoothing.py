@@ -156,7 +156,7 @@ class Linear:
 def backward(problem):
     """Smoothed members at each node, and the residuals of the fixes."""
     adjoint = Adjoint(len(problem.members), 1.0)
-    residuals = Residuals([], [], [], [], [], [], [])
+    residuals = Residuals()
     f = SimpleNamespace(settings=SimpleNamespace(common=SIGMAS))
     out = []
     with problem.nodes:
@@ -244,6 +244,23 @@ def test_any_arrival_gives_the_same_bits():
     again = smoothing.smooth(twin.params(), replace(x, fixes=late))
     np.testing.assert_array_equal(again.track.x, found.track.x)
     np.testing.assert_array_equal(again.track.P_x, found.track.P_x)
+
+
+@pytest.mark.slow
+def test_each_second_has_an_estimate_where_fixes_are_valid_at_whole_seconds():
+    """And from a filter that was lost on the way, and began anew."""
+    x, _ = smoothed(1)
+    whole = tuple(
+        replace(f, validity_ns=round(f.validity_ns, -9)) for f in x.fixes if f.sequence % 2
+    )
+    force_b = x.force_b.copy()
+    force_b[20_000] = 1e300
+    for changed in (x, replace(x, force_b=force_b)):
+        params = twin.params(thrust_limit_n=1e300)
+        track = smoothing.smooth(params, replace(changed, fixes=whole)).track
+        assert np.all(np.diff(track.stamps_ns) == 1_000_000_000)
+        assert np.isfinite(track.P).all()
+        assert len(track.stamps_ns) == 400
 
 
 @pytest.mark.slow

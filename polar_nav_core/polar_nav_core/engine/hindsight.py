@@ -141,8 +141,7 @@ def decide(judged: Judged, gate_probability: float, robust: str, added_G: Array)
     stated = judged.covariances - added_G
     nis, at = judged.nis.copy(), judged.of_fixes
     nis[at] = _normalized(judged.residuals, stated, judged.sizes[at])
-    gates = np.array([np.inf, *(chi2_gate(gate_probability, m) for m in (1, 2, 3))])
-    fused = np.where(np.isfinite(nis), nis <= gates[judged.sizes], judged.fused)
+    fused = _by_gate(judged, nis, gate_probability)
     weighed = fused[at] & np.isfinite(nis[at])
     factors = np.ones(len(at))
     far = weighed & (nis[at] > THRESHOLDS[3])
@@ -153,12 +152,17 @@ def decide(judged: Judged, gate_probability: float, robust: str, added_G: Array)
     return Decisions(judged, nis, fused, more, reweighted)
 
 
-def decided(judged: Judged, gate_probability: float) -> Decisions:
-    """Decisions by the gate alone, of residuals whose covariance is by the stated noise."""
-    nis = _normalized(judged.residuals, judged.covariances, judged.sizes[judged.of_fixes])
-    gates = np.array([np.inf, *(chi2_gate(gate_probability, m) for m in (1, 2, 3))])
-    fused = np.where(np.isfinite(nis), nis <= gates[judged.sizes], judged.fused)
+def decide_by_gate(judged: Judged, gate_probability: float) -> Decisions:
+    """Decisions on fixes by the gate alone; their covariances are by the stated noise."""
+    nis = _normalized(judged.residuals, judged.covariances, judged.sizes)
+    fused = _by_gate(judged, nis, gate_probability)
     return Decisions(judged, nis, fused, np.zeros_like(judged.covariances), 0)
+
+
+def _by_gate(judged: Judged, nis: Array, gate_probability: float) -> Bools:
+    """What is fused by the gate; as before where the residual has no covariance."""
+    gates = np.array([np.inf, *(chi2_gate(gate_probability, m) for m in (1, 2, 3))])
+    return np.where(np.isfinite(nis), nis <= gates[judged.sizes], judged.fused)
 
 
 def added_by_weights(judged: Judged, enlargements: Sequence[float]) -> Array:

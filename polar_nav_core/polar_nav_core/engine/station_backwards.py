@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 
@@ -41,8 +41,8 @@ class Back:
         Smoothed states of the members by the stamps of all nodes [ns].
     judged : Judged
         The fixes, along x and y of the station's frame.
-    outcomes, inflations : (fixes, OUTCOME), (fixes,) arrays
-        Rows of outcomes, and what the weight of a fix made of its innovation covariance.
+    outcomes : (fixes, OUTCOME) array
+        Their rows of outcomes.
     moved : float
         Largest movement against the track that the filter was held to, in sigmas.
     parts : int
@@ -53,7 +53,6 @@ class Back:
     states: dict[int, Array]
     judged: Judged
     outcomes: Array
-    inflations: Array
     moved: float
     parts: int
 
@@ -166,15 +165,14 @@ class _Rows:
 
 @dataclass
 class Residuals:
-    """Residuals of fixes, from the last to the first."""
+    """Residuals of fixes, from the last to the first, with their rows of outcomes."""
 
-    numbers: list[int]
-    fused: list[bool]
-    e: list[Array]
-    V: list[Array]
-    S: list[Array]
-    outcomes: list[Array]
-    inflations: list[float]
+    numbers: list[int] = field(default_factory=list)
+    fused: list[bool] = field(default_factory=list)
+    e: list[Array] = field(default_factory=list)
+    V: list[Array] = field(default_factory=list)
+    S: list[Array] = field(default_factory=list)
+    outcomes: list[Array] = field(default_factory=list)
 
     def judged(self) -> Judged:
         """The fixes in the order of their numbers."""
@@ -198,11 +196,10 @@ class Residuals:
             S=S,
         )
 
-    def columns(self) -> tuple[Array, Array]:
-        """Rows of outcomes and inflations in the same order."""
+    def rows(self) -> Array:
+        """Rows of outcomes (n, OUTCOME) in the same order."""
         order = np.argsort(np.array(self.numbers, dtype=np.int64))
-        outcomes = np.array(self.outcomes).reshape(-1, ss.OUTCOME)[order]
-        return outcomes, np.array(self.inflations)[order]
+        return np.array(self.outcomes).reshape(-1, ss.OUTCOME)[order]
 
 
 def backwards(tape: Tape, progress: Callable[[float], None] | None = None) -> Back:
@@ -219,7 +216,7 @@ def backwards(tape: Tape, progress: Callable[[float], None] | None = None) -> Ba
     members = len(f.bank.x)
     adjoint = Adjoint(members, float(f.settings.forgetting))
     rows = _Rows(f)
-    residuals = Residuals([], [], [], [], [], [], [])
+    residuals = Residuals()
     states: dict[int, Array] = {}
     moved, parts, total = 0.0, 0, len(tape.nodes)
     for number, node in enumerate(tape.nodes.backwards()):
@@ -246,7 +243,7 @@ def backwards(tape: Tape, progress: Callable[[float], None] | None = None) -> Ba
             adjoint.before_way(node)
         if progress is not None and number % _ROWS == 0:
             progress(number / total)
-    return Back(rows.track(), states, residuals.judged(), *residuals.columns(), moved, parts)
+    return Back(rows.track(), states, residuals.judged(), residuals.rows(), moved, parts)
 
 
 def _weights(node: np.ndarray, adjoint: Adjoint) -> Array:
@@ -280,7 +277,6 @@ def judge(out: Residuals, node: np.ndarray, adjoint: Adjoint, f: StationFilter) 
     else:
         e = np.einsum('mab,mbk->mak', S, u)
         V = S - np.einsum('mab,mbc,mcd->mad', S, A, S)
-    inflation = float(node['outcome'][ss.INFLATION])
     V = V - (1.0 - 1.0 / node['inflation'])[:, None, None] * S  # the stated noise alone
     weight = _weights(node, adjoint)
     mean = np.einsum('m,mak->ak', weight, e)
@@ -298,4 +294,3 @@ def judge(out: Residuals, node: np.ndarray, adjoint: Adjoint, f: StationFilter) 
     out.V.append(to_xy @ V_all @ to_xy.T)
     out.S.append(to_xy @ S_all @ to_xy.T)
     out.outcomes.append(node['outcome'].copy())
-    out.inflations.append(inflation)

@@ -18,9 +18,10 @@ from ..errors import ConfigError
 from ..kernels.station import state as ss
 from . import run as engine_run
 from .events import Fix, OrderKey, Receipt
-from .hindsight import Decisions, decided, revisions_of
+from .hindsight import Decisions, decide_by_gate, revisions_of
 from .inputs import StationInputs
 from .params import EngineParams
+from .results import chi2_gate
 from .smoothed import MOVED, Smoothed, at_validity, still_to_come
 from .station.arrays import densities, make_settings
 from .station.fixes import dated
@@ -31,12 +32,8 @@ from .track import StationTrack
 _NODE_S = 1.0
 """From one node to the next, at most."""
 _OUTPUT_S = 10.0
-_FAR = 14.0
-"""Square of a residual that counts at most: about the usual gate."""
 _WORSE = 1.1
 """Factor on the mean square of the residuals beyond which a pass is given up."""
-_REWEIGHTED = math.log(1.1)
-"""A fix whose weight changes by a smaller factor is as before."""
 
 
 @dataclass(frozen=True)
@@ -56,11 +53,10 @@ class _Pass:
     ended: str = ''
     """Why the pass after this one is none."""
 
-    @property
-    def misfit(self) -> float:
-        """Mean square of the residuals of the fixes, an outlier counted as at its gate."""
+    def misfit(self, gate: float) -> float:
+        """Mean square of the residuals of the fixes, an outlier counted as at the gate."""
         nis = self.decisions.nis[np.isfinite(self.decisions.nis)]
-        return float(np.minimum(nis, _FAR).mean()) if len(nis) else 0.0
+        return float(np.minimum(nis, gate).mean()) if len(nis) else 0.0
 
     @property
     def why_not(self) -> str:
@@ -91,7 +87,7 @@ class _Pass:
             outcome = outcomes[k]
             outcome[ss.DECIDED] = ss.FUSED if self.decisions.fused[k] else ss.REFUSED
             outcome[ss.INFLATION] = self.inflations[k]
-            planned[self.fixes[number].key] = FixPlan(outcome, self.inflations[k])
+            planned[self.fixes[number].key] = FixPlan(outcome, float(self.inflations[k]))
         return Plan(self.back.states, planned)
 
     def _loosened(self) -> Array:
@@ -109,7 +105,8 @@ class _Pass:
             since_ns = stamps_ns[k] - round(lasted_s * 1e9)
             first = max(0, int(np.searchsorted(stamps_ns, since_ns)) - 1)
             out[k, ss.WAY] = 0.0
-            out[first, ss.WAY], out[first, ss.LASTED_S] = way, lasted_s
+            if way > out[first, ss.WAY]:
+                out[first, ss.WAY], out[first, ss.LASTED_S] = way, lasted_s
             out[first:k, ss.FURTHER] = np.maximum(out[first:k, ss.FURTHER], out[k, ss.FURTHER])
         return out
 
@@ -152,12 +149,13 @@ def smooth(
             return None
         return lambda share: progress((number + share) / passes)
 
+    gate = chi2_gate(stated.resolved().gate_probability, 2)
     first = found = _pass(stated, inputs, (every_ns, shown_ns), None, part(0))
     number, why = 1, found.why_again
     while why and not found.why_not and number < passes:
         nodes_ns, plan = (every_ns, shown_ns), found.plan()
         again = _pass(stated, inputs, nodes_ns, plan, part(number), found.moved)
-        worse = again.why_not or _worse(again, found)
+        worse = again.why_not or _worse(again, found, gate)
         if worse:
             found = replace(found, ended=f'pass {number + 1}: {worse}')
             break
@@ -182,17 +180,15 @@ def smooth(
         passes=number,
         moved=found.moved,
         revisions=tuple(sorted(revisions, key=lambda r: (r.stamp_ns, r.topic, r.number))),
-        unsettled=(found.why_not or why) if why and passes > 1 else '',
+        unsettled=(found.why_not or why) if why else '',
     )
 
 
-def _worse(again: _Pass, before: _Pass) -> str:
+def _worse(again: _Pass, before: _Pass, gate: float) -> str:
     """Why a pass is no better than the one before; empty where it is one."""
-    if again.misfit > _WORSE * before.misfit:
-        return (
-            f'fixes fit worse at its track (mean square {again.misfit:.2f} after '
-            f'{before.misfit:.2f})'
-        )
+    was, now = before.misfit(gate), again.misfit(gate)
+    if now > _WORSE * was:
+        return f'fixes fit worse at its track (mean square {now:.2f} after {was:.2f})'
     return ''
 
 
@@ -216,16 +212,12 @@ def _pass(
         )
         back = backwards(tape, part(0.7, 0.3))
     configuration = params.resolved()
-    judged, settings = back.judged, make_settings(params)
-    decisions = decided(judged, configuration.gate_probability)
-    inflations = _inflations(decisions, settings)
-    weighed = decisions.fused & judged.fused
-    change = np.abs(np.log(inflations / back.inflations))[weighed] >= _REWEIGHTED
+    decisions = decide_by_gate(back.judged, configuration.gate_probability)
     return _Pass(
         back,
         tape.fixes,
-        replace(decisions, reweighted=int(change.sum())),
-        inflations,
+        decisions,
+        _inflations(decisions, make_settings(params)),
         result.receipts,
         result.divergence,
         math.inf if plan is None else back.moved,

@@ -24,7 +24,7 @@ def node_type(members: int) -> np.dtype[Any]:
     ``fused``, its row of outcomes ``outcome``, ``inflation`` (B,), ``H`` (B, 2, 12), ``K``
     (B, 12, 2), ``z`` (B, 2), ``S_z`` (B, 2, 2) with the inflation, ``J`` (B, 2, COMMON).
     """
-    n, two, common = ss.N, 2, ss.COMMON
+    n, common = ss.N, ss.COMMON
     return np.dtype(
         [
             ('stamp', np.int64),
@@ -44,11 +44,11 @@ def node_type(members: int) -> np.dtype[Any]:
             ('fused', np.bool_),
             ('outcome', np.float64, (ss.OUTCOME,)),
             ('inflation', np.float64, (members,)),
-            ('H', np.float64, (members, two, n)),
-            ('K', np.float64, (members, n, two)),
-            ('z', np.float64, (members, two)),
-            ('S_z', np.float64, (members, two, two)),
-            ('J', np.float64, (members, two, common)),
+            ('H', np.float64, (members, 2, n)),
+            ('K', np.float64, (members, n, 2)),
+            ('z', np.float64, (members, 2)),
+            ('S_z', np.float64, (members, 2, 2)),
+            ('J', np.float64, (members, 2, common)),
         ]
     )
 

@@ -23,10 +23,10 @@ from .nodes import Nodes
 
 
 class FixPlan(NamedTuple):
-    """What is decided about a fix: its row of outcomes, and the inflations (B,) of S."""
+    """What is decided about a fix: its row of outcomes, and the inflation of S of all members."""
 
     outcome: Array
-    inflation: Array
+    inflation: float
 
 
 @dataclass(frozen=True)
@@ -137,7 +137,7 @@ class RecordedFilter(StationFilter):
                 return self._advance(until_ns, until_rank)
             next_ns = int(streams.imu_stamps[next_imu % len(streams.imu_stamps)])
             due_ns = -(-next_ns // every_ns) * every_ns
-            if due_ns >= until_ns:
+            if (due_ns, int(Rank.IMU)) >= (until_ns, until_rank):
                 return self._advance(until_ns, until_rank)
             code = self._advance(due_ns, int(Rank.IMU) + 1)
             if code != ss.DONE:
