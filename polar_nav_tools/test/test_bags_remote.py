@@ -81,7 +81,9 @@ def test_an_address_stays_one(said, read):
     assert path.resolve() == path.absolute() == path
 
 
-@pytest.mark.parametrize('said', ['a.mcap', '/s3/a.mcap', 'c:/a.mcap', './s3:/x', 'file:///data/x'])
+@pytest.mark.parametrize(
+    'said', ['a.mcap', '/s3/a.mcap', 'c:/a.mcap', './s3:/x', 'file:///data/x']
+)
 def test_other_paths_are_of_this_machine(said):
     path = bag_path(said)
     assert not is_remote(path)

@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from .app import say
+
+if TYPE_CHECKING:
+    from ..tasks.execution import Update
 
 Ordered = TypeVar('Ordered')
 Made = TypeVar('Made')
 
-Report = Callable[[int, int, int], None]
-"""Called with the numbers of tasks done, of all, and of failures."""
-
 
 def shown(
-    run: Callable[[Ordered, Report, Callable[[], None]], Made],
+    run: Callable[[Ordered, Update, Callable[[], None]], Made],
     order: Ordered,
     *,
     title: str,
@@ -27,7 +27,8 @@ def shown(
     Parameters
     ----------
     run : callable
-        Gets the order, a `Report`, and what to call while a scheduler has no workers.
+        Gets the order, a `tasks.execution.Update`, and what to call while a scheduler has no
+        workers.
     order : object
     title : str
         Before the bar.

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from polar_nav_core.engine.health.span import Span
+
     from ..smoothing.bag import AnySmoothed, How, SmoothedRun
 
 _CLOSE_S = 0.05
@@ -116,7 +118,7 @@ def smooth(
         write(out, run)
     span = span_of_health(run.health)
     well = not (missing or run.found.divergence or span.complaint)
-    _print(run, well=well, as_json=as_json)
+    _print(run, span, well=well, as_json=as_json)
     if run.found.divergence:
         say(f'the filter diverged: {run.found.divergence}')
     if span.complaint or span.remark:
@@ -185,9 +187,7 @@ def _mapped(
     return run, source.problems
 
 
-def _print(run: SmoothedRun, *, well: bool, as_json: bool) -> None:
-    from polar_nav_core.engine.health.span import span_of_health
-
+def _print(run: SmoothedRun, span: Span, *, well: bool, as_json: bool) -> None:
     from ..smoothing.bag import stated_sigma, summary
 
     comparison = run.comparison
@@ -201,7 +201,7 @@ def _print(run: SmoothedRun, *, well: bool, as_json: bool) -> None:
                 'configuration': run.params.configuration,
                 'estimates': len(run.smoothed),
                 'stated_horizontal_m': stated,
-                'filter_health': span_of_health(run.health).to_dict(),
+                'filter_health': span.to_dict(),
                 'smoothing': summary(run.found),
                 'score': None if comparison is None else comparison.to_dict(),
             }
