@@ -3,6 +3,7 @@
 import json
 import struct
 import sys
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
@@ -217,19 +218,29 @@ class Voyage:
             if p.topic in OUTPUTS:
                 self.out.append((PREFIX + p.topic, self.wire.now_ns, p.data))
 
-    def write(self, path: Path, rows: Rows) -> Path:
-        """Write the bag of a recorder that got the messages `rows` of the drivers."""
+    def write(self, path: Path, rows: Rows, unheard: dict[str, int] | None = None) -> Path:
+        """Write the bag of a recorder that got the messages `rows` of the drivers.
+
+        Of a topic in `unheard` it missed so many before it had found the topic.
+        """
+        left = dict(unheard or {})
         out = [*self.out, *((PREFIX + INPUTS, at_ns, data) for at_ns, data in self.wire.blocks)]
         mapped = Sources(mapping_file.parse(self.text, 'mapping'), self.params)
         kinds = {source.stream.topic: source.stream.type for source in mapped}
         kinds |= {PREFIX + topic: TYPES[topic] for topic in (*OUTPUTS, INPUTS)}
         kinds[RUN_INFO] = TYPES[RUN_INFO]
+        counts = Counter[str]()
         with BagWriter(path, {}) as writer:
             for topic, kind in kinds.items():
                 writer.add_topic(topic, kind)
             for topic, log_ns, data in sorted([*rows, *out], key=lambda row: row[1]):
-                if topic in kinds:
+                if left.get(topic):
+                    left[topic] -= 1
+                elif topic in kinds:
+                    counts[topic] += 1
                     writer.write(topic, data, log_ns)
+            facts = {t: {'count': counts[t], 'unheard': n} for t, n in (unheard or {}).items()}
+            writer.finish({'recording': {'topics': facts}})
         return path
 
 
@@ -543,6 +554,37 @@ def test_verify_names_blocks_from_before_the_recording(
     monkeypatch.setattr(sys, 'argv', ['polar', 'verify', str(tmp_path / 'bag')])
     assert main() == 1
     assert '3 of them are from before the recording began' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('output', [RECEIPT, STATE])
+def test_outputs_from_before_the_recorder_found_them_are_named_and_no_difference(
+    sailed: tuple[Path, Rows, dict[str, Any]],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    output: str,
+) -> None:
+    _, rows, top = sailed
+    voyage = Voyage(top)
+    voyage.start(rows[0][1])
+    voyage.feed(rows)
+    voyage.end()
+    result = verify(voyage.write(tmp_path / 'bag', rows, {PREFIX + output: 1}))
+    assert result.ok, result.difference
+    assert not result.problems
+    missed = (
+        f'1 messages of {PREFIX}{output} are not in the bag: they were published before the '
+        'recorder had found the topic'
+    )
+    assert result.unheard == [f'{missed}; the others are equal']
+    monkeypatch.setattr(sys, 'argv', ['polar', 'verify', str(tmp_path / 'bag')])
+    assert main() == 0
+    assert f'{missed}; the others are equal\n' in capsys.readouterr().out
+    # One that a late recorder does not explain is a difference.
+    voyage.out.remove(next(row for row in reversed(voyage.out) if row[0] == PREFIX + output))
+    result = verify(voyage.write(tmp_path / 'other', rows, {PREFIX + output: 1}))
+    assert not result.ok
+    assert result.unheard == [missed]
 
 
 def test_a_bag_without_the_record_is_refused(

@@ -197,6 +197,9 @@ def test_losses_are_counted_by_the_publishers_numbers(record):
         TRUTH: (5, 1),
         '/run_info': (3, None),
     }
+    # What was published before it heard the topic is stated beside the losses.
+    unheard = {topic: bag.unheard(topic) for topic in (IMU, TRUTH, '/run_info', PACKET, '/other')}
+    assert unheard == {IMU: 6, TRUTH: 4, '/run_info': 0, PACKET: 0, '/other': 0}
     assert bag.run_info['seed'] == 1
     assert len(bag.problems) == 2
     assert counted[PACKET]['count'] == 0

@@ -222,6 +222,17 @@ class Bag:
                 info |= {k: _json_or_none(v) for k, v in record.items() if k != PHASE_KEY}
         return info
 
+    def unheard(self, topic: str) -> int:
+        """Number of messages published before the recorder heard the topic; 0 where unknown."""
+        for file in self.files:
+            for _, record in _run_records(file):
+                found = _json_or_none(record.get('recording', ''))
+                for key in ('topics', topic, 'unheard'):
+                    found = found.get(key) if isinstance(found, dict) else None
+                if isinstance(found, int):
+                    return found
+        return 0
+
     @property
     def injected(self) -> str:
         """Faults that `polar inject` put into the bag, with its seed; empty for a recording."""

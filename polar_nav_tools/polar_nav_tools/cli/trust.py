@@ -115,6 +115,7 @@ def _plain(result: VerifyResult) -> dict[str, object]:
         'torn': result.torn,
         'retired_parameters': result.retired,
         'problems': result.problems,
+        'unheard': result.unheard,
     }
 
 
@@ -126,7 +127,7 @@ def _print(result: VerifyResult, checked: Check | None) -> None:
         sys.stdout.write(
             f'  replay {replayed:>7} messages, sha256 {result.replay_sha256[topic]}\n'
         )
-    for sentence in result.retired:
+    for sentence in (*result.retired, *result.unheard):
         sys.stdout.write(f'{sentence}\n')
     if result.comparison is not None and checked is None:
         _print_comparison(result.engine_version, result.comparison)

@@ -146,7 +146,8 @@ class TopicCount:
 
     `lost` counts holes in the publisher's own numbers; None when several publishers share the
     topic, whose numbers then say nothing. `recorded` is whether the present file has the topic,
-    `before` what was lost before that file.
+    `before` what was lost before that file. `unheard` is what its publisher had published before
+    the first message that came here.
     """
 
     type: str
@@ -158,6 +159,7 @@ class TopicCount:
     last_key: int = 0
     recorded: bool = False
     before: int = 0
+    unheard: int = 0
     offered: Sequence[Qos] = ()
 
 
@@ -330,6 +332,7 @@ class Recording:
                 'count': counts[name],
                 'bytes': self._bytes[name],
                 'lost': None if t.lost is None else t.lost - t.before,
+                'unheard': t.unheard,
             }
             for name, t in sorted(self._topics.items())
             if t.recorded
@@ -344,7 +347,7 @@ class Recording:
         self._bytes.clear()
         self._file_ns = None
         for entry in self._topics.values():
-            entry.recorded, entry.before = False, entry.lost or 0
+            entry.recorded, entry.before, entry.unheard = False, entry.lost or 0, 0
 
     def abandon(self) -> None:
         """Close the file without finishing the bag."""
@@ -394,7 +397,9 @@ def _count_losses(entry: TopicCount, publication: int | None) -> None:
         entry.lost = None
     elif entry.lost is not None:
         last = entry.last_publication
-        if last is not None and publication > last + 1:
+        if last is None:
+            entry.unheard = publication - 1  # publishers count from 1
+        elif publication > last + 1:
             entry.lost += publication - last - 1
         entry.last_publication = publication  # smaller than before: the publisher was restarted
 

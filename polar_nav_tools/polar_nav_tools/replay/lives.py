@@ -62,6 +62,8 @@ class Life:
     dropped : mapping of str to (int, int)
         By topic, messages in the recording that the node never took although they came before its
         last output: at least how many, of how many. Empty for a node that did not end in order.
+    unheard : mapping of str to int
+        By compared topic, what it had published before the recorder heard the topic.
     """
 
     messages: list[tuple[str, Any]]
@@ -72,6 +74,7 @@ class Life:
     until_ns: int | None = None
     torn: bool = False
     dropped: Mapping[str, tuple[int, int]] = field(default_factory=dict)
+    unheard: Mapping[str, int] = field(default_factory=dict)
 
     def events(self, run: session.Session, where: str) -> list[Event]:
         """Events in their total order, without those that the live node refused.
@@ -109,12 +112,18 @@ class Life:
         return Counter(e.topic for e in (*events, *self.refused))
 
     def matching(self, topic: str, replayed: list[bytes]) -> list[bytes]:
-        """Replayed messages of a topic, without what a killed node's last breath had lost.
+        """Replayed messages of a topic, without those that no recorder could have.
 
-        Messages that were published right before the end may be on their way still.
+        Messages that were published right before the end of a node that was killed may be on their
+        way still; the first ones may have come before the recorder found the topic.
         """
-        cut = self.torn or self.until_ns is not None
-        return replayed[: len(self.live[topic])] if cut else replayed
+        live = self.live[topic]
+        limit = len(live) if self.torn or self.until_ns is not None else None
+        late = self.unheard.get(topic, 0)
+        # A recorder that was late by more lacks inputs, too: the replay begins where it does.
+        if late and replayed[:limit] != live and replayed[late:][:limit] == live:
+            return live
+        return replayed[:limit]
 
     @property
     def span_ns(self) -> tuple[int, int] | None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -170,6 +170,8 @@ def load_inputs(
         lives = lives_of(records, imu, injected=bool(bag.injected))
     except (RuntimeError, ValueError, MemoryError) as error:
         raise BagError(f'{bag.path}: a receipt of /{name} is damaged: {error}') from error
+    unheard = {topic: bag.unheard(f'/{name}/{topic}') for topic in compared}
+    lives[0] = replace(lives[0], unheard=unheard)
     return RecordedInputs(
         bag=bag,
         vehicle=name,

@@ -7,7 +7,7 @@ other bits on purpose, so there the estimates are compared in units of their sig
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -104,6 +104,8 @@ class VerifyResult:
         One sentence for each recorded parameter that was retired since.
     problems : list of str
         What is wrong with the bag itself, then what it lacks of the follower's inputs.
+    unheard : list of str
+        One sentence for each compared topic whose first messages came before the recorder.
     lives_s : list of (float, float)
         First and last estimate of each process of a follower that was started again, since the
         first one of all [s].
@@ -123,6 +125,7 @@ class VerifyResult:
     retired: list[str] = field(default_factory=list)
     lives_s: list[tuple[float, float]] = field(default_factory=list)
     torn: bool = False
+    unheard: list[str] = field(default_factory=list)
 
     @property
     def lives_text(self) -> str:
@@ -194,6 +197,7 @@ def verify(
         retired=list(inputs.retired),
         lives_s=_lives_s(inputs),
         torn=any(life.torn for life in inputs.lives),
+        unheard=_unheard(inputs, again),
     )
 
 
@@ -207,6 +211,17 @@ def replayed_as_live(inputs: RecordedInputs, replayed: ReplayResult) -> dict[str
         ]
         for topic in inputs.live
     }
+
+
+def _unheard(inputs: RecordedInputs, again: Mapping[str, list[bytes]]) -> list[str]:
+    """One sentence for each compared topic that the recorder found late."""
+    return [
+        f'{count:,} messages of /{inputs.vehicle}/{topic} are not in the bag: they were published '
+        'before the recorder had found the topic'
+        + ('; the others are equal' if messages == again[topic] else '')
+        for topic, messages in inputs.live.items()
+        if (count := inputs.lives[0].unheard.get(topic, 0))
+    ]
 
 
 def _never_taken(inputs: RecordedInputs) -> list[str]:
