@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import socket
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -43,15 +44,20 @@ def finished_demo(tmp_path_factory: pytest.TempPathFactory) -> FinishedDemo:
 
 
 @pytest.fixture(scope='session')
-def own_domain(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+def own_domain(tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, str]]:
     """Environment in a ROS domain of this test session, on the loopback interface."""
-    from polar_nav_tools.live.domain import busy_udp_ports, free_domain_id
+    from polar_nav_tools.live.domain import busy_udp_ports, free_domain_id, last_port
     from polar_nav_tools.live.middleware import middleware_environment
 
-    domain = os.environ.get('ROS_DOMAIN_ID') or str(free_domain_id(os.getpid(), busy_udp_ports()))
+    given = os.environ.get('ROS_DOMAIN_ID')
+    domain = int(given or free_domain_id(os.getpid(), busy_udp_ports()))
     folder = tmp_path_factory.mktemp('middleware')
-    return {
-        **os.environ,
-        'ROS_DOMAIN_ID': domain,
-        **middleware_environment(folder, os.environ, network=False),
-    }
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as held:
+        if not given:
+            # Nobody takes it for a free one between two tests: graphs run beside this session.
+            held.bind(('127.0.0.1', last_port(domain)))
+        yield {
+            **os.environ,
+            'ROS_DOMAIN_ID': str(domain),
+            **middleware_environment(folder, os.environ, network=False),
+        }

@@ -13,7 +13,7 @@ from live_support import TOOL, polar, processes_with
 
 from polar_nav_tools.bags import BagError, open_bag
 
-pytestmark = [pytest.mark.live, pytest.mark.timeout(400)]
+pytestmark = [pytest.mark.live, pytest.mark.paced, pytest.mark.timeout(400)]
 
 STATE = '/follower/nav/state'
 

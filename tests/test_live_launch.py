@@ -14,7 +14,7 @@ import pytest
 
 pytest.importorskip('launch_ros', reason='launch is in no wheel: ROS 2 from apt has it')
 
-pytestmark = [pytest.mark.live, pytest.mark.timeout(300)]
+pytestmark = [pytest.mark.live, pytest.mark.paced, pytest.mark.timeout(300)]
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLLOWER = ROOT / 'polar_nav_follower' / 'launch' / 'follower.launch.py'

@@ -7,7 +7,7 @@ import json
 import pytest
 from live_support import DEMO_SECONDS, polar
 
-pytestmark = [pytest.mark.live, pytest.mark.slow, pytest.mark.timeout(600)]
+pytestmark = [pytest.mark.live, pytest.mark.paced, pytest.mark.slow, pytest.mark.timeout(600)]
 
 
 def test_real_time_gives_what_lockstep_gives(finished_demo, tmp_path):

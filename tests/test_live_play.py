@@ -13,7 +13,7 @@ from polar_nav_core.engine.events import Verdict
 from polar_nav_tools.bags import open_bag
 from polar_nav_tools.replay.by_message import replay
 
-pytestmark = [pytest.mark.live, pytest.mark.slow, pytest.mark.timeout(300)]
+pytestmark = [pytest.mark.live, pytest.mark.paced, pytest.mark.slow, pytest.mark.timeout(300)]
 
 REFERENCE = Path(__file__).parents[1] / 'bags' / 'reference_4'
 NODE = '/follower/follower_node'

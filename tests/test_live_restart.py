@@ -17,7 +17,7 @@ from restarts import SOON_S, late_or_off, optimistic, restarts_of, table_of
 from polar_nav_core.engine.saved import unpack
 from polar_nav_tools.bags import open_bag
 
-pytestmark = [pytest.mark.live, pytest.mark.slow, pytest.mark.timeout(300)]
+pytestmark = [pytest.mark.live, pytest.mark.paced, pytest.mark.slow, pytest.mark.timeout(300)]
 
 FOLLOWER = '/follower/follower_node'
 RECORDER = '/recorder_node'

@@ -21,7 +21,7 @@ from polar_nav_tools.experiments.cheap import recording, vehicle
 from polar_nav_tools.foreign.definitions import BUNDLED
 from polar_nav_tools.play import generate, schemas
 
-pytestmark = [pytest.mark.live, pytest.mark.slow, pytest.mark.timeout(900)]
+pytestmark = [pytest.mark.live, pytest.mark.paced, pytest.mark.slow, pytest.mark.timeout(900)]
 
 HERE = Path(__file__).parent
 SEED, SECONDS = 3, 50.0

@@ -19,7 +19,7 @@ from pathlib import Path
 import pytest
 from live_support import NODES, polar
 
-pytestmark = [pytest.mark.live, pytest.mark.timeout(300)]
+pytestmark = [pytest.mark.live, pytest.mark.paced, pytest.mark.timeout(300)]
 
 NODE_COUNT = 13
 FOLLOWER = '/follower/follower_node'

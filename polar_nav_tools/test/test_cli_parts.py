@@ -183,8 +183,11 @@ def fake_suite(monkeypatch, *statuses):
 def test_the_suite_runs_everything_and_fails_when_one_step_did(monkeypatch, capsys, tmp_path):
     ran = fake_suite(monkeypatch, 0, 1)
     assert testing.run_suite(tmp_path, long=False, fast=False, arguments=[]) == 1
-    assert len(ran) == 11
-    assert ran[-1][4:] == ['-m', 'live and not long', 'tests']
+    assert len(ran) == 13
+    *_, whole = (c for c in ran if 'live and not paced and not long' in c)
+    assert whole[-1] == 'tests'
+    # What comes before the three steps of graphs needs no graph.
+    assert ran.index(whole) >= 10
     assert capsys.readouterr().err.startswith('failed: ')
 
 
@@ -202,7 +205,7 @@ def test_the_long_suite_leaves_out_nothing(monkeypatch, tmp_path):
     testing.run_suite(tmp_path, long=True, fast=False, arguments=[])
     marks = {c[c.index('-m', 2) + 1] for c in ran if 'pytest' in c and '-m' in c[3:]}
     fast = 'not slow and not live and not long'  # of the core without compiled kernels
-    assert marks == {'live', 'not live', fast}
+    assert marks == {'live and paced', 'live and not paced', 'not live', fast}
 
 
 def test_arguments_go_to_pytest_alone(monkeypatch, tmp_path):

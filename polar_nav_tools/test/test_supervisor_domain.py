@@ -5,7 +5,12 @@ from xml.etree import ElementTree
 
 import pytest
 
-from polar_nav_tools.live.domain import LAST_DOMAIN_ID, free_domain_id, graph_environment
+from polar_nav_tools.live.domain import (
+    LAST_DOMAIN_ID,
+    free_domain_id,
+    graph_environment,
+    last_port,
+)
 from polar_nav_tools.live.middleware import profile
 
 
@@ -22,6 +27,8 @@ def test_a_domain_with_any_socket_in_its_port_range_is_passed_over():
     start = free_domain_id(7, ())
     ports = [7400 + 250 * start, 7400 + 250 * (start + 1) + 249]
     assert free_domain_id(7, ports) == start + 2
+    assert free_domain_id(7, [last_port(start)]) == start + 1
+    assert free_domain_id(7, [last_port(start - 1)]) == start
 
 
 def test_search_wraps_around_and_gives_up_gracefully():

@@ -26,7 +26,8 @@ def suite(tmp_path, monkeypatch, capfd):
     def run(first, last, **options):
         monkeypatch.setattr(testing, 'tests', lambda *_, **__: last)
         monkeypatch.setattr(testing, 'fast_ring', lambda _: [last, *first])
-        monkeypatch.setattr(testing, 'all_rings', lambda *_, **__: ([step('core'), *first], last))
+        rings = ([step('core'), *first], [last, step('in real time')])
+        monkeypatch.setattr(testing, 'all_rings', lambda *_, **__: rings)
         asked = {'long': False, 'fast': False, 'arguments': [], **options}
         status = run_suite(tmp_path, **asked)
         return status, *capfd.readouterr()
@@ -50,10 +51,10 @@ def test_whatever_fails_is_told_and_all_run(suite, fast, broken):
         assert f'said by {name}' in out
 
 
-def test_whole_graphs_come_last_and_have_the_last_word(suite):
+def test_whole_graphs_come_last_and_pytest_has_the_last_word(suite):
     _, out, _ = suite([step('style')], step('tests'))
-    assert out.index('style: ok') < out.index('== tests')
-    assert out.strip().splitlines()[-1] == 'said by tests'
+    assert out.index('style: ok') < out.index('== tests') < out.index('== in real time: ok')
+    assert out.strip().splitlines()[-1] == 'said by in real time'
 
 
 def test_the_fast_ring_does_not_wait_for_the_checks(suite, tmp_path):
@@ -104,32 +105,47 @@ while not pathlib.Path(sys.argv[1]).exists():
 
 
 def test_the_steps_are_all_tests_there_are():
-    config = tomllib.loads((source_root(Path(__file__)) / 'pyproject.toml').read_text())
+    root = source_root(Path(__file__))
+    config = tomllib.loads((root / 'pyproject.toml').read_text())
     folders = sorted(config['tool']['pytest']['ini_options']['testpaths'])
     lower, tools, *_ = fast_ring('python')
     assert folders_of([lower, tools], folders) == folders
     for long in (True, False):
-        steps, live = all_rings('python', long=long)
+        steps, graphs = all_rings('python', root, long=long)
         lower, tools, experiments, files, builds, *_ = steps
+        live, paced, missions = graphs
         assert folders_of([lower, tools, live], folders) == folders
-        # One folder in two steps: each of its tests is in one of them.
-        assert tools.command[-1] == experiments.command[-1]
-        assert after('-k', tools) == f'not {after("-k", experiments)}'
-        assert files.command[-1] == live.command[-1]
-        mark = files.command[-2]
-        assert mark == f'not {live.command[-2]}'
-        assert ('not long' in mark) != long
-        # Or without a file that is a step of its own.
-        for one in (files, live):
+        # One folder in two steps: each of its files is in one of them.
+        named = [c for c in experiments.command if c.endswith('.py')]
+        (pattern,) = (c for c in tools.command if c.startswith('--ignore-glob=*/'))
+        ignored = (root / tools.command[-1]).glob(pattern.partition('*/')[2])
+        assert sorted(map(str, ignored)) == sorted(str(root / name) for name in named)
+        # Or in three by marks, each of which is the rest of another.
+        assert {s.command[-1] for s in (files, live, paced)} == {'tests'}
+        rest = '' if long else ' and not long'
+        assert after('-m', files) == f'not live{rest}'
+        assert after('-m', live) == f'live and not paced{rest}'
+        assert after('-m', paced) == f'live and paced{rest}'
+        # Or without files that are steps of their own.
+        for one in (files, live, paced):
             assert f'--ignore={builds.command[-1]}' in one.command
-        for one in (lower, tools, experiments, builds):
+        for one in (live, paced):
+            assert f'--ignore={missions.command[-1]}' in one.command
+        for one in (lower, tools, experiments, builds, missions):
             assert ('not long' in one.command) != long
 
 
+def test_missions_have_no_test_that_is_left_to_the_step_of_files():
+    file = source_root(Path(__file__)) / 'tests' / 'test_live_missions.py'
+    assert '\npytestmark = [pytest.mark.live, ' in file.read_text()
+
+
 def test_steps_of_tools_beside_one_another_have_domains_of_their_own():
-    steps, _ = all_rings('python', long=False)
-    domains = [s.env['ROS_DOMAIN_ID'] for s in steps if 'polar_nav_tools/test' in s.command]
+    steps, graphs = all_rings('python', source_root(Path(__file__)), long=False)
+    domains = [s.env['ROS_DOMAIN_ID'] for s in steps if 'ROS_DOMAIN_ID' in s.env]
     assert len(set(domains)) == len(domains) == 2
+    # In steps of graphs each graph chooses its own, also where the user has named one.
+    assert [s.env for s in graphs] == [{'ROS_DOMAIN_ID': ''}] * 3
 
 
 def after(option, step):

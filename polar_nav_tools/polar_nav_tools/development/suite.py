@@ -1,7 +1,8 @@
 """`polar test`: style, types, import contracts, tests; all run even if an early one fails.
 
-Two cores take one step after the other, the longest first; then, alone because they start graphs
-of processes, the live tests in `tests`.
+Two cores take one step after the other, the longest first. Then, without other steps because they
+start graphs of processes, the live tests in `tests`: those in real time, which mostly wait, beside
+those in lockstep.
 """
 
 from __future__ import annotations
@@ -24,14 +25,17 @@ from ..live.domain import busy_udp_ports, free_domain_id
 
 FAST = 'not slow and not live and not long'
 USUAL = 'not long'
-_LIVE, _OFFLINE = 'live', 'not live'
+_OFFLINE, _LOCKSTEP, _PACED = 'not live', 'live and not paced', 'live and paced'
 _LOWER = (
     'polar_nav_core/test', 'polar_nav_ros/test', 'polar_nav_sim/test', 'polar_nav_leader/test',
     'polar_nav_follower/test',
 )  # fmt: skip
-_TOOLS, _WHOLE, _BUILD = 'polar_nav_tools/test', 'tests', 'tests/test_build.py'
-_EXPERIMENTS = 'test_experiments'
-"""What the names of the files begin with that a step of their own tests."""
+_TOOLS, _WHOLE = 'polar_nav_tools/test', 'tests'
+_BUILD, _MISSIONS = 'tests/test_build.py', 'tests/test_live_missions.py'
+_EXPERIMENTS = 'test_experiments*'
+"""Names of the files in the folder of the tools that a step of their own tests."""
+_CHOOSES_DOMAIN = {'ROS_DOMAIN_ID': ''}
+"""Each graph of such a step chooses a ROS domain that nobody uses."""
 
 
 @dataclass(frozen=True)
@@ -91,32 +95,35 @@ def fast_ring(python: str) -> list[Step]:
     ]
 
 
-def all_rings(python: str, *, long: bool) -> tuple[list[Step], Step]:
-    """Steps for two cores, about the longest first, and the step of whole graphs after them."""
-    pytest = (python, '-m', 'pytest', *([] if long else ['-m', USUAL]))
-    offline, live = (
-        (
-            python,
-            '-m',
-            'pytest',
-            f'--ignore={_BUILD}',
-            '-m',
-            ring if long else f'{ring} and {USUAL}',
-        )
-        for ring in (_OFFLINE, _LIVE)
-    )
+def all_rings(python: str, root: Path, *, long: bool) -> tuple[list[Step], list[Step]]:
+    """Steps for two cores, about the longest first, and the steps of whole graphs after them."""
+
+    def pytest(*arguments: str, ring: str = '') -> tuple[str, ...]:
+        marks = ' and '.join(mark for mark in (ring, '' if long else USUAL) if mark)
+        return (python, '-m', 'pytest', *(['-m', marks] if marks else []), *arguments)
+
     one, other = _own_domains(2)
+    # By name: a step that were to choose among all files of the tools would read all of them.
+    experiments = sorted(
+        str(file.relative_to(root)) for file in (root / _TOOLS).glob(_EXPERIMENTS)
+    )
     side_by_side = [
-        Step('tests of core, nodes and simulation', (*pytest, *_LOWER)),
-        Step('tests of tools', (*pytest, '-k', f'not {_EXPERIMENTS}', _TOOLS), one),
-        Step('tests of experiments', (*pytest, '-k', _EXPERIMENTS, _TOOLS), other),
-        Step('tests of files', (*offline, _WHOLE)),
-        # With its nodes, each alone in a domain of the file: one build serves all its tests.
-        Step('tests of builds', (*pytest, _BUILD)),
+        Step('tests of core, nodes and simulation', pytest(*_LOWER)),
+        Step('tests of tools', pytest(f'--ignore-glob=*/{_EXPERIMENTS}', _TOOLS), one),
+        Step('tests of experiments', pytest(*experiments), other),
+        Step('tests of files', pytest(f'--ignore={_BUILD}', _WHOLE, ring=_OFFLINE)),
+        # With its nodes, all in a domain of the file: one build serves all its tests.
+        Step('tests of builds', pytest(_BUILD)),
         without_compiler(python),
         *checks(python),
     ]
-    return side_by_side, Step('tests of whole graphs', (*live, _WHOLE))
+    apart = [f'--ignore={file}' for file in (_BUILD, _MISSIONS)]
+    graphs = [
+        Step('tests of whole graphs', pytest(*apart, _WHOLE, ring=_LOCKSTEP), _CHOOSES_DOMAIN),
+        Step('tests in real time', pytest(*apart, _WHOLE, ring=_PACED), _CHOOSES_DOMAIN),
+        Step('tests of missions', pytest(_MISSIONS), _CHOOSES_DOMAIN),
+    ]
+    return side_by_side, graphs
 
 
 def _own_domains(count: int) -> list[dict[str, str]]:
@@ -154,8 +161,11 @@ def run_suite(root: Path, *, long: bool, fast: bool, arguments: Sequence[str]) -
     elif fast:
         outcomes = _on_two_cores(fast_ring(python), root, out)
     else:
-        steps, whole = all_rings(python, long=long)
-        outcomes = [*_on_two_cores(steps, root, out), _shown(whole, root, out)]
+        outcomes = [
+            outcome
+            for steps in all_rings(python, root, long=long)
+            for outcome in _on_two_cores(steps, root, out)
+        ]
     failed = [o.step.name for o in outcomes if o.status != 0]
     if failed:
         Console(stderr=True, highlight=False).print(f'[red]failed: {", ".join(failed)}[/red]')
@@ -183,11 +193,11 @@ def _on_two_cores(steps: Sequence[Step], root: Path, out: Console) -> list[Outco
             _tell(outcomes[-1], out)
         for outcome in beside.result():
             _head(outcome.step, out)
+            _tell(outcome, out)
             output = outcome.output.rstrip()
-            if output:
+            if output:  # pytest's summary stands at the end
                 last_line = output.rpartition('\n')[2]
                 out.print(output if outcome.status else last_line, markup=False, soft_wrap=True)
-            _tell(outcome, out)
             outcomes.append(outcome)
     finally:
         left.clear()

@@ -26,6 +26,11 @@ def busy_udp_ports() -> frozenset[int]:
     return frozenset(ports)
 
 
+def last_port(domain: int) -> int:
+    """Last UDP port of a ROS domain: nodes take the first ones, so whoever binds it holds all."""
+    return _PORT_BASE + _PORTS_PER_DOMAIN * (domain + 1) - 1
+
+
 def free_domain_id(pid: int, busy_ports: Collection[int]) -> int:
     """First ROS domain from ``1 + pid % 101`` on that no socket on this host uses.
 
