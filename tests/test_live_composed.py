@@ -128,7 +128,7 @@ def test_nothing_is_left_when_the_tool_itself_is_killed(running):
 
 
 def test_the_benchmark_compares_bytes_and_counts_processes():
-    options = ('--seconds', '60', '--rounds', '1', '--json')
+    options = ('--seconds', '20', '--rounds', '1', '--json')
     done = polar('bench', 'graph', *options, timeout=200.0)
     assert done.returncode == 0, done.stderr
     said = json.loads(done.stdout)
