@@ -24,7 +24,9 @@ from polar_nav_tools.play import generate, schemas
 pytestmark = [pytest.mark.live, pytest.mark.paced, pytest.mark.slow, pytest.mark.timeout(900)]
 
 HERE = Path(__file__).parent
-SEED, SECONDS = 3, 50.0
+SEED, SECONDS = 3, 40.0
+LONG_ENOUGH = 300.0
+"""Duration of a voyage that is ended when it was mapped [s]."""
 
 
 @pytest.fixture(scope='module')
@@ -65,16 +67,21 @@ def test_drivers_to_odometry_and_tf_over_another_middleware(tmp_path, start, own
     Place, height, tilt and heading of the start are found by the node: nobody states them.
     """
     run = recording.readings(SEED, SECONDS)
-    drivers = start('drivers', sys.executable, HERE / 'cheap_drivers.py', SEED, SECONDS)
-    bag = tmp_path / 'bag'
-    recorder = start('recorder', *TOOL, 'record', '--out', bag)
-    start.wait_for('drivers', 'publishing')  # the recorder hears them before a follower can
+    program = (sys.executable, HERE / 'cheap_drivers.py', SEED)
+    mapped_drivers = start('mapped drivers', *program, LONG_ENOUGH)
     mapping = tmp_path / 'mapping.yaml'
     known = ('--imu', 'vn100', '--dvl', 'a50_standard', '--reference', 'bottom')
     into_file = ('bash', '-c', f'"$@" > {mapping}', 'bash')
     mapped = start('map', *into_file, *TOOL, 'map', '--live', '--seconds', '6', *known)
     assert mapped.wait(60.0) == 0, (tmp_path / 'map.log').read_text()
+    mapped_drivers.kill()
+    mapped_drivers.wait()
     mapping.write_text(filled_in(mapping.read_text(encoding='utf-8')), encoding='utf-8')
+    bag = tmp_path / 'bag'
+    recorder = start('recorder', *TOOL, 'record', '--out', bag)
+    until_there(bag)
+    # However long these take to start: the voyage begins when recorder and follower both listen.
+    drivers = start('drivers', *program, SECONDS, 2)
     ros = ('--ros-args', '-r', '__ns:=/auv', '-p', f'sources:={mapping}')
     follower = start('follower', *FOLLOWER, *ros)
     listener = None
@@ -116,6 +123,14 @@ def test_drivers_to_odometry_and_tf_over_another_middleware(tmp_path, start, own
     assert heard['child'] == 'auv/base_link'
     assert {tuple(f) for f in heard['frames']} == frames
     assert 0.0 < heard['variance'] < 1e4
+
+
+def until_there(folder: Path) -> None:
+    """Wait for a folder."""
+    deadline = time.monotonic() + 60.0
+    while not folder.is_dir():
+        assert time.monotonic() < deadline, folder
+        time.sleep(0.05)
 
 
 def _heard(listener: subprocess.Popen[str]) -> dict:
