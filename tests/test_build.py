@@ -13,7 +13,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator
 from pathlib import Path
@@ -202,54 +201,67 @@ def test_after_sourcing_the_built_packages_are_used(workspace):
         assert place.startswith(str(workspace / 'install'))
 
 
+@pytest.fixture(scope='module')
+def ended(workspace, tmp_path_factory) -> dict[str, tuple[bool, int, str]]:
+    """Of each node of the build: whether it appeared, its status after SIGINT, what it said."""
+    folder = tmp_path_factory.mktemp('nodes')
+    # It carries nothing without a file.
+    (folder / 'modem.yaml').write_text('transmit: {topic: t, type: std_msgs/msg/ByteMultiArray}')
+    shell = subprocess.run(
+        sourced(workspace, 'env -0'), env=outside(), stdout=subprocess.PIPE, check=True
+    )
+    env = dict(line.split('=', 1) for line in shell.stdout.decode().split('\0') if line)
+    running: dict[str, subprocess.Popen[bytes]] = {}
+    try:
+        for package, nodes in NODES.items():
+            for node in sorted(nodes):
+                program = workspace / 'install' / package / 'lib' / package / node
+                options = ['--ros-args', '-r', '__ns:=/probe']
+                if node == 'modem_bridge':
+                    options += ['-p', 'modem:=modem.yaml']
+                with (folder / node).open('wb') as log:
+                    running[node] = subprocess.Popen(
+                        [program, *options], env=env, cwd=folder, stdout=log, stderr=log
+                    )
+        seen = appeared({f'/probe/{node}' for node in running})
+        for process in running.values():
+            process.send_signal(signal.SIGINT)
+        # A first start compiles the filter before it looks at anything else.
+        status = {node: process.wait(900.0) for node, process in running.items()}
+    finally:
+        for process in running.values():
+            process.kill()
+            process.wait()
+    return {
+        node: (f'/probe/{node}' in seen, status[node], (folder / node).read_text())
+        for node in running
+    }
+
+
 @pytest.mark.slow
 @pytest.mark.live
 @pytest.mark.timeout(1200)
-@pytest.mark.parametrize(('package', 'node'), [(p, n) for p in NODES for n in sorted(NODES[p])])
-def test_a_node_of_the_build_runs_and_ends_cleanly(workspace, tmp_path, package, node):
-    program = workspace / 'install' / package / 'lib' / package / node
-    arguments = '--ros-args -r __ns:=/probe'
-    if node == 'modem_bridge':  # it carries nothing without a file
-        (tmp_path / 'modem.yaml').write_text(
-            'transmit: {topic: t, type: std_msgs/msg/ByteMultiArray}'
-        )
-        arguments += ' -p modem:=modem.yaml'
-    process = subprocess.Popen(
-        sourced(workspace, f'{program} {arguments}'),
-        env=outside(),
-        cwd=tmp_path,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-    )
-    try:
-        assert wait_for_node(f'/probe/{node}', process), f'{node} did not appear'
-        process.send_signal(signal.SIGINT)
-        # A first start compiles the filter before it looks at anything else.
-        output, _ = process.communicate(timeout=900)  # a first start compiles
-    finally:
-        process.kill()
-    assert process.returncode == 0, output
+@pytest.mark.parametrize('node', sorted({node for nodes in NODES.values() for node in nodes}))
+def test_a_node_of_the_build_runs_and_ends_cleanly(ended, node):
+    seen, status, said = ended[node]
+    assert seen, f'{node} did not appear: {said}'
+    assert status == 0, said
 
 
-def wait_for_node(name: str, process: subprocess.Popen[str]) -> bool:
-    """Watch the ROS graph, from another process, until the node is there or has ended."""
+def appeared(names: set[str]) -> set[str]:
+    """Watch the ROS graph, from another process, until nodes are there; those that are."""
     code = (
         'import rclpy, sys, time\n'
         'rclpy.init()\n'
         'node = rclpy.create_node("watcher")\n'
-        'limit = time.monotonic() + 60.0\n'
-        'while time.monotonic() < limit:\n'
-        '    seen = node.get_node_names_and_namespaces()\n'
-        f'    if {name!r} in [ns.rstrip("/") + "/" + n for n, ns in seen]: sys.exit(0)\n'
+        'limit = time.monotonic() + 120.0\n'
+        'wanted, seen = set(sys.argv[1:]), set()\n'
+        'while not wanted <= seen and time.monotonic() < limit:\n'
         '    time.sleep(0.1)\n'
-        'sys.exit(1)\n'
+        '    found = node.get_node_names_and_namespaces()\n'
+        '    seen |= {ns.rstrip("/") + "/" + n for n, ns in found}\n'
+        'print(*(wanted & seen))\n'
     )
-    watcher = subprocess.Popen([sys.executable, '-c', code], env=outside())
-    try:
-        while watcher.poll() is None and process.poll() is None:
-            time.sleep(0.1)
-        return watcher.poll() == 0
-    finally:
-        watcher.kill()
-        watcher.wait()
+    watcher = [sys.executable, '-c', code, *names]
+    done = subprocess.run(watcher, env=outside(), stdout=subprocess.PIPE, text=True, check=True)
+    return set(done.stdout.split())
