@@ -43,6 +43,12 @@ def events(world):
     return sorted(found, key=lambda e: e.key)
 
 
+@pytest.fixture(scope='module')
+def clean(world, events):
+    """Outputs of a node whose clocks never step."""
+    return live(world, stepped(events, []))[1]
+
+
 def live(world, messages):
     """Outputs of a node that receives (arrival, event)."""
     driver = Reorder(Engine(world.params(reorder_window_s=WINDOW_S)), WINDOW_S, 0.25)
@@ -96,12 +102,14 @@ STEPS = st.lists(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=40, deadline=None)
 @given(STEPS)
-def test_no_sequence_of_steps_ends_navigation_and_a_replay_does_the_same(world, events, steps):
+def test_no_sequence_of_steps_ends_navigation_and_a_replay_does_the_same(
+    world, events, clean, steps
+):
     messages = stepped(events, steps)
     engine, out = live(world, messages)
-    clean = live(world, stepped(events, []))[1]
     found = [o for o in out if isinstance(o, ClockStep)]
     assert len(states(out)) >= len(states(clean)) - 60
     assert engine.navigating
@@ -112,9 +120,8 @@ def test_no_sequence_of_steps_ends_navigation_and_a_replay_does_the_same(world, 
 
 
 @pytest.mark.parametrize('by_s', [3600.0, 2.0, -2.0, -10.0])
-def test_a_step_of_all_clocks_changes_nothing_but_the_offset(world, events, by_s):
+def test_a_step_of_all_clocks_changes_nothing_but_the_offset(world, events, clean, by_s):
     engine, out = live(world, stepped(events, [(5.0, by_s, '')]))
-    clean = live(world, stepped(events, []))[1]
     assert states(out) == states(clean)
     steps = [o for o in out if isinstance(o, ClockStep)]
     assert {s.topic for s in steps} == {IMU, 'dvl/data', 'depth/data', 'acomms/rx'}
@@ -129,11 +136,11 @@ def test_a_step_of_all_clocks_changes_nothing_but_the_offset(world, events, by_s
     assert f'stepped by {by_s:+.3f} s' in imu.sentence
 
 
-def test_a_clock_of_its_own_keeps_its_offset_when_the_imus_steps(world, events):
+def test_a_clock_of_its_own_keeps_its_offset_when_the_imus_steps(world, events, clean):
     messages = stepped(events, [(5.0, -10.0, IMU)])
     _, out = live(world, messages)
     assert {o.topic for o in out if isinstance(o, ClockStep)} == {IMU}
-    assert states(out) == states(live(world, stepped(events, []))[1])
+    assert states(out) == states(clean)
 
 
 @pytest.mark.parametrize('by_s', [10.0, -10.0])
@@ -148,7 +155,7 @@ def test_a_step_of_the_dvls_own_clock_is_followed_after_three_pings(world, event
 
 
 @pytest.mark.parametrize('count', [1, 4, 5, 6, 40])
-def test_samples_of_2038_that_return_do_no_harm(world, events, count):
+def test_samples_of_2038_that_return_do_no_harm(world, events, clean, count):
     at = next(i for i, e in enumerate(events) if e.stamp_ns > world.stamps[500])
     wrong = [e for e in events[at:] if e.topic == IMU][:count]
     far_ns = (2**31 - 1) * NS - wrong[0].stamp_ns
@@ -160,7 +167,7 @@ def test_samples_of_2038_that_return_do_no_harm(world, events, count):
     assert sum(steps) == 0
     assert len(steps) == (0 if count < 5 else 2)
     if count >= 5:
-        assert states(out) == states(live(world, stepped(events, []))[1])
+        assert states(out) == states(clean)
 
 
 def gone(events, first_s, last_s, topics):

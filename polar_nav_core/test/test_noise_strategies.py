@@ -74,6 +74,7 @@ def test_sage_husa_finds_the_true_R(long_world, delay_handling, factor):
     assert np.linalg.norm(error[:2]) < 0.6
 
 
+@pytest.mark.slow
 def test_sage_husa_stays_inside_its_own_band_when_the_noise_is_right():
     """Position errors against the filter's own sigma: last epochs of 20 runs, 3 dof each."""
     world = World(60.0)

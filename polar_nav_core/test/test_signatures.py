@@ -115,6 +115,7 @@ def test_a_fault_changes_residuals_by_its_signature(kind):
     np.testing.assert_allclose(after - before, size * changes, rtol=1e-8, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_without_a_fault_the_statistic_is_chi_square():
     """Common errors drawn; one degree of freedom, two for pairs."""
     found = np.array([run(seed, 400)[0].bank[hy.STATISTIC, : hy.KINDS] for seed in range(400)])

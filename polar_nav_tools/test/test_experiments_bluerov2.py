@@ -78,8 +78,9 @@ def test_fixes_have_the_errors_that_are_stated() -> None:
     assert 60.0 < max(gaps) < 93.0
 
 
+@pytest.mark.slow
 def test_the_filter_beside_ours_follows_good_data_and_refuses_jumps() -> None:
-    good = recording.readings(2, 600.0, NO_ERRORS, GOOD_FIXES)
+    good = recording.readings(2, 300.0, NO_ERRORS, GOOD_FIXES)
     tuning = dataclasses.replace(baseline.Tuning(), lag_s=0.0)
     every_ping = good.dvl._replace(valid=np.ones_like(good.dvl.valid))
     track = baseline.run(good.imu, every_ping, good.fixes, tuning)
@@ -88,7 +89,7 @@ def test_the_filter_beside_ours_follows_good_data_and_refuses_jumps() -> None:
         [np.interp(track.time_s, m.time_s, m.position_n[:, i]) for i in range(2)]
     )
     assert np.hypot(*(track.position_n - true).T)[80:].max() < 0.1
-    bad = recording.readings(2, 600.0, NO_ERRORS, dataclasses.replace(GOOD_FIXES, jump_share=0.05))
+    bad = recording.readings(2, 300.0, NO_ERRORS, dataclasses.replace(GOOD_FIXES, jump_share=0.05))
     refused = baseline.run(bad.imu, bad.dvl, bad.fixes, tuning).refused
     assert bad.fixes.jumped.any()
     np.testing.assert_array_equal(refused, bad.fixes.jumped)
