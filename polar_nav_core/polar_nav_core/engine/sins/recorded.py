@@ -152,7 +152,7 @@ class Recorded(Ignore):
         """Log fixes that were decided in the streams."""
         if self._fixes is not None:
             self._fixes.fixes += fixes
-            self._fixes.enlargements += [self.filter.outcome_of(r).inflation for r in outcomes]
+            self._fixes.enlargements += outcomes[:, -1].tolist()
 
     def offset(self, fix: Fix) -> tuple[Array, float] | None:
         """As `Fusion.offset`; None where fixes are decided on already: nobody else judges them."""
