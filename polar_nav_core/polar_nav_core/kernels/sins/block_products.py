@@ -34,78 +34,69 @@ def _build_step(Psi: Array, Phi: Array, work: Array) -> None:
 
 
 @kernel
-def _build_update(
-    Psi: Array, Lambda: Array, mean: Array, work: Array, log: Log, u: int, m: int
-) -> None:
-    """Psi <- (I - K H) Psi, Lambda and lambda grow by (H Psi)^T S^-1 (H Psi, z).
-
-    Rows 0..2 of work hold H Psi, rows 3..5 S^-1 H Psi; those from m on are zero.
-    """
+def _build_scalar(Psi: Array, Lambda: Array, mean: Array, work: Array, log: Log, u: int) -> None:
+    """`_build_update` of one row."""
     n = Psi.shape[0]
     H = log.H[u]
-    L = log.L[u]
     K = log.K[u]
-    if m == 1:
-        for j in range(n):
-            work[0, j] = 0.0
-        for k in range(N):
-            h = H[0, k]
-            if h != 0.0:
-                for j in range(n):
-                    work[0, j] += h * Psi[k, j]
-        s = 1.0 / L[0, 0]
-        for j in range(n):
-            work[3, j] = work[0, j] * s * s
-        s = log.z[u, 0]
-        for j in range(n):
-            mean[j] += s * work[3, j]
-        for i in range(n):
-            g = work[0, i]
-            k_0 = K[0, i]
-            for j in range(n):
-                Lambda[i, j] += g * work[3, j]
-                Psi[i, j] -= k_0 * work[0, j]
-        return
-    for a in range(6):
-        for j in range(n):
-            work[a, j] = 0.0
+    for j in range(n):
+        work[0, j] = 0.0
     for k in range(N):
-        for a in range(m):
-            h = H[a, k]
-            if h != 0.0:
-                for j in range(n):
-                    work[a, j] += h * Psi[k, j]
-    for a in range(m):
-        for j in range(n):
-            work[3 + a, j] = work[a, j]
-        for b in range(a):
-            s = L[a, b]
+        h = H[0, k]
+        if h != 0.0:
             for j in range(n):
-                work[3 + a, j] -= s * work[3 + b, j]
-        s = 1.0 / L[a, a]
-        for j in range(n):
-            work[3 + a, j] *= s
-    for r in range(m):
-        a = m - 1 - r
-        for b in range(a + 1, m):
-            s = L[b, a]
-            for j in range(n):
-                work[3 + a, j] -= s * work[3 + b, j]
-        s = 1.0 / L[a, a]
-        for j in range(n):
-            work[3 + a, j] *= s
-    for a in range(m):
-        s = log.z[u, a]
-        for j in range(n):
-            mean[j] += s * work[3 + a, j]
-    for i in range(n):
+                work[0, j] += h * Psi[k, j]
+    s = 1.0 / log.L[u, 0, 0]
+    z_0 = log.z[u, 0]
+    for j in range(n):
+        w_0 = work[0, j] * s * s
+        work[3, j] = w_0
+        mean[j] += z_0 * w_0
+    for i in range(N):
+        g = work[0, i]
+        k_0 = K[0, i]
+        for j in range(N):
+            Lambda[i, j] += g * work[3, j]
+            Psi[i, j] -= k_0 * work[0, j]
+
+
+@kernel
+def _build_update(Psi: Array, Lambda: Array, mean: Array, work: Array, log: Log, u: int) -> None:
+    """Psi <- (I - K H) Psi, Lambda and lambda grow by (H Psi)^T S^-1 (H Psi, z); three rows.
+
+    Rows 0..2 of work hold H Psi, rows 3..5 S^-1 H Psi.
+    """
+    n = Psi.shape[0]
+    K = log.K[u]
+    L = log.L[u]
+    rows_times(work, log.H[u], Psi)
+    l_10 = L[1, 0]
+    l_20 = L[2, 0]
+    l_21 = L[2, 1]
+    i_0 = 1.0 / L[0, 0]
+    i_1 = 1.0 / L[1, 1]
+    i_2 = 1.0 / L[2, 2]
+    z_0 = log.z[u, 0]
+    z_1 = log.z[u, 1]
+    z_2 = log.z[u, 2]
+    for j in range(n):  # forward and back substitution
+        w_0 = work[0, j] * i_0
+        w_1 = (work[1, j] - l_10 * w_0) * i_1
+        w_2 = (work[2, j] - l_20 * w_0 - l_21 * w_1) * i_2 * i_2
+        w_1 = (w_1 - l_21 * w_2) * i_1
+        w_0 = (w_0 - l_10 * w_1 - l_20 * w_2) * i_0
+        work[3, j] = w_0
+        work[4, j] = w_1
+        work[5, j] = w_2
+        mean[j] = mean[j] + z_0 * w_0 + z_1 * w_1 + z_2 * w_2
+    for i in range(N):
         g_0 = work[0, i]
         g_1 = work[1, i]
         g_2 = work[2, i]
         k_0 = K[0, i]
         k_1 = K[1, i]
         k_2 = K[2, i]
-        for j in range(n):
+        for j in range(N):
             Lambda[i, j] += g_0 * work[3, j] + g_1 * work[4, j] + g_2 * work[5, j]
             Psi[i, j] -= k_0 * work[0, j] + k_1 * work[1, j] + k_2 * work[2, j]
 
@@ -125,19 +116,27 @@ def build(past: Past, log: Log, bl: Blocks, b: int, end: int) -> None:
         mean[i] = 0.0
         bl.means[b, 1, i] = 0.0
     u = bl.head[b]
-    for entry in range(bl.first[b], end + 1):
-        while u != NONE and bl.place[u] == entry:
-            _build_update(Psi, Lambda, mean, bl.scratch, log, u, 3)
+    entry = bl.first[b]
+    while True:
+        if u != NONE and bl.place[u] == entry:
+            update = u
+            rows = fs.VECTOR
             u = bl.next[u]
-        if entry == end:
+        elif entry == end:
             break
-        e = entry % length
-        if log.kinds[e] == fs.STEP:
-            Phi = past.transitions[log.numbers[e] % past.transitions.shape[0]]
-            _build_step(Psi, Phi, bl.scratch)
         else:
-            w = log.numbers[e] % log.H.shape[0]
-            _build_update(Psi, Lambda, mean, bl.scratch, log, w, log.rows[e])
+            e = entry % length
+            entry += 1
+            if log.kinds[e] == fs.STEP:
+                Phi = past.transitions[log.numbers[e] % past.transitions.shape[0]]
+                _build_step(Psi, Phi, bl.scratch)
+                continue
+            update = log.numbers[e] % log.H.shape[0]
+            rows = log.rows[e]
+        if rows == fs.SCALAR:
+            _build_scalar(Psi, Lambda, mean, bl.scratch, log, update)
+        else:
+            _build_update(Psi, Lambda, mean, bl.scratch, log, update)
     T = bl.T[b]
     for i in range(N):
         for j in range(N):
@@ -165,11 +164,16 @@ def cross_block(C: Array, P_cc: Array, z: Array, bl: Blocks, b: int) -> None:
     rows_times(C, bl.C[b], bl.T[b])
     X = bl.small[0]
     inner(X, bl.C[b], V)
+    s_0 = s_1 = s_2 = 0.0
+    for k in range(N):
+        mean = bl.means[b, 0, k]
+        s_0 += bl.C[b, 0, k] * mean
+        s_1 += bl.C[b, 1, k] * mean
+        s_2 += bl.C[b, 2, k] * mean
+    z[0] -= s_0
+    z[1] -= s_1
+    z[2] -= s_2
     for a in range(3):
-        s = 0.0
-        for k in range(N):
-            s += bl.C[b, a, k] * bl.means[b, 0, k]
-        z[a] -= s
         for d in range(3):
             P_cc[a, d] -= 0.5 * (X[a, d] + X[d, a])
 
@@ -213,11 +217,16 @@ def correct_for_prior(C: Array, P_cc: Array, z: Array, Y: Array, bl: Blocks, b: 
     """From the prior that a block was filtered with to that of now: C, P_cc, z, Y at its end."""
     D = bl.scratch[0:3]
     rows_times(D, Y, bl.Delta[b])
-    for a in range(3):
-        s = 0.0
-        for k in range(N):
-            s += D[a, k] * bl.means[b, 0, k] + Y[a, k] * bl.means[b, 1, k]
-        z[a] -= s
+    s_0 = s_1 = s_2 = 0.0
+    for k in range(N):
+        m_0 = bl.means[b, 0, k]
+        m_1 = bl.means[b, 1, k]
+        s_0 += D[0, k] * m_0 + Y[0, k] * m_1
+        s_1 += D[1, k] * m_0 + Y[1, k] * m_1
+        s_2 += D[2, k] * m_0 + Y[2, k] * m_1
+    z[0] -= s_0
+    z[1] -= s_1
+    z[2] -= s_2
     X = bl.scratch[3:6]
     rows_times(X, D, bl.Lambda[b])
     for a in range(3):

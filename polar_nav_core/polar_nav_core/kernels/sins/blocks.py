@@ -38,7 +38,7 @@ class Blocks(NamedTuple):
     P_cc, z : (n, 3, 3), (n, 3) its covariance and innovation at the start
     next, place, epochs : (updates,) of a late fix: the one after it in its block, the entry before
         which it stands, epochs stored before it
-    G : (updates, 3, 3) H C of every update that a late fix passes
+    G, SG : (updates, 3, 3) H C of every update that a late fix passes, and S^-1 H C
     scratch : (9, 24)
     small : (8, 3, 3)
     columns : (3, 3, 24)
@@ -61,6 +61,7 @@ class Blocks(NamedTuple):
     place: Ints
     epochs: Ints
     G: Array
+    SG: Array
     scratch: Array
     small: Array
     columns: Array
@@ -90,6 +91,7 @@ def make_blocks(log: Log, steps_per_block: int) -> Blocks:
         place=np.zeros(updates, dtype=np.int64),
         epochs=np.zeros(updates, dtype=np.int64),
         G=np.zeros((updates, 3, 3)),
+        SG=np.zeros((updates, 3, 3)),
         scratch=np.zeros((9, N)),
         small=np.zeros((8, 3, 3)),
         columns=np.zeros((3, 3, N)),

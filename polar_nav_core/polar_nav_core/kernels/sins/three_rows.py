@@ -6,26 +6,37 @@ import math
 
 from ...arrays import Array
 from ..cache import kernel
-from .update import NAV, N
+from .update import MARKOV, NAV, N
 
 
 @kernel
 def step_columns(C: Array, Phi: Array, work: Array) -> None:
-    """C^T <- C^T Phi^T for three rows; work is (3, 24)."""
+    """C^T <- C^T Phi^T for three rows; work is (3, 24). From NAV to MARKOV Phi is one."""
     for a in range(3):
+        x_0, x_1, x_2, x_3, x_4, x_5, x_6, x_7, x_8 = leading_nine(C[a])
+        x_9, x_10, x_11, x_12, x_13, x_14 = (
+            C[a, 9],
+            C[a, 10],
+            C[a, 11],
+            C[a, 12],
+            C[a, 13],
+            C[a, 14],
+        )
         for i in range(NAV):
             work[a, i] = (
-                Phi[i, 0] * C[a, 0] + Phi[i, 1] * C[a, 1] + Phi[i, 2] * C[a, 2]
-                + Phi[i, 3] * C[a, 3] + Phi[i, 4] * C[a, 4] + Phi[i, 5] * C[a, 5]
-                + Phi[i, 6] * C[a, 6] + Phi[i, 7] * C[a, 7] + Phi[i, 8] * C[a, 8]
-                + Phi[i, 9] * C[a, 9] + Phi[i, 10] * C[a, 10] + Phi[i, 11] * C[a, 11]
-                + Phi[i, 12] * C[a, 12] + Phi[i, 13] * C[a, 13] + Phi[i, 14] * C[a, 14]
+                Phi[i, 0] * x_0 + Phi[i, 1] * x_1 + Phi[i, 2] * x_2
+                + Phi[i, 3] * x_3 + Phi[i, 4] * x_4 + Phi[i, 5] * x_5
+                + Phi[i, 6] * x_6 + Phi[i, 7] * x_7 + Phi[i, 8] * x_8
+                + Phi[i, 9] * x_9 + Phi[i, 10] * x_10 + Phi[i, 11] * x_11
+                + Phi[i, 12] * x_12 + Phi[i, 13] * x_13 + Phi[i, 14] * x_14
             )  # fmt: skip
     for a in range(3):
         for i in range(NAV):
             C[a, i] = work[a, i]
-        for i in range(NAV, N):
-            C[a, i] *= Phi[i, i]
+    for i in range(MARKOV, N):
+        d = Phi[i, i]
+        for a in range(3):
+            C[a, i] *= d
 
 
 @kernel
@@ -38,7 +49,7 @@ def leading_nine(
 
 @kernel
 def step_rows(Y: Array, Phi: Array, work: Array) -> None:
-    """Y <- Y Phi for three rows; work is (3, 24)."""
+    """Y <- Y Phi for three rows; work is (3, 24). From NAV to MARKOV Phi is one."""
     for a in range(3):
         y_0, y_1, y_2, y_3, y_4, y_5, y_6, y_7, y_8 = leading_nine(Y[a])
         for j in range(N):
@@ -49,7 +60,9 @@ def step_rows(Y: Array, Phi: Array, work: Array) -> None:
             )  # fmt: skip
         for j in range(NAV):
             Y[a, j] = work[a, j]
-        for j in range(NAV, N):
+        for j in range(NAV, MARKOV):
+            Y[a, j] = work[a, j] + Y[a, j]
+        for j in range(MARKOV, N):
             Y[a, j] = work[a, j] + Phi[j, j] * Y[a, j]
 
 
@@ -58,26 +71,44 @@ def rows_times(out: Array, X: Array, A: Array) -> None:
     """Out = X A for three rows X and a square A, in one expression of 24 products."""
     for a in range(3):
         x = X[a]
-        for j in range(A.shape[0]):
+        # As numbers: in an array they would be read again, for `out` might be in front of them.
+        x_0, x_1, x_2, x_3, x_4, x_5, x_6, x_7, x_8 = leading_nine(x)
+        x_9, x_10, x_11, x_12, x_13 = x[9], x[10], x[11], x[12], x[13]
+        x_14, x_15, x_16, x_17, x_18 = x[14], x[15], x[16], x[17], x[18]
+        x_19, x_20, x_21, x_22, x_23 = x[19], x[20], x[21], x[22], x[23]
+        for j in range(N):
             out[a, j] = (
-                x[0] * A[0, j] + x[1] * A[1, j] + x[2] * A[2, j] + x[3] * A[3, j]
-                + x[4] * A[4, j] + x[5] * A[5, j] + x[6] * A[6, j] + x[7] * A[7, j]
-                + x[8] * A[8, j] + x[9] * A[9, j] + x[10] * A[10, j] + x[11] * A[11, j]
-                + x[12] * A[12, j] + x[13] * A[13, j] + x[14] * A[14, j] + x[15] * A[15, j]
-                + x[16] * A[16, j] + x[17] * A[17, j] + x[18] * A[18, j] + x[19] * A[19, j]
-                + x[20] * A[20, j] + x[21] * A[21, j] + x[22] * A[22, j] + x[23] * A[23, j]
+                x_0 * A[0, j] + x_1 * A[1, j] + x_2 * A[2, j] + x_3 * A[3, j]
+                + x_4 * A[4, j] + x_5 * A[5, j] + x_6 * A[6, j] + x_7 * A[7, j]
+                + x_8 * A[8, j] + x_9 * A[9, j] + x_10 * A[10, j] + x_11 * A[11, j]
+                + x_12 * A[12, j] + x_13 * A[13, j] + x_14 * A[14, j] + x_15 * A[15, j]
+                + x_16 * A[16, j] + x_17 * A[17, j] + x_18 * A[18, j] + x_19 * A[19, j]
+                + x_20 * A[20, j] + x_21 * A[21, j] + x_22 * A[22, j] + x_23 * A[23, j]
             )  # fmt: skip
 
 
 @kernel
 def inner(out: Array, X: Array, Y: Array) -> None:
-    """Out = X Y^T, (3, 3) of (3, 24) each."""
-    for a in range(3):
-        for b in range(3):
-            s = 0.0
-            for k in range(N):
-                s += X[a, k] * Y[b, k]
-            out[a, b] = s
+    """Out = X Y^T, (3, 3) of (3, 24) each: nine sums side by side, each along its rows."""
+    s_00 = s_01 = s_02 = 0.0
+    s_10 = s_11 = s_12 = 0.0
+    s_20 = s_21 = s_22 = 0.0
+    for k in range(N):
+        y_0 = Y[0, k]
+        y_1 = Y[1, k]
+        y_2 = Y[2, k]
+        s_00 += X[0, k] * y_0
+        s_01 += X[0, k] * y_1
+        s_02 += X[0, k] * y_2
+        s_10 += X[1, k] * y_0
+        s_11 += X[1, k] * y_1
+        s_12 += X[1, k] * y_2
+        s_20 += X[2, k] * y_0
+        s_21 += X[2, k] * y_1
+        s_22 += X[2, k] * y_2
+    out[0, 0], out[0, 1], out[0, 2] = s_00, s_01, s_02
+    out[1, 0], out[1, 1], out[1, 2] = s_10, s_11, s_12
+    out[2, 0], out[2, 1], out[2, 2] = s_20, s_21, s_22
 
 
 @kernel
