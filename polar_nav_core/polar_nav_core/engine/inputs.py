@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import spilled
 from .events import (
     Array,
     ControlSample,
@@ -173,13 +174,18 @@ class StationInputs:
 
 def rows_of(values: NDArray[Any], keep: NDArray[np.bool_]) -> NDArray[Any]:
     """Rows where ``keep`` is true, contiguous; the array itself if that is all of them."""
-    return np.ascontiguousarray(values if keep.all() else values[keep])
+    if keep.all():
+        return np.ascontiguousarray(values)
+    return spilled.chosen(values, np.flatnonzero(keep))
 
 
 def new_seconds(stamps_ns: NDArray[np.int64]) -> list[int]:
     """Stamps of the samples with which a new second begins [ns], without the first sample."""
-    seconds = stamps_ns // 1_000_000_000
-    return [int(stamp) for stamp in stamps_ns[1:][seconds[1:] != seconds[:-1]]]
+    found: list[int] = []
+    for part in spilled.parts(len(stamps_ns) - 1):
+        before, after = stamps_ns[part], stamps_ns[part.start + 1 : part.stop + 1]
+        found += after[after // 1_000_000_000 != before // 1_000_000_000].tolist()
+    return found
 
 
 def at_least_one(values: NDArray[Any]) -> NDArray[Any]:

@@ -9,6 +9,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import spilled
 from ..arrays import Array
 from ..kernels.limits import AXIS, EARTH
 from .events import (
@@ -117,16 +118,24 @@ def usable_imu(
     other : (n, 3) or (n, 3, 3) array
         What the mode needs besides: specific force, or the attitude in station mode.
     """
-    usable = all_within(omega_ib_b, params.max_rate)
-    if params.mode == 'station':
-        usable &= are_attitudes(other)
-        repeats = np.zeros(len(stamps_ns), dtype=np.int64)
-    else:
-        usable &= all_within(other, params.max_specific_force)
+    station = params.mode == 'station'
+
+    def within(omega_ib_b: Array, other: Array) -> Bools:
+        good = all_within(omega_ib_b, params.max_rate)
+        good &= are_attitudes(other) if station else all_within(other, params.max_specific_force)
+        return good
+
+    usable = spilled.by_rows(within, omega_ib_b, other)
+    repeats = np.zeros(len(stamps_ns), dtype=np.int64)
+    if not station:
         repeats = repeats_of(params, stamps_ns, omega_ib_b, other, usable)
-        usable &= repeats == 0
-    good = np.flatnonzero(usable)
-    usable[good[1:][np.diff(stamps_ns[good]) == 0]] = False
+    before_ns = stamps_ns[:0]  # stamp of the last one before a part
+    for part in spilled.parts(len(stamps_ns)):
+        usable[part] &= repeats[part] == 0
+        good = part.start + np.flatnonzero(usable[part])
+        found_ns = np.r_[before_ns, stamps_ns[good]]
+        usable[good[len(good) - len(found_ns) + 1 :][np.diff(found_ns) == 0]] = False
+        before_ns = found_ns[-1:]
     return usable, repeats
 
 
@@ -166,8 +175,11 @@ def _unusable_dvl(params: EngineParams, ping: DvlPing) -> Refusal | None:
 
 def usable_dvl(params: EngineParams, valid: Bools, v_m: Array, covariance_m: Array) -> Bools:
     """Mask (n,) of pings that are not faulty; one without bottom lock is not."""
-    good = all_within(v_m, params.max_speed) & are_covariances(covariance_m)
-    return np.asarray(~valid | good)
+
+    def good(valid: Bools, v_m: Array, covariance_m: Array) -> Bools:
+        return ~valid | (all_within(v_m, params.max_speed) & are_covariances(covariance_m))
+
+    return spilled.by_rows(good, valid, v_m, covariance_m)
 
 
 def _unusable_covariance(name: str, P: Array) -> Refusal:

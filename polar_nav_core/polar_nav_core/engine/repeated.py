@@ -8,9 +8,13 @@ a vehicle at rest may well repeat.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from itertools import chain
+
 import numpy as np
 from numpy.typing import NDArray
 
+from .. import spilled
 from ..arrays import Array
 from .events import ImuSample, Verdict
 from .inputs import Stamps
@@ -70,16 +74,10 @@ def repeats_of(
     """
     out = np.zeros(len(stamps_ns), dtype=np.int64)
     most = params.max_imu_repeats
-    rows = np.flatnonzero(within)
-    if not most or len(rows) <= most:
+    if not most or not _may_hang(most, stamps_ns, omega_ib_b, f_b, within):
         return out
-    w, f = omega_ib_b[rows], f_b[rows]
-    same = (w[1:] == w[:-1]).all(axis=1) & (f[1:] == f[:-1]).all(axis=1)
-    one_each = bool(np.all(np.diff(stamps_ns[rows]) > 0))
-    if one_each and np.convolve(same, np.ones(most + 1, dtype=np.int64)).max() <= most:
-        return out  # nearly always
     count, used_ns, before = 0, None, None
-    for row in rows.tolist():
+    for row in chain.from_iterable(rows.tolist() for rows in _numbers(within)):
         if stamps_ns[row] == used_ns:  # refused as the second of its stamp
             continue
         values = omega_ib_b[row].tolist(), f_b[row].tolist()
@@ -90,3 +88,30 @@ def repeats_of(
         else:
             used_ns = int(stamps_ns[row])
     return out
+
+
+def _numbers(within: NDArray[np.bool_]) -> Iterator[NDArray[np.intp]]:
+    """Numbers of the rows that count, some at a time."""
+    return (part.start + np.flatnonzero(within[part]) for part in spilled.parts(len(within)))
+
+
+def _may_hang(
+    most: int, stamps_ns: Stamps, omega_ib_b: Array, f_b: Array, within: NDArray[np.bool_]
+) -> bool:
+    """Whether more than ``most`` samples in a row equal the one before; or stamps repeat.
+
+    Nearly never, and many times as fast as to count from row to row.
+    """
+    before = np.zeros(0, dtype=np.intp)
+    run = np.zeros(0, dtype=bool)
+    for found in _numbers(within):
+        rows = np.r_[before, found]
+        w, f = omega_ib_b[rows], f_b[rows]
+        same = (w[1:] == w[:-1]).all(axis=1) & (f[1:] == f[:-1]).all(axis=1)
+        run = np.r_[run, same]
+        if len(run) and np.convolve(run, np.ones(most + 1, dtype=np.int64)).max() > most:
+            return True
+        if (np.diff(stamps_ns[rows]) <= 0).any():
+            return True
+        before, run = rows[-1:], run[len(run) - min(len(run), most) :]
+    return False

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from polar_nav_core import spilled
 from polar_nav_core.engine.events import LOCAL_DOF
 from polar_nav_core.nav_columns import rotations
 from polar_nav_ros import receipt_fields
@@ -163,7 +164,7 @@ def truth_of(c: Columns, vehicle: str) -> TruthSeries:
     return TruthSeries(
         vehicle=vehicle,
         stamp_ns=stamps(c, 'header.stamp'),
-        sequence=c['sequence'].astype(np.int64),
+        sequence=spilled.by_rows(lambda s: s.astype(np.int64), c['sequence']),
         r_e=places(c['r_e']),
         v_G=c['v_g'],
         C_b_G=_matrices(c['c_b_g']),
@@ -199,9 +200,15 @@ def places(r_e: Floats) -> Floats:
     """
     if not len(r_e):
         return r_e
-    with np.errstate(over='ignore', under='ignore', invalid='ignore'):
-        at_centre = np.sum(r_e * r_e, axis=-1) < 1.0
-    return np.where(at_centre[:, None], np.nan, r_e) if at_centre.any() else r_e
+
+    def at_centre(r_e: Floats) -> NDArray[np.bool_]:
+        with np.errstate(over='ignore', under='ignore', invalid='ignore'):
+            return np.asarray(np.sum(r_e * r_e, axis=-1) < 1.0)
+
+    nowhere = spilled.by_rows(at_centre, r_e)
+    if not nowhere.any():
+        return r_e
+    return spilled.by_rows(lambda r_e, at: np.where(at[:, None], np.nan, r_e), r_e, nowhere)
 
 
 def _local_statistics(c: Columns) -> Floats:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from polar_nav_core import spilled
 from polar_nav_tools.bags.kernels import records
 
 from .columns import read_columns
@@ -22,7 +23,8 @@ from .reader import Bag
 from .request import Request, Tables
 
 _ODD = 4096
-_SLICE = 1 << 18
+_KEPT_BYTES = 1 << 24
+"""What is read of the bag before memory is given back."""
 _CHANNELS = 1 << 16
 _LOW = 0xFFFF_FFFF
 
@@ -43,7 +45,8 @@ class Reading:
         self._out = Tables()
         self._out.payloads = {t: [] for t in request.raw}
         self._slots = np.full(_CHANNELS, -1, dtype=np.int16)
-        self._buffer = np.empty(self._plan.size, dtype=np.uint8)
+        self._buffer = spilled.empty(self._plan.size, np.uint8)
+        self._touched = 0
         self._words = self._buffer.view(np.int64)
         self._odd = np.zeros((_ODD, 4), dtype=np.int64)
         self._io = np.zeros(1, dtype=np.int64)
@@ -64,6 +67,10 @@ class Reading:
         BagError
             If it differs from the scan of the bag, or a message is not of its type.
         """
+        self._touched += usable
+        if self._touched > _KEPT_BYTES:
+            spilled.give_back()
+            self._touched = 0
         block = np.frombuffer(content, dtype=np.uint8)
         at = 0
         while at < usable:
@@ -159,8 +166,7 @@ class Reading:
 
 def _nanoseconds(raw: NDArray[Any]) -> NDArray[np.int64]:
     """Replace seconds and nanoseconds by nanoseconds, in place."""
-    for i in range(0, len(raw), _SLICE):
-        part = raw[i : i + _SLICE]
-        seconds = (part << 32) >> 32  # signed
-        part[...] = seconds * 1_000_000_000 + (part >> 32 & _LOW)
+    for part in spilled.parts(len(raw)):
+        seconds = (raw[part] << 32) >> 32  # signed
+        raw[part] = seconds * 1_000_000_000 + (raw[part] >> 32 & _LOW)
     return raw

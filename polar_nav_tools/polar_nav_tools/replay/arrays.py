@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from polar_nav_core import spilled
 from polar_nav_core.dvl import sound_speed_factors
 from polar_nav_core.engine.events import Command, CommandKind, Fix, Receipt
 from polar_nav_core.engine.inputs import Inputs, Stamps, StationInputs
@@ -135,12 +136,13 @@ class SinsArrays(RecordedArrays):
             if 0 <= number < len(stamps_ns) and stamps_ns[number] == stamp_ns:
                 keep = np.ones(len(stamps_ns), dtype=bool) if keep is None else keep
                 keep[number] = False
-        in_order = bool(np.all(stamps_ns[1:] >= stamps_ns[:-1]))
+        in_order = spilled.ascending(stamps_ns)
         if keep is None and in_order:
             return _Stream(stamps_ns, columns, None)
         rows = np.arange(len(stamps_ns)) if keep is None else np.flatnonzero(keep)
         rows = rows[np.argsort(stamps_ns[rows], kind='stable')]
-        return _Stream(stamps_ns[rows], {n: c[rows] for n, c in columns.items()}, rows)
+        moved = {n: spilled.chosen(c, rows) for n, c in columns.items()}
+        return _Stream(moved[_STAMP], moved, rows)
 
     def _fixes(self, params: FollowerParams, refused: Counter[Any]) -> list[Fix]:
         try:
@@ -237,7 +239,7 @@ class Mode:
         if self.any_order:
             return True
         return not refused and all(
-            bool(np.all(c[_STAMP][1:] >= c[_STAMP][:-1]))
+            spilled.ascending(c[_STAMP])
             and all(bool(np.isfinite(c[n]).all()) for n in self.unread if n in c)
             for c in found
         )

@@ -15,6 +15,7 @@ from typing import Literal, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from polar_nav_core import spilled
 from polar_nav_core.attitude import exp, log
 from polar_nav_core.errors import PolarNavError
 from polar_nav_core.grid import ecef_to_grid
@@ -59,7 +60,9 @@ class EstimateAt(Series):
     @classmethod
     def of(cls, estimate: EstimateSeries, rows: NDArray[np.intp]) -> Self:
         """The given rows of `estimate`."""
-        return cls(**{f.name: getattr(estimate, f.name)[rows] for f in fields(cls)})
+        return cls(
+            **{f.name: spilled.chosen(getattr(estimate, f.name), rows) for f in fields(cls)}
+        )
 
 
 @dataclass(frozen=True)
@@ -152,14 +155,15 @@ def align(
             f'{max_gap_s:g} s, {int(skipped.sum())} without a truth sample of the same stamp'
         )
     rows = np.flatnonzero(keep)
-    stamp_ns = estimate.stamp_ns[rows]
     # Copies of the exact ones, so that nothing is rounded where nothing is interpolated.
-    r_e, v_G = truth.r_e[at[rows]], truth.v_G[at[rows]]
-    C_b_G = truth.C_b_G[at[rows]]
-    blend = np.flatnonzero(between[rows])
-    if blend.size:
-        i, j = left[rows[blend]], right[rows[blend]]
-        r_e[blend], v_G[blend], C_b_G[blend] = _interpolated(truth, i, j, stamp_ns[blend])
+    r_e, v_G, C_b_G = (spilled.chosen(c, at[rows]) for c in (truth.r_e, truth.v_G, truth.C_b_G))
+    for part in spilled.parts(len(rows)):
+        some = rows[part]
+        blend = part.start + np.flatnonzero(between[some])
+        if blend.size:
+            i, j = left[rows[blend]], right[rows[blend]]
+            stamps_ns = estimate.stamp_ns[rows[blend]]
+            r_e[blend], v_G[blend], C_b_G[blend] = _interpolated(truth, i, j, stamps_ns)
     counts = AlignmentCounts(
         truth=len(truth),
         estimates=len(estimate) + repeated,
@@ -170,7 +174,9 @@ def align(
         in_gap=int(in_gap.sum()),
         repeated=repeated,
     )
-    return Alignment(TruthAt(stamp_ns, r_e, v_G, C_b_G), EstimateAt.of(estimate, rows), counts)
+    return Alignment(
+        TruthAt(estimate.stamp_ns[rows], r_e, v_G, C_b_G), EstimateAt.of(estimate, rows), counts
+    )
 
 
 def _interpolated(
@@ -195,7 +201,8 @@ def _interpolated(
 def _sorted_truth(truth: TruthSeries, what: str) -> TruthSeries:
     """Truth by stamp, once per stamp; two different truths of one stamp are an error."""
     ordered = truth.in_order()
-    same = np.flatnonzero(np.diff(ordered.stamp_ns) == 0)
+    stamp_ns = ordered.stamp_ns
+    same = np.flatnonzero(stamp_ns[1:] == stamp_ns[:-1])
     if same.size == 0:
         return ordered
     differ = same[(ordered.r_e[same] != ordered.r_e[same + 1]).any(1)]
@@ -205,7 +212,7 @@ def _sorted_truth(truth: TruthSeries, what: str) -> TruthSeries:
             f'{what}: truth has two different positions at stamp {stamp} ns '
             f'({differ.size} such stamps); is this one run?'
         )
-    first = np.r_[True, np.diff(ordered.stamp_ns) > 0]
+    first = np.r_[True, stamp_ns[1:] > stamp_ns[:-1]]
     return ordered.rows(first)
 
 

@@ -7,6 +7,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from polar_nav_core.spilled import by_rows
+
 from ..series.vehicle import Floats
 from .errors import ErrorSeries
 from .json_values import record
@@ -36,7 +38,7 @@ class AgeClass:
 def by_age(error: ErrorSeries, age: Floats) -> tuple[AgeClass, ...]:
     """Errors of a run by class of age of information [s], without empty classes."""
     horizontal = error.horizontal
-    variance = np.trace(error.P_position_G[:, :2, :2], axis1=1, axis2=2)
+    variance = by_rows(lambda P: np.trace(P[:, :2, :2], axis1=1, axis2=2), error.P_position_G)
     found = []
     for low, high in pairwise(EDGES_S):
         inside = (age >= low) & (age < high) & np.isfinite(horizontal)

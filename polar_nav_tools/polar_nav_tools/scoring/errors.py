@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from polar_nav_core import spilled
 from polar_nav_core.attitude import grid_heading, log
 from polar_nav_core.earth import geodetic_from_ecef
 from polar_nav_core.grid import convergence, ecef_to_grid
@@ -51,17 +52,17 @@ class ErrorSeries:
     @property
     def sigma_attitude_G(self) -> Floats:
         """Square root of the diagonal [rad], shape (n, 3); NaN where a variance is negative."""
-        return _sigma(self.P_attitude_G)
+        return spilled.by_rows(_sigma, self.P_attitude_G)
 
     @property
     def sigma_velocity_G(self) -> Floats:
         """Square root of the diagonal [m/s], shape (n, 3); NaN where a variance is negative."""
-        return _sigma(self.P_velocity_G)
+        return spilled.by_rows(_sigma, self.P_velocity_G)
 
     @property
     def sigma_position_G(self) -> Floats:
         """Square root of the diagonal [m], shape (n, 3); NaN where a variance is negative."""
-        return _sigma(self.P_position_G)
+        return spilled.by_rows(_sigma, self.P_position_G)
 
     def time(self, origin_ns: int) -> Floats:
         """Seconds since `origin_ns`, shape (n,)."""
@@ -71,35 +72,53 @@ class ErrorSeries:
 @np.errstate(over='ignore', invalid='ignore')  # a damaged message can hold any number
 def errors(pairs: Alignment) -> ErrorSeries:
     """Errors, estimate minus truth, of all pairs."""
-    truth, estimate = pairs.truth, pairs.estimate
-    C_e_G = ecef_to_grid(truth.r_e)
-    dr_G = np.einsum('nij,nj->ni', C_e_G, estimate.r_e - truth.r_e)
-    # Chat C' = exp(-[phi x]).
-    phi_G = -log(estimate.C_b_G @ np.swapaxes(truth.C_b_G, 1, 2))
-
-    speed = np.hypot(truth.v_G[:, 0], truth.v_G[:, 1])
-    moving = speed >= MIN_SPEED
-    safe = np.where(moving, speed, 1.0)
-    t_x = np.where(moving, truth.v_G[:, 0] / safe, np.nan)
-    t_y = np.where(moving, truth.v_G[:, 1] / safe, np.nan)
-
-    heading_truth = grid_heading(truth.C_b_G)
-    latitude, longitude, _ = geodetic_from_ecef(truth.r_e)
-    sigma_truth = convergence(latitude, longitude)
+    truth, estimate, by_rows = pairs.truth, pairs.estimate, spilled.by_rows
+    dr_G = by_rows(_dr_G, truth.r_e, estimate.r_e)
+    along, cross = by_rows(_along_and_cross, truth.v_G, dr_G).T
     return ErrorSeries(
         stamp_ns=truth.stamp_ns,
-        phi_G=phi_G,
-        dv_G=estimate.v_G - truth.v_G,
+        phi_G=by_rows(_phi_G, truth.C_b_G, estimate.C_b_G),
+        dv_G=by_rows(np.subtract, estimate.v_G, truth.v_G),
         dr_G=dr_G,
-        along=dr_G[:, 0] * t_x + dr_G[:, 1] * t_y,
-        cross=dr_G[:, 1] * t_x - dr_G[:, 0] * t_y,
-        grid_heading=wrapped(grid_heading(estimate.C_b_G) - heading_truth),
-        true_heading=wrapped(estimate.true_heading - heading_truth - sigma_truth),
+        along=along,
+        cross=cross,
+        grid_heading=by_rows(_grid_heading, truth.C_b_G, estimate.C_b_G),
+        true_heading=by_rows(_true_heading, truth.r_e, truth.C_b_G, estimate.true_heading),
         P_attitude_G=estimate.P_attitude_G,
         P_velocity_G=estimate.P_velocity_G,
         P_position_G=estimate.P_position_G,
         true_heading_sigma=estimate.true_heading_sigma,
     )
+
+
+def _dr_G(truth_r_e: Floats, r_e: Floats) -> Floats:
+    return np.asarray(np.einsum('nij,nj->ni', ecef_to_grid(truth_r_e), r_e - truth_r_e))
+
+
+def _phi_G(truth_C_b_G: Floats, C_b_G: Floats) -> Floats:
+    # Chat C' = exp(-[phi x]).
+    return np.asarray(-log(C_b_G @ np.swapaxes(truth_C_b_G, 1, 2)))
+
+
+def _along_and_cross(truth_v_G: Floats, dr_G: Floats) -> Floats:
+    """Parts of the error along and across the track, shape (n, 2)."""
+    speed = np.hypot(truth_v_G[:, 0], truth_v_G[:, 1])
+    moving = speed >= MIN_SPEED
+    safe = np.where(moving, speed, 1.0)
+    t_x = np.where(moving, truth_v_G[:, 0] / safe, np.nan)
+    t_y = np.where(moving, truth_v_G[:, 1] / safe, np.nan)
+    along = dr_G[:, 0] * t_x + dr_G[:, 1] * t_y
+    cross = dr_G[:, 1] * t_x - dr_G[:, 0] * t_y
+    return np.stack([along, cross], axis=1)
+
+
+def _grid_heading(truth_C_b_G: Floats, C_b_G: Floats) -> Floats:
+    return wrapped(grid_heading(C_b_G) - grid_heading(truth_C_b_G))
+
+
+def _true_heading(truth_r_e: Floats, truth_C_b_G: Floats, heading: Floats) -> Floats:
+    latitude, longitude, _ = geodetic_from_ecef(truth_r_e)
+    return wrapped(heading - grid_heading(truth_C_b_G) - convergence(latitude, longitude))
 
 
 def wrapped(angle: Floats) -> Floats:

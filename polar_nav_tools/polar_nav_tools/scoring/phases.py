@@ -7,6 +7,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from polar_nav_core.spilled import by_rows
+
 from ..series.vehicle import TruthSeries
 from .windows import Window
 
@@ -36,7 +38,7 @@ def mission_phases(truth: TruthSeries) -> tuple[Window, ...]:
         return ()
     grid_ns = np.arange(stamp_ns[0], stamp_ns[-1] + 1, _STEP_NS)
     nearest = np.minimum(np.searchsorted(stamp_ns, grid_ns), len(stamp_ns) - 1)
-    course = np.unwrap(np.arctan2(v_G[nearest, 1], v_G[nearest, 0]))
+    course = np.unwrap(by_rows(lambda k: np.arctan2(v_G[k, 1], v_G[k, 0]), nearest))
     half = max(1, round(_SPAN_S / 2 / 0.5))
     rate = np.zeros(len(course))
     rate[half:-half] = (course[2 * half :] - course[: -2 * half]) / (2 * half * 0.5)

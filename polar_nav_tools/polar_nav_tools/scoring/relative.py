@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polar_nav_core.grid import ecef_to_grid
+from polar_nav_core.spilled import by_rows
 
 from .align import Alignment, EstimateAt, TruthAt
 
@@ -50,10 +51,14 @@ def relative_errors(pairs: Alignment, interval_s: float = INTERVAL_S) -> Floats:
     at = np.minimum(np.searchsorted(stamp_ns, wanted), len(stamp_ns) - 1)
     i = np.flatnonzero(stamp_ns[at] == wanted)
     j = at[i]
+
     # Translations of Q_i^-1 Q_j and P_i^-1 P_j. That of E is R(Q_i^-1 Q_j)' (p - q): a rotation
     # does not change its length.
-    q, p = _translation(pairs.truth, i, j), _translation(pairs.estimate, i, j)
-    return np.asarray(np.linalg.norm(p - q, axis=1))
+    def between(i: Rows, j: Rows) -> Floats:
+        q, p = _translation(pairs.truth, i, j), _translation(pairs.estimate, i, j)
+        return np.asarray(np.linalg.norm(p - q, axis=1))
+
+    return by_rows(between, i, j)
 
 
 def _translation(poses: TruthAt | EstimateAt, i: Rows, j: Rows) -> Floats:

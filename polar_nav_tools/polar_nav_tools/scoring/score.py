@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polar_nav_core.engine.events import LOCAL_DOF, LOCAL_GATED
+from polar_nav_core.spilled import by_rows, give_back
 
 from ..series.vehicle import EstimateSeries, ReceiptRecord, TruthSeries
 from .align import Alignment, AlignmentCounts, Mode, align
@@ -265,10 +266,10 @@ def _whole(
         components=_components(error),
         speed=np.hypot(v_G[:, 0], v_G[:, 1]),
         age=age_of_information(error.stamp_ns, verdicts),
-        position=whitened(dr_G, P_G),
-        horizontal=whitened(dr_G[:, :2], P_G[:, :2, :2]),
-        velocity=whitened(error.dv_G, error.P_velocity_G),
-        heading=whitened(error.grid_heading[:, None], error.P_attitude_G[:, 2:, 2:]),
+        position=by_rows(whitened, dr_G, P_G),
+        horizontal=by_rows(whitened, dr_G[:, :2], P_G[:, :2, :2]),
+        velocity=by_rows(whitened, error.dv_G, error.P_velocity_G),
+        heading=by_rows(whitened, error.grid_heading[:, None], error.P_attitude_G[:, 2:, 2:]),
         verdicts=verdicts,
         local_ns=estimate.stamp_ns,
         local=estimate.local_statistics,
@@ -299,6 +300,7 @@ def _window_score(window: Window, whole: _Whole) -> WindowScore:
     local = whole.local[window.rows(whole.local_ns)]
     components = {k: _component_score(c, inside) for k, c in whole.components.items()}
     delay = delays(received, window)
+    give_back()
     speed = whole.speed[inside]
     return WindowScore(
         window=window,

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polar_nav_core import nav_columns
+from polar_nav_core import nav_columns, spilled
 from polar_nav_core.engine import events
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.engine.track import Track
@@ -35,7 +35,7 @@ Columns = dict[str, NDArray[Any]]
 class EstimateRows:
     """Collector of a run's rows (the ``sink`` of `engine.run.run`) for an EstimateSeries.
 
-    Of each covariance it stores the published blocks and sigmas only, so that rows of derived
+    A day of rows does not stay in memory (`spilled`). Of each covariance it stores the published blocks and sigmas only, so that rows of derived
     columns are enough (``derived=True``).
 
     Parameters
@@ -61,6 +61,7 @@ class EstimateRows:
         for name, column in columns.items():
             self._columns[name][start:stop] = column
         self._count = stop
+        spilled.give_back()
 
     def series(self, vehicle: str) -> EstimateSeries:
         """Return the series of the whole run."""
@@ -81,9 +82,9 @@ class EstimateRows:
         start = self._count
         self._room = max(self._room, rows + rows // 2 if start else rows)
         for name, column in columns.items():
-            wider = np.empty((self._room, *column.shape[1:]), dtype=column.dtype)
-            if start:
-                wider[:start] = self._columns[name][:start]
+            wider = spilled.empty((self._room, *column.shape[1:]), column.dtype)
+            for part in spilled.parts(start):
+                wider[part] = self._columns[name][part]
             self._columns[name] = wider
 
     def _columns_of(self, rows: Track) -> Columns:

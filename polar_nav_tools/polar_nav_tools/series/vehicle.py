@@ -18,6 +18,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from polar_nav_core import spilled
 from polar_nav_ros import receipt_fields
 
 Floats = NDArray[np.float64]
@@ -38,18 +39,28 @@ class Series:
         chosen = {}
         for f in fields(self):  # type: ignore[arg-type]
             value = getattr(self, f.name)
-            chosen[f.name] = value[index] if isinstance(value, np.ndarray) else value
+            chosen[f.name] = _selected(value, index) if isinstance(value, np.ndarray) else value
         return type(self)(**chosen)
 
     def in_order(self) -> Self:
         """Return the samples by stamp; those of one stamp keep their order."""
-        if (np.diff(self.stamp_ns) >= 0).all():
+        if spilled.ascending(self.stamp_ns):
             return self  # not a copy: half a day of estimates is large
         return self.rows(np.argsort(self.stamp_ns, kind='stable'))
 
     def between(self, start_ns: int, stop_ns: int) -> Self:
         """Return the samples with ``start_ns <= stamp_ns < stop_ns``."""
         return self.rows((self.stamp_ns >= start_ns) & (self.stamp_ns < stop_ns))
+
+
+def _selected(
+    values: NDArray[Any], index: NDArray[np.intp] | NDArray[np.bool_] | slice
+) -> NDArray[Any]:
+    """Rows of a column that `index` selects; of a slice a view, else copies."""
+    if isinstance(index, slice):
+        return values[index]
+    numbers = np.asarray(index)
+    return spilled.chosen(values, np.flatnonzero(numbers) if numbers.dtype == bool else numbers)
 
 
 @dataclass(frozen=True, eq=False)

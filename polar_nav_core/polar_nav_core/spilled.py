@@ -1,0 +1,102 @@
+"""Large arrays in temporary files: a run of any length in bounded memory.
+
+Rows of a long recording are written once and read a few times, in order. An array of `empty` is an
+ordinary array; if it is large, it lies in a file of the temporary folder (`TMPDIR`) that goes with
+it. The system keeps the pages that were touched in memory until `give_back`, which costs next to
+nothing: whoever goes through many rows calls it every so many, as `by_rows` does.
+"""
+
+from __future__ import annotations
+
+import mmap
+import os
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+from weakref import WeakSet
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+from .errors import PolarNavError
+
+LEAST_BYTES = 1 << 21
+"""Size from which an array is spilled; smaller ones are many, and together no load."""
+ROWS = 1 << 15
+"""Rows that are worked on at a time."""
+
+_files: WeakSet[mmap.mmap] = WeakSet()
+
+
+def empty(shape: int | Sequence[int], dtype: DTypeLike = np.float64) -> NDArray[Any]:
+    """Return an array without values; a large one lies in a temporary file.
+
+    Raises
+    ------
+    PolarNavError
+        When the temporary folder has no room for it.
+    """
+    size = int(np.prod(shape, dtype=np.int64)) * np.dtype(dtype).itemsize
+    if size < LEAST_BYTES:
+        return np.empty(shape, dtype)
+    try:
+        with tempfile.TemporaryFile(prefix='polar-rows-') as file:
+            # The room is taken now: a full disk later would end the process without a word.
+            os.posix_fallocate(file.fileno(), 0, size)
+            pages = mmap.mmap(file.fileno(), size)
+    except OSError as error:
+        raise PolarNavError(
+            f'{tempfile.gettempdir()}: no room for {size / 1e6:.0f} MB of a long recording '
+            f'({error.strerror}); TMPDIR names another folder'
+        ) from error
+    _files.add(pages)
+    return np.ndarray(shape, dtype, buffer=pages)
+
+
+def give_back() -> None:
+    """Give the memory of all spilled arrays back to the system; their values stay."""
+    for pages in tuple(_files):
+        pages.madvise(mmap.MADV_DONTNEED)
+
+
+def parts(count: int) -> Iterator[slice]:
+    """Yield slices of so many rows, one after the other; gives back what each has touched."""
+    for start in range(0, count, ROWS):
+        yield slice(start, min(start + ROWS, count))
+        give_back()
+
+
+def by_rows(function: Callable[..., NDArray[Any]], *columns: NDArray[Any]) -> NDArray[Any]:
+    """Return what a function of columns gives that works on each row by itself.
+
+    Parameters
+    ----------
+    function : callable
+        Gets some rows of each column, and returns as many.
+    *columns : ndarray, shape (n, ...)
+    """
+    count = len(columns[0])
+    if count <= ROWS:
+        return function(*columns)
+    out: NDArray[Any] | None = None
+    for part in parts(count):
+        found = function(*(column[part] for column in columns))
+        if out is None:
+            out = empty((count, *found.shape[1:]), found.dtype)
+        out[part] = found
+    assert out is not None
+    return out
+
+
+def chosen(values: NDArray[Any], rows: NDArray[np.intp]) -> NDArray[Any]:
+    """Return copies of some rows of an array, by their numbers."""
+    return by_rows(lambda some: values[some], rows)
+
+
+def ascending(values: NDArray[np.int64]) -> bool:
+    """Whether no value is smaller than the one before."""
+    return all(
+        bool((values[part][1:] >= values[part][:-1]).all())
+        and (not part.start or bool(values[part.start] >= values[part.start - 1]))
+        for part in parts(len(values))
+    )
