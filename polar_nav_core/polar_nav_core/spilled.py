@@ -45,12 +45,17 @@ def empty(shape: int | Sequence[int], dtype: DTypeLike = np.float64) -> NDArray[
             os.posix_fallocate(file.fileno(), 0, size)
             pages = mmap.mmap(file.fileno(), size)
     except OSError as error:
-        raise PolarNavError(
-            f'{tempfile.gettempdir()}: no room for {size / 1e6:.0f} MB of a long recording '
-            f'({error.strerror}); TMPDIR names another folder'
-        ) from error
+        raise no_room(size, error) from error
     _files.add(pages)
     return np.ndarray(shape, dtype, buffer=pages)
+
+
+def no_room(size: int, error: OSError) -> PolarNavError:
+    """Error that says how many bytes the temporary folder has no room for."""
+    return PolarNavError(
+        f'{tempfile.gettempdir()}: no room for {size / 1e6:.0f} MB of a long recording '
+        f'({error.strerror}); TMPDIR names another folder'
+    )
 
 
 def give_back() -> None:
@@ -100,3 +105,43 @@ def ascending(values: NDArray[np.int64]) -> bool:
         and (not part.start or bool(values[part.start] >= values[part.start - 1]))
         for part in parts(len(values))
     )
+
+
+class Rows:
+    """Rows of one type whose number is not known before.
+
+    Parameters
+    ----------
+    dtype : data type
+        Of a row; of a structured one, rows are tuples.
+    """
+
+    def __init__(self, dtype: DTypeLike) -> None:
+        self._array = empty(0, dtype)
+        self._count = 0
+        self._new: list[Any] = []
+
+    def __len__(self) -> int:
+        return self._count + len(self._new)
+
+    def add(self, row: Any) -> None:  # noqa: ANN401 - of the type
+        """Append one row."""
+        self._new.append(row)
+        if len(self._new) >= ROWS:
+            self._settle()
+
+    def array(self) -> NDArray[Any]:
+        """Return all rows so far; a view."""
+        self._settle()
+        return self._array[: self._count]
+
+    def _settle(self) -> None:
+        stop = self._count + len(self._new)
+        if stop > len(self._array):
+            wider = empty(stop + stop // 2, self._array.dtype)
+            for part in parts(self._count):
+                wider[part] = self._array[part]
+            self._array = wider
+        self._array[self._count : stop] = self._new
+        self._count, self._new = stop, []
+        give_back()

@@ -10,8 +10,9 @@ from __future__ import annotations
 
 import hashlib
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -38,6 +39,7 @@ from ..bags.arrays import estimates_from_cdr, receipts_from_cdr
 from ..bags.model import model_run_from_cdr
 from ..bags.reader import Bag
 from .lives import Life
+from .outputs import Output, Outputs
 from .recorded import RecordedInputs, load_inputs
 from .result import ReplayedRun
 
@@ -45,16 +47,6 @@ _LIVE_ONLY = (DECODED, STATION_DECODED, CLOCK_STEP)
 """Contents of packets, steps of clocks: a live run publishes them, a replay does not."""
 Progress = Callable[[float], None]
 """Called with the share of the work that is done."""
-
-
-@dataclass(frozen=True)
-class Output:
-    """One message published in a replay."""
-
-    topic: str
-    stamp_ns: int
-    data: bytes
-    life: int = 0
 
 
 @dataclass(frozen=True)
@@ -67,7 +59,7 @@ class ReplayResult:
         The follower.
     params : FollowerParams
         Parameters used.
-    outputs : list of Output
+    outputs : sequence of Output
         Messages on full topic names, in order of publication.
     sha256 : dict of str to str
         Hash over the bytes of each compared topic, in order.
@@ -83,7 +75,7 @@ class ReplayResult:
 
     vehicle: str
     params: FollowerParams
-    outputs: list[Output]
+    outputs: Sequence[Output]
     sha256: dict[str, str]
     taken: dict[str, int]
     verdicts: dict[str, int]
@@ -98,10 +90,15 @@ class ReplayResult:
         name = f'/{self.vehicle}/{topic}'
         return [o.data for o in self.outputs if o.topic == name and life in (None, o.life)]
 
+    @cached_property
+    def published(self) -> Counter[str]:
+        """Number of messages by topic (its name without the vehicle)."""
+        return Counter(o.topic.removeprefix(f'/{self.vehicle}/') for o in self.outputs)
+
     @property
     def counts(self) -> tuple[int, int]:
         """Numbers of estimates and of receipts."""
-        return len(self.of(STATE)), len(self.of(RECEIPT))
+        return self.published[STATE], self.published[RECEIPT]
 
     def as_run(self) -> ReplayedRun:
         """Decode the published messages to series."""
@@ -173,10 +170,10 @@ def replay(
         if inputs.bag.injected:
             health += _drive_live(run, life, collector, share)
         else:
-            events = inputs.events(run, life)
-            health += _drive(run, events, life, collector, share)
+            decided = Counter(receipt.topic for receipt in life.refused)
+            health += _drive(run, inputs.events(run, life), life, collector, decided, share)
         # What waited in a node that was killed, it took for nothing.
-        taken.update(run.taken if life.until_ns is None else life.decided(events))
+        taken.update(run.taken if life.until_ns is None else decided)
         verdicts.update({verdict.name: n for verdict, n in sorted(run.engine.verdicts.items())})
         divergence = divergence or run.engine.divergence
     if progress is not None:
@@ -200,25 +197,27 @@ def _share(progress: Progress | None, number: int, count: int) -> Progress:
 
 def _drive(
     run: session.Session,
-    events: list[Event],
+    events: Iterable[Event],
     life: Life,
     collector: _Collector,
+    decided: Counter[str],
     progress: Progress,
 ) -> list[Health]:
-    """Process all events; returns the watchdog's judgements on the way."""
+    """Process all events and count them by topic; returns the watchdog's judgements on the way."""
     health: list[Health] = []
     waiting = list(reversed(life.refused))
-    every = max(1, len(events) // 100)
+    every = max(1, len(life.messages) // 100)
     for i, event in enumerate(events):
         while waiting and waiting[-1].stamp_ns < event.stamp_ns:
             receipt = waiting.pop()
             collector.collect(run.advance(receipt.stamp_ns + 1))
             collector.collect([run.refuse(receipt)])
         collector.collect(run.process(event))
+        decided[event.topic] += 1
         if run.engine.health is not None and (not health or run.engine.health is not health[-1]):
             health.append(run.engine.health)
         if i % every == 0:
-            progress(i / len(events))
+            progress(i / len(life.messages))
     while waiting:
         collector.collect([run.refuse(waiting.pop())])
     # A node that was killed has not processed what waited in it.
@@ -234,7 +233,7 @@ def _drive_live(
     health: list[Health] = []
     every = max(1, len(life.messages) // 100)
     for i, (topic, message) in enumerate(life.messages):
-        published = run.take(topic, message, life.arrivals_ns[i])
+        published = run.take(topic, message, int(life.arrivals_ns[i]))
         collector.collect(p for p in published if p.topic not in _LIVE_ONLY)
         if run.engine.health is not None and (not health or run.engine.health is not health[-1]):
             health.append(run.engine.health)
@@ -250,13 +249,13 @@ class _Collector:
     def __init__(self, vehicle: str, compared: Iterable[str]) -> None:
         self._prefix = f'/{vehicle}/'
         self._hashes = {topic: hashlib.sha256() for topic in compared}
-        self.outputs: list[Output] = []
+        self.outputs = Outputs()
         self.life = 0
 
     def collect(self, published: Iterable[Published]) -> None:
         for topic, message, data in published:
             stamp_ns = to_ns(message.header.stamp)
-            self.outputs.append(Output(self._prefix + topic, stamp_ns, data, self.life))
+            self.outputs.add(Output(self._prefix + topic, stamp_ns, data, self.life))
             if topic in self._hashes:
                 self._hashes[topic].update(data)
 

@@ -8,15 +8,23 @@ nothing that counts after it; what came until the next one was started, nobody h
 
 from __future__ import annotations
 
+import heapq
+import struct
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import pairwise
-from typing import Any
+from typing import Any, TypeAlias, overload
 
+import numpy as np
+from numpy.typing import NDArray
 from rclpy.serialization import deserialize_message
 
-from polar_nav_core.engine.events import ClockStep, Event, Fix, Receipt, Verdict
+from polar_nav_core import spilled
+from polar_nav_core.arrays import Ints
+from polar_nav_core.engine.events import ClockStep, Event, Fix, OrderKey, Receipt, Verdict
+from polar_nav_core.order import NEVER_NS
 from polar_nav_follower import session
 from polar_nav_msgs.msg import Command, FixReceipt, NavState
 from polar_nav_ros import topics
@@ -36,6 +44,9 @@ TYPES: dict[str, type[Any]] = {
 _OWN = (topics.COMMAND, topics.RESTORE)
 """Inputs that the node itself publishes."""
 _NO_LIMIT = 1 << 62
+_PLACED = np.dtype([('place', 'i8'), ('topic', 'i2'), ('stamp_ns', 'i8'), ('arrival_ns', 'i8')])
+Input: TypeAlias = tuple[str, Callable[[], Any]]
+"""Topic without the vehicle, and what decodes the message."""
 
 
 @dataclass(frozen=True)
@@ -44,16 +55,17 @@ class Life:
 
     Attributes
     ----------
-    messages : list of (str, message)
-        Inputs by topic without the vehicle, each topic in its order.
+    messages : sequence of (str, message)
+        Inputs by topic without the vehicle, each topic in its order; read when gone through.
     live : mapping of str to list of bytes
-        What it published on the compared topics; up to the hole in a recording that has one.
+        What it published on the compared topics; up to the hole in a recording that has one. Read
+        when it is asked for.
     refused : list of Receipt
         What it refused because it came too late.
     steps : list of ClockStep
         Of the clocks of its topics, as it found them.
-    arrivals_ns : list of int
-        When the messages were recorded [ns].
+    arrivals_ns : sequence of int
+        When the messages were recorded [ns], where faults were put into the bag.
     until_ns : int or None
         Stamp of the last output of a node that was killed [ns]; None where it ended in order.
     torn : bool
@@ -66,27 +78,56 @@ class Life:
         By compared topic, what it had published before the recorder heard the topic.
     """
 
-    messages: list[tuple[str, Any]]
+    messages: Sequence[tuple[str, Any]]
     live: Mapping[str, list[bytes]]
     refused: list[Receipt]
     steps: list[ClockStep] = field(default_factory=list)
-    arrivals_ns: list[int] = field(default_factory=list)
+    arrivals_ns: Sequence[int] | Ints = ()
     until_ns: int | None = None
     torn: bool = False
     dropped: Mapping[str, tuple[int, int]] = field(default_factory=dict)
     unheard: Mapping[str, int] = field(default_factory=dict)
 
-    def events(self, run: session.Session, where: str) -> list[Event]:
+    def events(self, run: session.Session, before: session.Session, where: str) -> Iterator[Event]:
         """Events in their total order, without those that the live node refused.
+
+        They are nearly in order as they were recorded: an event waits until none that is left can
+        come before it. A session made alike finds when that is.
 
         Raises
         ------
         BagError
-            For a message that can be decoded and still makes no sense; ``where`` precedes its
-            topic.
+            For a message that can be decoded and still makes no sense, before the first event;
+            ``where`` precedes its topic.
         """
+        earliest_ns = self._earliest_left(before, where)
+        waiting: list[tuple[OrderKey, int, Event]] = []
+        for number, event in enumerate(self._kept(run, where)):
+            heapq.heappush(waiting, (event.key, number, event))
+            while waiting and waiting[0][0][0] < earliest_ns[number + 1]:
+                yield heapq.heappop(waiting)[-1]
+            if number % spilled.ROWS == 0:
+                spilled.give_back()
+        while waiting:
+            yield heapq.heappop(waiting)[-1]
+
+    def _earliest_left(self, run: session.Session, where: str) -> Ints:
+        """Earliest stamp of each event and all that were recorded after it [ns]."""
+        stamps = spilled.Rows(np.int64)
+        for event in self._kept(run, where):
+            stamps.add(event.stamp_ns)
+        stamps.add(NEVER_NS)
+        earliest_ns, after_ns = stamps.array(), NEVER_NS
+        for part in reversed([*spilled.parts(len(earliest_ns))]):
+            backwards = np.minimum.accumulate(earliest_ns[part][::-1])
+            earliest_ns[part] = np.minimum(backwards[::-1], after_ns)
+            after_ns = int(earliest_ns[part.start])
+        spilled.give_back()
+        return earliest_ns
+
+    def _kept(self, run: session.Session, where: str) -> Iterator[Event]:
+        """Events as they were recorded, without those that the live node refused."""
         refused = Counter(refusal_key(r) for r in self.refused)
-        events: list[Event] = []
         for step in self.steps:
             run.engine.clock.note(step)
         for topic, message in self.messages:
@@ -94,22 +135,16 @@ class Life:
                 event = run.recorded_event_of(topic, message)
             except ValueError as error:
                 raise BagError(f'{where}/{topic} makes no sense: {error}') from error
+            # Contents of packets, for people: the live run published them, a replay does not.
+            for _ in run.decoded():
+                pass
             if event is None:
                 continue
-            key = event_key(event)
-            if refused[key]:
+            key = event_key(event) if refused else None
+            if key is not None and refused[key]:
                 refused[key] -= 1
             elif self.until_ns is None or event.stamp_ns <= self.until_ns:
-                events.append(event)
-        # Contents of packets, for people: the live run published them, a replay does not.
-        for _ in run.decoded():
-            pass
-        events.sort(key=lambda e: e.key)
-        return events
-
-    def decided(self, events: Iterable[Event]) -> Counter[str]:
-        """Number of messages by topic that a node processed or refused."""
-        return Counter(e.topic for e in (*events, *self.refused))
+                yield event
 
     def matching(self, topic: str, replayed: list[bytes]) -> list[bytes]:
         """Replayed messages of a topic, without those that no recorder could have.
@@ -126,6 +161,11 @@ class Life:
         return replayed[:limit]
 
     @property
+    def published(self) -> bool:
+        """Whether it published anything."""
+        return self.live.any if isinstance(self.live, Live) else any(self.live.values())
+
+    @property
     def span_ns(self) -> tuple[int, int] | None:
         """Stamps of its first and last estimate [ns]; None without one."""
         states = self.live[topics.STATE]
@@ -137,8 +177,90 @@ class Life:
         return first, last
 
 
+class Heard(Sequence[tuple[str, Any]]):
+    """Inputs of a life, read from the bag whenever they are gone through.
+
+    Parameters
+    ----------
+    inputs : callable
+        Returns all inputs in the bag, as topics with functions that decode them.
+    chosen : ndarray of bool
+        Those that count.
+    """
+
+    def __init__(self, inputs: Callable[[], Iterator[Input]], chosen: NDArray[np.bool_]) -> None:
+        self._inputs = inputs
+        self._chosen = chosen
+
+    def __len__(self) -> int:
+        return int(np.count_nonzero(self._chosen))
+
+    def __iter__(self) -> Iterator[tuple[str, Any]]:
+        for (topic, message), counts in zip(self._inputs(), self._chosen, strict=False):
+            if counts:
+                yield topic, message()
+
+    @overload
+    def __getitem__(self, index: int) -> tuple[str, Any]: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> list[tuple[str, Any]]: ...
+
+    def __getitem__(self, index: int | slice) -> tuple[str, Any] | list[tuple[str, Any]]:
+        return list(self)[index]
+
+
+class Live(Mapping[str, list[bytes]]):
+    """Messages that a life published by topic, read from the bag when they are first asked for.
+
+    Parameters
+    ----------
+    outputs : callable
+        Returns all compared outputs in the bag, as topics and bytes.
+    topics : sequence of str
+        The compared topics.
+    chosen : ndarray of bool
+        Outputs that count.
+    """
+
+    def __init__(
+        self,
+        outputs: Callable[[], Iterator[tuple[str, bytes]]],
+        topics: Sequence[str],
+        chosen: NDArray[np.bool_],
+    ) -> None:
+        self._outputs = outputs
+        self._topics = topics
+        self._chosen = chosen
+
+    @cached_property
+    def _found(self) -> dict[str, list[bytes]]:
+        found: dict[str, list[bytes]] = {topic: [] for topic in self._topics}
+        if self.any:
+            for (topic, data), counts in zip(self._outputs(), self._chosen, strict=False):
+                if counts:
+                    found[topic].append(data)
+        return found
+
+    @property
+    def any(self) -> bool:
+        """Whether there is a message, which needs no reading."""
+        return bool(self._chosen.any())
+
+    def __getitem__(self, topic: str) -> list[bytes]:
+        return self._found[topic]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._topics)
+
+    def __len__(self) -> int:
+        return len(self._topics)
+
+
 class Records:
     """Messages of a follower in the order of its bag, each with its place in it.
+
+    Of inputs and outputs, which are many, topics and times are kept; they are read again.
 
     Parameters
     ----------
@@ -146,35 +268,71 @@ class Records:
         Topics without the vehicle by their full names.
     compared : iterable of str
         Topics of its outputs.
+    inputs, outputs : callable
+        As of `Heard` and `Live`.
     """
 
-    def __init__(self, by_name: Mapping[str, str], compared: Iterable[str]) -> None:
+    def __init__(
+        self,
+        by_name: Mapping[str, str],
+        compared: Iterable[str],
+        inputs: Callable[[], Iterator[Input]],
+        outputs: Callable[[], Iterator[tuple[str, bytes]]],
+    ) -> None:
         self.by_name = by_name
         self.compared = tuple(compared)
-        self.inputs: list[tuple[int, str, Any, int]] = []
-        self.outputs: list[tuple[int, str, bytes]] = []
+        self.read_inputs, self.read_outputs = inputs, outputs
+        self.receipts: list[tuple[int, bytes]] = []
         self.steps: list[tuple[int, ClockStep]] = []
         self.ends: list[tuple[int, Mapping[str, int]]] = []
         self.births: list[int] = []
         self.holes: list[int] = []
+        self.mapped: set[str] = set()
+        self._inputs, self._outputs = spilled.Rows(_PLACED), spilled.Rows(_PLACED)
+        self._topics: dict[str, int] = {}
         self._place = 0
-        self._of: dict[tuple[str, int], list[int]] = {}
+
+    @property
+    def inputs(self) -> NDArray[Any]:
+        """Places, numbers of topics, stamps and arrivals of the inputs."""
+        return self._inputs.array()
+
+    @property
+    def outputs(self) -> NDArray[Any]:
+        """The same of the outputs."""
+        return self._outputs.array()
+
+    def number(self, topic: str) -> int:
+        """Number of a topic."""
+        return self._topics.setdefault(topic, len(self._topics))
+
+    @property
+    def topics(self) -> dict[str, int]:
+        """Numbers of all topics so far."""
+        return self._topics
 
     def of(self, start: ClockStep) -> list[int]:
         """Places of the messages on the topic of a start that have its stamp."""
-        if not self._of:
-            for place, topic, message, _ in self.inputs:
-                key = topic, stamp_of(message)
-                self._of.setdefault(key, []).append(place)
-        return self._of.get((start.topic, start.own_ns), [])
+        rows, topic = self.inputs, self.number(start.topic)
+        found: list[int] = []
+        for part in spilled.parts(len(rows)):
+            some = rows[part]
+            same = (some['topic'] == topic) & (some['stamp_ns'] == start.own_ns)
+            found += some['place'][same].tolist()
+        return found
 
-    def input(self, topic: str, message: Any, arrival_ns: int) -> None:  # noqa: ANN401
-        """Add a message that a node may have taken."""
-        self.inputs.append((self._next(), topic, message, arrival_ns))
+    def input(self, topic: str, stamp_ns: int, arrival_ns: int, *, mapped: bool = False) -> None:
+        """Add a message that a node may have taken; of a mapped source, one that it took."""
+        if mapped:
+            self.mapped.add(topic)
+        self._inputs.add((self._next(), self.number(topic), stamp_ns, arrival_ns))
 
     def output(self, topic: str, data: bytes) -> None:
         """Add a message that it published."""
-        self.outputs.append((self._next(), topic, data))
+        place = self._next()
+        self._outputs.add((place, self.number(topic), _stamp_in(data), 0))
+        if topic == topics.RECEIPT:
+            self.receipts.append((place, data))
 
     def step(self, step: ClockStep) -> None:
         """Add a step of a clock, or the start of a topic."""
@@ -214,7 +372,8 @@ def lives_of(records: Records, imu: str, *, injected: bool = False) -> list[Life
     if injected:
         return [_life(records, (0, _NO_LIMIT), {}, last=True, limited=False)]
     bounds = [*_begins(records, imu), _NO_LIMIT]
-    if len(bounds) == 1 or any(place < bounds[0] for place, *_ in records.outputs):
+    first = records.outputs['place'][:1]
+    if len(bounds) == 1 or (first < bounds[0]).any():
         bounds.insert(0, 0)  # from before the recording, or without a state file
     found: list[Life] = []
     taken_to: dict[str, int] = {}
@@ -224,7 +383,7 @@ def lives_of(records: Records, imu: str, *, injected: bool = False) -> list[Life
         if starts is not None:
             taken_to |= starts
         life = _life(records, (begin, end), starts, last=last)
-        if any(life.live.values()) or (last and not found):
+        if life.published or (last and not found):
             found.append(life)
     return found
 
@@ -266,16 +425,10 @@ def _life(
     limited: bool = True,
 ) -> Life:
     begin, end = bounds
-    published: dict[str, list[bytes]] = {topic: [] for topic in records.compared}
-    live: dict[str, list[bytes]] = {topic: [] for topic in records.compared}
+    outputs = records.outputs
+    mine = (outputs['place'] >= begin) & (outputs['place'] < end)
     hole = next((place for place in records.holes if begin <= place < end), _NO_LIMIT)
-    newest = begin
-    for place, topic, data in records.outputs:
-        if begin <= place < end:
-            published[topic].append(data)
-            newest = place
-            if place < hole:
-                live[topic].append(data)
+    newest = int(outputs['place'][mine].max(initial=begin))
     limits = next((t for p, t in reversed(records.ends) if begin <= p < end), None)
     # The last one, too, where it names its starts: it was not started again, or runs still.
     killed = limits is None and limited and (not last or bool(starts))
@@ -283,64 +436,75 @@ def _life(
         topic: _NO_LIMIT if limits is None or not limited else limits.get(full, _NO_LIMIT)
         for full, topic in records.by_name.items()
     }
-    heard: list[tuple[str, Any, int]] = []
-    for place, topic, message, arrival_ns in records.inputs:
-        if topic in _OWN or isinstance(message, Taken):
-            # The node itself has published it, or that it used it.
-            if not begin <= place < end:
-                continue
-        else:
-            first = starts.get(topic, _NO_LIMIT) if starts else 0
-            if place < first or (killed and place > newest):
-                continue
-        heard.append((topic, message, arrival_ns))
-    receipts = [deserialize_message(d, FixReceipt) for d in published[topics.RECEIPT]]
-    heard = _with_a_receipt(heard, receipts, most.get(topics.RX, _NO_LIMIT))
-    newest_ns = _newest_ns(published)
-    came = Counter(t for t, m, _ in heard if t not in _OWN and stamp_of(m) <= newest_ns)
-    messages: list[tuple[str, Any]] = []
-    arrivals_ns: list[int] = []
-    taken: Counter[str] = Counter()
-    for topic, message, arrival_ns in heard:
-        taken[topic] += 1
-        if taken[topic] <= most.get(topic, _NO_LIMIT):
-            messages.append((topic, message))
-            arrivals_ns.append(arrival_ns)
+    inputs = records.inputs
+
+    def may_be_mine(rows: NDArray[Any]) -> NDArray[np.bool_]:
+        found = np.zeros(len(rows), dtype=bool)
+        place = rows['place']
+        for topic, number in records.topics.items():
+            if topic in _OWN or topic in records.mapped:
+                # The node itself has published it, or that it used it.
+                wanted = (place >= begin) & (place < end)
+            else:
+                wanted = place >= (starts.get(topic, _NO_LIMIT) if starts else 0)
+                if killed:
+                    wanted &= place <= newest
+            found |= wanted & (rows['topic'] == number)
+        return found
+
+    heard = spilled.by_rows(may_be_mine, inputs)
+    refused: list[Receipt] = []
+    times: Counter[int] = Counter()
+    for at, data in records.receipts:
+        if begin <= at < end:
+            receipt = deserialize_message(data, FixReceipt)
+            if never_an_event(receipt):
+                refused.append(receipt_from_msg(receipt))
+            if receipt.topic == topics.RX and not receipt.revision:
+                times[to_ns(receipt.receive_time)] += 1
+    _keep_those_with_a_receipt(records, heard, times, most.get(topics.RX, _NO_LIMIT))
+    newest_ns = _newest_ns(records, mine)
+    dropped: dict[str, tuple[int, int]] = {}
+    for topic, number in records.topics.items():
+        limit = most.get(topic, _NO_LIMIT)
+        taken = came = 0
+        for part in spilled.parts(len(inputs)):
+            rows = part.start + np.flatnonzero(heard[part] & (inputs['topic'][part] == number))
+            came += int((inputs['stamp_ns'][rows] <= newest_ns).sum())
+            heard[rows[max(0, limit - taken) :]] = False
+            taken += len(rows)
+        if topic not in _OWN and came > limit:
+            dropped[topic] = came - limit, came
     return Life(
-        messages=messages,
-        live=live,
-        refused=[receipt_from_msg(r) for r in receipts if never_an_event(r)],
+        messages=Heard(records.read_inputs, heard),
+        live=Live(records.read_outputs, records.compared, mine & (outputs['place'] < hole)),
+        refused=refused,
         steps=[s for p, s in records.steps if begin <= p < end and not s.is_start],
-        arrivals_ns=arrivals_ns,
+        arrivals_ns=() if limited else inputs['arrival_ns'][heard],
         until_ns=newest_ns if killed else None,
         torn=hole != _NO_LIMIT,
-        dropped={t: (n - most[t], n) for t, n in came.items() if n > most.get(t, _NO_LIMIT)},
+        dropped=dropped,
     )
 
 
-def _with_a_receipt(
-    heard: list[tuple[str, Any, int]], receipts: list[FixReceipt], most: int
-) -> list[tuple[str, Any, int]]:
-    """Messages without the packets that a node never took of more than its queue holds.
+def _keep_those_with_a_receipt(
+    records: Records, heard: NDArray[np.bool_], times: Counter[int], most: int
+) -> None:
+    """Leave out the packets that a node never took of more than its queue holds.
 
     In a flood the middleware drops packets for the node that the recorder gets. The node gives
-    every packet that it takes a receipt with its time of reception, and has counted them.
+    every packet that it takes a receipt with its time of reception (``times``), and has counted
+    them.
     """
-    packets = sum(topic == topics.RX for topic, _, _ in heard)
-    times = Counter(
-        to_ns(r.receive_time) for r in receipts if r.topic == topics.RX and not r.revision
-    )
-    if packets <= most or times.total() != most:
-        return heard
-    kept = []
-    for topic, message, arrival_ns in heard:
-        if topic == topics.RX:
-            time_ns = to_ns(message.receive_time)
-            if not times[time_ns]:
-                continue
+    number = records.number(topics.RX)
+    packets = spilled.by_rows(lambda r, h: h & (r['topic'] == number), records.inputs, heard)
+    if np.count_nonzero(packets) <= most or times.total() != most:
+        return
+    for row, (topic, message) in enumerate(records.read_inputs()):
+        if topic == topics.RX and packets[row]:
+            time_ns = to_ns(message().receive_time)
+            heard[row] = times[time_ns] > 0
             times[time_ns] -= 1
-        kept.append((topic, message, arrival_ns))
-    return kept
 
 
 def stamp_of(message: Any) -> int:  # noqa: ANN401 - of any topic
@@ -348,9 +512,22 @@ def stamp_of(message: Any) -> int:  # noqa: ANN401 - of any topic
     return message.stamp_ns if isinstance(message, Taken) else to_ns(message.header.stamp)
 
 
-def _newest_ns(live: Mapping[str, list[bytes]]) -> int:
-    """Stamp of the newest output [ns], of whatever version; 0 without one."""
-    return max((stamp_ns_of_cdr(d[-1]) for d in live.values() if d), default=0)
+def _stamp_in(data: bytes) -> int:
+    """Stamp in the bytes of an output [ns]; 0 where they are too few."""
+    try:
+        return stamp_ns_of_cdr(data)
+    except (LookupError, struct.error):
+        return 0
+
+
+def _newest_ns(records: Records, mine: NDArray[np.bool_]) -> int:
+    """Stamp of the newest output [ns], by the last one of each topic; 0 without one."""
+    outputs, newest_ns = records.outputs, 0
+    for topic in records.compared:
+        rows = np.flatnonzero(mine & (outputs['topic'] == records.number(topic)))
+        if len(rows):
+            newest_ns = max(newest_ns, int(outputs['stamp_ns'][rows[-1]]))
+    return newest_ns
 
 
 def never_an_event(receipt: Any) -> bool:  # noqa: ANN401 - a FixReceipt

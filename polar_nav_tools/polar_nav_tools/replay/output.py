@@ -98,7 +98,7 @@ def write_replay(path: Path, result: ReplayResult, source: Bag) -> Path:
         'verdicts': dict(result.verdicts),
     }
     with BagWriter(path, info) as writer:
-        with_model = result.of(MODEL) or result.of(IDENTIFICATION)
+        with_model = result.published[MODEL] or result.published[IDENTIFICATION]
         written = (*_TOPICS, *_MODEL_TOPICS) if with_model else _TOPICS
         for topic, type_name in of_vehicle(result.vehicle, written).items():
             writer.add_topic(topic, type_name)

@@ -1,16 +1,18 @@
-"""Inputs of a follower in a recorded run as events, read in one pass over the bag.
+"""Inputs of a follower in a recorded run as events, in their order.
 
-The messages are decoded once and serve any number of replays; what the live node published is kept
-as bytes, to be compared with.
+The bag is read again for each replay, so that no length of it needs memory; what the live node
+published is read when it is compared.
 """
 
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+import struct
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import TimeReference
@@ -23,15 +25,17 @@ from polar_nav_follower import session
 from polar_nav_follower.params import FollowerParams
 from polar_nav_msgs.msg import AcousticPacket, Command, Restore
 from polar_nav_ros import topics
+from polar_nav_ros.adapters.live import Taken
 from polar_nav_ros.navigation_outputs import clock_step_from_msg
 from polar_nav_ros.navigation_session import MODEL_OUTPUTS, SENSORS
+from polar_nav_ros.stamps import stamp_ns_of_cdr
 
 from ..bags.errors import BagError, WrongRequestError, some_of
 from ..bags.opening import open_bag
 from ..bags.reader import Bag
 from .constants import mode_table, require_same
 from .described import FOLLOWER_PACKAGE, Description, descriptions_of
-from .lives import Life, Records, lives_of, taken_counts
+from .lives import Input, Life, Records, lives_of, stamp_of, taken_counts
 from .used import Used, used_of
 
 COMPARED = (topics.STATE, topics.RECEIPT)
@@ -39,6 +43,8 @@ COMPARED = (topics.STATE, topics.RECEIPT)
 _KEPT = (topics.CLOCK_STEP, topics.COMMAND, topics.RESTORE)
 """Topics of which a recorder that is started again hears the last minute's messages again."""
 
+_HOLE = 'hole'
+"""Stands for the name of a topic."""
 _TYPES: dict[str, type[Any]] = {
     **SENSORS,
     topics.RX: AcousticPacket,
@@ -90,15 +96,18 @@ class RecordedInputs:
         """What the live node published on the compared topics, in all its lives."""
         return {t: [d for life in self.lives for d in life.live[t]] for t in self.lives[0].live}
 
-    def events(self, run: session.Session, life: Life) -> list[Event]:
+    def events(self, run: session.Session, life: Life) -> Iterator[Event]:
         """Events of a life in their total order, without those that the live node refused.
+
+        They are made while they are gone through, once.
 
         Raises
         ------
         BagError
             For a message that can be decoded and still makes no sense.
         """
-        return life.events(run, f'{self.bag.path}: a message on /{self.vehicle}')
+        before = self.new_session(run.params)
+        return life.events(run, before, f'{self.bag.path}: a message on /{self.vehicle}')
 
 
 def load_inputs(
@@ -128,44 +137,15 @@ def load_inputs(
     params = described.params
     changed = from_mapping(FollowerParams, {**params, **(changes or {})})
     used = used_of(bag, name, described.sources, changed) if described.sources else None
-    blocks = iter(() if used is None else used.blocks)
     inputs = _recorded_topics(bag, name, changed, used)
     compared = (*COMPARED, *(t for t in MODEL_OUTPUTS if f'/{name}/{t}' in bag.topics))
     by_name = {f'/{name}/{t}': t for t in (*inputs, *compared, topics.CLOCK_STEP)}
     require_same(bag, by_name)
     imu = session.sensors_of(changed)[0]
-    records = Records(by_name, compared)
-    modes = mode_table(bag, f'/{name}/{topics.DVL}')
-    kept = set[tuple[str, bytes]]()
-    holes_ns = [begin_ns for _, begin_ns in bag.holes_ns]
-    used_names = set() if used is None else {f'/{name}/{topics.INPUTS}'}
-    for full_name, arrival_ns, data in bag.messages({*by_name, *used_names, topics.RUN_INFO}):
-        while holes_ns and arrival_ns >= holes_ns[0]:
-            records.hole()
-            del holes_ns[0]
-        topic = by_name.get(full_name)
-        if topic in _KEPT:
-            if (topic, data) in kept:
-                continue
-            kept.add((topic, data))
-        if full_name in used_names:
-            for source, taken in next(blocks):
-                records.input(source, taken, taken.arrival_ns)
-        elif topic is None:
-            if _describes(data, name):
-                records.born()
-        elif topic in compared:
-            records.output(topic, data)
-        elif topic == topics.CLOCK_STEP:
-            records.step(_step(bag, full_name, data))
-        else:
-            message = decoded(bag, full_name, data, _TYPES[topic])
-            if topic == topics.DVL and modes is not None:
-                message.velocity_mode = int(modes[message.velocity_mode])
-            if topic == topics.COMMAND and message.kind == CommandKind.SHUTDOWN:
-                records.end(taken_counts(message))
-            else:
-                records.input(topic, message, arrival_ns)
+    source = _Source(bag, name, by_name, compared, used)
+    records = Records(by_name, compared, source.inputs, source.outputs)
+    for entry in source.entries():
+        source.note(entry, records)
     try:
         lives = lives_of(records, imu, injected=bool(bag.injected))
     except (RuntimeError, ValueError, MemoryError) as error:
@@ -182,6 +162,117 @@ def load_inputs(
         retired=described.retired_texts(),
         used=used,
     )
+
+
+class _Entry(NamedTuple):
+    """One message of a follower in its bag; without a topic its description, or a hole."""
+
+    topic: str | None
+    name: str
+    arrival_ns: int
+    content: bytes | Taken
+
+
+@dataclass(frozen=True)
+class _Source:
+    """What a bag holds of one follower, gone through as often as it is wanted.
+
+    Attributes
+    ----------
+    bag, vehicle
+        The follower.
+    by_name : mapping of str to str
+        Topics without the vehicle by their full names.
+    compared : tuple of str
+        Topics of its outputs.
+    used : Used or None
+        What it used of mapped sources.
+    """
+
+    bag: Bag
+    vehicle: str
+    by_name: Mapping[str, str]
+    compared: tuple[str, ...]
+    used: Used | None
+
+    def entries(self) -> Iterator[_Entry]:
+        """All messages of the follower in the order of the bag."""
+        blocks = iter(() if self.used is None else self.used.blocks)
+        used_names = set() if self.used is None else {f'/{self.vehicle}/{topics.INPUTS}'}
+        kept = set[tuple[str, bytes]]()
+        holes_ns = [begin_ns for _, begin_ns in self.bag.holes_ns]
+        names = {*self.by_name, *used_names, topics.RUN_INFO}
+        for full_name, arrival_ns, data in self.bag.messages(names):
+            while holes_ns and arrival_ns >= holes_ns[0]:
+                yield _Entry(None, _HOLE, holes_ns.pop(0), b'')
+            topic = self.by_name.get(full_name)
+            if topic in _KEPT:
+                if (topic, data) in kept:
+                    continue
+                kept.add((topic, data))
+            if full_name in used_names:
+                for role, taken in next(blocks):
+                    yield _Entry(role, full_name, taken.arrival_ns, taken)
+            elif topic is not None or _describes(data, self.vehicle):
+                yield _Entry(topic, full_name, arrival_ns, data)
+
+    def note(self, entry: _Entry, records: Records) -> None:
+        """Add a message to the records."""
+        topic, name, arrival_ns, content = entry
+        if isinstance(content, Taken):
+            records.input(str(topic), content.stamp_ns, arrival_ns, mapped=True)
+        elif topic is None:
+            records.hole() if name == _HOLE else records.born()
+        elif topic in self.compared:
+            records.output(topic, content)
+        elif topic == topics.CLOCK_STEP:
+            records.step(_step(self.bag, name, content))
+        else:
+            end = self._end_of(entry)
+            if end is not None:
+                records.end(taken_counts(end))
+                return
+            try:
+                stamp_ns = stamp_ns_of_cdr(content)
+            except (LookupError, struct.error):
+                stamp_ns = stamp_of(self._message(entry))  # says what it is
+            records.input(topic, stamp_ns, arrival_ns)
+
+    def inputs(self) -> Iterator[Input]:
+        """All messages that a node may have taken, as topics and what decodes them."""
+        for entry in self.entries():
+            topic = entry.topic
+            if topic is None or topic == topics.CLOCK_STEP or topic in self.compared:
+                continue
+            if self._end_of(entry) is None:
+                yield topic, partial(self._message, entry)
+
+    def outputs(self) -> Iterator[tuple[str, bytes]]:
+        """All messages on compared topics that a node published."""
+        for topic, _, _, content in self.entries():
+            if topic in self.compared and isinstance(content, bytes):
+                yield topic, content
+
+    def _end_of(self, entry: _Entry) -> Command | None:
+        """The command with which a node ended in order; None of any other message."""
+        if entry.topic != topics.COMMAND:
+            return None
+        command: Command = self._message(entry)
+        return command if command.kind == CommandKind.SHUTDOWN else None
+
+    def _message(self, entry: _Entry) -> Any:  # noqa: ANN401 - of any topic
+        """Decoded message of an input, with the constants of the installed definition."""
+        topic, name, _, content = entry
+        if isinstance(content, Taken):
+            return content
+        message = decoded(self.bag, name, content, _TYPES[str(topic)])
+        if topic == topics.DVL and self._modes is not None:
+            message.velocity_mode = int(self._modes[message.velocity_mode])
+        return message
+
+    @cached_property
+    def _modes(self) -> Any:  # noqa: ANN401 - of `mode_table`
+        return mode_table(self.bag, f'/{self.vehicle}/{topics.DVL}')
 
 
 def _recorded_topics(

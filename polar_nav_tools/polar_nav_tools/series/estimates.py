@@ -35,8 +35,8 @@ Columns = dict[str, NDArray[Any]]
 class EstimateRows:
     """Collector of a run's rows (the ``sink`` of `engine.run.run`) for an EstimateSeries.
 
-    A day of rows does not stay in memory (`spilled`). Of each covariance it stores the published blocks and sigmas only, so that rows of derived
-    columns are enough (``derived=True``).
+    A day of rows does not stay in memory (`spilled`). Of each covariance it stores the published
+    blocks and sigmas only, so that rows of derived columns are enough (``derived=True``).
 
     Parameters
     ----------
