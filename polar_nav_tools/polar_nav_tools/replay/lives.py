@@ -13,7 +13,7 @@ import struct
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import pairwise
 from typing import Any, TypeAlias, overload
 
@@ -30,7 +30,7 @@ from polar_nav_msgs.msg import Command, FixReceipt, NavState
 from polar_nav_ros import topics
 from polar_nav_ros.adapters.live import Taken
 from polar_nav_ros.navigation_outputs import receipt_from_msg
-from polar_nav_ros.navigation_session import MODEL_OUTPUTS
+from polar_nav_ros.navigation_session import MODEL_OUTPUTS, SENSORS
 from polar_nav_ros.stamps import stamp_ns_of_cdr, to_ns
 
 from ..bags.errors import BagError
@@ -47,6 +47,8 @@ _NO_LIMIT = 1 << 62
 _PLACED = np.dtype([('place', 'i8'), ('topic', 'i2'), ('stamp_ns', 'i8'), ('arrival_ns', 'i8')])
 Input: TypeAlias = tuple[str, Callable[[], Any]]
 """Topic without the vehicle, and what decodes the message."""
+Timed: TypeAlias = tuple[str, int, Callable[[], Any] | None]
+"""Topic, stamp [ns], and what decodes a message whose event may have another stamp."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +104,7 @@ class Life:
         """
         earliest_ns = self._earliest_left(before, where)
         waiting: list[tuple[OrderKey, int, Event]] = []
-        for number, event in enumerate(self._kept(run, where)):
+        for number, event in self._kept(run, where):
             heapq.heappush(waiting, (event.key, number, event))
             while waiting and waiting[0][0][0] < earliest_ns[number + 1]:
                 yield heapq.heappop(waiting)[-1]
@@ -112,10 +114,21 @@ class Life:
             yield heapq.heappop(waiting)[-1]
 
     def _earliest_left(self, run: session.Session, where: str) -> Ints:
-        """Earliest stamp of each event and all that were recorded after it [ns]."""
-        stamps = spilled.Rows(np.int64)
-        for event in self._kept(run, where):
-            stamps.add(event.stamp_ns)
+        """Earliest stamp of each message's event and of all that were recorded after it [ns].
+
+        A sensor's event has the stamp of its message, which need not be decoded for that.
+        """
+        for step in self.steps:
+            run.engine.clock.note(step)
+        stamps, counted = spilled.Rows(np.int64), Counter[str]()
+        for topic, stamp_ns, message in self._timed():
+            if message is None:
+                offset_ns = run.engine.clock.offset_ns(topic, counted[topic]) if self.steps else 0
+                stamps.add(stamp_ns + offset_ns)
+            else:
+                event = _event_of(run, topic, message(), where)
+                stamps.add(NEVER_NS if event is None else event.stamp_ns)
+            counted[topic] += 1
         stamps.add(NEVER_NS)
         earliest_ns, after_ns = stamps.array(), NEVER_NS
         for part in reversed([*spilled.parts(len(earliest_ns))]):
@@ -125,26 +138,25 @@ class Life:
         spilled.give_back()
         return earliest_ns
 
-    def _kept(self, run: session.Session, where: str) -> Iterator[Event]:
-        """Events as they were recorded, without those that the live node refused."""
+    def _timed(self) -> Iterator[Timed]:
+        if isinstance(self.messages, Heard):
+            return self.messages.timed()
+        return ((topic, 0, partial(_same, message)) for topic, message in self.messages)
+
+    def _kept(self, run: session.Session, where: str) -> Iterator[tuple[int, Event]]:
+        """Events as they were recorded, without those that the live node refused, numbered."""
         refused = Counter(refusal_key(r) for r in self.refused)
         for step in self.steps:
             run.engine.clock.note(step)
-        for topic, message in self.messages:
-            try:
-                event = run.recorded_event_of(topic, message)
-            except ValueError as error:
-                raise BagError(f'{where}/{topic} makes no sense: {error}') from error
-            # Contents of packets, for people: the live run published them, a replay does not.
-            for _ in run.decoded():
-                pass
+        for number, (topic, message) in enumerate(self.messages):
+            event = _event_of(run, topic, message, where)
             if event is None:
                 continue
             key = event_key(event) if refused else None
             if key is not None and refused[key]:
                 refused[key] -= 1
             elif self.until_ns is None or event.stamp_ns <= self.until_ns:
-                yield event
+                yield number, event
 
     def matching(self, topic: str, replayed: list[bytes]) -> list[bytes]:
         """Replayed messages of a topic, without those that no recorder could have.
@@ -177,20 +189,51 @@ class Life:
         return first, last
 
 
+def _event_of(
+    run: session.Session,
+    topic: str,
+    message: Any,  # noqa: ANN401 - of the topic
+    where: str,
+) -> Event | None:
+    try:
+        event = run.recorded_event_of(topic, message)
+    except ValueError as error:
+        raise BagError(f'{where}/{topic} makes no sense: {error}') from error
+    # Contents of packets, for people: the live run published them, a replay does not.
+    for _ in run.decoded():
+        pass
+    return event
+
+
+def _same(message: Any) -> Any:  # noqa: ANN401 - of any topic
+    return message
+
+
 class Heard(Sequence[tuple[str, Any]]):
     """Inputs of a life, read from the bag whenever they are gone through.
 
     Parameters
     ----------
-    inputs : callable
-        Returns all inputs in the bag, as topics with functions that decode them.
+    records : Records
     chosen : ndarray of bool
-        Those that count.
+        The inputs that count.
     """
 
-    def __init__(self, inputs: Callable[[], Iterator[Input]], chosen: NDArray[np.bool_]) -> None:
-        self._inputs = inputs
+    def __init__(self, records: Records, chosen: NDArray[np.bool_]) -> None:
+        self._records = records
+        self._inputs = records.read_inputs
         self._chosen = chosen
+
+    def timed(self) -> Iterator[Timed]:
+        """Topics and stamps, and what decodes those whose events may have another stamp."""
+        own = {topic for topic in SENSORS if topic not in self._records.mapped}
+        rows, inputs = self._records.inputs, self._inputs()
+        for part in spilled.parts(len(rows)):
+            stamps_ns = rows['stamp_ns'][part].tolist()
+            for stamp_ns, counts in zip(stamps_ns, self._chosen[part].tolist(), strict=True):
+                topic, message = next(inputs)
+                if counts:
+                    yield topic, stamp_ns, None if topic in own else message
 
     def __len__(self) -> int:
         return int(np.count_nonzero(self._chosen))
@@ -476,7 +519,7 @@ def _life(
         if topic not in _OWN and came > limit:
             dropped[topic] = came - limit, came
     return Life(
-        messages=Heard(records.read_inputs, heard),
+        messages=Heard(records, heard),
         live=Live(records.read_outputs, records.compared, mine & (outputs['place'] < hole)),
         refused=refused,
         steps=[s for p, s in records.steps if begin <= p < end and not s.is_start],

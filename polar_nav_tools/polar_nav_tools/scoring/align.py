@@ -129,14 +129,21 @@ def align(
     truth = _sorted_truth(truth, what)
     estimate, repeated = _last_of_each_stamp(estimate)
 
-    place = np.searchsorted(truth.stamp_ns, estimate.stamp_ns)
-    at = np.minimum(place, len(truth) - 1)
-    exact = truth.stamp_ns[at] == estimate.stamp_ns
-    outside = ~exact & ((place == 0) | (place == len(truth)))
+    last = len(truth) - 1
+
+    def is_exact(stamp_ns: Ints, place: NDArray[np.intp]) -> NDArray[np.bool_]:
+        return np.asarray(truth.stamp_ns[np.minimum(place, last)] == stamp_ns)
+
+    def gaps_ns(place: NDArray[np.intp]) -> Ints:
+        left, right = _neighbours(place, last)
+        return np.asarray(truth.stamp_ns[right] - truth.stamp_ns[left])
+
+    by_rows = spilled.by_rows
+    place = by_rows(lambda ns: np.searchsorted(truth.stamp_ns, ns), estimate.stamp_ns)
+    exact = by_rows(is_exact, estimate.stamp_ns, place)
+    outside = ~exact & ((place == 0) | (place > last))
     between = ~exact & ~outside
-    left, right = np.maximum(place - 1, 0), at
-    gap_ns = truth.stamp_ns[right] - truth.stamp_ns[left]
-    in_gap = between & (gap_ns > max_gap_s * 1e9)
+    in_gap = between & (by_rows(gaps_ns, place) > max_gap_s * 1e9)
     between &= ~in_gap
     if mode == 'auto':
         inside = (truth.stamp_ns >= estimate.stamp_ns[0]) & (
@@ -156,12 +163,13 @@ def align(
         )
     rows = np.flatnonzero(keep)
     # Copies of the exact ones, so that nothing is rounded where nothing is interpolated.
-    r_e, v_G, C_b_G = (spilled.chosen(c, at[rows]) for c in (truth.r_e, truth.v_G, truth.C_b_G))
+    at = np.minimum(place[rows], last)
+    r_e, v_G, C_b_G = (spilled.chosen(c, at) for c in (truth.r_e, truth.v_G, truth.C_b_G))
     for part in spilled.parts(len(rows)):
         some = rows[part]
         blend = part.start + np.flatnonzero(between[some])
         if blend.size:
-            i, j = left[rows[blend]], right[rows[blend]]
+            i, j = _neighbours(place[rows[blend]], last)
             stamps_ns = estimate.stamp_ns[rows[blend]]
             r_e[blend], v_G[blend], C_b_G[blend] = _interpolated(truth, i, j, stamps_ns)
     counts = AlignmentCounts(
@@ -177,6 +185,11 @@ def align(
     return Alignment(
         TruthAt(estimate.stamp_ns[rows], r_e, v_G, C_b_G), EstimateAt.of(estimate, rows), counts
     )
+
+
+def _neighbours(place: NDArray[np.intp], last: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Rows of the truth before and after the places of stamps in it."""
+    return np.maximum(place - 1, 0), np.minimum(place, last)
 
 
 def _interpolated(

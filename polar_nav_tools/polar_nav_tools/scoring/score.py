@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polar_nav_core.engine.events import LOCAL_DOF, LOCAL_GATED
-from polar_nav_core.spilled import by_rows, give_back
+from polar_nav_core.spilled import by_rows, give_back, parts
 
 from ..series.vehicle import EstimateSeries, ReceiptRecord, TruthSeries
 from .align import Alignment, AlignmentCounts, Mode, align
@@ -299,6 +299,9 @@ def _window_score(window: Window, whole: _Whole) -> WindowScore:
     received = whole.verdicts.rows(window.mask(whole.verdicts.receive_ns))
     local = whole.local[window.rows(whole.local_ns)]
     components = {k: _component_score(c, inside) for k, c in whole.components.items()}
+    gated = np.zeros(len(LOCAL_DOF))
+    for part in parts(len(local)):
+        gated += local[part, :, LOCAL_GATED].sum(axis=0)
     delay = delays(received, window)
     give_back()
     speed = whole.speed[inside]
@@ -312,7 +315,7 @@ def _window_score(window: Window, whole: _Whole) -> WindowScore:
         nis=nis_by_source(received),
         nis_fused=nis_by_source(received, (FUSED,)),
         nis_local=nis_of_local(local),
-        gated_local={k: int(local[:, i, LOCAL_GATED].sum()) for i, k in enumerate(LOCAL_DOF)},
+        gated_local=dict(zip(LOCAL_DOF, map(int, gated), strict=True)),
         delay=delay,
         age=statistics(whole.age[inside]),
         lag=Lag(

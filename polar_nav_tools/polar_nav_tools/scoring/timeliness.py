@@ -10,6 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from polar_nav_core.spilled import by_rows
+
 from ..series.vehicle import EstimateSeries, ReceiptRecord, last_revisions
 from .json_values import record
 from .statistics import Statistics, statistics
@@ -122,6 +124,11 @@ def age_of_information(stamp_ns: Ints, verdicts: VerdictSeries) -> Floats:
     return out
 
 
+def _good(r_e: Floats, v_G: Floats, status: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    finite = (*np.isfinite(r_e).T, *np.isfinite(v_G).T)
+    return reduce(np.logical_and, finite, status == NAVIGATING)
+
+
 def availability(estimate: EstimateSeries, window: Window, *, hold: float = 2.5) -> Availability:
     """Availability of estimates in a window.
 
@@ -136,8 +143,7 @@ def availability(estimate: EstimateSeries, window: Window, *, hold: float = 2.5)
     """
     estimate = estimate.in_order()
     stamp_ns = estimate.stamp_ns
-    finite = (*np.isfinite(estimate.r_e).T, *np.isfinite(estimate.v_G).T)
-    good = reduce(np.logical_and, finite, estimate.status == NAVIGATING)
+    good = by_rows(_good, estimate.r_e, estimate.v_G, estimate.status)
     inside = window.mask(stamp_ns)
     diverged = int((inside & ~good).sum())
     good_ns = stamp_ns[inside & good]

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polar_nav_core.engine.events import LOCAL_DOF, NIS_SUM, UPDATES, Verdict
+from polar_nav_core.spilled import by_rows
 
 from ..series.vehicle import Floats, Ints, ReceiptRecord, Series, last_revisions
 from .consistency import Consistency, consistency, consistency_of_sums
@@ -172,10 +173,12 @@ def nis_of_local(statistics: NDArray[np.float64]) -> dict[str, Consistency]:
     statistics : ndarray, shape (n, 2, 3)
         As in `EstimateSeries.local_statistics`.
     """
+
+    def column(row: int, which: int) -> Floats:
+        return by_rows(lambda some: some[:, row, which].copy(), statistics)
+
     return {
-        source: consistency_of_sums(
-            statistics[:, row, NIS_SUM], statistics[:, row, UPDATES], LOCAL_DOF[source]
-        )
+        source: consistency_of_sums(column(row, NIS_SUM), column(row, UPDATES), LOCAL_DOF[source])
         for row, source in enumerate(LOCAL_DOF)
     }
 
