@@ -8,10 +8,11 @@ nothing: whoever goes through many rows calls it every so many, as `by_rows` doe
 
 from __future__ import annotations
 
+import ctypes
 import mmap
 import os
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 from weakref import WeakSet
 
@@ -24,6 +25,8 @@ LEAST_BYTES = 1 << 21
 """Size from which an array is spilled; smaller ones are many, and together no load."""
 ROWS = 1 << 15
 """Rows that are worked on at a time."""
+
+_PIECES = 128
 
 _files: WeakSet[mmap.mmap] = WeakSet()
 
@@ -62,6 +65,17 @@ def give_back() -> None:
     """Give the memory of all spilled arrays back to the system; their values stay."""
     for pages in tuple(_files):
         pages.madvise(mmap.MADV_DONTNEED)
+
+
+def give_back_freed() -> None:
+    """Give the memory of freed objects back to the system, too, of which the allocator keeps some.
+
+    After a stage that made many; elsewhere than with glibc nothing happens.
+    """
+    give_back()
+    trim = getattr(ctypes.CDLL(None), 'malloc_trim', None)
+    if trim is not None:
+        trim(0)
 
 
 def parts(count: int) -> Iterator[slice]:
@@ -114,10 +128,13 @@ class Rows:
     ----------
     dtype : data type
         Of a row; of a structured one, rows are tuples.
+    shape : sequence of int
+        Of a row.
     """
 
-    def __init__(self, dtype: DTypeLike) -> None:
-        self._array = empty(0, dtype)
+    def __init__(self, dtype: DTypeLike, shape: Sequence[int] = ()) -> None:
+        self._shape = tuple(shape)
+        self._array = empty((0, *self._shape), dtype)
         self._count = 0
         self._new: list[Any] = []
 
@@ -130,18 +147,60 @@ class Rows:
         if len(self._new) >= ROWS:
             self._settle()
 
+    def extend(self, rows: NDArray[Any]) -> None:
+        """Append copies of some rows."""
+        self._settle()
+        self._append(rows)
+
     def array(self) -> NDArray[Any]:
         """Return all rows so far; a view."""
         self._settle()
         return self._array[: self._count]
 
     def _settle(self) -> None:
-        stop = self._count + len(self._new)
+        if self._new:
+            self._append(self._new)
+            self._new = []
+            give_back()
+
+    def _append(self, rows: Any) -> None:  # noqa: ANN401 - of the type
+        stop = self._count + len(rows)
         if stop > len(self._array):
-            wider = empty(stop + stop // 2, self._array.dtype)
+            wider = empty((stop + stop // 2, *self._shape), self._array.dtype)
             for part in parts(self._count):
                 wider[part] = self._array[part]
             self._array = wider
-        self._array[self._count : stop] = self._new
-        self._count, self._new = stop, []
+        self._array[self._count : stop] = rows
+        self._count = stop
+
+
+class LastFirst:
+    """Columns whose pieces come in the wrong order, the last one first."""
+
+    def __init__(self) -> None:
+        self._columns: dict[str, Rows] = {}
+        self._sizes: dict[str, list[int]] = {}
+
+    def add(self, piece: Mapping[str, NDArray[Any]]) -> None:
+        """Add copies of the columns of a piece; they may differ in length."""
+        for name, rows in piece.items():
+            if name not in self._columns:
+                self._columns[name] = Rows(rows.dtype, rows.shape[1:])
+                self._sizes[name] = []
+            self._columns[name].extend(rows)
+            self._sizes[name].append(len(rows))
         give_back()
+
+    def in_order(self) -> dict[str, NDArray[Any]]:
+        """Return the columns, the first piece first."""
+        return {name: self._turned(name) for name in list(self._columns)}
+
+    def _turned(self, name: str) -> NDArray[Any]:
+        rows = self._columns.pop(name).array()
+        out, begin, left = empty(rows.shape, rows.dtype), 0, len(rows)
+        for number, size in enumerate(reversed(self._sizes[name])):
+            out[begin : begin + size] = rows[left - size : left]
+            begin, left = begin + size, left - size
+            if number % _PIECES == 0:
+                give_back()
+        return out

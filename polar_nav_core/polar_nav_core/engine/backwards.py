@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from .. import nav_columns
+from .. import nav_columns, spilled
 from ..arrays import Array, Ints
 from ..errors import ConfigError
 from ..kernels.sins import smooth as kernels
@@ -86,8 +86,7 @@ def backwards(
     common = np.zeros((COLUMNS, COLUMNS + 1))
     scratch = np.zeros((2, n, n))
     model = aiding.make_aiding(params)
-    pieces: list[Track] = []
-    states: list[tuple[Ints, Array]] = []
+    pieces, states = spilled.LastFirst(), spilled.LastFirst()
     judged: list[Judged] = []
     turn = moved = 0.0
     for stretch, ends in tape.backwards():
@@ -122,7 +121,7 @@ def backwards(
             scratch,
         )
         judged.append(Judged.of(stretch, residuals, V))
-        states.append((stretch.stamps_ns, stretch.navigation.copy()))
+        states.add({'stamps_ns': stretch.stamps_ns, 'states': stretch.navigation})
         P, sensitivity = stretch.P[:, :N, :N].copy(), stretch.sensitivity[:, :N].copy()
         kernels.publish_rows(P, sensitivity, stretch.navigation, tape.common, tape.hidden)
         turn = max(turn, float(np.abs(x[:, :3]).max(initial=0.0)))
@@ -133,19 +132,17 @@ def backwards(
         if params.model_aiding:
             of_model = aiding.values_of(_blocks(stretch, x), model)
             piece = replace(piece, model=of_model[shown])
-        pieces.append(_published(piece, covariances, move))
-    if not states:
+        pieces.add(vars(_published(piece, covariances, move)))
+    track = pieces.in_order()
+    if not track or not len(track['stamps_ns']):
         raise ConfigError(_NOTHING)
-    stamps_ns, track = (np.concatenate(column) for column in zip(*reversed(states), strict=True))
-    pieces.reverse()
     return Back(
-        _joined(pieces),
-        stamps_ns,
-        track,
-        judged[::-1],
-        common,
-        turn if math.isfinite(turn) else math.inf,
-        moved if math.isfinite(moved) else math.inf,
+        Track(**track),
+        **states.in_order(),
+        judged=judged[::-1],
+        common=common,
+        largest_turn=turn if math.isfinite(turn) else math.inf,
+        moved=moved if math.isfinite(moved) else math.inf,
     )
 
 
@@ -180,12 +177,3 @@ def _published(piece: Track, covariances: bool, move: Move | None) -> Track:
     derived = nav_columns.describe(piece.r_e, piece.C_b_G, piece.P)
     P = piece.P if covariances else np.zeros((0, N, N))
     return replace(piece, P=P, derived=derived)
-
-
-def _joined(pieces: list[Track]) -> Track:
-    """Pieces as one track; they are given up, column by column: a day is not kept twice."""
-    if not sum(len(p.stamps_ns) for p in pieces):
-        raise ConfigError(_NOTHING)
-    columns = {n: [getattr(p, n) for p in pieces] for n in Track.__dataclass_fields__}
-    pieces.clear()
-    return Track(**{n: np.concatenate(columns.pop(n)) for n in list(columns)})

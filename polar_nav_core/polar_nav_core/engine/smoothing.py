@@ -14,6 +14,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import overload
 
+from .. import spilled
 from ..arrays import Ints
 from ..errors import ConfigError
 from ..kernels.sins.consider import COLUMNS
@@ -174,7 +175,7 @@ class _Passes:
             result = engine_run.run(
                 params,
                 self._inputs,
-                sink=lambda _: None,
+                sink=lambda _: spilled.give_back(),
                 derived=True,
                 progress=progress,
                 look_every_s=LOOK_S,

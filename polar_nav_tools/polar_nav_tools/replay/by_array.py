@@ -10,6 +10,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
+from polar_nav_core import spilled
 from polar_nav_core.engine import events as engine_events
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.health.runaway import divergence_of
@@ -50,18 +51,26 @@ def replay_arrays(
         look_every_s=LOOK_EVERY_S,
     )
     found = [numbered.renumbered(r) for r in result.receipts]
+    del numbered
+    spilled.give_back_freed()
     receipts = list(_merged(found, source.refused))
     verdicts = Counter(dict(result.verdicts))
     verdicts.update(r.verdict for r in source.refused)
+    divergence = result.divergence or divergence_of(result.health)
+    health = result.health
+    del found, result
+    records = receipts_of(receipts)
+    del receipts
+    spilled.give_back_freed()
     return ReplayedRun(
         vehicle=source.vehicle,
         params=params,
         taken=source.taken,
         estimates=rows.series(source.vehicle),
-        receipts=receipts_of(receipts),
+        receipts=records,
         verdicts={v.name: n for v, n in sorted(verdicts.items())},
-        divergence=result.divergence or divergence_of(result.health),
-        health=result.health,
+        divergence=divergence,
+        health=health,
     )
 
 

@@ -151,12 +151,15 @@ def availability(estimate: EstimateSeries, window: Window, *, hold: float = 2.5)
         share = float(good_ns.size > 0)
         return Availability(share, window.duration, float('nan'), diverged)
     interval = float(np.median(np.diff(stamp_ns))) if stamp_ns.size > 1 else 0.0
-    ends = np.minimum(good_ns + int(hold * interval), np.r_[good_ns[1:], window.end_ns])
-    starts_of_gaps = np.r_[window.start_ns, ends]
-    ends_of_gaps = np.r_[good_ns, window.end_ns]
-    gaps = np.maximum(ends_of_gaps - starts_of_gaps, 0) * 1e-9
+    ends_of_gaps = np.append(good_ns, window.end_ns)
+    starts_of_gaps = np.append(window.start_ns, good_ns)
+    starts_of_gaps[1:] += int(hold * interval)
+    # In place: there may be a million of them.
+    np.minimum(starts_of_gaps[1:], ends_of_gaps[1:], out=starts_of_gaps[1:])
+    np.subtract(ends_of_gaps, starts_of_gaps, out=ends_of_gaps)
+    gaps = np.maximum(ends_of_gaps, 0, out=ends_of_gaps) * 1e-9
     # The last estimate of a run is at most one interval before its end: that is no outage.
-    gaps = np.where(gaps <= hold * interval * 1e-9, 0.0, gaps)
+    gaps[gaps <= hold * interval * 1e-9] = 0.0
     return Availability(
         share=float(1.0 - gaps.sum() / window.duration),
         longest_outage=float(gaps.max()),

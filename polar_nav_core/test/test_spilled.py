@@ -1,0 +1,80 @@
+"""Large arrays in temporary files."""
+
+import errno
+import os
+
+import numpy as np
+import pytest
+
+from polar_nav_core import spilled
+from polar_nav_core.errors import PolarNavError
+
+
+@pytest.fixture
+def small(monkeypatch):
+    """Arrays of any size are spilled, and few rows are worked on at a time."""
+    monkeypatch.setattr(spilled, 'LEAST_BYTES', 1)
+    monkeypatch.setattr(spilled, 'ROWS', 64)
+
+
+def resident_kb():
+    with open('/proc/self/smaps_rollup', encoding='ascii') as file:
+        return int(next(line.split()[1] for line in file if line.startswith('Rss:')))
+
+
+def test_values_stay_when_memory_is_given_back():
+    values = spilled.empty((1_000_000, 4))
+    values[:] = np.arange(4_000_000).reshape(-1, 4)
+    before = resident_kb()
+    spilled.give_back()
+    assert resident_kb() < before - 28_000  # it has 32 MB
+    assert values[123_456].tolist() == [493_824, 493_825, 493_826, 493_827]
+    assert not any(name.startswith('polar-rows-') for name in os.listdir(os.getcwd()))
+
+
+def test_a_small_array_is_an_ordinary_one():
+    assert spilled.empty((3, 2), np.int64).base is None
+
+
+@pytest.mark.usefixtures('small')
+def test_a_function_of_rows_gives_the_same_some_at_a_time():
+    values = np.random.default_rng(1).normal(size=(1000, 3))
+    found = spilled.by_rows(lambda a, b: np.hypot(a, b[:, None]), values, values[:, 0])
+    assert np.array_equal(found, np.hypot(values, values[:, :1]))
+    assert found.base is not None
+    rows = np.array([7, 999, 7, *range(500)])
+    assert np.array_equal(spilled.chosen(values, rows), values[rows])
+
+
+@pytest.mark.usefixtures('small')
+@pytest.mark.parametrize('at', [1, 63, 64, 65, 199])
+def test_an_order_is_seen_across_parts(at):
+    stamps = np.arange(200)
+    assert spilled.ascending(stamps)
+    stamps[at] = stamps[at - 1] - 1
+    assert not spilled.ascending(stamps)
+
+
+@pytest.mark.usefixtures('small')
+def test_rows_grow_and_pieces_are_turned():
+    rows = spilled.Rows([('a', 'i8'), ('b', 'i2')])
+    for k in range(300):
+        rows.add((k * k, k))
+    assert rows.array()['a'].tolist() == [k * k for k in range(300)]
+    assert len(rows) == 300
+    pieces, parts = spilled.LastFirst(), [np.full((n, 2), float(n)) for n in (3, 0, 70, 5, 200)]
+    for part in reversed(parts):
+        pieces.add({'x': part, 'none': np.zeros((len(part), 0))})
+    found = pieces.in_order()
+    assert np.array_equal(found['x'], np.concatenate(parts))
+    assert found['none'].shape == (278, 0)
+
+
+@pytest.mark.usefixtures('small')
+def test_a_full_disk_is_a_sentence(monkeypatch):
+    def full(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, 'posix_fallocate', full)
+    with pytest.raises(PolarNavError, match=r'no room for 8 MB .* TMPDIR'):
+        spilled.empty(1_000_000)
