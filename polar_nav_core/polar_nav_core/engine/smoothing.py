@@ -181,7 +181,9 @@ class _Passes:
                 look_every_s=LOOK_S,
                 tape=tape,
             )
+            spilled.give_back_freed()
             back = backwards(params, tape, self._published, self._covariances, self._move)
+            spilled.give_back_freed()
             why_not = ''
             if result.divergence or len(tape.parts) > 1:
                 why_not = 'the filter was lost and began anew'

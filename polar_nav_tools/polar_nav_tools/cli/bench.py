@@ -174,6 +174,45 @@ def replay(
 
 
 @bench.command(
+    epilog='Example: `./polar bench memory --hours 24 --beside bags/reference_9`\n\n'
+    'Quick look: `./polar bench memory --hours 0.2`'
+)
+def memory(
+    hours: Annotated[
+        float, typer.Option(min=0.05, max=48.0, help='Length of the recorded run.')
+    ] = 4.0,
+    beside: Annotated[
+        Path | None,
+        typer.Option(
+            metavar='BAG', help='Short recording.', show_default='a minute of the same run'
+        ),
+    ] = None,
+    folder: Annotated[
+        Path | None,
+        typer.Option(
+            metavar='FOLDER',
+            help='Where the bags are kept.',
+            show_default='a folder among temporary files',
+        ),
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Measure the peak memory of replay, score and smooth on a long bag beside a short one.
+
+    Each runs in a process of its own. Temporary files (`TMPDIR`) take what memory does not: they
+    want a disk, not a file system in memory.
+    """
+    have_the_machine('measurements wait')
+    from ..benchmarks.memory import run, table
+
+    found = run(hours=hours, beside=beside, folder=folder, report=say)
+    if as_json:
+        emit_json({'ok': True, 'hours': hours, 'commands': [one.to_dict() for one in found]})
+        return
+    _print_tables([table(hours, found)])
+
+
+@bench.command(
     epilog='Example: `./polar bench live`\n\n'
     'Quick look: `./polar bench live --rate 100 --seconds 5`'
 )

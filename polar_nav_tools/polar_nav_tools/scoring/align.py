@@ -139,7 +139,7 @@ def align(
         return np.asarray(truth.stamp_ns[right] - truth.stamp_ns[left])
 
     by_rows = spilled.by_rows
-    place = by_rows(lambda ns: np.searchsorted(truth.stamp_ns, ns), estimate.stamp_ns)
+    place = by_rows(lambda ns: np.asarray(np.searchsorted(truth.stamp_ns, ns)), estimate.stamp_ns)
     exact = by_rows(is_exact, estimate.stamp_ns, place)
     outside = ~exact & ((place == 0) | (place > last))
     between = ~exact & ~outside

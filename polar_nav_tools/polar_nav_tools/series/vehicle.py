@@ -59,8 +59,8 @@ def _selected(
     """Rows of a column that `index` selects; of a slice a view, else copies."""
     if isinstance(index, slice):
         return values[index]
-    numbers = np.asarray(index)
-    return spilled.chosen(values, np.flatnonzero(numbers) if numbers.dtype == bool else numbers)
+    rows = np.flatnonzero(index) if index.dtype == bool else index.astype(np.intp, copy=False)
+    return spilled.chosen(values, rows)
 
 
 @dataclass(frozen=True, eq=False)
