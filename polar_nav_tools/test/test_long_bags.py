@@ -9,6 +9,8 @@ import pytest
 from foreign_samples import REFERENCE
 
 from polar_nav_core import spilled
+from polar_nav_core.errors import PolarNavError
+from polar_nav_tools.benchmarks import memory
 from polar_nav_tools.benchmarks.long_bag import long_bag
 from polar_nav_tools.benchmarks.whole_bag import arrays_of, opened
 from polar_nav_tools.experiments.received import VEHICLE
@@ -131,3 +133,12 @@ def test_few_messages_wait_for_their_turn(bags, monkeypatch):
     assert isinstance(result.outputs, Outputs)
     assert len(result.outputs) > 1000
     assert most < 20
+
+
+def test_the_peak_of_a_command_is_measured(bags):
+    found = memory.Peaks('replay', memory.peak_mb(('info',), bags[0]), 1e4)
+    assert 20.0 < found.short < 1000.0
+    assert not found.met
+    assert memory.table(1.0, (found,)).records()[0]['above_mb'] == found.above
+    with pytest.raises(PolarNavError, match='failed'):
+        memory.peak_mb(('info',), bags[0] / 'nothing')
