@@ -5,9 +5,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from polar_nav_core.engine import refusals
-from polar_nav_core.engine.events import ControlSample, DepthSample, DvlPing, ImuSample
+from polar_nav_core.engine.events import ControlSample, DepthSample, DvlPing, ImuSample, Verdict
+from polar_nav_core.engine.imu_sequence import ImuSequence
 from polar_nav_core.engine.params import EngineParams
-from polar_nav_core.engine.repeated import Repeated
 
 SINS = EngineParams()
 STATION = EngineParams(mode='station', configuration='default')
@@ -37,11 +37,12 @@ def matrices(draw, n):
 
 def one_by_one(params, events):
     """Scalar form, with the stamp of the last usable IMU sample as the engine keeps it."""
-    usable, last_ns, repeated = [], None, Repeated(params)
+    usable, last_ns, sequence = [], None, ImuSequence(params)
     for event in events:
         good = refusals.unusable_local(params, event, last_ns) is None
         if good and isinstance(event, ImuSample):
-            good = repeated.refusal(event) is None
+            values = event.omega_ib_b.tolist(), event.f_b.tolist()
+            good = sequence.refusal(event.stamp_ns, *values) is None
         usable.append(good)
         if good:
             last_ns = event.stamp_ns
@@ -55,15 +56,15 @@ def test_imu(data):
     omega_ib_b, f_b = (columns(data.draw, n, 3) for _ in range(2))
     C_b_G = matrices(data.draw, n)
     samples = [ImuSample(int(stamps[k]), k, omega_ib_b[k], f_b[k]) for k in range(n)]
-    usable, repeats = refusals.usable_imu(SINS, stamps, omega_ib_b, f_b)
+    usable, refused = refusals.usable_imu(SINS, stamps, omega_ib_b, f_b)
     assert usable.tolist() == one_by_one(SINS, samples)
-    assert not usable[repeats > 0].any()
+    assert not usable[list(refused)].any()
     samples = [
         ImuSample(int(stamps[k]), k, omega_ib_b[k], np.zeros(3), C_b_G[k]) for k in range(n)
     ]
-    usable, repeats = refusals.usable_imu(STATION, stamps, omega_ib_b, C_b_G)
+    usable, refused = refusals.usable_imu(STATION, stamps, omega_ib_b, C_b_G)
     assert usable.tolist() == one_by_one(STATION, samples)
-    assert not repeats.any()
+    assert not refused
 
 
 @given(st.data())
@@ -98,7 +99,55 @@ def test_an_imu_that_hangs_is_refused_after_five_repeats():
     samples = [ImuSample(k, k, v, v) for k, v in enumerate(values)]
     found = one_by_one(SINS, samples)
     assert found == [True] * 6 + [False] * 3 + [True] * 6
-    _, repeats = refusals.usable_imu(SINS, np.arange(15), np.array(values), np.array(values))
-    assert repeats.tolist() == [0] * 6 + [6, 7, 8] + [0] * 6
+    _, refused = refusals.usable_imu(SINS, np.arange(15), np.array(values), np.array(values))
+    said = {row: sentence.split(', ')[1] for row, (_, sentence) in refused.items()}
+    assert said == {k: f'{k} times so far: it hangs' for k in (6, 7, 8)}
     never = EngineParams(max_imu_repeats=0)
     assert all(one_by_one(never, samples))
+
+
+RATES = st.sampled_from([0.0, 0.0, 0.0, 0.0, 0.1, 0.45, 0.8, -0.3, 2.0, -4.0])
+
+
+@given(st.lists(st.tuples(st.sampled_from([1, 1, 1, 10_000_000, 30_000_000, 0]), RATES, RATES)))
+def test_what_is_odd_in_columns_is_what_is_odd_one_by_one(rows):
+    stamps = np.cumsum([dt for dt, _, _ in rows], dtype=np.int64)
+    omega_ib_b, f_b = np.zeros((len(rows), 3)), np.zeros((len(rows), 3))
+    if rows:
+        omega_ib_b[:, 0] = [x for _, x, _ in rows]
+        f_b[:, 2] = [z for _, _, z in rows]
+    samples = [ImuSample(int(stamps[k]), k, omega_ib_b[k], f_b[k]) for k in range(len(rows))]
+    usable, refused = refusals.usable_imu(SINS, stamps, omega_ib_b, f_b)
+    assert usable.tolist() == one_by_one(SINS, samples)
+    assert not usable[list(refused)].any()
+
+
+def leaping(*rates, step_ns=10_000_000, **changes):
+    """Which samples of these rates about x [rad/s] are used."""
+    samples = [
+        ImuSample(k * step_ns, k, np.array([w, 0.0, 0.0]), np.array([0.0, 0.0, 9.8 + 1e-3 * k]))
+        for k, w in enumerate(rates)
+    ]
+    return one_by_one(EngineParams(**changes), samples)
+
+
+def test_one_sample_whose_rate_leaps_is_refused_and_the_next_is_not():
+    assert leaping(0.1, 0.1, 1.2, 0.1, 0.1) == [True, True, False, True, True]
+    assert leaping(0.1, 0.1, 0.79, 0.1) == [True] * 4  # 0.5 rad/s and 20 rad/s^2 in 10 ms
+    assert leaping(0.1, 0.1, 0.81, 0.1) == [True, True, False, True]
+    assert leaping(0.1, 0.1, 0.81, 0.1, step_ns=20_000_000) == [True] * 4
+    assert leaping(0.1, 0.1, 1.2, 0.1, max_rate_leap=1e300) == [True] * 4
+
+
+def test_a_rate_that_stays_is_believed_from_its_second_sample_on():
+    assert leaping(0.1, 1.2, 1.3, 1.2, 0.1, 0.1) == [True, False, True, True, False, True]
+    assert leaping(0.0, 2.0, -2.0, 2.0, 0.0) == [True, False, False, False, True]
+
+
+def test_the_receipt_of_a_leap_says_what_and_how_far():
+    rates = np.array([[0.1, 0.0, 0.0], [1.35, 0.0, 0.0], [0.1, 0.0, 0.0]])
+    f_b = np.array([[0.0, 0.0, 9.8], [0.0, 0.0, 9.81], [0.0, 0.0, 9.79]])
+    _, refused = refusals.usable_imu(SINS, np.array([0, 10, 20]) * 1_000_000, rates, f_b)
+    ((row, (verdict, sentence)),) = refused.items()
+    assert (row, verdict) == (1, Verdict.IMPLAUSIBLE)
+    assert sentence.startswith('a rate 1.25 rad/s off the one before, max_rate_leap is 0.5 rad/s')

@@ -138,8 +138,22 @@ def without_depths(inputs):
     return replace(inputs, **{name: getattr(inputs, name)[:k] for name in names})
 
 
+def scattered(inputs, start_s=20.0):
+    """Pings that lie to both sides in turn: they agree on nothing."""
+    since_s = (inputs.dvl_stamps_ns - inputs.dvl_stamps_ns[0]) * 1e-9 - start_s
+    sides = np.where(np.arange(len(since_s)) % 2, 4.0, -4.0)
+    wrong = (since_s >= 0.0)[:, None] * sides[:, None] * np.ones(3)
+    return replace(inputs, dvl_v_m=inputs.dvl_v_m + wrong)
+
+
+def fixes_until(inputs, end_s):
+    """The same measurements, without the fixes after a time."""
+    end_ns = inputs.imu_stamps_ns[0] + round(end_s * 1e9)
+    return replace(inputs, fixes=tuple(f for f in inputs.fixes if f.receive_ns < end_ns))
+
+
 def test_fixes_are_believed_where_the_watchdog_doubts_dvl_or_imu(world, inputs):
-    off = without_depths(struck(inputs))
+    off = without_depths(scattered(struck(inputs)))
     result, shut = run(world, off), run(world, off, reopen_after_s=0.0)
     sentences = {p.condition.sentence for h in result.health for p in h.present}
     assert any(s.startswith('position fixes were refused until') for s in sentences)
@@ -211,11 +225,69 @@ def first_opening_s(result, start_s=20.0):
 
 
 def test_pings_that_depths_back_are_believed_at_once(world, inputs):
-    """Both contradict the IMU after a blow; a DVL alone waits for fixes to be refused, too."""
+    """Both contradict the IMU after a blow; a DVL alone waits while the last fix vouches."""
     backed = run(world, struck(inputs))
     assert 2.0 < first_opening_s(backed) < 12.0
-    alone = run(world, without_depths(struck(inputs)))
-    assert first_opening_s(alone) > first_opening_s(backed) + 3.0
+    alone = run(world, fixes_until(without_depths(struck(inputs)), 20.0))
+    assert first_opening_s(alone) == np.inf
     error = np.linalg.norm(backed.track.r_e[-1] - world.r_e[-1])
     assert error < 2.0
     assert contradicting(backed, world, backed.track.stamps_ns[-1])[0] < 4.0
+
+
+def test_a_fix_vouches_for_a_minute_and_no_longer():
+    """A tilt that is wrong while no fixes come: the DVL is believed in the end."""
+    long = World(110.0)
+    fixes = long.fixes(1.0, lambda _: 0.5, rng=np.random.default_rng(3), first_s=1.0)
+    result = run(long, fixes_until(without_depths(kicked(inputs_of(long, fixes), 3.0, 0)), 20.0))
+    assert 58.0 < first_opening_s(result) < 62.0
+    assert off(result, long, result.track.stamps_ns[-1])[1:] < (0.1, 0.001)
+
+
+def kicked(inputs, deg, axis, length_s=0.1, start_s=20.0):
+    """Gyros that measure a turn about an axis of the body which never was."""
+    since_s = (inputs.imu_stamps_ns - inputs.imu_stamps_ns[0]) * 1e-9 - start_s
+    hit = (since_s >= 0.0) & (since_s < length_s - 1e-6)
+    rate = np.zeros((len(hit), 3))
+    rate[:, axis] = np.radians(deg) / length_s * hit
+    return replace(inputs, omega_ib_b=inputs.omega_ib_b + rate)
+
+
+def off(result, world, stamp_ns):
+    """Errors of position [m], velocity [m/s] and up [rad] at a stamp."""
+    k = int(np.searchsorted(result.track.stamps_ns, stamp_ns))
+    at = int(np.searchsorted(world.stamps, result.track.stamps_ns[k]))
+    up, true_up = result.track.C_b_G[k][2], world.C_b_G[at][2]
+    return (
+        np.linalg.norm(result.track.r_e[k] - world.r_e[at]),
+        np.linalg.norm(result.track.v_G[k] - world.v_G[at]),
+        np.linalg.norm(np.cross(up, true_up)),
+    )
+
+
+@pytest.mark.parametrize(('deg', 'axis'), [(1.0, 0), (3.0, 0), (20.0, 0), (5.0, 1)])
+def test_a_tilt_that_is_wrong_at_once_is_found_with_the_velocity(world, inputs, deg, axis):
+    """Gravity leaks in by it, and would again, were only the velocity mended."""
+    result = run(world, kicked(inputs, deg, axis))
+    start_ns = int(result.track.stamps_ns[0])
+    assert first_opening_s(result) < 14.0
+    position, velocity, tilt = off(result, world, start_ns + 45 * 10**9)
+    assert (position < 3.0, velocity < 0.1, tilt < 0.001) == (True, True, True)
+    assert contradicting(result, world, result.track.stamps_ns[-1])[0] < 4.0
+    assert sum(h.resets for h in result.health[-1:]) <= 2
+
+
+def test_fixes_refused_in_a_row_back_a_dvl_where_there_is_no_depth(world, inputs):
+    alone = run(world, without_depths(kicked(inputs, 3.0, 0)))
+    assert 4.0 < first_opening_s(alone) < 14.0
+    assert off(alone, world, alone.track.stamps_ns[-1])[0] < 3.0
+
+
+def test_one_sample_that_leaps_turns_nothing(world, inputs):
+    """A rate of 3 rad/s in a single sample of 10 ms would be 1.7 deg."""
+    spike = kicked(inputs, np.degrees(3.0) * 0.01, 0, length_s=0.01)
+    result, believed = run(world, spike), run(world, spike, max_rate_leap=1e300)
+    assert result.verdicts[Verdict.IMPLAUSIBLE] == 1
+    assert first_opening_s(result) == np.inf
+    assert off(result, world, result.track.stamps_ns[-1])[2] < 1e-4
+    assert first_opening_s(believed) < 14.0

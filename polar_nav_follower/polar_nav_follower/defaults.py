@@ -121,6 +121,7 @@ _FIRST: dict[str, Any] = {
     'max_imu_noise_factor': 1.0,
     'max_imu_repeats': 0,
     'max_rate': 1e300,
+    'max_rate_leap': 1e300,
     'max_specific_force': 1e300,
     'max_speed': 20.0,
     'max_stamp_leap_s': 0.25,
@@ -255,6 +256,9 @@ _SINCE: dict[int, dict[str, Any]] = {
     },
     9: {
         'leader_link': 'kept',
+    },
+    10: {
+        'max_rate_leap': 0.5,
     },
 }
 """By engine version: what changed with it. A version with new defaults counts up (version.py)."""

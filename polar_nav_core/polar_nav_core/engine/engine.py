@@ -42,6 +42,7 @@ from .health.conditions import Condition, Culprit, Health, Level
 from .health.heading import UNKNOWN, heading_unknown
 from .health.station import StationWatchdog
 from .health.watchdog import Envelope, Watchdog
+from .imu_sequence import ImuSequence
 from .integrity import Integrity, held, out_of_reach, submerged
 from .ledger import FixLedger
 from .lever import Arm, params_at_imu
@@ -50,7 +51,6 @@ from .plausibility import initial_problem
 from .receipts import age_s, receipt_of
 from .reconsider import reconsider
 from .refusals import unusable_local
-from .repeated import Repeated
 from .restart import saved_problem
 from .restored import NOT_RESTORED, Restored
 from .results import FixResult, Outcome, chi2_gate
@@ -140,7 +140,7 @@ class Engine:
             )
         )
         self.imu_gaps = 0
-        self._repeated = Repeated(params)
+        self._imu_sequence = ImuSequence(params)
         self.switches = Switches()
         self.clock = ClockRecord('imu/data' if params.mode == 'station' else 'imu/data_raw')
         self.divergence = ''
@@ -173,7 +173,9 @@ class Engine:
             return
         refused = refused or unusable_local(self.params, event, self.last_imu_ns)
         if refused is None and isinstance(event, ImuSample):
-            refused = self._repeated.refusal(event)
+            refused = event.refused or self._imu_sequence.refusal(
+                event.stamp_ns, event.omega_ib_b.tolist(), event.f_b.tolist()
+            )
         if refused is not None:
             yield self._count(self._receipt(event, event.stamp_ns, *refused))
         elif isinstance(event, ImuSample):

@@ -56,6 +56,10 @@ class Verdict(IntEnum):
     SWITCHED_OFF = 15
 
 
+Refusal: TypeAlias = tuple[Verdict, str]
+"""Verdict on a message that is not used, and the reason."""
+
+
 @dataclass(frozen=True)
 class InitialState:
     """Initial state of a filter with 1-sigma values per axis, SI units and radians."""
@@ -92,8 +96,8 @@ class ImuSample(_Local):
     """Rate [rad/s] and specific force [m/s^2], body axes.
 
     Both are means over the interval that ends at the stamp. ``C_b_G`` is the attitude at the stamp
-    that an AHRS measured, shape (3, 3); None without one. ``repeats`` is the number of samples
-    before it with the same values, where there are too many.
+    that an AHRS measured, shape (3, 3); None without one. ``refused`` is what the samples before
+    it say against it, where that was found in columns.
     """
 
     RANK = Rank.IMU
@@ -103,7 +107,7 @@ class ImuSample(_Local):
     f_b: Array
     C_b_G: Array | None = None
     topic: str = 'imu/data_raw'
-    repeats: int = 0
+    refused: Refusal | None = None
 
 
 @dataclass(frozen=True)

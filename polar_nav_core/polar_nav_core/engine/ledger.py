@@ -7,13 +7,13 @@ from collections.abc import Sequence
 
 from ..kernels.sins.update import Ints
 from .disagreement import RefusedRow
-from .events import Array, Fix, Receipt, Verdict
+from .events import Array, Fix, Receipt, Refusal, Verdict
 from .fix_record import FixRecord
 from .health.conditions import Condition, Culprit, Level
 from .integrity import IntegrityMonitor
 from .params import EngineParams
 from .receipts import age_s, decided_receipt, fused_receipts, refused_verdict
-from .refusals import Refusal, unusable_fix
+from .refusals import unusable_fix
 from .results import FixResult
 from .sender_clock import SenderClock
 

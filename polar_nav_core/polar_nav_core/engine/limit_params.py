@@ -109,6 +109,14 @@ class LimitParams(NodeParams):
         'An IMU sample with the rates and forces of more than so many before it, bit for bit, is '
         'refused: the sensor hangs (mode sins); 0 is never',
     )
+    max_rate_leap: float = param(
+        0.5,
+        'rad/s',
+        0.01,
+        1e300,
+        'An IMU sample whose rate is further off the one before per axis than this, and than 20 '
+        'rad/s^2 in between, is refused unless the next one agrees (mode sins)',
+    )
     max_imu_gap_s: float = param(
         0.5, 's', 0.01, 60.0, 'A longer gap between IMU samples is an error for a minute'
     )

@@ -20,8 +20,10 @@ from .events import (
     HeadingSample,
     ImuSample,
     Local,
+    Refusal,
     Verdict,
 )
+from .imu_sequence import refusals_in_columns
 from .inputs import Stamps
 from .params import EngineParams
 from .plausibility import (
@@ -38,9 +40,7 @@ from .plausibility import (
     is_variance,
     within,
 )
-from .repeated import repeats_of
 
-Refusal: TypeAlias = tuple[Verdict, str]
 Bools: TypeAlias = NDArray[np.bool_]
 
 MOST_HEADING = 4.0 * math.pi
@@ -103,11 +103,11 @@ def _unusable_rate(params: EngineParams, sample: ImuSample) -> Refusal:
 
 def usable_imu(
     params: EngineParams, stamps_ns: Stamps, omega_ib_b: Array, other: Array
-) -> tuple[Bools, NDArray[np.int64]]:
-    """Mask (n,) of usable IMU samples, and the number (n,) of equal ones before, if too many.
+) -> tuple[Bools, dict[int, Refusal]]:
+    """Mask (n,) of usable IMU samples, and by row what those before say against one.
 
-    Usable is a sample within the limits, the first such one of its stamp, of an IMU that does not
-    hang.
+    Usable is a sample within the limits, the first such one of its stamp, of an IMU that neither
+    hangs nor leaps.
 
     Parameters
     ----------
@@ -126,17 +126,17 @@ def usable_imu(
         return good
 
     usable = spilled.by_rows(within, omega_ib_b, other)
-    repeats = np.zeros(len(stamps_ns), dtype=np.int64)
+    refused: dict[int, Refusal] = {}
     if not station:
-        repeats = repeats_of(params, stamps_ns, omega_ib_b, other, usable)
+        refused = refusals_in_columns(params, stamps_ns, omega_ib_b, other, usable)
+        usable[list(refused)] = False
     before_ns = stamps_ns[:0]  # stamp of the last one before a part
     for part in spilled.parts(len(stamps_ns)):
-        usable[part] &= repeats[part] == 0
         good = part.start + np.flatnonzero(usable[part])
         found_ns = np.r_[before_ns, stamps_ns[good]]
         usable[good[len(good) - len(found_ns) + 1 :][np.diff(found_ns) == 0]] = False
         before_ns = found_ns[-1:]
-    return usable, repeats
+    return usable, refused
 
 
 def _unusable_control(params: EngineParams, sample: ControlSample) -> Refusal | None:

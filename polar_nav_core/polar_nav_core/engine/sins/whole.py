@@ -39,7 +39,7 @@ class SinsArrays:
 
     def __init__(self, params: EngineParams, inputs: Inputs, rows: fs.Rows) -> None:
         x, self._rows = inputs, rows
-        imu, repeats = usable_imu(params, x.imu_stamps_ns, x.omega_ib_b, x.f_b)
+        imu, refused = usable_imu(params, x.imu_stamps_ns, x.omega_ib_b, x.f_b)
         dvl = x.dvl_valid & usable_dvl(params, x.dvl_valid, x.dvl_v_m, x.dvl_covariance_m)
         water = np.zeros(len(dvl), dtype=bool)
         if len(x.dvl_water):
@@ -54,7 +54,7 @@ class SinsArrays:
         self.first = x.imu_sample(int(np.argmax(imu))) if imu.any() else None
         self.unusable: list[Event] = [
             *(
-                replace(x.imu_sample(int(k)), repeats=int(repeats[k]))
+                replace(x.imu_sample(int(k)), refused=refused.get(int(k)))
                 for k in np.flatnonzero(~imu)
             ),
             *(x.dvl_ping(int(k)) for k in np.flatnonzero(~dvl)),

@@ -26,7 +26,7 @@ from .hindsight import (
     subtract_deviation,
 )
 from .imu import place
-from .reopen import FEWEST, add_jump, agrees, is_backed, open_gate, opens
+from .reopen import FEWEST, agrees, begin_anew, may_begin_anew, open_gate, opens
 from .runaway import follow, open_wide, runs_away
 from .shared import forget, learn, residual, whitened
 from .signatures import note
@@ -174,6 +174,8 @@ def remember(s: State, c: Settings, w: Work, z: Array, stream: int, m: int, fuse
     if fused:
         s.counters[fs.USED_NS + stream] = s.counters[fs.STAMP]
         s.counters[fs.USES + stream] += 1
+    if stream == fs.FIX_ROW:
+        s.counters[fs.REFUSED_FIXES] = 0 if fused else s.counters[fs.REFUSED_FIXES] + 1
     memories = s.memories[stream]
     v_x, v_y = s.v_G[0], s.v_G[1]
     if s.counters[fs.CONSIDERS] == 1:
@@ -280,12 +282,14 @@ def fuse_rows(
         fused = imposed == fs.TO_FUSE
     is_evidence = remember(s, c, w, w.z, stream, m, fused)
     if not fused and opens(s, c, stream):
+        # The newest ping that was used, or the start where there was none.
+        since_ns = max(s.counters[fs.USED_NS + stream], s.counters[fs.OPENED_NS + stream])
         open_gate(s, w, stream, m)
-        for again in range(2 if is_backed(s, stream) else 1):
+        for again in range(2 if may_begin_anew(s, c, stream) else 1):
             if fused:
                 break
             if again == 1:
-                add_jump(s, w, s.counters[fs.USED_NS + stream])
+                begin_anew(s, w, since_ns)
             if not judge(s, c, w, w.R, m):
                 return fs.S_NOT_DEFINITE
             fused = passes(s, c, w, w.z, stream, m)

@@ -15,14 +15,19 @@ DVL and depth know nothing of each other's errors: where most of both are refuse
 navigation is what is wrong, and the DVL's gate opens as soon as the last thirty pings lie on one
 side. Fixes need not be refused first, which come seldom and show a velocity late. If P is not
 enough then, the velocity has jumped, or run away: it and the way since the last ping get the
-variance of the innovation itself.
+variance of the innovation itself. What makes it run away is a wrong tilt, by which gravity leaks
+into it (a turn that the gyros did not measure, or measured and never was): so tilt gets the
+variance that explains the innovation by now, with its correlation to the velocity.
 """
 
 from __future__ import annotations
 
+import math
+
 from .. import watch
 from ..cache import entry, kernel
 from . import state as fs
+from .gap import MOST_TILT
 from .shared import clear_shared
 from .signatures import clear_evidence
 from .state import Settings, State, Work
@@ -41,11 +46,19 @@ NEVER_BELIEVED = 10
 VOUCHING = 0.5
 """A sensor of which a smaller share is refused vouches for the navigation."""
 CHANCES = 3
-"""Times that a gate opens in a run: what they do not mend is no matter of the covariance."""
+"""Times that a gate opens at once: what they do not mend is no matter of the covariance."""
 LEAST, MOST = 2.0, 100.0
 """Limits of the factor on P."""
 VELOCITY, POSITION = 3, 6
 """First states of a kind."""
+VOUCHED_NS = 60_000_000_000
+"""A fix vouches for the inertial navigation for so long."""
+FIXES = 5
+"""Fixes refused in a row that contradict the navigation together with a DVL."""
+AGAIN_NS = 600_000_000_000
+"""So long after the gate opened for the last time there is another chance."""
+GRAVITY = 9.8
+"""What leaks into the horizontal acceleration per radian of tilt [m/s^2]."""
 
 
 @kernel
@@ -56,15 +69,16 @@ def opens(s: State, c: Settings, stream: int) -> bool:
     """
     if c.reopen_ns == 0 or stream == fs.FIX_ROW:
         return False
-    if s.counters[fs.STAMP] - s.counters[fs.OPENED_NS + stream] < c.reopen_ns:
+    since_ns = s.counters[fs.STAMP] - s.counters[fs.OPENED_NS + stream]
+    if since_ns < c.reopen_ns:
         return False
-    if s.counters[fs.OPENINGS + stream] >= CHANCES:
+    if s.counters[fs.OPENINGS + stream] >= CHANCES and since_ns < AGAIN_NS:
         return False
     row = s.memories[stream, watch.SHORT]
     weight = row[watch.WEIGHT]
     if weight < FEWEST or row[watch.REFUSED] < SHARE * weight:
         return False
-    two = is_backed(s, stream)
+    two = is_contradicted(s, stream)
     row = s.memories[stream, watch.SHORT if two else watch.LONG]
     weight = row[watch.WEIGHT]
     mean, square = 0.0, 0.0
@@ -85,12 +99,38 @@ def is_backed(s: State, stream: int) -> bool:
 
 
 @kernel
+def is_contradicted(s: State, stream: int) -> bool:
+    """Whether another aid contradicts the inertial navigation with a DVL.
+
+    Depths do, or fixes refused in a row with a DVL that was believed: at the start either may be
+    wrong.
+    """
+    return is_backed(s, stream) or (
+        stream == fs.DVL_ROW
+        and s.counters[fs.USES + stream] >= NEVER_BELIEVED
+        and s.counters[fs.REFUSED_FIXES] >= FIXES
+    )
+
+
+@kernel
+def may_begin_anew(s: State, c: Settings, stream: int) -> bool:
+    """Whether a DVL whose gate was opened may say alone how fast the vehicle is.
+
+    One that was believed may, but where the IMU may be noisier than stated: `runaway` sees to it.
+    """
+    believed = stream == fs.DVL_ROW and s.counters[fs.USES + stream] >= NEVER_BELIEVED
+    return (believed and c.most_excess == 0.0) or is_backed(s, stream)
+
+
+@kernel
 def _vouched(s: State, stream: int) -> bool:
     """Whether fixes (for a depth also the DVL) agree with the navigation, against this sensor.
 
-    A depth knows nothing of the horizontal velocity that a DVL contradicts.
+    A fix says so for a minute. A depth knows nothing of the horizontal velocity that a DVL
+    contradicts.
     """
-    found = agrees(s, fs.FIX_ROW)
+    since_ns = s.counters[fs.STAMP] - s.counters[fs.USED_NS + fs.FIX_ROW]
+    found = since_ns <= VOUCHED_NS and agrees(s, fs.FIX_ROW)
     if stream == fs.DEPTH_ROW:
         found = found or agrees(s, fs.DVL_ROW)
     return found
@@ -123,13 +163,32 @@ def square_of(w: Work, m: int) -> float:
 
 
 @kernel
-def add_jump(s: State, w: Work, since_ns: int) -> None:
-    """Add to P the velocity that the judged ping shows, and its way since then."""
+def begin_anew(s: State, w: Work, since_ns: int) -> None:
+    """Let the judged ping alone say how fast the vehicle is, and tilt be as uncertain as it shows.
+
+    P gets the variance of the innovation for the velocity, that of its way for the position, and
+    for the tilt that of one that began at ``since_ns`` and has led to the innovation by now. With
+    a velocity so far off, rows of attitude are those of another velocity; they are left out, what
+    the attitude does to the ping goes to its noise, and the pings to come show the tilt.
+    """
     square = square_of(w, fs.VECTOR)
     since_s = (s.counters[fs.STAMP] - since_ns) * 1e-9
     for k in range(3):
         s.P[VELOCITY + k, VELOCITY + k] += square
         s.P[POSITION + k, POSITION + k] += square * since_s * since_s
+    tilt = MOST_TILT
+    if since_s > 0.0:
+        tilt = min(tilt, math.hypot(w.z[0], w.z[1]) / (GRAVITY * since_s))
+    speed2 = 0.0
+    for k in range(3):
+        speed2 += (s.v_G[k] - w.z[k]) * (s.v_G[k] - w.z[k])
+    for k in range(2):
+        s.P[k, k] += tilt * tilt
+    turned = max(s.P[0, 0], s.P[1, 1], s.P[2, 2]) * speed2
+    for a in range(fs.VECTOR):
+        w.R[a, a] += turned
+        for k in range(3):
+            w.H[a, k] = 0.0
 
 
 @kernel

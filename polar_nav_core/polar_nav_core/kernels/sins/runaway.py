@@ -17,7 +17,16 @@ from .. import watch
 from ..cache import kernel
 from . import state as fs
 from .gap import MOST_HEADING, MOST_TILT
-from .reopen import LEAST, MOST, POSITION, VELOCITY, agrees, note_opening, square_of
+from .reopen import (
+    LEAST,
+    MOST,
+    POSITION,
+    VELOCITY,
+    VOUCHED_NS,
+    agrees,
+    note_opening,
+    square_of,
+)
 from .state import Settings, State, Work
 from .update import N
 
@@ -30,8 +39,6 @@ JUMP, RATE = 0.5, 2.0
 per second between them: faster than a vehicle, slower than outliers."""
 BREAK_S = 5.0
 """After so long without one there is no row."""
-VOUCHED_NS = 60_000_000_000
-"""A fix vouches for the inertial navigation for so long."""
 FEW_FIXES = 5
 """Fewer fixes ever used vouch only until a gate may open, Settings.reopen_ns."""
 STEP = 9.0

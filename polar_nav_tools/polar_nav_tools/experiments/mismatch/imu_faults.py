@@ -133,6 +133,27 @@ class ImuSpikes(Fault):
 
 
 @dataclass(frozen=True, kw_only=True)
+class ImuKick(Fault):
+    """A turn about an axis of the body by an angle [deg] that is measured and never was.
+
+    Or one that was and is not measured, as by gyros that saturate in a collision. Longer than a
+    sample: a single one that leaps is refused.
+    """
+
+    deg: float
+    axis: int
+    length_s: float = 0.1
+
+    def applied(self, world: World, scale: float) -> World:
+        """World whose gyros have the turn too much."""
+        since_s = worlds.seconds(world, world.inputs.imu_stamps_ns) - self.start_s
+        hit = (since_s > 0.0) & (since_s <= self.length_s)
+        error = np.zeros((len(hit), 3))
+        error[:, self.axis] = scale * math.radians(self.deg) / self.length_s * hit
+        return worlds.add_imu(world, error)
+
+
+@dataclass(frozen=True, kw_only=True)
 class ImuAxesMistaken(Fault):
     """The IMU's axes are taken for others: signs of x, y, z."""
 

@@ -225,3 +225,22 @@ COMPASS_ROWS = (
         h.HeadingOff(error_deg=30.0, length_s=60.0, start_s=START_S, for_all=h.STATED),
     ),
 )
+
+IMU_ROWS += tuple(
+    row(
+        f'imu_kick_{name}',
+        g.ImuKick(deg=deg, axis=axis, start_s=START_S),
+        (IMU, DVL, HEADING),
+        scene=scene,
+    )
+    for name, deg, axis, scene in (
+        ('roll_1deg', 1.0, 0, SINS),
+        ('roll_3deg', 3.0, 0, SINS),
+        ('roll_10deg', 10.0, 0, SINS),
+        ('roll_3deg_racetrack', 3.0, 0, RACETRACK),
+        ('pitch_3deg', 3.0, 1, SINS),
+        ('yaw_3deg', 3.0, 2, SINS),
+        ('yaw_3deg_racetrack', 3.0, 2, RACETRACK),
+        ('roll_3deg_tactical', 3.0, 0, TACTICAL),
+    )
+)
