@@ -164,6 +164,19 @@ def _refused() -> Simulated:
     return _sins(80.0, FixSpec(delay_kind='uniform', delay_s=3.0, period_s=0.9), change)
 
 
+def _kicked() -> Simulated:
+    """A sample whose rate leaps, and at 30 s a turn that the gyros measure and that never was."""
+
+    def change(world: World) -> Any:
+        x = world.inputs
+        t = (x.imu_stamps_ns - x.imu_stamps_ns[0]) / NS
+        x.omega_ib_b[[700, 900, 901], 1] += (2.0, -3.0, -3.0)
+        x.omega_ib_b[(t > 30.0) & (t < 30.2), 0] += 0.25
+        return x
+
+    return _sins(80.0, FixSpec(delay_kind='uniform', delay_s=3.0, period_s=0.9), change)
+
+
 def _diverging() -> Simulated:
     """One sample of the IMU that no filter survives, at 20 s."""
 
@@ -285,6 +298,7 @@ MAKERS = {
     'imu gap': _imu_gap,
     'unusable': _unusable,
     'refused': _refused,
+    'kicked': _kicked,
     'diverging': _diverging,
     'over the pole': _over_pole,
     'model aided': _model_aided,
