@@ -135,7 +135,10 @@ def _sins_variants(world: str) -> dict[str, dict[str, Any]]:
         if c.noise_adaptation in noises
     }
     out['default common'] = {'configuration': 'default', **_COMMON}
-    if world in ('refused', 'kicked'):  # of a gate that opens: by rounding, others may open it elsewhere
+    if world in (
+        'refused',
+        'kicked',
+    ):  # of a gate that opens: by rounding, others may open it elsewhere
         return {name: out[name] for name in ('default', 'default common')}
     for delay in DELAY_HANDLING:
         if aided and delay == 'clone':

@@ -232,3 +232,19 @@ def test_a_shift_that_has_ended_is_forgotten():
     for k in range(1500):
         feed(kept, FIX, SIGMA * (rng.standard_normal(3) + (EAST if k < 100 else 0.0)))
     assert not look(kept).present
+
+
+def test_pings_refused_one_after_the_other_are_an_error_before_most_are():
+    """Thirty good ones came before, so that a share says nothing for three seconds."""
+    kept = memories()
+    for _ in range(40):
+        feed(kept, 0, np.zeros(3))
+    feed(kept, 0, [3.0, 0.0, 0.0], fused=False)
+
+    def after(number, since_s):
+        used, row = np.array([10**12 - round(since_s * 1e9), 0, 0]), np.array([number, 0, 0])
+        health = look(kept, used_ns=used, refused_row=row)
+        return [p.condition.sentence for p in health.present if p.condition.key == 'DVL refused']
+
+    assert after(8, 1.7) == ['the newest 8 DVL refused: DVL and inertial navigation disagree']
+    assert after(4, 1.7) == after(40, 1.4) == []

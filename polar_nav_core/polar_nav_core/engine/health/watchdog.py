@@ -8,7 +8,7 @@ says so and the culprit has several bits. Thresholds: docs/trust-and-hold.md.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -47,6 +47,9 @@ _SIDEWAYS = 0.9
 """Mean share across track from which on refused pings are turned, or the heading is."""
 _SCATTER_SIGMAS = 8.0
 _REFUSED_SHARE = 0.5
+_ROW, _ROW_S = 5, 1.5
+"""Measurements refused one after the other, and the time that they take at least [s]: a navigation
+that runs away is metres off before half of the last thirty are refused."""
 _MISSING_SHARE = 0.05
 """Of the IMU samples, from which on it is said that some are missing."""
 AFTER_S = 60.0
@@ -78,6 +81,8 @@ class View:
         When the gate of a stream was last opened again; 0 for never.
     used_ns : (STREAMS,) array of int
         Newest measurement of a stream that was used; 0 for none.
+    refused_row : (STREAMS,) array of int
+        How many of the newest measurements of a stream were refused one after the other.
     speed, depth : float
         Of the vehicle [m/s], below the surface [m].
     P_horizontal : (2, 2) array
@@ -107,6 +112,7 @@ class View:
     P_horizontal: Array
     resets: int
     gaps: Gaps = NO_GAPS
+    refused_row: Ints = field(default_factory=lambda: np.zeros(watch.STREAMS, dtype=np.int64))
     imu_noise: float = 1.0
     shared: Array | None = None
     leader_stated: bool = False
@@ -233,15 +239,24 @@ def _refusals(view: View, s: Statistics, stream: int) -> list[Condition]:
     name, culprit = _NAMES[stream], _CULPRITS[stream]
     share, number = s.refused[stream, watch.SHORT], s.number[stream, watch.SHORT]
     found = []
-    if number >= FEWEST and share > _REFUSED_SHARE:
-        sentence = (
-            f'{100.0 * share:.0f} % of {name} refused: {name} and inertial navigation disagree'
-        )
+    mostly = number >= FEWEST and share > _REFUSED_SHARE
+    if mostly or _in_a_row(view, stream):
+        how = f'{100.0 * share:.0f} % of {name}'
+        if not mostly:
+            how = f'the newest {int(view.refused_row[stream])} {name}'
+        sentence = f'{how} refused: {name} and inertial navigation disagree'
         if stream == DVL and abs(s.across[stream, watch.SHORT]) > _SIDEWAYS:
             culprit |= Culprit.HEADING
             sentence += ' across track: the heading is off, or the DVL is turned'
         found.append(Condition(f'{name} refused', Level.ERROR, culprit, sentence))
     return [*found, *_reopened(view, stream, culprit)]
+
+
+def _in_a_row(view: View, stream: int) -> bool:
+    """Whether a sensor that was used is refused measurement by measurement for a while."""
+    since_s = (view.stamp_ns - int(view.used_ns[stream])) * 1e-9
+    long = bool(view.used_ns[stream]) and since_s >= _ROW_S
+    return long and int(view.refused_row[stream]) >= _ROW
 
 
 def _reopened(view: View, stream: int, culprit: Culprit | None = None) -> list[Condition]:

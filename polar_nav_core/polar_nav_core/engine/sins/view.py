@@ -39,6 +39,7 @@ def view_of(fusion: Fusion, stamp_ns: int, resets: int) -> View:
         ),
         opened_ns=opened_ns,
         used_ns=counters[fs.USED_NS : fs.USED_NS + 3],
+        refused_row=counters[fs.REFUSED_ROW : fs.REFUSED_ROW + 3],
         speed=float(np.linalg.norm(s.v_G)),
         depth=f.settings.sea_surface_height - fusion.height(),
         P_horizontal=P_G[:2, :2],

@@ -174,8 +174,9 @@ def remember(s: State, c: Settings, w: Work, z: Array, stream: int, m: int, fuse
     if fused:
         s.counters[fs.USED_NS + stream] = s.counters[fs.STAMP]
         s.counters[fs.USES + stream] += 1
-    if stream == fs.FIX_ROW:
-        s.counters[fs.REFUSED_FIXES] = 0 if fused else s.counters[fs.REFUSED_FIXES] + 1
+        s.counters[fs.REFUSED_ROW + stream] = 0
+    else:
+        s.counters[fs.REFUSED_ROW + stream] += 1
     memories = s.memories[stream]
     v_x, v_y = s.v_G[0], s.v_G[1]
     if s.counters[fs.CONSIDERS] == 1:

@@ -108,7 +108,7 @@ def is_contradicted(s: State, stream: int) -> bool:
     return is_backed(s, stream) or (
         stream == fs.DVL_ROW
         and s.counters[fs.USES + stream] >= NEVER_BELIEVED
-        and s.counters[fs.REFUSED_FIXES] >= FIXES
+        and s.counters[fs.REFUSED_ROW + fs.FIX_ROW] >= FIXES
     )
 
 
@@ -206,5 +206,6 @@ def note_opening(s: State, stream: int) -> None:
             s.memories[stream, k, j] = 0.0
     clear_shared(s.shared)
     clear_evidence(s)
+    s.counters[fs.REFUSED_ROW + stream] = 0
     s.counters[fs.OPENED_NS + stream] = s.counters[fs.STAMP]
     s.counters[fs.OPENINGS + stream] += 1

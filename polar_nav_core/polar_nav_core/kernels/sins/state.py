@@ -86,8 +86,8 @@ HELD_NS = HEADING + 9  # stamp up to which a ping had the last rates held (fill)
 WAITS = HEADING + 10  # 1 while a snapshot waits for the next step that a sample ends
 MISSING_NS = HEADING + 11  # time of samples that were missing, of the last FADE_NS (fill)
 INTERVAL_NS = HEADING + 12  # the newest interval between IMU samples (fill)
-REFUSED_FIXES = HEADING + 13  # in a row, the newest ones
-COUNTERS = HEADING + 14
+REFUSED_ROW = HEADING + 13  # three: newest measurements refused one after the other, per stream
+COUNTERS = HEADING + 16
 
 # What an event function (FUSED or REFUSED, too) or `advance` returns.
 DONE = 0

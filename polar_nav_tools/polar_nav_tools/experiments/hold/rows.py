@@ -24,7 +24,8 @@ _AFTER_S = 160.0
 _SINS = (
     'imu_silent:0.3', 'imu_silent:1', 'imu_silent:3', 'imu_silent:20', 'imu_silent:inf',
     'imu_ahead:5', 'imu_several_ahead:5', 'imu_2038', 'imu_several_2038', 'imu_1970',
-    'imu_force:1e6', 'imu_force:1000', 'imu_rate:30', 'imu_rate:1e300', 'imu_nan:1', 'imu_nan:300',
+    'imu_force:1e6', 'imu_force:1000', 'imu_force:50', 'imu_rate:1', 'imu_rate:3', 'imu_rate:30',
+    'imu_rate:1e300', 'imu_nan:1', 'imu_nan:300',
     'imu_stuck:10', 'imu_swapped', 'imu_lost:0.5', 'imu_repeated', 'imu_reordered:0.3',
     'imu_late:5', 'imu_clock:3600', 'imu_clock:-10',
     'dvl_indefinite', 'dvl_covariance:5e-324', 'dvl_covariance:1e300', 'dvl_velocity:1e300',
