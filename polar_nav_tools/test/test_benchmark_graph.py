@@ -10,6 +10,8 @@ pytest.importorskip('rclpy')
 from polar_nav_tools.benchmarks import processes
 from polar_nav_tools.benchmarks.graph import GraphBenchmark, GraphRun, _Meter
 
+PIDS = {'one': 1, 'two': 2}
+
 
 def test_figures_of_this_process_are_those_of_python():
     used = os.times()
@@ -21,16 +23,16 @@ def test_a_meter_keeps_the_first_moment_at_work_and_the_last(monkeypatch):
     cpu_s, times = {1: 10.0, 2: 20.0}, iter((100.0, 101.0, 102.0))
     monkeypatch.setattr(processes, 'cpu_s', lambda pid: cpu_s[pid])
     monkeypatch.setattr(processes, 'proportional_mb', lambda pid: 100.0 * pid)
-    meter = _Meter(lambda: [1, 2], lambda: next(times))
-    meter.take(1.0, 60.0)
+    meter = _Meter(lambda: next(times))
+    meter.take(1.0, 60.0, PIDS)
     assert meter.taken == []
-    meter.take(6.0, 60.0)
+    meter.take(6.0, 60.0, PIDS)
     assert meter.memory_mb != meter.memory_mb
     cpu_s[1] = 15.0
-    meter.take(31.0, 60.0)
+    meter.take(31.0, 60.0, PIDS)
     assert meter.memory_mb == 300.0
     cpu_s[2] = 30.0
-    meter.take(60.0, 60.0)
+    meter.take(60.0, 60.0, PIDS)
     assert meter.taken == [(6.0, 100.0, 30.0), (60.0, 102.0, 45.0)]
 
 
@@ -39,8 +41,8 @@ def test_a_meter_leaves_a_run_alone_that_is_over(monkeypatch):
         raise FileNotFoundError
 
     monkeypatch.setattr(processes, 'cpu_s', gone)
-    meter = _Meter(lambda: [1])
-    meter.take(60.0, 60.0)
+    meter = _Meter()
+    meter.take(60.0, 60.0, PIDS)
     assert meter.taken == []
 
 

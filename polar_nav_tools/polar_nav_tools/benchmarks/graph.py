@@ -20,13 +20,11 @@ from polar_nav_core.errors import PolarNavError
 
 from ..bags import open_bag
 from ..graph.options import GraphOptions
-from ..graph.processes import processes_of
-from ..live.domain import graph_environment
-from ..live.run import prepare_graph, read_mission
-from ..live.supervisor import RunStatus, Supervisor
+from ..live.run import read_mission
 from ..scoring import Column, Table
 from . import processes
 from .rounds import Ratio
+from .whole_graph import run_graph
 
 SECONDS = 120.0
 _BEGIN_S = 5.0
@@ -150,26 +148,29 @@ class _Meter:
 
     Attributes
     ----------
-    pids : callable
-        Process ids of the run.
     clock : callable
         Wall time [s].
+    memory_mb : float
+        Sum of the proportional memory of all processes in the middle of the run [MB].
+    count : int
+        Number of processes.
     """
 
-    pids: Callable[[], Sequence[int]]
     clock: Callable[[], float] = time.monotonic
     memory_mb: float = math.nan
+    count: int = 0
     taken: list[tuple[float, float, float]] = field(default_factory=list)
     """First and last: simulated, wall and processor time [s]."""
 
-    def take(self, now_s: float, total_s: float) -> None:
-        """Take figures at a simulated time."""
+    def take(self, now_s: float, total_s: float, pids: Mapping[str, int]) -> None:
+        """Take figures of processes at a simulated time."""
+        self.count = len(pids)
         if now_s < _BEGIN_S:
             return
         try:
-            cpu_s = sum(processes.cpu_s(pid) for pid in self.pids())
+            cpu_s = sum(processes.cpu_s(pid) for pid in pids.values())
             if math.isnan(self.memory_mb) and now_s >= 0.5 * total_s:
-                self.memory_mb = sum(processes.proportional_mb(pid) for pid in self.pids())
+                self.memory_mb = sum(processes.proportional_mb(pid) for pid in pids.values())
         except OSError:  # one has ended: the run is over
             return
         self.taken = [*self.taken[:1], (now_s, self.clock(), cpu_s)]
@@ -177,25 +178,15 @@ class _Meter:
 
 def _measure(folder: Path, seconds: float, *, composed: bool) -> GraphRun:
     options = GraphOptions(bag=folder / 'bag', composed=composed)
-    graph = prepare_graph(read_mission('demo', seconds), options, folder / 'run')
-    meter = _Meter(lambda: list(supervisor.pids().values()))
-    children = _children_cpu_s()
-    supervisor = Supervisor(
-        processes_of(graph),
-        folder / 'run',
-        graph_environment(folder / 'run'),
-        on_progress=meter.take,
-    )
-    outcome = supervisor.run()
-    if outcome.status is not RunStatus.COMPLETED:
-        raise PolarNavError(outcome.sentence)
+    meter, children = _Meter(), _children_cpu_s()
+    outcome = run_graph(read_mission('demo', seconds), options, folder / 'run', meter.take)
     if len(meter.taken) < 2 or math.isnan(meter.memory_mb):
         raise PolarNavError(f'a run of {seconds:g} s was over before it could be measured')
     (from_s, began_s, before_s), (until_s, ended_s, after_s) = meter.taken
     simulated_s = until_s - from_s
     cpu, wall = (after_s - before_s) / simulated_s, (ended_s - began_s) / simulated_s
     return GraphRun(
-        processes=len(supervisor.pids()),
+        processes=meter.count,
         cpu_ms=1e3 * cpu,
         wall_ms=1e3 * wall,
         around_cpu_s=_children_cpu_s() - children - cpu * seconds,

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterable, Mapping
+from contextlib import nullcontext
 from dataclasses import asdict
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -309,6 +311,63 @@ def graph(
     sys.stdout.write(
         'Same bytes of nav/state and nav/receipt in each round.\n' + _cores(facts, rounds)
     )
+
+
+@bench.command(
+    epilog='Example: `./polar bench endurance --folder bags/half_a_day`\n\n'
+    'Quick look: `./polar bench endurance --hours 0.05`'
+)
+def endurance(
+    hours: Annotated[
+        float, typer.Option(min=0.02, max=48.0, help='Simulated length of the run.')
+    ] = 12.0,
+    mission: Annotated[
+        str, typer.Option('--mission', '-m', metavar='NAME|FILE', help='What is sailed.')
+    ] = 'demo',
+    composed: Annotated[
+        bool, typer.Option('--composed', help='Run the nodes of a vehicle in one process.')
+    ] = False,
+    max_bag_size: Annotated[
+        int, typer.Option(metavar='MB', min=1, help='A file of the bag ends at this size.')
+    ] = 64,
+    folder: Annotated[
+        Path | None,
+        typer.Option(
+            metavar='FOLDER',
+            help='Where bag and logs are kept.',
+            show_default='a temporary folder, deleted at the end',
+        ),
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """Run a graph for half a day at full speed: memory of every node, and the bag verified.
+
+    Exit status 1 when a node's memory in the last quarter of the run is more than 5 % above that
+    in the second, when the bag is not whole, or when its replay differs from what ran live.
+    """
+    have_the_machine('measurements wait')
+    from ..benchmarks import machine
+    from ..benchmarks.endurance import run
+
+    facts = machine.describe(())
+    place = TemporaryDirectory(prefix='polar_nav_') if folder is None else nullcontext(folder)
+    with place as path:
+        result = run(
+            Path(path),
+            hours=hours,
+            mission=mission,
+            composed=composed,
+            max_bag_bytes=max_bag_size * 1_000_000,
+            report=say,
+        )
+    facts['load_average_after'] = machine.load()
+    if as_json:
+        emit_json({'machine': facts, **result.to_dict()})
+    else:
+        _print_tables([result.table()])
+        sys.stdout.write(f'{result.sentence()}\n{_cores(facts)}')
+    if not result.ok:
+        raise typer.Exit(1)
 
 
 def _print_tables(tables: Iterable[Table]) -> None:

@@ -409,6 +409,8 @@ def _recorder_node(recorded: Mapping[str, str], options: GraphOptions) -> list[N
     }
     if options.respawn:
         parameters['resume'] = True
+    if options.max_bag_bytes:
+        parameters['max_bag_size'] = options.max_bag_bytes
     if options.run_info is not None:
         parameters['run_info'] = str(options.run_info.absolute())
     module = 'polar_nav_tools.record.recorder_node'

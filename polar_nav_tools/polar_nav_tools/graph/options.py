@@ -49,6 +49,8 @@ class GraphOptions:
         Reorder window of the follower at the pace ``realtime`` [s]; lockstep has its own.
     composed : bool
         Whether the nodes of a vehicle share a process.
+    max_bag_bytes : int
+        Size at which a file of the bag ends and the next one begins; 0: never.
 
     Raises
     ------
@@ -66,6 +68,7 @@ class GraphOptions:
     state_file: Path | None = None
     reorder_s: float = REALTIME_REORDER_S
     composed: bool = False
+    max_bag_bytes: int = 0
 
     def __post_init__(self) -> None:
         if self.pace not in PACES:
