@@ -136,3 +136,14 @@ def test_the_benchmark_compares_bytes_and_counts_processes():
     assert (rounds['separate']['processes'], rounds['composed']['processes']) == (13, 5)
     assert said['ratios']['memory_mb']['median'] > 1.5
     assert all(value > 0.0 for run in rounds.values() for value in run.values())
+
+
+def test_a_long_run_is_measured_by_process_and_its_split_bag_verified():
+    options = ('--hours', '0.02', '--max-bag-size', '1', '--composed', '--json')
+    done = polar('bench', 'endurance', *options, timeout=200.0)
+    said = json.loads(done.stdout)
+    assert done.returncode == (0 if said['ok'] else 1), done.stderr
+    assert said['problems'] == []
+    assert said['files'] > 3
+    assert len(said['memory']) == 5
+    assert all(20.0 < one['second_quarter_mb'] <= one['most_mb'] for one in said['memory'])
