@@ -16,7 +16,7 @@ def grows(monkeypatch):
     """Watch over 960 s of two processes; one grows by 1 MB in 10 s."""
     watch, now = Watch(960.0), [0.0]
     memory_mb = {1: lambda: 100.0 + 0.1 * now[0], 2: lambda: 50.0}
-    monkeypatch.setattr(processes, 'proportional_mb', lambda pid: memory_mb[pid]())
+    monkeypatch.setattr(processes, 'own_mb', lambda pid: memory_mb[pid]())
 
     def until(end_s):
         while now[0] < end_s:
@@ -43,7 +43,7 @@ def test_a_process_that_has_ended_ends_the_readings(grows, monkeypatch):
 
     watch, until = grows
     until(500.0)
-    monkeypatch.setattr(processes, 'proportional_mb', gone)
+    monkeypatch.setattr(processes, 'own_mb', gone)
     until(960.0)
     assert watch.read['holds'][-1][0] == 490.0
     with pytest.raises(PolarNavError, match='leaks: the run was over before'):

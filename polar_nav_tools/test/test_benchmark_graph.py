@@ -16,7 +16,10 @@ PIDS = {'one': 1, 'two': 2}
 def test_figures_of_this_process_are_those_of_python():
     used = os.times()
     assert processes.cpu_s(os.getpid()) == pytest.approx(used.user + used.system, abs=0.05)
-    assert 1.0 < processes.proportional_mb(os.getpid()) <= processes.resident_mb(os.getpid()) + 5.0
+    resident_mb = processes.resident_mb(os.getpid())
+    assert 1.0 < processes.proportional_mb(os.getpid()) <= resident_mb + 5.0
+    before_mb, held = processes.own_mb(os.getpid()), bytearray(b'x') * 50_000_000
+    assert processes.own_mb(os.getpid()) - before_mb == pytest.approx(len(held) / 1e6, abs=5.0)
 
 
 def test_a_meter_keeps_the_first_moment_at_work_and_the_last(monkeypatch):

@@ -41,7 +41,7 @@ class Memory:
     ----------
     name : str
     second_quarter_mb, last_quarter_mb : float
-        Mean of what it held, of what is shared its part [MB].
+        Mean of what it had allocated [MB].
     most_mb : float
         The most at any look [MB].
     """
@@ -158,7 +158,7 @@ class Watch:
             return
         self._next_s = now_s + self.every_s
         try:
-            found = {name: processes.proportional_mb(pid) for name, pid in pids.items()}
+            found = {name: processes.own_mb(pid) for name, pid in pids.items()}
         except OSError:  # one has ended: the run is over
             return
         for name, memory_mb in found.items():

@@ -20,8 +20,20 @@ def resident_mb(pid: int) -> float:
 
 def proportional_mb(pid: int) -> float:
     """Memory of a process [MB], of what it shares its part: sums of it count nothing twice."""
+    return _rollup_mb(pid, 'Pss')
+
+
+def own_mb(pid: int) -> float:
+    """Memory of a process that no file stands behind [MB]: what it has allocated and written.
+
+    Unlike its part of shared libraries it does not change when other programs begin or end.
+    """
+    return _rollup_mb(pid, 'Anonymous')
+
+
+def _rollup_mb(pid: int, wanted: str) -> float:
     for line in Path(f'/proc/{pid}/smaps_rollup').read_text(encoding='ascii').splitlines():
         name, _, value = line.partition(':')
-        if name == 'Pss':
+        if name == wanted:
             return int(value.split()[0]) * 1024 / 1e6
-    raise OSError(f'the kernel states no proportional memory of process {pid}')
+    raise OSError(f'the kernel states no {wanted} of process {pid}')
