@@ -113,9 +113,7 @@ class Endurance:
             Column('most', 'most', 'MB'),
             Column('growth', 'growth', '%'),
         )
-        title = (
-            f'Memory of each process in {self.seconds / 3600.0:g} h, of what is shared its part'
-        )
+        title = f'Memory that each process had allocated in {self.seconds / 3600.0:g} h'
         return Table(title, columns, tuple(rows))
 
     def sentence(self) -> str:
