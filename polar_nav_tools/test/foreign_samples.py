@@ -90,7 +90,7 @@ def recording() -> Recording:
     """Load the reference bag once."""
     inputs = load_inputs(REFERENCE)
     run = Session(parameters(inputs.params, None, {}), inputs.vehicle)
-    events = inputs.events(run, inputs.lives[0])
+    events = list(inputs.events(run, inputs.lives[0]))
     bag = open_bag(REFERENCE)
     return Recording(
         inputs,
