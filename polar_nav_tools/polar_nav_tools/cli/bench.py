@@ -288,7 +288,7 @@ def smooth(
 def graph(
     rounds: Annotated[int, typer.Option(min=1, help='Rounds; ratios are their medians.')] = 3,
     seconds: Annotated[
-        float, typer.Option(min=60.0, max=600.0, help='Simulated length of each run.')
+        float, typer.Option(min=20.0, max=600.0, help='Simulated length of each run.')
     ] = 120.0,
     as_json: JsonOption = False,
 ) -> None:
