@@ -140,10 +140,14 @@ def test_missions_have_no_test_that_is_left_to_the_step_of_files():
     assert '\npytestmark = [pytest.mark.live, ' in file.read_text()
 
 
-def test_steps_of_tools_beside_one_another_have_domains_of_their_own():
+def test_steps_of_tools_beside_one_another_have_domains_of_their_own(monkeypatch):
     steps, graphs = all_rings('python', source_root(Path(__file__)), long=False)
     domains = [s.env['ROS_DOMAIN_ID'] for s in steps if 'ROS_DOMAIN_ID' in s.env]
     assert len(set(domains)) == len(domains) == 2
+    monkeypatch.setattr(testing, 'busy_udp_ports', lambda: [7400 + 250 * int(domains[0])])
+    monkeypatch.setattr('os.getpid', lambda: int(domains[0]) - 1)
+    found = [one['ROS_DOMAIN_ID'] for one in testing._own_domains(3)]
+    assert len({domains[0], *found}) == 4
     # In steps of graphs each graph chooses its own, also where the user has named one.
     assert [s.env for s in graphs] == [{'ROS_DOMAIN_ID': ''}] * 3
 

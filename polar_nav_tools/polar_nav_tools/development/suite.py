@@ -128,8 +128,11 @@ def all_rings(python: str, root: Path, *, long: bool) -> tuple[list[Step], list[
 
 def _own_domains(count: int) -> list[dict[str, str]]:
     """Environments of ROS domains of their own: nodes of two steps must not find each other."""
-    busy = busy_udp_ports()
-    return [{'ROS_DOMAIN_ID': str(free_domain_id(os.getpid() + k, busy))} for k in range(count)]
+    busy, start, found = busy_udp_ports(), os.getpid(), []
+    for _ in range(count):
+        start = free_domain_id(start, busy)  # the next search begins behind this domain
+        found.append({'ROS_DOMAIN_ID': str(start)})
+    return found
 
 
 @dataclass(frozen=True)
