@@ -24,9 +24,6 @@ from ..terminal.progress import progress_display
 from . import processes
 from .whole_graph import run_graph
 
-HOURS = 12.0
-MISSION = 'demo'
-MAX_BAG_BYTES = 64 * 1024 * 1024
 SAMPLES = 96
 """Times that memory is read in a run."""
 FLAT_SHARE = 0.05
@@ -183,11 +180,11 @@ class Watch:
 def run(
     folder: Path,
     *,
-    hours: float = HOURS,
-    mission: str = MISSION,
-    composed: bool = False,
-    max_bag_bytes: int = MAX_BAG_BYTES,
-    report: Callable[[str], None] = print,
+    hours: float,
+    mission: str,
+    composed: bool,
+    max_bag_bytes: int,
+    report: Callable[[str], None],
 ) -> Endurance:
     """What a long run shows; its bag is left in the folder.
 

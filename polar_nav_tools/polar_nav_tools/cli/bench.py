@@ -38,6 +38,15 @@ CoreOption = Annotated[
         show_default='the last that is allowed',
     ),
 ]
+BagsOption = Annotated[
+    Path | None,
+    typer.Option(
+        '--folder',
+        metavar='FOLDER',
+        help='Where the bags are kept.',
+        show_default='a folder among temporary files',
+    ),
+]
 JsonOption = Annotated[bool, typer.Option('--json', help='Print figures as JSON on stdout.')]
 
 
@@ -136,14 +145,7 @@ def replay(
         float, typer.Option(min=0.05, max=48.0, help='Length of the recorded run.')
     ] = 12.0,
     rounds: Annotated[int, typer.Option(min=1, help='Rounds; ratios are their medians.')] = 5,
-    folder: Annotated[
-        Path | None,
-        typer.Option(
-            metavar='FOLDER',
-            help='Where the bags are kept.',
-            show_default='a folder among temporary files',
-        ),
-    ] = None,
+    folder: BagsOption = None,
     processor: CoreOption = None,
     as_json: JsonOption = False,
 ) -> None:
@@ -189,29 +191,25 @@ def memory(
             metavar='BAG', help='Short recording.', show_default='a minute of the same run'
         ),
     ] = None,
-    folder: Annotated[
-        Path | None,
-        typer.Option(
-            metavar='FOLDER',
-            help='Where the bags are kept.',
-            show_default='a folder among temporary files',
-        ),
-    ] = None,
+    folder: BagsOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Measure the peak memory of replay, score and smooth on a long bag beside a short one.
 
     Each runs in a process of its own. Temporary files (`TMPDIR`) take what memory does not: they
-    want a disk, not a file system in memory.
+    want a disk, not a file system in memory. Exit status 1 when a goal is missed.
     """
     have_the_machine('measurements wait')
     from ..benchmarks.memory import run, table
 
     found = run(hours=hours, beside=beside, folder=folder, report=say)
     if as_json:
-        emit_json({'ok': True, 'hours': hours, 'commands': [one.to_dict() for one in found]})
-        return
-    _print_tables([table(hours, found)])
+        commands = [one.to_dict() for one in found]
+        emit_json({'ok': all(one.met for one in found), 'hours': hours, 'commands': commands})
+    else:
+        _print_tables([table(hours, found)])
+    if not all(one.met for one in found):
+        raise typer.Exit(1)
 
 
 @bench.command(

@@ -30,8 +30,8 @@ from ..series.closeness import LIMIT_SIGMA, LIMIT_TEXT, Closeness, closeness, mo
 from ..series.vehicle import EstimateSeries
 from .by_message import Progress, ReplayResult, parameters, replay
 from .difference import Difference, first_difference
-from .lives import stamp_of
 from .recorded import RecordedInputs, choose_description, load_inputs
+from .records import stamp_of
 
 
 @dataclass(frozen=True)
