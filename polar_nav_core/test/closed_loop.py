@@ -30,8 +30,12 @@ class World:
         height=-100.0,
         leg_s=0.0,
         turn_s=30.0,
+        haste=1.0,
     ):
-        """With ``leg_s``: legs of so many seconds, and turns at 6 deg/s between them."""
+        """With ``leg_s``: legs of so many seconds, and turns at 6 deg/s between them.
+
+        The vehicle swings with periods of 5 to 9 s over ``haste``.
+        """
         n = int(seconds * 100)
         dt = 0.01
         self.n = n
@@ -52,9 +56,9 @@ class World:
         for k in range(n):
             wobble = np.array(
                 [
-                    0.02 * np.cos(0.9 * k * dt),
-                    0.02 * np.cos(1.3 * k * dt),
-                    0.01 * np.cos(0.7 * k * dt),
+                    0.02 * np.cos(haste * 0.9 * k * dt),
+                    0.02 * np.cos(haste * 1.3 * k * dt),
+                    0.01 * np.cos(haste * 0.7 * k * dt),
                 ]
             )
             turning = leg_s > 0.0 and k * dt % (leg_s + turn_s) > leg_s

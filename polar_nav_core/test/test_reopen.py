@@ -291,3 +291,50 @@ def test_one_sample_that_leaps_turns_nothing(world, inputs):
     assert first_opening_s(result) == np.inf
     assert off(result, world, result.track.stamps_ns[-1])[2] < 1e-4
     assert first_opening_s(believed) < 14.0
+
+
+def test_late_fixes_right_after_an_opened_gate_find_what_it_made_of_the_covariance(world):
+    """The gate opens with a ping, between two covariance steps; pings come every 0.2 s."""
+    fixes = world.fixes(0.05, lambda _: 1.5, rng=np.random.default_rng(3), first_s=1.03)
+    few = [f for k, f in enumerate(fixes) if (k % 60 == 0 and k < 380) or k > 556]
+    result = run(world, kicked(inputs_of(world, few), 3.0, 0))
+    start_ns = int(world.stamps[0])
+    after = [r for r in result.receipts if (r.validity_ns - start_ns) * 1e-9 > 28.8]
+    assert after[0].verdict is Verdict.GATED
+    first = next(r for r in after if r.verdict is Verdict.FUSED)
+    assert ((first.validity_ns - start_ns) * 1e-9) % 0.2 == pytest.approx(0.03, abs=1e-6)
+
+
+@pytest.mark.parametrize('delay_s', [0.0, 1.5])
+@pytest.mark.parametrize('doubt', ['all', 'position'])
+def test_an_enlarged_covariance_is_that_of_late_fixes_as_well(world, doubt, delay_s):
+    """Between two steps, with a fix right after it; `rewind` knows no stored covariance."""
+    got = after_doubt(world, delay_s, doubt, 'clone')
+    expected = after_doubt(world, 0.0, doubt, 'rewind')
+    sigma = np.sqrt(np.diag(expected.P))
+    assert np.all(np.abs(got.r_e - expected.r_e) < 0.02 * sigma[6:9])
+    np.testing.assert_allclose(np.sqrt(np.diag(got.P)), sigma, rtol=0.01)
+
+
+def after_doubt(world, delay_s, doubt, handling):
+    """State 3 s after the covariance grew beside a ping and a fix 30 ms later."""
+    changes = {'gate_probability': 1.0, 'delay_handling': handling}
+    engine = Engine(world.params(**{**CONFIGURATION, **changes}))
+    (fix, *_) = world.fixes(1000.0, lambda _: delay_s, first_s=8.03)
+    rng = np.random.default_rng(1)
+    events = [*world.imu(), *world.dvl(rng=rng), *world.depth(rng=rng), fix]
+    start_ns, doubted = int(world.stamps[0]), False
+    for event in sorted(events, key=lambda e: e.key):
+        since_s = (event.key[0] - start_ns) * 1e-9
+        if since_s > 11.0:
+            break
+        list(engine.process(event))
+        if since_s >= 8.0 and isinstance(event, DvlPing) and not doubted:
+            list(engine.advance(event.stamp_ns))
+            fusion = engine.fusion
+            fusion.doubt_all(50.0) if doubt == 'all' else fusion.doubt_position(20.0)
+            doubted = True
+    list(engine.advance(start_ns + 11 * 10**9))
+    assert doubted
+    assert engine.fused['fix'] == 1
+    return engine.fusion.filter.state

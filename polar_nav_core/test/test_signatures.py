@@ -6,6 +6,7 @@ import pytest
 from polar_nav_core.engine.health.conditions import Culprit, Level
 from polar_nav_core.engine.health.slow import Evidence, pair_of, size_of, slow_faults
 from polar_nav_core.engine.sins.history import make_past
+from polar_nav_core.kernels.evidence import slot_to_begin
 from polar_nav_core.kernels.sins import consider, shared, signatures
 from polar_nav_core.kernels.sins import hypotheses as hy
 from polar_nav_core.kernels.sins import state as fs
@@ -262,3 +263,22 @@ def evidence_of_window(last_rows):
 def test_a_window_is_rated_by_rows_that_know_none_of_it():
     """The estimated velocity, in the rows of the scale, has moved with the window's pings."""
     assert evidence_of_window(np.full((3, N), 1.3)) == evidence_of_window(np.ones((3, N)))
+
+
+@pytest.mark.parametrize('statistic', [13.0, 15.0])
+def test_the_likeliest_beginning_makes_no_room(statistic):
+    """One from an hour of beginnings, a minute apart; beyond 14 its age does not matter."""
+    minute, kinds = 60 * 10**9, 3
+    born_ns, evidence = np.zeros(6, dtype=np.int64), np.zeros(6 * kinds)
+    held = 7 * minute
+    for now_ns in range(minute, 30 * minute, minute):
+        slot = slot_to_begin(born_ns, now_ns, 40 * minute, evidence)
+        born_ns[slot] = now_ns
+        evidence[:] = 0.0
+        evidence[kinds * np.flatnonzero(born_ns == held) + 1] = statistic
+    assert (held in born_ns) == (statistic > 14.0)
+    later_ns = held + 41 * minute
+    born_ns[born_ns < held] = held + minute
+    if held in born_ns:
+        oldest = slot_to_begin(born_ns, later_ns, 40 * minute, evidence)
+        assert born_ns[oldest] == held

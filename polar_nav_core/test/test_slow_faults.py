@@ -102,3 +102,38 @@ def test_the_shift_of_the_position_is_along_the_grid_axes(world, monkeypatch):
     assert north[1] > 1.0
     assert abs(east[1]) < 0.3 * east[0]
     assert abs(north[0]) < 0.3 * north[1]
+
+
+def seen(monkeypatch, params, inputs):
+    """What is known of the common errors, and the bank, at the last look of a run."""
+    last = {}
+
+    def look(fusion, stamp_ns, resets):
+        view = view_of(fusion, stamp_ns, resets)
+        last.update(shared=view.shared[0].copy(), bank=view.evidence.bank.copy())
+        return view
+
+    with monkeypatch.context() as patched:
+        patched.setattr(engine, 'view_of', look)
+        engine_run.run(params, inputs, look_every_s=1.0)
+    return last
+
+
+@pytest.mark.parametrize('haste', [1.0, 2.5])
+def test_what_a_fault_makes_of_common_errors_is_foreseen_in_a_swing(monkeypatch, haste):
+    """A lever arm shows by rates that swing within a window: its rows are not those of the end."""
+    swinging = World(200.0, haste=haste)
+    common = {
+        'dvl_lever_sigma': 0.1,
+        'dvl_latency_sigma': 0.05,
+        'dvl_misalignment_sigma_deg': 0.3,
+    }
+    params = swinging.params(configuration='custom', delay_handling='clone', **common)
+    inputs = inputs_of(swinging, swinging.fixes(1.0, lambda _: 0.5, first_s=1.0))
+    plain = seen(monkeypatch, params, inputs)
+    faulty = seen(monkeypatch, params, drifting(inputs))
+    changed = faulty['shared'] - plain['shared']
+    assert np.abs(changed).max() > 1.0
+    # Slot 1 began at 60 s, the last one before the fault.
+    learned = faulty['bank'][hy.LEARNED : hy.LAMBDA, hy.KINDS + hy.FIX_EAST]
+    np.testing.assert_allclose(DRIFT_MPS * learned, changed, rtol=0.1, atol=0.05)

@@ -8,15 +8,19 @@ from __future__ import annotations
 
 import math
 
-from ..arrays import Ints
+from ..arrays import Array, Ints
 from .cache import kernel
+
+KEPT = 14.0
+"""Statistic, half of what is a WARN, from which on the likeliest beginning does not make room."""
 
 
 @kernel
-def slot_to_begin(born_ns: Ints, now_ns: int, oldest_ns: int) -> int:
+def slot_to_begin(born_ns: Ints, now_ns: int, oldest_ns: int, statistic: Array) -> int:
     """Slot for hypotheses that begin now: an empty one, or one that is hardly missed.
 
-    Ages stay about a factor of two apart so.
+    Ages stay about a factor of two apart so, but for the beginning that has most evidence: a
+    younger or older one in its place would have to gather it again.
 
     Parameters
     ----------
@@ -25,9 +29,16 @@ def slot_to_begin(born_ns: Ints, now_ns: int, oldest_ns: int) -> int:
     now_ns : int
     oldest_ns : int
         An age beyond which a slot is the first to make room [ns].
+    statistic : (slots * kinds,) array
+        Of each hypothesis, slot by slot.
     """
     chosen = -1
     least = math.inf
+    kinds = statistic.shape[0] // born_ns.shape[0]
+    kept, most = -1, KEPT
+    for i in range(statistic.shape[0]):
+        if statistic[i] > most:
+            kept, most = i // kinds, statistic[i]
     for slot in range(born_ns.shape[0]):
         if born_ns[slot] == 0:
             return slot
@@ -44,7 +55,7 @@ def slot_to_begin(born_ns: Ints, now_ns: int, oldest_ns: int) -> int:
             ratio = (now_ns - older_ns) / (now_ns - younger_ns)
         elif older_ns == 0 and now_ns - born_ns[slot] > oldest_ns:
             ratio = 0.0
-        if ratio < least:
+        if ratio < least and (slot != kept or ratio == 0.0):
             chosen, least = slot, ratio
     return chosen
 

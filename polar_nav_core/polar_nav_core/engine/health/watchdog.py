@@ -17,6 +17,7 @@ from ...arrays import Array, Ints
 from ...kernels import watch
 from .compass import Compass, heading_conditions
 from .conditions import Chronicle, Condition, Culprit, Health, Level
+from .mounting import Mounting
 from .radius import radius_95
 from .runaway import Runaway, imu_noise
 from .shared import beyond_stated
@@ -155,6 +156,7 @@ class Watchdog:
         self._envelope = envelope
         self._chronicle = Chronicle()
         self._runaway = Runaway()
+        self._mounting = Mounting()
 
     def look(self, view: View, others: list[Condition]) -> Health:
         """Judge a navigation at a stamp; ``others`` are conditions that were found elsewhere."""
@@ -184,6 +186,7 @@ class Watchdog:
         found += self._runaway.look(view.stamp_ns, too_fast, share, contradicted)
         found += _reopened(view, FIX)
         found += beyond_stated(view.shared)
+        found += self._mounting.look(view.stamp_ns, int(view.opened_ns[DVL]), view.shared)
         found += slow_faults(view.evidence, view.stamp_ns, view.P_horizontal)
         biases = {stream: _local_bias(s, stream) for stream in (DVL, DEPTH)}
         biases[FIX] = _fix_bias(s)

@@ -16,7 +16,7 @@ import numpy as np
 
 from ...error_model import X
 from ...errors import FilterDivergence
-from ...kernels.sins import bridge, consider, hypotheses, reopen
+from ...kernels.sins import bridge, consider, enlarged, hypotheses, reopen
 from ...kernels.sins import events as fe
 from ...kernels.sins import fuse as ff
 from ...kernels.sins import late as filter_late
@@ -438,11 +438,13 @@ class NavigationFilter:
 
     def inflate(self, factor: float) -> None:
         """Enlarge the covariance by a factor, within the limits of `kernels.sins.reopen`."""
+        enlarged.hold_covariance(self.state, self.work)
         reopen.inflate(self.state, min(max(factor, reopen.LEAST), reopen.MOST))
         self._opened_for_fixes()
 
     def doubt_position(self, distance: float) -> None:
         """Replace the position's covariance by that of an error of ``distance`` [m] per axis."""
+        enlarged.hold_covariance(self.state, self.work)
         P = self.state.P
         P[X.dr_e, :] = 0.0
         P[:, X.dr_e] = 0.0
@@ -460,6 +462,7 @@ class NavigationFilter:
 
     def _opened_for_fixes(self) -> None:
         """Count an enlargement for fixes; what was remembered of them begins anew."""
+        enlarged.tell_enlarged(self.state, self.work, self.log)
         counters = self.state.counters
         counters[fs.OPENED_NS + fs.FIX_ROW] = counters[fs.STAMP]
         counters[fs.OPENINGS + fs.FIX_ROW] += 1

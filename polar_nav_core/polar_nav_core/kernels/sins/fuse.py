@@ -16,6 +16,7 @@ from . import state as fs
 from .aiding import correct_block, fill_block_gain, store_block_rows
 from .bend import add_bend_of_correction, add_bend_of_ping
 from .consider import COLUMNS, innovation_sensitivity, update_sensitivity, widen
+from .enlarged import hold_covariance, tell_bend, tell_enlarged
 from .hindsight import (
     add_to_deviation,
     decision,
@@ -285,6 +286,7 @@ def fuse_rows(
     if not fused and opens(s, c, stream):
         # The newest ping that was used, or the start where there was none.
         since_ns = max(s.counters[fs.USED_NS + stream], s.counters[fs.OPENED_NS + stream])
+        hold_covariance(s, w)
         open_gate(s, w, stream, m)
         for again in range(2 if may_begin_anew(s, c, stream) else 1):
             if fused:
@@ -294,9 +296,12 @@ def fuse_rows(
             if not judge(s, c, w, w.R, m):
                 return fs.S_NOT_DEFINITE
             fused = passes(s, c, w, w.z, stream, m)
+        tell_enlarged(s, w, log)
     if stream != fs.FIX_ROW and c.most_excess > 0.0:
         follow(s, c, w, stream, m, fused)
         tries = 2 if not fused and runs_away(s, c, stream) else 0
+        if tries > 0:
+            hold_covariance(s, w)
         for again in range(tries):
             if fused:
                 break
@@ -304,6 +309,8 @@ def fuse_rows(
             if not judge(s, c, w, w.R, m):
                 return fs.S_NOT_DEFINITE
             fused = passes(s, c, w, w.z, stream, m)
+        if tries > 0:
+            tell_enlarged(s, w, log)
     if fused and c.reopen_ns > 0 and stream != fs.FIX_ROW and not _doubt(s, c, w, stream, m):
         return fs.S_NOT_DEFINITE
     if not fused:
@@ -350,6 +357,8 @@ def apply_correction(s: State, c: Settings, past: Past, w: Work, log: Log) -> No
         add_to_deviation(log, w)
         pass_over(s, past)
     else:
+        if c.gap_ns > 0:
+            tell_bend(s, w, log)
         correct_and_remember(s, c, past, w.x)
 
 

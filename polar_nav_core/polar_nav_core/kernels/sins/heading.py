@@ -16,6 +16,7 @@ from . import compass
 from . import state as fs
 from .aiding import correct_block
 from .consider import clear, update_sensitivity
+from .enlarged import hold_covariance, tell_enlarged
 from .fuse import apply_correction, enter_update, judge
 from .hindsight import is_held, subtract_deviation
 from .reopen import (
@@ -209,7 +210,9 @@ def _fuse_row(s: State, c: Settings, past: Past, w: Work, log: Log, watched: boo
             w.wide,
         )
         if not fused and _opens(s, c):
+            hold_covariance(s, w)
             _open_gate(s, w)
+            tell_enlarged(s, w, log)
             if not judge(s, c, w, w.R, fs.SCALAR):
                 return fs.S_NOT_DEFINITE
             fused = bool(w.nis[0] <= c.gates[fs.SCALAR])

@@ -12,6 +12,7 @@ from . import state as fs
 from .block_products import change_block, change_prior, correct_for_prior, cross_block
 from .blocks import NONE, OPEN, Blocks
 from .consider import COLUMNS, innovation_sensitivity, late_sensitivity, update_sensitivity
+from .enlarged import tell_bend
 from .entries import adjoint, carry, change_entries, mean_change
 from .fuse import adapt_noise, correct_and_remember, judge_wide, passes, remember
 from .late_place import begin
@@ -99,6 +100,8 @@ def fuse_late(
         good = good and _change_own(s, past, log, bl, m, u)
     else:
         bl.newest[b] = u
+    if c.gap_ns > 0:
+        tell_bend(s, w, log)
     correct_and_remember(s, c, past, w.x)
     return fs.FUSED if good else fs.S_NOT_DEFINITE
 

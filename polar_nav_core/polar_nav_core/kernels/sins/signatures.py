@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 
+from ...arrays import Array
 from ..cache import kernel
 from ..evidence import slot_to_begin
 from . import state as fs
@@ -106,16 +107,32 @@ def note(s: State, past: Past, w: Work, stream: int, m: int, delay: float) -> No
                 s.bank[STATISTIC, slot * KINDS + kind] = 0.0
     answer(s.bank, 0, w.K, w.powers, g, -1.0, m)
     if s.counters[fs.CONSIDERS] == 1:
-        for a in range(m):  # J whitened, as M = L^-1 J Pi is
-            for k in range(w.per_sigma.shape[1]):
-                for b in range(a):
-                    w.per_sigma[a, k] -= L[a, b] * w.per_sigma[b, k]
-                w.per_sigma[a, k] /= L[a, a]
+        _gain_of_first(w, s.shared, first_J, L, m)
         repeated(w.powers, w.per_sigma, w.learned, number, m)
         answer(s.bank, fs.LEARNED, w.learned, w.powers, h, weight, m)
     for k in range(FIRST_H):
         window[k] = 0.0
     s.counters[fs.CLOSED_NS + stream] = now_ns
+
+
+@kernel
+def _gain_of_first(w: Work, shared: Array, first_J: Array, L: Array, m: int) -> None:
+    """Fill per_sigma with L^-1 J, and learned with L^-1 J Pi, of the rows that h has.
+
+    A lever arm and a latency show by rates and accelerations that swing: with a gain of other
+    rows than those of h an answer would not take the change away, but add to it.
+    """
+    for a in range(m):
+        for k in range(w.per_sigma.shape[1]):
+            x = first_J[a, k]
+            for b in range(a):
+                x -= L[a, b] * w.per_sigma[b, k]
+            w.per_sigma[a, k] = x / L[a, a]
+        for k in range(w.per_sigma.shape[1]):
+            x = w.per_sigma[a, k]
+            for d in range(w.per_sigma.shape[1]):
+                x -= w.per_sigma[a, d] * shared[1 + d, k]
+            w.learned[a, k] = x
 
 
 @kernel
@@ -143,7 +160,7 @@ def _begin(s: State, now_ns: int) -> None:
     if now_ns < s.counters[fs.BIRTH_NS]:
         return
     born_ns = s.counters[fs.BORN_NS : fs.BORN_NS + SLOTS]
-    chosen = slot_to_begin(born_ns, now_ns, OLDEST_NS)
+    chosen = slot_to_begin(born_ns, now_ns, OLDEST_NS, s.bank[STATISTIC])
     begin_slot(s.bank, chosen)
     born_ns[chosen] = now_ns
     s.counters[fs.BIRTH_NS] = now_ns + BIRTH_NS

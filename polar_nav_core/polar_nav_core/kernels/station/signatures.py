@@ -102,7 +102,7 @@ def note_signatures(b: Bank, c: Settings, w: Work, outcome: Array, stamp: int) -
         return
     if stamp >= b.counters[ss.BIRTH_NS]:
         born_ns = b.counters[ss.BORN_NS : ss.BORN_NS + ss.SLOTS]
-        slot = slot_to_begin(born_ns, stamp, OLDEST_NS)
+        slot = slot_to_begin(born_ns, stamp, OLDEST_NS, b.signatures[ss.STATISTIC])
         first = ss.KINDS * slot
         for i in range(b.signatures.shape[0]):
             for k in range(ss.KINDS):
