@@ -12,7 +12,7 @@ import numpy as np
 from polar_nav_core import attitude, earth, grid
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.events import Fix
-from polar_nav_core.engine.params import EngineParams
+from polar_nav_core.engine.params import NO_COMMON_ERRORS, NO_RESERVE, EngineParams
 from polar_nav_core.kernels.frames import earth as earth_kernels
 from polar_nav_core.kernels.frames import grid as grid_kernels
 from polar_nav_core.kernels.frames import strapdown
@@ -142,7 +142,10 @@ class Voyage:
             self.r_e[k + 1], self.v_G[k + 1], self.C_b_G[k + 1] = r_e, v_G, C_b_G
 
     def params(self, imu=PAPER, rng=None, **changes):
-        """Parameters that start where the voyage does, off by what they state."""
+        """Parameters that start where the voyage does, off by what they state.
+
+        They state its sensors: nothing is in common, gravity is the normal one, biases stay.
+        """
         p = EngineParams()
         draw = np.zeros(9) if rng is None else rng.normal(size=9)
         C = attitude.exp(np.deg2rad([imu.tilt_deg, imu.tilt_deg, imu.heading_deg]) * draw[:3])
@@ -153,6 +156,10 @@ class Voyage:
         lat, lon, height = (float(v) for v in earth.geodetic_from_ecef(start))
         v_G = self.v_G[1] + draw[6:] * 0.05
         values = {
+            **NO_COMMON_ERRORS,
+            **NO_RESERVE,
+            'dvl_scale_sigma': 1e-4,
+            'dvl_markov_sigma': 0.005,
             'configuration': 'default',
             'initial_latitude_deg': float(np.rad2deg(lat)),
             'initial_longitude_deg': float(np.rad2deg(lon)),

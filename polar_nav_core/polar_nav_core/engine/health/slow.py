@@ -75,6 +75,24 @@ def slow_faults(evidence: Evidence | None, stamp_ns: int, P_horizontal: Array) -
     return [most_likely(statistic, _CULPRITS, described, stamp_ns - born_ns, P_horizontal)]
 
 
+def led_by_fixes(evidence: Evidence | None, P_horizontal: Array) -> Array | None:
+    """How far fixes that drift have moved the horizontal position (2,), grid axes [m].
+
+    None if that is no likely explanation of the evidence, or inside MOVED sigmas of P (2, 2).
+    """
+    if evidence is None:
+        return None
+    bank, _, per_unit_G = evidence
+    statistic = bank[hy.STATISTIC].reshape(hy.SLOTS, hy.KINDS)
+    worst, own = float(statistic.max()), statistic[:, hy.FIX_EAST]
+    slot = int(np.argmax(own))
+    if not worst > BEYOND or not own[slot] > worst - _AS_LIKELY:
+        return None
+    columns = slice(slot * hy.KINDS, (slot + 1) * hy.KINDS)
+    shift_G = _shift(bank[:, columns], hy.FIX_EAST, per_unit_G[:, columns])
+    return shift_G if shift_in_sigmas(shift_G, P_horizontal) > MOVED else None
+
+
 def most_likely(
     statistic: Array,
     culprits: Mapping[int, Culprit],

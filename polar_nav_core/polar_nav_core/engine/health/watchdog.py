@@ -17,11 +17,12 @@ from ...arrays import Array, Ints
 from ...kernels import watch
 from .compass import Compass, heading_conditions
 from .conditions import Chronicle, Condition, Culprit, Health, Level
+from .led import Led
 from .mounting import Mounting
 from .radius import radius_95
 from .runaway import Runaway, imu_noise
 from .shared import beyond_stated
-from .slow import Evidence, slow_faults
+from .slow import Evidence, led_by_fixes, slow_faults
 from .statistics import Statistics, statistics
 
 DVL, DEPTH, FIX = range(watch.STREAMS)
@@ -157,6 +158,7 @@ class Watchdog:
         self._chronicle = Chronicle()
         self._runaway = Runaway()
         self._mounting = Mounting()
+        self._led = Led()
 
     def look(self, view: View, others: list[Condition]) -> Health:
         """Judge a navigation at a stamp; ``others`` are conditions that were found elsewhere."""
@@ -188,6 +190,8 @@ class Watchdog:
         found += beyond_stated(view.shared)
         found += self._mounting.look(view.stamp_ns, int(view.opened_ns[DVL]), view.shared)
         found += slow_faults(view.evidence, view.stamp_ns, view.P_horizontal)
+        shift_G = led_by_fixes(view.evidence, view.P_horizontal)
+        found += self._led.look(view.stamp_ns, shift_G, view.P_horizontal)
         biases = {stream: _local_bias(s, stream) for stream in (DVL, DEPTH)}
         biases[FIX] = _fix_bias(s)
         for stream in (FIX, DVL, DEPTH):

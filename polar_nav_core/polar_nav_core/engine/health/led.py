@@ -1,0 +1,63 @@
+"""Where fixes that were off have led the estimate, once nothing shows any more that they are.
+
+A filter that has followed fixes agrees with them: the evidence of a drift, or of a jump within the
+gate, fades in minutes, and the position stays as far off as it was led.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ...arrays import Array
+from .conditions import Condition, Culprit, Level
+from .slow import MOVED, shift_in_sigmas
+
+ENDED_NS = 60_000_000_000
+"""After so long without evidence what comes next is another fault."""
+
+
+class Led:
+    """Sum of the ways that fixes have led the position; `look` says if it is still far."""
+
+    def __init__(self) -> None:
+        self._before_G = np.zeros(2)
+        self._now_G = np.zeros(2)
+        self._seen_ns = 0
+
+    def look(self, stamp_ns: int, shift_G: Array | None, P_horizontal: Array) -> list[Condition]:
+        """The condition that fixes have led the position away and not back, if they have.
+
+        Parameters
+        ----------
+        stamp_ns : int
+        shift_G : (2,) array or None
+            How far they have moved the position by the evidence of now (`slow.led_by_fixes`), grid
+            axes [m]; None where there is none, and where another condition is not needed.
+        P_horizontal : (2, 2) array
+            Published covariance of the horizontal position, grid axes [m^2].
+        """
+        if shift_G is not None:
+            self._follow(stamp_ns, shift_G)
+            return []
+        led_G = self._before_G + self._now_G
+        moved = shift_in_sigmas(led_G, P_horizontal)
+        if not moved > MOVED:
+            return []
+        heading = math.degrees(math.atan2(led_G[0], led_G[1])) % 360.0
+        sentence = (
+            f'fixes have led the position {math.hypot(*led_G):.1f} m to grid {heading:03.0f} deg, '
+            f'{moved:.1f} of its stated sigmas, and nothing has led it back'
+        )
+        return [Condition('fixes led', Level.WARN, Culprit.FIXES, sentence)]
+
+    def _follow(self, stamp_ns: int, shift_G: Array) -> None:
+        """Take the way of now; one that leads back, or comes long after the last, is another."""
+        other = stamp_ns - self._seen_ns > ENDED_NS or float(shift_G @ self._now_G) < 0.0
+        if other:
+            self._before_G = self._before_G + self._now_G
+        # A younger hypothesis knows only the last part of the same way.
+        if other or math.hypot(*shift_G) > math.hypot(*self._now_G):
+            self._now_G = shift_G.copy()
+        self._seen_ns = stamp_ns

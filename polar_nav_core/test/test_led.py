@@ -1,0 +1,94 @@
+"""Fixes that have led the position away: said for as long as nothing has led it back."""
+
+import numpy as np
+import pytest
+
+from polar_nav_core.engine.health.conditions import Culprit, Level
+from polar_nav_core.engine.health.led import Led
+from polar_nav_core.engine.health.slow import Evidence, led_by_fixes
+from polar_nav_core.kernels.sins import hypotheses as hy
+
+S = 1_000_000_000
+P = 0.25 * np.eye(2)
+"""Half a metre each way."""
+
+
+def told(led, ways, P_horizontal=P):
+    """Conditions at each second: of (seconds, way or None) after one another."""
+    found, second = [], 0
+    for seconds, way in ways:
+        for _ in range(seconds):
+            second += 1
+            shift_G = None if way is None else np.array(way)
+            found.append(led.look(second * S, shift_G, P_horizontal))
+    return found
+
+
+def test_what_fixes_have_done_is_said_once_their_evidence_has_faded():
+    found = told(Led(), [(10, None), (30, (0.0, 2.0)), (500, None)])
+    assert not any(found[:40])
+    assert all(found[40:])
+    (condition,) = found[-1]
+    assert (condition.level, condition.culprit) == (Level.WARN, Culprit.FIXES)
+    assert 'led the position 2.0 m to grid 000 deg, 4.0 of its stated sigmas' in condition.sentence
+
+
+def test_a_way_within_three_sigmas_is_covered():
+    assert not any(told(Led(), [(30, (1.4, 0.0)), (100, None)]))
+    assert any(told(Led(), [(30, (1.6, 0.0)), (100, None)]))
+
+
+def test_a_covariance_that_has_grown_covers_it():
+    led = Led()
+    assert told(led, [(30, (2.0, 0.0)), (10, None)])[-1]
+    assert led.look(60 * S, None, 4.0 * P) == []
+
+
+@pytest.mark.parametrize('pause_s', [0, 20, 300])
+def test_fixes_that_lead_back_end_it(pause_s):
+    found = told(Led(), [(30, (2.0, 1.0)), (pause_s, None), (30, (-1.8, -1.1)), (100, None)])
+    assert not any(found[-100:])
+
+
+def test_two_ways_long_apart_add_up():
+    found = told(Led(), [(30, (1.0, 0.0)), (300, None), (30, (1.0, 0.1)), (10, None)])
+    assert not any(found[:330])
+    assert 'led the position 2.0 m' in found[-1][0].sentence
+
+
+def test_a_younger_hypothesis_about_the_same_way_takes_nothing_from_it():
+    found = told(Led(), [(30, (3.0, 0.0)), (30, (0.5, 0.0)), (10, None)])
+    assert 'led the position 3.0 m' in found[-1][0].sentence
+
+
+@pytest.mark.parametrize(
+    ('drift', 'scale', 'moved_m', 'is_led'),
+    [
+        (36.0, 0.0, 10.0, True),
+        (27.0, 0.0, 10.0, False),
+        (36.0, 45.0, 10.0, True),
+        (36.0, 55.0, 10.0, False),
+        (36.0, 0.0, 2.0, False),
+    ],
+)
+def test_fixes_led_it_where_a_drift_explains_the_evidence_and_has_moved_it(
+    drift, scale, moved_m, is_led
+):
+    """T of a drift and of another kind; how far a drift of 1 m/s has moved the position."""
+    bank, slot = np.zeros((hy.ROWS, hy.SLOTS * hy.KINDS)), 2
+    first = slot * hy.KINDS
+    bank[hy.LAMBDA, first : first + hy.KINDS] = 100.0
+    bank[hy.ZETA, first + hy.FIX_EAST] = 20.0  # 0.2 m/s
+    bank[hy.STATISTIC, first + hy.FIX_EAST] = drift
+    bank[hy.STATISTIC, first + hy.SCALE_STEP] = scale
+    per_unit_G = np.zeros((2, hy.SLOTS * hy.KINDS))
+    per_unit_G[0, first + hy.FIX_EAST] = moved_m
+    evidence = Evidence(bank, np.zeros(hy.SLOTS, dtype=np.int64), per_unit_G)
+    found = led_by_fixes(evidence, P)
+    assert (found is not None) == is_led
+    if is_led:
+        np.testing.assert_allclose(found, [0.2 * moved_m, 0.0])
+
+
+def test_without_evidence_there_is_none():
+    assert led_by_fixes(None, P) is None
