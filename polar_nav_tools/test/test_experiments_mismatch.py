@@ -14,8 +14,10 @@ from polar_nav_core.errors import ConfigError
 from polar_nav_tools.experiments.catalog import experiment_named
 from polar_nav_tools.experiments.experiment import Request, run
 from polar_nav_tools.experiments.mismatch import dvl_faults, faults, worlds
+from polar_nav_tools.experiments.mismatch.fix_faults import Both
 from polar_nav_tools.experiments.mismatch.health import NAMES, health_history
 from polar_nav_tools.experiments.mismatch.judge import BEYOND_STATED
+from polar_nav_tools.experiments.mismatch.random_rows import KINDS
 from polar_nav_tools.experiments.mismatch.row import SINS, STATION, WORLD, Row, texts, warm_scene
 from polar_nav_tools.experiments.mismatch.rows import ROWS, rows_named
 from polar_nav_tools.experiments.mismatch.scenes import SinsScene
@@ -32,7 +34,7 @@ def sentences(row: Row):
     return row.doc and (row.size or row.is_control) and (row.culprits or row.is_control)
 
 
-def test_the_catalogue_has_what_the_issue_asks_for():
+def test_the_catalogue_has_rows_of_both_modes_with_words_and_culprits():
     faulty = [row for row in ROWS.values() if not row.is_control]
     assert len(faulty) >= 45
     assert {row.mode for row in faulty} == {'sins', 'station'}
@@ -98,6 +100,33 @@ def test_further_faults_are_found_by_their_prefix_or_their_whole_name():
     assert all(not row.is_control for row in further)
     with pytest.raises(ConfigError, match="no row matches 'more:control_demo'"):
         rows_named('more:control_demo')
+
+
+def test_random_rows_are_those_of_their_numbers():
+    first, second = rows_named('random:7-8')
+    assert [row.name for row in rows_named('random:8,random:7')] == ['random_8', 'random_7']
+    assert (rows_named('random:8')[0], first.name) == (second, 'random_7')
+    assert first.fault != second.fault
+    for wrong in ('random:', 'random:x', 'random:-3', 'random:1.5'):
+        with pytest.raises(ConfigError, match='has no number'):
+            rows_named(wrong)
+    with pytest.raises(ConfigError, match='ends before it begins'):
+        rows_named('random:8-7')
+
+
+def test_random_rows_reach_every_kind_of_fault_and_every_scene():
+    rows = rows_named('random:1-1500')
+    one_by_one = [
+        single
+        for row in rows
+        for single in (
+            (row.fault.one, row.fault.other) if isinstance(row.fault, Both) else (row.fault,)
+        )
+    ]
+    assert {type(fault) for fault in one_by_one} == {kind for kind, _ in KINDS}
+    assert 0.2 < (len(one_by_one) - len(rows)) / len(rows) < 0.3
+    assert len({row.size.rpartition('(')[2] for row in rows}) == 6
+    assert all(row.fault.start_s < row.scene.duration_s / 2.0 for row in rows)
 
 
 def test_only_engine_parameters_can_be_set():

@@ -68,7 +68,9 @@ Settings = Annotated[
 ]
 Rows = Annotated[
     str | None,
-    typer.Option(metavar='PATTERN', help='Rows, as gravity_*,dvl_*.', show_default='all'),
+    typer.Option(
+        metavar='PATTERN', help='Rows, as gravity_*,dvl_*,random:1-50.', show_default='all'
+    ),
 ]
 FirstSeed = Annotated[
     int,

@@ -13,6 +13,7 @@ from .dvl_rows import DEPTH_ROWS, DVL_ROWS
 from .faults import Fault
 from .fix_rows import DELAY_ROWS, FIX_ROWS
 from .imu_rows import COMPASS_ROWS, HEADING_ROWS, IMU_ROWS
+from .random_rows import RANDOM, random_row
 from .row import CONTROL, Row, row, scene_of
 from .station_rows import STATION_ROWS
 
@@ -58,17 +59,20 @@ def rows_named(pattern: str | None) -> list[Row]:
     """Rows whose names match a comma-separated list of shell patterns; for None the table's.
 
     A pattern after `MORE` is for further faults, which no other one finds: they are as many again.
-    A whole name finds its row in both.
+    A whole name finds its row in both. Numbers after `RANDOM` are rows drawn at random.
 
     Raises
     ------
     ConfigError
-        If a pattern matches no row.
+        If a pattern matches no row, or what follows `RANDOM` is no number.
     """
     if not pattern:
         return [r for r in ROWS.values() if not r.more]
     chosen: dict[str, Row] = {}
     for word in (w.strip() for w in pattern.split(',')):
+        if word.startswith(RANDOM):
+            chosen |= {r.name: r for r in _random_rows(word)}
+            continue
         more = word.startswith(MORE)
         sought = word.removeprefix(MORE)
         found = {n: r for n, r in ROWS.items() if r.more is more and fnmatchcase(n, sought)}
@@ -80,6 +84,18 @@ def rows_named(pattern: str | None) -> list[Row]:
             )
         chosen |= found
     return list(chosen.values())
+
+
+def _random_rows(word: str) -> list[Row]:
+    """Rows of a number, or of all from one to another."""
+    first, dash, last = word.removeprefix(RANDOM).partition('-')
+    ends = (first, last) if dash else (first, first)
+    if not all(end.isdecimal() for end in ends):
+        raise ConfigError(f'--rows: {word!r} has no number; for example {RANDOM}7 or {RANDOM}1-50')
+    numbers = range(int(ends[0]), int(ends[1]) + 1)
+    if not numbers:
+        raise ConfigError(f'--rows: {word!r} ends before it begins')
+    return [random_row(number) for number in numbers]
 
 
 def rows_by_table(*, more: bool) -> list[str]:
