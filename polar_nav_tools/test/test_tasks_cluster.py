@@ -36,6 +36,21 @@ def client():
         yield found
 
 
+def test_processes_that_end_late_do_not_undo_what_is_done(monkeypatch):
+    """A machine that is busy with other work: Dask waits for them no longer than it is told to."""
+    from distributed import LocalCluster
+
+    close = LocalCluster.close
+
+    def late(self, timeout=None):
+        close(self)
+        raise TimeoutError(f'timed out after {timeout} s.')
+
+    monkeypatch.setattr(LocalCluster, 'close', late)
+    with cluster.local(1) as found:
+        assert found.submit(sum, [1, 2]).result() == 3
+
+
 def by(client, folder, tasks, *, failures=False):
     """Rows of tasks done by the workers of a client, as a finished file."""
     with opened(folder) as store:

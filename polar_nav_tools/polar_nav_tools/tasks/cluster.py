@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING
 from polar_nav_core.errors import ConfigError
 
 if TYPE_CHECKING:
+    from multiprocessing.process import BaseProcess
+
     from distributed import Client
 
 LOOPBACK = '127.0.0.1'
@@ -70,11 +72,20 @@ def local(workers: int) -> Iterator[Client]:
                 yield client
         except BaseException:
             # Whoever interrupts does not wait for the runs that are under way.
-            for process in set(multiprocessing.active_children()) - others:
-                process.kill()
+            _kill_all_but(others)
             raise
         finally:
-            cluster.close(timeout=5.0)
+            # On a machine that is busy with other work processes may end later; what they were
+            # for is done.
+            try:
+                cluster.close(timeout=5.0)
+            except TimeoutError:
+                _kill_all_but(others)
+
+
+def _kill_all_but(others: set[BaseProcess]) -> None:
+    for process in set(multiprocessing.active_children()) - others:
+        process.kill()
 
 
 @contextmanager
