@@ -28,6 +28,7 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as RosbagsWriter
 
 from polar_nav_tools.bags import BagError, BagWriter, open_bag, scan
+from polar_nav_tools.bags.errors import WrongRequestError
 from polar_nav_tools.bags.files import MAGIC
 
 # -- whole bags
@@ -241,6 +242,8 @@ def test_needed_topics(tmp_path):
     bag.require([IMU, TRUTH])
     with pytest.raises(BagError, match=f'no message on {RECEIPT}, /x; it has {IMU}, {TRUTH}'):
         bag.require([IMU, RECEIPT, '/x'])
+    with pytest.raises(WrongRequestError, match=f'no message on /x; it has {IMU}, {TRUTH}'):
+        bag.require(['/x'], named=True)
     with pytest.raises(BagError, match=f'has no topic {RECEIPT}; it has'):
         bag.definition(RECEIPT)
     with pytest.raises(BagError, match='no message on'):

@@ -12,6 +12,7 @@ pytest.importorskip('rclpy')
 from rclpy.serialization import deserialize_message
 
 from polar_nav_core.engine.version import ENGINE_VERSION
+from polar_nav_core.errors import ConfigError
 from polar_nav_follower import session
 from polar_nav_msgs.msg import NavState
 from polar_nav_ros import topics
@@ -172,6 +173,11 @@ def test_damaged_certificates(given, tmp_path, change, sentence):
     path.write_text(change(given.to_dict()))
     with pytest.raises(CertificateError, match=sentence):
         read_certificate(path)
+
+
+def test_a_certificate_that_is_not_there_is_a_wrong_call(tmp_path):
+    with pytest.raises(ConfigError, match=r'nothing\.json: No such file'):
+        read_certificate(tmp_path / 'nothing.json')
 
 
 @pytest.mark.slow

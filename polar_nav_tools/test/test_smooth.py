@@ -90,7 +90,7 @@ def test_of_a_recording_that_was_cut_off_the_figures_are_given(tmp_path, capsys,
 
 def test_a_topic_that_is_not_there_is_named(tmp_path, capsys):
     words = ['smooth', BAGS / 'reference_4', '--at', '/nothing', '--kml', tmp_path / 'x.kml']
-    assert polar(*words) == 1
+    assert polar(*words) == 2
     assert 'no message on /nothing' in capsys.readouterr().err
 
 

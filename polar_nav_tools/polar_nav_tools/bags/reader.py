@@ -23,7 +23,7 @@ from polar_nav_ros.topics import RUN_INFO
 from . import chunks
 from .contents import Channel, FileScan, Tally
 from .decode import Decoder
-from .errors import BagError
+from .errors import BagError, WrongRequestError
 from .missing import sequence_gaps, unfinished
 from .schemas import Definition, starts_with_header
 from .writer import PHASE_KEY, RUN_END_RECORD, RUN_RECORD
@@ -144,20 +144,20 @@ class Bag:
             has_header=starts_with_header(channel.schema_text),
         )
 
-    def require(self, topics: Iterable[str]) -> None:
+    def require(self, topics: Iterable[str], *, named: bool = False) -> None:
         """Raise BagError unless all topics have messages.
 
         Raises
         ------
         BagError
-            Naming every one that the bag does not have.
+            Naming every one that the bag does not have; WrongRequestError where ``named`` says
+            that the user did.
         """
         missing = [t for t in topics if t not in self.topics or not self.topics[t].count]
         if missing:
             have = [t.name for t in self.topics.values() if t.count]
-            raise BagError(
-                f'{self.path} has no message on {listed(missing)}; it has {listed(have)}'
-            )
+            kind = WrongRequestError if named else BagError
+            raise kind(f'{self.path} has no message on {listed(missing)}; it has {listed(have)}')
 
     def messages(self, topics: Collection[str] | None = None) -> Iterator[tuple[str, int, bytes]]:
         """Yield (topic, log time [ns], CDR bytes) in the order of the file.

@@ -129,11 +129,13 @@ def smooth(
 def _stamps(bag: Path, topic: str, msg_path: Path | None) -> NDArray[np.int64]:
     """Stamps of a topic's messages; times of the recording where nobody stamped."""
     from ..foreign.guess_stamps import times_of
-    from ..foreign.sources import open_source
+    from ..foreign.sources import open_source, require
     from ..terminal.progress import opening_display
 
     with opening_display(bag) as reading:
-        times = times_of(open_source(bag, reading, msg_path=msg_path), topic)
+        source = open_source(bag, reading, msg_path=msg_path)
+        require(source, topic, named=True)
+        times = times_of(source, topic)
     return times.log_ns if times.stamps_ns is None or not times.stamped else times.stamps_ns
 
 

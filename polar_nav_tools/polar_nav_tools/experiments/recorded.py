@@ -105,6 +105,7 @@ def read_rest(path: Path, spec: RestSpec) -> RecordedImu:
     """
     bag = open_bag(path)
     topic = spec.topic or _only_imu(bag)
+    bag.require([topic], named=True)
     found = bag.channel(topic).type
     if found != _IMU:
         raise BagError(f'{bag.path}: {topic} is a {found}, not a {_IMU}')

@@ -74,7 +74,7 @@ def from_topic(bag: Bag, topic: str) -> Trajectory:
     BagError
         Without such a message, or if it is of another type or frame.
     """
-    bag.require([topic])
+    bag.require([topic], named=True)
     kind, vehicle = bag.channel(topic).type, topic.strip('/').split('/')[0]
     if kind == 'polar_nav_msgs/msg/VehicleTruth' and topic == f'/{vehicle}/truth':
         return trajectory(load_truth(bag, vehicle))

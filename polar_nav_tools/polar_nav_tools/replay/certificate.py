@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from polar_nav_core.engine.version import ENGINE_VERSION
-from polar_nav_core.errors import ConfigError, PolarNavError
+from polar_nav_core.errors import PolarNavError
 from polar_nav_core.params import to_mapping
 from polar_nav_core.user_files import read_text, writing
 
@@ -200,10 +200,13 @@ def read_certificate(path: Path) -> Certificate:
     ------
     CertificateError
         For a file that is none, or of a version that is not known here.
+    ConfigError
+        For a file that is not there, or no text.
     """
+    text = read_text(path)
     try:
-        content = json.loads(read_text(path))
-    except (ValueError, RecursionError, ConfigError) as error:
+        content = json.loads(text)
+    except (ValueError, RecursionError) as error:
         raise CertificateError(f'{path}: not a certificate: {error}') from error
     if not isinstance(content, dict) or content.get('format') != FORMAT:
         raise CertificateError(f'{path}: not a certificate: format is not {FORMAT!r}')

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ...bags.columns import Columns, read_columns
 from ...bags.decode import store_of
-from ...bags.errors import BagError
+from ...bags.errors import BagError, WrongRequestError
 from ...bags.layout import layout_of
 from ...bags.reader import Topic
 
@@ -101,18 +101,20 @@ def not_described(source: Source) -> tuple[str, ...]:
     return tuple(sorted(found))
 
 
-def require(source: Source, topic: str) -> Topic:
+def require(source: Source, topic: str, *, named: bool = False) -> Topic:
     """Return a topic that has messages.
 
     Raises
     ------
     BagError
-        Naming the topics that the bag has.
+        Naming the topics that the bag has; WrongRequestError where ``named`` says that the user
+        did.
     """
     found = source.topics.get(topic)
     if found is None or not found.count:
         have = ', '.join(t.name for t in source.topics.values() if t.count) or 'none'
-        raise BagError(f'{source.path} has no message on {topic}; it has {have}')
+        kind = WrongRequestError if named else BagError
+        raise kind(f'{source.path} has no message on {topic}; it has {have}')
     return found
 
 
