@@ -25,6 +25,7 @@ NAMES = (
     'tune',
     'smooth',
     'smooth-mismatch',
+    'combined-imu',
     'late',
     'price',
     'mems',

@@ -11,6 +11,7 @@ from polar_nav_core.errors import ConfigError
 from . import ablation, consistency, tables
 from .calibrate.experiment import CALIBRATE
 from .cheap.experiment import BLUEROV2
+from .combined_imu.experiment import COMBINED_IMU
 from .evidence.aiding import AIDING
 from .evidence.late import LATE
 from .evidence.mems import MEMS
@@ -130,6 +131,7 @@ EXPERIMENTS: dict[str, Experiment] = {
         TUNE,
         SMOOTH,
         SMOOTH_MISMATCH,
+        COMBINED_IMU,
         LATE,
         PRICE,
         MEMS,
