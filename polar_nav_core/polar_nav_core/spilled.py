@@ -12,6 +12,7 @@ import ctypes
 import mmap
 import os
 import tempfile
+import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 from weakref import WeakSet
@@ -21,14 +22,44 @@ from numpy.typing import DTypeLike, NDArray
 
 from .errors import PolarNavError
 
-LEAST_BYTES = 1 << 21
-"""Size from which an array is spilled; smaller ones are many, and together no load."""
-ROWS = 1 << 15
+LEAST_BYTES = 1 << 18
+"""Size from which an array is spilled; smaller ones are together no load."""
+ROWS = 1 << 13
 """Rows that are worked on at a time."""
 
+_OWN_FILE = 1 << 21
+"""Size from which an array has a file of its own."""
+_SHARED_FILE = 1 << 24
+_ALIGNED = 64
 _PIECES = 128
 
 _files: WeakSet[mmap.mmap] = WeakSet()
+
+
+class _Shared:
+    """File of many arrays, one behind the other: a process may have few files open."""
+
+    def __init__(self) -> None:
+        self.begin_anew()
+
+    def begin_anew(self) -> None:
+        """Begin another file: a process that was forked has the pages of its parent."""
+        self._lock = threading.Lock()
+        self._pages: mmap.mmap | None = None
+        self._used = 0
+
+    def take(self, size: int) -> tuple[mmap.mmap, int]:
+        """Return pages with room for so many bytes, and where it begins in them."""
+        with self._lock:
+            if self._pages is None or self._used + size > _SHARED_FILE:
+                self._pages, self._used = _new_file(_SHARED_FILE), 0
+            begin = self._used
+            self._used += -(-size // _ALIGNED) * _ALIGNED
+            return self._pages, begin
+
+
+_shared = _Shared()
+os.register_at_fork(after_in_child=_shared.begin_anew)
 
 
 def empty(shape: int | Sequence[int], dtype: DTypeLike = np.float64) -> NDArray[Any]:
@@ -43,14 +74,20 @@ def empty(shape: int | Sequence[int], dtype: DTypeLike = np.float64) -> NDArray[
     if size < LEAST_BYTES:
         return np.empty(shape, dtype)
     try:
-        with tempfile.TemporaryFile(prefix='polar-rows-') as file:
-            # The room is taken now: a full disk later would end the process without a word.
-            os.posix_fallocate(file.fileno(), 0, size)
-            pages = mmap.mmap(file.fileno(), size)
+        pages, begin = (_new_file(size), 0) if size >= _OWN_FILE else _shared.take(size)
     except OSError as error:
         raise no_room(size, error) from error
+    return np.ndarray(shape, dtype, buffer=pages, offset=begin)
+
+
+def _new_file(size: int) -> mmap.mmap:
+    """Return the pages of a new temporary file without a name."""
+    with tempfile.TemporaryFile(prefix='polar-rows-') as file:
+        # The room is taken now: a full disk later would end the process without a word.
+        os.posix_fallocate(file.fileno(), 0, size)
+        pages = mmap.mmap(file.fileno(), size)
     _files.add(pages)
-    return np.ndarray(shape, dtype, buffer=pages)
+    return pages
 
 
 def no_room(size: int, error: OSError) -> PolarNavError:
@@ -96,7 +133,9 @@ def by_rows(function: Callable[..., NDArray[Any]], *columns: NDArray[Any]) -> ND
     """
     count = len(columns[0])
     if count <= ROWS:
-        return function(*columns)
+        found = function(*columns)
+        give_back()
+        return found
     out: NDArray[Any] | None = None
     for part in parts(count):
         found = function(*(column[part] for column in columns))

@@ -2,6 +2,8 @@
 
 import errno
 import os
+import subprocess
+import sys
 import tempfile
 from pathlib import Path
 
@@ -24,6 +26,10 @@ def resident_kb():
     return int(next(line.split()[1] for line in lines if line.startswith('Rss:')))
 
 
+def files_open():
+    return sum(1 for _ in Path('/proc/self/fd').iterdir())
+
+
 def test_values_stay_when_memory_is_given_back():
     values = spilled.empty((1_000_000, 4))
     values[:] = np.arange(4_000_000).reshape(-1, 4)
@@ -36,6 +42,46 @@ def test_values_stay_when_memory_is_given_back():
 
 def test_a_small_array_is_an_ordinary_one():
     assert spilled.empty((3, 2), np.int64).base is None
+
+
+def test_small_ones_share_a_file():
+    first, before = spilled.empty(spilled.LEAST_BYTES, np.uint8), files_open()
+    more = [spilled.empty(spilled.LEAST_BYTES // 8) for _ in range(100)]
+    for k, one in enumerate((first, *more)):
+        one[:] = k
+    assert all(set(one.tolist()) == {k} for k, one in enumerate((first, *more)))
+    assert files_open() < before + 5
+
+
+FORKED = """
+import os, sys
+from polar_nav_core import spilled
+rows = spilled.LEAST_BYTES // 8
+spilled.empty(rows)[:] = 0.0
+told, tell = os.pipe()
+if (child := os.fork()) == 0:
+    os.read(told, 1)
+    spilled.empty(rows)[:] = 1.0
+    os._exit(0)
+mine = spilled.empty(rows)
+mine[:] = 2.0
+os.write(tell, b'.')
+assert os.waitpid(child, 0)[1] == 0
+sys.exit(not (mine == 2.0).all())
+"""
+
+
+def test_a_forked_process_shares_no_file():
+    subprocess.run([sys.executable, '-c', FORKED], check=True, timeout=60)
+
+
+@pytest.mark.usefixtures('small')
+def test_a_column_that_was_read_at_once_is_given_back():
+    values = spilled.empty((1_000_000, 4))
+    values[:] = 1.0
+    before = resident_kb()
+    spilled.by_rows(lambda rows: values[::1000].sum() + rows, np.zeros(3))
+    assert resident_kb() < before - 28_000
 
 
 @pytest.mark.usefixtures('small')
