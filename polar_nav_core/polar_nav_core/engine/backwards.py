@@ -40,8 +40,8 @@ class Back:
         Of the estimates that are published.
     stamps_ns, states : (n,), (n, 30) arrays
         All that were smoothed: leading values of the filter's state.
-    judged : list of Judged
-        Of each stretch, in order.
+    judged : Judged
+        Of all measurements, in order.
     common : (COLUMNS, COLUMNS + 1) array
         Information of the common errors, and its vector behind it.
     largest_turn : float
@@ -53,7 +53,7 @@ class Back:
     track: Track
     stamps_ns: Ints
     states: Array
-    judged: list[Judged]
+    judged: Judged
     common: Array
     largest_turn: float
     moved: float
@@ -86,8 +86,7 @@ def backwards(
     common = np.zeros((COLUMNS, COLUMNS + 1))
     scratch = np.zeros((2, n, n))
     model = aiding.make_aiding(params)
-    pieces, states = spilled.LastFirst(), spilled.LastFirst()
-    judged: list[Judged] = []
+    pieces, states, judged = (spilled.LastFirst() for _ in range(3))
     turn = moved = 0.0
     for stretch, ends in tape.backwards():
         if ends:
@@ -120,7 +119,7 @@ def backwards(
             V,
             scratch,
         )
-        judged.append(Judged.of(stretch, residuals, V))
+        judged.add(vars(Judged.of(stretch, residuals, V)))
         states.add({'stamps_ns': stretch.stamps_ns, 'states': stretch.navigation})
         P, sensitivity = stretch.P[:, :N, :N].copy(), stretch.sensitivity[:, :N].copy()
         kernels.publish_rows(P, sensitivity, stretch.navigation, tape.common, tape.hidden)
@@ -139,7 +138,7 @@ def backwards(
     return Back(
         Track(**track),
         **states.in_order(),
-        judged=judged[::-1],
+        judged=Judged(**judged.in_order()),
         common=common,
         largest_turn=turn if math.isfinite(turn) else math.inf,
         moved=moved if math.isfinite(moved) else math.inf,

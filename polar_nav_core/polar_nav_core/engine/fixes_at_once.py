@@ -119,8 +119,8 @@ class FixesAtOnce:
             engine.admit(done[0])
             if fused > 1:  # those between are in order
                 engine.admit(done[-1])
-            collector.receipts += engine.ledger.fused(
-                done, outcomes[:fused], notes[:fused], arrays.gate
+            collector.receipts.extend(
+                engine.ledger.fused(done, outcomes[:fused], notes[:fused], arrays.gate)
             )
             arrays.settled(done, outcomes[:fused])
             settled += fused

@@ -8,7 +8,7 @@ same gate. Equations: docs/derivations/smoother.md.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -74,12 +74,6 @@ class Judged:
             covariances[of_fix],
             np.einsum('nij,nkj->nik', L, L),
         )
-
-    @classmethod
-    def joined(cls, pieces: Sequence[Judged]) -> Judged:
-        """Those of several stretches as one."""
-        names = cls.__dataclass_fields__
-        return cls(**{n: np.concatenate([getattr(p, n) for p in pieces]) for n in names})
 
     @property
     def of_fixes(self) -> Ints:
@@ -199,9 +193,11 @@ def plan_of(
         of = judged.ranks == rank
         imposed[judged.samples[of]] = code[of]
     planned: dict[FixName, FixPlan] = {}
+    plain = {fused: FixPlan(fused, np.zeros((3, 3))) for fused in (False, True)}
+    added = np.asarray(decisions.added_G.any(axis=(1, 2)))
     for k, place in enumerate(judged.of_fixes.tolist()):
-        name = fix_name(fixes[judged.samples[place]])
-        planned[name] = FixPlan(bool(decisions.fused[place]), decisions.added_G[k])
+        name, one = fix_name(fixes[judged.samples[place]]), plain[bool(decisions.fused[place])]
+        planned[name] = one._replace(added_G=decisions.added_G[k]) if added[k] else one
     return Plan(*track, dvl=local[Rank.DVL], depth=local[Rank.DEPTH], fixes=planned)
 
 
@@ -279,14 +275,16 @@ def revisions_of(
     was = {
         fix_name(fixes[0][first.samples[k]]): bool(first.fused[k]) for k in first.of_fixes.tolist()
     }
-    decided = {_receipt_name(r): r for r in reversed(receipts) if r.verdict in _DECIDED}
-    for row, k in enumerate(judged.of_fixes.tolist()):
-        fix, now = fixes[1][judged.samples[k]], bool(judged.fused[k])
+    changed = [
+        (row, int(k), fix)
+        for row, k in enumerate(judged.of_fixes)
+        if was.get(fix_name(fix := fixes[1][judged.samples[k]]), False) != judged.fused[k]
+    ]
+    decided = _first_decided(receipts, {_name_in_receipts(fix) for _, _, fix in changed})
+    for row, k, fix in changed:
         gate = chi2_gate(gate_probability, int(judged.sizes[k]))
-        if was.get(fix_name(fix), False) == now:
-            continue
-        before, after = _verdicts(now)
-        receipt = decided.get((fix.topic, fix.source, fix.sequence, fix.validity_ns))
+        before, after = _verdicts(bool(judged.fused[k]))
+        receipt = decided.get(_name_in_receipts(fix))
         if receipt is not None:
             before = receipt.verdict
             revised.append(_revised(receipt, judged, row, float(last.nis[k]), gate, after))
@@ -314,8 +312,20 @@ def _verdicts(now: bool) -> tuple[Verdict, Verdict]:
 _DECIDED = (Verdict.FUSED, Verdict.GATED, Verdict.IMPLAUSIBLE)
 
 
-def _receipt_name(r: Receipt) -> tuple[str, str, int, int]:
-    return (r.topic, r.source, r.sequence, r.validity_ns)
+_Name = tuple[str, str, int, int]
+
+
+def _name_in_receipts(x: Fix | Receipt) -> _Name:
+    return (x.topic, x.source, x.sequence, x.validity_ns)
+
+
+def _first_decided(receipts: Sequence[Receipt], names: Container[_Name]) -> dict[_Name, Receipt]:
+    """First receipt of each of these fixes that says what a filter decided."""
+    found: dict[_Name, Receipt] = {}
+    for receipt in receipts:
+        if receipt.verdict in _DECIDED and (name := _name_in_receipts(receipt)) in names:
+            found.setdefault(name, receipt)
+    return found
 
 
 def _revised(

@@ -6,7 +6,7 @@ a recording says of constants that the filter does not estimate (docs/derivation
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -46,7 +46,7 @@ class Innovations:
         At the end: covariance without common errors, change of the error per unit of each.
     filters : int
         Number of filters: more than one where one was lost and began anew.
-    receipts : tuple of Receipt
+    receipts : sequence of Receipt
     divergence : str
     """
 
@@ -60,7 +60,7 @@ class Innovations:
     P: Array
     sensitivity: Array
     filters: int
-    receipts: tuple[Receipt, ...]
+    receipts: Sequence[Receipt]
     divergence: str
 
 

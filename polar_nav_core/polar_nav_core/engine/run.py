@@ -67,7 +67,7 @@ class Result(Generic[T]):
     """
 
     track: T
-    receipts: tuple[Receipt, ...]
+    receipts: Sequence[Receipt]
     divergence: str
     verdicts: Mapping[Verdict, int] = field(default_factory=dict)
     identifications: tuple[Identification, ...] = ()
@@ -172,7 +172,7 @@ def run(
     collector.drain()
     return Result(
         collector.track(),
-        tuple(collector.receipts),
+        collector.receipts,
         engine.divergence,
         dict(engine.verdicts),
         tuple(collector.identifications),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Generic
 
@@ -24,7 +25,7 @@ class Smoothed(Generic[T]):
     ----------
     track : Track or StationTrack
         With covariances that contain the common errors, as published ones do.
-    receipts : tuple of Receipt
+    receipts : sequence of Receipt
         Of fixes, as the filter decided that had each at its validity; behind them those of fixes
         of which hindsight decided otherwise, as revisions.
     divergence : str
@@ -46,7 +47,7 @@ class Smoothed(Generic[T]):
     """
 
     track: T
-    receipts: tuple[Receipt, ...]
+    receipts: Sequence[Receipt]
     divergence: str
     information: Array
     vector: Array

@@ -10,8 +10,9 @@ Equations: docs/derivations/smoother.md.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from typing import overload
 
 from .. import spilled
@@ -24,7 +25,6 @@ from .backwards import Back, Move, backwards
 from .events import Rank, Receipt, Verdict
 from .hindsight import (
     Decisions,
-    Judged,
     added_by_plan,
     added_by_weights,
     decide,
@@ -33,6 +33,7 @@ from .hindsight import (
 )
 from .inputs import Inputs, StationInputs
 from .params import EngineParams
+from .receipt_rows import Receipts
 from .sins.recorded import FixLog, Plan
 from .sins.tape import Tape
 from .smoothed import MOST_PASSES, MOVED, Smoothed, at_validity, still_to_come
@@ -189,7 +190,7 @@ class _Passes:
                 why_not = 'the filter was lost and began anew'
             elif params.model_aiding:
                 why_not = 'a vehicle with model_aiding is smoothed in one pass'
-            judged = Judged.joined(back.judged)
+            judged = back.judged
             if plan is None:
                 added = added_by_weights(judged, log.enlargements)
             else:
@@ -217,7 +218,7 @@ class _Pass:
     fixes: FixLog
     decisions: Decisions
     stamps_ns: dict[Rank, Ints]
-    receipts: tuple[Receipt, ...]
+    receipts: Sequence[Receipt]
     divergence: str
     why_not: str
     """Why no filter can be held to this track."""
@@ -283,7 +284,7 @@ def _result(
     common = last.back.common
     return Smoothed(
         track=last.back.track,
-        receipts=(*first.receipts, *receipts),
+        receipts=Receipts(chain(first.receipts, receipts)),
         divergence=last.divergence,
         information=common[:, :COLUMNS].copy(),
         vector=common[:, COLUMNS].copy(),

@@ -8,8 +8,9 @@ out: drag and current are estimated by the members' own states.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from .events import Fix, OrderKey, Receipt
 from .hindsight import Decisions, decide_by_gate, revisions_of
 from .inputs import StationInputs
 from .params import EngineParams
+from .receipt_rows import Receipts
 from .results import chi2_gate
 from .smoothed import MOVED, Smoothed, at_validity, still_to_come
 from .station.arrays import densities, make_settings
@@ -44,7 +46,7 @@ class _Pass:
     fixes: list[Fix]
     decisions: Decisions
     inflations: Array
-    receipts: tuple[Receipt, ...]
+    receipts: Sequence[Receipt]
     divergence: str
     moved: float
     moved_before: float
@@ -172,7 +174,7 @@ def smooth(
     )
     return Smoothed(
         track=found.back.track,
-        receipts=(*first.receipts, *receipts),
+        receipts=Receipts(chain(first.receipts, receipts)),
         divergence=found.divergence,
         information=np.zeros((0, 0)),
         vector=np.zeros(0),

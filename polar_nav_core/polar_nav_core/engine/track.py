@@ -19,6 +19,7 @@ from .events import Estimate, ModelEstimate, Output, Receipt
 from .inputs import Stamps
 from .lever import Rates, Rows
 from .params import EngineParams
+from .receipt_rows import Receipts
 from .sins import aiding
 from .station import arrays
 from .station.filter import StationFilter, model_of
@@ -278,7 +279,7 @@ class Collector(Generic[T]):
         self.rows = pieces.rows
         self._fixes = np.zeros((len(self.rows.stamps), 3), dtype=np.int64)
         self._noted = 0
-        self.receipts: list[Receipt] = []
+        self.receipts = Receipts()
         self.identifications: list[Identification] = []
 
     def collect(self, outputs: Iterator[Output]) -> None:

@@ -15,6 +15,7 @@ from polar_nav_core.engine import events as engine_events
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.health.runaway import divergence_of
 from polar_nav_core.engine.inputs import Inputs
+from polar_nav_core.engine.receipt_rows import Receipts
 from polar_nav_follower.params import FollowerParams
 from polar_nav_follower.session import inputs_of
 
@@ -50,24 +51,22 @@ def replay_arrays(
         derived=True,
         look_every_s=LOOK_EVERY_S,
     )
-    found = [numbered.renumbered(r) for r in result.receipts]
-    del numbered
+    found = map(numbered.renumbered, result.receipts)
+    receipts = Receipts(_merged(found, source.refused))
+    del numbered, found
     spilled.give_back_freed()
-    receipts = list(_merged(found, source.refused))
     verdicts = Counter(dict(result.verdicts))
     verdicts.update(r.verdict for r in source.refused)
     divergence = result.divergence or divergence_of(result.health)
     health = result.health
-    del found, result
-    records = receipts_of(receipts)
-    del receipts
+    del result
     spilled.give_back_freed()
     return ReplayedRun(
         vehicle=source.vehicle,
         params=params,
         taken=source.taken,
         estimates=rows.series(source.vehicle),
-        receipts=records,
+        receipts=receipts_of(receipts),
         verdicts={v.name: n for v, n in sorted(verdicts.items())},
         divergence=divergence,
         health=health,

@@ -28,6 +28,16 @@ _TOPIC_AND_VERDICT = attrgetter('topic', 'verdict_text')
 UNKNOWN_NS = int(np.iinfo(np.int64).min)
 """A time that is not known, in a column of times: before every window."""
 
+_ROW = np.dtype(
+    [
+        *((name, np.int64) for name in ('stamp_ns', 'validity_ns', 'receive_ns')),
+        # Objects: in an array of str, one long text would make all rows as long.
+        *((name, np.object_) for name in ('verdict', 'source')),
+        ('nis', np.float64),
+        ('degrees_of_freedom', np.int64),
+    ]
+)
+
 
 @dataclass(frozen=True, eq=False)
 class VerdictSeries(Series):
@@ -54,19 +64,14 @@ class VerdictSeries(Series):
     degrees_of_freedom: Ints
 
     @classmethod
-    def of(cls, receipts: Iterable[ReceiptRecord]) -> Self:
+    def of(cls, receipts: Sequence[ReceiptRecord]) -> Self:
         """Series of the last revisions of `receipts`."""
         final = last_revisions(receipts)
-        return cls(
-            stamp_ns=np.array([r.stamp_ns for r in final], np.int64),
-            # Objects: in an array of str, one long text would make all rows as long.
-            verdict=np.array([r.verdict_text for r in final], np.object_),
-            source=np.array([r.source for r in final], np.object_),
-            validity_ns=_times([r.validity_ns for r in final]),
-            receive_ns=_times([r.receive_ns for r in final]),
-            nis=np.array([r.nis for r in final], np.float64),
-            degrees_of_freedom=np.array([r.degrees_of_freedom for r in final], np.int64),
-        )
+        rows = np.zeros(len(final), _ROW)
+        for k, r in enumerate(final):  # once: they are made when they are read
+            times = (r.stamp_ns, _time(r.validity_ns), _time(r.receive_ns))
+            rows[k] = (*times, r.verdict_text, r.source, r.nis, r.degrees_of_freedom)
+        return cls(**{name: rows[name].copy() for name in _ROW.names or ()})
 
     def fused(self) -> Self:
         """Rows of fused fixes with known validity and reception."""
@@ -193,5 +198,5 @@ def _ordered(counts: Mapping[str, int]) -> dict[str, int]:
     return {name: counts[name] for name in in_order(counts)}
 
 
-def _times(times_ns: Iterable[int | None]) -> Ints:
-    return np.array([UNKNOWN_NS if t is None else t for t in times_ns], np.int64)
+def _time(time_ns: int | None) -> int:
+    return UNKNOWN_NS if time_ns is None else time_ns

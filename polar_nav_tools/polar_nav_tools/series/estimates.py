@@ -7,9 +7,9 @@ a time.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterator, Sequence
 from dataclasses import fields
-from typing import Any
+from typing import Any, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -121,19 +121,39 @@ class EstimateRows:
 _RECEIPT = [f.name for f in fields(events.Receipt)]
 
 
-def receipts_of(receipts: Iterable[events.Receipt]) -> list[ReceiptRecord]:
-    """Receipts of a run in the form of recorded ones."""
-    return [
-        ReceiptRecord.of(
-            {
-                **{name: getattr(r, name) for name in _RECEIPT},
-                'verdict': int(r.verdict),
-                'verdict_text': r.verdict.name,
-                'age_s': r.age_s,
-            }
-        )
-        for r in receipts
-    ]
+def receipts_of(receipts: Sequence[events.Receipt]) -> Sequence[ReceiptRecord]:
+    """Receipts of a run in the form of recorded ones, made when they are read."""
+    return _Records(receipts)
+
+
+class _Records(Sequence[ReceiptRecord]):
+    """Records of receipts, of which a day has too many to keep them."""
+
+    def __init__(self, receipts: Sequence[events.Receipt]) -> None:
+        self._receipts = receipts
+
+    def __len__(self) -> int:
+        return len(self._receipts)
+
+    def __iter__(self) -> Iterator[ReceiptRecord]:
+        return map(_record_of, self._receipts)
+
+    @overload
+    def __getitem__(self, index: int) -> ReceiptRecord: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> tuple[ReceiptRecord, ...]: ...
+
+    def __getitem__(self, index: int | slice) -> ReceiptRecord | tuple[ReceiptRecord, ...]:
+        if isinstance(index, slice):
+            return tuple(map(_record_of, self._receipts[index]))
+        return _record_of(self._receipts[index])
+
+
+def _record_of(receipt: events.Receipt) -> ReceiptRecord:
+    values = {name: getattr(receipt, name) for name in _RECEIPT}
+    values['verdict'], values['verdict_text'] = int(receipt.verdict), receipt.verdict.name
+    return ReceiptRecord.of({**values, 'age_s': receipt.age_s})
 
 
 def _no_rows() -> Track:

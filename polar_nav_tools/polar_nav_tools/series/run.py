@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from polar_nav_core.engine.health.conditions import Health
@@ -17,7 +18,7 @@ class RunSeries:
     Attributes
     ----------
     estimates : EstimateSeries
-    receipts : list of ReceiptRecord
+    receipts : sequence of ReceiptRecord
     model : ModelRun or None
         Estimated model of the vehicle and the water; None without a model.
     divergence : str
@@ -27,7 +28,7 @@ class RunSeries:
     """
 
     estimates: EstimateSeries
-    receipts: list[ReceiptRecord]
+    receipts: Sequence[ReceiptRecord]
     model: ModelRun | None = None
     divergence: str = ''
     health: tuple[Health, ...] = ()

@@ -11,9 +11,9 @@ for both topics is the order of their stamps in a sound bag.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import Any, Self
+from typing import Any, Self, overload
 
 import numpy as np
 from numpy.typing import NDArray
@@ -202,7 +202,7 @@ class EstimateSeries(Series):
     local_statistics: Floats
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, slots=True)
 class ReceiptRecord:
     """One `<vehicle>/nav/receipt` (polar_nav_msgs/FixReceipt).
 
@@ -275,24 +275,52 @@ class ReceiptRecord:
         return (self.topic, self.source, self.sequence, self.receive_ns)
 
 
-def last_revisions(receipts: Iterable[ReceiptRecord]) -> list[ReceiptRecord]:
+def last_revisions(receipts: Sequence[ReceiptRecord]) -> Sequence[ReceiptRecord]:
     """Return the last receipt of each message: the highest revision, in order of first receipt.
 
     Verdicts are counted from these.
     """
-    receipts = list(receipts)
-    if not any(receipt.revision for receipt in receipts):
+    revised = {receipt.key for receipt in receipts if receipt.revision}
+    if not revised:
         return receipts
-    final: dict[tuple[str, str, int, int | None, int], ReceiptRecord] = {}
-    repeats: dict[tuple[str, str, int, int | None], int] = {}
-    for receipt in receipts:
-        if receipt.revision == 0:
+    places: list[int] = []  # of the last receipt of each message
+    # Of each message that was revised: number above, revision, and how many first receipts.
+    last: dict[tuple[str, str, int, int | None], tuple[int, int, int]] = {}
+    for place, receipt in enumerate(receipts):
+        key, is_first = receipt.key, receipt.revision == 0
+        number, revision, firsts = last.get(key, (len(places), -1, 0))
+        if is_first and firsts:
             # Two first receipts of one key are two messages (the same packet heard twice at one
             # instant); a revision belongs to the first of them, as only that one was used.
-            repeats[receipt.key] = repeats.get(receipt.key, -1) + 1
-            final[(*receipt.key, repeats[receipt.key])] = receipt
+            places.append(place)
             continue
-        key = (*receipt.key, 0)
-        if key not in final or final[key].revision <= receipt.revision:
-            final[key] = receipt
-    return list(final.values())
+        if number == len(places):
+            places.append(place)
+        elif is_first or revision <= receipt.revision:
+            places[number] = place
+        else:
+            continue
+        if key in revised:
+            last[key] = (number, receipt.revision, firsts + is_first)
+    return _Chosen(receipts, places)
+
+
+class _Chosen(Sequence[ReceiptRecord]):
+    """Some of the receipts, by their places."""
+
+    def __init__(self, receipts: Sequence[ReceiptRecord], places: Sequence[int] | Ints) -> None:
+        self._receipts, self._places = receipts, np.asarray(places, dtype=np.int64)
+
+    def __len__(self) -> int:
+        return len(self._places)
+
+    @overload
+    def __getitem__(self, index: int) -> ReceiptRecord: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> Sequence[ReceiptRecord]: ...
+
+    def __getitem__(self, index: int | slice) -> ReceiptRecord | Sequence[ReceiptRecord]:
+        if isinstance(index, slice):
+            return _Chosen(self._receipts, self._places[index])
+        return self._receipts[int(self._places[index])]

@@ -14,6 +14,7 @@ import numpy as np
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine import smoothing
 from polar_nav_core.engine import station_smoothing as of_station
+from polar_nav_core.engine.events import Receipt
 from polar_nav_core.engine.health.conditions import Health
 from polar_nav_core.engine.inputs import Inputs
 from polar_nav_core.engine.smoothed import MOST_PASSES, Smoothed
@@ -106,7 +107,7 @@ class SmoothedRun:
         The smoothed one, with derived columns.
     found : Smoothed
         With what the innovations say of common errors.
-    filter_receipts : list of ReceiptRecord
+    filter_receipts : sequence of ReceiptRecord
         Of the filter, fixes as they came.
     truth : TruthSeries or None
     health : sequence of Health
@@ -330,6 +331,14 @@ def _model_messages(track: engine_run.StationTrack, params: FollowerParams) -> I
         yield stamp_ns, topics.CURRENT, to_bytes(current_to_msg(model, stamp_ns))
 
 
+def _receipts(receipts: Sequence[Receipt]) -> Iterator[Row]:
+    """Messages of receipts in the order of their stamps."""
+    stamps_ns = np.fromiter((r.stamp_ns for r in receipts), np.int64, len(receipts))
+    for k in np.argsort(stamps_ns, kind='stable').tolist():
+        receipt = receipts[k]
+        yield receipt.stamp_ns, topics.RECEIPT, to_bytes(receipt_to_msg(receipt))
+
+
 def write(path: Path, run: SmoothedRun) -> Path:
     """Write the smoothed track as nav/state, its fixes' receipts and the truth to a new bag.
 
@@ -338,11 +347,7 @@ def write(path: Path, run: SmoothedRun) -> Path:
     BagError
         When the bag exists or cannot be written.
     """
-    receipts: list[Row] = [
-        (r.stamp_ns, topics.RECEIPT, to_bytes(receipt_to_msg(r)))
-        for r in sorted(run.found.receipts, key=lambda r: r.stamp_ns)
-    ]
-    streams: list[Iterable[Row]] = [states_of(run.track, run.params, run.vehicle), receipts]
+    streams = [states_of(run.track, run.params, run.vehicle), _receipts(run.found.receipts)]
     written = [topics.STATE, topics.RECEIPT]
     if isinstance(run.found.track, engine_run.StationTrack):
         streams.append(_model_messages(run.found.track, run.params))

@@ -13,6 +13,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from ... import spilled
 from ...kernels.sins import state as fs
 from ...kernels.sins.consider import COLUMNS
 from ..events import InitialState
@@ -20,6 +21,9 @@ from ..params import EngineParams
 from .filter import NavigationFilter
 from .recorded import FixLog, Plan, Recorded
 from .stretch import Stretch, stretch_of
+
+_COLUMNS = tuple(x.name for x in fields(Stretch))
+_Form = tuple[tuple[np.dtype[Any], tuple[int, ...]], ...]
 
 
 class Tape:
@@ -51,7 +55,9 @@ class Tape:
         self._every, self._fixes, self._plan = every, fixes, plan
         self._file = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as the tape
         self._offsets: list[int] = []
-        self._shapes: list[dict[str, tuple[np.dtype[Any], tuple[int, ...]]]] = []
+        # Lengths of the columns of each stretch, and what is the same in most: dtypes and shapes.
+        self._lengths: list[tuple[int, ...]] = []
+        self._forms: list[_Form] = []
         self._filter: NavigationFilter | None = None
         self._taken = 0
         self._states = 0
@@ -91,11 +97,14 @@ class Tape:
         self.dvl_stamps_ns, self.depth_stamps_ns = f.streams.dvl_stamps, f.streams.depth_stamps
         stretch = stretch_of(f, self._taken, self._states)
         self._offsets.append(self._file.seek(0, 2))
-        self._shapes.append({})
-        for x in fields(stretch):
-            array = np.ascontiguousarray(getattr(stretch, x.name))
-            self._shapes[-1][x.name] = array.dtype, array.shape
-            self._file.write(array.reshape(-1).view(np.uint8).data)
+        columns = [np.ascontiguousarray(getattr(stretch, name)) for name in _COLUMNS]
+        self._lengths.append(tuple(map(len, columns)))
+        form = tuple((column.dtype, column.shape[1:]) for column in columns)
+        same = bool(self._forms) and self._forms[-1] == form
+        self._forms.append(self._forms[-1] if same else form)
+        for column in columns:
+            self._file.write(column.reshape(-1).view(np.uint8).data)
+        spilled.give_back()  # rows of a filter that is recorded come too seldom to see to that
         self._taken, self._states = int(f.log.counts[0]), int(f.log.counts[1])
 
     def backwards(self) -> Iterator[tuple[Stretch, bool]]:
@@ -104,8 +113,9 @@ class Tape:
         for number in range(len(self._offsets) - 1, -1, -1):
             self._file.seek(self._offsets[number])
             arrays = {}
-            for name, (dtype, shape) in self._shapes[number].items():
-                arrays[name] = np.empty(shape, dtype)
+            described = zip(_COLUMNS, self._lengths[number], self._forms[number], strict=True)
+            for name, length, (dtype, shape) in described:
+                arrays[name] = np.empty((length, *shape), dtype)
                 self._file.readinto(arrays[name].reshape(-1).view(np.uint8).data)
             if not len(arrays['sensitivity']):  # until then nothing was considered
                 for name, like in (('sensitivity', 'P'), ('moved', 'H')):
