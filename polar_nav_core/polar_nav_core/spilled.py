@@ -131,18 +131,24 @@ def by_rows(function: Callable[..., NDArray[Any]], *columns: NDArray[Any]) -> ND
         Gets some rows of each column, and returns as many.
     *columns : ndarray, shape (n, ...)
     """
+    return several_by_rows(lambda *some: (function(*some),), *columns)[0]
+
+
+def several_by_rows(
+    function: Callable[..., tuple[NDArray[Any], ...]], *columns: NDArray[Any]
+) -> tuple[NDArray[Any], ...]:
+    """Return what a function gives that makes several columns; see `by_rows`."""
     count = len(columns[0])
     if count <= ROWS:
         found = function(*columns)
         give_back()
         return found
-    out: NDArray[Any] | None = None
+    out: tuple[NDArray[Any], ...] = ()
     for part in parts(count):
         found = function(*(column[part] for column in columns))
-        if out is None:
-            out = empty((count, *found.shape[1:]), found.dtype)
-        out[part] = found
-    assert out is not None
+        out = out or tuple(empty((count, *x.shape[1:]), x.dtype) for x in found)
+        for column, some in zip(out, found, strict=True):
+            column[part] = some
     return out
 
 

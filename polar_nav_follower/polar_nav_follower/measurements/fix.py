@@ -24,6 +24,8 @@ _NO_VECTOR = np.full(3, np.nan)
 _NO_COVARIANCE = np.full((3, 3), np.nan)
 _EARTH = (6.3e6, 6.4e6)
 """Range of a leader's distance from the Earth's centre [m]."""
+_AT_ONCE = 4096
+"""Packets that are read at once: the numbers of a day are not held besides its fixes."""
 _LAST_STAMP_NS = (1 << 31) * 1_000_000_000
 
 
@@ -151,10 +153,19 @@ class Packet(NamedTuple):
 def fixes_from_packets(packets: Sequence[Packet], params: FollowerParams) -> list[Fix]:
     """Fixes of many packets, numbered in order, equal to `fix_from_packet` to the bit.
 
-    Those that hold a position for this vehicle are read all at once, the others one by one.
+    Those that hold a position for this vehicle are read many at once, the others one by one.
     """
+    return [
+        fix
+        for first in range(0, len(packets), _AT_ONCE)
+        for fix in _fixes_from(packets, range(first, min(first + _AT_ONCE, len(packets))), params)
+    ]
+
+
+def _fixes_from(packets: Sequence[Packet], some: range, params: FollowerParams) -> list[Fix]:
+    """Fixes of some of the packets, by number."""
     fixes: dict[int, Fix] = {}
-    numbers = [n for n, packet in enumerate(packets) if is_readable(packet.data)]
+    numbers = [n for n in some if is_readable(packets[n].data)]
     if numbers:
         received_ns = np.array([packets[n].receive_ns for n in numbers], dtype=np.int64)
         b = decode_many([packets[n].data for n in numbers], received_ns)
@@ -170,7 +181,7 @@ def fixes_from_packets(packets: Sequence[Packet], params: FollowerParams) -> lis
         fixes = _plain_fixes(packets, np.array(numbers), b, np.flatnonzero(plain))
     return [
         fixes[n] if n in fixes else fix_from_packet(*p[:3], n, *p[3:], params)[0]
-        for n, p in enumerate(packets)
+        for n, p in ((n, packets[n]) for n in some)
     ]
 
 

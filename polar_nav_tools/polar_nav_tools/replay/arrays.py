@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polar_nav_core import spilled
+from polar_nav_core.arrays import Array, Ints
 from polar_nav_core.dvl import sound_speed_factors
 from polar_nav_core.engine.events import Command, CommandKind, Fix, Receipt
 from polar_nav_core.engine.inputs import Inputs, Stamps, StationInputs
@@ -99,19 +100,7 @@ class SinsArrays(RecordedArrays):
         refused = Counter(refusal_key(r) for r in self.refused)
         streams = {topic: self._stream(topic, refused) for topic in self.columns}
         imu, dvl, depth = streams.values()
-        ping = dvl.columns
-        v_m, covariance_m, valid = dvl_pings(
-            ping[_V[0]],
-            ping['velocity_covar'],
-            ping['velocity_mode'],
-            ping['num_good_beams'],
-            params.dvl_sigma,
-            sound_speed_factors(
-                ping['sound_speed'],
-                params.water_sound_speed,
-                ping['dvl_type'] == Dvl.DVL_TYPE_PHASED_ARRAY,
-            ),
-        )
+        v_m, covariance_m, valid = _pings(dvl.columns, params)
         inputs = Inputs(
             imu_stamps_ns=imu.stamps_ns,
             omega_ib_b=imu.columns[_OMEGA[0]],
@@ -158,6 +147,20 @@ class SinsArrays(RecordedArrays):
             else:
                 fixes.append(fix)
         return fixes
+
+
+def _pings(ping: Columns, params: FollowerParams) -> tuple[NDArray[Any], ...]:
+    """Velocities, covariances and validity of a DVL's pings."""
+
+    def some(
+        v_m: Array, covariance: Array, mode: Ints, beams: Ints, speed: Array, kind: Ints
+    ) -> tuple[NDArray[Any], ...]:
+        phased = kind == Dvl.DVL_TYPE_PHASED_ARRAY
+        factors = sound_speed_factors(speed, params.water_sound_speed, phased)
+        return dvl_pings(v_m, covariance, mode, beams, params.dvl_sigma, factors)
+
+    names = (_V[0], 'velocity_covar', 'velocity_mode', 'num_good_beams', 'sound_speed', 'dvl_type')
+    return spilled.several_by_rows(some, *(ping[name] for name in names))
 
 
 class StationArrays(RecordedArrays):

@@ -42,6 +42,7 @@ def replay_arrays(
     if isinstance(source, StationArrays):
         return replay_station(source, params)
     numbered = source.inputs(params)
+    spilled.give_back_freed()
     rows = EstimateRows(params, _expected(numbered.inputs, params))
     result = engine_run.run(
         params,
