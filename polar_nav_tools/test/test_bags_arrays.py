@@ -227,6 +227,29 @@ def test_last_revisions_decide():
     ]
 
 
+def last_by_message(receipts):
+    """Last revisions, by a table of messages."""
+    final, firsts = {}, {}
+    for one in receipts:
+        if one.revision == 0:
+            firsts[one.key] = firsts.get(one.key, -1) + 1
+            final[(one.key, firsts[one.key])] = one
+        elif (one.key, 0) not in final or final[(one.key, 0)].revision <= one.revision:
+            final[(one.key, 0)] = one
+    return list(final.values())
+
+
+def test_last_revisions_in_any_order():
+    rng = np.random.default_rng(5)
+    for count in (0, 1, *rng.integers(2, 12, 200)):
+        drawn = zip(rng.integers(0, 3, count), rng.integers(0, 3, count), strict=True)
+        found = arrays.receipts_from_cdr([receipt(int(k), revision=int(r)) for k, r in drawn])
+        expected, last = last_by_message(found), last_revisions(found)
+        assert [id(one) for one in last] == [id(one) for one in expected]
+        assert len(last) == len(expected)
+        assert [id(one) for one in last[1:]] == [id(one) for one in expected[1:]]
+
+
 def test_large_series_is_read_in_batches(tmp_path):
     bag = open_bag(write_bag(tmp_path / 'b', 300))
     assert arrays.load_truth(bag, 'follower').sequence.tolist() == list(range(300))
