@@ -178,7 +178,7 @@ def replay(
 
 
 @bench.command(
-    epilog='Example: `./polar bench memory --hours 24 --beside bags/reference_9`\n\n'
+    epilog='Example: `./polar bench memory --hours 24 --beside bags/reference_10`\n\n'
     'Quick look: `./polar bench memory --hours 0.2`'
 )
 def memory(
