@@ -1,9 +1,12 @@
 """What is usable by columns is what is usable event by event."""
 
+from unittest import mock
+
 import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
+from polar_nav_core import spilled
 from polar_nav_core.engine import refusals
 from polar_nav_core.engine.events import ControlSample, DepthSample, DvlPing, ImuSample, Verdict
 from polar_nav_core.engine.imu_sequence import ImuSequence
@@ -109,8 +112,8 @@ def test_an_imu_that_hangs_is_refused_after_five_repeats():
 RATES = st.sampled_from([0.0, 0.0, 0.0, 0.0, 0.1, 0.45, 0.8, -0.3, 2.0, -4.0])
 
 
-@given(st.lists(st.tuples(st.sampled_from([1, 1, 1, 10_000_000, 30_000_000, 0]), RATES, RATES)))
-def test_what_is_odd_in_columns_is_what_is_odd_one_by_one(rows):
+def columns_are_as_one_by_one(rows):
+    """Compare what is refused; a row has the time since the last, a rate and a force."""
     stamps = np.cumsum([dt for dt, _, _ in rows], dtype=np.int64)
     omega_ib_b, f_b = np.zeros((len(rows), 3)), np.zeros((len(rows), 3))
     if rows:
@@ -120,6 +123,23 @@ def test_what_is_odd_in_columns_is_what_is_odd_one_by_one(rows):
     usable, refused = refusals.usable_imu(SINS, stamps, omega_ib_b, f_b)
     assert usable.tolist() == one_by_one(SINS, samples)
     assert not usable[list(refused)].any()
+
+
+@given(st.lists(st.tuples(st.sampled_from([1, 1, 1, 10_000_000, 30_000_000, 0]), RATES, RATES)))
+def test_what_is_odd_in_columns_is_what_is_odd_one_by_one(rows):
+    columns_are_as_one_by_one(rows)
+
+
+@given(
+    st.lists(
+        st.tuples(st.sampled_from([1, 1, 10_000_000, 0]), RATES, st.sampled_from([0.0, 0.0, 9.8])),
+        min_size=8,
+        max_size=60,
+    )
+)
+def test_so_it_is_where_columns_are_looked_at_some_rows_at_a_time(rows):
+    with mock.patch.object(spilled, 'ROWS', 4):
+        columns_are_as_one_by_one(rows)
 
 
 def leaping(*rates, step_ns=10_000_000, **changes):
@@ -134,9 +154,16 @@ def leaping(*rates, step_ns=10_000_000, **changes):
 def test_one_sample_whose_rate_leaps_is_refused_and_the_next_is_not():
     assert leaping(0.1, 0.1, 1.2, 0.1, 0.1) == [True, True, False, True, True]
     assert leaping(0.1, 0.1, 0.79, 0.1) == [True] * 4  # 0.5 rad/s and 20 rad/s^2 in 10 ms
-    assert leaping(0.1, 0.1, 0.81, 0.1) == [True, True, False, True]
+    assert leaping(0.1, 0.1, 0.805, 0.1) == [True, True, False, True]
     assert leaping(0.1, 0.1, 0.81, 0.1, step_ns=20_000_000) == [True] * 4
     assert leaping(0.1, 0.1, 1.2, 0.1, max_rate_leap=1e300) == [True] * 4
+
+
+def test_a_rate_may_change_by_just_what_is_allowed():
+    quarter_ns = 250_000_000  # 20 rad/s^2 make 5 rad/s of it, and 0.5 may leap
+    assert leaping(0.0, 5.5, 0.0, step_ns=quarter_ns) == [True] * 3
+    beyond = float(np.nextafter(5.5, 6.0))
+    assert leaping(0.0, beyond, 0.0, step_ns=quarter_ns) == [True, False, True]
 
 
 def test_a_rate_that_stays_is_believed_from_its_second_sample_on():

@@ -1,11 +1,13 @@
 """Large arrays in temporary files."""
 
+import ctypes
 import errno
 import os
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -42,6 +44,8 @@ def test_values_stay_when_memory_is_given_back():
 
 def test_a_small_array_is_an_ordinary_one():
     assert spilled.empty((3, 2), np.int64).base is None
+    assert spilled.empty((1 << 21) - 1, np.uint8).base is None
+    assert spilled.empty(1 << 21, np.uint8).base is not None
 
 
 def test_small_ones_share_a_file():
@@ -99,6 +103,8 @@ def test_a_function_of_rows_gives_the_same_some_at_a_time():
 def test_an_order_is_seen_across_parts(at):
     stamps = np.arange(200)
     assert spilled.ascending(stamps)
+    stamps[at] = stamps[at - 1]
+    assert spilled.ascending(stamps)
     stamps[at] = stamps[at - 1] - 1
     assert not spilled.ascending(stamps)
 
@@ -116,6 +122,36 @@ def test_rows_grow_and_pieces_are_turned():
     found = pieces.in_order()
     assert np.array_equal(found['x'], np.concatenate(parts))
     assert found['none'].shape == (278, 0)
+
+
+@pytest.mark.usefixtures('small')
+def test_rows_that_grow_take_room_for_half_as_many_again(monkeypatch):
+    taken, allocate = [], os.posix_fallocate
+    monkeypatch.setattr(os, 'posix_fallocate', lambda *a: (taken.append(a[2]), allocate(*a)))
+    rows = spilled.Rows(np.float64)
+    for k in range(2000):
+        rows.add(float(k))
+    assert len(rows.array()) == 2000
+    assert max(taken) <= 1.5 * 8 * 2000
+    assert len(taken) < 15
+
+
+def test_memory_is_given_back_every_so_many_pieces(monkeypatch):
+    pieces, calls = spilled.LastFirst(), []
+    for k in range(300):
+        pieces.add({'x': np.array([k])})
+    monkeypatch.setattr(spilled, 'give_back', lambda: calls.append(1))
+    assert pieces.in_order()['x'].tolist() == list(reversed(range(300)))
+    assert 2 <= len(calls) <= 10
+
+
+def test_memory_of_freed_objects_is_given_back_where_the_allocator_can(monkeypatch):
+    trimmed = []
+    with_glibc = SimpleNamespace(malloc_trim=trimmed.append)
+    for library in (with_glibc, SimpleNamespace()):
+        monkeypatch.setattr(ctypes, 'CDLL', lambda _, library=library: library)
+        spilled.give_back_freed()
+    assert trimmed == [0]
 
 
 @pytest.mark.usefixtures('small')
