@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 from compiled import jit_only
 
-from polar_nav_core.engine.health.conditions import Culprit, Level
+from polar_nav_core.engine.health.conditions import RUNAWAY, Culprit, Level
 from polar_nav_core.engine.health.statistics import statistics
 from polar_nav_core.engine.health.watchdog import (
     DEPTH,
     DVL,
     FIX,
     Envelope,
+    Gaps,
     View,
     Watchdog,
 )
@@ -248,3 +249,109 @@ def test_pings_refused_one_after_the_other_are_an_error_before_most_are():
 
     assert after(8, 1.7) == ['the newest 8 DVL refused: DVL and inertial navigation disagree']
     assert after(4, 1.7) == after(40, 1.4) == []
+
+
+def remembered(stream, memory, number, **columns):
+    """Memories of one stream with so many attempts, and means of some columns."""
+    kept = memories()
+    row = kept[stream, memory]
+    row[watch.WEIGHT] = row[watch.WEIGHT_2] = number
+    row[watch.SQUARE : watch.SQUARE + 3] = number
+    for name, mean in columns.items():
+        row[getattr(watch, name)] = number * mean
+    return kept
+
+
+@pytest.mark.parametrize('stream', [DVL, DEPTH, FIX])
+@pytest.mark.parametrize(('memory', 'limit'), [(watch.SHORT, 45.0), (watch.LONG, 40.0)])
+@pytest.mark.parametrize(
+    ('times', 'level'),
+    [(1.0, None), (1.01, Level.WARN), (3.99, Level.WARN), (4.01, Level.ERROR)],
+)
+def test_a_mean_is_reported_beyond_its_limit_and_an_error_beyond_four(
+    stream, memory, limit, times, level
+):
+    kept = remembered(stream, memory, limit, TRACK=np.sqrt(times))
+    assert [p.condition.level for p in look(kept).present] == ([] if level is None else [level])
+    few = remembered(stream, memory, 9.9, TRACK=20.0)
+    assert not look(few).present
+
+
+@pytest.mark.parametrize(('across', 'named'), [(0.9, False), (0.91, True), (-0.91, True)])
+def test_the_heading_is_named_where_nine_tenths_lie_across(across, named):
+    health = look(remembered(DVL, watch.SHORT, 30.0, REFUSED=0.6, ACROSS=across))
+    assert health.level is Level.ERROR
+    assert (Culprit.HEADING in health.culprit) is named
+
+
+@pytest.mark.parametrize(
+    ('stream', 'words'),
+    [
+        (DVL, 'DVL was refused until 30 s ago and is used again'),
+        (DEPTH, 'depth was refused until 30 s ago and is used again'),
+        (FIX, 'position fixes were refused until 30 s ago and are used again'),
+    ],
+)
+def test_an_opened_gate_is_told_in_the_words_of_its_sensor(stream, words):
+    opened = np.zeros(3, dtype=np.int64)
+    opened[stream] = 10**12
+    (present,) = look(memories(), stamp_ns=1030 * 10**9, opened_ns=opened).present
+    assert present.condition.sentence.startswith(words)
+    assert not look(memories(), stamp_ns=1060 * 10**9, opened_ns=opened).present
+
+
+@pytest.mark.parametrize('stream', [DVL, DEPTH])
+def test_a_local_sensor_that_was_used_and_is_not_is_silent(stream):
+    dog, used = Watchdog(Envelope(10.0, 6000.0, silent_after_s=10.0)), np.zeros(3, dtype=np.int64)
+    assert not look(memories(), dog, used_ns=used).present  # it never was
+    used[stream] = 10**12 - 10 * 10**9
+    assert not look(memories(), dog, used_ns=used).present
+    used[stream] -= 1 * 10**9
+    assert look(memories(), dog, used_ns=used).sentence.endswith('used for 11 s')
+
+
+@pytest.mark.parametrize(
+    ('since_s', 'longest_s', 'level'),
+    [(20, 5.0, Level.WARN), (20, 2.9, Level.ERROR), (59, 5.0, Level.WARN), (60, 5.0, Level.OK)],
+)
+def test_a_gap_between_imu_samples_is_told_for_a_minute(since_s, longest_s, level):
+    dog = Watchdog(Envelope(10.0, 6000.0, max_imu_gap_s=longest_s))
+    health = look(memories(), dog, gaps=Gaps(2, 3.0, 10**12 - since_s * 10**9))
+    assert health.level is level
+    told = f'IMU gap of 3.0 s ended {since_s} s ago and was bridged'
+    assert health.sentence.startswith(told) is (level is not Level.OK)
+
+
+def test_more_than_a_twentieth_of_the_imu_samples_missing_is_told():
+    assert not look(memories(), gaps=Gaps(0, 0.0, 0, 0.05)).present
+    health = look(memories(), gaps=Gaps(0, 0.0, 0, 0.06))
+    assert health.sentence == '6 % of the IMU samples of the last 20 s are missing'
+
+
+@pytest.mark.parametrize(
+    ('number', 'refused', 'mean', 'found'),
+    [
+        (30.0, 0.95, 3.5, True),
+        (9.0, 0.95, 3.5, False),
+        (30.0, 0.85, 3.5, False),
+        (30.0, 0.95, 2.5, False),
+    ],
+)
+def test_a_navigation_that_its_dvl_contradicts_for_half_a_minute_has_run_away(
+    number, refused, mean, found
+):
+    kept = remembered(DVL, watch.SHORT, number, REFUSED=refused, GRID=-mean)
+    dog = Watchdog(Envelope(10.0, 6000.0))
+    keys = [
+        [p.condition.key for p in look(kept, dog, stamp_ns=10**12 + s * 10**9).present]
+        for s in (0, 29, 30)
+    ]
+    assert [RUNAWAY in k for k in keys] == [False, False, found]
+
+
+def test_so_has_one_that_is_faster_than_its_vehicle():
+    dog = Watchdog(Envelope(10.0, 6000.0))
+    for second, found in ((0, False), (31, True)):
+        health = look(memories(), dog, stamp_ns=10**12 + second * 10**9, speed=10.1)
+        assert (RUNAWAY in [p.condition.key for p in health.present]) is found
+    assert not look(memories(), dog, stamp_ns=10**12 + 90 * 10**9, speed=10.0).present
