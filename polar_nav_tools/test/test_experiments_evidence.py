@@ -14,6 +14,7 @@ from polar_nav_tools.experiments.evidence.drawn import Drawn, world_of
 from polar_nav_tools.experiments.experiment import Request, run
 from polar_nav_tools.experiments.jobs import RunResult
 from polar_nav_tools.experiments.mismatch.judge import Course, Deviation, HealthReport
+from polar_nav_tools.experiments.request import rows_matching
 from polar_nav_tools.experiments.schedule import FixSpec, clairvoyant
 from polar_nav_tools.experiments.world import make_world
 
@@ -59,10 +60,19 @@ def test_fixes_judged_otherwise_are_counted_by_seed():
     assert late.judged_otherwise(a, b[:1]) == (1, 3)
 
 
+def test_each_pattern_of_rows_has_to_match():
+    """One that is mistyped among others is not left out in silence."""
+    names = ('low', 'lower', 'high')
+    assert rows_matching(None, names) == list(names)
+    assert rows_matching('high, low*', names) == ['low', 'lower', 'high']
+    with pytest.raises(ConfigError, match=r'--rows hihg: no such row; there are low; lower; high'):
+        rows_matching('low,hihg', names)
+
+
 def test_only_experiments_with_rows_can_choose_them(tmp_path):
     with pytest.raises(ConfigError, match='table1 has neither'):
         run(experiment_named('table1'), Request(rows='a'), tmp_path, lambda *_: None)
-    with pytest.raises(ConfigError, match="nothing matches 'nonsense'"):
+    with pytest.raises(ConfigError, match='--rows nonsense: no such row'):
         ran('late', tmp_path, 'nonsense')
     suite = experiment_named('late').suite
     with pytest.raises(ConfigError, match='PARAMETER only'):

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from fnmatch import fnmatchcase
 from pathlib import Path
+
+from polar_nav_core.errors import ConfigError
 
 from .choices import Choices
 from .station_choices import StationChoices
@@ -64,3 +67,19 @@ class Request:
     delays_s: Sequence[float] | None = None
     rows: str | None = None
     first_seed: int = 1
+
+
+def rows_matching(patterns: str | None, names: Iterable[str]) -> list[str]:
+    """Names that match one of comma-separated shell patterns, in their own order; all for None.
+
+    Raises
+    ------
+    ConfigError
+        For a pattern that matches none.
+    """
+    known = list(names)
+    wanted = [p.strip() for p in (patterns or '*').split(',')]
+    for pattern in wanted:
+        if not any(fnmatchcase(name, pattern) for name in known):
+            raise ConfigError(f'--rows {pattern}: no such row; there are {"; ".join(known)}')
+    return [name for name in known if any(fnmatchcase(name, p) for p in wanted)]

@@ -10,7 +10,6 @@ import math
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from fnmatch import fnmatchcase
 from typing import Any
 
 import numpy as np
@@ -22,7 +21,6 @@ from polar_nav_core.engine.events import Array
 from polar_nav_core.engine.smoothed import Smoothed
 from polar_nav_core.engine.track import StationTrack, Track
 from polar_nav_core.error_model import X
-from polar_nav_core.errors import ConfigError
 from polar_nav_core.grid import ecef_to_grid
 from polar_nav_sim.offline_station import StationScenario
 
@@ -30,7 +28,7 @@ from ..scoring.tables import Column, Table
 from .errors import track_errors
 from .experiment import Experiment
 from .jobs import RunResult
-from .request import Request, Size
+from .request import Request, Size, rows_matching
 from .schedule import FixSpec
 from .station.world import make_world as make_station_world
 from .station_choices import StationChoices
@@ -79,21 +77,15 @@ def plan(request: Request, size: Size, columns: Sequence[str]) -> list[SmoothJob
     Raises
     ------
     ConfigError
-        When no row has such a name.
+        For a pattern of rows that matches none.
     """
     del columns
-    patterns = [p.strip() for p in (request.rows or '*').split(',')]
     seeds = range(request.first_seed, request.first_seed + size.seeds)
-    jobs = [
+    return [
         SmoothJob(row, size.duration_s, SMOOTHER, seed)
-        for row in (*_ROWS, *_STATIONS)
-        if any(fnmatchcase(row, p) for p in patterns)
+        for row in rows_matching(request.rows, (*_ROWS, *_STATIONS))
         for seed in seeds
     ]
-    if not jobs:
-        names = ', '.join((*_ROWS, *_STATIONS))
-        raise ConfigError(f'--rows {request.rows}: no such row; there are {names}')
-    return jobs
 
 
 def run_job(job: SmoothJob) -> RunResult:

@@ -11,14 +11,12 @@ import time
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from fnmatch import fnmatchcase
 from typing import Any
 
 import numpy as np
 from scipy.stats import chi2
 
 from polar_nav_core.engine.innovations import innovations
-from polar_nav_core.errors import ConfigError
 
 from ...calibration.constants import chosen
 from ...calibration.estimate import estimate
@@ -28,7 +26,7 @@ from ...scoring.tables import Column, Table
 from ..experiment import Experiment
 from ..jobs import RunResult
 from ..mismatch.faults import FixClock
-from ..request import Request, Size
+from ..request import Request, Size, rows_matching
 from ..suite import one_filter_suite
 from .rows import ROWS, SCENES, Row, params_of, world_of
 
@@ -62,24 +60,21 @@ def plan(request: Request, size: Size, columns: Sequence[str]) -> list[Calibrate
     Raises
     ------
     ConfigError
-        When no row has such a name.
+        For a pattern of rows that matches none.
     """
     del columns
-    patterns = [p.strip() for p in (request.rows or '*').split(',')]
+    names = rows_matching(request.rows, (f'{r.name}_{s}' for s in SCENES for r in ROWS))
     jobs = []
     for scene in SCENES:
         for row in ROWS:
             job = CalibrateJob(row.name, scene, size.duration_s, BOUND, request.first_seed)
-            if not any(fnmatchcase(job.group, p) for p in patterns):
+            if job.group not in names:
                 continue
             jobs += [job] if len(row.off) == 1 else []
             jobs += [
                 CalibrateJob(row.name, scene, size.duration_s, CALIBRATED, seed)
                 for seed in range(request.first_seed, request.first_seed + size.seeds)
             ]
-    if not jobs:
-        names = ', '.join(f'{r.name}_{s}' for s in SCENES for r in ROWS)
-        raise ConfigError(f'--rows {request.rows}: no such row; there are {names}')
     return jobs
 
 

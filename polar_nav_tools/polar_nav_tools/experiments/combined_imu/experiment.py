@@ -11,7 +11,6 @@ import math
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from fnmatch import fnmatchcase
 from typing import Any
 
 import numpy as np
@@ -22,7 +21,6 @@ from polar_nav_core.engine import smoothing
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.engine.track import Track
 from polar_nav_core.error_model import X
-from polar_nav_core.errors import ConfigError
 from polar_nav_core.grid import ecef_to_grid
 from polar_nav_sim.sensors.imu import DPH
 
@@ -30,7 +28,7 @@ from ...scoring.errors import ARCMIN
 from ...scoring.tables import Column, Table
 from ..experiment import Experiment
 from ..jobs import RunResult
-from ..request import Request, Size
+from ..request import Request, Size, rows_matching
 from ..schedule import FixSpec
 from ..suite import Suite, one_filter_suite
 from ..world import World, make_world
@@ -101,13 +99,10 @@ def plan(request: Request, size: Size, columns: Sequence[str]) -> list[CombinedI
     Raises
     ------
     ConfigError
-        When no row has such a name.
+        For a pattern of rows that matches none.
     """
     del columns
-    patterns = [p.strip() for p in (request.rows or '*').split(',')]
-    rows = [row for row in _ROWS if any(fnmatchcase(row, p) for p in patterns)]
-    if not rows:
-        raise ConfigError(f'--rows {request.rows}: no such row; there are {", ".join(_ROWS)}')
+    rows = rows_matching(request.rows, _ROWS)
     seeds = range(request.first_seed, request.first_seed + size.seeds)
     return [CombinedImuJob(row, size.duration_s, OURS, seed) for row in rows for seed in seeds]
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
-from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Any
 
 from polar_nav_core.errors import ConfigError
@@ -13,7 +12,7 @@ from ...scoring.tables import Column, Table
 from ..choices import choices_from
 from ..experiment import Experiment
 from ..jobs import RunResult
-from ..request import Request, Size
+from ..request import Request, Size, rows_matching
 from ..suite import Paper, engine_suite
 from .case import Case
 from .runs import EvidenceJob, run_job
@@ -64,12 +63,8 @@ def experiment_of(
 
 
 def _chosen(cases: Sequence[Case], pattern: str | None) -> list[Case]:
-    words = [w.strip() for w in (pattern or '*').split(',')]
-    found = [c for c in cases if any(fnmatchcase(c.name, w) for w in words)]
-    if not found:
-        names = ', '.join(c.name for c in cases)
-        raise ConfigError(f'--rows: nothing matches {pattern!r}; there are {names}')
-    return found
+    names = rows_matching(pattern, (c.name for c in cases))
+    return [c for c in cases if c.name in names]
 
 
 def of(results: Sequence[RunResult], case: Case, column: str) -> list[RunResult]:

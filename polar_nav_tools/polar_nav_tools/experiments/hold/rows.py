@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from fnmatch import fnmatchcase
 
 import numpy as np
 
 from polar_nav_core.engine.events import Array
-from polar_nav_core.errors import ConfigError
 from polar_nav_sim.offline_station import StationScenario
 
 from ...inject.faults import Injection, parse
 from ..mismatch.row import scene_of
 from ..mismatch.scenes import Scene, StationScene
+from ..request import rows_matching
 from ..station.world import NS, StationWorld
 from ..world import World
 
@@ -93,13 +92,7 @@ def rows_named(patterns: str | None) -> list[Row]:
     ConfigError
         For a pattern that matches none.
     """
-    if patterns is None:
-        return list(ROWS.values())
-    wanted = [p.strip() for p in patterns.split(',')]
-    for pattern in wanted:
-        if not any(fnmatchcase(name, pattern) for name in ROWS):
-            raise ConfigError(f'--rows {pattern}: no such fault; there are {", ".join(ROWS)}')
-    return [row for name, row in ROWS.items() if any(fnmatchcase(name, p) for p in wanted)]
+    return [ROWS[name] for name in rows_matching(patterns, ROWS)]
 
 
 def true_positions(world: World | StationWorld, time_s: Array) -> Array:

@@ -12,7 +12,6 @@ import time
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
-from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -29,7 +28,7 @@ from ..choices import choices_from
 from ..errors import track_errors
 from ..experiment import Experiment
 from ..jobs import RunResult
-from ..request import Request, Size
+from ..request import Request, Size, rows_matching
 from ..suite import Paper, engine_suite
 from ..world_spec import WorldSpec
 from .leader import Leader, make_leader_world
@@ -118,11 +117,8 @@ class LeaderJob:
 
 def plan(request: Request, size: Size, columns: Sequence[str]) -> list[LeaderJob]:
     """All filters of a scenario at one seed after another; `size` cuts longer runs."""
-    patterns = [p.strip() for p in (request.rows or '*').split(',')]
-    chosen = [s for s in SCENARIOS if any(fnmatchcase(s.name, p) for p in patterns)]
-    if not chosen:
-        names = '; '.join(s.name for s in SCENARIOS)
-        raise ConfigError(f'--rows {request.rows}: no such row; there are {names}')
+    names = rows_matching(request.rows, (s.name for s in SCENARIOS))
+    chosen = [s for s in SCENARIOS if s.name in names]
     return [
         LeaderJob(s, name, seed, min(s.duration_s, size.duration_s), dict(request.choices.engine))
         for s in chosen

@@ -7,13 +7,10 @@ import time
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-
-from polar_nav_core.errors import ConfigError
 
 from ...calibration.verdicts import Verdict
 from ...foreign.recording import Recording
@@ -23,7 +20,7 @@ from ...tuning.estimate import Tuned, tune
 from ...tuning.verdicts import lines_of, problems
 from ..experiment import Experiment
 from ..jobs import RunResult
-from ..request import Request, Size
+from ..request import Request, Size, rows_matching
 from ..suite import one_filter_suite
 from .rows import ROWS, Row
 
@@ -55,20 +52,14 @@ def plan(request: Request, size: Size, columns: Sequence[str]) -> list[TuneJob]:
     Raises
     ------
     ConfigError
-        When no row has such a name.
+        For a pattern of rows that matches none.
     """
     del columns
-    patterns = [p.strip() for p in (request.rows or '*').split(',')]
-    jobs = [
-        TuneJob(row.name, size.duration_s, seed)
-        for row in ROWS
-        if any(fnmatchcase(row.name, p) for p in patterns)
+    return [
+        TuneJob(name, size.duration_s, seed)
+        for name in rows_matching(request.rows, (row.name for row in ROWS))
         for seed in range(request.first_seed, request.first_seed + size.seeds)
     ]
-    if not jobs:
-        names = ', '.join(row.name for row in ROWS)
-        raise ConfigError(f'--rows {request.rows}: no such row; there are {names}')
-    return jobs
 
 
 def run_job(job: TuneJob) -> RunResult:
