@@ -57,6 +57,7 @@ MODULES = {
     'kernels.sins.signatures': ('evidence', 'gate_rules'),
     'kernels.evidence': ('evidence',),
     'engine.imu_sequence': ('refusals',),
+    'engine.health.led': ('led',),
     'engine.health.mounting': ('mounting',),
     'engine.health.watchdog': ('watchdog', 'shared_errors'),
     'spilled': ('spilled',),
@@ -65,7 +66,7 @@ MODULES = {
 
 _ARITHMETIC = {'Add', 'Sub', 'Mul', 'Div', 'FloorDiv', 'Mod', 'Pow'}
 _COMPARISONS = {'Eq', 'NotEq', 'Lt', 'LtE', 'Gt', 'GtE'}
-SMALL = {'kernels.sins.enlarged': 15}
+SMALL = {'kernels.sins.enlarged': 15, 'engine.health.led': 23}
 """Modules that have fewer than SAMPLE places to change, and how many."""
 
 _MARKS = ('kernel', 'routine', 'entry')

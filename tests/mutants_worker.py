@@ -62,6 +62,8 @@ def forget(module: str) -> None:
         file = getattr(found, '__file__', None)
         if not file or not Path(file).is_relative_to(ROOT) or name == '__main__':
             continue
+        if Path(file).is_relative_to(sys.prefix):  # libraries of others, in .venv of this folder
+            continue
         if name in keep or name.startswith(tuple(f'{k}.kernels.' for k in keep[:1])):
             continue
         del sys.modules[name]

@@ -38,6 +38,24 @@ def test_a_way_within_three_sigmas_is_covered():
     assert any(told(Led(), [(30, (1.6, 0.0)), (100, None)]))
 
 
+@pytest.mark.parametrize(('way', 'heading'), [((-2.0, 0.0), 270), ((2.0, -2.0), 135)])
+def test_the_direction_is_a_heading_in_the_grid(way, heading):
+    (condition,) = told(Led(), [(30, way), (1, None)])[-1]
+    assert f'to grid {heading:03d} deg' in condition.sentence
+
+
+@pytest.mark.parametrize(('pause_s', 'sum_m'), [(59, 2.0), (60, 3.8)])
+def test_evidence_that_pauses_for_a_minute_is_of_the_same_way(pause_s, sum_m):
+    """Sixty seconds between two looks are still the same; the larger of both counts then."""
+    found = told(Led(), [(30, (2.0, 0.0)), (pause_s, None), (30, (1.8, 0.0)), (1, None)])
+    assert f'led the position {sum_m:.1f} m' in found[-1][0].sentence
+
+
+def test_a_short_way_back_is_another_way():
+    """Half a metre back of a metre and a half: none is left that is not covered."""
+    assert not any(told(Led(), [(30, (1.8, 0.0)), (30, (-0.5, 0.0)), (100, None)])[30:])
+
+
 def test_a_covariance_that_has_grown_covers_it():
     led = Led()
     assert told(led, [(30, (2.0, 0.0)), (10, None)])[-1]

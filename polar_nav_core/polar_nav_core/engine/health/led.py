@@ -34,7 +34,7 @@ class Led:
         stamp_ns : int
         shift_G : (2,) array or None
             How far they have moved the position by the evidence of now (`slow.led_by_fixes`), grid
-            axes [m]; None where there is none, and where another condition is not needed.
+            axes [m]; then the condition of that fault itself says so. None where it shows none.
         P_horizontal : (2, 2) array
             Published covariance of the horizontal position, grid axes [m^2].
         """

@@ -14,14 +14,13 @@ from typing import NamedTuple
 from ...arrays import Array
 from ...kernels.sins.consider import DVL_YAW
 from .conditions import Condition, Culprit, Level
+from .shared import KNOWN
+from .slow import BEYOND, SEVERE
 
 BEFORE_NS = 60_000_000_000
 """What was known so long before a gate opened has nothing of what it was refused for."""
-_KNOWN = 0.2
-"""Share of the yaw's variance that innovations must have shown, as in `shared`."""
-_BEYOND = 28.0
-"""Chi-square (1) of the change that is a WARN, as of other slow faults; four times: an ERROR."""
-_SEVERE = 4.0
+_LEAST_VARIANCE = 1e-4
+"""Of a yaw, per stated one: J is that of a linear filter."""
 
 
 class _Yaw(NamedTuple):
@@ -61,14 +60,14 @@ class Mounting:
             return []
         change = now.value - self._before.value
         chi_square = change * change / (now.variance + self._before.variance)
-        if not chi_square > _BEYOND:
+        if not chi_square > BEYOND:
             return []
         sentence = (
             f'the yaw of the DVL against the IMU has changed by {abs(change):.1f} of its stated '
             f'sigma since its gate opened ({math.sqrt(chi_square):.1f} sigma): either has turned '
             'in its mount, and the heading may be off by as much'
         )
-        level = Level.ERROR if chi_square > _SEVERE * _BEYOND else Level.WARN
+        level = Level.ERROR if chi_square > SEVERE * BEYOND else Level.WARN
         culprit = Culprit.DVL | Culprit.IMU | Culprit.HEADING
         return [Condition('mounting', level, culprit, sentence)]
 
@@ -86,6 +85,7 @@ class Mounting:
 def _shown(stamp_ns: int, shared: Array) -> _Yaw | None:
     """What innovations alone, without the prior, show of the yaw; None where they hardly do."""
     known = float(shared[1 + DVL_YAW, DVL_YAW])
-    if not known > _KNOWN:
+    if not known > KNOWN:
         return None
-    return _Yaw(stamp_ns, float(shared[0, DVL_YAW]) / known, max(1.0 - known, 0.0) / known + 1e-4)
+    variance = max(1.0 - known, 0.0) / known + _LEAST_VARIANCE
+    return _Yaw(stamp_ns, float(shared[0, DVL_YAW]) / known, variance)

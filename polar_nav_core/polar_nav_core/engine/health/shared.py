@@ -26,7 +26,7 @@ _NAMES = (
     ('start of the leader to grid north', Culprit.FIXES),
 )
 """By column of the sensitivity (kernels.sins.consider)."""
-_KNOWN = 0.2
+KNOWN = 0.2
 """Share of a common error's variance that innovations show before it is judged."""
 _BEYOND = 20.0
 """Chi-square (1) of what comes out of it that is a WARN; four times that is an ERROR.
@@ -51,7 +51,7 @@ def beyond_stated(shared: Array | None) -> list[Condition]:
     if shared is None:
         return []
     known = np.diagonal(shared[1:])
-    judged = known > _KNOWN
+    judged = known > KNOWN
     chi_square = np.where(judged, shared[0] ** 2 / np.where(judged, known, 1.0), 0.0)
     worst = float(chi_square.max())
     if not worst > _BEYOND:

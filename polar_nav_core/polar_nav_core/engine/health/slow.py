@@ -14,7 +14,7 @@ from .conditions import Condition, Culprit, Level
 
 BEYOND = 28.0
 """T that is a WARN; four times that is an ERROR (docs/derivations/signatures.md, 3)."""
-_SEVERE = 4.0
+SEVERE = 4.0
 _CERTAIN = 40.0
 """T from which on what a fault has done to the estimate is an ERROR, if it is enough: its size is
 6.3 of its own sigmas. In a world as stated once in 20,000 h (signatures.md, 4)."""
@@ -84,10 +84,9 @@ def led_by_fixes(evidence: Evidence | None, P_horizontal: Array) -> Array | None
         return None
     bank, _, per_unit_G = evidence
     statistic = bank[hy.STATISTIC].reshape(hy.SLOTS, hy.KINDS)
-    worst, own = float(statistic.max()), statistic[:, hy.FIX_EAST]
-    slot = int(np.argmax(own))
-    if not worst > BEYOND or not own[slot] > worst - _AS_LIKELY:
+    if not statistic.max() > BEYOND or not _is_as_likely(statistic, hy.FIX_EAST):
         return None
+    slot = int(np.argmax(statistic[:, hy.FIX_EAST]))
     columns = slice(slot * hy.KINDS, (slot + 1) * hy.KINDS)
     shift_G = _shift(bank[:, columns], hy.FIX_EAST, per_unit_G[:, columns])
     return shift_G if shift_in_sigmas(shift_G, P_horizontal) > MOVED else None
@@ -117,7 +116,7 @@ def most_likely(
         Published covariance of the horizontal position, axes of that way [m^2].
     """
     worst = float(statistic.max())
-    kinds = [kind for kind in culprits if statistic[:, kind].max() > worst - _AS_LIKELY]
+    kinds = [kind for kind in culprits if _is_as_likely(statistic, kind)]
     kinds.sort(key=lambda kind: -float(statistic[:, kind].max()))
     culprit = Culprit.NONE
     parts, ways = [], []
@@ -132,8 +131,13 @@ def most_likely(
     misled = worst > _CERTAIN and moved > MOVED
     if misled:
         sentence += f', which has moved the position by {moved:.1f} of its stated sigmas'
-    level = Level.ERROR if misled or worst > _SEVERE * BEYOND else Level.WARN
+    level = Level.ERROR if misled or worst > SEVERE * BEYOND else Level.WARN
     return Condition('slow fault', level, culprit, sentence)
+
+
+def _is_as_likely(statistic: Array, kind: int) -> bool:
+    """Whether a kind explains the evidence about as well as the one that does it best."""
+    return bool(statistic[:, kind].max() > statistic.max() - _AS_LIKELY)
 
 
 def _shift(slot: Array, kind: int, per_unit_G: Array) -> Array:
