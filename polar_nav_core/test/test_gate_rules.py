@@ -203,11 +203,13 @@ def test_a_dvl_that_was_believed_may_say_alone_how_fast_the_vehicle_is(
     assert reopen.may_begin_anew(s, SETTINGS._replace(most_excess=most_excess), DVL) == expected
 
 
-def begun_anew(since_s, attitude=(1e-3, 2e-3, 3e-3)):
+def begun_anew(since_s, attitude=(1e-3, 2e-3, 3e-3), gyro_sigma=0.1, C_b_G=None):
     """State and scratch after a ping that is off by (0.3, -0.4, 1.2) m/s, by `begin_anew`."""
     s, w = fs.make_state(), fs.make_work()
     s.counters[fs.STAMP] = NOW_NS
+    s.C_b_G[:] = np.eye(3) if C_b_G is None else C_b_G
     s.P[:] = np.diag([*attitude, *[0.01] * (N - 3)])
+    s.P[9:12, 9:12] = gyro_sigma**2 * np.diag([0.25, 1.0, 0.5])
     s.v_G[:] = 1.0, 2.0, -0.5
     w.z[:] = 0.3, -0.4, 1.2
     w.R[:] = 0.01 * np.eye(3)
@@ -222,15 +224,34 @@ def begun_anew(since_s, attitude=(1e-3, 2e-3, 3e-3)):
 def test_a_ping_that_begins_anew_makes_velocity_way_and_tilt_uncertain(since_s, tilt):
     s, w = begun_anew(since_s)
     square = 0.3**2 + 0.4**2 + 1.2**2
-    grown = np.diagonal(s.P) - [1e-3, 2e-3, 3e-3, *[0.01] * (N - 3)]
+    before = [1e-3, 2e-3, 3e-3, *[0.01] * 6, 0.0025, 0.01, 0.005, *[0.01] * (N - 12)]
+    grown = np.diagonal(s.P) - before
     np.testing.assert_allclose(grown[:2], tilt**2, rtol=1e-9)
     assert grown[2] == 0.0
     np.testing.assert_allclose(grown[3:6], square, rtol=1e-9)
     np.testing.assert_allclose(grown[6:9], square * since_s**2, rtol=1e-9)
-    np.testing.assert_array_equal(grown[9:], 0.0)
+    np.testing.assert_allclose(grown[11:], 0.0, atol=1e-15)
     assert np.count_nonzero(s.P - np.diag(np.diagonal(s.P))) == 0
     np.testing.assert_array_equal(w.H[:, :3], 0.0)
     np.testing.assert_array_equal(w.H[:, 3:], 1.0)
+
+
+@pytest.mark.parametrize(
+    ('since_s', 'gyro_sigma', 'bias'),
+    [
+        (2.0, 0.1, 2.0 * 0.5 / (9.8 * 4.0)),  # b = 2 |z| / (g t^2) of the horizontal 0.5 m/s
+        (10.0, 0.1, 2.0 * 0.5 / (9.8 * 100.0)),
+        (2.0, 1e-3, 10e-3),  # at most ten sigmas of the gyro known least
+        (0.0, 1e-3, 10e-3),
+    ],
+)
+def test_biases_of_the_level_gyros_may_be_what_makes_a_ping_begin_anew(since_s, gyro_sigma, bias):
+    rng = np.random.default_rng(5)
+    C_b_G = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    s, _ = begun_anew(since_s, gyro_sigma=gyro_sigma, C_b_G=C_b_G)
+    grown = s.P[9:12, 9:12] - gyro_sigma**2 * np.diag([0.25, 1.0, 0.5])
+    expected = bias**2 * np.diag([1.0, 1.0, 0.0])
+    np.testing.assert_allclose(C_b_G @ grown @ C_b_G.T, expected, rtol=0.0, atol=1e-9 * bias**2)
 
 
 @pytest.mark.parametrize('attitude', [(5e-3, 2e-3, 3e-3), (1e-3, 4e-3, 3e-3), (1e-3, 2e-3, 9e-3)])

@@ -17,7 +17,8 @@ side. Fixes need not be refused first, which come seldom and show a velocity lat
 enough then, the velocity has jumped, or run away: it and the way since the last ping get the
 variance of the innovation itself. What makes it run away is a wrong tilt, by which gravity leaks
 into it (a turn that the gyros did not measure, or measured and never was): so tilt gets the
-variance that explains the innovation by now, with its correlation to the velocity.
+variance that explains the innovation by now. A gyro whose bias has jumped makes a tilt that grows:
+the biases of the horizontal gyros get the variance that explains it, too.
 """
 
 from __future__ import annotations
@@ -49,8 +50,10 @@ CHANCES = 3
 """Times that a gate opens at once: what they do not mend is no matter of the covariance."""
 LEAST, MOST = 2.0, 100.0
 """Limits of the factor on P."""
-VELOCITY, POSITION = 3, 6
+VELOCITY, POSITION, GYRO_BIAS = 3, 6, 9
 """First states of a kind."""
+MOST_BIAS = 10.0
+"""Most that a gyro's bias may have jumped, in its sigmas."""
 VOUCHED_NS = 60_000_000_000
 """A fix vouches for the inertial navigation for so long."""
 FIXES = 5
@@ -167,9 +170,10 @@ def begin_anew(s: State, w: Work, since_ns: int) -> None:
     """Let the judged ping alone say how fast the vehicle is, and tilt be as uncertain as it shows.
 
     P gets the variance of the innovation for the velocity, that of its way for the position, and
-    for the tilt that of one that began at ``since_ns`` and has led to the innovation by now. With
-    a velocity so far off, rows of attitude are those of another velocity; they are left out, what
-    the attitude does to the ping goes to its noise, and the pings to come show the tilt.
+    for the tilt, and for the biases of the horizontal gyros, that of one that began at
+    ``since_ns`` and has led to the innovation by now. With a velocity so far off, rows of attitude
+    are those of another velocity; they are left out, what the attitude does to the ping goes to
+    its noise, and the pings to come show the tilt.
     """
     square = square_of(w, fs.VECTOR)
     since_s = (s.counters[fs.STAMP] - since_ns) * 1e-9
@@ -184,11 +188,30 @@ def begin_anew(s: State, w: Work, since_ns: int) -> None:
         speed2 += (s.v_G[k] - w.z[k]) * (s.v_G[k] - w.z[k])
     for k in range(2):
         s.P[k, k] += tilt * tilt
+    _doubt_gyros(s, w, since_s)
     turned = max(s.P[0, 0], s.P[1, 1], s.P[2, 2]) * speed2
     for a in range(fs.VECTOR):
         w.R[a, a] += turned
         for k in range(3):
             w.H[a, k] = 0.0
+
+
+@kernel
+def _doubt_gyros(s: State, w: Work, since_s: float) -> None:
+    """Let the gyros' horizontal biases be as uncertain as makes tilt explain the innovation.
+
+    A bias b that began ``since_s`` ago makes g b t^2 / 2 of velocity by now.
+    """
+    most = 0.0
+    for k in range(GYRO_BIAS, GYRO_BIAS + 3):
+        most = max(most, MOST_BIAS * math.sqrt(s.P[k, k]))
+    bias = most
+    if since_s > 0.0:
+        bias = min(most, 2.0 * math.hypot(w.z[0], w.z[1]) / (GRAVITY * since_s * since_s))
+    for i in range(3):
+        for j in range(3):
+            horizontal = s.C_b_G[0, i] * s.C_b_G[0, j] + s.C_b_G[1, i] * s.C_b_G[1, j]
+            s.P[GYRO_BIAS + i, GYRO_BIAS + j] += bias * bias * horizontal
 
 
 @kernel
