@@ -241,8 +241,8 @@ def test_a_ping_that_begins_anew_makes_velocity_way_and_tilt_uncertain(since_s, 
     [
         (2.0, 0.1, 2.0 * 0.5 / (9.8 * 4.0)),  # b = 2 |z| / (g t^2) of the horizontal 0.5 m/s
         (10.0, 0.1, 2.0 * 0.5 / (9.8 * 100.0)),
-        (2.0, 1e-3, 10e-3),  # at most ten sigmas of the gyro known least
-        (0.0, 1e-3, 10e-3),
+        (2.0, 1e-4, 1e-2),  # at most a hundred sigmas of the gyro known least
+        (0.0, 1e-4, 1e-2),
     ],
 )
 def test_biases_of_the_level_gyros_may_be_what_makes_a_ping_begin_anew(since_s, gyro_sigma, bias):

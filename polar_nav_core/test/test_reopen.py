@@ -277,6 +277,17 @@ def test_a_tilt_that_is_wrong_at_once_is_found_with_the_velocity(world, inputs, 
     assert sum(h.resets for h in result.health[-1:]) <= 2
 
 
+@pytest.mark.parametrize('deg_per_h', [-100.0, 300.0])
+def test_a_gyro_whose_bias_has_jumped_is_found_with_the_velocity(world, inputs, deg_per_h):
+    """By 700 to 2,000 of its stated sigmas."""
+    rate = deg_per_h / 3600.0
+    result = run(world, kicked(inputs, rate * 100.0, 1, length_s=100.0))
+    assert first_opening_s(result) < 25.0
+    error = result.track.sensor_errors[-1, 1] - np.radians(rate)
+    assert abs(error) < 4.0 * np.sqrt(result.track.P[-1, 10, 10])
+    assert off(result, world, result.track.stamps_ns[-1])[1:] < (0.1, 0.0005)
+
+
 def test_fixes_refused_in_a_row_back_a_dvl_where_there_is_no_depth(world, inputs):
     alone = run(world, without_depths(kicked(inputs, 3.0, 0)))
     assert 4.0 < first_opening_s(alone) < 14.0

@@ -52,7 +52,7 @@ LEAST, MOST = 2.0, 100.0
 """Limits of the factor on P."""
 VELOCITY, POSITION, GYRO_BIAS = 3, 6, 9
 """First states of a kind."""
-MOST_BIAS = 10.0
+MOST_BIAS = 100.0
 """Most that a gyro's bias may have jumped, in its sigmas."""
 VOUCHED_NS = 60_000_000_000
 """A fix vouches for the inertial navigation for so long."""

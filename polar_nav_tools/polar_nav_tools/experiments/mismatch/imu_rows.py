@@ -17,7 +17,7 @@ IMU_ROWS: tuple[Row, ...] = (
     ),
     *(
         row(f'gyro_step_{dph:g}dph', f.ImuStep(gyro_dph=dph, start_s=START_S), (IMU,))
-        for dph in (0.1, 1.0)
+        for dph in (0.1, 1.0, 10.0, 100.0)
     ),
     *(
         row(
