@@ -98,6 +98,7 @@ def used_by_tests(package: str) -> set[str]:
     return {KEYS.get(name, name) for name in names}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('package', PACKAGES)
 def test_package_xml_names_every_import_and_nothing_else(package):
     assert declared(package, 'exec_depend', 'depend') == used(package)

@@ -13,6 +13,8 @@ from polar_nav_core.params import NodeParams
 from polar_nav_core.retired import RETIRED
 from polar_nav_tools.development.pages import NODES
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[1]
 PACKAGES = ('core', 'ros', 'sim', 'leader', 'follower', 'tools')
 DECLARING = {

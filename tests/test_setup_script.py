@@ -20,6 +20,8 @@ import pytest
 
 from polar_nav_core import background
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).resolve().parents[1]
 LOCK = f'.venv/{background.LOCK}'
 STEPS = ('venv', 'requirements', 'wheels', 'messages', 'link')
@@ -233,7 +235,6 @@ AFTER = {
 }
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize('how', ['INT', 'TERM', 'KILL', 'power cut'])
 @pytest.mark.parametrize('step', STEPS)
 def test_an_interrupted_set_up_is_completed(tree, step, how):

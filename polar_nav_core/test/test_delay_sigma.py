@@ -9,6 +9,8 @@ from closed_loop import World, inputs_of
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.events import Verdict
 
+pytestmark = pytest.mark.slow
+
 LAG = 0.8
 """1-sigma of the lag [s]."""
 

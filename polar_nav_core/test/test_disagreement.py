@@ -14,6 +14,8 @@ from polar_nav_core.engine.health.heading import heading_unknown
 from polar_nav_core.engine.health.watchdog import Level
 from polar_nav_core.engine.integrity import IntegrityMonitor
 
+pytestmark = pytest.mark.slow
+
 MEMS = Unlearnt(heading=0.6, scale=0.03, gyro_bias=0.01)
 TACTICAL = Unlearnt(heading=0.0015, scale=0.004, gyro_bias=5e-6)
 SIGMA, PERIOD_S = 2.0, 5.0

@@ -95,6 +95,7 @@ def test_rows_of_the_vertical_are_its_slopes(axis):
         assert float(f.work.z[0]) / 1e-5 == pytest.approx(f.work.H[0, k], abs=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('tilts', [False, True])
 def test_common_errors_reach_a_heading_through_the_state_only(tilts):
     """What a smoother reads of its updates: rows of the measurement before are not in them."""

@@ -11,6 +11,8 @@ from polar_nav_core.engine import smoothing
 from polar_nav_core.engine.events import Verdict
 from polar_nav_core.engine.sins.recorded import Recorded
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope='module')
 def world():

@@ -27,6 +27,8 @@ from polar_nav_core.identification.result import IdentificationVerdict as Verdic
 from polar_nav_core.identification.track import BIAS, SIZE, TrackModel, drag_of, drag_slopes
 from polar_nav_core.identification.window import position_fix
 
+pytestmark = pytest.mark.slow
+
 PARAMS = IdentificationParams()
 FULL = Sensors()
 PAPER = Scene()
@@ -115,7 +117,6 @@ def test_drag_in_both_words():
     assert share_sigma == pytest.approx(100.0 * (d2 * at / (d1 + d2 * at)).std(), rel=0.03)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ('sensors', 'scene'),
     [

@@ -14,6 +14,8 @@ from polar_nav_core.engine.health.watchdog import DEPTH, DVL, Envelope, Gaps, Vi
 from polar_nav_core.engine.methods import DELAY_HANDLING
 from polar_nav_core.kernels import watch
 
+pytestmark = pytest.mark.slow
+
 SECONDS = 90.0
 
 

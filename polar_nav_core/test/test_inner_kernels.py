@@ -125,6 +125,7 @@ print(*(sum(k.stats.cache_misses.values()) for k in (once, twice, first, second)
 """
 
 
+@pytest.mark.slow
 @jit_only
 def test_an_entry_links_what_another_process_compiled(tmp_path):
     (tmp_path / 'chain.py').write_text(SOURCE)

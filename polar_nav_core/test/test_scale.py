@@ -10,6 +10,8 @@ from polar_nav_core.engine import run as engine_run
 from polar_nav_core.kernels.sins.rows import SCALE
 from polar_nav_core.kernels.sins.scale import NUMBER, PINGS, calm_scale_rows
 
+pytestmark = pytest.mark.slow
+
 VIBRATION = 0.02
 """Noise of the accelerometers [m/s^2/sqrt(Hz)]."""
 

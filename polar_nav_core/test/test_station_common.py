@@ -12,6 +12,8 @@ from polar_nav_core.engine.engine import Engine
 from polar_nav_core.kernels.station import common
 from polar_nav_core.kernels.station import state as ss
 
+pytestmark = pytest.mark.slow
+
 SECONDS = 40.0
 LINEAR = {
     'configuration': 'custom',

@@ -12,6 +12,8 @@ from polar_nav_core.engine.engine import Engine
 from polar_nav_core.engine.health.conditions import Culprit, Level
 from polar_nav_core.kernels.station import state as ss
 
+pytestmark = pytest.mark.slow
+
 
 @cache
 def world():

@@ -105,6 +105,7 @@ def test_a_growing_current_is_found_with_its_size():
     assert sizes.std(axis=0) == pytest.approx(sigmas, rel=0.2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('kind', 'dof'), [(ss.BEGINS + 1, 2), (ss.DRAGS, 1), (ss.TURNS, 1)])
 def test_each_kind_is_chi_square_without_a_fault_and_found_with_its_size(kind, dof):
     rng, J = np.random.default_rng(10 + kind), 60.0
@@ -157,6 +158,7 @@ def test_a_current_that_grows_is_reported_by_its_signature():
     assert not about_current(ran(0.0))
 
 
+@pytest.mark.slow
 def test_the_evidence_is_the_same_event_by_event():
     whole, single = about_current(ran(GROWS)), about_current(ran(GROWS, one_by_one=True))
     assert whole

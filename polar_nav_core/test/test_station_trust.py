@@ -16,6 +16,8 @@ from polar_nav_core.engine.health.watchdog import FIX, Envelope
 from polar_nav_core.kernels import watch
 from polar_nav_core.kernels.station import state as ss
 
+pytestmark = pytest.mark.slow
+
 SECONDS = 90.0
 JUMP_S = 30.0
 S = np.diag([9.0, 9.0, 1.0])

@@ -6,6 +6,8 @@ import sys
 import numba
 import pytest
 
+pytestmark = pytest.mark.slow
+
 CHILD = """
 import numpy as np
 from numba import njit

@@ -96,6 +96,7 @@ def test_an_imu_of_ten_kilohertz():
     assert plain(out, Estimate) == plain(replayed(events, out), Estimate)
 
 
+@pytest.mark.slow
 def test_a_sensor_that_floods_while_the_imu_is_silent_has_a_bound(monkeypatch):
     """Nothing moves time on, so that everything waits."""
     monkeypatch.setattr(reorder, '_MOST_WAITING', 500)

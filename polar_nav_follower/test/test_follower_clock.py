@@ -34,6 +34,7 @@ def messages(by_ns):
     return out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('by_s', [3600, -10, 2, -2])
 def test_live_equals_replay_across_a_step_of_all_clocks(by_s):
     params = FollowerParams()

@@ -22,6 +22,8 @@ from polar_nav_msgs.msg import AcousticPacket, NavState  # noqa: E402
 from polar_nav_ros.node import DATA_QOS  # noqa: E402
 from polar_nav_ros.stamps import to_msg, to_ns  # noqa: E402
 
+pytestmark = pytest.mark.slow
+
 START_NS = 1_772_323_200_000_000_000
 OK, WARN, ERROR = b'\x00', b'\x01', b'\x02'
 

@@ -125,6 +125,7 @@ def test_inactive_it_navigates_and_is_silent_to_others(world):
     rig.until(lambda: rig.got['odometry'])
 
 
+@pytest.mark.slow
 def test_a_second_source_of_odometry_is_an_error(world):
     rig = Rig(world.params(LeaderParams, navigation='own'))
     rig.peer.create_publisher(Odometry, 'odometry', DATA_QOS)

@@ -123,6 +123,7 @@ def test_each_has_its_name_and_parameters_and_all_are_closed_in_order(start, tmp
     ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('error', ["PolarNavError('the tank is empty')", "KeyError('tank')"])
 def test_a_node_that_fails_is_named_and_those_beside_it_are_closed(start, error):
     process = start(
@@ -138,6 +139,7 @@ def test_a_node_that_fails_is_named_and_those_beside_it_are_closed(start, error)
     assert ('Traceback' in err) is error.startswith('KeyError')
 
 
+@pytest.mark.slow
 def test_a_node_that_fails_as_it_is_closed_leaves_the_closing_of_others_to_them(start):
     sour = FAILING.replace('raise {error}', 'self.ended = 0').replace(
         "print('a node that failed is not closed', flush=True)", "raise PolarNavError('sour')"
@@ -150,6 +152,7 @@ def test_a_node_that_fails_as_it_is_closed_leaves_the_closing_of_others_to_them(
     assert 'b_node closes' in out
 
 
+@pytest.mark.slow
 def test_a_parameter_that_is_refused_ends_all_with_the_name_of_its_node(start):
     process = start('-p', 'b_node:gain:=-1.0', a_node=saying('a'), b_node=saying('b'))
     out, err = process.communicate(timeout=30.0)
@@ -158,6 +161,7 @@ def test_a_parameter_that_is_refused_ends_all_with_the_name_of_its_node(start):
     assert 'failed b_node' in out.splitlines()
 
 
+@pytest.mark.slow
 def test_all_end_with_the_one_that_ends_first_and_its_status(start):
     process = start(a_node=saying('a'), ending_node=ENDING)
     out, err = process.communicate(timeout=30.0)

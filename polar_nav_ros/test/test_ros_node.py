@@ -201,6 +201,7 @@ def test_stamps_round_trip_and_are_read_from_bytes():
         assert stamp_ns_of_cdr(bytes(serialize_message(message))) == ns
 
 
+@pytest.mark.slow
 def test_run_gives_exit_codes():
     code = (
         'import sys; sys.path.insert(0, sys.argv[1])\n'

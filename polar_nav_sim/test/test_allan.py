@@ -28,6 +28,7 @@ def band(dof):
     return 3.0 / np.sqrt(2.0 * dof)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('name', 'length'), RECORDS)
 @pytest.mark.parametrize('triad', TRIADS)
 def test_preset_stays_inside_the_band_of_one_record(name, length, triad):

@@ -18,6 +18,8 @@ from polar_nav_sim.sensors.dvl import DvlSensor
 from polar_nav_sim.sensors.usbl import Cycle, Usbl
 from polar_nav_sim.sound_speed import SoundSpeed
 
+pytestmark = pytest.mark.slow
+
 Z = 4.0
 SEED = 1
 PERIOD_S = 1.0

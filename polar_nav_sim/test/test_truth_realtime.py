@@ -15,6 +15,8 @@ from polar_nav_ros.node import PolarNode  # noqa: E402
 from polar_nav_ros.stamps import to_ns  # noqa: E402
 from polar_nav_sim.nodes.truth_node import TruthNode  # noqa: E402
 
+pytestmark = pytest.mark.slow
+
 SECONDS = 1.0
 SAMPLES = 101
 

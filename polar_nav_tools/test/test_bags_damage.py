@@ -55,6 +55,7 @@ def test_killed_recording(tmp_path):
     assert bag.run_info == {'seed': 7, 'mission': 'line'}
 
 
+@pytest.mark.slow
 def test_cut_anywhere(tmp_path):
     """Every length of a small bag: never another exception, never more or other messages."""
     data = small_bag(tmp_path / 'b').read_bytes()

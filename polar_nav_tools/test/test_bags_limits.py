@@ -70,6 +70,7 @@ def test_topics_by_the_thousand_are_plain_lines(tmp_path, monkeypatch, capsys):
     assert len([line for line in lines if line.endswith(' p/msg/T 1 ')]) == 1200
 
 
+@pytest.mark.slow
 def test_of_thousands_of_followers_a_sentence_names_a_few(tmp_path, monkeypatch, capsys):
     with BagWriter(tmp_path / 'b', {}) as writer:
         for k in range(2000):

@@ -130,6 +130,7 @@ def test_every_run_of_an_entry_starts_anew(record):
             assert np.array_equal(entry.run(), entry.run()), entry.key
 
 
+@pytest.mark.slow
 def test_a_run_has_all_groups_and_is_json():
     reported = []
     result = run(samples=SAMPLES, rounds=1, cycles=3, shortest_s=0.0, report=reported.append)

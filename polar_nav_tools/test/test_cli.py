@@ -234,6 +234,7 @@ def test_test_refuses_long_and_fast_together(polar):
 # -- exit status
 
 
+@pytest.mark.slow
 def test_a_reader_that_goes_away_is_well(strange_bag):
     """As `| head` does; what is still to be written goes nowhere, and nothing complains."""
     command = [sys.executable, '-P', '-m', 'polar_nav_tools.cli', 'doctor', '--all', strange_bag]

@@ -124,6 +124,7 @@ def wheel(tmp_path):
     return path
 
 
+@pytest.mark.slow
 def test_pip_refuses_another_file_than_the_pinned_one(tmp_path, wheel):
     """A wheel of the same name and version with other content, as a registry might hand out."""
     lock = tmp_path / 'requirements.lock'

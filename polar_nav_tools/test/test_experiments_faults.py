@@ -183,6 +183,7 @@ def test_a_run_is_what_a_replay_of_an_injected_bag_gives(tmp_path, row):
     assert found.of(STATE) == states
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('mode', ['imu_2038', 'station/imu_2038'])
 def test_messages_are_read_as_the_events_that_they_are_of(mode):
     world = ROWS[mode].scene.make(3)

@@ -237,6 +237,7 @@ def test_an_interrupted_experiment_goes_on(polar, monkeypatch, tmp_path):
         assert (tmp_path / 'other' / name).read_bytes() == (tmp_path / 'whole' / name).read_bytes()
 
 
+@pytest.mark.slow
 def test_more_seeds_make_the_missing_runs_only(polar, monkeypatch, tmp_path):
     arguments = ('experiment', 'run', 'consistency', '--duration', 30, '--jobs', 1)
     arguments = (*arguments, '--columns', 'rewind', '--out', tmp_path, '--seeds')

@@ -166,6 +166,7 @@ def test_pings_without_lock_and_unknown_covariance(tmp_path):
     compare(path, changes={'dvl_sigma': 0.03, 'water_sound_speed': 1439.0})
 
 
+@pytest.mark.slow
 def test_a_long_dvl_with_both_sound_speeds_navigates_as_the_right_one(tmp_path):
     from rclpy.serialization import deserialize_message, serialize_message
 
@@ -352,6 +353,7 @@ def test_commands_read_a_bag_once(command, monkeypatch, capsys, tmp_path):
     assert status == 0, capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_recorded_steps_of_clocks_are_replayed_by_message(tmp_path):
     """Stamps of all topics leap back by 10 s in the middle, as nav/clock states: nothing else."""
     from rclpy.serialization import deserialize_message, serialize_message

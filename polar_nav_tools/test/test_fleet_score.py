@@ -20,6 +20,8 @@ from polar_nav_tools.fleet.score import Outcome, Scored, tasks_of
 from polar_nav_tools.fleet.task import BagScore
 from polar_nav_tools.tasks.rows import DONE, VARYING, Row
 
+pytestmark = pytest.mark.slow
+
 polar = pytest.fixture(as_a_new_process)
 
 

@@ -11,6 +11,8 @@ from test_bags_large_topics import CAMERA, write_with_images
 from polar_nav_tools.bags import open_bag
 from polar_nav_tools.tasks.rows import VARYING
 
+pytestmark = pytest.mark.slow
+
 FILE = REFERENCE / 'reference_0.mcap'
 
 polar = pytest.fixture(as_a_new_process)
@@ -112,7 +114,6 @@ def test_a_fleet_in_a_bucket(polar, s3, tmp_path):
     assert s3.log.count('HEAD') == 1
 
 
-@pytest.mark.slow
 def test_processes_read_the_bucket_themselves(polar, s3, monkeypatch):
     monkeypatch.setenv('PYTHONPATH', ':'.join(p for p in sys.path if p))
     for name in 'abc':
@@ -166,7 +167,6 @@ def test_nobody_listens(polar, web):
     assert err.count('\n') == 1
 
 
-@pytest.mark.slow
 def test_no_bucket_server_listens(polar, s3, monkeypatch):
     url = s3.put(FILE, 'a.mcap')
     monkeypatch.setenv('AWS_ENDPOINT_URL', 'http://127.0.0.1:1')

@@ -88,6 +88,7 @@ def test_types_without_a_definition_are_named(old: Path, messages: Path) -> None
         open_source(old, msg_path=old)
 
 
+@pytest.mark.slow
 def test_msg_path_of_every_command(
     polar: Polar, old: Path, messages: Path, tmp_path: Path
 ) -> None:

@@ -273,6 +273,7 @@ def test_a_bag_that_was_cut_off_says_what_may_help(
     assert file.read_bytes() == before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('kind', KINDS)
 def test_mutated_bags_give_sentences(bags: dict[str, Path], tmp_path: Path, kind: str) -> None:
     """Cut off or changed bytes: figures or the tool's own error, never another one."""

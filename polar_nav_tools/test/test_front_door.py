@@ -56,6 +56,7 @@ def test_what_needs_no_numbers_loads_none(arguments):
     assert not loaded(*arguments) & HEAVY
 
 
+@pytest.mark.slow
 def test_a_delay_budget_needs_no_signal_processing():
     assert not loaded('delay-budget') & {'scipy.signal', 'matplotlib', 'rclpy'}
 
@@ -112,6 +113,7 @@ def test_a_full_disk_leaves_no_half_trajectory(monkeypatch, capsys, tmp_path, ki
     assert not out.exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('command', ['replay', 'score', 'verify', 'report', 'doctor'])
 def test_without_a_terminal_work_on_a_bag_writes_no_progress(
     monkeypatch, capsys, tmp_path, command

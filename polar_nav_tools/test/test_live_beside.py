@@ -23,6 +23,8 @@ from polar_nav_tools.foreign.sources import open_source
 from polar_nav_tools.replay.by_message import replay
 from polar_nav_tools.replay.verification import verify
 
+pytestmark = pytest.mark.slow
+
 OTHER_DVL, OTHER_DEPTH = '/auv/dvl2/twist', '/auv/pressure2'
 SECOND_NS = 10**9
 

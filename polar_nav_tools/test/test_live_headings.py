@@ -39,6 +39,8 @@ from polar_nav_tools.foreign.sources import open_source
 from polar_nav_tools.replay.by_message import replay
 from polar_nav_tools.replay.verification import verify
 
+pytestmark = pytest.mark.slow
+
 AHRS = '/ahrs/data'
 HEADING = {
     'topic': AHRS,

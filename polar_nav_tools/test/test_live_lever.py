@@ -22,6 +22,8 @@ from polar_nav_tools.foreign.sources import open_source
 from polar_nav_tools.replay.recorded import load_inputs
 from polar_nav_tools.replay.verification import verify
 
+pytestmark = pytest.mark.slow
+
 LEVER_B = [1.2, -0.2, 0.3]
 
 

@@ -72,6 +72,8 @@ from polar_nav_tools.replay.recorded import load_inputs
 from polar_nav_tools.replay.runs import load_replays
 from polar_nav_tools.replay.verification import verify
 
+pytestmark = pytest.mark.slow
+
 EXTRA = {
     'dvl_msgs/msg/DVLDR': BUNDLED['dvl_msgs/msg/DVL'].replace(
         BUNDLED['dvl_msgs/msg/DVL'].partition('=' * 80)[0],

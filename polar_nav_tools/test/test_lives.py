@@ -194,6 +194,7 @@ def test_what_came_while_nobody_listened_is_of_no_life(killed):
     assert heard[1] - heard[0] > 0.3 * S
 
 
+@pytest.mark.slow
 def test_a_life_that_ended_in_order_is_followed_to_its_end(tmp_path):
     bag = two_lives(tmp_path / 'ended', in_order=True)
     first, _ = load_inputs(bag).lives
@@ -215,6 +216,7 @@ def without(source, target, drop):
     return target
 
 
+@pytest.mark.slow
 def test_packets_that_only_the_recorder_got_are_not_taken(killed, tmp_path):
     """A flood: the middleware dropped packets for the node, of which it has told nothing."""
     source, target = open_bag(killed), tmp_path / 'flood'
@@ -279,6 +281,7 @@ def test_a_last_life_that_was_killed_is_followed_to_its_last_output(killed, tmp_
     assert verify(found).equal
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('life', [0, 1])
 def test_a_missing_message_in_either_life_is_a_difference(killed, tmp_path, life):
     lives = load_inputs(killed).lives
@@ -329,6 +332,7 @@ def test_another_configuration_is_replayed_in_each_life(killed):
     assert stamps == [len(life.live[topics.STATE]) for life in load_inputs(killed).lives]
 
 
+@pytest.mark.slow
 def test_the_command_names_the_lives(killed, monkeypatch, capsys):
     monkeypatch.setattr(sys, 'argv', ['polar', 'verify', str(killed)])
     assert main() == 0

@@ -22,6 +22,8 @@ from polar_nav_tools.replay.recorded import load_inputs
 from polar_nav_tools.scoring import compare, mission_phases
 from polar_nav_tools.smoothing.bag import How, smooth_bag
 
+pytestmark = pytest.mark.slow
+
 MINUTES = (2.0, 8.0)
 MB = 1e6
 

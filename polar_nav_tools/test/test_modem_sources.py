@@ -87,6 +87,7 @@ def sailed(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, An
     return sail(tmp_path_factory.mktemp('modem') / 'bag', rows, top), top
 
 
+@pytest.mark.slow
 def test_bytes_of_a_modem_become_fixes_and_live_equals_replay(
     sailed: tuple[Path, dict[str, Any]],
 ) -> None:
@@ -138,6 +139,7 @@ def test_map_finds_the_topic_that_carries_packets(sailed: tuple[Path, dict[str, 
     assert 'own_id: 4' in text
 
 
+@pytest.mark.slow
 def test_damaged_and_short_bytes_get_their_verdict(tmp_path: Path) -> None:
     """A modem with bit errors, and one that cuts a packet at 30 bytes."""
     good = packets()

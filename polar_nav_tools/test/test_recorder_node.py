@@ -75,6 +75,7 @@ def depth(k):
     return message
 
 
+@pytest.mark.slow
 def test_everything_that_is_found_is_recorded(tmp_path):
     bench = Bench(tmp_path / 'b', run_info='{"seed": 5}')
     out = bench.talker.create_publisher(Depth, 'depth/data', DATA_QOS)

@@ -168,6 +168,7 @@ def test_same_input_same_bytes(text):
     assert render(example_input()) == text
 
 
+@pytest.mark.slow
 def test_names_are_escaped():
     (truth, estimate, receipts) = SHORT.runs['modified_akf']
     data = ReportInput(
@@ -197,6 +198,7 @@ def test_written_whole_or_not_at_all(tmp_path):
     assert [p.name for p in path.parent.iterdir()] == ['report.html']
 
 
+@pytest.mark.slow
 def test_what_is_wrong_is_said_at_the_top(text):
     truth, estimate, receipts = SHORT.runs['modified_akf']
     n = len(estimate)

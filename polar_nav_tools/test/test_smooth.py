@@ -121,6 +121,7 @@ def test_json(capsys):
     assert set(said['score']) == {'filter', 'smoother'}
 
 
+@pytest.mark.slow
 def test_score_and_report_show_filter_and_smoother_side_by_side(tmp_path, capsys):
     words = [BAGS / 'reference_4', '-c', 'default', '--smooth']
     assert polar('score', *words, '--json') == 0
@@ -136,6 +137,7 @@ def test_score_and_report_show_filter_and_smoother_side_by_side(tmp_path, capsys
     assert 1.0 < float(delay[1]) < 5.0
 
 
+@pytest.mark.slow
 def test_revisions_are_reported_and_written(tmp_path, capsys):
     """A gate that is too narrow decides much, and otherwise with hindsight."""
     words = ['smooth', BAGS / 'reference_4', '-c', 'custom', '--set', 'gate_probability=0.7']
@@ -200,6 +202,7 @@ def test_a_recording_of_station_mode(of_station):
     assert all(m.drag_quadratic_sigma > 0.0 for m in models)
 
 
+@pytest.mark.slow
 def test_scores_of_both_stand_side_by_side_in_station_mode(capsys):
     assert polar('score', BAGS / 'station', '-c', 'default', '--smooth', '--json') == 0
     runs = json.loads(capsys.readouterr().out)['runs']

@@ -17,6 +17,8 @@ from polar_nav_tools.graph.processes import composed, separate
 from polar_nav_tools.graph.spec import NodeSpec, Stage
 from polar_nav_tools.live.supervisor import RunStatus, Supervisor
 
+pytestmark = pytest.mark.slow
+
 PATIENT = """
     import signal, sys, time
     def main():

@@ -89,6 +89,7 @@ def test_a_mapping_is_suggested_and_the_old_one_stays(vehicle, capsys):
     assert 'exists' in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_recording_of_this_project(capsys):
     assert polar('tune', BAGS / 'reference_4') == 0
     said = capsys.readouterr()
@@ -97,6 +98,7 @@ def test_a_recording_of_this_project(capsys):
     assert 'nothing was changed' in said.out
 
 
+@pytest.mark.slow
 def test_without_a_mapping_parameters_are_printed(capsys):
     words = ['--set', 'dvl_markov_sigma=0.2', '--write']
     assert polar('tune', BAGS / 'reference_4', *words) == 0
@@ -106,6 +108,7 @@ def test_without_a_mapping_parameters_are_printed(capsys):
     assert 'nothing was changed' not in said.out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('kind', ['mcap', 'ros1'])
 def test_a_bag_of_any_origin_and_kind(kind, tmp_path, capsys):
     bag = write_sample(tmp_path / ('cruise' if kind == 'mcap' else 'cruise.bag'), kind)

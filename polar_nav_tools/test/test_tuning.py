@@ -84,6 +84,7 @@ def test_the_maximum_is_that_of_the_dense_normal_distribution(start):
     np.testing.assert_allclose(found.sigma, bound, rtol=0.25)
 
 
+@pytest.mark.slow
 def test_estimates_scatter_as_their_sigma_states():
     truth, prior = np.log([0.5, 2.0]), np.full(2, math.log(3.0))
     start = truth + math.log(5.0)
@@ -264,6 +265,7 @@ def test_a_mems_vehicle_whose_file_states_a_tactical_imu_is_found_out():
     assert found.judged.verdict == 'better'
 
 
+@pytest.mark.slow
 def test_a_short_run_of_a_good_imu_cannot_tell_its_noise(straight):
     params, inputs = straight
     found = tune(recording(params, inputs))
