@@ -17,6 +17,7 @@ from . import earth, grid
 from .arrays import Array
 from .errors import ConfigError
 from .kernels.sins import odometry, present
+from .kernels.sins.present_covariance import STATES
 from .user_files import parse_yaml, read_text
 
 AXES = ('grid', 'enu')
@@ -159,4 +160,4 @@ def warm_up() -> None:
     r_m, C_b_m, moved_m = frame.pose(now)
     DeadReckoning().move(r_m, C_b_m, moved_m, np.eye(3))
     numbers = np.empty(odometry.NUMBERS)
-    odometry.pose_and_twist(r_m, C_b_m, frame.C_e_m, now, np.eye(present.STATES), 0.0, numbers, w)
+    odometry.pose_and_twist(r_m, C_b_m, frame.C_e_m, now, np.eye(STATES), 0.0, numbers, w)

@@ -12,6 +12,7 @@ from polar_nav_core.kernels.sins import consider, signatures
 from polar_nav_core.kernels.sins import hypotheses as hy
 from polar_nav_core.kernels.sins import state as fs
 from polar_nav_core.kernels.sins.update import DR, DV, MARKOV, USBL, N
+from polar_nav_core.kernels.sins.work import make_work
 
 S = 1_000_000_000
 NOW_NS = 10_000 * S
@@ -76,7 +77,7 @@ def test_two_sizes_that_cannot_be_told_apart_have_none(apart, known):
 def filled(seed=1, *, considers=True, born_s=()):
     """State at a stamp with beginnings some time ago, a past with a transition, and scratch."""
     rng = np.random.default_rng(seed)
-    s, w, past = fs.make_state(), fs.make_work(), make_past(2.0, 0.1)
+    s, w, past = fs.make_state(), make_work(), make_past(2.0, 0.1)
     s.counters[fs.STAMP] = s.counters[fs.BANK_NS] = NOW_NS
     s.counters[fs.CLOSED_NS : fs.CLOSED_NS + 3] = NOW_NS
     s.counters[fs.BIRTH_NS] = NOW_NS + 1000 * S

@@ -14,6 +14,7 @@ from polar_nav_core.kernels import watch
 from polar_nav_core.kernels.sins import enlarged, reopen
 from polar_nav_core.kernels.sins import state as fs
 from polar_nav_core.kernels.sins.update import N
+from polar_nav_core.kernels.sins.work import make_work
 
 S = 1_000_000_000
 NOW_NS, SHUT_S = 2_000 * S, 10
@@ -205,7 +206,7 @@ def test_a_dvl_that_was_believed_may_say_alone_how_fast_the_vehicle_is(
 
 def begun_anew(since_s, attitude=(1e-3, 2e-3, 3e-3), gyro_sigma=0.1, C_b_G=None):
     """State and scratch after a ping that is off by (0.3, -0.4, 1.2) m/s, by `begin_anew`."""
-    s, w = fs.make_state(), fs.make_work()
+    s, w = fs.make_state(), make_work()
     s.counters[fs.STAMP] = NOW_NS
     s.C_b_G[:] = np.eye(3) if C_b_G is None else C_b_G
     s.P[:] = np.diag([*attitude, *[0.01] * (N - 3)])
@@ -269,7 +270,7 @@ def test_its_noise_gets_what_the_least_known_angle_makes_of_the_velocity(attitud
     [(DVL, 3, 31.5, 10.5), (DVL, 3, 3.0, 2.0), (DEPTH, 1, 1e4, 100.0), (FIX, 3, 9.0, 3.0)],
 )
 def test_an_opened_gate_enlarges_the_covariance_by_the_nis_per_row(stream, m, nis, factor):
-    s, w = refused(), fs.make_work()
+    s, w = refused(), make_work()
     s.P[:] = np.arange(float(N * N)).reshape(N, N)
     w.nis[0] = nis
     reopen.open_gate(s, w, stream, m)
@@ -278,7 +279,7 @@ def test_an_opened_gate_enlarges_the_covariance_by_the_nis_per_row(stream, m, ni
 
 @pytest.mark.parametrize('stream', [DVL, DEPTH, FIX])
 def test_an_opened_gate_is_counted_and_its_memories_begin_anew(stream):
-    s, w = refused(), fs.make_work()
+    s, w = refused(), make_work()
     s.counters[fs.OPENINGS : fs.OPENINGS + 3] = 1
     s.counters[fs.REFUSED_ROW : fs.REFUSED_ROW + 3] = 7
     s.counters[fs.BORN_NS], s.counters[fs.BIRTH_NS] = NOW_NS, NOW_NS
@@ -301,7 +302,7 @@ def test_an_opened_gate_is_counted_and_its_memories_begin_anew(stream):
 @pytest.fixture
 def stored():
     """State, scratch and a log whose newest step of several has stored another covariance."""
-    s, w, log = fs.make_state(), fs.make_work(), make_log(make_past(1.0, 0.1), steps=True)
+    s, w, log = fs.make_state(), make_work(), make_log(make_past(1.0, 0.1), steps=True)
     rng = np.random.default_rng(1)
     s.P[:], log.step_P[:] = rng.standard_normal((N, N)), rng.standard_normal(log.step_P.shape)
     s.v_G[:] = 1.0, -2.0, 0.5

@@ -7,6 +7,7 @@ from polar_nav_core import attitude, earth
 from polar_nav_core.error_model import X
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.kernels.sins import odometry, present
+from polar_nav_core.kernels.sins.present_covariance import STATES
 from polar_nav_core.local_frame import DeadReckoning, LocalFrame, frame_of_file
 
 
@@ -108,7 +109,7 @@ def test_the_way_in_odom_has_no_step_but_that_of_the_vehicle():
 
 def test_the_numbers_of_an_odometry_are_those_of_matrices():
     rng = np.random.default_rng(3)
-    A = rng.normal(size=(present.STATES, present.STATES))
+    A = rng.normal(size=(STATES, STATES))
     P = A @ A.T
     C_b_G, C_e_G, C_e_m = (attitude.matrix_from_euler(*rng.normal(size=3)) for _ in range(3))
     r_e, v_G, omega = rng.normal(size=3), rng.normal(size=3), rng.normal(size=3)

@@ -15,7 +15,8 @@ from polar_nav_core.engine.sins.sage_husa import (
 )
 from polar_nav_core.engine.sins.settings import make_settings
 from polar_nav_core.kernels.sins import state as fs
-from polar_nav_core.kernels.sins.fuse import adapt_noise
+from polar_nav_core.kernels.sins.judge import adapt_noise
+from polar_nav_core.kernels.sins.work import make_work
 
 B = 0.8
 
@@ -189,7 +190,7 @@ def test_Q_keeps_its_bounds():
 def test_adapted_noise_ends_at_the_ceiling(ceiling, scaled):
     """Without one, the noise grows along with any innovation, and nothing is refused any more."""
     settings = make_settings(EngineParams(configuration='modified_akf', adaptive_ceiling=ceiling))
-    state, work = fs.make_state(), fs.make_work()
+    state, work = fs.make_state(), make_work()
     state.noise[:] = [0.5, 400.0, 1.0, 0.1]
     work.R[:] = np.eye(3)
     adapt_noise(state, settings, work, fs.FIX_ROW, fs.VECTOR)

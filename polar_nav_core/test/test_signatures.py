@@ -11,6 +11,7 @@ from polar_nav_core.kernels.sins import consider, shared, signatures
 from polar_nav_core.kernels.sins import hypotheses as hy
 from polar_nav_core.kernels.sins import state as fs
 from polar_nav_core.kernels.sins.update import DR, DV, GYRO, SCALE, N
+from polar_nav_core.kernels.sins.work import make_work
 
 STEP, BORN = 0.5, 20
 """Time between measurements [s]; number of the step at which the hypotheses begin."""
@@ -244,7 +245,7 @@ def test_equal_updates_at_once_are_those_one_by_one():
 
 def evidence_of_window(last_rows):
     """Evidence of one window of two pings, the last of which has these rows."""
-    s, w = fs.make_state(), fs.make_work()
+    s, w = fs.make_state(), make_work()
     past = make_past(2.0, 0.1)
     s.counters[fs.CONSIDERS] = 1
     s.bank[SCALE, 0] = 1.0

@@ -6,7 +6,7 @@ import pytest
 from polar_nav_core.kernels.sins import smooth
 from polar_nav_core.kernels.sins.consider import COLUMNS
 from polar_nav_core.kernels.sins.model import MOVING, E
-from polar_nav_core.kernels.sins.state import KEPT, STEP, UPDATE
+from polar_nav_core.kernels.sins.rings import KEPT, STEP, UPDATE
 from polar_nav_core.kernels.sins.update import COUPLED, NAV, N
 
 STEPS = 12

@@ -14,7 +14,7 @@ import math
 import numpy as np
 
 from ..arrays import Array
-from ..kernels.sins.present import make_profile, offset_at
+from ..kernels.sins.offset import make_profile, offset_at
 
 _SHARE = 0.8
 """Of the limit, for a first profile: corrections that come meanwhile need the rest."""

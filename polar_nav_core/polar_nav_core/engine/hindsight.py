@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Array, Ints
-from ..kernels.sins import state as fs
+from ..kernels.sins import rings
 from .events import Fix, Rank, Receipt, Verdict
 from .results import chi2_gate
 from .sins.recorded import FixName, FixPlan, Plan, fix_name
@@ -59,7 +59,7 @@ class Judged:
     @classmethod
     def of(cls, stretch: Stretch, residuals: Array, covariances: Array) -> Judged:
         """Measurements of a stretch but headings (and a model), which their gate judges."""
-        kinds = stretch.kinds[stretch.kinds != fs.STEP]
+        kinds = stretch.kinds[stretch.kinds != rings.STEP]
         own = np.isin(stretch.ranks, _JUDGED)
         of_fix = stretch.ranks == Rank.FIX
         L = stretch.L[of_fix]
@@ -68,7 +68,7 @@ class Judged:
             stretch.ranks[own].astype(np.int8),
             stretch.samples[own].astype(np.int32),
             sizes.astype(np.int8),
-            kinds[own] != fs.KEPT,
+            kinds[own] != rings.KEPT,
             _normalized(residuals[own], covariances[own], sizes),
             residuals[of_fix],
             covariances[of_fix],
@@ -187,8 +187,10 @@ def plan_of(
     ``pings`` and ``depths`` are the numbers of samples.
     """
     judged = decisions.judged
-    code = np.where(decisions.fused, fs.TO_FUSE, fs.TO_REFUSE)
-    local = {rank: np.full(n, fs.BY_GATE) for rank, n in ((Rank.DVL, pings), (Rank.DEPTH, depths))}
+    code = np.where(decisions.fused, rings.TO_FUSE, rings.TO_REFUSE)
+    local = {
+        rank: np.full(n, rings.BY_GATE) for rank, n in ((Rank.DVL, pings), (Rank.DEPTH, depths))
+    }
     for rank, imposed in local.items():
         of = judged.ranks == rank
         imposed[judged.samples[of]] = code[of]

@@ -345,7 +345,7 @@ def out_of_reach(
     """Reason to refuse a fix of a station where there is no gate; empty for a plausible one.
 
     It is beyond ``max_fix_sigma``, and farther off than the vehicle can have moved since the last
-    fix was used (``since_ns``). In the strapdown mode `kernels.sins.fuse` decides the same.
+    fix was used (``since_ns``). In the strapdown mode `kernels.sins.judge` decides the same.
     """
     if params.mode != 'station' or math.isfinite(gate) or not params.max_fix_sigma:
         return ''

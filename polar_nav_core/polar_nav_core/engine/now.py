@@ -18,6 +18,8 @@ import numpy as np
 from .. import attitude
 from ..arrays import Array, Ints
 from ..kernels.sins import ahead, present
+from ..kernels.sins.offset import Profile, make_profile
+from ..kernels.sins.present_covariance import STATES, covariance_now
 from ..machine_code import machine_code
 from ..output_params import OutputParams
 from .bleed import Bleed
@@ -112,11 +114,11 @@ class Predictor:
         self._track, self._spare = present.make_track(), present.make_track()
         self._step, self._scratch = present.make_step(), present.make_scratch()
         self._stamps_ns, self._samples_b = _room_for(_ROOM)
-        self._P = np.zeros((present.STATES, present.STATES))
+        self._P = np.zeros((STATES, STATES))
         self._filter: NavigationFilter | None = None
         self._run: Callable[..., int] = present.follow
         self._grown: NavigationFilter | None = None
-        self._grow: Callable[..., None] = present.covariance_now
+        self._grow: Callable[..., None] = covariance_now
         self._begun = self._lost = False
         self.jumps = 0
 
@@ -191,7 +193,7 @@ class Predictor:
         self._lost = False
 
     @property
-    def _profiles(self) -> tuple[present.Profile, present.Profile]:
+    def _profiles(self) -> tuple[Profile, Profile]:
         return self._offset_e.profile, self._turn_e.profile
 
     def covariance(self, engine: Engine) -> Array:
@@ -203,10 +205,10 @@ class Predictor:
         fusion, track = engine.fusion, self._track
         if not (isinstance(fusion, Fusion) and self._begun):
             raise ValueError('there is no state')
-        f, P = fusion.filter, np.empty((present.STATES, present.STATES))
+        f, P = fusion.filter, np.empty((STATES, STATES))
         given = f.state, f.settings, track, *self._profiles, P, self._scratch
         if f is not self._grown:
-            self._grown, self._grow = f, machine_code(present.covariance_now, *given)
+            self._grown, self._grow = f, machine_code(covariance_now, *given)
         self._grow(*given)
         return self._at_base_link(P, track) if self._lever_b.any() else P
 
@@ -237,10 +239,10 @@ def _room_for(samples: int) -> tuple[Ints, Array]:
 def warm_up(f: NavigationFilter) -> None:
     """Compile or load the kernels used here, with the state of a filter."""
     track, step, scratch = present.make_track(), present.make_step(), present.make_scratch()
-    before, lever_b, profile = present.make_track(), np.zeros(3), present.make_profile()
-    limits, P = np.ones(2), np.empty((present.STATES, present.STATES))
+    before, lever_b, profile = present.make_track(), np.zeros(3), make_profile()
+    limits, P = np.ones(2), np.empty((STATES, STATES))
     rest = *_room_for(1), 0, limits, lever_b, step, scratch
     present.follow(f.state, f.settings, track, before, False, *rest)
     present.describe_now(track, profile, profile, lever_b, step, np.empty(present.VALUES), scratch)
-    present.covariance_now(f.state, f.settings, track, profile, profile, P, scratch)
+    covariance_now(f.state, f.settings, track, profile, profile, P, scratch)
     Bleed(1.0, 1.0, 1.0).at(0)

@@ -13,6 +13,7 @@ from ..arrays import Array
 from ..identification.result import Identification
 from ..kernels.sins import state as fs
 from ..kernels.sins.model import E
+from ..kernels.sins.output import make_rows
 from ..kernels.station import state as ss
 from .engine import Engine
 from .events import Estimate, ModelEstimate, Output, Receipt
@@ -161,12 +162,12 @@ class SinsPieces:
         self._noise = params.gyro_noise_density
         self._moved: tuple[Array, Rates] | None = None
         room = _ROWS_DERIVED if derived else _ROWS
-        self.rows = fs.make_rows(room, model=self._model.on, derived=derived)
+        self.rows = make_rows(room, model=self._model.on, derived=derived)
 
     def moved_by(self, lever_b: Array, rates: Rates) -> None:
         """Have rows of the IMU's point moved to base_link; ``lever_b`` is from there to it."""
         self._moved = lever_b, rates
-        self.rows = fs.make_rows(_ROWS, model=self._model.on, derived=False)
+        self.rows = make_rows(_ROWS, model=self._model.on, derived=False)
 
     def of_rows(self, n: int, fixes: Stamps) -> Track:
         """The first n rows as views, with the counts of fixes (n, 3)."""

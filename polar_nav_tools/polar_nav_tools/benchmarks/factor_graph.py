@@ -24,7 +24,7 @@ from polar_nav_core.engine.sins.stretch import Stretch
 from polar_nav_core.engine.sins.tape import Tape
 from polar_nav_core.engine.smoothed import Smoothed, at_validity
 from polar_nav_core.engine.track import Track
-from polar_nav_core.kernels.sins import state as fs
+from polar_nav_core.kernels.sins import rings
 from polar_nav_core.kernels.sins.update import COUPLED, MARKOV, NAV, USBL, N
 
 AS_STATED: dict[str, Any] = {
@@ -120,7 +120,7 @@ def linear_run(params: EngineParams, inputs: Inputs, every_s: float = 1.0) -> Li
             if number == len(s.kinds):
                 break
             i = int(s.indices[number])
-            if s.kinds[number] == fs.STEP:
+            if s.kinds[number] == rings.STEP:
                 fed_back = Phi[step] @ fed_back
                 step += 1
                 continue

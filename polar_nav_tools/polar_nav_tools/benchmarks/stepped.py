@@ -19,7 +19,7 @@ from polar_nav_core.arrays import Array
 from polar_nav_core.engine.engine import Engine
 from polar_nav_core.engine.events import Event
 from polar_nav_core.errors import PolarNavError
-from polar_nav_core.kernels.sins import state as fs
+from polar_nav_core.kernels.sins import rings
 
 from .covariance import difference
 from .late_fixes import Prepared, aged, before, drive, engine_of, simulated, taken_over
@@ -142,7 +142,7 @@ def _stored(engine: Engine, rest: list[Event]) -> Stored:
     for entry in range(first, int(log.counts[0])):
         e = entry % len(log.kinds)
         number = int(log.numbers[e])
-        if log.kinds[e] == fs.STEP:
+        if log.kinds[e] == rings.STEP:
             Phi = f.past.transitions[number % len(f.past.transitions)].copy()
             found.append((Phi, Q, []))
             x, P = Phi @ x, log.step_P[number % len(log.step_P)].copy()

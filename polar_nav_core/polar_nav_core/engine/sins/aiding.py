@@ -10,7 +10,9 @@ import numpy as np
 from ... import attitude
 from ...error_model import X
 from ...kernels.sins import model as fm
+from ...kernels.sins import settings
 from ...kernels.sins import state as fs
+from ...kernels.sins.settings import Aiding
 from ...kernels.sins.update import N
 from ..events import Array, ModelEstimate
 from ..params import EngineParams
@@ -25,11 +27,11 @@ _D1, _D1_SIGMA, _D2, _D2_SIGMA, _CORRELATION, _WALK, _LOCK = range(24, 31)
 WIDTH = 31
 
 
-def make_aiding(p: EngineParams) -> fs.Aiding:
+def make_aiding(p: EngineParams) -> Aiding:
     """Settings of the vehicle's model for the compiled filter."""
     model = p.vehicle_model()
     strongest = model.total_drag(p.model_speed) / float(model.inertia[0])
-    return fs.Aiding(
+    return Aiding(
         on=p.model_aiding,
         numbers=np.array(
             [
@@ -77,21 +79,21 @@ def start(state: fs.State, p: EngineParams) -> None:
         P_ee[fm.CURRENT + k, fm.CURRENT + k] = variance
 
 
-def values_of(blocks: Array, aiding: fs.Aiding) -> Array:
+def values_of(blocks: Array, aiding: Aiding) -> Array:
     """Model estimates as rows (n, `WIDTH`) from blocks of the filter (n, MODEL_ROWS, 7)."""
     e, P_ee = blocks[:, fs.MEAN], blocks[:, fs.P_EE : fs.MEAN]
     v = np.zeros((len(blocks), WIDTH))
     v[:, _V_R] = e[:, :3]
     # What the model leaves out is no error of V_c or of v_G, so it is one of v_r.
-    left_out = aiding.numbers[fs.DIFFERENCE, [0, 0, 1]]
+    left_out = aiding.numbers[settings.DIFFERENCE, [0, 0, 1]]
     v[:, _V_R_COVARIANCE] = (P_ee[:, :3, :3] + np.diag(left_out)).reshape(-1, 9)
     c = slice(fm.CURRENT, fm.LOG_DRAG)
     v[:, _CURRENT][:, :2] = e[:, c]
     covariance = np.zeros((len(blocks), 3, 3))
     covariance[:, :2, :2] = P_ee[:, c, c]
-    covariance[:, 2, 2] = aiding.numbers[fs.DIFFERENCE, 1]
+    covariance[:, 2, 2] = aiding.numbers[settings.DIFFERENCE, 1]
     v[:, _CURRENT_COVARIANCE] = covariance.reshape(-1, 9)
-    total, share, U = np.exp(e[:, fm.LOG_DRAG]), e[:, fm.SHARE], aiding.numbers[fs.OTHER, 1]
+    total, share, U = np.exp(e[:, fm.LOG_DRAG]), e[:, fm.SHARE], aiding.numbers[settings.OTHER, 1]
     p_ll, p_lf, p_ff = (
         P_ee[:, i, j]
         for i, j in ((fm.LOG_DRAG, fm.LOG_DRAG), (fm.LOG_DRAG, fm.SHARE), (fm.SHARE, fm.SHARE))
@@ -105,7 +107,7 @@ def values_of(blocks: Array, aiding: fs.Aiding) -> Array:
     v[:, _D1], v[:, _D1_SIGMA] = d1, np.sqrt(v_11)
     v[:, _D2], v[:, _D2_SIGMA] = d2, np.sqrt(v_22)
     v[:, _CORRELATION] = v_12 / np.sqrt(v_11 * v_22)
-    v[:, _WALK] = aiding.numbers[fs.WALKS, 1]
+    v[:, _WALK] = aiding.numbers[settings.WALKS, 1]
     v[:, _LOCK] = blocks[:, fs.THRUST, fs.LOCKED]
     return v
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from ...error_model import X
 from ...errors import FilterDivergence
-from ...kernels.sins import bridge, consider, enlarged, hypotheses, reopen
+from ...kernels.sins import bridge, consider, enlarged, hypotheses, output, reopen
 from ...kernels.sins import events as fe
 from ...kernels.sins import fuse as ff
 from ...kernels.sins import late as filter_late
@@ -24,6 +24,11 @@ from ...kernels.sins import run as filter_run
 from ...kernels.sins import state as fs
 from ...kernels.sins import update as kf
 from ...kernels.sins import walk as filter_walk
+from ...kernels.sins.judge import judge, remember
+from ...kernels.sins.measured import fill_dvl
+from ...kernels.sins.rings import Log, Past
+from ...kernels.sins.settings import Settings
+from ...kernels.sins.work import Work, make_work
 from ...machine_code import machine_code
 from ...order import NEVER_NS
 from ..events import (
@@ -88,7 +93,7 @@ class NavigationFilter:
         model = params.model_aiding
         self.state = fs.make_state(model=model)
         self.frames = fs.make_frames()
-        self.work = fs.make_work()
+        self.work = make_work()
         self.settings = make_settings(params, initial, stamp_ns)
         if states_every:
             self.settings = self.settings._replace(steps_per_snapshot=states_every)
@@ -108,7 +113,7 @@ class NavigationFilter:
         self.history = History(self.past, self.state)
         kept_s = params.history_s if snapshots else 0.0
         self.streams = st.live_streams(kept_s, 1.0 / IMU_PERIOD_S, CORRECTIONS_PER_S)
-        self.rows = fs.NO_ROWS
+        self.rows = output.NO_ROWS
         self._run: Callable[..., int] | None = None
         self._run_on: tuple[Any, ...] = ()
         self.process: ProcessNoise | None = None
@@ -179,7 +184,7 @@ class NavigationFilter:
         return self.settings.estimates_usbl_bias
 
     @property
-    def parts(self) -> tuple[fs.State, fs.Frames, fs.Settings, fs.Past, fs.Work, fs.Log]:
+    def parts(self) -> tuple[fs.State, fs.Frames, Settings, Past, Work, Log]:
         """The first arguments of most kernels: state, stored past and scratch, in their order."""
         return self.state, self.frames, self.settings, self.past, self.work, self.log
 
@@ -364,14 +369,14 @@ class NavigationFilter:
         stated = w.R.copy()
         noise.apply(w.R)
         w.nis[1] = 1.0
-        if not ff.judge(self.state, self.settings, w, w.R, m):
+        if not judge(self.state, self.settings, w, w.R, m):
             raise FilterDivergence(_WHY[fs.S_NOT_DEFINITE])
         S = w.S.copy()
         tally = self.state.tally[stream]
         fused = bool(w.nis[0] <= self.settings.gates[m])
         if fused:
             w.nis[1] = inflation(noise.robust, float(w.nis[0]), m)
-        ff.remember(self.state, self.settings, w, w.z, stream, m, fused)
+        remember(self.state, self.settings, w, w.z, stream, m, fused)
         if not fused:
             tally[fs.GATED] += 1.0
             return self.outcome(m, fused=False)
@@ -393,7 +398,7 @@ class NavigationFilter:
 
     def fill_dvl(self, ping: DvlPing) -> None:
         """Fill ``H``, ``R``, ``z`` with the rows of a DVL ping."""
-        fe.fill_dvl(
+        fill_dvl(
             self.state,
             self.frames,
             self.settings,

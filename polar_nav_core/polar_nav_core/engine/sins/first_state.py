@@ -16,6 +16,7 @@ from ...kernels.sins import compass
 from ...kernels.sins import fuse as ff
 from ...kernels.sins import state as fs
 from ...kernels.sins import update as kf
+from ...kernels.sins.settings import Settings
 from ..events import Array, InitialState
 from ..params import EngineParams
 from ..plausibility import MOST_VARIANCE
@@ -27,7 +28,7 @@ _LOST_RATE, _LOST_ACCELERATION = 0.1, 0.5
 """What the vehicle may have done since [rad/s], [m/s^2], as in a gap between IMU samples."""
 
 
-def set_out(own: fs.State, c: fs.Settings, p: EngineParams, s: InitialState) -> None:
+def set_out(own: fs.State, c: Settings, p: EngineParams, s: InitialState) -> None:
     """Fill the state with a stated start, its sigmas and those of the sensors."""
     own.r_e[:] = earth.ecef_from_geodetic(s.latitude, s.longitude, s.height)
     own.v_G[:] = s.v_G
@@ -54,14 +55,14 @@ def set_out(own: fs.State, c: fs.Settings, p: EngineParams, s: InitialState) -> 
     aiding.start(own, p)
 
 
-def heading_sigmas(c: fs.Settings) -> Array:
+def heading_sigmas(c: Settings) -> Array:
     """Sigmas at the start of the last three states where headings are used [rad], (3,)."""
     coloured = math.sqrt(c.heading.noise[compass.MARKOV_VARIANCE])
     bias = c.heading.noise[compass.START]
     return np.array([bias, coloured, bias])
 
 
-def restore(s: fs.State, frames: fs.Frames, c: fs.Settings, good: Array, since_s: float) -> None:
+def restore(s: fs.State, frames: fs.Frames, c: Settings, good: Array, since_s: float) -> None:
     """Fill the state with the newest sound one of a filter that was lost, moved on and enlarged.
 
     Correlations are dropped: they may be what was lost.

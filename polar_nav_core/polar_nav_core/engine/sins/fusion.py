@@ -13,10 +13,10 @@ import numpy as np
 
 from ... import earth
 from ...identification.result import Identification
-from ...kernels.sins import events as fe
 from ...kernels.sins import rows as filter_rows
 from ...kernels.sins import state as fs
 from ...kernels.sins import update as kf
+from ...kernels.sins.measured import fill_shared
 from ..away import TURN_OVER_S, WANDER_OVER_S, turn_rate, wander
 from ..driver import Driver
 from ..events import (
@@ -249,7 +249,7 @@ class Fusion:
         """Fill ``H``, ``R``, ``z`` with the fix against the position at an epoch plus v dt."""
         f = self.filter
         split = f.leader.split(fix)
-        fe.fill_shared(f.work.C_a_G, f.settings, f.frames.C_e_G, fix.array_heading, split.common_e)
+        fill_shared(f.work.C_a_G, f.settings, f.frames.C_e_G, fix.array_heading, split.common_e)
         point_e: Array = epoch.point_e + epoch.velocity_e * ((stamp_ns - epoch.stamp_ns) * 1e-9)
         filter_rows.fix_rows(
             f.work.H,

@@ -13,8 +13,9 @@ import numpy as np
 
 from ...arrays import Ints
 from ...kernels.sins import state as fs
-from ...kernels.sins.events import epoch_place
 from ...kernels.sins.late import newest_until
+from ...kernels.sins.measured import epoch_place
+from ...kernels.sins.rings import Past
 from ...kernels.sins.transition import INVERSE
 from ...kernels.sins.update import N
 from ..events import Array
@@ -52,7 +53,7 @@ class Epoch:
     correction: int
 
 
-def make_past(length_s: float, step_s: float, *, model: bool = False) -> fs.Past:
+def make_past(length_s: float, step_s: float, *, model: bool = False) -> Past:
     """Rings of epochs, transitions and corrections that last ``length_s`` seconds.
 
     A vehicle's model corrects at each step.
@@ -61,7 +62,7 @@ def make_past(length_s: float, step_s: float, *, model: bool = False) -> fs.Past
     rate = CORRECTIONS_PER_S + (1.0 / step_s if model else 0.0)
     corrections = int(length_s * rate) + 16
     steps = int(length_s / step_s) + 2
-    return fs.Past(
+    return Past(
         stamps=np.zeros(epochs, dtype=np.int64),
         positions=np.zeros((epochs, 3)),
         velocities=np.zeros((epochs, 3)),
@@ -87,7 +88,7 @@ class History:
         Its counters hold how much of them is filled.
     """
 
-    def __init__(self, past: fs.Past, state: fs.State) -> None:
+    def __init__(self, past: Past, state: fs.State) -> None:
         self._past = past
         self._counters = state.counters
         self._C_e_G = np.zeros((3, 3))

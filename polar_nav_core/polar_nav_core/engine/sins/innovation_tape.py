@@ -11,6 +11,7 @@ import numpy as np
 
 from ...arrays import Array, Ints
 from ...errors import PolarNavError
+from ...kernels.sins import rings
 from ...kernels.sins import state as fs
 from .tape import Tape
 
@@ -49,7 +50,7 @@ class InnovationTape(Tape):
         if count - self._taken > len(log.kinds):
             raise PolarNavError('the log of the filter went round before it was copied')
         order = np.arange(self._taken, count) % len(log.kinds)
-        order = order[log.kinds[order] == fs.UPDATE]
+        order = order[log.kinds[order] == rings.UPDATE]
         rows = log.numbers[order] % len(log.H)
         sizes = log.rows[order]
         stacked = np.concatenate([log.z[rows][:, :, None], log.moved[rows]], axis=2)

@@ -7,21 +7,20 @@ import numpy as np
 from ...kernels.sins import state as fs
 from ...kernels.sins.consider import COLUMNS
 from ...kernels.sins.model import E
+from ...kernels.sins.rings import Log, Past, make_hindsight
 from ...kernels.sins.update import N
 
 STEPS_PER_BLOCK = 20
 """Covariance steps in a block of `clone`; long blocks are dear to enter, short ones to pass."""
 
 
-def make_log(
-    past: fs.Past, *, steps: bool = False, snapshots: int = 0, model: bool = False
-) -> fs.Log:
+def make_log(past: Past, *, steps: bool = False, snapshots: int = 0, model: bool = False) -> Log:
     """Empty log as long as the history, with room for a snapshot every ``snapshots`` steps."""
     updates = len(past.corrections) if steps else 0
     stored = len(past.transitions) if steps else 0
     order = updates + stored
     kept = len(past.transitions) // snapshots + 2 if snapshots else 0
-    return fs.Log(
+    return Log(
         counts=np.zeros(2, dtype=np.int64),
         kinds=np.zeros(order, dtype=np.int64),
         numbers=np.zeros(order, dtype=np.int64),
@@ -44,5 +43,5 @@ def make_log(
         snapshot_counters=np.zeros((kept, fs.COUNTERS), dtype=np.int64),
         good_flat=np.zeros((1, fs.FLAT + (fs.MODEL if model else 0))),
         good_ns=np.zeros(1, dtype=np.int64),
-        hindsight=fs.make_hindsight(),
+        hindsight=make_hindsight(),
     )

@@ -1,6 +1,6 @@
 """Interfaces of noise that is adapted in Python.
 
-`none` and `adaptive_r` are compiled (kernels.sins.fuse). The published adaptation
+`none` and `adaptive_r` are compiled (kernels.sins.judge). The published adaptation
 R' = (1 - d) R + d v v^T, d = (1 - b)/(1 - b^k) (eq. 65) throws the stated noise away at k = 1 and
 leaves a matrix of rank one. What works, and is compiled: a warm start, as if the stated R had
 already been seen k0 = 1/(1 - b) times, and a floor. The adapted quantity is the ratio of observed

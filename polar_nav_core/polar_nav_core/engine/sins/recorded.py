@@ -11,6 +11,7 @@ import numpy as np
 from ... import grid
 from ...arrays import Array, Ints
 from ...kernels.sins import hindsight as kernels
+from ...kernels.sins import rings
 from ...kernels.sins import state as fs
 from ...kernels.sins.update import N
 from ..events import Fix, InitialState
@@ -125,13 +126,13 @@ class Recorded(Ignore):
     def _planned(self, fix: Fix) -> tuple[Fix, int]:
         """Fix with the covariance that is planned, and who decides on it."""
         if self._plan is None:
-            return fix, fs.BY_GATE
+            return fix, rings.BY_GATE
         planned = self._plan.fixes.get(fix_name(fix), _REFUSED)
         if planned.added_G.any():
             C_e_G = np.asarray(grid.ecef_to_grid(fix.r_e))
             added_e = C_e_G.T @ planned.added_G @ C_e_G
             fix = replace(fix, covariance_e=fix.covariance_e + added_e)
-        return fix, fs.TO_FUSE if planned.fused else fs.TO_REFUSE
+        return fix, rings.TO_FUSE if planned.fused else rings.TO_REFUSE
 
     @property
     def takes_fixes(self) -> bool:

@@ -7,6 +7,7 @@ time that it goes back.
 
 from __future__ import annotations
 
+from ...kernels.sins import output
 from ...kernels.sins import run as filter_run
 from ...kernels.sins import state as fs
 from ...kernels.sins.aiding import model_is_definite
@@ -89,7 +90,7 @@ class Rewind(Fusion):
         f.state.counting[0] = 0
         until = fix.receive_ns, fs.FIX_RANK + 1
         try:
-            code = filter_run.advance(*f.parts, f.streams, *until, fs.NO_ROWS)
+            code = filter_run.advance(*f.parts, f.streams, *until, output.NO_ROWS)
         finally:
             f.state.counting[0] = 1
         if code == fs.DONE and not self._is_definite():

@@ -9,8 +9,8 @@ import numpy as np
 from ... import attitude
 from ...arrays import Array
 from ...kernels.sins import consider
-from ...kernels.sins import state as fs
 from ...kernels.sins import update as kf
+from ...kernels.sins.settings import Settings
 from ...order import ROBUST_FIXES
 from ..events import InitialState
 from ..params import EngineParams
@@ -22,7 +22,7 @@ from .robust import THRESHOLDS
 
 def make_settings(
     p: EngineParams, initial: InitialState | None = None, stamp_ns: int = 0
-) -> fs.Settings:
+) -> Settings:
     """Settings of the compiled filter from the parameters.
 
     ``initial`` and ``stamp_ns`` [ns] are where and when it begins: the magnetic field is of there.
@@ -49,7 +49,7 @@ def make_settings(
         p.gyro_bias_walk,
         p.accel_bias_walk,
     )
-    return fs.Settings(
+    return Settings(
         step_ns=round(p.filter_period_s * 1e9),
         steps_per_snapshot=steps_per_snapshot(p.filter_period_s),
         output_ns=round(p.output_period_s * 1e9),

@@ -11,20 +11,20 @@ from typing import Any
 import numpy as np
 
 from ...arrays import Ints
-from ...kernels.sins import state as fs
+from ...kernels.sins.rings import Streams
 from ..events import ControlSample, DepthSample, DvlPing, Fix, HeadingSample, ImuSample
 from ..results import FIXES
 from .leader import Split
 from .leader_drift import COLUMNS as LEADER_COLUMNS
 
 
-def live_streams(length_s: float, imu_rate: float, local_rate: float) -> fs.Streams:
+def live_streams(length_s: float, imu_rate: float, local_rate: float) -> Streams:
     """Empty rings for ``seconds``; ``local_rate`` is that of DVL and depth each [Hz].
 
     Thrust and headings may come as often as IMU samples.
     """
     imu, local = int(length_s * imu_rate) + 16, int(length_s * local_rate) + 16
-    return fs.Streams(
+    return Streams(
         counts=np.zeros(6, dtype=np.int64),
         imu_stamps=np.zeros(imu, dtype=np.int64),
         omega_ib_b=np.zeros((imu, 3)),
@@ -60,21 +60,21 @@ def room_for_fixes() -> dict[str, Any]:
     }
 
 
-def put_imu(streams: fs.Streams, sample: ImuSample) -> None:
+def put_imu(streams: Streams, sample: ImuSample) -> None:
     """Append an IMU sample to its ring."""
     i = _append(streams.counts, 0, streams.imu_stamps, sample.stamp_ns)
     streams.omega_ib_b[i] = sample.omega_ib_b
     streams.f_b[i] = sample.f_b
 
 
-def put_depth(streams: fs.Streams, sample: DepthSample) -> None:
+def put_depth(streams: Streams, sample: DepthSample) -> None:
     """Append a depth to its ring."""
     i = _append(streams.counts, 1, streams.depth_stamps, sample.stamp_ns)
     streams.depth[i] = sample.depth
     streams.depth_variance[i] = sample.variance
 
 
-def put_dvl(streams: fs.Streams, ping: DvlPing) -> None:
+def put_dvl(streams: Streams, ping: DvlPing) -> None:
     """Append a usable DVL ping to its ring."""
     i = _append(streams.counts, 2, streams.dvl_stamps, ping.stamp_ns)
     streams.dvl_v_m[i] = ping.v_m
@@ -82,13 +82,13 @@ def put_dvl(streams: fs.Streams, ping: DvlPing) -> None:
     streams.dvl_water[i] = ping.water
 
 
-def put_control(streams: fs.Streams, sample: ControlSample) -> None:
+def put_control(streams: Streams, sample: ControlSample) -> None:
     """Append a thrust to its ring."""
     i = _append(streams.counts, 4, streams.control_stamps, sample.stamp_ns)
     streams.control_force_b[i] = sample.force_b
 
 
-def put_heading(streams: fs.Streams, sample: HeadingSample) -> None:
+def put_heading(streams: Streams, sample: HeadingSample) -> None:
     """Append a heading to its ring."""
     i = _append(streams.counts, 5, streams.heading_stamps, sample.stamp_ns)
     streams.headings[i] = sample.heading
@@ -103,7 +103,7 @@ def _append(counts: Ints, stream: int, stamps: Ints, stamp_ns: int) -> int:
     return slot
 
 
-def insert_fix(streams: fs.Streams, fix: Fix, split: Split, number: int) -> None:
+def insert_fix(streams: Streams, fix: Fix, split: Split, number: int) -> None:
     """Insert a fix at an index of the fixes; those at and after it move up by one."""
     length = len(streams.fix_stamps)
     columns = (
@@ -122,12 +122,12 @@ def insert_fix(streams: fs.Streams, fix: Fix, split: Split, number: int) -> None
     _put_fix(streams, fix, split, number, fix.validity_ns)
 
 
-def put_late_fix(streams: fs.Streams, fix: Fix, split: Split) -> None:
+def put_late_fix(streams: Streams, fix: Fix, split: Split) -> None:
     """Append a fix at its stamp of reception."""
     _put_fix(streams, fix, split, int(streams.counts[3]), fix.receive_ns)
 
 
-def _put_fix(streams: fs.Streams, fix: Fix, split: Split, number: int, stamp_ns: int) -> None:
+def _put_fix(streams: Streams, fix: Fix, split: Split, number: int, stamp_ns: int) -> None:
     i = number % len(streams.fix_stamps)
     streams.fix_stamps[i] = stamp_ns
     streams.fix_validities[i] = fix.validity_ns

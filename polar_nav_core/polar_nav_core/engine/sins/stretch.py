@@ -8,6 +8,7 @@ import numpy as np
 
 from ...arrays import Array, Ints
 from ...errors import PolarNavError
+from ...kernels.sins import rings
 from ...kernels.sins import state as fs
 from ...kernels.sins import stretch as kernels
 from ...kernels.sins.adjoint import PHI
@@ -90,7 +91,7 @@ def stretch_of(f: NavigationFilter, taken: int, states: int) -> Stretch:
     count, snapshots = int(log.counts[0]), int(log.counts[1])
     order = np.arange(taken, count) % len(log.kinds)
     kinds, numbers = log.kinds[order], log.numbers[order]
-    step = kinds == fs.STEP
+    step = kinds == rings.STEP
     update = ~step
     if count - taken > len(log.kinds) or int(update.sum()) > len(log.H):
         raise PolarNavError('the log of the filter went round before it was copied')
@@ -141,12 +142,12 @@ def stretch_of(f: NavigationFilter, taken: int, states: int) -> Stretch:
 
 def _places(kinds: Ints, numbers: Ints, ranks: Ints, steps: Ints) -> Ints:
     """Number of entries before each state: it stands behind those of its step."""
-    ends = np.flatnonzero(kinds == fs.STEP) + 1
+    ends = np.flatnonzero(kinds == rings.STEP) + 1
     # A vehicle's model is compared at once, as part of the step.
     after = np.minimum(ends, len(kinds) - 1)
-    compared = (kinds[after] != fs.STEP) & (ranks[after] == fs.IMU_RANK) & (ends < len(kinds))
+    compared = (kinds[after] != rings.STEP) & (ranks[after] == fs.IMU_RANK) & (ends < len(kinds))
     behind = (ends + compared)[
-        np.searchsorted(numbers[kinds == fs.STEP], steps).clip(max=len(ends) - 1)
+        np.searchsorted(numbers[kinds == rings.STEP], steps).clip(max=len(ends) - 1)
     ]
     return np.where(steps > 0, behind, 0)
 

@@ -11,6 +11,8 @@ from ...arrays import Array
 from ...kernels.sins import events as fe
 from ...kernels.sins import run as filter_run
 from ...kernels.sins import state as fs
+from ...kernels.sins.output import Rows
+from ...kernels.sins.rings import Streams
 from ...kernels.sins.update import Ints
 from ..driver import Adaptation, Driver
 from ..events import Event, Fix, ImuSample
@@ -37,7 +39,7 @@ class SinsArrays:
     filter: NavigationFilter
     _fusion: Fusion
 
-    def __init__(self, params: EngineParams, inputs: Inputs, rows: fs.Rows) -> None:
+    def __init__(self, params: EngineParams, inputs: Inputs, rows: Rows) -> None:
         x, self._rows = inputs, rows
         imu, refused = usable_imu(params, x.imu_stamps_ns, x.omega_ib_b, x.f_b)
         dvl = x.dvl_valid & usable_dvl(params, x.dvl_valid, x.dvl_v_m, x.dvl_covariance_m)
@@ -72,7 +74,7 @@ class SinsArrays:
         self._headings = len(heading_stamps)
         headings = self._headings if params.uses_heading else 0
         counts = [len(imu_stamps), self._depths, self._pings, 0, controls, headings]
-        self._streams = fs.Streams(
+        self._streams = Streams(
             counts=np.array(counts, dtype=np.int64),
             imu_stamps=at_least_one(imu_stamps),
             omega_ib_b=at_least_one(rows_of(x.omega_ib_b, imu)),

@@ -13,6 +13,7 @@ from ..cache import entry, kernel, routine
 from ..frames.earth import OMEGA_IE, up_and_height
 from ..frames.grid import fill_C_e_G
 from ..vehicle.model import surge_drag
+from . import settings
 from . import state as fs
 from .block import is_jointly_definite, joint_innovation, rows_of_block
 from .model import (
@@ -28,8 +29,10 @@ from .model import (
     predict_block,
 )
 from .rows import dvl_rows
-from .state import Frames, Settings, State, Work
+from .settings import Settings
+from .state import Frames, State
 from .update import N, cholesky, gain_of, nis_of, subtract
+from .work import Work
 
 LONGEST_STEP = 0.05
 """Of the integration of v_r [s]."""
@@ -46,9 +49,9 @@ def _fill_surge_drag(s: State, c: Settings, w: Work) -> None:
     """Fill the drag of the model, that of surge as estimated."""
     e, numbers = s.model[fs.MEAN], c.aiding.numbers
     for k in range(3):
-        w.model[_D1, k] = numbers[fs.LINEAR, k]
-        w.model[_D2, k] = numbers[fs.QUADRATIC, k]
-    d1, d2 = surge_drag(e[LOG_DRAG], e[SHARE], numbers[fs.OTHER, 1])
+        w.model[_D1, k] = numbers[settings.LINEAR, k]
+        w.model[_D2, k] = numbers[settings.QUADRATIC, k]
+    d1, d2 = surge_drag(e[LOG_DRAG], e[SHARE], numbers[settings.OTHER, 1])
     w.model[_D1, 0] = d1
     w.model[_D2, 0] = d2
 
@@ -90,7 +93,7 @@ def predict_model(s: State, c: Settings, w: Work, Phi: Array, stamp_ns: int, dt:
     _fill_surge_drag(s, c, w)
     _fill_means(s, w, stamp_ns, dt)
     numbers, rows = c.aiding.numbers, w.model
-    buoyancy, speed = numbers[fs.OTHER, 0], numbers[fs.OTHER, 1]
+    buoyancy, speed = numbers[settings.OTHER, 0], numbers[settings.OTHER, 1]
     v_r_b, middle = s.model[fs.MEAN], rows[_MIDDLE]
     x, y, z = v_r_b[0], v_r_b[1], v_r_b[2]
     move_relative_velocity(
@@ -100,7 +103,7 @@ def predict_model(s: State, c: Settings, w: Work, Phi: Array, stamp_ns: int, dt:
         rows[_OMEGA],
         rows[_UP],
         rows[_FORCE],
-        numbers[fs.INERTIA],
+        numbers[settings.INERTIA],
         rows[_D1],
         rows[_D2],
         buoyancy,
@@ -122,7 +125,7 @@ def predict_model(s: State, c: Settings, w: Work, Phi: Array, stamp_ns: int, dt:
         rows[_OMEGA],
         w.C_mean,
         rows[_EARTH],
-        numbers[fs.INERTIA],
+        numbers[settings.INERTIA],
         rows[_D1],
         rows[_D2],
         buoyancy,
@@ -133,8 +136,8 @@ def predict_model(s: State, c: Settings, w: Work, Phi: Array, stamp_ns: int, dt:
     predict_block(P_xe, P_ee, s.P, Phi, Phi_ee, Phi_ex, rows[_A : _A + 24], rows[_B : _B + E])
     thrust_ns = s.counters[fs.THRUST_NS]
     known = thrust_ns > 0 and stamp_ns - thrust_ns <= c.aiding.thrust_ns
-    walks = numbers[fs.WALKS]
-    w.z[0] = walks[0] if known else numbers[fs.OTHER, 2]  # variances per second
+    walks = numbers[settings.WALKS]
+    w.z[0] = walks[0] if known else numbers[settings.OTHER, 2]  # variances per second
     w.z[1] = walks[1]
     w.z[2] = walks[2]
     add_model_noise(P_xe, P_ee, w.z, w.C_mean, G, c.densities[0], dt)
@@ -214,7 +217,7 @@ def compare_velocities(s: State, c: Settings, w: Work, dt: float) -> int:
     """
     e, H_e = s.model[fs.MEAN], w.model[_H_E : _H_E + 3]
     model_rows(w.H, H_e, w.z, s.C_b_G, s.v_G, e, e[CURRENT:LOG_DRAG])
-    stated = c.aiding.numbers[fs.DIFFERENCE]
+    stated = c.aiding.numbers[settings.DIFFERENCE]
     times = max(1.0, 2.0 * stated[2] / dt)
     for a in range(3):
         for b in range(3):
@@ -276,7 +279,7 @@ def fuse_water_ping(s: State, fr: Frames, c: Settings, w: Work, v_m: Array, R_m:
         c.lever_dvl_b,
     )
     dt = (s.counters[fs.STAMP] - s.counters[fs.WATER_NS]) * 1e-9
-    lasting, vertical = c.aiding.numbers[fs.WATER], c.aiding.numbers[fs.DIFFERENCE]
+    lasting, vertical = c.aiding.numbers[settings.WATER], c.aiding.numbers[settings.DIFFERENCE]
     for a in range(3):
         for k in range(E):
             H_e[a, k] = 0.0

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from ...arrays import Array
 from ..cache import kernel, routine
+from . import rings
 from . import state as fs
 from .blocks import NONE, Blocks
-from .state import Log, Past
+from .rings import Log, Past
 from .three_rows import add_mean, add_outer, inner, rows_times, whiten, whitener
 from .update import MARKOV, NAV, N
 
@@ -127,7 +128,7 @@ def build(past: Past, log: Log, bl: Blocks, b: int, end: int) -> None:
         else:
             e = entry % length
             entry += 1
-            if log.kinds[e] == fs.STEP:
+            if log.kinds[e] == rings.STEP:
                 Phi = past.transitions[log.numbers[e] % past.transitions.shape[0]]
                 _build_step(Psi, Phi, bl.scratch)
                 continue

@@ -8,8 +8,10 @@ import numpy as np
 
 from ...arrays import Array
 from ..cache import kernel
+from . import rings
 from . import state as fs
-from .state import Log, State
+from .rings import Log
+from .state import State
 from .update import Ints, N
 
 NONE = -1
@@ -126,7 +128,7 @@ def is_stored(s: State, log: Log, first: int, count: int) -> bool:
         return False
     for entry in range(first, count):
         e = entry % length
-        if log.kinds[e] == fs.UPDATE:
+        if log.kinds[e] == rings.UPDATE:
             kept: bool = s.counters[fs.CORRECTIONS] - log.numbers[e] < log.H.shape[0]
             return kept
     return True
@@ -140,12 +142,12 @@ def sort_in(log: Log, bl: Blocks) -> None:
     count = log.counts[0]
     if count - bl.counts[SCANNED] > length:  # nobody asked for longer than the log reaches
         bl.counts[SCANNED] = count - length
-        while log.kinds[bl.counts[SCANNED] % length] != fs.STEP:
+        while log.kinds[bl.counts[SCANNED] % length] != rings.STEP:
             bl.counts[SCANNED] += 1
         bl.counts[SCANNED] += 1
         _open(bl, bl.counts[SCANNED], n)
     for entry in range(bl.counts[SCANNED], count):
-        if log.kinds[entry % length] == fs.STEP:
+        if log.kinds[entry % length] == rings.STEP:
             bl.counts[STEPS] += 1
             if bl.counts[STEPS] == bl.counts[PER_BLOCK]:
                 _open(bl, entry + 1, n)
@@ -162,7 +164,7 @@ def close_early(log: Log, bl: Blocks) -> None:
     n = bl.first.shape[0]
     old = bl.counts[OPEN] % n
     last = log.counts[0] - 1
-    while log.kinds[last % length] != fs.STEP:
+    while log.kinds[last % length] != rings.STEP:
         last -= 1
     _open(bl, last + 1, n)
     new = bl.counts[OPEN] % n

@@ -23,7 +23,10 @@ from .events import (
 from .fuse import locate
 from .gap import HELD_S, LONG_NS, add_gap_noise, add_path_not_known
 from .hindsight import hold, is_held
-from .state import Frames, Log, Past, Settings, State, Work
+from .rings import Log, Past
+from .settings import Settings
+from .state import Frames, State
+from .work import Work
 
 USUAL = 3.0
 """A gap is longer than so many of the intervals that were usual before it."""

@@ -12,8 +12,10 @@ from __future__ import annotations
 from ..cache import entry, kernel
 from . import state as fs
 from .bend import add_bend_of_correction
-from .state import Log, State, Work
+from .rings import Log
+from .state import State
 from .update import N
+from .work import Work
 
 
 @entry

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from ...arrays import Array
 from ..cache import kernel, routine
+from . import rings
 from . import state as fs
 from .blocks import NONE, Blocks
-from .state import Log, Past, State
+from .rings import Log, Past
+from .state import State
 from .three_rows import add_outer, solve_rows, step_columns, step_rows, whiten, whitener
 from .update import USBL, N, cholesky
 
@@ -135,7 +137,7 @@ def carry(
         else:
             e = entry % length
             entry += 1
-            if log.kinds[e] == fs.STEP:
+            if log.kinds[e] == rings.STEP:
                 Phi = past.transitions[log.numbers[e] % past.transitions.shape[0]]
                 step_columns(C, Phi, bl.scratch)
                 continue
@@ -194,7 +196,7 @@ def change_entries(
         if u != NONE and bl.place[u] == entry:
             update = u
             rows = fs.VECTOR
-            kind = fs.UPDATE
+            kind = rings.UPDATE
             epochs = bl.epochs[u]
             u = bl.next[u]
         elif entry == end:
@@ -210,7 +212,7 @@ def change_entries(
             good = good and mean_change(change, C, P_cc, z, R, bl)
             shift_epochs(past, s, last, epochs, change)
             last = epochs
-        if kind == fs.STEP:
+        if kind == rings.STEP:
             Phi = past.transitions[update % past.transitions.shape[0]]
             step_columns(C, Phi, bl.scratch)
             if not closed or entry < end:
@@ -294,7 +296,7 @@ def adjoint(
         if entry < bl.first[b]:
             break
         e = entry % length
-        if log.kinds[e] == fs.STEP:
+        if log.kinds[e] == rings.STEP:
             Phi = past.transitions[log.numbers[e] % past.transitions.shape[0]]
             step_rows(Y, Phi, bl.scratch)
             continue

@@ -13,7 +13,9 @@ from __future__ import annotations
 from ...arrays import Array
 from ..cache import kernel
 from . import state as fs
-from .state import Settings, State, Work
+from .settings import Settings
+from .state import State
+from .work import Work
 
 FADE_NS = 20_000_000_000
 """Time over which the share of missing samples is taken."""

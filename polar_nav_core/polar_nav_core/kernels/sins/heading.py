@@ -12,13 +12,14 @@ import math
 from ...arrays import Array
 from .. import watch
 from ..cache import kernel, routine
-from . import compass
+from . import compass, rings
 from . import state as fs
 from .aiding import correct_block
 from .consider import clear, update_sensitivity
 from .enlarged import hold_covariance, tell_enlarged
-from .fuse import apply_correction, enter_update, judge
+from .fuse import apply_correction, enter_update
 from .hindsight import is_held, subtract_deviation
+from .judge import judge
 from .reopen import (
     AGREEMENT,
     CHANCES,
@@ -30,9 +31,12 @@ from .reopen import (
     agrees,
     inflate,
 )
+from .rings import Log, Past
 from .rows import DR, PHI
-from .state import Log, Past, Settings, State, Work
+from .settings import Settings
+from .state import State
 from .update import MARKOV, NAV, USBL, N, update
+from .work import Work
 
 BIAS = USBL
 COLOURED = USBL + 1
@@ -224,7 +228,7 @@ def _fuse_row(s: State, c: Settings, past: Past, w: Work, log: Log, watched: boo
     if c.aiding.on:
         correct_block(s, w, fs.SCALAR)
     if log.H.shape[0] > 0:
-        enter_update(s, w, log, fs.UPDATE, fs.SCALAR, fs.HEADING_RANK)
+        enter_update(s, w, log, rings.UPDATE, fs.SCALAR, fs.HEADING_RANK)
     apply_correction(s, c, past, w, log)
     return fs.FUSED
 

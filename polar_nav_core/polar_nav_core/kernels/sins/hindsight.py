@@ -12,8 +12,10 @@ import math
 
 from ...arrays import Array
 from ..cache import entry, kernel, routine
+from . import rings
 from . import state as fs
-from .state import Log, Past, State, Work
+from .rings import Log, Past
+from .state import State
 from .update import (
     ACCEL,
     COUPLED,
@@ -28,6 +30,7 @@ from .update import (
     feed_back,
     gain_of,
 )
+from .work import Work
 
 
 @kernel
@@ -44,7 +47,7 @@ def decision(s: State, log: Log, stream: int) -> int:
     if stream == fs.FIX_ROW:
         imposed: int = h.fix[0]
         return imposed
-    imposed = fs.BY_GATE
+    imposed = rings.BY_GATE
     if stream == fs.DVL_ROW and h.dvl.shape[0] > 0:
         imposed = h.dvl[s.counters[fs.DVL] - 1]
     elif stream == fs.DEPTH_ROW and h.depth.shape[0] > 0:

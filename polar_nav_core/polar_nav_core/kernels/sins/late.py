@@ -8,11 +8,14 @@ from __future__ import annotations
 from ...arrays import Array
 from ..cache import entry, kernel, routine
 from . import state as fs
-from .events import fill_shared, place_of_epoch
+from .measured import fill_shared, place_of_epoch
+from .rings import Past
 from .rows import fix_rows
-from .state import Frames, Past, Settings, State, Work
+from .settings import Settings
+from .state import Frames, State
 from .update import Ints
 from .walk import walk_forward
+from .work import Work
 
 OUT_OF_REACH = -1
 

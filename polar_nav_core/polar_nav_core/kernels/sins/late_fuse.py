@@ -14,12 +14,16 @@ from .blocks import NONE, OPEN, Blocks
 from .consider import COLUMNS, innovation_sensitivity, late_sensitivity, update_sensitivity
 from .enlarged import tell_bend
 from .entries import adjoint, carry, change_entries, mean_change
-from .fuse import adapt_noise, correct_and_remember, judge_wide, passes, remember
+from .fuse import correct_and_remember
+from .judge import adapt_noise, judge_wide, passes, remember
 from .late_place import begin
+from .rings import Log, Past
+from .settings import Settings
 from .signatures import note
-from .state import Log, Past, Settings, State, Work
+from .state import State
 from .three_rows import add_outer
 from .update import N, cholesky, gain_of, nis_of
+from .work import Work
 
 OUT_OF_REACH = -9
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from ...arrays import Array
 from ..cache import kernel
-from . import state as fs
+from . import rings
 from .block_products import build
 from .blocks import (
     NONE,
@@ -17,9 +17,11 @@ from .blocks import (
     place_of,
     sort_in,
 )
-from .state import Log, Past, State, Work
+from .rings import Log, Past
+from .state import State
 from .three_rows import inner, rows_times
 from .update import N
+from .work import Work
 
 
 @kernel
@@ -80,7 +82,7 @@ def _refer(z: Array, H: Array, log: Log, bl: Blocks, b: int, epoch: int, place: 
     entry = place - 1
     while entry >= bl.first[b] and log.epochs[entry % length] > epoch:
         e = entry % length
-        if log.kinds[e] == fs.UPDATE:
+        if log.kinds[e] == rings.UPDATE:
             _take_out(z, H, log.x[log.numbers[e] % log.H.shape[0]])
         entry -= 1
     u = bl.head[b]
@@ -104,7 +106,7 @@ def _rows_of_P(C: Array, w: Work, log: Log, bl: Blocks, b: int, place: int) -> N
     """C = H P at a place, by the filter stored in block b."""
     length = log.kinds.shape[0]
     base = place - 1
-    while log.kinds[base % length] != fs.STEP:
+    while log.kinds[base % length] != rings.STEP:
         base -= 1
     rows_times(C, w.H, log.step_P[log.numbers[base % length] % log.step_P.shape[0]])
     u = bl.head[b]

@@ -8,15 +8,20 @@ from . import state as fs
 from .blocks import Blocks
 from .bridge import reach
 from .consider import fix_common
-from .events import consider_leader, note_outcome
+from .events import note_outcome
 from .fuse import locate
 from .late import fill_stored_fix, newest_until
 from .late_fuse import OUT_OF_REACH, fuse_late, settle
 from .late_place import find_block
+from .measured import consider_leader
+from .output import Rows
+from .rings import Log, Past, Streams
 from .rows import DV
 from .run import put_row, run_until
-from .state import Frames, Log, Past, Rows, Settings, State, Streams, Work
+from .settings import Settings
+from .state import Frames, State
 from .update import Ints
+from .work import Work
 
 
 @entry

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from ..cache import kernel
 from . import state as fs
-from .state import Log, Settings, State, Streams
+from .rings import Log, Streams
+from .settings import Settings
+from .state import State
 
 
 @kernel

@@ -19,8 +19,9 @@ from ..frames.grid import fill_C_e_G
 from . import state as fs
 from .ahead import HAS_PREVIOUS, HELD, MARKS, NEXT, STAMP, advance_strapdown
 from .columns import QUATERNION, WIDTH, _quaternion
-from .consider import add_common, add_conflict
-from .state import Settings, State
+from .offset import Profile, offset_at
+from .settings import Settings
+from .state import State
 from .update import N
 
 LOST, NOTHING, FIRST, FOLLOWED = -1, 0, 1, 2
@@ -28,9 +29,6 @@ LOST, NOTHING, FIRST, FOLLOWED = -1, 0, 1, 2
 # Places in the values of a `Now`.
 R_E, V_G, C_B_G, C_E_G, HEIGHT, RATE, MOVED, TURN, INTERVAL = 0, 3, 6, 15, 24, 25, 28, 31, 40
 VALUES = 41
-STATES = 15
-"""Attitude, velocity, position and biases of the IMU."""
-_DV, _DR, _GYRO, _ACCEL = 3, 6, 9, 12
 
 
 class Track(NamedTuple):
@@ -81,19 +79,6 @@ class Step(NamedTuple):
 def make_step() -> Step:
     """Return a step of zeros."""
     return Step(np.zeros(3), np.zeros((3, 3)), np.zeros(3), np.zeros(3), np.zeros(3))
-
-
-class Profile(NamedTuple):
-    """Offset that is bled off: its course from a stamp on (`engine.bleed`)."""
-
-    since_ns: Ints  # (1,)
-    duration_s: Array  # (1,): 0 for none
-    parts: Array  # (4, 3): offset and rate then, accelerations of both halves
-
-
-def make_profile() -> Profile:
-    """Return the profile of no offset."""
-    return Profile(np.zeros(1, dtype=np.int64), np.zeros(1), np.zeros((4, 3)))
 
 
 class Scratch(NamedTuple):
@@ -209,7 +194,7 @@ def _advance(
 
 
 @kernel
-def _last_sample(t: Track, j: int, k: int) -> float:
+def last_sample(t: Track, j: int, k: int) -> float:
     """Component k of the rate (j = 0) or force (1) of the last interval, less the bias."""
     dt: float = t.previous_dt[0]
     if dt <= 0.0:
@@ -301,7 +286,7 @@ def follow(
         before.marks[HAS_PREVIOUS] = 0  # the sample is the mean of the interval already
         for j in range(2):
             for k in range(3):
-                samples_b[0, j, k] = _last_sample(track, j, k) + track.biases_b[j, k]
+                samples_b[0, j, k] = last_sample(track, j, k) + track.biases_b[j, k]
     _advance(before, c, stamps_ns, samples_b, count, w)
     _multiply_turned(C_b_e, before.C_b_e, step.C_turn_b)
     for i in range(3):
@@ -320,27 +305,6 @@ def follow(
                 C_off[i, j] += before.C_b_e[i, k] * track.C_b_e[j, k]
     _rotation_vector(C_off, w.row, step.turn_e)
     return FOLLOWED
-
-
-@entry
-@kernel
-def offset_at(p: Profile, stamp_ns: int, out: Array) -> None:
-    """Fill offset and rate (2, 3) at a stamp [ns], not before that of the profile."""
-    t = (stamp_ns - p.since_ns[0]) * 1e-9
-    duration_s = p.duration_s[0]
-    for k in range(3):
-        if t >= duration_s:
-            out[0, k] = 0.0
-            out[1, k] = 0.0
-            continue
-        half = 0.5 * duration_s
-        a = min(t, half)
-        out[0, k] = p.parts[0, k] + a * p.parts[1, k] + 0.5 * a * a * p.parts[2, k]
-        out[1, k] = p.parts[1, k] + a * p.parts[2, k]
-        if t > half:
-            b = t - half
-            out[0, k] += b * out[1, k] + 0.5 * b * b * p.parts[3, k]
-            out[1, k] += b * p.parts[3, k]
 
 
 @kernel
@@ -405,7 +369,7 @@ def describe_now(
         spin = 0.0
         for i in range(3):
             spin += C_b_G[i, k] * C_e_G[i, 2]
-        rate[k] = _last_sample(t, 0, k) - OMEGA_IE * spin
+        rate[k] = last_sample(t, 0, k) - OMEGA_IE * spin
     if lever_b[0] != 0.0 or lever_b[1] != 0.0 or lever_b[2] != 0.0:
         lever_G, swing_b = b[0], b[1]
         swing_b[0] = rate[1] * lever_b[2] - rate[2] * lever_b[1]
@@ -426,91 +390,3 @@ def describe_now(
         now[MOVED + i] = step.moved_e[i]
         for j in range(3):
             now[TURN + 3 * i + j] = step.C_turn_b[i, j]
-
-
-@kernel
-def _add_rows(P: Array, to: int, share: Array, of: int, factor: float) -> None:
-    """Add factor share (3, 3) times three rows of P to three others."""
-    for j in range(STATES):
-        x, y, z = P[of, j], P[of + 1, j], P[of + 2, j]
-        for i in range(3):
-            P[to + i, j] += factor * (share[i, 0] * x + share[i, 1] * y + share[i, 2] * z)
-
-
-@kernel
-def _transform(P: Array, B: Array, S: Array, E: Array, dt: float) -> None:
-    """P <- F P for the transition F over dt [s]: each row before the rows that it takes from."""
-    _add_rows(P, _DR, E, _DV, dt)
-    _add_rows(P, _DV, S, 0, dt)
-    _add_rows(P, _DV, B, _ACCEL, dt)
-    _add_rows(P, 0, B, _GYRO, -dt)
-
-
-@kernel
-def _transpose(P: Array) -> None:
-    for i in range(STATES):
-        for j in range(i):
-            P[i, j], P[j, i] = P[j, i], P[i, j]
-
-
-@kernel
-def _add_square(P: Array, at: int, x: float, y: float, z: float) -> None:
-    """P <- P + u u^T in a block of three, u = (x, y, z)."""
-    u = (x, y, z)
-    for i in range(3):
-        for j in range(3):
-            P[at + i, at + j] += u[i] * u[j]
-
-
-@entry
-@routine
-def covariance_now(
-    s: State, c: Settings, t: Track, offset: Profile, turn: Profile, out: Array, w: Scratch
-) -> None:
-    """Fill the covariance (STATES, STATES) of the published track, at the IMU.
-
-    That of the filter's state with common errors and conflicts, grown by the transition of the
-    time ahead, plus the squares of the offsets that are still to be bled off: the track is off
-    by them.
-    """
-    P, B, S, E = w.P, t.C_b_G, w.rotations[0], w.rotations[1]
-    for i in range(N):
-        for j in range(N):
-            P[i, j] = s.P[i, j]
-    if s.counters[fs.CONSIDERS] == 1:
-        add_common(P, s.sensitivity, c.common)
-    add_conflict(P, s.conflict)
-    dt = (t.marks[STAMP] - s.counters[fs.STAMP]) * 1e-9
-    f_G = w.vectors[0]
-    for i in range(3):
-        f_G[i] = 0.0
-        for k in range(3):
-            f_G[i] += B[i, k] * _last_sample(t, 1, k)
-            E[i, k] = t.C_e_G[k, i]
-        S[i, i] = 0.0
-    S[0, 1], S[0, 2], S[1, 2] = -f_G[2], f_G[1], -f_G[0]
-    S[1, 0], S[2, 0], S[2, 1] = f_G[2], -f_G[1], f_G[0]
-    for _ in range(2):  # F P, then (F (F P)^T)^T, which is symmetric
-        _transform(P, B, S, E, dt)
-        _transpose(P)
-    grown = dt * (1.0 + s.excess[0])
-    for k in range(3):
-        P[k, k] += grown * c.densities[0]
-        P[_DV + k, _DV + k] += grown * c.densities[1]
-    b, a = w.vectors[:2], w.vectors[2:]
-    offset_at(offset, t.marks[STAMP], b)
-    offset_at(turn, t.marks[STAMP], a)
-    C = t.C_e_G
-    _add_square(P, _DR, b[0, 0], b[0, 1], b[0, 2])
-    for rows, at in ((b[1], _DV), (a[0], 0)):
-        x, y, z = rows[0], rows[1], rows[2]
-        _add_square(
-            P,
-            at,
-            C[0, 0] * x + C[0, 1] * y + C[0, 2] * z,
-            C[1, 0] * x + C[1, 1] * y + C[1, 2] * z,
-            C[2, 0] * x + C[2, 1] * y + C[2, 2] * z,
-        )
-    for i in range(STATES):
-        for j in range(STATES):
-            out[i, j] = P[i, j]

@@ -29,10 +29,12 @@ from .. import watch
 from ..cache import entry, kernel
 from . import state as fs
 from .gap import MOST_TILT
+from .settings import Settings
 from .shared import clear_shared
 from .signatures import clear_evidence
-from .state import Settings, State, Work
+from .state import State
 from .update import N
+from .work import Work
 
 FEWEST = 20.0
 """Attempts in the short memory before a gate may open."""

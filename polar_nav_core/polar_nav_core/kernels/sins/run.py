@@ -18,25 +18,23 @@ from .aiding import (
 from .bridge import bridge, bridge_to_sample, is_gap
 from .columns import describe
 from .consider import add_common, add_conflict, fix_common
-from .events import (
-    consider_leader,
-    fill_depth,
-    fill_dvl,
-    fill_fix,
-    hold_to_ping,
-    imu_event,
-    note_outcome,
-)
+from .events import hold_to_ping, imu_event, note_outcome
 from .fill import add_held_to_ping
-from .fuse import correct_and_remember, fuse_rows, locate, ping_passes
+from .fuse import correct_and_remember, fuse_rows, locate
 from .heading import heading_event
 from .hidden import leave_out_leader
 from .hindsight import is_held
+from .judge import ping_passes
 from .late import OUT_OF_REACH, fill_late_fix
+from .measured import consider_leader, fill_depth, fill_dvl, fill_fix
 from .model import E
+from .output import Rows
 from .planned import refusal_stops, take_decision
-from .state import Frames, Log, Past, Rows, Settings, State, Streams, Work
+from .rings import Log, Past, Streams
+from .settings import Settings
+from .state import Frames, State
 from .update import N
+from .work import Work
 
 
 @kernel

@@ -27,8 +27,10 @@ from .reopen import (
     note_opening,
     square_of,
 )
-from .state import Settings, State, Work
+from .settings import Settings
+from .state import State
 from .update import N
+from .work import Work
 
 FEWEST = 10.0
 """Refused in a row that agree, before they are believed."""

@@ -32,8 +32,10 @@ from .hypotheses import (
     mean_change,
     repeated,
 )
-from .state import Past, State, Work
+from .rings import Past
+from .state import State
 from .update import DR, DV
+from .work import Work
 
 WINDOW_NS = 1_000_000_000
 """Pings and depths are added up for so long; fixes are not."""

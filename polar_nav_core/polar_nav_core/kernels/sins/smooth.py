@@ -17,7 +17,8 @@ from ..cache import entry, kernel, routine
 from .adjoint import inverse, measure_back, step_back, update_back
 from .consider import COLUMNS, add_common
 from .hidden import leave_out_leader
-from .state import KEPT, NAVIGATION, STEP
+from .rings import KEPT, STEP
+from .state import NAVIGATION
 from .update import cholesky, feed_back
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from ...arrays import Array, Ints
 from ..cache import entry, routine
 from .adjoint import PHI
-from .state import Log
+from .rings import Log
 from .update import COUPLED, NAV, N
 
 

@@ -1,0 +1,46 @@
+"""Rows of output of the compiled filter."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from ...arrays import Array
+from .columns import WIDTH
+from .state import MODEL, NAVIGATION, NEVER_NS
+from .update import Ints, N
+
+
+class Rows(NamedTuple):
+    """Rows of output: stamps, leading values of the state, covariance, tally since the last."""
+
+    io: Ints  # (3,): stamp that is due (-1: none), number of rows, when the next one is due
+    stamps: Ints
+    flat: Array  # (n, 30), then State.model where there is one
+    P: Array  # (n, 24, 24), or without rows
+    derived: Array  # (n, nav_columns.WIDTH), or without rows
+    tally: Array
+    scratch: Array
+    total: Array  # (24, 24): covariance with the common errors
+
+
+def make_rows(capacity: int, *, model: bool = False, derived: bool = False) -> Rows:
+    """Return empty rows for ``capacity`` outputs; with none, no output is written.
+
+    With ``derived`` they hold the columns of `describe` in place of the covariance.
+    """
+    return Rows(
+        np.array([-1, 0, 0 if capacity else NEVER_NS], dtype=np.int64),
+        np.zeros(capacity, dtype=np.int64),
+        np.zeros((capacity, NAVIGATION + (MODEL if model else 0))),
+        np.zeros((0 if derived else capacity, N, N)),
+        np.zeros((capacity if derived else 0, WIDTH)),
+        np.zeros((capacity, 3, 3)),
+        np.zeros((2, 3, 3)),
+        np.zeros((N, N)),
+    )
+
+
+NO_ROWS = make_rows(0)
+"""For a filter whose outputs nobody reads."""
