@@ -18,9 +18,11 @@ from polar_nav_tools.experiments.mismatch.fix_faults import Both
 from polar_nav_tools.experiments.mismatch.health import NAMES, health_history
 from polar_nav_tools.experiments.mismatch.judge import BEYOND_STATED
 from polar_nav_tools.experiments.mismatch.random_rows import KINDS
+from polar_nav_tools.experiments.mismatch.random_station_rows import KINDS as STATION_KINDS
 from polar_nav_tools.experiments.mismatch.row import SINS, STATION, WORLD, Row, texts, warm_scene
 from polar_nav_tools.experiments.mismatch.rows import ROWS, rows_named
 from polar_nav_tools.experiments.mismatch.scenes import SinsScene
+from polar_nav_tools.experiments.mismatch.station_faults import StationBoth
 from polar_nav_tools.experiments.mismatch.visible import SMALL, information, visibility
 from polar_nav_tools.experiments.schedule import FixSpec
 
@@ -102,31 +104,39 @@ def test_further_faults_are_found_by_their_prefix_or_their_whole_name():
         rows_named('more:control_demo')
 
 
-def test_random_rows_are_those_of_their_numbers():
-    first, second = rows_named('random:7-8')
-    assert [row.name for row in rows_named('random:8,random:7')] == ['random_8', 'random_7']
-    assert (rows_named('random:8')[0], first.name) == (second, 'random_7')
+@pytest.mark.parametrize(
+    ('prefix', 'name'), [('random', 'random'), ('random-station', 'random_station')]
+)
+def test_random_rows_are_those_of_their_numbers(prefix, name):
+    first, second = rows_named(f'{prefix}:7-8')
+    both = rows_named(f'{prefix}:8,{prefix}:7')
+    assert [row.name for row in both] == [f'{name}_8', f'{name}_7']
+    assert (rows_named(f'{prefix}:8')[0], first.name) == (second, f'{name}_7')
     assert first.fault != second.fault
-    for wrong in ('random:', 'random:x', 'random:-3', 'random:1.5'):
+    for wrong in ('', 'x', '-3', '1.5'):
         with pytest.raises(ConfigError, match='has no number'):
-            rows_named(wrong)
+            rows_named(f'{prefix}:{wrong}')
     with pytest.raises(ConfigError, match='ends before it begins'):
-        rows_named('random:8-7')
+        rows_named(f'{prefix}:8-7')
 
 
-def test_random_rows_reach_every_kind_of_fault_and_every_scene():
-    rows = rows_named('random:1-1500')
+@pytest.mark.parametrize(
+    ('prefix', 'kinds', 'both', 'scenes'),
+    [('random', KINDS, Both, 6), ('random-station', STATION_KINDS, StationBoth, 4)],
+)
+def test_random_rows_reach_every_kind_of_fault_and_every_scene(prefix, kinds, both, scenes):
+    rows = rows_named(f'{prefix}:1-1500')
     one_by_one = [
         single
         for row in rows
         for single in (
-            (row.fault.one, row.fault.other) if isinstance(row.fault, Both) else (row.fault,)
+            (row.fault.one, row.fault.other) if isinstance(row.fault, both) else (row.fault,)
         )
     ]
-    assert {type(fault) for fault in one_by_one} == {kind for kind, _ in KINDS}
+    assert {type(fault) for fault in one_by_one} == {kind for kind, _ in kinds}
     assert 0.2 < (len(one_by_one) - len(rows)) / len(rows) < 0.3
-    assert len({row.size.rpartition('(')[2] for row in rows}) == 6
-    assert all(row.fault.start_s < row.scene.duration_s / 2.0 for row in rows)
+    assert len({row.size.rpartition('(')[2] for row in rows}) == scenes
+    assert all(row.fault.start_s <= row.scene.duration_s / 2.0 for row in rows)
 
 
 def test_only_engine_parameters_can_be_set():

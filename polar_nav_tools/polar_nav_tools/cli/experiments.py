@@ -69,7 +69,9 @@ Settings = Annotated[
 Rows = Annotated[
     str | None,
     typer.Option(
-        metavar='PATTERN', help='Rows, as gravity_*,dvl_*,random:1-50.', show_default='all'
+        metavar='PATTERN',
+        help='Rows, as gravity_*,dvl_*,random:1-50,random-station:1-50.',
+        show_default='all',
     ),
 ]
 FirstSeed = Annotated[

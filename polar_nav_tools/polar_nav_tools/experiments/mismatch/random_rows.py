@@ -7,9 +7,6 @@ Nobody is named as its culprit: any report is right.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
-from typing import Any
 
 import numpy as np
 
@@ -18,15 +15,14 @@ from . import faults as f
 from . import fix_faults as x
 from . import imu_faults as m
 from .culprits import DEPTH, DVL, FIXES, HEADING, IMU, MODEL
+from .draws import TWO, Kind, OneOf, Size, Way, fault_of, words
 from .faults import Fault
 from .row import LEVEL, RACETRACK, SINS, START_S, TACTICAL, Row, scene_of
 
 RANDOM = 'random:'
 """Before a number, or two with a dash between, in the name of a row."""
 _ANYBODY = (FIXES, DVL, DEPTH, IMU, HEADING, MODEL)
-_TWO = 0.25
-"""Share of rows with two faults."""
-_STARTS_S = (0.0, 200.0, START_S)
+_STARTS_S = OneOf((0.0, 200.0, START_S))
 _SCENES = {
     'straight': SINS,
     'level': LEVEL,
@@ -37,46 +33,11 @@ _SCENES = {
 }
 
 
-@dataclass(frozen=True)
-class Size:
-    """A size between two, each power of ten as likely; ``signed``: of either sign."""
-
-    low: float
-    high: float
-    signed: bool = False
-
-    def draw(self, rng: np.random.Generator) -> float:
-        """Return one."""
-        size = math.exp(rng.uniform(math.log(self.low), math.log(self.high)))
-        return -size if self.signed and rng.random() < 0.5 else size
-
-
-@dataclass(frozen=True)
-class Way(Size):
-    """A vector of such a length in any direction."""
-
-    def draw(self, rng: np.random.Generator) -> Any:  # noqa: ANN401 - another type than Size
-        """Return one."""
-        way = rng.standard_normal(3)
-        return tuple((super().draw(rng) / np.linalg.norm(way) * way).tolist())
-
-
-@dataclass(frozen=True)
-class OneOf:
-    """One of some values."""
-
-    values: tuple[Any, ...]
-
-    def draw(self, rng: np.random.Generator) -> Any:  # noqa: ANN401 - of any type
-        """Return one."""
-        return self.values[int(rng.integers(len(self.values)))]
-
-
 _RAMP, _AXIS = OneOf((0.0, 300.0)), OneOf((0, 1, 2))
 _SHARE, _LENGTH = Size(0.02, 0.7), OneOf((10.0, 60.0, 200.0, math.inf))
 _LATER = OneOf((200.0, START_S))
 """Of faults that begin in mid-run: from the start on there would be nothing that they change."""
-KINDS: tuple[tuple[type[Fault], Mapping[str, Size | OneOf]], ...] = (
+KINDS: tuple[Kind[Fault], ...] = (
     (f.ImuStep, {'gyro_dph': Size(0.05, 50.0, signed=True), 'ramp_s': _RAMP}),
     (f.ImuStep, {'accel_ug': Size(3.0, 3000.0, signed=True), 'ramp_s': _RAMP}),
     (f.ImuGain, {'gyro_ppm': Size(50.0, 2e4)}),
@@ -157,34 +118,11 @@ def random_row(number: int) -> Row:
     """Return the row of a number."""
     rng = np.random.default_rng(number)
     name = OneOf(tuple(_SCENES)).draw(rng)
-    fault = _fault(rng)
-    size = _words(fault)
-    if rng.random() < _TWO:
-        other = _fault(rng)
-        size = f'{size}; {_words(other)}'
+    fault = fault_of(KINDS, _STARTS_S, rng)
+    size = words(fault)
+    if rng.random() < TWO:
+        other = fault_of(KINDS, _STARTS_S, rng)
+        size = f'{size}; {words(other)}'
         fault = x.both(fault, other)
     about = 'drawn at random'
     return Row(f'random_{number}', about, f'{size} ({name})', fault, _ANYBODY, scene=_SCENES[name])
-
-
-def _fault(rng: np.random.Generator) -> Fault:
-    kind, drawn = KINDS[int(rng.integers(len(KINDS)))]
-    values = {'start_s': OneOf(_STARTS_S).draw(rng)}
-    values |= {name: of.draw(rng) for name, of in drawn.items()}
-    return kind(**values)
-
-
-def _words(fault: Fault) -> str:
-    """Kind and what of it is not as by default, as in ``DvlGain scale=0.0123 from 400 s``."""
-    own = [
-        f'{one.name}={_short(getattr(fault, one.name))}'
-        for one in fields(fault)
-        if one.name != 'start_s' and getattr(fault, one.name) not in (one.default, {})
-    ]
-    return ' '.join([type(fault).__name__, *own, f'from {fault.start_s:g} s'])
-
-
-def _short(value: Any) -> str:  # noqa: ANN401 - of any type
-    if isinstance(value, tuple):
-        return f'({", ".join(map(_short, value))})'
-    return f'{value:.3g}' if isinstance(value, float) else str(value)

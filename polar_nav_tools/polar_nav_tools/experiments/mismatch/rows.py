@@ -14,6 +14,7 @@ from .faults import Fault
 from .fix_rows import DELAY_ROWS, FIX_ROWS
 from .imu_rows import COMPASS_ROWS, HEADING_ROWS, IMU_ROWS
 from .random_rows import RANDOM, random_row
+from .random_station_rows import RANDOM_STATION, random_station_row
 from .row import CONTROL, Row, row, scene_of
 from .station_rows import STATION_ROWS
 
@@ -53,25 +54,28 @@ ROWS: dict[str, Row] = {
 
 MORE = 'more:'
 """Before a pattern: it is for rows of further faults only."""
+_DRAWN = {RANDOM: random_row, RANDOM_STATION: random_station_row}
 
 
 def rows_named(pattern: str | None) -> list[Row]:
     """Rows whose names match a comma-separated list of shell patterns; for None the table's.
 
     A pattern after `MORE` is for further faults, which no other one finds: they are as many again.
-    A whole name finds its row in both. Numbers after `RANDOM` are rows drawn at random.
+    A whole name finds its row in both. Numbers after `RANDOM` and
+    `RANDOM_STATION` are rows drawn at random.
 
     Raises
     ------
     ConfigError
-        If a pattern matches no row, or what follows `RANDOM` is no number.
+        If a pattern matches no row, or what follows `RANDOM` or `RANDOM_STATION` is no number.
     """
     if not pattern:
         return [r for r in ROWS.values() if not r.more]
     chosen: dict[str, Row] = {}
     for word in (w.strip() for w in pattern.split(',')):
-        if word.startswith(RANDOM):
-            chosen |= {r.name: r for r in _random_rows(word)}
+        drawn = next((prefix for prefix in _DRAWN if word.startswith(prefix)), '')
+        if drawn:
+            chosen |= {r.name: r for r in _random_rows(drawn, word)}
             continue
         more = word.startswith(MORE)
         sought = word.removeprefix(MORE)
@@ -86,16 +90,16 @@ def rows_named(pattern: str | None) -> list[Row]:
     return list(chosen.values())
 
 
-def _random_rows(word: str) -> list[Row]:
+def _random_rows(prefix: str, word: str) -> list[Row]:
     """Rows of a number, or of all from one to another."""
-    first, dash, last = word.removeprefix(RANDOM).partition('-')
+    first, dash, last = word.removeprefix(prefix).partition('-')
     ends = (first, last) if dash else (first, first)
     if not all(end.isdecimal() for end in ends):
-        raise ConfigError(f'--rows: {word!r} has no number; for example {RANDOM}7 or {RANDOM}1-50')
+        raise ConfigError(f'--rows: {word!r} has no number; for example {prefix}7 or {prefix}1-50')
     numbers = range(int(ends[0]), int(ends[1]) + 1)
     if not numbers:
         raise ConfigError(f'--rows: {word!r} ends before it begins')
-    return [random_row(number) for number in numbers]
+    return [_DRAWN[prefix](number) for number in numbers]
 
 
 def rows_by_table(*, more: bool) -> list[str]:
