@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 _DISTRIBUTIONS = ('numpy', 'scipy', 'numba', 'gsw', 'mcap', 'ros-rclpy', 'ros-rmw-fastrtps-cpp')
 _SOURCES = Path(__file__).resolve().parents[3]
+_CPUINFO = Path('/proc/cpuinfo')
 
 
 def run_info(mission: Mission, options: GraphOptions, graph: Graph) -> dict[str, Any]:
@@ -75,26 +76,40 @@ def git_commit(folder: Path) -> str:
 
 
 def cpu_model() -> str:
-    """Name of the processor; replays are equal bit for bit on one model."""
-    path = Path('/proc/cpuinfo')
-    if path.is_file():
-        for line in path.read_text(encoding='utf-8', errors='replace').splitlines():
-            if line.startswith('model name'):
-                return line.partition(':')[2].strip()
-    return platform.machine()
+    """Name of the processor; replays are equal bit for bit on one model.
+
+    Linux names a processor of x86-64, and numbers designer and part of one of Arm.
+    """
+    known = _cpuinfo()
+    machine = platform.machine()
+    name = known.get('model name') or _numbers(known, 'CPU implementer', 'CPU part')
+    if not name:
+        return machine
+    return name if machine == 'x86_64' else f'{machine} {name}'  # an emulator shows its host's
 
 
 def cpu_identity() -> str:
     """Name of the processor with family, model and stepping, which differ between generations."""
-    path = Path('/proc/cpuinfo')
-    numbers: dict[str, str] = {}
-    if path.is_file():
-        for line in path.read_text(encoding='utf-8', errors='replace').splitlines():
-            name, _, value = line.partition(':')
-            if name.strip() in ('cpu family', 'model', 'stepping'):
-                numbers.setdefault(name.strip(), value.strip())
-    details = ', '.join(f'{name} {value}' for name, value in numbers.items())
+    details = _numbers(
+        _cpuinfo(), 'cpu family', 'model', 'stepping', 'CPU variant', 'CPU revision'
+    )
     return f'{cpu_model()} ({details})' if details else cpu_model()
+
+
+def _cpuinfo() -> dict[str, str]:
+    """What Linux says of the processor; cores of several kinds in the order of their numbers."""
+    found: dict[str, list[str]] = {}
+    if _CPUINFO.is_file():
+        for line in _CPUINFO.read_text(encoding='utf-8', errors='replace').splitlines():
+            name, _, value = line.partition(':')
+            values = found.setdefault(name.strip(), [])
+            if value.strip() not in values:
+                values.append(value.strip())
+    return {name: ' and '.join(values) for name, values in found.items()}
+
+
+def _numbers(known: dict[str, str], *names: str) -> str:
+    return ', '.join(f'{name} {known[name]}' for name in names if known.get(name))
 
 
 def lock_sha256() -> str:
