@@ -24,7 +24,8 @@ FUNCTIONS = {
 """What is called of libm by machine code, where it is not the name alone."""
 NO_NUMBERS = re.compile(r'_?Py|numba_(adapt|attempt|do_raise|unpickle|runtime_build_ex)|mem\w+$')
 """Python's and numba's own, and copies of memory."""
-FUSED = re.compile(rb'\bvfn?m(?:add|sub)')
+FUSED = re.compile(rb'\b(?:vfn?m(?:add|sub)\w+|fn?m(?:add|sub)|fml[as])\b')
+"""Instructions of x86-64 and of arm64 that round a product and a sum at once."""
 needs_machine_code = pytest.mark.skipif(
     bool(numba.config.DISABLE_JIT) or not shutil.which('objdump'),
     reason='needs compiled kernels, and objdump (apt install binutils)',
@@ -136,6 +137,23 @@ def test_machine_code_calls_what_the_sources_do_and_nothing_else(objects):
     assert called - set().union(*allowed.values()) == set()
     libm = {name for name, kind in listed()['compiled'].items() if kind == 'libm'}
     assert {name for name in libm if not allowed[name] & called} == set()
+
+
+@pytest.mark.parametrize(
+    ('line', 'fused'),
+    [
+        (b' 4:\tvfmadd231sd %xmm1,%xmm2,%xmm0', True),
+        (b' 4:\tvfnmsub213pd %ymm1,%ymm2,%ymm0', True),
+        (b' 4:\tfmadd\td0, d1, d2, d3', True),
+        (b' 4:\tfnmsub\td0, d1, d2, d3', True),
+        (b' 4:\tfmla\tv0.2d, v1.2d, v2.d[0]', True),
+        (b' 4:\tvmulsd %xmm1,%xmm2,%xmm0', False),
+        (b' 4:\tmadd\tx0, x1, x2, x3', False),
+        (b' 4:\tfmul\td0, d1, d2', False),
+    ],
+)
+def test_fused_instructions_are_known_on_both_architectures(line, fused):
+    assert bool(FUSED.search(line)) == fused
 
 
 @needs_machine_code
