@@ -8,6 +8,7 @@ import pytest
 
 rclpy = pytest.importorskip('rclpy')
 
+from geometry_msgs.msg import Point  # noqa: E402
 from lifecycle_msgs.msg import State, Transition  # noqa: E402
 from lifecycle_msgs.srv import ChangeState, GetState  # noqa: E402
 from nav_msgs.msg import Odometry  # noqa: E402
@@ -170,6 +171,24 @@ def test_a_cleanup_is_refused_and_a_shutdown_ends_the_process(rig):
     assert r.node.ended == 0
 
 
+def test_a_transition_that_the_state_has_not_is_refused_and_the_navigation_goes_on(rig):
+    """rclpy's own service raises there, which ends the process: in the water, a lost vehicle."""
+    r = rig()
+    assert not r.change(Transition.TRANSITION_ACTIVATE)
+    assert not r.change(Transition.TRANSITION_CLEANUP)
+    assert not r.change(99)
+    request = {'transition': Transition(label='descend')}
+    assert not r.call(ChangeState, 'follower_node/change_state', **request).success
+    assert r.change(Transition.TRANSITION_DEACTIVATE)
+    assert not r.change(Transition.TRANSITION_DEACTIVATE)
+    assert not r.change(Transition.TRANSITION_CONFIGURE)
+    request = {'transition': Transition(label='activate')}
+    assert r.call(ChangeState, 'follower_node/change_state', **request).success
+    assert r.state == State.PRIMARY_STATE_ACTIVE
+    r.sail(100)
+    r.until(lambda: r.heard['odometry/now'])
+
+
 def test_a_sensor_is_switched_off_and_on_by_recorded_commands(rig):
     r = rig()
     r.until(lambda: r.imu.get_subscription_count() == 1)
@@ -221,3 +240,7 @@ def test_places_in_the_map_and_on_the_earth(rig):
     assert back.height == pytest.approx(-40.0, abs=1e-4)
     assert not r.call(FromLL, 'fromLL', latitude=91.0).success
     assert not r.call(FromLL, 'fromLL', latitude=float('nan')).success
+    far = r.call(ToLL, 'toLL', map_point=Point(x=1e300))
+    assert (far.success, far.latitude) == (False, 0.0)
+    far = r.call(FromLL, 'fromLL', latitude=80.0, height=1e300)
+    assert not far.success

@@ -13,7 +13,7 @@ the process: a cleanup is refused.
 from __future__ import annotations
 
 from abc import abstractmethod
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNodeMixin, LifecycleState
@@ -44,6 +44,8 @@ class ManagedNode(LifecycleNodeMixin, PolarNode[P]):  # type: ignore[misc]
     def __init__(self, name: str, params_cls: type[P]) -> None:
         PolarNode.__init__(self, name, params_cls)
         LifecycleNodeMixin.__init__(self)
+        self._change_state = self._service_change_state.callback
+        self._service_change_state.callback = self.blamed(self._on_change_state)
         self._begun = False
 
     @abstractmethod
@@ -68,6 +70,23 @@ class ManagedNode(LifecycleNodeMixin, PolarNode[P]):  # type: ignore[misc]
         self._begun = True
         self.trigger_configure()
         self.trigger_activate()
+
+    def _on_change_state(self, request: Any, response: Any) -> Any:  # noqa: ANN401 - ChangeState
+        """Refuse a transition that the present state has not; rclpy raises, and the node ends."""
+        wanted = request.transition
+        possible = {
+            number: label for number, label, *_ in self._state_machine.available_transitions
+        }
+        known = wanted.label in possible.values() if wanted.label else wanted.id in possible
+        if known:
+            return self._change_state(request, response)
+        there = ', '.join(f'{label} ({number})' for number, label in possible.items()) or 'none'
+        self.get_logger().warning(
+            f'transition {wanted.label or wanted.id} is refused: from {self.lifecycle} there is '
+            f'{there}'
+        )
+        response.success = False
+        return response
 
     def on_configure(self, _state: LifecycleState) -> Return:
         """Begin to work; parameters that are refused end the process with status 2."""

@@ -27,6 +27,9 @@ MapOf: TypeAlias = Callable[[], LocalFrame | None]
 
 _NO_MAP = 'there is no map frame yet: neither an origin_file nor a first state'
 _NOT_FINITE = 'a coordinate is not finite, or a latitude beyond 90 degrees'
+_FARTHEST = 1e9
+"""From the map or above the ellipsoid [m]: numbers of a place near the Earth."""
+_FAR = f'a coordinate is beyond {_FARTHEST:.0e} m'
 _NOT_SWITCHED = (CONTROL, USBL)
 
 
@@ -70,9 +73,9 @@ def add_map_services(node: Node, map_of: MapOf, frame_id: str) -> None:
         frame = map_of()
         place = request.latitude, request.longitude, request.height
         usable = bool(np.isfinite(place).all()) and abs(request.latitude) <= 90.0
-        response.message = _NO_MAP if frame is None else '' if usable else _NOT_FINITE
+        response.message = _problem(frame, usable, abs(request.height))
         response.success = not response.message
-        if frame is not None and usable:
+        if frame is not None and response.success:
             lat, lon = np.radians(place[:2])
             r_m = frame.position(earth.ecef_from_geodetic(lat, lon, request.height))
             p = response.map_point
@@ -83,10 +86,9 @@ def add_map_services(node: Node, map_of: MapOf, frame_id: str) -> None:
     def to_ll(request: ToLL.Request, response: ToLL.Response) -> ToLL.Response:
         frame, p = map_of(), request.map_point
         r_m = np.array([p.x, p.y, p.z])
-        usable = bool(np.isfinite(r_m).all())
-        response.message = _NO_MAP if frame is None else '' if usable else _NOT_FINITE
+        response.message = _problem(frame, bool(np.isfinite(r_m).all()), abs(r_m).max())
         response.success = not response.message
-        if frame is not None and usable:
+        if frame is not None and response.success:
             lat, lon, height = earth.geodetic_from_ecef(frame.r_e + frame.C_e_m.T @ r_m)
             response.latitude = float(np.degrees(lat))
             response.longitude = float(np.degrees(lon))
@@ -95,3 +97,12 @@ def add_map_services(node: Node, map_of: MapOf, frame_id: str) -> None:
 
     node.create_service(FromLL, 'fromLL', from_ll)
     node.create_service(ToLL, 'toLL', to_ll)
+
+
+def _problem(frame: LocalFrame | None, usable: bool, farthest: float) -> str:
+    """Sentence on why a place cannot be given; empty if it can."""
+    if frame is None:
+        return _NO_MAP
+    if not usable:
+        return _NOT_FINITE
+    return '' if farthest <= _FARTHEST else _FAR
