@@ -6,11 +6,13 @@ process is in `process`.
 
 from __future__ import annotations
 
+import copy
 import json
 import os
 import sys
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from importlib import metadata
 from typing import Any, Generic, Protocol, TypeVar
 
@@ -18,21 +20,23 @@ import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.exceptions import InvalidParameterTypeException
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from std_msgs.msg import String
 
 from polar_nav_core.engine.version import ENGINE_VERSION
+from polar_nav_core.errors import ConfigError
 from polar_nav_core.params import NodeParams, to_mapping
 from polar_nav_msgs.msg import LockstepAck
 
 from . import topics
 from .backlog import Backlog, Drain, informed
 from .blame import BlamedNode
-from .diagnostics import Diagnosis
+from .diagnostics import Diagnosis, Level
 from .parameters import load
-from .qos import BEST_EFFORT, overridden, overriding
+from .qos import BEST_EFFORT, check_overrides, overridden, overriding, unused_overrides
 from .qos import DATA_QOS as DATA_QOS
 from .qos import LATCHED_QOS as LATCHED_QOS
 from .qos import QUEUE_DEPTH as QUEUE_DEPTH
@@ -136,7 +140,11 @@ class PolarNode(BlamedNode, Generic[P]):
     """
 
     def __init__(self, name: str, params_cls: type[P], **kwargs: Any) -> None:  # noqa: ANN401 - passed on to rclpy
-        super().__init__(name, **kwargs)
+        try:
+            super().__init__(name, **kwargs)
+        except InvalidParameterTypeException as error:  # before any of ours is declared
+            raise ConfigError(f'{error}: true or false') from error
+        check_overrides(self)
         self.params: P = self.settled(load(self, params_cls, self.stated()))
         self.vehicle: str = self.get_namespace().strip('/')
         self._outputs: list[CountedPublisher] = []
@@ -276,7 +284,7 @@ class PolarNode(BlamedNode, Generic[P]):
             msg_type,
             topic,
             drained,
-            qos,
+            copy.copy(qos),  # rclpy writes overrides into it
             raw=raw,
             event_callbacks=events,
             qos_overriding_options=overriding(self, topic, reliable=reliable),
@@ -377,9 +385,22 @@ class PolarNode(BlamedNode, Generic[P]):
 
     def _publish_diagnosis(self) -> None:
         self.tell_supervisor('alive', self.get_fully_qualified_name())
-        message = self.diagnose().to_msg(self.get_fully_qualified_name(), self.vehicle)
+        if self._inputs and self._beats <= _BEATS:
+            for name in unused_overrides(self, self.taken_counts()):
+                self.get_logger().warning(f'parameter {name}: there is no such subscription')
+        message = self._timed(self.diagnose()).to_msg(
+            self.get_fully_qualified_name(), self.vehicle
+        )
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
+
+    def _timed(self, found: Diagnosis) -> Diagnosis:
+        """Add to a diagnosis that the node has no time: use_sim_time without a /clock."""
+        clock = self.get_clock()
+        if not clock.ros_time_is_active or clock.now().nanoseconds:
+            return found
+        text = f'{found.message}; use_sim_time is true and no /clock has come: it has no time'
+        return replace(found, level=max(found.level, Level.WARN), message=text)
 
     def _describe(self) -> str:
         package = _package_of(type(self).__module__)

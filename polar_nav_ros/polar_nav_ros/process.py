@@ -11,6 +11,7 @@ import faulthandler
 import gc
 import inspect
 import os
+import re
 import signal
 import sys
 import threading
@@ -75,7 +76,11 @@ def run_together(kinds: Sequence[Kind], args: Sequence[str] | None = None) -> in
     """
     stop = Stop()
     watch_launcher()
-    rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    try:
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:  # of rcl, on what stands after --ros-args
+        print(f'after --ros-args: {_said(error)}', file=sys.stderr)  # noqa: T201 - no logger yet
+        return 2
     nodes: list[PolarNode[Any]] = []
     status = 1  # of an error that nobody expected
     try:
@@ -90,6 +95,12 @@ def run_together(kinds: Sequence[Kind], args: Sequence[str] | None = None) -> in
             _tell_who_failed(_who(kinds, nodes))
         _part(nodes, status)
     return status
+
+
+def _said(error: Exception) -> str:
+    """What an error of rcl says, without the places in its sources that it ends with."""
+    text = re.sub(r', at /\S+?:\d+', '', str(error)).removeprefix('failed to initialize rcl: ')
+    return f'unknown: {text}' if text.startswith('[') else text
 
 
 def _live(kinds: Sequence[Kind], nodes: list[PolarNode[Any]], stop: Stop) -> int:

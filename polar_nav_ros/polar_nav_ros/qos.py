@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 from rclpy.node import Node
 from rclpy.qos import (
     DurabilityPolicy,
@@ -11,6 +13,8 @@ from rclpy.qos import (
     ReliabilityPolicy,
 )
 from rclpy.qos_overriding_options import QoSOverridingOptions
+
+from polar_nav_core.errors import ConfigError
 
 QUEUE_DEPTH = 2000
 """Deeper than the longest window of the lockstep pace has messages on any topic."""
@@ -41,6 +45,49 @@ RECORD_QOS = QoSProfile(
 )
 """For what a replay cannot do without: a recorder that finds it late gets a minute of it."""
 _QUEUE = (QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH)
+_PREFIX = 'qos_overrides.'
+_WORDS = {
+    'reliability': ('reliable', 'best_effort'),
+    'history': ('keep_last', 'keep_all'),
+}
+
+
+def check_overrides(node: Node) -> None:
+    """Refuse policies for subscriptions that rclpy would take for an error of the program.
+
+    Raises
+    ------
+    ConfigError
+        For another policy than reliability, depth and history, or a value that it cannot have.
+    """
+    for name, stated in node._parameter_overrides.items():
+        topic, end, policy = name.removeprefix(_PREFIX).rpartition('.subscription.')
+        if not name.startswith(_PREFIX) or not end or topic == '/parameter_events':
+            continue
+        value = stated.value
+        if policy == 'depth':
+            if type(value) is int and value > 0:
+                continue
+            expected = 'a whole number above 0'
+        elif policy in _WORDS:
+            if value in _WORDS[policy]:
+                continue
+            expected = ' or '.join(_WORDS[policy])
+        else:
+            raise ConfigError(
+                f'parameter {name}: {policy} cannot be overridden, but reliability, depth, history'
+            )
+        raise ConfigError(f'parameter {name}: {value!r} is refused: {expected}')
+
+
+def unused_overrides(node: Node, topics: Collection[str]) -> list[str]:
+    """Names of parameters for subscriptions to topics, by their full names, that are not there."""
+    found = []
+    for name in node._parameter_overrides:
+        topic, end, _ = name.removeprefix(_PREFIX).rpartition('.subscription.')
+        if name.startswith(_PREFIX) and end and topic not in (*topics, '/parameter_events'):
+            found.append(name)
+    return found
 
 
 def overridden(node: Node, topic: str, policy: str = 'reliability') -> bool:

@@ -27,6 +27,7 @@ from polar_nav_core.params import NodeParams, param  # noqa: E402
 from polar_nav_msgs.msg import Depth, LockstepAck  # noqa: E402
 from polar_nav_ros import node as ros_node  # noqa: E402
 from polar_nav_ros import process, topics  # noqa: E402
+from polar_nav_ros.diagnostics import Level  # noqa: E402
 from polar_nav_ros.node import DATA_QOS, LATCHED_QOS, PolarNode  # noqa: E402
 from polar_nav_ros.qos import BEST_EFFORT  # noqa: E402
 from polar_nav_ros.stamps import stamp_ns_of_cdr, to_msg, to_ns  # noqa: E402
@@ -182,6 +183,64 @@ def test_both_subscriptions_of_one_topic_hear_a_best_effort_publisher(executor):
 def test_a_bad_parameter_is_named(name, value, says):
     with pytest.raises(ConfigError, match=says):
         Echo(parameter_overrides=[Parameter(name, value=value)])
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'says'),
+    [
+        ('use_sim_time', 1, 'use_sim_time.*true or false'),
+        ('qos_overrides./in.subscription.reliability', 'relaible', "'relaible' is refused"),
+        ('qos_overrides./in.subscription.history', 'all', 'keep_last or keep_all'),
+        ('qos_overrides./in.subscription.depth', 0, 'a whole number above 0'),
+        ('qos_overrides./in.subscription.deadline', 1, 'deadline cannot be overridden'),
+    ],
+)
+def test_what_rclpy_would_end_a_node_for_is_named(name, value, says):
+    with pytest.raises(ConfigError, match=says):
+        Echo(parameter_overrides=[Parameter(name, value=value)])
+
+
+def test_qos_of_a_topic_that_is_not_there_is_named(monkeypatch):
+    names = [f'qos_overrides.{topic}.subscription.depth' for topic in ('/in', '/inn')]
+    echo = Echo(parameter_overrides=[Parameter(name, value=5) for name in names])
+    said = []
+    monkeypatch.setattr(echo, 'get_logger', lambda: SimpleNamespace(warning=said.append))
+    for _ in range(20):
+        echo._beat()
+    assert said == [f'parameter {names[1]}: there is no such subscription']
+    assert DATA_QOS.depth == ros_node.QUEUE_DEPTH, 'of all other topics'
+    echo.destroy_node()
+
+
+def test_simulated_time_without_a_clock_is_named():
+    """Nothing has a time of arrival then; the graph looks as if it were well."""
+    echo = Echo(parameter_overrides=[Parameter('use_sim_time', value=True)])
+    found = echo._timed(echo.diagnose())
+    assert found.level is Level.WARN
+    assert 'no /clock has come' in found.message
+    echo.destroy_node()
+    echo = Echo()
+    assert echo._timed(echo.diagnose()).level is Level.OK
+    echo.destroy_node()
+
+
+@pytest.mark.parametrize(
+    ('args', 'says'),
+    [
+        (['--params-file', 'none.yaml'], 'none.yaml'),
+        (['-p', 'gain:='], 'gain:='),
+        (['-r', '__ns:=auv'], '__ns:=auv'),
+        (['--loud'], 'unknown'),
+    ],
+)
+def test_arguments_that_ros_does_not_take_are_a_sentence(args, says, capfd):
+    rclpy.shutdown()
+    assert process.run(Echo, ['--ros-args', *args]) == 2
+    err = capfd.readouterr().err
+    [said] = [line for line in err.splitlines() if line.startswith('after --ros-args: ')]
+    assert says in said
+    assert '/src/' not in said
+    assert 'Traceback' not in err
 
 
 def test_descriptor_tells_range_and_text():
