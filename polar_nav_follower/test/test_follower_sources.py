@@ -3,6 +3,7 @@
 import math
 import os
 import time
+from types import SimpleNamespace
 from typing import ClassVar
 
 import numpy as np
@@ -15,11 +16,13 @@ from geometry_msgs.msg import TwistWithCovarianceStamped  # noqa: E402
 from rclpy.executors import SingleThreadedExecutor  # noqa: E402
 from rclpy.qos import QoSProfile, ReliabilityPolicy  # noqa: E402
 from rclpy.serialization import deserialize_message, serialize_message  # noqa: E402
+from rclpy.time import Time  # noqa: E402
 from sensor_msgs.msg import FluidPressure, Imu, NavSatFix  # noqa: E402
 
 from polar_nav_core.errors import ConfigError  # noqa: E402
 from polar_nav_follower.follower_node import FollowerNode  # noqa: E402
 from polar_nav_msgs.msg import Depth, FixReceipt, Inputs, NavState  # noqa: E402
+from polar_nav_ros.diagnostics import Diagnosis  # noqa: E402
 from polar_nav_ros.node import DATA_QOS, QUEUE_DEPTH  # noqa: E402
 from polar_nav_ros.source_ports import digest_of  # noqa: E402
 from polar_nav_ros.stamps import to_msg, to_ns  # noqa: E402
@@ -243,6 +246,61 @@ def test_a_reliable_publisher_is_heard_reliably_and_an_absent_one_is_named(mappe
     assert values['source /xsens/imu'] == 'sensor_msgs/msg/Imu, reliable'
 
 
+def test_what_is_wrong_with_a_source_is_in_the_log_too(mapped, monkeypatch):
+    """Who starts a node by hand reads its log, and no diagnostics."""
+    rig = Rig(mapped, '-r', '/ugps/fix:=/topside/fix', qos=DATA_QOS)
+    heard = ('/xsens/imu', '/auv/dvl/twist', '/bar30/pressure')
+    rig.until(lambda: all(rig.out[n].get_subscription_count() == 1 for n in heard))
+    said = []
+    log = SimpleNamespace(warning=said.append, info=said.append)
+    monkeypatch.setattr(rig.node, 'get_logger', lambda: log)
+    sources = rig.node._ports._sources
+    for _ in range(20):
+        sources.diagnosed(Diagnosis())
+    assert said == ['nobody publishes /topside/fix']
+    publisher = rig.peer.create_publisher(NavSatFix, '/topside/fix', DATA_QOS)
+    rig.until(lambda: publisher.get_subscription_count() == 1)
+    sources.diagnosed(Diagnosis())
+    assert said[1:] == ['/topside/fix is as the mapping file states it']
+    rig.node._ports._start._published = None
+    rig.node._ports._start.publish()
+    assert said[2:] == ['waiting for: IMU samples']
+
+
+def test_two_publishers_of_one_sensor_are_named(mapped):
+    rig = Rig(mapped)
+    rig.until(rig.matched)
+    assert 'publishers' not in rig.status().message
+    other = rig.peer.create_publisher(Imu, '/xsens/imu', BEST_EFFORT)
+    rig.until(lambda: other.get_subscription_count() == 1)
+    assert '/xsens/imu has 2 publishers (/peer)' in rig.status().message
+
+
+def test_a_fix_of_a_clock_a_little_ahead_is_used(mapped):
+    """Two computers with NTP, or /clock in steps: the fix came when it was valid."""
+    mapped.write_text(MAPPING.replace(', delay_s: 0.3', ''), encoding='utf-8')
+    rig = Rig(mapped)
+    rig.until(rig.matched)
+    clock = SimpleNamespace(now=lambda: Time(nanoseconds=rig.now_ns), ros_time_is_active=False)
+    rig.node.get_clock = lambda: clock
+    start_ns = 1_772_323_200_000_000_000
+    rig.now_ns = start_ns + 10**9
+    rig.sail(start_ns, 100)
+    for ahead_ms in (30, 250):
+        fix = NavSatFix(latitude=LATITUDE, longitude=LONGITUDE)
+        fix.status.status = 0
+        fix.header.stamp = to_msg(rig.now_ns + ahead_ms * 10**6)
+        rig.publish('/ugps/fix', fix)
+    rig.sail(start_ns + 10**9, 40)
+
+    def verdicts():
+        return {to_ns(r.validity_time) - start_ns: r.verdict for r in rig.receipts}
+
+    rig.until(lambda: {1_030_000_000, 1_250_000_000} <= set(verdicts()))
+    assert verdicts()[1_030_000_000] == FixReceipt.FUSED
+    assert verdicts()[1_250_000_000] == FixReceipt.FROM_FUTURE
+
+
 def test_a_source_that_never_has_a_position_is_named(mapped):
     rig = Rig(mapped)
     rig.until(rig.matched)
@@ -302,6 +360,9 @@ def test_qos_overrides_are_obeyed_and_what_does_not_match_is_named(mapped):
         ('sensor_msgs/msg/Imu', 'sensor_msgs/msg/Imo', 'package sensor_msgs has no message Imo'),
         ('sensor_msgs/msg/Imu', 'sensor_msgs/msg/Range', 'has no adapter for imu'),
         ('sigma: 2.0', 'sigmas: 2.0', 'unknown key sigmas'),
+        ('/ugps/fix', '/ugps-fix', "'/ugps-fix' is no name of a topic: topic name must not"),
+        ('dvl/twist', 'dvl twist', "'dvl twist' is no name of a topic"),
+        ('/bar30/pressure', '/xsens/imu', '/xsens/imu is stated as .*/Imu and as .*/FluidPress'),
     ],
 )
 def test_what_cannot_be_run_is_named_at_the_start(mapped, old, new, says):

@@ -19,6 +19,7 @@ from std_srvs.srv import SetBool  # noqa: E402
 from polar_nav_follower.follower_node import FollowerNode  # noqa: E402
 from polar_nav_msgs.msg import Command, Depth, FixReceipt, NavState  # noqa: E402
 from polar_nav_msgs.srv import FromLL, ToLL  # noqa: E402
+from polar_nav_ros.diagnostics import Level  # noqa: E402
 from polar_nav_ros.node import DATA_QOS  # noqa: E402
 from polar_nav_ros.stamps import to_msg  # noqa: E402
 
@@ -187,6 +188,24 @@ def test_a_transition_that_the_state_has_not_is_refused_and_the_navigation_goes_
     assert r.state == State.PRIMARY_STATE_ACTIVE
     r.sail(100)
     r.until(lambda: r.heard['odometry/now'])
+
+
+def test_a_state_that_cannot_be_saved_is_a_warning(rig, tmp_path):
+    """A full disk, a folder of another user: found out before the restart that needs it."""
+    (tmp_path / 'file').write_bytes(b'')
+    r = rig(f'state_file:={tmp_path}/file/state', 'state_period_s:=1.0')
+    r.sail(300)
+    found = r.node.diagnose()
+    assert found.level >= Level.WARN
+    assert f'{tmp_path}/file/state: not saved: ' in found.message
+
+
+def test_two_publishers_of_a_sensor_are_named(rig):
+    r = rig()
+    r.sail(50)
+    other = r.peer.create_publisher(Depth, '/auv/depth/data', DATA_QOS)
+    r.until(lambda: other.get_subscription_count() == 1)
+    assert '/auv/depth/data has 2 publishers (/peer)' in r.node.diagnose().message
 
 
 def test_a_sensor_is_switched_off_and_on_by_recorded_commands(rig):

@@ -129,8 +129,12 @@ class NavigationHealth:
         flood = self._flood(behind_s, lost)
         if flood:
             counted['flood'] = flood
-            if level is Level.OK:
-                level, message = Level.WARN, flood
+        # Beside what is worse, too: a WARN that stays would hide that no fix is used.
+        beside = [*self._refusals(), *([flood] if flood else [])]
+        if beside and level is Level.OK:
+            level, message = Level.WARN, '; '.join(beside)
+        else:
+            message = '; '.join([message, *beside])
         self._refused = {v: engine.verdicts[v] for v in _REFUSED}
         self._tell(level, message)
         return Diagnosis(level, message, {**counted, **values})
@@ -147,6 +151,12 @@ class NavigationHealth:
                 'has those that are recorded'
             )
         return '; '.join(said)
+
+    def _refusals(self) -> list[str]:
+        """Sentences on messages that were refused since the last diagnosis, while it navigates."""
+        verdicts = self._engine.verdicts
+        new = [v for v in _REFUSED if verdicts[v] > self._refused[v]]
+        return [f'{verdicts[v]} messages {_REFUSED[v]}' for v in new if self._engine.navigating]
 
     def _worst(self, integrity: Integrity, silent_s: float, waits_for: str) -> tuple[Level, str]:
         engine = self._engine
@@ -172,10 +182,6 @@ class NavigationHealth:
             return Level.WARN, health.sentence
         if integrity.level is integrity.level.WARN:
             return Level.WARN, integrity.sentence
-        for verdict, what in _REFUSED.items():
-            count = engine.verdicts[verdict]
-            if count > self._refused[verdict]:
-                return Level.WARN, f'{count} messages {what}'
         if engine.aiding_warning:
             return Level.WARN, engine.aiding_warning
         return Level.OK, f'navigating, {integrity.sentence}'

@@ -26,6 +26,7 @@ from __future__ import annotations
 import time
 from array import array
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from typing import Any
 
 from nav_msgs.msg import Odometry
@@ -42,7 +43,7 @@ from polar_nav_msgs.msg import InitialState as InitialStateMsg
 from polar_nav_msgs.msg import Restore as RestoreMsg
 from polar_nav_msgs.srv import SetInitialState
 
-from .diagnostics import Diagnosis
+from .diagnostics import Diagnosis, Level
 from .live_outputs import LiveOutputs
 from .navigation_health import NavigationHealth
 from .navigation_session import (
@@ -141,6 +142,11 @@ class NavigationPorts:
         self._command_count = 0
         self._imu_seen: tuple[int | None, float] = (None, time.monotonic())
         self._fix_second = -1
+        self._own_topics = [
+            node.resolve_topic_name(topic)
+            for topic in session.sensors
+            if sources is None or not sources.has(topic)
+        ]
         fixes = sources is None or sources.fixes
         headings = sources is not None and sources.headings
         self._start = StartPorts(
@@ -230,7 +236,15 @@ class NavigationPorts:
         found = self._health.diagnose(
             values, behind_s=behind_s, lost=sum(lost.values()), waits_for=waits_for
         )
-        return found if self._sources is None else self._sources.diagnosed(found)
+        if self._sources is not None:
+            found = self._sources.diagnosed(found)
+        beside = [] if self._store is None else [self._store.problem]
+        beside += [self._node.doubled(name) for name in self._own_topics]
+        said = [text for text in beside if text]
+        if not said:
+            return found
+        message = '; '.join([found.message, *said])
+        return replace(found, level=max(found.level, Level.WARN), message=message)
 
     def _silent_s(self) -> float:
         """Time since IMU samples that are used stopped, by the computer's clock; 0 in lockstep."""

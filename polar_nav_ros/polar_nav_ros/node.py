@@ -344,6 +344,19 @@ class PolarNode(BlamedNode, Generic[P]):
         """Publishers that the subscription to a topic, by its full name, has found."""
         return next(i.matched for i in self._inputs if i.topic == topic)
 
+    def doubled(self, topic: str) -> str:
+        """Sentence on a topic, by its full name, that several publish; empty for one of one."""
+        if self.publishers_of(topic) < 2:
+            return ''
+        offered = self.get_publishers_info_by_topic(topic)
+        if len(offered) < 2:
+            return ''
+        nodes = sorted({f'{i.node_namespace.rstrip("/")}/{i.node_name}' for i in offered})
+        return (
+            f'{topic} has {len(offered)} publishers ({", ".join(nodes)}): what they send is taken '
+            'as of one sensor'
+        )
+
     def lost_counts(self) -> dict[str, int]:
         """Messages dropped before they were taken, per fully qualified topic that lost any."""
         drained = [i for i in self._inputs if isinstance(i, _Drained)]

@@ -14,7 +14,9 @@ from dataclasses import replace
 from importlib import import_module
 from typing import Any
 
+from rclpy.exceptions import InvalidTopicNameException
 from rclpy.serialization import deserialize_message
+from rclpy.validate_topic_name import validate_topic_name
 
 from polar_nav_core.errors import ConfigError
 from polar_nav_msgs.msg import Inputs
@@ -32,6 +34,8 @@ _BLOCK_NS = 1_000_000_000
 _MOST = 2000
 _MANY = 10
 """Messages that cannot be used, all of a source, that are a WARN."""
+_STANDING = 5
+"""Diagnoses, one a second, for which something is wrong before it is in the log, too."""
 _CONTENT = {
     'velocity': ('a velocity', 'NaN, marked as not valid, or not of the stated reference'),
     'depth': ('a depth', 'NaN, or no echo in range'),
@@ -58,7 +62,8 @@ def bound(sources: Sources) -> dict[str, type[Any]]:
     Raises
     ------
     ConfigError
-        For a type that the mapping does not state, or that is not installed.
+        For a type that the mapping does not state, or that is not installed, and for what is no
+        name of a topic.
     """
     found: dict[str, type[Any]] = {}
     for source in sources:
@@ -82,6 +87,11 @@ def class_of(stream: Stream, where: str) -> type[Any]:
             f'{where}: {topic}: type is missing; a running vehicle needs it, as in '
             '`type: sensor_msgs/msg/Imu`'
         )
+    try:
+        validate_topic_name(topic)
+    except InvalidTopicNameException as error:
+        why = str(error).splitlines()[0].rstrip(':').removeprefix('Invalid topic name: ')
+        raise ConfigError(f'{where}: {topic!r} is no name of a topic: {why}') from error
     package, _, short = name.split('/')
     try:
         return getattr(import_module(f'{package}.msg'), short)  # type: ignore[no-any-return]
@@ -116,10 +126,25 @@ class SourcePorts:
             self._start_kind = class_of(start.stream, 'sources: initial')
             start.bind(self._start_kind(), {})
         self._start = start
+        self._require_one_type()
+        self._stood: dict[str, int] = {}
         self._names: dict[str, str] = {}
         self._inputs = node.advertise(Inputs, INPUTS, RECORD_QOS)
         self._blocks = 0
         self._rows: list[tuple[int, int, int, int, int]] = []
+
+    def _require_one_type(self) -> None:
+        """Refuse a topic that stands in the file with two types: no publisher has both."""
+        streams = [s.stream for s in self._sources]
+        streams += [] if self._start is None else [self._start.stream]
+        types: dict[str, str] = {}
+        for stream in streams:
+            name = self._node.resolve_topic_name(stream.topic)
+            if types.setdefault(name, stream.type) != stream.type:
+                raise ConfigError(
+                    f'sources: {name} is stated as {types[name]} and as {stream.type}: a topic '
+                    'has one type'
+                )
 
     @property
     def beside(self) -> tuple[str, ...]:
@@ -180,6 +205,7 @@ class SourcePorts:
                 source.unreadable += 1
                 return
             mapped_ns = source.validity_ns(stamp_ns, arrival_ns)
+            arrival_ns = source.received_ns(mapped_ns, arrival_ns)
             self._note((number, stamp_ns, arrival_ns, mapped_ns, digest_of(data)))
             take(Taken(message, arrival_ns, mapped_ns))
 
@@ -218,7 +244,9 @@ class SourcePorts:
 
     def diagnosed(self, found: Diagnosis) -> Diagnosis:
         """Add what is wrong with the sources to a diagnosis; a WARN where nothing is worse."""
-        problems = [p for p in (self._problem(s) for s in self._sources) if p]
+        found_of = {self._name(s): p for s in self._sources if (p := self._problem(s))}
+        self._tell(found_of)
+        problems = list(found_of.values())
         counts = {f'unreadable {self._name(s)}': s.unreadable for s in self._sources}
         counts |= {f'without {_content(s)} {self._name(s)}': s.empty for s in self._sources}
         values = {**found.values, **{name: n for name, n in counts.items() if n}}
@@ -228,11 +256,23 @@ class SourcePorts:
         message = f'{found.message}; {"; ".join(problems)}'
         return Diagnosis(max(found.level, Level.WARN), message, values)
 
+    def _tell(self, problems: Mapping[str, str]) -> None:
+        """Log what has been wrong with a topic for some seconds, and that it is over."""
+        for name in {**self._stood, **problems}:
+            stood = self._stood.get(name, 0)
+            if name in problems:
+                self._stood[name] = stood + 1
+                if stood + 1 == _STANDING:
+                    self._node.get_logger().warning(problems[name])
+            elif self._stood.pop(name) >= _STANDING:
+                self._node.get_logger().info(f'{name} is as the mapping file states it')
+
     def _problem(self, source: Source) -> str:
         """Sentence on a source whose publisher is absent or cannot be heard; else empty."""
         name = self._name(source)
         if self._node.publishers_of(name):
-            return _unusable(source, name)
+            doubled = '' if source.role == 'packet' else self._node.doubled(name)
+            return _unusable(source, name) or doubled
         offered = self._node.get_publishers_info_by_topic(name)
         others = {str(i.topic_type) for i in offered} - {source.stream.type}
         if not offered:

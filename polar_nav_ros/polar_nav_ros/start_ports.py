@@ -13,6 +13,7 @@ becomes a command on nav/command, so that a replay starts from the same one.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -39,6 +40,8 @@ from .topics import AHRS, DEPTH, DVL, START
 
 POSE_TOPICS = ('set_pose', 'initialpose')
 _QUEUE = 10
+_NUMBER = re.compile(r'[\d.]+')
+"""What of a sentence changes each second."""
 _ORIGINS = {
     'parameters': 'as stated by parameters',
     'alignment': 'aligned',
@@ -90,6 +93,7 @@ class StartPorts:
         self._refused = ''
         self._origin = ''
         self._published: tuple[str, str, str] | None = None
+        self._logged = ''
         # Not counted: in lockstep nobody waits for readers of what is latched.
         self._topic = node.create_publisher(DiagnosticArray, START, LATCHED_QOS)
         for name in POSE_TOPICS:
@@ -159,6 +163,8 @@ class StartPorts:
             return ''
         if self._start is not None:
             return self._start.progress.sentence
+        if self._origin and self._session.reorder.newest_imu_ns is not None:
+            return 'the state holds with the next IMU sample'
         if self._origin:
             return 'waiting for: IMU samples'
         return 'waiting for: ~/set_initial_state, or a pose on set_pose or initialpose'
@@ -176,6 +182,10 @@ class StartPorts:
         if new == self._published:
             return
         self._published = new
+        shape = _NUMBER.sub('#', self.waits_for)
+        if shape and shape != self._logged:
+            self._node.get_logger().info(self.waits_for)
+        self._logged = shape
         values = {'state': state, 'origin': self._origin or 'none'}
         message = Diagnosis(level, sentence, values).to_msg(
             f'{self._node.get_fully_qualified_name()}: start', self._session.vehicle

@@ -49,6 +49,11 @@ class StateStore:
         self._found = self._load()
 
     @property
+    def problem(self) -> str:
+        """Sentence on a state that could not be saved; empty where it was, or none was due."""
+        return f'{self._path}: {self.status}' if self._failed else ''
+
+    @property
     def has_state(self) -> bool:
         """Whether a saved state waits for the first IMU sample."""
         return self._found is not None

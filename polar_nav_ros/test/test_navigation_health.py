@@ -58,6 +58,17 @@ def test_stamps_that_step_back_are_an_error_until_they_have_caught_up():
     assert health.diagnose({}).level is Level.OK
 
 
+def test_what_is_refused_is_named_beside_a_warning_that_stays(monkeypatch):
+    """A slow vehicle's DVL is a WARN all the time; that no fix is used must not hide there."""
+    engine, health, _ = watched()
+    engine.verdicts[Verdict.FROM_FUTURE] += 2
+    monkeypatch.setattr(Engine, 'history_warning', 'sensors outrun the history')
+    found = health.diagnose({})
+    assert found.level is Level.WARN
+    assert found.message == 'sensors outrun the history; 2 messages were stamped ahead'
+    assert health.diagnose({}).message == 'sensors outrun the history'
+
+
 def test_what_is_refused_for_its_numbers_is_a_warning_while_it_goes_on():
     engine, health, _ = watched()
     list(engine.process(ImuSample(START_NS + 3 * 10**7, 3, np.zeros(3), np.full(3, 1e6))))

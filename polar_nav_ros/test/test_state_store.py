@@ -120,6 +120,10 @@ def test_a_folder_that_cannot_be_written_is_logged_once(engine, tmp_path):
     broken.save(engine)
     assert sum('cannot be saved' in line for line in broken._logger.lines) == 1
     assert broken.status.startswith('not saved')
+    assert broken.problem.endswith(broken.status)
+    fine = store(tmp_path / 'state')
+    fine.save(engine)
+    assert fine.problem == ''
 
 
 def test_killed_while_it_writes_leaves_the_older_one(engine, tmp_path):

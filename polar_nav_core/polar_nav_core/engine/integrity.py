@@ -279,7 +279,7 @@ class IntegrityMonitor:
             return Level.WARN, f'no fix was fused for {since:.0f} s: dead reckoning'
         if math.isnan(since):
             return self.unused.verdict(stamp_ns)
-        return Level.OK, f'last fix fused {since:.0f} s ago'
+        return Level.OK, f'last fix fused {max(since, 0.0):.0f} s ago'
 
     def _gated_s(self, stamp_ns: int) -> float:
         """Time from the first refused fix of the run to now, or to when the run went silent."""
