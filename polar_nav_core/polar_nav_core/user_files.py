@@ -25,6 +25,24 @@ _MOST_BITS = 64
 _LOADER: Any = getattr(yaml, 'CSafeLoader', yaml.SafeLoader)
 
 
+class _Once(_LOADER):  # type: ignore[misc]
+    """Loader that refuses a key which stands twice: YAML forbids it, and PyYAML takes the last."""
+
+    def construct_mapping(self, node: Any, deep: bool = False) -> Any:  # noqa: ANN401 - as PyYAML's
+        """Mapping of a node, as PyYAML makes it."""
+        seen: set[tuple[str, str]] = set()
+        for key, _ in node.value:
+            # What a merge (<<) has brought in stands elsewhere, and may be replaced.
+            own = node.start_mark.index <= key.start_mark.index < node.end_mark.index
+            if not own or not isinstance(key, yaml.ScalarNode) or key.tag.endswith(':merge'):
+                continue
+            if (key.tag, key.value) in seen:
+                line = key.start_mark.line + 1
+                raise yaml.YAMLError(f'key {key.value!r} stands there twice, again in line {line}')
+            seen.add((key.tag, key.value))
+        return super().construct_mapping(node, deep)
+
+
 def regular(path: Path) -> Path:
     """Return the path of a regular file.
 
@@ -108,7 +126,7 @@ def parse_yaml(text: str, where: str) -> Any:  # noqa: ANN401 - whatever stands 
     """
     try:
         _check_events(text, where)
-        content = yaml.load(text, Loader=_LOADER)
+        content = yaml.load(text, Loader=_Once)
     except (yaml.YAMLError, ValueError, OverflowError, TypeError, RecursionError) as error:
         why = ' '.join(str(error).split()) or type(error).__name__
         if 'integer string conversion' in why:

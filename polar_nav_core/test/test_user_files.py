@@ -25,6 +25,15 @@ def test_an_alias_may_be_used() -> None:
     assert parse_yaml('a: &s [1, 2]\nb: *s\nc: {<<: {d: 1}}\n', 'x')['b'] == [1, 2]
 
 
+def test_what_is_merged_in_may_be_replaced() -> None:
+    text = 'a: &a {x: 1, y: 2}\nb: &b {<<: *a, y: 3}\nc: {<<: *b, x: 4, 1: 5, "1": 6}\n'
+    assert parse_yaml(text, 'x') == {
+        'a': {'x': 1, 'y': 2},
+        'b': {'x': 1, 'y': 3},
+        'c': {'x': 4, 'y': 3, 1: 5, '1': 6},
+    }
+
+
 @pytest.mark.parametrize(
     ('text', 'why'),
     [
@@ -37,6 +46,8 @@ def test_an_alias_may_be_used() -> None:
         ('a: [1, 2', 'not YAML'),
         ('a: !!python/object/apply:os.getcwd []', 'could not determine a constructor'),
         ('a: \x00', 'not YAML'),
+        ('a: 1\nb: {c: 1,\n d: 2, c: 3}\n', "key 'c' stands there twice, again in line 3"),
+        ('imu: {}\ndvl: {}\nimu: {}\n', "key 'imu' stands there twice, again in line 3"),
         ('? [a, b]\n: 1\n? {c: d}\n: 2\n', 'not YAML'),
     ],
 )
