@@ -3,8 +3,8 @@
 The nodes are those of `ros2 run`, by the same names; each is stated by the Python module that it
 is in, as polar_nav_sim.nodes.imu_node or polar_nav_follower.follower_node. What stands after
 `--ros-args` is for all of them: `-r __ns:=/auv` puts all into one namespace, a `--params-file` has
-a section for each node by its name, and `-r dvl_node:truth:=other` or `-p dvl_node:rate_hz:=5.0`
-is for one of them, as anywhere in ROS 2. A container of rclcpp's components cannot hold them, and
+a section for each node by its full name (`/auv/dvl_node:`), and `-r dvl_node:truth:=other` is for
+one of them, as anywhere in ROS 2. A container of rclcpp's components cannot hold them, and
 rclpy has none.
 
 The nodes are made in the order given and closed in it, so that who hears others stands after them.

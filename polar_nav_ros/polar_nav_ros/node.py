@@ -51,6 +51,9 @@ _TURN = 500
 _HEARTBEAT_S = 0.2
 """Between looks at what publishers offer, and between counts that are told in any case [s]."""
 _BEATS = 5
+_NO_TIME = 'use_sim_time is true and no /clock has come: this node has no time'
+_NO_TIME_BEATS = 25
+"""After which a missing /clock is in the log, too: 5 s."""
 """Heartbeats of one diagnosis."""
 _POLL_S = 0.01
 _STEADY = Clock(clock_type=ClockType.STEADY_TIME)
@@ -398,6 +401,8 @@ class PolarNode(BlamedNode, Generic[P]):
 
     def _publish_diagnosis(self) -> None:
         self.tell_supervisor('alive', self.get_fully_qualified_name())
+        if self._beats == _NO_TIME_BEATS and not self._has_time:
+            self.get_logger().warning(_NO_TIME)
         if self._inputs and self._beats <= _BEATS:
             for name in unused_overrides(self, self.taken_counts()):
                 self.get_logger().warning(f'parameter {name}: there is no such subscription')
@@ -407,12 +412,16 @@ class PolarNode(BlamedNode, Generic[P]):
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
 
-    def _timed(self, found: Diagnosis) -> Diagnosis:
-        """Add to a diagnosis that the node has no time: use_sim_time without a /clock."""
+    @property
+    def _has_time(self) -> bool:
         clock = self.get_clock()
-        if not clock.ros_time_is_active or clock.now().nanoseconds:
+        return not clock.ros_time_is_active or clock.now().nanoseconds > 0
+
+    def _timed(self, found: Diagnosis) -> Diagnosis:
+        """Add to a diagnosis that the node has no time, if it has none."""
+        if self._has_time:
             return found
-        text = f'{found.message}; use_sim_time is true and no /clock has come: it has no time'
+        text = f'{found.message}; {_NO_TIME}'
         return replace(found, level=max(found.level, Level.WARN), message=text)
 
     def _describe(self) -> str:

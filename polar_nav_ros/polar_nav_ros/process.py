@@ -27,6 +27,7 @@ from rclpy.task import Future
 
 from polar_nav_core.errors import ConfigError, PolarNavError
 
+from .arguments import require_reached, unread
 from .launcher import watch_launcher
 from .node import SUPERVISED, PolarNode
 
@@ -76,15 +77,17 @@ def run_together(kinds: Sequence[Kind], args: Sequence[str] | None = None) -> in
     """
     stop = Stop()
     watch_launcher()
+    given = list(sys.argv[1:] if args is None else args)
     try:
+        require_reached(given)
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-    except RuntimeError as error:  # of rcl, on what stands after --ros-args
+    except (ConfigError, RuntimeError) as error:  # of rcl, on what stands after --ros-args
         print(f'after --ros-args: {_said(error)}', file=sys.stderr)  # noqa: T201 - no logger yet
         return 2
     nodes: list[PolarNode[Any]] = []
     status = 1  # of an error that nobody expected
     try:
-        status = _live(kinds, nodes, stop)
+        status = _live(kinds, nodes, stop, given)
     except PolarNavError as error:
         who = _who(kinds, nodes)
         text = str(error) if who is None else f'{who.__name__}: {error}'
@@ -103,10 +106,14 @@ def _said(error: Exception) -> str:
     return f'unknown: {text}' if text.startswith('[') else text
 
 
-def _live(kinds: Sequence[Kind], nodes: list[PolarNode[Any]], stop: Stop) -> int:
+def _live(
+    kinds: Sequence[Kind], nodes: list[PolarNode[Any]], stop: Stop, given: Sequence[str] = ()
+) -> int:
     """Exit status of the work of nodes, which are added to a list as they are made."""
     for kind in kinds:
         nodes.append(kind())
+    for text in unread(given, [node.get_fully_qualified_name() for node in nodes]):
+        nodes[0].get_logger().warning(text)
     executor = _executor()
     stop.listen()  # an executor of events has handlers of its own
     for node in nodes:

@@ -212,12 +212,17 @@ def test_qos_of_a_topic_that_is_not_there_is_named(monkeypatch):
     echo.destroy_node()
 
 
-def test_simulated_time_without_a_clock_is_named():
+def test_simulated_time_without_a_clock_is_named(monkeypatch):
     """Nothing has a time of arrival then; the graph looks as if it were well."""
     echo = Echo(parameter_overrides=[Parameter('use_sim_time', value=True)])
     found = echo._timed(echo.diagnose())
     assert found.level is Level.WARN
     assert 'no /clock has come' in found.message
+    said = []
+    monkeypatch.setattr(echo, 'get_logger', lambda: SimpleNamespace(warning=said.append))
+    for _ in range(60):
+        echo._beat()
+    assert said == ['use_sim_time is true and no /clock has come: this node has no time']
     echo.destroy_node()
     echo = Echo()
     assert echo._timed(echo.diagnose()).level is Level.OK
