@@ -387,6 +387,7 @@ def refuse(book, number, received_s, age_s):
     [
         (62.0, Verdict.TOO_OLD, '3 packets in a row are 62.1 s old, .* off by some -60 s'),
         (-58.0, Verdict.FROM_FUTURE, '57.9 s ahead of their reception, .* off by some \\+60 s'),
+        (-0.309, Verdict.FROM_FUTURE, ' 0.209 s ahead of their reception, .* off by some \\+2 s'),
     ],
 )
 def test_a_sender_whose_clock_stepped_is_named(book, age_s, verdict, words):

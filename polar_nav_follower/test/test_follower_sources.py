@@ -271,9 +271,12 @@ def test_two_publishers_of_one_sensor_are_named(mapped):
     rig = Rig(mapped)
     rig.until(rig.matched)
     assert 'publishers' not in rig.status().message
-    other = rig.peer.create_publisher(Imu, '/xsens/imu', BEST_EFFORT)
+    second = rclpy.create_node('second', use_global_arguments=False)
+    other = second.create_publisher(Imu, '/xsens/imu', BEST_EFFORT)
     rig.until(lambda: other.get_subscription_count() == 1)
-    assert '/xsens/imu has 2 publishers (/peer)' in rig.status().message
+    rig.until(lambda: len(rig.node.get_publishers_info_by_topic('/xsens/imu')) == 2)
+    assert '/xsens/imu has 2 publishers (/peer, /second)' in rig.status().message
+    second.destroy_node()
 
 
 def test_a_fix_of_a_clock_a_little_ahead_is_used(mapped):

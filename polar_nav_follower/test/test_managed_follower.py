@@ -205,6 +205,9 @@ def test_two_publishers_of_a_sensor_are_named(rig):
     r.sail(50)
     other = r.peer.create_publisher(Depth, '/auv/depth/data', DATA_QOS)
     r.until(lambda: other.get_subscription_count() == 1)
+    r.until(lambda: len(r.node.get_publishers_info_by_topic('/auv/depth/data')) == 2)
+    assert 'publishers' not in r.node.diagnose().message, 'one may have been killed'
+    r.node._beats += 150
     assert '/auv/depth/data has 2 publishers (/peer)' in r.node.diagnose().message
 
 

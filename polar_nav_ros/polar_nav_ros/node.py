@@ -51,6 +51,8 @@ _TURN = 500
 _HEARTBEAT_S = 0.2
 """Between looks at what publishers offer, and between counts that are told in any case [s]."""
 _BEATS = 5
+_GONE_BEATS = 150
+"""For as long, 30 s, the middleware may show a node that was killed beside its successor."""
 _NO_TIME = 'use_sim_time is true and no /clock has come: this node has no time'
 _NO_TIME_BEATS = 25
 """After which a missing /clock is in the log, too: 5 s."""
@@ -169,6 +171,7 @@ class PolarNode(BlamedNode, Generic[P]):
         self._run_info = self.create_publisher(String, topics.RUN_INFO, LATCHED_QOS)
         self._run_info.publish(String(data=self._describe()))
         self._beats = 0
+        self._doubled: dict[str, int] = {}
         # One timer for all: an executor looks through all timers of its nodes when one is due.
         self.create_timer(_HEARTBEAT_S, self._beat, clock=_STEADY)
 
@@ -349,14 +352,18 @@ class PolarNode(BlamedNode, Generic[P]):
 
     def doubled(self, topic: str) -> str:
         """Sentence on a topic, by its full name, that several publish; empty for one of one."""
-        if self.publishers_of(topic) < 2:
-            return ''
-        offered = self.get_publishers_info_by_topic(topic)
+        several = self.publishers_of(topic) > 1
+        offered = self.get_publishers_info_by_topic(topic) if several else []
         if len(offered) < 2:
+            self._doubled.pop(topic, None)
             return ''
-        nodes = sorted({f'{i.node_namespace.rstrip("/")}/{i.node_name}' for i in offered})
+        found = {f'{i.node_namespace.rstrip("/")}/{i.node_name}' for i in offered}
+        names = sorted(name for name in found if 'UNKNOWN' not in name)
+        since = self._doubled.setdefault(topic, self._beats)
+        if len(names) < 2 and self._beats - since < _GONE_BEATS:
+            return ''
         return (
-            f'{topic} has {len(offered)} publishers ({", ".join(nodes)}): what they send is taken '
+            f'{topic} has {len(offered)} publishers ({", ".join(names)}): what they send is taken '
             'as of one sensor'
         )
 

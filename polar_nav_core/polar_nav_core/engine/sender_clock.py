@@ -49,10 +49,18 @@ class SenderClock:
             return []
         ages = np.array(self._refused_s)
         age_s = float(np.median(ages))
-        how = f'{age_s:.1f} s old' if age_s >= 0.0 else f'{-age_s:.1f} s ahead of their reception'
+        by = _said(abs(age_s))
+        how = f'{by} s old' if age_s >= 0.0 else f'{by} s ahead of their reception'
         why = 'they are held up on their way'
         if np.ptp(ages) < _ALIKE_S:
-            step_s = self._usual_s - age_s
-            why = f'the clock of their sender, or of this vehicle, is off by some {step_s:+.0f} s'
+            step = _said(self._usual_s - age_s, '+')
+            why = f'the clock of their sender, or of this vehicle, is off by some {step} s'
         sentence = f'{self._count} packets in a row are {how}, and none is used: {why}'
         return [Condition('sender clock', Level.WARN, Culprit.FIXES, sentence)]
+
+
+def _said(seconds: float, sign: str = '') -> str:
+    """Text of a time, which is not 0.0 where it is some milliseconds [s]."""
+    if abs(seconds) < 1.0:
+        return f'{seconds:{sign}.3f}'
+    return f'{seconds:{sign}.0f}' if sign else f'{seconds:.1f}'
