@@ -9,8 +9,10 @@
 
 from __future__ import annotations
 
+import math
+import re
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Protocol
 
 import numpy as np
@@ -30,6 +32,9 @@ _REFUSED = {
 }
 """Verdicts that are a WARN while they go on."""
 _SILENT_S = 2.5
+_NUMBER = re.compile(r'[+-]?\d[\d.]*')
+_AGAIN_S = 60.0
+"""After which a sentence at the same level is logged again."""
 
 
 class _Silence:
@@ -70,7 +75,7 @@ class NavigationHealth:
     ----------
     engine : Engine
     logger : Logger
-        Logs doubtful parameters at once, and every change of level.
+        Logs doubtful parameters at once, every change of level, and what is new at the same one.
     clock : callable
         Steady time [s]. It says that the IMU is silent, and nothing else.
     """
@@ -86,6 +91,7 @@ class NavigationHealth:
         for warning in self._warnings:
             logger.warning(warning)
         self._last = Level.WARN  # there is no state yet
+        self._told: dict[str, float] = {}
         self._refused = dict.fromkeys(_REFUSED, 0)
         self._lost = 0
 
@@ -132,12 +138,12 @@ class NavigationHealth:
         # Beside what is worse, too: a WARN that stays would hide that no fix is used.
         beside = [*self._refusals(), *([flood] if flood else [])]
         if beside and level is Level.OK:
-            level, message = Level.WARN, '; '.join(beside)
+            level, said = Level.WARN, beside
         else:
-            message = '; '.join([message, *beside])
+            said = [message, *beside]
         self._refused = {v: engine.verdicts[v] for v in _REFUSED}
-        self._tell(level, message)
-        return Diagnosis(level, message, {**counted, **values})
+        self._tell(level, said)
+        return Diagnosis(level, '; '.join(said), {**counted, **values})
 
     def _flood(self, behind_s: float, lost: int) -> str:
         """Sentence about inputs that come faster than they are taken; empty if they do not."""
@@ -186,9 +192,16 @@ class NavigationHealth:
             return Level.WARN, engine.aiding_warning
         return Level.OK, f'navigating, {integrity.sentence}'
 
-    def _tell(self, level: Level, message: str) -> None:
+    def _tell(self, level: Level, said: Sequence[str]) -> None:
+        """Log another level, and at the same one what was not said of late, but for numbers."""
+        now_s = self._clock()
+        shapes = {text: _NUMBER.sub('#', text) for text in said}
         if level is self._last:
-            return
+            said = [t for t in said if now_s > self._told.get(shapes[t], -math.inf) + _AGAIN_S]
+            if level is Level.OK or not said or not self._engine.navigating:
+                return  # what a start waits for is in the log of StartPorts
+        self._told |= dict.fromkeys((shapes[text] for text in said), now_s)
+        message = '; '.join(said)
         # One call each: rclpy ties a level to the line that logs.
         if level is Level.OK:
             self._logger.info(message)

@@ -1,6 +1,7 @@
 """Silence of the IMU is an error, by a steady clock that raises nothing else."""
 
 import logging
+from dataclasses import replace
 
 import numpy as np
 
@@ -67,6 +68,26 @@ def test_what_is_refused_is_named_beside_a_warning_that_stays(monkeypatch):
     assert found.level is Level.WARN
     assert found.message == 'sensors outrun the history; 2 messages were stamped ahead'
     assert health.diagnose({}).message == 'sensors outrun the history'
+
+
+def test_another_sentence_at_the_same_level_is_logged_once_a_minute(monkeypatch, caplog):
+    """A log that says one WARN, and nothing of those that came after it, misleads on deck."""
+    engine, health, now = watched()
+    monkeypatch.setattr(Engine, 'history_warning', 'sensors outrun 3 s')
+    caplog.set_level(logging.INFO)
+    for second in range(130):
+        now[0] = 1.0 + second
+        sample = imu(3 + second)
+        list(engine.process(replace(sample, f_b=sample.f_b + 1e-6 * second)))
+        engine.verdicts[Verdict.FROM_FUTURE] += second > 20
+        health.diagnose({})
+    assert caplog.messages == [
+        'sensors outrun 3 s',
+        '1 messages were stamped ahead',
+        'sensors outrun 3 s',
+        '62 messages were stamped ahead',
+        'sensors outrun 3 s',
+    ]
 
 
 def test_what_is_refused_for_its_numbers_is_a_warning_while_it_goes_on():
