@@ -103,6 +103,25 @@ def test_noise_that_is_larger_than_stated_makes_sigmas_larger():
     assert any('fix' in note for note in notes(found))
 
 
+@pytest.mark.slow
+def test_noise_of_the_pings_is_no_motion_that_shows_a_scale():
+    """Few fixes, a slow error of the DVL as large as a scale, and an IMU as noisy as a STIM300."""
+    found = []
+    for seed in (1, 2, 3):
+        world = BY_NAME['delay'].world('lawnmower', 300.0, seed)
+        params = replace(
+            params_of(world),
+            gyro_noise_density=1.5e-4,
+            accel_noise_density=1e-3,
+            accel_bias_walk=2.7e-4,
+            dvl_markov_sigma=0.02,
+        )
+        inputs = replace(world.inputs, fixes=world.inputs.fixes[::4])
+        (line,) = lines_of(estimate(params, inputs, chosen(params, inputs, ('dvl_scale',))))
+        found.append(line.value)
+    assert abs(np.mean(found)) < 0.2
+
+
 def test_an_array_and_the_heading_of_its_vehicle_are_one_sum():
     (line,) = lines_of(calibrated('array_yaw'))
     assert line.verdict is Verdict.INSEPARABLE

@@ -8,11 +8,12 @@ import pytest
 
 from polar_nav_core.attitude import matrix_from_euler
 from polar_nav_core.engine.events import Rank
+from polar_nav_core.engine.inputs import Inputs
+from polar_nav_core.engine.params import EngineParams
 from polar_nav_tools.calibration import move
 from polar_nav_tools.calibration.problem import in_common
 from polar_nav_tools.calibration.solve import (
     Normal,
-    alike,
     excited,
     least_squares,
     sums,
@@ -45,13 +46,54 @@ def test_rows_that_are_alike_but_for_rounding_show_a_sum_only():
     np.testing.assert_allclose(excited(found, prior), [1.5, 1.5], atol=0.1)
 
 
-def test_axes_that_are_alike_are_one():
-    P = np.diag([4.0, 1.0, 1.0, 2.0])
-    found = alike(Normal(np.array([9.0, 1.0, 2.0, 6.0]), P), [[1, 2, 3]])
-    weights = np.array([1.0, 1.0, 0.5])
-    mean = weights @ np.array([1.0, 2.0, 6.0]) / weights.sum()
-    np.testing.assert_allclose(found.mean, [9.0, mean])
-    np.testing.assert_allclose(found.covariance, np.diag([4.0, 1.0 / weights.sum()]), atol=1e-12)
+def test_a_scale_is_of_the_speed_about_a_ping_without_its_noise():
+    """Along axes of hardly any motion, of pings without bottom lock and of none, there is none."""
+    stamps = np.arange(0, 60 * 10**9, 200 * 10**6)
+    v = np.tile([2.0, 0.0, 0.0], (len(stamps), 1))
+    v[150:, 0] = 1.0
+    v[:, 1] = 0.1 * (-1.0) ** np.arange(len(v))
+    v[20] = [9.0, 0.0, 0.0]
+    v[30] = np.nan
+    valid = np.arange(len(v)) != 31
+    inputs = Inputs(stamps[:0], v[:0], v[:0], dvl_stamps_ns=stamps, dvl_v_m=v, dvl_valid=valid)
+    calm = move.calm_velocity(EngineParams(), inputs)
+    assert calm[20, 0] == 2.0
+    assert calm[150, 0] == pytest.approx(1.5, abs=0.1)
+    assert calm[-1, 0] == 1.0
+    assert not calm[:, 1:].any()
+    assert not calm[[30, 31]].any()
+    _, moved = move.dvl_scale(EngineParams(), inputs, 0.25)
+    np.testing.assert_allclose(moved.dvl_v_m[20], [9.0 - 0.4, 0.0, 0.0])
+    assert inputs.dvl_v_m[20, 0] == 9.0
+
+
+def test_a_scale_is_also_of_what_swinging_adds():
+    """By yaw about a course kept, of a DVL whose axes are forward, right, down."""
+    stamps = np.arange(0, 40 * 10**9, 50 * 10**6)
+    s = 1e-9 * stamps
+    yaw = 0.02 * np.sin(2 * np.pi * s / 4.0)
+    rates = np.zeros((len(s), 3))
+    rates[1:, 2] = np.diff(yaw) / 0.05
+    v = np.column_stack([2.0 * np.cos(yaw), 2.0 * np.sin(yaw), 0.0 * yaw])
+    pings = slice(80, -80, 4)
+    inputs = Inputs(
+        stamps, rates, rates, dvl_stamps_ns=stamps[pings], dvl_v_m=v[pings],
+        dvl_valid=np.ones(len(v[pings]), bool),
+    )  # fmt: skip
+    calm = move.calm_velocity(EngineParams(dvl_rpy_deg=(180.0, 0.0, 0.0)), inputs)
+    np.testing.assert_allclose(calm[5:-5], v[pings][5:-5], atol=2e-3)
+
+
+def test_a_scale_is_also_of_what_the_lever_arm_adds():
+    """A turn to port of a DVL whose axes are forward, right, down, a metre ahead of the IMU."""
+    stamps = np.arange(0, 20 * 10**9, 200 * 10**6)
+    rates = np.tile([0.0, 0.0, 0.5], (len(stamps), 1))
+    v = np.tile([2.0, -0.5, 0.0], (len(stamps), 1))
+    inputs = Inputs(
+        stamps, rates, rates, dvl_stamps_ns=stamps, dvl_v_m=v, dvl_valid=np.ones(len(v), bool)
+    )
+    params = EngineParams(dvl_rpy_deg=(180.0, 0.0, 0.0), dvl_lever_b=(1.0, 0.0, 0.0))
+    np.testing.assert_allclose(move.calm_velocity(params, inputs), v, atol=1e-12)
 
 
 def test_a_mounting_is_turned_about_the_axes_of_the_body():

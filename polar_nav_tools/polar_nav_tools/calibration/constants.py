@@ -89,11 +89,6 @@ CONSTANTS = (
         'dvl', 'sway: steps to the side, or a vehicle that drifts', move.dvl_turn(0), also=True,
     ),
     Constant(
-        'dvl_scale', '%', 'scale error of the DVL: it shows too much by', 100.0, 0.05, 'dvl',
-        'long legs with position fixes: metres by the DVL against metres between fixes',
-        states=_ERRORS[X.dvl_scale_m],
-    ),
-    Constant(
         'dvl_lever_x', 'm', 'DVL further forward', 1.0, 3.0, 'dvl', _TURNING,
         move.lever('dvl_lever_b', 0), consider.DVL_LEVER_X,
     ),
@@ -110,6 +105,12 @@ CONSTANTS = (
         'dvl_latency', 's', 'age of a DVL ping at its stamp', 1.0, 1.0, 'dvl',
         'changes of speed, and turns that begin and end within seconds',
         move.dvl_latency, consider.DVL_LATENCY, rough=True,
+    ),
+    # After what it is computed from: mounting, lever arm and stamps.
+    Constant(
+        'dvl_scale', '%', 'scale error of the DVL: it shows too much by', 100.0, 0.05, 'dvl',
+        'long legs with position fixes: metres by the DVL against metres between fixes',
+        move.dvl_scale,
     ),
     Constant(
         'range_scale', '%', 'scale error of acoustic ranges: they are too long by', 100.0, 0.05,

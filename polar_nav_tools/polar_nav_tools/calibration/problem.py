@@ -24,7 +24,7 @@ from polar_nav_core.error_model import X
 from polar_nav_core.kernels.sins import consider
 
 from .constants import Constant
-from .solve import Normal, alike, least_squares, with_states
+from .solve import Normal, least_squares, with_states
 
 Progress = Callable[[float], None]
 Noise = Mapping[Rank, float]
@@ -40,9 +40,10 @@ _SHIFT_S = 0.5
 """Of the last fix, in the differences of a drift."""
 _ERRORS, _STATE = X.b_gyro_b.start, 15
 """Where sensor errors begin among the 24 errors, and among a state's leading values."""
-_NEAR = 0.75
+_NEAR = 1.0
 """Share of an IMU interval within which a ping is moved no further."""
 _HEADING_TAU = 1e6
+_KNOWN_SCALE = 1e-6
 SIGMAS = {
     consider.RANGE_SCALE: ('fix_range_scale_sigma', 1.0),
     consider.ARRAY_TURN: ('fix_heading_sigma_deg', math.degrees(1.0)),
@@ -127,13 +128,7 @@ class Problem:
         estimate_now = run.state[at_state]
         # Innovations are linear about where the constants are now, and so are the states.
         u = with_states(step, estimate_now, run.P[np.ix_(states, states)], S[states])
-        u = Normal(np.concatenate([found.mean, u.mean[len(offset) :]]), u.covariance)
-        groups, k = [], len(offset)
-        for c in self._held:
-            count = len(c.states)
-            groups.append(list(range(k, k + count)))
-            k += count
-        return alike(u, groups)
+        return Normal(np.concatenate([found.mean, u.mean[len(offset) :]]), u.covariance)
 
     def _rows(self, run: Innovations, at: Array) -> tuple[Array, Array]:
         """Change of innovations (rows, k), and of the state's error (24, k), per unit of each."""
@@ -257,8 +252,8 @@ def _numbers(stamps_ns: NDArray[np.int64], first_ns: NDArray[np.int64]) -> NDArr
 def prepared(params: EngineParams, constants: Sequence[Constant]) -> EngineParams:
     """Parameters of a run that allows for each constant to be as far off as its prior.
 
-    Sigmas of common errors move no estimate, they widen the gate; those of states that hold a
-    constant are its prior, and the start is one that nobody measured.
+    Sigmas of common errors move no estimate, they widen the gate; that of a state that holds a
+    constant is its prior, and the start is one that nobody measured.
     """
     changes: dict[str, Any] = {
         'initial_sigma_position': max(params.initial_sigma_position, _START_SIGMA)
@@ -268,8 +263,8 @@ def prepared(params: EngineParams, constants: Sequence[Constant]) -> EngineParam
             name, unit = SIGMAS[c.column]
             changes[name] = max(getattr(params, name), c.prior * unit)
         if c.name == 'dvl_scale':
-            # Three axes that turn out to be alike are surer than each.
-            changes['dvl_scale_sigma'] = c.prior * math.sqrt(3.0)
+            # The filter's own states of it would hold what is sought.
+            changes['dvl_scale_sigma'] = _KNOWN_SCALE
         if c.name == 'heading_bias':
             changes['heading_bias_sigma_deg'] = math.degrees(c.prior)
             changes['heading_bias_tau'] = _HEADING_TAU

@@ -96,27 +96,6 @@ def with_states(found: Normal, mean: Array, P: Array, S: Array) -> Normal:
     )
 
 
-def alike(u: Normal, groups: list[list[int]]) -> Normal:
-    """Distribution with the members of each group known to be equal, one of each left.
-
-    The first member of a group is left, in its place.
-    """
-    A = []
-    for first, *others in groups:
-        for other in others:
-            row = np.zeros(len(u.mean))
-            row[first], row[other] = 1.0, -1.0
-            A.append(row)
-    mean, P = u.mean, u.covariance
-    if A:
-        D = np.array(A)
-        K = np.linalg.solve(D @ P @ D.T, D @ P).T
-        mean, P = mean - K @ (D @ mean), P - K @ (D @ P)
-    left = np.ones(len(mean), dtype=bool)
-    left[[k for _, *others in groups for k in others]] = False
-    return Normal(mean[left], P[np.ix_(left, left)])
-
-
 def excited(u: Normal, prior: Array) -> Array:
     """Mean (n,) without the combinations of constants that the data do not show."""
     values, V = np.linalg.eigh(u.covariance / np.outer(prior, prior))
