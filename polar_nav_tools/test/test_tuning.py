@@ -10,9 +10,13 @@ from scipy.optimize import minimize
 from scipy.stats import multivariate_normal
 
 from polar_nav_core.engine.events import Rank
+from polar_nav_core.engine.innovations import innovations
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.errors import ConfigError
+from polar_nav_core.grid import ecef_to_grid
 from polar_nav_ros.adapters.noise_classes import IMU_CLASSES, imu_noise
+from polar_nav_ros.adapters.position import LEVEL_SIGMA
+from polar_nav_tools.calibration.level import numbers
 from polar_nav_tools.calibration.verdicts import Verdict
 from polar_nav_tools.experiments.calibrate.rows import world_of
 from polar_nav_tools.experiments.tune.rows import ROWS, Row
@@ -53,7 +57,7 @@ class WalkInNoise:
         white[:, 0] = np.linalg.solve(L, self.z)
         logs[:, 0] = np.log(np.diag(L))
         ones = np.ones(len(self.z), dtype=np.int64)
-        return Rows(np.arange(len(self.z)), ones, ones, white, logs)
+        return Rows(np.arange(len(self.z)), ones, ones, white, logs, ones)
 
     def ln_density(self, at):
         return multivariate_normal(np.zeros(len(self.z)), self.covariance(at)).logpdf(self.z)
@@ -205,13 +209,52 @@ def test_all_runs_have_the_same_measurements_whatever_their_noise(straight):
     assert int((one.ranks == Rank.DVL).sum()) > 0.95 * len(inputs.dvl_stamps_ns)
 
 
+def without_heights(inputs):
+    """The same with fixes as a mapping of two dimensions makes them."""
+    up = [np.asarray(ecef_to_grid(f.r_e))[2] for f in inputs.fixes]
+    flat = [
+        replace(f, covariance_e=f.covariance_e + LEVEL_SIGMA**2 * np.outer(u, u))
+        for f, u in zip(inputs.fixes, up, strict=True)
+    ]
+    return replace(inputs, fixes=tuple(flat))
+
+
+def test_a_fix_without_height_is_two_numbers_whose_noise_is_scaled(straight):
+    params, inputs = straight
+    flat = without_heights(inputs)
+    run = innovations(params, flat)
+    fixes = run.ranks == Rank.FIX
+    assert (numbers(run, flat) == np.where(fixes, 2, run.sizes)).all()
+    assert (numbers(run, inputs) == run.sizes).all()
+    (noise,) = (p for p in parameters_of(params, flat) if p.name == 'fix_sigma')
+    louder = noise.scaled(params, flat, 3.0)[1].fixes[0]
+    before = flat.fixes[0]
+    up = np.asarray(ecef_to_grid(before.r_e))[2]
+    assert up @ louder.covariance_e @ up == pytest.approx(up @ before.covariance_e @ up)
+    assert horizontal_variance(louder, louder.covariance_e) == pytest.approx(
+        9.0 * horizontal_variance(before, before.covariance_e), rel=1e-6
+    )
+
+
+@pytest.mark.slow
+def test_fixes_without_heights_are_as_noisy_as_those_with():
+    world = world_of('lawnmower', 300.0, 2)
+    params, found = world.params(configuration='default'), []
+    for inputs in (world.inputs, without_heights(world.inputs)):
+        lines = lines_of(tune(recording(params, inputs)))
+        found += [line for line in lines if line.parameter.name == 'fix_sigma']
+    assert found[1].value == pytest.approx(found[0].value, rel=0.1)
+    assert found[1].sigma_share > 1.1 * found[0].sigma_share
+
+
 def judged_rows(sigma, n=4000, seed=3):
     rng = np.random.default_rng(seed)
     white, logs = np.zeros((n, 3)), np.zeros((n, 3))
     white[:, 0] = rng.normal(size=n) / sigma
     logs[:, 0] = math.log(sigma)
     ranks = np.full(n, int(Rank.DEPTH))
-    return Rows(np.arange(n), ranks, np.ones(n, dtype=np.int64), white, logs)
+    ones = np.ones(n, dtype=np.int64)
+    return Rows(np.arange(n), ranks, ones, white, logs, ones)
 
 
 def test_a_part_held_out_prefers_the_right_noise():

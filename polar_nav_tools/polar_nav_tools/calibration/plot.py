@@ -47,7 +47,8 @@ def _dots(ax: Axes, run: Innovations, rank: Rank, start_ns: int, token: str, lab
     of = np.flatnonzero(run.ranks == rank)
     of = of[:: max(1, len(of) // _MOST_POINTS)]
     time_s = (run.stamps_ns[of] - start_ns) * 1e-9
-    rows = int(run.sizes[of].max())
+    # Of a fix without height any of the three may be the empty one.
+    rows = 3 if rank is Rank.FIX else int(run.sizes[of].max())
     white = np.clip(run.white[of, :rows], -_WIDEST, _WIDEST)
     ax.plot(
         np.repeat(time_s, rows),

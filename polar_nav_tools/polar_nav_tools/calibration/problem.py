@@ -24,6 +24,7 @@ from polar_nav_core.error_model import X
 from polar_nav_core.kernels.sins import consider
 
 from .constants import Constant
+from .level import numbers
 from .solve import Normal, least_squares, with_states
 
 Progress = Callable[[float], None]
@@ -115,7 +116,8 @@ class Problem:
         self._runs += 1
         self._progress(min(1.0, self._runs / self._most))
         self._noise = self._noise if noise is None else noise
-        return innovations(params, _noisier(inputs, self._noise))
+        run = innovations(params, _noisier(inputs, self._noise))
+        return replace(run, sizes=numbers(run, inputs))
 
     def solved(self, run: Innovations, at: Array) -> Normal:
         """Constants: those that are moved, common errors beside them, those in states."""

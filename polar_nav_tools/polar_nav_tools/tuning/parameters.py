@@ -16,6 +16,8 @@ from polar_nav_core.errors import ConfigError
 from polar_nav_core.grid import ecef_to_grid
 from polar_nav_core.params import default_of
 
+from ..calibration.level import larger
+
 Scaled = Callable[[EngineParams, Inputs, float], tuple[EngineParams, Inputs]]
 
 PRIOR = math.log(3.0)
@@ -216,7 +218,7 @@ def _fixes(source: str, part: str) -> Scaled:
             return fix
         own, shared = own_covariance(fix), shared_covariance(fix)
         if part == 'own':
-            return replace(fix, covariance_e=by * by * own + shared)
+            return replace(fix, covariance_e=larger(fix, own, by) + shared)
         return replace(
             fix,
             covariance_e=own + by * by * shared,
