@@ -84,6 +84,10 @@ def test_gauge_pressures_are_told_by_the_surface(columns: Columns, tmp_path: Pat
     )
     top = yaml.safe_load(text)['depth']
     assert (top['unit'], top['atmospheric_pressure']) == ('Pa', 0.0)
+    deep = depth.values | {'fluid_pressure': 101325.0 + 1e4 * np.linspace(10.0, 12.0, len(gauge))}
+    text = guessed(tmp_path / 'deep', make, [imu, replace(depth, values=deep)])
+    assert 'none at the surface' in text
+    assert 'atmospheric_pressure' not in yaml.safe_load(text)['depth']
     shallow = depth.values | {'fluid_pressure': gauge / 50.0}
     text = guessed(tmp_path / 'shallow', make, [imu, replace(depth, values=shallow)])
     assert yaml.safe_load(text)['depth']['unit'] == 'FILL_IN'

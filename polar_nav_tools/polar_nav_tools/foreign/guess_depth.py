@@ -50,6 +50,13 @@ def _put_pressure_unit(out: Lines, values: Array) -> None:
     absolute = [u for u in fits if _GAUGE < least * PRESSURE_UNITS[u] < _AT_SURFACE]
     if 'Pa' in fits and least > _GAUGE:
         out.say('absolute pressure in Pa, as the type says', 2)
+        if least > _AT_SURFACE:
+            out.say(
+                f'CHECK: the least are {least:.4g}, none at the surface. Gauge pressures, zero', 2
+            )
+            out.say(
+                'there, look the same and are 10 m too shallow: `atmospheric_pressure: 0.0`', 2
+            )
         out.put('unit: Pa', 2)
     elif 'Pa' in fits:
         out.say(f'the least are {least:.4g}, under half of the pressure of the air: gauge', 2)
