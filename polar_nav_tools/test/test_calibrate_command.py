@@ -98,6 +98,17 @@ def test_a_mapping_is_put_right(vehicle, capsys):
     assert 'exists' in capsys.readouterr().err
 
 
+@pytest.mark.slow
+def test_constants_that_did_not_settle_are_written_nowhere(vehicle, capsys, monkeypatch):
+    bag, path = vehicle
+    new = path.with_name('unsettled.yaml')
+    new.write_text(path.read_text())
+    monkeypatch.setattr('polar_nav_tools.calibration.estimate.MOST_ROUNDS', 1)
+    assert polar('calibrate', bag, '--map', new, '--write') == 1
+    assert 'nothing is written' in capsys.readouterr().err
+    assert not new.with_name('unsettled_calibrated.yaml').exists()
+
+
 ONE_LINE_EACH = """\
 version: 2
 imu: {topic: /imu/data}

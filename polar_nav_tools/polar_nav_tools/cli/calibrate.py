@@ -84,7 +84,7 @@ def calibrate(
         words = (change or [], accept or [], msg_path)
         found, missing = _mapped(bag, mapping, wanted, *words)
     well = not (missing or found.problems)
-    written = _written(found, mapping, assign or []) if write else None
+    written = _written(found, mapping, assign or []) if write and not found.problems else None
     if plot is not None:
         from ..calibration.plot import innovations_figure
 
@@ -97,7 +97,7 @@ def calibrate(
         nothing = 'no constant is estimated that a file could state'
         write_copy(written, target, nothing, quiet=as_json)
     for problem in found.problems:
-        say(problem)
+        say(f'{problem}; nothing is written' if write else problem)
     require(well)
 
 
