@@ -101,6 +101,11 @@ def test_noise_that_is_larger_than_stated_makes_sigmas_larger():
     assert found.found.sigma[0] > 2.5 * usual.found.sigma[0]
     assert found.misfits()['fix'][1] > 8.0
     assert any('fix' in note for note in notes(found))
+    assert not problems(found)
+    # A frame that is stated wrong: no noise is that large.
+    swapped = [replace(f, r_e=f.r_e + 30.0 * rng.normal(size=3)) for f in inputs.fixes]
+    found = estimate(params, replace(inputs, fixes=tuple(swapped)), usual.constants)
+    assert any('no constant makes fix fit' in problem for problem in problems(found))
 
 
 @pytest.mark.slow

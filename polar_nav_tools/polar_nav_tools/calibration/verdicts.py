@@ -13,6 +13,8 @@ from .constants import Constant
 from .estimate import Estimated
 from .solve import EXCITED, Sum, sums
 
+_NONE_FITS = 400.0
+"""Mean squared innovation, calibrated, from which on noise that is larger explains nothing."""
 _MISFIT = 2.0
 """Mean squared innovation from which on sigmas cannot be believed."""
 _CORRELATED = 0.5
@@ -107,6 +109,12 @@ def problems(found: Estimated) -> list[str]:
         out.append('the filter was lost on the way and began anew: calibrate a part of the run')
     if not found.settled:
         out.append(f'the constants still moved after {found.rounds} runs')
+    for name, (_, after) in found.misfits().items():
+        if after > _NONE_FITS:
+            out.append(
+                f'no constant makes {name} fit: innovations are still {after:.2g} times as large '
+                'as modelled (squared): axes, frame or noise are stated wrong'
+            )
     return out
 
 
