@@ -204,10 +204,11 @@ def test_a_dvl_that_was_believed_may_say_alone_how_fast_the_vehicle_is(
     assert reopen.may_begin_anew(s, SETTINGS._replace(most_excess=most_excess), DVL) == expected
 
 
-def begun_anew(since_s, attitude=(1e-3, 2e-3, 3e-3), gyro_sigma=0.1, C_b_G=None):
+def begun_anew(since_s, attitude=(1e-3, 2e-3, 3e-3), gyro_sigma=0.1, C_b_G=None, uses=300):
     """State and scratch after a ping that is off by (0.3, -0.4, 1.2) m/s, by `begin_anew`."""
     s, w = fs.make_state(), make_work()
     s.counters[fs.STAMP] = NOW_NS
+    s.counters[fs.USES + DVL] = uses
     s.C_b_G[:] = np.eye(3) if C_b_G is None else C_b_G
     s.P[:] = np.diag([*attitude, *[0.01] * (N - 3)])
     s.P[9:12, 9:12] = gyro_sigma**2 * np.diag([0.25, 1.0, 0.5])
@@ -242,8 +243,9 @@ def test_a_ping_that_begins_anew_makes_velocity_way_and_tilt_uncertain(since_s, 
     [
         (2.0, 0.1, 2.0 * 0.5 / (9.8 * 4.0)),  # b = 2 |z| / (g t^2) of the horizontal 0.5 m/s
         (10.0, 0.1, 2.0 * 0.5 / (9.8 * 100.0)),
-        (2.0, 1e-4, 1e-2),  # at most a hundred sigmas of the gyro known least
-        (0.0, 1e-4, 1e-2),
+        (2.0, 3e-4, 2.0 * 0.5 / (9.8 * 4.0)),
+        (2.0, 2e-4, 0.0),  # it would be more than a hundred sigmas of the gyro known least
+        (0.0, 0.1, 0.0),
     ],
 )
 def test_biases_of_the_level_gyros_may_be_what_makes_a_ping_begin_anew(since_s, gyro_sigma, bias):
@@ -252,7 +254,14 @@ def test_biases_of_the_level_gyros_may_be_what_makes_a_ping_begin_anew(since_s, 
     s, _ = begun_anew(since_s, gyro_sigma=gyro_sigma, C_b_G=C_b_G)
     grown = s.P[9:12, 9:12] - gyro_sigma**2 * np.diag([0.25, 1.0, 0.5])
     expected = bias**2 * np.diag([1.0, 1.0, 0.0])
-    np.testing.assert_allclose(C_b_G @ grown @ C_b_G.T, expected, rtol=0.0, atol=1e-9 * bias**2)
+    np.testing.assert_allclose(
+        C_b_G @ grown @ C_b_G.T, expected, rtol=0.0, atol=1e-9 * bias**2 + 1e-18
+    )
+
+
+def test_a_dvl_that_has_not_agreed_for_long_says_nothing_of_gyros():
+    s, _ = begun_anew(10.0, uses=299)
+    np.testing.assert_allclose(s.P[9:12, 9:12], 0.01 * np.diag([0.25, 1.0, 0.5]), rtol=1e-9)
 
 
 @pytest.mark.parametrize('attitude', [(5e-3, 2e-3, 3e-3), (1e-3, 4e-3, 3e-3), (1e-3, 2e-3, 9e-3)])

@@ -46,6 +46,8 @@ AGREEMENT = 0.5
 """Share of the mean squared innovation that the squared mean must make up."""
 NEVER_BELIEVED = 10
 """A sensor of which fewer were ever used has not been believed yet."""
+LONG_BELIEVED = 300
+"""A sensor of which as many were used has agreed for long."""
 VOUCHING = 0.5
 """A sensor of which a smaller share is refused vouches for the navigation."""
 CHANCES = 3
@@ -55,7 +57,7 @@ LEAST, MOST = 2.0, 100.0
 VELOCITY, POSITION, GYRO_BIAS = 3, 6, 9
 """First states of a kind."""
 MOST_BIAS = 100.0
-"""Most that a gyro's bias may have jumped, in its sigmas."""
+"""Most that a gyro's bias can have jumped, in its sigmas."""
 VOUCHED_NS = 60_000_000_000
 """A fix vouches for the inertial navigation for so long."""
 FIXES = 5
@@ -202,14 +204,20 @@ def begin_anew(s: State, w: Work, since_ns: int) -> None:
 def _doubt_gyros(s: State, w: Work, since_s: float) -> None:
     """Let the gyros' horizontal biases be as uncertain as makes tilt explain the innovation.
 
-    A bias b that began ``since_s`` ago makes g b t^2 / 2 of velocity by now.
+    A bias b that began ``since_s`` ago makes g b t^2 / 2 of velocity by now. One that would have
+    to be too large is none: a turn was. A DVL that has not agreed for long may be what is wrong,
+    and says nothing of gyros.
     """
+    if s.counters[fs.USES + fs.DVL_ROW] < LONG_BELIEVED:
+        return
     most = 0.0
     for k in range(GYRO_BIAS, GYRO_BIAS + 3):
         most = max(most, MOST_BIAS * math.sqrt(s.P[k, k]))
-    bias = most
-    if since_s > 0.0:
-        bias = min(most, 2.0 * math.hypot(w.z[0], w.z[1]) / (GRAVITY * since_s * since_s))
+    change = 0.5 * GRAVITY * since_s * since_s
+    size = math.hypot(w.z[0], w.z[1])
+    if change == 0.0 or size > most * change:
+        return
+    bias = size / change
     for i in range(3):
         for j in range(3):
             horizontal = s.C_b_G[0, i] * s.C_b_G[0, j] + s.C_b_G[1, i] * s.C_b_G[1, j]
