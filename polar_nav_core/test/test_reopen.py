@@ -279,7 +279,7 @@ def test_a_tilt_that_is_wrong_at_once_is_found_with_the_velocity(world, inputs, 
 
 @pytest.mark.parametrize('deg_per_h', [-100.0, 300.0])
 def test_a_gyro_whose_bias_has_jumped_is_found_with_the_velocity(deg_per_h):
-    """By 700 to 2,000 of its stated sigmas, beside a DVL that has agreed for more than a minute."""
+    """By 700 to 2,000 of its stated sigmas; the DVL has agreed for more than a minute."""
     rate, world = deg_per_h / 3600.0, World(150.0)
     rng = np.random.default_rng(3)
     inputs = inputs_of(world, world.fixes(1.0, lambda _: 0.5, rng=rng, first_s=1.0))
