@@ -243,8 +243,8 @@ def test_a_ping_that_begins_anew_makes_velocity_way_and_tilt_uncertain(since_s, 
     [
         (2.0, 0.1, 2.0 * 0.5 / (9.8 * 4.0)),  # b = 2 |z| / (g t^2) of the horizontal 0.5 m/s
         (10.0, 0.1, 2.0 * 0.5 / (9.8 * 100.0)),
-        (2.0, 3e-4, 2.0 * 0.5 / (9.8 * 4.0)),
-        (2.0, 2e-4, 0.0),  # it would be more than a hundred sigmas of the gyro known least
+        (2.0, 0.5 / 19.6 / 99.5, 0.5 / 19.6),
+        (2.0, 0.5 / 19.6 / 100.5, 0.0),  # more than a hundred sigmas of the gyro known least
         (0.0, 0.1, 0.0),
     ],
 )
