@@ -141,6 +141,9 @@ class Wire:
         self.callbacks[topic] = callback
         return SimpleNamespace(topic_name=topic, get_publisher_count=lambda: 1)
 
+    def resolve_topic_name(self, topic: str) -> str:
+        return topic
+
     def advertise(self, _kind: Any, _topic: str, _qos: Any) -> Any:
         def publish(message: Any) -> None:
             self.blocks.append((self.now_ns, to_bytes(message)))
