@@ -14,6 +14,8 @@ from compiled import jit_only
 from polar_nav_core.kernels import cache
 from polar_nav_core.kernels.frames import strapdown
 
+pytestmark = pytest.mark.slow
+
 KERNELS = Path(cache.__file__).parent
 RUN = 'sins/run.py'
 

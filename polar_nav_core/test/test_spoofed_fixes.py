@@ -10,6 +10,8 @@ from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.engine import Engine
 from polar_nav_core.engine.events import Estimate, Receipt, Verdict
 
+pytestmark = pytest.mark.slow
+
 UNGATED = ('modified_akf', 'conventional_akf')
 
 

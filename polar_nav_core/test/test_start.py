@@ -27,6 +27,8 @@ from polar_nav_core.engine.start.level import Tilt
 from polar_nav_core.engine.start.machine import Start
 from polar_nav_core.engine.start.model import MOST_HEADING, SAME_AGAIN, Phase, Stated
 
+pytestmark = pytest.mark.slow
+
 REST, WAY = Vehicle(), Vehicle(speed=1.2, waves=0.03)
 GNSS = Sensors(fix_s=1.0)
 AHRS = replace(GNSS, heading_sigma_deg=2.0)
@@ -251,7 +253,6 @@ def test_the_refusal_names_the_latitude_that_would_do():
     assert sigma_of(math.radians(lower), bias) == pytest.approx(MOST_HEADING, rel=1e-3)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ('vehicle', 'sensors', 'noise', 'seconds'),
     [

@@ -10,6 +10,8 @@ import station_twin as twin
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.health.conditions import Culprit, Level
 
+pytestmark = pytest.mark.slow
+
 FIRST_S, LENGTH_S = 30.0, 60.0
 
 
