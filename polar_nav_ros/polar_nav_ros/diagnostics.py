@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import IntEnum
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+
+_NUMBER = re.compile(r'[+-]?\d[\d.]*')
+
+
+def without_numbers(sentence: str) -> str:
+    """What a sentence says, whatever its numbers: they change with each second."""
+    return _NUMBER.sub('#', sentence)
 
 
 class Level(IntEnum):
@@ -25,6 +33,14 @@ class Diagnosis:
     level: Level = Level.OK
     message: str = 'running'
     values: Mapping[str, object] = field(default_factory=dict)
+
+    def beside(self, *sentences: str) -> Diagnosis:
+        """The same with further sentences, at least a WARN; empty ones say nothing."""
+        said = [text for text in sentences if text]
+        if not said:
+            return self
+        message = '; '.join([self.message, *said])
+        return replace(self, level=max(self.level, Level.WARN), message=message)
 
     def to_msg(self, name: str, vehicle: str) -> DiagnosticArray:
         """diagnostic_msgs/DiagnosticArray with one status; the publisher sets the stamp.

@@ -10,7 +10,6 @@
 from __future__ import annotations
 
 import math
-import re
 import time
 from collections.abc import Callable, Sequence
 from typing import Protocol
@@ -23,7 +22,7 @@ from polar_nav_core.engine.events import Verdict
 from polar_nav_core.engine.health.conditions import Health
 from polar_nav_core.engine.integrity import Integrity
 
-from .diagnostics import Diagnosis, Level
+from .diagnostics import Diagnosis, Level, without_numbers
 
 _REFUSED = {
     Verdict.TOO_LATE: 'came after reorder_window_s',
@@ -32,7 +31,6 @@ _REFUSED = {
 }
 """Verdicts that are a WARN while they go on."""
 _SILENT_S = 2.5
-_NUMBER = re.compile(r'[+-]?\d[\d.]*')
 _AGAIN_S = 60.0
 """After which a sentence at the same level is logged again."""
 
@@ -195,7 +193,7 @@ class NavigationHealth:
     def _tell(self, level: Level, said: Sequence[str]) -> None:
         """Log another level, and at the same one what was not said of late, but for numbers."""
         now_s = self._clock()
-        shapes = {text: _NUMBER.sub('#', text) for text in said}
+        shapes = {text: without_numbers(text) for text in said}
         if level is self._last:
             said = [t for t in said if now_s > self._told.get(shapes[t], -math.inf) + _AGAIN_S]
             if level is Level.OK or not said or not self._engine.navigating:

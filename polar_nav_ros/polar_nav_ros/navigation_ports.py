@@ -26,7 +26,6 @@ from __future__ import annotations
 import time
 from array import array
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import replace
 from typing import Any
 
 from nav_msgs.msg import Odometry
@@ -43,7 +42,7 @@ from polar_nav_msgs.msg import InitialState as InitialStateMsg
 from polar_nav_msgs.msg import Restore as RestoreMsg
 from polar_nav_msgs.srv import SetInitialState
 
-from .diagnostics import Diagnosis, Level
+from .diagnostics import Diagnosis
 from .live_outputs import LiveOutputs
 from .navigation_health import NavigationHealth
 from .navigation_session import (
@@ -240,11 +239,7 @@ class NavigationPorts:
             found = self._sources.diagnosed(found)
         beside = [] if self._store is None else [self._store.problem]
         beside += [self._node.doubled(name) for name in self._own_topics]
-        said = [text for text in beside if text]
-        if not said:
-            return found
-        message = '; '.join([found.message, *said])
-        return replace(found, level=max(found.level, Level.WARN), message=message)
+        return found.beside(*beside)
 
     def _silent_s(self) -> float:
         """Time since IMU samples that are used stopped, by the computer's clock; 0 in lockstep."""

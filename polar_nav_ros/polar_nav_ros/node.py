@@ -12,7 +12,6 @@ import os
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from importlib import metadata
 from typing import Any, Generic, Protocol, TypeVar
 
@@ -34,7 +33,7 @@ from polar_nav_msgs.msg import LockstepAck
 from . import topics
 from .backlog import Backlog, Drain, informed
 from .blame import BlamedNode
-from .diagnostics import Diagnosis, Level
+from .diagnostics import Diagnosis
 from .parameters import load
 from .qos import BEST_EFFORT, check_overrides, overridden, overriding, unused_overrides
 from .qos import DATA_QOS as DATA_QOS
@@ -413,9 +412,8 @@ class PolarNode(BlamedNode, Generic[P]):
         if self._inputs and self._beats <= _BEATS:
             for name in unused_overrides(self, self.taken_counts()):
                 self.get_logger().warning(f'parameter {name}: there is no such subscription')
-        message = self._timed(self.diagnose()).to_msg(
-            self.get_fully_qualified_name(), self.vehicle
-        )
+        diagnosis = self.diagnose().beside('' if self._has_time else _NO_TIME)
+        message = diagnosis.to_msg(self.get_fully_qualified_name(), self.vehicle)
         message.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(message)
 
@@ -423,13 +421,6 @@ class PolarNode(BlamedNode, Generic[P]):
     def _has_time(self) -> bool:
         clock = self.get_clock()
         return not clock.ros_time_is_active or clock.now().nanoseconds > 0
-
-    def _timed(self, found: Diagnosis) -> Diagnosis:
-        """Add to a diagnosis that the node has no time, if it has none."""
-        if self._has_time:
-            return found
-        text = f'{found.message}; {_NO_TIME}'
-        return replace(found, level=max(found.level, Level.WARN), message=text)
 
     def _describe(self) -> str:
         package = _package_of(type(self).__module__)

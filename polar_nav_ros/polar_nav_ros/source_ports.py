@@ -24,7 +24,7 @@ from polar_nav_msgs.msg import Inputs
 from .adapters.live import CONSTANTS, Source, Sources, Taken
 from .adapters.mapping import Stream
 from .adapters.start_topic import StartTopic
-from .diagnostics import Diagnosis, Level
+from .diagnostics import Diagnosis
 from .node import PolarNode
 from .qos import RECORD_QOS
 from .stamps import to_msg
@@ -246,15 +246,11 @@ class SourcePorts:
         """Add what is wrong with the sources to a diagnosis; a WARN where nothing is worse."""
         found_of = {self._name(s): p for s in self._sources if (p := self._problem(s))}
         self._tell(found_of)
-        problems = list(found_of.values())
         counts = {f'unreadable {self._name(s)}': s.unreadable for s in self._sources}
         counts |= {f'without {_content(s)} {self._name(s)}': s.empty for s in self._sources}
         values = {**found.values, **{name: n for name, n in counts.items() if n}}
         values |= {f'source {self._name(s)}': self._offer(s) for s in self._sources}
-        if not problems:
-            return replace(found, values=values)
-        message = f'{found.message}; {"; ".join(problems)}'
-        return Diagnosis(max(found.level, Level.WARN), message, values)
+        return replace(found, values=values).beside(*found_of.values())
 
     def _tell(self, problems: Mapping[str, str]) -> None:
         """Log what has been wrong with a topic for some seconds, and that it is over."""

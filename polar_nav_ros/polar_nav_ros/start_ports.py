@@ -13,7 +13,6 @@ becomes a command on nav/command, so that a replay starts from the same one.
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -30,7 +29,7 @@ from polar_nav_core.local_frame import LocalFrame
 
 from .adapters.pose import Pose, PoseError, pose_in_earth
 from .adapters.start_topic import StartTopic
-from .diagnostics import Diagnosis, Level
+from .diagnostics import Diagnosis, Level, without_numbers
 from .health_message import status_of
 from .navigation_session import NavigationSession
 from .node import LATCHED_QOS, PolarNode
@@ -40,8 +39,6 @@ from .topics import AHRS, DEPTH, DVL, START
 
 POSE_TOPICS = ('set_pose', 'initialpose')
 _QUEUE = 10
-_NUMBER = re.compile(r'[\d.]+')
-"""What of a sentence changes each second."""
 _ORIGINS = {
     'parameters': 'as stated by parameters',
     'alignment': 'aligned',
@@ -182,7 +179,7 @@ class StartPorts:
         if new == self._published:
             return
         self._published = new
-        shape = _NUMBER.sub('#', self.waits_for)
+        shape = without_numbers(self.waits_for)
         if shape and shape != self._logged:
             self._node.get_logger().info(self.waits_for)
         self._logged = shape

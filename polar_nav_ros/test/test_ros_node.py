@@ -215,10 +215,13 @@ def test_qos_of_a_topic_that_is_not_there_is_named(monkeypatch):
 def test_simulated_time_without_a_clock_is_named(monkeypatch):
     """Nothing has a time of arrival then; the graph looks as if it were well."""
     echo = Echo(parameter_overrides=[Parameter('use_sim_time', value=True)])
-    found = echo._timed(echo.diagnose())
-    assert found.level is Level.WARN
-    assert 'no /clock has come' in found.message
-    said = []
+    said, published = [], []
+    with monkeypatch.context() as patched:
+        patched.setattr(echo, '_diagnostics', SimpleNamespace(publish=published.append))
+        echo._publish_diagnosis()
+    (status,) = published[0].status
+    assert status.level == bytes([Level.WARN])
+    assert 'no /clock has come' in status.message
     monkeypatch.setattr(echo, 'get_logger', lambda: SimpleNamespace(warning=said.append))
     for _ in range(60):
         echo._beat()

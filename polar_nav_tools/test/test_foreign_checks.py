@@ -465,6 +465,18 @@ def test_times_of_fixes(whole: Path) -> None:
     assert found(whole, 'fix_not_delayed', none, 'NOTE').topic == FIXES
 
 
+def test_a_clock_a_little_ahead_is_no_future(whole: Path) -> None:
+    """As live: what comes at most 0.1 s before it is valid came when it was."""
+    plain = loaded(whole).inputs.fixes
+    least = min(f.receive_ns - f.validity_ns for f in plain)
+    top = yaml.safe_load(MAPPING)['fixes'][0]
+    for ahead_s, left_s in ((0.09, 0.0), (0.11, 0.11)):
+        changes = {'fixes': [top | {'time_offset_s': 1e-9 * least + ahead_s}]}
+        fixes = loaded(whole, changes, ('fix_from_future',)).inputs.fixes
+        earliest = min(f.receive_ns - f.validity_ns for f in fixes)
+        assert 1e-9 * earliest == pytest.approx(-left_s, abs=1e-6)
+
+
 def test_what_is_not_stated(whole: Path) -> None:
     """The noise of the IMU is asked for; a reference without attitude is told of."""
     params = {k: v for k, v in engine_parameters().items() if k != 'gyro_bias_sigma'}

@@ -14,6 +14,8 @@ from .mapping import FixMapping
 from .position import LEVEL_SIGMA, PositionRows
 from .rows import Stamps
 
+CLOCKS_AGREE_NS = 100_000_000
+"""That clocks of two computers may differ by."""
 _LEAST_STEP_S = 1e-3
 """Between two positions of a source: closer ones are one and the same."""
 
@@ -66,6 +68,17 @@ def fixes_of(
         )
         for k in np.flatnonzero(usable)
     )
+
+
+def reception_ns(validity_ns: Stamps, arrival_ns: Stamps) -> Stamps:
+    """Times of reception of positions that came at these times of the host's clock [ns].
+
+    None can come before it was valid. Where its sender's clock is a little ahead, as with NTP, or
+    the host's goes in steps, as ``/clock`` does, it came when it was valid.
+    """
+    ahead_ns = validity_ns - arrival_ns
+    agree = (ahead_ns > 0) & (ahead_ns <= CLOCKS_AGREE_NS)
+    return np.asarray(np.where(agree, validity_ns, arrival_ns))
 
 
 def shares(stamps_ns: Stamps, correlation_s: float, before_ns: int | None = None) -> Array:

@@ -30,7 +30,7 @@ from polar_nav_core.errors import ConfigError
 
 from ..topics import DEPTH, DVL, HEADING, IMU, RX
 from . import mapping as m
-from .fixes import fixes_of, level_height
+from .fixes import fixes_of, level_height, reception_ns
 from .headings import headings_of
 from .layouts import USBL
 from .messages import Fields, get, stamp_ns_of
@@ -42,8 +42,6 @@ from .sensors import IN_THE_AIR, depths_of, imu_of, pings_of
 
 CONSTANTS = ('DVL_MODE_BOTTOM', 'DVL_MODE_WATER', 'DVL_TYPE_PHASED_ARRAY')
 """Constants of message types that adapters ask for."""
-_CLOCKS_AGREE_NS = 100_000_000
-"""That clocks of two computers may differ by; `doctor` allows as much."""
 _SOURCE_BITS = 32
 """Messages of one source are numbered below this; fixes of several differ by it."""
 
@@ -148,14 +146,10 @@ class Source:
         return stamp_ns + self.stream.offset_ns
 
     def received_ns(self, validity_ns: int, arrival_ns: int) -> int:
-        """Time of reception [ns] of a message that came at a time of the node's clock.
-
-        A position cannot come before it was valid. Where its sender's clock is a little ahead, as
-        with NTP, or the node's goes in steps, as ``/clock`` does, it came when it was valid.
-        """
-        ahead_ns = validity_ns - arrival_ns
-        own = self.role == 'position' and 0 < ahead_ns <= _CLOCKS_AGREE_NS
-        return validity_ns if own else arrival_ns
+        """Time of reception [ns] of a message that came at a time of the node's clock."""
+        if self.role != 'position':
+            return arrival_ns
+        return int(reception_ns(np.array([validity_ns]), np.array([arrival_ns]))[0])
 
     def arrival(self, number: int) -> int:
         """Number of a fix, different from those of all other sources."""

@@ -16,7 +16,12 @@ from polar_nav_core.grid import ecef_to_grid
 from polar_nav_core.link.packet import Broadcast, PacketError, decode
 from polar_nav_follower.measurements.fix import fix_from_packet
 from polar_nav_follower.params import FollowerParams
-from polar_nav_ros.adapters.fixes import fixes_of, level_height, sigma_covariance
+from polar_nav_ros.adapters.fixes import (
+    fixes_of,
+    level_height,
+    reception_ns,
+    sigma_covariance,
+)
 from polar_nav_ros.adapters.layouts import PACKET, PACKETS, USBL
 from polar_nav_ros.adapters.mapping import FixMapping, Stream
 from polar_nav_ros.adapters.messages import Fields, stamp_ns_of
@@ -85,6 +90,7 @@ def read_fixes(
     if kind == USBL:
         return _usbl(source, mapping, first_arrival, sea_surface_height)
     rows = read_positions(source, mapping.position, level_height(mapping, sea_surface_height))
+    rows = replace(rows, log_ns=reception_ns(rows.stamps_ns, rows.log_ns))
     fixes = fixes_of(mapping, rows, first_arrival)
     return FixRows(rows.topic, rows.stamps_ns, rows.log_ns, fixes, rows)
 

@@ -8,20 +8,16 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from . import dvl_faults as d
 from . import faults as f
 from . import fix_faults as x
 from . import imu_faults as m
-from .culprits import DEPTH, DVL, FIXES, HEADING, IMU, MODEL
-from .draws import TWO, Kind, OneOf, Size, Way, fault_of, words
+from .draws import Draw, Kind, OneOf, Size, Way
 from .faults import Fault
-from .row import LEVEL, RACETRACK, SINS, START_S, TACTICAL, Row, scene_of
+from .row import LEVEL, RACETRACK, SINS, START_S, TACTICAL, scene_of
 
 RANDOM = 'random:'
 """Before a number, or two with a dash between, in the name of a row."""
-_ANYBODY = (FIXES, DVL, DEPTH, IMU, HEADING, MODEL)
 _STARTS_S = OneOf((0.0, 200.0, START_S))
 _SCENES = {
     'straight': SINS,
@@ -114,15 +110,4 @@ KINDS: tuple[Kind[Fault], ...] = (
 """Kinds of faults, each as likely as the other, and what of them is drawn."""
 
 
-def random_row(number: int) -> Row:
-    """Return the row of a number."""
-    rng = np.random.default_rng(number)
-    name = OneOf(tuple(_SCENES)).draw(rng)
-    fault = fault_of(KINDS, _STARTS_S, rng)
-    size = words(fault)
-    if rng.random() < TWO:
-        other = fault_of(KINDS, _STARTS_S, rng)
-        size = f'{size}; {words(other)}'
-        fault = x.both(fault, other)
-    about = 'drawn at random'
-    return Row(f'random_{number}', about, f'{size} ({name})', fault, _ANYBODY, scene=_SCENES[name])
+random_row = Draw('random', _SCENES, KINDS, _STARTS_S, x.both).row

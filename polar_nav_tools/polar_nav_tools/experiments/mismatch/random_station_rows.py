@@ -7,20 +7,16 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from polar_nav_sim.offline_station import StationScenario
 
 from . import station_faults as s
 from . import station_motion as m
-from .culprits import DEPTH, DVL, FIXES, HEADING, IMU, MODEL
-from .draws import TWO, Kind, OneOf, Size, fault_of, words
-from .row import STATION, Row
+from .draws import Draw, Kind, OneOf, Size
+from .row import STATION
 from .scenes import StationScene
 
 RANDOM_STATION = 'random-station:'
 """Before a number, or two with a dash between, in the name of a row."""
-_ANYBODY = (FIXES, DVL, DEPTH, IMU, HEADING, MODEL)
 _STARTS_S = OneOf((0.0, 400.0, 800.0))
 _SCENES = {
     'station': STATION,
@@ -87,22 +83,13 @@ KINDS: tuple[Kind[s.StationFault], ...] = (
 """Kinds of faults, each as likely as the other, and what of them is drawn."""
 
 
-def random_station_row(number: int) -> Row:
-    """Return the row of a number."""
-    rng = np.random.default_rng(number)
-    name = OneOf(tuple(_SCENES)).draw(rng)
-    fault: s.StationFault = fault_of(KINDS, _STARTS_S, rng)
-    size = words(fault)
-    if rng.random() < TWO:
-        other = fault_of(KINDS, _STARTS_S, rng)
-        size = f'{size}; {words(other)}'
-        fault = s.StationBoth(
-            one=fault,
-            other=other,
-            start_s=min(fault.start_s, other.start_s),
-            obvious=fault.obvious or other.obvious,
-        )
-    about = 'drawn at random'
-    return Row(
-        f'random_station_{number}', about, f'{size} ({name})', fault, _ANYBODY, scene=_SCENES[name]
+def _both(one: s.StationFault, other: s.StationFault) -> s.StationFault:
+    return s.StationBoth(
+        one=one,
+        other=other,
+        start_s=min(one.start_s, other.start_s),
+        obvious=one.obvious or other.obvious,
     )
+
+
+random_station_row = Draw('random_station', _SCENES, KINDS, _STARTS_S, _both).row
