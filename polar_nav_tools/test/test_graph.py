@@ -22,7 +22,7 @@ from polar_nav_tools.graph.options import GraphOptions
 from polar_nav_tools.graph.processes import composed, separate
 from polar_nav_tools.graph.spec import NodeSpec, Stage, parameter_yaml
 from polar_nav_tools.live.run import read_mission
-from polar_nav_tools.record.recording import RecorderParams
+from polar_nav_tools.record.params import RecorderParams
 
 PARAMETERS = {
     'truth_node': sim_params.TruthParams,

@@ -8,12 +8,8 @@ from bag_samples import IMU, START_NS, TRUTH, TYPES, imu, make, run_info, stamp,
 from polar_nav_core.errors import ConfigError
 from polar_nav_tools.bags import BagError, BagWriter, open_bag
 from polar_nav_tools.bags.qos import Qos
-from polar_nav_tools.record.recording import (
-    RecorderParams,
-    Recording,
-    parse_run_info,
-    parse_topics,
-)
+from polar_nav_tools.record.params import RecorderParams, parse_run_info, parse_topics
+from polar_nav_tools.record.recording import Recording
 
 CLOCK, PACKET, DIAGNOSTICS = '/clock', '/follower/acomms/rx', '/diagnostics'
 WALL_NS = 1_900_000_000_000_000_000

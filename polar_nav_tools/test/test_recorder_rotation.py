@@ -12,7 +12,8 @@ from polar_nav_core.params import from_mapping
 from polar_nav_tools.bags import BagWriter, open_bag
 from polar_nav_tools.bags.info import bag_info
 from polar_nav_tools.bags.rosbag2_metadata import ROOT_KEY
-from polar_nav_tools.record.recording import RecorderParams, Recording, Rotation
+from polar_nav_tools.record.params import RecorderParams
+from polar_nav_tools.record.recording import Recording, Rotation
 
 REFERENCE = Path(__file__).parents[2] / 'bags' / 'reference_4'
 WALL_NS = 1_900_000_000_000_000_000

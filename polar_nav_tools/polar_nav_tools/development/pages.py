@@ -18,7 +18,7 @@ from polar_nav_leader.params import LeaderParams
 from polar_nav_ros.modem_bridge import BridgeParams
 from polar_nav_sim import params as sim
 
-from ..record.recording import RecorderParams
+from ..record.params import RecorderParams
 from . import house
 from .follower_groups import FIRST, groups
 

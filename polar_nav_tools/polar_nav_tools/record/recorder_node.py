@@ -2,7 +2,7 @@
 
 Subscribes to the topics it is given or to all it finds, and takes part in the lockstep pace. Every
 turn of the executor empties all subscriptions at once (a turn costs more than taking a message),
-then files the burst and acknowledges it once. What it does with messages stands in `recorder`.
+then files the burst and acknowledges it once. What it does with messages stands in `recording`.
 """
 
 from __future__ import annotations
@@ -30,7 +30,8 @@ from polar_nav_ros.topics import DIAGNOSTICS, RUN_INFO, START
 from ..bags.errors import BagError
 from ..bags.qos import Qos, request_for
 from ..bags.writer import BagWriter
-from .recording import RecorderParams, Recording, Rotation, parse_run_info, parse_topics
+from .params import RecorderParams, parse_run_info, parse_topics
+from .recording import Recording, Rotation
 
 # Published by every node beside what it counts, so a count of them would never be met.
 UNCOUNTED = (DIAGNOSTICS, RUN_INFO, '/rosout', '/parameter_events')
