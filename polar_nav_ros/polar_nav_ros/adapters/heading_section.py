@@ -7,13 +7,15 @@ from typing import Any
 from polar_nav_core.engine.heading_params import REFERENCES
 
 from .layouts import USBL
-from .mapping import ANGLE_UNITS, WORLDS, FixMapping, HeadingMapping, Stream
+from .mapping import ANGLE_UNITS, WORLDS, FixMapping, HeadingMapping
 from .packets import carries_packets
 from .section import Section
+from .stream_section import stream_of
 
 
-def heading_of(s: Section, params: dict[str, Any], stream: Stream) -> HeadingMapping:
+def heading_of(s: Section, params: dict[str, Any]) -> HeadingMapping:
     """AHRS or compass; what its headings count from goes to the engine's parameters."""
+    stream = stream_of(s)
     references = REFERENCES[1:]
     if 'reference' not in s:
         raise s.fail('reference', f'is missing: one of {", ".join(references)}')

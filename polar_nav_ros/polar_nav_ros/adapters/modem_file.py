@@ -12,9 +12,9 @@ from polar_nav_core.user_files import parse_yaml, read_text
 
 from .layouts import PAYLOAD_LIMITS
 from .mapping import ENCODINGS, FixMapping, Stream
-from .mapping_file import stream_of
 from .packets import too_long
 from .section import Section
+from .stream_section import stream_of
 
 VERSION = 1
 KINDS = {'leader': packet.SIZE, 'station': station_packet.SIZE}

@@ -38,9 +38,9 @@ from polar_nav_ros.adapters.mapping import (
     VERSION,
     Frame,
 )
-from polar_nav_ros.adapters.mapping_file import frame_of
 from polar_nav_ros.adapters.position import PositionRows
 from polar_nav_ros.adapters.section import Section
+from polar_nav_ros.adapters.stream_section import frame_of
 from polar_nav_ros.cdr import to_bytes
 from polar_nav_ros.stamps import to_msg
 
