@@ -17,9 +17,10 @@ from polar_nav_sim.initial_state import InitialSigma, initial_parameters
 from polar_nav_sim.mission import load_mission
 from polar_nav_sim.randomness import stream
 from polar_nav_sim.sensors import presets
-from polar_nav_tools.graph.build import build_graph, recorded_topics
+from polar_nav_tools.graph.build import build_graph
 from polar_nav_tools.graph.options import GraphOptions
 from polar_nav_tools.graph.processes import composed, separate
+from polar_nav_tools.graph.recorded_topics import recorded_topics
 from polar_nav_tools.graph.spec import NodeSpec, Stage, parameter_yaml
 from polar_nav_tools.live.run import read_mission
 from polar_nav_tools.record.params import RecorderParams

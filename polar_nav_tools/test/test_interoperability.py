@@ -9,7 +9,7 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
 from polar_nav_tools.bags.schemas import definition
-from polar_nav_tools.graph.build import recorded_topics
+from polar_nav_tools.graph.recorded_topics import recorded_topics
 from polar_nav_tools.graph.station import station_topics
 
 ROOT = Path(__file__).parents[2]

@@ -14,12 +14,17 @@ from typing import TYPE_CHECKING
 from polar_nav_core.engine.methods import CONFIGURATIONS
 from polar_nav_core.engine.params import NO_COMMON_ERRORS, NO_RESERVE
 from polar_nav_core.errors import ConfigError
-from polar_nav_core.params import to_mapping
 from polar_nav_follower.params import FollowerParams
 from polar_nav_leader.params import LeaderParams
 from polar_nav_ros import topics
-from polar_nav_sim.sensors.presets import DVL, IMU
 
+from .instruments import (
+    as_the_mission_says,
+    leader_instruments,
+    own_aiding,
+    own_aiding_topics,
+    vehicle_nodes,
+)
 from .options import GraphOptions
 from .parts import (
     FOLLOWER_ID,
@@ -31,13 +36,12 @@ from .parts import (
     sim_node,
     usual_sigma,
 )
+from .recorded_topics import recorded_topics, topics_alone, topics_of_the_root
 from .spec import NodeSpec, ParameterValue, Stage
 from .station import MODEL_TOPICS, has_station, station_nodes, station_topics
 
 if TYPE_CHECKING:
     from polar_nav_sim.mission import Mission
-    from polar_nav_sim.sensors.dvl import DvlErrors
-    from polar_nav_sim.sensors.imu import ImuErrors
 
 _STATE_PERIOD_S = 1.0
 """A follower that is started again has its state of one second before."""
@@ -74,41 +78,6 @@ class Graph:
     topics: Mapping[str, str]
 
 
-_SENSOR_TOPICS = (
-    topics.TRUTH,
-    topics.IMU,
-    topics.DVL,
-    topics.DVL_TWIST,
-    topics.PRESSURE,
-    topics.DEPTH,
-    topics.ODOMETRY,
-)
-_LEADER_TOPICS = (
-    topics.USBL,
-    topics.BROADCAST,
-    topics.TX,
-    topics.RX,
-)
-_NAVIGATION_TOPICS = (
-    topics.STATE,
-    topics.RECEIPT,
-    topics.HEALTH,
-    topics.CLOCK_STEP,
-    topics.COMMAND,
-    topics.FIX,
-)
-_FOLLOWER_TOPICS = (
-    topics.RX,
-    topics.DECODED,
-    *_NAVIGATION_TOPICS,
-)
-_ROOT_TOPICS = (
-    topics.CLOCK,
-    topics.DIAGNOSTICS,
-    topics.RUN_INFO,
-)
-
-
 def build_graph(mission: Mission, options: GraphOptions) -> Graph:
     """Graph of a mission.
 
@@ -131,32 +100,32 @@ def build_graph(mission: Mission, options: GraphOptions) -> Graph:
     if options.leader == 'own' and not mission.led:
         raise ConfigError(f'mission {mission.name} has no leader that could navigate by itself')
     if not mission.led:
-        recorded = {**_of_the_root(), **_topics_alone(mission, follower)}
+        recorded = {**topics_of_the_root(), **topics_alone(mission, follower)}
         nodes = [
-            *_vehicle_nodes(follower, options, {}),
-            *_own_aiding(mission, options),
+            *vehicle_nodes(follower, options, {}),
+            *own_aiding(mission, options),
             _follower_node(mission, follower, options),
         ]
     elif station:
         leader = mission.leader
-        recorded = {**_of_the_root(), **station_topics(leader, follower)}
+        recorded = {**topics_of_the_root(), **station_topics(leader, follower)}
         nodes = station_nodes(mission, follower, options)
     else:
         leader = mission.leader
         recorded = recorded_topics(leader, follower, options.leader)
         for vehicle in mission.dynamic:
             recorded |= topics.of_vehicle(vehicle, MODEL_TOPICS)
-        recorded |= _own_aiding_topics(mission)
+        recorded |= own_aiding_topics(mission)
         if mission.sources(follower) is not None:
             recorded |= topics.of_vehicle(follower, (topics.INPUTS,))
         nodes = [
-            *_vehicle_nodes(leader, options, _leader_instruments(options)),
-            *_vehicle_nodes(follower, options, {}),
-            *_own_aiding(mission, options),
+            *vehicle_nodes(leader, options, leader_instruments(options)),
+            *vehicle_nodes(follower, options, {}),
+            *own_aiding(mission, options),
             *_acoustic_nodes(mission, leader, follower, options),
             _follower_node(mission, follower, options),
         ]
-    nodes = [_as_the_mission_says(mission, spec) for spec in nodes]
+    nodes = [as_the_mission_says(mission, spec) for spec in nodes]
     if options.respawn:
         nodes = [_respawning(spec, options) for spec in nodes]
         recorded |= topics.of_vehicle(follower, (topics.RESTORE,))
@@ -172,28 +141,6 @@ def build_graph(mission: Mission, options: GraphOptions) -> Graph:
 def follower_parameters(graph: Graph) -> Mapping[str, ParameterValue]:
     """Parameters of the follower that differ from its node's defaults."""
     return next(spec.parameters for spec in graph.nodes if spec.stage is Stage.FOLLOWER)
-
-
-def recorded_topics(leader: str, follower: str, navigates: str = 'perfect') -> dict[str, str]:
-    """Recorded topics of the graph, each with its message type."""
-    own = (*_NAVIGATION_TOPICS, topics.ABSOLUTE) if navigates == 'own' else ()
-    return {
-        **_of_the_root(),
-        **topics.of_vehicle(leader, (*_SENSOR_TOPICS, *_LEADER_TOPICS, *own)),
-        **topics.of_vehicle(follower, (*_SENSOR_TOPICS, *_FOLLOWER_TOPICS)),
-    }
-
-
-def _of_the_root() -> dict[str, str]:
-    return {topic: topics.TYPES[topic] for topic in _ROOT_TOPICS}
-
-
-def _topics_alone(mission: Mission, follower: str) -> dict[str, str]:
-    """Recorded topics of a vehicle without a leader, each with its message type."""
-    return {
-        **topics.of_vehicle(follower, (*_SENSOR_TOPICS, *_NAVIGATION_TOPICS, topics.INPUTS)),
-        **_own_aiding_topics(mission),
-    }
 
 
 def _truth_node(mission: Mission, options: GraphOptions, others: list[str]) -> NodeSpec:
@@ -215,92 +162,6 @@ def _truth_node(mission: Mission, options: GraphOptions, others: list[str]) -> N
             parameters['max_behind_s'] = REALTIME_BEHIND_S
     executable = 'vehicle_node' if mission.dynamic else 'truth_node'
     return sim_node(executable, '', Stage.TRUTH, parameters)
-
-
-_INSTRUMENTS = {
-    'imu_node': 'imu',
-    'dvl_node': 'dvl',
-    'depth_node': 'depth',
-    'ahrs_node': 'ahrs',
-    'absolute_fix_node': 'absolute',
-    'usbl_node': 'usbl',
-    'leader_reference_node': 'heading',
-}
-"""Kind of instrument of each node that is one."""
-_IN_THE_WATER = ('usbl_node', 'dvl_node', 'station_node', 'acoustic_link_node')
-
-
-def _as_the_mission_says(mission: Mission, spec: NodeSpec) -> NodeSpec:
-    """Give a node of the simulation the instrument, clock and water that the mission names."""
-    parameters = dict(spec.parameters)
-    kind = _INSTRUMENTS.get(spec.executable)
-    if kind is not None:
-        installed = mission.instruments(spec.namespace).get(kind)
-        if installed is not None:
-            parameters |= to_mapping(installed.errors)
-            if installed.rate_hz is not None:
-                parameters['rate_hz'] = installed.rate_hz
-        vehicle = mission.formation[spec.namespace]
-        if vehicle.clock_offset_s or vehicle.clock_drift_ppm:
-            parameters['clock_offset_s'] = vehicle.clock_offset_s
-            parameters['clock_drift_ppm'] = vehicle.clock_drift_ppm
-    if spec.executable in _IN_THE_WATER and mission.water is not None:
-        parameters |= to_mapping(mission.water)
-    return replace(spec, parameters=parameters)
-
-
-def _vehicle_nodes(
-    vehicle: str,
-    options: GraphOptions,
-    instruments: Mapping[str, Mapping[str, ParameterValue]],
-) -> list[NodeSpec]:
-    names = ('imu_node', 'dvl_node', 'depth_node')
-    return [
-        sim_node(name, vehicle, Stage.SENSOR, {'seed': options.seed, **instruments.get(name, {})})
-        for name in names
-    ]
-
-
-_OWN_AIDING = {
-    'ahrs': ('ahrs_node', (topics.COMPASS, topics.MAGNETIC)),
-    'absolute': ('absolute_fix_node', (topics.ABSOLUTE,)),
-}
-"""Node and topics of the instruments that a vehicle has only where its mission names them."""
-
-
-def _own_aiding(mission: Mission, options: GraphOptions) -> list[NodeSpec]:
-    seed: dict[str, ParameterValue] = {'seed': options.seed}
-    return [
-        sim_node(node, name, Stage.SENSOR, seed)
-        for name, vehicle in mission.formation.items()
-        for kind, (node, _) in _OWN_AIDING.items()
-        if kind in vehicle.instruments
-    ]
-
-
-def _own_aiding_topics(mission: Mission) -> dict[str, str]:
-    recorded: dict[str, str] = {}
-    for name, vehicle in mission.formation.items():
-        for kind, (_, published) in _OWN_AIDING.items():
-            if kind in vehicle.instruments:
-                recorded |= topics.of_vehicle(name, published)
-    return recorded
-
-
-def _leader_instruments(options: GraphOptions) -> dict[str, dict[str, ParameterValue]]:
-    """Parameters of the better instruments of a leader that navigates by itself."""
-    if options.leader != 'own':
-        return {}
-    return {
-        'imu_node': _differing(IMU['leader'].errors),
-        'dvl_node': _differing(DVL['leader'].errors),
-    }
-
-
-def _differing(errors: ImuErrors | DvlErrors) -> dict[str, ParameterValue]:
-    """Parameters of an instrument that differ from its node's defaults."""
-    usual = to_mapping(type(errors)())
-    return {name: value for name, value in to_mapping(errors).items() if value != usual[name]}
 
 
 def _acoustic_nodes(
