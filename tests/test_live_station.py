@@ -16,7 +16,7 @@ from live_support import FinishedDemo, polar
 from polar_nav_tools.bags import open_bag
 from polar_nav_tools.bags.arrays import estimates_from_cdr, receipts_from_cdr
 from polar_nav_tools.bags.model import model_run_from_cdr
-from polar_nav_tools.replay.arrays import load_arrays
+from polar_nav_tools.replay.arrays_from_bag import load_arrays
 from polar_nav_tools.replay.by_array import replay_arrays
 from polar_nav_tools.replay.by_message import replay
 

@@ -17,7 +17,7 @@ from polar_nav_tools.bags.arrays import (
 )
 from polar_nav_tools.bags.model import model_run_from_cdr
 from polar_nav_tools.live.run_info import cpu_model, versions
-from polar_nav_tools.replay.arrays import load_arrays
+from polar_nav_tools.replay.arrays_from_bag import load_arrays
 from polar_nav_tools.replay.by_array import replay_arrays
 from polar_nav_tools.replay.by_message import replay
 from polar_nav_tools.replay.recorded import load_inputs

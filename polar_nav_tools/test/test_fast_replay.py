@@ -21,7 +21,7 @@ from polar_nav_ros.navigation_outputs import nav_to_msg
 from polar_nav_tools.bags import BagError, BagWriter, open_bag, tables
 from polar_nav_tools.bags.arrays import estimates_from_cdr, load_truth, receipts_from_cdr
 from polar_nav_tools.cli import main
-from polar_nav_tools.replay.arrays import arrays_request, load_arrays
+from polar_nav_tools.replay.arrays_from_bag import arrays_request, load_arrays
 from polar_nav_tools.replay.by_array import replay_arrays, replay_estimates
 from polar_nav_tools.replay.by_message import replay
 from polar_nav_tools.replay.recorded import load_inputs

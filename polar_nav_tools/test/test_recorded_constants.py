@@ -15,7 +15,7 @@ from polar_nav_msgs.msg import Dvl
 from polar_nav_ros.cdr import to_bytes
 from polar_nav_tools.bags import BagError, BagWriter, open_bag
 from polar_nav_tools.bags.decode import constants_of
-from polar_nav_tools.replay.arrays import load_arrays
+from polar_nav_tools.replay.arrays_from_bag import load_arrays
 from polar_nav_tools.replay.by_array import replay_arrays
 from polar_nav_tools.replay.by_message import replay
 from polar_nav_tools.replay.recorded import load_inputs

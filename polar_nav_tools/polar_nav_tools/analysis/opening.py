@@ -52,7 +52,7 @@ def wanted_of(vehicle: str | None, *, truth: bool) -> Wants:
     """Topics that `analyse` reads in a replay, for `open_for` to read on its pass."""
 
     def wants(bag: Bag) -> Request | None:
-        from ..replay.arrays import arrays_request
+        from ..replay.arrays_from_bag import arrays_request
 
         return arrays_request(bag, vehicle or follower_of(bag), truth=truth)
 

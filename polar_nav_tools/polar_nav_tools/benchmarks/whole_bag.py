@@ -15,7 +15,8 @@ from polar_nav_core.errors import PolarNavError
 
 from ..bags import Bag, open_bag
 from ..experiments.received import VEHICLE
-from ..replay.arrays import SinsArrays, arrays_request, load_arrays
+from ..replay.arrays import SinsArrays
+from ..replay.arrays_from_bag import arrays_request, load_arrays
 from ..replay.by_array import replay_arrays
 from ..replay.result import ReplayedRun
 from ..scoring import compare, mission_phases

@@ -108,7 +108,7 @@ def replay(
         raise typer.BadParameter('goes with --map', param_hint='--msg-path')
     from polar_nav_core.engine.health.span import span_of_health
 
-    from ..replay.arrays import arrays_request
+    from ..replay.arrays_from_bag import arrays_request
     from ..replay.by_array import replay_estimates
     from ..replay.by_message import ReplayResult
     from ..replay.by_message import replay as run_replay

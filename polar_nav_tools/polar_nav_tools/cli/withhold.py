@@ -69,7 +69,7 @@ def _recorded(
     from polar_nav_core.engine.inputs import Inputs
 
     from ..analysis.opening import open_for
-    from ..replay.arrays import load_arrays
+    from ..replay.arrays_from_bag import load_arrays
     from ..replay.by_message import parameters
 
     source = open_for(bag, say)

@@ -21,7 +21,8 @@ from polar_nav_follower.session import inputs_of
 
 from ..bags import Bag
 from ..series.estimates import EstimateRows, receipts_of
-from .arrays import SinsArrays, StationArrays, load_arrays
+from .arrays import SinsArrays, StationArrays
+from .arrays_from_bag import load_arrays
 from .by_message import parameters
 from .recorded import choose_follower
 from .result import LOOK_EVERY_S, ReplayedRun

@@ -5,7 +5,8 @@ from __future__ import annotations
 from polar_nav_core.errors import ConfigError
 
 from ..bags import Bag
-from .arrays import Progress, SinsArrays, StationArrays, load_arrays
+from .arrays import SinsArrays, StationArrays
+from .arrays_from_bag import Progress, load_arrays
 
 
 def plain_arrays(

@@ -15,7 +15,8 @@ from ..bags.model import load_model_run
 from ..bags.reader import Bag
 from ..series.run import RunSeries
 from ..series.vehicle import TruthSeries
-from .arrays import SinsArrays, StationArrays, load_arrays
+from .arrays import SinsArrays, StationArrays
+from .arrays_from_bag import load_arrays
 from .by_array import replay_arrays
 from .by_message import Progress, ReplayResult, replay
 from .recorded import RecordedInputs, load_inputs
