@@ -7,12 +7,11 @@ import pytest
 from bag_samples import RECEIPT, TRUTH, TYPES, make, stamp, stamp_ns, write_bag
 from crafted import TEXT, crafted
 
-from polar_nav_tools.bags import BagError, BagWriter, open_bag
+from polar_nav_tools.bags import BagError, BagWriter, open_bag, reader
 from polar_nav_tools.bags.arrays import load_truth, places
 from polar_nav_tools.bags.decode import store_of
 from polar_nav_tools.bags.finding import Severity
 from polar_nav_tools.bags.limits import check_definition, check_size
-from polar_nav_tools.bags.reader import Bag
 from polar_nav_tools.cli import main
 from polar_nav_tools.doctor.examine import examine
 
@@ -53,11 +52,11 @@ def test_every_channel_is_looked_at_once(tmp_path, monkeypatch):
     path = crafted(tmp_path / 'b.mcap', [(k, k, b'\0\1\0\0abcd') for k in range(300)], 300)
     bag = open_bag(path)
     calls = []
-    numbers = Bag._numbers
-    monkeypatch.setattr(Bag, '_numbers', lambda *a: calls.append(a) or numbers(*a))
+    numbers_of = reader.numbers_of
+    monkeypatch.setattr(reader, 'numbers_of', lambda *a: calls.append(a) or numbers_of(*a))
     assert len([t for t in bag.topics.values() if t.count == 1]) == 300
     assert len(examine(bag).topics) == 300
-    assert len(calls) <= 3
+    assert 1 <= len(calls) <= 3
 
 
 def test_topics_by_the_thousand_are_plain_lines(tmp_path, monkeypatch, capsys):

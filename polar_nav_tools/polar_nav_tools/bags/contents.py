@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence, Set
+from collections.abc import Collection, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
 from . import chunks
+
+SEQUENCE_KEY = 'polar_nav_sequence'
+"""Channel metadata: message sequence numbers count the recorded messages from 1 without gaps."""
 
 
 @dataclass(frozen=True)
@@ -103,3 +106,18 @@ class FileScan:
     def last_ns(self) -> int | None:
         """Newest log time [ns], None without messages."""
         return max((t.last_ns for t in self.tallies.values() if t.count), default=None)
+
+
+def numbers_of(
+    file: FileScan, channels: Mapping[str, Channel], topics: Collection[str] | None
+) -> dict[int, str]:
+    """Channel numbers of topics in a file; a topic's first type is the one that counts.
+
+    ``channels`` has the first channel of each topic of the bag; all topics for None.
+    """
+    return {
+        number: channel.topic
+        for number, channel in file.channels.items()
+        if (topics is None or channel.topic in topics)
+        and channel.type == channels[channel.topic].type
+    }

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from datetime import UTC, datetime
 
-from .contents import FileScan
-from .writer import SEQUENCE_KEY
+from .contents import SEQUENCE_KEY, FileScan
 
 
 def stamp_text(stamp_ns: int) -> str:

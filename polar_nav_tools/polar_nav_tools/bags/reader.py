@@ -8,33 +8,25 @@ was compared and every count agrees.
 
 from __future__ import annotations
 
-import json
 import os
-from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Set
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from polar_nav_ros.topics import RUN_INFO
 
 from . import chunks
-from .contents import Channel, FileScan, Tally
+from .contents import Channel, FileScan, Tally, numbers_of
 from .decode import Decoder
 from .errors import BagError, WrongRequestError
-from .missing import sequence_gaps, unfinished
+from .problems import holes, problems_of
+from .run_records import INJECTED_KEY, PHASE_KEY, json_or_none, run_records
 from .schemas import Definition, starts_with_header
-from .writer import PHASE_KEY, RUN_END_RECORD, RUN_RECORD
 
 if TYPE_CHECKING:
     from .request import ReadAhead
-
-RECOVERY_RECORD = 'polar_nav_recovery'
-"""Name of the metadata record of `recover`: the bag was once broken."""
-INJECTED_KEY = 'injected'
-"""Key of the run's description with what `polar inject` has changed."""
 
 
 @dataclass(frozen=True)
@@ -84,7 +76,7 @@ class Bag:
             for channel in file.channels.values():
                 self._channels.setdefault(channel.topic, channel)
         self._decoder = Decoder(str(path))
-        self.problems = [*problems, *self._find_problems()]
+        self.problems = [*problems, *problems_of(self.files, self._channels)]
 
     @property
     def is_complete(self) -> bool:
@@ -123,7 +115,7 @@ class Bag:
         """Tallies by topic, in one pass: a bag may have 65,000 channels."""
         found: dict[str, list[Tally]] = {}
         for file in self.files:
-            for number, topic in self._numbers(file, None).items():
+            for number, topic in numbers_of(file, self._channels, None).items():
                 if number in file.tallies:
                     found.setdefault(topic, []).append(file.tallies[number])
         return found
@@ -173,7 +165,7 @@ class Bag:
     def records(self, topics: Collection[str] | None = None) -> Iterator[BagMessage]:
         """Yield messages in the order of the file with all their numbers."""
         for file in self.files:
-            yield from _file_records(file, self._numbers(file, topics))
+            yield from _file_records(file, numbers_of(file, self._channels, topics))
 
     def payloads(self, topic: str) -> Iterator[bytes]:
         """Yield the CDR bytes of one topic, after checking that they are CDR.
@@ -218,15 +210,15 @@ class Bag:
         """
         info: dict[str, Any] = {}
         for file in self.files:
-            for _, record in _run_records(file):
-                info |= {k: _json_or_none(v) for k, v in record.items() if k != PHASE_KEY}
+            for _, record in run_records(file):
+                info |= {k: json_or_none(v) for k, v in record.items() if k != PHASE_KEY}
         return info
 
     def unheard(self, topic: str) -> int:
         """Number of messages published before the recorder heard the topic; 0 where unknown."""
         for file in self.files:
-            for _, record in _run_records(file):
-                found = _json_or_none(record.get('recording', ''))
+            for _, record in run_records(file):
+                found = json_or_none(record.get('recording', ''))
                 for key in ('topics', topic, 'unheard'):
                     found = found.get(key) if isinstance(found, dict) else None
                 if isinstance(found, int):
@@ -250,7 +242,7 @@ class Bag:
         found: dict[str, dict[str, Any]] = {}
         try:
             for _, message in self.read(RUN_INFO):
-                content = _json_or_none(getattr(message, 'data', ''))
+                content = json_or_none(getattr(message, 'data', ''))
                 if isinstance(content, dict) and isinstance(content.get('node'), str):
                     found[content['node']] = content
         except BagError:
@@ -282,7 +274,7 @@ class Bag:
     def announce(self, topics: Collection[str]) -> None:
         """Tell which topics are going to be read: at an address they are then fetched together."""
         for file in self.files:
-            numbers = self._numbers(file, topics)
+            numbers = numbers_of(file, self._channels, topics)
             file.announce([b for b in file.blocks if not b.channels.isdisjoint(numbers)])
 
     def channels_of(self, file: FileScan, topics: Collection[str]) -> dict[int, str]:
@@ -292,89 +284,12 @@ class Bag:
             if found.encoding != 'cdr':
                 form = repr(found.encoding)
                 raise BagError(f'{self.path}: {topic} is encoded as {form}, not as cdr')
-        return self._numbers(file, topics)
-
-    def _numbers(self, file: FileScan, topics: Collection[str] | None) -> dict[int, str]:
-        """Channel numbers of topics in a file; a topic's first type is the one that counts."""
-        return {
-            number: channel.topic
-            for number, channel in file.channels.items()
-            if (topics is None or channel.topic in topics)
-            and channel.type == self._channels[channel.topic].type
-        }
-
-    def _find_problems(self) -> Iterator[str]:
-        for file in self.files:
-            for problem in file.problems:
-                yield f'{file.path.name}: {problem}'
-            if not file.finished:
-                yield f'{file.path.name}: {unfinished(file)}'
-            yield from sequence_gaps(file)
-            yield from self._other_types(file)
-        for last_ns, first_ns, name in self._holes():
-            gap_s = (first_ns - last_ns) * 1e-9
-            yield f'{name}: goes on {gap_s:.3f} s after the file before; nothing is between'
-        yield from self._recorded_losses()
-        for record in self.metadata(RECOVERY_RECORD):
-            yield f'recovered from a broken bag: {record.get("problems", "")}'
+        return numbers_of(file, self._channels, topics)
 
     @property
     def holes_ns(self) -> list[tuple[int, int]]:
         """Log times [ns] between which nothing was recorded: a recorder was started again."""
-        return [(last_ns, first_ns) for last_ns, first_ns, _ in self._holes()]
-
-    def _holes(self) -> Iterator[tuple[int, int, str]]:
-        for before, after in pairwise(self.files):
-            last_ns, first_ns = before.last_ns, after.first_ns
-            if not before.finished and last_ns is not None and first_ns is not None:
-                yield last_ns, first_ns, after.path.name
-
-    def _other_types(self, file: FileScan) -> Iterator[str]:
-        for number, channel in file.channels.items():
-            first = self._channels[channel.topic].type
-            if channel.type != first and number in file.tallies:
-                count = file.tallies[number].count
-                yield (
-                    f'{file.path.name}: {channel.topic} is a {first} and a {channel.type}; '
-                    f'{count} messages of the latter are ignored'
-                )
-
-    def _recorded_losses(self) -> Iterator[str]:
-        """Problems by the recorder's own counts: missing messages, and losses that it reported.
-
-        Each recorder counts what it wrote to its own file.
-        """
-        for file in self.files:
-            info: dict[str, Any] = {}
-            for name, record in _run_records(file):
-                for key, value in record.items():
-                    info[key] = _json_or_none(value)
-                    if key != PHASE_KEY and value != 'null' and info[key] is None:
-                        yield f'{key} in a {name} record is not JSON'
-            recording = info.get('recording')
-            counted = recording.get('topics') if isinstance(recording, dict) else None
-            if isinstance(counted, dict):
-                yield from self._losses(file, counted)
-
-    def _losses(self, file: FileScan, counted: dict[str, Any]) -> Iterator[str]:
-        there: Counter[str] = Counter()
-        for number, topic in self._numbers(file, None).items():
-            there[topic] += file.tallies[number].count if number in file.tallies else 0
-        for name, facts in counted.items():
-            if not isinstance(facts, dict):
-                continue
-            if facts.get('count') != there[name]:
-                yield (
-                    f'{name}: the recorder wrote {facts.get("count")} messages, '
-                    f'{there[name]} are there'
-                )
-            if facts.get('lost'):
-                yield f'{name}: {facts["lost"]} messages were lost on the way to the recorder'
-
-
-def _run_records(file: FileScan) -> list[tuple[str, dict[str, str]]]:
-    """Metadata records of start and end, in order; older bags have one name for both."""
-    return [(name, m) for name, m in file.metadata if name in (RUN_RECORD, RUN_END_RECORD)]
+        return [(last_ns, first_ns) for last_ns, first_ns, _ in holes(self.files)]
 
 
 def blocks_of(file: FileScan, channels: Set[int]) -> Iterator[tuple[bytes, int, int]]:
@@ -402,13 +317,6 @@ def _file_records(file: FileScan, names: dict[int, str]) -> Iterator[BagMessage]
             name = names.get(number)
             if name is not None:
                 yield BagMessage(name, log_time, publish_time, sequence, data)
-
-
-def _json_or_none(text: str) -> Any:  # noqa: ANN401 - any value of the JSON
-    try:
-        return json.loads(text)
-    except (ValueError, TypeError, RecursionError):
-        return None
 
 
 def listed(names: Iterable[str]) -> str:

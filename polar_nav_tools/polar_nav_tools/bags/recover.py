@@ -13,10 +13,12 @@ from typing import Any
 
 from rosbags.rosbag2.metadata import parse_qos
 
+from .contents import SEQUENCE_KEY
 from .opening import Progress, open_bag
 from .qos import Qos
-from .reader import RECOVERY_RECORD, Bag
-from .writer import SEQUENCE_KEY, BagWriter
+from .reader import Bag
+from .run_records import RECOVERY_RECORD
+from .writer import BagWriter
 
 
 @dataclass(frozen=True)

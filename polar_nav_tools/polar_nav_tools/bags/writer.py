@@ -29,20 +29,14 @@ from typing import Any, Self
 from mcap.writer import CompressionType, IndexType, Writer
 
 from . import qos, rosbag2_metadata
+from .contents import SEQUENCE_KEY
 from .earlier import with_earlier_files
 from .errors import BagError
 from .qos import Qos
 from .rosbag2_metadata import TopicSummary
+from .run_records import PHASE_KEY, RUN_END_RECORD, RUN_RECORD
 from .schemas import Definition, definition
 from .sink import Sink
-
-RUN_RECORD = 'polar_nav_run'
-RUN_END_RECORD = 'polar_nav_run_end'
-"""Name of the metadata records that describe the run."""
-PHASE_KEY = 'written'
-"""Key in those records: ``start`` or ``end``."""
-SEQUENCE_KEY = 'polar_nav_sequence'
-"""Channel metadata: message sequence numbers count the recorded messages from 1 without gaps."""
 
 LARGE_BYTES = 64 * 1024
 """Size of a message from which its topic is kept apart [bytes]."""

@@ -25,8 +25,9 @@ from polar_nav_ros.cdr import to_bytes
 from polar_nav_ros.navigation_session import SENSORS
 
 from ..bags.errors import BagError
-from ..bags.reader import INJECTED_KEY, Bag, BagMessage
+from ..bags.reader import Bag, BagMessage
 from ..bags.recover import add_topic
+from ..bags.run_records import INJECTED_KEY
 from ..bags.writer import BagWriter
 from ..replay.recorded import choose_description
 from .faults import Injection, inject
