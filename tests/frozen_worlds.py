@@ -8,10 +8,11 @@ from typing import Any
 
 import numpy as np
 
-from polar_nav_core.engine.events import Command, CommandKind, Fix, Verdict
+from polar_nav_core.engine.events import Command, CommandKind, Fix
 from polar_nav_core.engine.params import (
     EngineParams,
 )
+from polar_nav_core.engine.verdicts import Verdict
 from polar_nav_tools.experiments.schedule import FixSpec
 from polar_nav_tools.experiments.station.world import make_world as make_station_world
 from polar_nav_tools.experiments.station_choices import StationChoices

@@ -23,7 +23,8 @@ from rclpy.serialization import deserialize_message
 
 from polar_nav_core.attitude import log
 from polar_nav_core.engine.engine import Engine
-from polar_nav_core.engine.events import Command, CommandKind, Estimate, ImuSample
+from polar_nav_core.engine.events import Command, CommandKind, ImuSample
+from polar_nav_core.engine.outputs import Estimate
 from polar_nav_core.error_model import X
 from polar_nav_msgs.msg import Restore
 from polar_nav_ros.stamps import NS, stamp_ns_of_cdr, to_ns

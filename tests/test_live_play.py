@@ -9,7 +9,7 @@ import pytest
 import yaml
 from live_support import FOLLOWER, TOOL, Processes, interrupt, polar
 
-from polar_nav_core.engine.events import Verdict
+from polar_nav_core.engine.verdicts import Verdict
 from polar_nav_tools.bags import open_bag
 from polar_nav_tools.replay.by_message import replay
 

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from live_support import FOLLOWER, TOOL, Processes, interrupt, polar
 
-from polar_nav_core.engine.events import Verdict
+from polar_nav_core.engine.verdicts import Verdict
 from polar_nav_tools.bags import open_bag
 from polar_nav_tools.experiments.cheap import recording, vehicle
 from polar_nav_tools.foreign.definitions import BUNDLED

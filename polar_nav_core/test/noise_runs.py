@@ -10,7 +10,7 @@ import numpy as np
 from closed_loop import World, run
 
 from polar_nav_core.engine.engine import Engine
-from polar_nav_core.engine.events import Estimate
+from polar_nav_core.engine.outputs import Estimate
 
 CONFIGURATIONS = ('conventional_akf_published', 'modified_akf_published')
 

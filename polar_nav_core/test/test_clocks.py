@@ -10,19 +10,11 @@ from hypothesis import strategies as st
 
 from polar_nav_core.engine.clocks import Clocks
 from polar_nav_core.engine.engine import Engine
-from polar_nav_core.engine.events import (
-    ClockStep,
-    DvlPing,
-    Estimate,
-    Fix,
-    ImuSample,
-    Receipt,
-    Verdict,
-    number_of,
-    shifted,
-)
+from polar_nav_core.engine.events import ClockStep, DvlPing, Fix, ImuSample, number_of, shifted
 from polar_nav_core.engine.imu_clock import Refused
+from polar_nav_core.engine.outputs import Estimate, Receipt
 from polar_nav_core.engine.reorder import Reorder
+from polar_nav_core.engine.verdicts import Verdict
 
 WINDOW_S = 0.05
 NS = 10**9

@@ -9,11 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from polar_nav_core.engine.engine import Engine
-from polar_nav_core.engine.events import Estimate, Receipt, Verdict
+from polar_nav_core.engine.outputs import Estimate, Receipt
 from polar_nav_core.engine.results import FixResult, Outcome
 from polar_nav_core.engine.sins import clone as clone_module
 from polar_nav_core.engine.sins.clone import Clone
 from polar_nav_core.engine.sins.fusion import Fusion
+from polar_nav_core.engine.verdicts import Verdict
 
 
 class Augmented(Fusion):

@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 
 from polar_nav_core import grid
 from polar_nav_core.engine.engine import Engine
-from polar_nav_core.engine.events import Estimate, Receipt, Verdict
+from polar_nav_core.engine.outputs import Estimate, Receipt
 from polar_nav_core.engine.strategies import STRATEGIES
+from polar_nav_core.engine.verdicts import Verdict
 
 
 @pytest.fixture(scope='module')

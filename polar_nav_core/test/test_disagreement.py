@@ -9,10 +9,11 @@ from closed_loop import World, inputs_of, run
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.disagreement import Refused, Turn, Unlearnt, turn_of
 from polar_nav_core.engine.engine import Engine
-from polar_nav_core.engine.events import Command, CommandKind, Verdict
+from polar_nav_core.engine.events import Command, CommandKind
 from polar_nav_core.engine.health.heading import heading_unknown
 from polar_nav_core.engine.health.watchdog import Level
 from polar_nav_core.engine.integrity import IntegrityMonitor
+from polar_nav_core.engine.verdicts import Verdict
 
 pytestmark = pytest.mark.slow
 

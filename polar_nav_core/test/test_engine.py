@@ -10,18 +10,12 @@ from polar_nav_core import grid
 from polar_nav_core.earth import geodetic_from_ecef
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.engine import Engine
-from polar_nav_core.engine.events import (
-    Command,
-    CommandKind,
-    Estimate,
-    Fix,
-    ImuSample,
-    Receipt,
-    Verdict,
-)
+from polar_nav_core.engine.events import Command, CommandKind, Fix, ImuSample
 from polar_nav_core.engine.health.conditions import Level
 from polar_nav_core.engine.methods import CONFIGURATIONS
+from polar_nav_core.engine.outputs import Estimate, Receipt
 from polar_nav_core.engine.params import EngineParams
+from polar_nav_core.engine.verdicts import Verdict
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.kernels.limits import EARTH
 

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from polar_nav_core.engine.events import Fix, Verdict
+from polar_nav_core.engine.events import Fix
 from polar_nav_core.engine.fix_record import FixRecord, content_of
+from polar_nav_core.engine.verdicts import Verdict
 from polar_nav_core.link.fields import TICK_NS, WRAP
 
 WRAP_NS = WRAP * TICK_NS

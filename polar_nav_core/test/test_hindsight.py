@@ -8,8 +8,8 @@ from closed_loop import World, inputs_of
 
 from polar_nav_core import attitude, grid
 from polar_nav_core.engine import smoothing
-from polar_nav_core.engine.events import Verdict
 from polar_nav_core.engine.sins.recorded import Recorded
+from polar_nav_core.engine.verdicts import Verdict
 
 pytestmark = pytest.mark.slow
 

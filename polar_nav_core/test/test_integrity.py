@@ -10,10 +10,12 @@ from closed_loop import World, inputs_of, run
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.checks import warnings_of
 from polar_nav_core.engine.engine import Engine
-from polar_nav_core.engine.events import Command, CommandKind, ImuSample, Receipt, Verdict
+from polar_nav_core.engine.events import Command, CommandKind, ImuSample
 from polar_nav_core.engine.health.conditions import Level
 from polar_nav_core.engine.integrity import IntegrityMonitor
+from polar_nav_core.engine.outputs import Receipt
 from polar_nav_core.engine.params import EngineParams
+from polar_nav_core.engine.verdicts import Verdict
 
 S = 1_000_000_000
 AWAY = np.array([300.0, 400.0, 0.0])

@@ -12,11 +12,11 @@ import pytest
 from fix_samples import PLACE, S, fix
 
 from polar_nav_core.engine import ledger as ledger_module
-from polar_nav_core.engine.events import Verdict
 from polar_nav_core.engine.health.conditions import Culprit, Level
 from polar_nav_core.engine.ledger import FixLedger
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.engine.results import FixResult, Outcome
+from polar_nav_core.engine.verdicts import Verdict
 
 GATE = 21.1
 

@@ -8,7 +8,7 @@ from closed_loop import World, run
 from scipy.stats import chi2
 
 from polar_nav_core.engine.engine import Engine
-from polar_nav_core.engine.events import LOCAL_DOF, LOCAL_GATED, NIS_SUM, UPDATES, Estimate
+from polar_nav_core.engine.outputs import LOCAL_DOF, LOCAL_GATED, NIS_SUM, UPDATES, Estimate
 
 DVL, DEPTH = (list(LOCAL_DOF).index(name) for name in ('dvl', 'depth'))
 

@@ -10,16 +10,11 @@ from hypothesis import strategies as st
 
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.engine import Engine
-from polar_nav_core.engine.events import (
-    ControlSample,
-    DvlPing,
-    Estimate,
-    Rank,
-    Receipt,
-    Verdict,
-)
+from polar_nav_core.engine.events import ControlSample, DvlPing, Rank
+from polar_nav_core.engine.outputs import Estimate, Receipt
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.engine.sins.rewind import Rewind
+from polar_nav_core.engine.verdicts import Verdict
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.kernels.sins import state as fs
 

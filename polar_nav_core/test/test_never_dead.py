@@ -5,7 +5,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from polar_nav_core.engine.engine import Engine
-from polar_nav_core.engine.events import DepthSample, DvlPing, Estimate, Fix, ImuSample
+from polar_nav_core.engine.events import DepthSample, DvlPing, Fix, ImuSample
+from polar_nav_core.engine.outputs import Estimate
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.engine.reorder import Reorder
 

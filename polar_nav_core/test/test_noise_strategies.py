@@ -14,11 +14,13 @@ from scipy.stats import chi2
 from polar_nav_core import earth, grid
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.engine import Engine
-from polar_nav_core.engine.events import Command, CommandKind, DvlPing, Estimate, Receipt, Verdict
+from polar_nav_core.engine.events import Command, CommandKind, DvlPing
 from polar_nav_core.engine.methods import CONFIGURATIONS, NOISE_ADAPTATION
+from polar_nav_core.engine.outputs import Estimate, Receipt
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.engine.sins.adaptation import make_noise, make_process
 from polar_nav_core.engine.sins.sage_husa import Q_BOUNDS
+from polar_nav_core.engine.verdicts import Verdict
 from polar_nav_core.errors import ConfigError
 
 pytestmark = pytest.mark.slow

@@ -1,7 +1,8 @@
 """Names that users read stand for the numbers that kernels are compiled with."""
 
 from polar_nav_core import order
-from polar_nav_core.engine.events import LOCAL_DOF, Rank
+from polar_nav_core.engine.events import Rank
+from polar_nav_core.engine.outputs import LOCAL_DOF
 
 
 def test_sources_of_local_statistics_are_rows_of_the_tally():

@@ -10,17 +10,10 @@ from hypothesis import strategies as st
 
 from polar_nav_core.engine import plausibility, refusals
 from polar_nav_core.engine.engine import Engine
-from polar_nav_core.engine.events import (
-    Command,
-    CommandKind,
-    DepthSample,
-    DvlPing,
-    Fix,
-    ImuSample,
-    Receipt,
-    Verdict,
-)
+from polar_nav_core.engine.events import Command, CommandKind, DepthSample, DvlPing, Fix, ImuSample
+from polar_nav_core.engine.outputs import Receipt
 from polar_nav_core.engine.params import EngineParams
+from polar_nav_core.engine.verdicts import Verdict
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.identification.polar_fix import PolarFix
 

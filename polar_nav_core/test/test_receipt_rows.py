@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from polar_nav_core.engine import receipt_rows
-from polar_nav_core.engine.events import Receipt, Verdict
+from polar_nav_core.engine.outputs import Receipt
 from polar_nav_core.engine.receipt_rows import Receipts
+from polar_nav_core.engine.verdicts import Verdict
 
 COUNT = 100
 

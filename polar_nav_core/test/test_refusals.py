@@ -8,9 +8,10 @@ from hypothesis import strategies as st
 
 from polar_nav_core import spilled
 from polar_nav_core.engine import refusals
-from polar_nav_core.engine.events import ControlSample, DepthSample, DvlPing, ImuSample, Verdict
+from polar_nav_core.engine.events import ControlSample, DepthSample, DvlPing, ImuSample
 from polar_nav_core.engine.imu_sequence import ImuSequence
 from polar_nav_core.engine.params import EngineParams
+from polar_nav_core.engine.verdicts import Verdict
 
 SINS = EngineParams()
 STATION = EngineParams(mode='station', configuration='default')

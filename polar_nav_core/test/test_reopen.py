@@ -8,7 +8,8 @@ from closed_loop import World, inputs_of
 
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.engine import Engine
-from polar_nav_core.engine.events import DvlPing, Verdict
+from polar_nav_core.engine.events import DvlPing
+from polar_nav_core.engine.verdicts import Verdict
 from polar_nav_core.kernels import watch
 from polar_nav_core.kernels.sins import state as fs
 

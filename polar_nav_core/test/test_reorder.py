@@ -11,8 +11,10 @@ from hypothesis import strategies as st
 
 from polar_nav_core.engine import reorder
 from polar_nav_core.engine.engine import Engine
-from polar_nav_core.engine.events import Estimate, Fix, Receipt, Verdict
+from polar_nav_core.engine.events import Fix
+from polar_nav_core.engine.outputs import Estimate, Receipt
 from polar_nav_core.engine.reorder import Reorder
+from polar_nav_core.engine.verdicts import Verdict
 
 WINDOW_S = 0.2
 

@@ -7,15 +7,9 @@ import pytest
 from fix_samples import S, fix
 
 from polar_nav_core.engine import reorder
-from polar_nav_core.engine.events import (
-    ClockStep,
-    Command,
-    CommandKind,
-    DepthSample,
-    ImuSample,
-    Verdict,
-)
+from polar_nav_core.engine.events import ClockStep, Command, CommandKind, DepthSample, ImuSample
 from polar_nav_core.engine.reorder import Reorder
+from polar_nav_core.engine.verdicts import Verdict
 
 MS = 1_000_000
 

@@ -11,21 +11,14 @@ from closed_loop import World, inputs_of
 from polar_nav_core import attitude
 from polar_nav_core.engine import away
 from polar_nav_core.engine.engine import Engine
-from polar_nav_core.engine.events import (
-    Command,
-    CommandKind,
-    DvlPing,
-    Estimate,
-    Fix,
-    ImuSample,
-    Receipt,
-    Verdict,
-)
+from polar_nav_core.engine.events import Command, CommandKind, DvlPing, Fix, ImuSample
 from polar_nav_core.engine.first_seconds import FirstSeconds
+from polar_nav_core.engine.outputs import Estimate, Receipt
 from polar_nav_core.engine.restart import age_problem, saved_problem
 from polar_nav_core.engine.saved import SavedStateError, pack, unpack
 from polar_nav_core.engine.sins.filter import NavigationFilter
 from polar_nav_core.engine.sins.leader import LeaderError, heard_problem
+from polar_nav_core.engine.verdicts import Verdict
 from polar_nav_core.kernels.station import state as ss
 
 CUT_S, AWAY_S = 40.0, 5.0

@@ -9,8 +9,9 @@ from closed_loop import World, gathered, run
 from polar_nav_core import grid
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.engine import Engine
-from polar_nav_core.engine.events import Estimate, Receipt, Verdict
+from polar_nav_core.engine.outputs import Estimate, Receipt
 from polar_nav_core.engine.sins.robust import inflation
+from polar_nav_core.engine.verdicts import Verdict
 
 STRATEGIES = ('tagged', 'back_propagate', 'clone', 'rewind')
 THRESHOLD = 7.814727903251179  # chi-square, 3 degrees of freedom, 0.95

@@ -8,7 +8,8 @@ from closed_loop import World, inputs_of, run
 
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.engine import Engine
-from polar_nav_core.engine.events import Estimate, Receipt, Verdict
+from polar_nav_core.engine.outputs import Estimate, Receipt
+from polar_nav_core.engine.verdicts import Verdict
 
 pytestmark = pytest.mark.slow
 

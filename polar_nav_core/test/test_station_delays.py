@@ -13,8 +13,10 @@ from hypothesis import strategies as st
 
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.engine import Engine
-from polar_nav_core.engine.events import DepthSample, Estimate, Fix, ImuSample, Receipt, Verdict
+from polar_nav_core.engine.events import DepthSample, Fix, ImuSample
 from polar_nav_core.engine.methods import DELAY_HANDLING
+from polar_nav_core.engine.outputs import Estimate, Receipt
+from polar_nav_core.engine.verdicts import Verdict
 from polar_nav_core.kernels.station import (
     attitude as station_attitude,
 )

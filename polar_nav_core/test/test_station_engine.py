@@ -10,8 +10,10 @@ import station_twin as twin
 
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.engine import Engine
-from polar_nav_core.engine.events import Command, CommandKind, Estimate, ImuSample, Verdict
+from polar_nav_core.engine.events import Command, CommandKind, ImuSample
+from polar_nav_core.engine.outputs import Estimate
 from polar_nav_core.engine.params import EngineParams
+from polar_nav_core.engine.verdicts import Verdict
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.identification.result import Identification
 

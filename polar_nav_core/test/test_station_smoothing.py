@@ -11,10 +11,10 @@ import station_twin as twin
 
 from polar_nav_core import grid
 from polar_nav_core.engine import run, smoothing
-from polar_nav_core.engine.events import Verdict
 from polar_nav_core.engine.station import arrays
 from polar_nav_core.engine.station.nodes import Nodes
 from polar_nav_core.engine.station_backwards import Adjoint, Residuals, judge
+from polar_nav_core.engine.verdicts import Verdict
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.kernels.station import state as ss
 from polar_nav_core.kernels.station import tape as kernels

@@ -7,7 +7,7 @@ import pytest
 from closed_loop import World, inputs_of
 
 from polar_nav_core.engine import run as engine_run
-from polar_nav_core.engine.events import Verdict
+from polar_nav_core.engine.verdicts import Verdict
 
 
 @pytest.mark.parametrize('height', [-0.5, -20.0])

@@ -5,15 +5,10 @@ import pytest
 from closed_loop import START_NS, World, run
 
 from polar_nav_core.engine.engine import Engine
-from polar_nav_core.engine.events import (
-    Command,
-    CommandKind,
-    Estimate,
-    HeadingSample,
-    Receipt,
-    Verdict,
-)
+from polar_nav_core.engine.events import Command, CommandKind, HeadingSample
 from polar_nav_core.engine.health.conditions import Culprit, Level
+from polar_nav_core.engine.outputs import Estimate, Receipt
+from polar_nav_core.engine.verdicts import Verdict
 
 OFF_NS, ON_NS = START_NS + 4_000_000_000, START_NS + 8_000_000_000
 

@@ -9,7 +9,8 @@ from model_twin import LOW_COST, Voyage
 
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.engine import Engine
-from polar_nav_core.engine.events import Estimate, Receipt, Verdict
+from polar_nav_core.engine.outputs import Estimate, Receipt
+from polar_nav_core.engine.verdicts import Verdict
 
 pytestmark = pytest.mark.slow
 

@@ -7,8 +7,10 @@ pytest.importorskip('rclpy')
 
 from polar_nav_core.engine import reorder
 from polar_nav_core.engine.engine import Engine
-from polar_nav_core.engine.events import DvlPing, Estimate, Fix, ImuSample, Receipt, Verdict
+from polar_nav_core.engine.events import DvlPing, Fix, ImuSample
+from polar_nav_core.engine.outputs import Estimate, Receipt
 from polar_nav_core.engine.reorder import Reorder
+from polar_nav_core.engine.verdicts import Verdict
 from polar_nav_follower.params import FollowerParams
 
 S = 10**9

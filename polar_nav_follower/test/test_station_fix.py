@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from polar_nav_core.engine.events import Verdict
+from polar_nav_core.engine.verdicts import Verdict
 from polar_nav_core.link import packet, station_packet
 from polar_nav_core.link.packet import crc16
 from polar_nav_core.link.station_packet import StationReport

@@ -8,7 +8,8 @@ pytest.importorskip('rclpy')
 
 from sensor_msgs.msg import Imu
 
-from polar_nav_core.engine.events import CommandKind, Verdict
+from polar_nav_core.engine.events import CommandKind
+from polar_nav_core.engine.verdicts import Verdict
 from polar_nav_follower import session
 from polar_nav_follower.params import FollowerParams
 from polar_nav_msgs.msg import Command, Depth, Dvl

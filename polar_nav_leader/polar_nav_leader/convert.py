@@ -9,7 +9,8 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import NavSatFix, NavSatStatus
 
 from polar_nav_core import attitude, earth
-from polar_nav_core.engine.events import Fix, Verdict
+from polar_nav_core.engine.events import Fix
+from polar_nav_core.engine.verdicts import Verdict
 from polar_nav_msgs.msg import AcousticPacket, UsblFix
 from polar_nav_ros import topics
 from polar_nav_ros.stamps import to_msg, to_ns

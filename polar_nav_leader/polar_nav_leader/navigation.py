@@ -8,7 +8,8 @@ import numpy as np
 
 from polar_nav_core import grid
 from polar_nav_core.engine.engine import Engine
-from polar_nav_core.engine.events import Array, Command, Estimate, Event, ImuSample, Output
+from polar_nav_core.engine.events import Array, Command, Event, ImuSample
+from polar_nav_core.engine.outputs import Estimate, Output
 from polar_nav_core.error_model import X
 
 from .params import LeaderParams

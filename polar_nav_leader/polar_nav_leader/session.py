@@ -12,7 +12,8 @@ from typing import Any
 
 from nav_msgs.msg import Odometry
 
-from polar_nav_core.engine.events import ClockStep, Estimate, Output
+from polar_nav_core.engine.events import ClockStep
+from polar_nav_core.engine.outputs import Estimate, Output
 from polar_nav_msgs.msg import NavState
 from polar_nav_ros import topics
 from polar_nav_ros.adapters.live import Sources

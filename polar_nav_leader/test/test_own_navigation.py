@@ -7,7 +7,8 @@ from sailing import T0, Sailing, cycle
 
 from polar_nav_core import attitude, earth, grid
 from polar_nav_core.engine.engine import Engine
-from polar_nav_core.engine.events import Command, CommandKind, Estimate
+from polar_nav_core.engine.events import Command, CommandKind
+from polar_nav_core.engine.outputs import Estimate
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.params import default_of
 from polar_nav_leader.broadcast import position_sigmas

@@ -13,7 +13,7 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import NavSatFix, NavSatStatus
 
 from polar_nav_core import attitude, earth, grid
-from polar_nav_core.engine.events import Verdict
+from polar_nav_core.engine.verdicts import Verdict
 from polar_nav_core.link import packet
 from polar_nav_leader import convert, session
 from polar_nav_leader.params import LeaderParams

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from polar_nav_core.engine.events import ModelEstimate
+from polar_nav_core.engine.outputs import ModelEstimate
 from polar_nav_core.identification.result import Identification
 from polar_nav_msgs.msg import Identification as IdentificationMsg
 from polar_nav_msgs.msg import VehicleModel, WaterCurrent

@@ -18,9 +18,9 @@ import numpy as np
 
 from polar_nav_core.engine.checks import warnings_of
 from polar_nav_core.engine.engine import Engine
-from polar_nav_core.engine.events import Verdict
 from polar_nav_core.engine.health.conditions import Health
 from polar_nav_core.engine.integrity import Integrity
+from polar_nav_core.engine.verdicts import Verdict
 
 from .diagnostics import Diagnosis, Level, without_numbers
 

@@ -11,16 +11,10 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import TimeReference
 
 from polar_nav_core import nav_columns
-from polar_nav_core.engine.events import (
-    LOCAL_GATED,
-    NIS_SUM,
-    UPDATES,
-    ClockStep,
-    Estimate,
-    Receipt,
-    Verdict,
-)
+from polar_nav_core.engine.events import ClockStep
+from polar_nav_core.engine.outputs import LOCAL_GATED, NIS_SUM, UPDATES, Estimate, Receipt
 from polar_nav_core.engine.params import EngineParams
+from polar_nav_core.engine.verdicts import Verdict
 from polar_nav_msgs.msg import FixReceipt, NavState
 
 from . import receipt_fields

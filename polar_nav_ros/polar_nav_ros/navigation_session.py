@@ -23,16 +23,9 @@ from sensor_msgs.msg import Imu
 from std_msgs.msg import Header
 
 from polar_nav_core.engine.engine import Engine
-from polar_nav_core.engine.events import (
-    ClockStep,
-    Estimate,
-    Event,
-    Output,
-    Receipt,
-    number_of,
-    shifted,
-)
+from polar_nav_core.engine.events import ClockStep, Event, number_of, shifted
 from polar_nav_core.engine.health.radius import radius_95
+from polar_nav_core.engine.outputs import Estimate, Output, Receipt
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.engine.reorder import Reorder
 from polar_nav_core.identification.result import Identification

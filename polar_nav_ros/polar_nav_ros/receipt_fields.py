@@ -7,9 +7,9 @@ header, the verdict is a number with a name, and the age is derived from two tim
 from __future__ import annotations
 
 TIMES = {f'{name}_ns': f'{name}_time' for name in ('validity', 'transmit', 'receive', 'fused')}
-"""Times by attribute of `events.Receipt` [ns]: field of FixReceipt."""
+"""Times by attribute of `outputs.Receipt` [ns]: field of FixReceipt."""
 AXES = {'innovation_G': 'innovation_g', 'innovation_variance_G': 'innovation_variance_g'}
-"""Triples of numbers by attribute of `events.Receipt`: field of FixReceipt."""
+"""Triples of numbers by attribute of `outputs.Receipt`: field of FixReceipt."""
 VALUES = {
     'reason': 'reason',
     'topic': 'topic',
@@ -22,4 +22,4 @@ VALUES = {
     'dof': 'degrees_of_freedom',
     'gate': 'gate',
 }
-"""Texts and numbers by attribute of `events.Receipt`: field of FixReceipt."""
+"""Texts and numbers by attribute of `outputs.Receipt`: field of FixReceipt."""

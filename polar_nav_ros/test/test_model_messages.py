@@ -11,7 +11,8 @@ from geometry_msgs.msg import WrenchStamped
 from sensor_msgs.msg import Imu
 
 from polar_nav_core import attitude
-from polar_nav_core.engine.events import CommandKind, ModelEstimate
+from polar_nav_core.engine.events import CommandKind
+from polar_nav_core.engine.outputs import ModelEstimate
 from polar_nav_core.identification.result import Identification, IdentificationVerdict
 from polar_nav_msgs.msg import Command
 from polar_nav_msgs.msg import Identification as IdentificationMsg

@@ -6,8 +6,9 @@ from dataclasses import replace
 import numpy as np
 
 from polar_nav_core.engine.engine import Engine
-from polar_nav_core.engine.events import ImuSample, Verdict
+from polar_nav_core.engine.events import ImuSample
 from polar_nav_core.engine.params import EngineParams
+from polar_nav_core.engine.verdicts import Verdict
 from polar_nav_ros.diagnostics import Level
 from polar_nav_ros.navigation_health import NavigationHealth
 

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 
 from polar_nav_core import grid
-from polar_nav_core.engine.events import DvlPing, Fix, Verdict
+from polar_nav_core.engine.events import DvlPing, Fix
+from polar_nav_core.engine.verdicts import Verdict
 
 _INDEFINITE = np.array([[1.0, 1.0, 1.0], [1.0, 1.0, -1.0], [1.0, -1.0, 1.0]])
 

@@ -20,8 +20,9 @@ from scipy.stats import binom, chi2
 
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.engine import Engine
-from polar_nav_core.engine.events import Fix, Verdict
+from polar_nav_core.engine.events import Fix
 from polar_nav_core.engine.health.conditions import Level
+from polar_nav_core.engine.verdicts import Verdict
 from polar_nav_core.grid import ecef_to_grid
 from polar_nav_tools.experiments.errors import track_errors
 from polar_nav_tools.experiments.schedule import FixSpec

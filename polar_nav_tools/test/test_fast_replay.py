@@ -13,8 +13,8 @@ from bag_samples import make, stamp
 
 from polar_nav_core import attitude, earth
 from polar_nav_core.engine import run as engine_run
-from polar_nav_core.engine.events import Estimate
 from polar_nav_core.engine.methods import CONFIGURATIONS
+from polar_nav_core.engine.outputs import Estimate
 from polar_nav_follower.params import FollowerParams
 from polar_nav_ros.cdr import to_bytes
 from polar_nav_ros.navigation_outputs import nav_to_msg

@@ -10,7 +10,7 @@ pytest.importorskip('rclpy')
 from rclpy.serialization import serialize_message
 from std_msgs.msg import String
 
-from polar_nav_core.engine.events import ModelEstimate
+from polar_nav_core.engine.outputs import ModelEstimate
 from polar_nav_core.identification.result import Identification, IdentificationVerdict
 from polar_nav_ros.model_outputs import identification_to_msg, model_to_msg
 from polar_nav_tools.bags import BagError, BagWriter, open_bag

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 pytest.importorskip('rclpy')
 
-from polar_nav_core.engine.events import Receipt, Verdict
+from polar_nav_core.engine.outputs import Receipt
+from polar_nav_core.engine.verdicts import Verdict
 from polar_nav_ros.cdr import to_bytes
 from polar_nav_ros.navigation_outputs import receipt_from_msg, receipt_to_msg
 from polar_nav_tools.bags.arrays import receipts_from_cdr

@@ -7,16 +7,8 @@ from typing import Protocol
 
 from ..arrays import Ints
 from ..identification.result import Identification
-from .events import (
-    Array,
-    ControlSample,
-    Estimate,
-    Event,
-    Fix,
-    ImuSample,
-    InitialState,
-    Local,
-)
+from .events import Array, ControlSample, Event, Fix, ImuSample, InitialState, Local
+from .outputs import Estimate
 from .params import EngineParams
 from .results import FixResult, Outcome
 from .saved import SavedState

@@ -33,9 +33,6 @@ from .events import (
     InitialState,
     Local,
     OrderKey,
-    Output,
-    Receipt,
-    Verdict,
 )
 from .first_seconds import WATCHED_SINCE, FirstSeconds
 from .health.conditions import Condition, Culprit, Health, Level
@@ -46,6 +43,7 @@ from .imu_sequence import ImuSequence
 from .integrity import Integrity, held, out_of_reach, submerged
 from .ledger import FixLedger
 from .lever import Arm, params_at_imu
+from .outputs import Output, Receipt
 from .params import EngineParams
 from .plausibility import initial_problem
 from .receipts import age_s, receipt_of
@@ -64,6 +62,7 @@ from .station.identify import make_adaptation
 from .station.view import view_of as station_view_of
 from .strategies import make_fusion
 from .switches import Switches
+from .verdicts import Verdict
 
 _SECOND_NS = 1_000_000_000
 _LOCAL_NAMES = {DvlPing: 'dvl', DepthSample: 'depth', HeadingSample: 'heading'}

@@ -15,7 +15,8 @@ from array import array
 from bisect import bisect_left, bisect_right
 
 from ..link.fields import TICK_NS, WRAP
-from .events import Fix, Verdict
+from .events import Fix
+from .verdicts import Verdict
 
 _SPARE = 1024
 """Entries that are dropped at a time."""

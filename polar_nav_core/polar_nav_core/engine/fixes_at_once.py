@@ -13,11 +13,12 @@ from ..link.fields import TICK_NS, WRAP
 from ..order import FIX_RANK, FUSED
 from .driver import WholeArrays
 from .engine import Engine
-from .events import Event, Fix, Verdict
+from .events import Event, Fix
 from .looks import Look
 from .results import FixResult
 from .sins.whole import SinsArrays
 from .track import Collector
+from .verdicts import Verdict
 
 
 def diverge(engine: Engine, arrays: WholeArrays, why: FilterDivergence, stamp_ns: int) -> None:

@@ -16,11 +16,13 @@ from numpy.typing import NDArray
 
 from ..arrays import Array, Ints
 from ..kernels.sins import rings
-from .events import Fix, Rank, Receipt, Verdict
+from .events import Fix, Rank
+from .outputs import Receipt
 from .results import chi2_gate
 from .sins.recorded import FixName, FixPlan, Plan, fix_name
 from .sins.robust import THRESHOLDS, inflation
 from .sins.stretch import Stretch
+from .verdicts import Verdict
 
 Bools = NDArray[np.bool_]
 _JUDGED = [Rank.DEPTH, Rank.DVL, Rank.FIX]

@@ -21,9 +21,9 @@ from numpy.typing import NDArray
 
 from .. import spilled
 from ..arrays import Array
-from .events import Refusal, Verdict
 from .inputs import Stamps
 from .params import EngineParams
+from .verdicts import Refusal, Verdict
 
 Values: TypeAlias = list[float]
 

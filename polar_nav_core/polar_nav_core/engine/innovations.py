@@ -15,8 +15,8 @@ from ..arrays import Array, Ints
 from ..errors import ConfigError
 from ..kernels.sins import marginal
 from . import run as engine_run
-from .events import Receipt
 from .inputs import Inputs
+from .outputs import Receipt
 from .params import EngineParams
 from .sins.innovation_tape import InnovationTape
 from .smoothed import at_validity

@@ -7,15 +7,17 @@ from collections.abc import Sequence
 
 from ..kernels.sins.update import Ints
 from .disagreement import RefusedRow
-from .events import Array, Fix, Receipt, Refusal, Verdict
+from .events import Array, Fix
 from .fix_record import FixRecord
 from .health.conditions import Condition, Culprit, Level
 from .integrity import IntegrityMonitor
+from .outputs import Receipt
 from .params import EngineParams
 from .receipts import age_s, decided_receipt, fused_receipts, refused_verdict
 from .refusals import unusable_fix
 from .results import FixResult
 from .sender_clock import SenderClock
+from .verdicts import Refusal, Verdict
 
 _FUSED_KEPT = 1 << 18
 """Fixes that were fused: those of the 4.97 days after which times in packets wrap, at one per

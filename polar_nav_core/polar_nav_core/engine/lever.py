@@ -25,7 +25,8 @@ from ..earth import ecef_from_geodetic, geodetic_from_ecef
 from ..errors import ConfigError
 from ..grid import earth_rate, ecef_to_grid
 from ..kernels.sins.lever import move_to_base_link
-from .events import Estimate, InitialState
+from .events import InitialState
+from .outputs import Estimate
 from .params import EngineParams
 
 _LEVERS = ('dvl_lever_b', 'depth_lever_b', 'transponder_lever_b')

@@ -9,7 +9,8 @@ from typing import Any, overload
 import numpy as np
 
 from .. import spilled
-from .events import Receipt, Verdict
+from .outputs import Receipt
+from .verdicts import Verdict
 
 _KEPT = 4096
 """Receipts that are kept as objects: of a run of an hour mostly all."""

@@ -10,9 +10,11 @@ import numpy as np
 
 from ..kernels.sins import state as fs
 from ..kernels.sins.update import Ints
-from .events import Array, Event, Fix, Receipt, Verdict
+from .events import Array, Event, Fix
 from .methods import Configuration
+from .outputs import Receipt
 from .results import FixResult, Outcome, out_of_reach_reason
+from .verdicts import Verdict
 
 
 def receipt_of(

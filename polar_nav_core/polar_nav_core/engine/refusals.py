@@ -12,17 +12,7 @@ from numpy.typing import NDArray
 from .. import spilled
 from ..arrays import Array
 from ..kernels.limits import AXIS, EARTH
-from .events import (
-    ControlSample,
-    DepthSample,
-    DvlPing,
-    Fix,
-    HeadingSample,
-    ImuSample,
-    Local,
-    Refusal,
-    Verdict,
-)
+from .events import ControlSample, DepthSample, DvlPing, Fix, HeadingSample, ImuSample, Local
 from .imu_sequence import refusals_in_columns
 from .inputs import Stamps
 from .params import EngineParams
@@ -40,6 +30,7 @@ from .plausibility import (
     is_variance,
     within,
 )
+from .verdicts import Refusal, Verdict
 
 Bools: TypeAlias = NDArray[np.bool_]
 

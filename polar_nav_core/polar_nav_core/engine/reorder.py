@@ -14,18 +14,10 @@ from operator import itemgetter
 
 from .clocks import Clocks
 from .engine import Engine
-from .events import (
-    ClockStep,
-    Command,
-    Event,
-    Fix,
-    ImuSample,
-    OrderKey,
-    Output,
-    Receipt,
-    Verdict,
-)
+from .events import ClockStep, Command, Event, Fix, ImuSample, OrderKey
 from .imu_clock import Action, Refused
+from .outputs import Output, Receipt
+from .verdicts import Verdict
 
 _AHEAD_NS = 60_000_000_000
 """A packet received farther ahead of the IMU does not wait for it."""

@@ -18,12 +18,13 @@ from ..identification.result import Identification
 from ..order import NEVER_NS
 from .driver import Driver, WholeArrays
 from .engine import Engine
-from .events import Command, Event, ImuSample, InitialState, OrderKey, Rank, Receipt, Verdict
+from .events import Command, Event, ImuSample, InitialState, OrderKey, Rank
 from .fixes_at_once import FixesAtOnce, diverge
 from .health.conditions import Health
 from .inputs import Inputs, Stamps, StationInputs
 from .lever import Rates
 from .looks import Look, looks_of
+from .outputs import Receipt
 from .params import EngineParams
 from .refusals import usable_imu
 from .sins.whole import SinsArrays
@@ -32,6 +33,7 @@ from .station.fusion import StationFusion
 from .station.whole import StationArrays
 from .strategies import compiled
 from .track import Collector, SinsPieces, StationPieces, StationTrack, T, Track
+from .verdicts import Verdict
 
 __all__ = [
     'Inputs', 'Progress', 'Result', 'RowSink', 'Stamps', 'StationInputs', 'StationTrack', 'Track',

@@ -10,8 +10,8 @@ from collections import deque
 
 import numpy as np
 
-from .events import Verdict
 from .health.conditions import Condition, Culprit, Level
+from .verdicts import Verdict
 
 _ALARMING = 3
 """Packets in a row before anything is said."""

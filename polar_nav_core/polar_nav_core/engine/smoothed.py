@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 from typing import Generic
 
 from ..arrays import Array
-from .events import Fix, Receipt
+from .events import Fix
 from .hindsight import Revision
+from .outputs import Receipt
 from .track import T
 
 MOST_PASSES = 3

@@ -22,7 +22,7 @@ from ..kernels.sins.consider import COLUMNS
 from . import run as engine_run
 from . import station_smoothing as of_station
 from .backwards import Back, Move, backwards
-from .events import Rank, Receipt, Verdict
+from .events import Rank
 from .hindsight import (
     Decisions,
     added_by_plan,
@@ -32,12 +32,14 @@ from .hindsight import (
     revisions_of,
 )
 from .inputs import Inputs, StationInputs
+from .outputs import Receipt
 from .params import EngineParams
 from .receipt_rows import Receipts
 from .sins.recorded import FixLog, Plan
 from .sins.tape import Tape
 from .smoothed import MOST_PASSES, MOVED, Smoothed, at_validity, still_to_come
 from .track import StationTrack, Track
+from .verdicts import Verdict
 
 LOOK_S = 60.0
 """How often the log is copied; the filter's rings hold more than twice that."""

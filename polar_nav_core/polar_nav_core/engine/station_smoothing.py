@@ -18,9 +18,10 @@ from ..arrays import Array
 from ..errors import ConfigError
 from ..kernels.station import state as ss
 from . import run as engine_run
-from .events import Fix, OrderKey, Receipt
+from .events import Fix, OrderKey
 from .hindsight import Decisions, decide_by_gate, revisions_of
 from .inputs import StationInputs
+from .outputs import Receipt
 from .params import EngineParams
 from .receipt_rows import Receipts
 from .results import chi2_gate

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from .events import Command, CommandKind, Event, Verdict
+from .events import Command, CommandKind, Event
 from .health.conditions import Condition, Culprit, Level
+from .verdicts import Verdict
 
 _CULPRITS = {
     'dvl/data': Culprit.DVL,

@@ -16,9 +16,9 @@ from ..kernels.sins.model import E
 from ..kernels.sins.output import make_rows
 from ..kernels.station import state as ss
 from .engine import Engine
-from .events import Estimate, ModelEstimate, Output, Receipt
 from .inputs import Stamps
 from .lever import Rates, Rows
+from .outputs import Estimate, ModelEstimate, Output, Receipt
 from .params import EngineParams
 from .receipt_rows import Receipts
 from .sins import aiding
@@ -47,7 +47,7 @@ class Track:
     sensor_errors : (k, 15) array
         Gyro bias, accelerometer bias, DVL scale, DVL Markov velocity, USBL bias as estimated.
     local_statistics : (k, 2, 3) array
-        Of DVL and depth since the row before: used, gated, sum of NIS (events.LOCAL_DOF).
+        Of DVL and depth since the row before: used, gated, sum of NIS (outputs.LOCAL_DOF).
     fixes : (k, 3) array
         Fixes received, fixes fused, newest validity [ns].
     model : (k, 31) array

@@ -12,7 +12,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from polar_nav_core.engine.events import Fix, Verdict
+from polar_nav_core.engine.events import Fix
+from polar_nav_core.engine.verdicts import Verdict
 from polar_nav_core.identification.polar_fix import PolarFix
 from polar_nav_core.link import packet
 from polar_nav_core.link.packet import PacketError

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polar_nav_core import spilled
-from polar_nav_core.engine.events import LOCAL_DOF
+from polar_nav_core.engine.outputs import LOCAL_DOF
 from polar_nav_core.nav_columns import rotations
 from polar_nav_ros import receipt_fields
 from polar_nav_tools.series.vehicle import EstimateSeries, Floats, ReceiptRecord, TruthSeries

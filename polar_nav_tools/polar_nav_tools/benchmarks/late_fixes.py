@@ -19,10 +19,12 @@ from polar_nav_core import attitude, grid
 from polar_nav_core.arrays import Array
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.engine import Engine
-from polar_nav_core.engine.events import Event, Fix, Output, Receipt, Verdict
+from polar_nav_core.engine.events import Event, Fix
 from polar_nav_core.engine.methods import DELAY_HANDLING
+from polar_nav_core.engine.outputs import Output, Receipt
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.engine.sins.fusion import Fusion
+from polar_nav_core.engine.verdicts import Verdict
 from polar_nav_core.errors import PolarNavError
 
 from ..experiments.schedule import FixSpec

@@ -14,10 +14,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from polar_nav_core.engine.events import Array, Verdict
+from polar_nav_core.engine.events import Array
 from polar_nav_core.engine.innovations import Innovations
 from polar_nav_core.engine.inputs import Inputs
 from polar_nav_core.engine.params import EngineParams
+from polar_nav_core.engine.verdicts import Verdict
 
 from .constants import Constant
 from .problem import (

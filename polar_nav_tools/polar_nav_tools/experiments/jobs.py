@@ -13,7 +13,9 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 
 from polar_nav_core.engine import run as engine_run
-from polar_nav_core.engine.events import Array, Receipt, Verdict
+from polar_nav_core.engine.events import Array
+from polar_nav_core.engine.outputs import Receipt
+from polar_nav_core.engine.verdicts import Verdict
 
 from ..scoring.errors import ARCMIN
 from .columns import FilterColumn

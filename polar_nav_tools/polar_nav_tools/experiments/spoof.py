@@ -16,7 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from polar_nav_core.engine.events import Fix, Verdict
+from polar_nav_core.engine.events import Fix
+from polar_nav_core.engine.verdicts import Verdict
 from polar_nav_core.errors import ConfigError
 
 from ..scoring.tables import Column, Table

@@ -15,8 +15,10 @@ from dataclasses import replace
 import numpy as np
 
 from polar_nav_core.engine import run as engine_run
-from polar_nav_core.engine.events import LOCAL_DOF, NIS_SUM, UPDATES, Array, Receipt, Verdict
+from polar_nav_core.engine.events import Array
 from polar_nav_core.engine.inputs import Inputs
+from polar_nav_core.engine.outputs import LOCAL_DOF, NIS_SUM, UPDATES, Receipt
+from polar_nav_core.engine.verdicts import Verdict
 from polar_nav_follower.params import FollowerParams
 from polar_nav_ros.adapters import rotations
 
@@ -71,7 +73,7 @@ def look_back(
     params : FollowerParams
         As the engine ran with.
     statistics : (2, 3) array
-        Local statistics of the run (`events.LOCAL_DOF`).
+        Local statistics of the run (`outputs.LOCAL_DOF`).
     receipts : sequence of Receipt
     """
     if params.mode != 'sins':

@@ -17,10 +17,10 @@ from typing import Any
 import numpy as np
 
 from polar_nav_core.engine import run as engine_run
-from polar_nav_core.engine.events import Estimate, Receipt
 from polar_nav_core.engine.health.conditions import Health
 from polar_nav_core.engine.health.runaway import divergence_of
 from polar_nav_core.engine.health.span import span_of_health
+from polar_nav_core.engine.outputs import Estimate, Receipt
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.params import to_mapping
 from polar_nav_follower.params import FollowerParams

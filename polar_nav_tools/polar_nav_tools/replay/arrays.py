@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from polar_nav_core import spilled
 from polar_nav_core.arrays import Array, Ints
 from polar_nav_core.dvl import sound_speed_factors
-from polar_nav_core.engine.events import Command, Fix, Receipt
+from polar_nav_core.engine.events import Command, Fix
 from polar_nav_core.engine.inputs import Inputs, Stamps, StationInputs
+from polar_nav_core.engine.outputs import Receipt
 from polar_nav_follower.measurements.fix import Packet, fixes_from_packets
 from polar_nav_follower.measurements.station_fix import StationNumbers, station_fix_from_packet
 from polar_nav_follower.params import FollowerParams

@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 
 from polar_nav_core import spilled
-from polar_nav_core.engine.events import CommandKind, Receipt
+from polar_nav_core.engine.events import CommandKind
+from polar_nav_core.engine.outputs import Receipt
 from polar_nav_core.params import from_mapping
 from polar_nav_follower import session
 from polar_nav_follower.params import FollowerParams

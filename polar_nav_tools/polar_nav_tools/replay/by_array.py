@@ -11,10 +11,10 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 from polar_nav_core import spilled
-from polar_nav_core.engine import events as engine_events
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.health.runaway import divergence_of
 from polar_nav_core.engine.inputs import Inputs
+from polar_nav_core.engine.outputs import Receipt
 from polar_nav_core.engine.receipt_rows import Receipts
 from polar_nav_follower.params import FollowerParams
 from polar_nav_follower.session import inputs_of
@@ -111,9 +111,7 @@ def _half(progress: Progress) -> Progress:
     return lambda share: progress(0.5 * share)
 
 
-def _merged(
-    found: Iterable[engine_events.Receipt], refused: Sequence[engine_events.Receipt]
-) -> Iterable[engine_events.Receipt]:
+def _merged(found: Iterable[Receipt], refused: Sequence[Receipt]) -> Iterable[Receipt]:
     """Receipts in the order of publication: refusals after all receipts of their stamp."""
     waiting = list(reversed(refused))
     for receipt in found:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from polar_nav_core.engine.events import Receipt, Verdict
+from polar_nav_core.engine.outputs import Receipt
+from polar_nav_core.engine.verdicts import Verdict
 from polar_nav_follower.measurements.fix import Packet
 from polar_nav_msgs.msg import AcousticPacket, FixReceipt
 from polar_nav_ros.navigation_outputs import receipt_from_msg

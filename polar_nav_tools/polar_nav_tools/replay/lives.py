@@ -22,7 +22,9 @@ from rclpy.serialization import deserialize_message
 
 from polar_nav_core import spilled
 from polar_nav_core.arrays import Ints
-from polar_nav_core.engine.events import ClockStep, Event, Fix, OrderKey, Receipt, Verdict
+from polar_nav_core.engine.events import ClockStep, Event, Fix, OrderKey
+from polar_nav_core.engine.outputs import Receipt
+from polar_nav_core.engine.verdicts import Verdict
 from polar_nav_core.order import NEVER_NS
 from polar_nav_follower import session
 from polar_nav_msgs.msg import Command, FixReceipt, NavState

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polar_nav_core.engine.events import LOCAL_DOF, LOCAL_GATED
+from polar_nav_core.engine.outputs import LOCAL_DOF, LOCAL_GATED
 from polar_nav_core.spilled import by_rows, give_back, parts
 
 from ..series.vehicle import EstimateSeries, ReceiptRecord, TruthSeries

@@ -11,7 +11,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from polar_nav_core.engine.events import LOCAL_DOF, NIS_SUM, UPDATES, Verdict
+from polar_nav_core.engine.outputs import LOCAL_DOF, NIS_SUM, UPDATES
+from polar_nav_core.engine.verdicts import Verdict
 from polar_nav_core.spilled import by_rows
 
 from ..series.vehicle import Floats, Ints, ReceiptRecord, Series, last_revisions

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polar_nav_core import nav_columns, spilled
-from polar_nav_core.engine import events
+from polar_nav_core.engine.outputs import Receipt
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.engine.track import Track
 from polar_nav_core.error_model import X
@@ -118,10 +118,10 @@ class EstimateRows:
         }
 
 
-_RECEIPT = [f.name for f in fields(events.Receipt)]
+_RECEIPT = [f.name for f in fields(Receipt)]
 
 
-def receipts_of(receipts: Sequence[events.Receipt]) -> Sequence[ReceiptRecord]:
+def receipts_of(receipts: Sequence[Receipt]) -> Sequence[ReceiptRecord]:
     """Receipts of a run in the form of recorded ones, made when they are read."""
     return _Records(receipts)
 
@@ -129,7 +129,7 @@ def receipts_of(receipts: Sequence[events.Receipt]) -> Sequence[ReceiptRecord]:
 class _Records(Sequence[ReceiptRecord]):
     """Records of receipts, of which a day has too many to keep them."""
 
-    def __init__(self, receipts: Sequence[events.Receipt]) -> None:
+    def __init__(self, receipts: Sequence[Receipt]) -> None:
         self._receipts = receipts
 
     def __len__(self) -> int:
@@ -150,7 +150,7 @@ class _Records(Sequence[ReceiptRecord]):
         return _record_of(self._receipts[index])
 
 
-def _record_of(receipt: events.Receipt) -> ReceiptRecord:
+def _record_of(receipt: Receipt) -> ReceiptRecord:
     values = {name: getattr(receipt, name) for name in _RECEIPT}
     values['verdict'], values['verdict_text'] = int(receipt.verdict), receipt.verdict.name
     return ReceiptRecord.of({**values, 'age_s': receipt.age_s})

@@ -206,7 +206,7 @@ class EstimateSeries(Series):
 class ReceiptRecord:
     """One `<vehicle>/nav/receipt` (polar_nav_msgs/FixReceipt).
 
-    Beside the fields of the engine's `events.Receipt` it has those of the message only: age and
+    Beside the fields of the engine's `outputs.Receipt` it has those of the message only: age and
     name of the verdict. A time is None where the message has zero: unknown, or without such an
     event.
 

@@ -14,9 +14,9 @@ import numpy as np
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine import smoothing
 from polar_nav_core.engine import station_smoothing as of_station
-from polar_nav_core.engine.events import Receipt
 from polar_nav_core.engine.health.conditions import Health
 from polar_nav_core.engine.inputs import Inputs
+from polar_nav_core.engine.outputs import Receipt
 from polar_nav_core.engine.smoothed import MOST_PASSES, Smoothed
 from polar_nav_core.engine.version import ENGINE_VERSION
 from polar_nav_core.errors import ConfigError

@@ -14,7 +14,8 @@ from ...kernels.sins import settings
 from ...kernels.sins import state as fs
 from ...kernels.sins.settings import Aiding
 from ...kernels.sins.update import N
-from ..events import Array, ModelEstimate
+from ..events import Array
+from ..outputs import ModelEstimate
 from ..params import EngineParams
 
 _THRUST_UNKNOWN_S = 1.0

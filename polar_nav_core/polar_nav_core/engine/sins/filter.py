@@ -40,8 +40,8 @@ from ..events import (
     HeadingSample,
     ImuSample,
     InitialState,
-    ModelEstimate,
 )
+from ..outputs import ModelEstimate
 from ..params import EngineParams
 from ..results import CORRECTIONS_PER_S, IMU_PERIOD_S, Outcome
 from ..saved import SavedState

@@ -23,14 +23,13 @@ from ..events import (
     Array,
     ControlSample,
     DepthSample,
-    Estimate,
     Fix,
     HeadingSample,
     ImuSample,
     InitialState,
     Local,
-    ModelEstimate,
 )
+from ..outputs import Estimate, ModelEstimate
 from ..params import EngineParams
 from ..results import FixResult, Outcome
 from ..saved import SavedState

@@ -18,15 +18,8 @@ from ...kernels.station import state as ss
 from ...kernels.station.attitude import smooth
 from ...kernels.vehicle import model as vm
 from ...order import NEVER_NS
-from ..events import (
-    Array,
-    ControlSample,
-    DepthSample,
-    Estimate,
-    ImuSample,
-    InitialState,
-    ModelEstimate,
-)
+from ..events import Array, ControlSample, DepthSample, ImuSample, InitialState
+from ..outputs import Estimate, ModelEstimate
 from ..params import EngineParams
 from ..plausibility import MOST_VARIANCE
 from ..results import Outcome

@@ -17,17 +17,8 @@ from ...kernels.station import forward as station_forward
 from ...kernels.station import run
 from ...kernels.station import state as ss
 from ..driver import Driver
-from ..events import (
-    Array,
-    ControlSample,
-    DepthSample,
-    Estimate,
-    Fix,
-    ImuSample,
-    InitialState,
-    Local,
-    Rank,
-)
+from ..events import Array, ControlSample, DepthSample, Fix, ImuSample, InitialState, Local, Rank
+from ..outputs import Estimate
 from ..params import EngineParams
 from ..results import FixResult, Outcome
 from ..rewind import Cursor, GoingBack, Stored

@@ -20,9 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from polar_nav_core.engine.events import Receipt, Verdict
 from polar_nav_core.engine.health.conditions import Culprit
 from polar_nav_core.engine.health.radius import radius_95
+from polar_nav_core.engine.outputs import Receipt
+from polar_nav_core.engine.verdicts import Verdict
 from polar_nav_core.errors import ConfigError
 from polar_nav_ros.adapters import mapping_file
 from polar_nav_ros.adapters.mapping import with_parameters

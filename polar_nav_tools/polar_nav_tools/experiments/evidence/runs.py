@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from polar_nav_core.engine.events import Array, Verdict
+from polar_nav_core.engine.events import Array
+from polar_nav_core.engine.verdicts import Verdict
 
 from ..jobs import RunResult
 from ..mismatch.health import health_history

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from polar_nav_core.engine import run as engine_run
-from polar_nav_core.engine.events import Verdict
+from polar_nav_core.engine.verdicts import Verdict
 from polar_nav_core.error_model import X
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.grid import ecef_to_grid

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
-from polar_nav_core.engine.events import Verdict
+from polar_nav_core.engine.verdicts import Verdict
 
 from ..jobs import RowJob, RunResult
 from ..station.world import StationWorld

@@ -15,8 +15,9 @@ import numpy as np
 from polar_nav_core.attitude import log
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine import smoothing
-from polar_nav_core.engine.events import Array, Receipt
+from polar_nav_core.engine.events import Array
 from polar_nav_core.engine.health.conditions import Health
+from polar_nav_core.engine.outputs import Receipt
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.error_model import X
 from polar_nav_core.grid import ecef_to_grid
@@ -39,7 +40,7 @@ _OUTPUT_S = 1.0
 class Ran(NamedTuple):
     """Result of a filter's run in either mode.
 
-    ``local``, (n, 2, 3), are local statistics per row of the track (events.LOCAL_DOF).
+    ``local``, (n, 2, 3), are local statistics per row of the track (outputs.LOCAL_DOF).
     """
 
     params: EngineParams

@@ -33,7 +33,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from polar_nav_core.engine.events import NIS_SUM, Array
+from polar_nav_core.engine.events import Array
+from polar_nav_core.engine.outputs import NIS_SUM
 
 from .faults import Fault
 from .scenes import Ran, Scene

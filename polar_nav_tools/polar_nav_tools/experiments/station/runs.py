@@ -11,8 +11,10 @@ from functools import lru_cache
 import numpy as np
 
 from polar_nav_core.engine import run as engine_run
-from polar_nav_core.engine.events import Array, Receipt, Verdict
+from polar_nav_core.engine.events import Array
+from polar_nav_core.engine.outputs import Receipt
 from polar_nav_core.engine.params import EngineParams
+from polar_nav_core.engine.verdicts import Verdict
 from polar_nav_core.error_model import X
 from polar_nav_core.identification.published import Samples, track_and_slopes
 from polar_nav_core.identification.result import Identification, IdentificationVerdict

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from polar_nav_core.engine.events import LOCAL_DOF, NIS_SUM, UPDATES
+from polar_nav_core.engine.outputs import LOCAL_DOF, NIS_SUM, UPDATES
 
 from ...scoring import Score, chi_square_band, normalized_squared
 from ...scoring.verdicts import FUSED
