@@ -7,8 +7,9 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from polar_nav_core import grid
+from polar_nav_core.arrays import Array
 from polar_nav_core.engine.engine import Engine
-from polar_nav_core.engine.events import Array, Command, Event, ImuSample
+from polar_nav_core.engine.events import Command, Event, ImuSample
 from polar_nav_core.engine.outputs import Estimate, Output
 from polar_nav_core.error_model import X
 

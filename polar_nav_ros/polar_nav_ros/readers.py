@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import Imu
 
 from polar_nav_core import attitude
+from polar_nav_core.arrays import Array
 from polar_nav_core.dvl import corrected, sound_speed_factors
 from polar_nav_core.engine.events import (
     LEAST_BEAMS,
-    Array,
     Command,
     CommandKind,
     ControlSample,

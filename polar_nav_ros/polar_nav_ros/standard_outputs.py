@@ -9,7 +9,7 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import NavSatFix, NavSatStatus
 
 from polar_nav_core import attitude, grid
-from polar_nav_core.engine.events import Array
+from polar_nav_core.arrays import Array
 from polar_nav_msgs.msg import NavState
 
 NOT_ESTIMATED = 1e6

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .events import Array
+from ..arrays import Array
 
 TURN_OVER_S = 2.0
 """The rate of turn is the mean of so long before the state was saved [s]."""

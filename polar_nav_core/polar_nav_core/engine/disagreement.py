@@ -18,7 +18,8 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from .events import Array, Fix
+from ..arrays import Array
+from .events import Fix
 from .results import chi2_gate
 
 Complex: TypeAlias = NDArray[np.complex128]

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Protocol
 
-from ..arrays import Ints
+from ..arrays import Array, Ints
 from ..identification.result import Identification
-from .events import Array, ControlSample, Event, Fix, ImuSample, InitialState, Local
+from .events import ControlSample, Event, Fix, ImuSample, InitialState, Local
 from .outputs import Estimate
 from .params import EngineParams
 from .results import FixResult, Outcome

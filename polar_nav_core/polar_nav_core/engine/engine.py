@@ -14,13 +14,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from ..arrays import Array
 from ..errors import FilterDivergence
 from ..identification.result import Identification
 from .checks import aiding_warning, history_warning
 from .clock_record import ClockRecord
 from .driver import Adaptation, Driver, Make
 from .events import (
-    Array,
     Command,
     CommandKind,
     ControlSample,

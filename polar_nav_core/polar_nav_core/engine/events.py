@@ -16,7 +16,7 @@ from typing import ClassVar, TypeAlias, TypeVar
 import numpy as np
 
 from .. import order
-from ..arrays import Array as Array
+from ..arrays import Array
 from ..identification.polar_fix import PolarFix
 from .verdicts import Refusal, Verdict
 

@@ -11,10 +11,11 @@ import math
 
 import numpy as np
 
+from ..arrays import Array
 from ..attitude import matrix_from_euler
 from ..earth import OMEGA_IE
 from .away import Seen
-from .events import Array, DvlPing, ImuSample
+from .events import DvlPing, ImuSample
 from .params import EngineParams
 from .plausibility import is_covariance, within
 from .saved import SavedState

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import spilled
+from ..arrays import Array
 from .events import (
-    Array,
     ControlSample,
     DepthSample,
     DvlPing,

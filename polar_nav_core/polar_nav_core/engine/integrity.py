@@ -17,8 +17,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..arrays import Array
 from .driver import Driver
-from .events import Array, Fix
+from .events import Fix
 from .health.conditions import Condition, Culprit, Level, fixes_followed
 from .params import EngineParams
 from .results import out_of_reach_reason

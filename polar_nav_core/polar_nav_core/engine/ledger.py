@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections import Counter, deque
 from collections.abc import Sequence
 
+from ..arrays import Array
 from ..kernels.sins.update import Ints
 from .disagreement import RefusedRow
-from .events import Array, Fix
+from .events import Fix
 from .fix_record import FixRecord
 from .health.conditions import Condition, Culprit, Level
 from .integrity import IntegrityMonitor

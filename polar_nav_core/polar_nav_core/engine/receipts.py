@@ -8,9 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from ..arrays import Array
 from ..kernels.sins import state as fs
 from ..kernels.sins.update import Ints
-from .events import Array, Event, Fix
+from .events import Event, Fix
 from .methods import Configuration
 from .outputs import Receipt
 from .results import FixResult, Outcome, out_of_reach_reason

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 from scipy.special import gammaincinv
 
-from .events import Array, Fix
+from ..arrays import Array
+from .events import Fix
 
 IMU_PERIOD_S = 0.004
 CORRECTIONS_PER_S = 40.0

@@ -17,9 +17,10 @@ from typing import Any, Final
 
 import numpy as np
 
+from ..arrays import Array
 from ..errors import PolarNavError
 from .away import Seen
-from .events import Array, InitialState
+from .events import InitialState
 
 _MAGIC: Final = b'POLARNAV'
 VERSION: Final = 5

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polar_nav_core import grid
-from polar_nav_core.engine.events import Array, Fix
+from polar_nav_core.arrays import Array
+from polar_nav_core.engine.events import Fix
 from polar_nav_core.engine.verdicts import Verdict
 from polar_nav_core.link import station_packet
 from polar_nav_core.link.many import Broadcasts, decode_many, is_readable

@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from polar_nav_core.engine.events import Array, Fix
+from polar_nav_core.arrays import Array
+from polar_nav_core.engine.events import Fix
 from polar_nav_core.grid import ecef_to_grid
 
 from .arrays import congruent, finite_rows

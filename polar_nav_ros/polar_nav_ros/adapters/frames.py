@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from polar_nav_core.arrays import Array
 from polar_nav_core.earth import ecef_from_geodetic, ecef_to_enu
-from polar_nav_core.engine.events import Array
 from polar_nav_core.errors import ConfigError
 
 from .arrays import turned

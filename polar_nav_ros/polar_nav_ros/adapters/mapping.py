@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from polar_nav_core.engine.events import Array
+from polar_nav_core.arrays import Array
 
 GYRO_UNITS = {'rad/s': 1.0, 'deg/s': np.pi / 180.0}
 ACCEL_UNITS = {'m/s^2': 1.0, 'g': 9.80665, 'mg': 9.80665e-3}

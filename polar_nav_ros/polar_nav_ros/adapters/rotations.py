@@ -11,8 +11,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from polar_nav_core.arrays import Array
 from polar_nav_core.attitude import matrix_from_euler, matrix_from_quaternion
-from polar_nav_core.engine.events import Array
 
 _DIRECTIONS = {
     'f': (1.0, 0.0, 0.0),

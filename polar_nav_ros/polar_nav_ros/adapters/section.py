@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from polar_nav_core.engine.events import Array
+from polar_nav_core.arrays import Array
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.user_files import read_yaml
 

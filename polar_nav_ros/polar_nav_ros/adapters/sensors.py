@@ -7,9 +7,9 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from polar_nav_core.arrays import Array
 from polar_nav_core.depth import depth_from_pressure
 from polar_nav_core.dvl import corrected, sound_speed_factors
-from polar_nav_core.engine.events import Array
 from polar_nav_core.errors import ConfigError
 
 from .arrays import congruent, finite_rows, turned

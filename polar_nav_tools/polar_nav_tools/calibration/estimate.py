@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from polar_nav_core.engine.events import Array
+from polar_nav_core.arrays import Array
 from polar_nav_core.engine.innovations import Innovations
 from polar_nav_core.engine.inputs import Inputs
 from polar_nav_core.engine.params import EngineParams

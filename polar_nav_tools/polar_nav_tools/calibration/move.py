@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from polar_nav_core.arrays import Array
 from polar_nav_core.attitude import euler_from_matrix, exp, matrix_from_euler
-from polar_nav_core.engine.events import Array, Fix
+from polar_nav_core.engine.events import Fix
 from polar_nav_core.engine.inputs import Inputs
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.grid import ecef_to_grid

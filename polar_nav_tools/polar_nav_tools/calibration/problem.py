@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polar_nav_core.engine.events import Array, Rank
+from polar_nav_core.arrays import Array
+from polar_nav_core.engine.events import Rank
 from polar_nav_core.engine.innovations import Innovations, innovations
 from polar_nav_core.engine.inputs import Inputs
 from polar_nav_core.engine.params import EngineParams

@@ -10,7 +10,7 @@ from itertools import combinations
 
 import numpy as np
 
-from polar_nav_core.engine.events import Array
+from polar_nav_core.arrays import Array
 
 EXCITED = 0.3
 """A constant is estimated where the data leave less than this share of its prior sigma."""

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from ruamel.yaml.comments import CommentedMap
 
+from polar_nav_core.arrays import Array
 from polar_nav_core.attitude import exp, matrix_from_euler
 from polar_nav_core.dvl import SOUND_SPEED_LIMITS
-from polar_nav_core.engine.events import Array
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.user_files import read_text
 from polar_nav_ros.adapters.mapping import Mapping as Sources

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from polar_nav_core.engine.events import Array
+from polar_nav_core.arrays import Array
 
 from ..experiments.figures import Band, band_figure
 from ..experiments.jobs import RunResult

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from polar_nav_core.engine.events import Array
+from polar_nav_core.arrays import Array
 from polar_nav_core.engine.verdicts import Verdict
 from polar_nav_core.params import to_mapping
 from polar_nav_follower.params import FollowerParams

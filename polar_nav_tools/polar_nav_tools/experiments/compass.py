@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from polar_nav_core.engine.events import Array
+from polar_nav_core.arrays import Array
 from polar_nav_sim.randomness import stream
 from polar_nav_sim.sensors.compass import CompassErrors, measured_headings
 

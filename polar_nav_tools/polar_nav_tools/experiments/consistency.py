@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from polar_nav_core.engine.events import Array
+from polar_nav_core.arrays import Array
 
 from ..scoring.consistency import chi_square_band
 from ..scoring.tables import Column, Table

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from polar_nav_core.arrays import Array
 from polar_nav_core.attitude import log
-from polar_nav_core.engine.events import Array
 from polar_nav_core.engine.inputs import Stamps
 from polar_nav_core.engine.track import Track
 from polar_nav_core.error_model import X

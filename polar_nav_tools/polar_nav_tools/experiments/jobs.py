@@ -12,8 +12,8 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
+from polar_nav_core.arrays import Array
 from polar_nav_core.engine import run as engine_run
-from polar_nav_core.engine.events import Array
 from polar_nav_core.engine.outputs import Receipt
 from polar_nav_core.engine.verdicts import Verdict
 

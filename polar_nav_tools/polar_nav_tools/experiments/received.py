@@ -11,15 +11,8 @@ from sensor_msgs.msg import Imu
 from std_msgs.msg import Header, String
 
 from polar_nav_core import attitude, grid
-from polar_nav_core.engine.events import (
-    Array,
-    ControlSample,
-    DepthSample,
-    DvlPing,
-    Event,
-    Fix,
-    ImuSample,
-)
+from polar_nav_core.arrays import Array
+from polar_nav_core.engine.events import ControlSample, DepthSample, DvlPing, Event, Fix, ImuSample
 from polar_nav_core.engine.inputs import Inputs, StationInputs
 from polar_nav_core.engine.version import ENGINE_VERSION
 from polar_nav_core.identification.polar_fix import PolarFix

@@ -18,7 +18,7 @@ from pathlib import Path
 import numpy as np
 
 from polar_nav_core import earth
-from polar_nav_core.engine.events import Array
+from polar_nav_core.arrays import Array
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.params import choice, param, text
 from polar_nav_sim.section import Spec

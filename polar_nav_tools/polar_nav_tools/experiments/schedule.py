@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from polar_nav_core.engine.events import Array, Fix
+from polar_nav_core.arrays import Array
+from polar_nav_core.engine.events import Fix
 from polar_nav_core.engine.inputs import Stamps
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.params import choice, param

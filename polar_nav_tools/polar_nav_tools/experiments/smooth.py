@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 from scipy.stats import chi2
 
+from polar_nav_core.arrays import Array
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine import smoothing
-from polar_nav_core.engine.events import Array
 from polar_nav_core.engine.smoothed import Smoothed
 from polar_nav_core.engine.track import StationTrack, Track
 from polar_nav_core.error_model import X

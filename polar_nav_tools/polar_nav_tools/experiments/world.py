@@ -21,7 +21,8 @@ from typing import Any
 
 import numpy as np
 
-from polar_nav_core.engine.events import Array, Fix
+from polar_nav_core.arrays import Array
+from polar_nav_core.engine.events import Fix
 from polar_nav_core.engine.inputs import Inputs, Stamps
 from polar_nav_core.engine.params import NO_COMMON_ERRORS, NO_RESERVE, EngineParams
 from polar_nav_core.errors import ConfigError

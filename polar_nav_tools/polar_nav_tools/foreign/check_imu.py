@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from polar_nav_core.engine.events import Array
+from polar_nav_core.arrays import Array
 from polar_nav_ros.adapters.arrays import chosen, finite_rows
 from polar_nav_ros.adapters.sensors import ImuRows
 

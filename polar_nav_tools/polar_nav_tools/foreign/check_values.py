@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from polar_nav_core.engine.events import Array
+from polar_nav_core.arrays import Array
 from polar_nav_ros.adapters.arrays import finite_rows
 from polar_nav_ros.adapters.position import PositionRows
 from polar_nav_ros.adapters.sensors import IN_THE_AIR, DepthRows, DvlRows

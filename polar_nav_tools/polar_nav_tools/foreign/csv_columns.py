@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from polar_nav_core.engine.events import Array
+from polar_nav_core.arrays import Array
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.user_files import regular
 from polar_nav_ros.adapters.section import Section

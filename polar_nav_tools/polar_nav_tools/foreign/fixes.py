@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 
 from polar_nav_core import usbl
+from polar_nav_core.arrays import Array
 from polar_nav_core.attitude import exp, log
 from polar_nav_core.earth import geodetic_from_ecef
-from polar_nav_core.engine.events import Array, Fix
+from polar_nav_core.engine.events import Fix
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.grid import ecef_to_grid
 from polar_nav_core.link.packet import Broadcast, PacketError, decode

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from polar_nav_core.engine.events import Array
+from polar_nav_core.arrays import Array
 from polar_nav_ros.adapters.layouts import DEPTH
 from polar_nav_ros.adapters.mapping import PRESSURE_UNITS
 

@@ -7,7 +7,7 @@ from contextlib import suppress
 
 import numpy as np
 
-from polar_nav_core.engine.events import Array
+from polar_nav_core.arrays import Array
 from polar_nav_core.errors import PolarNavError
 from polar_nav_ros.adapters import rotations
 from polar_nav_ros.adapters.arrays import finite_rows

@@ -14,8 +14,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from polar_nav_core.arrays import Array
 from polar_nav_core.engine import run as engine_run
-from polar_nav_core.engine.events import Array
 from polar_nav_core.engine.inputs import Inputs
 from polar_nav_core.engine.outputs import LOCAL_DOF, NIS_SUM, UPDATES, Receipt
 from polar_nav_core.engine.verdicts import Verdict

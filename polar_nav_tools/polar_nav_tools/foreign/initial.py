@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from polar_nav_core.arrays import Array
 from polar_nav_core.attitude import euler_from_matrix, exp, grid_heading, log, matrix_from_euler
 from polar_nav_core.earth import geodetic_from_ecef
-from polar_nav_core.engine.events import Array
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.engine.start.gyrocompass import gyrocompass
 from polar_nav_core.engine.start.level import (

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from polar_nav_core.arrays import Array
 from polar_nav_core.attitude import exp
-from polar_nav_core.engine.events import Array
 from polar_nav_ros.adapters.sensors import DvlRows
 
 from .sources import Stamps

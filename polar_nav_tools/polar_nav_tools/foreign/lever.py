@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from polar_nav_core.engine.events import Array
+from polar_nav_core.arrays import Array
 from polar_nav_core.engine.lever import params_at_imu, state_at
 from polar_nav_follower.params import FollowerParams
 

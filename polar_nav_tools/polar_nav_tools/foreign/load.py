@@ -9,8 +9,9 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from polar_nav_core.arrays import Array
 from polar_nav_core.earth import geodetic_from_ecef
-from polar_nav_core.engine.events import Array, Fix
+from polar_nav_core.engine.events import Fix
 from polar_nav_core.engine.inputs import Inputs
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.errors import ConfigError

@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from polar_nav_core.arrays import Array
 from polar_nav_core.attitude import euler_from_matrix
-from polar_nav_core.engine.events import Array
 from polar_nav_core.errors import PolarNavError
 from polar_nav_ros.adapters import rotations
 from polar_nav_ros.topics import TF_STATIC, TYPES

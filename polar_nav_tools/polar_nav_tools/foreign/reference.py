@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from polar_nav_core.arrays import Array
 from polar_nav_core.earth import geodetic_from_ecef
-from polar_nav_core.engine.events import Array
 from polar_nav_core.grid import ecef_to_grid
 from polar_nav_ros.adapters.arrays import finite_rows
 from polar_nav_ros.adapters.position import PositionRows

@@ -17,10 +17,10 @@ import yaml
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from sensor_msgs.msg import Imu
 
+from polar_nav_core.arrays import Array
 from polar_nav_core.attitude import matrix_from_euler
 from polar_nav_core.depth import STANDARD_ATMOSPHERE, depth_from_pressure
 from polar_nav_core.earth import geodetic_from_ecef
-from polar_nav_core.engine.events import Array
 from polar_nav_core.grid import convergence, ecef_to_grid
 from polar_nav_msgs.msg import Depth, Dvl
 from polar_nav_ros import topics

@@ -28,8 +28,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from polar_nav_core.arrays import Array
 from polar_nav_core.attitude import exp, skew
-from polar_nav_core.engine.events import Array
 from polar_nav_core.engine.inputs import Inputs
 from polar_nav_ros.adapters.arrays import finite_rows
 

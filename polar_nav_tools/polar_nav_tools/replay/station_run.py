@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polar_nav_core import nav_columns
+from polar_nav_core.arrays import Array
 from polar_nav_core.engine import run as engine_run
-from polar_nav_core.engine.events import Array
 from polar_nav_core.engine.outputs import ModelEstimate
 from polar_nav_core.engine.track import StationTrack, Track
 from polar_nav_core.error_model import X

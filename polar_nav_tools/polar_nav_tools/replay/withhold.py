@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from polar_nav_core import attitude, earth, grid
+from polar_nav_core.arrays import Array
 from polar_nav_core.engine import run as engine_run
-from polar_nav_core.engine.events import Array, Fix
+from polar_nav_core.engine.events import Fix
 from polar_nav_core.engine.inputs import Inputs
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.engine.track import Track

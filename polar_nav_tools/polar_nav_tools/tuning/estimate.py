@@ -11,7 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from polar_nav_core.engine.events import Array, Rank
+from polar_nav_core.arrays import Array
+from polar_nav_core.engine.events import Rank
 from polar_nav_core.errors import ConfigError
 
 from ..calibration.solve import EXCITED

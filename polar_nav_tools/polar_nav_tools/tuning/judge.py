@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from polar_nav_core.arrays import Array
 from polar_nav_core.engine import run as engine_run
-from polar_nav_core.engine.events import Array
 
 from ..calibration.problem import SENSORS
 from ..foreign.recording import Recording

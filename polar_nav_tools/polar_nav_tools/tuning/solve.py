@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from polar_nav_core.engine.events import Array
+from polar_nav_core.arrays import Array
 from polar_nav_core.errors import ConfigError
 
 from .likelihood import Problem, Rows

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from polar_nav_core.engine.events import Array
+from polar_nav_core.arrays import Array
 
 from ..calibration.solve import EXCITED
 from ..calibration.verdicts import Verdict

@@ -8,13 +8,13 @@ from __future__ import annotations
 import numpy as np
 
 from ... import attitude
+from ...arrays import Array
 from ...error_model import X
 from ...kernels.sins import model as fm
 from ...kernels.sins import settings
 from ...kernels.sins import state as fs
 from ...kernels.sins.settings import Aiding
 from ...kernels.sins.update import N
-from ..events import Array
 from ..outputs import ModelEstimate
 from ..params import EngineParams
 

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from ...arrays import Array
 from ...error_model import X
 from ...errors import FilterDivergence
 from ...kernels.sins import bridge, consider, enlarged, hypotheses, output, reopen
@@ -32,7 +33,6 @@ from ...kernels.sins.work import Work, make_work
 from ...machine_code import machine_code
 from ...order import NEVER_NS
 from ..events import (
-    Array,
     ControlSample,
     DepthSample,
     DvlPing,

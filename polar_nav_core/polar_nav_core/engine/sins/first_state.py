@@ -10,6 +10,7 @@ import math
 import numpy as np
 
 from ... import attitude, earth, grid
+from ...arrays import Array
 from ...error_model import X
 from ...kernels.limits import EARTH
 from ...kernels.sins import compass
@@ -17,7 +18,7 @@ from ...kernels.sins import fuse as ff
 from ...kernels.sins import state as fs
 from ...kernels.sins import update as kf
 from ...kernels.sins.settings import Settings
-from ..events import Array, InitialState
+from ..events import InitialState
 from ..params import EngineParams
 from ..plausibility import MOST_VARIANCE
 from . import aiding

@@ -12,6 +12,7 @@ from dataclasses import replace
 import numpy as np
 
 from ... import earth
+from ...arrays import Array
 from ...identification.result import Identification
 from ...kernels.sins import rows as filter_rows
 from ...kernels.sins import state as fs
@@ -19,16 +20,7 @@ from ...kernels.sins import update as kf
 from ...kernels.sins.measured import fill_shared
 from ..away import TURN_OVER_S, WANDER_OVER_S, turn_rate, wander
 from ..driver import Driver
-from ..events import (
-    Array,
-    ControlSample,
-    DepthSample,
-    Fix,
-    HeadingSample,
-    ImuSample,
-    InitialState,
-    Local,
-)
+from ..events import ControlSample, DepthSample, Fix, HeadingSample, ImuSample, InitialState, Local
 from ..outputs import Estimate, ModelEstimate
 from ..params import EngineParams
 from ..results import FixResult, Outcome

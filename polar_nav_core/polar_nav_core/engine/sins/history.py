@@ -11,14 +11,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...arrays import Ints
+from ...arrays import Array, Ints
 from ...kernels.sins import state as fs
 from ...kernels.sins.late import newest_until
 from ...kernels.sins.measured import epoch_place
 from ...kernels.sins.rings import Past
 from ...kernels.sins.transition import INVERSE
 from ...kernels.sins.update import N
-from ..events import Array
 from ..results import CORRECTIONS_PER_S, IMU_PERIOD_S
 
 

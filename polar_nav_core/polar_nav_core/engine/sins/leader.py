@@ -12,8 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from ... import grid
+from ...arrays import Array
 from ...link.fields import SIGMA_RATIO
-from ..events import Array, Fix
+from ..events import Fix
 from .leader_drift import COLUMNS, Drift, Link
 
 ROUNDING = 1.0 / 1.13

@@ -9,8 +9,8 @@ import math
 
 import numpy as np
 
+from ...arrays import Array
 from ...link.fields import SIGMA_RATIO
-from ..events import Array
 
 COLUMNS = 4
 """Turn and scale of the leader's way, error at its start (grid east, north)."""

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 
-from ..events import Array
+from ...arrays import Array
 
 
 class MeasurementNoise(ABC):

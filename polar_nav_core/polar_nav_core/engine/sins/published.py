@@ -16,10 +16,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arrays import Array
 from ...error_model import X
 from ...errors import FilterDivergence
 from ...kernels.sins import update as kf
-from ..events import Array, DepthSample, Fix, HeadingSample, ImuSample, InitialState, Local
+from ..events import DepthSample, Fix, HeadingSample, ImuSample, InitialState, Local
 from ..params import EngineParams
 from ..results import FixResult, Outcome, chi2_gate
 from .fusion import Fusion

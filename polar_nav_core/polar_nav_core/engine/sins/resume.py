@@ -7,13 +7,13 @@ import math
 import numpy as np
 
 from ... import attitude, earth, grid
+from ...arrays import Array
 from ...error_model import X
 from ...kernels.sins import state as fs
 from ...kernels.sins import update as kf
 from ...order import FIX_ROW
 from .. import away
 from ..away import Seen
-from ..events import Array
 from ..params import EngineParams
 from ..saved import SINCE, VERSION, SavedState, layout_problem
 from ..start.model import SAME_AGAIN

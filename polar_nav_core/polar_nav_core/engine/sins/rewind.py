@@ -7,12 +7,13 @@ time that it goes back.
 
 from __future__ import annotations
 
+from ...arrays import Array
 from ...kernels.sins import output
 from ...kernels.sins import run as filter_run
 from ...kernels.sins import state as fs
 from ...kernels.sins.aiding import model_is_definite
 from ...kernels.sins.update import is_positive_definite
-from ..events import Array, Fix, InitialState, Rank
+from ..events import Fix, InitialState, Rank
 from ..params import EngineParams
 from ..results import FixResult, Outcome
 from ..rewind import Cursor, GoingBack, Stored

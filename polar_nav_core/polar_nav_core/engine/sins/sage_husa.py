@@ -14,8 +14,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arrays import Array
 from ...kernels.sins import update as kf
-from ..events import Array
 from .noise import MeasurementNoise, ProcessNoise
 
 R_CEILING = 100.0

@@ -7,11 +7,11 @@ import math
 import numpy as np
 
 from ... import grid
+from ...arrays import Array
 from ...error_model import X
 from ...kernels import watch
 from ...kernels.sins import compass, fill, heading, hypotheses
 from ...kernels.sins import state as fs
-from ..events import Array
 from ..heading_params import REFERENCES
 from ..health.compass import Compass
 from ..health.slow import Evidence

@@ -11,6 +11,7 @@ import math
 import numpy as np
 
 from ... import earth, grid
+from ...arrays import Array
 from ...errors import FilterDivergence
 from ...identification.result import Identification
 from ...kernels.station import run
@@ -18,7 +19,7 @@ from ...kernels.station import state as ss
 from ...kernels.station.attitude import smooth
 from ...kernels.vehicle import model as vm
 from ...order import NEVER_NS
-from ..events import Array, ControlSample, DepthSample, ImuSample, InitialState
+from ..events import ControlSample, DepthSample, ImuSample, InitialState
 from ..outputs import Estimate, ModelEstimate
 from ..params import EngineParams
 from ..plausibility import MOST_VARIANCE

@@ -7,8 +7,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from ...arrays import Array
 from ...identification.polar_fix import PolarFix
-from ..events import Array, Fix
+from ..events import Fix
 from ..station_params import StationParams
 
 

@@ -12,12 +12,13 @@ from bisect import bisect_right
 
 import numpy as np
 
+from ...arrays import Array
 from ...identification.result import Identification
 from ...kernels.station import forward as station_forward
 from ...kernels.station import run
 from ...kernels.station import state as ss
 from ..driver import Driver
-from ..events import Array, ControlSample, DepthSample, Fix, ImuSample, InitialState, Local, Rank
+from ..events import ControlSample, DepthSample, Fix, ImuSample, InitialState, Local, Rank
 from ..outputs import Estimate
 from ..params import EngineParams
 from ..results import FixResult, Outcome

@@ -10,9 +10,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from ...arrays import Array
 from ...identification.result import Identification, IdentificationVerdict
 from ..driver import Adaptation, Driver
-from ..events import Array, Fix
+from ..events import Fix
 from ..params import EngineParams
 from ..results import Outcome
 

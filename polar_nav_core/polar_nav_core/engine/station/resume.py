@@ -7,10 +7,10 @@ import math
 import numpy as np
 
 from ... import attitude, earth, grid
+from ...arrays import Array
 from ...kernels.station import state as ss
 from ...kernels.station.obey import MOST
 from ..away import ACCELERATION, TURN_RATE, add_acceleration
-from ..events import Array
 from ..saved import SavedState, layout_problem
 
 _NAMES = ('x', 'P', 'log_weight', 'weight', 'flat', 'loose')

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from polar_nav_core.engine.events import Array
+from polar_nav_core.arrays import Array
 from polar_nav_core.engine.inputs import Stamps
 from polar_nav_sim.dynamics.truth import DynamicTruth
 

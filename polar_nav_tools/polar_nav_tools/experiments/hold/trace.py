@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from polar_nav_core.engine.events import Array
+from polar_nav_core.arrays import Array
 from polar_nav_core.engine.verdicts import Verdict
 from polar_nav_msgs.msg import FixReceipt, NavHealth, NavState
 from polar_nav_ros import topics

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from polar_nav_core.engine.events import Array
+from polar_nav_core.arrays import Array
 from polar_nav_core.grid import ecef_to_grid
 from polar_nav_core.link.fields import SIGMA_RATIO
 from polar_nav_sim.randomness import stream

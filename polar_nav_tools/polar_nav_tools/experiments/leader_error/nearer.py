@@ -15,7 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from polar_nav_core.engine.events import Array
+from polar_nav_core.arrays import Array
 from polar_nav_core.engine.sins.leader_drift import link
 
 from . import leader as lead

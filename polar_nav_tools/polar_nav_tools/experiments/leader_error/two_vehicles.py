@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from polar_nav_core.engine.events import Array
+from polar_nav_core.arrays import Array
 from polar_nav_core.engine.sins.leader import Growth, Smooth, columns
 from polar_nav_core.engine.sins.leader_drift import COLUMNS, Drift, Link, link
 

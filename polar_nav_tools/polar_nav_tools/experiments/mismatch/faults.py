@@ -17,8 +17,8 @@ from typing import Any
 
 import numpy as np
 
+from polar_nav_core.arrays import Array
 from polar_nav_core.attitude import exp
-from polar_nav_core.engine.events import Array
 from polar_nav_sim.sensors.imu import DPH, G0
 
 from ..world import World

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from polar_nav_core.engine.events import Array
+from polar_nav_core.arrays import Array
 from polar_nav_core.grid import ecef_to_grid
 
 from ..world import World

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from polar_nav_core.engine.events import Array
+from polar_nav_core.arrays import Array
 
 from .culprits import UNEXPLAINED
 

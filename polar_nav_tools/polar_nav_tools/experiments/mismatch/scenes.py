@@ -12,10 +12,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from polar_nav_core.arrays import Array
 from polar_nav_core.attitude import log
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine import smoothing
-from polar_nav_core.engine.events import Array
 from polar_nav_core.engine.health.conditions import Health
 from polar_nav_core.engine.outputs import Receipt
 from polar_nav_core.engine.params import EngineParams

@@ -33,7 +33,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from polar_nav_core.engine.events import Array
+from polar_nav_core.arrays import Array
 from polar_nav_core.engine.outputs import NIS_SUM
 
 from .faults import Fault

@@ -11,7 +11,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from polar_nav_core.engine.events import Array, Fix
+from polar_nav_core.arrays import Array
+from polar_nav_core.engine.events import Fix
 from polar_nav_core.engine.inputs import Stamps
 from polar_nav_core.grid import ecef_to_grid
 from polar_nav_sim.randomness import stream

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from polar_nav_core.engine.events import Array
+from polar_nav_core.arrays import Array
 
 BEFORE = (30.0, 750.0)
 CONVERGED = (250.0, 750.0)

@@ -11,7 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from polar_nav_core.engine.events import Array
+from polar_nav_core.arrays import Array
 
 from ...report.style import FULL_PX, color, drawing, new_figure, run_color
 from ..jobs import RunResult

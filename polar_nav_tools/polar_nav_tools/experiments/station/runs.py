@@ -10,8 +10,8 @@ from functools import lru_cache
 
 import numpy as np
 
+from polar_nav_core.arrays import Array
 from polar_nav_core.engine import run as engine_run
-from polar_nav_core.engine.events import Array
 from polar_nav_core.engine.outputs import Receipt
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.engine.verdicts import Verdict

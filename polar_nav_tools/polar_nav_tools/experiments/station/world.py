@@ -15,7 +15,8 @@ from typing import Any
 import numpy as np
 
 from polar_nav_core import attitude, earth, grid
-from polar_nav_core.engine.events import Array, Fix
+from polar_nav_core.arrays import Array
+from polar_nav_core.engine.events import Fix
 from polar_nav_core.engine.inputs import StationInputs
 from polar_nav_core.engine.params import NO_COMMON_ERRORS, EngineParams
 from polar_nav_core.identification.polar_fix import PolarFix

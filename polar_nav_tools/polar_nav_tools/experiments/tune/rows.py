@@ -9,7 +9,7 @@ from functools import cache
 
 import numpy as np
 
-from polar_nav_core.engine.events import Array
+from polar_nav_core.arrays import Array
 from polar_nav_core.engine.inputs import Inputs
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_ros.adapters.noise_classes import imu_noise
