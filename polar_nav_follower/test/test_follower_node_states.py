@@ -19,7 +19,7 @@ from polar_nav_core.engine.params import EngineParams  # noqa: E402
 from polar_nav_core.link import packet  # noqa: E402
 from polar_nav_follower.follower_node import FollowerNode  # noqa: E402
 from polar_nav_msgs.msg import AcousticPacket, NavState  # noqa: E402
-from polar_nav_ros.node import DATA_QOS  # noqa: E402
+from polar_nav_ros.qos import DATA_QOS  # noqa: E402
 from polar_nav_ros.stamps import to_msg, to_ns  # noqa: E402
 
 pytestmark = pytest.mark.slow

@@ -15,7 +15,7 @@ from polar_nav_follower.follower_node import FollowerNode  # noqa: E402
 from polar_nav_follower.params import FollowerParams  # noqa: E402
 from polar_nav_follower.session import Session, inputs_of  # noqa: E402
 from polar_nav_msgs.msg import NavState, Restore  # noqa: E402
-from polar_nav_ros.node import DATA_QOS  # noqa: E402
+from polar_nav_ros.qos import DATA_QOS  # noqa: E402
 from polar_nav_ros.stamps import to_msg, to_ns  # noqa: E402
 from polar_nav_ros.topics import IMU, RESTORE, STATE  # noqa: E402
 

@@ -23,7 +23,7 @@ from polar_nav_core.errors import ConfigError  # noqa: E402
 from polar_nav_follower.follower_node import FollowerNode  # noqa: E402
 from polar_nav_msgs.msg import Depth, FixReceipt, Inputs, NavState  # noqa: E402
 from polar_nav_ros.diagnostics import Diagnosis  # noqa: E402
-from polar_nav_ros.node import DATA_QOS, QUEUE_DEPTH  # noqa: E402
+from polar_nav_ros.qos import DATA_QOS, QUEUE_DEPTH  # noqa: E402
 from polar_nav_ros.source_ports import digest_of  # noqa: E402
 from polar_nav_ros.stamps import to_msg, to_ns  # noqa: E402
 from polar_nav_ros.topics import STATE  # noqa: E402

@@ -23,7 +23,7 @@ from polar_nav_core.local_frame import LocalFrame, frame_of_yaml  # noqa: E402
 from polar_nav_follower.follower_node import FollowerNode  # noqa: E402
 from polar_nav_msgs.msg import Depth, NavState  # noqa: E402
 from polar_nav_ros import transforms  # noqa: E402
-from polar_nav_ros.node import DATA_QOS, LATCHED_QOS  # noqa: E402
+from polar_nav_ros.qos import DATA_QOS, LATCHED_QOS  # noqa: E402
 from polar_nav_ros.stamps import to_msg, to_ns  # noqa: E402
 from polar_nav_ros.topics import TYPES  # noqa: E402
 

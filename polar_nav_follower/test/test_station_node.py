@@ -14,7 +14,7 @@ from std_srvs.srv import Trigger  # noqa: E402
 
 from polar_nav_follower.follower_node import FollowerNode  # noqa: E402
 from polar_nav_msgs.msg import Command, NavState, VehicleModel  # noqa: E402
-from polar_nav_ros.node import DATA_QOS  # noqa: E402
+from polar_nav_ros.qos import DATA_QOS  # noqa: E402
 from polar_nav_ros.stamps import to_msg  # noqa: E402
 
 START_NS = 1_772_323_200_000_000_000

@@ -20,7 +20,7 @@ from polar_nav_core.params import to_mapping  # noqa: E402
 from polar_nav_leader.leader_node import LeaderNode  # noqa: E402
 from polar_nav_leader.params import LeaderParams  # noqa: E402
 from polar_nav_msgs.msg import AcousticPacket, Command, Depth, Dvl, NavState, UsblFix  # noqa: E402
-from polar_nav_ros.node import DATA_QOS  # noqa: E402
+from polar_nav_ros.qos import DATA_QOS  # noqa: E402
 
 KINDS = {'imu/data_raw': Imu, 'dvl/data': Dvl, 'depth/data': Depth, 'usbl/fix': UsblFix}
 HEARD = {

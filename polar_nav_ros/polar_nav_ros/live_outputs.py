@@ -40,8 +40,8 @@ from polar_nav_core.output_params import OutputParams
 from polar_nav_msgs.msg import Depth
 
 from .navigation_session import NavigationSession
-from .node import LATCHED_QOS
 from .odometry_bytes import OdometryBytes
+from .qos import LATCHED_QOS
 from .stamps import to_msg
 from .topics import ODOMETRY_DEPTH, ODOMETRY_LOCAL, ODOMETRY_NOW, ORIGIN, RESET_COUNTER
 from .transforms import C_FRD_FLU, C_NED_ENU, HAS_TF, NO_TF, Broadcaster, place, transform

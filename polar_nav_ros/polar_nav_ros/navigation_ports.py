@@ -51,8 +51,8 @@ from .navigation_session import (
     NavigationSession,
     Published,
 )
-from .node import DATA_QOS, CountedPublisher, PolarNode
-from .qos import RECORD_QOS
+from .node import CountedPublisher, PolarNode
+from .qos import DATA_QOS, RECORD_QOS
 from .readers import ImuRow, initial_from_msg, initial_to_msg
 from .services import add_map_services, add_switches
 from .source_ports import SourcePorts

@@ -35,10 +35,15 @@ from .backlog import Backlog, Drain, informed
 from .blame import BlamedNode
 from .diagnostics import Diagnosis
 from .parameters import load
-from .qos import BEST_EFFORT, check_overrides, overridden, overriding, unused_overrides
-from .qos import DATA_QOS as DATA_QOS
-from .qos import LATCHED_QOS as LATCHED_QOS
-from .qos import QUEUE_DEPTH as QUEUE_DEPTH
+from .qos import (
+    BEST_EFFORT,
+    DATA_QOS,
+    LATCHED_QOS,
+    check_overrides,
+    overridden,
+    overriding,
+    unused_overrides,
+)
 
 P = TypeVar('P', bound=NodeParams)
 

@@ -32,8 +32,8 @@ from .adapters.start_topic import StartTopic
 from .diagnostics import Diagnosis, Level, without_numbers
 from .health_message import status_of
 from .navigation_session import NavigationSession
-from .node import LATCHED_QOS, PolarNode
-from .qos import BEST_EFFORT
+from .node import PolarNode
+from .qos import BEST_EFFORT, LATCHED_QOS
 from .stamps import to_msg
 from .topics import AHRS, DEPTH, DVL, START
 

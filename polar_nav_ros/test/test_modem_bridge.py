@@ -13,8 +13,7 @@ from std_msgs.msg import ByteMultiArray, String, UInt8MultiArray  # noqa: E402
 from polar_nav_core.errors import ConfigError  # noqa: E402
 from polar_nav_msgs.msg import AcousticPacket  # noqa: E402
 from polar_nav_ros.modem_bridge import ModemBridge  # noqa: E402
-from polar_nav_ros.node import DATA_QOS  # noqa: E402
-from polar_nav_ros.qos import BEST_EFFORT  # noqa: E402
+from polar_nav_ros.qos import BEST_EFFORT, DATA_QOS  # noqa: E402
 from polar_nav_ros.stamps import to_msg, to_ns  # noqa: E402
 
 DATA = bytes(range(57))

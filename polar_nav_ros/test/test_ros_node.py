@@ -28,8 +28,8 @@ from polar_nav_msgs.msg import Depth, LockstepAck  # noqa: E402
 from polar_nav_ros import node as ros_node  # noqa: E402
 from polar_nav_ros import process, topics  # noqa: E402
 from polar_nav_ros.diagnostics import Level  # noqa: E402
-from polar_nav_ros.node import DATA_QOS, LATCHED_QOS, PolarNode  # noqa: E402
-from polar_nav_ros.qos import BEST_EFFORT  # noqa: E402
+from polar_nav_ros.node import PolarNode  # noqa: E402
+from polar_nav_ros.qos import BEST_EFFORT, DATA_QOS, LATCHED_QOS, QUEUE_DEPTH  # noqa: E402
 from polar_nav_ros.stamps import stamp_ns_of_cdr, to_msg, to_ns  # noqa: E402
 
 
@@ -208,7 +208,7 @@ def test_qos_of_a_topic_that_is_not_there_is_named(monkeypatch):
     for _ in range(20):
         echo._beat()
     assert said == [f'parameter {names[1]}: there is no such subscription']
-    assert DATA_QOS.depth == ros_node.QUEUE_DEPTH, 'of all other topics'
+    assert DATA_QOS.depth == QUEUE_DEPTH, 'of all other topics'
     echo.destroy_node()
 
 

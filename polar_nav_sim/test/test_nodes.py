@@ -25,7 +25,8 @@ from polar_nav_core.errors import ConfigError
 from polar_nav_core.grid import earth_rate
 from polar_nav_core.params import NodeParams
 from polar_nav_msgs.msg import AcousticPacket, Depth, Dvl, UsblFix, VehicleTruth
-from polar_nav_ros.node import DATA_QOS, PolarNode
+from polar_nav_ros.node import PolarNode
+from polar_nav_ros.qos import DATA_QOS
 from polar_nav_ros.stamps import to_msg, to_ns
 from polar_nav_sim.mission import load_mission
 from polar_nav_sim.nodes.absolute_fix_node import AbsoluteFixNode

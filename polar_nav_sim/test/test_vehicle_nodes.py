@@ -26,7 +26,8 @@ from polar_nav_msgs.msg import (
     VehicleModel,
     VehicleTruth,
 )
-from polar_nav_ros.node import DATA_QOS, PolarNode
+from polar_nav_ros.node import PolarNode
+from polar_nav_ros.qos import DATA_QOS
 from polar_nav_ros.stamps import to_ns
 from polar_nav_sim.mission import load_mission
 from polar_nav_sim.nodes.acoustic_link_node import AcousticLinkNode

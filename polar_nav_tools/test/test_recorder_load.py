@@ -25,7 +25,7 @@ TALKER = """
     import rclpy
     from sensor_msgs.msg import Imu
     from polar_nav_ros.cdr import to_bytes
-    from polar_nav_ros.node import DATA_QOS
+    from polar_nav_ros.qos import DATA_QOS
     topics, rate, seconds = (float(x) for x in sys.argv[1:])
     rclpy.init()
     node = rclpy.create_node('talker')

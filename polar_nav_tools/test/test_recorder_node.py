@@ -20,7 +20,7 @@ from std_msgs.msg import String  # noqa: E402
 from polar_nav_core.errors import ConfigError  # noqa: E402
 from polar_nav_msgs.msg import Depth, LockstepAck  # noqa: E402
 from polar_nav_ros.cdr import to_bytes  # noqa: E402
-from polar_nav_ros.node import DATA_QOS, LATCHED_QOS  # noqa: E402
+from polar_nav_ros.qos import DATA_QOS, LATCHED_QOS  # noqa: E402
 from polar_nav_ros.stamps import to_msg  # noqa: E402
 from polar_nav_tools.bags import BagError, open_bag  # noqa: E402
 from polar_nav_tools.record.recorder_node import RecorderNode  # noqa: E402

@@ -23,8 +23,7 @@ from polar_nav_core.grid import convergence, ecef_to_grid  # noqa: E402
 from polar_nav_follower.follower_node import FollowerNode  # noqa: E402
 from polar_nav_msgs.msg import Command, FixReceipt, Inputs, NavHealth, NavState  # noqa: E402
 from polar_nav_ros.cdr import to_bytes  # noqa: E402
-from polar_nav_ros.node import DATA_QOS, LATCHED_QOS  # noqa: E402
-from polar_nav_ros.qos import BEST_EFFORT  # noqa: E402
+from polar_nav_ros.qos import BEST_EFFORT, DATA_QOS, LATCHED_QOS  # noqa: E402
 from polar_nav_ros.stamps import to_msg  # noqa: E402
 from polar_nav_ros.topics import DIAGNOSTICS, RUN_INFO, TYPES  # noqa: E402
 from polar_nav_tools.bags import BagWriter  # noqa: E402

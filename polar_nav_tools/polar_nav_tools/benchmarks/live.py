@@ -27,7 +27,7 @@ from sensor_msgs.msg import Imu
 from polar_nav_core.errors import PolarNavError
 from polar_nav_msgs.msg import Depth, Dvl
 from polar_nav_ros import topics
-from polar_nav_ros.node import DATA_QOS
+from polar_nav_ros.qos import DATA_QOS
 from polar_nav_ros.stamps import NS, to_msg, to_ns
 
 from ..live.domain import graph_environment

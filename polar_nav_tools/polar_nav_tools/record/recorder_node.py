@@ -23,8 +23,9 @@ from rclpy.subscription import Subscription
 from polar_nav_core.errors import ConfigError
 from polar_nav_ros.backlog import informed
 from polar_nav_ros.diagnostics import Diagnosis, Level
-from polar_nav_ros.node import DATA_QOS, QUEUE_DEPTH, PolarNode
+from polar_nav_ros.node import PolarNode
 from polar_nav_ros.process import run
+from polar_nav_ros.qos import DATA_QOS, QUEUE_DEPTH
 from polar_nav_ros.topics import DIAGNOSTICS, RUN_INFO, START
 
 from ..bags.errors import BagError
