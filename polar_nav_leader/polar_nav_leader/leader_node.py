@@ -37,10 +37,10 @@ from polar_nav_ros import topics
 from polar_nav_ros.adapters.live import Sources
 from polar_nav_ros.adapters.start_topic import start_topic_of
 from polar_nav_ros.adapters.stated import SourceFile, settled, stated_of
+from polar_nav_ros.counted import CountedPublisher
 from polar_nav_ros.diagnostics import Diagnosis, Level
 from polar_nav_ros.managed import ManagedNode
 from polar_nav_ros.navigation_ports import NavigationPorts
-from polar_nav_ros.node import CountedPublisher
 from polar_nav_ros.process import run
 from polar_nav_ros.source_ports import SourcePorts
 

@@ -42,6 +42,7 @@ from polar_nav_msgs.msg import InitialState as InitialStateMsg
 from polar_nav_msgs.msg import Restore as RestoreMsg
 from polar_nav_msgs.srv import SetInitialState
 
+from .counted import CountedPublisher
 from .diagnostics import Diagnosis
 from .live_outputs import LiveOutputs
 from .navigation_health import NavigationHealth
@@ -51,7 +52,7 @@ from .navigation_session import (
     NavigationSession,
     Published,
 )
-from .node import CountedPublisher, PolarNode
+from .node import PolarNode
 from .qos import DATA_QOS, RECORD_QOS
 from .readers import ImuRow, initial_from_msg, initial_to_msg
 from .services import add_map_services, add_switches

@@ -13,9 +13,8 @@ import sys
 import time
 from collections.abc import Callable
 from importlib import metadata
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, TypeVar
 
-import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
@@ -33,6 +32,7 @@ from polar_nav_msgs.msg import LockstepAck
 from . import topics
 from .backlog import Backlog, Drain, informed
 from .blame import BlamedNode
+from .counted import CountedPublisher, DrainedSubscription, Input
 from .diagnostics import Diagnosis
 from .parameters import load
 from .qos import (
@@ -55,79 +55,13 @@ _TURN = 500
 _HEARTBEAT_S = 0.2
 """Between looks at what publishers offer, and between counts that are told in any case [s]."""
 _BEATS = 5
+"""Heartbeats of one diagnosis."""
 _GONE_BEATS = 150
 """For as long, 30 s, the middleware may show a node that was killed beside its successor."""
 _NO_TIME = 'use_sim_time is true and no /clock has come: this node has no time'
 _NO_TIME_BEATS = 25
 """After which a missing /clock is in the log, too: 5 s."""
-"""Heartbeats of one diagnosis."""
-_POLL_S = 0.01
 _STEADY = Clock(clock_type=ClockType.STEADY_TIME)
-
-
-class CountedPublisher:
-    """A publisher that counts its messages."""
-
-    def __init__(self, publisher: Publisher) -> None:
-        self._publisher = publisher
-        self.topic: str = publisher.topic_name
-        self.count = 0
-
-    def publish(self, message: Any) -> None:  # noqa: ANN401 - a message of the publisher's type, or its bytes
-        """Publish a message or its serialized bytes."""
-        self._publisher.publish(message)
-        self.count += 1
-
-    @property
-    def matched(self) -> int:
-        """Number of subscriptions matched with this publisher."""
-        return int(self._publisher.get_subscription_count())
-
-    def wait_for_subscription(self, timeout_s: float) -> bool:
-        """Whether a subscription was matched, now or within so many seconds."""
-        end = time.monotonic() + timeout_s
-        while not self.matched and time.monotonic() < end:
-            time.sleep(_POLL_S)
-        return self.matched > 0
-
-    def flush(self, timeout_s: float) -> bool:
-        """Wait until every reader has acknowledged everything."""
-        return bool(
-            self._publisher.wait_for_all_acked(
-                rclpy.duration.Duration(nanoseconds=int(timeout_s * 1e9))
-            )
-        )
-
-
-class Input(Protocol):
-    """A subscription that is counted."""
-
-    topic: str
-
-    @property
-    def count(self) -> int:
-        """Messages taken so far."""
-
-    @property
-    def matched(self) -> int:
-        """Publishers that this subscription has found."""
-
-
-class _Drained:
-    """A drained subscription with its count."""
-
-    def __init__(self, subscription: Subscription, drain: Drain) -> None:
-        self.subscription = subscription
-        self.drain = drain
-        self.topic: str = subscription.topic_name
-
-    @property
-    def count(self) -> int:
-        return self.drain.count
-
-    @property
-    def matched(self) -> int:
-        return int(self.subscription.get_publisher_count())
 
 
 class PolarNode(BlamedNode, Generic[P]):
@@ -280,7 +214,7 @@ class PolarNode(BlamedNode, Generic[P]):
                 then=then,
             )
             newest = self._inputs[-1]
-            if isinstance(newest, _Drained):
+            if isinstance(newest, DrainedSubscription):
                 newest.drain.count += entry.count
 
         self._drains.append(drain)
@@ -300,7 +234,7 @@ class PolarNode(BlamedNode, Generic[P]):
             qos_overriding_options=overriding(self, topic, reliable=reliable),
         )
         handle = subscription.handle
-        entry = _Drained(subscription, waiting)
+        entry = DrainedSubscription(subscription, waiting)
         self.count_input(entry)
         return subscription
 
@@ -373,7 +307,7 @@ class PolarNode(BlamedNode, Generic[P]):
 
     def lost_counts(self) -> dict[str, int]:
         """Messages dropped before they were taken, per fully qualified topic that lost any."""
-        drained = [i for i in self._inputs if isinstance(i, _Drained)]
+        drained = [i for i in self._inputs if isinstance(i, DrainedSubscription)]
         return {i.topic: i.drain.lost for i in drained if i.drain.lost}
 
     def published_counts(self) -> dict[str, int]:

@@ -15,7 +15,8 @@ import numpy as np
 from geometry_msgs.msg import WrenchStamped
 
 from polar_nav_msgs.msg import Setpoint, VehicleModel
-from polar_nav_ros.node import CountedPublisher, PolarNode
+from polar_nav_ros.counted import CountedPublisher
+from polar_nav_ros.node import PolarNode
 
 from ..convert import frame_id, model_to_msg, thrust_from_msg, thrust_to_msg
 from ..mission import Mission
