@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from closed_loop import World, inputs_of
 
-from polar_nav_core.engine import engine
+from polar_nav_core.engine import health_monitor
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.health.conditions import Level
 from polar_nav_core.engine.sins.view import view_of
@@ -92,7 +92,7 @@ def test_the_shift_of_the_position_is_along_the_grid_axes(world, monkeypatch):
         views.append(view_of(*args))
         return views[-1]
 
-    monkeypatch.setattr(engine, 'view_of', seen)
+    monkeypatch.setattr(health_monitor, 'view_of', seen)
     inputs = inputs_of(world, world.fixes(1.0, lambda _: 0.5, first_s=1.0))
     engine_run.run(world.params(configuration='default'), inputs, look_every_s=10.0)
     bank, _, per_unit_G = views[-1].evidence
@@ -114,7 +114,7 @@ def seen(monkeypatch, params, inputs):
         return view
 
     with monkeypatch.context() as patched:
-        patched.setattr(engine, 'view_of', look)
+        patched.setattr(health_monitor, 'view_of', look)
         engine_run.run(params, inputs, look_every_s=1.0)
     return last
 

@@ -7,7 +7,6 @@ order: `reorder.py` sees to it live, `replay` sorts the bag.
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -17,6 +16,7 @@ import numpy as np
 from ..arrays import Array
 from ..errors import FilterDivergence
 from ..identification.result import Identification
+from .beginning import Beginning
 from .checks import aiding_warning, history_warning
 from .clock_record import ClockRecord
 from .driver import Adaptation, Driver, Make
@@ -34,32 +34,25 @@ from .events import (
     Local,
     OrderKey,
 )
-from .first_seconds import WATCHED_SINCE, FirstSeconds
-from .health.conditions import Condition, Culprit, Health, Level
-from .health.heading import UNKNOWN, heading_unknown
-from .health.station import StationWatchdog
-from .health.watchdog import Envelope, Watchdog
+from .health.conditions import Health
+from .health_monitor import HealthMonitor
 from .imu_sequence import ImuSequence
 from .integrity import Integrity, held, out_of_reach, submerged
 from .ledger import FixLedger
 from .lever import Arm, params_at_imu
 from .outputs import Output, Receipt
 from .params import EngineParams
-from .plausibility import initial_problem
 from .receipts import age_s, receipt_of
 from .reconsider import reconsider
 from .refusals import unusable_local
-from .restart import saved_problem
 from .restored import NOT_RESTORED, Restored
 from .results import FixResult, Outcome, chi2_gate
 from .saved import SavedState
 from .sins.filter import NavigationFilter
 from .sins.fusion import Fusion
-from .sins.view import view_of
 from .station.fixes import dated
 from .station.fusion import StationFusion
 from .station.identify import make_adaptation
-from .station.view import view_of as station_view_of
 from .strategies import make_fusion
 from .switches import Switches
 from .verdicts import Verdict
@@ -116,9 +109,7 @@ class Engine:
         self._thrust: ControlSample | None = None
         self.adaptation: Adaptation | None = make_adaptation(params)
         self._identified: Identification | None = None
-        self._initial: InitialState | None = params.initial_state()
-        self._first_seconds: FirstSeconds | None = None
-        self._stated_heading = 0.0 if self._initial is None else self._initial.sigma_heading
+        self._beginning = Beginning(params, self.arm)
         self._last_key: OrderKey | None = None
         self.last_imu_ns: int | None = None
         self.due_ns: int | None = None
@@ -128,16 +119,6 @@ class Engine:
         self.fused: Counter[str] = Counter()
         self.resets = 0
         self.health: Health | None = None
-        watchdog = StationWatchdog if params.mode == 'station' else Watchdog
-        self._watchdog = watchdog(
-            Envelope(
-                params.max_speed,
-                params.max_depth,
-                params.lost_radius,
-                params.max_imu_gap_s,
-                params.sensor_silent_s,
-            )
-        )
         self.imu_gaps = 0
         self._imu_sequence = ImuSequence(params)
         self.switches = Switches()
@@ -145,6 +126,7 @@ class Engine:
         self.divergence = ''
         self.restored = NOT_RESTORED
         self.ledger = FixLedger(params, self.verdicts, self.fused)
+        self._monitor = HealthMonitor(params, self.ledger, self.switches, self.clock)
         self._start_ns = 0
 
     # -- driving ----------------------------------------------------------------------------------
@@ -271,17 +253,17 @@ class Engine:
             force_b = np.zeros(3) if self._thrust is None else self._thrust.force_b
             self.adaptation.log(sample.stamp_ns, sample.C_b_G, sample.omega_ib_b, force_b)
         if self.fusion is None:
-            first = self._first_seconds
-            initial = self._begins_from(sample)
-            if initial is not None:
+            begins = None if self.divergence else self._beginning.at(sample)
+            if begins is not None:
+                initial, ping = begins
                 self.fusion = self._make_fusion(self.params, initial, sample.stamp_ns)
                 self.fusion.begin(sample)
                 if self._thrust is not None:  # it still holds
                     self.fusion.control(self._thrust)
                 self.due_ns = self._start_ns = sample.stamp_ns
                 self.ledger.integrity.unused.began(sample.stamp_ns)
-                if first is not None and first.fresh is not None:
-                    self._local(first.fresh)
+                if ping is not None:
+                    self._local(ping)
             return
         if sample.stamp_ns // _SECOND_NS != before_ns // _SECOND_NS:
             self.look()
@@ -294,54 +276,15 @@ class Engine:
         if sample.stamp_ns // self._output_ns != before_ns // self._output_ns:
             self.due_ns = sample.stamp_ns
 
-    def _begins_from(self, sample: ImuSample) -> InitialState | None:
-        """State that a filter begins from at this sample; None while it waits for one."""
-        first = self._first_seconds
-        if self._initial is None or self.divergence or (first and not first.imu(sample)):
-            return None
-        if not isinstance(self._initial, SavedState):
-            return self._initial if self.arm is None else self.arm.to_imu(self._initial)
-        if first is None:
-            return self._initial
-        self._first_seconds = None
-        return replace(self._initial, seen=first.seen(sample.stamp_ns))
-
     def look(self) -> Health | None:
         """Health of the navigation at the newest sample, stored as `health`; None without one."""
         self.health = None
         if self.fusion is None:
             return None
-        # Of the state's own stamp: a node looks after the next sample came, a whole run before.
-        agreement = self.ledger.integrity.state(self.fusion.stamp_ns)
-        found = [] if agreement.level is Level.OK else [agreement.condition]
-        found += self.switches.conditions()
-        if isinstance(self.fusion, StationFusion):
-            # A station stays where it is: what its fixes contradict may be the vehicle's model.
-            either = Culprit.FIXES | Culprit.MODEL
-            found = [replace(condition, culprit=either) for condition in found]
-            found += self.ledger.conditions(self.fusion.stamp_ns)
-            found += self.clock.conditions(self.fusion.stamp_ns)
-            found += self.restored.conditions(self.fusion.stamp_ns)
-            resets = self.resets + self.restored.count
-            of_station = station_view_of(self.fusion, self.fusion.stamp_ns, resets)
-            self.health = self._watchdog.look(of_station, found)
-        elif isinstance(self.fusion, Fusion):
-            found += self.ledger.conditions(self.fusion.stamp_ns)
-            found += self.restored.conditions(self.fusion.stamp_ns)
-            found += self.ledger.integrity.moved
-            found += self.clock.conditions(self.fusion.stamp_ns)
-            found += self._heading_unknown(self.fusion)
-            resets = self.resets + self.restored.count
-            view = view_of(self.fusion, self.fusion.stamp_ns, resets)
-            self.health = self._watchdog.look(view, found)
+        self.health = self._monitor.look(
+            self.fusion, self.restored, self.resets, self._beginning.stated_heading
+        )
         return self.health
-
-    def _heading_unknown(self, fusion: Fusion) -> list[Condition]:
-        at_start = self._stated_heading
-        if at_start < UNKNOWN:
-            return []
-        now = math.sqrt(fusion.filter.published_P[2, 2])
-        return heading_unknown(at_start, now, self.fix_counts()[1])
 
     def _control(self, sample: ControlSample) -> None:
         self._thrust = sample
@@ -356,8 +299,8 @@ class Engine:
         elif isinstance(event, DvlPing) and not event.valid:
             self.gated['dvl_invalid'] += 1
             return
-        elif self._first_seconds is not None and isinstance(event, DvlPing):
-            self._first_seconds.ping(event)
+        elif isinstance(event, DvlPing):
+            self._beginning.ping(event)
         unused = isinstance(event, HeadingSample) and not self.params.uses_heading
         if self.fusion is None or unused:
             return
@@ -434,8 +377,8 @@ class Engine:
 
     def reconsider(self, outcome: Outcome) -> None:
         """Judge the estimate by refused fixes, after a fix was decided (engine.reconsider)."""
-        if isinstance(self.fusion, Fusion) and self._initial is not None:
-            sigma = self._stated_heading
+        if isinstance(self.fusion, Fusion) and self._beginning.state is not None:
+            sigma = self._beginning.stated_heading
             self.resets += reconsider(self.fusion, self.ledger, self.params, outcome, sigma)
 
     def _command(self, command: Command) -> Iterator[Output]:
@@ -445,32 +388,20 @@ class Engine:
             return
         if self.switches.turn(command):
             return
-        problem = self._start_problem(command.initial_state)
+        problem = self._beginning.problem(command.initial_state)
         if problem:
             yield self.refuse(command, Verdict.IMPLAUSIBLE, problem, command.stamp_ns)
             return
-        self._initial = command.initial_state or self.params.initial_state()
-        self._first_seconds = None
+        self._beginning.reset(command.initial_state)
         self._leave()
         self.resets += 1
         self.due_ns = None
         self.divergence = ''
         self.ledger.start_anew()
-        if self._initial is not None and not isinstance(self._initial, SavedState):
-            self._stated_heading = self._initial.sigma_heading  # a saved one has been learnt
-        if isinstance(self._initial, SavedState):
-            self.ledger.restore(self._initial.fixes, self._initial.records)
-            if self.params.mode != 'station' and self._initial.version >= WATCHED_SINCE:
-                self._first_seconds = FirstSeconds(self.params, self._initial)
+        saved = self._beginning.state
+        if isinstance(saved, SavedState):
+            self.ledger.restore(saved.fixes, saved.records)
         self.adaptation = make_adaptation(self.params)
-
-    def _start_problem(self, initial: InitialState | None) -> str:
-        """Sentence about a state that no filter can start from; empty if one can."""
-        if initial is None:
-            return ''
-        if isinstance(initial, SavedState):
-            return saved_problem(self.params, initial)
-        return initial_problem(initial)
 
     def saved(self) -> SavedState | None:
         """State and fixes as they are now, for a restart; None without a state."""
@@ -493,8 +424,9 @@ class Engine:
         Where there is none, drop the state, and store the reason.
         """
         lost, now_ns = self.fusion, self.last_imu_ns
-        if lost is not None and now_ns is not None and self._initial is not None:
-            self.fusion = self._make_fusion(self.params, self._initial, now_ns)
+        initial = self._beginning.state
+        if lost is not None and now_ns is not None and initial is not None:
+            self.fusion = self._make_fusion(self.params, initial, now_ns)
             if self.fusion.restore(lost):
                 self.restored = Restored(self.restored.count + 1, stamp_ns, why)
                 if self._thrust is not None:

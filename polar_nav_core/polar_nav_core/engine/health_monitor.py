@@ -1,0 +1,92 @@
+"""Health of a navigation in either mode: what the engine has found, judged by a watchdog."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from .clock_record import ClockRecord
+from .driver import Driver
+from .health.conditions import Condition, Culprit, Health, Level
+from .health.heading import UNKNOWN, heading_unknown
+from .health.station import StationWatchdog
+from .health.watchdog import Envelope, Watchdog
+from .ledger import FixLedger
+from .params import EngineParams
+from .restored import Restored
+from .sins.fusion import Fusion
+from .sins.view import view_of
+from .station.fusion import StationFusion
+from .station.view import view_of as station_view_of
+from .switches import Switches
+
+
+class HealthMonitor:
+    """Watchdog of the mode, with what ledger, switches and clocks say beside it.
+
+    Parameters
+    ----------
+    params : EngineParams
+    ledger : FixLedger
+    switches : Switches
+    clock : ClockRecord
+    """
+
+    def __init__(
+        self, params: EngineParams, ledger: FixLedger, switches: Switches, clock: ClockRecord
+    ) -> None:
+        watchdog = StationWatchdog if params.mode == 'station' else Watchdog
+        self._watchdog = watchdog(
+            Envelope(
+                params.max_speed,
+                params.max_depth,
+                params.lost_radius,
+                params.max_imu_gap_s,
+                params.sensor_silent_s,
+            )
+        )
+        self._ledger, self._switches, self._clock = ledger, switches, clock
+
+    def look(
+        self, fusion: Driver, restored: Restored, resets: int, stated_heading: float
+    ) -> Health | None:
+        """Health of the navigation at its newest sample; None for a filter that has no watchdog.
+
+        Parameters
+        ----------
+        fusion : Driver
+        restored : Restored
+            Losses of the filter so far.
+        resets : int
+            Starts and enlargements so far, without those.
+        stated_heading : float
+            1-sigma of the heading at the start [rad].
+        """
+        # Of the state's own stamp: a node looks after the next sample came, a whole run before.
+        stamp_ns, ledger = fusion.stamp_ns, self._ledger
+        agreement = ledger.integrity.state(stamp_ns)
+        found = [] if agreement.level is Level.OK else [agreement.condition]
+        found += self._switches.conditions()
+        resets += restored.count
+        if isinstance(fusion, StationFusion):
+            # A station stays where it is: what its fixes contradict may be the vehicle's model.
+            either = Culprit.FIXES | Culprit.MODEL
+            found = [replace(condition, culprit=either) for condition in found]
+            found += ledger.conditions(stamp_ns)
+            found += self._clock.conditions(stamp_ns)
+            found += restored.conditions(stamp_ns)
+            return self._watchdog.look(station_view_of(fusion, stamp_ns, resets), found)
+        if isinstance(fusion, Fusion):
+            found += ledger.conditions(stamp_ns)
+            found += restored.conditions(stamp_ns)
+            found += ledger.integrity.moved
+            found += self._clock.conditions(stamp_ns)
+            found += self._heading_unknown(fusion, stated_heading)
+            return self._watchdog.look(view_of(fusion, stamp_ns, resets), found)
+        return None
+
+    def _heading_unknown(self, fusion: Fusion, at_start: float) -> list[Condition]:
+        if at_start < UNKNOWN:
+            return []
+        now = math.sqrt(fusion.filter.published_P[2, 2])
+        return heading_unknown(at_start, now, self._ledger.counts()[1])
