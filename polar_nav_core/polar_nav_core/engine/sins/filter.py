@@ -8,7 +8,6 @@ the arrays, and does the part that is not compiled.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from typing import Any
 
@@ -17,16 +16,12 @@ import numpy as np
 from ...arrays import Array
 from ...error_model import X
 from ...errors import FilterDivergence
-from ...kernels.sins import bridge, consider, enlarged, hypotheses, output, reopen
+from ...kernels.sins import bridge, consider, output
 from ...kernels.sins import events as fe
 from ...kernels.sins import fuse as ff
-from ...kernels.sins import late as filter_late
 from ...kernels.sins import run as filter_run
 from ...kernels.sins import state as fs
 from ...kernels.sins import update as kf
-from ...kernels.sins import walk as filter_walk
-from ...kernels.sins.judge import judge, remember
-from ...kernels.sins.measured import fill_dvl
 from ...kernels.sins.rings import Log, Past
 from ...kernels.sins.settings import Settings
 from ...kernels.sins.work import Work, make_work
@@ -36,7 +31,6 @@ from ..events import (
     ControlSample,
     DepthSample,
     DvlPing,
-    Fix,
     HeadingSample,
     ImuSample,
     InitialState,
@@ -49,11 +43,10 @@ from . import aiding
 from . import streams as st
 from .first_state import heading_sigmas, restore, set_out
 from .history import History, make_past
-from .leader import NO_LEADER, LeaderError
+from .leader import LeaderError
 from .log import STEPS_PER_BLOCK, make_log
-from .noise import MeasurementNoise, ProcessNoise
+from .noise import ProcessNoise
 from .resume import note_used, resume
-from .robust import inflation
 from .settings import make_settings
 
 _WHY = {
@@ -355,81 +348,6 @@ class NavigationFilter:
         self.check(code)
         return self.outcome(3, fused=code == fs.FUSED)
 
-    def fuse(self, m: int, noise: MeasurementNoise, stream: int) -> Outcome:
-        """Gate ``H``, ``R``, ``z`` with a noise adapted in Python, update and feed back.
-
-        ``stream`` is the row of the tally that counts it.
-
-        Raises
-        ------
-        FilterDivergence
-            When the innovation covariance is not positive definite.
-        """
-        w = self.work
-        stated = w.R.copy()
-        noise.apply(w.R)
-        w.nis[1] = 1.0
-        if not judge(self.state, self.settings, w, w.R, m):
-            raise FilterDivergence(_WHY[fs.S_NOT_DEFINITE])
-        S = w.S.copy()
-        tally = self.state.tally[stream]
-        fused = bool(w.nis[0] <= self.settings.gates[m])
-        if fused:
-            w.nis[1] = inflation(noise.robust, float(w.nis[0]), m)
-        remember(self.state, self.settings, w, w.z, stream, m, fused)
-        if not fused:
-            tally[fs.GATED] += 1.0
-            return self.outcome(m, fused=False)
-        tally[fs.UPDATES] += 1.0
-        tally[fs.NIS_SUM] += w.nis[0]
-        factor = float(w.nis[1])
-        if factor > 1.0:
-            w.R[:m, :m] += (factor - 1.0) * w.S[:m, :m]
-            w.S[:m, :m] *= factor
-            w.L[:m, :m] *= math.sqrt(factor)
-        noise.learn(w.z / math.sqrt(factor), stated, S)
-        kf.update(self.state.P, w.x, w.S, w.z, m, w.K, w.PHt, w.L, w.D)
-        if self.considers:
-            consider.update_sensitivity(self.state.sensitivity, w.K, w.moved, m)
-        if self.process is not None:
-            self.process.learn(w.K[:m], w.z[:m], w.S[:m, :m])
-        self.feed_back(w.x)
-        return self.outcome(m, fused=True)
-
-    def fill_dvl(self, ping: DvlPing) -> None:
-        """Fill ``H``, ``R``, ``z`` with the rows of a DVL ping."""
-        fill_dvl(
-            self.state,
-            self.frames,
-            self.settings,
-            self.work,
-            ping.v_m,
-            ping.covariance_m,
-            False,
-        )
-
-    def fill_common(self, fix: Fix, common_e: Array) -> None:
-        """Change of a fix's innovation per unit of each common error into the scratch.
-
-        ``common_e`` (3, 7) is that of the fix per sigma of its leader's errors.
-        """
-        constants = common_e[:, 3:].any() and self.settings.common[consider.LEADER] > 0.0
-        if constants:
-            self.state.counters[fs.CONSIDERS] = 1
-        if self.considers:
-            v_G, C_e_G = self.state.v_G, self.frames.C_e_G
-            consider.fix_common(self.work.J, C_e_G, fix.relative_e, v_G, common_e)
-
-    def innovation_covariance(self, fix: Fix) -> Array:
-        """Covariance of a fix's innovation now, grid axes (3, 3): with the common errors."""
-        C, state = self.frames.C_e_G, self.state
-        S: Array = C @ (state.P[X.dr_e, X.dr_e] + fix.covariance_e) @ C.T
-        if self.considers:
-            self.fill_common(fix, NO_LEADER)  # the fix's covariance has its leader's error
-            moved = (self.work.J[:3] + C @ state.sensitivity[X.dr_e]) * self.settings.common
-            S += moved @ moved.T
-        return S
-
     @property
     def published_P(self) -> Array:
         """Covariance with common errors and the conflict with refused fixes, (24, 24); a copy."""
@@ -440,47 +358,6 @@ class NavigationFilter:
         if self.settings.shares_leader or self.settings.heading.on:
             P[X.usbl_bias_a], P[:, X.usbl_bias_a] = 0.0, 0.0
         return P
-
-    def inflate(self, factor: float) -> None:
-        """Enlarge the covariance by a factor, within the limits of `kernels.sins.reopen`."""
-        enlarged.hold_covariance(self.state, self.work)
-        reopen.inflate(self.state, min(max(factor, reopen.LEAST), reopen.MOST))
-        self._opened_for_fixes()
-
-    def doubt_position(self, distance: float) -> None:
-        """Replace the position's covariance by that of an error of ``distance`` [m] per axis."""
-        enlarged.hold_covariance(self.state, self.work)
-        P = self.state.P
-        P[X.dr_e, :] = 0.0
-        P[:, X.dr_e] = 0.0
-        P[X.dr_e, X.dr_e] = distance**2 * np.eye(3)
-        self._opened_for_fixes()
-
-    def contradict(self, offset_G: Array, speed_G: Array) -> None:
-        """Let the published covariance reach to where refused fixes say that the vehicle is.
-
-        ``offset_G`` [m] is how far off they lie, ``speed_G`` [m/s] how fast that changes; zero
-        where nothing contradicts.
-        """
-        self.state.conflict[:3] = speed_G
-        self.state.conflict[3:] = self.frames.C_e_G.T @ offset_G
-
-    def _opened_for_fixes(self) -> None:
-        """Count an enlargement for fixes; what was remembered of them begins anew."""
-        enlarged.tell_enlarged(self.state, self.work, self.log)
-        counters = self.state.counters
-        counters[fs.OPENED_NS + fs.FIX_ROW] = counters[fs.STAMP]
-        counters[fs.OPENINGS + fs.FIX_ROW] += 1
-        self.forget_fixes()
-
-    def forget_fixes(self) -> None:
-        """Begin anew with what fixes and common errors have shown: another estimate showed it."""
-        self.state.memories[fs.FIX_ROW] = 0.0
-        self.state.shared[:] = 0.0
-        self.state.bank[:] = 0.0
-        self.state.windows[:] = 0.0
-        self.state.counters[fs.BIRTH_NS] = 0
-        self.state.counters[fs.BORN_NS : fs.BORN_NS + hypotheses.SLOTS] = 0
 
     def snapshot_here(self) -> None:
         """Make the present the oldest state that can be gone back to."""
@@ -495,51 +372,3 @@ class NavigationFilter:
         """Replace the covariance, and add ``change`` (24,), an error, to the estimate."""
         self.state.P[:] = P
         self.feed_back(-change)
-
-    def refer_to_now(self, first_correction: int) -> None:
-        """Subtract the corrections since ``first_correction`` from ``z`` by the rows ``H``."""
-        h = self.history
-        since = np.arange(first_correction, h.correction) % len(h.corrections)
-        self.work.z[:] -= self.work.H @ h.corrections[since].sum(axis=0)
-
-    def fill_late_fix(self, fix: Fix) -> int:
-        """Fill ``H``, ``R``, ``z`` with the rows of a late fix, referred to now.
-
-        Returns
-        -------
-        int
-            Covariance steps since its validity; below zero when the history does not reach there.
-        """
-        split = self.leader.split(fix)
-        self.fill_common(fix, split.common_e)
-        return int(
-            filter_late.fill_late_fix(
-                self.state,
-                self.frames,
-                self.settings,
-                self.past,
-                self.work,
-                fix.validity_ns,
-                fix.r_e,
-                split.covariance_e,
-                fix.array_heading,
-                split.common_e,
-            )
-        )
-
-    def walk_to_now(self, first_step: int, first_correction: int) -> int:
-        """Refer the rows ``H``, ``z`` from a stored step to now; returns the number of steps."""
-        h = self.history
-        filter_walk.walk_forward(
-            self.work.H,
-            self.work.z,
-            3,
-            self.past.inverses,
-            first_step,
-            h.step,
-            h.corrections,
-            h.correction_steps,
-            first_correction,
-            h.correction,
-        )
-        return h.step - first_step

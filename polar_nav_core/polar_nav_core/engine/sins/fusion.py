@@ -25,10 +25,13 @@ from ..outputs import Estimate, ModelEstimate
 from ..params import EngineParams
 from ..results import FixResult, Outcome
 from ..saved import SavedState
+from . import doubt
 from .adaptation import make_noise, make_process
+from .adapted import fuse_adapted
 from .filter import NavigationFilter
 from .history import Epoch
 from .resume import WANDER, save_state
+from .rows import fill_common, fill_dvl, fill_late_fix, innovation_covariance, refer_to_now
 from .streams import put_late_fix
 
 
@@ -97,8 +100,8 @@ class Fusion:
         if self._noise_dvl is None:
             return self.filter.dvl(event)
         self.filter.reach(event.stamp_ns)
-        self.filter.fill_dvl(event)
-        return self.filter.fuse(3, self._noise_dvl, fs.DVL_ROW)
+        fill_dvl(self.filter, event)
+        return fuse_adapted(self.filter, 3, self._noise_dvl, fs.DVL_ROW)
 
     def begin(self, sample: ImuSample) -> None:
         """Start at the sample whose interval ends at the stamp of the initial state."""
@@ -120,7 +123,7 @@ class Fusion:
         """Fuse the fix in the filter's ``H``, ``R``, ``z``; returns the outcome."""
         if self._noise_fix is None:
             return self.filter.fuse_fix()
-        return self.filter.fuse(3, self._noise_fix, fs.FIX_ROW)
+        return fuse_adapted(self.filter, 3, self._noise_fix, fs.FIX_ROW)
 
     def oldest_ns(self) -> int:
         """Oldest validity stamp [ns] at which a fix can still be fused."""
@@ -142,7 +145,7 @@ class Fusion:
             return None
         ahead_e = epoch.velocity_e * ((fix.validity_ns - epoch.stamp_ns) * 1e-9)
         offset_e: Array = fix.r_e - (epoch.point_e + ahead_e)
-        S, L = f.innovation_covariance(fix), np.zeros((3, 3))
+        S, L = innovation_covariance(f, fix), np.zeros((3, 3))
         if not kf.cholesky(L, S, 3):
             return None
         offset_G = np.einsum('ij,j->i', f.frames.C_e_G, offset_e)
@@ -162,18 +165,18 @@ class Fusion:
 
     def doubt_position(self, distance: float) -> None:
         """Let the position be off by ``distance`` [m], uncorrelated with everything else."""
-        self.filter.doubt_position(distance)
+        doubt.doubt_position(self.filter, distance)
         self.forget_past()
 
     def doubt_all(self, factor: float) -> None:
         """Enlarge the covariance by a factor, within limits; its correlations stay."""
-        self.filter.inflate(factor)
+        doubt.inflate(self.filter, factor)
         self.forget_past()
 
     def contradict(self, offset_G: Array, speed_G: Array) -> None:
         """Let the published covariance reach to where refused fixes say that the vehicle is."""
         if offset_G.any() or self.filter.state.conflict.any():
-            self.filter.contradict(offset_G, speed_G)
+            doubt.contradict(self.filter, offset_G, speed_G)
 
     def forget_past(self) -> None:
         """Do nothing: what is stored of the past stays usable. `Rewind` ends it here."""
@@ -254,7 +257,7 @@ class Fusion:
             f.work.C_a_G,
             epoch.usbl_bias_a,
         )
-        f.fill_common(fix, split.common_e)
+        fill_common(f, fix, split.common_e)
         f.work.age[0] = (f.stamp_ns - fix.validity_ns) * 1e-9
 
     def _present(self) -> Epoch:
@@ -291,7 +294,7 @@ class Tagged(Fusion):
         if epoch is None:
             return None
         self._fuse_at(fix, epoch, fix.validity_ns)
-        f.refer_to_now(epoch.correction)
+        refer_to_now(f, epoch.correction)
         return FixResult(self._fuse(), f.history.step - epoch.step)
 
 
@@ -301,5 +304,5 @@ class BackPropagate(Fusion):
     def fix(self, fix: Fix) -> FixResult | None:
         """Fuse a fix with its rows referred to now through the stored transitions."""
         self.filter.reach(fix.receive_ns)
-        steps = self.filter.fill_late_fix(fix)
+        steps = fill_late_fix(self.filter, fix)
         return None if steps < 0 else FixResult(self._fuse(), steps)

@@ -24,6 +24,7 @@ from ..events import DepthSample, Fix, HeadingSample, ImuSample, InitialState, L
 from ..params import EngineParams
 from ..results import FixResult, Outcome, chi2_gate
 from .fusion import Fusion
+from .rows import fill_dvl, refer_to_now, walk_to_now
 from .sage_husa import Printed, lower_inverse, sandwich
 
 PING_AGE_NS = 1_000_000_000
@@ -110,7 +111,7 @@ class Published(Fusion):
             return outcome
         if isinstance(event, HeadingSample):  # the paper has none
             return _KEPT
-        f.fill_dvl(event)
+        fill_dvl(f, event)
         while self._pings and self._pings[0].stamp_ns < event.stamp_ns - self._history_ns:
             self._pings.popleft()
         self._pings.append(
@@ -128,7 +129,7 @@ class Published(Fusion):
         self._fuse_at(fix, epoch, when)
         w.H[:, : kf.NAV - 3] = 0.0
         w.H[:, kf.NAV :] = 0.0
-        steps = f.walk_to_now(epoch.step, epoch.correction) if self._late else 0
+        steps = walk_to_now(f, epoch.step, epoch.correction) if self._late else 0
         H, z, R = w.H.copy(), w.z.copy(), w.R.copy()
         ping = self._ping(when)
         rows = _POSITION
@@ -161,9 +162,9 @@ class Published(Fusion):
         w.H[:, X.dv_G] = np.eye(3)
         w.z[:] = ping.z
         if self._late:
-            f.walk_to_now(ping.step, ping.correction)
+            walk_to_now(f, ping.step, ping.correction)
         else:
-            f.refer_to_now(ping.correction)
+            refer_to_now(f, ping.correction)
         return w.H
 
     def _update(self, H: Array, z: Array, stated: Array, rows: Rows) -> Outcome:

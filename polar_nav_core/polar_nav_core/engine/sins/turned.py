@@ -14,6 +14,7 @@ from ...kernels.sins import heading
 from ...kernels.sins import update as kf
 from ..disagreement import MOST_HEADING, RefusedRow, Turn, Unlearnt
 from ..params import EngineParams
+from .doubt import forget_fixes
 from .filter import NavigationFilter
 
 
@@ -75,4 +76,4 @@ def turn_state(f: NavigationFilter, turn: Turn, scale_sigma: float) -> None:
     P += scale_sigma**2 * stretched @ stretched.T
     P[X.dr_e, X.dr_e] += turn.distance**2 * C_e_G[:2].T @ C_e_G[:2]
     P[:] = 0.5 * (P + P.T)
-    f.forget_fixes()
+    forget_fixes(f)
