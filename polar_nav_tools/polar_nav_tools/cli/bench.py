@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Mapping
-from contextlib import nullcontext
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
 from dataclasses import asdict
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -66,15 +66,11 @@ def core(
     Results are compared first: when they differ, nothing is timed. Times are processor times on
     one core; on a shared machine only the ratios mean something, each taken within a round.
     """
-    from ..benchmarks import machine
-
-    have_the_machine('measurements wait')
-    used = machine.pin(processor)  # before anything numerical is loaded
+    used = _one_core(processor)  # before anything numerical is loaded
     from ..benchmarks.core import DISTRIBUTIONS, run
 
-    before = machine.describe(DISTRIBUTIONS)
-    result = run(samples=samples, rounds=rounds, report=say)
-    facts = {**before, 'core': used, 'load_average_after': machine.load()}
+    with _facts_of(DISTRIBUTIONS, used) as facts:
+        result = run(samples=samples, rounds=rounds, report=say)
     if as_json:
         emit_json({'ok': True, 'machine': facts, **result.to_dict()})
         return
@@ -84,7 +80,7 @@ def core(
     sys.stdout.write(
         f'Same results: positions within {1e3 * worst:.1f} mm horizontally of python-ins after'
         f' {result.compared_samples} samples, covariances within {covariance:.0e}'
-        ' of filterpy.\n' + _machine(facts, rounds, machine.versions(DISTRIBUTIONS))
+        ' of filterpy.\n' + _machine(facts, rounds)
     )
 
 
@@ -111,15 +107,11 @@ def delay(
     """
     if figure is not None and figure.suffix.lower() not in _PICTURES:
         raise ConfigError(f'--figure {figure}: the name must end in {", ".join(_PICTURES)}')
-    from ..benchmarks import machine
-
-    have_the_machine('measurements wait')
-    used = machine.pin(processor)  # before anything numerical is loaded
+    used = _one_core(processor)  # before anything numerical is loaded
     from ..benchmarks.delay import DISTRIBUTIONS, run
 
-    before = machine.describe(DISTRIBUTIONS)
-    result = run(rounds=rounds, run_s=seconds, report=say)
-    facts = {**before, 'core': used, 'load_average_after': machine.load()}
+    with _facts_of(DISTRIBUTIONS, used) as facts:
+        result = run(rounds=rounds, run_s=seconds, report=say)
     if figure is not None:
         from ..benchmarks.delay_figure import write_figure
 
@@ -132,7 +124,7 @@ def delay(
     sigma, peer = max(result.agreement_sigma.values()), max(result.agreement_peer.values())
     sys.stdout.write(
         f'Same results: clone within {sigma:.1g} sigma of rewind, Stone Soup within {peer:.0e}'
-        ' sigma of both.\n' + _machine(facts, rounds, machine.versions(DISTRIBUTIONS))
+        ' sigma of both.\n' + _machine(facts, rounds)
     )
 
 
@@ -155,15 +147,11 @@ def replay(
     first. Others are timed on ten minutes of it, and scaled. Times are processor times on one
     core.
     """
-    from ..benchmarks import machine
-
-    have_the_machine('measurements wait')
-    used = machine.pin(processor)  # before anything numerical is loaded
+    used = _one_core(processor)  # before anything numerical is loaded
     from ..benchmarks.replay import DISTRIBUTIONS, run
 
-    before = machine.describe(DISTRIBUTIONS)
-    result = run(hours=hours, rounds=rounds, report=say, folder=folder)
-    facts = {**before, 'core': used, 'load_average_after': machine.load()}
+    with _facts_of(DISTRIBUTIONS, used) as facts:
+        result = run(hours=hours, rounds=rounds, report=say, folder=folder)
     if as_json:
         emit_json({'ok': True, 'machine': facts, **result.to_dict()})
         return
@@ -172,8 +160,7 @@ def replay(
     sys.stdout.write(
         f'Same bits, values compared: {compared}.\n'
         f'{result.real_time:.0f} times real time; others scaled from {result.part_minutes:g} min;'
-        f' peak memory {result.peak_mb:.0f} MB.\n'
-        + _machine(facts, rounds, machine.versions(DISTRIBUTIONS))
+        f' peak memory {result.peak_mb:.0f} MB.\n' + _machine(facts, rounds)
     )
 
 
@@ -231,12 +218,10 @@ def live(
     Both ways through the middleware are in it. Only an idle machine shows what the follower does.
     """
     have_the_machine('measurements wait')
-    from ..benchmarks import machine
     from ..benchmarks.live import RATES, run, table
 
-    facts = machine.describe(())
-    found = run(rate or RATES, seconds, report=say)
-    facts['load_average_after'] = machine.load()
+    with _facts_of() as facts:
+        found = run(rate or RATES, seconds, report=say)
     if as_json:
         emit_json({'machine': facts, 'rates': [asdict(one) for one in found]})
         return
@@ -261,22 +246,18 @@ def smooth(
     GTSAM solves the same linear problem, and has to find the same means and sigmas first. Times
     are processor times on one core.
     """
-    from ..benchmarks import machine
-
-    have_the_machine('measurements wait')
-    used = machine.pin(processor)  # before anything numerical is loaded
+    used = _one_core(processor)  # before anything numerical is loaded
     from ..benchmarks.smooth import DISTRIBUTIONS, run
 
-    before = machine.describe(DISTRIBUTIONS)
-    result = run(rounds=rounds, duration_s=seconds, report=say)
-    facts = {**before, 'core': used, 'load_average_after': machine.load()}
+    with _facts_of(DISTRIBUTIONS, used) as facts:
+        result = run(rounds=rounds, duration_s=seconds, report=say)
     if as_json:
         emit_json({'ok': True, 'machine': facts, **result.to_dict()})
         return
     _print_tables(result.tables())
     if result.peer is not None:
         sys.stdout.write(f'Same results: GTSAM within {result.agreement:.1g} sigma.\n')
-    sys.stdout.write(_machine(facts, rounds, machine.versions(DISTRIBUTIONS)))
+    sys.stdout.write(_machine(facts, rounds))
 
 
 @bench.command(
@@ -296,12 +277,10 @@ def graph(
     bytes. On a shared machine only the ratios mean something, each taken within a round.
     """
     have_the_machine('measurements wait')
-    from ..benchmarks import machine
     from ..benchmarks.graph import run
 
-    facts = machine.describe(())
-    result = run(rounds, seconds, report=say)
-    facts['load_average_after'] = machine.load()
+    with _facts_of() as facts:
+        result = run(rounds, seconds, report=say)
     if as_json:
         emit_json({'ok': True, 'machine': facts, **result.to_dict()})
         return
@@ -344,12 +323,10 @@ def endurance(
     in the second, when the bag is not whole, or when its replay differs from what ran live.
     """
     have_the_machine('measurements wait')
-    from ..benchmarks import machine
     from ..benchmarks.endurance import run
 
-    facts = machine.describe(())
     place = TemporaryDirectory(prefix='polar_nav_') if folder is None else nullcontext(folder)
-    with place as path:
+    with _facts_of() as facts, place as path:
         result = run(
             Path(path),
             hours=hours,
@@ -358,7 +335,6 @@ def endurance(
             max_bag_bytes=max_bag_size * 1_000_000,
             report=say,
         )
-    facts['load_average_after'] = machine.load()
     if as_json:
         emit_json({'machine': facts, **result.to_dict()})
     else:
@@ -366,6 +342,28 @@ def endurance(
         sys.stdout.write(f'{result.sentence()}\n{_cores(facts)}')
     if not result.ok:
         raise typer.Exit(1)
+
+
+def _one_core(processor: int | None) -> int:
+    """Wait for the machine; returns the core to which this process is bound from then on."""
+    from ..benchmarks import machine
+
+    have_the_machine('measurements wait')
+    return machine.pin(processor)
+
+
+@contextmanager
+def _facts_of(
+    distributions: Sequence[str] = (), core: int | None = None
+) -> Iterator[dict[str, Any]]:
+    """Facts of the machine and of versions, with the load before and after what is timed."""
+    from ..benchmarks import machine
+
+    facts: dict[str, Any] = {**machine.describe(distributions)}
+    if core is not None:
+        facts['core'] = core
+    yield facts
+    facts['load_average_after'] = machine.load()
 
 
 def _print_tables(tables: Iterable[Table]) -> None:
@@ -378,13 +376,13 @@ def _print_tables(tables: Iterable[Table]) -> None:
         print_table(console, table)
 
 
-def _machine(facts: Mapping[str, Any], rounds: int, versions: Mapping[str, str]) -> str:
+def _machine(facts: Mapping[str, Any], rounds: int) -> str:
     """Return the line about the machine and versions of a measurement."""
     return (
         f'{facts["cpu"]}, core {facts["core"]} of {facts["cores"]}, load'
         f' {facts["load_average"]:.1f} to {facts["load_average_after"]:.1f}, Python'
         f' {facts["python"]}, '
-        + ', '.join(f'{k} {v}' for k, v in versions.items())
+        + ', '.join(f'{k} {v}' for k, v in facts['versions'].items())
         + f'; medians of {rounds} rounds.\n'
     )
 
