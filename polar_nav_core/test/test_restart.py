@@ -1,6 +1,7 @@
 """A state that is saved, and a navigation that goes on from it."""
 
 import dataclasses
+import hashlib
 import struct
 
 import numpy as np
@@ -22,6 +23,7 @@ from polar_nav_core.engine.verdicts import Verdict
 from polar_nav_core.kernels.station import state as ss
 
 CUT_S, AWAY_S = 40.0, 5.0
+HEAD = struct.calcsize('<8sH32sQ')
 
 
 @pytest.fixture(scope='module')
@@ -93,6 +95,26 @@ def test_damaged_bytes_are_refused_with_a_sentence(saved, damage, words):
 
 
 @pytest.mark.parametrize(
+    ('was', 'now'),
+    [
+        (b'"fixes": [', b'"fixes": [Infinity, '),
+        (b'"fixes": [', b'"fixes": [-'),
+        (b'"fixes": [', b'"fixes": [1' + b'0' * 30),
+        (b'"stamp_ns": ', b'"stamp_ns": -Infinity, "was": '),
+        (b'"shapes": ', b'"shapes": ' + b'[' * 100_000),
+    ],
+)
+def test_a_right_checksum_of_odd_numbers_is_refused_with_a_sentence(saved, was, now):
+    body = pack(saved)[HEAD:]
+    (length,) = struct.unpack_from('<I', body)
+    text = body[4 : 4 + length].replace(was, now)
+    body = struct.pack('<I', len(text)) + text + body[4 + length :]
+    data = struct.pack('<8sH32sQ', b'POLARNAV', 5, hashlib.sha256(body).digest(), len(body)) + body
+    with pytest.raises(SavedStateError, match='makes no sense'):
+        unpack(data)
+
+
+@pytest.mark.parametrize(
     ('change', 'words'),
     [
         ({'layout': 'station 12'}, 'of a filter station 12'),
@@ -103,6 +125,10 @@ def test_damaged_bytes_are_refused_with_a_sentence(saved, damage, words):
         ({'P': np.eye(23)}, 'other shapes of P'),
         ({'C_b_G': 2.0 * np.eye(3)}, 'rotation'),
         ({'leader': np.full(28, -1.0)}, 'leader'),
+        ({'r_e': np.zeros(3)}, 'two positions'),
+        ({'v_G': np.full(3, 1e300)}, 'two velocities'),
+        ({'turn': np.array([1e300])}, 'turn of the state is beyond'),
+        ({'b_gyro_b': np.full(3, -2.0)}, 'b_gyro_b of the state is beyond'),
     ],
 )
 def test_what_no_filter_can_start_from_is_refused(world, events, saved, change, words):

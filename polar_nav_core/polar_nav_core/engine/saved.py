@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import reprlib
 import struct
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -40,6 +41,11 @@ _HEAD: Final = struct.Struct('<8sH32sQ')
 _JSON: Final = struct.Struct('<I')
 MOST_BYTES: Final = 32 << 20
 """Of a saved state; the fullest one has 6 MiB of fixes."""
+_TOO_MANY: Final = 1 << 62
+_NONSENSE: Final = (
+    KeyError, TypeError, ValueError, AttributeError, OverflowError, RecursionError, struct.error,
+)  # fmt: skip
+"""What reading a body raises that is none."""
 
 
 class SavedStateError(PolarNavError, ValueError):
@@ -120,7 +126,7 @@ def unpack(data: bytes) -> SavedState:
         raise SavedStateError('the saved state is damaged: its checksum does not fit')
     try:
         return _read(body, version)
-    except (KeyError, TypeError, ValueError, AttributeError, struct.error) as error:
+    except _NONSENSE as error:
         raise SavedStateError(f'the saved state makes no sense: {error}') from error
 
 
@@ -148,7 +154,7 @@ def _read(body: bytes, version: int) -> SavedState:
     if at != len(body):
         raise ValueError(f'{len(body) - at} bytes are left over')
     fused, refused = records
-    received, used, newest_ns = map(int, header['fixes'])
+    received, used, newest_ns = (_count(n) for n in header['fixes'])
     plain: dict[str, Any] = dict(header['initial'])
     v_x, v_y, v_z = map(float, plain.pop('v_G'))
     numbers: dict[str, Any] = {name: float(value) for name, value in plain.items()}
@@ -162,6 +168,14 @@ def _read(body: bytes, version: int) -> SavedState:
         records=(fused, refused),
         version=version,
     )
+
+
+def _count(value: Any) -> int:  # noqa: ANN401 - of a file
+    """Number of fixes, or time [ns], that a message can hold."""
+    count = int(value)
+    if not 0 <= count < _TOO_MANY:
+        raise ValueError(f'{reprlib.repr(count)} is no number of fixes')
+    return count
 
 
 def _padded(value: Array, shape: tuple[int, ...]) -> Array:

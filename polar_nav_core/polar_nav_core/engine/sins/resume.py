@@ -27,6 +27,16 @@ _NAMES = (
 _TURN, WANDER, _LEADER, _USED = 'turn', 'wander', 'leader', 'used'
 LAYOUT = 'sins 24'
 _LEAST_GAP_S = 0.01
+_MOST = {
+    'b_gyro_b': 1.0,
+    'b_accel_b': 100.0,
+    'dvl_scale_m': 1.0,
+    'dvl_markov_m': 50.0,
+    _TURN: 100.0,
+}
+"""Of arrays of a saved state, beyond what any vehicle has: SI units and radians."""
+_SAME_M, _SAME_M_S = 1.0, 0.1
+"""That arrays and the plain numbers beside them may differ by: both are of one state."""
 _LOCAL = slice(fs.USED_NS, fs.USED_NS + FIX_ROW)
 """Counters of the newest ping and depth that were used."""
 
@@ -122,6 +132,9 @@ def problem_of(saved: SavedState, *, model: bool) -> str:
     problem = heard_problem(saved.values[_LEADER])
     if problem:
         return problem
+    problem = _odd_value(saved)
+    if problem:
+        return problem
     C, P = saved.values['C_b_G'], saved.values['P']
     if np.abs(C @ C.T - np.eye(3)).max() > 1e-6:
         return 'the attitude of the state is no rotation'
@@ -131,6 +144,19 @@ def problem_of(saved: SavedState, *, model: bool) -> str:
     L = np.zeros((kf.N, kf.N))
     if not kf.is_positive_definite(P, kf.USBL, L):
         return 'the covariance of the state is not positive definite'
+    return ''
+
+
+def _odd_value(saved: SavedState) -> str:
+    """Sentence about a value that no state has, or that another one contradicts; else empty."""
+    for name, most in _MOST.items():
+        if np.abs(saved.values[name]).max() > most:
+            return f'{name} of the state is beyond {most:g}, which no vehicle has'
+    place_e = earth.ecef_from_geodetic(saved.latitude, saved.longitude, saved.height)
+    if np.abs(saved.values['r_e'] - place_e).max() > _SAME_M:
+        return 'the state has two positions'
+    if np.abs(saved.values['v_G'] - np.array(saved.v_G)).max() > _SAME_M_S:
+        return 'the state has two velocities'
     return ''
 
 
