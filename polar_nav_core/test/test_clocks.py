@@ -279,3 +279,21 @@ def test_a_saved_state_has_the_imus_own_time(world, events):
     (newest,) = [e for _, e in messages if isinstance(e, ImuSample)][-1:]
     assert abs(engine.saved().stamp_ns - newest.stamp_ns) <= NS // 10
     assert abs(engine.fusion.stamp_ns - newest.stamp_ns) >= 29 * NS
+
+
+WRAPPED_NS = (1 << 32) * 100_000
+
+
+@pytest.mark.parametrize('by_s', [-1.7e9, -3e5, 3e5, 3.7e8])
+def test_a_clock_that_steps_by_days_takes_no_fix_away(world, events, clean, by_s):
+    """Times of packets wrap after 4.97 days, and are read beside the clock that has stepped."""
+
+    def as_read(event):
+        if not isinstance(event, Fix):
+            return event
+        apart = (event.validity_ns - event.receive_ns + WRAPPED_NS // 2) % WRAPPED_NS
+        return replace(event, validity_ns=event.receive_ns + apart - WRAPPED_NS // 2)
+
+    messages = [(ns, as_read(e)) for ns, e in stepped(events, [(6.0, by_s, '')])]
+    assert messages[-1][1].stamp_ns - messages[-1][0] == round(by_s * NS)
+    assert states(live(world, messages)[1]) == states(clean)

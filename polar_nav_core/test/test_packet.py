@@ -64,7 +64,7 @@ def test_round_trip_within_resolution():
     )
 
 
-@given(st.integers(0, 2**62), st.integers(-(10**14), 10**14))
+@given(st.integers(2 * 10**14, 2**31 * 10**9 - 2 * 10**14), st.integers(-(10**14), 10**14))
 def test_validity_is_the_nearest_one(received_ns, age_ns):
     sent = broadcast(validity_ns=received_ns - age_ns, return_ns=received_ns - age_ns + 5 * 10**8)
     got = packet.decode(packet.encode(sent), received_ns)
@@ -209,3 +209,15 @@ def test_the_page_has_the_table_of_this_format():
 def test_a_packet_that_was_read_is_not_edited():
     with pytest.raises(FrozenInstanceError):
         broadcast().sequence = 3
+
+
+@pytest.mark.parametrize('clock_s', [3, 300, 2**31 - 3, 2**31 - 300])
+@pytest.mark.parametrize('day', range(5))
+def test_a_time_is_one_that_a_stamp_holds(clock_s, day):
+    """A receiver whose clock is wrong may know by how much: the packet is no bad one."""
+    sent = broadcast(
+        validity_ns=NOW + day * 86_400 * 10**9, return_ns=NOW + day * 86_400 * 10**9 + 10**8
+    )
+    got = packet.decode(packet.encode(sent), clock_s * 10**9)
+    assert 0 <= got.validity_ns <= got.return_ns < 2**31 * 10**9
+    assert (got.validity_ns - sent.validity_ns) % ((1 << 32) * packet.TICK_NS) == 0

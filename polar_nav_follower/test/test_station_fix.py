@@ -134,11 +134,13 @@ def test_a_range_of_nothing_is_no_measurement():
     assert fix.refusal is Verdict.NOT_FINITE
 
 
-def numbered(numbers, count, period_s=2.5):
-    """Number that an interrogation gets, which is ``count`` in truth."""
+def numbered(numbers, count, period_s=2.5, clock_s=0.0):
+    """Number that an interrogation gets, which is ``count`` in truth; clock off by ``clock_s``."""
     stamp_ns = T_NS + round(count * period_s * 1e9)
     data = station_packet.encode(replace(REPORT, sequence=count % 256, validity_ns=stamp_ns))
-    return read(data, numbers=numbers, receive_ns=stamp_ns + 10**9)[0].sequence
+    return read(data, numbers=numbers, receive_ns=stamp_ns + round((1 + clock_s) * 1e9))[
+        0
+    ].sequence
 
 
 def test_the_eight_bits_of_the_number_are_made_whole():
@@ -159,3 +161,12 @@ def test_after_a_silence_of_more_than_a_turn_the_pace_tells_the_number():
     # 40 + 256 would look like 40 again, if only the eight bits were compared.
     assert numbered(numbers, 296) == 296
     assert numbered(numbers, 1500) == 1500
+
+
+@pytest.mark.parametrize('by_s', [-1.7e9, -3e5, 3e5, 3e8])
+def test_a_clock_of_this_vehicle_that_steps_by_days_changes_no_number(by_s):
+    numbers = StationNumbers()
+    for k in range(300):
+        numbered(numbers, k)
+    assert numbered(numbers, 300, clock_s=by_s) == 300
+    assert numbered(numbers, 301) == 301

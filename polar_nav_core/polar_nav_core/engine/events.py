@@ -18,6 +18,7 @@ import numpy as np
 from .. import order
 from ..arrays import Array
 from ..identification.polar_fix import PolarFix
+from ..link.fields import rewound
 from .verdicts import Refusal, Verdict
 
 OrderKey: TypeAlias = tuple[int, int, int, int]
@@ -295,15 +296,20 @@ _E = TypeVar('_E', bound=Event)
 def shifted(event: _E, offset_ns: int) -> _E:
     """The same event with its stamps moved to the engine's time.
 
-    A packet's validity stays: it is of its sender's clock.
+    A packet's validity stays: it is of its sender's clock. It wraps, and was read as the time
+    nearest to a reception by a clock that was wrong: it becomes the nearest to the right one.
     """
     if offset_ns == 0:
         return event
     if isinstance(event, Fix):
-        own = event.topic != PACKETS
+        validity_ns = event.validity_ns
+        if event.topic != PACKETS:
+            validity_ns += offset_ns
+        elif validity_ns:  # 0: not read
+            validity_ns = rewound(validity_ns, event.receive_ns + offset_ns)
         return replace(
             event,
-            validity_ns=event.validity_ns + (offset_ns if own else 0),
+            validity_ns=validity_ns,
             receive_ns=event.receive_ns + offset_ns,
             transmit_ns=event.transmit_ns + offset_ns,
         )

@@ -24,6 +24,9 @@ TICK_NS = 100_000
 """Resolution of times [ns]."""
 WRAP = 1 << 32
 """Ticks after which a time wraps."""
+WRAP_NS = WRAP * TICK_NS
+_LAST_TIME_NS = ((1 << 31) - 10) * 1_000_000_000
+"""What a stamp holds, less the longest travel of a reply [ns]."""
 SIGMA_RATIO = 1.06
 _SIGMA_FLOOR = 0.005
 SIGMA_MOST = _SIGMA_FLOOR * SIGMA_RATIO**254
@@ -192,12 +195,21 @@ def round_tick(stamp_ns: _Stamp) -> _Stamp:
 
 
 def unwrap(ticks: int, near_ns: int) -> int:
-    """Time nearest to ``near_ns`` that a wrapped tick can mean [ns]."""
+    """Time nearest to ``near_ns`` that a wrapped tick can mean, and a stamp can hold [ns]."""
     near = round_tick(near_ns)
     delta = (ticks - near) % WRAP
     if delta >= WRAP // 2:
         delta -= WRAP
-    return (near + delta) * TICK_NS
+    time_ns = (near + delta) * TICK_NS
+    # At the ends of what a stamp holds a clock is wrong: the receiver knows by how much.
+    if time_ns < 0:
+        return time_ns + WRAP_NS
+    return time_ns - WRAP_NS if time_ns >= _LAST_TIME_NS else time_ns
+
+
+def rewound(validity_ns: int, near_ns: int) -> int:
+    """Time nearest to ``near_ns`` that is whole wraps of packet time off another one [ns]."""
+    return validity_ns + (near_ns - validity_ns + WRAP_NS // 2) // WRAP_NS * WRAP_NS
 
 
 def to_integer(f: Field, value: float) -> int:

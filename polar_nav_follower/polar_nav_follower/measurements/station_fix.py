@@ -16,6 +16,7 @@ from polar_nav_core.engine.events import Fix
 from polar_nav_core.engine.verdicts import Verdict
 from polar_nav_core.identification.polar_fix import PolarFix
 from polar_nav_core.link import packet
+from polar_nav_core.link.fields import rewound
 from polar_nav_core.link.packet import PacketError
 from polar_nav_core.link.station_packet import StationReport, decode
 
@@ -47,7 +48,8 @@ class StationNumbers:
 
     Of the numbers that fit, the one is taken that is nearest to what the times of validity say at
     the pace of the fixes so far; before there is a pace, the nearest to the newest number. So a
-    silence of many cycles does not make a new fix look like an old one.
+    silence of many cycles does not make a new fix look like an old one. Times wrap, and are read
+    beside the vehicle's clock, which may step by years: only their differences count.
     """
 
     def __init__(self) -> None:
@@ -61,6 +63,7 @@ class StationNumbers:
             self._first[source] = self._newest[source] = (sequence, validity_ns)
             return sequence
         number, stamp_ns = newest
+        validity_ns = rewound(validity_ns, stamp_ns)
         first, first_ns = self._first[source]
         passed = 0.0
         if number > first and stamp_ns > first_ns:
