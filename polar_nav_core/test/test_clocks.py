@@ -281,6 +281,23 @@ def test_a_saved_state_has_the_imus_own_time(world, events):
     assert abs(engine.fusion.stamp_ns - newest.stamp_ns) >= 29 * NS
 
 
+@pytest.mark.parametrize('steps', [(-3.0, 5.0), (3.0, -5.0), (-10.0, 18.0)])
+def test_a_topic_that_was_silent_has_made_the_first_of_two_steps(world, events, steps):
+    """The second one was of the IMU's clock alone: no offset that the IMU has now fits."""
+    both, alone = steps
+    messages = stepped(events, [(5.0, both, ''), (6.5, alone, IMU)])
+    first_ns = messages[0][0]
+    heard = [
+        (ns, e)
+        for ns, e in messages
+        if isinstance(e, ImuSample) or not 4 <= (ns - first_ns) / NS < 8
+    ]
+    engine, out = live(world, heard)
+    assert not [r for r in refused(out) if r.topic != IMU]
+    newest_ns = {e.topic: e.stamp_ns + engine.clock.offset_ns(e.topic, 10**9) for _, e in heard}
+    assert newest_ns['dvl/data'] > newest_ns[IMU] - NS
+
+
 WRAPPED_NS = (1 << 32) * 100_000
 
 

@@ -25,6 +25,8 @@ _STEP_MESSAGES = 3
 _SETTLED = 5
 """Messages in a row for which a topic's own offset is right after a step of the IMU's clock."""
 _MOST_HELD = 256
+_MOST_STEPS = 64
+"""Newest steps of the IMU's clock, of which a topic may have made the first ones."""
 
 
 @dataclass
@@ -113,11 +115,17 @@ class Clocks:
                 topic.base = newest
             return []
         topic.right = 0
-        with_imu_ns = event.stamp_ns + self.imu.offsets_ns[newest] + topic.extra_ns
-        if abs(with_imu_ns - now_ns) >= 0.5 * abs(off_ns):
+
+        def left_ns(base: int) -> int:
+            return abs(event.stamp_ns + self.imu.offsets_ns[base] + topic.extra_ns - now_ns)
+
+        # While it was silent it may have made an earlier step, and not the later ones.
+        steps = range(newest, max(topic.base, newest - _MOST_STEPS), -1)
+        base = min(steps, key=left_ns)
+        if left_ns(base) >= 0.5 * abs(off_ns):
             return []
         out = self._release(topic)
-        was_ns, topic.base = self._offset_ns(topic), newest
+        was_ns, topic.base = self._offset_ns(topic), base
         return [*out, self._step(topic, event, was_ns)]
 
     def _is_off(self, topic: _Topic, event: Event, arrival_ns: int | None) -> bool:
