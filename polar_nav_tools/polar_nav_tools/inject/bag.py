@@ -175,7 +175,7 @@ def _decoded(vehicle: str, record: BagMessage) -> Any:  # noqa: ANN401 - of the 
     try:
         return deserialize_message(record.data, kind)
     except (RuntimeError, ValueError, MemoryError) as error:
-        raise BagError(f'a message on {record.topic} is not a {kind.__name__}') from error
+        raise BagError(f'a message on {record.topic} is no {kind.__name__} message') from error
 
 
 def _merged(

@@ -367,4 +367,6 @@ def decoded(bag: Bag, topic: str, data: bytes, msg_type: type[Any]) -> Any:  # n
     try:
         return deserialize_message(data, msg_type)
     except (RuntimeError, ValueError, MemoryError) as error:
-        raise BagError(f'{bag.path}: a message on {topic} is not a {msg_type.__name__}') from error
+        raise BagError(
+            f'{bag.path}: a message on {topic} is no {msg_type.__name__} message'
+        ) from error
