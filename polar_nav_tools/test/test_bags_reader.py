@@ -110,6 +110,15 @@ def test_newest_run_info_of_a_node_counts(tmp_path):
     assert open_bag(tmp_path / 'b').node_params('/n') == {'window': 2}
 
 
+@pytest.mark.parametrize('params', ['[1]', '5', '"x"', 'null'])
+def test_parameters_that_are_no_mapping_are_ignored(tmp_path, params):
+    with BagWriter(tmp_path / 'b', {}) as writer:
+        writer.add_topic(RUN_INFO, TYPES[RUN_INFO])
+        data = f'{{"node": "/n", "package": "p", "params": {params}}}'
+        writer.write(RUN_INFO, make(TYPES[RUN_INFO], data=data), START_NS)
+    assert open_bag(tmp_path / 'b').node_infos == {'/n': {'node': '/n', 'package': 'p'}}
+
+
 def test_bags_of_other_writers(tmp_path):
     """rosbags' own MCAP, and MCAP without chunks, without checksums, without an index."""
     with RosbagsWriter(tmp_path / 'r', version=9, storage_plugin=StoragePlugin.MCAP) as writer:

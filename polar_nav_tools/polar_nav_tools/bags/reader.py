@@ -237,13 +237,16 @@ class Bag:
     def node_infos(self) -> dict[str, dict[str, Any]]:
         """Descriptions of nodes on /run_info: node name to {node, package, version, params}.
 
-        Of several messages of a node the last one counts; messages of another form are ignored.
+        Of several messages of a node the last one counts; messages of another form are ignored,
+        and so are parameters that are no mapping.
         """
         found: dict[str, dict[str, Any]] = {}
         try:
             for _, message in self.read(RUN_INFO):
                 content = json_or_none(getattr(message, 'data', ''))
                 if isinstance(content, dict) and isinstance(content.get('node'), str):
+                    if not isinstance(content.get('params', {}), dict):
+                        del content['params']
                     found[content['node']] = content
         except BagError:
             return found  # no such topic, another use of its name, or a damaged message

@@ -344,12 +344,12 @@ def choose_description(bag: Bag, vehicle: str | None) -> tuple[str, Description]
         When there is none, or several and none was named.
     """
     found = descriptions_of(bag)
+    if not found:
+        raise BagError(
+            f'{bag.path} tells of no follower_node on /run_info, so its parameters are not '
+            'known; record with ./polar record or recorder_node'
+        )
     if vehicle is None:
-        if not found:
-            raise BagError(
-                f'{bag.path} tells of no follower_node on /run_info, so its parameters are not '
-                'known; record with ./polar record or recorder_node'
-            )
         if len(found) > 1:
             raise WrongRequestError(
                 f'{bag.path} has {len(found)} followers ({some_of(found)}): '
@@ -357,8 +357,7 @@ def choose_description(bag: Bag, vehicle: str | None) -> tuple[str, Description]
             )
         vehicle = next(iter(found))
     elif vehicle not in found:
-        have = some_of(found) or 'none'
-        raise WrongRequestError(f'{bag.path} has no follower {vehicle!r}; it has {have}')
+        raise WrongRequestError(f'{bag.path} has no follower {vehicle!r}; it has {some_of(found)}')
     return vehicle, found[vehicle]
 
 
