@@ -23,7 +23,7 @@ NS = 1_000_000_000
 
 
 class Linear:
-    """Innovations of a filter whose fixes measure x and y, and what a growing current adds."""
+    """Innovations of a filter whose fixes measure x and y, and what each fault adds."""
 
     def __init__(self):
         self.settings = arrays.make_settings(twin.params(current_method='single'))
@@ -51,6 +51,8 @@ class Linear:
                 P, u = Phi @ P @ Phi.T + Q, Phi @ u + drive
             S = self.H @ P @ self.H.T + R
             g = -self.H @ u
+            g[0, ss.RANGES] += SECONDS * k
+            g[1, ss.BEARINGS] += SECONDS * k
             self.steps.append((S, self.H @ P, g))
             u = u + P @ self.H.T @ np.linalg.solve(S, g)
             P = P - P @ self.H.T @ np.linalg.solve(S, self.H @ P)
@@ -70,6 +72,7 @@ class Linear:
             outcome = np.zeros(ss.OUTCOME)
             outcome[[ss.DECIDED, ss.Z0, ss.Z1, ss.INFLATION]] = [ss.FUSED, *z, 1.0]
             outcome[[ss.S00, ss.S01, ss.S11]] = w.S[0] = S[0, 0], S[0, 1], S[1, 1]
+            w.z[0], w.wide[0] = z, w.S[0]
             w.H[:], w.PHt[0], w.inflation[0] = self.H, HP, 1.0
             signatures.note_signatures(b, self.settings, w, outcome, now)
             for _ in range(SECONDS):
@@ -85,7 +88,7 @@ def linear():
 
 def test_the_statistic_is_chi_square_where_nothing_changes():
     rng = np.random.default_rng(7)
-    found = np.array([linear().run(rng).signatures[ss.STATISTIC, 0] for _ in range(RUNS)])
+    found = np.array([linear().run(rng).signatures[-1, ss.STATISTIC, 0] for _ in range(RUNS)])
     assert found.mean() == pytest.approx(2.0, abs=4.0 * 2.0 / np.sqrt(RUNS))
     beyond = np.mean(found > 5.991)  # the 95 % quantile of chi-square (2)
     assert beyond == pytest.approx(0.05, abs=4.0 * np.sqrt(0.05 * 0.95 / RUNS))
@@ -95,7 +98,7 @@ def test_a_growing_current_is_found_with_its_size():
     rng, size = np.random.default_rng(8), 0.003
     J = size**2 * linear().information(ss.GROWS)
     assert J > 25.0
-    banks = [linear().run(rng, size).signatures[:, :2] for _ in range(RUNS)]
+    banks = [linear().run(rng, size).signatures[-1, :, :2] for _ in range(RUNS)]
     statistics = np.array([u[ss.STATISTIC, 0] for u in banks])
     assert statistics.mean() == pytest.approx(J + 2.0, rel=0.05)
     sizes = np.array([sizes_of(u[ss.LAMBDA], float(u[ss.CROSS, 0]), u[ss.ZETA]) for u in banks])
@@ -106,17 +109,49 @@ def test_a_growing_current_is_found_with_its_size():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(('kind', 'dof'), [(ss.BEGINS + 1, 2), (ss.DRAGS, 1), (ss.TURNS, 1)])
+@pytest.mark.parametrize(
+    ('kind', 'dof'),
+    [(ss.BEGINS + 1, 2), (ss.DRAGS, 1), (ss.TURNS, 1), (ss.RANGES, 1), (ss.BEARINGS, 1)],
+)
 def test_each_kind_is_chi_square_without_a_fault_and_found_with_its_size(kind, dof):
     rng, J = np.random.default_rng(10 + kind), 60.0
-    quiet = [linear().run(rng).signatures[ss.STATISTIC, kind] for _ in range(RUNS)]
+    quiet = [linear().run(rng).signatures[-1, ss.STATISTIC, kind] for _ in range(RUNS)]
     assert np.mean(quiet) == pytest.approx(dof, abs=4.0 * np.sqrt(2.0 * dof / RUNS))
     size = np.sqrt(J / linear().information(kind))
     banks = [linear().run(rng, size, kind).signatures for _ in range(RUNS)]
-    found = np.array([u[ss.STATISTIC, kind] for u in banks])
+    found = np.array([u[-1, ss.STATISTIC, kind] for u in banks])
     assert found.mean() == pytest.approx(J + dof, rel=0.05)
-    sizes = np.array([_size(u, kind - (kind == ss.BEGINS + 1))[0][-1] for u in banks])
+    sizes = np.array([_size(u, np.ones(1), kind - (kind == ss.BEGINS + 1))[0][-1] for u in banks])
     assert sizes.mean() == pytest.approx(size, abs=4.0 * sizes.std() / np.sqrt(RUNS))
+
+
+def bank_of(weights, likelihoods, own, of_mixture=0.0):
+    """Statistic of a bank whose members had weights, and have likelihoods and own statistics."""
+    b = arrays.make_bank(len(weights))
+    b.signatures[:-1, ss.PRIOR, 0] = np.log(weights)
+    b.signatures[:-1, ss.LIKELIHOOD, 0] = likelihoods
+    b.signatures[:-1, ss.OWN, 0] = own
+    b.signatures[-1, ss.OWN, 0] = of_mixture
+    signatures._weigh(b)
+    return b.signatures[-1, ss.STATISTIC, 0]
+
+
+def test_a_fault_in_a_steady_current_is_weighed_against_a_current_that_walks():
+    assert bank_of([1.0], [-5.0], [31.0]) == pytest.approx(31.0)
+    # The steady member explains it with a fault, the walking one nearly as well without.
+    assert bank_of([1.0, 1e-9], [-30.0, -5.0], [80.0, 1.0]) == pytest.approx(30.0, abs=1e-3)
+    assert bank_of([1.0, 1e-9], [-45.0, -5.0], [80.0, 1.0]) == pytest.approx(0.0, abs=0.1)
+    # A current that walked before cannot have been steady but for a fault.
+    assert bank_of([1e-12, 1.0], [-30.0, -5.0], [80.0, 1.0]) < 1.1
+
+
+def test_the_statistic_of_the_mixture_counts_where_it_is_larger():
+    assert bank_of([1.0], [-5.0], [10.0], 12.0) == 12.0
+
+
+def test_members_that_know_no_better_count_against_a_fault():
+    each = 2.0 * np.log(4.0)
+    assert bank_of([0.25] * 4, [-5.0] * 4, [20.0] * 4) == pytest.approx(20.0 - each)
 
 
 SPAN_S, FROM_S, GROWS = 300.0, 60.0, 0.2 / 60.0
@@ -170,7 +205,7 @@ def test_a_younger_hypothesis_has_no_statistic():
     b = linear().run(np.random.default_rng(9), 10.0)
     newest = int(np.argmax(b.counters[ss.BORN_NS : ss.BIRTH_NS]))
     age_ns = NS * (1 + SECONDS * FIXES) - b.counters[ss.BORN_NS + newest]
-    assert (b.signatures[ss.STATISTIC, ss.KINDS * newest] > BEYOND) == (
+    assert (b.signatures[-1, ss.STATISTIC, ss.KINDS * newest] > BEYOND) == (
         age_ns - SECONDS * NS >= signatures.JUDGED_NS
     )
 

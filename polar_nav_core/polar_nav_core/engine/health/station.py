@@ -63,12 +63,22 @@ def _turning(x: float) -> str:
     return f'the heading of the AHRS drifts by {math.degrees(x) * 3600.0:.0f} deg/h'
 
 
+def _drifting_ranges(x: float) -> str:
+    return f'ranges of the station drift by {x:+.2f} m/s'
+
+
+def _drifting_bearings(x: float) -> str:
+    return f'bearings of the station drift by {math.degrees(x) * 3600.0:+.0f} deg/h'
+
+
 _CULPRITS = {
     ss.GROWS: _EITHER,
     ss.BEGINS: _EITHER,
     ss.DEVIATES: Culprit.HEADING,
     ss.DRAGS: Culprit.MODEL,
     ss.TURNS: Culprit.HEADING,
+    ss.RANGES: Culprit.FIXES,
+    ss.BEARINGS: Culprit.FIXES,
 }
 _WORDS: dict[int, Callable[..., str]] = {
     ss.GROWS: _growing,
@@ -76,6 +86,8 @@ _WORDS: dict[int, Callable[..., str]] = {
     ss.DEVIATES: _deviation,
     ss.DRAGS: _changed_drag,
     ss.TURNS: _turning,
+    ss.RANGES: _drifting_ranges,
+    ss.BEARINGS: _drifting_bearings,
 }
 """Of a slow fault of a kind and its size."""
 
@@ -102,8 +114,11 @@ class StationView(View):
         When they did so last; 0 for never.
     turned_ns : int
         When the AHRS turned last against its own rates; 0 for never.
-    signatures : (SIGNATURE_ROWS, KINDS SLOTS) array or None
-        Hypotheses about slow faults (kernels.station.signatures).
+    signatures : (B + 1, SIGNATURE_ROWS, KINDS SLOTS) array or None
+        Hypotheses about slow faults, of the bank's members and mixture
+        (kernels.station.signatures).
+    weight : (B,) array or None
+        Of the members in what is published.
     born_ns : (SLOTS,) array of int or None
         When those of each slot began; 0 for an empty one.
     followed : (2,) array or None
@@ -124,6 +139,7 @@ class StationView(View):
     loosened_ns: int = 0
     turned_ns: int = 0
     signatures: Array | None = None
+    weight: Array | None = None
     born_ns: Ints | None = None
     followed: Array | None = None
     psi: float | None = None
@@ -221,29 +237,38 @@ def _loosened(view: StationView) -> list[Condition]:
 
 def _slow(view: StationView) -> list[Condition]:
     """Fixes show the signature of a slow fault; every kind that is as likely is named."""
-    if view.signatures is None or view.born_ns is None:
+    if view.signatures is None or view.born_ns is None or view.weight is None:
         return []
-    signatures = view.signatures
-    statistic = signatures[ss.STATISTIC].reshape(ss.SLOTS, ss.KINDS)
+    signatures, weight = view.signatures, view.weight
+    statistic = signatures[-1, ss.STATISTIC].reshape(ss.SLOTS, ss.KINDS)
     if not (statistic > _LIMITS).any():
         return []
 
     def described(slot: int, kind: int) -> tuple[str, Array]:
-        sizes, way = _size(signatures[:, slot * ss.KINDS :], kind)
+        sizes, way = _size(signatures[:, :, slot * ss.KINDS :], weight, kind)
         return _WORDS[kind](*sizes), way
 
     ages_ns = view.stamp_ns - view.born_ns
     return [most_likely(statistic, _CULPRITS, described, ages_ns, view.P_horizontal)]
 
 
-def _size(slot: Array, kind: int) -> tuple[tuple[float, ...], Array]:
-    """Size of a fault that fits best, of a slot's columns, and the way it has moved x and y."""
+def _size(slot: Array, weight: Array, kind: int) -> tuple[tuple[float, ...], Array]:
+    """Size of a fault that fits best, of a slot's columns, and the way it has moved x and y.
+
+    The size is that of the mixture where its statistic is the bank's, else of the member to which
+    the fault is likeliest; the way is that of the mixture.
+    """
+    best, members = slot[-1], slot[:-1, :, kind]
+    if best[ss.OWN, kind] < best[ss.STATISTIC, kind]:
+        likelihood = members[:, ss.PRIOR] + members[:, ss.LIKELIHOOD] + 0.5 * members[:, ss.OWN]
+        best = slot[int(np.argmax(likelihood))]
+    per_unit = np.einsum('m,mij->ij', weight, slot[:-1, ss.HORIZONTAL])
     if kind < ss.DRAGS:
-        pair = slot[:, kind : kind + 2]
+        pair = best[:, kind : kind + 2]
         size = sizes_of(pair[ss.LAMBDA], float(pair[ss.CROSS, 0]), pair[ss.ZETA])
-        return size, pair[ss.HORIZONTAL] @ np.array(size)
-    one = float(slot[ss.ZETA, kind] / slot[ss.LAMBDA, kind])
-    return (one,), slot[ss.HORIZONTAL, kind] * one
+        return size, per_unit[:, kind : kind + 2] @ np.array(size)
+    one = float(best[ss.ZETA, kind] / best[ss.LAMBDA, kind])
+    return (one,), per_unit[:, kind] * one
 
 
 def _followed(view: StationView) -> list[Condition]:

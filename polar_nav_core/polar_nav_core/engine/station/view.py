@@ -47,6 +47,7 @@ def view_of(fusion: StationFusion, stamp_ns: int, resets: int) -> StationView:
         loosened_ns=int(counters[ss.LOOSENED_NS]),
         turned_ns=int(counters[ss.TURN_NS]),
         signatures=f.bank.signatures,
+        weight=f.bank.weight,
         born_ns=counters[ss.BORN_NS : ss.BIRTH_NS],
         psi=math.atan2(C_b_G[1, 0], C_b_G[0, 0]) if smoothed else None,
         turn=float(f.streams.unexplained[sample]),

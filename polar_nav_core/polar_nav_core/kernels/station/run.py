@@ -33,8 +33,8 @@ def copy_rows(out: Array, of: Array) -> None:
 
 
 @kernel
-def copy_memories(out: Array, of: Array) -> None:
-    """Copy memories of innovations (streams, memories, width) from ``of`` to ``out``."""
+def copy_tables(out: Array, of: Array) -> None:
+    """Copy an array (tables, rows, columns) from ``of`` to ``out``."""
     for i in range(of.shape[0]):
         copy_rows(out[i], of[i])
 
@@ -56,8 +56,8 @@ def take_snapshot(b: Bank, log: Log) -> None:
                 log.P[i, m, j, k] = b.P[m, j, k]
             for k in range(ss.COMMON):
                 log.S[i, m, j, k] = b.S[m, j, k]
-    copy_memories(log.memories[i], b.memories)
-    copy_rows(log.signatures[i], b.signatures)
+    copy_tables(log.memories[i], b.memories)
+    copy_tables(log.signatures[i], b.signatures)
     for j in range(ss.FLAT):
         log.flat[i, j] = b.flat[j]
     for j in range(ss.LOOSE):
@@ -81,8 +81,8 @@ def restore(b: Bank, log: Log, number: int) -> None:
                 b.P[m, j, k] = log.P[i, m, j, k]
             for k in range(ss.COMMON):
                 b.S[m, j, k] = log.S[i, m, j, k]
-    copy_memories(b.memories, log.memories[i])
-    copy_rows(b.signatures, log.signatures[i])
+    copy_tables(b.memories, log.memories[i])
+    copy_tables(b.signatures, log.signatures[i])
     for j in range(ss.FLAT):
         b.flat[j] = log.flat[i, j]
     for j in range(ss.LOOSE):

@@ -68,12 +68,16 @@ SUM_X, SUM_Y, SINCE_S, EXTRA, NEWEST_S, TURNED_2, LOOSE = 0, 1, 2, 3, 4, 5, 6
 # position along x and y, zero of depth.
 RANGE_SCALE, TURN, OFFSET, DEPTH_ZERO, COMMON = 0, 1, 2, 4, 5
 
-# Rows of Bank.signatures after the state: Lambda and zeta, Lambda between both of a pair (at the
-# first of them), their statistic. Hypothesis of kind k in slot i: column KINDS i + k. Kinds: a
-# current that grows and one that has begun, along x and y; a deviation of the AHRS as the sine and
-# cosine of the heading; drag that has changed; a heading of the AHRS that drifts.
-LAMBDA, ZETA, CROSS, STATISTIC, SIGNATURE_ROWS = N, N + 1, N + 2, N + 3, N + 4
-GROWS, BEGINS, DEVIATES, DRAGS, TURNS, KINDS = 0, 2, 4, 6, 7, 8
+# Tables of Bank.signatures: one for each member, the last one for their mixture. Rows after the
+# state: Lambda and zeta, Lambda between both of a pair (at the first of them), the table's own
+# statistic, logarithms of the member's weight when the hypothesis began and of its likelihood
+# without a fault since then, statistic of the whole bank (in the last table). Hypothesis of kind k
+# in slot i: column KINDS i + k. Kinds: a current that grows and one that has begun, along x and y;
+# a deviation of the AHRS as the sine and cosine of the heading; drag that has changed; a heading
+# of the AHRS that drifts; ranges and bearings that do.
+LAMBDA, ZETA, CROSS, OWN, PRIOR, LIKELIHOOD, STATISTIC = range(N, N + 7)
+SIGNATURE_ROWS = N + 7
+GROWS, BEGINS, DEVIATES, DRAGS, TURNS, RANGES, BEARINGS, KINDS = 0, 2, 4, 6, 7, 8, 9, 10
 
 # Columns of Streams.fixes.
 X, Y, Z, PSI, RANGE, BEARING, RANGE_VARIANCE, BEARING_VARIANCE, PSI_SIGMA, FIX_COLUMNS = range(10)
@@ -102,7 +106,7 @@ class Bank(NamedTuple):
     weight: Array  # (B,), sum 1
     S: Array  # (B, 12, COMMON): change of the error per unit of each common error
     memories: Array  # (watch.STREAMS, watch.MEMORIES, watch.WIDTH) of innovations
-    signatures: Array  # (SIGNATURE_ROWS, KINDS SLOTS): hypotheses about slow faults
+    signatures: Array  # (B + 1, SIGNATURE_ROWS, KINDS SLOTS): hypotheses about slow faults
     flat: Array  # (FLAT,)
     loose: Array  # (LOOSE,)
     counters: Ints  # (COUNTERS,)
