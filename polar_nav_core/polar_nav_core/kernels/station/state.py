@@ -110,7 +110,7 @@ class Bank(NamedTuple):
     flat: Array  # (FLAT,)
     loose: Array  # (LOOSE,)
     counters: Ints  # (COUNTERS,)
-    tally: Array  # (2, 3): rows and columns of events.LOCAL_DOF
+    tally: Array  # (2, 3): rows and columns of outputs.LOCAL_DOF
     counting: Ints  # (1,): 0 while inputs are processed again: each counts once
 
 
