@@ -27,6 +27,7 @@ def scales(sigma):
     return np.array(found).transpose(1, 0, 2)
 
 
+@pytest.mark.xfail(reason='pulled: docs/limitations.md', strict=True)
 @pytest.mark.parametrize('sigma', [0.004, 0.02])
 def test_a_noisy_imu_pulls_no_scale(sigma):
     """With the predicted velocity in the rows: -0.30 +- 0.04 % and -0.99 +- 0.15 % along track."""

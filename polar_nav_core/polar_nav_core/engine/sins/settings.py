@@ -60,9 +60,8 @@ def make_settings(
         shares_leader=shares_leader,
         adaptive=c.noise_adaptation == 'adaptive_r',
         # Where the noise is adapted, a share by the stated one means nothing: those filters, the
-        # readings of the papers, have the measured velocity, and a scale's rows the predicted one.
+        # readings of the papers, have the measured velocity.
         knows_turn=p.dvl_turn_velocity == 'known' and c.noise_adaptation == 'none',
-        judges_scale=c.noise_adaptation == 'none',
         back_propagates=c.delay_handling == 'back_propagate',
         forgetting=p.forgetting,
         floor=p.adaptive_floor,

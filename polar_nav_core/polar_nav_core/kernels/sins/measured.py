@@ -16,7 +16,7 @@ from . import state as fs
 from .consider import COLUMNS, LEADER, depth_common, dvl_common, fix_common
 from .rings import Past
 from .rows import depth_rows, dvl_rows, fix_rows
-from .scale import NOISY, steady_scale_rows
+from .scale import NOISY, calm_scale_rows
 from .settings import Settings
 from .state import Frames, State
 from .turn import known_turn_rows, own_share
@@ -88,8 +88,8 @@ def fill_dvl(
         c.C_m_b,
         c.lever_dvl_b,
     )
-    if c.judges_scale and c.densities[1] * (1.0 + s.excess[0]) >= NOISY:
-        steady_scale_rows(w.H, w.R, w.C_m_G, s.P, s.steady)
+    if c.densities[1] * (1.0 + s.excess[0]) > NOISY:
+        calm_scale_rows(w.H, w.C_m_G, s.P, s.calm)
     if c.knows_turn:
         known_turn_rows(w.H, w.z, s.v_G, 0.0 if held else own_share(w.H, w.R, s.P))
     if s.counters[fs.CONSIDERS] == 1:

@@ -55,7 +55,6 @@ class Settings(NamedTuple):
     shares_leader: bool  # the last three states are the leader's errors, per sigma
     adaptive: bool
     knows_turn: bool  # rows of a ping: the velocity that a turn moves is that known with it (turn)
-    judges_scale: bool  # rows of a ping: the DVL's scale is judged by a speed that stays (scale)
     back_propagates: bool  # fixes of the streams are late: they stand where they were received
     forgetting: float
     floor: float

@@ -137,7 +137,7 @@ class State(NamedTuple):
     runs: Array  # (2, 4): refused in a row that agree, DVL and depth: number, newest value
     conflict: Array  # (6,): where refused fixes say that velocity and position are off (consider)
     excess: Array  # (1,): variance of the IMU's noise above the stated one, per stated one
-    steady: Array  # (4,): speed that the DVL's scale is judged by (scale)
+    calm: Array  # (4,): velocity that the DVL's scale is judged by (scale)
     bank: Array  # (ROWS, SLOTS * KINDS): hypotheses about slow faults (hypotheses)
     windows: Array  # (3, 4): residuals of each stream since its window began (signatures)
     heading_memories: Array  # (2, WIDTH): innovations of a measured heading (watch)
@@ -184,7 +184,7 @@ _SHAPES = {
     'runs': (2, 4),
     'conflict': (6,),
     'excess': (1,),
-    'steady': (4,),
+    'calm': (4,),
     'bank': (hypotheses.ROWS, hypotheses.SLOTS * hypotheses.KINDS),
     'windows': (watch.STREAMS, hypotheses.WINDOW),
     'heading_memories': (watch.MEMORIES, watch.WIDTH),
