@@ -26,7 +26,7 @@ _LEADER_TOPICS = (
     topics.TX,
     topics.RX,
 )
-_NAVIGATION_TOPICS = (
+NAVIGATION_TOPICS = (
     topics.STATE,
     topics.RECEIPT,
     topics.HEALTH,
@@ -37,7 +37,7 @@ _NAVIGATION_TOPICS = (
 _FOLLOWER_TOPICS = (
     topics.RX,
     topics.DECODED,
-    *_NAVIGATION_TOPICS,
+    *NAVIGATION_TOPICS,
 )
 _ROOT_TOPICS = (
     topics.CLOCK,
@@ -48,7 +48,7 @@ _ROOT_TOPICS = (
 
 def recorded_topics(leader: str, follower: str, navigates: str = 'perfect') -> dict[str, str]:
     """Recorded topics of the graph, each with its message type."""
-    own = (*_NAVIGATION_TOPICS, topics.ABSOLUTE) if navigates == 'own' else ()
+    own = (*NAVIGATION_TOPICS, topics.ABSOLUTE) if navigates == 'own' else ()
     return {
         **topics_of_the_root(),
         **topics.of_vehicle(leader, (*_SENSOR_TOPICS, *_LEADER_TOPICS, *own)),
@@ -64,6 +64,6 @@ def topics_of_the_root() -> dict[str, str]:
 def topics_alone(mission: Mission, follower: str) -> dict[str, str]:
     """Recorded topics of a vehicle without a leader, each with its message type."""
     return {
-        **topics.of_vehicle(follower, (*_SENSOR_TOPICS, *_NAVIGATION_TOPICS, topics.INPUTS)),
+        **topics.of_vehicle(follower, (*_SENSOR_TOPICS, *NAVIGATION_TOPICS, topics.INPUTS)),
         **own_aiding_topics(mission),
     }

@@ -26,6 +26,7 @@ from .parts import (
     link_node,
     sim_node,
 )
+from .recorded_topics import NAVIGATION_TOPICS
 from .spec import NodeSpec, ParameterValue, Stage
 
 if TYPE_CHECKING:
@@ -59,12 +60,7 @@ _VEHICLE_TOPICS = (
     topics.ODOMETRY,
     topics.RX,
     topics.STATION_DECODED,
-    topics.STATE,
-    topics.RECEIPT,
-    topics.HEALTH,
-    topics.CLOCK_STEP,
-    topics.COMMAND,
-    topics.FIX,
+    *NAVIGATION_TOPICS,
 )
 
 
