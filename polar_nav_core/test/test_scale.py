@@ -58,6 +58,26 @@ def test_what_is_uncertain_with_the_scale_itself_is_no_jitter():
     assert used(H, C_m_G)[0] == pytest.approx(2.0, abs=0.0045)
 
 
+def test_predicted_and_corrected_velocities_pull_a_scale_as_derived():
+    """E[g z] of a scalar filter about a velocity that stays (measurements.md, 1)."""
+    rng = np.random.default_rng(1)
+    r, q, pings = 1.0, 0.05, 400_000
+    P = 0.5 * q + np.sqrt(0.25 * q * q + q * r)
+    G = P / (P + r)
+    noise, walk = np.sqrt(r) * rng.standard_normal(pings), np.sqrt(q) * rng.standard_normal(pings)
+    a, slopes = 0.0, np.zeros(2)
+    products = np.empty((pings, 2))
+    for k in range(pings):
+        a += walk[k]
+        z = a - noise[k]
+        velocities = np.array([a, a - G * z])
+        products[k] = (slopes - velocities) * z
+        slopes += G * (velocities - slopes)
+        a -= G * z
+    expected = [-P / (2.0 - G), P * (1.0 - G) / (2.0 - G)]
+    np.testing.assert_allclose(products.mean(axis=0), expected, rtol=0.03)
+
+
 @pytest.fixture(scope='module')
 def world():
     return World(300.0)
