@@ -21,6 +21,9 @@ TYPES = {
     recording.FIX: NavSatFix,
 }
 
+LINGER_S = 3.0
+"""Between the last message and the end [s]."""
+
 
 def main(seed: int, seconds: float, listeners: int = 1) -> None:
     """Wait for listeners, then publish."""
@@ -36,6 +39,9 @@ def main(seed: int, seconds: float, listeners: int = 1) -> None:
     for topic, log_ns, message in recording.messages(run, time.time_ns() + 1_000_000_000):
         time.sleep(max(0.0, (log_ns - time.time_ns()) * 1e-9))
         out[topic].publish(message)
+    # What a publisher sent right before it leaves is lost to a listener that is held up meanwhile:
+    # nobody sends it again. A driver on a vehicle does not leave with its last message.
+    time.sleep(LINGER_S)
     node.destroy_node()
     rclpy.shutdown()
 

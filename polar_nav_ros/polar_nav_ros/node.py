@@ -50,6 +50,12 @@ P = TypeVar('P', bound=NodeParams)
 ACK_TOPIC = '/lockstep/ack'
 SUPERVISED = 'POLAR_NAV_SUPERVISED'
 """Set in the environment by who reads lines for machines from stdout: ready, progress, counts."""
+ACKNOWLEDGED_S = 5.0
+"""For readers to have the last messages [s].
+
+The middleware tells a reader of what it missed with its next heartbeat, up to 3 s later: a
+recorder that a busy computer held up for a moment needs one.
+"""
 _TURN = 500
 """Messages of one subscription that are taken at a time; then timers and signals have a turn."""
 _HEARTBEAT_S = 0.2
@@ -321,11 +327,18 @@ class PolarNode(BlamedNode, Generic[P]):
     def close(self) -> None:
         """Publish last messages before the end of the node; overridden."""
 
-    def flush(self, timeout_s: float = 2.0) -> None:
-        """Wait until readers have acknowledged all messages, for ``timeout_s`` at most."""
+    def flush(self, timeout_s: float = ACKNOWLEDGED_S) -> list[str]:
+        """Topics with readers that have not acknowledged all messages within ``timeout_s``."""
         deadline = time.monotonic() + timeout_s
-        for output in (*self._outputs, self._diagnostics):
-            output.flush(max(0.0, deadline - time.monotonic()))
+        late = [
+            output.topic
+            for output in (*self._outputs, self._diagnostics)
+            if not output.flush(max(0.0, deadline - time.monotonic()))
+        ]
+        if late:
+            text = f'not all readers have the last messages of {", ".join(late)}'
+            self.get_logger().warning(f'{text}: not acknowledged within {timeout_s:g} s')
+        return late
 
     def tell_supervisor(self, what: str, text: str) -> None:
         """Print one machine-readable line for a supervisor that asked for it (SUPERVISED)."""

@@ -372,6 +372,46 @@ def test_a_long_burst_does_not_keep_other_topics_waiting(executor):
     peer.destroy_node()
 
 
+def test_last_messages_reach_a_reader_that_was_held_up(capfd):
+    """A stopped reader is named; one that goes on is told by a heartbeat what it has missed."""
+    domain = str(60 + os.getpid() % 20)
+    code = (
+        'import sys, rclpy\n'
+        'from polar_nav_msgs.msg import Depth\n'
+        'from polar_nav_ros.qos import DATA_QOS\n'
+        'rclpy.init()\n'
+        'node, taken = rclpy.create_node("reader"), []\n'
+        'node.create_subscription(Depth, "out", taken.append, DATA_QOS)\n'
+        'while len(taken) < 20:\n'
+        '    rclpy.spin_once(node)\n'
+        'print([int(m.depth) for m in taken] == list(range(20)))'
+    )
+    reader = subprocess.Popen(
+        [sys.executable, '-c', code],
+        env={**os.environ, 'ROS_DOMAIN_ID': domain},
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    try:
+        echo = Echo()
+        assert echo.out.wait_for_subscription(30.0)
+        for depth in range(10):
+            echo.out.publish(Depth(depth=float(depth)))
+        assert echo.flush(30.0) == []
+        reader.send_signal(signal.SIGSTOP)
+        for depth in range(10, 20):
+            echo.out.publish(Depth(depth=float(depth)))
+        assert echo.flush(0.1) == ['/out']
+        assert 'not all readers have the last messages of /out' in capfd.readouterr().err
+        reader.send_signal(signal.SIGCONT)
+        assert echo.flush(30.0) == []
+        echo.destroy_node()
+        assert reader.communicate(timeout=30.0)[0] == 'True\n'
+    finally:
+        reader.kill()
+        reader.communicate()
+
+
 @pytest.mark.parametrize('args', [['--help'], ['-h', '--ros-args', '-p', 'x:=1']])
 def test_a_node_says_what_it_is_and_does_not_start(args, capsys):
     def unwanted():
