@@ -2,6 +2,9 @@
 
 Errors of a track are correlated in time: of its normalized squares one is counted in each
 correlation time, so that the band of a chi-square distribution holds for them.
+
+Rows `exact_*` are worlds drawn from the model itself, without reserve, gate and weights: there a
+stated sigma has to be the error. The default states more than these worlds have.
 """
 
 from __future__ import annotations
@@ -26,6 +29,7 @@ from polar_nav_sim.offline_station import StationScenario
 
 from ..scoring.tables import Column, Table
 from .errors import track_errors
+from .evidence.price import EXACT
 from .experiment import Experiment
 from .jobs import RunResult
 from .request import Request, Size, rows_matching
@@ -49,11 +53,13 @@ _ROWS: Mapping[str, Mapping[str, Any]] = {
     'tactical': {'imu': 'tactical', 'gyro_bias_dph': 1.0, 'accel_bias_g': 5e-4},
     'no_dvl': {'imu': 'paper_6_1', 'dvl_rate_hz': 0.0},
 }
+_EXACT = {f'exact_{name}': world for name, world in _ROWS.items()}
 _STATIONS: Mapping[str, Mapping[str, Any]] = {
     'station': {},
     'station_changing': {'current_change': 0.3, 'current_turn': 0.6},
 }
 """Vehicles without DVL that a station locates, in a current that stays and in one that turns."""
+_ALL: Mapping[str, Mapping[str, Any]] = {**_ROWS, **_EXACT, **_STATIONS}
 
 
 @dataclass(frozen=True)
@@ -83,7 +89,7 @@ def plan(request: Request, size: Size, columns: Sequence[str]) -> list[SmoothJob
     seeds = range(request.first_seed, request.first_seed + size.seeds)
     return [
         SmoothJob(row, size.duration_s, SMOOTHER, seed)
-        for row in rows_matching(request.rows, (*_ROWS, *_STATIONS))
+        for row in rows_matching(request.rows, _ALL)
         for seed in seeds
     ]
 
@@ -108,11 +114,12 @@ def _strapdown(job: SmoothJob) -> tuple[Smoothed[Track], dict[str, float]]:
             'imu_rate_hz': 100.0,
             'dvl_rate_hz': 5.0,
             'depth_rate_hz': 2.0,
-            **_ROWS[job.row],
+            **_ALL[job.row],
         }
     )
     world = make_world(spec, _FIXES, job.seed)
-    params = world.params(configuration='default', output_period_s=1.0)
+    stated = EXACT if job.row in _EXACT else {'configuration': 'default'}
+    params = world.params(**stated, output_period_s=1.0)
     found = smoothing.smooth(params, world.inputs, covariances=True)
     filtered = engine_run.run(params, world.inputs).track
     metrics: dict[str, float] = {}
@@ -221,8 +228,11 @@ def _line(runs: Sequence[RunResult], track: str) -> dict[str, object]:
 
 def _describe(jobs: Sequence[SmoothJob]) -> dict[str, Any]:
     return {
-        'filters': {SMOOTHER: {'engine': {'configuration': 'default'}}},
-        'groups': {job.group: dict({**_ROWS, **_STATIONS}[job.row]) for job in jobs},
+        'filters': {
+            SMOOTHER: {'engine': {'configuration': 'default'}},
+            'exact': {'engine': EXACT},
+        },
+        'groups': {job.group: dict(_ALL[job.row]) for job in jobs},
     }
 
 
