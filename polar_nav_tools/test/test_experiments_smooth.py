@@ -44,7 +44,7 @@ def test_samples_count_once_per_correlation_time(keep, expected):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('world', ['6_2', 'station_changing'])
+@pytest.mark.parametrize('world', ['6_2', 'exact_no_dvl', 'station_changing'])
 def test_the_smoother_is_nearer_and_its_table_judges_it(world):
     results = [run_job(SmoothJob(world, 120.0, SMOOTHER, seed)) for seed in (1, 2)]
     (table,) = tables(results, SIZE, Request())

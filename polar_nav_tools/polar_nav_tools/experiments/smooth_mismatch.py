@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from polar_nav_core.engine.health.span import span_of_health
 from polar_nav_core.errors import ConfigError
 
 from ..scoring.tables import Column, Table
@@ -71,9 +72,10 @@ def run_job(job: SmoothMismatchJob) -> RunResult:
         'configuration': 'default',
         **row.fault.for_all,
     }
-    ran = scene.run(world, changes, watched=False)
+    ran = scene.run(world, changes)
     course, unsettled = scene.smoothed(world, changes)
-    metrics = {'unsettled': float(bool(unsettled))}
+    said = unsettled or ran.divergence or span_of_health(ran.health).any_word
+    metrics = {'unsettled': float(bool(unsettled)), 'said': float(bool(said))}
     for name, of in ((FILTER, ran.course), (SMOOTHER, course)):
         metrics |= {f'{name}.{key}': value for key, value in _measured(of).items()}
     stopped_s = course.duration_s if ran.divergence else math.nan
@@ -100,6 +102,7 @@ _COLUMNS = (
     Column('smoother_rms', 'smoother', 'm', doc='the same'),
     Column('smoother_wrong', 'wrong', doc='the same'),
     Column('beyond', 'beyond 4σ', doc='share of it, largest of position, heading, velocity; mean'),
+    Column('silent', 'silent', doc='seeds whose smoother is wrong, and `./polar smooth` no word'),
     Column('unsettled', 'not settled', doc='seeds whose smoother says that it has not settled'),
 )
 
@@ -115,6 +118,8 @@ def tables(results: Sequence[RunResult], size: Size, request: Request) -> list[T
             line[f'{name}_rms'] = float(np.median([m[f'{name}.rms'] for m in runs]))
             line[f'{name}_wrong'] = f'{sum(m[f"{name}.wrong"] for m in runs):.0f} of {n}'
         line['beyond'] = float(np.mean([m[f'{SMOOTHER}.beyond'] for m in runs]))
+        silent = sum(m[f'{SMOOTHER}.wrong'] and not m['said'] for m in runs)
+        line['silent'] = f'{silent:.0f} of {n}'
         line['unsettled'] = f'{sum(m["unsettled"] for m in runs):.0f} of {n}'
         body.append(line)
     last = request.first_seed + size.seeds - 1

@@ -71,6 +71,22 @@ class Span:
             return f'WARN for {100.0 * share:.0f} % of the time: {self.warning}'
         return ''
 
+    @property
+    def any_word(self) -> str:
+        """Sentence on any WARN or ERROR of the run, however short; empty for a run without.
+
+        For who takes the recording as a whole: what passed in a minute is still in its constants.
+        """
+        found = self.complaint or self.remark
+        if found or not self.errors + self.warnings:
+            return found
+        level, count, sentence = (
+            ('ERROR', self.errors, self.sentence)
+            if self.errors
+            else ('WARN', self.warnings, self.warning)
+        )
+        return f'{level} at {count} of {self.looks} looks: {sentence}'
+
     def to_dict(self) -> dict[str, object]:
         """Plain values for JSON."""
         return {
