@@ -54,6 +54,15 @@ def test_warnings_are_well():
     assert not span_of([WARN, error(1)]).remark  # the worse one is said
 
 
+def test_a_word_on_what_passed_however_short_it_was():
+    assert span_of([WARN, *[OK] * 199]).any_word == 'WARN for 0.5 % of the time: drifts by 3 m'
+    assert span_of([WARN, error(1), *[OK] * 998]).any_word.startswith('ERROR for 0.1 % of')
+    assert span_of([OK, WARN]).any_word == span_of([OK, WARN]).remark
+    assert span_of([OK, error(1)]).any_word == span_of([OK, error(1)]).complaint
+    assert not span_of([OK] * 3).any_word
+    assert not span_of([]).any_word
+
+
 def test_an_error_at_the_end_is_not_well():
     span = span_of([OK] * 99 + [error(7)])
     assert span.complaint == 'ERROR at the end: 7 fixes gated'

@@ -209,11 +209,21 @@ def test_scores_of_both_stand_side_by_side_in_station_mode(capsys):
     assert runs['smoother']['summary']['r_x'] < 0.7 * runs['default']['summary']['r_x']
 
 
-@pytest.mark.parametrize(('level', 'status'), [(Level.WARN, 0), (Level.ERROR, 1)])
-def test_what_the_filter_was_warned_of_is_said(level, status, monkeypatch, capsys):
+@pytest.mark.parametrize(
+    ('level', 'status', 'well_later', 'said_of_it'),
+    [
+        (Level.WARN, 0, 0, 'WARN at the end'),
+        (Level.WARN, 0, 199, 'WARN for 0.5 % of the time'),
+        (Level.ERROR, 1, 0, 'ERROR at the end'),
+    ],
+)
+def test_what_the_filter_was_warned_of_is_said(
+    level, status, well_later, said_of_it, monkeypatch, capsys
+):
     """What contradicts the filter's model contradicts that of the smoother, too."""
     condition = Condition('slow fault', level, Culprit.FIXES, 'fixes drift')
-    health = (Health(1, (Present(condition, 1, 1),), 1.0, 0),)
+    well = Health(2, (), 1.0, 0)
+    health = (Health(1, (Present(condition, 1, 1),), 1.0, 0), *[well] * well_later)
     real = bag_module.smooth_bag
 
     def warned(*args, **kwargs):
@@ -222,5 +232,5 @@ def test_what_the_filter_was_warned_of_is_said(level, status, monkeypatch, capsy
     monkeypatch.setattr(bag_module, 'smooth_bag', warned)
     assert polar('smooth', BAGS / 'reference_4', '--passes', '1', '--json') == status
     said = capsys.readouterr()
-    assert f'the filter was not well: {level.name} at the end: fixes drift' in said.err
-    assert json.loads(said.out)['filter_health']['level_at_end'] == level.name
+    assert f'the filter was not well: {said_of_it}: fixes drift' in said.err
+    assert json.loads(said.out)['filter_health']['level_at_end'] == health[-1].level.name

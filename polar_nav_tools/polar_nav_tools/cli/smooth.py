@@ -121,8 +121,8 @@ def smooth(
     _print(run, span, well=well, as_json=as_json)
     if run.found.divergence:
         say(f'the filter diverged: {run.found.divergence}')
-    if span.complaint or span.remark:
-        say(f'the filter was not well: {span.complaint or span.remark}')
+    if span.any_word:
+        say(f'the filter was not well: {span.any_word}')
     require(well)
 
 

@@ -77,15 +77,13 @@ class Span:
 
         For who takes the recording as a whole: what passed in a minute is still in its constants.
         """
-        found = self.complaint or self.remark
-        if found or not self.errors + self.warnings:
-            return found
-        level, count, sentence = (
-            ('ERROR', self.errors, self.sentence)
-            if self.errors
-            else ('WARN', self.warnings, self.warning)
-        )
-        return f'{level} at {count} of {self.looks} looks: {sentence}'
+        if self.complaint or self.remark:
+            return self.complaint or self.remark
+        if self.errors:
+            return f'ERROR for {_percent(self.errors, self.looks)} of the time: {self.sentence}'
+        if self.warnings:
+            return f'WARN for {_percent(self.warnings, self.looks)} of the time: {self.warning}'
+        return ''
 
     def to_dict(self) -> dict[str, object]:
         """Plain values for JSON."""
@@ -112,6 +110,11 @@ def span_of(looks: Iterable[Look]) -> Span:
         sentence=_sentence(found, Level.ERROR),
         warning=_sentence(found, Level.WARN),
     )
+
+
+def _percent(count: int, looks: int) -> str:
+    """Share in per cent with two digits, however small it is."""
+    return f'{100.0 * count / looks:.2g} %'
 
 
 def _sentence(looks: list[Look], level: Level) -> str:
