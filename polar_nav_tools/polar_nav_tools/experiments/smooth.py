@@ -3,8 +3,9 @@
 Errors of a track are correlated in time: of its normalized squares one is counted in each
 correlation time, so that the band of a chi-square distribution holds for them.
 
-Rows `exact_*` are worlds drawn from the model itself, without reserve, gate and weights: there a
-stated sigma has to be the error. The default states more than these worlds have.
+Rows `exact_*` are worlds drawn from the model itself, with a filter without reserve, gate and
+weights: there a stated sigma has to be the error. The IMU of `tactical` has vices that nobody
+states; that of `exact_tactical` has none.
 """
 
 from __future__ import annotations
@@ -53,7 +54,7 @@ _ROWS: Mapping[str, Mapping[str, Any]] = {
     'tactical': {'imu': 'tactical', 'gyro_bias_dph': 1.0, 'accel_bias_g': 5e-4},
     'no_dvl': {'imu': 'paper_6_1', 'dvl_rate_hz': 0.0},
 }
-_EXACT = {f'exact_{name}': world for name, world in _ROWS.items()}
+_EXACT = {f'exact_{name}': {**world, 'imu_vices': False} for name, world in _ROWS.items()}
 _STATIONS: Mapping[str, Mapping[str, Any]] = {
     'station': {},
     'station_changing': {'current_change': 0.3, 'current_turn': 0.6},
