@@ -14,11 +14,11 @@ import pyarrow.parquet as pq
 import pytest
 from task_samples import Sum, tasks_of, walk
 
-from polar_nav_core.errors import ConfigError
+from polar_nav_core.errors import ConfigError, PolarNavError
 from polar_nav_tools.tasks import attempt as attempt_module
 from polar_nav_tools.tasks import cluster
 from polar_nav_tools.tasks.attempt import DifferentWorker, attempt
-from polar_nav_tools.tasks.distribution import Distribution, Unreachable
+from polar_nav_tools.tasks.distribution import Distribution, EndedWorkers, Unreachable
 from polar_nav_tools.tasks.execution import Workers, execute
 from polar_nav_tools.tasks.rows import FAILED, VARYING
 from polar_nav_tools.tasks.store import opened
@@ -99,7 +99,10 @@ def test_what_kills_every_worker_is_a_failure(client, undisturbed, tmp_path):
     jobs = [*JOBS[:4], Sum(4, always=True, ends=str(tmp_path / 'mark')), *JOBS[5:]]
     found = by(client, tmp_path / 'rows', tasks_of(jobs), failures=True)
     assert found['status'].to_pylist().count(FAILED) == 1
-    assert 'ended 3 workers' in found['reason'][4].as_py()
+    reason = found['reason'][4].as_py()
+    assert reason.startswith('EndedWorkers: scale 1')
+    assert 'ended 3 workers' in reason
+    assert issubclass(EndedWorkers, PolarNavError)  # a command ends with this sentence
     others = [i for i in range(40) if i != 4]
     names = undisturbed.column_names
     assert found.select(names).take(others).equals(undisturbed.take(others))

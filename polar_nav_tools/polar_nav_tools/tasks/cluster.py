@@ -48,6 +48,10 @@ def local(workers: int) -> Iterator[Client]:
                 'distributed.worker.http.routes': [],
                 'distributed.admin.log-length': 0,
                 'distributed.worker.profile.enabled': False,
+                # Its nanny notices one that ends; one that is silent on a busy machine lives.
+                'distributed.scheduler.worker-ttl': None,
+                'distributed.comm.timeouts.tcp': '10 minutes',
+                'distributed.comm.timeouts.connect': '2 minutes',
                 # Dask's own gives every freed array back to the system, which the next one asks
                 # for again.
                 'distributed.nanny.pre-spawn-environ': {'OPENBLAS_NUM_THREADS': 1},

@@ -41,6 +41,17 @@ class Unreachable(PolarNavError):
     """A scheduler or its workers cannot be used."""
 
 
+class EndedWorkers(PolarNavError):
+    """A task was given to several workers, of which none came back."""
+
+    def __init__(self, task: Task) -> None:
+        of = ', '.join(f'{name} {value}' for name, value in task.names.items() if value != '')
+        super().__init__(
+            f'{of}: ended {_MOST_DEATHS} workers, which were killed or did not answer any more; '
+            'finished runs are kept, --resume goes on with them, with --jobs 1 in this process'
+        )
+
+
 class Distribution:
     """Attempts at tasks, in the order in which they end.
 
@@ -114,7 +125,7 @@ class Distribution:
             if self._deaths[task.key] < _MOST_DEATHS:
                 self._suspects.append(task)
             else:
-                failures.append(failed(task, RuntimeError(f'ended {_MOST_DEATHS} workers')))
+                failures.append(failed(task, EndedWorkers(task)))
         return failures
 
     def _give(self) -> None:
