@@ -17,7 +17,7 @@ from ...scoring import Comparison, Score
 from ...scoring.tables import show
 from ...scoring.timeliness import TimedFix, timed_fixes
 from ...scoring.verdicts import FUSED
-from ...series.vehicle import ReceiptRecord
+from ...series.vehicle import ReceiptRecord, TruthSeries
 from ..input import FixPositions, ReportInput
 from ..style import color, drawing, new_figure, run_color, verdict_look
 from ..svg import to_svg
@@ -27,6 +27,10 @@ from .chart import round_length
 Floats = NDArray[np.float64]
 
 _ASPECT = 2.3
+_NEAR = 0.1
+"""Share of the picture's width within which names would stand on one another."""
+_AXES_PX = 1000.0
+"""Width of the picture, about."""
 _MEMORY_NS = 300_000_000_000  # of the drawn ways and fixes [ns]
 
 
@@ -47,8 +51,7 @@ class _Belief:
 
 def close_up(data: ReportInput, scores: Comparison) -> Picture:
     """Truth and estimates at the time when the last fix was fused, with 3-sigma ellipses."""
-    reference = next(reversed(scores.scores))
-    truth, _, receipts = data.runs[reference]
+    truth, receipts = _reference(data, scores)
     now_ns, last = _instant(scores, receipts)
     row = int(np.argmin(np.abs(truth.stamp_ns - now_ns)))
     origin_e = truth.r_e[row]
@@ -90,7 +93,8 @@ def close_up(data: ReportInput, scores: Comparison) -> Picture:
         tips = _draw_fixes(ax, data.fixes, receipts, local, now_ns, low, high)
         size = float(high[0] - low[0])
         if last is not None and valid_at is not None:
-            _draw_validity(ax, last, valid_at, ahead)
+            by_truth = float(np.hypot(*valid_at)) < _NEAR * size
+            _draw_validity(ax, last, valid_at, (64.0 if by_truth else 28.0) * _left_of(ahead))
         offsets = _belief_offsets(beliefs, ahead, size)
         for belief, offset in zip(beliefs, offsets, strict=True):
             _draw_belief(ax, belief, size, offset)
@@ -109,6 +113,19 @@ def close_up(data: ReportInput, scores: Comparison) -> Picture:
         alt=alt,
         svg=svg,
     )
+
+
+def _reference(
+    data: ReportInput, scores: Comparison
+) -> tuple[TruthSeries, Sequence[ReceiptRecord]]:
+    """Truth and receipts of the last run to which fixes came late; else of the last one.
+
+    To a smoother each fix comes when it is valid.
+    """
+    names = list(reversed(scores.scores))
+    late = (n for n in names if any(f.delay > 0.0 for f in timed_fixes(data.runs[n][2], (FUSED,))))
+    truth, _, receipts = data.runs[next(late, names[0])]
+    return truth, receipts
 
 
 def _instant(scores: Comparison, receipts: Sequence[ReceiptRecord]) -> tuple[int, TimedFix | None]:
@@ -137,7 +154,10 @@ def _belief(
     # The first estimate that the fix can be in.
     row = min(int(np.searchsorted(stamp_ns, now_ns)), len(stamp_ns) - 1)
     first = min(int(np.searchsorted(stamp_ns, now_ns - _MEMORY_NS)), row)
-    trail = local(r_e[first : row + 1])
+    # Its error is that of its own stamp, up to a second after the instant of the picture: by that
+    # it stands beside the truth of the instant.
+    then = local(score.pairs.truth.r_e[finite][row])
+    trail = local(r_e[first : row + 1]) - then
     return _Belief(name, shade, trail[-1], trail, P[row][:2, :2].copy())
 
 
@@ -212,19 +232,23 @@ def _draw_belief(ax: Axes, belief: _Belief, size: float, offset: Floats) -> None
 def _belief_offsets(beliefs: list[_Belief], ahead: Floats, size: float) -> list[Floats]:
     """Where names stand [px]: right of the motion, further out for each one near the same spot."""
     out = -_left_of(ahead)
+    per_metre = _AXES_PX / size
     offsets: list[Floats] = []
     for k, b in enumerate(beliefs):
-        neighbours = sum(float(np.hypot(*(b.at - o.at))) < 0.1 * size for o in beliefs[:k])
-        radius = 3.0 * float(np.sqrt(max(np.nan_to_num(b.covariance).max(), 0.0)))
-        clear = min(12.0 + radius * 1000.0 / size, 90.0)
-        offsets.append(out * clear + np.array([0.0, np.sign(out[1]) * 18.0 * neighbours]))
+        near = [o for o in beliefs if float(np.hypot(*(b.at - o.at))) < _NEAR * size]
+        largest = max(float(np.nan_to_num(o.covariance).max()) for o in near)
+        clear = min(12.0 + 3.0 * float(np.sqrt(max(largest, 0.0))) * per_metre, 90.0)
+        before = sum(o in near for o in beliefs[:k])
+        # Names of one spot stand above one another, whatever their points do.
+        offset = out * clear + (near[0].at - b.at) * per_metre
+        offsets.append(offset + np.array([0.0, np.sign(out[1]) * 18.0 * before]))
     return offsets
 
 
-def _draw_validity(ax: Axes, last: TimedFix, at: Floats, ahead: Floats) -> None:
+def _draw_validity(ax: Axes, last: TimedFix, at: Floats, offset: Floats) -> None:
     ax.plot(*at, ls='', marker='D', ms=10, mfc='none', mec=color('fix'), mew=2.2, zorder=8)
     text = f'fix {last.receipt.sequence} was valid here,\n{last.delay:.1f} s before it arrived'
-    _tag(ax, at, text, color('fix'), 28.0 * _left_of(ahead))
+    _tag(ax, at, text, color('fix'), offset)
 
 
 def _left_of(ahead: Floats) -> Floats:
