@@ -45,7 +45,7 @@ def test_names_of_one_spot_do_not_stand_on_one_another():
 
     def with_a_smaller_ellipse(estimate):
         P = 0.3 * estimate.P_position_G
-        return dataclasses.replace(estimate, P_position_G=P, r_e=estimate.r_e + [0.1, 0.1, 0.0])
+        return dataclasses.replace(estimate, P_position_G=P, r_e=estimate.r_e + 0.1)
 
     svg = drawn_with(with_a_smaller_ellipse, lambda r: r).svg
     lines = [
