@@ -21,8 +21,7 @@ from sensor_msgs.msg import FluidPressure, Imu, NavSatFix  # noqa: E402
 
 from polar_nav_core.errors import ConfigError  # noqa: E402
 from polar_nav_follower.follower_node import FollowerNode  # noqa: E402
-from polar_nav_msgs.msg import Depth, FixReceipt, Inputs, NavState  # noqa: E402
-from polar_nav_ros.diagnostics import Diagnosis  # noqa: E402
+from polar_nav_msgs.msg import Depth, FixReceipt, Inputs, NavHealth, NavState  # noqa: E402
 from polar_nav_ros.qos import DATA_QOS, QUEUE_DEPTH  # noqa: E402
 from polar_nav_ros.source_ports import digest_of  # noqa: E402
 from polar_nav_ros.stamps import to_msg, to_ns  # noqa: E402
@@ -244,6 +243,18 @@ def test_a_reliable_publisher_is_heard_reliably_and_an_absent_one_is_named(mappe
     assert 'nobody publishes /topside/fix' in status.message
     values = {v.key: v.value for v in status.values}
     assert values['source /xsens/imu'] == 'sensor_msgs/msg/Imu, reliable'
+    health = []
+    rig.peer.create_subscription(NavHealth, '/auv/nav/health', health.append, DATA_QOS)
+    rig.until(lambda: rig.node.count_subscribers('/auv/nav/health') == 1)
+    now = rig.node.get_clock().now().nanoseconds
+    rig.sail(now, 25)
+    rig.node.diagnose()
+    rig.sail(now + 10**9, 25)
+    rig.until(lambda: any('nobody publishes' in c for h in health for c in h.conditions))
+    last = next(h for h in reversed(health) if h.level != NavHealth.OK)
+    assert (last.level, last.status) == (NavHealth.WARN, NavHealth.STATUS_DEGRADED)
+    assert 'WARN: nobody publishes /topside/fix' in last.conditions
+    assert last.culprit & NavHealth.FIXES
 
 
 def test_what_is_wrong_with_a_source_is_in_the_log_too(mapped, monkeypatch):
@@ -256,11 +267,11 @@ def test_what_is_wrong_with_a_source_is_in_the_log_too(mapped, monkeypatch):
     monkeypatch.setattr(rig.node, 'get_logger', lambda: log)
     sources = rig.node._ports._sources
     for _ in range(20):
-        sources.diagnosed(Diagnosis())
+        sources.health.look()
     assert said == ['nobody publishes /topside/fix']
     publisher = rig.peer.create_publisher(NavSatFix, '/topside/fix', DATA_QOS)
     rig.until(lambda: publisher.get_subscription_count() == 1)
-    sources.diagnosed(Diagnosis())
+    sources.health.look()
     assert said[1:] == ['/topside/fix is as the mapping file states it']
     rig.node._ports._start._published = None
     rig.node._ports._start.publish()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from polar_nav_core.engine.engine import Engine
 from polar_nav_core.engine.health.conditions import Condition, Culprit, Health, Level
@@ -24,17 +25,26 @@ _NAMES = {
 }
 
 
-def status_of(engine: Engine) -> tuple[str, Worst]:
-    """Name of an engine's status as of polar_nav_msgs/NavHealth, and its level."""
+def status_of(engine: Engine, beside: Sequence[Condition] = ()) -> tuple[str, Worst]:
+    """Name of an engine's status as of polar_nav_msgs/NavHealth, and its level.
+
+    ``beside`` has conditions that the node knows of.
+    """
     health = engine.health
-    level = Level.OK if health is None else health.level
+    levels = [c.level for c in beside] + ([] if health is None else [health.level])
+    level = max(levels, default=Level.OK)
     status = _status(engine, health, level)
     worst = Level.ERROR if status == NavHealth.STATUS_DIVERGED else level
     return _NAMES[status], Worst(int(worst))
 
 
 def health_to_msg(
-    engine: Engine, stamp_ns: int, radius: float, imu_ns: int | None, waits_for: str = ''
+    engine: Engine,
+    stamp_ns: int,
+    radius: float,
+    imu_ns: int | None,
+    waits_for: str = '',
+    beside: Sequence[Condition] = (),
 ) -> NavHealth:
     """polar_nav_msgs/NavHealth of an engine at a stamp.
 
@@ -49,11 +59,14 @@ def health_to_msg(
         Newest IMU sample; None before the first [ns].
     waits_for : str
         Sentence of a start that is not complete.
+    beside : sequence of Condition
+        What the node knows of its sources; a replay has none.
     """
     health = engine.health
     imu_age_s = math.nan if imu_ns is None else (stamp_ns - imu_ns) * 1e-9
     present = [p.condition for p in health.present] if health is not None else []
-    found = sorted([*_of_engine(engine, imu_age_s, waits_for), *present], key=lambda c: -c.level)
+    of_engine = _of_engine(engine, imu_age_s, waits_for)
+    found = sorted([*of_engine, *present, *beside], key=lambda c: -c.level)
     level = max((c.level for c in found), default=Level.OK)
     culprit = Culprit.NONE
     for condition in found:

@@ -223,6 +223,9 @@ class NavigationPorts:
     def diagnose(self) -> Diagnosis:
         """Health with verdict counts, ages and the number of waiting events."""
         waits_for = self._start.waits_for
+        if self._sources is not None:
+            self._sources.health.look()
+            self._session.beside = self._sources.health.conditions
         self._publish(self._session.silence(self._silent_s(), waits_for))
         self._start.publish()
         waiting: dict[str, object] = {'waiting': self._session.reorder.pending}
@@ -237,7 +240,7 @@ class NavigationPorts:
             values, behind_s=behind_s, lost=sum(lost.values()), waits_for=waits_for
         )
         if self._sources is not None:
-            found = self._sources.diagnosed(found)
+            found = self._sources.health.diagnosed(found)
         beside = [] if self._store is None else [self._store.problem]
         beside += [self._node.doubled(name) for name in self._own_topics]
         return found.beside(*beside)

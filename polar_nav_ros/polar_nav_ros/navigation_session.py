@@ -24,6 +24,7 @@ from std_msgs.msg import Header
 
 from polar_nav_core.engine.engine import Engine
 from polar_nav_core.engine.events import ClockStep, Event, number_of, shifted
+from polar_nav_core.engine.health.conditions import Condition
 from polar_nav_core.engine.health.radius import radius_95
 from polar_nav_core.engine.outputs import Estimate, Output, Receipt
 from polar_nav_core.engine.params import EngineParams
@@ -126,6 +127,8 @@ class NavigationSession(Generic[P]):
         started again in the middle of a recording, so that a replay begins with the same ones.
     hear : callable or None
         Gets each event of a live message: an alignment listens. No replay has one.
+    beside : tuple of Condition
+        What its node knows of the sources, for nav/health. No replay has any.
     """
 
     def __init__(
@@ -146,6 +149,7 @@ class NavigationSession(Generic[P]):
         self.taken: Counter[str] = Counter()
         self.marks_starts = False
         self.hear: Callable[[Event], None] | None = None
+        self.beside: tuple[Condition, ...] = ()
         self._starts: list[Published] = []
         self.sensors = tuple(sensors)
         self._frame_id = frame_id
@@ -268,7 +272,8 @@ class NavigationSession(Generic[P]):
             return
         self._health_second = stamp_ns // NS
         radius = radius_95(np.reshape(state.position_covariance_g, (3, 3))[:2, :2])
-        yield Published.of(HEALTH, health_to_msg(self.engine, stamp_ns, radius, stamp_ns))
+        message = health_to_msg(self.engine, stamp_ns, radius, stamp_ns, beside=self.beside)
+        yield Published.of(HEALTH, message)
 
     def silence(self, silent_s: float, waits_for: str = '') -> Iterator[Published]:
         """Message with the health at a time without estimates, once there was an IMU sample.
@@ -283,7 +288,7 @@ class NavigationSession(Generic[P]):
         imu_ns = self.engine.last_imu_ns
         if imu_ns is not None and (silent_s > SILENT_S or not self.engine.navigating):
             now_ns = imu_ns + round(silent_s * NS)
-            message = health_to_msg(self.engine, now_ns, math.nan, imu_ns, waits_for)
+            message = health_to_msg(self.engine, now_ns, math.nan, imu_ns, waits_for, self.beside)
             yield Published.of(HEALTH, message)
 
     def _model(self, e: Estimate) -> Iterator[Published]:

@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import hashlib
 from array import array
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import replace
+from collections.abc import Callable
 from importlib import import_module
 from typing import Any
 
@@ -24,25 +23,14 @@ from polar_nav_msgs.msg import Inputs
 from .adapters.live import CONSTANTS, Source, Sources, Taken
 from .adapters.mapping import Stream
 from .adapters.start_topic import StartTopic
-from .diagnostics import Diagnosis
 from .node import PolarNode
 from .qos import RECORD_QOS
+from .source_health import SourceHealth
 from .stamps import to_msg
 from .topics import HEADING, INPUTS
 
 _BLOCK_NS = 1_000_000_000
 _MOST = 2000
-_MANY = 10
-"""Messages that cannot be used, all of a source, that are a WARN."""
-_STANDING = 5
-"""Diagnoses, one a second, for which something is wrong before it is in the log, too."""
-_CONTENT = {
-    'velocity': ('a velocity', 'NaN, marked as not valid, or not of the stated reference'),
-    'depth': ('a depth', 'NaN, or no echo in range'),
-    'heading': ('a heading', 'NaN, or an orientation that its sender calls unknown'),
-}
-"""By role: what an empty message lacks, and how."""
-_POSITION = ('a position', 'NaN, zeros, or a status of no fix (of NavSatFix any below 0)')
 
 
 def digest_of(data: bytes) -> int:
@@ -113,6 +101,11 @@ class SourcePorts:
     sources : Sources
     start : StartTopic, optional
         Topic that the start is from.
+
+    Attributes
+    ----------
+    health : SourceHealth
+        What is wrong with them.
     """
 
     def __init__(
@@ -127,11 +120,11 @@ class SourcePorts:
             start.bind(self._start_kind(), {})
         self._start = start
         self._require_one_type()
-        self._stood: dict[str, int] = {}
         self._names: dict[str, str] = {}
         self._inputs = node.advertise(Inputs, INPUTS, RECORD_QOS)
         self._blocks = 0
         self._rows: list[tuple[int, int, int, int, int]] = []
+        self.health = SourceHealth(node, sources, self._name)
 
     def _require_one_type(self) -> None:
         """Refuse a topic that stands in the file with two types: no publisher has both."""
@@ -241,84 +234,3 @@ class SourcePorts:
     def _name(self, source: Source) -> str:
         """Full name of a source's topic, after remapping."""
         return self._names.get(source.topic, source.stream.topic)
-
-    def diagnosed(self, found: Diagnosis) -> Diagnosis:
-        """Add what is wrong with the sources to a diagnosis; a WARN where nothing is worse."""
-        found_of = {self._name(s): p for s in self._sources if (p := self._problem(s))}
-        self._tell(found_of)
-        counts = {f'unreadable {self._name(s)}': s.unreadable for s in self._sources}
-        counts |= {f'without {_content(s)} {self._name(s)}': s.empty for s in self._sources}
-        values = {**found.values, **{name: n for name, n in counts.items() if n}}
-        values |= {f'source {self._name(s)}': self._offer(s) for s in self._sources}
-        return replace(found, values=values).beside(*found_of.values())
-
-    def _tell(self, problems: Mapping[str, str]) -> None:
-        """Log what has been wrong with a topic for some seconds, and that it is over."""
-        for name in {**self._stood, **problems}:
-            stood = self._stood.get(name, 0)
-            if name in problems:
-                self._stood[name] = stood + 1
-                if stood + 1 == _STANDING:
-                    self._node.get_logger().warning(problems[name])
-            elif self._stood.pop(name) >= _STANDING:
-                self._node.get_logger().info(f'{name} is as the mapping file states it')
-
-    def _problem(self, source: Source) -> str:
-        """Sentence on a source whose publisher is absent or cannot be heard; else empty."""
-        name = self._name(source)
-        if self._node.publishers_of(name):
-            doubled = '' if source.role == 'packet' else self._node.doubled(name)
-            return _unusable(source, name) or doubled
-        offered = self._node.get_publishers_info_by_topic(name)
-        others = {str(i.topic_type) for i in offered} - {source.stream.type}
-        if not offered:
-            return f'nobody publishes {name}'
-        if others:
-            return f'{name} is published as {", ".join(sorted(others))}, not {source.stream.type}'
-        return f'the QoS of {name} is incompatible: its publisher offers {_qos_text(offered)}'
-
-    def _offer(self, source: Source) -> str:
-        kind = 'best effort' if self._name(source) in self._node.relaxed else 'reliable'
-        text = f'{source.stream.type}, {kind}'
-        clock = source.clock
-        if clock is None:
-            return text
-        return f'{text}, clock drifts by {clock.drift * 1e6:.1f} ppm, stepped {clock.steps} times'
-
-
-def _content(source: Source) -> str:
-    """What a message of a source that is empty lacks."""
-    return _CONTENT.get(source.role, _POSITION)[0]
-
-
-def _unusable(source: Source, name: str) -> str:
-    """Sentence on a source whose messages so far were of no use, or cannot be; else empty."""
-    if source.unreadable >= _MANY and not source.read:
-        return (
-            f'none of {source.unreadable} messages of {name} can be read as {source.stream.type}'
-        )
-    if source.read < _MANY:
-        return ''
-    if source.empty == source.read:
-        what, why = _CONTENT.get(source.role, _POSITION)
-        return f'none of {source.read} messages of {name} holds {what}: {why}'
-    if source.unsure == source.read:
-        return (
-            f'none of {source.read} messages of {name} states a variance above zero, and all are '
-            'refused: state `sigma` in the mapping file'
-        )
-    if 2 * source.aloft > source.read:
-        return (
-            f'{source.aloft} of {source.read} depths of {name} are above the surface: heights '
-            '(`positive: up`), gauge pressures (`atmospheric_pressure: 0`) or another pressure of '
-            'the air'
-        )
-    return ''
-
-
-def _qos_text(offered: Iterable[Any]) -> str:
-    profiles: list[Any] = [info.qos_profile for info in offered]
-    words: Mapping[str, None] = dict.fromkeys(
-        f'{p.reliability.name}, {p.durability.name}'.lower().replace('_', ' ') for p in profiles
-    )
-    return ' and '.join(words)

@@ -194,7 +194,7 @@ class StartPorts:
         """Name of the state, and its level: waiting, aligning, navigating, degraded, lost."""
         engine = self._session.engine
         if engine.navigating or engine.divergence:
-            return status_of(engine)
+            return status_of(engine, self._session.beside)
         aligning = self._start is not None and self._start.progress.phase is not Phase.WAITING
         return 'aligning' if aligning else 'waiting', Level.WARN
 

@@ -3,13 +3,15 @@
 import math
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from polar_nav_core.engine.health.conditions import Condition, Culprit, Health, Level, Present
 from polar_nav_core.engine.params import EngineParams
-from polar_nav_msgs.msg import NavHealth
+from polar_nav_msgs.msg import NavHealth, NavState
 from polar_nav_ros.cdr import to_bytes
-from polar_nav_ros.health_message import health_to_msg
+from polar_nav_ros.diagnostics import Level as Worst
+from polar_nav_ros.health_message import health_to_msg, status_of
 from polar_nav_ros.navigation_session import NavigationSession
 
 NOW = 1_000_000_000_000
@@ -76,6 +78,37 @@ def test_the_culprits_are_those_of_the_worst_level():
 def test_status(conditions, changes, status, level):
     m = message(*conditions, **changes)
     assert (m.status, m.level) == (status, level)
+
+
+ABSENT = Condition('source /dvl', Level.WARN, Culprit.DVL, 'nobody publishes /dvl')
+
+
+def test_what_the_node_knows_of_its_sources_stands_beside():
+    m = health_to_msg(engine(), NOW, 3.0, NOW, beside=(ABSENT,))
+    assert (m.level, m.status) == (NavHealth.WARN, NavHealth.STATUS_DEGRADED)
+    assert m.culprit == NavHealth.DVL
+    assert list(m.conditions) == ['WARN: nobody publishes /dvl']
+    m = health_to_msg(engine(REFUSED, GATED), NOW, 3.0, NOW, beside=(ABSENT,))
+    assert m.culprit == NavHealth.DVL | NavHealth.IMU
+    assert list(m.conditions)[-1] == 'WARN: nobody publishes /dvl'
+    assert status_of(engine()) == ('navigating', Worst.OK)
+    assert status_of(engine(), (ABSENT,)) == ('degraded', Worst.WARN)
+    assert status_of(engine(REFUSED), (ABSENT,)) == ('degraded', Worst.ERROR)
+
+
+def test_a_session_publishes_what_its_node_knows_and_no_estimate_is_needed():
+    session = NavigationSession(EngineParams(), 'auv', {})
+    session.engine.last_imu_ns = NOW
+    session.beside = (ABSENT,)
+    (aligning,) = session.silence(0.5, 'waiting for: a position fix')
+    assert list(aligning.message.conditions) == [
+        'WARN: no state yet: waiting for: a position fix',
+        'WARN: nobody publishes /dvl',
+    ]
+    state = NavState(position_covariance_g=np.eye(3).ravel())
+    session.engine = engine()
+    (navigating,) = session._health(NOW, state)
+    assert list(navigating.message.conditions) == ['WARN: nobody publishes /dvl']
 
 
 def test_a_silent_imu_is_an_error():
