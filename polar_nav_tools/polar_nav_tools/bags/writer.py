@@ -41,7 +41,8 @@ from .sink import Sink
 LARGE_BYTES = 64 * 1024
 """Size of a message from which its topic is kept apart [bytes]."""
 
-_LIBRARY = 'polar_nav_tools'
+LIBRARY = 'polar_nav_tools'
+"""What the head of a file names as its writer."""
 _COMPRESSIONS = {
     'zstd': CompressionType.ZSTD,
     'lz4': CompressionType.LZ4,
@@ -139,7 +140,7 @@ class BagWriter:
             enable_data_crcs=True,
         )
         with self._explained():
-            self._mcap.start(profile='ros2', library=_LIBRARY)
+            self._mcap.start(profile='ros2', library=LIBRARY)
             self._mcap.add_metadata(RUN_RECORD, start)
             self._sink.sync()
         self._safe_size = self._sink.tell()

@@ -200,7 +200,10 @@ def launch(
         end(status.NOT_WELL)
 
 
-@app.command(epilog='Example: `./polar record --out bags/my_run`')
+@app.command(
+    epilog='Example: `./polar record --out bags/my_run`'
+    '\n\nAfter a break: `./polar record --out bags/my_run --resume`'
+)
 def record(
     out: Annotated[Path | None, typer.Option('--out', '-o', help='Folder of the new bag.')] = None,
     max_bag_size: Annotated[
@@ -209,21 +212,33 @@ def record(
     max_bag_duration: Annotated[
         float, typer.Option(min=0.0, help='Seconds in a file, then comes a next one; 0: any.')
     ] = 0.0,
+    resume: Annotated[
+        bool, typer.Option('--resume', help='Go on with the bag of --out, in a next file of it.')
+    ] = False,
 ) -> None:
     """Record every topic of the running graph into an MCAP bag until Ctrl-C.
 
     Uses the ROS domain of the shell (ROS_DOMAIN_ID, 0 when it is not set).
     """
     from ..live.run import new_bag_path
+
+    if resume and out is None:
+        raise typer.BadParameter('--resume needs --out, the bag to go on with')
+    target = out or new_bag_path(BAGS, 'recording', 0, datetime.now())
+    if resume:
+        from ..bags.resuming import require_bag
+
+        for remark in require_bag(target):
+            say(remark)
     from ..record.recorder_node import main as recorder_main
 
-    target = out or new_bag_path(BAGS, 'recording', 0, datetime.now())
     say(f'recording to {target}; Ctrl-C ends it')
     # In quotes: a parameter on the command line is YAML, where 2026 would be a number.
     values = {
         'output': json.dumps(str(target)),
         'max_bag_size': max_bag_size,
         'max_bag_duration': max_bag_duration,
+        'resume': json.dumps(resume),
     }
     given = [part for name, value in values.items() for part in ('-p', f'{name}:={value}')]
     end(recorder_main(['--ros-args', *given]))

@@ -30,6 +30,7 @@ from polar_nav_ros.topics import DIAGNOSTICS, RUN_INFO, START
 
 from ..bags.errors import BagError
 from ..bags.qos import Qos, request_for
+from ..bags.resuming import require_own
 from ..bags.writer import BagWriter
 from .params import RecorderParams, parse_run_info, parse_topics
 from .recording import Recording, Rotation
@@ -121,6 +122,8 @@ class RecorderNode(PolarNode[RecorderParams]):
         rotation = Rotation(
             lambda: opened(resume=True), p.max_bag_size, round(p.max_bag_duration * 1e9)
         )
+        if p.resume:
+            require_own(self._path)
         writer = opened(p.resume)
         return Recording(writer, simulated=simulated, offered=self._offered, rotation=rotation)
 
