@@ -21,6 +21,9 @@ _UNKNOWN = 0
 """NavSatFix.COVARIANCE_TYPE_UNKNOWN."""
 LEVEL_SIGMA = 1e4
 """1-sigma of the height of a 2-D fix [m]: it weighs nothing against any depth sensor."""
+NO_HEIGHT = (0.1 * LEVEL_SIGMA) ** 2
+"""Vertical variance above which a fix, or an innovation of one, says nothing of the height [m^2]:
+two numbers are known then, and NIS has two degrees of freedom."""
 _NO_TURN = (0.0, 0.0, 0.0, 1.0)
 """Quaternion of a message whose sender fills in no orientation."""
 _EARTH = (6.3e6, 6.4e6)

@@ -9,13 +9,13 @@ from polar_nav_core.engine.events import Fix, Rank
 from polar_nav_core.engine.innovations import Innovations
 from polar_nav_core.engine.inputs import Inputs
 from polar_nav_core.grid import ecef_to_grid
-from polar_nav_ros.adapters.position import LEVEL_SIGMA
+from polar_nav_ros.adapters.position import NO_HEIGHT
 
 
 def without_height(fix: Fix) -> bool:
     """Whether a fix states that nothing is known of its height."""
     up = _up(fix)
-    return bool(up @ fix.covariance_e @ up > (0.1 * LEVEL_SIGMA) ** 2)
+    return bool(up @ fix.covariance_e @ up > NO_HEIGHT)
 
 
 def larger(fix: Fix, covariance_e: Array, by: float) -> Array:

@@ -20,9 +20,12 @@ from numpy.typing import NDArray
 
 from polar_nav_core import spilled
 from polar_nav_ros import receipt_fields
+from polar_nav_ros.adapters.position import NO_HEIGHT
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+_ROWS = 3
+"""Degrees of freedom that the engine states of every position."""
 
 
 class Series:
@@ -234,7 +237,8 @@ class ReceiptRecord:
         Measured minus predicted position [m] and its variance [m^2], grid axes; NaN if not
         computed.
     nis, degrees_of_freedom, gate : float, int, float
-        Normalized innovation squared, its degrees of freedom, the threshold (inf: no gate).
+        Normalized innovation squared, its degrees of freedom, the threshold (inf: no gate). Of
+        a fix without a height the degrees are two; its message, and the gate, count three rows.
     """
 
     stamp_ns: int
@@ -264,7 +268,19 @@ class ReceiptRecord:
         found: dict[str, Any] = {n: values[n] or None for n in receipt_fields.TIMES}
         found |= {n: values[n] for n in (*receipt_fields.VALUES, *receipt_fields.AXES)}
         found |= {n: values[n] for n in ('stamp_ns', 'verdict', 'verdict_text', 'age_s')}
-        return cls(degrees_of_freedom=found.pop('dof'), **found)
+        dof = found.pop('dof')
+        if dof == _ROWS and found['innovation_variance_G'][2] > NO_HEIGHT:
+            dof -= 1
+        return cls(degrees_of_freedom=dof, **found)
+
+    @property
+    def axes(self) -> NDArray[np.bool_]:
+        """Whether the fix says something of grid east, north and up, shape (3,).
+
+        A station does not measure the height, and a fix without one states that it does not.
+        """
+        known = np.isfinite(self.innovation_variance_G)
+        return np.asarray(known & ~(self.innovation_variance_G > NO_HEIGHT))
 
     @property
     def key(self) -> tuple[str, str, int, int | None]:

@@ -208,8 +208,7 @@ def _receipt(r: ReceiptRecord) -> list[str]:
     first = 'Verdict' if r.revision == 0 else f'Revision {r.revision}'
     out = [f'{first}: {_verdict(r)}.']
     if np.isfinite(r.innovation_G).all():
-        # A station does not measure the height.
-        measured = np.isfinite(r.innovation_variance_G)
+        measured = r.axes
         axes = ', '.join(name for name, there in zip(_AXES, measured, strict=True) if there)
         out.append(
             f'Innovation {_three(r.innovation_G[measured], signed=True)} m ({axes}), its 1-sigma'

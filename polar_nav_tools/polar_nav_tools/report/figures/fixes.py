@@ -305,7 +305,8 @@ def _nis(
     if not known:
         row_heading(ax, 'NIS', 'none')
         return
-    dof = int(np.median([r.degrees_of_freedom for r in known]))
+    each = np.array([r.degrees_of_freedom for r in known])
+    dof = int(np.median(each))
     low, high = (float(v) for v in chi_square_band(dof))
     nis = np.array([r.nis for r in known])
     bottom, top = 10 ** np.floor(np.log10(min(nis.min(), low))), 3.0 * max(nis.max(), high)
@@ -321,7 +322,8 @@ def _nis(
         x = clock(np.array([r.receive_ns for r in some], dtype=np.int64))
         y = np.maximum([r.nis for r in some], bottom * 1.05)
         _marks(ax, x, y, verdict, 17, tips, f'nis-{verdict}', [_tip(r) for r in some])
-    share = float(np.mean((nis >= low) & (nis <= high)))
+    lows, highs = chi_square_band(each)  # with heights and without them: each by its own
+    share = float(np.mean((nis >= lows) & (nis <= highs)))
     ax.set_ylim(bottom, top)
     ax.yaxis.set_major_formatter(lambda value, _: f'{value:g}')
     ax.minorticks_off()
