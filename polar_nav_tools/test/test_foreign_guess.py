@@ -25,6 +25,7 @@ from foreign_worlds import (
 from foreign_worlds import aiding_columns as aiding
 from test_foreign_map import KNOWN, guessed, with_stamps
 
+from polar_nav_core.errors import ConfigError
 from polar_nav_ros.adapters.mapping import Frame, PositionMapping, Stream
 from polar_nav_tools.bags.reader import Topic
 from polar_nav_tools.foreign.candidates import outputs_of
@@ -119,6 +120,42 @@ def test_heights_of_fixes_where_nothing_else_measures_them(
         text = guessed(tmp_path / name, make, [imu, dvl, *some])
         assert yaml.safe_load(text)['fixes'][0]['dimensions'] == dimensions
         assert ('nothing measures the height' in text) is (name == 'none')
+
+
+def test_fixes_whose_heights_are_nan_are_fixes(columns: Columns, tmp_path: Path) -> None:
+    """NavSatFix has NaN where the height is not known: their place is used all the same."""
+    make, (imu, dvl, depth, fixes, _) = columns
+    unknown = fixes.values | {'altitude': np.full(len(fixes.log_ns), np.nan)}
+    text = guessed(tmp_path, make, [imu, dvl, depth, replace(fixes, values=unknown)])
+    top = yaml.safe_load(text)
+    assert [f['topic'] for f in top['fixes']] == [FIXES]
+    assert top['fixes'][0]['dimensions'] == 2
+    assert 'hold no position' not in text
+    # The start cannot be from them: it is aligned.
+    assert top['initial'] == {'from': 'values', 'heading_deg': 'FILL_IN'}
+
+
+def test_of_two_vehicles_one_is_mapped_and_the_other_named(
+    columns: Columns, tmp_path: Path
+) -> None:
+    make, (imu, dvl, depth, fixes, _) = columns
+    mine = [replace(c, topic=f'/Alpha{c.topic}') for c in (imu, dvl, depth, fixes)]
+    theirs = [replace(c, topic=f'/bravo{c.topic}') for c in (imu, dvl, depth, fixes)]
+    # Of the other one alone there is a position that is a fix by its name.
+    both = [*mine[:3], *theirs]
+    for name, other, has_fixes in (('Alpha', 'bravo', False), ('bravo', 'Alpha', True)):
+        choices = replace(KNOWN, vehicle=name)
+        text = guessed(tmp_path / name, make, both, choices)
+        top = yaml.safe_load(text)
+        assert top['vehicle'] == name
+        assert [top[k]['topic'] for k in ('imu', 'dvl', 'depth')] == [
+            f'/{name}{c.topic}' for c in (imu, dvl, depth)
+        ]
+        assert ('fixes' in top) is has_fixes
+        assert f'# {other} is another vehicle by its IMU; `polar map --vehicle {other}`' in text
+        assert f'/{other}/' not in text
+    with pytest.raises(ConfigError, match=f'charlie has no IMU in its namespace; .*{IMU}'):
+        guessed(tmp_path / 'none', make, both, replace(KNOWN, vehicle='charlie'))
 
 
 def test_an_imu_without_gravity_is_none(columns: Columns, tmp_path: Path) -> None:

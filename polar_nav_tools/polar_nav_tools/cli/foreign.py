@@ -53,6 +53,12 @@ def map_(
         str | None,
         typer.Option('--clock', metavar=one_of(STAMPS), help='Where times of validity stand.'),
     ] = None,
+    vehicle: Annotated[
+        str | None,
+        typer.Option(
+            '--vehicle', metavar='NAMESPACE', help='Which one, where several have an IMU.'
+        ),
+    ] = None,
     msg_path: MsgPathOption = None,
     live: Annotated[
         bool, typer.Option('--live', help='Listen to the running graph instead of a bag.')
@@ -83,6 +89,7 @@ def map_(
         dvl=_chosen('--dvl', dvl, DVL_CLASSES),
         reference=_chosen('--reference', reference, REFERENCES),
         clock=_chosen('--clock', clock, STAMPS),
+        vehicle=vehicle,
     )
     if bag is None:
         _map_live(chosen, seconds, msg_path)

@@ -64,6 +64,20 @@ def vehicle(imu: Topic | None) -> str:
     return parts[0] if len(parts) > 1 and parts[0].lower() not in SENSOR_WORDS else 'vehicle'
 
 
+def of_vehicle(topics: list[Topic], name: str) -> list[Topic]:
+    """Return the topics in the namespace of a vehicle."""
+    return [t for t in topics if t.name.startswith(f'/{name.strip("/")}/')]
+
+
+def twins(imu: Topic | None, topics: list[Topic]) -> list[str]:
+    """Return vehicles beside that of the IMU: namespaces with a topic of its name and type."""
+    if imu is None:
+        return []
+    own, _, rest = imu.name.strip('/').partition('/')
+    alike = [t.name.strip('/').partition('/') for t in topics if t.type == imu.type]
+    return sorted({first for first, _, end in alike if end and end == rest and first != own})
+
+
 def near(topic: Topic, imu: Topic) -> bool:
     """Whether a topic may be of the same vehicle: not in the namespace of a leader."""
     return not words(topic, LEADER_WORDS) or bool(words(imu, LEADER_WORDS))

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from polar_nav_core.errors import PolarNavError
+from polar_nav_core.errors import ConfigError, PolarNavError
 from polar_nav_ros.adapters.layouts import IMU, POSITION, VELOCITY
 from polar_nav_ros.adapters.mapping import VERSION, Frame, PositionMapping, Stream
 
@@ -26,7 +26,9 @@ from .candidates import (
     dvl_of,
     fixes_of,
     near,
+    of_vehicle,
     outputs_of,
+    twins,
     vehicle,
 )
 from .definitions import undecodable
@@ -76,15 +78,20 @@ def guess(
     out.put()
     out.put(f'version: {VERSION}')
     topics = [t for t in source.topics.values() if t.count]
-    imu = best([t for t in topics if t.type in IMU], RAW_WORDS)
+    imu = best(_imus(topics, choices.vehicle), RAW_WORDS)
     out.put(f'vehicle: {vehicle(imu)}')
+    others = twins(imu, topics)
+    for name in others:
+        out.say(f'{name} is another vehicle by its IMU; `polar map --vehicle {name}` maps it')
     out.put()
     mounts = mounts_of(source)
     outputs = outputs_of(topics)
+    theirs = [t for name in others for t in of_vehicle(topics, name)]
     mine = [t for t in topics if (imu is None or near(t, imu)) and t.name not in outputs]
+    mine = [t for t in mine if t not in theirs]
     dvl, depth = dvl_of(mine), depth_of(mine)
-    others = [t for t in (dvl, depth) if t is not None]
-    times = put_imu(out, source, imu, choices, mounts.of_topic(source, imu), others)
+    local = [t for t in (dvl, depth) if t is not None]
+    times = put_imu(out, source, imu, choices, mounts.of_topic(source, imu), local)
     for role, topic in (('dvl', dvl), ('depth', depth)):
         mount = mounts.of_topic(source, topic)
         _sensor(out, source, role, topic, topics, times, choices, mount)
@@ -112,13 +119,31 @@ def guess(
     out.put('parameters:')
     out.put('configuration: default', 2)
     used = (*fixes, truth, start, dvl, depth)
-    rest = [t for t in topics if t not in used and t.name not in outputs]
+    rest = [t for t in topics if t not in (*used, *theirs) and t.name not in outputs]
     _unused(out, 'positions', [t for t in rest if t.type in POSITION])
     _unused(out, 'velocities', [t for t in rest if t.type in VELOCITY and t.type not in POSITION])
     if outputs:
         out.put()
         out.say('Estimates of a navigation that ran are no measurements, and are left out.')
     return '\n'.join(out.lines) + '\n'
+
+
+def _imus(topics: list[Topic], name: str | None) -> list[Topic]:
+    """Return the topics of IMUs, of a vehicle where one is named.
+
+    Raises
+    ------
+    ConfigError
+        Where that vehicle has none.
+    """
+    found = [t for t in topics if t.type in IMU]
+    if name is None:
+        return found
+    own = of_vehicle(found, name)
+    if not own:
+        names = ', '.join(sorted(t.name for t in found)) or 'none'
+        raise ConfigError(f'--vehicle: {name} has no IMU in its namespace; IMUs are {names}')
+    return own
 
 
 def _unused(out: Lines, what: str, topics: list[Topic]) -> None:
@@ -158,7 +183,7 @@ def _with_positions(out: Lines, source: Source, topics: list[Topic]) -> list[Top
     for topic in topics:
         if topic.type in POSITION and 'latitude' in field_paths(source, topic.name):
             mapping = PositionMapping(Stream(topic.name), Frame(None), np.eye(3))
-            given = read_positions(source, mapping).given
+            given = read_positions(source, mapping, 0.0).given  # its height may be NaN
             if not given.any():
                 out.say(f'{topic.name}: {len(given)} of {len(given)} messages hold no position')
                 out.say('(NaN, or a status of no fix): left out')
@@ -269,10 +294,25 @@ def _start(
             out.say('parameters.')
             out.put()
             return
+    if start in fixes and not _has_height(source, start):
+        out.say('The fixes hold no height: the start is aligned, its place by them, its height')
+        out.say('by the depth, its tilt by gravity (docs/start.md).')
+        out.say('FILL IN the true heading at the start [deg]')
+        out.put('initial: {from: values, heading_deg: FILL_IN}')
+        out.put()
+        return
     _initial(out, source, start)
     if start in fixes:
         out.say('The start is where the first fix was; that fix is not used a second time.')
         out.put()
+
+
+def _has_height(source: Source, topic: Topic | None) -> bool:
+    """Whether a topic of latitudes has heights, too; one of other positions has."""
+    if topic is None or 'latitude' not in field_paths(source, topic.name):
+        return True
+    mapping = PositionMapping(Stream(topic.name), Frame(None), np.eye(3))
+    return bool(read_positions(source, mapping).given.any())
 
 
 def _has_attitude(source: Source, topic: Topic | None) -> bool:

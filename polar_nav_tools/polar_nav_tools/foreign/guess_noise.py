@@ -31,12 +31,15 @@ class Choices:
         ``bottom`` or ``water``: what the velocity of the DVL is relative to.
     clock : str or None
         ``header`` or ``log``: whose times are those of validity.
+    vehicle : str or None
+        Namespace that the IMU is in, where several have one.
     """
 
     imu: str | None = None
     dvl: str | None = None
     reference: str | None = None
     clock: str | None = None
+    vehicle: str | None = None
 
 
 def put_noise(out: Lines, choices: Choices, *, has_dvl: bool) -> None:

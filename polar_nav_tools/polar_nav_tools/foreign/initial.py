@@ -91,7 +91,10 @@ def find_start(
     notes = []
     if positions is not None:
         if not len(positions.stamps_ns):
-            raise ConfigError(f'{place}: initial: {positions.topic} has no usable position')
+            raise ConfigError(
+                f'{place}: initial: {positions.topic} has no usable position (of which the height '
+                'is a part); without the topic the start is aligned (docs/start.md)'
+            )
         first_ns = max(first_ns, int(positions.stamps_ns[0]))
         r_e, v_G, C_b_G, row = _state_at(positions, first_ns)
         lat, lon, height = (float(v) for v in geodetic_from_ecef(r_e))

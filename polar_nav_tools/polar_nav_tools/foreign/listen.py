@@ -6,6 +6,7 @@ offered with, and the code that reads recordings does the rest.
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager
@@ -21,7 +22,7 @@ from rclpy.parameter import Parameter
 
 from polar_nav_ros.topics import DIAGNOSTICS, RUN_INFO
 
-from ..bags.errors import BagError
+from ..bags.errors import BagError, some_of
 from ..record.recorder_node import RecorderNode
 from .sources import Source, open_source
 
@@ -104,8 +105,10 @@ class Listening(AbstractContextManager['Listening']):
         finally:
             context.try_shutdown()
         if not any(taken.values()):
-            names = ', '.join(sorted({*taken, *skipped})) or 'no topic at all'
-            raise BagError(f'nothing was heard in {seconds:g} s; published is {names}')
+            names = sorted({*taken, *skipped})
+            there = f'published are {some_of(names)}' if names else 'no topic is published'
+            domain = os.environ.get('ROS_DOMAIN_ID', '0')
+            raise BagError(f'nothing was heard in {seconds:g} s: {there} in ROS domain {domain}')
         source = open_source(path, msg_path=msg_path)
         return Heard(source, tuple(_notes(source, skipped, seconds)))
 
