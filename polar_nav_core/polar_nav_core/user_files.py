@@ -128,7 +128,7 @@ def parse_yaml(text: str, where: str) -> Any:  # noqa: ANN401 - whatever stands 
         _check_events(text, where)
         content = yaml.load(text, Loader=_Once)
     except (yaml.YAMLError, ValueError, OverflowError, TypeError, RecursionError) as error:
-        why = ' '.join(str(error).split()) or type(error).__name__
+        why = _said(error, text)
         if 'integer string conversion' in why:
             why = 'an integer has thousands of digits'
         raise ConfigError(f'{where}: not YAML: {why}') from error
@@ -136,6 +136,21 @@ def parse_yaml(text: str, where: str) -> Any:  # noqa: ANN401 - whatever stands 
         if value.bit_length() > _MOST_BITS:
             raise ConfigError(f'{where}: an integer of {value.bit_length()} bits is too large')
     return content
+
+
+def _said(error: Exception, text: str) -> str:
+    """Sentence on what is wrong with a YAML text, with the line."""
+    at = getattr(error, 'problem_mark', None)
+    if not isinstance(error, yaml.MarkedYAMLError) or at is None:
+        return ' '.join(str(error).split()) or type(error).__name__
+    said = f'line {at.line + 1}, column {at.column + 1}: {error.problem}'
+    if error.context:
+        began = error.context_mark
+        said += f' {error.context}' + (f' of line {began.line + 1}' if began is not None else '')
+    line = text.splitlines()[at.line : at.line + 1]
+    if line and '\t' in line[0][: len(line[0]) - len(line[0].lstrip())]:
+        said += '; a tab stands there, and YAML is indented by spaces'
+    return said
 
 
 def _check_events(text: str, where: str) -> None:

@@ -44,6 +44,8 @@ def test_what_is_merged_in_may_be_replaced() -> None:
         ('a: 0x' + 'f' * 5001, 'is too large'),
         ('a: 2026-02-31T00:00:00Z', 'not YAML'),
         ('a: [1, 2', 'not YAML'),
+        ('a: 1\nb: {c: 1\nd: 2}\n', r'not YAML: line 3, column 2: .* parsing .* of line 2$'),
+        ('a:\n\t- 1\n', 'not YAML: line 2, column 1: .*; a tab stands there'),
         ('a: !!python/object/apply:os.getcwd []', 'could not determine a constructor'),
         ('a: \x00', 'not YAML'),
         ('a: 1\nb: {c: 1,\n d: 2, c: 3}\n', "key 'c' stands there twice, again in line 3"),

@@ -371,7 +371,11 @@ def test_qos_overrides_are_obeyed_and_what_does_not_match_is_named(mapped):
     [
         ('type: sensor_msgs/msg/Imu, ', '', '/xsens/imu: type is missing'),
         ('sensor_msgs/msg/Imu', 'acme_msgs/msg/Imu', 'needs the package acme_msgs'),
-        ('sensor_msgs/msg/Imu', 'sensor_msgs/msg/Imo', 'package sensor_msgs has no message Imo'),
+        (
+            'sensor_msgs/msg/Imu',
+            'sensor_msgs/msg/Imo',
+            'mapping.yaml: /xsens/imu: package sensor_msgs has no message Imo; did you mean Imu',
+        ),
         ('sensor_msgs/msg/Imu', 'sensor_msgs/msg/Range', 'has no adapter for imu'),
         ('sigma: 2.0', 'sigmas: 2.0', 'unknown key sigmas'),
         ('/ugps/fix', '/ugps-fix', "'/ugps-fix' is no name of a topic: topic name must not"),

@@ -22,6 +22,8 @@ _MANY = 10
 """Messages that cannot be used, all of a source, that are a WARN."""
 _STANDING = 5
 """Diagnoses, one a second, for which something is wrong before it is in the log, too."""
+_SHOWN = 3
+"""Topics that might be meant, of many."""
 _CONTENT = {
     'velocity': ('a velocity', 'NaN, marked as not valid, or not of the stated reference'),
     'depth': ('a depth', 'NaN, or no echo in range'),
@@ -112,10 +114,27 @@ class SourceHealth:
         offered = self._node.get_publishers_info_by_topic(name)
         others = {str(i.topic_type) for i in offered} - {source.stream.type}
         if not offered:
-            return f'nobody publishes {name}'
+            return f'nobody publishes {name}{self._elsewhere(source)}'
         if others:
             return f'{name} is published as {", ".join(sorted(others))}, not {source.stream.type}'
         return f'the QoS of {name} is incompatible: its publisher offers {_qos_text(offered)}'
+
+    def _elsewhere(self, source: Source) -> str:
+        """In brackets, topics of the type that others publish and no source stands for."""
+        own = {self._name_of(s) for s in self._sources}
+        found = sorted(
+            name
+            for name, types in self._node.get_topic_names_and_types()
+            if source.stream.type in types and name not in own and self._by_others(name)
+        )
+        more = ', ...' if len(found) > _SHOWN else ''
+        return f' (of its type there is {", ".join(found[:_SHOWN])}{more})' if found else ''
+
+    def _by_others(self, name: str) -> bool:
+        """Whether another node publishes a topic."""
+        own = (self._node.get_namespace(), self._node.get_name())
+        offered = self._node.get_publishers_info_by_topic(name)
+        return any((i.node_namespace, i.node_name) != own for i in offered)
 
     def _silent(self, source: Source, name: str) -> str:
         """Sentence on a sensor that sends nothing, by the steady clock; else empty."""

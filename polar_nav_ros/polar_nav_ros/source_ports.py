@@ -10,6 +10,7 @@ from __future__ import annotations
 import hashlib
 from array import array
 from collections.abc import Callable
+from difflib import get_close_matches
 from importlib import import_module
 from typing import Any
 
@@ -55,8 +56,9 @@ def bound(sources: Sources) -> dict[str, type[Any]]:
     """
     found: dict[str, type[Any]] = {}
     for source in sources:
-        kind = class_of(source.stream, 'sources')
-        source.bind(kind(), {n: getattr(kind, n) for n in CONSTANTS if hasattr(kind, n)})
+        kind = class_of(source.stream, sources.place)
+        constants = {n: getattr(kind, n) for n in CONSTANTS if hasattr(kind, n)}
+        source.bind(kind(), constants, sources.place)
         found[source.topic] = kind
     return found
 
@@ -89,7 +91,17 @@ def class_of(stream: Stream, where: str) -> type[Any]:
             f'({error})'
         ) from error
     except AttributeError as error:
-        raise ConfigError(f'{where}: {topic}: package {package} has no message {short}') from error
+        near = _spelled_alike(short, package)
+        raise ConfigError(
+            f'{where}: {topic}: package {package} has no message {short}'
+            + (f'; did you mean {near}?' if near else '')
+        ) from error
+
+
+def _spelled_alike(short: str, package: str) -> str:
+    """Name of the package's message that is nearest to a misspelt one; empty without any."""
+    names = {n.lower(): n for n in dir(import_module(f'{package}.msg')) if n[:1].isupper()}
+    return ''.join(names[n] for n in get_close_matches(short.lower(), names, n=1))
 
 
 class SourcePorts:
@@ -116,8 +128,9 @@ class SourcePorts:
         self._kinds = bound(sources)
         self._start_kind: type[Any] | None = None
         if start is not None:
-            self._start_kind = class_of(start.stream, 'sources: initial')
-            start.bind(self._start_kind(), {})
+            where = f'{sources.place}: initial'
+            self._start_kind = class_of(start.stream, where)
+            start.bind(self._start_kind(), {}, where)
         self._start = start
         self._require_one_type()
         self._names: dict[str, str] = {}
@@ -135,8 +148,8 @@ class SourcePorts:
             name = self._node.resolve_topic_name(stream.topic)
             if types.setdefault(name, stream.type) != stream.type:
                 raise ConfigError(
-                    f'sources: {name} is stated as {types[name]} and as {stream.type}: a topic '
-                    'has one type'
+                    f'{self._sources.place}: {name} is stated as {types[name]} and as '
+                    f'{stream.type}: a topic has one type'
                 )
 
     @property

@@ -14,11 +14,12 @@ from polar_nav_ros.source_health import SourceHealth  # noqa: E402
 TYPES = {'imu': 'Imu', 'velocity': 'Twist', 'depth': 'FluidPressure', 'position': 'NavSatFix'}
 
 
-def offer(kind, reliability='BEST_EFFORT', durability='VOLATILE'):
+def offer(kind, reliability='BEST_EFFORT', durability='VOLATILE', node='driver'):
     profile = SimpleNamespace(
         reliability=SimpleNamespace(name=reliability), durability=SimpleNamespace(name=durability)
     )
-    return SimpleNamespace(topic_type=kind, qos_profile=profile)
+    place = {'node_namespace': '/auv', 'node_name': node}
+    return SimpleNamespace(topic_type=kind, qos_profile=profile, **place)
 
 
 class Rig:
@@ -39,6 +40,11 @@ class Rig:
             taken_counts=lambda: dict(self.taken),
             doubled={}.get,
             get_publishers_info_by_topic=self.offered.get,
+            get_topic_names_and_types=lambda: [
+                (name, [i.topic_type]) for name, offers in self.offered.items() for i in offers
+            ],
+            get_namespace=lambda: '/auv',
+            get_name=lambda: 'follower_node',
         )
         sources = [
             SimpleNamespace(
@@ -84,6 +90,20 @@ def test_a_source_that_cannot_be_heard_is_a_warning_with_its_sensor(offered, say
     assert (found.level, found.message) == (Worst.WARN, f'running; {says}')
     rig.heard['/velocity'] = 1
     assert rig.look() == {}
+
+
+def test_topics_of_the_type_that_was_missed_are_named():
+    """A name without its slash, in another namespace, or misspelt."""
+    rig = Rig()
+    rig.heard['/position'] = 0
+    rig.offered['/auv/nav/fix'] = [offer('NavSatFix', node='follower_node')]  # its own output
+    rig.offered['/other'] = [offer('Range')]
+    assert list(rig.look()) == ['nobody publishes /position']
+    rig.offered['/ugps/fix'] = [offer('NavSatFix')]
+    says = 'nobody publishes /position (of its type there is /ugps/fix)'
+    assert list(rig.look()) == [says]
+    rig.offered |= {f'/gnss{k}': [offer('NavSatFix')] for k in range(9)}
+    assert next(iter(rig.look())).endswith('there is /gnss0, /gnss1, /gnss2, ...)')
 
 
 def test_each_role_has_its_culprit():

@@ -95,7 +95,7 @@ def _fix(
         pair = sigma if isinstance(sigma, list) else [sigma, sigma]
         if len(pair) != 2 or not all(isinstance(v, int | float) and v > 0.0 for v in pair):
             said = TO_FILL if is_to_fill(sigma) else f'{sigma!r} is not'
-            raise s.fail('sigma', f'{said} [horizontal, vertical], or one number [m]')
+            raise s.fail('sigma', f'{said} [horizontal, vertical], or one number, above zero [m]')
         sigma = (float(pair[0]), float(pair[1]))
     delay_s = s.optional('delay_s', 0.0, 3600.0, 's')
     slow_sigma, correlation_s = _slow(s, params)

@@ -114,8 +114,8 @@ class Source:
         self._places: Places | None = None
         self._constants: Mapping[str, Any] = {}
 
-    def bind(self, sample: object, constants: Mapping[str, Any]) -> None:
-        """Find the fields in a message of the topic.
+    def bind(self, sample: object, constants: Mapping[str, Any], place: str = 'sources') -> None:
+        """Find the fields in a message of the topic; ``place`` begins sentences.
 
         Raises
         ------
@@ -124,7 +124,7 @@ class Source:
         """
         self._constants = constants
         kind = self.stream.type
-        self._places = places_of(self.stream, self.role, kind, Fields(sample), 'sources')
+        self._places = places_of(self.stream, self.role, kind, Fields(sample), place)
 
     @property
     def bound(self) -> bool:
@@ -240,6 +240,8 @@ class Sources:
     ----------
     imu_lever_b : tuple of float
         IMU from base_link, body axes [m].
+    place : str
+        Where the mapping stands, for sentences.
 
     Raises
     ------
@@ -251,6 +253,7 @@ class Sources:
         if getattr(params, 'mode', 'sins') != 'sins':
             raise _not_live(mapping, 'parameter mode', 'sources are of a SINS, mode sins')
         self.imu_lever_b = mapping.imu.lever_b
+        self.place = mapping.place
         self._all: list[Source] = []
         self._add(IMU, mapping.imu.stream, 'imu', partial(_sample, mapping=mapping.imu))
         for dvl in mapping.dvls:

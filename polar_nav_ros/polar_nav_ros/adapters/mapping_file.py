@@ -30,7 +30,7 @@ from .mapping import (
     InitialMapping,
     Mapping,
 )
-from .section import Section
+from .section import POINT, Section
 from .stream_section import position_of, stream_of
 
 
@@ -136,6 +136,8 @@ def _parameters(top: Section) -> dict[str, Any]:
     kinds = {f.name: f.metadata.get('kind') for f in fields(EngineParams)}
     out: dict[str, Any] = {}
     for name, value in top.texts('parameters').items():
+        if name.isdigit():
+            raise top.fail('parameters', f'{name} is no name{POINT}')
         if name not in kinds:
             raise top.fail('parameters', unknown_parameter(name, 'follower_node', kinds))
         out[name] = _typed(value, kinds[name])

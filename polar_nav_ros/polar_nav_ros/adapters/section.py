@@ -183,7 +183,14 @@ class Section:
         unknown = sorted(set(self._values) - self._asked, key=str)
         if unknown:
             known = ', '.join(sorted(self._asked))
-            raise ConfigError(f'{self.place}: unknown key {unknown[0]}; known here: {known}')
+            comma = POINT if isinstance(unknown[0], int) else ''
+            raise ConfigError(
+                f'{self.place}: unknown key {unknown[0]}{comma}; known here: {known}'
+            )
+
+
+POINT = ' (numbers have a decimal point, no comma)'
+"""Of a key that is a number: 0,5 between braces is a 0 and a key 5."""
 
 
 def is_to_fill(value: object) -> bool:

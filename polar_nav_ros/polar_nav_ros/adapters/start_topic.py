@@ -38,9 +38,9 @@ class StartTopic:
         self._mapping = mapping
         self._source = Source(0, mapping.stream.topic, mapping.stream, 'position', None)
 
-    def bind(self, sample: object, constants: Names[str, Any]) -> None:
+    def bind(self, sample: object, constants: Names[str, Any], place: str = 'sources') -> None:
         """Find the fields in a message of the topic; errors as `Source.bind`."""
-        self._source.bind(sample, constants)
+        self._source.bind(sample, constants, place)
 
     def stated(self, message: Any, arrival_ns: int, known: Stated) -> Stated | None:  # noqa: ANN401
         """Return what is stated of the start with a message; None where it holds no position.
