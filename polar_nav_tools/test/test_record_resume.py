@@ -102,6 +102,13 @@ def test_what_is_no_bag_to_go_on_with_is_said_and_left_alone(polar, tmp_path, ma
     assert sorted(tmp_path.rglob('*')) == before
 
 
+def test_a_bag_that_is_there_is_gone_on_with_on_request_only(polar, tmp_path):
+    bag = a_bag(tmp_path / 'b')
+    status, said, told = polar('--out', bag)
+    assert (status, told) == (2, {})
+    assert said == f'polar: {bag} exists already; --resume goes on with it\n'
+
+
 def test_it_needs_the_name_of_a_bag(polar):
     status, said, told = polar('--resume')
     assert (status, told) == (2, {})

@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from types import SimpleNamespace
 
 import pytest
 
@@ -134,6 +135,23 @@ def test_lockstep_acknowledges_what_was_filed(tmp_path):
     ]
     assert bag.topics['/run_info'].count == 1
     assert bag.is_complete
+
+
+def test_a_graph_in_which_nobody_publishes_is_named(tmp_path, monkeypatch):
+    """Another ROS domain than that of the vehicle: the bag would have the recorder alone."""
+    bench = Bench(tmp_path / 'b')
+    said = []
+    monkeypatch.setattr(bench.recorder, 'get_logger', lambda: SimpleNamespace(warning=said.append))
+    found = [bench.recorder.diagnose() for _ in range(6)]
+    text = 'no other node publishes anything in ROS domain 43: there is nothing to record'
+    assert said == [text]
+    assert [f.message == text for f in found] == [False] * 4 + [True] * 2
+    monkeypatch.undo()
+    out = bench.talker.create_publisher(Depth, 'depth/data', DATA_QOS)
+    bench.spin_until(lambda: out.get_subscription_count() == 1)
+    assert bench.recorder.diagnose().message != text
+    out.publish(depth(0))
+    bench.finish()
 
 
 def test_last_words_are_kept(tmp_path):

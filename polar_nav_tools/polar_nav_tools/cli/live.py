@@ -11,6 +11,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from polar_nav_core.errors import ConfigError
+
 from . import status
 from .app import app, emit_json, end, have_the_machine, require, say
 from .choices import CONFIGURATIONS, LEADERS, MISSIONS, PACES, one_of
@@ -225,6 +227,8 @@ def record(
     if resume and out is None:
         raise typer.BadParameter('--resume needs --out, the bag to go on with')
     target = out or new_bag_path(BAGS, 'recording', 0, datetime.now())
+    if not resume and target.exists():
+        raise ConfigError(f'{target} exists already; --resume goes on with it')
     if resume:
         from ..bags.resuming import require_bag
 

@@ -7,6 +7,7 @@ then files the burst and acknowledges it once. What it does with messages stands
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from collections.abc import Sequence
@@ -37,6 +38,10 @@ from .recording import Recording, Rotation
 
 # Published by every node beside what it counts, so a count of them would never be met.
 UNCOUNTED = (DIAGNOSTICS, RUN_INFO, '/rosout', '/parameter_events')
+_OWN = {DIAGNOSTICS, RUN_INFO}
+"""What is found where nobody else publishes."""
+_PATIENCE = 5
+"""Diagnoses, one a second, in which nothing is found, before it is said."""
 _LATCHED = (RUN_INFO, '/tf_static', '/robot_description')
 _LOOK_PERIOD_S = 0.1
 _ADAPT_PERIOD_S = 0.5
@@ -72,6 +77,7 @@ class RecorderNode(PolarNode[RecorderParams]):
         self._skipped: dict[str, str] = {}
         self._started = self._rated_at = time.monotonic()
         self._rated_count = 0
+        self._alone = 0
         self._recording = self._open()
         for name, type_name in wanted.items():
             self._record(name, type_name, types[name], [])
@@ -241,10 +247,29 @@ class RecorderNode(PolarNode[RecorderParams]):
             **{name: t.count for name, t in sorted(recording.topics.items())},
         }
         values |= {f'skipped {name}': why for name, why in self._skipped.items()}
+        alone = self._is_alone()
+        if alone:
+            return Diagnosis(Level.WARN, alone, values)
         if recording.lost:
             message = f'{recording.lost} messages were lost on the way to the recorder'
             return Diagnosis(Level.WARN, message, values)
         return Diagnosis(Level.OK, f'recording to {self._path}', values)
+
+    def _is_alone(self) -> str:
+        """Sentence on a graph where nobody publishes, logged once; empty where somebody does."""
+        if self._sources.keys() - _OWN or _OWN & set(self.params.exclude):
+            self._alone = 0
+            return ''
+        self._alone += 1
+        if self._alone < _PATIENCE:
+            return ''
+        domain = os.environ.get('ROS_DOMAIN_ID', '0')
+        said = (
+            f'no other node publishes anything in ROS domain {domain}: there is nothing to record'
+        )
+        if self._alone == _PATIENCE:
+            self.get_logger().warning(said)
+        return said
 
     def close(self) -> None:
         """Record the last messages of other nodes until none come, then finish the bag."""
