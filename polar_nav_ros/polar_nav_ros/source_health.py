@@ -17,6 +17,7 @@ from polar_nav_core.engine.health.conditions import Condition, Culprit, Level
 from .adapters.live import Source
 from .diagnostics import Diagnosis
 from .node import PolarNode
+from .topics import STATE, TYPES, estimates_beside
 
 _MANY = 10
 """Messages that cannot be used, all of a source, that are a WARN."""
@@ -121,20 +122,18 @@ class SourceHealth:
 
     def _elsewhere(self, source: Source) -> str:
         """In brackets, topics of the type that others publish and no source stands for."""
-        own = {self._name_of(s) for s in self._sources}
+        there = dict(self._node.get_topic_names_and_types())
+        no_sensor = {self._name_of(s) for s in self._sources}
+        no_sensor |= estimates_beside(n for n, types in there.items() if TYPES[STATE] in types)
         found = sorted(
             name
-            for name, types in self._node.get_topic_names_and_types()
-            if source.stream.type in types and name not in own and self._by_others(name)
+            for name, types in there.items()
+            if source.stream.type in types
+            and name not in no_sensor
+            and self._node.get_publishers_info_by_topic(name)
         )
         more = ', ...' if len(found) > _SHOWN else ''
         return f' (of its type there is {", ".join(found[:_SHOWN])}{more})' if found else ''
-
-    def _by_others(self, name: str) -> bool:
-        """Whether another node publishes a topic."""
-        own = (self._node.get_namespace(), self._node.get_name())
-        offered = self._node.get_publishers_info_by_topic(name)
-        return any((i.node_namespace, i.node_name) != own for i in offered)
 
     def _silent(self, source: Source, name: str) -> str:
         """Sentence on a sensor that sends nothing, by the steady clock; else empty."""

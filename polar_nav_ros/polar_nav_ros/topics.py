@@ -118,3 +118,12 @@ TYPES = {
 def of_vehicle(vehicle: str, names: Iterable[str]) -> dict[str, str]:
     """Full names of a vehicle's topics, each with its message type."""
     return {f'/{vehicle}/{name}': TYPES[name] for name in names}
+
+
+_ESTIMATES = (STATE, FIX, ODOMETRY, ODOMETRY_NOW, ODOMETRY_LOCAL, ODOMETRY_DEPTH)
+
+
+def estimates_beside(states: Iterable[str]) -> set[str]:
+    """Full names of what navigations made, by those of their nav/state: no measurements."""
+    prefixes = [name.removesuffix(STATE) for name in states if name.endswith(f'/{STATE}')]
+    return {prefix + name for prefix in prefixes for name in _ESTIMATES}

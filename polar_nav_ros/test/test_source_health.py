@@ -7,6 +7,7 @@ import pytest
 rclpy = pytest.importorskip('rclpy')
 
 from polar_nav_core.engine.health.conditions import Culprit, Level  # noqa: E402
+from polar_nav_ros import topics  # noqa: E402
 from polar_nav_ros.diagnostics import Diagnosis  # noqa: E402
 from polar_nav_ros.diagnostics import Level as Worst  # noqa: E402
 from polar_nav_ros.source_health import SourceHealth  # noqa: E402
@@ -14,12 +15,11 @@ from polar_nav_ros.source_health import SourceHealth  # noqa: E402
 TYPES = {'imu': 'Imu', 'velocity': 'Twist', 'depth': 'FluidPressure', 'position': 'NavSatFix'}
 
 
-def offer(kind, reliability='BEST_EFFORT', durability='VOLATILE', node='driver'):
+def offer(kind, reliability='BEST_EFFORT', durability='VOLATILE'):
     profile = SimpleNamespace(
         reliability=SimpleNamespace(name=reliability), durability=SimpleNamespace(name=durability)
     )
-    place = {'node_namespace': '/auv', 'node_name': node}
-    return SimpleNamespace(topic_type=kind, qos_profile=profile, **place)
+    return SimpleNamespace(topic_type=kind, qos_profile=profile)
 
 
 class Rig:
@@ -43,8 +43,6 @@ class Rig:
             get_topic_names_and_types=lambda: [
                 (name, [i.topic_type]) for name, offers in self.offered.items() for i in offers
             ],
-            get_namespace=lambda: '/auv',
-            get_name=lambda: 'follower_node',
         )
         sources = [
             SimpleNamespace(
@@ -96,7 +94,9 @@ def test_topics_of_the_type_that_was_missed_are_named():
     """A name without its slash, in another namespace, or misspelt."""
     rig = Rig()
     rig.heard['/position'] = 0
-    rig.offered['/auv/nav/fix'] = [offer('NavSatFix', node='follower_node')]  # its own output
+    # Estimates, its own and of others, are no measurements.
+    rig.offered |= {f'/{v}/nav/fix': [offer('NavSatFix')] for v in ('auv', 'rov')}
+    rig.offered |= {f'/{v}/nav/state': [offer(topics.TYPES[topics.STATE])] for v in ('auv', 'rov')}
     rig.offered['/other'] = [offer('Range')]
     assert list(rig.look()) == ['nobody publishes /position']
     rig.offered['/ugps/fix'] = [offer('NavSatFix')]

@@ -359,7 +359,10 @@ def mission_from(document: object, file: Path) -> Mission:
         raise ConfigError(f'{file}: expected a mapping with path and vehicles')
     for section in ('path', 'vehicles'):
         if not isinstance(document.get(section), Mapping):
-            raise ConfigError(f'{file}: no section {section!r}')
+            mapped = '; it looks like a mapping file, which a follower takes as `sources`'
+            raise ConfigError(
+                f'{file}: no section {section!r}' + (mapped if 'imu' in document else '')
+            )
     numbers = {k: v for k, v in document.items() if k not in _SECTIONS}
     vehicles = {
         str(name): read_vehicle(values or {}, f'{file}: vehicles.{name}')

@@ -158,6 +158,13 @@ def test_unknown_names(tmp_path):
         overrides_from(['speed'])
 
 
+def test_a_mapping_file_is_told_from_a_mission(tmp_path):
+    path = tmp_path / 'mapping.yaml'
+    path.write_text('version: 2\nimu: {topic: /imu}\n', encoding='utf-8')
+    with pytest.raises(ConfigError, match=r"no section 'path'; it looks like a mapping file"):
+        load_mission(path)
+
+
 def test_track_too_short_too_wild_or_unreadable(tmp_path):
     mission = load_mission('near_pole')
     with pytest.raises(ConfigError, match='m long, the mission needs'):

@@ -3,15 +3,7 @@
 from __future__ import annotations
 
 from polar_nav_ros.adapters.layouts import DEPTH, PACKET, POSITION, USBL, VELOCITY
-from polar_nav_ros.topics import (
-    FIX,
-    ODOMETRY,
-    ODOMETRY_DEPTH,
-    ODOMETRY_LOCAL,
-    ODOMETRY_NOW,
-    STATE,
-    TYPES,
-)
+from polar_nav_ros.topics import STATE, TYPES, estimates_beside
 
 from ..bags.reader import Topic
 
@@ -28,13 +20,9 @@ SENSOR_WORDS = ('imu', 'ahrs', 'ins', 'sensor', 'sensors', 'data', 'driver', 'de
 """First parts of topics that are no vehicle's name."""
 
 
-_OUTPUTS = (STATE, FIX, ODOMETRY, ODOMETRY_NOW, ODOMETRY_LOCAL, ODOMETRY_DEPTH)
-
-
 def outputs_of(topics: list[Topic]) -> set[str]:
     """Return topics that a navigation of this project made: estimates, and no measurements."""
-    states = [t.name for t in topics if t.name.endswith(f'/{STATE}') and t.type == TYPES[STATE]]
-    return {name.removesuffix(STATE) + output for name in states for output in _OUTPUTS}
+    return estimates_beside(t.name for t in topics if t.type == TYPES[STATE])
 
 
 def words(topic: Topic, some: tuple[str, ...]) -> int:
