@@ -170,19 +170,22 @@ def inverse(L: Array, m: int, out: Array) -> None:
 def _times_three(Y: Array, K: Array, information: Array) -> None:
     """Y <- K Lambda, of three rows; four products at a time."""
     n = information.shape[0]
-    for a in range(3):
+    for i in range(n):
+        Y[0, i] = Y[1, i] = Y[2, i] = 0.0
+    j = 0
+    while j + 4 <= n:
+        p_0, p_1, p_2, p_3 = K[0, j], K[0, j + 1], K[0, j + 2], K[0, j + 3]
+        q_0, q_1, q_2, q_3 = K[1, j], K[1, j + 1], K[1, j + 2], K[1, j + 3]
+        r_0, r_1, r_2, r_3 = K[2, j], K[2, j + 1], K[2, j + 2], K[2, j + 3]
         for i in range(n):
-            Y[a, i] = 0.0
-        j = 0
-        while j + 4 <= n:
-            k_0, k_1, k_2, k_3 = K[a, j], K[a, j + 1], K[a, j + 2], K[a, j + 3]
-            for i in range(n):
-                Y[a, i] = (
-                    Y[a, i] + k_0 * information[j, i] + k_1 * information[j + 1, i]
-                    + k_2 * information[j + 2, i] + k_3 * information[j + 3, i]
-                )  # fmt: skip
-            j += 4
-        for r in range(j, n):
+            a, b = information[j, i], information[j + 1, i]
+            c, d = information[j + 2, i], information[j + 3, i]
+            Y[0, i] = Y[0, i] + p_0 * a + p_1 * b + p_2 * c + p_3 * d
+            Y[1, i] = Y[1, i] + q_0 * a + q_1 * b + q_2 * c + q_3 * d
+            Y[2, i] = Y[2, i] + r_0 * a + r_1 * b + r_2 * c + r_3 * d
+        j += 4
+    for r in range(j, n):
+        for a in range(3):
             k = K[a, r]
             for i in range(n):
                 Y[a, i] += k * information[r, i]
@@ -299,24 +302,33 @@ def update_back(adjoint: Array, information: Array, H: Array, m: int, w: Array) 
     """
     n, columns = adjoint.shape
     weight, A, Y, u = w[1, :3], w[1, 6:9], w[1, 12:15], w[0, :3]
-    for i in range(n):
-        for a in range(m):
-            h = H[a, i]
-            if h != 0.0:
-                for r in range(columns):
-                    adjoint[i, r] -= h * u[a, r]
+    if m == 3 and columns == 1:
+        u_0, u_1, u_2 = u[0, 0], u[1, 0], u[2, 0]
+        for i in range(n):
+            adjoint[i, 0] = adjoint[i, 0] - H[0, i] * u_0 - H[1, i] * u_1 - H[2, i] * u_2
+    else:
+        for i in range(n):
+            for a in range(m):
+                h = H[a, i]
+                if h != 0.0:
+                    for r in range(columns):
+                        adjoint[i, r] -= h * u[a, r]
     # With Y = Lambda K: Lambda - Y H - H^T Y^T + H^T (K^T Y + S^-1) H; half of the last term on
     # either side keeps Lambda symmetric.
-    for a in range(m):
-        for b in range(m):
-            s = 0.5 * (A[a, b] + weight[a, b])
-            for i in range(n):
-                Y[a, i] -= s * H[b, i]
     if m == 1:
+        s = 0.5 * (A[0, 0] + weight[0, 0])
+        for i in range(n):
+            Y[0, i] -= s * H[0, i]
         for i in range(n):
             h = H[0, i]
             y = Y[0, i]
             for j in range(n):
                 information[i, j] -= h * Y[0, j] + y * H[0, j]
         return
+    for a in range(m):
+        s_0 = 0.5 * (A[a, 0] + weight[a, 0])
+        s_1 = 0.5 * (A[a, 1] + weight[a, 1])
+        s_2 = 0.5 * (A[a, 2] + weight[a, 2]) if m == 3 else 0.0
+        for i in range(n):
+            Y[a, i] = Y[a, i] - s_0 * H[0, i] - s_1 * H[1, i] - s_2 * H[2, i]
     subtract(information, H, Y, H, Y)

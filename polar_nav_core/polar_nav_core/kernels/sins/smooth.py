@@ -116,12 +116,14 @@ def _multiply(out: Array, A: Array, B: Array) -> None:
             out[i, k] = 0.0
         j = 0
         while j + 8 <= n:
+            # As numbers: in an array they would be read again, for `out` might lie before it.
+            a_0, a_1, a_2, a_3 = A[i, j], A[i, j + 1], A[i, j + 2], A[i, j + 3]
+            a_4, a_5, a_6, a_7 = A[i, j + 4], A[i, j + 5], A[i, j + 6], A[i, j + 7]
             for k in range(n):
                 out[i, k] += (
-                    A[i, j] * B[j, k] + A[i, j + 1] * B[j + 1, k]
-                    + A[i, j + 2] * B[j + 2, k] + A[i, j + 3] * B[j + 3, k]
-                    + A[i, j + 4] * B[j + 4, k] + A[i, j + 5] * B[j + 5, k]
-                    + A[i, j + 6] * B[j + 6, k] + A[i, j + 7] * B[j + 7, k]
+                    a_0 * B[j, k] + a_1 * B[j + 1, k] + a_2 * B[j + 2, k] + a_3 * B[j + 3, k]
+                    + a_4 * B[j + 4, k] + a_5 * B[j + 5, k] + a_6 * B[j + 6, k]
+                    + a_7 * B[j + 7, k]
                 )  # fmt: skip
             j += 8
         for r in range(j, n):
