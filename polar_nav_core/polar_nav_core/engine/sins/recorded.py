@@ -162,5 +162,12 @@ class Recorded(Ignore):
     def make_filter(
         self, params: EngineParams, initial: InitialState, stamp_ns: int
     ) -> NavigationFilter:
-        """Filter with a log and states at every so many steps."""
-        return NavigationFilter(params, initial, stamp_ns, steps=True, states_every=self._every)
+        """Filter with a log and states at every so many steps.
+
+        No fix of it comes late: of what only those want, the newest is enough.
+        """
+        f = NavigationFilter(params, initial, stamp_ns, steps=True, states_every=self._every)
+        f.past = f.past._replace(inverses=f.past.inverses[:1].copy())
+        if not params.model_aiding:  # whose steps are stored beside it
+            f.log = f.log._replace(step_P=f.log.step_P[:1].copy())
+        return f
