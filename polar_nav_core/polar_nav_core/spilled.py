@@ -31,7 +31,6 @@ _OWN_FILE = 1 << 21
 """Size from which an array has a file of its own."""
 _SHARED_FILE = 1 << 24
 _ALIGNED = 64
-_PIECES = 128
 
 _files: WeakSet[mmap.mmap] = WeakSet()
 
@@ -220,32 +219,36 @@ class Rows:
 
 
 class LastFirst:
-    """Columns whose pieces come in the wrong order, the last one first."""
+    """Columns whose pieces come in the wrong order, the last one first.
 
-    def __init__(self) -> None:
-        self._columns: dict[str, Rows] = {}
-        self._sizes: dict[str, list[int]] = {}
+    Parameters
+    ----------
+    most : mapping of str to int
+        Most rows of a column, by its name.
+    other : int
+        Those of all other columns.
+    """
+
+    def __init__(self, most: Mapping[str, int], other: int = 0) -> None:
+        self._most, self._other = most, other
+        self._columns: dict[str, NDArray[Any]] = {}
+        self._begin: dict[str, int] = {}
 
     def add(self, piece: Mapping[str, NDArray[Any]]) -> None:
         """Add copies of the columns of a piece; they may differ in length."""
         for name, rows in piece.items():
-            if name not in self._columns:
-                self._columns[name] = Rows(rows.dtype, rows.shape[1:])
-                self._sizes[name] = []
-            self._columns[name].extend(rows)
-            self._sizes[name].append(len(rows))
-        give_back()
+            column = self._columns.get(name)
+            if column is None or not len(column):
+                # Of a column that never has rows, none is made room for.
+                most = self._most.get(name, self._other) if len(rows) else 0
+                column = self._columns[name] = empty((most, *rows.shape[1:]), rows.dtype)
+                self._begin[name] = most
+            if len(rows):
+                end = self._begin[name]
+                self._begin[name] = end - len(rows)
+                column[end - len(rows) : end] = rows
 
     def in_order(self) -> dict[str, NDArray[Any]]:
-        """Return the columns, the first piece first."""
-        return {name: self._turned(name) for name in list(self._columns)}
-
-    def _turned(self, name: str) -> NDArray[Any]:
-        rows = self._columns.pop(name).array()
-        out, begin, left = empty(rows.shape, rows.dtype), 0, len(rows)
-        for number, size in enumerate(reversed(self._sizes[name])):
-            out[begin : begin + size] = rows[left - size : left]
-            begin, left = begin + size, left - size
-            if number % _PIECES == 0:
-                give_back()
-        return out
+        """Return the columns, the first piece first; views."""
+        give_back()
+        return {name: column[self._begin[name] :] for name, column in self._columns.items()}

@@ -116,12 +116,14 @@ def test_rows_grow_and_pieces_are_turned():
         rows.add((k * k, k))
     assert rows.array()['a'].tolist() == [k * k for k in range(300)]
     assert len(rows) == 300
-    pieces, parts = spilled.LastFirst(), [np.full((n, 2), float(n)) for n in (3, 0, 70, 5, 200)]
+    pieces, parts = spilled.LastFirst({'few': 9}, 300), [np.full((n, 2), n) for n in (3, 0, 70, 5)]
     for part in reversed(parts):
-        pieces.add({'x': part, 'none': np.zeros((len(part), 0))})
+        pieces.add({'x': part, 'few': part[:3], 'flat': part[:, :0], 'none': np.zeros((0, 24))})
     found = pieces.in_order()
     assert np.array_equal(found['x'], np.concatenate(parts))
-    assert found['none'].shape == (278, 0)
+    assert np.array_equal(found['few'], np.concatenate([part[:3] for part in parts]))
+    assert found['flat'].shape == (78, 0)
+    assert found['none'].shape == (0, 24)
 
 
 @pytest.mark.usefixtures('small')
@@ -136,13 +138,14 @@ def test_rows_that_grow_take_room_for_half_as_many_again(monkeypatch):
     assert len(taken) < 15
 
 
-def test_memory_is_given_back_every_so_many_pieces(monkeypatch):
-    pieces, calls = spilled.LastFirst(), []
+def test_pieces_take_room_once(monkeypatch):
+    taken, empty = [], spilled.empty
+    monkeypatch.setattr(spilled, 'empty', lambda *a: taken.append(a[0]) or empty(*a))
+    pieces = spilled.LastFirst({}, 320)
     for k in range(300):
         pieces.add({'x': np.array([k])})
-    monkeypatch.setattr(spilled, 'give_back', lambda: calls.append(1))
     assert pieces.in_order()['x'].tolist() == list(reversed(range(300)))
-    assert 2 <= len(calls) <= 10
+    assert taken == [(320,)]
 
 
 def test_memory_of_freed_objects_is_given_back_where_the_allocator_can(monkeypatch):

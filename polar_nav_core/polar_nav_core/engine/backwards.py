@@ -20,7 +20,7 @@ from ..kernels.sins import state as fs
 from ..kernels.sins.consider import COLUMNS
 from ..kernels.sins.model import E
 from ..kernels.sins.update import NAV, N
-from .hindsight import Judged
+from .hindsight import OF_FIXES, Judged
 from .params import EngineParams
 from .sins import aiding
 from .sins.stretch import Stretch
@@ -86,7 +86,10 @@ def backwards(
     common = np.zeros((COLUMNS, COLUMNS + 1))
     scratch = np.zeros((2, n, n))
     model = aiding.make_aiding(params)
-    pieces, states, judged = (spilled.LastFirst() for _ in range(3))
+    total = tape.total
+    pieces = spilled.LastFirst({}, total.steps // published + len(tape.parts))
+    states = spilled.LastFirst({}, total.states)
+    judged = spilled.LastFirst(dict.fromkeys(OF_FIXES, tape.fixes), total.updates)
     turn = moved = 0.0
     for stretch, ends in tape.backwards():
         if ends:
@@ -132,6 +135,7 @@ def backwards(
             of_model = aiding.values_of(_blocks(stretch, x), model)
             piece = replace(piece, model=of_model[shown])
         pieces.add(vars(_published(piece, covariances, move)))
+        spilled.give_back()
     track = pieces.in_order()
     if not track or not len(track['stamps_ns']):
         raise ConfigError(_NOTHING)

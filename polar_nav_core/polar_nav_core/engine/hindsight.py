@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ..arrays import Array, Ints
 from ..kernels.sins import rings
+from ..kernels.sins import smooth as kernels
 from .events import Fix, Rank
 from .outputs import Receipt
 from .results import chi2_gate
@@ -26,6 +27,8 @@ from .verdicts import Verdict
 
 Bools = NDArray[np.bool_]
 _JUDGED = [Rank.DEPTH, Rank.DVL, Rank.FIX]
+OF_FIXES = ('residuals', 'covariances', 'S')
+"""Columns of `Judged` that have a row for each fix only."""
 _WEIGHTED = 1.1
 """A fix whose weight changes by a smaller factor is as before."""
 
@@ -85,13 +88,9 @@ class Judged:
 
 def _normalized(e: Array, V: Array, sizes: Ints) -> Array:
     """e^T V^-1 e of each of n, of its first rows; NaN where V is not positive definite."""
-    beyond = np.arange(3) >= sizes[:, None]
-    V = np.where(beyond[:, :, None] | beyond[:, None, :], np.eye(3), V)
-    good = np.linalg.eigvalsh(V)[:, 0] > 0.0
-    out = np.full(len(V), np.nan)
-    e = np.where(beyond, 0.0, e)[good]
-    out[good] = np.einsum('ni,ni->n', e, np.linalg.solve(V[good], e[:, :, None])[:, :, 0])
-    return out
+    nis = np.empty(len(sizes))
+    kernels.normalize(e, V, sizes.astype(np.int64), nis, np.empty((4, 3)))
+    return nis
 
 
 @dataclass(frozen=True)

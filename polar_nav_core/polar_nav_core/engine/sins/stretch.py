@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from math import prod
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -69,6 +71,83 @@ class Stretch:
     sensitivity: Array
     deviations: Array
 
+    def copy(self) -> Stretch:
+        """The same in arrays of its own."""
+        return Stretch(**{name: getattr(self, name).copy() for name in _COLUMNS})
+
+
+_COLUMNS = tuple(x.name for x in fields(Stretch))
+_WHOLE = ('kinds', 'indices', 'sizes', 'ranks', 'samples', 'stamps_ns', 'places', 'steps')
+"""Columns of integers; all others are floats, of the same eight bytes."""
+
+
+class Form(NamedTuple):
+    """Numbers that the shapes of a stretch follow from."""
+
+    steps: int
+    updates: int
+    states: int
+    considers: bool
+    model: bool
+
+    @property
+    def shapes(self) -> dict[str, tuple[int, ...]]:
+        """Shapes of the columns, in their order."""
+        steps, updates, states, considers, model = self
+        n = N + E if model else N
+        return {
+            'kinds': (steps + updates,),
+            'indices': (steps + updates,),
+            'phi': (steps, PHI),
+            'model': (steps * model, MOVING, N + E),
+            'H': (updates, 3, n),
+            'K': (updates, 3, n),
+            'L': (updates, 3, 3),
+            'z': (updates, 3),
+            'moved': (updates * considers, 3, COLUMNS),
+            'sizes': (updates,),
+            'ranks': (updates,),
+            'samples': (updates,),
+            'stamps_ns': (states,),
+            'places': (states,),
+            'steps': (states,),
+            'navigation': (states, fs.NAVIGATION),
+            'block': (states, 2 * E * model),
+            'P': (states, n, n),
+            'sensitivity': (states * considers, n, COLUMNS),
+            'deviations': (states, n),
+        }
+
+    @property
+    def size(self) -> int:
+        """Number of values."""
+        return sum(map(prod, self.shapes.values()))
+
+
+def stretch_in(room: Array, form: Form) -> Stretch:
+    """Stretch of a form whose columns stand one behind the other in ``room``, with its values."""
+    columns: dict[str, Any] = {}
+    begin = 0
+    for name, shape in form.shapes.items():
+        end = begin + prod(shape)
+        values = room[begin:end]
+        columns[name] = (values.view(np.int64) if name in _WHOLE else values).reshape(shape)
+        begin = end
+    return Stretch(**columns)
+
+
+class Room:
+    """Memory that one stretch after another stands in."""
+
+    def __init__(self) -> None:
+        self._values = np.empty(0)
+
+    def of(self, form: Form) -> Array:
+        """Room for a stretch of a form: as many values; what stood there is gone."""
+        if len(self._values) < form.size:
+            self._values = np.empty(form.size + form.size // 4)
+        return self._values[: form.size]
+
 
 def _place(part: Array, state: fs.State) -> int:
     """Place of a part of a state in its flat array."""
@@ -79,8 +158,10 @@ _STATE = fs.make_state()
 _P, _SENSITIVITY = _place(_STATE.P, _STATE), _place(_STATE.sensitivity, _STATE)
 
 
-def stretch_of(f: NavigationFilter, taken: int, states: int) -> Stretch:
-    """What a filter has logged since so many entries and states.
+def write_stretch(f: NavigationFilter, taken: int, states: int, room: Room) -> tuple[Form, Array]:
+    """Form, and the values in ``room``, of what a filter has logged since so many entries.
+
+    And since so many states.
 
     Raises
     ------
@@ -93,51 +174,33 @@ def stretch_of(f: NavigationFilter, taken: int, states: int) -> Stretch:
     kinds, numbers = log.kinds[order], log.numbers[order]
     step = kinds == rings.STEP
     update = ~step
-    if count - taken > len(log.kinds) or int(update.sum()) > len(log.H):
+    counted = int(update.sum())
+    if count - taken > len(log.kinds) or counted > len(log.H):
         raise PolarNavError('the log of the filter went round before it was copied')
     if snapshots - states > len(log.snapshot_flat):
         raise PolarNavError('the states of the filter went round before they were copied')
     steps, updates = numbers[step] % len(past.transitions), numbers[update] % len(log.H)
-    phi = np.empty((len(steps), PHI))
-    kernels.pack_steps(past.transitions, steps, phi)
-    indices = np.empty(len(kinds), dtype=np.int64)
-    indices[step] = np.arange(len(steps))
-    indices[update] = np.arange(len(updates))
-    H, K, L = (np.empty((len(updates), 3, n)) for n in (N, N, 3))
-    z, moved = np.empty((len(updates), 3)), np.empty((len(updates), 3, COLUMNS))
-    moved = moved if f.considers else moved[:0]
-    kernels.pack_updates(log, updates, H, K, L, z, moved)
-    model = np.zeros((0, MOVING, N + E))
-    if len(log.model_steps):
-        of_model = log.model_rows[updates]
-        H, K = (np.concatenate([x, of_model[:, k]], axis=2) for k, x in enumerate((H, K)))
-        model = log.model_steps[steps]
     rows = np.arange(states, snapshots) % len(log.snapshot_flat)
-    flat, counters = log.snapshot_flat[rows], log.snapshot_counters[rows]
-    P, sensitivity, block = _covariances(flat)
-    held = log.hindsight.deviations
-    return Stretch(
-        kinds=kinds,
-        indices=indices,
-        phi=phi,
-        model=model,
-        H=H,
-        K=K,
-        L=L,
-        z=z,
-        moved=moved,
-        sizes=log.rows[order][update],
-        ranks=log.ranks[order][update],
-        samples=log.samples[order][update],
-        stamps_ns=counters[:, fs.STAMP],
-        places=_places(kinds, numbers, log.ranks[order], counters[:, fs.STEPS]),
-        steps=counters[:, fs.STEPS],
-        navigation=flat[:, : fs.NAVIGATION],
-        block=block,
-        P=P,
-        sensitivity=sensitivity if f.considers else sensitivity[:0],
-        deviations=held[rows] if len(held) else np.zeros((len(rows), P.shape[1])),
+    form = Form(len(steps), counted, len(rows), f.considers, len(log.model_steps) > 0)
+    values = room.of(form)
+    out = stretch_in(values, form)
+    out.kinds[:] = kinds
+    out.indices[step], out.indices[update] = np.arange(len(steps)), np.arange(counted)
+    kernels.pack_steps(past.transitions, steps, out.phi)
+    kernels.pack_updates(log, updates, out.H, out.K, out.L, out.z, out.moved)
+    out.sizes[:], ranks = log.rows[order[update]], log.ranks[order]
+    out.ranks[:], out.samples[:] = ranks[update], log.samples[order[update]]
+    counters = log.snapshot_counters[rows]
+    out.stamps_ns[:], out.steps[:] = counters[:, fs.STAMP], counters[:, fs.STEPS]
+    out.places[:] = _places(kinds, numbers, ranks, out.steps)
+    kernels.pack_states(
+        log, rows, (_P, _SENSITIVITY), out.navigation, out.P, out.sensitivity, out.deviations
     )
+    if form.model:
+        out.model[:] = log.model_steps[steps]
+        out.H[:, :, N:], out.K[:, :, N:] = log.model_rows[updates].transpose(1, 0, 2, 3)
+        _write_blocks(log.snapshot_flat[rows], out)
+    return form, values
 
 
 def _places(kinds: Ints, numbers: Ints, ranks: Ints, steps: Ints) -> Ints:
@@ -152,17 +215,11 @@ def _places(kinds: Ints, numbers: Ints, ranks: Ints, steps: Ints) -> Ints:
     return np.where(steps > 0, behind, 0)
 
 
-def _covariances(flat: Array) -> tuple[Array, Array, Array]:
-    """P (k, n, n), sensitivities (k, n, COLUMNS) and the model's (k, 0 or 9) of snapshots."""
-    aided = flat.shape[1] > fs.FLAT
-    n = N + E if aided else N
-    P, sensitivity = np.zeros((len(flat), n, n)), np.zeros((len(flat), n, COLUMNS))
-    P[:, :N, :N] = flat[:, _P : _P + N * N].reshape(-1, N, N)
-    sensitivity[:, :N] = flat[:, _SENSITIVITY : _SENSITIVITY + N * COLUMNS].reshape(-1, N, COLUMNS)
-    if not aided:
-        return P, sensitivity, np.zeros((len(flat), 0))
+def _write_blocks(flat: Array, out: Stretch) -> None:
+    """Write what snapshots have of a vehicle's model."""
     blocks = flat[:, fs.FLAT :].reshape(len(flat), fs.MODEL_ROWS, E)
-    P[:, :N, N:] = blocks[:, fs.P_XE : fs.P_EE]
-    P[:, N:, :N] = P[:, :N, N:].transpose(0, 2, 1)
-    P[:, N:, N:] = blocks[:, fs.P_EE : fs.MEAN]
-    return P, sensitivity, blocks[:, fs.MEAN :].reshape(len(flat), 2 * E)
+    out.P[:, :N, N:] = blocks[:, fs.P_XE : fs.P_EE]
+    out.P[:, N:, :N] = out.P[:, :N, N:].transpose(0, 2, 1)
+    out.P[:, N:, N:] = blocks[:, fs.P_EE : fs.MEAN]
+    out.block[:] = blocks[:, fs.MEAN :].reshape(len(flat), 2 * E)
+    out.sensitivity[:, N:] = 0.0

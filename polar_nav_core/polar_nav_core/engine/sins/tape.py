@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Iterator
-from dataclasses import fields
-from typing import Any, Self
+from dataclasses import replace
+from typing import Self
 
 import numpy as np
 
@@ -20,10 +20,7 @@ from ..events import InitialState
 from ..params import EngineParams
 from .filter import NavigationFilter
 from .recorded import FixLog, Plan, Recorded
-from .stretch import Stretch, stretch_of
-
-_COLUMNS = tuple(x.name for x in fields(Stretch))
-_Form = tuple[tuple[np.dtype[Any], tuple[int, ...]], ...]
+from .stretch import Form, Room, Stretch, stretch_in, write_stretch
 
 
 class Tape:
@@ -49,15 +46,15 @@ class Tape:
         Whether a filter enlarged its covariance on the way, for a gate to open again.
     considers : bool
         Whether common errors were considered.
+    fixes : int
+        Number of fixes that were fused or, where refused ones are logged, refused.
     """
 
     def __init__(self, every: int, fixes: FixLog | None = None, plan: Plan | None = None) -> None:
         self._every, self._fixes, self._plan = every, fixes, plan
         self._file = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as the tape
-        self._offsets: list[int] = []
-        # Lengths of the columns of each stretch, and what is the same in most: dtypes and shapes.
-        self._lengths: list[tuple[int, ...]] = []
-        self._forms: list[_Form] = []
+        self._forms: list[Form] = []
+        self._room = Room()
         self._filter: NavigationFilter | None = None
         self._taken = 0
         self._states = 0
@@ -65,6 +62,7 @@ class Tape:
         self.common = np.zeros(COLUMNS)
         self.hidden = False
         self.enlarged = self.considers = False
+        self.fixes = 0
         self.dvl_stamps_ns = self.depth_stamps_ns = np.zeros(0, dtype=np.int64)
 
     def make(self, params: EngineParams, initial: InitialState, stamp_ns: int) -> Recorded:
@@ -74,7 +72,7 @@ class Tape:
         self._filter = fusion.filter
         self._taken = 1  # the first entry is the start
         self._states = 0
-        self.parts.append(len(self._offsets))
+        self.parts.append(len(self._forms))
         settings = fusion.filter.settings
         self.common = np.asarray(settings.common, dtype=np.float64).copy()
         self.hidden = settings.shares_leader or settings.heading.on
@@ -95,32 +93,44 @@ class Tape:
         self.enlarged |= bool(openings.any())
         self.considers |= f.considers
         self.dvl_stamps_ns, self.depth_stamps_ns = f.streams.dvl_stamps, f.streams.depth_stamps
-        stretch = stretch_of(f, self._taken, self._states)
-        self._offsets.append(self._file.seek(0, 2))
-        columns = [np.ascontiguousarray(getattr(stretch, name)) for name in _COLUMNS]
-        self._lengths.append(tuple(map(len, columns)))
-        form = tuple((column.dtype, column.shape[1:]) for column in columns)
-        same = bool(self._forms) and self._forms[-1] == form
-        self._forms.append(self._forms[-1] if same else form)
-        for column in columns:
-            self._file.write(column.reshape(-1).view(np.uint8).data)
+        form, values = write_stretch(f, self._taken, self._states, self._room)
+        self._forms.append(form)
+        self.fixes += int((stretch_in(values, form).ranks == fs.FIX_RANK).sum())
+        self._file.write(values.view(np.uint8).data)
         spilled.give_back()  # rows of a filter that is recorded come too seldom to see to that
         self._taken, self._states = int(f.log.counts[0]), int(f.log.counts[1])
 
+    @property
+    def total(self) -> Form:
+        """Form of all stretches together."""
+        steps, updates, states = (sum(f[k] for f in self._forms) for k in range(3))
+        return Form(steps, updates, states, self.considers, any(f.model for f in self._forms))
+
     def backwards(self) -> Iterator[tuple[Stretch, bool]]:
-        """The stretches from the last to the first, and whether another filter ended with it."""
-        ends = {first - 1 for first in self.parts} | {len(self._offsets) - 1}
-        for number in range(len(self._offsets) - 1, -1, -1):
-            self._file.seek(self._offsets[number])
-            arrays = {}
-            described = zip(_COLUMNS, self._lengths[number], self._forms[number], strict=True)
-            for name, length, (dtype, shape) in described:
-                arrays[name] = np.empty((length, *shape), dtype)
-                self._file.readinto(arrays[name].reshape(-1).view(np.uint8).data)
-            if not len(arrays['sensitivity']):  # until then nothing was considered
-                for name, like in (('sensitivity', 'P'), ('moved', 'H')):
-                    arrays[name] = np.zeros((*arrays[like].shape[:2], COLUMNS))
-            yield Stretch(**arrays), number in ends
+        """The stretches from the last to the first, and whether another filter ended with it.
+
+        Each stands where the one before it stood: what is to stay has to be copied.
+        """
+        ends = {first - 1 for first in self.parts} | {len(self._forms) - 1}
+        offset = sum(form.size for form in self._forms)
+        nothing = np.zeros((0, COLUMNS))
+        for number in range(len(self._forms) - 1, -1, -1):
+            form = self._forms[number]
+            offset -= form.size
+            values = self._room.of(form)
+            self._file.seek(offset * values.itemsize)
+            self._file.readinto(values.view(np.uint8).data)
+            stretch = stretch_in(values, form)
+            if not form.considers:  # until then nothing was considered
+                of_state, of_update = form.states * stretch.P.shape[1], form.updates * 3
+                if self.considers or len(nothing) < max(of_state, of_update):
+                    nothing = np.zeros((max(of_state, of_update), COLUMNS))
+                stretch = replace(
+                    stretch,
+                    sensitivity=nothing[:of_state].reshape(form.states, -1, COLUMNS),
+                    moved=nothing[:of_update].reshape(form.updates, 3, COLUMNS),
+                )
+            yield stretch, number in ends
 
     def __enter__(self) -> Self:
         return self

@@ -12,6 +12,8 @@ a third part, (24, COLUMNS), is its change per unit of b. Equations: docs/deriva
 
 from __future__ import annotations
 
+import math
+
 from ...arrays import Array, Ints
 from ..cache import entry, kernel, routine
 from .adjoint import inverse, measure_back, step_back, update_back
@@ -19,7 +21,7 @@ from .consider import COLUMNS, add_common
 from .hidden import leave_out_leader
 from .rings import KEPT, STEP
 from .state import NAVIGATION
-from .update import cholesky, feed_back
+from .update import cholesky, feed_back, nis_of
 
 
 @kernel
@@ -211,6 +213,26 @@ def publish_rows(
         add_common(P[k], sensitivity[k], sigma)
         if hidden:
             leave_out_leader(P[k], navigation[k])
+
+
+@entry
+@routine
+def normalize(residuals: Array, V: Array, sizes: Ints, nis: Array, w: Array) -> None:
+    """Normalized squares (n,) of residuals, each of its first rows.
+
+    NaN where the covariance is not positive definite.
+
+    Parameters
+    ----------
+    residuals, V, sizes : (n, 3), (n, 3, 3), (n,) arrays
+        As of `leave_out`, and numbers of rows.
+    nis : (n,) array, out
+    w : (4, 3) array
+        Scratch.
+    """
+    for k in range(sizes.shape[0]):
+        m = sizes[k]
+        nis[k] = nis_of(w[:3], residuals[k], w[3], m) if cholesky(w[:3], V[k], m) else math.nan
 
 
 @entry

@@ -1,11 +1,13 @@
-"""Steps and updates out of a filter's rings, packed for a smoother's tape."""
+"""Steps, updates and states out of a filter's rings, packed for a smoother's tape."""
 
 from __future__ import annotations
 
 from ...arrays import Array, Ints
 from ..cache import entry, routine
 from .adjoint import PHI
+from .consider import COLUMNS
 from .rings import Log
+from .state import NAVIGATION
 from .update import COUPLED, NAV, N
 
 
@@ -40,3 +42,41 @@ def pack_updates(
             if moved.shape[0] > 0:
                 for c in range(moved.shape[2]):
                     moved[k, a, c] = log.moved[u, a, c]
+
+
+@entry
+@routine
+def pack_states(
+    log: Log,
+    rows: Ints,
+    places: tuple[int, int],
+    navigation: Array,
+    P: Array,
+    sensitivity: Array,
+    deviations: Array,
+) -> None:
+    """Write states, places in their ring, into arrays (n, ...); of P what a filter of 24 has.
+
+    Parameters
+    ----------
+    log : Log
+    rows : (n,) array
+    places : two of int
+        Where P and the sensitivities begin in a stored state.
+    navigation, P, sensitivity, deviations : (n, ...) arrays, out
+        ``sensitivity`` may be without rows.
+    """
+    held = log.hindsight.deviations.shape[0] > 0
+    for k in range(rows.shape[0]):
+        flat = log.snapshot_flat[rows[k]]
+        for i in range(NAVIGATION):
+            navigation[k, i] = flat[i]
+        for i in range(N):
+            for j in range(N):
+                P[k, i, j] = flat[places[0] + i * N + j]
+        if sensitivity.shape[0] > 0:
+            for i in range(N):
+                for c in range(COLUMNS):
+                    sensitivity[k, i, c] = flat[places[1] + i * COLUMNS + c]
+        for i in range(deviations.shape[1]):
+            deviations[k, i] = log.hindsight.deviations[rows[k], i] if held else 0.0
