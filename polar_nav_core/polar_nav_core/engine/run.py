@@ -27,7 +27,7 @@ from .looks import Look, looks_of
 from .outputs import Receipt
 from .params import EngineParams
 from .refusals import usable_imu
-from .sins.whole import SinsArrays
+from .sins.whole import SinsArrays, Usable, usable_of
 from .station.filter import StationFilter
 from .station.fusion import StationFusion
 from .station.whole import StationArrays
@@ -90,6 +90,7 @@ def run(
     look_every_s: float = 0.0,
     tape: Record | None = None,
     imu_lever_b: Sequence[float] = ...,
+    usable: Usable | None = ...,
 ) -> Result[Track]: ...
 
 
@@ -119,6 +120,7 @@ def run(
     look_every_s: float = 0.0,
     tape: Record | None = None,
     imu_lever_b: Sequence[float] = (0.0, 0.0, 0.0),
+    usable: Usable | None = None,
 ) -> Result[Any]:
     """Track and receipts of a run over the inputs; an estimate every ``params.output_period_s``.
 
@@ -144,6 +146,8 @@ def run(
         Nothing is identified.
     imu_lever_b : sequence of float, optional
         IMU from base_link, body axes [m]: parameters and track are of base_link.
+    usable : Usable, optional
+        What `usable_of` has found for these inputs and the limits of these parameters.
     """
     make = tape.make if tape is not None else None
     engine = Engine(params, make, imu_lever_b=imu_lever_b)
@@ -166,7 +170,7 @@ def run(
                 health.append(engine.health)
         collector.collect(engine.finish())
     else:
-        arrays = _arrays_of(params, inputs, collector)
+        arrays = _arrays_of(params, inputs, collector, usable)
         looks = looks_of(arrays.new_seconds_ns(), look_every_s)
         events = [*inputs.fixes, *commands, *arrays.unusable, *looks]
         single = sorted(events, key=_key)
@@ -199,11 +203,14 @@ def _station_filter(engine: Engine) -> StationFilter:
 
 
 def _arrays_of(
-    params: EngineParams, inputs: Inputs | StationInputs, collector: Collector[Any]
+    params: EngineParams,
+    inputs: Inputs | StationInputs,
+    collector: Collector[Any],
+    usable: Usable | None,
 ) -> WholeArrays:
     if isinstance(inputs, StationInputs):
         return StationArrays(params, inputs, collector.rows)
-    return SinsArrays(params, inputs, collector.rows)
+    return SinsArrays(params, usable or usable_of(params, inputs), collector.rows)
 
 
 class _Driver:

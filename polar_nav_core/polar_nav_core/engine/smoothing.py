@@ -37,6 +37,7 @@ from .params import EngineParams
 from .receipt_rows import Receipts
 from .sins.recorded import FixLog, Plan
 from .sins.tape import Tape
+from .sins.whole import usable_of
 from .smoothed import MOST_PASSES, MOVED, Smoothed, at_validity, still_to_come
 from .track import StationTrack, Track
 from .verdicts import Verdict
@@ -130,6 +131,7 @@ class _Passes:
         self._stated = in_order(params)
         fixes = (f for f in inputs.fixes if f.refusal is None and f.validity_ns > 0)
         self._inputs = replace(inputs, fixes=tuple(map(at_validity, fixes)))
+        self._usable = usable_of(self._stated, self._inputs)
         period_s = self._stated.filter_period_s
         self._every = max(1, round(min(every_s, _TRACK_S) / period_s))
         self._published = self._every * max(1, round(every_s / (self._every * period_s)))
@@ -183,6 +185,7 @@ class _Passes:
                 progress=progress,
                 look_every_s=LOOK_S,
                 tape=tape,
+                usable=self._usable,
             )
             spilled.give_back_freed()
             back = backwards(params, tape, self._published, self._covariances, self._move)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -25,13 +26,93 @@ from .fusion import Fusion
 from .streams import room_for_fixes
 
 
+@dataclass(frozen=True)
+class Usable:
+    """Samples of a run that a filter can use, as columns, and the others one by one.
+
+    Attributes
+    ----------
+    first : ImuSample or None
+        First usable sample of the IMU, at which the state starts.
+    unusable : list of Event
+    columns : mapping of str to array
+        Of `Streams`, but for counts and fixes.
+    imu, depths, pings, controls, headings : int
+        Number of usable samples.
+    """
+
+    first: ImuSample | None
+    unusable: list[Event]
+    columns: Mapping[str, Any]
+    imu: int
+    depths: int
+    pings: int
+    controls: int
+    headings: int
+
+
+def usable_of(params: EngineParams, inputs: Inputs) -> Usable:
+    """Samples of a run that a filter can use; of several runs over them, found once."""
+    x = inputs
+    imu, refused = usable_imu(params, x.imu_stamps_ns, x.omega_ib_b, x.f_b)
+    dvl = x.dvl_valid & usable_dvl(params, x.dvl_valid, x.dvl_v_m, x.dvl_covariance_m)
+    water = np.zeros(len(dvl), dtype=bool)
+    if len(x.dvl_water):
+        dvl &= ~x.dvl_water
+        if params.uses_water_track:
+            every = np.ones(len(dvl), dtype=bool)
+            water = x.dvl_water & usable_dvl(params, every, x.dvl_v_m, x.dvl_covariance_m)
+    dvl |= water
+    depth = usable_depth(params, x.depth, x.depth_variance)
+    control = usable_control(params, x.control_force_b, x.control_torque_b)
+    heading = usable_heading(x.headings, x.heading_up_b)
+    unusable: list[Event] = [
+        *(
+            replace(x.imu_sample(int(k)), refused=refused.get(int(k)))
+            for k in np.flatnonzero(~imu)
+        ),
+        *(x.dvl_ping(int(k)) for k in np.flatnonzero(~dvl)),
+        *(x.depth_sample(int(k)) for k in np.flatnonzero(~depth)),
+        *(x.control_sample(int(k)) for k in np.flatnonzero(~control)),
+        *(x.heading_sample(int(k)) for k in np.flatnonzero(~heading)),
+    ]
+    columns = {
+        'imu_stamps': rows_of(x.imu_stamps_ns, imu),
+        'omega_ib_b': rows_of(x.omega_ib_b, imu),
+        'f_b': rows_of(x.f_b, imu),
+        'depth_stamps': rows_of(x.depth_stamps_ns, depth),
+        'depth': rows_of(x.depth, depth),
+        'depth_variance': rows_of(x.depth_variance, depth),
+        'dvl_stamps': rows_of(x.dvl_stamps_ns, dvl),
+        'dvl_v_m': rows_of(x.dvl_v_m, dvl),
+        'dvl_covariance_m': rows_of(x.dvl_covariance_m, dvl),
+        'dvl_water': rows_of(water.astype(np.int64), dvl),
+        'control_stamps': rows_of(x.control_stamps_ns, control),
+        'control_force_b': rows_of(x.control_force_b, control),
+        'heading_stamps': rows_of(x.heading_stamps_ns, heading),
+        'headings': rows_of(x.headings, heading),
+        'heading_up_b': rows_of(x.heading_up_b, heading),
+    }
+    return Usable(
+        x.imu_sample(int(np.argmax(imu))) if imu.any() else None,
+        unusable,
+        {name: at_least_one(values) for name, values in columns.items()},
+        imu=len(columns['imu_stamps']),
+        depths=len(columns['depth_stamps']),
+        pings=len(columns['dvl_stamps']),
+        controls=len(columns['control_stamps']),
+        headings=len(columns['heading_stamps']),
+    )
+
+
 class SinsArrays:
     """Inputs of a run in SINS mode, split into arrays for the compiled loop and single events.
 
     Parameters
     ----------
     params : EngineParams
-    inputs : Inputs
+    usable : Usable
+        The inputs.
     rows : Rows
         Rows of output that the loop writes.
     """
@@ -39,60 +120,16 @@ class SinsArrays:
     filter: NavigationFilter
     _fusion: Fusion
 
-    def __init__(self, params: EngineParams, inputs: Inputs, rows: Rows) -> None:
-        x, self._rows = inputs, rows
-        imu, refused = usable_imu(params, x.imu_stamps_ns, x.omega_ib_b, x.f_b)
-        dvl = x.dvl_valid & usable_dvl(params, x.dvl_valid, x.dvl_v_m, x.dvl_covariance_m)
-        water = np.zeros(len(dvl), dtype=bool)
-        if len(x.dvl_water):
-            dvl &= ~x.dvl_water
-            if params.uses_water_track:
-                every = np.ones(len(dvl), dtype=bool)
-                water = x.dvl_water & usable_dvl(params, every, x.dvl_v_m, x.dvl_covariance_m)
-        dvl |= water
-        depth = usable_depth(params, x.depth, x.depth_variance)
-        control = usable_control(params, x.control_force_b, x.control_torque_b)
-        heading = usable_heading(x.headings, x.heading_up_b)
-        self.first = x.imu_sample(int(np.argmax(imu))) if imu.any() else None
-        self.unusable: list[Event] = [
-            *(
-                replace(x.imu_sample(int(k)), refused=refused.get(int(k)))
-                for k in np.flatnonzero(~imu)
-            ),
-            *(x.dvl_ping(int(k)) for k in np.flatnonzero(~dvl)),
-            *(x.depth_sample(int(k)) for k in np.flatnonzero(~depth)),
-            *(x.control_sample(int(k)) for k in np.flatnonzero(~control)),
-            *(x.heading_sample(int(k)) for k in np.flatnonzero(~heading)),
-        ]
-        imu_stamps, depth_stamps = rows_of(x.imu_stamps_ns, imu), rows_of(x.depth_stamps_ns, depth)
-        dvl_stamps = rows_of(x.dvl_stamps_ns, dvl)
-        control_stamps = rows_of(x.control_stamps_ns, control)
-        self._depths, self._pings = len(depth_stamps), len(dvl_stamps)
-        self._controls = len(control_stamps)
-        controls = self._controls if params.model_aiding else 0
-        heading_stamps = rows_of(x.heading_stamps_ns, heading)
-        self._headings = len(heading_stamps)
-        headings = self._headings if params.uses_heading else 0
-        counts = [len(imu_stamps), self._depths, self._pings, 0, controls, headings]
-        self._streams = Streams(
-            counts=np.array(counts, dtype=np.int64),
-            imu_stamps=at_least_one(imu_stamps),
-            omega_ib_b=at_least_one(rows_of(x.omega_ib_b, imu)),
-            f_b=at_least_one(rows_of(x.f_b, imu)),
-            depth_stamps=at_least_one(depth_stamps),
-            depth=at_least_one(rows_of(x.depth, depth)),
-            depth_variance=at_least_one(rows_of(x.depth_variance, depth)),
-            dvl_stamps=at_least_one(dvl_stamps),
-            dvl_v_m=at_least_one(rows_of(x.dvl_v_m, dvl)),
-            dvl_covariance_m=at_least_one(rows_of(x.dvl_covariance_m, dvl)),
-            dvl_water=at_least_one(rows_of(water.astype(np.int64), dvl)),
-            **room_for_fixes(),
-            control_stamps=at_least_one(control_stamps),
-            control_force_b=at_least_one(rows_of(x.control_force_b, control)),
-            heading_stamps=at_least_one(heading_stamps),
-            headings=at_least_one(rows_of(x.headings, heading)),
-            heading_up_b=at_least_one(rows_of(x.heading_up_b, heading)),
-        )
+    def __init__(self, params: EngineParams, usable: Usable, rows: Rows) -> None:
+        x, self._rows = usable, rows
+        self.first, self.unusable = x.first, x.unusable
+        self._depths, self._pings = x.depths, x.pings
+        self._controls, self._headings = x.controls, x.headings
+        controls = x.controls if params.model_aiding else 0
+        headings = x.headings if params.uses_heading else 0
+        counts = [x.imu, x.depths, x.pings, 0, controls, headings]
+        counted = np.array(counts, dtype=np.int64)
+        self._streams = Streams(counts=counted, **x.columns, **room_for_fixes())
 
     def new_seconds_ns(self) -> list[int]:
         """Stamps of the IMU samples with which a new second begins [ns]."""
