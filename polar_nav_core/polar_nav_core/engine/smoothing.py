@@ -10,8 +10,10 @@ Equations: docs/derivations/smoother.md.
 from __future__ import annotations
 
 import math
+import tempfile
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from io import BufferedRandom
 from itertools import chain
 from typing import overload
 
@@ -114,11 +116,16 @@ def smooth(
     """
     if isinstance(inputs, StationInputs):
         return of_station.smooth(params, inputs, every_s=every_s, passes=passes, progress=progress)
-    return _Passes(params, inputs, every_s, covariances, move).run(passes, at_least, progress)
+    with tempfile.TemporaryFile() as record:
+        run = _Passes(params, inputs, every_s, covariances, record, move)
+        return run.run(passes, at_least, progress)
 
 
 class _Passes:
-    """Passes over one run, each with what the one before has shown."""
+    """Passes over one run, each with what the one before has shown.
+
+    What their filters do goes to the same file, ``record``, one after the other.
+    """
 
     def __init__(
         self,
@@ -126,11 +133,13 @@ class _Passes:
         inputs: Inputs,
         every_s: float,
         covariances: bool,
+        record: BufferedRandom,
         move: Move | None = None,
     ) -> None:
         self._stated = in_order(params)
         fixes = (f for f in inputs.fixes if f.refusal is None and f.validity_ns > 0)
         self._inputs = replace(inputs, fixes=tuple(map(at_validity, fixes)))
+        self._record = record
         self._usable = usable_of(self._stated, self._inputs)
         period_s = self._stated.filter_period_s
         self._every = max(1, round(min(every_s, _TRACK_S) / period_s))
@@ -176,7 +185,7 @@ class _Passes:
         before: float = math.inf,
     ) -> _Pass:
         log = FixLog()
-        with Tape(self._every, log, plan) as tape:
+        with Tape(self._every, log, plan, self._record) as tape:
             result = engine_run.run(
                 params,
                 self._inputs,

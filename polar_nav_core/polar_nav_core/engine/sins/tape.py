@@ -9,6 +9,7 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Iterator
 from dataclasses import replace
+from io import BufferedRandom
 from typing import Self
 
 import numpy as np
@@ -33,6 +34,9 @@ class Tape:
     fixes : FixLog, optional
     plan : Plan, optional
         Both as of `Recorded`.
+    file : file, optional
+        Where the record is to lie: that of a tape which nobody reads any more. To write over it
+        costs less than half as much as to write a new one.
 
     Attributes
     ----------
@@ -50,9 +54,17 @@ class Tape:
         Number of fixes that were fused or, where refused ones are logged, refused.
     """
 
-    def __init__(self, every: int, fixes: FixLog | None = None, plan: Plan | None = None) -> None:
+    def __init__(
+        self,
+        every: int,
+        fixes: FixLog | None = None,
+        plan: Plan | None = None,
+        file: BufferedRandom | None = None,
+    ) -> None:
         self._every, self._fixes, self._plan = every, fixes, plan
-        self._file = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as the tape
+        self._is_own = file is None
+        self._file = file or tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as the tape
+        self._file.seek(0)
         self._forms: list[Form] = []
         self._room = Room()
         self._filter: NavigationFilter | None = None
@@ -136,4 +148,5 @@ class Tape:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._file.close()
+        if self._is_own:
+            self._file.close()
