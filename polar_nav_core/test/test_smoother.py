@@ -97,6 +97,7 @@ def _smoothed(problem, b_sigma=np.zeros(COLUMNS)):  # noqa: B008 - not changed
         [int(np.sum((kinds[:k] == STEP) == (kind == STEP))) for k, kind in enumerate(kinds)]
     )
     H, K, L, z, moved = (np.array([u[i] for u in updates]) for i in range(5))
+    sizes = np.array([u[5] for u in updates])
     P = np.array([s[2] for s in states])
     count, n = P.shape[:2]
     x = np.empty((count, n))
@@ -110,12 +111,12 @@ def _smoothed(problem, b_sigma=np.zeros(COLUMNS)):  # noqa: B008 - not changed
         indices,
         np.array([phi for phi, _ in steps]),
         np.array([model for _, model in steps]) if n > N else np.zeros((0, 3, 31)),
-        H,
-        K,
+        np.vstack([rows[:m] for rows, m in zip(H, sizes, strict=True)]),
+        np.vstack([rows[:m] for rows, m in zip(K, sizes, strict=True)]),
         L,
         z,
         moved,
-        np.array([u[5] for u in updates]),
+        sizes,
         np.array([s[0] for s in states]),
         navigation,
         np.zeros((count, n)),

@@ -117,14 +117,14 @@ def smooth(
     if isinstance(inputs, StationInputs):
         return of_station.smooth(params, inputs, every_s=every_s, passes=passes, progress=progress)
     with tempfile.TemporaryFile() as record:
-        run = _Passes(params, inputs, every_s, covariances, record, move)
+        run = _Passes(params, inputs, every_s, covariances, move, record)
         return run.run(passes, at_least, progress)
 
 
 class _Passes:
     """Passes over one run, each with what the one before has shown.
 
-    What their filters do goes to the same file, ``record``, one after the other.
+    What their filters do goes to one file, ``record``, or to one for each.
     """
 
     def __init__(
@@ -133,8 +133,8 @@ class _Passes:
         inputs: Inputs,
         every_s: float,
         covariances: bool,
-        record: BufferedRandom,
         move: Move | None = None,
+        record: BufferedRandom | None = None,
     ) -> None:
         self._stated = in_order(params)
         fixes = (f for f in inputs.fixes if f.refusal is None and f.validity_ns > 0)

@@ -112,6 +112,7 @@ def linear_run(params: EngineParams, inputs: Inputs, every_s: float = 1.0) -> Li
     rows: list[tuple[int, int, Array]] = []
     fed_back, step = np.zeros(N), 0
     for s in stretches:
+        first = np.cumsum(s.sizes) - s.sizes
         at = dict(zip(s.places.tolist(), range(len(s.places)), strict=True))
         for number in range(len(s.kinds) + 1):
             if number in at:
@@ -125,7 +126,8 @@ def linear_run(params: EngineParams, inputs: Inputs, every_s: float = 1.0) -> Li
                 step += 1
                 continue
             m = int(s.sizes[i])
-            H, K, L = s.H[i, :m], s.K[i, :m], s.L[i, :m, :m]
+            own = slice(first[i], first[i] + m)
+            H, K, L = s.H[own], s.K[own], s.L[i, :m, :m]
             S = L @ L.T
             R = S - H @ K.T @ S
             updates.append(Update(step, H, 0.5 * (R + R.T), s.z[i, :m] + H @ fed_back))

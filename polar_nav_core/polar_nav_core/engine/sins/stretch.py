@@ -32,9 +32,11 @@ class Stretch:
         Transitions.
     model : (steps, 3, 31) array
         Of the states of a vehicle's model; without one, no rows, and n below is 24, not 31.
-    H, K, L, z, moved, sizes : (updates, ...) arrays
-        Rows, transposed gain, factor of S, innovation, its change per unit of each common error
-        (without rows until one is considered), number of rows.
+    H, K : (rows, n) arrays
+        Rows of all updates, and their transposed gains.
+    L, z, moved, sizes : (updates, ...) arrays
+        Factor of S, innovation, its change per unit of each common error (without rows until one
+        is considered), number of rows.
     ranks, samples : (updates,) arrays
         Sensor as `events.Rank`, number in its stream.
     stamps_ns, places, steps : (k,) arrays
@@ -86,6 +88,7 @@ class Form(NamedTuple):
 
     steps: int
     updates: int
+    rows: int
     states: int
     considers: bool
     model: bool
@@ -93,15 +96,15 @@ class Form(NamedTuple):
     @property
     def shapes(self) -> dict[str, tuple[int, ...]]:
         """Shapes of the columns, in their order."""
-        steps, updates, states, considers, model = self
+        steps, updates, rows, states, considers, model = self
         n = N + E if model else N
         return {
             'kinds': (steps + updates,),
             'indices': (steps + updates,),
             'phi': (steps, PHI),
             'model': (steps * model, MOVING, N + E),
-            'H': (updates, 3, n),
-            'K': (updates, 3, n),
+            'H': (rows, n),
+            'K': (rows, n),
             'L': (updates, 3, 3),
             'z': (updates, 3),
             'moved': (updates * considers, 3, COLUMNS),
@@ -181,14 +184,15 @@ def write_stretch(f: NavigationFilter, taken: int, states: int, room: Room) -> t
         raise PolarNavError('the states of the filter went round before they were copied')
     steps, updates = numbers[step] % len(past.transitions), numbers[update] % len(log.H)
     rows = np.arange(states, snapshots) % len(log.snapshot_flat)
-    form = Form(len(steps), counted, len(rows), f.considers, len(log.model_steps) > 0)
+    sizes, model = log.rows[order[update]], len(log.model_steps) > 0
+    form = Form(len(steps), counted, int(sizes.sum()), len(rows), f.considers, model)
     values = room.of(form)
     out = stretch_in(values, form)
     out.kinds[:] = kinds
     out.indices[step], out.indices[update] = np.arange(len(steps)), np.arange(counted)
     kernels.pack_steps(past.transitions, steps, out.phi)
-    kernels.pack_updates(log, updates, out.H, out.K, out.L, out.z, out.moved)
-    out.sizes[:], ranks = log.rows[order[update]], log.ranks[order]
+    kernels.pack_updates(log, updates, sizes, out.H, out.K, out.L, out.z, out.moved)
+    out.sizes[:], ranks = sizes, log.ranks[order]
     out.ranks[:], out.samples[:] = ranks[update], log.samples[order[update]]
     counters = log.snapshot_counters[rows]
     out.stamps_ns[:], out.steps[:] = counters[:, fs.STAMP], counters[:, fs.STEPS]
@@ -198,7 +202,8 @@ def write_stretch(f: NavigationFilter, taken: int, states: int, room: Room) -> t
     )
     if form.model:
         out.model[:] = log.model_steps[steps]
-        out.H[:, :, N:], out.K[:, :, N:] = log.model_rows[updates].transpose(1, 0, 2, 3)
+        of_model = log.model_rows[updates].transpose(1, 0, 2, 3)
+        out.H[:, N:], out.K[:, N:] = of_model[:, np.arange(3) < sizes[:, None]]
         _write_blocks(log.snapshot_flat[rows], out)
     return form, values
 

@@ -115,8 +115,9 @@ class Tape:
     @property
     def total(self) -> Form:
         """Form of all stretches together."""
-        steps, updates, states = (sum(f[k] for f in self._forms) for k in range(3))
-        return Form(steps, updates, states, self.considers, any(f.model for f in self._forms))
+        steps, updates, rows, states = (sum(f[k] for f in self._forms) for k in range(4))
+        model = any(form.model for form in self._forms)
+        return Form(steps, updates, rows, states, self.considers, model)
 
     def backwards(self) -> Iterator[tuple[Stretch, bool]]:
         """The stretches from the last to the first, and whether another filter ended with it.

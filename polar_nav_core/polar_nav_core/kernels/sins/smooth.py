@@ -235,6 +235,17 @@ def normalize(residuals: Array, V: Array, sizes: Ints, nis: Array, w: Array) -> 
         nis[k] = nis_of(w[:3], residuals[k], w[3], m) if cholesky(w[:3], V[k], m) else math.nan
 
 
+@kernel
+def _take_rows(out: Array, rows: Array, begin: int, m: int) -> None:
+    """Copy m rows of an update, and zeros below them, to ``out`` (3, n)."""
+    for a in range(m):
+        for i in range(out.shape[1]):
+            out[a, i] = rows[begin + a, i]
+    for a in range(m, 3):
+        for i in range(out.shape[1]):
+            out[a, i] = 0.0
+
+
 @entry
 @routine
 def smooth_back(
@@ -267,11 +278,13 @@ def smooth_back(
     Parameters
     ----------
     kinds, indices : (n,) arrays
-        STEP, UPDATE or KEPT, and the place of its numbers in ``phi``, or in ``H`` to ``sizes``.
+        STEP, UPDATE or KEPT, and the place of its numbers in ``phi``, or in ``L`` to ``sizes``.
     phi, model : (steps, PHI), (steps, 3, 31) arrays
         Transitions; n is 31 with a vehicle's model, else 24, and ``model`` has no rows.
-    H, K, L, z, moved, sizes : (updates, ...) arrays
-        Rows, gain, factor of S, innovation, its change per common error, number of rows.
+    H, K : (rows, n) arrays
+        Rows of all updates, and their gains.
+    L, z, moved, sizes : (updates, ...) arrays
+        Factor of S, innovation, its change per common error, number of rows.
     places : (k,) array
         Number of entries before each row, ascending.
     navigation : (k, 30) array, in place
@@ -291,7 +304,7 @@ def smooth_back(
     w : (2, n, n) array
         Scratch.
     """
-    row = places.shape[0] - 1
+    row, end = places.shape[0] - 1, H.shape[0]
     for number in range(kinds.shape[0], -1, -1):
         while row >= 0 and places[row] >= number:
             smooth_row(x[row], P[row], sensitivity[row], adjoint, information, w)
@@ -310,7 +323,10 @@ def smooth_back(
             kept = kinds[number - 1] == KEPT
             if not kept and adjoint.shape[1] > 1:
                 learn_common(common[:, :COLUMNS], common[:, COLUMNS], L[i], z[i], moved[i], m, w)
-            measure_back(adjoint, information, K[i], L[i], z[i], moved[i], m, w)
+            end -= m
+            _take_rows(w[0, 3:6], H, end, m)
+            _take_rows(w[0, 6:9], K, end, m)
+            measure_back(adjoint, information, w[0, 6:9], L[i], z[i], moved[i], m, w)
             leave_out(L[i], m, not kept, sigma, residuals[i], V[i], w)
             if not kept:
-                update_back(adjoint, information, H[i], m, w)
+                update_back(adjoint, information, w[0, 3:6], m, w)

@@ -27,18 +27,31 @@ def pack_steps(transitions: Array, steps: Ints, phi: Array) -> None:
 @entry
 @routine
 def pack_updates(
-    log: Log, updates: Ints, H: Array, K: Array, L: Array, z: Array, moved: Array
+    log: Log,
+    updates: Ints,
+    sizes: Ints,
+    H: Array,
+    K: Array,
+    L: Array,
+    z: Array,
+    moved: Array,
 ) -> None:
-    """Write updates, places in their ring, into arrays (n, ...); ``moved`` may be without rows."""
+    """Write updates, places in their ring, into arrays (n, ...); ``moved`` may be without rows.
+
+    Of H and K only as many rows as ``sizes`` says of each: (all rows, 24) or wider.
+    """
+    row = 0
     for k in range(updates.shape[0]):
         u = updates[k]
+        for a in range(sizes[k]):
+            for i in range(N):
+                H[row, i] = log.H[u, a, i]
+                K[row, i] = log.K[u, a, i]
+            row += 1
         for a in range(3):
             z[k, a] = log.z[u, a]
             for b in range(3):
                 L[k, a, b] = log.L[u, a, b]
-            for i in range(N):
-                H[k, a, i] = log.H[u, a, i]
-                K[k, a, i] = log.K[u, a, i]
             if moved.shape[0] > 0:
                 for c in range(moved.shape[2]):
                     moved[k, a, c] = log.moved[u, a, c]
