@@ -124,7 +124,9 @@ def backwards(
         )
         judged.add(vars(Judged.of(stretch, residuals, V)))
         states.add({'stamps_ns': stretch.stamps_ns, 'states': stretch.navigation})
-        P, sensitivity = stretch.P[:, :N, :N].copy(), stretch.sensitivity[:, :N].copy()
+        P, sensitivity = stretch.P, stretch.sensitivity
+        if params.model_aiding:
+            P, sensitivity = P[:, :N, :N].copy(), sensitivity[:, :N].copy()
         kernels.publish_rows(P, sensitivity, stretch.navigation, tape.common, tape.hidden)
         turn = max(turn, float(np.abs(x[:, :3]).max(initial=0.0)))
         sigma = np.sqrt(np.einsum('nii->ni', P)[:, :NAV])

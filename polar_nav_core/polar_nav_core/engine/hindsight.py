@@ -64,17 +64,19 @@ class Judged:
     @classmethod
     def of(cls, stretch: Stretch, residuals: Array, covariances: Array) -> Judged:
         """Measurements of a stretch but headings (and a model), which their gate judges."""
-        kinds = stretch.kinds[stretch.kinds != rings.STEP]
-        own = np.isin(stretch.ranks, _JUDGED)
-        of_fix = stretch.ranks == Rank.FIX
+        ranks, sizes = stretch.ranks, stretch.sizes
+        fused = stretch.kinds[stretch.kinds != rings.STEP] != rings.KEPT
+        nis = _normalized(residuals, covariances, sizes)
+        judged = np.logical_or.reduce([ranks == rank for rank in _JUDGED])
+        own = slice(None) if judged.all() else judged  # nearly always no copies
+        of_fix = ranks == Rank.FIX
         L = stretch.L[of_fix]
-        sizes = stretch.sizes[own]
         return cls(
-            stretch.ranks[own].astype(np.int8),
+            ranks[own].astype(np.int8),
             stretch.samples[own].astype(np.int32),
-            sizes.astype(np.int8),
-            kinds[own] != rings.KEPT,
-            _normalized(residuals[own], covariances[own], sizes),
+            sizes[own].astype(np.int8),
+            fused[own],
+            nis[own],
             residuals[of_fix],
             covariances[of_fix],
             np.einsum('nij,nkj->nik', L, L),

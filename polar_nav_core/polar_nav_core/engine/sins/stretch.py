@@ -10,7 +10,6 @@ import numpy as np
 
 from ...arrays import Array, Ints
 from ...errors import PolarNavError
-from ...kernels.sins import rings
 from ...kernels.sins import state as fs
 from ...kernels.sins import stretch as kernels
 from ...kernels.sins.adjoint import PHI
@@ -173,51 +172,35 @@ def write_stretch(f: NavigationFilter, taken: int, states: int, room: Room) -> t
     """
     log, past = f.log, f.past
     count, snapshots = int(log.counts[0]), int(log.counts[1])
-    order = np.arange(taken, count) % len(log.kinds)
-    kinds, numbers = log.kinds[order], log.numbers[order]
-    step = kinds == rings.STEP
-    update = ~step
-    counted = int(update.sum())
-    if count - taken > len(log.kinds) or counted > len(log.H):
+    counts = np.zeros(3, dtype=np.int64)
+    if count - taken <= len(log.kinds):
+        kernels.count_entries(log, taken, count, counts)
+    if count - taken > len(log.kinds) or counts[1] > len(log.H):
         raise PolarNavError('the log of the filter went round before it was copied')
     if snapshots - states > len(log.snapshot_flat):
         raise PolarNavError('the states of the filter went round before they were copied')
-    steps, updates = numbers[step] % len(past.transitions), numbers[update] % len(log.H)
     rows = np.arange(states, snapshots) % len(log.snapshot_flat)
-    sizes, model = log.rows[order[update]], len(log.model_steps) > 0
-    form = Form(len(steps), counted, int(sizes.sum()), len(rows), f.considers, model)
+    n_steps, n_updates, n_rows = counts.tolist()
+    model = len(log.model_steps) > 0
+    form = Form(n_steps, n_updates, n_rows, len(rows), f.considers, model)
     values = room.of(form)
     out = stretch_in(values, form)
-    out.kinds[:] = kinds
-    out.indices[step], out.indices[update] = np.arange(len(steps)), np.arange(counted)
+    steps, updates = (np.empty(n, dtype=np.int64) for n in (form.steps, form.updates))
+    of_updates = out.sizes, out.ranks, out.samples
+    kernels.pack_order(log, taken, out.kinds, out.indices, *of_updates, steps, updates)
+    of_states = out.stamps_ns, out.steps, out.navigation, out.P, out.sensitivity, out.deviations
+    kernels.pack_states(log, rows, (_P, _SENSITIVITY), *of_states)
+    kernels.place_states(out.kinds, out.ranks, steps, out.steps, out.places)
+    steps %= len(past.transitions)
+    updates %= len(log.H)
     kernels.pack_steps(past.transitions, steps, out.phi)
-    kernels.pack_updates(log, updates, sizes, out.H, out.K, out.L, out.z, out.moved)
-    out.sizes[:], ranks = sizes, log.ranks[order]
-    out.ranks[:], out.samples[:] = ranks[update], log.samples[order[update]]
-    counters = log.snapshot_counters[rows]
-    out.stamps_ns[:], out.steps[:] = counters[:, fs.STAMP], counters[:, fs.STEPS]
-    out.places[:] = _places(kinds, numbers, ranks, out.steps)
-    kernels.pack_states(
-        log, rows, (_P, _SENSITIVITY), out.navigation, out.P, out.sensitivity, out.deviations
-    )
+    kernels.pack_updates(log, updates, out.sizes, out.H, out.K, out.L, out.z, out.moved)
     if form.model:
         out.model[:] = log.model_steps[steps]
         of_model = log.model_rows[updates].transpose(1, 0, 2, 3)
-        out.H[:, N:], out.K[:, N:] = of_model[:, np.arange(3) < sizes[:, None]]
+        out.H[:, N:], out.K[:, N:] = of_model[:, np.arange(3) < out.sizes[:, None]]
         _write_blocks(log.snapshot_flat[rows], out)
     return form, values
-
-
-def _places(kinds: Ints, numbers: Ints, ranks: Ints, steps: Ints) -> Ints:
-    """Number of entries before each state: it stands behind those of its step."""
-    ends = np.flatnonzero(kinds == rings.STEP) + 1
-    # A vehicle's model is compared at once, as part of the step.
-    after = np.minimum(ends, len(kinds) - 1)
-    compared = (kinds[after] != rings.STEP) & (ranks[after] == fs.IMU_RANK) & (ends < len(kinds))
-    behind = (ends + compared)[
-        np.searchsorted(numbers[kinds == rings.STEP], steps).clip(max=len(ends) - 1)
-    ]
-    return np.where(steps > 0, behind, 0)
 
 
 def _write_blocks(flat: Array, out: Stretch) -> None:

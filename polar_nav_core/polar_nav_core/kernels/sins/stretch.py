@@ -6,9 +6,97 @@ from ...arrays import Array, Ints
 from ..cache import entry, routine
 from .adjoint import PHI
 from .consider import COLUMNS
-from .rings import Log
-from .state import NAVIGATION
+from .rings import STEP, Log
+from .state import IMU_RANK, NAVIGATION
+from .state import STAMP as AT
+from .state import STEPS as NUMBER
 from .update import COUPLED, NAV, N
+
+
+@entry
+@routine
+def count_entries(log: Log, first: int, end: int, counts: Ints) -> None:
+    """Write the numbers of steps, of updates and of their rows among entries, into (3,)."""
+    counts[0] = counts[1] = counts[2] = 0
+    for e in range(first, end):
+        i = e % log.kinds.shape[0]
+        if log.kinds[i] == STEP:
+            counts[0] += 1
+        else:
+            counts[1] += 1
+            counts[2] += log.rows[i]
+
+
+@entry
+@routine
+def pack_order(
+    log: Log,
+    first: int,
+    kinds: Ints,
+    indices: Ints,
+    sizes: Ints,
+    ranks: Ints,
+    samples: Ints,
+    steps: Ints,
+    updates: Ints,
+) -> None:
+    """Write the order of entries from a first one on, and where their numbers stand in the rings.
+
+    Parameters
+    ----------
+    log : Log
+    first : int
+    kinds, indices : (n,) arrays, out
+        Of each entry: its kind, and its number among those of its kind.
+    sizes, ranks, samples : (updates,) arrays, out
+        Number of rows, sensor, number in its stream.
+    steps, updates : (steps,), (updates,) arrays, out
+        Numbers of steps and corrections.
+    """
+    step = update = 0
+    for k in range(kinds.shape[0]):
+        i = (first + k) % log.kinds.shape[0]
+        kinds[k] = log.kinds[i]
+        if log.kinds[i] == STEP:
+            indices[k], steps[step] = step, log.numbers[i]
+            step += 1
+        else:
+            indices[k], updates[update] = update, log.numbers[i]
+            sizes[update], ranks[update] = log.rows[i], log.ranks[i]
+            samples[update] = log.samples[i]
+            update += 1
+
+
+@entry
+@routine
+def place_states(kinds: Ints, ranks: Ints, steps: Ints, of_states: Ints, places: Ints) -> None:
+    """Write the number of entries before each state: it stands behind those of its step.
+
+    Parameters
+    ----------
+    kinds, ranks, steps : (n,), (updates,), (steps,) arrays
+        As `pack_order` leaves them.
+    of_states : (k,) array
+        Numbers of the newest step of each state, ascending; zero before the first.
+    places : (k,) array, out
+    """
+    end = step = update = 0
+    for k in range(of_states.shape[0]):
+        while end < kinds.shape[0] and (step == 0 or steps[step - 1] < of_states[k]):
+            if kinds[end] == STEP:
+                step += 1
+            else:
+                update += 1
+            end += 1
+        # Up to the last of the steps; what follows it belongs to no state.
+        while end > 0 and kinds[end - 1] != STEP:
+            end -= 1
+            update -= 1
+        behind = end
+        # A vehicle's model is compared at once, as part of the step.
+        if end < kinds.shape[0] and kinds[end] != STEP and ranks[update] == IMU_RANK:
+            behind += 1
+        places[k] = behind if of_states[k] > 0 else 0
 
 
 @entry
@@ -63,6 +151,8 @@ def pack_states(
     log: Log,
     rows: Ints,
     places: tuple[int, int],
+    stamps_ns: Ints,
+    steps: Ints,
     navigation: Array,
     P: Array,
     sensitivity: Array,
@@ -76,12 +166,15 @@ def pack_states(
     rows : (n,) array
     places : two of int
         Where P and the sensitivities begin in a stored state.
+    stamps_ns, steps : (n,) arrays, out
     navigation, P, sensitivity, deviations : (n, ...) arrays, out
         ``sensitivity`` may be without rows.
     """
     held = log.hindsight.deviations.shape[0] > 0
     for k in range(rows.shape[0]):
         flat = log.snapshot_flat[rows[k]]
+        stamps_ns[k] = log.snapshot_counters[rows[k], AT]
+        steps[k] = log.snapshot_counters[rows[k], NUMBER]
         for i in range(NAVIGATION):
             navigation[k, i] = flat[i]
         for i in range(N):
