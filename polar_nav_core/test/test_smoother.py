@@ -188,3 +188,16 @@ def test_what_all_others_say_of_a_measurement_is_least_squares_without_it(refuse
             d = b_sigma[c] * (column[own] - moved)
             covariance = covariance + np.outer(d, d)
         np.testing.assert_allclose(V[k, :m, :m], covariance, rtol=0.0, atol=1e-9)
+
+
+def test_normalized_squares_are_those_of_the_first_rows_where_there_is_a_covariance():
+    rng = np.random.default_rng(4)
+    A = rng.standard_normal((5, 3, 3))
+    V, e = A @ A.transpose(0, 2, 1), rng.standard_normal((5, 3))
+    V[3] = np.diag([1.0, -1.0, 1.0])
+    V[4] = 0.0
+    nis = np.empty(5)
+    smooth.normalize(e, V, np.array([3, 2, 1, 2, 3]), nis, np.empty((4, 3)))
+    for k, m in enumerate((3, 2, 1)):
+        assert nis[k] == pytest.approx(e[k, :m] @ np.linalg.solve(V[k, :m, :m], e[k, :m]), 1e-9)
+    assert np.isnan(nis[3:]).all()

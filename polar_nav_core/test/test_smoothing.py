@@ -1,5 +1,6 @@
 """Smoothing of whole runs: arrival does not matter, the end is the filter's, errors as stated."""
 
+import tempfile
 from dataclasses import replace
 
 import numpy as np
@@ -55,6 +56,17 @@ def test_a_run_in_many_stretches_is_that_in_one(world, monkeypatch):
     assert len(stretches) - few > 4 * few
     same(parts.track, whole.track)
     np.testing.assert_array_equal(parts.information, whole.information)
+
+
+def test_a_record_is_written_over_that_of_a_tape_before(world):
+    params, inputs = world.params(configuration='default'), late(world, 3.0)
+    whole = smoothing.smooth(params, inputs, passes=1)
+    with tempfile.TemporaryFile() as used:
+        used.write(bytes(range(1, 200)) * 100_000)
+        size = used.tell()
+        passes = smoothing._Passes(params, inputs, 1.0, False, record=used)
+        same(passes._pass(passes._stated, None, None).back.track, whole.track)
+        assert used.seek(0, 2) == size  # the other was longer, and the file is still open
 
 
 def test_it_is_the_filter_at_the_end_and_surer_before(world):
