@@ -14,8 +14,8 @@ from polar_nav_core.engine.innovations import innovations
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.grid import ecef_to_grid
+from polar_nav_core.level import LEVEL_SIGMA
 from polar_nav_ros.adapters.noise_classes import IMU_CLASSES, imu_noise
-from polar_nav_ros.adapters.position import LEVEL_SIGMA
 from polar_nav_tools.calibration.level import numbers
 from polar_nav_tools.calibration.verdicts import Verdict
 from polar_nav_tools.experiments.calibrate.rows import world_of

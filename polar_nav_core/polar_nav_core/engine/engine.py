@@ -39,6 +39,7 @@ from .health_monitor import HealthMonitor
 from .imu_sequence import ImuSequence
 from .integrity import Integrity, held, out_of_reach, submerged
 from .ledger import FixLedger
+from .level import in_its_size, size_of
 from .lever import Arm, params_at_imu
 from .outputs import Output, Receipt
 from .params import EngineParams
@@ -341,7 +342,7 @@ class Engine:
         if why:
             self.ledger.remember(fix, stated_ns, fused=False)
             return [self._receipt(fix, fix.receive_ns, Verdict.IMPLAUSIBLE, why)]
-        gate = chi2_gate(self.configuration.gate_probability, 3 if fix.polar is None else 2)
+        gate = chi2_gate(self.configuration.gate_probability, size_of(fix))
         stated = fix
         if isinstance(self.fusion, Fusion):
             fix = self.fusion.widened(fix)
@@ -372,12 +373,13 @@ class Engine:
             self.ledger.decided(other, fix, FixResult(outcome, 0), now_ns)
             for other, outcome in result.revised
         ]
-        self.reconsider(result.outcome)
+        self.reconsider(fix, result.outcome)
         return [first, *revised]
 
-    def reconsider(self, outcome: Outcome) -> None:
+    def reconsider(self, fix: Fix, outcome: Outcome) -> None:
         """Judge the estimate by refused fixes, after a fix was decided (engine.reconsider)."""
         if isinstance(self.fusion, Fusion) and self._beginning.state is not None:
+            outcome = in_its_size(outcome, fix, self.configuration.gate_probability)
             sigma = self._beginning.stated_heading
             self.resets += reconsider(self.fusion, self.ledger, self.params, outcome, sigma)
 

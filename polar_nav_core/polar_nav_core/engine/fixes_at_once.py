@@ -143,7 +143,7 @@ class FixesAtOnce:
         receipt = engine.ledger.decided(fix, fix, result, stamp_ns)
         engine.verdicts[receipt.verdict] += 1
         self._collector.receipts.append(receipt)
-        engine.reconsider(result.outcome)
+        engine.reconsider(fix, result.outcome)
 
     def _lost(self, fix: Fix) -> None:
         """Write the receipt of a fix at which the filter diverged."""

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ..arrays import Array, Ints
 from ..kernels.sins import rings
 from ..kernels.sins import smooth as kernels
+from ..level import NO_HEIGHT
 from .events import Fix, Rank
 from .outputs import Receipt
 from .results import chi2_gate
@@ -29,6 +30,7 @@ Bools = NDArray[np.bool_]
 _JUDGED = [Rank.DEPTH, Rank.DVL, Rank.FIX]
 OF_FIXES = ('residuals', 'covariances', 'S')
 """Columns of `Judged` that have a row for each fix only."""
+_THRESHOLDS = np.array([math.inf, *(THRESHOLDS[m] for m in (1, 2, 3))])
 _WEIGHTED = 1.1
 """A fix whose weight changes by a smaller factor is as before."""
 
@@ -141,8 +143,10 @@ def decide(judged: Judged, gate_probability: float, robust: str, added_G: Array)
     fused = _by_gate(judged, nis, gate_probability)
     weighed = fused[at] & np.isfinite(nis[at])
     factors = np.ones(len(at))
-    far = weighed & (nis[at] > THRESHOLDS[3])
-    factors[far] = [inflation(robust, x, 3) for x in nis[at[far]].tolist()]
+    sizes = _numbers(judged)[at]
+    far = weighed & (nis[at] > _THRESHOLDS[sizes])
+    pairs = zip(nis[at[far]].tolist(), sizes[far].tolist(), strict=True)
+    factors[far] = [inflation(robust, x, m) for x, m in pairs]
     more = np.where((factors > 1.0)[:, None, None], (factors - 1.0)[:, None, None] * stated, 0.0)
     before, now = (np.trace(stated + x, axis1=1, axis2=2)[weighed] for x in (added_G, more))
     reweighted = int((np.abs(np.log(before / now)) >= math.log(_WEIGHTED)).sum())
@@ -159,7 +163,15 @@ def decide_by_gate(judged: Judged, gate_probability: float) -> Decisions:
 def _by_gate(judged: Judged, nis: Array, gate_probability: float) -> Bools:
     """What is fused by the gate; as before where the residual has no covariance."""
     gates = np.array([np.inf, *(chi2_gate(gate_probability, m) for m in (1, 2, 3))])
-    return np.where(np.isfinite(nis), nis <= gates[judged.sizes], judged.fused)
+    return np.where(np.isfinite(nis), nis <= gates[_numbers(judged)], judged.fused)
+
+
+def _numbers(judged: Judged) -> Ints:
+    """How many numbers each measurement is (n,): its rows, of a fix without a height two."""
+    out = judged.sizes.astype(np.int64)
+    level = judged.of_fixes[judged.covariances[:, 2, 2] > NO_HEIGHT]
+    out[level] = np.minimum(out[level], 2)
+    return out
 
 
 def added_by_weights(judged: Judged, enlargements: Sequence[float]) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from collections.abc import Sequence
+from dataclasses import replace
 
 from ..arrays import Array
 from ..kernels.sins.update import Ints
@@ -12,6 +13,7 @@ from .events import Fix
 from .fix_record import FixRecord
 from .health.conditions import Condition, Culprit, Level
 from .integrity import IntegrityMonitor
+from .level import in_its_size, levelled
 from .outputs import Receipt
 from .params import EngineParams
 from .receipts import age_s, decided_receipt, fused_receipts, refused_verdict
@@ -176,7 +178,9 @@ class FixLedger:
 
     def decided(self, fix: Fix, cause: Fix, result: FixResult, now_ns: int) -> Receipt:
         """Receipt of a fix after the gate's decision; ``cause`` is the fix that led to it."""
-        outcome, revision = result.outcome, 0
+        outcome = in_its_size(result.outcome, fix, self._configuration.gate_probability)
+        revision = 0
+        offset_G = levelled(-outcome.z, fix)
         self._clock.usable(age_s(cause))
         if fix is not cause:
             revision = self._revised(fix)
@@ -184,17 +188,19 @@ class FixLedger:
             self._verdicts[before] -= 1
         if outcome.fused:
             # A station's fixes are meant to be believed at last: its watchdog says so.
-            offset_G = None if self._params.mode == 'station' else -outcome.z
-            self.integrity.fused(fix.validity_ns, cause.receive_ns, offset_G)
+            asked_G = None if self._params.mode == 'station' else offset_G
+            self.integrity.fused(fix.validity_ns, cause.receive_ns, asked_G)
             self.refused_row.clear()
             self._fused[_FIX] += 1
             self._last_validity_ns = max(self._last_validity_ns, fix.validity_ns)
         else:
-            if self.integrity.gated(fix.validity_ns, cause.receive_ns, -outcome.z):
-                self.refused_row.add(fix, -outcome.z)
+            if self.integrity.gated(fix.validity_ns, cause.receive_ns, offset_G):
+                self.refused_row.add(fix, offset_G)
             self.suspect(refused_verdict(outcome), cause.receive_ns)
             self._fused[_FIX] -= revision > 0
-        return decided_receipt(fix, cause, result, now_ns, revision, self._configuration)
+        return decided_receipt(
+            fix, cause, replace(result, outcome=outcome), now_ns, revision, self._configuration
+        )
 
     def _revised(self, fix: Fix) -> int:
         """Number of the revision of a fix that was decided anew, from 1."""

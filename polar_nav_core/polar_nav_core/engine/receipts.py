@@ -12,9 +12,10 @@ from ..arrays import Array
 from ..kernels.sins import state as fs
 from ..kernels.sins.update import Ints
 from .events import Event, Fix
+from .level import is_level
 from .methods import Configuration
 from .outputs import Receipt
-from .results import FixResult, Outcome, out_of_reach_reason
+from .results import FixResult, Outcome, chi2_gate, out_of_reach_reason
 from .verdicts import Verdict
 
 
@@ -101,6 +102,7 @@ def fused_receipts(
     chosen : Configuration
     """
     innovations_G, variances_G = -outcomes[:, 2:5], outcomes[:, 5:8]
+    whole, level = (fs.VECTOR, gate), (2, chi2_gate(chosen.gate_probability, 2))
     numbers = (outcomes[:, 1].tolist(), outcomes[:, 8].tolist(), *notes[:, :2].T.tolist())
     rows = zip(fixes, *numbers, innovations_G, variances_G, strict=True)
     return [
@@ -120,8 +122,7 @@ def fused_receipts(
             innovation_G,
             variance_G,
             nis,
-            fs.VECTOR,
-            gate,
+            *(level if is_level(fix) else whole),
         )
         for fix, nis, enlargement, steps, stamp_ns, innovation_G, variance_G in rows
     ]

@@ -9,10 +9,11 @@ import numpy as np
 from polar_nav_core.arrays import Array
 from polar_nav_core.engine.events import Fix
 from polar_nav_core.grid import ecef_to_grid
+from polar_nav_core.level import LEVEL_SIGMA
 
 from .arrays import congruent, finite_rows
 from .mapping import FixMapping
-from .position import LEVEL_SIGMA, PositionRows
+from .position import PositionRows
 from .rows import Stamps
 
 CLOCKS_AGREE_NS = 100_000_000

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from polar_nav_core.arrays import Array
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.grid import ecef_to_grid
+from polar_nav_core.level import LEVEL_SIGMA
 from polar_nav_core.nav_columns import rotations
 
 from .arrays import congruent, finite_rows, unfilled
@@ -19,11 +20,6 @@ from .rows import Rows, Stamps
 
 _UNKNOWN = 0
 """NavSatFix.COVARIANCE_TYPE_UNKNOWN."""
-LEVEL_SIGMA = 1e4
-"""1-sigma of the height of a 2-D fix [m]: it weighs nothing against any depth sensor."""
-NO_HEIGHT = (0.1 * LEVEL_SIGMA) ** 2
-"""Vertical variance above which a fix, or an innovation of one, says nothing of the height [m^2]:
-two numbers are known then, and NIS has two degrees of freedom."""
 _NO_TURN = (0.0, 0.0, 0.0, 1.0)
 """Quaternion of a message whose sender fills in no orientation."""
 _EARTH = (6.3e6, 6.4e6)

@@ -8,20 +8,14 @@ from polar_nav_core.arrays import Array, Ints
 from polar_nav_core.engine.events import Fix, Rank
 from polar_nav_core.engine.innovations import Innovations
 from polar_nav_core.engine.inputs import Inputs
+from polar_nav_core.engine.level import is_level
 from polar_nav_core.grid import ecef_to_grid
-from polar_nav_ros.adapters.position import NO_HEIGHT
-
-
-def without_height(fix: Fix) -> bool:
-    """Whether a fix states that nothing is known of its height."""
-    up = _up(fix)
-    return bool(up @ fix.covariance_e @ up > NO_HEIGHT)
 
 
 def larger(fix: Fix, covariance_e: Array, by: float) -> Array:
     """Covariance (3, 3) times the square of a factor; a height that is not known stays so."""
     wider = by * by * covariance_e
-    if without_height(fix):
+    if is_level(fix):
         up = _up(fix)
         wider = wider + (1.0 - by * by) * (up @ covariance_e @ up) * np.outer(up, up)
     return np.asarray(wider)
@@ -32,7 +26,7 @@ def numbers(run: Innovations, inputs: Inputs) -> Ints:
 
     A measurement stands in the log with the stamp of the IMU sample that it was fused after.
     """
-    level = [f.validity_ns for f in inputs.fixes if f.refusal is None and without_height(f)]
+    level = [f.validity_ns for f in inputs.fixes if f.refusal is None and is_level(f)]
     stamps_ns = np.array(level, dtype=np.int64)
     before = np.searchsorted(inputs.imu_stamps_ns, stamps_ns, side='right') - 1
     at = inputs.imu_stamps_ns[np.maximum(before, 0)]

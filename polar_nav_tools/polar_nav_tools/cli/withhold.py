@@ -98,7 +98,7 @@ def _foreign(
 
 def _scored(one: Predicted) -> list[WithheldScore]:
     """Scores of one kind; of fixes the horizontal part, and apart the heights that they have."""
-    from polar_nav_ros.adapters.position import NO_HEIGHT
+    from polar_nav_core.level import NO_HEIGHT
 
     from ..replay.withhold import DVL, FIXES
     from ..scoring.withheld import withheld_score

@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from polar_nav_core import spilled
+from polar_nav_core.level import NO_HEIGHT
 from polar_nav_ros import receipt_fields
-from polar_nav_ros.adapters.position import NO_HEIGHT
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -21,6 +21,7 @@ from ...kernels.sins.measured import fill_shared
 from ..away import TURN_OVER_S, WANDER_OVER_S, turn_rate, wander
 from ..driver import Driver
 from ..events import ControlSample, DepthSample, Fix, HeadingSample, ImuSample, InitialState, Local
+from ..level import levelled
 from ..outputs import Estimate, ModelEstimate
 from ..params import EngineParams
 from ..results import FixResult, Outcome
@@ -149,7 +150,7 @@ class Fusion:
         if not kf.cholesky(L, S, 3):
             return None
         offset_G = np.einsum('ij,j->i', f.frames.C_e_G, offset_e)
-        return offset_G, float(kf.nis_of(L, offset_G, np.zeros(3), 3))
+        return levelled(offset_G, fix), float(kf.nis_of(L, offset_G, np.zeros(3), 3))
 
     def widened(self, fix: Fix) -> Fix:
         """Fix whose covariance has what the vehicle moves in the 1-sigma of its delay.

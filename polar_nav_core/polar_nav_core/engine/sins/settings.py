@@ -67,7 +67,7 @@ def make_settings(
         floor=p.adaptive_floor,
         ceiling=p.adaptive_ceiling,
         robust=ROBUST_FIXES.index(c.robust_fixes),
-        robust_threshold=THRESHOLDS[3],
+        robust_thresholds=np.array([math.inf, *(THRESHOLDS[m] for m in (1, 2, 3))]),
         gates=np.array([math.inf, *(chi2_gate(c.gate_probability, m) for m in (1, 2, 3))]),
         far_nis=far_nis(p),
         max_speed=p.max_speed,

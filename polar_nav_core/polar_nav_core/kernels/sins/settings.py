@@ -60,7 +60,7 @@ class Settings(NamedTuple):
     floor: float
     ceiling: float
     robust: int  # how fixes far off are weighted down: index in order.ROBUST_FIXES
-    robust_threshold: float  # NIS of a fix from which on
+    robust_thresholds: Array  # (4,): NIS of a fix from which on, per number of rows
     gates: Array  # (4,): threshold of NIS per number of rows
     far_nis: float  # without a gate: NIS from which on a fix may be implausible; inf: never
     max_speed: float  # of the vehicle [m/s]

@@ -1,0 +1,7 @@
+"""Fixes without a height: two numbers, though all three rows of a position are kept."""
+
+LEVEL_SIGMA = 1e4
+"""1-sigma of the height of a 2-D fix [m]: it weighs nothing against any depth sensor."""
+NO_HEIGHT = (0.1 * LEVEL_SIGMA) ** 2
+"""Vertical variance above which a fix, or an innovation of one, says nothing of the height [m^2]:
+two numbers are known then, and NIS has two degrees of freedom."""
