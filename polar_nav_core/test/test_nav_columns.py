@@ -41,6 +41,24 @@ def test_place_and_attitude(states):
     np.testing.assert_allclose(told[:, nav_columns.QUATERNION], q, rtol=0.0, atol=1e-15)
 
 
+def test_a_variance_within_the_rounding_of_the_others_is_held(states):
+    """Flat on the surface of the earth, 1e8 m and 5e7 m wide and 1 m thick."""
+    r_e, C_b_G, _ = states
+    C_e_G = grid.ecef_to_grid(r_e)
+    root = np.random.default_rng(3).normal(size=(COUNT, 2, 2)) * 5e7
+    flat_G = np.zeros((COUNT, 3, 3))
+    flat_G[:, :2, :2] = root @ np.swapaxes(root, 1, 2)
+    flat_G[:, 2, 2] = 1.0
+    P = np.tile(np.eye(24), (COUNT, 1, 1))
+    P[:, X.dr_e, X.dr_e] = np.swapaxes(C_e_G, 1, 2) @ flat_G @ C_e_G
+    told = nav_columns.describe(r_e, C_b_G, P)[:, nav_columns.POSITION_COVARIANCE_G]
+    found = told.reshape(-1, 3, 3)
+    assert np.diagonal(found, axis1=1, axis2=2).min() >= 1.0
+    assert np.linalg.eigvalsh(found).min() > 0.0
+    size = np.trace(flat_G, axis1=1, axis2=2)[:, None, None]
+    np.testing.assert_allclose(found / size, flat_G / size, rtol=0.0, atol=2e-14)
+
+
 def test_covariances(states):
     r_e, _, P = states
     told = nav_columns.describe(*states)

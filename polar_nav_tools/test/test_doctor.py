@@ -1,6 +1,7 @@
 """The doctor: each thing that can be wrong with a bag is found, named, placed and counted."""
 
 import json
+import struct
 import sys
 
 import numpy as np
@@ -238,6 +239,38 @@ def test_a_topic_whose_messages_are_all_too_short(tmp_path, others):
     assert (short.topic, short.severity, short.value) == (IMU, Severity.SEVERE, 1)
     assert found.to_dict()['topics'][IMU]['count'] == 0
     assert '1 errors' in found.summary()
+
+
+def test_messages_that_state_the_other_byte_order(tmp_path):
+    """Their frame's name has 117 million bytes then; one that is big-endian is well."""
+    big = b'\0\0\0\0' + struct.pack('>iII', 1_700_000_000, 10_000_000, 5) + b'body\0' + bytes(299)
+    with BagWriter(tmp_path / 'b', {}) as writer:
+        writer.add_topic(IMU, 'sensor_msgs/msg/Imu')
+        writer.add_topic('/big/imu', 'sensor_msgs/msg/Imu')
+        for k in range(3):
+            writer.write(IMU, b'\0\0' + imu(k)[2:], stamp_ns(k))
+        writer.write('/big/imu', big, stamp_ns(0))
+    (found,) = findings(tmp_path / 'b', 'unreadable')
+    assert (found.topic, found.severity, found.value) == (IMU, Severity.SEVERE, 3)
+    assert 'byte order' in found.text
+
+
+def test_commands_and_saved_states_that_make_no_sense(tmp_path):
+    """A replay refuses the bag for one of them."""
+    command, restore = '/auv/nav/command', '/auv/nav/restore'
+    with BagWriter(tmp_path / 'b', {}) as writer:
+        writer.add_topic(command, 'polar_nav_msgs/msg/Command')
+        writer.add_topic(restore, 'polar_nav_msgs/msg/Restore')
+        for k, kind in enumerate((2, 77, 4)):
+            data = make('polar_nav_msgs/msg/Command', kind=kind, **stamp(stamp_ns(k)))
+            writer.write(command, data, stamp_ns(k))
+        data = make('polar_nav_msgs/msg/Restore', **stamp(stamp_ns(9)))
+        writer.write(restore, data, stamp_ns(9))
+    orders, states = findings(tmp_path / 'b', 'no sense')
+    assert (orders.topic, orders.severity, orders.value) == (command, Severity.SEVERE, 2)
+    assert orders.text == '2 of 3 messages make no sense: 77 is not a valid CommandKind'
+    assert orders.stamp_ns == stamp_ns(1)
+    assert states.topic == restore
 
 
 def test_silent_topics(tmp_path):

@@ -50,7 +50,9 @@ LATEST_NS = 1 << 62
 """The year 2116: log times behind it are damage, and differences with them leave 64 bits."""
 _STUCK_SHARE = 0.5
 """Of equal stamps one behind the other, above which the sender's clock stood still."""
-_LITTLE, _BIG = struct.Struct('<iI'), struct.Struct('>iI')
+_LITTLE, _BIG = struct.Struct('<iII'), struct.Struct('>iII')
+"""A header after the encapsulation: seconds, nanoseconds, length of the frame's name."""
+_FRONT = 4 + _LITTLE.size
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +68,7 @@ class TopicTimes:
     stamp_ns : ndarray of int64, shape (n,), or None
         Header stamps; None for messages without a header.
     unreadable : int
-        Messages too short to have the header they should have.
+        Messages that end before the header they should have does.
     beyond : int
         Messages with a log time after 2116.
     """
@@ -140,10 +142,11 @@ def read_times(bag: Source, progress: Callable[[float], None]) -> list[TopicTime
         if not headed[topic]:
             logs[topic].append(log_ns)
             continue
-        if len(data) < 12:
+        front = _front(data)
+        if front is None:
             bad[topic] += 1
             continue
-        sec, nanosec = (_LITTLE if data[1] & 1 else _BIG).unpack_from(data, 4)
+        sec, nanosec = front
         logs[topic].append(log_ns)
         stamps[topic].append(sec * 1_000_000_000 + nanosec)
     progress(1.0)
@@ -161,6 +164,17 @@ def read_times(bag: Source, progress: Callable[[float], None]) -> list[TopicTime
     ]
 
 
+def _front(data: bytes) -> tuple[int, int] | None:
+    """Seconds and nanoseconds of a message's stamp; None where its header does not end in it.
+
+    A name as long as memory is what the wrong byte order makes of a short one.
+    """
+    if len(data) < _FRONT:
+        return None
+    sec, nanosec, length = (_LITTLE if data[1] & 1 else _BIG).unpack_from(data, 4)
+    return None if length > len(data) - _FRONT else (sec, nanosec)
+
+
 def findings_of(t: TopicTimes, *, log_from_stamps: bool = False) -> list[Finding]:
     """Findings about the times of one topic.
 
@@ -172,7 +186,10 @@ def findings_of(t: TopicTimes, *, log_from_stamps: bool = False) -> list[Finding
     """
     found: list[Finding] = []
     if t.unreadable:
-        text = f'{t.unreadable} messages are too short to hold their header'
+        text = (
+            f'{t.unreadable} messages end before their header does: '
+            'cut off, or not in the byte order that they state'
+        )
         found.append(Finding(Severity.SEVERE, 'unreadable', t.topic, None, t.unreadable, text))
     if t.beyond:
         text = f'{t.beyond} messages have a log time after the year 2116'

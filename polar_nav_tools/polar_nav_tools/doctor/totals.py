@@ -1,12 +1,17 @@
 """Findings about totals: received = sum of verdicts, sent = received + lost + in flight.
 
+Beside them commands and saved states, which are few: each is read, as a replay does first of all.
 In: a bag. Out: findings; none about topics that the bag does not have.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 
+from polar_nav_ros.readers import command_from_msg, restore_from_msg
 from polar_nav_ros.topics import RECEIPT, RESTORE, RX
 
 from ..analysis.counts import topic_counts
@@ -17,6 +22,12 @@ from ..bags.finding import Finding, Severity
 from ..bags.run_folder import read_outcome
 from ..replay.recorded import followers_of
 from ..scoring import balances, count_verdicts
+
+_READ: dict[str, Callable[[Any, int], object]] = {
+    'polar_nav_msgs/msg/Command': command_from_msg,
+    'polar_nav_msgs/msg/Restore': restore_from_msg,
+}
+"""Types of which a vehicle obeys every message, with what makes sense of one."""
 
 
 def totals(bag: Bag) -> list[Finding]:
@@ -33,6 +44,8 @@ def totals(bag: Bag) -> list[Finding]:
     for topic in bag.topics.values():
         if topic.count and topic.type == 'polar_nav_msgs/msg/VehicleTruth':
             found += _truth(bag, topic.name)
+        if topic.count and topic.type in _READ:
+            found += _obeyed(bag, topic.name, _READ[topic.type])
     return found + _counted(bag)
 
 
@@ -99,6 +112,24 @@ def _truth(bag: Bag, topic: str) -> list[Finding]:
             Severity.WARNING, 'sequence', topic, int(truth.stamp_ns[first]), max(missing, 1), text
         )
     ]
+
+
+def _obeyed(bag: Bag, topic: str, read: Callable[[Any, int], object]) -> list[Finding]:
+    """Finding of messages that tell a vehicle what to do, and make no sense."""
+    bad: list[tuple[int, str]] = []
+    try:
+        for log_ns, message in bag.read(topic):
+            try:
+                read(message, 0)
+            except ValueError as error:
+                bad.append((log_ns, str(error)))
+    except BagError as error:
+        return [Finding(Severity.SEVERE, 'unreadable', topic, None, None, str(error))]
+    if not bad:
+        return []
+    when_ns, why = bad[0]
+    text = f'{len(bad)} of {bag.topics[topic].count} messages make no sense: {why}'
+    return [Finding(Severity.SEVERE, 'no sense', topic, when_ns, len(bad), text)]
 
 
 def _counted(bag: Bag) -> list[Finding]:

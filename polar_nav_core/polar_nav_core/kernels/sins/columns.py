@@ -39,6 +39,9 @@ _VERTICAL = 1e-12
 _VELOCITY = 3
 _POSITION = 6
 _HEADING = 2
+_ROUNDING = 64.0 * 2.0**-52
+"""Share of a covariance's trace within which a rotation of it is sure of a variance: each of the
+two products rounds to some four units in the last place, and readers rotate once more."""
 
 
 @kernel
@@ -111,6 +114,22 @@ def _covariances(P: Array, C_e_G: Array, product: Array, row: Array) -> None:
             )
             row[VELOCITY_COVARIANCE + 3 * i + j] = P[_VELOCITY + i, _VELOCITY + j]
             row[ATTITUDE_COVARIANCE + 3 * i + j] = P[i, j]
+    _hold_position(row)
+
+
+@kernel
+def _hold_position(row: Array) -> None:
+    """Enlarge the position's covariance where a variance is lost in the rounding of the others.
+
+    One of 1 m^2 beside (1e8 m)^2 comes out of the rotation as some other number, below zero, too.
+    """
+    x = row[POSITION_COVARIANCE]
+    y = row[POSITION_COVARIANCE + 4]
+    z = row[POSITION_COVARIANCE + 8]
+    least = _ROUNDING * (x + y + z)
+    if x < least or y < least or z < least:
+        for k in range(3):
+            row[POSITION_COVARIANCE + 4 * k] += least
 
 
 @kernel
