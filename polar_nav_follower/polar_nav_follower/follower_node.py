@@ -130,7 +130,9 @@ class FollowerNode(ManagedNode[FollowerParams]):
     def _store(self) -> StateStore:
         p = self.params
         path = Path(p.state_file).expanduser()
-        return StateStore(path, p.state_period_s, p.state_max_age_s, self.get_logger())
+        return StateStore(
+            path, p.state_period_s, p.state_max_age_s, self.get_logger(), self.vehicle
+        )
 
     def diagnose(self) -> Diagnosis:
         """Health with verdict counts, ages and the number of waiting events."""

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import os
 import stat
+from dataclasses import replace
 from pathlib import Path
 
 from polar_nav_core.engine.engine import Engine
 from polar_nav_core.engine.params import EngineParams
-from polar_nav_core.engine.restart import age_problem, saved_problem
+from polar_nav_core.engine.restart import age_problem, saved_problem, vehicle_problem
 from polar_nav_core.engine.saved import MOST_BYTES, SavedState, SavedStateError, pack, unpack
 
 from .navigation_health import Logger
@@ -31,6 +32,8 @@ class StateStore:
     max_age_s : float
         Oldest state from which navigation goes on.
     logger : Logger
+    vehicle : str
+        Name of the vehicle: a state of another one is left; empty: of any.
 
     Attributes
     ----------
@@ -38,11 +41,14 @@ class StateStore:
         Sentence about the last save and the restart, for diagnostics.
     """
 
-    def __init__(self, path: Path, period_s: float, max_age_s: float, logger: Logger) -> None:
+    def __init__(
+        self, path: Path, period_s: float, max_age_s: float, logger: Logger, vehicle: str = ''
+    ) -> None:
         self._path = path
         self._period_ns = round(period_s * NS)
         self._max_age_s = max_age_s
         self._logger = logger
+        self._vehicle = vehicle
         self._due_ns: int | None = None
         self._failed = False
         self.status = 'not saved yet'
@@ -63,10 +69,11 @@ class StateStore:
         saved, self._found = self._found, None
         if saved is None:
             return None
-        problem = age_problem(saved, stamp_ns, self._max_age_s) or saved_problem(params, saved)
-        if problem:
-            self._logger.warning(f'{self._path}: not restored: {problem}')
-            if not age_problem(saved, stamp_ns, self._max_age_s):
+        too_old = age_problem(saved, stamp_ns, self._max_age_s)
+        unfit = vehicle_problem(saved, self._vehicle) or saved_problem(params, saved)
+        if too_old or unfit:
+            self._logger.warning(f'{self._path}: not restored: {too_old or unfit}')
+            if not too_old:
                 self._keep_aside()
             return None
         age_s = saved.away_s(stamp_ns)
@@ -88,7 +95,7 @@ class StateStore:
         if saved is None:
             return
         try:
-            _write(self._path, pack(saved))
+            _write(self._path, pack(replace(saved, vehicle=self._vehicle)))
         except OSError as error:
             self.status = f'not saved: {error}'
             if not self._failed:

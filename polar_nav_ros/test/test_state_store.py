@@ -38,8 +38,8 @@ def engine():
     return engine
 
 
-def store(path):
-    return StateStore(path, 5.0, 60.0, Log())
+def store(path, vehicle='auv'):
+    return StateStore(path, 5.0, 60.0, Log(), vehicle)
 
 
 def test_a_state_is_saved_once_a_period_and_found_again(engine, tmp_path):
@@ -77,6 +77,22 @@ def test_a_state_of_another_filter_is_left(engine, tmp_path):
     params = dataclasses.replace(engine.params, mode='station', initialize='service')
     assert again.take(params, START_NS + 10**9) is None
     assert 'of a filter sins' in again._logger.lines[-2]
+
+
+def test_a_state_of_another_vehicle_is_kept_aside(engine, tmp_path):
+    path = tmp_path / 'state'
+    store(path, 'pair/leader').save(engine)
+    again = store(path)
+    assert again.take(engine.params, START_NS + 10**9) is None
+    assert "of vehicle 'pair/leader', this one is 'auv'" in again._logger.lines[0]
+    assert path.with_name('state.aside').exists()
+
+
+def test_a_state_that_names_no_vehicle_is_taken(engine, tmp_path):
+    """As a follower of an older version saves it."""
+    path = tmp_path / 'state'
+    path.write_bytes(pack(engine.saved()))
+    assert store(path).take(engine.params, START_NS + 10**9) is not None
 
 
 @pytest.mark.parametrize('content', [b'', b'rubbish' * 100, None])

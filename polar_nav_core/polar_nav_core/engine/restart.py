@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import reprlib
+
 from .fix_record import FixRecord
 from .params import EngineParams
 from .plausibility import initial_problem
@@ -28,6 +30,13 @@ def saved_problem(params: EngineParams, saved: SavedState) -> str:
         members = len(make_settings(params).q_current)
         return station.problem_of(saved, make_bank(members))
     return sins.problem_of(saved, model=params.model_aiding)
+
+
+def vehicle_problem(saved: SavedState, vehicle: str) -> str:
+    """Sentence about a saved state of another vehicle; empty where none of the two is named."""
+    if not (saved.vehicle and vehicle) or saved.vehicle == vehicle:
+        return ''
+    return f'the state is of vehicle {reprlib.repr(saved.vehicle)}, this one is {vehicle!r}'
 
 
 def age_problem(saved: SavedState, stamp_ns: int, max_age_s: float) -> str:

@@ -70,6 +70,8 @@ class SavedState(InitialState):
         Fused and refused fixes, packed.
     version : int
         Of the format of the bytes that it was read from.
+    vehicle : str
+        Name of the vehicle that it is of; empty where nobody said so, as in older files.
     seen : Seen or None
         What its new owner saw of the vehicle before it goes on from it; not part of the bytes.
     """
@@ -80,6 +82,7 @@ class SavedState(InitialState):
     fixes: tuple[int, int, int]
     records: tuple[bytes, bytes]
     version: int = VERSION
+    vehicle: str = ''
     seen: Seen | None = None
 
     def away_s(self, stamp_ns: int) -> float:
@@ -94,6 +97,7 @@ def pack(saved: SavedState) -> bytes:
         'initial': plain,
         'stamp_ns': saved.stamp_ns,
         'layout': saved.layout,
+        'vehicle': saved.vehicle,
         'fixes': saved.fixes,
         'shapes': {name: list(value.shape) for name, value in saved.values.items()},
         'records': [len(record) for record in saved.records],
@@ -167,6 +171,7 @@ def _read(body: bytes, version: int) -> SavedState:
         fixes=(received, used, newest_ns),
         records=(fused, refused),
         version=version,
+        vehicle=str(header.get('vehicle', '')),
     )
 
 
