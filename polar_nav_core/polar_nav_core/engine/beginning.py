@@ -42,11 +42,20 @@ class Beginning:
         if self.state is None or (first and not first.imu(sample)):
             return None
         if not isinstance(self.state, SavedState):
-            return self.state if self._arm is None else self._arm.to_imu(self.state), None
+            return self._at_imu(self.state), None
         if first is None:
             return self.state, None
         self._first_seconds = None
         return replace(self.state, seen=first.seen(sample.stamp_ns)), first.fresh
+
+    def at_imu(self) -> InitialState | None:
+        """State as stated or saved, of the IMU's point at the newest sample."""
+        return None if self.state is None else self._at_imu(self.state)
+
+    def _at_imu(self, state: InitialState) -> InitialState:
+        if isinstance(state, SavedState) or self._arm is None:
+            return state
+        return self._arm.to_imu(state)
 
     def ping(self, ping: DvlPing) -> None:
         """Take a ping of the bottom, which shows how the vehicle moves after a restart."""

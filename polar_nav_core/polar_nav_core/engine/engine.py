@@ -7,6 +7,7 @@ order: `reorder.py` sees to it live, `replay` sorts the bag.
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -46,6 +47,7 @@ from .params import EngineParams
 from .receipts import age_s, receipt_of
 from .reconsider import reconsider
 from .refusals import unusable_local
+from .replaced import Replaced, replaced
 from .restored import NOT_RESTORED, Restored
 from .results import FixResult, Outcome, chi2_gate
 from .saved import SavedState
@@ -126,6 +128,7 @@ class Engine:
         self.clock = ClockRecord('imu/data' if params.mode == 'station' else 'imu/data_raw')
         self.divergence = ''
         self.restored = NOT_RESTORED
+        self._replaced: Replaced | None = None
         self.ledger = FixLedger(params, self.verdicts, self.fused)
         self._monitor = HealthMonitor(params, self.ledger, self.switches, self.clock)
         self._start_ns = 0
@@ -283,7 +286,11 @@ class Engine:
         if self.fusion is None:
             return None
         self.health = self._monitor.look(
-            self.fusion, self.restored, self.resets, self._beginning.stated_heading
+            self.fusion,
+            self.restored,
+            self._replaced,
+            self.resets,
+            self._beginning.stated_heading,
         )
         return self.health
 
@@ -381,6 +388,8 @@ class Engine:
         if isinstance(self.fusion, Fusion) and self._beginning.state is not None:
             outcome = in_its_size(outcome, fix, self.configuration.gate_probability)
             sigma = self._beginning.stated_heading
+            if self._replaced is not None:  # what is contradicted vouches for nothing
+                sigma = math.hypot(sigma, self._replaced.turn)
             self.resets += reconsider(self.fusion, self.ledger, self.params, outcome, sigma)
 
     def _command(self, command: Command) -> Iterator[Output]:
@@ -395,6 +404,8 @@ class Engine:
             yield self.refuse(command, Verdict.IMPLAUSIBLE, problem, command.stamp_ns)
             return
         self._beginning.reset(command.initial_state)
+        start, longest_s = self._beginning.at_imu(), self.params.max_imu_gap_s
+        self._replaced = replaced(self.fusion, start, command.stamp_ns, longest_s)
         self._leave()
         self.resets += 1
         self.due_ns = None

@@ -13,6 +13,7 @@ from .health.station import StationWatchdog
 from .health.watchdog import Envelope, Watchdog
 from .ledger import FixLedger
 from .params import EngineParams
+from .replaced import Replaced
 from .restored import Restored
 from .sins.fusion import Fusion
 from .sins.view import view_of
@@ -48,7 +49,12 @@ class HealthMonitor:
         self._ledger, self._switches, self._clock = ledger, switches, clock
 
     def look(
-        self, fusion: Driver, restored: Restored, resets: int, stated_heading: float
+        self,
+        fusion: Driver,
+        restored: Restored,
+        replaced: Replaced | None,
+        resets: int,
+        stated_heading: float,
     ) -> Health | None:
         """Health of the navigation at its newest sample; None for a filter that has no watchdog.
 
@@ -57,6 +63,8 @@ class HealthMonitor:
         fusion : Driver
         restored : Restored
             Losses of the filter so far.
+        replaced : Replaced or None
+            What the start contradicts the navigation before it by.
         resets : int
             Starts and enlargements so far, without those.
         stated_heading : float
@@ -80,6 +88,8 @@ class HealthMonitor:
             found += ledger.conditions(stamp_ns)
             found += restored.conditions(stamp_ns)
             found += ledger.integrity.moved
+            if replaced is not None:
+                found += replaced.conditions(stamp_ns, ledger.fused_since_start)
             found += self._clock.conditions(stamp_ns)
             found += self._heading_unknown(fusion, stated_heading)
             return self._watchdog.look(view_of(fusion, stamp_ns, resets), found)
@@ -89,4 +99,4 @@ class HealthMonitor:
         if at_start < UNKNOWN:
             return []
         now = math.sqrt(fusion.filter.published_P[2, 2])
-        return heading_unknown(at_start, now, self._ledger.counts()[1])
+        return heading_unknown(at_start, now, self._ledger.fused_since_start)

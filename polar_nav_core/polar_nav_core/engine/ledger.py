@@ -62,6 +62,7 @@ class FixLedger:
         }
         self._revisions: dict[tuple[int, int], int] = {}
         self._last_validity_ns = 0
+        self._fused_before = 0
         self.received = 0
         self.integrity = IntegrityMonitor(params.max_gated_s, params.max_delay_s)
         self.refused_row = RefusedRow()
@@ -73,6 +74,7 @@ class FixLedger:
         self.integrity = IntegrityMonitor(self._params.max_gated_s, self._params.max_delay_s)
         self.refused_row.clear()
         self._turned_ns = None
+        self._fused_before = self._fused[_FIX]
 
     def believed(self, stamp_ns: int, moved_m: float = 0.0, *, turned: bool = False) -> None:
         """Note that fixes are believed again from a stamp [ns] on: those before count no more.
@@ -102,6 +104,7 @@ class FixLedger:
         self._of_fused, self._of_refused = fused, refused
         self._revisions.clear()
         self.received, self._fused[_FIX], self._last_validity_ns = fixes
+        self._fused_before = 0
         if self._fused[_FIX]:
             self.integrity.known(self._last_validity_ns)
 
@@ -144,6 +147,14 @@ class FixLedger:
     def counts(self) -> tuple[int, int, int]:
         """Number of fixes received, of fixes fused, and newest validity of a fused one [ns]."""
         return self.received, self._fused[_FIX], self._last_validity_ns
+
+    @property
+    def fused_since_start(self) -> int:
+        """Number of fixes that the navigation has used since it started or was reset.
+
+        Only these have shown anything of where it started. A saved state brings its own along.
+        """
+        return self._fused[_FIX] - self._fused_before
 
     def refusal(self, fix: Fix, stated_ns: int) -> Refusal | None:
         """Verdict and reason if a fix cannot be used in any state; None if it can.

@@ -55,7 +55,7 @@ def _outweigh(fusion: Fusion, ledger: FixLedger, p: EngineParams, outcome: Outco
     """Enlarge the covariance where refused fixes outweigh start, DVL or IMU."""
     stamp_ns = fusion.stamp_ns
     found = ledger.integrity.contradiction(
-        ledger.counts()[1],
+        ledger.fused_since_start,
         doubted=doubts_local(view_of(fusion, stamp_ns, 0)),
         least_s=p.reopen_after_s,
     )
