@@ -47,6 +47,13 @@ def test_other_content_under_its_number_and_time_is_a_duplicate(record):
     assert copy_of(record, fix(7, 5 * 10**9, 2.0), numbers=False) is None
 
 
+def test_other_content_under_its_number_and_time_contradicts_it(record):
+    assert record.contradicts(fix(7, 5 * 10**9, 2.0), 5 * 10**9)
+    assert not record.contradicts(fix(7, 5 * 10**9), 5 * 10**9)
+    assert not record.contradicts(fix(8, 5 * 10**9, 2.0), 5 * 10**9)
+    assert not record.contradicts(fix(7, 6 * 10**9, 2.0), 6 * 10**9)
+
+
 def test_its_content_under_another_number_is_a_replay(record):
     assert copy_of(record, fix(8, 5 * 10**9)) is Verdict.REPLAYED
     assert copy_of(record, fix(8, 5 * 10**9, source='somebody')) is Verdict.REPLAYED

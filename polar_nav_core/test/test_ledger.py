@@ -85,7 +85,9 @@ def test_copies_of_fused_fixes_are_refused_by_number_and_by_content(book):
     first = fix(1, 100.0)
     book.ledger.remember(first, first.validity_ns, fused=True)
     number = book.ledger.refusal(fix(1, 100.0, off=5.0), first.validity_ns)
-    assert number == (Verdict.DUPLICATE, 'fix 1 of leader came before')
+    assert number == (Verdict.DUPLICATE, 'fix 1 of leader came before, with another content')
+    same = book.ledger.refusal(first, first.validity_ns)
+    assert same == (Verdict.DUPLICATE, 'fix 1 of leader came before')
     again = replace(first, sequence=2, order=2)
     content = book.ledger.refusal(again, first.validity_ns)
     assert content == (Verdict.REPLAYED, 'fix 2 of leader has the content of an earlier one')
@@ -215,6 +217,18 @@ def test_suspicious_packets_are_reported_for_a_minute(book, verdict, words):
 def test_ordinary_verdicts_are_not_suspicious(book, verdict):
     book.ledger.suspect(verdict, 100 * S)
     assert book.keys(100.0) == []
+
+
+@pytest.mark.parametrize(
+    ('off', 'number', 'told'), [(3.0, 3, True), (3.0, 2, False), (0.0, 9, False)]
+)
+def test_three_packets_with_another_content_are_an_error_for_a_minute(book, off, number, told):
+    for k in range(number):
+        book.ledger.remember(fix(k, 100.0 + k), (100 + k) * S, fused=True)
+        book.ledger.refused(fix(k, 100.0 + k, off=off), Verdict.DUPLICATE, (100 + k) * S)
+    found = book.ledger.conditions(110 * S)
+    assert [(c.key, c.level) for c in found] == [('packets contradict', Level.ERROR)] * told
+    assert book.keys(162.0) == []
 
 
 def test_a_fix_out_of_reach_is_suspicious_from_its_reception_on(book):
@@ -378,7 +392,7 @@ def refuse(book, number, received_s, age_s):
     """A fix of an age, refused as the engine does; verdict."""
     f = fix(number, received_s - age_s, receive_ns=round(received_s * S))
     verdict = verdict_of(book.ledger, f)
-    book.ledger.refused(f, verdict)
+    book.ledger.refused(f, verdict, f.validity_ns)
     return verdict
 
 

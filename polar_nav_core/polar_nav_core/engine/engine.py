@@ -340,7 +340,7 @@ class Engine:
             fix = dated(self.params, fix)
         refused = self.ledger.refusal(fix, stated_ns)
         if refused is not None:
-            self.ledger.refused(fix, refused[0])
+            self.ledger.refused(fix, refused[0], stated_ns)
             return [self._receipt(fix, fix.receive_ns, *refused)]
         if self.fusion is None:
             reason = self.divergence or 'the filter has no state yet'

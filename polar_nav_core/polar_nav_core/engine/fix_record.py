@@ -112,6 +112,13 @@ class FixRecord:
                 place += 1
         return None
 
+    def contradicts(self, fix: Fix, validity_ns: int) -> bool:
+        """Whether a fix of the same number and time is stored, and has another content."""
+        tick, name = validity_ns // TICK_NS, _name_of(fix)
+        first, behind = bisect_left(self._ticks, tick), bisect_right(self._ticks, tick)
+        found = [k for k in range(first, behind) if self._names[k] == name]
+        return bool(found) and content_of(fix) not in [self._contents[k] for k in found]
+
     def pack(self) -> bytes:
         """Bytes of all entries, for `unpack`."""
         return b''.join(column.tobytes() for column in (self._ticks, self._names, self._contents))

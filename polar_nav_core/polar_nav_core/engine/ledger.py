@@ -35,6 +35,8 @@ _SUSPICIOUS = {
 }
 """Verdicts on packets that are reported, each with the end of its sentence."""
 _FIX = 'fix'
+_SPLIT = 3
+"""Packets in a minute that contradict earlier ones: one or two are chance."""
 
 
 class FixLedger:
@@ -60,6 +62,7 @@ class FixLedger:
         self._suspicious: dict[Verdict, tuple[deque[int], str]] = {
             verdict: (deque(maxlen=_REFUSED_KEPT), words) for verdict, words in _SUSPICIOUS.items()
         }
+        self._split: deque[int] = deque(maxlen=_REFUSED_KEPT)
         self._revisions: dict[tuple[int, int], int] = {}
         self._last_validity_ns = 0
         self._fused_before = 0
@@ -118,6 +121,7 @@ class FixLedger:
                 key = f'packets {verdict.name}'
                 sentence = f'{len(times)} packets in a minute {words}'
                 found.append(Condition(key, Level.WARN, Culprit.FIXES, sentence))
+        found += self._two_senders(stamp_ns)
         if self._turned_ns is not None and stamp_ns < self._turned_ns + _SUSPICION_NS:
             since_s = (stamp_ns - self._turned_ns) * 1e-9
             sentence = (
@@ -128,14 +132,29 @@ class FixLedger:
             found.append(Condition('fixes reopened', Level.ERROR, culprit, sentence))
         return found
 
+    def _two_senders(self, stamp_ns: int) -> list[Condition]:
+        """The condition that packets come in two versions, of which the first is used."""
+        times = self._split
+        while times and times[0] < stamp_ns - _SUSPICION_NS:
+            times.popleft()
+        if len(times) < _SPLIT:
+            return []
+        sentence = (
+            f'{len(times)} packets in a minute have number and time of a fix that was used, and '
+            'another content: one of the two is false, and nothing shows which'
+        )
+        return [Condition('packets contradict', Level.ERROR, Culprit.FIXES, sentence)]
+
     def came(self, fix: Fix, *, wanted: bool = True) -> None:
         """Count a fix that was received; one that is not ``wanted`` was switched off."""
         self.received += 1
         if wanted:
             self.integrity.unused.came(fix.receive_ns)
 
-    def refused(self, fix: Fix, verdict: Verdict) -> None:
-        """Note the verdict on a fix that no state can use."""
+    def refused(self, fix: Fix, verdict: Verdict, stated_ns: int) -> None:
+        """Note the verdict on a fix that no state can use; ``stated_ns`` as of `refusal`."""
+        if verdict is Verdict.DUPLICATE and self._of_fused.contradicts(fix, stated_ns):
+            self._split.append(fix.receive_ns)
         self.suspect(verdict, fix.receive_ns)
         self._clock.refused(verdict, age_s(fix), fix.receive_ns)
 
@@ -170,7 +189,10 @@ class FixLedger:
             fix, stated_ns, numbers=False
         )
         if copied is Verdict.DUPLICATE:
-            return copied, f'fix {fix.sequence} of {fix.source} came before'
+            came = f'fix {fix.sequence} of {fix.source} came before'
+            if self._of_fused.contradicts(fix, stated_ns):
+                came += ', with another content'
+            return copied, came
         if copied is not None:
             return copied, f'fix {fix.sequence} of {fix.source} has the content of an earlier one'
         if fix.receive_ns - fix.validity_ns > self._max_delay_ns:
