@@ -14,6 +14,7 @@ from ..frames.earth import up_and_height
 from ..frames.grid import fill_C_e_G
 from . import state as fs
 from .consider import COLUMNS, LEADER, depth_common, dvl_common, fix_common
+from .level import level_row
 from .rings import Past
 from .rows import depth_rows, dvl_rows, fix_rows
 from .scale import NOISY, calm_scale_rows
@@ -58,6 +59,7 @@ def fill_depth(s: State, fr: Frames, c: Settings, w: Work, depth: float, varianc
         variance,
         c.lever_depth_b,
     )
+    level_row(s.P, w.H, w.R, fr.C_e_G)
     if s.counters[fs.CONSIDERS] == 1:
         depth_common(w.J)
 
