@@ -59,7 +59,8 @@ def fill_depth(s: State, fr: Frames, c: Settings, w: Work, depth: float, varianc
         variance,
         c.lever_depth_b,
     )
-    level_row(s.P, w.H, w.R, fr.C_e_G)
+    if c.gap_ns > 0:  # the filters as printed stay as printed
+        level_row(s.P, w.H, w.R, fr.C_e_G)
     if s.counters[fs.CONSIDERS] == 1:
         depth_common(w.J)
 
