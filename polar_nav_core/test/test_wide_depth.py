@@ -14,7 +14,7 @@ from closed_loop import World, inputs_of
 from polar_nav_core import grid
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.error_model import X
-from polar_nav_core.kernels.sins.level import level_row
+from polar_nav_core.kernels.sins.wide_depth import level_row
 
 
 @pytest.fixture(scope='module')

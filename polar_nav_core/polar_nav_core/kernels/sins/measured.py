@@ -14,13 +14,13 @@ from ..frames.earth import up_and_height
 from ..frames.grid import fill_C_e_G
 from . import state as fs
 from .consider import COLUMNS, LEADER, depth_common, dvl_common, fix_common
-from .level import level_row
 from .rings import Past
 from .rows import depth_rows, dvl_rows, fix_rows
 from .scale import NOISY, calm_scale_rows
 from .settings import Settings
 from .state import Frames, State
 from .turn import known_turn_rows, own_share
+from .wide_depth import level_row
 from .work import Work
 
 
