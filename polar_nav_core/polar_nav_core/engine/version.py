@@ -7,7 +7,7 @@ of sigma). Bags of before it was stated were all recorded with version 1.
 
 from __future__ import annotations
 
-ENGINE_VERSION = 13
+ENGINE_VERSION = 14
 """Counts up whenever the same inputs and the same stated parameters give other bits.
 
 So it does when a formula or the order of a sum changes, when a named configuration stands for
