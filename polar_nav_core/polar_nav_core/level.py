@@ -2,6 +2,7 @@
 
 LEVEL_SIGMA = 1e4
 """1-sigma of the height of a 2-D fix [m]: it weighs nothing against any depth sensor."""
-NO_HEIGHT = (0.1 * LEVEL_SIGMA) ** 2
+NO_HEIGHT = (0.05 * LEVEL_SIGMA) ** 2
 """Vertical variance above which a fix, or an innovation of one, says nothing of the height [m^2]:
-two numbers are known then, and NIS has two degrees of freedom."""
+two numbers are known then, and NIS has two degrees of freedom. Below 1e6, which some state for
+"unknown"."""

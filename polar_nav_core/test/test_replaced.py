@@ -15,6 +15,8 @@ from polar_nav_core import attitude, earth
 from polar_nav_core.engine.engine import Engine
 from polar_nav_core.engine.events import Command, CommandKind
 from polar_nav_core.engine.health.conditions import Level
+from polar_nav_core.engine.replaced import Replaced
+from polar_nav_core.engine.saved import pack, unpack
 
 AT = 1400
 """IMU epoch of the command: 14 s, after thirteen fixes."""
@@ -53,13 +55,19 @@ def stated(world, **changes):
     return replace(world.params(**START).initial_state(), **{**true, **changes})
 
 
-def driven(world, events, start, until_s=64.0):
-    """Levels of conditions by second, from the command on; the engine at the end."""
+def driven(world, events, start, until_s=64.0, again_ns=()):
+    """Levels of conditions by second, from the command on; the engine at the end.
+
+    The start is stated once more so many ns after the first time, for each of ``again_ns``.
+    """
     engine = Engine(world.params(configuration='default', **START))
     at_ns, first_ns = int(world.stamps[AT]), int(world.stamps[0])
-    command = Command(at_ns + 1, 0, CommandKind.SET_INITIAL_STATE, start)
+    commands = [
+        Command(at_ns + 1 + after_ns, number, CommandKind.SET_INITIAL_STATE, start)
+        for number, after_ns in enumerate((0, *again_ns))
+    ]
     told = {}
-    for event in sorted([*events, command], key=lambda e: e.key):
+    for event in sorted([*events, *commands], key=lambda e: e.key):
         if (event.stamp_ns - first_ns) * 1e-9 > until_s:
             break
         list(engine.process(event))
@@ -135,3 +143,39 @@ def test_a_navigation_that_is_behind_knows_nothing_any_more(world, events):
     start = stated(world, latitude=stated(world).latitude + 1000.0 * METRE)
     _, engine = driven(world, gone, start, 15.0)
     assert engine._replaced is None
+
+
+@pytest.mark.parametrize('again_ns', [1, 1_000_000_000])
+def test_a_wrong_start_that_is_stated_twice_is_no_more_right(world, events, again_ns):
+    """The second agrees with the first: before the next sample, and a second later."""
+    start = stated(world, latitude=stated(world).latitude + 1000.0 * METRE)
+    told, engine = driven(world, events, start, again_ns=(again_ns,))
+    seconds = sorted(told)
+    assert [told[t].get(CONTRADICTED) for t in seconds[:8]] == [Level.ERROR] * 8
+    assert told[seconds[-1]].get(CONTRADICTED) is None
+    assert metres_off(world, engine) < 2.0
+
+
+def test_a_wrong_heading_that_is_stated_twice_is_turned_all_the_same(world, events):
+    start = stated(world, grid_heading=stated(world).grid_heading + 0.5 * math.pi)
+    _, engine = driven(world, events, start, again_ns=(1,))
+    assert metres_off(world, engine) < 5.0
+
+
+def test_a_heading_is_in_doubt_for_five_minutes():
+    """Forged fixes that turn later meet a heading that is vouched for again."""
+    found = Replaced(10**9, 0.0, 1.5, 100.0)
+    assert found.heading_doubt(10**9 + 299 * 10**9) == 1.5
+    assert found.heading_doubt(10**9 + 301 * 10**9) == 0.0
+
+
+def test_a_restart_knows_how_many_fixes_came_since_the_start(world, events):
+    start = stated(world, latitude=stated(world).latitude + 1000.0 * METRE)
+    _, engine = driven(world, events, start, 16.0)
+    saved = unpack(pack(engine.saved()))
+    assert saved.fixes[1] > 10
+    assert saved.since_start == engine.ledger.fused_since_start == 0
+    engine.ledger.restore(saved.fixes, saved.records, saved.since_start)
+    assert engine.ledger.fused_since_start == 0
+    engine.ledger.restore(saved.fixes, saved.records)  # of an older file
+    assert engine.ledger.fused_since_start == saved.fixes[1]

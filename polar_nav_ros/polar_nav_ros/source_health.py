@@ -139,7 +139,8 @@ class SourceHealth:
         """Sentence on a sensor that sends nothing, by the steady clock; else empty."""
         count, now_s = self._node.taken_counts()[name], self._clock()
         before, since_s = self._heard.get(name, (-1, now_s))
-        if count != before or self._node.params.lockstep:  # whose pace is no sensor's
+        # The pace of lockstep is no sensor's, and nobody publishes what has no publisher.
+        if count != before or self._node.params.lockstep or not self._node.publishers_of(name):
             since_s = now_s
         self._heard[name] = count, since_s
         if source.role not in _REGULAR or now_s - since_s <= self._node.params.sensor_silent_s:

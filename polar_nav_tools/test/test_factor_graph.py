@@ -61,8 +61,8 @@ def test_mean_and_sigma_are_those_of_gtsam(case):
     mean, sigma = FactorGraph(run).solve(run.steps[rows].tolist())
     active = run.active
     off = np.abs(run.mean[rows] - mean)[:, active] / sigma[:, active]
-    assert off.max() < 0.01
-    np.testing.assert_allclose(run.sigma[rows][:, active], sigma[:, active], rtol=0.01)
+    assert off.max() < 0.004
+    np.testing.assert_allclose(run.sigma[rows][:, active], sigma[:, active], rtol=0.004)
 
 
 def test_the_benchmark_stands_alone_without_gtsam(monkeypatch):

@@ -12,6 +12,7 @@ from test_scoring_fixes import receipt
 
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.health.statistics import statistics
+from polar_nav_core.engine.verdicts import Verdict
 from polar_nav_core.error_model import X
 from polar_nav_core.grid import ecef_to_grid
 from polar_nav_core.kernels import watch
@@ -74,19 +75,53 @@ def test_the_story_leaves_out_what_was_not_measured():
 
 
 @pytest.fixture(scope='module')
-def deep():
-    """A run whose fixes have the height of the surface, 300 m above it; four are outliers."""
-    world = world_of('lawnmower', 200.0, 2)
-    rng, fixes = np.random.default_rng(5), []
-    burst = range(len(world.inputs.fixes) // 2, len(world.inputs.fixes) // 2 + 4)
+def world():
+    return world_of('lawnmower', 200.0, 2)
+
+
+def ran(world, moved):
+    """A run whose fixes have the height of the surface, 300 m above it, each moved level [m]."""
+    fixes = []
     for k, fix in enumerate(world.inputs.fixes):
-        east, north, up = np.asarray(ecef_to_grid(fix.r_e))
-        angle, off = rng.uniform(0.0, 2.0 * np.pi), 200.0 * (k in burst)
-        r_e = fix.r_e + 300.0 * up + off * (np.cos(angle) * east + np.sin(angle) * north)
-        wide = fix.covariance_e + LEVEL_SIGMA**2 * np.outer(up, up)
+        axes = np.asarray(ecef_to_grid(fix.r_e))
+        wide = fix.covariance_e + LEVEL_SIGMA**2 * np.outer(axes[2], axes[2])
+        r_e = fix.r_e + np.array([*moved(k), 300.0]) @ axes
         fixes.append(replace(fix, r_e=r_e, covariance_e=wide))
     params = world.params(configuration='default')
     return engine_run.run(params, replace(world.inputs, fixes=tuple(fixes)))
+
+
+@pytest.fixture(scope='module')
+def deep(world):
+    """Four of its fixes are outliers of 200 m."""
+    rng, half = np.random.default_rng(5), len(world.inputs.fixes) // 2
+
+    def moved(k):
+        angle = rng.uniform(0.0, 2.0 * np.pi)
+        off = 200.0 * (half <= k < half + 4)
+        return off * np.cos(angle), off * np.sin(angle)
+
+    return ran(world, moved)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ('nis', 'verdict', 'weighted'),
+    [(19.7, Verdict.GATED, False), (7.0, Verdict.FUSED, True), (5.5, Verdict.FUSED, False)],
+)
+def test_the_filter_itself_gates_and_weighs_by_two_numbers(world, nis, verdict, weighted):
+    """By three it fuses up to 21.1, and weighs from 7.8 on."""
+    chosen = len(world.inputs.fixes) // 2
+    usual = next(r for r in ran(world, lambda _: (0.0, 0.0)).receipts if r.sequence == chosen)
+    wanted = np.array([np.sqrt(nis * usual.innovation_variance_G[0]), 0.0])
+    step = wanted - usual.innovation_G[:2]
+    found = ran(
+        world, lambda k: step if usual.sequence == world.inputs.fixes[k].sequence else (0.0, 0.0)
+    )
+    receipt = next(r for r in found.receipts if r.sequence == chosen)
+    assert receipt.nis == pytest.approx(nis, abs=0.4)
+    assert receipt.verdict is verdict
+    assert ('weight' in receipt.reason) is weighted
 
 
 @pytest.mark.slow

@@ -40,8 +40,8 @@ def test_how_late_the_last_fix_came_is_of_a_run_to_which_it_came_late():
 
 
 def test_names_of_one_spot_do_not_stand_on_one_another():
-    names = ('modified_akf', 'third')
     """Each was as far from its point as its own ellipse asks: those of two could coincide."""
+    names = ('modified_akf', 'third')
 
     def with_a_smaller_ellipse(estimate):
         P = 0.3 * estimate.P_position_G

@@ -47,7 +47,7 @@ from .params import EngineParams
 from .receipts import age_s, receipt_of
 from .reconsider import reconsider
 from .refusals import unusable_local
-from .replaced import Replaced, replaced
+from .replaced import SETTLED, Replaced, replaced
 from .restored import NOT_RESTORED, Restored
 from .results import FixResult, Outcome, chi2_gate
 from .saved import SavedState
@@ -388,8 +388,8 @@ class Engine:
         if isinstance(self.fusion, Fusion) and self._beginning.state is not None:
             outcome = in_its_size(outcome, fix, self.configuration.gate_probability)
             sigma = self._beginning.stated_heading
-            if self._replaced is not None:  # what is contradicted vouches for nothing
-                sigma = math.hypot(sigma, self._replaced.turn)
+            if self._replaced is not None:
+                sigma = math.hypot(sigma, self._replaced.heading_doubt(self.fusion.stamp_ns))
             self.resets += reconsider(self.fusion, self.ledger, self.params, outcome, sigma)
 
     def _command(self, command: Command) -> Iterator[Output]:
@@ -405,7 +405,10 @@ class Engine:
             return
         self._beginning.reset(command.initial_state)
         start, longest_s = self._beginning.at_imu(), self.params.max_imu_gap_s
-        self._replaced = replaced(self.fusion, start, command.stamp_ns, longest_s)
+        # One that agrees with a start that is contradicted itself settles nothing.
+        settled = self.ledger.fused_since_start >= SETTLED
+        before = None if settled else self._replaced
+        self._replaced = replaced(self.fusion, start, command.stamp_ns, longest_s) or before
         self._leave()
         self.resets += 1
         self.due_ns = None
@@ -413,7 +416,7 @@ class Engine:
         self.ledger.start_anew()
         saved = self._beginning.state
         if isinstance(saved, SavedState):
-            self.ledger.restore(saved.fixes, saved.records)
+            self.ledger.restore(saved.fixes, saved.records, saved.since_start)
         self.adaptation = make_adaptation(self.params)
 
     def saved(self) -> SavedState | None:
@@ -422,7 +425,8 @@ class Engine:
             return None
         saved = self.fusion.saved(self.fix_counts(), self.ledger.packed())
         # Who reads it knows nothing of steps of the clock: it counts by the IMU's own.
-        return replace(saved, stamp_ns=self.clock.own_ns(saved.stamp_ns))
+        own_ns = self.clock.own_ns(saved.stamp_ns)
+        return replace(saved, stamp_ns=own_ns, since_start=self.ledger.fused_since_start)
 
     def state(self) -> InitialState | None:
         """State of base_link as it is now, as one to start from; None without a state."""

@@ -93,8 +93,15 @@ class FixLedger:
         """Fused and refused fixes as bytes, for `restore`."""
         return self._of_fused.pack(), self._of_refused.pack()
 
-    def restore(self, fixes: tuple[int, int, int], records: tuple[bytes, bytes]) -> None:
+    def restore(
+        self,
+        fixes: tuple[int, int, int],
+        records: tuple[bytes, bytes],
+        since_start: int | None = None,
+    ) -> None:
         """Replace counts and fixes by those of an earlier ledger.
+
+        ``since_start`` of the fused ones came after its start or reset; None: all.
 
         Raises
         ------
@@ -107,7 +114,7 @@ class FixLedger:
         self._of_fused, self._of_refused = fused, refused
         self._revisions.clear()
         self.received, self._fused[_FIX], self._last_validity_ns = fixes
-        self._fused_before = 0
+        self._fused_before = 0 if since_start is None else max(0, fixes[1] - since_start)
         if self._fused[_FIX]:
             self.integrity.known(self._last_validity_ns)
 

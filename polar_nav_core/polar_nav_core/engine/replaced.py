@@ -26,6 +26,8 @@ _BEYOND = 5.0
 """Sigmas of both together from which on they contradict one another."""
 _AFTER_S = 60.0
 """For so long it is an error: nothing can have shown yet which of the two is right."""
+_SHOWN_S = 300.0
+"""For so long a heading is in doubt: fixes pull positions back long before they show the cause."""
 SETTLED = 10
 """Fixes used since a start that settle it."""
 
@@ -38,6 +40,10 @@ class Replaced:
     metres: float
     turn: float
     sigmas: float
+
+    def heading_doubt(self, stamp_ns: int) -> float:
+        """By how much the heading may be off at a stamp, for all that was stated [rad]."""
+        return self.turn if (stamp_ns - self.stamp_ns) * 1e-9 < _SHOWN_S else 0.0
 
     def conditions(self, stamp_ns: int, fused: int) -> list[Condition]:
         """The condition at a stamp, until fixes have settled it; ``fused`` since the start."""

@@ -72,6 +72,8 @@ class SavedState(InitialState):
         Of the format of the bytes that it was read from.
     vehicle : str
         Name of the vehicle that it is of; empty where nobody said so, as in older files.
+    since_start : int or None
+        Fixes fused since the navigation was started or reset; None in older files: all of them.
     seen : Seen or None
         What its new owner saw of the vehicle before it goes on from it; not part of the bytes.
     """
@@ -83,6 +85,7 @@ class SavedState(InitialState):
     records: tuple[bytes, bytes]
     version: int = VERSION
     vehicle: str = ''
+    since_start: int | None = None
     seen: Seen | None = None
 
     def away_s(self, stamp_ns: int) -> float:
@@ -98,6 +101,7 @@ def pack(saved: SavedState) -> bytes:
         'stamp_ns': saved.stamp_ns,
         'layout': saved.layout,
         'vehicle': saved.vehicle,
+        'since_start': saved.since_start,
         'fixes': saved.fixes,
         'shapes': {name: list(value.shape) for name, value in saved.values.items()},
         'records': [len(record) for record in saved.records],
@@ -159,6 +163,7 @@ def _read(body: bytes, version: int) -> SavedState:
         raise ValueError(f'{len(body) - at} bytes are left over')
     fused, refused = records
     received, used, newest_ns = (_count(n) for n in header['fixes'])
+    since_start = header.get('since_start')
     plain: dict[str, Any] = dict(header['initial'])
     v_x, v_y, v_z = map(float, plain.pop('v_G'))
     numbers: dict[str, Any] = {name: float(value) for name, value in plain.items()}
@@ -172,6 +177,7 @@ def _read(body: bytes, version: int) -> SavedState:
         records=(fused, refused),
         version=version,
         vehicle=str(header.get('vehicle', '')),
+        since_start=None if since_start is None else _count(since_start),
     )
 
 

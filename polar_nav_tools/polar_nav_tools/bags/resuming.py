@@ -35,7 +35,7 @@ def require_own(directory: Path) -> None:
         raise WrongRequestError(
             f'{directory}: cannot go on with this bag: {others[0]} is of rosbag2, in sqlite3'
         )
-    pattern = re.compile(re.escape(directory.name) + r'_\d+\.mcap')
+    pattern = re.compile(re.escape(directory.resolve().name) + r'_\d+\.mcap')
     for path in in_order(directory.glob('*.mcap')):
         library = _library(path)
         if library is not None and LIBRARY not in library:

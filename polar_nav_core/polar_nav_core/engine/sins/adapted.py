@@ -7,7 +7,7 @@ import math
 from ...kernels.sins import consider
 from ...kernels.sins import state as fs
 from ...kernels.sins import update as kf
-from ...kernels.sins.judge import judge, remember
+from ...kernels.sins.judge import judge, remember, size_of
 from ..results import Outcome
 from .filter import NavigationFilter
 from .noise import MeasurementNoise
@@ -32,9 +32,10 @@ def fuse_adapted(f: NavigationFilter, m: int, noise: MeasurementNoise, stream: i
         f.check(fs.S_NOT_DEFINITE)
     S = w.S.copy()
     tally = f.state.tally[stream]
-    fused = bool(w.nis[0] <= f.settings.gates[m])
+    size = size_of(w.R, stream, m)
+    fused = bool(w.nis[0] <= f.settings.gates[size])
     if fused:
-        w.nis[1] = inflation(noise.robust, float(w.nis[0]), m)
+        w.nis[1] = inflation(noise.robust, float(w.nis[0]), size)
     remember(f.state, f.settings, w, w.z, stream, m, fused)
     if not fused:
         tally[fs.GATED] += 1.0

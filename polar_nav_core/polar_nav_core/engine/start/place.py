@@ -13,6 +13,7 @@ from ...arrays import Array
 from ...earth import geodetic_from_ecef
 from ...grid import ecef_to_grid
 from ...kernels.limits import EARTH
+from ...level import NO_HEIGHT
 from ..events import Fix
 from ..plausibility import is_covariance, within
 from .course import Passed
@@ -22,8 +23,6 @@ UNKNOWN_VELOCITY = 2.0
 _AGREE = 3.0
 _MOST_AGE_S = 120.0
 _MOST_FIXES = 300
-_NO_HEIGHT = 1000.0
-"""A vertical sigma from which on a fix has no height [m]."""
 
 
 class Located(NamedTuple):
@@ -142,7 +141,7 @@ class Fixes:
 
 def has_height(sigma_up: float) -> bool:
     """Whether a vertical 1-sigma [m] is that of a height that was measured."""
-    return sigma_up < _NO_HEIGHT
+    return sigma_up**2 <= NO_HEIGHT
 
 
 def geodetic(r_e: Array) -> tuple[float, float, float]:

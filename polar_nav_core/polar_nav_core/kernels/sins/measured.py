@@ -20,7 +20,6 @@ from .scale import NOISY, calm_scale_rows
 from .settings import Settings
 from .state import Frames, State
 from .turn import known_turn_rows, own_share
-from .wide_depth import level_row
 from .work import Work
 
 
@@ -59,8 +58,6 @@ def fill_depth(s: State, fr: Frames, c: Settings, w: Work, depth: float, varianc
         variance,
         c.lever_depth_b,
     )
-    if c.gap_ns > 0:  # the filters as printed stay as printed
-        level_row(s.P, w.H, w.R, fr.C_e_G)
     if s.counters[fs.CONSIDERS] == 1:
         depth_common(w.J)
 
