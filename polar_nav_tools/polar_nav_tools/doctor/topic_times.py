@@ -52,7 +52,7 @@ _STUCK_SHARE = 0.5
 """Of equal stamps one behind the other, above which the sender's clock stood still."""
 _LITTLE, _BIG = struct.Struct('<iII'), struct.Struct('>iII')
 """A header after the encapsulation: seconds, nanoseconds, length of the frame's name."""
-_FRONT = 4 + _LITTLE.size
+_FRONT, _STAMP_END = 4 + _LITTLE.size, 12
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,12 +167,14 @@ def read_times(bag: Source, progress: Callable[[float], None]) -> list[TopicTime
 def _front(data: bytes) -> tuple[int, int] | None:
     """Seconds and nanoseconds of a message's stamp; None where its header does not end in it.
 
-    A name as long as memory is what the wrong byte order makes of a short one.
+    A name as long as memory is what the wrong byte order makes of a short one. Some sources give
+    nothing behind the stamp.
     """
-    if len(data) < _FRONT:
+    if len(data) < _STAMP_END:
         return None
-    sec, nanosec, length = (_LITTLE if data[1] & 1 else _BIG).unpack_from(data, 4)
-    return None if length > len(data) - _FRONT else (sec, nanosec)
+    form = _LITTLE if data[1] & 1 else _BIG
+    sec, nanosec, length = form.unpack_from(data[4:_FRONT].ljust(form.size, b'\0'))
+    return None if length > max(0, len(data) - _FRONT) else (sec, nanosec)
 
 
 def findings_of(t: TopicTimes, *, log_from_stamps: bool = False) -> list[Finding]:
