@@ -152,6 +152,7 @@ def passes(s: State, c: Settings, w: Work, z: Array, stream: int, m: int) -> boo
     return True
 
 
+@entry
 @kernel
 def size_of(R: Array, stream: int, m: int) -> int:
     """How many numbers a measurement of m rows is: of a fix without a height two of three."""
