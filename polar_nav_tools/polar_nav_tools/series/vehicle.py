@@ -25,7 +25,7 @@ from polar_nav_ros import receipt_fields
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 _ROWS = 3
-"""Degrees of freedom that the engine states of every position."""
+"""Degrees of freedom that engines before 14 state of every position."""
 
 
 class Series:
@@ -238,7 +238,7 @@ class ReceiptRecord:
         computed.
     nis, degrees_of_freedom, gate : float, int, float
         Normalized innovation squared, its degrees of freedom, the threshold (inf: no gate). Of
-        a fix without a height the degrees are two; its message, and the gate, count three rows.
+        a fix without a height the degrees are two; messages of engines before 14 count three.
     """
 
     stamp_ns: int
