@@ -5,6 +5,7 @@ each of them; stamps are the host's. Of this project it uses the vehicle alone.
 """
 
 import sys
+import threading
 import time
 
 import rclpy
@@ -20,9 +21,6 @@ TYPES = {
     recording.PRESSURE: FluidPressure,
     recording.FIX: NavSatFix,
 }
-
-LINGER_S = 3.0
-"""Between the last message and the end [s]."""
 
 
 def main(seed: int, seconds: float, listeners: int = 1) -> None:
@@ -40,10 +38,9 @@ def main(seed: int, seconds: float, listeners: int = 1) -> None:
         time.sleep(max(0.0, (log_ns - time.time_ns()) * 1e-9))
         out[topic].publish(message)
     # What a publisher sent right before it leaves is lost to a listener that is held up meanwhile:
-    # nobody sends it again. A driver on a vehicle does not leave with its last message.
-    time.sleep(LINGER_S)
-    node.destroy_node()
-    rclpy.shutdown()
+    # nobody sends it again. So it stays until it is killed, as a driver on a vehicle does.
+    node.get_logger().info('published all')
+    threading.Event().wait()
 
 
 if __name__ == '__main__':

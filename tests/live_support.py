@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from polar_nav_tools.bags import open_bag
+from polar_nav_tools.bags import BagError, open_bag
 
 TOOL = (sys.executable, '-P', '-m', 'polar_nav_tools.cli')
 FOLLOWER = (
@@ -60,6 +60,14 @@ def processes_with(text: str) -> dict[int, str]:
         if text in command and 'polar_nav_tools.live.child' in command:
             found[int(entry.name)] = command
     return found
+
+
+def written(file: Path, topic: str) -> int:
+    """Messages of a topic in a bag that is being written."""
+    try:
+        return sum(1 for _ in open_bag(file).payloads(topic))
+    except (BagError, OSError):
+        return 0  # no such file or topic yet
 
 
 def same_beginning(short: Path, whole: Path) -> dict[str, bool]:

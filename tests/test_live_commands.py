@@ -6,24 +6,13 @@ import json
 import signal
 import subprocess
 import time
-from pathlib import Path
 
 import pytest
-from live_support import TOOL, polar, processes_with
-
-from polar_nav_tools.bags import BagError, open_bag
+from live_support import TOOL, polar, processes_with, written
 
 pytestmark = [pytest.mark.live, pytest.mark.paced, pytest.mark.timeout(400)]
 
 STATE, IMU = '/follower/nav/state', '/follower/imu/data_raw'
-
-
-def _written(file: Path, topic: str) -> int:
-    """Messages of a topic in a bag that is being written."""
-    try:
-        return sum(1 for _ in open_bag(file).payloads(topic))
-    except (BagError, OSError):
-        return 0  # no such file or topic yet
 
 
 @pytest.fixture
@@ -53,7 +42,7 @@ def test_launch_ends_well_on_ctrl_c_and_its_bag_verifies(launch):
     process, bag, log = launch
     file = bag / 'launched_0.mcap'
     deadline = time.monotonic() + 120.0
-    while _written(file, STATE) <= 10:
+    while written(file, STATE) <= 10:
         assert process.poll() is None, log.read_text()
         assert time.monotonic() < deadline, log.read_text()
         time.sleep(0.1)
@@ -79,7 +68,7 @@ def test_record_finds_the_topics_of_a_running_graph(own_domain, tmp_path):
     wanted = {STATE: 11, IMU: 101, '/run_info': 13}
     # Each node is found in its own time. What they say of themselves was published once, before
     # this recorder was there, and is kept for those who come late.
-    while any(_written(file, topic) < least for topic, least in wanted.items()):
+    while any(written(file, topic) < least for topic, least in wanted.items()):
         assert process.poll() is None, log.read_text()
         assert time.monotonic() < deadline, log.read_text()
         time.sleep(0.1)
