@@ -17,7 +17,7 @@ from mcap.stream_reader import StreamReader
 
 from .errors import BagError, WrongRequestError
 from .files import MAGIC, check_magic, find, in_order
-from .writer import LIBRARY
+from .mcap_writer import LIBRARY
 
 
 def require_own(directory: Path) -> None:

@@ -26,12 +26,11 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from mcap.writer import CompressionType, IndexType, Writer
-
 from . import qos, rosbag2_metadata
 from .contents import SEQUENCE_KEY
 from .earlier import with_earlier_files
 from .errors import BagError
+from .mcap_writer import COMPRESSIONS, LIBRARY, declare_silent, make_writer
 from .qos import Qos
 from .rosbag2_metadata import TopicSummary
 from .run_records import PHASE_KEY, RUN_END_RECORD, RUN_RECORD
@@ -40,15 +39,6 @@ from .sink import Sink
 
 LARGE_BYTES = 64 * 1024
 """Size of a message from which its topic is kept apart [bytes]."""
-
-LIBRARY = 'polar_nav_tools'
-"""What the head of a file names as its writer."""
-_COMPRESSIONS = {
-    'zstd': CompressionType.ZSTD,
-    'lz4': CompressionType.LZ4,
-    'none': CompressionType.NONE,
-}
-COMPRESSIONS = tuple(_COMPRESSIONS)
 _U32 = 0xFFFFFFFF
 
 
@@ -107,7 +97,7 @@ class BagWriter:
         resume: bool = False,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        if compression not in _COMPRESSIONS:
+        if compression not in COMPRESSIONS:
             raise BagError(f'compression {compression!r} is none of {", ".join(COMPRESSIONS)}')
         self.directory = Path(directory)
         self._run_info = dict(run_info)
@@ -131,14 +121,7 @@ class BagWriter:
         )
         self.metadata: dict[str, Any] = {}
         """What metadata.yaml says of this file, once it is finished."""
-        self._mcap = Writer(
-            self._sink,
-            chunk_size=chunk_bytes,
-            compression=_COMPRESSIONS[compression],
-            # There are no attachments; the library would point to an index of none.
-            index_types=IndexType.ALL & ~IndexType.ATTACHMENT,
-            enable_data_crcs=True,
-        )
+        self._mcap = make_writer(self._sink, compression, chunk_bytes)
         with self._explained():
             self._mcap.start(profile='ros2', library=LIBRARY)
             self._mcap.add_metadata(RUN_RECORD, start)
@@ -328,7 +311,7 @@ class BagWriter:
         with self._explained():
             self._mcap.flush()
             self._note_safe()
-            self._declare_silent()
+            declare_silent(self._mcap, [c.id for c in self._channels.values() if not c.count])
             self._mcap.add_metadata(RUN_END_RECORD, end)
             # `ros2 bag` reads this one if the path is the file's, not its directory's.
             serialized = {'serialized_metadata': rosbag2_metadata.dump(metadata)}
@@ -337,24 +320,6 @@ class BagWriter:
             self._sink.sync()
             self._sink.close()
         self.metadata = metadata
-
-    def _declare_silent(self) -> None:
-        """Put topics without a message among the data.
-
-        The library drops a chunk that has declarations only, and would then repeat in its summary
-        what stands nowhere else. The metadata record that follows takes these with it.
-        """
-        library: Any = self._mcap
-        schemas, channels = library._Writer__schemas, library._Writer__channels
-        heard = [c for c in self._channels.values() if c.count]
-        written = {0, *(channels[c.id].schema_id for c in heard)}
-        for channel in self._channels.values():
-            if not channel.count:
-                record = channels[channel.id]
-                if record.schema_id not in written:
-                    schemas[record.schema_id].write(library._Writer__record_builder)
-                    written.add(record.schema_id)
-                record.write(library._Writer__record_builder)
 
     def abandon(self) -> None:
         """Close the file as it is; the messages of the current chunk are lost."""

@@ -12,8 +12,8 @@ from polar_nav_core.errors import ConfigError
 from polar_nav_core.params import NodeParams, choice, flag, param, text, texts
 from polar_nav_core.user_files import read_text
 
+from ..bags.mcap_writer import COMPRESSIONS
 from ..bags.schemas import normalize
-from ..bags.writer import COMPRESSIONS
 
 
 @dataclass(frozen=True)
