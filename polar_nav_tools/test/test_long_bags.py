@@ -14,7 +14,7 @@ from polar_nav_tools.benchmarks import memory
 from polar_nav_tools.benchmarks.long_bag import long_bag
 from polar_nav_tools.benchmarks.whole_bag import arrays_of, opened
 from polar_nav_tools.experiments.received import VEHICLE
-from polar_nav_tools.replay import lives
+from polar_nav_tools.replay import life
 from polar_nav_tools.replay.by_array import replay_arrays
 from polar_nav_tools.replay.by_message import replay
 from polar_nav_tools.replay.outputs import Outputs
@@ -123,14 +123,14 @@ def test_memory_does_not_follow_the_length(bags, monkeypatch):
 
 
 def test_few_messages_wait_for_their_turn(bags, monkeypatch):
-    most, push = 0, lives.heapq.heappush
+    most, push = 0, life.heapq.heappush
 
     def counted(heap, item):
         nonlocal most
         push(heap, item)
         most = max(most, len(heap))
 
-    monkeypatch.setattr(lives.heapq, 'heappush', counted)
+    monkeypatch.setattr(life.heapq, 'heappush', counted)
     result = replay(load_inputs(bags[0]))
     assert isinstance(result.outputs, Outputs)
     assert len(result.outputs) > 1000

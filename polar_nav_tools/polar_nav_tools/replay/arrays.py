@@ -32,7 +32,7 @@ from ..bags.columns import Columns
 from ..bags.errors import BagError
 from ..bags.reader import Bag
 from ..series.vehicle import TruthSeries
-from .lives import event_key, refusal_key
+from .life import event_key, refusal_key
 
 STAMP = arrays.STAMP[0]
 RATE = tuple(f'angular_velocity.{axis}' for axis in 'xyz')

@@ -38,7 +38,7 @@ from polar_nav_ros.topics import (
 from ..bags.arrays import estimates_from_cdr, receipts_from_cdr
 from ..bags.model import model_run_from_cdr
 from ..bags.reader import Bag
-from .lives import Life
+from .life import Life
 from .outputs import Output, Outputs
 from .recorded import RecordedInputs, load_inputs
 from .result import ReplayedRun

@@ -10,7 +10,7 @@ from rclpy.serialization import deserialize_message
 
 from polar_nav_ros.stamps import to_ns
 
-from .lives import TYPES
+from .life import TYPES
 
 
 @dataclass(frozen=True)

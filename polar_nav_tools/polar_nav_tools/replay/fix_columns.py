@@ -15,7 +15,7 @@ from ..bags.columns import read_columns, time_fields
 from ..bags.columns import stamps as stamps_of
 from ..bags.errors import BagError
 from ..bags.reader import Bag
-from .lives import never_an_event
+from .life import never_an_event
 from .recorded import decoded
 
 _PACKET_FIELDS = (

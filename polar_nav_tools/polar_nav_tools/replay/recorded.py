@@ -35,7 +35,8 @@ from ..bags.opening import open_bag
 from ..bags.reader import Bag
 from .constants import mode_table, require_same
 from .described import FOLLOWER_PACKAGE, Description, descriptions_of
-from .lives import Life, lives_of, taken_counts
+from .life import Life
+from .lives import lives_of, taken_counts
 from .records import Input, Records, stamp_of
 from .used import Used, used_of
 
