@@ -7,9 +7,8 @@ the key.
 
 from __future__ import annotations
 
-import copy
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
 from functools import cached_property
@@ -19,11 +18,12 @@ from typing import Any
 import numpy as np
 
 from polar_nav_core.errors import ConfigError
-from polar_nav_core.user_files import parse_yaml, read_yaml
+from polar_nav_core.user_files import read_yaml
 
 from .dynamics.truth import DynamicTruth
 from .environment import Environment, Geoid, GeoidSpec, Gravity, GravitySpec
 from .installed import Installed, instruments_of
+from .mission_overrides import overridden
 from .mission_sections import EPOCH, read_oscillation, read_path, read_start_time, read_vehicle
 from .paths.knots import (
     MARGIN,
@@ -234,16 +234,7 @@ class Mission:
         ConfigError
             For a key or value that the file could not have either.
         """
-        document = copy.deepcopy(dict(self.document))
-        for dotted, value in overrides.items():
-            section = document
-            *parents, last = dotted.split('.')
-            for key in parents:
-                section = section.setdefault(key, {})
-                if not isinstance(section, dict):
-                    raise ConfigError(f'{self.file}: {dotted}: {key} is not a section')
-            section[last] = value
-        return mission_from(document, self.file)
+        return mission_from(overridden(self.document, overrides, self.file), self.file)
 
     def _make(self, vehicle: VehicleSpec) -> Truth:
         surface, floor = self.numbers.sea_surface_height_m, self.numbers.sea_floor_depth_m
@@ -328,23 +319,6 @@ def load_mission(name_or_path: str | Path) -> Mission:
     """
     file = find_mission(name_or_path)
     return mission_from(read_yaml(file), file)
-
-
-def overrides_from(texts: Sequence[str]) -> dict[str, Any]:
-    """Overrides from texts like ``path.speed_mps=2.0``.
-
-    Raises
-    ------
-    ConfigError
-        Naming the text.
-    """
-    out: dict[str, Any] = {}
-    for text in texts:
-        key, sign, value = text.partition('=')
-        if not sign or not key.strip():
-            raise ConfigError(f'override {text!r} is not of the form key=value')
-        out[key.strip()] = parse_yaml(value, f'override {text!r}')
-    return out
 
 
 def mission_from(document: object, file: Path) -> Mission:

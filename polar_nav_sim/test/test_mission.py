@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from polar_nav_core.errors import ConfigError
-from polar_nav_sim.mission import load_mission, mission_from, overrides_from
+from polar_nav_sim.mission import load_mission, mission_from
+from polar_nav_sim.mission_overrides import overrides_from
 from polar_nav_sim.resources import mission_names
 
 STRAIGHT = {

@@ -24,7 +24,8 @@ from polar_nav_ros.node import ACK_TOPIC, PolarNode
 from polar_nav_ros.process import run
 from polar_nav_ros.stamps import to_msg
 
-from ..mission import Mission, load_mission, overrides_from
+from ..mission import Mission, load_mission
+from ..mission_overrides import overrides_from
 from ..params import TruthParams
 from ..trajectory import NS
 from ..truth_stream import BLOCK_S, TruthStream
