@@ -10,7 +10,8 @@ from test_batch import both
 from polar_nav_core import earth
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.health.conditions import Level
-from polar_nav_core.engine.health.watchdog import DEPTH, DVL, Envelope, Gaps, View, Watchdog
+from polar_nav_core.engine.health.view import Envelope, Gaps, View
+from polar_nav_core.engine.health.watchdog import DEPTH, DVL, Watchdog
 from polar_nav_core.engine.methods import DELAY_HANDLING
 from polar_nav_core.kernels import watch
 

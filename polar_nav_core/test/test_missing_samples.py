@@ -12,7 +12,8 @@ from polar_nav_core import attitude
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.events import ImuSample
 from polar_nav_core.engine.health.conditions import Level
-from polar_nav_core.engine.health.watchdog import Envelope, Gaps, Watchdog
+from polar_nav_core.engine.health.view import Envelope, Gaps
+from polar_nav_core.engine.health.watchdog import Watchdog
 from polar_nav_core.engine.methods import DELAY_HANDLING
 from polar_nav_core.engine.sins.filter import NavigationFilter
 from polar_nav_core.error_model import X

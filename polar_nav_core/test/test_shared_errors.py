@@ -7,7 +7,8 @@ from compiled import jit_only
 from polar_nav_core.engine.health import shared as beyond
 from polar_nav_core.engine.health.conditions import Culprit, Level
 from polar_nav_core.engine.health.statistics import statistics
-from polar_nav_core.engine.health.watchdog import DEPTH, FIX, Envelope, View, Watchdog
+from polar_nav_core.engine.health.view import Envelope, View
+from polar_nav_core.engine.health.watchdog import DEPTH, FIX, Watchdog
 from polar_nav_core.kernels import watch
 from polar_nav_core.kernels.sins import consider, shared
 

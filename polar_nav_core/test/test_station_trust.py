@@ -11,7 +11,8 @@ import station_twin as twin
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.health.conditions import Culprit, Level
 from polar_nav_core.engine.health.station import StationView, StationWatchdog
-from polar_nav_core.engine.health.watchdog import FIX, Envelope
+from polar_nav_core.engine.health.view import Envelope
+from polar_nav_core.engine.health.watchdog import FIX
 from polar_nav_core.engine.verdicts import Verdict
 from polar_nav_core.kernels import watch
 from polar_nav_core.kernels.station import state as ss

@@ -6,13 +6,11 @@ from compiled import jit_only
 
 from polar_nav_core.engine.health.conditions import RUNAWAY, Culprit, Level
 from polar_nav_core.engine.health.statistics import statistics
+from polar_nav_core.engine.health.view import Envelope, Gaps, View
 from polar_nav_core.engine.health.watchdog import (
     DEPTH,
     DVL,
     FIX,
-    Envelope,
-    Gaps,
-    View,
     Watchdog,
 )
 from polar_nav_core.kernels import watch

@@ -10,7 +10,8 @@ from .driver import Driver
 from .health.conditions import Condition, Culprit, Health, Level
 from .health.heading import UNKNOWN, heading_unknown
 from .health.station import StationWatchdog
-from .health.watchdog import Envelope, Watchdog
+from .health.view import Envelope
+from .health.watchdog import Watchdog
 from .ledger import FixLedger
 from .params import EngineParams
 from .replaced import Replaced

@@ -21,7 +21,8 @@ from .conditions import Condition, Culprit, Level, fixes_followed
 from .deviation import Deviation
 from .slow import BEYOND, MOVED, most_likely, shift_in_sigmas, sizes_of
 from .statistics import Statistics, statistics
-from .watchdog import AFTER_S, DEPTH, FEWEST, FIX, Envelope, View, Watchdog, outside, scatter
+from .view import Envelope, View
+from .watchdog import AFTER_S, DEPTH, FEWEST, FIX, Watchdog, outside, scatter
 
 _RATIO = (1.6, 2.5)
 """Mean NIS per degree of freedom of the short memory that is a WARN, an ERROR."""

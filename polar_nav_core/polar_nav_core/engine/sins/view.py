@@ -15,7 +15,7 @@ from ...kernels.sins import state as fs
 from ..heading_params import REFERENCES
 from ..health.compass import Compass
 from ..health.slow import Evidence
-from ..health.watchdog import Gaps, View
+from ..health.view import Gaps, View
 from .filter import NavigationFilter
 from .fusion import Fusion
 

@@ -9,7 +9,7 @@ import numpy as np
 from ...kernels.station import state as ss
 from ...order import DEPTH_ROW, DVL_ROW, FIX_ROW
 from ..health.station import StationView
-from ..health.watchdog import Gaps
+from ..health.view import Gaps
 from .fusion import StationFusion
 
 
