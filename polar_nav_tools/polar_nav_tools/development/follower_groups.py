@@ -10,6 +10,7 @@ from typing import Any
 from polar_nav_core.engine.heading_params import HeadingParams
 from polar_nav_core.engine.limit_params import LimitParams
 from polar_nav_core.engine.params import EngineParams
+from polar_nav_core.engine.start_params import StartParams
 from polar_nav_core.engine.station_params import StationParams
 from polar_nav_core.identification.model_params import ModelParams
 from polar_nav_core.identification.params import IdentificationParams
@@ -36,6 +37,7 @@ FIRST = {
 """Parameters that a new vehicle's owner looks at first, each with what hangs on it."""
 
 _CLASSES = {
+    StartParams: 'Start',
     HeadingParams: 'AHRS and compass',
     LimitParams: 'Limits, gaps, silence',
     OutputParams: 'odometry/now, frames, /tf',
@@ -45,7 +47,6 @@ _CLASSES = {
     NodeParams: 'In simulations',
 }
 _PREFIXES = {
-    ('initial', 'align'): 'Start',
     ('gyro', 'accel', 'imu'): 'IMU',
     ('dvl', 'water'): 'DVL',
     ('depth', 'sea'): 'Depth',
