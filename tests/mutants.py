@@ -49,6 +49,7 @@ MODULES = {
     'link.packet': ('packet', 'station_packet'),
     'kernels.frames.grid': ('grid', 'strapdown'),
     'kernels.frames.strapdown': ('strapdown', 'ecef_mechanization'),
+    'kernels.frames.navigation': ('strapdown', 'ecef_mechanization'),
     'kernels.sins.error_model': ('error_model', 'nav_columns', 'measurements'),
     'kernels.sins.update': ('filter_kernels', 'consider', 'model_block'),
     'kernels.sins.consider': ('consider',),

@@ -8,7 +8,7 @@ from core_oracle import Trajectory
 from core_places import PLACES, STATES, position
 
 from polar_nav_core import attitude, earth, grid
-from polar_nav_core.kernels.frames import blocks, body, strapdown
+from polar_nav_core.kernels.frames import blocks, body, navigation, strapdown
 from polar_nav_core.strapdown import Strapdown, increments
 
 JIT = not numba.config.DISABLE_JIT
@@ -209,7 +209,7 @@ def test_a_step_in_the_surroundings_of_its_own_middle_has_the_bits_of_a_step(nam
     C, v, r = start(name)
     strapdown.strapdown_step_uneven(C, v, r, dtheta[1], dvel[1], dtheta[0], dvel[0], 0.01, dt_prev)
     held_C, held_v, held_r = start(name)
-    held = np.array(strapdown.surroundings(held_v, held_r, 0.005))
+    held = np.array(navigation.surroundings(held_v, held_r, 0.005))
     rows = np.array([dtheta[1], dvel[1], dtheta[0], dvel[0]])
     strapdown.strapdown_step_held(held_C, held_v, held_r, rows, 0.01, dt_prev, held)
     np.testing.assert_array_equal(held_C, C)
@@ -277,6 +277,23 @@ def test_held_vertical_stays_where_it_is_put():
     horizontal = grid.ecef_to_grid(r)[:2] @ (vehicle.r_e - r)
     np.testing.assert_allclose(horizontal, 0.0, atol=1e-8)
     assert vehicle.v_G[2] == -0.2
+
+
+def test_a_held_batch_gives_the_bits_of_held_steps():
+    """On all three axes the increments before go into the next step."""
+    dtheta, dvel = signal(20)
+    height, v_up = np.linspace(-100.0, -99.0, 20), np.full(20, 0.1)
+    expected, found = start(), start()
+    previous = ZERO, ZERO
+    for a, f, h, up in zip(dtheta, dvel, height, v_up, strict=True):
+        strapdown.strapdown_step(*expected, a, f, *previous, 0.01)
+        strapdown.hold_vertical(expected[1], expected[2], h, up)
+        previous = a, f
+    strapdown.strapdown_batch_held(
+        *found, dtheta, dvel, np.zeros(3), np.zeros(3), 0.01, height, v_up
+    )
+    for one, other in zip(found, expected, strict=True):
+        np.testing.assert_array_equal(one, other)
 
 
 def test_object_steps_and_runs_alike():

@@ -5,7 +5,7 @@ from __future__ import annotations
 from ...arrays import Array
 from ..cache import entry, kernel
 from .body import EQUAL_INTERVALS, body_sample
-from .strapdown import navigate
+from .navigation import navigate
 
 
 @kernel

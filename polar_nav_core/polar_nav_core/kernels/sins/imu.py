@@ -9,7 +9,8 @@ from ...arrays import Array
 from ..cache import entry, kernel
 from ..frames.earth import OMEGA_IE, up_and_height
 from ..frames.grid import fill_C_e_G
-from ..frames.strapdown import strapdown_step_held, surroundings
+from ..frames.navigation import surroundings
+from ..frames.strapdown import strapdown_step_held
 
 
 @entry
