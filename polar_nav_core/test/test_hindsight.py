@@ -8,8 +8,10 @@ from closed_loop import World, inputs_of
 
 from polar_nav_core import attitude, grid
 from polar_nav_core.engine import smoothing
+from polar_nav_core.engine.results import chi2_gate
 from polar_nav_core.engine.sins.recorded import Recorded
 from polar_nav_core.engine.verdicts import Verdict
+from polar_nav_core.level import LEVEL_SIGMA
 
 pytestmark = pytest.mark.slow
 
@@ -65,6 +67,36 @@ def test_a_fix_that_misled_the_start_goes_and_those_that_it_kept_out_come_back(w
     }
     assert position_errors(found, world).max() < 2.0
     assert position_errors(once, world).max() > 10.0
+
+
+@pytest.mark.parametrize(('sigma_up', 'dof'), [(400.0, 3), (LEVEL_SIGMA, 2)])
+def test_they_are_judged_by_as_many_numbers_as_they_state(world, sigma_up, dof):
+    """In each pass, though the weights of the one before made more than 500 m of 400 m."""
+    params = world.params(
+        configuration='custom',
+        delay_handling='clone',
+        noise_adaptation='none',
+        robust_fixes='mahalanobis',
+        initial_sigma_position=50.0,
+    )
+    up = np.asarray(grid.ecef_to_grid(world.r_e[0]))[2]
+    fixes = [
+        replace(f, covariance_e=f.covariance_e + sigma_up**2 * np.outer(up, up))
+        for f in displaced(displaced(fixes_of(world), [0], 60.0), [9, 15, 20], 4.0)
+    ]
+    found = smoothing._Passes(params, inputs_of(world, fixes), 1.0, False)
+    first = found._pass(params, None, None)
+    plan = first.plan(found._inputs)
+    assert any(one.added_G[2, 2] > 0.6 * sigma_up**2 for one in plan.fixes.values())
+    stated = replace(found._stated, reopen_after_s=0.0)
+    again = found._pass(stated, plan, None, first.moved)
+    for one in (first, again):
+        judged = one.decisions.judged
+        assert set(judged.dof[judged.of_fixes].tolist()) == {dof}
+    receipts = [
+        r for r in smoothing.smooth(params, inputs_of(world, fixes)).receipts if r.revision
+    ]
+    assert {(r.dof, r.gate) for r in receipts} == {(dof, chi2_gate(0.9999, dof))}
 
 
 def test_a_ping_and_a_depth_that_misled_the_start_go(world):

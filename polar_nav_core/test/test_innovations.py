@@ -52,7 +52,7 @@ def test_their_density_is_that_of_all_rows_at_once():
     sigmas = np.array([0.5, 0.0, 2.0, 30.0])
     nothing = np.zeros(0)
     found = innovations.Innovations(
-        sizes, sizes, sizes, white, moved, log_sigma, nothing, nothing, nothing, 1, (), ''
+        sizes, sizes, sizes, sizes, white, moved, log_sigma, nothing, nothing, nothing, 1, (), ''
     )
     u, logs = innovations.independent(found, sigmas)
     rows = int(sizes.sum())

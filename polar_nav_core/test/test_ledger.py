@@ -15,10 +15,11 @@ from polar_nav_core.engine import ledger as ledger_module
 from polar_nav_core.engine.health.conditions import Culprit, Level
 from polar_nav_core.engine.ledger import FixLedger
 from polar_nav_core.engine.params import EngineParams
-from polar_nav_core.engine.results import FixResult, Outcome
+from polar_nav_core.engine.results import FixResult, Outcome, chi2_gate
 from polar_nav_core.engine.verdicts import Verdict
+from polar_nav_core.kernels.sins.rings import DOF, ENLARGEMENT, OUTCOME
 
-GATE = 21.1
+GATE = chi2_gate(0.9999, 3)
 
 
 def outcome(*, fused=True, nis=3.0, gate=GATE, z=(1.0, -2.0, 0.5), inflation=1.0):
@@ -328,16 +329,16 @@ def test_the_time_of_refusals_is_that_of_the_parameters():
 def test_many_fixes_at_once_are_counted_like_one_after_another():
     fixes = [fix(1, 100.0), fix(2, 102.0), fix(3, 101.0, 104.0)]
     one, many = Book(), Book()
-    outcomes, notes = np.zeros((3, 9)), np.zeros((3, 3), dtype=np.int64)
+    outcomes, notes = np.zeros((3, OUTCOME)), np.zeros((3, 3), dtype=np.int64)
     outcomes[:, 1], outcomes[:, 2:5], outcomes[:, 5:8] = 3.0, [1.0, -2.0, 0.5], [1.0, 2.0, 3.0]
-    outcomes[:, 8] = 1.0
+    outcomes[:, ENLARGEMENT], outcomes[:, DOF] = 1.0, 3.0
     notes[:, 0], notes[:, 1] = 4, 105 * S
     singly = []
     for f in fixes:
         one.ledger.received += 1
         singly.append(one.decide(f, now_ns=105 * S))
         one.ledger.remember(f, f.validity_ns, fused=True)
-    together = many.ledger.fused(fixes, outcomes, notes, GATE)
+    together = many.ledger.fused(fixes, outcomes, notes)
     assert [repr(r) for r in together] == [repr(r) for r in singly]
     assert many.ledger.counts() == one.ledger.counts() == (3, 3, 102 * S)
     assert many.verdicts == one.verdicts
@@ -345,7 +346,7 @@ def test_many_fixes_at_once_are_counted_like_one_after_another():
     states = [b.ledger.integrity.state(110 * S) for b in (one, many)]
     assert states[0].since_fused_s == states[1].since_fused_s == pytest.approx(6.0)
     # Older ones do not set the newest validity back, and counts add up.
-    many.ledger.fused([fix(4, 90.0, 106.0)], outcomes[:1], notes[:1], GATE)
+    many.ledger.fused([fix(4, 90.0, 106.0)], outcomes[:1], notes[:1])
     assert many.ledger.counts() == (4, 4, 102 * S)
     assert many.verdicts == {Verdict.FUSED: 4}
     assert verdict_of(many.ledger, fix(4, 90.0, 106.0)) is Verdict.DUPLICATE
@@ -354,7 +355,8 @@ def test_many_fixes_at_once_are_counted_like_one_after_another():
 def test_fixes_fused_at_once_end_the_row_of_refused_ones(book):
     for k in range(1, 4):
         book.decide(fix(k, 100.0 + k), fused=False)
-    book.ledger.fused([fix(4, 104.0)], np.zeros((1, 9)), np.zeros((1, 3), dtype=np.int64), GATE)
+    outcomes = np.full((1, OUTCOME), 3.0)
+    book.ledger.fused([fix(4, 104.0)], outcomes, np.zeros((1, 3), dtype=np.int64))
     assert book.ledger.integrity.quiet
     assert len(book.ledger.refused_row._row) == 0
 

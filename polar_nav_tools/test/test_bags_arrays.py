@@ -1,12 +1,14 @@
 """Truth, estimates and receipts of a vehicle, as a bag gives them."""
 
 import dataclasses
+import json
 import re
 
 import numpy as np
 import pytest
 from bag_samples import (
     RECEIPT,
+    RUN_INFO,
     START_NS,
     STATE,
     TRUTH,
@@ -153,6 +155,22 @@ def test_receipts(bag):
     assert first.innovation_G.tolist() == [1.0, 2.0, 3.0]
     assert type(first.sequence) is int
     assert arrays.load_receipts(bag, 'nobody') == []
+
+
+@pytest.mark.parametrize(
+    ('versions', 'dof'), [((), 2), ((None,), 2), ((13,), 2), ((14,), 3), ((14, 13), 2)]
+)
+def test_degrees_of_freedom_are_read_as_their_engine_meant_them(tmp_path, versions, dof):
+    """Three rows of 10 km of vertical sigma: older engines counted all rows of any fix."""
+    with BagWriter(tmp_path / 'b', {}) as writer:
+        for topic in (RUN_INFO, RECEIPT):
+            writer.add_topic(topic, TYPES[topic])
+        for k, version in enumerate(versions):
+            said = {'node': f'/follower/node_{k}', 'engine_version': version}
+            writer.write(RUN_INFO, make(TYPES[RUN_INFO], data=json.dumps(said)), stamp_ns(0))
+        writer.write(RECEIPT, receipt(1, innovation_variance_g=np.array([1.0, 1.0, 1e8])), 1)
+    (found,) = arrays.load_receipts(open_bag(tmp_path / 'b'), 'follower')
+    assert found.degrees_of_freedom == dof
 
 
 def test_slices_of_a_series(bag):

@@ -16,8 +16,6 @@ from polar_nav_core.engine.verdicts import Verdict
 from polar_nav_core.error_model import X
 from polar_nav_core.grid import ecef_to_grid
 from polar_nav_core.kernels import watch
-from polar_nav_core.kernels.sins import state as fs
-from polar_nav_core.kernels.sins.judge import size_of
 from polar_nav_core.level import LEVEL_SIGMA
 from polar_nav_ros import receipt_fields
 from polar_nav_tools.experiments.calibrate.rows import world_of
@@ -29,8 +27,8 @@ from polar_nav_tools.why.words import _receipt
 SIGMAS = np.array([1.5, 1.5, LEVEL_SIGMA])
 
 
-def read(sequence, innovation, sigmas=SIGMAS, dof=3):
-    """A receipt as it is read from a bag or a replay, whose message counts three rows."""
+def read(sequence, innovation, sigmas=SIGMAS, dof=2):
+    """A receipt as it is read from a bag or a replay."""
     one = receipt(sequence, validity=1.0)
     names = [n for n in (*receipt_fields.VALUES, *receipt_fields.AXES) if n != 'dof']
     names += [*receipt_fields.TIMES, 'stamp_ns', 'verdict', 'verdict_text', 'age_s']
@@ -50,12 +48,23 @@ def read(sequence, innovation, sigmas=SIGMAS, dof=3):
 def test_a_fix_without_height_is_two_numbers():
     level = read(1, np.array([1.5, -1.5, 30.0]))
     assert (level.degrees_of_freedom, level.axes.tolist()) == (2, [True, True, False])
-    whole = read(1, np.array([1.5, -1.5, 3.0]), np.array([1.5, 1.5, 300.0]))
+    whole = read(1, np.array([1.5, -1.5, 3.0]), np.array([1.5, 1.5, 300.0]), dof=3)
     assert (whole.degrees_of_freedom, whole.axes.tolist()) == (3, [True, True, True])
     station = read(1, np.array([1.5, -1.5, 0.0]), np.array([1.5, 1.5, np.nan]), dof=2)
     assert (station.degrees_of_freedom, station.axes.tolist()) == (2, [True, True, False])
     none = read(1, np.full(3, np.nan), np.full(3, np.nan), dof=0)
     assert none.degrees_of_freedom == 0
+    printed = read(1, np.array([1.5, -1.5, 3.0]), np.array([1.5, 1.5, 300.0]), dof=6)
+    assert printed.axes.tolist() == [True, True, True]
+
+
+@pytest.mark.parametrize(
+    ('sigma_up', 'stated', 'dof'), [(LEVEL_SIGMA, 3, 2), (300.0, 3, 3), (np.nan, 2, 2)]
+)
+def test_an_older_receipt_is_counted_by_its_variance(sigma_up, stated, dof):
+    receipt = read(1, np.array([1.5, -1.5, 30.0]), np.array([1.5, 1.5, sigma_up]), dof=stated)
+    assert receipt.degrees_of_freedom == stated
+    assert receipt.counted_by_variance() == replace(receipt, degrees_of_freedom=dof)
 
 
 def test_the_nis_of_honest_fixes_without_height_is_one():
@@ -147,7 +156,6 @@ def test_the_watchdog_knows_honest_fixes():
     S = np.diag(SIGMAS**2)
     for _ in range(2000):
         z = rng.normal(size=3) * np.array([1.5, 1.5, 0.0])
-        m = size_of(S, fs.FIX_ROW, fs.VECTOR)
-        watch.observe(memories, z, S, float(z @ np.linalg.solve(S, z)), m, True, 1.0, 0.0, z, S)
+        watch.observe(memories, z, S, float(z @ np.linalg.solve(S, z)), 2, True, 1.0, 0.0, z, S)
     streams = np.broadcast_to(memories, (watch.STREAMS, *memories.shape))
     assert statistics(streams).nis[0, watch.LONG] == pytest.approx(1.0, abs=0.2)

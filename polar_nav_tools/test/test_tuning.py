@@ -16,7 +16,6 @@ from polar_nav_core.errors import ConfigError
 from polar_nav_core.grid import ecef_to_grid
 from polar_nav_core.level import LEVEL_SIGMA
 from polar_nav_ros.adapters.noise_classes import IMU_CLASSES, imu_noise
-from polar_nav_tools.calibration.level import numbers
 from polar_nav_tools.calibration.verdicts import Verdict
 from polar_nav_tools.experiments.calibrate.rows import world_of
 from polar_nav_tools.experiments.tune.rows import ROWS, Row
@@ -224,8 +223,9 @@ def test_a_fix_without_height_is_two_numbers_whose_noise_is_scaled(straight):
     flat = without_heights(inputs)
     run = innovations(params, flat)
     fixes = run.ranks == Rank.FIX
-    assert (numbers(run, flat) == np.where(fixes, 2, run.sizes)).all()
-    assert (numbers(run, inputs) == run.sizes).all()
+    assert (run.dof == np.where(fixes, 2, run.sizes)).all()
+    with_heights = innovations(params, inputs)
+    assert (with_heights.dof == with_heights.sizes).all()
     (noise,) = (p for p in parameters_of(params, flat) if p.name == 'fix_sigma')
     louder = noise.scaled(params, flat, 3.0)[1].fixes[0]
     before = flat.fixes[0]

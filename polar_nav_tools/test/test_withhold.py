@@ -162,13 +162,12 @@ def test_the_command_on_the_reference_bag(polar, tmp_path):
 
 def test_fixes_without_a_height_are_scored_in_the_plane_only():
     errors = np.ones((3, 3))
-    level = np.tile(np.diag([4.0, 4.0, 1e8 + 1.0]), (3, 1, 1))
+    S = np.tile(np.diag([4.0, 4.0, 1e8 + 1.0]), (3, 1, 1))
     what = parse('fixes:50%')
     stamps = np.arange(3)
-    (only,) = _scored(Predicted(what, 3, stamps, errors, level))
+    (only,) = _scored(Predicted(what, 3, stamps, errors, S, np.ones(3, dtype=bool)))
     assert only.what == 'fixes:50%, horizontal'
-    one_of_them = level.copy()
-    one_of_them[1, 2, 2] = 9.0
-    both = _scored(Predicted(what, 3, stamps, errors, one_of_them))
+    S[1, 2, 2] = 9.0
+    both = _scored(Predicted(what, 3, stamps, errors, S, np.array([True, False, True])))
     assert [score.what for score in both] == ['fixes:50%, horizontal', 'fixes:50%, up']
     assert [score.count for score in both] == [3, 1]

@@ -40,7 +40,7 @@ from .health_monitor import HealthMonitor
 from .imu_sequence import ImuSequence
 from .integrity import Integrity, held, out_of_reach, submerged
 from .ledger import FixLedger
-from .level import in_its_size, size_of
+from .level import degrees_of_freedom
 from .lever import Arm, params_at_imu
 from .outputs import Output, Receipt
 from .params import EngineParams
@@ -349,7 +349,7 @@ class Engine:
         if why:
             self.ledger.remember(fix, stated_ns, fused=False)
             return [self._receipt(fix, fix.receive_ns, Verdict.IMPLAUSIBLE, why)]
-        gate = chi2_gate(self.configuration.gate_probability, size_of(fix))
+        gate = chi2_gate(self.configuration.gate_probability, degrees_of_freedom(fix))
         stated = fix
         if isinstance(self.fusion, Fusion):
             fix = self.fusion.widened(fix)
@@ -380,13 +380,12 @@ class Engine:
             self.ledger.decided(other, fix, FixResult(outcome, 0), now_ns)
             for other, outcome in result.revised
         ]
-        self.reconsider(fix, result.outcome)
+        self.reconsider(result.outcome)
         return [first, *revised]
 
-    def reconsider(self, fix: Fix, outcome: Outcome) -> None:
+    def reconsider(self, outcome: Outcome) -> None:
         """Judge the estimate by refused fixes, after a fix was decided (engine.reconsider)."""
         if isinstance(self.fusion, Fusion) and self._beginning.state is not None:
-            outcome = in_its_size(outcome, fix, self.configuration.gate_probability)
             sigma = self._beginning.stated_heading
             if self._replaced is not None:
                 sigma = math.hypot(sigma, self._replaced.heading_doubt(self.fusion.stamp_ns))

@@ -184,6 +184,8 @@ class Fix:
         1-sigma of a time of validity that nobody states and that is another one each time [s].
     surface_depth : float
         Of an antenna: none of its fixes can come from deeper [m]; infinite for a transponder.
+    stated_e : (3, 3) array or None
+        Covariance as it was stated, of a fix that is believed less since; None: ``covariance_e``.
     """
 
     validity_ns: int
@@ -205,6 +207,7 @@ class Fix:
     topic: str = PACKETS
     delay_sigma: float = 0.0
     surface_depth: float = math.inf
+    stated_e: Array | None = None
 
     @property
     def stamp_ns(self) -> int:
@@ -215,6 +218,15 @@ class Fix:
     def key(self) -> OrderKey:
         """Sort key in the total order of events."""
         return (self.receive_ns, Rank.FIX, self.order, self.arrival)
+
+    @property
+    def stated_covariance_e(self) -> Array:
+        """Covariance as it was stated, (3, 3): it says what was measured."""
+        return self.covariance_e if self.stated_e is None else self.stated_e
+
+    def believed_to(self, covariance_e: Array) -> Fix:
+        """The same fix, believed to another covariance than the stated one."""
+        return replace(self, covariance_e=covariance_e, stated_e=self.stated_covariance_e)
 
 
 class CommandKind(IntEnum):

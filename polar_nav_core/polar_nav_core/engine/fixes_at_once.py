@@ -120,9 +120,7 @@ class FixesAtOnce:
             engine.admit(done[0])
             if fused > 1:  # those between are in order
                 engine.admit(done[-1])
-            collector.receipts.extend(
-                engine.ledger.fused(done, outcomes[:fused], notes[:fused], arrays.gate)
-            )
+            collector.receipts.extend(engine.ledger.fused(done, outcomes[:fused], notes[:fused]))
             arrays.settled(done, outcomes[:fused])
             settled += fused
         if fused < len(outcomes) and outcomes[fused, 0] >= 0.0:  # else the filter was lost here
@@ -143,7 +141,7 @@ class FixesAtOnce:
         receipt = engine.ledger.decided(fix, fix, result, stamp_ns)
         engine.verdicts[receipt.verdict] += 1
         self._collector.receipts.append(receipt)
-        engine.reconsider(fix, result.outcome)
+        engine.reconsider(result.outcome)
 
     def _lost(self, fix: Fix) -> None:
         """Write the receipt of a fix at which the filter diverged."""

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from ..arrays import Array, Ints
 from ..kernels.sins import rings
 from ..kernels.sins import smooth as kernels
-from ..level import NO_HEIGHT
 from .events import Fix, Rank
 from .outputs import Receipt
 from .results import chi2_gate
@@ -43,8 +42,8 @@ class Judged:
 
     Attributes
     ----------
-    ranks, samples, sizes : (n,) arrays
-        Sensor as `events.Rank`, number in its stream, rows.
+    ranks, samples, sizes, dof : (n,) arrays
+        Sensor as `events.Rank`, number in its stream, rows, degrees of freedom.
     fused : (n,) bool array
     nis : (n,) array
         Normalized squares of the residuals with the noise in force; NaN where the covariance is
@@ -57,6 +56,7 @@ class Judged:
     ranks: Ints
     samples: Ints
     sizes: Ints
+    dof: Ints
     fused: Bools
     nis: Array
     residuals: Array
@@ -77,6 +77,7 @@ class Judged:
             ranks[own].astype(np.int8),
             stretch.samples[own].astype(np.int32),
             sizes[own].astype(np.int8),
+            stretch.dof[own].astype(np.int8),
             fused[own],
             nis[own],
             residuals[of_fix],
@@ -143,9 +144,9 @@ def decide(judged: Judged, gate_probability: float, robust: str, added_G: Array)
     fused = _by_gate(judged, nis, gate_probability)
     weighed = fused[at] & np.isfinite(nis[at])
     factors = np.ones(len(at))
-    sizes = _numbers(judged)[at]
-    far = weighed & (nis[at] > _THRESHOLDS[sizes])
-    pairs = zip(nis[at[far]].tolist(), sizes[far].tolist(), strict=True)
+    dof = judged.dof[at]
+    far = weighed & (nis[at] > _THRESHOLDS[dof])
+    pairs = zip(nis[at[far]].tolist(), dof[far].tolist(), strict=True)
     factors[far] = [inflation(robust, x, m) for x, m in pairs]
     more = np.where((factors > 1.0)[:, None, None], (factors - 1.0)[:, None, None] * stated, 0.0)
     before, now = (np.trace(stated + x, axis1=1, axis2=2)[weighed] for x in (added_G, more))
@@ -163,15 +164,7 @@ def decide_by_gate(judged: Judged, gate_probability: float) -> Decisions:
 def _by_gate(judged: Judged, nis: Array, gate_probability: float) -> Bools:
     """What is fused by the gate; as before where the residual has no covariance."""
     gates = np.array([np.inf, *(chi2_gate(gate_probability, m) for m in (1, 2, 3))])
-    return np.where(np.isfinite(nis), nis <= gates[_numbers(judged)], judged.fused)
-
-
-def _numbers(judged: Judged) -> Ints:
-    """How many numbers each measurement is (n,): its rows, of a fix without a height two."""
-    out = judged.sizes.astype(np.int64)
-    level = judged.of_fixes[judged.covariances[:, 2, 2] > NO_HEIGHT]
-    out[level] = np.minimum(out[level], 2)
-    return out
+    return np.where(np.isfinite(nis), nis <= gates[judged.dof], judged.fused)
 
 
 def added_by_weights(judged: Judged, enlargements: Sequence[float]) -> Array:
@@ -285,7 +278,7 @@ def revisions_of(
     judged, out, revised = last.judged, [], []
     for k in _changed(first, judged, stamps_ns):
         rank, sample = Rank(int(judged.ranks[k])), int(judged.samples[k])
-        gate = chi2_gate(gate_probability, int(judged.sizes[k]))
+        gate = chi2_gate(gate_probability, int(judged.dof[k]))
         stamp_ns, nis = int(stamps_ns[rank][sample]), float(last.nis[k])
         now = bool(judged.fused[k])
         out.append(Revision(stamp_ns, _TOPICS[rank], *_verdicts(now), nis, gate, sample))
@@ -299,7 +292,7 @@ def revisions_of(
     ]
     decided = _first_decided(receipts, {_name_in_receipts(fix) for _, _, fix in changed})
     for row, k, fix in changed:
-        gate = chi2_gate(gate_probability, int(judged.sizes[k]))
+        gate = chi2_gate(gate_probability, int(judged.dof[k]))
         before, after = _verdicts(bool(judged.fused[k]))
         receipt = decided.get(_name_in_receipts(fix))
         if receipt is not None:
@@ -360,6 +353,6 @@ def _revised(
         innovation_G=-judged.residuals[row],
         innovation_variance_G=np.diagonal(judged.covariances[row]).copy(),
         nis=nis,
-        dof=int(judged.sizes[judged.of_fixes[row]]),
+        dof=int(judged.dof[judged.of_fixes[row]]),
         gate=gate,
     )

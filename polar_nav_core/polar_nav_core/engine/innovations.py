@@ -31,8 +31,8 @@ class Innovations:
     ----------
     stamps_ns, ranks : (n,) arrays
         Of the measurement; its sensor as `events.Rank`.
-    sizes : (n,) array
-        Number of its rows.
+    sizes, dof : (n,) arrays
+        Number of its rows; degrees of freedom, of a fix without a height fewer.
     white : (n, 3) array
         L^-1 z with S = L L^T: unit variance, rows beyond the size zero.
     moved : (n, 3, COLUMNS) array
@@ -53,6 +53,7 @@ class Innovations:
     stamps_ns: Ints
     ranks: Ints
     sizes: Ints
+    dof: Ints
     white: Array
     moved: Array
     log_sigma: Array
@@ -94,7 +95,7 @@ def innovations(
         )
         if not tape.pieces:
             raise ConfigError('nothing was measured: the filter did not start, or fused nothing')
-        stamps_ns, ranks, sizes, white, moved, log_sigma = (
+        stamps_ns, ranks, sizes, dof, white, moved, log_sigma = (
             np.concatenate(column) for column in zip(*tape.pieces, strict=True)
         )
         state, P, sensitivity = tape.end()
@@ -102,6 +103,7 @@ def innovations(
             stamps_ns=stamps_ns,
             ranks=ranks,
             sizes=sizes,
+            dof=dof,
             white=white,
             moved=moved,
             log_sigma=log_sigma,

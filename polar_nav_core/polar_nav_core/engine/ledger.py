@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter, deque
 from collections.abc import Sequence
-from dataclasses import replace
 
 from ..arrays import Array
 from ..kernels.sins.update import Ints
@@ -13,7 +12,7 @@ from .events import Fix
 from .fix_record import FixRecord
 from .health.conditions import Condition, Culprit, Level
 from .integrity import IntegrityMonitor
-from .level import in_its_size, levelled
+from .level import levelled
 from .outputs import Receipt
 from .params import EngineParams
 from .receipts import age_s, decided_receipt, fused_receipts, refused_verdict
@@ -218,8 +217,7 @@ class FixLedger:
 
     def decided(self, fix: Fix, cause: Fix, result: FixResult, now_ns: int) -> Receipt:
         """Receipt of a fix after the gate's decision; ``cause`` is the fix that led to it."""
-        outcome = in_its_size(result.outcome, fix, self._configuration.gate_probability)
-        revision = 0
+        outcome, revision = result.outcome, 0
         offset_G = levelled(-outcome.z, fix)
         self._clock.usable(age_s(cause))
         if fix is not cause:
@@ -238,9 +236,7 @@ class FixLedger:
                 self.refused_row.add(fix, offset_G)
             self.suspect(refused_verdict(outcome), cause.receive_ns)
             self._fused[_FIX] -= revision > 0
-        return decided_receipt(
-            fix, cause, replace(result, outcome=outcome), now_ns, revision, self._configuration
-        )
+        return decided_receipt(fix, cause, result, now_ns, revision, self._configuration)
 
     def _revised(self, fix: Fix) -> int:
         """Number of the revision of a fix that was decided anew, from 1."""
@@ -251,9 +247,7 @@ class FixLedger:
             del self._revisions[next(iter(self._revisions))]
         return number
 
-    def fused(
-        self, fixes: Sequence[Fix], outcomes: Array, notes: Ints, gate: float
-    ) -> list[Receipt]:
+    def fused(self, fixes: Sequence[Fix], outcomes: Array, notes: Ints) -> list[Receipt]:
         """Receipts of consecutive fixes that were all fused; see `fused_receipts`.
 
         None was refused before them since the newest that was fused.
@@ -268,4 +262,4 @@ class FixLedger:
         self.refused_row.clear()
         for fix in fixes:
             self.remember(fix, fix.validity_ns, fused=True)
-        return fused_receipts(fixes, outcomes, notes, gate, self._configuration)
+        return fused_receipts(fixes, outcomes, notes, self._configuration)

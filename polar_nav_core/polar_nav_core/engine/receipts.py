@@ -9,10 +9,9 @@ from typing import Any
 import numpy as np
 
 from ..arrays import Array
-from ..kernels.sins import state as fs
+from ..kernels.sins import rings
 from ..kernels.sins.update import Ints
 from .events import Event, Fix
-from .level import is_level
 from .methods import Configuration
 from .outputs import Receipt
 from .results import FixResult, Outcome, chi2_gate, out_of_reach_reason
@@ -87,23 +86,23 @@ def decided_receipt(
 
 
 def fused_receipts(
-    fixes: Sequence[Fix], outcomes: Array, notes: Ints, gate: float, chosen: Configuration
+    fixes: Sequence[Fix], outcomes: Array, notes: Ints, chosen: Configuration
 ) -> list[Receipt]:
     """Receipts of fixes that were fused in order of arrival, each equal to `decided_receipt`.
 
     Parameters
     ----------
     fixes : sequence of Fix
-    outcomes : (n, 9) array
-        As `kernels.sins.events.note_outcome` leaves them.
+    outcomes : (n, OUTCOME) array
+        As in `Streams.fix_outcomes`.
     notes : (n, 3) array
         As in `Streams.fix_notes`: steps, stamp of the filter's state, rows of output.
-    gate : float
     chosen : Configuration
     """
     innovations_G, variances_G = -outcomes[:, 2:5], outcomes[:, 5:8]
-    whole, level = (fs.VECTOR, gate), (2, chi2_gate(chosen.gate_probability, 2))
-    numbers = (outcomes[:, 1].tolist(), outcomes[:, 8].tolist(), *notes[:, :2].T.tolist())
+    nis, enlargements = outcomes[:, 1].tolist(), outcomes[:, rings.ENLARGEMENT].tolist()
+    dof = outcomes[:, rings.DOF].astype(np.int64).tolist()
+    numbers = (nis, dof, enlargements, *notes[:, :2].T.tolist())
     rows = zip(fixes, *numbers, innovations_G, variances_G, strict=True)
     return [
         Receipt(
@@ -122,9 +121,10 @@ def fused_receipts(
             innovation_G,
             variance_G,
             nis,
-            *(level if is_level(fix) else whole),
+            dof,
+            chi2_gate(chosen.gate_probability, dof),
         )
-        for fix, nis, enlargement, steps, stamp_ns, innovation_G, variance_G in rows
+        for fix, nis, dof, enlargement, steps, stamp_ns, innovation_G, variance_G in rows
     ]
 
 

@@ -189,6 +189,7 @@ class Residuals:
             ranks=np.full(n, int(Rank.FIX), dtype=np.int64),
             samples=np.array(self.numbers, dtype=np.int64)[order],
             sizes=sizes,
+            dof=sizes,
             fused=fused,
             nis=np.full(n, math.nan),
             residuals=e,

@@ -7,6 +7,9 @@ of sigma). Bags of before it was stated were all recorded with version 1.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 ENGINE_VERSION = 14
 """Counts up whenever the same inputs and the same stated parameters give other bits.
 
@@ -15,3 +18,15 @@ something else, or when a parameter gets another default (a file of parameters t
 gives other bits then). It does not when code only moves, when a parameter that had no effect is
 retired, or when a new parameter's default leaves the bits as they were.
 """
+DOF_STATED = 14
+"""Engines before it wrote three degrees of freedom into the receipt of every position."""
+_FIRST = 1
+"""Of bags of before the version was stated."""
+
+
+def engine_version_of(info: Mapping[str, Any]) -> int:
+    """Engine version stated in a description or certificate; that of before it was, if none."""
+    version = info.get('engine_version')
+    if isinstance(version, int) and not isinstance(version, bool) and version >= _FIRST:
+        return version
+    return _FIRST

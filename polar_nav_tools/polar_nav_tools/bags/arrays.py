@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from polar_nav_core import spilled
 from polar_nav_core.engine.outputs import LOCAL_DOF
+from polar_nav_core.engine.version import DOF_STATED, engine_version_of
 from polar_nav_core.nav_columns import rotations
 from polar_nav_ros import receipt_fields
 from polar_nav_tools.series.vehicle import EstimateSeries, Floats, ReceiptRecord, TruthSeries
@@ -115,7 +116,17 @@ def load_receipts(bag: Bag, vehicle: str) -> list[ReceiptRecord]:
     topic = f'/{vehicle}/nav/receipt'
     if topic not in bag.topics or not bag.topics[topic].count:
         return []
-    return _receipts(_load(bag, topic, RECEIPT_TYPE, _RECEIPT_FIELDS))
+    receipts = _receipts(_load(bag, topic, RECEIPT_TYPE, _RECEIPT_FIELDS))
+    if _states_dof(bag, vehicle):
+        return receipts
+    return [receipt.counted_by_variance() for receipt in receipts]
+
+
+def _states_dof(bag: Bag, vehicle: str) -> bool:
+    """Whether receipts of a vehicle were written by engines that state degrees of freedom."""
+    names = {n for n in bag.node_infos if n.startswith(f'/{vehicle}/')}
+    versions = [engine_version_of(bag.node_infos[name]) for name in names]
+    return bool(versions) and min(versions) >= DOF_STATED
 
 
 def truth_from_cdr(messages: Iterable[bytes], vehicle: str) -> TruthSeries:

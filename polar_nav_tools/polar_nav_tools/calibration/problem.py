@@ -25,7 +25,6 @@ from polar_nav_core.error_model import X
 from polar_nav_core.kernels.sins import consider
 
 from .constants import Constant
-from .level import numbers
 from .solve import Normal, least_squares, with_states
 
 Progress = Callable[[float], None]
@@ -117,8 +116,7 @@ class Problem:
         self._runs += 1
         self._progress(min(1.0, self._runs / self._most))
         self._noise = self._noise if noise is None else noise
-        run = innovations(params, _noisier(inputs, self._noise))
-        return replace(run, sizes=numbers(run, inputs))
+        return innovations(params, _noisier(inputs, self._noise))
 
     def solved(self, run: Innovations, at: Array) -> Normal:
         """Constants: those that are moved, common errors beside them, those in states."""
@@ -205,7 +203,7 @@ def _noisier(inputs: Inputs, noise: Noise) -> Inputs:
     dvl, depth, fix = (noise.get(rank, 1.0) for rank in (Rank.DVL, Rank.DEPTH, Rank.FIX))
     fixes = inputs.fixes
     if fix != 1.0:
-        fixes = tuple(replace(f, covariance_e=fix * f.covariance_e) for f in fixes)
+        fixes = tuple(f.believed_to(fix * f.covariance_e) for f in fixes)
     return replace(
         inputs,
         dvl_covariance_m=dvl * inputs.dvl_covariance_m,
@@ -277,5 +275,5 @@ def prepared(params: EngineParams, constants: Sequence[Constant]) -> EngineParam
 def mean_square(run: Innovations, rank: Rank) -> float:
     """Mean squared innovation of a sensor; NaN without any."""
     of = run.ranks == rank
-    rows = int(run.sizes[of].sum())
+    rows = int(run.dof[of].sum())
     return float(np.sum(run.white[of] ** 2) / rows) if rows else math.nan

@@ -98,15 +98,13 @@ def _foreign(
 
 def _scored(one: Predicted) -> list[WithheldScore]:
     """Scores of one kind; of fixes the horizontal part, and apart the heights that they have."""
-    from polar_nav_core.level import NO_HEIGHT
-
     from ..replay.withhold import DVL, FIXES
     from ..scoring.withheld import withheld_score
 
     what, e, S = one.withheld.text, one.error, one.covariance
     if one.withheld.kind == FIXES:
         level = withheld_score(f'{what}, horizontal', 'm', one.offered, e[:, :2], S[:, :2, :2])
-        high = S[:, 2, 2] < NO_HEIGHT  # a 2-D fix says nothing of the height
+        high = ~one.level
         if not high.any():
             return [level]
         up = withheld_score(f'{what}, up', 'm', one.offered, e[high, 2:], S[high, 2:, 2:])

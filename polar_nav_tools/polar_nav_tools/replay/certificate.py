@@ -16,7 +16,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from polar_nav_core.engine.version import ENGINE_VERSION
+from polar_nav_core.engine.version import ENGINE_VERSION, engine_version_of
 from polar_nav_core.errors import PolarNavError
 from polar_nav_core.params import to_mapping
 from polar_nav_core.user_files import read_text, writing
@@ -25,7 +25,7 @@ from ..bags.reader import Bag
 from ..live.run_info import cpu_identity, git_commit, lock_sha256, versions
 from ..series.closeness import LIMIT_SIGMA, Closeness
 from .by_message import ReplayResult
-from .described import engine_version_of, read_parameters
+from .described import read_parameters
 from .recorded import RecordedInputs
 from .verification import VerifyResult, compare
 

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
-from polar_nav_core.engine.version import ENGINE_VERSION
+from polar_nav_core.engine.version import ENGINE_VERSION, engine_version_of
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.params import unknown_parameter
 from polar_nav_core.retired import RETIRED
@@ -20,8 +20,6 @@ from polar_nav_follower.params import FollowerParams
 from ..bags.reader import Bag
 
 FOLLOWER_PACKAGE = 'polar_nav_follower'
-_FIRST_ENGINE = 1
-"""Of bags of before the engine's version was stated."""
 
 
 @dataclass(frozen=True)
@@ -89,14 +87,6 @@ def describe(info: Mapping[str, Any]) -> Description:
     found = read_parameters(params if isinstance(params, dict) else {}, engine_version_of(info))
     sources = info.get('sources')
     return replace(found, sources=sources) if isinstance(sources, str) else found
-
-
-def engine_version_of(info: Mapping[str, Any]) -> int:
-    """Engine version stated in a description or certificate; 1 if none is stated."""
-    version = info.get('engine_version')
-    if isinstance(version, int) and not isinstance(version, bool) and version >= 1:
-        return version
-    return _FIRST_ENGINE
 
 
 def read_parameters(stated: Mapping[str, Any], engine_version: int) -> Description:

@@ -21,6 +21,7 @@ from polar_nav_core.arrays import Array
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.events import Fix
 from polar_nav_core.engine.inputs import Inputs
+from polar_nav_core.engine.level import is_level
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.engine.track import Track
 from polar_nav_core.errors import ConfigError
@@ -86,6 +87,8 @@ class Predicted:
         Estimate minus measurement: grid axes, m or m/s; up for a depth.
     covariance : (n, m, m) array
         Of that difference.
+    level : (n,) bool array
+        Whether it is a fix without a height.
     """
 
     withheld: Withhold
@@ -93,6 +96,7 @@ class Predicted:
     stamp_ns: NDArray[np.int64]
     error: Array
     covariance: Array
+    level: NDArray[np.bool_]
 
 
 def withhold(
@@ -254,7 +258,7 @@ class _Compare:
         """Errors and covariances of the usable ones that were taken out."""
         usable, stamps = _usable(one.kind, self._inputs), _stamps(one.kind, self._inputs)
         fill = {FIXES: self._fix, DVL: self._dvl, DEPTH: self._depth}[one.kind]
-        m, found, errors, covariances = DOF[one.kind], [], [], []
+        m, found, errors, covariances, level = DOF[one.kind], [], [], [], []
         seen: set[object] = set()
         for k in np.flatnonzero(mask & usable):
             state = self._picker.at(int(stamps[k]))
@@ -267,12 +271,14 @@ class _Compare:
             found.append(int(stamps[k]))
             errors.append(self._z[:m].copy())
             covariances.append(H @ P @ H.T + self._R[:m, :m])
+            level.append(one.kind == FIXES and is_level(self._inputs.fixes[k]))
         return Predicted(
             one,
             len({self._name(one.kind, int(k)) for k in np.flatnonzero(usable)}),
             np.array(found, dtype=np.int64),
             np.array(errors).reshape(-1, m),
             np.array(covariances).reshape(-1, m, m),
+            np.array(level, dtype=bool),
         )
 
     def _name(self, kind: str, k: int) -> object:

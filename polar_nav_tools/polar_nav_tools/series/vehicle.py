@@ -12,7 +12,7 @@ for both topics is the order of their stamps in a sound bag.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, Self, overload
 
 import numpy as np
@@ -25,7 +25,7 @@ from polar_nav_ros import receipt_fields
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 _ROWS = 3
-"""Degrees of freedom that engines before 14 state of every position."""
+"""Rows of a position."""
 
 
 class Series:
@@ -238,7 +238,7 @@ class ReceiptRecord:
         computed.
     nis, degrees_of_freedom, gate : float, int, float
         Normalized innovation squared, its degrees of freedom, the threshold (inf: no gate). Of
-        a fix without a height the degrees are two; messages of engines before 14 count three.
+        a fix without a height the degrees are two.
     """
 
     stamp_ns: int
@@ -268,10 +268,18 @@ class ReceiptRecord:
         found: dict[str, Any] = {n: values[n] or None for n in receipt_fields.TIMES}
         found |= {n: values[n] for n in (*receipt_fields.VALUES, *receipt_fields.AXES)}
         found |= {n: values[n] for n in ('stamp_ns', 'verdict', 'verdict_text', 'age_s')}
-        dof = found.pop('dof')
-        if dof == _ROWS and found['innovation_variance_G'][2] > NO_HEIGHT:
-            dof -= 1
-        return cls(degrees_of_freedom=dof, **found)
+        return cls(degrees_of_freedom=found.pop('dof'), **found)
+
+    def counted_by_variance(self) -> ReceiptRecord:
+        """Receipt of an engine that counted three rows of every position (`DOF_STATED`).
+
+        Its innovation has no better known height than its fix, so that its variance stands for
+        what the fix stated. One of a vehicle that knows no height itself is taken for one of a
+        fix without: nothing in the message tells them apart.
+        """
+        if self.degrees_of_freedom != _ROWS or not self.innovation_variance_G[2] > NO_HEIGHT:
+            return self
+        return replace(self, degrees_of_freedom=_ROWS - 1)
 
     @property
     def axes(self) -> NDArray[np.bool_]:
@@ -280,7 +288,9 @@ class ReceiptRecord:
         A station does not measure the height, and a fix without one states that it does not.
         """
         known = np.isfinite(self.innovation_variance_G)
-        return np.asarray(known & ~(self.innovation_variance_G > NO_HEIGHT))
+        # Beside the rows of a velocity, as the filters that are printed have them, three more.
+        known[2] &= self.degrees_of_freedom % _ROWS != _ROWS - 1
+        return np.asarray(known)
 
     @property
     def key(self) -> tuple[str, str, int, int | None]:

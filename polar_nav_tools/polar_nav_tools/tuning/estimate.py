@@ -142,7 +142,7 @@ def tune(run: Recording, progress: Progress = lambda _: None) -> Tuned:
         train = Problem(params, kept.of(whole), parameters, begin_ns, split_ns, counted)
         found = fit(train, found.at, found.prior_mean, found.prior)
         classes = judge_classes(train, found.at)
-    if found.rows.numbers.sum() < _LEAST_ROWS:
+    if found.rows.dof.sum() < _LEAST_ROWS:
         raise ConfigError(f'{run.path}: {len(found.rows.ranks)} measurements are too few')
     estimated = sigma_of(parameters, found) < EXCITED * found.prior
     refuted = np.array(

@@ -95,13 +95,13 @@ def held_out(stated: Rows | None, suggested: Rows | None, seconds: float) -> Hel
     nis = []
     for rank, name in SENSORS.items():
         of = some.ranks == rank
-        count = int(some.numbers[of].sum())
+        count = int(some.dof[of].sum())
         if count:
             low, high = chi_square_band(float(count), BAND)
             mean, other = (_mean_square(rows, of, count) for rows in (stated, suggested))
             band = (float(low) / count, float(high) / count)
             nis.append(Nis(name, count, mean, other, band))
-    count = int(some.numbers.sum())
+    count = int(some.dof.sum())
     if stated is None or suggested is None or not stated.same_measurements(suggested):
         gain = math.inf if suggested is not None else -math.inf
         return HeldOut(seconds, count, gain, 0.0, tuple(nis))

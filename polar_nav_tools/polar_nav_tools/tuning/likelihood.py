@@ -23,7 +23,6 @@ from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.engine.smoothing import in_order
 from polar_nav_core.errors import FilterDivergence
 
-from ..calibration.level import numbers
 from ..calibration.problem import SENSORS, stated_sigmas
 from .parameters import Parameter
 
@@ -43,7 +42,7 @@ class Rows:
         Of the measurements, as `Innovations` has them.
     white, log_sigma : (n, 3) arrays
         Numbers of unit variance in a world as stated, and logarithms of what they were divided by.
-    numbers : (n,) array
+    dof : (n,) array
         How many of those say something: of a fix without height two.
     """
 
@@ -52,7 +51,7 @@ class Rows:
     sizes: Ints
     white: Array
     log_sigma: Array
-    numbers: Ints
+    dof: Ints
 
     def ln_density(self) -> Array:
         """Logarithm of the density of each measurement given all before it, shape (n,)."""
@@ -117,15 +116,15 @@ class Problem:
             return None
         if run.divergence or run.filters > 1:
             return None
-        rows = rows_of(run, inputs, self._sigmas)
+        rows = rows_of(run, self._sigmas)
         found = rows.part((rows.stamps_ns >= self._first_ns) & (rows.stamps_ns < self._last_ns))
         return found if np.isfinite(found.ln_density()).all() else None
 
 
-def rows_of(run: Innovations, inputs: Inputs, sigmas: Array) -> Rows:
+def rows_of(run: Innovations, sigmas: Array) -> Rows:
     """Independent innovations of a run."""
     white, log_sigma = independent(run, sigmas)
-    return Rows(run.stamps_ns, run.ranks, run.sizes, white, log_sigma, numbers(run, inputs))
+    return Rows(run.stamps_ns, run.ranks, run.sizes, white, log_sigma, run.dof)
 
 
 def ungated(params: EngineParams) -> EngineParams:
@@ -255,7 +254,7 @@ def plausible(params: EngineParams, inputs: Inputs) -> Kept:
     larger = dict.fromkeys(SENSORS, 1.0)
     run = innovations(ungated(params), inputs)
     for _ in range(_ROUNDS):
-        before, larger = larger, _larger(rows_of(run, inputs, stated), larger)
+        before, larger = larger, _larger(rows_of(run, stated), larger)
         run = innovations(calm, _enlarged(inputs, larger))
         if all(1.0 / _ALIKE <= larger[r] / before[r] <= _ALIKE for r in SENSORS):
             break
@@ -276,7 +275,7 @@ def _larger(rows: Rows, by: dict[Rank, float]) -> dict[Rank, float]:
         of = rows.ranks == rank
         if of.any():
             nis = np.sum(rows.white[of] ** 2, axis=1)
-            median = _MEDIAN[int(rows.numbers[of].max())]
+            median = _MEDIAN[int(rows.dof[of].max())]
             out[rank] = max(1.0, by[rank] * float(np.median(nis)) / median)
     return out
 
@@ -285,7 +284,7 @@ def _enlarged(inputs: Inputs, by: dict[Rank, float]) -> Inputs:
     """Inputs with variances times factors; those of headings are a parameter and stay."""
     fixes = inputs.fixes
     if by[Rank.FIX] != 1.0:
-        fixes = tuple(replace(f, covariance_e=by[Rank.FIX] * f.covariance_e) for f in fixes)
+        fixes = tuple(f.believed_to(by[Rank.FIX] * f.covariance_e) for f in fixes)
     return replace(
         inputs,
         dvl_covariance_m=by[Rank.DVL] * inputs.dvl_covariance_m,

@@ -17,7 +17,7 @@ from polar_nav_core.errors import ConfigError
 from polar_nav_core.grid import ecef_to_grid
 from polar_nav_core.params import default_of
 
-from ..calibration.level import larger
+from .level import larger
 
 Scaled = Callable[[EngineParams, Inputs, float], tuple[EngineParams, Inputs]]
 
@@ -219,10 +219,9 @@ def _fixes(source: str, part: str) -> Scaled:
             return fix
         own, shared = own_covariance(fix), shared_covariance(fix)
         if part == 'own':
-            return replace(fix, covariance_e=larger(fix, own, by) + shared)
+            return fix.believed_to(larger(fix, own, by) + shared)
         return replace(
-            fix,
-            covariance_e=own + by * by * shared,
+            fix.believed_to(own + by * by * shared),
             leader_sigma=by * fix.leader_sigma,
             leader_heading_sigma=by * fix.leader_heading_sigma,
         )

@@ -7,7 +7,7 @@ import math
 from ...kernels.sins import consider
 from ...kernels.sins import state as fs
 from ...kernels.sins import update as kf
-from ...kernels.sins.judge import judge, remember, size_of
+from ...kernels.sins.judge import dof_of, judge, remember
 from ..results import Outcome
 from .filter import NavigationFilter
 from .noise import MeasurementNoise
@@ -32,14 +32,14 @@ def fuse_adapted(f: NavigationFilter, m: int, noise: MeasurementNoise, stream: i
         f.check(fs.S_NOT_DEFINITE)
     S = w.S.copy()
     tally = f.state.tally[stream]
-    size = size_of(w.R, stream, m)
-    fused = bool(w.nis[0] <= f.settings.gates[size])
+    dof = dof_of(w, stream, m)
+    fused = bool(w.nis[0] <= f.settings.gates[dof])
     if fused:
-        w.nis[1] = inflation(noise.robust, float(w.nis[0]), size)
+        w.nis[1] = inflation(noise.robust, float(w.nis[0]), dof)
     remember(f.state, f.settings, w, w.z, stream, m, fused)
     if not fused:
         tally[fs.GATED] += 1.0
-        return f.outcome(m, fused=False)
+        return f.outcome(m, fused=False, dof=dof)
     tally[fs.UPDATES] += 1.0
     tally[fs.NIS_SUM] += w.nis[0]
     factor = float(w.nis[1])
@@ -54,4 +54,4 @@ def fuse_adapted(f: NavigationFilter, m: int, noise: MeasurementNoise, stream: i
     if f.process is not None:
         f.process.learn(w.K[:m], w.z[:m], w.S[:m, :m])
     f.feed_back(w.x)
-    return f.outcome(m, fused=True)
+    return f.outcome(m, fused=True, dof=dof)

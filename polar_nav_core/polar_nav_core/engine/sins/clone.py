@@ -13,6 +13,7 @@ from ...kernels.sins import late_fuse, late_run
 from ...kernels.sins import state as fs
 from ...kernels.sins.blocks import make_blocks
 from ..events import Fix, InitialState
+from ..level import degrees_of_freedom
 from ..params import EngineParams
 from ..results import FixResult
 from .filter import NavigationFilter
@@ -45,6 +46,7 @@ class Clone(Fusion):
         f = self.filter
         f.reach(fix.receive_ns)
         split = f.leader.split(fix)
+        f.work.dof[0] = degrees_of_freedom(fix)
         code = late_run.take_late(
             *f.parts,
             self._blocks,
@@ -59,7 +61,7 @@ class Clone(Fusion):
         if code == late_fuse.OUT_OF_REACH:
             return None
         f.check(code)
-        return FixResult(f.outcome(fs.VECTOR, fused=code == fs.FUSED), int(self._note[0]))
+        return FixResult(f.fix_outcome(fused=code == fs.FUSED), int(self._note[0]))
 
     @property
     def takes_fixes(self) -> bool:

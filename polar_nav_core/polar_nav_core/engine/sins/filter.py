@@ -312,8 +312,16 @@ class NavigationFilter:
         age_ns = counters[fs.STAMP] - counters[fs.THRUST_NS]
         return bool(counters[fs.THRUST_NS] > 0 and age_ns <= self.settings.aiding.thrust_ns)
 
-    def outcome(self, m: int, *, fused: bool, joint: bool = False) -> Outcome:
-        """Outcome of the last update, read from the scratch.
+    def fix_outcome(self, *, fused: bool) -> Outcome:
+        """Outcome of the last update, which was one by a fix."""
+        return self.outcome(fs.VECTOR, fused=fused, dof=int(self.work.dof[0]))
+
+    def outcome(
+        self, m: int, *, fused: bool, joint: bool = False, dof: int | None = None
+    ) -> Outcome:
+        """Outcome of the last update of m rows, read from the scratch.
+
+        ``dof`` are its degrees of freedom, where these are not its rows.
 
         Its variances are what it was judged by, as in `kernels.sins.events.note_outcome`: with the
         common errors, but for a measurement that was fused jointly with the vehicle's model.
@@ -323,15 +331,16 @@ class NavigationFilter:
         wide = self.considers and not joint
         variance[:m] = np.diagonal(w.wide)[:m] if wide else np.diagonal(w.S)[:m] / w.nis[1]
         innovation[:m] = w.z[:m]
-        gate = float(self.settings.gates[m])
-        return Outcome(fused, innovation, variance, float(w.nis[0]), m, gate, float(w.nis[1]))
+        dof = m if dof is None else dof
+        gate = float(self.settings.gates[dof])
+        return Outcome(fused, innovation, variance, float(w.nis[0]), dof, gate, float(w.nis[1]))
 
     def outcome_of(self, row: Array) -> Outcome:
         """Outcome of a fix that the compiled loop decided, from its row of ``fix_outcomes``."""
-        fused, nis, *values, enlargement = row.tolist()
+        fused, nis, *values, enlargement, dof = row.tolist()
         z, variance = np.array(values[:3]), np.array(values[3:])
-        gate = float(self.settings.gates[3])
-        return Outcome(fused == fs.FUSED, z, variance, nis, 3, gate, enlargement)
+        gate = float(self.settings.gates[int(dof)])
+        return Outcome(fused == fs.FUSED, z, variance, nis, int(dof), gate, enlargement)
 
     def taken_local_statistics(self) -> Array:
         """Counts (2, 3) of DVL and depth since the last call: used, gated, sum of NIS."""
@@ -346,7 +355,7 @@ class NavigationFilter:
         """Gate the fix in ``H``, ``R``, ``z``, update and feed back; returns the outcome."""
         code = ff.fuse_filled(*self.parts, 3, fs.FIX_ROW, fs.FIX_RANK)
         self.check(code)
-        return self.outcome(3, fused=code == fs.FUSED)
+        return self.fix_outcome(fused=code == fs.FUSED)
 
     @property
     def published_P(self) -> Array:

@@ -21,7 +21,7 @@ from ...kernels.sins.measured import fill_shared
 from ..away import TURN_OVER_S, WANDER_OVER_S, turn_rate, wander
 from ..driver import Driver
 from ..events import ControlSample, DepthSample, Fix, HeadingSample, ImuSample, InitialState, Local
-from ..level import levelled
+from ..level import degrees_of_freedom, levelled
 from ..outputs import Estimate, ModelEstimate
 from ..params import EngineParams
 from ..results import FixResult, Outcome
@@ -162,7 +162,7 @@ class Fusion:
         epoch = self.filter.history.before(fix.validity_ns)
         v_e = self.filter.frames.velocity_e if epoch is None else epoch.velocity_e
         moved = fix.delay_sigma * v_e
-        return replace(fix, covariance_e=fix.covariance_e + np.outer(moved, moved))
+        return fix.believed_to(fix.covariance_e + np.outer(moved, moved))
 
     def doubt_position(self, distance: float) -> None:
         """Let the position be off by ``distance`` [m], uncorrelated with everything else."""
@@ -259,6 +259,7 @@ class Fusion:
             epoch.usbl_bias_a,
         )
         fill_common(f, fix, split.common_e)
+        f.work.dof[0] = degrees_of_freedom(fix)
         f.work.age[0] = (f.stamp_ns - fix.validity_ns) * 1e-9
 
     def _present(self) -> Epoch:

@@ -26,13 +26,14 @@ class InnovationTape(Tape):
     Attributes
     ----------
     pieces : list of tuple of arrays
-        Per look: stamps [ns], ranks, sizes, whitened innovations (n, 3), sensitivities
-        (n, 3, COLUMNS) and logarithms of the diagonal of L (n, 3); rows beyond the size are zero.
+        Per look: stamps [ns], ranks, sizes, degrees of freedom, whitened innovations (n, 3),
+        sensitivities (n, 3, COLUMNS) and logarithms of the diagonal of L (n, 3); rows beyond the
+        size are zero.
     """
 
     def __init__(self) -> None:
         super().__init__(_STATES_EVERY)
-        self.pieces: list[tuple[Ints, Ints, Ints, Array, Array, Array]] = []
+        self.pieces: list[tuple[Ints, Ints, Ints, Ints, Array, Array, Array]] = []
 
     def take(self) -> None:
         """Copy what was logged since the last call.
@@ -58,7 +59,7 @@ class InnovationTape(Tape):
         white = whitened(L, stacked, sizes)
         beyond = np.arange(ROWS) >= sizes[:, None]
         log_sigma = np.log(np.where(beyond, 1.0, L[:, range(ROWS), range(ROWS)]))
-        measured = (log.stamps[order], log.ranks[order], sizes)
+        measured = (log.stamps[order], log.ranks[order], sizes, log.dof[order])
         self.pieces.append((*measured, white[:, :, 0], white[:, :, 1:], log_sigma))
         self._taken = count
 

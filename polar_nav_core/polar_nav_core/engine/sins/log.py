@@ -30,6 +30,7 @@ def make_log(past: Past, *, steps: bool = False, snapshots: int = 0, model: bool
         samples=np.zeros(order, dtype=np.int64),
         step_P=np.zeros((stored, N, N)),
         rows=np.zeros(order, dtype=np.int64),
+        dof=np.zeros(order, dtype=np.int64),
         H=np.zeros((updates, 3, N)),
         z=np.zeros((updates, 3)),
         x=np.zeros((updates, N)),

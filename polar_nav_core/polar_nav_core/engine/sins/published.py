@@ -21,6 +21,7 @@ from ...error_model import X
 from ...errors import FilterDivergence
 from ...kernels.sins import update as kf
 from ..events import DepthSample, Fix, HeadingSample, ImuSample, InitialState, Local
+from ..level import degrees_of_freedom
 from ..params import EngineParams
 from ..results import FixResult, Outcome, chi2_gate
 from .fusion import Fusion
@@ -138,7 +139,7 @@ class Published(Fusion):
             H, z = np.vstack([self._velocity(ping), H]), np.concatenate([w.z, z])
             R = np.block([[ping.R, np.zeros((3, 3))], [np.zeros((3, 3)), R]])
         with np.errstate(all='ignore'):
-            outcome = self._update(H, z, R, rows)
+            outcome = self._update(H, z, R, rows, len(rows) - 3 + degrees_of_freedom(fix))
         if ping is not None and outcome.fused:
             ping.used = True
         return FixResult(outcome, steps)
@@ -167,8 +168,11 @@ class Published(Fusion):
             refer_to_now(f, ping.correction)
         return w.H
 
-    def _update(self, H: Array, z: Array, stated: Array, rows: Rows) -> Outcome:
-        """Eqs. (31)-(34) or (58)-(61), then the adaptation; feeds the correction back."""
+    def _update(self, H: Array, z: Array, stated: Array, rows: Rows, dof: int) -> Outcome:
+        """Eqs. (31)-(34) or (58)-(61), then the adaptation; feeds the correction back.
+
+        ``dof`` are the degrees of freedom of the rows.
+        """
         f, m = self.filter, len(rows)
         v = z - self._printed.r[rows]
         P = f.state.P.copy()
@@ -181,9 +185,9 @@ class Published(Fusion):
         inverse = lower_inverse(L)
         whitened = np.einsum('ab,b->a', inverse, v)
         nis = float(np.sum(whitened**2))
-        gate = chi2_gate(self._gate, m)
+        gate = chi2_gate(self._gate, dof)
         variance = np.diagonal(S)[-3:].copy()
-        outcome = Outcome(nis <= gate, z[-3:].copy(), variance, nis, m, gate)
+        outcome = Outcome(nis <= gate, z[-3:].copy(), variance, nis, dof, gate)
         if not outcome.fused:
             return outcome
         K = np.einsum('ia,ba,bc->ic', PHt, inverse, inverse)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -131,7 +131,7 @@ class Recorded(Ignore):
         if planned.added_G.any():
             C_e_G = np.asarray(grid.ecef_to_grid(fix.r_e))
             added_e = C_e_G.T @ planned.added_G @ C_e_G
-            fix = replace(fix, covariance_e=fix.covariance_e + added_e)
+            fix = fix.believed_to(fix.covariance_e + added_e)
         return fix, rings.TO_FUSE if planned.fused else rings.TO_REFUSE
 
     @property
@@ -153,7 +153,7 @@ class Recorded(Ignore):
         """Log fixes that were decided in the streams."""
         if self._fixes is not None:
             self._fixes.fixes += fixes
-            self._fixes.enlargements += outcomes[:, -1].tolist()
+            self._fixes.enlargements += outcomes[:, rings.ENLARGEMENT].tolist()
 
     def offset(self, fix: Fix) -> tuple[Array, float] | None:
         """As `Fusion.offset`; None where fixes are decided on already: nobody else judges them."""

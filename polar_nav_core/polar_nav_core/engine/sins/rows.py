@@ -11,6 +11,7 @@ from ...kernels.sins import late as filter_late
 from ...kernels.sins import state as fs
 from ...kernels.sins import walk as filter_walk
 from ..events import DvlPing, Fix
+from ..level import degrees_of_freedom
 from .filter import NavigationFilter
 from .leader import NO_LEADER
 
@@ -69,6 +70,7 @@ def fill_late_fix(f: NavigationFilter, fix: Fix) -> int:
     """
     split = f.leader.split(fix)
     fill_common(f, fix, split.common_e)
+    f.work.dof[0] = degrees_of_freedom(fix)
     return int(
         filter_late.fill_late_fix(
             f.state,

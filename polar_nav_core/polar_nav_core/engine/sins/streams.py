@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from ...arrays import Ints
-from ...kernels.sins.rings import Streams
+from ...kernels.sins.rings import OUTCOME, Streams
 from ..events import ControlSample, DepthSample, DvlPing, Fix, HeadingSample, ImuSample
+from ..level import degrees_of_freedom
 from ..results import FIXES
 from .leader import Split
 from .leader_drift import COLUMNS as LEADER_COLUMNS
@@ -55,7 +56,8 @@ def room_for_fixes() -> dict[str, Any]:
         'fix_array_heading': np.zeros(FIXES),
         'fix_relative_e': np.zeros((FIXES, 3)),
         'fix_common_e': np.zeros((FIXES, 3, 3 + LEADER_COLUMNS)),
-        'fix_outcomes': np.zeros((FIXES, 9)),
+        'fix_dof': np.zeros(FIXES, dtype=np.int64),
+        'fix_outcomes': np.zeros((FIXES, OUTCOME)),
         'fix_notes': np.zeros((FIXES, 3), dtype=np.int64),
     }
 
@@ -114,6 +116,7 @@ def insert_fix(streams: Streams, fix: Fix, split: Split, number: int) -> None:
         streams.fix_array_heading,
         streams.fix_relative_e,
         streams.fix_common_e,
+        streams.fix_dof,
         streams.fix_outcomes,
     )
     for k in range(int(streams.counts[3]), number, -1):
@@ -136,5 +139,6 @@ def _put_fix(streams: Streams, fix: Fix, split: Split, number: int, stamp_ns: in
     streams.fix_array_heading[i] = fix.array_heading
     streams.fix_relative_e[i] = fix.relative_e
     streams.fix_common_e[i] = split.common_e
+    streams.fix_dof[i] = degrees_of_freedom(fix)
     streams.fix_outcomes[i] = 0.0
     streams.counts[3] += 1

@@ -33,9 +33,9 @@ class Stretch:
         Of the states of a vehicle's model; without one, no rows, and n below is 24, not 31.
     H, K : (rows, n) arrays
         Rows of all updates, and their transposed gains.
-    L, z, moved, sizes : (updates, ...) arrays
+    L, z, moved, sizes, dof : (updates, ...) arrays
         Factor of S, innovation, its change per unit of each common error (without rows until one
-        is considered), number of rows.
+        is considered), number of rows, degrees of freedom.
     ranks, samples : (updates,) arrays
         Sensor as `events.Rank`, number in its stream.
     stamps_ns, places, steps : (k,) arrays
@@ -61,6 +61,7 @@ class Stretch:
     z: Array
     moved: Array
     sizes: Ints
+    dof: Ints
     ranks: Ints
     samples: Ints
     stamps_ns: Ints
@@ -78,7 +79,7 @@ class Stretch:
 
 
 _COLUMNS = tuple(x.name for x in fields(Stretch))
-_WHOLE = ('kinds', 'indices', 'sizes', 'ranks', 'samples', 'stamps_ns', 'places', 'steps')
+_WHOLE = ('kinds', 'indices', 'sizes', 'dof', 'ranks', 'samples', 'stamps_ns', 'places', 'steps')
 """Columns of integers; all others are floats, of the same eight bytes."""
 
 
@@ -108,6 +109,7 @@ class Form(NamedTuple):
             'z': (updates, 3),
             'moved': (updates * considers, 3, COLUMNS),
             'sizes': (updates,),
+            'dof': (updates,),
             'ranks': (updates,),
             'samples': (updates,),
             'stamps_ns': (states,),
@@ -186,7 +188,7 @@ def write_stretch(f: NavigationFilter, taken: int, states: int, room: Room) -> t
     values = room.of(form)
     out = stretch_in(values, form)
     steps, updates = (np.empty(n, dtype=np.int64) for n in (form.steps, form.updates))
-    of_updates = out.sizes, out.ranks, out.samples
+    of_updates = out.sizes, out.dof, out.ranks, out.samples
     kernels.pack_order(log, taken, out.kinds, out.indices, *of_updates, steps, updates)
     of_states = out.stamps_ns, out.steps, out.navigation, out.P, out.sensitivity, out.deviations
     kernels.pack_states(log, rows, (_P, _SENSITIVITY), *of_states)

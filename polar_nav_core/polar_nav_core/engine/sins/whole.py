@@ -203,11 +203,6 @@ class SinsArrays:
         """Number of fixes that the compiled loop has decided so far."""
         return int(self.filter.state.counters[fs.FIX])
 
-    @property
-    def gate(self) -> float:
-        """Threshold of the NIS of a fix."""
-        return float(self.filter.settings.gates[fs.VECTOR])
-
     def put_fixes(self, fixes: Sequence[Fix]) -> None:
         """Append fixes to their stream, each at its stamp of reception."""
         for fix in fixes:
@@ -222,7 +217,7 @@ class SinsArrays:
         self.filter.streams.counts[fs.FIX - fs.IMU] = self.fixes
 
     def decisions(self, first: int) -> tuple[Array, Ints]:
-        """Outcomes (n, 9) and notes (n, 3) of the decided fixes, from an index on."""
+        """Outcomes (n, OUTCOME) and notes (n, 3) of the decided fixes, from an index on."""
         streams = self.filter.streams
         places = np.arange(first, self.fixes) % len(streams.fix_stamps)
         return streams.fix_outcomes[places], streams.fix_notes[places]

@@ -24,7 +24,7 @@ from .headings import Headings
 from .level import GRAVITY, LevelFrame
 from .model import MOST_HEADING, SAME_AGAIN, Aligned, Candidate, Phase, Progress, Stated
 from .north import North, convergence_sigma, north_of
-from .place import UNKNOWN_VELOCITY, Fixes, Place, geodetic, has_height
+from .place import UNKNOWN_VELOCITY, Fixes, Place, geodetic
 
 _SECOND_NS = 1_000_000_000
 _FRESH_S = 1.0
@@ -171,7 +171,7 @@ class Start:
         s = self._stated
         if s.latitude is not None and s.longitude is not None:
             r_e = ecef_from_geodetic(s.latitude, s.longitude, s.height or 0.0)
-            return Place(np.asarray(r_e), s.sigma_position, math.inf, 'as stated')
+            return Place(np.asarray(r_e), s.sigma_position, math.inf, False, 'as stated')
         fix = self._fixes.agreed(now_ns)
         if fix is None:
             return None
@@ -276,7 +276,7 @@ class Start:
             return height, math.hypot(sigma, p.depth_offset_sigma), 'by depth'
         if 'depth' in self._inputs:
             return None
-        if has_height(place.sigma_up):
+        if place.has_height:
             lever = float((self._frame.C_b_L @ self._lever_b)[2])
             return geodetic(place.r_e)[2] - lever, place.sigma_up, 'of the fix'
         return p.sea_surface_height, _AT_SURFACE, 'at the surface: nothing measures it'

@@ -13,8 +13,8 @@ from ...arrays import Array
 from ...earth import geodetic_from_ecef
 from ...grid import ecef_to_grid
 from ...kernels.limits import EARTH
-from ...level import NO_HEIGHT
 from ..events import Fix
+from ..level import is_level
 from ..plausibility import is_covariance, within
 from .course import Passed
 
@@ -32,6 +32,7 @@ class Located(NamedTuple):
     r_e: Array
     sigma: float
     sigma_up: float
+    has_height: bool
     source: str
 
 
@@ -41,6 +42,7 @@ class Place(NamedTuple):
     r_e: Array
     sigma: float
     sigma_up: float
+    has_height: bool
     how: str
 
 
@@ -54,7 +56,7 @@ def located(fix: Fix) -> Located | None:
     P_G = C_e_G @ fix.covariance_e @ C_e_G.T
     sigma = math.sqrt(max(float(P_G[0, 0]), float(P_G[1, 1])))
     up = math.sqrt(float(P_G[2, 2]))
-    return Located(fix.validity_ns, fix.r_e, sigma, up, fix.source)
+    return Located(fix.validity_ns, fix.r_e, sigma, up, not is_level(fix), fix.source)
 
 
 class Fixes:
@@ -121,9 +123,10 @@ class Fixes:
         if way_L is not None:
             way = complex(way_L[0], way_L[1]) * np.exp(1j * turn)
             r_e = fix.r_e + ecef_to_grid(fix.r_e).T @ np.array([way.real, way.imag, 0.0])
-            return Place(r_e, fix.sigma, fix.sigma_up, how)
+            return Place(r_e, fix.sigma, fix.sigma_up, fix.has_height, how)
         unknown = (UNKNOWN_VELOCITY if speed is None else speed) * age_s
-        return Place(fix.r_e, math.hypot(fix.sigma, unknown), fix.sigma_up, how)
+        sigma = math.hypot(fix.sigma, unknown)
+        return Place(fix.r_e, sigma, fix.sigma_up, fix.has_height, how)
 
     def passed(self, track: Array) -> list[Passed]:
         """Fixes within a dead-reckoned track of the antenna (n, 3): stamp [ns], x, y [m]."""
@@ -137,11 +140,6 @@ class Fixes:
                 p_G = (C_e_G @ (fix.r_e - origin))[:2]
                 rows.append(Passed(fix.stamp_ns, p_G, np.array(q), fix.sigma))
         return rows
-
-
-def has_height(sigma_up: float) -> bool:
-    """Whether a vertical 1-sigma [m] is that of a height that was measured."""
-    return sigma_up**2 <= NO_HEIGHT
 
 
 def geodetic(r_e: Array) -> tuple[float, float, float]:

@@ -160,6 +160,7 @@ def covariance_step(
             fs.IMU_RANK,
             s.counters[fs.EPOCHS],
             fs.NO_MEASUREMENT,
+            fs.NO_MEASUREMENT,
         )
     return fs.DONE
 
@@ -302,7 +303,7 @@ def compare_with_model(s: State, c: Settings, past: Past, w: Work, log: Log, dt:
     if code == fs.FUSED:
         if log.model_rows.shape[0] > 0:
             clear(w.moved)  # the filter knows no common error of the model
-            enter_update(s, w, log, rings.UPDATE, fs.VECTOR, fs.IMU_RANK)
+            enter_update(s, w, log, rings.UPDATE, fs.VECTOR, fs.VECTOR, fs.IMU_RANK)
         correct_and_remember(s, c, past, w.x)
     return min(code, fs.DONE)
 
@@ -329,10 +330,11 @@ def add_epoch(s: State, c: Settings, past: Past) -> None:
 
 @kernel
 def note_outcome(s: State, w: Work, code: int, outcome: Array) -> None:
-    """Outcome of a fix, into (9,): fused, NIS, innovation, its variances [m^2], enlargement."""
+    """Outcome of a fix, into (OUTCOME,), as `Streams.fix_outcomes` has it; variances [m^2]."""
     outcome[0] = float(code)
     outcome[1] = w.nis[0]
     for a in range(3):
         outcome[2 + a] = w.z[a]
         outcome[5 + a] = w.wide[a, a] if s.counters[fs.CONSIDERS] == 1 else w.S[a, a] / w.nis[1]
-    outcome[8] = w.nis[1]
+    outcome[rings.ENLARGEMENT] = w.nis[1]
+    outcome[rings.DOF] = float(w.dof[0])

@@ -23,7 +23,7 @@ from .hindsight import (
     subtract_deviation,
 )
 from .imu import place
-from .judge import adapt_noise, is_definite_in_doubt, judge, passes, remember
+from .judge import adapt_noise, dof_of, is_definite_in_doubt, judge, passes, remember
 from .reopen import begin_anew, may_begin_anew, open_gate, opens
 from .rings import Log, Past
 from .runaway import follow, open_wide, runs_away
@@ -88,9 +88,9 @@ def feed_back_and_remember(s: State, fr: Frames, c: Settings, past: Past, x: Arr
 
 @kernel
 def enter(
-    log: Log, kind: int, number: int, stamp_ns: int, rank: int, epochs: int, rows: int
+    log: Log, kind: int, number: int, stamp_ns: int, rank: int, epochs: int, rows: int, dof: int
 ) -> None:
-    """Append an entry to the order of linear steps."""
+    """Append an entry to the order of linear steps; of a step ``rows`` and ``dof`` are 0."""
     i = log.counts[0] % log.kinds.shape[0]
     log.kinds[i] = kind
     log.numbers[i] = number
@@ -98,6 +98,7 @@ def enter(
     log.ranks[i] = rank
     log.epochs[i] = epochs
     log.rows[i] = rows
+    log.dof[i] = dof
     log.counts[0] += 1
 
 
@@ -166,7 +167,7 @@ def fuse_rows(
             gain_of_refused(w, m)
             if c.aiding.on:
                 fill_block_gain(s, w, m)
-            enter_update(s, w, log, rings.KEPT, m, rank)
+            enter_update(s, w, log, rings.KEPT, m, dof_of(w, stream, m), rank)
             pass_over(s, past)
         return fs.REFUSED
     update(s.P, w.x, w.S, w.z, m, w.K, w.PHt, w.L, w.D)
@@ -180,20 +181,23 @@ def fuse_rows(
         s.tally[stream, fs.UPDATES] += 1.0
         s.tally[stream, fs.NIS_SUM] += w.nis[0]
     if log.H.shape[0] > 0:
-        enter_update(s, w, log, rings.UPDATE, m, rank)
+        enter_update(s, w, log, rings.UPDATE, m, dof_of(w, stream, m), rank)
     apply_correction(s, c, past, w, log)
     return fs.FUSED
 
 
 @kernel
-def enter_update(s: State, w: Work, log: Log, kind: int, m: int, rank: int) -> None:
-    """Append the update in the scratch to the order of linear steps, under the next number."""
+def enter_update(s: State, w: Work, log: Log, kind: int, m: int, dof: int, rank: int) -> None:
+    """Append the update in the scratch to the order of linear steps, under the next number.
+
+    Of m rows and ``dof`` degrees of freedom; ``rank`` is its place in the order.
+    """
     number = s.counters[fs.CORRECTIONS]
     store_update(log, number, w, m)
     if log.model_rows.shape[0] > 0:
         store_block_rows(log.model_rows[number % log.model_rows.shape[0]], w)
     log.samples[log.counts[0] % log.kinds.shape[0]] = sample_of(s, log, rank)
-    enter(log, kind, number, s.counters[fs.STAMP], rank, s.counters[fs.EPOCHS], m)
+    enter(log, kind, number, s.counters[fs.STAMP], rank, s.counters[fs.EPOCHS], m, dof)
 
 
 @kernel

@@ -228,7 +228,7 @@ def _fuse_row(s: State, c: Settings, past: Past, w: Work, log: Log, watched: boo
     if c.aiding.on:
         correct_block(s, w, fs.SCALAR)
     if log.H.shape[0] > 0:
-        enter_update(s, w, log, rings.UPDATE, fs.SCALAR, fs.HEADING_RANK)
+        enter_update(s, w, log, rings.UPDATE, fs.SCALAR, fs.SCALAR, fs.HEADING_RANK)
     apply_correction(s, c, past, w, log)
     return fs.FUSED
 

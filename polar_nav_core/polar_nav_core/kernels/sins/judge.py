@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 
 from ...arrays import Array
-from ...level import NO_HEIGHT
 from .. import watch
 from ..cache import entry, kernel
 from ..watch import observe
@@ -101,7 +100,7 @@ def remember(s: State, c: Settings, w: Work, z: Array, stream: int, m: int, fuse
     else:
         s.counters[fs.REFUSED_ROW + stream] += 1
     memories = s.memories[stream]
-    size = size_of(w.R, stream, m)
+    dof = dof_of(w, stream, m)
     v_x, v_y = s.v_G[0], s.v_G[1]
     if s.counters[fs.CONSIDERS] == 1:
         dt = (s.counters[fs.STAMP] - s.counters[fs.SHARED_NS]) * 1e-9
@@ -114,11 +113,11 @@ def remember(s: State, c: Settings, w: Work, z: Array, stream: int, m: int, fuse
         residual(w.residual, w.narrow, s.shared, w.per_sigma, c.common, z, w.wide, m)
         nis = whitened(w.narrow_L, w.narrow, w.residual, w.w, m)
         if nis >= 0.0:
-            observe(memories, w.residual, w.narrow, nis, size, fused, v_x, v_y, z, w.wide)
+            observe(memories, w.residual, w.narrow, nis, dof, fused, v_x, v_y, z, w.wide)
             if fused:
                 learn(s.shared, w.per_sigma, w.narrow_L, w.w, w.learned, w.nis[1], m)
             return fused
-    observe(memories, z, w.wide, w.nis[0], size, fused, v_x, v_y, z, w.wide)
+    observe(memories, z, w.wide, w.nis[0], dof, fused, v_x, v_y, z, w.wide)
     return fused and s.counters[fs.CONSIDERS] == 0
 
 
@@ -140,13 +139,13 @@ def passes(s: State, c: Settings, w: Work, z: Array, stream: int, m: int) -> boo
     the innovation that belongs to S.
     """
     w.nis[1] = 1.0
-    size = size_of(w.R, stream, m)
-    if not w.nis[0] <= c.gates[size]:
+    dof = dof_of(w, stream, m)
+    if not w.nis[0] <= c.gates[dof]:
         return False
-    if stream == fs.FIX_ROW and w.nis[0] > c.far_nis and _is_out_of_reach(s, c, w, z, size):
+    if stream == fs.FIX_ROW and w.nis[0] > c.far_nis and _is_out_of_reach(s, c, w, z, dof):
         return False
     if stream == fs.FIX_ROW:
-        w.nis[1] = enlarge(w, c, size)
+        w.nis[1] = enlarge(w, c, dof)
     if c.adaptive and m == fs.VECTOR:
         learn_noise(s.noise[stream], z, w.stated, c.forgetting, w.nis[1])
     return True
@@ -154,22 +153,25 @@ def passes(s: State, c: Settings, w: Work, z: Array, stream: int, m: int) -> boo
 
 @entry
 @kernel
-def size_of(R: Array, stream: int, m: int) -> int:
-    """How many numbers a measurement of m rows is: of a fix without a height two of three."""
-    return 2 if stream == fs.FIX_ROW and m == fs.VECTOR and R[2, 2] > NO_HEIGHT else m
+def dof_of(w: Work, stream: int, m: int) -> int:
+    """Degrees of freedom of the measurement in the scratch: its m rows, of a fix as stated.
+
+    What its noise became since does not count: an enlarged one measures the height, too.
+    """
+    return int(w.dof[0]) if stream == fs.FIX_ROW and m == fs.VECTOR else m
 
 
 @kernel
-def _is_out_of_reach(s: State, c: Settings, w: Work, z: Array, size: int) -> bool:
+def _is_out_of_reach(s: State, c: Settings, w: Work, z: Array, dof: int) -> bool:
     """Whether a fix lies farther off than the vehicle can have moved since one was used.
 
-    By its first ``size`` rows. Since the start, or since the gate was opened, where none was used
+    By its first ``dof`` rows. Since the start, or since the gate was opened, where none was used
     after it.
     """
     used_ns = max(s.counters[fs.USED_NS + fs.FIX_ROW], s.counters[fs.OPENED_NS + fs.FIX_ROW])
     reach = c.max_speed * ((s.counters[fs.STAMP] - used_ns) * 1e-9 + w.age[0])
     square = z[0] * z[0] + z[1] * z[1]
-    if size > 2:
+    if dof > 2:
         square += z[2] * z[2]
     far: bool = square > reach * reach
     return far
@@ -212,16 +214,16 @@ def ping_passes(s: State, c: Settings, w: Work) -> int:
 
 
 @kernel
-def enlarge(w: Work, c: Settings, size: int) -> float:
+def enlarge(w: Work, c: Settings, dof: int) -> float:
     """Factor lambda >= 1 of a fix that passed the gate, by its NIS (engine.sins.robust).
 
-    ``size`` is the number of degrees of freedom that NIS has.
+    ``dof`` are the degrees of freedom of NIS.
 
     R <- R + (lambda - 1) S in the scratch; S and its factor follow.
     """
-    if c.robust == fs.ROBUST_NONE or not w.nis[0] > c.robust_thresholds[size]:
+    if c.robust == fs.ROBUST_NONE or not w.nis[0] > c.robust_thresholds[dof]:
         return 1.0
-    factor: float = w.nis[0] / c.robust_thresholds[size]
+    factor: float = w.nis[0] / c.robust_thresholds[dof]
     if c.robust == fs.ROBUST_HUBER:
         factor = math.sqrt(factor)
     root = math.sqrt(factor)

@@ -154,6 +154,7 @@ def advance_late(
             put_row(s, c, rows)
         reach(s, fr, c, past, w, log, stamp)
         note = streams.fix_notes[k]
+        w.dof[0] = streams.fix_dof[k]
         code = fuse_stored_fix(
             s,
             fr,

@@ -52,13 +52,18 @@ class Streams(NamedTuple):
     fix_array_heading: Array
     fix_relative_e: Array  # (n, 3): from the leader's array to the transponder, ECEF [m]
     fix_common_e: Array  # (n, 3, 7): change per unit of the leader's errors, ECEF [m]
-    fix_outcomes: Array  # (n, 9): fused, NIS, innovation, its variances, enlargement
+    fix_dof: Ints  # degrees of freedom: of a fix without a height two, else three
+    fix_outcomes: Array  # (n, OUTCOME): fused, NIS, innovation, its variances, enlargement, dof
     fix_notes: Ints  # (n, 3): steps gone back over, stamp of the state, rows of output so far
     control_stamps: Ints  # nothing comes here without a vehicle's model
     control_force_b: Array
     heading_stamps: Ints  # nothing comes here without a reference of headings
     headings: Array  # clockwise from it [rad]
     heading_up_b: Array  # (n, 3): the vertical of the AHRS, or NaN
+
+
+ENLARGEMENT, DOF, OUTCOME = 8, 9, 10
+"""The last columns of ``fix_outcomes``, and their number."""
 
 
 class Hindsight(NamedTuple):
@@ -123,6 +128,7 @@ class Log(NamedTuple):
     samples: Ints  # number of a measurement in its stream
     step_P: Array
     rows: Ints
+    dof: Ints  # degrees of freedom of an update: its rows, of a fix without a height two
     H: Array
     z: Array
     x: Array

@@ -180,6 +180,7 @@ def _fill_next_fix(
     r_e, covariance_e = streams.fix_r_e[k], streams.fix_covariance_e[k]
     heading, relative_e = streams.fix_array_heading[k], streams.fix_relative_e[k]
     common_e = streams.fix_common_e[k]
+    w.dof[0] = streams.fix_dof[k]
     steps = 0
     if c.back_propagates:
         validity_ns = streams.fix_validities[k]

@@ -35,6 +35,7 @@ def pack_order(
     kinds: Ints,
     indices: Ints,
     sizes: Ints,
+    dof: Ints,
     ranks: Ints,
     samples: Ints,
     steps: Ints,
@@ -48,8 +49,8 @@ def pack_order(
     first : int
     kinds, indices : (n,) arrays, out
         Of each entry: its kind, and its number among those of its kind.
-    sizes, ranks, samples : (updates,) arrays, out
-        Number of rows, sensor, number in its stream.
+    sizes, dof, ranks, samples : (updates,) arrays, out
+        Number of rows, degrees of freedom, sensor, number in its stream.
     steps, updates : (steps,), (updates,) arrays, out
         Numbers of steps and corrections.
     """
@@ -62,8 +63,8 @@ def pack_order(
             step += 1
         else:
             indices[k], updates[update] = update, log.numbers[i]
-            sizes[update], ranks[update] = log.rows[i], log.ranks[i]
-            samples[update] = log.samples[i]
+            sizes[update], dof[update] = log.rows[i], log.dof[i]
+            ranks[update], samples[update] = log.ranks[i], log.samples[i]
             update += 1
 
 

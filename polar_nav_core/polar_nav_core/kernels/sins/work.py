@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...arrays import Array
+from ...arrays import Array, Ints
 from . import consider, hypotheses
 from .model import E
 from .update import COUPLED, N
@@ -44,6 +44,7 @@ class Work(NamedTuple):
     D: Array  # (3, 24): G - K S/2 of the last update, transposed
     nis: Array  # (2,): NIS, and by how much S was enlarged after the gate
     age: Array  # (1,): of the fix in H, R, z [s]
+    dof: Ints  # (1,): degrees of freedom of that fix, as it was stated (engine.level)
     signatures: Array  # (SCRATCH, SLOTS * KINDS): scratch of signatures
     powers: Array  # (9, 3): scratch of the same
     evidence: Array  # (3,): scratch of the same
@@ -102,6 +103,7 @@ def make_work() -> Work:
         D=np.zeros(rows),
         nis=np.array([0.0, 1.0]),
         age=np.zeros(1),
+        dof=np.full(1, 3, dtype=np.int64),
         signatures=np.zeros((hypotheses.SCRATCH, hypotheses.SLOTS * hypotheses.KINDS)),
         powers=np.zeros((9, 3)),
         evidence=three(),
