@@ -357,14 +357,15 @@ def test_the_engine_says_what_stands_in_for_what(world):
                 and not (isinstance(e, DvlPing) and e.stamp_ns - world.stamps[0] > 4e9)
             ],
         )
-        told[name] = engine.aiding_warning, engine.bottom_lock, engine.thrust_known
+        f = engine.aided
+        told[name] = engine.aiding_warning, f.has_bottom_lock, f.knows_thrust
     assert told['all'] == ('', True, True)
     assert 'no bottom lock for 8 s' in told['no_dvl'][0]
     assert told['no_dvl'][1:] == (False, True)
     assert 'control/thrust' in told['no_thrust'][0]
     off = Engine(world.params())
     run(off, world.imu()[:5])
-    assert (off.aiding_warning, off.bottom_lock, off.thrust_known) == ('', None, None)
+    assert (off.aiding_warning, off.aided) == ('', None)
 
 
 def test_the_covariance_has_no_jump_when_lock_is_lost(world):

@@ -97,7 +97,7 @@ def test_without_fixes_it_stays_a_warning(world, events):
     start = stated(world, latitude=stated(world).latitude + 1000.0 * METRE)
     blind = [e for e in events if not hasattr(e, 'covariance_e')]
     engine = driven(world, blind, start, 20.0)[1]
-    replaced = engine._replaced
+    replaced = engine._beginning.replaced
     for since_s, level in ((59.0, Level.ERROR), (61.0, Level.WARN)):
         (found,) = replaced.conditions(replaced.stamp_ns + round(since_s * 1e9), 9)
         assert found.level is level
@@ -142,7 +142,7 @@ def test_a_navigation_that_is_behind_knows_nothing_any_more(world, events):
     gone = [e for e in events if not at_ns - 3 * 10**9 < e.stamp_ns <= at_ns]
     start = stated(world, latitude=stated(world).latitude + 1000.0 * METRE)
     _, engine = driven(world, gone, start, 15.0)
-    assert engine._replaced is None
+    assert engine._beginning.replaced is None
 
 
 @pytest.mark.parametrize('again_ns', [1, 1_000_000_000])

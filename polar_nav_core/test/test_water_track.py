@@ -163,7 +163,7 @@ def test_it_is_no_bottom_lock_and_counts_apart(voyage):
     assert engine.gated['dvl_water'] == 1
     warned = Engine(params)
     list(run(warned, some(inputs, 10.0).events()))
-    assert 'velocity through the water' in warned.aiding_warning or not warned.thrust_known
+    assert 'velocity through the water' in warned.aiding_warning or not warned.aided.knows_thrust
 
 
 @pytest.mark.parametrize('changes', [{'model_aiding': False}, {'water_track_sigma': 0.0}])

@@ -1,14 +1,20 @@
-"""Where a filter begins: a stated state, or a saved one and the first seconds after a restart."""
+"""Where a filter begins: a stated state, or a saved one and the first seconds after a restart.
+
+And what is kept of that: the heading that was stated, and what it contradicts (`replaced`).
+"""
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
+from .driver import Driver
 from .events import DvlPing, ImuSample, InitialState
 from .first_seconds import WATCHED_SINCE, FirstSeconds
 from .lever import Arm
 from .params import EngineParams
 from .plausibility import initial_problem
+from .replaced import SETTLED, Replaced, replaced
 from .restart import saved_problem
 from .saved import SavedState
 
@@ -28,12 +34,15 @@ class Beginning:
         As stated or saved; None until there is one.
     stated_heading : float
         1-sigma of the heading of the last stated one [rad]: a saved one has been learnt.
+    replaced : Replaced or None
+        What a stated one contradicts the navigation by that it replaced.
     """
 
     def __init__(self, params: EngineParams, arm: Arm | None) -> None:
         self._params, self._arm = params, arm
         self.state: InitialState | None = params.initial_state()
         self.stated_heading = 0.0 if self.state is None else self.state.sigma_heading
+        self.replaced: Replaced | None = None
         self._first_seconds: FirstSeconds | None = None
 
     def at(self, sample: ImuSample) -> tuple[InitialState, DvlPing | None] | None:
@@ -47,10 +56,6 @@ class Beginning:
             return self.state, None
         self._first_seconds = None
         return replace(self.state, seen=first.seen(sample.stamp_ns)), first.fresh
-
-    def at_imu(self) -> InitialState | None:
-        """State as stated or saved, of the IMU's point at the newest sample."""
-        return None if self.state is None else self._at_imu(self.state)
 
     def _at_imu(self, state: InitialState) -> InitialState:
         if isinstance(state, SavedState) or self._arm is None:
@@ -70,9 +75,32 @@ class Beginning:
             return saved_problem(self._params, state)
         return initial_problem(state)
 
-    def reset(self, state: InitialState | None) -> None:
-        """Begin anew from a state, or for None from that of the parameters."""
+    def heading_sigma(self, stamp_ns: int) -> float:
+        """1-sigma of the heading at the start [rad], with what it is known to contradict."""
+        if self.replaced is None:
+            return self.stated_heading
+        return math.hypot(self.stated_heading, self.replaced.heading_doubt(stamp_ns))
+
+    def reset(
+        self, state: InitialState | None, stamp_ns: int, old: Driver | None, fused: int
+    ) -> None:
+        """Begin anew from a state, or for None from that of the parameters.
+
+        Parameters
+        ----------
+        state : InitialState or None
+        stamp_ns : int
+            When it was stated [ns].
+        old : Driver or None
+            The navigation that it replaces.
+        fused : int
+            Fixes that this one has used since its own start.
+        """
         self.state = state or self._params.initial_state()
+        # One that agrees with a start that is contradicted itself settles nothing.
+        before = None if fused >= SETTLED else self.replaced
+        start = None if self.state is None else self._at_imu(self.state)
+        self.replaced = replaced(old, start, stamp_ns, self._params.max_imu_gap_s) or before
         self._first_seconds = None
         if isinstance(self.state, SavedState):
             if self._params.mode != 'station' and self.state.version >= WATCHED_SINCE:

@@ -25,16 +25,18 @@ def warnings_of(params: EngineParams) -> list[str]:
     ]
 
 
-def history_warning(params: EngineParams, fusion: Driver, start_ns: int) -> str:
+def history_warning(params: EngineParams, fusion: Driver | None, start_ns: int) -> str:
     """Warning that sensors are faster than the stored history has room for; empty if not.
 
     Parameters
     ----------
     params : EngineParams
-    fusion : Driver
+    fusion : Driver or None
         At work since ``start_ns``.
     start_ns : int
     """
+    if fusion is None:
+        return ''
     oldest_ns = fusion.oldest_ns()
     reach_s = (fusion.stamp_ns - oldest_ns) * 1e-9
     if oldest_ns <= start_ns or reach_s >= params.max_delay_s:
@@ -46,14 +48,16 @@ def history_warning(params: EngineParams, fusion: Driver, start_ns: int) -> str:
     )
 
 
-def aiding_warning(f: NavigationFilter) -> str:
+def aiding_warning(f: NavigationFilter | None) -> str:
     """Warning that the vehicle's model lacks thrust or replaces the DVL; empty if not.
 
     Parameters
     ----------
-    f : NavigationFilter
+    f : NavigationFilter or None
         With a vehicle's model.
     """
+    if f is None:
+        return ''
     if not f.knows_thrust:
         return 'no thrust on control/thrust: the model of the vehicle says nothing by itself'
     if not f.has_bottom_lock and f.has_water_track:

@@ -7,7 +7,6 @@ order: `reorder.py` sees to it live, `replay` sorts the bag.
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -16,7 +15,6 @@ import numpy as np
 
 from ..arrays import Array
 from ..errors import FilterDivergence
-from ..identification.result import Identification
 from .beginning import Beginning
 from .checks import aiding_warning, history_warning
 from .clock_record import ClockRecord
@@ -35,26 +33,23 @@ from .events import (
     Local,
     OrderKey,
 )
+from .fix_decisions import FixDecisions
 from .health.conditions import Health
 from .health_monitor import HealthMonitor
 from .imu_sequence import ImuSequence
-from .integrity import Integrity, held, out_of_reach, submerged
+from .integrity import Integrity
 from .ledger import FixLedger
-from .level import degrees_of_freedom
 from .lever import Arm, params_at_imu
 from .outputs import Output, Receipt
 from .params import EngineParams
-from .receipts import age_s, receipt_of
+from .receipts import receipt_of
 from .reconsider import reconsider
 from .refusals import unusable_local
-from .replaced import SETTLED, Replaced, replaced
 from .restored import NOT_RESTORED, Restored
-from .results import FixResult, Outcome, chi2_gate
+from .results import Outcome
 from .saved import SavedState
 from .sins.filter import NavigationFilter
 from .sins.fusion import Fusion
-from .station.fixes import dated
-from .station.fusion import StationFusion
 from .station.identify import make_adaptation
 from .strategies import make_fusion
 from .switches import Switches
@@ -111,7 +106,6 @@ class Engine:
         self.fusion: Driver | None = None
         self._thrust: ControlSample | None = None
         self.adaptation: Adaptation | None = make_adaptation(params)
-        self._identified: Identification | None = None
         self._beginning = Beginning(params, self.arm)
         self._last_key: OrderKey | None = None
         self.last_imu_ns: int | None = None
@@ -128,8 +122,8 @@ class Engine:
         self.clock = ClockRecord('imu/data' if params.mode == 'station' else 'imu/data_raw')
         self.divergence = ''
         self.restored = NOT_RESTORED
-        self._replaced: Replaced | None = None
         self.ledger = FixLedger(params, self.verdicts, self.fused)
+        self._decisions = FixDecisions(params, self.ledger)
         self._monitor = HealthMonitor(params, self.ledger, self.switches, self.clock)
         self._start_ns = 0
 
@@ -152,7 +146,7 @@ class Engine:
         if isinstance(event, Fix):
             self.ledger.came(event, wanted=refused is None)
             if refused is None:
-                yield from self._guarded_fix(event)
+                yield from self._fix(event)
             else:
                 yield self._count(self._receipt(event, event.stamp_ns, *refused))
             return
@@ -213,22 +207,13 @@ class Engine:
         return self.ledger.integrity.state(self.last_imu_ns or 0)
 
     @property
-    def bottom_lock(self) -> bool | None:
-        """Whether the DVL is in use; None without a state or without `model_aiding`."""
-        return self._aided.has_bottom_lock if self._aided is not None else None
-
-    @property
-    def thrust_known(self) -> bool | None:
-        """Whether the thrust that the model needs is recent; None as in `bottom_lock`."""
-        return self._aided.knows_thrust if self._aided is not None else None
-
-    @property
     def aiding_warning(self) -> str:
         """Warning that the vehicle's model lacks thrust or replaces the DVL; empty if not."""
-        return aiding_warning(self._aided) if self._aided is not None else ''
+        return aiding_warning(self.aided)
 
     @property
-    def _aided(self) -> NavigationFilter | None:
+    def aided(self) -> NavigationFilter | None:
+        """The filter, where a model of the vehicle aids it; None without a state, too."""
         if isinstance(self.fusion, Fusion) and self.params.model_aiding:
             return self.fusion.filter
         return None
@@ -236,8 +221,6 @@ class Engine:
     @property
     def history_warning(self) -> str:
         """Warning that sensors are faster than the stored history has room for; empty if not."""
-        if self.fusion is None:
-            return ''
         return history_warning(self.params, self.fusion, self._start_ns)
 
     def fix_counts(self) -> tuple[int, int, int]:
@@ -285,13 +268,7 @@ class Engine:
         self.health = None
         if self.fusion is None:
             return None
-        self.health = self._monitor.look(
-            self.fusion,
-            self.restored,
-            self._replaced,
-            self.resets,
-            self._beginning.stated_heading,
-        )
+        self.health = self._monitor.look(self.fusion, self.restored, self._beginning, self.resets)
         return self.health
 
     def _control(self, sample: ControlSample) -> None:
@@ -321,74 +298,27 @@ class Engine:
             return
         (self.fused if outcome.fused else self.gated)[name] += 1
 
-    def _guarded_fix(self, fix: Fix) -> Iterator[Output]:
+    def _fix(self, fix: Fix) -> Iterator[Output]:
+        """Yield receipts of a fix and of others whose verdict it changed."""
         try:
-            receipts = self._fix(fix)
+            receipts, outcome, identified = self._decisions.decide(
+                fix, self.fusion, self._start_ns, self.adaptation, self.divergence
+            )
+            if outcome is not None:
+                self.reconsider(outcome)
         except FilterDivergence as error:
             self.diverge(str(error), fix.receive_ns)
             receipts = [self._receipt(fix, fix.receive_ns, Verdict.NOT_READY, self.why_lost)]
+            identified = None
         for receipt in receipts:
             yield self._count(receipt)
-        if self._identified is not None:
-            yield self._identified
-            self._identified = None
-
-    def _fix(self, fix: Fix) -> list[Receipt]:
-        """Receipts of a fix and of other fixes whose verdict it changed."""
-        stated_ns = fix.validity_ns
-        if self.params.mode == 'station':
-            fix = dated(self.params, fix)
-        refused = self.ledger.refusal(fix, stated_ns)
-        if refused is not None:
-            self.ledger.refused(fix, refused[0], stated_ns)
-            return [self._receipt(fix, fix.receive_ns, *refused)]
-        if self.fusion is None:
-            reason = self.divergence or 'the filter has no state yet'
-            return [self._receipt(fix, fix.receive_ns, Verdict.NOT_READY, reason)]
-        why = submerged(self.params, fix, self.fusion)
-        if why:
-            self.ledger.remember(fix, stated_ns, fused=False)
-            return [self._receipt(fix, fix.receive_ns, Verdict.IMPLAUSIBLE, why)]
-        gate = chi2_gate(self.configuration.gate_probability, degrees_of_freedom(fix))
-        stated = fix
-        if isinstance(self.fusion, Fusion):
-            fix = self.fusion.widened(fix)
-        why = held(self.ledger.integrity, fix, self.fusion, gate)
-        if why:
-            self.ledger.remember(stated, stated_ns, fused=False)
-            return [self._receipt(fix, fix.receive_ns, Verdict.GATED, why)]
-        since_ns = max(self._start_ns, self.fix_counts()[2])
-        why = out_of_reach(self.params, fix, self.fusion, gate, since_ns)
-        if why:
-            self.ledger.remember(stated, stated_ns, fused=False)
-            self.ledger.suspect(Verdict.IMPLAUSIBLE, fix.receive_ns)
-            return [self._receipt(fix, fix.receive_ns, Verdict.IMPLAUSIBLE, why)]
-        result = self.fusion.fix(fix)
-        if result is None:
-            reach = (fix.receive_ns - self.fusion.oldest_ns()) * 1e-9
-            limit = self.fusion.limit if isinstance(self.fusion, StationFusion) else ''
-            reason = f'valid {age_s(fix):.2f} s before it was received, ' + (
-                limit or f'the stored history reaches back {reach:.2f} s'
-            )
-            return [self._receipt(fix, fix.receive_ns, Verdict.TOO_OLD, reason)]
-        self.ledger.remember(stated, stated_ns, fused=result.outcome.fused)
-        if self.adaptation is not None:
-            self._identified = self.adaptation.fix(fix, result.outcome, self.fusion)
-        now_ns = self.fusion.stamp_ns
-        first = self.ledger.decided(fix, fix, result, now_ns)
-        revised = [
-            self.ledger.decided(other, fix, FixResult(outcome, 0), now_ns)
-            for other, outcome in result.revised
-        ]
-        self.reconsider(result.outcome)
-        return [first, *revised]
+        if identified is not None:
+            yield identified
 
     def reconsider(self, outcome: Outcome) -> None:
         """Judge the estimate by refused fixes, after a fix was decided (engine.reconsider)."""
         if isinstance(self.fusion, Fusion) and self._beginning.state is not None:
-            sigma = self._beginning.stated_heading
-            if self._replaced is not None:
-                sigma = math.hypot(sigma, self._replaced.heading_doubt(self.fusion.stamp_ns))
+            sigma = self._beginning.heading_sigma(self.fusion.stamp_ns)
             self.resets += reconsider(self.fusion, self.ledger, self.params, outcome, sigma)
 
     def _command(self, command: Command) -> Iterator[Output]:
@@ -402,12 +332,9 @@ class Engine:
         if problem:
             yield self.refuse(command, Verdict.IMPLAUSIBLE, problem, command.stamp_ns)
             return
-        self._beginning.reset(command.initial_state)
-        start, longest_s = self._beginning.at_imu(), self.params.max_imu_gap_s
-        # One that agrees with a start that is contradicted itself settles nothing.
-        settled = self.ledger.fused_since_start >= SETTLED
-        before = None if settled else self._replaced
-        self._replaced = replaced(self.fusion, start, command.stamp_ns, longest_s) or before
+        self._beginning.reset(
+            command.initial_state, command.stamp_ns, self.fusion, self.ledger.fused_since_start
+        )
         self._leave()
         self.resets += 1
         self.due_ns = None

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+from .beginning import Beginning
 from .clock_record import ClockRecord
 from .driver import Driver
 from .health.conditions import Condition, Culprit, Health, Level
@@ -14,7 +15,6 @@ from .health.view import Envelope
 from .health.watchdog import Watchdog
 from .ledger import FixLedger
 from .params import EngineParams
-from .replaced import Replaced
 from .restored import Restored
 from .sins.fusion import Fusion
 from .sins.view import view_of
@@ -53,9 +53,8 @@ class HealthMonitor:
         self,
         fusion: Driver,
         restored: Restored,
-        replaced: Replaced | None,
+        beginning: Beginning,
         resets: int,
-        stated_heading: float,
     ) -> Health | None:
         """Health of the navigation at its newest sample; None for a filter that has no watchdog.
 
@@ -64,12 +63,10 @@ class HealthMonitor:
         fusion : Driver
         restored : Restored
             Losses of the filter so far.
-        replaced : Replaced or None
-            What the start contradicts the navigation before it by.
+        beginning : Beginning
+            How sure the stated heading was, and what it contradicts.
         resets : int
-            Starts and enlargements so far, without those.
-        stated_heading : float
-            1-sigma of the heading at the start [rad].
+            Starts and enlargements so far, without those losses.
         """
         # Of the state's own stamp: a node looks after the next sample came, a whole run before.
         stamp_ns, ledger = fusion.stamp_ns, self._ledger
@@ -89,10 +86,10 @@ class HealthMonitor:
             found += ledger.conditions(stamp_ns)
             found += restored.conditions(stamp_ns)
             found += ledger.integrity.moved
-            if replaced is not None:
-                found += replaced.conditions(stamp_ns, ledger.fused_since_start)
+            if beginning.replaced is not None:
+                found += beginning.replaced.conditions(stamp_ns, ledger.fused_since_start)
             found += self._clock.conditions(stamp_ns)
-            found += self._heading_unknown(fusion, stated_heading)
+            found += self._heading_unknown(fusion, beginning.stated_heading)
             return self._watchdog.look(view_of(fusion, stamp_ns, resets), found)
         return None
 
