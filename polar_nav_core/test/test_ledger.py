@@ -243,15 +243,15 @@ def test_a_fix_out_of_reach_is_suspicious_from_its_reception_on(book):
 
 
 def test_a_turned_dead_reckoning_is_an_error_for_a_minute(book):
-    book.ledger.believed(100 * S)
-    assert book.keys(100.0) == []
-    book.ledger.believed(100 * S, turned=True)
-    (condition,) = book.ledger.conditions(142 * S)
+    book.ledger.believed(30 * S)
+    assert book.keys(30.0) == []
+    book.ledger.believed(30 * S, turned=True)
+    (condition,) = book.ledger.conditions(72 * S)
     assert (condition.key, condition.level) == ('fixes reopened', Level.ERROR)
     assert condition.culprit == Culprit.HEADING | Culprit.IMU | Culprit.FIXES
     assert 'until 42 s ago' in condition.sentence
-    assert book.keys(159.9) == ['fixes reopened']
-    assert book.keys(160.0) == []
+    assert book.keys(89.9) == ['fixes reopened']
+    assert book.keys(90.0) == book.keys(95.0) == []
 
 
 def test_starting_anew_forgets_refusals_and_turns_and_keeps_fixes_and_counts(book):
@@ -345,6 +345,13 @@ def test_many_fixes_at_once_are_counted_like_one_after_another():
     assert many.ledger.packed() == one.ledger.packed()
     states = [b.ledger.integrity.state(110 * S) for b in (one, many)]
     assert states[0].since_fused_s == states[1].since_fused_s == pytest.approx(6.0)
+    said = []
+    for b in (one, many):
+        for k in range(3):  # off by as much from the age of the newest
+            refuse(b, 10 + k, 106.0 + k, 90.0)
+        said += [c.sentence for c in b.ledger.conditions(109 * S) if c.key == 'sender clock']
+    assert said[0] == said[1]
+    assert said[0].endswith('off by some -87 s')
     # Older ones do not set the newest validity back, and counts add up.
     many.ledger.fused([fix(4, 90.0, 106.0)], outcomes[:1], notes[:1])
     assert many.ledger.counts() == (4, 4, 102 * S)
@@ -371,10 +378,24 @@ def test_a_restored_ledger_knows_fixes_and_counts(book):
     later.decide(fix(7, 50.0), fix(8, 49.0, 60.0))
     later.ledger.restore(book.ledger.counts(), book.ledger.packed())
     assert later.ledger.counts() == (2, 1, 100 * S)
+    assert later.ledger.integrity.state(103 * S).since_fused_s == 3.0
     assert verdict_of(later.ledger, replace(fused, r_e=PLACE + 50.0)) is Verdict.DUPLICATE
     assert verdict_of(later.ledger, refused) is Verdict.DUPLICATE
     assert verdict_of(later.ledger, fix(2, 101.0, off=5.0)) is None
     assert later.decide(fix(7, 50.0), fix(8, 49.0, 60.0)).revision == 1
+
+
+def test_a_ledger_that_had_used_no_fix_knows_none_after_a_restart(book):
+    book.ledger.restore((2, 0, 0), book.ledger.packed())
+    assert book.ledger.counts() == (2, 0, 0)
+    assert math.isnan(book.ledger.integrity.state(103 * S).since_fused_s)
+
+
+def test_what_comes_is_counted_though_it_was_switched_off(book):
+    book.ledger.came(fix(1, 100.0), wanted=False)
+    assert book.ledger.counts() == (1, 0, 0)
+    book.ledger.came(fix(2, 101.0))
+    assert book.ledger.counts() == (2, 0, 0)
 
 
 @pytest.mark.parametrize('damaged', [0, 1])

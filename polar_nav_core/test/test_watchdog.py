@@ -275,10 +275,42 @@ def test_a_mean_is_reported_beyond_its_limit_and_an_error_beyond_four(
     assert not look(few).present
 
 
+@pytest.mark.parametrize(
+    ('grid', 'culprit'),
+    [(0.49, Culprit.DVL), (0.51, Culprit.FIXES | Culprit.DVL), (2.1, Culprit.FIXES)],
+)
+def test_an_offset_of_fixes_is_of_that_of_which_it_has_twice_as_much(grid, culprit):
+    """Means of squares, in their limits: of the track 2.25, and of the map so many times that."""
+    track = 1.5 * np.sqrt(45.0 / 30.0)
+    health = look(remembered(FIX, watch.SHORT, 30.0, TRACK=track, GRID=np.sqrt(grid) * track))
+    assert health.culprit == culprit
+
+
+@pytest.mark.parametrize(('number', 'told'), [(49.0, False), (51.0, True), (300.0, True)])
+def test_a_scatter_that_lasts_is_told_by_the_long_memory(number, told):
+    kept = remembered(DEPTH, watch.LONG, number, NIS=9.0)
+    kept[DEPTH, watch.SHORT] = remembered(DEPTH, watch.SHORT, 30.0, NIS=1.0)[DEPTH, watch.SHORT]
+    found = [p.condition.sentence for p in look(kept).present if 'scatter' in p.condition.sentence]
+    assert (
+        found
+        == ['depth scatter 3.0 times as much as stated (NIS 9.0 per degree of freedom)'] * told
+    )
+
+
+@pytest.mark.parametrize(('stream', 'own'), [(DVL, Culprit.DVL), (FIX, Culprit.FIXES)])
+def test_errors_that_last_may_be_of_what_is_between_them(stream, own):
+    kept = memories()
+    kept[stream, watch.LONG, watch.ALIKE_RISE] = 18.0
+    (present,) = look(kept).present
+    assert present.condition.key.endswith('alike')
+    assert present.condition.culprit == own | Culprit.DVL | Culprit.IMU
+
+
 @pytest.mark.parametrize(('across', 'named'), [(0.9, False), (0.91, True), (-0.91, True)])
 def test_the_heading_is_named_where_nine_tenths_lie_across(across, named):
     health = look(remembered(DVL, watch.SHORT, 30.0, REFUSED=0.6, ACROSS=across))
     assert health.level is Level.ERROR
+    assert health.sentence.startswith('60 % of DVL refused')
     assert (Culprit.HEADING in health.culprit) is named
 
 
