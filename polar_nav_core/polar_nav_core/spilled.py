@@ -14,7 +14,8 @@ import os
 import tempfile
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any
+from io import BufferedRandom
+from typing import Any, Self
 from weakref import WeakSet
 
 import numpy as np
@@ -31,6 +32,9 @@ _OWN_FILE = 1 << 21
 """Size from which an array has a file of its own."""
 _SHARED_FILE = 1 << 24
 _ALIGNED = 64
+
+IN_MEMORY_BYTES = 1 << 26
+"""Size up to which a `Spool` stays in memory."""
 
 _files: WeakSet[mmap.mmap] = WeakSet()
 
@@ -252,3 +256,94 @@ class LastFirst:
         """Return the columns, the first piece first; views."""
         give_back()
         return {name: column[self._begin[name] :] for name, column in self._columns.items()}
+
+
+class Spool:
+    """Numbers that are written piece by piece, and read again, perhaps changed on the way.
+
+    What is short stays in memory, where nothing is copied. What is longer lies in a temporary file
+    from then on, and takes memory for a piece only.
+
+    Parameters
+    ----------
+    most_bytes : int
+        Size up to which it stays in memory.
+    """
+
+    def __init__(self, most_bytes: int = IN_MEMORY_BYTES) -> None:
+        self._memory = np.empty(most_bytes // 8)  # the system gives it as it is filled
+        self._file: BufferedRandom | None = None
+        self._piece = np.empty(0)
+        self._end = 0
+
+    @property
+    def in_memory(self) -> bool:
+        """Whether it is still short."""
+        return self._file is None
+
+    def begin_anew(self) -> None:
+        """Write over what there is: that costs less than half as much as to write elsewhere."""
+        self._end = 0
+
+    def room(self, count: int) -> NDArray[np.float64]:
+        """Return room for the next piece, which is to be filled and kept.
+
+        What was read last may be gone.
+
+        Raises
+        ------
+        PolarNavError
+            When the temporary folder has no room for what there is.
+        """
+        if self._file is None and self._end + count > len(self._memory):
+            self._file = tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as the spool
+            _write(self._file, 0, self._memory[: self._end])
+            self._memory = np.empty(0)
+        return self._at(self._end, count)
+
+    def keep(self, piece: NDArray[np.float64]) -> None:
+        """Keep the piece that was filled.
+
+        Raises
+        ------
+        PolarNavError
+            When the temporary folder has no room for it.
+        """
+        if self._file is not None:
+            _write(self._file, self._end, piece)
+        self._end += len(piece)
+
+    def read(self, begin: int, count: int) -> NDArray[np.float64]:
+        """Return some of the numbers; whoever changes them may have changed the record."""
+        values = self._at(begin, count)
+        if self._file is not None:
+            self._file.seek(begin * values.itemsize)
+            self._file.readinto(values.view(np.uint8).data)
+        return values
+
+    def _at(self, begin: int, count: int) -> NDArray[np.float64]:
+        if self._file is None:
+            return self._memory[begin : begin + count]
+        if len(self._piece) < count:
+            self._piece = np.empty(count + count // 4)
+        return self._piece[:count]
+
+    def close(self) -> None:
+        """Let the file go."""
+        if self._file is not None:
+            self._file.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def _write(file: BufferedRandom, begin: int, values: NDArray[np.float64]) -> None:
+    """Write numbers to a file that holds numbers, from the place of one of them on."""
+    try:
+        file.seek(begin * values.itemsize)
+        file.write(values.view(np.uint8).data)
+    except OSError as error:
+        raise no_room(values.nbytes, error) from error

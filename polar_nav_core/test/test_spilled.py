@@ -2,6 +2,7 @@
 
 import ctypes
 import errno
+import io
 import os
 import subprocess
 import sys
@@ -165,3 +166,41 @@ def test_a_full_disk_is_a_sentence(monkeypatch):
     monkeypatch.setattr(os, 'posix_fallocate', full)
     with pytest.raises(PolarNavError, match=r'no room for 8 MB .* TMPDIR'):
         spilled.empty(1_000_000)
+
+
+@pytest.mark.parametrize('most', [0, 8, 24, 1 << 10])
+def test_a_spool_reads_what_was_written_wherever_it_lies(most):
+    rng = np.random.default_rng(4)
+    with spilled.Spool(8 * most) as spool:
+        for sizes in ((3, 5, 0, 17, 2), (9, 1, 4)):  # the second time over the first
+            spool.begin_anew()
+            pieces = [rng.normal(size=n) for n in sizes]
+            for piece in pieces:
+                room = spool.room(len(piece))
+                room[:] = piece
+                spool.keep(room)
+            assert spool.in_memory == (most >= 27)
+            begin = sum(sizes)
+            for piece in reversed(pieces):
+                begin -= len(piece)
+                np.testing.assert_array_equal(spool.read(begin, len(piece)), piece)
+
+
+def test_a_short_spool_makes_neither_a_file_nor_copies(monkeypatch):
+    monkeypatch.setattr(spilled.tempfile, 'TemporaryFile', None)
+    spool = spilled.Spool(80)
+    room = spool.room(10)
+    spool.keep(room)
+    assert np.shares_memory(spool.read(0, 10), room)
+
+
+def test_a_spool_on_a_full_disk_is_a_sentence(monkeypatch):
+    class Full(io.BytesIO):
+        def write(self, values):
+            if len(values):
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(spilled.tempfile, 'TemporaryFile', Full)
+    spool = spilled.Spool(0)
+    with pytest.raises(PolarNavError, match=r'no room for 8 MB .* TMPDIR'):
+        spool.keep(spool.room(1_000_000))

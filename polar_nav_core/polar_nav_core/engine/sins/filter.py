@@ -70,6 +70,8 @@ class NavigationFilter:
         Whether to log linear steps (for `clone`) and to take snapshots (for `rewind`).
     states_every : int
         Steps from one snapshot to the next (for a tape), where they are not those of `rewind`.
+    late : bool
+        Whether fixes may come late. Of what only those want, the newest is enough else.
     """
 
     def __init__(
@@ -81,6 +83,7 @@ class NavigationFilter:
         steps: bool = False,
         snapshots: bool = False,
         states_every: int = 0,
+        late: bool = True,
     ) -> None:
         self._p = params
         model = params.model_aiding
@@ -96,12 +99,13 @@ class NavigationFilter:
         # The block that the oldest fix belongs to begins before it, after a step.
         block_s = (STEPS_PER_BLOCK + 2) * params.filter_period_s
         length_s = params.history_s + (block_s if steps else 0.0)
-        self.past = make_past(length_s, params.filter_period_s, model=model)
+        self.past = make_past(length_s, params.filter_period_s, model=model, late=late)
         self.log = make_log(
             self.past,
             steps=steps,
             snapshots=self.settings.steps_per_snapshot if snapshots or states_every else 0,
             model=model,
+            late=late,
         )
         self.history = History(self.past, self.state)
         kept_s = params.history_s if snapshots else 0.0

@@ -20,6 +20,9 @@ from ...kernels.sins.transition import INVERSE
 from ...kernels.sins.update import N
 from ..results import CORRECTIONS_PER_S, IMU_PERIOD_S
 
+_PRESENT_S = 2.0
+"""Epochs that a filter keeps whose fixes come when they are valid."""
+
 
 @dataclass(frozen=True)
 class Epoch:
@@ -52,12 +55,12 @@ class Epoch:
     correction: int
 
 
-def make_past(length_s: float, step_s: float, *, model: bool = False) -> Past:
+def make_past(length_s: float, step_s: float, *, model: bool = False, late: bool = True) -> Past:
     """Rings of epochs, transitions and corrections that last ``length_s`` seconds.
 
-    A vehicle's model corrects at each step.
+    A vehicle's model corrects at each step. Where no fix comes late, few epochs are enough.
     """
-    epochs = int(length_s / IMU_PERIOD_S) + 2
+    epochs = int((length_s if late else _PRESENT_S) / IMU_PERIOD_S) + 2
     rate = CORRECTIONS_PER_S + (1.0 / step_s if model else 0.0)
     corrections = int(length_s * rate) + 16
     steps = int(length_s / step_s) + 2
@@ -70,7 +73,7 @@ def make_past(length_s: float, step_s: float, *, model: bool = False) -> Past:
         steps=np.zeros(epochs, dtype=np.int64),
         firsts=np.zeros(epochs, dtype=np.int64),
         transitions=np.zeros((steps, N, N)),
-        inverses=np.zeros((steps, *INVERSE)),
+        inverses=np.zeros((steps if late else 1, *INVERSE)),
         corrections=np.zeros((corrections, N)),
         correction_steps=np.zeros(corrections, dtype=np.int64),
     )

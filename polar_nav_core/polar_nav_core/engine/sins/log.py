@@ -14,8 +14,18 @@ STEPS_PER_BLOCK = 20
 """Covariance steps in a block of `clone`; long blocks are dear to enter, short ones to pass."""
 
 
-def make_log(past: Past, *, steps: bool = False, snapshots: int = 0, model: bool = False) -> Log:
-    """Empty log as long as the history, with room for a snapshot every ``snapshots`` steps."""
+def make_log(
+    past: Past,
+    *,
+    steps: bool = False,
+    snapshots: int = 0,
+    model: bool = False,
+    late: bool = True,
+) -> Log:
+    """Empty log as long as the history, with room for a snapshot every ``snapshots`` steps.
+
+    Covariances after steps are for fixes that come late, and for a vehicle's model.
+    """
     updates = len(past.corrections) if steps else 0
     stored = len(past.transitions) if steps else 0
     order = updates + stored
@@ -28,7 +38,7 @@ def make_log(past: Past, *, steps: bool = False, snapshots: int = 0, model: bool
         ranks=np.zeros(order, dtype=np.int64),
         epochs=np.zeros(order, dtype=np.int64),
         samples=np.zeros(order, dtype=np.int64),
-        step_P=np.zeros((stored, N, N)),
+        step_P=np.zeros((stored if late or model else min(stored, 1), N, N)),
         rows=np.zeros(order, dtype=np.int64),
         dof=np.zeros(order, dtype=np.int64),
         H=np.zeros((updates, 3, N)),

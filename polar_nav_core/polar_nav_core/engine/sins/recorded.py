@@ -166,8 +166,6 @@ class Recorded(Ignore):
 
         No fix of it comes late: of what only those want, the newest is enough.
         """
-        f = NavigationFilter(params, initial, stamp_ns, steps=True, states_every=self._every)
-        f.past = f.past._replace(inverses=f.past.inverses[:1].copy())
-        if not params.model_aiding:  # whose steps are stored beside it
-            f.log = f.log._replace(step_P=f.log.step_P[:1].copy())
-        return f
+        return NavigationFilter(
+            params, initial, stamp_ns, steps=True, states_every=self._every, late=False
+        )

@@ -16,6 +16,7 @@ from ...kernels.sins.adjoint import PHI
 from ...kernels.sins.consider import COLUMNS
 from ...kernels.sins.model import MOVING, E
 from ...kernels.sins.update import N
+from ...spilled import Spool
 from .filter import NavigationFilter
 
 
@@ -140,19 +141,6 @@ def stretch_in(room: Array, form: Form) -> Stretch:
     return Stretch(**columns)
 
 
-class Room:
-    """Memory that one stretch after another stands in."""
-
-    def __init__(self) -> None:
-        self._values = np.empty(0)
-
-    def of(self, form: Form) -> Array:
-        """Room for a stretch of a form: as many values; what stood there is gone."""
-        if len(self._values) < form.size:
-            self._values = np.empty(form.size + form.size // 4)
-        return self._values[: form.size]
-
-
 def _place(part: Array, state: fs.State) -> int:
     """Place of a part of a state in its flat array."""
     return (part.ctypes.data - state.flat.ctypes.data) // state.flat.itemsize
@@ -162,10 +150,12 @@ _STATE = fs.make_state()
 _P, _SENSITIVITY = _place(_STATE.P, _STATE), _place(_STATE.sensitivity, _STATE)
 
 
-def write_stretch(f: NavigationFilter, taken: int, states: int, room: Room) -> tuple[Form, Array]:
-    """Form, and the values in ``room``, of what a filter has logged since so many entries.
+def write_stretch(
+    f: NavigationFilter, taken: int, states: int, spool: Spool
+) -> tuple[Form, Array]:
+    """Form, and the values in the room of a spool, of what a filter has logged.
 
-    And since so many states.
+    Since so many entries, and so many states.
 
     Raises
     ------
@@ -185,7 +175,7 @@ def write_stretch(f: NavigationFilter, taken: int, states: int, room: Room) -> t
     n_steps, n_updates, n_rows = counts.tolist()
     model = len(log.model_steps) > 0
     form = Form(n_steps, n_updates, n_rows, len(rows), f.considers, model)
-    values = room.of(form)
+    values = spool.room(form.size)
     out = stretch_in(values, form)
     steps, updates = (np.empty(n, dtype=np.int64) for n in (form.steps, form.updates))
     of_updates = out.sizes, out.dof, out.ranks, out.samples

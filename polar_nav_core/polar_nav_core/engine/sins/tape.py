@@ -1,15 +1,13 @@
 """Record of a filter's linear steps and updates, in the order in which they were made.
 
 A smoother reads it backwards. Rings of the filter hold two minutes; `Tape.take` copies what is new
-in them to a temporary file, so that a day needs no more memory than a minute.
+in them to a spool, so that a day needs hardly more memory than a minute.
 """
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Iterator
 from dataclasses import replace
-from io import BufferedRandom
 from typing import Self
 
 import numpy as np
@@ -21,7 +19,7 @@ from ..events import InitialState
 from ..params import EngineParams
 from .filter import NavigationFilter
 from .recorded import FixLog, Plan, Recorded
-from .stretch import Form, Room, Stretch, stretch_in, write_stretch
+from .stretch import Form, Stretch, stretch_in, write_stretch
 
 
 class Tape:
@@ -34,9 +32,8 @@ class Tape:
     fixes : FixLog, optional
     plan : Plan, optional
         Both as of `Recorded`.
-    file : file, optional
-        Where the record is to lie: that of a tape which nobody reads any more. To write over it
-        costs less than half as much as to write a new one.
+    spool : Spool, optional
+        Where the record is to lie: that of a tape which nobody reads any more.
 
     Attributes
     ----------
@@ -59,14 +56,13 @@ class Tape:
         every: int,
         fixes: FixLog | None = None,
         plan: Plan | None = None,
-        file: BufferedRandom | None = None,
+        spool: spilled.Spool | None = None,
     ) -> None:
         self._every, self._fixes, self._plan = every, fixes, plan
-        self._is_own = file is None
-        self._file = file or tempfile.TemporaryFile()  # noqa: SIM115 - lives as long as the tape
-        self._file.seek(0)
+        self._is_own = spool is None
+        self._spool = spilled.Spool() if spool is None else spool
+        self._spool.begin_anew()
         self._forms: list[Form] = []
-        self._room = Room()
         self._filter: NavigationFilter | None = None
         self._taken = 0
         self._states = 0
@@ -105,12 +101,17 @@ class Tape:
         self.enlarged |= bool(openings.any())
         self.considers |= f.considers
         self.dvl_stamps_ns, self.depth_stamps_ns = f.streams.dvl_stamps, f.streams.depth_stamps
-        form, values = write_stretch(f, self._taken, self._states, self._room)
+        form, values = write_stretch(f, self._taken, self._states, self._spool)
         self._forms.append(form)
         self.fixes += int((stretch_in(values, form).ranks == fs.FIX_RANK).sum())
-        self._file.write(values.view(np.uint8).data)
+        self._spool.keep(values)
         spilled.give_back()  # rows of a filter that is recorded come too seldom to see to that
         self._taken, self._states = int(f.log.counts[0]), int(f.log.counts[1])
+
+    @property
+    def in_memory(self) -> bool:
+        """Whether the record is short enough for memory."""
+        return self._spool.in_memory
 
     @property
     def total(self) -> Form:
@@ -122,7 +123,8 @@ class Tape:
     def backwards(self) -> Iterator[tuple[Stretch, bool]]:
         """The stretches from the last to the first, and whether another filter ended with it.
 
-        Each stands where the one before it stood: what is to stay has to be copied.
+        Once: a stretch stands in the record, or where the one before it stood. What is to stay as
+        it is has to be copied.
         """
         ends = {first - 1 for first in self.parts} | {len(self._forms) - 1}
         offset = sum(form.size for form in self._forms)
@@ -130,10 +132,7 @@ class Tape:
         for number in range(len(self._forms) - 1, -1, -1):
             form = self._forms[number]
             offset -= form.size
-            values = self._room.of(form)
-            self._file.seek(offset * values.itemsize)
-            self._file.readinto(values.view(np.uint8).data)
-            stretch = stretch_in(values, form)
+            stretch = stretch_in(self._spool.read(offset, form.size), form)
             if not form.considers:  # until then nothing was considered
                 of_state, of_update = form.states * stretch.P.shape[1], form.updates * 3
                 if self.considers or len(nothing) < max(of_state, of_update):
@@ -150,4 +149,4 @@ class Tape:
 
     def __exit__(self, *_: object) -> None:
         if self._is_own:
-            self._file.close()
+            self._spool.close()
