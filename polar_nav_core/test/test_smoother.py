@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy import linalg
 
 from polar_nav_core.kernels.sins import smooth
 from polar_nav_core.kernels.sins.consider import COLUMNS
@@ -31,10 +32,15 @@ def problem(request):
     return _problem(n=request.param)
 
 
-def _problem(refused=-1, n=N):
-    """The problem; of the measurement ``refused`` only the gain is logged."""
+def _problem(refused=-1, n=N, wide=0.0):
+    """The problem; of the measurement ``refused`` only the gain is logged.
+
+    A position known to ``wide`` has depths of a millimetre along no axis first, at last fixes.
+    """
     rng = np.random.default_rng(1)
     P = np.diag(rng.uniform(0.5, 2.0, n) ** 2)
+    if wide:
+        P[range(6, 9), range(6, 9)] = wide**2
     P[20, 20] = 0.0  # known for sure
     b_sigma = np.zeros(COLUMNS)
     b_sigma[:4] = 0.7
@@ -50,6 +56,10 @@ def _problem(refused=-1, n=N):
     rows, values = [], []
     for k in range(STEPS):
         Phi, q = _transition(rng, n), rng.uniform(0.0, 0.3, n)
+        if wide:  # a second of a vehicle, not of a matrix
+            Phi, q = np.eye(n), 1e-6 * q
+            Phi[6:9, 3:6] = 0.1 * np.eye(3)
+            Phi[range(18, N), range(18, N)] = 0.99
         q[20] = 0.0
         G = Phi @ G
         G[:, n + k * n : n + (k + 1) * n] += np.eye(n)
@@ -57,10 +67,14 @@ def _problem(refused=-1, n=N):
         P, x, S_b = Phi @ P @ Phi.T + np.diag(q), Phi @ x, Phi @ S_b
         entries.append((STEP, (_phi(Phi), Phi[N : N + MOVING])))
         states.append((len(entries), x.copy(), P.copy(), S_b.copy(), G.copy()))
-        m = 1 + 2 * (k % 2)
+        m = 1 + 2 * (k % 2 if not wide else k > 8)
         H = np.zeros((3, n))
         H[:m] = rng.standard_normal((m, n)) * (rng.random((m, n)) < 0.4)
         R = np.diag(rng.uniform(0.5, 1.0, m))
+        if wide:
+            H[:] = 0.0
+            H[:m, 6:9] = np.eye(3) if m == 3 else [[0.48, 0.6, 0.64]]
+            R = np.diag(np.full(m, 0.5 if m == 3 else 1e-3) ** 2)
         J_b = np.zeros((3, COLUMNS))
         J_b[:m, :4] = rng.standard_normal((m, 4))
         at = n + STEPS * n + 3 * k
@@ -69,6 +83,10 @@ def _problem(refused=-1, n=N):
         row[:, at : at + m] += np.eye(m)
         row[:, -COLUMNS:] += J_b[:m]
         y = rng.standard_normal(m) * 2.0
+        if wide:  # as far off as was stated, where depths do not tell
+            y = np.sqrt(np.diagonal(R)) * y + H[:m, 6:9] @ (
+                0.1 * wide * np.array([5.0, -4.0, 0.0])
+            )
         rows.append(row)
         values.append(y)
         z = np.zeros(3)
@@ -88,7 +106,7 @@ def _problem(refused=-1, n=N):
     return entries, states, prior, np.vstack(rows), np.concatenate(values), b_sigma
 
 
-def _smoothed(problem, b_sigma=np.zeros(COLUMNS)):  # noqa: B008 - not changed
+def _smoothed(problem, b_sigma=np.zeros(COLUMNS), before=0.0, wide=0):  # noqa: B008 - not changed
     entries, states, *_ = problem
     kinds = np.array([kind for kind, _ in entries])
     steps = [v for kind, v in entries if kind == STEP]
@@ -129,7 +147,10 @@ def _smoothed(problem, b_sigma=np.zeros(COLUMNS)):  # noqa: B008 - not changed
         b_sigma,
         residuals,
         V,
-        np.zeros((2, n, n)),
+        before,
+        np.zeros((n, n)),
+        np.array([wide]),
+        np.zeros((6, n, n)),
     )
     x += np.array([s[1] for s in states])
     return x, P, sensitivity, common, residuals, V
@@ -154,6 +175,36 @@ def test_it_is_least_squares_over_everything(problem):
         for c in range(4):  # one unit of a common error moves the innovations, and so the mean
             moved, _ = _conditioned(known, A, A[:, len(prior) - COLUMNS + c], G)
             np.testing.assert_allclose(sensitivity[k][:, c], -moved, rtol=0.0, atol=1e-9)
+
+
+@pytest.mark.parametrize('n', [N, N + E], ids=['', 'with a model'])
+@pytest.mark.parametrize('wide', [10.0, 1e2, 1e3, 1e4, 1e5])
+def test_a_position_that_was_known_to_kilometres_is_as_by_least_squares(n, wide):
+    """P - P Lambda P was 1e6 m^2 less 1e6 m^2 and some rounding: variances below zero."""
+    problem = _problem(n=n, wide=wide)
+    _, states, prior, A, y, _ = problem
+    x, P, *_ = _smoothed(problem)
+    known = prior.copy()
+    known[-COLUMNS:] = 0.0
+    # In units of the sigmas, by QR: normal equations would lose as many digits.
+    sigma = np.sqrt(known)
+    noise = np.arange(n + STEPS * n, n + STEPS * n + 3 * STEPS)
+    noise = noise[known[noise] > 0.0]
+    others = np.setdiff1d(np.arange(len(known)), noise)
+    weights = 1.0 / sigma[noise][np.argmax(A[:, noise] != 0.0, axis=1)]
+    rows = weights[:, None] * (A * sigma)[:, others]
+    Q, U = np.linalg.qr(np.vstack([np.eye(len(others)), rows]))
+    u = linalg.solve_triangular(U, Q.T @ np.append(np.zeros(len(others)), weights * y))
+    rounding = 1e-14 * wide**2
+    for k, (*_, G) in enumerate(states):
+        of_unknowns = (G * sigma)[:, others]
+        factor = linalg.solve_triangular(U, of_unknowns.T, trans='T')
+        covariance = factor.T @ factor
+        np.testing.assert_allclose(P[k], covariance, rtol=1e-5, atol=rounding + 1e-6)
+        assert (np.diagonal(P[k]) >= 0.0).all()
+        off = np.abs(x[k] - of_unknowns @ u) / np.sqrt(np.diagonal(covariance) + rounding)
+        # The adjoint itself has the usual digits: tenths of a sigma from 100 km.
+        assert off[np.isfinite(off)].max() < 1e-3 + 0.5 * (wide / 1e5) ** 2
 
 
 def test_what_innovations_say_of_common_errors_is_least_squares(problem):

@@ -88,6 +88,19 @@ def test_it_is_the_filter_at_the_end_and_surer_before(world):
     assert np.linalg.norm(last) < 0.1 * sigma
 
 
+@pytest.mark.parametrize('sigma', [300.0, 1000.0, 2000.0])
+def test_what_is_known_before_the_first_fix_does_not_depend_on_how_wide_the_start_was(sigma):
+    """Of a start known to a kilometre variances before the first fix were rounding, below zero."""
+    world, found = World(40.0), []
+    for stated in (30.0, sigma):
+        params = world.params(configuration='default', initial_sigma_position=stated)
+        fixes = [f for f in world.fixes(1.0, 0.5) if f.validity_ns > world.stamps[0] + 15 * 10**9]
+        found.append(smoothing.smooth(params, inputs_of(world, fixes), covariances=True).track)
+    assert np.isfinite(found[1].derived).all()
+    narrow, wide = (np.einsum('nii->ni', track.P)[:, X] for track in found)
+    np.testing.assert_allclose(wide, narrow, rtol=0.01, atol=1e-6)
+
+
 def test_smoothed_errors_are_no_larger_than_stated(world):
     params = world.params(configuration='default', output_period_s=1.0)
     nees, after, before = [], 0.0, 0.0

@@ -23,10 +23,12 @@ from ..kernels.sins.update import NAV, N
 from .hindsight import OF_FIXES, Judged
 from .params import EngineParams
 from .sins import aiding
-from .sins.stretch import Stretch
+from .sins.stretch import Stretch, position_variance
 from .sins.tape import Tape
 from .track import Track
 
+_WIDE = 1e4
+"""Variance of position [m^2], above which the last second is smoothed with more digits."""
 _NOTHING = 'there is nothing to smooth: the filter did not start'
 
 
@@ -84,16 +86,18 @@ def backwards(
     adjoint = np.zeros((n, 1 + COLUMNS if tape.considers else 1))
     information = np.zeros((n, n))
     common = np.zeros((COLUMNS, COLUMNS + 1))
-    scratch = np.zeros((2, n, n))
+    low, wide = np.zeros((n, n)), np.zeros(1, dtype=np.int64)
+    scratch = np.zeros((6, n, n))
     model = aiding.make_aiding(params)
     total = tape.total
     pieces = spilled.LastFirst({}, total.steps // published + len(tape.parts))
     states = spilled.LastFirst({}, total.states)
     judged = spilled.LastFirst(dict.fromkeys(OF_FIXES, tape.fixes), total.updates)
     turn = moved = 0.0
-    for stretch, ends in tape.backwards():
+    for stretch, ends, before in tape.backwards():
         if ends:
-            adjoint[:], information[:] = 0.0, 0.0
+            adjoint[:], information[:], low[:] = 0.0, 0.0, 0.0
+            wide[0] = 1 if position_variance(stretch.P) > _WIDE else 0
         x = np.empty((len(stretch.stamps_ns), n))
         residuals = np.empty((len(stretch.sizes), 3))
         V = np.empty((len(stretch.sizes), 3, 3))
@@ -120,6 +124,9 @@ def backwards(
             tape.common if tape.considers else np.zeros(COLUMNS),
             residuals,
             V,
+            before,
+            low,
+            wide,
             scratch,
         )
         judged.add(vars(Judged.of(stretch, residuals, V)))

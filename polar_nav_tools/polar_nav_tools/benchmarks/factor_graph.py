@@ -159,7 +159,7 @@ def recorded(params: EngineParams, inputs: Inputs, every_s: float) -> list[Stret
             look_every_s=smoothing.LOOK_S,
             tape=tape,
         )
-        return [stretch.copy() for stretch, _ in tape.backwards()][::-1]
+        return [stretch.copy() for stretch, *_ in tape.backwards()][::-1]
 
 
 def _error(s: Stretch, k: int, found: Smoothed[Track], fed_back: Array) -> Array:

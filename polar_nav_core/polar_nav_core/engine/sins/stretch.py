@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...arrays import Array, Ints
+from ...error_model import X
 from ...errors import PolarNavError
 from ...kernels.sins import state as fs
 from ...kernels.sins import stretch as kernels
@@ -139,6 +140,11 @@ def stretch_in(room: Array, form: Form) -> Stretch:
         columns[name] = (values.view(np.int64) if name in _WHOLE else values).reshape(shape)
         begin = end
     return Stretch(**columns)
+
+
+def position_variance(P: Array) -> float:
+    """Trace of the position's covariance [m^2] in the last of some covariances; 0 of none."""
+    return float(np.trace(P[-1, X.dr_e, X.dr_e])) if len(P) else 0.0
 
 
 def _place(part: Array, state: fs.State) -> int:

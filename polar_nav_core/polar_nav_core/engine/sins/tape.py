@@ -19,7 +19,7 @@ from ..events import InitialState
 from ..params import EngineParams
 from .filter import NavigationFilter
 from .recorded import FixLog, Plan, Recorded
-from .stretch import Form, Stretch, stretch_in, write_stretch
+from .stretch import Form, Stretch, position_variance, stretch_in, write_stretch
 
 
 class Tape:
@@ -63,6 +63,7 @@ class Tape:
         self._spool = spilled.Spool() if spool is None else spool
         self._spool.begin_anew()
         self._forms: list[Form] = []
+        self._variances: list[float] = []
         self._filter: NavigationFilter | None = None
         self._taken = 0
         self._states = 0
@@ -103,7 +104,10 @@ class Tape:
         self.dvl_stamps_ns, self.depth_stamps_ns = f.streams.dvl_stamps, f.streams.depth_stamps
         form, values = write_stretch(f, self._taken, self._states, self._spool)
         self._forms.append(form)
-        self.fixes += int((stretch_in(values, form).ranks == fs.FIX_RANK).sum())
+        stretch = stretch_in(values, form)
+        last = self._variances[-1:] or [0.0]
+        self._variances.append(position_variance(stretch.P) if len(stretch.P) else last[0])
+        self.fixes += int((stretch.ranks == fs.FIX_RANK).sum())
         self._spool.keep(values)
         spilled.give_back()  # rows of a filter that is recorded come too seldom to see to that
         self._taken, self._states = int(f.log.counts[0]), int(f.log.counts[1])
@@ -120,8 +124,10 @@ class Tape:
         model = any(form.model for form in self._forms)
         return Form(steps, updates, rows, states, self.considers, model)
 
-    def backwards(self) -> Iterator[tuple[Stretch, bool]]:
+    def backwards(self) -> Iterator[tuple[Stretch, bool, float]]:
         """The stretches from the last to the first, and whether another filter ended with it.
+
+        And the trace of the position's covariance in the last state before it [m^2].
 
         Once: a stretch stands in the record, or where the one before it stood. What is to stay as
         it is has to be copied.
@@ -142,7 +148,8 @@ class Tape:
                     sensitivity=nothing[:of_state].reshape(form.states, -1, COLUMNS),
                     moved=nothing[:of_update].reshape(form.updates, 3, COLUMNS),
                 )
-            yield stretch, number in ends
+            before = self._variances[number - 1] if number and number - 1 not in ends else 0.0
+            yield stretch, number in ends, before
 
     def __enter__(self) -> Self:
         return self

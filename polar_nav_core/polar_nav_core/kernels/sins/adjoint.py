@@ -130,21 +130,30 @@ def _apply_step(phi: Array, model: Array, x: Array, out: Array) -> None:
 
 
 @kernel
+def adjoint_before_step(adjoint: Array, phi: Array, model: Array, w: Array) -> None:
+    """Carry the adjoint to before a step: as `step_back`, without Lambda."""
+    n, columns = adjoint.shape
+    if n == N:
+        _step_adjoint(phi, adjoint, w[0])
+        return
+    _apply_step(phi, model, adjoint, w[0, :, :columns])
+    for i in range(n):
+        for r in range(columns):
+            adjoint[i, r] = w[0, i, r]
+
+
+@kernel
 def step_back(adjoint: Array, information: Array, phi: Array, model: Array, w: Array) -> None:
     """Carry adjoint (n, columns) and Lambda (n, n) to before a step; w (2, n, n) scratch.
 
     lambda <- Phi^T lambda, Lambda <- Phi^T Lambda Phi. Phi as `PHI` numbers, and ``model``, which
     is read where n is more than 24.
     """
-    n, columns = adjoint.shape
+    n = adjoint.shape[0]
+    adjoint_before_step(adjoint, phi, model, w)
     if n == N:
-        _step_adjoint(phi, adjoint, w[0])
         _step_information(phi, information, w)
         return
-    _apply_step(phi, model, adjoint, w[0, :, :columns])
-    for i in range(n):
-        for r in range(columns):
-            adjoint[i, r] = w[0, i, r]
     _apply_step(phi, model, information, w[0])
     for i in range(n):
         for j in range(n):
@@ -220,7 +229,7 @@ def measure_back(
     m: int,
     w: Array,
 ) -> None:
-    """Fill what both `update_back` and `smooth.leave_out` need of a measurement of m rows.
+    """Fill what a measurement of m rows needs backwards, and `smooth.leave_out`.
 
     Into the scratch: S^-1 into w[1, :3], K^T Lambda K into w[1, 6:9], Lambda K into w[1, 12:15],
     and u = S^-1 z + K^T lambda into w[0, :3], a column of it for lambda and for its change per
@@ -286,14 +295,14 @@ def measure_back(
 
 
 @kernel
-def update_back(adjoint: Array, information: Array, H: Array, m: int, w: Array) -> None:
-    """Carry adjoint and Lambda to before a fused measurement of m rows, after `measure_back`.
+def adjoint_before_update(adjoint: Array, H: Array, m: int, w: Array) -> None:
+    """Carry the adjoint to before a fused measurement of m rows, after `measure_back`.
 
-    lambda <- (I - K H)^T lambda - H^T S^-1 z, Lambda <- (I - K H)^T Lambda (I - K H) + H^T S^-1 H.
+    lambda <- (I - K H)^T lambda - H^T S^-1 z.
 
     Parameters
     ----------
-    adjoint, information : (n, columns), (n, n) arrays, in place
+    adjoint : (n, columns) array, in place
     H : (3, n) array
         Rows; zero from m on.
     m : int
@@ -301,18 +310,28 @@ def update_back(adjoint: Array, information: Array, H: Array, m: int, w: Array) 
         Scratch.
     """
     n, columns = adjoint.shape
-    weight, A, Y, u = w[1, :3], w[1, 6:9], w[1, 12:15], w[0, :3]
+    u = w[0, :3]
     if m == 3 and columns == 1:
         u_0, u_1, u_2 = u[0, 0], u[1, 0], u[2, 0]
         for i in range(n):
             adjoint[i, 0] = adjoint[i, 0] - H[0, i] * u_0 - H[1, i] * u_1 - H[2, i] * u_2
-    else:
-        for i in range(n):
-            for a in range(m):
-                h = H[a, i]
-                if h != 0.0:
-                    for r in range(columns):
-                        adjoint[i, r] -= h * u[a, r]
+        return
+    for i in range(n):
+        for a in range(m):
+            h = H[a, i]
+            if h != 0.0:
+                for r in range(columns):
+                    adjoint[i, r] -= h * u[a, r]
+
+
+@kernel
+def information_before_update(information: Array, H: Array, m: int, w: Array) -> None:
+    """Carry Lambda (n, n) to before a fused measurement of m rows, after `measure_back`.
+
+    Lambda <- (I - K H)^T Lambda (I - K H) + H^T S^-1 H; arguments as of `adjoint_before_update`.
+    """
+    n = information.shape[0]
+    weight, A, Y = w[1, :3], w[1, 6:9], w[1, 12:15]
     # With Y = Lambda K: Lambda - Y H - H^T Y^T + H^T (K^T Y + S^-1) H; half of the last term on
     # either side keeps Lambda symmetric.
     if m == 1:

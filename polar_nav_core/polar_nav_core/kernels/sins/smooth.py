@@ -7,7 +7,9 @@ P - P Lambda P. No covariance is inverted, so states without any uncertainty nee
 that was added to P between two entries (a gate that opened, a gap) does not enter at all.
 
 Common errors b shift innovations by J b (`consider`). The adjoint is linear in the innovations, so
-a third part, (24, COLUMNS), is its change per unit of b. Equations: docs/derivations/smoother.md.
+a third part, (24, COLUMNS), is its change per unit of b. Where the position is known to so little
+that P - P Lambda P would be rounding, Lambda is carried in two parts (`twofold`). Equations:
+docs/derivations/smoother.md.
 """
 
 from __future__ import annotations
@@ -16,12 +18,27 @@ import math
 
 from ...arrays import Array, Ints
 from ..cache import entry, kernel, routine
-from .adjoint import inverse, measure_back, step_back, update_back
+from .adjoint import (
+    adjoint_before_step,
+    adjoint_before_update,
+    information_before_update,
+    inverse,
+    measure_back,
+    step_back,
+)
 from .consider import COLUMNS, add_common
 from .hidden import leave_out_leader
 from .rings import KEPT, STEP
 from .state import NAVIGATION
-from .update import cholesky, feed_back, nis_of
+from .twofold import smoothed_twofold, step_twofold, update_twofold
+from .update import DR, cholesky, feed_back, nis_of
+
+_ROUNDING = 2.3e-16
+"""Relative rounding of a number."""
+_DEPTHS = 1e5
+"""Trace of Lambda that depths alone may add up to, before the next row [1/m^2]."""
+_LOSS = 1e-4
+"""Share of a smoothed variance of position that may be rounding of P Lambda P."""
 
 
 @kernel
@@ -134,8 +151,40 @@ def _multiply(out: Array, A: Array, B: Array) -> None:
 
 
 @kernel
+def trace_of_position(A: Array) -> float:
+    """Sum of the three values on the diagonal of a square array that belong to the position."""
+    s: float = A[DR, DR] + A[DR + 1, DR + 1] + A[DR + 2, DR + 2]
+    return s
+
+
+@kernel
+def loses_digits(before: float, P: Array, information: Array) -> bool:
+    """Whether P - P Lambda P of the row before would be rounding.
+
+    Lambda is rounded in earth axes, of its depths that are known best, too; between this row and
+    the one before it shrinks with what narrows P, and that rounding does not.
+
+    Parameters
+    ----------
+    before : float
+        Trace of the position's covariance in the row before [m^2].
+    P, information : (n, n) arrays
+        Smoothed covariance of this row, and Lambda there.
+    """
+    known = max(_DEPTHS, trace_of_position(information))
+    return bool(_ROUNDING * known * before * before > _LOSS * trace_of_position(P))
+
+
+@kernel
 def smooth_row(
-    x: Array, P: Array, sensitivity: Array, adjoint: Array, information: Array, w: Array
+    x: Array,
+    P: Array,
+    sensitivity: Array,
+    adjoint: Array,
+    information: Array,
+    low: Array,
+    wide: bool,
+    w: Array,
 ) -> None:
     """Smoothed error x (n,) of a row; its covariance P and sensitivity change to the smoothed.
 
@@ -148,7 +197,10 @@ def smooth_row(
         The filter's, without common errors.
     sensitivity : (n, COLUMNS) array, in place
     adjoint, information : (n, 1 + COLUMNS), (n, n) arrays
-    w : (2, n, n) array
+    low : (n, n) array
+        What is added to ``information`` where that is ``wide``.
+    wide : bool
+    w : (6, n, n) array
         Scratch.
     """
     n, columns = adjoint.shape
@@ -162,13 +214,22 @@ def smooth_row(
                 s = P[i, j]
                 for c in range(1, columns):
                     sensitivity[i, c - 1] += s * adjoint[j, c]
-    _multiply(w[0], P, information)
-    _multiply(w[1], w[0], P)
     for i in range(n):
-        for k in range(i + 1):
-            s = P[i, k] - 0.5 * (w[1, i, k] + w[1, k, i])
-            P[i, k] = s
-            P[k, i] = s
+        w[5, 0, i] = P[i, i]
+    if wide:
+        smoothed_twofold(P, information, low, w)
+    else:
+        _multiply(w[0], P, information)
+        _multiply(w[1], w[0], P)
+        for i in range(n):
+            for k in range(i + 1):
+                s = P[i, k] - 0.5 * (w[1, i, k] + w[1, k, i])
+                P[i, k] = s
+                P[k, i] = s
+    for i in range(n):
+        least = _ROUNDING * w[5, 0, i]  # less is rounding, and may be below zero
+        if P[i, i] < least:
+            P[i, i] = least
 
 
 @kernel
@@ -236,6 +297,16 @@ def normalize(residuals: Array, V: Array, sizes: Ints, nis: Array, w: Array) -> 
 
 
 @kernel
+def turn_twofold(on: bool, low: Array, wide: Ints) -> None:
+    """Begin or end to carry Lambda in two parts."""
+    if on and wide[0] == 0:
+        for i in range(low.shape[0]):
+            for j in range(low.shape[1]):
+                low[i, j] = 0.0
+    wide[0] = 1 if on else 0
+
+
+@kernel
 def _take_rows(out: Array, rows: Array, begin: int, m: int) -> None:
     """Copy m rows of an update, and zeros below them, to ``out`` (3, n)."""
     for a in range(m):
@@ -271,6 +342,9 @@ def smooth_back(
     sigma: Array,
     residuals: Array,
     V: Array,
+    before: float,
+    low: Array,
+    wide: Ints,
     w: Array,
 ) -> None:
     """Run backwards over entries, and smooth the rows that lie between them.
@@ -301,23 +375,35 @@ def smooth_back(
         1-sigma of the common errors.
     residuals, V : (updates, 3), (updates, 3, 3) arrays, out
         Of each measurement, to the track by all others, and its covariance: see `leave_out`.
-    w : (2, n, n) array
+    before : float
+        Trace of the position's covariance in the last row before these entries, or zero [m^2].
+    low, wide : (n, n), (1,) arrays, in place
+        What is added to ``information`` where ``wide`` is 1.
+    w : (6, n, n) array
         Scratch.
     """
     row, end = places.shape[0] - 1, H.shape[0]
     for number in range(kinds.shape[0], -1, -1):
         while row >= 0 and places[row] >= number:
-            smooth_row(x[row], P[row], sensitivity[row], adjoint, information, w)
+            smooth_row(
+                x[row], P[row], sensitivity[row], adjoint, information, low, wide[0] == 1, w
+            )
             for i in range(x.shape[1]):
                 x[row, i] += deviations[row, i]
             correct_row(navigation[row], x[row], w[1])
+            next_trace = trace_of_position(P[row - 1]) if row > 0 else before
+            turn_twofold(loses_digits(next_trace, P[row], information), low, wide)
             row -= 1
         if number == 0:
             return
         i = indices[number - 1]
         if kinds[number - 1] == STEP:
             of_model = model[i] if model.shape[0] > 0 else w[0]
-            step_back(adjoint, information, phi[i], of_model, w)
+            if wide[0] == 1:
+                adjoint_before_step(adjoint, phi[i], of_model, w)
+                step_twofold(information, low, phi[i], of_model, w[2:4])
+            else:
+                step_back(adjoint, information, phi[i], of_model, w)
         else:
             m = sizes[i]
             kept = kinds[number - 1] == KEPT
@@ -329,4 +415,8 @@ def smooth_back(
             measure_back(adjoint, information, w[0, 6:9], L[i], z[i], moved[i], m, w)
             leave_out(L[i], m, not kept, sigma, residuals[i], V[i], w)
             if not kept:
-                update_back(adjoint, information, w[0, 3:6], m, w)
+                adjoint_before_update(adjoint, w[0, 3:6], m, w)
+                if wide[0] == 1:
+                    update_twofold(information, low, w[0, 3:6], w[0, 6:9], L[i], m, w[2:4])
+                else:
+                    information_before_update(information, w[0, 3:6], m, w)
