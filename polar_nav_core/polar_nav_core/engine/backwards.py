@@ -144,7 +144,7 @@ def backwards(
             of_model = aiding.values_of(_blocks(stretch, x), model)
             piece = replace(piece, model=of_model[shown])
         pieces.add(vars(_published(piece, covariances, move)))
-        spilled.give_back()
+        tape.give_back()
     track = pieces.in_order()
     if not track or not len(track['stamps_ns']):
         raise ConfigError(_NOTHING)

@@ -187,16 +187,16 @@ class _Passes:
             result = engine_run.run(
                 params,
                 self._inputs,
-                sink=lambda _: spilled.give_back(),
+                sink=lambda _: tape.give_back(),
                 derived=True,
                 progress=progress,
                 look_every_s=LOOK_S,
                 tape=tape,
                 usable=self._usable,
             )
-            _give_back_after_long(tape)
+            tape.give_back(freed=True)
             back = backwards(params, tape, self._published, self._covariances, self._move)
-            _give_back_after_long(tape)
+            tape.give_back(freed=True)
             why_not = ''
             if result.divergence or len(tape.parts) > 1:
                 why_not = 'the filter was lost and began anew'
@@ -220,15 +220,6 @@ class _Passes:
                 math.inf if plan is None else back.moved,
                 before,
             )
-
-
-def _give_back_after_long(tape: Tape) -> None:
-    """Give memory back after a stage over a long record; after a short one it is little.
-
-    And that is taken again by the next pass, page by page: 3 ms of the 90 of a pass over 600 s.
-    """
-    if not tape.in_memory:
-        spilled.give_back_freed()
 
 
 @dataclass(frozen=True)

@@ -30,12 +30,12 @@ from polar_nav_ros.navigation_outputs import receipt_to_msg
 
 from ..bags import Bag, BagWriter
 from ..foreign.lever import at_the_imu
-from ..foreign.load import load
+from ..foreign.load import Loaded, load
 from ..foreign.replay import Row, states_of, truth_messages
 from ..foreign.sources import Source
 from ..replay.arrays import StationArrays
 from ..replay.by_message import parameters
-from ..replay.plain import whole_arrays
+from ..replay.plain import plain_arrays, whole_arrays
 from ..replay.result import LOOK_EVERY_S
 from ..replay.station_run import as_track, model_run, replay_station
 from ..scoring import Comparison, compare
@@ -199,6 +199,34 @@ def smoothed_series(bag: Bag, vehicle: str, progress: Progress | None = None) ->
     )
 
 
+def recorded_inputs(bag: Bag, vehicle: str) -> tuple[FollowerParams, Inputs]:
+    """Default filter of a follower of mode sins, and its own recording.
+
+    Raises
+    ------
+    ConfigError
+        As `plain_arrays`.
+    """
+    arrays = plain_arrays(bag, vehicle, 'timed')
+    params = parameters(arrays.params, 'default', {})
+    return params, arrays.inputs(params).inputs
+
+
+def mapped_inputs(
+    source: Source, mapping: Sources, accept: Iterable[str]
+) -> tuple[FollowerParams, Inputs]:
+    """Filter of a mapping, at the point of the IMU, and a bag of any origin."""
+    loaded = _loaded(source, mapping, accept)
+    return at_the_imu(loaded), loaded.inputs
+
+
+def _loaded(source: Source, mapping: Sources, accept: Iterable[str]) -> Loaded:
+    loaded = load(source, mapping, accept)
+    if not len(loaded.inputs.imu_stamps_ns):
+        raise ConfigError(f'{source.path}: no IMU sample after the start')
+    return loaded
+
+
 def smooth_mapped(
     source: Source,
     mapping: Sources,
@@ -208,10 +236,8 @@ def smooth_mapped(
     progress: Progress,
 ) -> SmoothedRun:
     """Smoothed run of a bag of any origin."""
-    loaded = load(source, mapping, accept)
+    loaded = _loaded(source, mapping, accept)
     params = at_the_imu(loaded)
-    if not len(loaded.inputs.imu_stamps_ns):
-        raise ConfigError(f'{source.path}: no IMU sample after the start')
     vehicle, lever_b = mapping.vehicle, mapping.imu.lever_b
     found = _both(loaded.params, params, loaded.inputs, vehicle, how, lever_b, progress)
     return _run(Path(source.path), vehicle, params, found, loaded.truth)

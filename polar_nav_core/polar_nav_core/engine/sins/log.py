@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from ...arrays import Array
 from ...kernels.sins import state as fs
 from ...kernels.sins.consider import COLUMNS
 from ...kernels.sins.model import E
@@ -12,6 +13,17 @@ from ...kernels.sins.update import N
 
 STEPS_PER_BLOCK = 20
 """Covariance steps in a block of `clone`; long blocks are dear to enter, short ones to pass."""
+
+
+def _place(part: Array, state: fs.State) -> int:
+    """Place of a part of a state in its flat array."""
+    return (part.ctypes.data - state.flat.ctypes.data) // state.flat.itemsize
+
+
+_STATE = fs.make_state()
+P_PLACE, SENSITIVITY_PLACE = _place(_STATE.P, _STATE), _place(_STATE.sensitivity, _STATE)
+_FOR_TAPE = SENSITIVITY_PLACE + _STATE.sensitivity.size
+"""Values of a state that a tape copies: what stands behind them is for going on from it."""
 
 
 def make_log(
@@ -24,8 +36,10 @@ def make_log(
 ) -> Log:
     """Empty log as long as the history, with room for a snapshot every ``snapshots`` steps.
 
-    Covariances after steps are for fixes that come late, and for a vehicle's model.
+    Covariances after steps, and whole snapshots, are for fixes that come late, and for a vehicle's
+    model.
     """
+    flat = fs.FLAT + (fs.MODEL if model else 0)
     updates = len(past.corrections) if steps else 0
     stored = len(past.transitions) if steps else 0
     order = updates + stored
@@ -50,9 +64,9 @@ def make_log(
         moved=np.zeros((updates, 3, COLUMNS)),
         model_steps=np.zeros((stored if model else 0, 3, N + E)),
         model_rows=np.zeros((updates if model else 0, 2, 3, E)),
-        snapshot_flat=np.zeros((kept, fs.FLAT + (fs.MODEL if model else 0))),
+        snapshot_flat=np.zeros((kept, flat if late or model else _FOR_TAPE)),
         snapshot_counters=np.zeros((kept, fs.COUNTERS), dtype=np.int64),
-        good_flat=np.zeros((1, fs.FLAT + (fs.MODEL if model else 0))),
+        good_flat=np.zeros((1, flat)),
         good_ns=np.zeros(1, dtype=np.int64),
         hindsight=make_hindsight(),
     )

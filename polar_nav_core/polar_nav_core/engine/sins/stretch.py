@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from functools import lru_cache
 from math import prod
 from typing import Any, NamedTuple
 
@@ -19,6 +20,7 @@ from ...kernels.sins.model import MOVING, E
 from ...kernels.sins.update import N
 from ...spilled import Spool
 from .filter import NavigationFilter
+from .log import P_PLACE, SENSITIVITY_PLACE
 
 
 @dataclass(frozen=True)
@@ -127,18 +129,35 @@ class Form(NamedTuple):
     @property
     def size(self) -> int:
         """Number of values."""
-        return sum(map(prod, self.shapes.values()))
+        return _layout(self)[-1].end
+
+
+class _Column(NamedTuple):
+    """Place of a column among the values of a stretch."""
+
+    name: str
+    begin: int
+    end: int
+    shape: tuple[int, ...]
+
+
+@lru_cache(maxsize=256)
+def _layout(form: Form) -> tuple[_Column, ...]:
+    """Columns of a form, one behind the other: asked for some times in each pass."""
+    found: list[_Column] = []
+    begin = 0
+    for name, shape in form.shapes.items():
+        found.append(_Column(name, begin, begin + prod(shape), shape))
+        begin = found[-1].end
+    return tuple(found)
 
 
 def stretch_in(room: Array, form: Form) -> Stretch:
     """Stretch of a form whose columns stand one behind the other in ``room``, with its values."""
     columns: dict[str, Any] = {}
-    begin = 0
-    for name, shape in form.shapes.items():
-        end = begin + prod(shape)
+    for name, begin, end, shape in _layout(form):
         values = room[begin:end]
         columns[name] = (values.view(np.int64) if name in _WHOLE else values).reshape(shape)
-        begin = end
     return Stretch(**columns)
 
 
@@ -147,19 +166,10 @@ def position_variance(P: Array) -> float:
     return float(np.trace(P[-1, X.dr_e, X.dr_e])) if len(P) else 0.0
 
 
-def _place(part: Array, state: fs.State) -> int:
-    """Place of a part of a state in its flat array."""
-    return (part.ctypes.data - state.flat.ctypes.data) // state.flat.itemsize
-
-
-_STATE = fs.make_state()
-_P, _SENSITIVITY = _place(_STATE.P, _STATE), _place(_STATE.sensitivity, _STATE)
-
-
 def write_stretch(
     f: NavigationFilter, taken: int, states: int, spool: Spool
-) -> tuple[Form, Array]:
-    """Form, and the values in the room of a spool, of what a filter has logged.
+) -> tuple[Form, Array, Stretch]:
+    """Form, values in the room of a spool, and stretch of what a filter has logged.
 
     Since so many entries, and so many states.
 
@@ -187,7 +197,7 @@ def write_stretch(
     of_updates = out.sizes, out.dof, out.ranks, out.samples
     kernels.pack_order(log, taken, out.kinds, out.indices, *of_updates, steps, updates)
     of_states = out.stamps_ns, out.steps, out.navigation, out.P, out.sensitivity, out.deviations
-    kernels.pack_states(log, rows, (_P, _SENSITIVITY), *of_states)
+    kernels.pack_states(log, rows, (P_PLACE, SENSITIVITY_PLACE), *of_states)
     kernels.place_states(out.kinds, out.ranks, steps, out.steps, out.places)
     steps %= len(past.transitions)
     updates %= len(log.H)
@@ -198,7 +208,7 @@ def write_stretch(
         of_model = log.model_rows[updates].transpose(1, 0, 2, 3)
         out.H[:, N:], out.K[:, N:] = of_model[:, np.arange(3) < out.sizes[:, None]]
         _write_blocks(log.snapshot_flat[rows], out)
-    return form, values
+    return form, values, out
 
 
 def _write_blocks(flat: Array, out: Stretch) -> None:

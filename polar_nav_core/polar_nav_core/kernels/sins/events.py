@@ -57,8 +57,8 @@ def _process_noise(q: Array, s: State, c: Settings, dt: float) -> None:
 
 @kernel
 def _copy(s: State, flat: Array) -> None:
-    """Copy the state without its counters to a row."""
-    for k in range(fs.FLAT):
+    """Copy the state without its counters to a row, or as much of it as that has room for."""
+    for k in range(min(fs.FLAT, flat.shape[0])):
         flat[k] = s.flat[k]
     for r in range(s.model.shape[0]):
         for k in range(E):
