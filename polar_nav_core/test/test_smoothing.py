@@ -57,6 +57,15 @@ def test_a_run_in_many_stretches_is_that_in_one(world, monkeypatch):
     np.testing.assert_array_equal(parts.information, whole.information)
 
 
+def test_a_part_of_a_run_may_have_no_state(world, monkeypatch):
+    """As the last tenths of a second of a recording had behind a gap: a traceback."""
+    params, inputs = world.params(configuration='default'), late(world, 3.0)
+    monkeypatch.setattr(smoothing, '_TRACK_S', 30.0)
+    whole = smoothing.smooth(params, inputs, every_s=30.0)
+    monkeypatch.setattr(smoothing, 'LOOK_S', 7.0)
+    same(smoothing.smooth(params, inputs, every_s=30.0).track, whole.track)
+
+
 @pytest.mark.parametrize('most_bytes', [0, 1 << 20, 1 << 26])
 def test_a_record_in_memory_or_in_a_file_is_written_over_that_of_a_tape_before(world, most_bytes):
     params, inputs = world.params(configuration='default'), late(world, 3.0)

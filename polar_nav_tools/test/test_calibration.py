@@ -3,6 +3,7 @@
 import math
 from dataclasses import replace
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -254,3 +255,19 @@ def test_after_calibration_a_run_is_honest(seed):
         fix_heading_sigma_deg=math.degrees(left['array_yaw']),
     )
     assert nees_of_position(world, params, inputs) < 3.0
+
+
+@pytest.mark.parametrize(
+    ('misfits', 'words'),
+    [
+        ({'fix': (1.0, 1.0), 'dvl': (190.0, 24.0), 'depth': (6.4, 57.0)}, ''),
+        ({'fix': (600.0, 300.0)}, ''),  # the noise is stated much too small
+        ({'fix': (3.6, 270.0)}, 'with these constants fix fits worse than as stated'),
+        ({'fix': (3.6, 500.0)}, 'no constant makes fix fit'),
+    ],
+)
+def test_constants_that_a_sensor_contradicts_are_a_problem(misfits, words):
+    """As after a gap of the IMU, where the gate had refused what did not fit as stated."""
+    after = SimpleNamespace(divergence='', filters=1)
+    found = SimpleNamespace(after=after, settled=True, rounds=4, misfits=lambda: misfits)
+    assert [p[: len(words)] for p in problems(found)] == [words] * bool(words)

@@ -57,6 +57,15 @@ def written(tmp_path_factory):
     return files
 
 
+def test_how_many_fixes_were_used_is_said(capsys):
+    """Without a truth there is no table that would show that most were refused."""
+    assert polar('smooth', BAGS / 'reference_4') == 0
+    assert 'fixes used: filter 13 of 13, smoother 13 of 13\n' in capsys.readouterr().out
+    assert polar('smooth', BAGS / 'reference_4', '--json') == 0
+    fixes = json.loads(capsys.readouterr().out)['fixes']
+    assert fixes == {name: {'used': 13, 'of': 13} for name in ('filter', 'smoother')}
+
+
 def test_poses_at_the_stamps_of_a_topic(tmp_path):
     files = [tmp_path / 'at.csv', tmp_path / 'at.kml']
     words = ['smooth', BAGS / 'reference_4', '--at', '/follower/dvl/data', '--csv', files[0]]

@@ -15,6 +15,8 @@ from .solve import EXCITED, Sum, sums
 
 _NONE_FITS = 400.0
 """Mean squared innovation, calibrated, from which on noise that is larger explains nothing."""
+_FITS_WORSE = 100.0
+"""The same, where as stated it was less: the constants contradict that sensor."""
 _MISFIT = 2.0
 """Mean squared innovation from which on sigmas cannot be believed."""
 _CORRELATED = 0.5
@@ -109,11 +111,17 @@ def problems(found: Estimated) -> list[str]:
         out.append('the filter was lost on the way and began anew: calibrate a part of the run')
     if not found.settled:
         out.append(f'the constants still moved after {found.rounds} runs')
-    for name, (_, after) in found.misfits().items():
+    for name, (before, after) in found.misfits().items():
         if after > _NONE_FITS:
             out.append(
                 f'no constant makes {name} fit: innovations are still {after:.2g} times as large '
                 'as modelled (squared): axes, frame or noise are stated wrong'
+            )
+        elif after > max(_FITS_WORSE, before):
+            out.append(
+                f'with these constants {name} fits worse than as stated: innovations are '
+                f'{after:.2g} times as large as modelled (squared), {before:.2g} before: '
+                'something else is wrong, as a long gap of the IMU or its axes'
             )
     return out
 

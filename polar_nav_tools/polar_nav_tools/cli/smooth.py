@@ -203,6 +203,10 @@ def _print(run: SmoothedRun, span: Span, *, well: bool, as_json: bool) -> None:
                 'configuration': run.params.configuration,
                 'estimates': len(run.smoothed),
                 'stated_horizontal_m': stated,
+                'fixes': {
+                    name: {'used': used, 'of': total}
+                    for name, (used, total) in run.fixes_used.items()
+                },
                 'filter_health': span.to_dict(),
                 'smoothing': summary(run.found),
                 'score': None if comparison is None else comparison.to_dict(),
@@ -218,8 +222,14 @@ def _print(run: SmoothedRun, span: Span, *, well: bool, as_json: bool) -> None:
     sys.stdout.write(
         f'{len(run.smoothed)} smoothed estimates of {run.vehicle}; stated 1-sigma of the '
         f'horizontal position, median: filter {stated["filter"]:.3g} m, '
-        f'smoother {stated["smoother"]:.3g} m\n' + _revisions(run.found)
+        f'smoother {stated["smoother"]:.3g} m\n' + _fixes(run) + _revisions(run.found)
     )
+
+
+def _fixes(run: SmoothedRun) -> str:
+    """Line on how many fixes were used: without a truth nothing else shows that few were."""
+    words = ', '.join(f'{name} {used} of {of}' for name, (used, of) in run.fixes_used.items())
+    return f'fixes used: {words}\n'
 
 
 _LISTED = 10

@@ -148,7 +148,9 @@ class Tape:
                     nothing = np.zeros((max(of_state, of_update), COLUMNS))
                 stretch = replace(
                     stretch,
-                    sensitivity=nothing[:of_state].reshape(form.states, -1, COLUMNS),
+                    sensitivity=nothing[:of_state].reshape(
+                        form.states, stretch.P.shape[1], COLUMNS
+                    ),
                     moved=nothing[:of_update].reshape(form.updates, 3, COLUMNS),
                 )
             before = self._variances[number - 1] if number and number - 1 not in ends else 0.0
