@@ -2,9 +2,11 @@
 
 The IMU's clock is the one that the engine's time goes on with (`imu_clock`). When it steps, the
 topics whose stamps make the same step follow it; a topic with a clock of its own keeps its
-offset, and gets another one when its own clock steps: three messages in a row then show it.
-Without a step, the stamps of all topics are the engine's time. The validity of a packet is of its
-sender's clock, and stays.
+offset, and gets another one when its own clock steps: three messages in a row then show it. One
+that came in time, and of which nothing does any more, is put beside the IMU's newest sample again:
+its clock or the IMU's steps by less, or creeps, and all would be refused for good. Without a step,
+the stamps of all topics are the engine's time. The validity of a packet is of its sender's clock,
+and stays.
 
 The steps are the one thing that depends on the order in which topics arrive, and on the steady
 clock: they are recorded, and a replay reads them.
@@ -12,7 +14,9 @@ clock: they are recorded, and a replay reads them.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
+from statistics import median_low
 
 from .events import ClockStep, Event, Fix, ImuSample, number_of, shifted
 from .imu_clock import LEAST_STEP_NS, Action, ImuClock, Refused
@@ -24,6 +28,12 @@ _AGREE_NS = 250_000_000
 _STEP_MESSAGES = 3
 _SETTLED = 5
 """Messages in a row for which a topic's own offset is right after a step of the IMU's clock."""
+_USUAL = 10
+"""Messages in time that show how far their topic is behind the IMU's newest sample."""
+_OFF, _OFF_NS = 5, 3_000_000_000
+"""Messages in a row that are all off, and for how long: less are a computer that is busy."""
+_EARLY_NS = 50_000_000
+"""A message stamped so long after it came is of another clock."""
 _MOST_HELD = 256
 _MOST_STEPS = 64
 """Newest steps of the IMU's clock, of which a topic may have made the first ones."""
@@ -34,7 +44,9 @@ class _Topic:
     """Clock of a topic.
 
     ``base`` is the number of the IMU's offset that it has, ``extra_ns`` its own besides;
-    ``usual_ns`` engine time less the newest possible one, of its last message.
+    ``usual_ns`` engine time less the newest possible one, of its last message. ``lags_ns`` is how
+    far its first ones in time were behind the IMU's newest sample, ``off`` the same of those since
+    the last one in time, which were too late or stamped after they came, each with the IMU's time.
     """
 
     base: int = 0
@@ -44,6 +56,8 @@ class _Topic:
     usual_ns: int | None = None
     right: int = 0
     held: list[tuple[Event, int | None]] = field(default_factory=list)
+    lags_ns: list[int] = field(default_factory=list)
+    off: list[tuple[int, int]] = field(default_factory=list)
 
 
 class Clocks:
@@ -53,11 +67,14 @@ class Clocks:
     ----------
     leap_s : float
         Stamp time that an IMU sample may be ahead of the one before.
+    window_s : float
+        Stamp time that a message may be behind the IMU's newest sample.
     """
 
-    def __init__(self, leap_s: float) -> None:
+    def __init__(self, leap_s: float, window_s: float = math.inf) -> None:
         self._leap_ns = round(leap_s * 1e9)
-        self.imu = ImuClock(leap_s)
+        self._window_ns = window_s * 1e9
+        self.imu = ImuClock(leap_s, window_s)
         self._topics: dict[str, _Topic] = {}
 
     def take(self, event: Event, arrival_ns: int | None = None) -> list[Action]:
@@ -203,6 +220,7 @@ class Clocks:
         return [one for event, arrival_ns in held for one in self._use(topic, event, arrival_ns)]
 
     def _use(self, topic: _Topic, event: Event, arrival_ns: int | None) -> list[Action]:
+        out = self._put_right(topic, event, arrival_ns)
         one = shifted(event, self._offset_ns(topic))
         topic.newest_ns = max(one.stamp_ns, topic.newest_ns or one.stamp_ns)
         topic.newest_own_ns = event.stamp_ns
@@ -211,7 +229,40 @@ class Clocks:
             off_ns = one.stamp_ns - possible_ns
             if topic.usual_ns is None or abs(off_ns - topic.usual_ns) <= LEAST_STEP_NS:
                 topic.usual_ns = off_ns
-        return [one]
+        return [*out, one]
+
+    def _put_right(self, topic: _Topic, event: Event, arrival_ns: int | None) -> list[Action]:
+        """Step of a topic that has been off for a while, to where it was at first."""
+        now_ns, was_ns = self.imu.newest_ns, self._offset_ns(topic)
+        if now_ns is None:
+            return []
+        lag_ns = now_ns - event.stamp_ns - was_ns
+        known = len(topic.lags_ns) == _USUAL
+        early = known and self._is_early(topic, lag_ns, now_ns, arrival_ns)
+        if not early and lag_ns < self._window_ns:
+            topic.off.clear()
+            if not known:
+                topic.lags_ns.append(lag_ns)
+            return []
+        if topic.off and abs(lag_ns - topic.off[0][1]) > _AGREE_NS:
+            topic.off.clear()
+        if abs(lag_ns) > LEAST_STEP_NS:  # `_judge` follows longer steps, and knows late ones
+            return []
+        topic.off = [*topic.off[: _MOST_HELD - 1], (now_ns, lag_ns)]
+        if not known or len(topic.off) < _OFF or now_ns - topic.off[0][0] < _OFF_NS:
+            return []
+        off_ns = median_low(ns for _, ns in topic.off) - median_low(topic.lags_ns)
+        topic.off.clear()
+        topic.extra_ns += off_ns
+        return [self._step(topic, event, was_ns)]
+
+    def _is_early(self, topic: _Topic, lag_ns: int, now_ns: int, arrival_ns: int | None) -> bool:
+        """Whether a message is stamped after it came, as none of its topic was at first."""
+        possible_ns = self.imu.arrivals.newest_possible_ns(arrival_ns)
+        if possible_ns is None:
+            return False
+        usual_ns = median_low(topic.lags_ns)
+        return now_ns - lag_ns > possible_ns + _EARLY_NS and lag_ns < usual_ns - _EARLY_NS
 
     def _step(self, topic: _Topic, event: Event, was_ns: int) -> ClockStep:
         """Step of a topic's clock to its present offset, from a message on."""

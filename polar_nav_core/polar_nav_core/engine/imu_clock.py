@@ -8,6 +8,7 @@ by one interval over it; a clock that returns gets its old offset again.
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from typing import NamedTuple, TypeAlias
 
@@ -15,9 +16,14 @@ from .arrivals import Arrivals
 from .events import ClockStep, Event, ImuSample, shifted
 
 LEAST_STEP_NS = 500_000_000
-"""A clock that steps by less is not followed: that much, messages can be late."""
+"""A clock that steps by less is not followed: that much, messages can be late. The IMU's is, where
+its samples came in order and arrival shows that they go on."""
+_SHORT_NS = 200_000_000
+"""Such a step ahead: samples that came so much too soon."""
 STEP_SAMPLES = 5
 """Samples in a row that show a step."""
+_IN_ORDER = 50
+"""Samples in order before a shorter step: where they are jumbled, some are late."""
 _MOST_HELD = 256
 """Samples that wait: a stamp that never changes lets no other one decide."""
 _FIRST_NS = 10_000_000_000
@@ -47,6 +53,8 @@ class ImuClock:
     ----------
     leap_s : float
         Stamp time that a sample may be ahead of the one before.
+    window_s : float
+        Stamp time that it may be behind the newest one.
 
     Attributes
     ----------
@@ -57,14 +65,16 @@ class ImuClock:
     arrivals : Arrivals
     """
 
-    def __init__(self, leap_s: float) -> None:
+    def __init__(self, leap_s: float, window_s: float = math.inf) -> None:
         self._leap_ns = round(leap_s * 1e9)
+        self._window_ns = window_s * 1e9
         self.newest_ns: int | None = None
         self.offsets_ns = [0]
         self.arrivals = Arrivals()
         self._interval_ns = 0
         self._held: list[tuple[ImuSample, int | None]] = []
         self._behind = False
+        self._in_order = 0
         self._gaps: deque[tuple[int, int]] = deque(maxlen=64)
 
     @property
@@ -78,7 +88,7 @@ class ImuClock:
         if self.newest_ns is None:
             return self._first(sample, arrival_ns)
         ahead = stamp_ns - self.newest_ns > self._leap_ns
-        behind = self._may_be_back(stamp_ns)
+        behind = self._may_be_back(stamp_ns, arrival_ns)
         if not (ahead or behind):
             return [*self._let_go(), *self._use([(sample, arrival_ns)])]
         if self._held and behind == self._behind:
@@ -113,9 +123,12 @@ class ImuClock:
         self._held, self._behind = [(sample, arrival_ns)], False
         return out
 
-    def _may_be_back(self, stamp_ns: int) -> bool:
+    def _may_be_back(self, stamp_ns: int, arrival_ns: int | None) -> bool:
         """Whether a sample may be of a clock that stepped back, and is not only late."""
-        if self.newest_ns is None or self.newest_ns - stamp_ns < LEAST_STEP_NS:
+        seen = self.arrivals.newest_possible_ns(arrival_ns) is not None
+        short = seen and self._in_order >= _IN_ORDER
+        least_ns = min(self._window_ns, LEAST_STEP_NS) if short else LEAST_STEP_NS
+        if self.newest_ns is None or self.newest_ns - stamp_ns < least_ns:
             return False
         return not any(a < stamp_ns < b for a, b in self._gaps)
 
@@ -137,7 +150,8 @@ class ImuClock:
         possible_ns = self.arrivals.newest_possible_ns(arrival_ns)
         if possible_ns is None:
             return stamp_ns - (self.newest_ns or 0) > _UNSEEN_GAP_NS
-        return stamp_ns - possible_ns > LEAST_STEP_NS
+        short = self._in_order >= _IN_ORDER
+        return stamp_ns - possible_ns > (_SHORT_NS if short else LEAST_STEP_NS)
 
     def _decide(self) -> list[Action]:
         """What becomes of samples that wait and agree."""
@@ -153,7 +167,17 @@ class ImuClock:
         span_ns = (max(stamps_ns) - min(stamps_ns)) / (len(stamps_ns) - 1)
         if not 0.5 * self._interval_ns <= span_ns <= 1.5 * self._interval_ns:
             return self._let_go()
+        if self._behind and self._is_burst(max(stamps_ns) - min(stamps_ns)):
+            return self._let_go()
         return [self._step(), *self._use(self._let_all())]
+
+    def _is_burst(self, span_ns: int) -> bool:
+        """Whether samples that wait came faster than they were taken: late, and no step."""
+        first, last = self._held[0], self._held[-1]
+        back_ns = (self.newest_ns or 0) - first[0].stamp_ns - self.offsets_ns[-1]
+        if back_ns >= LEAST_STEP_NS or first[1] is None or last[1] is None:
+            return False
+        return last[1] - first[1] < span_ns // 2
 
     def _step(self) -> ClockStep:
         """Step of the clock at the first sample that waits."""
@@ -180,6 +204,7 @@ class ImuClock:
             out.append(one)
             if self.newest_ns is not None:
                 way_ns = one.stamp_ns - self.newest_ns
+                self._in_order = self._in_order + 1 if way_ns > 0 else 0
                 if 0 < way_ns <= self._leap_ns:
                     self._interval_ns += (way_ns - self._interval_ns) // (
                         16 if self._interval_ns else 1
@@ -196,5 +221,6 @@ class ImuClock:
         """Samples that waited, and that no other one agreed with."""
         held = [shifted(sample, self.offsets_ns[-1]) for sample, _ in self._let_all()]
         if self._behind:  # they are late
+            self._in_order = 0
             return [*held]
         return [Refused(sample) for sample in held]

@@ -40,7 +40,7 @@ class Reorder:
 
     def __init__(self, engine: Engine, window_s: float, leap_s: float) -> None:
         self.engine = engine
-        self._clocks = Clocks(leap_s)
+        self._clocks = Clocks(leap_s, window_s)
         self._window_ns = round(window_s * 1e9)
         self._heap: list[tuple[OrderKey, Event]] = []
         self.newest_imu_ns: int | None = None
