@@ -5,6 +5,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from closed_loop import World
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -21,6 +22,11 @@ PARAMS = EngineParams()
 STATION = EngineParams(mode='station')
 NO_RATE, GRAVITY_B = np.zeros(3), np.array([0.0, 0.0, 9.83])
 R = 0.01 * np.eye(3)
+
+
+@pytest.fixture(scope='module')
+def closed_world():
+    return World(3.0)
 
 
 def imu(omega, f, params=PARAMS):
@@ -311,3 +317,31 @@ def test_an_absurd_initial_state_is_refused_and_navigation_goes_on():
         assert engine.navigating
     list(engine.process(Command(2 * 10**9, 99, CommandKind.SET_INITIAL_STATE, good)))
     assert not engine.navigating
+
+
+def test_a_ping_is_no_better_than_the_best_ones():
+    """One row after another as all at once; nothing changes where none states less."""
+    honest = np.array([2.5e-5 * np.eye(3), 1e-6 * np.eye(3)])
+    assert plausibility.widened_pings(honest) is honest
+    stated = np.array([9e-12 * correlated(0.9, 0.0, 0.0), 2.5e-5 * np.eye(3)])
+    wider = plausibility.widened_pings(stated)
+    assert np.allclose(np.diagonal(wider[0]), 1e-6, rtol=1e-12)
+    assert wider[0, 0, 1] == stated[0, 0, 1]
+    assert np.array_equal(wider[1], stated[1])
+    assert np.array_equal(plausibility.widened_pings(stated[0]), wider[0])
+
+
+def test_pings_that_are_too_sure_are_used_as_the_best_ones_and_told(closed_world):
+    def run(variance):
+        engine = Engine(closed_world.params())
+        pings = [replace(p, covariance_m=variance * np.eye(3)) for p in closed_world.dvl()]
+        for event in sorted([*closed_world.imu(), *pings], key=lambda e: e.key):
+            list(engine.process(event))
+        told = {p.condition.key for p in engine.health.present}
+        return engine.fusion.filter.state.P.tobytes(), 'dvl too sure' in told
+
+    sure, told = run(1e-11)
+    assert told
+    best, told = run(1e-6)
+    assert not told
+    assert abs(np.frombuffer(sure) - np.frombuffer(best)).max() <= 1e-9

@@ -13,15 +13,17 @@ from closed_loop import World
 
 from polar_nav_core import attitude, earth
 from polar_nav_core.engine.engine import Engine
-from polar_nav_core.engine.events import Command, CommandKind
+from polar_nav_core.engine.events import Command, CommandKind, Fix, ImuSample
 from polar_nav_core.engine.health.conditions import Level
 from polar_nav_core.engine.replaced import Replaced
 from polar_nav_core.engine.saved import pack, unpack
+from polar_nav_core.error_model import X
 
 AT = 1400
 """IMU epoch of the command: 14 s, after thirteen fixes."""
 START = {'initial_sigma_position': 3.0, 'initial_sigma_heading_deg': 0.5}
 CONTRADICTED = 'start contradicted'
+NS = 10**9
 METRE = 1.0 / 6.4e6
 """Of latitude [rad]."""
 
@@ -179,3 +181,47 @@ def test_a_restart_knows_how_many_fixes_came_since_the_start(world, events):
     assert engine.ledger.fused_since_start == 0
     engine.ledger.restore(saved.fixes, saved.records)  # of an older file
     assert engine.ledger.fused_since_start == saved.fixes[1]
+
+
+def led_astray(events, world, by_m):
+    """Events with fixes that lie so far to one side from the command on."""
+    side_e = np.cross(world.r_e[AT], [0.0, 1.0, 0.0])
+    by_e = by_m * side_e / np.linalg.norm(side_e)
+    at_ns = int(world.stamps[AT])
+    return [
+        replace(e, r_e=e.r_e + by_e) if isinstance(e, Fix) and e.validity_ns > at_ns else e
+        for e in events
+    ]
+
+
+@pytest.mark.parametrize('again_ns', [(), (1, 2, 3), (NS // 2,)])
+def test_fixes_that_lead_a_vague_start_away_from_the_old_navigation_are_told(
+    world, events, again_ns
+):
+    """The first one fits the sigma of the start, and that is all a gate asks for."""
+    start = stated(world, sigma_position_horizontal=20.0)
+    away = led_astray(events, world, 15.0)
+    told, engine = driven(world, away, start, 18.0, again_ns)
+    assert engine.ledger.fused_since_start
+    assert told[17][CONTRADICTED] is Level.ERROR
+    (found,) = [p for p in engine.health.present if p.condition.key == CONTRADICTED]
+    assert found.condition.sentence.startswith('the first fixes have led the stated start 1')
+
+
+def test_true_fixes_of_a_vague_start_are_no_contradiction(world, events):
+    told, engine = driven(world, events, stated(world, sigma_position_horizontal=20.0), 40.0)
+    assert engine.ledger.fused_since_start > 10
+    assert not [second for second, found in told.items() if CONTRADICTED in found]
+
+
+def test_a_state_that_is_stated_in_a_gap_may_be_off_by_the_way_in_it(world, events):
+    """It may be of any moment of the gap."""
+    first, last = int(world.stamps[AT]), int(world.stamps[AT + 300])
+    heard = [e for e in events if not (isinstance(e, ImuSample) and first < e.stamp_ns < last)]
+    start = stated(world, sigma_position_horizontal=0.5)
+    _, engine = driven(world, heard, start, 17.05)
+    off_m = metres_off(world, engine)
+    sigma = math.sqrt(float(np.trace(engine.fusion.filter.published_P[X.dr_e, X.dr_e])))
+    assert 4.0 < off_m < 2.0 * sigma
+    _, engine = driven(world, heard, replace(start, v_G=(0.0, 0.0, 0.0)), 17.05)
+    assert math.degrees(math.sqrt(float(engine.fusion.filter.published_P[2, 2]))) < 0.6

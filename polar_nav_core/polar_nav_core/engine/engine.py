@@ -42,6 +42,7 @@ from .ledger import FixLedger
 from .lever import Arm, params_at_imu
 from .outputs import Output, Receipt
 from .params import EngineParams
+from .plausibility import widened_pings
 from .receipts import receipt_of
 from .reconsider import reconsider
 from .refusals import unusable_local
@@ -122,6 +123,7 @@ class Engine:
         self.clock = ClockRecord('imu/data' if params.mode == 'station' else 'imu/data_raw')
         self.divergence = ''
         self.restored = NOT_RESTORED
+        self._too_sure_ns: int | None = None
         self.ledger = FixLedger(params, self.verdicts, self.fused)
         self._decisions = FixDecisions(params, self.ledger)
         self._monitor = HealthMonitor(params, self.ledger, self.switches, self.clock)
@@ -268,7 +270,9 @@ class Engine:
         self.health = None
         if self.fusion is None:
             return None
-        self.health = self._monitor.look(self.fusion, self.restored, self._beginning, self.resets)
+        self.health = self._monitor.look(
+            self.fusion, self.restored, self._beginning, self.resets, self._too_sure_ns
+        )
         return self.health
 
     def _control(self, sample: ControlSample) -> None:
@@ -286,6 +290,11 @@ class Engine:
             return
         elif isinstance(event, DvlPing):
             self._beginning.ping(event)
+        if isinstance(event, DvlPing):
+            covariance_m = widened_pings(event.covariance_m)
+            if covariance_m is not event.covariance_m:
+                self._too_sure_ns = event.stamp_ns
+                event = replace(event, covariance_m=covariance_m)
         unused = isinstance(event, HeadingSample) and not self.params.uses_heading
         if self.fusion is None or unused:
             return
@@ -300,11 +309,13 @@ class Engine:
 
     def _fix(self, fix: Fix) -> Iterator[Output]:
         """Yield receipts of a fix and of others whose verdict it changed."""
+        at_e = self._beginning.watched(self.fusion, self.ledger.fused_since_start)
         try:
             receipts, outcome, identified = self._decisions.decide(
                 fix, self.fusion, self._start_ns, self.adaptation, self.divergence
             )
             if outcome is not None:
+                self._beginning.watch(self.fusion, at_e)
                 self.reconsider(outcome)
         except FilterDivergence as error:
             self.diverge(str(error), fix.receive_ns)

@@ -15,12 +15,15 @@ from .health.view import Envelope
 from .health.watchdog import Watchdog
 from .ledger import FixLedger
 from .params import EngineParams
+from .plausibility import LEAST_PING_VARIANCE
 from .restored import Restored
 from .sins.fusion import Fusion
 from .sins.view import view_of
 from .station.fusion import StationFusion
 from .station.view import view_of as station_view_of
 from .switches import Switches
+
+_TOO_SURE_NS = 60_000_000_000
 
 
 class HealthMonitor:
@@ -55,6 +58,7 @@ class HealthMonitor:
         restored: Restored,
         beginning: Beginning,
         resets: int,
+        too_sure_ns: int | None = None,
     ) -> Health | None:
         """Health of the navigation at its newest sample; None for a filter that has no watchdog.
 
@@ -67,6 +71,8 @@ class HealthMonitor:
             How sure the stated heading was, and what it contradicts.
         resets : int
             Starts and enlargements so far, without those losses.
+        too_sure_ns : int, optional
+            When a ping last stated less noise than pings have [ns].
         """
         # Of the state's own stamp: a node looks after the next sample came, a whole run before.
         stamp_ns, ledger = fusion.stamp_ns, self._ledger
@@ -90,6 +96,7 @@ class HealthMonitor:
                 found += beginning.replaced.conditions(stamp_ns, ledger.fused_since_start)
             found += self._clock.conditions(stamp_ns)
             found += self._heading_unknown(fusion, beginning.stated_heading)
+            found += _too_sure(stamp_ns, too_sure_ns)
             return self._watchdog.look(view_of(fusion, stamp_ns, resets), found)
         return None
 
@@ -98,3 +105,12 @@ class HealthMonitor:
             return []
         now = math.sqrt(fusion.filter.published_P[2, 2])
         return heading_unknown(at_start, now, self._ledger.fused_since_start)
+
+
+def _too_sure(stamp_ns: int, too_sure_ns: int | None) -> list[Condition]:
+    """The condition that pings stated less noise than pings have, in the minute before."""
+    if too_sure_ns is None or stamp_ns > too_sure_ns + _TOO_SURE_NS:
+        return []
+    best = 1e3 * math.sqrt(LEAST_PING_VARIANCE)
+    sentence = f'the DVL states less noise than {best:.0f} mm/s, which no DVL has: that is used'
+    return [Condition('dvl too sure', Level.WARN, Culprit.DVL, sentence)]

@@ -25,6 +25,8 @@ LEAST_VARIANCE: Final = 1e-12
 MOST_VARIANCE: Final = 1e12
 """Of any measurement, in the square of its unit: no sensor is good to a micrometre, and a sigma
 of 1,000 km says nothing."""
+LEAST_PING_VARIANCE: Final = 1e-6
+"""No ping is better than 1 mm/s along an axis: what states less is used with that [m^2/s^2]."""
 LEAST_DEPTH: Final = -50.0
 """A depth above it is none: air pressure, tide, geoid and heave are tens of metres at most [m]."""
 NO_GRID_NORTH: Final = 'grid north is undefined on the equator at longitude +-90 deg'
@@ -108,6 +110,17 @@ def are_covariances(P: Array) -> Bools:
         good &= second > _LEAST_PIVOT
         good &= 1.0 - y * y - rest * rest / second > _LEAST_PIVOT
     return np.asarray(good)
+
+
+def widened_pings(P: Array) -> Array:
+    """Covariances (..., 3, 3) of pings, each variance at least that of the best ones.
+
+    The same array where none is smaller, as nearly always.
+    """
+    short = LEAST_PING_VARIANCE - np.diagonal(P, axis1=-2, axis2=-1)
+    if not (short > 0.0).any():
+        return P
+    return np.asarray(P + np.maximum(short, 0.0)[..., None] * np.eye(3))
 
 
 def is_variance(value: float) -> bool:

@@ -19,6 +19,7 @@ from ..driver import Adaptation, Driver
 from ..events import Event, Fix, ImuSample
 from ..inputs import Inputs, at_least_one, new_seconds, rows_of
 from ..params import EngineParams
+from ..plausibility import widened_pings
 from ..refusals import usable_control, usable_depth, usable_dvl, usable_heading, usable_imu
 from ..results import Outcome
 from .filter import NavigationFilter
@@ -85,7 +86,7 @@ def usable_of(params: EngineParams, inputs: Inputs) -> Usable:
         'depth_variance': rows_of(x.depth_variance, depth),
         'dvl_stamps': rows_of(x.dvl_stamps_ns, dvl),
         'dvl_v_m': rows_of(x.dvl_v_m, dvl),
-        'dvl_covariance_m': rows_of(x.dvl_covariance_m, dvl),
+        'dvl_covariance_m': widened_pings(rows_of(x.dvl_covariance_m, dvl)),
         'dvl_water': rows_of(water.astype(np.int64), dvl),
         'control_stamps': rows_of(x.control_stamps_ns, control),
         'control_force_b': rows_of(x.control_force_b, control),
