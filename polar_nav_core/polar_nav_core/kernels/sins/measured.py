@@ -16,10 +16,11 @@ from . import state as fs
 from .consider import COLUMNS, LEADER, depth_common, dvl_common, fix_common
 from .rings import Past
 from .rows import depth_rows, dvl_rows, fix_rows
-from .scale import NOISY, calm_scale_rows
+from .scale import steady_scale_rows
 from .settings import Settings
 from .state import Frames, State
 from .turn import known_turn_rows, own_share
+from .update import innovation_covariance
 from .work import Work
 
 
@@ -88,10 +89,13 @@ def fill_dvl(
         c.C_m_b,
         c.lever_dvl_b,
     )
-    if c.densities[1] * (1.0 + s.excess[0]) > NOISY:
-        calm_scale_rows(w.H, w.C_m_G, s.P, s.calm)
     if c.knows_turn:
-        known_turn_rows(w.H, w.z, s.v_G, 0.0 if held else own_share(w.H, w.R, s.P))
+        share = 0.0
+        if not held:
+            innovation_covariance(w.S, w.PHt, s.P, w.H, w.R, 3)
+            share = own_share(w.S, w.R)
+            steady_scale_rows(w.H, w.R, w.z, w.C_m_G, s.P, s.steady, w.PHt, w.S)
+        known_turn_rows(w.H, w.z, s.v_G, share)
     if s.counters[fs.CONSIDERS] == 1:
         for k in range(3):
             w.omega[k] = s.omega_ib_b[k] - s.b_gyro_b[k]

@@ -1,62 +1,85 @@
-"""Rows of the DVL's scale under vibration: by a calm velocity, not by the newest estimate.
+"""Rows of the DVL's scale: by the velocity that the vehicle has, not by what jitters about it.
 
-The scale's rows are the predicted velocity. Where the accelerometers are noisy that jitters from
-ping to ping by more than a ping's own noise, and the jitter passes for motion of the vehicle that
-the DVL does not show: a regression on a noisy variable, which pulls the scale towards -1 and makes
-it look known (docs/derivations/measurements.md, 1). A mean over many pings has none of that.
+The scale's rows are the vehicle's velocity. An estimate of it has errors that the innovation
+beside the row has, too, and the filter takes their product for a scale that the ping shows: the
+predicted velocity pulls the scale one way, the measured one the other, and both make it look known
+(docs/derivations/measurements.md, 1). A mean over pings before has none of that, and is blind to
+manoeuvres. Used is the mean, and of what the newest velocity differs by the part that is more than
+its own error.
 """
 
 from __future__ import annotations
 
-import math
-
 from ...arrays import Array
 from ..cache import kernel
-from ..watch import limited
 from .rows import DV, SCALE
 
-NOISY = 1e-6
-"""Variance density of the accelerometers [(m/s^2)^2/Hz] from which on velocity jitters: that of
-100 ug/sqrt(Hz)."""
-PINGS = 50.0
+PINGS = 200.0
 """Pings that the mean is of."""
 SIGMAS = 3.0
-"""The mean is held within so many sigmas of the velocity, the scale being given: a vehicle that
-changes its speed moves it at once."""
-NUMBER = 3
-"""Place of the number of pings in the mean."""
+"""A difference of more sigmas is a manoeuvre at once, whatever the differences before were."""
+MEAN, SPREAD, NUMBER = 0, 3, 6
+"""Places in the memory: mean velocity, mean square of the differences, pings in them."""
+STEADY = 7
+"""Length of the memory."""
 
 
 @kernel
-def calm_scale_rows(H: Array, C_m_G: Array, P: Array, calm: Array) -> None:
-    """Replace the newest velocity in the rows of the DVL's scale by a mean over pings before.
+def steady_scale_rows(
+    H: Array, R: Array, z: Array, C_m_G: Array, P: Array, steady: Array, PHt: Array, S: Array
+) -> None:
+    """Replace the newest velocity in the rows of the DVL's scale by the vehicle's own.
 
     Parameters
     ----------
     H : (3, 24) array, in place
         Of a ping, as `rows.dvl_rows` leaves it.
+    R, z : (3, 3), (3,) arrays
+        Its noise and innovation, grid axes.
     C_m_G : (3, 3) array
         Instrument to grid axes.
     P : (24, 24) array
-    calm : (4,) array, in place
-        Mean of the predicted velocity over 1 + scale, instrument axes [m/s], and pings in it.
+    steady : (7,) array, in place
+        Memory: mean of the velocity over 1 + scale, instrument axes [m/s]; mean square of what it
+        differed by [(m/s)^2]; pings in both.
+    PHt, S : (3, 24), (3, 3) arrays
+        P H^T, transposed, and H P H^T + R.
     """
+    n = 1.0 / (steady[NUMBER] + 1.0)
     for k in range(3):
         now = 0.0
+        innovation = 0.0
+        with_scale = 0.0
+        scale_seen = 0.0
         variance = 0.0
-        shared = 0.0
+        seen = 0.0
+        noise = 0.0
+        total = 0.0
         for i in range(3):
             now -= C_m_G[i, k] * H[i, SCALE + k]
-            shared += C_m_G[i, k] * P[DV + i, SCALE + k]
+            innovation += C_m_G[i, k] * z[i]
+            with_scale += C_m_G[i, k] * P[DV + i, SCALE + k]
+            scale_seen += C_m_G[i, k] * PHt[i, SCALE + k]
             for j in range(3):
-                variance += C_m_G[i, k] * P[DV + i, DV + j] * C_m_G[j, k]
-        if P[SCALE + k, SCALE + k] > 0.0:
-            variance -= shared * shared / P[SCALE + k, SCALE + k]
-        limit = SIGMAS * math.sqrt(max(variance, 0.0))
-        used = now
-        if calm[NUMBER] > 0.0:
-            used += limited(calm[k] - now, limit)
+                c = C_m_G[i, k] * C_m_G[j, k]
+                variance += c * P[DV + i, DV + j]
+                seen += c * PHt[j, DV + i]
+                noise += c * R[i, j]
+                total += c * S[i, j]
+        if P[SCALE + k, SCALE + k] > 0.0:  # the scale being given
+            variance -= with_scale * with_scale / P[SCALE + k, SCALE + k]
+            seen -= with_scale * scale_seen / P[SCALE + k, SCALE + k]
+            total -= scale_seen * scale_seen / P[SCALE + k, SCALE + k]
+        now -= seen / (total + noise) * innovation
+        if steady[NUMBER] == 0.0:
+            steady[MEAN + k] = now
+        moved = now - steady[MEAN + k]
+        spread = max(steady[SPREAD + k], moved * moved / (SIGMAS * SIGMAS))
+        used = steady[MEAN + k]
+        if spread > variance:
+            used += (1.0 - max(variance, 0.0) / spread) * moved
+        steady[MEAN + k] += n * moved
+        steady[SPREAD + k] += n * (moved * moved - steady[SPREAD + k])
         for i in range(3):
             H[i, SCALE + k] = -C_m_G[i, k] * used
-        calm[k] = used + (now - used) / (calm[NUMBER] + 1.0)
-    calm[NUMBER] = min(calm[NUMBER] + 1.0, PINGS - 1.0)
+    steady[NUMBER] = min(steady[NUMBER] + 1.0, PINGS - 1.0)

@@ -32,7 +32,7 @@ from ...order import ROBUST_HUBER as ROBUST_HUBER
 from ...order import ROBUST_NONE as ROBUST_NONE
 from ...order import UPDATES as UPDATES
 from .. import watch
-from . import consider, hypotheses
+from . import consider, hypotheses, scale
 from .hypotheses import LEARNED as LEARNED
 from .model import E
 from .update import Ints, N
@@ -137,7 +137,7 @@ class State(NamedTuple):
     runs: Array  # (2, 4): refused in a row that agree, DVL and depth: number, newest value
     conflict: Array  # (6,): where refused fixes say that velocity and position are off (consider)
     excess: Array  # (1,): variance of the IMU's noise above the stated one, per stated one
-    calm: Array  # (4,): velocity that the DVL's scale is judged by (scale)
+    steady: Array  # (7,): velocity that the DVL's scale is judged by (scale)
     bank: Array  # (ROWS, SLOTS * KINDS): hypotheses about slow faults (hypotheses)
     windows: Array  # (3, 4): residuals of each stream since its window began (signatures)
     heading_memories: Array  # (2, WIDTH): innovations of a measured heading (watch)
@@ -184,7 +184,7 @@ _SHAPES = {
     'runs': (2, 4),
     'conflict': (6,),
     'excess': (1,),
-    'calm': (4,),
+    'steady': (scale.STEADY,),
     'bank': (hypotheses.ROWS, hypotheses.SLOTS * hypotheses.KINDS),
     'windows': (watch.STREAMS, hypotheses.WINDOW),
     'heading_memories': (watch.MEMORIES, watch.WIDTH),

@@ -12,33 +12,20 @@ from ...arrays import Array
 from ..cache import kernel
 from .rows import turn_rows
 
-_HORIZONTAL = 2
-
 
 @kernel
-def own_share(H: Array, R: Array, P: Array) -> float:
+def own_share(S: Array, R: Array) -> float:
     """Return the part of a ping's innovation that is the estimate's own error, 0 to 1.
 
-    tr(H P H^T) over tr(H P H^T + R), of the two horizontal rows.
+    tr(S - R) over tr(S), of the two horizontal rows.
 
     Parameters
     ----------
-    H, R : (3, 24), (3, 3) arrays
-        Of a ping, as `rows.dvl_rows` leaves them.
-    P : (24, 24) array
+    S, R : (3, 3) arrays
+        H P H^T + R of a ping, as `rows.dvl_rows` leaves its rows, and its noise.
     """
-    own = 0.0
-    noise = 0.0
-    for a in range(_HORIZONTAL):
-        noise += R[a, a]
-        for i in range(P.shape[0]):
-            h = H[a, i]
-            if h != 0.0:
-                row = 0.0
-                for k in range(P.shape[0]):
-                    row += P[i, k] * H[a, k]
-                own += h * row
-    return own / (own + noise) if own > 0.0 else 0.0
+    own = S[0, 0] - R[0, 0] + S[1, 1] - R[1, 1]
+    return own / (S[0, 0] + S[1, 1]) if own > 0.0 else 0.0
 
 
 @kernel
