@@ -40,6 +40,7 @@ _FIRST: dict[str, Any] = {
     'dvl_misalignment_sigma_deg': 0.0,
     'dvl_rpy_deg': (0.0, 0.0, 0.0),
     'dvl_scale_sigma': 0.0001,
+    'dvl_scale_velocity': 'predicted',
     'dvl_sigma': 0.005,
     'dvl_turn_velocity': 'measured',
     'filter_period_s': 0.1,
@@ -259,6 +260,9 @@ _SINCE: dict[int, dict[str, Any]] = {
     },
     10: {
         'max_rate_leap': 0.5,
+    },
+    15: {
+        'dvl_scale_velocity': 'steady',
     },
 }
 """By engine version: what changed with it. A version with new defaults counts up (version.py)."""

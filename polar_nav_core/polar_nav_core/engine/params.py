@@ -161,6 +161,12 @@ class EngineParams(StartParams, IdentificationParams, StationParams, LimitParams
         'Velocity that an error of attitude turns, in the rows of a DVL ping: as known with the '
         'ping, or as measured, noise and all (up to engine 5)',
     )
+    dvl_scale_velocity: str = choice(
+        'steady',
+        ('steady', 'predicted'),
+        'Velocity that a scale error of the DVL multiplies, in the rows of a ping: without what '
+        'is jitter of the estimate, or the predicted one (up to engine 14)',
+    )
     depth_sigma: float = param(
         0.05, 'm', 1e-6, 100.0, 'Noise of depth where the message states none'
     )

@@ -89,12 +89,13 @@ def fill_dvl(
         c.C_m_b,
         c.lever_dvl_b,
     )
-    if c.knows_turn:
-        share = 0.0
-        if not held:
-            innovation_covariance(w.S, w.PHt, s.P, w.H, w.R, 3)
-            share = own_share(w.S, w.R)
+    share = 0.0
+    if not held and (c.knows_turn or c.steadies_scale):
+        innovation_covariance(w.S, w.PHt, s.P, w.H, w.R, 3)
+        share = own_share(w.S, w.R)
+        if c.steadies_scale:
             steady_scale_rows(w.H, w.R, w.z, w.C_m_G, s.P, s.steady, w.PHt, w.S)
+    if c.knows_turn:
         known_turn_rows(w.H, w.z, s.v_G, share)
     if s.counters[fs.CONSIDERS] == 1:
         for k in range(3):
