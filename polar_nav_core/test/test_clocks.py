@@ -232,7 +232,7 @@ def test_a_short_step_of_the_imus_clock_is_followed(world, events, clean, by_s):
 
 @pytest.mark.parametrize('number', [8, 30])
 def test_a_burst_of_late_samples_is_no_short_step(world, events, number):
-    """Samples that were held up come at once, after newer ones: from a gap that was seen, or not."""
+    """Samples that were held up come at once, from a gap that was seen, or from none."""
     imu = [e for e in events if e.topic == IMU]
     late_ns = imu[440].stamp_ns
     held = imu[430 - number : 430]
@@ -257,6 +257,13 @@ def test_a_short_step_ahead_takes_no_sensor_away(world, events, topic, by_s):
     after_ns = max(o.stamp_ns for o in steps if o.topic in others)
     assert not [o for o in refused(out) if o.topic in others and o.stamp_ns > after_ns]
     assert states(out) == replayed(world, messages, steps, refused(out))
+
+
+def test_short_steps_of_the_imu_both_ways_are_followed(world, events):
+    messages = stepped(events, [(3.0, -0.3, IMU), (6.0, 0.3, IMU)])
+    _, out = live(world, messages)
+    steps = [o.step_ns * 1e-9 for o in out if isinstance(o, ClockStep) and o.topic == IMU]
+    assert steps == pytest.approx([-0.3, 0.3], abs=0.02)
 
 
 def test_messages_that_are_late_for_a_second_are_not_put_elsewhere(world, events):

@@ -221,6 +221,7 @@ class ImuClock:
         """Samples that waited, and that no other one agreed with."""
         held = [shifted(sample, self.offsets_ns[-1]) for sample, _ in self._let_all()]
         if self._behind:  # they are late
-            self._in_order = 0
+            if held:
+                self._in_order = 0
             return [*held]
         return [Refused(sample) for sample in held]

@@ -165,7 +165,7 @@ class EngineParams(StartParams, IdentificationParams, StationParams, LimitParams
         'steady',
         ('steady', 'predicted'),
         'Velocity that a scale error of the DVL multiplies, in the rows of a ping: without what '
-        'is jitter of the estimate, or the predicted one (up to engine 14)',
+        'is jitter of the estimate, or the predicted one (up to engine 14, but for noisy IMUs)',
     )
     depth_sigma: float = param(
         0.05, 'm', 1e-6, 100.0, 'Noise of depth where the message states none'

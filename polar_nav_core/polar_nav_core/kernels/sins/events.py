@@ -19,6 +19,7 @@ from .consider import (
     clear,
     predict_sensitivity,
 )
+from .far import turn_transition
 from .fill import begin_sample, end_missing, is_overdue, next_missing, until_own_ns
 from .fuse import correct_and_remember, enter, enter_update
 from .gap import add_gap_noise
@@ -111,6 +112,7 @@ def covariance_step(
     tau_usbl = c.usbl[1] if c.estimates_usbl_bias or c.heading.on else 0.0
     inverse = past.inverses[number % past.inverses.shape[0]]
     fill_transition(Phi, inverse, w.F15, s.r_e, s.v_G, C_mean, w.f_mean, dt, c.markov[1], tau_usbl)
+    turn_transition(Phi, inverse, s.turn)
     if c.aiding.on:
         predict_model(s, c, w, Phi, stamp_ns, dt)
     _process_noise(w.q, s, c, dt)
@@ -304,7 +306,7 @@ def compare_with_model(s: State, c: Settings, past: Past, w: Work, log: Log, dt:
         if log.model_rows.shape[0] > 0:
             clear(w.moved)  # the filter knows no common error of the model
             enter_update(s, w, log, rings.UPDATE, fs.VECTOR, fs.VECTOR, fs.IMU_RANK)
-        correct_and_remember(s, c, past, w.x)
+        correct_and_remember(s, c, past, w.C_e_G, w.x)
     return min(code, fs.DONE)
 
 

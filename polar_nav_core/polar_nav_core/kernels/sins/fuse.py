@@ -13,6 +13,7 @@ from .aiding import correct_block, fill_block_gain, store_block_rows
 from .bend import add_bend_of_correction, add_bend_of_ping
 from .consider import COLUMNS, update_sensitivity
 from .enlarged import hold_covariance, tell_bend, tell_enlarged
+from .far import begin_move, end_move, is_far
 from .hindsight import (
     add_to_deviation,
     decision,
@@ -52,13 +53,16 @@ def locate(s: State, fr: Frames, c: Settings) -> None:
 
 
 @kernel
-def correct_and_remember(s: State, c: Settings, past: Past, x: Array) -> None:
+def correct_and_remember(s: State, c: Settings, past: Past, C_e_G: Array, x: Array) -> None:
     """Correct the state by an estimated error (24,), and store it; the frames stay behind.
 
-    A large turn of the attitude leaves what is nonlinear of it in the covariance.
+    A large turn of the attitude leaves what is nonlinear of it in the covariance; a large change
+    of the position follows the surface (`far`). C_e_G is scratch.
     """
     if c.gap_ns > 0:
         add_bend_of_correction(s.P, s.v_G, x)
+    far = is_far(s.P, x)
+    height = begin_move(s.turn, s.r_e, C_e_G) if far else 0.0
     feed_back(
         x,
         s.C_b_G,
@@ -70,6 +74,8 @@ def correct_and_remember(s: State, c: Settings, past: Past, x: Array) -> None:
         s.dvl_markov_m,
         s.usbl_bias_a,
     )
+    if far:
+        end_move(s.turn, s.r_e, C_e_G, x, height)
     i = s.counters[fs.CORRECTIONS] % past.corrections.shape[0]
     for k in range(N):
         past.corrections[i, k] = x[k]
@@ -82,7 +88,7 @@ def correct_and_remember(s: State, c: Settings, past: Past, x: Array) -> None:
 @kernel
 def feed_back_and_remember(s: State, fr: Frames, c: Settings, past: Past, x: Array) -> None:
     """Correct the state by an estimated error (24,), and store it; the frames follow."""
-    correct_and_remember(s, c, past, x)
+    correct_and_remember(s, c, past, fr.C_e_G, x)
     locate(s, fr, c)
 
 
@@ -209,7 +215,7 @@ def apply_correction(s: State, c: Settings, past: Past, w: Work, log: Log) -> No
     else:
         if c.gap_ns > 0:
             tell_bend(s, w, log)
-        correct_and_remember(s, c, past, w.x)
+        correct_and_remember(s, c, past, w.C_e_G, w.x)
 
 
 @entry

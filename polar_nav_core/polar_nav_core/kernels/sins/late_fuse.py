@@ -106,7 +106,7 @@ def fuse_late(
         bl.newest[b] = u
     if c.gap_ns > 0:
         tell_bend(s, w, log)
-    correct_and_remember(s, c, past, w.x)
+    correct_and_remember(s, c, past, w.C_e_G, w.x)
     return fs.FUSED if good else fs.S_NOT_DEFINITE
 
 

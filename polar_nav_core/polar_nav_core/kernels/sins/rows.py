@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from ...arrays import Array
 from ..cache import entry, kernel
+from .far import bend_of
 
 PHI = 0
 DV = 3
@@ -214,6 +215,7 @@ def fix_rows(
             s += C_a_G[i, k] * usbl_bias_a[k]
             H[i, USBL + k] = -C_a_G[i, k]
         z[i] = s
+    z[2] += bend_of(C_e_G, r_e, measured_r_e)
     # Chat lever = C lever - phi x (C lever) = C lever + [lever_G x] phi
     H[0, PHI + 1] = -lever_G[2]
     H[0, PHI + 2] = lever_G[1]

@@ -146,7 +146,7 @@ def _fill_next_ping(
             if code < 0:
                 return code
             if code == fs.FUSED:
-                correct_and_remember(s, c, past, w.x)
+                correct_and_remember(s, c, past, w.C_e_G, w.x)
         return fs.NO_MEASUREMENT
     fill_dvl(s, fr, c, w, streams.dvl_v_m[k], streams.dvl_covariance_m[k], is_held(log))
     add_held_to_ping(s, w.R)

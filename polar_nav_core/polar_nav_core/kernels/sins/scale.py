@@ -18,6 +18,10 @@ PINGS = 200.0
 """Pings that the mean is of."""
 SIGMAS = 3.0
 """A difference of more sigmas is a manoeuvre at once, whatever the differences before were."""
+KNOWN = 4.0
+"""Variance of the velocity beside a ping, at most, per noise of the ping."""
+GOOD = 16.0
+"""Square of the innovation, per its variance, beyond which a ping says nothing of the velocity."""
 MEAN, SPREAD, NUMBER = 0, 3, 6
 """Places in the memory: mean velocity, mean square of the differences, pings in them."""
 STEADY = 7
@@ -70,16 +74,21 @@ def steady_scale_rows(
             variance -= with_scale * with_scale / P[SCALE + k, SCALE + k]
             seen -= with_scale * scale_seen / P[SCALE + k, SCALE + k]
             total -= scale_seen * scale_seen / P[SCALE + k, SCALE + k]
-        now -= seen / (total + noise) * innovation
+        # The ping knows the velocity to its noise, however little was known before it.
+        variance = max(min(variance, KNOWN * noise), 0.0)
+        is_good = innovation * innovation <= GOOD * total
+        if is_good:
+            now -= seen / (total + noise) * innovation
         if steady[NUMBER] == 0.0:
             steady[MEAN + k] = now
         moved = now - steady[MEAN + k]
         spread = max(steady[SPREAD + k], moved * moved / (SIGMAS * SIGMAS))
         used = steady[MEAN + k]
         if spread > variance:
-            used += (1.0 - max(variance, 0.0) / spread) * moved
-        steady[MEAN + k] += n * moved
-        steady[SPREAD + k] += n * (moved * moved - steady[SPREAD + k])
+            used += (1.0 - variance / spread) * moved
+        if is_good:
+            steady[MEAN + k] += n * moved
+            steady[SPREAD + k] += n * (moved * moved - steady[SPREAD + k])
         for i in range(3):
             H[i, SCALE + k] = -C_m_G[i, k] * used
     steady[NUMBER] = min(steady[NUMBER] + 1.0, PINGS - 1.0)
