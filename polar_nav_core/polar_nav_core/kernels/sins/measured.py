@@ -16,7 +16,7 @@ from . import state as fs
 from .consider import COLUMNS, LEADER, depth_common, dvl_common, fix_common
 from .rings import Past
 from .rows import depth_rows, dvl_rows, fix_rows
-from .scale import steady_scale_rows
+from .scale import NUMBER, OUTAGE_NS, steady_scale_rows
 from .settings import Settings
 from .state import Frames, State
 from .turn import known_turn_rows, own_share
@@ -94,6 +94,8 @@ def fill_dvl(
         innovation_covariance(w.S, w.PHt, s.P, w.H, w.R, 3)
         share = own_share(w.S, w.R)
         if c.steadies_scale:
+            if s.counters[fs.STAMP] - s.counters[fs.USED_NS + fs.DVL_ROW] > OUTAGE_NS:
+                s.steady[NUMBER] = 0.0
             steady_scale_rows(w.H, w.R, w.z, w.C_m_G, s.P, s.steady, w.PHt, w.S)
     if c.knows_turn:
         known_turn_rows(w.H, w.z, s.v_G, share)

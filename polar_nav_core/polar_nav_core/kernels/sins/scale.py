@@ -18,8 +18,9 @@ PINGS = 200.0
 """Pings that the mean is of."""
 SIGMAS = 3.0
 """A difference of more sigmas is a manoeuvre at once, whatever the differences before were."""
-KNOWN = 4.0
-"""Variance of the velocity beside a ping, at most, per noise of the ping."""
+OUTAGE_NS = 10_000_000_000
+"""Without a ping for longer [ns] the mean begins anew: the vehicle may have changed its speed, and
+its velocity is no longer known well enough to tell."""
 GOOD = 16.0
 """Square of the innovation, per its variance, beyond which a ping says nothing of the velocity."""
 MEAN, SPREAD, NUMBER = 0, 3, 6
@@ -74,8 +75,6 @@ def steady_scale_rows(
             variance -= with_scale * with_scale / P[SCALE + k, SCALE + k]
             seen -= with_scale * scale_seen / P[SCALE + k, SCALE + k]
             total -= scale_seen * scale_seen / P[SCALE + k, SCALE + k]
-        # The ping knows the velocity to its noise, however little was known before it.
-        variance = max(min(variance, KNOWN * noise), 0.0)
         is_good = innovation * innovation <= GOOD * total
         if is_good:
             now -= seen / (total + noise) * innovation
@@ -84,8 +83,8 @@ def steady_scale_rows(
         moved = now - steady[MEAN + k]
         spread = max(steady[SPREAD + k], moved * moved / (SIGMAS * SIGMAS))
         used = steady[MEAN + k]
-        if spread > variance:
-            used += (1.0 - variance / spread) * moved
+        if spread > max(variance, 0.0):
+            used += (1.0 - max(variance, 0.0) / spread) * moved
         if is_good:
             steady[MEAN + k] += n * moved
             steady[SPREAD + k] += n * (moved * moved - steady[SPREAD + k])
