@@ -5,11 +5,12 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from closed_loop import World
+from closed_loop import World, inputs_of
 from hypothesis import given
 from hypothesis import strategies as st
 
 from polar_nav_core.engine import plausibility, refusals
+from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.engine import Engine
 from polar_nav_core.engine.events import Command, CommandKind, DepthSample, DvlPing, Fix, ImuSample
 from polar_nav_core.engine.outputs import Receipt
@@ -345,3 +346,17 @@ def test_pings_that_are_too_sure_are_used_as_the_best_ones_and_told(closed_world
     best, told = run(1e-6)
     assert not told
     assert abs(np.frombuffer(sure) - np.frombuffer(best)).max() <= 1e-9
+
+
+def test_a_whole_run_tells_of_pings_that_are_too_sure_for_a_minute():
+    world = World(90.0)
+    inputs = inputs_of(world, [])
+    inputs.dvl_covariance_m[:5] = 1e-11 * np.eye(3)
+    result = engine_run.run(world.params(), inputs, look_every_s=10.0)
+    told = {
+        round((look.stamp_ns - inputs.imu_stamps_ns[0]) * 1e-9)
+        for look in result.health
+        if 'dvl too sure' in {p.condition.key for p in look.present}
+    }
+    assert told
+    assert max(told) <= 62

@@ -6,6 +6,7 @@ from scipy import linalg
 
 from polar_nav_core.kernels.sins import smooth
 from polar_nav_core.kernels.sins.consider import COLUMNS
+from polar_nav_core.kernels.sins.left_out import normalize
 from polar_nav_core.kernels.sins.model import MOVING, E
 from polar_nav_core.kernels.sins.rings import KEPT, STEP, UPDATE
 from polar_nav_core.kernels.sins.update import COUPLED, NAV, N
@@ -248,7 +249,7 @@ def test_normalized_squares_are_those_of_the_first_rows_where_there_is_a_covaria
     V[3] = np.diag([1.0, -1.0, 1.0])
     V[4] = 0.0
     nis = np.empty(5)
-    smooth.normalize(e, V, np.array([3, 2, 1, 2, 3]), nis, np.empty((4, 3)))
+    normalize(e, V, np.array([3, 2, 1, 2, 3]), nis, np.empty((4, 3)))
     for k, m in enumerate((3, 2, 1)):
         assert nis[k] == pytest.approx(e[k, :m] @ np.linalg.solve(V[k, :m, :m], e[k, :m]), 1e-9)
     assert np.isnan(nis[3:]).all()

@@ -92,6 +92,9 @@ class WholeArrays(Protocol):
     def new_seconds_ns(self) -> list[int]:
         """Stamps of the IMU samples with which a new second begins [ns]."""
 
+    def too_sure_ns(self, stamp_ns: int) -> int | None:
+        """When a ping last stated less noise than pings have, until a stamp [ns]; or None."""
+
     def start(self, driver: Driver | None, first: ImuSample) -> bool:
         """Hand the arrays to the filter started at the first sample; False without a filter."""
 

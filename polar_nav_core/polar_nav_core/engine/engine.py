@@ -23,7 +23,6 @@ from .events import (
     Command,
     CommandKind,
     ControlSample,
-    DepthSample,
     DvlPing,
     Event,
     Fix,
@@ -32,6 +31,7 @@ from .events import (
     InitialState,
     Local,
     OrderKey,
+    kind_of,
 )
 from .fix_decisions import FixDecisions
 from .health.conditions import Health
@@ -57,7 +57,6 @@ from .switches import Switches
 from .verdicts import Verdict
 
 _SECOND_NS = 1_000_000_000
-_LOCAL_NAMES = {DvlPing: 'dvl', DepthSample: 'depth', HeadingSample: 'heading'}
 _STEPPED_BACK = 5
 """So many IMU samples in a row, and none between them in time, are a clock that stepped back."""
 
@@ -86,6 +85,8 @@ class Engine:
     ledger : FixLedger
     last_imu_ns, due_ns : int or None
         Stamp of the newest IMU sample; of the estimate that is due.
+    too_sure_ns : int or None
+        When a ping last stated less noise than pings have [ns]; set by whoever uses columns.
     behind_s : float
         How far the IMU's stamps are behind the newest one since its clock stepped back [s].
     """
@@ -123,7 +124,7 @@ class Engine:
         self.clock = ClockRecord('imu/data' if params.mode == 'station' else 'imu/data_raw')
         self.divergence = ''
         self.restored = NOT_RESTORED
-        self._too_sure_ns: int | None = None
+        self.too_sure_ns: int | None = None
         self.ledger = FixLedger(params, self.verdicts, self.fused)
         self._decisions = FixDecisions(params, self.ledger)
         self._monitor = HealthMonitor(params, self.ledger, self.switches, self.clock)
@@ -271,7 +272,7 @@ class Engine:
         if self.fusion is None:
             return None
         self.health = self._monitor.look(
-            self.fusion, self.restored, self._beginning, self.resets, self._too_sure_ns
+            self.fusion, self.restored, self._beginning, self.resets, self.too_sure_ns
         )
         return self.health
 
@@ -282,18 +283,16 @@ class Engine:
 
     def _local(self, event: Local) -> None:
         """Fuse a ping, depth or heading, which are never treated as delayed."""
-        name = _LOCAL_NAMES[type(event)]
-        if isinstance(event, DvlPing) and event.water:
-            name = 'dvl_water'
-        elif isinstance(event, DvlPing) and not event.valid:
-            self.gated['dvl_invalid'] += 1
-            return
-        elif isinstance(event, DvlPing):
-            self._beginning.ping(event)
+        name = kind_of(event)
         if isinstance(event, DvlPing):
+            if not (event.valid or event.water):
+                self.gated[name] += 1
+                return
+            if not event.water:
+                self._beginning.ping(event)
             covariance_m = widened_pings(event.covariance_m)
             if covariance_m is not event.covariance_m:
-                self._too_sure_ns = event.stamp_ns
+                self.too_sure_ns = event.stamp_ns
                 event = replace(event, covariance_m=covariance_m)
         unused = isinstance(event, HeadingSample) and not self.params.uses_heading
         if self.fusion is None or unused:

@@ -331,3 +331,12 @@ def shifted(event: _E, offset_ns: int) -> _E:
 def number_of(event: Event) -> int:
     """Number of a message on its topic, as it came."""
     return event.arrival if isinstance(event, Fix | Command) else event.sequence
+
+
+def kind_of(event: Local) -> str:
+    """Name that a measurement is counted by: a sensor, or what of a DVL came."""
+    if isinstance(event, DvlPing):
+        if event.water:
+            return 'dvl_water'
+        return 'dvl' if event.valid else 'dvl_invalid'
+    return 'depth' if isinstance(event, DepthSample) else 'heading'

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..arrays import Array, Ints
 from ..kernels.sins import rings
-from ..kernels.sins import smooth as kernels
+from ..kernels.sins.left_out import normalize
 from .events import Fix, Rank
 from .outputs import Receipt
 from .results import chi2_gate
@@ -94,7 +94,7 @@ class Judged:
 def _normalized(e: Array, V: Array, sizes: Ints) -> Array:
     """e^T V^-1 e of each of n, of its first rows; NaN where V is not positive definite."""
     nis = np.empty(len(sizes))
-    kernels.normalize(e, V, sizes.astype(np.int64), nis, np.empty((4, 3)))
+    normalize(e, V, sizes.astype(np.int64), nis, np.empty((4, 3)))
     return nis
 
 

@@ -112,14 +112,19 @@ def are_covariances(P: Array) -> Bools:
     return np.asarray(good)
 
 
+def are_too_sure(P: Array) -> Bools:
+    """Whether each covariance (..., 3, 3) states less noise than the best pings have."""
+    return np.asarray((np.diagonal(P, axis1=-2, axis2=-1) < LEAST_PING_VARIANCE).any(axis=-1))
+
+
 def widened_pings(P: Array) -> Array:
     """Covariances (..., 3, 3) of pings, each variance at least that of the best ones.
 
     The same array where none is smaller, as nearly always.
     """
-    short = LEAST_PING_VARIANCE - np.diagonal(P, axis1=-2, axis2=-1)
-    if not (short > 0.0).any():
+    if not are_too_sure(P).any():
         return P
+    short = LEAST_PING_VARIANCE - np.diagonal(P, axis1=-2, axis2=-1)
     return np.asarray(P + np.maximum(short, 0.0)[..., None] * np.eye(3))
 
 

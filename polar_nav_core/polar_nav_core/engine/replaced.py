@@ -87,7 +87,7 @@ class Before:
     def __init__(self, old: Fusion, start: InitialState, stamp_ns: int) -> None:
         r_e, psi = _now(old, stamp_ns)
         P, C_e_G = old.filter.published_P, np.asarray(ecef_to_grid(r_e))
-        self._stamp_ns = stamp_ns
+        self._stamp_ns = self._since_ns = stamp_ns
         self._off_G, self._turn = _beside(start, r_e, psi)
         self._P_G: Array = C_e_G @ P[X.dr_e, X.dr_e] @ C_e_G.T
         self._heading_variance = float(P[2, 2])
@@ -99,6 +99,7 @@ class Before:
         if isinstance(now, Fusion):
             here = _now(now, stamp_ns)
             self._P_G = self._P_G + self._way(now)
+            self._since_ns = stamp_ns
         elif stated is not None:
             here = _position(stated), 0.5 * math.pi - stated.grid_heading
         else:
@@ -107,8 +108,8 @@ class Before:
         self._off_G, self._turn = self._off_G + off_G, self._turn + turn
 
     def _way(self, now: Fusion) -> Array:
-        """Covariance (3, 3) of what dead reckoning since may be off by [m^2]."""
-        since_s = (now.stamp_ns - self._stamp_ns) * 1e-9
+        """Covariance (3, 3) of what dead reckoning since the newest start may be off by [m^2]."""
+        since_s = (now.stamp_ns - self._since_ns) * 1e-9
         return np.eye(3) * (_WAY * float(np.linalg.norm(now.filter.state.v_G)) * since_s) ** 2
 
     def contradicted(self, start: InitialState) -> Replaced | None:

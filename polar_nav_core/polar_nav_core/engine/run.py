@@ -302,6 +302,7 @@ class _Driver:
             if self._tape is not None:  # nobody reads the health of a run that is recorded
                 self._take()
                 return 1
+            self._engine.too_sure_ns = self._arrays.too_sure_ns(event.stamp_ns)
             found = self._engine.look()
             self._health += [] if found is None else [found]
             return 1

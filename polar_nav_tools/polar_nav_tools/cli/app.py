@@ -37,6 +37,7 @@ COMMANDS = (
     'calibrate',
     'tune',
     'bench',
+    'bench_smooth',
     'experiments',
     'campaign',
     'development',

@@ -3,27 +3,29 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, nullcontext
+from contextlib import nullcontext
 from dataclasses import asdict
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from polar_nav_core.errors import ConfigError
 
-from .app import app, emit_json, have_the_machine, require, say
-from .arguments import AcceptOption, MapOption, MsgPathOption, existing
-from .bags import VehicleOption
-from .mapped import open_mapped
+from .app import app, emit_json, have_the_machine, say
+from .bench_facts import (
+    CoreOption,
+    JsonOption,
+    cores_line,
+    facts_of,
+    machine_line,
+    one_core,
+    print_tables,
+)
 
 if TYPE_CHECKING:
-    from polar_nav_core.engine.inputs import Inputs
-    from polar_nav_core.engine.params import EngineParams
-
-    from ..scoring import Table
+    pass
 
 bench = typer.Typer(
     no_args_is_help=True,
@@ -35,15 +37,6 @@ app.add_typer(bench, name='bench')
 _PICTURES = ('.svg', '.png', '.pdf')
 
 
-CoreOption = Annotated[
-    int | None,
-    typer.Option(
-        '--core',
-        metavar='N',
-        help='Run on this core.',
-        show_default='the last that is allowed',
-    ),
-]
 BagsOption = Annotated[
     Path | None,
     typer.Option(
@@ -53,11 +46,6 @@ BagsOption = Annotated[
         show_default='a folder among temporary files',
     ),
 ]
-JsonOption = Annotated[bool, typer.Option('--json', help='Print figures as JSON on stdout.')]
-
-
-def _existing(bags: list[Path] | None) -> list[Path] | None:
-    return None if bags is None else [existing(bag) for bag in bags]
 
 
 @bench.command(
@@ -76,21 +64,21 @@ def core(
     Results are compared first: when they differ, nothing is timed. Times are processor times on
     one core; on a shared machine only the ratios mean something, each taken within a round.
     """
-    used = _one_core(processor)  # before anything numerical is loaded
+    used = one_core(processor)  # before anything numerical is loaded
     from ..benchmarks.core import DISTRIBUTIONS, run
 
-    with _facts_of(DISTRIBUTIONS, used) as facts:
+    with facts_of(DISTRIBUTIONS, used) as facts:
         result = run(samples=samples, rounds=rounds, report=say)
     if as_json:
         emit_json({'ok': True, 'machine': facts, **result.to_dict()})
         return
-    _print_tables(group.table() for group in result.groups)
+    print_tables(group.table() for group in result.groups)
     worst = max(v for k, v in result.agreement_m.items() if 'horizontal' in k)
     covariance = max(result.agreement_covariance.values())
     sys.stdout.write(
         f'Same results: positions within {1e3 * worst:.1f} mm horizontally of python-ins after'
         f' {result.compared_samples} samples, covariances within {covariance:.0e}'
-        ' of filterpy.\n' + _machine(facts, rounds)
+        ' of filterpy.\n' + machine_line(facts, rounds)
     )
 
 
@@ -117,10 +105,10 @@ def delay(
     """
     if figure is not None and figure.suffix.lower() not in _PICTURES:
         raise ConfigError(f'--figure {figure}: the name must end in {", ".join(_PICTURES)}')
-    used = _one_core(processor)  # before anything numerical is loaded
+    used = one_core(processor)  # before anything numerical is loaded
     from ..benchmarks.delay import DISTRIBUTIONS, run
 
-    with _facts_of(DISTRIBUTIONS, used) as facts:
+    with facts_of(DISTRIBUTIONS, used) as facts:
         result = run(rounds=rounds, run_s=seconds, report=say)
     if figure is not None:
         from ..benchmarks.delay_figure import write_figure
@@ -130,11 +118,11 @@ def delay(
     if as_json:
         emit_json({'ok': True, 'machine': facts, **result.to_dict()})
         return
-    _print_tables(result.tables())
+    print_tables(result.tables())
     sigma, peer = max(result.agreement_sigma.values()), max(result.agreement_peer.values())
     sys.stdout.write(
         f'Same results: clone within {sigma:.1g} sigma of rewind, Stone Soup within {peer:.0e}'
-        ' sigma of both.\n' + _machine(facts, rounds)
+        ' sigma of both.\n' + machine_line(facts, rounds)
     )
 
 
@@ -157,20 +145,20 @@ def replay(
     first. Others are timed on ten minutes of it, and scaled. Times are processor times on one
     core.
     """
-    used = _one_core(processor)  # before anything numerical is loaded
+    used = one_core(processor)  # before anything numerical is loaded
     from ..benchmarks.replay import DISTRIBUTIONS, run
 
-    with _facts_of(DISTRIBUTIONS, used) as facts:
+    with facts_of(DISTRIBUTIONS, used) as facts:
         result = run(hours=hours, rounds=rounds, report=say, folder=folder)
     if as_json:
         emit_json({'ok': True, 'machine': facts, **result.to_dict()})
         return
-    _print_tables(result.tables())
+    print_tables(result.tables())
     compared = ', '.join(f'{name} {count}' for name, count in result.agreement.items())
     sys.stdout.write(
         f'Same bits, values compared: {compared}.\n'
         f'{result.real_time:.0f} times real time; others scaled from {result.part_minutes:g} min;'
-        f' peak memory {result.peak_mb:.0f} MB.\n' + _machine(facts, rounds)
+        f' peak memory {result.peak_mb:.0f} MB.\n' + machine_line(facts, rounds)
     )
 
 
@@ -204,7 +192,7 @@ def memory(
         commands = [one.to_dict() for one in found]
         emit_json({'ok': all(one.met for one in found), 'hours': hours, 'commands': commands})
     else:
-        _print_tables([table(hours, found)])
+        print_tables([table(hours, found)])
     if not all(one.met for one in found):
         raise typer.Exit(1)
 
@@ -230,101 +218,13 @@ def live(
     have_the_machine('measurements wait')
     from ..benchmarks.live import RATES, run, table
 
-    with _facts_of() as facts:
+    with facts_of() as facts:
         found = run(rate or RATES, seconds, report=say)
     if as_json:
         emit_json({'machine': facts, 'rates': [asdict(one) for one in found]})
         return
-    _print_tables([table(found)])
-    sys.stdout.write(_cores(facts))
-
-
-@bench.command(
-    epilog='Example: `./polar bench smooth`\n\n'
-    'Quick look: `./polar bench smooth --seconds 60 --rounds 1`\n\n'
-    'Recordings: `./polar bench smooth bags/dive_1 bags/dive_2`'
-)
-def smooth(
-    bags: Annotated[
-        list[Path] | None,
-        typer.Argument(
-            metavar='[BAG...]',
-            help='Recordings to smooth; without one a run is simulated.',
-            show_default=False,
-            callback=_existing,
-        ),
-    ] = None,
-    rounds: Annotated[int, typer.Option(min=1, help='Rounds; ratios are their medians.')] = 5,
-    seconds: Annotated[
-        float | None,
-        typer.Option(
-            min=30.0, max=3600.0, help='Length of the simulated run.', show_default='600'
-        ),
-    ] = None,
-    vehicle: VehicleOption = None,
-    mapping: MapOption = None,
-    accept: AcceptOption = None,
-    msg_path: MsgPathOption = None,
-    processor: CoreOption = None,
-    as_json: JsonOption = False,
-) -> None:
-    """Time the passes of the smoother beside the filter, and beside GTSAM where it is installed.
-
-    GTSAM solves the same linear problem, and has to find the same means and sigmas first. Times
-    are processor times on one core; reading a recording is not in them.
-    """
-    if bags and seconds is not None:
-        raise typer.BadParameter('a bag is timed as long as it is', param_hint='--seconds')
-    if not bags and vehicle is not None:
-        raise typer.BadParameter('goes with a bag', param_hint='--vehicle')
-    if mapping is not None and not bags:
-        raise typer.BadParameter('goes with a bag', param_hint='--map')
-    if mapping is None and (accept or msg_path is not None):
-        raise typer.BadParameter('goes with --map', param_hint='--accept, --msg-path')
-    used = _one_core(processor)  # before anything numerical is loaded
-    from ..benchmarks.smooth import DISTRIBUTIONS, DURATION_S, run, run_recorded
-
-    problems: list[object] = []
-    with _facts_of(DISTRIBUTIONS, used) as facts:
-        if not bags:
-            results = [run(rounds=rounds, duration_s=seconds or DURATION_S, report=say)]
-        else:
-            opened = _recordings(bags, vehicle, mapping, accept or [], msg_path, problems)
-            results = [run_recorded(*one, rounds=rounds, report=say) for one in opened]
-    figures = {'bags': [r.to_dict() for r in results]} if bags else results[0].to_dict()
-    if as_json:
-        emit_json({'ok': not problems, 'machine': facts, **figures})
-    else:
-        for result in results:
-            _print_tables(result.tables())
-        if results[0].peer is not None:
-            sys.stdout.write(f'Same results: GTSAM within {results[0].agreement:.1g} sigma.\n')
-        sys.stdout.write(_machine(facts, rounds))
-    require(not problems)
-
-
-def _recordings(
-    bags: Sequence[Path],
-    vehicle: str | None,
-    mapping: Path | None,
-    accept: Sequence[str],
-    msg_path: Path | None,
-    problems: list[object],
-) -> Iterator[tuple[str, EngineParams, Inputs]]:
-    """Recordings one by one; what is missing in them is said, and appended to ``problems``."""
-    from ..analysis.opening import open_for
-    from ..replay.recorded import choose_follower
-    from ..smoothing.bag import mapped_inputs, recorded_inputs
-
-    for path in bags:
-        if mapping is None:
-            bag = open_for(path, say)
-            problems += bag.problems
-            yield str(path), *recorded_inputs(bag, choose_follower(bag, vehicle)[0])
-        else:
-            source, what = open_mapped(path, mapping, {'configuration': 'default'}, msg_path)
-            problems += source.problems
-            yield str(path), *mapped_inputs(source, what, accept)
+    print_tables([table(found)])
+    sys.stdout.write(cores_line(facts))
 
 
 @bench.command(
@@ -346,14 +246,14 @@ def graph(
     have_the_machine('measurements wait')
     from ..benchmarks.graph import run
 
-    with _facts_of() as facts:
+    with facts_of() as facts:
         result = run(rounds, seconds, report=say)
     if as_json:
         emit_json({'ok': True, 'machine': facts, **result.to_dict()})
         return
-    _print_tables([result.table()])
+    print_tables([result.table()])
     sys.stdout.write(
-        'Same bytes of nav/state and nav/receipt in each round.\n' + _cores(facts, rounds)
+        'Same bytes of nav/state and nav/receipt in each round.\n' + cores_line(facts, rounds)
     )
 
 
@@ -393,7 +293,7 @@ def endurance(
     from ..benchmarks.endurance import run
 
     place = TemporaryDirectory(prefix='polar_nav_') if folder is None else nullcontext(folder)
-    with _facts_of() as facts, place as path:
+    with facts_of() as facts, place as path:
         result = run(
             Path(path),
             hours=hours,
@@ -405,59 +305,7 @@ def endurance(
     if as_json:
         emit_json({'machine': facts, **result.to_dict()})
     else:
-        _print_tables([result.table()])
-        sys.stdout.write(f'{result.sentence()}\n{_cores(facts)}')
+        print_tables([result.table()])
+        sys.stdout.write(f'{result.sentence()}\n{cores_line(facts)}')
     if not result.ok:
         raise typer.Exit(1)
-
-
-def _one_core(processor: int | None) -> int:
-    """Wait for the machine; returns the core to which this process is bound from then on."""
-    from ..benchmarks import machine
-
-    have_the_machine('measurements wait')
-    return machine.pin(processor)
-
-
-@contextmanager
-def _facts_of(
-    distributions: Sequence[str] = (), core: int | None = None
-) -> Iterator[dict[str, Any]]:
-    """Facts of the machine and of versions, with the load before and after what is timed."""
-    from ..benchmarks import machine
-
-    facts: dict[str, Any] = {**machine.describe(distributions)}
-    if core is not None:
-        facts['core'] = core
-    yield facts
-    facts['load_average_after'] = machine.load()
-
-
-def _print_tables(tables: Iterable[Table]) -> None:
-    from rich.console import Console
-
-    from ..terminal.tables import print_table
-
-    console = Console(highlight=False)
-    for table in tables:
-        print_table(console, table)
-
-
-def _machine(facts: Mapping[str, Any], rounds: int) -> str:
-    """Return the line about the machine and versions of a measurement."""
-    return (
-        f'{facts["cpu"]}, core {facts["core"]} of {facts["cores"]}, load'
-        f' {facts["load_average"]:.1f} to {facts["load_average_after"]:.1f}, Python'
-        f' {facts["python"]}, '
-        + ', '.join(f'{k} {v}' for k, v in facts['versions'].items())
-        + f'; medians of {rounds} rounds.\n'
-    )
-
-
-def _cores(facts: Mapping[str, Any], rounds: int | None = None) -> str:
-    """Return the line about the machine of a measurement on all its cores."""
-    medians = '' if rounds is None else f'; medians of {rounds} rounds'
-    return (
-        f'{facts["cpu"]}, {facts["cores"]} cores, load {facts["load_average"]:.1f} to'
-        f' {facts["load_average_after"]:.1f}, Python {facts["python"]}{medians}.\n'
-    )

@@ -86,7 +86,8 @@ def smooth(
     from polar_nav_core.engine.health.span import span_of_health
 
     from ..export.formats import trajectory, write_trajectory
-    from ..smoothing.bag import How, write
+    from ..smoothing.bag import How
+    from ..smoothing.write import write
 
     files = {'tum': tum, 'csv': csv, 'kml': kml}
     for path in (out, *files.values()):
@@ -190,7 +191,8 @@ def _mapped(
 
 
 def _print(run: SmoothedRun, span: Span, *, well: bool, as_json: bool) -> None:
-    from ..smoothing.bag import stated_sigma, summary
+    from ..smoothing.bag import stated_sigma
+    from ..smoothing.write import summary
 
     comparison = run.comparison
     stated = {'filter': stated_sigma(run.filtered), 'smoother': stated_sigma(run.smoothed)}

@@ -17,9 +17,9 @@ from ...kernels.sins.rings import Streams
 from ...kernels.sins.update import Ints
 from ..driver import Adaptation, Driver
 from ..events import Event, Fix, ImuSample
-from ..inputs import Inputs, at_least_one, new_seconds, rows_of
+from ..inputs import Inputs, Stamps, at_least_one, new_seconds, rows_of
 from ..params import EngineParams
-from ..plausibility import widened_pings
+from ..plausibility import are_too_sure, widened_pings
 from ..refusals import usable_control, usable_depth, usable_dvl, usable_heading, usable_imu
 from ..results import Outcome
 from .filter import NavigationFilter
@@ -40,6 +40,8 @@ class Usable:
         Of `Streams`, but for counts and fixes.
     imu, depths, pings, controls, headings : int
         Number of usable samples.
+    too_sure_ns : (n,) array
+        Stamps of the pings that state less noise than pings have.
     """
 
     first: ImuSample | None
@@ -50,6 +52,7 @@ class Usable:
     pings: int
     controls: int
     headings: int
+    too_sure_ns: Stamps
 
 
 def usable_of(params: EngineParams, inputs: Inputs) -> Usable:
@@ -77,6 +80,7 @@ def usable_of(params: EngineParams, inputs: Inputs) -> Usable:
         *(x.control_sample(int(k)) for k in np.flatnonzero(~control)),
         *(x.heading_sample(int(k)) for k in np.flatnonzero(~heading)),
     ]
+    covariance_m = rows_of(x.dvl_covariance_m, dvl)
     columns = {
         'imu_stamps': rows_of(x.imu_stamps_ns, imu),
         'omega_ib_b': rows_of(x.omega_ib_b, imu),
@@ -86,7 +90,7 @@ def usable_of(params: EngineParams, inputs: Inputs) -> Usable:
         'depth_variance': rows_of(x.depth_variance, depth),
         'dvl_stamps': rows_of(x.dvl_stamps_ns, dvl),
         'dvl_v_m': rows_of(x.dvl_v_m, dvl),
-        'dvl_covariance_m': widened_pings(rows_of(x.dvl_covariance_m, dvl)),
+        'dvl_covariance_m': widened_pings(covariance_m),
         'dvl_water': rows_of(water.astype(np.int64), dvl),
         'control_stamps': rows_of(x.control_stamps_ns, control),
         'control_force_b': rows_of(x.control_force_b, control),
@@ -103,6 +107,7 @@ def usable_of(params: EngineParams, inputs: Inputs) -> Usable:
         pings=len(columns['dvl_stamps']),
         controls=len(columns['control_stamps']),
         headings=len(columns['heading_stamps']),
+        too_sure_ns=columns['dvl_stamps'][are_too_sure(covariance_m)],
     )
 
 
@@ -126,6 +131,7 @@ class SinsArrays:
         self.first, self.unusable = x.first, x.unusable
         self._depths, self._pings = x.depths, x.pings
         self._controls, self._headings = x.controls, x.headings
+        self._too_sure_ns = x.too_sure_ns
         controls = x.controls if params.model_aiding else 0
         headings = x.headings if params.uses_heading else 0
         counts = [x.imu, x.depths, x.pings, 0, controls, headings]
@@ -135,6 +141,11 @@ class SinsArrays:
     def new_seconds_ns(self) -> list[int]:
         """Stamps of the IMU samples with which a new second begins [ns]."""
         return new_seconds(self._streams.imu_stamps)
+
+    def too_sure_ns(self, stamp_ns: int) -> int | None:
+        """When a ping last stated less noise than pings have, until a stamp [ns]; or None."""
+        before = int(np.searchsorted(self._too_sure_ns, stamp_ns, side='right'))
+        return int(self._too_sure_ns[before - 1]) if before else None
 
     def start(self, driver: Driver | None, first: ImuSample) -> bool:
         """Hand the arrays to the filter started at the first sample; False without a filter."""

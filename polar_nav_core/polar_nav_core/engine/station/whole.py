@@ -56,6 +56,9 @@ class StationArrays:
         self._depth = rows_of(x.depth, depth)
         self._depth_variance = rows_of(x.depth_variance, depth)
 
+    def too_sure_ns(self, stamp_ns: int) -> int | None:
+        """None: there are no pings in this mode."""
+
     def new_seconds_ns(self) -> list[int]:
         """Stamps of the AHRS samples with which a new second begins [ns]."""
         return new_seconds(self._imu_stamps)
