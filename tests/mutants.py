@@ -45,7 +45,7 @@ MODULES = {
     'engine.reorder': ('reorder_queue', 'reorder'),
     'engine.plausibility': ('plausibility',),
     'engine.integrity': ('integrity_monitor', 'integrity'),
-    'engine.clocks': ('clocks',),
+    'engine.clocks': ('clock_rules', 'clocks'),
     'link.packet': ('packet', 'station_packet'),
     'kernels.frames.grid': ('grid', 'strapdown'),
     'kernels.frames.strapdown': ('strapdown', 'ecef_mechanization'),
