@@ -9,6 +9,7 @@ from mcap.writer import Writer
 
 from polar_nav_core.errors import ConfigError
 from polar_nav_tools.bags import BagWriter
+from polar_nav_tools.bags.errors import WrongRequestError
 from polar_nav_tools.bags.resuming import require_own
 from polar_nav_tools.cli import main
 from polar_nav_tools.record import recorder_node
@@ -107,6 +108,17 @@ def test_a_bag_that_is_there_is_gone_on_with_on_request_only(polar, tmp_path):
     status, said, told = polar('--out', bag)
     assert (status, told) == (2, {})
     assert said == f'polar: {bag} exists already; --resume goes on with it\n'
+
+
+def test_a_bag_that_a_recorder_is_writing_has_one_recorder(polar, tmp_path):
+    writer = BagWriter(tmp_path / 'b', {})
+    status, said, told = polar('--out', tmp_path / 'b', '--resume')
+    assert (status, told) == (2, {})
+    assert 'b_0.mcap is being written by another recorder\n' in said
+    with pytest.raises(WrongRequestError, match='another recorder'):
+        require_own(tmp_path / 'b')  # as a node does that is started with `resume`
+    writer.abandon()  # as when its process ends
+    assert polar('--out', tmp_path / 'b', '--resume')[0] == 0
 
 
 def test_it_needs_the_name_of_a_bag(polar):

@@ -2,7 +2,8 @@
 
 A next file is named after the folder, and takes metadata.yaml away until the bag is finished
 again: in a folder of another program, or one that was renamed, that would leave a bag that nobody
-reads as one.
+reads as one. Nor may it stand in a bag that another recorder is writing: the first to finish would
+describe a file of the other that is not complete.
 """
 
 from __future__ import annotations
@@ -18,10 +19,11 @@ from mcap.stream_reader import StreamReader
 from .errors import BagError, WrongRequestError
 from .files import MAGIC, check_magic, find, in_order
 from .mcap_writer import LIBRARY
+from .sink import is_written
 
 
 def require_own(directory: Path) -> None:
-    """Refuse a folder whose files are not all of a bag of this project's, by names and heads.
+    """Refuse a folder whose files are not all of this project's, or where one is being written.
 
     A file without a readable head passes: a recorder was killed as it began, and is started again.
 
@@ -47,6 +49,11 @@ def require_own(directory: Path) -> None:
             raise WrongRequestError(
                 f'{directory}: cannot go on with this bag: {path.name} is not named after the '
                 'folder, which was renamed; give it back its name'
+            )
+        if is_written(path):
+            raise WrongRequestError(
+                f'{directory}: cannot go on with this bag: {path.name} is being written '
+                'by another recorder'
             )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import os
 from io import UnsupportedOperation
 from pathlib import Path
@@ -17,12 +18,14 @@ class Sink:
 
     Every call of `write` brings whole MCAP records and ends in the kernel before it returns, so
     killing the process loses nothing of it. A write that fails (disk full) is undone, so the file
-    ends behind a whole record.
+    ends behind a whole record. While it is open it is locked, which `is_written` sees.
     """
 
     def __init__(self, path: Path) -> None:
         self.path = path
         self._fd = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
+        with contextlib.suppress(OSError):  # some file systems have no locks
+            fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
         self._size = 0
         self.closed = False
 
@@ -117,3 +120,15 @@ class Sink:
     def read(self, size: int = -1) -> bytes:
         """Refuse: the file is write-only (mcap's type of a stream has this method)."""
         raise UnsupportedOperation(f'read {size} bytes of {self.path}')
+
+
+def is_written(path: Path) -> bool:
+    """Whether a process of this computer has a `Sink` of a file open."""
+    with path.open('rb') as file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+        except OSError:  # no locks on this file system
+            return False
+    return False
