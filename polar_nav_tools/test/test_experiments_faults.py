@@ -106,6 +106,7 @@ def test_rows_and_columns():
     assert len(ROWS) >= 40
     assert [r.name for r in rows_named('imu_2038,clock*')] == [
         'imu_2038', 'clock_step:3600', 'clock_step:-10', 'clock_step:2', 'clock_step:-2',
+        'clock_step:0.4', 'clock_step:-0.3',
     ]  # fmt: skip
     with pytest.raises(ConfigError, match='--rows nothing'):
         rows_named('nothing')

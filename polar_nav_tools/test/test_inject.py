@@ -151,6 +151,31 @@ def test_single_faults(sins):
     assert changed == ['imu'] * 3 + ['depth']
 
 
+def test_parts_of_an_imu(sins):
+    """One instrument that hangs, both with an axis of the wrong sign, a bias on every axis."""
+    before = [r.values for r in sins.readings if r.stream == IMU]
+    after = [r.values for r in sins.inject('imu_gyro_stuck:1@6') if r.stream == IMU]
+    stuck = [k for k, values in enumerate(after) if values is not before[k]]
+    assert len(stuck) == 100
+    for k in stuck:
+        assert same(after[k]['omega_ib_b'], before[stuck[0] - 1]['omega_ib_b'])
+        assert same(after[k]['f_b'], before[k]['f_b'])
+    last = [r.values for r in sins.inject('imu_mirrored@6') if r.stream == IMU][-1]
+    for name in VECTORS[IMU]:
+        assert same(last[name], before[-1][name] * [1.0, -1.0, 1.0])
+    last = [r.values for r in sins.inject('imu_gyro_step:0.5@6') if r.stream == IMU][-1]
+    assert same(last['omega_ib_b'], before[-1]['omega_ib_b'] + 0.5)
+    assert same(last['f_b'], before[-1]['f_b'])
+
+
+def test_a_clock_that_runs_fast_is_ahead_by_more_and_more(sins):
+    after = [r for r in sins.inject('dvl_clock_rate:1000@6') if r.stream != FIX]
+    start_ns = next(r.true_ns for r in sins.readings if r.stream == IMU) + 6 * NS
+    for r in after:
+        since_ns = max(0, r.true_ns - start_ns) if r.stream == 'dvl' else 0
+        assert abs(r.stamp_ns - r.true_ns - 1e-3 * since_ns) <= 1.0
+
+
 def test_seed_draws(sins):
     def lost(seed):
         return [r.number for r in sins.inject('packet_lost@2', seed=seed)]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -24,8 +25,11 @@ def silent(stream: str) -> Apply:
     return apply
 
 
-def stuck(stream: str) -> Apply:
-    """The values of the last message before it are repeated for ``size`` seconds."""
+def stuck(stream: str, *names: str) -> Apply:
+    """The values of the last message before it are repeated for ``size`` seconds.
+
+    All of them, or those that are named.
+    """
 
     def apply(readings: Readings, s: Setting) -> list[Reading]:
         last: Reading | None = None
@@ -34,23 +38,27 @@ def stuck(stream: str) -> Apply:
             if r.stream == stream and not s.within(r, s.size):
                 last = r if s.since_s(r) < 0.0 else last
             elif r.stream == stream and last is not None:
-                r = replace(r, values=last.values)
+                old = {name: last.values[name] for name in names}
+                r = r.with_values(**old) if names else replace(r, values=last.values)
             out.append(r)
         return out
 
     return apply
 
 
-def swapped(stream: str, name: str, axis: int | None) -> Apply:
-    """One value has the wrong sign from the start on."""
+def swapped(stream: str, axis: int | None, *names: str) -> Apply:
+    """One axis of these values, or a number, has the wrong sign from the start on."""
+
+    def other(value: Any) -> Any:  # noqa: ANN401 - a number or an array
+        if axis is None:
+            return -value
+        value = np.array(value)
+        value[axis] = -value[axis]
+        return value
 
     def apply(readings: Readings, s: Setting) -> list[Reading]:
         def turned(r: Reading) -> Reading:
-            if axis is None:
-                return r.with_values(**{name: -r.values[name]})
-            value = np.array(r.values[name])
-            value[axis] = -value[axis]
-            return r.with_values(**{name: value})
+            return r.with_values(**{name: other(r.values[name]) for name in names})
 
         return _changed(readings, stream, s, math.inf, turned)
 
@@ -115,6 +123,20 @@ def clock(streams: Sequence[str]) -> Apply:
         ]
 
     return apply
+
+
+def clock_rate(stream: str) -> Apply:
+    """The clock of a stream runs fast by ``size`` parts in a million."""
+
+    def restamped(r: Reading, s: Setting) -> Reading:
+        return _restamped(r, round(s.size * 1e-6 * NS * s.since_s(r)))
+
+    return changed(stream, restamped, math.inf)
+
+
+def added(stream: str, name: str) -> Apply:
+    """``size`` is added to a value, on every axis."""
+    return changed(stream, lambda r, s: r.with_values(**{name: r.values[name] + s.size}), math.inf)
 
 
 def repeated(stream: str) -> Apply:
