@@ -13,6 +13,7 @@ from polar_nav_core.engine.health.conditions import Level
 from polar_nav_core.engine.health.view import Envelope, Gaps, View
 from polar_nav_core.engine.health.watchdog import DEPTH, DVL, Watchdog
 from polar_nav_core.engine.methods import DELAY_HANDLING
+from polar_nav_core.engine.verdicts import Verdict
 from polar_nav_core.kernels import watch
 
 pytestmark = pytest.mark.slow
@@ -191,3 +192,21 @@ def test_a_sensor_that_was_used_and_is_silent_is_a_warning():
         Level.WARN,
         'no DVL used for 40 s',
     )
+
+
+@pytest.mark.parametrize('name', ['omega_ib_b', 'f_b'])
+def test_an_instrument_that_hangs_is_a_gap_of_the_imu(world, name):
+    """As if the IMU had given nothing from the sixth repeat on, in both drivers."""
+    rng = np.random.default_rng(3)
+    inputs = inputs_of(world, world.fixes(2.0, 1.0, rng=rng))
+    values = getattr(inputs, name) + 1e-6 * rng.standard_normal((len(inputs.imu_stamps_ns), 3))
+    values[1500:1800] = values[1499]
+    stuck = replace(inputs, **{name: values})
+    params = world.params(configuration='default')
+    found = both(params, stuck)
+    without = engine_run.run(params, without_imu(stuck, 1505, 1800))
+    assert np.array_equal(found.track.r_e[-1], without.track.r_e[-1])
+    assert np.array_equal(found.track.P[-1], without.track.P[-1])
+    assert found.verdicts[Verdict.IMPLAUSIBLE] == 295
+    error, sigma = errors_and_sigmas(world, found.track)
+    assert (error < 5.0 * sigma).all()

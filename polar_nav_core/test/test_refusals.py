@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from polar_nav_core import spilled
-from polar_nav_core.engine import refusals
+from polar_nav_core.engine import imu_instruments, refusals
 from polar_nav_core.engine.events import ControlSample, DepthSample, DvlPing, ImuSample
 from polar_nav_core.engine.imu_sequence import ImuSequence
 from polar_nav_core.engine.params import EngineParams
@@ -179,3 +179,106 @@ def test_the_receipt_of_a_leap_says_what_and_how_far():
     ((row, (verdict, sentence)),) = refused.items()
     assert (row, verdict) == (1, Verdict.IMPLAUSIBLE)
     assert sentence.startswith('a rate 1.25 rad/s off the one before, max_rate_leap is 0.5 rad/s')
+
+
+SEGMENTS = st.lists(
+    st.tuples(
+        st.sampled_from(['', '', 'xyz', 'abc', 'xyzabc', 'x', 'yzb', 'xy']),
+        st.integers(1, 14),
+        st.sampled_from([1, 1, 1, 0]),
+        st.sampled_from([0.0, 0.0, 0.0, 0.0, 2.0, 9.0]),
+    ),
+    max_size=14,
+)
+"""Axes that repeat their values (xyz: rates, abc: forces), for how many samples, how far apart in
+time, and a rate that their last one has besides."""
+
+
+def segmented(segments):
+    """Stamps [ns], rates and forces of an IMU some of whose axes stand still for a while."""
+    stamps, values = [0], [np.full(6, 1e-3)]
+    for stand, count, step, leap in segments:
+        for k in range(count):
+            moved = np.array([name not in stand for name in 'xyzabc'])
+            stamps.append(stamps[-1] + step * 10_000_000)
+            values.append(np.where(moved, 1e-3 * len(stamps), values[-1]))
+            values[-1][0] += leap * (k == count - 1)
+    values = np.array(values)
+    return np.array(stamps), values[:, :3], values[:, 3:]
+
+
+@given(SEGMENTS, st.integers(0, 5), st.integers(0, 5), st.sampled_from([2, 4, 1 << 13]))
+def test_instruments_that_hang_do_so_in_columns_as_one_by_one(segments, most, alone, rows):
+    params = EngineParams(max_imu_repeats=most, max_instrument_repeats=alone)
+    stamps, omega_ib_b, f_b = segmented(segments)
+    samples = [ImuSample(int(t), k, omega_ib_b[k], f_b[k]) for k, t in enumerate(stamps)]
+    with (
+        mock.patch.object(imu_instruments, 'LIVELY', 9),
+        mock.patch.object(spilled, 'ROWS', rows),
+    ):
+        usable, refused = refusals.usable_imu(params, stamps, omega_ib_b, f_b)
+        assert usable.tolist() == one_by_one(params, samples)
+    assert not usable[list(refused)].any()
+
+
+def used(omega_ib_b, f_b, **changes):
+    """Which samples at 100 Hz are used, one by one and in columns, and what is said of others."""
+    params = EngineParams(**changes)
+    stamps = np.arange(len(f_b)) * 10_000_000
+    samples = [ImuSample(int(t), k, omega_ib_b[k], f_b[k]) for k, t in enumerate(stamps)]
+    usable, refused = refusals.usable_imu(params, stamps, omega_ib_b, f_b)
+    assert usable.tolist() == one_by_one(params, samples)
+    return usable, [sentence for _, sentence in refused.values()]
+
+
+def noise(rng, count, lsb):
+    """Gyros, or accelerometers, with noise and a resolution [LSB of noise], (count, 3)."""
+    return 1e-4 * np.round(rng.standard_normal((count, 3)) * lsb) / lsb
+
+
+def test_gyros_that_hang_are_refused_while_forces_go_on():
+    rng = np.random.default_rng(7)
+    rates, forces = noise(rng, 1000, 4.0), 9.8 + noise(rng, 1000, 1e6)
+    hung = rates.copy()
+    hung[500:600] = hung[499]
+    hung[700:730] = hung[699]  # again, sooner than it could be known anew
+    for omega_ib_b, f_b, name, other in (
+        (hung, forces, 'gyros', 'forces'),
+        (forces - 9.8, hung + 9.8, 'accelerometers', 'rates'),
+    ):
+        usable, said = used(omega_ib_b, f_b)
+        assert np.flatnonzero(~usable).tolist() == [*range(505, 600), *range(705, 730)]
+        assert said[0] == (
+            f'the {name} repeat one sample, 6 times so far, and the {other} go on: they hang'
+        )
+        assert used(omega_ib_b, f_b, max_instrument_repeats=0)[0].all()
+
+
+def test_what_was_lively_for_less_than_300_samples_may_repeat():
+    rng = np.random.default_rng(8)
+    forces = 9.8 + noise(rng, 400, 1e6)
+    for lively, refused in ((299, 0), (300, 94)):
+        rates = noise(rng, 400, 1e6)
+        rates[lively + 1 - 6 : lively + 95] = rates[lively + 1 - 6]
+        usable, _ = used(rates, forces)
+        assert (~usable).sum() == refused
+
+
+def test_coarse_gyros_at_rest_are_never_refused():
+    """An hour at rest, with resolutions from a tenth of the noise to five times the noise."""
+    rng = np.random.default_rng(9)
+    stamps, forces = np.arange(360_000) * 10_000_000, 9.8 + noise(rng, 360_000, 1e6)
+    for lsb in (10.0, 4.0, 2.0, 1.0, 0.5, 0.2):
+        usable, _ = refusals.usable_imu(SINS, stamps, noise(rng, 360_000, lsb), forces)
+        assert usable.all(), lsb
+
+
+def test_coarse_gyros_that_come_to_rest_at_once_are_not_refused():
+    """They swing by degrees in 3 to 7 s, and stand still from one sample to the next."""
+    time_s = 0.01 * np.arange(6000)[:, None]
+    swing = 0.1 * np.sin(2.0 * np.pi * time_s / [3.0, 5.0, 7.0] + [0.0, 1.0, 2.0])
+    swing[4000:] = 0.0
+    forces = 9.8 + noise(np.random.default_rng(10), 6000, 1e6)
+    for resolution in (1e-3, 3e-4, 1e-4):
+        usable, _ = used(resolution * np.round(swing / resolution), forces)
+        assert usable.all(), resolution

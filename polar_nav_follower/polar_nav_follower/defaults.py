@@ -121,6 +121,7 @@ _FIRST: dict[str, Any] = {
     'max_imu_gap_s': 0.5,
     'max_imu_noise_factor': 1.0,
     'max_imu_repeats': 0,
+    'max_instrument_repeats': 0,
     'max_rate': 1e300,
     'max_rate_leap': 1e300,
     'max_specific_force': 1e300,
@@ -263,6 +264,7 @@ _SINCE: dict[int, dict[str, Any]] = {
     },
     15: {
         'dvl_scale_velocity': 'steady',
+        'max_instrument_repeats': 5,
     },
 }
 """By engine version: what changed with it. A version with new defaults counts up (version.py)."""

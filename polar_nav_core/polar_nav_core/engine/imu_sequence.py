@@ -21,6 +21,8 @@ from numpy.typing import NDArray
 
 from .. import spilled
 from ..arrays import Array
+from . import imu_instruments
+from .imu_instruments import Instrument, beginnings
 from .inputs import Stamps
 from .params import EngineParams
 from .verdicts import Refusal, Verdict
@@ -43,6 +45,8 @@ class ImuSequence:
         sins = params.mode == 'sins'
         self._most_repeats = params.max_imu_repeats if sins else 0
         self._most_leap = params.max_rate_leap if sins else np.inf
+        most_alone = params.max_instrument_repeats if sins else 0
+        self._gyros, self._accelerometers = Instrument(most_alone), Instrument(most_alone)
         self._values: tuple[Values, Values] | None = None
         self._repeats = 0
         self._used: tuple[int, Values] | None = None
@@ -58,7 +62,16 @@ class ImuSequence:
 
         The sample [rad/s], [m/s^2] is the next one that can be used by all other rules.
         """
-        return self._repeated(omega_ib_b, f_b) or self._leaps(stamp_ns, omega_ib_b)
+        hangs = self._hangs(omega_ib_b, f_b)
+        return self._repeated(omega_ib_b, f_b) or hangs or self._leaps(stamp_ns, omega_ib_b)
+
+    def _hangs(self, omega_ib_b: Values, f_b: Values) -> Refusal | None:
+        gyros, accelerometers = self._gyros.hangs(omega_ib_b), self._accelerometers.hangs(f_b)
+        if not (gyros or accelerometers):
+            return None
+        name, other = ('gyros', 'forces') if gyros else ('accelerometers', 'rates')
+        sentence = f'the {name} repeat one sample, {gyros or accelerometers} times so far'
+        return Verdict.IMPLAUSIBLE, f'{sentence}, and the {other} go on: they hang'
 
     def _repeated(self, omega_ib_b: Values, f_b: Values) -> Refusal | None:
         if not self._most_repeats:
@@ -111,24 +124,33 @@ def refusals_in_columns(
         Samples within the limits of a sensor: only they count.
     """
     found: dict[int, Refusal] = {}
-    at = 0
+    back = _rows_back(params)
+    at, usual, used_ns = -1, 0, None  # the next row, and samples in a row that were as any other
+    sequence = ImuSequence(params)
     for begin, last in _odd_rows(params, stamps_ns, omega_ib_b, f_b, within):
-        if last < at:
-            continue
-        sequence, used_ns = ImuSequence(params), None
-        for row in range(max(begin, at), len(stamps_ns)):
+        if begin > at:
+            sequence, at, usual, used_ns = ImuSequence(params), begin, 0, None
+        while at < len(stamps_ns) and not (at > last + back and usual > back and sequence.calm):
+            row, at = at, at + 1
+            if not within[row]:
+                continue
             stamp_ns = int(stamps_ns[row])
-            if not within[row] or stamp_ns == used_ns:  # the second of its stamp is refused
+            if stamp_ns == used_ns:  # the second of its stamp is refused
+                usual = 0
                 continue
-            at = row
             refused = sequence.refusal(stamp_ns, omega_ib_b[row].tolist(), f_b[row].tolist())
-            if refused is not None:
-                found[row] = refused
-                continue
-            used_ns = stamp_ns
-            if row >= last and sequence.calm:
-                break
+            if refused is None:
+                used_ns, usual = stamp_ns, usual + 1
+            else:
+                found[row], usual = refused, 0
     return found
+
+
+def _rows_back(params: EngineParams) -> int:
+    """Samples before one that decide on it, at most."""
+    alone = params.max_instrument_repeats
+    lively = imu_instruments.LIVELY + 2 * alone if alone else 0
+    return max(params.max_imu_repeats, lively) + 2
 
 
 def _odd_rows(
@@ -142,7 +164,7 @@ def _odd_rows(
 
     A second sample of a stamp is one, and the next one: which of the two is used is to be seen.
     """
-    most = params.max_imu_repeats
+    most, alone, back = params.max_imu_repeats, params.max_instrument_repeats, _rows_back(params)
     tail = np.zeros(0, dtype=np.intp)
     for part in spilled.parts(len(within)):
         rows = np.r_[tail, part.start + np.flatnonzero(within[part])]
@@ -150,11 +172,13 @@ def _odd_rows(
         change = np.abs(np.diff(omega_ib_b[rows], axis=0)).max(axis=1, initial=0.0)
         odd = (change > params.max_rate_leap + SLEW * (dt_ns * 1e-9)) | (dt_ns == 0)
         odd[1:] |= dt_ns[:-1] == 0
+        f = f_b[rows] if most or alone else f_b[:0]
         if most and len(odd) > most:
-            f = f_b[rows]
             same = (change == 0.0) & (f[1:] == f[:-1]).all(axis=1)
             odd |= np.convolve(same, np.ones(most + 1, dtype=np.int64))[: len(odd)] > most
+        if alone:
+            odd |= (beginnings(omega_ib_b[rows], alone) | beginnings(f, alone))[1:]
         for k in (np.flatnonzero(odd) + 1).tolist():
             if k >= len(tail):
-                yield int(rows[max(k - most - 2, 0)]), int(rows[k])
-        tail = rows[len(rows) - min(len(rows), most + 3) :]
+                yield int(rows[max(k - back, 0)]), int(rows[k])
+        tail = rows[len(rows) - min(len(rows), back + 1) :]

@@ -109,6 +109,15 @@ class LimitParams(NodeParams):
         'An IMU sample with the rates and forces of more than so many before it, bit for bit, is '
         'refused: the sensor hangs (mode sins); 0 is never',
     )
+    max_instrument_repeats: int = param(
+        5,
+        '',
+        0,
+        1_000_000,
+        'An IMU sample with the rates of more than so many before it, or with their forces, is '
+        'refused where no axis repeated itself so often in the 300 samples before that: the '
+        'gyros hang, or the accelerometers do (mode sins); 0 is never',
+    )
     max_rate_leap: float = param(
         0.5,
         'rad/s',
