@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from polar_nav_core.engine.health.conditions import Level
+from polar_nav_core.engine.health.conditions import Condition, Culprit, Health, Level, Present
 from polar_nav_core.engine.health.radius import radius_95
-from polar_nav_core.engine.health.span import Look, Span, span_of
+from polar_nav_core.engine.health.span import Look, Span, span_of, words_of_health
 
 OK, WARN = Look(Level.OK, ''), Look(Level.WARN, 'drifts by 3 m')
 
@@ -72,3 +72,22 @@ def test_an_error_for_more_than_a_tenth_of_the_time_is_not_well():
     assert not span_of([OK] * 90 + [error(1)] * 10 + [OK]).complaint
     looks = [Look(Level.ERROR, 'other'), *map(error, range(12)), *[OK] * 80]
     assert span_of(looks).complaint == 'ERROR for 14 % of the time: 11 fixes gated'
+
+
+def test_every_condition_of_a_run_is_said_once_errors_first():
+    """Also one that stood only where another one was worse, as of pings that are too sure."""
+
+    def look(*conditions):
+        return Health(1, tuple(Present(c, 1, 1) for c in conditions), 1.0, 0)
+
+    sure = Condition('dvl too sure', Level.WARN, Culprit.DVL, 'the DVL states less noise')
+    refused = [
+        Condition('DVL refused', level, Culprit.DVL, f'{share} % of DVL refused')
+        for level, share in ((Level.ERROR, 60), (Level.WARN, 10))
+    ]
+    health = [look(), look(refused[0], sure), look(refused[1], sure), look(sure)]
+    assert words_of_health(health) == [
+        'ERROR for 50 % of the time: 60 % of DVL refused',
+        'WARN for 75 % of the time: the DVL states less noise',
+    ]
+    assert words_of_health([]) == []

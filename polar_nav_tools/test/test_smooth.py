@@ -232,7 +232,9 @@ def test_what_the_filter_was_warned_of_is_said(
     """What contradicts the filter's model contradicts that of the smoother, too."""
     condition = Condition('slow fault', level, Culprit.FIXES, 'fixes drift')
     well = Health(2, (), 1.0, 0)
-    health = (Health(1, (Present(condition, 1, 1),), 1.0, 0), *[well] * well_later)
+    sure = Condition('dvl too sure', Level.WARN, Culprit.DVL, 'the DVL states less noise')
+    present = tuple(Present(one, 1, 1) for one in (condition, sure))
+    health = (Health(1, present, 1.0, 0), *[well] * well_later)
     real = bag_module.smooth_bag
 
     def warned(*args, **kwargs):
@@ -242,4 +244,9 @@ def test_what_the_filter_was_warned_of_is_said(
     assert polar('smooth', BAGS / 'reference_4', '--passes', '1', '--json') == status
     said = capsys.readouterr()
     assert f'the filter was not well: {said_of_it}: fixes drift' in said.err
-    assert json.loads(said.out)['filter_health']['level_at_end'] == health[-1].level.name
+    found = json.loads(said.out)['filter_health']
+    assert found['level_at_end'] == health[-1].level.name
+    share = '100' if len(health) == 1 else '0.5'
+    word = f'WARN for {share} % of the time: the DVL states less noise'
+    assert found['conditions'][1] == word
+    assert word in said.err

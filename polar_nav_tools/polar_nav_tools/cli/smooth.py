@@ -83,7 +83,7 @@ def smooth(
 
     How late the fixes came does not matter: each counts when it was valid.
     """
-    from polar_nav_core.engine.health.span import span_of_health
+    from polar_nav_core.engine.health.span import span_of_health, words_of_health
 
     from ..export.formats import trajectory, write_trajectory
     from ..smoothing.bag import How
@@ -124,6 +124,9 @@ def smooth(
         say(f'the filter diverged: {run.found.divergence}')
     if span.any_word:
         say(f'the filter was not well: {span.any_word}')
+    said = words_of_health(run.health)
+    for sentence in said if len(said) > 1 else ():  # the only one stands above
+        say(f'  {sentence}')
     require(well)
 
 
@@ -191,6 +194,8 @@ def _mapped(
 
 
 def _print(run: SmoothedRun, span: Span, *, well: bool, as_json: bool) -> None:
+    from polar_nav_core.engine.health.span import words_of_health
+
     from ..smoothing.bag import stated_sigma
     from ..smoothing.write import summary
 
@@ -209,7 +214,10 @@ def _print(run: SmoothedRun, span: Span, *, well: bool, as_json: bool) -> None:
                     name: {'used': used, 'of': total}
                     for name, (used, total) in run.fixes_used.items()
                 },
-                'filter_health': span.to_dict(),
+                'filter_health': {
+                    **span.to_dict(),
+                    'conditions': words_of_health(run.health),
+                },
                 'smoothing': summary(run.found),
                 'score': None if comparison is None else comparison.to_dict(),
             }

@@ -114,7 +114,8 @@ def span_of(looks: Iterable[Look]) -> Span:
 
 def _percent(count: int, looks: int) -> str:
     """Share in per cent with two digits, however small it is."""
-    return f'{100.0 * count / looks:.2g} %'
+    share = 100.0 * count / looks
+    return f'{share:.0f} %' if share >= 10.0 else f'{share:.2g} %'
 
 
 def _sentence(looks: list[Look], level: Level) -> str:
@@ -131,6 +132,25 @@ def _sentence(looks: list[Look], level: Level) -> str:
 def span_of_health(health: Iterable[Health]) -> Span:
     """Levels of a run summed up, from the watchdog's judgements in the order of time."""
     return span_of(Look(h.level, h.sentence) for h in health)
+
+
+def words_of_health(health: Iterable[Health]) -> list[str]:
+    """Return a sentence for each condition that was present, ERRORs first, then the longest.
+
+    A look of `Span` has the worst condition alone: the others of that time stand here.
+    """
+    looks, counts, said = 0, Counter[str](), dict[str, tuple[Level, str]]()
+    for look in health:
+        looks += 1
+        for one in (p.condition for p in look.present):
+            counts[one.key] += 1
+            if one.key not in said or one.level >= said[one.key][0]:
+                said[one.key] = one.level, one.sentence
+    keys = sorted(said, key=lambda key: (-said[key][0], -counts[key]))
+    return [
+        f'{said[key][0].name} for {_percent(counts[key], looks)} of the time: {said[key][1]}'
+        for key in keys
+    ]
 
 
 def _kind(sentence: str) -> str:
