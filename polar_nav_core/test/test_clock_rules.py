@@ -5,7 +5,7 @@ import pytest
 from closed_loop import World
 
 from polar_nav_core.engine.clocks import Clocks
-from polar_nav_core.engine.events import ClockStep, DepthSample, ImuSample, shifted
+from polar_nav_core.engine.events import ClockStep, DepthSample, DvlPing, ImuSample, shifted
 from polar_nav_core.engine.imu_clock import Refused
 
 NS = 10**9
@@ -78,3 +78,31 @@ def test_five_messages_settle_that_a_topic_has_a_clock_of_its_own(events, after,
     )
     first = [type(a) for a in out[after]]
     assert first == ([ClockStep, DepthSample] if at_once else [])
+
+
+@pytest.mark.parametrize(
+    ('ppm', 'followed_s', 'most_s'), [(300, 1105.0, 0.34), (700, 820.0, 0.58), (1000, None, 1.5)]
+)
+def test_an_imus_clock_that_creeps_slow_is_followed_late_or_never(ppm, followed_s, most_s):
+    """The bound of what can have been stamped is of ten minutes; pings take 0.1 s to come."""
+    clocks, steps, ahead_s, zero = Clocks(0.25, 0.05), [], [], np.zeros(3)
+    for k in range(10 * 1500):
+        now_ns = k * NS // 10
+        actions = clocks.take(
+            ImuSample(NS + round(now_ns * (1 - 1e-6 * ppm)), k, zero, zero), now_ns
+        )
+        if k % 10 == 5:
+            ping = DvlPing(NS + now_ns - NS // 10, k, True, zero, np.eye(3))
+            actions += clocks.take(ping, now_ns)
+        for a in actions:
+            if isinstance(a, ClockStep):
+                steps.append((a.topic, now_ns / NS))
+            elif isinstance(a, DvlPing):
+                ahead_s.append((a.stamp_ns + NS // 10 - clocks.imu.newest_ns) / NS)
+    assert max(ahead_s) <= most_s
+    if followed_s is None:
+        assert not steps
+    else:
+        ((topic, at_s),) = steps
+        assert topic == 'dvl/data'
+        assert at_s <= followed_s

@@ -28,7 +28,7 @@ _SINS = (
     'imu_stuck:10', 'imu_gyro_stuck:10', 'imu_accelerometer_stuck:10', 'imu_gyro_step:0.01',
     'imu_accelerometer_step:0.05', 'imu_mirrored', 'imu_swapped', 'imu_lost:0.5', 'imu_repeated',
     'imu_reordered:0.3', 'imu_late:5', 'imu_clock:3600', 'imu_clock:-10', 'imu_clock:0.3',
-    'imu_clock:-0.3', 'imu_clock_rate:1000', 'imu_clock_rate:-300',
+    'imu_clock:-0.3', 'imu_clock:-0.1', 'imu_clock_rate:1000', 'imu_clock_rate:-300',
     'dvl_indefinite', 'dvl_covariance:5e-324', 'dvl_covariance:9e-12',
     'dvl_covariance:1e300', 'dvl_sigma:3e-6', 'dvl_velocity:1e300', 'dvl_velocity:100', 'dvl_nan',
     'dvl_silent:30', 'dvl_silent:inf', 'dvl_outage:60', 'dvl_stuck:20', 'dvl_scale:0.05',
