@@ -191,6 +191,16 @@ def routine(function: F) -> F:
     return _compile(function, forceinline=False)
 
 
+def apart(function: F) -> F:
+    """Compile what `routine` has made once and by itself, for those that call it; see `inner`.
+
+    For what is large and has several callers, which would each optimise it again.
+    """
+    if numba.config.DISABLE_JIT:
+        return function
+    return cast(F, _compile(cast(Any, function).py_func, forceinline=False, called=APART))
+
+
 def entry(function: F) -> F:
     """Let Python call what `kernel` or `routine` has made, too.
 
@@ -252,15 +262,43 @@ class ByContentForTests(ByContent):
     _suffix = '-entries'
 
 
-class Awaited(FunctionCache):  # type: ignore[misc]  # numba has no types
-    """Cache of a kernel that may be on its way."""
+class Kept(FunctionCache):  # type: ignore[misc]  # numba has no types
+    """Cache of a kernel; who links it is told what is `apart` and has to be loaded before."""
+
+    def __init__(self, function: Callable[..., Any], *, is_apart: bool) -> None:
+        super().__init__(function)
+        self._is_apart = is_apart
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:  # noqa: ANN401 - numba's
         """Return the compiled kernel, or None: it has to be compiled here."""
         found = super().load_overload(sig, target_context)
+        if found is not None:
+            found.library._reload_init.update(found.reload_init)
+            self._tell(found)
+        return found
+
+    def save_overload(self, sig: Any, data: Any) -> None:  # noqa: ANN401 - numba's
+        """Keep a kernel that was compiled here."""
+        super().save_overload(sig, data)
+        self._tell(data)
+
+    def _tell(self, compiled: Any) -> None:  # noqa: ANN401 - numba's
+        if self._is_apart:
+            f = self._py_func
+            needed = inner.Needed(f.__module__, f.__name__, tuple(compiled.signature.args))
+            compiled.library._reload_init.add(needed)
+
+
+class Awaited(Kept):
+    """Cache of a kernel that may be on its way."""
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:  # noqa: ANN401 - numba's
+        """Return the compiled kernel, or None: it has to be compiled here."""
+        look = partial(super().load_overload, sig, target_context)
+        found = look()
         if found is not None or Path(self.cache_path).parent != _of_this_environment():
             return found
-        return background.awaited(partial(super().load_overload, sig, target_context))
+        return background.awaited(look)
 
 
 def _of_this_environment() -> Path:
@@ -284,8 +322,8 @@ def _kept_by_content(source: Path, locator: type[ByContent]) -> Iterator[None]:
             setattr(numba.config, name, value)
 
 
-BY_KERNELS, BY_PYTHON, BY_TESTS = range(3)
-"""Who calls a compiled function."""
+BY_KERNELS, BY_PYTHON, BY_TESTS, APART = range(4)
+"""Who calls a compiled function; `APART` is by kernels, too."""
 
 
 def _compile(function: F, *, forceinline: bool, called: int = BY_KERNELS) -> F:
@@ -298,17 +336,17 @@ def _compile(function: F, *, forceinline: bool, called: int = BY_KERNELS) -> F:
         '_nrt': False,
         'forceinline': forceinline,
         'no_cfunc_wrapper': True,
-        'no_cpython_wrapper': called == BY_KERNELS,
+        'no_cpython_wrapper': called in (BY_KERNELS, APART),
     }
     locator = ByContentForTests if called == BY_TESTS else ByContent
     source = Path(function.__code__.co_filename)
     with _kept_by_content(source, locator):
-        if called == BY_KERNELS:
-            compiled = Inner(function, targetoptions=options, pipeline_class=inner.COMPILER)
+        compilers = {BY_KERNELS: inner.COMPILER, APART: inner.APART}
+        if called in compilers:
+            compiled = Inner(function, targetoptions=options, pipeline_class=compilers[called])
         else:
             compiled = CPUDispatcher(function, targetoptions=options)
-        if called != BY_TESTS and KERNELS in source.parents:  # what the set-up compiles
-            compiled._cache = Awaited(function)
-        else:
-            compiled.enable_caching()
+        # What the set-up compiles is awaited.
+        of_set_up = called != BY_TESTS and KERNELS in source.parents
+        compiled._cache = (Awaited if of_set_up else Kept)(function, is_apart=called == APART)
     return cast(F, compiled)

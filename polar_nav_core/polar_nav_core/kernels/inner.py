@@ -5,6 +5,9 @@ with the copy of it in each function that calls it. Of a kernel that Python neve
 is thrown away. Such a kernel ends here as LLVM's intermediate code, as it was lowered: the `entry`
 that links it optimises all of it together, as it would in any case.
 
+A large one that several entries call would be optimised with each of them. It is compiled apart:
+once, as machine code that those call by name, and that is loaded before they are.
+
 This stands on parts of numba that are not documented. :func:`missing` names those that another
 numba may lack: kernels are then compiled in numba's own way, slower and to the same numbers.
 """
@@ -12,10 +15,11 @@ numba may lack: kernels are then compiled in numba's own way, slower and to the 
 from __future__ import annotations
 
 import weakref
-from typing import Any
+from importlib import import_module
+from typing import Any, NamedTuple
 
 import llvmlite.binding as llvm
-from numba.core.codegen import JITCodeLibrary, JITCPUCodegen
+from numba.core.codegen import CPUCodeLibrary, JITCodeLibrary, JITCPUCodegen
 from numba.core.compiler import Compiler
 
 _ENVIRONMENT = '_ZN08NumbaEnv'
@@ -28,6 +32,7 @@ _NEEDED: dict[Any, tuple[str, ...]] = {
         '_verify_declare_only_symbols',
         'enable_object_caching',
     ),
+    CPUCodeLibrary: ('_get_module_for_linking', '_ensure_finalized'),
     JITCPUCodegen: ('_create_empty_module', '_add_module'),
     Compiler: ('define_pipelines',),
 }
@@ -76,5 +81,48 @@ class InnerCompiler(Compiler):  # type: ignore[misc]  # numba has no types
         return super().define_pipelines()
 
 
+class Apart(JITCodeLibrary):  # type: ignore[misc]  # numba has no types
+    """A function's code as machine code; who links it gets nothing, and calls it by its name."""
+
+    _shared_module: Any
+
+    def _get_module_for_linking(self) -> Any:  # noqa: ANN401 - numba's
+        self._ensure_finalized()
+        if self._shared_module is None:
+            empty = str(self._codegen._create_empty_module(self.name))
+            self._shared_module = llvm.parse_assembly(empty)
+        return self._shared_module
+
+
+class ApartCompiler(Compiler):  # type: ignore[misc]  # numba has no types
+    """numba's compiler, into an `Apart`."""
+
+    def define_pipelines(self) -> Any:  # noqa: ANN401 - numba's
+        """Return numba's own steps; the code goes where it says here.
+
+        Numba numbers functions in the order in which a process compiles them, and the number is in
+        the name. Here it is the same for all processes: one calls what another has compiled.
+        """
+        self.state.func_id.unique_id = 0  # numba's own begin at 1
+        name = self.state.func_id.func_qualname
+        self.state.library = Apart(self.state.targetctx.codegen(), name)
+        self.state.library.enable_object_caching()
+        return super().define_pipelines()
+
+
+class Needed(NamedTuple):
+    """A kernel compiled apart, which is loaded before any that calls it: numba calls this then."""
+
+    module: str
+    name: str
+    arguments: tuple[Any, ...]
+
+    def __call__(self) -> None:
+        """Load it, or compile it where it is not in the cache."""
+        getattr(import_module(self.module), self.name).compile(self.arguments)
+
+
 COMPILER = Compiler if missing() else InnerCompiler
 """Compiler of kernels that only kernels call."""
+APART = Compiler if missing() else ApartCompiler
+"""Compiler of those that are compiled apart."""

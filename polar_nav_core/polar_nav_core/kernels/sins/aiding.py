@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 from ...arrays import Array
-from ..cache import entry, kernel, routine
+from ..cache import apart, entry, kernel, routine
 from ..frames.earth import OMEGA_IE, up_and_height
 from ..frames.grid import fill_C_e_G
 from ..vehicle.model import surge_drag
@@ -208,6 +208,7 @@ def _correct(s: State, w: Work, P_xe: Array, P_ee: Array, K_e: Array, D_e: Array
         s.model[fs.MEAN, i] -= K_e[0, i] * w.z[0] + K_e[1, i] * w.z[1] + K_e[2, i] * w.z[2]
 
 
+@apart
 @routine
 def compare_velocities(s: State, c: Settings, w: Work, dt: float) -> int:
     """v_G = C_b_G v_r + V_c into both: P, P_xe, P_ee and e; of x the correction stands in w.x.

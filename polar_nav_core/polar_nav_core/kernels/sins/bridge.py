@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from ..cache import entry, kernel, routine
+from ..cache import apart, entry, kernel, routine
 from ..frames.body import rotation_coefficients
 from ..frames.earth import up_and_height
 from ..frames.grid import fill_C_e_G
@@ -59,6 +59,7 @@ def usual_interval(s: State, c: Settings) -> float:
     return usual_s
 
 
+@apart
 @routine
 def bridge(s: State, c: Settings, past: Past, w: Work, log: Log, until_ns: int) -> None:
     """Move the state to a stamp [ns] without IMU samples.

@@ -6,7 +6,7 @@ A sensor whose refused measurements agree gets another chance here (`reopen`, `r
 from __future__ import annotations
 
 from ...arrays import Array
-from ..cache import entry, kernel, routine
+from ..cache import apart, entry, kernel, routine
 from . import rings
 from . import state as fs
 from .aiding import correct_block, fill_block_gain, store_block_rows
@@ -108,7 +108,8 @@ def enter(
     log.counts[0] += 1
 
 
-@kernel
+@apart
+@routine
 def fuse_rows(
     s: State, c: Settings, past: Past, w: Work, log: Log, m: int, stream: int, rank: int
 ) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ...arrays import Array
-from ..cache import entry, routine
+from ..cache import apart, entry, routine
 from . import state as fs
 from .blocks import Blocks
 from .bridge import reach
@@ -69,6 +69,7 @@ def take_late(
     return code
 
 
+@apart
 @routine
 def fuse_stored_fix(
     s: State,

@@ -6,7 +6,7 @@ call of `fuse_rows` takes them all.
 
 from __future__ import annotations
 
-from ..cache import entry, kernel, routine
+from ..cache import apart, entry, kernel, routine
 from ..queues import earlier, is_before
 from . import state as fs
 from .aiding import (
@@ -313,6 +313,7 @@ def advance(
     return code
 
 
+@apart
 @routine
 def run_until(
     s: State,
