@@ -37,9 +37,14 @@ say: Callable[[str], None] | None = to_stderr
 """What tells that this process waits; None where something else does."""
 
 
+def is_compiler() -> bool:
+    """Whether this process is one of those that compile all kernels."""
+    return bool(os.environ.get(COMPILES))
+
+
 def compiles() -> bool:
     """Whether another process compiles all kernels into the cache of this environment."""
-    if os.environ.get(COMPILES):
+    if is_compiler():
         return False
     try:
         with (Path(sys.prefix) / LOCK).open('rb') as file:

@@ -10,10 +10,11 @@ import ctypes
 import gc
 import mmap
 import multiprocessing
+import os
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 from importlib import import_module
@@ -23,7 +24,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numba.core.registry import CPUDispatcher
 
-from . import background, earth, local_frame, nav_columns, strapdown
+from . import background, earth, grid, local_frame, nav_columns, strapdown
 from .kernels import cache
 
 if TYPE_CHECKING:
@@ -32,6 +33,8 @@ if TYPE_CHECKING:
 
 _START_NS = 1_000_000_000
 _IMU_NS = 10_000_000
+_FIRST = 'clone'
+"""How nodes treat late fixes, as a rule: what that takes is compiled first."""
 _KERNELS = f'{__package__}.kernels.'
 
 
@@ -70,6 +73,14 @@ def forgo_blas() -> None:
         import_module('numba.np.arraymath')
     finally:
         del sys.modules[name]
+
+
+def warm_engine(params: EngineParams) -> None:
+    """Load the kernels of a live node whose engine has these parameters."""
+    if params.mode == 'station':
+        warm_others()
+    else:
+        warm_node(params.resolved().delay_handling)
 
 
 def warm_node(handling: str) -> None:
@@ -114,6 +125,31 @@ def warm_filter(handling: Sequence[str] = (), *, whole: bool = True) -> None:
         if whole:
             engine_run.run(params, inputs)
         engine_run.run(params, inputs, one_by_one=True)
+
+
+def warm_places() -> None:
+    """Load what nodes of a simulation ask at a position."""
+    r_e = np.array([0.0, 0.0, earth.SEMI_MINOR])
+    grid.ecef_to_grid(r_e)
+    grid.earth_rate(r_e)
+    earth.gravity(r_e)
+    earth.up(r_e)
+
+
+def warm_updates() -> None:
+    """Fuse a fix at the present and a late one, without the loop over samples."""
+    from .engine.params import EngineParams
+    from .engine.sins.clone import Clone
+    from .engine.sins.filter import NavigationFilter
+    from .errors import FilterDivergence
+
+    params = EngineParams(configuration='custom', delay_handling=_FIRST)
+    initial = params.initial_state()
+    if initial is not None:
+        with suppress(FilterDivergence):  # there is no fix in the scratch
+            NavigationFilter(params, initial, _START_NS).fuse_fix()
+        fusion = Clone(params, initial, _START_NS)
+        fusion.fix(_third_of_a_second(params).fixes[0])
 
 
 def warm_smoother() -> None:
@@ -277,32 +313,38 @@ def _print_line(text: str) -> None:
     sys.stdout.flush()
 
 
-def _warm_all_but_late_runs() -> None:
-    """Compile station mode and what else there is, and the loop without late fixes.
-
-    By then the other process has compiled most of the kernels that it links.
-    """
-    warm_others()
-    warm_filter(('tagged',))
-    warm_smoother()
-
-
 def _compile_in_parallel() -> None:
-    """Fill the cache by two processes: the loop with late fixes takes a quarter of the time.
+    """Fill the cache by two processes, which leave to each other what the other has begun.
 
-    First what live nodes need, which may wait for it.
+    First what nodes load at their start, which others wait for: one process from the entry of the
+    whole loop, the other from those of single updates. Then the rest.
     """
-    from .engine.methods import DELAY_HANDLING
-
-    others = multiprocessing.get_context('spawn').Process(target=_warm_all_but_late_runs)
-    others.start()
-    first = 'clone'  # the loop with late fixes
+    os.environ[background.COMPILES] = '1'
+    _collect_rarely()
+    other = multiprocessing.get_context('spawn').Process(target=_compile_beside)
+    other.start()
     with telling(_print_line, every_s=2.0):
-        warm_filter((first,), whole=False)
-        warm_filter((first, *(name for name in DELAY_HANDLING if name != first)))
-        others.join()
-    if others.exitcode:
-        sys.exit(others.exitcode)
+        warm_places()
+        warm_filter((_FIRST,), whole=False)
+        warm_filter()
+        warm_smoother()
+        warm_others()
+        other.join()
+    if other.exitcode:
+        sys.exit(other.exitcode)
+
+
+def _compile_beside() -> None:
+    _collect_rarely()
+    warm_updates()
+    warm_others()
+    warm_smoother()
+    warm_filter()
+
+
+def _collect_rarely() -> None:
+    """Look for garbage less often: a compiler makes many objects, and all of them for a kernel."""
+    gc.set_threshold(100_000, 50, 100)
 
 
 if __name__ == '__main__':

@@ -184,7 +184,8 @@ def test_a_copy_of_the_sources_loads_what_another_compiled(tmp_path, monkeypatch
     for k, name in enumerate(('first', 'second')):
         package = tmp_path / name / 'polar_nav_core' / 'kernels'
         package.mkdir(parents=True)
-        for file in ('kernels/cache.py', 'kernels/inner.py', 'order.py', 'background.py'):
+        beside = ('order.py', 'background.py', 'claims.py')
+        for file in ('kernels/cache.py', 'kernels/inner.py', *beside):
             shutil.copy(KERNELS.parent / file, package.parent / file)
         for folder in (package, package.parent):
             (folder / '__init__.py').touch()

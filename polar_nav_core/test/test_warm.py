@@ -1,12 +1,15 @@
 """Set-up compiles every kernel that the engine calls: none is compiled while sensors wait."""
 
 import ast
+import subprocess
+import sys
 
 import numba
 import numpy as np
 import pytest
 from closed_loop import World, run
 
+from polar_nav_core import warm as set_up
 from polar_nav_core.engine.engine import Engine
 from polar_nav_core.engine.methods import DELAY_HANDLING
 from polar_nav_core.kernels import cache
@@ -72,6 +75,37 @@ def test_the_engine_needs_no_kernel_that_set_up_has_not_compiled():
         run(Engine(world.params(configuration='custom', delay_handling=name)), events)
     run(Engine(world.params(configuration='default', model_aiding=True)), events)
     assert signatures() == before
+
+
+LOADED = """
+import sys
+from numba.core.registry import CPUDispatcher
+from polar_nav_core import warm
+from polar_nav_core.kernels.cache import Inner
+{call}
+modules = [m for name, m in list(sys.modules.items()) if ".kernels." in name]
+kernels = [k for module in modules for k in vars(module).values()]
+entries = [k for k in kernels if isinstance(k, CPUDispatcher) and not isinstance(k, Inner)]
+print(*(f'{{k.__module__}}.{{k.__name__}}' for k in entries if k.overloads))
+"""
+
+
+def loaded_by(call: str) -> set[str]:
+    """Entries of kernels that a process loads by a call."""
+    program = [sys.executable, '-c', LOADED.format(call=call)]
+    run = subprocess.run(program, capture_output=True, text=True, check=True)
+    return {name.rpartition('kernels.')[2] for name in run.stdout.split()}
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason='nothing is compiled')
+def test_what_is_compiled_first_is_what_nodes_load_at_their_start():
+    """Of the update at the present a node loads the machine code, and not the entry."""
+    node = loaded_by(f'warm.warm_filter(({set_up._FIRST!r},), whole=False)')
+    beside = loaded_by('warm.warm_updates()')
+    assert len(node) > 15
+    assert beside - node == {'sins.fuse.fuse_filled'}
+    assert {'sins.late_run.take_late', 'sins.bridge.reach'} < beside
 
 
 def test_every_kernel_is_called_by_the_package():

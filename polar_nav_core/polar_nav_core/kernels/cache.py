@@ -38,7 +38,7 @@ import numba
 from numba.core.caching import FunctionCache, _CacheLocator
 from numba.core.registry import CPUDispatcher
 
-from .. import background
+from .. import background, claims
 from . import inner
 
 F = TypeVar('F', bound=Callable[..., Any])
@@ -296,9 +296,23 @@ class Awaited(Kept):
         """Return the compiled kernel, or None: it has to be compiled here."""
         look = partial(super().load_overload, sig, target_context)
         found = look()
+        if found is None and background.is_compiler():
+            # Of two processes that compile all kernels one compiles this; the other has it then.
+            claims.claim(Path(self.cache_path).parent, self._claim(sig))
+            found = look()
+            if found is not None:
+                claims.release(self._claim(sig))
         if found is not None or Path(self.cache_path).parent != _of_this_environment():
             return found
         return background.awaited(look)
+
+    def save_overload(self, sig: Any, data: Any) -> None:  # noqa: ANN401 - numba's
+        """Keep a kernel that was compiled here."""
+        super().save_overload(sig, data)
+        claims.release(self._claim(sig))
+
+    def _claim(self, sig: Any) -> str:  # noqa: ANN401 - numba's
+        return f'{self.cache_path}/{self._impl.filename_base} {sig}'
 
 
 def _of_this_environment() -> Path:

@@ -11,7 +11,7 @@ from functools import partial
 from typing import Any
 
 from polar_nav_core.errors import ConfigError
-from polar_nav_core.warm import forgo_blas
+from polar_nav_core.warm import forgo_blas, warm_places
 from polar_nav_msgs.msg import AcousticPacket, VehicleTruth
 from polar_nav_ros.diagnostics import Diagnosis, Level
 from polar_nav_ros.node import PolarNode
@@ -24,7 +24,6 @@ from ..params import AcousticLinkParams
 from ..poses import TruthHistory
 from ..sound_speed import SoundSpeed
 from ..trajectory import NS
-from ..warm import warm_up
 
 _HORIZON_NS = 60 * NS
 """Latest publication of a packet after its transmit time [s]; later ones are refused."""
@@ -35,7 +34,7 @@ class AcousticLinkNode(PolarNode[AcousticLinkParams]):
 
     def __init__(self, **kwargs: Any) -> None:  # noqa: ANN401 - passed on to rclpy
         super().__init__('acoustic_link_node', AcousticLinkParams, **kwargs)
-        warm_up()
+        warm_places()
         p = self.params
         if len(p.vehicles) < 2:
             raise ConfigError(f'parameter vehicles: {list(p.vehicles)} are fewer than two')

@@ -8,7 +8,7 @@ from typing import Any
 from geometry_msgs.msg import TwistWithCovarianceStamped
 
 from polar_nav_core.grid import earth_rate
-from polar_nav_core.warm import forgo_blas
+from polar_nav_core.warm import forgo_blas, warm_places
 from polar_nav_msgs.msg import Dvl
 from polar_nav_ros import topics
 from polar_nav_ros.process import run
@@ -20,7 +20,6 @@ from ..schedule import Late, Schedule
 from ..sensors.dvl import DvlSensor, Ping
 from ..sound_speed import SoundSpeed
 from ..truth_cdr import TruthSample
-from ..warm import warm_up
 from .truth_listener import TruthListener, stream_name
 
 
@@ -29,7 +28,7 @@ class DvlNode(TruthListener[DvlParams]):
 
     def __init__(self, **kwargs: Any) -> None:  # noqa: ANN401 - passed on to rclpy
         super().__init__('dvl_node', DvlParams, **kwargs)
-        warm_up()
+        warm_places()
         p = self.params
         self._stream = stream_name(self, 'dvl')
         self._frame = frame_id(self.vehicle, 'dvl')

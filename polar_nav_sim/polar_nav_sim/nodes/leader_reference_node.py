@@ -9,7 +9,7 @@ import numpy as np
 from nav_msgs.msg import Odometry
 
 from polar_nav_core.grid import earth_rate, ecef_to_grid
-from polar_nav_core.warm import forgo_blas
+from polar_nav_core.warm import forgo_blas, warm_places
 from polar_nav_ros import topics
 from polar_nav_ros.process import run
 
@@ -19,7 +19,6 @@ from ..randomness import stream
 from ..schedule import Schedule
 from ..sensors.reference import ReferenceSystem
 from ..truth_cdr import TruthSample
-from ..warm import warm_up
 from .truth_listener import TruthListener, stream_name
 
 
@@ -28,7 +27,7 @@ class LeaderReferenceNode(TruthListener[LeaderReferenceParams]):
 
     def __init__(self, **kwargs: Any) -> None:  # noqa: ANN401 - passed on to rclpy
         super().__init__('leader_reference_node', LeaderReferenceParams, **kwargs)
-        warm_up()
+        warm_places()
         p = self.params
         self._stream = stream_name(self, 'reference')
         self._child = frame_id(self.vehicle, 'base_link')

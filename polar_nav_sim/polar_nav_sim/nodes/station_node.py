@@ -12,7 +12,7 @@ from typing import Any
 
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.link.station_packet import encode
-from polar_nav_core.warm import forgo_blas
+from polar_nav_core.warm import forgo_blas, warm_places
 from polar_nav_msgs.msg import AcousticPacket, StationFix, VehicleTruth
 from polar_nav_ros import topics
 from polar_nav_ros.diagnostics import Diagnosis, Level
@@ -29,7 +29,6 @@ from ..sound_speed import SoundSpeed
 from ..station_sequence import StationSequence
 from ..trajectory import NS
 from ..truth_cdr import decode, since_start_ns
-from ..warm import warm_up
 
 _HORIZON_NS = 60 * NS
 """Stored truth [s], longer than any cycle: 40 km of sound there and back."""
@@ -40,7 +39,7 @@ class StationNode(PolarNode[StationParams]):
 
     def __init__(self, **kwargs: Any) -> None:  # noqa: ANN401 - passed on to rclpy
         super().__init__('station_node', StationParams, **kwargs)
-        warm_up()
+        warm_places()
         p = self.params
         if not p.target or p.target == self.vehicle:
             raise ConfigError(

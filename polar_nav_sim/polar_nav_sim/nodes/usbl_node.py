@@ -8,7 +8,7 @@ from functools import partial
 from typing import Any
 
 from polar_nav_core.errors import ConfigError
-from polar_nav_core.warm import forgo_blas
+from polar_nav_core.warm import forgo_blas, warm_places
 from polar_nav_msgs.msg import UsblFix, VehicleTruth
 from polar_nav_ros import topics
 from polar_nav_ros.diagnostics import Diagnosis, Level
@@ -24,7 +24,6 @@ from ..sensors.usbl import Reading, Usbl
 from ..sound_speed import SoundSpeed
 from ..trajectory import NS
 from ..truth_cdr import since_start_ns
-from ..warm import warm_up
 
 _HORIZON_NS = 60 * NS
 """Stored truth [s], longer than any cycle: 40 km of sound there and back."""
@@ -35,7 +34,7 @@ class UsblNode(PolarNode[UsblParams]):
 
     def __init__(self, **kwargs: Any) -> None:  # noqa: ANN401 - passed on to rclpy
         super().__init__('usbl_node', UsblParams, **kwargs)
-        warm_up()
+        warm_places()
         p = self.params
         if not p.targets or self.vehicle in p.targets:
             raise ConfigError(
