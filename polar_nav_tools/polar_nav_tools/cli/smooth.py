@@ -118,8 +118,9 @@ def smooth(
     if out is not None:
         write(out, run)
     span = span_of_health(run.health)
-    well = not (missing or run.found.divergence or span.complaint)
-    _print(run, span, well=well, as_json=as_json)
+    of_bag = str(bag) if mapping is None else f'{bag} --map {mapping}'
+    well = not (missing or run.found.divergence or span.complaint or run.doubts.complaint)
+    _print(run, span, bag=of_bag, well=well, as_json=as_json)
     if run.found.divergence:
         say(f'the filter diverged: {run.found.divergence}')
     if span.any_word:
@@ -127,6 +128,8 @@ def smooth(
     said = words_of_health(run.health)
     for sentence in said if len(said) > 1 else ():  # the only one stands above
         say(f'  {sentence}')
+    if run.doubts.complaint:
+        say(run.doubts.complaint)
     require(well)
 
 
@@ -193,7 +196,7 @@ def _mapped(
     return run, source.problems
 
 
-def _print(run: SmoothedRun, span: Span, *, well: bool, as_json: bool) -> None:
+def _print(run: SmoothedRun, span: Span, *, bag: str, well: bool, as_json: bool) -> None:
     from polar_nav_core.engine.health.span import words_of_health
 
     from ..smoothing.bag import stated_sigma
@@ -218,6 +221,7 @@ def _print(run: SmoothedRun, span: Span, *, well: bool, as_json: bool) -> None:
                     **span.to_dict(),
                     'conditions': words_of_health(run.health),
                 },
+                'doubts': run.doubts.to_dict(bag),
                 'smoothing': summary(run.found),
                 'score': None if comparison is None else comparison.to_dict(),
             }
@@ -232,7 +236,10 @@ def _print(run: SmoothedRun, span: Span, *, well: bool, as_json: bool) -> None:
     sys.stdout.write(
         f'{len(run.smoothed)} smoothed estimates of {run.vehicle}; stated 1-sigma of the '
         f'horizontal position, median: filter {stated["filter"]:.3g} m, '
-        f'smoother {stated["smoother"]:.3g} m\n' + _fixes(run) + _revisions(run.found)
+        f'smoother {stated["smoother"]:.3g} m\n'
+        + _fixes(run)
+        + _revisions(run.found)
+        + ''.join(f'{line}\n' for line in run.doubts.sentences(bag))
     )
 
 

@@ -5,7 +5,9 @@ correlation time, so that the band of a chi-square distribution holds for them.
 
 Rows `exact_*` are worlds drawn from the model itself, with a filter without reserve, gate and
 weights: there a stated sigma has to be the error. The IMU of `tactical` has vices that nobody
-states; that of `exact_tactical` has none.
+states; that of `exact_tactical` has none. Rows `mems` and `wrong_*` are vehicles of the
+experiments `tune` and `calibrate`, the latter with a constant that is not as stated: both tracks
+are wrong, and that has to be said.
 """
 
 from __future__ import annotations
@@ -22,29 +24,40 @@ from scipy.stats import chi2
 from polar_nav_core.arrays import Array
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine import smoothing
+from polar_nav_core.engine.inputs import Inputs
+from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.engine.smoothed import Smoothed
 from polar_nav_core.engine.track import StationTrack, Track
 from polar_nav_core.error_model import X
 from polar_nav_core.grid import ecef_to_grid
+from polar_nav_ros.adapters.noise_classes import imu_noise
 from polar_nav_sim.offline_station import StationScenario
 
 from ..scoring.tables import Column, Table
+from ..series.estimates import EstimateRows
+from ..series.vehicle import EstimateSeries
+from ..smoothing.doubts import doubts_of
+from .calibrate.rows import params_of, world_of
 from .errors import track_errors
 from .evidence.price import EXACT
 from .experiment import Experiment
 from .jobs import RunResult
+from .mismatch.dvl_faults import DvlGain, DvlPlace
+from .mismatch.faults import Fault, FixClock, FixLever
 from .request import Request, Size, rows_matching
 from .schedule import FixSpec
 from .station.world import make_world as make_station_world
 from .station_choices import StationChoices
 from .suite import one_filter_suite
-from .world import make_world
+from .tune.rows import mems_world
+from .world import World, make_world
 from .world_spec import WorldSpec
 
 FILTER, SMOOTHER = 'filter', 'smoother'
 _BAND = 0.999
 _SETTLED = 0.25
 """Share of the run that is left out at its start: the filter is learning."""
+_SAID = 'said.'
 _LEAST = 0.05
 """Correlation at which the sum over the correlation function ends."""
 _FIXES = FixSpec(period_s=10.0, first_s=2.0, delay_kind='uniform', delay_s=20.0)
@@ -60,7 +73,28 @@ _STATIONS: Mapping[str, Mapping[str, Any]] = {
     'station_changing': {'current_change': 0.3, 'current_turn': 0.6},
 }
 """Vehicles without DVL that a station locates, in a current that stays and in one that turns."""
-_ALL: Mapping[str, Mapping[str, Any]] = {**_ROWS, **_EXACT, **_STATIONS}
+_LATE = FixSpec(period_s=2.0, first_s=2.0, delay_s=8.0)
+"""Validity cannot be stated after reception: fixes late by more than any delay that is off."""
+_WRONG: Mapping[str, Fault] = {
+    'right': Fault(),
+    'delay_0.5s': FixClock(offset_s=0.5),
+    'delay_1.5s': FixClock(offset_s=1.5),
+    'delay_5s': FixClock(offset_s=5.0),
+    'dvl_lever_1m': DvlPlace(lever_b=(1.0, 0.0, 0.0)),
+    'dvl_lever_2m': DvlPlace(lever_b=(0.0, 2.0, 0.0)),
+    'dvl_yaw_3deg': DvlGain(turn_deg=-3.0),
+    'fix_lever_3m': FixLever(lever_b=(0.0, 3.0, 0.0)),
+}
+"""Constants that are not as stated."""
+_FAULTS: Mapping[str, tuple[str, Fault]] = {
+    f'wrong_{name}_{scene}': (scene, fault)
+    for name, fault in _WRONG.items()
+    for scene in ('lawnmower', 'circle')
+}
+_MEMS = 'mems'
+_ALL: Mapping[str, Mapping[str, Any]] = {
+    **_ROWS, **_EXACT, **_STATIONS, _MEMS: {}, **{name: {} for name in _FAULTS},
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -106,7 +140,16 @@ def run_job(job: SmoothJob) -> RunResult:
     return RunResult(job.group, job.column, job.seed, metrics, stopped_s, reason, {}, seconds)
 
 
-def _strapdown(job: SmoothJob) -> tuple[Smoothed[Track], dict[str, float]]:
+def _world(job: SmoothJob) -> tuple[World, EngineParams]:
+    """World of a row of mode sins, and parameters of its filter."""
+    if job.row in _FAULTS:
+        scene, fault = _FAULTS[job.row]
+        world = fault.applied(world_of(scene, job.duration_s, job.seed, _LATE), 1.0)
+        return world, replace(params_of(world), output_period_s=1.0)
+    if job.row == _MEMS:
+        world = mems_world(job.duration_s, job.seed)
+        stated: Mapping[str, Any] = {'configuration': 'default', **imu_noise('bmi088')}
+        return world, world.params(**stated, output_period_s=1.0)
     spec = WorldSpec(
         **{
             'duration_s': job.duration_s,
@@ -120,7 +163,11 @@ def _strapdown(job: SmoothJob) -> tuple[Smoothed[Track], dict[str, float]]:
     )
     world = make_world(spec, _FIXES, job.seed)
     stated = EXACT if job.row in _EXACT else {'configuration': 'default'}
-    params = world.params(**stated, output_period_s=1.0)
+    return world, world.params(**stated, output_period_s=1.0)
+
+
+def _strapdown(job: SmoothJob) -> tuple[Smoothed[Track], dict[str, float]]:
+    world, params = _world(job)
     found = smoothing.smooth(params, world.inputs, covariances=True)
     filtered = engine_run.run(params, world.inputs).track
     metrics: dict[str, float] = {}
@@ -131,7 +178,26 @@ def _strapdown(job: SmoothJob) -> tuple[Smoothed[Track], dict[str, float]]:
         own = errors.rows(rows)
         P = C_e_G @ own.P[:, X.dr_e, X.dr_e] @ np.swapaxes(C_e_G, 1, 2)
         metrics |= {f'{name}.{key}': value for key, value in _measured(own.dr_G, P).items()}
-    return found, metrics
+    return found, metrics | _doubts(params, world, found.track)
+
+
+def _doubts(params: EngineParams, world: World, track: Track) -> dict[str, float]:
+    """What `./polar smooth` says of constants: by name, and whether it ends with status 1."""
+
+    def series(track: Track) -> EstimateSeries:
+        rows = EstimateRows(params, len(track.stamps_ns))
+        rows.append(track)
+        return rows.series('follower')
+
+    def again(params: EngineParams, inputs: Inputs) -> EstimateSeries:
+        return series(smoothing.smooth(params, inputs, passes=1).track)
+
+    found = doubts_of(params, world.inputs, series(track), again)
+    return {
+        **{f'{_SAID}{d.constant.name}': d.value for d in found.found},
+        'status': float(bool(found.complaint)),
+        'moved': found.moved_sigma,
+    }
 
 
 def _station(job: SmoothJob) -> tuple[Smoothed[StationTrack], dict[str, float]]:
@@ -191,6 +257,8 @@ _COLUMNS = (
     Column('samples', 'samples', doc='correlation times of all seeds'),
     Column('band', 'band', doc=f'{100 * _BAND:g} % of NEES, for so many samples'),
     Column('well', 'well', doc='NEES in the band'),
+    Column('said', 'said', doc='constants that are said to be wrong: runs, and median'),
+    Column('status', 'status 1', doc='runs that end so for them'),
 )
 
 
@@ -200,9 +268,24 @@ def tables(results: Sequence[RunResult], size: Size, request: Request) -> list[T
     for group in dict.fromkeys(r.group for r in results):
         runs = [r for r in results if r.group == group and r.metrics]
         body += [{'row': group, **_line(runs, track)} for track in (FILTER, SMOOTHER) if runs]
+        if runs and 'status' in runs[0].metrics:
+            body[-1] |= _said(runs)
     last = request.first_seed + size.seeds - 1
     title = f'Smoothing, {size.duration_s:g} s, seeds {request.first_seed} to {last}'
     return [Table(title, _COLUMNS, tuple(body))]
+
+
+def _said(runs: Sequence[RunResult]) -> dict[str, object]:
+    names = sorted({k for r in runs for k in r.metrics if k.startswith(_SAID)})
+    values = {k: [r.metrics[k] for r in runs if k in r.metrics] for k in names}
+    return {
+        'said': ', '.join(
+            f'{k.removeprefix(_SAID)} {len(v)} ({float(np.median(v)):.3g})'
+            for k, v in values.items()
+        )
+        or 'nothing',
+        'status': f'{sum(r.metrics["status"] for r in runs):.0f} of {len(runs)}',
+    }
 
 
 def _line(runs: Sequence[RunResult], track: str) -> dict[str, object]:
@@ -233,7 +316,9 @@ def _describe(jobs: Sequence[SmoothJob]) -> dict[str, Any]:
             SMOOTHER: {'engine': {'configuration': 'default'}},
             'exact': {'engine': EXACT},
         },
-        'groups': {job.group: dict(_ALL[job.row]) for job in jobs},
+        'groups': {
+            job.group: {**_ALL[job.row], 'fault': repr(_FAULTS.get(job.row, ''))} for job in jobs
+        },
     }
 
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from polar_nav_core.engine.inputs import Inputs
 from polar_nav_core.engine.params import EngineParams
@@ -103,3 +105,25 @@ def mapped_recording(source: Source, mapping: Sources, accept: Iterable[str]) ->
         loaded.truth,
         mapping.imu.lever_b,
     )
+
+
+_STREAMS = {
+    'imu_stamps_ns': ('omega_ib_b', 'f_b'),
+    'dvl_stamps_ns': ('dvl_v_m', 'dvl_covariance_m', 'dvl_valid', 'dvl_water'),
+    'depth_stamps_ns': ('depth', 'depth_variance'),
+    'control_stamps_ns': ('control_force_b', 'control_torque_b'),
+    'heading_stamps_ns': ('headings', 'heading_up_b'),
+}
+"""Columns beside the stamps of each stream; empty ones are left so."""
+
+
+def until(inputs: Inputs, last_ns: int) -> Inputs:
+    """Inputs up to a stamp, which is left out."""
+    changes: dict[str, Any] = {
+        'fixes': tuple(f for f in inputs.fixes if f.validity_ns < last_ns),
+    }
+    for stamps, others in _STREAMS.items():
+        count = int(np.searchsorted(getattr(inputs, stamps), last_ns))
+        for name in (stamps, *others):
+            changes[name] = getattr(inputs, name)[:count]
+    return replace(inputs, **changes)

@@ -14,6 +14,7 @@ from polar_nav_core.engine import smoothing
 from polar_nav_core.engine import station_smoothing as of_station
 from polar_nav_core.engine.health.conditions import Health
 from polar_nav_core.engine.inputs import Inputs
+from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.engine.smoothed import MOST_PASSES, Smoothed
 from polar_nav_core.errors import ConfigError
 from polar_nav_follower.params import FollowerParams
@@ -34,14 +35,16 @@ from ..series.estimates import EstimateRows, receipts_of
 from ..series.model import ModelRun
 from ..series.run import RunSeries
 from ..series.vehicle import EstimateSeries, ReceiptRecord, TruthSeries
+from .doubts import Doubts, doubts_of
 
 Progress = Callable[[float], None]
 AnySmoothed: TypeAlias = Smoothed[engine_run.Track] | Smoothed[engine_run.StationTrack]
 FILTER, SMOOTHER = 'filter', 'smoother'
+_NOT_TESTED = 'constants are tested by `./polar smooth` in mode sins only'
 
 
 def _to_base_link(
-    params: FollowerParams, inputs: Inputs, imu_lever_b: tuple[float, float, float]
+    params: EngineParams, inputs: Inputs, imu_lever_b: tuple[float, float, float]
 ) -> Callable[[engine_run.Track], engine_run.Track] | None:
     """Function that moves estimates of the IMU's point to base_link; None where they are one.
 
@@ -76,10 +79,13 @@ class How:
         From one estimate to the next [s].
     passes : int
         Most passes.
+    tested : bool
+        Whether constants that the recording shows to be stated wrong are looked for.
     """
 
     every_s: float = 1.0
     passes: int = MOST_PASSES
+    tested: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,6 +109,8 @@ class SmoothedRun:
     truth : TruthSeries or None
     health : sequence of Health
         Of the filter: what contradicts its model contradicts the smoother's, which is surer.
+    doubts : Doubts
+        Constants that the recording shows to be stated wrong; none in station mode.
     models : mapping of str to ModelRun
         Current and drag in station mode, of filter and smoother.
     """
@@ -117,6 +125,7 @@ class SmoothedRun:
     filter_receipts: Sequence[ReceiptRecord]
     truth: TruthSeries | None
     health: Sequence[Health] = ()
+    doubts: Doubts = field(default_factory=lambda: Doubts(why_not=_NOT_TESTED))
     models: Mapping[str, ModelRun] = field(default_factory=dict)
 
     @property
@@ -186,7 +195,7 @@ def smoothed_series(bag: Bag, vehicle: str, progress: Progress | None = None) ->
         vehicle,
         configuration='default',
         changes={},
-        how=How(),
+        how=How(tested=False),
         progress=progress or (lambda _: None),
     )
     return RunSeries(
@@ -248,15 +257,16 @@ _Both: TypeAlias = tuple[
     Smoothed[engine_run.Track],
     Sequence[ReceiptRecord],
     Sequence[Health],
+    Doubts,
 ]
 
 
 def _run(
     path: Path, vehicle: str, params: FollowerParams, both: _Both, truth: TruthSeries | None
 ) -> SmoothedRun:
-    filtered, smoothed, track, found, receipts, health = both
+    filtered, smoothed, track, found, receipts, health, doubts = both
     return SmoothedRun(
-        path, vehicle, params, filtered, smoothed, track, found, receipts, truth, health
+        path, vehicle, params, filtered, smoothed, track, found, receipts, truth, health, doubts
     )
 
 
@@ -289,7 +299,7 @@ def _of_station(
         filtered.receipts,
         arrays.truth,
         filtered.health,
-        {name: model for name, model in models.items() if model is not None},
+        models={name: model for name, model in models.items() if model is not None},
     )
 
 
@@ -321,16 +331,32 @@ def _both(
         derived=True,
         look_every_s=LOOK_EVERY_S,
     )
-    found = smoothing.smooth(
-        params,
-        inputs,
-        every_s=how.every_s,
-        passes=how.passes,
-        move=_to_base_link(params, inputs, imu_lever_b),
-        progress=lambda share: progress(0.2 + 0.8 * share),
-    )
-    track = found.track
-    smoothed = EstimateRows(params, len(track.stamps_ns))
-    smoothed.append(track)
+
+    def again(
+        params: EngineParams,
+        inputs: Inputs,
+        passes: int = 1,
+        progress: Progress | None = None,
+    ) -> Smoothed[engine_run.Track]:
+        return smoothing.smooth(
+            params,
+            inputs,
+            every_s=how.every_s,
+            passes=passes,
+            move=_to_base_link(params, inputs, imu_lever_b),
+            progress=progress,
+        )
+
+    def series(track: engine_run.Track) -> EstimateSeries:
+        smoothed = EstimateRows(params, len(track.stamps_ns))
+        smoothed.append(track)
+        return smoothed.series(vehicle)
+
+    found = again(params, inputs, how.passes, lambda share: progress(0.2 + 0.7 * share))
+    smoothed = series(found.track)
+    doubts = Doubts(why_not=_NOT_TESTED)
+    if how.tested:
+        doubts = doubts_of(params, inputs, smoothed, lambda *moved: series(again(*moved).track))
+    progress(1.0)
     receipts = receipts_of(result.receipts)
-    return rows.series(vehicle), smoothed.series(vehicle), track, found, receipts, result.health
+    return rows.series(vehicle), smoothed, found.track, found, receipts, result.health, doubts

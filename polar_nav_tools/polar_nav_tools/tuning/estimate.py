@@ -16,12 +16,12 @@ from polar_nav_core.engine.events import Rank
 from polar_nav_core.errors import ConfigError
 
 from ..calibration.solve import EXCITED
-from ..foreign.recording import Progress, Recording
+from ..foreign.recording import Progress, Recording, until
 from ..scoring.consistency import Consistency
 from .classes import DECISIVE, ClassFit, at_class, judge_classes, preferred
 from .classes import STATED as STATED_CLASS
 from .judge import STATED, SUGGESTED, HeldOut, held_out, nees
-from .likelihood import Kept, Mask, Problem, Rows, noisier, plausible, until
+from .likelihood import Kept, Mask, Problem, Rows, noisier, plausible
 from .parameters import PRIOR, Parameter, parameters_of, reserve_of
 from .solve import MOST_STEPS, Fit, fit
 

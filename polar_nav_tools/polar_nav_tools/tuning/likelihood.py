@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +23,7 @@ from polar_nav_core.engine.smoothing import in_order
 from polar_nav_core.errors import FilterDivergence
 
 from ..calibration.problem import SENSORS, stated_sigmas
+from ..foreign.recording import until
 from .parameters import Parameter
 
 Mask = NDArray[np.bool_]
@@ -160,28 +160,6 @@ def noisier(
     for parameter, value in zip(parameters, at.tolist(), strict=True):
         params, inputs = parameter.scaled(params, inputs, math.exp(value))
     return params, inputs
-
-
-_STREAMS = {
-    'imu_stamps_ns': ('omega_ib_b', 'f_b'),
-    'dvl_stamps_ns': ('dvl_v_m', 'dvl_covariance_m', 'dvl_valid', 'dvl_water'),
-    'depth_stamps_ns': ('depth', 'depth_variance'),
-    'control_stamps_ns': ('control_force_b', 'control_torque_b'),
-    'heading_stamps_ns': ('headings', 'heading_up_b'),
-}
-"""Columns beside the stamps of each stream; empty ones are left so."""
-
-
-def until(inputs: Inputs, last_ns: int) -> Inputs:
-    """Inputs up to a stamp, which is left out."""
-    changes: dict[str, Any] = {
-        'fixes': tuple(f for f in inputs.fixes if f.validity_ns < last_ns),
-    }
-    for stamps, others in _STREAMS.items():
-        count = int(np.searchsorted(getattr(inputs, stamps), last_ns))
-        for name in (stamps, *others):
-            changes[name] = getattr(inputs, name)[:count]
-    return replace(inputs, **changes)
 
 
 _MEDIAN = {1: 0.4549, 2: 1.3863, 3: 2.3660}

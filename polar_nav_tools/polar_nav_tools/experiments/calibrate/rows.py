@@ -44,9 +44,9 @@ class Row:
         return world
 
 
-def world_of(scene: str, duration_s: float, seed: int) -> World:
+def world_of(scene: str, duration_s: float, seed: int, fixes: FixSpec = _FIXES) -> World:
     """World of a scene in which nothing is off, with a leader that stays where it is."""
-    world = make_world(_spec(scene, duration_s), _FIXES, seed)
+    world = make_world(_spec(scene, duration_s), fixes, seed)
     return LeaderFrame(distance_m=_DISTANCE_M, formation=False).applied(world, 1.0)
 
 

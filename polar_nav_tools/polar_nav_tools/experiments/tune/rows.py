@@ -51,7 +51,7 @@ class Row:
         self, duration_s: float, seed: int
     ) -> tuple[EngineParams, Inputs, Mapping[str, float]]:
         """Parameters and inputs as stated, and the true noises by name."""
-        world = _mems(duration_s, seed) if self.imu_class else _tactical(duration_s, seed)
+        world = mems_world(duration_s, seed) if self.imu_class else _tactical(duration_s, seed)
         if self.imu_class:
             params = world.params(configuration='default', **imu_noise(self.imu_class))
         else:
@@ -87,7 +87,7 @@ def _tactical(duration_s: float, seed: int) -> World:
     return _with_errors(world, gyro, accel)
 
 
-def _mems(duration_s: float, seed: int) -> World:
+def mems_world(duration_s: float, seed: int) -> World:
     """World of a MEMS IMU, with all that the simulation knows of its errors."""
     spec = replace(
         _spec(duration_s),
