@@ -67,7 +67,7 @@ class Suspect:
     twins: tuple[Constant, ...]
 
 
-def tested(params: EngineParams, inputs: Inputs) -> tuple[Constant, ...]:
+def constants_of(params: EngineParams, inputs: Inputs) -> tuple[Constant, ...]:
     """Constants that a run has data about and whose rows it gives."""
     there = data_of(params, inputs)
     return tuple(c for c in CONSTANTS if c.name in TESTED and c.needs in there)
@@ -81,7 +81,7 @@ def suspects(params: EngineParams, inputs: Inputs) -> tuple[Suspect, ...]:
     ConfigError
         As `innovations`.
     """
-    constants = tested(params, inputs)
+    constants = constants_of(params, inputs)
     if not constants:
         return ()
     run, M = rows(params, inputs, constants)

@@ -20,6 +20,7 @@ from polar_nav_core.grid import ecef_to_grid
 from ..calibration.constants import CONSTANTS, Constant
 from ..calibration.estimate import Estimated, estimate
 from ..calibration.suspects import LONGEST_S, SURE, Suspect, suspects
+from ..calibration.verdicts import problems
 from ..foreign.recording import until
 from ..series.vehicle import EstimateSeries
 
@@ -81,6 +82,8 @@ class Doubts:
         Median of the track [m/s].
     why_not : str
         Why nothing was looked for; empty where it was.
+    misfits : tuple of str
+        Sentences where constants are off and none makes the measurements fit (axes, noise).
     """
 
     found: tuple[Doubt, ...] = ()
@@ -88,10 +91,17 @@ class Doubts:
     moved_sigma: float = math.nan
     speed: float = math.nan
     why_not: str = ''
+    misfits: tuple[str, ...] = ()
 
     @property
     def complaint(self) -> str:
         """Why the track is not well; empty where it is."""
+        if self.misfits:
+            return (
+                'measurements contradict what is stated of sensors, and no constant explains it '
+                f'({"; ".join(self.misfits)}): see axes, frame and noise, `./polar replay` or '
+                '`./polar calibrate`'
+            )
         if not self.found or self.moved_sigma <= NOT_WELL:
             return ''
         names = ', '.join(d.constant.name for d in self.found)
@@ -128,6 +138,7 @@ class Doubts:
             'track_moves_m': number(self.moved_m),
             'track_moves_sigma': number(self.moved_sigma),
             'complaint': self.complaint,
+            'misfits': list(self.misfits),
             'why_not': self.why_not,
         }
 
@@ -157,6 +168,8 @@ def doubts_of(
         sized = estimate(params, part, chosen)
     except PolarNavError as error:
         return Doubts(why_not=f'constants were not tested: {error}')
+    if misfits := tuple(problems(sized)):
+        return Doubts(misfits=misfits)
     found = confirmed(seen, sized)
     if not found:
         return Doubts()
