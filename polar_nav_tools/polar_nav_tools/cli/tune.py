@@ -54,16 +54,18 @@ def tune(
     else:
         found, missing = _mapped(bag, mapping, change or [], accept or [], msg_path)
     well = not (missing or found.problems)
-    written = _written(found, mapping) if write else None
+    written = _written(found, mapping) if write and not found.problems else None
     if as_json:
         emit_json({**found.to_dict(), **written_values(written, target, 'names'), 'ok': well})
     else:
-        _print(found, written=write)
+        _print(found, written=written is not None)
     if written is not None:
         nothing = 'nothing is suggested that a file could state'
         write_copy(written, target, nothing, quiet=as_json)
     for problem in found.problems:
         say(problem)
+    if write and written is None:
+        say('nothing was written')
     require(well)
 
 
@@ -118,7 +120,11 @@ def _print(found: Tuning, *, written: bool) -> None:
     print_table(console, table(title, found.lines))
     print_table(console, nis_table(found.found.judged))
     out = [f'{line.parameter.label}: {line.why}' for line in found.lines if line.why]
-    out += [judgement(found.found.judged), *nees_words(found.found.nees), *notes(found.found)]
+    out += [
+        judgement(found.found.judged, suggested=found.found.instead is None),
+        *nees_words(found.found.nees),
+        *notes(found.found),
+    ]
     out.append(sentence(found.found, found.lines))
     if not written:
         out.append('nothing was changed: `--write` writes a copy')

@@ -90,6 +90,7 @@ class Tuning:
                     if of
                 },
             },
+            'instead': None if found.instead is None else found.instead.to_dict(),
             'left_out': dict(found.left_out),
             'sentence': sentence(found, self.lines),
             'problems': self.problems,

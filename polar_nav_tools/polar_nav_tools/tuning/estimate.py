@@ -20,6 +20,7 @@ from ..foreign.recording import Progress, Recording, until
 from ..scoring.consistency import Consistency
 from .classes import DECISIVE, ClassFit, at_class, judge_classes, preferred
 from .classes import STATED as STATED_CLASS
+from .instead import Instead, instead_of_noise
 from .judge import STATED, SUGGESTED, HeldOut, held_out, nees
 from .likelihood import Kept, Mask, Problem, Rows, noisier, plausible
 from .parameters import PRIOR, Parameter, parameters_of, reserve_of
@@ -73,6 +74,10 @@ class Tuned:
         That noise was found from.
     cut_s : float
         Length of the recording that did not count, at its end.
+    instead : Instead or None
+        What explains the recording in place of noise; nothing is suggested then.
+    mostly_wrong : tuple of str
+        Sensors of which more than half is left out.
     """
 
     parameters: tuple[Parameter, ...]
@@ -87,6 +92,8 @@ class Tuned:
     left_out: Mapping[str, int]
     seconds: float
     cut_s: float
+    instead: Instead | None = None
+    mostly_wrong: tuple[str, ...] = ()
 
     @property
     def sigma(self) -> Array:
@@ -156,6 +163,9 @@ def tune(run: Recording, progress: Progress = lambda _: None) -> Tuned:
     instead = np.where((found.at < 0.0) & np.isfinite(at_most), np.minimum(at_most, 0.0), found.at)
     suggested = np.where(estimated, np.where(off, found.at, 0.0), np.where(refuted, instead, 0.0))
     suggested = with_reserve(parameters, suggested)
+    explained = instead_of_noise(train, found, suggested)
+    if explained is not None:
+        suggested = np.zeros(len(parameters))
     test = Problem(params, kept.of(whole), parameters, split_ns, end_ns, counted)
     nothing = np.zeros(len(parameters))
     judged = held_out(test.rows(nothing), test.rows(suggested), (end_ns - split_ns) * 1e-9)
@@ -178,6 +188,8 @@ def tune(run: Recording, progress: Progress = lambda _: None) -> Tuned:
         left_out=kept.left_out(whole),
         seconds=(split_ns - begin_ns) * 1e-9,
         cut_s=(stop_ns - end_ns) * 1e-9,
+        instead=explained,
+        mostly_wrong=kept.mostly_wrong(whole),
     )
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,6 +23,7 @@ from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.engine.smoothing import in_order
 from polar_nav_core.errors import FilterDivergence
 
+from ..calibration.move import Move
 from ..calibration.problem import SENSORS, stated_sigmas
 from ..foreign.recording import until
 from .parameters import Parameter
@@ -103,12 +105,22 @@ class Problem:
         self._first_ns, self._last_ns = first_ns, last_ns
         self._counted = counted
 
+    def moved(self, move: Move) -> Problem:
+        """The same measurements with something stated otherwise, by 1; noise is as it was."""
+        there = copy(self)
+        there._params, there._inputs = move(self._params, self._inputs, 1.0)
+        return there
+
+    def noisier(self, at: Array) -> tuple[EngineParams, Inputs]:
+        """Parameters without a gate and inputs, with logarithms of factors (k,) on the noise."""
+        return noisier(self._params, self._inputs, self.parameters, at)
+
     def rows(self, at: Array) -> Rows | None:
         """Independent innovations with logarithms of factors (k,) on the noise that is stated.
 
         None where a filter with that noise is lost.
         """
-        params, inputs = noisier(self._params, self._inputs, self.parameters, at)
+        params, inputs = self.noisier(at)
         self._counted()
         try:
             run = innovations(params, inputs)
@@ -217,6 +229,15 @@ class Kept:
             'fix': int((usable & ~self.fixes).sum()),
         }
         return {name: count for name, count in counts.items() if count}
+
+    def mostly_wrong(self, inputs: Inputs) -> tuple[str, ...]:
+        """Sensors of whose usable measurements it does not keep half."""
+        usable = {
+            'dvl': int(inputs.dvl_valid.sum()),
+            'depth': len(inputs.depth),
+            'fix': sum(f.refusal is None for f in inputs.fixes),
+        }
+        return tuple(n for n, count in self.left_out(inputs).items() if 2 * count > usable[n])
 
 
 def plausible(params: EngineParams, inputs: Inputs) -> Kept:

@@ -23,6 +23,9 @@ from .parameters import IMU, Parameter
 _CHANGED = 0.2
 """Logarithm of a factor from which on a number counts as another one, in words."""
 
+_WORSE = 2.0
+"""Ratio of NEES from which on suggested noise makes the filter less honest."""
+
 
 @dataclass(frozen=True)
 class Line:
@@ -160,8 +163,10 @@ def _times(factor: float) -> str:
     return f'{factor:.3g} x as large' if factor >= 1.0 else f'{1.0 / factor:.3g} x smaller'
 
 
-def judgement(judged: HeldOut) -> str:
+def judgement(judged: HeldOut, *, suggested: bool) -> str:
     """What the part held out says, in a sentence."""
+    if not suggested:
+        return f'held out: the last {judged.seconds:.0f} s; nothing is suggested, nothing to judge'
     words = {
         'better': 'predict it better than what is stated',
         'worse': 'predict it WORSE than what is stated: leave it as stated',
@@ -177,12 +182,37 @@ def judgement(judged: HeldOut) -> str:
 def problems(found: Tuned) -> list[str]:
     """Sentences on what was not well; empty if all was."""
     out = []
+    if found.instead is not None:
+        out.append(found.instead.sentence)
     if not found.fit.settled:
         out.append('the noise still moved after the last step: no number is sure')
     if found.judged.verdict == 'worse':
         out.append('the part held out is predicted worse than with what is stated')
+    out += less_honest(found.nees)
+    out += [
+        f'more than half of all measurements of {name} are grossly wrong: see its sign, axes, '
+        'frame and clock before its noise'
+        for name in found.mostly_wrong
+    ]
     if not found.judged.rows:
         out.append('nothing was measured in the part held out: nothing judges')
+    return out
+
+
+def less_honest(found: Mapping[str, Mapping[str, Consistency]]) -> list[str]:
+    """Sentence for each quantity of which the filter is surer than it may be, as suggested.
+
+    With a NEES of the part held out beyond its band, and twice what it is with what is stated.
+    """
+    stated, suggested = found.get('stated', {}), found.get('suggested', {})
+    out = []
+    for name, c in suggested.items():
+        now, before = c.mean_per_dof, stated[name].mean_per_dof
+        if now > c.band_high and now > _WORSE * max(before, 1.0):
+            out.append(
+                f'with what is suggested the filter is less honest of its {name} in the part held '
+                f'out: NEES per degree of freedom {before:.3g} -> {now:.3g}'
+            )
     return out
 
 
