@@ -264,6 +264,8 @@ _SINCE: dict[int, dict[str, Any]] = {
     },
     15: {
         'dvl_scale_velocity': 'steady',
+    },
+    16: {
         'max_instrument_repeats': 5,
     },
 }
