@@ -75,25 +75,30 @@ def information(world, rng, **changes):
 def test_the_noise_of_pings_shows_little_heading_to_a_vehicle_at_rest():
     """Nothing moves: what noisy pings show beyond exact ones is of their noise.
 
-    n^2/R and more of each with the measured velocity (1.7/rad^2 here), else s (1 - s) (0.2).
+    n^2/R and more of each with the measured velocity (1.7/rad^2 here), s (1 - s) with the known
+    one (0.2), and next to nothing where a turn is carried with the corrections of the velocity.
     """
     world = World(60.0, v_G=(0.0, 0.0, 0.0))
-    default = {'configuration': 'default'}
-    measured = default | {'dvl_turn_velocity': 'measured'}
-    exact = information(world, None, **default)
     number = len(world.dvl())
-    shown = {
-        name: (information(world, np.random.default_rng(3), **changes) - exact) / number
-        for name, changes in (('known', default), ('measured', measured))
-    }
+    shown = {}
+    for name in ('carried', 'known', 'measured'):
+        changes = {'configuration': 'default', 'dvl_turn_velocity': name}
+        exact = information(world, None, **changes)
+        noisy = information(world, np.random.default_rng(3), **changes)
+        shown[name] = (noisy - exact) / number
     assert shown['measured'] > 1.0
     assert 0.0 < shown['known'] < 0.2 * shown['measured']
+    assert abs(shown['carried']) < 0.1 * shown['known']
 
 
 @pytest.mark.parametrize('name', ['conventional_akf', 'modified_akf'])
 def test_the_readings_of_the_paper_have_the_measured_velocity(name):
     world = World(5.0)
-    params = [world.params(configuration=name, dvl_turn_velocity=v) for v in ('known', 'measured')]
-    a, b = (engine_run.run(p, inputs_of(world, world.fixes(1.0, 0.5))).track for p in params)
-    np.testing.assert_array_equal(a.r_e, b.r_e)
-    np.testing.assert_array_equal(a.P, b.P)
+    inputs = inputs_of(world, world.fixes(1.0, 0.5))
+    a, *others = (
+        engine_run.run(world.params(configuration=name, dvl_turn_velocity=v), inputs).track
+        for v in ('measured', 'known', 'carried')
+    )
+    for b in others:
+        np.testing.assert_array_equal(a.r_e, b.r_e)
+        np.testing.assert_array_equal(a.P, b.P)

@@ -157,9 +157,11 @@ class EngineParams(StartParams, IdentificationParams, StationParams, LimitParams
     )
     dvl_turn_velocity: str = choice(
         'known',
-        ('known', 'measured'),
+        ('known', 'carried', 'measured'),
         'Velocity that an error of attitude turns, in the rows of a DVL ping: as known with the '
-        'ping, or as measured, noise and all (up to engine 5)',
+        'ping; the heading by that which the covariance was made with, so that no correction of '
+        'it shows one (carried, an option: docs/derivations/measurements.md, 1); or as measured, '
+        'noise and all (up to engine 5)',
     )
     dvl_scale_velocity: str = choice(
         'steady',

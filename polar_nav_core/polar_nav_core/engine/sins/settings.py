@@ -61,7 +61,8 @@ def make_settings(
         adaptive=c.noise_adaptation == 'adaptive_r',
         # Where the noise is adapted, a share by the stated one means nothing: those filters, the
         # readings of the papers, have the measured velocity, and for a scale the predicted one.
-        knows_turn=p.dvl_turn_velocity == 'known' and c.noise_adaptation == 'none',
+        knows_turn=p.dvl_turn_velocity != 'measured' and c.noise_adaptation == 'none',
+        carries_heading=p.dvl_turn_velocity == 'carried' and c.noise_adaptation == 'none',
         steadies_scale=p.dvl_scale_velocity == 'steady' and c.noise_adaptation == 'none',
         back_propagates=c.delay_handling == 'back_propagate',
         forgetting=p.forgetting,

@@ -12,6 +12,7 @@ import numpy as np
 from ...error_model import X
 from ...kernels.sins import heading
 from ...kernels.sins import update as kf
+from ...kernels.sins.state import State
 from ..disagreement import MOST_HEADING, RefusedRow, Turn, Unlearnt
 from ..params import EngineParams
 from .doubt import forget_fixes
@@ -60,8 +61,12 @@ def turn_state(f: NavigationFilter, turn: Turn, scale_sigma: float) -> None:
     if f.settings.heading.on:  # a compass that agreed is off by as much
         x[heading.BIAS] = turn.angle
     before = P.copy()  # velocity goes round the arc: nothing nonlinear is left
+    taken = state.carried + state.v_G[:2]
     f.feed_back(x)
     P[:] = before
+    if f.settings.carries_heading:
+        state.carried[:] = taken - state.v_G[:2]
+        carry_now(state)
     moved = np.zeros((kf.N, 2))
     moved[X.phi_G, 0] = 0.0, 0.0, 1.0
     moved[X.dv_G, 0] = state.v_G[1], -state.v_G[0], 0.0
@@ -77,3 +82,16 @@ def turn_state(f: NavigationFilter, turn: Turn, scale_sigma: float) -> None:
     P[X.dr_e, X.dr_e] += turn.distance**2 * C_e_G[:2].T @ C_e_G[:2]
     P[:] = 0.5 * (P + P.T)
     forget_fixes(f)
+
+
+def carry_now(state: State) -> None:
+    """Do at once what the next transition would: dv less carried x u phi (kernels.sins.carried).
+
+    What is added to the covariance then has the velocity of now.
+    """
+    x, y = state.carried
+    T = np.eye(kf.N)
+    T[X.dv_G, X.phi_G] = [[0.0, 0.0, -y], [0.0, 0.0, x], [0.0, 0.0, 0.0]]
+    state.P[:] = T @ state.P @ T.T
+    state.sensitivity[:] = T @ state.sensitivity
+    state.carried[:] = 0.0

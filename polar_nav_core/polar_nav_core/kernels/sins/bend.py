@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from ...arrays import Array
 from ..cache import kernel
+from .update import innovation_covariance
 
 LARGE = 0.01
 """Attitude error from which on the remainder counts: root of the sum of squares [rad]."""
@@ -41,11 +42,55 @@ def add_bend_of_ping(R: Array, P: Array, v_G: Array) -> None:
     v_G : (3,) array
         Grid axes [m/s].
     """
-    p = P[0, 0] + P[1, 1] + P[2, 2]
+    p = _attitude(P)
     if p > LARGE * LARGE:
-        variance = 0.5 * p * p * _square(v_G)
-        for k in range(3):
-            R[k, k] += variance
+        _add_bend(R, p, _square(v_G))
+
+
+@kernel
+def add_bend_of_carried_ping(
+    R: Array, P: Array, v_G: Array, H: Array, PHt: Array, S: Array
+) -> None:
+    """`add_bend_of_ping`, by that part of the heading which the velocity does not turn with.
+
+    A heading of which nothing is known turns the velocity, too, and does nothing to a ping, in
+    the second order as in the first (carried). So its variance counts as p at most, with
+    p v^2 = tr(H P H^T), what the rows leave uncertain.
+
+    Parameters
+    ----------
+    R : (3, 3) array, in place
+        [m^2/s^2].
+    P : (24, 24) array
+    v_G : (3,) array
+        Grid axes [m/s].
+    H : (3, 24) array
+        Rows of the ping.
+    PHt, S : (3, 24), (3, 3) scratch
+    """
+    p = _attitude(P)
+    if p > LARGE * LARGE:
+        innovation_covariance(S, PHt, P, H, R, 3)
+        square = _square(v_G)
+        own = max(S[0, 0] - R[0, 0] + S[1, 1] - R[1, 1] + S[2, 2] - R[2, 2], 0.0)
+        if own < P[2, 2] * square:
+            p += own / square - P[2, 2]
+        _add_bend(R, p, square)
+
+
+@kernel
+def _attitude(P: Array) -> float:
+    """Trace of the attitude's covariance [rad^2]."""
+    p: float = P[0, 0] + P[1, 1] + P[2, 2]
+    return p
+
+
+@kernel
+def _add_bend(R: Array, p: float, square: float) -> None:
+    """Add the variance by an attitude of p [rad^2] and a velocity of this square [m^2/s^2]."""
+    variance = 0.5 * p * p * square
+    for k in range(3):
+        R[k, k] += variance
 
 
 @kernel

@@ -10,7 +10,8 @@ from ..cache import apart, entry, kernel, routine
 from . import rings
 from . import state as fs
 from .aiding import correct_block, fill_block_gain, store_block_rows
-from .bend import add_bend_of_correction, add_bend_of_ping
+from .bend import add_bend_of_carried_ping, add_bend_of_correction, add_bend_of_ping
+from .carried import note_ping, note_turn
 from .consider import COLUMNS, update_sensitivity
 from .enlarged import hold_covariance, tell_bend, tell_enlarged
 from .far import begin_move, end_move, is_far
@@ -57,10 +58,13 @@ def correct_and_remember(s: State, c: Settings, past: Past, C_e_G: Array, x: Arr
     """Correct the state by an estimated error (24,), and store it; the frames stay behind.
 
     A large turn of the attitude leaves what is nonlinear of it in the covariance; a large change
-    of the position follows the surface (`far`). C_e_G is scratch.
+    of the position follows the surface (`far`). Where the velocity turns with the attitude, its
+    error goes along (`carried`). C_e_G is scratch.
     """
     if c.gap_ns > 0:
         add_bend_of_correction(s.P, s.v_G, x)
+    if c.carries_heading:
+        note_turn(s.carried, s.v_G, x)
     far = is_far(s.P, x)
     height = begin_move(s.turn, s.r_e, C_e_G) if far else 0.0
     feed_back(
@@ -121,7 +125,10 @@ def fuse_rows(
     if is_held(log):
         subtract_deviation(log, w, m)
     elif c.gap_ns > 0 and stream == fs.DVL_ROW:
-        add_bend_of_ping(w.R, s.P, s.v_G)
+        if c.carries_heading:
+            add_bend_of_carried_ping(w.R, s.P, s.v_G, w.H, w.PHt, w.S)
+        else:
+            add_bend_of_ping(w.R, s.P, s.v_G)
     adapt_noise(s, c, w, stream, m)
     if not judge(s, c, w, w.R, m):
         return fs.S_NOT_DEFINITE
@@ -131,6 +138,7 @@ def fuse_rows(
     else:
         w.nis[1] = 1.0
         fused = imposed == rings.TO_FUSE
+    anew = False
     is_evidence = remember(s, c, w, w.z, stream, m, fused)
     if not fused and opens(s, c, stream):
         # The newest ping that was used, or the start where there was none.
@@ -142,6 +150,7 @@ def fuse_rows(
                 break
             if again == 1:
                 begin_anew(s, w, since_ns)
+                anew = True
             if not judge(s, c, w, w.R, m):
                 return fs.S_NOT_DEFINITE
             fused = passes(s, c, w, w.z, stream, m)
@@ -189,6 +198,8 @@ def fuse_rows(
         s.tally[stream, fs.NIS_SUM] += w.nis[0]
     if log.H.shape[0] > 0:
         enter_update(s, w, log, rings.UPDATE, m, dof_of(w, stream, m), rank)
+    if c.carries_heading and stream == fs.DVL_ROW and not anew and not is_held(log):
+        note_ping(s.carried, s.v_G, w.x)
     apply_correction(s, c, past, w, log)
     return fs.FUSED
 

@@ -13,6 +13,7 @@ from ..cache import entry, kernel, routine
 from ..frames.earth import up_and_height
 from ..frames.grid import fill_C_e_G
 from . import state as fs
+from .carried import carried_heading_rows
 from .consider import COLUMNS, LEADER, depth_common, dvl_common, fix_common
 from .rings import Past
 from .rows import depth_rows, dvl_rows, fix_rows
@@ -89,6 +90,8 @@ def fill_dvl(
         c.C_m_b,
         c.lever_dvl_b,
     )
+    if c.carries_heading:
+        carried_heading_rows(w.H, s.v_G, s.carried)
     share = 0.0
     if not held and (c.knows_turn or c.steadies_scale):
         innovation_covariance(w.S, w.PHt, s.P, w.H, w.R, 3)
@@ -99,6 +102,8 @@ def fill_dvl(
             steady_scale_rows(w.H, w.R, w.z, w.C_m_G, s.P, s.steady, w.PHt, w.S)
     if c.knows_turn:
         known_turn_rows(w.H, w.z, s.v_G, share)
+    if c.carries_heading:
+        carried_heading_rows(w.H, s.v_G, s.carried)
     if s.counters[fs.CONSIDERS] == 1:
         for k in range(3):
             w.omega[k] = s.omega_ib_b[k] - s.b_gyro_b[k]

@@ -55,6 +55,7 @@ class Settings(NamedTuple):
     shares_leader: bool  # the last three states are the leader's errors, per sigma
     adaptive: bool
     knows_turn: bool  # rows of a ping: the velocity that a turn moves is that known with it (turn)
+    carries_heading: bool  # and no correction of that velocity shows a heading (carried)
     steadies_scale: bool  # rows of a ping: the velocity of the scale is without jitter (scale)
     back_propagates: bool  # fixes of the streams are late: they stand where they were received
     forgetting: float

@@ -138,6 +138,7 @@ class State(NamedTuple):
     conflict: Array  # (6,): where refused fixes say that velocity and position are off (consider)
     excess: Array  # (1,): variance of the IMU's noise above the stated one, per stated one
     steady: Array  # (7,): velocity that the DVL's scale is judged by (scale)
+    carried: Array  # (2,): what was taken off the velocity since the last transition (carried)
     turn: Array  # (3, 3): of the position error's axes since the last transition (far)
     bank: Array  # (ROWS, SLOTS * KINDS): hypotheses about slow faults (hypotheses)
     windows: Array  # (3, 4): residuals of each stream since its window began (signatures)
@@ -186,6 +187,7 @@ _SHAPES = {
     'conflict': (6,),
     'excess': (1,),
     'steady': (scale.STEADY,),
+    'carried': (2,),
     'turn': (3, 3),
     'bank': (hypotheses.ROWS, hypotheses.SLOTS * hypotheses.KINDS),
     'windows': (watch.STREAMS, hypotheses.WINDOW),

@@ -5,7 +5,8 @@ turns on the spot, pings of 5 mm/s at 8 Hz, fixes as those of the experiment. Ev
 filter is told; what differs is the velocity in the rows of the heading. It shares no code with the
 engine. Rows by the *measured* velocity have the noise of their ping in them, which no motion goes
 with: the filter takes it for heading information, n^2/sigma^2 per ping and square radian. So did
-the engine up to version 5; its rows are the *blended* ones now (docs/derivations/measurements.md).
+the engine up to version 5; its rows are the *blended* ones now, or, as an option, a turn is
+*carried* with the corrections of the velocity (docs/derivations/measurements.md).
 """
 
 from __future__ import annotations
@@ -17,9 +18,10 @@ import numpy as np
 
 from polar_nav_core.arrays import Array
 
-MEASURED, PREDICTED, BLENDED = 'measured', 'predicted', 'blended'
-"""Velocity in the rows of the heading; the last lies between both by the share of the innovation
-that is the estimate's own error."""
+MEASURED, PREDICTED, BLENDED, CARRIED = 'measured', 'predicted', 'blended', 'carried'
+"""Velocity in the rows of the heading; the third lies between both by the share of the innovation
+that is the estimate's own error; the last is the predicted one, and each correction of the
+velocity takes the covariance along."""
 _DT, _RUNS = 0.125, 96
 _WHITE, _FIX, _SLOW, _SLOW_S = 0.005, 1.2, 2.0, 60.0
 _GYRO_NOISE, _GYRO_WALK, _ACCEL_NOISE = math.radians(0.005), math.radians(2e-4), 1.4e-3
@@ -61,8 +63,8 @@ def _motion(duration_s: float) -> tuple[Array, Array]:
 class _Filter:
     """Closed-loop filters of all runs; errors are estimate minus truth, as in the engine."""
 
-    def __init__(self, x: Array) -> None:
-        self.x = x
+    def __init__(self, x: Array, *, carries: bool) -> None:
+        self.x, self._carries = x, carries
         self.P = np.broadcast_to(np.diag(_START**2), (len(x), _N, _N)).copy()
 
     def update(self, H: Array, z: Array, sigma: float) -> None:
@@ -70,7 +72,12 @@ class _Filter:
         S = HP @ np.swapaxes(H, 1, 2) + sigma**2 * np.eye(2)
         K = np.swapaxes(np.linalg.solve(S, HP), 1, 2)
         self.P = self.P - K @ HP
-        self.x = self.x - (K @ z[:, :, None])[:, :, 0]
+        moved = -(K @ z[:, :, None])[:, :, 0]
+        self.x = self.x + moved
+        if self._carries:  # a turn takes the velocity of now along, and not that of before
+            T = np.broadcast_to(np.eye(_N), self.P.shape).copy()
+            T[:, 2, 4], T[:, 3, 4] = -moved[:, 3], moved[:, 2]
+            self.P = T @ self.P @ np.swapaxes(T, 1, 2)
 
 
 def _rows(v: Array) -> Array:
@@ -84,7 +91,7 @@ def _ping_rows(f: _Filter, z: Array, kind: str, sigma: float) -> Array:
     """Rows of pings with innovations z."""
     v = f.x[:, 2:4]
     H = _rows(v - z)
-    if kind == PREDICTED:
+    if kind in (PREDICTED, CARRIED):
         return _rows(v)
     if kind == BLENDED:
         own = np.einsum('rai,rij,raj->r', H, f.P, H)
@@ -100,7 +107,8 @@ def run(kind: str, sigma: float = _WHITE, duration_s: float = 1200.0, seed: int 
     r = np.cumsum(v, axis=0) * _DT
     off = rng.standard_normal((_RUNS, _N)) * _START
     gyro, accel, slow = off[:, 5], off[:, 6:8], off[:, 8:]
-    f = _Filter(np.concatenate([r[0], v[0], [psi[0]], np.zeros(5)]) + off)
+    start = np.concatenate([r[0], v[0], [psi[0]], np.zeros(5)]) + off
+    f = _Filter(start, carries=kind == CARRIED)
     f.x[:, 5:] = 0.0
     noise = np.zeros(_N)
     noise[2:4], noise[4], noise[5] = _ACCEL_NOISE**2, _GYRO_NOISE**2, _GYRO_WALK**2
@@ -159,8 +167,8 @@ def main() -> None:
     """Print the table."""
     rows = ['rows by     sigma m/s  heading deg   said   NEES  position m   NEES']
     for kind, sigma in (
-        *((k, _WHITE) for k in (MEASURED, PREDICTED, BLENDED)),
-        *((k, 0.03) for k in (MEASURED, BLENDED)),
+        *((k, _WHITE) for k in (MEASURED, PREDICTED, BLENDED, CARRIED)),
+        *((k, 0.03) for k in (MEASURED, BLENDED, CARRIED)),
     ):
         x = run(kind, sigma)
         rows.append(
