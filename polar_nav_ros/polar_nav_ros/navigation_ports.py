@@ -226,8 +226,7 @@ class NavigationPorts:
         if self._sources is not None:
             self._sources.health.look()
             self._session.beside = self._sources.health.conditions
-        clock_ns = 0 if self._session.params.lockstep else self._node.get_clock().now().nanoseconds
-        self._publish(self._session.silence(self._silent_s(), waits_for, clock_ns))
+        self._publish(self._session.silence(self._silent_s(), waits_for))
         self._start.publish()
         waiting: dict[str, object] = {'waiting': self._session.reorder.pending}
         if self._store is not None:

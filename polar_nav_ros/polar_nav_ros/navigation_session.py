@@ -275,10 +275,8 @@ class NavigationSession(Generic[P]):
         message = health_to_msg(self.engine, stamp_ns, radius, stamp_ns, beside=self.beside)
         yield Published.of(HEALTH, message)
 
-    def silence(
-        self, silent_s: float, waits_for: str = '', clock_ns: int = 0
-    ) -> Iterator[Published]:
-        """Message with the health at a time without estimates.
+    def silence(self, silent_s: float, waits_for: str = '') -> Iterator[Published]:
+        """Message with the health at a time without estimates, once there was an IMU sample.
 
         Parameters
         ----------
@@ -286,19 +284,11 @@ class NavigationSession(Generic[P]):
             Since the newest IMU sample came, by the computer's clock [s]: clocks need not agree.
         waits_for : str
             What a start that is not complete waits for.
-        clock_ns : int
-            Present time by the node's clock [ns], the stamp before the first IMU sample; 0: no
-            message before it.
         """
-        imu_ns, engine = self.engine.last_imu_ns, self.engine
-        if imu_ns is None:
-            now_ns = clock_ns
-        elif silent_s > SILENT_S or not engine.navigating:
+        imu_ns = self.engine.last_imu_ns
+        if imu_ns is not None and (silent_s > SILENT_S or not self.engine.navigating):
             now_ns = imu_ns + round(silent_s * NS)
-        else:
-            return
-        if now_ns:
-            message = health_to_msg(engine, now_ns, math.nan, imu_ns, waits_for, self.beside)
+            message = health_to_msg(self.engine, now_ns, math.nan, imu_ns, waits_for, self.beside)
             yield Published.of(HEALTH, message)
 
     def _model(self, e: Estimate) -> Iterator[Published]:
