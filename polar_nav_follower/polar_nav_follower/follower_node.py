@@ -36,7 +36,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from polar_nav_core.warm import forgo_blas, telling, warm_engine
+from polar_nav_core.warm import forgo_blas, telling, warm_node, warm_others
 from polar_nav_msgs.msg import AcousticPacket, LeaderBroadcast, StationFix
 from polar_nav_ros import topics
 from polar_nav_ros.adapters.live import Sources
@@ -77,7 +77,10 @@ class FollowerNode(ManagedNode[FollowerParams]):
         if mapping is not None and sources is not None:
             ports = SourcePorts(self, sources, start_topic_of(mapping))
         with telling(lambda text: self.get_logger().info(f'first start: {text}')):
-            warm_engine(self.params)
+            if station:
+                warm_others()
+            else:
+                warm_node(self.params.resolved().delay_handling)
         if not (self.params.state_file or self.params.lockstep):
             self.get_logger().info('no state_file: a restart begins anew, without what was known')
         navigation = session.Session(self.params, self.vehicle, sources)

@@ -14,7 +14,7 @@ import typer
 from polar_nav_core.errors import ConfigError
 
 from . import status
-from .app import app, emit_json, end, require, say
+from .app import app, emit_json, end, have_the_machine, require, say
 from .choices import CONFIGURATIONS, LEADERS, MISSIONS, PACES, one_of
 
 if TYPE_CHECKING:
@@ -126,6 +126,7 @@ def demo(
         network=network,
         composed=composed,
     )
+    have_the_machine('demo waits')  # nodes that compile or wait do not answer meanwhile
     result = run_demo(options, say=say)
     if result.signal is not None:
         say(f'ended by {signal.Signals(result.signal).name}; the bag is {result.run.bag}')
@@ -180,6 +181,7 @@ def launch(
         reorder_s=WATCHED_REORDER_S,
         composed=composed,
     )
+    have_the_machine('launch waits')
     folder = Path(mkdtemp(prefix='polar_nav_')) if target is None else target
     with progress_display(chosen.name, total=chosen.duration_s, unit='s') as on_progress:
         run = run_live(

@@ -20,7 +20,6 @@ from ..graph.build import Graph, build_graph
 from ..graph.options import GraphOptions
 from ..graph.processes import processes_of
 from .domain import graph_environment
-from .kernels import wait_for_kernels
 from .run_info import run_info
 from .supervisor import RunOutcome, RunStatus, Supervisor
 
@@ -172,7 +171,6 @@ def run_live(
     domain_id = env.get('ROS_DOMAIN_ID') or '0'
     if on_start is not None:
         on_start(graph, domain_id)
-    wait_for_kernels(graph)
     supervisor = Supervisor(
         processes_of(graph),
         run_dir,
