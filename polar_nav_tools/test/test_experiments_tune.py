@@ -61,6 +61,37 @@ def test_a_job_says_what_was_found_and_how_it_was_judged():
     assert judged.rows[0]['better'] == '1 of 1'
 
 
+def test_rows_of_other_faults_state_the_noise_right():
+    by_name = {row.name: row for row in ROWS}
+    params, inputs, _ = by_name['wrong_delay_5s'].stated(30.0, 1)
+    turned_params, turned, _ = by_name['wrong_dvl_yaw_90'].stated(30.0, 1)
+    assert turned_params == params
+    np.testing.assert_array_equal(turned.dvl_covariance_m, inputs.dvl_covariance_m)
+    np.testing.assert_allclose(turned.dvl_v_m[:, 1], inputs.dvl_v_m[:, 0], atol=1e-12)
+    late = [a.validity_ns - b.validity_ns for a, b in zip(inputs.fixes, turned.fixes, strict=True)]
+    assert set(late) == {5_000_000_000}
+    _, upside, _ = by_name['wrong_depth_sign'].stated(30.0, 1)
+    np.testing.assert_allclose(upside.depth, -inputs.depth)
+
+
+def test_its_table_of_other_faults_counts_what_was_said():
+    sentence = 'the recording is as if the DVL were turned (ln likelihood +9), and so on'
+    runs = [
+        RunResult(
+            'wrong_dvl_yaw_90', 'tuned', seed, {'instead': said, 'suggested': most}, math.nan,
+            reason, {}, 0.0,
+        )
+        for seed, said, most, reason in ((1, 1.0, 1.0, sentence), (2, 0.0, 3.5, ''))
+    ]  # fmt: skip
+    (others,) = tables(runs, Size(600.0, 2), Request())
+    assert others.rows == (
+        {
+            'group': 'wrong_dvl_yaw_90', 'not_well': '1 of 2', 'instead': '1 of 2', 'most': 3.5,
+            'words': 'the DVL were turned',
+        },
+    )  # fmt: skip
+
+
 @pytest.mark.parametrize(
     ('ratio', 'sigma', 'back'),
     [

@@ -1,8 +1,12 @@
-"""Experiment `tune`: noise that is stated wrong, found by `./polar tune`, against the truth."""
+"""Experiment `tune`: noise that is stated wrong, found by `./polar tune`, against the truth.
+
+Where something else is wrong, nothing is to be suggested, and what is wrong to be named.
+"""
 
 from __future__ import annotations
 
 import math
+import re
 import time
 from collections import Counter
 from collections.abc import Sequence
@@ -69,12 +73,17 @@ def run_job(job: TuneJob) -> RunResult:
     params, inputs, true = row.stated(job.duration_s, job.seed)
     found = tune(Recording(Path(job.row), 'follower', params, params, inputs))
     metrics = _judgement(found)
-    for line in lines_of(found):
+    lines = lines_of(found)
+    for line in lines:
         name = line.parameter.name
         if name in true:
             metrics[f'{name}.ratio'] = line.value / true[name]
             metrics[f'{name}.sigma'] = line.sigma_share
             metrics[f'{name}.verdict'] = float(_VERDICTS.index(line.verdict))
+    metrics['instead'] = float(found.instead is not None)
+    metrics['suggested'] = max(
+        (x.suggested / x.parameter.stated for x in lines if x.parameter.stated), default=1.0
+    )
     reason = '; '.join(problems(found))
     stopped_s = job.duration_s if reason else math.nan
     seconds = time.process_time() - begin
@@ -124,22 +133,35 @@ _HELD_OUT = (
     Column('mems', 'said MEMS'),
     Column('well', 'settled'),
 )
+_INSTEAD = (
+    Column('group', 'wrong'),
+    Column('not_well', 'status 1'),
+    Column('instead', 'something else than noise'),
+    Column('most', 'most suggested', doc='largest suggested over stated noise of all seeds'),
+    Column('words', 'as if, of the first seed'),
+)
+_AS_IF = re.compile(r'the recording is as if (.*?) \(ln likelihood')
 
 
 def tables(results: Sequence[RunResult], size: Size, request: Request) -> list[Table]:
-    """Table of the noises, a row for each that was stated wrong, and of the parts held out."""
+    """Tables of noises that were stated wrong, of parts held out, and of what else was wrong."""
     first = request.first_seed
     what = f'{size.duration_s:g} s, seeds {first} to {first + size.seeds - 1}'
-    noises, judged = [], []
+    noises, judged, others = [], [], []
     for group in dict.fromkeys(r.group for r in results):
         runs = [r for r in results if r.group == group]
         row = next(r for r in ROWS if r.name == group)
+        if row.fault is not None:
+            others.append({'group': group, **_other(runs)})
+            continue
         noises += [{'group': group, **line} for line in _lines(row, runs)]
         judged.append({'group': group, **_part(runs)})
-    return [
+    made = [
         Table(f'Noise found, {what}', _NOISES, tuple(noises)),
         Table(f'Held out, {what}', _HELD_OUT, tuple(judged)),
+        Table(f'Something else than noise, {what}', _INSTEAD, tuple(others)),
     ]
+    return [table for table in made if table.rows]
 
 
 def _lines(row: Row, runs: Sequence[RunResult]) -> list[dict[str, object]]:
@@ -186,12 +208,26 @@ def _part(runs: Sequence[RunResult]) -> dict[str, object]:
     }
 
 
+def _other(runs: Sequence[RunResult]) -> dict[str, object]:
+    said = [found[1] for found in (_AS_IF.search(r.reason) for r in runs) if found]
+    return {
+        'not_well': f'{sum(bool(r.reason) for r in runs)} of {len(runs)}',
+        'instead': f'{sum(r.metrics["instead"] for r in runs):.0f} of {len(runs)}',
+        'most': max(r.metrics['suggested'] for r in runs),
+        'words': said[0] if said else runs[0].reason,
+    }
+
+
 def _describe(jobs: Sequence[TuneJob]) -> dict[str, Any]:
     named = {job.row for job in jobs}
     return {
         'filters': {COLUMN: {'engine': {'configuration': 'default'}}},
         'groups': {
-            row.name: {'factors': dict(row.factors), 'imu_class': row.imu_class}
+            row.name: {
+                'factors': dict(row.factors),
+                'imu_class': row.imu_class,
+                'fault': repr(row.fault),
+            }
             for row in ROWS
             if row.name in named
         },

@@ -1,4 +1,7 @@
-"""Rows of the experiment: noise that is stated wrong, on a vehicle whose noise is known."""
+"""Rows of the experiment: noise that is stated wrong, on a vehicle whose noise is known.
+
+In rows `wrong_*` it is stated right, and something else is not: that is not to become noise.
+"""
 
 from __future__ import annotations
 
@@ -18,6 +21,8 @@ from polar_nav_sim.randomness import stream
 from ...tuning.likelihood import noisier
 from ...tuning.parameters import parameters_of
 from ..calibrate.rows import SCENES, world_of
+from ..mismatch.dvl_faults import DepthGain, DvlGain, DvlMirrored, DvlPlace
+from ..mismatch.faults import Fault, FixClock, FixLever, ImuTurned
 from ..schedule import FixSpec
 from ..world import World, make_world
 from ..world_spec import WorldSpec
@@ -26,13 +31,15 @@ WRONG = 5.0
 """How many times too large or too small noise is stated."""
 SCENE = SCENES[0]
 _FIXES = FixSpec(period_s=2.0, first_s=2.0, delay_s=3.0)
+_LATE = replace(_FIXES, delay_s=8.0)
+"""Validity cannot be stated after reception: fixes late by more than any delay that is off."""
 WALKS = {'gyro_bias_walk': 3e-6, 'accel_bias_walk': 2e-4}
 """Of the biases of this vehicle's IMU [rad/s/rt-s, m/s^2/rt-s]."""
 
 
 @dataclass(frozen=True)
 class Row:
-    """Noise that is stated wrong.
+    """What is stated wrong.
 
     Attributes
     ----------
@@ -41,25 +48,35 @@ class Row:
         What each noise is multiplied by, by its name.
     imu_class : str
         Class of the IMU that the file states, in place of the right one.
+    fault : Fault, optional
+        What else than noise is wrong.
     """
 
     name: str
     factors: Mapping[str, float]
     imu_class: str = ''
+    fault: Fault | None = None
 
     def stated(
         self, duration_s: float, seed: int
     ) -> tuple[EngineParams, Inputs, Mapping[str, float]]:
         """Parameters and inputs as stated, and the true noises by name."""
-        world = mems_world(duration_s, seed) if self.imu_class else _tactical(duration_s, seed)
         if self.imu_class:
+            world = mems_world(duration_s, seed)
             params = world.params(configuration='default', **imu_noise(self.imu_class))
         else:
+            world = self._tactical(duration_s, seed)
             params = world.params(configuration='default', **WALKS)
         parameters = parameters_of(params, world.inputs)
         at = [math.log(self.factors.get(p.name, 1.0)) for p in parameters]
         true = {} if self.imu_class else {p.name: p.stated for p in parameters}
         return (*noisier(params, world.inputs, parameters, np.array(at)), true)
+
+    def _tactical(self, duration_s: float, seed: int) -> World:
+        """World of white noise and biases that walk, as the filter models them, and the fault."""
+        if self.fault is None:
+            return _tactical(duration_s, seed, _FIXES)
+        return self.fault.applied(_tactical(duration_s, seed, _LATE), 1.0)
 
 
 @cache
@@ -75,9 +92,8 @@ def _spec(duration_s: float) -> WorldSpec:
     )
 
 
-def _tactical(duration_s: float, seed: int) -> World:
-    """World of white noise and biases that walk, as the filter models them."""
-    world = make_world(_spec(duration_s), _FIXES, seed)
+def _tactical(duration_s: float, seed: int, fixes: FixSpec) -> World:
+    world = make_world(_spec(duration_s), fixes, seed)
     n = len(world.inputs.imu_stamps_ns)
     root_dt = 1.0 / math.sqrt(world.spec.imu_rate_hz)
     rng = stream(seed, 'tune/walk')
@@ -111,6 +127,18 @@ TUNED = (
     'dvl_markov_sigma', 'depth_sigma', 'fix_sigma',
 )  # fmt: skip
 """Noises of a tactical vehicle that are stated wrong."""
+_WRONG: Mapping[str, Fault] = {
+    **{f'dvl_yaw_{deg}': DvlGain(turn_deg=deg) for deg in (30, 45, 90, 135, 180)},
+    'dvl_mirrored': DvlMirrored(),
+    'dvl_lever_2m': DvlPlace(lever_b=(2.0, 0.0, 0.0)),
+    'imu_yaw_90': ImuTurned(deg=90.0, axis=(0.0, 0.0, 1.0)),
+    'imu_yaw_180': ImuTurned(deg=180.0, axis=(0.0, 0.0, 1.0)),
+    'depth_sign': DepthGain(scale=-2.0),
+    'delay_1.6s': FixClock(offset_s=1.6),
+    'delay_5s': FixClock(offset_s=5.0),
+    'fix_lever_3m': FixLever(lever_b=(0.0, 3.0, 0.0)),
+}
+"""What else than noise is wrong."""
 ROWS = (
     Row('right', {}),
     Row('low', dict.fromkeys(TUNED, 1.0 / WRONG)),
@@ -119,4 +147,5 @@ ROWS = (
     *(Row(f'{name}_low', {name: 1.0 / WRONG}) for name in TUNED),
     *(Row(f'{name}_high', {name: WRONG}) for name in TUNED),
     Row('mems', {}, 'stim300'),
+    *(Row(f'wrong_{name}', {}, fault=fault) for name, fault in _WRONG.items()),
 )
