@@ -87,7 +87,10 @@ def world():
 
 
 def start(world, **changes):
-    """Parameters of a filter that starts 150 deg off, of 50 deg stated."""
+    """Parameters of a filter that starts 150 deg off, of 50 deg stated, and locks there.
+
+    It does for certain where pings seem to show a heading by what they correct of the velocity.
+    """
     heading = world.params().initial_grid_heading_deg
     values = {
         'configuration': 'default',
@@ -95,6 +98,7 @@ def start(world, **changes):
         'initial_sigma_heading_deg': 50.0,
         'gyro_bias_sigma': 1e-3,
         'initial_sigma_position': 5.0,
+        'dvl_turn_velocity': 'known',
     }
     return world.params(**{**values, **changes})
 

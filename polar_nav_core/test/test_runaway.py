@@ -71,7 +71,8 @@ def refused_share(track):
 def test_an_imu_far_noisier_than_stated_does_not_run_away(world, times):
     inputs = noisy(world, times, seed=1)
     shut = run(world, inputs, max_imu_noise_factor=1.0)
-    assert refused_share(shut.track) > 0.5
+    shut_speed, *_ = errors(world, shut.track)
+    assert shut_speed.max() > 0.2 * times
     found = run(world, inputs)
     assert refused_share(found.track) < 0.25
     speed, *_ = errors(world, found.track)
@@ -128,7 +129,9 @@ def test_a_velocity_that_cannot_be_is_a_divergence_after_half_a_minute(world):
     """Without its limits the velocity is lost, found again at the DVL's, and lost."""
     stretches = []
     for seed in range(1, 5):
-        shut = run(world, noisy(world, 100.0, seed=seed), max_imu_noise_factor=1.0)
+        # A heading that pings seem to show keeps it away for longer than one they do not.
+        kept_away = {'max_imu_noise_factor': 1.0, 'dvl_turn_velocity': 'known'}
+        shut = run(world, noisy(world, 100.0, seed=seed), **kept_away)
         speed = np.linalg.norm(shut.track.v_G, axis=1)[::10]
         stretches.append(longest_s(speed > EngineParams().max_speed))
         assert stretches[-1] < 32 or 'run away' in divergence_of(shut.health)

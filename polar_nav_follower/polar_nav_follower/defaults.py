@@ -268,6 +268,9 @@ _SINCE: dict[int, dict[str, Any]] = {
     16: {
         'max_instrument_repeats': 5,
     },
+    17: {
+        'dvl_turn_velocity': 'carried',
+    },
 }
 """By engine version: what changed with it. A version with new defaults counts up (version.py)."""
 

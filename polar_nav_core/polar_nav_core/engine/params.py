@@ -156,12 +156,12 @@ class EngineParams(StartParams, IdentificationParams, StationParams, LimitParams
         (0.0, 0.0, 0.0), 'deg', -360.0, 360.0, 'Mounting of the DVL: roll, pitch, yaw'
     )
     dvl_turn_velocity: str = choice(
-        'known',
-        ('known', 'carried', 'measured'),
+        'carried',
+        ('carried', 'known', 'measured'),
         'Velocity that an error of attitude turns, in the rows of a DVL ping: as known with the '
-        'ping; the heading by that which the covariance was made with, so that no correction of '
-        'it shows one (carried, an option: docs/derivations/measurements.md, 1); or as measured, '
-        'noise and all (up to engine 5)',
+        'ping, and the heading by that which the covariance was made with, so that no correction '
+        'of it shows one (carried: docs/derivations/measurements.md, 1); as known, for all axes '
+        '(engines 6 to 16); or as measured, noise and all (up to engine 5)',
     )
     dvl_scale_velocity: str = choice(
         'steady',
