@@ -135,6 +135,8 @@ class Twin:
             if stream == FIX:
                 g[0, slot * hy.KINDS + hy.FIX_EAST] -= since
                 g[1, slot * hy.KINDS + hy.FIX_NORTH] -= since
+                g[0, slot * hy.KINDS + hy.STEP_EAST] -= since > 0.0
+                g[1, slot * hy.KINDS + hy.STEP_NORTH] -= since > 0.0
         times = max(1, min(50, int(np.floor(number + 0.5))))
         K, one = w.K[:m], np.eye(m)
         X = sum(np.linalg.matrix_power(one - w.H[:m] @ K.T, i) for i in range(times))
@@ -251,18 +253,18 @@ def test_before_the_first_step_signatures_stay_and_count_from_now():
         assert s.bank[hy.SCALE, hy.SCALE_GROWS] == grows
 
 
-def test_every_minute_hypotheses_begin_in_an_empty_slot():
+def test_every_twenty_seconds_hypotheses_begin_in_an_empty_slot():
     s, past, w = filled(born_s=(100.0,))
     s.counters[fs.BIRTH_NS] = NOW_NS + S
-    births = [int(noted(s, past, w, k)[fs.BIRTH_NS]) for k in (S - 1, S, 61 * S - 1, 61 * S)]
-    assert births == [NOW_NS + k * S for k in (1, 61, 61, 121)]
+    births = [int(noted(s, past, w, k)[fs.BIRTH_NS]) for k in (S - 1, S, 21 * S - 1, 21 * S)]
+    assert births == [NOW_NS + k * S for k in (1, 21, 21, 41)]
     born_ns = s.counters[fs.BORN_NS : fs.BORN_NS + hy.SLOTS]
-    assert born_ns.tolist() == [NOW_NS + k * S for k in (-100, 1, 61)] + [0] * 3
+    assert born_ns.tolist() == [NOW_NS + k * S for k in (-100, 1, 21)] + [0] * (hy.SLOTS - 3)
 
 
 @pytest.mark.parametrize(('oldest_ns', 'slot'), [(OLDEST_NS, 0), (OLDEST_NS + 1, 3)])
 def test_forty_minutes_are_the_oldest_beginning(oldest_ns, slot):
-    s, past, w = filled(born_s=(1400.0, 1300.0, 600.0, 0.0, 300.0, 100.0))
+    s, past, w = filled(born_s=(1400.0, 1300.0, 600.0, 0.0, 300.0, 100.0, 60.0, 30.0))
     s.counters[fs.BIRTH_NS] = NOW_NS
     s.counters[fs.BORN_NS + 3] = NOW_NS + S - oldest_ns
     assert noted(s, past, w, S)[fs.BORN_NS + slot] == NOW_NS + S

@@ -16,6 +16,7 @@ from polar_nav_core.kernels.sins.work import make_work
 STEP, BORN = 0.5, 20
 """Time between measurements [s]; number of the step at which the hypotheses begin."""
 ALONE = (hy.SCALE_GROWS, hy.SCALE_STEP)
+OF_FIXES = (hy.FIX_EAST, hy.FIX_NORTH, hy.STEP_EAST, hy.STEP_NORTH)
 WIDE = 1e12 * np.eye(2)
 """Covariance of a position that nothing has moved beyond what is stated [m^2]."""
 
@@ -69,12 +70,13 @@ class Linear:
             H[:, DR : DR + 3], R = np.eye(3), np.diag([1.0, 1.0, 0.2])
             J[:, consider.OFFSET : consider.OFFSET + 3] = -np.eye(3)
             direct[0, hy.FIX_EAST] = direct[1, hy.FIX_NORTH] = -max(age, 0.0)
+            direct[0, hy.STEP_EAST] = direct[1, hy.STEP_NORTH] = -float(age > 0.0)
         else:
             H[:, DV : DV + 3], R = np.eye(3), np.diag([4e-4, 4e-4, 1e-4])
             turn = 0.1 * self.step
             H[0, SCALE], H[1, SCALE + 1] = -3.0 * np.cos(turn), -3.0 * np.sin(turn)
         z = H @ self.x + J @ self.b + np.sqrt(np.diagonal(R)) * rng.standard_normal(3)
-        z += size * direct[:, fault] if fault in (hy.FIX_EAST, hy.FIX_NORTH) else 0.0
+        z += size * direct[:, fault] if fault in OF_FIXES else 0.0
         S_zz = H @ self.P @ H.T + R
         K = np.linalg.solve(S_zz, H @ self.P)
         consider.innovation_sensitivity(J, H, self.S, 3)
@@ -132,6 +134,8 @@ def test_without_a_fault_the_statistic_is_chi_square():
     [
         (hy.FIX_EAST, 0.2, Culprit.FIXES, 'fixes drift by 0.'),
         (hy.FIX_NORTH, -0.2, Culprit.FIXES, 'fixes drift by 0.'),
+        (hy.STEP_EAST, 6.0, Culprit.FIXES, 'fixes have moved by '),
+        (hy.STEP_NORTH, -6.0, Culprit.FIXES, 'fixes have moved by '),
         (hy.SCALE_GROWS, 3e-4, Culprit.DVL, 'the scale of the DVL changes by +'),
         (hy.SCALE_STEP, 0.04, Culprit.DVL, 'the scale of the DVL is +'),
         (hy.GYRO_X, 0.06, Culprit.IMU, 'the bias of the horizontal gyros has changed by'),
@@ -154,7 +158,13 @@ def test_a_fault_is_found_with_its_size_and_named(kind, size, culprit, words):
 
 @pytest.mark.parametrize(
     ('kind', 'size'),
-    [(hy.FIX_EAST, 0.1), (hy.FIX_NORTH, -0.3), (hy.SCALE_STEP, 0.05), (hy.GYRO_X, 0.1)],
+    [
+        (hy.FIX_EAST, 0.1),
+        (hy.FIX_NORTH, -0.3),
+        (hy.STEP_NORTH, 8.0),
+        (hy.SCALE_STEP, 0.05),
+        (hy.GYRO_X, 0.1),
+    ],
 )
 def test_a_fault_that_has_moved_the_position_is_an_error(kind, size):
     """By how much is the difference of two runs with the same noise, to the size's own sigma."""
@@ -166,7 +176,7 @@ def test_a_fault_that_has_moved_the_position_is_an_error(kind, size):
     (condition,) = judged(world, P)
     statistic = world.bank[hy.STATISTIC, kind]
     assert statistic > 45.0
-    assert (condition.level is Level.ERROR) == (moved > 3.0 or statistic > 112.0)
+    assert (condition.level is Level.ERROR) == (moved > 3.0 or statistic > 116.0)
     (condition,) = judged(world, P * (moved / 12.0) ** 2)
     assert condition.level is Level.ERROR
     words = condition.sentence.split(', which has moved the position by ')[1].split()
@@ -184,16 +194,16 @@ def test_levels_and_kinds_that_explain_the_same():
     bank, born_ns = np.zeros((hy.ROWS, hy.SLOTS * hy.KINDS)), np.ones(hy.SLOTS, dtype=np.int64)
     evidence = Evidence(bank, born_ns, bank[DR : DR + 2])
     bank[hy.LAMBDA] = 1.0
-    bank[hy.STATISTIC, hy.KINDS + hy.SCALE_GROWS] = 27.9
+    bank[hy.STATISTIC, hy.KINDS + hy.SCALE_GROWS] = 28.9
     assert slow_faults(evidence, 1, WIDE) == []
     assert slow_faults(None, 1, WIDE) == []
-    bank[hy.STATISTIC, hy.KINDS + hy.SCALE_GROWS] = 28.1
+    bank[hy.STATISTIC, hy.KINDS + hy.SCALE_GROWS] = 29.1
     (condition,) = slow_faults(evidence, 1, WIDE)
     assert (condition.level, condition.culprit) == (Level.WARN, Culprit.DVL)
-    bank[hy.STATISTIC, [hy.FIX_EAST, hy.FIX_NORTH]] = 113.0
+    bank[hy.STATISTIC, [hy.FIX_EAST, hy.FIX_NORTH]] = 117.0
     (condition,) = slow_faults(evidence, 1, WIDE)
     assert (condition.level, condition.culprit) == (Level.ERROR, Culprit.FIXES)
-    bank[hy.STATISTIC, hy.KINDS + hy.SCALE_GROWS] = 100.0
+    bank[hy.STATISTIC, hy.KINDS + hy.SCALE_GROWS] = 104.0
     (condition,) = slow_faults(evidence, 1, WIDE)
     assert condition.culprit == Culprit.FIXES | Culprit.DVL
     assert ', or ' in condition.sentence

@@ -110,7 +110,8 @@ def seen(monkeypatch, params, inputs):
 
     def look(fusion, stamp_ns, resets):
         view = view_of(fusion, stamp_ns, resets)
-        last.update(shared=view.shared[0].copy(), bank=view.evidence.bank.copy())
+        bank, born_ns, _ = view.evidence
+        last.update(shared=view.shared[0].copy(), bank=bank.copy(), born_ns=born_ns.copy())
         return view
 
     with monkeypatch.context() as patched:
@@ -134,6 +135,7 @@ def test_what_a_fault_makes_of_common_errors_is_foreseen_in_a_swing(monkeypatch,
     faulty = seen(monkeypatch, params, drifting(inputs))
     changed = faulty['shared'] - plain['shared']
     assert np.abs(changed).max() > 1.0
-    # Slot 1 began at 60 s, the last one before the fault.
-    learned = faulty['bank'][hy.LEARNED : hy.LAMBDA, hy.KINDS + hy.FIX_EAST]
+    begin_ns = int(inputs.imu_stamps_ns[0]) + round(BEGIN_S * 1e9)
+    slot = int(np.argmin(np.abs(faulty['born_ns'] - begin_ns)))
+    learned = faulty['bank'][hy.LEARNED : hy.LAMBDA, slot * hy.KINDS + hy.FIX_EAST]
     np.testing.assert_allclose(DRIFT_MPS * learned, changed, rtol=0.1, atol=0.05)

@@ -15,10 +15,12 @@ from ...arrays import Array
 from ...kernels.sins.consider import DVL_YAW
 from .conditions import Condition, Culprit, Level
 from .shared import KNOWN
-from .slow import BEYOND, SEVERE
+from .slow import SEVERE
 
 BEFORE_NS = 60_000_000_000
 """What was known so long before a gate opened has nothing of what it was refused for."""
+_BEYOND = 28.0
+"""Chi-square (1) that is a WARN."""
 _LEAST_VARIANCE = 1e-4
 """Of a yaw, per stated one: J is that of a linear filter."""
 
@@ -60,14 +62,14 @@ class Mounting:
             return []
         change = now.value - self._before.value
         chi_square = change * change / (now.variance + self._before.variance)
-        if not chi_square > BEYOND:
+        if not chi_square > _BEYOND:
             return []
         sentence = (
             f'the yaw of the DVL against the IMU has changed by {abs(change):.1f} of its stated '
             f'sigma since its gate opened ({math.sqrt(chi_square):.1f} sigma): either has turned '
             'in its mount, and the heading may be off by as much'
         )
-        level = Level.ERROR if chi_square > SEVERE * BEYOND else Level.WARN
+        level = Level.ERROR if chi_square > SEVERE * _BEYOND else Level.WARN
         culprit = Culprit.DVL | Culprit.IMU | Culprit.HEADING
         return [Condition('mounting', level, culprit, sentence)]
 

@@ -1,4 +1,4 @@
-"""Slow faults by their signature: drift of fixes, change of the DVL's scale, steps of gyros."""
+"""Slow faults by their signature: drift and steps of fixes, the DVL's scale, steps of gyros."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from ...arrays import Array, Ints
 from ...kernels.sins import hypotheses as hy
 from .conditions import Condition, Culprit, Level
 
-BEYOND = 28.0
+BEYOND = 29.0
 """T that is a WARN; four times that is an ERROR (docs/derivations/signatures.md, 3)."""
 SEVERE = 4.0
 _CERTAIN = 40.0
 """T from which on what a fault has done to the estimate is an ERROR, if it is enough: its size is
-6.3 of its own sigmas. In a world as stated once in 20,000 h (signatures.md, 4)."""
+6.3 of its own sigmas. In a world as stated once in 14,000 h (signatures.md, 4)."""
 MOVED = 3.0
 """Published sigmas of the horizontal position by which that is: what is covered lies inside."""
 _AS_LIKELY = 14.0
@@ -25,6 +25,7 @@ _AS_LIKELY = 14.0
 of likelihoods is below exp(7), a thousand."""
 _CULPRITS = {
     hy.FIX_EAST: Culprit.FIXES,
+    hy.STEP_EAST: Culprit.FIXES,
     hy.SCALE_GROWS: Culprit.DVL,
     hy.SCALE_STEP: Culprit.DVL,
     hy.GYRO_X: Culprit.IMU,
@@ -76,7 +77,7 @@ def slow_faults(evidence: Evidence | None, stamp_ns: int, P_horizontal: Array) -
 
 
 def led_by_fixes(evidence: Evidence | None, P_horizontal: Array) -> Array | None:
-    """How far fixes that drift have moved the horizontal position (2,), grid axes [m].
+    """How far fixes that drift, or have moved, took the horizontal position (2,), grid axes [m].
 
     None if that is no likely explanation of the evidence, or inside MOVED sigmas of P (2, 2).
     """
@@ -84,11 +85,12 @@ def led_by_fixes(evidence: Evidence | None, P_horizontal: Array) -> Array | None
         return None
     bank, _, per_unit_G = evidence
     statistic = bank[hy.STATISTIC].reshape(hy.SLOTS, hy.KINDS)
-    if not statistic.max() > BEYOND or not _is_as_likely(statistic, hy.FIX_EAST):
+    kind = max((hy.FIX_EAST, hy.STEP_EAST), key=lambda k: float(statistic[:, k].max()))
+    if not statistic.max() > BEYOND or not _is_as_likely(statistic, kind):
         return None
-    slot = int(np.argmax(statistic[:, hy.FIX_EAST]))
+    slot = int(np.argmax(statistic[:, kind]))
     columns = slice(slot * hy.KINDS, (slot + 1) * hy.KINDS)
-    shift_G = _shift(bank[:, columns], hy.FIX_EAST, per_unit_G[:, columns])
+    shift_G = _shift(bank[:, columns], kind, per_unit_G[:, columns])
     return shift_G if shift_in_sigmas(shift_G, P_horizontal) > MOVED else None
 
 
@@ -180,10 +182,11 @@ def size_of(slot: Array, kind: int) -> float:
 
 def _words(slot: Array, kind: int) -> str:
     """The fault with its size."""
-    if kind == hy.FIX_EAST:
+    if kind in (hy.FIX_EAST, hy.STEP_EAST):
         east, north = pair_of(slot, kind)
-        heading = math.degrees(math.atan2(east, north)) % 360.0
-        return f'fixes drift by {math.hypot(east, north):.3f} m/s to grid {heading:03.0f} deg'
+        size, heading = math.hypot(east, north), math.degrees(math.atan2(east, north)) % 360.0
+        how = f'drift by {size:.3f} m/s' if kind == hy.FIX_EAST else f'have moved by {size:.1f} m'
+        return f'fixes {how} to grid {heading:03.0f} deg'
     if kind == hy.GYRO_X:
         size = math.hypot(*pair_of(slot, kind)) / _DPH
         return f'the bias of the horizontal gyros has changed by {size:.2f} deg/h'

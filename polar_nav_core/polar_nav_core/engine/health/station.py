@@ -19,7 +19,7 @@ from ...kernels import watch
 from ...kernels.station import state as ss
 from .conditions import Condition, Culprit, Level, fixes_followed
 from .deviation import Deviation
-from .slow import BEYOND, MOVED, most_likely, shift_in_sigmas, sizes_of
+from .slow import MOVED, most_likely, shift_in_sigmas, sizes_of
 from .statistics import Statistics, statistics
 from .view import Envelope, View
 from .watchdog import AFTER_S, DEPTH, FEWEST, FIX, Watchdog, outside, scatter
@@ -40,7 +40,7 @@ _BEYOND = 30.0
 """T that is a WARN; with it, and 28 for a current that grows, all kinds together are as rare as
 those of the strapdown mode (signatures.md, 6)."""
 _LIMITS = np.full(ss.KINDS, _BEYOND)
-_LIMITS[ss.GROWS : ss.GROWS + 2] = BEYOND
+_LIMITS[ss.GROWS : ss.GROWS + 2] = 28.0
 
 
 def _growing(x: float, y: float) -> str:

@@ -31,10 +31,12 @@ SCALE_GROWS = 2  # the DVL's scale grows, 1/s
 SCALE_STEP = 3  # the DVL's scale has changed, 1
 GYRO_X = 4  # the bias of the gyro about body x has changed, 1 rad/s
 GYRO_Y = 5  # the bias of the gyro about body y has changed, 1 rad/s
-KINDS = 6
-PAIRS = (FIX_EAST, GYRO_X)
+STEP_EAST = 6  # fixes have moved to grid east, 1 m
+STEP_NORTH = 7  # fixes have moved to grid north, 1 m
+KINDS = 8
+PAIRS = (FIX_EAST, GYRO_X, STEP_EAST)
 """Kinds of which each is one direction, the next kind the other: they have one statistic."""
-SLOTS = 6
+SLOTS = 8
 """Beginnings that are kept; hypothesis of kind k that began at slot i: column i * KINDS + k."""
 
 # Rows of the bank.

@@ -22,6 +22,8 @@ from .hypotheses import (
     MOST_AT_ONCE,
     SLOTS,
     STATISTIC,
+    STEP_EAST,
+    STEP_NORTH,
     add_evidence,
     advance_signatures,
     answer,
@@ -41,7 +43,7 @@ WINDOW_NS = 1_000_000_000
 """Pings and depths are added up for so long; fixes are not."""
 LEAST_S = 0.25
 """A shorter time between two windows is made up for by the next."""
-BIRTH_NS = 60_000_000_000
+BIRTH_NS = 20_000_000_000
 """A new beginning every so often."""
 OLDEST_NS = 2_400_000_000_000
 """An older beginning is the first to make room."""
@@ -92,6 +94,8 @@ def note(s: State, past: Past, w: Work, stream: int, m: int, delay: float) -> No
             if s.counters[fs.BORN_NS + slot] > 0 and since > 0.0:
                 g[0, slot * KINDS + FIX_EAST] -= since
                 g[1, slot * KINDS + FIX_NORTH] -= since
+                g[0, slot * KINDS + STEP_EAST] -= 1.0
+                g[1, slot * KINDS + STEP_NORTH] -= 1.0
     number = min(max(int(window[3] + 0.5), 1), MOST_AT_ONCE)
     repeated(w.powers, w.H, w.K, number, m)
     mean = w.signatures[6:9]

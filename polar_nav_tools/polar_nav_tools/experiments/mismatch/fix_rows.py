@@ -152,6 +152,20 @@ FIX_ROWS += (
         row(f'fix_times_2s_{name}', g.FixTimes(most_s=2.0, start_s=START_S), (FIXES,), scene=scene)
         for name, scene in (('straight', SINS), ('racetrack', RACETRACK))
     ),
+    *(
+        row(
+            f'fix_offset_{metres:g}m_mid{end}',
+            f.FixOffset(offset_m=metres, start_s=START_S),
+            (FIXES,),
+            scene=scene,
+        )
+        for metres, end, scene in (
+            (1.5, '', SINS),
+            (2.0, '', SINS),
+            (2.0, '_racetrack', RACETRACK),
+            (2.0, '_tactical', TACTICAL),
+        )
+    ),
     row('fix_rounded_11m', g.FixRounded(step_m=11.0, start_s=START_S), (FIXES,)),
     row('fix_rounded_11m_start', g.FixRounded(step_m=11.0), (FIXES,)),
     *(
