@@ -108,5 +108,29 @@ def test_fixes_led_it_where_a_drift_explains_the_evidence_and_has_moved_it(
         np.testing.assert_allclose(found, [0.2 * moved_m, 0.0])
 
 
+@pytest.mark.parametrize(
+    ('drift', 'step', 'by_drift', 'by_step', 'led'),
+    [
+        (0.0, 36.0, 0.0, 10.0, 10.0),
+        (0.0, 36.0, 0.0, 2.0, None),
+        (45.0, 44.9, 4.0, 12.0, 12.0),
+        (44.9, 45.0, 12.0, 4.0, 12.0),
+        (60.0, 44.0, 4.0, 12.0, 4.0),
+    ],
+)
+def test_of_a_drift_and_a_step_the_one_that_took_it_further_has_led_it(
+    drift, step, by_drift, by_step, led
+):
+    """Of those that are about as likely."""
+    bank = np.zeros((hy.ROWS, hy.SLOTS * hy.KINDS))
+    bank[hy.LAMBDA, : hy.KINDS] = 100.0
+    bank[hy.ZETA, [hy.FIX_EAST, hy.STEP_EAST]] = 100.0
+    bank[hy.STATISTIC, hy.FIX_EAST], bank[hy.STATISTIC, hy.STEP_EAST] = drift, step
+    per_unit_G = np.zeros((2, hy.SLOTS * hy.KINDS))
+    per_unit_G[0, hy.FIX_EAST], per_unit_G[0, hy.STEP_EAST] = by_drift, by_step
+    found = led_by_fixes(Evidence(bank, np.zeros(hy.SLOTS, dtype=np.int64), per_unit_G), np.eye(2))
+    assert (None if found is None else float(found[0])) == led
+
+
 def test_without_evidence_there_is_none():
     assert led_by_fixes(None, P) is None

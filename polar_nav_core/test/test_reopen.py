@@ -297,6 +297,23 @@ def test_a_gyro_whose_bias_has_jumped_is_found_with_the_velocity(deg_per_h, seed
     assert attitude < 0.001
 
 
+@pytest.mark.parametrize('seed', [3, 4])
+def test_a_vertical_gyro_that_has_jumped_with_the_others_is_not_taken_for_known(seed):
+    """Pings show nothing of it, and the heading goes on turning."""
+    world = World(200.0)
+    rng = np.random.default_rng(seed)
+    inputs = inputs_of(world, world.fixes(1.0, lambda _: 0.5, rng=rng, first_s=1.0))
+    rate = 100.0 / 3600.0
+    for axis in (1, 2):
+        inputs = kicked(inputs, rate * 120.0, axis, length_s=120.0, start_s=80.0)
+    result = run(world, inputs)
+    P, found = result.track.P[-1], result.track.sensor_errors[-1, :3]
+    assert abs(found[2] - np.radians(rate)) < 4.0 * np.sqrt(P[11, 11])
+    C = result.track.C_b_G[-1] @ world.C_b_G[-1].T
+    heading = np.arctan2(C[1, 0] - C[0, 1], C[0, 0] + C[1, 1])
+    assert abs(heading) < 4.0 * np.sqrt(P[2, 2])
+
+
 def test_fixes_refused_in_a_row_back_a_dvl_where_there_is_no_depth(world, inputs):
     alone = run(world, without_depths(kicked(inputs, 3.0, 0)))
     assert 4.0 < first_opening_s(alone) < 14.0

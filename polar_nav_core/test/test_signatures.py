@@ -176,7 +176,7 @@ def test_a_fault_that_has_moved_the_position_is_an_error(kind, size):
     (condition,) = judged(world, P)
     statistic = world.bank[hy.STATISTIC, kind]
     assert statistic > 45.0
-    assert (condition.level is Level.ERROR) == (moved > 3.0 or statistic > 116.0)
+    assert (condition.level is Level.ERROR) == (moved > 3.0 or statistic > 118.0)
     (condition,) = judged(world, P * (moved / 12.0) ** 2)
     assert condition.level is Level.ERROR
     words = condition.sentence.split(', which has moved the position by ')[1].split()
@@ -190,20 +190,39 @@ def judged(world, P=None):
     return slow_faults(evidence, 301 * 10**9, WIDE if P is None else P)
 
 
+@pytest.mark.parametrize(('drift', 'step'), [(45.0, 44.9), (44.9, 45.0), (80.0, 44.0)])
+def test_kinds_of_one_culprit_are_named_and_weighed_together(drift, step):
+    """Which of them is a hair ahead decides neither the level nor what is said."""
+    bank, born_ns = np.zeros((hy.ROWS, hy.SLOTS * hy.KINDS)), np.ones(hy.SLOTS, dtype=np.int64)
+    bank[hy.LAMBDA] = 100.0
+    bank[hy.ZETA, hy.FIX_EAST] = bank[hy.ZETA, hy.STEP_EAST] = 100.0
+    bank[hy.STATISTIC, hy.FIX_EAST], bank[hy.STATISTIC, hy.STEP_EAST] = drift, step
+    per_unit_G = np.zeros((2, hy.SLOTS * hy.KINDS))
+    per_unit_G[0, hy.FIX_EAST], per_unit_G[0, hy.STEP_EAST] = 4.0, 2.0
+    (condition,) = slow_faults(Evidence(bank, born_ns, per_unit_G), 1, np.eye(2))
+    assert (condition.level, condition.culprit) == (Level.ERROR, Culprit.FIXES)
+    assert 'drift by' in condition.sentence
+    assert 'have moved by' in condition.sentence
+    assert condition.sentence.endswith('moved the position by 4.0 of its stated sigmas')
+
+
 def test_levels_and_kinds_that_explain_the_same():
     bank, born_ns = np.zeros((hy.ROWS, hy.SLOTS * hy.KINDS)), np.ones(hy.SLOTS, dtype=np.int64)
     evidence = Evidence(bank, born_ns, bank[DR : DR + 2])
     bank[hy.LAMBDA] = 1.0
-    bank[hy.STATISTIC, hy.KINDS + hy.SCALE_GROWS] = 28.9
+    bank[hy.STATISTIC, hy.KINDS + hy.SCALE_GROWS] = 29.4
     assert slow_faults(evidence, 1, WIDE) == []
     assert slow_faults(None, 1, WIDE) == []
-    bank[hy.STATISTIC, hy.KINDS + hy.SCALE_GROWS] = 29.1
+    bank[hy.STATISTIC, hy.KINDS + hy.SCALE_GROWS] = 29.6
     (condition,) = slow_faults(evidence, 1, WIDE)
     assert (condition.level, condition.culprit) == (Level.WARN, Culprit.DVL)
-    bank[hy.STATISTIC, [hy.FIX_EAST, hy.FIX_NORTH]] = 117.0
+    bank[hy.STATISTIC, [hy.FIX_EAST, hy.FIX_NORTH]] = 117.9
+    (condition,) = slow_faults(evidence, 1, WIDE)
+    assert (condition.level, condition.culprit) == (Level.WARN, Culprit.FIXES)
+    bank[hy.STATISTIC, [hy.FIX_EAST, hy.FIX_NORTH]] = 118.1
     (condition,) = slow_faults(evidence, 1, WIDE)
     assert (condition.level, condition.culprit) == (Level.ERROR, Culprit.FIXES)
-    bank[hy.STATISTIC, hy.KINDS + hy.SCALE_GROWS] = 104.0
+    bank[hy.STATISTIC, hy.KINDS + hy.SCALE_GROWS] = 105.0
     (condition,) = slow_faults(evidence, 1, WIDE)
     assert condition.culprit == Culprit.FIXES | Culprit.DVL
     assert ', or ' in condition.sentence

@@ -9,7 +9,7 @@ import station_twin as twin
 
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.health.conditions import Culprit, Level
-from polar_nav_core.engine.health.slow import BEYOND, sizes_of
+from polar_nav_core.engine.health.slow import sizes_of
 from polar_nav_core.engine.health.station import _size
 from polar_nav_core.engine.station import arrays
 from polar_nav_core.kernels.station import signatures
@@ -205,7 +205,7 @@ def test_a_younger_hypothesis_has_no_statistic():
     b = linear().run(np.random.default_rng(9), 10.0)
     newest = int(np.argmax(b.counters[ss.BORN_NS : ss.BIRTH_NS]))
     age_ns = NS * (1 + SECONDS * FIXES) - b.counters[ss.BORN_NS + newest]
-    assert (b.signatures[-1, ss.STATISTIC, ss.KINDS * newest] > BEYOND) == (
+    assert (b.signatures[-1, ss.STATISTIC, ss.KINDS * newest] > 28.0) == (
         age_ns - SECONDS * NS >= signatures.JUDGED_NS
     )
 

@@ -12,7 +12,7 @@ from ..arrays import Array, Ints
 from .cache import kernel
 
 KEPT = 14.0
-"""Statistic, half of what is a WARN, from which on the likeliest beginning does not make room."""
+"""Statistic, about half a WARN, from which on the likeliest beginning does not make room."""
 
 
 @kernel

@@ -12,12 +12,13 @@ from ...arrays import Array, Ints
 from ...kernels.sins import hypotheses as hy
 from .conditions import Condition, Culprit, Level
 
-BEYOND = 29.0
-"""T that is a WARN; four times that is an ERROR (docs/derivations/signatures.md, 3)."""
+BEYOND = 29.5
+"""T that is a WARN (docs/derivations/signatures.md, 3)."""
 SEVERE = 4.0
+"""So many times that is an ERROR."""
 _CERTAIN = 40.0
 """T from which on what a fault has done to the estimate is an ERROR, if it is enough: its size is
-6.3 of its own sigmas. In a world as stated once in 14,000 h (signatures.md, 4)."""
+6.3 of its own sigmas. In a world as stated once in 13,000 h (signatures.md, 4)."""
 MOVED = 3.0
 """Published sigmas of the horizontal position by which that is: what is covered lies inside."""
 _AS_LIKELY = 14.0
@@ -73,25 +74,32 @@ def slow_faults(evidence: Evidence | None, stamp_ns: int, P_horizontal: Array) -
         own = bank[:, columns]
         return _words(own, kind), _shift(own, kind, per_unit_G[:, columns])
 
-    return [most_likely(statistic, _CULPRITS, described, stamp_ns - born_ns, P_horizontal)]
+    ages_ns = stamp_ns - born_ns
+    return [most_likely(statistic, _CULPRITS, described, ages_ns, P_horizontal, BEYOND)]
 
 
 def led_by_fixes(evidence: Evidence | None, P_horizontal: Array) -> Array | None:
     """How far fixes that drift, or have moved, took the horizontal position (2,), grid axes [m].
 
     None if that is no likely explanation of the evidence, or inside MOVED sigmas of P (2, 2).
+    Where both are likely, the one that took it further.
     """
     if evidence is None:
         return None
     bank, _, per_unit_G = evidence
     statistic = bank[hy.STATISTIC].reshape(hy.SLOTS, hy.KINDS)
-    kind = max((hy.FIX_EAST, hy.STEP_EAST), key=lambda k: float(statistic[:, k].max()))
-    if not statistic.max() > BEYOND or not _is_as_likely(statistic, kind):
+    if not statistic.max() > BEYOND:
         return None
-    slot = int(np.argmax(statistic[:, kind]))
-    columns = slice(slot * hy.KINDS, (slot + 1) * hy.KINDS)
-    shift_G = _shift(bank[:, columns], kind, per_unit_G[:, columns])
-    return shift_G if shift_in_sigmas(shift_G, P_horizontal) > MOVED else None
+    led_G, most = None, MOVED
+    for kind in (hy.FIX_EAST, hy.STEP_EAST):
+        slot = int(np.argmax(statistic[:, kind]))
+        columns = slice(slot * hy.KINDS, (slot + 1) * hy.KINDS)
+        if _is_as_likely(statistic, kind):
+            shift_G = _shift(bank[:, columns], kind, per_unit_G[:, columns])
+            moved = shift_in_sigmas(shift_G, P_horizontal)
+            if moved > most:
+                led_G, most = shift_G, moved
+    return led_G
 
 
 def most_likely(
@@ -100,8 +108,12 @@ def most_likely(
     described: Callable[[int, int], tuple[str, Array]],
     ages_ns: Ints,
     P_horizontal: Array,
+    beyond: float,
 ) -> Condition:
     """The condition of the slow fault that explains the evidence best, and of all as likely.
+
+    Another kind of the same culprit is named wherever it is a WARN by itself: fixes that move at
+    once, a little after a beginning, look like a drift at first.
 
     Parameters
     ----------
@@ -116,24 +128,29 @@ def most_likely(
         Since the hypotheses of each slot began [ns].
     P_horizontal : (2, 2) array
         Published covariance of the horizontal position, axes of that way [m^2].
+    beyond : float
+        T that is a WARN.
     """
-    worst = float(statistic.max())
-    kinds = [kind for kind in culprits if _is_as_likely(statistic, kind)]
-    kinds.sort(key=lambda kind: -float(statistic[:, kind].max()))
+    largest = {kind: float(statistic[:, kind].max()) for kind in culprits}
+    first = max(largest, key=lambda kind: largest[kind])
     culprit = Culprit.NONE
-    parts, ways = [], []
-    for kind in kinds:
+    parts, moved = [], 0.0
+    for kind in sorted(largest, key=lambda kind: -largest[kind]):
+        same = culprits[kind] == culprits[first]
+        if not (_is_as_likely(statistic, kind) or (same and largest[kind] > beyond)):
+            continue
         culprit |= culprits[kind]
         slot = int(np.argmax(statistic[:, kind]))
         words, way = described(slot, kind)
         parts.append(f'{words} since about {int(ages_ns[slot]) / 60e9:.0f} min')
-        ways.append(way)
+        if same and largest[kind] > _CERTAIN:
+            moved = max(moved, shift_in_sigmas(way, P_horizontal))
+    worst = largest[first]
     sentence = f'{", or ".join(parts)} ({math.sqrt(worst):.1f} sigma)'
-    moved = shift_in_sigmas(ways[0], P_horizontal)
-    misled = worst > _CERTAIN and moved > MOVED
+    misled = moved > MOVED
     if misled:
         sentence += f', which has moved the position by {moved:.1f} of its stated sigmas'
-    level = Level.ERROR if misled or worst > SEVERE * BEYOND else Level.WARN
+    level = Level.ERROR if misled or worst > SEVERE * beyond else Level.WARN
     return Condition('slow fault', level, culprit, sentence)
 
 

@@ -39,8 +39,9 @@ _EITHER = Culprit.MODEL | Culprit.FIXES
 _BEYOND = 30.0
 """T that is a WARN; with it, and 28 for a current that grows, all kinds together are as rare as
 those of the strapdown mode (signatures.md, 6)."""
+_LEAST = 28.0
 _LIMITS = np.full(ss.KINDS, _BEYOND)
-_LIMITS[ss.GROWS : ss.GROWS + 2] = 28.0
+_LIMITS[ss.GROWS : ss.GROWS + 2] = _LEAST
 
 
 def _growing(x: float, y: float) -> str:
@@ -250,7 +251,7 @@ def _slow(view: StationView) -> list[Condition]:
         return _WORDS[kind](*sizes), way
 
     ages_ns = view.stamp_ns - view.born_ns
-    return [most_likely(statistic, _CULPRITS, described, ages_ns, view.P_horizontal)]
+    return [most_likely(statistic, _CULPRITS, described, ages_ns, view.P_horizontal, _LEAST)]
 
 
 def _size(slot: Array, weight: Array, kind: int) -> tuple[tuple[float, ...], Array]:

@@ -54,8 +54,8 @@ CHANCES = 3
 """Times that a gate opens at once: what they do not mend is no matter of the covariance."""
 LEAST, MOST = 2.0, 100.0
 """Limits of the factor on P."""
-VELOCITY, POSITION, GYRO_BIAS = 3, 6, 9
-"""First states of a kind."""
+UP, VELOCITY, POSITION, GYRO_BIAS = 2, 3, 6, 9
+"""The heading's error; first states of a kind."""
 MOST_BIAS = 100.0
 """Most that a gyro's bias can have jumped, in its sigmas."""
 VOUCHED_NS = 60_000_000_000
@@ -174,7 +174,7 @@ def begin_anew(s: State, w: Work, since_ns: int) -> None:
     """Let the judged ping alone say how fast the vehicle is, and tilt be as uncertain as it shows.
 
     P gets the variance of the innovation for the velocity, that of its way for the position, and
-    for the tilt, and for the biases of the horizontal gyros, that of one that began at
+    for the tilt, and for the biases of the gyros, that of one that began at
     ``since_ns`` and has led to the innovation by now. With a velocity so far off, rows of attitude
     are those of another velocity; they are left out, what the attitude does to the ping goes to
     its noise, and the pings to come show the tilt.
@@ -202,11 +202,12 @@ def begin_anew(s: State, w: Work, since_ns: int) -> None:
 
 @kernel
 def _doubt_gyros(s: State, w: Work, since_s: float) -> None:
-    """Let the gyros' horizontal biases be as uncertain as makes tilt explain the innovation.
+    """Let the gyros' biases be as uncertain as makes tilt explain the innovation.
 
-    A bias b that began ``since_s`` ago makes g b t^2 / 2 of velocity by now. One that would have
-    to be too large is none: a turn was. A DVL that has not agreed for long may be what is wrong,
-    and says nothing of gyros.
+    A bias b that began ``since_s`` ago makes g b t^2 / 2 of velocity by now, and turns the heading
+    by -b t. That of the vertical gyro shows in nothing yet, but it is of the same instrument. One
+    that would have to be too large is none: a turn was. A DVL that has not agreed for long may be
+    what is wrong, and says nothing of gyros.
     """
     if s.counters[fs.USES + fs.DVL_ROW] < LONG_BELIEVED:
         return
@@ -217,11 +218,13 @@ def _doubt_gyros(s: State, w: Work, since_s: float) -> None:
     size = math.hypot(w.z[0], w.z[1])
     if change == 0.0 or size > most * change:
         return
-    bias = size / change
-    for i in range(3):
-        for j in range(3):
-            horizontal = s.C_b_G[0, i] * s.C_b_G[0, j] + s.C_b_G[1, i] * s.C_b_G[1, j]
-            s.P[GYRO_BIAS + i, GYRO_BIAS + j] += bias * bias * horizontal
+    variance = (size / change) ** 2
+    for k in range(3):
+        s.P[GYRO_BIAS + k, GYRO_BIAS + k] += variance
+        turned = -variance * since_s * s.C_b_G[UP, k]
+        s.P[UP, GYRO_BIAS + k] += turned
+        s.P[GYRO_BIAS + k, UP] += turned
+    s.P[UP, UP] += variance * since_s * since_s
 
 
 @kernel

@@ -5,8 +5,8 @@ turns on the spot, pings of 5 mm/s at 8 Hz, fixes as those of the experiment. Ev
 filter is told; what differs is the velocity in the rows of the heading. It shares no code with the
 engine. Rows by the *measured* velocity have the noise of their ping in them, which no motion goes
 with: the filter takes it for heading information, n^2/sigma^2 per ping and square radian. So did
-the engine up to version 5; its rows are the *blended* ones now, or, as an option, a turn is
-*carried* with the corrections of the velocity (docs/derivations/measurements.md).
+the engine up to version 5; its rows were the *blended* ones up to version 16, and now a turn is
+*carried* with the corrections of the velocity as well (docs/derivations/measurements.md).
 """
 
 from __future__ import annotations

@@ -81,9 +81,7 @@ def run_job(job: TuneJob) -> RunResult:
             metrics[f'{name}.sigma'] = line.sigma_share
             metrics[f'{name}.verdict'] = float(_VERDICTS.index(line.verdict))
     metrics['instead'] = float(found.instead is not None)
-    metrics['suggested'] = max(
-        (x.suggested / x.parameter.stated for x in lines if x.parameter.stated), default=1.0
-    )
+    metrics['suggested'] = float(sum(line.changes for line in lines))
     reason = '; '.join(problems(found))
     stopped_s = job.duration_s if reason else math.nan
     seconds = time.process_time() - begin
@@ -137,8 +135,8 @@ _INSTEAD = (
     Column('group', 'wrong'),
     Column('not_well', 'status 1'),
     Column('instead', 'something else than noise'),
-    Column('most', 'most suggested', doc='largest suggested over stated noise of all seeds'),
-    Column('words', 'as if, of the first seed'),
+    Column('suggested', 'noises suggested', doc='all seeds together'),
+    Column('words', 'as if, of the first seed that said so'),
 )
 _AS_IF = re.compile(r'the recording is as if (.*?) \(ln likelihood')
 
@@ -213,8 +211,8 @@ def _other(runs: Sequence[RunResult]) -> dict[str, object]:
     return {
         'not_well': f'{sum(bool(r.reason) for r in runs)} of {len(runs)}',
         'instead': f'{sum(r.metrics["instead"] for r in runs):.0f} of {len(runs)}',
-        'most': max(r.metrics['suggested'] for r in runs),
-        'words': said[0] if said else runs[0].reason,
+        'suggested': f'{sum(r.metrics["suggested"] for r in runs):.0f}',
+        'words': said[0] if said else '',
     }
 
 

@@ -76,7 +76,8 @@ class Row:
         """World of white noise and biases that walk, as the filter models them, and the fault."""
         if self.fault is None:
             return _tactical(duration_s, seed, _FIXES)
-        return self.fault.applied(_tactical(duration_s, seed, _LATE), 1.0)
+        fixes = _LATE if isinstance(self.fault, FixClock) else _FIXES
+        return self.fault.applied(_tactical(duration_s, seed, fixes), 1.0)
 
 
 @cache
