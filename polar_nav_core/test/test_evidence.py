@@ -182,6 +182,8 @@ class Twin:
                 b[hy.STATISTIC, two] = b[hy.ZETA, two] @ np.linalg.solve(M, b[hy.ZETA, two])
             if ages_ns[i // hy.KINDS] < 30 * S:
                 b[hy.STATISTIC, i : i + hy.KINDS] = 0.0
+            if ages_ns[i // hy.KINDS] > 300 * S:
+                b[hy.STATISTIC, [i + hy.STEP_EAST, i + hy.STEP_NORTH]] = 0.0
 
 
 @pytest.mark.parametrize('considers', [True, False])
@@ -277,6 +279,17 @@ def test_a_beginning_is_judged_after_half_a_minute():
     statistic = s.bank[hy.STATISTIC].reshape(hy.SLOTS, hy.KINDS)
     assert (statistic[0] > 0.0).all()
     np.testing.assert_array_equal(statistic[1], 0.0)
+
+
+def test_a_step_of_fixes_is_judged_for_five_minutes():
+    """The filter has followed it; whether they have gone back since is another step."""
+    s, past, w = filled(born_s=(299.0, 299.000000001))
+    noted(s, past, w, S)
+    statistic = s.bank[hy.STATISTIC].reshape(hy.SLOTS, hy.KINDS)
+    assert (statistic[0] > 0.0).all()
+    steps = [hy.STEP_EAST, hy.STEP_NORTH]
+    np.testing.assert_array_equal(statistic[1, steps], 0.0)
+    assert (np.delete(statistic[1], steps) > 0.0).all()
 
 
 def test_evidence_that_is_cleared_begins_anew():

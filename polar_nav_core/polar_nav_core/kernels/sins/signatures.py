@@ -49,6 +49,8 @@ OLDEST_NS = 2_400_000_000_000
 """An older beginning is the first to make room."""
 JUDGED_NS = 30_000_000_000
 """Younger ones have no statistic: an outlier would be as large."""
+STEP_NS = 300_000_000_000
+"""Older steps of fixes have none: the filter has followed, and they may have gone back since."""
 
 
 @kernel
@@ -108,8 +110,10 @@ def note(s: State, past: Past, w: Work, stream: int, m: int, delay: float) -> No
         w.evidence[a] = x
     add_evidence(s.bank, h, w.evidence, window[3], m)
     for slot in range(SLOTS):
-        if now_ns - s.counters[fs.BORN_NS + slot] < JUDGED_NS:
-            for kind in range(KINDS):
+        age_ns = now_ns - s.counters[fs.BORN_NS + slot]
+        for kind in range(KINDS):
+            old = age_ns > STEP_NS and kind in (STEP_EAST, STEP_NORTH)
+            if old or age_ns < JUDGED_NS:
                 s.bank[STATISTIC, slot * KINDS + kind] = 0.0
     answer(s.bank, 0, w.K, w.powers, g, -1.0, m)
     if s.counters[fs.CONSIDERS] == 1:
