@@ -5,7 +5,7 @@ import pytest
 
 from polar_nav_core.engine.health.conditions import Culprit, Level
 from polar_nav_core.engine.health.led import Led
-from polar_nav_core.engine.health.slow import Evidence, led_by_fixes
+from polar_nav_core.engine.health.slow import Evidence, Way, led_by_fixes
 from polar_nav_core.kernels.sins import hypotheses as hy
 
 S = 1_000_000_000
@@ -13,14 +13,14 @@ P = 0.25 * np.eye(2)
 """Half a metre each way."""
 
 
-def told(led, ways, P_horizontal=P):
+def told(led, ways, P_horizontal=P, *, certain=True):
     """Conditions at each second: of (seconds, way or None) after one another."""
     found, second = [], 0
     for seconds, way in ways:
         for _ in range(seconds):
             second += 1
-            shift_G = None if way is None else np.array(way)
-            found.append(led.look(second * S, shift_G, P_horizontal))
+            shown = None if way is None else Way(np.array(way), certain)
+            found.append(led.look(second * S, shown, P_horizontal))
     return found
 
 
@@ -68,6 +68,16 @@ def test_fixes_that_lead_back_end_it(pause_s):
     assert not any(found[-100:])
 
 
+def test_a_way_back_that_is_not_certain_takes_nothing_from_it():
+    """What has been followed for good swings, and for a while looks as if fixes led back."""
+    led = Led()
+    assert told(led, [(30, (2.0, 1.0)), (1, None)], certain=False)[-1]
+    found = told(led, [(30, (-1.8, -1.1)), (100, None)], certain=False)
+    assert all(found)
+    assert 'led the position 2.2 m' in found[-1][0].sentence
+    assert not any(told(led, [(30, (-1.8, -1.1)), (100, None)]))
+
+
 def test_two_ways_long_apart_add_up():
     found = told(Led(), [(30, (1.0, 0.0)), (300, None), (30, (1.0, 0.1)), (10, None)])
     assert not any(found[:330])
@@ -105,7 +115,8 @@ def test_fixes_led_it_where_a_drift_explains_the_evidence_and_has_moved_it(
     found = led_by_fixes(evidence, P)
     assert (found is not None) == is_led
     if is_led:
-        np.testing.assert_allclose(found, [0.2 * moved_m, 0.0])
+        np.testing.assert_allclose(found.shift_G, [0.2 * moved_m, 0.0])
+        assert not found.certain
 
 
 @pytest.mark.parametrize(
@@ -129,7 +140,9 @@ def test_of_a_drift_and_a_step_the_one_that_took_it_further_has_led_it(
     per_unit_G = np.zeros((2, hy.SLOTS * hy.KINDS))
     per_unit_G[0, hy.FIX_EAST], per_unit_G[0, hy.STEP_EAST] = by_drift, by_step
     found = led_by_fixes(Evidence(bank, np.zeros(hy.SLOTS, dtype=np.int64), per_unit_G), np.eye(2))
-    assert (None if found is None else float(found[0])) == led
+    assert (None if found is None else float(found.shift_G[0])) == led
+    if found is not None:
+        assert found.certain == ((step if led == by_step else drift) > 40.0)
 
 
 def test_without_evidence_there_is_none():

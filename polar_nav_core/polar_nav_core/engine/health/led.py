@@ -12,7 +12,7 @@ import numpy as np
 
 from ...arrays import Array
 from .conditions import Condition, Culprit, Level
-from .slow import MOVED, shift_in_sigmas
+from .slow import MOVED, Way, shift_in_sigmas
 
 ENDED_NS = 60_000_000_000
 """After so long without evidence what comes next is another fault."""
@@ -26,22 +26,23 @@ class Led:
         self._now_G = np.zeros(2)
         self._seen_ns = 0
 
-    def look(self, stamp_ns: int, shift_G: Array | None, P_horizontal: Array) -> list[Condition]:
+    def look(self, stamp_ns: int, way: Way | None, P_horizontal: Array) -> list[Condition]:
         """The condition that fixes have led the position away and not back, if they have.
 
         Parameters
         ----------
         stamp_ns : int
-        shift_G : (2,) array or None
-            How far they have moved the position by the evidence of now (`slow.led_by_fixes`), grid
-            axes [m]; then the condition of that fault itself says so. None where it shows none.
+        way : Way or None
+            How far they have moved the position by the evidence of now (`slow.led_by_fixes`); then
+            the condition of that fault itself says so. None where it shows none. One that leads
+            back has to be certain: else nothing would be said of what may still be off.
         P_horizontal : (2, 2) array
             Published covariance of the horizontal position, grid axes [m^2].
         """
-        if shift_G is not None:
-            self._follow(stamp_ns, shift_G)
-            return []
         led_G = self._before_G + self._now_G
+        if way is not None and (way.certain or float(way.shift_G @ led_G) >= 0.0):
+            self._follow(stamp_ns, way.shift_G)
+            return []
         moved = shift_in_sigmas(led_G, P_horizontal)
         if not moved > MOVED:
             return []

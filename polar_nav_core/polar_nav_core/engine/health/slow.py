@@ -78,8 +78,23 @@ def slow_faults(evidence: Evidence | None, stamp_ns: int, P_horizontal: Array) -
     return [most_likely(statistic, _CULPRITS, described, ages_ns, P_horizontal, BEYOND)]
 
 
-def led_by_fixes(evidence: Evidence | None, P_horizontal: Array) -> Array | None:
-    """How far fixes that drift, or have moved, took the horizontal position (2,), grid axes [m].
+class Way(NamedTuple):
+    """How far fixes have taken the position, by the evidence of a moment.
+
+    Attributes
+    ----------
+    shift_G : (2,) array
+        Horizontal, grid axes [m].
+    certain : bool
+        Whether its size is known as well as an ERROR asks for.
+    """
+
+    shift_G: Array
+    certain: bool
+
+
+def led_by_fixes(evidence: Evidence | None, P_horizontal: Array) -> Way | None:
+    """How far fixes that drift, or have moved, took the horizontal position.
 
     None if that is no likely explanation of the evidence, or inside MOVED sigmas of P (2, 2).
     Where both are likely, the one that took it further.
@@ -90,7 +105,8 @@ def led_by_fixes(evidence: Evidence | None, P_horizontal: Array) -> Array | None
     statistic = bank[hy.STATISTIC].reshape(hy.SLOTS, hy.KINDS)
     if not statistic.max() > BEYOND:
         return None
-    led_G, most = None, MOVED
+    way: Way | None = None
+    most = MOVED
     for kind in (hy.FIX_EAST, hy.STEP_EAST):
         slot = int(np.argmax(statistic[:, kind]))
         columns = slice(slot * hy.KINDS, (slot + 1) * hy.KINDS)
@@ -98,8 +114,8 @@ def led_by_fixes(evidence: Evidence | None, P_horizontal: Array) -> Array | None
             shift_G = _shift(bank[:, columns], kind, per_unit_G[:, columns])
             moved = shift_in_sigmas(shift_G, P_horizontal)
             if moved > most:
-                led_G, most = shift_G, moved
-    return led_G
+                way, most = Way(shift_G, bool(statistic[slot, kind] > _CERTAIN)), moved
+    return way
 
 
 def most_likely(

@@ -102,8 +102,8 @@ class Watchdog:
         found += beyond_stated(view.shared)
         found += self._mounting.look(view.stamp_ns, int(view.opened_ns[DVL]), view.shared)
         found += slow_faults(view.evidence, view.stamp_ns, view.P_horizontal)
-        shift_G = led_by_fixes(view.evidence, view.P_horizontal)
-        found += self._led.look(view.stamp_ns, shift_G, view.P_horizontal)
+        way = led_by_fixes(view.evidence, view.P_horizontal)
+        found += self._led.look(view.stamp_ns, way, view.P_horizontal)
         biases = {stream: _local_bias(s, stream) for stream in (DVL, DEPTH)}
         biases[FIX] = _fix_bias(s)
         for stream in (FIX, DVL, DEPTH):
