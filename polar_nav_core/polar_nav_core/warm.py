@@ -75,14 +75,6 @@ def forgo_blas() -> None:
         del sys.modules[name]
 
 
-def warm_engine(params: EngineParams) -> None:
-    """Load the kernels of a live node whose engine has these parameters."""
-    if params.mode == 'station':
-        warm_others()
-    else:
-        warm_node(params.resolved().delay_handling)
-
-
 def warm_node(handling: str) -> None:
     """Load the kernels of a live SINS node that treats late fixes in one way.
 

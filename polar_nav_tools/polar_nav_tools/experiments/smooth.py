@@ -49,7 +49,7 @@ from .schedule import FixSpec
 from .station.world import make_world as make_station_world
 from .station_choices import StationChoices
 from .suite import one_filter_suite
-from .tune.rows import mems_world
+from .tune.rows import LATE, mems_world
 from .world import World, make_world
 from .world_spec import WorldSpec
 
@@ -73,8 +73,6 @@ _STATIONS: Mapping[str, Mapping[str, Any]] = {
     'station_changing': {'current_change': 0.3, 'current_turn': 0.6},
 }
 """Vehicles without DVL that a station locates, in a current that stays and in one that turns."""
-_LATE = FixSpec(period_s=2.0, first_s=2.0, delay_s=8.0)
-"""Validity cannot be stated after reception: fixes late by more than any delay that is off."""
 _WRONG: Mapping[str, Fault] = {
     'right': Fault(),
     'delay_0.5s': FixClock(offset_s=0.5),
@@ -144,7 +142,7 @@ def _world(job: SmoothJob) -> tuple[World, EngineParams]:
     """World of a row of mode sins, and parameters of its filter."""
     if job.row in _FAULTS:
         scene, fault = _FAULTS[job.row]
-        world = fault.applied(world_of(scene, job.duration_s, job.seed, _LATE), 1.0)
+        world = fault.applied(world_of(scene, job.duration_s, job.seed, LATE), 1.0)
         return world, replace(params_of(world), output_period_s=1.0)
     if job.row == _MEMS:
         world = mems_world(job.duration_s, job.seed)

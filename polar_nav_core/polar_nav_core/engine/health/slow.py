@@ -70,9 +70,8 @@ def slow_faults(evidence: Evidence | None, stamp_ns: int, P_horizontal: Array) -
         return []
 
     def described(slot: int, kind: int) -> tuple[str, Array]:
-        columns = slice(slot * hy.KINDS, (slot + 1) * hy.KINDS)
-        own = bank[:, columns]
-        return _words(own, kind), _shift(own, kind, per_unit_G[:, columns])
+        own, per_unit = _of_slot(bank, slot), _of_slot(per_unit_G, slot)
+        return _words(own, kind), _shift(own, kind, per_unit)
 
     ages_ns = stamp_ns - born_ns
     return [most_likely(statistic, _CULPRITS, described, ages_ns, P_horizontal, BEYOND)]
@@ -109,9 +108,8 @@ def led_by_fixes(evidence: Evidence | None, P_horizontal: Array) -> Way | None:
     most = MOVED
     for kind in (hy.FIX_EAST, hy.STEP_EAST):
         slot = int(np.argmax(statistic[:, kind]))
-        columns = slice(slot * hy.KINDS, (slot + 1) * hy.KINDS)
         if _is_as_likely(statistic, kind):
-            shift_G = _shift(bank[:, columns], kind, per_unit_G[:, columns])
+            shift_G = _shift(_of_slot(bank, slot), kind, _of_slot(per_unit_G, slot))
             moved = shift_in_sigmas(shift_G, P_horizontal)
             if moved > most:
                 way, most = Way(shift_G, bool(statistic[slot, kind] > _CERTAIN)), moved
@@ -168,6 +166,11 @@ def most_likely(
         sentence += f', which has moved the position by {moved:.1f} of its stated sigmas'
     level = Level.ERROR if misled or worst > SEVERE * beyond else Level.WARN
     return Condition('slow fault', level, culprit, sentence)
+
+
+def _of_slot(columns: Array, slot: int) -> Array:
+    """Columns of the hypotheses of a slot."""
+    return columns[:, slot * hy.KINDS : (slot + 1) * hy.KINDS]
 
 
 def _is_as_likely(statistic: Array, kind: int) -> bool:

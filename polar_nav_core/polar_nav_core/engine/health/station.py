@@ -40,6 +40,7 @@ _BEYOND = 30.0
 """T that is a WARN; with it, and 28 for a current that grows, all kinds together are as rare as
 those of the strapdown mode (signatures.md, 6)."""
 _LEAST = 28.0
+"""That of a current that grows, the least of all kinds."""
 _LIMITS = np.full(ss.KINDS, _BEYOND)
 _LIMITS[ss.GROWS : ss.GROWS + 2] = _LEAST
 

@@ -31,7 +31,7 @@ WRONG = 5.0
 """How many times too large or too small noise is stated."""
 SCENE = SCENES[0]
 _FIXES = FixSpec(period_s=2.0, first_s=2.0, delay_s=3.0)
-_LATE = replace(_FIXES, delay_s=8.0)
+LATE = replace(_FIXES, delay_s=8.0)
 """Validity cannot be stated after reception: fixes late by more than any delay that is off."""
 WALKS = {'gyro_bias_walk': 3e-6, 'accel_bias_walk': 2e-4}
 """Of the biases of this vehicle's IMU [rad/s/rt-s, m/s^2/rt-s]."""
@@ -65,19 +65,12 @@ class Row:
             world = mems_world(duration_s, seed)
             params = world.params(configuration='default', **imu_noise(self.imu_class))
         else:
-            world = self._tactical(duration_s, seed)
+            world = _tactical(duration_s, seed, self.fault)
             params = world.params(configuration='default', **WALKS)
         parameters = parameters_of(params, world.inputs)
         at = [math.log(self.factors.get(p.name, 1.0)) for p in parameters]
         true = {} if self.imu_class else {p.name: p.stated for p in parameters}
         return (*noisier(params, world.inputs, parameters, np.array(at)), true)
-
-    def _tactical(self, duration_s: float, seed: int) -> World:
-        """World of white noise and biases that walk, as the filter models them, and the fault."""
-        if self.fault is None:
-            return _tactical(duration_s, seed, _FIXES)
-        fixes = _LATE if isinstance(self.fault, FixClock) else _FIXES
-        return self.fault.applied(_tactical(duration_s, seed, fixes), 1.0)
 
 
 @cache
@@ -93,7 +86,9 @@ def _spec(duration_s: float) -> WorldSpec:
     )
 
 
-def _tactical(duration_s: float, seed: int, fixes: FixSpec) -> World:
+def _tactical(duration_s: float, seed: int, fault: Fault | None) -> World:
+    """World of white noise and biases that walk, as the filter models them, and a fault."""
+    fixes = LATE if isinstance(fault, FixClock) else _FIXES
     world = make_world(_spec(duration_s), fixes, seed)
     n = len(world.inputs.imu_stamps_ns)
     root_dt = 1.0 / math.sqrt(world.spec.imu_rate_hz)
@@ -101,7 +96,8 @@ def _tactical(duration_s: float, seed: int, fixes: FixSpec) -> World:
     gyro, accel = (
         size * root_dt * np.cumsum(rng.standard_normal((n, 3)), axis=0) for size in WALKS.values()
     )
-    return _with_errors(world, gyro, accel)
+    world = _with_errors(world, gyro, accel)
+    return world if fault is None else fault.applied(world, 1.0)
 
 
 def mems_world(duration_s: float, seed: int) -> World:
