@@ -1,5 +1,6 @@
 """Tasks in other processes: workers and clients that are killed, schedulers somewhere else."""
 
+import logging
 import os
 import re
 import signal
@@ -49,6 +50,17 @@ def test_processes_that_end_late_do_not_undo_what_is_done(monkeypatch):
     monkeypatch.setattr(LocalCluster, 'close', late)
     with cluster.local(1) as found:
         assert found.submit(sum, [1, 2]).result() == 3
+
+
+def test_threads_that_outlive_a_cluster_say_nothing_on_the_terminal():
+    """They are still at the connections of workers that an interrupt killed."""
+    from distributed.batched import logger
+
+    logging.getLogger('distributed').setLevel(logging.INFO)  # as Dask itself sets it
+    assert logger.isEnabledFor(logging.INFO)
+    with pytest.raises(KeyboardInterrupt), cluster.local(1):
+        raise KeyboardInterrupt
+    assert not logger.isEnabledFor(logging.ERROR)
 
 
 def by(client, folder, tasks, *, failures=False):

@@ -38,6 +38,7 @@ def local(workers: int) -> Iterator[Client]:
     import dask
     from distributed import Client, LocalCluster
 
+    _silence()
     quiet = {'dashboard': False, 'dashboard_address': f'{LOOPBACK}:0'}
     others = set(multiprocessing.active_children())
     with (
@@ -85,6 +86,16 @@ def local(workers: int) -> Iterator[Client]:
                 cluster.close(timeout=5.0)
             except TimeoutError:
                 _kill_all_but(others)
+
+
+def _silence() -> None:
+    """Let Dask say nothing on the terminal for the rest of this process.
+
+    What a cluster silences itself it says again once it is closed, while its threads are still at
+    the connections of workers that were killed.
+    """
+    for name in ('distributed', 'distributed.client', 'distributed.gc'):
+        logging.getLogger(name).setLevel(logging.CRITICAL)
 
 
 def _kill_all_but(others: set[BaseProcess]) -> None:
