@@ -13,7 +13,7 @@ root=$(dirname -- "$(readlink -f -- "${BASH_SOURCE[0]}")")
 venv=$root/.venv
 stamp=$venv/.polar_setup # one line "step key" for each step that is done
 log=$venv/setup.log
-compiling=$venv/.polar_compiling # locked while kernels are compiled; process group and key of that
+compiling=$venv/.polar_compiling # locked while something is compiled; process group and key of that
 compiling_log=$venv/kernels.log
 early=$venv/early # marks of what is in place before its step is done
 tools=$root/polar_nav_tools/polar_nav_tools
@@ -232,7 +232,7 @@ compile_in_background() {
   exec {held}>>"$compiling"
   if ! flock -n "$held"; then
     for _ in 1 2; do # the second time, what has just begun has said what it compiles
-      read -r _ made_for <"$compiling" || true
+      read -r _ made_for _ <"$compiling" || true
       if [[ $made_for == "${want[kernels]}" ]]; then
         exec {held}>&-
         return
@@ -267,9 +267,11 @@ compile_kernels() { # key; the lock on $compiling is inherited, and held as long
   flock "$own"
   mark kernels "$1"
   exec {own}<&-
+  echo "$BASHPID $1 kernels" >"$compiling" # are there: commands go on
   # Users who may not write here would compile what they import at every start. Some packages hold
   # files of other Pythons, which do not compile.
-  nice -n 5 "$venv/bin/python" -m compileall -qq "$venv"/lib/python3*/site-packages || true
+  nice -n 5 "$venv/bin/python" -m compileall -qq -x '/tests?/' "$venv"/lib/python3*/site-packages ||
+    true
 }
 
 end_background() {

@@ -12,6 +12,7 @@ import re
 import shutil
 import signal
 import subprocess
+import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -313,6 +314,22 @@ def test_a_second_call_shares_what_compiles_of_the_same_sources(tree, changed):
     assert tree.compiled() == 1
     tree.run()
     assert tree.compiled() == 0
+
+
+def test_commands_wait_for_kernels_and_not_for_bytecode(tree, monkeypatch):
+    monkeypatch.setattr(sys, 'prefix', str(tree.root / '.venv'))
+    monkeypatch.delenv(background.COMPILES, raising=False)
+    tree.run(STAND_IN_SLOW='warm')
+    tree.wait_for('begin warm')
+    assert background.compiles()
+    tree.wait_for_kernels()
+    shutil.rmtree(tree.root / '.venv')
+    tree.log.unlink()
+    tree.run(STAND_IN_SLOW='bytes')
+    tree.wait_for('begin bytes')
+    assert not background.compiles()
+    assert 'bytes' not in tree.lines()
+    assert tree.run().stderr == ''  # nor does a second command
 
 
 def test_kernels_that_failed_are_tried_again(tree):

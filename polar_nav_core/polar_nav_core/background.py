@@ -16,11 +16,16 @@ from pathlib import Path
 from typing import Any
 
 LOCK = '.polar_compiling'
-"""File in an environment that ``./polar`` made: locked while it compiles kernels there."""
+"""File in an environment that ``./polar`` made: locked while it compiles there.
+
+It names the process group that does, what for, and, in a third word, that the kernels are there
+and only Python's own bytecode goes on.
+"""
 LOG = 'kernels.log'
 """Log of that beside it."""
 COMPILES = 'POLAR_NAV_COMPILES'
 """Environment variable of the processes that do."""
+_WORDS_WITH_KERNELS = 3
 _PROGRESS = re.compile(r'\d+ of \d+ kernels are compiled')
 _LOOK_EVERY_S = 0.2
 _TELL_EVERY = 75
@@ -48,9 +53,10 @@ def compiles() -> bool:
         return False
     try:
         with (Path(sys.prefix) / LOCK).open('rb') as file:
-            fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return True
+            try:
+                fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
+            except BlockingIOError:
+                return len(file.read().split()) < _WORDS_WITH_KERNELS
     except OSError:  # no such environment, or a file system without locks
         pass
     return False

@@ -54,6 +54,15 @@ def test_compilers_do_not_wait_for_themselves(monkeypatch):
     assert not background.compiles()
 
 
+def test_kernels_that_are_there_are_not_waited_for(environment, compiling):
+    """What holds the lock still compiles Python's own bytecode, which nobody needs."""
+    assert compiling.name == str(environment / background.LOCK)
+    (environment / background.LOCK).write_text('4711 key\n')
+    assert background.compiles()
+    (environment / background.LOCK).write_text('4711 key kernels\n')
+    assert not background.compiles()
+
+
 @pytest.mark.usefixtures('compiling')
 def test_what_is_there_is_not_waited_for(said):
     assert background.awaited(lambda: 'kernel') == 'kernel'
