@@ -10,6 +10,7 @@ import pytest
 from polar_nav_tools.report import Digest, ReportInput, TopicCount, render, write_report
 from polar_nav_tools.report.example import example_input
 from polar_nav_tools.report.figures import polar_map
+from polar_nav_tools.report.story import headline
 from polar_nav_tools.report.style import TOKENS, drawing, new_figure
 from polar_nav_tools.report.svg import to_svg
 from polar_nav_tools.scoring import Balance, compare
@@ -222,6 +223,22 @@ def test_what_is_wrong_is_said_at_the_top(text):
     ):
         assert words in shown, words
     assert 'role="alert"' not in text
+
+
+@pytest.mark.parametrize(
+    ('judged', 'lead'),
+    [
+        ((), 'modified_akf is'),
+        (('gone', 'conventional_akf'), 'conventional_akf is'),
+        (('modified_akf', 'conventional_akf'), 'modified_akf is'),
+    ],
+)
+def test_what_decides_leads_the_headline(judged, lead):
+    text = headline(SHORT.scored(), judged)
+    assert f'In the second half, {lead}' in text
+    assert 'modified_akf' in text
+    assert 'conventional_akf' in text
+    assert ('That is the lag' in text) == lead.startswith('modified')
 
 
 def still(truth):

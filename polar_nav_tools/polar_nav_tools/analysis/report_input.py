@@ -31,6 +31,7 @@ def report_input(analysis: Analysis, *, title: str, made: str) -> ReportInput:
         metadata=_metadata(bag),
         made=made,
         comparison=analysis.comparison,
+        judged=analysis.judged,
     )
 
 

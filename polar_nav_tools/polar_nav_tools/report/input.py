@@ -175,6 +175,8 @@ class ReportInput:
         Scores of `runs` when they are there already; computed otherwise.
     models : mapping of str to ModelRun
         Of the runs in which the vehicle's model took part; not needed with a `comparison`.
+    judged : sequence of str
+        Runs that decide whether all is well; the first of them leads the headline.
     """
 
     title: str
@@ -190,6 +192,7 @@ class ReportInput:
     made: str = ''
     comparison: Comparison | None = None
     models: Mapping[str, ModelRun] = field(default_factory=dict)
+    judged: Sequence[str] = ()
 
     def __post_init__(self) -> None:
         if not self.runs:

@@ -31,8 +31,8 @@ class Card:
     run: int | None = None  # place of the configuration, for its colour
 
 
-def headline(scores: Comparison) -> str:
-    """Result in one or two sentences."""
+def headline(scores: Comparison, judged: Sequence[str] = ()) -> str:
+    """Result in one or two sentences, led by the first run that decides whether all is well."""
     runs = scores.scores
     found = {name: one.second_half.rms('horizontal') for name, one in runs.items()}
     finite = {name: value for name, value in found.items() if np.isfinite(value)}
@@ -40,12 +40,14 @@ def headline(scores: Comparison) -> str:
         return 'No configuration has an estimate in the second half of the run.'
     best = min(finite, key=finite.__getitem__)
     worst = max(finite, key=finite.__getitem__)
-    lead = f'In the second half, {best} is {_metres(finite[best])} from the truth (2-D RMS)'
-    if worst == best:
-        return lead + '.'
-    text = f'{lead}, {worst} {_metres(finite[worst])}.'
-    lag = runs[worst].second_half.lag
-    if abs(lag.ratio - 1.0) <= _LAG_TOLERANCE and lag.along_mean < 0.0:
+    lead = next((name for name in judged if name in finite), best)
+    other = worst if worst != lead else best
+    text = f'In the second half, {lead} is {_metres(finite[lead])} from the truth (2-D RMS)'
+    if other == lead:
+        return text + '.'
+    text += f', {other} {_metres(finite[other])}.'
+    lag = runs[other].second_half.lag
+    if other == worst and abs(lag.ratio - 1.0) <= _LAG_TOLERANCE and lag.along_mean < 0.0:
         text += (
             ' That is the lag of fusing late fixes as current: '
             f'{lag.mean_speed:.2f}{_NBSP}m/s ×{_NBSP}{lag.mean_delay:.2f}{_NBSP}s = '

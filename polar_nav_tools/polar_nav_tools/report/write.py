@@ -86,7 +86,7 @@ def render(data: ReportInput) -> str:
         data=data,
         style=Markup(style),
         script=Markup(environment.get_template('report.js').render()),
-        headline=headline(scores),
+        headline=headline(scores, data.judged),
         cards=cards(scores, data.balances, data.digests, data.counts),
         warnings=warnings(scores, data.balances, data.digests, data.counts),
         sections=sections(data, scores),
