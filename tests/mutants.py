@@ -57,7 +57,7 @@ MODULES = {
     'kernels.sins.enlarged': ('gate_rules',),
     'kernels.sins.signatures': ('evidence', 'gate_rules'),
     'kernels.evidence': ('evidence',),
-    'engine.imu_sequence': ('refusals',),
+    'kernels.imu_sequence': ('refusals',),
     'engine.health.led': ('led',),
     'engine.health.mounting': ('mounting',),
     'engine.health.watchdog': ('watchdog', 'shared_errors'),

@@ -1,4 +1,4 @@
-"""The array type of the core, and the checks of shape that vectorised functions begin with."""
+"""The array types of the core, and the checks of shape that vectorised functions begin with."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Bools = NDArray[np.bool_]
 
 
 def vectors(value: ArrayLike, name: str) -> Array:

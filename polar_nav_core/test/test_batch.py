@@ -89,6 +89,31 @@ def test_rows_with_derived_columns_in_place_of_covariances(world, one_by_one):
         np.testing.assert_array_equal(getattr(slim, name), getattr(full, name), name)
 
 
+@pytest.mark.parametrize('one_by_one', [False, True])
+def test_rows_with_the_covariance_of_leading_states_only(world, one_by_one):
+    params, inputs = world.params(), inputs_of(world, world.fixes(1.0, 1.5))
+    full = engine_run.run(params, inputs).track
+    slim = engine_run.run(params, inputs, states=9, one_by_one=one_by_one).track
+    np.testing.assert_array_equal(slim.P, full.P[:, :9, :9])
+    for name in set(engine_run.Track.__dataclass_fields__) - {'P'}:
+        np.testing.assert_array_equal(getattr(slim, name), getattr(full, name), name)
+
+
+@pytest.mark.parametrize('room', [1, 7, 60, 121])
+def test_a_track_does_not_depend_on_how_many_rows_were_expected(world, room, monkeypatch):
+    params, inputs = world.params(), inputs_of(world, world.fixes(1.0, 1.5))
+    inputs.f_b[700] = np.nan
+    expected = engine_run.run(params, inputs, one_by_one=True)
+    monkeypatch.setattr(engine_run, '_outputs_of', lambda *_: room)
+    assert_same(engine_run.run(params, inputs), expected)
+
+
+def test_columns_of_a_track_are_no_views_of_others(world):
+    track = engine_run.run(world.params(), inputs_of(world, [])).track
+    for name in engine_run.Track.__dataclass_fields__:
+        assert getattr(track, name).flags.c_contiguous, name
+
+
 @settings(max_examples=15, deadline=None)
 @given(st.integers(0, 2**32))
 def test_same_bits_with_odd_measurements(world, seed):

@@ -3,11 +3,13 @@
 from unittest import mock
 
 import numpy as np
+from compiled import jit_only
 from hypothesis import given
 from hypothesis import strategies as st
+from slow_imu_sequence import SlowSequence
 
 from polar_nav_core import spilled
-from polar_nav_core.engine import imu_instruments, refusals
+from polar_nav_core.engine import imu_sequence, refusals
 from polar_nav_core.engine.events import ControlSample, DepthSample, DvlPing, ImuSample
 from polar_nav_core.engine.imu_sequence import ImuSequence
 from polar_nav_core.engine.params import EngineParams
@@ -41,12 +43,15 @@ def matrices(draw, n):
 
 def one_by_one(params, events):
     """Scalar form, with the stamp of the last usable IMU sample as the engine keeps it."""
-    usable, last_ns, sequence = [], None, ImuSequence(params)
+    usable, last_ns = [], None
+    sequence, slow = ImuSequence(params), SlowSequence(params)
     for event in events:
         good = refusals.unusable_local(params, event, last_ns) is None
         if good and isinstance(event, ImuSample):
+            refused = sequence.refusal(event.stamp_ns, event.omega_ib_b, event.f_b)
             values = event.omega_ib_b.tolist(), event.f_b.tolist()
-            good = sequence.refusal(event.stamp_ns, *values) is None
+            assert refused == slow.refusal(event.stamp_ns, *values)
+            good = refused is None
         usable.append(good)
         if good:
             last_ns = event.stamp_ns
@@ -213,7 +218,7 @@ def test_instruments_that_hang_do_so_in_columns_as_one_by_one(segments, most, al
     stamps, omega_ib_b, f_b = segmented(segments)
     samples = [ImuSample(int(t), k, omega_ib_b[k], f_b[k]) for k, t in enumerate(stamps)]
     with (
-        mock.patch.object(imu_instruments, 'LIVELY', 9),
+        mock.patch.object(imu_sequence, 'LIVELY', 9),
         mock.patch.object(spilled, 'ROWS', rows),
     ):
         usable, refused = refusals.usable_imu(params, stamps, omega_ib_b, f_b)
@@ -264,6 +269,7 @@ def test_what_was_lively_for_less_than_300_samples_may_repeat():
         assert (~usable).sum() == refused
 
 
+@jit_only
 def test_coarse_gyros_at_rest_are_never_refused():
     """An hour at rest, with resolutions from a tenth of the noise to five times the noise."""
     rng = np.random.default_rng(9)

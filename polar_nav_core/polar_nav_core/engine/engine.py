@@ -156,7 +156,7 @@ class Engine:
         refused = refused or unusable_local(self.params, event, self.last_imu_ns)
         if refused is None and isinstance(event, ImuSample):
             refused = event.refused or self._imu_sequence.refusal(
-                event.stamp_ns, event.omega_ib_b.tolist(), event.f_b.tolist()
+                event.stamp_ns, event.omega_ib_b, event.f_b
             )
         if refused is not None:
             yield self._count(self._receipt(event, event.stamp_ns, *refused))

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import math
 from itertools import chain
-from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from .. import spilled
-from ..arrays import Array
+from ..arrays import Array, Bools
 from ..kernels.limits import AXIS, EARTH
 from .events import ControlSample, DepthSample, DvlPing, Fix, HeadingSample, ImuSample, Local
 from .imu_sequence import refusals_in_columns
@@ -31,8 +29,6 @@ from .plausibility import (
     within,
 )
 from .verdicts import Refusal, Verdict
-
-Bools: TypeAlias = NDArray[np.bool_]
 
 MOST_HEADING = 4.0 * math.pi
 """Largest size of a heading [rad]: two turns either way."""

@@ -9,10 +9,12 @@ Carlo runs and fast replays use this.
 from __future__ import annotations
 
 import heapq
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Generic, Protocol, overload
 
+from ..error_model import X
 from ..errors import FilterDivergence
 from ..identification.result import Identification
 from ..order import NEVER_NS
@@ -87,6 +89,7 @@ def run(
     one_by_one: bool = False,
     sink: RowSink | None = None,
     derived: bool = False,
+    states: int = ...,
     look_every_s: float = 0.0,
     tape: Record | None = None,
     imu_lever_b: Sequence[float] = ...,
@@ -117,6 +120,7 @@ def run(
     one_by_one: bool = False,
     sink: Callable[[Any], None] | None = None,
     derived: bool = False,
+    states: int = X.size,
     look_every_s: float = 0.0,
     tape: Record | None = None,
     imu_lever_b: Sequence[float] = (0.0, 0.0, 0.0),
@@ -139,6 +143,9 @@ def run(
     derived : bool
         Replace the covariances in the rows by the columns that nav/state publishes, derived from
         state and covariance (`nav_columns`); not in station mode.
+    states : int
+        Leading states of which the track has the covariance, 9 of attitude, velocity and position:
+        all 24 are 2 GB for 12 h at 10 Hz. Not in station mode.
     look_every_s : float
         How often the watchdog looks at a compiled run (whole seconds); 0 for never.
     tape : Record, optional
@@ -155,10 +162,13 @@ def run(
         engine.adaptation = None
     health: list[Health] = []
     collector: Collector[Any]
+    # What is copied anyway is written to rows that stay in a cache.
+    room = _outputs_of(params, inputs) if sink is None and states == X.size else 0
     if isinstance(inputs, StationInputs):
-        collector = Collector(StationPieces(params, lambda: _station_filter(engine)), sink)
+        station = StationPieces(params, lambda: _station_filter(engine), room)
+        collector = Collector(station, sink)
     else:
-        pieces = SinsPieces(params, derived=derived)
+        pieces = SinsPieces(params, derived=derived, room=room, states=states)
         if engine.arm is not None:
             pieces.moved_by(engine.arm.lever_b, used_rates(params, inputs))
         collector = Collector(pieces, sink)
@@ -190,6 +200,15 @@ def used_rates(params: EngineParams, x: Inputs) -> Rates:
     """Rates at the stamps of the IMU samples that the engine uses."""
     used, _ = usable_imu(params, x.imu_stamps_ns, x.omega_ib_b, x.f_b)
     return Rates(x.imu_stamps_ns[used], x.omega_ib_b[used], params.imu_sample == 'mean')
+
+
+def _outputs_of(params: EngineParams, inputs: Inputs | StationInputs) -> int:
+    """How many estimates a run gives at most."""
+    stamps = inputs.imu_stamps_ns
+    if not len(stamps):
+        return 0
+    periods = (int(stamps[-1]) - int(stamps[0])) * 1e-9 / params.output_period_s
+    return min(len(stamps), math.ceil(periods) + 1) + 1
 
 
 def _key(event: Event | Look) -> OrderKey:

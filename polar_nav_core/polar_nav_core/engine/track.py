@@ -10,6 +10,7 @@ import numpy as np
 
 from .. import nav_columns
 from ..arrays import Array
+from ..error_model import X
 from ..identification.result import Identification
 from ..kernels.sins import state as fs
 from ..kernels.sins.model import E
@@ -28,7 +29,7 @@ from .station.filter import StationFilter, model_of
 _ROWS = 256
 _ROWS_DERIVED = 1024
 """Rows at a time, with covariances and with what is derived from them: so that they stay in the
-second cache."""
+second cache. Where a run keeps its track there is room for all, and nothing is copied."""
 _ROWS_STATION = 512
 
 
@@ -43,7 +44,8 @@ class Track:
         Position, ECEF [m]; velocity, grid axes [m/s].
     C_b_G : (k, 3, 3) array
     P : (k, 24, 24) array
-        Covariance of the error state; without rows where only `derived` is asked for.
+        Covariance of the error state, or of its leading states where no more is asked for; without
+        rows where only `derived` is.
     sensor_errors : (k, 15) array
         Gyro bias, accelerometer bias, DVL scale, DVL Markov velocity, USBL bias as estimated.
     local_statistics : (k, 2, 3) array
@@ -139,8 +141,8 @@ class Pieces(Protocol[T_co]):
     def rows(self) -> Any:  # noqa: ANN401 - fs.Rows or ss.Rows
         """Rows that the compiled loop writes."""
 
-    def of_rows(self, n: int, fixes: Stamps) -> T_co:
-        """The first n rows as views, with the counts of fixes (n, 3)."""
+    def of_rows(self, part: slice, fixes: Stamps) -> T_co:
+        """Some of the rows as views, with the counts of fixes of as many rows (n, 3)."""
 
     def of_estimate(self, estimate: Estimate) -> T_co:
         """The engine's newest estimate as a single row."""
@@ -154,37 +156,55 @@ class SinsPieces:
     params : EngineParams
     derived : bool
         Whether rows hold the derived columns (`nav_columns`) in place of covariances.
+    room : int
+        Rows at a time; 0 for the usual number.
+    states : int
+        Leading states of which a track has the covariance.
     """
 
-    def __init__(self, params: EngineParams, *, derived: bool = False) -> None:
+    def __init__(
+        self,
+        params: EngineParams,
+        *,
+        derived: bool = False,
+        room: int = 0,
+        states: int = X.size,
+    ) -> None:
         self._model = aiding.make_aiding(params)
-        self._derived = derived
+        self._derived, self._room, self._states = derived, room, states
         self._noise = params.gyro_noise_density
         self._moved: tuple[Array, Rates] | None = None
-        room = _ROWS_DERIVED if derived else _ROWS
+        room = room or (_ROWS_DERIVED if derived else _ROWS)
         self.rows = make_rows(room, model=self._model.on, derived=derived)
 
     def moved_by(self, lever_b: Array, rates: Rates) -> None:
         """Have rows of the IMU's point moved to base_link; ``lever_b`` is from there to it."""
         self._moved = lever_b, rates
-        self.rows = make_rows(_ROWS, model=self._model.on, derived=False)
+        self.rows = make_rows(self._room or _ROWS, model=self._model.on, derived=False)
 
-    def of_rows(self, n: int, fixes: Stamps) -> Track:
-        """The first n rows as views, with the counts of fixes (n, 3)."""
-        rows, flat = self.rows, self.rows.flat[:n]
+    def of_rows(self, part: slice, fixes: Stamps) -> Track:
+        """Some of the rows as views, with the counts of fixes of as many rows (n, 3)."""
+        rows, flat = self.rows, self.rows.flat[part]
         track = Track(
-            rows.stamps[:n],
+            rows.stamps[part],
             flat[:, 12:15],
             flat[:, 9:12],
-            flat[:, 0:9].reshape(n, 3, 3),
-            rows.P[:n],
+            flat[:, 0:9].reshape(len(flat), 3, 3),
+            rows.P[part],
             flat[:, 15:30],
-            rows.tally[:n, : fs.FIX_ROW],
+            rows.tally[part, : fs.FIX_ROW],
             fixes,
             self._values(flat),
-            rows.derived[:n],
+            rows.derived[part],
         )
-        return track if self._moved is None else self._at_base_link(track, *self._moved)
+        if self._moved is not None:
+            track = self._at_base_link(track, *self._moved)
+        return self._leading(track)
+
+    def _leading(self, track: Track) -> Track:
+        if self._states == X.size:
+            return track
+        return replace(track, P=track.P[:, : self._states, : self._states])
 
     def _at_base_link(self, track: Track, lever_b: Array, rates: Rates) -> Track:
         track = track.at_base_link(lever_b, rates, self._noise)
@@ -203,7 +223,7 @@ class SinsPieces:
         """An estimate as a single row."""
         e, derived = estimate, self._derived
         errors = [e.gyro_bias_b, e.accel_bias_b, e.dvl_scale_m, e.dvl_markov_m, e.usbl_bias_a]
-        return Track(
+        track = Track(
             np.array([e.stamp_ns], dtype=np.int64),
             e.r_e[None],
             e.v_G[None],
@@ -215,6 +235,7 @@ class SinsPieces:
             aiding.row_of(e.model)[None],
             nav_columns.describe(e.r_e[None], e.C_b_G[None], e.P[None])[: 1 if derived else 0],
         )
+        return self._leading(track)
 
 
 class StationPieces:
@@ -225,33 +246,37 @@ class StationPieces:
     params : EngineParams
     filter_now : callable
         Returns the filter, whose last row of output has what an `Estimate` leaves out.
+    room : int
+        Rows at a time; 0 for the usual number.
     """
 
-    def __init__(self, params: EngineParams, filter_now: Callable[[], StationFilter]) -> None:
-        self.rows = arrays.make_rows(_ROWS_STATION, len(arrays.densities(params)))
+    def __init__(
+        self, params: EngineParams, filter_now: Callable[[], StationFilter], room: int = 0
+    ) -> None:
+        self.rows = arrays.make_rows(room or _ROWS_STATION, len(arrays.densities(params)))
         self._filter_now = filter_now
 
-    def of_rows(self, n: int, fixes: Stamps) -> StationTrack:
-        """The first n rows as views, with the counts of fixes (n, 3)."""
-        return _of_station_rows(self.rows, n, fixes)
+    def of_rows(self, part: slice, fixes: Stamps) -> StationTrack:
+        """Some of the rows as views, with the counts of fixes of as many rows (n, 3)."""
+        return _of_station_rows(self.rows, part, fixes)
 
     def of_estimate(self, estimate: Estimate) -> StationTrack:
         """The engine's newest estimate as a single row."""
-        return _copied(_of_station_rows(self._filter_now().row, 1, _counts_of(estimate)))
+        return _copied(_of_station_rows(self._filter_now().row, slice(1), _counts_of(estimate)))
 
 
-def _of_station_rows(rows: ss.Rows, n: int, fixes: Stamps) -> StationTrack:
+def _of_station_rows(rows: ss.Rows, part: slice, fixes: Stamps) -> StationTrack:
     return StationTrack(
-        rows.stamps[:n],
-        rows.r_e[:n],
-        rows.v_G[:n],
-        rows.C_b_G[:n],
-        rows.P[:n],
-        rows.x[:n],
-        rows.P_x[:n],
-        rows.walk[:n],
-        rows.weight[:n],
-        rows.tally[:n],
+        rows.stamps[part],
+        rows.r_e[part],
+        rows.v_G[part],
+        rows.C_b_G[part],
+        rows.P[part],
+        rows.x[part],
+        rows.P_x[part],
+        rows.walk[part],
+        rows.weight[part],
+        rows.tally[part],
         fixes,
     )
 
@@ -274,12 +299,13 @@ class Collector(Generic[T]):
 
     def __init__(self, pieces: Pieces[T], sink: Callable[[T], None] | None = None) -> None:
         self._pieces = pieces
-        self._kept: list[T] = []
-        self._sink = sink or self._keep
+        self._kept: list[T | slice] = []
+        """Pieces, and rows that still stand where they were written."""
+        self._sink = sink
         self._single: list[T] = []
         self.rows = pieces.rows
         self._fixes = np.zeros((len(self.rows.stamps), 3), dtype=np.int64)
-        self._noted = 0
+        self._noted = self._drained = self._copied = 0
         self.receipts = Receipts()
         self.identifications: list[Identification] = []
 
@@ -328,27 +354,56 @@ class Collector(Generic[T]):
 
     def _drain_single(self) -> None:
         if self._single:
-            self._sink(_joined(self._single))
-            self._single = []
+            piece, self._single = _joined(self._single), []
+            if self._sink is None:
+                self._kept.append(piece)
+            else:
+                self._sink(piece)
 
     def _drain_rows(self) -> None:
-        n = self._noted
-        if n == 0:
+        part = slice(self._drained, self._noted)
+        if part.start == part.stop:
             return
         self._drain_single()
-        self._sink(self._pieces.of_rows(n, self._fixes[:n]))
-        self.rows.io[1] = self._noted = 0
+        if self._sink is not None:
+            self._sink(self._of_rows(part))
+        else:
+            before = self._kept[-1] if self._kept else None
+            if isinstance(before, slice) and before.stop == part.start:
+                self._kept[-1] = slice(before.start, part.stop)
+            else:
+                self._kept.append(part)
+            if part.stop < len(self.rows.stamps):
+                self._drained = part.stop
+                return
+            waiting = self._kept[self._copied :]
+            self._kept[self._copied :] = [
+                _copied(self._of_rows(k)) if isinstance(k, slice) else k for k in waiting
+            ]
+            self._copied = len(self._kept)
+        self.rows.io[1] = self._noted = self._drained = 0
 
-    def _keep(self, piece: T) -> None:
-        self._kept.append(_copied(piece))
+    def _of_rows(self, part: slice) -> T:
+        return self._pieces.of_rows(part, self._fixes[part])
+
+    def _piece(self, kept: T | slice) -> T:
+        return self._of_rows(kept) if isinstance(kept, slice) else kept
 
     def track(self) -> T:
-        """Track of all rows that were kept."""
-        return _joined(self._kept or [self._pieces.of_rows(0, self._fixes[:0])])
+        """Track of all rows that were kept; what is not whole in memory is copied."""
+        pieces = [self._piece(kept) for kept in self._kept or [slice(0)]]
+        return _joined(pieces) if len(pieces) > 1 else _in_one(pieces[0])
 
 
 def _copied(piece: T) -> T:
     return type(piece)(**{f.name: getattr(piece, f.name).copy() for f in fields(piece)})
+
+
+def _in_one(piece: T) -> T:
+    """The same, with columns that are no views of others."""
+    return type(piece)(
+        **{f.name: np.ascontiguousarray(getattr(piece, f.name)) for f in fields(piece)}
+    )
 
 
 def _joined(pieces: list[T]) -> T:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from ...arrays import Array
 from ..cache import entry, kernel
-from .update import COUPLED, MARKOV, NAV, N
+from .update import MARKOV, NAV, N
 
 # Columns of S and J, and places of their sigmas.
 RANGE_SCALE = 0
@@ -45,12 +45,15 @@ def predict_sensitivity(S: Array, Phi: Array, M: Array) -> None:
     M : array of at least (9, COLUMNS)
         Scratch.
     """
-    for i in range(NAV):
+    for i in range(NAV):  # one expression of COUPLED products
         for c in range(COLUMNS):
-            s = 0.0
-            for k in range(COUPLED):
-                s += Phi[i, k] * S[k, c]
-            M[i, c] = s
+            M[i, c] = (
+                Phi[i, 0] * S[0, c] + Phi[i, 1] * S[1, c] + Phi[i, 2] * S[2, c]
+                + Phi[i, 3] * S[3, c] + Phi[i, 4] * S[4, c] + Phi[i, 5] * S[5, c]
+                + Phi[i, 6] * S[6, c] + Phi[i, 7] * S[7, c] + Phi[i, 8] * S[8, c]
+                + Phi[i, 9] * S[9, c] + Phi[i, 10] * S[10, c] + Phi[i, 11] * S[11, c]
+                + Phi[i, 12] * S[12, c] + Phi[i, 13] * S[13, c] + Phi[i, 14] * S[14, c]
+            )  # fmt: skip
     for i in range(NAV):
         for c in range(COLUMNS):
             S[i, c] = M[i, c]

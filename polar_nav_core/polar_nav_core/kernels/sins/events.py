@@ -152,7 +152,7 @@ def covariance_step(
     if log.step_P.shape[0] > 0:
         slot = number % log.step_P.shape[0]
         for i in range(N):
-            for j in range(N):
+            for j in range(s.P.shape[1]):
                 log.step_P[slot, i, j] = s.P[i, j]
         if c.aiding.on and log.model_steps.shape[0] > 0:
             store_block_step(log.model_steps[slot], w)

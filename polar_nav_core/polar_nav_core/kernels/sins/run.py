@@ -343,7 +343,7 @@ def put_row(s: State, c: Settings, rows: Rows) -> None:
         rows.flat[k, j] = s.flat[j]
     total = rows.P[k] if rows.P.shape[0] > 0 else rows.total
     for a in range(N):
-        for b in range(N):
+        for b in range(s.P.shape[1]):
             total[a, b] = s.P[a, b]
     if s.counters[fs.CONSIDERS] == 1:
         add_common(total, s.sensitivity, c.common)

@@ -6,7 +6,7 @@ import math
 
 from ...arrays import Array
 from ..cache import kernel
-from .update import MARKOV, NAV, N
+from .update import MARKOV, NAV, N, leading_nine
 
 
 @kernel
@@ -37,14 +37,6 @@ def step_columns(C: Array, Phi: Array, work: Array) -> None:
         d = Phi[i, i]
         for a in range(3):
             C[a, i] *= d
-
-
-@kernel
-def leading_nine(
-    x: Array,
-) -> tuple[float, float, float, float, float, float, float, float, float]:
-    """First nine elements of a row as scalars: those of Phi's full rows, while it is changed."""
-    return x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], x[8]
 
 
 @kernel

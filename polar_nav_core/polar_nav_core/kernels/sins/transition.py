@@ -50,8 +50,9 @@ def fill_transition(
     tau_markov, tau_usbl : correlation times [s]; 0 for a constant
     """
     fill_system_matrix(F15, r_e, v_G, C_b_G, f_b)
+    coupled = F15.shape[1]
     for i in range(NAV):  # F dt stands in the rows below for a while: as wide as the result
-        for j in range(COUPLED):
+        for j in range(coupled):
             Phi[NAV + i, j] = F15[i, j] * dt
         for j in range(COUPLED, N):
             Phi[NAV + i, j] = 0.0
@@ -64,7 +65,7 @@ def fill_transition(
                 + Phi[9 + i, 7] * Phi[16, j] + Phi[9 + i, 8] * Phi[17, j]
             )  # fmt: skip
             Phi[i, j] = Phi[9 + i, j] + 0.5 * square
-        for j in range(COUPLED):
+        for j in range(coupled):
             inverse[i, j] = Phi[i, j] - 2.0 * Phi[9 + i, j]
         Phi[i, i] += 1.0
         inverse[i, i] += 1.0

@@ -28,6 +28,14 @@ PHI, DV, DR, GYRO, ACCEL, SCALE, MARKOV, USBL = 0, 3, 6, 9, 12, 15, 18, 21
 """First index of each block of the error."""
 
 
+@kernel
+def leading_nine(
+    x: Array,
+) -> tuple[float, float, float, float, float, float, float, float, float]:
+    """First nine elements of a row as scalars: those of Phi's full rows, while it is changed."""
+    return x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], x[8]
+
+
 @entry
 @kernel
 def predict(P: Array, Phi: Array, q: Array, M: Array) -> None:
@@ -42,8 +50,11 @@ def predict(P: Array, Phi: Array, q: Array, M: Array) -> None:
     P : (24, 24) array, in place
     Phi : (24, 24) transition, full in rows 0..8 and columns 0..14; diagonal below, ones to MARKOV
     q : (24,) variances added over the step
-    M : (24, 24) scratch: Phi P in the first nine rows, the diagonal of Phi in the next
+    M : (24, 24) scratch: Phi P in the first nine rows, and the diagonal of Phi in the next; in the
+        first nine columns of the rows below, the first nine rows of Phi as columns
     """
+    n = P.shape[0]
+    nine = n - COUPLED
     for i in range(NAV):  # one expression of COUPLED products
         for j in range(N):
             M[i, j] = (
@@ -53,21 +64,27 @@ def predict(P: Array, Phi: Array, q: Array, M: Array) -> None:
                 + Phi[i, 9] * P[9, j] + Phi[i, 10] * P[10, j] + Phi[i, 11] * P[11, j]
                 + Phi[i, 12] * P[12, j] + Phi[i, 13] * P[13, j] + Phi[i, 14] * P[14, j]
             )  # fmt: skip
+    for k in range(COUPLED):
+        for j in range(NAV):
+            M[NAV + k, j] = Phi[j, k]
     for i in range(NAV):
-        for j in range(i + 1):
-            s = (
-                M[i, 0] * Phi[j, 0] + M[i, 1] * Phi[j, 1] + M[i, 2] * Phi[j, 2]
-                + M[i, 3] * Phi[j, 3] + M[i, 4] * Phi[j, 4] + M[i, 5] * Phi[j, 5]
-                + M[i, 6] * Phi[j, 6] + M[i, 7] * Phi[j, 7] + M[i, 8] * Phi[j, 8]
-                + M[i, 9] * Phi[j, 9] + M[i, 10] * Phi[j, 10] + M[i, 11] * Phi[j, 11]
-                + M[i, 12] * Phi[j, 12] + M[i, 13] * Phi[j, 13] + M[i, 14] * Phi[j, 14]
+        x_0, x_1, x_2, x_3, x_4, x_5, x_6, x_7, x_8 = leading_nine(M[i])
+        x_9, x_10, x_11 = M[i, 9], M[i, 10], M[i, 11]
+        x_12, x_13, x_14 = M[i, 12], M[i, 13], M[i, 14]
+        for j in range(nine):  # what stands right of the diagonal comes from the rows below
+            P[i, j] = (
+                x_0 * M[9, j] + x_1 * M[10, j] + x_2 * M[11, j]
+                + x_3 * M[12, j] + x_4 * M[13, j] + x_5 * M[14, j]
+                + x_6 * M[15, j] + x_7 * M[16, j] + x_8 * M[17, j]
+                + x_9 * M[18, j] + x_10 * M[19, j] + x_11 * M[20, j]
+                + x_12 * M[21, j] + x_13 * M[22, j] + x_14 * M[23, j]
             )  # fmt: skip
-            P[i, j] = s
-            P[j, i] = s
+        for j in range(i):
+            P[j, i] = P[i, j]
     for i in range(NAV, N):
         M[NAV, i] = Phi[i, i]
     for j in range(NAV):
-        for i in range(NAV, N):
+        for i in range(NAV, n):
             P[j, i] = M[NAV, i] * M[j, i]
         for i in range(NAV, N):
             P[i, j] = P[j, i]

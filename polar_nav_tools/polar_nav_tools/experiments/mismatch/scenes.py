@@ -123,7 +123,8 @@ class SinsScene:
     def run(self, world: World, changes: Mapping[str, Any], *, watched: bool = True) -> Ran:
         """Run a filter; ``changes`` are engine parameters. Health is looked at where watched."""
         params = self.params(world, changes)
-        result = engine_run.run(params, world.inputs, look_every_s=_look_every_s(watched))
+        look_s = _look_every_s(watched)
+        result = engine_run.run(params, world.inputs, states=9, look_every_s=look_s)
         return _ran(params, result, _sins_course(world, result.track, self.duration_s))
 
     def params(self, world: World, changes: Mapping[str, Any]) -> EngineParams:
