@@ -98,9 +98,11 @@ def warm_filter(handling: Sequence[str] = (), *, whole: bool = True) -> None:
     # Here, because the engine stands above the kernels.
     from .engine import lever, now
     from .engine import run as engine_run
+    from .engine.health.radius import radius_95
     from .engine.methods import DELAY_HANDLING
     from .engine.params import EngineParams
     from .engine.sins.filter import NavigationFilter
+    from .kernels.sins.look import look
 
     if whole:
         lever.warm_up()
@@ -110,6 +112,8 @@ def warm_filter(handling: Sequence[str] = (), *, whole: bool = True) -> None:
     if initial is not None:  # what a restart, a turned track and model aiding correct it by
         f = NavigationFilter(base, initial, _START_NS)
         f.feed_back(np.zeros(24))
+        radius_95(np.eye(2))
+        look(f.state, f.settings, f.work.M, np.empty((3, 3)), np.empty((2, 2)))
         now.warm_up(f)
         local_frame.warm_up()
     for name in handling or DELAY_HANDLING:

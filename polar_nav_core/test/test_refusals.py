@@ -165,6 +165,15 @@ def test_one_sample_whose_rate_leaps_is_refused_and_the_next_is_not():
     assert leaping(0.1, 0.1, 1.2, 0.1, max_rate_leap=1e300) == [True] * 4
 
 
+def test_a_rate_may_leap_about_any_axis():
+    stamps, forces = np.arange(4) * 10_000_000, 9.8 + 1e-3 * np.arange(12.0).reshape(4, 3)
+    for axis in range(3):
+        rates = 1e-3 * np.arange(12.0).reshape(4, 3)
+        rates[2, axis] = 1.2
+        usable, _ = refusals.usable_imu(SINS, stamps, rates, forces)
+        assert usable.tolist() == [True, True, False, True], axis
+
+
 def test_a_rate_may_change_by_just_what_is_allowed():
     quarter_ns = 250_000_000  # 20 rad/s^2 make 5 rad/s of it, and 0.5 may leap
     assert leaping(0.0, 5.5, 0.0, step_ns=quarter_ns) == [True] * 3
@@ -257,6 +266,17 @@ def test_gyros_that_hang_are_refused_while_forces_go_on():
             f'the {name} repeat one sample, 6 times so far, and the {other} go on: they hang'
         )
         assert used(omega_ib_b, f_b, max_instrument_repeats=0)[0].all()
+
+
+def test_gyros_that_go_on_with_two_axes_as_they_hung_are_still_known_to_hang():
+    """An axis that moves again ends the row of repeats of the others, too: those are by chance."""
+    rng = np.random.default_rng(11)
+    rates, forces = noise(rng, 400, 1e6), 9.8 + noise(rng, 400, 1e6)
+    rates[350:363] = rates[349]
+    rates[360:363, 0] += [1e-4, 2e-4, 3e-4]
+    rates[370:380] = rates[369]
+    usable, _ = used(rates, forces)
+    assert np.flatnonzero(~usable).tolist() == [*range(355, 360), *range(375, 380)]
 
 
 def test_what_was_lively_for_less_than_300_samples_may_repeat():

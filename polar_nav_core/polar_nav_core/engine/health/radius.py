@@ -7,15 +7,22 @@ import math
 import numpy as np
 
 from ...arrays import Array
+from ...kernels.radius import radius_in_sigmas
 
 _CONFIDENCE = 0.95
 _LINE, _CIRCLE = 1.959963984540054, 2.447746830680816
 """Radius in sigmas for a position on a line (the two-sided normal quantile), and for equal sigmas
-in all directions (sqrt(-2 ln 0.05)); every other shape lies between."""
-_NODES, _WEIGHTS = np.polynomial.legendre.leggauss(64)
-_ANGLES = 0.25 * np.pi * (_NODES + 1.0)
-_SINES, _COSINES = np.sin(_ANGLES), np.cos(_ANGLES)
-_STEPS = 6
+in all directions (sqrt(-2 ln 0.05))."""
+
+
+def _nodes(count: int) -> Array:
+    """Sines, cosines and weights of Gauss-Legendre on [0, pi/2], (3, count)."""
+    places, weights = np.polynomial.legendre.leggauss(count)
+    angles = 0.25 * np.pi * (places + 1.0)
+    return np.array([np.sin(angles), np.cos(angles), weights])
+
+
+_NODES = _nodes(64)
 
 
 def radius_95(P: Array) -> float:
@@ -36,37 +43,5 @@ def radius_95(P: Array) -> float:
         return math.nan
     if large == 0.0:
         return 0.0
-    return math.sqrt(large) * _sigmas(math.sqrt(max(small, 0.0) / large))
-
-
-def _sigmas(ratio: float) -> float:
-    """Radius in units of the larger sigma, for a ratio of the smaller sigma to the larger one.
-
-    Secants of `_inside`, which grows smoothly with the radius.
-    """
-    before, radius = _LINE, _CIRCLE
-    off_before, off = (_inside(r, ratio) - _CONFIDENCE for r in (before, radius))
-    for _ in range(_STEPS):
-        if off == off_before:
-            break
-        step = off * (radius - before) / (off - off_before)
-        before, off_before = radius, off
-        radius -= step
-        off = _inside(radius, ratio) - _CONFIDENCE
-    return radius
-
-
-def _inside(radius: float, ratio: float) -> float:
-    """Probability within a circle for sigmas 1 and ``ratio``.
-
-    The integral over the larger axis at x = R sin t of the normal density of x, times the
-    probability of the other axis within R cos t; Gauss-Legendre on [0, pi/2].
-    """
-    x, y = radius * _SINES, radius * _COSINES
-    other = np.ones(len(y)) if ratio == 0.0 else _erf(y / (ratio * math.sqrt(2.0)))
-    values = np.exp(-0.5 * x * x) * other * y
-    return float(0.25 * np.pi * (_WEIGHTS @ values) * math.sqrt(2.0 / np.pi))
-
-
-def _erf(values: Array) -> Array:
-    return np.array([math.erf(v) for v in values])
+    ratio = math.sqrt(max(small, 0.0) / large)
+    return math.sqrt(large) * radius_in_sigmas(ratio, _CONFIDENCE, _LINE, _CIRCLE, _NODES)

@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 
-from ... import grid
 from ...arrays import Array
 from ...error_model import X
 from ...kernels import watch
 from ...kernels.sins import compass, fill, heading, hypotheses
 from ...kernels.sins import state as fs
+from ...kernels.sins.look import look
 from ..heading_params import REFERENCES
 from ..health.compass import Compass
 from ..health.slow import Evidence
@@ -24,8 +24,8 @@ def view_of(fusion: Fusion, stamp_ns: int, resets: int) -> View:
     """View of a navigation at a stamp; ``resets`` counts what the engine itself enlarged."""
     f = fusion.filter
     s, counters = f.state, f.state.counters
-    C_e_G = np.asarray(grid.ecef_to_grid(s.r_e))
-    P_G = C_e_G @ f.published_P[X.dr_e, X.dr_e] @ C_e_G.T
+    C_e_G, P_horizontal = np.empty((3, 3)), np.empty((2, 2))
+    height = look(s, f.settings, f.work.M, C_e_G, P_horizontal)
     opened_ns = counters[fs.OPENED_NS : fs.OPENED_NS + 3].copy()
     opened_ns[opened_ns == f.start_ns] = 0
     return View(
@@ -40,9 +40,9 @@ def view_of(fusion: Fusion, stamp_ns: int, resets: int) -> View:
         opened_ns=opened_ns,
         used_ns=counters[fs.USED_NS : fs.USED_NS + 3],
         refused_row=counters[fs.REFUSED_ROW : fs.REFUSED_ROW + 3],
-        speed=float(np.linalg.norm(s.v_G)),
-        depth=f.settings.sea_surface_height - fusion.height(),
-        P_horizontal=P_G[:2, :2],
+        speed=math.hypot(*s.v_G.tolist()),
+        depth=f.settings.sea_surface_height - height,
+        P_horizontal=P_horizontal,
         leader_stated=f.leader.stated,
         imu_noise=math.sqrt(1.0 + float(s.excess[0])),
         resets=resets + int(counters[fs.OPENINGS : fs.OPENINGS + 3].sum()),
