@@ -99,6 +99,7 @@ def warm_filter(handling: Sequence[str] = (), *, whole: bool = True) -> None:
     from .engine import lever, now
     from .engine import run as engine_run
     from .engine.health.radius import radius_95
+    from .engine.health.statistics import statistics
     from .engine.methods import DELAY_HANDLING
     from .engine.params import EngineParams
     from .engine.sins.filter import NavigationFilter
@@ -113,6 +114,7 @@ def warm_filter(handling: Sequence[str] = (), *, whole: bool = True) -> None:
         f = NavigationFilter(base, initial, _START_NS)
         f.feed_back(np.zeros(24))
         radius_95(np.eye(2))
+        statistics(f.state.memories)
         look(f.state, f.settings, f.work.M, np.empty((3, 3)), np.empty((2, 2)))
         now.warm_up(f)
         local_frame.warm_up()

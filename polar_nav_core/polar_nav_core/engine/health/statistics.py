@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...arrays import Array
+from ...kernels import statistics as kernel
 from ...kernels import watch
 
 
@@ -67,34 +68,23 @@ def statistics(memories: Array) -> Statistics:
     memories : (..., STREAMS, MEMORIES, WIDTH) array
         As `kernels.watch.observe` keeps them; empty ones give zeros.
     """
-    weight = memories[..., watch.WEIGHT]
-    safe = np.where(weight > 0.0, weight, 1.0)
-    number = weight**2 / np.where(weight > 0.0, memories[..., watch.WEIGHT_2], 1.0)
-    nis = memories[..., watch.NIS] / safe
-    grid_mean = memories[..., watch.GRID : watch.GRID + 3] / safe[..., None]
-    track_mean = memories[..., watch.TRACK : watch.TRACK + 3] / safe[..., None]
-    square = memories[..., watch.SQUARE : watch.SQUARE + 3] / safe[..., None]
-    scatter = np.maximum(1.0, square)
-    level = np.maximum(1.0, 0.5 * (square[..., 0] + square[..., 1]))
-    grid_scatter = np.stack([level, level, scatter[..., 2]], axis=-1)
+    flat = np.ascontiguousarray(memories).reshape(-1, watch.WIDTH)
+    out = np.empty((len(flat), kernel.WIDTH))
+    kernel.fill_statistics(flat, out)
+    out = out.reshape(*memories.shape[:-1], kernel.WIDTH)
     return Statistics(
-        number=number,
-        nis=nis,
-        nis_sigmas=np.where(weight > 0.0, (nis - 1.0) * np.sqrt(0.5 * number), 0.0),
-        refused=memories[..., watch.REFUSED] / safe,
-        grid_mean=grid_mean,
-        track_mean=track_mean,
-        grid=number[..., None] * grid_mean**2 / grid_scatter,
-        track=number[..., None] * track_mean**2 / scatter,
-        across=memories[..., watch.ACROSS] / safe,
-        grid_rise=_either(memories[..., watch.GRID_RISE : watch.TRACK_RISE]),
-        track_rise=_either(memories[..., watch.TRACK_RISE : watch.NOISE_RISE]),
+        number=out[..., kernel.NUMBER],
+        nis=out[..., kernel.NIS],
+        nis_sigmas=out[..., kernel.NIS_SIGMAS],
+        refused=out[..., kernel.REFUSED],
+        grid_mean=out[..., kernel.GRID_MEAN : kernel.GRID_MEAN + 3],
+        track_mean=out[..., kernel.TRACK_MEAN : kernel.TRACK_MEAN + 3],
+        grid=out[..., kernel.GRID : kernel.GRID + 3],
+        track=out[..., kernel.TRACK : kernel.TRACK + 3],
+        across=out[..., kernel.ACROSS],
+        grid_rise=out[..., kernel.GRID_RISE : kernel.GRID_RISE + 3],
+        track_rise=out[..., kernel.TRACK_RISE : kernel.TRACK_RISE + 3],
         noise_rise=memories[..., watch.NOISE_RISE],
         calm_rise=memories[..., watch.CALM_RISE],
         alike_rise=memories[..., watch.ALIKE_RISE],
     )
-
-
-def _either(rises: Array) -> Array:
-    """Larger one of the sums for both sides, (..., 6) to (..., 3)."""
-    return np.asarray(rises.reshape(*rises.shape[:-1], 3, 2).max(axis=-1))

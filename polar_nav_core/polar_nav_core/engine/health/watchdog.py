@@ -201,11 +201,16 @@ def doubts_local(view: View) -> bool:
 
 def judged(s: Statistics, values: Array, rises: Array, stream: int) -> tuple[float, int, int]:
     """Largest share of a threshold that a mean or a shift reaches: share, memory, axis."""
-    shares = values[stream] / np.array(_BIAS)[:, None]
-    shares = np.where(s.number[stream][:, None] >= FEWEST, shares, 0.0)
-    shares = np.maximum(shares, rises[stream] / _RISE[stream])
-    memory, axis = np.unravel_index(int(np.argmax(shares)), shares.shape)
-    return float(shares[memory, axis]), int(memory), int(axis)
+    worst = -math.inf, 0, 0
+    numbers, squares, sums = (x[stream].tolist() for x in (s.number, values, rises))
+    for memory in range(watch.MEMORIES):
+        for axis in range(3):
+            share = sums[memory][axis] / _RISE[stream]
+            if numbers[memory] >= FEWEST:
+                share = max(share, squares[memory][axis] / _BIAS[memory])
+            if share > worst[0]:
+                worst = share, memory, axis
+    return worst
 
 
 def _fix_bias(s: Statistics) -> list[Condition]:
