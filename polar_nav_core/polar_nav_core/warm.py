@@ -125,9 +125,13 @@ def warm_filter(handling: Sequence[str] = (), *, whole: bool = True) -> None:
         engine_run.run(params, inputs, one_by_one=True)
 
 
-def warm_places() -> None:
-    """Load what nodes of a simulation ask at a position."""
+def warm_places(*, read_only: bool = False) -> None:
+    """Load what nodes of a simulation ask at a position.
+
+    Commands ask it at those of a bag, to which nobody writes: to a kernel that is another type.
+    """
     r_e = np.array([0.0, 0.0, earth.SEMI_MINOR])
+    r_e.setflags(write=not read_only)
     grid.ecef_to_grid(r_e)
     grid.earth_rate(r_e)
     earth.gravity(r_e)
@@ -239,6 +243,7 @@ def warm_others() -> None:
     """
     from .identification import identifier
 
+    warm_places(read_only=True)
     strapdown.warm_up()
     nav_columns.warm_up()
     warm_station()

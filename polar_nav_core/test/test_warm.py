@@ -9,10 +9,13 @@ import numpy as np
 import pytest
 from closed_loop import World, run
 
+from polar_nav_core import earth, grid
 from polar_nav_core import warm as set_up
 from polar_nav_core.engine.engine import Engine
 from polar_nav_core.engine.methods import DELAY_HANDLING
 from polar_nav_core.kernels import cache
+from polar_nav_core.kernels.frames import earth as earth_kernels
+from polar_nav_core.kernels.frames.grid import fill_C_e_G_many
 from polar_nav_core.kernels.sins import events as filter_events
 from polar_nav_core.kernels.sins import late as filter_late
 from polar_nav_core.kernels.sins import late_run
@@ -75,6 +78,20 @@ def test_the_engine_needs_no_kernel_that_set_up_has_not_compiled():
         run(Engine(world.params(configuration='custom', delay_handling=name)), events)
     run(Engine(world.params(configuration='default', model_aiding=True)), events)
     assert signatures() == before
+
+
+@pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason='nothing is compiled')
+def test_positions_of_a_bag_need_no_kernel_that_set_up_has_not_compiled():
+    """Nobody writes to its columns: to a kernel that is another type."""
+    warm_others()
+    kernels = (earth_kernels.gravity_many, earth_kernels.up_and_height_many, fill_C_e_G_many)
+    before = [len(k.signatures) for k in kernels]
+    r_e = np.tile([0.0, 0.0, earth.SEMI_MINOR], (3, 1))
+    r_e.setflags(write=False)
+    grid.ecef_to_grid(r_e)
+    earth.gravity(r_e)
+    earth.up(r_e)
+    assert [len(k.signatures) for k in kernels] == before
 
 
 LOADED = """
