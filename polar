@@ -268,10 +268,10 @@ compile_kernels() { # key; the lock on $compiling is inherited, and held as long
   mark kernels "$1"
   exec {own}<&-
   echo "$BASHPID $1 kernels" >"$compiling" # are there: commands go on
-  # Users who may not write here would compile what they import at every start. Some packages hold
-  # files of other Pythons, which do not compile.
-  nice -n 5 "$venv/bin/python" -m compileall -qq -x '/tests?/' "$venv"/lib/python3*/site-packages ||
-    true
+  # Users who may not write here would compile what they import at every start: all but tests. Some
+  # packages hold files of other Pythons, which do not compile.
+  nice -n 5 "$venv/bin/python" -m compileall -qq -x 'site-packages/.*/tests?/' \
+    "$venv"/lib/python3*/site-packages || true
 }
 
 end_background() {

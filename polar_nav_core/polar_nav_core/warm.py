@@ -25,7 +25,7 @@ import numpy as np
 from numba.core.registry import CPUDispatcher
 
 from . import background, earth, grid, local_frame, nav_columns, strapdown
-from .kernels import cache
+from .kernels import cache, watch
 
 if TYPE_CHECKING:
     from .engine.params import EngineParams
@@ -98,8 +98,6 @@ def warm_filter(handling: Sequence[str] = (), *, whole: bool = True) -> None:
     # Here, because the engine stands above the kernels.
     from .engine import lever, now
     from .engine import run as engine_run
-    from .engine.health.radius import radius_95
-    from .engine.health.statistics import statistics
     from .engine.methods import DELAY_HANDLING
     from .engine.params import EngineParams
     from .engine.sins.filter import NavigationFilter
@@ -113,8 +111,7 @@ def warm_filter(handling: Sequence[str] = (), *, whole: bool = True) -> None:
     if initial is not None:  # what a restart, a turned track and model aiding correct it by
         f = NavigationFilter(base, initial, _START_NS)
         f.feed_back(np.zeros(24))
-        radius_95(np.eye(2))
-        statistics(f.state.memories)
+        warm_looks()
         look(f.state, f.settings, f.work.M, np.empty((3, 3)), np.empty((2, 2)))
         now.warm_up(f)
         local_frame.warm_up()
@@ -123,6 +120,15 @@ def warm_filter(handling: Sequence[str] = (), *, whole: bool = True) -> None:
         if whole:
             engine_run.run(params, inputs)
         engine_run.run(params, inputs, one_by_one=True)
+
+
+def warm_looks() -> None:
+    """Load what the watchdog of either mode asks once a second."""
+    from .engine.health.radius import radius_95
+    from .engine.health.statistics import statistics
+
+    radius_95(np.eye(2))
+    statistics(np.zeros((watch.STREAMS, watch.MEMORIES, watch.WIDTH)))
 
 
 def warm_places(*, read_only: bool = False) -> None:
@@ -234,6 +240,7 @@ def warm_station() -> None:
         for one_by_one in (False, True):
             engine_run.run(replace(base, delay_handling=name), inputs, one_by_one=one_by_one)
     engine_run.run(replace(base, station_filter='published'), inputs)
+    warm_looks()
 
 
 def warm_others() -> None:

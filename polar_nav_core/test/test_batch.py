@@ -108,7 +108,7 @@ def test_a_track_does_not_depend_on_how_many_rows_were_expected(world, room, mon
     assert_same(engine_run.run(params, inputs), expected)
 
 
-def test_columns_of_a_track_are_no_views_of_others(world):
+def test_columns_of_a_track_are_in_one_piece(world):
     track = engine_run.run(world.params(), inputs_of(world, [])).track
     for name in engine_run.Track.__dataclass_fields__:
         assert getattr(track, name).flags.c_contiguous, name

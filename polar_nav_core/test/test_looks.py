@@ -4,9 +4,13 @@ import numpy as np
 import pytest
 from closed_loop import World, inputs_of
 
+from polar_nav_core import earth, grid
 from polar_nav_core.engine import run as engine_run
+from polar_nav_core.engine.engine import Engine
 from polar_nav_core.engine.inputs import new_seconds
 from polar_nav_core.engine.looks import looks_of
+from polar_nav_core.engine.sins.view import view_of
+from polar_nav_core.error_model import X
 
 
 @pytest.fixture(scope='module')
@@ -52,3 +56,24 @@ def test_a_compiled_run_is_looked_at_without_a_change_of_bits(world, inputs, wro
     assert levels == [h.level for h in single.health]
     assert (max(levels) == 2) is (wrong_deg > 0.0)
     assert [h.resets for h in looked.health[:count]] == [h.resets for h in single.health]
+
+
+def test_a_look_sees_what_is_published(world, inputs):
+    """With common errors of fixes and depth, and refused fixes that the state may belong to."""
+    common = {'fix_offset_sigma': 2.0, 'depth_offset_sigma': 0.2}
+    engine = Engine(world.params(configuration='default', **common))
+    for number, event in enumerate(inputs.events()):
+        list(engine.process(event))
+        if number % 1000 != 999:
+            continue
+        f, stamp_ns = engine.fusion.filter, engine.fusion.stamp_ns
+        f.state.conflict[:] = np.arange(1.0, 7.0) * 0.3
+        view, P = view_of(engine.fusion, stamp_ns, 0), f.published_P
+        f.state.conflict[:] = 0.0
+        r_e = f.state.r_e
+        C_e_G = np.asarray(grid.ecef_to_grid(r_e))
+        expected = (C_e_G @ P[X.dr_e, X.dr_e] @ C_e_G.T)[:2, :2]
+        np.testing.assert_allclose(view.P_horizontal, expected, rtol=1e-12)
+        assert view.depth == pytest.approx(-earth.geodetic_from_ecef(r_e)[2], abs=1e-8)
+        assert view.speed == pytest.approx(np.linalg.norm(f.state.v_G), rel=1e-12)
+    assert P[X.dr_e, X.dr_e].trace() > f.state.P[X.dr_e, X.dr_e].trace() + 4.0

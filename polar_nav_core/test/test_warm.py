@@ -125,6 +125,16 @@ def test_what_is_compiled_first_is_what_nodes_load_at_their_start():
     assert {'sins.late_run.take_late', 'sins.bridge.reach'} < beside
 
 
+@pytest.mark.slow
+@pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason='nothing is compiled')
+def test_followers_of_both_modes_have_what_a_look_takes():
+    looks = {'radius.radius_in_sigmas', 'statistics.fill_statistics'}
+    assert looks <= loaded_by('warm.warm_others()')
+    assert looks | {'sins.look.look', 'imu_sequence.judge'} <= loaded_by(
+        f'warm.warm_filter(({set_up._FIRST!r},), whole=False)'
+    )
+
+
 def test_every_kernel_is_called_by_the_package():
     """One that only tests call is not compiled by set-up, and a node then loads all there are."""
     package = cache.KERNELS.parent

@@ -31,10 +31,10 @@ from ..kernels.imu_sequence import (
     GYROS_HANG,
     LEAPS,
     REPEATED,
-    Sequence,
+    Samples,
     judge,
     judge_many,
-    make_sequence,
+    make_samples,
 )
 from .inputs import Stamps
 from .params import EngineParams
@@ -107,11 +107,11 @@ def _plain(column: NDArray[Any]) -> NDArray[Any]:
     return np.require(column, requirements=['C', 'W', 'E'])
 
 
-def _sequence(params: EngineParams) -> Sequence:
+def _sequence(params: EngineParams) -> Samples:
     if params.mode != 'sins':
-        return make_sequence(0, 0, LIVELY, math.inf, SLEW)
+        return make_samples(0, 0, LIVELY, math.inf, SLEW)
     repeats, alone = params.max_imu_repeats, params.max_instrument_repeats
-    return make_sequence(repeats, alone, LIVELY, params.max_rate_leap, SLEW)
+    return make_samples(repeats, alone, LIVELY, params.max_rate_leap, SLEW)
 
 
 def _refusal(params: EngineParams, code: int, number: float) -> Refusal:

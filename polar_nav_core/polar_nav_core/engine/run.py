@@ -9,10 +9,11 @@ Carlo runs and fast replays use this.
 from __future__ import annotations
 
 import heapq
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Generic, Protocol, overload
+
+import numpy as np
 
 from ..error_model import X
 from ..errors import FilterDivergence
@@ -204,11 +205,8 @@ def used_rates(params: EngineParams, x: Inputs) -> Rates:
 
 def _outputs_of(params: EngineParams, inputs: Inputs | StationInputs) -> int:
     """How many estimates a run gives at most."""
-    stamps = inputs.imu_stamps_ns
-    if not len(stamps):
-        return 0
-    periods = (int(stamps[-1]) - int(stamps[0])) * 1e-9 / params.output_period_s
-    return min(len(stamps), math.ceil(periods) + 1) + 1
+    periods = inputs.imu_stamps_ns // round(params.output_period_s * 1e9)
+    return int(np.count_nonzero(np.diff(periods))) + 2
 
 
 def _key(event: Event | Look) -> OrderKey:

@@ -29,7 +29,7 @@ from .station.filter import StationFilter, model_of
 _ROWS = 256
 _ROWS_DERIVED = 1024
 """Rows at a time, with covariances and with what is derived from them: so that they stay in the
-second cache. Where a run keeps its track there is room for all, and nothing is copied."""
+second cache. Where a run keeps whole covariances there is room for all: they are not copied."""
 _ROWS_STATION = 512
 
 
@@ -180,7 +180,8 @@ class SinsPieces:
     def moved_by(self, lever_b: Array, rates: Rates) -> None:
         """Have rows of the IMU's point moved to base_link; ``lever_b`` is from there to it."""
         self._moved = lever_b, rates
-        self.rows = make_rows(self._room or _ROWS, model=self._model.on, derived=False)
+        room = 0 if self._derived else self._room  # covariances are converted some at a time
+        self.rows = make_rows(room or _ROWS, model=self._model.on, derived=False)
 
     def of_rows(self, part: slice, fixes: Stamps) -> Track:
         """Some of the rows as views, with the counts of fixes of as many rows (n, 3)."""
@@ -211,7 +212,7 @@ class SinsPieces:
         if not self._derived:
             return track
         derived = nav_columns.describe(track.r_e, track.C_b_G, track.P)
-        return replace(track, P=track.P[:0], derived=derived)
+        return replace(track, P=np.zeros((0, X.size, X.size)), derived=derived)
 
     def _values(self, flat: Array) -> Array:
         if not self._model.on:
@@ -400,7 +401,7 @@ def _copied(piece: T) -> T:
 
 
 def _in_one(piece: T) -> T:
-    """The same, with columns that are no views of others."""
+    """The same, with each column in one piece."""
     return type(piece)(
         **{f.name: np.ascontiguousarray(getattr(piece, f.name)) for f in fields(piece)}
     )

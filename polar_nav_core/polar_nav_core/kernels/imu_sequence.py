@@ -15,14 +15,14 @@ from .cache import entry, kernel, routine
 FINE, REPEATED, GYROS_HANG, ACCELEROMETERS_HANG, LEAPS = range(5)
 """What those before say of a sample."""
 SEEN, REPEATS, HAS_USED, HAS_ODD = range(4)
-"""Places in `Sequence.counters`."""
-RUNS, LIVELY, HUNG = 0, 3, 4
-"""Places in a row of `Sequence.instruments`; the runs of the three axes come first."""
+"""Places in `Samples.counters`."""
+RUNS, MOVED, HUNG = 0, 3, 4
+"""Places in a row of `Samples.instruments`; the runs of the three axes come first."""
 USED, ODD = 0, 1
-"""Rows of `Sequence.stamps` and `Sequence.rates`."""
+"""Rows of `Samples.stamps` and `Samples.rates`."""
 
 
-class Sequence(NamedTuple):
+class Samples(NamedTuple):
     """What of the samples so far decides on the next one.
 
     Attributes
@@ -60,11 +60,11 @@ class Sequence(NamedTuple):
     number: Array
 
 
-def make_sequence(
+def make_samples(
     most_repeats: int, most_alone: int, lively: int, most_leap: float, slew: float
-) -> Sequence:
-    """Return the `Sequence` before the first sample."""
-    return Sequence(
+) -> Samples:
+    """Return the `Samples` before the first sample."""
+    return Samples(
         counters=np.zeros(4, dtype=np.int64),
         stamps=np.zeros(2, dtype=np.int64),
         rates=np.zeros((2, 3)),
@@ -87,7 +87,7 @@ def _hangs(own: Ints, before: Array, values: Array, most: int, lively: int) -> i
     x, y, z = values[0] == before[0], values[1] == before[1], values[2] == before[2]
     if not (x or y or z):  # nearly always
         own[0] = own[1] = own[2] = own[HUNG] = 0
-        own[LIVELY] += 1
+        own[MOVED] += 1
         return 0
     hung = own[HUNG] == 1 and not (x and y and z)
     for k in range(3):
@@ -97,33 +97,34 @@ def _hangs(own: Ints, before: Array, values: Array, most: int, lively: int) -> i
             own[RUNS + k] = 1
         else:
             own[RUNS + k] += 1
-    repeats = min(own[0], own[1], own[2])
+    repeats: int = min(own[0], own[1], own[2])
     longest = max(own[0], own[1], own[2])
-    if repeats > most and own[LIVELY] >= lively:
+    if repeats > most and own[MOVED] >= lively:
         own[HUNG] = 1
         return repeats
     own[HUNG] = 0
     if repeats > most or (repeats == 0 and longest > most):
-        own[LIVELY] = 0
+        own[MOVED] = 0
     else:
-        own[LIVELY] += 1
+        own[MOVED] += 1
     return 0
 
 
 @kernel
 def _farthest(a: Array, b: Array) -> float:
-    return max(abs(a[0] - b[0]), abs(a[1] - b[1]), abs(a[2] - b[2]))
+    farthest: float = max(abs(a[0] - b[0]), abs(a[1] - b[1]), abs(a[2] - b[2]))
+    return farthest
 
 
 @kernel
-def _is_leap(q: Sequence, row: int, stamp_ns: int, omega_ib_b: Array) -> bool:
+def _is_leap(q: Samples, row: int, stamp_ns: int, omega_ib_b: Array) -> bool:
     """Whether rates lie farther from those of a row than a vehicle can turn until then."""
-    most = q.limits[0] + q.limits[1] * ((stamp_ns - q.stamps[row]) * 1e-9)
+    most: float = q.limits[0] + q.limits[1] * ((stamp_ns - q.stamps[row]) * 1e-9)
     return _farthest(omega_ib_b, q.rates[row]) > most
 
 
 @kernel
-def _put(q: Sequence, row: int, stamp_ns: int, omega_ib_b: Array) -> None:
+def _put(q: Samples, row: int, stamp_ns: int, omega_ib_b: Array) -> None:
     q.stamps[row] = stamp_ns
     for k in range(3):
         q.rates[row, k] = omega_ib_b[k]
@@ -131,12 +132,12 @@ def _put(q: Sequence, row: int, stamp_ns: int, omega_ib_b: Array) -> None:
 
 @entry
 @routine
-def judge(q: Sequence, stamp_ns: int, omega_ib_b: Array, f_b: Array) -> int:
+def judge(q: Samples, stamp_ns: int, omega_ib_b: Array, f_b: Array) -> int:
     """Return what those before say of the next sample; the number with it goes into ``q``.
 
     Parameters
     ----------
-    q : Sequence
+    q : Samples
         In place.
     stamp_ns : int
     omega_ib_b, f_b : (3,) arrays
@@ -182,7 +183,7 @@ def judge(q: Sequence, stamp_ns: int, omega_ib_b: Array, f_b: Array) -> int:
 @entry
 @routine
 def judge_many(
-    q: Sequence,
+    q: Samples,
     stamps_ns: Ints,
     omega_ib_b: Array,
     f_b: Array,
@@ -194,7 +195,7 @@ def judge_many(
 
     Parameters
     ----------
-    q : Sequence
+    q : Samples
         In place.
     stamps_ns : (n,) array of int
     omega_ib_b, f_b : (n, 3) arrays

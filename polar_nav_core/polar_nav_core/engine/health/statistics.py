@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...arrays import Array
-from ...kernels import statistics as kernel
+from ...kernels import statistics as columns
 from ...kernels import watch
 
 
@@ -69,21 +69,21 @@ def statistics(memories: Array) -> Statistics:
         As `kernels.watch.observe` keeps them; empty ones give zeros.
     """
     flat = np.ascontiguousarray(memories).reshape(-1, watch.WIDTH)
-    out = np.empty((len(flat), kernel.WIDTH))
-    kernel.fill_statistics(flat, out)
-    out = out.reshape(*memories.shape[:-1], kernel.WIDTH)
+    out = np.empty((len(flat), columns.WIDTH))
+    columns.fill_statistics(flat, out)
+    out = out.reshape(*memories.shape[:-1], columns.WIDTH)
     return Statistics(
-        number=out[..., kernel.NUMBER],
-        nis=out[..., kernel.NIS],
-        nis_sigmas=out[..., kernel.NIS_SIGMAS],
-        refused=out[..., kernel.REFUSED],
-        grid_mean=out[..., kernel.GRID_MEAN : kernel.GRID_MEAN + 3],
-        track_mean=out[..., kernel.TRACK_MEAN : kernel.TRACK_MEAN + 3],
-        grid=out[..., kernel.GRID : kernel.GRID + 3],
-        track=out[..., kernel.TRACK : kernel.TRACK + 3],
-        across=out[..., kernel.ACROSS],
-        grid_rise=out[..., kernel.GRID_RISE : kernel.GRID_RISE + 3],
-        track_rise=out[..., kernel.TRACK_RISE : kernel.TRACK_RISE + 3],
+        number=out[..., columns.NUMBER],
+        nis=out[..., columns.NIS],
+        nis_sigmas=out[..., columns.NIS_SIGMAS],
+        refused=out[..., columns.REFUSED],
+        grid_mean=out[..., columns.GRID_MEAN : columns.GRID_MEAN + 3],
+        track_mean=out[..., columns.TRACK_MEAN : columns.TRACK_MEAN + 3],
+        grid=out[..., columns.GRID : columns.GRID + 3],
+        track=out[..., columns.TRACK : columns.TRACK + 3],
+        across=out[..., columns.ACROSS],
+        grid_rise=out[..., columns.GRID_RISE : columns.GRID_RISE + 3],
+        track_rise=out[..., columns.TRACK_RISE : columns.TRACK_RISE + 3],
         noise_rise=memories[..., watch.NOISE_RISE],
         calm_rise=memories[..., watch.CALM_RISE],
         alike_rise=memories[..., watch.ALIKE_RISE],

@@ -11,8 +11,8 @@ from __future__ import annotations
 from ...arrays import Array
 from ..cache import kernel
 from .model import MOVING
-from .three_rows import leading_nine, solve_rows
-from .update import COUPLED, NAV, N, subtract
+from .three_rows import solve_rows
+from .update import COUPLED, NAV, N, leading_nine, subtract
 
 PHI = NAV * COUPLED + COUPLED
 """Numbers of a transition that are kept: its first nine rows, then its diagonal below them."""

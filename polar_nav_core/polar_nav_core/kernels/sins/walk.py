@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from ...arrays import Array
 from ..cache import entry, kernel
-from .three_rows import leading_nine
-from .update import MARKOV, NAV, Ints, N
+from .update import MARKOV, NAV, Ints, N, leading_nine
 
 
 @kernel
