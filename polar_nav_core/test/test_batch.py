@@ -108,6 +108,14 @@ def test_a_track_does_not_depend_on_how_many_rows_were_expected(world, room, mon
     assert_same(engine_run.run(params, inputs), expected)
 
 
+def test_room_for_a_track_does_not_grow_with_a_pause(world):
+    """Five days between two samples would be twenty gigabytes of covariances."""
+    stamps = 10_000_000 * np.arange(1, 301)
+    stamps[150:] += 5 * 86_400 * 10**9
+    x = engine_run.Inputs(stamps, np.zeros((300, 3)), np.tile([0.0, 0.0, 9.8], (300, 1)))
+    assert 30 <= engine_run._outputs_of(world.params(), x) <= 34
+
+
 def test_columns_of_a_track_are_in_one_piece(world):
     track = engine_run.run(world.params(), inputs_of(world, [])).track
     for name in engine_run.Track.__dataclass_fields__:
