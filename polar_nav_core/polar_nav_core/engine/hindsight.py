@@ -12,9 +12,8 @@ from collections.abc import Container, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..arrays import Array, Ints
+from ..arrays import Array, Bools, Ints
 from ..kernels.sins import rings
 from ..kernels.sins.left_out import normalize
 from .events import Fix, Rank
@@ -25,7 +24,6 @@ from .sins.robust import THRESHOLDS, inflation
 from .sins.stretch import Stretch
 from .verdicts import Verdict
 
-Bools = NDArray[np.bool_]
 _JUDGED = [Rank.DEPTH, Rank.DVL, Rank.FIX]
 OF_FIXES = ('residuals', 'covariances', 'S')
 """Columns of `Judged` that have a row for each fix only."""

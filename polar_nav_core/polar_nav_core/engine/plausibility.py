@@ -9,17 +9,14 @@ fails them.
 from __future__ import annotations
 
 import math
-from typing import Final, TypeAlias
+from typing import Final
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..arrays import Array
+from ..arrays import Array, Bools
 from ..earth import ecef_from_geodetic
 from ..kernels.limits import AXIS
 from .events import InitialState
-
-Bools: TypeAlias = NDArray[np.bool_]
 
 LEAST_VARIANCE: Final = 1e-12
 MOST_VARIANCE: Final = 1e12

@@ -39,7 +39,8 @@ class TrackErrors:
     state : (n, 24) array
         The filter's error state, position in ECEF axes.
     P : (n, 24, 24) array
-        Its covariance as stated by the filter.
+        Its covariance as stated by the filter; of the leading states where the run kept no more,
+        and then :meth:`nees` has no meaning.
     """
 
     time_s: Array
