@@ -11,13 +11,13 @@ import numpy as np
 from ..errors import FilterDivergence
 from ..link.fields import TICK_NS, WRAP
 from ..order import FIX_RANK, FUSED
+from .collector import Collector
 from .driver import WholeArrays
 from .engine import Engine
 from .events import Event, Fix
 from .looks import Look
 from .results import FixResult
 from .sins.whole import SinsArrays
-from .track import Collector
 from .verdicts import Verdict
 
 

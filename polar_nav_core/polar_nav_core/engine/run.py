@@ -19,6 +19,7 @@ from ..error_model import X
 from ..errors import FilterDivergence
 from ..identification.result import Identification
 from ..order import NEVER_NS
+from .collector import Collector
 from .driver import Driver, WholeArrays
 from .engine import Engine
 from .events import Command, Event, ImuSample, InitialState, OrderKey, Rank
@@ -29,13 +30,14 @@ from .lever import Rates
 from .looks import Look, looks_of
 from .outputs import Receipt
 from .params import EngineParams
+from .pieces import SinsPieces, StationPieces
 from .refusals import usable_imu
 from .sins.whole import SinsArrays, Usable, usable_of
 from .station.filter import StationFilter
 from .station.fusion import StationFusion
 from .station.whole import StationArrays
 from .strategies import compiled
-from .track import Collector, SinsPieces, StationPieces, StationTrack, T, Track
+from .track import StationTrack, T, Track
 from .verdicts import Verdict
 
 __all__ = [
