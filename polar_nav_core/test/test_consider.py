@@ -156,6 +156,9 @@ def test_common_errors_of_fixes():
     np.testing.assert_allclose(J[:, co.CLOCK], -v_G)
     np.testing.assert_array_equal(J[:, co.OFFSET : co.OFFSET + 3], -np.eye(3))
     assert not J[:, 6:].any()
+    common_e = rng.standard_normal((3, 7))
+    co.fix_common(J, C_e_G, C_e_G.T @ r_G, v_G, common_e)
+    np.testing.assert_allclose(J[:, co.LEADER :], -C_e_G @ common_e[:, 3:], atol=1e-12)
 
 
 def test_a_late_fix_takes_off_what_the_velocity_moved_since():

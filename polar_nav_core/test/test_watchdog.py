@@ -12,6 +12,8 @@ from polar_nav_core.engine.health.watchdog import (
     DVL,
     FIX,
     Watchdog,
+    judged,
+    scatter,
 )
 from polar_nav_core.kernels import watch
 
@@ -152,6 +154,8 @@ def test_states_that_no_vehicle_can_be_in():
     assert '20.0 m/s is faster' in look(memories(), speed=20.0).sentence
     assert 'no depth' in look(memories(), depth=9000.0).sentence
     assert look(memories(), depth=9000.0).level is Level.ERROR
+    assert 'no depth' in look(memories(), depth=-50.5).sentence
+    assert not look(memories(), depth=-49.5).present
 
 
 def test_a_circle_above_the_limit_is_lost():
@@ -273,6 +277,31 @@ def test_a_mean_is_reported_beyond_its_limit_and_an_error_beyond_four(
     assert [p.condition.level for p in look(kept).present] == ([] if level is None else [level])
     few = remembered(stream, memory, 9.9, TRACK=20.0)
     assert not look(few).present
+
+
+@pytest.mark.parametrize('stream', [DVL, DEPTH, FIX])
+@pytest.mark.parametrize('axis', [0, 1, 2])
+def test_a_mean_on_any_axis_is_reported(stream, axis):
+    kept = remembered(stream, watch.SHORT, 30.0)
+    kept[stream, watch.SHORT, watch.TRACK + axis] = 30.0 * 1.5
+    s = statistics(kept)
+    assert judged(s, s.track, s.track_rise, stream)[1:] == (watch.SHORT, axis)
+    assert len(look(kept).present) == 1
+
+
+def test_the_size_of_an_offset_on_one_course_is_of_both_axes():
+    means = {'TRACK': 1.5, 'GRID': 1.5}
+    kept = remembered(FIX, watch.SHORT, 30.0, **means)
+    kept[FIX, watch.SHORT, watch.GRID + 1] = 30.0 * -2.0
+    kept[FIX, watch.SHORT, watch.TRACK + 1] = 30.0 * -2.0
+    assert 'fixes lie 2.5 sigma off on average' in look(kept).sentence
+
+
+def test_a_sum_at_its_limit_is_not_beyond_it():
+    calm = statistics(memories())
+    for rise, told in ((15.3, False), (15.4, True)):
+        s = calm._replace(noise_rise=np.full_like(calm.noise_rise, rise))
+        assert bool(scatter(s, FIX, early=True)) is told
 
 
 @pytest.mark.parametrize(
