@@ -29,8 +29,31 @@ def test_what_fixes_have_done_is_said_once_their_evidence_has_faded():
     assert not any(found[:40])
     assert all(found[40:])
     (condition,) = found[-1]
-    assert (condition.level, condition.culprit) == (Level.WARN, Culprit.FIXES)
+    assert condition.culprit == Culprit.FIXES
     assert 'led the position 2.0 m to grid 000 deg, 4.0 of its stated sigmas' in condition.sentence
+
+
+@pytest.mark.parametrize(('certain', 'level'), [(True, Level.ERROR), (False, Level.WARN)])
+def test_what_was_an_error_by_its_evidence_stays_one(certain, level):
+    found = told(Led(), [(30, (0.0, 2.0)), (500, None)], certain=certain)
+    assert {condition.level for (condition,) in found[30:]} == {level}
+
+
+def test_an_error_that_is_certain_no_more_is_said_beside_the_warning_of_now():
+    """The condition of the drift itself says it alone as long as that is as bad."""
+    led = Led()
+    assert not any(told(led, [(10, (0.0, 2.0))], certain=False))
+    assert not any(told(led, [(1, (0.0, 1.9))], certain=True))
+    for (condition,) in told(led, [(5, (0.0, 2.1)), (5, None)], certain=False):
+        assert condition.level == Level.ERROR
+        assert 'led the position 2.1 m' in condition.sentence
+
+
+def test_an_error_that_ended_leaves_nothing_to_a_later_warning():
+    led = Led()
+    assert not any(told(led, [(30, (2.0, 0.0)), (30, (-1.9, 0.0))]))
+    (condition,) = told(led, [(30, (0.1, 2.0)), (1, None)], certain=False)[-1]
+    assert condition.level == Level.WARN
 
 
 def test_a_way_within_three_sigmas_is_covered():
