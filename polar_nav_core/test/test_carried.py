@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 from closed_loop import World
 
+from polar_nav_core.attitude import matrix_from_euler
 from polar_nav_core.engine.sins.filter import NavigationFilter
 from polar_nav_core.engine.sins.turned import carry_now
 from polar_nav_core.error_model import X
 from polar_nav_core.kernels.sins import carried as kernels
+from polar_nav_core.kernels.sins import consider
 from polar_nav_core.kernels.sins.rows import turn_rows
 from polar_nav_core.kernels.sins.transition import INVERSE
 
@@ -51,6 +53,29 @@ def test_what_no_ping_shows_stays_so_after_a_correction(corrected):
     np.testing.assert_array_equal(taken, 0.0)
 
 
+def test_a_turned_dvl_is_answered_by_the_velocity_after_a_correction_too(corrected):
+    """A vehicle that is not level, whose heading is known: the velocity alone has answered."""
+    _, _, taken, now = corrected
+    C_b_G = matrix_from_euler(0.7, -0.3, 0.2)
+    S, H = np.zeros((24, consider.COLUMNS)), np.zeros((3, 24))
+    H[:, X.dv_G] = np.eye(3)
+
+    def innovation(v_G, carried):
+        turn_rows(H, *v_G)
+        kernels.carried_heading_rows(H, v_G, carried)
+        J = np.zeros((3, consider.COLUMNS))
+        consider.dvl_common(J, C_b_G, H, np.zeros(3), np.zeros(3), np.zeros(3))
+        return J[:, consider.DVL_YAW] + H @ S[:, consider.DVL_YAW]
+
+    level = FROM * [1.0, 1.0, 0.0]  # the vertical velocity does not change here
+    now[2] = 0.0
+    S[X.dv_G, consider.DVL_YAW] = -innovation(level, np.zeros(2))
+    np.testing.assert_allclose(innovation(now, taken), 0.0, atol=1e-14)
+    assert np.abs(innovation(now, np.zeros(2))).max() > 0.1
+    kernels.carry_yaw(S, C_b_G, taken)
+    np.testing.assert_allclose(innovation(now, np.zeros(2)), 0.0, atol=1e-14)
+
+
 def test_the_inverse_of_the_transition_goes_along(corrected):
     Phi, inverse, taken, _ = corrected
     before = Phi.copy()
@@ -86,6 +111,7 @@ def test_carried_at_once_is_what_the_next_transition_does():
     P, sensitivity = f.state.P.copy(), f.state.sensitivity.copy()
     carry_now(f.state)
     T = np.eye(24)
+    kernels.carry_yaw(sensitivity, f.state.C_b_G, taken)
     kernels.carry_heading(T, np.zeros(INVERSE), taken.copy())
     np.testing.assert_allclose(f.state.P, T @ P @ T.T, atol=1e-12)
     np.testing.assert_allclose(f.state.sensitivity, T @ sensitivity, atol=1e-12)

@@ -5,7 +5,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from closed_loop import World, inputs_of
+from closed_loop import World, gathered, inputs_of, run
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -15,6 +15,7 @@ from polar_nav_core.engine.engine import Engine
 from polar_nav_core.engine.events import Command, CommandKind, DepthSample, DvlPing, Fix, ImuSample
 from polar_nav_core.engine.outputs import Receipt
 from polar_nav_core.engine.params import EngineParams
+from polar_nav_core.engine.start import place
 from polar_nav_core.engine.verdicts import Verdict
 from polar_nav_core.errors import ConfigError
 from polar_nav_core.identification.polar_fix import PolarFix
@@ -323,16 +324,18 @@ def test_an_absurd_initial_state_is_refused_and_navigation_goes_on():
 def test_a_ping_is_no_better_than_the_best_ones():
     """One row after another as all at once; nothing changes where none states less."""
     honest = np.array([2.5e-5 * np.eye(3), 1e-6 * np.eye(3)])
-    assert plausibility.widened_pings(honest) is honest
+    assert plausibility.widened_pings(honest, 5e-3) is honest
     stated = np.array([9e-12 * correlated(0.9, 0.0, 0.0), 2.5e-5 * np.eye(3)])
-    wider = plausibility.widened_pings(stated)
-    assert np.allclose(np.diagonal(wider[0]), 1e-6, rtol=1e-12)
-    assert wider[0, 0, 1] == stated[0, 0, 1]
-    assert np.array_equal(wider[1], stated[1])
-    assert np.array_equal(plausibility.widened_pings(stated[0]), wider[0])
+    stated[1, 2, 2] = 1e-7
+    for sigma, variance in ((5e-3, 2.5e-5), (1e-4, 1e-6)):
+        wider = plausibility.widened_pings(stated, sigma)
+        assert np.allclose(np.diagonal(wider[0]), variance, rtol=1e-12)
+        assert wider[0, 0, 1] == stated[0, 0, 1]
+        assert np.allclose(np.diagonal(wider[1]), [2.5e-5, 2.5e-5, variance], rtol=1e-12)
+        assert np.array_equal(plausibility.widened_pings(stated[0], sigma), wider[0])
 
 
-def test_pings_that_are_too_sure_are_used_as_the_best_ones_and_told(closed_world):
+def test_pings_that_are_too_sure_are_used_as_those_that_state_none_and_told(closed_world):
     def run(variance):
         engine = Engine(closed_world.params())
         pings = [replace(p, covariance_m=variance * np.eye(3)) for p in closed_world.dvl()]
@@ -343,9 +346,9 @@ def test_pings_that_are_too_sure_are_used_as_the_best_ones_and_told(closed_world
 
     sure, told = run(1e-11)
     assert told
-    best, told = run(1e-6)
+    usual, told = run(closed_world.params().dvl_sigma ** 2)
     assert not told
-    assert abs(np.frombuffer(sure) - np.frombuffer(best)).max() <= 1e-9
+    assert abs(np.frombuffer(sure) - np.frombuffer(usual)).max() <= 1e-9
 
 
 def test_a_whole_run_tells_of_pings_that_are_too_sure_for_a_minute():
@@ -360,3 +363,63 @@ def test_a_whole_run_tells_of_pings_that_are_too_sure_for_a_minute():
     }
     assert told
     assert max(told) <= 62
+
+
+def a_fix(covariance_e, **changes):
+    return replace(FIX, covariance_e=np.asarray(covariance_e, np.float64), **changes)
+
+
+ELONGATED = np.array([[50.005, 49.995, 0.0], [49.995, 50.005, 0.0], [0.0, 0.0, 4.0]])
+"""A covariance of 10 m along one direction and of 0.1 m across it [m^2]."""
+
+
+def test_a_fix_is_no_better_than_the_best_ones_in_any_direction():
+    fix = a_fix(ELONGATED)
+    assert plausibility.believed(fix, 0.1) is fix  # to rounding
+    assert plausibility.believed(fix, 0.0) is fix
+    wider = plausibility.believed(fix, 0.3)
+    assert wider.covariance_e == pytest.approx(ELONGATED + 0.08 * np.eye(3), abs=1e-12)
+    assert np.array_equal(wider.stated_covariance_e, ELONGATED)
+    assert plausibility.believed(a_fix(0.09 * np.eye(3)), 0.3).stated_e is None
+    least = plausibility.believed(a_fix(1e-12 * np.eye(3)), 0.1)
+    assert least.covariance_e == pytest.approx(0.01 * np.eye(3), rel=1e-9)
+
+
+def test_an_antenna_may_state_a_centimetre():
+    fix = a_fix(1e-4 * np.eye(3), surface_depth=0.5)
+    assert plausibility.believed(fix, 0.1) is fix
+    wider = plausibility.believed(replace(fix, covariance_e=1e-6 * np.eye(3)), 0.1)
+    assert wider.covariance_e == pytest.approx(1e-4 * np.eye(3), rel=1e-9)
+    assert plausibility.believed(fix, 0.005) is fix
+
+
+def test_fixes_that_are_too_sure_are_used_as_the_best_ones_and_told():
+    """One after another as in a whole run."""
+    world = World(60.0)
+    fixes = world.fixes(3.0, 1.5, rng=np.random.default_rng(2))
+
+    def run_with(sigma):
+        stated = [replace(f, covariance_e=sigma**2 * np.eye(3)) for f in fixes]
+        events = [*world.imu(), *world.dvl(), *stated]
+        engine = Engine(world.params())
+        receipts = [x for x in run(engine, events) if isinstance(x, Receipt)]
+        whole = engine_run.run(world.params(), gathered(events), look_every_s=1.0)
+        assert [str(r) for r in whole.receipts] == [str(r) for r in receipts]
+        said = {p.condition.sentence for look in whole.health for p in look.present}
+        told = {p.condition.sentence for p in engine.health.present}
+        kept = [{s for s in sentences if 'state less' in s} for sentences in (said, told)]
+        assert kept[0] == kept[1]
+        return engine.fusion.filter.state.P.copy(), told & kept[1]
+
+    sure, told = run_with(0.005)
+    best, untold = run_with(0.1)
+    assert told == {
+        'fixes state less noise than 0.1 m, the best of their kind (min_fix_sigma): that is used'
+    }
+    assert not untold
+    assert sure == pytest.approx(best, rel=1e-9, abs=1e-12)
+
+
+def test_a_start_is_as_sure_as_its_fixes_are_believed():
+    located = place.located(a_fix(1e-6 * np.eye(3)), 0.1)
+    assert (located.sigma, located.sigma_up) == pytest.approx((0.1, 0.1))

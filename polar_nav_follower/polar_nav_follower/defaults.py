@@ -127,6 +127,7 @@ _FIRST: dict[str, Any] = {
     'max_specific_force': 1e300,
     'max_speed': 20.0,
     'max_stamp_leap_s': 0.25,
+    'min_fix_sigma': 0.0,
     'mode': 'sins',
     'model_acceleration_noise': 0.0014,
     'model_added_mass': (2.8, 65.5, 85.5),
@@ -270,6 +271,9 @@ _SINCE: dict[int, dict[str, Any]] = {
     },
     17: {
         'dvl_turn_velocity': 'carried',
+    },
+    18: {
+        'min_fix_sigma': 0.1,
     },
 }
 """By engine version: what changed with it. A version with new defaults counts up (version.py)."""

@@ -290,7 +290,7 @@ class Engine:
                 return
             if not event.water:
                 self._beginning.ping(event)
-            covariance_m = widened_pings(event.covariance_m)
+            covariance_m = widened_pings(event.covariance_m, self.params.dvl_sigma)
             if covariance_m is not event.covariance_m:
                 self.too_sure_ns = event.stamp_ns
                 event = replace(event, covariance_m=covariance_m)

@@ -12,6 +12,7 @@ from .ledger import FixLedger
 from .level import degrees_of_freedom
 from .outputs import Receipt
 from .params import EngineParams
+from .plausibility import believed, best_sigma
 from .receipts import age_s, receipt_of
 from .results import FixResult, Outcome, chi2_gate
 from .sins.fusion import Fusion
@@ -113,6 +114,9 @@ class FixDecisions:
             return Verdict.IMPLAUSIBLE, why, fix
         gate = chi2_gate(self._configuration.gate_probability, degrees_of_freedom(fix))
         if isinstance(fusion, Fusion):
+            sure, fix = fix, believed(fix, params.min_fix_sigma)
+            if fix is not sure:
+                ledger.too_sure(fix.receive_ns, best_sigma(fix, params.min_fix_sigma))
             fix = fusion.widened(fix)
         why = held(ledger.integrity, fix, fusion, gate)
         if why:

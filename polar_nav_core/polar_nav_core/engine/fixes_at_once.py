@@ -16,6 +16,7 @@ from .driver import WholeArrays
 from .engine import Engine
 from .events import Event, Fix
 from .looks import Look
+from .plausibility import widening
 from .results import FixResult
 from .sins.whole import SinsArrays
 from .verdicts import Verdict
@@ -99,6 +100,8 @@ class FixesAtOnce:
             if tick in ticks:
                 break
             if ledger.refusal(event, event.validity_ns):
+                break
+            if widening(event, self._engine.params.min_fix_sigma):  # believed less than stated
                 break
             ticks.add(tick)
             found.append(event)

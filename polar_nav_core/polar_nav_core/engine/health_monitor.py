@@ -51,6 +51,7 @@ class HealthMonitor:
             )
         )
         self._ledger, self._switches, self._clock = ledger, switches, clock
+        self._dvl_sigma = params.dvl_sigma
 
     def look(
         self,
@@ -96,7 +97,7 @@ class HealthMonitor:
                 found += beginning.replaced.conditions(stamp_ns, ledger.fused_since_start)
             found += self._clock.conditions(stamp_ns)
             found += self._heading_unknown(fusion, beginning.stated_heading)
-            found += _too_sure(stamp_ns, too_sure_ns)
+            found += self._pings_too_sure(stamp_ns, too_sure_ns)
             return self._watchdog.look(view_of(fusion, stamp_ns, resets), found)
         return None
 
@@ -106,11 +107,14 @@ class HealthMonitor:
         now = math.sqrt(fusion.filter.published_P[2, 2])
         return heading_unknown(at_start, now, self._ledger.fused_since_start)
 
-
-def _too_sure(stamp_ns: int, too_sure_ns: int | None) -> list[Condition]:
-    """The condition that pings stated less noise than pings have, in the minute before."""
-    if too_sure_ns is None or stamp_ns > too_sure_ns + _TOO_SURE_NS:
-        return []
-    best = 1e3 * math.sqrt(LEAST_PING_VARIANCE)
-    sentence = f'the DVL states less noise than {best:.0f} mm/s, which no DVL has: that is used'
-    return [Condition('dvl too sure', Level.WARN, Culprit.DVL, sentence)]
+    def _pings_too_sure(self, stamp_ns: int, too_sure_ns: int | None) -> list[Condition]:
+        """The condition that pings stated less noise than pings have, in the minute before."""
+        if too_sure_ns is None or stamp_ns > too_sure_ns + _TOO_SURE_NS:
+            return []
+        best = math.sqrt(LEAST_PING_VARIANCE)
+        used = max(self._dvl_sigma, best)
+        sentence = (
+            f'the DVL states less noise than {1e3 * best:.0f} mm/s, which no DVL has: '
+            f'{1e3 * used:.3g} mm/s are used'
+        )
+        return [Condition('dvl too sure', Level.WARN, Culprit.DVL, sentence)]

@@ -62,6 +62,7 @@ class FixLedger:
             verdict: (deque(maxlen=_REFUSED_KEPT), words) for verdict, words in _SUSPICIOUS.items()
         }
         self._split: deque[int] = deque(maxlen=_REFUSED_KEPT)
+        self._too_sure: tuple[int, float] | None = None
         self._revisions: dict[tuple[int, int], int] = {}
         self._last_validity_ns = 0
         self._fused_before = 0
@@ -128,6 +129,12 @@ class FixLedger:
                 sentence = f'{len(times)} packets in a minute {words}'
                 found.append(Condition(key, Level.WARN, Culprit.FIXES, sentence))
         found += self._two_senders(stamp_ns)
+        if self._too_sure is not None and stamp_ns < self._too_sure[0] + _SUSPICION_NS:
+            sentence = (
+                f'fixes state less noise than {self._too_sure[1]:g} m, the best of their kind '
+                '(min_fix_sigma): that is used'
+            )
+            found.append(Condition('fixes too sure', Level.WARN, Culprit.FIXES, sentence))
         if self._turned_ns is not None and stamp_ns < self._turned_ns + _SUSPICION_NS:
             since_s = (stamp_ns - self._turned_ns) * 1e-9
             sentence = (
@@ -168,6 +175,10 @@ class FixLedger:
         """Note the verdict on a fix that was refused at a stamp [ns], where it is suspicious."""
         if verdict in self._suspicious:
             self._suspicious[verdict][0].append(stamp_ns)
+
+    def too_sure(self, stamp_ns: int, sigma: float) -> None:
+        """Note that a fix received at a stamp [ns] states less than ``sigma`` [m], of the best."""
+        self._too_sure = stamp_ns, sigma
 
     def counts(self) -> tuple[int, int, int]:
         """Number of fixes received, of fixes fused, and newest validity of a fused one [ns]."""

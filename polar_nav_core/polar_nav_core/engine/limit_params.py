@@ -49,6 +49,15 @@ class LimitParams(NodeParams):
         'Without a gate (gate_probability 1.0): a fix beyond this many sigma, and farther off '
         'than max_speed since the fix before, is refused; 0 for none',
     )
+    min_fix_sigma: float = param(
+        0.1,
+        'm',
+        0.0,
+        100.0,
+        'Of the best acoustic fix, in any direction (the constant part of a ship class USBL): one '
+        'that states less is used with this, an antenna with 0.01 at most (mode sins); 0: as '
+        'stated, as a camera in a tank needs it, and engines up to 17 had it',
+    )
     max_imu_noise_factor: float = param(
         1.0,
         '',

@@ -140,7 +140,11 @@ class EngineParams(StartParams, IdentificationParams, StationParams, LimitParams
     )
     dvl_markov_tau: float = param(300.0, 's', 0.1, 1e6, 'Its correlation time')
     dvl_sigma: float = param(
-        0.005, 'm/s', 1e-6, 10.0, 'White noise per ping where the message states none'
+        0.005,
+        'm/s',
+        1e-6,
+        10.0,
+        'White noise per ping where the message states none, or less than 0.001, which no DVL has',
     )
     water_sound_speed: float = param(
         0.0,

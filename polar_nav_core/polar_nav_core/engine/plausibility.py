@@ -16,14 +16,16 @@ import numpy as np
 from ..arrays import Array, Bools
 from ..earth import ecef_from_geodetic
 from ..kernels.limits import AXIS
-from .events import InitialState
+from .events import Fix, InitialState
 
 LEAST_VARIANCE: Final = 1e-12
 MOST_VARIANCE: Final = 1e12
 """Of any measurement, in the square of its unit: no sensor is good to a micrometre, and a sigma
 of 1,000 km says nothing."""
 LEAST_PING_VARIANCE: Final = 1e-6
-"""No ping is better than 1 mm/s along an axis: what states less is used with that [m^2/s^2]."""
+"""No ping is better than 1 mm/s along an axis: what states less says nothing [m^2/s^2]."""
+LEAST_ANTENNA_SIGMA: Final = 0.01
+"""No antenna is better than what a base station and its phases give, along any axis [m]."""
 LEAST_DEPTH: Final = -50.0
 """A depth above it is none: air pressure, tide, geoid and heave are tens of metres at most [m]."""
 NO_GRID_NORTH: Final = 'grid north is undefined on the equator at longitude +-90 deg'
@@ -33,6 +35,8 @@ _LEAST_PIVOT = 1e-12
 """Of the Cholesky factors of a correlation matrix."""
 _ASYMMETRY = 1e-6
 """Largest difference of two correlations that are the same one."""
+_ROUNDING = 1e-9
+"""Of a variance that is stated and turned to other axes."""
 _ORTHOGONALITY = 1e-3
 """Largest element of C C^T - I of an attitude matrix."""
 
@@ -114,15 +118,43 @@ def are_too_sure(P: Array) -> Bools:
     return np.asarray((np.diagonal(P, axis1=-2, axis2=-1) < LEAST_PING_VARIANCE).any(axis=-1))
 
 
-def widened_pings(P: Array) -> Array:
-    """Covariances (..., 3, 3) of pings, each variance at least that of the best ones.
+def widened_pings(P: Array, sigma: float) -> Array:
+    """Covariances (..., 3, 3) of pings; where an axis states less than the best have, with sigma.
 
-    The same array where none is smaller, as nearly always.
+    The same array where none does, as nearly always. Parameter ``sigma`` [m/s] is that of pings
+    that state none.
     """
     if not are_too_sure(P).any():
         return P
-    short = LEAST_PING_VARIANCE - np.diagonal(P, axis1=-2, axis2=-1)
-    return np.asarray(P + np.maximum(short, 0.0)[..., None] * np.eye(3))
+    variances = np.diagonal(P, axis1=-2, axis2=-1)
+    usual = max(sigma * sigma, LEAST_PING_VARIANCE)
+    short = np.where(variances < LEAST_PING_VARIANCE, usual - variances, 0.0)
+    return np.asarray(P + short[..., None] * np.eye(3))
+
+
+def best_sigma(fix: Fix, min_fix_sigma: float) -> float:
+    """1-sigma [m] of the best fix of this kind: the parameter, for an antenna a smaller one."""
+    antenna = math.isfinite(fix.surface_depth)
+    return min(min_fix_sigma, LEAST_ANTENNA_SIGMA) if antenna else min_fix_sigma
+
+
+def widening(fix: Fix, min_fix_sigma: float) -> float:
+    """Variance by which a fix states less in some direction than the best have [m^2], or 0."""
+    least = best_sigma(fix, min_fix_sigma) ** 2
+    if least == 0.0 or fix.polar is not None:
+        return 0.0
+    ((a, x, y), (_, b, z), (_, _, c)) = fix.covariance_e.tolist()
+    x, y, z = abs(x), abs(y), abs(z)
+    if a - x - y >= least and b - x - z >= least and c - y - z >= least:
+        return 0.0  # by Gershgorin's circles, in a tenth of the time
+    short = least - float(np.linalg.eigvalsh(fix.covariance_e)[0])
+    return short if short > _ROUNDING * least else 0.0
+
+
+def believed(fix: Fix, min_fix_sigma: float) -> Fix:
+    """The same fix, or one whose covariance has what `widening` misses in every direction."""
+    short = widening(fix, min_fix_sigma)
+    return fix.believed_to(fix.covariance_e + short * np.eye(3)) if short else fix
 
 
 def is_variance(value: float) -> bool:

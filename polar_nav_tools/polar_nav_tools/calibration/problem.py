@@ -254,15 +254,11 @@ def prepared(params: EngineParams, constants: Sequence[Constant]) -> EngineParam
     """Parameters of a run that allows for each constant to be as far off as its prior.
 
     Sigmas of common errors move no estimate, they widen the gate; that of a state that holds a
-    constant is its prior, and the start is one that nobody measured. Rows of the heading have the
-    velocity of those of a turned DVL: with another, the noise between them passes for what tells
-    the two apart (docs/derivations/measurements.md, 1).
+    constant is its prior, and the start is one that nobody measured.
     """
     changes: dict[str, Any] = {
         'initial_sigma_position': max(params.initial_sigma_position, _START_SIGMA)
     }
-    if params.dvl_turn_velocity == 'carried':
-        changes['dvl_turn_velocity'] = 'known'
     for c in constants:
         if c.column in SIGMAS:
             name, unit = SIGMAS[c.column]

@@ -152,6 +152,7 @@ def ungated(params: EngineParams) -> EngineParams:
         gate_probability=1.0,
         robust_fixes='none',
         max_fix_sigma=0.0,
+        min_fix_sigma=0.0,
         reopen_after_s=0.0,
     )
 

@@ -90,7 +90,7 @@ def usable_of(params: EngineParams, inputs: Inputs) -> Usable:
         'depth_variance': rows_of(x.depth_variance, depth),
         'dvl_stamps': rows_of(x.dvl_stamps_ns, dvl),
         'dvl_v_m': rows_of(x.dvl_v_m, dvl),
-        'dvl_covariance_m': widened_pings(covariance_m),
+        'dvl_covariance_m': widened_pings(covariance_m, params.dvl_sigma),
         'dvl_water': rows_of(water.astype(np.int64), dvl),
         'control_stamps': rows_of(x.control_stamps_ns, control),
         'control_force_b': rows_of(x.control_force_b, control),

@@ -61,7 +61,7 @@ class Start:
             params.gyro_noise_density,
             params.align_heading,
         )
-        self._fixes = Fixes(self._frame.displacement)
+        self._fixes = Fixes(self._frame.displacement, params.min_fix_sigma)
         self._restarts = 0
         self._ping: tuple[int, Array, float] | None = None
         self._depth: tuple[int, float, float] | None = None

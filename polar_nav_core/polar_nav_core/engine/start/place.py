@@ -15,7 +15,7 @@ from ...grid import ecef_to_grid
 from ...kernels.limits import EARTH
 from ..events import Fix
 from ..level import is_level
-from ..plausibility import is_covariance, within
+from ..plausibility import believed, is_covariance, within
 from .course import Passed
 
 UNKNOWN_VELOCITY = 2.0
@@ -46,14 +46,14 @@ class Place(NamedTuple):
     how: str
 
 
-def located(fix: Fix) -> Located | None:
-    """Position of a fix; None of one that cannot be used."""
+def located(fix: Fix, min_fix_sigma: float) -> Located | None:
+    """Position of a fix, as sure as it is believed; None of one that cannot be used."""
     if fix.refusal is not None or not within(fix.r_e, EARTH[1]):
         return None
     if float(np.linalg.norm(fix.r_e)) < EARTH[0] or not is_covariance(fix.covariance_e):
         return None
     C_e_G = ecef_to_grid(fix.r_e)
-    P_G = C_e_G @ fix.covariance_e @ C_e_G.T
+    P_G = C_e_G @ believed(fix, min_fix_sigma).covariance_e @ C_e_G.T
     sigma = math.sqrt(max(float(P_G[0, 0]), float(P_G[1, 1])))
     up = math.sqrt(float(P_G[2, 2]))
     return Located(fix.validity_ns, fix.r_e, sigma, up, not is_level(fix), fix.source)
@@ -66,10 +66,14 @@ class Fixes:
     ----------
     displacement : callable
         Dead-reckoned way since a stamp, level axes (2,) [m]; None where there is none.
+    min_fix_sigma : float
+        The parameter [m].
     """
 
-    def __init__(self, displacement: Callable[[int], Array | None]) -> None:
-        self._displacement = displacement
+    def __init__(
+        self, displacement: Callable[[int], Array | None], min_fix_sigma: float = 0.0
+    ) -> None:
+        self._displacement, self._min_fix_sigma = displacement, min_fix_sigma
         self._all: deque[Located] = deque(maxlen=_MOST_FIXES)
 
     def __len__(self) -> int:
@@ -78,7 +82,7 @@ class Fixes:
 
     def take(self, fix: Fix) -> None:
         """Store a fix, if it can be used and is the newest."""
-        found = located(fix)
+        found = located(fix, self._min_fix_sigma)
         if found is not None and (not self._all or found.stamp_ns > self._all[-1].stamp_ns):
             self._all.append(found)
 

@@ -6,13 +6,15 @@ made with one velocity, beside rows with another, has pings tell what they canno
 of the velocity, by noise alone, seems to show the heading. So the heading's rows have the
 velocity that the covariance was made with, and where a ping takes d off the velocity, or a
 heading is turned and V with it, dv is less by d x u phi from the next transition on. Tilts are
-shown by gravity, and have rows of their own (turn; docs/derivations/measurements.md, 1).
+shown by gravity, and have rows of their own (turn; docs/derivations/measurements.md, 1). A DVL
+that is turned in its mount does to the velocity what a turned vehicle does, and goes along, too.
 """
 
 from __future__ import annotations
 
 from ...arrays import Array
 from ..cache import kernel
+from .consider import DVL_YAW
 from .update import DV, NAV, PHI
 
 UP = PHI + 2
@@ -50,6 +52,28 @@ def carried_heading_rows(H: Array, v_G: Array, carried: Array) -> None:
     """
     H[0, UP] = -(v_G[1] + carried[1])
     H[1, UP] = v_G[0] + carried[0]
+
+
+@kernel
+def carry_yaw(S: Array, C_b_G: Array, carried: Array) -> None:
+    """Let what a turned DVL does to the velocity go along, before `carry_heading`.
+
+    Its innovation J(V) = V x b_z (`consider.dvl_common`) is as linear in V as the rows of the
+    heading: where dv has answered it with -J(V), it answers that of V less ``carried`` then.
+
+    Parameters
+    ----------
+    S : (24, COLUMNS) array, in place
+        Sensitivity to common errors.
+    C_b_G : (3, 3) array
+        Attitude; its last column is the axis b_z that the DVL turns about.
+    carried : (2,) array
+        What was taken off the velocity since the last transition [m/s].
+    """
+    x, y = carried[0], carried[1]
+    S[DV, DVL_YAW] += y * C_b_G[2, 2]
+    S[DV + 1, DVL_YAW] -= x * C_b_G[2, 2]
+    S[DV + 2, DVL_YAW] += x * C_b_G[1, 2] - y * C_b_G[0, 2]
 
 
 @kernel

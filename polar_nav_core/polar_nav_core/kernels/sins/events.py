@@ -14,7 +14,7 @@ from ..limits import AXIS, EARTH
 from . import rings
 from . import state as fs
 from .aiding import compare_velocities, model_is_definite, predict_model, store_block_step
-from .carried import carry_heading
+from .carried import carry_heading, carry_yaw
 from .consider import (
     DVL_LATENCY,
     clear,
@@ -114,6 +114,8 @@ def covariance_step(
     inverse = past.inverses[number % past.inverses.shape[0]]
     fill_transition(Phi, inverse, w.F15, s.r_e, s.v_G, C_mean, w.f_mean, dt, c.markov[1], tau_usbl)
     turn_transition(Phi, inverse, s.turn)
+    if s.counters[fs.CONSIDERS] == 1:
+        carry_yaw(s.sensitivity, s.C_b_G, s.carried)
     carry_heading(Phi, inverse, s.carried)
     if c.aiding.on:
         predict_model(s, c, w, Phi, stamp_ns, dt)
