@@ -6,6 +6,7 @@ What a fault does to residuals, and the level of what is found: test_signatures.
 import numpy as np
 import pytest
 
+from polar_nav_core.attitude import matrix_from_euler
 from polar_nav_core.engine.sins.history import make_past
 from polar_nav_core.kernels.evidence import pair_statistic, slot_to_begin
 from polar_nav_core.kernels.sins import consider, signatures
@@ -21,7 +22,7 @@ OLDEST_NS = 2_400 * S
 
 
 def test_an_empty_slot_is_taken_first():
-    assert slot_to_begin(np.array([5, 0, 7, 0]), 100, 1000, np.zeros(8)) == 1
+    assert slot_to_begin(np.array([5, 0, 7, 0]), 100, 1000, np.zeros(8), 14.0) == 1
 
 
 @pytest.mark.parametrize(
@@ -39,27 +40,27 @@ def test_an_empty_slot_is_taken_first():
 )
 def test_the_beginning_makes_room_whose_neighbours_are_closest(born, expected):
     """In the ratio of their ages; the oldest and the newest have one neighbour only."""
-    assert slot_to_begin(np.array(born), 100, 1000, np.zeros(8)) == expected
+    assert slot_to_begin(np.array(born), 100, 1000, np.zeros(8), 14.0) == expected
 
 
 @pytest.mark.parametrize(('oldest', 'expected'), [(90, 1), (89, 0)])
 def test_a_beginning_that_is_too_old_is_the_first_to_make_room(oldest, expected):
     """It has the most evidence, too: that does not keep it."""
     statistic = np.array([0.0, 20.0] + [0.0] * 6)
-    assert slot_to_begin(np.array([10, 20, 25, 90]), 100, oldest, statistic) == expected
+    assert slot_to_begin(np.array([10, 20, 25, 90]), 100, oldest, statistic, 14.0) == expected
 
 
 def test_of_beginnings_that_are_all_too_old_the_oldest_makes_room():
-    assert slot_to_begin(np.array([90, 20, 25, 10]), 100, 5, np.zeros(8)) == 3
+    assert slot_to_begin(np.array([90, 20, 25, 10]), 100, 5, np.zeros(8), 14.0) == 3
 
 
 @pytest.mark.parametrize(('statistic', 'expected'), [(14.0, 1), (14.1, 2)])
 def test_the_beginning_with_most_evidence_makes_no_room(statistic, expected):
     evidence = np.zeros(12)
     evidence[1 * 3 + 2], evidence[2 * 3] = statistic, 13.9
-    assert slot_to_begin(np.array([10, 20, 25, 90]), 100, 1000, evidence) == expected
+    assert slot_to_begin(np.array([10, 20, 25, 90]), 100, 1000, evidence, 14.0) == expected
     evidence[3 * 3 + 1] = statistic + 1.0  # the newest has more: the others may go
-    assert slot_to_begin(np.array([10, 20, 25, 90]), 100, 1000, evidence) == 1
+    assert slot_to_begin(np.array([10, 20, 25, 90]), 100, 1000, evidence, 14.0) == 1
 
 
 def test_the_statistic_of_a_pair_is_that_of_both_sizes_together():
@@ -95,9 +96,13 @@ def filled(seed=1, *, considers=True, born_s=()):
     return s, past, w
 
 
-def measured(w, rng):
-    """Rows, gain, factors and innovation of some update in the scratch."""
+def measured(w, rng, turn=0.0):
+    """Rows, gain, factors and innovation of some update in the scratch.
+
+    ``turn`` [rad] is that of the axes of the DVL's slow error.
+    """
     w.H[:], w.z[:] = rng.standard_normal((3, N)), rng.standard_normal(3)
+    w.H[:, MARKOV : MARKOV + 3] = -matrix_from_euler(turn, 0.0, 0.0)
     w.K[:] = 0.02 * w.H + 0.004 * rng.standard_normal((3, N))
     w.residual[:] = rng.standard_normal(3)
     w.per_sigma[:] = 0.2 * rng.standard_normal(w.per_sigma.shape)
@@ -122,7 +127,10 @@ class Twin:
         weight = 1.0 / w.nis[1] if considers else 1.0
         row = weight, np.linalg.solve(L @ L.T, e[:m]), w.H[:m].copy(), w.per_sigma[:m].copy()
         self.windows[stream].append(row)
-        if stream != FIX and now_ns - c[fs.CLOSED_NS + stream] < S:
+        axes = slice(MARKOV, MARKOV + 3)
+        turned = np.linalg.norm(row[2][:, axes] - self.windows[stream][0][2][:, axes])
+        young = now_ns - c[fs.CLOSED_NS + stream] < S
+        if stream != FIX and young and turned <= 0.01 * np.sqrt(2.0):
             return
         self._move(now_ns)
         rows, self.windows[stream] = self.windows[stream], []
@@ -156,7 +164,7 @@ class Twin:
     def _move(self, now_ns):
         c = self.counters
         dt = (now_ns - c[fs.BANK_NS]) * 1e-9
-        if dt >= 0.25:
+        if dt >= 0.1:
             Phi = self.past.transitions[c[fs.STEPS] % len(self.past.transitions)]
             rate = (Phi - np.eye(N))[: hy.NAV, : hy.COUPLED] / 0.1
             self.bank[: hy.NAV] += dt * rate @ self.bank[: hy.COUPLED]
@@ -188,7 +196,7 @@ class Twin:
 
 @pytest.mark.parametrize('considers', [True, False])
 def test_evidence_is_that_of_the_matrix_equations(considers):
-    """Pings every 0.4 s, depths every 0.3 s, a fix now and then."""
+    """Pings every 0.4 s, depths every 0.1 s, a fix now and then; the vehicle turns at last."""
     s, past, w = filled(considers=considers, born_s=(900.0, 31.0, 28.0, 0.5))
     twin, rng, now_ns = Twin(s, past), np.random.default_rng(2), NOW_NS
     for k in range(24):
@@ -197,7 +205,7 @@ def test_evidence_is_that_of_the_matrix_equations(considers):
             stream, m = FIX, 3
         now_ns += round(step_s * S)
         s.counters[fs.STAMP] = now_ns
-        measured(w, rng)
+        measured(w, rng, 0.004 * max(0, k - 12))
         delay = 1.5 if stream == FIX else 0.0
         twin.note(now_ns, w, stream, m, delay)
         signatures.note(s, past, w, stream, m, delay)
@@ -210,9 +218,9 @@ def test_evidence_is_that_of_the_matrix_equations(considers):
         assert s.windows[stream, 3] == pytest.approx(sum(r[0] for r in rows))
 
 
-def noted(s, past, w, since_ns, stream=FIX, m=3):
+def noted(s, past, w, since_ns, stream=FIX, m=3, turn=0.0):
     """The counters after a residual that comes so long after `NOW_NS`."""
-    measured(w, np.random.default_rng(3))
+    measured(w, np.random.default_rng(3), turn)
     s.counters[fs.STAMP] = NOW_NS + since_ns
     signatures.note(s, past, w, stream, m, 0.0)
     return s.counters
@@ -228,16 +236,24 @@ def test_pings_and_depths_are_added_up_for_a_second(stream):
     np.testing.assert_array_equal(s.windows[:, : hy.FIRST_H], 0.0)
 
 
+@pytest.mark.parametrize(('turn', 'closed_ns'), [(0.0099, NOW_NS), (0.0101, NOW_NS + 2)])
+def test_pings_are_added_up_until_the_vehicle_has_turned(turn, closed_ns):
+    """A sway within a second tells the DVL's slow error from a velocity."""
+    s, past, w = filled()
+    noted(s, past, w, 1, DVL, turn=0.3)
+    assert noted(s, past, w, 2, DVL, turn=0.3 - turn)[fs.CLOSED_NS + DVL] == closed_ns
+
+
 def test_fixes_are_not_added_up():
     s, past, w = filled()
     assert noted(s, past, w, 1)[fs.CLOSED_NS + FIX] == NOW_NS + 1
     np.testing.assert_array_equal(s.windows[:, : hy.FIRST_H], 0.0)
 
 
-def test_signatures_move_on_a_quarter_of_a_second_later():
+def test_signatures_move_on_a_tenth_of_a_second_later():
     s, past, w = filled()
-    assert noted(s, past, w, S // 4 - 1)[fs.BANK_NS] == NOW_NS
-    assert noted(s, past, w, S // 4)[fs.BANK_NS] == NOW_NS + S // 4
+    assert noted(s, past, w, S // 10 - 1)[fs.BANK_NS] == NOW_NS
+    assert noted(s, past, w, S // 10)[fs.BANK_NS] == NOW_NS + S // 10
 
 
 def test_before_the_first_step_signatures_stay_and_count_from_now():
@@ -266,7 +282,7 @@ def test_every_twenty_seconds_hypotheses_begin_in_an_empty_slot():
 
 @pytest.mark.parametrize(('oldest_ns', 'slot'), [(OLDEST_NS, 0), (OLDEST_NS + 1, 3)])
 def test_forty_minutes_are_the_oldest_beginning(oldest_ns, slot):
-    s, past, w = filled(born_s=(1400.0, 1300.0, 600.0, 0.0, 300.0, 100.0, 60.0, 30.0))
+    s, past, w = filled(born_s=(1400, 1300, 600, 0, 300, 100, 60, 30, 15, 7, 3.5, 1.5))
     s.counters[fs.BIRTH_NS] = NOW_NS
     s.counters[fs.BORN_NS + 3] = NOW_NS + S - oldest_ns
     assert noted(s, past, w, S)[fs.BORN_NS + slot] == NOW_NS + S

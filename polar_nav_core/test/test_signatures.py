@@ -297,12 +297,12 @@ def test_a_window_is_rated_by_rows_that_know_none_of_it():
 
 @pytest.mark.parametrize('statistic', [13.0, 15.0])
 def test_the_likeliest_beginning_makes_no_room(statistic):
-    """One from an hour of beginnings, a minute apart; beyond 14 its age does not matter."""
+    """One from an hour of beginnings, a minute apart; with enough its age does not matter."""
     minute, kinds = 60 * 10**9, 3
     born_ns, evidence = np.zeros(6, dtype=np.int64), np.zeros(6 * kinds)
     held = 7 * minute
     for now_ns in range(minute, 30 * minute, minute):
-        slot = slot_to_begin(born_ns, now_ns, 40 * minute, evidence)
+        slot = slot_to_begin(born_ns, now_ns, 40 * minute, evidence, 14.0)
         born_ns[slot] = now_ns
         evidence[:] = 0.0
         evidence[kinds * np.flatnonzero(born_ns == held) + 1] = statistic
@@ -310,5 +310,5 @@ def test_the_likeliest_beginning_makes_no_room(statistic):
     later_ns = held + 41 * minute
     born_ns[born_ns < held] = held + minute
     if held in born_ns:
-        oldest = slot_to_begin(born_ns, later_ns, 40 * minute, evidence)
+        oldest = slot_to_begin(born_ns, later_ns, 40 * minute, evidence, 14.0)
         assert born_ns[oldest] == held

@@ -1,6 +1,7 @@
 """The mismatch experiment: faults do what they state, J is a likelihood, few rows at two seeds."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,15 +9,18 @@ import pytest
 from polar_nav_core.engine import run as engine_run
 from polar_nav_core.engine.engine import Engine
 from polar_nav_core.engine.events import Fix
+from polar_nav_core.engine.health import watchdog
 from polar_nav_core.engine.health.conditions import Culprit
 from polar_nav_core.engine.params import EngineParams
 from polar_nav_core.errors import ConfigError
+from polar_nav_core.kernels.sins import hypotheses as hy
 from polar_nav_tools.experiments.catalog import experiment_named
 from polar_nav_tools.experiments.experiment import Request, run
 from polar_nav_tools.experiments.mismatch import dvl_faults, faults, worlds
 from polar_nav_tools.experiments.mismatch.fix_faults import Both
 from polar_nav_tools.experiments.mismatch.health import NAMES, health_history
 from polar_nav_tools.experiments.mismatch.judge import BEYOND_STATED
+from polar_nav_tools.experiments.mismatch.plan import reserve
 from polar_nav_tools.experiments.mismatch.random_rows import KINDS
 from polar_nav_tools.experiments.mismatch.random_station_rows import KINDS as STATION_KINDS
 from polar_nav_tools.experiments.mismatch.row import SINS, STATION, WORLD, Row, texts, warm_scene
@@ -267,6 +271,27 @@ def test_the_information_predicts_what_a_noisy_world_shows():
 
 def total_nis(ran):
     return sum(r.nis for r in ran.receipts) + float(ran.local[:, :, 2].sum())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('oscillating', [True, False])
+def test_the_evidence_of_a_drift_is_what_a_filter_that_knows_it_has(monkeypatch, oscillating):
+    """The watchdog's approximations cost nothing: without noise T is J, in a swell as in calm."""
+    evidence = []
+
+    def kept(found, *_):
+        evidence.append(found.bank[hy.STATISTIC, hy.FIX_EAST :: hy.KINDS].max())
+        return []
+
+    monkeypatch.setattr(watchdog, 'slow_faults', kept)
+    (row,) = rows_named('fix_drift_0.01mps')
+    world = replace(row.scene.world, duration_s=760.0, oscillating=oscillating)
+    scene = replace(row.scene, world=world)
+    known = reserve('sins')
+    _, J = information(scene, row.fault, 1, known)
+    scene.run(row.fault.applied(scene.quiet(1), 1.0), {'configuration': 'default', **known})
+    assert J[-1] > (25.0 if oscillating else 9.0)
+    assert evidence[-1] == pytest.approx(J[-1], rel=0.05)
 
 
 @pytest.mark.slow

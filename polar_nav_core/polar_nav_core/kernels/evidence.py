@@ -11,12 +11,11 @@ import math
 from ..arrays import Array, Ints
 from .cache import kernel
 
-KEPT = 14.0
-"""Statistic, about half a WARN, from which on the likeliest beginning does not make room."""
-
 
 @kernel
-def slot_to_begin(born_ns: Ints, now_ns: int, oldest_ns: int, statistic: Array) -> int:
+def slot_to_begin(
+    born_ns: Ints, now_ns: int, oldest_ns: int, statistic: Array, most: float
+) -> int:
     """Slot for hypotheses that begin now: an empty one, or one that is hardly missed.
 
     Ages stay about a factor of two apart so, but for the beginning that has most evidence: a
@@ -31,11 +30,13 @@ def slot_to_begin(born_ns: Ints, now_ns: int, oldest_ns: int, statistic: Array) 
         An age beyond which a slot is the first to make room [ns].
     statistic : (slots * kinds,) array
         Of each hypothesis, slot by slot.
+    most : float
+        Statistic from which on the likeliest beginning does not make room.
     """
     chosen = -1
     least = math.inf
     kinds = statistic.shape[0] // born_ns.shape[0]
-    kept, most = -1, KEPT
+    kept = -1
     for i in range(statistic.shape[0]):
         if statistic[i] > most:
             kept, most = i // kinds, statistic[i]

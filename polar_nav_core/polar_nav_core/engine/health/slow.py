@@ -18,7 +18,7 @@ SEVERE = 4.0
 """So many times that is an ERROR."""
 _CERTAIN = 40.0
 """T from which on what a fault has done to the estimate is an ERROR, if it is enough: its size is
-6.3 of its own sigmas. In a world as stated once in 13,000 h (signatures.md, 4)."""
+6.3 of its own sigmas. In a world as stated once in 9,000 h (signatures.md, 4)."""
 MOVED = 3.0
 """Published sigmas of the horizontal position by which that is: what is covered lies inside."""
 _AS_LIKELY = 14.0

@@ -36,7 +36,7 @@ STEP_NORTH = 7  # fixes have moved to grid north, 1 m
 KINDS = 8
 PAIRS = (FIX_EAST, GYRO_X, STEP_EAST)
 """Kinds of which each is one direction, the next kind the other: they have one statistic."""
-SLOTS = 8
+SLOTS = 12
 """Beginnings that are kept; hypothesis of kind k that began at slot i: column i * KINDS + k."""
 
 # Rows of the bank.

@@ -36,17 +36,21 @@ from .hypotheses import (
 )
 from .rings import Past
 from .state import State
-from .update import DR, DV
+from .update import DR, DV, MARKOV
 from .work import Work
 
 WINDOW_NS = 1_000_000_000
 """Pings and depths are added up for so long; fixes are not."""
-LEAST_S = 0.25
+TURN = 0.01
+"""Or until the vehicle has turned by this since the first ping [rad]."""
+LEAST_S = 0.1
 """A shorter time between two windows is made up for by the next."""
 BIRTH_NS = 20_000_000_000
 """A new beginning every so often."""
 OLDEST_NS = 2_400_000_000_000
 """An older beginning is the first to make room."""
+KEPT = 10.0
+"""Statistic, a third of a WARN, from which on the likeliest beginning does not make room."""
 JUDGED_NS = 30_000_000_000
 """Younger ones have no statistic: an outlier would be as large."""
 STEP_NS = 300_000_000_000
@@ -84,7 +88,8 @@ def note(s: State, past: Past, w: Work, stream: int, m: int, delay: float) -> No
         window[a] += weight * w.evidence[a]
     window[3] += weight
     now_ns = s.counters[fs.STAMP]
-    if stream != fs.FIX_ROW and now_ns - s.counters[fs.CLOSED_NS + stream] < WINDOW_NS:
+    young = now_ns - s.counters[fs.CLOSED_NS + stream] < WINDOW_NS
+    if stream != fs.FIX_ROW and young and not _has_turned(first_H, w.H, m):
         return
     _advance(s, past, w, now_ns)
     _begin(s, now_ns)
@@ -123,6 +128,16 @@ def note(s: State, past: Past, w: Work, stream: int, m: int, delay: float) -> No
     for k in range(FIRST_H):
         window[k] = 0.0
     s.counters[fs.CLOSED_NS + stream] = now_ns
+
+
+@kernel
+def _has_turned(first_H: Array, H: Array, m: int) -> bool:
+    """Whether rows of the DVL's slow error have turned since the first of a window."""
+    square = 0.0
+    for a in range(m):
+        for k in range(MARKOV, MARKOV + 3):
+            square += (H[a, k] - first_H[a, k]) * (H[a, k] - first_H[a, k])
+    return square > 2.0 * TURN * TURN  # of a turn theta it is 2 theta^2
 
 
 @kernel
@@ -170,7 +185,7 @@ def _begin(s: State, now_ns: int) -> None:
     if now_ns < s.counters[fs.BIRTH_NS]:
         return
     born_ns = s.counters[fs.BORN_NS : fs.BORN_NS + SLOTS]
-    chosen = slot_to_begin(born_ns, now_ns, OLDEST_NS, s.bank[STATISTIC])
+    chosen = slot_to_begin(born_ns, now_ns, OLDEST_NS, s.bank[STATISTIC], KEPT)
     begin_slot(s.bank, chosen)
     born_ns[chosen] = now_ns
     s.counters[fs.BIRTH_NS] = now_ns + BIRTH_NS

@@ -50,6 +50,8 @@ BIRTH_NS = 60_000_000_000
 """A new beginning every so often."""
 OLDEST_NS = 1_200_000_000_000
 """An older beginning is the first to make room."""
+KEPT = 14.0
+"""Statistic, half a WARN, from which on the likeliest beginning does not make room."""
 JUDGED_NS = 30_000_000_000
 """Younger ones have no statistic."""
 LEAST_WEIGHT = 1e-300
@@ -137,7 +139,8 @@ def note_signatures(b: Bank, c: Settings, w: Work, outcome: Array, stamp: int) -
 def _begin(b: Bank, stamp: int) -> None:
     """Begin hypotheses of all kinds in one slot."""
     born_ns = b.counters[ss.BORN_NS : ss.BORN_NS + ss.SLOTS]
-    slot = slot_to_begin(born_ns, stamp, OLDEST_NS, b.signatures[b.weight.shape[0], ss.STATISTIC])
+    statistic = b.signatures[b.weight.shape[0], ss.STATISTIC]
+    slot = slot_to_begin(born_ns, stamp, OLDEST_NS, statistic, KEPT)
     first = ss.KINDS * slot
     for m in range(b.signatures.shape[0]):
         u = b.signatures[m]
