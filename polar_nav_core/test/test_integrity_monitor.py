@@ -206,9 +206,31 @@ def test_a_fused_fix_ends_only_what_was_valid_before_it():
     assert monitor.longest_gated_s == pytest.approx(65.0 - 11.0)
     assert not monitor.quiet
     monitor.fused(60 * S, 70 * S)
-    assert monitor.quiet
     assert monitor.state(71 * S).gated_s == 0.0
     assert monitor.longest_gated_s == pytest.approx(54.0)  # the longer of the two
+
+
+def test_one_fix_that_passes_by_chance_ends_no_conflict():
+    """Three in a row do."""
+    monitor = refused(6)
+    for k in (7, 8):
+        monitor.fused(10 * k * S, (10 * k + 1) * S)
+        assert monitor.conflict()[0] == pytest.approx(AWAY)
+        assert not monitor.quiet
+    assert monitor.gated(90 * S, 91 * S, 1.2 * AWAY)
+    for k in (10, 11):
+        monitor.fused(10 * k * S, (10 * k + 1) * S)
+        assert monitor.conflict()[0] == pytest.approx(AWAY)
+    monitor.fused(120 * S, 121 * S)
+    assert not monitor.conflict()[0].any()
+    assert monitor.quiet
+
+
+def test_few_that_were_refused_leave_no_conflict():
+    monitor = refused(2)
+    monitor.fused(30 * S, 31 * S)
+    assert not monitor.conflict()[0].any()
+    assert monitor.quiet
 
 
 def test_the_newest_reception_counts_whatever_comes_late():
@@ -277,6 +299,16 @@ def test_a_settled_filter_believes_them_only_where_another_sensor_is_doubted(
     found = refused(count).contradiction(10, doubted=bool(doubted), least_s=0.0)
     assert (found is not None) == bool(believed)
     assert found is None or not found.constant  # what is wrong is not the start
+
+
+@pytest.mark.parametrize(('speed', 'count', 'believed'), [(0.0, 40, 0), (1.0, 10, 1), (1.0, 9, 0)])
+def test_without_a_dvl_it_believes_them_where_their_offset_changes(speed, count, believed):
+    """An IMU makes that of a tilt that is wrong; a leader that is displaced stays where it is."""
+    monitor = refused(count, lambda t: AWAY + speed * (t - 10.0) * np.array([0.6, 0.8, 0.0]))
+    assert monitor.contradiction(10, doubted=False, least_s=0.0) is None
+    found = monitor.contradiction(10, doubted=False, alone=True, least_s=0.0)
+    assert (found is not None) == bool(believed)
+    assert found is None or not found.constant
 
 
 def test_a_doubt_lasts_while_they_are_refused():

@@ -39,6 +39,13 @@ def test_what_was_an_error_by_its_evidence_stays_one(certain, level):
     assert {condition.level for (condition,) in found[30:]} == {level}
 
 
+def test_twice_as_far_is_an_error_by_the_evidence_of_a_warning():
+    """Six sigmas of half a metre."""
+    for way, level in ((2.9, Level.WARN), (3.1, Level.ERROR)):
+        found = told(Led(), [(30, (0.0, way)), (5, None)], certain=False)
+        assert found[-1][0].level == level
+
+
 def test_an_error_that_is_certain_no_more_is_said_beside_the_warning_of_now():
     """The condition of the drift itself says it alone as long as that is as bad."""
     led = Led()

@@ -157,14 +157,14 @@ def test_rewind_gives_the_bits_of_fixes_in_order(world):
 
 
 def test_an_imu_that_becomes_slower_is_followed(world):
-    """After a while its interval is the usual one, and nothing is missing."""
+    """After minutes its interval is the usual one, and nothing is missing; samples may be lost."""
     params = world.params(imu_gap_s=0.5)
     now_ns = int(world.stamps[1])
     f = NavigationFilter(params, params.initial_state(), now_ns)
-    for k in range(4000):
+    for k in range(12_000):
         now_ns += 10_000_000 if k < 200 else 30_000_000
         f.imu(ImuSample(now_ns, k, np.zeros(3), np.array([0.0, 0.0, 9.8])))
-        if k == 300:
+        if k in (300, 900):  # two of three lost
             assert f.state.counters[fs.MISSING_NS] > 1_000_000_000
     assert f.state.counters[fs.USUAL_NS] == 30_000_000
     assert f.state.counters[fs.MISSING_NS] < 0.05 * fill.FADE_NS

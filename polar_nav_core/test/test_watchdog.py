@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from compiled import jit_only
 
-from polar_nav_core.engine.health.conditions import RUNAWAY, Culprit, Level
+from polar_nav_core.engine.health.conditions import RUNAWAY, Condition, Culprit, Level
 from polar_nav_core.engine.health.statistics import statistics
 from polar_nav_core.engine.health.view import Envelope, Gaps, View
 from polar_nav_core.engine.health.watchdog import (
@@ -12,7 +12,9 @@ from polar_nav_core.engine.health.watchdog import (
     DVL,
     FIX,
     Watchdog,
+    is_alone,
     judged,
+    refused_alone,
     scatter,
 )
 from polar_nav_core.kernels import watch
@@ -414,3 +416,16 @@ def test_so_has_one_that_is_faster_than_its_vehicle():
         health = look(memories(), dog, stamp_ns=10**12 + second * 10**9, speed=10.1)
         assert (RUNAWAY in [p.condition.key for p in health.present]) is found
     assert not look(memories(), dog, stamp_ns=10**12 + 90 * 10**9, speed=10.0).present
+
+
+@pytest.mark.parametrize(
+    ('used_s', 'level'), [(996, Level.WARN), (995, Level.ERROR), (0, Level.ERROR)]
+)
+def test_refused_fixes_are_an_error_where_no_dvl_vouches(used_s, level):
+    seen = view(memories(), used_ns=np.array([used_s * 10**9, 0, 0]))
+    condition = Condition('fixes gated', Level.WARN, Culprit.FIXES, '3 fixes gated')
+    found = refused_alone(condition, seen)
+    assert found.level is level
+    assert found.key == condition.key
+    assert ('no DVL vouches' in found.sentence) == (level is Level.ERROR)
+    assert is_alone(seen) == (level is Level.ERROR)

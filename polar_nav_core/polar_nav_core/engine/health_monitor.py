@@ -12,7 +12,7 @@ from .health.conditions import Condition, Culprit, Health, Level
 from .health.heading import UNKNOWN, heading_unknown
 from .health.station import StationWatchdog
 from .health.view import Envelope
-from .health.watchdog import Watchdog
+from .health.watchdog import Watchdog, refused_alone
 from .ledger import FixLedger
 from .params import EngineParams
 from .plausibility import LEAST_PING_VARIANCE
@@ -22,6 +22,7 @@ from .sins.view import view_of
 from .station.fusion import StationFusion
 from .station.view import view_of as station_view_of
 from .switches import Switches
+from .unused import ALARMING
 
 _TOO_SURE_NS = 60_000_000_000
 
@@ -98,7 +99,10 @@ class HealthMonitor:
             found += self._clock.conditions(stamp_ns)
             found += self._heading_unknown(fusion, beginning.stated_heading)
             found += self._pings_too_sure(stamp_ns, too_sure_ns)
-            return self._watchdog.look(view_of(fusion, stamp_ns, resets), found)
+            view = view_of(fusion, stamp_ns, resets)
+            if agreement.gated_run >= ALARMING:
+                found[0] = refused_alone(found[0], view)
+            return self._watchdog.look(view, found)
         return None
 
     def _heading_unknown(self, fusion: Fusion, at_start: float) -> list[Condition]:

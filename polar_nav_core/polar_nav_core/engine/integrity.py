@@ -121,6 +121,8 @@ class IntegrityMonitor:
         self._moved_m = 0.0
         self._followed_G = np.zeros(3)
         self._farthest_m = 0.0
+        self._held: tuple[Array, Array] | None = None
+        self._agreed = 0
         self.longest_gated_s = 0.0
 
     def known(self, validity_ns: int) -> None:
@@ -138,10 +140,14 @@ class IntegrityMonitor:
         if self._last_fused_ns is None or receive_ns > self._last_fused_ns:
             self._last_fused_ns = receive_ns
         self._newest_fused_validity_ns = max(self._newest_fused_validity_ns, validity_ns)
+        self._release()
         if not self._refused:
             return
         later = [r for r in self._refused if r.validity_ns > validity_ns]
         if len(later) != len(self._refused):
+            conflict = self.conflict()
+            if conflict[0].any():
+                self._held, self._agreed = conflict, 1
             self.longest_gated_s = max(self.longest_gated_s, self._gated_s(receive_ns))
             self._refused = deque(later, maxlen=_KEPT)
             self._count = len(later)
@@ -150,10 +156,16 @@ class IntegrityMonitor:
                 self._followed_G += refused_G
                 self._farthest_m = max(self._farthest_m, self._followed())
 
+    def _release(self) -> None:
+        """Count a fix that was fused since refused ones contradicted the estimate."""
+        self._agreed += 1
+        if self._agreed >= ALARMING:
+            self._held = None
+
     @property
     def quiet(self) -> bool:
-        """Whether no fix has been refused since the newest that was fused."""
-        return not self._count
+        """Whether no fix has been refused since the newest that was fused, nor contradicts."""
+        return not self._count and self._held is None
 
     def gated(self, validity_ns: int, receive_ns: int, offset_G: Array) -> bool:
         """Whether a fix that the gate refused counts; ``offset_G`` is fix minus estimate (3,) [m].
@@ -166,6 +178,7 @@ class IntegrityMonitor:
             self._first_ns = receive_ns
         self._refused.append(_Refused(validity_ns, receive_ns, offset_G))
         self._count += 1
+        self._agreed = 0
         return True
 
     def agrees_with_refused(self, offset_G: Array) -> bool:
@@ -179,23 +192,28 @@ class IntegrityMonitor:
         size = float(np.linalg.norm(mean_G))
         return scatter < 0.5 * size and float(np.linalg.norm(offset_G - mean_G)) < 0.5 * size
 
-    def contradiction(self, fused: int, *, doubted: bool, least_s: float) -> Contradiction | None:
+    def contradiction(
+        self, fused: int, *, doubted: bool, least_s: float, alone: bool = False
+    ) -> Contradiction | None:
         """Return what refused fixes contradict the estimate by, if they are to be believed.
 
         They agree, are at least ten, and lasted for ``least_s`` [s]; and either they are twice as
         many as the few that were ever fused (the start was wrong, or the filter locked on to
         outliers), or DVL or IMU were ``doubted`` since the first of them was refused. A filter
-        that has fused ten and whose other sensors agree is not moved by a displaced leader.
+        that has fused ten and whose other sensors agree is not moved by a displaced leader. One
+        that is ``alone``, without a DVL, is, unless they keep their offset: one that changes is
+        what an IMU makes of a tilt or a rate that is wrong.
         """
         self._doubted = doubted or self._doubted
         enough = _BELIEVED if fused >= _BELIEVED else max(_BELIEVED, 2 * fused)
-        if self._count < enough or (fused >= _BELIEVED and not self._doubted):
+        vouched = fused >= _BELIEVED and not self._doubted
+        if self._count < enough or (vouched and not alone):
             return None
         newest = self._newest()
         if (newest[-1].validity_ns - newest[0].validity_ns) * 1e-9 < least_s:
             return None
         line = _line(newest)
-        if not line.agree:
+        if not line.agree or (vouched and line.steady):
             return None
         distance = float(np.linalg.norm(line.offset_G))
         return Contradiction(distance, line.steady and fused < _BELIEVED)
@@ -203,13 +221,14 @@ class IntegrityMonitor:
     def conflict(self) -> tuple[Array, Array]:
         """Offset [m] of refused fixes from the estimate and its change [m/s], grid axes.
 
-        Zero while fewer than three in a row are refused, or they scatter.
+        Zero while fewer than three in a row are refused, or they scatter. One that passes the
+        gate by chance does not end it: that takes three in a row.
         """
         if self._count >= ALARMING:
             line = _line(self._newest())
             if line.agree:
                 return line.offset_G, line.speed_G
-        return np.zeros(3), np.zeros(3)
+        return self._held or (np.zeros(3), np.zeros(3))
 
     def _newest(self) -> list[_Refused]:
         return sorted(self._refused, key=lambda r: r.validity_ns)[-2 * _BELIEVED :]
@@ -222,7 +241,7 @@ class IntegrityMonitor:
         self.longest_gated_s = max(self.longest_gated_s, self._gated_s(stamp_ns))
         self._refused.clear()
         self.unused.began(stamp_ns)
-        self._count, self._doubted = 0, False
+        self._count, self._doubted, self._held = 0, False, None
         self._moved_m = max(self._moved_m, moved_m)
         self._newest_fused_validity_ns = max(self._newest_fused_validity_ns, stamp_ns)
 

@@ -8,7 +8,7 @@ knows, and the published covariance reaches to where they lie.
 
 from __future__ import annotations
 
-from .health.watchdog import doubts_local
+from .health.watchdog import doubts_local, is_alone
 from .ledger import FixLedger
 from .params import EngineParams
 from .results import Outcome
@@ -54,9 +54,11 @@ def reconsider(
 def _outweigh(fusion: Fusion, ledger: FixLedger, p: EngineParams, outcome: Outcome) -> None:
     """Enlarge the covariance where refused fixes outweigh start, DVL or IMU."""
     stamp_ns = fusion.stamp_ns
+    view = view_of(fusion, stamp_ns, 0)
     found = ledger.integrity.contradiction(
         ledger.fused_since_start,
-        doubted=doubts_local(view_of(fusion, stamp_ns, 0)),
+        doubted=doubts_local(view),
+        alone=is_alone(view),
         least_s=p.reopen_after_s,
     )
     if found is None:

@@ -21,6 +21,8 @@ _CERTAIN = 40.0
 6.3 of its own sigmas. In a world as stated once in 9,000 h (signatures.md, 4)."""
 MOVED = 3.0
 """Published sigmas of the horizontal position by which that is: what is covered lies inside."""
+FAR = 6.0
+"""Where it is so many, a WARN's evidence is enough for an ERROR."""
 _AS_LIKELY = 14.0
 """Another kind whose T is less than this below the largest explains the evidence, too: the ratio
 of likelihoods is below exp(7), a thousand."""
@@ -157,8 +159,9 @@ def most_likely(
         slot = int(np.argmax(statistic[:, kind]))
         words, way = described(slot, kind)
         parts.append(f'{words} since about {int(ages_ns[slot]) / 60e9:.0f} min')
-        if same and largest[kind] > _CERTAIN:
-            moved = max(moved, shift_in_sigmas(way, P_horizontal))
+        here = shift_in_sigmas(way, P_horizontal)
+        if same and (largest[kind] > _CERTAIN or here > FAR):
+            moved = max(moved, here)
     worst = largest[first]
     sentence = f'{", or ".join(parts)} ({math.sqrt(worst):.1f} sigma)'
     misled = moved > MOVED

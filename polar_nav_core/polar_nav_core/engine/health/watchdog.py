@@ -8,6 +8,7 @@ says so and the culprit has several bits. Thresholds: docs/trust-and-hold.md.
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 
@@ -55,6 +56,9 @@ _MISSING_SHARE = 0.05
 """Of the IMU samples, from which on it is said that some are missing."""
 AFTER_S = 60.0
 """A gate that was opened again stays a condition for so long."""
+
+ALONE_S = 5.0
+"""Without a DVL that was used for so long a navigation is alone with its IMU and the fixes."""
 
 
 class Watchdog:
@@ -190,6 +194,24 @@ def _reopened(view: View, stream: int, culprit: Culprit | None = None) -> list[C
     )
     blamed = _CULPRITS[stream] if culprit is None else culprit
     return [Condition(f'{name} reopened', Level.ERROR, blamed, sentence)]
+
+
+def is_alone(view: View) -> bool:
+    """Whether no DVL was used lately: the IMU alone vouches against fixes."""
+    return (view.stamp_ns - int(view.used_ns[DVL])) * 1e-9 >= ALONE_S
+
+
+def refused_alone(condition: Condition, view: View) -> Condition:
+    """The condition that fixes are refused; an ERROR where no DVL vouches for the estimate.
+
+    Without one nothing but the fixes shows what an IMU makes of it that is worse than stated.
+    """
+    if not is_alone(view):
+        return condition
+    sentence = f'{condition.sentence}; no DVL vouches for the estimate'
+    return replace(
+        condition, level=Level.ERROR, culprit=Culprit.FIXES | Culprit.IMU, sentence=sentence
+    )
 
 
 def doubts_local(view: View) -> bool:

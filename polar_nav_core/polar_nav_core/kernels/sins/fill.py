@@ -24,8 +24,9 @@ _ODD = 8
 """An interval that is no multiple of the usual one counts as much as so many that are."""
 _SLOWER = 64
 """The usual interval grows by one part in so many with each longer one, to follow a slower IMU."""
-_SELDOM = 16
-"""It grows by as much in so many where a whole number of samples seems to be missing."""
+_SELDOM = 256
+"""It grows by as much in so many where a whole number of samples seems to be missing: every second
+one lost at 50 Hz for a minute and a half would be a slower IMU."""
 _LEAST_NS = 50_000
 """Stamps that are closer are no interval of an IMU (20 kHz)."""
 _MOST_MISSING = 1000
