@@ -16,7 +16,7 @@ from .driver import WholeArrays
 from .engine import Engine
 from .events import Event, Fix
 from .looks import Look
-from .plausibility import widening
+from .plausibility import believed
 from .results import FixResult
 from .sins.whole import SinsArrays
 from .verdicts import Verdict
@@ -101,7 +101,7 @@ class FixesAtOnce:
                 break
             if ledger.refusal(event, event.validity_ns):
                 break
-            if widening(event, self._engine.params.min_fix_sigma):  # believed less than stated
+            if believed(event, self._engine.params.min_fix_sigma) is not event:
                 break
             ticks.add(tick)
             found.append(event)

@@ -54,9 +54,9 @@ class LimitParams(NodeParams):
         'm',
         0.0,
         100.0,
-        'Of the best acoustic fix, in any direction (the constant part of a ship class USBL): one '
-        'that states less is used with this, an antenna with 0.01 at most (mode sins); 0: as '
-        'stated, as a camera in a tank needs it, and engines up to 17 had it',
+        'Of the best acoustic fix, in any horizontal direction (the constant part of a ship class '
+        'USBL): one that states less is used with this, an antenna with 0.01 at most (mode sins); '
+        '0: as stated, as a camera in a tank needs it, and engines up to 17 had it',
     )
     max_imu_noise_factor: float = param(
         1.0,

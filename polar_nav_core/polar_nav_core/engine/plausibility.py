@@ -25,7 +25,9 @@ of 1,000 km says nothing."""
 LEAST_PING_VARIANCE: Final = 1e-6
 """No ping is better than 1 mm/s along an axis: what states less says nothing [m^2/s^2]."""
 LEAST_ANTENNA_SIGMA: Final = 0.01
-"""No antenna is better than what a base station and its phases give, along any axis [m]."""
+"""No antenna is better than what a base station and its phases give [m]."""
+LEAST_HEIGHT_SIGMA: Final = 0.01
+"""Nor is the height of a fix, from depth sensors or an antenna [m]."""
 LEAST_DEPTH: Final = -50.0
 """A depth above it is none: air pressure, tide, geoid and heave are tens of metres at most [m]."""
 NO_GRID_NORTH: Final = 'grid north is undefined on the equator at longitude +-90 deg'
@@ -35,8 +37,8 @@ _LEAST_PIVOT = 1e-12
 """Of the Cholesky factors of a correlation matrix."""
 _ASYMMETRY = 1e-6
 """Largest difference of two correlations that are the same one."""
-_ROUNDING = 1e-9
-"""Of a variance that is stated and turned to other axes."""
+_ROUNDING = 1e-3
+"""Share of a variance that is lost where it is turned to other axes, and by the vertical here."""
 _ORTHOGONALITY = 1e-3
 """Largest element of C C^T - I of an attitude matrix."""
 
@@ -138,23 +140,33 @@ def best_sigma(fix: Fix, min_fix_sigma: float) -> float:
     return min(min_fix_sigma, LEAST_ANTENNA_SIGMA) if antenna else min_fix_sigma
 
 
-def widening(fix: Fix, min_fix_sigma: float) -> float:
-    """Variance by which a fix states less in some direction than the best have [m^2], or 0."""
-    least = best_sigma(fix, min_fix_sigma) ** 2
-    if least == 0.0 or fix.polar is not None:
-        return 0.0
-    ((a, x, y), (_, b, z), (_, _, c)) = fix.covariance_e.tolist()
-    a, b, c = a - least, b - least, c - least
-    if a > 0.0 and a * b > x * x and a * (b * c - z * z) + 2.0 * x * y * z > c * x * x + b * y * y:
-        return 0.0  # what is more is positive definite: found in a tenth of the time
-    short = least - float(np.linalg.eigvalsh(fix.covariance_e)[0])
-    return short if short > _ROUNDING * least else 0.0
-
-
 def believed(fix: Fix, min_fix_sigma: float) -> Fix:
-    """The same fix, or one whose covariance has what `widening` misses in every direction."""
-    short = widening(fix, min_fix_sigma)
-    return fix.believed_to(fix.covariance_e + short * np.eye(3)) if short else fix
+    """The same fix, or one that is as good as the best of its kind in each horizontal direction.
+
+    Its height, which may come from depth sensors, has LEAST_HEIGHT_SIGMA at least.
+    """
+    sigma = best_sigma(fix, min_fix_sigma)
+    if sigma == 0.0 or fix.polar is not None:
+        return fix
+    least = sigma * sigma
+    ((a, x, y), (_, b, z), (_, _, c)) = fix.covariance_e.tolist()
+    u, v, w = fix.r_e.tolist()
+    square = u * u + v * v + w * w  # of the radius: up is along it, to 0.2 deg
+    up = u * (a * u + 2.0 * x * v + 2.0 * y * w) + v * (b * v + 2.0 * z * w) + c * w * w
+    up /= square
+    # The sum of both horizontal eigenvalues, and their product: that of the adjugate along up.
+    total = a + b + c - up
+    product = u * ((b * c - z * z) * u + 2.0 * (y * z - x * c) * v + 2.0 * (x * z - y * b) * w)
+    product += v * ((a * c - y * y) * v + 2.0 * (x * y - z * a) * w) + (a * b - x * x) * w * w
+    product /= square
+    smaller = 0.5 * total - math.sqrt(max(0.25 * total * total - product, 0.0))
+    short = max(0.0, least - smaller)
+    short_up = max(0.0, min(least, LEAST_HEIGHT_SIGMA**2) - up)
+    if short <= _ROUNDING * least and short_up == 0.0:
+        return fix
+    along = np.outer(fix.r_e, fix.r_e) / square
+    wider_e = fix.covariance_e + short * (np.eye(3) - along) + short_up * along
+    return fix.believed_to(wider_e)
 
 
 def is_variance(value: float) -> bool:
