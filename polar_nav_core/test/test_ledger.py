@@ -364,7 +364,7 @@ def test_fixes_fused_at_once_end_the_row_of_refused_ones(book):
         book.decide(fix(k, 100.0 + k), fused=False)
     outcomes = np.full((1, OUTCOME), 3.0)
     book.ledger.fused([fix(4, 104.0)], outcomes, np.zeros((1, 3), dtype=np.int64))
-    assert book.ledger.integrity.quiet
+    assert book.ledger.integrity.state(105 * S).gated_run == 0
     assert len(book.ledger.refused_row._row) == 0
 
 

@@ -170,7 +170,8 @@ def test_doubtful_parameters_stand_in_the_diagnostics(rig):
     assert 'parameter delay_handling: clone is not used' in values['parameter_warnings']
 
 
-def test_displaced_fixes_raise_a_warning_and_an_error_in_the_diagnostics(rig):
+def test_displaced_fixes_are_an_error_in_the_diagnostics_of_a_follower_without_a_dvl(rig):
+    """At once, and by another sentence where they last: what to do."""
     r = rig('configuration:=default', 'max_gated_s:=4.0')
     r.rest(50)
     for _ in range(4):
@@ -183,8 +184,8 @@ def test_displaced_fixes_raise_a_warning_and_an_error_in_the_diagnostics(rig):
         r.fix(away_G=(300.0, 400.0, 0.0))
         r.rest(50)
     status = r.status()
-    assert status.level == WARN
-    assert 'displaced by about 500 m' in status.message
+    assert status.level == ERROR
+    assert 'displaced by about 500 m; no DVL vouches for the estimate' in status.message
     for _ in range(6):
         r.fix(away_G=(300.0, 400.0, 0.0))
         r.rest(50)

@@ -10,8 +10,9 @@ import math
 import numpy as np
 
 from ...error_model import X
-from ...kernels.sins import carried, heading
+from ...kernels.sins import heading
 from ...kernels.sins import update as kf
+from ...kernels.sins.consider import DVL_YAW
 from ...kernels.sins.state import State
 from ..disagreement import MOST_HEADING, RefusedRow, Turn, Unlearnt
 from ..params import EngineParams
@@ -94,5 +95,5 @@ def carry_now(state: State) -> None:
     T[X.dv_G, X.phi_G] = [[0.0, 0.0, -y], [0.0, 0.0, x], [0.0, 0.0, 0.0]]
     state.P[:] = T @ state.P @ T.T
     state.sensitivity[:] = T @ state.sensitivity
-    carried.carry_yaw(state.sensitivity, state.C_b_G, state.carried)
+    state.sensitivity[X.dv_G, DVL_YAW] += np.cross([x, y, 0.0], state.C_b_G[:, 2])
     state.carried[:] = 0.0
