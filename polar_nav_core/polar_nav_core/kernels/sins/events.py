@@ -181,14 +181,31 @@ def begin_step(s: State, c: Settings, stamp_ns: int) -> None:
 
 
 @routine
-def advance_to(
+def _end_step(
     s: State, c: Settings, past: Past, w: Work, log: Log, stamp_ns: int, own: int
 ) -> int:
-    """Advance to a stamp by the mean rate and force in the scratch; a step where it ends one.
+    """End the covariance step at a stamp and begin the next; DONE, or the code of a failure."""
+    step = (stamp_ns - s.counters[fs.BOUNDARY]) * 1e-9
+    code = covariance_step(s, c, past, w, log, stamp_ns, step, 0.0)
+    if is_held(log):
+        hold(s, log, w.x)
+    begin_step(s, c, stamp_ns)
+    add_epoch(s, c, past)
+    # A measurement like others, after the epoch; inside this event, so that a snapshot has it.
+    if c.aiding.on and code == fs.DONE:
+        code = compare_with_model(s, c, past, w, log, step)
+    if s.counters[fs.WAITS] == 1 or s.counters[fs.STEPS] % c.steps_per_snapshot == 0:
+        s.counters[fs.WAITS] = 0 if own == fs.SAMPLE else 1
+        if own == fs.SAMPLE:
+            take_snapshot(s, log)
+    return code
 
-    ``own`` is SAMPLE, or STAND_IN for what is interpolated or held in place of one. A snapshot
-    then waits: it would know of a sample that comes later.
-    """
+
+@kernel
+def _advance_to(
+    s: State, c: Settings, past: Past, w: Work, log: Log, stamp_ns: int, own: int
+) -> int:
+    """`advance_to` where it is inlined: whoever calls by all arrays copies them at each sample."""
     before_ns = s.counters[fs.STAMP]
     dt = (stamp_ns - before_ns) * 1e-9
     if s.counters[fs.HELD] == 0:
@@ -218,24 +235,23 @@ def advance_to(
     if own == fs.SAMPLE:
         s.counters[fs.IMU_NS] = stamp_ns
         s.counters[fs.IMU] += 1
-    code = fs.DONE
-    stepped = stamp_ns >= s.counters[fs.NEXT]
-    if stepped:
-        step = (stamp_ns - s.counters[fs.BOUNDARY]) * 1e-9
-        code = covariance_step(s, c, past, w, log, stamp_ns, step, 0.0)
-        if is_held(log):
-            hold(s, log, w.x)
-        begin_step(s, c, stamp_ns)
+    if stamp_ns >= s.counters[fs.NEXT]:
+        code: int = _end_step(s, c, past, w, log, stamp_ns, own)
+        return code
     add_epoch(s, c, past)
-    # A measurement like others, after the epoch; inside this event, so that a snapshot has it.
-    if stepped and c.aiding.on and code == fs.DONE:
-        code = compare_with_model(s, c, past, w, log, step)
-    due = s.counters[fs.WAITS] == 1 or s.counters[fs.STEPS] % c.steps_per_snapshot == 0
-    if stepped and due:
-        s.counters[fs.WAITS] = 0 if own == fs.SAMPLE else 1
-        if own == fs.SAMPLE:
-            take_snapshot(s, log)
-    return code
+    return fs.DONE
+
+
+@routine
+def advance_to(
+    s: State, c: Settings, past: Past, w: Work, log: Log, stamp_ns: int, own: int
+) -> int:
+    """Advance to a stamp by the mean rate and force in the scratch; a step where it ends one.
+
+    ``own`` is SAMPLE, or STAND_IN for what is interpolated or held in place of one. A snapshot
+    then waits: it would know of a sample that comes later.
+    """
+    return _advance_to(s, c, past, w, log, stamp_ns, own)
 
 
 @kernel
@@ -273,7 +289,7 @@ def imu_event(
         for k in range(3):
             w.omega[k] += w.owed[0, k] / dt
             w.f[k] += w.owed[1, k] / dt
-    code = advance_to(s, c, past, w, log, stamp_ns, fs.SAMPLE)
+    code = _advance_to(s, c, past, w, log, stamp_ns, fs.SAMPLE)
     if owes:  # that is no rate of the vehicle
         for k in range(3):
             s.omega_ib_b[k] = omega_ib_b[k]
