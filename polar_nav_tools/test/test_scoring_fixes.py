@@ -58,7 +58,7 @@ def test_last_revision_counts():
         receipt(1, 'GATED', revision=2),
         receipt(2, 'DUPLICATE', receive=6.0),
     ]
-    counts = count_verdicts(receipts)
+    counts = count_verdicts(VerdictSeries.of(receipts))
     assert counts.total == 3
     assert counts.by_verdict == {'FUSED': 1, 'GATED': 1, 'DUPLICATE': 1}
     assert counts.by_topic == {RX: counts.by_verdict}
@@ -85,7 +85,9 @@ def test_balance_is_per_topic():
         receipt(2, 'BAD_CRC'),
         receipt(0, 'TOO_LATE', topic='/follower/imu/data_raw', source=''),
     ]
-    good, bad, none = balances(receipts, {'follower/acomms/rx': 2, RX: 3, '/other': 0})
+    good, bad, none = balances(
+        count_verdicts(VerdictSeries.of(receipts)), {'follower/acomms/rx': 2, RX: 3, '/other': 0}
+    )
     assert (good.received, good.verdicts, good.balanced) == (2, 2, True)
     assert (bad.received, bad.verdicts, bad.balanced) == (3, 2, False)
     assert none.balanced

@@ -184,18 +184,19 @@ def analyse(
         series[SMOOTHER] = smoothed_series(bag, name, parts[-1])
     runs = {title: (truth, run.estimates, run.receipts) for title, run in series.items()}
     packets = _packets_of(bag, name)
+    comparison = compare(
+        runs,
+        models={t: run.model for t, run in series.items() if run.model is not None},
+        phases=mission_phases(truth),
+    )
     return Analysis(
         bag=bag,
         vehicle=name,
         runs=runs,
-        comparison=compare(
-            runs,
-            models={t: run.model for t, run in series.items() if run.model is not None},
-            phases=mission_phases(truth),
-        ),
+        comparison=comparison,
         balances={
-            n: balances(receipts, packets)
-            for n, (_, _, receipts) in runs.items()
+            n: balances(one.verdicts, packets)
+            for n, one in comparison.scores.items()
             if n != SMOOTHER  # it leaves aside what holds no fix
         },
         counts=topic_counts(bag, read_outcome(bag.path).get('counts', {})),

@@ -21,7 +21,7 @@ from ..bags.arrays import load_receipts, load_truth
 from ..bags.finding import Finding, Severity
 from ..bags.run_folder import read_outcome
 from ..replay.recorded import followers_of
-from ..scoring import balances, count_verdicts
+from ..scoring import VerdictSeries, balances, count_verdicts
 
 _READ: dict[str, Callable[[Any, int], object]] = {
     'polar_nav_msgs/msg/Command': command_from_msg,
@@ -63,9 +63,9 @@ def _verdicts(bag: Bag, vehicle: str) -> list[Finding]:
     topic = f'/{vehicle}/{RX}'
     if topic not in bag.topics:
         return []
-    receipts = load_receipts(bag, vehicle)
-    (balance,) = balances(receipts, {RX: bag.topics[topic].count})
-    verdicts = count_verdicts(receipts).by_topic.get(RX, {})
+    counts = count_verdicts(VerdictSeries.of(load_receipts(bag, vehicle)))
+    (balance,) = balances(counts, {RX: bag.topics[topic].count})
+    verdicts = counts.by_topic.get(RX, {})
     parts = ', '.join(f'{name} {count}' for name, count in verdicts.items()) or 'none'
     text = f'{balance.received} packets received, {balance.verdicts} verdicts: {parts}'
     severity = Severity.OK if balance.balanced else Severity.SEVERE

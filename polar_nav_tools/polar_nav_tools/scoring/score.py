@@ -200,7 +200,8 @@ def score(
     truth, estimate = truth.in_order(), estimate.in_order()
     pairs = align(truth, estimate, mode=mode)
     error = errors(pairs)
-    whole = _whole(pairs, error, estimate, VerdictSeries.of(receipts))
+    verdicts = VerdictSeries.of(receipts)
+    whole = _whole(pairs, error, estimate, verdicts)
     windows = standard_windows(int(truth.stamp_ns.min()), int(truth.stamp_ns.max()))
     taken = {w.name for w in windows}
     for phase in phases:
@@ -218,7 +219,7 @@ def score(
         windows={w.name: _window_score(w, whole) for w in (*windows, *phases)},
         alignment=pairs.counts,
         availability=availability(estimate, windows[0]),
-        verdicts=count_verdicts(receipts),
+        verdicts=count_verdicts(verdicts),
         drift=drift,
         absolute=statistics(absolute_errors(pairs)),
         relative=statistics(relative_errors(pairs)),

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from operator import attrgetter
 from typing import Self
 
 import numpy as np
@@ -15,7 +14,7 @@ from polar_nav_core.engine.outputs import LOCAL_DOF, NIS_SUM, UPDATES
 from polar_nav_core.engine.verdicts import Verdict
 from polar_nav_core.spilled import by_rows
 
-from ..series.vehicle import Floats, Ints, ReceiptRecord, Series, last_revisions
+from ..series.vehicle import Floats, Ints, ReceiptRecord, Series, last_places
 from .consistency import Consistency, consistency, consistency_of_sums
 from .json_values import record
 
@@ -24,8 +23,6 @@ GATED = Verdict.GATED.name
 # In the order of FixReceipt.msg, so that tables of different bags have the same order.
 VERDICTS = tuple(verdict.name for verdict in Verdict)
 
-_TOPIC_AND_VERDICT = attrgetter('topic', 'verdict_text')
-
 UNKNOWN_NS = int(np.iinfo(np.int64).min)
 """A time that is not known, in a column of times: before every window."""
 
@@ -33,7 +30,7 @@ _ROW = np.dtype(
     [
         *((name, np.int64) for name in ('stamp_ns', 'validity_ns', 'receive_ns')),
         # Objects: in an array of str, one long text would make all rows as long.
-        *((name, np.object_) for name in ('verdict', 'source')),
+        *((name, np.object_) for name in ('verdict', 'source', 'topic')),
         ('nis', np.float64),
         ('degrees_of_freedom', np.int64),
     ]
@@ -48,31 +45,38 @@ class VerdictSeries(Series):
     ----------
     stamp_ns : ndarray of int64, shape (n,)
         When it was decided [ns].
-    verdict, source : ndarray of str, shape (n,)
-        `ReceiptRecord.verdict_text`, and who sent the message.
+    verdict, source, topic : ndarray of str, shape (n,)
+        `ReceiptRecord.verdict_text`, who sent the message, and where it came.
     validity_ns, receive_ns : ndarray of int64, shape (n,)
         [ns]; UNKNOWN_NS where a receipt has None.
     nis, degrees_of_freedom : ndarray, shape (n,)
         NaN and 0 where not computed.
+    revised : int
+        Receipts that a later revision replaced.
     """
 
     stamp_ns: Ints
     verdict: NDArray[np.object_]
     source: NDArray[np.object_]
+    topic: NDArray[np.object_]
     validity_ns: Ints
     receive_ns: Ints
     nis: Floats
     degrees_of_freedom: Ints
+    revised: int = 0
 
     @classmethod
     def of(cls, receipts: Sequence[ReceiptRecord]) -> Self:
         """Series of the last revisions of `receipts`."""
-        final = last_revisions(receipts)
-        rows = np.zeros(len(final), _ROW)
-        for k, r in enumerate(final):  # once: they are made when they are read
+        every, keyed = np.zeros(len(receipts), _ROW), []
+        for k, r in enumerate(receipts):  # once: they are made when they are read
             times = (r.stamp_ns, _time(r.validity_ns), _time(r.receive_ns))
-            rows[k] = (*times, r.verdict_text, r.source, r.nis, r.degrees_of_freedom)
-        return cls(**{name: rows[name].copy() for name in _ROW.names or ()})
+            words = (r.verdict_text, r.source, r.topic)
+            every[k] = (*times, *words, r.nis, r.degrees_of_freedom)
+            keyed.append((r.key, r.revision))
+        rows = every[np.asarray(last_places(keyed), dtype=np.int64)]
+        columns = {name: rows[name].copy() for name in _ROW.names or ()}
+        return cls(**columns, revised=len(every) - len(rows))
 
     def fused(self) -> Self:
         """Rows of fused fixes with known validity and reception."""
@@ -112,39 +116,36 @@ class Balance:
         return {**asdict(self), 'balanced': self.balanced}
 
 
-def count_verdicts(receipts: Sequence[ReceiptRecord]) -> VerdictCounts:
+def count_verdicts(series: VerdictSeries) -> VerdictCounts:
     """Numbers of messages by final verdict."""
-    final = last_revisions(receipts)
     counts: dict[str, Counter[str]] = {}
-    for (topic, verdict), number in Counter(map(_TOPIC_AND_VERDICT, final)).items():
+    pairs = zip(series.topic, series.verdict, strict=True)
+    for (topic, verdict), number in Counter(pairs).items():
         counts.setdefault(topic, Counter())[verdict] = number
     return VerdictCounts(
-        total=len(final),
+        total=len(series),
         by_verdict=_ordered(sum(counts.values(), Counter())),
         by_topic={topic: _ordered(counts[topic]) for topic in sorted(counts)},
-        revised=len(receipts) - len(final),
+        revised=series.revised,
     )
 
 
-def balances(
-    receipts: Sequence[ReceiptRecord], received: Mapping[str, int]
-) -> tuple[Balance, ...]:
+def balances(counts: VerdictCounts, received: Mapping[str, int]) -> tuple[Balance, ...]:
     """Balance of verdicts with messages, topic by topic.
 
     Parameters
     ----------
-    receipts : sequence of ReceiptRecord
-        Of one run, all revisions.
+    counts : VerdictCounts
+        Of one run.
     received : mapping of str to int
         Messages that the bag holds on each topic whose every message gets a receipt (acomms/rx); a
         leading slash does not matter. Local sensors get receipts only when refused and do not
         belong here.
     """
-    final = last_revisions(receipts)
     verdicts: dict[str, int] = {}
-    for receipt in final:
-        topic = receipt.topic.strip('/')
-        verdicts[topic] = verdicts.get(topic, 0) + 1
+    for name, by_verdict in counts.by_topic.items():
+        topic = name.strip('/')
+        verdicts[topic] = verdicts.get(topic, 0) + sum(by_verdict.values())
     return tuple(
         Balance(topic, int(count), verdicts.get(topic.strip('/'), 0))
         for topic, count in received.items()

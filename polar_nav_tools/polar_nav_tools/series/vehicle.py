@@ -293,7 +293,7 @@ class ReceiptRecord:
         return np.asarray(known)
 
     @property
-    def key(self) -> tuple[str, str, int, int | None]:
+    def key(self) -> Key:
         """Identify the received message, the same in all its revisions.
 
         The reception time belongs to it: a duplicate has its original's source and sequence.
@@ -301,19 +301,35 @@ class ReceiptRecord:
         return (self.topic, self.source, self.sequence, self.receive_ns)
 
 
+Key = tuple[str, str, int, int | None]
+"""Identity of a received message, as of `ReceiptRecord.key`."""
+
+
 def last_revisions(receipts: Sequence[ReceiptRecord]) -> Sequence[ReceiptRecord]:
     """Return the last receipt of each message: the highest revision, in order of first receipt.
 
     Verdicts are counted from these.
     """
-    revised = {receipt.key for receipt in receipts if receipt.revision}
+    places = last_places([(r.key, r.revision) for r in receipts])
+    return receipts if len(places) == len(receipts) else _Chosen(receipts, places)
+
+
+def last_places(keyed: Sequence[tuple[Key, int]]) -> Sequence[int]:
+    """Places of the last receipt of each message, as `last_revisions`.
+
+    Parameters
+    ----------
+    keyed : sequence of (tuple, int)
+        Key and revision of each receipt.
+    """
+    revised = {key for key, revision in keyed if revision}
     if not revised:
-        return receipts
+        return range(len(keyed))
     places: list[int] = []  # of the last receipt of each message
     # Of each message that was revised: number above, revision, and how many first receipts.
-    last: dict[tuple[str, str, int, int | None], tuple[int, int, int]] = {}
-    for place, receipt in enumerate(receipts):
-        key, is_first = receipt.key, receipt.revision == 0
+    last: dict[Key, tuple[int, int, int]] = {}
+    for place, (key, new) in enumerate(keyed):
+        is_first = new == 0
         number, revision, firsts = last.get(key, (len(places), -1, 0))
         if is_first and firsts:
             # Two first receipts of one key are two messages (the same packet heard twice at one
@@ -322,13 +338,13 @@ def last_revisions(receipts: Sequence[ReceiptRecord]) -> Sequence[ReceiptRecord]
             continue
         if number == len(places):
             places.append(place)
-        elif is_first or revision <= receipt.revision:
+        elif is_first or revision <= new:
             places[number] = place
         else:
             continue
         if key in revised:
-            last[key] = (number, receipt.revision, firsts + is_first)
-    return _Chosen(receipts, places)
+            last[key] = (number, new, firsts + is_first)
+    return places
 
 
 class _Chosen(Sequence[ReceiptRecord]):

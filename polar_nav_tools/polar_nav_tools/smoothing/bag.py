@@ -30,7 +30,7 @@ from ..replay.plain import plain_arrays, whole_arrays
 from ..replay.result import LOOK_EVERY_S
 from ..replay.station_run import as_track, model_run, replay_station
 from ..scoring import Comparison, compare
-from ..scoring.verdicts import FUSED, count_verdicts
+from ..scoring.verdicts import FUSED, VerdictSeries, count_verdicts
 from ..series.estimates import EstimateRows, receipts_of
 from ..series.model import ModelRun
 from ..series.run import RunSeries
@@ -132,7 +132,7 @@ class SmoothedRun:
     def fixes_used(self) -> dict[str, tuple[int, int]]:
         """How many fixes filter and smoother used, and of how many."""
         receipts = {FILTER: self.filter_receipts, SMOOTHER: receipts_of(self.found.receipts)}
-        counts = {name: count_verdicts(some) for name, some in receipts.items()}
+        counts = {name: count_verdicts(VerdictSeries.of(some)) for name, some in receipts.items()}
         return {name: (c.by_verdict.get(FUSED, 0), c.total) for name, c in counts.items()}
 
     @property
