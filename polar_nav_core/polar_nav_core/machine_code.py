@@ -26,3 +26,35 @@ def machine_code(kernel: Callable[..., Any], *like: Any) -> Callable[..., Any]: 
         kernel.compile(types)
     found: Callable[..., Any] = kernel.overloads[types].entry_point
     return found
+
+
+class Direct:
+    """Machine code of an `entry`, found anew where the arguments that have other types change.
+
+    Parameters
+    ----------
+    kernel : callable
+        An `entry`.
+    """
+
+    def __init__(self, kernel: Callable[..., Any]) -> None:
+        self._kernel = kernel
+        self._code: Callable[..., Any] | None = None
+        self._of: tuple[Any, ...] = ()
+
+    def call(self, changing: tuple[Any, ...], *arguments: Any) -> Any:  # noqa: ANN401 - kernel's
+        """Return what the kernel returns.
+
+        Parameters
+        ----------
+        changing : tuple
+            Objects that stand for the types of the arguments: while they are the same objects, the
+            types are the same.
+        arguments
+            Of the kernel.
+        """
+        code = self._code
+        if code is None or any(a is not b for a, b in zip(changing, self._of, strict=True)):
+            code = self._code = machine_code(self._kernel, *arguments)
+            self._of = changing
+        return code(*arguments)

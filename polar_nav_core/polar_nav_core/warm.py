@@ -101,7 +101,7 @@ def warm_filter(handling: Sequence[str] = (), *, whole: bool = True) -> None:
     from .engine.methods import DELAY_HANDLING
     from .engine.params import EngineParams
     from .engine.sins.filter import NavigationFilter
-    from .kernels.sins.look import look
+    from .engine.sins.view import place_of
 
     if whole:
         lever.warm_up()
@@ -112,7 +112,7 @@ def warm_filter(handling: Sequence[str] = (), *, whole: bool = True) -> None:
         f = NavigationFilter(base, initial, _START_NS)
         f.feed_back(np.zeros(24))
         warm_looks()
-        look(f.state, f.settings, f.work.M, np.empty((3, 3)), np.empty((2, 2)))
+        place_of(f)
         now.warm_up(f)
         local_frame.warm_up()
     for name in handling or DELAY_HANDLING:
@@ -126,9 +126,11 @@ def warm_looks() -> None:
     """Load what the watchdog of either mode asks once a second."""
     from .engine.health.radius import radius_95
     from .engine.health.statistics import statistics
+    from .engine.health.watchdog import FIX, judged
 
     radius_95(np.eye(2))
-    statistics(np.zeros((watch.STREAMS, watch.MEMORIES, watch.WIDTH)))
+    s = statistics(np.zeros((watch.STREAMS, watch.MEMORIES, watch.WIDTH)))
+    judged(s, s.grid, s.grid_rise, FIX)
 
 
 def warm_places(*, read_only: bool = False) -> None:

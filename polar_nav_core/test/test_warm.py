@@ -128,7 +128,11 @@ def test_what_is_compiled_first_is_what_nodes_load_at_their_start():
 @pytest.mark.slow
 @pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason='nothing is compiled')
 def test_followers_of_both_modes_have_what_a_look_takes():
-    looks = {'radius.radius_in_sigmas', 'statistics.fill_statistics'}
+    looks = {
+        'radius.radius_in_sigmas',
+        'statistics.fill_statistics',
+        'statistics.largest_share',
+    }
     assert looks <= loaded_by('warm.warm_others()')
     assert looks | {'sins.look.look', 'imu_sequence.judge'} <= loaded_by(
         f'warm.warm_filter(({set_up._FIRST!r},), whole=False)'

@@ -18,7 +18,9 @@ from .events import Fix
 def is_level(fix: Fix) -> bool:
     """Whether a fix states that nothing is known of its height."""
     stated_e = fix.stated_covariance_e
-    if fix.polar is not None or not np.trace(stated_e) > NO_HEIGHT:
+    # As numbers: NumPy takes ten times as long for three.
+    trace = stated_e.item(0, 0) + stated_e.item(1, 1) + stated_e.item(2, 2)
+    if fix.polar is not None or not trace > NO_HEIGHT:
         return False
     up = np.asarray(ecef_to_grid(fix.r_e))[2]
     return bool(up @ stated_e @ up > NO_HEIGHT)

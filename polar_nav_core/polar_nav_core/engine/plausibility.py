@@ -150,6 +150,9 @@ def believed(fix: Fix, min_fix_sigma: float) -> Fix:
         return fix
     least = sigma * sigma
     ((a, x, y), (_, b, z), (_, _, c)) = fix.covariance_e.tolist()
+    # No variance in any direction is below the least of these (Gershgorin): nearly always enough.
+    if min(a - abs(x) - abs(y), b - abs(x) - abs(z), c - abs(y) - abs(z)) >= least:
+        return fix
     u, v, w = fix.r_e.tolist()
     square = u * u + v * v + w * w  # of the radius: up is along it, to 0.2 deg
     up = u * (a * u + 2.0 * x * v + 2.0 * y * w) + v * (b * v + 2.0 * z * w) + c * w * w

@@ -46,3 +46,34 @@ def fill_statistics(memories: Array, out: Array) -> None:
             s[GRID_RISE + axis] = max(m[at], m[at + 1])
             at = watch.TRACK_RISE + 2 * axis
             s[TRACK_RISE + axis] = max(m[at], m[at + 1])
+
+
+@entry
+@routine
+def largest_share(
+    numbers: Array, squares: Array, sums: Array, fewest: float, most: Array, highest: float
+) -> tuple[float, int, int]:
+    """Largest share of a limit that a mean or a shift reaches: share, memory, axis.
+
+    Parameters
+    ----------
+    numbers : (MEMORIES,) array
+        Effective attempts.
+    squares, sums : (MEMORIES, 3) arrays
+        Chi-square of the means; cumulative sums of shifts.
+    fewest : float
+        Attempts from which on a mean is judged.
+    most : (MEMORIES,) array
+        Limits of the means.
+    highest : float
+        Limit of the sums.
+    """
+    worst, memory, axis = -math.inf, 0, 0
+    for m in range(squares.shape[0]):
+        for a in range(3):
+            share = sums[m, a] / highest
+            if numbers[m] >= fewest and squares[m, a] / most[m] > share:
+                share = squares[m, a] / most[m]
+            if share > worst:
+                worst, memory, axis = share, m, a
+    return worst, memory, axis

@@ -38,10 +38,10 @@ from ..experiments.world_spec import WorldSpec
 
 RATES_HZ = {topics.IMU: 100.0, topics.DVL: 5.0, topics.DEPTH: 1.0, topics.TRUTH: 1.0}
 PACKETS_HZ = 0.5
-CONFIGURATION = 'modified_akf'
+CONFIGURATION = 'default'
 _SEED = 1
 _BLOCK = 20_000
-_VERSION = 1
+_VERSION = 2
 
 Progress = Callable[[float], None]
 Stream = Iterator[tuple[int, int, str, bytes]]

@@ -31,6 +31,9 @@ _COVARIANCES = {
 
 Columns = dict[str, NDArray[Any]]
 
+_KEPT_ROWS = 1 << 14
+"""Rows that are written before their memory is given back: some 13 MB."""
+
 
 class EstimateRows:
     """Collector of a run's rows (the ``sink`` of `engine.run.run`) for an EstimateSeries.
@@ -51,6 +54,7 @@ class EstimateRows:
         self._room = max(expected, 1)
         self._columns: Columns = {}
         self._count = 0
+        self._touched = 0
 
     def append(self, chunk: Track) -> None:
         """Append copies of some rows."""
@@ -61,7 +65,10 @@ class EstimateRows:
         for name, column in columns.items():
             self._columns[name][start:stop] = column
         self._count = stop
-        spilled.give_back()
+        self._touched += len(chunk.stamps_ns)
+        if self._touched >= _KEPT_ROWS:
+            spilled.give_back()
+            self._touched = 0
 
     def series(self, vehicle: str) -> EstimateSeries:
         """Return the series of the whole run."""

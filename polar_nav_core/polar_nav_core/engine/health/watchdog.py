@@ -14,6 +14,7 @@ import numpy as np
 
 from ...arrays import Array
 from ...kernels import watch
+from ...kernels.statistics import largest_share
 from .compass import heading_conditions
 from .conditions import Chronicle, Condition, Culprit, Health, Level
 from .led import Led
@@ -31,7 +32,7 @@ _CULPRITS = (Culprit.DVL | Culprit.IMU, Culprit.DEPTH | Culprit.IMU, Culprit.FIX
 
 FEWEST = 10.0
 """Effective attempts before a memory is judged."""
-_BIAS = (45.0, 40.0)
+_BIAS = np.array([45.0, 40.0])
 """Chi-square (1) of a mean that is a WARN, per memory; four times that is an ERROR."""
 SEVERE = 4.0
 _RISE = (17.3, 17.3, 15.3)
@@ -223,16 +224,10 @@ def doubts_local(view: View) -> bool:
 
 def judged(s: Statistics, values: Array, rises: Array, stream: int) -> tuple[float, int, int]:
     """Largest share of a threshold that a mean or a shift reaches: share, memory, axis."""
-    worst = -math.inf, 0, 0
-    numbers, squares, sums = (x[stream].tolist() for x in (s.number, values, rises))
-    for memory in range(watch.MEMORIES):
-        for axis in range(3):
-            share = sums[memory][axis] / _RISE[stream]
-            if numbers[memory] >= FEWEST:
-                share = max(share, squares[memory][axis] / _BIAS[memory])
-            if share > worst[0]:
-                worst = share, memory, axis
-    return worst
+    share, memory, axis = largest_share(
+        s.number[stream], values[stream], rises[stream], FEWEST, _BIAS, _RISE[stream]
+    )
+    return float(share), int(memory), int(axis)
 
 
 def _fix_bias(s: Statistics) -> list[Condition]:

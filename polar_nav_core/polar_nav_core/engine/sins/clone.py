@@ -12,6 +12,7 @@ import numpy as np
 from ...kernels.sins import late_fuse, late_run
 from ...kernels.sins import state as fs
 from ...kernels.sins.blocks import make_blocks
+from ...machine_code import Direct
 from ..events import Fix, InitialState
 from ..level import degrees_of_freedom
 from ..params import EngineParams
@@ -34,6 +35,7 @@ class Clone(Fusion):
         super().__init__(params, initial, stamp_ns)
         self._blocks = make_blocks(self.filter.log, STEPS_PER_BLOCK)
         self._note = np.zeros(3, dtype=np.int64)
+        self._run = Direct(late_run.advance_late)
 
     def make_filter(
         self, params: EngineParams, initial: InitialState, stamp_ns: int
@@ -71,8 +73,8 @@ class Clone(Fusion):
     def advance(self, until_ns: int, until_rank: int) -> int:
         """Process what stands in the streams before a place, late fixes too."""
         f = self.filter
-        code = late_run.advance_late(
-            *f.parts, self._blocks, f.streams, until_ns, until_rank, f.rows
-        )
+        others = f.log, f.streams, f.rows
+        given = *f.parts, self._blocks, f.streams, until_ns, until_rank, f.rows
+        code = self._run.call(others, *given)
         f.check(code)
         return int(code)

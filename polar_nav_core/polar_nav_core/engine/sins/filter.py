@@ -8,9 +8,6 @@ the arrays, and does the part that is not compiled.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
-
 import numpy as np
 
 from ...arrays import Array
@@ -25,7 +22,7 @@ from ...kernels.sins import update as kf
 from ...kernels.sins.rings import Log, Past
 from ...kernels.sins.settings import Settings
 from ...kernels.sins.work import Work, make_work
-from ...machine_code import machine_code
+from ...machine_code import Direct
 from ...order import NEVER_NS
 from ..events import (
     ControlSample,
@@ -111,8 +108,7 @@ class NavigationFilter:
         kept_s = params.history_s if snapshots else 0.0
         self.streams = st.live_streams(kept_s, 1.0 / IMU_PERIOD_S, CORRECTIONS_PER_S)
         self.rows = output.NO_ROWS
-        self._run: Callable[..., int] | None = None
-        self._run_on: tuple[Any, ...] = ()
+        self._run = Direct(filter_run.advance)
         self.process: ProcessNoise | None = None
         if isinstance(initial, SavedState):
             sigmas = heading_sigmas(self.settings) if self.settings.heading.on else None
@@ -201,12 +197,9 @@ class NavigationFilter:
             When a covariance is not positive definite or the state not finite.
         """
         log, streams, rows = self.log, self.streams, self.rows
-        held = self._run_on
-        if self._run is None or not (log is held[0] and streams is held[1] and rows is held[2]):
-            like = *self.parts, streams, NEVER_NS, 0, rows
-            self._run = machine_code(filter_run.advance, *like)
-            self._run_on = log, streams, rows  # a whole run has others than a live one
-        code = self._run(*self.parts, streams, until_ns, until_rank, rows)
+        # A whole run has others than a live one.
+        others = log, streams, rows
+        code = self._run.call(others, *self.parts, streams, until_ns, until_rank, rows)
         self.check(code)
         return int(code)
 

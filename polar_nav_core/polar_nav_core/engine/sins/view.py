@@ -20,12 +20,28 @@ from .filter import NavigationFilter
 from .fusion import Fusion
 
 
+def place_of(f: NavigationFilter) -> tuple[float, Array, Array]:
+    """Height above the ellipsoid [m], grid axes (3, 3), horizontal covariance in them (2, 2)."""
+    s, C_e_G, P_horizontal = f.state, np.empty((3, 3)), np.empty((2, 2))
+    height: float = look(
+        s.r_e,
+        s.P,
+        s.sensitivity,
+        int(s.counters[fs.CONSIDERS]),
+        f.settings.common,
+        s.conflict,
+        f.work.M,
+        C_e_G,
+        P_horizontal,
+    )
+    return height, C_e_G, P_horizontal
+
+
 def view_of(fusion: Fusion, stamp_ns: int, resets: int) -> View:
     """View of a navigation at a stamp; ``resets`` counts what the engine itself enlarged."""
     f = fusion.filter
     s, counters = f.state, f.state.counters
-    C_e_G, P_horizontal = np.empty((3, 3)), np.empty((2, 2))
-    height = look(s, f.settings, f.work.M, C_e_G, P_horizontal)
+    height, C_e_G, P_horizontal = place_of(f)
     opened_ns = counters[fs.OPENED_NS : fs.OPENED_NS + 3].copy()
     opened_ns[opened_ns == f.start_ns] = 0
     return View(
